@@ -1,0 +1,33 @@
+"""Array types used throughout, and the read-only copies that frozen dataclasses hold."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+FloatArray = NDArray[np.float64]
+Float32Array = NDArray[np.float32]
+ByteArray = NDArray[np.uint8]
+IntArray = NDArray[np.int64]
+BoolArray = NDArray[np.bool_]
+AnyArray = NDArray[Any]
+
+
+def frozen(values: ArrayLike, shape: tuple[int, ...], what: str) -> FloatArray:
+    """A read-only float64 copy of ``values``; -1 in ``shape`` means any length.
+
+    Raises:
+        ValueError: the shape differs or a value is not finite.
+    """
+    array = np.array(values, dtype=np.float64)
+    fits = array.ndim == len(shape) and all(
+        want in (-1, have) for want, have in zip(shape, array.shape, strict=True)
+    )
+    if not fits:
+        raise ValueError(f"{what} has shape {array.shape}, expected {shape}")
+    if not np.isfinite(array).all():
+        raise ValueError(f"{what} holds values that are not finite")
+    array.setflags(write=False)
+    return array

@@ -1,0 +1,115 @@
+"""Reading a registered square, and deciding whether it is a landmark at all."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from lmkit.arrays import FloatArray
+from lmkit.detect.decode import InkSolver, all_hypotheses, frame_selection, pattern_selections, red_over_blue
+from lmkit.detect.pattern import INKS, QUARTERS, frame_and_pattern_columns
+from lmkit.detect.refine import CORRELATED_PIXELS, Pixels, Registrar, Registration
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """What a registered square reads as, and how well.
+
+    Attributes:
+        code, quarter: the likeliest reading.
+        code_margin: log likelihood ratio (nats) against the likeliest other code in the same turn.
+        turn_margin: against the likeliest reading in any other quarter turn.
+        pattern: share of what a plain framed square leaves unexplained that rings, gaps and
+            triangle explain.
+        error: mean squared residual over its expected variance.
+        inks: (4,3) linear-light BGR of white, red, blue, surroundings.
+        parts: (2+G,) brightness of the triangle, of the rings' fixed stretches and of every gap
+            position, where 0 is the ground and 1 the white: each fitted on its own.
+        parts_sigma: (2+G,) their standard deviations.
+    """
+
+    code: int
+    quarter: int
+    code_margin: float
+    turn_margin: float
+    pattern: float
+    error: float
+    inks: FloatArray
+    parts: FloatArray
+    parts_sigma: FloatArray
+
+    @property
+    def margin(self) -> float:
+        """The smaller of the two margins."""
+        return min(self.code_margin, self.turn_margin)
+
+    @property
+    def red_over_blue(self) -> float:
+        """How much redder the border is than the ground, as a log ratio relative to the white."""
+        return float(red_over_blue(self.inks))
+
+    @property
+    def white_over_ground(self) -> float:
+        """How much brighter white is than the ground, as a ratio."""
+        return float(self.inks[0].sum() / max(float(self.inks[2].sum()), 1e-6))
+
+
+def read_square(registrar: Registrar, registration: Registration, pixels: Pixels) -> Verdict:
+    """Score every code in every quarter turn at this registration."""
+    family = registrar.family
+    points, spread, _ = registrar.points_and_spread(registration, pixels.at)
+    columns = frame_and_pattern_columns(registrar.pattern, points, spread)
+    columns = columns * registrar.light(registration, points)[:, None]
+    root = 1 / np.sqrt(pixels.variance)
+    weighted = columns * root[:, None]
+    values = pixels.values * root[:, None]
+    gram = weighted.T @ weighted
+    projections = (weighted.T @ values)[:, None, :]
+    hypotheses = all_hypotheses(family)
+    solver = InkSolver.prepare(gram, pattern_selections(family))
+    energy = float((values**2).sum())
+    left = np.maximum(energy - solver.explained_energy(projections)[:, 0], 1e-9)
+    best = int(left.argmin())
+    same_turn = hypotheses.quarters == hypotheses.quarters[best]
+    others = same_turn.copy()
+    others[best] = False
+    evidence = values.size / CORRELATED_PIXELS / 2
+    frame = InkSolver.prepare(gram, frame_selection(family))
+    left_by_frame = max(energy - float(frame.explained_energy(projections)[0, 0]), 1e-9)
+    inks = solver.to_inks[best] @ projections[:, 0]
+    parts, parts_sigma = _fit_parts(columns, pixels, inks, int(hypotheses.quarters[best]))
+    return Verdict(
+        code=int(hypotheses.codes[best]),
+        quarter=int(hypotheses.quarters[best]),
+        code_margin=evidence * float(np.log(left[others].min() / left[best])),
+        turn_margin=evidence * float(np.log(left[~same_turn].min() / left[best])),
+        pattern=1 - float(left[best]) / left_by_frame,
+        error=float(left[best]) / values.size,
+        inks=inks,
+        parts=parts,
+        parts_sigma=parts_sigma,
+    )
+
+
+def _fit_parts(
+    columns: FloatArray, pixels: Pixels, inks: FloatArray, quarter: int
+) -> tuple[FloatArray, FloatArray]:
+    """Brightness of every white part on its own, 0 like the ground and 1 like the white, and sigmas.
+
+    A sign with other shapes in a red frame can be fitted by some code, but its parts then come out
+    between blue and white, where a landmark's are one or the other.
+    """
+    contrast = inks[0] - inks[2]
+    values = pixels.values @ contrast / max(float(contrast @ contrast), 1e-9)
+    fixed, triangles, gaps, frame = np.split(columns, [INKS, INKS + QUARTERS, columns.shape[1] - INKS], axis=1)
+    stretches = fixed[:, 0] - frame[:, 0] - gaps.sum(axis=1)
+    design = np.column_stack([triangles[:, quarter], stretches, gaps, frame])
+    weighted = design / pixels.variance[:, None]
+    normal = weighted.T @ design
+    normal += 1e-4 * np.trace(normal) / len(normal) * np.eye(len(normal))
+    inverse = np.linalg.inv(normal)
+    solution = inverse @ (weighted.T @ values)
+    misfit = float(np.mean((values - design @ solution) ** 2 / pixels.variance)) * CORRELATED_PIXELS
+    count = design.shape[1] - INKS
+    return solution[:count], np.sqrt(np.diag(inverse)[:count] * misfit)

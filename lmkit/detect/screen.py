@@ -1,0 +1,246 @@
+"""A quick look at every candidate at once: does anything like a landmark fill this square?
+
+All candidates are sampled on one grid of the landmark's plane.  There the coverage of every part
+is known beforehand, so reading all candidates is one matrix product, and so is moving their
+corners to where the pattern fits better (Gauss-Newton with the drawing's own gradient, after
+Baker and Matthews 2004).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import lru_cache
+
+import cv2
+import numpy as np
+
+from lmkit.arrays import Float32Array, FloatArray, IntArray
+from lmkit.detect.decode import InkSolver, all_hypotheses, frame_selection, pattern_selections, red_over_blue
+from lmkit.detect.pattern import LandmarkPattern, frame_and_pattern_columns
+from lmkit.model.homography import homographies_from_points
+from lmkit.model.landmark import LandmarkFamily
+
+GRID = 25
+SPREAD_STEPS_MM = (4.0, 6.0, 9.0, 13.0)
+# One pyramid step down for every doubling of the side beyond this.
+FULL_DETAIL_SIDE_PX = 40.0
+# Blur on the grid, in pixels of the pyramid level: the picture's own, and what a corner off by
+# half a pixel does.
+BLUR_PX = 1.2
+# Loose: the strict test comes after registration.
+WHITE_OVER_DARK = 1.15
+RED_OVER_BLUE = 0.2
+
+
+@dataclass(frozen=True)
+class Screened:
+    """Candidates, and how much more a landmark explains of them than a plain framed square.
+
+    Attributes:
+        quads: (N,4,2) corners, px.
+        pattern: (N,) share of what a framed square leaves unexplained that rings and triangle explain.
+    """
+
+    quads: FloatArray
+    pattern: FloatArray
+
+    def best_first(self, at_least: float, per_place: int, at_most: int) -> Screened:
+        """Those above a share, in falling order, at most ``per_place`` of the same place and size."""
+        order = np.argsort(-self.pattern, kind="stable")
+        order = order[self.pattern[order] >= at_least]
+        centres = self.quads.mean(axis=1)
+        sides = np.sqrt(_areas(self.quads))
+        kept: list[int] = []
+        for index in order:
+            near = np.linalg.norm(centres[kept] - centres[index], axis=1) < 0.25 * sides[index]
+            ratio = sides[kept] / sides[index]
+            if np.sum(near & (ratio > 0.7) & (ratio < 1.4)) < per_place:
+                kept.append(int(index))
+                if len(kept) == at_most:
+                    break
+        return Screened(self.quads[kept], self.pattern[kept])
+
+
+@dataclass(frozen=True)
+class _Design:
+    """What is known beforehand of one blur on the grid.
+
+    Attributes:
+        columns: (K,C) coverage.
+        gradients: (K,C,8) of the columns with the corners' coordinates, per mm.
+        products: (C,C,8,8) sums over the grid of products of two gradients.
+        readings, frame: solvers for all readings, and for the framed square.
+    """
+
+    columns: FloatArray
+    gradients: FloatArray
+    products: FloatArray
+    readings: InkSolver
+    frame: InkSolver
+
+
+def linear_pyramid(linear: Float32Array) -> list[Float32Array]:
+    """The picture in linear light at full, half, quarter ... resolution."""
+    levels = [linear]
+    while min(levels[-1].shape[:2]) > 48 and len(levels) < 6:
+        levels.append(np.asarray(cv2.pyrDown(levels[-1]), dtype=np.float32))
+    return levels
+
+
+def screen_candidates(pyramid: list[Float32Array], quads: FloatArray, family: LandmarkFamily) -> Screened:
+    """Score all candidates where they are; misshapen ones are dropped.
+
+    Args:
+        pyramid: of the picture in linear light, from :func:`linear_pyramid`.
+        quads: (N,4,2) corners, px, clockwise.
+    """
+    return align_candidates(pyramid, quads, family, rounds=0)
+
+
+def align_candidates(
+    pyramid: list[Float32Array], quads: FloatArray, family: LandmarkFamily, rounds: int
+) -> Screened:
+    """Move the corners of all candidates ``rounds`` times towards a better fit, then score them."""
+    quads = quads[_well_shaped(quads)]
+    pattern = np.zeros(len(quads))
+    for turn in range(rounds + 1):
+        if len(quads) == 0:
+            break
+        level, step = _level_and_step(quads, pyramid, family)
+        samples = _sample(pyramid, quads, level, family)
+        moved = np.zeros((len(quads), 4, 2))
+        for s, spread in enumerate(SPREAD_STEPS_MM):
+            chosen = np.flatnonzero(step == s)
+            if len(chosen) == 0:
+                continue
+            design = _design(family, spread)
+            pattern[chosen], coefficients, projections = _read(samples[chosen], design, family)
+            if turn < rounds:
+                moved[chosen] = _corner_moves(samples[chosen], coefficients, design)
+        if turn < rounds:
+            limit = 0.12 * family.side_mm
+            H = homographies_from_points(family.corners_mm, quads)
+            target = family.corners_mm + np.clip(moved, -limit, limit)
+            mapped = np.einsum("nij,nkj->nki", H, np.concatenate([target, np.ones((len(quads), 4, 1))], axis=2))
+            quads = mapped[:, :, :2] / mapped[:, :, 2:]
+            fair = _well_shaped(quads)
+            quads, pattern = quads[fair], pattern[fair]
+    return Screened(quads, pattern)
+
+
+def _level_and_step(
+    quads: FloatArray, pyramid: list[Float32Array], family: LandmarkFamily
+) -> tuple[IntArray, IntArray]:
+    sides = np.sqrt(_areas(quads))
+    level = np.clip(np.ceil(np.log2(sides / FULL_DETAIL_SIDE_PX)), 0, len(pyramid) - 1).astype(np.int64)
+    spread_mm = BLUR_PX * family.side_mm / (sides / 2.0**level)
+    return level, np.abs(np.log(np.array(SPREAD_STEPS_MM)[:, None] / spread_mm)).argmin(axis=0)
+
+
+def _read(
+    samples: FloatArray, design: _Design, family: LandmarkFamily
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """For (N,K,3) samples: pattern share (N,), coefficients of the columns (N,C,3), C'Y (C,N,3)."""
+    n, count, _ = samples.shape
+    projections = (design.columns.T @ samples.transpose(1, 0, 2).reshape(count, n * 3)).reshape(-1, n, 3)
+    energy = np.sum(samples**2, axis=(1, 2))
+    explained = design.readings.explained_energy(projections)
+    best = explained.argmax(axis=0)
+    left_by_landmark = energy - explained[best, np.arange(n)]
+    left_by_frame = energy - design.frame.explained_energy(projections)[0]
+    pattern = 1 - left_by_landmark / np.maximum(left_by_frame, 1e-9)
+
+    inks = design.readings.to_inks[best] @ projections.transpose(1, 0, 2)
+    bright = inks.mean(axis=2)
+    white_on_dark = bright[:, 0] > WHITE_OVER_DARK * np.maximum(bright[:, 1], bright[:, 2])
+    fair = white_on_dark & (red_over_blue(inks) > RED_OVER_BLUE)
+    return np.where(fair, pattern, 0.0), pattern_selections(family)[best] @ inks, projections
+
+
+def _corner_moves(samples: FloatArray, coefficients: FloatArray, design: _Design) -> FloatArray:
+    """(N,4,2) where the corners should go, mm of the landmark's plane."""
+    n, count, _ = samples.shape
+    residual = samples - np.einsum("kc,ncx->nkx", design.columns, coefficients)
+    flat = design.gradients.reshape(count, -1)
+    correlation = (flat.T @ residual.transpose(1, 0, 2).reshape(count, n * 3)).reshape(-1, 8, n, 3)
+    gradient = np.einsum("cpnx,ncx->np", correlation, coefficients)
+    pairs = np.einsum("ncx,ndx->ncd", coefficients, coefficients).reshape(n, -1)
+    normal = (pairs @ design.products.reshape(-1, 64)).reshape(n, 8, 8)
+    trace = np.trace(normal, axis1=1, axis2=2)
+    normal += (0.02 * trace / 8 + 1e-12)[:, None, None] * np.eye(8)
+    # The pattern moved by d shows T(u - d): the gradient works against the move.
+    return -np.linalg.solve(normal, gradient[:, :, None]).reshape(n, 4, 2)
+
+
+@lru_cache(maxsize=32)
+def _design(family: LandmarkFamily, spread_mm: float) -> _Design:
+    points = _grid(family)
+    spread = np.tile([spread_mm**2, 0.0, spread_mm**2], (len(points), 1))
+    pattern = LandmarkPattern(family)
+    columns = frame_and_pattern_columns(pattern, points, spread)
+    delta = 0.05
+    slopes = np.stack(
+        [
+            (frame_and_pattern_columns(pattern, points + e, spread) - columns) / delta
+            for e in np.eye(2) * delta
+        ],
+        axis=2,
+    )  # (K,C,2)
+    # How a point of the plane moves with each corner coordinate.
+    corners = family.corners_mm
+    changed = homographies_from_points(corners, corners + delta * np.eye(8).reshape(8, 4, 2))
+    mapped = np.einsum("pij,kj->kpi", changed, np.column_stack([points, np.ones(len(points))]))
+    moves = (mapped[:, :, :2] / mapped[:, :, 2:] - points[:, None]) / delta  # (K,8,2)
+    gradients = np.einsum("kcx,kpx->kcp", slopes, moves)
+    products = np.einsum("kcp,kdq->cdpq", gradients, gradients, optimize=True)
+    gram = columns.T @ columns
+    return _Design(
+        columns,
+        gradients,
+        products,
+        InkSolver.prepare(gram, pattern_selections(family)),
+        InkSolver.prepare(gram, frame_selection(family)),
+    )
+
+
+@lru_cache(maxsize=8)
+def _grid(family: LandmarkFamily) -> FloatArray:
+    reach = family.half_mm + 0.6 * family.margin_mm
+    steps = np.linspace(-reach, reach, GRID)
+    x, y = np.meshgrid(steps, -steps)
+    return np.column_stack([x.ravel(), y.ravel()])
+
+
+def _sample(pyramid: list[Float32Array], quads: FloatArray, level: IntArray, family: LandmarkFamily) -> FloatArray:
+    """(N,K,3) colours of the pyramid at the grid of every candidate."""
+    H = homographies_from_points(family.corners_mm, quads)
+    grid = np.column_stack([_grid(family), np.ones(GRID * GRID)])
+    mapped = np.einsum("nij,kj->nki", H, grid)
+    pixels = mapped[:, :, :2] / mapped[:, :, 2:]
+    samples = np.empty((len(quads), GRID * GRID, 3), dtype=np.float32)
+    for number, picture in enumerate(pyramid):
+        chosen = np.flatnonzero(level == number)
+        # remap takes pictures of less than 2^15 rows.
+        for start in range(0, len(chosen), 8192):
+            some = chosen[start : start + 8192]
+            # pyrDown centres pixel u of a level on pixel 2u of the one before.
+            at = (pixels[some] / 2.0**number).astype(np.float32)
+            samples[some] = cv2.remap(
+                picture, at[:, :, 0], at[:, :, 1], cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE
+            )
+    return samples
+
+
+def _areas(quads: FloatArray) -> FloatArray:
+    x, y = quads[:, :, 0], quads[:, :, 1]
+    return np.asarray(0.5 * np.sum(x * np.roll(y, -1, axis=1) - y * np.roll(x, -1, axis=1), axis=1))
+
+
+def _well_shaped(quads: FloatArray) -> FloatArray:
+    """True where a candidate is convex and not needle-thin."""
+    edges = np.roll(quads, -1, axis=1) - quads
+    following = np.roll(edges, -1, axis=1)
+    turn = edges[:, :, 0] * following[:, :, 1] - edges[:, :, 1] * following[:, :, 0]
+    lengths = np.linalg.norm(edges, axis=2)
+    fair = (turn > 0.05 * lengths * np.roll(lengths, -1, axis=1)).all(axis=1)
+    return np.asarray(fair & (lengths.min(axis=1) > 0.15 * lengths.max(axis=1)) & (lengths.min(axis=1) > 3))

@@ -1,0 +1,53 @@
+"""Writing files: whole or not at all, and never over something without leave."""
+
+from __future__ import annotations
+
+import os
+import tempfile
+from pathlib import Path
+
+from lmkit.errors import InputError
+
+
+def check_writable(path: Path, force: bool) -> None:
+    """Refuse early what :func:`write_file` would refuse at the end of a long run.
+
+    Raises:
+        InputError: the file exists and ``force`` is off, or its folder cannot be written to.
+    """
+    if path.is_dir():
+        raise InputError("is_folder", f"{path} is a folder, not a file", "give a file name")
+    if path.exists() and not force:
+        raise InputError("file_exists", f"{path} exists already", "add --force to overwrite it")
+    folder = path.parent
+    while not folder.exists():
+        folder = folder.parent
+    if not folder.is_dir() or not os.access(folder, os.W_OK | os.X_OK):
+        raise InputError("not_writable", f"cannot write {path}: no leave to write into {folder}", _HINT)
+
+
+def write_file(path: Path, content: bytes | str, force: bool = False) -> None:
+    """Write a file whole or not at all: under another name first, then moved into place.
+
+    Raises:
+        InputError: the file exists and ``force`` is off, or the folder cannot be written to.
+    """
+    check_writable(path, force)
+    data = content.encode("utf-8") if isinstance(content, str) else content
+    partial: str | None = None
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        handle, partial = tempfile.mkstemp(prefix=f".{path.name}.", dir=path.parent)
+        with os.fdopen(handle, "wb") as stream:
+            stream.write(data)
+        umask = os.umask(0)
+        os.umask(umask)
+        Path(partial).chmod(0o666 & ~umask)
+        Path(partial).replace(path)
+    except OSError as error:
+        if partial is not None:
+            Path(partial).unlink(missing_ok=True)
+        raise InputError("not_writable", f"cannot write {path}: {error.strerror or error}", _HINT) from None
+
+
+_HINT = "choose a folder you may write to, with space left"

@@ -1,0 +1,113 @@
+"""Family + code -> filled paths in millimetres, the drawing that every output format shares."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+from lmkit.model.code import code_to_gaps
+from lmkit.model.landmark import LandmarkFamily, Ring
+from lmkit.model.palette import BLUE, RED, WHITE, Rgb
+
+Point = tuple[float, float]
+# A path command as in SVG: ("M", p), ("L", p), ("C", control, control, p) or ("Z",).
+Command = tuple[str, *tuple[Point, ...]]
+
+
+@dataclass(frozen=True)
+class FilledPath:
+    """A shape filled by the even-odd rule.
+
+    Attributes:
+        role: what it is: ``margin``, ``border``, ``ground``, ``ring``, ``triangle`` or ``mark``.
+        color: sRGB fill.
+        commands: closed subpaths, mm.
+    """
+
+    role: str
+    color: Rgb
+    commands: tuple[Command, ...]
+
+
+def landmark_artwork(family: LandmarkFamily, code: int, margin: bool = True) -> tuple[FilledPath, ...]:
+    """The drawing of one landmark, back to front (docs/landmark.md, section 2).
+
+    Args:
+        margin: with the white margin behind it.
+
+    Returns:
+        Paths in the landmark's plane: mm at nominal size, origin in the middle, x right, y up.
+
+    Raises:
+        InputError: the family has no such code.
+    """
+    gaps = code_to_gaps(code, family.gap_count)
+    shapes = []
+    if margin:
+        shapes.append(_square("margin", WHITE, family.half_mm + family.margin_mm))
+    shapes.append(_square("border", RED, family.half_mm))
+    shapes.append(_square("ground", BLUE, family.ground_half_mm))
+    first = 0
+    for ring in family.rings:
+        ring_gaps = gaps[first : first + ring.gap_count]
+        first += ring.gap_count
+        if commands := _ring_commands(ring, ring_gaps):
+            shapes.append(FilledPath("ring", WHITE, commands))
+    triangle = [(float(x), float(y)) for x, y in family.triangle_vertices_mm]
+    shapes.append(FilledPath("triangle", WHITE, polygon_commands(triangle)))
+    return tuple(shapes)
+
+
+def polygon_commands(points: list[Point]) -> tuple[Command, ...]:
+    """A closed polygon."""
+    return (("M", points[0]), *(("L", p) for p in points[1:]), ("Z",))
+
+
+def _square(role: str, color: Rgb, half: float) -> FilledPath:
+    corners = [(-half, half), (half, half), (half, -half), (-half, -half)]
+    return FilledPath(role, color, polygon_commands(corners))
+
+
+def _ring_commands(ring: Ring, gaps: tuple[bool, ...]) -> tuple[Command, ...]:
+    half_gap = ring.gap_width_deg / 2
+    open_centres = [c for c, gap in zip(ring.gap_centres_deg, gaps, strict=True) if gap]
+    if not open_centres:
+        circles: tuple[Command, ...] = ()
+        for radius in (ring.outer_mm, ring.inner_mm):
+            circles += (("M", _on_circle(radius, 0.0)), *_arc(radius, 0.0, 360.0), ("Z",))
+        return circles
+    commands: tuple[Command, ...] = ()
+    for centre, following in zip(open_centres, [*open_centres[1:], open_centres[0] + 360.0], strict=True):
+        start, end = centre + half_gap, following - half_gap
+        commands += (
+            ("M", _on_circle(ring.outer_mm, start)),
+            *_arc(ring.outer_mm, start, end),
+            ("L", _on_circle(ring.inner_mm, end)),
+            *_arc(ring.inner_mm, end, start),
+            ("Z",),
+        )
+    return commands
+
+
+def _on_circle(radius: float, angle_deg: float) -> Point:
+    a = math.radians(angle_deg)
+    return radius * math.sin(a), radius * math.cos(a)
+
+
+def _arc(radius: float, start_deg: float, end_deg: float) -> tuple[Command, ...]:
+    """Cubic Béziers of at most 30 degrees: off the true circle by less than 1e-6 of the radius."""
+    pieces = math.ceil(abs(end_deg - start_deg) / 30.0)
+    step = math.radians((end_deg - start_deg) / pieces)
+    reach = 4 / 3 * math.tan(step / 4) * radius
+    commands: list[Command] = []
+    for k in range(pieces):
+        a = math.radians(start_deg) + k * step
+        b = a + step
+        (x0, y0), (x1, y1) = (
+            (radius * math.sin(a), radius * math.cos(a)),
+            (radius * math.sin(b), radius * math.cos(b)),
+        )
+        control0 = (x0 + reach * math.cos(a), y0 - reach * math.sin(a))
+        control1 = (x1 - reach * math.cos(b), y1 + reach * math.sin(b))
+        commands.append(("C", control0, control1, (x1, y1)))
+    return tuple(commands)

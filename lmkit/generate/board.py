@@ -1,0 +1,80 @@
+"""A calibration board -> one true-scale page."""
+
+from __future__ import annotations
+
+import cv2
+import numpy as np
+
+from lmkit.generate.artwork import FilledPath
+from lmkit.generate.page import GREY, Page, Text, rectangle
+from lmkit.generate.template import PAPERS_MM
+from lmkit.model.board import BoardSpec
+from lmkit.model.charuco import charuco_board, charuco_dictionary
+from lmkit.model.palette import BLACK, WHITE
+
+EDGE_MM = 8.0
+LABEL_MM = 9.0
+
+
+def compose_board_page(board: BoardSpec) -> Page:
+    """The board with a white rim and a label line.
+
+    The page is A4 (portrait or landscape) when the board fits on it, else as large as the board
+    needs, for a print shop.
+
+    Raises:
+        InputError: the board's markers cannot be made.
+    """
+    columns, rows = board.squares
+    square = board.square_mm
+    width, height = columns * square, rows * square
+    need = (width + 2 * EDGE_MM, height + 2 * EDGE_MM + LABEL_MM)
+    w, h = PAPERS_MM["a4"]
+    paper = next((p for p in ((w, h), (h, w)) if need[0] <= p[0] and need[1] <= p[1]), need)
+    x0, y0 = (paper[0] - width) / 2, (paper[1] - LABEL_MM - height) / 2
+    items: list[FilledPath | Text] = []
+    if board.kind == "charuco":
+        items += _charuco_items(board, x0, y0)
+    else:
+        # Row and column parity 0 is black, as in OpenCV's own board.
+        for row in range(rows):
+            for column in range(columns):
+                if (row + column) % 2 == 0:
+                    items.append(rectangle("mark", BLACK, x0 + column * square, y0 + row * square, square, square))
+    text = f"{board}, print at 100 %; {columns} squares across must measure {width:g} mm"
+    items.append(Text((paper[0] / 2, y0 + height + EDGE_MM + 2.5), text, min(3.6, width / 40), "middle", GREY))
+    return Page(paper, tuple(items), f"lmkit board {board}")
+
+
+def _charuco_items(board: BoardSpec, x0: float, y0: float) -> list[FilledPath | Text]:
+    """Squares and markers as rectangles, read off OpenCV's own drawing of the board.
+
+    Every cell of the drawing is a whole number of pixels, so nothing is lost in reading it.
+    """
+    dictionary = charuco_dictionary(board)
+    cells = dictionary.markerSize + 2
+    columns, rows = board.squares
+    square, marker = board.square_mm, board.marker_mm
+    cv_board = charuco_board(board)
+    items: list[FilledPath | Text] = []
+    rim = (square - marker) / 2
+    ids = iter(range(len(cv_board.getIds())))
+    object_points = [np.asarray(p) for p in cv_board.getObjPoints()]
+    white_squares = {
+        (round(float(p[0, 1]) * 1000 / square - rim / square), round(float(p[0, 0]) * 1000 / square - rim / square))
+        for p in object_points
+    }
+    for row in range(rows):
+        for column in range(columns):
+            x, y = x0 + column * square, y0 + row * square
+            if (row, column) not in white_squares:
+                items.append(rectangle("mark", BLACK, x, y, square, square))
+    for index, corners in zip(ids, object_points, strict=True):
+        marker_id = int(np.ravel(cv_board.getIds())[index])
+        bits = cv2.aruco.generateImageMarker(dictionary, marker_id, cells, borderBits=1)
+        x, y = x0 + float(corners[0, 0]) * 1000, y0 + float(corners[0, 1]) * 1000
+        items.append(rectangle("mark", BLACK, x, y, marker, marker))
+        step = marker / cells
+        for r, c in np.argwhere(bits > 127):
+            items.append(rectangle("mark", WHITE, x + c * step, y + r * step, step, step))
+    return items

@@ -1,0 +1,70 @@
+"""Code <-> gaps, both ways (docs/landmark.md, section 3).
+
+A code is an integer whose bits, most significant first, say for each gap position of the family
+(outer ring first, then inwards; clockwise from the triangle's apex) whether the ring is broken
+there: 1 = gap, 0 = no gap.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+
+from lmkit.errors import InputError
+
+
+def code_to_gaps(code: int, gap_count: int) -> tuple[bool, ...]:
+    """The gaps that spell ``code``: ``gap_count`` flags, True where the ring is open.
+
+    Raises:
+        InputError: the code does not fit into ``gap_count`` bits.
+    """
+    if not 0 <= code < 1 << gap_count:
+        raise InputError(
+            "code_range",
+            f"code {code} is outside 0 to {(1 << gap_count) - 1}",
+            f"choose a code from 0 to {(1 << gap_count) - 1}",
+        )
+    return tuple(bool(code >> (gap_count - 1 - k) & 1) for k in range(gap_count))
+
+
+def gaps_to_code(gaps: Sequence[bool]) -> int:
+    """The code that the gaps spell; the inverse of :func:`code_to_gaps`."""
+    code = 0
+    for gap in gaps:
+        code = code << 1 | int(gap)
+    return code
+
+
+def parse_codes(text: str, code_count: int) -> list[int]:
+    """Read ``0-15,42`` into ``[0, ..., 15, 42]``, in the order written, without repeats.
+
+    Raises:
+        InputError: not a number or range, a range that runs backwards, or a code that the family
+            does not have.
+    """
+    hint = f"write codes from 0 to {code_count - 1} as in 0-15,42"
+    codes: dict[int, None] = {}
+    for part in text.split(","):
+        first, dash, last = (piece.strip() for piece in part.partition("-"))
+        if not first.isdecimal() or (dash and not last.isdecimal()):
+            raise InputError("bad_codes", f"{part.strip()!r} in codes {text!r} is no code or range", hint)
+        low, high = int(first), int(last) if dash else int(first)
+        if high < low:
+            raise InputError(
+                "bad_codes", f"range {part.strip()} in codes {text!r} runs backwards", f"write {high}-{low}"
+            )
+        if high >= code_count:
+            raise InputError("code_range", f"code {high} is outside 0 to {code_count - 1}", hint)
+        codes.update(dict.fromkeys(range(low, high + 1)))
+    return list(codes)
+
+
+def format_codes(codes: Iterable[int]) -> str:
+    """Codes in their shortest written form, e.g. ``0-15,42``; the inverse of :func:`parse_codes`."""
+    runs: list[list[int]] = []
+    for code in codes:
+        if runs and code == runs[-1][1] + 1:
+            runs[-1][1] = code
+        else:
+            runs.append([code, code])
+    return ",".join(str(a) if a == b else f"{a}-{b}" for a, b in runs)

@@ -1,0 +1,70 @@
+"""What was seen: landmarks, calibration boards, and range-and-bearing readings."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from lmkit.arrays import FloatArray, IntArray, frozen
+from lmkit.model.homography import crossing
+
+
+@dataclass(frozen=True, eq=False)
+class LandmarkObservation:
+    """One landmark read in one picture.
+
+    Attributes:
+        code: the code read.
+        corners: (4,2) outer corners of the red border, pixels of the picture as delivered; the
+            landmark's top left first, then clockwise as the landmark stands.
+        confidence: probability that the code is right, 0..1.
+        margin: log likelihood ratio (nats) of this code in this rotation against the runner-up.
+        family: name of the landmark family.
+        covariance: (8,8) of the corners x0 y0 x1 y1 ..., pixels squared, if estimated.
+    """
+
+    code: int
+    corners: FloatArray
+    confidence: float
+    margin: float
+    family: str = "lm8"
+    covariance: FloatArray | None = None
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "corners", frozen(self.corners, (4, 2), "corners"))
+        if self.covariance is not None:
+            object.__setattr__(self, "covariance", frozen(self.covariance, (8, 8), "covariance"))
+
+    @property
+    def center(self) -> FloatArray:
+        """(2,) the landmark's middle in the picture: where the diagonals of its corners cross."""
+        return crossing(self.corners[0], self.corners[2], self.corners[1], self.corners[3])
+
+
+@dataclass(frozen=True, eq=False)
+class BoardObservation:
+    """A calibration board seen in one picture.
+
+    Attributes:
+        ids: (N,) indices of the board's corners (rows of ``BoardSpec.object_points``).
+        image_points: (N,2) those corners in pixels.
+    """
+
+    ids: IntArray
+    image_points: FloatArray
+
+
+@dataclass(frozen=True)
+class RangeBearing:
+    """One reading of a landmark by a planar sensor.
+
+    Attributes:
+        code: the landmark's code.
+        range_m: distance, metres.
+        bearing_rad: direction, rad, positive to the left of straight ahead.
+        time_s: when, seconds.
+    """
+
+    code: int
+    range_m: float
+    bearing_rad: float
+    time_s: float = 0.0

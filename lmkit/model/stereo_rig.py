@@ -1,0 +1,39 @@
+"""A calibrated stereo camera, rigid; its own frame is the left camera's."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from lmkit.arrays import FloatArray
+from lmkit.model.camera import CameraModel
+from lmkit.model.pose import Pose
+
+
+@dataclass(frozen=True, eq=False)
+class StereoRig:
+    """Two cameras and how they stand to each other.
+
+    Attributes:
+        left, right: the cameras.
+        T_right_left: ``x_right = R @ x_left + t`` (OpenCV's R, T with the left camera given first).
+        T_base_left: where the left camera sits on the robot's base, if known.
+        covariance: (6,6) of T_right_left, if known: t (m), then a rotation vector applied on the
+            left (rad).
+    """
+
+    left: CameraModel
+    right: CameraModel
+    T_right_left: Pose
+    T_base_left: Pose | None = None
+    covariance: FloatArray | None = None
+
+    def __post_init__(self) -> None:
+        if (self.T_right_left.to_frame, self.T_right_left.from_frame) != ("right", "left"):
+            raise ValueError(f"T_right_left joins the wrong frames: {self.T_right_left!r}")
+
+    @property
+    def baseline_m(self) -> float:
+        """Distance between the two optical centres, metres."""
+        return float(np.linalg.norm(self.T_right_left.t))

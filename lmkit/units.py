@@ -1,0 +1,39 @@
+"""Lengths as people write them (``180mm``, ``7.1in``), and the units lmkit converts between."""
+
+from __future__ import annotations
+
+import math
+import re
+
+from lmkit.errors import InputError
+
+MM_PER_UNIT = {"mm": 1.0, "cm": 10.0, "m": 1000.0, "in": 25.4, "pt": 25.4 / 72.0}
+POINTS_PER_MM = 72.0 / 25.4
+MM_PER_INCH = 25.4
+
+_LENGTH = re.compile(r"\s*([0-9]+(?:\.[0-9]*)?|\.[0-9]+)\s*([a-z]*)\s*", re.IGNORECASE)
+
+
+def parse_length_mm(text: str, what: str = "length") -> float:
+    """Read a positive length such as ``180mm``, ``18 cm``, ``7.09in``; returns millimetres.
+
+    Args:
+        text: number and unit; the unit is required, since a bare number is how prints come out
+            25.4 times too small.
+        what: the name of the value in error messages.
+
+    Raises:
+        InputError: no number, no known unit, or not positive.
+    """
+    match = _LENGTH.fullmatch(text)
+    unit = match.group(2).lower() if match else ""
+    if match is None or unit not in MM_PER_UNIT:
+        raise InputError(
+            "bad_length",
+            f"{what} {text!r} is not a length",
+            f"write a number with a unit, such as 180mm; units: {', '.join(MM_PER_UNIT)}",
+        )
+    value = float(match.group(1)) * MM_PER_UNIT[unit]
+    if not math.isfinite(value) or value <= 0:
+        raise InputError("bad_length", f"{what} {text!r} is not positive", "give a length above 0")
+    return value
