@@ -12,6 +12,35 @@ from lmkit.detect.pattern import INKS, QUARTERS, frame_and_pattern_columns
 from lmkit.detect.refine import CORRELATED_PIXELS, Pixels, Registrar, Registration
 
 
+MARGIN_PER_NAT = 3.0
+PART_TOLERANCE = 0.08  # uneven print and light: a part may differ so much from white or blue
+
+
+@dataclass(frozen=True)
+class AcceptanceRule:
+    """What a square must show to be called a landmark; each figure is argued in docs/landmark.md, section 6.
+
+    Attributes:
+        turn_margin: least log likelihood ratio against any other quarter turn; 8 bits hold no
+            redundancy, so this is what tells a landmark from a square with something in it.
+        code_margin: least log likelihood ratio against any other code.
+        parts_misfit: most that triangle, rings and gaps may lie between blue and white, as a mean
+            square in standard deviations.
+        red_over_blue: least colour difference of border and ground (log ratio).
+        white_over_ground: (least, most) ratio of brightness; no paint and paper exceed the latter.
+        part_deviation: most that the triangle's and the rings' white may differ from the margin's.
+        part_sigma: a part must be known at least this well.
+    """
+
+    turn_margin: float = 24.0
+    code_margin: float = 4.0
+    parts_misfit: float = 1.2
+    red_over_blue: float = 0.4
+    white_over_ground: tuple[float, float] = (2.2, 40.0)
+    part_deviation: float = 0.3
+    part_sigma: float = 0.3
+
+
 @dataclass(frozen=True)
 class Verdict:
     """What a registered square reads as, and how well.
@@ -48,6 +77,36 @@ class Verdict:
     def red_over_blue(self) -> float:
         """How much redder the border is than the ground, as a log ratio relative to the white."""
         return float(red_over_blue(self.inks))
+
+    @property
+    def parts_misfit(self) -> float:
+        """Mean squared distance of the parts from blue or white, in standard deviations."""
+        gaps = np.abs(np.abs(self.parts[2:] - 0.5) - 0.5)
+        off = np.concatenate([np.abs(self.parts[:2] - 1), gaps])
+        return float(np.mean(off**2 / (self.parts_sigma**2 + PART_TOLERANCE**2)))
+
+    def reason_to_reject(self, rule: AcceptanceRule) -> str | None:
+        """Why this is no landmark, in one word; None where it is one."""
+        low, high = rule.white_over_ground
+        checks = {
+            "colour": self.red_over_blue >= rule.red_over_blue,
+            "contrast": low <= self.white_over_ground <= high,
+            "turn": self.turn_margin >= rule.turn_margin,
+            "code": self.code_margin >= rule.code_margin,
+            "unsure": float(self.parts_sigma.max()) <= rule.part_sigma,
+            "pattern": float(np.abs(self.parts[:2] - 1).max()) <= rule.part_deviation
+            and self.parts_misfit <= rule.parts_misfit,
+        }
+        return next((name for name, passed in checks.items() if not passed), None)
+
+    @property
+    def confidence(self) -> float:
+        """Probability that the code is right, 0..1.
+
+        The margin is a log likelihood ratio; neighbouring pixels repeat each other's errors more
+        than is allowed for, hence the divisor.
+        """
+        return float(1 / (1 + np.exp(-self.margin / MARGIN_PER_NAT)))
 
     @property
     def white_over_ground(self) -> float:

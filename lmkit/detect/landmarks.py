@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import cv2
 import numpy as np
 
 from lmkit.arrays import ByteArray, FloatArray
-from lmkit.detect.accept import Verdict, read_square
+from lmkit.detect.accept import AcceptanceRule, Verdict, read_square
 from lmkit.detect.candidates import find_candidates
 from lmkit.detect.refine import Picture, Reading, Registrar, Registration, rebend, take_pixels
 from lmkit.detect.screen import align_candidates, linear_pyramid, screen_candidates
@@ -20,6 +20,9 @@ _LINEAR = srgb_to_linear(np.arange(256) / 255).astype(np.float32)
 
 
 ALIGN_ROUNDS = 3
+READ_ROUNDS = 3
+HOPELESS_PATTERN = 0.1
+BEND_SIDE_PX = 40.0  # smaller landmarks do not show the lens's bend
 
 
 @dataclass(frozen=True)
@@ -28,8 +31,11 @@ class DetectOptions:
 
     Attributes:
         family: which landmarks to look for.
-        min_pattern: candidates whose pattern explains less than this share are not looked at twice.
-        max_registered: at most so many candidates of a picture are registered, best first.
+        min_pattern: candidates whose pattern explains less than this share are not aligned.
+        max_aligned: at most so many are, best first.
+        min_aligned_pattern: those that explain less than this once aligned are not registered.
+        max_registered: at most so many are, best first; bounds the time on cluttered pictures.
+        rule: what a landmark must show.
     """
 
     family: LandmarkFamily = LM8
@@ -37,20 +43,57 @@ class DetectOptions:
     max_aligned: int = 100
     min_aligned_pattern: float = 0.2
     max_registered: int = 24
+    rule: AcceptanceRule = field(default_factory=AcceptanceRule)
 
 
 @dataclass(frozen=True)
 class Attempt:
-    """One candidate that was registered and read, accepted or not."""
+    """One candidate that was registered and read, accepted or not.
 
-    registration: Registration
+    Attributes:
+        corners: (4,2) px of the picture, in the landmark's order.
+        covariance: (8,8) of the corners, px^2.
+        verdict: what it reads as.
+        rejected: why it is no landmark; None where it is one.
+    """
+
     corners: FloatArray
+    covariance: FloatArray
     verdict: Verdict
-    side_px: float
+    rejected: str | None
+
+
+def detect_landmarks(image: ByteArray, options: DetectOptions | None = None) -> list[LandmarkObservation]:
+    """All landmarks of a picture, largest first.
+
+    Args:
+        image: (H,W,3) BGR, 8 bit, as `formats.images.read_image` gives it.
+    """
+    options = options or DetectOptions()
+    accepted = [a for a in attempt_landmarks(image, options) if a.rejected is None]
+    accepted.sort(key=lambda a: (-a.verdict.margin, a.verdict.code))
+    kept: list[Attempt] = []
+    for attempt in accepted:
+        middle = attempt.corners.mean(axis=0)
+        apart = [np.linalg.norm(middle - k.corners.mean(axis=0)) > 0.5 * _mean_side(k.corners) for k in kept]
+        if all(apart):
+            kept.append(attempt)
+    kept.sort(key=lambda a: -_mean_side(a.corners))
+    return [
+        LandmarkObservation(
+            code=a.verdict.code,
+            corners=a.corners,
+            confidence=a.verdict.confidence,
+            margin=a.verdict.margin,
+            family=options.family.name,
+            covariance=a.covariance,
+        )
+        for a in kept
+    ]
 
 
 def attempt_landmarks(image: ByteArray, options: DetectOptions) -> list[Attempt]:
-    """Find, screen, register and read; nothing is decided yet."""
+    """Everything that was registered and read, with the reasons of what was rejected."""
     family = options.family
     picture = Picture(_LINEAR[image], estimate_noise(image))
     pyramid = linear_pyramid(picture.linear)
@@ -59,38 +102,57 @@ def attempt_landmarks(image: ByteArray, options: DetectOptions) -> list[Attempt]
     aligned = align_candidates(pyramid, screened.quads, family, ALIGN_ROUNDS)
     aligned = aligned.best_first(options.min_aligned_pattern, per_place=1, at_most=options.max_registered)
     registrar = Registrar(picture, family)
-    attempts = (_register_and_read(registrar, quad) for quad in aligned.quads)
+    attempts = (_register_and_read(registrar, quad, options.rule) for quad in aligned.quads)
     return [attempt for attempt in attempts if attempt is not None]
 
 
-def _register_and_read(registrar: Registrar, quad: FloatArray) -> Attempt | None:
+def _register_and_read(registrar: Registrar, quad: FloatArray, rule: AcceptanceRule) -> Attempt | None:
     family, picture = registrar.family, registrar.picture
     side = _mean_side(quad)
+    fit_bend = side > BEND_SIDE_PX
     # The blur starts generous, so that a wrong corner still feels its edge.
     blur = max(0.8, 0.012 * side) ** 2
     registration = Registration(quad, np.array([blur, 0.0, blur]))
-    # Read, register what was read, and again until the reading stands.
-    verdict: Verdict | None = None
-    fit_bend = side > 40
-    for _ in range(3):
+    pixels = take_pixels(picture, registration, family)
+    if pixels is None:
+        return None
+    verdict = read_square(registrar, registration, pixels)
+    # Register what was read, read again, until the reading stands.
+    for _ in range(READ_ROUNDS):
+        if verdict.pattern < HOPELESS_PATTERN:
+            return None
+        reading = Reading.of(family, verdict.code, verdict.quarter)
+        for _ in range(2):
+            discounted = registrar.discounted(registration, pixels, reading)
+            registration = registrar.register(registration, discounted, reading, 6, fit_bend)
         pixels = take_pixels(picture, registration, family)
         if pixels is None:
             return None
         # Read with the plain weights: discounting what does not fit the last reading would make it
         # confirm itself.
-        found = read_square(registrar, registration, pixels)
-        if verdict is not None and (found.code, found.quarter) == (verdict.code, verdict.quarter):
-            verdict = found
+        previous, verdict = verdict, read_square(registrar, registration, pixels)
+        if (verdict.code, verdict.quarter) == (previous.code, previous.quarter):
             break
-        verdict = found
-        reading = Reading.of(family, verdict.code, verdict.quarter)
-        pixels = registrar.discounted(registration, pixels, reading)
-        registration = registrar.register(registration, pixels, reading, 6, fit_bend)
-        pixels = registrar.discounted(registration, pixels, reading)
-        registration = registrar.register(registration, pixels, reading, 6, fit_bend)
-    assert verdict is not None
+    reading = Reading.of(family, verdict.code, verdict.quarter)
+    discounted = registrar.discounted(registration, pixels, reading)
+    # A bit that only what hides the landmark speaks for loses its margin under the discount.
+    wary = read_square(registrar, registration, discounted)
+    if (wary.code, wary.quarter) == (verdict.code, verdict.quarter):
+        code_margin = min(verdict.code_margin, wary.code_margin)
+        turn_margin = min(verdict.turn_margin, wary.turn_margin)
+    else:
+        code_margin = turn_margin = 0.0
+    verdict = replace(verdict, code_margin=code_margin, turn_margin=turn_margin)
+    registration = registrar.with_covariance(registration, discounted, reading, fit_bend)
+    assert registration.covariance is not None
     corners = rebend(registration.corners, registration.bend, picture.centre, picture.half_width)
-    return Attempt(registration, np.roll(corners, -verdict.quarter, axis=0), verdict, _mean_side(corners))
+    order = (np.arange(4) + verdict.quarter) % 4
+    rows = (2 * order[:, None] + np.arange(2)).ravel()
+    height, width = picture.linear.shape[:2]
+    inside = bool(((corners >= -0.5) & (corners <= np.array([width, height]) - 0.5)).all())
+    # A corner that is not in the picture was not seen, and none is made up.
+    rejected = verdict.reason_to_reject(rule) if inside else "cut"
+    return Attempt(corners[order], registration.covariance[np.ix_(rows, rows)], verdict, rejected)
 
 
 def estimate_noise(image: ByteArray) -> float:

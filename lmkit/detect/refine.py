@@ -196,7 +196,7 @@ class Registrar:
         current = replace(start, weighted_error=self._error(start, pixels, reading))
         damping = 1e-3
         for _ in range(iterations):
-            normal, gradient, scale = self._normal_equations(current, pixels, reading, fit_bend)
+            normal, gradient = self._normal_equations(current, pixels, reading, fit_bend)
             improved = False
             for _ in range(4):
                 step = -np.linalg.solve(normal + damping * np.diag(np.diag(normal)), gradient)
@@ -242,9 +242,9 @@ class Registrar:
         The residuals' own scatter sets the scale; neighbouring pixels share their errors
         (demosaicing, JPEG), so they count as ``CORRELATED_PIXELS`` times fewer.
         """
-        normal, _, values = self._normal_equations(registration, pixels, reading, fit_bend)
+        normal, _ = self._normal_equations(registration, pixels, reading, fit_bend)
         error = self._error(registration, pixels, reading)
-        covariance = np.linalg.inv(normal)[:8, :8] * error * values * CORRELATED_PIXELS / values
+        covariance = np.linalg.inv(normal)[:8, :8] * (error * CORRELATED_PIXELS)
         return replace(registration, weighted_error=error, covariance=covariance)
 
     def points_and_spread(self, registration: Registration, at: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
@@ -275,8 +275,8 @@ class Registrar:
 
     def _normal_equations(
         self, registration: Registration, pixels: Pixels, reading: Reading, fit_bend: bool
-    ) -> tuple[FloatArray, FloatArray, int]:
-        """J'WJ (14,14), J'Wr (14,), number of values; parameters: corners, spread, bend, shading."""
+    ) -> tuple[FloatArray, FloatArray]:
+        """J'WJ (14,14) and J'Wr (14,); parameters: corners, spread, bend, shading."""
         n = len(pixels.at)
         points, spread, A = self.points_and_spread(registration, pixels.at)
         shift = np.eye(2) * STEP_MM
@@ -323,7 +323,7 @@ class Registrar:
         gradient[12:] += pixels.prior_weight * registration.shading / SHADING_PRIOR**2
         normal[8:11, 8:11] += 1e-3 * np.eye(3)
         normal[:8, :8] += 1e-6 * np.eye(8)
-        return normal, gradient, n * 3
+        return normal, gradient
 
     def _stacked_inks(self, reading: Reading, points: list[FloatArray], spreads: list[FloatArray]) -> FloatArray:
         n = len(points[0])
