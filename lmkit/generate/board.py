@@ -7,7 +7,7 @@ import numpy as np
 
 from lmkit.generate.artwork import FilledPath
 from lmkit.generate.page import GREY, Page, Text, rectangle
-from lmkit.generate.template import PAPERS_MM
+from lmkit.formats.template import PAPERS_MM
 from lmkit.model.board import BoardSpec
 from lmkit.model.charuco import charuco_board, charuco_dictionary
 from lmkit.model.palette import BLACK, WHITE

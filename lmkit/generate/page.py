@@ -9,7 +9,7 @@ from dataclasses import dataclass
 
 from lmkit.errors import InputError
 from lmkit.generate.artwork import Command, FilledPath, Point, landmark_artwork, polygon_commands
-from lmkit.generate.template import PageTemplate
+from lmkit.formats.template import PageTemplate
 from lmkit.model.landmark import LandmarkFamily
 from lmkit.model.palette import BLACK, Rgb
 

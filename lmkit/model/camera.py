@@ -71,6 +71,22 @@ class CameraModel:
             pixels, _ = cv2.projectPoints(xyz, zero, zero, self.K, self.distortion)
         return np.asarray(pixels, dtype=np.float64).reshape(-1, 2)
 
+    def project_with_jacobian(self, points: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Pixels (N,2), their derivative with the point (N,2,3), and with the intrinsics (N,2,4+D).
+
+        Points are (N,3) in the camera frame; the intrinsics are fx fy cx cy, then the distortion.
+        """
+        xyz = np.ascontiguousarray(points, dtype=np.float64).reshape(-1, 1, 3)
+        zero = np.zeros(3)
+        count = len(self.distortion)
+        if self.model == "fisheye":
+            pixels, jacobian = cv2.fisheye.projectPoints(xyz, zero, zero, self.K, self.distortion)
+            J = np.asarray(jacobian, dtype=np.float64).reshape(-1, 2, 15)
+            return np.asarray(pixels).reshape(-1, 2), J[:, :, 11:14], J[:, :, :8]
+        pixels, jacobian = cv2.projectPoints(xyz, zero, zero, self.K, self.distortion)
+        J = np.asarray(jacobian, dtype=np.float64).reshape(len(xyz), 2, -1)
+        return np.asarray(pixels).reshape(-1, 2), J[:, :, 3:6], J[:, :, 6 : 10 + count]
+
     def unproject(self, pixels: FloatArray) -> FloatArray:
         """(N,2) pixels -> (N,2) normalised coordinates x/z, y/z of the rays, without distortion."""
         uv = np.asarray(pixels, dtype=np.float64).reshape(-1, 1, 2)

@@ -1,0 +1,101 @@
+"""The command line's door: one file per command, imported when it runs; one line per error."""
+
+from __future__ import annotations
+
+import importlib
+import os
+import sys
+import traceback
+from collections.abc import Callable
+from typing import Any
+
+# Small matrices many times over: threads of the linear algebra library cost more than they bring.
+for _variable in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"):
+    os.environ.setdefault(_variable, "1")
+
+import typer
+
+from lmkit.cli import board, calibrate, demo, detect, doctor, generate, locate, simulate, verify
+from lmkit.errors import LmkitError
+from lmkit.version import __version__
+
+EXIT_FAULT = 70
+EXIT_INTERRUPTED = 130
+
+app = typer.Typer(
+    name="lmkit",
+    help="Printed landmarks for robots: from print to pose.",
+    no_args_is_help=True,
+    add_completion=False,
+    rich_markup_mode=None,
+    pretty_exceptions_enable=False,
+    context_settings={"help_option_names": ["-h", "--help"]},
+)
+
+for _command in (generate, board, verify, detect, calibrate, locate, simulate, demo, doctor):
+    app.command(name=_command.__name__.rpartition(".")[2])(_command.run)
+
+
+def _show_version(wanted: bool) -> None:
+    if wanted:
+        typer.echo(f"lmkit {__version__}")
+        raise typer.Exit
+
+
+@app.callback()
+def _options(
+    version: bool = typer.Option(False, "--version", callback=_show_version, is_eager=True, help="Show the version."),
+    debug: bool = typer.Option(False, "--debug", help="Show a traceback when something fails."),
+) -> None:
+    """Printed landmarks for robots: from print to pose."""
+
+
+def main() -> None:
+    """Run the command line; every failure ends in one line on stderr and its exit code."""
+    debug = "--debug" in sys.argv
+    # `--debug` may stand anywhere.
+    arguments = [a for a in sys.argv[1:] if a != "--debug"]
+    sys.exit(guarded(lambda: app(arguments, prog_name="lmkit", standalone_mode=False), debug))
+
+
+def guarded(run: Callable[[], Any], debug: bool) -> int:
+    """The exit code of ``run``, its failure told in one line on stderr."""
+    try:
+        result = run()
+        sys.stdout.flush()
+        return result if isinstance(result, int) else 0
+    except LmkitError as error:
+        return _report(error.message, error.hint, error.exit_code, debug)
+    except (KeyboardInterrupt, typer.Abort):
+        return _report("interrupted", "", EXIT_INTERRUPTED, False)
+    except BrokenPipeError:
+        # Whoever read our output has seen enough.
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return 0
+    except typer.Exit as stop:
+        return stop.exit_code
+    except Exception as error:
+        usage = getattr(error, "format_message", None)
+        if usage is not None:
+            return _report(usage(), "see lmkit --help", int(getattr(error, "exit_code", 2)), debug)
+        return _report(f"lmkit has a fault: {type(error).__name__}: {error}", _FAULT_HINT, EXIT_FAULT, debug)
+
+
+_FAULT_HINT = "run again with --debug and report what it prints"
+
+
+def _report(message: str, hint: str, code: int, debug: bool) -> int:
+    if debug:
+        traceback.print_exc()
+    line = " ".join(f"{message}; {hint}".split()) if hint else message
+    sys.stderr.write(f"lmkit: {line}\n")
+    return code
+
+
+def public_commands() -> list[str]:
+    """Names of all commands, for the tests of the docs."""
+    return [command.name or "" for command in app.registered_commands]
+
+
+if __name__ == "__main__":
+    importlib.import_module("lmkit.cli.main").main()

@@ -1,0 +1,103 @@
+"""The one door for pixels: every picture comes in here and is 8 bit BGR afterwards.
+
+Policy: files over ``MAX_BYTES`` or ``MAX_PIXELS`` and files that end early are refused; 16 bit is
+scaled to 8; transparency lies on white; grey becomes three equal channels; CMYK is converted; the
+EXIF orientation is applied, so that pixels are where a viewer shows them.
+"""
+
+from __future__ import annotations
+
+import io
+import warnings
+from pathlib import Path
+
+import numpy as np
+from PIL import Image, ImageOps, UnidentifiedImageError
+
+from lmkit.arrays import AnyArray, ByteArray
+from lmkit.errors import InputError
+
+MAX_BYTES = 256 * 1024 * 1024
+MAX_PIXELS = 100_000_000
+MIN_SIDE = 8
+SUFFIXES = frozenset({".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff", ".webp", ".pgm", ".ppm"})
+
+
+def read_image(path: Path) -> ByteArray:
+    """A picture from a file: (H,W,3) BGR, 8 bit.
+
+    Raises:
+        InputError: no such file, too large, not a picture, or cut off.
+    """
+    try:
+        if path.is_dir():
+            raise InputError("is_folder", f"{path} is a folder, not a picture", "give a picture file")
+        size = path.stat().st_size
+        if size > MAX_BYTES:
+            raise InputError(
+                "image_too_large",
+                f"{path}: {size >> 20} MiB, more than the {MAX_BYTES >> 20} MiB that are read",
+                "store it smaller",
+            )
+        data = path.read_bytes()
+    except OSError as error:
+        raise InputError(
+            "file_unreadable", f"cannot read picture {path}: {error.strerror}", "check the path and its permissions"
+        ) from None
+    return decode_image(data, str(path))
+
+
+def decode_image(data: bytes, name: str) -> ByteArray:
+    """A picture from the bytes of a file; see :func:`read_image`.
+
+    Args:
+        name: what to call it in errors.
+    """
+    if not data:
+        raise InputError("image_empty", f"{name}: the file is empty", "copy or take the picture again")
+    try:
+        with warnings.catch_warnings():
+            # The size is judged right below, by our own cap.
+            warnings.simplefilter("ignore", Image.DecompressionBombWarning)
+            picture = Image.open(io.BytesIO(data))
+    except (UnidentifiedImageError, Image.DecompressionBombError, OSError, ValueError, SyntaxError):
+        raise InputError(
+            "not_an_image", f"{name}: not a picture that can be read", "give PNG, JPEG, TIFF, BMP, WebP or PNM"
+        ) from None
+    width, height = picture.size
+    if width * height > MAX_PIXELS:
+        raise InputError(
+            "image_too_large",
+            f"{name}: {width} x {height} pixels, more than the {MAX_PIXELS // 1_000_000} million that are read",
+            "scale it down",
+        )
+    if min(width, height) < MIN_SIDE:
+        raise InputError("image_too_small", f"{name}: only {width} x {height} pixels", "give a larger picture")
+    try:
+        picture.load()
+        picture = ImageOps.exif_transpose(picture)
+        rgb = _to_rgb(picture)
+    except (OSError, ValueError, SyntaxError, EOFError, MemoryError) as error:
+        raise InputError(
+            "image_truncated", f"{name}: the picture is cut off or damaged ({error})", "copy or take it again"
+        ) from None
+    return np.ascontiguousarray(rgb[:, :, ::-1])
+
+
+def _to_rgb(picture: Image.Image) -> ByteArray:
+    if picture.mode.startswith(("I;16", "I", "F")):
+        return np.repeat(_grey_to_8_bit(np.asarray(picture))[:, :, None], 3, axis=2)
+    if picture.mode in ("RGBA", "LA", "PA", "La", "RGBa") or "transparency" in picture.info:
+        layers = picture.convert("RGBA")
+        white = Image.new("RGBA", layers.size, (255, 255, 255, 255))
+        picture = Image.alpha_composite(white, layers)
+    return np.asarray(picture.convert("RGB"), dtype=np.uint8)
+
+
+def _grey_to_8_bit(values: AnyArray) -> ByteArray:
+    """16 bit and float greys: full scale 65535, or 1.0 for floats up to 1, or 255 for those above."""
+    wide = values.astype(np.float64)
+    top = 65535.0
+    if values.dtype.kind == "f":
+        top = 1.0 if wide.max(initial=0) <= 1.0 else 255.0
+    return np.clip(np.round(wide * (255.0 / top)), 0, 255).astype(np.uint8)

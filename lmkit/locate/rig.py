@@ -1,0 +1,281 @@
+"""`locate_rig`: the pose of a stereo camera, or of one camera, from all corners of all landmarks in view.
+
+1. Every landmark alone gives two poses per eye (a square seen by one camera has a twin; IPPE,
+   Collins and Bartoli 2014).  All of them, carried into the map, are hypotheses.
+2. Each hypothesis is fitted to its own landmark in both eyes and scored by how many landmarks it
+   explains, so one wrong code cannot capture the start.
+3. The best are refined by Gauss-Newton on all corners of the landmarks they explain, weighted by
+   the corners' own covariance.
+4. The likelihood ratio of the best to the next pose that is really another one decides whether
+   the answer is ``ok`` or ``ambiguous``.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+import cv2
+import numpy as np
+
+from lmkit.arrays import FloatArray
+from lmkit.model.camera import CameraModel
+from lmkit.model.estimate import PoseEstimate
+from lmkit.model.landmark import family_named
+from lmkit.model.landmark_map import LandmarkMap, MappedLandmark
+from lmkit.model.observation import LandmarkObservation
+from lmkit.model.pose import Pose, rotation_angle, rotation_exp, skew
+from lmkit.model.stereo_rig import StereoRig
+
+
+@dataclass(frozen=True)
+class LocateOptions:
+    """The few dials of locating.
+
+    Attributes:
+        corner_floor_px: standard deviation added to every corner's own: what calibration and flat
+            paper leave open.
+        ambiguous_below: log likelihood ratio under which a second pose makes the answer ambiguous.
+        outlier_sigma: a landmark is explained when the root mean square of its eight corner
+            coordinates stays under this many standard deviations.
+        gate_share: before refinement, a landmark is explained when its corners lie within this
+            share of its side.
+    """
+
+    corner_floor_px: float = 0.15
+    ambiguous_below: float = 5.0
+    outlier_sigma: float = 4.5
+    gate_share: float = 0.25
+
+
+@dataclass(frozen=True, eq=False)
+class _Sighting:
+    """One mapped landmark in one eye.
+
+    Attributes:
+        R_eye, t_eye: from the left camera into this eye.
+        points: (4,3) corners in the map.
+        whitener: (8,8) that turns corner residuals into unit variance.
+    """
+
+    landmark: MappedLandmark
+    observation: LandmarkObservation
+    camera: CameraModel
+    R_eye: FloatArray
+    t_eye: FloatArray
+    points: FloatArray
+    whitener: FloatArray
+    side_px: float
+
+    @property
+    def code(self) -> int:
+        return self.landmark.code
+
+
+@dataclass(frozen=True, eq=False)
+class _Camera:
+    """Pose of the left camera as bare arrays: R, p of T_map_camera."""
+
+    R: FloatArray
+    p: FloatArray
+    cost: float = field(default=np.inf)
+
+
+def locate_rig(
+    left: Sequence[LandmarkObservation],
+    right: Sequence[LandmarkObservation],
+    rig: StereoRig,
+    landmarks: LandmarkMap,
+    options: LocateOptions | None = None,
+) -> PoseEstimate:
+    """The pose of the rig's left camera in the map.
+
+    Args:
+        left, right: detections in the two pictures, corners in pixels as delivered.
+    """
+    eyes = [
+        (left, rig.left, np.eye(3), np.zeros(3)),
+        (right, rig.right, rig.T_right_left.R, rig.T_right_left.t),
+    ]
+    return _locate(eyes, landmarks, options or LocateOptions())
+
+
+def locate_camera(
+    observations: Sequence[LandmarkObservation],
+    camera: CameraModel,
+    landmarks: LandmarkMap,
+    options: LocateOptions | None = None,
+) -> PoseEstimate:
+    """The pose of a single camera in the map."""
+    return _locate([(observations, camera, np.eye(3), np.zeros(3))], landmarks, options or LocateOptions())
+
+
+_Eye = tuple[Sequence[LandmarkObservation], CameraModel, FloatArray, FloatArray]
+
+
+def _locate(eyes: Sequence[_Eye], landmarks: LandmarkMap, options: LocateOptions) -> PoseEstimate:
+    sightings = [s for eye in eyes for s in _sightings(eye, landmarks, options)]
+    if not sightings:
+        return PoseEstimate("no_landmarks")
+    poses = [_explained_fit(pose, sightings, options) for pose in _hypotheses(sightings)]
+    ranked = _distinct(sorted(poses, key=lambda found: found[0].cost))
+    best, inliers = ranked[0]
+    codes = {s.code for s in sightings}
+    explained = {s.code for s in inliers}
+    if 2 * len(explained) < len(codes) or (len(codes) > 1 and len(explained) < 2):
+        return PoseEstimate("inconsistent", outlier_codes=tuple(sorted(codes)))
+    ratios = [(pose, pose.cost - best.cost) for pose, _ in ranked[1:]]
+    status = "ambiguous" if ratios and ratios[0][1] < options.ambiguous_below else "ok"
+    squared = np.concatenate([_pixel_errors(best, s) for s in inliers]) ** 2
+    return PoseEstimate(
+        status=status,
+        T_map_camera=Pose("map", "camera", best.R, best.p),
+        covariance=_covariance(best, inliers),
+        inlier_codes=tuple(sorted(explained)),
+        outlier_codes=tuple(sorted(codes - explained)),
+        alternatives=tuple((Pose("map", "camera", pose.R, pose.p), ratio) for pose, ratio in ratios[:3] if ratio < 25),
+        reprojection_error_px=float(np.sqrt(squared.reshape(-1, 2).sum(axis=1).mean())),
+    )
+
+
+def _sightings(eye: _Eye, landmarks: LandmarkMap, options: LocateOptions) -> list[_Sighting]:
+    observations, camera, R_eye, t_eye = eye
+    # The same code twice in one picture: which is the mapped one cannot be told.
+    seen = Counter((o.family, o.code) for o in observations)
+    result = []
+    for o in observations:
+        landmark = landmarks.find(o.code, o.family)
+        if landmark is None or seen[o.family, o.code] > 1:
+            continue
+        covariance = np.zeros((8, 8)) if o.covariance is None else o.covariance
+        covariance = covariance + options.corner_floor_px**2 * np.eye(8)
+        whitener = np.linalg.inv(np.linalg.cholesky(covariance))
+        side = float(np.linalg.norm(np.roll(o.corners, -1, axis=0) - o.corners, axis=1).mean())
+        result.append(_Sighting(landmark, o, camera, R_eye, t_eye, landmark.corners_map, whitener, side))
+    return result
+
+
+def _hypotheses(sightings: Sequence[_Sighting]) -> list[tuple[_Camera, _Sighting]]:
+    """Both poses of every landmark in every eye, as poses of the left camera in the map."""
+    poses = []
+    for s in sightings:
+        object_points = family_named(s.landmark.family).object_points(s.landmark.size_m)
+        rays = s.camera.unproject(s.observation.corners).reshape(4, 1, 2)
+        _, rvecs, tvecs, _ = cv2.solvePnPGeneric(
+            object_points, rays, np.eye(3), None, flags=cv2.SOLVEPNP_IPPE_SQUARE
+        )
+        T = s.landmark.T_map_landmark
+        for rvec, tvec in zip(rvecs, tvecs, strict=True):
+            # x_eye = R x_landmark + t, and x_eye = R_eye x_left + t_eye.
+            R, t = rotation_exp(np.ravel(rvec)), np.ravel(tvec)
+            R_left_landmark = s.R_eye.T @ R
+            t_left_landmark = s.R_eye.T @ (t - s.t_eye)
+            R_map_left = T.R @ R_left_landmark.T
+            poses.append((_Camera(R_map_left, T.t - R_map_left @ t_left_landmark), s))
+    return poses
+
+
+def _explained_fit(
+    hypothesis: tuple[_Camera, _Sighting], sightings: Sequence[_Sighting], options: LocateOptions
+) -> tuple[_Camera, list[_Sighting]]:
+    """The hypothesis refined on what it explains, its cost over all sightings, and what it explains."""
+    pose, own = hypothesis
+    pose = _refine(pose, [s for s in sightings if s.code == own.code])
+    near = [s for s in sightings if _root_mean_square(_pixel_errors(pose, s)) < options.gate_share * s.side_px]
+    if near:
+        pose = _refine(pose, near)
+    for _ in range(2):
+        inliers = [s for s in sightings if _root_mean_square(_whitened(pose, s)) < options.outlier_sigma]
+        if not inliers:
+            break
+        pose = _refine(pose, inliers)
+    inliers = [s for s in sightings if _root_mean_square(_whitened(pose, s)) < options.outlier_sigma]
+    # What is not explained costs as much as it could at the border of being explained.
+    limit = 8 * options.outlier_sigma**2
+    cost = sum(min(float(np.sum(_whitened(pose, s) ** 2)), limit) for s in sightings) / 2
+    return _Camera(pose.R, pose.p, cost), inliers
+
+
+def _root_mean_square(values: FloatArray) -> float:
+    return float(np.sqrt(np.mean(values**2)))
+
+
+def _distinct(ranked: list[tuple[_Camera, list[_Sighting]]]) -> list[tuple[_Camera, list[_Sighting]]]:
+    """Without those that are the same pose as a better one."""
+    kept: list[tuple[_Camera, list[_Sighting]]] = []
+    for pose, inliers in ranked:
+        far = [
+            rotation_angle(pose.R.T @ k.R) > np.deg2rad(2) or float(np.linalg.norm(pose.p - k.p)) > 0.05
+            for k, _ in kept
+        ]
+        if all(far):
+            kept.append((pose, inliers))
+    return kept
+
+
+def _pixel_errors(pose: _Camera, s: _Sighting) -> FloatArray:
+    """(8,) observed minus projected corners; huge when behind the camera."""
+    in_left = (s.points - pose.p) @ pose.R
+    in_eye = in_left @ s.R_eye.T + s.t_eye
+    if in_eye[:, 2].min() < 0.02:
+        return np.full(8, 1e4)
+    return (s.observation.corners - s.camera.project(in_eye)).ravel()
+
+
+def _whitened(pose: _Camera, s: _Sighting) -> FloatArray:
+    return np.asarray(s.whitener @ _pixel_errors(pose, s))
+
+
+def _jacobian(pose: _Camera, s: _Sighting) -> FloatArray:
+    """(8,6) of the projected corners with a shift and a turn of the camera, both in the map frame."""
+    offset = s.points - pose.p
+    in_eye = offset @ pose.R @ s.R_eye.T + s.t_eye
+    _, by_point, _ = s.camera.project_with_jacobian(in_eye)
+    # x_left = R' exp(-turn) (X - p - shift).
+    turning = np.stack([skew(o) for o in offset])
+    to_left = np.concatenate([np.broadcast_to(-np.eye(3), (4, 3, 3)), turning], axis=2)
+    return np.asarray(by_point @ (s.R_eye @ pose.R.T) @ to_left).reshape(8, 6)
+
+
+def _refine(pose: _Camera, sightings: Sequence[_Sighting], iterations: int = 12) -> _Camera:
+    """Levenberg-Marquardt on the whitened corners."""
+    damping = 1e-4
+    cost = sum(float(np.sum(_whitened(pose, s) ** 2)) for s in sightings)
+    for _ in range(iterations):
+        normal, gradient = np.zeros((6, 6)), np.zeros(6)
+        for s in sightings:
+            J = s.whitener @ _jacobian(pose, s)
+            normal += J.T @ J
+            gradient += J.T @ _whitened(pose, s)
+        step = np.linalg.solve(normal + damping * np.diag(np.diag(normal)), gradient)
+        trial = _Camera(rotation_exp(step[3:]) @ pose.R, pose.p + step[:3])
+        trial_cost = sum(float(np.sum(_whitened(trial, s) ** 2)) for s in sightings)
+        if not trial_cost < cost:
+            damping *= 100
+            if damping > 1e6:
+                break
+            continue
+        done = cost - trial_cost < 1e-6 * cost
+        pose, cost, damping = trial, trial_cost, max(damping / 10, 1e-9)
+        if done:
+            break
+    return pose
+
+
+def _covariance(pose: _Camera, sightings: Sequence[_Sighting]) -> FloatArray:
+    """(6,6) in the map frame, from the information of all corners."""
+    information = np.zeros((6, 6))
+    for s in sightings:
+        J = s.whitener @ _jacobian(pose, s)
+        information += J.T @ J
+    return np.asarray(np.linalg.inv(information))
+
+
+def covariance_at_base(estimate: PoseEstimate, T_camera_base: Pose) -> FloatArray | None:
+    """(6,6) covariance of T_map_base, carried over from that of T_map_camera."""
+    if estimate.T_map_camera is None or estimate.covariance is None:
+        return None
+    J = np.eye(6)
+    J[:3, 3:] = -skew(estimate.T_map_camera.R @ T_camera_base.t)
+    return np.asarray(J @ estimate.covariance @ J.T)
