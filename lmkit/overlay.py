@@ -54,6 +54,12 @@ def encode_jpeg(image: ByteArray, quality: int = 92) -> bytes:
     return bytes(data)
 
 
+def encode_png(image: ByteArray) -> bytes:
+    """The bytes of a PNG file."""
+    _, data = cv2.imencode(".png", image)
+    return bytes(data)
+
+
 def _enlarged(image: ByteArray, factor: int) -> ByteArray:
     size = (image.shape[1] * factor, image.shape[0] * factor)
     return np.asarray(cv2.resize(image, size, interpolation=cv2.INTER_CUBIC), dtype=np.uint8)

@@ -10,7 +10,7 @@ import numpy as np
 from lmkit.arrays import ByteArray, FloatArray
 from lmkit.detect.accept import AcceptanceRule, Verdict, read_square
 from lmkit.detect.candidates import find_candidates
-from lmkit.detect.refine import Picture, Reading, Registrar, Registration, rebend, take_pixels
+from lmkit.detect.refine import Picture, Reading, Registrar, Registration, take_pixels
 from lmkit.detect.screen import align_candidates, linear_pyramid, screen_candidates
 from lmkit.model.landmark import LM8, LandmarkFamily
 from lmkit.model.observation import LandmarkObservation
@@ -144,15 +144,14 @@ def _register_and_read(registrar: Registrar, quad: FloatArray, rule: AcceptanceR
         code_margin = turn_margin = 0.0
     verdict = replace(verdict, code_margin=code_margin, turn_margin=turn_margin)
     registration = registrar.with_covariance(registration, discounted, reading, fit_bend)
-    assert registration.covariance is not None
-    corners = rebend(registration.corners, registration.bend, picture.centre, picture.half_width)
+    corners, covariance = registrar.picture_corners(registration)
     order = (np.arange(4) + verdict.quarter) % 4
     rows = (2 * order[:, None] + np.arange(2)).ravel()
     height, width = picture.linear.shape[:2]
     inside = bool(((corners >= -0.5) & (corners <= np.array([width, height]) - 0.5)).all())
     # A corner that is not in the picture was not seen, and none is made up.
     rejected = verdict.reason_to_reject(rule) if inside else "cut"
-    return Attempt(corners[order], registration.covariance[np.ix_(rows, rows)], verdict, rejected)
+    return Attempt(corners[order], covariance[np.ix_(rows, rows)], verdict, rejected)
 
 
 def estimate_noise(image: ByteArray) -> float:

@@ -62,7 +62,7 @@ class Registration:
         bend: radial bend, see :func:`unbend`.
         shading: (2,) relative change of the light from the middle to the right and the upper edge.
         weighted_error: sum of squared residuals over their expected variance, per value.
-        covariance: (8,8) of the corners, px^2, or None before the last step.
+        covariance: (9,9) of corners and bend, or None before the last step.
     """
 
     corners: FloatArray
@@ -244,8 +244,23 @@ class Registrar:
         """
         normal, _ = self._normal_equations(registration, pixels, reading, fit_bend)
         error = self._error(registration, pixels, reading)
-        covariance = np.linalg.inv(normal)[:8, :8] * (error * CORRELATED_PIXELS)
+        known = [*range(8), 11]
+        covariance = np.linalg.inv(normal)[np.ix_(known, known)] * (error * CORRELATED_PIXELS)
         return replace(registration, weighted_error=error, covariance=covariance)
+
+    def picture_corners(self, registration: Registration) -> tuple[FloatArray, FloatArray]:
+        """(4,2) corners in the picture as delivered, bend and all, and their (8,8) covariance."""
+        assert registration.covariance is not None
+        centre, half_width = self.picture.centre, self.picture.half_width
+        corners = rebend(registration.corners, registration.bend, centre, half_width)
+        delta = 1e-4
+        J = np.zeros((8, 9))
+        for k, step in enumerate(np.eye(8) * delta):
+            moved = rebend(registration.corners + step.reshape(4, 2), registration.bend, centre, half_width)
+            J[:, k] = (moved - corners).ravel() / delta
+        moved = rebend(registration.corners, registration.bend + delta, centre, half_width)
+        J[:, 8] = (moved - corners).ravel() / delta
+        return corners, J @ registration.covariance @ J.T
 
     def points_and_spread(self, registration: Registration, at: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
         """(N,2) positions in the landmark's plane, (N,3) point spread there, (N,2,2) d plane / d pixel."""
@@ -318,7 +333,7 @@ class Registrar:
             normal[11, 11] += pixels.prior_weight / BEND_PRIOR**2
             gradient[11] += pixels.prior_weight * registration.bend / BEND_PRIOR**2
         else:
-            normal[11, 11] = 1.0
+            normal[11, 11] = 1e12
         normal[12:, 12:] += pixels.prior_weight * np.eye(2) / SHADING_PRIOR**2
         gradient[12:] += pixels.prior_weight * registration.shading / SHADING_PRIOR**2
         normal[8:11, 8:11] += 1e-3 * np.eye(3)

@@ -1,0 +1,90 @@
+"""`lmkit demo`: the whole loop, without hardware."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from lmkit.cli.common import print_line
+from lmkit.errors import InputError
+
+if TYPE_CHECKING:
+    from lmkit.demo import DemoResult
+
+
+def run(
+    output: Annotated[Path, typer.Option("--output", "-o", help="Folder to write.")] = Path("lmkit-demo"),
+    seed: Annotated[int, typer.Option("--seed", help="Another seed, another room.")] = 7,
+    pairs: Annotated[int, typer.Option("--pairs", help="Stereo pairs along the drive.")] = 8,
+    boards: Annotated[int, typer.Option("--boards", help="Stereo pairs of the calibration board.")] = 12,
+    landmarks: Annotated[int, typer.Option("--landmarks", help="Landmarks on the walls.")] = 14,
+    force: Annotated[bool, typer.Option("--force", help="Overwrite a folder of an earlier run.")] = False,
+) -> None:
+    """Print, photograph a simulated room, calibrate, locate, and compare with the truth."""
+    for name, value, low in (("--pairs", pairs, 1), ("--boards", boards, 5), ("--landmarks", landmarks, 1)):
+        if not low <= value <= 64:
+            raise InputError("out_of_range", f"{name} {value} is outside {low} to 64", "choose another value")
+    if seed < 0:
+        raise InputError("out_of_range", f"--seed {seed} is negative", "choose 0 or more")
+    from lmkit.demo import run_demo
+    from lmkit.formats.files import check_writable
+
+    if output.is_dir() and any(output.iterdir()) and not force:
+        raise InputError("file_exists", f"folder {output} is not empty", "add --force, or choose another with -o")
+    check_writable(output / "errors.csv", force)
+    with _Bars() as bars:
+        result = run_demo(output, seed, pairs, boards, landmarks, bars.tell)
+    _print(result, output)
+
+
+class _Bars:
+    """One progress bar per step, on stderr, where that is a terminal."""
+
+    def __init__(self) -> None:
+        self._progress: Any = None
+        self._tasks: dict[str, Any] = {}
+
+    def __enter__(self) -> _Bars:
+        if sys.stderr.isatty():
+            from rich.console import Console
+            from rich.progress import Progress
+
+            self._progress = Progress(console=Console(stderr=True))
+            self._progress.start()
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        if self._progress is not None:
+            self._progress.stop()
+
+    def tell(self, step: str, done: int, total: int) -> None:
+        if self._progress is None:
+            return
+        if step not in self._tasks:
+            self._tasks[step] = self._progress.add_task(step, total=total)
+        self._progress.update(self._tasks[step], completed=done)
+
+
+def _print(result: DemoResult, folder: Path) -> None:
+    calibration = result.calibration
+    held = calibration.held_out_epipolar_px
+    print_line(
+        f"calibrated from {len(calibration.used)} pairs: held-out row error "
+        f"{'unknown' if held is None else f'{held:.3f} px'}, baseline off by {result.baseline_error_mm:+.3f} mm"
+    )
+    print_line("")
+    print_line("pair  status         landmarks  position mm  heading deg  rotation deg")
+    for s in result.stations:
+        numbers = ["-" if v is None else f"{v:.3f}" for v in (s.position_mm, s.heading_deg, s.rotation_deg)]
+        print_line(f"{s.pair}  {s.status:13s}  {len(s.codes):9d}  {numbers[0]:>11s}  {numbers[1]:>11s}  {numbers[2]:>12s}")
+    found = sorted(s.position_mm for s in result.stations if s.position_mm is not None)
+    if found:
+        print_line("")
+        print_line(
+            f"located {len(found)} of {len(result.stations)} (simulated pictures): "
+            f"median position error {found[len(found) // 2]:.2f} mm, largest {found[-1]:.2f} mm"
+        )
+    print_line(f"see {folder / 'plan.png'}, {folder / 'overlays'}, {folder / 'calibration.html'}, {folder / 'prints'}")
