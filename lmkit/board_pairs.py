@@ -3,17 +3,20 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from contextlib import closing
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 
 import numpy as np
 
-from lmkit.arrays import ByteArray
 from lmkit.calibrate.problem import PairView
 from lmkit.detect.boards import detect_board, likelier_board, same_orientation
 from lmkit.errors import InputError
 from lmkit.formats.images import read_image
 from lmkit.model.board import BoardSpec
+from lmkit.model.observation import BoardObservation
+from lmkit.workers import map_in_processes
 
 SPEC_CHECK_PICTURES = 3
 MIN_COMMON_CORNERS = 6
@@ -61,44 +64,7 @@ def find_board_pairs(
     views: list[PairView] = []
     rejected: list[tuple[str, str]] = []
     size: tuple[int, int] | None = None
-    sample: list[ByteArray] = []
-    for done, (left_file, right_file) in enumerate(zip(left, right, strict=True), start=1):
-        name = left_file.stem
-        images = (read_image(left_file), read_image(right_file))
-        for file, image in zip((left_file, right_file), images, strict=True):
-            here = (image.shape[1], image.shape[0])
-            size = size or here
-            if here != size:
-                raise InputError(
-                    "sizes_differ",
-                    f"{file} is {here[0]} x {here[1]} pixels, the pictures before it {size[0]} x {size[1]}",
-                    "all pictures of both eyes must have the same size; set both cameras alike",
-                )
-        seen = [detect_board(image, board) for image in images]
-        # A sample for the check of the specification: found ones tell of a larger board.
-        if len(sample) < SPEC_CHECK_PICTURES:
-            sample.append(images[0])
-            if len(sample) == SPEC_CHECK_PICTURES:
-                _check_spec(sample, board)
-        on_pair(done, len(left))
-        if seen[0] is None or seen[1] is None:
-            where = "both pictures" if seen[0] is seen[1] else "the left picture" if seen[0] is None else "the right picture"
-            rejected.append((name, f"board not found in {where}"))
-            continue
-        if board.kind == "chessboard":
-            seen[1] = same_orientation(seen[0], seen[1])
-        if len(np.intersect1d(seen[0].ids, seen[1].ids)) < MIN_COMMON_CORNERS:
-            rejected.append((name, f"fewer than {MIN_COMMON_CORNERS} corners seen by both eyes"))
-            continue
-        views.append(PairView(name, seen[0].ids, seen[0].image_points, seen[1].ids, seen[1].image_points))
-    assert size is not None
-    if len(sample) < SPEC_CHECK_PICTURES:
-        _check_spec(sample, board)
-    files = {lf.stem: (lf, rf) for lf, rf in zip(left, right, strict=True)}
-    return BoardPairs(tuple(views), tuple(rejected), files, size)
-
-
-def _check_spec(sample: Sequence[ByteArray], board: BoardSpec) -> None:
+    sample = [read_image(file) for file in left[:SPEC_CHECK_PICTURES]]
     other = likelier_board(sample, board)
     if other is not None:
         raise InputError(
@@ -106,3 +72,40 @@ def _check_spec(sample: Sequence[ByteArray], board: BoardSpec) -> None:
             f"the pictures show a {other.columns}x{other.rows} chessboard, not {board.columns}x{board.rows}",
             f"give --board {other} (columns x rows count inner corners)",
         )
+    files = [file for pair in zip(left, right, strict=True) for file in pair]
+    with closing(map_in_processes(partial(_look, board=board), files)) as looked:
+        for done, (left_file, right_file) in enumerate(zip(left, right, strict=True), start=1):
+            name = left_file.stem
+            (size_left, seen_left), (size_right, seen_right) = next(looked), next(looked)
+            size = size or size_left
+            for file, here in ((left_file, size_left), (right_file, size_right)):
+                if here != size:
+                    raise InputError(
+                        "sizes_differ",
+                        f"{file} is {here[0]} x {here[1]} pixels, the pictures before it {size[0]} x {size[1]}",
+                        "all pictures of both eyes must have the same size; set both cameras alike",
+                    )
+            on_pair(done, len(left))
+            if seen_left is None or seen_right is None:
+                where = "left picture" if seen_right is not None else "right picture"
+                if seen_left is None and seen_right is None:
+                    where = "left and the right picture"
+                rejected.append((name, f"board not found in the {where}"))
+                continue
+            if board.kind == "chessboard":
+                seen_right = same_orientation(seen_left, seen_right)
+            if len(np.intersect1d(seen_left.ids, seen_right.ids)) < MIN_COMMON_CORNERS:
+                rejected.append((name, f"fewer than {MIN_COMMON_CORNERS} corners seen by both eyes"))
+                continue
+            views.append(
+                PairView(name, seen_left.ids, seen_left.image_points, seen_right.ids, seen_right.image_points)
+            )
+    assert size is not None
+    names = {lf.stem: (lf, rf) for lf, rf in zip(left, right, strict=True)}
+    return BoardPairs(tuple(views), tuple(rejected), names, size)
+
+
+def _look(file: Path, board: BoardSpec) -> tuple[tuple[int, int], BoardObservation | None]:
+    """(width, height) of a picture, and the board in it."""
+    image = read_image(file)
+    return (image.shape[1], image.shape[0]), detect_board(image, board)

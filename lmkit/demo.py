@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -30,6 +29,7 @@ from lmkit.model.pose import Pose, rotation_angle
 from lmkit.overlay import draw_axes, draw_landmarks, encode_jpeg, encode_png
 from lmkit.room_plan import draw_plan
 from lmkit.simulate.dataset import BOARD, Dataset, description_files, make_dataset, take_pictures
+from lmkit.workers import map_in_processes
 
 REPORT_PICTURES = 4
 
@@ -124,10 +124,9 @@ def _detect(
 ) -> list[tuple[list[LandmarkObservation], list[LandmarkObservation]]]:
     files = [folder / "drive" / eye / f"{k:04d}.png" for k in range(pairs) for eye in ("left", "right")]
     seen = []
-    with ProcessPoolExecutor() as pool:
-        for done, landmarks in enumerate(pool.map(_detect_file, files), start=1):
-            seen.append(landmarks)
-            progress("detecting", done, len(files))
+    for done, landmarks in enumerate(map_in_processes(_detect_file, files), start=1):
+        seen.append(landmarks)
+        progress("detecting", done, len(files))
     return [(seen[2 * k], seen[2 * k + 1]) for k in range(pairs)]
 
 

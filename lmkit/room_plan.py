@@ -78,7 +78,9 @@ class _Plan:
             for start, end in (((metre, 0), (metre, self.size_m[1])), ((0, metre), (self.size_m[0], metre))):
                 if start[0] < self.size_m[0] and start[1] < self.size_m[1]:
                     self.draw.line(
-                        (*self.at(np.array(start)), *self.at(np.array(end))), fill=(232, 234, 236), width=OVERSAMPLE
+                        (*self.at(np.array(start)), *self.at(np.array(end))),
+                        fill=(232, 234, 236),
+                        width=OVERSAMPLE,
                     )
 
     def landmark(self, pose: Pose, size_m: float, label: str) -> None:
@@ -116,9 +118,7 @@ class _Plan:
             self.draw.line((x, y, x + 26 * OVERSAMPLE, y), fill=color, width=5 * OVERSAMPLE)
             self.draw.text((x + 34 * OVERSAMPLE, y), text, INK, self.font(15), anchor="lm")
             x += 60 * OVERSAMPLE + self.draw.textlength(text, self.font(15))
-        self.draw.text(
-            (self.image.width - self.margin, y), "grid 1 m", (140, 144, 150), self.font(14), anchor="rm"
-        )
+        self.draw.text((self.image.width - self.margin, y), "grid 1 m", (140, 144, 150), self.font(14), anchor="rm")
 
     def png(self) -> bytes:
         size = (self.image.width // OVERSAMPLE, self.image.height // OVERSAMPLE)

@@ -76,9 +76,7 @@ class FitOptions:
 
 def warped(object_points: FloatArray, warp: FloatArray) -> FloatArray:
     """Object points of a board bowed by ``warp`` along its two axes (parabolas, zero at the rim)."""
-    return object_points + np.column_stack(
-        [np.zeros((len(object_points), 2)), _warp_shapes(object_points) @ warp]
-    )
+    return object_points + np.column_stack([np.zeros((len(object_points), 2)), _warp_shapes(object_points) @ warp])
 
 
 def _warp_shapes(object_points: FloatArray) -> FloatArray:
@@ -111,7 +109,7 @@ class StereoProblem:
     def residuals(self, s: Solution) -> list[tuple[FloatArray, FloatArray]]:
         """Per pair, observed minus projected pixels of the left (N,2) and right (M,2) picture."""
         board = warped(self.object_points, s.warp)
-        result = []
+        result: list[tuple[FloatArray, FloatArray]] = []
         for view, R, t in zip(self.views, s.rotations, s.translations, strict=True):
             left = s.left.project(board[view.ids_left] @ R.T + t)
             inside_right = (board[view.ids_right] @ R.T + t) @ s.R.T + s.t

@@ -28,7 +28,14 @@ def rectification(rig: StereoRig) -> Rectification:
     R, t = rig.T_right_left.R, rig.T_right_left.t.reshape(3, 1)
     if left.model == "fisheye":
         R1, R2, P1, P2, _ = cv2.fisheye.stereoRectify(
-            left.K, left.distortion, right.K, right.distortion, left.image_size, R, t, cv2.CALIB_ZERO_DISPARITY
+            left.K,
+            left.distortion,
+            right.K,
+            right.distortion,
+            left.image_size,
+            R,
+            t,
+            cv2.CALIB_ZERO_DISPARITY,
         )
     else:
         R1, R2, P1, P2, *_ = cv2.stereoRectify(

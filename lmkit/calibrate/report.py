@@ -66,12 +66,18 @@ def calibration_report(
 def _verdict(result: StereoCalibration) -> tuple[str, str]:
     error = result.held_out_epipolar_px
     if error is None:
-        return "poor", "Too few pairs to judge this calibration on pictures it has not seen. Take ten or more."
+        return (
+            "poor",
+            "Too few pairs to judge this calibration on pictures it has not seen. Take ten or more.",
+        )
     size = f"Rows of unseen pairs match to {error:.3f} px on average"
     if error <= GOOD_EPIPOLAR_PX:
         return "good", f"Good. {size}."
     if error <= FAIR_EPIPOLAR_PX:
-        return "fair", f"Usable. {size}; below {GOOD_EPIPOLAR_PX} px is what sharp pictures of a flat board reach."
+        return (
+            "fair",
+            f"Usable. {size}; below {GOOD_EPIPOLAR_PX} px is what sharp pictures of a flat board reach.",
+        )
     return "poor", f"Poor. {size}; expect wrong depth. See the warnings and the pairs with large errors."
 
 
@@ -107,12 +113,13 @@ def _residual_plots(result: StereoCalibration) -> str:
     at_left = np.concatenate([view.left for view in result.used])
     at_right = np.concatenate([view.right for view in result.used])
     size = result.rig.left.image_size
-    return (
-        "<h2>Residuals</h2><div class='grid'>"
-        f"<figure>{_scatter(left, right)}<figcaption>All residuals, px (left blue, right orange).</figcaption></figure>"
-        f"<figure>{_arrows(at_left, left, size)}<figcaption>Left eye, residuals 100 times enlarged.</figcaption></figure>"
-        f"<figure>{_arrows(at_right, right, size)}<figcaption>Right eye, the same.</figcaption></figure></div>"
+    figures = (
+        (_scatter(left, right), "All residuals, px (left blue, right orange)."),
+        (_arrows(at_left, left, size), "Left eye, residuals 100 times enlarged."),
+        (_arrows(at_right, right, size), "Right eye, the same."),
     )
+    body = "".join(f"<figure>{plot}<figcaption>{text}</figcaption></figure>" for plot, text in figures)
+    return f"<h2>Residuals</h2><div class='grid'>{body}</div>"
 
 
 def _scatter(left: FloatArray, right: FloatArray) -> str:

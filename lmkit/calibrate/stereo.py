@@ -106,8 +106,8 @@ def calibrate_stereo(
         warnings.append(
             CalibrationWarning(
                 "pairs_disagree",
-                f"{len(names)} of {len(views)} pairs show another relation of the two eyes than the rest: the rig was "
-                "moved, the pictures belong to different moments, or left and right are mixed up; take them again",
+                f"{len(names)} of {len(views)} pairs show another relation of the two eyes than the rest: "
+                "the rig was moved, the pictures belong to different moments, or left and right are mixed up; take them again",
                 names,
             )
         )
@@ -194,10 +194,11 @@ def _start_camera(
                 np.zeros((4, 1)),
                 flags=flags,
             )
-            return CameraModel(image_size, _plain(K), np.ravel(D), model)
+            return CameraModel(image_size, _plain(K), np.asarray(D, dtype=np.float64).ravel(), model)
         _, K, D, _, _ = cv2.calibrateCamera(objects, images, image_size, None, None, flags=cv2.CALIB_FIX_K3)
-        D = np.zeros(DISTORTION_COUNT[model])
-        return CameraModel(image_size, _plain(K), D, model)
+        distortion = np.asarray(D, dtype=np.float64).ravel()[:5]
+        padded = np.pad(distortion, (0, DISTORTION_COUNT[model] - len(distortion)))
+        return CameraModel(image_size, _plain(K), padded, model)
     except (cv2.error, ValueError):
         raise InputError(
             "no_start",
@@ -215,36 +216,53 @@ def _plain(K: np.ndarray) -> FloatArray:
     return np.array([[K[0, 0], 0, K[0, 2]], [0, K[1, 1], K[1, 2]], [0, 0, 1.0]])
 
 
-def _board_pose(camera: CameraModel, object_points: FloatArray, points: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """R, t of the board in one camera (IPPE, then refined)."""
+_PoseArrays = tuple[FloatArray, FloatArray]
+
+
+def _board_poses(camera: CameraModel, object_points: FloatArray, points: FloatArray) -> list[_PoseArrays]:
+    """R, t of the board in one camera, likelier one first: a small flat board may have a twin pose."""
     rays = camera.unproject(points)
     eye = np.eye(3)
-    _, rvec, tvec = cv2.solvePnP(object_points, rays, eye, None, flags=cv2.SOLVEPNP_IPPE)
-    rvec, tvec = cv2.solvePnPRefineLM(object_points, rays, eye, None, rvec, tvec)
-    return rotation_exp(np.ravel(rvec)), np.ravel(tvec)
+    _, rvecs, tvecs, _ = cv2.solvePnPGeneric(object_points, rays, eye, None, flags=cv2.SOLVEPNP_IPPE)
+    poses: list[_PoseArrays] = []
+    for rvec, tvec in zip(rvecs, tvecs, strict=True):
+        better = cv2.solvePnPRefineLM(object_points, rays, eye, None, rvec, tvec)
+        rvec, tvec = (np.asarray(vector, dtype=np.float64).ravel() for vector in better)
+        poses.append((rotation_exp(rvec), tvec))
+    return poses
 
 
 def _relations(
     object_points: FloatArray, views: Sequence[PairView], left: CameraModel, right: CameraModel
-) -> tuple[FloatArray, FloatArray]:
-    """T_right_left as each pair alone shows it: rotations (P,3,3) and translations (P,3)."""
-    rotations, translations = [], []
+) -> tuple[FloatArray, FloatArray, list[_PoseArrays]]:
+    """T_right_left as each pair alone shows it, (P,3,3) and (P,3), and T_left_board behind it.
+
+    Where an eye allows two poses, the pair takes those that agree best with the other pairs.
+    """
+    choices: list[list[tuple[FloatArray, FloatArray, _PoseArrays]]] = []
     for view in views:
-        Rl, tl = _board_pose(left, object_points[view.ids_left], view.left)
-        Rr, tr = _board_pose(right, object_points[view.ids_right], view.right)
-        rotations.append(Rr @ Rl.T)
-        translations.append(tr - Rr @ Rl.T @ tl)
-    return np.array(rotations), np.array(translations)
+        seen_left = _board_poses(left, object_points[view.ids_left], view.left)
+        seen_right = _board_poses(right, object_points[view.ids_right], view.right)
+        choices.append([(Rr @ Rl.T, tr - Rr @ Rl.T @ tl, (Rl, tl)) for Rl, tl in seen_left for Rr, tr in seen_right])
+    first = np.array([options[0][0] for options in choices])
+    middle = first[_medoid(first)]
+    nearest = [min(options, key=lambda c: rotation_angle(c[0] @ middle.T)) for options in choices]
+    return np.array([c[0] for c in nearest]), np.array([c[1] for c in nearest]), [c[2] for c in nearest]
+
+
+def _medoid(rotations: FloatArray) -> int:
+    """The rotation whose median angle to the others is least."""
+    between = np.array([[rotation_angle(a @ b.T) for b in rotations] for a in rotations])
+    return int(np.median(between, axis=1).argmin())
 
 
 def _consensus(
     object_points: FloatArray, views: Sequence[PairView], left: CameraModel, right: CameraModel
 ) -> tuple[list[PairView], list[tuple[PairView, float, float]]]:
     """Pairs that agree with the rotation most others show, and the rest with how far they are off."""
-    rotations, translations = _relations(object_points, views, left, right)
-    between = np.array([[rotation_angle(a @ b.T) for b in rotations] for a in rotations])
-    centre = int(np.median(between, axis=1).argmin())
-    off = np.rad2deg(between[centre])
+    rotations, translations, _ = _relations(object_points, views, left, right)
+    middle = rotations[_medoid(rotations)]
+    off = np.rad2deg([rotation_angle(R @ middle.T) for R in rotations])
     limit = max(CONSENSUS_DEG, CONSENSUS_SIGMA * float(np.median(off)) / 0.6745)
     shift = np.linalg.norm(translations - np.median(translations[off <= limit], axis=0), axis=1) * 1000
     kept = [view for view, degrees in zip(views, off, strict=True) if degrees <= limit]
@@ -253,11 +271,10 @@ def _consensus(
 
 
 def _fit(object_points: FloatArray, views: Sequence[PairView], left: CameraModel, right: CameraModel) -> Solution:
-    rotations, translations = _relations(object_points, views, left, right)
-    middle = rotations[0]
+    rotations, translations, poses = _relations(object_points, views, left, right)
+    middle = rotations[_medoid(rotations)]
     for _ in range(5):
         middle = rotation_exp(np.median([rotation_log(R @ middle.T) for R in rotations], axis=0)) @ middle
-    poses = [_board_pose(left, object_points[v.ids_left], v.left) for v in views]
     start = Solution(
         left,
         right,

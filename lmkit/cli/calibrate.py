@@ -42,7 +42,11 @@ def run(
             check_writable(path, force)
     left_files, right_files = list_pictures(left), list_pictures(right)
     ticks = progress(iter(lambda: 0, 1), len(left_files), "finding the board")
-    pairs = find_board_pairs(left_files, right_files, spec, lambda done, total: next(ticks, None))
+
+    def on_pair(done: int, total: int) -> None:
+        next(ticks, None)
+
+    pairs = find_board_pairs(left_files, right_files, spec, on_pair)
     result = calibrate_stereo(pairs.views, spec, pairs.image_size, model, pairs.rejected)
     if output is not None:
         write_file(output, rig_to_yaml(result.rig), force)
@@ -81,7 +85,8 @@ def _print(result: StereoCalibration, output: Path | None, report: Path | None) 
     print_line(f"pairs used             {len(result.used)}, rejected {len(result.rejected)}")
     print_line(f"held-out row error     {'unknown' if held is None else f'{held:.3f} px'}")
     print_line(
-        f"reprojection error     {result.rms_px:.3f} px (left {result.rms_left_px:.3f}, right {result.rms_right_px:.3f})"
+        f"reprojection error     {result.rms_px:.3f} px "
+        f"(left {result.rms_left_px:.3f}, right {result.rms_right_px:.3f})"
     )
     print_line(f"baseline               {result.rig.baseline_m * 1e3:.3f} ± {result.baseline_sigma_m * 1e3:.3f} mm")
     for name, reason in result.rejected:

@@ -79,7 +79,9 @@ def _print(result: DemoResult, folder: Path) -> None:
     print_line("pair  status         landmarks  position mm  heading deg  rotation deg")
     for s in result.stations:
         numbers = ["-" if v is None else f"{v:.3f}" for v in (s.position_mm, s.heading_deg, s.rotation_deg)]
-        print_line(f"{s.pair}  {s.status:13s}  {len(s.codes):9d}  {numbers[0]:>11s}  {numbers[1]:>11s}  {numbers[2]:>12s}")
+        print_line(
+            f"{s.pair}  {s.status:13s}  {len(s.codes):9d}  {numbers[0]:>11s}  {numbers[1]:>11s}  {numbers[2]:>12s}"
+        )
     found = sorted(s.position_mm for s in result.stations if s.position_mm is not None)
     if found:
         print_line("")
@@ -87,4 +89,6 @@ def _print(result: DemoResult, folder: Path) -> None:
             f"located {len(found)} of {len(result.stations)} (simulated pictures): "
             f"median position error {found[len(found) // 2]:.2f} mm, largest {found[-1]:.2f} mm"
         )
-    print_line(f"see {folder / 'plan.png'}, {folder / 'overlays'}, {folder / 'calibration.html'}, {folder / 'prints'}")
+    print_line(
+        f"see {folder / 'plan.png'}, {folder / 'overlays'}, {folder / 'calibration.html'}, {folder / 'prints'}"
+    )

@@ -57,7 +57,9 @@ def run(
         raise InputError(first.code, first.message + more, first.hint)
     if found == 0:
         raise NegativeAnswer(
-            "nothing_found", f"no landmark in {count} pictures", "check light, focus and distance: 15 px a side and more"
+            "nothing_found",
+            f"no landmark in {count} pictures",
+            "check light, focus and distance: 15 px a side and more",
         )
 
 

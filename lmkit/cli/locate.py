@@ -92,7 +92,9 @@ def run(
         raise InputError(failed[0].code, failed[0].message + more, failed[0].hint)
     if located == 0:
         raise NegativeAnswer(
-            "not_located", f"no pose from {len(lefts)} pictures", "check that landmarks of the map are in view"
+            "not_located",
+            f"no pose from {len(lefts)} pictures",
+            "check that landmarks of the map are in view",
         )
 
 

@@ -11,7 +11,6 @@ from lmkit.detect.decode import InkSolver, all_hypotheses, frame_selection, patt
 from lmkit.detect.pattern import INKS, QUARTERS, frame_and_pattern_columns
 from lmkit.detect.refine import CORRELATED_PIXELS, Pixels, Registrar, Registration
 
-
 MARGIN_PER_NAT = 3.0
 PART_TOLERANCE = 0.08  # uneven print and light: a part may differ so much from white or blue
 
@@ -151,9 +150,7 @@ def read_square(registrar: Registrar, registration: Registration, pixels: Pixels
     )
 
 
-def _fit_parts(
-    columns: FloatArray, pixels: Pixels, inks: FloatArray, quarter: int
-) -> tuple[FloatArray, FloatArray]:
+def _fit_parts(columns: FloatArray, pixels: Pixels, inks: FloatArray, quarter: int) -> tuple[FloatArray, FloatArray]:
     """Brightness of every white part on its own, 0 like the ground and 1 like the white, and sigmas.
 
     A sign with other shapes in a red frame can be fitted by some code, but its parts then come out

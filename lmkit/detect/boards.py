@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Sequence
 
 import cv2
@@ -34,28 +35,72 @@ def detect_board(image: ByteArray, board: BoardSpec) -> BoardObservation | None:
 def likelier_board(images: Sequence[ByteArray], board: BoardSpec) -> BoardSpec | None:
     """Another chessboard size that fits the pictures better than ``board``, or None.
 
-    A board given too small is found inside the true one without complaint, so larger ones are
-    tried where it was found, and neighbouring sizes where it was not.
+    A board given too small is found inside the true one without complaint, so the squares are
+    followed beyond the corners found; where none was found, neighbouring sizes are tried.
     """
-    if board.kind != "chessboard" or not images:
+    if board.kind != "chessboard":
         return None
-    columns, rows = board.inner_corners
     greys = [np.asarray(cv2.cvtColor(image, cv2.COLOR_BGR2GRAY), dtype=np.uint8) for image in images]
-    sizes = [
-        (columns + dc, rows + dr)
-        for dc in range(3, -4, -1)
-        for dr in range(3, -4, -1)
-        if (dc, dr) != (0, 0) and min(columns + dc, rows + dr) >= 3
-    ]
-    found_here = sum(_find_chessboard(grey, (columns, rows)) is not None for grey in greys)
-    if 2 * found_here > len(greys):
-        sizes = [(c, r) for c, r in sizes if c >= columns and r >= rows]
-    # Larger sizes come first: a smaller board hides in a larger one, never the other way round.
-    for size in sorted(sizes, key=lambda s: -s[0] * s[1]):
-        first_found = _find_chessboard(greys[0], size) is not None
-        if first_found and 2 * sum(_find_chessboard(g, size) is not None for g in greys) > len(greys):
-            return BoardSpec(board.kind, size[0], size[1], board.square_mm)
+    columns, rows = board.inner_corners
+    grown: list[tuple[int, int]] = []
+    for grey in greys:
+        corners = _find_chessboard(grey, (columns, rows))
+        if corners is not None:
+            more_columns, more_rows = _squares_beyond(grey, corners.reshape(rows, columns, 2))
+            grown.append((columns + more_columns, rows + more_rows))
+    if grown:
+        size = Counter(grown).most_common(1)[0][0]
+        return None if size == (columns, rows) else _resized(board, size)
+    near = [(columns + dc, rows + dr) for dc in range(2, -3, -1) for dr in range(2, -3, -1)]
+    # Larger sizes first: a smaller board hides in a larger one, never the other way round.
+    for size in sorted(near, key=lambda s: -s[0] * s[1]):
+        if min(size) >= 3 and any(_find_chessboard(grey, size, thorough=False) is not None for grey in greys):
+            return _resized(board, size)
     return None
+
+
+def _resized(board: BoardSpec, size: tuple[int, int]) -> BoardSpec:
+    return BoardSpec(board.kind, size[0], size[1], board.square_mm)
+
+
+def _squares_beyond(grey: ByteArray, grid: FloatArray) -> tuple[int, int]:
+    """How many more columns and rows of inner corners lie around the (R,C,2) grid found."""
+    beyond = [0, 0]
+    for axis in (0, 1):
+        for side in (False, True):
+            lines = grid if axis == 0 else grid.transpose(1, 0, 2)
+            lines = lines[::-1] if side else lines
+            while beyond[1 - axis] < 8:
+                # The next line of corners, where the last three lead to (equal steps, slowly changing).
+                following = 3 * lines[0] - 3 * lines[1] + lines[2]
+                if not _are_saddles(grey, following, lines[0], lines[1]):
+                    break
+                beyond[1 - axis] += 1
+                lines = np.concatenate([following[None], lines])
+    return beyond[0], beyond[1]
+
+
+def _are_saddles(grey: ByteArray, points: FloatArray, near: FloatArray, nearer: FloatArray) -> bool:
+    """Do four squares meet at most of ``points``, as they do at the corners of the line before?"""
+
+    def saddle(at: FloatArray, step: FloatArray) -> FloatArray:
+        along = np.gradient(at, axis=0)
+        quadrants = [at + 0.3 * (u * along + v * step) for u, v in ((1, 1), (-1, 1), (-1, -1), (1, -1))]
+        maps = np.array(quadrants, dtype=np.float32)
+        a, b, c, d = cv2.remap(
+            grey, maps[:, :, 0], maps[:, :, 1], cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE
+        ).astype(np.float64)
+        # Opposite quadrants alike, neighbours unlike.
+        return np.asarray((a + c - b - d) / 2 - np.maximum(np.abs(a - c), np.abs(b - d)) * np.sign(a + c - b - d) / 2)
+
+    height, width = grey.shape
+    if ((points < 2) | (points > np.array([width, height]) - 3)).any():
+        return False
+    known = saddle(near, near - nearer)
+    here = saddle(points, points - near)
+    alternating = np.sign(here[1:]) == -np.sign(here[:-1])
+    strong = np.abs(here) > 0.4 * np.median(np.abs(known))
+    return bool(strong.mean() > 0.8 and alternating.mean() > 0.8)
 
 
 def same_orientation(left: BoardObservation, right: BoardObservation) -> BoardObservation:
@@ -71,8 +116,10 @@ def same_orientation(left: BoardObservation, right: BoardObservation) -> BoardOb
     return BoardObservation(right.ids, right.image_points[::-1].copy())
 
 
-def _find_chessboard(grey: ByteArray, size: tuple[int, int]) -> FloatArray | None:
-    flags = cv2.CALIB_CB_NORMALIZE_IMAGE | cv2.CALIB_CB_EXHAUSTIVE | cv2.CALIB_CB_ACCURACY
+def _find_chessboard(grey: ByteArray, size: tuple[int, int], thorough: bool = True) -> FloatArray | None:
+    flags = cv2.CALIB_CB_NORMALIZE_IMAGE
+    if thorough:
+        flags |= cv2.CALIB_CB_EXHAUSTIVE | cv2.CALIB_CB_ACCURACY
     found, corners = cv2.findChessboardCornersSB(grey, size, flags=flags)
     if not found or corners is None:
         return None

@@ -110,7 +110,13 @@ class LandmarkPattern:
 
     @staticmethod
     def _beside_ray(
-        x: FloatArray, y: FloatArray, sxx: FloatArray, sxy: FloatArray, syy: FloatArray, angle_deg: float, side: float
+        x: FloatArray,
+        y: FloatArray,
+        sxx: FloatArray,
+        sxy: FloatArray,
+        syy: FloatArray,
+        angle_deg: float,
+        side: float,
     ) -> FloatArray:
         """Share on the clockwise (side = 1) or the other side (-1) of the ray at ``angle_deg``."""
         a = np.deg2rad(angle_deg)

@@ -11,7 +11,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from lmkit.arrays import Float32Array, FloatArray, IntArray
+from lmkit.arrays import Float32Array, FloatArray
 from lmkit.detect.decode import all_hypotheses, solve_inks
 from lmkit.detect.pattern import LandmarkPattern
 from lmkit.model.homography import homographies_from_points, homography_from_points, transform_points
@@ -49,7 +49,7 @@ class Picture:
     @property
     def half_width(self) -> float:
         """Half of the picture's width, px."""
-        return self.linear.shape[1] / 2
+        return float(self.linear.shape[1] / 2)
 
 
 @dataclass(frozen=True)
@@ -127,9 +127,7 @@ def take_pixels(picture: Picture, registration: Registration, family: LandmarkFa
         return None
     y, x = np.mgrid[y0:y1, x0:x1]
     at = np.column_stack([x.ravel(), y.ravel()]).astype(np.float64)
-    plane = transform_points(
-        np.linalg.inv(H), unbend(at, registration.bend, picture.centre, picture.half_width)
-    )
+    plane = transform_points(np.linalg.inv(H), unbend(at, registration.bend, picture.centre, picture.half_width))
     at = at[(np.abs(plane) < reach).all(axis=1)]
     if len(at) < 40:
         return None
@@ -231,7 +229,9 @@ class Registrar:
         misfit = np.sqrt(np.mean((pixels.values - design @ inks) ** 2, axis=1) / variance)
         scale = 2.5 * max(float(np.median(misfit)), 1e-6)
         return replace(
-            pixels, variance=variance * (1 + (misfit / scale) ** 2), prior_weight=float(np.median(misfit**2)) / 0.79
+            pixels,
+            variance=variance * (1 + (misfit / scale) ** 2),
+            prior_weight=float(np.median(misfit**2)) / 0.79,
         )
 
     def with_covariance(
@@ -262,7 +262,9 @@ class Registrar:
         J[:, 8] = (moved - corners).ravel() / delta
         return corners, J @ registration.covariance @ J.T
 
-    def points_and_spread(self, registration: Registration, at: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+    def points_and_spread(
+        self, registration: Registration, at: FloatArray
+    ) -> tuple[FloatArray, FloatArray, FloatArray]:
         """(N,2) positions in the landmark's plane, (N,3) point spread there, (N,2,2) d plane / d pixel."""
         H = homography_from_points(self.family.corners_mm, registration.corners)
         inverse = np.linalg.inv(H)

@@ -15,7 +15,7 @@ import cv2
 import numpy as np
 
 from lmkit.arrays import Float32Array, FloatArray, IntArray
-from lmkit.detect.decode import InkSolver, all_hypotheses, frame_selection, pattern_selections, red_over_blue
+from lmkit.detect.decode import InkSolver, frame_selection, pattern_selections, red_over_blue
 from lmkit.detect.pattern import LandmarkPattern, frame_and_pattern_columns
 from lmkit.model.homography import homographies_from_points
 from lmkit.model.landmark import LandmarkFamily
@@ -97,9 +97,7 @@ def screen_candidates(pyramid: list[Float32Array], quads: FloatArray, family: La
     return align_candidates(pyramid, quads, family, rounds=0)
 
 
-def align_candidates(
-    pyramid: list[Float32Array], quads: FloatArray, family: LandmarkFamily, rounds: int
-) -> Screened:
+def align_candidates(pyramid: list[Float32Array], quads: FloatArray, family: LandmarkFamily, rounds: int) -> Screened:
     """Move the corners of all candidates ``rounds`` times towards a better fit, then score them."""
     quads = quads[_well_shaped(quads)]
     pattern = np.zeros(len(quads))
@@ -114,7 +112,7 @@ def align_candidates(
             if len(chosen) == 0:
                 continue
             design = _design(family, spread)
-            pattern[chosen], coefficients, projections = _read(samples[chosen], design, family)
+            pattern[chosen], coefficients = _read(samples[chosen], design, family)
             if turn < rounds:
                 moved[chosen] = _corner_moves(samples[chosen], coefficients, design)
         if turn < rounds:
@@ -137,10 +135,8 @@ def _level_and_step(
     return level, np.abs(np.log(np.array(SPREAD_STEPS_MM)[:, None] / spread_mm)).argmin(axis=0)
 
 
-def _read(
-    samples: FloatArray, design: _Design, family: LandmarkFamily
-) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """For (N,K,3) samples: pattern share (N,), coefficients of the columns (N,C,3), C'Y (C,N,3)."""
+def _read(samples: FloatArray, design: _Design, family: LandmarkFamily) -> tuple[FloatArray, FloatArray]:
+    """For (N,K,3) samples: pattern share (N,), coefficients of the columns (N,C,3)."""
     n, count, _ = samples.shape
     projections = (design.columns.T @ samples.transpose(1, 0, 2).reshape(count, n * 3)).reshape(-1, n, 3)
     energy = np.sum(samples**2, axis=(1, 2))
@@ -154,7 +150,7 @@ def _read(
     bright = inks.mean(axis=2)
     white_on_dark = bright[:, 0] > WHITE_OVER_DARK * np.maximum(bright[:, 1], bright[:, 2])
     fair = white_on_dark & (red_over_blue(inks) > RED_OVER_BLUE)
-    return np.where(fair, pattern, 0.0), pattern_selections(family)[best] @ inks, projections
+    return np.where(fair, pattern, 0.0), pattern_selections(family)[best] @ inks
 
 
 def _corner_moves(samples: FloatArray, coefficients: FloatArray, design: _Design) -> FloatArray:
@@ -180,10 +176,7 @@ def _design(family: LandmarkFamily, spread_mm: float) -> _Design:
     columns = frame_and_pattern_columns(pattern, points, spread)
     delta = 0.05
     slopes = np.stack(
-        [
-            (frame_and_pattern_columns(pattern, points + e, spread) - columns) / delta
-            for e in np.eye(2) * delta
-        ],
+        [(frame_and_pattern_columns(pattern, points + e, spread) - columns) / delta for e in np.eye(2) * delta],
         axis=2,
     )  # (K,C,2)
     # How a point of the plane moves with each corner coordinate.

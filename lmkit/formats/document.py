@@ -28,7 +28,7 @@ class _UniqueKeyLoader(yaml.SafeLoader):
     def construct_mapping(self, node: yaml.MappingNode, deep: bool = False) -> dict[Hashable, Any]:
         seen = set()
         for key_node, _ in node.value:
-            key = self.construct_object(key_node, deep=True)  # type: ignore[no-untyped-call]
+            key = self.construct_object(key_node, deep=True)
             if not isinstance(key, str):
                 raise yaml.constructor.ConstructorError(None, None, f"key {key!r} is not a word", key_node.start_mark)
             if key in seen:
@@ -51,7 +51,9 @@ def read_text(path: Path, what: str) -> str:
         return path.read_text(encoding="utf-8")
     except OSError as error:
         raise InputError(
-            "file_unreadable", f"cannot read {what} {path}: {error.strerror}", "check the path and its permissions"
+            "file_unreadable",
+            f"cannot read {what} {path}: {error.strerror}",
+            "check the path and its permissions",
         ) from None
     except UnicodeDecodeError:
         raise InputError("not_text", f"{path}: not a text file", f"give a {what}") from None

@@ -42,7 +42,9 @@ def read_image(path: Path) -> ByteArray:
         data = path.read_bytes()
     except OSError as error:
         raise InputError(
-            "file_unreadable", f"cannot read picture {path}: {error.strerror}", "check the path and its permissions"
+            "file_unreadable",
+            f"cannot read picture {path}: {error.strerror}",
+            "check the path and its permissions",
         ) from None
     return decode_image(data, str(path))
 
@@ -59,10 +61,12 @@ def decode_image(data: bytes, name: str) -> ByteArray:
         with warnings.catch_warnings():
             # The size is judged right below, by our own cap.
             warnings.simplefilter("ignore", Image.DecompressionBombWarning)
-            picture = Image.open(io.BytesIO(data))
+            picture: Image.Image = Image.open(io.BytesIO(data))
     except (UnidentifiedImageError, Image.DecompressionBombError, OSError, ValueError, SyntaxError):
         raise InputError(
-            "not_an_image", f"{name}: not a picture that can be read", "give PNG, JPEG, TIFF, BMP, WebP or PNM"
+            "not_an_image",
+            f"{name}: not a picture that can be read",
+            "give PNG, JPEG, TIFF, BMP, WebP or PNM",
         ) from None
     width, height = picture.size
     if width * height > MAX_PIXELS:

@@ -40,7 +40,9 @@ def list_pictures(where: str) -> list[Path]:
     if path.is_dir():
         found = sorted(p for p in path.iterdir() if p.suffix.lower() in SUFFIXES and not p.name.startswith("."))
         if not found:
-            raise InputError("no_pictures", f"folder {where} holds no pictures", f"kinds: {', '.join(sorted(SUFFIXES))}")
+            raise InputError(
+                "no_pictures", f"folder {where} holds no pictures", f"kinds: {', '.join(sorted(SUFFIXES))}"
+            )
         return found
     if path.exists():
         return [path]
@@ -94,5 +96,7 @@ def _video_frames(path: Path) -> Iterator[Frame]:
         video.release()
     if count == 0:
         yield Frame(
-            str(path), None, InputError("bad_video", f"{path}: no frame can be read", "give MP4, AVI, MOV, MKV or WebM")
+            str(path),
+            None,
+            InputError("bad_video", f"{path}: no frame can be read", "give MP4, AVI, MOV, MKV or WebM"),
         )

@@ -78,7 +78,9 @@ def load_template(name_or_file: str) -> PageTemplate:
     if not path.is_file():
         known = ", ".join(sorted(p.stem for p in templates_folder().glob("*.toml")))
         raise InputError(
-            "unknown_template", f"there is no template {name_or_file!r}", f"known: {known}; or give a .toml file"
+            "unknown_template",
+            f"there is no template {name_or_file!r}",
+            f"known: {known}; or give a .toml file",
         )
     try:
         return PageTemplate.model_validate(tomllib.loads(path.read_text(encoding="utf-8")))

@@ -5,9 +5,9 @@ from __future__ import annotations
 import cv2
 import numpy as np
 
+from lmkit.formats.template import PAPERS_MM
 from lmkit.generate.artwork import FilledPath
 from lmkit.generate.page import GREY, Page, Text, rectangle
-from lmkit.formats.template import PAPERS_MM
 from lmkit.model.board import BoardSpec
 from lmkit.model.charuco import charuco_board, charuco_dictionary
 from lmkit.model.palette import BLACK, WHITE
@@ -61,7 +61,10 @@ def _charuco_items(board: BoardSpec, x0: float, y0: float) -> list[FilledPath | 
     ids = iter(range(len(cv_board.getIds())))
     object_points = [np.asarray(p) for p in cv_board.getObjPoints()]
     white_squares = {
-        (round(float(p[0, 1]) * 1000 / square - rim / square), round(float(p[0, 0]) * 1000 / square - rim / square))
+        (
+            round(float(p[0, 1]) * 1000 / square - rim / square),
+            round(float(p[0, 0]) * 1000 / square - rim / square),
+        )
         for p in object_points
     }
     for row in range(rows):

@@ -8,8 +8,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from lmkit.errors import InputError
-from lmkit.generate.artwork import Command, FilledPath, Point, landmark_artwork, polygon_commands
 from lmkit.formats.template import PageTemplate
+from lmkit.generate.artwork import Command, FilledPath, Point, landmark_artwork, polygon_commands
 from lmkit.model.landmark import LandmarkFamily
 from lmkit.model.palette import BLACK, Rgb
 
@@ -45,9 +45,7 @@ class Page:
     title: str
 
 
-def compose_landmark_page(
-    family: LandmarkFamily, code: int, size_mm: float, template: PageTemplate
-) -> Page:
+def compose_landmark_page(family: LandmarkFamily, code: int, size_mm: float, template: PageTemplate) -> Page:
     """One landmark on one sheet, with rulers on both axes and a label.
 
     Raises:
@@ -74,12 +72,14 @@ def compose_landmark_page(
         items += _ruler(template.rulers.vertical_mm, vertical=True)
     if template.label is not None:
         x, y = template.label.at_mm
+        span = f"{size_mm:g} mm over the red border's outer edges"
+        check = f"Print at 100 %, without fitting to the page: both rulers must measure {RULER_MM} mm."
         lines = (
             (f"code {code}", 9.0, BLACK, True),
-            (f"lmkit {family.name} v{family.version}, {size_mm:g} mm over the red border's outer edges", 4.2, BLACK, False),
-            (f"Print at 100 %, without fitting to the page: both rulers must measure {RULER_MM} mm.", 3.6, GREY, False),
+            (f"lmkit {family.name} v{family.version}, {span}", 4.2, BLACK, False),
+            (check, 3.6, GREY, False),
             ("Keep the white margin. Mount flat, with the triangle pointing up.", 3.6, GREY, False),
-        )  # fmt: skip
+        )
         for content, text_height, color, bold in lines:
             y += text_height * 1.45
             items.append(Text((x, y), content, text_height, color=color, bold=bold))

@@ -27,9 +27,7 @@ def _color(rgb: tuple[int, int, int]) -> str:
 
 
 def _path(shape: FilledPath) -> str:
-    d = " ".join(
-        command[0] + " ".join(f"{x:.5f},{y:.5f}" for x, y in command[1:]) for command in shape.commands
-    )
+    d = " ".join(command[0] + " ".join(f"{x:.5f},{y:.5f}" for x, y in command[1:]) for command in shape.commands)
     return f'<path class="{shape.role}" fill="{_color(shape.color)}" fill-rule="evenodd" d="{d}"/>'
 
 

@@ -134,7 +134,9 @@ def _locate(eyes: Sequence[_Eye], landmarks: LandmarkMap, options: LocateOptions
         covariance=_covariance(best, inliers),
         inlier_codes=tuple(sorted(explained)),
         outlier_codes=tuple(sorted(codes - explained)),
-        alternatives=tuple((Pose("map", "camera", pose.R, pose.p), ratio) for pose, ratio in ratios[:3] if ratio < 25),
+        alternatives=tuple(
+            (Pose("map", "camera", pose.R, pose.p), ratio) for pose, ratio in ratios[:3] if ratio < 25
+        ),
         reprojection_error_px=float(np.sqrt(squared.reshape(-1, 2).sum(axis=1).mean())),
     )
 
@@ -162,9 +164,7 @@ def _hypotheses(sightings: Sequence[_Sighting]) -> list[tuple[_Camera, _Sighting
     for s in sightings:
         object_points = family_named(s.landmark.family).object_points(s.landmark.size_m)
         rays = s.camera.unproject(s.observation.corners).reshape(4, 1, 2)
-        _, rvecs, tvecs, _ = cv2.solvePnPGeneric(
-            object_points, rays, np.eye(3), None, flags=cv2.SOLVEPNP_IPPE_SQUARE
-        )
+        _, rvecs, tvecs, _ = cv2.solvePnPGeneric(object_points, rays, np.eye(3), None, flags=cv2.SOLVEPNP_IPPE_SQUARE)
         T = s.landmark.T_map_landmark
         for rvec, tvec in zip(rvecs, tvecs, strict=True):
             # x_eye = R x_landmark + t, and x_eye = R_eye x_left + t_eye.

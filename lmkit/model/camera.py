@@ -82,10 +82,10 @@ class CameraModel:
         if self.model == "fisheye":
             pixels, jacobian = cv2.fisheye.projectPoints(xyz, zero, zero, self.K, self.distortion)
             J = np.asarray(jacobian, dtype=np.float64).reshape(-1, 2, 15)
-            return np.asarray(pixels).reshape(-1, 2), J[:, :, 11:14], J[:, :, :8]
+            return np.asarray(pixels, dtype=np.float64).reshape(-1, 2), J[:, :, 11:14], J[:, :, :8]
         pixels, jacobian = cv2.projectPoints(xyz, zero, zero, self.K, self.distortion)
         J = np.asarray(jacobian, dtype=np.float64).reshape(len(xyz), 2, -1)
-        return np.asarray(pixels).reshape(-1, 2), J[:, :, 3:6], J[:, :, 6 : 10 + count]
+        return np.asarray(pixels, dtype=np.float64).reshape(-1, 2), J[:, :, 3:6], J[:, :, 6 : 10 + count]
 
     def unproject(self, pixels: FloatArray) -> FloatArray:
         """(N,2) pixels -> (N,2) normalised coordinates x/z, y/z of the rays, without distortion."""

@@ -17,7 +17,9 @@ def charuco_dictionary(board: BoardSpec) -> cv2.aruco.Dictionary:
     number = getattr(cv2.aruco, board.dictionary, None) if board.dictionary.startswith("DICT_") else None
     if not isinstance(number, int):
         known = ", ".join(sorted(n for n in dir(cv2.aruco) if n.startswith("DICT_")))
-        raise InputError("unknown_dictionary", f"there is no marker dictionary {board.dictionary!r}", f"known: {known}")
+        raise InputError(
+            "unknown_dictionary", f"there is no marker dictionary {board.dictionary!r}", f"known: {known}"
+        )
     return cv2.aruco.getPredefinedDictionary(number)
 
 

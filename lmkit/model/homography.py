@@ -16,7 +16,7 @@ def homography_from_points(source: FloatArray, target: FloatArray) -> FloatArray
     Raises:
         numpy.linalg.LinAlgError: three points lie on a line.
     """
-    return homographies_from_points(source, target[None])[0]
+    return np.asarray(homographies_from_points(source, target[None])[0])
 
 
 def homographies_from_points(source: FloatArray, targets: FloatArray) -> FloatArray:

@@ -109,7 +109,7 @@ def rotation_exp(rvec: FloatArray) -> FloatArray:
     W = skew(rvec)
     if angle < 1e-8:
         return orthonormal(np.eye(3) + W)
-    return np.eye(3) + np.sin(angle) / angle * W + (1 - np.cos(angle)) / angle**2 * (W @ W)
+    return np.asarray(np.eye(3) + np.sin(angle) / angle * W + (1 - np.cos(angle)) / angle**2 * (W @ W))
 
 
 def rotation_log(R: FloatArray) -> FloatArray:
@@ -118,7 +118,7 @@ def rotation_log(R: FloatArray) -> FloatArray:
     length = float(np.linalg.norm(q[:3]))
     if length < 1e-12:
         return 2 * q[:3]
-    return q[:3] * (2 * np.arctan2(length, q[3]) / length)
+    return np.asarray(q[:3] * (2 * np.arctan2(length, q[3]) / length))
 
 
 def rotation_angle(R: FloatArray) -> float:
@@ -129,7 +129,7 @@ def rotation_angle(R: FloatArray) -> float:
 def quaternion_to_matrix(q: FloatArray) -> FloatArray:
     """(3,3) rotation of a unit quaternion x y z w."""
     v, w = q[:3], q[3]
-    return (w * w - v @ v) * np.eye(3) + 2 * np.outer(v, v) + 2 * w * skew(v)
+    return np.asarray((w * w - v @ v) * np.eye(3) + 2 * np.outer(v, v) + 2 * w * skew(v))
 
 
 def matrix_to_quaternion(R: FloatArray) -> FloatArray:
@@ -147,7 +147,7 @@ def matrix_to_quaternion(R: FloatArray) -> FloatArray:
     )
     q = products[int(np.argmax(squares))]
     q = q / np.linalg.norm(q)
-    return -q if q[3] < 0 else q
+    return np.asarray(-q if q[3] < 0 else q)
 
 
 def orthonormal(R: FloatArray) -> FloatArray:

@@ -4,9 +4,8 @@ from __future__ import annotations
 
 import json
 from collections.abc import Iterator
-from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass
-from pathlib import Path
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -20,6 +19,7 @@ from lmkit.model.pose import Pose
 from lmkit.model.stereo_rig import StereoRig
 from lmkit.simulate.photograph import Exposure, photograph
 from lmkit.simulate.scene import Scene, board_panel, board_poses, drive, make_rig, make_room, studio
+from lmkit.workers import map_in_processes
 
 BOARD = BoardSpec("chessboard", 9, 6, 25.0)
 
@@ -53,31 +53,21 @@ def take_pictures(data: Dataset) -> Iterator[tuple[str, ByteArray]]:
     """(relative file name, BGR picture) of all pairs, on as many processes as there are cores."""
     jobs = [("drive", k, eye) for k in range(len(data.poses)) for eye in ("left", "right")]
     jobs += [("boards", k, eye) for k in range(len(data.boards)) for eye in ("left", "right")]
-    with ProcessPoolExecutor(initializer=_begin, initargs=(data,)) as pool:
-        yield from pool.map(_take, jobs, chunksize=2)
+    yield from map_in_processes(partial(_take, data), jobs)
 
 
-_data: Dataset | None = None
-
-
-def _begin(data: Dataset) -> None:
-    global _data
-    _data = data
-
-
-def _take(job: tuple[str, int, str]) -> tuple[str, ByteArray]:
-    assert _data is not None
+def _take(data: Dataset, job: tuple[str, int, str]) -> tuple[str, ByteArray]:
     what, index, eye = job
-    camera, T_eye_left = _eye(_data.rig, eye)
-    rng = np.random.default_rng([_data.seed, index, int(eye == "right"), int(what == "boards")])
+    camera, T_eye_left = _eye(data.rig, eye)
+    rng = np.random.default_rng([data.seed, index, int(eye == "right"), int(what == "boards")])
     if what == "drive":
-        scene, T_map_left = _data.scene, _data.poses[index]
+        scene, T_map_left = data.scene, data.poses[index]
     else:
-        pose = _data.boards[index]
+        pose = data.boards[index]
         scene = studio([board_panel(BOARD, Pose("map", "board", pose.R, pose.t))])
         T_map_left = Pose.identity("map", "camera")
     T_map_eye = T_map_left @ Pose("camera", "camera", T_eye_left.R, T_eye_left.t).inverse()
-    return f"{what}/{eye}/{index:04d}.png", photograph(scene, camera, T_map_eye, _data.exposure, rng)
+    return f"{what}/{eye}/{index:04d}.png", photograph(scene, camera, T_map_eye, data.exposure, rng)
 
 
 def _eye(rig: StereoRig, eye: str) -> tuple[CameraModel, Pose]:

@@ -60,7 +60,7 @@ def render(scene: Scene, camera: CameraModel, T_map_camera: Pose) -> Float32Arra
     for panel in scene.panels:
         _paint(picture, depth, rays, panel, T_map_camera)
     falloff = 1 / (1 + (rays**2).sum(axis=2)) ** 1.0
-    return picture * falloff[:, :, None].astype(np.float32)
+    return np.asarray(picture * falloff[:, :, None].astype(np.float32))
 
 
 def expose(picture: Float32Array, exposure: Exposure) -> FloatArray:
@@ -73,7 +73,7 @@ def expose(picture: Float32Array, exposure: Exposure) -> FloatArray:
         picture = np.asarray(cv2.filter2D(picture, -1, _motion_kernel(way)), dtype=np.float32)
     height, width = picture.shape[0] // OVERSAMPLE, picture.shape[1] // OVERSAMPLE
     pixels = picture.reshape(height, OVERSAMPLE, width, OVERSAMPLE, 3).mean(axis=(1, 3))
-    return pixels.astype(np.float64) * np.array(exposure.light)
+    return np.asarray(pixels.astype(np.float64) * np.array(exposure.light))
 
 
 @lru_cache(maxsize=4)
@@ -163,7 +163,12 @@ def _motion_kernel(way: FloatArray) -> Float32Array:
         x, y = reach + s * way[0], reach + s * way[1]
         x0, y0 = int(x), int(y)
         fx, fy = x - x0, y - y0
-        for dx, dy, weight in ((0, 0, (1 - fx) * (1 - fy)), (1, 0, fx * (1 - fy)), (0, 1, (1 - fx) * fy), (1, 1, fx * fy)):
+        for dx, dy, weight in (
+            (0, 0, (1 - fx) * (1 - fy)),
+            (1, 0, fx * (1 - fy)),
+            (0, 1, (1 - fx) * fy),
+            (1, 1, fx * fy),
+        ):
             if y0 + dy < len(kernel) and x0 + dx < len(kernel):
                 kernel[y0 + dy, x0 + dx] += weight
-    return kernel / kernel.sum()
+    return np.asarray(kernel / kernel.sum())

@@ -59,7 +59,9 @@ class Scene:
     size_m: tuple[float, float, float]
 
 
-def make_rig(image_size: tuple[int, int] = (640, 480), focal_px: float = 460.0, baseline_m: float = 0.12) -> StereoRig:
+def make_rig(
+    image_size: tuple[int, int] = (640, 480), focal_px: float = 460.0, baseline_m: float = 0.12
+) -> StereoRig:
     """A stereo camera with the small faults of a real one: lens distortion, eyes not quite parallel."""
     width, height = image_size
     left = CameraModel(
@@ -89,7 +91,7 @@ def make_room(
     family = family_named("lm8")
     if codes is None:
         codes = [int(c) for c in rng.choice(family.code_count, size=count, replace=False)]
-    sx, sy, sz = size_m
+    sx, sy, _ = size_m
     places = _wall_places(rng, len(codes), size_m)
     landmarks, panels = [], list(_walls(rng, size_m))
     for code, (wall, along, height) in zip(codes, places, strict=True):
@@ -145,9 +147,7 @@ def drive(seed: int, scene: Scene, steps: int, height_m: float = 1.15) -> list[P
 
 def looking(position: FloatArray, heading_rad: float, pitch: float = 0.0) -> Pose:
     """T_map_camera of a level camera that looks along a heading (from x towards y), ``pitch`` up."""
-    forward = np.array(
-        [np.cos(heading_rad) * np.cos(pitch), np.sin(heading_rad) * np.cos(pitch), np.sin(pitch)]
-    )
+    forward = np.array([np.cos(heading_rad) * np.cos(pitch), np.sin(heading_rad) * np.cos(pitch), np.sin(pitch)])
     right = np.array([np.sin(heading_rad), -np.cos(heading_rad), 0.0])
     down = np.cross(forward, right)
     return Pose("map", "camera", np.column_stack([right, down, forward]), position)
@@ -166,7 +166,10 @@ def board_poses(seed: int, rig: StereoRig, board: BoardSpec, count: int) -> list
         pose = Pose("camera", "board", rotation, offset - rotation @ middle)
         inside = pose.apply(board.object_points)
         right = inside @ rig.T_right_left.R.T + rig.T_right_left.t
-        both = [rig.left.contains(rig.left.project(inside), 12), rig.right.contains(rig.right.project(right), 12)]
+        both = [
+            rig.left.contains(rig.left.project(inside), 12),
+            rig.right.contains(rig.right.project(right), 12),
+        ]
         if all(seen.all() for seen in both):
             poses.append(pose)
     return poses

@@ -90,9 +90,7 @@ def _pdf_sheets(path: Path, data: bytes) -> list[_Sheet]:
         bitmap = page.render(scale=PDF_DPI / 72)
         rgb = np.asarray(bitmap.to_pil().convert("RGB"))
         text = page.get_textpage().get_text_bounded()
-        sheets.append(
-            _Sheet(f"{path} page {number + 1}", np.ascontiguousarray(rgb[:, :, ::-1]), PDF_DPI, text)
-        )
+        sheets.append(_Sheet(f"{path} page {number + 1}", np.ascontiguousarray(rgb[:, :, ::-1]), PDF_DPI, text))
     document.close()
     return sheets
 

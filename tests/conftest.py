@@ -1,0 +1,66 @@
+"""What the tests share: the folder of real data, real photographs, and the command line in process."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+# As the command line does: threads of the linear algebra library slow small problems down.
+for variable in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"):
+    os.environ.setdefault(variable, "1")
+
+import cv2
+import numpy as np
+import pytest
+
+from lmkit.arrays import ByteArray
+
+cv2.setNumThreads(1)
+DATA = Path(__file__).resolve().parents[2] / "shared" / "data"
+
+
+@pytest.fixture(scope="session")
+def data() -> Path:
+    """The folder of real data made by others; the test is skipped where it is not there."""
+    if not DATA.is_dir():
+        pytest.skip("the folder of real data (../shared/data) is not here")
+    return DATA
+
+
+@pytest.fixture(scope="session")
+def photographs() -> list[ByteArray]:
+    """Real photographs without landmarks: the data folder's, or else those that scikit-image ships."""
+    files = sorted((DATA / "photos").glob("*.jpg"))
+    if files:
+        return [np.asarray(cv2.imread(str(file))) for file in files]
+    import skimage.data
+
+    shipped = [skimage.data.astronaut(), skimage.data.coffee(), skimage.data.chelsea()]
+    return [np.ascontiguousarray(image[:, :, ::-1]) for image in shipped]
+
+
+@dataclass(frozen=True)
+class Answer:
+    """What a command printed, and how it ended."""
+
+    code: int
+    out: str
+    err: str
+
+
+@pytest.fixture
+def lmkit(capfd: pytest.CaptureFixture[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Callable[..., Answer]:
+    """Runs the command line in process, in an empty folder."""
+    from lmkit.cli import main
+
+    monkeypatch.chdir(tmp_path)
+
+    def run(*arguments: object) -> Answer:
+        words = [str(a) for a in arguments]
+        code = main.guarded(lambda: main.app(words, prog_name="lmkit", standalone_mode=False), debug=False)
+        printed = capfd.readouterr()
+        return Answer(code, printed.out, printed.err)
+
+    return run
