@@ -51,7 +51,9 @@ class Answer:
 
 
 @pytest.fixture
-def lmkit(capfd: pytest.CaptureFixture[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Callable[..., Answer]:
+def lmkit(
+    capfd: pytest.CaptureFixture[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> Callable[..., Answer]:
     """Runs the command line in process, in an empty folder."""
     from lmkit.cli import main
 

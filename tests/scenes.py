@@ -80,7 +80,9 @@ def put_sheet(photograph, paper, face_mm, corners, rng, blur_px, noise, light=0.
     """Warp linear-light ``paper`` so that its points ``face_mm`` land on ``corners`` of the photograph."""
     S = OVERSAMPLE
     low = np.maximum(np.floor(corners.min(axis=0) - 0.6 * np.ptp(corners, axis=0)).astype(int), 0)
-    high = np.minimum(np.ceil(corners.max(axis=0) + 1.0 * np.ptp(corners, axis=0)).astype(int), photograph.shape[1::-1])
+    high = np.minimum(
+        np.ceil(corners.max(axis=0) + 1.0 * np.ptp(corners, axis=0)).astype(int), photograph.shape[1::-1]
+    )
     width, height = high - low
     # Texture pixel k covers [k, k+1) of the paper; window pixel k at S-fold covers [k, k+1) / S.
     source = (face_mm * MM - 0.5).astype(np.float32)

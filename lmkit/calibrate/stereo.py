@@ -101,16 +101,6 @@ def calibrate_stereo(
     kept, disagreeing = _consensus(object_points, views, left, right)
     for view, degrees, millimetres in disagreeing:
         turned_away.append((view.name, f"its eyes stand {degrees:.1f} deg and {millimetres:.1f} mm off the others'"))
-    if disagreeing:
-        names = tuple(view.name for view, _, _ in disagreeing)
-        warnings.append(
-            CalibrationWarning(
-                "pairs_disagree",
-                f"{len(names)} of {len(views)} pairs show another relation of the two eyes than the rest: "
-                "the rig was moved, the pictures belong to different moments, or left and right are mixed up; take them again",
-                names,
-            )
-        )
     _require(kept, turned_away)
 
     solution = _fit(object_points, kept, left, right)
@@ -119,6 +109,14 @@ def calibrate_stereo(
         turned_away += [(view.name, f"reprojection error {rms:.2f} px, far above the rest") for view, rms in bad]
         _require(kept, turned_away)
         solution = _fit(object_points, kept, solution.left, solution.right)
+
+    off = tuple(sorted([view.name for view, _, _ in disagreeing] + [view.name for view, _ in bad]))
+    if off:
+        message = (
+            f"{len(off)} of {len(views)} pairs do not fit the rig that the others show: it was moved between them, "
+            "their two pictures belong to different moments, or are blurred; take them again"
+        )
+        warnings.append(CalibrationWarning("pairs_disagree", message, off))
 
     problem = StereoProblem(object_points, kept)
     residuals = problem.residuals(solution)

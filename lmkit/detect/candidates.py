@@ -68,7 +68,9 @@ def find_candidates(image: ByteArray, sources: tuple[Source, ...] = SOURCES) -> 
         if source.enlarge > 1:
             size = (plane.shape[1] * source.enlarge, plane.shape[0] * source.enlarge)
             plane = np.asarray(cv2.resize(plane, size, interpolation=cv2.INTER_LINEAR))
-        quads = _dark_quads(np.asarray(plane, dtype=np.uint8), source.window, source.darker, MIN_SIDE_PX * source.enlarge)
+        quads = _dark_quads(
+            np.asarray(plane, dtype=np.uint8), source.window, source.darker, MIN_SIDE_PX * source.enlarge
+        )
         # Pixel centres: enlarged pixel u lies at (u + 0.5) / s - 0.5 of the original.
         found.append((quads + 0.5) / source.enlarge - 0.5)
     return np.concatenate(found)

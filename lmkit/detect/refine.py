@@ -19,7 +19,8 @@ from lmkit.model.landmark import LandmarkFamily
 
 PIXEL_VARIANCE = 1 / 12  # of a box one pixel wide
 MIN_SPREAD = 0.15  # px^2, what sensor and demosaicing blur at the least
-MAX_PIXELS = 1200
+MAX_PIXELS = 1500
+EDGE_BAND_PX = 3.0
 BEND_PRIOR = 0.12  # standard deviation of the radial bend, relative at half the picture's width
 SHADING_PRIOR = 0.2  # standard deviation of the relative change of light over half the side
 MAX_SHADING = 0.6
@@ -128,15 +129,29 @@ def take_pixels(picture: Picture, registration: Registration, family: LandmarkFa
     y, x = np.mgrid[y0:y1, x0:x1]
     at = np.column_stack([x.ravel(), y.ravel()]).astype(np.float64)
     plane = transform_points(np.linalg.inv(H), unbend(at, registration.bend, picture.centre, picture.half_width))
-    at = at[(np.abs(plane) < reach).all(axis=1)]
+    inside = (np.abs(plane) < reach).all(axis=1)
+    at = at[inside]
     if len(at) < 40:
         return None
     if len(at) > MAX_PIXELS:
-        # A fixed low-discrepancy choice: repeatable, and without the comb of a regular stride.
-        golden = np.modf(np.arange(len(at)) * 0.6180339887498949)[0]
-        at = at[golden < MAX_PIXELS / len(at)]
+        at = at[_informative(plane[inside], _side(registration.corners) / family.side_mm, family)]
     values = picture.linear[at[:, 1].astype(int), at[:, 0].astype(int)].astype(np.float64)
     return Pixels(at, values, value_variance(values, picture.noise))
+
+
+def _informative(plane: FloatArray, px_per_mm: float, family: LandmarkFamily) -> FloatArray:
+    """Indices of MAX_PIXELS of the points: four of five near an edge of the drawing, where the position shows."""
+    square = np.abs(plane).max(axis=1)
+    radius = np.hypot(plane[:, 0], plane[:, 1])
+    edges = [np.abs(square - half) for half in (family.half_mm, family.ground_half_mm)]
+    edges += [np.abs(radius - r) for ring in family.rings for r in (ring.inner_mm, ring.outer_mm)]
+    near = np.min(edges, axis=0) * px_per_mm < EDGE_BAND_PX
+    chosen = []
+    for indices, count in ((np.flatnonzero(near), 4 * MAX_PIXELS // 5), (np.flatnonzero(~near), MAX_PIXELS // 5)):
+        # A fixed low-discrepancy choice: repeatable, and without the comb of a regular stride.
+        golden = np.modf(np.arange(len(indices)) * 0.6180339887498949)[0]
+        chosen.append(indices[golden < count / max(len(indices), 1)])
+    return np.sort(np.concatenate(chosen))
 
 
 def value_variance(values: FloatArray, noise: float) -> FloatArray:

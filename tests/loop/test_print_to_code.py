@@ -8,9 +8,9 @@ import subprocess
 import cv2
 import numpy as np
 import pytest
+from scenes import DPI, all_codes_pdf, paste_landmark, sheet_by_pdfium
 
 from lmkit.detect.landmarks import detect_landmarks
-from scenes import DPI, all_codes_pdf, paste_landmark, sheet_by_pdfium
 
 GROUPS = 8
 

@@ -1,0 +1,123 @@
+"""Landmarks and AprilTags in the same physically rendered rooms: recognition, false answers, corners, time.
+
+    uv run --extra benchmark python benchmarks/rooms.py ../shared/data/rooms
+
+Every scene exists twice, once with lm8 landmarks and once with AprilTag 36h11 of the same size in
+the same places (`landmark/` and `tag36h11/`, each with its `truth.json`).  A landmark counts when
+its four corners are in the picture, it is at least 97 % unhidden, tilted by less than 80 deg and has
+a side of at least 15 px.  Intervals are Wilson's, 95 %.
+"""
+
+import json
+import sys
+import time
+from pathlib import Path
+
+import cv2
+import numpy as np
+
+from lmkit.detect.landmarks import detect_landmarks
+
+SIDES = (15, 20, 25, 30, 60, 1e9)
+
+
+def with_lmkit():
+    return lambda image: [(d.code, d.corners) for d in detect_landmarks(image)]
+
+
+def with_apriltag():
+    import pupil_apriltags
+
+    detector = pupil_apriltags.Detector(families="tag36h11", quad_decimate=1.0)
+
+    def detect(image):
+        found = detector.detect(cv2.cvtColor(image, cv2.COLOR_BGR2GRAY))
+        # Its corners run from the bottom left, counter-clockwise; pixel centres lie at halves.
+        return [
+            (d.tag_id, d.corners[[3, 2, 1, 0]] - 0.5) for d in found if d.hamming <= 1 and d.decision_margin >= 20
+        ]
+
+    return detect
+
+
+def score(folder: Path, detect) -> dict:
+    truth = json.loads((folder / "truth.json").read_text())
+    seen, read, wrong, false, errors, seconds = [], [], 0, 0, [], []
+    for pair in truth["pairs"]:
+        for picture in pair["images"]:
+            image = cv2.imread(str(folder / "images" / picture["image"]))
+            start = time.perf_counter()
+            found = detect(image)
+            seconds.append(time.perf_counter() - start)
+            hits = set()
+            for code, corners in found:
+                middle = corners.mean(axis=0)
+                near = [
+                    entry
+                    for entry in picture["landmarks"]
+                    if np.linalg.norm(np.mean(entry["corners"], axis=0) - middle) < 0.6 * entry["side_px"]
+                ]
+                if not near:
+                    false += 1
+                    continue
+                entry = min(near, key=lambda e: np.linalg.norm(np.mean(e["corners"], axis=0) - middle))
+                if entry["id"] != code:
+                    wrong += 1
+                    continue
+                hits.add(entry["landmark"])
+                if is_counted(entry):
+                    off = np.linalg.norm(corners - np.array(entry["corners"]), axis=1)
+                    errors.append(float(np.sqrt(np.mean(off**2))))
+            for entry in picture["landmarks"]:
+                if is_counted(entry):
+                    seen.append(entry["side_px"])
+                    read.append(entry["landmark"] in hits)
+    return {
+        "side": np.array(seen),
+        "read": np.array(read),
+        "wrong": wrong,
+        "false": false,
+        "error": np.array(errors),
+        "ms": 1000 * float(np.median(seconds)),
+    }
+
+
+def is_counted(entry: dict) -> bool:
+    return entry["state"] == "full" and entry["tilt_deg"] < 80 and entry["side_px"] >= SIDES[0]
+
+
+def wilson(hits: int, n: int) -> tuple[float, float]:
+    z = 1.96
+    centre = (hits + z * z / 2) / (n + z * z)
+    half = z * np.sqrt(hits * (n - hits) / n + z * z / 4) / (n + z * z)
+    return centre - half, centre + half
+
+
+def main(rooms: Path) -> None:
+    cv2.setNumThreads(1)
+    results = {
+        "lmkit": score(rooms / "landmark", with_lmkit()),
+        "AprilTag 3": score(rooms / "tag36h11", with_apriltag()),
+    }
+    print("| | " + " | ".join(results) + " |\n|---|" + "---|" * len(results))
+    for low, high in [(SIDES[0], 1e9), *zip(SIDES[:-1], SIDES[1:], strict=True)]:
+        cells = []
+        for r in results.values():
+            chosen = (r["side"] >= low) & (r["side"] < high)
+            hits, n = int(r["read"][chosen].sum()), int(chosen.sum())
+            a, b = wilson(hits, n)
+            cells.append(f"{100 * hits / n:.1f} % of {n} ({100 * a:.0f} to {100 * b:.0f})")
+        name = f"side {low:g} px and more" if high > 1e8 else f"side {low:g} to {high:g} px"
+        print(f"| {name} | " + " | ".join(cells) + " |")
+    for name, value in (
+        ("wrong codes", lambda r: str(r["wrong"])),
+        ("false positives", lambda r: str(r["false"])),
+        ("corner error, median px", lambda r: f"{np.median(r['error']):.3f}"),
+        ("corner error, 90th percentile px", lambda r: f"{np.percentile(r['error'], 90):.3f}"),
+        ("time a picture, ratio to AprilTag", lambda r: f"{r['ms'] / results['AprilTag 3']['ms']:.1f}"),
+    ):
+        print(f"| {name} | " + " | ".join(value(r) for r in results.values()) + " |")
+
+
+if __name__ == "__main__":
+    main(Path(sys.argv[1]))

@@ -1,0 +1,114 @@
+"""Calibration on known truth: perfect, then seeded noise, then planted wrong pairs."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from lmkit.calibrate.problem import PairView, Solution, StereoProblem
+from lmkit.calibrate.report import calibration_report
+from lmkit.calibrate.stereo import calibrate_stereo
+from lmkit.errors import InputError
+from lmkit.model.board import BoardSpec
+from lmkit.simulate.scene import board_poses, make_rig
+
+BOARD = BoardSpec("chessboard", 9, 6, 25.0)
+
+
+def views(count: int, noise: float, seed: int = 1) -> list[PairView]:
+    rig = make_rig()
+    rng = np.random.default_rng(seed)
+    ids = np.arange(len(BOARD.object_points))
+    result = []
+    for k, pose in enumerate(board_poses(seed, rig, BOARD, count)):
+        left = pose.apply(BOARD.object_points)
+        right = left @ rig.T_right_left.R.T + rig.T_right_left.t
+        pixels = [camera.project(p) for camera, p in ((rig.left, left), (rig.right, right))]
+        pixels = [p + rng.normal(0, noise, p.shape) for p in pixels]
+        result.append(PairView(f"{k:02d}", ids, pixels[0], ids, pixels[1]))
+    return result
+
+
+def test_perfect_corners_give_the_rig_back():
+    truth = make_rig()
+    result = calibrate_stereo(views(12, 0.0), BOARD, (640, 480))
+    assert result.rms_px < 1e-4
+    assert result.held_out_epipolar_px < 1e-3
+    assert np.allclose(result.rig.left.K, truth.left.K, atol=0.02)
+    assert np.allclose(result.rig.T_right_left.t, truth.T_right_left.t, atol=1e-6)
+
+
+def test_noise_gives_errors_of_the_stated_size():
+    """The baseline's error over 20 seeds, in units of its stated sigma: about one, neither 0.3 nor 3."""
+    truth = make_rig().baseline_m
+    z = []
+    for seed in range(20):
+        result = calibrate_stereo(views(12, 0.1, seed), BOARD, (640, 480))
+        z.append((result.rig.baseline_m - truth) / result.baseline_sigma_m)
+        assert result.rms_px == pytest.approx(0.1 * np.sqrt(2), rel=0.15)
+    assert 0.6 < np.sqrt(np.mean(np.square(z))) < 1.6
+
+
+def test_swapped_pictures_are_named_and_do_no_harm():
+    clean = calibrate_stereo(views(14, 0.1), BOARD, (640, 480))
+    planted = views(14, 0.1)
+    for a, b in ((2, 3), (7, 8)):
+        first, second = planted[a], planted[b]
+        planted[a] = replace(first, right=second.right)
+        planted[b] = replace(second, right=first.right)
+    result = calibrate_stereo(planted, BOARD, (640, 480))
+    assert {name for name, _ in result.rejected} == {"02", "03", "07", "08"}
+    assert result.held_out_epipolar_px < 1.3 * clean.held_out_epipolar_px
+
+
+def test_a_rig_that_moved_is_warned_of_with_the_pairs_named(data):
+    from lmkit.board_pairs import find_board_pairs
+
+    root = data / "stereo" / "ricsar"
+    board = BoardSpec.parse("chessboard:9x6:24mm")
+    left, right = (sorted((root / eye).iterdir()) for eye in ("left", "right"))
+    pairs = find_board_pairs(left, right, board)
+    result = calibrate_stereo(pairs.views, board, pairs.image_size, rejected=pairs.rejected)
+    warned = {name for w in result.warnings if w.code == "pairs_disagree" for name in w.pairs}
+    assert {"001", "002", "003"} <= warned
+
+
+def test_two_pairs_are_too_few():
+    with pytest.raises(InputError, match="2 usable pairs"):
+        calibrate_stereo(views(2, 0.1), BOARD, (640, 480))
+
+
+def test_the_derivatives_are_those_of_finite_differences():
+    rig = make_rig()
+    pose = board_poses(1, rig, BOARD, 2)
+    problem = StereoProblem(BOARD.object_points, views(2, 0.3))
+    s = Solution(
+        rig.left,
+        rig.right,
+        rig.T_right_left.R,
+        rig.T_right_left.t,
+        np.array([0.001, -0.002]),
+        np.array([p.R for p in pose]),
+        np.array([p.t for p in pose]),
+    )
+    _, gradient = problem._normal_equations(s, 1e9)  # so wide a loss is plain least squares
+    for k in range(len(gradient)):
+        step = np.zeros(len(gradient))
+        step[k] = 1e-6
+        cost = []
+        for sign in (1, -1):
+            moved = problem._moved(s, sign * step)
+            cost.append(sum(float((r**2).sum()) for pair in problem.residuals(moved) for r in pair) / 2)
+        slope = (cost[1] - cost[0]) / 2e-6
+        assert gradient[k] == pytest.approx(slope, rel=1e-3, abs=1e-2 * max(1, abs(slope)))
+
+
+def test_the_report_stands_alone():
+    result = calibrate_stereo(views(6, 0.1), BOARD, (640, 480))
+    grey = np.full((480, 640, 3), 128, np.uint8)
+    html = calibration_report(result, str(BOARD), {"00": (grey, grey)})
+    assert "http" not in html.replace("http-equiv", "")
+    assert f"{result.held_out_epipolar_px:.3f} px" in html
+    assert html.count("data:image/jpeg;base64,") == 2

@@ -1,0 +1,75 @@
+"""The commands as a user runs them, with good input."""
+
+from __future__ import annotations
+
+import json
+
+import numpy as np
+import pytest
+from scenes import paste_landmark
+
+
+def test_generate_detect_verify(lmkit, tmp_path):
+    assert lmkit("generate", "--codes", "7,200", "-o", "sheets.pdf").out.strip() == "sheets.pdf"
+    verified = lmkit("verify", "sheets.pdf", "--json")
+    assert verified.code == 0
+    rows = [json.loads(line) for line in verified.out.splitlines()]
+    assert [row["code"] for row in rows] == [7, 200]
+    for row in rows:
+        assert row["side_mm"] == pytest.approx([180, 180], abs=0.1)
+        assert row["problems"] == []
+
+
+def test_verify_notices_a_wrong_label_and_a_wrong_size(lmkit, tmp_path):
+    from PIL import Image
+
+    assert lmkit("generate", "--code", "7", "-o", "x.png", "--dpi", "150").code == 0
+    picture = Image.open(tmp_path / "x.png")
+    picture.save(tmp_path / "small.png", dpi=(160, 160))  # claims more dots per inch than it has
+    answer = lmkit("verify", "small.png", "--json")
+    assert json.loads(answer.out)["side_mm"] == pytest.approx([180 * 150 / 160] * 2, abs=0.2)
+
+    from lmkit.formats.template import load_template
+    from lmkit.generate.page import Page, compose_landmark_page
+    from lmkit.generate.pdf import pages_to_pdf
+    from lmkit.model.landmark import LM8
+
+    right, wrong = (compose_landmark_page(LM8, code, 180.0, load_template("a4")) for code in (7, 8))
+    drawing = [item for item in right.items if getattr(item, "role", "mark") != "mark"]
+    labels = [item for item in wrong.items if getattr(item, "role", "mark") == "mark"]
+    (tmp_path / "mixed.pdf").write_bytes(pages_to_pdf([Page(right.size_mm, (*drawing, *labels), "")], ""))
+    answer = lmkit("verify", "mixed.pdf")
+    assert answer.code == 1
+    assert "reads as code 7, but its label says 8" in answer.out
+
+
+@pytest.mark.parametrize("suffix", ["png", "svg"])
+def test_several_codes_make_several_pictures(lmkit, tmp_path, suffix):
+    answer = lmkit("generate", "--codes", "1-2", "--bare", "--dpi", "50", "-o", f"x.{suffix}")
+    assert answer.out.split() == [f"x-1.{suffix}", f"x-2.{suffix}"]
+    assert sorted(p.name for p in tmp_path.iterdir()) == answer.out.split()
+
+
+def test_detect_prints_what_the_formats_page_says(lmkit, tmp_path, photographs):
+    import cv2
+
+    image = cv2.resize(photographs[0], (320, 240))
+    image, truth = paste_landmark(image, 99, (160, 120), 60, 20, np.random.default_rng(0))
+    cv2.imwrite(str(tmp_path / "scene.png"), image)
+    answer = lmkit("detect", "scene.png", "--json", "--annotate", "marked")
+    assert answer.code == 0
+    (line,) = answer.out.splitlines()
+    row = json.loads(line)
+    assert (row["image"], row["width"], row["height"]) == ("scene.png", 320, 240)
+    (detection,) = row["detections"]
+    assert detection.keys() == {"code", "family", "corners", "center", "confidence", "margin"}
+    assert (detection["code"], detection["family"]) == (99, "lm8")
+    assert np.abs(np.array(detection["corners"]) - truth).max() < 0.5
+    assert 0.9 < detection["confidence"] <= 1
+    assert (tmp_path / "marked" / "scene.png.jpg").is_file()
+
+
+def test_doctor_finds_this_installation_sound(lmkit):
+    answer = lmkit("doctor")
+    assert answer.code == 0, answer.out
+    assert "OpenCV" in answer.out

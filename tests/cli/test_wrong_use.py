@@ -1,0 +1,223 @@
+"""Wrong use: one line that says what, where and how to mend it; the right exit code; nothing half written."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+
+from lmkit.formats.landmark_map import map_to_yaml
+from lmkit.formats.rig import rig_to_yaml
+from lmkit.model.landmark_map import LandmarkMap, MappedLandmark, wall_pose
+from lmkit.simulate.scene import make_rig
+
+
+def assert_refused(answer, *words, code=2):
+    assert answer.code == code, answer
+    lines = answer.err.strip().splitlines()
+    assert len(lines) == 1, answer.err
+    assert lines[0].startswith("lmkit: ")
+    for word in words:
+        assert str(word) in lines[0], lines[0]
+    assert "Traceback" not in answer.err
+
+
+def files(folder: Path) -> set[str]:
+    return {str(p.relative_to(folder)) for p in folder.rglob("*")}
+
+
+def picture(path: Path, size=(64, 48)) -> Path:
+    path.parent.mkdir(parents=True, exist_ok=True)
+    noise = np.random.default_rng(1).integers(0, 255, (size[1], size[0], 3), dtype=np.uint8)
+    cv2.imwrite(str(path), noise)
+    return path
+
+
+@pytest.fixture
+def rig(tmp_path) -> Path:
+    path = tmp_path / "rig.yaml"
+    path.write_text(rig_to_yaml(make_rig()))
+    return path
+
+
+@pytest.fixture
+def landmark_map(tmp_path) -> Path:
+    path = tmp_path / "map.yaml"
+    landmarks = [MappedLandmark(3, "lm8", 0.18, wall_pose([1, 0, 1], 1.0))]
+    path.write_text(map_to_yaml(LandmarkMap(landmarks)))
+    return path
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (["--code", "256"], ["256", "0 to 255"]),
+        (["--code", "-1"], ["-1"]),
+        (["--codes", "5-2"], ["5-2", "2-5"]),
+        (["--codes", "1,x"], ["x"]),
+        ([], ["--code"]),
+        (["--code", "1", "--size", "180"], ["180", "unit"]),
+        (["--code", "1", "--size", "900mm"], ["900", "--size"]),
+        (["--code", "1", "--size", "0mm"], ["0mm"]),
+        (["--code", "1", "-o", "x.gif"], ["x.gif", ".pdf"]),
+        (["--code", "1", "--template", "a7"], ["a7", "letter"]),
+        (["--code", "1", "--bare", "-o", "x.pdf"], ["--bare"]),
+        (["--code", "1", "--dpi", "0", "-o", "x.png"], ["--dpi"]),
+        (["--code", "1", "--dpi", "4800", "-o", "x.png"], ["4800", "--dpi"]),
+        (["--code", "one"], ["--code"]),
+        (["--colour", "red"], ["--colour"]),
+    ],
+)
+def test_generate(lmkit, tmp_path, arguments, words):
+    assert_refused(lmkit("generate", *arguments), *words)
+    assert files(tmp_path) == set()
+
+
+def test_files_are_not_overwritten(lmkit, tmp_path):
+    assert lmkit("generate", "--code", 1, "-o", "x.svg").code == 0
+    (tmp_path / "x.svg").write_text("precious")
+    assert_refused(lmkit("generate", "--code", 1, "-o", "x.svg"), "x.svg", "--force")
+    assert (tmp_path / "x.svg").read_text() == "precious"
+    assert lmkit("generate", "--code", 1, "-o", "x.svg", "--force").code == 0
+
+
+def test_an_unwritable_folder(lmkit, tmp_path, monkeypatch):
+    # For root every folder can be written to; what the system would say is said here.
+    monkeypatch.setattr(os, "access", lambda path, mode: Path(path).name != "locked")
+    (tmp_path / "locked").mkdir()
+    assert_refused(lmkit("generate", "--code", 1, "-o", "locked/x.pdf"), "locked", "write")
+    assert files(tmp_path) == {"locked"}
+
+
+def test_a_file_in_the_place_of_a_folder(lmkit, tmp_path):
+    (tmp_path / "plain").write_text("")
+    assert_refused(lmkit("generate", "--code", 1, "-o", "plain/x.pdf"), "plain")
+
+
+def test_a_bad_template(lmkit, tmp_path):
+    (tmp_path / "mine.toml").write_text('format = "lmkit-template/1"\nname = "m"\npaper = "a4"\nmargin = 3\n')
+    assert_refused(lmkit("generate", "--code", 1, "--template", "mine.toml"), "mine.toml")
+
+
+def test_detect_names_a_missing_file(lmkit):
+    assert_refused(lmkit("detect", "nowhere.png"), "nowhere.png")
+
+
+def test_detect_names_half_a_jpeg_and_goes_on(lmkit, tmp_path):
+    whole = picture(tmp_path / "a.jpg")
+    (tmp_path / "b.jpg").write_bytes(whole.read_bytes()[:900])
+    picture(tmp_path / "c.jpg")
+    answer = lmkit("detect", tmp_path / "*.jpg", "--json")
+    assert answer.code == 2
+    lines = answer.out.strip().splitlines()
+    assert len(lines) == 3
+    assert "image_truncated" in lines[1]
+    assert "detections" in lines[2]
+    assert_refused(answer, "b.jpg", "cut off")
+
+
+def test_detect_says_no_when_there_is_nothing(lmkit, tmp_path):
+    assert_refused(lmkit("detect", picture(tmp_path / "a.png")), "no landmark", code=1)
+
+
+def test_verify_says_no_when_there_is_nothing(lmkit, tmp_path):
+    assert_refused(lmkit("verify", picture(tmp_path / "a.png")), "a.png", code=1)
+
+
+def test_verify_refuses_a_broken_pdf(lmkit, tmp_path):
+    (tmp_path / "a.pdf").write_bytes(b"%PDF-1.4 nonsense")
+    assert_refused(lmkit("verify", "a.pdf"), "a.pdf")
+
+
+@pytest.mark.parametrize(
+    "spec", ["chessboard", "charuco:8x6:30mm:22mm:DICT_9X9_1", "charuco:40x40:9mm:7mm:DICT_4X4_50"]
+)
+def test_board(lmkit, tmp_path, spec):
+    assert_refused(lmkit("board", spec, "-o", "b.pdf"))
+    assert files(tmp_path) == set()
+
+
+def test_calibrate_names_the_board_that_is_there(lmkit, data, tmp_path):
+    root = data / "stereo" / "opencv_bouguet"
+    answer = lmkit("calibrate", root / "left", root / "right", "--board", "chessboard:8x5:30mm", "-o", "rig.yaml")
+    assert_refused(answer, "9x6", "8x5", "chessboard:9x6:30mm")
+    assert files(tmp_path) == set()
+
+
+def test_calibrate_refuses_pairs_of_different_size(lmkit, tmp_path):
+    for k in range(3):
+        picture(tmp_path / "l" / f"{k}.png")
+        picture(tmp_path / "r" / f"{k}.png", (80, 48))
+    answer = lmkit("calibrate", "l", "r", "--board", "chessboard:9x6:30mm")
+    assert_refused(answer, "80 x 48", "64 x 48")
+
+
+def test_calibrate_refuses_what_does_not_pair(lmkit, tmp_path):
+    picture(tmp_path / "l" / "0.png")
+    picture(tmp_path / "r" / "0.png")
+    picture(tmp_path / "r" / "1.png")
+    assert_refused(lmkit("calibrate", "l", "r", "--board", "chessboard:9x6:30mm"), "1 left", "2 right")
+
+
+def test_calibrate_refuses_an_empty_folder(lmkit, tmp_path):
+    (tmp_path / "l").mkdir()
+    assert_refused(lmkit("calibrate", "l", "l", "--board", "chessboard:9x6:30mm"), "no pictures")
+
+
+def test_calibrate_says_when_no_board_is_found(lmkit, tmp_path):
+    for k in range(3):
+        picture(tmp_path / "l" / f"{k}.png")
+        picture(tmp_path / "r" / f"{k}.png")
+    assert_refused(lmkit("calibrate", "l", "r", "--board", "chessboard:9x6:30mm"), "0 usable pairs")
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "word"),
+    [
+        ("model: pinhole", "model: pinhole\n  zoom: 2", "zoom"),
+        ("model: pinhole", "", "model"),
+        ("[0.0, 0.0, 1.0]", "[.nan, 0.0, 1.0]", "nan"),
+    ],
+)
+def test_locate_names_what_is_wrong_in_the_rig(lmkit, tmp_path, rig, landmark_map, old, new, word):
+    rig.write_text(rig.read_text().replace(old, new, 1))
+    image = picture(tmp_path / "a.png", (640, 480))
+    assert_refused(lmkit("locate", image, image, "--rig", rig, "--map", landmark_map), "rig.yaml", word)
+
+
+def test_locate_refuses_a_code_twice(lmkit, tmp_path, rig, landmark_map):
+    text = landmark_map.read_text()
+    entry = text[text.index("- code") :]
+    landmark_map.write_text(text + entry)
+    image = picture(tmp_path / "a.png", (640, 480))
+    assert_refused(lmkit("locate", image, image, "--rig", rig, "--map", landmark_map), "map.yaml", "code 3", "twice")
+
+
+def test_locate_refuses_pictures_of_another_size(lmkit, tmp_path, rig, landmark_map):
+    image = picture(tmp_path / "a.png")
+    assert_refused(lmkit("locate", image, image, "--rig", rig, "--map", landmark_map), "64 x 48", "640 x 480")
+
+
+def test_locate_says_no_when_it_sees_no_landmark(lmkit, tmp_path, rig, landmark_map):
+    image = picture(tmp_path / "a.png", (640, 480))
+    answer = lmkit("locate", image, image, "--rig", rig, "--map", landmark_map, "--json")
+    assert_refused(answer, "no pose", code=1)
+    assert '"status": "no_landmarks"' in answer.out
+
+
+def test_locate_needs_a_rig_and_a_map(lmkit):
+    assert_refused(lmkit("locate", "a.png", "b.png"), "--rig")
+
+
+@pytest.mark.parametrize("arguments", [["--pairs", "0"], ["--landmarks", "100"], ["--seed", "-1"]])
+def test_simulate(lmkit, tmp_path, arguments):
+    assert_refused(lmkit("simulate", "-o", "room", *arguments), arguments[0])
+    assert files(tmp_path) == set()
+
+
+def test_a_fault_of_lmkit_is_called_one(lmkit, monkeypatch):
+    monkeypatch.setattr("lmkit.model.code.parse_codes", lambda *_: 1 / 0)
+    assert_refused(lmkit("generate", "--code", 1), "fault", "--debug", code=70)
