@@ -11,6 +11,7 @@ a side of at least 15 px.  Intervals are Wilson's, 95 %.
 import json
 import sys
 import time
+from itertools import pairwise
 from pathlib import Path
 
 import cv2
@@ -32,9 +33,9 @@ def with_apriltag():
 
     def detect(image):
         found = detector.detect(cv2.cvtColor(image, cv2.COLOR_BGR2GRAY))
-        # Its corners run from the bottom left, counter-clockwise; pixel centres lie at halves.
+        # Its corners run from the bottom right, clockwise as drawn by its makers; pixel centres lie at halves.
         return [
-            (d.tag_id, d.corners[[3, 2, 1, 0]] - 0.5) for d in found if d.hamming <= 1 and d.decision_margin >= 20
+            (d.tag_id, d.corners[[1, 0, 3, 2]] - 0.5) for d in found if d.hamming <= 1 and d.decision_margin >= 20
         ]
 
     return detect
@@ -100,7 +101,7 @@ def main(rooms: Path) -> None:
         "AprilTag 3": score(rooms / "tag36h11", with_apriltag()),
     }
     print("| | " + " | ".join(results) + " |\n|---|" + "---|" * len(results))
-    for low, high in [(SIDES[0], 1e9), *zip(SIDES[:-1], SIDES[1:], strict=True)]:
+    for low, high in [(SIDES[0], 1e9), *pairwise(SIDES)]:
         cells = []
         for r in results.values():
             chosen = (r["side"] >= low) & (r["side"] < high)

@@ -10,6 +10,8 @@ from lmkit.arrays import FloatArray
 from lmkit.detect.decode import InkSolver, all_hypotheses, frame_selection, pattern_selections, red_over_blue
 from lmkit.detect.pattern import INKS, QUARTERS, frame_and_pattern_columns
 from lmkit.detect.refine import CORRELATED_PIXELS, Pixels, Registrar, Registration
+from lmkit.model.code import code_to_gaps
+from lmkit.model.landmark import LandmarkFamily
 
 MARGIN_PER_NAT = 3.0
 PART_TOLERANCE = 0.08  # uneven print and light: a part may differ so much from white or blue
@@ -29,6 +31,10 @@ class AcceptanceRule:
         white_over_ground: (least, most) ratio of brightness; no paint and paper exceed the latter.
         part_deviation: most that the triangle's and the rings' white may differ from the margin's.
         part_sigma: a part must be known at least this well.
+        hidden: most that the misfit inside one gap position may exceed the picture's usual one;
+            beyond, something lies over it whose colour is none of the landmark's.
+        plain_code_factor: codes that look alike in every quarter turn (rings all closed or all open)
+            are what road signs and logos resemble; they need this many times the turn margin.
     """
 
     turn_margin: float = 24.0
@@ -38,6 +44,8 @@ class AcceptanceRule:
     white_over_ground: tuple[float, float] = (2.2, 40.0)
     part_deviation: float = 0.3
     part_sigma: float = 0.3
+    hidden: float = 16.0
+    plain_code_factor: float = 2.0
 
 
 @dataclass(frozen=True)
@@ -55,6 +63,8 @@ class Verdict:
         parts: (2+G,) brightness of the triangle, of the rings' fixed stretches and of every gap
             position, where 0 is the ground and 1 the white: each fitted on its own.
         parts_sigma: (2+G,) their standard deviations.
+        gap_misfit: the largest mean squared misfit inside a gap position, over the median one.
+        plain: the code looks alike in every quarter turn.
     """
 
     code: int
@@ -66,6 +76,8 @@ class Verdict:
     inks: FloatArray
     parts: FloatArray
     parts_sigma: FloatArray
+    gap_misfit: float
+    plain: bool
 
     @property
     def margin(self) -> float:
@@ -87,16 +99,31 @@ class Verdict:
     def reason_to_reject(self, rule: AcceptanceRule) -> str | None:
         """Why this is no landmark, in one word; None where it is one."""
         low, high = rule.white_over_ground
+        turn_margin = rule.turn_margin * (rule.plain_code_factor if self.plain else 1.0)
         checks = {
             "colour": self.red_over_blue >= rule.red_over_blue,
             "contrast": low <= self.white_over_ground <= high,
-            "turn": self.turn_margin >= rule.turn_margin,
+            "turn": self.turn_margin >= turn_margin,
             "code": self.code_margin >= rule.code_margin,
+            "hidden": self.gap_misfit <= rule.hidden,
             "unsure": float(self.parts_sigma.max()) <= rule.part_sigma,
             "pattern": float(np.abs(self.parts[:2] - 1).max()) <= rule.part_deviation
             and self.parts_misfit <= rule.parts_misfit,
         }
         return next((name for name, passed in checks.items() if not passed), None)
+
+    @property
+    def promising(self) -> bool:
+        """Worth registering: nothing like a landmark's margins remains of what fails here.
+
+        Of the development rooms' landmarks one in sixty fails, of the other squares nineteen in twenty.
+        """
+        return (
+            self.turn_margin > 8.0
+            and self.pattern > 0.1
+            and self.red_over_blue > 0.3
+            and 1.8 < self.white_over_ground < 60.0
+        )
 
     @property
     def confidence(self) -> float:
@@ -135,7 +162,7 @@ def read_square(registrar: Registrar, registration: Registration, pixels: Pixels
     evidence = values.size / CORRELATED_PIXELS / 2
     frame = InkSolver.prepare(gram, frame_selection(family))
     left_by_frame = max(energy - float(frame.explained_energy(projections)[0, 0]), 1e-9)
-    inks = solver.to_inks[best] @ projections[:, 0]
+    (inks,) = solver.inks(np.array([best]), projections)
     parts, parts_sigma = _fit_parts(columns, pixels, inks, int(hypotheses.quarters[best]))
     return Verdict(
         code=int(hypotheses.codes[best]),
@@ -147,7 +174,23 @@ def read_square(registrar: Registrar, registration: Registration, pixels: Pixels
         inks=inks,
         parts=parts,
         parts_sigma=parts_sigma,
+        gap_misfit=_gap_misfit(columns, columns @ solver.selections[best] @ inks, pixels),
+        plain=_is_plain(family, int(hypotheses.codes[best])),
     )
+
+
+def _gap_misfit(columns: FloatArray, model: FloatArray, pixels: Pixels) -> float:
+    """The largest mean squared misfit inside a gap position, over the median of all pixels."""
+    misfit = np.mean((pixels.values - model) ** 2, axis=1) / pixels.variance
+    gaps = columns[:, INKS + QUARTERS : columns.shape[1] - INKS]
+    inside = gaps.T @ misfit / np.maximum(gaps.sum(axis=0), 1e-9)
+    return float(inside.max() / max(float(np.median(misfit)), 1e-12))
+
+
+def _is_plain(family: LandmarkFamily, code: int) -> bool:
+    """Are the gaps of every ring all open or all closed?"""
+    gaps = iter(code_to_gaps(code, family.gap_count))
+    return all(len({next(gaps) for _ in range(ring.gap_count)}) == 1 for ring in family.rings)
 
 
 def _fit_parts(columns: FloatArray, pixels: Pixels, inks: FloatArray, quarter: int) -> tuple[FloatArray, FloatArray]:

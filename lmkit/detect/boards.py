@@ -130,7 +130,7 @@ def _fused(grey: ByteArray, corners: FloatArray, size: tuple[int, int]) -> Float
     """Mean of the SB corners and of gradient-based ones whose window follows the local square size.
 
     The two err differently (SB on blur and lighting, gradients on noise); their mean is better than
-    either on every real set at hand (docs/decisions/0005-board-corners.md).
+    either on most real sets (docs/decisions/0005-board-corners.md).
     """
     grid = corners.reshape(size[1], size[0], 2)
     across = np.linalg.norm(np.diff(grid, axis=1), axis=2).min()

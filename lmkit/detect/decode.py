@@ -77,22 +77,29 @@ class InkSolver:
     """Least squares over the inks, prepared for many hypotheses at once.
 
     Attributes:
-        to_inks: (H,4,C) maps C'Y to the best inks.
+        selections: (H,C,4) the matrices M_h.
+        normal: (H,4,4) M_h' C'C M_h, with a little ridge.
         to_whitened: (H,4,C) maps C'Y to four numbers whose squares sum to the explained energy.
     """
 
-    to_inks: FloatArray
+    selections: FloatArray
+    normal: FloatArray
     to_whitened: FloatArray
 
     @classmethod
     def prepare(cls, gram: FloatArray, selections: FloatArray) -> InkSolver:
         """From (C,C) C'C and (H,C,4) the matrices M_h."""
         transposed = selections.transpose(0, 2, 1)
-        small = transposed @ (gram @ selections)
-        trace = np.trace(small, axis1=1, axis2=2)
-        small = small + (RIDGE * trace / INKS)[:, None, None] * np.eye(INKS)
-        L = np.linalg.cholesky(small)
-        return cls(np.linalg.solve(small, transposed), np.linalg.solve(L, transposed))
+        normal = transposed @ (gram @ selections)
+        trace = np.trace(normal, axis1=1, axis2=2)
+        normal = normal + (RIDGE * trace / INKS)[:, None, None] * np.eye(INKS)
+        inverse_root = np.linalg.inv(np.linalg.cholesky(normal))
+        return cls(selections, normal, inverse_root @ transposed)
+
+    def inks(self, hypotheses: IntArray, projections: FloatArray) -> FloatArray:
+        """(N,4,3) best inks of N pictures, each under its own hypothesis, from (C,N,3) C'Y."""
+        seen = self.selections[hypotheses].transpose(0, 2, 1) @ projections.transpose(1, 0, 2)
+        return np.asarray(np.linalg.solve(self.normal[hypotheses], seen))
 
     def explained_energy(self, projections: FloatArray) -> FloatArray:
         """(H,N) energy that each hypothesis explains, of (C,N,3) projections C'Y of N pictures."""

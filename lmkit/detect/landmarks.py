@@ -21,7 +21,6 @@ _LINEAR = srgb_to_linear(np.arange(256) / 255).astype(np.float32)
 
 ALIGN_ROUNDS = 3
 READ_ROUNDS = 3
-HOPELESS_PATTERN = 0.1
 BEND_SIDE_PX = 40.0  # smaller landmarks do not show the lens's bend
 
 
@@ -117,10 +116,10 @@ def _register_and_read(registrar: Registrar, quad: FloatArray, rule: AcceptanceR
     if pixels is None:
         return None
     verdict = read_square(registrar, registration, pixels)
+    if not verdict.promising:
+        return None
     # Register what was read, read again, until the reading stands.
     for _ in range(READ_ROUNDS):
-        if verdict.pattern < HOPELESS_PATTERN:
-            return None
         reading = Reading.of(family, verdict.code, verdict.quarter)
         for _ in range(2):
             discounted = registrar.discounted(registration, pixels, reading)

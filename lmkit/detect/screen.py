@@ -146,7 +146,7 @@ def _read(samples: FloatArray, design: _Design, family: LandmarkFamily) -> tuple
     left_by_frame = energy - design.frame.explained_energy(projections)[0]
     pattern = 1 - left_by_landmark / np.maximum(left_by_frame, 1e-9)
 
-    inks = design.readings.to_inks[best] @ projections.transpose(1, 0, 2)
+    inks = design.readings.inks(best, projections)
     bright = inks.mean(axis=2)
     white_on_dark = bright[:, 0] > WHITE_OVER_DARK * np.maximum(bright[:, 1], bright[:, 2])
     fair = white_on_dark & (red_over_blue(inks) > RED_OVER_BLUE)
