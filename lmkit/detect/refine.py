@@ -18,7 +18,7 @@ from lmkit.model.homography import homographies_from_points, homography_from_poi
 from lmkit.model.landmark import LandmarkFamily
 
 PIXEL_VARIANCE = 1 / 12  # of a box one pixel wide
-MIN_SPREAD = 0.15  # px^2, what sensor and demosaicing blur at the least
+MIN_SPREAD = 0.04  # px^2, for pictures sharper than any lens, such as rasterised pages
 MAX_PIXELS = 1500
 EDGE_BAND_PX = 3.0
 BEND_PRIOR = 0.12  # standard deviation of the radial bend, relative at half the picture's width
