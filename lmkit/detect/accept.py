@@ -14,6 +14,7 @@ from lmkit.model.code import code_to_gaps
 from lmkit.model.landmark import LandmarkFamily
 
 MARGIN_PER_NAT = 3.0
+WELL_KNOWN_SIGMA = 0.12
 PART_TOLERANCE = 0.08  # uneven print and light: a part may differ so much from white or blue
 
 
@@ -26,7 +27,7 @@ class AcceptanceRule:
             redundancy, so this is what tells a landmark from a square with something in it.
         code_margin: least log likelihood ratio against any other code.
         parts_misfit: most that triangle, rings and gaps may lie between blue and white, as a mean
-            square in standard deviations.
+            square in standard deviations: where the parts are known well, and where they are not.
         red_over_blue: least colour difference of border and ground (log ratio).
         white_over_ground: (least, most) ratio of brightness; no paint and paper exceed the latter.
         part_deviation: most that the triangle's and the rings' white may differ from the margin's.
@@ -38,8 +39,8 @@ class AcceptanceRule:
     """
 
     turn_margin: float = 24.0
-    code_margin: float = 4.0
-    parts_misfit: float = 1.2
+    code_margin: float = 6.0
+    parts_misfit: tuple[float, float] = (1.2, 1.5)
     red_over_blue: float = 0.4
     white_over_ground: tuple[float, float] = (2.2, 40.0)
     part_deviation: float = 0.3
@@ -108,7 +109,7 @@ class Verdict:
             "hidden": self.gap_misfit <= rule.hidden,
             "unsure": float(self.parts_sigma.max()) <= rule.part_sigma,
             "pattern": float(np.abs(self.parts[:2] - 1).max()) <= rule.part_deviation
-            and self.parts_misfit <= rule.parts_misfit,
+            and self.parts_misfit <= rule.parts_misfit[self.parts_sigma.max() > WELL_KNOWN_SIGMA],
         }
         return next((name for name, passed in checks.items() if not passed), None)
 
