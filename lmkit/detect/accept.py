@@ -109,7 +109,7 @@ class Verdict:
             "hidden": self.gap_misfit <= rule.hidden,
             "unsure": float(self.parts_sigma.max()) <= rule.part_sigma,
             "pattern": float(np.abs(self.parts[:2] - 1).max()) <= rule.part_deviation
-            and self.parts_misfit <= rule.parts_misfit[self.parts_sigma.max() > WELL_KNOWN_SIGMA],
+            and self.parts_misfit <= rule.parts_misfit[int(self.parts_sigma.max() > WELL_KNOWN_SIGMA)],
         }
         return next((name for name, passed in checks.items() if not passed), None)
 

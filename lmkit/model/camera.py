@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
-from lmkit.arrays import FloatArray, frozen
+from lmkit.arrays import AnyArray, FloatArray, frozen
 
 # Numbers of distortion coefficients that each model may have, in OpenCV's order.
 DISTORTION_COUNTS = {"pinhole": (0, 4, 5), "rational": (8, 12, 14), "fisheye": (4,)}
@@ -96,7 +96,7 @@ class CameraModel:
         if self.model == "fisheye":
             rays = cv2.fisheye.undistortPoints(uv, self.K, self.distortion, criteria=criteria)
         else:
-            rays = cv2.undistortPoints(uv, self.K, self.distortion, criteria=criteria)
+            rays = _undistort(uv, self.K, self.distortion, criteria)
         return np.asarray(rays, dtype=np.float64).reshape(-1, 2)
 
     def contains(self, pixels: FloatArray, border_px: float = 0.0) -> FloatArray:
@@ -104,3 +104,11 @@ class CameraModel:
         w, h = self.image_size
         inside = (pixels > border_px - 0.5) & (pixels < np.array([w, h]) - 0.5 - border_px)
         return np.asarray(inside.all(axis=-1))
+
+
+def _undistort(pixels: AnyArray, K: FloatArray, distortion: FloatArray, criteria: tuple[int, int, float]) -> AnyArray:
+    """``cv2.undistortPoints`` to full precision; OpenCV 4 has another name for that than OpenCV 5."""
+    to_precision = getattr(cv2, "undistortPointsIter", None)
+    if to_precision is not None:
+        return np.asarray(to_precision(pixels, K, distortion, np.eye(3), np.eye(3), criteria))
+    return np.asarray(cv2.undistortPoints(pixels, K, distortion, criteria=criteria))
