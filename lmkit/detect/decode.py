@@ -96,6 +96,10 @@ class InkSolver:
         inverse_root = np.linalg.inv(np.linalg.cholesky(normal))
         return cls(selections, normal, inverse_root @ transposed)
 
+    def in_single_precision(self) -> InkSolver:
+        """The same in float32."""
+        return InkSolver(*(array.astype(np.float32) for array in (self.selections, self.normal, self.to_whitened)))
+
     def inks(self, hypotheses: IntArray, projections: FloatArray) -> FloatArray:
         """(N,4,3) best inks of N pictures, each under its own hypothesis, from (C,N,3) C'Y."""
         seen = self.selections[hypotheses].transpose(0, 2, 1) @ projections.transpose(1, 0, 2)
@@ -106,7 +110,10 @@ class InkSolver:
         h, inks, count = self.to_whitened.shape
         n = projections.shape[1]
         mapped = self.to_whitened.reshape(h * inks, count) @ projections.reshape(count, n * 3)
-        return np.asarray(np.square(mapped).reshape(h, inks, n, 3).sum(axis=(1, 3)))
+        # Sums written out: numpy's own reduction over such short axes takes several times longer.
+        squared = np.square(mapped).reshape(h, inks, n * 3)
+        energy = (squared[:, 0] + squared[:, 1] + squared[:, 2] + squared[:, 3]).reshape(h, n, 3)
+        return np.asarray(energy[:, :, 0] + energy[:, :, 1] + energy[:, :, 2])
 
 
 def red_over_blue(inks: FloatArray) -> FloatArray:

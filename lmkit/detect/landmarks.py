@@ -21,6 +21,7 @@ _LINEAR = srgb_to_linear(np.arange(256) / 255).astype(np.float32)
 
 ALIGN_ROUNDS = 3
 READ_ROUNDS = 3
+REGISTER_STEPS = 5
 BEND_SIDE_PX = 40.0  # smaller landmarks do not show the lens's bend
 
 
@@ -123,7 +124,7 @@ def _register_and_read(registrar: Registrar, quad: FloatArray, rule: AcceptanceR
         reading = Reading.of(family, verdict.code, verdict.quarter)
         for _ in range(2):
             discounted = registrar.discounted(registration, pixels, reading)
-            registration = registrar.register(registration, discounted, reading, 6, fit_bend)
+            registration = registrar.register(registration, discounted, reading, REGISTER_STEPS, fit_bend)
         pixels = take_pixels(picture, registration, family)
         if pixels is None:
             return None

@@ -9,6 +9,7 @@ needs not be round, so motion blur is the same formula.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
@@ -88,7 +89,7 @@ class LandmarkPattern:
         # At the very centre the radial direction has no meaning; no ring reaches there.
         s_radial = np.where(radius > 1.0, s_radial, np.sqrt(sxx))
         rings = np.zeros_like(x)
-        gaps = np.zeros((len(x), family.gap_count))
+        gaps = np.zeros((len(x), family.gap_count), dtype=points.dtype)
         column = 0
         for ring in family.rings:
             band = ndtr((radius - ring.inner_mm) / s_radial) - ndtr((radius - ring.outer_mm) / s_radial)
@@ -119,8 +120,8 @@ class LandmarkPattern:
         side: float,
     ) -> FloatArray:
         """Share on the clockwise (side = 1) or the other side (-1) of the ray at ``angle_deg``."""
-        a = np.deg2rad(angle_deg)
-        nx, ny = side * np.cos(a), -side * np.sin(a)
+        a = math.radians(angle_deg)
+        nx, ny = side * math.cos(a), -side * math.sin(a)
         s = np.sqrt(nx * nx * sxx + 2 * nx * ny * sxy + ny * ny * syy)
         return np.asarray(ndtr((x * nx + y * ny) / s))
 
@@ -135,7 +136,7 @@ class LandmarkPattern:
     ) -> FloatArray:
         """(N,4) the triangle at its quarter turns, each the product of its three half planes."""
         vertices = self.family.triangle_vertices_mm
-        result = np.zeros((len(x), QUARTERS))
+        result = np.zeros((len(x), QUARTERS), dtype=x.dtype)
         for quarter in quarters:
             result[:, quarter] = 1.0
             turn = _QUARTER_TURNS[quarter]
@@ -143,9 +144,10 @@ class LandmarkPattern:
             for a, b in zip(corners, np.roll(corners, -1, axis=0), strict=True):
                 # The vertices run clockwise, so the inside lies to the right of each edge.
                 edge = (b - a) / np.linalg.norm(b - a)
-                nx, ny = edge[1], -edge[0]
+                # Plain floats keep single precision single.
+                nx, ny, ax, ay = float(edge[1]), -float(edge[0]), float(a[0]), float(a[1])
                 s = np.sqrt(nx * nx * sxx + 2 * nx * ny * sxy + ny * ny * syy)
-                result[:, quarter] *= ndtr(((x - a[0]) * nx + (y - a[1]) * ny) / s)
+                result[:, quarter] *= ndtr(((x - ax) * nx + (y - ay) * ny) / s)
         return result
 
     @cached_property

@@ -186,7 +186,10 @@ class Reading:
     def inks(self, pattern: LandmarkPattern, points: FloatArray, spread: FloatArray) -> FloatArray:
         """(N,4) coverage by the four inks."""
         used = [int(k) for k in np.flatnonzero(self.open_share)]
-        return pattern.coverage(points, spread, [self.quarter], used).inks(self.open_share, self.quarter)
+        # Single precision: 1e-7 of a coverage, and the normal distribution in half the time.
+        single = (points.astype(np.float32), spread.astype(np.float32))
+        cover = pattern.coverage(*single, [self.quarter], used)
+        return cover.inks(self.open_share, self.quarter).astype(np.float64)
 
 
 class Registrar:
@@ -326,26 +329,27 @@ class Registrar:
         residual = (pixels.values - design @ inks) * root[:, None]
 
         by_plane = (stacked[1:3] - design) @ inks / STEP_MM  # (2,N,3)
-        by_pixel = np.einsum("pnc,npx->nxc", by_plane, A)  # (N,2,3), d model / d unbent pixel
+        # (2,N,3) d model / d unbent pixel.
+        by_pixel = [by_plane[0] * A[:, 0, x, None] + by_plane[1] * A[:, 1, x, None] for x in (0, 1)]
         moves = self._moves(registration, points)  # (N,8,2)
-        J = np.zeros((n, 14, 3))
+        J = np.zeros((n, 3, 14))
         # At a fixed pixel the pattern moves the other way.
-        J[:, :8] = np.einsum("nkx,nxc->nkc", moves, by_pixel)
-        J[:, 8:11] = -((stacked[3:] - design) @ inks / SPREAD_STEP).transpose(1, 0, 2)
+        J[:, :, :8] = by_pixel[0][:, :, None] * moves[:, None, :, 0] + by_pixel[1][:, :, None] * moves[:, None, :, 1]
+        for k in range(3):
+            J[:, :, 8 + k] = -((stacked[3 + k] - design) @ inks) / SPREAD_STEP
         if fit_bend:
             offset = pixels.at - self.picture.centre
-            r2 = np.sum(offset**2, axis=1, keepdims=True) / self.picture.half_width**2
-            J[:, 11] = -np.einsum("nx,nxc->nc", offset * r2, by_pixel)
+            radial = offset * (np.sum(offset**2, axis=1, keepdims=True) / self.picture.half_width**2)
+            J[:, :, 11] = -(by_pixel[0] * radial[:, :1] + by_pixel[1] * radial[:, 1:])
         lit = (design @ inks) / light
-        J[:, 12:] = -points[:, :, None] / self.family.half_mm * lit[:, None, :]
+        J[:, :, 12:] = -lit[:, :, None] * points[:, None, :] / self.family.half_mm
         J *= root[:, None, None]
         # Variable projection (Kaufman 1975): take out what the inks could explain.
         Q, _ = np.linalg.qr(design * root[:, None])
         flat = J.reshape(n, 42)
-        flat = flat - Q @ (Q.T @ flat)
-        J = flat.reshape(n, 14, 3)
-        normal = np.einsum("nic,njc->ij", J, J, optimize=True)
-        gradient = np.einsum("nic,nc->i", J, residual)
+        rows = (flat - Q @ (Q.T @ flat)).reshape(n * 3, 14)
+        normal = rows.T @ rows
+        gradient = rows.T @ residual.ravel()
         if fit_bend:
             normal[11, 11] += pixels.prior_weight / BEND_PRIOR**2
             gradient[11] += pixels.prior_weight * registration.bend / BEND_PRIOR**2

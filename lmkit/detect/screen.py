@@ -156,9 +156,11 @@ def _read(samples: FloatArray, design: _Design, family: LandmarkFamily) -> tuple
 def _corner_moves(samples: FloatArray, coefficients: FloatArray, design: _Design) -> FloatArray:
     """(N,4,2) where the corners should go, mm of the landmark's plane."""
     n, count, _ = samples.shape
-    residual = samples - np.einsum("kc,ncx->nkx", design.columns, coefficients)
+    coefficients = coefficients.astype(np.float32)
+    drawn = design.columns @ coefficients.transpose(1, 0, 2).reshape(-1, n * 3)
+    residual = samples.transpose(1, 0, 2).reshape(count, n * 3) - drawn
     flat = design.gradients.reshape(count, -1)
-    correlation = (flat.T @ residual.transpose(1, 0, 2).reshape(count, n * 3)).reshape(-1, 8, n, 3)
+    correlation = (flat.T @ residual).reshape(-1, 8, n, 3)
     gradient = np.einsum("cpnx,ncx->np", correlation, coefficients)
     pairs = np.einsum("ncx,ndx->ncd", coefficients, coefficients).reshape(n, -1)
     normal = (pairs @ design.products.reshape(-1, 64)).reshape(n, 8, 8)
@@ -187,12 +189,13 @@ def _design(family: LandmarkFamily, spread_mm: float) -> _Design:
     gradients = np.einsum("kcx,kpx->kcp", slopes, moves)
     products = np.einsum("kcp,kdq->cdpq", gradients, gradients, optimize=True)
     gram = columns.T @ columns
+    # Single precision from here on: a look, not a measurement, and twice as fast.
     return _Design(
-        columns,
-        gradients,
-        products,
-        InkSolver.prepare(gram, pattern_selections(family)),
-        InkSolver.prepare(gram, frame_selection(family)),
+        columns.astype(np.float32),
+        gradients.astype(np.float32),
+        products.astype(np.float32),
+        InkSolver.prepare(gram, pattern_selections(family)).in_single_precision(),
+        InkSolver.prepare(gram, frame_selection(family)).in_single_precision(),
     )
 
 
