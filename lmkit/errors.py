@@ -25,6 +25,10 @@ class LmkitError(Exception):
         self.message = " ".join(message.split())
         self.hint = " ".join(hint.split())
 
+    def __reduce__(self) -> tuple[type[LmkitError], tuple[str, str, str]]:
+        """So that an error survives the way back from a worker process."""
+        return type(self), (self.code, self.message, self.hint)
+
     def __str__(self) -> str:
         return f"{self.message} ({self.hint})" if self.hint else self.message
 

@@ -185,8 +185,8 @@ def _start_camera(
             for name in ("CALIB_RECOMPUTE_EXTRINSIC", "CALIB_FIX_SKEW", "CALIB_USE_INTRINSIC_GUESS"):
                 flags |= _fisheye_flag(name)
             _, K, D, _, _ = cv2.fisheye.calibrate(
-                [o.reshape(-1, 1, 3).astype(np.float64) for o in objects],
-                [i.reshape(-1, 1, 2).astype(np.float64) for i in images],
+                [o.reshape(1, -1, 3).astype(np.float64) for o in objects],
+                [i.reshape(1, -1, 2).astype(np.float64) for i in images],
                 image_size,
                 K,
                 np.zeros((4, 1)),

@@ -11,46 +11,43 @@ from lmkit.cli.common import print_json, print_line, progress, warn
 from lmkit.errors import InputError, NegativeAnswer
 
 if TYPE_CHECKING:
+    from lmkit.detect_batch import Detected
     from lmkit.model.observation import LandmarkObservation
 
 
 def run(
     sources: Annotated[list[str], typer.Argument(help="Pictures, folders, globs, videos, or - for standard input.")],
     as_json: Annotated[bool, typer.Option("--json", help="One JSON object a line.")] = False,
-    annotate: Annotated[Path | None, typer.Option("--annotate", help="Folder for pictures with overlays.")] = None,
+    annotate: Annotated[
+        Path | None, typer.Option("--annotate", help="Folder for the pictures with overlays.")
+    ] = None,
     force: Annotated[bool, typer.Option("--force", help="Overwrite files.")] = False,
 ) -> None:
     """Find and read landmarks."""
-    from lmkit.detect.landmarks import detect_landmarks
-    from lmkit.formats.sources import frames
+    from lmkit.detect_batch import detect_in_sources
 
     count = found = 0
     failed: list[InputError] = []
-    for frame in progress(frames(sources), None, "detecting"):
+    for answer in progress(detect_in_sources(sources), None, "detecting"):
         count += 1
-        if frame.image is None:
-            assert frame.error is not None
-            failed.append(frame.error)
+        if answer.size is None:
+            assert answer.error is not None
+            failed.append(answer.error)
             if as_json:
-                print_json({"image": frame.name, "error": frame.error.as_dict()})
+                print_json({"image": answer.name, "error": answer.error.as_dict()})
             elif len(sources) > 1 or count > 1:
-                warn(str(frame.error))
+                warn(str(answer.error))
             continue
-        detections = detect_landmarks(frame.image)
-        found += len(detections)
-        height, width = frame.image.shape[:2]
+        found += len(answer.landmarks)
+        width, height = answer.size
         if as_json:
-            entries = [observation_dict(d) for d in detections]
-            print_json({"image": frame.name, "width": width, "height": height, "detections": entries})
+            entries = [observation_dict(d) for d in answer.landmarks]
+            print_json({"image": answer.name, "width": width, "height": height, "detections": entries})
         else:
-            codes = ", ".join(f"{d.code} ({d.confidence:.2f})" for d in detections) or "none"
-            print_line(f"{frame.name}: {codes}")
+            codes = ", ".join(f"{d.code} ({d.confidence:.2f})" for d in answer.landmarks) or "none"
+            print_line(f"{answer.name}: {codes}")
         if annotate is not None:
-            from lmkit.formats.files import write_file
-            from lmkit.overlay import draw_landmarks, encode_jpeg
-
-            target = annotate / f"{Path(frame.name).name.replace('#', '-')}.jpg"
-            write_file(target, encode_jpeg(draw_landmarks(frame.image, detections)), force)
+            _annotate(answer, annotate, force)
     if failed:
         first = failed[0]
         more = f" (and {len(failed) - 1} more)" if len(failed) > 1 else ""
@@ -61,6 +58,18 @@ def run(
             f"no landmark in {count} pictures",
             "check light, focus and distance: 15 px a side and more",
         )
+
+
+def _annotate(answer: Detected, folder: Path, force: bool) -> None:
+    """The picture with its landmarks drawn in; frames of videos and standard input are left out."""
+    from lmkit.formats.files import write_file
+    from lmkit.formats.images import read_image
+    from lmkit.overlay import draw_landmarks, encode_jpeg
+
+    path = Path(answer.name)
+    if path.is_file():
+        picture = draw_landmarks(read_image(path), answer.landmarks)
+        write_file(folder / f"{path.name}.jpg", encode_jpeg(picture), force)
 
 
 def observation_dict(observation: LandmarkObservation) -> dict[str, Any]:

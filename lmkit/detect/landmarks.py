@@ -22,6 +22,7 @@ _LINEAR = srgb_to_linear(np.arange(256) / 255).astype(np.float32)
 ALIGN_ROUNDS = 3
 READ_ROUNDS = 3
 REGISTER_STEPS = 5
+COARSE_SIDE_PX = 100.0
 BEND_SIDE_PX = 40.0  # smaller landmarks do not show the lens's bend
 
 
@@ -36,6 +37,8 @@ class DetectOptions:
         min_aligned_pattern: those that explain less than this once aligned are not registered.
         max_registered: at most so many are, best first; bounds the time on cluttered pictures.
         rule: what a landmark must show.
+        through_lens: the picture comes through an unknown lens, so straight edges may be bent; off for
+            scans and rasterised pages.
     """
 
     family: LandmarkFamily = LM8
@@ -44,6 +47,7 @@ class DetectOptions:
     min_aligned_pattern: float = 0.2
     max_registered: int = 24
     rule: AcceptanceRule = field(default_factory=AcceptanceRule)
+    through_lens: bool = True
 
 
 @dataclass(frozen=True)
@@ -102,16 +106,36 @@ def attempt_landmarks(image: ByteArray, options: DetectOptions) -> list[Attempt]
     aligned = align_candidates(pyramid, screened.quads, family, ALIGN_ROUNDS)
     aligned = aligned.best_first(options.min_aligned_pattern, per_place=1, at_most=options.max_registered)
     registrar = Registrar(picture, family)
-    attempts = (_register_and_read(registrar, quad, options.rule) for quad in aligned.quads)
+    attempts = (_register_and_read(registrar, quad, options) for quad in aligned.quads)
     return [attempt for attempt in attempts if attempt is not None]
 
 
-def _register_and_read(registrar: Registrar, quad: FloatArray, rule: AcceptanceRule) -> Attempt | None:
+def _settled_coarsely(registrar: Registrar, quad: FloatArray) -> FloatArray:
+    """A large quad registered in a smaller picture first: its corners are then good to a pixel or so."""
+    shrink = int(_mean_side(quad) // COARSE_SIDE_PX)
+    if shrink < 2:
+        return quad
+    small = Registrar(registrar.picture.shrunk(shrink), registrar.family)
+    # Pixel k of the smaller picture covers the span [k, k + 1) * shrink of the larger one.
+    start = Registration((quad + 0.5) / shrink - 0.5, np.array([2.0, 0.0, 2.0]))
+    pixels = take_pixels(small.picture, start, small.family)
+    if pixels is None:
+        return quad
+    verdict = read_square(small, start, pixels)
+    if not verdict.promising:
+        return quad
+    reading = Reading.of(small.family, verdict.code, verdict.quarter)
+    settled = small.register(start, pixels, reading, 2 * REGISTER_STEPS)
+    return (settled.corners + 0.5) * shrink - 0.5
+
+
+def _register_and_read(registrar: Registrar, quad: FloatArray, options: DetectOptions) -> Attempt | None:
     family, picture = registrar.family, registrar.picture
+    quad = _settled_coarsely(registrar, quad)
     side = _mean_side(quad)
-    fit_bend = side > BEND_SIDE_PX
+    fit_bend = options.through_lens and side > BEND_SIDE_PX
     # The blur starts generous, so that a wrong corner still feels its edge.
-    blur = max(0.8, 0.012 * side) ** 2
+    blur = max(0.8, 0.012 * min(side, COARSE_SIDE_PX)) ** 2
     registration = Registration(quad, np.array([blur, 0.0, blur]))
     pixels = take_pixels(picture, registration, family)
     if pixels is None:
@@ -150,7 +174,7 @@ def _register_and_read(registrar: Registrar, quad: FloatArray, rule: AcceptanceR
     height, width = picture.linear.shape[:2]
     inside = bool(((corners >= -0.5) & (corners <= np.array([width, height]) - 0.5)).all())
     # A corner that is not in the picture was not seen, and none is made up.
-    rejected = verdict.reason_to_reject(rule) if inside else "cut"
+    rejected = verdict.reason_to_reject(options.rule) if inside else "cut"
     return Attempt(corners[order], covariance[np.ix_(rows, rows)], verdict, rejected)
 
 

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
 
+import cv2
 import numpy as np
 
 from lmkit.arrays import Float32Array, FloatArray
@@ -40,6 +41,13 @@ class Picture:
 
     linear: Float32Array
     noise: float
+
+    def shrunk(self, factor: int) -> Picture:
+        """The picture ``factor`` times smaller, averaged in linear light."""
+        height, width = (length // factor for length in self.linear.shape[:2])
+        whole = self.linear[: height * factor, : width * factor]
+        small = cv2.resize(whole, (width, height), interpolation=cv2.INTER_AREA)
+        return Picture(np.asarray(small, dtype=np.float32), self.noise / factor)
 
     @property
     def centre(self) -> FloatArray:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import glob
 import sys
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -50,6 +50,16 @@ def list_pictures(where: str) -> list[Path]:
     if not found:
         raise InputError("no_such_file", f"there is no file, folder or match for {where}", "check the path")
     return found
+
+
+def picture_files(sources: Sequence[str]) -> list[Path] | None:
+    """All files of the sources, where every one of them is a single picture; None where one is not."""
+    try:
+        files = [path for source in sources if source != "-" for path in list_pictures(source)]
+    except InputError:
+        return None
+    only_pictures = "-" not in sources and all(path.suffix.lower() not in VIDEO_SUFFIXES for path in files)
+    return files if only_pictures else None
 
 
 def frames(sources: list[str]) -> Iterator[Frame]:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import io
 import re
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -112,6 +112,9 @@ def _raster(page: pypdfium2.PdfPage) -> tuple[ByteArray, tuple[float, float]]:
 
 def _verify_sheet(sheet: _Sheet, options: DetectOptions | None) -> list[PrintedLandmark]:
     image, offset = _with_margin(sheet.image)
+    options = options or DetectOptions()
+    # Whoever wrote the resolution into the file was a scanner or a rasteriser, not a camera with a lens.
+    options = replace(options, through_lens=sheet.dpi is None)
     found = []
     for observation in detect_landmarks(image, options):
         side = _side_mm(observation.corners, sheet.dpi)

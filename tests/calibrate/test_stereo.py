@@ -12,13 +12,15 @@ from lmkit.calibrate.report import calibration_report
 from lmkit.calibrate.stereo import calibrate_stereo
 from lmkit.errors import InputError
 from lmkit.model.board import BoardSpec
+from lmkit.model.camera import CameraModel
+from lmkit.model.stereo_rig import StereoRig
 from lmkit.simulate.scene import board_poses, make_rig
 
 BOARD = BoardSpec("chessboard", 9, 6, 25.0)
 
 
-def views(count: int, noise: float, seed: int = 1) -> list[PairView]:
-    rig = make_rig()
+def views(count: int, noise: float, seed: int = 1, rig: StereoRig | None = None) -> list[PairView]:
+    rig = rig or make_rig()
     rng = np.random.default_rng(seed)
     ids = np.arange(len(BOARD.object_points))
     result = []
@@ -38,6 +40,18 @@ def test_perfect_corners_give_the_rig_back():
     assert result.held_out_epipolar_px < 1e-3
     assert np.allclose(result.rig.left.K, truth.left.K, atol=0.02)
     assert np.allclose(result.rig.T_right_left.t, truth.T_right_left.t, atol=1e-6)
+
+
+def test_perfect_fisheye_corners_give_the_rig_back():
+    def wide(cx):
+        K = np.array([[240.0, 0, cx], [0, 239.0, 241.0], [0, 0, 1]])
+        return CameraModel((640, 480), K, np.array([0.02, -0.015, 0.008, -0.002]), "fisheye")
+
+    truth = StereoRig(wide(322.0), wide(317.0), make_rig().T_right_left)
+    result = calibrate_stereo(views(14, 0.0, 2, truth), BOARD, (640, 480), "fisheye")
+    assert result.rms_px < 1e-3
+    assert np.allclose(result.rig.left.K, truth.left.K, atol=0.05)
+    assert np.allclose(result.rig.T_right_left.t, truth.T_right_left.t, atol=1e-5)
 
 
 def test_noise_gives_errors_of_the_stated_size():

@@ -73,3 +73,41 @@ def test_doctor_finds_this_installation_sound(lmkit):
     answer = lmkit("doctor")
     assert answer.code == 0, answer.out
     assert "OpenCV" in answer.out
+
+
+def test_a_folder_gives_the_same_on_several_cores_as_one_by_one(lmkit, tmp_path, photographs):
+    import cv2
+
+    for k in range(7):
+        image = cv2.resize(photographs[k % len(photographs)], (240, 200))
+        image, _ = paste_landmark(image, 30 * k, (120, 100), 50, 20, np.random.default_rng(k))
+        (tmp_path / "many").mkdir(exist_ok=True)
+        cv2.imwrite(str(tmp_path / "many" / f"{k}.png"), image)
+    (tmp_path / "many" / "3.png").write_bytes(b"nothing")
+    together = lmkit("detect", "many", "--json")
+    assert together.code == 2
+    alone = [lmkit("detect", f"many/{k}.png", "--json").out for k in range(7)]
+    assert together.out == "".join(alone)
+    assert [len(json.loads(line).get("detections", [])) for line in together.out.splitlines()] == [
+        1,
+        1,
+        1,
+        0,
+        1,
+        1,
+        1,
+    ]
+
+
+def test_videos_are_read_frame_by_frame(lmkit, tmp_path, photographs):
+    import cv2
+
+    image = cv2.resize(photographs[0], (320, 240))
+    image, _ = paste_landmark(image, 99, (160, 120), 80, 10, np.random.default_rng(0))
+    writer = cv2.VideoWriter(str(tmp_path / "drive.avi"), cv2.VideoWriter_fourcc(*"MJPG"), 5, (320, 240))
+    for _ in range(2):
+        writer.write(image)
+    writer.release()
+    rows = [json.loads(line) for line in lmkit("detect", "drive.avi", "--json").out.splitlines()]
+    assert [row["image"] for row in rows] == ["drive.avi#0", "drive.avi#1"]
+    assert [[d["code"] for d in row["detections"]] for row in rows] == [[99], [99]]

@@ -23,7 +23,7 @@ FLOORS = [
     {"model"},
     {"formats"},
     {"generate", "detect", "calibrate", "locate", "overlay", "room_plan"},
-    {"verify", "simulate", "board_pairs", "installation"},
+    {"verify", "simulate", "board_pairs", "detect_batch", "installation"},
     {"demo"},
     {"cli"},
 ]

@@ -1,0 +1,52 @@
+"""Landmarks of many pictures in a steady stream: pictures on all cores, videos frame by frame."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+from lmkit.detect.landmarks import detect_landmarks
+from lmkit.errors import InputError
+from lmkit.formats.sources import Frame, frames, picture_files
+from lmkit.model.observation import LandmarkObservation
+from lmkit.workers import map_in_processes
+
+# Below this the processes' start costs more than they bring.
+WORTH_PROCESSES = 6
+
+
+@dataclass(frozen=True)
+class Detected:
+    """The landmarks of one picture, or why it could not be read.
+
+    Attributes:
+        name: path, or ``VIDEO#N`` for frame N of a video.
+        size: (width, height), or None where it could not be read.
+    """
+
+    name: str
+    size: tuple[int, int] | None
+    landmarks: tuple[LandmarkObservation, ...] = ()
+    error: InputError | None = None
+
+
+def detect_in_sources(sources: Sequence[str]) -> Iterator[Detected]:
+    """Every picture of files, folders, globs, videos and ``-``, in order; one at a time in memory."""
+    files = picture_files(sources)
+    if files is not None and len(files) >= WORTH_PROCESSES:
+        for answers in map_in_processes(_detect_file, [str(file) for file in files]):
+            yield from answers
+        return
+    for frame in frames(list(sources)):
+        yield _detect_frame(frame)
+
+
+def _detect_file(path: str) -> list[Detected]:
+    return [_detect_frame(frame) for frame in frames([path])]
+
+
+def _detect_frame(frame: Frame) -> Detected:
+    if frame.image is None:
+        return Detected(frame.name, None, error=frame.error)
+    height, width = frame.image.shape[:2]
+    return Detected(frame.name, (width, height), tuple(detect_landmarks(frame.image)))
