@@ -25,7 +25,6 @@ EXIT_INTERRUPTED = 130
 app = typer.Typer(
     name="lmkit",
     help="Printed landmarks for robots: from print to pose.",
-    no_args_is_help=True,
     add_completion=False,
     rich_markup_mode=None,
     pretty_exceptions_enable=False,
@@ -42,12 +41,16 @@ def _show_version(wanted: bool) -> None:
         raise typer.Exit
 
 
-@app.callback()
+@app.callback(invoke_without_command=True)
 def _options(
+    context: typer.Context,
     version: bool = typer.Option(False, "--version", callback=_show_version, is_eager=True, help="Show the version."),
     debug: bool = typer.Option(False, "--debug", help="Show a traceback when something fails."),
 ) -> None:
     """Printed landmarks for robots: from print to pose."""
+    if context.invoked_subcommand is None:
+        typer.echo(context.get_help())
+        raise typer.Exit(2)
 
 
 def main() -> None:
@@ -63,6 +66,7 @@ def guarded(run: Callable[[], Any], debug: bool) -> int:
     try:
         result = run()
         sys.stdout.flush()
+        # Without its own exit, typer hands back the code of typer.Exit.
         return result if isinstance(result, int) else 0
     except LmkitError as error:
         return _report(error.message, error.hint, error.exit_code, debug)

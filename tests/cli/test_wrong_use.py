@@ -76,6 +76,17 @@ def test_generate(lmkit, tmp_path, arguments, words):
     assert files(tmp_path) == set()
 
 
+def test_no_command_shows_the_help(lmkit):
+    answer = lmkit()
+    assert answer.code == 2
+    assert "Usage: lmkit" in answer.out
+    assert "generate" in answer.out
+
+
+def test_an_unknown_command(lmkit):
+    assert_refused(lmkit("frobnicate"), "frobnicate")
+
+
 def test_files_are_not_overwritten(lmkit, tmp_path):
     assert lmkit("generate", "--code", 1, "-o", "x.svg").code == 0
     (tmp_path / "x.svg").write_text("precious")
