@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import re
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -12,7 +13,9 @@ from lmkit.cli.common import print_json, print_line, progress, warn
 from lmkit.errors import InputError, NegativeAnswer
 
 if TYPE_CHECKING:
+    from lmkit.locate.range_bearing import PlanarEstimate
     from lmkit.model.estimate import PoseEstimate
+    from lmkit.model.landmark_map import LandmarkMap
     from lmkit.model.stereo_rig import StereoRig
 
 _TIME = re.compile(r"(\d{9,}\.\d+|\d+\.\d+)$")
@@ -24,6 +27,9 @@ def run(
     rig: Annotated[Path | None, typer.Option("--rig", help="Rig file.")] = None,
     landmark_map: Annotated[Path | None, typer.Option("--map", help="Map file.")] = None,
     mono: Annotated[str | None, typer.Option("--mono", help="Pictures of the left camera alone.")] = None,
+    readings: Annotated[
+        Path | None, typer.Option("--readings", help="CSV of ranges and bearings instead of pictures.")
+    ] = None,
     frame: Annotated[
         str | None, typer.Option("--frame", help="camera (left) or base; base where the rig names one.")
     ] = None,
@@ -37,6 +43,13 @@ def run(
     from lmkit.formats.sources import list_pictures
     from lmkit.locate.rig import locate_camera, locate_rig
 
+    if readings is not None:
+        if landmark_map is None or any(given is not None for given in (left, right, rig, mono, frame)):
+            raise InputError(
+                "readings_alone", "--readings goes with --map alone", "give --readings FILE.csv --map MAP"
+            )
+        _locate_readings(readings, read_map(landmark_map), as_json)
+        return
     if rig is None or landmark_map is None:
         raise InputError("no_rig_or_map", "locate needs a rig and a map", "give --rig rig.yaml --map map.yaml")
     if (mono is None) == (left is None or right is None):
@@ -96,6 +109,52 @@ def run(
             f"no pose from {len(lefts)} pictures",
             "check that landmarks of the map are in view",
         )
+
+
+def _locate_readings(path: Path, landmarks: LandmarkMap, as_json: bool) -> None:
+    """A planar pose of the sensor for every moment of a readings file."""
+    from lmkit.formats.readings import read_readings
+    from lmkit.locate.range_bearing import locate_planar
+
+    located, moments = 0, read_readings(path)
+    for time_s, seen in moments.items():
+        estimate = locate_planar(seen, landmarks)
+        located += estimate.pose is not None
+        if as_json:
+            print_json(planar_dict(estimate, path, time_s))
+        elif estimate.pose is None:
+            print_line(f"{time_s:g} s: {estimate.status}")
+        else:
+            pose, codes = estimate.pose, ", ".join(map(str, estimate.inlier_codes))
+            off = ", ".join(map(str, estimate.outlier_codes))
+            print_line(
+                f"{time_s:g} s: ok, x {pose.x_m:.3f} y {pose.y_m:.3f} m, "
+                f"heading {math.degrees(pose.heading_rad):.2f} deg, codes {codes}"
+                + (f", not explained: {off}" if off else "")
+            )
+    if located == 0:
+        raise NegativeAnswer(
+            "not_located", f"no pose from {len(moments)} moments of {path}", "two landmarks of the map are needed"
+        )
+
+
+def planar_dict(estimate: PlanarEstimate, path: Path, time_s: float) -> dict[str, Any]:
+    """One planar answer as docs/formats.md has it."""
+    pose, covariance = estimate.pose, estimate.covariance
+    result: dict[str, Any] = {
+        "readings": str(path),
+        "time_s": time_s,
+        "status": estimate.status,
+        "position": None,
+        "heading_rad": None,
+        "covariance": None if covariance is None else covariance.tolist(),
+        "codes": list(estimate.inlier_codes),
+        "outlier_codes": list(estimate.outlier_codes),
+    }
+    if pose is not None:
+        result["position"] = [pose.x_m, pose.y_m]
+        result["heading_rad"] = pose.heading_rad
+    return result
 
 
 def estimate_dict(

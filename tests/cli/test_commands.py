@@ -111,3 +111,33 @@ def test_videos_are_read_frame_by_frame(lmkit, tmp_path, photographs):
     rows = [json.loads(line) for line in lmkit("detect", "drive.avi", "--json").out.splitlines()]
     assert [row["image"] for row in rows] == ["drive.avi#0", "drive.avi#1"]
     assert [[d["code"] for d in row["detections"]] for row in rows] == [[99], [99]]
+
+
+def test_readings_of_range_and_bearing(lmkit, tmp_path):
+    from lmkit.formats.landmark_map import map_to_yaml
+    from lmkit.model.landmark_map import LandmarkMap, MappedLandmark, wall_pose
+
+    places = ((1, 4.0, -1.0), (2, 4.0, 2.0))
+    landmarks = [MappedLandmark(c, "lm8", 0.18, wall_pose([x, y, 1.0], 0.0)) for c, x, y in places]
+    (tmp_path / "map.yaml").write_text(map_to_yaml(LandmarkMap(landmarks)))
+    rows = ["time_s,code,range_m,bearing_rad", "0.5,1,2.961457,-0.642063", "0.5,2,3.124446,0.387606", "0.7,1,2.9,0.1"]
+    (tmp_path / "r.csv").write_text("\n".join(rows))
+    answer = lmkit("locate", "--readings", "r.csv", "--map", "map.yaml", "--json")
+    assert answer.code == 0, answer.err
+    first, second = (json.loads(line) for line in answer.out.splitlines())
+    assert first["position"] == pytest.approx([1.356354, 0.334677], abs=1e-4)
+    assert first["heading_rad"] == pytest.approx(np.deg2rad(10), abs=1e-4)
+    assert (second["status"], second["position"]) == ("no_landmarks", None)
+
+
+@pytest.mark.parametrize("row", ["0.5,1,nan,0.1", "0.5,1,2.9", "0.5,one,2.9,0.1", "0.5,1,-2,0.1"])
+def test_a_bad_reading_is_named_with_its_line(lmkit, tmp_path, row):
+    from lmkit.formats.landmark_map import map_to_yaml
+    from lmkit.model.landmark_map import LandmarkMap, MappedLandmark, wall_pose
+
+    landmarks = [MappedLandmark(1, "lm8", 0.18, wall_pose([1.0, 2.0, 1.0], 0.0))]
+    (tmp_path / "map.yaml").write_text(map_to_yaml(LandmarkMap(landmarks)))
+    (tmp_path / "r.csv").write_text("time_s,code,range_m,bearing_rad\n" + row)
+    answer = lmkit("locate", "--readings", "r.csv", "--map", "map.yaml")
+    assert answer.code == 2
+    assert "r.csv: line 2" in answer.err

@@ -1,0 +1,120 @@
+"""The paper's method: its worked example, what is wrong in print, and any number of landmarks."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import assume, given
+from hypothesis import strategies as st
+from scipy.stats import chi2
+
+from lmkit.locate.range_bearing import ReadingNoise, locate_planar
+from lmkit.locate.two_landmarks import closure_m, locate_by_two
+from lmkit.model.landmark_map import LandmarkMap, MappedLandmark, wall_pose
+from lmkit.model.observation import RangeBearing
+
+A, B = np.array([4.0, -1.0]), np.array([4.0, 2.0])
+SENSOR = (0.160, 0.007)
+
+
+def measure(robot, heading, place, sensor=(0.0, 0.0)):
+    c, s = math.cos(heading), math.sin(heading)
+    at = np.array([robot[0] + c * sensor[0] - s * sensor[1], robot[1] + s * sensor[0] + c * sensor[1]])
+    off = place - at
+    return float(np.hypot(*off)), math.remainder(math.atan2(off[1], off[0]) - heading, 2 * math.pi)
+
+
+def test_the_worked_example_comes_back():
+    pose = locate_by_two(A, B, 2.961457, 3.124446, math.radians(-36.7875), math.radians(22.2082), SENSOR)
+    assert (pose.x_m, pose.y_m) == pytest.approx((1.2, 0.3), abs=2e-6)
+    assert math.degrees(pose.heading_rad) == pytest.approx(10.0, abs=1e-4)
+
+
+coordinates = st.floats(-8, 8)
+
+
+@given(coordinates, coordinates, st.floats(-3.1, 3.1), coordinates, coordinates)
+def test_exact_readings_give_the_pose_back(x, y, heading, bx, by):
+    place_a, place_b = np.array([0.5, -0.25]), np.array([bx, by])
+    robot = np.array([x, y])
+    u = place_b - place_a
+    off = robot - place_a
+    assume(np.hypot(*u) > 0.5)
+    assume(abs(u[0] * off[1] - u[1] * off[0]) / np.hypot(*u) > 0.05)  # not on the line through both
+    assume(min(np.hypot(*off), np.hypot(*(robot - place_b))) > 0.3)
+    (ra, ta), (rb, tb) = measure(robot, heading, place_a), measure(robot, heading, place_b)
+    pose = locate_by_two(place_a, place_b, ra, rb, ta, tb)
+    assert (pose.x_m, pose.y_m) == pytest.approx((x, y), abs=1e-5)
+    assert math.remainder(pose.heading_rad - heading, 2 * math.pi) == pytest.approx(0, abs=1e-4)
+    assert closure_m(place_a, place_b, ra, rb, ta, tb) == pytest.approx(0, abs=1e-6)
+
+
+def test_what_is_wrong_in_print():
+    (ra, ta), (rb, tb) = (
+        measure((1.2, 0.3), math.radians(10), A, SENSOR),
+        measure((1.2, 0.3), math.radians(10), B, SENSOR),
+    )
+    d = 3.0
+    # The angle at A of the triangle A, B, sensor, from its three sides.
+    alpha = math.acos((ra**2 + d**2 - rb**2) / (2 * ra * d))
+    assert math.sin(alpha) == pytest.approx(rb * math.sin(tb - ta) / d)
+    assert math.sin(alpha) / ra != pytest.approx(math.sin(tb - ta) / d, rel=0.01)
+    assert alpha - math.pi / 2 - ta == pytest.approx(math.radians(10))
+    assert abs(math.pi / 2 + ta - alpha - math.radians(10)) > 0.3
+    # From (1.2, -1.5) alpha is obtuse, and arcsin gives its supplement: 20 degrees off.
+    (ra, ta), (rb, tb) = (measure((1.2, -1.5), math.radians(10), P, SENSOR) for P in (A, B))
+    wrong = math.asin(rb * math.sin(tb - ta) / d) - math.pi / 2 - ta
+    assert abs(math.degrees(wrong) - 10) == pytest.approx(20, abs=1.5)
+
+
+LANDMARKS = LandmarkMap(
+    [
+        MappedLandmark(c, "lm8", 0.18, wall_pose([x, y, 1.0], 0.0))
+        for c, x, y in ((1, 4, -1), (2, 4, 2), (3, -2, 3), (4, 0, -4))
+    ]
+)
+ROBOT, HEADING = (1.2, 0.3), 0.4
+
+
+def read(code, rng=None, noise=ReadingNoise()):
+    r, b = measure(ROBOT, HEADING, LANDMARKS.find(code).T_map_landmark.t[:2])
+    if rng is not None:
+        r, b = r + rng.normal(0, noise.range_m), b + rng.normal(0, noise.bearing_rad)
+    return RangeBearing(code, r, b)
+
+
+def test_exact_readings_of_four_landmarks():
+    estimate = locate_planar([read(c) for c in (1, 2, 3, 4)], LANDMARKS)
+    assert estimate.status == "ok"
+    assert (estimate.pose.x_m, estimate.pose.y_m) == pytest.approx(ROBOT, abs=1e-6)
+    assert estimate.pose.heading_rad == pytest.approx(HEADING, abs=1e-6)
+
+
+@pytest.mark.parametrize("codes", [(1, 2), (1, 2, 3, 4)])
+def test_the_covariance_is_true(codes):
+    """Summed squared normalised errors of 400 draws against the 99.9 % chi-square band."""
+    rng = np.random.default_rng(len(codes))
+    wide = ReadingNoise(outlier_sigma=8.0)
+    total = 0.0
+    for _ in range(400):
+        estimate = locate_planar([read(c, rng) for c in codes], LANDMARKS, wide)
+        pose = estimate.pose
+        error = np.array([pose.x_m - ROBOT[0], pose.y_m - ROBOT[1], pose.heading_rad - HEADING])
+        total += error @ np.linalg.solve(estimate.covariance, error)
+    low, high = chi2.ppf([0.0005, 0.9995], 3 * 400)
+    assert low < total < high
+
+
+def test_a_moved_landmark_is_named():
+    readings = [read(c) for c in (1, 2, 4)] + [RangeBearing(3, read(3).range_m + 1.0, read(3).bearing_rad + 0.3)]
+    estimate = locate_planar(readings, LANDMARKS)
+    assert (estimate.status, estimate.outlier_codes) == ("ok", (3,))
+    assert (estimate.pose.x_m, estimate.pose.y_m) == pytest.approx(ROBOT, abs=1e-5)
+
+
+def test_one_landmark_is_too_few_and_contradiction_is_said():
+    assert locate_planar([read(1), read(1)], LANDMARKS).status == "no_landmarks"
+    wrong = [read(1), RangeBearing(2, 0.5, read(2).bearing_rad + 1.0)]
+    assert locate_planar(wrong, LANDMARKS).status == "inconsistent"
