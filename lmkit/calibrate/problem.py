@@ -65,12 +65,10 @@ class FitOptions:
 
     Attributes:
         warp: fit the board's bow.
-        intrinsics: fit the cameras too; off to place boards for a known rig.
         iterations: at most.
     """
 
     warp: bool = True
-    intrinsics: bool = True
     iterations: int = 40
 
 
@@ -152,8 +150,6 @@ class StereoProblem:
     def _fitted(self, s: Solution, options: FitOptions) -> IntArray:
         nl, nr = len(intrinsics_vector(s.left)), len(intrinsics_vector(s.right))
         keep = np.ones(nl + nr + POSE + WARP + POSE * len(self.views), dtype=bool)
-        if not options.intrinsics:
-            keep[: nl + nr + POSE] = False
         if not options.warp:
             keep[nl + nr + POSE : nl + nr + POSE + WARP] = False
         return np.flatnonzero(keep)

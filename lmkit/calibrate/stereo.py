@@ -20,7 +20,6 @@ from lmkit.model.stereo_rig import StereoRig
 MIN_PAIRS = 3
 ADVISED_PAIRS = 10
 FOLDS = 5
-MIN_COMMON = 6
 # A pair's own relation of the eyes may differ from the others' by this much before the fit.
 CONSENSUS_DEG = 1.0
 CONSENSUS_SIGMA = 6.0
@@ -207,7 +206,8 @@ def _start_camera(
 
 def _fisheye_flag(name: str) -> int:
     """OpenCV 5 keeps these flags in cv2, OpenCV 4 in cv2.fisheye; their numbers differ."""
-    return int(getattr(cv2.fisheye, name, getattr(cv2, name)))
+    home = cv2.fisheye if hasattr(cv2.fisheye, name) else cv2
+    return int(getattr(home, name))
 
 
 def _plain(K: np.ndarray) -> FloatArray:

@@ -15,6 +15,7 @@ from lmkit.model.landmark import LandmarkFamily
 
 MARGIN_PER_NAT = 3.0
 WELL_KNOWN_SIGMA = 0.12
+GAP_PIXELS = 12
 PART_TOLERANCE = 0.08  # uneven print and light: a part may differ so much from white or blue
 
 
@@ -183,9 +184,11 @@ def read_square(registrar: Registrar, registration: Registration, pixels: Pixels
 def _gap_misfit(columns: FloatArray, model: FloatArray, pixels: Pixels) -> float:
     """The largest mean squared misfit inside a gap position, over the median of all pixels."""
     misfit = np.mean((pixels.values - model) ** 2, axis=1) / pixels.variance
-    # Well inside: at the edges every picture misfits a little.
-    gaps = columns[:, INKS + QUARTERS : columns.shape[1] - INKS] ** 4
-    inside = gaps.T @ misfit / np.maximum(gaps.sum(axis=0), 1e-9)
+    # Well inside: at the edges every picture misfits a little; and only where that is pixels enough.
+    weights = columns[:, INKS + QUARTERS : columns.shape[1] - INKS] ** 12
+    total = np.maximum(weights.sum(axis=0), 1e-9)
+    enough = total**2 / np.maximum((weights**2).sum(axis=0), 1e-18) >= GAP_PIXELS
+    inside = np.where(enough, weights.T @ misfit / total, 0.0)
     # Where the picture is cleaner than the expected variance, that variance is the measure.
     return float(inside.max() / max(float(np.median(misfit)), 1.0))
 

@@ -1,7 +1,7 @@
 """A planar pose from range and bearing to any number of landmarks.
 
-Every two landmarks give a pose in closed form (`two_landmarks.py`); the one that most readings agree
-with starts a weighted least squares over all that do.
+Every two landmarks whose readings close their triangle give a pose (`two_landmarks.py`); the one
+that most readings agree with starts a weighted least squares over all that do.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ from itertools import combinations
 import numpy as np
 
 from lmkit.arrays import FloatArray
-from lmkit.locate.two_landmarks import PlanarPose, locate_by_two
+from lmkit.locate.two_landmarks import PlanarPose, closure_m, locate_by_two
 from lmkit.model.landmark_map import LandmarkMap
 from lmkit.model.observation import RangeBearing
 
@@ -56,7 +56,7 @@ def locate_planar(
         return PlanarEstimate("no_landmarks", outlier_codes=tuple(sorted({r.code for r, _ in known})))
     best: tuple[int, float, FloatArray] | None = None
     for (a, A), (b, B) in combinations(known, 2):
-        if a.code == b.code:
+        if a.code == b.code or abs(_closure(a, A, b, B)) > _closure_limit(a, b, noise):
             continue
         start = locate_by_two(A, B, a.range_m, b.range_m, a.bearing_rad, b.bearing_rad)
         state = np.array([start.x_m, start.y_m, start.heading_rad])
@@ -65,7 +65,8 @@ def locate_planar(
         score = (int(np.sum(sizes < limit)), -float(np.minimum(sizes, limit).sum()), state)
         if best is None or score[:2] > best[:2]:
             best = score
-    assert best is not None
+    if best is None:
+        return PlanarEstimate("inconsistent", outlier_codes=tuple(sorted({r.code for r, _ in known})))
     state, inlying = best[2], known
     for _ in range(4):
         sizes = np.abs(_standardised(state, known, noise)).reshape(-1, 2).max(axis=1)
@@ -82,6 +83,16 @@ def locate_planar(
         tuple(sorted(inliers)),
         tuple(sorted({r.code for r, _ in known} - inliers)),
     )
+
+
+def _closure(a: RangeBearing, A: FloatArray, b: RangeBearing, B: FloatArray) -> float:
+    return closure_m(A, B, a.range_m, b.range_m, a.bearing_rad, b.bearing_rad)
+
+
+def _closure_limit(a: RangeBearing, b: RangeBearing, noise: ReadingNoise) -> float:
+    """How far a true pair of readings may miss the distance between its landmarks, metres."""
+    sideways = max(a.range_m, b.range_m) * noise.bearing_rad
+    return noise.outlier_sigma * math.sqrt(2) * math.hypot(noise.range_m, sideways)
 
 
 _Known = Sequence[tuple[RangeBearing, FloatArray]]

@@ -47,9 +47,3 @@ def crossing(a: FloatArray, b: FloatArray, c: FloatArray, d: FloatArray) -> Floa
     u, v, w = b - a, d - c, c - a
     scale = (w[0] * v[1] - w[1] * v[0]) / (u[0] * v[1] - u[1] * v[0])
     return np.asarray(a + scale * u)
-
-
-def quad_area(corners: FloatArray) -> float:
-    """Signed area of a (4,2) quadrilateral in pixels; positive when clockwise as seen (y down)."""
-    x, y = corners[:, 0], corners[:, 1]
-    return float(0.5 * np.sum(x * np.roll(y, -1) - y * np.roll(x, -1)))
