@@ -124,7 +124,7 @@ class StereoProblem:
         for _ in range(options.iterations):
             normal, gradient = self._normal_equations(current, scale)
             free = normal[np.ix_(fitted, fitted)]
-            improved = False
+            better: Solution | None = None
             for _ in range(8):
                 step = np.zeros(len(normal))
                 damped = free + damping * np.diag(np.diag(free) + 1e-12)
@@ -133,13 +133,13 @@ class StereoProblem:
                 if trial is not None:
                     trial_cost = self._cost(trial, scale)
                     if trial_cost < cost:
-                        improved = True
+                        better = trial
                         break
                 damping *= 10
-            if not improved:
+            if better is None:
                 break
             gain = (cost - trial_cost) / cost
-            current = trial  # type: ignore[assignment]  # not None where improved
+            current = better
             damping = max(damping / 10, 1e-9)
             scale = self._scale(current)
             cost = self._cost(current, scale)

@@ -8,6 +8,8 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+import numpy as np
+
 from lmkit.arrays import ByteArray
 from lmkit.errors import InputError
 from lmkit.formats.images import SUFFIXES, decode_image, read_image
@@ -100,7 +102,7 @@ def _video_frames(path: Path) -> Iterator[Frame]:
             more, image = video.read()
             if not more:
                 break
-            yield Frame(f"{path}#{count}", image)  # type: ignore[arg-type]
+            yield Frame(f"{path}#{count}", np.asarray(image, dtype=np.uint8))
             count += 1
     finally:
         video.release()

@@ -12,6 +12,7 @@ from functools import lru_cache
 import numpy as np
 
 from lmkit.arrays import Float32Array, FloatArray
+from lmkit.generate.artwork import FilledPath
 from lmkit.generate.board import compose_board_page
 from lmkit.generate.page import Page, bare_landmark_page
 from lmkit.generate.png import page_to_image
@@ -250,10 +251,10 @@ def _board_texture(board: BoardSpec) -> tuple[Float32Array, tuple[float, float]]
     """Texture of the page, and where the first inner corner lies on it (mm from the top left)."""
     page = compose_board_page(board)
     texture = _linear(page, SHEET_DPI) * np.float32(0.9)
-    marks = [item for item in page.items if getattr(item, "role", "") == "mark"]
-    xs = [p[0] for item in marks for command in item.commands for p in command[1:]]  # type: ignore[union-attr]
-    ys = [p[1] for item in marks for command in item.commands for p in command[1:]]  # type: ignore[union-attr]
-    return texture, (min(xs) + board.square_mm, min(ys) + board.square_mm)
+    marks = [item for item in page.items if isinstance(item, FilledPath)]
+    points = [point for mark in marks for command in mark.commands for point in command[1:]]
+    left, top = (min(point[axis] for point in points) for axis in (0, 1))
+    return texture, (left + board.square_mm, top + board.square_mm)
 
 
 def _linear(page: Page, dpi: float) -> Float32Array:
