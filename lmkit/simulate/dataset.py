@@ -17,7 +17,7 @@ from lmkit.model.board import BoardSpec
 from lmkit.model.camera import CameraModel
 from lmkit.model.pose import Pose
 from lmkit.model.stereo_rig import StereoRig
-from lmkit.simulate.photograph import Exposure, photograph
+from lmkit.simulate.photograph import ImagingChain, photograph
 from lmkit.simulate.scene import Scene, board_panel, board_poses, drive, make_rig, make_room, studio
 from lmkit.workers import map_in_processes
 
@@ -38,7 +38,7 @@ class Dataset:
     rig: StereoRig
     poses: tuple[Pose, ...]
     boards: tuple[Pose, ...]
-    exposure: Exposure
+    chain: ImagingChain
 
 
 def make_dataset(seed: int, pairs: int, boards: int, landmarks: int) -> Dataset:
@@ -46,7 +46,7 @@ def make_dataset(seed: int, pairs: int, boards: int, landmarks: int) -> Dataset:
     rig = make_rig()
     scene = make_room(seed, landmarks)
     placed = board_poses(seed, rig, BOARD, boards) if boards else []
-    return Dataset(seed, scene, rig, tuple(drive(seed, scene, pairs)), tuple(placed), Exposure())
+    return Dataset(seed, scene, rig, tuple(drive(seed, scene, pairs)), tuple(placed), ImagingChain())
 
 
 def take_pictures(data: Dataset) -> Iterator[tuple[str, ByteArray]]:
@@ -67,7 +67,7 @@ def _take(data: Dataset, job: tuple[str, int, str]) -> tuple[str, ByteArray]:
         scene = studio([board_panel(BOARD, Pose("map", "board", pose.R, pose.t))])
         T_map_left = Pose.identity("map", "camera")
     T_map_eye = T_map_left @ Pose("camera", "camera", T_eye_left.R, T_eye_left.t).inverse()
-    return f"{what}/{eye}/{index:04d}.png", photograph(scene, camera, T_map_eye, data.exposure, rng)
+    return f"{what}/{eye}/{index:04d}.png", photograph(scene, camera, T_map_eye, data.chain, rng)
 
 
 def _eye(rig: StereoRig, eye: str) -> tuple[CameraModel, Pose]:

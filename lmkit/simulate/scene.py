@@ -38,11 +38,13 @@ class Panel:
         T_map_panel: its pose; x right, y up on its face, z towards the viewer.
         size_m: (width, height).
         texture: (h,w,3) linear RGB, 0..1, upright as seen.
+        bend_m: how far the middle stands before the left and right edge, as of curled paper.
     """
 
     T_map_panel: Pose
     size_m: tuple[float, float]
     texture: Float32Array
+    bend_m: float = 0.0
 
 
 @dataclass(frozen=True, eq=False)

@@ -10,7 +10,8 @@ import numpy as np
 from lmkit.formats.landmark_map import read_map
 from lmkit.formats.rig import read_rig
 from lmkit.simulate.dataset import description_files, make_dataset, truth
-from lmkit.simulate.photograph import Exposure, expose, photograph, render
+from lmkit.simulate.photograph import ImagingChain, Lens, Sensor, focus, photograph
+from lmkit.simulate.render import render
 from lmkit.simulate.scene import make_rig, make_room
 
 
@@ -19,7 +20,7 @@ def test_the_same_seed_gives_the_same_room_and_picture():
     pictures = []
     for _ in range(2):
         data = make_dataset(4, 2, 0, 6)
-        pictures.append(photograph(data.scene, rig.left, data.poses[0], Exposure(), np.random.default_rng(1)))
+        pictures.append(photograph(data.scene, rig.left, data.poses[0], ImagingChain(), np.random.default_rng(1)))
     assert np.array_equal(*pictures)
 
 
@@ -28,7 +29,7 @@ def test_the_truth_stands_where_the_picture_is_red():
     data = make_dataset(12, 4, 0, 12)
     checked = 0
     for index, pair in enumerate(truth(data)["pairs"]):
-        image = expose(render(data.scene, data.rig.left, data.poses[index]), Exposure(blur_px=0.0, light=(1, 1, 1)))
+        image = focus(render(data.scene, data.rig.left, data.poses[index]), Lens(blur_px=0.0))
         for landmark in pair["landmarks"]["left"]:
             if landmark["side_px"] < 38:
                 continue
@@ -62,9 +63,7 @@ def test_noise_grows_with_less_light():
     pose = make_dataset(1, 1, 0, 4).poses[0]
     spreads = []
     for full_well in (20000.0, 500.0):
-        exposure = Exposure(full_well=full_well)
-        shots = [
-            photograph(scene, rig.left, pose, exposure, np.random.default_rng(k)).astype(float) for k in range(6)
-        ]
+        chain = ImagingChain(sensor=Sensor(full_well=full_well))
+        shots = [photograph(scene, rig.left, pose, chain, np.random.default_rng(k)).astype(float) for k in range(6)]
         spreads.append(np.std(shots, axis=0).mean())
     assert spreads[1] > 3 * spreads[0]
