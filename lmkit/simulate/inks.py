@@ -31,7 +31,7 @@ class PrintedInks:
         """(4,3) linear sRGB of paper, red, blue, black."""
         from skimage.color import lab2rgb
 
-        return srgb_to_linear(lab2rgb(np.array([self.paper, self.red, self.blue, self.black])))
+        return srgb_to_linear(lab2rgb(np.array([self.paper, self.red, self.blue, self.black], dtype=np.float64)))
 
 
 OFFSET = PrintedInks((95, 0, -2), (47, 66, 46), (34, 8, -46), (16, 0, 0))

@@ -264,7 +264,7 @@ def _planckian_rgb(T: float) -> FloatArray:
         [-0.9692660, 1.8760108, 0.0415560],
         [0.0556434, -0.2040259, 1.0572252],
     ]
-    return np.maximum(np.asarray(to_srgb) @ xyz, 0.02)
+    return np.asarray(np.maximum(np.asarray(to_srgb) @ xyz, 0.02))
 
 
 def _measure(received: FloatArray, sensor: Sensor, rng: np.random.Generator) -> FloatArray:

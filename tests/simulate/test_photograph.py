@@ -148,6 +148,11 @@ def test_unknown_tone_is_refused():
 @pytest.mark.parametrize("name", ALL_INKS)
 def test_inks_take_the_place_of_the_files_colours(name):
     inks = ALL_INKS[name]
+    paper, red, blue, black = inks.reflectance
+    assert paper.min() > 0.7
+    assert red[0] > 4 * red[2]
+    assert blue[2] > 1.5 * blue[0]
+    assert black.max() < 0.1
     file = srgb_to_linear(np.array([[WHITE, RED, BLUE]]) / 255).astype(np.float32)
     assert np.allclose(as_printed(file, inks)[0], np.clip(inks.reflectance[:3], 0, 1), atol=1e-4)
     halfway = (file[:, :1] + file[:, 1:2]) / 2
