@@ -8,14 +8,16 @@ import numpy as np
 
 from lmkit.arrays import FloatArray
 from lmkit.detect.decode import InkSolver, all_hypotheses, frame_selection, pattern_selections, red_over_blue
-from lmkit.detect.pattern import INKS, QUARTERS, frame_and_pattern_columns
+from lmkit.detect.pattern import INKS, QUARTERS
 from lmkit.detect.refine import CORRELATED_PIXELS, Pixels, Registrar, Registration
 from lmkit.model.code import code_to_gaps
 from lmkit.model.landmark import LandmarkFamily
 
 MARGIN_PER_NAT = 3.0
 WELL_KNOWN_SIGMA = 0.12
-GAP_PIXELS = 12
+GAP_PIXELS = 8
+GAP_SURROUNDINGS_MM = 20.0
+WORST_MISFIT = 40.0  # one bright pixel is no hand
 PART_TOLERANCE = 0.08  # uneven print and light: a part may differ so much from white or blue
 
 
@@ -46,7 +48,7 @@ class AcceptanceRule:
     white_over_ground: tuple[float, float] = (2.2, 40.0)
     part_deviation: float = 0.3
     part_sigma: float = 0.3
-    hidden: float = 22.0
+    hidden: float = 6.5
     plain_code_factor: float = 2.0
 
 
@@ -65,7 +67,7 @@ class Verdict:
         parts: (2+G,) brightness of the triangle, of the rings' fixed stretches and of every gap
             position, where 0 is the ground and 1 the white: each fitted on its own.
         parts_sigma: (2+G,) their standard deviations.
-        gap_misfit: the largest mean squared misfit inside a gap position, over the median one.
+        gap_misfit: the largest mean squared misfit around a gap position, over the median one.
         plain: the code looks alike in every quarter turn.
     """
 
@@ -122,7 +124,7 @@ class Verdict:
         """
         return (
             self.turn_margin > 8.0
-            and self.pattern > 0.1
+            and self.pattern > 0.04
             and self.red_over_blue > 0.3
             and 1.8 < self.white_over_ground < 60.0
         )
@@ -146,7 +148,7 @@ def read_square(registrar: Registrar, registration: Registration, pixels: Pixels
     """Score every code in every quarter turn at this registration."""
     family = registrar.family
     points, spread, _ = registrar.points_and_spread(registration, pixels.at)
-    columns = frame_and_pattern_columns(registrar.pattern, points, spread)
+    columns = registrar.pattern.coverage(points, spread).columns
     columns = columns * registrar.light(registration, points)[:, None]
     root = 1 / np.sqrt(pixels.variance)
     weighted = columns * root[:, None]
@@ -176,21 +178,35 @@ def read_square(registrar: Registrar, registration: Registration, pixels: Pixels
         inks=inks,
         parts=parts,
         parts_sigma=parts_sigma,
-        gap_misfit=_gap_misfit(columns, columns @ solver.selections[best] @ inks, pixels),
+        gap_misfit=_gap_misfit(
+            family, points, pixels.values, columns @ solver.selections[best] @ inks, pixels.variance
+        ),
         plain=_is_plain(family, int(hypotheses.codes[best])),
     )
 
 
-def _gap_misfit(columns: FloatArray, model: FloatArray, pixels: Pixels) -> float:
-    """The largest mean squared misfit inside a gap position, over the median of all pixels."""
-    misfit = np.mean((pixels.values - model) ** 2, axis=1) / pixels.variance
-    # Well inside: at the edges every picture misfits a little; and only where that is pixels enough.
-    weights = columns[:, INKS + QUARTERS : columns.shape[1] - INKS] ** 12
-    total = np.maximum(weights.sum(axis=0), 1e-9)
-    enough = total**2 / np.maximum((weights**2).sum(axis=0), 1e-18) >= GAP_PIXELS
-    inside = np.where(enough, weights.T @ misfit / total, 0.0)
-    # Where the picture is cleaner than the expected variance, that variance is the measure.
-    return float(inside.max() / max(float(np.median(misfit)), 1.0))
+def _gap_misfit(family: LandmarkFamily, points: FloatArray, values: FloatArray, model: FloatArray, variance: FloatArray) -> float:
+    """The largest mean squared misfit around a gap position, over the median of all pixels.
+
+    What hides a gap reaches over the ring's edges on its way from outside, so the surroundings tell,
+    even where it is as dark as the ground or as bright as the ring.
+    """
+    misfit = np.mean((values - model) ** 2, axis=1) / variance
+    misfit = np.minimum(misfit / max(float(np.median(misfit)), 1e-12), WORST_MISFIT)
+    radius = np.maximum(np.hypot(points[:, 0], points[:, 1]), 1.0)
+    angle = np.degrees(np.arctan2(points[:, 0], points[:, 1]))
+    reach = np.degrees(GAP_SURROUNDINGS_MM / radius)
+    worst = 0.0
+    for ring in family.rings:
+        near = np.abs(radius - (ring.inner_mm + ring.outer_mm) / 2) < (
+            GAP_SURROUNDINGS_MM + (ring.outer_mm - ring.inner_mm) / 2
+        )
+        for centre in ring.gap_centres_deg:
+            off = np.abs((angle - centre + 180) % 360 - 180)
+            around = near & (off < ring.gap_width_deg / 2 + reach)
+            if around.sum() >= GAP_PIXELS:
+                worst = max(worst, float(misfit[around].mean()))
+    return worst
 
 
 def _is_plain(family: LandmarkFamily, code: int) -> bool:

@@ -23,6 +23,7 @@ ALIGN_ROUNDS = 3
 READ_ROUNDS = 3
 REGISTER_STEPS = 5
 COARSE_SIDE_PX = 100.0
+COARSE_PIXELS = 600  # enough to read and to find the place; the last steps take more
 BEND_SIDE_PX = 40.0  # smaller landmarks do not show the lens's bend
 
 
@@ -104,6 +105,8 @@ def attempt_landmarks(image: ByteArray, options: DetectOptions) -> list[Attempt]
     screened = screen_candidates(pyramid, find_candidates(image), family)
     screened = screened.best_first(options.min_pattern, per_place=2, at_most=options.max_aligned)
     aligned = align_candidates(pyramid, screened.quads, family, ALIGN_ROUNDS)
+    aligned = aligned.best_first(options.min_aligned_pattern, per_place=2, at_most=options.max_registered)
+    aligned = align_candidates(pyramid, aligned.quads, family, ALIGN_ROUNDS)
     aligned = aligned.best_first(options.min_aligned_pattern, per_place=1, at_most=options.max_registered)
     registrar = Registrar(picture, family)
     attempts = (_register_and_read(registrar, quad, options) for quad in aligned.quads)
@@ -137,7 +140,7 @@ def _register_and_read(registrar: Registrar, quad: FloatArray, options: DetectOp
     # The blur starts generous, so that a wrong corner still feels its edge.
     blur = max(0.8, 0.012 * min(side, COARSE_SIDE_PX)) ** 2
     registration = Registration(quad, np.array([blur, 0.0, blur]))
-    pixels = take_pixels(picture, registration, family)
+    pixels = take_pixels(picture, registration, family, COARSE_PIXELS, near_edges=False)
     if pixels is None:
         return None
     verdict = read_square(registrar, registration, pixels)
@@ -149,7 +152,7 @@ def _register_and_read(registrar: Registrar, quad: FloatArray, options: DetectOp
         for _ in range(2):
             discounted = registrar.discounted(registration, pixels, reading)
             registration = registrar.register(registration, discounted, reading, REGISTER_STEPS, fit_bend)
-        pixels = take_pixels(picture, registration, family)
+        pixels = take_pixels(picture, registration, family, COARSE_PIXELS, near_edges=False)
         if pixels is None:
             return None
         # Read with the plain weights: discounting what does not fit the last reading would make it
@@ -157,6 +160,17 @@ def _register_and_read(registrar: Registrar, quad: FloatArray, options: DetectOp
         previous, verdict = verdict, read_square(registrar, registration, pixels)
         if (verdict.code, verdict.quarter) == (previous.code, previous.quarter):
             break
+    if not verdict.promising:
+        return None
+    # Now with all pixels that help.
+    pixels = take_pixels(picture, registration, family)
+    if pixels is None:
+        return None
+    reading = Reading.of(family, verdict.code, verdict.quarter)
+    for _ in range(2):
+        discounted = registrar.discounted(registration, pixels, reading)
+        registration = registrar.register(registration, discounted, reading, REGISTER_STEPS, fit_bend)
+    verdict = read_square(registrar, registration, pixels)
     reading = Reading.of(family, verdict.code, verdict.quarter)
     discounted = registrar.discounted(registration, pixels, reading)
     # A bit that only what hides the landmark speaks for loses its margin under the discount.

@@ -5,6 +5,9 @@ pixel.  With a Gaussian point spread of covariance S (mm^2, in the landmark's pl
 signed distance from a point is d (mm, positive inside) and whose unit normal is n covers the
 point by ``Phi(d / sqrt(n' S n))``; parts bounded by several edges multiply.  The point spread
 needs not be round, so motion blur is the same formula.
+
+Everything is carried as jets: arrays whose first axis holds the value and, where asked for, its
+slopes with x, y and the point spread's xx, xy, yy, so that products obey Leibniz's rule in one line.
 """
 
 from __future__ import annotations
@@ -15,13 +18,13 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from scipy.special import ndtr
 
-from lmkit.arrays import FloatArray
+from lmkit.arrays import Float32Array, FloatArray
 from lmkit.model.landmark import LandmarkFamily
 
 INKS = 4  # white, red, blue, and whatever surrounds the white margin
 QUARTERS = 4
+JET = 6  # value, d/dx, d/dy, d/dSxx, d/dSxy, d/dSyy
 
 
 @dataclass(frozen=True)
@@ -33,28 +36,18 @@ class Coverage:
             rings closed.
         triangles: (N,4) the triangle turned clockwise by 0, 90, 180, 270 degrees.
         gaps: (N,G) ring coverage inside every gap position: white without a gap, blue with one.
+        frame: (N,4) coverage by the four inks without rings and triangle.
     """
 
     fixed: FloatArray
     triangles: FloatArray
     gaps: FloatArray
+    frame: FloatArray
 
-    def inks(self, open_share: FloatArray, quarter: int) -> FloatArray:
-        """(N,4) coverage by the four inks.
-
-        Args:
-            open_share: (G,) 1 for a gap, 0 for none, between for "unknown".
-            quarter: quarter turns of the triangle, clockwise.
-        """
-        return with_white(self.fixed, self.triangles[:, quarter] - self.gaps @ open_share)
-
-
-def with_white(fixed: FloatArray, white: FloatArray) -> FloatArray:
-    """``fixed`` coverage with ``white`` (N,) more of white and as much less of blue."""
-    inks = fixed.copy()
-    inks[:, 0] += white
-    inks[:, 2] -= white
-    return inks
+    @property
+    def columns(self) -> FloatArray:
+        """(N,4+4+G+4) all of it side by side."""
+        return np.concatenate([self.fixed, self.triangles, self.gaps, self.frame], axis=1)
 
 
 @dataclass(frozen=True)
@@ -63,92 +56,97 @@ class LandmarkPattern:
 
     family: LandmarkFamily
 
-    def coverage(
-        self,
-        points: FloatArray,
-        spread: FloatArray,
-        quarters: Sequence[int] = range(QUARTERS),
-        gap_columns: Sequence[int] | None = None,
-    ) -> Coverage:
-        """Coverage at points of the landmark's plane.
+    def coverage(self, points: FloatArray, spread: FloatArray) -> Coverage:
+        """Coverage by every part, whatever the code.
 
         Args:
             points: (N,2) mm at nominal size, x right, y up.
             spread: (N,3) covariance of the point spread there: xx, xy, yy, mm^2.
-            quarters, gap_columns: the triangles and gaps to work out; the other columns stay zero.
         """
-        family = self.family
-        x, y = points[:, 0], points[:, 1]
-        sxx, sxy, syy = spread[:, 0], spread[:, 1], spread[:, 2]
-        paper = _square(points, spread, family.half_mm + family.margin_mm)
-        face = _square(points, spread, family.half_mm)
-        ground = _square(points, spread, family.ground_half_mm)
+        jets = _Jets(points, spread, slopes=False)
+        paper, face, ground = self._squares(jets)
+        rings = self._rings(jets)
+        gaps = np.stack([g[0] for _, g in self._gaps(jets, rings, range(self.family.gap_count))], axis=1)
+        triangles = np.stack([self._triangle(jets, quarter)[0] for quarter in range(QUARTERS)], axis=1)
+        frame = np.stack([(paper - face)[0], (face - ground)[0], ground[0], 1 - paper[0]], axis=1)
+        fixed = frame + rings.sum(axis=1)[0][:, None] * np.array([1, 0, -1, 0], dtype=np.float32)
+        return Coverage(*(part.astype(np.float64) for part in (fixed, triangles, gaps, frame)))
 
-        radius = np.sqrt(x * x + y * y) + 1e-9
-        s_radial = np.sqrt(sxx * x * x + 2 * sxy * x * y + syy * y * y) / radius
-        # At the very centre the radial direction has no meaning; no ring reaches there.
-        s_radial = np.where(radius > 1.0, s_radial, np.sqrt(sxx))
-        rings = np.zeros_like(x)
-        gaps = np.zeros((len(x), family.gap_count), dtype=points.dtype)
-        column = 0
-        for ring in family.rings:
-            band = ndtr((radius - ring.inner_mm) / s_radial) - ndtr((radius - ring.outer_mm) / s_radial)
-            rings += band
+    def inks(
+        self, points: FloatArray, spread: FloatArray, open_gaps: Sequence[int], quarter: int, slopes: bool = False
+    ) -> FloatArray:
+        """(1 or 6,N,4) coverage by white, red, blue and surroundings for one reading, and its slopes.
+
+        Args:
+            points, spread: as for :meth:`coverage`.
+            open_gaps: gap positions (of the quad's frame) that are open.
+            quarter: quarter turns of the triangle, clockwise.
+            slopes: also with x, y, Sxx, Sxy, Syy.
+        """
+        jets = _Jets(points, spread, slopes)
+        paper, face, ground = self._squares(jets)
+        rings = self._rings(jets)
+        white = rings.sum(axis=1) + self._triangle(jets, quarter)
+        for _, gap in self._gaps(jets, rings, open_gaps):
+            white = white - gap
+        surroundings = -paper
+        surroundings[0] += 1
+        inks = [paper - face + white, face - ground, ground - white, surroundings]
+        return np.stack(inks, axis=2).astype(np.float64)
+
+    def _squares(self, jets: _Jets) -> tuple[Float32Array, ...]:
+        """Paper with its margin, face, and blue ground with all that is on it."""
+        halves = [self.family.half_mm + self.family.margin_mm, self.family.half_mm, self.family.ground_half_mm]
+        normals, offsets = [], []
+        for axis in ((1.0, 0.0), (0.0, 1.0)):
+            for side in (-1, 1):
+                normals += [axis] * len(halves)
+                offsets += [side * half for half in halves]
+        left, right, below, above = np.split(jets.half_planes(normals, offsets), 4, axis=1)
+        squares = jets.product(left - right, below - above)
+        return tuple(squares[:, k] for k in range(len(halves)))
+
+    def _rings(self, jets: _Jets) -> Float32Array:
+        """(J,R,N) the closed rings."""
+        inner = jets.outside_circles([ring.inner_mm for ring in self.family.rings])
+        return np.asarray(inner - jets.outside_circles([ring.outer_mm for ring in self.family.rings]))
+
+    def _gaps(
+        self, jets: _Jets, rings: Float32Array, columns: Sequence[int]
+    ) -> list[tuple[int, Float32Array]]:
+        """Gap position and (J,N) the ring's coverage inside it, for the wanted positions."""
+        wanted = [(column, *self._gap_rays[column]) for column in columns]
+        if not wanted:
+            return []
+        normals = [ray for _, _, after, before in wanted for ray in (after, before)]
+        rays = jets.half_planes(normals, [0.0] * len(normals))
+        sectors = jets.product(rays[:, 0::2], rays[:, 1::2])
+        of_ring = rings[:, [ring for _, ring, _, _ in wanted]]
+        gaps = jets.product(of_ring, sectors)
+        return [(column, gaps[:, k]) for k, (column, *_) in enumerate(wanted)]
+
+    @cached_property
+    def _gap_rays(self) -> list[tuple[int, tuple[float, float], tuple[float, float]]]:
+        """For each gap position: its ring, and the normals of the rays that bound it, pointing inside."""
+        rays = []
+        for number, ring in enumerate(self.family.rings):
             for centre in ring.gap_centres_deg:
-                if gap_columns is None or column in gap_columns:
-                    after = self._beside_ray(x, y, sxx, sxy, syy, centre - ring.gap_width_deg / 2, 1.0)
-                    before = self._beside_ray(x, y, sxx, sxy, syy, centre + ring.gap_width_deg / 2, -1.0)
-                    gaps[:, column] = band * after * before
-                column += 1
+                start, end = (math.radians(centre + s * ring.gap_width_deg / 2) for s in (-1, 1))
+                rays.append((number, (math.cos(start), -math.sin(start)), (-math.cos(end), math.sin(end))))
+        return rays
 
-        fixed = np.stack([paper - face + rings, face - ground, ground - rings, 1 - paper], axis=1)
-        return Coverage(fixed, self._triangles(x, y, sxx, sxy, syy, quarters), gaps)
-
-    def paper_only(self, points: FloatArray, spread: FloatArray) -> FloatArray:
-        """(N,) coverage by the white margin alone; arguments as for :meth:`coverage`."""
-        outside = _square(points, spread, self.family.half_mm + self.family.margin_mm)
-        return outside - _square(points, spread, self.family.half_mm)
-
-    @staticmethod
-    def _beside_ray(
-        x: FloatArray,
-        y: FloatArray,
-        sxx: FloatArray,
-        sxy: FloatArray,
-        syy: FloatArray,
-        angle_deg: float,
-        side: float,
-    ) -> FloatArray:
-        """Share on the clockwise (side = 1) or the other side (-1) of the ray at ``angle_deg``."""
-        a = math.radians(angle_deg)
-        nx, ny = side * math.cos(a), -side * math.sin(a)
-        s = np.sqrt(nx * nx * sxx + 2 * nx * ny * sxy + ny * ny * syy)
-        return np.asarray(ndtr((x * nx + y * ny) / s))
-
-    def _triangles(
-        self,
-        x: FloatArray,
-        y: FloatArray,
-        sxx: FloatArray,
-        sxy: FloatArray,
-        syy: FloatArray,
-        quarters: Sequence[int],
-    ) -> FloatArray:
-        """(N,4) the triangle at its quarter turns, each the product of its three half planes."""
-        vertices = self.family.triangle_vertices_mm
-        result = np.zeros((len(x), QUARTERS), dtype=x.dtype)
-        for quarter in quarters:
-            result[:, quarter] = 1.0
-            turn = _QUARTER_TURNS[quarter]
-            corners = vertices @ turn.T
-            for a, b in zip(corners, np.roll(corners, -1, axis=0), strict=True):
-                # The vertices run clockwise, so the inside lies to the right of each edge.
-                edge = (b - a) / np.linalg.norm(b - a)
-                # Plain floats keep single precision single.
-                nx, ny, ax, ay = float(edge[1]), -float(edge[0]), float(a[0]), float(a[1])
-                s = np.sqrt(nx * nx * sxx + 2 * nx * ny * sxy + ny * ny * syy)
-                result[:, quarter] *= ndtr(((x - ax) * nx + (y - ay) * ny) / s)
-        return result
+    def _triangle(self, jets: _Jets, quarter: int) -> Float32Array:
+        """(J,N) the triangle at one quarter turn, the product of its three half planes."""
+        corners = self.family.triangle_vertices_mm @ _QUARTER_TURNS[quarter].T
+        normals, offsets = [], []
+        for a, b in zip(corners, np.roll(corners, -1, axis=0), strict=True):
+            # The vertices run clockwise, so the inside lies to the right of each edge.
+            edge = (b - a) / np.linalg.norm(b - a)
+            normal = (float(edge[1]), -float(edge[0]))
+            normals.append(normal)
+            offsets.append(float(a @ normal))
+        sides = jets.half_planes(normals, offsets)
+        return jets.product(jets.product(sides[:, 0], sides[:, 1]), sides[:, 2])
 
     @cached_property
     def gap_turns(self) -> tuple[tuple[int, ...], ...]:
@@ -165,20 +163,99 @@ class LandmarkPattern:
         return tuple(turns)
 
 
-def frame_and_pattern_columns(pattern: LandmarkPattern, points: FloatArray, spread: FloatArray) -> FloatArray:
-    """(N,4+4+G+4) coverage: fixed, triangles, gaps, and the inks of a square without rings or triangle."""
-    cover = pattern.coverage(points, spread)
-    rings = cover.fixed[:, 0] - pattern.paper_only(points, spread)
-    frame = cover.fixed + np.outer(rings, [-1.0, 0.0, 1.0, 0.0])
-    return np.column_stack([cover.fixed, cover.triangles, cover.gaps, frame])
+@dataclass(frozen=True)
+class _Jets:
+    """Edges seen from N points, in single precision: 1e-7 of a coverage, at a fifth of the time."""
+
+    points: FloatArray
+    spread: FloatArray
+    slopes: bool
+
+    def half_planes(self, normals: Sequence[tuple[float, float]], offsets: Sequence[float]) -> Float32Array:
+        """(J,K,N) coverage by the half planes n p > offset."""
+        n = np.array(normals, dtype=np.float32)
+        distance = n @ self._points - np.array(offsets, dtype=np.float32)[:, None]
+        weights = np.stack([n[:, 0] ** 2, 2 * n[:, 0] * n[:, 1], n[:, 1] ** 2], axis=1)
+        return self._edges(distance, weights @ self._spread, n.T[:, :, None], weights.T[:, :, None])
+
+    def outside_circles(self, radii: Sequence[float]) -> Float32Array:
+        """(J,K,N) coverage by what lies outside circles around the origin.
+
+        A step aside by t leads outwards by t^2 / 2r, so with the variance T along the circle the point
+        sees its surroundings, in the mean, from T / 2r further out: blur makes rings smaller.
+        """
+        x, y = self._points
+        # At the very centre there is no direction; no ring reaches there.
+        radius = np.maximum(np.hypot(x, y), np.float32(1.0))
+        nx, ny = x / radius, y / radius
+        sxx, sxy, syy = self._spread
+        across = np.stack([nx * nx, 2 * nx * ny, ny * ny])
+        along = np.stack([ny * ny, -2 * nx * ny, nx * nx])
+        variance = np.maximum((across * self._spread).sum(axis=0), 0.01 * (sxx + syy))
+        sideways = sxx + syy - variance
+        # Not where the blur is as wide as the circle, and the series ends.
+        outwards = np.minimum(sideways / (2 * radius), 0.3 * radius)
+        distance = radius + outwards - np.array(radii, dtype=np.float32)[:, None]
+        jets = self._edges(distance, variance, np.stack([nx, ny])[:, None], across[:, None])
+        if self.slopes:
+            # Both variances turn with the point: d(n'Sn)/dp = 2 (S n - (n'Sn) n) / r.
+            turning = np.stack([sxx * nx + sxy * ny - variance * nx, sxy * nx + syy * ny - variance * ny]) * (2 / radius)
+            by_variance = jets[3] + jets[5]  # nx^2 + ny^2 = 1
+            by_distance = jets[1] * nx + jets[2] * ny
+            jets[1:3] *= 1 - outwards / radius
+            jets[1:3] += (by_variance - by_distance / (2 * radius)) * turning[:, None]
+            jets[3:] += by_distance / (2 * radius) * along[:, None]
+        return jets
+
+    def product(self, a: Float32Array, b: Float32Array) -> Float32Array:
+        """Of two jets, by Leibniz's rule."""
+        result = a * b[:1]
+        result[1:] += a[:1] * b[1:]
+        return result
+
+    def _edges(
+        self, distance: Float32Array, variance: Float32Array, normal: Float32Array, weights: Float32Array
+    ) -> Float32Array:
+        """(J,K,N) from (K,N) distance and variance across the edge, and what those change with."""
+        s = np.sqrt(variance)
+        share, density = normal_distribution(distance / s)
+        if not self.slopes:
+            return share[None]
+        jets = np.empty((JET, *share.shape), dtype=np.float32)
+        jets[0] = share
+        density /= s
+        np.multiply(density, normal, out=jets[1:3])
+        density *= distance
+        density /= -2 * variance
+        np.multiply(density, weights, out=jets[3:])
+        return jets
+
+    @cached_property
+    def _points(self) -> Float32Array:
+        return np.ascontiguousarray(self.points.T, dtype=np.float32)
+
+    @cached_property
+    def _spread(self) -> Float32Array:
+        return np.ascontiguousarray(self.spread.T, dtype=np.float32)
 
 
-def _square(points: FloatArray, spread: FloatArray, half: float) -> FloatArray:
-    """(N,) blurred coverage by the square of half side ``half`` around the origin."""
-    x, y = points[:, 0], points[:, 1]
-    sx, sy = np.sqrt(spread[:, 0]), np.sqrt(spread[:, 2])
-    inside_x = ndtr((x + half) / sx) - ndtr((x - half) / sx)
-    return np.asarray(inside_x * (ndtr((y + half) / sy) - ndtr((y - half) / sy)))
+def normal_distribution(a: Float32Array) -> tuple[Float32Array, Float32Array]:
+    """Distribution and density of the standard normal (Abramowitz and Stegun 26.2.17, to 1e-7).
+
+    Five times as fast as a library's, because the density is needed anyway.
+    """
+    density = np.exp(np.float32(-0.5) * a * a)
+    density *= np.float32(1 / math.sqrt(2 * math.pi))
+    t = np.abs(a)
+    t *= np.float32(0.2316419)
+    t += np.float32(1)
+    np.reciprocal(t, out=t)
+    tail = t * np.float32(1.330274429)
+    for coefficient in (-1.821255978, 1.781477937, -0.356563782, 0.319381530):
+        tail += np.float32(coefficient)
+        tail *= t
+    tail *= density
+    return np.where(a > 0, np.float32(1) - tail, tail), density
 
 
 def _clockwise(quarter: int) -> FloatArray:

@@ -13,8 +13,8 @@ import cv2
 import numpy as np
 
 from lmkit.arrays import Float32Array, FloatArray
-from lmkit.detect.decode import all_hypotheses, solve_inks
-from lmkit.detect.pattern import LandmarkPattern
+from lmkit.detect.decode import RIDGE, all_hypotheses, solve_inks
+from lmkit.detect.pattern import INKS, LandmarkPattern
 from lmkit.model.homography import homographies_from_points, homography_from_points, transform_points
 from lmkit.model.landmark import LandmarkFamily
 
@@ -23,11 +23,11 @@ MIN_SPREAD = 0.04  # px^2, for pictures sharper than any lens, such as rasterise
 MAX_PIXELS = 1500
 EDGE_BAND_PX = 3.0
 BEND_PRIOR = 0.12  # standard deviation of the radial bend, relative at half the picture's width
-SHADING_PRIOR = 0.2  # standard deviation of the relative change of light over half the side
+BLEED_PRIOR = 0.3  # standard deviation of the bleed
+SHADING_PRIOR = 0.05  # standard deviation of the relative change of light over half the side
 MAX_SHADING = 0.6
-STEP_MM = 0.02
-SPREAD_STEP = 0.03  # px^2, below MIN_SPREAD so that a stepped spread stays a covariance
 MAX_BEND = 0.3
+MAX_BLEED = 1.0
 
 
 @dataclass(frozen=True)
@@ -70,6 +70,7 @@ class Registration:
         spread: (3,) covariance of the point spread, xx xy yy, px^2.
         bend: radial bend, see :func:`unbend`.
         shading: (2,) relative change of the light from the middle to the right and the upper edge.
+        bleed: how much brighter blends of inks are than linear light would make them, see :func:`blending`.
         weighted_error: sum of squared residuals over their expected variance, per value.
         covariance: (9,9) of corners and bend, or None before the last step.
     """
@@ -78,6 +79,7 @@ class Registration:
     spread: FloatArray
     bend: float = 0.0
     shading: FloatArray = field(default_factory=lambda: np.zeros(2))
+    bleed: float = 0.0
     weighted_error: float = np.inf
     covariance: FloatArray | None = None
 
@@ -118,8 +120,12 @@ def rebend(at: FloatArray, bend: float, centre: FloatArray, half_width: float) -
     return np.asarray(centre + offset * (r / np.maximum(target, 1e-12)))
 
 
-def take_pixels(picture: Picture, registration: Registration, family: LandmarkFamily) -> Pixels | None:
-    """The pixels of the face and the inner part of its margin, thinned where there are many.
+def take_pixels(
+    picture: Picture, registration: Registration, family: LandmarkFamily, at_most: int = MAX_PIXELS, near_edges: bool = True
+) -> Pixels | None:
+    """The pixels of the face and the inner part of its margin, thinned to about ``at_most``.
+
+    Those ``near_edges`` of the drawing show the place best; evenly thinned ones stand a bad start better.
 
     None when too little of the landmark lies inside the picture.
     """
@@ -141,25 +147,30 @@ def take_pixels(picture: Picture, registration: Registration, family: LandmarkFa
     at = at[inside]
     if len(at) < 40:
         return None
-    if len(at) > MAX_PIXELS:
-        at = at[_informative(plane[inside], _side(registration.corners) / family.side_mm, family)]
+    if len(at) > at_most:
+        px_per_mm = _side(registration.corners) / family.side_mm
+        at = at[_informative(plane[inside], px_per_mm, family, at_most) if near_edges else _evenly(len(at), at_most)]
     values = picture.linear[at[:, 1].astype(int), at[:, 0].astype(int)].astype(np.float64)
     return Pixels(at, values, value_variance(values, picture.noise))
 
 
-def _informative(plane: FloatArray, px_per_mm: float, family: LandmarkFamily) -> FloatArray:
-    """Indices of MAX_PIXELS of the points: four of five near an edge of the drawing, where the position shows."""
+def _informative(plane: FloatArray, px_per_mm: float, family: LandmarkFamily, at_most: int) -> FloatArray:
+    """Indices of so many of the points: four of five near an edge of the drawing, where the position shows."""
     square = np.abs(plane).max(axis=1)
     radius = np.hypot(plane[:, 0], plane[:, 1])
     edges = [np.abs(square - half) for half in (family.half_mm, family.ground_half_mm)]
     edges += [np.abs(radius - r) for ring in family.rings for r in (ring.inner_mm, ring.outer_mm)]
     near = np.min(edges, axis=0) * px_per_mm < EDGE_BAND_PX
     chosen = []
-    for indices, count in ((np.flatnonzero(near), 4 * MAX_PIXELS // 5), (np.flatnonzero(~near), MAX_PIXELS // 5)):
-        # A fixed low-discrepancy choice: repeatable, and without the comb of a regular stride.
-        golden = np.modf(np.arange(len(indices)) * 0.6180339887498949)[0]
-        chosen.append(indices[golden < count / max(len(indices), 1)])
+    for indices, count in ((np.flatnonzero(near), 4 * at_most // 5), (np.flatnonzero(~near), at_most // 5)):
+        chosen.append(indices[_evenly(len(indices), count)])
     return np.sort(np.concatenate(chosen))
+
+
+def _evenly(n: int, count: int) -> FloatArray:
+    """(n,) True for about ``count``: a fixed low-discrepancy choice, without the comb of a regular stride."""
+    golden = np.modf(np.arange(n) * 0.6180339887498949)[0]
+    return np.asarray(golden < count / max(n, 1))
 
 
 def value_variance(values: FloatArray, noise: float) -> FloatArray:
@@ -178,26 +189,32 @@ class Reading:
     """What is assumed about gaps and triangle while registering.
 
     Attributes:
-        open_share: (G,) per gap position of the quad's frame: 1 gap, 0 none.
+        open_gaps: gap positions of the quad's frame that are open.
         quarter: quarter turn of the triangle, clockwise.
     """
 
-    open_share: FloatArray
+    open_gaps: tuple[int, ...]
     quarter: int
 
     @classmethod
     def of(cls, family: LandmarkFamily, code: int, quarter: int) -> Reading:
         """This code in this quarter turn."""
         selection = all_hypotheses(family).selections[quarter * family.code_count + code]
-        return cls(selection[-family.gap_count :, 2].copy(), quarter)
+        return cls(tuple(int(k) for k in np.flatnonzero(selection[-family.gap_count :, 2])), quarter)
 
-    def inks(self, pattern: LandmarkPattern, points: FloatArray, spread: FloatArray) -> FloatArray:
-        """(N,4) coverage by the four inks."""
-        used = [int(k) for k in np.flatnonzero(self.open_share)]
-        # Single precision: 1e-7 of a coverage, and the normal distribution in half the time.
-        single = (points.astype(np.float32), spread.astype(np.float32))
-        cover = pattern.coverage(*single, [self.quarter], used)
-        return cover.inks(self.open_share, self.quarter).astype(np.float64)
+
+@dataclass(frozen=True)
+class _Linearised:
+    """A registration's error and its slopes.
+
+    Attributes:
+        error: sum of squared residuals over their expected variance, per value, priors included.
+        normal, gradient: (15,15) J'WJ and (15,) J'Wr; parameters: corners, spread, bend, shading, bleed.
+    """
+
+    error: float
+    normal: FloatArray
+    gradient: FloatArray
 
 
 class Registrar:
@@ -217,27 +234,25 @@ class Registrar:
         fit_bend: bool = False,
     ) -> Registration:
         """Improve a registration; never returns a worse one than ``start`` on these pixels."""
-        current = replace(start, weighted_error=self._error(start, pixels, reading))
+        here = self._linearise(start, pixels, reading, fit_bend)
+        current = replace(start, weighted_error=here.error)
         damping = 1e-3
         for _ in range(iterations):
-            normal, gradient = self._normal_equations(current, pixels, reading, fit_bend)
-            improved = False
             for _ in range(4):
-                step = -np.linalg.solve(normal + damping * np.diag(np.diag(normal)), gradient)
+                step = -np.linalg.solve(here.normal + damping * np.diag(np.diag(here.normal)), here.gradient)
                 # No corner moves further than a quarter of the side at once.
                 limit = 0.25 * _side(current.corners)
                 step *= min(1.0, limit / max(np.abs(step[:8]).max(), 1e-9))
                 trial = _moved(current, step)
                 if _is_sane(trial.corners):
-                    error = self._error(trial, pixels, reading)
-                    if error < current.weighted_error:
-                        improved = True
+                    there = self._linearise(trial, pixels, reading, fit_bend)
+                    if there.error < here.error:
                         break
                 damping *= 10
-            if not improved:
+            else:
                 break
-            gain = 1 - error / current.weighted_error
-            current = replace(trial, weighted_error=error)
+            gain = 1 - there.error / here.error
+            here, current = there, replace(trial, weighted_error=there.error)
             damping = max(damping * 0.1, 1e-6)
             if np.abs(step[:8]).max() < 0.003 or gain < 1e-5:
                 break
@@ -249,10 +264,9 @@ class Registrar:
         Cauchy weights on the scatter of all pixels; a pole or a hand over one side then no longer
         drags the corners along.
         """
-        design = self.design(registration, pixels, reading)
         variance = value_variance(pixels.values, self.picture.noise)
-        inks = solve_inks(design, pixels.values, 1 / pixels.variance)
-        misfit = np.sqrt(np.mean((pixels.values - design @ inks) ** 2, axis=1) / variance)
+        off = pixels.values - self.drawn(registration, pixels, reading)
+        misfit = np.sqrt(np.mean(off**2, axis=1) / variance)
         scale = 2.5 * max(float(np.median(misfit)), 1e-6)
         return replace(
             pixels,
@@ -268,11 +282,10 @@ class Registrar:
         The residuals' own scatter sets the scale; neighbouring pixels share their errors
         (demosaicing, JPEG), so they count as ``CORRELATED_PIXELS`` times fewer.
         """
-        normal, _ = self._normal_equations(registration, pixels, reading, fit_bend)
-        error = self._error(registration, pixels, reading)
+        here = self._linearise(registration, pixels, reading, fit_bend)
         known = [*range(8), 11]
-        covariance = np.linalg.inv(normal)[np.ix_(known, known)] * (error * CORRELATED_PIXELS)
-        return replace(registration, weighted_error=error, covariance=covariance)
+        covariance = np.linalg.inv(here.normal)[np.ix_(known, known)] * (here.error * CORRELATED_PIXELS)
+        return replace(registration, weighted_error=here.error, covariance=covariance)
 
     def picture_corners(self, registration: Registration) -> tuple[FloatArray, FloatArray]:
         """(4,2) corners in the picture as delivered, bend and all, and their (8,8) covariance."""
@@ -303,88 +316,114 @@ class Registrar:
     def design(self, registration: Registration, pixels: Pixels, reading: Reading) -> FloatArray:
         """(N,4) ink coverage at the pixels."""
         points, spread, _ = self.points_and_spread(registration, pixels.at)
-        return reading.inks(self.pattern, points, spread) * self.light(registration, points)[:, None]
+        (inks,) = self.pattern.inks(points, spread, reading.open_gaps, reading.quarter)
+        return np.asarray(inks * self.light(registration, points)[:, None])
+
+    def _inks(self, registration: Registration, design: FloatArray, pixels: Pixels) -> FloatArray:
+        """(4,3) the inks at their best."""
+        inks = solve_inks(design, pixels.values, 1 / pixels.variance)
+        if registration.bleed == 0.0:
+            return inks
+        unbled = pixels.values - registration.bleed * blending(design[None], inks)[0]
+        return solve_inks(design, unbled, 1 / pixels.variance)
+
+    def drawn(self, registration: Registration, pixels: Pixels, reading: Reading) -> FloatArray:
+        """(N,3) what the pixels would be."""
+        design = self.design(registration, pixels, reading)
+        inks = self._inks(registration, design, pixels)
+        return np.asarray(design @ inks + registration.bleed * blending(design[None], inks)[0])
 
     def light(self, registration: Registration, points: FloatArray) -> FloatArray:
         """(N,) relative light at points of the landmark's plane."""
         return np.asarray(np.maximum(1 + points / self.family.half_mm @ registration.shading, 0.1))
 
-    def _error(self, registration: Registration, pixels: Pixels, reading: Reading) -> float:
-        design = self.design(registration, pixels, reading)
-        inks = solve_inks(design, pixels.values, 1 / pixels.variance)
-        squared = (pixels.values - design @ inks) ** 2 / pixels.variance[:, None]
-        prior = (registration.bend / BEND_PRIOR) ** 2 + np.sum((registration.shading / SHADING_PRIOR) ** 2)
-        return float((squared.sum() + pixels.prior_weight * prior) / squared.size)
-
-    def _normal_equations(
+    def _linearise(
         self, registration: Registration, pixels: Pixels, reading: Reading, fit_bend: bool
-    ) -> tuple[FloatArray, FloatArray]:
-        """J'WJ (14,14) and J'Wr (14,); parameters: corners, spread, bend, shading."""
+    ) -> _Linearised:
         n = len(pixels.at)
         points, spread, A = self.points_and_spread(registration, pixels.at)
-        shift = np.eye(2) * STEP_MM
-        spreads = [_spread_in_plane(A, registration.spread + e) for e in np.eye(3) * SPREAD_STEP]
-        stacked = self._stacked_inks(
-            reading,
-            [points, points + shift[0], points + shift[1], points, points, points],
-            [spread, spread, spread, *spreads],
-        )
         light = self.light(registration, points)[:, None]
-        stacked = stacked * light
-        design = stacked[0]
+        jets = self.pattern.inks(points, spread, reading.open_gaps, reading.quarter, slopes=True) * light
+        design = jets[0]
         root = 1 / np.sqrt(pixels.variance)
-        inks = solve_inks(design, pixels.values, root**2)
-        residual = (pixels.values - design @ inks) * root[:, None]
+        inks = self._inks(registration, design, pixels)
+        blends = blending(jets, inks)
+        # (6,N,3) colours and their slopes in the plane.
+        drawn = jets @ inks + registration.bleed * blends
+        residual = (pixels.values - drawn[0]) * root[:, None]
 
-        by_plane = (stacked[1:3] - design) @ inks / STEP_MM  # (2,N,3)
-        # (2,N,3) d model / d unbent pixel.
-        by_pixel = [by_plane[0] * A[:, 0, x, None] + by_plane[1] * A[:, 1, x, None] for x in (0, 1)]
-        moves = self._moves(registration, points)  # (N,8,2)
-        J = np.zeros((n, 3, 14))
+        # (N,3) d model / d unbent pixel.
+        by_pixel = [drawn[1] * A[:, 0, x, None] + drawn[2] * A[:, 1, x, None] for x in (0, 1)]
+        moves = self._moves(registration, points)  # (8,2,N)
+        J = np.zeros((PARAMETERS, n, 3))
         # At a fixed pixel the pattern moves the other way.
-        J[:, :, :8] = by_pixel[0][:, :, None] * moves[:, None, :, 0] + by_pixel[1][:, :, None] * moves[:, None, :, 1]
-        for k in range(3):
-            J[:, :, 8 + k] = -((stacked[3 + k] - design) @ inks) / SPREAD_STEP
+        J[:8] = moves[:, 0, :, None] * by_pixel[0] + moves[:, 1, :, None] * by_pixel[1]
+        for k, unit in enumerate(np.eye(3)):
+            by_unit = _spread_in_plane(A, unit - PIXEL_VARIANCE * np.array([1, 0, 1]))
+            J[8 + k] = -sum(drawn[3 + m] * by_unit[:, m, None] for m in range(3))
         if fit_bend:
             offset = pixels.at - self.picture.centre
             radial = offset * (np.sum(offset**2, axis=1, keepdims=True) / self.picture.half_width**2)
-            J[:, :, 11] = -(by_pixel[0] * radial[:, :1] + by_pixel[1] * radial[:, 1:])
-        lit = (design @ inks) / light
-        J[:, :, 12:] = -lit[:, :, None] * points[:, None, :] / self.family.half_mm
-        J *= root[:, None, None]
+            J[11] = -(by_pixel[0] * radial[:, :1] + by_pixel[1] * radial[:, 1:])
+        lit = drawn[0] / light
+        J[12:14] = -lit * (points.T[:, :, None] / self.family.half_mm)
+        J[14] = -blends[0]
+        J *= root[:, None]
+        flat = J.reshape(PARAMETERS, n * 3)
         # Variable projection (Kaufman 1975): take out what the inks could explain.
-        Q, _ = np.linalg.qr(design * root[:, None])
-        flat = J.reshape(n, 42)
-        rows = (flat - Q @ (Q.T @ flat)).reshape(n * 3, 14)
-        normal = rows.T @ rows
-        gradient = rows.T @ residual.ravel()
+        weighted = design * root[:, None]
+        gram = weighted.T @ weighted
+        gram += RIDGE * 1e-6 * np.trace(gram) * np.eye(INKS)
+        seen = np.linalg.solve(np.linalg.cholesky(gram), (weighted.T @ J).transpose(1, 0, 2).reshape(INKS, -1))
+        by_inks = seen.reshape(INKS, PARAMETERS, 3).transpose(1, 0, 2).reshape(PARAMETERS, -1)
+        normal = flat @ flat.T - by_inks @ by_inks.T
+        gradient = flat @ residual.ravel()
         if fit_bend:
             normal[11, 11] += pixels.prior_weight / BEND_PRIOR**2
             gradient[11] += pixels.prior_weight * registration.bend / BEND_PRIOR**2
         else:
             normal[11, 11] = 1e12
-        normal[12:, 12:] += pixels.prior_weight * np.eye(2) / SHADING_PRIOR**2
-        gradient[12:] += pixels.prior_weight * registration.shading / SHADING_PRIOR**2
+        normal[12:14, 12:14] += pixels.prior_weight * np.eye(2) / SHADING_PRIOR**2
+        gradient[12:14] += pixels.prior_weight * registration.shading / SHADING_PRIOR**2
+        normal[14, 14] += pixels.prior_weight / BLEED_PRIOR**2
+        gradient[14] += pixels.prior_weight * registration.bleed / BLEED_PRIOR**2
         normal[8:11, 8:11] += 1e-3 * np.eye(3)
         normal[:8, :8] += 1e-6 * np.eye(8)
-        return normal, gradient
-
-    def _stacked_inks(self, reading: Reading, points: list[FloatArray], spreads: list[FloatArray]) -> FloatArray:
-        n = len(points[0])
-        inks = reading.inks(self.pattern, np.concatenate(points), np.concatenate(spreads))
-        return inks.reshape(len(points), n, -1)
+        prior = (registration.bend / BEND_PRIOR) ** 2 + (registration.bleed / BLEED_PRIOR) ** 2
+        prior += np.sum((registration.shading / SHADING_PRIOR) ** 2)
+        error = float((np.sum(residual**2) + pixels.prior_weight * prior) / residual.size)
+        return _Linearised(error, normal, gradient)
 
     def _moves(self, registration: Registration, points: FloatArray) -> FloatArray:
-        """(N,8,2) how a point of the pattern moves in the picture with every corner coordinate."""
+        """(8,2,N) how a point of the pattern moves in the picture with every corner coordinate."""
         delta = 1e-3
         corners = registration.corners
         changed = corners + delta * np.eye(8).reshape(8, 4, 2)
         H = homographies_from_points(self.family.corners_mm, np.concatenate([corners[None], changed]))
-        h = np.einsum("kij,nj->nki", H, np.column_stack([points, np.ones(len(points))]))
-        at = h[:, :, :2] / h[:, :, 2:]
-        return np.asarray((at[:, 1:] - at[:, :1]) / delta)
+        h = H @ np.vstack([points.T, np.ones(len(points))])
+        at = h[:, :2] / h[:, 2:]
+        return np.asarray((at[1:] - at[:1]) / delta)
 
 
+PARAMETERS = 15  # corners, spread, bend, shading, bleed
+
+
+def blending(jets: FloatArray, inks: FloatArray) -> FloatArray:
+    """(...,N,3) where inks blend: the variance of the light within a pixel's view, over the white's.
+
+    If the picture's tone curve is not the one that was undone, a blend of two inks does not have
+    the mean of their values.  To second order it is off by half the curve's second derivative times
+    this, whatever the curve: white bleeds over dark, or dark over white, and the square shrinks or
+    grows.
+
+    Args:
+        jets: (J,N,4) coverage by the inks and, behind it, its slopes.
+        inks: (4,3) linear-light BGR.
+    """
+    white = np.maximum(inks[0], 1e-3)
+    mean, square = jets @ inks, jets @ inks**2
+    spread = square - mean[:1] * np.where(np.arange(len(jets))[:, None, None] == 0, 1.0, 2.0) * mean
+    return np.asarray(spread / white)
 CORRELATED_PIXELS = 3.0
 
 
@@ -404,7 +443,8 @@ def _moved(registration: Registration, step: FloatArray) -> Registration:
         corners=registration.corners + step[:8].reshape(4, 2),
         spread=_positive(registration.spread + step[8:11]),
         bend=float(np.clip(registration.bend + step[11], -MAX_BEND, MAX_BEND)),
-        shading=np.clip(registration.shading + step[12:], -MAX_SHADING, MAX_SHADING),
+        shading=np.clip(registration.shading + step[12:14], -MAX_SHADING, MAX_SHADING),
+        bleed=float(np.clip(registration.bleed + step[14], -MAX_BLEED, MAX_BLEED)),
     )
 
 

@@ -108,7 +108,8 @@ def test_the_drawing_is_what_the_reader_expects(code):
     x, y = np.meshgrid(centres, -centres)
     points = np.column_stack([x.ravel(), y.ravel()])
     spread = np.tile([0.01, 0.0, 0.01], (len(points), 1))
-    inks = LandmarkPattern(LM8).coverage(points, spread).inks(np.array(code_to_gaps(code, 8), float), 0)
+    open_gaps = np.flatnonzero(code_to_gaps(code, 8))
+    (inks,) = LandmarkPattern(LM8).inks(points, spread, open_gaps, 0)
     expected = (inks @ np.array([WHITE, RED, BLUE, WHITE], dtype=float)).reshape(size, size, 3)
     # Over cells of 1 mm, so that two ways of smoothing edges do not count.
     off = np.abs((rgb - expected).reshape(180, 4, 180, 4, 3).mean(axis=(1, 3)))
