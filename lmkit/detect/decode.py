@@ -20,7 +20,7 @@ from lmkit.model.code import code_to_gaps
 from lmkit.model.landmark import LandmarkFamily
 
 # Keeps inks that are hardly seen (surroundings beyond the grid) from running away.
-RIDGE = 1e-3
+RIDGE = 1e-5
 
 
 @dataclass(frozen=True)
