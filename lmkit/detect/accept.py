@@ -14,7 +14,6 @@ from lmkit.model.code import code_to_gaps
 from lmkit.model.landmark import LandmarkFamily
 
 MARGIN_PER_NAT = 3.0
-WELL_KNOWN_SIGMA = 0.12
 GAP_PIXELS = 8
 GAP_SURROUNDINGS_MM = 20.0
 WORST_MISFIT = 40.0  # one bright pixel is no hand
@@ -30,26 +29,28 @@ class AcceptanceRule:
             redundancy, so this is what tells a landmark from a square with something in it.
         code_margin: least log likelihood ratio against any other code.
         parts_misfit: most that triangle, rings and gaps may lie between blue and white, as a mean
-            square in standard deviations: where the parts are known well, and where they are not.
+            square in standard deviations.
         red_over_blue: least colour difference of border and ground (log ratio).
         white_over_ground: (least, most) ratio of brightness; no paint and paper exceed the latter.
         part_deviation: most that the triangle's and the rings' white may differ from the margin's.
         part_sigma: a part must be known at least this well.
-        hidden: most that the misfit inside one gap position may exceed the picture's usual one;
-            beyond, something lies over it whose colour is none of the landmark's.
+        hidden: most that the misfit around one gap position may exceed the usual one; beyond, something
+            lies over it.
         plain_code_factor: codes that look alike in every quarter turn (rings all closed or all open)
             are what road signs and logos resemble; they need this many times the turn margin.
+        plain_parts_misfit: and stay under this.
     """
 
     turn_margin: float = 24.0
     code_margin: float = 6.0
-    parts_misfit: tuple[float, float] = (1.2, 1.5)
+    parts_misfit: float = 1.8
     red_over_blue: float = 0.4
     white_over_ground: tuple[float, float] = (2.2, 40.0)
     part_deviation: float = 0.3
-    part_sigma: float = 0.3
+    part_sigma: float = 0.25
     hidden: float = 6.5
     plain_code_factor: float = 2.0
+    plain_parts_misfit: float = 1.5
 
 
 @dataclass(frozen=True)
@@ -112,7 +113,7 @@ class Verdict:
             "hidden": self.gap_misfit <= rule.hidden,
             "unsure": float(self.parts_sigma.max()) <= rule.part_sigma,
             "pattern": float(np.abs(self.parts[:2] - 1).max()) <= rule.part_deviation
-            and self.parts_misfit <= rule.parts_misfit[int(self.parts_sigma.max() > WELL_KNOWN_SIGMA)],
+            and self.parts_misfit <= (rule.plain_parts_misfit if self.plain else rule.parts_misfit),
         }
         return next((name for name, passed in checks.items() if not passed), None)
 

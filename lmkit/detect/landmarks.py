@@ -23,6 +23,7 @@ ALIGN_ROUNDS = 3
 READ_ROUNDS = 3
 REGISTER_STEPS = 5
 COARSE_SIDE_PX = 100.0
+COARSE_PX = 0.05
 COARSE_PIXELS = 600  # enough to read and to find the place; the last steps take more
 BEND_SIDE_PX = 40.0  # smaller landmarks do not show the lens's bend
 
@@ -151,7 +152,7 @@ def _register_and_read(registrar: Registrar, quad: FloatArray, options: DetectOp
         reading = Reading.of(family, verdict.code, verdict.quarter)
         for _ in range(2):
             discounted = registrar.discounted(registration, pixels, reading)
-            registration = registrar.register(registration, discounted, reading, REGISTER_STEPS, fit_bend)
+            registration = registrar.register(registration, discounted, reading, REGISTER_STEPS, to_px=COARSE_PX)
         pixels = take_pixels(picture, registration, family, COARSE_PIXELS, near_edges=False)
         if pixels is None:
             return None

@@ -232,8 +232,12 @@ class Registrar:
         reading: Reading,
         iterations: int,
         fit_bend: bool = False,
+        to_px: float = 0.01,
     ) -> Registration:
-        """Improve a registration; never returns a worse one than ``start`` on these pixels."""
+        """Improve a registration; never returns a worse one than ``start`` on these pixels.
+
+        Ends after ``iterations`` steps, or when no corner moved more than ``to_px``.
+        """
         here = self._linearise(start, pixels, reading, fit_bend)
         current = replace(start, weighted_error=here.error)
         damping = 1e-3
@@ -254,7 +258,7 @@ class Registrar:
             gain = 1 - there.error / here.error
             here, current = there, replace(trial, weighted_error=there.error)
             damping = max(damping * 0.1, 1e-6)
-            if np.abs(step[:8]).max() < 0.003 or gain < 1e-5:
+            if np.abs(step[:8]).max() < to_px or gain < 1e-5:
                 break
         return current
 
