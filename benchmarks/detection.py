@@ -99,7 +99,9 @@ def attempt(photos: tuple[Path, ...], only: tuple[str, ...], job: tuple[str, flo
             continue
         marker = READERS[name].marker
         if marker not in shots:
-            shots[marker] = shoot(marker, _shadowed(trial.view(seed), seed), background(photos[seed % len(photos)]), seed)
+            shots[marker] = shoot(
+                marker, _shadowed(trial.view(seed), seed), background(photos[seed % len(photos)]), seed
+            )
         shot = shots[marker]
         line = {"ladder": ladder, "rung": rung, "seed": seed, "reader": name} | _judge(detect(shot.image), shot)
         if ladder in ("corners", "distance") and name in LINEARISED:
@@ -228,7 +230,7 @@ def print_table(lines: list[dict], names: list[str]) -> None:
 
 
 def print_photographs(photos: list[Path], names: list[str]) -> None:
-    found = {name: 0 for name in names}
+    found = dict.fromkeys(names, 0)
     for path in photos:
         image = cv2.imread(str(path))
         for name in names:
@@ -242,7 +244,9 @@ def print_times(photos: list[Path], names: list[str]) -> None:
         seconds: dict[str, list[float]] = {name: [] for name in ("ArUco 4x4", *names)}
         for k, path in enumerate(photos[:12]):
             shots = {
-                m: cv2.resize(shoot(m, View(60.0, 30.0, BASE), background(path), k).image, size, interpolation=cv2.INTER_CUBIC)
+                m: cv2.resize(
+                    shoot(m, View(60.0, 30.0, BASE), background(path), k).image, size, interpolation=cv2.INTER_CUBIC
+                )
                 for m in {READERS[n].marker for n in seconds}
             }
             for name in seconds:
@@ -252,7 +256,11 @@ def print_times(photos: list[Path], names: list[str]) -> None:
                 seconds[name].append(time.perf_counter() - start)
         medians = {name: np.median(s) for name, s in seconds.items()}
         cells = [f"{medians[n] / medians['ArUco 4x4']:.2f}" for n in names]
-        print(f"| time, {label}, ratio to ArUco 4x4 ({1000 * medians['ArUco 4x4']:.1f} ms) | " + " | ".join(cells) + " |")
+        print(
+            f"| time, {label}, ratio to ArUco 4x4 ({1000 * medians['ArUco 4x4']:.1f} ms) | "
+            + " | ".join(cells)
+            + " |"
+        )
 
 
 def print_profile(photos: list[Path]) -> None:
@@ -270,7 +278,14 @@ def print_profile(photos: list[Path]) -> None:
     profile.disable()
     stats = pstats.Stats(profile)
     total = stats.total_tt  # type: ignore[attr-defined]
-    steps = ("find_candidates", "screen_candidates", "align_candidates", "_register_and_read", "estimate_noise", "linear_pyramid")
+    steps = (
+        "find_candidates",
+        "screen_candidates",
+        "align_candidates",
+        "_register_and_read",
+        "estimate_noise",
+        "linear_pyramid",
+    )
     print("\nWhere lmkit's time goes (screening is an alignment without moves):\n")
     for (_, _, name), (_, calls, _, cumulative, _) in stats.stats.items():  # type: ignore[attr-defined]
         if name in steps:

@@ -7,7 +7,7 @@ put on white paper, seen by a camera of f = 600 px and 640x480 pixels and taken 
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import lru_cache
 from pathlib import Path
 
@@ -47,7 +47,7 @@ class View:
 
     side_px: float
     tilt_deg: float = 0.0
-    chain: ImagingChain = ImagingChain()
+    chain: ImagingChain = field(default_factory=ImagingChain)
 
 
 @dataclass(frozen=True)
@@ -62,7 +62,9 @@ class Shot:
 
 def camera(size: tuple[int, int] = SIZE) -> CameraModel:
     f = FOCAL_PX * size[0] / SIZE[0]
-    return CameraModel(size, np.array([[f, 0, size[0] / 2 - 0.5], [0, f, size[1] / 2 - 0.5], [0, 0, 1.0]]), np.zeros(5))
+    return CameraModel(
+        size, np.array([[f, 0, size[0] / 2 - 0.5], [0, f, size[1] / 2 - 0.5], [0, 0, 1.0]]), np.zeros(5)
+    )
 
 
 def place(view: View, rng: np.random.Generator) -> Pose:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
-from lmkit.detect.landmarks import detect_landmarks
+from lmkit.detect.landmarks import detect_landmarks, is_colourless
 from lmkit.errors import InputError
 from lmkit.formats.sources import Frame, frames, picture_files
 from lmkit.model.observation import LandmarkObservation
@@ -22,12 +22,14 @@ class Detected:
     Attributes:
         name: path, or ``VIDEO#N`` for frame N of a video.
         size: (width, height), or None where it could not be read.
+        colourless: a grey picture; landmarks are told from other squares by their colours.
     """
 
     name: str
     size: tuple[int, int] | None
     landmarks: tuple[LandmarkObservation, ...] = ()
     error: InputError | None = None
+    colourless: bool = False
 
 
 def detect_in_sources(sources: Sequence[str]) -> Iterator[Detected]:
@@ -49,4 +51,5 @@ def _detect_frame(frame: Frame) -> Detected:
     if frame.image is None:
         return Detected(frame.name, None, error=frame.error)
     height, width = frame.image.shape[:2]
-    return Detected(frame.name, (width, height), tuple(detect_landmarks(frame.image)))
+    landmarks = tuple(detect_landmarks(frame.image))
+    return Detected(frame.name, (width, height), landmarks, colourless=is_colourless(frame.image))

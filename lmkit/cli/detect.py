@@ -16,7 +16,9 @@ if TYPE_CHECKING:
 
 
 def run(
-    sources: Annotated[list[str], typer.Argument(help="Pictures, folders, globs, videos, or - for standard input.")],
+    sources: Annotated[
+        list[str], typer.Argument(help="Pictures, folders, globs, videos, camera:0, or - for standard input.")
+    ],
     as_json: Annotated[bool, typer.Option("--json", help="One JSON object a line.")] = False,
     annotate: Annotated[
         Path | None, typer.Option("--annotate", help="Folder for the pictures with overlays.")
@@ -26,7 +28,7 @@ def run(
     """Find and read landmarks."""
     from lmkit.detect_batch import detect_in_sources
 
-    count = found = 0
+    count = found = colourless = 0
     failed: list[InputError] = []
     for answer in progress(detect_in_sources(sources), None, "detecting"):
         count += 1
@@ -39,6 +41,12 @@ def run(
                 warn(str(answer.error))
             continue
         found += len(answer.landmarks)
+        if answer.colourless:
+            colourless += 1
+            if colourless == 1:
+                warn(
+                    f"{answer.name} has no colour: landmarks are recognised by red against blue; use a colour camera"
+                )
         width, height = answer.size
         if as_json:
             entries = [observation_dict(d) for d in answer.landmarks]
@@ -56,7 +64,9 @@ def run(
         raise NegativeAnswer(
             "nothing_found",
             f"no landmark in {count} pictures",
-            "check light, focus and distance: 15 px a side and more",
+            "the pictures have no colour, and landmarks are recognised by red against blue"
+            if colourless == count
+            else "check light, focus and distance: 15 px a side and more",
         )
 
 

@@ -36,7 +36,7 @@ def run(
     as_json: Annotated[bool, typer.Option("--json", help="One JSON object a line.")] = False,
 ) -> None:
     """Find the pose of the camera (or the robot) from landmarks of a map."""
-    from lmkit.detect.landmarks import detect_landmarks
+    from lmkit.detect.landmarks import DetectOptions, detect_landmarks
     from lmkit.formats.images import read_image
     from lmkit.formats.landmark_map import read_map
     from lmkit.formats.rig import read_rig
@@ -90,7 +90,10 @@ def run(
             elif len(lefts) > 1:
                 warn(str(error))
             continue
-        seen = [detect_landmarks(image) for image in pictures]
+        eyes = (cameras.left, cameras.right)
+        seen = [
+            detect_landmarks(image, DetectOptions(camera=eye)) for image, eye in zip(pictures, eyes, strict=False)
+        ]
         if mono is None:
             estimate = locate_rig(seen[0], seen[1], cameras, landmarks)
         else:

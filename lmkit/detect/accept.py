@@ -16,6 +16,7 @@ from lmkit.model.landmark import LandmarkFamily
 MARGIN_PER_NAT = 3.0
 GAP_PIXELS = 8
 GAP_SURROUNDINGS_MM = 20.0
+MODEL_SHARE = 0.08
 WORST_MISFIT = 40.0  # one bright pixel is no hand
 PART_TOLERANCE = 0.08  # uneven print and light: a part may differ so much from white or blue
 
@@ -179,21 +180,25 @@ def read_square(registrar: Registrar, registration: Registration, pixels: Pixels
         inks=inks,
         parts=parts,
         parts_sigma=parts_sigma,
-        gap_misfit=_gap_misfit(
-            family, points, pixels.values, columns @ solver.selections[best] @ inks, pixels.variance
-        ),
+        gap_misfit=_gap_misfit(family, points, pixels, columns @ solver.selections[best] @ inks, inks),
         plain=_is_plain(family, int(hypotheses.codes[best])),
     )
 
 
-def _gap_misfit(family: LandmarkFamily, points: FloatArray, values: FloatArray, model: FloatArray, variance: FloatArray) -> float:
-    """The largest mean squared misfit around a gap position, over the median of all pixels.
+def _gap_misfit(
+    family: LandmarkFamily, points: FloatArray, pixels: Pixels, model: FloatArray, inks: FloatArray
+) -> float:
+    """The largest mean squared misfit around a gap position, over what is usual.
 
     What hides a gap reaches over the ring's edges on its way from outside, so the surroundings tell,
-    even where it is as dark as the ground or as bright as the ring.
+    even where it is as dark as the ground or as bright as the ring.  Usual is the median of all
+    pixels, or the expected variance, or a share of the contrast, which no model of blur and print
+    gets better; whichever is largest.
     """
-    misfit = np.mean((values - model) ** 2, axis=1) / variance
-    misfit = np.minimum(misfit / max(float(np.median(misfit)), 1e-12), WORST_MISFIT)
+    squared = np.mean((pixels.values - model) ** 2, axis=1)
+    median = float(np.median(squared / pixels.variance))
+    usual = np.maximum(pixels.variance * max(median, 1.0), np.mean((MODEL_SHARE * (inks[0] - inks[2])) ** 2))
+    misfit = np.minimum(squared / usual, WORST_MISFIT)
     radius = np.maximum(np.hypot(points[:, 0], points[:, 1]), 1.0)
     angle = np.degrees(np.arctan2(points[:, 0], points[:, 1]))
     reach = np.degrees(GAP_SURROUNDINGS_MM / radius)

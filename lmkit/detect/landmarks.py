@@ -12,6 +12,8 @@ from lmkit.detect.accept import AcceptanceRule, Verdict, read_square
 from lmkit.detect.candidates import find_candidates
 from lmkit.detect.refine import Picture, Reading, Registrar, Registration, take_pixels
 from lmkit.detect.screen import align_candidates, linear_pyramid, screen_candidates
+from lmkit.errors import InputError
+from lmkit.model.camera import CameraModel
 from lmkit.model.landmark import LM8, LandmarkFamily
 from lmkit.model.observation import LandmarkObservation
 from lmkit.model.palette import srgb_to_linear
@@ -39,8 +41,10 @@ class DetectOptions:
         min_aligned_pattern: those that explain less than this once aligned are not registered.
         max_registered: at most so many are, best first; bounds the time on cluttered pictures.
         rule: what a landmark must show.
-        through_lens: the picture comes through an unknown lens, so straight edges may be bent; off for
-            scans and rasterised pages.
+        through_lens: the picture comes through a lens, so straight edges may be bent; off for scans and
+            rasterised pages.
+        camera: the camera that took the picture, if it is calibrated: its own distortion then takes the
+            place of a guessed bend.
     """
 
     family: LandmarkFamily = LM8
@@ -50,6 +54,7 @@ class DetectOptions:
     max_registered: int = 24
     rule: AcceptanceRule = field(default_factory=AcceptanceRule)
     through_lens: bool = True
+    camera: CameraModel | None = None
 
 
 @dataclass(frozen=True)
@@ -101,7 +106,8 @@ def detect_landmarks(image: ByteArray, options: DetectOptions | None = None) -> 
 def attempt_landmarks(image: ByteArray, options: DetectOptions) -> list[Attempt]:
     """Everything that was registered and read, with the reasons of what was rejected."""
     family = options.family
-    picture = Picture(_LINEAR[image], estimate_noise(image))
+    _check_picture(image, options)
+    picture = Picture(_LINEAR[image], estimate_noise(image), options.camera)
     pyramid = linear_pyramid(picture.linear)
     screened = screen_candidates(pyramid, find_candidates(image), family)
     screened = screened.best_first(options.min_pattern, per_place=2, at_most=options.max_aligned)
@@ -135,9 +141,9 @@ def _settled_coarsely(registrar: Registrar, quad: FloatArray) -> FloatArray:
 
 def _register_and_read(registrar: Registrar, quad: FloatArray, options: DetectOptions) -> Attempt | None:
     family, picture = registrar.family, registrar.picture
-    quad = _settled_coarsely(registrar, quad)
+    quad = picture.straightened(_settled_coarsely(registrar, quad))
     side = _mean_side(quad)
-    fit_bend = options.through_lens and side > BEND_SIDE_PX
+    fit_bend = options.through_lens and options.camera is None and side > BEND_SIDE_PX
     # The blur starts generous, so that a wrong corner still feels its edge.
     blur = max(0.8, 0.012 * min(side, COARSE_SIDE_PX)) ** 2
     registration = Registration(quad, np.array([blur, 0.0, blur]))
@@ -191,6 +197,27 @@ def _register_and_read(registrar: Registrar, quad: FloatArray, options: DetectOp
     # A corner that is not in the picture was not seen, and none is made up.
     rejected = verdict.reason_to_reject(options.rule) if inside else "cut"
     return Attempt(corners[order], covariance[np.ix_(rows, rows)], verdict, rejected)
+
+
+def _check_picture(image: ByteArray, options: DetectOptions) -> None:
+    if image.ndim != 3 or image.shape[2] != 3 or image.dtype != np.uint8:
+        raise InputError(
+            "bad_picture",
+            f"a picture of shape {image.shape} and type {image.dtype} cannot be searched",
+            "give (height, width, 3) BGR of 8 bit; lmkit.formats.images.read_image makes that of any file",
+        )
+    size = (image.shape[1], image.shape[0])
+    if options.camera is not None and options.camera.image_size != size:
+        raise InputError(
+            "camera_size",
+            "the picture is {}x{}, the camera {}x{}".format(*size, *options.camera.image_size),
+            "use pictures of the size that was calibrated",
+        )
+
+
+def is_colourless(image: ByteArray) -> bool:
+    """All three channels the same: a grey picture, in which red and blue cannot be told apart."""
+    return bool(np.array_equal(image[:, :, 0], image[:, :, 1]) and np.array_equal(image[:, :, 1], image[:, :, 2]))
 
 
 def estimate_noise(image: ByteArray) -> float:

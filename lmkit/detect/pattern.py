@@ -111,9 +111,7 @@ class LandmarkPattern:
         inner = jets.outside_circles([ring.inner_mm for ring in self.family.rings])
         return np.asarray(inner - jets.outside_circles([ring.outer_mm for ring in self.family.rings]))
 
-    def _gaps(
-        self, jets: _Jets, rings: Float32Array, columns: Sequence[int]
-    ) -> list[tuple[int, Float32Array]]:
+    def _gaps(self, jets: _Jets, rings: Float32Array, columns: Sequence[int]) -> list[tuple[int, Float32Array]]:
         """Gap position and (J,N) the ring's coverage inside it, for the wanted positions."""
         wanted = [(column, *self._gap_rays[column]) for column in columns]
         if not wanted:
@@ -199,7 +197,9 @@ class _Jets:
         jets = self._edges(distance, variance, np.stack([nx, ny])[:, None], across[:, None])
         if self.slopes:
             # Both variances turn with the point: d(n'Sn)/dp = 2 (S n - (n'Sn) n) / r.
-            turning = np.stack([sxx * nx + sxy * ny - variance * nx, sxy * nx + syy * ny - variance * ny]) * (2 / radius)
+            turning = np.stack([sxx * nx + sxy * ny - variance * nx, sxy * nx + syy * ny - variance * ny]) * (
+                2 / radius
+            )
             by_variance = jets[3] + jets[5]  # nx^2 + ny^2 = 1
             by_distance = jets[1] * nx + jets[2] * ny
             jets[1:3] *= 1 - outwards / radius
@@ -218,7 +218,7 @@ class _Jets:
     ) -> Float32Array:
         """(J,K,N) from (K,N) distance and variance across the edge, and what those change with."""
         s = np.sqrt(variance)
-        share, density = normal_distribution(distance / s)
+        share, density = normal_distribution(np.asarray(distance / s, dtype=np.float32))
         if not self.slopes:
             return share[None]
         jets = np.empty((JET, *share.shape), dtype=np.float32)

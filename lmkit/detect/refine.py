@@ -15,6 +15,7 @@ import numpy as np
 from lmkit.arrays import Float32Array, FloatArray
 from lmkit.detect.decode import RIDGE, all_hypotheses, solve_inks
 from lmkit.detect.pattern import INKS, LandmarkPattern
+from lmkit.model.camera import CameraModel
 from lmkit.model.homography import homographies_from_points, homography_from_points, transform_points
 from lmkit.model.landmark import LandmarkFamily
 
@@ -37,10 +38,12 @@ class Picture:
     Attributes:
         linear: (H,W,3) BGR in linear light, 0..1.
         noise: standard deviation of the picture's noise in code values over 255.
+        camera: the camera that took it, where its lens is known.
     """
 
     linear: Float32Array
     noise: float
+    camera: CameraModel | None = None
 
     def shrunk(self, factor: int) -> Picture:
         """The picture ``factor`` times smaller, averaged in linear light."""
@@ -48,6 +51,19 @@ class Picture:
         whole = self.linear[: height * factor, : width * factor]
         small = cv2.resize(whole, (width, height), interpolation=cv2.INTER_AREA)
         return Picture(np.asarray(small, dtype=np.float32), self.noise / factor)
+
+    def straightened(self, at: FloatArray) -> FloatArray:
+        """(N,2) pixels as a lens without distortion would have them; the same where the lens is not known."""
+        if self.camera is None:
+            return at
+        return np.asarray(self.camera.unproject(at) @ self.camera.K[:2, :2].T + self.camera.K[:2, 2])
+
+    def distorted(self, flat: FloatArray) -> FloatArray:
+        """The inverse of :meth:`straightened`."""
+        if self.camera is None:
+            return flat
+        rays = (flat - self.camera.K[:2, 2]) @ np.linalg.inv(self.camera.K[:2, :2]).T
+        return self.camera.project(np.column_stack([rays, np.ones(len(rays))]))
 
     @property
     def centre(self) -> FloatArray:
@@ -66,7 +82,7 @@ class Registration:
     """Where the pattern lies and how it is blurred.
 
     Attributes:
-        corners: (4,2) px of the picture freed of its bend.
+        corners: (4,2) px of the picture freed of distortion and bend.
         spread: (3,) covariance of the point spread, xx xy yy, px^2.
         bend: radial bend, see :func:`unbend`.
         shading: (2,) relative change of the light from the middle to the right and the upper edge.
@@ -89,7 +105,7 @@ class Pixels:
     """The pixels that a registration looks at.
 
     Attributes:
-        at: (N,2) positions, px.
+        at: (N,2) positions, px, freed of the lens's distortion where that is known.
         values: (N,3) BGR in linear light.
         variance: (N,) expected variance of a value, up to a common factor.
         prior_weight: that factor, so that priors weigh as they should against the values.
@@ -121,7 +137,11 @@ def rebend(at: FloatArray, bend: float, centre: FloatArray, half_width: float) -
 
 
 def take_pixels(
-    picture: Picture, registration: Registration, family: LandmarkFamily, at_most: int = MAX_PIXELS, near_edges: bool = True
+    picture: Picture,
+    registration: Registration,
+    family: LandmarkFamily,
+    at_most: int = MAX_PIXELS,
+    near_edges: bool = True,
 ) -> Pixels | None:
     """The pixels of the face and the inner part of its margin, thinned to about ``at_most``.
 
@@ -132,25 +152,27 @@ def take_pixels(
     H = homography_from_points(family.corners_mm, registration.corners)
     reach = family.half_mm + 0.7 * family.margin_mm
     outline = transform_points(H, family.corners_mm * (reach / family.half_mm))
-    outline = rebend(outline, registration.bend, picture.centre, picture.half_width)
     height, width = picture.linear.shape[:2]
     if not (np.abs(outline) < 10 * max(height, width)).all():
         return None
+    outline = picture.distorted(rebend(outline, registration.bend, picture.centre, picture.half_width))
     x0, y0 = np.maximum(np.floor(outline.min(axis=0)).astype(int), 0)
     x1, y1 = np.minimum(np.ceil(outline.max(axis=0)).astype(int) + 1, [width, height])
     if x1 - x0 < 6 or y1 - y0 < 6:
         return None
     y, x = np.mgrid[y0:y1, x0:x1]
-    at = np.column_stack([x.ravel(), y.ravel()]).astype(np.float64)
+    whole = np.column_stack([x.ravel(), y.ravel()])
+    at = picture.straightened(whole.astype(np.float64))
     plane = transform_points(np.linalg.inv(H), unbend(at, registration.bend, picture.centre, picture.half_width))
     inside = (np.abs(plane) < reach).all(axis=1)
-    at = at[inside]
+    at, whole = at[inside], whole[inside]
     if len(at) < 40:
         return None
     if len(at) > at_most:
         px_per_mm = _side(registration.corners) / family.side_mm
-        at = at[_informative(plane[inside], px_per_mm, family, at_most) if near_edges else _evenly(len(at), at_most)]
-    values = picture.linear[at[:, 1].astype(int), at[:, 0].astype(int)].astype(np.float64)
+        chosen = _informative(plane[inside], px_per_mm, family, at_most) if near_edges else _evenly(len(at), at_most)
+        at, whole = at[chosen], whole[chosen]
+    values = picture.linear[whole[:, 1], whole[:, 0]].astype(np.float64)
     return Pixels(at, values, value_variance(values, picture.noise))
 
 
@@ -295,14 +317,16 @@ class Registrar:
         """(4,2) corners in the picture as delivered, bend and all, and their (8,8) covariance."""
         assert registration.covariance is not None
         centre, half_width = self.picture.centre, self.picture.half_width
-        corners = rebend(registration.corners, registration.bend, centre, half_width)
+
+        def seen(corners: FloatArray, bend: float) -> FloatArray:
+            return self.picture.distorted(rebend(corners, bend, centre, half_width))
+
+        corners = seen(registration.corners, registration.bend)
         delta = 1e-4
         J = np.zeros((8, 9))
         for k, step in enumerate(np.eye(8) * delta):
-            moved = rebend(registration.corners + step.reshape(4, 2), registration.bend, centre, half_width)
-            J[:, k] = (moved - corners).ravel() / delta
-        moved = rebend(registration.corners, registration.bend + delta, centre, half_width)
-        J[:, 8] = (moved - corners).ravel() / delta
+            J[:, k] = (seen(registration.corners + step.reshape(4, 2), registration.bend) - corners).ravel() / delta
+        J[:, 8] = (seen(registration.corners, registration.bend + delta) - corners).ravel() / delta
         return corners, J @ registration.covariance @ J.T
 
     def points_and_spread(
@@ -341,9 +365,7 @@ class Registrar:
         """(N,) relative light at points of the landmark's plane."""
         return np.asarray(np.maximum(1 + points / self.family.half_mm @ registration.shading, 0.1))
 
-    def _linearise(
-        self, registration: Registration, pixels: Pixels, reading: Reading, fit_bend: bool
-    ) -> _Linearised:
+    def _linearise(self, registration: Registration, pixels: Pixels, reading: Reading, fit_bend: bool) -> _Linearised:
         n = len(pixels.at)
         points, spread, A = self.points_and_spread(registration, pixels.at)
         light = self.light(registration, points)[:, None]
@@ -428,6 +450,8 @@ def blending(jets: FloatArray, inks: FloatArray) -> FloatArray:
     mean, square = jets @ inks, jets @ inks**2
     spread = square - mean[:1] * np.where(np.arange(len(jets))[:, None, None] == 0, 1.0, 2.0) * mean
     return np.asarray(spread / white)
+
+
 CORRELATED_PIXELS = 3.0
 
 

@@ -37,7 +37,7 @@ class Look:
         white_over_dark: how much brighter white is than red and than blue, as a ratio.
         white_over_ground: than blue alone.
         red_over_blue: see :func:`lmkit.detect.decode.red_over_blue`.
-        contrast: white less blue in the channel where that is least, relative to the white.
+        contrast: share by which blue is darker than white, in the channel where that is least.
         turn: log ratio of what the best reading and the best in another quarter turn leave unexplained.
     """
 
@@ -50,7 +50,7 @@ class Look:
 
 FIRST_LOOK = Look()
 # Of the development rooms' landmarks none fails here, of the other aligned squares three in four.
-SECOND_LOOK = Look(white_over_ground=1.8, red_over_blue=0.3, contrast=0.15, turn=0.03)
+SECOND_LOOK = Look(white_over_ground=1.8, red_over_blue=0.3, contrast=0.3, turn=0.03)
 
 
 @dataclass(frozen=True)
@@ -157,9 +157,7 @@ def _level_and_step(
     return level, np.abs(np.log(np.array(SPREAD_STEPS_MM)[:, None] / spread_mm)).argmin(axis=0)
 
 
-def _read(
-    samples: FloatArray, design: _Design, family: LandmarkFamily, look: Look
-) -> tuple[FloatArray, FloatArray]:
+def _read(samples: FloatArray, design: _Design, family: LandmarkFamily, look: Look) -> tuple[FloatArray, FloatArray]:
     """For (N,K,3) samples: pattern share (N,), 0 where the look is wrong; coefficients of the columns (N,C,3)."""
     n, count, _ = samples.shape
     projections = (design.columns.T @ samples.transpose(1, 0, 2).reshape(count, n * 3)).reshape(-1, n, 3)
@@ -175,7 +173,7 @@ def _read(
     fair = white > look.white_over_dark * np.maximum(red, blue)
     fair &= white > look.white_over_ground * blue
     fair &= red_over_blue(inks) > look.red_over_blue
-    fair &= (inks[:, 0] - inks[:, 2]).min(axis=1) > look.contrast * inks[:, 0].max(axis=1)
+    fair &= (1 - inks[:, 2] / np.maximum(inks[:, 0], 1e-3)).min(axis=1) > look.contrast
     if look.turn > 0:
         by_turn = explained.reshape(QUARTERS, -1, n).max(axis=1)
         by_turn[best // family.code_count, np.arange(n)] = -np.inf

@@ -14,6 +14,7 @@ from lmkit.arrays import ByteArray
 from lmkit.errors import InputError
 from lmkit.formats.images import SUFFIXES, decode_image, read_image
 
+CAMERA = "camera:"
 VIDEO_SUFFIXES = frozenset({".mp4", ".avi", ".mov", ".mkv", ".webm", ".m4v"})
 
 
@@ -56,6 +57,8 @@ def list_pictures(where: str) -> list[Path]:
 
 def picture_files(sources: Sequence[str]) -> list[Path] | None:
     """All files of the sources, where every one of them is a single picture; None where one is not."""
+    if any(source.startswith(CAMERA) for source in sources):
+        return None
     try:
         files = [path for source in sources if source != "-" for path in list_pictures(source)]
     except InputError:
@@ -70,6 +73,9 @@ def frames(sources: list[str]) -> Iterator[Frame]:
         if source == "-":
             yield _frame("-", sys.stdin.buffer.read())
             continue
+        if source.startswith(CAMERA):
+            yield from _video_frames(source)
+            continue
         try:
             paths = list_pictures(source)
         except InputError as error:
@@ -77,7 +83,7 @@ def frames(sources: list[str]) -> Iterator[Frame]:
             continue
         for path in paths:
             if path.suffix.lower() in VIDEO_SUFFIXES:
-                yield from _video_frames(path)
+                yield from _video_frames(str(path))
                 continue
             try:
                 yield Frame(str(path), read_image(path))
@@ -92,23 +98,28 @@ def _frame(name: str, data: bytes) -> Frame:
         return Frame(name, None, error)
 
 
-def _video_frames(path: Path) -> Iterator[Frame]:
+def _video_frames(source: str) -> Iterator[Frame]:
+    """The frames of a video file, or of camera N for ``camera:N`` until it is unplugged or interrupted."""
     import cv2
 
-    video = cv2.VideoCapture(str(path))
+    number = source.removeprefix(CAMERA)
+    if source.startswith(CAMERA) and not number.isdecimal():
+        yield Frame(source, None, InputError("bad_camera", f"{source}: no camera number", "write camera:0"))
+        return
+    video = cv2.VideoCapture(int(number)) if source.startswith(CAMERA) else cv2.VideoCapture(source)
     count = 0
     try:
         while video.isOpened():
             more, image = video.read()
             if not more:
                 break
-            yield Frame(f"{path}#{count}", np.asarray(image, dtype=np.uint8))
+            yield Frame(f"{source}#{count}", np.asarray(image, dtype=np.uint8))
             count += 1
     finally:
         video.release()
     if count == 0:
         yield Frame(
-            str(path),
+            source,
             None,
-            InputError("bad_video", f"{path}: no frame can be read", "give MP4, AVI, MOV, MKV or WebM"),
+            InputError("bad_video", f"{source}: no frame can be read", "give MP4, AVI, MOV, MKV, WebM or camera:0"),
         )

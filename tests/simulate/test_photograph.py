@@ -149,7 +149,7 @@ def test_unknown_tone_is_refused():
 def test_inks_take_the_place_of_the_files_colours(name):
     inks = ALL_INKS[name]
     paper, red, blue, black = inks.reflectance
-    assert paper.min() > 0.7
+    assert paper.min() > 0.65
     assert red[0] > 4 * red[2]
     assert blue[2] > 1.5 * blue[0]
     assert black.max() < 0.1

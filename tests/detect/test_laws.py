@@ -1,0 +1,223 @@
+"""Laws that detection must obey whatever the picture: turned, cropped, enlarged, recoloured, malformed."""
+
+from __future__ import annotations
+
+import cv2
+import numpy as np
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+from hypothesis.extra import numpy as hnp
+
+from lmkit.detect.landmarks import DetectOptions, detect_landmarks, is_colourless
+from lmkit.detect.pattern import LandmarkPattern
+from lmkit.errors import InputError
+from lmkit.generate.page import bare_landmark_page
+from lmkit.generate.png import page_to_image
+from lmkit.model.camera import CameraModel
+from lmkit.model.code import code_to_gaps
+from lmkit.model.landmark import LM8
+from lmkit.model.landmark_map import LandmarkMap
+from lmkit.model.palette import srgb_to_linear
+from lmkit.model.pose import Pose
+from lmkit.simulate.inks import LASER, as_printed
+from lmkit.simulate.photograph import Development, ImagingChain, Lens, Light, Sensor, Shadow, take_picture
+from lmkit.simulate.render import render
+from lmkit.simulate.scene import Panel, Scene
+
+SIZE = (240, 180)
+CAMERA = CameraModel(SIZE, np.array([[300.0, 0, 119.5], [0, 300.0, 89.5], [0, 0, 1]]), np.zeros(5))
+LAWS = settings(max_examples=15, deadline=None, derandomize=True, suppress_health_check=[HealthCheck.too_slow])
+
+
+def sheet(code: int) -> np.ndarray:
+    face = np.asarray(page_to_image(bare_landmark_page(LM8, code, 180.0), 72), dtype=float) / 255
+    edge = round(face.shape[0] / 12)
+    paper = cv2.copyMakeBorder(face, edge, edge, edge, edge, cv2.BORDER_CONSTANT, value=(1, 1, 1))
+    return as_printed(srgb_to_linear(paper).astype(np.float32), LASER)
+
+
+def shoot(code, side_px, turn_deg=0.0, tilt_deg=0.0, chain=None, seed=0, camera=CAMERA):
+    """A picture of one landmark on a grey wall, and its true corners."""
+    distance = camera.K[0, 0] * 0.18 / side_px
+    roll = cv2.Rodrigues(np.array([0.0, 0.0, np.deg2rad(turn_deg)]))[0]
+    tilt = cv2.Rodrigues(np.array([0.0, np.deg2rad(tilt_deg), 0.0]))[0]
+    T = Pose("map", "sheet", tilt @ roll @ np.diag([1.0, -1.0, -1.0]), np.array([0.01, -0.02, distance]))
+    panel = Panel(T, (0.21, 0.21), sheet(code))
+    wall = np.full((camera.image_size[1], camera.image_size[0], 3), 0.35, dtype=np.float32)
+    scene = Scene((panel,), LandmarkMap([]), (1, 1, 1))
+    radiance = render(scene, camera, Pose.identity("map", "camera"), wall)
+    image = take_picture(radiance, chain or ImagingChain(), np.random.default_rng(seed))
+    return image, camera.project(T.apply(LM8.object_points(0.18)))
+
+
+def worst(found, corners) -> float:
+    return float(np.abs(found.corners - corners).max())
+
+
+@LAWS
+@given(st.integers(0, 255), st.floats(22, 120), st.floats(0, 360), st.floats(0.3, 1.2), st.floats(0, 45))
+def test_every_code_turn_size_and_blur(code, side_px, turn_deg, blur_px, tilt_deg):
+    image, corners = shoot(code, side_px, turn_deg, tilt_deg, ImagingChain(Lens(min(blur_px, side_px / 25))))
+    (found,) = detect_landmarks(image)
+    assert found.code == code
+    assert worst(found, corners) < 0.3
+
+
+@LAWS
+@given(st.integers(0, 255), st.floats(20, 100), st.integers(1, 3))
+def test_turning_the_picture_turns_the_answer(code, side_px, quarters):
+    image, _ = shoot(code, side_px, 7.0, 20.0)
+    (upright,) = detect_landmarks(image)
+    (turned,) = detect_landmarks(np.ascontiguousarray(np.rot90(image, quarters)))
+    assert turned.code == upright.code
+    corners = upright.corners
+    for k in range(quarters):  # against the clock: (x, y) -> (y, W - 1 - x)
+        width = SIZE[k % 2]
+        corners = np.column_stack([corners[:, 1], width - 1 - corners[:, 0]])
+    assert np.abs(turned.corners - corners).max() < 0.1
+
+
+@LAWS
+@given(st.integers(0, 60), st.integers(0, 40))
+def test_cropping_moves_the_answer(left, top):
+    image, _ = shoot(137, 45.0, 5.0, 25.0)
+    (whole,) = detect_landmarks(image)
+    (cropped,) = detect_landmarks(np.ascontiguousarray(image[top:, left:]))
+    assert cropped.code == 137
+    assert np.abs(cropped.corners + np.array([left, top]) - whole.corners).max() < 0.1
+
+
+def test_enlarging_scales_the_answer():
+    image, corners = shoot(200, 40.0, 5.0, 25.0)
+    large = cv2.resize(image, None, fx=2, fy=2, interpolation=cv2.INTER_CUBIC)
+    (found,) = detect_landmarks(large)
+    assert found.code == 200
+    assert np.abs((found.corners + 0.5) / 2 - 0.5 - corners).max() < 0.2
+
+
+@pytest.mark.parametrize("code", [7, 90, 137, 240])
+def test_red_and_blue_swapped_is_no_landmark(code):
+    image, _ = shoot(code, 60.0)
+    assert len(detect_landmarks(image)) == 1
+    assert detect_landmarks(np.ascontiguousarray(image[:, :, ::-1])) == []
+
+
+def test_grey_pictures_hold_none_and_are_known_as_such():
+    image, _ = shoot(7, 60.0)
+    grey = cv2.cvtColor(cv2.cvtColor(image, cv2.COLOR_BGR2GRAY), cv2.COLOR_GRAY2BGR)
+    assert detect_landmarks(grey) == []
+    assert is_colourless(grey)
+    assert not is_colourless(image)
+
+
+def test_mirrored_landmarks_are_not_read_as_themselves():
+    """A mirror makes another code or none; a code whose gaps mirror into themselves may stay."""
+    for code in (0b10110001, 0b00011100, 0b01100010):
+        image, _ = shoot(code, 60.0)
+        assert all(d.code != code for d in detect_landmarks(np.ascontiguousarray(image[:, ::-1])))
+
+
+def test_a_known_lens_straightens_the_edges():
+    bent = CameraModel(SIZE, CAMERA.K, np.array([-0.4, 0.12, 0.0, 0.0, 0.0]))
+    image, corners = shoot(77, 110.0, 10.0, 30.0, camera=bent)
+    (found,) = detect_landmarks(image, DetectOptions(camera=bent))
+    assert worst(found, corners) < 0.15
+    straight = CameraModel(SIZE, CAMERA.K, np.zeros(5))
+    wrong = detect_landmarks(image, DetectOptions(camera=straight))
+    assert not wrong or worst(wrong[0], corners) > 3 * worst(found, corners)
+
+
+@pytest.mark.parametrize(
+    "image",
+    [
+        np.zeros((40, 40), np.uint8),
+        np.zeros((40, 40, 4), np.uint8),
+        np.zeros((40, 40, 3), np.float32),
+        np.zeros((40, 40, 3), np.uint16),
+    ],
+)
+def test_what_is_no_picture_is_refused_by_name(image):
+    with pytest.raises(InputError, match="shape"):
+        detect_landmarks(image)
+
+
+def test_a_camera_of_another_size_is_refused():
+    with pytest.raises(InputError, match="240x180"):
+        detect_landmarks(np.zeros((100, 100, 3), np.uint8), DetectOptions(camera=CAMERA))
+
+
+@settings(max_examples=40, deadline=None, derandomize=True, suppress_health_check=[HealthCheck.too_slow])
+@given(
+    hnp.arrays(np.uint8, st.tuples(st.integers(1, 70), st.integers(1, 90), st.just(3))),
+    st.sampled_from(["as it is", "black", "white", "checks", "stripes", "half"]),
+)
+def test_any_array_is_searched_without_a_stumble(image, kind):
+    y, x = np.mgrid[: image.shape[0], : image.shape[1]]
+    if kind == "black":
+        image[:] = 0
+    elif kind == "white":
+        image[:] = 255
+    elif kind == "checks":
+        image[:] = (255 * ((x + y) % 2)[:, :, None]).astype(np.uint8)
+    elif kind == "stripes":
+        image[:] = (255 * (x // 7 % 2)[:, :, None]).astype(np.uint8)
+    elif kind == "half":
+        image[:, image.shape[1] // 2 :] = 255
+    for found in detect_landmarks(image):
+        assert np.isfinite(found.corners).all()
+
+
+@given(
+    st.integers(0, 255),
+    st.integers(0, 3),
+    st.floats(2.0, 60.0),
+    st.floats(-0.7, 0.7),
+    st.floats(2.0, 60.0),
+)
+@settings(max_examples=30, deadline=None, derandomize=True)
+def test_the_patterns_slopes_are_its_differences(code, quarter, sxx, correlation, syy):
+    rng = np.random.default_rng(code)
+    points = rng.uniform(-100, 100, (200, 2))
+    spread = np.tile([sxx, correlation * np.sqrt(sxx * syy), syy], (200, 1))
+    gaps = np.flatnonzero(code_to_gaps(code, 8)).tolist()
+    pattern = LandmarkPattern(LM8)
+    jets = pattern.inks(points, spread, gaps, quarter, slopes=True)
+    assert np.allclose(jets[0].sum(axis=1), 1, atol=1e-5)
+    for k, step in enumerate(0.05 * np.eye(5)):
+        ahead = pattern.inks(points + step[:2], spread + step[2:], gaps, quarter)[0]
+        behind = pattern.inks(points - step[:2], spread - step[2:], gaps, quarter)[0]
+        assert np.abs((ahead - behind) / 0.1 - jets[1 + k]).max() < 2e-3
+
+
+# The scoreboard: least share of 24 read, on scenes that no threshold was set on.  A figure may only rise.
+SCOREBOARD = {
+    "side 14": (14.0, 0.0, ImagingChain(), 18),
+    "side 18, tilt 45": (18.0, 45.0, ImagingChain(), 14),
+    "tilt 70": (60.0, 70.0, ImagingChain(), 22),
+    "motion 8 of 60": (60.0, 0.0, ImagingChain(Lens(motion_px=(7.0, 4.0))), 23),
+    "warm, unbalanced": (30.0, 20.0, ImagingChain(light=Light(0.5, 2900), development=Development(6500)), 22),
+    "Bayer, JPEG 80, filmic": (
+        30.0,
+        20.0,
+        ImagingChain(sensor=Sensor(3000, 8, True), development=Development(tone="filmic", jpeg_quality=80)),
+        22,
+    ),
+    "dim": (40.0, 20.0, ImagingChain(light=Light(0.06), sensor=Sensor(3000, 8, True)), 20),
+    "soft shadow 2:1": (60.0, 20.0, ImagingChain(light=Light(shadow=Shadow((120, 90), 30.0, 1.3))), 20),
+}
+
+
+@pytest.mark.parametrize("name", SCOREBOARD)
+def test_scoreboard(name):
+    side_px, tilt_deg, chain, least = SCOREBOARD[name]
+    rng = np.random.default_rng(99)
+    read = wrong = 0
+    for k in range(24):
+        code = int(rng.integers(256))
+        image, _ = shoot(code, side_px, float(rng.uniform(-15, 15)), tilt_deg, chain, seed=k)
+        codes = [d.code for d in detect_landmarks(image)]
+        read += codes == [code]
+        wrong += any(c != code for c in codes)
+    assert wrong == 0
+    assert read >= least, f"{name}: {read} of 24"
