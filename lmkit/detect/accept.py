@@ -13,7 +13,9 @@ from lmkit.detect.refine import CORRELATED_PIXELS, Pixels, Registrar, Registrati
 from lmkit.model.code import code_to_gaps
 from lmkit.model.landmark import LandmarkFamily
 
-MARGIN_PER_NAT = 3.0
+# A logistic fit of right and wrong against the margin, on simulated pictures at the edge of what can
+# be read; benchmarks/confidence.py checks it on others.
+EVEN_MARGIN, MARGIN_SCALE = 9.5, 4.6
 GAP_PIXELS = 8
 GAP_SURROUNDINGS_MM = 20.0
 MODEL_SHARE = 0.08
@@ -43,7 +45,7 @@ class AcceptanceRule:
     """
 
     turn_margin: float = 24.0
-    code_margin: float = 6.0
+    code_margin: float = 9.0
     parts_misfit: float = 1.8
     red_over_blue: float = 0.4
     white_over_ground: tuple[float, float] = (2.2, 40.0)
@@ -135,10 +137,10 @@ class Verdict:
     def confidence(self) -> float:
         """Probability that the code is right, 0..1.
 
-        The margin is a log likelihood ratio; neighbouring pixels repeat each other's errors more
-        than is allowed for, hence the divisor.
+        The margin is a log likelihood ratio, but neighbouring pixels repeat each other's errors
+        (demosaicing, JPEG) more than it allows for, so it is mapped to what it has been worth.
         """
-        return float(1 / (1 + np.exp(-self.margin / MARGIN_PER_NAT)))
+        return float(1 / (1 + np.exp((EVEN_MARGIN - self.margin) / MARGIN_SCALE)))
 
     @property
     def white_over_ground(self) -> float:
