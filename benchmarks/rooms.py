@@ -1,4 +1,4 @@
-"""Landmarks and AprilTags in the same physically rendered rooms: recognition, false answers, corners, time.
+"""Landmarks and AprilTags (AprilTag 3, locus-tag) in the same physically rendered rooms: recognition, false answers, corners, time.
 
     uv run --extra benchmark python benchmarks/rooms.py ../shared/data/rooms
 
@@ -16,29 +16,9 @@ from pathlib import Path
 
 import cv2
 import numpy as np
-
-from lmkit.detect.landmarks import detect_landmarks
+from peers import READERS, wilson
 
 SIDES = (15, 20, 25, 30, 60, 1e9)
-
-
-def with_lmkit():
-    return lambda image: [(d.code, d.corners) for d in detect_landmarks(image)]
-
-
-def with_apriltag():
-    import pupil_apriltags
-
-    detector = pupil_apriltags.Detector(families="tag36h11", quad_decimate=1.0)
-
-    def detect(image):
-        found = detector.detect(cv2.cvtColor(image, cv2.COLOR_BGR2GRAY))
-        # Its corners run from the bottom right, clockwise as drawn by its makers; pixel centres lie at halves.
-        return [
-            (d.tag_id, d.corners[[1, 0, 3, 2]] - 0.5) for d in found if d.hamming <= 1 and d.decision_margin >= 20
-        ]
-
-    return detect
 
 
 def score(folder: Path, detect) -> dict:
@@ -87,19 +67,10 @@ def is_counted(entry: dict) -> bool:
     return entry["state"] == "full" and entry["tilt_deg"] < 80 and entry["side_px"] >= SIDES[0]
 
 
-def wilson(hits: int, n: int) -> tuple[float, float]:
-    z = 1.96
-    centre = (hits + z * z / 2) / (n + z * z)
-    half = z * np.sqrt(hits * (n - hits) / n + z * z / 4) / (n + z * z)
-    return centre - half, centre + half
-
-
 def main(rooms: Path) -> None:
     cv2.setNumThreads(1)
-    results = {
-        "lmkit": score(rooms / "landmark", with_lmkit()),
-        "AprilTag 3": score(rooms / "tag36h11", with_apriltag()),
-    }
+    folders = {"lmkit": "landmark", "AprilTag 3": "tag36h11", "locus-tag": "tag36h11"}
+    results = {name: score(rooms / folder, READERS[name].make()) for name, folder in folders.items()}
     print("| | " + " | ".join(results) + " |\n|---|" + "---|" * len(results))
     for low, high in [(SIDES[0], 1e9), *pairwise(SIDES)]:
         cells = []
