@@ -1,4 +1,4 @@
-"""Landmarks and AprilTags (AprilTag 3, locus-tag) in the same physically rendered rooms: recognition, false answers, corners, time.
+"""Landmarks and AprilTags (AprilTag 3, locus-tag) in the same rendered rooms: read, wrong, corners, time.
 
     uv run --extra benchmark python benchmarks/rooms.py ../shared/data/rooms
 
