@@ -232,3 +232,16 @@ def test_simulate(lmkit, tmp_path, arguments):
 def test_a_fault_of_lmkit_is_called_one(lmkit, monkeypatch):
     monkeypatch.setattr("lmkit.model.code.parse_codes", lambda *_: 1 / 0)
     assert_refused(lmkit("generate", "--code", 1), "fault", "--debug", code=70)
+
+
+@pytest.mark.parametrize("source", ["camera:", "camera:front"])
+def test_detect_a_camera_without_a_number(lmkit, source):
+    assert_refused(lmkit("detect", source), source, "camera:0")
+
+
+def test_detect_says_when_there_is_no_colour(lmkit, tmp_path):
+    path = tmp_path / "grey.png"
+    cv2.imwrite(str(path), np.full((60, 80), 90, dtype=np.uint8))
+    answer = lmkit("detect", str(path))
+    assert answer.code == 1
+    assert "no colour" in answer.err
