@@ -16,9 +16,9 @@ from lmkit.model.landmark import LandmarkFamily
 # A logistic fit of right and wrong against the margin, on simulated pictures at the edge of what can
 # be read; benchmarks/confidence.py checks it on others.
 EVEN_MARGIN, MARGIN_SCALE = 9.5, 4.6
-GAP_PIXELS = 8
+GAP_PIXELS = 8  # fewer around a gap say nothing
 GAP_SURROUNDINGS_MM = 20.0
-MODEL_SHARE = 0.08
+MODEL_SHARE = 0.08  # of the contrast, which no model of blur and print gets better
 WORST_MISFIT = 40.0  # one bright pixel is no hand
 PART_TOLERANCE = 0.08  # uneven print and light: a part may differ so much from white or blue
 
@@ -71,7 +71,7 @@ class Verdict:
         parts: (2+G,) brightness of the triangle, of the rings' fixed stretches and of every gap
             position, where 0 is the ground and 1 the white: each fitted on its own.
         parts_sigma: (2+G,) their standard deviations.
-        gap_misfit: the largest mean squared misfit around a gap position, over the median one.
+        gap_misfit: the largest mean squared misfit around a gap position, over the usual one.
         plain: the code looks alike in every quarter turn.
     """
 

@@ -10,7 +10,8 @@ import numpy as np
 from lmkit.arrays import ByteArray, FloatArray
 from lmkit.detect.accept import AcceptanceRule, Verdict, read_square
 from lmkit.detect.candidates import find_candidates
-from lmkit.detect.refine import Picture, Reading, Registrar, Registration, take_pixels
+from lmkit.detect.picture import Picture
+from lmkit.detect.refine import Reading, Registrar, Registration, take_pixels
 from lmkit.detect.screen import align_candidates, linear_pyramid, screen_candidates
 from lmkit.errors import InputError
 from lmkit.model.camera import CameraModel

@@ -9,13 +9,12 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
 
-import cv2
 import numpy as np
 
-from lmkit.arrays import Float32Array, FloatArray
+from lmkit.arrays import FloatArray
 from lmkit.detect.decode import RIDGE, all_hypotheses, solve_inks
 from lmkit.detect.pattern import INKS, LandmarkPattern
-from lmkit.model.camera import CameraModel
+from lmkit.detect.picture import Picture, rebend, unbend
 from lmkit.model.homography import homographies_from_points, homography_from_points, transform_points
 from lmkit.model.landmark import LandmarkFamily
 
@@ -32,52 +31,6 @@ SHADING_PRIOR = 0.05  # standard deviation of the relative change of light over 
 MAX_SHADING = 0.6
 MAX_BEND = 0.3
 MAX_BLEED = 1.0
-
-
-@dataclass(frozen=True)
-class Picture:
-    """What registration needs of a picture.
-
-    Attributes:
-        linear: (H,W,3) BGR in linear light, 0..1.
-        noise: standard deviation of the picture's noise in code values over 255.
-        camera: the camera that took it, where its lens is known.
-    """
-
-    linear: Float32Array
-    noise: float
-    camera: CameraModel | None = None
-
-    def shrunk(self, factor: int) -> Picture:
-        """The picture ``factor`` times smaller, averaged in linear light."""
-        height, width = (length // factor for length in self.linear.shape[:2])
-        whole = self.linear[: height * factor, : width * factor]
-        small = cv2.resize(whole, (width, height), interpolation=cv2.INTER_AREA)
-        return Picture(np.asarray(small, dtype=np.float32), self.noise / factor)
-
-    def straightened(self, at: FloatArray) -> FloatArray:
-        """(N,2) pixels as a lens without distortion would have them; the same where the lens is not known."""
-        if self.camera is None:
-            return at
-        return np.asarray(self.camera.unproject(at) @ self.camera.K[:2, :2].T + self.camera.K[:2, 2])
-
-    def distorted(self, flat: FloatArray) -> FloatArray:
-        """The inverse of :meth:`straightened`."""
-        if self.camera is None:
-            return flat
-        rays = (flat - self.camera.K[:2, 2]) @ np.linalg.inv(self.camera.K[:2, :2]).T
-        return self.camera.project(np.column_stack([rays, np.ones(len(rays))]))
-
-    @property
-    def centre(self) -> FloatArray:
-        """(2,) the middle of the picture, px."""
-        height, width = self.linear.shape[:2]
-        return np.array([(width - 1) / 2, (height - 1) / 2])
-
-    @property
-    def half_width(self) -> float:
-        """Half of the picture's width, px."""
-        return float(self.linear.shape[1] / 2)
 
 
 @dataclass(frozen=True)
@@ -118,25 +71,6 @@ class Pixels:
     values: FloatArray
     variance: FloatArray
     prior_weight: float = 10.0
-
-
-def unbend(at: FloatArray, bend: float, centre: FloatArray, half_width: float) -> FloatArray:
-    """Pixels freed of a radial bend: ``c + (x - c) (1 + bend r^2)``, r = 1 at half the width."""
-    offset = at - centre
-    r2 = np.sum(offset**2, axis=-1, keepdims=True) / half_width**2
-    return np.asarray(centre + offset * (1 + bend * r2))
-
-
-def rebend(at: FloatArray, bend: float, centre: FloatArray, half_width: float) -> FloatArray:
-    """The inverse of :func:`unbend`, where it has one (r up to where a barrel bend folds over)."""
-    offset = at - centre
-    target = np.linalg.norm(offset, axis=-1, keepdims=True) / half_width
-    fold = 1 / np.sqrt(3 * -bend) if bend < 0 else np.inf
-    r = np.minimum(target, fold)
-    for _ in range(8):
-        slope = np.maximum(1 + 3 * bend * r**2, 0.05)
-        r = np.clip(r - (r + bend * r**3 - target) / slope, 0, fold)
-    return np.asarray(centre + offset * (r / np.maximum(target, 1e-12)))
 
 
 def take_pixels(
@@ -403,7 +337,7 @@ class Registrar:
         # Variable projection (Kaufman 1975): take out what the inks could explain.
         weighted = design * root[:, None]
         gram = weighted.T @ weighted
-        gram += RIDGE * 1e-6 * np.trace(gram) * np.eye(INKS)
+        gram += RIDGE * np.trace(gram) / INKS * np.eye(INKS)
         seen = np.linalg.solve(np.linalg.cholesky(gram), (weighted.T @ J).transpose(1, 0, 2).reshape(INKS, -1))
         by_inks = seen.reshape(INKS, PARAMETERS, 3).transpose(1, 0, 2).reshape(PARAMETERS, -1)
         normal = flat @ flat.T - by_inks @ by_inks.T

@@ -10,7 +10,7 @@ from scenes import paste_landmark
 from lmkit.detect.decode import all_hypotheses
 from lmkit.detect.landmarks import detect_landmarks
 from lmkit.detect.pattern import LandmarkPattern
-from lmkit.detect.refine import rebend, unbend
+from lmkit.detect.picture import rebend, unbend
 from lmkit.generate.page import bare_landmark_page
 from lmkit.generate.png import page_to_image
 from lmkit.model.code import code_to_gaps
