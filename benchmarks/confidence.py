@@ -22,7 +22,7 @@ from peers import wilson
 from planar import View, background, backgrounds, shoot
 
 from lmkit.detect.accept import AcceptanceRule
-from lmkit.detect.landmarks import DetectOptions, attempt_landmarks
+from lmkit.detect.landmarks import DetectOptions, Effort, attempt_landmarks
 from lmkit.simulate.photograph import Development, ImagingChain, Lens, Light, Sensor
 
 WIDE = AcceptanceRule(
@@ -55,7 +55,7 @@ def attempt(photos: tuple[Path, ...], seed: int) -> list[tuple[float, bool, bool
     middle, side = shot.corners.mean(axis=0), np.sqrt(cv2.contourArea(shot.corners.astype(np.float32)))
     here = [
         a
-        for a in attempt_landmarks(shot.image, DetectOptions(min_aligned_pattern=0.1))
+        for a in attempt_landmarks(shot.image, DetectOptions(effort=Effort(min_aligned_pattern=0.1)))
         if np.linalg.norm(a.corners.mean(axis=0) - middle) < 0.5 * side and a.verdict.reason_to_reject(WIDE) is None
     ]
     here.sort(key=lambda a: -a.verdict.margin)

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from functools import partial
 
-from lmkit.detect.landmarks import detect_landmarks, is_colourless
+from lmkit.detect.landmarks import DetectOptions, detect_landmarks, is_colourless
 from lmkit.errors import InputError
 from lmkit.formats.sources import Frame, frames, picture_files
 from lmkit.model.observation import LandmarkObservation
@@ -32,24 +33,25 @@ class Detected:
     colourless: bool = False
 
 
-def detect_in_sources(sources: Sequence[str]) -> Iterator[Detected]:
+def detect_in_sources(sources: Sequence[str], options: DetectOptions | None = None) -> Iterator[Detected]:
     """Every picture of files, folders, globs, videos and ``-``, in order; one at a time in memory."""
+    options = options or DetectOptions()
     files = picture_files(sources)
     if files is not None and len(files) >= WORTH_PROCESSES:
-        for answers in map_in_processes(_detect_file, [str(file) for file in files]):
+        for answers in map_in_processes(partial(_detect_file, options), [str(file) for file in files]):
             yield from answers
         return
     for frame in frames(list(sources)):
-        yield _detect_frame(frame)
+        yield _detect_frame(options, frame)
 
 
-def _detect_file(path: str) -> list[Detected]:
-    return [_detect_frame(frame) for frame in frames([path])]
+def _detect_file(options: DetectOptions, path: str) -> list[Detected]:
+    return [_detect_frame(options, frame) for frame in frames([path])]
 
 
-def _detect_frame(frame: Frame) -> Detected:
+def _detect_frame(options: DetectOptions, frame: Frame) -> Detected:
     if frame.image is None:
         return Detected(frame.name, None, error=frame.error)
     height, width = frame.image.shape[:2]
-    landmarks = tuple(detect_landmarks(frame.image))
+    landmarks = tuple(detect_landmarks(frame.image, options))
     return Detected(frame.name, (width, height), landmarks, colourless=is_colourless(frame.image))

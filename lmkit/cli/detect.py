@@ -23,14 +23,17 @@ def run(
     annotate: Annotated[
         Path | None, typer.Option("--annotate", help="Folder for the pictures with overlays.")
     ] = None,
+    fast: Annotated[bool, typer.Option("--fast", help="Give up small and shaded landmarks for speed.")] = False,
     force: Annotated[bool, typer.Option("--force", help="Overwrite files.")] = False,
 ) -> None:
     """Find and read landmarks."""
+    from lmkit.detect.landmarks import FAR, FAST, DetectOptions
     from lmkit.detect_batch import detect_in_sources
 
+    options = DetectOptions(effort=FAST if fast else FAR)
     count = found = colourless = 0
     failed: list[InputError] = []
-    for answer in progress(detect_in_sources(sources), None, "detecting"):
+    for answer in progress(detect_in_sources(sources, options), None, "detecting"):
         count += 1
         if answer.size is None:
             assert answer.error is not None

@@ -45,6 +45,8 @@ SOURCES = (
     Source("red", 1, 31, 0.10),
     Source("darkest", 1, 15, 0.10),
 )
+# Those that need no enlarged picture.
+FAST_SOURCES = tuple(source for source in SOURCES if source.enlarge == 1)
 
 
 def find_candidates(image: ByteArray, sources: tuple[Source, ...] = SOURCES) -> FloatArray:

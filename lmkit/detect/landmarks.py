@@ -7,12 +7,20 @@ from dataclasses import dataclass, field, replace
 import cv2
 import numpy as np
 
-from lmkit.arrays import ByteArray, FloatArray
+from lmkit.arrays import ByteArray, Float32Array, FloatArray
 from lmkit.detect.accept import AcceptanceRule, Verdict, read_square
-from lmkit.detect.candidates import find_candidates
+from lmkit.detect.candidates import FAST_SOURCES, SOURCES, Source, find_candidates
+from lmkit.detect.light import ShadowEdge, crossed_by_shadow, local_white, window_for
 from lmkit.detect.picture import Picture
-from lmkit.detect.refine import Reading, Registrar, Registration, take_pixels
-from lmkit.detect.screen import align_candidates, linear_pyramid, screen_candidates
+from lmkit.detect.refine import MAX_PIXELS, Pixels, Reading, Registrar, Registration, take_pixels
+from lmkit.detect.screen import (
+    FULL_DETAIL_SIDE_PX,
+    align_candidates,
+    areas,
+    linear_pyramid,
+    pyramid_level,
+    screen_candidates,
+)
 from lmkit.errors import InputError
 from lmkit.model.camera import CameraModel
 from lmkit.model.landmark import LM8, LandmarkFamily
@@ -28,7 +36,35 @@ REGISTER_STEPS = 5
 COARSE_SIDE_PX = 100.0
 COARSE_PX = 0.05
 COARSE_PIXELS = 600  # enough to read and to find the place; the last steps take more
+SHADED_FACTOR = 1.5  # a shadow's edge has freedoms that fit other things too: margins must be so much larger
 BEND_SIDE_PX = 40.0  # smaller landmarks do not show the lens's bend
+
+
+@dataclass(frozen=True)
+class Effort:
+    """How hard to look.
+
+    Attributes:
+        sources: where squares come from.
+        min_pattern: candidates whose pattern explains less than this share are not aligned.
+        max_aligned: at most so many are, best first.
+        min_aligned_pattern: those that explain less than this once aligned are not registered.
+        max_registered: at most so many are, best first; bounds the time on cluttered pictures.
+        pixels: of one landmark that are registered; more bring better corners.
+        in_shadow: look again, with the light taken out, where a shadow may end on a landmark.
+    """
+
+    sources: tuple[Source, ...] = SOURCES
+    min_pattern: float = 0.04
+    max_aligned: int = 100
+    min_aligned_pattern: float = 0.2
+    max_registered: int = 24
+    pixels: int = MAX_PIXELS
+    in_shadow: bool = True
+
+
+FAR = Effort()
+FAST = Effort(sources=FAST_SOURCES, max_aligned=40, max_registered=12, pixels=500, in_shadow=False)
 
 
 @dataclass(frozen=True)
@@ -37,10 +73,7 @@ class DetectOptions:
 
     Attributes:
         family: which landmarks to look for.
-        min_pattern: candidates whose pattern explains less than this share are not aligned.
-        max_aligned: at most so many are, best first.
-        min_aligned_pattern: those that explain less than this once aligned are not registered.
-        max_registered: at most so many are, best first; bounds the time on cluttered pictures.
+        effort: ``FAR`` reads what can be read, ``FAST`` gives up small and shaded landmarks for speed.
         rule: what a landmark must show.
         through_lens: the picture comes through a lens, so straight edges may be bent; off for scans and
             rasterised pages.
@@ -49,10 +82,7 @@ class DetectOptions:
     """
 
     family: LandmarkFamily = LM8
-    min_pattern: float = 0.04
-    max_aligned: int = 100
-    min_aligned_pattern: float = 0.2
-    max_registered: int = 24
+    effort: Effort = FAR
     rule: AcceptanceRule = field(default_factory=AcceptanceRule)
     through_lens: bool = True
     camera: CameraModel | None = None
@@ -106,19 +136,66 @@ def detect_landmarks(image: ByteArray, options: DetectOptions | None = None) -> 
 
 def attempt_landmarks(image: ByteArray, options: DetectOptions) -> list[Attempt]:
     """Everything that was registered and read, with the reasons of what was rejected."""
-    family = options.family
     _check_picture(image, options)
     picture = Picture(_LINEAR[image], estimate_noise(image), options.camera)
     pyramid = linear_pyramid(picture.linear)
-    screened = screen_candidates(pyramid, find_candidates(image), family)
-    screened = screened.best_first(options.min_pattern, per_place=2, at_most=options.max_aligned)
+    candidates = find_candidates(image, options.effort.sources)
+    attempts = [_register_and_read(picture, quad, options) for quad in _likely_squares(pyramid, candidates, options)]
+    clear = [attempt for attempt in attempts if attempt is not None]
+    if not options.effort.in_shadow:
+        return clear
+    read = [attempt.corners for attempt in clear if attempt.rejected is None]
+    shaded = _attempts_in_shadow(picture, pyramid, _elsewhere(candidates, read), options)
+    return clear + [_unless_contradicted(attempt, clear) for attempt in shaded]
+
+
+def _unless_contradicted(shaded: Attempt, clear: list[Attempt]) -> Attempt:
+    """A reading that needs a shadow does not stand where one without it is surer of something else."""
+    for other in clear:
+        apart = np.linalg.norm(shaded.corners.mean(axis=0) - other.corners.mean(axis=0))
+        surer = other.verdict.margin > shaded.verdict.margin and other.verdict.code != shaded.verdict.code
+        if surer and apart < 0.5 * _mean_side(shaded.corners):
+            return replace(shaded, rejected=shaded.rejected or "contradicted")
+    return shaded
+
+
+def _likely_squares(pyramid: list[Float32Array], candidates: FloatArray, options: DetectOptions) -> FloatArray:
+    """(N,4,2) the candidates that look like landmarks, their corners moved to where they fit."""
+    family, effort = options.family, options.effort
+    screened = screen_candidates(pyramid, candidates, family)
+    screened = screened.best_first(effort.min_pattern, per_place=2, at_most=effort.max_aligned)
     aligned = align_candidates(pyramid, screened.quads, family, ALIGN_ROUNDS)
-    aligned = aligned.best_first(options.min_aligned_pattern, per_place=2, at_most=options.max_registered)
+    aligned = aligned.best_first(effort.min_aligned_pattern, per_place=2, at_most=effort.max_registered)
     aligned = align_candidates(pyramid, aligned.quads, family, ALIGN_ROUNDS)
-    aligned = aligned.best_first(options.min_aligned_pattern, per_place=1, at_most=options.max_registered)
-    registrar = Registrar(picture, family)
-    attempts = (_register_and_read(registrar, quad, options) for quad in aligned.quads)
+    return aligned.best_first(effort.min_aligned_pattern, per_place=1, at_most=effort.max_registered).quads
+
+
+def _attempts_in_shadow(
+    picture: Picture, pyramid: list[Float32Array], candidates: FloatArray, options: DetectOptions
+) -> list[Attempt]:
+    """The candidates on which a shadow may end, with the light taken out."""
+    window = window_for(0.75 * FULL_DETAIL_SIDE_PX)
+    white = [local_white(level, window) for level in pyramid]
+    even = [level / light[:, :, None] for level, light in zip(pyramid, white, strict=True)]
+    level = pyramid_level(np.sqrt(np.abs(areas(candidates))), len(pyramid))
+    crossed = np.zeros(len(candidates), dtype=bool)
+    for k, light in enumerate(white):
+        crossed[level == k] = crossed_by_shadow(light, candidates[level == k] / 2.0**k)
+    quads = _likely_squares(even, candidates[crossed], options)
+    rule = options.rule
+    strict = replace(rule, turn_margin=SHADED_FACTOR * rule.turn_margin, code_margin=SHADED_FACTOR * rule.code_margin)
+    options = replace(options, rule=strict)
+    attempts = (_register_and_read(picture.evened(window_for(_mean_side(q))), q, options) for q in quads)
     return [attempt for attempt in attempts if attempt is not None]
+
+
+def _elsewhere(candidates: FloatArray, read: list[FloatArray]) -> FloatArray:
+    """(N,4,2) the candidates whose middle is in none of the squares that are read already."""
+    middles = candidates.mean(axis=1)
+    for corners in read:
+        apart = np.linalg.norm(middles - corners.mean(axis=0), axis=1) > 0.5 * _mean_side(corners)
+        candidates, middles = candidates[apart], middles[apart]
+    return candidates
 
 
 def _settled_coarsely(registrar: Registrar, quad: FloatArray) -> FloatArray:
@@ -140,15 +217,17 @@ def _settled_coarsely(registrar: Registrar, quad: FloatArray) -> FloatArray:
     return (settled.corners + 0.5) * shrink - 0.5
 
 
-def _register_and_read(registrar: Registrar, quad: FloatArray, options: DetectOptions) -> Attempt | None:
-    family, picture = registrar.family, registrar.picture
+def _register_and_read(picture: Picture, quad: FloatArray, options: DetectOptions) -> Attempt | None:
+    family = options.family
+    registrar = Registrar(picture, family)
+    coarse = min(COARSE_PIXELS, options.effort.pixels)
     quad = picture.straightened(_settled_coarsely(registrar, quad))
     side = _mean_side(quad)
     fit_bend = options.through_lens and options.camera is None and side > BEND_SIDE_PX
     # The blur starts generous, so that a wrong corner still feels its edge.
     blur = max(0.8, 0.012 * min(side, COARSE_SIDE_PX)) ** 2
     registration = Registration(quad, np.array([blur, 0.0, blur]))
-    pixels = take_pixels(picture, registration, family, COARSE_PIXELS, near_edges=False)
+    pixels = take_pixels(picture, registration, family, coarse, near_edges=False)
     if pixels is None:
         return None
     verdict = read_square(registrar, registration, pixels)
@@ -160,7 +239,7 @@ def _register_and_read(registrar: Registrar, quad: FloatArray, options: DetectOp
         for _ in range(2):
             discounted = registrar.discounted(registration, pixels, reading)
             registration = registrar.register(registration, discounted, reading, REGISTER_STEPS, to_px=COARSE_PX)
-        pixels = take_pixels(picture, registration, family, COARSE_PIXELS, near_edges=False)
+        pixels = take_pixels(picture, registration, family, coarse, near_edges=False)
         if pixels is None:
             return None
         # Read with the plain weights: discounting what does not fit the last reading would make it
@@ -170,8 +249,11 @@ def _register_and_read(registrar: Registrar, quad: FloatArray, options: DetectOp
             break
     if not verdict.promising:
         return None
+    if picture.white is not None:
+        picture = _with_sharp_shadow(registrar, registration, pixels, verdict)
+        registrar = Registrar(picture, family)
     # Now with all pixels that help.
-    pixels = take_pixels(picture, registration, family)
+    pixels = take_pixels(picture, registration, family, options.effort.pixels)
     if pixels is None:
         return None
     reading = Reading.of(family, verdict.code, verdict.quarter)
@@ -198,6 +280,16 @@ def _register_and_read(registrar: Registrar, quad: FloatArray, options: DetectOp
     # A corner that is not in the picture was not seen, and none is made up.
     rejected = verdict.reason_to_reject(options.rule) if inside else "cut"
     return Attempt(corners[order], covariance[np.ix_(rows, rows)], verdict, rejected)
+
+
+def _with_sharp_shadow(registrar: Registrar, registration: Registration, pixels: Pixels, verdict: Verdict) -> Picture:
+    """The picture with the shadow taken out by one straight edge, now that the drawing is known."""
+    drawn = registrar.drawn(registration, pixels, Reading.of(registrar.family, verdict.code, verdict.quarter))
+    bright = np.maximum(drawn.mean(axis=1), 1e-3)
+    light = np.maximum(pixels.values.mean(axis=1), 1e-3) / bright * pixels.light
+    edge = ShadowEdge.fit(registrar.picture.distorted(pixels.at), light, bright**2)
+    shape = registrar.picture.linear.shape
+    return registrar.picture.lit_by(edge.light((shape[0], shape[1])))
 
 
 def _check_picture(image: ByteArray, options: DetectOptions) -> None:

@@ -6,12 +6,13 @@ is fitted, landmark by landmark.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import cv2
 import numpy as np
 
-from lmkit.arrays import Float32Array, FloatArray
+from lmkit.arrays import Float32Array, FloatArray, IntArray
+from lmkit.detect.light import local_white
 from lmkit.model.camera import CameraModel
 
 
@@ -23,11 +24,29 @@ class Picture:
         linear: (H,W,3) BGR in linear light, 0..1.
         noise: standard deviation of the picture's noise in code values over 255.
         camera: the camera that took it, where its lens is known.
+        white: (H,W) the local white that ``linear`` was divided by; None where it was not.
     """
 
     linear: Float32Array
     noise: float
     camera: CameraModel | None = None
+    white: Float32Array | None = None
+
+    def evened(self, window: int) -> Picture:
+        """The picture with shadows taken out, see `detect.light`."""
+        white = local_white(self.linear, window)
+        return replace(self, linear=self.linear / white[:, :, None], white=white)
+
+    def lit_by(self, white: Float32Array) -> Picture:
+        """The picture with another light taken out than the one that was."""
+        assert self.white is not None
+        return replace(self, linear=self.linear * (self.white / white)[:, :, None], white=white)
+
+    def light_at(self, whole: IntArray) -> FloatArray:
+        """(N,) the light that was taken out at pixels (N,2)."""
+        if self.white is None:
+            return np.ones(len(whole))
+        return np.asarray(self.white[whole[:, 1], whole[:, 0]], dtype=np.float64)
 
     def shrunk(self, factor: int) -> Picture:
         """The picture ``factor`` times smaller, averaged in linear light."""

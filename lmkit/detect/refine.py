@@ -63,12 +63,14 @@ class Pixels:
     Attributes:
         at: (N,2) positions, px, freed of the lens's distortion where that is known.
         values: (N,3) BGR in linear light.
+        light: (N,) what the values were divided by to take shadows out.
         variance: (N,) expected variance of a value, up to a common factor.
         prior_weight: that factor, so that priors weigh as they should against the values.
     """
 
     at: FloatArray
     values: FloatArray
+    light: FloatArray
     variance: FloatArray
     prior_weight: float = 10.0
 
@@ -110,7 +112,8 @@ def take_pixels(
         chosen = _informative(plane[inside], px_per_mm, family, at_most) if near_edges else _evenly(len(at), at_most)
         at, whole = at[chosen], whole[chosen]
     values = picture.linear[whole[:, 1], whole[:, 0]].astype(np.float64)
-    return Pixels(at, values, value_variance(values, picture.noise))
+    light = picture.light_at(whole)
+    return Pixels(at, values, light, value_variance(values, light, picture.noise))
 
 
 def _informative(plane: FloatArray, px_per_mm: float, family: LandmarkFamily, at_most: int) -> FloatArray:
@@ -132,14 +135,14 @@ def _evenly(n: int, count: int) -> FloatArray:
     return np.asarray(golden < count / max(n, 1))
 
 
-def value_variance(values: FloatArray, noise: float) -> FloatArray:
-    """(N,) expected variance of linear-light values: noise of the code values through the tone curve.
+def value_variance(values: FloatArray, light: FloatArray, noise: float) -> FloatArray:
+    """(N,) expected variance of linear-light values over ``light``: the code values' noise through the tone curve.
 
     A floor stands for what no model of tone and print explains, 1 % of the brightest value.
     """
     bright = values.mean(axis=1)
     # d linear / d code of a 2.2 gamma.
-    slope = 2.2 * np.maximum(bright, 1e-3) ** (1 - 1 / 2.2)
+    slope = 2.2 * np.maximum(bright * light, 1e-3) ** (1 - 1 / 2.2) / light
     return np.asarray((slope * noise) ** 2 + (0.015 * np.percentile(bright, 95)) ** 2 + 1e-8)
 
 
@@ -227,7 +230,7 @@ class Registrar:
         Cauchy weights on the scatter of all pixels; a pole or a hand over one side then no longer
         drags the corners along.
         """
-        variance = value_variance(pixels.values, self.picture.noise)
+        variance = value_variance(pixels.values, pixels.light, self.picture.noise)
         off = pixels.values - self.drawn(registration, pixels, reading)
         misfit = np.sqrt(np.mean(off**2, axis=1) / variance)
         scale = 2.5 * max(float(np.median(misfit)), 1e-6)

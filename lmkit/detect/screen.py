@@ -70,7 +70,7 @@ class Screened:
         order = np.argsort(-self.pattern, kind="stable")
         order = order[self.pattern[order] >= at_least]
         centres = self.quads.mean(axis=1)
-        sides = np.sqrt(_areas(self.quads))
+        sides = np.sqrt(areas(self.quads))
         kept: list[int] = []
         for index in order:
             near = np.linalg.norm(centres[kept] - centres[index], axis=1) < 0.25 * sides[index]
@@ -148,11 +148,17 @@ def align_candidates(pyramid: list[Float32Array], quads: FloatArray, family: Lan
     return Screened(quads, pattern)
 
 
+def pyramid_level(sides: FloatArray, count: int) -> IntArray:
+    """(N,) the level at which squares of these sides, px, are looked at."""
+    doublings = np.log2(np.maximum(sides, 1.0) / FULL_DETAIL_SIDE_PX)
+    return np.asarray(np.clip(np.ceil(doublings), 0, count - 1).astype(np.int64))
+
+
 def _level_and_step(
     quads: FloatArray, pyramid: list[Float32Array], family: LandmarkFamily
 ) -> tuple[IntArray, IntArray]:
-    sides = np.sqrt(_areas(quads))
-    level = np.clip(np.ceil(np.log2(sides / FULL_DETAIL_SIDE_PX)), 0, len(pyramid) - 1).astype(np.int64)
+    sides = np.sqrt(areas(quads))
+    level = pyramid_level(sides, len(pyramid))
     spread_mm = BLUR_PX * family.side_mm / (sides / 2.0**level)
     return level, np.abs(np.log(np.array(SPREAD_STEPS_MM)[:, None] / spread_mm)).argmin(axis=0)
 
@@ -252,7 +258,8 @@ def _sample(pyramid: list[Float32Array], quads: FloatArray, level: IntArray, fam
     return samples
 
 
-def _areas(quads: FloatArray) -> FloatArray:
+def areas(quads: FloatArray) -> FloatArray:
+    """(N,) areas of (N,4,2) clockwise quads, px^2."""
     x, y = quads[:, :, 0], quads[:, :, 1]
     return np.asarray(0.5 * np.sum(x * np.roll(y, -1, axis=1) - y * np.roll(x, -1, axis=1), axis=1))
 

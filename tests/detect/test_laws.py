@@ -216,6 +216,7 @@ SCOREBOARD = {
     ),
     "dim": (40.0, 20.0, ImagingChain(light=Light(0.06), sensor=Sensor(3000, 8, True)), 20),
     "shadow 1.3:1": (60.0, 20.0, ImagingChain(light=Light(shadow=Shadow((120, 90), 30.0, 1.3))), 20),
+    "shadow 4:1": (60.0, 20.0, ImagingChain(light=Light(shadow=Shadow((120, 90), 30.0, 4.0))), 21),
 }
 
 

@@ -1,0 +1,102 @@
+"""Shadows that end on a landmark: the picture divided by its local white.
+
+Half of a landmark in the sun and half in the shade is two landmarks to every threshold and every
+model of one light.  What is white nearby tells the light: a grey closing (the smallest of the
+largest values around) keeps the shadow's edge where it is, which a mean would smear, and bridges
+the dark parts, as long as its window is wider than those.  Once the landmark is read, the drawing
+itself says how bright every pixel would be, and one straight edge between two lights is fitted.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+
+from lmkit.arrays import BoolArray, Float32Array, FloatArray
+
+# The window over the side of a landmark: wider than the ground between margin and rings, which is a
+# quarter of the side at the corners, and not so wide that it bridges the shade's own white.
+WINDOW_OVER_SIDE = 0.42
+LEAST_RATIO = 1.5  # between the brightest and the darkest white of a square, for a shadow's edge on it
+DARKEST = 1e-3
+EDGE_DIRECTIONS = 36
+
+
+def window_for(side_px: float) -> int:
+    """Side of the closing's window, odd, px, for landmarks of this side."""
+    return max(2 * round(WINDOW_OVER_SIDE * side_px / 2) + 1, 5)
+
+
+def local_white(linear: Float32Array, window: int) -> Float32Array:
+    """(H,W) brightness of the white around every pixel of a picture in linear light."""
+    # A little smoothing, or the closing would return the noise's upper end.
+    grey = cv2.blur(cv2.cvtColor(linear, cv2.COLOR_BGR2GRAY), (3, 3))
+    closed = cv2.morphologyEx(grey, cv2.MORPH_CLOSE, np.ones((window, window), dtype=np.uint8))
+    return np.asarray(np.maximum(closed, DARKEST), dtype=np.float32)
+
+
+def crossed_by_shadow(white: Float32Array, quads: FloatArray) -> BoolArray:
+    """(N,) where the local white differs so much between middle and corners that a shadow may end there.
+
+    Args:
+        white: from :func:`local_white`, with the window for quads of this size.
+        quads: (N,4,2) corners, px.
+    """
+    middle = quads.mean(axis=1, keepdims=True)
+    # Inside, so that what lies behind the landmark does not count.
+    spots = np.concatenate([middle, middle + 0.9 * (quads - middle)], axis=1).round().astype(np.int64)
+    height, width = white.shape
+    seen = white[np.clip(spots[:, :, 1], 0, height - 1), np.clip(spots[:, :, 0], 0, width - 1)]
+    return np.asarray(seen.max(axis=1) > LEAST_RATIO * seen.min(axis=1))
+
+
+@dataclass(frozen=True)
+class ShadowEdge:
+    """A straight edge between two lights.
+
+    Attributes:
+        normal: (2,) unit vector across it, towards the second light.
+        offset: px along the normal.
+        lights: light before and behind the edge.
+    """
+
+    normal: FloatArray
+    offset: float
+    lights: tuple[float, float]
+
+    @classmethod
+    def fit(cls, at: FloatArray, light: FloatArray, weights: FloatArray) -> ShadowEdge:
+        """The edge that leaves the least weighted variance of the logarithm on its two sides.
+
+        Args:
+            at: (N,2) px.
+            light: (N,) what was seen over what the drawing alone would show, positive.
+            weights: (N,).
+        """
+        height = np.log(light)
+        best, edge = -np.inf, None
+        for angle in np.arange(EDGE_DIRECTIONS) * (np.pi / EDGE_DIRECTIONS):
+            normal = np.array([np.cos(angle), np.sin(angle)])
+            along = at @ normal
+            order = np.argsort(along)
+            weight = np.cumsum(weights[order])
+            total = np.cumsum((weights * height)[order])
+            before, behind = weight[:-1], weight[-1] - weight[:-1]
+            # Between-class variance, up to what no split changes (Otsu 1979).
+            between = total[:-1] ** 2 / before + (total[-1] - total[:-1]) ** 2 / behind
+            k = int(between.argmax())
+            if between[k] > best:
+                best = float(between[k])
+                means = total[k] / before[k], (total[-1] - total[k]) / behind[k]
+                middle = along[order[k : k + 2]].mean()
+                edge = cls(normal, float(middle), (float(np.exp(means[0])), float(np.exp(means[1]))))
+        assert edge is not None
+        return edge
+
+    def light(self, shape: tuple[int, int]) -> Float32Array:
+        """(H,W) the light of a picture, with an edge as soft as a pixel."""
+        y, x = np.mgrid[: shape[0], : shape[1]].astype(np.float32)
+        behind = np.clip(x * self.normal[0] + y * self.normal[1] - self.offset + 0.5, 0, 1)
+        return np.asarray(self.lights[0] + behind * (self.lights[1] - self.lights[0]), dtype=np.float32)
