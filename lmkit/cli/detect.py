@@ -23,14 +23,16 @@ def run(
     annotate: Annotated[
         Path | None, typer.Option("--annotate", help="Folder for the pictures with overlays.")
     ] = None,
+    family: Annotated[str, typer.Option("--family", help="Families to look for, as in lm8,lm4.")] = "lm8",
     fast: Annotated[bool, typer.Option("--fast", help="Give up small and shaded landmarks for speed.")] = False,
     force: Annotated[bool, typer.Option("--force", help="Overwrite files.")] = False,
 ) -> None:
     """Find and read landmarks."""
     from lmkit.detect.landmarks import FAR, FAST, DetectOptions
     from lmkit.detect_batch import detect_in_sources
+    from lmkit.model.landmark import families_named
 
-    options = DetectOptions(effort=FAST if fast else FAR)
+    options = DetectOptions(families_named(family), FAST if fast else FAR)
     count = found = colourless = 0
     failed: list[InputError] = []
     for answer in progress(detect_in_sources(sources, options), None, "detecting"):

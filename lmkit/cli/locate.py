@@ -42,6 +42,7 @@ def run(
     from lmkit.formats.rig import read_rig
     from lmkit.formats.sources import list_pictures
     from lmkit.locate.rig import locate_camera, locate_rig
+    from lmkit.model.landmark import families_named
 
     if readings is not None:
         if landmark_map is None or any(given is not None for given in (left, right, rig, mono, frame)):
@@ -57,6 +58,7 @@ def run(
     if frame not in (None, "camera", "base"):
         raise InputError("bad_frame", f"--frame {frame} is unknown", "choose camera or base")
     cameras, landmarks = read_rig(rig), read_map(landmark_map)
+    families = families_named(",".join(landmark.family for landmark in landmarks))
     if frame is None:
         frame = "camera" if cameras.T_base_left is None else "base"
     if frame == "base" and cameras.T_base_left is None:
@@ -92,7 +94,8 @@ def run(
             continue
         eyes = (cameras.left, cameras.right)
         seen = [
-            detect_landmarks(image, DetectOptions(camera=eye)) for image, eye in zip(pictures, eyes, strict=False)
+            detect_landmarks(image, DetectOptions(families, camera=eye))
+            for image, eye in zip(pictures, eyes, strict=False)
         ]
         if mono is None:
             estimate = locate_rig(seen[0], seen[1], cameras, landmarks)

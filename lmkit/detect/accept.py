@@ -10,7 +10,6 @@ from lmkit.arrays import FloatArray
 from lmkit.detect.decode import InkSolver, all_hypotheses, frame_selection, pattern_selections, red_over_blue
 from lmkit.detect.pattern import INKS, QUARTERS
 from lmkit.detect.refine import CORRELATED_PIXELS, Pixels, Registrar, Registration
-from lmkit.model.code import code_to_gaps
 from lmkit.model.landmark import LandmarkFamily
 
 # A logistic fit of right and wrong against the margin, on simulated pictures at the edge of what can
@@ -31,8 +30,8 @@ class AcceptanceRule:
         turn_margin: least log likelihood ratio against any other quarter turn; 8 bits hold no
             redundancy, so this is what tells a landmark from a square with something in it.
         code_margin: least log likelihood ratio against any other code.
-        parts_misfit: most that triangle, rings and gaps may lie between blue and white, as a mean
-            square in standard deviations.
+        parts_misfit: most that triangle, rings and gaps may differ from the blue or white that the code
+            says, as a mean square in standard deviations.
         red_over_blue: least colour difference of border and ground (log ratio).
         white_over_ground: (least, most) ratio of brightness; no paint and paper exceed the latter.
         part_deviation: most that the triangle's and the rings' white may differ from the margin's.
@@ -71,6 +70,7 @@ class Verdict:
         parts: (2+G,) brightness of the triangle, of the rings' fixed stretches and of every gap
             position, where 0 is the ground and 1 the white: each fitted on its own.
         parts_sigma: (2+G,) their standard deviations.
+        expected_parts: (2+G,) what they are for this code: 1, or 0 for an open gap.
         gap_misfit: the largest mean squared misfit around a gap position, over the usual one.
         plain: the code looks alike in every quarter turn.
     """
@@ -84,6 +84,7 @@ class Verdict:
     inks: FloatArray
     parts: FloatArray
     parts_sigma: FloatArray
+    expected_parts: FloatArray
     gap_misfit: float
     plain: bool
 
@@ -99,9 +100,8 @@ class Verdict:
 
     @property
     def parts_misfit(self) -> float:
-        """Mean squared distance of the parts from blue or white, in standard deviations."""
-        gaps = np.abs(np.abs(self.parts[2:] - 0.5) - 0.5)
-        off = np.concatenate([np.abs(self.parts[:2] - 1), gaps])
+        """Mean squared distance of the parts from what the code says of them, in standard deviations."""
+        off = self.parts - self.expected_parts
         return float(np.mean(off**2 / (self.parts_sigma**2 + PART_TOLERANCE**2)))
 
     def reason_to_reject(self, rule: AcceptanceRule) -> str | None:
@@ -182,6 +182,7 @@ def read_square(registrar: Registrar, registration: Registration, pixels: Pixels
         inks=inks,
         parts=parts,
         parts_sigma=parts_sigma,
+        expected_parts=np.concatenate([np.ones(2), 1 - hypotheses.selections[best][-family.gap_count :, 2]]),
         gap_misfit=_gap_misfit(family, points, pixels, columns @ solver.selections[best] @ inks, inks),
         plain=_is_plain(family, int(hypotheses.codes[best])),
     )
@@ -219,7 +220,7 @@ def _gap_misfit(
 
 def _is_plain(family: LandmarkFamily, code: int) -> bool:
     """Are the gaps of every ring all open or all closed?"""
-    gaps = iter(code_to_gaps(code, family.gap_count))
+    gaps = iter(family.gaps(code))
     return all(len({next(gaps) for _ in range(ring.gap_count)}) == 1 for ring in family.rings)
 
 

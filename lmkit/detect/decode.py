@@ -16,7 +16,6 @@ import numpy as np
 
 from lmkit.arrays import FloatArray, IntArray
 from lmkit.detect.pattern import INKS, QUARTERS, LandmarkPattern
-from lmkit.model.code import code_to_gaps
 from lmkit.model.landmark import LandmarkFamily
 
 # Keeps inks that are hardly seen (surroundings beyond the grid) from running away.
@@ -49,7 +48,7 @@ def all_hypotheses(family: LandmarkFamily) -> Hypotheses:
     for h, (code, quarter) in enumerate(zip(codes, quarters, strict=True)):
         open_columns = [
             INKS + QUARTERS + column
-            for column, gap in zip(turns[quarter], code_to_gaps(int(code), family.gap_count), strict=True)
+            for column, gap in zip(turns[quarter], family.gaps(int(code)), strict=True)
             if gap
         ]
         selections[h, INKS + quarter, [0, 2]] = 1, -1

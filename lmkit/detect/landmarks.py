@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
+from itertools import combinations
 
 import cv2
 import numpy as np
@@ -72,7 +73,7 @@ class DetectOptions:
     """The few dials of detection.
 
     Attributes:
-        family: which landmarks to look for.
+        families: which landmarks to look for; no two may share a drawing.
         effort: ``FAR`` reads what can be read, ``FAST`` gives up small and shaded landmarks for speed.
         rule: what a landmark must show.
         through_lens: the picture comes through a lens, so straight edges may be bent; off for scans and
@@ -81,7 +82,7 @@ class DetectOptions:
             place of a guessed bend.
     """
 
-    family: LandmarkFamily = LM8
+    families: tuple[LandmarkFamily, ...] = (LM8,)
     effort: Effort = FAR
     rule: AcceptanceRule = field(default_factory=AcceptanceRule)
     through_lens: bool = True
@@ -93,12 +94,14 @@ class Attempt:
     """One candidate that was registered and read, accepted or not.
 
     Attributes:
+        family: what it was read as.
         corners: (4,2) px of the picture, in the landmark's order.
         covariance: (8,8) of the corners, px^2.
         verdict: what it reads as.
         rejected: why it is no landmark; None where it is one.
     """
 
+    family: LandmarkFamily
     corners: FloatArray
     covariance: FloatArray
     verdict: Verdict
@@ -113,7 +116,7 @@ def detect_landmarks(image: ByteArray, options: DetectOptions | None = None) -> 
     """
     options = options or DetectOptions()
     accepted = [a for a in attempt_landmarks(image, options) if a.rejected is None]
-    accepted.sort(key=lambda a: (-a.verdict.margin, a.verdict.code))
+    accepted.sort(key=lambda a: (-a.verdict.margin, a.family.name, a.verdict.code))
     kept: list[Attempt] = []
     for attempt in accepted:
         middle = attempt.corners.mean(axis=0)
@@ -127,7 +130,7 @@ def detect_landmarks(image: ByteArray, options: DetectOptions | None = None) -> 
             corners=a.corners,
             confidence=a.verdict.confidence,
             margin=a.verdict.margin,
-            family=options.family.name,
+            family=a.family.name,
             covariance=a.covariance,
         )
         for a in kept
@@ -140,28 +143,46 @@ def attempt_landmarks(image: ByteArray, options: DetectOptions) -> list[Attempt]
     picture = Picture(_LINEAR[image], estimate_noise(image), options.camera)
     pyramid = linear_pyramid(picture.linear)
     candidates = find_candidates(image, options.effort.sources)
-    attempts = [_register_and_read(picture, quad, options) for quad in _likely_squares(pyramid, candidates, options)]
-    clear = [attempt for attempt in attempts if attempt is not None]
+    attempts: list[Attempt] = []
+    for family in options.families:
+        attempts += _attempts_in_clear(picture, pyramid, candidates, family, options)
     if not options.effort.in_shadow:
-        return clear
-    read = [attempt.corners for attempt in clear if attempt.rejected is None]
-    shaded = _attempts_in_shadow(picture, pyramid, _elsewhere(candidates, read), options)
-    return clear + [_unless_contradicted(attempt, clear) for attempt in shaded]
+        return attempts
+    read = [attempt.corners for attempt in attempts if attempt.rejected is None]
+    elsewhere = _elsewhere(candidates, read)
+    shaded: list[Attempt] = []
+    for family in options.families:
+        shaded += _attempts_in_shadow(picture, pyramid, elsewhere, family, options)
+    return attempts + [_unless_contradicted(attempt, attempts) for attempt in shaded]
+
+
+def _attempts_in_clear(
+    picture: Picture,
+    pyramid: list[Float32Array],
+    candidates: FloatArray,
+    family: LandmarkFamily,
+    options: DetectOptions,
+) -> list[Attempt]:
+    quads = _likely_squares(pyramid, candidates, family, options.effort)
+    attempts = (_register_and_read(picture, quad, family, options) for quad in quads)
+    return [attempt for attempt in attempts if attempt is not None]
 
 
 def _unless_contradicted(shaded: Attempt, clear: list[Attempt]) -> Attempt:
     """A reading that needs a shadow does not stand where one without it is surer of something else."""
     for other in clear:
         apart = np.linalg.norm(shaded.corners.mean(axis=0) - other.corners.mean(axis=0))
-        surer = other.verdict.margin > shaded.verdict.margin and other.verdict.code != shaded.verdict.code
+        same = (other.family, other.verdict.code) == (shaded.family, shaded.verdict.code)
+        surer = other.verdict.margin > shaded.verdict.margin and not same
         if surer and apart < 0.5 * _mean_side(shaded.corners):
             return replace(shaded, rejected=shaded.rejected or "contradicted")
     return shaded
 
 
-def _likely_squares(pyramid: list[Float32Array], candidates: FloatArray, options: DetectOptions) -> FloatArray:
+def _likely_squares(
+    pyramid: list[Float32Array], candidates: FloatArray, family: LandmarkFamily, effort: Effort
+) -> FloatArray:
     """(N,4,2) the candidates that look like landmarks, their corners moved to where they fit."""
-    family, effort = options.family, options.effort
     screened = screen_candidates(pyramid, candidates, family)
     screened = screened.best_first(effort.min_pattern, per_place=2, at_most=effort.max_aligned)
     aligned = align_candidates(pyramid, screened.quads, family, ALIGN_ROUNDS)
@@ -171,7 +192,11 @@ def _likely_squares(pyramid: list[Float32Array], candidates: FloatArray, options
 
 
 def _attempts_in_shadow(
-    picture: Picture, pyramid: list[Float32Array], candidates: FloatArray, options: DetectOptions
+    picture: Picture,
+    pyramid: list[Float32Array],
+    candidates: FloatArray,
+    family: LandmarkFamily,
+    options: DetectOptions,
 ) -> list[Attempt]:
     """The candidates on which a shadow may end, with the light taken out."""
     window = window_for(0.75 * FULL_DETAIL_SIDE_PX)
@@ -181,11 +206,11 @@ def _attempts_in_shadow(
     crossed = np.zeros(len(candidates), dtype=bool)
     for k, light in enumerate(white):
         crossed[level == k] = crossed_by_shadow(light, candidates[level == k] / 2.0**k)
-    quads = _likely_squares(even, candidates[crossed], options)
+    quads = _likely_squares(even, candidates[crossed], family, options.effort)
     rule = options.rule
     strict = replace(rule, turn_margin=SHADED_FACTOR * rule.turn_margin, code_margin=SHADED_FACTOR * rule.code_margin)
     options = replace(options, rule=strict)
-    attempts = (_register_and_read(picture.evened(window_for(_mean_side(q))), q, options) for q in quads)
+    attempts = (_register_and_read(picture.evened(window_for(_mean_side(q))), q, family, options) for q in quads)
     return [attempt for attempt in attempts if attempt is not None]
 
 
@@ -217,8 +242,9 @@ def _settled_coarsely(registrar: Registrar, quad: FloatArray) -> FloatArray:
     return (settled.corners + 0.5) * shrink - 0.5
 
 
-def _register_and_read(picture: Picture, quad: FloatArray, options: DetectOptions) -> Attempt | None:
-    family = options.family
+def _register_and_read(
+    picture: Picture, quad: FloatArray, family: LandmarkFamily, options: DetectOptions
+) -> Attempt | None:
     registrar = Registrar(picture, family)
     coarse = min(COARSE_PIXELS, options.effort.pixels)
     quad = picture.straightened(_settled_coarsely(registrar, quad))
@@ -279,7 +305,7 @@ def _register_and_read(picture: Picture, quad: FloatArray, options: DetectOption
     inside = bool(((corners >= -0.5) & (corners <= np.array([width, height]) - 0.5)).all())
     # A corner that is not in the picture was not seen, and none is made up.
     rejected = verdict.reason_to_reject(options.rule) if inside else "cut"
-    return Attempt(corners[order], covariance[np.ix_(rows, rows)], verdict, rejected)
+    return Attempt(family, corners[order], covariance[np.ix_(rows, rows)], verdict, rejected)
 
 
 def _with_sharp_shadow(registrar: Registrar, registration: Registration, pixels: Pixels, verdict: Verdict) -> Picture:
@@ -299,6 +325,13 @@ def _check_picture(image: ByteArray, options: DetectOptions) -> None:
             f"a picture of shape {image.shape} and type {image.dtype} cannot be searched",
             "give (height, width, 3) BGR of 8 bit; lmkit.formats.images.read_image makes that of any file",
         )
+    for one, other in combinations(options.families, 2):
+        if one.is_drawn_like(other):
+            raise InputError(
+                "like_families",
+                f"families {one.name} and {other.name} share their drawing and cannot be told apart",
+                "look for one of them; mix families of different rings",
+            )
     size = (image.shape[1], image.shape[0])
     if options.camera is not None and options.camera.image_size != size:
         raise InputError(

@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-from lmkit.model.code import code_to_gaps
 from lmkit.model.landmark import LandmarkFamily, Ring
 from lmkit.model.palette import BLUE, RED, WHITE, Rgb
 
@@ -41,7 +40,7 @@ def landmark_artwork(family: LandmarkFamily, code: int, margin: bool = True) -> 
     Raises:
         InputError: the family has no such code.
     """
-    gaps = code_to_gaps(code, family.gap_count)
+    gaps = family.gaps(code)
     shapes = []
     if margin:
         shapes.append(_square("margin", WHITE, family.half_mm + family.margin_mm))

@@ -1,15 +1,20 @@
 """Code <-> gaps, both ways (docs/landmark.md, section 3).
 
-A code is an integer whose bits, most significant first, say for each gap position of the family
+A word is an integer whose bits, most significant first, say for each gap position of the family
 (outer ring first, then inwards; clockwise from the triangle's apex) whether the ring is broken
-there: 1 = gap, 0 = no gap.
+there: 1 = gap, 0 = no gap.  A family's codes number the words that it uses.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
+from functools import lru_cache
+
+import numpy as np
 
 from lmkit.errors import InputError
+
+TRIANGLE_BITS = 2  # what a triangle in another quarter turn is worth
 
 
 def code_to_gaps(code: int, gap_count: int) -> tuple[bool, ...]:
@@ -33,6 +38,39 @@ def gaps_to_code(gaps: Sequence[bool]) -> int:
     for gap in gaps:
         code = code << 1 | int(gap)
     return code
+
+
+def turned_word(word: int, gap_counts: Sequence[int], quarters: int) -> int:
+    """The word that a landmark shows when turned clockwise by quarter turns, read from where up was."""
+    gaps = list(code_to_gaps(word, sum(gap_counts)))
+    turned: list[bool] = []
+    for count in gap_counts:
+        ring, gaps = gaps[:count], gaps[count:]
+        shift = quarters * count // 4
+        turned += ring[count - shift :] + ring[: count - shift]
+    return gaps_to_code(turned)
+
+
+@lru_cache(maxsize=8)
+def codewords(gap_counts: tuple[int, ...], distance: int) -> tuple[int, ...]:
+    """Words that differ in ``distance`` bits at least, chosen greedily in rising order (a lexicode).
+
+    In other quarter turns the triangle differs too, which counts for ``TRIANGLE_BITS``, and a word
+    must differ from its own turns as well.
+    """
+    words = np.arange(1 << sum(gap_counts))
+    ones = np.array([word.bit_count() for word in words.tolist()])
+    free = np.ones(len(words), dtype=bool)
+    chosen = []
+    for word in words.tolist():
+        turns = [turned_word(word, gap_counts, quarter) for quarter in range(4)] if free[word] else []
+        if not turns or any((word ^ t).bit_count() + TRIANGLE_BITS < distance for t in turns[1:]):
+            continue
+        chosen.append(word)
+        for quarter, turned in enumerate(turns):
+            differing = ones[words ^ turned] + (TRIANGLE_BITS if quarter else 0)
+            free &= differing >= distance
+    return tuple(chosen)
 
 
 def parse_codes(text: str, code_count: int) -> list[int]:

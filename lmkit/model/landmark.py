@@ -8,11 +8,13 @@ Lengths of the drawing are millimetres at the nominal size of 180 mm and scale w
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
 from lmkit.arrays import FloatArray
 from lmkit.errors import InputError
+from lmkit.model.code import code_to_gaps, codewords
 
 
 @dataclass(frozen=True)
@@ -49,12 +51,15 @@ class LandmarkFamily:
         margin_mm: least width of white around the border.
         rings: from the outside in.
         triangle_mm: height of the triangle above the centre and half of its base.
+        distance: gap positions in which any two codes differ at least, in any quarter turn, where the
+            triangle counts for two; 1 uses every word, more leaves some out so that misreadings show.
     """
 
     name: str
     version: int
     rings: tuple[Ring, ...]
     triangle_mm: float
+    distance: int = 1
     side_mm: float = 180.0
     border_mm: float = 10.0
     margin_mm: float = 10.0
@@ -67,7 +72,35 @@ class LandmarkFamily:
     @property
     def code_count(self) -> int:
         """Number of codes: 0 to ``code_count - 1``."""
-        return 1 << self.gap_count
+        return len(self.words)
+
+    @cached_property
+    def words(self) -> tuple[int, ...]:
+        """The gaps of every code, as bits; code k is the k-th word."""
+        return codewords(tuple(ring.gap_count for ring in self.rings), self.distance)
+
+    def gaps(self, code: int) -> tuple[bool, ...]:
+        """Which gap positions are open, from the outer ring inwards, clockwise from up.
+
+        Raises:
+            InputError: the family has no such code.
+        """
+        if not 0 <= code < self.code_count:
+            raise InputError(
+                "code_range",
+                f"code {code} is outside 0 to {self.code_count - 1} of family {self.name}",
+                f"choose a code from 0 to {self.code_count - 1}",
+            )
+        return code_to_gaps(self.words[code], self.gap_count)
+
+    def is_drawn_like(self, other: LandmarkFamily) -> bool:
+        """The same drawing, and only other codes: a landmark of one is then one of the other too."""
+        return self != other and (self.rings, self.triangle_mm, self.side_mm, self.border_mm) == (
+            other.rings,
+            other.triangle_mm,
+            other.side_mm,
+            other.border_mm,
+        )
 
     @property
     def half_mm(self) -> float:
@@ -99,17 +132,23 @@ class LandmarkFamily:
         return np.column_stack([self.corners_mm / self.side_mm * size_m, np.zeros(4)])
 
 
-LM8 = LandmarkFamily(
-    name="lm8",
-    version=1,
-    rings=(
-        Ring(inner_mm=60.0, outer_mm=70.0, first_gap_deg=0.0, gap_width_deg=50.0),
-        Ring(inner_mm=37.0, outer_mm=47.0, first_gap_deg=45.0, gap_width_deg=70.0),
-    ),
-    triangle_mm=30.0,
+_TWO_RINGS = (
+    Ring(inner_mm=60.0, outer_mm=70.0, first_gap_deg=0.0, gap_width_deg=50.0),
+    Ring(inner_mm=37.0, outer_mm=47.0, first_gap_deg=45.0, gap_width_deg=70.0),
+)
+_THREE_RINGS = (
+    Ring(inner_mm=64.0, outer_mm=74.0, first_gap_deg=0.0, gap_width_deg=60.0),
+    Ring(inner_mm=47.0, outer_mm=57.0, first_gap_deg=45.0, gap_width_deg=60.0),
+    Ring(inner_mm=30.0, outer_mm=40.0, first_gap_deg=0.0, gap_width_deg=60.0),
 )
 
-FAMILIES = {LM8.name: LM8}
+LM4 = LandmarkFamily("lm4", 1, (Ring(50.0, 60.0, 0.0, 60.0),), triangle_mm=38.0)
+LM8 = LandmarkFamily("lm8", 1, _TWO_RINGS, triangle_mm=30.0)
+LM8P = LandmarkFamily("lm8p", 1, _TWO_RINGS, triangle_mm=30.0, distance=2)
+LM12 = LandmarkFamily("lm12", 1, _THREE_RINGS, triangle_mm=25.0, distance=3)
+LM12H4 = LandmarkFamily("lm12h4", 1, _THREE_RINGS, triangle_mm=25.0, distance=4)
+
+FAMILIES = {family.name: family for family in (LM4, LM8, LM8P, LM12, LM12H4)}
 
 
 def family_named(name: str) -> LandmarkFamily:
@@ -124,3 +163,12 @@ def family_named(name: str) -> LandmarkFamily:
         raise InputError(
             "unknown_family", f"there is no landmark family {name!r}", f"known: {', '.join(FAMILIES)}"
         ) from None
+
+
+def families_named(names: str) -> tuple[LandmarkFamily, ...]:
+    """The families of a list such as ``lm8,lm4``, in that order.
+
+    Raises:
+        InputError: one does not exist.
+    """
+    return tuple(dict.fromkeys(family_named(name.strip()) for name in names.split(",")))

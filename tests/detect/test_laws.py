@@ -8,47 +8,17 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
+from simulated import CAMERA, SIZE, shoot
 
 from lmkit.detect.landmarks import DetectOptions, detect_landmarks, is_colourless
 from lmkit.detect.pattern import LandmarkPattern
 from lmkit.errors import InputError
-from lmkit.generate.page import bare_landmark_page
-from lmkit.generate.png import page_to_image
 from lmkit.model.camera import CameraModel
 from lmkit.model.code import code_to_gaps
 from lmkit.model.landmark import LM8
-from lmkit.model.landmark_map import LandmarkMap
-from lmkit.model.palette import srgb_to_linear
-from lmkit.model.pose import Pose
-from lmkit.simulate.inks import LASER, as_printed
-from lmkit.simulate.photograph import Development, ImagingChain, Lens, Light, Sensor, Shadow, take_picture
-from lmkit.simulate.render import render
-from lmkit.simulate.scene import Panel, Scene
+from lmkit.simulate.photograph import Development, ImagingChain, Lens, Light, Sensor, Shadow
 
-SIZE = (240, 180)
-CAMERA = CameraModel(SIZE, np.array([[300.0, 0, 119.5], [0, 300.0, 89.5], [0, 0, 1]]), np.zeros(5))
 LAWS = settings(max_examples=15, deadline=None, derandomize=True, suppress_health_check=[HealthCheck.too_slow])
-
-
-def sheet(code: int) -> np.ndarray:
-    face = np.asarray(page_to_image(bare_landmark_page(LM8, code, 180.0), 72), dtype=float) / 255
-    edge = round(face.shape[0] / 12)
-    paper = cv2.copyMakeBorder(face, edge, edge, edge, edge, cv2.BORDER_CONSTANT, value=(1, 1, 1))
-    return as_printed(srgb_to_linear(paper).astype(np.float32), LASER)
-
-
-def shoot(code, side_px, turn_deg=0.0, tilt_deg=0.0, chain=None, seed=0, camera=CAMERA):
-    """A picture of one landmark on a grey wall, and its true corners."""
-    distance = camera.K[0, 0] * 0.18 / side_px
-    roll = cv2.Rodrigues(np.array([0.0, 0.0, np.deg2rad(turn_deg)]))[0]
-    tilt = cv2.Rodrigues(np.array([0.0, np.deg2rad(tilt_deg), 0.0]))[0]
-    T = Pose("map", "sheet", tilt @ roll @ np.diag([1.0, -1.0, -1.0]), np.array([0.01, -0.02, distance]))
-    panel = Panel(T, (0.21, 0.21), sheet(code))
-    wall = np.full((camera.image_size[1], camera.image_size[0], 3), 0.35, dtype=np.float32)
-    scene = Scene((panel,), LandmarkMap([]), (1, 1, 1))
-    radiance = render(scene, camera, Pose.identity("map", "camera"), wall)
-    image = take_picture(radiance, chain or ImagingChain(), np.random.default_rng(seed))
-    return image, camera.project(T.apply(LM8.object_points(0.18)))
 
 
 def worst(found, corners) -> float:

@@ -1,0 +1,42 @@
+"""One landmark on a grey wall, drawn by pypdfium2, taken with `simulate.photograph`."""
+
+from __future__ import annotations
+
+import cv2
+import numpy as np
+
+from lmkit.generate.page import bare_landmark_page
+from lmkit.generate.png import page_to_image
+from lmkit.model.camera import CameraModel
+from lmkit.model.landmark import LM8, LandmarkFamily
+from lmkit.model.landmark_map import LandmarkMap
+from lmkit.model.palette import srgb_to_linear
+from lmkit.model.pose import Pose
+from lmkit.simulate.inks import LASER, as_printed
+from lmkit.simulate.photograph import ImagingChain, take_picture
+from lmkit.simulate.render import render
+from lmkit.simulate.scene import Panel, Scene
+
+SIZE = (240, 180)
+CAMERA = CameraModel(SIZE, np.array([[300.0, 0, 119.5], [0, 300.0, 89.5], [0, 0, 1]]), np.zeros(5))
+
+
+def sheet(code: int, family: LandmarkFamily) -> np.ndarray:
+    face = np.asarray(page_to_image(bare_landmark_page(family, code, 180.0), 72), dtype=float) / 255
+    edge = round(face.shape[0] / 12)
+    paper = cv2.copyMakeBorder(face, edge, edge, edge, edge, cv2.BORDER_CONSTANT, value=(1, 1, 1))
+    return as_printed(srgb_to_linear(paper).astype(np.float32), LASER)
+
+
+def shoot(code, side_px, turn_deg=0.0, tilt_deg=0.0, chain=None, seed=0, camera=CAMERA, family=LM8):
+    """A picture of one landmark on a grey wall, and its true corners."""
+    distance = camera.K[0, 0] * 0.18 / side_px
+    roll = cv2.Rodrigues(np.array([0.0, 0.0, np.deg2rad(turn_deg)]))[0]
+    tilt = cv2.Rodrigues(np.array([0.0, np.deg2rad(tilt_deg), 0.0]))[0]
+    T = Pose("map", "sheet", tilt @ roll @ np.diag([1.0, -1.0, -1.0]), np.array([0.01, -0.02, distance]))
+    panel = Panel(T, (0.21, 0.21), sheet(code, family))
+    wall = np.full((camera.image_size[1], camera.image_size[0], 3), 0.35, dtype=np.float32)
+    scene = Scene((panel,), LandmarkMap([]), (1, 1, 1))
+    radiance = render(scene, camera, Pose.identity("map", "camera"), wall)
+    image = take_picture(radiance, chain or ImagingChain(), np.random.default_rng(seed))
+    return image, camera.project(T.apply(family.object_points(0.18)))
