@@ -18,8 +18,8 @@ from lmkit.formats.landmark_map import map_to_yaml
 from lmkit.formats.rig import rig_to_yaml
 from lmkit.formats.template import load_template
 from lmkit.generate.board import compose_board_page
-from lmkit.generate.page import compose_landmark_page
 from lmkit.generate.pdf import pages_to_pdf
+from lmkit.generate.sheet import compose_landmark_page
 from lmkit.locate.rig import locate_rig
 from lmkit.model.estimate import PoseEstimate
 from lmkit.model.landmark import LM8

@@ -14,8 +14,8 @@ import numpy as np
 import pypdfium2
 
 from lmkit.formats.template import load_template
-from lmkit.generate.page import compose_landmark_page
 from lmkit.generate.pdf import pages_to_pdf
+from lmkit.generate.sheet import compose_landmark_page
 from lmkit.model.landmark import LM8
 
 DPI = 150

@@ -40,19 +40,17 @@ class AcceptanceRule:
             lies over it.
         plain_code_factor: codes that look alike in every quarter turn (rings all closed or all open)
             are what road signs and logos resemble; they need this many times the turn margin.
-        plain_parts_misfit: and stay under this.
     """
 
     turn_margin: float = 24.0
     code_margin: float = 9.0
-    parts_misfit: float = 1.8
+    parts_misfit: float = 1.5
     red_over_blue: float = 0.4
     white_over_ground: tuple[float, float] = (2.2, 40.0)
     part_deviation: float = 0.3
     part_sigma: float = 0.25
     hidden: float = 6.5
     plain_code_factor: float = 2.0
-    plain_parts_misfit: float = 1.5
 
 
 @dataclass(frozen=True)
@@ -116,7 +114,7 @@ class Verdict:
             "hidden": self.gap_misfit <= rule.hidden,
             "unsure": float(self.parts_sigma.max()) <= rule.part_sigma,
             "pattern": float(np.abs(self.parts[:2] - 1).max()) <= rule.part_deviation
-            and self.parts_misfit <= (rule.plain_parts_misfit if self.plain else rule.parts_misfit),
+            and self.parts_misfit <= rule.parts_misfit,
         }
         return next((name for name, passed in checks.items() if not passed), None)
 

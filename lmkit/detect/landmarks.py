@@ -156,6 +156,33 @@ def attempt_landmarks(image: ByteArray, options: DetectOptions) -> list[Attempt]
     return attempts + [_unless_contradicted(attempt, attempts) for attempt in shaded]
 
 
+def read_landmark_at(image: ByteArray, corners: FloatArray, family: LandmarkFamily) -> Attempt | None:
+    """Read what stands at known corners of a sharp picture, such as a rasterised page.
+
+    Args:
+        image: (H,W,3) BGR, 8 bit.
+        corners: (4,2) px, clockwise as seen, good to a few hundredths of the side.
+
+    Returns:
+        None where too little of it lies in the picture.
+    """
+    registrar = Registrar(Picture(_LINEAR[image], estimate_noise(image)), family)
+    registration = Registration(corners, np.array([0.3, 0.0, 0.3]))
+    pixels = take_pixels(registrar.picture, registration, family, COARSE_PIXELS)
+    if pixels is None:
+        return None
+    verdict = read_square(registrar, registration, pixels)
+    reading = Reading.of(family, verdict.code, verdict.quarter)
+    registration = registrar.register(registration, pixels, reading, REGISTER_STEPS)
+    verdict = read_square(registrar, registration, pixels)
+    registration = registrar.with_covariance(registration, pixels, reading, fit_bend=False)
+    order = (np.arange(4) + verdict.quarter) % 4
+    rows = (2 * order[:, None] + np.arange(2)).ravel()
+    seen, covariance = registrar.picture_corners(registration)
+    rejected = verdict.reason_to_reject(AcceptanceRule())
+    return Attempt(family, seen[order], covariance[np.ix_(rows, rows)], verdict, rejected)
+
+
 def _attempts_in_clear(
     picture: Picture,
     pyramid: list[Float32Array],

@@ -62,6 +62,15 @@ def polygon_commands(points: list[Point]) -> tuple[Command, ...]:
     return (("M", points[0]), *(("L", p) for p in points[1:]), ("Z",))
 
 
+def circle_commands(centre: Point, radius: float) -> tuple[Command, ...]:
+    """A closed circle."""
+    x, y = centre
+    commands: list[Command] = [("M", (x, y + radius))]
+    for name, *points in _arc(radius, 0.0, 360.0):
+        commands.append((name, *((x + px, y + py) for px, py in points)))
+    return (*commands, ("Z",))
+
+
 def _square(role: str, color: Rgb, half: float) -> FilledPath:
     corners = [(-half, half), (half, half), (half, -half), (-half, -half)]
     return FilledPath(role, color, polygon_commands(corners))

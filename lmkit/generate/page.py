@@ -1,4 +1,4 @@
-"""A true-scale sheet: where the landmark, its rulers and its label stand on the paper.
+"""A true-scale sheet: paths and texts on paper, and where its landmarks stand.
 
 Page coordinates are millimetres from the top left corner of the paper, x right, y down.
 """
@@ -7,27 +7,75 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from lmkit.errors import InputError
-from lmkit.formats.template import PageTemplate
 from lmkit.generate.artwork import Command, FilledPath, Point, landmark_artwork, polygon_commands
 from lmkit.model.landmark import LandmarkFamily
 from lmkit.model.palette import BLACK, Rgb
 
-RULER_MM = 180
 GREY: Rgb = (90, 90, 90)
+Box = tuple[float, float, float, float]  # left, top, right, bottom
 
 
 @dataclass(frozen=True)
 class Text:
-    """A line of text; ``at`` is the baseline's start (or middle, or end, by ``anchor``)."""
+    """A line of text; ``at`` is the baseline's start (or middle, or end, by ``anchor``).
+
+    Attributes:
+        turn_deg: 0, 90 (upwards) or 180 (upside down), anticlockwise about ``at``.
+    """
 
     at: Point
     content: str
     height_mm: float
     anchor: str = "start"
     color: Rgb = BLACK
-    vertical: bool = False
+    turn_deg: int = 0
     bold: bool = False
+
+
+Item = FilledPath | Text
+
+
+@dataclass(frozen=True)
+class PrintedFace:
+    """One landmark on a page.
+
+    Attributes:
+        size_mm: (width, height) of the red border's outer edges, as they should measure.
+        centre_mm: its middle on the page.
+        upside_down: turned by half.
+    """
+
+    family: LandmarkFamily
+    code: int
+    size_mm: float
+    centre_mm: Point
+    upside_down: bool = False
+
+    @property
+    def reach_mm(self) -> float:
+        """From the middle to the outer edge of the white margin."""
+        return (self.family.half_mm + self.family.margin_mm) * self.size_mm / self.family.side_mm
+
+    @property
+    def margin_box(self) -> Box:
+        """The face with its white margin."""
+        x, y = self.centre_mm
+        return (x - self.reach_mm, y - self.reach_mm, x + self.reach_mm, y + self.reach_mm)
+
+    @property
+    def artwork(self) -> tuple[FilledPath, ...]:
+        """The drawing, without the margin, in page coordinates."""
+        scale = self.size_mm / self.family.side_mm
+        cx, cy = self.centre_mm
+        way = -1 if self.upside_down else 1
+
+        def placed(shape: FilledPath) -> FilledPath:
+            def move(command: Command) -> Command:
+                return (command[0], *((cx + way * x * scale, cy - way * y * scale) for x, y in command[1:]))
+
+            return FilledPath(shape.role, shape.color, tuple(move(c) for c in shape.commands))
+
+        return tuple(placed(shape) for shape in landmark_artwork(self.family, self.code, margin=False))
 
 
 @dataclass(frozen=True)
@@ -38,60 +86,33 @@ class Page:
         size_mm: (width, height) of the paper.
         items: paths and texts, back to front.
         title: what the sheet is, in one line.
+        faces: the landmarks among the items.
+        window, windowed: a box, and paths of which only what lies inside it is drawn, under the items.
+        mirrored: left and right are swapped when it is printed.
+        stretch: factors in x and y, about the paper's middle, that make up for what the printer does.
     """
 
     size_mm: tuple[float, float]
-    items: tuple[FilledPath | Text, ...]
+    items: tuple[Item, ...]
     title: str
+    faces: tuple[PrintedFace, ...] = ()
+    window: Box | None = None
+    windowed: tuple[FilledPath, ...] = ()
+    mirrored: bool = False
+    stretch: tuple[float, float] = (1.0, 1.0)
 
-
-def compose_landmark_page(family: LandmarkFamily, code: int, size_mm: float, template: PageTemplate) -> Page:
-    """One landmark on one sheet, with rulers on both axes and a label.
-
-    Raises:
-        InputError: the landmark with its white margin does not fit on the paper, or the code is none
-            of the family's.
-    """
-    scale = size_mm / family.side_mm
-    cx, cy = template.centre_mm
-    reach = (family.half_mm + family.margin_mm) * scale
-    width, height = template.paper_mm
-    free = min(cx, cy, width - cx, height - cy)
-    if reach > free:
-        raise InputError(
-            "landmark_too_large",
-            f"a landmark of {size_mm:g} mm with its white margin does not fit on template {template.name}",
-            f"the largest that fits there is {free / reach * size_mm:.0f} mm; choose a smaller --size",
-        )
-    items: list[FilledPath | Text] = [
-        _placed(shape, scale, (cx, cy)) for shape in landmark_artwork(family, code, margin=False)
-    ]
-    title = f"{family.name} v{family.version}, code {code}, {size_mm:g} mm"
-    if template.rulers is not None:
-        items += _ruler(template.rulers.horizontal_mm, vertical=False)
-        items += _ruler(template.rulers.vertical_mm, vertical=True)
-    if template.label is not None:
-        x, y = template.label.at_mm
-        span = f"{size_mm:g} mm over the red border's outer edges"
-        check = f"Print at 100 %, without fitting to the page: both rulers must measure {RULER_MM} mm."
-        lines = (
-            (f"code {code}", 9.0, BLACK, True),
-            (f"lmkit {family.name} v{family.version}, {span}", 4.2, BLACK, False),
-            (check, 3.6, GREY, False),
-            ("Keep the white margin. Mount flat, with the triangle pointing up.", 3.6, GREY, False),
-        )
-        for content, text_height, color, bold in lines:
-            y += text_height * 1.45
-            items.append(Text((x, y), content, text_height, color=color, bold=bold))
-    return Page(template.paper_mm, tuple(items), title)
+    def on_paper(self, point: Point) -> Point:
+        """Where a point of the page ends up on the paper."""
+        (x, y), (width, height) = point, self.size_mm
+        sx = -self.stretch[0] if self.mirrored else self.stretch[0]
+        return width / 2 + (x - width / 2) * sx, height / 2 + (y - height / 2) * self.stretch[1]
 
 
 def bare_landmark_page(family: LandmarkFamily, code: int, size_mm: float) -> Page:
     """The face alone, its border at the very edge of the page."""
-    scale = size_mm / family.side_mm
-    shapes = landmark_artwork(family, code, margin=False)
-    items = tuple(_placed(shape, scale, (size_mm / 2, size_mm / 2)) for shape in shapes)
-    return Page((size_mm, size_mm), items, f"{family.name} v{family.version}, code {code}, {size_mm:g} mm")
+    face = PrintedFace(family, code, size_mm, (size_mm / 2, size_mm / 2))
+    title = f"{family.name} v{family.version}, code {code}, {size_mm:g} mm"
+    return Page((size_mm, size_mm), face.artwork, title, (face,))
 
 
 def rectangle(role: str, color: Rgb, x: float, y: float, width: float, height: float) -> FilledPath:
@@ -100,39 +121,37 @@ def rectangle(role: str, color: Rgb, x: float, y: float, width: float, height: f
     return FilledPath(role, color, polygon_commands(corners))
 
 
-def _placed(shape: FilledPath, scale: float, centre: Point) -> FilledPath:
-    def move(command: Command) -> Command:
-        return (command[0], *((centre[0] + x * scale, centre[1] - y * scale) for x, y in command[1:]))
+def box_of(items: tuple[Item, ...]) -> Box:
+    """What the items cover, at the least."""
+    boxes = [_text_box(item) if isinstance(item, Text) else _path_box(item) for item in items]
+    lefts, tops, rights, bottoms = zip(*boxes, strict=True)
+    return (min(lefts), min(tops), max(rights), max(bottoms))
 
-    return FilledPath(shape.role, shape.color, tuple(move(c) for c in shape.commands))
+
+def overlap(a: Box, b: Box) -> bool:
+    """Do two boxes share more than an edge?"""
+    slack = 1e-6
+    return a[0] < b[2] - slack and b[0] < a[2] - slack and a[1] < b[3] - slack and b[1] < a[3] - slack
 
 
-def _ruler(start: Point, vertical: bool) -> list[FilledPath | Text]:
-    """A ruler of RULER_MM from ``start``; its outer tick edges mark exactly 0 and RULER_MM."""
-    x, y = start
-    line, thin = 0.25, 0.2
-    items: list[FilledPath | Text] = []
+def _path_box(path: FilledPath) -> Box:
+    # Control points of the short arcs lie within 2 % of the curve.
+    points = [point for command in path.commands for point in command[1:]]
+    x, y = zip(*points, strict=True)
+    return (min(x), min(y), max(x), max(y))
 
-    def bar(along: float, across: float, length: float, width: float) -> FilledPath:
-        if vertical:
-            return rectangle("mark", BLACK, x + across, y + along, width, length)
-        return rectangle("mark", BLACK, x + along, y + across, length, width)
 
-    items.append(bar(0, 0, RULER_MM, line))
-    for mm in range(0, RULER_MM + 1, 5):
-        tick = 2.6 if mm % 50 == 0 or mm == RULER_MM else 1.8 if mm % 10 == 0 else 1.1
-        # The end ticks lie inside, so that the ruler's ends are edges and not middles of lines.
-        offset = 0.0 if mm == 0 else -thin if mm == RULER_MM else -thin / 2
-        items.append(bar(mm + offset, 0, thin, tick))
-        if mm in (50, 100, 150):
-            label = f"{mm}"
-            if vertical:
-                items.append(Text((x + 4.6, y + mm), label, 2.2, "middle", vertical=True))
-            else:
-                items.append(Text((x + mm, y + 5.0), label, 2.2, "middle"))
-    end = f"{RULER_MM} mm"
-    if vertical:
-        items.append(Text((x + 4.6, y + RULER_MM), end, 2.2, "start", vertical=True))
-    else:
-        items.append(Text((x + RULER_MM, y + 5.0), end, 2.2, "end"))
-    return items
+def _text_box(text: Text) -> Box:
+    from reportlab.pdfbase.pdfmetrics import stringWidth
+
+    font = "Helvetica-Bold" if text.bold else "Helvetica"
+    width = float(stringWidth(text.content, font, text.height_mm))
+    start = {"start": 0.0, "middle": -width / 2, "end": -width}[text.anchor]
+    # Baseline at 0: capitals reach 0.74 of the height above it, tails 0.21 below.
+    left, top, right, bottom = start, -0.74 * text.height_mm, start + width, 0.21 * text.height_mm
+    x, y = text.at
+    if text.turn_deg == 90:
+        return (x + top, y - right, x + bottom, y - left)
+    if text.turn_deg == 180:
+        return (x - right, y - bottom, x - left, y - top)
+    return (x + left, y + top, x + right, y + bottom)

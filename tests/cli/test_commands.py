@@ -30,8 +30,9 @@ def test_verify_notices_a_wrong_label_and_a_wrong_size(lmkit, tmp_path):
     assert json.loads(answer.out)["side_mm"] == pytest.approx([180 * 150 / 160] * 2, abs=0.2)
 
     from lmkit.formats.template import load_template
-    from lmkit.generate.page import Page, compose_landmark_page
+    from lmkit.generate.page import Page
     from lmkit.generate.pdf import pages_to_pdf
+    from lmkit.generate.sheet import compose_landmark_page
     from lmkit.model.landmark import LM8
 
     right, wrong = (compose_landmark_page(LM8, code, 180.0, load_template("a4")) for code in (7, 8))

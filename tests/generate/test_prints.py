@@ -16,9 +16,10 @@ from PIL import Image
 from lmkit.detect.pattern import LandmarkPattern
 from lmkit.formats.template import load_template
 from lmkit.generate.board import compose_board_page
-from lmkit.generate.page import bare_landmark_page, compose_landmark_page
+from lmkit.generate.page import bare_landmark_page
 from lmkit.generate.pdf import pages_to_pdf
 from lmkit.generate.png import page_to_image, page_to_png
+from lmkit.generate.sheet import compose_landmark_page
 from lmkit.generate.svg import page_to_svg
 from lmkit.model.board import BoardSpec
 from lmkit.model.code import code_to_gaps

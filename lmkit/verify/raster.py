@@ -1,0 +1,27 @@
+"""Pages of a PDF as pictures, by a renderer that is not lmkit's own."""
+
+from __future__ import annotations
+
+import numpy as np
+import pypdfium2
+
+from lmkit.arrays import ByteArray
+from lmkit.model.palette import linear_to_srgb, srgb_to_linear
+
+_LINEAR = srgb_to_linear(np.arange(256) / 255).astype(np.float32)
+
+
+def raster_page(page: pypdfium2.PdfPage, dpi: float, finer: int = 2) -> tuple[ByteArray, tuple[float, float]]:
+    """(H,W,3) BGR near ``dpi``, and its exact dots per inch in x and y; edges smoothed in linear light.
+
+    The renderer smooths edges in code values, which makes dark shapes grow by a fraction of a pixel;
+    drawing ``finer`` times as fine and averaging light leaves half a fine pixel of that at most.
+    """
+    rgb = np.asarray(page.render(scale=finer * dpi / 72).to_pil().convert("RGB"))
+    height, width = rgb.shape[0] // finer, rgb.shape[1] // finer
+    light = _LINEAR[rgb[: finer * height, : finer * width]]
+    mean = light.reshape(height, finer, width, finer, 3).mean(axis=(1, 3))
+    # The page is drawn into whole pixels, which stretches it by up to one.
+    points = page.get_size()
+    exact = (rgb.shape[1] / finer / points[0] * 72, rgb.shape[0] / finer / points[1] * 72)
+    return np.ascontiguousarray(np.round(linear_to_srgb(mean) * 255).astype(np.uint8)[:, :, ::-1]), exact
