@@ -118,17 +118,17 @@ class Verdict:
         }
         return next((name for name, passed in checks.items() if not passed), None)
 
-    @property
-    def promising(self) -> bool:
-        """Worth registering: nothing like a landmark's margins remains of what fails here.
+    def is_promising(self, rule: AcceptanceRule) -> bool:
+        """Worth registering: far looser than what is accepted in the end.
 
         Of the development rooms' landmarks one in sixty fails, of the other squares nineteen in twenty.
         """
+        low, high = rule.white_over_ground
         return (
             self.turn_margin > 8.0
             and self.pattern > 0.04
             and self.red_over_blue > 0.3
-            and 1.8 < self.white_over_ground < 60.0
+            and 0.82 * low < self.white_over_ground < 1.5 * high
         )
 
     @property

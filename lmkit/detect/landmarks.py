@@ -16,6 +16,8 @@ from lmkit.detect.picture import Picture
 from lmkit.detect.refine import MAX_PIXELS, Pixels, Reading, Registrar, Registration, take_pixels
 from lmkit.detect.screen import (
     FULL_DETAIL_SIDE_PX,
+    SECOND_LOOK,
+    Look,
     align_candidates,
     areas,
     linear_pyramid,
@@ -49,6 +51,7 @@ class Effort:
         sources: where squares come from.
         min_pattern: candidates whose pattern explains less than this share are not aligned.
         max_aligned: at most so many are, best first.
+        look: what a candidate must show once aligned.
         min_aligned_pattern: those that explain less than this once aligned are not registered.
         max_registered: at most so many are, best first; bounds the time on cluttered pictures.
         pixels: of one landmark that are registered; more bring better corners.
@@ -58,6 +61,7 @@ class Effort:
     sources: tuple[Source, ...] = SOURCES
     min_pattern: float = 0.04
     max_aligned: int = 100
+    look: Look = SECOND_LOOK
     min_aligned_pattern: float = 0.2
     max_registered: int = 24
     pixels: int = MAX_PIXELS
@@ -107,6 +111,18 @@ class Attempt:
     verdict: Verdict
     rejected: str | None
 
+    @property
+    def observation(self) -> LandmarkObservation:
+        """What is told of it."""
+        return LandmarkObservation(
+            code=self.verdict.code,
+            corners=self.corners,
+            confidence=self.verdict.confidence,
+            margin=self.verdict.margin,
+            family=self.family.name,
+            covariance=self.covariance,
+        )
+
 
 def detect_landmarks(image: ByteArray, options: DetectOptions | None = None) -> list[LandmarkObservation]:
     """All landmarks of a picture, largest first.
@@ -114,27 +130,19 @@ def detect_landmarks(image: ByteArray, options: DetectOptions | None = None) -> 
     Args:
         image: (H,W,3) BGR, 8 bit, as `formats.images.read_image` gives it.
     """
-    options = options or DetectOptions()
-    accepted = [a for a in attempt_landmarks(image, options) if a.rejected is None]
-    accepted.sort(key=lambda a: (-a.verdict.margin, a.family.name, a.verdict.code))
+    attempts = attempt_landmarks(image, options or DetectOptions())
+    return [a.observation for a in best_of_each_place([a for a in attempts if a.rejected is None])]
+
+
+def best_of_each_place(attempts: list[Attempt]) -> list[Attempt]:
+    """The surest reading of every place, largest first."""
     kept: list[Attempt] = []
-    for attempt in accepted:
+    for attempt in sorted(attempts, key=lambda a: (-a.verdict.margin, a.family.name, a.verdict.code)):
         middle = attempt.corners.mean(axis=0)
         apart = [np.linalg.norm(middle - k.corners.mean(axis=0)) > 0.5 * _mean_side(k.corners) for k in kept]
         if all(apart):
             kept.append(attempt)
-    kept.sort(key=lambda a: -_mean_side(a.corners))
-    return [
-        LandmarkObservation(
-            code=a.verdict.code,
-            corners=a.corners,
-            confidence=a.verdict.confidence,
-            margin=a.verdict.margin,
-            family=a.family.name,
-            covariance=a.covariance,
-        )
-        for a in kept
-    ]
+    return sorted(kept, key=lambda a: -_mean_side(a.corners))
 
 
 def attempt_landmarks(image: ByteArray, options: DetectOptions) -> list[Attempt]:
@@ -212,9 +220,9 @@ def _likely_squares(
     """(N,4,2) the candidates that look like landmarks, their corners moved to where they fit."""
     screened = screen_candidates(pyramid, candidates, family)
     screened = screened.best_first(effort.min_pattern, per_place=2, at_most=effort.max_aligned)
-    aligned = align_candidates(pyramid, screened.quads, family, ALIGN_ROUNDS)
+    aligned = align_candidates(pyramid, screened.quads, family, ALIGN_ROUNDS, effort.look)
     aligned = aligned.best_first(effort.min_aligned_pattern, per_place=2, at_most=effort.max_registered)
-    aligned = align_candidates(pyramid, aligned.quads, family, ALIGN_ROUNDS)
+    aligned = align_candidates(pyramid, aligned.quads, family, ALIGN_ROUNDS, effort.look)
     return aligned.best_first(effort.min_aligned_pattern, per_place=1, at_most=effort.max_registered).quads
 
 
@@ -250,7 +258,7 @@ def _elsewhere(candidates: FloatArray, read: list[FloatArray]) -> FloatArray:
     return candidates
 
 
-def _settled_coarsely(registrar: Registrar, quad: FloatArray) -> FloatArray:
+def _settled_coarsely(registrar: Registrar, quad: FloatArray, options: DetectOptions) -> FloatArray:
     """A large quad registered in a smaller picture first: its corners are then good to a pixel or so."""
     shrink = int(_mean_side(quad) // COARSE_SIDE_PX)
     if shrink < 2:
@@ -262,7 +270,7 @@ def _settled_coarsely(registrar: Registrar, quad: FloatArray) -> FloatArray:
     if pixels is None:
         return quad
     verdict = read_square(small, start, pixels)
-    if not verdict.promising:
+    if not verdict.is_promising(options.rule):
         return quad
     reading = Reading.of(small.family, verdict.code, verdict.quarter)
     settled = small.register(start, pixels, reading, 2 * REGISTER_STEPS)
@@ -274,7 +282,7 @@ def _register_and_read(
 ) -> Attempt | None:
     registrar = Registrar(picture, family)
     coarse = min(COARSE_PIXELS, options.effort.pixels)
-    quad = picture.straightened(_settled_coarsely(registrar, quad))
+    quad = picture.straightened(_settled_coarsely(registrar, quad, options))
     side = _mean_side(quad)
     fit_bend = options.through_lens and options.camera is None and side > BEND_SIDE_PX
     # The blur starts generous, so that a wrong corner still feels its edge.
@@ -284,7 +292,7 @@ def _register_and_read(
     if pixels is None:
         return None
     verdict = read_square(registrar, registration, pixels)
-    if not verdict.promising:
+    if not verdict.is_promising(options.rule):
         return None
     # Register what was read, read again, until the reading stands.
     for _ in range(READ_ROUNDS):
@@ -300,7 +308,7 @@ def _register_and_read(
         previous, verdict = verdict, read_square(registrar, registration, pixels)
         if (verdict.code, verdict.quarter) == (previous.code, previous.quarter):
             break
-    if not verdict.promising:
+    if not verdict.is_promising(options.rule):
         return None
     if picture.white is not None:
         picture = _with_sharp_shadow(registrar, registration, pixels, verdict)

@@ -115,11 +115,13 @@ def screen_candidates(pyramid: list[Float32Array], quads: FloatArray, family: La
         pyramid: of the picture in linear light, from :func:`linear_pyramid`.
         quads: (N,4,2) corners, px, clockwise.
     """
-    return align_candidates(pyramid, quads, family, rounds=0)
+    return align_candidates(pyramid, quads, family, rounds=0, look=FIRST_LOOK)
 
 
-def align_candidates(pyramid: list[Float32Array], quads: FloatArray, family: LandmarkFamily, rounds: int) -> Screened:
-    """Move the corners of all candidates ``rounds`` times towards a better fit, then score them."""
+def align_candidates(
+    pyramid: list[Float32Array], quads: FloatArray, family: LandmarkFamily, rounds: int, look: Look
+) -> Screened:
+    """Move the corners of all candidates ``rounds`` times towards a better fit, then score them by ``look``."""
     quads = quads[_well_shaped(quads)]
     pattern = np.zeros(len(quads))
     for turn in range(rounds + 1):
@@ -133,8 +135,8 @@ def align_candidates(pyramid: list[Float32Array], quads: FloatArray, family: Lan
             if len(chosen) == 0:
                 continue
             design = _design(family, spread)
-            look = SECOND_LOOK if turn == rounds > 0 else FIRST_LOOK
-            pattern[chosen], coefficients = _read(samples[chosen], design, family, look)
+            wanted = look if turn == rounds else FIRST_LOOK
+            pattern[chosen], coefficients = _read(samples[chosen], design, family, wanted)
             if turn < rounds:
                 moved[chosen] = _corner_moves(samples[chosen], coefficients, design)
         if turn < rounds:

@@ -1,28 +1,59 @@
-"""The round trip: rasterise what was printed, read it, measure it, compare it with what it says."""
+"""The round trip: rasterise or open what was printed, read it, measure it, grade it."""
 
 from __future__ import annotations
 
+import hashlib
 import io
 import re
 from dataclasses import dataclass, replace
 from pathlib import Path
 
+import cv2
 import numpy as np
 import pypdfium2
 from PIL import Image
 
 from lmkit.arrays import ByteArray, FloatArray
-from lmkit.detect.landmarks import DetectOptions, detect_landmarks
+from lmkit.detect.accept import AcceptanceRule
+from lmkit.detect.landmarks import (
+    Attempt,
+    DetectOptions,
+    Effort,
+    attempt_landmarks,
+    best_of_each_place,
+    read_landmark_at,
+)
+from lmkit.detect.screen import Look
 from lmkit.errors import InputError
 from lmkit.formats.images import MAX_BYTES, decode_image
+from lmkit.formats.manifest import MANIFEST, PrintManifest, parse_manifest, read_manifest_beside
+from lmkit.model.landmark import FAMILIES, LandmarkFamily
 from lmkit.model.observation import LandmarkObservation
-from lmkit.model.palette import linear_to_srgb, srgb_to_linear
 from lmkit.units import MM_PER_INCH
+from lmkit.verify.grade import GradedLine, grade_print, overall_grade
+from lmkit.verify.measure import measure_print
+from lmkit.verify.raster import raster_page
+from lmkit.verify.reference import find_reference
 
 PDF_DPI = 150.0
-SIZE_TOLERANCE_MM = 0.5
-LABEL = re.compile(r"lm\w* v\d+, (?P<size>[0-9.]+) mm")
+LABEL = re.compile(r"(?P<family>lm\w*) v\d+, (?:code \d+, )?(?P<size>[0-9.]+) mm")
 CODE = re.compile(r"code (?P<code>\d+)")
+SHRINKS = (2, 4, 8)
+LEAST_PX = 150  # of a picture's shorter side
+OPENING_PX = 7
+# Poor prints are to be found too, and graded.
+ANY = AcceptanceRule(white_over_ground=(1.3, 100.0))
+LOOK_AT_ANY = Effort(look=Look(white_over_ground=1.2, red_over_blue=0.2, contrast=0.1, turn=0.02))
+LIKELY = 0.3  # share of the pattern from which a refused square is still called a landmark
+
+
+@dataclass(frozen=True)
+class Stated:
+    """What a label or a manifest says of a landmark; None where it says nothing."""
+
+    code: int | None
+    family: LandmarkFamily | None
+    size_mm: float | None
 
 
 @dataclass(frozen=True)
@@ -31,38 +62,180 @@ class PrintedLandmark:
 
     Attributes:
         source: file, and page for a PDF.
-        code: what it reads as.
-        side_mm: (width, height) of the red border's outer edges, or None where no resolution is known.
-        stated_code, stated_mm: what the page's own label says, or None.
-        problems: what does not agree, in words; empty for a good print.
+        observation: what it reads as, and where.
+        side_mm: (width, height) of the red border's outer edges, or None where nothing gives the scale.
+        scale_from: what gave it.
+        stated_code, stated_mm: what the page's label or manifest says, or None.
+        lines: the grades, line by line.
+        image: (H,W,3) the picture it was read from, BGR.
     """
 
     source: str
     observation: LandmarkObservation
     side_mm: tuple[float, float] | None
+    scale_from: str | None
     stated_code: int | None
     stated_mm: float | None
-    problems: tuple[str, ...]
-
-
-@dataclass(frozen=True)
-class _Sheet:
-    source: str
+    lines: tuple[GradedLine, ...]
     image: ByteArray
-    dpi: tuple[float, float] | None
-    text: str
+
+    @property
+    def grade(self) -> str:
+        """Of the worst line."""
+        return overall_grade(list(self.lines))
+
+    @property
+    def problems(self) -> tuple[str, ...]:
+        """What fails, in words."""
+        return tuple(f"{line.name}: {line.value}" for line in self.lines if line.grade == "F")
+
+
+# Name, picture, dots per inch, and what should be on it.
+Sheet = tuple[str, ByteArray, tuple[float, float] | None, tuple[Stated, ...]]
 
 
 def verify_print(path: Path, options: DetectOptions | None = None) -> list[PrintedLandmark]:
-    """Read all landmarks of a PDF or picture and compare them with what the file says.
+    """Read and grade all landmarks of a PDF or picture, beside what its label or manifest says.
 
     Raises:
-        InputError: the file cannot be read.
+        InputError: the file or its manifest cannot be read, or the file is not the one of the manifest.
     """
-    return [found for sheet in _sheets(path) for found in _verify_sheet(sheet, options)]
+    return [found for sheet in _sheets(path) for found in grade_sheet(*sheet, options)]
 
 
-def _sheets(path: Path) -> list[_Sheet]:
+def grade_sheet(
+    source: str,
+    image: ByteArray,
+    dpi: tuple[float, float] | None,
+    stated: tuple[Stated, ...],
+    options: DetectOptions | None = None,
+) -> list[PrintedLandmark]:
+    """Grade the landmarks of one picture.
+
+    Args:
+        source: its name.
+        image: (H,W,3) BGR, 8 bit.
+        dpi: dots per inch in x and y of a scan; None for photographs.
+        stated: what should be on it, in any order; empty where nothing is known.
+    """
+    padded, offset = _with_margin(image)
+    options = options or DetectOptions()
+    families = tuple(dict.fromkeys(s.family for s in stated if s.family is not None)) or options.families
+    # Whoever wrote the resolution into the file was a scanner or a rasteriser, not a camera with a lens.
+    options = replace(options, families=families, effort=LOOK_AT_ANY, rule=ANY, through_lens=dpi is None)
+    chosen = _find(padded, options)
+    left = list(stated)
+    graded = []
+    for attempt in chosen:
+        match = _stated_for(attempt, left, alone=len(chosen) == 1 == len(stated))
+        if match in left:
+            left.remove(match)
+        found = _graded(source, padded, offset, attempt, dpi, match)
+        graded.append(replace(found, image=image))
+    return graded
+
+
+def _find(image: ByteArray, options: DetectOptions) -> list[Attempt]:
+    """The landmarks of a picture; where none reads, what is most like one, also seen smaller.
+
+    Streaks and blur that break up the border at full size are small in a smaller picture, and thin
+    bright lines are gone from one in which every spot takes the darkest around it and then the
+    brightest (an opening).
+    """
+    likely: list[Attempt] = []
+    for shrink in (1, *SHRINKS):
+        size = (image.shape[1] // shrink, image.shape[0] // shrink)
+        if min(size) < LEAST_PX:
+            break
+        small = np.asarray(cv2.resize(image, size, interpolation=cv2.INTER_AREA), dtype=np.uint8)
+        attempts = [_enlarged(a, shrink) for a in attempt_landmarks(small, options)]
+        if good := best_of_each_place([a for a in attempts if a.rejected is None]):
+            return good
+        likely += attempts
+        if shrink > 1:
+            opened = cv2.morphologyEx(small, cv2.MORPH_OPEN, np.ones((OPENING_PX, OPENING_PX), np.uint8))
+            mended = attempt_landmarks(np.asarray(opened, dtype=np.uint8), options)
+            again = (read_landmark_at(image, _enlarged(a, shrink).corners, a.family) for a in mended)
+            likely += [attempt for attempt in again if attempt is not None]
+    return best_of_each_place([a for a in likely if a.rejected != "cut" and a.verdict.pattern > LIKELY])[:1]
+
+
+def _enlarged(attempt: Attempt, shrink: int) -> Attempt:
+    corners = (attempt.corners + 0.5) * shrink - 0.5
+    return replace(attempt, corners=corners, covariance=attempt.covariance * shrink**2)
+
+
+def _graded(
+    source: str,
+    image: ByteArray,
+    offset: FloatArray,
+    attempt: Attempt,
+    dpi: tuple[float, float] | None,
+    stated: Stated,
+) -> PrintedLandmark:
+    measures = measure_print(image, attempt)
+    side_mm = skew = scale_from = None
+    if dpi is not None:
+        inches = attempt.corners / np.array(dpi)
+        edges = (np.roll(inches, -1, axis=0) - inches) * MM_PER_INCH
+        sides = np.linalg.norm(edges, axis=1)
+        side_mm = (float(sides[[0, 2]].mean()), float(sides[[1, 3]].mean()))
+        across, down = edges[0] - edges[2], edges[1] - edges[3]
+        cosine = float(across @ down / (np.linalg.norm(across) * np.linalg.norm(down)))
+        skew = abs(float(np.degrees(np.arcsin(cosine))))
+        scale_from = "resolution of the file"
+    elif stated.size_mm is not None:
+        reference = find_reference(image, attempt.corners, stated.size_mm)
+        if reference is not None:
+            side_mm = (stated.size_mm * reference.stretch[0], stated.size_mm * reference.stretch[1])
+            scale_from = reference.name
+    rejected = attempt.verdict.reason_to_reject(AcceptanceRule()) or attempt.rejected
+    attempt = replace(attempt, rejected=rejected)
+    problem = _content_problem(attempt, stated) if attempt.rejected is None else None
+    lines = grade_print(attempt, measures, side_mm, skew, stated.size_mm, problem)
+    if attempt.rejected is not None:
+        refused = GradedLine("reading", f"refused by the reader: {attempt.rejected}", "F", "see the lines below")
+        lines.insert(0, refused)
+    seen = attempt.observation
+    moved = LandmarkObservation(
+        seen.code, seen.corners - offset, seen.confidence, seen.margin, seen.family, seen.covariance
+    )
+    return PrintedLandmark(source, moved, side_mm, scale_from, stated.code, stated.size_mm, tuple(lines), image)
+
+
+def _stated_for(attempt: Attempt, stated: list[Stated], alone: bool) -> Stated:
+    """Which of the stated landmarks this one should be."""
+    for one in stated:
+        if one.code == attempt.verdict.code and one.family in (None, attempt.family):
+            return one
+    if alone:
+        return stated[0]
+    sizes = {one.size_mm for one in stated}
+    return Stated(None, None, sizes.pop() if len(sizes) == 1 else None)
+
+
+def _content_problem(attempt: Attempt, stated: Stated) -> str | None:
+    code, family = attempt.verdict.code, attempt.family
+    if stated.code is None or stated.code == code:
+        return None
+    problem = f"reads as code {code}, but its label says {stated.code}"
+    if family.words[code] == mirrored_word(family, stated.code):
+        problem += ", which it is mirrored"
+    return problem
+
+
+def mirrored_word(family: LandmarkFamily, code: int) -> int:
+    """The word that a landmark shows when it is printed mirrored about its upright axis."""
+    gaps = list(family.gaps(code))
+    bits: list[bool] = []
+    for ring in family.rings:
+        own, gaps = gaps[: ring.gap_count], gaps[ring.gap_count :]
+        centres = [round(centre) % 360 for centre in ring.gap_centres_deg]
+        bits += [own[centres.index(-centre % 360)] for centre in centres]
+    return int("".join(str(int(bit)) for bit in bits), 2)
+
+
+def _sheets(path: Path) -> list[Sheet]:
     try:
         if path.stat().st_size > MAX_BYTES:
             raise InputError("file_too_large", f"{path}: more than {MAX_BYTES >> 20} MiB", "split it")
@@ -71,73 +244,67 @@ def _sheets(path: Path) -> list[_Sheet]:
         raise InputError(
             "file_unreadable", f"cannot read {path}: {error.strerror}", "check the path and its permissions"
         ) from None
+    manifest = read_manifest_beside(path)
+    if manifest is not None and manifest.sha256 not in (None, hashlib.sha256(data).hexdigest()):
+        raise InputError(
+            "other_print",
+            f"{path} is not the file that its manifest was written for",
+            "generate it again, or delete the manifest beside it",
+        )
     if data.startswith(b"%PDF"):
-        return _pdf_sheets(path, data)
+        return _pdf_sheets(path, data, manifest)
     image = decode_image(data, str(path))
     with Image.open(io.BytesIO(data)) as picture:
         dpi = picture.info.get("dpi")
-    known = dpi is not None and min(dpi) > 1
-    return [_Sheet(str(path), image, (float(dpi[0]), float(dpi[1])) if known and dpi else None, "")]
+    known = (float(dpi[0]), float(dpi[1])) if dpi is not None and min(dpi) > 1 else None
+    if manifest is None:
+        return [(str(path), image, known, ())]
+    image = np.ascontiguousarray(image[:, ::-1]) if manifest.mirrored else image
+    return [(str(path), image, known and _as_printed(known, manifest), _stated_by_manifest(manifest, 1))]
 
 
-def _pdf_sheets(path: Path, data: bytes) -> list[_Sheet]:
+def _as_printed(dpi: tuple[float, float], manifest: PrintManifest) -> tuple[float, float]:
+    """Dots per inch of paper: a compensated file is drawn larger than it will come out."""
+    return dpi[0] * manifest.stretch[0], dpi[1] * manifest.stretch[1]
+
+
+def _pdf_sheets(path: Path, data: bytes, manifest: PrintManifest | None) -> list[Sheet]:
     try:
         document = pypdfium2.PdfDocument(data)
     except pypdfium2.PdfiumError as error:
         raise InputError("bad_pdf", f"{path}: not a PDF that can be read ({error})", "generate it again") from None
-    sheets = []
-    for number, page in enumerate(document):
-        image, dpi = _raster(page)
-        text = page.get_textpage().get_text_bounded()
-        sheets.append(_Sheet(f"{path} page {number + 1}", image, dpi, text))
-    document.close()
+    try:
+        keywords = document.get_metadata_dict().get("Keywords", "")
+        if manifest is None and MANIFEST in keywords:
+            manifest = parse_manifest(keywords, str(path))
+        sheets: list[Sheet] = []
+        for number, page in enumerate(document, start=1):
+            if manifest is not None and not any(e.page == number and not e.tile for e in manifest.landmarks):
+                continue  # a page of contents, or of one landmark's sheets: nothing whole on it
+            image, dpi = raster_page(page, PDF_DPI)
+            if manifest is not None:
+                image = np.ascontiguousarray(image[:, ::-1]) if manifest.mirrored else image
+                dpi = _as_printed(dpi, manifest)
+            stated = _stated_by_text(page.get_textpage().get_text_bounded())
+            if manifest is not None and not stated:
+                stated = _stated_by_manifest(manifest, number)
+            sheets.append((f"{path} page {number}", image, dpi, stated))
+    finally:
+        document.close()
     return sheets
 
 
-def _raster(page: pypdfium2.PdfPage) -> tuple[ByteArray, tuple[float, float]]:
-    """The page near PDF_DPI, BGR, and its exact dots per inch in x and y; edges smoothed in linear light.
-
-    The renderer smooths edges in code values, which makes dark shapes grow by a fraction of a pixel;
-    drawing twice as fine and averaging light leaves half a fine pixel of that at most.
-    """
-    rgb = np.asarray(page.render(scale=2 * PDF_DPI / 72).to_pil().convert("RGB"))
-    height, width = rgb.shape[0] // 2, rgb.shape[1] // 2
-    light = srgb_to_linear(np.arange(256) / 255)[rgb[: 2 * height, : 2 * width]]
-    mean = light.reshape(height, 2, width, 2, 3).mean(axis=(1, 3))
-    # The page is drawn into whole pixels, which stretches it by up to one.
-    points = page.get_size()
-    dpi = (rgb.shape[1] / 2 / points[0] * 72, rgb.shape[0] / 2 / points[1] * 72)
-    return np.ascontiguousarray(np.round(linear_to_srgb(mean) * 255).astype(np.uint8)[:, :, ::-1]), dpi
+def _stated_by_manifest(manifest: PrintManifest, page: int) -> tuple[Stated, ...]:
+    entries = (entry for entry in manifest.landmarks if entry.page == page)
+    return tuple(Stated(entry.code, FAMILIES.get(entry.family), entry.size_mm) for entry in entries)
 
 
-def _verify_sheet(sheet: _Sheet, options: DetectOptions | None) -> list[PrintedLandmark]:
-    image, offset = _with_margin(sheet.image)
-    options = options or DetectOptions()
-    # Whoever wrote the resolution into the file was a scanner or a rasteriser, not a camera with a lens.
-    options = replace(options, through_lens=sheet.dpi is None)
-    found = []
-    for observation in detect_landmarks(image, options):
-        side = _side_mm(observation.corners, sheet.dpi)
-        label, code = LABEL.search(sheet.text), CODE.search(sheet.text)
-        stated_mm = float(label["size"]) if label else None
-        stated_code = int(code["code"]) if code else None
-        problems = []
-        if stated_code is not None and stated_code != observation.code:
-            problems.append(f"reads as code {observation.code}, but its label says {stated_code}")
-        if stated_mm is not None and side is not None:
-            off = max(abs(length - stated_mm) for length in side)
-            if off > SIZE_TOLERANCE_MM:
-                problems.append(f"measures {side[0]:.1f} x {side[1]:.1f} mm, but its label says {stated_mm:g} mm")
-        moved = LandmarkObservation(
-            observation.code,
-            observation.corners - offset,
-            observation.confidence,
-            observation.margin,
-            observation.family,
-            observation.covariance,
-        )
-        found.append(PrintedLandmark(sheet.source, moved, side, stated_code, stated_mm, tuple(problems)))
-    return found
+def _stated_by_text(text: str) -> tuple[Stated, ...]:
+    """What the page's own words say, where they name one landmark."""
+    codes, label = {int(match["code"]) for match in CODE.finditer(text)}, LABEL.search(text)
+    if len(codes) != 1 or label is None:
+        return ()
+    return (Stated(codes.pop(), FAMILIES.get(label["family"]), float(label["size"])),)
 
 
 def _with_margin(image: ByteArray) -> tuple[ByteArray, FloatArray]:
@@ -145,11 +312,3 @@ def _with_margin(image: ByteArray) -> tuple[ByteArray, FloatArray]:
     margin = max(16, round(0.08 * max(image.shape[:2])))
     padded = np.pad(image, ((margin, margin), (margin, margin), (0, 0)), constant_values=255)
     return padded, np.array([margin, margin], dtype=np.float64)
-
-
-def _side_mm(corners: FloatArray, dpi: tuple[float, float] | None) -> tuple[float, float] | None:
-    if dpi is None:
-        return None
-    inches = corners / np.array(dpi)
-    sides = np.linalg.norm(np.roll(inches, -1, axis=0) - inches, axis=1) * MM_PER_INCH
-    return float(sides[[0, 2]].mean()), float(sides[[1, 3]].mean())
