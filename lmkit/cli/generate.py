@@ -243,7 +243,7 @@ def _write_measured(
         )
     if abs(width / height - 1) > 0.005:
         warn(f"width and height differ by {abs(width / height - 1):.1%}; the map takes their mean")
-    true_size_m = (width + height) / 2000
+    true_size_m = round((width + height) / 2000, 7)
     mended = [
         replace(landmark, size_m=true_size_m)
         if landmark.family == family.name and landmark.code in codes

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import io
 from collections.abc import Sequence
+from dataclasses import replace
 
+import numpy as np
 from PIL import Image
 from reportlab.lib.utils import ImageReader
 from reportlab.pdfgen.canvas import Canvas
@@ -85,14 +87,15 @@ def _page(canvas: Canvas, item: PrintedLandmark) -> None:
 def _picture(canvas: Canvas, item: PrintedLandmark) -> None:
     """The surroundings of the landmark, with its corners marked."""
     mm = POINTS_PER_MM
-    marked = draw_landmarks(item.image, [item.observation])
     corners = item.observation.corners
     low, high = corners.min(axis=0), corners.max(axis=0)
     room = 0.3 * (high - low).max()
-    height, width = marked.shape[:2]
+    height, width = item.image.shape[:2]
     x0, y0 = max(int(low[0] - room), 0), max(int(low[1] - room), 0)
     x1, y1 = min(int(high[0] + room), width), min(int(high[1] + room), height)
-    picture = Image.fromarray(marked[y0:y1, x0:x1, ::-1].copy())
+    shifted = replace(item.observation, corners=corners - [x0, y0])
+    marked = draw_landmarks(np.ascontiguousarray(item.image[y0:y1, x0:x1]), [shifted])
+    picture = Image.fromarray(marked[:, :, ::-1].copy())
     picture.thumbnail((900, 900))
     data = io.BytesIO()
     picture.save(data, format="JPEG", quality=88)

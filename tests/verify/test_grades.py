@@ -1,0 +1,189 @@
+"""Defects planted in scans of sheets, each named by the right line; good sheets left in peace.
+
+Simulated: pypdfium2 draws the sheet, OpenCV spoils and scans it; benchmarks/prints.py does more of it.
+"""
+
+from __future__ import annotations
+
+import json
+from functools import lru_cache
+
+import cv2
+import numpy as np
+import pypdfium2
+import pytest
+
+from lmkit.formats.template import load_template
+from lmkit.generate.pdf import pages_to_pdf
+from lmkit.generate.sheet import compose_landmark_page
+from lmkit.model.landmark import FAMILIES, LM8
+from lmkit.verify.certificate import certificate
+from lmkit.verify.prints import PrintedLandmark, Stated, grade_sheet, mirrored_word
+
+DPI = 100.0
+MM = DPI / 25.4
+CODE = 37
+
+
+@lru_cache(maxsize=4)
+def sheet(code: int) -> np.ndarray:
+    """(H,W,3) RGB 0..1 of the A4 sheet."""
+    page = compose_landmark_page(LM8, code, 180.0, load_template("a4"))
+    pdf = pypdfium2.PdfDocument(pages_to_pdf([page], ""))
+    rgb = np.asarray(pdf[0].render(scale=2 * DPI / 72).to_pil().convert("RGB"), dtype=np.float32) / 255
+    return cv2.resize(rgb, None, fx=0.5, fy=0.5, interpolation=cv2.INTER_AREA)
+
+
+def graded(picture: np.ndarray, stated: int = CODE, scanned: bool = True) -> PrintedLandmark:
+    rng = np.random.default_rng(1)
+    scan = cv2.GaussianBlur(picture, (0, 0), 0.6) * 250 + rng.normal(0, 1.5, picture.shape)
+    image = np.clip(np.round(scan), 0, 255).astype(np.uint8)[:, :, ::-1].copy()
+    (found,) = grade_sheet("scan", image, (DPI, DPI) if scanned else None, (Stated(stated, LM8, 180.0),))
+    return found
+
+
+def grade_of(found: PrintedLandmark, name: str) -> str | None:
+    return next(line.grade for line in found.lines if line.name == name)
+
+
+def shrunk(sx: float, sy: float) -> np.ndarray:
+    height, width = sheet(CODE).shape[:2]
+    A = np.array([[sx, 0, 20.0], [0, sy, 15.0]])
+    return cv2.warpAffine(sheet(CODE), A, (width, height), borderValue=(1.0, 1.0, 1.0))
+
+
+def paled(share: float, channel: int) -> np.ndarray:
+    """Ink of a colour (0 red, 2 blue) blended with white."""
+    picture = sheet(CODE)
+    ink = np.clip(picture[:, :, channel] - picture[:, :, 2 - channel], 0, 1)[:, :, None]
+    return picture + share * np.clip(2 * ink, 0, 1) * (1 - picture)
+
+
+def blotched() -> np.ndarray:
+    picture = sheet(CODE).copy()
+    y, x = np.mgrid[: picture.shape[0], : picture.shape[1]] / MM
+    return picture + np.clip(1.3 - np.hypot(x - 60, y - 60) / 22, 0, 1)[:, :, None] * (1 - picture)
+
+
+def cut() -> np.ndarray:
+    picture = sheet(CODE).copy()
+    picture[: round(14 * MM)] = 0.2
+    return picture
+
+
+def striped() -> np.ndarray:
+    bare = (np.arange(sheet(CODE).shape[0]) / MM % 14 < 1.6)[:, None, None]
+    return np.where(bare, 0.5 + 0.5 * sheet(CODE), sheet(CODE))
+
+
+PLANTED = {
+    "scale": (lambda: shrunk(0.97, 0.97), "DF"),
+    "X to Y": (lambda: shrunk(1.0, 0.98), "DF"),
+    "contrast of blue": (lambda: paled(0.6, 2), "CDF"),
+    "colour of red": (lambda: paled(0.5, 0), "CDF"),
+    "glare": (blotched, "CDF"),
+    "white margin": (cut, "CDF"),
+    "evenness": (striped, "CDF"),
+    "sharpness": (lambda: cv2.GaussianBlur(sheet(CODE), (0, 0), 0.018 * 180 * MM), "CDF"),
+}
+
+
+def test_a_good_scan_is_an_a():
+    found = graded(sheet(CODE))
+    assert found.grade == "A", found.lines
+    assert found.side_mm == pytest.approx((180, 180), abs=0.2)
+    assert all(line.grade is not None for line in found.lines)
+
+
+@pytest.mark.parametrize("name", PLANTED)
+def test_a_planted_defect_is_named(name):
+    spoil, severity = PLANTED[name]
+    found = graded(spoil())
+    assert grade_of(found, name) in tuple(severity), found.lines
+    assert found.grade in "CDF"
+    assert next(line.advice for line in found.lines if line.name == name)
+
+
+def test_the_wrong_landmark_and_a_mirrored_one_are_told_apart():
+    wrong = graded(sheet(CODE), stated=CODE + 1)
+    assert wrong.problems == ("content: reads as code 37, but its label says 38",)
+    mirrored = graded(np.ascontiguousarray(sheet(CODE)[:, ::-1]))
+    (problem,) = mirrored.problems
+    assert problem.endswith("which it is mirrored")
+    assert mirrored.observation.code == mirrored_word(LM8, CODE)
+
+
+@pytest.mark.parametrize("family", FAMILIES.values(), ids=lambda f: f.name)
+def test_mirroring_twice_changes_nothing(family):
+    words = {word: code for code, word in enumerate(family.words)}
+    for code in range(0, family.code_count, 7):
+        once = mirrored_word(family, code)
+        if once in words:
+            assert mirrored_word(family, words[once]) == family.words[code]
+
+
+@pytest.mark.parametrize(("stretch", "grade"), [(1.0, "A"), (0.97, "F")])
+def test_a_photograph_takes_its_scale_from_the_sheets_edges(stretch, grade):
+    height, width = sheet(CODE).shape[:2]
+    A = np.array([[stretch, 0, (1 - stretch) * width / 2], [0, stretch, (1 - stretch) * height / 2]])
+    paper = cv2.warpAffine(sheet(CODE), A, (width, height), borderValue=(1.0, 1.0, 1.0))
+    corners = np.array([[120, 60], [900, 110], [860, 1120], [90, 1080]], dtype=np.float32)
+    H = cv2.getPerspectiveTransform(
+        np.array([[0, 0], [width, 0], [width, height], [0, height]], dtype=np.float32) - 0.5, corners
+    )
+    photo = cv2.warpPerspective(paper, H, (1000, 1200), flags=cv2.INTER_AREA, borderValue=(0.4, 0.35, 0.3))
+    found = graded(photo, scanned=False)
+    # The corners are no true view of a flat sheet at right angles, so only the scale along the sides counts.
+    assert found.scale_from == "a4"
+    assert grade_of(found, "scale") == grade, found.lines
+
+
+def test_without_anything_of_known_size_the_scale_is_unknown():
+    middle = sheet(CODE)[:, :][: round(205 * MM)]
+    found = graded(middle, scanned=False)
+    assert found.side_mm is None
+    assert grade_of(found, "scale") is None
+
+
+def test_the_certificate_is_a_page_each(tmp_path):
+    pdf = certificate([graded(sheet(CODE)), graded(striped())])
+    assert pdf == certificate([graded(sheet(CODE)), graded(striped())])
+    document = pypdfium2.PdfDocument(pdf)
+    assert len(document) == 2
+    text = document[1].get_textpage().get_text_bounded()
+    assert "evenness" in text
+    assert "without a claim of compliance" in text
+
+
+def test_the_command_reads_the_manifest(lmkit, tmp_path):
+    assert lmkit("generate", "--codes", "3-8", "--template", "a4-six", "-o", "six.pdf").code == 0
+    answer = lmkit("verify", "six.pdf", "--json", "--certificate", "c.pdf", "--annotate", "marked")
+    rows = [json.loads(line) for line in answer.out.splitlines()]
+    assert sorted(row["code"] for row in rows) == list(range(3, 9))
+    assert all(row["grade"] == "A" and row["stated_mm"] == 80 and row["ok"] for row in rows)
+    assert (tmp_path / "c.pdf").read_bytes().startswith(b"%PDF")
+    assert [p.name for p in (tmp_path / "marked").iterdir()] == ["six.pdf-1.jpg"]
+    (tmp_path / "six.pdf").write_bytes((tmp_path / "six.pdf").read_bytes() + b"\n")
+    answer = lmkit("verify", "six.pdf")
+    assert answer.code == 2
+    assert "not the file that its manifest was written for" in answer.err
+
+
+def test_a_compensated_print_is_measured_as_it_will_come_out(lmkit, tmp_path):
+    assert lmkit("generate", "--code", 3, "--compensate", "178.6x179.4", "-o", "c.pdf").code == 0
+    (row,) = [json.loads(line) for line in lmkit("verify", "c.pdf", "--json").out.splitlines()]
+    assert row["side_mm"] == pytest.approx([180, 180], abs=0.1)
+    assert row["grade"] == "A"
+
+
+def test_measured_sizes_go_into_the_map(lmkit, tmp_path):
+    entry = "  - {code: 3, size_m: 0.18, position: [0, 0, 1], quaternion: [0, 0, 0, 1]}\n"
+    (tmp_path / "map.yaml").write_text(f"format: lmkit-map/1\nframe: map\nlandmarks:\n{entry}")
+    answer = lmkit("generate", "--code", 3, "--measured", "179.2x179.0", "--map", "map.yaml")
+    assert answer.code == 2
+    assert "--force" in answer.err
+    answer = lmkit("generate", "--code", 3, "--measured", "179.2x179.0", "--map", "map.yaml", "-o", "new.yaml")
+    assert answer.code == 0, answer.err
+    assert "size_m: 0.1791" in (tmp_path / "new.yaml").read_text()
+    answer = lmkit("generate", "--code", 4, "--measured", "179", "--map", "map.yaml", "--force")
+    assert "no lm8 landmark of code 4" in answer.err
