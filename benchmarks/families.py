@@ -112,9 +112,8 @@ def main() -> None:
         answers = sum(line["loose"] or line["loose_wrong"] for line in own)
         low, high = wilson(loose, max(answers, 1))
         rate = f"{loose} of {answers} ({100 * low:.1f} to {100 * high:.1f} %)"
-        print(
-            f"| {name} | {family.code_count} | {family.distance} | {cells[0]} | {cells[1]} | {wrong} of {len(own)} | {rate} |"
-        )
+        told = [name, family.code_count, family.distance, *cells, f"{wrong} of {len(own)}", rate]
+        print("| " + " | ".join(map(str, told)) + " |")
     if options.plots is not None:
         draw(options.plots, curves, options.n)
 
