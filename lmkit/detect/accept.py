@@ -35,6 +35,7 @@ class AcceptanceRule:
         red_over_blue: least colour difference of border and ground (log ratio).
         white_over_ground: (least, most) ratio of brightness; no paint and paper exceed the latter.
         part_deviation: most that the triangle's and the rings' white may differ from the margin's.
+        part_overshoot: no part may be darker than blue or brighter than white by more of their difference.
         part_sigma: a part must be known at least this well.
         hidden: most that the misfit around one gap position may exceed the usual one; beyond, something
             lies over it.
@@ -48,6 +49,7 @@ class AcceptanceRule:
     red_over_blue: float = 0.4
     white_over_ground: tuple[float, float] = (2.2, 40.0)
     part_deviation: float = 0.3
+    part_overshoot: float = 0.5
     part_sigma: float = 0.25
     hidden: float = 6.5
     plain_code_factor: float = 2.0
@@ -114,7 +116,8 @@ class Verdict:
             "hidden": self.gap_misfit <= rule.hidden,
             "unsure": float(self.parts_sigma.max()) <= rule.part_sigma,
             "pattern": float(np.abs(self.parts[:2] - 1).max()) <= rule.part_deviation
-            and self.parts_misfit <= rule.parts_misfit,
+            and self.parts_misfit <= rule.parts_misfit
+            and float(np.abs(self.parts - 0.5).max()) <= 0.5 + rule.part_overshoot,
         }
         return next((name for name, passed in checks.items() if not passed), None)
 

@@ -9,13 +9,17 @@ is found is only a place to look: loose tests here, strict ones after reading.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import combinations
 
 import cv2
 import numpy as np
 
-from lmkit.arrays import ByteArray, FloatArray
+from lmkit.arrays import AnyArray, ByteArray, FloatArray
 
 MIN_SIDE_PX = 8.0
+COMPLETED_SIDE = 2.5  # times that, from which squares with a hidden part are completed
+STRAIGHT = 0.012  # of the outline's length, how far a straight stretch may bend
+MOST_STRETCHES = 16
 
 
 @dataclass(frozen=True)
@@ -92,12 +96,45 @@ def _dark_quads(plane: ByteArray, window: int, darker: float, min_side: float) -
         if len(hull) < 4 or hull_area < min_side * min_side * 0.7:
             continue
         quad = cv2.approxPolyN(hull.astype(np.float32), 4, None, -1.0, True)
-        if quad is None or quad.shape[1] != 4 or hull_area < 0.8 * cv2.contourArea(quad):
-            continue
-        quads.append(quad[0])
+        if quad is not None and quad.shape[1] == 4 and hull_area >= 0.8 * cv2.contourArea(quad):
+            quads.append(quad[0])
+            if hull_area > 0.95 * cv2.contourArea(quad):
+                continue
+        if hull_area > COMPLETED_SIDE**2 * min_side**2:
+            quads += _completed(contour)
     if not quads:
         return np.zeros((0, 4, 2))
     return _clockwise(np.array(quads, dtype=np.float64))
+
+
+def _completed(contour: AnyArray) -> list[FloatArray]:
+    """Quadrilaterals of the outline's longest straight stretches, for squares of which a part is hidden.
+
+    What covers a corner or sticks in over a side adds stretches of its own; the square's are among
+    the longest.
+    """
+    length = cv2.arcLength(contour, True)
+    polygon = cv2.approxPolyDP(contour, STRAIGHT * length, True)[:, 0].astype(np.float64)
+    if not 4 <= len(polygon) <= MOST_STRETCHES:
+        return []
+    edges = np.roll(polygon, -1, axis=0) - polygon
+    lengths = np.linalg.norm(edges, axis=1)
+    longest = np.argsort(-lengths, kind="stable")[:6]
+    found = []
+    for chosen in combinations(sorted(longest.tolist()), 4):
+        if lengths[list(chosen)].sum() < 0.45 * length:
+            continue
+        start, along = polygon[list(chosen)], edges[list(chosen)]
+        following, way = np.roll(start, -1, axis=0), np.roll(along, -1, axis=0)
+        cross = along[:, 0] * way[:, 1] - along[:, 1] * way[:, 0]
+        if (np.abs(cross) < 0.2 * lengths[list(chosen)] * np.roll(lengths[list(chosen)], -1)).any():
+            continue
+        off = following - start
+        t = (off[:, 0] * way[:, 1] - off[:, 1] * way[:, 0]) / cross
+        quad = start + t[:, None] * along
+        if cv2.isContourConvex(quad.astype(np.float32)[:, None]) and np.ptp(quad, axis=0).max() < length:
+            found.append(quad.astype(np.float32))
+    return found
 
 
 def _clockwise(quads: FloatArray) -> FloatArray:
