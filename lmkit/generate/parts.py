@@ -136,7 +136,7 @@ def label(at: Point, face: PrintedFace, ruler_mm: int | None) -> Part:
         (f"code {face.code}", 9.0, BLACK, True),
         (f"lmkit {family.name} v{family.version}, {span}", 4.2, BLACK, False),
         (check, 3.6, GREY, False),
-        ("Keep the white margin. Mount flat, with the triangle pointing up.", 3.6, GREY, False),
+        ("Print in colour. Keep the white margin. Mount flat, with the triangle pointing up.", 3.6, GREY, False),
     )
     items = []
     for content, height, color, bold in lines:

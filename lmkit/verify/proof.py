@@ -22,7 +22,7 @@ from lmkit.workers import map_in_processes
 
 SIDE_PX = 64.0  # of a landmark in the proof's pictures
 MOST_PX = 3000.0  # of a page's longer side
-FINER = 8
+FINER = 6
 TOLERANCE = 0.003  # of the side, for every corner
 PAPER_WHITE = 235
 WORTH_PROCESSES = 12

@@ -187,3 +187,25 @@ def test_measured_sizes_go_into_the_map(lmkit, tmp_path):
     assert "size_m: 0.1791" in (tmp_path / "new.yaml").read_text()
     answer = lmkit("generate", "--code", 4, "--measured", "179", "--map", "map.yaml", "--force")
     assert "no lm8 landmark of code 4" in answer.err
+
+
+def test_a_bank_card_beside_the_landmark_gives_the_scale():
+    """The sheet's edges are out of view; a light card lies on the print's white, under the landmark."""
+    shrink = 0.975
+    picture = cv2.warpAffine(
+        sheet(CODE),
+        np.array([[shrink, 0, 0], [0, shrink, 0]]),
+        sheet(CODE).shape[1::-1],
+        borderValue=(1.0, 1.0, 1.0),
+    )
+    left, top = 30 * MM, 225 * MM
+    picture = picture.copy()
+    picture[round(top - 6 * MM) :, :] = 1.0
+    card = np.array(
+        [[left, top], [left + 85.6 * MM, top], [left + 85.6 * MM, top + 53.98 * MM], [left, top + 53.98 * MM]]
+    )
+    picture = cv2.fillPoly(picture, [np.round((card - 0.5) * 16).astype(np.int32)], (0.25, 0.4, 0.3), cv2.LINE_AA, 4)
+    found = graded(picture[: round(290 * MM), round(8 * MM) : -round(6 * MM)], scanned=False)
+    assert found.scale_from == "bank card"
+    assert found.side_mm == pytest.approx((180 * shrink, 180 * shrink), abs=0.6)
+    assert grade_of(found, "scale") in ("D", "F")
