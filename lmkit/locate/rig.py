@@ -43,7 +43,7 @@ class LocateOptions:
             share of its side.
     """
 
-    corner_floor_px: float = 0.15
+    corner_floor_px: float = 0.08
     ambiguous_below: float = 5.0
     outlier_sigma: float = 4.5
     gate_share: float = 0.25
@@ -131,7 +131,7 @@ def _locate(eyes: Sequence[_Eye], landmarks: LandmarkMap, options: LocateOptions
     return PoseEstimate(
         status=status,
         T_map_camera=Pose("map", "camera", best.R, best.p),
-        covariance=_covariance(best, inliers),
+        covariance=np.linalg.inv(_equations(best, inliers).normal),
         inlier_codes=tuple(sorted(explained)),
         outlier_codes=tuple(sorted(codes - explained)),
         alternatives=tuple(
@@ -185,15 +185,15 @@ def _explained_fit(
     near = [s for s in sightings if _root_mean_square(_pixel_errors(pose, s)) < options.gate_share * s.side_px]
     if near:
         pose = _refine(pose, near)
+    limit = 8 * options.outlier_sigma**2
     for _ in range(2):
-        inliers = [s for s in sightings if _root_mean_square(_whitened(pose, s)) < options.outlier_sigma]
+        inliers = [s for s in sightings if _squared_misfit(pose, s) < limit]
         if not inliers:
             break
         pose = _refine(pose, inliers)
-    inliers = [s for s in sightings if _root_mean_square(_whitened(pose, s)) < options.outlier_sigma]
+    inliers = [s for s in sightings if _squared_misfit(pose, s) < limit]
     # What is not explained costs as much as it could at the border of being explained.
-    limit = 8 * options.outlier_sigma**2
-    cost = sum(min(float(np.sum(_whitened(pose, s) ** 2)), limit) for s in sightings) / 2
+    cost = sum(min(_squared_misfit(pose, s), limit) for s in sightings) / 2
     return _Camera(pose.R, pose.p, cost), inliers
 
 
@@ -238,38 +238,73 @@ def _jacobian(pose: _Camera, s: _Sighting) -> FloatArray:
     return np.asarray(by_point @ (s.R_eye @ pose.R.T) @ to_left).reshape(8, 6)
 
 
+@dataclass(frozen=True, eq=False)
+class _Equations:
+    """Normal equations of the pose, and the squared misfit, of landmarks whose own places are uncertain."""
+
+    normal: FloatArray
+    gradient: FloatArray
+    squared: float
+
+
+def _equations(pose: _Camera, sightings: Sequence[_Sighting]) -> _Equations:
+    """Summed over landmarks.
+
+    Where the map says how well a landmark's place is known, its error is shared by all its corners in
+    both eyes and enters their common covariance.
+    """
+    normal, gradient, squared = np.zeros((6, 6)), np.zeros(6), 0.0
+    for landmark in dict.fromkeys(s.landmark for s in sightings):
+        own = [s for s in sightings if s.landmark is landmark]
+        J = np.concatenate([s.whitener @ _jacobian(pose, s) for s in own])
+        r = np.concatenate([_whitened(pose, s) for s in own])
+        normal += J.T @ J
+        gradient += J.T @ r
+        squared += float(r @ r)
+        if landmark.covariance is not None:
+            # Woodbury: (1 + K K')^-1 = 1 - K (1 + K'K)^-1 K', with K K' what the landmark's error does.
+            root = np.linalg.cholesky(landmark.covariance + 1e-18 * np.eye(6))
+            K = np.concatenate([s.whitener @ _jacobian_of_landmark(pose, s) for s in own]) @ root
+            share = np.linalg.inv(np.eye(6) + K.T @ K)
+            normal -= (J.T @ K) @ share @ (K.T @ J)
+            gradient -= J.T @ K @ share @ (K.T @ r)
+            squared -= float(r @ K @ share @ (K.T @ r))
+    return _Equations(normal, gradient, squared)
+
+
+def _squared_misfit(pose: _Camera, s: _Sighting) -> float:
+    """Of one landmark in one eye, in standard deviations, over its eight corner coordinates."""
+    return _equations(pose, [s]).squared
+
+
 def _refine(pose: _Camera, sightings: Sequence[_Sighting], iterations: int = 12) -> _Camera:
     """Levenberg-Marquardt on the whitened corners."""
     damping = 1e-4
-    cost = sum(float(np.sum(_whitened(pose, s) ** 2)) for s in sightings)
+    here = _equations(pose, sightings)
     for _ in range(iterations):
-        normal, gradient = np.zeros((6, 6)), np.zeros(6)
-        for s in sightings:
-            J = s.whitener @ _jacobian(pose, s)
-            normal += J.T @ J
-            gradient += J.T @ _whitened(pose, s)
-        step = np.linalg.solve(normal + damping * np.diag(np.diag(normal)), gradient)
+        step = np.linalg.solve(here.normal + damping * np.diag(np.diag(here.normal)), here.gradient)
         trial = _Camera(rotation_exp(step[3:]) @ pose.R, pose.p + step[:3])
-        trial_cost = sum(float(np.sum(_whitened(trial, s) ** 2)) for s in sightings)
-        if not trial_cost < cost:
+        there = _equations(trial, sightings)
+        if not there.squared < here.squared:
             damping *= 100
             if damping > 1e6:
                 break
             continue
-        done = cost - trial_cost < 1e-6 * cost
-        pose, cost, damping = trial, trial_cost, max(damping / 10, 1e-9)
+        done = here.squared - there.squared < 1e-6 * here.squared
+        pose, here, damping = trial, there, max(damping / 10, 1e-9)
         if done:
             break
     return pose
 
 
-def _covariance(pose: _Camera, sightings: Sequence[_Sighting]) -> FloatArray:
-    """(6,6) in the map frame, from the information of all corners."""
-    information = np.zeros((6, 6))
-    for s in sightings:
-        J = s.whitener @ _jacobian(pose, s)
-        information += J.T @ J
-    return np.asarray(np.linalg.inv(information))
+def _jacobian_of_landmark(pose: _Camera, s: _Sighting) -> FloatArray:
+    """(8,6) of the projected corners with a shift and a turn of the landmark about its middle, in the map frame."""
+    in_eye = (s.points - pose.p) @ pose.R @ s.R_eye.T + s.t_eye
+    _, by_point, _ = s.camera.project_with_jacobian(in_eye)
+    arms = s.points - s.landmark.T_map_landmark.t
+    turning = np.stack([-skew(arm) for arm in arms])
+    moves = np.concatenate([np.broadcast_to(np.eye(3), (4, 3, 3)), turning], axis=2)
+    return np.asarray(by_point @ (s.R_eye @ pose.R.T) @ moves).reshape(8, 6)
 
 
 def covariance_at_base(estimate: PoseEstimate, T_camera_base: Pose) -> FloatArray | None:

@@ -75,6 +75,43 @@ def test_the_covariance_is_true(count):
     assert low < total < high
 
 
+@pytest.mark.parametrize("count", [1, 3])
+def test_the_covariance_knows_what_the_map_does_not(count):
+    """Landmarks hang off their mapped places by draws of the map's covariance, a different one each."""
+    from dataclasses import replace
+
+    from scipy.stats import chi2
+
+    from lmkit.locate.rig import LocateOptions
+    from lmkit.model.pose import rotation_exp
+
+    rng = np.random.default_rng(40 + count)
+    options = LocateOptions(corner_floor_px=1e-3)
+    station = looking(np.array([1.2, 1.2, 1.3]), -np.pi / 2 - 0.75, 0.02)
+    sigmas = [np.array([a, a, a, b, b, b]) for a, b in ((0.005, 0.01), (0.02, 0.02), (0.01, 0.005))]
+    known = [
+        replace(landmark, covariance=np.diag(sigma**2)) for landmark, sigma in zip(LANDMARKS[:3], sigmas, strict=True)
+    ][-count:]
+    draws, total, explained = 300, 0.0, 0
+    for _ in range(draws):
+        hung = []
+        for landmark in known:
+            off = rng.multivariate_normal(np.zeros(6), landmark.covariance)
+            T = landmark.T_map_landmark
+            hung.append(
+                replace(landmark, T_map_landmark=Pose("map", "landmark", rotation_exp(off[3:]) @ T.R, T.t + off[:3]))
+            )
+        estimate = locate_rig(*see(station, 0.2, rng, hung), RIG, LandmarkMap(known), options)
+        explained += len(estimate.inlier_codes) == count
+        error = np.concatenate(
+            [estimate.T_map_camera.t - station.t, rotation_log(estimate.T_map_camera.R @ station.R.T)]
+        )
+        total += error @ np.linalg.solve(estimate.covariance, error)
+    low, high = chi2.ppf([0.0005, 0.9995], 6 * draws)
+    assert low < total < high, total / 6 / draws
+    assert explained > 0.99 * draws
+
+
 def test_a_wrong_code_is_named_and_does_not_capture_the_pose():
     left, right = see(STATION, 0.2, np.random.default_rng(1))
     for eye in (left, right):
