@@ -45,6 +45,7 @@ def run(
         typer.Option("--measured", help="Print nothing; write this size, as in 179.2x179.0, into --map."),
     ] = None,
     landmark_map: Annotated[Path | None, typer.Option("--map", help="The map that --measured mends.")] = None,
+    list_templates: Annotated[bool, typer.Option("--list-templates", help="Show them, and nothing else.")] = False,
     force: Annotated[bool, typer.Option("--force", help="Overwrite files.")] = False,
 ) -> None:
     """Write printable landmarks as PDF, PNG or SVG, true to scale, each proven to read."""
@@ -52,6 +53,9 @@ def run(
     from lmkit.model.landmark import family_named
     from lmkit.units import parse_length_mm
 
+    if list_templates:
+        _list_templates()
+        return
     kind = family_named(family)
     if (code is None) == (codes is None):
         raise InputError("no_code", "no code given, or two ways of giving it", "give --code 137 or --codes 0-15,42")
@@ -96,6 +100,13 @@ def run(
     _write(files, dpi, cmyk, force, proven=not bare)
     for path in files:
         print_line(str(path))
+
+
+def _list_templates() -> None:
+    from lmkit.formats.template import load_template, shipped_templates
+
+    for name in shipped_templates():
+        print_line(f"{name:<12} {load_template(name).description}")
 
 
 class _Extras:

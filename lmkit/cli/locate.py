@@ -30,6 +30,12 @@ def run(
     readings: Annotated[
         Path | None, typer.Option("--readings", help="CSV of ranges and bearings instead of pictures.")
     ] = None,
+    range_sigma: Annotated[
+        str | None, typer.Option("--range-sigma", help="Scatter of the readings' ranges, such as 0.1m.")
+    ] = None,
+    bearing_sigma: Annotated[
+        float | None, typer.Option("--bearing-sigma", help="Scatter of the readings' bearings, degrees.")
+    ] = None,
     frame: Annotated[
         str | None, typer.Option("--frame", help="camera (left) or base; base where the rig names one.")
     ] = None,
@@ -49,7 +55,7 @@ def run(
             raise InputError(
                 "readings_alone", "--readings goes with --map alone", "give --readings FILE.csv --map MAP"
             )
-        _locate_readings(readings, read_map(landmark_map), as_json)
+        _locate_readings(readings, read_map(landmark_map), as_json, range_sigma, bearing_sigma)
         return
     if rig is None or landmark_map is None:
         raise InputError("no_rig_or_map", "locate needs a rig and a map", "give --rig rig.yaml --map map.yaml")
@@ -117,14 +123,24 @@ def run(
         )
 
 
-def _locate_readings(path: Path, landmarks: LandmarkMap, as_json: bool) -> None:
+def _locate_readings(
+    path: Path, landmarks: LandmarkMap, as_json: bool, range_sigma: str | None, bearing_sigma: float | None
+) -> None:
     """A planar pose of the sensor for every moment of a readings file."""
     from lmkit.formats.readings import read_readings
-    from lmkit.locate.range_bearing import locate_planar
+    from lmkit.locate.range_bearing import ReadingNoise, locate_planar
+    from lmkit.units import parse_length_mm
 
+    if bearing_sigma is not None and not 0 < bearing_sigma < 90:
+        raise InputError("bad_sigma", f"--bearing-sigma {bearing_sigma:g} is no angle", "give degrees, such as 1.0")
     located, moments = 0, read_readings(path)
+    noise = ReadingNoise()
+    noise = ReadingNoise(
+        noise.range_m if range_sigma is None else parse_length_mm(range_sigma, "--range-sigma") / 1000,
+        noise.bearing_rad if bearing_sigma is None else math.radians(bearing_sigma),
+    )
     for time_s, seen in moments.items():
-        estimate = locate_planar(seen, landmarks)
+        estimate = locate_planar(seen, landmarks, noise)
         located += estimate.pose is not None
         if as_json:
             print_json(planar_dict(estimate, path, time_s))

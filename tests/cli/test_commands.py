@@ -142,3 +142,11 @@ def test_a_bad_reading_is_named_with_its_line(lmkit, tmp_path, row):
     answer = lmkit("locate", "--readings", "r.csv", "--map", "map.yaml")
     assert answer.code == 2
     assert "r.csv: line 2" in answer.err
+
+
+def test_the_templates_are_listed(lmkit, tmp_path):
+    from lmkit.formats.template import shipped_templates
+
+    lines = lmkit("generate", "--list-templates").out.splitlines()
+    assert [line.split()[0] for line in lines] == shipped_templates()
+    assert not list(tmp_path.iterdir())

@@ -254,3 +254,10 @@ def test_detect_says_when_there_is_no_colour(lmkit, tmp_path):
     answer = lmkit("detect", str(path))
     assert answer.code == 1
     assert "no colour" in answer.err
+
+
+def test_the_readings_scatter_is_an_angle_and_a_length(lmkit, tmp_path, landmark_map):
+    (tmp_path / "r.csv").write_text("time_s,code,range_m,bearing_rad\n0,1,2.0,0.1\n")
+    start = ("locate", "--readings", "r.csv", "--map", landmark_map)
+    assert_refused(lmkit(*start, "--bearing-sigma", "0"), "--bearing-sigma")
+    assert_refused(lmkit(*start, "--range-sigma", "3"), "--range-sigma", "unit")
