@@ -19,11 +19,12 @@ import numpy as np
 from peers import READERS, wilson
 
 SIDES = (15, 20, 25, 30, 60, 1e9)
+TILTS = (0, 30, 60, 80)
 
 
 def score(folder: Path, detect) -> dict:
     truth = json.loads((folder / "truth.json").read_text())
-    seen, read, wrong, false, errors, seconds = [], [], 0, 0, [], []
+    seen, groups, read, wrong, false, errors, seconds = [], [], [], 0, 0, [], []
     for pair in truth["pairs"]:
         for picture in pair["images"]:
             image = cv2.imread(str(folder / "images" / picture["image"]))
@@ -52,15 +53,23 @@ def score(folder: Path, detect) -> dict:
             for entry in picture["landmarks"]:
                 if is_counted(entry):
                     seen.append(entry["side_px"])
+                    groups.append(groups_of(entry, pair["conditions"]))
                     read.append(entry["landmark"] in hits)
     return {
         "side": np.array(seen),
+        "groups": groups,
         "read": np.array(read),
         "wrong": wrong,
         "false": false,
         "error": np.array(errors),
         "ms": 1000 * float(np.median(seconds)),
     }
+
+
+def groups_of(entry: dict, conditions: dict) -> set[str]:
+    """The rows that a landmark belongs to, beside its size."""
+    low, high = next((a, b) for a, b in pairwise(TILTS) if a <= entry["tilt_deg"] < b)
+    return {f"tilt {low} to {high} deg", f"light: {conditions['light']}", f"blur: {conditions['blur']}"}
 
 
 def is_counted(entry: dict) -> bool:
@@ -81,6 +90,13 @@ def main(rooms: Path) -> None:
             cells.append(f"{100 * hits / n:.1f} % of {n} ({100 * a:.0f} to {100 * b:.0f})")
         name = f"side {low:g} px and more" if high > 1e8 else f"side {low:g} to {high:g} px"
         print(f"| {name} | " + " | ".join(cells) + " |")
+    for group in sorted(set().union(*(found for r in results.values() for found in r["groups"]))):
+        cells = []
+        for r in results.values():
+            hits = [hit for hit, found in zip(r["read"], r["groups"], strict=True) if group in found]
+            a, b = wilson(int(sum(hits)), len(hits))
+            cells.append(f"{100 * np.mean(hits):.1f} % of {len(hits)} ({100 * a:.0f} to {100 * b:.0f})")
+        print(f"| {group} | " + " | ".join(cells) + " |")
     for name, value in (
         ("wrong codes", lambda r: str(r["wrong"])),
         ("false positives", lambda r: str(r["false"])),
