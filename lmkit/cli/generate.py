@@ -81,6 +81,7 @@ def run(
         raise InputError("cmyk_pdf", f"--cmyk is for PDF, not {suffix}", "name the file .pdf")
 
     separate = each or suffix != ".pdf"
+    proven = bare
     if bare:
         from lmkit.generate.page import bare_landmark_page
 
@@ -92,12 +93,15 @@ def run(
             if suffix == ".pdf" or len(pages) == 1:
                 groups.append((str(some[0]), pages, name))
             else:
+                # Pages of one landmark are proven together, then written one by one.
+                _prove(pages)
                 groups += [(f"{some[0]}-{number}", [page], name) for number, page in enumerate(pages, start=1)]
+                proven = True
     if len(groups) == 1:
         files = {output: groups[0]}
     else:
         files = {output.with_name(f"{output.stem}-{label}{suffix}"): (label, p, n) for label, p, n in groups}
-    _write(files, dpi, cmyk, force, proven=not bare)
+    _write(files, dpi, cmyk, force, bare, proven)
     for path in files:
         print_line(str(path))
 
@@ -179,34 +183,43 @@ def _check_size(size_mm: float | None) -> None:
         )
 
 
-def _write(files: dict[Path, tuple[str, list[Page], str]], dpi: float, cmyk: bool, force: bool, proven: bool) -> None:
+def _write(
+    files: dict[Path, tuple[str, list[Page], str]], dpi: float, cmyk: bool, force: bool, bare: bool, proven: bool
+) -> None:
     """All files with their manifests; nothing at all where one of them would fail."""
     from lmkit.formats.files import check_writable, write_file
     from lmkit.formats.manifest import manifest_path
 
     for path in files:
         check_writable(path, force)
-        if proven:
+        if not bare:
             check_writable(manifest_path(path), force)
     for path, (_, pages, name) in files.items():
-        if not proven:
+        if bare:
             write_file(path, _encode(pages, path.suffix.lower(), dpi, "", cmyk), force)
             continue
         from lmkit.generate.manifest import manifest_of
         from lmkit.generate.pdf import pages_to_pdf
-        from lmkit.verify.proof import prove_pages
 
         manifest = manifest_of(pages, name)
         pdf = pages_to_pdf(pages, _title(pages), manifest.to_json(), cmyk)
-        prove_pages(pdf, pages)
+        if not proven:
+            _prove(pages, pdf)
         content = pdf if path.suffix.lower() == ".pdf" else _encode(pages, path.suffix.lower(), dpi, "", cmyk)
         data = content.encode() if isinstance(content, str) else content
         write_file(path, data, force)
         write_file(manifest_path(path), manifest.of_file(path.name, data).to_json(indent=1) + "\n", force)
 
 
+def _prove(pages: list[Page], pdf: bytes | None = None) -> None:
+    from lmkit.generate.pdf import pages_to_pdf
+    from lmkit.verify.proof import prove_pages
+
+    prove_pages(pages_to_pdf(pages, "") if pdf is None else pdf, pages)
+
+
 def _title(pages: list[Page]) -> str:
-    titles = [page.title for page in pages if page.faces]
+    titles = [page.title for page in pages if page.faces] or [pages[0].title]
     return titles[0] if len(titles) == 1 else f"lmkit landmarks, {titles[0]} and {len(titles) - 1} more pages"
 
 

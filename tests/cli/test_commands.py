@@ -150,3 +150,12 @@ def test_the_templates_are_listed(lmkit, tmp_path):
     lines = lmkit("generate", "--list-templates").out.splitlines()
     assert [line.split()[0] for line in lines] == shipped_templates()
     assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize("suffix", ["svg", "png"])
+def test_tiles_and_contents_go_into_a_file_for_each_page(lmkit, suffix):
+    answer = lmkit("generate", "--code", 3, "--size", "300mm", "--dpi", 30, "-o", f"big.{suffix}")
+    assert answer.code == 0, answer.err
+    assert answer.out.split() == [f"big-3-{page}.{suffix}" for page in range(1, len(answer.out.split()) + 1)]
+    answer = lmkit("generate", "--code", 3, "--template", "a4-set", "--dpi", 30, "-o", f"set.{suffix}")
+    assert answer.out.split() == [f"set-3-1.{suffix}", f"set-3-2.{suffix}"]
