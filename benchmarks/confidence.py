@@ -22,7 +22,8 @@ from peers import wilson
 from planar import View, background, backgrounds, shoot
 
 from lmkit.detect.accept import AcceptanceRule
-from lmkit.detect.landmarks import DetectOptions, Effort, attempt_landmarks
+from lmkit.detect.landmarks import attempt_landmarks
+from lmkit.detect.options import DetectOptions, Effort
 from lmkit.simulate.photograph import Development, ImagingChain, Lens, Light, Sensor
 
 WIDE = AcceptanceRule(

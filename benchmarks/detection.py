@@ -277,17 +277,17 @@ def print_profile(photos: list[Path]) -> None:
         detect(image)
     profile.disable()
     stats = pstats.Stats(profile)
-    total = stats.total_tt  # type: ignore[attr-defined]
+    total = stats.total_tt
     steps = (
         "find_candidates",
         "screen_candidates",
         "align_candidates",
-        "_register_and_read",
+        "register_and_read",
         "estimate_noise",
         "linear_pyramid",
     )
     print("\nWhere lmkit's time goes (screening is an alignment without moves):\n")
-    for (_, _, name), (_, calls, _, cumulative, _) in stats.stats.items():  # type: ignore[attr-defined]
+    for (_, _, name), (_, calls, _, cumulative, _) in stats.stats.items():
         if name in steps:
             print(f"- {name}: {100 * cumulative / total:.0f} % in {calls / len(images):.1f} calls a picture")
 

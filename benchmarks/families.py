@@ -21,7 +21,8 @@ from peers import wilson
 from planar import SIDE_M, View, background, backgrounds, camera, place
 
 from lmkit.detect.accept import AcceptanceRule
-from lmkit.detect.landmarks import DetectOptions, attempt_landmarks, best_of_each_place
+from lmkit.detect.landmarks import attempt_landmarks, best_of_each_place
+from lmkit.detect.options import DetectOptions
 from lmkit.generate.page import bare_landmark_page
 from lmkit.generate.png import page_to_image
 from lmkit.model.landmark import FAMILIES

@@ -6,7 +6,8 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import partial
 
-from lmkit.detect.landmarks import DetectOptions, detect_landmarks, is_colourless
+from lmkit.detect.landmarks import detect_landmarks, is_colourless
+from lmkit.detect.options import DetectOptions
 from lmkit.errors import InputError
 from lmkit.formats.sources import Frame, frames, picture_files
 from lmkit.model.observation import LandmarkObservation

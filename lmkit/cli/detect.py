@@ -28,7 +28,7 @@ def run(
     force: Annotated[bool, typer.Option("--force", help="Overwrite files.")] = False,
 ) -> None:
     """Find and read landmarks."""
-    from lmkit.detect.landmarks import FAR, FAST, DetectOptions
+    from lmkit.detect.options import FAR, FAST, DetectOptions
     from lmkit.detect_batch import detect_in_sources
     from lmkit.model.landmark import families_named
 

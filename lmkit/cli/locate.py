@@ -42,7 +42,8 @@ def run(
     as_json: Annotated[bool, typer.Option("--json", help="One JSON object a line.")] = False,
 ) -> None:
     """Find the pose of the camera (or the robot) from landmarks of a map."""
-    from lmkit.detect.landmarks import DetectOptions, detect_landmarks
+    from lmkit.detect.landmarks import detect_landmarks
+    from lmkit.detect.options import DetectOptions
     from lmkit.formats.images import read_image
     from lmkit.formats.landmark_map import read_map
     from lmkit.formats.rig import read_rig

@@ -29,7 +29,7 @@ def run(
     force: Annotated[bool, typer.Option("--force", help="Overwrite files.")] = False,
 ) -> None:
     """Read landmarks back from prints, grade them A to F, and compare them with their labels."""
-    from lmkit.detect.landmarks import DetectOptions
+    from lmkit.detect.options import DetectOptions
     from lmkit.formats.files import check_writable, write_file
     from lmkit.model.landmark import families_named
     from lmkit.verify.grade import GRADES

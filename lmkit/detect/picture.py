@@ -11,9 +11,10 @@ from dataclasses import dataclass, replace
 import cv2
 import numpy as np
 
-from lmkit.arrays import Float32Array, FloatArray, IntArray
+from lmkit.arrays import ByteArray, Float32Array, FloatArray, IntArray
 from lmkit.detect.light import local_white
 from lmkit.model.camera import CameraModel
+from lmkit.model.palette import SRGB_TO_LINEAR
 
 
 @dataclass(frozen=True)
@@ -31,6 +32,11 @@ class Picture:
     noise: float
     camera: CameraModel | None = None
     white: Float32Array | None = None
+
+    @classmethod
+    def of(cls, image: ByteArray, camera: CameraModel | None = None) -> Picture:
+        """From (H,W,3) BGR, 8 bit."""
+        return cls(SRGB_TO_LINEAR[image], estimate_noise(image), camera)
 
     def evened(self, window: int) -> Picture:
         """The picture with shadows taken out, see `detect.light`."""
@@ -97,3 +103,11 @@ def rebend(at: FloatArray, bend: float, centre: FloatArray, half_width: float) -
         slope = np.maximum(1 + 3 * bend * r**2, 0.05)
         r = np.clip(r - (r + bend * r**3 - target) / slope, 0, fold)
     return np.asarray(centre + offset * (r / np.maximum(target, 1e-12)))
+
+
+def estimate_noise(image: ByteArray) -> float:
+    """Standard deviation of the picture's noise over 255, from its smoothest half (Immerkaer 1996)."""
+    grey = cv2.cvtColor(image, cv2.COLOR_BGR2GRAY)
+    kernel = np.array([[1, -2, 1], [-2, 4, -2], [1, -2, 1]], dtype=np.float32)
+    response = np.abs(cv2.filter2D(grey, cv2.CV_32F, kernel))
+    return float(np.median(response)) / 0.6745 / 6 / 255

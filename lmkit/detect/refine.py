@@ -108,7 +108,7 @@ def take_pixels(
     if len(at) < 40:
         return None
     if len(at) > at_most:
-        px_per_mm = _side(registration.corners) / family.side_mm
+        px_per_mm = mean_side(registration.corners) / family.side_mm
         chosen = _informative(plane[inside], px_per_mm, family, at_most) if near_edges else _evenly(len(at), at_most)
         at, whole = at[chosen], whole[chosen]
     values = picture.linear[whole[:, 1], whole[:, 0]].astype(np.float64)
@@ -207,7 +207,7 @@ class Registrar:
             for _ in range(4):
                 step = -np.linalg.solve(here.normal + damping * np.diag(np.diag(here.normal)), here.gradient)
                 # No corner moves further than a quarter of the side at once.
-                limit = 0.25 * _side(current.corners)
+                limit = 0.25 * mean_side(current.corners)
                 step *= min(1.0, limit / max(np.abs(step[:8]).max(), 1e-9))
                 trial = _moved(current, step)
                 if _is_sane(trial.corners):
@@ -424,7 +424,8 @@ def _positive(spread: FloatArray) -> FloatArray:
     return np.array([S[0, 0], S[0, 1], S[1, 1]])
 
 
-def _side(corners: FloatArray) -> float:
+def mean_side(corners: FloatArray) -> float:
+    """Mean length of the sides of (4,2) corners."""
     return float(np.linalg.norm(np.roll(corners, -1, axis=0) - corners, axis=1).mean())
 
 

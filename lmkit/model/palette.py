@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from lmkit.arrays import FloatArray
+from lmkit.arrays import Float32Array, FloatArray
 
 Rgb = tuple[int, int, int]
 
@@ -22,3 +22,7 @@ def srgb_to_linear(value: FloatArray) -> FloatArray:
 def linear_to_srgb(value: FloatArray) -> FloatArray:
     """Linear light in 0..1 to sRGB values in 0..1; the inverse of :func:`srgb_to_linear`."""
     return np.where(value <= 0.0031308, value * 12.92, 1.055 * np.clip(value, 0, None) ** (1 / 2.4) - 0.055)
+
+
+# Linear light of the 256 code values, to be indexed with a picture.
+SRGB_TO_LINEAR: Float32Array = srgb_to_linear(np.arange(256) / 255).astype(np.float32)

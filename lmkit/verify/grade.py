@@ -10,7 +10,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from lmkit.detect.accept import AcceptanceRule
-from lmkit.detect.landmarks import Attempt
+from lmkit.detect.read import Attempt
 from lmkit.verify.measure import PrintMeasures
 
 GRADES = "ABCDF"

@@ -13,10 +13,10 @@ import cv2
 import numpy as np
 
 from lmkit.arrays import AnyArray, BoolArray, ByteArray, FloatArray
-from lmkit.detect.landmarks import Attempt
 from lmkit.detect.pattern import LandmarkPattern
+from lmkit.detect.read import Attempt
 from lmkit.model.homography import homography_from_points, transform_points
-from lmkit.model.palette import BLUE, RED, srgb_to_linear
+from lmkit.model.palette import BLUE, RED, SRGB_TO_LINEAR, srgb_to_linear
 
 CELLS = 240  # across face and white margin
 PURE = 0.985  # coverage from which a cell shows one ink alone
@@ -29,8 +29,6 @@ GLARE_SHARE = 0.45  # of the way from an ink to white
 RGB_TO_XYZ = np.array(
     [[0.4124, 0.3576, 0.1805], [0.2126, 0.7152, 0.0722], [0.0193, 0.1192, 0.9505]],
 )
-
-_LINEAR = srgb_to_linear(np.arange(256) / 255).astype(np.float32)
 
 
 @dataclass(frozen=True)
@@ -107,7 +105,7 @@ def measure_print(image: ByteArray, attempt: Attempt) -> PrintMeasures:
 def _sample(image: ByteArray, H: FloatArray, points: FloatArray, side_px: float) -> FloatArray:
     """(N,3) RGB in linear light at points of the landmark's plane, averaged over a cell's width."""
     at = transform_points(H, points).astype(np.float32)
-    linear: AnyArray = _LINEAR[image]
+    linear: AnyArray = SRGB_TO_LINEAR[image]
     if (cell_px := side_px / CELLS) > 1.5:
         size = 2 * round(cell_px / 2) + 1
         linear = cv2.blur(linear, (size, size))
@@ -183,7 +181,7 @@ def _edges(image: ByteArray, H: FloatArray, half: float, side_px: float) -> tupl
     """(bow, blur) of the red border's outer edge, over the side; seen in green, where red is dark."""
     along = np.linspace(-0.9, 0.9, EDGE_POINTS) * half
     across = np.linspace(-EDGE_REACH, EDGE_REACH, EDGE_STEPS) * 2 * half
-    green = _LINEAR[image[:, :, 1]]
+    green = SRGB_TO_LINEAR[image[:, :, 1]]
     places, profiles = [], []
     for normal in ((0.0, 1.0), (1.0, 0.0), (0.0, -1.0), (-1.0, 0.0)):
         n, t = np.array(normal), np.array([normal[1], -normal[0]])

@@ -15,14 +15,9 @@ from PIL import Image
 
 from lmkit.arrays import ByteArray, FloatArray
 from lmkit.detect.accept import AcceptanceRule
-from lmkit.detect.landmarks import (
-    Attempt,
-    DetectOptions,
-    Effort,
-    attempt_landmarks,
-    best_of_each_place,
-    read_landmark_at,
-)
+from lmkit.detect.landmarks import attempt_landmarks, best_of_each_place
+from lmkit.detect.options import DetectOptions, Effort
+from lmkit.detect.read import Attempt, read_landmark_at
 from lmkit.detect.screen import Look
 from lmkit.errors import InputError
 from lmkit.formats.images import MAX_BYTES, decode_image

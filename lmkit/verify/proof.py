@@ -13,7 +13,7 @@ import numpy as np
 import pypdfium2
 
 from lmkit.arrays import ByteArray, FloatArray
-from lmkit.detect.landmarks import read_landmark_at
+from lmkit.detect.read import read_landmark_at
 from lmkit.errors import LmkitError
 from lmkit.generate.page import Page, PrintedFace
 from lmkit.units import MM_PER_INCH

@@ -6,9 +6,7 @@ import numpy as np
 import pypdfium2
 
 from lmkit.arrays import ByteArray
-from lmkit.model.palette import linear_to_srgb, srgb_to_linear
-
-_LINEAR = srgb_to_linear(np.arange(256) / 255).astype(np.float32)
+from lmkit.model.palette import SRGB_TO_LINEAR, linear_to_srgb
 
 
 def raster_page(page: pypdfium2.PdfPage, dpi: float, finer: int = 2) -> tuple[ByteArray, tuple[float, float]]:
@@ -19,7 +17,7 @@ def raster_page(page: pypdfium2.PdfPage, dpi: float, finer: int = 2) -> tuple[By
     """
     rgb = np.asarray(page.render(scale=finer * dpi / 72).to_pil().convert("RGB"))
     height, width = rgb.shape[0] // finer, rgb.shape[1] // finer
-    light = _LINEAR[rgb[: finer * height, : finer * width]]
+    light = SRGB_TO_LINEAR[rgb[: finer * height, : finer * width]]
     mean = light.reshape(height, finer, width, finer, 3).mean(axis=(1, 3))
     # The page is drawn into whole pixels, which stretches it by up to one.
     points = page.get_size()

@@ -10,7 +10,8 @@ from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 from simulated import CAMERA, SIZE, shoot
 
-from lmkit.detect.landmarks import DetectOptions, detect_landmarks, is_colourless
+from lmkit.detect.landmarks import detect_landmarks, is_colourless
+from lmkit.detect.options import DetectOptions
 from lmkit.detect.pattern import LandmarkPattern
 from lmkit.errors import InputError
 from lmkit.model.camera import CameraModel

@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 from simulated import shoot
 
-from lmkit.detect.landmarks import DetectOptions, detect_landmarks
+from lmkit.detect.landmarks import detect_landmarks
+from lmkit.detect.options import DetectOptions
 from lmkit.errors import InputError
 from lmkit.model.landmark import FAMILIES, LM4, LM8, LM8P, LM12
 
