@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -20,6 +21,12 @@ def run(
     family: Annotated[
         str, typer.Option("--family", help="Families to look for where no label or manifest says.")
     ] = "lm8",
+    size: Annotated[
+        str | None, typer.Option("--size", help="What scans and photographs should measure, such as 180mm.")
+    ] = None,
+    manifest: Annotated[
+        Path | None, typer.Option("--manifest", help="The print's own, FILE.pdf.json, for scans and photographs.")
+    ] = None,
     least: Annotated[str, typer.Option("--least", help="Worst grade that still passes: A, B, C or D.")] = "D",
     annotate: Annotated[Path | None, typer.Option("--annotate", help="Folder for marked pictures.")] = None,
     certificate: Annotated[
@@ -31,19 +38,28 @@ def run(
     """Read landmarks back from prints, grade them A to F, and compare them with their labels."""
     from lmkit.detect.options import DetectOptions
     from lmkit.formats.files import check_writable, write_file
+    from lmkit.formats.manifest import read_manifest
     from lmkit.model.landmark import families_named
+    from lmkit.units import parse_length_mm
     from lmkit.verify.grade import GRADES
-    from lmkit.verify.prints import verify_print
+    from lmkit.verify.prints import Stated, stated_by_manifest, verify_print
 
     if least not in tuple("ABCD"):
         raise InputError("bad_grade", f"--least {least} is no grade", "choose A, B, C or D")
     if certificate is not None:
         check_writable(certificate, force)
+    if size is not None and manifest is not None:
+        raise InputError("size_twice", "--manifest says the size already", "give --size or --manifest")
+    stated: tuple[Stated, ...] = ()
+    if size is not None:
+        stated = (Stated(None, None, parse_length_mm(size, "--size")),)
+    if manifest is not None:
+        stated = stated_by_manifest(read_manifest(manifest))
     options = DetectOptions(families_named(family))
     bad: list[str] = []
     prints: list[PrintedLandmark] = []
     for path in files:
-        found = verify_print(path, options)
+        found = verify_print(path, options, stated)
         prints += found
         if not found:
             bad.append(str(path))
@@ -107,10 +123,8 @@ def _print_grades(item: PrintedLandmark, in_full: bool) -> None:
     colours = {"A": 32, "B": 32, "C": 33, "D": 33, "F": 31}
     for line in item.lines:
         grade = line.grade or "-"
-        if sys.stdout.isatty() and line.grade is not None:
-            import os
-
-            grade = grade if os.environ.get("NO_COLOR") else f"\x1b[{colours[line.grade]}m{grade}\x1b[0m"
+        if line.grade is not None and sys.stdout.isatty() and not os.environ.get("NO_COLOR"):
+            grade = f"\x1b[{colours[line.grade]}m{grade}\x1b[0m"
         print_line(f"  {grade}  {line.name:<24} {line.value:<34} {line.advice}".rstrip())
 
 

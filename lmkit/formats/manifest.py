@@ -10,7 +10,7 @@ from typing import Annotated, Literal
 from pydantic import Field, ValidationError
 
 from lmkit.errors import InputError
-from lmkit.formats.document import Document, first_problem, read_text
+from lmkit.formats.document import Document, first_problem, read_document
 
 MANIFEST: Literal["lmkit-prints/1"] = "lmkit-prints/1"
 Positive = Annotated[float, Field(gt=0)]
@@ -98,4 +98,13 @@ def read_manifest_beside(path: Path) -> PrintManifest | None:
         InputError: there is one that cannot be read.
     """
     beside = manifest_path(path)
-    return parse_manifest(read_text(beside, "manifest"), str(beside)) if beside.is_file() else None
+    return read_manifest(beside) if beside.is_file() else None
+
+
+def read_manifest(path: Path) -> PrintManifest:
+    """The manifest in a file.
+
+    Raises:
+        InputError: it cannot be read, or is none.
+    """
+    return read_document(path, PrintManifest, "manifest")

@@ -115,11 +115,12 @@ def grade_print(
         SHARPNESS.line(m.blur if fine else None, f"blur {m.blur:.2%} of the side", near),
     ]
     no_scale = "scan it with its dpi, or photograph it with the whole sheet or a bank card beside it in view"
+    if stated_mm is None:
+        no_scale = "say how large it should be: --size 180mm, or --manifest FILE"
     off = aspect = None
     if side_mm is not None:
         aspect = abs(side_mm[0] / side_mm[1] - 1)
         off = None if stated_mm is None else max(abs(length / stated_mm - 1) for length in side_mm)
-        no_scale = "no label or manifest says how large it should be"
     measured = "" if side_mm is None else f"{side_mm[0]:.2f} x {side_mm[1]:.2f} mm"
     lines.append(SCALE.line(off, measured if stated_mm is None else f"{measured} for {stated_mm:g} mm", no_scale))
     lines.append(ASPECT.line(aspect, "" if aspect is None else f"{aspect:.2%} apart", no_scale))

@@ -22,6 +22,7 @@ from lmkit.detect.screen import Look
 from lmkit.errors import InputError
 from lmkit.formats.images import MAX_BYTES, decode_image
 from lmkit.formats.manifest import MANIFEST, PrintManifest, parse_manifest, read_manifest_beside
+from lmkit.model.code import format_codes
 from lmkit.model.landmark import FAMILIES, LandmarkFamily
 from lmkit.model.observation import LandmarkObservation
 from lmkit.units import MM_PER_INCH
@@ -33,6 +34,9 @@ from lmkit.verify.reference import find_reference
 PDF_DPI = 150.0
 LABEL = re.compile(r"(?P<family>lm\w*) v\d+, (?:code \d+, )?(?P<size>[0-9.]+) mm")
 CODE = re.compile(r"code (?P<code>\d+)")
+EXIF_IFD = 0x8769
+EXPOSURE_TAGS = {0x829A, 0x829D, 0x9202, 0x920A}  # exposure time, f-number, aperture, focal length
+LEAST_SCAN_DPI = 100.0
 SHRINKS = (2, 4, 8)
 LEAST_PX = 150  # of a picture's shorter side
 OPENING_PX = 7
@@ -89,13 +93,30 @@ class PrintedLandmark:
 Sheet = tuple[str, ByteArray, tuple[float, float] | None, tuple[Stated, ...]]
 
 
-def verify_print(path: Path, options: DetectOptions | None = None) -> list[PrintedLandmark]:
-    """Read and grade all landmarks of a PDF or picture, beside what its label or manifest says.
+def verify_print(
+    path: Path, options: DetectOptions | None = None, stated: tuple[Stated, ...] = ()
+) -> list[PrintedLandmark]:
+    """Read and grade all landmarks of a PDF or picture, beside what is stated of it.
+
+    Args:
+        stated: what may be on it, for a scan or photograph that says nothing itself: any of these.
 
     Raises:
-        InputError: the file or its manifest cannot be read, or the file is not the one of the manifest.
+        InputError: the file or its manifest cannot be read, the file is not the one of the manifest, or
+            it holds only sheets of tiled landmarks.
     """
-    return [found for sheet in _sheets(path) for found in grade_sheet(*sheet, options)]
+    return [
+        found
+        for source, image, dpi, of_sheet in _sheets(path)
+        for found in grade_sheet(source, image, dpi, of_sheet or stated, options)
+    ]
+
+
+def stated_by_manifest(manifest: PrintManifest, page: int | None = None) -> tuple[Stated, ...]:
+    """What a manifest says of one page, or of all."""
+    entries = (entry for entry in manifest.landmarks if page is None or entry.page == page)
+    stated = (Stated(entry.code, FAMILIES.get(entry.family), entry.size_mm) for entry in entries)
+    return tuple(dict.fromkeys(stated))
 
 
 def grade_sheet(
@@ -111,7 +132,8 @@ def grade_sheet(
         source: its name.
         image: (H,W,3) BGR, 8 bit.
         dpi: dots per inch in x and y of a scan; None for photographs.
-        stated: what should be on it, in any order; empty where nothing is known.
+        stated: what should be on it, in any order; empty where nothing is known.  A code of None
+            stands for any.
     """
     padded, offset = _with_margin(image)
     options = options or DetectOptions()
@@ -119,15 +141,8 @@ def grade_sheet(
     # Whoever wrote the resolution into the file was a scanner or a rasteriser, not a camera with a lens.
     options = replace(options, families=families, effort=LOOK_AT_ANY, rule=ANY, through_lens=dpi is None)
     chosen = _find(padded, options)
-    left = list(stated)
-    graded = []
-    for attempt in chosen:
-        match = _stated_for(attempt, left, alone=len(chosen) == 1 == len(stated))
-        if match in left:
-            left.remove(match)
-        found = _graded(source, padded, offset, attempt, dpi, match)
-        graded.append(replace(found, image=image))
-    return graded
+    found = (_graded(source, padded, offset, attempt, dpi, stated) for attempt in chosen)
+    return [replace(item, image=image) for item in found]
 
 
 def _find(image: ByteArray, options: DetectOptions) -> list[Attempt]:
@@ -166,8 +181,9 @@ def _graded(
     offset: FloatArray,
     attempt: Attempt,
     dpi: tuple[float, float] | None,
-    stated: Stated,
+    of_sheet: tuple[Stated, ...],
 ) -> PrintedLandmark:
+    stated = _stated_for(attempt, of_sheet)
     measures = measure_print(image, attempt)
     side_mm = skew = scale_from = None
     if dpi is not None:
@@ -186,7 +202,7 @@ def _graded(
             scale_from = reference.name
     rejected = attempt.verdict.reason_to_reject(AcceptanceRule()) or attempt.rejected
     attempt = replace(attempt, rejected=rejected)
-    problem = _content_problem(attempt, stated) if attempt.rejected is None else None
+    problem = _content_problem(attempt, of_sheet) if attempt.rejected is None else None
     lines = grade_print(attempt, measures, side_mm, skew, stated.size_mm, problem)
     if attempt.rejected is not None:
         refused = GradedLine("reading", f"refused by the reader: {attempt.rejected}", "F", "see the lines below")
@@ -198,23 +214,24 @@ def _graded(
     return PrintedLandmark(source, moved, side_mm, scale_from, stated.code, stated.size_mm, tuple(lines), image)
 
 
-def _stated_for(attempt: Attempt, stated: list[Stated], alone: bool) -> Stated:
-    """Which of the stated landmarks this one should be."""
-    for one in stated:
-        if one.code == attempt.verdict.code and one.family in (None, attempt.family):
-            return one
-    if alone:
-        return stated[0]
+def _stated_for(attempt: Attempt, stated: tuple[Stated, ...]) -> Stated:
+    """What is stated of this one: by its code, or where only one can be meant; else what all share."""
+    same = [one for one in stated if one.code in (None, attempt.verdict.code)]
+    if len(stated) == 1 or same:
+        return (same or list(stated))[0]
     sizes = {one.size_mm for one in stated}
     return Stated(None, None, sizes.pop() if len(sizes) == 1 else None)
 
 
-def _content_problem(attempt: Attempt, stated: Stated) -> str | None:
+def _content_problem(attempt: Attempt, stated: tuple[Stated, ...]) -> str | None:
     code, family = attempt.verdict.code, attempt.family
-    if stated.code is None or stated.code == code:
+    codes = [one.code for one in stated if one.code is not None]
+    if len(codes) < len(stated) or not codes or code in codes:
         return None
-    problem = f"reads as code {code}, but its label says {stated.code}"
-    if family.words[code] == mirrored_word(family, stated.code):
+    if len(codes) > 1:
+        return f"reads as code {code}, which is none of {format_codes(codes)}"
+    problem = f"reads as code {code}, but its label says {codes[0]}"
+    if family.words[code] == mirrored_word(family, codes[0]):
         problem += ", which it is mirrored"
     return problem
 
@@ -248,19 +265,40 @@ def _sheets(path: Path) -> list[Sheet]:
         )
     if data.startswith(b"%PDF"):
         return _pdf_sheets(path, data, manifest)
+    _refuse_tiles(path, manifest)
     image = decode_image(data, str(path))
-    with Image.open(io.BytesIO(data)) as picture:
-        dpi = picture.info.get("dpi")
-    known = (float(dpi[0]), float(dpi[1])) if dpi is not None and min(dpi) > 1 else None
+    known = _resolution(data, trusted=manifest is not None)
     if manifest is None:
         return [(str(path), image, known, ())]
     image = np.ascontiguousarray(image[:, ::-1]) if manifest.mirrored else image
-    return [(str(path), image, known and _as_printed(known, manifest), _stated_by_manifest(manifest, 1))]
+    return [(str(path), image, known and _as_printed(known, manifest), stated_by_manifest(manifest, 1))]
+
+
+def _resolution(data: bytes, trusted: bool) -> tuple[float, float] | None:
+    """Dots per inch of a scan or rasterised page; None of a photograph, whatever its file claims.
+
+    Cameras write 72 or 96, or whatever they like, and how they exposed.
+    """
+    with Image.open(io.BytesIO(data)) as picture:
+        dpi = picture.info.get("dpi")
+        exposed = EXPOSURE_TAGS & set(picture.getexif().get_ifd(EXIF_IFD))
+    if dpi is None or exposed or min(dpi) < (1.0 if trusted else LEAST_SCAN_DPI):
+        return None
+    return float(dpi[0]), float(dpi[1])
 
 
 def _as_printed(dpi: tuple[float, float], manifest: PrintManifest) -> tuple[float, float]:
     """Dots per inch of paper: a compensated file is drawn larger than it will come out."""
     return dpi[0] * manifest.stretch[0], dpi[1] * manifest.stretch[1]
+
+
+def _refuse_tiles(path: Path, manifest: PrintManifest | None) -> None:
+    if manifest is not None and manifest.landmarks and all(entry.tile for entry in manifest.landmarks):
+        raise InputError(
+            "tiles",
+            f"{path} holds the sheets of a landmark, none of them whole",
+            "they were laid together and read when it was written; glue them and verify a photograph",
+        )
 
 
 def _pdf_sheets(path: Path, data: bytes, manifest: PrintManifest | None) -> list[Sheet]:
@@ -272,26 +310,22 @@ def _pdf_sheets(path: Path, data: bytes, manifest: PrintManifest | None) -> list
         keywords = document.get_metadata_dict().get("Keywords", "")
         if manifest is None and MANIFEST in keywords:
             manifest = parse_manifest(keywords, str(path))
+        _refuse_tiles(path, manifest)
         sheets: list[Sheet] = []
         for number, page in enumerate(document, start=1):
-            if manifest is not None and not any(e.page == number and not e.tile for e in manifest.landmarks):
-                continue  # a page of contents, or of one landmark's sheets: nothing whole on it
+            if manifest is not None and not any(entry.page == number for entry in manifest.landmarks):
+                continue  # a page of contents
             image, dpi = raster_page(page, PDF_DPI)
             if manifest is not None:
                 image = np.ascontiguousarray(image[:, ::-1]) if manifest.mirrored else image
                 dpi = _as_printed(dpi, manifest)
             stated = _stated_by_text(page.get_textpage().get_text_bounded())
             if manifest is not None and not stated:
-                stated = _stated_by_manifest(manifest, number)
+                stated = stated_by_manifest(manifest, number)
             sheets.append((f"{path} page {number}", image, dpi, stated))
     finally:
         document.close()
     return sheets
-
-
-def _stated_by_manifest(manifest: PrintManifest, page: int) -> tuple[Stated, ...]:
-    entries = (entry for entry in manifest.landmarks if entry.page == page)
-    return tuple(Stated(entry.code, FAMILIES.get(entry.family), entry.size_mm) for entry in entries)
 
 
 def _stated_by_text(text: str) -> tuple[Stated, ...]:

@@ -10,12 +10,15 @@ import numpy as np
 from lmkit.arrays import ByteArray, FloatArray
 from lmkit.formats.template import PAPERS_MM
 from lmkit.model.homography import homography_from_points, transform_points
+from lmkit.model.palette import SRGB_TO_LINEAR
 
 CARD_MM = (85.60, 53.98)  # ISO/IEC 7810, ID-1
 REFERENCES_MM = {"bank card": CARD_MM} | {name: size for name, size in PAPERS_MM.items() if "-" not in name}
 NEAR = 0.035  # a print is not further from its scale than this
 UNEQUAL = 0.03  # and its x and y do not differ by more
 CROOKED_DEG = 1.0
+REACH_PX = 5  # on both sides of an outline, in which its edge is looked for
+PROFILES = 60  # along each side
 
 
 @dataclass(frozen=True)
@@ -61,7 +64,7 @@ def _match(mm: FloatArray, size: tuple[float, float]) -> tuple[float, tuple[floa
     width, height = (lengths[0] + lengths[2]) / 2, (lengths[1] + lengths[3]) / 2
     cosines = np.sum(edges * np.roll(edges, -1, axis=0), axis=1) / (lengths * np.roll(lengths, -1))
     crooked = float(np.degrees(np.abs(np.arcsin(np.clip(cosines, -1, 1))).max()))
-    stretch = (size[0] / width, size[1] / height)
+    stretch = (float(size[0] / width), float(size[1] / height))
     uneven = abs(lengths[0] / lengths[2] - 1) + abs(lengths[1] / lengths[3] - 1)
     if (
         crooked > CROOKED_DEG
@@ -82,13 +85,16 @@ def _quads(image: ByteArray, least_px: float) -> list[FloatArray]:
     """Outlines that are nearly quadrilaterals, brighter or darker than around them, clockwise."""
     found = []
     grey = cv2.GaussianBlur(cv2.cvtColor(image, cv2.COLOR_BGR2GRAY), (3, 3), 0)
+    light = SRGB_TO_LINEAR[grey]
     level, bright = cv2.threshold(grey, 0, 255, cv2.THRESH_BINARY | cv2.THRESH_OTSU)
-    masks = [bright, cv2.bitwise_not(bright)]
+    masks = [bright]
     masks += [cv2.inRange(grey, np.array(level * share), np.array(255.0)) for share in (0.6, 0.8, 1.2, 1.5)]
+    masks += [cv2.bitwise_not(mask) for mask in masks]
     for mask in masks:
-        contours, _ = cv2.findContours(mask, cv2.RETR_LIST, cv2.CHAIN_APPROX_NONE)
-        for contour in contours:
-            if len(contour) < 4 * least_px:
+        contours, tree = cv2.findContours(mask, cv2.RETR_CCOMP, cv2.CHAIN_APPROX_NONE)
+        for contour, parent in zip(contours, tree[0, :, 3] if len(contours) else [], strict=True):
+            # Holes are outlines of the other mask.
+            if parent >= 0 or len(contour) < 4 * least_px:
                 continue
             hull = cv2.convexHull(contour)
             area = cv2.contourArea(hull)
@@ -97,31 +103,40 @@ def _quads(image: ByteArray, least_px: float) -> list[FloatArray]:
             quad = cv2.approxPolyN(hull.astype(np.float32), 4, None, -1.0, True)
             if quad is None or quad.shape[1] != 4 or area < 0.985 * cv2.contourArea(quad):
                 continue
-            found.append(_fitted(contour[:, 0].astype(np.float64), quad[0].astype(np.float64)))
+            found.append(_fitted(light, quad[0].astype(np.float64)))
     return [quad for quad in found if quad is not None]
 
 
-def _fitted(contour: FloatArray, quad: FloatArray) -> FloatArray | None:
-    """The quad with lines fitted to the contour's points along each side."""
+def _fitted(light: FloatArray, quad: FloatArray) -> FloatArray | None:
+    """The quad with its sides moved to where brightness passes half way, in linear light."""
     x, y = quad.T
     if np.sum(x * np.roll(y, -1) - y * np.roll(x, -1)) < 0:
         quad = quad[::-1]
+    across = np.linspace(-REACH_PX, REACH_PX, 8 * REACH_PX + 1)
+    shares = np.linspace(0.06, 0.94, PROFILES)
     lines = []
     for a, b in zip(quad, np.roll(quad, -1, axis=0), strict=True):
         along = (b - a) / np.linalg.norm(b - a)
-        offset = contour - a
-        t = offset @ along / np.linalg.norm(b - a)
-        off = np.abs(offset @ np.array([-along[1], along[0]]))
-        near = contour[(t > 0.05) & (t < 0.95) & (off < 4)]
-        if len(near) < 20:
-            return None
-        middle = near.mean(axis=0)
-        _, _, axes = np.linalg.svd(near - middle, full_matrices=False)
-        lines.append((axes[1], float(axes[1] @ middle)))
+        outwards = np.array([along[1], -along[0]])
+        starts = a + shares[:, None] * (b - a)
+        at = (starts[:, None] + across[None, :, None] * outwards).astype(np.float32)
+        seen = cv2.remap(light, at[:, :, 0], at[:, :, 1], cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
+        inside, outside = seen[:, : len(across) // 4].mean(axis=1), seen[:, -len(across) // 4 :].mean(axis=1)
+        step = outside - inside
+        fair = np.abs(step) > 0.5 * np.median(np.abs(step))
+        shown = np.clip((seen - inside[:, None]) / np.where(fair, step, 1)[:, None], 0, 1)
+        place = across[-1] - shown.mean(axis=1) * (across[-1] - across[0])
+        for _ in range(3):
+            if fair.sum() < PROFILES // 3:
+                return None
+            slope, offset = np.polyfit(shares[fair], place[fair], 1)
+            fair &= np.abs(place - slope * shares - offset) < 1.0
+        ends = [a + offset * outwards, b + (slope + offset) * outwards]
+        normal = np.array([ends[1][1] - ends[0][1], ends[0][0] - ends[1][0]])
+        lines.append((normal, float(normal @ ends[0])))
     corners = []
     for (n1, d1), (n2, d2) in zip([lines[-1], *lines[:-1]], lines, strict=True):
-        A = np.array([n1, n2])
-        if abs(np.linalg.det(A)) < 1e-3:
+        if abs(np.linalg.det([n1, n2])) < 0.1 * np.linalg.norm(n1) * np.linalg.norm(n2):
             return None
-        corners.append(np.linalg.solve(A, [d1, d2]))
+        corners.append(np.linalg.solve([n1, n2], [d1, d2]))
     return np.array(corners)
