@@ -29,3 +29,16 @@ def frozen(values: ArrayLike, shape: tuple[int, ...], what: str) -> FloatArray:
         raise ValueError(f"{what} holds values that are not finite")
     array.setflags(write=False)
     return array
+
+
+def is_covariance(matrix: FloatArray) -> bool:
+    """Symmetric, and not negative in any direction, to rounding."""
+    scale = max(float(np.abs(matrix).max()), 1e-300)
+    symmetric = bool(np.allclose(matrix, matrix.T, rtol=0, atol=1e-9 * scale))
+    return symmetric and bool(np.linalg.eigvalsh(matrix).min() >= -1e-9 * scale)
+
+
+def covariance_root(matrix: FloatArray) -> FloatArray:
+    """(N,N) whose product with its transpose is the covariance, which may be singular."""
+    values, vectors = np.linalg.eigh(matrix)
+    return np.asarray(vectors * np.sqrt(np.maximum(values, 0.0)))

@@ -49,7 +49,7 @@ def run(
     from lmkit.formats.rig import read_rig
     from lmkit.formats.sources import list_pictures
     from lmkit.locate.rig import locate_camera, locate_rig
-    from lmkit.model.landmark import families_named
+    from lmkit.model.landmark import family_named
 
     if readings is not None:
         if landmark_map is None or any(given is not None for given in (left, right, rig, mono, frame)):
@@ -65,7 +65,7 @@ def run(
     if frame not in (None, "camera", "base"):
         raise InputError("bad_frame", f"--frame {frame} is unknown", "choose camera or base")
     cameras, landmarks = read_rig(rig), read_map(landmark_map)
-    families = families_named(",".join(landmark.family for landmark in landmarks))
+    families = tuple(dict.fromkeys(family_named(landmark.family) for landmark in landmarks))
     if frame is None:
         frame = "camera" if cameras.T_base_left is None else "base"
     if frame == "base" and cameras.T_base_left is None:

@@ -8,6 +8,7 @@ from typing import Annotated, Any, Literal
 import numpy as np
 from pydantic import Field
 
+from lmkit.arrays import is_covariance
 from lmkit.errors import InputError
 from lmkit.formats.document import Document, dump_yaml, read_document
 from lmkit.formats.rig import Matrix6, Row
@@ -53,6 +54,12 @@ def read_map(path: Path) -> LandmarkMap:
         except ValueError as error:
             raise InputError("bad_value", f"{where}.quaternion: {error}", "write a unit quaternion x y z w") from None
         covariance = None if item.covariance is None else np.array(item.covariance)
+        if covariance is not None and not is_covariance(covariance):
+            raise InputError(
+                "bad_value",
+                f"{where}.covariance: not symmetric, or negative in some direction",
+                "write the 6x6 covariance of x y z (m) and rotation (rad), or leave it out",
+            )
         landmarks.append(MappedLandmark(item.code, item.family, item.size_m, pose, covariance))
     try:
         return LandmarkMap(landmarks)

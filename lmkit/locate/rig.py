@@ -19,7 +19,7 @@ from dataclasses import dataclass, field
 import cv2
 import numpy as np
 
-from lmkit.arrays import FloatArray
+from lmkit.arrays import FloatArray, covariance_root
 from lmkit.model.camera import CameraModel
 from lmkit.model.estimate import PoseEstimate
 from lmkit.model.landmark import family_named
@@ -263,8 +263,8 @@ def _equations(pose: _Camera, sightings: Sequence[_Sighting]) -> _Equations:
         squared += float(r @ r)
         if landmark.covariance is not None:
             # Woodbury: (1 + K K')^-1 = 1 - K (1 + K'K)^-1 K', with K K' what the landmark's error does.
-            root = np.linalg.cholesky(landmark.covariance + 1e-18 * np.eye(6))
-            K = np.concatenate([s.whitener @ _jacobian_of_landmark(pose, s) for s in own]) @ root
+            by_landmark = np.concatenate([s.whitener @ _jacobian_of_landmark(pose, s) for s in own])
+            K = by_landmark @ covariance_root(landmark.covariance)
             share = np.linalg.inv(np.eye(6) + K.T @ K)
             normal -= (J.T @ K) @ share @ (K.T @ J)
             gradient -= J.T @ K @ share @ (K.T @ r)

@@ -94,3 +94,10 @@ def test_a_yaml_file_cannot_run_code(tmp_path):
     path.write_text("format: !!python/object/apply:os.system ['true']\n")
     with pytest.raises(InputError):
         read_rig(path)
+
+
+def test_a_maps_covariance_is_one(tmp_path):
+    path = tmp_path / "map.yaml"
+    path.write_text(MAP.replace("0.0001", "-0.0001"))
+    with pytest.raises(InputError, match=r"landmarks\[\d\].covariance: not symmetric, or negative"):
+        read_map(path)

@@ -112,6 +112,21 @@ def test_the_covariance_knows_what_the_map_does_not(count):
     assert explained > 0.99 * draws
 
 
+def test_a_place_known_in_some_directions_only():
+    """A landmark that may have slid along its wall, and in nothing else: a covariance that is singular."""
+    from dataclasses import replace
+
+    slid = np.zeros((6, 6))
+    slid[0, 0] = 0.1**2
+    seen = see(STATION, 0.1, np.random.default_rng(2), LANDMARKS[:1])
+    loose, firm = (
+        locate_rig(*seen, RIG, LandmarkMap([replace(LANDMARKS[0], covariance=covariance)])).covariance
+        for covariance in (slid, None)
+    )
+    assert loose[0, 0] - firm[0, 0] == pytest.approx(0.1**2, rel=0.01)
+    assert loose[2, 2] == pytest.approx(firm[2, 2], rel=0.01)
+
+
 def test_a_wrong_code_is_named_and_does_not_capture_the_pose():
     left, right = see(STATION, 0.2, np.random.default_rng(1))
     for eye in (left, right):
