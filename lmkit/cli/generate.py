@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass, replace
+from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -11,12 +13,15 @@ from lmkit.cli.common import print_line, warn
 from lmkit.errors import InputError
 
 if TYPE_CHECKING:
+    from lmkit.formats.template import PageTemplate
     from lmkit.generate.page import Page
     from lmkit.model.landmark import LandmarkFamily
 
 SUFFIXES = (".pdf", ".png", ".svg")
 LEAST_SIZE_MM = 5.0  # below this, printers and eyes fail
-READABLE_MM = 30.0  # below this, it is read from less than half a metre by most cameras
+READABLE_MM = 30.0  # below this, from a metre at most with a focal length of 600 px
+READ_FROM_PX = 17.5  # side at which 95 of 100 are read, docs/printing.md
+PAPERS = ("a4", "letter", "a3")
 MOST_STRETCH = 0.05
 
 
@@ -80,30 +85,34 @@ def run(
     if cmyk and suffix != ".pdf":
         raise InputError("cmyk_pdf", f"--cmyk is for PDF, not {suffix}", "name the file .pdf")
 
-    separate = each or suffix != ".pdf"
-    proven = bare
     if bare:
+        said = {"--template": template, "--text": text, "--map-name": map_name, "--compensate": compensate}
+        ignored = [name for name, value in said.items() if value] + (["--mirror"] if mirror else [])
+        if ignored:
+            raise InputError("bare_alone", f"--bare has no sheet for {', '.join(ignored)}", "leave one of them out")
         from lmkit.generate.page import bare_landmark_page
 
-        groups = [(str(c), [bare_landmark_page(kind, c, size_mm or kind.side_mm)], "bare") for c in wanted]
+        faces = {str(c): bare_landmark_page(kind, c, size_mm or kind.side_mm) for c in wanted}
+        _write({path: [faces[label]] for label, path in _names(output, list(faces)).items()}, dpi, force)
+        return
+    layout = _Layout(kind, template, paper, size_mm, text, map_name, mirror, compensate)
+    sets = [layout.pages(some) for some in ([[c] for c in wanted] if each or suffix != ".pdf" else [wanted])]
+    if suffix == ".pdf":
+        prints = dict(zip([str(c) for c in wanted], sets, strict=False))
     else:
-        groups = []
-        for some in [[c] for c in wanted] if separate else [wanted]:
-            pages, name = _pages(kind, some, template, paper, size_mm, _Extras(text, map_name, mirror, compensate))
-            if suffix == ".pdf" or len(pages) == 1:
-                groups.append((str(some[0]), pages, name))
-            else:
-                # Pages of one landmark are proven together, then written one by one.
-                _prove(pages)
-                groups += [(f"{some[0]}-{number}", [page], name) for number, page in enumerate(pages, start=1)]
-                proven = True
-    if len(groups) == 1:
-        files = {output: groups[0]}
-    else:
-        files = {output.with_name(f"{output.stem}-{label}{suffix}"): (label, p, n) for label, p, n in groups}
-    _write(files, dpi, cmyk, force, bare, proven)
-    for path in files:
-        print_line(str(path))
+        prints = {}
+        for c, pages in zip(wanted, sets, strict=True):
+            several = len(pages) > 1
+            prints |= {f"{c}-{k}" if several else str(c): [page] for k, page in enumerate(pages, start=1)}
+    files = {path: prints[label] for label, path in _names(output, list(prints)).items()}
+    _write_proven(files, sets, layout.name, dpi, cmyk, force)
+
+
+def _names(output: Path, labels: list[str]) -> dict[str, Path]:
+    """The file for every label: the output's own name, or with the label where there are several."""
+    if len(labels) == 1:
+        return {labels[0]: output}
+    return {label: output.with_name(f"{output.stem}-{label}{output.suffix}") for label in labels}
 
 
 def _list_templates() -> None:
@@ -113,14 +122,63 @@ def _list_templates() -> None:
         print_line(f"{name:<12} {load_template(name).description}")
 
 
-class _Extras:
-    """What is said beside code and size."""
+@dataclass(frozen=True)
+class _Layout:
+    """How sheets are laid out: the options of the command that say so."""
 
-    def __init__(self, text: str, map_name: str, mirror: bool, compensate: str | None) -> None:
-        self.text = text
-        self.map_name = map_name
-        self.mirror = mirror
-        self.compensate = compensate
+    family: LandmarkFamily
+    template: str | None
+    paper: str
+    size_mm: float | None
+    text: str
+    map_name: str
+    mirror: bool
+    compensate: str | None
+
+    @cached_property
+    def sheet(self) -> PageTemplate:
+        """The template."""
+        from lmkit.formats.template import load_template
+
+        if self.template is None and self.paper not in PAPERS:
+            raise InputError(
+                "bad_paper", f"--paper {self.paper} is unknown", f"choose {', '.join(PAPERS)}, or give --template"
+            )
+        return load_template(self.template or self.paper)
+
+    @property
+    def tiled(self) -> bool:
+        """Too large for its paper, and no template asked for."""
+        if self.template is not None or self.size_mm is None:
+            return False
+        from lmkit.generate.sheet import largest_mm
+
+        return self.size_mm > largest_mm(self.family, self.sheet)
+
+    @property
+    def name(self) -> str:
+        """For the manifest."""
+        return "tiles" if self.tiled else self.sheet.name
+
+    def pages(self, codes: list[int]) -> list[Page]:
+        """All pages for these codes."""
+        from lmkit.generate.sheet import Wording, compose_sheets
+        from lmkit.generate.tiles import compose_tiles
+
+        sheet = self.sheet
+        stretch = self.stretch(self.size_mm or sheet.size_mm)
+        if self.tiled and self.size_mm is not None:
+            tiles = [page for code in codes for page in compose_tiles(self.family, code, self.size_mm, self.paper)]
+            return [replace(page, mirrored=self.mirror, stretch=stretch) for page in tiles]
+        for option, placeholder, value in (("--text", "{text}", self.text), ("--map-name", "{map}", self.map_name)):
+            if value and not any(placeholder in line.text for line in sheet.texts):
+                raise InputError(
+                    "no_room",
+                    f"template {sheet.name} has no place for {option}",
+                    f"use a4-door, or a template of your own with a text of {placeholder}",
+                )
+        wording = Wording(self.text, self.map_name)
+        return compose_sheets(self.family, codes, sheet, self.size_mm, wording, self.mirror, stretch)
 
     def stretch(self, size_mm: float) -> tuple[float, float]:
         """What the drawing must be multiplied by."""
@@ -137,36 +195,6 @@ class _Extras:
         return factors
 
 
-def _pages(
-    family: LandmarkFamily,
-    codes: list[int],
-    template: str | None,
-    paper: str,
-    size_mm: float | None,
-    extras: _Extras,
-) -> tuple[list[Page], str]:
-    """The pages, and the name of how they were laid out."""
-    from dataclasses import replace
-
-    from lmkit.formats.template import load_template
-    from lmkit.generate.sheet import Wording, compose_sheets
-    from lmkit.generate.tiles import compose_tiles
-
-    if template is None and paper not in ("a4", "letter", "a3"):
-        raise InputError("bad_paper", f"--paper {paper} is unknown", "choose a4, letter or a3, or give --template")
-    layout = load_template(template or paper)
-    wording = Wording(extras.text, extras.map_name)
-    size = size_mm or layout.size_mm
-    stretch = extras.stretch(size)
-    try:
-        return compose_sheets(family, codes, layout, size_mm, wording, extras.mirror, stretch), layout.name
-    except InputError as error:
-        if error.code != "landmark_too_large" or template is not None:
-            raise
-    pages = [page for code in codes for page in compose_tiles(family, code, size, paper)]
-    return [replace(page, mirrored=extras.mirror, stretch=stretch) for page in pages], "tiles"
-
-
 def _check_size(size_mm: float | None) -> None:
     if size_mm is None:
         return
@@ -178,44 +206,48 @@ def _check_size(size_mm: float | None) -> None:
         )
     if size_mm < READABLE_MM:
         warn(
-            f"a landmark of {size_mm:g} mm is read from {size_mm * 600 / 20 / 1000:.1f} m at most "
+            f"a landmark of {size_mm:g} mm is read from {size_mm * 600 / READ_FROM_PX / 1000:.1f} m at most "
             "with a focal length of 600 px; see docs/printing.md"
         )
 
 
-def _write(
-    files: dict[Path, tuple[str, list[Page], str]], dpi: float, cmyk: bool, force: bool, bare: bool, proven: bool
+def _write_proven(
+    files: dict[Path, list[Page]], sets: list[list[Page]], layout: str, dpi: float, cmyk: bool, force: bool
 ) -> None:
-    """All files with their manifests; nothing at all where one of them would fail."""
+    """All files with their manifests, or none: every page is proven before the first is written.
+
+    Args:
+        sets: the same pages, those of one landmark or one PDF together: tiles are read as a whole.
+    """
     from lmkit.formats.files import check_writable, write_file
     from lmkit.formats.manifest import manifest_path
-
-    for path in files:
-        check_writable(path, force)
-        if not bare:
-            check_writable(manifest_path(path), force)
-    for path, (_, pages, name) in files.items():
-        if bare:
-            write_file(path, _encode(pages, path.suffix.lower(), dpi, "", cmyk), force)
-            continue
-        from lmkit.generate.manifest import manifest_of
-        from lmkit.generate.pdf import pages_to_pdf
-
-        manifest = manifest_of(pages, name)
-        pdf = pages_to_pdf(pages, _title(pages), manifest.to_json(), cmyk)
-        if not proven:
-            _prove(pages, pdf)
-        content = pdf if path.suffix.lower() == ".pdf" else _encode(pages, path.suffix.lower(), dpi, "", cmyk)
-        data = content.encode() if isinstance(content, str) else content
-        write_file(path, data, force)
-        write_file(manifest_path(path), manifest.of_file(path.name, data).to_json(indent=1) + "\n", force)
-
-
-def _prove(pages: list[Page], pdf: bytes | None = None) -> None:
+    from lmkit.generate.manifest import manifest_of
     from lmkit.generate.pdf import pages_to_pdf
     from lmkit.verify.proof import prove_pages
 
-    prove_pages(pages_to_pdf(pages, "") if pdf is None else pdf, pages)
+    for path in files:
+        check_writable(path, force)
+        check_writable(manifest_path(path), force)
+    drawn = [pages_to_pdf(pages, _title(pages), manifest_of(pages, layout).to_json(), cmyk) for pages in sets]
+    for pdf, pages in zip(drawn, sets, strict=True):
+        prove_pages(pdf, pages)
+    for k, (path, pages) in enumerate(files.items()):
+        data = drawn[k] if path.suffix.lower() == ".pdf" else _encode(pages[0], path, dpi)
+        write_file(path, data, force)
+        manifest = manifest_of(pages, layout).of_file(path.name, data)
+        write_file(manifest_path(path), manifest.to_json(indent=1) + "\n", force)
+        print_line(str(path))
+
+
+def _write(files: dict[Path, list[Page]], dpi: float, force: bool) -> None:
+    """All files, as they are."""
+    from lmkit.formats.files import check_writable, write_file
+
+    for path in files:
+        check_writable(path, force)
+    for path, pages in files.items():
+        write_file(path, _encode(pages[0], path, dpi), force)
+        print_line(str(path))
 
 
 def _title(pages: list[Page]) -> str:
@@ -223,18 +255,15 @@ def _title(pages: list[Page]) -> str:
     return titles[0] if len(titles) == 1 else f"lmkit landmarks, {titles[0]} and {len(titles) - 1} more pages"
 
 
-def _encode(pages: list[Page], suffix: str, dpi: float, keywords: str, cmyk: bool) -> bytes | str:
-    if suffix == ".pdf":
-        from lmkit.generate.pdf import pages_to_pdf
-
-        return pages_to_pdf(pages, _title(pages), keywords, cmyk)
-    if suffix == ".svg":
+def _encode(page: Page, path: Path, dpi: float) -> bytes:
+    """The bytes of an SVG or PNG file."""
+    if path.suffix.lower() == ".svg":
         from lmkit.generate.svg import page_to_svg
 
-        return page_to_svg(pages[0])
+        return page_to_svg(page).encode()
     from lmkit.generate.png import page_to_png
 
-    return page_to_png(pages[0], dpi)
+    return page_to_png(page, dpi)
 
 
 def _two_lengths(text: str, what: str) -> tuple[float, float]:
@@ -252,8 +281,6 @@ def _write_measured(
     path: Path, family: LandmarkFamily, codes: list[int], measured: str, output: Path | None, force: bool
 ) -> None:
     """The map with the size that these landmarks really have."""
-    from dataclasses import replace
-
     from lmkit.formats.files import write_file
     from lmkit.formats.landmark_map import map_to_yaml, read_map
     from lmkit.model.landmark_map import LandmarkMap

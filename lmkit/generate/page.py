@@ -40,7 +40,7 @@ class PrintedFace:
     """One landmark on a page.
 
     Attributes:
-        size_mm: (width, height) of the red border's outer edges, as they should measure.
+        size_mm: over the red border's outer edges, as it should measure.
         centre_mm: its middle on the page.
         upside_down: turned by half.
     """

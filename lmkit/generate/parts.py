@@ -53,7 +53,7 @@ def ruler(start: Point, length_mm: int, vertical: bool, slim: bool = False) -> P
     The outer edges of its end ticks mark exactly 0 and ``length_mm``.
 
     Args:
-        slim: half as wide, for narrow edges.
+        slim: with short ticks and small figures, for narrow edges.
     """
     x, y = start
     scale, letter = (0.38, 1.4) if slim else (1.0, 2.2)
@@ -125,15 +125,15 @@ def up_arrow(at: Point) -> Part:
     return Part("arrow", (arrow, Text((x + 5, y + 15.2), "this side up", 2.6, "middle")))
 
 
-def label(at: Point, face: PrintedFace, ruler_mm: int | None) -> Part:
-    """Code, family, size, and how to print and mount."""
+def label(at: Point, face: PrintedFace, codes: str, ruler_mm: int | None) -> Part:
+    """``codes``, family, size, and how to print and mount."""
     x, y = at
     family = face.family
     span = f"{face.size_mm:g} mm over the red border's outer edges"
     scale = "Print at 100 %, without fitting to the page"
     check = f"{scale}: both rulers must measure {ruler_mm} mm." if ruler_mm is not None else f"{scale}."
     lines = (
-        (f"code {face.code}", 9.0, BLACK, True),
+        (codes, 9.0, BLACK, True),
         (f"lmkit {family.name} v{family.version}, {span}", 4.2, BLACK, False),
         (check, 3.6, GREY, False),
         ("Print in colour. Keep the white margin. Mount flat, with the triangle pointing up.", 3.6, GREY, False),

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import combinations
@@ -79,9 +80,13 @@ def _compose(faces: tuple[PrintedFace, ...], template: PageTemplate, wording: Wo
 
 def _title(faces: tuple[PrintedFace, ...]) -> str:
     first = faces[0]
+    return f"{first.family.name} v{first.family.version}, {_codes(faces)}, {first.size_mm:g} mm"
+
+
+def _codes(faces: tuple[PrintedFace, ...]) -> str:
+    """``code 3`` or ``codes 3-8``."""
     codes = list(dict.fromkeys(face.code for face in faces))
-    which = f"code {codes[0]}" if len(codes) == 1 else f"codes {format_codes(codes)}"
-    return f"{first.family.name} v{first.family.version}, {which}, {first.size_mm:g} mm"
+    return f"code {codes[0]}" if len(codes) == 1 else f"codes {format_codes(codes)}"
 
 
 def _parts(faces: tuple[PrintedFace, ...], template: PageTemplate, wording: Wording) -> Iterator[Part]:
@@ -101,7 +106,7 @@ def _parts(faces: tuple[PrintedFace, ...], template: PageTemplate, wording: Word
             yield parts.hole(at, template.holes.diameter_mm)
     if template.label is not None:
         length_or_none = None if template.rulers is None else template.rulers.length_mm
-        yield parts.label(template.label.at_mm, faces[0], length_or_none)
+        yield parts.label(template.label.at_mm, faces[0], _codes(faces), length_or_none)
     for face in faces:
         if template.caption is not None:
             yield parts.caption(face, template.caption.below_mm, template.caption.height_mm)
@@ -118,17 +123,17 @@ def _parts(faces: tuple[PrintedFace, ...], template: PageTemplate, wording: Word
     for segment in template.fold_lines:
         yield parts.straight_line(segment, dashed=True)
     for line in template.texts:
-        if words := _filled_in(line, faces[0], wording, template.name):
+        if words := _filled_in(line, faces, wording, template.name):
             turn = 180 if line.upside_down else 0
             text = Text(line.at_mm, words, line.height_mm, line.anchor, turn_deg=turn, bold=line.bold)
             yield Part(f"text {words!r}", (text,))
 
 
-def _filled_in(line: TextLine, face: PrintedFace, wording: Wording, template: str) -> str:
+def _filled_in(line: TextLine, faces: tuple[PrintedFace, ...], wording: Wording, template: str) -> str:
     values = {
-        "code": face.code,
-        "family": face.family.name,
-        "size": f"{face.size_mm:g} mm",
+        "code": _codes(faces).split()[1],
+        "family": faces[0].family.name,
+        "size": f"{faces[0].size_mm:g} mm",
         "text": wording.text,
         "map": wording.map_name,
     }
@@ -142,24 +147,24 @@ def _filled_in(line: TextLine, face: PrintedFace, wording: Wording, template: st
         ) from None
 
 
-def _check_faces(faces: tuple[PrintedFace, ...], template: PageTemplate) -> None:
+def largest_mm(family: LandmarkFamily, template: PageTemplate) -> float:
+    """The largest landmark that fits on the template's places."""
     width, height = template.page_mm
-    for face in faces:
-        x, y = face.centre_mm
-        # The white margin may lie where the printer cannot print: nothing is printed there.
-        free = min(x, y, width - x, height - y)
-        reach = face.reach_mm + template.bleed_mm
-        inked = face.size_mm / 2 + template.printer_margin_mm
-        if reach > free or inked > free:
-            largest = min(
-                (free - template.bleed_mm) / face.reach_mm * face.size_mm, 2 * (free - template.printer_margin_mm)
-            )
-            raise InputError(
-                "landmark_too_large",
-                f"a landmark of {face.size_mm:g} mm with its white margin does not fit on template {template.name}",
-                f"the largest that fits there is {largest:.0f} mm; choose a smaller --size, or leave --template out "
-                "to have it tiled over several sheets",
-            )
+    free = min(min(x, y, width - x, height - y) for x, y in (place.centre_mm for place in template.all_places))
+    # The white margin may lie where the printer cannot print: nothing is printed there.
+    by_margin = (free - template.bleed_mm) / (0.5 + family.margin_mm / family.side_mm)
+    return min(by_margin, 2 * (free - template.printer_margin_mm))
+
+
+def _check_faces(faces: tuple[PrintedFace, ...], template: PageTemplate) -> None:
+    largest = largest_mm(faces[0].family, template)
+    if faces[0].size_mm > largest:
+        raise InputError(
+            "landmark_too_large",
+            f"a landmark of {faces[0].size_mm:g} mm with its white margin does not fit on template {template.name}",
+            f"the largest that fits there is {math.floor(largest)} mm; choose a smaller --size, or leave --template "
+            "out to have it tiled over several sheets",
+        )
     for one, other in combinations(faces, 2):
         if overlap(one.margin_box, other.margin_box):
             raise InputError(

@@ -106,6 +106,10 @@ def _picture(canvas: Canvas, item: PrintedLandmark) -> None:
 
 
 def _shortened(canvas: Canvas, text: str, width: float, size: float = 9.5) -> str:
-    while text and canvas.stringWidth(text, "Helvetica", size) > width:
-        text = text[:-2].rstrip() + "…" if not text.endswith("…") else text[:-2].rstrip("…").rstrip() + "…"
-    return text
+    """As much of the text as fits, with an ellipsis where some is missing."""
+    if canvas.stringWidth(text, "Helvetica", size) <= width:
+        return text
+    kept = text
+    while kept and canvas.stringWidth(f"{kept}…", "Helvetica", size) > width:
+        kept = kept[:-1]
+    return f"{kept.rstrip()}…"

@@ -145,7 +145,7 @@ def _distance(relative: FloatArray, ink: BoolArray, rgb: tuple[int, int, int]) -
     seen = np.median(relative[ink], axis=0) if ink.any() else np.ones(3)
     wanted = srgb_to_linear(np.array(rgb) / 255)
     a, b = (xyz2lab((RGB_TO_XYZ @ colour)[None, None])[0, 0] for colour in (np.clip(seen, 0, 1), wanted))
-    return float(deltaE_ciede2000(a, b))  # type: ignore[no-untyped-call]
+    return float(deltaE_ciede2000(a, b))
 
 
 def _unevenness(relative: FloatArray, points: FloatArray, inks: tuple[BoolArray, ...]) -> float:

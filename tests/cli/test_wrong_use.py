@@ -69,6 +69,8 @@ def landmark_map(tmp_path) -> Path:
         (["--code", "1", "--compensate", "1x2x3"], ["WIDTHxHEIGHT"]),
         (["--code", "1", "--measured", "179"], ["--map"]),
         (["--code", "1", "--paper", "a5"], ["a5", "letter"]),
+        (["--code", "1", "--text", "Room 1"], ["--text", "a4-door"]),
+        (["--code", "1", "--bare", "--mirror", "-o", "x.svg"], ["--bare", "--mirror"]),
         (["--code", "1", "--cmyk", "-o", "x.png"], ["--cmyk"]),
         (["--code", "1", "--size", "0mm"], ["0mm"]),
         (["--code", "1", "-o", "x.gif"], ["x.gif", ".pdf"]),
@@ -261,3 +263,16 @@ def test_the_readings_scatter_is_an_angle_and_a_length(lmkit, tmp_path, landmark
     start = ("locate", "--readings", "r.csv", "--map", landmark_map)
     assert_refused(lmkit(*start, "--bearing-sigma", "0"), "--bearing-sigma")
     assert_refused(lmkit(*start, "--range-sigma", "3"), "--range-sigma", "unit")
+
+
+def test_nothing_is_written_where_one_print_does_not_read(lmkit, tmp_path, monkeypatch):
+    from lmkit.errors import LmkitError
+    from lmkit.verify import proof
+
+    def refuse_code_2(pdf, pages):
+        if any(face.code == 2 for page in pages for face in page.faces):
+            raise LmkitError("proof_failed", "page 1: code 2 does not read", "nothing was written")
+
+    monkeypatch.setattr(proof, "prove_pages", refuse_code_2)
+    assert_refused(lmkit("generate", "--codes", "1-3", "-o", "x.svg"), "code 2", code=70)
+    assert files(tmp_path) == set()
