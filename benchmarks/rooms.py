@@ -1,6 +1,9 @@
 """Landmarks and AprilTags (AprilTag 3, locus-tag) in the same rendered rooms: read, wrong, corners, time.
 
-    uv run --extra benchmark python benchmarks/rooms.py ../shared/data/rooms
+    uv run --extra benchmark python benchmarks/rooms.py ../shared/data/rooms [../shared/data/drive]
+
+lmkit stands there as it is, with ``--fast``, and with the camera's calibration given.  A drive has
+landmarks only.
 
 Every scene exists twice, once with lm8 landmarks and once with AprilTag 36h11 of the same size in
 the same places (`landmark/` and `tag36h11/`, each with its `truth.json`).  A landmark counts when
@@ -18,8 +21,30 @@ import cv2
 import numpy as np
 from peers import READERS, wilson
 
+from lmkit.detect.landmarks import detect_landmarks
+from lmkit.detect.options import FAST, DetectOptions
+from lmkit.model.camera import CameraModel
+
 SIDES = (15, 20, 25, 30, 60, 1e9)
 TILTS = (0, 30, 60, 80)
+
+
+def lmkit_readers(truth: dict) -> dict:
+    """lmkit's ways of reading, each a function of a picture and which eye took it."""
+    rig = truth["rig"]
+    eyes = {
+        eye[0].upper(): CameraModel((640, 480), np.array(rig[eye]["K"]), np.array([*rig[eye]["dist"], 0.0]))
+        for eye in ("left", "right")
+    }
+    ways = {
+        "lmkit": lambda eye: DetectOptions(),
+        "lmkit --fast": lambda eye: DetectOptions(effort=FAST),
+        "lmkit, camera given": lambda eye: DetectOptions(camera=eyes[eye]),
+    }
+    return {
+        name: lambda image, eye, way=way: [(d.code, d.corners) for d in detect_landmarks(image, way(eye))]
+        for name, way in ways.items()
+    }
 
 
 def score(folder: Path, detect) -> dict:
@@ -29,7 +54,7 @@ def score(folder: Path, detect) -> dict:
         for picture in pair["images"]:
             image = cv2.imread(str(folder / "images" / picture["image"]))
             start = time.perf_counter()
-            found = detect(image)
+            found = detect(image, picture["side"])
             seconds.append(time.perf_counter() - start)
             hits = set()
             for code, corners in found:
@@ -69,25 +94,38 @@ def score(folder: Path, detect) -> dict:
 def groups_of(entry: dict, conditions: dict) -> set[str]:
     """The rows that a landmark belongs to, beside its size."""
     low, high = next((a, b) for a, b in pairwise(TILTS) if a <= entry["tilt_deg"] < b)
-    return {f"tilt {low} to {high} deg", f"light: {conditions['light']}", f"blur: {conditions['blur']}"}
+    return {f"tilt {low} to {high} deg"} | {
+        f"{key}: {conditions[key]}" for key in ("light", "blur") if key in conditions
+    }
 
 
 def is_counted(entry: dict) -> bool:
     return entry["state"] == "full" and entry["tilt_deg"] < 80 and entry["side_px"] >= SIDES[0]
 
 
-def main(rooms: Path) -> None:
+def main(rooms: Path, drive: Path | None) -> None:
     cv2.setNumThreads(1)
-    folders = {"lmkit": "landmark", "AprilTag 3": "tag36h11", "locus-tag": "tag36h11"}
-    results = {name: score(rooms / folder, READERS[name].make()) for name, folder in folders.items()}
+    truth = json.loads((rooms / "landmark" / "truth.json").read_text())
+    results = {name: score(rooms / "landmark", detect) for name, detect in lmkit_readers(truth).items()}
+    for name in ("AprilTag 3", "locus-tag"):
+        peer = READERS[name].make()
+        results[name] = score(rooms / "tag36h11", lambda image, eye, peer=peer: peer(image))
+    print_table(results, "AprilTag 3")
+    if drive is not None:
+        truth = json.loads((drive / "truth.json").read_text())
+        print(f"\n{drive.name}:\n")
+        print_table({name: score(drive, detect) for name, detect in lmkit_readers(truth).items()}, "lmkit")
+
+
+def print_table(results: dict, timed_by: str) -> None:
     print("| | " + " | ".join(results) + " |\n|---|" + "---|" * len(results))
     for low, high in [(SIDES[0], 1e9), *pairwise(SIDES)]:
         cells = []
         for r in results.values():
             chosen = (r["side"] >= low) & (r["side"] < high)
             hits, n = int(r["read"][chosen].sum()), int(chosen.sum())
-            a, b = wilson(hits, n)
-            cells.append(f"{100 * hits / n:.1f} % of {n} ({100 * a:.0f} to {100 * b:.0f})")
+            a, b = wilson(hits, max(n, 1))
+            cells.append(f"{100 * hits / max(n, 1):.1f} % of {n} ({100 * a:.0f} to {100 * b:.0f})")
         name = f"side {low:g} px and more" if high > 1e8 else f"side {low:g} to {high:g} px"
         print(f"| {name} | " + " | ".join(cells) + " |")
     for group in sorted(set().union(*(found for r in results.values() for found in r["groups"]))):
@@ -102,10 +140,10 @@ def main(rooms: Path) -> None:
         ("false positives", lambda r: str(r["false"])),
         ("corner error, median px", lambda r: f"{np.median(r['error']):.3f}"),
         ("corner error, 90th percentile px", lambda r: f"{np.percentile(r['error'], 90):.3f}"),
-        ("time a picture, ratio to AprilTag", lambda r: f"{r['ms'] / results['AprilTag 3']['ms']:.1f}"),
+        (f"time a picture, ratio to {timed_by}", lambda r: f"{r['ms'] / results[timed_by]['ms']:.1f}"),
     ):
         print(f"| {name} | " + " | ".join(value(r) for r in results.values()) + " |")
 
 
 if __name__ == "__main__":
-    main(Path(sys.argv[1]))
+    main(Path(sys.argv[1]), Path(sys.argv[2]) if len(sys.argv) > 2 else None)
