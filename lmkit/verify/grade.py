@@ -43,9 +43,10 @@ class _Scale:
     advice: str
 
     def line(self, value: float | None, text: str, why_unknown: str = "") -> GradedLine:
-        """The line for this value."""
+        """The line for this value; ``text`` has it in braces."""
         if value is None:
             return GradedLine(self.name, "unknown", None, why_unknown)
+        text = text.format(value)
         falling = self.limits[0] > self.limits[-1]
         reached = [value >= limit if falling else value <= limit for limit in self.limits]
         grade = next((g for g, ok in zip(GRADES, reached, strict=False) if ok), "F")
@@ -92,8 +93,13 @@ def grade_print(
     """
     m, rule, verdict = measures, AcceptanceRule(), attempt.verdict
     fine = m.side_px >= FINE_SIDE_PX
-    near = f"take the picture from nearer: {m.side_px:.0f} px a side, {FINE_SIDE_PX:.0f} are needed"
-    code_ratio, turn_ratio = verdict.code_margin / rule.code_margin, verdict.turn_margin / rule.turn_margin
+    unseen = f"take the picture from nearer: {m.side_px:.0f} px a side, {FINE_SIDE_PX:.0f} are needed"
+    if fine:
+        unseen = "too blurred to tell; " + SHARPNESS.advice
+
+    def optical(scale: _Scale, value: float | None, text: str) -> GradedLine:
+        return scale.line(value if fine else None, text, unseen)
+
     content = GradedLine(CONTENT, f"code {verdict.code} of {attempt.family.name}", "A", "")
     if attempt.rejected is not None:
         content = GradedLine(CONTENT, "unknown", None, "the reader refuses it")
@@ -101,18 +107,18 @@ def grade_print(
         content = GradedLine(CONTENT, content_problem, "F", "do not hang it; print again")
     lines = [
         content,
-        DECODABILITY.line(code_ratio, f"{code_ratio:.1f} times what is needed"),
-        ROTATION.line(turn_ratio, f"{turn_ratio:.1f} times what is needed"),
-        MODULATION.line(m.modulation, f"{m.modulation:.2f}"),
-        RED_CONTRAST.line(m.red_contrast, f"{m.red_contrast:.2f}"),
-        BLUE_CONTRAST.line(m.blue_contrast, f"{m.blue_contrast:.2f}"),
-        RED_COLOUR.line(m.red_distance, f"dE00 {m.red_distance:.0f}"),
-        BLUE_COLOUR.line(m.blue_distance, f"dE00 {m.blue_distance:.0f}"),
-        EVENNESS.line(m.unevenness if fine else None, f"{m.unevenness:.2f}", near),
-        MARGIN.line(m.margin_share, f"{m.margin_share:.0%} white"),
-        GLARE.line(m.glare_share, f"{m.glare_share:.1%} of the inks"),
-        STRAIGHTNESS.line(m.bow if fine else None, f"{m.bow:.2%} of the side", near),
-        SHARPNESS.line(m.blur if fine else None, f"blur {m.blur:.2%} of the side", near),
+        DECODABILITY.line(verdict.code_margin / rule.code_margin, "{:.1f} times what is needed"),
+        ROTATION.line(verdict.turn_margin / rule.turn_margin, "{:.1f} times what is needed"),
+        MODULATION.line(m.modulation, "{:.2f}"),
+        optical(RED_CONTRAST, m.red_contrast, "{:.2f}"),
+        optical(BLUE_CONTRAST, m.blue_contrast, "{:.2f}"),
+        optical(RED_COLOUR, m.red_distance, "dE00 {:.0f}"),
+        optical(BLUE_COLOUR, m.blue_distance, "dE00 {:.0f}"),
+        optical(EVENNESS, m.unevenness, "{:.2f}"),
+        optical(MARGIN, m.margin_share, "{:.0%} white"),
+        optical(GLARE, m.glare_share, "{:.1%} of the inks"),
+        optical(STRAIGHTNESS, m.bow, "{:.2%} of the side"),
+        optical(SHARPNESS, m.blur, "blur {:.2%} of the side"),
     ]
     no_scale = "scan it with its dpi, or photograph it with the whole sheet or a bank card beside it in view"
     if stated_mm is None:
@@ -123,8 +129,8 @@ def grade_print(
         off = None if stated_mm is None else max(abs(length / stated_mm - 1) for length in side_mm)
     measured = "" if side_mm is None else f"{side_mm[0]:.2f} x {side_mm[1]:.2f} mm"
     lines.append(SCALE.line(off, measured if stated_mm is None else f"{measured} for {stated_mm:g} mm", no_scale))
-    lines.append(ASPECT.line(aspect, "" if aspect is None else f"{aspect:.2%} apart", no_scale))
-    lines.append(SKEW.line(skew_deg, "" if skew_deg is None else f"{skew_deg:.2f} deg", no_scale))
+    lines.append(ASPECT.line(aspect, "{:.2%} apart", no_scale))
+    lines.append(SKEW.line(skew_deg, "{:.2f} deg", no_scale))
     return lines
 
 

@@ -20,9 +20,12 @@ from lmkit.model.palette import BLUE, RED, SRGB_TO_LINEAR, srgb_to_linear
 
 CELLS = 240  # across face and white margin
 PURE = 0.985  # coverage from which a cell shows one ink alone
+NEARLY_PURE = 0.9  # this will do where blur leaves fewer than LEAST_CELLS of those
+LEAST_CELLS = 400
 EDGE_STEPS = 41
 EDGE_REACH = 0.045  # of the side, on both sides of the border's outer edge
 EDGE_POINTS = 48  # along each side of the border
+BEYOND = 1.3  # light outside of the white cells, over that inside
 WHITE_ENOUGH = 0.7
 GLARE_SHARE = 0.45  # of the way from an ink to white
 # Linear sRGB to CIE XYZ (IEC 61966-2-1).
@@ -33,7 +36,7 @@ RGB_TO_XYZ = np.array(
 
 @dataclass(frozen=True)
 class PrintMeasures:
-    """What was measured of one landmark in one picture.
+    """What was measured of one landmark in one picture; None where blur leaves too little of an ink alone.
 
     Attributes:
         side_px: mean side in the picture.
@@ -49,13 +52,13 @@ class PrintMeasures:
 
     side_px: float
     modulation: float
-    red_contrast: float
-    blue_contrast: float
-    red_distance: float
-    blue_distance: float
-    unevenness: float
-    margin_share: float
-    glare_share: float
+    red_contrast: float | None
+    blue_contrast: float | None
+    red_distance: float | None
+    blue_distance: float | None
+    unevenness: float | None
+    margin_share: float | None
+    glare_share: float | None
     bow: float
     blur: float
 
@@ -84,19 +87,21 @@ def measure_print(image: ByteArray, attempt: Attempt) -> PrintMeasures:
     square = np.abs(points).max(axis=1)
     on_face = square < family.half_mm
     margin = (square > family.half_mm + 0.15 * family.margin_mm) & (square < reach - 0.1 * family.margin_mm)
-    white, red, blue = (inks[:, k] > PURE for k in range(3))
-    light = _light(points, colours, white & on_face)
-    relative = colours / light
+    modulation = float(2 * np.abs(attempt.verdict.parts[2:] - 0.5).min())
+    white, red, blue = (_pure(inks[:, k], on_face) for k in range(3))
+    if min(int(ink.sum()) for ink in (white, red, blue)) < LEAST_CELLS:
+        return PrintMeasures(side_px, modulation, None, None, None, None, None, None, None, bow, blur)
+    relative = colours / _light(points, colours, white)
     return PrintMeasures(
         side_px=side_px,
-        modulation=float(2 * np.abs(attempt.verdict.parts[2:] - 0.5).min()),
-        red_contrast=_contrast(relative, red & on_face),
-        blue_contrast=_contrast(relative, blue & on_face),
-        red_distance=_distance(relative, red & on_face, RED),
-        blue_distance=_distance(relative, blue & on_face, BLUE),
-        unevenness=_unevenness(relative, points, (red & on_face, blue & on_face)),
+        modulation=modulation,
+        red_contrast=_contrast(relative, red),
+        blue_contrast=_contrast(relative, blue),
+        red_distance=_distance(relative, red, RED),
+        blue_distance=_distance(relative, blue, BLUE),
+        unevenness=_unevenness(relative, points, (red, blue)),
         margin_share=float((relative[margin].min(axis=1) > WHITE_ENOUGH).mean()),
-        glare_share=_glare(relative, red & on_face, blue & on_face),
+        glare_share=_glare(relative, red, blue),
         bow=bow,
         blur=blur,
     )
@@ -114,6 +119,12 @@ def _sample(image: ByteArray, H: FloatArray, points: FloatArray, side_px: float)
     return np.concatenate(seen).reshape(-1, 3)[:, ::-1].astype(np.float64)
 
 
+def _pure(coverage: FloatArray, on_face: BoolArray) -> BoolArray:
+    """Cells of the face that show one ink alone, or nearly."""
+    pure = on_face & (coverage > PURE)
+    return pure if pure.sum() >= LEAST_CELLS else np.asarray(on_face & (coverage > NEARLY_PURE))
+
+
 def _light(points: FloatArray, colours: FloatArray, white: BoolArray) -> FloatArray:
     """(N,3) what white would look like everywhere: a curved surface through the white cells of the face."""
     x, y = points.T / 90
@@ -127,7 +138,9 @@ def _light(points: FloatArray, colours: FloatArray, white: BoolArray) -> FloatAr
         off = np.abs(colours - fitted).mean(axis=1) / np.maximum(fitted.mean(axis=1), 1e-3)
         # Shine and dirt do not tell the light.
         weights = white / (1 + (off / 0.05) ** 2)
-    return np.asarray(np.maximum(fitted, 1e-3))
+    # Where blur leaves white only in the rings, the surface runs wild beyond them.
+    low, high = np.percentile(colours[white], [5, 95], axis=0)
+    return np.clip(fitted, np.maximum(low / BEYOND, 1e-3), high * BEYOND)
 
 
 def _brightness(colours: FloatArray) -> FloatArray:
@@ -135,14 +148,14 @@ def _brightness(colours: FloatArray) -> FloatArray:
 
 
 def _contrast(relative: FloatArray, ink: BoolArray) -> float:
-    return float(1 - np.median(_brightness(relative[ink]))) if ink.any() else 0.0
+    return float(1 - np.median(_brightness(relative[ink])))
 
 
 def _distance(relative: FloatArray, ink: BoolArray, rgb: tuple[int, int, int]) -> float:
     """CIEDE2000 of the median colour, its white taken as D65's, to the file's."""
     from skimage.color import deltaE_ciede2000, xyz2lab
 
-    seen = np.median(relative[ink], axis=0) if ink.any() else np.ones(3)
+    seen = np.median(relative[ink], axis=0)
     wanted = srgb_to_linear(np.array(rgb) / 255)
     a, b = (xyz2lab((RGB_TO_XYZ @ colour)[None, None])[0, 0] for colour in (np.clip(seen, 0, 1), wanted))
     return float(deltaE_ciede2000(a, b))
@@ -170,11 +183,10 @@ def _unevenness(relative: FloatArray, points: FloatArray, inks: tuple[BoolArray,
 def _glare(relative: FloatArray, red: BoolArray, blue: BoolArray) -> float:
     shining = 0
     for ink in (red, blue):
-        if ink.any():
-            seen = _brightness(relative[ink])
-            middle = float(np.median(seen))
-            shining += int((seen > middle + GLARE_SHARE * (1 - middle)).sum())
-    return shining / max(int(red.sum() + blue.sum()), 1)
+        seen = _brightness(relative[ink])
+        middle = float(np.median(seen))
+        shining += int((seen > middle + GLARE_SHARE * (1 - middle)).sum())
+    return shining / int(red.sum() + blue.sum())
 
 
 def _edges(image: ByteArray, H: FloatArray, half: float, side_px: float) -> tuple[float, float]:

@@ -26,7 +26,7 @@ from lmkit.model.code import format_codes
 from lmkit.model.landmark import FAMILIES, LandmarkFamily
 from lmkit.model.observation import LandmarkObservation
 from lmkit.units import MM_PER_INCH
-from lmkit.verify.grade import GradedLine, grade_print, overall_grade
+from lmkit.verify.grade import FINE_SIDE_PX, GradedLine, grade_print, overall_grade
 from lmkit.verify.measure import measure_print
 from lmkit.verify.raster import raster_page
 from lmkit.verify.reference import find_reference
@@ -195,7 +195,8 @@ def _graded(
         cosine = float(across @ down / (np.linalg.norm(across) * np.linalg.norm(down)))
         skew = abs(float(np.degrees(np.arcsin(cosine))))
         scale_from = "resolution of the file"
-    elif stated.size_mm is not None:
+    elif stated.size_mm is not None and measures.side_px >= FINE_SIDE_PX:
+        # A far landmark is a small thing in a room full of edges that could pass for its sheet's.
         reference = find_reference(image, attempt.corners, stated.size_mm)
         if reference is not None:
             side_mm = (stated.size_mm * reference.stretch[0], stated.size_mm * reference.stretch[1])

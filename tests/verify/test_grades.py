@@ -256,3 +256,27 @@ def test_a_bank_card_beside_the_landmark_gives_the_scale():
     # Half a pixel of the card's 212 is a quarter of a percent.
     assert found.side_mm == pytest.approx((180 * shrink, 180 * shrink), rel=0.0035)
     assert grade_of(found, "scale") in ("D", "F")
+
+
+@pytest.mark.parametrize("smaller", [0.08, 0.12])
+def test_a_far_landmark_reads_but_its_inks_and_scale_are_unknown(smaller):
+    small = cv2.resize(photograph(1.0), None, fx=smaller, fy=smaller, interpolation=cv2.INTER_AREA)
+    room = np.full((400, 400, 3), 0.4, np.float32)
+    room[40 : 40 + small.shape[0], 60 : 60 + small.shape[1]] = small
+    found = graded(room, scanned=False)
+    assert found.observation.code == CODE
+    assert found.scale_from is None
+    lines = {line.name: line for line in found.lines}
+    for name in ("contrast of red", "contrast of blue", "white margin", "glare", "sharpness", "scale"):
+        assert lines[name].grade is None, lines[name]
+    assert "nearer" in lines["contrast of blue"].advice
+    assert found.grade in "ABCDF"
+
+
+def test_a_blurred_landmark_says_what_it_is_too_blurred_to_tell():
+    """The blur is wider than the bars of the drawing: no cell shows one ink alone."""
+    found = graded(cv2.GaussianBlur(photograph(1.0), (0, 0), 14), scanned=False)
+    for line in found.lines:
+        if line.name.startswith(("contrast", "colour")):
+            assert line.grade is None
+            assert "blurred" in line.advice
