@@ -4,18 +4,17 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from contextlib import closing
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 
 import numpy as np
 
-from lmkit.calibrate.problem import PairView
 from lmkit.detect.boards import detect_board, likelier_board, same_orientation
 from lmkit.errors import InputError
 from lmkit.formats.images import read_image
 from lmkit.model.board import BoardSpec
-from lmkit.model.observation import BoardObservation
+from lmkit.model.observation import BoardObservation, PairView
 from lmkit.workers import map_in_processes
 
 SPEC_CHECK_PICTURES = 3
@@ -31,12 +30,14 @@ class BoardPairs:
         rejected: (pair, reason) of the others.
         files: (left, right) file of every pair by name.
         image_size: (width, height).
+        board: as specified, or with the other ChArUco layout if that is what the pictures show.
     """
 
     views: tuple[PairView, ...]
     rejected: tuple[tuple[str, str], ...]
     files: dict[str, tuple[Path, Path]]
     image_size: tuple[int, int]
+    board: BoardSpec
 
 
 def find_board_pairs(
@@ -66,11 +67,14 @@ def find_board_pairs(
     size: tuple[int, int] | None = None
     sample = [read_image(file) for file in left[:SPEC_CHECK_PICTURES]]
     other = likelier_board(sample, board)
-    if other is not None:
+    if other == replace(board, legacy=not board.legacy):
+        board = other
+    elif other is not None:
+        counted = "inner corners" if board.kind == "chessboard" else "squares"
         raise InputError(
             "wrong_board",
-            f"the pictures show a {other.columns}x{other.rows} chessboard, not {board.columns}x{board.rows}",
-            f"give --board {other} (columns x rows count inner corners)",
+            f"the pictures show {other}, not {board}",
+            f"give --board {other} (columns x rows count {counted})",
         )
     files = [file for pair in zip(left, right, strict=True) for file in pair]
     with closing(map_in_processes(partial(_look, board=board), files)) as looked:
@@ -98,11 +102,19 @@ def find_board_pairs(
                 rejected.append((name, f"fewer than {MIN_COMMON_CORNERS} corners seen by both eyes"))
                 continue
             views.append(
-                PairView(name, seen_left.ids, seen_left.image_points, seen_right.ids, seen_right.image_points)
+                PairView(
+                    name,
+                    seen_left.ids,
+                    seen_left.image_points,
+                    seen_right.ids,
+                    seen_right.image_points,
+                    seen_left.noise_px,
+                    seen_right.noise_px,
+                )
             )
     assert size is not None
     names = {lf.stem: (lf, rf) for lf, rf in zip(left, right, strict=True)}
-    return BoardPairs(tuple(views), tuple(rejected), names, size)
+    return BoardPairs(tuple(views), tuple(rejected), names, size, board)
 
 
 def _look(file: Path, board: BoardSpec) -> tuple[tuple[int, int], BoardObservation | None]:

@@ -9,9 +9,9 @@ from pathlib import Path
 
 import lmkit.detect.boards as boards
 from lmkit.board_pairs import _look
-from lmkit.calibrate.problem import PairView
 from lmkit.calibrate.stereo import calibrate_stereo
 from lmkit.model.board import BoardSpec
+from lmkit.model.observation import PairView
 
 fused = boards._fused
 WAYS = {

@@ -9,6 +9,7 @@ import numpy as np
 
 from lmkit.arrays import ByteArray, FloatArray
 from lmkit.model.camera import CameraModel
+from lmkit.model.pose import rotation_exp
 from lmkit.model.stereo_rig import StereoRig
 
 
@@ -23,37 +24,58 @@ class Rectification:
 
 
 def rectification(rig: StereoRig) -> Rectification:
-    """The rectification of a rig (Bouguet's, as OpenCV has it)."""
+    """The rectification of a rig (Bouguet's): rows match, or columns where the eyes stand above each other."""
     left, right = rig.left, rig.right
-    R, t = rig.T_right_left.R, rig.T_right_left.t.reshape(3, 1)
     if left.model == "fisheye":
-        R1, R2, P1, P2, _ = cv2.fisheye.stereoRectify(
-            left.K,
-            left.distortion,
-            right.K,
-            right.distortion,
-            left.image_size,
-            R,
-            t,
-            cv2.CALIB_ZERO_DISPARITY,
-        )
-    else:
-        R1, R2, P1, P2, *_ = cv2.stereoRectify(
-            left.K, left.distortion, right.K, right.distortion, left.image_size, R, t, alpha=-1
-        )
+        return _fisheye_rectification(rig)
+    t = rig.T_right_left.t.reshape(3, 1)
+    R1, R2, P1, P2, *_ = cv2.stereoRectify(
+        left.K, left.distortion, right.K, right.distortion, left.image_size, rig.T_right_left.R, t, alpha=-1
+    )
     return Rectification(*(np.asarray(m, dtype=np.float64) for m in (R1, R2, P1, P2)))
+
+
+def _fisheye_rectification(rig: StereoRig) -> Rectification:
+    """The same for fisheye eyes, where OpenCV's own fails on eyes that converge or stand above each other."""
+    # Each eye turns half of the way to the other, then both turn the baseline into the rows.
+    half = rotation_exp(-rig.T_right_left.rvec / 2)
+    t = half @ rig.T_right_left.t
+    along = int(np.argmax(np.abs(t[:2])))
+    axis = np.zeros(3)
+    axis[along] = np.copysign(1.0, t[along])
+    turn = np.cross(t, axis)
+    sine = float(np.linalg.norm(turn) / np.linalg.norm(t))
+    turn = turn * (np.arcsin(min(sine, 1.0)) / float(np.linalg.norm(turn)) if sine > 1e-12 else 0.0)
+    level = rotation_exp(turn)
+    width, height = rig.left.image_size
+    f = min(float(camera.K[k, k]) for camera in (rig.left, rig.right) for k in (0, 1))
+    P_left = np.array([[f, 0, (width - 1) / 2, 0], [0, f, (height - 1) / 2, 0], [0, 0, 1.0, 0]])
+    P_right = P_left.copy()
+    P_right[along, 3] = f * float(axis @ level @ t) * float(axis[along])
+    return Rectification(level @ half.T, level @ half, P_left, P_right)
 
 
 def epipolar_errors(rig: StereoRig, left: FloatArray, right: FloatArray) -> FloatArray:
     """(N,) row differences, px, of matching points (N,2) after rectification.
 
-    Columns instead of rows for eyes that stand above each other.
+    Columns instead of rows for eyes that stand above each other.  Of fisheye eyes, whose rectified
+    pictures are stretched without bound towards their edges, the angle between the two points' epipolar
+    planes instead, in pixels of the pictures as taken.
     """
     maps = rectification(rig)
     across = 1 if abs(maps.P_right[0, 3]) >= abs(maps.P_right[1, 3]) else 0
-    flat_left = _rectify_points(rig.left, left, maps.R_left, maps.P_left)
-    flat_right = _rectify_points(rig.right, right, maps.R_right, maps.P_right)
-    return np.asarray(flat_left[:, across] - flat_right[:, across])
+    ray_left, ray_right = _rays(rig.left, left) @ maps.R_left.T, _rays(rig.right, right) @ maps.R_right.T
+    if rig.left.model == "fisheye":
+        planes, reaches = zip(*(_about_baseline(ray, across) for ray in (ray_left, ray_right)), strict=True)
+        return np.asarray((planes[0] - planes[1]) * np.sqrt(reaches[0] * reaches[1]) * maps.P_left[0, 0])
+    flat_left, flat_right = ray_left @ maps.P_left[:, :3].T, ray_right @ maps.P_right[:, :3].T
+    return np.asarray(flat_left[:, across] / flat_left[:, 2] - flat_right[:, across] / flat_right[:, 2])
+
+
+def _about_baseline(rays: FloatArray, across: int) -> tuple[FloatArray, FloatArray]:
+    """Angle of each ray's plane about the baseline, rad, and its distance from the baseline's axis, of length 1."""
+    unit = rays / np.linalg.norm(rays, axis=1, keepdims=True)
+    return np.arctan2(unit[:, across], unit[:, 2]), np.hypot(unit[:, across], unit[:, 2])
 
 
 def rectify_pair(rig: StereoRig, left: ByteArray, right: ByteArray) -> tuple[ByteArray, ByteArray]:
@@ -70,7 +92,5 @@ def rectify_pair(rig: StereoRig, left: ByteArray, right: ByteArray) -> tuple[Byt
     return pictures[0], pictures[1]
 
 
-def _rectify_points(camera: CameraModel, points: FloatArray, R: FloatArray, P: FloatArray) -> FloatArray:
-    rays = np.column_stack([camera.unproject(points), np.ones(len(points))]) @ R.T
-    flat = rays @ P[:, :3].T
-    return np.asarray(flat[:, :2] / flat[:, 2:])
+def _rays(camera: CameraModel, points: FloatArray) -> FloatArray:
+    return np.column_stack([camera.unproject(points), np.ones(len(points))])

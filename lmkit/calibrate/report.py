@@ -88,7 +88,7 @@ def _figures(result: StereoCalibration) -> str:
         ("Reprojection error of the fit, both / left / right",
          f"{result.rms_px:.3f} / {result.rms_left_px:.3f} / {result.rms_right_px:.3f} px"),
         ("Baseline", f"{result.rig.baseline_m * 1000:.3f} ± {result.baseline_sigma_m * 1000:.3f} mm"),
-        ("Bow of the board, along x / y", " / ".join(f"{w * 1000:.2f}" for w in result.warp_m) + " mm"),
+        ("Bow of the board, along x / y", " / ".join(f"{w * 1000:.2f}" for w in result.solution.warp) + " mm"),
     ]  # fmt: skip
     body = "".join(f"<tr><td>{a}</td><td class='n'>{b}</td></tr>" for a, b in rows)
     return f"<h2>Figures</h2><table>{body}</table>"

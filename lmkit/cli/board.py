@@ -7,12 +7,12 @@ from typing import Annotated
 
 import typer
 
-from lmkit.cli.common import print_line
+from lmkit.cli.common import BOARD_HELP, print_line
 from lmkit.errors import InputError
 
 
 def run(
-    spec: Annotated[str, typer.Argument(help="chessboard:9x6:30mm or charuco:8x6:30mm:22mm:DICT_5X5_100[:legacy]")],
+    spec: Annotated[str, typer.Argument(help=BOARD_HELP)],
     output: Annotated[Path, typer.Option("--output", "-o", help="FILE.pdf, FILE.png or FILE.svg.")],
     dpi: Annotated[float, typer.Option("--dpi", help="Resolution of PNG files.")] = 300.0,
     force: Annotated[bool, typer.Option("--force", help="Overwrite files.")] = False,

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from lmkit.cli.common import print_json, print_line, progress
+from lmkit.cli.common import BOARD_HELP, print_json, print_line, progress
 from lmkit.errors import InputError
 
 if TYPE_CHECKING:
@@ -19,24 +19,26 @@ REPORT_PICTURES = 6
 def run(
     left: Annotated[str, typer.Argument(help="Folder or glob of left pictures.")],
     right: Annotated[str, typer.Argument(help="Folder or glob of right pictures, paired by sorted name.")],
-    board: Annotated[str, typer.Option("--board", help="chessboard:9x6:30mm or charuco:8x6:30mm:22mm:DICT_5X5_100")],
+    board: Annotated[str, typer.Option("--board", help=BOARD_HELP)],
     output: Annotated[Path | None, typer.Option("--output", "-o", help="Rig file to write (YAML).")] = None,
     report: Annotated[Path | None, typer.Option("--report", help="HTML report to write.")] = None,
-    model: Annotated[str, typer.Option("--model", help="pinhole, rational or fisheye.")] = "pinhole",
+    model: Annotated[
+        str, typer.Option("--model", help="pinhole, rational, fisheye; auto: which does best on unseen pairs.")
+    ] = "auto",
     as_json: Annotated[bool, typer.Option("--json", help="The result as one JSON object.")] = False,
     force: Annotated[bool, typer.Option("--force", help="Overwrite files.")] = False,
 ) -> None:
     """Calibrate a stereo camera from pairs of pictures of a board."""
     from lmkit.board_pairs import find_board_pairs
-    from lmkit.calibrate.stereo import DISTORTION_COUNT, calibrate_stereo
+    from lmkit.calibrate.stereo import MODELS, calibrate_stereo
     from lmkit.formats.files import check_writable, write_file
     from lmkit.formats.rig import rig_to_yaml
     from lmkit.formats.sources import list_pictures
     from lmkit.model.board import BoardSpec
 
     spec = BoardSpec.parse(board)
-    if model not in DISTORTION_COUNT:
-        raise InputError("bad_model", f"--model {model} is unknown", f"choose {', '.join(DISTORTION_COUNT)}")
+    if model not in MODELS:
+        raise InputError("bad_model", f"--model {model} is unknown", f"choose {', '.join(MODELS)}")
     for path in (output, report):
         if path is not None:
             check_writable(path, force)
@@ -47,7 +49,7 @@ def run(
         next(ticks, None)
 
     pairs = find_board_pairs(left_files, right_files, spec, on_pair)
-    result = calibrate_stereo(pairs.views, spec, pairs.image_size, model, pairs.rejected)
+    result = calibrate_stereo(pairs.views, pairs.board, pairs.image_size, model, pairs.rejected)
     if output is not None:
         write_file(output, rig_to_yaml(result.rig), force)
     if report is not None:

@@ -8,6 +8,7 @@ from collections.abc import Iterable, Iterator
 from typing import Any, TypeVar
 
 Item = TypeVar("Item")
+BOARD_HELP = "chessboard:9x6:30mm, charuco:8x6:30mm:22mm:DICT_5X5_100[:legacy] or landmarks:4x3:60mm:48mm[:FIRST]"
 
 
 def print_json(data: dict[str, Any]) -> None:

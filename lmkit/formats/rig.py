@@ -34,6 +34,8 @@ class _Transform(Document):
 
 class _Uncertainty(Document):
     T_right_left: Matrix6
+    left_sigma: list[float] | None = None
+    right_sigma: list[float] | None = None
 
 
 class _RigFile(Document):
@@ -52,9 +54,11 @@ def read_rig(path: Path) -> StereoRig:
         InputError: not readable or not valid; names the key.
     """
     data = read_document(path, _RigFile, "rig file")
-    covariance = None
+    covariance = sigma = None
     if data.uncertainty is not None:
         covariance = np.array(data.uncertainty.T_right_left)
+        if data.uncertainty.left_sigma is not None and data.uncertainty.right_sigma is not None:
+            sigma = (np.array(data.uncertainty.left_sigma), np.array(data.uncertainty.right_sigma))
     base = data.T_base_left
     return StereoRig(
         left=_camera(path, "left", data.left),
@@ -62,6 +66,7 @@ def read_rig(path: Path) -> StereoRig:
         T_right_left=_pose(path, "T_right_left", "right", "left", data.T_right_left),
         T_base_left=None if base is None else _pose(path, "T_base_left", "base", "left", base),
         covariance=covariance,
+        intrinsics_sigma=sigma,
     )
 
 
@@ -77,6 +82,9 @@ def rig_to_yaml(rig: StereoRig) -> str:
         data["T_base_left"] = {"R": rig.T_base_left.R.tolist(), "t": rig.T_base_left.t.tolist()}
     if rig.covariance is not None:
         data["uncertainty"] = {"T_right_left": rig.covariance.tolist()}
+        if rig.intrinsics_sigma is not None:
+            for key, sigma in zip(("left_sigma", "right_sigma"), rig.intrinsics_sigma, strict=True):
+                data["uncertainty"][key] = sigma.tolist()
     return dump_yaml(data)
 
 

@@ -7,9 +7,10 @@ import numpy as np
 
 from lmkit.formats.template import PAPERS_MM
 from lmkit.generate.artwork import FilledPath
-from lmkit.generate.page import GREY, Page, Text, rectangle
+from lmkit.generate.page import GREY, Page, PrintedFace, Text, rectangle
 from lmkit.model.board import BoardSpec
 from lmkit.model.charuco import charuco_board, charuco_dictionary
+from lmkit.model.landmark import LM8
 from lmkit.model.palette import BLACK, WHITE
 
 EDGE_MM = 8.0
@@ -25,25 +26,46 @@ def compose_board_page(board: BoardSpec) -> Page:
     Raises:
         InputError: the board's markers cannot be made.
     """
-    columns, rows = board.squares
-    square = board.square_mm
-    width, height = columns * square, rows * square
+    width, height = board.pattern_mm
     need = (width + 2 * EDGE_MM, height + 2 * EDGE_MM + LABEL_MM)
     w, h = PAPERS_MM["a4"]
     paper = next((p for p in ((w, h), (h, w)) if need[0] <= p[0] and need[1] <= p[1]), need)
     x0, y0 = (paper[0] - width) / 2, (paper[1] - LABEL_MM - height) / 2
-    items: list[FilledPath | Text] = []
-    if board.kind == "charuco":
-        items += _charuco_items(board, x0, y0)
+    faces: tuple[PrintedFace, ...] = ()
+    if board.kind == "landmarks":
+        faces = _landmark_faces(board, x0, y0)
+        items: list[FilledPath | Text] = [path for face in faces for path in face.artwork]
+        across = "outer border to outer border"
     else:
-        # Row and column parity 0 is black, as in OpenCV's own board.
-        for row in range(rows):
-            for column in range(columns):
-                if (row + column) % 2 == 0:
-                    items.append(rectangle("mark", BLACK, x0 + column * square, y0 + row * square, square, square))
-    text = f"{board}, print at 100 %; {columns} squares across must measure {width:g} mm"
+        items = _charuco_items(board, x0, y0) if board.kind == "charuco" else _chessboard_items(board, x0, y0)
+        across = f"{board.squares[0]} squares across and {board.squares[1]} down"
+    text = f"{board}, print at 100 %; {across} must measure {width:g} x {height:g} mm"
     items.append(Text((paper[0] / 2, y0 + height + EDGE_MM + 2.5), text, min(3.6, width / 40), "middle", GREY))
-    return Page(paper, tuple(items), f"lmkit board {board}")
+    return Page(paper, tuple(items), f"lmkit board {board}", faces)
+
+
+def _landmark_faces(board: BoardSpec, x0: float, y0: float) -> tuple[PrintedFace, ...]:
+    middle = board.marker_mm / 2
+    return tuple(
+        PrintedFace(
+            LM8,
+            code,
+            board.marker_mm,
+            (x0 + middle + column * board.square_mm, y0 + middle + row * board.square_mm),
+        )
+        for code, (row, column) in zip(board.codes, np.ndindex(board.rows, board.columns), strict=True)
+    )
+
+
+def _chessboard_items(board: BoardSpec, x0: float, y0: float) -> list[FilledPath | Text]:
+    """Row and column parity 0 is black, as in OpenCV's own board."""
+    columns, rows = board.squares
+    side = board.square_mm
+    return [
+        rectangle("mark", BLACK, x0 + column * side, y0 + row * side, side, side)
+        for row, column in np.ndindex(rows, columns)
+        if (row + column) % 2 == 0
+    ]
 
 
 def _charuco_items(board: BoardSpec, x0: float, y0: float) -> list[FilledPath | Text]:

@@ -2,17 +2,22 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from lmkit.arrays import FloatArray
 from lmkit.errors import InputError
+from lmkit.model.landmark import LM8
 from lmkit.units import parse_length_mm
 
+KINDS = ("chessboard", "charuco", "landmarks")
+MOST_STRETCH = 0.1
+LEAST_GAP = 1 / 9  # of a landmark's side: the white that two neighbours need between them
 _HINT = (
-    "write chessboard:9x6:30mm (inner corners and square) or "
-    "charuco:8x6:30mm:22mm:DICT_5X5_100 (squares, square, marker, dictionary; :legacy may follow)"
+    "write chessboard:9x6:30mm (inner corners and square), "
+    "charuco:8x6:30mm:22mm:DICT_5X5_100 (squares, square, marker, dictionary; :legacy may follow) or "
+    "landmarks:4x3:60mm:48mm (landmarks, middle to middle, side; the first code may follow)"
 )
 
 
@@ -21,12 +26,14 @@ class BoardSpec:
     """A flat calibration target.
 
     Attributes:
-        kind: ``chessboard`` or ``charuco``.
-        columns, rows: chessboard: INNER corners; charuco: squares.
-        square_mm: side of a square.
-        marker_mm: side of a marker (charuco).
+        kind: ``chessboard``, ``charuco`` or ``landmarks``.
+        columns, rows: chessboard: INNER corners; charuco: squares; landmarks: landmarks.
+        square_mm: side of a square; landmarks: from middle to middle.
+        marker_mm: side of a marker (charuco) or landmark (landmarks).
         dictionary: name of the marker dictionary (charuco).
         legacy: the marker layout of OpenCV before 4.6 (charuco with an even number of rows).
+        first_code: of the landmark at the top left; the others follow row by row (landmarks).
+        stretch: what the print measures in x and y, over what it should.
     """
 
     kind: str
@@ -36,53 +43,115 @@ class BoardSpec:
     marker_mm: float = 0.0
     dictionary: str = ""
     legacy: bool = False
+    first_code: int = 0
+    stretch: tuple[float, float] = (1.0, 1.0)
 
     @classmethod
     def parse(cls, text: str) -> BoardSpec:
-        """Read ``chessboard:9x6:30mm`` or ``charuco:8x6:30mm:22mm:DICT_5X5_100[:legacy]``.
+        """Read a specification, such as ``chessboard:9x6:30mm``; see the hint of its errors for the others.
 
         Raises:
             InputError: the text is not such a specification.
         """
         kind, *parts = text.strip().split(":")
-        counts = {"chessboard": (2,), "charuco": (4, 5)}.get(kind)
+        counts = {"chessboard": (2,), "charuco": (4, 5), "landmarks": (3, 4)}.get(kind)
         if counts is None or len(parts) not in counts or (len(parts) == 5 and parts[4] != "legacy"):
             raise InputError("bad_board", f"board {text!r} is not a board specification", _HINT)
+        least = 1 if kind == "landmarks" else 2
         columns, _, rows = parts[0].lower().partition("x")
-        if not (columns.isdecimal() and rows.isdecimal() and 2 <= int(columns) <= 100 and 2 <= int(rows) <= 100):
+        if not (columns.isdecimal() and rows.isdecimal() and all(least <= int(n) <= 100 for n in (columns, rows))):
             raise InputError("bad_board", f"{parts[0]!r} in board {text!r} is not COLUMNSxROWS", _HINT)
+        size = (int(columns), int(rows))
         square_mm = parse_length_mm(parts[1], f"square of board {text!r}")
         if kind == "chessboard":
-            return cls(kind, int(columns), int(rows), square_mm)
+            return cls(kind, *size, square_mm)
         marker_mm = parse_length_mm(parts[2], f"marker of board {text!r}")
-        if marker_mm >= square_mm:
+        if kind == "charuco":
+            if marker_mm >= square_mm:
+                raise InputError(
+                    "bad_board", f"marker {parts[2]} of board {text!r} is not smaller than its square", _HINT
+                )
+            return cls(kind, *size, square_mm, marker_mm, parts[3].upper(), len(parts) == 5)
+        if square_mm < marker_mm * (1 + LEAST_GAP):
             raise InputError(
-                "bad_board", f"marker {parts[2]} of board {text!r} is not smaller than its square", _HINT
+                "bad_board",
+                f"landmarks of {parts[2]} every {parts[1]} leave less than {LEAST_GAP * marker_mm:.3g} mm of white",
+                f"place them at least {marker_mm * (1 + LEAST_GAP):.4g}mm apart",
             )
-        return cls(kind, int(columns), int(rows), square_mm, marker_mm, parts[3].upper(), len(parts) == 5)
+        first = parts[3] if len(parts) == 4 else "0"
+        if not first.isdecimal() or int(first) + size[0] * size[1] > LM8.code_count:
+            raise InputError(
+                "bad_board",
+                f"first code {first!r} of board {text!r}: {size[0] * size[1]} codes from it are not in 0 to "
+                f"{LM8.code_count - 1}",
+                _HINT,
+            )
+        return cls(kind, *size, square_mm, marker_mm, first_code=int(first))
 
     def __str__(self) -> str:
         text = f"{self.kind}:{self.columns}x{self.rows}:{self.square_mm:g}mm"
         if self.kind == "charuco":
             text += f":{self.marker_mm:g}mm:{self.dictionary}" + (":legacy" if self.legacy else "")
+        if self.kind == "landmarks":
+            text += f":{self.marker_mm:g}mm" + (f":{self.first_code}" if self.first_code else "")
         return text
+
+    def measured(self, width_mm: float, height_mm: float) -> BoardSpec:
+        """The board as printed, by what its pattern measures over all (see :attr:`pattern_mm`).
+
+        Raises:
+            InputError: more than a tenth from what it should be: rather another board.
+        """
+        should = self.pattern_mm
+        stretch = (width_mm / should[0], height_mm / should[1])
+        if max(abs(s - 1) for s in stretch) > MOST_STRETCH:
+            raise InputError(
+                "bad_measure",
+                f"--measured {width_mm:g}x{height_mm:g}: the pattern of {self} is {should[0]:g} x {should[1]:g} mm",
+                "measure the whole pattern, outer edge to outer edge, in mm; width first",
+            )
+        return replace(self, stretch=stretch)
+
+    @property
+    def pattern_mm(self) -> tuple[float, float]:
+        """(width, height) of all squares, or from the first landmark's border to the last one's."""
+        if self.kind == "landmarks":
+            gap = self.square_mm - self.marker_mm
+            return self.columns * self.square_mm - gap, self.rows * self.square_mm - gap
+        columns, rows = self.squares
+        return columns * self.square_mm, rows * self.square_mm
 
     @property
     def inner_corners(self) -> tuple[int, int]:
-        """Inner corners per row and per column."""
+        """Inner corners per row and per column (chessboard, charuco)."""
         if self.kind == "charuco":
             return self.columns - 1, self.rows - 1
         return self.columns, self.rows
 
     @property
     def squares(self) -> tuple[int, int]:
-        """Squares per row and per column."""
+        """Squares per row and per column (chessboard, charuco)."""
         columns, rows = self.inner_corners
         return columns + 1, rows + 1
 
     @property
+    def codes(self) -> tuple[int, ...]:
+        """Of a board of landmarks, row by row."""
+        return tuple(range(self.first_code, self.first_code + self.columns * self.rows))
+
+    @property
     def object_points(self) -> FloatArray:
-        """(N,3) inner corners row by row, metres; x along a row, y down the rows, z = 0."""
-        columns, rows = self.inner_corners
-        y, x = np.mgrid[0:rows, 0:columns]
-        return np.column_stack([x.ravel(), y.ravel(), np.zeros(x.size)]) * (self.square_mm / 1000)
+        """(N,3) metres; x along a row, y down the rows, z = 0.
+
+        Inner corners row by row; of landmarks, row by row, the four corners of each: top left first,
+        then clockwise.
+        """
+        if self.kind == "landmarks":
+            y, x = np.mgrid[0 : self.rows, 0 : self.columns] * self.square_mm
+            corners = np.array([[0, 0], [1, 0], [1, 1], [0, 1]]) * self.marker_mm
+            points = (np.column_stack([x.ravel(), y.ravel()])[:, None] + corners).reshape(-1, 2)
+        else:
+            columns, rows = self.inner_corners
+            y, x = np.mgrid[0:rows, 0:columns] * self.square_mm
+            points = np.column_stack([x.ravel(), y.ravel()])
+        return np.column_stack([points * self.stretch, np.zeros(len(points))]) / 1000

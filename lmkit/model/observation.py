@@ -47,10 +47,32 @@ class BoardObservation:
     Attributes:
         ids: (N,) indices of the board's corners (rows of ``BoardSpec.object_points``).
         image_points: (N,2) those corners in pixels.
+        noise_px: standard deviation of one coordinate, if estimated.
     """
 
     ids: IntArray
     image_points: FloatArray
+    noise_px: float | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class PairView:
+    """A board's corners in the two pictures of a stereo pair.
+
+    Attributes:
+        name: of the pair.
+        ids_left, ids_right: (N,), (M,) rows of the board's object points.
+        left, right: (N,2), (M,2) pixels.
+        noise_left, noise_right: standard deviation of one coordinate, px, or None where unknown.
+    """
+
+    name: str
+    ids_left: IntArray
+    left: FloatArray
+    ids_right: IntArray
+    right: FloatArray
+    noise_left: float | None = None
+    noise_right: float | None = None
 
 
 @dataclass(frozen=True)

@@ -21,6 +21,8 @@ class StereoRig:
         T_base_left: where the left camera sits on the robot's base, if known.
         covariance: (6,6) of T_right_left, if known: t (m), then a rotation vector applied on the
             left (rad).
+        intrinsics_sigma: standard deviations of fx fy cx cy and the distortion of the left and of the right
+            camera, if known.
     """
 
     left: CameraModel
@@ -28,6 +30,7 @@ class StereoRig:
     T_right_left: Pose
     T_base_left: Pose | None = None
     covariance: FloatArray | None = None
+    intrinsics_sigma: tuple[FloatArray, FloatArray] | None = None
 
     def __post_init__(self) -> None:
         if (self.T_right_left.to_frame, self.T_right_left.from_frame) != ("right", "left"):

@@ -250,13 +250,14 @@ def _sheet_texture(family: LandmarkFamily, code: int) -> Float32Array:
 
 @lru_cache(maxsize=8)
 def _board_texture(board: BoardSpec) -> tuple[Float32Array, tuple[float, float]]:
-    """Texture of the page, and where the first inner corner lies on it (mm from the top left)."""
+    """Texture of the page, and where the board's first object point lies on it (mm from the top left)."""
     page = compose_board_page(board)
     texture = _linear(page, SHEET_DPI) * np.float32(0.9)
     marks = [item for item in page.items if isinstance(item, FilledPath)]
     points = [point for mark in marks for command in mark.commands for point in command[1:]]
     left, top = (min(point[axis] for point in points) for axis in (0, 1))
-    return texture, (left + board.square_mm, top + board.square_mm)
+    inwards = 0.0 if board.kind == "landmarks" else board.square_mm
+    return texture, (left + inwards, top + inwards)
 
 
 def _linear(page: Page, dpi: float) -> Float32Array:

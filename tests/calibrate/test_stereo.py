@@ -7,12 +7,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from lmkit.calibrate.problem import PairView, Solution, StereoProblem
+from lmkit.calibrate.problem import Solution, StereoProblem, _moved
 from lmkit.calibrate.report import calibration_report
 from lmkit.calibrate.stereo import calibrate_stereo
 from lmkit.errors import InputError
 from lmkit.model.board import BoardSpec
 from lmkit.model.camera import CameraModel
+from lmkit.model.observation import PairView
 from lmkit.model.stereo_rig import StereoRig
 from lmkit.simulate.scene import board_poses, make_rig
 
@@ -107,13 +108,14 @@ def test_the_derivatives_are_those_of_finite_differences():
         np.array([p.R for p in pose]),
         np.array([p.t for p in pose]),
     )
-    _, gradient = problem._normal_equations(s, 1e9)  # so wide a loss is plain least squares
+    blocks = problem._normal_equations(s, 1e9, np.zeros(26))  # so wide a loss is plain least squares
+    gradient = np.concatenate([blocks.shared_gradient, blocks.pose_gradient.ravel()])
     for k in range(len(gradient)):
         step = np.zeros(len(gradient))
         step[k] = 1e-6
         cost = []
         for sign in (1, -1):
-            moved = problem._moved(s, sign * step)
+            moved = _moved(s, sign * step[:26], sign * step[26:].reshape(-1, 6))
             cost.append(sum(float((r**2).sum()) for pair in problem.residuals(moved) for r in pair) / 2)
         slope = (cost[1] - cost[0]) / 2e-6
         assert gradient[k] == pytest.approx(slope, rel=1e-3, abs=1e-2 * max(1, abs(slope)))
