@@ -30,7 +30,6 @@ import cv2
 import numpy as np
 
 from lmkit.board_pairs import find_board_pairs
-from lmkit.calibrate.rectify import epipolar_errors
 from lmkit.calibrate.stereo import calibrate_stereo
 from lmkit.detect.boards import same_orientation
 from lmkit.errors import LmkitError
@@ -38,6 +37,7 @@ from lmkit.model.board import BoardSpec
 from lmkit.model.camera import CameraModel
 from lmkit.model.observation import BoardObservation, PairView
 from lmkit.model.pose import Pose
+from lmkit.model.rectification import epipolar_errors
 from lmkit.model.stereo_rig import StereoRig
 
 FOLDS = 5
@@ -67,7 +67,7 @@ def load(folder: Path) -> Case:
         spec = f"chessboard:{columns}x{rows}:{about['square_mm']}mm"
     board = BoardSpec.parse(spec)
     left, right = (sorted((folder / eye).iterdir()) for eye in ("left", "right"))
-    pairs = find_board_pairs(left, right, board)
+    pairs = find_board_pairs(list(zip(left, right, strict=True)), board)
     corners = {"fused": {view.name: view for view in pairs.views}}
     if board.kind == "chessboard":
         files = list(zip(left, right, strict=True))

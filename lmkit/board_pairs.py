@@ -41,31 +41,23 @@ class BoardPairs:
 
 
 def find_board_pairs(
-    left: Sequence[Path],
-    right: Sequence[Path],
+    files: Sequence[tuple[Path, Path]],
     board: BoardSpec,
     on_pair: Callable[[int, int], None] = lambda done, total: None,
 ) -> BoardPairs:
     """Read all pairs and find the board in them.
 
     Args:
-        left, right: picture files, paired in the order given.
+        files: left and right picture of every pair.
         on_pair: told after every pair how many are done, of how many.
 
     Raises:
-        InputError: different numbers of pictures, different sizes, an unreadable picture, or
-            another board than the one specified.
+        InputError: different sizes, an unreadable picture, or another board than the one specified.
     """
-    if len(left) != len(right):
-        raise InputError(
-            "unpaired",
-            f"{len(left)} left and {len(right)} right pictures do not make pairs",
-            "give folders or globs with as many pictures each, sorted alike",
-        )
     views: list[PairView] = []
     rejected: list[tuple[str, str]] = []
     size: tuple[int, int] | None = None
-    sample = [read_image(file) for file in left[:SPEC_CHECK_PICTURES]]
+    sample = [read_image(left) for left, _ in files[:SPEC_CHECK_PICTURES]]
     other = likelier_board(sample, board)
     if other == replace(board, legacy=not board.legacy):
         board = other
@@ -76,9 +68,9 @@ def find_board_pairs(
             f"the pictures show {other}, not {board}",
             f"give --board {other} (columns x rows count {counted})",
         )
-    files = [file for pair in zip(left, right, strict=True) for file in pair]
-    with closing(map_in_processes(partial(_look, board=board), files)) as looked:
-        for done, (left_file, right_file) in enumerate(zip(left, right, strict=True), start=1):
+    both = [file for pair in files for file in pair]
+    with closing(map_in_processes(partial(_look, board=board), both)) as looked:
+        for done, (left_file, right_file) in enumerate(files, start=1):
             name = left_file.stem
             (size_left, seen_left), (size_right, seen_right) = next(looked), next(looked)
             size = size or size_left
@@ -89,32 +81,31 @@ def find_board_pairs(
                         f"{file} is {here[0]} x {here[1]} pixels, the pictures before it {size[0]} x {size[1]}",
                         "all pictures of both eyes must have the same size; set both cameras alike",
                     )
-            on_pair(done, len(left))
-            if seen_left is None or seen_right is None:
-                where = "left picture" if seen_right is not None else "right picture"
-                if seen_left is None and seen_right is None:
-                    where = "left and the right picture"
-                rejected.append((name, f"board not found in the {where}"))
-                continue
-            if board.kind == "chessboard":
-                seen_right = same_orientation(seen_left, seen_right)
-            if len(np.intersect1d(seen_left.ids, seen_right.ids)) < MIN_COMMON_CORNERS:
-                rejected.append((name, f"fewer than {MIN_COMMON_CORNERS} corners seen by both eyes"))
-                continue
-            views.append(
-                PairView(
-                    name,
-                    seen_left.ids,
-                    seen_left.image_points,
-                    seen_right.ids,
-                    seen_right.image_points,
-                    seen_left.noise_px,
-                    seen_right.noise_px,
-                )
-            )
+            on_pair(done, len(files))
+            view = pair_view(name, seen_left, seen_right, board)
+            if isinstance(view, str):
+                rejected.append((name, view))
+            else:
+                views.append(view)
     assert size is not None
-    names = {lf.stem: (lf, rf) for lf, rf in zip(left, right, strict=True)}
+    names = {left.stem: (left, right) for left, right in files}
     return BoardPairs(tuple(views), tuple(rejected), names, size, board)
+
+
+def pair_view(
+    name: str, left: BoardObservation | None, right: BoardObservation | None, board: BoardSpec
+) -> PairView | str:
+    """The board as both eyes saw it, corners in the same order; or the reason why there is no such view."""
+    if left is None or right is None:
+        where = "left picture" if right is not None else "right picture"
+        if left is None and right is None:
+            where = "left and the right picture"
+        return f"board not found in the {where}"
+    if board.kind == "chessboard":
+        right = same_orientation(left, right)
+    if len(np.intersect1d(left.ids, right.ids)) < MIN_COMMON_CORNERS:
+        return f"fewer than {MIN_COMMON_CORNERS} corners seen by both eyes"
+    return PairView(name, left.ids, left.image_points, right.ids, right.image_points, left.noise_px, right.noise_px)
 
 
 def _look(file: Path, board: BoardSpec) -> tuple[tuple[int, int], BoardObservation | None]:

@@ -16,6 +16,7 @@ from lmkit.formats.files import write_file
 from lmkit.formats.images import read_image
 from lmkit.formats.landmark_map import map_to_yaml
 from lmkit.formats.rig import rig_to_yaml
+from lmkit.formats.sources import list_pairs
 from lmkit.formats.template import load_template
 from lmkit.generate.board import compose_board_page
 from lmkit.generate.pdf import pages_to_pdf
@@ -109,13 +110,13 @@ def _photograph(folder: Path, data: Dataset, progress: Progress) -> None:
 
 
 def _calibrate(folder: Path, progress: Progress) -> StereoCalibration:
-    left, right = (sorted((folder / "boards" / eye).glob("*.png")) for eye in ("left", "right"))
-    found = find_board_pairs(left, right, BOARD, lambda done, total: progress("calibrating", done, total))
+    files = list_pairs(str(folder / "boards" / "left"), str(folder / "boards" / "right"))
+    found = find_board_pairs(files, BOARD, lambda done, total: progress("calibrating", done, total))
     result = calibrate_stereo(found.views, BOARD, found.image_size, rejected=found.rejected)
     write_file(folder / "rig.yaml", rig_to_yaml(result.rig), force=True)
     names = [view.name for view in result.used[:REPORT_PICTURES]]
     pictures = {n: (read_image(found.files[n][0]), read_image(found.files[n][1])) for n in names}
-    write_file(folder / "calibration.html", calibration_report(result, str(BOARD), pictures), force=True)
+    write_file(folder / "calibration.html", calibration_report(result, BOARD, pictures), force=True)
     return result
 
 

@@ -37,3 +37,18 @@ def parse_length_mm(text: str, what: str = "length") -> float:
     if not math.isfinite(value) or value <= 0:
         raise InputError("bad_length", f"{what} {text!r} is not positive", "give a length above 0")
     return value
+
+
+def parse_size_mm(text: str, what: str = "size") -> tuple[float, float]:
+    """Read a width and a height such as ``249.1x174.4mm``; returns millimetres.
+
+    Raises:
+        InputError: not two lengths; the unit may follow the height alone.
+    """
+    width, separator, height = text.lower().partition("x")
+    if not separator:
+        raise InputError("bad_size", f"{what} {text!r} is not WIDTHxHEIGHT", "write such as 249.1x174.4mm")
+    unit = height.strip().lstrip("0123456789. ")
+    if not width.strip().endswith(tuple(MM_PER_UNIT)):
+        width += unit
+    return parse_length_mm(width, what), parse_length_mm(height, what)

@@ -24,6 +24,7 @@ UNEQUAL_FOCALS = 0.03
 CENTRE_SHARE = 0.15
 STRONG_WARP = 0.01  # bow over the board's half size
 WEAK_BASELINE = 0.005
+BEYOND_MODEL = 0.02
 WEAK_FOCAL = 0.005
 
 
@@ -195,10 +196,23 @@ def _check_camera(
     if abs(fx / fy - 1) > UNEQUAL_FOCALS:
         message = f"focal lengths of the {name} eye differ by {100 * abs(fx / fy - 1):.1f} %: pictures stretched?"
         warnings.append(CalibrationWarning("unequal_focals", message))
+    if (beyond := _beyond_model(camera)) > BEYOND_MODEL:
+        message = (
+            f"the {name} eye's lens model ends before its picture does: {100 * beyond:.0f} % has no ray; "
+            "show the board in the corners, or try --model fisheye"
+        )
+        warnings.append(CalibrationWarning("lens_ends", message))
     if abs(cx - (width - 1) / 2) > CENTRE_SHARE * width or abs(cy - (height - 1) / 2) > CENTRE_SHARE * height:
         message = f"the {name} eye's principal point ({cx:.0f}, {cy:.0f}) is far from its middle: cropped pictures?"
         warnings.append(CalibrationWarning("principal_point", message))
     return warnings
+
+
+def _beyond_model(camera: CameraModel) -> float:
+    """Share of the picture in which the distortion has turned back."""
+    width, height = camera.image_size
+    u, v = np.meshgrid(np.linspace(0, width - 1, 24), np.linspace(0, height - 1, 18))
+    return float(1 - camera.reaches(np.column_stack([u.ravel(), v.ravel()])).mean())
 
 
 def horizontal_field_deg(camera: CameraModel) -> float | None:

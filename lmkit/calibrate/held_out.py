@@ -13,9 +13,9 @@ import numpy as np
 
 from lmkit.arrays import FloatArray, IntArray
 from lmkit.calibrate.problem import FitOptions, Solution, StereoProblem
-from lmkit.calibrate.rectify import epipolar_errors
 from lmkit.model.observation import PairView
 from lmkit.model.pose import Pose
+from lmkit.model.rectification import epipolar_errors
 from lmkit.model.stereo_rig import StereoRig
 
 FOLDS = 5
@@ -62,7 +62,11 @@ class HeldOut:
 
 
 def hold_out(
-    object_points: FloatArray, views: Sequence[PairView], rows: Sequence[int], solution: Solution
+    object_points: FloatArray,
+    views: Sequence[PairView],
+    rows: Sequence[int],
+    solution: Solution,
+    options: FitOptions | None = None,
 ) -> HeldOut | None:
     """The errors of the solution's kind of rig on pairs held out; None with fewer than five pairs.
 
@@ -70,6 +74,7 @@ def hold_out(
         views: all pairs.
         rows: those that are used.
         solution: fitted to these; the folds start from it.
+        options: what each fold fits; everything by default.
     """
     views = [views[k] for k in rows]
     count = len(views)
@@ -80,7 +85,7 @@ def hold_out(
     for k in range(FOLDS):
         seen, unseen = np.flatnonzero(fold != k), np.flatnonzero(fold == k)
         fitted = StereoProblem(object_points, [views[int(i)] for i in seen]).solve(
-            solution.with_poses(seen), FitOptions()
+            solution.with_poses(seen), options or FitOptions()
         )
         errors[unseen] = errors_on(
             object_points, [views[int(i)] for i in unseen], fitted, solution.with_poses(unseen)

@@ -157,6 +157,10 @@ class StereoProblem:
         left, right = self._residuals(s)
         return list(zip(self.left.per_pair(left), self.right.per_pair(right), strict=True))
 
+    def mean_error(self, s: Solution) -> float:
+        """Mean distance, px, of all corners from where the solution puts them."""
+        return float(np.linalg.norm(np.concatenate(self._residuals(s)), axis=1).mean())
+
     def rms(self, s: Solution) -> FloatArray:
         """(P,) root mean square distance of each pair's corners, px, as if all pictures were equally sharp."""
         left, right = (eye.per_pair(r) for eye, r in zip((self.left, self.right), self._whitened(s), strict=True))

@@ -10,101 +10,216 @@ import cv2
 import numpy as np
 
 from lmkit.arrays import ByteArray, FloatArray
-from lmkit.calibrate.rectify import rectify_pair
+from lmkit.calibrate import report_plots as plots
+from lmkit.calibrate.coverage import TILTED_DEG
+from lmkit.calibrate.problem import intrinsics_vector
 from lmkit.calibrate.stereo import StereoCalibration
-from lmkit.model.camera import CameraModel
+from lmkit.calibrate.uncertainty import MATCHING_PX, NEAR_M, projection_uncertainty
+from lmkit.model.board import BoardSpec
+from lmkit.model.rectification import rectification, rectify_pair, with_lines_across
 
 GOOD_EPIPOLAR_PX = 0.2
 FAIR_EPIPOLAR_PX = 0.5
+_DISTORTION = {
+    "fisheye": ("k1", "k2", "k3", "k4"),
+    "": ("k1", "k2", "p1", "p2", "k3", "k4", "k5", "k6", "s1", "s2", "s3", "s4", "τx", "τy"),
+}
+
+_STATISTICS = ("corners", "mean x", "mean y", "spread x", "spread y", "median", "95 %", "largest")
 
 _STYLE = """
 :root { color-scheme: light dark; --line: #8884; --good: #1a7f37; --fair: #9a6700; --poor: #cf222e; }
-body { font: 16px/1.5 system-ui, sans-serif; max-width: 60rem; margin: 2rem auto; padding: 0 1rem; }
-h1 { font-size: 1.5rem; margin-bottom: 0; } h2 { font-size: 1.15rem; margin-top: 2.2rem; }
+body { font: 16px/1.5 system-ui, sans-serif; max-width: 66rem; margin: 2rem auto; padding: 0 1rem; }
+h1 { font-size: 1.5rem; margin-bottom: 0; } h2 { font-size: 1.15rem; margin-top: 2.4rem; margin-bottom: .4rem; }
 .verdict { border-left: 6px solid var(--tone); padding: .6rem 1rem; background: #8881; font-size: 1.1rem; }
-table { border-collapse: collapse; } td, th { padding: .25rem .9rem .25rem 0; text-align: left; }
-tr { border-bottom: 1px solid var(--line); } td.n { text-align: right; font-variant-numeric: tabular-nums; }
-figure { margin: 1rem 0; } figcaption { font-size: .9rem; opacity: .8; } img, svg { max-width: 100%; height: auto; }
-.grid { display: grid; grid-template-columns: repeat(auto-fill, minmax(17rem, 1fr)); gap: .8rem; }
+.verdict b { display: block; font-size: 1.25rem; } p.note { margin: .3rem 0; opacity: .8; max-width: 46rem; }
+table { border-collapse: collapse; margin: .5rem 0; } td, th { padding: .25rem .9rem .25rem 0; text-align: left; }
+tr { border-bottom: 1px solid var(--line); } .n { text-align: right; font-variant-numeric: tabular-nums; }
+figure { margin: .6rem 0; } figcaption { font-size: .9rem; opacity: .8; }
+img, svg { max-width: 100%; height: auto; display: block; }
+.grid { display: grid; grid-template-columns: repeat(auto-fill, minmax(18.5rem, 1fr)); gap: .2rem 1.4rem; }
+.grid.two { grid-template-columns: repeat(auto-fill, minmax(24rem, 1fr)); }
 """
 
 
 def calibration_report(
-    result: StereoCalibration, board: str, pictures: Mapping[str, tuple[ByteArray, ByteArray]]
+    result: StereoCalibration, board: BoardSpec, pictures: Mapping[str, tuple[ByteArray, ByteArray]]
 ) -> str:
     """The report.
 
     Args:
-        board: the board's specification.
         pictures: left and right picture by pair name, of the pairs to show.
     """
-    tone, verdict = _verdict(result)
+    tone, headline, reason = _verdict(result)
     parts = [
         "<!doctype html><html lang='en'><head><meta charset='utf-8'>",
         "<meta name='viewport' content='width=device-width,initial-scale=1'>",
         f"<title>Stereo calibration</title><style>{_STYLE}</style></head><body>",
-        f"<h1>Stereo calibration</h1><p>{escape(board)}, {len(result.used)} pairs used</p>",
-        f"<p class='verdict' style='--tone: var(--{tone})'>{escape(verdict)}</p>",
+        f"<h1>Stereo calibration</h1><p>{escape(str(board))}, {len(result.used)} pairs used, "
+        f"{len(result.rejected)} left out</p>",
+        f"<p class='verdict' style='--tone: var(--{tone})'><b>{escape(headline)}</b>{escape(reason)}</p>",
+        _warnings(result),
+        _figures(result),
+        _depth(result),
+        _coverage(result),
+        _residual_plots(result),
+        _uncertainty(result),
+        _cameras(result),
+        _space(result, board),
+        _pair_table(result),
     ]
-    if result.warnings:
-        items = "".join(
-            f"<li>{escape(w.message)}{': ' + escape(', '.join(w.pairs)) if w.pairs else ''}</li>"
-            for w in result.warnings
-        )
-        parts.append(f"<h2>Warnings</h2><ul>{items}</ul>")
-    parts += [_figures(result), _cameras(result), _residual_plots(result), _pair_table(result)]
     shown = [name for name in (view.name for view in result.used) if name in pictures]
     if shown:
+        parts.append("<h2>A rectified pair</h2>")
+        parts.append(_rectified(result, shown[0], pictures[shown[0]]))
         parts.append("<h2>Corners as detected</h2><div class='grid'>")
         parts += [_detections(result, name, pictures[name]) for name in shown]
-        parts.append("</div><h2>A rectified pair</h2>")
-        parts.append(_rectified(result, shown[0], pictures[shown[0]]))
+        parts.append("</div>")
     parts.append("</body></html>")
     return "\n".join(parts)
 
 
-def _verdict(result: StereoCalibration) -> tuple[str, str]:
+def _verdict(result: StereoCalibration) -> tuple[str, str, str]:
     error = result.held_out_epipolar_px
     if error is None:
         return (
             "poor",
-            "Too few pairs to judge this calibration on pictures it has not seen. Take ten or more.",
+            "Not enough pairs to tell.",
+            "A calibration is judged on pairs that it has not seen: too few for that. Take ten or more.",
         )
-    size = f"Rows of unseen pairs match to {error:.3f} px on average"
+    size = f"Rows of pairs that the fit had not seen match to {error:.3f} px on average"
+    doubts = len(result.warnings)
+    if error <= GOOD_EPIPOLAR_PX and not doubts:
+        return "good", "Good.", f"{size}, and nothing speaks against it."
     if error <= GOOD_EPIPOLAR_PX:
-        return "good", f"Good. {size}."
+        some = "There is a warning" if doubts == 1 else f"There are {doubts} warnings"
+        return "fair", "Precise, with reservations.", f"{size}. {some} below; mend what you can and calibrate again."
     if error <= FAIR_EPIPOLAR_PX:
         return (
             "fair",
-            f"Usable. {size}; below {GOOD_EPIPOLAR_PX} px is what sharp pictures of a flat board reach.",
+            "Usable.",
+            f"{size}; below {GOOD_EPIPOLAR_PX} px is what sharp pictures of a flat board reach.",
         )
-    return "poor", f"Poor. {size}; expect wrong depth. See the warnings and the pairs with large errors."
+    return "poor", "Poor.", f"{size}; expect wrong depth. See the warnings and the pairs with large errors."
+
+
+def _warnings(result: StereoCalibration) -> str:
+    if not result.warnings:
+        return ""
+    items = "".join(f"<li>{escape(w.message)}</li>" for w in result.warnings)
+    return f"<h2>Warnings</h2><ul>{items}</ul>"
 
 
 def _figures(result: StereoCalibration) -> str:
-    held = "unknown" if result.held_out_epipolar_px is None else f"{result.held_out_epipolar_px:.3f} px"
+    held = result.held_out
     rows = [
-        ("Mean row error of pairs held out (5 folds)", held),
-        ("Reprojection error of the fit, both / left / right",
+        (
+            "Row error of pairs held out (five folds), mean",
+            "unknown" if held is None else f"{held.mean_epipolar_px:.3f} px",
+        ),
+        ("Reprojection error of those, mean", "unknown" if held is None else f"{held.mean_reprojection_px:.3f} px"),
+        ("Reprojection error of the fit, root mean square: both / left / right",
          f"{result.rms_px:.3f} / {result.rms_left_px:.3f} / {result.rms_right_px:.3f} px"),
         ("Baseline", f"{result.rig.baseline_m * 1000:.3f} ± {result.baseline_sigma_m * 1000:.3f} mm"),
         ("Bow of the board, along x / y", " / ".join(f"{w * 1000:.2f}" for w in result.solution.warp) + " mm"),
     ]  # fmt: skip
-    body = "".join(f"<tr><td>{a}</td><td class='n'>{b}</td></tr>" for a, b in rows)
+    if len(result.models) > 1:
+        tried = ", ".join(f"{name} {error:.3f}" for name, error in result.models.items())
+        rows.append(("Camera model (reprojection error on pairs held out)", f"{result.rig.left.model} ({tried})"))
+    body = "".join(f"<tr><td>{a}</td><td class='n'>{escape(b)}</td></tr>" for a, b in rows)
     return f"<h2>Figures</h2><table>{body}</table>"
 
 
-def _cameras(result: StereoCalibration) -> str:
-    def row(name: str, camera: CameraModel) -> str:
-        K = camera.K
-        values = [K[0, 0], K[1, 1], K[0, 2], K[1, 2]]
-        cells = "".join(f"<td class='n'>{v:.2f}</td>" for v in values)
-        distortion = ", ".join(f"{v:.4f}" for v in camera.distortion)
-        return f"<tr><td>{name}</td><td>{camera.model}</td>{cells}<td>{distortion}</td></tr>"
+def _depth(result: StereoCalibration) -> str:
+    rows = "".join(
+        f"<tr><td class='n'>{e.depth_m:g} m</td><td class='n'>± {e.calibration_m * 1000:.1f} mm</td>"
+        f"<td class='n'>± {e.total_m * 1000:.1f} mm</td></tr>"
+        for e in result.depth_errors
+    )
+    note = (
+        f"Standard deviations for a point straight ahead: from this calibration alone, and with corners matched to "
+        f"{MATCHING_PX:g} px in each eye. A wrong square size is not in them: it scales every depth alike."
+    )
+    head = "<tr><th class='n'>depth</th><th class='n'>calibration</th><th class='n'>in all</th></tr>"
+    return f"<h2>Depth error to expect</h2><table>{head}{rows}</table><p class='note'>{note}</p>"
 
-    head = "<tr><th>eye</th><th>model</th><th>fx</th><th>fy</th><th>cx</th><th>cy</th><th>distortion</th></tr>"
+
+def _coverage(result: StereoCalibration) -> str:
+    c, size = result.coverage, result.rig.left.image_size
+    figures = [
+        (
+            plots.corner_cover(np.concatenate([getattr(v, eye) for v in result.used]), c.cells[k], size, color),
+            f"{eye.capitalize()} eye: all corners; red where none was. {100 * c.filled(k):.0f} % filled.",
+        )
+        for k, (eye, color) in enumerate((("left", plots.LEFT), ("right", plots.RIGHT)))
+    ]
+    near, far = c.distances_m.min(), c.distances_m.max()
+    figures.append(
+        (plots.tilt_plot(c.tilts_deg, TILTED_DEG), f"Tilt of every view. Distances {near:.2f} to {far:.2f} m.")
+    )
+    if c.advice:
+        advice = (
+            "<p><b>Take these views next:</b></p><ul>" + "".join(f"<li>{escape(a)}</li>" for a in c.advice) + "</ul>"
+        )
+    else:
+        advice = "<p class='note'>The views cover what a calibration needs.</p>"
+    return f"<h2>Coverage</h2>{advice}{_grid(figures)}"
+
+
+def _uncertainty(result: StereoCalibration) -> str:
+    s = result.solution
+    assert s.covariance is not None
+    nl, nr = len(intrinsics_vector(s.left)), len(intrinsics_vector(s.right))
+    maps = [
+        (eye, depth, camera, projection_uncertainty(camera, s.covariance[at : at + count, at : at + count], depth))
+        for eye, camera, at, count in (("Left", s.left, 0, nl), ("Right", s.right, nl, nr))
+        for depth in (NEAR_M, None)
+    ]
+    largest = max(float(np.nanpercentile(values, 90)) for *_, values in maps)
+    figures = [
+        (
+            plots.heat_map(values, camera.image_size, largest),
+            f"{eye} eye, {'far away' if depth is None else f'at {depth:g} m'}: "
+            f"{np.nanmin(values):.3f} to {np.nanmax(values):.3f} px.",
+        )
+        for eye, depth, camera, values in maps
+    ]
+    note = (
+        "Standard deviation of where a point projects, px, from what the pictures leave open of the intrinsics. "
+        "Where it is large, show the board; grey: no ray of the lens model ends there."
+    )
+    return f"<h2>Projection uncertainty</h2><p class='note'>{note}</p>{_grid(figures, 'two')}"
+
+
+def _cameras(result: StereoCalibration) -> str:
     rig = result.rig
-    return f"<h2>Cameras, pixels</h2><table>{head}{row('left', rig.left)}{row('right', rig.right)}</table>"
+    assert rig.intrinsics_sigma is not None
+    names = ("fx", "fy", "cx", "cy", *_DISTORTION.get(rig.left.model, _DISTORTION[""]))
+    columns = [
+        (intrinsics_vector(camera), sigma)
+        for camera, sigma in zip((rig.left, rig.right), rig.intrinsics_sigma, strict=True)
+    ]
+    rows = []
+    for k in range(max(len(values) for values, _ in columns)):
+        digits = 2 if k < 4 else 5
+        cells = "".join(
+            f"<td class='n'>{values[k]:.{digits}f}</td><td class='n'>± {sigma[k]:.{digits}f}</td>"
+            for values, sigma in columns
+        )
+        rows.append(f"<tr><td>{names[k]}</td>{cells}</tr>")
+    head = f"<tr><th>{rig.left.model}</th><th class='n'>left</th><th></th><th class='n'>right</th><th></th></tr>"
+    table = f"<h2>Cameras, pixels</h2><table>{head}{''.join(rows)}</table>"
+    relation = np.zeros(6) if rig.covariance is None else np.sqrt(np.diag(rig.covariance))
+    shift, turn = rig.T_right_left.t * 1000, np.rad2deg(rig.T_right_left.rvec)
+    lines = [
+        (f"shift {axis}", f"{value:.3f}", f"± {sigma:.3f} mm")
+        for axis, value, sigma in zip("xyz", shift, relation[:3] * 1000, strict=True)
+    ] + [
+        (f"turn about {axis}", f"{value:.4f}", f"± {sigma:.4f} deg")
+        for axis, value, sigma in zip("xyz", turn, np.rad2deg(relation[3:]), strict=True)
+    ]
+    body = "".join(f"<tr><td>{a}</td><td class='n'>{b}</td><td class='n'>{c}</td></tr>" for a, b, c in lines)
+    return f"{table}<h2>Left eye in the right eye's frame (T_right_left)</h2><table>{body}</table>"
 
 
 def _residual_plots(result: StereoCalibration) -> str:
@@ -113,40 +228,35 @@ def _residual_plots(result: StereoCalibration) -> str:
     at_left = np.concatenate([view.left for view in result.used])
     at_right = np.concatenate([view.right for view in result.used])
     size = result.rig.left.image_size
-    figures = (
-        (_scatter(left, right), "All residuals, px (left blue, right orange)."),
-        (_arrows(at_left, left, size), "Left eye, residuals 100 times enlarged."),
-        (_arrows(at_right, right, size), "Right eye, the same."),
-    )
-    body = "".join(f"<figure>{plot}<figcaption>{text}</figcaption></figure>" for plot, text in figures)
-    return f"<h2>Residuals</h2><div class='grid'>{body}</div>"
+    enlarged = f"Left eye, {plots.ENLARGED} times enlarged. Neighbours that agree: the lens model does not fit."
+    figures = [
+        (plots.residual_scatter(left, right), "All residuals (left blue, right orange)."),
+        (plots.residual_histogram(left, right), "Their sizes; dashed: normal curves of the same middle spread."),
+        (plots.residual_arrows(at_left, left, size, plots.LEFT), enlarged),
+        (plots.residual_arrows(at_right, right, size, plots.RIGHT), "Right eye, the same."),
+    ]
+    rows = "".join(_statistics(name, values) for name, values in (("left", left), ("right", right)))
+    head = "<tr><th>eye</th>" + "".join(
+        f"<th class='n'>{name}</th>" for name in _STATISTICS
+    ) + "</tr>"  # fmt: skip
+    return f"<h2>Residuals</h2><table>{head}{rows}</table>{_grid(figures, 'two')}"
 
 
-def _scatter(left: FloatArray, right: FloatArray) -> str:
-    reach = max(0.2, float(np.percentile(np.abs(np.concatenate([left, right])), 99.5)))
-    dots = []
-    for points, color in ((left, "#2f6fde"), (right, "#e8833a")):
-        for x, y in np.clip(points / reach, -1, 1) * 95:
-            dots.append(f"<circle cx='{x:.1f}' cy='{y:.1f}' r='.9' fill='{color}' fill-opacity='.55'/>")
-    return (
-        "<svg viewBox='-100 -100 200 200' width='320' role='img' aria-label='residual scatter'>"
-        "<path d='M-95 0H95M0-95V95' stroke='#888' stroke-width='.4'/>"
-        f"<text x='94' y='-3' font-size='7' text-anchor='end' fill='#888'>{reach:.2f} px</text>{''.join(dots)}</svg>"
-    )
+def _statistics(name: str, residuals: FloatArray) -> str:
+    off = np.linalg.norm(residuals, axis=1)
+    figures = [*residuals.mean(axis=0), *residuals.std(axis=0), np.median(off), np.percentile(off, 95), off.max()]
+    cells = "".join(f"<td class='n'>{value:.3f}</td>" for value in figures)
+    return f"<tr><td>{name}, px</td><td class='n'>{len(residuals)}</td>{cells}</tr>"
 
 
-def _arrows(at: FloatArray, residuals: FloatArray, size: tuple[int, int]) -> str:
-    step = max(1, len(at) // 1500)
-    lines = "".join(
-        f"M{x:.1f} {y:.1f}l{dx:.1f} {dy:.1f}"
-        for (x, y), (dx, dy) in zip(at[::step], residuals[::step] * 100, strict=True)
-    )
-    width, height = size
-    return (
-        f"<svg viewBox='0 0 {width} {height}' width='320' role='img' aria-label='residual field'>"
-        f"<rect width='{width}' height='{height}' fill='none' stroke='#888'/>"
-        f"<path d='{lines}' stroke='#2f6fde' stroke-width='{width / 450:.2f}' fill='none'/></svg>"
-    )
+def _space(result: StereoCalibration, board: BoardSpec) -> str:
+    s, points = result.solution, board.object_points
+    low, high = points.min(axis=0), points.max(axis=0)
+    rim = np.array([[low[0], low[1], 0], [high[0], low[1], 0], [high[0], high[1], 0], [low[0], high[1], 0]])
+    outlines = [rim @ R.T + t for R, t in zip(s.rotations, s.translations, strict=True)]
+    drawing = plots.scene(s.left, s.right, s.R, s.t, outlines, [view.name for view in result.used])
+    caption = "The eyes (left blue, right orange), what they see, and every pair's board; from behind and above."
+    return f"<h2>Cameras and boards in space</h2><figure>{drawing}<figcaption>{caption}</figcaption></figure>"
 
 
 def _pair_table(result: StereoCalibration) -> str:
@@ -180,11 +290,14 @@ def _detections(result: StereoCalibration, name: str, pictures: tuple[ByteArray,
 
 
 def _rectified(result: StereoCalibration, name: str, pictures: tuple[ByteArray, ByteArray]) -> str:
-    both = np.hstack(rectify_pair(result.rig, *pictures))
-    for y in range(20, both.shape[0], 40):
-        cv2.line(both, (0, y), (both.shape[1], y), (80, 220, 60), 1)
+    both = with_lines_across(*rectify_pair(result.rig, *pictures), rectification(result.rig).along)
     caption = f"Pair {escape(name)}, rectified: matching points lie on the same line."
     return f"<figure>{_img(both, 1100)}<figcaption>{caption}</figcaption></figure>"
+
+
+def _grid(figures: list[tuple[str, str]], kind: str = "") -> str:
+    body = "".join(f"<figure>{plot}<figcaption>{text}</figcaption></figure>" for plot, text in figures)
+    return f"<div class='grid {kind}'>{body}</div>"
 
 
 def _img(image: ByteArray, width: int) -> str:

@@ -164,7 +164,10 @@ def _fits(
     failed: InputError | None = None
     for model in models:
         try:
-            fits[model] = _fit(views, object_points, image_size, model, rejected)
+            to_beat = min(
+                (fit.held_out.mean_reprojection_px for fit in fits.values() if fit.held_out), default=np.inf
+            )
+            fits[model] = _fit(views, object_points, image_size, model, rejected, to_beat)
         except InputError as error:
             failed = failed or error
         except np.linalg.LinAlgError:
@@ -188,8 +191,12 @@ def _fit(
     image_size: tuple[int, int],
     model: str,
     rejected: Sequence[tuple[str, str]],
+    to_beat_px: float,
 ) -> _Fit:
-    """One model, fitted to the pairs that agree."""
+    """One model, fitted to the pairs that agree.
+
+    It is not tried on pairs held out where it does worse on those that it has seen than another on unseen ones.
+    """
     left = start_camera(object_points, [(v.ids_left, v.left) for v in views], image_size, model)
     right = start_camera(object_points, [(v.ids_right, v.right) for v in views], image_size, model)
     consensus = find_consensus(object_points, views, left, right)
@@ -210,7 +217,9 @@ def _fit(
     agreement = agreement_with(object_points, views, solution, kept)
     fair = BAD_RMS_RATIO * float(np.median(problem.rms(solution)))
     reasons = explain_disagreements(object_points, views, agreement, bad, misfits, solution, fair)
-    return _Fit(kept, reasons, agreement, solution, hold_out(object_points, views, kept, solution))
+    hopeless = problem.mean_error(solution) > to_beat_px
+    held_out = None if hopeless else hold_out(object_points, views, kept, solution)
+    return _Fit(kept, reasons, agreement, solution, held_out)
 
 
 def _rig_of(s: Solution) -> tuple[StereoRig, float]:

@@ -34,7 +34,7 @@ class DepthError:
 def projection_uncertainty(
     camera: CameraModel, covariance: FloatArray, depth_m: float | None, columns: int = 16, rows: int = 12
 ) -> FloatArray:
-    """(rows,columns) standard deviation, px, of where a point projects, over the picture.
+    """(rows,columns) standard deviation, px, of where a point projects, over the picture; NaN beyond the lens model.
 
     A camera's own pose is free: what a small turn (and for near points a shift) of the camera can make up for is no
     error of the intrinsics (after mrcal's projection uncertainty, Kogan 2021).
@@ -47,7 +47,9 @@ def projection_uncertainty(
     u, v = np.meshgrid(
         (np.arange(columns) + 0.5) / columns * width - 0.5, (np.arange(rows) + 0.5) / rows * height - 0.5
     )
-    rays = camera.unproject(np.column_stack([u.ravel(), v.ravel()]))
+    pixels = np.column_stack([u.ravel(), v.ravel()])
+    reached = camera.reaches(pixels)
+    rays = camera.unproject(pixels[reached])
     points = np.column_stack([rays, np.ones(len(rays))]) * (depth_m or 1.0)
     _, by_point, by_camera = camera.project_with_jacobian(points)
     by_turn = np.cross(points[:, None, :], by_point)
@@ -56,7 +58,9 @@ def projection_uncertainty(
     made_up = flat_pose @ np.linalg.lstsq(flat_pose, flat_camera, rcond=None)[0]
     J = (flat_camera - made_up).reshape(len(points), 2, -1)
     variance = np.einsum("nia,ab,nib->n", J, covariance, J) / 2
-    return np.asarray(np.sqrt(np.maximum(variance, 0)).reshape(rows, columns))
+    deviation = np.full(rows * columns, np.nan)
+    deviation[reached] = np.sqrt(np.maximum(variance, 0))
+    return deviation.reshape(rows, columns)
 
 
 def depth_errors(s: Solution, depths_m: tuple[float, ...] = DEPTHS_M) -> tuple[DepthError, ...]:

@@ -1,4 +1,4 @@
-"""`lmkit calibrate`: a stereo camera from pictures of a board."""
+"""`lmkit calibrate`: a stereo camera from pictures of a board; whether it still holds; what to photograph next."""
 
 from __future__ import annotations
 
@@ -11,59 +11,181 @@ from lmkit.cli.common import BOARD_HELP, print_json, print_line, progress
 from lmkit.errors import InputError
 
 if TYPE_CHECKING:
+    from lmkit.board_capture import Found
+    from lmkit.calibrate.checks import Declared
     from lmkit.calibrate.stereo import StereoCalibration
+    from lmkit.model.board import BoardSpec
 
 REPORT_PICTURES = 6
+_CAPTURE_ONLY = "--side-by-side and --save-pairs go with --capture"
 
 
 def run(
-    left: Annotated[str, typer.Argument(help="Folder or glob of left pictures.")],
-    right: Annotated[str, typer.Argument(help="Folder or glob of right pictures, paired by sorted name.")],
-    board: Annotated[str, typer.Option("--board", help=BOARD_HELP)],
+    left: Annotated[
+        str | None, typer.Argument(help="Folder or glob of left pictures; --capture: also a video or camera:0.")
+    ] = None,
+    right: Annotated[
+        str | None, typer.Argument(help="The same of the right eye; pictures are paired by sorted name.")
+    ] = None,
+    board: Annotated[str | None, typer.Option("--board", help=BOARD_HELP)] = None,
+    measured: Annotated[
+        str | None,
+        typer.Option("--measured", help="What the print measures, outer edge to outer edge, such as 249.1x174.4mm."),
+    ] = None,
     output: Annotated[Path | None, typer.Option("--output", "-o", help="Rig file to write (YAML).")] = None,
     report: Annotated[Path | None, typer.Option("--report", help="HTML report to write.")] = None,
     model: Annotated[
         str, typer.Option("--model", help="pinhole, rational, fisheye; auto: which does best on unseen pairs.")
     ] = "auto",
+    baseline: Annotated[
+        str | None, typer.Option("--baseline", help="Distance of the eyes as built, such as 120mm, to check against.")
+    ] = None,
+    fov: Annotated[
+        float | None, typer.Option("--fov", help="Horizontal field of view as declared, degrees, to check against.")
+    ] = None,
+    save_corners: Annotated[
+        Path | None, typer.Option("--save-corners", help="File for the corners found, to repeat without pictures.")
+    ] = None,
+    corners: Annotated[
+        Path | None, typer.Option("--corners", help="Corners saved before, instead of LEFT, RIGHT and --board.")
+    ] = None,
+    check: Annotated[
+        Path | None,
+        typer.Option(
+            "--check", help="Is this rig file still true for LEFT and RIGHT? Without --board: by landmarks."
+        ),
+    ] = None,
+    capture: Annotated[
+        bool, typer.Option("--capture", help="Say which view to show next; keep pairs that are sharp, new and still.")
+    ] = False,
+    side_by_side: Annotated[
+        bool, typer.Option("--side-by-side", help="--capture: every picture of LEFT shows both eyes.")
+    ] = False,
+    save_pairs: Annotated[
+        Path | None, typer.Option("--save-pairs", help="--capture: folder for the pairs kept.")
+    ] = None,
     as_json: Annotated[bool, typer.Option("--json", help="The result as one JSON object.")] = False,
     force: Annotated[bool, typer.Option("--force", help="Overwrite files.")] = False,
 ) -> None:
     """Calibrate a stereo camera from pairs of pictures of a board."""
-    from lmkit.board_pairs import find_board_pairs
-    from lmkit.calibrate.stereo import MODELS, calibrate_stereo
-    from lmkit.formats.files import check_writable, write_file
-    from lmkit.formats.rig import rig_to_yaml
-    from lmkit.formats.sources import list_pictures
-    from lmkit.model.board import BoardSpec
+    from lmkit.calibrate.stereo import MODELS
+    from lmkit.formats.files import check_writable
 
-    spec = BoardSpec.parse(board)
     if model not in MODELS:
         raise InputError("bad_model", f"--model {model} is unknown", f"choose {', '.join(MODELS)}")
-    for path in (output, report):
+    if not capture and (side_by_side or save_pairs is not None):
+        raise InputError("only_capture", _CAPTURE_ONLY, "add --capture")
+    declared = _declared(baseline, fov)
+    for path in (output, report, save_corners):
         if path is not None:
             check_writable(path, force)
-    left_files, right_files = list_pictures(left), list_pictures(right)
-    ticks = progress(iter(lambda: 0, 1), len(left_files), "finding the board")
+    if check is not None:
+        _require_no(
+            "--check",
+            {"-o": output, "--report": report, "--corners": corners, "--capture": capture or None,
+             "--baseline": baseline, "--fov": fov, "--save-corners": save_corners},
+        )  # fmt: skip
+        from lmkit.cli.calibrate_check import check_pictures
+
+        check_pictures(check, *_both(left, right), _spec(board, measured) if board is not None else None, as_json)
+        return
+    if corners is not None:
+        _require_no(
+            "--corners", {"LEFT": left, "--board": board, "--measured": measured, "--capture": capture or None}
+        )
+        from lmkit.board_capture import Found
+        from lmkit.formats.board_corners import read_corners
+
+        found = Found(read_corners(corners), {})
+    elif capture:
+        from lmkit.cli.calibrate_capture import capture_pairs
+
+        found = capture_pairs(left, right, side_by_side, _spec(board, measured), save_pairs, as_json)
+    else:
+        found = _look(*_both(left, right), _spec(board, measured))
+    _calibrate(found, model, declared, output, report, save_corners, as_json, force)
+
+
+def _spec(board: str | None, measured: str | None) -> BoardSpec:
+    from lmkit.model.board import BoardSpec
+    from lmkit.units import parse_size_mm
+
+    if board is None:
+        raise InputError("no_board", "which board do the pictures show?", f"give --board {BOARD_HELP}")
+    spec = BoardSpec.parse(board)
+    return spec if measured is None else spec.measured(*parse_size_mm(measured, "--measured"))
+
+
+def _declared(baseline: str | None, fov: float | None) -> Declared:
+    from lmkit.calibrate.checks import Declared
+    from lmkit.units import parse_length_mm
+
+    if fov is not None and not 0 < fov < 360:
+        raise InputError("bad_fov", f"--fov {fov:g} is no angle of view", "give degrees across, such as 69")
+    return Declared(None if baseline is None else parse_length_mm(baseline, "--baseline") / 1000, fov)
+
+
+def _both(left: str | None, right: str | None) -> tuple[str, str]:
+    if left is None or right is None:
+        raise InputError("no_pictures", "calibrate needs LEFT and RIGHT pictures", "see lmkit calibrate --help")
+    return left, right
+
+
+def _require_no(option: str, others: dict[str, object]) -> None:
+    for name, value in others.items():
+        if value is not None:
+            raise InputError("not_together", f"{option} and {name} do not go together", "leave one of them out")
+
+
+def _look(left: str, right: str, spec: BoardSpec) -> Found:
+    """Find the board in pairs of files."""
+    from lmkit.board_capture import Found
+    from lmkit.board_pairs import find_board_pairs
+    from lmkit.formats.board_corners import SavedCorners
+    from lmkit.formats.sources import list_pairs
+
+    files = list_pairs(left, right)
+    ticks = progress(iter(lambda: 0, 1), len(files), "finding the board")
 
     def on_pair(done: int, total: int) -> None:
         next(ticks, None)
 
-    pairs = find_board_pairs(left_files, right_files, spec, on_pair)
-    result = calibrate_stereo(pairs.views, pairs.board, pairs.image_size, model, pairs.rejected)
+    pairs = find_board_pairs(files, spec, on_pair)
+    return Found(SavedCorners(pairs.board, pairs.image_size, pairs.views, pairs.rejected), pairs.files)
+
+
+def _calibrate(
+    found: Found,
+    model: str,
+    declared: Declared,
+    output: Path | None,
+    report: Path | None,
+    save_corners: Path | None,
+    as_json: bool,
+    force: bool,
+) -> None:
+    from lmkit.calibrate.stereo import calibrate_stereo
+    from lmkit.formats.board_corners import corners_to_json
+    from lmkit.formats.files import write_file
+    from lmkit.formats.rig import rig_to_yaml
+
+    seen = found.corners
+    if save_corners is not None:
+        write_file(save_corners, corners_to_json(seen), force)
+    result = calibrate_stereo(seen.views, seen.board, seen.image_size, model, seen.rejected, declared)
     if output is not None:
         write_file(output, rig_to_yaml(result.rig), force)
     if report is not None:
         from lmkit.calibrate.report import calibration_report
-        from lmkit.formats.images import read_image
 
-        step = max(1, len(result.used) // REPORT_PICTURES)
-        names = [view.name for view in result.used[::step][:REPORT_PICTURES]]
-        pictures = {n: (read_image(pairs.files[n][0]), read_image(pairs.files[n][1])) for n in names}
-        write_file(report, calibration_report(result, str(spec), pictures), force)
+        names = [view.name for view in result.used if view.name in found.pictures]
+        step = max(1, len(names) // REPORT_PICTURES)
+        pictures = {name: found.picture(name) for name in names[::step][:REPORT_PICTURES]}
+        write_file(report, calibration_report(result, seen.board, pictures), force)
     if as_json:
         print_json(calibration_dict(result))
     else:
-        _print(result, output, report)
+        _print(result, [path for path in (output, report, save_corners) if path is not None])
 
 
 def calibration_dict(result: StereoCalibration) -> dict[str, Any]:
@@ -73,16 +195,27 @@ def calibration_dict(result: StereoCalibration) -> dict[str, Any]:
         "rms_left_px": result.rms_left_px,
         "rms_right_px": result.rms_right_px,
         "held_out_epipolar_px": result.held_out_epipolar_px,
+        "held_out_reprojection_px": None if result.held_out is None else result.held_out.mean_reprojection_px,
         "baseline_m": result.rig.baseline_m,
         "baseline_sigma_m": result.baseline_sigma_m,
         "pairs_used": [view.name for view in result.used],
         "pairs_rejected": [{"pair": name, "reason": reason} for name, reason in result.rejected],
         "warnings": [{"code": w.code, "message": w.message, "pairs": list(w.pairs)} for w in result.warnings],
         "model": result.rig.left.model,
+        "models": result.models,
+        "depth_errors": [
+            {"depth_m": e.depth_m, "calibration_m": e.calibration_m, "total_m": e.total_m}
+            for e in result.depth_errors
+        ],
+        "coverage": {
+            "left": result.coverage.filled(0),
+            "right": result.coverage.filled(1),
+            "next_views": list(result.coverage.advice),
+        },
     }
 
 
-def _print(result: StereoCalibration, output: Path | None, report: Path | None) -> None:
+def _print(result: StereoCalibration, written: list[Path]) -> None:
     held = result.held_out_epipolar_px
     print_line(f"pairs used             {len(result.used)}, rejected {len(result.rejected)}")
     print_line(f"held-out row error     {'unknown' if held is None else f'{held:.3f} px'}")
@@ -90,12 +223,16 @@ def _print(result: StereoCalibration, output: Path | None, report: Path | None) 
         f"reprojection error     {result.rms_px:.3f} px "
         f"(left {result.rms_left_px:.3f}, right {result.rms_right_px:.3f})"
     )
+    print_line(f"camera model           {result.rig.left.model}")
     print_line(f"baseline               {result.rig.baseline_m * 1e3:.3f} ± {result.baseline_sigma_m * 1e3:.3f} mm")
+    depths = ", ".join(f"{e.total_m * 1e3:.1f} mm at {e.depth_m:g} m" for e in result.depth_errors)
+    print_line(f"depth to expect        ± {depths}")
     for name, reason in result.rejected:
         print_line(f"rejected               {name}: {reason}")
     for warning in result.warnings:
         names = f" ({', '.join(warning.pairs)})" if warning.pairs else ""
         print_line(f"warning                {warning.message}{names}")
-    for path in (output, report):
-        if path is not None:
-            print_line(f"wrote                  {path}")
+    for view in result.coverage.advice:
+        print_line(f"take next              {view}")
+    for path in written:
+        print_line(f"wrote                  {path}")

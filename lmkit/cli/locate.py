@@ -44,9 +44,9 @@ def run(
     """Find the pose of the camera (or the robot) from landmarks of a map."""
     from lmkit.detect.landmarks import detect_landmarks
     from lmkit.detect.options import DetectOptions
+    from lmkit.formats.any_rig import read_any_rig
     from lmkit.formats.images import read_image
     from lmkit.formats.landmark_map import read_map
-    from lmkit.formats.rig import read_rig
     from lmkit.formats.sources import list_pictures
     from lmkit.locate.rig import locate_camera, locate_rig
     from lmkit.model.landmark import family_named
@@ -64,7 +64,7 @@ def run(
         raise InputError("no_pictures", "locate needs LEFT and RIGHT, or --mono", "see lmkit locate --help")
     if frame not in (None, "camera", "base"):
         raise InputError("bad_frame", f"--frame {frame} is unknown", "choose camera or base")
-    cameras, landmarks = read_rig(rig), read_map(landmark_map)
+    cameras, landmarks = read_any_rig(rig), read_map(landmark_map)
     families = tuple(dict.fromkeys(family_named(landmark.family) for landmark in landmarks))
     if frame is None:
         frame = "camera" if cameras.T_base_left is None else "base"

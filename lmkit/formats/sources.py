@@ -32,6 +32,18 @@ class Frame:
     image: ByteArray | None
     error: InputError | None = None
 
+    @property
+    def picture(self) -> ByteArray:
+        """The picture.
+
+        Raises:
+            InputError: it could not be read.
+        """
+        if self.image is None:
+            assert self.error is not None
+            raise self.error
+        return self.image
+
 
 def list_pictures(where: str) -> list[Path]:
     """The picture files of a folder or glob, or the one file, sorted by name.
@@ -53,6 +65,22 @@ def list_pictures(where: str) -> list[Path]:
     if not found:
         raise InputError("no_such_file", f"there is no file, folder or match for {where}", "check the path")
     return found
+
+
+def list_pairs(left: str, right: str) -> list[tuple[Path, Path]]:
+    """The picture files of two folders or globs, paired by sorted name.
+
+    Raises:
+        InputError: there are none, or not as many on both sides.
+    """
+    lefts, rights = list_pictures(left), list_pictures(right)
+    if len(lefts) != len(rights):
+        raise InputError(
+            "unpaired",
+            f"{len(lefts)} left and {len(rights)} right pictures do not make pairs",
+            "give folders or globs with as many pictures each, sorted alike",
+        )
+    return list(zip(lefts, rights, strict=True))
 
 
 def picture_files(sources: Sequence[str]) -> list[Path] | None:
@@ -102,11 +130,11 @@ def _video_frames(source: str) -> Iterator[Frame]:
     """The frames of a video file, or of camera N for ``camera:N`` until it is unplugged or interrupted."""
     import cv2
 
-    number = source.removeprefix(CAMERA)
-    if source.startswith(CAMERA) and not number.isdecimal():
-        yield Frame(source, None, InputError("bad_camera", f"{source}: no camera number", "write camera:0"))
+    try:
+        video = cv2.VideoCapture(_camera_number(source) if source.startswith(CAMERA) else source)
+    except InputError as error:
+        yield Frame(source, None, error)
         return
-    video = cv2.VideoCapture(int(number)) if source.startswith(CAMERA) else cv2.VideoCapture(source)
     count = 0
     try:
         while video.isOpened():
@@ -123,3 +151,70 @@ def _video_frames(source: str) -> Iterator[Frame]:
             None,
             InputError("bad_video", f"{source}: no frame can be read", "give MP4, AVI, MOV, MKV, WebM or camera:0"),
         )
+
+
+def _camera_number(source: str) -> int:
+    number = source.removeprefix(CAMERA)
+    if not number.isdecimal():
+        raise InputError("bad_camera", f"{source}: no camera number", "write camera:0")
+    return int(number)
+
+
+def are_moving(source: str) -> bool:
+    """Do the pictures of a source follow each other, as a film's or a camera's do?"""
+    return source.startswith(CAMERA) or Path(source).suffix.lower() in VIDEO_SUFFIXES
+
+
+def paired_frames(left: str, right: str | None) -> Iterator[tuple[Frame, Frame]]:
+    """Both eyes' pictures, moment by moment.
+
+    Args:
+        left, right: cameras (``camera:0``), videos, folders or globs, alike; right is None where every
+            picture of ``left`` shows both eyes side by side.
+
+    Raises:
+        InputError: the sources make no pairs, or a camera or video cannot be read.
+    """
+    if right is None:
+        for frame in frames([left]):
+            image = frame.picture
+            half = image.shape[1] // 2
+            yield Frame(frame.name, image[:, :half]), Frame(frame.name, image[:, half : 2 * half])
+        return
+    if left.startswith(CAMERA) and right.startswith(CAMERA):
+        yield from _camera_pairs(left, right)
+        return
+    videos = [Path(source).suffix.lower() in VIDEO_SUFFIXES for source in (left, right)]
+    if left.startswith(CAMERA) or right.startswith(CAMERA) or any(videos) != all(videos):
+        raise InputError("unpaired", f"{left} and {right} are different kinds of source", "give two of the same kind")
+    if not any(videos):
+        for left_file, right_file in list_pairs(left, right):
+            yield Frame(str(left_file), read_image(left_file)), Frame(str(right_file), read_image(right_file))
+        return
+    # Of two films of different length, the end of the longer one has no partner.
+    yield from zip(_video_frames(left), _video_frames(right), strict=False)
+
+
+def _camera_pairs(left: str, right: str) -> Iterator[tuple[Frame, Frame]]:
+    """Frames of two cameras, grabbed at once and decoded afterwards."""
+    import cv2
+
+    cameras = []
+    try:
+        for source in (left, right):
+            camera = cv2.VideoCapture(_camera_number(source))
+            # Without it, looking for longer than a frame lasts leads ever further into the past.
+            camera.set(cv2.CAP_PROP_BUFFERSIZE, 1)
+            cameras.append(camera)
+            if not camera.isOpened():
+                raise InputError("bad_camera", f"{source}: no such camera, or it is in use", "write camera:0")
+        count = 0
+        # Both, whatever the first one says, so that they stay abreast.
+        while min([camera.grab() for camera in cameras]):
+            (_, one), (_, other) = (camera.retrieve() for camera in cameras)
+            name = f"frame#{count}"
+            yield Frame(name, np.asarray(one, dtype=np.uint8)), Frame(name, np.asarray(other, dtype=np.uint8))
+            count += 1
+    finally:
+        for camera in cameras:
+            camera.release()

@@ -10,8 +10,9 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
-from lmkit.arrays import AnyArray, FloatArray, frozen
+from lmkit.arrays import AnyArray, BoolArray, FloatArray, frozen
 
+REACHED_PX = 0.5  # how well a ray must lead back to its pixel
 # Numbers of distortion coefficients that each model may have, in OpenCV's order.
 DISTORTION_COUNTS = {"pinhole": (0, 4, 5), "rational": (8, 12, 14), "fisheye": (4,)}
 
@@ -98,6 +99,13 @@ class CameraModel:
         else:
             rays = _undistort(uv, self.K, self.distortion, criteria)
         return np.asarray(rays, dtype=np.float64).reshape(-1, 2)
+
+    def reaches(self, pixels: FloatArray) -> BoolArray:
+        """(N,) True where :meth:`unproject` holds: a distortion fitted to the middle may turn back outside it."""
+        rays = self.unproject(pixels)
+        finite = np.asarray(np.isfinite(rays).all(axis=1))
+        back = self.project(np.column_stack([np.where(finite[:, None], rays, 0.0), np.ones(len(rays))]))
+        return np.asarray(finite & (np.linalg.norm(back - pixels, axis=1) < REACHED_PX))
 
     def contains(self, pixels: FloatArray, border_px: float = 0.0) -> FloatArray:
         """(N,) True where a pixel lies inside the picture, at least ``border_px`` from its edge."""

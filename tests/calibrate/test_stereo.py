@@ -84,7 +84,7 @@ def test_a_rig_that_moved_is_warned_of_with_the_pairs_named(data):
     root = data / "stereo" / "ricsar"
     board = BoardSpec.parse("chessboard:9x6:24mm")
     left, right = (sorted((root / eye).iterdir()) for eye in ("left", "right"))
-    pairs = find_board_pairs(left, right, board)
+    pairs = find_board_pairs(list(zip(left, right, strict=True)), board)
     result = calibrate_stereo(pairs.views, board, pairs.image_size, rejected=pairs.rejected)
     warned = {name for w in result.warnings if w.code == "pairs_disagree" for name in w.pairs}
     assert {"001", "002", "003"} <= warned
@@ -124,7 +124,7 @@ def test_the_derivatives_are_those_of_finite_differences():
 def test_the_report_stands_alone():
     result = calibrate_stereo(views(6, 0.1), BOARD, (640, 480))
     grey = np.full((480, 640, 3), 128, np.uint8)
-    html = calibration_report(result, str(BOARD), {"00": (grey, grey)})
+    html = calibration_report(result, BOARD, {"00": (grey, grey)})
     assert "http" not in html.replace("http-equiv", "")
     assert f"{result.held_out_epipolar_px:.3f} px" in html
     assert html.count("data:image/jpeg;base64,") == 2

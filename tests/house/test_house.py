@@ -23,8 +23,8 @@ FLOORS = [
     {"model"},
     {"formats"},
     {"generate", "detect", "calibrate", "locate", "overlay", "room_plan"},
-    {"verify", "simulate", "board_pairs", "detect_batch", "installation"},
-    {"demo"},
+    {"verify", "simulate", "board_pairs", "landmark_pairs", "detect_batch", "installation"},
+    {"board_capture", "demo"},
     {"cli"},
 ]
 

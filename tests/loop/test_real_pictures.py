@@ -31,7 +31,7 @@ S = 3  # oversampling of the painting
 def bouguet(data):
     root = data / "stereo" / "opencv_bouguet"
     files = [sorted((root / eye).glob("*.jpg")) for eye in ("left", "right")]
-    pairs = find_board_pairs(files[0], files[1], BOARD)
+    pairs = find_board_pairs(list(zip(files[0], files[1], strict=True)), BOARD)
     return pairs, calibrate_stereo(pairs.views, BOARD, pairs.image_size, rejected=pairs.rejected)
 
 

@@ -1,4 +1,4 @@
-"""Rectification: rows of the left and right picture made to match."""
+"""Rectification: the rows of the left and right picture made to match, points and pictures."""
 
 from __future__ import annotations
 
@@ -12,6 +12,8 @@ from lmkit.model.camera import CameraModel
 from lmkit.model.pose import rotation_exp
 from lmkit.model.stereo_rig import StereoRig
 
+LINES = (80, 220, 60)  # BGR
+
 
 @dataclass(frozen=True, eq=False)
 class Rectification:
@@ -21,6 +23,19 @@ class Rectification:
     R_right: FloatArray
     P_left: FloatArray
     P_right: FloatArray
+
+    @property
+    def along(self) -> int:
+        """0: the right eye stands beside the left one, rows match; 1: above or below it, columns match."""
+        return 0 if abs(self.P_right[0, 3]) >= abs(self.P_right[1, 3]) else 1
+
+    @property
+    def Q(self) -> FloatArray:
+        """(4,4) from column, row, disparity, 1 to X Y Z W in the rectified left eye, as OpenCV's stereoRectify."""
+        f, cx, cy = self.P_left[0, 0], self.P_left[0, 2], self.P_left[1, 2]
+        t = self.P_right[self.along, 3] / f
+        off = (self.P_left[self.along, 2] - self.P_right[self.along, 2]) / t
+        return np.array([[1.0, 0, 0, -cx], [0, 1.0, 0, -cy], [0, 0, 0, f], [0, 0, -1 / t, off]])
 
 
 def rectification(rig: StereoRig) -> Rectification:
@@ -63,7 +78,7 @@ def epipolar_errors(rig: StereoRig, left: FloatArray, right: FloatArray) -> Floa
     planes instead, in pixels of the pictures as taken.
     """
     maps = rectification(rig)
-    across = 1 if abs(maps.P_right[0, 3]) >= abs(maps.P_right[1, 3]) else 0
+    across = 1 - maps.along
     ray_left, ray_right = _rays(rig.left, left) @ maps.R_left.T, _rays(rig.right, right) @ maps.R_right.T
     if rig.left.model == "fisheye":
         planes, reaches = zip(*(_about_baseline(ray, across) for ray in (ray_left, ray_right)), strict=True)
@@ -90,6 +105,20 @@ def rectify_pair(rig: StereoRig, left: ByteArray, right: ByteArray) -> tuple[Byt
         x, y = make(camera.K, camera.distortion, R, P[:, :3], camera.image_size, cv2.CV_32FC1)
         pictures.append(np.asarray(cv2.remap(image, x, y, cv2.INTER_LINEAR), dtype=np.uint8))
     return pictures[0], pictures[1]
+
+
+def with_lines_across(left: ByteArray, right: ByteArray, along: int = 0, step_px: int = 40) -> ByteArray:
+    """A rectified pair in one picture, with lines on which matching points lie.
+
+    Args:
+        along: 0: rows match, the pictures stand side by side; 1: columns match, one stands above the other.
+    """
+    both = np.hstack([left, right]) if along == 0 else np.vstack([left, right])
+    height, width = both.shape[:2]
+    for at in range(step_px // 2, height if along == 0 else width, step_px):
+        start, end = ((0, at), (width, at)) if along == 0 else ((at, 0), (at, height))
+        cv2.line(both, start, end, LINES, 1)
+    return np.asarray(both, dtype=np.uint8)
 
 
 def _rays(camera: CameraModel, points: FloatArray) -> FloatArray:

@@ -1,0 +1,94 @@
+"""Taking pictures for a calibration: frames in, kept pairs out, with what to show next."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+from lmkit.arrays import ByteArray
+from lmkit.board_pairs import pair_view
+from lmkit.calibrate.coverage import Coverage
+from lmkit.calibrate.guidance import CaptureGuide, Judgement
+from lmkit.detect.boards import detect_board
+from lmkit.errors import InputError
+from lmkit.formats.board_corners import SavedCorners
+from lmkit.formats.images import read_image
+from lmkit.formats.sources import Frame
+from lmkit.model.board import BoardSpec
+
+PairOfPictures = tuple[ByteArray, ByteArray]
+
+
+@dataclass(frozen=True, eq=False)
+class Found:
+    """What was seen of a board.
+
+    Attributes:
+        corners: of all pairs.
+        pictures: of some pairs, by name: the two pictures, or their files.
+    """
+
+    corners: SavedCorners
+    pictures: Mapping[str, PairOfPictures | tuple[Path, Path]]
+
+    def picture(self, name: str) -> PairOfPictures:
+        """Left and right picture of a pair."""
+        left, right = (read_image(eye) if isinstance(eye, Path) else eye for eye in self.pictures[name])
+        return left, right
+
+
+@dataclass(frozen=True, eq=False)
+class Looked:
+    """One pair of frames, judged.
+
+    Attributes:
+        judgement: what became of it.
+        left, right: the pictures.
+        found: all that is kept so far.
+        coverage: what that shows, and what is missing.
+    """
+
+    judgement: Judgement
+    left: ByteArray
+    right: ByteArray
+    found: Found
+    coverage: Coverage
+
+
+def look_at_frames(pairs: Iterable[tuple[Frame, Frame]], board: BoardSpec, moving: bool) -> Iterator[Looked]:
+    """Judge pair after pair until the views are complete.
+
+    Args:
+        moving: see :class:`lmkit.calibrate.guidance.CaptureGuide`.
+
+    Raises:
+        InputError: a picture that cannot be read, or pictures of different sizes.
+    """
+    guide: CaptureGuide | None = None
+    pictures: dict[str, PairOfPictures] = {}
+    size = (0, 0)
+    for one, other in pairs:
+        left, right = one.picture, other.picture
+        if guide is None:
+            size = (left.shape[1], left.shape[0])
+            guide = CaptureGuide(board.object_points, size, moving)
+        for frame, image in ((one, left), (other, right)):
+            if (image.shape[1], image.shape[0]) != size:
+                raise InputError(
+                    "sizes_differ",
+                    f"{frame.name} is {image.shape[1]} x {image.shape[0]} pixels, the first {size[0]} x {size[1]}",
+                    "set both cameras alike",
+                )
+        name = f"{len(guide.views) + 1:03d}" if moving else Path(one.name).stem
+        in_left = detect_board(left, board)
+        # An eye that sees no board saves the other the trouble.
+        in_right = None if in_left is None else detect_board(right, board)
+        view = pair_view(name, in_left, in_right, board)
+        judgement = guide.judge(None if isinstance(view, str) else view)
+        if judgement.kept:
+            pictures[name] = (left, right)
+        coverage = guide.coverage
+        yield Looked(judgement, left, right, Found(SavedCorners(board, size, guide.views, ()), pictures), coverage)
+        if not coverage.advice:
+            return

@@ -1,0 +1,77 @@
+"""`lmkit calibrate --capture`: which view to show next, and pairs kept by themselves."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from lmkit.cli.common import print_line
+from lmkit.errors import InputError
+
+if TYPE_CHECKING:
+    from lmkit.board_capture import Found
+    from lmkit.model.board import BoardSpec
+
+
+def capture_pairs(
+    left: str | None, right: str | None, side_by_side: bool, spec: BoardSpec, folder: Path | None, quiet: bool
+) -> Found:
+    """Keep pairs while they come, until the views are complete, the source ends or the user stops it.
+
+    Raises:
+        InputError: no source, a source that cannot be read, or files of kept pairs that are there already.
+    """
+    from lmkit.board_capture import Found, look_at_frames
+    from lmkit.formats.board_corners import SavedCorners
+    from lmkit.formats.files import write_file
+    from lmkit.formats.sources import are_moving, paired_frames
+    from lmkit.overlay import encode_png
+
+    if left is None or (right is None) != side_by_side:
+        raise InputError(
+            "no_source", "--capture needs LEFT and RIGHT, or LEFT with --side-by-side", "such as camera:0"
+        )
+    if folder is not None and folder.exists() and any(folder.iterdir()):
+        raise InputError("not_empty", f"folder {folder} holds files", "name a new folder for --save-pairs")
+    found = Found(SavedCorners(spec, (1, 1), (), ()), {})
+    missing: tuple[str, ...] = ("the whole board in both eyes",)
+    status = _StatusLine()
+    try:
+        for looked in look_at_frames(paired_frames(left, right), spec, are_moving(left)):
+            if looked.judgement.kept:
+                found = looked.found
+                missing = looked.coverage.advice
+                name = found.corners.views[-1].name
+                if folder is not None:
+                    for eye, image in zip(("left", "right"), (looked.left, looked.right), strict=True):
+                        write_file(folder / eye / f"{name}.png", encode_png(image), False)
+                status.clear()
+                if not quiet:
+                    count = len(found.corners.views)
+                    print_line(f"kept {name} ({count}); next: {missing[0] if missing else 'nothing, complete'}")
+            status.show(
+                f"{len(found.corners.views)} kept | {looked.judgement.words} | next: {', '.join(missing[:1])}"
+            )
+    except KeyboardInterrupt:
+        # Whoever stops it wants what there is.
+        pass
+    status.clear()
+    if missing and not quiet:
+        print_line(f"ended before the views were complete; missing: {'; '.join(missing)}")
+    return found
+
+
+class _StatusLine:
+    """One line that is written over, on a terminal."""
+
+    def __init__(self) -> None:
+        self._on = sys.stderr.isatty()
+
+    def show(self, text: str) -> None:
+        if self._on:
+            sys.stderr.write(f"\r\x1b[2K{text[:118]}")
+            sys.stderr.flush()
+
+    def clear(self) -> None:
+        self.show("")
