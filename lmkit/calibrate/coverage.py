@@ -48,7 +48,7 @@ def coverage_of(
 ) -> Coverage:
     """Coverage of the pairs, with the board's poses (P,3,3), (P,3) in the left camera."""
     cells = tuple(
-        filled_cells(np.concatenate([getattr(view, eye) for view in views]), camera.image_size)
+        filled_cells(np.concatenate([np.zeros((0, 2)), *(getattr(view, eye) for view in views)]), camera.image_size)
         for eye, camera in (("left", left), ("right", right))
     )
     distances = np.linalg.norm(translations, axis=1)

@@ -22,6 +22,8 @@ WARP = 2
 POSE = 6
 OWN_NOISE = 0.25  # share of a middling picture's variance that is the scatter of its own corners
 MOST_NOISE = 10.0  # of a picture's corners, over the middle one's
+CONVERGED = 1e-7  # relative gain; of some thousand residuals, a thousandth of a standard deviation of anything
+LEAST_PAIRS = 8  # for the scatter between pairs to tell anything
 LOSS_WIDTH = 3.0  # standard deviations at which the Cauchy loss bends
 # Standard deviations of what one coefficient does at the corner of the picture, over its distance
 # from the middle, before anything was seen: wide for any lens, but it keeps coefficients that cancel
@@ -192,7 +194,7 @@ class StereoProblem:
             damping = max(damping / 10, 1e-9)
             scale = self._scale(current)
             cost = self._cost(current, scale, prior)
-            if gain < 1e-9:
+            if gain < CONVERGED:
                 break
         return replace(current, covariance=self._covariance(current, scale, prior, fitted))
 
@@ -239,8 +241,8 @@ class StereoProblem:
         shared[:, :, -WARP:] = (by_left_point @ s.rotations[eye.pair][:, :, 2:]) * eye.shapes[:, None]
         blocks.add(eye, shared, _by_pose(by_left_point, turned), eye.pixels - pixels, scale)
 
-        blocks.shared[np.diag_indices(size)] += (prior * scale) ** 2
-        blocks.shared_gradient[:] -= (prior * scale) ** 2 * _shared_vector(s)
+        blocks.prior[:] = (prior * scale) ** 2
+        blocks.prior_gradient[:] = -((prior * scale) ** 2) * _shared_vector(s)
         return blocks
 
     def _covariance(self, s: Solution, scale: float, prior: FloatArray, fitted: BoolArray) -> FloatArray:
@@ -251,41 +253,44 @@ class StereoProblem:
         weight = _weight(residuals, scale)
         degrees = max(2 * weight.sum() - fitted.sum() - POSE * self.count, 1.0)
         variance = float(np.sum(weight[:, None] * residuals**2) / degrees)
-        full = np.zeros_like(blocks.shared)
-        full[np.ix_(fitted, fitted)] = np.linalg.pinv(reduced, hermitian=True) * variance
+        covariance = np.linalg.pinv(reduced, hermitian=True) * variance
+        full = np.zeros((len(fitted), len(fitted)))
+        full[np.ix_(fitted, fitted)] = covariance * _scatter_between_pairs(blocks, fitted, reduced, covariance)
         return full
 
 
 @dataclass(frozen=True)
 class _Blocks:
-    """Normal equations: shared (G,G), mixed (P,G,6), poses (P,6,6), and the two gradients."""
+    """Normal equations, pair by pair: shared (P,G,G), mixed (P,G,6), poses (P,6,6), and the gradients; the prior."""
 
     shared: FloatArray
     mixed: FloatArray
     poses: FloatArray
     shared_gradient: FloatArray
     pose_gradient: FloatArray
+    prior: FloatArray
+    prior_gradient: FloatArray
 
     @classmethod
     def empty(cls, size: int, count: int) -> _Blocks:
-        zeros = np.zeros
-        return cls(zeros((size, size)), zeros((count, size, POSE)), zeros((count, POSE, POSE)), zeros(size),
-                   zeros((count, POSE)))  # fmt: skip
+        shapes = ((count, size, size), (count, size, POSE), (count, POSE, POSE), (count, size), (count, POSE))
+        return cls(*(np.zeros(shape) for shape in (*shapes, (size,), (size,))))
 
     def add(self, eye: _Eye, shared: FloatArray, pose: FloatArray, residual: FloatArray, scale: float) -> None:
         """Add what one eye says: derivatives (N,2,G) and (N,2,6), residuals (N,2), px."""
         weight = _weight(residual / eye.sigma, scale)[:, None] / eye.sigma**2
-        weighted = weight[:, :, None] * shared
-        flat, size = shared.reshape(-1, shared.shape[2]), shared.shape[2]
-        self.shared[:] += weighted.reshape(-1, size).T @ flat
-        self.shared_gradient[:] += weighted.reshape(-1, size).T @ residual.ravel()
+        both = np.concatenate([shared, pose], axis=2)
         starts = np.concatenate([[0], eye.ends[:-1]])
+        size = shared.shape[2]
         for p, (a, b) in enumerate(zip(starts, eye.ends, strict=True)):
-            J = pose[a:b].reshape(-1, POSE)
-            WJ = (weight[a:b, :, None] * pose[a:b]).reshape(-1, POSE)
-            self.mixed[p] += shared[a:b].reshape(-1, size).T @ WJ
-            self.poses[p] += J.T @ WJ
-            self.pose_gradient[p] += WJ.T @ residual[a:b].ravel()
+            J = both[a:b].reshape(-1, size + POSE)
+            WJ = (weight[a:b, :, None] * both[a:b]).reshape(-1, size + POSE)
+            normal, gradient = WJ.T @ J, WJ.T @ residual[a:b].ravel()
+            self.shared[p] += normal[:size, :size]
+            self.mixed[p] += normal[:size, size:]
+            self.poses[p] += normal[size:, size:]
+            self.shared_gradient[p] += gradient[:size]
+            self.pose_gradient[p] += gradient[size:]
 
 
 def _fitted(s: Solution, options: FitOptions) -> BoolArray:
@@ -302,7 +307,7 @@ def _reduced(blocks: _Blocks, fitted: BoolArray, damping: float) -> tuple[FloatA
     inverse = np.linalg.inv(poses)
     mixed = blocks.mixed[:, fitted]
     back = mixed @ inverse
-    shared = blocks.shared[np.ix_(fitted, fitted)]
+    shared = (blocks.shared.sum(axis=0) + np.diag(blocks.prior))[np.ix_(fitted, fitted)]
     shared = shared + np.diag(damping * np.diag(shared) + 1e-12 * (damping > 0))
     return shared - np.einsum("pgi,phi->gh", back, mixed), (inverse, back)
 
@@ -310,7 +315,8 @@ def _reduced(blocks: _Blocks, fitted: BoolArray, damping: float) -> tuple[FloatA
 def _step(blocks: _Blocks, fitted: BoolArray, damping: float) -> tuple[FloatArray, FloatArray]:
     """The damped step of the shared unknowns (G,) and of the poses (P,6)."""
     reduced, (inverse, back) = _reduced(blocks, fitted, damping)
-    gradient = blocks.shared_gradient[fitted] - np.einsum("pgi,pi->g", back, blocks.pose_gradient)
+    gradient = (blocks.shared_gradient.sum(axis=0) + blocks.prior_gradient)[fitted]
+    gradient = gradient - np.einsum("pgi,pi->g", back, blocks.pose_gradient)
     shared = np.zeros(len(fitted))
     if fitted.any():
         try:
@@ -319,6 +325,28 @@ def _step(blocks: _Blocks, fitted: BoolArray, damping: float) -> tuple[FloatArra
             shared[fitted] = np.linalg.lstsq(reduced, gradient, rcond=None)[0]
     remaining = blocks.pose_gradient - np.einsum("pgi,g->pi", blocks.mixed, shared)
     return shared, np.einsum("pij,pj->pi", inverse, remaining)
+
+
+def _scatter_between_pairs(blocks: _Blocks, fitted: BoolArray, reduced: FloatArray, covariance: FloatArray) -> float:
+    """How many times larger the variances are when the pairs speak for themselves, at least 1.
+
+    The corners of one picture err together (light, focus, what the lens model leaves over), so that they count for
+    less than as many independent ones.  The pairs are independent: what the solution does when each of them is left
+    out (the jackknife, as Bell and McCaffrey 2002 have it for clustered data), over what the corners alone promise.
+    """
+    if blocks.poses.shape[0] < LEAST_PAIRS or not fitted.any():
+        return 1.0
+    inverse = np.linalg.inv(blocks.poses + 1e-12 * np.eye(POSE))
+    back = blocks.mixed[:, fitted] @ inverse
+    own = blocks.shared[:, fitted][:, :, fitted] - back @ blocks.mixed[:, fitted].transpose(0, 2, 1)
+    pull = blocks.shared_gradient[:, fitted] - np.einsum("pgi,pi->pg", back, blocks.pose_gradient)
+    try:
+        moved = np.linalg.solve(reduced - own, pull[:, :, None])[:, :, 0]
+    except np.linalg.LinAlgError:
+        return 1.0
+    pairs = len(moved)
+    variance = (moved**2).sum(axis=0) * (pairs - 1) / pairs
+    return max(1.0, float(np.median(variance / np.maximum(np.diag(covariance), 1e-300))))
 
 
 def _moved(s: Solution, shared: FloatArray, poses: FloatArray) -> Solution | None:

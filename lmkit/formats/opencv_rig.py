@@ -2,14 +2,18 @@
 
 from __future__ import annotations
 
+from collections.abc import Hashable
 from pathlib import Path
+from typing import Annotated, Any
 
 import cv2
 import numpy as np
+import yaml
+from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from lmkit.arrays import FloatArray
 from lmkit.errors import InputError
-from lmkit.formats.document import read_text
+from lmkit.formats.document import first_problem, read_text
 from lmkit.model.camera import CameraModel
 from lmkit.model.pose import Pose, orthonormal
 from lmkit.model.rectification import rectification
@@ -23,7 +27,11 @@ _NAMES = {
     "D2": ("D2", "distCoeffs2", "dist2"),
     "R": ("R",),
     "T": ("T", "t"),
+    "model": ("model",),
+    "image_width": ("image_width", "width"),
+    "image_height": ("image_height", "height"),
 }
+ALMOST = 1e-3
 _MODEL_OF_COUNT = {0: "pinhole", 4: "pinhole", 5: "pinhole", 8: "rational", 12: "rational", 14: "rational"}
 
 
@@ -57,40 +65,69 @@ def read_opencv_rig(path: Path) -> StereoRig:
     Raises:
         InputError: not readable, a matrix or the picture size is missing, or a matrix is of the wrong shape.
     """
-    text = read_text(path, "OpenCV rig file")
+    hint = "give the M1 D1 M2 D2 R T, image_width and image_height of a stereo pair, as cv2.FileStorage writes them"
+    # Read as plain YAML: OpenCV's own reader believes whatever size a matrix claims.
+    text = read_text(path, "OpenCV rig file").removeprefix("%YAML:1.0")
     try:
-        storage = cv2.FileStorage(text, cv2.FILE_STORAGE_READ | cv2.FILE_STORAGE_MEMORY)
-    except (cv2.error, SystemError):
-        raise InputError("bad_opencv", f"{path}: OpenCV cannot read it", "write it with cv2.FileStorage") from None
-    found = {name: _matrix(storage, names) for name, names in _NAMES.items()}
-    missing = [name for name, matrix in found.items() if matrix is None]
-    size = (int(storage.getNode("image_width").real()), int(storage.getNode("image_height").real()))
-    if min(size) < 1:
-        missing.append("image_width and image_height")
-    if missing:
-        raise InputError("bad_opencv", f"{path}: {', '.join(missing)} missing", "add them (M1 D1 M2 D2 R T, size)")
-    stated = storage.getNode("model").string()
+        content = yaml.load(text, _Loader)
+    except yaml.YAMLError:
+        raise InputError("bad_opencv", f"{path}: no YAML", hint) from None
+    content = content if isinstance(content, dict) else {}
+    named = {field: content[name] for field, names in _NAMES.items() for name in names if name in content}
     try:
-        M1, D1, M2, D2, R, T = (_doubles(found[name]) for name in ("M1", "D1", "M2", "D2", "R", "T"))
+        data = _OpenCvRig.model_validate(named)
         cameras = [
-            CameraModel(size, M, D.ravel(), stated or _MODEL_OF_COUNT.get(D.size, "?"))
-            for M, D in ((M1, D1), (M2, D2))
+            CameraModel(
+                (data.image_width, data.image_height),
+                M.array(),
+                D.array().ravel(),
+                data.model or _MODEL_OF_COUNT.get(len(D.data), "?"),
+            )
+            for M, D in ((data.M1, data.D1), (data.M2, data.D2))
         ]
+        R = data.R.array()
         # Files of few digits hold almost-rotations.
-        R = orthonormal(R) if R.shape == (3, 3) and np.abs(R @ R.T - np.eye(3)).max() < 1e-3 else R
-        return StereoRig(cameras[0], cameras[1], Pose("right", "left", R, T.ravel()))
+        R = orthonormal(R) if R.shape == (3, 3) and np.abs(R @ R.T - np.eye(3)).max() < ALMOST else R
+        return StereoRig(cameras[0], cameras[1], Pose("right", "left", R, data.T.array().ravel()))
+    except ValidationError as error:
+        where, problem = first_problem(error)
+        raise InputError("bad_opencv", f"{path}: {where}: {problem}", hint) from None
     except ValueError as error:
-        raise InputError("bad_opencv", f"{path}: {error}", "see docs/formats.md") from None
+        raise InputError("bad_opencv", f"{path}: {error}", hint) from None
 
 
-def _doubles(matrix: FloatArray | None) -> FloatArray:
-    return np.asarray(matrix, dtype=np.float64)
+class _Loader(yaml.SafeLoader):
+    """Plain YAML, and OpenCV's tag for matrices."""
 
 
-def _matrix(storage: cv2.FileStorage, names: tuple[str, ...]) -> FloatArray | None:
-    for name in names:
-        node = storage.getNode(name)
-        if not node.empty():
-            matrix = node.mat()
-            return None if matrix is None else np.asarray(matrix, dtype=np.float64)
-    return None
+def _read_matrix(loader: yaml.SafeLoader, node: yaml.MappingNode) -> dict[Hashable, Any]:
+    return loader.construct_mapping(node, deep=True)
+
+
+_Loader.add_constructor("tag:yaml.org,2002:opencv-matrix", _read_matrix)
+
+
+class _Matrix(BaseModel):
+    model_config = ConfigDict(extra="ignore", allow_inf_nan=False)
+    rows: Annotated[int, Field(gt=0)]
+    cols: Annotated[int, Field(gt=0)]
+    data: list[float]
+
+    def array(self) -> FloatArray:
+        if len(self.data) != self.rows * self.cols:
+            raise ValueError(f"a matrix of {self.rows} x {self.cols} holds {len(self.data)} numbers")
+        return np.array(self.data).reshape(self.rows, self.cols)
+
+
+class _OpenCvRig(BaseModel):
+    # Whoever wrote the file may have added more.
+    model_config = ConfigDict(extra="ignore")
+    model: str = ""
+    image_width: Annotated[int, Field(gt=0)]
+    image_height: Annotated[int, Field(gt=0)]
+    M1: _Matrix
+    D1: _Matrix
+    M2: _Matrix
+    D2: _Matrix
+    R: _Matrix
+    T: _Matrix

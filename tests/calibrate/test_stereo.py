@@ -6,32 +6,15 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from board_views import BOARD, views
 
 from lmkit.calibrate.problem import Solution, StereoProblem, _moved
-from lmkit.calibrate.report import calibration_report
 from lmkit.calibrate.stereo import calibrate_stereo
 from lmkit.errors import InputError
 from lmkit.model.board import BoardSpec
 from lmkit.model.camera import CameraModel
-from lmkit.model.observation import PairView
 from lmkit.model.stereo_rig import StereoRig
 from lmkit.simulate.scene import board_poses, make_rig
-
-BOARD = BoardSpec("chessboard", 9, 6, 25.0)
-
-
-def views(count: int, noise: float, seed: int = 1, rig: StereoRig | None = None) -> list[PairView]:
-    rig = rig or make_rig()
-    rng = np.random.default_rng(seed)
-    ids = np.arange(len(BOARD.object_points))
-    result = []
-    for k, pose in enumerate(board_poses(seed, rig, BOARD, count)):
-        left = pose.apply(BOARD.object_points)
-        right = left @ rig.T_right_left.R.T + rig.T_right_left.t
-        pixels = [camera.project(p) for camera, p in ((rig.left, left), (rig.right, right))]
-        pixels = [p + rng.normal(0, noise, p.shape) for p in pixels]
-        result.append(PairView(f"{k:02d}", ids, pixels[0], ids, pixels[1]))
-    return result
 
 
 def test_perfect_corners_give_the_rig_back():
@@ -109,7 +92,7 @@ def test_the_derivatives_are_those_of_finite_differences():
         np.array([p.t for p in pose]),
     )
     blocks = problem._normal_equations(s, 1e9, np.zeros(26))  # so wide a loss is plain least squares
-    gradient = np.concatenate([blocks.shared_gradient, blocks.pose_gradient.ravel()])
+    gradient = np.concatenate([blocks.shared_gradient.sum(axis=0), blocks.pose_gradient.ravel()])
     for k in range(len(gradient)):
         step = np.zeros(len(gradient))
         step[k] = 1e-6
@@ -119,12 +102,3 @@ def test_the_derivatives_are_those_of_finite_differences():
             cost.append(sum(float((r**2).sum()) for pair in problem.residuals(moved) for r in pair) / 2)
         slope = (cost[1] - cost[0]) / 2e-6
         assert gradient[k] == pytest.approx(slope, rel=1e-3, abs=1e-2 * max(1, abs(slope)))
-
-
-def test_the_report_stands_alone():
-    result = calibrate_stereo(views(6, 0.1), BOARD, (640, 480))
-    grey = np.full((480, 640, 3), 128, np.uint8)
-    html = calibration_report(result, BOARD, {"00": (grey, grey)})
-    assert "http" not in html.replace("http-equiv", "")
-    assert f"{result.held_out_epipolar_px:.3f} px" in html
-    assert html.count("data:image/jpeg;base64,") == 2

@@ -1,0 +1,169 @@
+"""`lmkit calibrate`, `rectify` and `convert` as a user runs them."""
+
+from __future__ import annotations
+
+import json
+import shutil
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+from board_views import BOARD, views
+
+from lmkit.formats.board_corners import SavedCorners, corners_to_json
+from lmkit.formats.rig import read_rig, rig_to_yaml
+from lmkit.simulate.scene import make_rig
+
+SPEC = "chessboard:9x6:30mm"
+
+
+@pytest.fixture
+def corners(tmp_path) -> Path:
+    path = tmp_path / "corners.json"
+    path.write_text(corners_to_json(SavedCorners(BOARD, (640, 480), tuple(views(12, 0.1)), ())))
+    return path
+
+
+@pytest.fixture
+def pairs(data, tmp_path) -> tuple[Path, Path]:
+    """Eight rendered pairs in two folders."""
+    folders = tmp_path / "left", tmp_path / "right"
+    for folder, eye in zip(folders, "LR", strict=True):
+        folder.mkdir()
+        for k in (0, 2, 3, 4, 5, 7, 8, 9):
+            shutil.copy(data / f"boards/chessboard/images/p{k:02d}_{eye}.jpg", folder / f"{k:02d}.jpg")
+    return folders
+
+
+def test_corners_saved_before_calibrate_without_pictures(lmkit, corners, tmp_path):
+    answer = lmkit("calibrate", "--corners", corners, "-o", "rig.yaml", "--report", "r.html", "--json")
+    assert answer.code == 0
+    row = json.loads(answer.out)
+    assert row["held_out_epipolar_px"] < 0.2
+    assert row["model"] == "pinhole"
+    assert [e["depth_m"] for e in row["depth_errors"]] == [1, 2, 4, 8]
+    assert all(0 < e["calibration_m"] < e["total_m"] for e in row["depth_errors"])
+    assert read_rig(tmp_path / "rig.yaml").baseline_m == pytest.approx(row["baseline_m"])
+    assert (tmp_path / "r.html").read_text().startswith("<!doctype html>")
+
+
+def test_a_wrong_square_is_noticed_by_the_declared_baseline(lmkit, corners):
+    right = lmkit("calibrate", "--corners", corners, "--json", "--baseline", "120mm")
+    wrong = lmkit("calibrate", "--corners", corners, "--json", "--baseline", "100mm", "--fov", "30")
+    assert "scale" not in [w["code"] for w in json.loads(right.out)["warnings"]]
+    assert {"scale", "field_of_view"} <= {w["code"] for w in json.loads(wrong.out)["warnings"]}
+
+
+def test_pictures_calibrate_are_saved_and_repeat(lmkit, pairs, tmp_path):
+    left, right = pairs
+    first = lmkit("calibrate", left, right, "--board", SPEC, "--json", "--save-corners", "c.json")
+    again = lmkit("calibrate", "--corners", "c.json", "--json")
+    assert first.code == 0, first.err
+    one, other = json.loads(first.out), json.loads(again.out)
+    assert one["pairs_used"] == other["pairs_used"]
+    assert one["baseline_m"] == pytest.approx(other["baseline_m"], abs=1e-6)
+
+
+def test_a_print_measured_larger_makes_a_longer_baseline(lmkit, pairs):
+    left, right = pairs
+    plain = lmkit("calibrate", left, right, "--board", SPEC, "--json")
+    larger = lmkit("calibrate", left, right, "--board", SPEC, "--measured", "303x212.1mm", "--json")
+    ratio = json.loads(larger.out)["baseline_m"] / json.loads(plain.out)["baseline_m"]
+    assert ratio == pytest.approx(1.01, abs=1e-4)
+
+
+def test_check_says_true_of_its_own_rig_and_moved_of_another(lmkit, pairs, tmp_path):
+    left, right = pairs
+    assert lmkit("calibrate", left, right, "--board", SPEC, "-o", "rig.yaml").code == 0
+    good = lmkit("calibrate", "--check", "rig.yaml", left, right, "--board", SPEC)
+    assert good.code == 0, good.err
+    assert "still true" in good.out
+    (tmp_path / "other.yaml").write_text(rig_to_yaml(make_rig()))
+    bad = lmkit("calibrate", "--check", "other.yaml", left, right, "--board", SPEC, "--json")
+    assert bad.code == 1
+    assert json.loads(bad.out)["verdict"] in ("moved", "lenses")
+    assert "no longer true" in bad.err
+
+
+def test_capture_keeps_new_sharp_still_views_of_films(lmkit, pairs, tmp_path):
+    """Every picture stands still for three frames of the film, then the next one is there at once."""
+    films = []
+    for folder in pairs:
+        films.append(tmp_path / f"{folder.name}.avi")
+        writer = cv2.VideoWriter(str(films[-1]), cv2.VideoWriter.fourcc(*"MJPG"), 10, (640, 480))
+        for file in sorted(folder.iterdir()):
+            for _ in range(3):
+                writer.write(cv2.imread(str(file)))
+        writer.release()
+    answer = lmkit("calibrate", *films, "--capture", "--board", SPEC, "--save-pairs", "kept", "-o", "rig.yaml")
+    assert answer.code == 0, answer.err
+    kept = sorted(p.name for p in (tmp_path / "kept" / "left").iterdir())
+    assert 6 <= len(kept) <= 8
+    assert kept == sorted(p.name for p in (tmp_path / "kept" / "right").iterdir())
+    assert answer.out.startswith("kept 001 (1); next: ")
+    assert "missing: " in answer.out
+    assert read_rig(tmp_path / "rig.yaml").baseline_m == pytest.approx(0.12, abs=0.001)
+
+
+def test_capture_reads_both_eyes_side_by_side(lmkit, pairs, tmp_path):
+    (tmp_path / "both").mkdir()
+    for a, b in zip(*(sorted(folder.iterdir()) for folder in pairs), strict=True):
+        cv2.imwrite(str(tmp_path / "both" / a.name), np.hstack([cv2.imread(str(a)), cv2.imread(str(b))]))
+    answer = lmkit("calibrate", "both", "--side-by-side", "--capture", "--board", SPEC, "--json")
+    assert answer.code == 0, answer.err
+    assert len(json.loads(answer.out)["pairs_used"]) >= 6
+
+
+def test_convert_and_rectify(lmkit, pairs, tmp_path):
+    left, right = pairs
+    (tmp_path / "rig.yaml").write_text(rig_to_yaml(make_rig()))
+    for kind, name in (("opencv", "cv.yml"), ("ros", "ros"), ("kalibr", "chain.yaml")):
+        assert lmkit("convert", "rig.yaml", "--to", kind, "-o", name).code == 0
+        assert lmkit("convert", name, "--to", "lmkit", "-o", f"{kind}.back.yaml").code == 0
+        back = read_rig(tmp_path / f"{kind}.back.yaml")
+        assert back.baseline_m == pytest.approx(make_rig().baseline_m, abs=1e-9)
+    answer = lmkit("rectify", left, right, "--rig", "ros", "-o", "flat")
+    assert answer.code == 0, answer.err
+    assert len(list((tmp_path / "flat").iterdir())) == 16
+    assert lmkit("rectify", left, right, "--rig", "cv.yml", "-o", "lines", "--lines").code == 0
+    shown = cv2.imread(str(tmp_path / "lines" / "00_lines.png"))
+    assert shown.shape == (480, 1280, 3)
+
+
+def test_rectified_rows_match(lmkit, data, pairs, tmp_path):
+    from lmkit.detect.boards import detect_board
+    from lmkit.model.board import BoardSpec
+
+    left, right = pairs
+    assert lmkit("calibrate", left, right, "--board", SPEC, "-o", "rig.yaml").code == 0
+    assert lmkit("rectify", left / "03.jpg", right / "03.jpg", "--rig", "rig.yaml", "-o", "flat").code == 0
+    board = BoardSpec.parse(SPEC)
+    seen = [detect_board(cv2.imread(str(tmp_path / "flat" / f"03_{eye}.png")), board) for eye in ("left", "right")]
+    rows = seen[0].image_points[:, 1] - seen[1].image_points[:, 1]
+    assert np.abs(rows).mean() < 0.15
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (["l", "r"], "--board"),
+        (["--board", SPEC], "LEFT and RIGHT"),
+        (["l", "r", "--board", SPEC, "--measured", "10mm"], "WIDTHxHEIGHT"),
+        (["l", "r", "--board", SPEC, "--measured", "400x300mm"], "the pattern of"),
+        (["l", "r", "--board", SPEC, "--fov", "0"], "--fov 0"),
+        (["l", "r", "--board", SPEC, "--baseline", "12"], "--baseline"),
+        (["l", "r", "--board", SPEC, "--save-pairs", "x"], "--capture"),
+        (["l", "r", "--corners", "c.json"], "--corners and LEFT"),
+        (["l", "r", "--check", "rig.yaml", "-o", "x.yaml"], "--check and -o"),
+        (["l", "--capture", "--board", SPEC], "--side-by-side"),
+        (["camera:x", "camera:1", "--capture", "--board", SPEC], "no camera number"),
+        (["camera:0", "film.avi", "--capture", "--board", SPEC], "different kinds"),
+        (["--corners", "missing.json"], "missing.json"),
+    ],
+)
+def test_wrong_use_is_told_in_one_line(lmkit, arguments, words):
+    answer = lmkit("calibrate", *arguments)
+    assert answer.code == 2, answer
+    assert words in answer.err
+    assert len(answer.err.strip().splitlines()) == 1
