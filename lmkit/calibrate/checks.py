@@ -17,6 +17,7 @@ from lmkit.model.stereo_rig import StereoRig
 # Two eyes that fit their own pictures, but not each other's, are no rigid pair.
 RIGID_PX = 1.0
 RIGID_RATIO = 3.0
+USELESS_PX = 2.0
 LOOSE_RATIO = 2.0
 WRONG_BASELINE = 0.02
 WRONG_FIELD = 0.05
@@ -56,20 +57,24 @@ class Declared:
     field_deg: float | None = None
 
 
-def require_rigid(together_px: float, alone_px: float) -> None:
+def require_rigid(together_px: float, alone_px: float, row_error_px: float | None) -> None:
     """Refuse eyes that do not stand still to each other.
 
     Args:
         together_px, alone_px: the middle pair's reprojection error in the joint fit, and of each eye alone.
+        row_error_px: of pairs held out, where known.
 
     Raises:
         InputError: they are no rigid, simultaneous pair.
     """
-    if together_px > max(RIGID_PX, RIGID_RATIO * alone_px):
+    apart = together_px > max(RIGID_PX, RIGID_RATIO * alone_px)
+    useless = row_error_px is not None and row_error_px > max(USELESS_PX, RIGID_RATIO * alone_px)
+    if apart or useless:
+        rows = "" if row_error_px is None else f" (rows of unseen pairs differ by {row_error_px:.1f} px)"
         raise InputError(
             "not_rigid",
-            f"each eye alone explains its pictures to {alone_px:.2f} px, both together only to {together_px:.2f} px: "
-            "the two pictures of a pair are not of the same moment, or the eyes move against each other",
+            f"each eye alone explains its pictures to {alone_px:.2f} px, both together only to {together_px:.2f} px"
+            f"{rows}: the two pictures of a pair are not of the same moment, or the eyes move against each other",
             "synchronise the cameras or hold the board still for every pair; fasten the rig; pair the files anew",
         )
 

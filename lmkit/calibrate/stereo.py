@@ -13,7 +13,7 @@ from lmkit.calibrate.coverage import Coverage, coverage_of
 from lmkit.calibrate.disagreement import Disagreement, explain_disagreements
 from lmkit.calibrate.held_out import HeldOut, hold_out
 from lmkit.calibrate.problem import POSE, FitOptions, Solution, StereoProblem, intrinsics_vector
-from lmkit.calibrate.start import Consensus, agreement_with, find_consensus, start_camera, start_solution
+from lmkit.calibrate.start import agreement_with, find_consensus, start_camera, start_solution
 from lmkit.calibrate.uncertainty import DepthError, depth_errors
 from lmkit.errors import InputError
 from lmkit.model.board import BoardSpec
@@ -101,8 +101,8 @@ def calibrate_stereo(
     s = best.solution
     residuals = StereoProblem(object_points, kept).residuals(s)
     together = float(np.median([_rms(np.concatenate(pair)) for pair in residuals]))
-    alone = float(np.median([best.agreement.relations[k].rms_px for k in best.rows]))
-    require_rigid(together, alone)
+    alone = best.alone_px
+    require_rigid(together, alone, None if best.held_out is None else best.held_out.mean_epipolar_px)
     rig, baseline_sigma = _rig_of(s)
     coverage = coverage_of(kept, s.rotations, s.translations, s.left, s.right)
     half = float(np.ptp(object_points[:, :2], axis=0).max()) / 2
@@ -139,11 +139,11 @@ def calibrate_stereo(
 
 @dataclass(frozen=True)
 class _Fit:
-    """One model fitted to the pairs that agree on it."""
+    """One model fitted to the pairs that agree on it; ``alone_px`` is the middle error of the eyes on their own."""
 
     rows: list[int]
     bad: list[Disagreement]
-    agreement: Consensus
+    alone_px: float
     solution: Solution
     held_out: HeldOut | None
 
@@ -219,7 +219,9 @@ def _fit(
     reasons = explain_disagreements(object_points, views, agreement, bad, misfits, solution, fair)
     hopeless = problem.mean_error(solution) > to_beat_px
     held_out = None if hopeless else hold_out(object_points, views, kept, solution)
-    return _Fit(kept, reasons, agreement, solution, held_out)
+    # Cameras of the eyes' own: those of the joint fit bend to make up for eyes that do not belong together.
+    alone_px = float(np.median([consensus.relations[k].rms_px for k in kept]))
+    return _Fit(kept, reasons, alone_px, solution, held_out)
 
 
 def _rig_of(s: Solution) -> tuple[StereoRig, float]:

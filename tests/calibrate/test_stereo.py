@@ -43,7 +43,7 @@ def test_noise_gives_errors_of_the_stated_size():
     truth = make_rig().baseline_m
     z = []
     for seed in range(20):
-        result = calibrate_stereo(views(12, 0.1, seed), BOARD, (640, 480))
+        result = calibrate_stereo(views(12, 0.1, seed), BOARD, (640, 480), "pinhole")
         z.append((result.rig.baseline_m - truth) / result.baseline_sigma_m)
         assert result.rms_px == pytest.approx(0.1 * np.sqrt(2), rel=0.15)
     assert 0.6 < np.sqrt(np.mean(np.square(z))) < 1.6
@@ -71,6 +71,16 @@ def test_a_rig_that_moved_is_warned_of_with_the_pairs_named(data):
     result = calibrate_stereo(pairs.views, board, pairs.image_size, rejected=pairs.rejected)
     warned = {name for w in result.warnings if w.code == "pairs_disagree" for name in w.pairs}
     assert {"001", "002", "003"} <= warned
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_eyes_of_different_moments_are_refused_with_the_reason(seed):
+    """The board moved by some 6 px between the left and the right picture of every pair."""
+    rng = np.random.default_rng(seed)
+    apart = [replace(view, right=view.right + rng.normal(0, 6, 2)) for view in views(12, 0.1, seed)]
+    with pytest.raises(InputError, match="not of the same moment") as caught:
+        calibrate_stereo(apart, BOARD, (640, 480))
+    assert caught.value.code == "not_rigid"
 
 
 def test_two_pairs_are_too_few():

@@ -27,11 +27,11 @@ def corners(tmp_path) -> Path:
 
 @pytest.fixture
 def pairs(data, tmp_path) -> tuple[Path, Path]:
-    """Eight rendered pairs in two folders."""
+    """Six rendered pairs in two folders."""
     folders = tmp_path / "left", tmp_path / "right"
     for folder, eye in zip(folders, "LR", strict=True):
         folder.mkdir()
-        for k in (0, 2, 3, 4, 5, 7, 8, 9):
+        for k in (2, 3, 4, 5, 7, 8):
             shutil.copy(data / f"boards/chessboard/images/p{k:02d}_{eye}.jpg", folder / f"{k:02d}.jpg")
     return folders
 
@@ -99,7 +99,7 @@ def test_capture_keeps_new_sharp_still_views_of_films(lmkit, pairs, tmp_path):
     answer = lmkit("calibrate", *films, "--capture", "--board", SPEC, "--save-pairs", "kept", "-o", "rig.yaml")
     assert answer.code == 0, answer.err
     kept = sorted(p.name for p in (tmp_path / "kept" / "left").iterdir())
-    assert 6 <= len(kept) <= 8
+    assert 4 <= len(kept) <= 6
     assert kept == sorted(p.name for p in (tmp_path / "kept" / "right").iterdir())
     assert answer.out.startswith("kept 001 (1); next: ")
     assert "missing: " in answer.out
@@ -112,7 +112,7 @@ def test_capture_reads_both_eyes_side_by_side(lmkit, pairs, tmp_path):
         cv2.imwrite(str(tmp_path / "both" / a.name), np.hstack([cv2.imread(str(a)), cv2.imread(str(b))]))
     answer = lmkit("calibrate", "both", "--side-by-side", "--capture", "--board", SPEC, "--json")
     assert answer.code == 0, answer.err
-    assert len(json.loads(answer.out)["pairs_used"]) >= 6
+    assert len(json.loads(answer.out)["pairs_used"]) >= 4
 
 
 def test_convert_and_rectify(lmkit, pairs, tmp_path):
@@ -125,9 +125,9 @@ def test_convert_and_rectify(lmkit, pairs, tmp_path):
         assert back.baseline_m == pytest.approx(make_rig().baseline_m, abs=1e-9)
     answer = lmkit("rectify", left, right, "--rig", "ros", "-o", "flat")
     assert answer.code == 0, answer.err
-    assert len(list((tmp_path / "flat").iterdir())) == 16
+    assert len(list((tmp_path / "flat").iterdir())) == 12
     assert lmkit("rectify", left, right, "--rig", "cv.yml", "-o", "lines", "--lines").code == 0
-    shown = cv2.imread(str(tmp_path / "lines" / "00_lines.png"))
+    shown = cv2.imread(str(tmp_path / "lines" / "02_lines.png"))
     assert shown.shape == (480, 1280, 3)
 
 
