@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import re
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -13,9 +12,7 @@ from lmkit.cli.common import print_json, print_line, progress, warn
 from lmkit.errors import InputError, NegativeAnswer
 
 if TYPE_CHECKING:
-    from lmkit.locate.range_bearing import PlanarEstimate
     from lmkit.model.estimate import PoseEstimate
-    from lmkit.model.landmark_map import LandmarkMap
     from lmkit.model.stereo_rig import StereoRig
 
 _TIME = re.compile(r"(\d{9,}\.\d+|\d+\.\d+)$")
@@ -31,11 +28,15 @@ def run(
         Path | None, typer.Option("--readings", help="CSV of ranges and bearings instead of pictures.")
     ] = None,
     range_sigma: Annotated[
-        str | None, typer.Option("--range-sigma", help="Scatter of the readings' ranges, such as 0.1m.")
+        str | None,
+        typer.Option("--range-sigma", help="Scatter of the readings' ranges: 0.1m, or 3% of the range."),
     ] = None,
     bearing_sigma: Annotated[
         float | None, typer.Option("--bearing-sigma", help="Scatter of the readings' bearings, degrees.")
     ] = None,
+    time_offset: Annotated[
+        float, typer.Option("--time-offset", help="Seconds that the readings' clock is ahead.")
+    ] = 0.0,
     frame: Annotated[
         str | None, typer.Option("--frame", help="camera (left) or base; base where the rig names one.")
     ] = None,
@@ -56,7 +57,9 @@ def run(
             raise InputError(
                 "readings_alone", "--readings goes with --map alone", "give --readings FILE.csv --map MAP"
             )
-        _locate_readings(readings, read_map(landmark_map), as_json, range_sigma, bearing_sigma)
+        from lmkit.cli.locate_readings import locate_readings
+
+        locate_readings(readings, read_map(landmark_map), as_json, range_sigma, bearing_sigma, time_offset)
         return
     if rig is None or landmark_map is None:
         raise InputError("no_rig_or_map", "locate needs a rig and a map", "give --rig rig.yaml --map map.yaml")
@@ -122,62 +125,6 @@ def run(
             f"no pose from {len(lefts)} pictures",
             "check that landmarks of the map are in view",
         )
-
-
-def _locate_readings(
-    path: Path, landmarks: LandmarkMap, as_json: bool, range_sigma: str | None, bearing_sigma: float | None
-) -> None:
-    """A planar pose of the sensor for every moment of a readings file."""
-    from lmkit.formats.readings import read_readings
-    from lmkit.locate.range_bearing import ReadingNoise, locate_planar
-    from lmkit.units import parse_length_mm
-
-    if bearing_sigma is not None and not 0 < bearing_sigma < 90:
-        raise InputError("bad_sigma", f"--bearing-sigma {bearing_sigma:g} is no angle", "give degrees, such as 1.0")
-    located, moments = 0, read_readings(path)
-    noise = ReadingNoise()
-    noise = ReadingNoise(
-        noise.range_m if range_sigma is None else parse_length_mm(range_sigma, "--range-sigma") / 1000,
-        noise.bearing_rad if bearing_sigma is None else math.radians(bearing_sigma),
-    )
-    for time_s, seen in moments.items():
-        estimate = locate_planar(seen, landmarks, noise)
-        located += estimate.pose is not None
-        if as_json:
-            print_json(planar_dict(estimate, path, time_s))
-        elif estimate.pose is None:
-            print_line(f"{time_s:g} s: {estimate.status}")
-        else:
-            pose, codes = estimate.pose, ", ".join(map(str, estimate.inlier_codes))
-            off = ", ".join(map(str, estimate.outlier_codes))
-            print_line(
-                f"{time_s:g} s: ok, x {pose.x_m:.3f} y {pose.y_m:.3f} m, "
-                f"heading {math.degrees(pose.heading_rad):.2f} deg, codes {codes}"
-                + (f", not explained: {off}" if off else "")
-            )
-    if located == 0:
-        raise NegativeAnswer(
-            "not_located", f"no pose from {len(moments)} moments of {path}", "two landmarks of the map are needed"
-        )
-
-
-def planar_dict(estimate: PlanarEstimate, path: Path, time_s: float) -> dict[str, Any]:
-    """One planar answer as docs/formats.md has it."""
-    pose, covariance = estimate.pose, estimate.covariance
-    result: dict[str, Any] = {
-        "readings": str(path),
-        "time_s": time_s,
-        "status": estimate.status,
-        "position": None,
-        "heading_rad": None,
-        "covariance": None if covariance is None else covariance.tolist(),
-        "codes": list(estimate.inlier_codes),
-        "outlier_codes": list(estimate.outlier_codes),
-    }
-    if pose is not None:
-        result["position"] = [pose.x_m, pose.y_m]
-        result["heading_rad"] = pose.heading_rad
-    return result
 
 
 def estimate_dict(

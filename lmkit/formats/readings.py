@@ -1,4 +1,4 @@
-"""Readings files: range and bearing as CSV with the header ``time_s,code,range_m,bearing_rad``."""
+"""Readings files: range and bearing as CSV with the header ``time_s,code,range_m,bearing_rad``; one may be empty."""
 
 from __future__ import annotations
 
@@ -33,9 +33,12 @@ def read_readings(path: Path) -> dict[float, list[RangeBearing]]:
         try:
             if len(row) != len(COLUMNS):
                 raise ValueError(f"{len(row)} values")
-            time, distance, bearing = float(row[0]), float(row[2]), float(row[3])
-            code = int(row[1])
-            if not all(map(math.isfinite, (time, distance, bearing))) or distance <= 0 or code < 0:
+            time, code = float(row[0]), int(row[1])
+            distance, bearing = (float(cell) if cell.strip() else None for cell in row[2:])
+            if distance is None and bearing is None:
+                raise ValueError("neither range nor bearing")
+            given = [value for value in (time, distance, bearing) if value is not None]
+            if not all(map(math.isfinite, given)) or (distance is not None and distance <= 0) or code < 0:
                 raise ValueError("not finite, or not positive")
         except ValueError as error:
             raise InputError(

@@ -15,11 +15,11 @@ from lmkit.arrays import FloatArray
 
 @dataclass(frozen=True)
 class PlanarPose:
-    """Position and heading in the map's plane: metres, rad (from x towards y)."""
+    """Position and heading in the map's plane: metres, rad (from x towards y); None where the heading is unknown."""
 
     x_m: float
     y_m: float
-    heading_rad: float
+    heading_rad: float | None
 
 
 def locate_by_two(

@@ -81,12 +81,12 @@ class RangeBearing:
 
     Attributes:
         code: the landmark's code.
-        range_m: distance, metres.
-        bearing_rad: direction, rad, positive to the left of straight ahead.
+        range_m: distance, metres; None where not measured.
+        bearing_rad: direction, rad, positive to the left of straight ahead; None where not measured.
         time_s: when, seconds.
     """
 
     code: int
-    range_m: float
-    bearing_rad: float
+    range_m: float | None
+    bearing_rad: float | None
     time_s: float = 0.0

@@ -81,7 +81,7 @@ ROBOT, HEADING = (1.2, 0.3), 0.4
 def read(code, rng=None, noise=ReadingNoise()):
     r, b = measure(ROBOT, HEADING, LANDMARKS.find(code).T_map_landmark.t[:2])
     if rng is not None:
-        r, b = r + rng.normal(0, noise.range_m), b + rng.normal(0, noise.bearing_rad)
+        r, b = r + rng.normal(0, float(noise.range_sigma(r))), b + rng.normal(0, noise.bearing_rad)
     return RangeBearing(code, r, b)
 
 
@@ -96,10 +96,10 @@ def test_exact_readings_of_four_landmarks():
 def test_the_covariance_is_true(codes):
     """Summed squared normalised errors of 400 draws against the 99.9 % chi-square band."""
     rng = np.random.default_rng(len(codes))
-    wide = ReadingNoise(outlier_sigma=8.0)
+    wide = ReadingNoise(range_share=0.01, common_bearing_rad=0.0, outlier_sigma=8.0)
     total = 0.0
     for _ in range(400):
-        estimate = locate_planar([read(c, rng) for c in codes], LANDMARKS, wide)
+        estimate = locate_planar([read(c, rng, wide) for c in codes], LANDMARKS, wide)
         pose = estimate.pose
         error = np.array([pose.x_m - ROBOT[0], pose.y_m - ROBOT[1], pose.heading_rad - HEADING])
         total += error @ np.linalg.solve(estimate.covariance, error)
@@ -116,5 +116,61 @@ def test_a_moved_landmark_is_named():
 
 def test_one_landmark_is_too_few_and_contradiction_is_said():
     assert locate_planar([read(1), read(1)], LANDMARKS).status == "no_landmarks"
-    wrong = [read(1), RangeBearing(2, 0.5, read(2).bearing_rad + 1.0)]
+    wrong = [read(1), RangeBearing(2, 6.0, read(2).bearing_rad + 1.0)]
     assert locate_planar(wrong, LANDMARKS).status == "inconsistent"
+
+
+def only_ranges(codes, noise=0.0, rng=None):
+    off = (lambda: 0.0) if rng is None else (lambda: rng.normal(0, noise))
+    return [RangeBearing(c, read(c).range_m + off(), None) for c in codes]
+
+
+def only_bearings(codes):
+    return [RangeBearing(c, None, read(c).bearing_rad) for c in codes]
+
+
+def test_ranges_alone_give_the_place_and_no_heading():
+    estimate = locate_planar(only_ranges((1, 2, 3)), LANDMARKS)
+    assert estimate.status == "ok"
+    assert (estimate.pose.x_m, estimate.pose.y_m) == pytest.approx(ROBOT, abs=1e-6)
+    assert estimate.pose.heading_rad is None
+    assert estimate.covariance.shape == (2, 2)
+
+
+def test_two_ranges_leave_two_places():
+    estimate = locate_planar(only_ranges((1, 2)), LANDMARKS)
+    assert estimate.status == "ambiguous"
+    places = [estimate.pose, *(pose for pose, _ in estimate.alternatives)]
+    assert len(places) == 2
+    # The landmarks stand at x = 4: the other place is the mirror image behind them.
+    assert sorted(p.x_m for p in places) == pytest.approx([ROBOT[0], 8 - ROBOT[0]], abs=1e-6)
+
+
+@given(st.floats(-1.5, 3.5), st.floats(-3, 1.8), st.floats(-3.1, 3.1))
+def test_bearings_alone_give_the_pose(x, y, heading):
+    """Anywhere but near the circle through the three landmarks, where resection fails for everybody."""
+    places = {c: LANDMARKS.find(c).T_map_landmark.t[:2] for c in (1, 2, 3)}
+    one, two, three = places.values()
+    D = 2 * np.linalg.det([two - one, three - one])
+    centre = one + np.linalg.solve(
+        2 * np.array([two - one, three - one]), [(p - one) @ (p - one) for p in (two, three)]
+    )
+    assert abs(D) > 1
+    assume(abs(np.hypot(x - centre[0], y - centre[1]) - np.hypot(*(one - centre))) > 0.4)
+    assume(all(np.hypot(*(p - [x, y])) > 0.4 for p in places.values()))
+    seen = [RangeBearing(c, None, measure((x, y), heading, p)[1]) for c, p in places.items()]
+    estimate = locate_planar(seen, LANDMARKS)
+    poses = [estimate.pose, *(pose for pose, _ in estimate.alternatives)]
+    assert any(np.hypot(p.x_m - x, p.y_m - y) < 1e-3 for p in poses if p is not None)
+
+
+def test_a_range_and_three_bearings_may_come_from_different_landmarks():
+    seen = [*only_bearings((1, 2)), *only_ranges((3,))]
+    estimate = locate_planar(seen, LANDMARKS)
+    poses = [estimate.pose, *(pose for pose, _ in estimate.alternatives)]
+    assert any(np.hypot(p.x_m - ROBOT[0], p.y_m - ROBOT[1]) < 1e-4 for p in poses)
+
+
+@pytest.mark.parametrize("seen", [only_bearings((1, 2)), only_ranges((1,)), [read(1)], []])
+def test_too_little_is_said_to_be_too_little(seen):
+    assert locate_planar(seen, LANDMARKS).status == "no_landmarks"
