@@ -15,7 +15,20 @@ for _variable in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"):
 
 import typer
 
-from lmkit.cli import board, calibrate, convert, demo, detect, doctor, generate, locate, rectify, simulate, verify
+from lmkit.cli import (
+    board,
+    calibrate,
+    convert,
+    demo,
+    detect,
+    doctor,
+    evaluate,
+    generate,
+    locate,
+    rectify,
+    simulate,
+    verify,
+)
 from lmkit.errors import LmkitError
 from lmkit.version import __version__
 
@@ -31,7 +44,20 @@ app = typer.Typer(
     context_settings={"help_option_names": ["-h", "--help"]},
 )
 
-for _command in (generate, board, verify, detect, calibrate, rectify, convert, locate, simulate, demo, doctor):
+for _command in (
+    generate,
+    board,
+    verify,
+    detect,
+    calibrate,
+    rectify,
+    convert,
+    locate,
+    evaluate,
+    simulate,
+    demo,
+    doctor,
+):
     app.command(name=_command.__name__.rpartition(".")[2])(_command.run)
 
 

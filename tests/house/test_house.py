@@ -22,7 +22,7 @@ FLOORS = [
     {"units", "workers"},
     {"model"},
     {"formats"},
-    {"generate", "detect", "calibrate", "locate", "overlay", "room_plan"},
+    {"generate", "detect", "calibrate", "locate", "evaluate", "overlay", "room_plan"},
     {"verify", "simulate", "board_pairs", "landmark_pairs", "detect_batch", "installation"},
     {"board_capture", "demo"},
     {"cli"},

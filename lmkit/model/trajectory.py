@@ -1,0 +1,53 @@
+"""A trajectory: poses with times."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from lmkit.arrays import FloatArray, IntArray, frozen
+
+
+@dataclass(frozen=True, eq=False)
+class Trajectory:
+    """Poses of one thing in one frame, in the order of time.
+
+    Attributes:
+        times_s: (N,) seconds, increasing.
+        positions: (N,3) metres.
+        quaternions: (N,4) x y z w of unit length.
+    """
+
+    times_s: FloatArray
+    positions: FloatArray
+    quaternions: FloatArray
+
+    def __post_init__(self) -> None:
+        count = len(self.times_s)
+        object.__setattr__(self, "times_s", frozen(self.times_s, (count,), "times_s"))
+        object.__setattr__(self, "positions", frozen(self.positions, (count, 3), "positions"))
+        object.__setattr__(self, "quaternions", frozen(self.quaternions, (count, 4), "quaternions"))
+
+    def __len__(self) -> int:
+        return len(self.times_s)
+
+    @property
+    def rotations(self) -> FloatArray:
+        """(N,3,3)."""
+        return np.asarray(Rotation.from_quat(self.quaternions).as_matrix())
+
+    @property
+    def length_m(self) -> float:
+        """Of the way from the first to the last pose."""
+        return float(np.linalg.norm(np.diff(self.positions, axis=0), axis=1).sum())
+
+    def rows(self, rows: IntArray) -> Trajectory:
+        """Some of the poses."""
+        return Trajectory(self.times_s[rows], self.positions[rows], self.quaternions[rows])
+
+    def moved(self, R: FloatArray, t: FloatArray, scale: float = 1.0) -> Trajectory:
+        """In another frame: x -> scale R x + t."""
+        turned = (Rotation.from_matrix(R) * Rotation.from_quat(self.quaternions)).as_quat()
+        return Trajectory(self.times_s, scale * self.positions @ R.T + t, turned)
