@@ -28,7 +28,7 @@ from lmkit.model.landmark_map import LandmarkMap
 from lmkit.model.observation import LandmarkObservation
 from lmkit.model.pose import Pose, rotation_angle
 from lmkit.overlay import draw_axes, draw_landmarks, encode_jpeg, encode_png
-from lmkit.room_plan import draw_plan
+from lmkit.room_plan import Found, draw_plan
 from lmkit.simulate.dataset import BOARD, Dataset, description_files, make_dataset, take_pictures
 from lmkit.workers import map_in_processes
 
@@ -83,7 +83,12 @@ def run_demo(folder: Path, seed: int, pairs: int, boards: int, landmarks: int, p
     stations = tuple(_station(k, pose, estimate) for k, (pose, estimate) in enumerate(zip(truth, found, strict=True)))
     write_file(folder / "errors.csv", _errors_csv(stations), force=True)
     title = f"lmkit demo, seed {seed}: {sum(e.T_map_camera is not None for e in found)} of {pairs} pairs located"
-    plan = draw_plan(data.scene.landmarks, data.scene.size_m[:2], truth, found, title)
+    located = [
+        Found(str(k), e.T_map_camera, None if e.covariance is None else e.covariance[:2, :2], e.status == "ok")
+        for k, e in enumerate(found)
+        if e.T_map_camera is not None
+    ]
+    plan = draw_plan(data.scene.landmarks, located, truth, data.scene.size_m[:2], title)
     write_file(folder / "plan.png", plan, force=True)
     baseline_error = 1000 * (calibration.rig.baseline_m - data.rig.baseline_m)
     return DemoResult(calibration, stations, baseline_error)

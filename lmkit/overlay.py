@@ -9,11 +9,15 @@ import numpy as np
 
 from lmkit.arrays import ByteArray, FloatArray
 from lmkit.model.camera import CameraModel
+from lmkit.model.estimate import PoseEstimate
+from lmkit.model.landmark_map import LandmarkMap
 from lmkit.model.observation import LandmarkObservation
 
 Bgr = tuple[int, int, int]
 GREEN: Bgr = (80, 220, 60)
 YELLOW: Bgr = (0, 210, 255)
+MAGENTA: Bgr = (220, 60, 200)
+RED: Bgr = (40, 40, 230)
 INK: Bgr = (30, 30, 30)
 SHIFT = 4  # sub-pixel bits of OpenCV's drawing
 
@@ -37,6 +41,40 @@ def draw_axes(image: ByteArray, camera: CameraModel, points_camera: FloatArray, 
     at = (camera.project(points_camera) + 0.5) * enlarge - 0.5
     for tip, color in zip(at[1:], ((60, 60, 230), (60, 200, 60), (230, 120, 40)), strict=True):
         _polyline(image, np.array([at[0], tip]), color, closed=False)
+
+
+def draw_located(
+    image: ByteArray,
+    seen: Sequence[LandmarkObservation],
+    camera: CameraModel,
+    estimate: PoseEstimate,
+    landmarks: LandmarkMap,
+    enlarge: int = 2,
+) -> ByteArray:
+    """A copy, ``enlarge`` times larger: what was read, and where the pose puts the map's landmarks, with axes."""
+    canvas = draw_landmarks(image, seen, enlarge)
+    if estimate.T_map_camera is None:
+        draw_label(canvas, estimate.status, np.array([8.0, 24.0]))
+        return canvas
+    T_camera_map = estimate.T_map_camera.inverse()
+    read = {o.code for o in seen}
+    for landmark in landmarks:
+        corners = T_camera_map.apply(landmark.corners_map)
+        if corners[:, 2].min() < 0.05:
+            continue
+        pixels = camera.project(corners)
+        if not camera.contains(pixels).any() or not camera.reaches(pixels).all():
+            continue
+        faces = (landmark.T_map_landmark.R[:, 2] @ (estimate.T_map_camera.t - landmark.T_map_landmark.t)) > 0
+        if not faces and landmark.code not in read:
+            continue
+        odd = landmark.code in estimate.outlier_codes
+        _polyline(canvas, (pixels + 0.5) * enlarge - 0.5, RED if odd else MAGENTA, closed=True)
+        tips = landmark.size_m / 2 * np.array([[0, 0, 0], [1.0, 0, 0], [0, 1.0, 0], [0, 0, 1.0]])
+        draw_axes(canvas, camera, T_camera_map.apply(landmark.T_map_landmark.apply(tips)), enlarge)
+    x, y, z = estimate.T_map_camera.t
+    draw_label(canvas, f"{estimate.status}: x {x:.3f} y {y:.3f} z {z:.3f} m", np.array([8.0, 24.0]))
+    return canvas
 
 
 def draw_label(canvas: ByteArray, text: str, at: FloatArray, scale: float = 0.6) -> None:

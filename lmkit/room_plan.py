@@ -1,127 +1,236 @@
-"""A room from above: landmarks, true poses, found poses with their 95 % ellipses."""
+"""A room from above: landmarks, true poses, found poses with their 95 % ellipses; as PNG or SVG."""
 
 from __future__ import annotations
 
 import io
 from collections.abc import Sequence
+from dataclasses import dataclass
+from html import escape
+from typing import Protocol
 
 import numpy as np
 from PIL import Image, ImageDraw, ImageFont
 
 from lmkit.arrays import FloatArray
-from lmkit.model.estimate import PoseEstimate
 from lmkit.model.landmark_map import LandmarkMap
 from lmkit.model.pose import Pose
 
-PIXELS_PER_M = 150
+MOST_PIXELS_PER_M = 150.0
+LARGEST_PX = 1500.0
 MARGIN_PX = 90
 OVERSAMPLE = 2
-ELLIPSE_GAIN = 10.0
+AROUND_M = 0.6  # free space around what is drawn, where the room is not known
+SEEN_PX = 6.0  # ellipses are enlarged until the middle one is as large
+LARGEST_SEEN_PX = 120.0
+GAINS = (1.0, 10.0, 100.0)
 CHI2_2D_95 = 5.991
+MOST_LABELS = 40
 
-PAPER, WALL, INK = (252, 252, 250), (70, 74, 80), (40, 42, 46)
+Rgb = tuple[int, int, int]
+Points = Sequence[tuple[float, float]]
+PAPER, ROOM, WALL, INK = (252, 252, 250), (255, 255, 255), (70, 74, 80), (40, 42, 46)
 RED, BLUE, GREEN, ORANGE = (237, 28, 36), (0, 84, 166), (34, 139, 72), (226, 120, 20)
+GRID, FAINT = (232, 234, 236), (140, 144, 150)
+
+
+@dataclass(frozen=True, eq=False)
+class Found:
+    """A pose to draw.
+
+    Attributes:
+        label: written beside it.
+        pose: of a camera (it looks along its z axis) in the map.
+        covariance: (2,2) of x y, or None.
+        sure: False where the pictures allow another pose.
+    """
+
+    label: str
+    pose: Pose
+    covariance: FloatArray | None = None
+    sure: bool = True
 
 
 def draw_plan(
     landmarks: LandmarkMap,
-    size_m: tuple[float, float],
-    truth: Sequence[Pose],
-    estimates: Sequence[PoseEstimate],
-    title: str,
+    found: Sequence[Found],
+    truth: Sequence[Pose] = (),
+    size_m: tuple[float, float] | None = None,
+    title: str = "",
+    kind: str = "png",
 ) -> bytes:
-    """The bytes of a PNG file.
+    """The bytes of a PNG or SVG file.
 
     Args:
-        size_m: (x, y) extent of the room, whose corner is the map's origin.
-        truth, estimates: true and found poses of the camera, one each per pair.
+        truth: true poses of the camera.
+        size_m: (x, y) extent of the room, whose corner is the map's origin; None: what is drawn, and some space.
+        kind: ``png`` or ``svg``.
     """
-    plan = _Plan(size_m)
-    plan.room()
+    low, high = _extent(landmarks, [f.pose for f in found] + list(truth)) if size_m is None else ((0.0, 0.0), size_m)
+    scale = min(MOST_PIXELS_PER_M, LARGEST_PX / max(high[0] - low[0], high[1] - low[1]))
+    size = (round((high[0] - low[0]) * scale) + 2 * MARGIN_PX, round((high[1] - low[1]) * scale) + 2 * MARGIN_PX)
+    canvas: _Canvas = _Svg(size) if kind == "svg" else _Png(size)
+    plan = _Plan(canvas, low, high, scale)
+    plan.room(size_m is not None)
     for landmark in landmarks:
         plan.landmark(landmark.T_map_landmark, landmark.size_m, str(landmark.code))
-    for index, (true, found) in enumerate(zip(truth, estimates, strict=True)):
+    for true in truth:
         plan.camera(true, GREEN, 3, None)
-        if found.T_map_camera is not None:
-            plan.camera(found.T_map_camera, ORANGE, 2, str(index))
-            if found.covariance is not None:
-                plan.ellipse(found.T_map_camera.t, found.covariance[:2, :2])
-    plan.words(title)
-    return plan.png()
+    known = [f.covariance for f in found if f.covariance is not None and f.sure]
+    gain = _gain(known, scale)
+    for one in found:
+        if not one.sure:
+            plan.camera(one.pose, FAINT, 1, None)
+    for number, one in enumerate([f for f in found if f.sure]):
+        plan.camera(one.pose, ORANGE, 2, one.label if number % (1 + len(found) // MOST_LABELS) == 0 else None)
+        if one.covariance is not None:
+            plan.ellipse(one.pose.t, one.covariance, gain)
+    plan.words(title, bool(truth), not all(f.sure for f in found), gain)
+    return canvas.file()
+
+
+def _extent(landmarks: LandmarkMap, poses: Sequence[Pose]) -> tuple[tuple[float, float], tuple[float, float]]:
+    points = np.array([landmark.T_map_landmark.t[:2] for landmark in landmarks] + [pose.t[:2] for pose in poses])
+    low, high = np.floor(points.min(axis=0) - AROUND_M), np.ceil(points.max(axis=0) + AROUND_M)
+    return (float(low[0]), float(low[1])), (float(high[0]), float(high[1]))
+
+
+def _gain(covariances: Sequence[FloatArray], scale: float) -> float:
+    """How much ellipses are enlarged to be seen."""
+    if not covariances:
+        return 1.0
+    sizes = [np.sqrt(max(np.linalg.eigvalsh(c)[-1], 0.0) * CHI2_2D_95) * scale for c in covariances]
+    seen = next((gain for gain in GAINS if gain * np.median(sizes) >= SEEN_PX), GAINS[-1])
+    # The large ones shall not hide the room.
+    return max(
+        [gain for gain in GAINS if gain <= seen and gain * np.percentile(sizes, 95) < LARGEST_SEEN_PX], default=1.0
+    )
+
+
+class _Canvas(Protocol):
+    """What both kinds of picture can do; pixels from the top left."""
+
+    size: tuple[int, int]
+
+    def line(self, points: Points, color: Rgb, width: float) -> None: ...
+    def box(self, a: tuple[float, float], b: tuple[float, float], fill: Rgb, edge: Rgb, width: float) -> None: ...
+    def text(self, at: tuple[float, float], text: str, size: float, color: Rgb, anchor: str) -> float: ...
+    def file(self) -> bytes: ...
 
 
 class _Plan:
     """Metres on paper: x to the right, y up."""
 
-    def __init__(self, size_m: tuple[float, float]) -> None:
-        self.size_m = size_m
-        self.scale = PIXELS_PER_M * OVERSAMPLE
-        self.margin = MARGIN_PX * OVERSAMPLE
-        width = round(size_m[0] * self.scale + 2 * self.margin)
-        height = round(size_m[1] * self.scale + 2 * self.margin)
-        self.image = Image.new("RGB", (width, height), PAPER)
-        self.draw = ImageDraw.Draw(self.image)
+    def __init__(self, canvas: _Canvas, low: tuple[float, float], high: tuple[float, float], scale: float) -> None:
+        self.canvas, self.low, self.high, self.scale = canvas, low, high, scale
 
     def at(self, xy: FloatArray) -> tuple[float, float]:
-        return (
-            self.margin + float(xy[0]) * self.scale,
-            self.image.height - self.margin - float(xy[1]) * self.scale,
-        )
+        x = MARGIN_PX + (float(xy[0]) - self.low[0]) * self.scale
+        return x, self.canvas.size[1] - MARGIN_PX - (float(xy[1]) - self.low[1]) * self.scale
 
-    def font(self, size: float) -> ImageFont.FreeTypeFont | ImageFont.ImageFont:
-        return ImageFont.load_default(size * OVERSAMPLE)
-
-    def room(self) -> None:
-        a, b = self.at(np.zeros(2)), self.at(np.array(self.size_m))
-        self.draw.rectangle((a[0], b[1], b[0], a[1]), fill=(255, 255, 255), outline=WALL, width=5 * OVERSAMPLE)
-        for metre in range(1, int(max(self.size_m)) + 1):
-            for start, end in (((metre, 0), (metre, self.size_m[1])), ((0, metre), (self.size_m[0], metre))):
-                if start[0] < self.size_m[0] and start[1] < self.size_m[1]:
-                    self.draw.line(
-                        (*self.at(np.array(start)), *self.at(np.array(end))),
-                        fill=(232, 234, 236),
-                        width=OVERSAMPLE,
-                    )
+    def room(self, walls: bool) -> None:
+        corners = self.at(np.array([self.low[0], self.high[1]])), self.at(np.array([self.high[0], self.low[1]]))
+        self.canvas.box(*corners, ROOM, WALL if walls else GRID, 5 if walls else 1)
+        for axis in (0, 1):
+            for metre in range(int(np.ceil(self.low[axis] + 1e-9)), int(np.ceil(self.high[axis]))):
+                ends = np.array([self.low, self.high])
+                ends[:, axis] = metre
+                self.canvas.line([self.at(end) for end in ends], GRID, 1)
 
     def landmark(self, pose: Pose, size_m: float, label: str) -> None:
         along, out = pose.R[:2, 0], pose.R[:2, 2]
         a, b = pose.t[:2] - along * size_m / 2, pose.t[:2] + along * size_m / 2
-        self.draw.line((*self.at(a), *self.at(b)), fill=RED, width=12 * OVERSAMPLE)
-        self.draw.line((*self.at(a + 0.02 * (b - a)), *self.at(b - 0.02 * (b - a))), fill=BLUE, width=6 * OVERSAMPLE)
-        self.draw.text(self.at(pose.t[:2] - 0.17 * out), label, INK, self.font(15), anchor="mm")
+        self.canvas.line([self.at(a), self.at(b)], RED, 12)
+        self.canvas.line([self.at(a + 0.02 * (b - a)), self.at(b - 0.02 * (b - a))], BLUE, 6)
+        self.canvas.text(self.at(pose.t[:2] - 25 / self.scale * out), label, 15, INK, "middle")
 
-    def camera(self, pose: Pose, color: tuple[int, int, int], width: int, label: str | None) -> None:
+    def camera(self, pose: Pose, color: Rgb, width: float, label: str | None) -> None:
+        unit = 36 / self.scale
         forward, right = pose.R[:2, 2], pose.R[:2, 0]
-        tips = [pose.t[:2] + 0.24 * forward + side * 0.13 * right for side in (-1, 1)]
+        tips = [pose.t[:2] + unit * forward + side * 0.54 * unit * right for side in (-1, 1)]
         outline = [self.at(pose.t[:2]), self.at(tips[0]), self.at(tips[1]), self.at(pose.t[:2])]
-        self.draw.line(outline, fill=color, width=width * OVERSAMPLE, joint="curve")
+        self.canvas.line(outline, color, width)
         if label is not None:
-            self.draw.text(self.at(pose.t[:2] - 0.12 * forward), label, INK, self.font(14), anchor="mm")
+            self.canvas.text(self.at(pose.t[:2] - 0.5 * unit * forward), label, 14, INK, "middle")
 
-    def ellipse(self, centre: FloatArray, covariance: FloatArray) -> None:
+    def ellipse(self, centre: FloatArray, covariance: FloatArray, gain: float) -> None:
         values, vectors = np.linalg.eigh(covariance)
         turns = np.linspace(0, 2 * np.pi, 48)
-        radii = np.sqrt(np.clip(values, 0, None) * CHI2_2D_95) * ELLIPSE_GAIN
+        radii = np.sqrt(np.clip(values, 0, None) * CHI2_2D_95) * gain
         points = centre[:2] + (np.column_stack([np.cos(turns), np.sin(turns)]) * radii) @ vectors.T
-        self.draw.line([self.at(p) for p in points], fill=ORANGE, width=OVERSAMPLE)
+        self.canvas.line([self.at(p) for p in points], ORANGE, 1)
 
-    def words(self, title: str) -> None:
-        self.draw.text((self.margin, self.margin * 0.28), title, INK, self.font(19), anchor="lm")
-        y = self.image.height - self.margin * 0.3
-        legend = (
-            (GREEN, "true pose"),
-            (ORANGE, f"found, 95 % ellipse {ELLIPSE_GAIN:g} times enlarged"),
-            (RED, "landmark and its code"),
-        )
-        x = float(self.margin)
+    def words(self, title: str, truth: bool, doubts: bool, gain: float) -> None:
+        self.canvas.text((MARGIN_PX, MARGIN_PX * 0.28), title, 19, INK, "start")
+        y = self.canvas.size[1] - MARGIN_PX * 0.3
+        enlarged = "" if gain == 1 else f" {gain:g} times enlarged"
+        legend = [(ORANGE, f"found, 95 % ellipse{enlarged}"), (RED, "landmark and its code")]
+        if truth:
+            legend.insert(0, (GREEN, "true pose"))
+        if doubts:
+            legend.insert(-1, (FAINT, "ambiguous"))
+        x = float(MARGIN_PX)
         for color, text in legend:
-            self.draw.line((x, y, x + 26 * OVERSAMPLE, y), fill=color, width=5 * OVERSAMPLE)
-            self.draw.text((x + 34 * OVERSAMPLE, y), text, INK, self.font(15), anchor="lm")
-            x += 60 * OVERSAMPLE + self.draw.textlength(text, self.font(15))
-        self.draw.text((self.image.width - self.margin, y), "grid 1 m", (140, 144, 150), self.font(14), anchor="rm")
+            self.canvas.line([(x, y), (x + 26, y)], color, 5)
+            x += 60 + self.canvas.text((x + 34, y), text, 15, INK, "start")
+        self.canvas.text((self.canvas.size[0] - MARGIN_PX, MARGIN_PX * 0.7), "grid 1 m", 14, FAINT, "end")
 
-    def png(self) -> bytes:
-        size = (self.image.width // OVERSAMPLE, self.image.height // OVERSAMPLE)
+
+class _Png:
+    """By Pillow, drawn larger and reduced."""
+
+    def __init__(self, size: tuple[int, int]) -> None:
+        self.size = size
+        self._image = Image.new("RGB", (size[0] * OVERSAMPLE, size[1] * OVERSAMPLE), PAPER)
+        self._draw = ImageDraw.Draw(self._image)
+
+    def line(self, points: Points, color: Rgb, width: float) -> None:
+        larger = [(x * OVERSAMPLE, y * OVERSAMPLE) for x, y in points]
+        self._draw.line(larger, fill=color, width=round(width * OVERSAMPLE), joint="curve")
+
+    def box(self, a: tuple[float, float], b: tuple[float, float], fill: Rgb, edge: Rgb, width: float) -> None:
+        corners = [v * OVERSAMPLE for v in (*a, *b)]
+        self._draw.rectangle(corners, fill=fill, outline=edge, width=round(width * OVERSAMPLE))
+
+    def text(self, at: tuple[float, float], text: str, size: float, color: Rgb, anchor: str) -> float:
+        font = ImageFont.load_default(size * OVERSAMPLE)
+        place = (at[0] * OVERSAMPLE, at[1] * OVERSAMPLE)
+        self._draw.text(place, text, color, font, anchor={"start": "lm", "middle": "mm", "end": "rm"}[anchor])
+        return float(self._draw.textlength(text, font)) / OVERSAMPLE
+
+    def file(self) -> bytes:
         buffer = io.BytesIO()
-        self.image.resize(size, Image.Resampling.LANCZOS).save(buffer, format="PNG")
+        self._image.resize(self.size, Image.Resampling.LANCZOS).save(buffer, format="PNG")
         return buffer.getvalue()
+
+
+class _Svg:
+    """As text."""
+
+    def __init__(self, size: tuple[int, int]) -> None:
+        self.size = size
+        self._parts = [f'<rect width="{size[0]}" height="{size[1]}" fill="{_hex(PAPER)}"/>']
+
+    def line(self, points: Points, color: Rgb, width: float) -> None:
+        path = "L".join(f"{x:.1f} {y:.1f}" for x, y in points)
+        self._parts.append(f'<path d="M{path}" fill="none" stroke="{_hex(color)}" stroke-width="{width:g}"/>')
+
+    def box(self, a: tuple[float, float], b: tuple[float, float], fill: Rgb, edge: Rgb, width: float) -> None:
+        place = f'x="{a[0]:.1f}" y="{a[1]:.1f}" width="{b[0] - a[0]:.1f}" height="{b[1] - a[1]:.1f}"'
+        self._parts.append(f'<rect {place} fill="{_hex(fill)}" stroke="{_hex(edge)}" stroke-width="{width:g}"/>')
+
+    def text(self, at: tuple[float, float], text: str, size: float, color: Rgb, anchor: str) -> float:
+        place = f'x="{at[0]:.1f}" y="{at[1] + size * 0.35:.1f}" font-size="{size:g}" text-anchor="{anchor}"'
+        self._parts.append(f'<text {place} fill="{_hex(color)}">{escape(text)}</text>')
+        return 0.52 * size * len(text)
+
+    def file(self) -> bytes:
+        width, height = self.size
+        head = (
+            f'<svg xmlns="http://www.w3.org/2000/svg" width="{width}" height="{height}" '
+            f'viewBox="0 0 {width} {height}" font-family="sans-serif">'
+        )
+        return "\n".join([head, *self._parts, "</svg>\n"]).encode()
+
+
+def _hex(color: Rgb) -> str:
+    return "#{:02x}{:02x}{:02x}".format(*color)

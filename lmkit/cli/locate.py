@@ -2,16 +2,20 @@
 
 from __future__ import annotations
 
+import math
 import re
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from lmkit.cli.common import print_json, print_line, progress, warn
+from lmkit.cli.locate_results import Results
 from lmkit.errors import InputError, NegativeAnswer
 
 if TYPE_CHECKING:
+    from lmkit.locate.rig import PosePrior
     from lmkit.model.estimate import PoseEstimate
     from lmkit.model.stereo_rig import StereoRig
 
@@ -40,20 +44,36 @@ def run(
     frame: Annotated[
         str | None, typer.Option("--frame", help="camera (left) or base; base where the rig names one.")
     ] = None,
+    heading: Annotated[
+        str | None,
+        typer.Option("--heading", help="Where the camera looks, as a gyro has it: 90+-3, degrees from x to y."),
+    ] = None,
+    planar: Annotated[
+        str | None,
+        typer.Option("--planar", help="A robot on a level floor: its camera's height, and tilt downwards: 0.42m,10."),
+    ] = None,
+    tum: Annotated[Path | None, typer.Option("--tum", help="Trajectory to write (TUM).")] = None,
+    csv: Annotated[Path | None, typer.Option("--csv", help="Poses with standard deviations to write (CSV).")] = None,
+    plan: Annotated[
+        Path | None, typer.Option("--plan", help="Plan with poses and ellipses to write (.png or .svg).")
+    ] = None,
+    annotate: Annotated[
+        Path | None, typer.Option("--annotate", help="Folder for pictures with axes and the map drawn in.")
+    ] = None,
     as_json: Annotated[bool, typer.Option("--json", help="One JSON object a line.")] = False,
+    force: Annotated[bool, typer.Option("--force", help="Overwrite files.")] = False,
 ) -> None:
     """Find the pose of the camera (or the robot) from landmarks of a map."""
-    from lmkit.detect.landmarks import detect_landmarks
-    from lmkit.detect.options import DetectOptions
     from lmkit.formats.any_rig import read_any_rig
-    from lmkit.formats.images import read_image
     from lmkit.formats.landmark_map import read_map
-    from lmkit.formats.sources import list_pictures
-    from lmkit.locate.rig import locate_camera, locate_rig
-    from lmkit.model.landmark import family_named
+    from lmkit.locate.rig import LocateOptions
+    from lmkit.locate_batch import locate_in_sources
 
+    files = {"--tum": tum, "--csv": csv, "--plan": plan, "--annotate": annotate}
     if readings is not None:
-        if landmark_map is None or any(given is not None for given in (left, right, rig, mono, frame)):
+        if landmark_map is None or any(
+            given is not None for given in (left, right, rig, mono, frame, *files.values())
+        ):
             raise InputError(
                 "readings_alone", "--readings goes with --map alone", "give --readings FILE.csv --map MAP"
             )
@@ -68,68 +88,76 @@ def run(
     if frame not in (None, "camera", "base"):
         raise InputError("bad_frame", f"--frame {frame} is unknown", "choose camera or base")
     cameras, landmarks = read_any_rig(rig), read_map(landmark_map)
-    families = tuple(dict.fromkeys(family_named(landmark.family) for landmark in landmarks))
     if frame is None:
         frame = "camera" if cameras.T_base_left is None else "base"
     if frame == "base" and cameras.T_base_left is None:
         raise InputError("no_base", f"{rig} has no T_base_left", "add it to the rig file, or use --frame camera")
-
-    lefts = list_pictures(mono if mono is not None else str(left))
-    rights: list[Path | None] = [None] * len(lefts)
-    if mono is None:
-        rights = list(list_pictures(str(right)))
-    if len(lefts) != len(rights):
-        raise InputError("unpaired", f"{len(lefts)} left and {len(rights)} right pictures", "give as many of both")
-
-    located, failed = 0, []
-    for left_file, right_file in progress(zip(lefts, rights, strict=True), len(lefts), "locating"):
-        try:
-            pictures = [read_image(p) for p in (left_file, right_file) if p is not None]
-            for path, image, camera in zip(
-                (left_file, right_file), pictures, (cameras.left, cameras.right), strict=False
-            ):
-                if (image.shape[1], image.shape[0]) != camera.image_size:
-                    raise InputError(
-                        "sizes_differ",
-                        f"{path} is {image.shape[1]} x {image.shape[0]} pixels, the rig's camera "
-                        f"{camera.image_size[0]} x {camera.image_size[1]}",
-                        "give pictures as they were calibrated",
-                    )
-        except InputError as error:
-            failed.append(error)
+    results = Results(tum, csv, plan, annotate, frame, cameras, landmarks, force)
+    options = LocateOptions(prior=_prior(heading, planar))
+    located, failed, total = 0, [], 0
+    moments = locate_in_sources(mono or str(left), None if mono else right, cameras, landmarks, options)
+    for moment in progress(moments, None, "locating"):
+        total += 1
+        if moment.estimate is None:
+            assert moment.error is not None
+            failed.append(moment.error)
             if as_json:
-                print_json({"left": str(left_file), "right": _name(right_file), "error": error.as_dict()})
-            elif len(lefts) > 1:
-                warn(str(error))
+                print_json({"left": moment.left, "right": moment.right, "error": moment.error.as_dict()})
+            elif total > 1:
+                warn(str(moment.error))
             continue
-        eyes = (cameras.left, cameras.right)
-        seen = [
-            detect_landmarks(image, DetectOptions(families, camera=eye))
-            for image, eye in zip(pictures, eyes, strict=False)
-        ]
-        if mono is None:
-            estimate = locate_rig(seen[0], seen[1], cameras, landmarks)
-        else:
-            estimate = locate_camera(seen[0], cameras.left, landmarks)
-        located += estimate.T_map_camera is not None
+        located += moment.estimate.T_map_camera is not None
+        results.add(moment)
         if as_json:
-            print_json(estimate_dict(estimate, cameras, left_file, right_file, frame))
+            print_json(estimate_dict(moment.estimate, cameras, moment.left, moment.right, frame))
         else:
-            print_line(f"{left_file.name}: {_sentence(estimate, cameras, frame)}")
+            print_line(f"{Path(moment.left).name}: {_sentence(moment.estimate, cameras, frame)}")
+    for path in results.write():
+        warn(f"wrote {path}")
     if failed:
         more = f" (and {len(failed) - 1} more)" if len(failed) > 1 else ""
         raise InputError(failed[0].code, failed[0].message + more, failed[0].hint)
     if located == 0:
         raise NegativeAnswer(
             "not_located",
-            f"no pose from {len(lefts)} pictures",
+            f"no pose from {total} pictures",
             "check that landmarks of the map are in view",
         )
 
 
-def estimate_dict(
-    estimate: PoseEstimate, rig: StereoRig, left: Path, right: Path | None, frame: str
-) -> dict[str, Any]:
+def _prior(heading: str | None, planar: str | None) -> PosePrior | None:
+    """What --heading and --planar say."""
+    from lmkit.locate.rig import PosePrior
+    from lmkit.units import parse_length_mm
+
+    if heading is None and planar is None:
+        return None
+    prior = PosePrior()
+    if heading is not None:
+        match = re.fullmatch(r"\s*(-?\d+(?:\.\d+)?)\s*(?:(?:\+-|±)\s*(\d+(?:\.\d+)?))?\s*", heading)
+        if match is None or (match[2] and float(match[2]) <= 0):
+            raise InputError(
+                "bad_heading", f"--heading {heading!r} is no heading", "write degrees, such as 90 or 90+-3"
+            )
+        sigma = prior.heading_sigma if match[2] is None else math.radians(float(match[2]))
+        prior = replace(prior, heading_rad=math.radians(float(match[1])), heading_sigma=sigma)
+    if planar is not None:
+        height, _, tilt = planar.partition(",")
+        try:
+            down = math.radians(float(tilt or 0))
+        except ValueError:
+            raise InputError(
+                "bad_planar", f"--planar {planar!r}: {tilt!r} is no tilt", "write such as 0.42m,10"
+            ) from None
+        prior = replace(
+            prior,
+            height_m=parse_length_mm(height, "height of --planar") / 1000,
+            down=(0.0, math.cos(down), math.sin(down)),
+        )
+    return prior
+
+
+def estimate_dict(estimate: PoseEstimate, rig: StereoRig, left: str, right: str | None, frame: str) -> dict[str, Any]:
     """One answer as docs/formats.md has it."""
     from lmkit.locate.rig import covariance_at_base
     from lmkit.model.pose import Pose
@@ -140,11 +168,10 @@ def estimate_dict(
         T_left_base = rig.T_base_left.inverse()
         return pose @ Pose("camera", "base", T_left_base.R, T_left_base.t)
 
-    time = _TIME.search(left.stem)
     result: dict[str, Any] = {
-        "left": str(left),
-        "right": _name(right),
-        "time_s": float(time[1]) if time else None,
+        "left": left,
+        "right": right,
+        "time_s": time_of(left),
         "status": estimate.status,
         "position": None,
         "quaternion": None,
@@ -174,7 +201,7 @@ def estimate_dict(
 
 
 def _sentence(estimate: PoseEstimate, rig: StereoRig, frame: str) -> str:
-    answer = estimate_dict(estimate, rig, Path("-"), None, frame)
+    answer = estimate_dict(estimate, rig, "-", None, frame)
     if answer["position"] is None:
         outliers = f", codes {', '.join(map(str, estimate.outlier_codes))}" if estimate.outlier_codes else ""
         return f"{estimate.status}{outliers}"
@@ -188,5 +215,7 @@ def _sentence(estimate: PoseEstimate, rig: StereoRig, frame: str) -> str:
     )
 
 
-def _name(path: Path | None) -> str | None:
-    return None if path is None else str(path)
+def time_of(name: str) -> float | None:
+    """Seconds, of a file name that ends in a decimal number of them."""
+    found = _TIME.search(Path(name).stem)
+    return float(found[1]) if found else None

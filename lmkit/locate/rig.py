@@ -28,6 +28,56 @@ from lmkit.model.observation import LandmarkObservation
 from lmkit.model.pose import Pose, rotation_angle, rotation_exp, skew
 from lmkit.model.stereo_rig import StereoRig
 
+PRIOR_STEP = 1e-6
+
+
+@dataclass(frozen=True)
+class PosePrior:
+    """What is known of the camera before it has seen anything; None where nothing is.
+
+    Of a robot on a level floor the camera's height and its tilt are known; a gyro or compass tells the heading.
+
+    Attributes:
+        heading_rad, heading_sigma: where the camera's optical axis points, seen from above, from the map's x
+            towards its y.
+        height_m, height_sigma: of the camera.
+        down: (3,) the map's -z axis in the camera, as the camera is mounted: (0, 1, 0) when it looks level.
+        tilt_sigma: rad, by which the floor and the mounting may lean.
+    """
+
+    heading_rad: float | None = None
+    heading_sigma: float = np.deg2rad(2.0)
+    height_m: float | None = None
+    height_sigma: float = 0.005
+    down: tuple[float, float, float] | None = None
+    tilt_sigma: float = np.deg2rad(0.3)
+
+    def residuals(self, R: FloatArray, p: FloatArray) -> FloatArray:
+        """(K,) known minus actual, in standard deviations; R, p of T_map_camera."""
+        rows = []
+        if self.heading_rad is not None:
+            off = self.heading_rad - np.arctan2(R[1, 2], R[0, 2])
+            rows.append(np.arctan2(np.sin(off), np.cos(off)) / self.heading_sigma)
+        if self.height_m is not None:
+            rows.append((self.height_m - p[2]) / self.height_sigma)
+        if self.down is not None:
+            # The map's down as the pose has it, in the map: its x and y are what it leans.
+            leaning = R @ np.array(self.down) / np.linalg.norm(self.down)
+            rows += [-leaning[0] / self.tilt_sigma, -leaning[1] / self.tilt_sigma]
+            if leaning[2] > 0:
+                rows.append(np.pi / self.tilt_sigma)  # upside down
+        return np.array(rows)
+
+    def jacobian(self, R: FloatArray, p: FloatArray) -> FloatArray:
+        """(K,6) of the actual values with a shift and a turn in the map, in standard deviations; by differences."""
+        here = self.residuals(R, p)
+        J = np.zeros((len(here), 6))
+        for k in range(6):
+            step = np.zeros(6)
+            step[k] = PRIOR_STEP
+            J[:, k] = (here - self.residuals(rotation_exp(step[3:]) @ R, p + step[:3])) / PRIOR_STEP
+        return J
+
 
 @dataclass(frozen=True)
 class LocateOptions:
@@ -37,16 +87,21 @@ class LocateOptions:
         corner_floor_px: standard deviation added to every corner's own: what calibration and flat
             paper leave open.
         ambiguous_below: log likelihood ratio under which a second pose makes the answer ambiguous.
+        far_m: a pose that other ones so far away explain almost as well is ambiguous, too: far and small
+            landmarks leave a valley of poses rather than two.
         outlier_sigma: a landmark is explained when the root mean square of its eight corner
             coordinates stays under this many standard deviations.
         gate_share: before refinement, a landmark is explained when its corners lie within this
             share of its side.
+        prior: what is known of the pose beforehand.
     """
 
     corner_floor_px: float = 0.08
     ambiguous_below: float = 5.0
+    far_m: float = 0.5
     outlier_sigma: float = 4.5
     gate_share: float = 0.25
+    prior: PosePrior | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -116,29 +171,42 @@ _Eye = tuple[Sequence[LandmarkObservation], CameraModel, FloatArray, FloatArray]
 
 def _locate(eyes: Sequence[_Eye], landmarks: LandmarkMap, options: LocateOptions) -> PoseEstimate:
     sightings = [s for eye in eyes for s in _sightings(eye, landmarks, options)]
+    twice = _seen_twice(eyes, landmarks)
     if not sightings:
-        return PoseEstimate("no_landmarks")
+        return PoseEstimate("no_landmarks", outlier_codes=twice)
     poses = [_explained_fit(pose, sightings, options) for pose in _hypotheses(sightings)]
     ranked = _distinct(sorted(poses, key=lambda found: found[0].cost))
     best, inliers = ranked[0]
     codes = {s.code for s in sightings}
     explained = {s.code for s in inliers}
     if 2 * len(explained) < len(codes) or (len(codes) > 1 and len(explained) < 2):
-        return PoseEstimate("inconsistent", outlier_codes=tuple(sorted(codes)))
+        return PoseEstimate("inconsistent", outlier_codes=tuple(sorted(codes.union(twice))))
     ratios = [(pose, pose.cost - best.cost) for pose, _ in ranked[1:]]
-    status = "ambiguous" if ratios and ratios[0][1] < options.ambiguous_below else "ok"
+    covariance = np.linalg.inv(_equations(best, inliers, options.prior).normal)
+    # So far along its least known direction may a pose lie that explains the pictures almost as well.
+    reach = float(np.sqrt(2 * options.ambiguous_below * np.linalg.eigvalsh(covariance[:3, :3])[-1]))
+    doubtful = reach > options.far_m or (bool(ratios) and ratios[0][1] < options.ambiguous_below)
     squared = np.concatenate([_pixel_errors(best, s) for s in inliers]) ** 2
     return PoseEstimate(
-        status=status,
+        status="ambiguous" if doubtful else "ok",
         T_map_camera=Pose("map", "camera", best.R, best.p),
-        covariance=np.linalg.inv(_equations(best, inliers).normal),
+        covariance=covariance,
         inlier_codes=tuple(sorted(explained)),
-        outlier_codes=tuple(sorted(codes - explained)),
+        outlier_codes=tuple(sorted((codes - explained).union(twice))),
         alternatives=tuple(
             (Pose("map", "camera", pose.R, pose.p), ratio) for pose, ratio in ratios[:3] if ratio < 25
         ),
         reprojection_error_px=float(np.sqrt(squared.reshape(-1, 2).sum(axis=1).mean())),
     )
+
+
+def _seen_twice(eyes: Sequence[_Eye], landmarks: LandmarkMap) -> tuple[int, ...]:
+    """Mapped codes that are in one picture more than once: which is the mapped one cannot be told."""
+    twice = set()
+    for observations, *_ in eyes:
+        seen = Counter((o.family, o.code) for o in observations)
+        twice |= {code for (family, code), n in seen.items() if n > 1 and landmarks.find(code, family) is not None}
+    return tuple(sorted(twice))
 
 
 def _sightings(eye: _Eye, landmarks: LandmarkMap, options: LocateOptions) -> list[_Sighting]:
@@ -181,19 +249,22 @@ def _explained_fit(
 ) -> tuple[_Camera, list[_Sighting]]:
     """The hypothesis refined on what it explains, its cost over all sightings, and what it explains."""
     pose, own = hypothesis
-    pose = _refine(pose, [s for s in sightings if s.code == own.code])
+    prior = options.prior
+    pose = _refine(pose, [s for s in sightings if s.code == own.code], prior)
     near = [s for s in sightings if _root_mean_square(_pixel_errors(pose, s)) < options.gate_share * s.side_px]
     if near:
-        pose = _refine(pose, near)
+        pose = _refine(pose, near, prior)
     limit = 8 * options.outlier_sigma**2
     for _ in range(2):
         inliers = [s for s in sightings if _squared_misfit(pose, s) < limit]
         if not inliers:
             break
-        pose = _refine(pose, inliers)
+        pose = _refine(pose, inliers, prior)
     inliers = [s for s in sightings if _squared_misfit(pose, s) < limit]
     # What is not explained costs as much as it could at the border of being explained.
     cost = sum(min(_squared_misfit(pose, s), limit) for s in sightings) / 2
+    if prior is not None:
+        cost += float(np.sum(prior.residuals(pose.R, pose.p) ** 2)) / 2
     return _Camera(pose.R, pose.p, cost), inliers
 
 
@@ -247,8 +318,8 @@ class _Equations:
     squared: float
 
 
-def _equations(pose: _Camera, sightings: Sequence[_Sighting]) -> _Equations:
-    """Summed over landmarks.
+def _equations(pose: _Camera, sightings: Sequence[_Sighting], prior: PosePrior | None = None) -> _Equations:
+    """Summed over landmarks, and the prior.
 
     Where the map says how well a landmark's place is known, its error is shared by all its corners in
     both eyes and enters their common covariance.
@@ -269,6 +340,9 @@ def _equations(pose: _Camera, sightings: Sequence[_Sighting]) -> _Equations:
             normal -= (J.T @ K) @ share @ (K.T @ J)
             gradient -= J.T @ K @ share @ (K.T @ r)
             squared -= float(r @ K @ share @ (K.T @ r))
+    if prior is not None:
+        J, r = prior.jacobian(pose.R, pose.p), prior.residuals(pose.R, pose.p)
+        normal, gradient, squared = normal + J.T @ J, gradient + J.T @ r, squared + float(r @ r)
     return _Equations(normal, gradient, squared)
 
 
@@ -277,14 +351,16 @@ def _squared_misfit(pose: _Camera, s: _Sighting) -> float:
     return _equations(pose, [s]).squared
 
 
-def _refine(pose: _Camera, sightings: Sequence[_Sighting], iterations: int = 12) -> _Camera:
+def _refine(
+    pose: _Camera, sightings: Sequence[_Sighting], prior: PosePrior | None = None, iterations: int = 12
+) -> _Camera:
     """Levenberg-Marquardt on the whitened corners."""
     damping = 1e-4
-    here = _equations(pose, sightings)
+    here = _equations(pose, sightings, prior)
     for _ in range(iterations):
         step = np.linalg.solve(here.normal + damping * np.diag(np.diag(here.normal)), here.gradient)
         trial = _Camera(rotation_exp(step[3:]) @ pose.R, pose.p + step[:3])
-        there = _equations(trial, sightings)
+        there = _equations(trial, sightings, prior)
         if not there.squared < here.squared:
             damping *= 100
             if damping > 1e6:

@@ -13,7 +13,8 @@ class PoseEstimate:
     """Where the camera stands in the map.
 
     Attributes:
-        status: ``ok``; ``ambiguous`` (a second pose explains the pictures almost as well);
+        status: ``ok``; ``ambiguous`` (a second pose explains the pictures almost as well, or one
+            half a metre away that the covariance holds);
             ``no_landmarks`` (none of the map's landmarks was read); ``inconsistent`` (landmarks
             were read, but no pose explains them).
         T_map_camera: pose of the left (or only) camera; None unless ok or ambiguous.

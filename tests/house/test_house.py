@@ -23,7 +23,7 @@ FLOORS = [
     {"model"},
     {"formats"},
     {"generate", "detect", "calibrate", "locate", "evaluate", "overlay", "room_plan"},
-    {"verify", "simulate", "board_pairs", "landmark_pairs", "detect_batch", "installation"},
+    {"verify", "simulate", "board_pairs", "landmark_pairs", "detect_batch", "locate_batch", "installation"},
     {"board_capture", "demo"},
     {"cli"},
 ]

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from lmkit.locate.rig import covariance_at_base, locate_camera, locate_rig
+from lmkit.locate.rig import LocateOptions, PosePrior, covariance_at_base, locate_camera, locate_rig
 from lmkit.model.landmark_map import LandmarkMap, MappedLandmark, wall_pose
 from lmkit.model.observation import LandmarkObservation
 from lmkit.model.pose import Pose, rotation_angle, rotation_log
@@ -155,8 +155,97 @@ def test_a_far_landmark_alone_in_one_eye_is_called_ambiguous():
         estimate = locate_camera(left, RIG.left, MAP)
         statuses.append(estimate.status)
         if estimate.status == "ambiguous":
-            assert estimate.alternatives
+            wide = np.linalg.eigvalsh(estimate.covariance[:3, :3])[-1] ** 0.5 > 0.15
+            assert estimate.alternatives or wide
     assert statuses.count("ambiguous") > 10
+
+
+def test_a_heading_settles_what_one_far_landmark_leaves_open():
+    """From 4 m, square on, one eye: two poses.  A gyro's heading tells which, and no wrong one is called ok."""
+    rng = np.random.default_rng(5)
+    station = looking(np.array([-1.2, 3.6, 1.45]), -np.pi / 2 + 0.4, 0.0)
+    heading = float(np.arctan2(station.R[1, 2], station.R[0, 2]))
+    with_heading = LocateOptions(prior=PosePrior(heading_rad=heading, heading_sigma=np.deg2rad(1)))
+    plain, helped = [], []
+    for _ in range(30):
+        left, _ = see(station, 0.25, rng, LANDMARKS[1:2])
+        for found, options in ((plain, None), (helped, with_heading)):
+            estimate = locate_camera(left, RIG.left, MAP, options)
+            off = float(np.linalg.norm(estimate.T_map_camera.t - station.t))
+            found.append((estimate.status, off))
+    assert sum(status == "ok" for status, _ in helped) > sum(status == "ok" for status, _ in plain) + 10
+    assert max(off for status, off in helped if status == "ok") < 0.25
+
+
+def test_a_level_floor_and_a_known_height_narrow_the_pose():
+    station = looking(np.array([0.3, 3.5, 1.2]), -np.pi / 2, 0.0)
+    level = LocateOptions(prior=PosePrior(height_m=1.2, down=(0.0, 1.0, 0.0)))
+    free, held = [], []
+    rng = np.random.default_rng(6)
+    for _ in range(40):
+        left, right = see(station, 0.2, rng, LANDMARKS[1:2])
+        for errors, options in ((free, None), (held, level)):
+            estimate = locate_rig(left, right, RIG, MAP, options)
+            errors.append(estimate.T_map_camera.t - station.t)
+    assert np.linalg.norm(held, axis=1).mean() < 0.75 * np.linalg.norm(free, axis=1).mean()
+    assert np.abs(np.array(held)[:, 2]).max() < 0.02
+
+
+def test_the_covariance_with_a_prior_is_true():
+    station = looking(np.array([0.2, 2.4, 1.2]), -np.pi / 2 + 0.1, 0.0)
+    heading = float(np.arctan2(station.R[1, 2], station.R[0, 2]))
+    rng = np.random.default_rng(7)
+    total = 0.0
+    for _ in range(150):
+        prior = PosePrior(
+            heading + rng.normal(0, 0.01),
+            0.01,
+            1.2 + rng.normal(0, 0.005),
+            0.005,
+            (rng.normal(0, 0.005), 1.0, rng.normal(0, 0.005)),
+            0.005,
+        )
+        left, right = see(station, 0.3, rng, LANDMARKS[1:3])
+        estimate = locate_rig(left, right, RIG, MAP, LocateOptions(prior=prior, corner_floor_px=0.0))
+        off = estimate.T_map_camera.t - station.t
+        total += off @ np.linalg.solve(estimate.covariance[:3, :3], off)
+    low, high = chi2.ppf([0.0005, 0.9995], 3 * 150)
+    assert low < total < high
+
+
+def test_far_and_small_landmarks_are_not_called_ok():
+    """Two landmarks near each other, 8 m away: the covariance holds poses over half a metre off."""
+    station = looking(np.array([0.1, 8.0, 1.4]), -np.pi / 2, 0.0)
+    rng = np.random.default_rng(8)
+    for _ in range(20):
+        left, right = see(station, 0.3, rng, LANDMARKS[:2])
+        estimate = locate_rig(left, right, RIG, MAP)
+        off = float(np.linalg.norm(estimate.T_map_camera.t - station.t))
+        assert estimate.status == "ambiguous" or off < 0.5
+
+
+@pytest.mark.parametrize("fault", ["upside down", "moved"])
+def test_a_landmark_hung_wrongly_is_the_odd_one_out(fault):
+    rng = np.random.default_rng(9)
+    wrong = LANDMARKS[2].T_map_landmark
+    if fault == "moved":
+        wrong = Pose("map", "landmark", wrong.R, wrong.t + [0.3, 0, 0])
+    else:
+        wrong = Pose("map", "landmark", wrong.R @ np.diag([-1.0, -1.0, 1.0]), wrong.t)
+    hung = [*LANDMARKS[:2], replace(LANDMARKS[2], T_map_landmark=wrong)]
+    left, right = see(STATION, 0.15, rng, hung)
+    estimate = locate_rig(left, right, RIG, MAP)
+    assert estimate.status == "ok"
+    assert estimate.outlier_codes == (30,)
+    assert np.linalg.norm(estimate.T_map_camera.t - STATION.t) < 0.03
+
+
+def test_cameras_exchanged_give_no_ok_pose():
+    rng = np.random.default_rng(10)
+    left, right = see(STATION, 0.15, rng)
+    estimate = locate_rig(right, left, RIG, MAP)
+    off = np.inf if estimate.T_map_camera is None else np.linalg.norm(estimate.T_map_camera.t - STATION.t)
+    assert estimate.status != "ok" or off < 0.05
 
 
 def test_codes_that_are_not_in_the_map_are_no_landmarks():

@@ -1,0 +1,126 @@
+"""What `lmkit locate` writes besides its answers: a trajectory, a table, a plan, pictures."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from lmkit.errors import InputError
+
+if TYPE_CHECKING:
+    from lmkit.locate_batch import Located
+    from lmkit.model.landmark_map import LandmarkMap
+    from lmkit.model.stereo_rig import StereoRig
+
+COLUMNS = (
+    "left,time_s,status,x_m,y_m,z_m,qx,qy,qz,qw,"
+    "sigma_x_m,sigma_y_m,sigma_z_m,sigma_rx_rad,sigma_ry_rad,sigma_rz_rad,codes"
+)
+
+
+@dataclass
+class Results:
+    """Gathers answers, and writes the files that were asked for."""
+
+    tum: Path | None
+    csv: Path | None
+    plan: Path | None
+    annotate: Path | None
+    frame: str
+    rig: StereoRig
+    landmarks: LandmarkMap
+    force: bool
+    _located: list[Located] = field(default_factory=list)
+
+    def __post_init__(self) -> None:
+        from lmkit.formats.files import check_writable
+
+        for path in (self.tum, self.csv, self.plan):
+            if path is not None:
+                check_writable(path, self.force)
+        if self.plan is not None and self.plan.suffix.lower() not in (".png", ".svg"):
+            raise InputError("bad_suffix", f"cannot write {self.plan}: unknown kind", "name it .png or .svg")
+
+    def add(self, located: Located) -> None:
+        """One answer; its picture is drawn at once, so that none is kept."""
+        if self.annotate is not None:
+            self._draw(located)
+        if self.tum is not None or self.csv is not None or self.plan is not None:
+            from dataclasses import replace
+
+            self._located.append(replace(located, image=None, seen=()))
+
+    def write(self) -> Sequence[Path]:
+        """Write what was asked for; the files written."""
+        from lmkit.cli.locate import estimate_dict, time_of
+        from lmkit.formats.files import write_file
+        from lmkit.formats.trajectory import poses_to_tum
+        from lmkit.model.pose import Pose
+        from lmkit.room_plan import Found, draw_plan
+
+        answers = [
+            estimate_dict(m.estimate, self.rig, m.left, m.right, self.frame) for m in self._located if m.estimate
+        ]
+        written = []
+        if self.tum is not None:
+            times = [time_of(answer["left"]) for answer in answers]
+            # Where a name holds no time, the pictures are counted.  A trajectory has no room for doubts.
+            clock = [float(k) for k in range(len(answers))] if None in times else times
+            poses = [
+                (time_s or 0.0, Pose.from_quaternion("map", self.frame, answer["position"], answer["quaternion"]))
+                for time_s, answer in zip(clock, answers, strict=True)
+                if answer["status"] == "ok"
+            ]
+            write_file(self.tum, poses_to_tum(poses), self.force)
+            written.append(self.tum)
+        if self.csv is not None:
+            write_file(self.csv, "\n".join([COLUMNS, *(_row(answer) for answer in answers)]) + "\n", self.force)
+            written.append(self.csv)
+        if self.plan is not None:
+            found = [
+                Found(Path(m.left).stem, m.estimate.T_map_camera, covariance[:2, :2], m.estimate.status == "ok")
+                for m in self._located
+                if m.estimate is not None
+                and m.estimate.T_map_camera is not None
+                and (covariance := m.estimate.covariance) is not None
+            ]
+            title = f"{sum(f.sure for f in found)} of {len(self._located)} located"
+            kind = self.plan.suffix.lower().removeprefix(".")
+            write_file(self.plan, draw_plan(self.landmarks, found, title=title, kind=kind), self.force)
+            written.append(self.plan)
+        return written
+
+    def _draw(self, located: Located) -> None:
+        from lmkit.formats.files import write_file
+        from lmkit.formats.images import read_image
+        from lmkit.overlay import draw_located, encode_jpeg
+
+        assert self.annotate is not None
+        assert located.estimate is not None
+        image = read_image(Path(located.left)) if located.image is None else located.image
+        picture = draw_located(image, located.seen[0], self.rig.left, located.estimate, self.landmarks)
+        path = Path(located.left)
+        name = path.stem if located.image is None else path.name.replace("#", "-")
+        write_file(
+            self.annotate / f"{Path(name).stem if located.image is None else name}.jpg",
+            encode_jpeg(picture),
+            self.force,
+        )
+
+
+def _row(answer: dict[str, object]) -> str:
+    position, quaternion, covariance = answer["position"], answer["quaternion"], answer["covariance"]
+    numbers: list[object] = [""] * 13
+    if isinstance(position, list) and isinstance(quaternion, list) and isinstance(covariance, list):
+        sigmas = [covariance[k][k] ** 0.5 for k in range(6)]
+        numbers = [f"{v:.9g}" for v in (*position, *quaternion, *sigmas)]
+    codes = answer["codes"]
+    assert isinstance(codes, list)
+    time_s = "" if answer["time_s"] is None else answer["time_s"]
+    left = str(answer["left"])
+    if any(c in left for c in ',"\n'):
+        left = '"' + left.replace('"', '""') + '"'
+    cells = [left, time_s, answer["status"], *numbers, " ".join(map(str, codes))]
+    return ",".join(map(str, cells))
