@@ -15,7 +15,7 @@ from lmkit.cli.locate_results import Results
 from lmkit.errors import InputError, NegativeAnswer
 
 if TYPE_CHECKING:
-    from lmkit.locate.rig import PosePrior
+    from lmkit.locate.prior import PosePrior
     from lmkit.model.estimate import PoseEstimate
     from lmkit.model.stereo_rig import StereoRig
 
@@ -127,7 +127,7 @@ def run(
 
 def _prior(heading: str | None, planar: str | None) -> PosePrior | None:
     """What --heading and --planar say."""
-    from lmkit.locate.rig import PosePrior
+    from lmkit.locate.prior import PosePrior
     from lmkit.units import parse_length_mm
 
     if heading is None and planar is None:

@@ -1,82 +1,40 @@
 """`locate_rig`: the pose of a stereo camera, or of one camera, from all corners of all landmarks in view.
 
-1. Every landmark alone gives two poses per eye (a square seen by one camera has a twin; IPPE,
-   Collins and Bartoli 2014).  All of them, carried into the map, are hypotheses.
-2. Each hypothesis is fitted to its own landmark in both eyes and scored by how many landmarks it
-   explains, so one wrong code cannot capture the start.
-3. The best are refined by Gauss-Newton on all corners of the landmarks they explain, weighted by
-   the corners' own covariance.
+1. Every landmark alone gives two poses (a square seen by one camera has a twin; IPPE, Collins and
+   Bartoli 2014).  All of them, carried into the map, are hypotheses.
+2. Each hypothesis is fitted to its own landmark in both eyes, then to all landmarks that it comes
+   near to, so one wrong code cannot capture the start.
+3. Those that are still different poses are refined on all corners of the landmarks they explain,
+   weighted by the corners' own covariance.
 4. The likelihood ratio of the best to the next pose that is really another one decides whether
    the answer is ``ok`` or ``ambiguous``.
 """
 
 from __future__ import annotations
 
-from collections import Counter
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import cv2
 import numpy as np
 
-from lmkit.arrays import FloatArray, covariance_root
+from lmkit.arrays import BoolArray, FloatArray, IntArray
+from lmkit.locate.prior import PosePrior
+from lmkit.locate.sightings import Poses, Sightings
 from lmkit.model.camera import CameraModel
 from lmkit.model.estimate import PoseEstimate
 from lmkit.model.landmark import family_named
-from lmkit.model.landmark_map import LandmarkMap, MappedLandmark
+from lmkit.model.landmark_map import LandmarkMap
 from lmkit.model.observation import LandmarkObservation
-from lmkit.model.pose import Pose, rotation_angle, rotation_exp, skew
+from lmkit.model.pose import Pose, rotation_exp, skew
 from lmkit.model.stereo_rig import StereoRig
 
-PRIOR_STEP = 1e-6
-
-
-@dataclass(frozen=True)
-class PosePrior:
-    """What is known of the camera before it has seen anything; None where nothing is.
-
-    Of a robot on a level floor the camera's height and its tilt are known; a gyro or compass tells the heading.
-
-    Attributes:
-        heading_rad, heading_sigma: where the camera's optical axis points, seen from above, from the map's x
-            towards its y.
-        height_m, height_sigma: of the camera.
-        down: (3,) the map's -z axis in the camera, as the camera is mounted: (0, 1, 0) when it looks level.
-        tilt_sigma: rad, by which the floor and the mounting may lean.
-    """
-
-    heading_rad: float | None = None
-    heading_sigma: float = np.deg2rad(2.0)
-    height_m: float | None = None
-    height_sigma: float = 0.005
-    down: tuple[float, float, float] | None = None
-    tilt_sigma: float = np.deg2rad(0.3)
-
-    def residuals(self, R: FloatArray, p: FloatArray) -> FloatArray:
-        """(K,) known minus actual, in standard deviations; R, p of T_map_camera."""
-        rows = []
-        if self.heading_rad is not None:
-            off = self.heading_rad - np.arctan2(R[1, 2], R[0, 2])
-            rows.append(np.arctan2(np.sin(off), np.cos(off)) / self.heading_sigma)
-        if self.height_m is not None:
-            rows.append((self.height_m - p[2]) / self.height_sigma)
-        if self.down is not None:
-            # The map's down as the pose has it, in the map: its x and y are what it leans.
-            leaning = R @ np.array(self.down) / np.linalg.norm(self.down)
-            rows += [-leaning[0] / self.tilt_sigma, -leaning[1] / self.tilt_sigma]
-            if leaning[2] > 0:
-                rows.append(np.pi / self.tilt_sigma)  # upside down
-        return np.array(rows)
-
-    def jacobian(self, R: FloatArray, p: FloatArray) -> FloatArray:
-        """(K,6) of the actual values with a shift and a turn in the map, in standard deviations; by differences."""
-        here = self.residuals(R, p)
-        J = np.zeros((len(here), 6))
-        for k in range(6):
-            step = np.zeros(6)
-            step[k] = PRIOR_STEP
-            J[:, k] = (here - self.residuals(rotation_exp(step[3:]) @ R, p + step[:3])) / PRIOR_STEP
-        return J
+SAME_TURN_RAD = np.deg2rad(2.0)
+SAME_PLACE_M = 0.05
+LISTED_BELOW = 25.0  # log likelihood ratio of alternatives that are listed
+MOST_LISTED = 3
+# Iterations: towards its own landmark, towards all it comes near to, and to the end.
+TOWARDS_OWN, TOWARDS_NEAR, TO_THE_END = 1, 2, 8
 
 
 @dataclass(frozen=True)
@@ -104,39 +62,6 @@ class LocateOptions:
     prior: PosePrior | None = None
 
 
-@dataclass(frozen=True, eq=False)
-class _Sighting:
-    """One mapped landmark in one eye.
-
-    Attributes:
-        R_eye, t_eye: from the left camera into this eye.
-        points: (4,3) corners in the map.
-        whitener: (8,8) that turns corner residuals into unit variance.
-    """
-
-    landmark: MappedLandmark
-    observation: LandmarkObservation
-    camera: CameraModel
-    R_eye: FloatArray
-    t_eye: FloatArray
-    points: FloatArray
-    whitener: FloatArray
-    side_px: float
-
-    @property
-    def code(self) -> int:
-        return self.landmark.code
-
-
-@dataclass(frozen=True, eq=False)
-class _Camera:
-    """Pose of the left camera as bare arrays: R, p of T_map_camera."""
-
-    R: FloatArray
-    p: FloatArray
-    cost: float = field(default=np.inf)
-
-
 def locate_rig(
     left: Sequence[LandmarkObservation],
     right: Sequence[LandmarkObservation],
@@ -153,7 +78,13 @@ def locate_rig(
         (left, rig.left, np.eye(3), np.zeros(3)),
         (right, rig.right, rig.T_right_left.R, rig.T_right_left.t),
     ]
-    return _locate(eyes, landmarks, options or LocateOptions())
+    options = options or LocateOptions()
+    estimate = _locate(eyes, landmarks, options)
+    if estimate.status == "inconsistent" and left and right:
+        swapped = [(right, *eyes[0][1:]), (left, *eyes[1][1:])]
+        if _locate(swapped, landmarks, options).T_map_camera is not None:
+            return PoseEstimate("exchanged", outlier_codes=estimate.outlier_codes)
+    return estimate
 
 
 def locate_camera(
@@ -170,217 +101,110 @@ _Eye = tuple[Sequence[LandmarkObservation], CameraModel, FloatArray, FloatArray]
 
 
 def _locate(eyes: Sequence[_Eye], landmarks: LandmarkMap, options: LocateOptions) -> PoseEstimate:
-    sightings = [s for eye in eyes for s in _sightings(eye, landmarks, options)]
-    twice = _seen_twice(eyes, landmarks)
-    if not sightings:
-        return PoseEstimate("no_landmarks", outlier_codes=twice)
-    poses = [_explained_fit(pose, sightings, options) for pose in _hypotheses(sightings)]
-    ranked = _distinct(sorted(poses, key=lambda found: found[0].cost))
-    best, inliers = ranked[0]
-    codes = {s.code for s in sightings}
-    explained = {s.code for s in inliers}
-    if 2 * len(explained) < len(codes) or (len(codes) > 1 and len(explained) < 2):
-        return PoseEstimate("inconsistent", outlier_codes=tuple(sorted(codes.union(twice))))
-    ratios = [(pose, pose.cost - best.cost) for pose, _ in ranked[1:]]
-    covariance = np.linalg.inv(_equations(best, inliers, options.prior).normal)
+    seen = Sightings(eyes, landmarks, options.corner_floor_px)
+    if not len(seen):
+        return PoseEstimate("no_landmarks", outlier_codes=tuple(sorted(seen.twice)))
+    poses, cost = _candidates(seen, options)
+    limit = 8 * options.outlier_sigma**2
+    inliers = seen.misfits(poses) < limit
+    codes, explained = set(seen.codes.tolist()), set(seen.codes[inliers[0]].tolist())
+    # An eye that sees landmarks of the map, but none where it should, is not where the rig says.
+    blind = any(eye.rows.stop > eye.rows.start and not inliers[0, eye.rows].any() for eye in seen.eyes)
+    if blind or 2 * len(explained) < len(codes) or (len(codes) > 1 and len(explained) < 2):
+        return PoseEstimate("inconsistent", outlier_codes=tuple(sorted(codes | seen.twice)))
+    best = poses.only(np.array([0]))
+    covariance = np.linalg.inv(seen.equations(best, inliers[:1], options.prior)[0][0])
     # So far along its least known direction may a pose lie that explains the pictures almost as well.
     reach = float(np.sqrt(2 * options.ambiguous_below * np.linalg.eigvalsh(covariance[:3, :3])[-1]))
-    doubtful = reach > options.far_m or (bool(ratios) and ratios[0][1] < options.ambiguous_below)
-    squared = np.concatenate([_pixel_errors(best, s) for s in inliers]) ** 2
+    ratios = cost - cost[0]
+    rivalled = len(cost) > 1 and float(ratios[1]) < options.ambiguous_below
+    squared = seen.pixel_errors(best)[0][inliers[0]] ** 2
     return PoseEstimate(
-        status="ambiguous" if doubtful else "ok",
-        T_map_camera=Pose("map", "camera", best.R, best.p),
+        status="ambiguous" if rivalled or reach > options.far_m else "ok",
+        T_map_camera=_pose(poses, 0),
         covariance=covariance,
         inlier_codes=tuple(sorted(explained)),
-        outlier_codes=tuple(sorted((codes - explained).union(twice))),
+        outlier_codes=tuple(sorted((codes - explained) | seen.twice)),
         alternatives=tuple(
-            (Pose("map", "camera", pose.R, pose.p), ratio) for pose, ratio in ratios[:3] if ratio < 25
+            (_pose(poses, k), float(ratios[k]))
+            for k in range(1, min(len(cost), 1 + MOST_LISTED))
+            if ratios[k] < LISTED_BELOW
         ),
         reprojection_error_px=float(np.sqrt(squared.reshape(-1, 2).sum(axis=1).mean())),
     )
 
 
-def _seen_twice(eyes: Sequence[_Eye], landmarks: LandmarkMap) -> tuple[int, ...]:
-    """Mapped codes that are in one picture more than once: which is the mapped one cannot be told."""
-    twice = set()
-    for observations, *_ in eyes:
-        seen = Counter((o.family, o.code) for o in observations)
-        twice |= {code for (family, code), n in seen.items() if n > 1 and landmarks.find(code, family) is not None}
-    return tuple(sorted(twice))
-
-
-def _sightings(eye: _Eye, landmarks: LandmarkMap, options: LocateOptions) -> list[_Sighting]:
-    observations, camera, R_eye, t_eye = eye
-    # The same code twice in one picture: which is the mapped one cannot be told.
-    seen = Counter((o.family, o.code) for o in observations)
-    result = []
-    for o in observations:
-        landmark = landmarks.find(o.code, o.family)
-        if landmark is None or seen[o.family, o.code] > 1:
-            continue
-        covariance = np.zeros((8, 8)) if o.covariance is None else o.covariance
-        covariance = covariance + options.corner_floor_px**2 * np.eye(8)
-        whitener = np.linalg.inv(np.linalg.cholesky(covariance))
-        side = float(np.linalg.norm(np.roll(o.corners, -1, axis=0) - o.corners, axis=1).mean())
-        result.append(_Sighting(landmark, o, camera, R_eye, t_eye, landmark.corners_map, whitener, side))
-    return result
-
-
-def _hypotheses(sightings: Sequence[_Sighting]) -> list[tuple[_Camera, _Sighting]]:
-    """Both poses of every landmark in every eye, as poses of the left camera in the map."""
-    poses = []
-    for s in sightings:
-        object_points = family_named(s.landmark.family).object_points(s.landmark.size_m)
-        rays = s.camera.unproject(s.observation.corners).reshape(4, 1, 2)
-        _, rvecs, tvecs, _ = cv2.solvePnPGeneric(object_points, rays, np.eye(3), None, flags=cv2.SOLVEPNP_IPPE_SQUARE)
-        T = s.landmark.T_map_landmark
-        for rvec, tvec in zip(rvecs, tvecs, strict=True):
-            # x_eye = R x_landmark + t, and x_eye = R_eye x_left + t_eye.
-            R, t = rotation_exp(np.ravel(rvec)), np.ravel(tvec)
-            R_left_landmark = s.R_eye.T @ R
-            t_left_landmark = s.R_eye.T @ (t - s.t_eye)
-            R_map_left = T.R @ R_left_landmark.T
-            poses.append((_Camera(R_map_left, T.t - R_map_left @ t_left_landmark), s))
-    return poses
-
-
-def _explained_fit(
-    hypothesis: tuple[_Camera, _Sighting], sightings: Sequence[_Sighting], options: LocateOptions
-) -> tuple[_Camera, list[_Sighting]]:
-    """The hypothesis refined on what it explains, its cost over all sightings, and what it explains."""
-    pose, own = hypothesis
-    prior = options.prior
-    pose = _refine(pose, [s for s in sightings if s.code == own.code], prior)
-    near = [s for s in sightings if _root_mean_square(_pixel_errors(pose, s)) < options.gate_share * s.side_px]
-    if near:
-        pose = _refine(pose, near, prior)
-    limit = 8 * options.outlier_sigma**2
-    for _ in range(2):
-        inliers = [s for s in sightings if _squared_misfit(pose, s) < limit]
-        if not inliers:
+def _candidates(seen: Sightings, options: LocateOptions) -> tuple[Poses, FloatArray]:
+    """Poses that are really different, each refined on what it explains, and their costs (H,); best first."""
+    poses, own = _hypotheses(seen)
+    prior, limit = options.prior, 8 * options.outlier_sigma**2
+    mine = seen.codes[None] == own[:, None]
+    poses = seen.refine(poses, mine, prior, TOWARDS_OWN)
+    off = np.sqrt((seen.pixel_errors(poses) ** 2).mean(axis=2))
+    near = mine | (off < options.gate_share * seen.side_px)
+    poses = _distinct(seen.refine(poses, near, prior, TOWARDS_NEAR), seen, options)[0]
+    used: BoolArray | None = None
+    for _ in range(3):
+        misfits = seen.misfits(poses)
+        inliers = misfits < limit
+        # A pose that explains nothing stays where its best landmark put it.
+        nothing = ~np.asarray(inliers.any(axis=1, keepdims=True))
+        inliers |= nothing & (misfits == misfits.min(axis=1, keepdims=True))
+        if used is not None and (inliers == used).all():
             break
-        pose = _refine(pose, inliers, prior)
-    inliers = [s for s in sightings if _squared_misfit(pose, s) < limit]
+        used = inliers
+        poses = seen.refine(poses, inliers, prior, TO_THE_END)
+    return _distinct(poses, seen, options)
+
+
+def _hypotheses(seen: Sightings) -> tuple[Poses, IntArray]:
+    """Both poses of every landmark, as poses of the left camera in the map, and the landmark's code."""
+    best: dict[int, int] = {}
+    for row, code in enumerate(seen.codes.tolist()):
+        # Of the two eyes the one that sees it larger.
+        if code not in best or seen.side_px[row] > seen.side_px[best[code]]:
+            best[code] = row
+    rotations, places, own = [], [], []
+    for eye in seen.eyes:
+        rows = [row for row in best.values() if eye.rows.start <= row < eye.rows.stop]
+        if not rows:
+            continue
+        rays = eye.camera.unproject(seen.observed[rows].reshape(-1, 2)).reshape(-1, 4, 1, 2)
+        for row, ray in zip(rows, rays, strict=True):
+            landmark = seen.landmarks[row]
+            object_points = family_named(landmark.family).object_points(landmark.size_m)
+            _, rvecs, tvecs, _ = cv2.solvePnPGeneric(
+                object_points, ray, np.eye(3), None, flags=cv2.SOLVEPNP_IPPE_SQUARE
+            )
+            T = landmark.T_map_landmark
+            for rvec, tvec in zip(rvecs, tvecs, strict=True):
+                # x_eye = R x_landmark + t, and x_eye = R_eye x_left + t_eye.
+                R_left = eye.R.T @ rotation_exp(np.ravel(rvec))
+                t_left = eye.R.T @ (np.ravel(tvec) - eye.t)
+                R_map_left = T.R @ R_left.T
+                rotations.append(R_map_left)
+                places.append(T.t - R_map_left @ t_left)
+                own.append(landmark.code)
+    return Poses(np.array(rotations), np.array(places)), np.array(own)
+
+
+def _distinct(poses: Poses, seen: Sightings, options: LocateOptions) -> tuple[Poses, FloatArray]:
+    """Sorted by cost, without those that are the same pose as a better one."""
     # What is not explained costs as much as it could at the border of being explained.
-    cost = sum(min(_squared_misfit(pose, s), limit) for s in sightings) / 2
-    if prior is not None:
-        cost += float(np.sum(prior.residuals(pose.R, pose.p) ** 2)) / 2
-    return _Camera(pose.R, pose.p, cost), inliers
+    cost = np.minimum(seen.misfits(poses), 8 * options.outlier_sigma**2).sum(axis=1) / 2
+    if options.prior is not None:
+        cost = cost + (options.prior.residuals(poses.R, poses.p) ** 2).sum(axis=1) / 2
+    kept: list[int] = []
+    for k in np.argsort(cost, kind="stable").tolist():
+        turned = np.einsum("hij,ij->h", poses.R[kept], poses.R[k])
+        apart = np.linalg.norm(poses.p[kept] - poses.p[k], axis=1) > SAME_PLACE_M
+        if (apart | (turned < 1 + 2 * np.cos(SAME_TURN_RAD))).all():
+            kept.append(k)
+    return poses.only(np.array(kept)), cost[kept]
 
 
-def _root_mean_square(values: FloatArray) -> float:
-    return float(np.sqrt(np.mean(values**2)))
-
-
-def _distinct(ranked: list[tuple[_Camera, list[_Sighting]]]) -> list[tuple[_Camera, list[_Sighting]]]:
-    """Without those that are the same pose as a better one."""
-    kept: list[tuple[_Camera, list[_Sighting]]] = []
-    for pose, inliers in ranked:
-        far = [
-            rotation_angle(pose.R.T @ k.R) > np.deg2rad(2) or float(np.linalg.norm(pose.p - k.p)) > 0.05
-            for k, _ in kept
-        ]
-        if all(far):
-            kept.append((pose, inliers))
-    return kept
-
-
-def _pixel_errors(pose: _Camera, s: _Sighting) -> FloatArray:
-    """(8,) observed minus projected corners; huge when behind the camera."""
-    in_left = (s.points - pose.p) @ pose.R
-    in_eye = in_left @ s.R_eye.T + s.t_eye
-    if in_eye[:, 2].min() < 0.02:
-        return np.full(8, 1e4)
-    return (s.observation.corners - s.camera.project(in_eye)).ravel()
-
-
-def _whitened(pose: _Camera, s: _Sighting) -> FloatArray:
-    return np.asarray(s.whitener @ _pixel_errors(pose, s))
-
-
-def _jacobian(pose: _Camera, s: _Sighting) -> FloatArray:
-    """(8,6) of the projected corners with a shift and a turn of the camera, both in the map frame."""
-    offset = s.points - pose.p
-    in_eye = offset @ pose.R @ s.R_eye.T + s.t_eye
-    _, by_point, _ = s.camera.project_with_jacobian(in_eye)
-    # x_left = R' exp(-turn) (X - p - shift).
-    turning = np.stack([skew(o) for o in offset])
-    to_left = np.concatenate([np.broadcast_to(-np.eye(3), (4, 3, 3)), turning], axis=2)
-    return np.asarray(by_point @ (s.R_eye @ pose.R.T) @ to_left).reshape(8, 6)
-
-
-@dataclass(frozen=True, eq=False)
-class _Equations:
-    """Normal equations of the pose, and the squared misfit, of landmarks whose own places are uncertain."""
-
-    normal: FloatArray
-    gradient: FloatArray
-    squared: float
-
-
-def _equations(pose: _Camera, sightings: Sequence[_Sighting], prior: PosePrior | None = None) -> _Equations:
-    """Summed over landmarks, and the prior.
-
-    Where the map says how well a landmark's place is known, its error is shared by all its corners in
-    both eyes and enters their common covariance.
-    """
-    normal, gradient, squared = np.zeros((6, 6)), np.zeros(6), 0.0
-    for landmark in dict.fromkeys(s.landmark for s in sightings):
-        own = [s for s in sightings if s.landmark is landmark]
-        J = np.concatenate([s.whitener @ _jacobian(pose, s) for s in own])
-        r = np.concatenate([_whitened(pose, s) for s in own])
-        normal += J.T @ J
-        gradient += J.T @ r
-        squared += float(r @ r)
-        if landmark.covariance is not None:
-            # Woodbury: (1 + K K')^-1 = 1 - K (1 + K'K)^-1 K', with K K' what the landmark's error does.
-            by_landmark = np.concatenate([s.whitener @ _jacobian_of_landmark(pose, s) for s in own])
-            K = by_landmark @ covariance_root(landmark.covariance)
-            share = np.linalg.inv(np.eye(6) + K.T @ K)
-            normal -= (J.T @ K) @ share @ (K.T @ J)
-            gradient -= J.T @ K @ share @ (K.T @ r)
-            squared -= float(r @ K @ share @ (K.T @ r))
-    if prior is not None:
-        J, r = prior.jacobian(pose.R, pose.p), prior.residuals(pose.R, pose.p)
-        normal, gradient, squared = normal + J.T @ J, gradient + J.T @ r, squared + float(r @ r)
-    return _Equations(normal, gradient, squared)
-
-
-def _squared_misfit(pose: _Camera, s: _Sighting) -> float:
-    """Of one landmark in one eye, in standard deviations, over its eight corner coordinates."""
-    return _equations(pose, [s]).squared
-
-
-def _refine(
-    pose: _Camera, sightings: Sequence[_Sighting], prior: PosePrior | None = None, iterations: int = 12
-) -> _Camera:
-    """Levenberg-Marquardt on the whitened corners."""
-    damping = 1e-4
-    here = _equations(pose, sightings, prior)
-    for _ in range(iterations):
-        step = np.linalg.solve(here.normal + damping * np.diag(np.diag(here.normal)), here.gradient)
-        trial = _Camera(rotation_exp(step[3:]) @ pose.R, pose.p + step[:3])
-        there = _equations(trial, sightings, prior)
-        if not there.squared < here.squared:
-            damping *= 100
-            if damping > 1e6:
-                break
-            continue
-        done = here.squared - there.squared < 1e-6 * here.squared
-        pose, here, damping = trial, there, max(damping / 10, 1e-9)
-        if done:
-            break
-    return pose
-
-
-def _jacobian_of_landmark(pose: _Camera, s: _Sighting) -> FloatArray:
-    """(8,6) of the projected corners with a shift and a turn of the landmark about its middle, in the map frame."""
-    in_eye = (s.points - pose.p) @ pose.R @ s.R_eye.T + s.t_eye
-    _, by_point, _ = s.camera.project_with_jacobian(in_eye)
-    arms = s.points - s.landmark.T_map_landmark.t
-    turning = np.stack([-skew(arm) for arm in arms])
-    moves = np.concatenate([np.broadcast_to(np.eye(3), (4, 3, 3)), turning], axis=2)
-    return np.asarray(by_point @ (s.R_eye @ pose.R.T) @ moves).reshape(8, 6)
+def _pose(poses: Poses, k: int) -> Pose:
+    return Pose("map", "camera", poses.R[k], poses.p[k])
 
 
 def covariance_at_base(estimate: PoseEstimate, T_camera_base: Pose) -> FloatArray | None:

@@ -16,7 +16,7 @@ class PoseEstimate:
         status: ``ok``; ``ambiguous`` (a second pose explains the pictures almost as well, or one
             half a metre away that the covariance holds);
             ``no_landmarks`` (none of the map's landmarks was read); ``inconsistent`` (landmarks
-            were read, but no pose explains them).
+            were read, but no pose explains them); ``exchanged`` (they fit with the two pictures exchanged).
         T_map_camera: pose of the left (or only) camera; None unless ok or ambiguous.
         covariance: (6,6) x y z (m), then rotation about x y z (rad), in the map frame.
         inlier_codes: codes that the pose explains.
