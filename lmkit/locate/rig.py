@@ -21,6 +21,7 @@ import numpy as np
 from lmkit.arrays import BoolArray, FloatArray, IntArray
 from lmkit.locate.prior import PosePrior
 from lmkit.locate.sightings import Poses, Sightings
+from lmkit.locate.turns import turns
 from lmkit.model.camera import CameraModel
 from lmkit.model.estimate import PoseEstimate
 from lmkit.model.landmark import family_named
@@ -33,6 +34,7 @@ SAME_TURN_RAD = np.deg2rad(2.0)
 SAME_PLACE_M = 0.05
 LISTED_BELOW = 25.0  # log likelihood ratio of alternatives that are listed
 MOST_LISTED = 3
+WRONG_START = 0.01  # of a landmark's pose, as a share of the distance: some pixels in any lens
 # Iterations: towards its own landmark, towards all it comes near to, and to the end.
 TOWARDS_OWN, TOWARDS_NEAR, TO_THE_END = 1, 2, 8
 
@@ -45,7 +47,7 @@ class LocateOptions:
         corner_floor_px: standard deviation added to every corner's own: what calibration and flat
             paper leave open.
         ambiguous_below: log likelihood ratio under which a second pose makes the answer ambiguous.
-        far_m: a pose that other ones so far away explain almost as well is ambiguous, too: far and small
+        far_m, far_rad: a pose that other ones so far away explain almost as well is ambiguous, too: far and small
             landmarks leave a valley of poses rather than two.
         outlier_sigma: a landmark is explained when the root mean square of its eight corner
             coordinates stays under this many standard deviations.
@@ -57,6 +59,7 @@ class LocateOptions:
     corner_floor_px: float = 0.08
     ambiguous_below: float = 5.0
     far_m: float = 0.5
+    far_rad: float = np.deg2rad(5.0)
     outlier_sigma: float = 4.5
     gate_share: float = 0.25
     prior: PosePrior | None = None
@@ -113,14 +116,15 @@ def _locate(eyes: Sequence[_Eye], landmarks: LandmarkMap, options: LocateOptions
     if blind or 2 * len(explained) < len(codes) or (len(codes) > 1 and len(explained) < 2):
         return PoseEstimate("inconsistent", outlier_codes=tuple(sorted(codes | seen.twice)))
     best = poses.only(np.array([0]))
-    covariance = np.linalg.inv(seen.equations(best, inliers[:1], options.prior)[0][0])
+    covariance = _covariance(seen, best, inliers[:1], options.prior)
     # So far along its least known direction may a pose lie that explains the pictures almost as well.
-    reach = float(np.sqrt(2 * options.ambiguous_below * np.linalg.eigvalsh(covariance[:3, :3])[-1]))
+    widest = [float(np.linalg.eigvalsh(covariance[part, part])[-1]) for part in (slice(0, 3), slice(3, 6))]
+    reach_m, reach_rad = np.sqrt(2 * options.ambiguous_below * np.array(widest))
     ratios = cost - cost[0]
     rivalled = len(cost) > 1 and float(ratios[1]) < options.ambiguous_below
     squared = seen.pixel_errors(best)[0][inliers[0]] ** 2
     return PoseEstimate(
-        status="ambiguous" if rivalled or reach > options.far_m else "ok",
+        status="ambiguous" if rivalled or reach_m > options.far_m or reach_rad > options.far_rad else "ok",
         T_map_camera=_pose(poses, 0),
         covariance=covariance,
         inlier_codes=tuple(sorted(explained)),
@@ -173,9 +177,15 @@ def _hypotheses(seen: Sightings) -> tuple[Poses, IntArray]:
         for row, ray in zip(rows, rays, strict=True):
             landmark = seen.landmarks[row]
             object_points = family_named(landmark.family).object_points(landmark.size_m)
-            _, rvecs, tvecs, _ = cv2.solvePnPGeneric(
-                object_points, ray, np.eye(3), None, flags=cv2.SOLVEPNP_IPPE_SQUARE
+            eye_matrix = np.eye(3)
+            _, rvecs, tvecs, off = cv2.solvePnPGeneric(
+                object_points, ray, eye_matrix, None, flags=cv2.SOLVEPNP_IPPE_SQUARE
             )
+            if np.min(off) > WRONG_START:
+                # Exactly square on, OpenCV's IPPE loses itself in a half turn.
+                _, rvecs, tvecs, _ = cv2.solvePnPGeneric(
+                    object_points, ray, eye_matrix, None, flags=cv2.SOLVEPNP_SQPNP
+                )
             T = landmark.T_map_landmark
             for rvec, tvec in zip(rvecs, tvecs, strict=True):
                 # x_eye = R x_landmark + t, and x_eye = R_eye x_left + t_eye.
@@ -201,6 +211,21 @@ def _distinct(poses: Poses, seen: Sightings, options: LocateOptions) -> tuple[Po
         if (apart | (turned < 1 + 2 * np.cos(SAME_TURN_RAD))).all():
             kept.append(k)
     return poses.only(np.array(kept)), cost[kept]
+
+
+def _covariance(seen: Sightings, best: Poses, used: BoolArray, prior: PosePrior | None) -> FloatArray:
+    """(6,6) of the pose.
+
+    A landmark seen square on tells its tilt the worse the squarer it is, so that an estimate that has
+    strayed from the truth would claim too much: the mean is therefore taken over the places, too,
+    where the pose may as well be, one standard deviation along its least known direction.
+    """
+    here = np.linalg.inv(seen.equations(best, used, prior)[0][0])
+    values, vectors = np.linalg.eigh(here)
+    step = np.array([[-1.0], [1.0]]) * np.sqrt(max(values[-1], 0.0)) * vectors[:, -1]
+    around = Poses(turns(step[:, 3:]) @ best.R, best.p + step[:, :3])
+    there = np.linalg.inv(seen.equations(around, np.repeat(used, 2, axis=0), prior)[0])
+    return np.asarray((here + there[0] + there[1]) / 3)
 
 
 def _pose(poses: Poses, k: int) -> Pose:

@@ -127,8 +127,8 @@ def test_a_place_known_in_some_directions_only():
         locate_rig(*seen, RIG, LandmarkMap([replace(LANDMARKS[0], covariance=covariance)])).covariance
         for covariance in (slid, None)
     )
-    assert loose[0, 0] - firm[0, 0] == pytest.approx(0.1**2, rel=0.01)
-    assert loose[2, 2] == pytest.approx(firm[2, 2], rel=0.01)
+    assert loose[0, 0] - firm[0, 0] == pytest.approx(0.1**2, rel=0.03)
+    assert loose[2, 2] == pytest.approx(firm[2, 2], rel=0.03)
 
 
 def test_a_wrong_code_is_named_and_does_not_capture_the_pose():
@@ -283,3 +283,11 @@ def test_the_covariance_of_the_base_is_that_of_draws():
         draws.append(moved.t)
     formula = covariance_at_base(estimate, T_camera_base)[:3, :3]
     assert np.allclose(np.cov(np.array(draws).T), formula, atol=0.1 * np.trace(formula))
+
+
+def test_exactly_square_on():
+    """Where OpenCV's own solver for squares fails."""
+    station = looking(np.array([0.1, 1.0, 1.5]), -np.pi / 2, 0.0)
+    left, right = see(station, 0.0, np.random.default_rng(0), LANDMARKS[1:2])
+    estimate = locate_rig(left, right, RIG, MAP)
+    assert np.linalg.norm(estimate.T_map_camera.t - station.t) < 1e-4

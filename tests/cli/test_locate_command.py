@@ -1,0 +1,109 @@
+"""`lmkit locate` and the files it writes, as a user runs it."""
+
+from __future__ import annotations
+
+import csv
+import json
+from xml.etree import ElementTree
+
+import cv2
+import numpy as np
+import pytest
+
+from lmkit.formats.landmark_map import map_to_yaml
+from lmkit.formats.rig import rig_to_yaml
+from lmkit.formats.trajectory import read_trajectory
+from lmkit.simulate.dataset import make_dataset, take_pictures
+
+
+@pytest.fixture(scope="module")
+def room(tmp_path_factory):
+    """Two simulated pairs, the rig, the map and the truth."""
+    folder = tmp_path_factory.mktemp("room")
+    data = make_dataset(1, pairs=2, boards=0, landmarks=12)
+    for name, image in take_pictures(data):
+        path = folder / name.removeprefix("drive/")
+        path.parent.mkdir(parents=True, exist_ok=True)
+        cv2.imwrite(str(path), image)
+    (folder / "rig.yaml").write_text(rig_to_yaml(data.rig))
+    (folder / "map.yaml").write_text(map_to_yaml(data.scene.landmarks))
+    return folder, data
+
+
+def given(room):
+    folder, _ = room
+    return (folder / "left", folder / "right", "--rig", folder / "rig.yaml", "--map", folder / "map.yaml")
+
+
+def test_all_that_it_writes(lmkit, room, tmp_path):
+    _, data = room
+    answer = lmkit(
+        "locate", *given(room), "--json", "--tum", "t.txt", "--csv", "t.csv", "--plan", "p.svg", "--annotate", "shown"
+    )
+    assert answer.code == 0, answer.err
+    rows = [json.loads(line) for line in answer.out.splitlines()]
+    assert len(rows) == 2
+    for row, truth in zip(rows, data.poses, strict=True):
+        assert row["status"] in ("ok", "ambiguous")
+        if row["status"] == "ok":
+            assert np.linalg.norm(np.array(row["position"]) - truth.t) < 0.05
+    sure = [row for row in rows if row["status"] == "ok"]
+    assert len(read_trajectory(tmp_path / "t.txt")) == len(sure) >= 1
+    table = list(csv.DictReader((tmp_path / "t.csv").open()))
+    assert [float(r["x_m"]) for r in table] == pytest.approx([row["position"][0] for row in rows], abs=1e-6)
+    assert float(table[0]["sigma_x_m"]) == pytest.approx(rows[0]["covariance"][0][0] ** 0.5, rel=1e-6)
+    drawn = ElementTree.fromstring((tmp_path / "p.svg").read_text())
+    words = "".join(drawn.itertext())
+    assert all(str(landmark.code) in words for landmark in data.scene.landmarks)
+    assert len(list((tmp_path / "shown").iterdir())) == 2
+
+
+def test_nothing_is_overwritten(lmkit, room, tmp_path):
+    (tmp_path / "t.txt").write_text("mine")
+    answer = lmkit("locate", *given(room), "--tum", "t.txt")
+    assert answer.code == 2
+    assert (tmp_path / "t.txt").read_text() == "mine"
+
+
+def test_a_film_is_located_frame_by_frame(lmkit, room, tmp_path):
+    folder, _ = room
+    films = []
+    for eye in ("left", "right"):
+        films.append(tmp_path / f"{eye}.avi")
+        writer = cv2.VideoWriter(str(films[-1]), cv2.VideoWriter.fourcc(*"MJPG"), 5, (640, 480))
+        for file in sorted((folder / eye).iterdir()):
+            writer.write(cv2.imread(str(file)))
+        writer.release()
+    answer = lmkit("locate", *films, *given(room)[2:], "--json")
+    rows = [json.loads(line) for line in answer.out.splitlines()]
+    assert [row["left"] for row in rows] == [f"{films[0]}#0", f"{films[0]}#1"]
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        (["--heading", "north"], "--heading"),
+        (["--heading", "90+-0"], "--heading"),
+        (["--planar", "0.4"], "height of --planar"),
+        (["--planar", "0.4m,steep"], "steep"),
+        (["--plan", "p.pdf"], ".png or .svg"),
+    ],
+)
+def test_wrong_options_are_told_in_one_line(lmkit, room, options, words):
+    answer = lmkit("locate", *given(room), *options)
+    assert answer.code == 2
+    assert words in answer.err
+    assert len(answer.err.strip().splitlines()) == 1
+
+
+def test_priors_are_taken(lmkit, room):
+    _, data = room
+    heading = np.rad2deg(np.arctan2(data.poses[0].R[1, 2], data.poses[0].R[0, 2]))
+    folder = room[0]
+    first = sorted(p.name for p in (folder / "left").iterdir())[0]
+    pair = (folder / "left" / first, folder / "right" / first)
+    right = lmkit("locate", *pair, *given(room)[2:], "--json", "--heading", f"{heading:.2f}+-1")
+    assert right.code == 0, right.err
+    wrong = lmkit("locate", *pair, *given(room)[2:], "--json", "--heading", f"{heading + 40:.2f}+-0.01")
+    one, other = json.loads(right.out), json.loads(wrong.out)
+    assert other["position"] is None or np.linalg.norm(np.subtract(one["position"], other["position"])) > 0.05
