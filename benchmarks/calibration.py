@@ -122,7 +122,7 @@ def opencv_sample(views: Sequence[PairView], board: BoardSpec, size: tuple[int, 
     found = cv2.stereoCalibrate(
         objects, left, right, start[0], np.zeros(8), start[1], np.zeros(8), size, flags=flags, criteria=(3, 100, 1e-5)
     )
-    return _opencv_rig(*found[1:7], size, "rational")
+    return _opencv_rig(found[1:7], size, "rational")
 
 
 def opencv_fixed(views: Sequence[PairView], board: BoardSpec, size: tuple[int, int]) -> StereoRig:
@@ -140,7 +140,7 @@ def _opencv_two_steps(views: Sequence[PairView], board: BoardSpec, size: tuple[i
     _, K1, D1, _, _ = cv2.calibrateCamera(objects, left, size, None, None)
     _, K2, D2, _, _ = cv2.calibrateCamera(objects, right, size, None, None)
     found = cv2.stereoCalibrate(objects, left, right, K1, D1, K2, D2, size, flags=flags, criteria=(3, 100, 1e-6))
-    return _opencv_rig(*found[1:7], size, "pinhole")
+    return _opencv_rig(found[1:7], size, "pinhole")
 
 
 def _opencv_lists(
@@ -155,7 +155,9 @@ def _opencv_lists(
     return objects, left, right
 
 
-def _opencv_rig(K1, D1, K2, D2, R, T, size: tuple[int, int], model: str) -> StereoRig:  # type: ignore[no-untyped-def]
+def _opencv_rig(found: Sequence[np.ndarray], size: tuple[int, int], model: str) -> StereoRig:
+    """A rig of K1, D1, K2, D2, R, T as stereoCalibrate gives them."""
+    K1, D1, K2, D2, R, T = found
     count = 8 if model == "rational" else 5
     eyes = [CameraModel(size, K, np.ravel(D)[:count], model) for K, D in ((K1, D1), (K2, D2))]
     return StereoRig(eyes[0], eyes[1], Pose("right", "left", R, np.ravel(T)))

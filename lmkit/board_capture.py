@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from lmkit.arrays import ByteArray
-from lmkit.board_pairs import pair_view
+from lmkit.board_pairs import checked_board, pair_view
 from lmkit.calibrate.coverage import Coverage
 from lmkit.calibrate.guidance import CaptureGuide, Judgement
 from lmkit.detect.boards import detect_board
@@ -16,7 +16,9 @@ from lmkit.formats.board_corners import SavedCorners
 from lmkit.formats.images import read_image
 from lmkit.formats.sources import Frame
 from lmkit.model.board import BoardSpec
+from lmkit.model.observation import BoardObservation
 
+LONG_IN_VAIN = 50  # frames without the board, before another one is thought of
 PairOfPictures = tuple[ByteArray, ByteArray]
 
 
@@ -63,8 +65,9 @@ def look_at_frames(pairs: Iterable[tuple[Frame, Frame]], board: BoardSpec, movin
         moving: see :class:`lmkit.calibrate.guidance.CaptureGuide`.
 
     Raises:
-        InputError: a picture that cannot be read, or pictures of different sizes.
+        InputError: a picture that cannot be read, pictures of different sizes, or of another board.
     """
+    looking = _SpecCheck(board)
     guide: CaptureGuide | None = None
     pictures: dict[str, PairOfPictures] = {}
     size = (0, 0)
@@ -81,7 +84,8 @@ def look_at_frames(pairs: Iterable[tuple[Frame, Frame]], board: BoardSpec, movin
                     "set both cameras alike",
                 )
         name = f"{len(guide.views) + 1:03d}" if moving else Path(one.name).stem
-        in_left = detect_board(left, board)
+        in_left = looking.detect(left)
+        board = looking.board
         # An eye that sees no board saves the other the trouble.
         in_right = None if in_left is None else detect_board(right, board)
         view = pair_view(name, in_left, in_right, board)
@@ -92,3 +96,33 @@ def look_at_frames(pairs: Iterable[tuple[Frame, Frame]], board: BoardSpec, movin
         yield Looked(judgement, left, right, Found(SavedCorners(board, size, guide.views, ()), pictures), coverage)
         if not coverage.advice:
             return
+    looking.end()
+
+
+class _SpecCheck:
+    """Looks for the board, and once, as soon as it shows or when it never does, whether another one is meant."""
+
+    def __init__(self, board: BoardSpec) -> None:
+        self.board = board
+        self._last: ByteArray | None = None
+        self._in_vain = 0
+        self._done = False
+
+    def detect(self, image: ByteArray) -> BoardObservation | None:
+        """The board in the picture."""
+        seen = detect_board(image, self.board)
+        self._last, self._in_vain = image, self._in_vain + 1
+        if not self._done and (seen is not None or self._in_vain == LONG_IN_VAIN):
+            self.end()
+            seen = detect_board(image, self.board)
+        return seen
+
+    def end(self) -> None:
+        """Check by the last picture.
+
+        Raises:
+            InputError: it shows another board.
+        """
+        if not self._done and self._last is not None:
+            self._done = True
+            self.board = checked_board([self._last], self.board)

@@ -10,6 +10,7 @@ from pathlib import Path
 
 import numpy as np
 
+from lmkit.arrays import ByteArray
 from lmkit.detect.boards import detect_board, likelier_board, same_orientation
 from lmkit.errors import InputError
 from lmkit.formats.images import read_image
@@ -57,17 +58,7 @@ def find_board_pairs(
     views: list[PairView] = []
     rejected: list[tuple[str, str]] = []
     size: tuple[int, int] | None = None
-    sample = [read_image(left) for left, _ in files[:SPEC_CHECK_PICTURES]]
-    other = likelier_board(sample, board)
-    if other == replace(board, legacy=not board.legacy):
-        board = other
-    elif other is not None:
-        counted = "inner corners" if board.kind == "chessboard" else "squares"
-        raise InputError(
-            "wrong_board",
-            f"the pictures show {other}, not {board}",
-            f"give --board {other} (columns x rows count {counted})",
-        )
+    board = checked_board([read_image(left) for left, _ in files[:SPEC_CHECK_PICTURES]], board)
     both = [file for pair in files for file in pair]
     with closing(map_in_processes(partial(_look, board=board), both)) as looked:
         for done, (left_file, right_file) in enumerate(files, start=1):
@@ -90,6 +81,25 @@ def find_board_pairs(
     assert size is not None
     names = {left.stem: (left, right) for left, right in files}
     return BoardPairs(tuple(views), tuple(rejected), names, size, board)
+
+
+def checked_board(images: Sequence[ByteArray], board: BoardSpec) -> BoardSpec:
+    """The board as specified, or with the other ChArUco layout if that is what the pictures show.
+
+    Raises:
+        InputError: they show another board.
+    """
+    other = likelier_board(images, board)
+    if other is None:
+        return board
+    if other == replace(board, legacy=not board.legacy):
+        return other
+    counted = "inner corners" if board.kind == "chessboard" else "squares"
+    raise InputError(
+        "wrong_board",
+        f"the pictures show {other}, not {board}",
+        f"give --board {other} (columns x rows count {counted})",
+    )
 
 
 def pair_view(

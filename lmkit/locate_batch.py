@@ -14,7 +14,6 @@ from lmkit.errors import InputError
 from lmkit.formats.images import read_image
 from lmkit.formats.sources import Frame, are_moving, frames, list_pairs, list_pictures, paired_frames
 from lmkit.locate.rig import LocateOptions, locate_camera, locate_rig
-from lmkit.model.camera import CameraModel
 from lmkit.model.estimate import PoseEstimate
 from lmkit.model.landmark import family_named
 from lmkit.model.landmark_map import LandmarkMap
@@ -94,7 +93,7 @@ def _locate_frames(
     seen = []
     try:
         for frame, camera in zip(moment, (rig.left, rig.right), strict=False):
-            _require_size(frame, camera)
+            camera.require_size(frame.name, (frame.picture.shape[1], frame.picture.shape[0]))
             seen.append(tuple(detect_landmarks(frame.picture, DetectOptions(families, camera=camera))))
     except InputError as error:
         return Located(left, right, None, error=error)
@@ -103,14 +102,3 @@ def _locate_frames(
     else:
         estimate = locate_rig(seen[0], seen[1], rig, landmarks, options)
     return Located(left, right, estimate, tuple(seen), moment[0].image)
-
-
-def _require_size(frame: Frame, camera: CameraModel) -> None:
-    height, width = frame.picture.shape[:2]
-    if (width, height) != camera.image_size:
-        raise InputError(
-            "sizes_differ",
-            f"{frame.name} is {width} x {height} pixels, the rig's camera "
-            f"{camera.image_size[0]} x {camera.image_size[1]}",
-            "give pictures as they were calibrated",
-        )

@@ -1,4 +1,4 @@
-"""Held-out row error with SB corners, gradient corners, and their mean, on real stereo sets.
+"""Held-out row error with each localiser of board corners alone, and with all of them weighed, on real stereo sets.
 
 python docs/decisions/0005-board-corners.py ../shared/data/stereo
 """
@@ -7,17 +7,37 @@ import json
 import sys
 from pathlib import Path
 
+import lmkit.detect.board_corners as corners
 import lmkit.detect.boards as boards
-from lmkit.board_pairs import _look
+from lmkit.board_pairs import _look, pair_view
 from lmkit.calibrate.stereo import calibrate_stereo
 from lmkit.model.board import BoardSpec
-from lmkit.model.observation import PairView
 
-fused = boards._fused
+
+def only(localise):
+    """A refinement by one localiser."""
+
+    def refine(grey, found, board_points, square, clear=0.5):
+        side = corners._smallest_side(found, board_points, square)
+        refined = localise(grey, found, min(clear, 1.0) * side)
+        return refined, corners.corner_noise(refined, board_points)
+
+    return refine
+
+
 WAYS = {
-    "SB": lambda grey, corners, size: corners,
-    "gradient": lambda grey, corners, size: 2 * fused(grey, corners, size) - corners,
-    "mean": fused,
+    "SB": only(lambda grey, found, side: found),
+    "gradient": only(
+        lambda grey, found, side: corners._by_gradients(
+            grey, found, corners._half_window(corners.GRADIENT_WINDOW / 0.5 * side)
+        )
+    ),
+    "saddle": only(
+        lambda grey, found, side: corners._by_saddles(
+            grey, found, corners._half_window(corners.SADDLE_WINDOW / 0.5 * side)
+        )
+    ),
+    "weighed": corners.refine_corners,
 }
 
 
@@ -25,12 +45,10 @@ def held_out(root: Path, board: BoardSpec) -> float | None:
     views = []
     for left, right in zip(sorted((root / "left").iterdir()), sorted((root / "right").iterdir()), strict=True):
         (size, seen_left), (_, seen_right) = _look(left, board), _look(right, board)
-        if seen_left is not None and seen_right is not None:
-            seen_right = boards.same_orientation(seen_left, seen_right)
-            views.append(
-                PairView(left.stem, seen_left.ids, seen_left.image_points, seen_right.ids, seen_right.image_points)
-            )
-    return calibrate_stereo(views, board, size).held_out_epipolar_px
+        view = pair_view(left.stem, seen_left, seen_right, board)
+        if not isinstance(view, str):
+            views.append(view)
+    return calibrate_stereo(views, board, size, "pinhole").held_out_epipolar_px
 
 
 if __name__ == "__main__":
@@ -43,6 +61,6 @@ if __name__ == "__main__":
         board = BoardSpec("chessboard", columns, rows, meta["square_mm"])
         row = []
         for way in WAYS.values():
-            boards._fused = way
+            boards.refine_corners = way
             row.append(f"{held_out(root, board):.4f}")
         print(f"| {name} | " + " | ".join(row) + " |", flush=True)

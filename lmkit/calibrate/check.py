@@ -18,6 +18,7 @@ from lmkit.calibrate.held_out import HeldOut, hold_out
 from lmkit.calibrate.problem import POSE, FitOptions, Solution, StereoProblem, intrinsics_vector
 from lmkit.calibrate.start import board_poses
 from lmkit.errors import InputError
+from lmkit.model.camera import CameraModel
 from lmkit.model.observation import PairView
 from lmkit.model.pose import rotation_log
 from lmkit.model.stereo_rig import StereoRig
@@ -130,10 +131,7 @@ def check_rig(rig: StereoRig, object_points: FloatArray, views: Sequence[PairVie
         assert anew is not None
         if _worth(anew, fitted if verdict == "moved" else as_it_was):
             verdict = "lenses"
-            change = tuple(
-                float(new.K[0, 0] / was.K[0, 0] - 1)
-                for new, was in ((everything.left, rig.left), (everything.right, rig.right))
-            )  # type: ignore[assignment]
+            change = _zoom(rig.left, everything.left), _zoom(rig.right, everything.right)
     assert moved.covariance is not None
     at = len(intrinsics_vector(rig.left)) + len(intrinsics_vector(rig.right))
     sigma = np.sqrt(np.diag(moved.covariance)[at : at + POSE])
@@ -152,6 +150,11 @@ def check_rig(rig: StereoRig, object_points: FloatArray, views: Sequence[PairVie
         used=tuple(view.name for view in kept),
         odd=tuple(odd),
     )
+
+
+def _zoom(old: CameraModel, new: CameraModel) -> float:
+    """Relative change of the focal length."""
+    return float(new.K[0, 0] / old.K[0, 0] - 1)
 
 
 def _worth(new: HeldOut, old: HeldOut) -> bool:

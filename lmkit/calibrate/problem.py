@@ -75,12 +75,8 @@ class FitOptions:
     iterations: int = 40
 
 
-def warped(object_points: FloatArray, warp: FloatArray) -> FloatArray:
-    """Object points of a board bowed by ``warp`` along its two axes (parabolas, zero at the rim)."""
-    return object_points + np.column_stack([np.zeros((len(object_points), 2)), _warp_shapes(object_points) @ warp])
-
-
 def _warp_shapes(object_points: FloatArray) -> FloatArray:
+    """(N,2) how far a bow along each axis of the board lifts its points: parabolas, 1 in the middle, 0 at the rim."""
     middle = (object_points.max(axis=0) + object_points.min(axis=0)) / 2
     half = np.maximum((object_points.max(axis=0) - object_points.min(axis=0)) / 2, 1e-9)
     scaled = (object_points - middle)[:, :2] / half[:2]

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from lmkit.cli.common import BOARD_HELP, print_json, print_line, progress
+from lmkit.cli.common import BOARD_HELP, print_json, print_line, progress_counter, require_no
 from lmkit.errors import InputError
 
 if TYPE_CHECKING:
@@ -80,17 +80,19 @@ def run(
         if path is not None:
             check_writable(path, force)
     if check is not None:
-        _require_no(
+        require_no(
             "--check",
             {"-o": output, "--report": report, "--corners": corners, "--capture": capture or None,
              "--baseline": baseline, "--fov": fov, "--save-corners": save_corners},
         )  # fmt: skip
         from lmkit.cli.calibrate_check import check_pictures
 
-        check_pictures(check, *_both(left, right), _spec(board, measured) if board is not None else None, as_json)
+        # Without a board it is landmarks that are looked for; a measure alone belongs to nothing.
+        spec = None if board is None and measured is None else _spec(board, measured)
+        check_pictures(check, *_both(left, right), spec, as_json)
         return
     if corners is not None:
-        _require_no(
+        require_no(
             "--corners", {"LEFT": left, "--board": board, "--measured": measured, "--capture": capture or None}
         )
         from lmkit.board_capture import Found
@@ -131,12 +133,6 @@ def _both(left: str | None, right: str | None) -> tuple[str, str]:
     return left, right
 
 
-def _require_no(option: str, others: dict[str, object]) -> None:
-    for name, value in others.items():
-        if value is not None:
-            raise InputError("not_together", f"{option} and {name} do not go together", "leave one of them out")
-
-
 def _look(left: str, right: str, spec: BoardSpec) -> Found:
     """Find the board in pairs of files."""
     from lmkit.board_capture import Found
@@ -145,12 +141,7 @@ def _look(left: str, right: str, spec: BoardSpec) -> Found:
     from lmkit.formats.sources import list_pairs
 
     files = list_pairs(left, right)
-    ticks = progress(iter(lambda: 0, 1), len(files), "finding the board")
-
-    def on_pair(done: int, total: int) -> None:
-        next(ticks, None)
-
-    pairs = find_board_pairs(files, spec, on_pair)
+    pairs = find_board_pairs(files, spec, progress_counter(len(files), "finding the board"))
     return Found(SavedCorners(pairs.board, pairs.image_size, pairs.views, pairs.rejected), pairs.files)
 
 

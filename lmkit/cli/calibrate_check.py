@@ -5,8 +5,8 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from lmkit.cli.common import print_json, print_line, progress
-from lmkit.errors import InputError, NegativeAnswer
+from lmkit.cli.common import print_json, print_line, progress_counter
+from lmkit.errors import NegativeAnswer
 
 if TYPE_CHECKING:
     from lmkit.calibrate.check import RigCheck
@@ -22,23 +22,13 @@ def check_pictures(rig: Path, left: str, right: str, spec: BoardSpec | None, as_
     from lmkit.landmark_pairs import find_landmark_pairs
 
     old, files = read_any_rig(rig), list_pairs(left, right)
-    ticks = progress(iter(lambda: 0, 1), len(files), "finding corners")
-
-    def on_pair(done: int, total: int) -> None:
-        next(ticks, None)
-
+    on_pair = progress_counter(len(files), "finding corners")
     if spec is None:
         points, views = find_landmark_pairs(files, old, on_pair=on_pair)
         checked = check_rig(old, points, views, lenses=False)
     else:
         found = find_board_pairs(files, spec, on_pair)
-        if found.image_size != old.left.image_size:
-            raise InputError(
-                "sizes_differ",
-                f"the pictures are {found.image_size[0]} x {found.image_size[1]} pixels, the rig's cameras "
-                f"{old.left.image_size[0]} x {old.left.image_size[1]}",
-                "give pictures as they were calibrated",
-            )
+        old.left.require_size(f"a picture such as {files[0][0]}", found.image_size)
         checked = check_rig(old, found.board.object_points, found.views)
     if as_json:
         print_json(check_dict(checked))

@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import json
 import sys
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from typing import Any, TypeVar
+
+from lmkit.errors import InputError
 
 Item = TypeVar("Item")
 BOARD_HELP = "chessboard:9x6:30mm, charuco:8x6:30mm:22mm:DICT_5X5_100[:legacy] or landmarks:4x3:60mm:48mm[:FIRST]"
@@ -36,3 +38,25 @@ def progress(items: Iterable[Item], total: int | None, what: str) -> Iterator[It
     from rich.progress import track
 
     yield from track(items, description=what, total=total, console=Console(stderr=True), transient=True)
+
+
+def progress_counter(total: int, what: str) -> Callable[[int, int], None]:
+    """The same for work that tells after every step how many are done, of how many."""
+    ticks = progress(range(total + 1), total, what)
+    next(ticks)
+
+    def on_step(done: int, total: int) -> None:
+        next(ticks, None)
+
+    return on_step
+
+
+def require_no(option: str, others: Mapping[str, object]) -> None:
+    """Refuse options, by name, that would be ignored beside another one.
+
+    Raises:
+        InputError: one of them was given (is not None).
+    """
+    for name, value in others.items():
+        if value is not None:
+            raise InputError("not_together", f"{option} and {name} do not go together", "leave one of them out")

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from lmkit.cli.common import print_json, print_line, progress, warn
+from lmkit.cli.common import print_json, print_line, progress, require_no, warn
 from lmkit.cli.locate_results import Results
 from lmkit.errors import InputError, NegativeAnswer
 
@@ -69,18 +69,22 @@ def run(
     from lmkit.locate.rig import LocateOptions
     from lmkit.locate_batch import locate_in_sources
 
-    files = {"--tum": tum, "--csv": csv, "--plan": plan, "--annotate": annotate}
+    for_readings = {
+        "--range-sigma": range_sigma, "--bearing-sigma": bearing_sigma, "--time-offset": time_offset or None,
+    }  # fmt: skip
+    for_pictures = {
+        "LEFT": left, "--rig": rig, "--mono": mono, "--frame": frame, "--heading": heading, "--planar": planar,
+        "--tum": tum, "--csv": csv, "--plan": plan, "--annotate": annotate,
+    }  # fmt: skip
     if readings is not None:
-        if landmark_map is None or any(
-            given is not None for given in (left, right, rig, mono, frame, *files.values())
-        ):
-            raise InputError(
-                "readings_alone", "--readings goes with --map alone", "give --readings FILE.csv --map MAP"
-            )
+        require_no("--readings", for_pictures)
+        if landmark_map is None:
+            raise InputError("no_map", "--readings needs a map", "give --readings FILE.csv --map MAP")
         from lmkit.cli.locate_readings import locate_readings
 
         locate_readings(readings, read_map(landmark_map), as_json, range_sigma, bearing_sigma, time_offset)
         return
+    require_no("pictures", for_readings)
     if rig is None or landmark_map is None:
         raise InputError("no_rig_or_map", "locate needs a rig and a map", "give --rig rig.yaml --map map.yaml")
     if (mono is None) == (left is None or right is None):
@@ -107,7 +111,7 @@ def run(
                 warn(str(moment.error))
             continue
         located += moment.estimate.T_map_camera is not None
-        results.add(moment)
+        results.add(total - 1, moment)
         if as_json:
             print_json(estimate_dict(moment.estimate, cameras, moment.left, moment.right, frame))
         else:
@@ -145,6 +149,8 @@ def _prior(heading: str | None, planar: str | None) -> PosePrior | None:
         height, _, tilt = planar.partition(",")
         try:
             down = math.radians(float(tilt or 0))
+            if not abs(down) < math.pi / 2:
+                raise ValueError
         except ValueError:
             raise InputError(
                 "bad_planar", f"--planar {planar!r}: {tilt!r} is no tilt", "write such as 0.42m,10"

@@ -34,6 +34,8 @@ def locate_readings(
     from lmkit.formats.readings import read_readings
     from lmkit.locate.range_bearing import locate_planar
 
+    if not math.isfinite(time_offset):
+        raise InputError("bad_offset", f"--time-offset {time_offset:g} is no time", "give seconds, such as 0.2")
     moments = read_readings(path)
     noise = _noise(range_sigma, bearing_sigma)
     located = 0

@@ -32,7 +32,7 @@ class Results:
     rig: StereoRig
     landmarks: LandmarkMap
     force: bool
-    _located: list[Located] = field(default_factory=list)
+    _located: list[tuple[int, Located]] = field(default_factory=list)
 
     def __post_init__(self) -> None:
         from lmkit.formats.files import check_writable
@@ -43,14 +43,14 @@ class Results:
         if self.plan is not None and self.plan.suffix.lower() not in (".png", ".svg"):
             raise InputError("bad_suffix", f"cannot write {self.plan}: unknown kind", "name it .png or .svg")
 
-    def add(self, located: Located) -> None:
-        """One answer; its picture is drawn at once, so that none is kept."""
+    def add(self, number: int, located: Located) -> None:
+        """One answer, the picture's number counted from 0; it is drawn at once, so that no picture is kept."""
         if self.annotate is not None:
             self._draw(located)
         if self.tum is not None or self.csv is not None or self.plan is not None:
             from dataclasses import replace
 
-            self._located.append(replace(located, image=None, seen=()))
+            self._located.append((number, replace(located, image=None, seen=())))
 
     def write(self) -> Sequence[Path]:
         """Write what was asked for; the files written."""
@@ -61,27 +61,31 @@ class Results:
         from lmkit.room_plan import Found, draw_plan
 
         answers = [
-            estimate_dict(m.estimate, self.rig, m.left, m.right, self.frame) for m in self._located if m.estimate
+            (number, estimate_dict(m.estimate, self.rig, m.left, m.right, self.frame))
+            for number, m in self._located
+            if m.estimate is not None
         ]
         written = []
         if self.tum is not None:
-            times = [time_of(answer["left"]) for answer in answers]
             # Where a name holds no time, the pictures are counted.  A trajectory has no room for doubts.
-            clock = [float(k) for k in range(len(answers))] if None in times else times
+            timed = all(time_of(answer["left"]) is not None for _, answer in answers)
             poses = [
-                (time_s or 0.0, Pose.from_quaternion("map", self.frame, answer["position"], answer["quaternion"]))
-                for time_s, answer in zip(clock, answers, strict=True)
+                (
+                    (time_of(answer["left"]) or 0.0) if timed else float(number),
+                    Pose.from_quaternion("map", self.frame, answer["position"], answer["quaternion"]),
+                )
+                for number, answer in answers
                 if answer["status"] == "ok"
             ]
             write_file(self.tum, poses_to_tum(poses), self.force)
             written.append(self.tum)
         if self.csv is not None:
-            write_file(self.csv, "\n".join([COLUMNS, *(_row(answer) for answer in answers)]) + "\n", self.force)
+            write_file(self.csv, "\n".join([COLUMNS, *(_row(answer) for _, answer in answers)]) + "\n", self.force)
             written.append(self.csv)
         if self.plan is not None:
             found = [
                 Found(Path(m.left).stem, m.estimate.T_map_camera, covariance[:2, :2], m.estimate.status == "ok")
-                for m in self._located
+                for _, m in self._located
                 if m.estimate is not None
                 and m.estimate.T_map_camera is not None
                 and (covariance := m.estimate.covariance) is not None
@@ -102,12 +106,9 @@ class Results:
         image = read_image(Path(located.left)) if located.image is None else located.image
         picture = draw_located(image, located.seen[0], self.rig.left, located.estimate, self.landmarks)
         path = Path(located.left)
+        # Frames of a film have their number in their name: FILE#N.
         name = path.stem if located.image is None else path.name.replace("#", "-")
-        write_file(
-            self.annotate / f"{Path(name).stem if located.image is None else name}.jpg",
-            encode_jpeg(picture),
-            self.force,
-        )
+        write_file(self.annotate / f"{name}.jpg", encode_jpeg(picture), self.force)
 
 
 def _row(answer: dict[str, object]) -> str:

@@ -8,7 +8,6 @@ from typing import Annotated
 import typer
 
 from lmkit.cli.common import print_line, progress
-from lmkit.errors import InputError
 
 
 def run(
@@ -37,13 +36,7 @@ def run(
         for file, picture, camera in zip(
             (left_file, right_file), pictures, (cameras.left, cameras.right), strict=True
         ):
-            if (picture.shape[1], picture.shape[0]) != camera.image_size:
-                raise InputError(
-                    "sizes_differ",
-                    f"{file} is {picture.shape[1]} x {picture.shape[0]} pixels, the rig's camera "
-                    f"{camera.image_size[0]} x {camera.image_size[1]}",
-                    "give pictures as they were calibrated",
-                )
+            camera.require_size(str(file), (picture.shape[1], picture.shape[0]))
         rectified = rectify_pair(cameras, pictures[0], pictures[1])
         if lines:
             write_file(written[0], encode_png(with_lines_across(*rectified, rectification(cameras).along)), force)

@@ -59,15 +59,3 @@ def locate_by_two(
     x = float(L[0]) - (c * sensor[0] - k * sensor[1])
     y = float(L[1]) - (k * sensor[0] + c * sensor[1])
     return PlanarPose(x, y, heading)
-
-
-def closure_m(
-    A: FloatArray, B: FloatArray, range_a: float, range_b: float, bearing_a: float, bearing_b: float
-) -> float:
-    """How far the measured triangle misses the known distance of the landmarks, metres.
-
-    Ranges and bearings to two landmarks hold one number more than a pose needs; a large closure means
-    a wrong reading.
-    """
-    squared = range_a**2 + range_b**2 - 2 * range_a * range_b * math.cos(bearing_b - bearing_a)
-    return math.sqrt(max(squared, 0.0)) - float(np.hypot(*(B - A)))

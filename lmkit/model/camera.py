@@ -11,6 +11,7 @@ import cv2
 import numpy as np
 
 from lmkit.arrays import AnyArray, BoolArray, FloatArray, frozen
+from lmkit.errors import InputError
 
 REACHED_PX = 0.5  # how well a ray must lead back to its pixel
 # Numbers of distortion coefficients that each model may have, in OpenCV's order.
@@ -106,6 +107,20 @@ class CameraModel:
         finite = np.asarray(np.isfinite(rays).all(axis=1))
         back = self.project(np.column_stack([np.where(finite[:, None], rays, 0.0), np.ones(len(rays))]))
         return np.asarray(finite & (np.linalg.norm(back - pixels, axis=1) < REACHED_PX))
+
+    def require_size(self, name: str, size: tuple[int, int]) -> None:
+        """Refuse a picture that is not as the camera was calibrated.
+
+        Raises:
+            InputError: its (width, height) is another one; names it.
+        """
+        if size != self.image_size:
+            raise InputError(
+                "sizes_differ",
+                f"{name} is {size[0]} x {size[1]} pixels, the rig's camera "
+                f"{self.image_size[0]} x {self.image_size[1]}",
+                "give pictures as they were calibrated",
+            )
 
     def contains(self, pixels: FloatArray, border_px: float = 0.0) -> FloatArray:
         """(N,) True where a pixel lies inside the picture, at least ``border_px`` from its edge."""

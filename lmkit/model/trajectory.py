@@ -38,11 +38,6 @@ class Trajectory:
         """(N,3,3)."""
         return np.asarray(Rotation.from_quat(self.quaternions).as_matrix())
 
-    @property
-    def length_m(self) -> float:
-        """Of the way from the first to the last pose."""
-        return float(np.linalg.norm(np.diff(self.positions, axis=0), axis=1).sum())
-
     def rows(self, rows: IntArray) -> Trajectory:
         """Some of the poses."""
         return Trajectory(self.times_s[rows], self.positions[rows], self.quaternions[rows])

@@ -115,6 +115,14 @@ def test_capture_reads_both_eyes_side_by_side(lmkit, pairs, tmp_path):
     assert len(json.loads(answer.out)["pairs_used"]) >= 4
 
 
+@pytest.mark.parametrize("spec", ["chessboard:8x6:30mm", "chessboard:10x7:30mm"])
+def test_capture_notices_another_board(lmkit, pairs, spec):
+    """A smaller one is found inside the true one without complaint, a larger one never."""
+    answer = lmkit("calibrate", *pairs, "--capture", "--board", spec)
+    assert answer.code == 2
+    assert "chessboard:9x6:30mm" in answer.err
+
+
 def test_convert_and_rectify(lmkit, pairs, tmp_path):
     left, right = pairs
     (tmp_path / "rig.yaml").write_text(rig_to_yaml(make_rig()))
@@ -155,6 +163,7 @@ def test_rectified_rows_match(lmkit, data, pairs, tmp_path):
         (["l", "r", "--board", SPEC, "--baseline", "12"], "--baseline"),
         (["l", "r", "--board", SPEC, "--save-pairs", "x"], "--capture"),
         (["l", "r", "--corners", "c.json"], "--corners and LEFT"),
+        (["l", "r", "--check", "rig.yaml", "--measured", "1x1mm"], "--board"),
         (["l", "r", "--check", "rig.yaml", "-o", "x.yaml"], "--check and -o"),
         (["l", "--capture", "--board", SPEC], "--side-by-side"),
         (["camera:x", "camera:1", "--capture", "--board", SPEC], "no camera number"),

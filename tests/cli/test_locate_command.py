@@ -65,6 +65,22 @@ def test_nothing_is_overwritten(lmkit, room, tmp_path):
     assert (tmp_path / "t.txt").read_text() == "mine"
 
 
+def test_pictures_named_by_time_keep_their_names_apart(lmkit, room, tmp_path):
+    """`12.25.png` and `12.75.png` are two moments: in the trajectory, and as pictures."""
+    folder, _ = room
+    for eye in ("left", "right"):
+        (tmp_path / eye).mkdir()
+        for k, file in enumerate(sorted((folder / eye).iterdir())):
+            (tmp_path / eye / f"12.{25 + 50 * k}.png").write_bytes(file.read_bytes())
+    answer = lmkit("locate", "left", "right", *given(room)[2:], "--json", "--tum", "t.txt", "--annotate", "shown")
+    assert answer.code == 0, answer.err
+    rows = [json.loads(line) for line in answer.out.splitlines()]
+    assert [row["time_s"] for row in rows] == [12.25, 12.75]
+    times = [row["time_s"] for row in rows if row["status"] == "ok"]
+    assert read_trajectory(tmp_path / "t.txt").times_s.tolist() == times
+    assert sorted(p.name for p in (tmp_path / "shown").iterdir()) == ["12.25.jpg", "12.75.jpg"]
+
+
 def test_a_film_is_located_frame_by_frame(lmkit, room, tmp_path):
     folder, _ = room
     films = []
@@ -86,7 +102,11 @@ def test_a_film_is_located_frame_by_frame(lmkit, room, tmp_path):
         (["--heading", "90+-0"], "--heading"),
         (["--planar", "0.4"], "height of --planar"),
         (["--planar", "0.4m,steep"], "steep"),
+        (["--planar", "0.4m,90"], "no tilt"),
+        (["--planar", "0.4m,nan"], "no tilt"),
         (["--plan", "p.pdf"], ".png or .svg"),
+        (["--range-sigma", "0.1m"], "--range-sigma"),
+        (["--readings", "r.csv"], "--readings and LEFT"),
     ],
 )
 def test_wrong_options_are_told_in_one_line(lmkit, room, options, words):
@@ -107,3 +127,22 @@ def test_priors_are_taken(lmkit, room):
     wrong = lmkit("locate", *pair, *given(room)[2:], "--json", "--heading", f"{heading + 40:.2f}+-0.01")
     one, other = json.loads(right.out), json.loads(wrong.out)
     assert other["position"] is None or np.linalg.norm(np.subtract(one["position"], other["position"])) > 0.05
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        ([], "--map"),
+        (["--map", "m.yaml", "--heading", "90"], "--readings and --heading"),
+        (["--map", "m.yaml", "--time-offset", "nan"], "--time-offset"),
+        (["--map", "m.yaml", "--range-sigma", "x%"], "--range-sigma"),
+        (["--map", "m.yaml", "--bearing-sigma", "0"], "--bearing-sigma"),
+    ],
+)
+def test_wrong_options_of_readings_are_told_in_one_line(lmkit, room, tmp_path, options, words):
+    (tmp_path / "m.yaml").write_text((room[0] / "map.yaml").read_text())
+    (tmp_path / "r.csv").write_text("time_s,code,range_m,bearing_rad\n0,1,1,\n")
+    answer = lmkit("locate", "--readings", "r.csv", *options)
+    assert answer.code == 2
+    assert words in answer.err
+    assert len(answer.err.strip().splitlines()) == 1

@@ -1,0 +1,43 @@
+"""By how much pairs disagree more than their corners promise: the factor on standard deviations, set by set.
+
+python docs/decisions/0008-calibration-covariance.py ../shared/data/stereo
+"""
+
+import json
+import sys
+from pathlib import Path
+
+import lmkit.calibrate.problem as problem
+from lmkit.board_pairs import find_board_pairs
+from lmkit.calibrate.stereo import calibrate_stereo
+from lmkit.formats.sources import list_pairs
+from lmkit.model.board import BoardSpec
+
+factors: list[float] = []
+scatter = problem._scatter_between_pairs
+
+
+def watched(*arguments):
+    factors.append(scatter(*arguments) ** 0.5)
+    return factors[-1] ** 2
+
+
+if __name__ == "__main__":
+    problem._scatter_between_pairs = watched
+    print("| set | model | factor |")
+    print("|---|---|---|")
+    for name, model in (
+        ("opencv_bouguet", "pinhole"),
+        ("aliyasin", "pinhole"),
+        ("stereopi", "pinhole"),
+        ("sourishg_fisheye", "fisheye"),
+    ):
+        root = Path(sys.argv[1]) / name
+        meta = json.loads((root / "board.json").read_text())
+        columns, rows = meta["inner_corners"]
+        board = BoardSpec("chessboard", columns, rows, meta["square_mm"])
+        found = find_board_pairs(list_pairs(str(root / "left"), str(root / "right")), board)
+        factors.clear()
+        held_out_from = len(calibrate_stereo(found.views, board, found.image_size, model).used)
+        # Fits of all pairs come first: without the bow, with it, and again where pairs were left out.
+        print(f"| {name}, {held_out_from} pairs | {model} | {factors[1]:.2f} |", flush=True)
