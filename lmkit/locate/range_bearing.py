@@ -223,15 +223,13 @@ def refined(seen: Readings, start: FloatArray) -> FloatArray:
         weighted = weight[:, None, None] * J
         normal = np.einsum("nij,nik->jk", weighted, J)
         gradient = np.einsum("nij,ni->j", weighted, errors)
-        if not seen.turnable:
-            normal[2, 2] = 1.0
         trial = state + np.linalg.solve(normal + damping * np.diag(np.diag(normal) + 1e-9), gradient)
         there = _loss(seen, trial)
         if there > loss:
             damping = max(damping * 30, 1e-4)
             continue
         done = loss - there < 1e-9
-        state, loss, damping = trial, there, damping / 10
+        state, loss, damping = trial, there, max(damping / 10, 1e-9)
         if done:
             break
     return np.array([state[0], state[1], float(wrapped(state[2]))])

@@ -20,7 +20,7 @@ class PoseEstimate:
         T_map_camera: pose of the left (or only) camera; None unless ok or ambiguous.
         covariance: (6,6) x y z (m), then rotation about x y z (rad), in the map frame.
         inlier_codes: codes that the pose explains.
-        outlier_codes: codes read and mapped that it does not.
+        outlier_codes: codes read and mapped that it does not, or that are in one picture more than once.
         alternatives: other poses, best first, each with its log likelihood ratio to the answer.
         reprojection_error_px: root mean square over the corners of the inliers, both pictures.
     """

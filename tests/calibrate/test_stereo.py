@@ -8,8 +8,10 @@ import numpy as np
 import pytest
 from board_views import BOARD, views
 
+from lmkit.calibrate import problem
 from lmkit.calibrate.problem import Solution, StereoProblem, _moved
 from lmkit.calibrate.stereo import calibrate_stereo
+from lmkit.calibrate.uncertainty import projection_uncertainty
 from lmkit.errors import InputError
 from lmkit.model.board import BoardSpec
 from lmkit.model.camera import CameraModel
@@ -71,6 +73,38 @@ def test_a_rig_that_moved_is_warned_of_with_the_pairs_named(data):
     result = calibrate_stereo(pairs.views, board, pairs.image_size, rejected=pairs.rejected)
     warned = {name for w in result.warnings if w.code == "pairs_disagree" for name in w.pairs}
     assert {"001", "002", "003"} <= warned
+
+
+def test_corners_that_err_together_widen_the_intervals(monkeypatch):
+    """A bend of its own in every picture counts by the picture; noise of single corners changes nothing."""
+
+    def widened(seen):
+        sigma = calibrate_stereo(seen, BOARD, (640, 480), "pinhole").baseline_sigma_m
+        with monkeypatch.context() as patch:
+            patch.setattr(problem, "LEAST_PAIRS", 10**6)
+            return sigma / calibrate_stereo(seen, BOARD, (640, 480), "pinhole").baseline_sigma_m
+
+    assert widened(views(16, 0.1, 3)) < 1.15
+    rng = np.random.default_rng(3)
+    bent = []
+    for view in views(16, 0.02, 3):
+        x, y = ((view.left - [320, 240]) / 240).T
+        bend = np.column_stack([x * y, x**2, y**2]) @ rng.normal(0, 0.2, (3, 2))
+        bent.append(replace(view, left=view.left + bend))
+    assert widened(bent) > 1.5
+
+
+def test_what_a_turn_of_the_camera_makes_up_for_is_no_uncertainty():
+    camera = make_rig().left
+
+    def uncertain(index):
+        covariance = np.zeros((9, 9))
+        covariance[index, index] = 1.0 if index < 4 else 1e-4
+        return projection_uncertainty(camera, covariance, None)
+
+    # A shift of the principal point by one pixel is a turn; one of the focal length is not.
+    assert np.nanmedian(uncertain(2)) < 0.2
+    assert np.nanmax(uncertain(4)[:, [0, -1]]) > 0.3
 
 
 @pytest.mark.parametrize("seed", range(3))

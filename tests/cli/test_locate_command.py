@@ -10,9 +10,12 @@ import cv2
 import numpy as np
 import pytest
 
+from lmkit.cli.locate_results import Results
 from lmkit.formats.landmark_map import map_to_yaml
 from lmkit.formats.rig import rig_to_yaml
 from lmkit.formats.trajectory import read_trajectory
+from lmkit.locate_batch import Located
+from lmkit.model.estimate import PoseEstimate
 from lmkit.simulate.dataset import make_dataset, take_pictures
 
 
@@ -56,6 +59,16 @@ def test_all_that_it_writes(lmkit, room, tmp_path):
     words = "".join(drawn.itertext())
     assert all(str(landmark.code) in words for landmark in data.scene.landmarks)
     assert len(list((tmp_path / "shown").iterdir())) == 2
+
+
+def test_a_trajectory_has_no_doubtful_poses(room, tmp_path):
+    _, data = room
+    results = Results(tmp_path / "t.txt", None, None, None, "camera", data.rig, data.scene.landmarks, False)
+    for number, status in enumerate(("ok", "ambiguous", "no_landmarks", "ok")):
+        pose = None if status == "no_landmarks" else data.poses[0]
+        results.add(number, Located(f"{number}.png", None, PoseEstimate(status, pose, 1e-4 * np.eye(6))))
+    results.write()
+    assert read_trajectory(tmp_path / "t.txt").times_s.tolist() == [0, 3]
 
 
 def test_nothing_is_overwritten(lmkit, room, tmp_path):

@@ -193,7 +193,15 @@ def test_a_level_floor_and_a_known_height_narrow_the_pose():
             estimate = locate_rig(left, right, RIG, MAP, options)
             errors.append(estimate.T_map_camera.t - station.t)
     assert np.linalg.norm(held, axis=1).mean() < 0.75 * np.linalg.norm(free, axis=1).mean()
-    assert np.abs(np.array(held)[:, 2]).max() < 0.02
+    assert np.abs(np.array(held)[:, 2]).mean() < 0.005
+
+
+def test_a_height_known_to_a_hair_is_the_height():
+    left, right = see(
+        looking(np.array([0.3, 3.5, 1.2]), -np.pi / 2, 0.0), 0.1, np.random.default_rng(6), LANDMARKS[1:2]
+    )
+    options = LocateOptions(prior=PosePrior(height_m=1.23, height_sigma=1e-4))
+    assert locate_rig(left, right, RIG, MAP, options).T_map_camera.t[2] == pytest.approx(1.23, abs=1e-3)
 
 
 def test_the_covariance_with_a_prior_is_true():
@@ -260,11 +268,12 @@ def test_codes_that_are_not_in_the_map_are_no_landmarks():
     assert locate_rig([], [], RIG, MAP).status == "no_landmarks"
 
 
-def test_the_same_code_twice_in_a_picture_is_not_used():
+def test_the_same_code_twice_in_a_picture_is_not_used_and_named():
     left, right = see(STATION, 0.1, np.random.default_rng(2))
     left.append(LandmarkObservation(10, left[1].corners + 40, 0.9, 9.0))
     estimate = locate_rig(left, right, RIG, MAP)
     assert estimate.status == "ok"
+    assert estimate.outlier_codes == (10,)
     assert np.linalg.norm(estimate.T_map_camera.t - STATION.t) < 0.02
 
 
