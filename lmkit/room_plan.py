@@ -90,7 +90,7 @@ def draw_plan(
 
 def _extent(landmarks: LandmarkMap, poses: Sequence[Pose]) -> tuple[tuple[float, float], tuple[float, float]]:
     points = np.array([landmark.T_map_landmark.t[:2] for landmark in landmarks] + [pose.t[:2] for pose in poses])
-    low, high = np.floor(points.min(axis=0) - AROUND_M), np.ceil(points.max(axis=0) + AROUND_M)
+    low, high = points.min(axis=0) - AROUND_M, points.max(axis=0) + AROUND_M
     return (float(low[0]), float(low[1])), (float(high[0]), float(high[1]))
 
 
@@ -112,7 +112,7 @@ class _Canvas(Protocol):
     size: tuple[int, int]
 
     def line(self, points: Points, color: Rgb, width: float) -> None: ...
-    def box(self, a: tuple[float, float], b: tuple[float, float], fill: Rgb, edge: Rgb, width: float) -> None: ...
+    def box(self, a: tuple[float, float], b: tuple[float, float], fill: Rgb) -> None: ...
     def text(self, at: tuple[float, float], text: str, size: float, color: Rgb, anchor: str) -> float: ...
     def file(self) -> bytes: ...
 
@@ -128,13 +128,15 @@ class _Plan:
         return x, self.canvas.size[1] - MARGIN_PX - (float(xy[1]) - self.low[1]) * self.scale
 
     def room(self, walls: bool) -> None:
-        corners = self.at(np.array([self.low[0], self.high[1]])), self.at(np.array([self.high[0], self.low[1]]))
-        self.canvas.box(*corners, ROOM, WALL if walls else GRID, 5 if walls else 1)
+        a, b = self.at(np.array([self.low[0], self.high[1]])), self.at(np.array([self.high[0], self.low[1]]))
+        self.canvas.box(a, b, ROOM)
         for axis in (0, 1):
             for metre in range(int(np.ceil(self.low[axis] + 1e-9)), int(np.ceil(self.high[axis]))):
                 ends = np.array([self.low, self.high])
                 ends[:, axis] = metre
                 self.canvas.line([self.at(end) for end in ends], GRID, 1)
+        rim = [a, (b[0], a[1]), b, (a[0], b[1]), a, (b[0], a[1])]
+        self.canvas.line(rim, WALL if walls else GRID, 5 if walls else 1)
 
     def landmark(self, pose: Pose, size_m: float, label: str) -> None:
         along, out = pose.R[:2, 0], pose.R[:2, 2]
@@ -187,9 +189,9 @@ class _Png:
         larger = [(x * OVERSAMPLE, y * OVERSAMPLE) for x, y in points]
         self._draw.line(larger, fill=color, width=round(width * OVERSAMPLE), joint="curve")
 
-    def box(self, a: tuple[float, float], b: tuple[float, float], fill: Rgb, edge: Rgb, width: float) -> None:
+    def box(self, a: tuple[float, float], b: tuple[float, float], fill: Rgb) -> None:
         corners = [v * OVERSAMPLE for v in (*a, *b)]
-        self._draw.rectangle(corners, fill=fill, outline=edge, width=round(width * OVERSAMPLE))
+        self._draw.rectangle(corners, fill=fill)
 
     def text(self, at: tuple[float, float], text: str, size: float, color: Rgb, anchor: str) -> float:
         font = ImageFont.load_default(size * OVERSAMPLE)
@@ -214,9 +216,9 @@ class _Svg:
         path = "L".join(f"{x:.1f} {y:.1f}" for x, y in points)
         self._parts.append(f'<path d="M{path}" fill="none" stroke="{_hex(color)}" stroke-width="{width:g}"/>')
 
-    def box(self, a: tuple[float, float], b: tuple[float, float], fill: Rgb, edge: Rgb, width: float) -> None:
+    def box(self, a: tuple[float, float], b: tuple[float, float], fill: Rgb) -> None:
         place = f'x="{a[0]:.1f}" y="{a[1]:.1f}" width="{b[0] - a[0]:.1f}" height="{b[1] - a[1]:.1f}"'
-        self._parts.append(f'<rect {place} fill="{_hex(fill)}" stroke="{_hex(edge)}" stroke-width="{width:g}"/>')
+        self._parts.append(f'<rect {place} fill="{_hex(fill)}"/>')
 
     def text(self, at: tuple[float, float], text: str, size: float, color: Rgb, anchor: str) -> float:
         place = f'x="{at[0]:.1f}" y="{at[1] + size * 0.35:.1f}" font-size="{size:g}" text-anchor="{anchor}"'

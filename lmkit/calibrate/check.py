@@ -91,7 +91,7 @@ def check_rig(rig: StereoRig, object_points: FloatArray, views: Sequence[PairVie
         raise InputError(
             "too_few_views",
             f"{len(known)} views seen by both eyes, at least {LEAST_VIEWS} are needed to check a rig",
-            "give more pairs of pictures",
+            "give more pairs of pictures; of a board, say which with --board",
         )
     kept = [view for view, _ in known]
     old = Solution(

@@ -280,11 +280,13 @@ def _detections(result: StereoCalibration, name: str, pictures: tuple[ByteArray,
     marked = []
     for image, points in zip(pictures, (view.left, view.right), strict=True):
         canvas = image.copy()
+        # As large as is still seen when the picture is made small.
+        radius, width = canvas.shape[1] / 110, max(1, round(canvas.shape[1] / 320))
         for k, (x, y) in enumerate(points):
             hue = int(150 * k / max(1, len(points) - 1))
             color = cv2.cvtColor(np.array([[[hue, 255, 255]]], dtype=np.uint8), cv2.COLOR_HSV2BGR)[0, 0]
             centre = (round(float(x) * 16), round(float(y) * 16))
-            cv2.circle(canvas, centre, 64, tuple(int(c) for c in color), 1, cv2.LINE_AA, 4)
+            cv2.circle(canvas, centre, round(radius * 16), tuple(int(c) for c in color), width, cv2.LINE_AA, 4)
         marked.append(canvas)
     return f"<figure>{_img(np.hstack(marked), 560)}<figcaption>{escape(name)}</figcaption></figure>"
 

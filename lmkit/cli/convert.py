@@ -34,9 +34,9 @@ def run(
     if to == "ros":
         texts = dict(zip((output / name for name in FILES), rig_to_camera_infos(read), strict=True))
     elif to == "kalibr":
-        text, error_px = rig_to_camchain(read)
+        text, lens, error_px = rig_to_camchain(read)
         if error_px > 0:
-            warn(f"Kalibr's radtan has four coefficients: the lens written differs by up to {error_px:.3f} px")
+            warn(f"Kalibr's lenses have four coefficients: the nearest, {lens}, differs by up to {error_px:.3f} px")
         texts = {output: text}
     else:
         texts = {output: rig_to_opencv_yaml(read) if to == "opencv" else rig_to_yaml(read)}

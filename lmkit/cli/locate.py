@@ -98,7 +98,7 @@ def run(
         raise InputError("no_base", f"{rig} has no T_base_left", "add it to the rig file, or use --frame camera")
     results = Results(tum, csv, plan, annotate, frame, cameras, landmarks, force)
     options = LocateOptions(prior=_prior(heading, planar))
-    located, failed, total = 0, [], 0
+    located, exchanged, failed, total = 0, 0, [], 0
     moments = locate_in_sources(mono or str(left), None if mono else right, cameras, landmarks, options)
     for moment in progress(moments, None, "locating"):
         total += 1
@@ -111,6 +111,7 @@ def run(
                 warn(str(moment.error))
             continue
         located += moment.estimate.T_map_camera is not None
+        exchanged += moment.estimate.status == "exchanged"
         results.add(total - 1, moment)
         if as_json:
             print_json(estimate_dict(moment.estimate, cameras, moment.left, moment.right, frame))
@@ -125,7 +126,7 @@ def run(
         raise NegativeAnswer(
             "not_located",
             f"no pose from {total} pictures",
-            "check that landmarks of the map are in view",
+            "exchange LEFT and RIGHT" if exchanged else "check that landmarks of the map are in view",
         )
 
 

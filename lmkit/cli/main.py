@@ -107,7 +107,7 @@ def guarded(run: Callable[[], Any], debug: bool) -> int:
     except Exception as error:
         usage = getattr(error, "format_message", None)
         if usage is not None:
-            return _report(usage(), "see lmkit --help", int(getattr(error, "exit_code", 2)), debug)
+            return _report(usage().rstrip("."), "see lmkit --help", int(getattr(error, "exit_code", 2)), debug)
         return _report(f"lmkit has a fault: {type(error).__name__}: {error}", _FAULT_HINT, EXIT_FAULT, debug)
 
 

@@ -16,7 +16,8 @@ from lmkit.model.nearest_lens import with_four_coefficients
 from lmkit.model.pose import Pose, orthonormal
 from lmkit.model.stereo_rig import StereoRig
 
-MOST_ERROR_PX = 0.5
+MOST_ERROR_PX = 1.0
+_MODELS = {"radtan": "pinhole", "equidistant": "fisheye"}
 Row4 = Annotated[list[float], Field(min_length=4, max_length=4)]
 
 
@@ -36,40 +37,41 @@ class _Camchain(BaseModel):
     cam1: _Camera
 
 
-def rig_to_camchain(rig: StereoRig) -> tuple[str, float]:
-    """The text of the file, and by how many pixels at most its lenses differ from the rig's.
+def rig_to_camchain(rig: StereoRig) -> tuple[str, str, float]:
+    """The text of the file, its distortion model, and by how many pixels at most its lenses differ from the rig's.
 
-    Kalibr's radtan has k1 k2 p1 p2 alone; longer distortions are replaced by the nearest such lens.
+    Kalibr's lenses have four coefficients: radtan k1 k2 p1 p2, equidistant k1 k2 k3 k4.  Longer distortions are
+    replaced by the nearer of the two, the same for both eyes.
 
     Raises:
-        InputError: there is no near one.
+        InputError: neither is near.
     """
+    eyes = (rig.left, rig.right)
+    made = {name: [with_four_coefficients(eye, model) for eye in eyes] for name, model in _MODELS.items()}
+    worst = {name: max(error_px for _, error_px in cameras) for name, cameras in made.items()}
+    kind = min(worst, key=lambda name: worst[name])
+    if worst[kind] > MOST_ERROR_PX:
+        raise InputError(
+            "no_kalibr_lens",
+            f"Kalibr's lenses of four coefficients miss this rig's by {worst[kind]:.2f} px or more",
+            "calibrate with --model fisheye, or write opencv or ros instead",
+        )
     cameras: dict[str, Any] = {}
-    worst = 0.0
-    for name, camera in (("cam0", rig.left), ("cam1", rig.right)):
-        if camera.model != "fisheye":
-            camera, error_px = with_four_coefficients(camera)
-            worst = max(worst, error_px)
+    for number, (camera, _) in enumerate(made[kind]):
         K = camera.K
-        cameras[name] = {
+        cameras[f"cam{number}"] = {
             "camera_model": "pinhole",
-            "distortion_model": "equidistant" if camera.model == "fisheye" else "radtan",
+            "distortion_model": kind,
             "intrinsics": [float(v) for v in (K[0, 0], K[1, 1], K[0, 2], K[1, 2])],
             "distortion_coeffs": camera.distortion.tolist(),
             "resolution": list(camera.image_size),
-            "cam_overlaps": [1 if name == "cam0" else 0],
-            "rostopic": f"/{'left' if name == 'cam0' else 'right'}/image_raw",
+            "cam_overlaps": [1 - number],
+            "rostopic": f"/{('left', 'right')[number]}/image_raw",
         }
-    if worst > MOST_ERROR_PX:
-        raise InputError(
-            "no_radtan",
-            f"Kalibr's radtan lens (k1 k2 p1 p2) misses this rig's by up to {worst:.2f} px",
-            "calibrate with --model fisheye, or write opencv or ros instead",
-        )
     T = np.eye(4)
     T[:3, :3], T[:3, 3] = rig.T_right_left.R, rig.T_right_left.t
     cameras["cam1"] = {"T_cn_cnm1": T.tolist()} | cameras["cam1"]
-    return dump_yaml(cameras), worst
+    return dump_yaml(cameras), kind, worst[kind]
 
 
 def read_camchain(path: Path) -> StereoRig:
@@ -99,6 +101,6 @@ def read_camchain(path: Path) -> StereoRig:
 
 def _camera(data: _Camera) -> CameraModel:
     fx, fy, cx, cy = data.intrinsics
-    model = "fisheye" if data.distortion_model == "equidistant" else "pinhole"
+    model = _MODELS.get(data.distortion_model, "pinhole")
     K = np.array([[fx, 0, cx], [0, fy, cy], [0, 0, 1.0]])
     return CameraModel(data.resolution, K, np.array(data.distortion_coeffs), model)

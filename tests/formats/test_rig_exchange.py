@@ -125,7 +125,8 @@ def test_what_ros_tools_look_for_is_there():
 def test_longer_lenses_are_replaced_by_the_nearest_that_kalibr_knows(tmp_path):
     made = rig()
     left = CameraModel(made.left.image_size, made.left.K, np.array([-0.2, 0.05, 0.0007, -0.0004, -0.004]))
-    text, error_px = rig_to_camchain(replace(made, left=left))
+    text, lens, error_px = rig_to_camchain(replace(made, left=left))
+    assert lens == "radtan"
     assert 0 < error_px < 0.5
     path = tmp_path / "chain.yaml"
     path.write_text(text)
@@ -134,9 +135,23 @@ def test_longer_lenses_are_replaced_by_the_nearest_that_kalibr_knows(tmp_path):
     assert np.abs(read.left.project(points) - left.project(points)).max() < 2 * error_px
 
 
+def test_a_barrel_that_radtan_cannot_hold_becomes_equidistant(tmp_path):
+    """Strong third coefficients, as a fit to the middle of the picture leaves them."""
+    made = rig()
+    barrel = CameraModel(
+        made.left.image_size, made.left.K * [[1.16], [1.16], [1]], np.array([-0.28, 0.011, 0, 0, 0.218])
+    )
+    text, lens, error_px = rig_to_camchain(StereoRig(barrel, barrel, made.T_right_left))
+    assert lens == "equidistant"
+    path = tmp_path / "chain.yaml"
+    path.write_text(text)
+    points = np.column_stack([np.random.default_rng(0).uniform(-0.5, 0.5, (50, 2)) * [1.1, 0.8], np.ones(50)])
+    assert np.abs(read_any_rig(path).left.project(points) - barrel.project(points)).max() < error_px < 1
+
+
 def test_a_lens_that_kalibr_cannot_hold_is_refused():
     odd = CameraModel((640, 480), make_rig().left.K, np.array([-0.42, 0.25, 0, 0, -0.1]))
-    with pytest.raises(InputError, match="radtan"):
+    with pytest.raises(InputError, match="Kalibr's lenses"):
         rig_to_camchain(replace(rig(), left=odd))
 
 
