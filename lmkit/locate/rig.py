@@ -27,7 +27,7 @@ from lmkit.model.estimate import PoseEstimate
 from lmkit.model.landmark import family_named
 from lmkit.model.landmark_map import LandmarkMap
 from lmkit.model.observation import LandmarkObservation
-from lmkit.model.pose import Pose, rotation_exp, skew
+from lmkit.model.pose import Pose, skew
 from lmkit.model.stereo_rig import StereoRig
 
 SAME_TURN_RAD = np.deg2rad(2.0)
@@ -36,7 +36,7 @@ LISTED_BELOW = 25.0  # log likelihood ratio of alternatives that are listed
 MOST_LISTED = 3
 WRONG_START = 0.01  # of a landmark's pose, as a share of the distance: some pixels in any lens
 # Iterations: towards its own landmark, towards all it comes near to, and to the end.
-TOWARDS_OWN, TOWARDS_NEAR, TO_THE_END = 1, 2, 8
+TOWARDS_NEAR, TO_THE_END = 2, 8
 
 
 @dataclass(frozen=True)
@@ -143,10 +143,13 @@ def _candidates(seen: Sightings, options: LocateOptions) -> tuple[Poses, FloatAr
     poses, own = _hypotheses(seen)
     prior, limit = options.prior, 8 * options.outlier_sigma**2
     mine = seen.codes[None] == own[:, None]
-    poses = seen.refine(poses, mine, prior, TOWARDS_OWN)
-    off = np.sqrt((seen.pixel_errors(poses) ** 2).mean(axis=2))
-    near = mine | (off < options.gate_share * seen.side_px)
-    poses = _distinct(seen.refine(poses, near, prior, TOWARDS_NEAR), seen, options)[0]
+    near = mine | _near(poses, seen, options)
+    poses = seen.refine(poses, near, prior, TOWARDS_NEAR)
+    # What a pose does not even come near to it will not explain, however it is refined.
+    near |= _near(poses, seen, options) | (seen.misfits(poses) < limit)
+    least = (~near).sum(axis=1) * limit / 2
+    hopeful = least < _costs(poses, seen, options).min() + LISTED_BELOW
+    poses = _distinct(poses.only(np.flatnonzero(hopeful)), seen, options)[0]
     used: BoolArray | None = None
     for _ in range(3):
         misfits = seen.misfits(poses)
@@ -161,6 +164,20 @@ def _candidates(seen: Sightings, options: LocateOptions) -> tuple[Poses, FloatAr
     return _distinct(poses, seen, options)
 
 
+def _near(poses: Poses, seen: Sightings, options: LocateOptions) -> BoolArray:
+    """(H,S) True where the corners lie within a share of the landmark's side."""
+    off = np.sqrt((seen.pixel_errors(poses) ** 2).mean(axis=2))
+    return np.asarray(off < options.gate_share * seen.side_px)
+
+
+def _costs(poses: Poses, seen: Sightings, options: LocateOptions) -> FloatArray:
+    """(H,) negative log likelihoods; what is not explained costs what it could cost at the border of being so."""
+    cost = np.minimum(seen.misfits(poses), 8 * options.outlier_sigma**2).sum(axis=1) / 2
+    if options.prior is not None:
+        cost = cost + (options.prior.residuals(poses.R, poses.p) ** 2).sum(axis=1) / 2
+    return np.asarray(cost)
+
+
 def _hypotheses(seen: Sightings) -> tuple[Poses, IntArray]:
     """Both poses of every landmark, as poses of the left camera in the map, and the landmark's code."""
     best: dict[int, int] = {}
@@ -168,42 +185,37 @@ def _hypotheses(seen: Sightings) -> tuple[Poses, IntArray]:
         # Of the two eyes the one that sees it larger.
         if code not in best or seen.side_px[row] > seen.side_px[best[code]]:
             best[code] = row
-    rotations, places, own = [], [], []
-    for eye in seen.eyes:
-        rows = [row for row in best.values() if eye.rows.start <= row < eye.rows.stop]
-        if not rows:
-            continue
-        rays = eye.camera.unproject(seen.observed[rows].reshape(-1, 2)).reshape(-1, 4, 1, 2)
-        for row, ray in zip(rows, rays, strict=True):
-            landmark = seen.landmarks[row]
-            object_points = family_named(landmark.family).object_points(landmark.size_m)
-            eye_matrix = np.eye(3)
-            _, rvecs, tvecs, off = cv2.solvePnPGeneric(
-                object_points, ray, eye_matrix, None, flags=cv2.SOLVEPNP_IPPE_SQUARE
-            )
-            if np.min(off) > WRONG_START:
-                # Exactly square on, OpenCV's IPPE loses itself in a half turn.
-                _, rvecs, tvecs, _ = cv2.solvePnPGeneric(
-                    object_points, ray, eye_matrix, None, flags=cv2.SOLVEPNP_SQPNP
-                )
-            T = landmark.T_map_landmark
-            for rvec, tvec in zip(rvecs, tvecs, strict=True):
-                # x_eye = R x_landmark + t, and x_eye = R_eye x_left + t_eye.
-                R_left = eye.R.T @ rotation_exp(np.ravel(rvec))
-                t_left = eye.R.T @ (np.ravel(tvec) - eye.t)
-                R_map_left = T.R @ R_left.T
-                rotations.append(R_map_left)
-                places.append(T.t - R_map_left @ t_left)
-                own.append(landmark.code)
-    return Poses(np.array(rotations), np.array(places)), np.array(own)
+    turned: list[FloatArray] = []
+    moved: list[FloatArray] = []
+    rows_in: list[int] = []
+    eye_matrix = np.eye(3)
+    for row in best.values():
+        ray = seen.rays[row].reshape(4, 1, 2)
+        landmark = seen.landmarks[row]
+        object_points = family_named(landmark.family).object_points(landmark.size_m)
+        _, rvecs, tvecs, off = cv2.solvePnPGeneric(
+            object_points, ray, eye_matrix, None, flags=cv2.SOLVEPNP_IPPE_SQUARE
+        )
+        if np.min(off) > WRONG_START:
+            # Exactly square on, OpenCV's IPPE loses itself in a half turn.
+            _, rvecs, tvecs, _ = cv2.solvePnPGeneric(object_points, ray, eye_matrix, None, flags=cv2.SOLVEPNP_SQPNP)
+        turned += [np.ravel(rvec) for rvec in rvecs]
+        moved += [np.ravel(tvec) for tvec in tvecs]
+        rows_in += [row] * len(rvecs)
+    rows = np.array(rows_in)
+    # x_eye = R x_landmark + t, and x_eye = R_eye x_left + t_eye.
+    R_left_eye = seen.eye_R[rows].transpose(0, 2, 1)
+    R_left = R_left_eye @ turns(np.array(turned))
+    t_left = R_left_eye @ (np.array(moved) - seen.eye_t[rows])[..., None]
+    T = [seen.landmarks[row].T_map_landmark for row in rows_in]
+    R_map_left = np.array([pose.R for pose in T]) @ R_left.transpose(0, 2, 1)
+    p = np.array([pose.t for pose in T]) - (R_map_left @ t_left)[..., 0]
+    return Poses(R_map_left, p), seen.codes[rows]
 
 
 def _distinct(poses: Poses, seen: Sightings, options: LocateOptions) -> tuple[Poses, FloatArray]:
     """Sorted by cost, without those that are the same pose as a better one."""
-    # What is not explained costs as much as it could at the border of being explained.
-    cost = np.minimum(seen.misfits(poses), 8 * options.outlier_sigma**2).sum(axis=1) / 2
-    if options.prior is not None:
-        cost = cost + (options.prior.residuals(poses.R, poses.p) ** 2).sum(axis=1) / 2
+    cost = _costs(poses, seen, options)
     kept: list[int] = []
     for k in np.argsort(cost, kind="stable").tolist():
         turned = np.einsum("hij,ij->h", poses.R[kept], poses.R[k])

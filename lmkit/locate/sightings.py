@@ -1,4 +1,8 @@
-"""Landmarks of a map seen by the eyes of a rig: what many poses at once say of all their corners."""
+"""Landmarks of a map seen by the eyes of a rig: what many poses at once say of all their corners.
+
+Corners are undistorted once, and what they are off by is carried back into pixels by the lens's own
+derivative, so that no pose needs the lens again.
+"""
 
 from __future__ import annotations
 
@@ -11,13 +15,13 @@ import numpy as np
 from lmkit.arrays import BoolArray, FloatArray, IntArray, covariance_root
 from lmkit.locate.prior import PosePrior
 from lmkit.locate.turns import turns
-from lmkit.model.camera import CameraModel
+from lmkit.model.camera import REACHED_PX, CameraModel
 from lmkit.model.landmark_map import LandmarkMap, MappedLandmark
 from lmkit.model.observation import LandmarkObservation
 
 NEAREST_M = 0.02  # corners nearer than that, or behind the camera, are seen nowhere
-NOWHERE_PX = 1e4
-CONVERGED = 1e-3  # of the squared misfit: nothing that a covariance would show
+NOWHERE = 1e2  # as x/z
+CONVERGED = 1e-2  # of the squared misfit: a last step of a tenth of a standard deviation
 MOST_DAMPING = 1e6
 
 
@@ -63,6 +67,8 @@ class Sightings:
         observations: (S) what was seen.
         codes: (S,) their codes.
         side_px: (S,) mean side in the picture.
+        rays: (S,4,2) the corners as x/z and y/z, without distortion.
+        eye_R, eye_t: (S,3,3), (S,3) from the left camera into the eye that saw it.
         eyes: the cameras.
         twice: mapped codes that are in one picture more than once: which is the mapped one cannot be told.
     """
@@ -77,18 +83,25 @@ class Sightings:
         self.observations: list[LandmarkObservation] = []
         self.eyes: list[Eye] = []
         self.twice: set[int] = set()
+        parts = []
         for observations, camera, R, t in eyes:
             seen = Counter((o.family, o.code) for o in observations)
             start = len(self.landmarks)
-            for o in observations:
+            rays, by_ray, reached = _through_lens(camera, observations)
+            kept = []
+            for k, o in enumerate(observations):
                 landmark = landmarks.find(o.code, o.family)
-                if landmark is None:
+                if landmark is None or not reached[k]:
                     continue
                 if seen[o.family, o.code] > 1:
                     self.twice.add(o.code)
                     continue
                 self.landmarks.append(landmark)
                 self.observations.append(o)
+                kept.append(k)
+            parts.append(
+                (rays[kept], by_ray[kept], np.repeat(R[None], len(kept), axis=0), np.tile(t, (len(kept), 1)))
+            )
             self.eyes.append(Eye(camera, R, t, slice(start, len(self.landmarks))))
         if not self.landmarks:
             return
@@ -98,7 +111,11 @@ class Sightings:
         steps = np.roll(self.observed, -1, axis=1) - self.observed
         self.side_px = np.sqrt((steps**2).sum(axis=2)).mean(axis=1)
         covariance = np.array([np.zeros((8, 8)) if o.covariance is None else o.covariance for o in self.observations])
-        self._whitener = np.linalg.inv(np.linalg.cholesky(covariance + corner_floor_px**2 * np.eye(8)))
+        whitener = np.linalg.inv(np.linalg.cholesky(covariance + corner_floor_px**2 * np.eye(8)))
+        self.rays, self._by_ray, self.eye_R, self.eye_t = (
+            np.concatenate(column) for column in zip(*parts, strict=True)
+        )
+        self._whitener = (whitener.reshape(-1, 8, 4, 1, 2) @ self._by_ray[:, None]).reshape(-1, 8, 8)
         # Sightings of one landmark share what is not known of its place.
         self._uncertain: list[IntArray] = []
         self._roots: FloatArray | None = None
@@ -119,7 +136,8 @@ class Sightings:
 
     def pixel_errors(self, poses: Poses) -> FloatArray:
         """(H,S,8) observed minus projected corners; huge where a corner lies behind the camera."""
-        return self._project(poses, False)[0]
+        errors = self._project(poses, False)[0].reshape(len(poses), -1, 4, 2, 1)
+        return np.asarray((self._by_ray @ errors).reshape(len(poses), -1, 8))
 
     def misfits(self, poses: Poses) -> FloatArray:
         """(H,S) squared error of each sighting on its own, in standard deviations, over its eight coordinates."""
@@ -174,6 +192,8 @@ class Sightings:
             trial = Poses(turns(step[:, 3:]) @ poses.R, poses.p + step[:, :3])
             # What the step promises to gain, before it is tried.
             small = (step * gradient).sum(axis=1) < CONVERGED
+            if small.all():
+                return trial
             there = self.equations(trial, used, prior)
             better = there[2] < squared
             poses = Poses(
@@ -183,13 +203,13 @@ class Sightings:
             gradient = np.where(better[:, None], there[1], gradient)
             squared = np.where(better, there[2], squared)
             damping = np.where(better, np.maximum(damping / 10, 1e-9), damping * 300)
-            if (small | (damping > MOST_DAMPING)).all():
+            if (damping > MOST_DAMPING).all():
                 break
         return poses
 
     def _errors(self, poses: Poses, derivatives: bool) -> _Errors:
-        pixels, G, offset = self._project(poses, derivatives)
-        residuals = (self._whitener @ pixels[..., None])[..., 0]
+        rays, G, offset = self._project(poses, derivatives)
+        residuals = (self._whitener @ rays[..., None])[..., 0]
         if G is None:
             return _Errors(residuals, np.zeros(0), None)
         shape = (len(poses), len(self), 8, 6)
@@ -202,30 +222,31 @@ class Sightings:
         return _Errors(residuals, self._whitener @ J, by_landmark)
 
     def _project(self, poses: Poses, derivatives: bool) -> tuple[FloatArray, FloatArray | None, FloatArray]:
-        """Pixel errors (H,S,8), derivatives of the pixels with the map point (H,S,4,2,3), points from the camera."""
-        count, sightings = len(poses), len(self)
+        """Errors of the rays (H,S,8), their derivatives with the map point (H,S,4,2,3), points from the camera."""
         offset = self.points[None] - poses.p[:, None, None]
-        in_left = offset.reshape(count, -1, 3) @ poses.R
-        pixels = np.zeros((count, sightings, 4, 2))
-        G = np.zeros((count, sightings, 4, 2, 3)) if derivatives else None
-        behind = np.zeros((count, sightings), dtype=bool)
-        for eye in self.eyes:
-            size = eye.rows.stop - eye.rows.start
-            if size == 0:
-                continue
-            seen = in_left[:, 4 * eye.rows.start : 4 * eye.rows.stop] @ eye.R.T + eye.t
-            behind[:, eye.rows] = (seen[..., 2] < NEAREST_M).reshape(count, size, 4).any(axis=2)
-            seen[..., 2] = np.maximum(seen[..., 2], NEAREST_M)
-            if G is None:
-                at = eye.camera.project(seen.reshape(-1, 3))
-            else:
-                at, by_point, _ = eye.camera.project_with_jacobian(seen.reshape(-1, 3))
-                turn = eye.R @ poses.R.transpose(0, 2, 1)
-                G[:, eye.rows] = (by_point.reshape(count, -1, 3) @ turn).reshape(count, size, 4, 2, 3)
-            pixels[:, eye.rows] = at.reshape(count, size, 4, 2)
-        errors = (self.observed[None] - pixels).reshape(count, sightings, 8)
-        errors[behind] = NOWHERE_PX
+        turn = self.eye_R @ poses.R.transpose(0, 2, 1)[:, None]
+        seen = offset @ turn.transpose(0, 1, 3, 2) + self.eye_t[:, None]
+        depth = np.maximum(seen[..., 2:], NEAREST_M)
+        rays = seen[..., :2] / depth
+        errors = (self.rays - rays).reshape(len(poses), len(self), 8)
+        errors[(seen[..., 2] < NEAREST_M).any(axis=2)] = NOWHERE
+        if not derivatives:
+            return errors, None, offset
+        G = (turn[:, :, None, :2] - rays[..., None] * turn[:, :, None, 2:]) / depth[..., None]
         return errors, G, offset
+
+
+def _through_lens(
+    camera: CameraModel, observations: Sequence[LandmarkObservation]
+) -> tuple[FloatArray, FloatArray, BoolArray]:
+    """Rays (N,4,2) of the corners, how pixels change with them (N,4,2,2), and (N,) where the lens reaches."""
+    corners = np.array([o.corners for o in observations]).reshape(-1, 2)
+    if len(corners) == 0:
+        return np.zeros((0, 4, 2)), np.zeros((0, 4, 2, 2)), np.zeros(0, dtype=bool)
+    rays = np.nan_to_num(camera.unproject(corners), posinf=0.0, neginf=0.0)
+    pixels, by_point, _ = camera.project_with_jacobian(np.column_stack([rays, np.ones(len(rays))]))
+    reached = (((pixels - corners) ** 2).sum(axis=1) < REACHED_PX**2).reshape(-1, 4).all(axis=1)
+    return rays.reshape(-1, 4, 2), by_point[:, :, :2].reshape(-1, 4, 2, 2), np.asarray(reached)
 
 
 def _cross(a: FloatArray, b: FloatArray) -> FloatArray:

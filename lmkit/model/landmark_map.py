@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -30,7 +31,7 @@ class MappedLandmark:
     T_map_landmark: Pose
     covariance: FloatArray | None = None
 
-    @property
+    @cached_property
     def corners_map(self) -> FloatArray:
         """(4,3) outer corners in the map, metres; top left, then clockwise as the landmark stands."""
         return self.T_map_landmark.apply(family_named(self.family).object_points(self.size_m))
