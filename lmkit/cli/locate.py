@@ -19,8 +19,6 @@ if TYPE_CHECKING:
     from lmkit.model.estimate import PoseEstimate
     from lmkit.model.stereo_rig import StereoRig
 
-_TIME = re.compile(r"(\d{9,}\.\d+|\d+\.\d+)$")
-
 
 def run(
     left: Annotated[str | None, typer.Argument(help="Left picture, folder or glob.")] = None,
@@ -166,6 +164,7 @@ def _prior(heading: str | None, planar: str | None) -> PosePrior | None:
 
 def estimate_dict(estimate: PoseEstimate, rig: StereoRig, left: str, right: str | None, frame: str) -> dict[str, Any]:
     """One answer as docs/formats.md has it."""
+    from lmkit.formats.sources import time_of
     from lmkit.locate.rig import covariance_at_base
     from lmkit.model.pose import Pose
 
@@ -220,9 +219,3 @@ def _sentence(estimate: PoseEstimate, rig: StereoRig, frame: str) -> str:
         f"{estimate.status}, x {x:.3f} y {y:.3f} z {z:.3f} m "
         f"(± {sigma[0]:.1f} {sigma[1]:.1f} {sigma[2]:.1f} mm), codes {codes}{off}"
     )
-
-
-def time_of(name: str) -> float | None:
-    """Seconds, of a file name that ends in a decimal number of them."""
-    found = _TIME.search(Path(name).stem)
-    return float(found[1]) if found else None

@@ -54,8 +54,9 @@ class Results:
 
     def write(self) -> Sequence[Path]:
         """Write what was asked for; the files written."""
-        from lmkit.cli.locate import estimate_dict, time_of
+        from lmkit.cli.locate import estimate_dict
         from lmkit.formats.files import write_file
+        from lmkit.formats.sources import time_of
         from lmkit.formats.trajectory import poses_to_tum
         from lmkit.model.pose import Pose
         from lmkit.room_plan import Found, draw_plan

@@ -27,6 +27,8 @@ from lmkit.cli import (
     locate,
     rectify,
     simulate,
+    survey,
+    track,
     verify,
 )
 from lmkit.errors import LmkitError
@@ -53,6 +55,8 @@ for _command in (
     rectify,
     convert,
     locate,
+    survey,
+    track,
     evaluate,
     simulate,
     demo,

@@ -16,6 +16,9 @@ from lmkit.model.landmark import family_named
 from lmkit.model.landmark_map import LandmarkMap, MappedLandmark
 from lmkit.model.pose import Pose
 
+# Square markers of others, which lmkit does not read, but whose recorded detections it surveys and locates by.
+FOREIGN_FAMILIES = ("tag36h11", "tag25h9", "tag16h5", "aruco")
+
 
 class _Landmark(Document):
     code: Annotated[int, Field(ge=0, strict=True)]
@@ -42,8 +45,8 @@ def read_map(path: Path) -> LandmarkMap:
     landmarks = []
     for index, item in enumerate(data.landmarks):
         where = f"{path}: landmarks[{index}]"
-        family = family_named(item.family)
-        if item.code >= family.code_count:
+        family = None if item.family in FOREIGN_FAMILIES else family_named(item.family)
+        if family is not None and item.code >= family.code_count:
             raise InputError(
                 "code_range",
                 f"{where}.code: {item.code} is outside 0 to {family.code_count - 1}",

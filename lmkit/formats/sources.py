@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import glob
+import re
 import sys
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
@@ -16,6 +17,7 @@ from lmkit.formats.images import SUFFIXES, decode_image, read_image
 
 CAMERA = "camera:"
 VIDEO_SUFFIXES = frozenset({".mp4", ".avi", ".mov", ".mkv", ".webm", ".m4v"})
+_TIME = re.compile(r"(\d{9,}\.\d+|\d+\.\d+)$")
 
 
 @dataclass(frozen=True)
@@ -218,3 +220,9 @@ def _camera_pairs(left: str, right: str) -> Iterator[tuple[Frame, Frame]]:
     finally:
         for camera in cameras:
             camera.release()
+
+
+def time_of(name: str) -> float | None:
+    """Seconds, of a file name that ends in a decimal number of them."""
+    found = _TIME.search(Path(name).stem)
+    return float(found[1]) if found else None

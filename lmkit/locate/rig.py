@@ -24,7 +24,7 @@ from lmkit.locate.sightings import Poses, Sightings
 from lmkit.locate.turns import turns
 from lmkit.model.camera import CameraModel
 from lmkit.model.estimate import PoseEstimate
-from lmkit.model.landmark import family_named
+from lmkit.model.landmark import square_corners
 from lmkit.model.landmark_map import LandmarkMap
 from lmkit.model.observation import LandmarkObservation
 from lmkit.model.pose import Pose, skew
@@ -192,7 +192,7 @@ def _hypotheses(seen: Sightings) -> tuple[Poses, IntArray]:
     for row in best.values():
         ray = seen.rays[row].reshape(4, 1, 2)
         landmark = seen.landmarks[row]
-        object_points = family_named(landmark.family).object_points(landmark.size_m)
+        object_points = square_corners(landmark.size_m)
         _, rvecs, tvecs, off = cv2.solvePnPGeneric(
             object_points, ray, eye_matrix, None, flags=cv2.SOLVEPNP_IPPE_SQUARE
         )

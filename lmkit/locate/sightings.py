@@ -36,6 +36,23 @@ class Eye:
 
 
 @dataclass(frozen=True, eq=False)
+class EyeSightings:
+    """What one camera saw, looked through its lens.
+
+    Attributes:
+        kept: of the observations, those that the lens model reaches.
+        rays: (S,4,2) corners as x/z and y/z, without distortion.
+        by_ray: (S,4,2,2) how pixels change with them.
+        whitener: (S,8,8) from errors of rays to standard deviations of the corners.
+    """
+
+    kept: list[int]
+    rays: FloatArray
+    by_ray: FloatArray
+    whitener: FloatArray
+
+
+@dataclass(frozen=True, eq=False)
 class Poses:
     """(H,3,3) and (H,3) of T_map_camera of the left camera."""
 
@@ -87,11 +104,12 @@ class Sightings:
         for observations, camera, R, t in eyes:
             seen = Counter((o.family, o.code) for o in observations)
             start = len(self.landmarks)
-            rays, by_ray, reached = _through_lens(camera, observations)
+            looked = through_lens(observations, camera, corner_floor_px)
+            reached = set(looked.kept)
             kept = []
             for k, o in enumerate(observations):
                 landmark = landmarks.find(o.code, o.family)
-                if landmark is None or not reached[k]:
+                if landmark is None or k not in reached:
                     continue
                 if seen[o.family, o.code] > 1:
                     self.twice.add(o.code)
@@ -99,9 +117,9 @@ class Sightings:
                 self.landmarks.append(landmark)
                 self.observations.append(o)
                 kept.append(k)
-            parts.append(
-                (rays[kept], by_ray[kept], np.repeat(R[None], len(kept), axis=0), np.tile(t, (len(kept), 1)))
-            )
+            rows = [looked.kept.index(k) for k in kept]
+            turned, moved = np.repeat(R[None], len(kept), axis=0), np.tile(t, (len(kept), 1))
+            parts.append((looked.rays[rows], looked.by_ray[rows], looked.whitener[rows], turned, moved))
             self.eyes.append(Eye(camera, R, t, slice(start, len(self.landmarks))))
         if not self.landmarks:
             return
@@ -110,12 +128,9 @@ class Sightings:
         self.observed = np.array([o.corners for o in self.observations])
         steps = np.roll(self.observed, -1, axis=1) - self.observed
         self.side_px = np.sqrt((steps**2).sum(axis=2)).mean(axis=1)
-        covariance = np.array([np.zeros((8, 8)) if o.covariance is None else o.covariance for o in self.observations])
-        whitener = np.linalg.inv(np.linalg.cholesky(covariance + corner_floor_px**2 * np.eye(8)))
-        self.rays, self._by_ray, self.eye_R, self.eye_t = (
+        self.rays, self._by_ray, self._whitener, self.eye_R, self.eye_t = (
             np.concatenate(column) for column in zip(*parts, strict=True)
         )
-        self._whitener = (whitener.reshape(-1, 8, 4, 1, 2) @ self._by_ray[:, None]).reshape(-1, 8, 8)
         # Sightings of one landmark share what is not known of its place.
         self._uncertain: list[IntArray] = []
         self._roots: FloatArray | None = None
@@ -236,17 +251,27 @@ class Sightings:
         return errors, G, offset
 
 
-def _through_lens(
-    camera: CameraModel, observations: Sequence[LandmarkObservation]
-) -> tuple[FloatArray, FloatArray, BoolArray]:
-    """Rays (N,4,2) of the corners, how pixels change with them (N,4,2,2), and (N,) where the lens reaches."""
+def through_lens(
+    observations: Sequence[LandmarkObservation], camera: CameraModel, corner_floor_px: float
+) -> EyeSightings:
+    """Corners as rays, each with its own covariance and that of the floor."""
     corners = np.array([o.corners for o in observations]).reshape(-1, 2)
     if len(corners) == 0:
-        return np.zeros((0, 4, 2)), np.zeros((0, 4, 2, 2)), np.zeros(0, dtype=bool)
+        return EyeSightings([], np.zeros((0, 4, 2)), np.zeros((0, 4, 2, 2)), np.zeros((0, 8, 8)))
     rays = np.nan_to_num(camera.unproject(corners), posinf=0.0, neginf=0.0)
     pixels, by_point, _ = camera.project_with_jacobian(np.column_stack([rays, np.ones(len(rays))]))
     reached = (((pixels - corners) ** 2).sum(axis=1) < REACHED_PX**2).reshape(-1, 4).all(axis=1)
-    return rays.reshape(-1, 4, 2), by_point[:, :, :2].reshape(-1, 4, 2, 2), np.asarray(reached)
+    by_ray = by_point[:, :, :2].reshape(-1, 4, 2, 2)[reached]
+    covariance = np.array(
+        [np.zeros((8, 8)) if o.covariance is None else o.covariance for o in observations], dtype=np.float64
+    )[reached]
+    whitener = np.linalg.inv(np.linalg.cholesky(covariance + corner_floor_px**2 * np.eye(8)))
+    return EyeSightings(
+        np.flatnonzero(reached).tolist(),
+        rays.reshape(-1, 4, 2)[reached],
+        by_ray,
+        (whitener.reshape(-1, 8, 4, 1, 2) @ by_ray[:, None]).reshape(-1, 8, 8),
+    )
 
 
 def _cross(a: FloatArray, b: FloatArray) -> FloatArray:

@@ -125,11 +125,8 @@ class LandmarkFamily:
         return np.array([[-h, h], [h, h], [h, -h], [-h, -h]])
 
     def object_points(self, size_m: float) -> FloatArray:
-        """(4,3) the outer corners in the landmark frame, metres, for a print of side ``size_m``.
-
-        The order is the one ``cv2.SOLVEPNP_IPPE_SQUARE`` wants.
-        """
-        return np.column_stack([self.corners_mm / self.side_mm * size_m, np.zeros(4)])
+        """(4,3) the outer corners in the landmark frame, metres, for a print of side ``size_m``."""
+        return square_corners(size_m)
 
 
 _TWO_RINGS = (
@@ -149,6 +146,15 @@ LM12 = LandmarkFamily("lm12", 1, _THREE_RINGS, triangle_mm=25.0, distance=3)
 LM12H4 = LandmarkFamily("lm12h4", 1, _THREE_RINGS, triangle_mm=25.0, distance=4)
 
 FAMILIES = {family.name: family for family in (LM4, LM8, LM8P, LM12, LM12H4)}
+
+
+def square_corners(size_m: float) -> FloatArray:
+    """(4,3) corners of any square landmark in its own frame, metres: top left, then clockwise as it stands.
+
+    The order is the one ``cv2.SOLVEPNP_IPPE_SQUARE`` wants.
+    """
+    h = size_m / 2
+    return np.array([[-h, h, 0.0], [h, h, 0.0], [h, -h, 0.0], [-h, -h, 0.0]])
 
 
 def family_named(name: str) -> LandmarkFamily:

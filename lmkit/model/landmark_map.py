@@ -10,7 +10,7 @@ import numpy as np
 
 from lmkit.arrays import FloatArray
 from lmkit.errors import InputError
-from lmkit.model.landmark import family_named
+from lmkit.model.landmark import square_corners
 from lmkit.model.pose import Pose
 
 
@@ -34,7 +34,7 @@ class MappedLandmark:
     @cached_property
     def corners_map(self) -> FloatArray:
         """(4,3) outer corners in the map, metres; top left, then clockwise as the landmark stands."""
-        return self.T_map_landmark.apply(family_named(self.family).object_points(self.size_m))
+        return self.T_map_landmark.apply(square_corners(self.size_m))
 
 
 class LandmarkMap:

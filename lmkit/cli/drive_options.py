@@ -1,0 +1,56 @@
+"""What `lmkit survey` and `lmkit track` read alike: odometry, gyro, pictures or recorded detections."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from lmkit.cli.common import progress
+from lmkit.errors import InputError
+
+if TYPE_CHECKING:
+    from lmkit.model.drive import Gyro, Odometry, StereoMoment
+    from lmkit.model.stereo_rig import StereoRig
+
+
+def read_wheels(
+    odometry: Path | None, gyro: Path | None, wheel_track: str | None
+) -> tuple[Odometry, Gyro | None] | None:
+    """Odometry and gyro as given; None without odometry.
+
+    Raises:
+        InputError: not readable, or a gyro without odometry.
+    """
+    from lmkit.formats.drive_tables import read_gyro, read_odometry
+    from lmkit.units import parse_length_mm
+
+    if odometry is None:
+        for name, value in (("--gyro", gyro), ("--wheel-track", wheel_track)):
+            if value is not None:
+                raise InputError("no_odometry", f"{name} needs odometry beside it", "give --odometry FILE.csv")
+        return None
+    track_m = None if wheel_track is None else parse_length_mm(wheel_track, "--wheel-track") / 1000
+    return read_odometry(odometry, track_m), None if gyro is None else read_gyro(gyro)
+
+
+def read_moments(
+    left: str | None, right: str | None, detections: Path | None, rig: StereoRig, family: str, hz: float | None
+) -> list[StereoMoment]:
+    """What both eyes saw, from pictures or a detections file.
+
+    Raises:
+        InputError: neither or both are given, or they cannot be read.
+    """
+    from lmkit.drive_pictures import see_drive
+    from lmkit.formats.drive_tables import read_detections
+    from lmkit.model.landmark import families_named
+
+    if detections is not None:
+        if left is not None:
+            raise InputError("not_together", "pictures and --detections do not go together", "leave one of them out")
+        return read_detections(detections)
+    if left is None or right is None:
+        raise InputError("no_pictures", "LEFT and RIGHT, or --detections, are needed", "give two folders of pictures")
+    if hz is not None and not 0 < hz < 1e4:
+        raise InputError("bad_rate", f"--hz {hz:g} is no rate", "give pairs a second, such as 5")
+    return list(progress(see_drive(left, right, rig, families_named(family), hz), None, "detecting"))

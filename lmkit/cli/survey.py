@@ -1,0 +1,197 @@
+"""`lmkit survey`: where the landmarks hang, from a drive."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from lmkit.cli.common import print_json, print_line, warn
+from lmkit.errors import InputError
+
+if TYPE_CHECKING:
+    from lmkit.arrays import FloatArray
+    from lmkit.model.drive import StereoMoment
+    from lmkit.model.landmark_map import LandmarkMap
+    from lmkit.model.stereo_rig import StereoRig
+    from lmkit.survey.bundle import Anchor
+    from lmkit.survey.survey import Survey
+
+_KNOWN_HINT = "give a length and an angle, such as 50mm,3deg"
+
+
+def run(
+    left: Annotated[str | None, typer.Argument(help="Folder or glob of left pictures.")] = None,
+    right: Annotated[str | None, typer.Argument(help="Right pictures, paired by sorted name.")] = None,
+    output: Annotated[Path, typer.Option("-o", "--output", help="Map file to write.")] = Path("map.yaml"),
+    rig: Annotated[Path | None, typer.Option("--rig", help="Rig file.")] = None,
+    detections: Annotated[
+        Path | None, typer.Option("--detections", help="CSV of what was seen, not pictures.")
+    ] = None,
+    size: Annotated[str, typer.Option("--size", help="Side of the landmarks, outer edge of the border.")] = "180mm",
+    known: Annotated[
+        Path | None, typer.Option("--known", help="Map of landmarks whose poses are known, such as one anchor.")
+    ] = None,
+    known_sigma: Annotated[
+        str | None,
+        typer.Option("--known-sigma", help="How well: 50mm,3deg as measured by hand. Default: as the file says."),
+    ] = None,
+    odometry: Annotated[Path | None, typer.Option("--odometry", help="CSV of the robot's wheels.")] = None,
+    gyro: Annotated[Path | None, typer.Option("--gyro", help="CSV of its gyro.")] = None,
+    wheel_track: Annotated[str | None, typer.Option("--wheel-track", help="Distance of the wheels.")] = None,
+    hz: Annotated[float | None, typer.Option("--hz", help="Pairs a second, where names hold no times.")] = None,
+    family: Annotated[str, typer.Option("--family", help="Families to look for, as in lm8,lm4.")] = "lm8",
+    tum: Annotated[Path | None, typer.Option("--tum", help="Trajectory of the drive to write (TUM).")] = None,
+    plan: Annotated[Path | None, typer.Option("--plan", help="Plan of map and drive (.png or .svg).")] = None,
+    save_detections: Annotated[
+        Path | None, typer.Option("--save-detections", help="CSV of what was seen, to survey again without pictures.")
+    ] = None,
+    as_json: Annotated[bool, typer.Option("--json", help="One JSON object.")] = False,
+    force: Annotated[bool, typer.Option("--force", help="Overwrite files.")] = False,
+) -> None:
+    """Build the landmark map from a drive."""
+    from lmkit.cli.drive_options import read_moments, read_wheels
+    from lmkit.cli.drive_results import draw_drive, trajectory_text
+    from lmkit.formats.any_rig import read_any_rig
+    from lmkit.formats.drive_tables import detections_to_csv
+    from lmkit.formats.files import check_writable, write_file
+    from lmkit.formats.landmark_map import map_to_yaml, read_map
+    from lmkit.motion import MotionModel
+    from lmkit.survey.survey import survey_drive
+    from lmkit.units import parse_length_mm
+
+    if rig is None:
+        raise InputError("no_rig", "survey needs a rig", "give --rig rig.yaml")
+    for path in (output, tum, plan, save_detections):
+        if path is not None:
+            check_writable(path, force)
+    cameras = read_any_rig(rig)
+    anchors = {} if known is None else _anchors(read_map(known), known_sigma)
+    wheels = read_wheels(odometry, gyro, wheel_track)
+    moments = read_moments(left, right, detections, cameras, family, hz)
+    if save_detections is not None:
+        write_file(save_detections, detections_to_csv(moments).encode(), force)
+    motion = None if wheels is None else MotionModel(*wheels)
+    sizes = _sizes(moments, parse_length_mm(size, "--size") / 1000, anchors)
+    result = survey_drive(moments, cameras, sizes, anchors, motion)
+    _complain(result)
+    write_file(output, map_to_yaml(result.bundle.landmarks).encode(), force)
+    if tum is not None:
+        write_file(tum, trajectory_text(result.bundle, cameras).encode(), force)
+    if plan is not None:
+        write_file(plan, draw_drive(result.bundle, plan.suffix.lower().lstrip(".")), force)
+    if as_json:
+        print_json(_summary(result, moments, output))
+    else:
+        _tell(result, moments, output, cameras)
+
+
+def _anchors(landmarks: LandmarkMap, sigma: str | None) -> dict[int, Anchor]:
+    from dataclasses import replace
+
+    from lmkit.survey.bundle import Anchor
+
+    covariance = None if sigma is None else _covariance(sigma)
+    return {
+        m.code: Anchor(replace(m, covariance=None), m.covariance if covariance is None else covariance)
+        for m in landmarks
+    }
+
+
+def _covariance(text: str) -> FloatArray:
+    import numpy as np
+
+    from lmkit.units import parse_length_mm
+
+    length, _, angle = text.partition(",")
+    try:
+        degrees = float(angle.strip().removesuffix("deg"))
+    except ValueError:
+        raise InputError("bad_sigma", f"--known-sigma {text} has no angle", _KNOWN_HINT) from None
+    metres = parse_length_mm(length.strip(), "--known-sigma") / 1000
+    if not (metres > 0 and 0 < degrees < 180):
+        raise InputError("bad_sigma", f"--known-sigma {text} is not positive", _KNOWN_HINT)
+    return np.diag([metres**2] * 3 + [math.radians(degrees) ** 2] * 3)
+
+
+def _sizes(moments: list[StereoMoment], size_m: float, anchors: dict[int, Anchor]) -> dict[tuple[str, int], float]:
+    sizes = {(o.family, o.code): size_m for moment in moments for o in (*moment.left, *moment.right)}
+    sizes.update({(a.landmark.family, code): a.landmark.size_m for code, a in anchors.items()})
+    return sizes
+
+
+def _complain(result: Survey) -> None:
+    for odd in result.odd:
+        warn(
+            f"{odd.off} of {odd.sightings} sightings of {odd.code}, from {odd.from_s:g} to {odd.to_s:g} s, do not "
+            "fit where it hangs: it was moved, its code hangs twice, or it is misread; check it in the room"
+        )
+    for from_s, to_s, metres in result.bundle.jumps:
+        warn(
+            f"between {from_s:g} and {to_s:g} s the robot moved {metres:.2f} m otherwise than its wheels say: it slid "
+            "or was carried, or a landmark seen there was moved"
+        )
+    for code in result.unplaced:
+        warn(f"{code} is not placed: its sightings are too few, or do not agree; drive past it again, and nearer")
+    for code, place, turn in result.weak:
+        warn(
+            f"{code} is known to {1000 * place:.0f} mm and {math.degrees(turn):.1f} deg only: "
+            "look at it from nearer and from another side"
+        )
+
+
+def _tell(result: Survey, moments: list[StereoMoment], output: Path, rig: StereoRig) -> None:
+    from lmkit.survey.survey import deviations
+
+    bundle = result.bundle
+    print_line("code   x m      y m      z m      +- mm   +- deg  sightings  misfit")
+    for m in sorted(bundle.landmarks, key=lambda m: m.code):
+        mine = bundle.codes == m.code
+        place, turn = deviations(m)
+        x, y, z = m.T_map_landmark.t
+        misfit = float(sorted(bundle.misfits[mine])[int(mine.sum()) // 2]) if mine.any() else math.nan
+        print_line(
+            f"{m.code:4d} {x:8.3f} {y:8.3f} {z:8.3f} {1000 * place:9.1f} {math.degrees(turn):8.2f} {mine.sum():8d}"
+            f" {misfit:9.2f}"
+        )
+    print_line(
+        f"{len(bundle.landmarks)} landmarks, {len(result.rows)} of {len(moments)} moments, "
+        f"{result.dropped} sightings left out, {bundle.rms_px:.2f} px -> {output}"
+    )
+
+
+def _summary(result: Survey, moments: list[StereoMoment], output: Path) -> dict[str, Any]:
+    from lmkit.motion import PARAMETERS
+    from lmkit.survey.survey import deviations
+
+    bundle = result.bundle
+    entries = []
+    for m in bundle.landmarks:
+        place, turn = deviations(m)
+        entries.append(
+            {
+                "code": m.code,
+                "position": m.T_map_landmark.t.tolist(),
+                "quaternion": m.T_map_landmark.quaternion_xyzw.tolist(),
+                "sigma_m": place,
+                "sigma_rad": turn,
+                "sightings": int((bundle.codes == m.code).sum()),
+            }
+        )
+    return {
+        "map": str(output),
+        "landmarks": entries,
+        "moments": len(moments),
+        "located": len(result.rows),
+        "dropped": result.dropped,
+        "reprojection_error_px": bundle.rms_px if math.isfinite(bundle.rms_px) else None,
+        "odd": [
+            {"code": o.code, "off": o.off, "of": o.sightings, "from_s": o.from_s, "to_s": o.to_s} for o in result.odd
+        ],
+        "jumps": [{"from_s": a, "to_s": b, "metres": m} for a, b, m in result.bundle.jumps],
+        "weak": [code for code, _, _ in result.weak],
+        "unplaced": list(result.unplaced),
+        "odometry": dict(zip(PARAMETERS, bundle.parameters.tolist(), strict=True)),
+    }

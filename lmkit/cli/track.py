@@ -1,0 +1,129 @@
+"""`lmkit track`: the robot through the map."""
+
+from __future__ import annotations
+
+import math
+from collections import Counter
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from lmkit.cli.common import print_json, print_line, require_no, warn
+from lmkit.errors import InputError, NegativeAnswer
+
+if TYPE_CHECKING:
+    from lmkit.track.drive import TrackedDrive
+
+
+def run(
+    left: Annotated[str | None, typer.Argument(help="Folder or glob of left pictures.")] = None,
+    right: Annotated[str | None, typer.Argument(help="Right pictures, paired by sorted name.")] = None,
+    landmark_map: Annotated[Path | None, typer.Option("--map", help="Map file.")] = None,
+    rig: Annotated[Path | None, typer.Option("--rig", help="Rig file, for pictures.")] = None,
+    readings: Annotated[Path | None, typer.Option("--readings", help="CSV of ranges and bearings.")] = None,
+    detections: Annotated[
+        Path | None, typer.Option("--detections", help="CSV of what was seen, not pictures.")
+    ] = None,
+    odometry: Annotated[Path | None, typer.Option("--odometry", help="CSV of the robot's wheels.")] = None,
+    gyro: Annotated[Path | None, typer.Option("--gyro", help="CSV of its gyro.")] = None,
+    wheel_track: Annotated[str | None, typer.Option("--wheel-track", help="Distance of the wheels.")] = None,
+    live: Annotated[
+        bool, typer.Option("--live", help="As while driving: every pose from what was known by then.")
+    ] = False,
+    hz: Annotated[float | None, typer.Option("--hz", help="Pairs a second, where names hold no times.")] = None,
+    tum: Annotated[Path | None, typer.Option("--tum", help="Trajectory of sure poses to write (TUM).")] = None,
+    csv: Annotated[Path | None, typer.Option("--csv", help="Poses with standard deviations to write (CSV).")] = None,
+    plan: Annotated[Path | None, typer.Option("--plan", help="Plan of the drive (.png or .svg).")] = None,
+    as_json: Annotated[bool, typer.Option("--json", help="One JSON object a line.")] = False,
+    force: Annotated[bool, typer.Option("--force", help="Overwrite files.")] = False,
+) -> None:
+    """Follow the robot through the map, by landmarks, wheels and gyro."""
+    from lmkit.cli.drive_options import read_moments, read_wheels
+    from lmkit.formats.any_rig import read_any_rig
+    from lmkit.formats.files import check_writable, write_file
+    from lmkit.formats.landmark_map import read_map
+    from lmkit.formats.readings import read_readings
+    from lmkit.formats.trajectory import poses_to_tum
+    from lmkit.track.drive import track_live, track_pictures, track_readings
+
+    if landmark_map is None:
+        raise InputError("no_map", "track needs a map", "give --map map.yaml")
+    for path in (tum, csv, plan):
+        if path is not None:
+            check_writable(path, force)
+    landmarks, wheels = read_map(landmark_map), read_wheels(odometry, gyro, wheel_track)
+    if readings is not None:
+        require_no("--readings", {"LEFT": left, "--rig": rig, "--detections": detections, "--hz": hz})
+        if wheels is None:
+            raise InputError(
+                "no_odometry", "readings are followed by odometry", "give --odometry, or use lmkit locate --readings"
+            )
+        seen = read_readings(readings)
+        work = track_live if live else track_readings
+        drive = work(sorted(seen.items()), wheels[0], wheels[1], landmarks)
+    else:
+        if rig is None:
+            raise InputError("no_rig", "pictures need a rig", "give --rig rig.yaml")
+        if live:
+            raise InputError("not_together", "--live follows --readings alone", "leave --live out")
+        cameras = read_any_rig(rig)
+        families = ",".join(dict.fromkeys(m.family for m in landmarks))
+        moments = read_moments(left, right, detections, cameras, families, hz)
+        drive = track_pictures(moments, cameras, landmarks, wheels)
+    sure = [(t, p) for t, p, status in zip(drive.times_s, drive.poses, drive.statuses, strict=True) if status == "ok"]
+    if not sure:
+        raise NegativeAnswer(
+            "not_tracked", "no moment has a sure pose", "check that landmarks of the map are in view"
+        )
+    for text in drive.remarks:
+        warn(text)
+    if tum is not None:
+        write_file(tum, poses_to_tum(sure).encode(), force)
+    if csv is not None:
+        write_file(csv, _table(drive).encode(), force)
+    if plan is not None:
+        write_file(plan, _plan(drive, landmarks, plan), force)
+    if as_json:
+        for k in range(len(drive.times_s)):
+            print_json(_entry(drive, k))
+        return
+    counts = ", ".join(f"{n} {status}" for status, n in Counter(drive.statuses).items())
+    wrong = ", ".join(f"{name} {value:.4g}" for name, value in drive.parameters.items())
+    print_line(f"{len(drive.times_s)} moments: {counts}")
+    if wrong:
+        print_line(f"odometry: {wrong}")
+
+
+def _entry(drive: TrackedDrive, k: int) -> dict[str, Any]:
+    return {
+        "time_s": float(drive.times_s[k]),
+        "status": drive.statuses[k],
+        "position": drive.poses[k].t.tolist(),
+        "quaternion": drive.poses[k].quaternion_xyzw.tolist(),
+        "covariance": drive.covariances[k].tolist(),
+        "outliers": list(drive.outliers[k]),
+    }
+
+
+def _table(drive: TrackedDrive) -> str:
+    lines = ["time_s,status,x_m,y_m,z_m,qx,qy,qz,qw,sigma_x_m,sigma_y_m,sigma_heading_rad"]
+    for k in range(len(drive.times_s)):
+        pose, C = drive.poses[k], drive.covariances[k]
+        numbers = [*pose.t, *pose.quaternion_xyzw, *(math.sqrt(max(C[j, j], 0.0)) for j in (0, 1, 5))]
+        lines.append(f"{drive.times_s[k]:.6f},{drive.statuses[k]}," + ",".join(f"{v:.6f}" for v in numbers))
+    return "\n".join(lines) + "\n"
+
+
+def _plan(drive: TrackedDrive, landmarks: Any, path: Path) -> bytes:
+    from lmkit.cli.drive_results import MOST_DRAWN
+    from lmkit.room_plan import Found, draw_plan
+
+    kind = path.suffix.lower().lstrip(".")
+    if kind not in ("png", "svg"):
+        raise InputError("bad_suffix", f"cannot write {path}: unknown kind", "name it .png or .svg")
+    found = []
+    for k in range(0, len(drive.times_s), 1 + len(drive.times_s) // MOST_DRAWN):
+        sure = drive.statuses[k] == "ok"
+        found.append(Found(f"{drive.times_s[k]:.1f} s", drive.looking(k), drive.covariances[k][:2, :2], sure))
+    return draw_plan(landmarks, found, kind=kind)

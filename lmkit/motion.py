@@ -1,0 +1,149 @@
+"""How a robot on wheels moved, from odometry and gyro, with what is wrong with both.
+
+Six numbers say what is wrong (:data:`PARAMETERS`): the scale of the way, the scale of the turns, a turn that grows
+with time (the gyro's bias) or with the way (wheels of unequal size), how much of the way is lost while turning
+(wheels that cannot do both as told: MRCLAM's robots lose 30 to 40 % at 0.4 rad/s), and by how many seconds the robot
+lags behind what its sensors report.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from lmkit.arrays import FloatArray
+from lmkit.model.drive import Gyro, Odometry
+
+PARAMETERS = ("forward_scale", "turn_scale", "turn_per_s", "turn_per_m", "slowing_s", "delay_s")
+NOMINAL = np.array([1.0, 1.0, 0.0, 0.0, 0.0, 0.1])
+# What they may be before anything is seen, as standard deviations.
+PRIOR_SIGMA = np.array([0.1, 0.1, 0.02, 0.1, 0.3, 0.15])
+STEPS = np.array([1e-4, 1e-4, 1e-5, 1e-5, 1e-4, 1e-3])
+LONGEST_STEP_S = 0.5  # of time between rows: more is a gap, in which nothing is known
+
+
+@dataclass(frozen=True)
+class MotionNoise:
+    """How far motion strays from odometry, as standard deviations that grow with the root of way, turn or time.
+
+    Attributes:
+        along_per_root_m: along the way, metres per root of a metre.
+        across_per_root_m: across it.
+        turn_per_root_m, turn_per_root_rad: of the heading, rad per root of a metre and of a radian.
+        turn_per_root_s, place_per_root_s: what grows with time alone.
+        unknown_mps, unknown_radps: how fast the robot may move where odometry has a gap.
+    """
+
+    along_per_root_m: float = 0.06
+    across_per_root_m: float = 0.03
+    turn_per_root_m: float = 0.04
+    turn_per_root_rad: float = 0.15
+    turn_per_root_s: float = 0.01
+    place_per_root_s: float = 0.006
+    unknown_mps: float = 1.0
+    unknown_radps: float = 1.5
+
+
+@dataclass(frozen=True, eq=False)
+class Increments:
+    """Planar motions between consecutive times, in the frame of the earlier pose.
+
+    Attributes:
+        motions: (K-1,3) forward, left (m), turn (rad).
+        by_parameters: (K-1,3,6) derivatives.
+        sigmas: (K-1,3) standard deviations.
+        known: (K-1,) False where odometry has a gap.
+    """
+
+    motions: FloatArray
+    by_parameters: FloatArray
+    sigmas: FloatArray
+    known: FloatArray
+
+
+class MotionModel:
+    """Odometry, with the gyro's turns in place of the wheels' where there is a gyro."""
+
+    def __init__(self, odometry: Odometry, gyro: Gyro | None = None, noise: MotionNoise | None = None) -> None:
+        self.noise = noise or MotionNoise()
+        self.has_gyro = gyro is not None
+        self._times = odometry.times_s
+        turn = odometry.turn_rad
+        if gyro is not None:
+            turned = gyro.turned(odometry.times_s)
+            inside = (odometry.times_s >= gyro.times_s[0]) & (odometry.times_s <= gyro.times_s[-1])
+            turn = np.where(inside, np.diff(turned, prepend=turned[:1]), turn)
+        seconds = np.diff(self._times, prepend=self._times[:1])
+        gap = seconds > LONGEST_STEP_S
+        # A row after a gap tells what was travelled in it, but not when.
+        self._seconds, self._forward, self._turn = seconds, odometry.forward_m, turn
+        self._rate = np.abs(turn) / np.maximum(seconds, 1e-9)
+        self._rate[seconds <= 0] = 0.0
+        self._gap = np.cumsum(np.where(gap, seconds, 0.0))
+        self._way = np.cumsum(np.abs(odometry.forward_m))
+        self._turned = np.cumsum(np.abs(turn))
+
+    def increments(self, times_s: FloatArray, parameters: FloatArray) -> Increments:
+        """Motions between consecutive times (K,), seconds of the landmarks' clock."""
+        motions = self._motions(times_s, parameters)
+        by_parameters = np.zeros((*motions.shape, len(PARAMETERS)))
+        for k, step in enumerate(STEPS):
+            moved = np.array(parameters)
+            moved[k] += step
+            by_parameters[:, :, k] = (self._motions(times_s, moved) - motions) / step
+        own = times_s - parameters[5]
+        seconds = np.diff(times_s)
+        way, turned, gap = (
+            np.diff(np.interp(own, self._times, total)) for total in (self._way, self._turned, self._gap)
+        )
+        outside = np.diff(np.clip(own, None, self._times[0])) + np.diff(np.clip(own, self._times[-1], None))
+        gap = gap + outside
+        n = self.noise
+        place = n.place_per_root_s**2 * seconds + (n.unknown_mps * gap) ** 2
+        variances = np.column_stack(
+            [
+                n.along_per_root_m**2 * way + place,
+                n.across_per_root_m**2 * way + place,
+                n.turn_per_root_m**2 * way
+                + n.turn_per_root_rad**2 * turned
+                + n.turn_per_root_s**2 * seconds
+                + (n.unknown_radps * gap) ** 2,
+            ]
+        )
+        return Increments(motions, by_parameters, np.sqrt(variances), gap < LONGEST_STEP_S)
+
+    def _motions(self, times_s: FloatArray, parameters: FloatArray) -> FloatArray:
+        x, y, heading = self._path(parameters)
+        own = times_s - parameters[5]
+        at_x, at_y, at = (np.interp(own, self._times, values) for values in (x, y, heading))
+        dx, dy = np.diff(at_x), np.diff(at_y)
+        c, s = np.cos(at[:-1]), np.sin(at[:-1])
+        return np.column_stack([c * dx + s * dy, -s * dx + c * dy, np.diff(at)])
+
+    def _path(self, parameters: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+        scale, turn_scale, per_s, per_m, slowing, _ = parameters
+        forward = scale * self._forward * (1 - slowing * self._rate)
+        turn = turn_scale * self._turn + per_s * self._seconds + per_m * forward
+        heading = np.cumsum(turn)
+        middle = heading - turn / 2
+        return np.cumsum(forward * np.cos(middle)), np.cumsum(forward * np.sin(middle)), heading
+
+
+def compose(states: FloatArray, motions: FloatArray) -> FloatArray:
+    """(N,3) x y heading after (N,3) forward, left, turn."""
+    c, s = np.cos(states[:, 2]), np.sin(states[:, 2])
+    return np.column_stack(
+        [
+            states[:, 0] + c * motions[:, 0] - s * motions[:, 1],
+            states[:, 1] + s * motions[:, 0] + c * motions[:, 1],
+            states[:, 2] + motions[:, 2],
+        ]
+    )
+
+
+def between(states: FloatArray) -> FloatArray:
+    """(N-1,3) forward, left, turn from each of (N,3) states to the next."""
+    d = np.diff(states, axis=0)
+    c, s = np.cos(states[:-1, 2]), np.sin(states[:-1, 2])
+    return np.column_stack([c * d[:, 0] + s * d[:, 1], -s * d[:, 0] + c * d[:, 1], d[:, 2]])

@@ -1,0 +1,228 @@
+"""A simulated drive: a robot on wheels through a room, what its eyes see, and what its wheels and gyro say.
+
+Corners are simulated, not pictures.  Wheels err as real ones do (MRCLAM: they report too much way and turn, a quarter
+of a second early; now and then they slip), the gyro drifts.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from lmkit.arrays import FloatArray
+from lmkit.model.camera import CameraModel
+from lmkit.model.drive import Gyro, Odometry, StereoMoment
+from lmkit.model.landmark_map import LandmarkMap, MappedLandmark, wall_pose
+from lmkit.model.observation import LandmarkObservation, RangeBearing
+from lmkit.model.pose import Pose
+from lmkit.model.stereo_rig import StereoRig
+from lmkit.simulate.scene import make_rig
+
+STEP_S = 0.02
+MOST_TILT = 0.35  # cosine of the steepest view that is still read
+LEAST_SIDE_PX = 15.0
+# Where the left eye sits on the robot: forward, left, up, and looking ahead.
+T_BASE_LEFT = Pose(
+    "base", "left", np.array([[0.0, 0.0, 1.0], [-1.0, 0.0, 0.0], [0.0, -1.0, 0.0]]), np.array([0.1, 0.06, 0.85])
+)
+
+
+@dataclass(frozen=True)
+class WheelErrors:
+    """What is wrong with wheels and gyro.
+
+    Attributes:
+        forward_scale, turn_scale: true over reported.
+        delay_s: the robot lags behind what its wheels report.
+        noise_per_root_m, turn_noise_per_root_m: what strays at random, metres and rad per root of a metre.
+        slips: times at which the robot turns or slides unnoticed, by up to 0.1 m and 0.1 rad.
+        gyro_bias, gyro_noise: rad/s.
+    """
+
+    forward_scale: float = 0.92
+    turn_scale: float = 0.9
+    delay_s: float = 0.25
+    noise_per_root_m: float = 0.01
+    turn_noise_per_root_m: float = 0.01
+    slips: int = 0
+    gyro_bias: float = 0.005
+    gyro_noise: float = 0.01
+
+
+@dataclass(frozen=True, eq=False)
+class Drive:
+    """A drive and its truth.
+
+    Attributes:
+        landmarks: as they hang.
+        rig: with its T_base_left.
+        times_s: (N,) of the moments.
+        truth: (N,3) x, y (m), heading (rad) of the base.
+        moments: what both eyes saw.
+        odometry, gyro: what the robot's own sensors say.
+    """
+
+    landmarks: LandmarkMap
+    rig: StereoRig
+    times_s: FloatArray
+    truth: FloatArray
+    moments: tuple[StereoMoment, ...]
+    odometry: Odometry
+    gyro: Gyro
+
+    def pose(self, k: int) -> Pose:
+        """T_map_base of a moment."""
+        return base_pose(self.truth[k])
+
+    def readings(
+        self, seed: int, range_share: float = 0.03, bearing_rad: float = 0.01
+    ) -> list[tuple[float, list[RangeBearing]]]:
+        """Ranges and bearings to the landmarks seen, as of a planar sensor in the base's origin."""
+        rng = np.random.default_rng([seed, 3])
+        answers = []
+        for state, moment in zip(self.truth, self.moments, strict=True):
+            seen = []
+            for code in sorted({o.code for o in moment.left}):
+                landmark = self.landmarks.find(code)
+                assert landmark is not None
+                off = landmark.T_map_landmark.t[:2] - state[:2]
+                distance = float(np.hypot(*off)) * (1 + range_share * rng.normal())
+                bearing = float(np.arctan2(off[1], off[0]) - state[2] + bearing_rad * rng.normal())
+                seen.append(RangeBearing(code, distance, float(np.arctan2(np.sin(bearing), np.cos(bearing)))))
+            answers.append((moment.time_s, seen))
+        return answers
+
+
+def base_pose(state: FloatArray) -> Pose:
+    """T_map_base of x, y (m), heading (rad)."""
+    return Pose.from_rvec("map", "base", np.array([0.0, 0.0, state[2]]), np.array([state[0], state[1], 0.0]))
+
+
+def make_drive(
+    seed: int,
+    seconds: float = 60.0,
+    hz: float = 5.0,
+    count: int = 14,
+    size_m: tuple[float, float] = (8.0, 5.0),
+    errors: WheelErrors | None = None,
+    noise_px: float = 0.15,
+) -> Drive:
+    """A drive in rounds through a room with ``count`` landmarks on its walls."""
+    rng = np.random.default_rng([seed, 0])
+    landmarks = hang(rng, count, size_m)
+    fine, truth = _round_trip(rng, seconds, size_m)
+    errors = errors or WheelErrors()
+    truth = _slip(rng, fine, truth, errors.slips)
+    rig = replace(make_rig(), T_base_left=T_BASE_LEFT)
+    rows = np.arange(0, len(fine) - 1, round(1 / hz / STEP_S))
+    # The first moments lie before the wheels' delay.
+    rows = rows[fine[rows] > errors.delay_s]
+    moments = tuple(
+        StereoMoment(float(fine[k]), *look(landmarks, rig, truth[k], noise_px, rng), f"{fine[k]:.2f}") for k in rows
+    )
+    odometry, gyro = _wheels(rng, fine, truth, errors)
+    return Drive(landmarks, rig, fine[rows], truth[rows], moments, odometry, gyro)
+
+
+def hang(rng: np.random.Generator, count: int, size_m: tuple[float, float]) -> LandmarkMap:
+    """Landmarks around the walls, evenly but for some chance, 0.9 to 1.6 m high."""
+    around = 2 * (size_m[0] + size_m[1])
+    hung = []
+    for k, code in enumerate(rng.permutation(256)[:count].tolist()):
+        s = (k + rng.uniform(0.2, 0.8)) * around / count
+        x, y, facing = _on_walls(s, size_m)
+        hung.append(MappedLandmark(int(code), "lm8", 0.18, wall_pose([x, y, rng.uniform(0.9, 1.6)], facing)))
+    return LandmarkMap(hung)
+
+
+def look(
+    landmarks: LandmarkMap, rig: StereoRig, state: FloatArray, noise_px: float, rng: np.random.Generator
+) -> tuple[tuple[LandmarkObservation, ...], tuple[LandmarkObservation, ...]]:
+    """What both eyes see of landmarks from a planar pose: no walls between, corners off by noise."""
+    assert rig.T_base_left is not None
+    T = (base_pose(state) @ rig.T_base_left).inverse()
+    left = tuple(_seen(landmarks, rig.left, T, noise_px, rng))
+    T_right = Pose("right", "left", rig.T_right_left.R, rig.T_right_left.t) @ T
+    return left, tuple(_seen(landmarks, rig.right, T_right, noise_px, rng))
+
+
+def _seen(
+    landmarks: LandmarkMap, camera: CameraModel, T: Pose, noise_px: float, rng: np.random.Generator
+) -> Sequence[LandmarkObservation]:
+    seen = []
+    limit = np.array(camera.image_size) / camera.K[[0, 1], [0, 1]]
+    for landmark in landmarks:
+        points = T.apply(landmark.corners_map)
+        centre = points.mean(axis=0)
+        normal = T.R @ landmark.T_map_landmark.R[:, 2]
+        if points[:, 2].min() < 0.3 or -normal @ centre < MOST_TILT * np.linalg.norm(centre):
+            continue
+        # Far outside the picture the distortion folds back into it.
+        if (np.abs(points[:, :2] / points[:, 2:]) > 0.75 * limit).any():
+            continue
+        corners = camera.project(points)
+        sides = np.linalg.norm(corners - np.roll(corners, 1, axis=0), axis=1)
+        if not camera.contains(corners).all() or sides.min() < LEAST_SIDE_PX:
+            continue
+        noisy = corners + rng.normal(0, noise_px, (4, 2))
+        seen.append(LandmarkObservation(landmark.code, noisy, 0.99, 50.0, covariance=noise_px**2 * np.eye(8)))
+    return seen
+
+
+def _on_walls(s: float, size_m: tuple[float, float]) -> tuple[float, float, float]:
+    """Point s metres around the room, and where the wall faces."""
+    sx, sy = size_m
+    if s < sx:
+        return s, 0.0, np.pi / 2
+    if s < sx + sy:
+        return sx, s - sx, np.pi
+    if s < 2 * sx + sy:
+        return 2 * sx + sy - s, sy, -np.pi / 2
+    return 0.0, 2 * (sx + sy) - s, 0.0
+
+
+def _round_trip(
+    rng: np.random.Generator, seconds: float, size_m: tuple[float, float]
+) -> tuple[FloatArray, FloatArray]:
+    """Times, and x, y, heading along a wavy round trip at about 0.35 m/s."""
+    times = np.arange(0, seconds, STEP_S)
+    rx, ry = 0.28 * size_m[0], 0.25 * size_m[1]
+    speed = 0.35 / max(rx, ry)
+    phase, wave = rng.uniform(0, 2 * np.pi, 2)
+    a = phase + speed * times
+    swing = 1 + 0.12 * np.sin(3 * a + wave)
+    x, y = size_m[0] / 2 + rx * swing * np.cos(a), size_m[1] / 2 + ry * swing * np.sin(a)
+    heading = np.unwrap(np.arctan2(np.gradient(y), np.gradient(x)))
+    return times, np.column_stack([x, y, heading])
+
+
+def _slip(rng: np.random.Generator, times: FloatArray, truth: FloatArray, slips: int) -> FloatArray:
+    """The rest of the drive is moved at each slip."""
+    moved = truth.copy()
+    for k in rng.integers(len(times) // 5, len(times), slips):
+        turn, shift = rng.uniform(-0.1, 0.1), rng.uniform(-0.1, 0.1, 2)
+        c, s = np.cos(turn), np.sin(turn)
+        off = moved[k:, :2] - moved[k, :2]
+        moved[k:, 0] = moved[k, 0] + c * off[:, 0] - s * off[:, 1] + shift[0]
+        moved[k:, 1] = moved[k, 1] + s * off[:, 0] + c * off[:, 1] + shift[1]
+        moved[k:, 2] += turn
+    return moved
+
+
+def _wheels(
+    rng: np.random.Generator, times: FloatArray, truth: FloatArray, errors: WheelErrors
+) -> tuple[Odometry, Gyro]:
+    step = np.diff(truth, axis=0)
+    middle = truth[:-1, 2] + step[:, 2] / 2
+    forward = np.cos(middle) * step[:, 0] + np.sin(middle) * step[:, 1]
+    # Slips are not in what the wheels count.
+    slid = (np.abs(forward) > 0.02) | (np.abs(step[:, 2]) > 0.05)
+    forward, turn = np.where(slid, 0.0, forward), np.where(slid, 0.0, step[:, 2])
+    root = np.sqrt(np.abs(forward))
+    reported = forward / errors.forward_scale + errors.noise_per_root_m * root * rng.normal(size=len(root))
+    turned = turn / errors.turn_scale + errors.turn_noise_per_root_m * root * rng.normal(size=len(root))
+    own = times[1:] - errors.delay_s
+    rate = step[:, 2] / STEP_S + errors.gyro_bias + errors.gyro_noise * rng.normal(size=len(root))
+    return Odometry(own, reported, turned), Gyro(own, rate)

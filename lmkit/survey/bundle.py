@@ -1,0 +1,344 @@
+"""Bundle adjustment of a drive: rig poses, landmark poses, and what is wrong with the odometry, all at once.
+
+Every corner of every landmark in both eyes is an equation (Triggs et al. 2000), whitened by its own covariance and
+weighed down where it does not fit (Cauchy); odometry ties each pose to the next.  Poses form a chain, landmarks and
+odometry's parameters its border (`chain.py`).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from lmkit.arrays import BoolArray, FloatArray, IntArray
+from lmkit.chain import ChainEquations
+from lmkit.locate.sightings import Poses, through_lens
+from lmkit.locate.turns import turns
+from lmkit.model.drive import StereoMoment
+from lmkit.model.landmark_map import LandmarkMap, MappedLandmark
+from lmkit.model.pose import Pose, orthonormal
+from lmkit.model.stereo_rig import StereoRig
+from lmkit.motion import NOMINAL, PARAMETERS, PRIOR_SIGMA, MotionModel
+
+CORNER_FLOOR_PX = 0.08
+CAUCHY_SIGMA = 2.4
+NEAREST_M = 0.02
+NOWHERE = 1e2
+CONVERGED = 1e-5
+SLIP_SIGMA = 10.0  # where the loss of motions bends
+LEAST_JUMP_M = 0.1
+LEAST_TO_WEIGH = 20  # motions
+TOLD_BELOW = 0.3  # share of a motion's variance that is left once the eyes have spoken
+OWN = len(PARAMETERS)
+# A robot on wheels keeps its height and its level between two moments, but for the floor.
+LIFT_M, LIFT_PER_ROOT_M = 0.002, 0.003
+LEAN_RAD, LEAN_PER_ROOT_M = 0.002, 0.004
+
+
+@dataclass(frozen=True, eq=False)
+class Anchor:
+    """A landmark whose pose is known beforehand, to the covariance (6,6) given; None: exactly."""
+
+    landmark: MappedLandmark
+    covariance: FloatArray | None
+
+
+@dataclass(frozen=True, eq=False)
+class Bundle:
+    """A solved drive.
+
+    Attributes:
+        times_s: (N,).
+        poses: of the left camera in the map, with (N,6,6) covariances.
+        landmarks: with their covariances.
+        parameters: (6,) as `motion.PARAMETERS`.
+        misfits: (S,) root mean square of each sighting's eight standardised corner coordinates.
+        codes, moments: (S,) of the sightings.
+        rms_px: of the corners of sightings that are believed.
+        jumps: (from_s, to_s, metres) between which the rig moved otherwise than the wheels say.
+    """
+
+    times_s: FloatArray
+    poses: Poses
+    covariances: FloatArray
+    landmarks: LandmarkMap
+    parameters: FloatArray
+    misfits: FloatArray
+    codes: IntArray
+    moments: IntArray
+    rms_px: float
+    jumps: tuple[tuple[float, float, float], ...]
+
+
+class BundleProblem:
+    """Sightings of a drive, and the unknowns as they stand.
+
+    Args:
+        moments: in the order of time.
+        start: T_map_left of every moment.
+        landmarks: as they are believed to hang; sightings of others are left out.
+        anchors: by code, what is known beforehand.
+        frozen: no landmark moves.
+    """
+
+    def __init__(
+        self,
+        moments: Sequence[StereoMoment],
+        rig: StereoRig,
+        start: Poses,
+        landmarks: LandmarkMap,
+        anchors: Mapping[int, Anchor],
+        motion: MotionModel | None = None,
+        frozen: bool = False,
+    ) -> None:
+        self.times = np.array([moment.time_s for moment in moments])
+        self.rig, self.motion, self.frozen = rig, motion, frozen
+        self.R, self.p = start.R.copy(), start.p.copy()
+        self.hung = list(landmarks)
+        self.anchors = dict(anchors)
+        index = {(m.family, m.code): k for k, m in enumerate(self.hung)}
+        eyes = ((rig.left, np.eye(3), np.zeros(3)), (rig.right, rig.T_right_left.R, rig.T_right_left.t))
+        rows: list[tuple[int, int]] = []
+        rays, whiteners, by_ray, eye_R, eye_t = [], [], [], [], []
+        for eye, (camera, R, t) in enumerate(eyes):
+            observations, where = [], []
+            for k, moment in enumerate(moments):
+                for o in moment.left if eye == 0 else moment.right:
+                    if (o.family, o.code) in index:
+                        observations.append(o)
+                        where.append((k, index[o.family, o.code]))
+            seen = through_lens(observations, camera, CORNER_FLOOR_PX)
+            rows += [where[k] for k in seen.kept]
+            rays.append(seen.rays)
+            whiteners.append(seen.whitener)
+            by_ray.append(seen.by_ray)
+            eye_R.append(np.repeat(R[None], len(seen.kept), axis=0))
+            eye_t.append(np.tile(t, (len(seen.kept), 1)))
+        table = np.array(rows, dtype=np.int64).reshape(-1, 2)
+        self.at, self.of = table[:, 0], table[:, 1]
+        self.rays, self.whitener, self.by_ray = map(np.concatenate, (rays, whiteners, by_ray))
+        self.eye_R, self.eye_t = np.concatenate(eye_R), np.concatenate(eye_t)
+        self.lm_R = np.array([m.T_map_landmark.R for m in self.hung])
+        self.lm_p = np.array([m.T_map_landmark.t for m in self.hung])
+        self.arms = np.array([(m.corners_map - m.T_map_landmark.t) @ m.T_map_landmark.R for m in self.hung])
+        self.used = np.ones(len(self.at), dtype=bool)
+        self.parameters = np.array(NOMINAL)
+        self.motion_scale = np.ones(6)
+        self.shared = OWN + (0 if frozen else 6 * len(self.hung))
+        T = rig.T_base_left
+        T_left_base = Pose.identity("left", "base") if T is None else T.inverse()
+        self.base_R, self.base_t = T_left_base.R, T_left_base.t
+        self.levelled = T is not None
+
+    def settle(self, steps: int) -> float:
+        """Levenberg and Marquardt, weights renewed each time; the cost where it stops."""
+        damping = 1e-6
+        equations, cost = self._equations()
+        for _ in range(steps):
+            try:
+                step, shared = equations.solve(damping)
+            except np.linalg.LinAlgError:
+                damping = max(damping * 100, 1e-6)
+                continue
+            before = self.R, self.p, self.lm_R, self.lm_p, self.parameters
+            self._move(step, shared)
+            there, new_cost = self._equations()
+            if new_cost <= cost:
+                done = cost - new_cost < CONVERGED * max(cost, 1.0)
+                equations, cost, damping = there, new_cost, max(damping / 10, 1e-9)
+                if done:
+                    break
+            else:
+                self.R, self.p, self.lm_R, self.lm_p, self.parameters = before
+                damping = max(damping * 50, 1e-6)
+                if damping > 1e8:
+                    break
+        return cost
+
+    def drop_outliers(self, sigma: float) -> int:
+        """Leave out sightings that do not fit at all: even weighed down, many of them pull together."""
+        self.used = self.misfits() < sigma
+        return int((~self.used).sum())
+
+    def weigh_motion(self) -> None:
+        """How well the wheels count, from how they agree with what was seen (one step of expectation maximisation).
+
+        Where the eyes say little, motion agrees with itself; only moments at which they say more are asked.
+        """
+        if self.motion is None or len(self.times) < LEAST_TO_WEIGH:
+            return
+        states, across, _ = self._equations()[0].covariances()
+        before, after, r, _ = self._motion_rows(self.motion)
+        own = (before @ states[:-1] + after @ across.transpose(0, 2, 1)) @ before.transpose(0, 2, 1)
+        own += (before @ across + after @ states[1:]) @ after.transpose(0, 2, 1)
+        left = np.einsum("nii->ni", own)
+        for k in range(6):
+            told = left[:, k] < TOLD_BELOW
+            if told.sum() >= LEAST_TO_WEIGH:
+                scale = np.sqrt(np.mean(np.minimum(r[told, k] ** 2, SLIP_SIGMA**2) + left[told, k]))
+                self.motion_scale[k] *= float(np.clip(scale, 0.3, 3.0))
+
+    def _move(self, step: FloatArray, shared: FloatArray) -> None:
+        self.p = self.p + step[:, :3]
+        self.R = turns(step[:, 3:]) @ self.R
+        self.parameters = self.parameters + shared[:OWN]
+        if not self.frozen:
+            moved = shared[OWN:].reshape(-1, 6)
+            self.lm_p = self.lm_p + moved[:, :3]
+            self.lm_R = turns(moved[:, 3:]) @ self.lm_R
+
+    def _project(self) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
+        """Ray errors (S,8), derivatives with the map point (S,4,2,3), points from the camera and the landmark."""
+        arms = self.arms[self.of] @ self.lm_R[self.of].transpose(0, 2, 1)
+        offset = self.lm_p[self.of][:, None] + arms - self.p[self.at][:, None]
+        turn = self.eye_R @ self.R[self.at].transpose(0, 2, 1)
+        seen = offset @ turn.transpose(0, 2, 1) + self.eye_t[:, None]
+        depth = np.maximum(seen[..., 2:], NEAREST_M)
+        rays = seen[..., :2] / depth
+        errors = (self.rays - rays).reshape(-1, 8)
+        errors[(seen[..., 2] < NEAREST_M).any(axis=1)] = NOWHERE
+        G = (turn[:, None, :2] - rays[..., None] * turn[:, None, 2:]) / depth[..., None]
+        return errors, G, offset, arms
+
+    def _equations(self) -> tuple[ChainEquations, float]:
+        equations = ChainEquations.zeros(len(self.times), 6, self.shared)
+        errors, G, offset, arms = self._project()
+        r = (self.whitener @ errors[..., None])[..., 0]
+        squared = (r**2).sum(axis=1) / 8
+        root = np.sqrt(1 / (1 + squared / CAUCHY_SIGMA**2)) * self.used
+        cost = float(8 * CAUCHY_SIGMA**2 * (np.log1p(squared / CAUCHY_SIGMA**2) * self.used).sum())
+        shape = (len(r), 8, 6)
+        J = self.whitener @ np.concatenate([-G, np.cross(G, offset[:, :, None])], axis=3).reshape(shape)
+        J, r = J * root[:, None, None], r * root[:, None]
+        equations.add_to_states(self.at, J, r)
+        if not self.frozen:
+            K = self.whitener @ np.concatenate([G, -np.cross(G, arms[:, :, None])], axis=3).reshape(shape)
+            columns = OWN + 6 * self.of[:, None] + np.arange(6)
+            equations.add_shared(self.at, J, columns, K * root[:, None, None], r)
+            cost += self._add_anchors(equations)
+        if self.motion is not None and len(self.times) > 1:
+            cost += self._add_motion(equations, self.motion)
+        off = (NOMINAL - self.parameters) / PRIOR_SIGMA
+        equations.corner[:OWN, :OWN] += np.diag(PRIOR_SIGMA**-2)
+        equations.shared_gradient[:OWN] += off / PRIOR_SIGMA
+        # Never singular: a pose that nothing sees, a landmark that no pose sees.
+        for matrix in (equations.diagonal, equations.corner[None]):
+            diagonal = np.arange(matrix.shape[1])
+            matrix[:, diagonal, diagonal] += 1e-9
+        return equations, cost + float((off**2).sum())
+
+    def _add_anchors(self, equations: ChainEquations) -> float:
+        cost = 0.0
+        for k, landmark in enumerate(self.hung):
+            anchor = self.anchors.get(landmark.code)
+            if anchor is None:
+                continue
+            T = anchor.landmark.T_map_landmark
+            turned = Rotation.from_matrix(T.R @ self.lm_R[k].T).as_rotvec()
+            off = np.concatenate([T.t - self.lm_p[k], turned])
+            information = 1e12 * np.eye(6) if anchor.covariance is None else np.linalg.inv(anchor.covariance)
+            rows = slice(OWN + 6 * k, OWN + 6 * k + 6)
+            equations.corner[rows, rows] += information
+            equations.shared_gradient[rows] += information @ off
+            cost += float(off @ information @ off)
+        return cost
+
+    def _add_motion(self, equations: ChainEquations, motion: MotionModel) -> float:
+        before, after, r, K = self._motion_rows(motion)
+        squared = (r**2).sum(axis=1) / 6
+        root = np.sqrt(1 / (1 + squared / SLIP_SIGMA**2))
+        before, after, K = (values * root[:, None, None] for values in (before, after, K))
+        r = r * root[:, None]
+        equations.add_between(before, after, r)
+        rows = np.arange(len(r))
+        equations.add_shared(rows, before, np.tile(np.arange(OWN), (len(r), 1)), K, r)
+        equations.border[1:, :, :OWN] += after.transpose(0, 2, 1) @ K
+        return float(6 * SLIP_SIGMA**2 * np.log1p(squared / SLIP_SIGMA**2).sum())
+
+    def _motion_rows(self, motion: MotionModel) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
+        """(N-1,6,6) derivatives of motions with the earlier and the later pose, (N-1,6) residuals, and (N-1,6,P)."""
+        increments = motion.increments(self.times, self.parameters)
+        R_b, p_b = self.R @ self.base_R, self.p + self.R @ self.base_t
+        back = R_b[:-1].transpose(0, 2, 1)
+        v = p_b[1:] - p_b[:-1]
+        measured = turns(np.column_stack([np.zeros((len(v), 2)), increments.motions[:, 2]]))
+        moved = (back @ v[..., None])[..., 0]
+        turned = Rotation.from_matrix(measured.transpose(0, 2, 1) @ back @ R_b[1:]).as_rotvec()
+        r = np.column_stack([increments.motions[:, :2] - moved[:, :2], -moved[:, 2], -turned])
+        arm = self.R @ self.base_t
+        way = np.abs(increments.motions[:, 0])
+        lift, lean = (
+            np.hypot(LIFT_M, LIFT_PER_ROOT_M * np.sqrt(way)),
+            np.hypot(LEAN_RAD, LEAN_PER_ROOT_M * np.sqrt(way)),
+        )
+        s = increments.sigmas
+        sigmas = np.column_stack([s[:, 0], s[:, 1], lift, lean, lean, s[:, 2]]) * self.motion_scale
+        # d(p_b) = shift - [arm] turn, and R' v changes by R' [v] with the turn of the earlier pose.
+        before, after = np.zeros((len(v), 6, 6)), np.zeros((len(v), 6, 6))
+        before[:, :3, :3], after[:, :3, :3] = -back, back
+        before[:, :3, 3:] = back @ (_skew(arm[:-1]) + _skew(v))
+        after[:, :3, 3:] = -back @ _skew(arm[1:])
+        forward = R_b[1:].transpose(0, 2, 1)
+        before[:, 3:, 3:], after[:, 3:, 3:] = -forward, forward
+        K = np.zeros((len(v), 6, OWN))
+        K[:, :2], K[:, 5] = -increments.by_parameters[:, :2], -increments.by_parameters[:, 2]
+        scale = 1 / sigmas[..., None]
+        return before * scale, after * scale, r / sigmas, K * scale
+
+    def misfits(self) -> FloatArray:
+        """(S,) root mean square of each sighting's eight standardised coordinates."""
+        r = (self.whitener @ self._project()[0][..., None])[..., 0]
+        return np.asarray(np.sqrt((r**2).mean(axis=1)))
+
+    def landmarks(self, covariance: FloatArray | None = None) -> LandmarkMap:
+        """The map as it stands."""
+        hung = []
+        for k, m in enumerate(self.hung):
+            C = None
+            if covariance is not None and not self.frozen:
+                rows = slice(OWN + 6 * k, OWN + 6 * k + 6)
+                C = (covariance[rows, rows] + covariance[rows, rows].T) / 2
+            T = Pose("map", "landmark", orthonormal(self.lm_R[k]), self.lm_p[k])
+            hung.append(MappedLandmark(m.code, m.family, m.size_m, T, m.covariance if self.frozen else C))
+        return LandmarkMap(hung)
+
+    def answer(self, believed_below: float) -> Bundle:
+        """Everything, with covariances."""
+        equations, _ = self._equations()
+        states, _, shared = equations.covariances()
+        misfits = self.misfits()
+        believed: BoolArray = misfits < believed_below
+        pixels = (self.by_ray @ self._project()[0].reshape(-1, 4, 2, 1))[believed]
+        rms = float(np.sqrt((pixels**2).sum(axis=2).mean())) if believed.any() else float("nan")
+        codes = np.array([m.code for m in self.hung])[self.of]
+        return Bundle(
+            self.times,
+            Poses(self.R, self.p),
+            states,
+            self.landmarks(shared),
+            self.parameters,
+            misfits,
+            codes,
+            self.at,
+            rms,
+            self._jumps(),
+        )
+
+    def _jumps(self) -> tuple[tuple[float, float, float], ...]:
+        if self.motion is None or len(self.times) < 2:
+            return ()
+        r = self._motion_rows(self.motion)[2]
+        increments = self.motion.increments(self.times, self.parameters)
+        off = np.linalg.norm(r[:, :2] * increments.sigmas[:, :2] * self.motion_scale[:2], axis=1)
+        slipped = np.flatnonzero((np.sqrt((r**2).mean(axis=1)) > SLIP_SIGMA) & (off > LEAST_JUMP_M))
+        return tuple((float(self.times[k]), float(self.times[k + 1]), float(off[k])) for k in slipped)
+
+
+def _skew(v: FloatArray) -> FloatArray:
+    """(N,3,3) of (N,3)."""
+    W = np.zeros((len(v), 3, 3))
+    W[:, 0, 1], W[:, 0, 2], W[:, 1, 2] = -v[:, 2], v[:, 1], -v[:, 0]
+    return W - W.transpose(0, 2, 1)

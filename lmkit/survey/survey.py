@@ -1,0 +1,170 @@
+"""`survey_drive`: the map from a drive.
+
+1. A start (`start.py`): poses and landmarks found one from the other.
+2. Bundle adjustment (`bundle.py`), sightings that do not fit left out, and again.
+3. Motion weighed by how well it agrees with what was seen.
+4. What is odd is named: landmarks that hang elsewhere in part of the drive, and those that are barely determined.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from lmkit.errors import InputError
+from lmkit.locate.sightings import Poses
+from lmkit.model.drive import StereoMoment
+from lmkit.model.landmark_map import LandmarkMap, MappedLandmark
+from lmkit.model.pose import Pose
+from lmkit.model.stereo_rig import StereoRig
+from lmkit.motion import MotionModel
+from lmkit.survey.bundle import Anchor, Bundle, BundleProblem
+from lmkit.survey.start import Key, Start, find_start
+
+OUTLIER_SIGMA = 4.5  # root mean square over a sighting's eight coordinates
+ROUNDS, STEPS = 4, 30
+WEIGHINGS = 2
+ODD_SHARE, LEAST_ODD = 0.1, 3  # sightings of a landmark that do not fit, before it is called odd
+WEAK_M, WEAK_RAD = 0.03, np.deg2rad(2.0)
+
+
+@dataclass(frozen=True)
+class OddLandmark:
+    """A landmark that part of its sightings contradict.
+
+    Attributes:
+        off, sightings: how many of its sightings do not fit.
+        from_s, to_s: when those were.
+    """
+
+    code: int
+    off: int
+    sightings: int
+    from_s: float
+    to_s: float
+
+
+@dataclass(frozen=True, eq=False)
+class Survey:
+    """A surveyed drive.
+
+    Attributes:
+        bundle: poses, landmarks, parameters.
+        rows: (N,) which of the moments given have a pose.
+        odd: landmarks contradicted by part of their sightings.
+        weak: codes determined to no better than 3 cm or 2 deg, with both deviations (m, rad).
+        unplaced: codes that were seen, but not well enough to be placed.
+        dropped: sightings left out.
+    """
+
+    bundle: Bundle
+    rows: tuple[int, ...]
+    odd: tuple[OddLandmark, ...]
+    weak: tuple[tuple[int, float, float], ...]
+    unplaced: tuple[int, ...]
+    dropped: int
+
+
+def survey_drive(
+    moments: Sequence[StereoMoment],
+    rig: StereoRig,
+    sizes_m: Mapping[Key, float],
+    anchors: Mapping[int, Anchor],
+    motion: MotionModel | None = None,
+) -> Survey:
+    """Where the landmarks hang, and where the rig was.
+
+    Args:
+        moments: in the order of time.
+        sizes_m: printed sizes, by (family, code).
+        anchors: landmarks known beforehand, by code; with none, the map's frame is that of the landmark seen best,
+            which is taken to hang upright at the origin and to look along x.
+        motion: odometry, which needs the rig's T_base_left.
+
+    Raises:
+        InputError: nothing to start from, or odometry without T_base_left.
+    """
+    if motion is not None and rig.T_base_left is None:
+        raise InputError(
+            "no_base", "odometry moves the robot's base, and the rig has no T_base_left", "add it to the rig file"
+        )
+    known = LandmarkMap([anchor.landmark for anchor in anchors.values()]) if anchors else None
+    start = find_start(moments, rig, dict(sizes_m), known, motion)
+    rows = [k for k in range(len(moments)) if _pose(start, k) is not None]
+    if not rows:
+        raise InputError(
+            "nothing_located", "no moment of the drive could be located", "see lmkit locate of its pictures"
+        )
+    held = dict(anchors)
+    if not held:
+        first = next(iter(start.placed.values()))
+        held = {first.code: Anchor(first, None)}
+    poses = [pose for k in rows if (pose := _pose(start, k)) is not None]
+    problem = BundleProblem(
+        [moments[k] for k in rows],
+        rig,
+        Poses(np.array([pose.R for pose in poses]), np.array([pose.t for pose in poses])),
+        LandmarkMap(list(start.placed.values())),
+        held,
+        motion,
+    )
+    dropped = settle_all(problem)
+    bundle = problem.answer(OUTLIER_SIGMA)
+    unplaced = tuple(sorted(code for _, code in start.unplaced))
+    return Survey(bundle, tuple(rows), odd_landmarks(bundle), _weak(bundle.landmarks), unplaced, dropped)
+
+
+def settle_all(problem: BundleProblem) -> int:
+    """Bundle adjustment to the end; how many sightings were left out."""
+    problem.settle(STEPS)
+    dropped = -1
+    for round_ in range(ROUNDS):
+        now = problem.drop_outliers(OUTLIER_SIGMA)
+        problem.settle(STEPS)
+        if round_ < WEIGHINGS:
+            problem.weigh_motion()
+            problem.settle(STEPS)
+        elif now == dropped:
+            break
+        dropped = now
+    return dropped
+
+
+def odd_landmarks(bundle: Bundle) -> tuple[OddLandmark, ...]:
+    """Those whose sightings contradict each other more than now and then."""
+    odd = []
+    for code in np.unique(bundle.codes):
+        mine = bundle.codes == code
+        off = mine & (bundle.misfits > OUTLIER_SIGMA)
+        if off.sum() >= max(LEAST_ODD, ODD_SHARE * mine.sum()):
+            times = bundle.times_s[bundle.moments[off]]
+            odd.append(
+                OddLandmark(int(code), int(off.sum()), int(mine.sum()), float(times.min()), float(times.max()))
+            )
+    return tuple(odd)
+
+
+def _weak(landmarks: LandmarkMap) -> tuple[tuple[int, float, float], ...]:
+    weak = []
+    for m in landmarks:
+        place, turn = deviations(m)
+        if place > WEAK_M or turn > WEAK_RAD:
+            weak.append((m.code, place, turn))
+    return tuple(weak)
+
+
+def deviations(landmark: MappedLandmark) -> tuple[float, float]:
+    """Standard deviation of a landmark's place (m, all axes together) and of its worst turn (rad)."""
+    C = landmark.covariance
+    if C is None:
+        return 0.0, 0.0
+    return float(np.sqrt(np.trace(C[:3, :3]))), float(np.sqrt(np.linalg.eigvalsh(C[3:, 3:])[-1]))
+
+
+def _pose(start: Start, k: int) -> Pose | None:
+    if start.poses[k] is not None:
+        return start.poses[k]
+    carried = start.carried[k] if start.carried else None
+    return None if carried is None else carried.pose

@@ -1,0 +1,196 @@
+"""A drive through a known map: what `lmkit track` gives, whatever saw the landmarks."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from lmkit.arrays import FloatArray
+from lmkit.errors import InputError
+from lmkit.locate.sightings import Poses
+from lmkit.model.drive import Gyro, Odometry, StereoMoment
+from lmkit.model.landmark_map import LandmarkMap
+from lmkit.model.observation import RangeBearing
+from lmkit.model.pose import Pose, orthonormal, skew
+from lmkit.model.stereo_rig import StereoRig
+from lmkit.motion import PARAMETERS, MotionModel
+from lmkit.survey.bundle import BundleProblem
+from lmkit.survey.start import find_start
+from lmkit.survey.survey import OUTLIER_SIGMA, odd_landmarks, settle_all
+from lmkit.track.planar_filter import PlanarFilter, TrackedPose
+from lmkit.track.planar_smoother import smooth_planar
+
+LOST_M = 1.0  # a position less sure than that is worth no word
+OUTLIER_WEIGHT = 0.1
+FORWARD = Pose("base", "looks", np.array([[0.0, 0.0, 1.0], [-1.0, 0.0, 0.0], [0.0, -1.0, 0.0]]), np.zeros(3))
+
+
+@dataclass(frozen=True, eq=False)
+class TrackedDrive:
+    """The robot at every moment.
+
+    Attributes:
+        times_s: (N,).
+        poses: of the base where there is one, else of the left camera.
+        covariances: (N,6,6) x y z (m), rotation about x y z (rad), in the map.
+        statuses: ``ok``, ``ambiguous`` or ``lost``.
+        outliers: codes that were not believed.
+        parameters: what is wrong with the odometry, by name.
+        of_base: the poses look along x, not along z.
+        remarks: what a user should look after.
+    """
+
+    times_s: FloatArray
+    poses: Sequence[Pose]
+    covariances: FloatArray
+    statuses: Sequence[str]
+    outliers: Sequence[tuple[int, ...]]
+    parameters: dict[str, float] = field(default_factory=dict)
+    of_base: bool = True
+    remarks: tuple[str, ...] = ()
+
+    def looking(self, k: int) -> Pose:
+        """As a camera's pose that looks where the robot does, to draw it."""
+        pose = self.poses[k]
+        chained = Pose("map", "base", pose.R, pose.t) @ FORWARD if self.of_base else pose
+        return Pose("map", "camera", chained.R, chained.t)
+
+
+Moments = Sequence[tuple[float, Sequence[RangeBearing]]]
+
+
+def track_readings(moments: Moments, odometry: Odometry, gyro: Gyro | None, landmarks: LandmarkMap) -> TrackedDrive:
+    """All of the drive at once, from ranges and bearings (`planar_smoother.py`)."""
+    times = np.array([time_s for time_s, _ in moments])
+    track = smooth_planar(times, [seen for _, seen in moments], MotionModel(odometry, gyro), landmarks)
+    outliers: list[tuple[int, ...]] = [() for _ in moments]
+    for row in np.flatnonzero(track.weights < OUTLIER_WEIGHT):
+        outliers[track.moments[row]] += (track.codes[track.landmarks[row]],)
+    C = track.covariances
+    lost = np.sqrt(np.linalg.eigvalsh(C[:, :2, :2])[:, -1]) > LOST_M
+    return TrackedDrive(
+        times,
+        [planar_pose(state) for state in track.states],
+        _six(C),
+        ["lost" if far else "ok" for far in lost],
+        outliers,
+        dict(zip(PARAMETERS, track.parameters.tolist(), strict=True)),
+    )
+
+
+def track_live(moments: Moments, odometry: Odometry, gyro: Gyro | None, landmarks: LandmarkMap) -> TrackedDrive:
+    """Moment by moment, as while driving (`planar_filter.py`); moments before the first fix are left out."""
+    filter_ = PlanarFilter(landmarks)
+    rows = [
+        (float(t), 0, float(f), float(w))
+        for t, f, w in zip(odometry.times_s, odometry.forward_m, odometry.turn_rad, strict=True)
+    ]
+    if gyro is not None:
+        rows += [(float(t), 1, float(rate), 0.0) for t, rate in zip(gyro.times_s, gyro.rate_radps, strict=True)]
+    rows.sort()
+    given, remarks = 0, []
+    answers: list[TrackedPose] = []
+    for time_s, seen in moments:
+        while given < len(rows) and rows[given][0] <= time_s:
+            time, kind, a, b = rows[given]
+            if kind == 0:
+                filter_.add_odometry(time, a, b)
+            else:
+                filter_.add_gyro(time, a)
+            given += 1
+        answer = filter_.observe(time_s, seen)
+        if answer.state is None or answer.covariance is None:
+            continue
+        if answer.restarted and answers:
+            remarks.append(f"at {time_s:g} s the robot was somewhere else than its wheels say: carried off?")
+        answers.append(answer)
+    return TrackedDrive(
+        np.array([answer.time_s for answer in answers]),
+        [planar_pose(answer.state) for answer in answers if answer.state is not None],
+        _six(np.array([answer.covariance for answer in answers]).reshape(-1, 3, 3)),
+        [answer.status for answer in answers],
+        [answer.outliers for answer in answers],
+        dict(zip(PARAMETERS, filter_.parameters.tolist(), strict=True)),
+        remarks=tuple(remarks),
+    )
+
+
+def track_pictures(
+    moments: Sequence[StereoMoment],
+    rig: StereoRig,
+    landmarks: LandmarkMap,
+    wheels: tuple[Odometry, Gyro | None] | None,
+) -> TrackedDrive:
+    """All of the drive at once, from what both eyes saw: bundle adjustment with the map held fast.
+
+    Raises:
+        InputError: no landmark of the map is in view, or odometry without T_base_left.
+    """
+    if wheels is not None and rig.T_base_left is None:
+        raise InputError(
+            "no_base", "odometry moves the robot's base, and the rig has no T_base_left", "add it to the rig file"
+        )
+    motion = None if wheels is None else MotionModel(*wheels)
+    start = find_start(moments, rig, {}, landmarks, motion)
+    poses = [
+        located or (carried.pose if carried is not None else None)
+        for located, carried in zip(start.poses, start.carried or [None] * len(moments), strict=True)
+    ]
+    rows = [k for k, pose in enumerate(poses) if pose is not None]
+    if not rows:
+        raise InputError("nothing_located", "no moment of the drive could be located", "check rig and map")
+    known = [pose for pose in poses if pose is not None]
+    problem = BundleProblem(
+        [moments[k] for k in rows],
+        rig,
+        Poses(np.array([pose.R for pose in known]), np.array([pose.t for pose in known])),
+        landmarks,
+        {},
+        motion,
+        frozen=True,
+    )
+    settle_all(problem)
+    bundle = problem.answer(OUTLIER_SIGMA)
+    T = rig.T_base_left
+    found, covariances = [], np.array(bundle.covariances)
+    for k, (R, p) in enumerate(zip(bundle.poses.R, bundle.poses.p, strict=True)):
+        pose = Pose("map", "left", orthonormal(R), p)
+        if T is not None:
+            J = np.eye(6)
+            J[:3, 3:] = -skew(R @ T.inverse().t)
+            covariances[k] = J @ covariances[k] @ J.T
+            pose = pose @ T.inverse()
+        found.append(pose)
+    outliers: list[tuple[int, ...]] = [() for _ in rows]
+    for row in np.flatnonzero(bundle.misfits > OUTLIER_SIGMA):
+        outliers[bundle.moments[row]] += (int(bundle.codes[row]),)
+    wide = np.sqrt(np.linalg.eigvalsh(covariances[:, :2, :2])[:, -1]) > LOST_M
+    return TrackedDrive(
+        bundle.times_s,
+        found,
+        covariances,
+        ["lost" if far else "ok" for far in wide],
+        outliers,
+        {} if motion is None else dict(zip(PARAMETERS, bundle.parameters.tolist(), strict=True)),
+        T is not None,
+        tuple(
+            f"{odd.off} of {odd.sightings} sightings of {odd.code}, from {odd.from_s:g} to {odd.to_s:g} s, do not "
+            "fit the map: it was moved, or its code hangs twice"
+            for odd in odd_landmarks(bundle)
+        ),
+    )
+
+
+def planar_pose(state: FloatArray) -> Pose:
+    """T_map_base of x, y (m), heading (rad)."""
+    return Pose.from_rvec("map", "base", np.array([0.0, 0.0, state[2]]), np.array([state[0], state[1], 0.0]))
+
+
+def _six(C: FloatArray) -> FloatArray:
+    """(N,6,6) of (N,3,3) of x, y, heading; nothing is said of the rest."""
+    six = np.zeros((len(C), 6, 6))
+    places = np.array([0, 1, 5])
+    six[:, places[:, None], places[None]] = C
+    return six

@@ -1,0 +1,132 @@
+"""The map from simulated drives: exact corners, noisy ones, and what goes wrong in rooms."""
+
+from dataclasses import replace
+from itertools import pairwise
+
+import numpy as np
+import pytest
+
+from lmkit.errors import InputError
+from lmkit.model.drive import StereoMoment
+from lmkit.model.pose import rotation_angle
+from lmkit.motion import MotionModel
+from lmkit.simulate.drive import WheelErrors, make_drive
+from lmkit.survey.bundle import Anchor
+from lmkit.survey.survey import survey_drive
+
+
+def survey(drive, wheels=True, moments=None, anchors=1):
+    moments = drive.moments if moments is None else moments
+    sizes = {("lm8", m.code): m.size_m for m in drive.landmarks}
+    seen = [o.code for moment in moments for o in moment.left]
+    known = {code: Anchor(drive.landmarks.find(code), None) for code in list(dict.fromkeys(seen))[:anchors]}
+    motion = MotionModel(drive.odometry, drive.gyro) if wheels else None
+    return survey_drive(moments, drive.rig, sizes, known, motion)
+
+
+def map_errors(drive, result):
+    """Metres and rad of every landmark."""
+    errors = []
+    for m in result.bundle.landmarks:
+        true = drive.landmarks.find(m.code).T_map_landmark
+        found = m.T_map_landmark
+        errors.append((np.linalg.norm(found.t - true.t), rotation_angle(found.R.T @ true.R)))
+    return np.array(errors)
+
+
+@pytest.mark.parametrize("wheels", [False, True])
+def test_exact_corners_give_the_exact_map(wheels):
+    drive = make_drive(2, seconds=45, noise_px=1e-3)
+    result = survey(drive, wheels)
+    assert len(result.bundle.landmarks) == len(drive.landmarks)
+    assert map_errors(drive, result).max() < 2e-3
+    assert not result.odd
+    assert not result.unplaced
+
+
+def test_noise_gives_errors_as_the_covariance_says():
+    squared, far = [], []
+    for seed in range(6):
+        drive = make_drive(seed, seconds=45, noise_px=0.2, errors=WheelErrors(slips=seed % 2))
+        result = survey(drive)
+        far.append(map_errors(drive, result)[:, 0].max())
+        for m in list(result.bundle.landmarks)[1:]:
+            off = m.T_map_landmark.t - drive.landmarks.find(m.code).T_map_landmark.t
+            squared.append(off @ np.linalg.solve(m.covariance[:3, :3], off) / 3)
+    assert max(far) < 0.12
+    assert 0.2 < np.median(squared) < 1.6
+
+
+def test_a_landmark_that_hangs_elsewhere_in_half_of_the_drive_is_named():
+    drive = make_drive(2, seconds=60)
+    count: dict[int, int] = {}
+    for moment in drive.moments:
+        for o in moment.left:
+            count[o.code] = count.get(o.code, 0) + 1
+    anchor = next(o.code for moment in drive.moments for o in moment.left)
+    a, b = [code for code in sorted(count, key=lambda code: -count[code]) if code != anchor][:2]
+    late = drive.moments[len(drive.moments) // 2 :]
+    exchanged = [*drive.moments[: len(drive.moments) // 2], *(exchange(moment, a, b) for moment in late)]
+    result = survey(drive, moments=exchanged)
+    named = {odd.code for odd in result.odd} | set(result.unplaced)
+    assert named & {a, b}
+    errors = dict(zip([m.code for m in result.bundle.landmarks], map_errors(drive, result)[:, 0], strict=True))
+    assert max(error for code, error in errors.items() if code not in named) < 0.15
+
+
+def test_an_anchor_that_was_moved_shows_as_a_jump_of_the_robot():
+    drive = make_drive(2, seconds=60)
+    anchor = next(o.code for moment in drive.moments for o in moment.left)
+    other = next(o.code for moment in drive.moments[150:] for o in moment.left if o.code != anchor)
+    half = len(drive.moments) // 2
+    moments = [*drive.moments[:half], *(exchange(moment, anchor, other) for moment in drive.moments[half:])]
+    result = survey(drive, moments=moments)
+    assert result.odd or result.bundle.jumps
+
+
+def exchange(moment, a, b):
+    swap = {a: b, b: a}
+    eyes = [tuple(replace(o, code=swap.get(o.code, o.code)) for o in seen) for seen in (moment.left, moment.right)]
+    return StereoMoment(moment.time_s, *eyes, moment.name)
+
+
+def test_without_landmarks_for_a_while_the_wheels_carry_on():
+    drive = make_drive(4, seconds=45)
+    blind = [replace(moment, left=(), right=()) if 15 < moment.time_s < 20 else moment for moment in drive.moments]
+    result = survey(drive, moments=blind)
+    assert len(result.rows) == len(blind)
+    for k, R, p in zip(result.rows, result.bundle.poses.R, result.bundle.poses.p, strict=True):
+        true = drive.pose(k) @ drive.rig.T_base_left
+        assert np.linalg.norm(p - true.t) < 0.15
+        assert rotation_angle(R.T @ true.R) < 0.05
+
+
+def test_with_nothing_known_the_map_is_right_up_to_its_frame():
+    drive = make_drive(3, seconds=45)
+    result = survey(drive, anchors=0)
+    found = {m.code: m.T_map_landmark.t for m in result.bundle.landmarks}
+    codes = sorted(found)
+    for a, b in pairwise(codes):
+        true = [drive.landmarks.find(code).T_map_landmark.t for code in (a, b)]
+        assert np.linalg.norm(found[a] - found[b]) == pytest.approx(np.linalg.norm(true[0] - true[1]), abs=0.15)
+
+
+def test_an_anchor_that_is_not_in_the_drive_is_refused():
+    drive = make_drive(3, seconds=20)
+    code = next(code for code in range(256) if drive.landmarks.find(code) is None)
+    some = next(iter(drive.landmarks))
+    known = {code: Anchor(replace(some, code=code), None)}
+    with pytest.raises(InputError, match="none of the landmarks known"):
+        survey_drive(drive.moments, drive.rig, {("lm8", some.code): 0.18}, known)
+
+
+def test_wheels_need_to_know_where_the_camera_sits():
+    drive = make_drive(3, seconds=20)
+    with pytest.raises(InputError, match="T_base_left"):
+        survey_drive(
+            drive.moments,
+            replace(drive.rig, T_base_left=None),
+            {("lm8", m.code): 0.18 for m in drive.landmarks},
+            {},
+            MotionModel(drive.odometry),
+        )
