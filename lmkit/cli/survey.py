@@ -77,7 +77,7 @@ def run(
     sizes = _sizes(moments, parse_length_mm(size, "--size") / 1000, anchors)
     result = survey_drive(moments, cameras, sizes, anchors, motion)
     _complain(result)
-    write_file(output, map_to_yaml(result.bundle.landmarks).encode(), force)
+    write_file(output, map_to_yaml(result.landmarks).encode(), force)
     if tum is not None:
         write_file(tum, trajectory_text(result.bundle, cameras).encode(), force)
     if plan is not None:
@@ -130,8 +130,8 @@ def _complain(result: Survey) -> None:
         )
     for from_s, to_s, metres in result.bundle.jumps:
         warn(
-            f"between {from_s:g} and {to_s:g} s the robot moved {metres:.2f} m otherwise than its wheels say: it slid "
-            "or was carried, or a landmark seen there was moved"
+            f"between {from_s:g} and {to_s:g} s the robot moved {metres:.2f} m otherwise than its wheels say: "
+            "it slid or was carried, or a landmark seen there was moved"
         )
     for code in result.unplaced:
         warn(f"{code} is not placed: its sightings are too few, or do not agree; drive past it again, and nearer")

@@ -24,6 +24,7 @@ ALIASES = {
     "eye": "camera", "tag_id": "code",
 }  # fmt: skip
 CORNERS = ("x0", "y0", "x1", "y1", "x2", "y2", "x3", "y3")
+CORNER_SIGMA_PX = 0.3  # of corners that do not say how good they are: of a usual detector of markers
 DETECTION_COLUMNS = ("time_s", "camera", "code", *CORNERS)
 _KINDS = (("x_m", "y_m", "heading_rad"), ("left_m", "right_m"), ("forward_mps", "turn_radps"))
 
@@ -70,7 +71,7 @@ def read_gyro(path: Path) -> Gyro:
 
 
 def read_detections(path: Path) -> list[StereoMoment]:
-    """What both eyes saw: time_s, camera (left or right), code, x0 y0 ... x3 y3 in pixels, and family if not lm8.
+    """What both eyes saw: time_s, camera (left or right), code, x0 y0 ... x3 y3 (px); family if not lm8, sigma_px.
 
     Raises:
         InputError: not readable, or a row is no detection; names the line.
@@ -93,7 +94,11 @@ def read_detections(path: Path) -> list[StereoMoment]:
                 raise ValueError(f"camera {eye!r} is neither left nor right")
             corners = np.array([float(cells[name]) for name in CORNERS]).reshape(4, 2)
             family = cells.get("family", "tag36h11" if tags else "lm8").strip()
-            observation = LandmarkObservation(int(cells["code"]), corners, 1.0, 0.0, family)
+            sigma_px = float(cells.get("sigma_px", CORNER_SIGMA_PX))
+            if not 0 < sigma_px < math.inf:
+                raise ValueError("sigma_px is not positive")
+            C = sigma_px**2 * np.eye(8)
+            observation = LandmarkObservation(int(cells["code"]), corners, 1.0, 0.0, family, C)
             time = float(cells["time_s"])
             if not math.isfinite(time):
                 raise ValueError("a time that is not finite")
@@ -112,12 +117,14 @@ def read_detections(path: Path) -> list[StereoMoment]:
 
 def detections_to_csv(moments: Sequence[StereoMoment]) -> str:
     """The text of a detections file; moments at which nothing was seen are left out."""
-    lines = [",".join(("time_s", "camera", "family", "code", *CORNERS))]
+    lines = [",".join(("time_s", "camera", "family", "code", *CORNERS, "sigma_px"))]
     for moment in moments:
         for eye, seen in (("left", moment.left), ("right", moment.right)):
             for o in seen:
                 numbers = ",".join(f"{v:.4f}" for v in o.corners.ravel())
-                lines.append(f"{moment.time_s:.6f},{eye},{o.family},{o.code},{numbers}")
+                C = o.covariance
+                sigma_px = CORNER_SIGMA_PX if C is None else math.sqrt(float(np.trace(C)) / 8)
+                lines.append(f"{moment.time_s:.6f},{eye},{o.family},{o.code},{numbers},{sigma_px:.4f}")
     return "\n".join(lines) + "\n"
 
 

@@ -33,6 +33,8 @@ CARRY_M = 6.0  # odometry is believed that far
 # Odometry strays by so much, and by that share of the way; a moment located farther off saw a landmark that hangs
 # twice, was moved or misread.
 STRAY_M, STRAY_RAD, STRAY_SHARE = 0.3, 0.15, 0.1
+# Without odometry: neighbours in time are so near to each other.
+NEIGHBOUR_S, NEIGHBOUR_MPS, NEIGHBOUR_RADPS = 1.0, 1.0, 1.5
 LEAST_VIEWS = 2  # moments that agree on a landmark's place; one alone may have misread its code
 SAME_M, SAME_RAD = 0.3, 0.35
 # Single landmarks leave valleys of poses; a view that is known to a metre places nothing.
@@ -111,10 +113,12 @@ def find_start(
                 start.placed[key] = MappedLandmark(key[1], key[0], sizes_m[key], pose)
                 news += 1
         # What one moment alone saw is placed last, and only where nothing contradicts.
-        if news == 0 and least == 1 and not _locate_likeliest(start, moments, rig, carried):
+        stuck = news == 0 and least == 1
+        if stuck and (any(start.poses) or not _locate_likeliest(start, moments, rig, carried)):
             break
         least = LEAST_VIEWS if news else 1
     start.carried = _carried(start, steps)
+    _locate_by_neighbours(start, moments, rig)
     start.unplaced = tuple(sorted(wanted - set(start.placed)))
     return start
 
@@ -182,6 +186,30 @@ def _locate_likeliest(
         return False
     start.poses[best[1]] = best[2]
     return True
+
+
+def _locate_by_neighbours(start: Start, moments: Sequence[StereoMoment], rig: StereoRig) -> None:
+    """Moments that allow several poses, or a valley of them: the one that lies near where the rig was just before."""
+    landmarks = LandmarkMap([replace(m, covariance=None) for m in start.placed.values()])
+    allowed: dict[int, list[Pose]] = {}
+    for order in (range(1, len(moments)), range(len(moments) - 2, -1, -1)):
+        for k in order:
+            before = start.poses[k - order.step]
+            seconds = abs(moments[k].time_s - moments[k - order.step].time_s)
+            if start.poses[k] is not None or start.carried[k] is not None or before is None or seconds > NEIGHBOUR_S:
+                continue
+            if k not in allowed:
+                estimate = locate_rig(moments[k].left, moments[k].right, rig, landmarks)
+                best = [] if estimate.T_map_camera is None else [estimate.T_map_camera]
+                allowed[k] = best + [pose for pose, _ in estimate.alternatives]
+            near = [
+                pose
+                for pose in allowed[k]
+                if np.linalg.norm(pose.t - before.t) < STRAY_M + NEIGHBOUR_MPS * seconds
+                and rotation_angle(pose.R.T @ before.R) < STRAY_RAD + NEIGHBOUR_RADPS * seconds
+            ]
+            if near:
+                start.poses[k] = near[0]
 
 
 def _steps(moments: Sequence[StereoMoment], rig: StereoRig, motion: MotionModel | None) -> _Steps | None:

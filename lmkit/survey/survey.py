@@ -9,7 +9,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -51,7 +51,8 @@ class Survey:
     """A surveyed drive.
 
     Attributes:
-        bundle: poses, landmarks, parameters.
+        bundle: poses, landmarks seen, parameters.
+        landmarks: those, and known ones that the drive did not see, as they were.
         rows: (N,) which of the moments given have a pose.
         odd: landmarks contradicted by part of their sightings.
         weak: codes determined to no better than 3 cm or 2 deg, with both deviations (m, rad).
@@ -60,6 +61,7 @@ class Survey:
     """
 
     bundle: Bundle
+    landmarks: LandmarkMap
     rows: tuple[int, ...]
     odd: tuple[OddLandmark, ...]
     weak: tuple[tuple[int, float, float], ...]
@@ -101,19 +103,26 @@ def survey_drive(
     if not held:
         first = next(iter(start.placed.values()))
         held = {first.code: Anchor(first, None)}
+    seen = {(o.family, o.code) for k in rows for o in (*moments[k].left, *moments[k].right)}
     poses = [pose for k in rows if (pose := _pose(start, k)) is not None]
     problem = BundleProblem(
         [moments[k] for k in rows],
         rig,
         Poses(np.array([pose.R for pose in poses]), np.array([pose.t for pose in poses])),
-        LandmarkMap(list(start.placed.values())),
+        LandmarkMap([m for key, m in start.placed.items() if key in seen]),
         held,
         motion,
     )
     dropped = settle_all(problem)
     bundle = problem.answer(OUTLIER_SIGMA)
     unplaced = tuple(sorted(code for _, code in start.unplaced))
-    return Survey(bundle, tuple(rows), odd_landmarks(bundle), _weak(bundle.landmarks), unplaced, dropped)
+    unseen = [
+        replace(anchor.landmark, covariance=anchor.covariance)
+        for anchor in anchors.values()
+        if (anchor.landmark.family, anchor.landmark.code) not in seen
+    ]
+    landmarks = LandmarkMap([*bundle.landmarks, *unseen])
+    return Survey(bundle, landmarks, tuple(rows), odd_landmarks(bundle), _weak(bundle.landmarks), unplaced, dropped)
 
 
 def settle_all(problem: BundleProblem) -> int:

@@ -1,0 +1,118 @@
+"""A real stereo drive, surveyed: the TagSLAM example (225 s, 140 m, f = 604 px, eyes 20 cm apart), beside TagSLAM.
+
+    uv run python benchmarks/tagslam.py ../shared/data/tagslam [--every 5] [--sigma 0.05,2]
+
+Recorded detections of AprilTags and the hand measurements alone (`tagslam.yaml`), as known to ``--sigma``;
+TagSLAM had the VIO odometry beside them.  The reference is TagSLAM's own, no motion capture.
+"""
+
+from __future__ import annotations
+
+import argparse
+import gzip
+import json
+import time
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import yaml
+
+from lmkit.evaluate.trajectory_error import compare_trajectories
+from lmkit.formats.drive_tables import read_detections
+from lmkit.formats.trajectory import read_trajectory
+from lmkit.model.camera import CameraModel
+from lmkit.model.landmark_map import MappedLandmark
+from lmkit.model.pose import Pose, orthonormal
+from lmkit.model.stereo_rig import StereoRig
+from lmkit.model.trajectory import Trajectory
+from lmkit.survey.bundle import Anchor
+from lmkit.survey.survey import survey_drive
+
+
+def load_rig(folder: Path) -> StereoRig:
+    cameras = yaml.safe_load((folder / "cameras.yaml").read_text())
+    poses = yaml.safe_load((folder / "camera_poses.yaml").read_text())
+    eyes, T = [], []
+    for name in ("cam0", "cam1"):
+        fx, fy, cx, cy = cameras[name]["intrinsics"]
+        K = np.array([[fx, 0, cx], [0, fy, cy], [0, 0, 1.0]])
+        size = tuple(cameras[name]["resolution"])
+        eyes.append(CameraModel(size, K, np.array(cameras[name]["distortion_coeffs"]), "fisheye"))
+        place, turn = (np.array([poses[name]["pose"][part][k] for k in "xyz"]) for part in ("position", "rotation"))
+        T.append(Pose.from_rvec("rig", name, turn, place))
+    right_left = T[1].inverse() @ T[0]
+    return StereoRig(eyes[0], eyes[1], Pose("right", "left", right_left.R, right_left.t))
+
+
+def load_hand_measured(folder: Path) -> dict[int, MappedLandmark]:
+    """Tags of the static body, by code."""
+    data = yaml.safe_load((folder / "tagslam.yaml").read_text())
+    hung = {}
+    for body in data["bodies"]:
+        for values in body.values():
+            if not values.get("is_static"):
+                continue
+            for tag in values.get("tags", []):
+                if "pose" not in tag:
+                    continue
+                place, turn = (np.array([tag["pose"][part][k] for k in "xyz"]) for part in ("position", "rotation"))
+                T = Pose.from_rvec("map", "landmark", turn, place)
+                hung[tag["id"]] = MappedLandmark(tag["id"], "tag36h11", tag.get("size", 0.15), T)
+    return hung
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("folder", type=Path)
+    parser.add_argument("--every", type=int, default=5)
+    parser.add_argument("--sigma", default="0.05,2", help="of the hand measurements: metres, degrees")
+    arguments = parser.parse_args()
+    folder, (metres, degrees) = arguments.folder, map(float, arguments.sigma.split(","))
+    unpacked = Path("/tmp/tag_detections.csv")
+    unpacked.write_bytes(gzip.decompress((folder / "tag_detections.csv.gz").read_bytes()))
+    moments = read_detections(unpacked)[:: arguments.every]
+    # The detector's corners run against the clock from bottom left.
+    moments = [
+        replace(
+            m,
+            **{eye: tuple(replace(o, corners=o.corners[::-1]) for o in getattr(m, eye)) for eye in ("left", "right")},
+        )
+        for m in moments
+    ]
+    rig, hand = load_rig(folder), load_hand_measured(folder)
+    covariance = np.diag([metres**2] * 3 + [np.deg2rad(degrees) ** 2] * 3)
+    seen = {(o.family, o.code) for m in moments for o in (*m.left, *m.right)}
+    anchors = {code: Anchor(m, covariance) for code, m in hand.items()}
+    sizes = {key: hand[key[1]].size_m if key[1] in hand else 0.15 for key in seen}
+    start = time.perf_counter()
+    result = survey_drive(moments, rig, sizes, anchors)
+    took = time.perf_counter() - start
+    refined = json.loads((folder / "tags_refined_from_reference_tf.json").read_text())
+    found = {m.code: m.T_map_landmark.t for m in result.bundle.landmarks}
+    codes = [code for _, code in sorted(seen) if f"tag_{code}" in refined and code in found and code in hand]
+    off = np.array([np.linalg.norm(found[code] - refined[f"tag_{code}"][:3]) for code in codes])
+    before = np.array([np.linalg.norm(hand[code].T_map_landmark.t - refined[f"tag_{code}"][:3]) for code in codes])
+    print(f"{len(moments)} moments, {len(result.rows)} located, {len(codes)} tags seen, {took:.1f} s")
+    for name, values in (("hand measured", before), ("surveyed", off)):
+        print(
+            f"tags, {name}: {100 * np.median(values):.1f} cm median, {100 * np.percentile(values, 90):.1f} cm at 90 %"
+        )
+    unpacked.with_suffix(".tum").write_bytes(gzip.decompress((folder / "tagslam_reference.tum.gz").read_bytes()))
+    poses = [
+        Pose("map", "left", orthonormal(R), p)
+        for R, p in zip(result.bundle.poses.R, result.bundle.poses.p, strict=True)
+    ]
+    mine = Trajectory(
+        result.bundle.times_s, np.array([T.t for T in poses]), np.array([T.quaternion_xyzw for T in poses])
+    )
+    error = compare_trajectories(read_trajectory(unpacked.with_suffix(".tum")), mine, "rigid")
+    print(
+        f"trajectory: {100 * error.position_m.rmse:.1f} cm rmse, {100 * error.position_m.median:.1f} cm median, "
+        f"{error.rotation_deg.median:.2f} deg median, {error.pairs} poses"
+    )
+    print("odd:", result.odd, "unplaced:", result.unplaced)
+
+
+if __name__ == "__main__":
+    main()
