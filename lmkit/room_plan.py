@@ -71,12 +71,15 @@ def draw_plan(
     canvas: _Canvas = _Svg(size) if kind == "svg" else _Png(size)
     plan = _Plan(canvas, low, high, scale)
     plan.room(size_m is not None)
+    known = [f.covariance for f in found if f.covariance is not None and f.sure]
+    known += [landmark.covariance[:2, :2] for landmark in landmarks if landmark.covariance is not None]
+    gain = _gain(known, scale)
     for landmark in landmarks:
+        if landmark.covariance is not None:
+            plan.ellipse(landmark.T_map_landmark.t, landmark.covariance[:2, :2], gain, FAINT)
         plan.landmark(landmark.T_map_landmark, landmark.size_m, str(landmark.code))
     for true in truth:
         plan.camera(true, GREEN, 3, None)
-    known = [f.covariance for f in found if f.covariance is not None and f.sure]
-    gain = _gain(known, scale)
     for one in found:
         if not one.sure:
             plan.camera(one.pose, FAINT, 1, None)
@@ -154,12 +157,12 @@ class _Plan:
         if label is not None:
             self.canvas.text(self.at(pose.t[:2] - 0.5 * unit * forward), label, 14, INK, "middle")
 
-    def ellipse(self, centre: FloatArray, covariance: FloatArray, gain: float) -> None:
+    def ellipse(self, centre: FloatArray, covariance: FloatArray, gain: float, color: Rgb = ORANGE) -> None:
         values, vectors = np.linalg.eigh(covariance)
         turns = np.linspace(0, 2 * np.pi, 48)
         radii = np.sqrt(np.clip(values, 0, None) * CHI2_2D_95) * gain
         points = centre[:2] + (np.column_stack([np.cos(turns), np.sin(turns)]) * radii) @ vectors.T
-        self.canvas.line([self.at(p) for p in points], ORANGE, 1)
+        self.canvas.line([self.at(p) for p in points], color, 1)
 
     def words(self, title: str, truth: bool, doubts: bool, gain: float) -> None:
         self.canvas.text((MARGIN_PX, MARGIN_PX * 0.28), title, 19, INK, "start")

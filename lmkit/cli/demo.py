@@ -21,6 +21,9 @@ def run(
     pairs: Annotated[int, typer.Option("--pairs", help="Stereo pairs along the drive.")] = 8,
     boards: Annotated[int, typer.Option("--boards", help="Stereo pairs of the calibration board.")] = 12,
     landmarks: Annotated[int, typer.Option("--landmarks", help="Landmarks on the walls.")] = 14,
+    drive: Annotated[
+        bool, typer.Option("--drive", help="A drive instead: survey its first half, track its second.")
+    ] = False,
     force: Annotated[bool, typer.Option("--force", help="Overwrite a folder of an earlier run.")] = False,
 ) -> None:
     """Print, photograph a simulated room, calibrate, locate, and compare with the truth."""
@@ -35,9 +38,24 @@ def run(
     if output.is_dir() and any(output.iterdir()) and not force:
         raise InputError("file_exists", f"folder {output} is not empty", "add --force, or choose another with -o")
     check_writable(output / "errors.csv", force)
+    if drive:
+        _drive(output, seed, landmarks)
+        return
     with _Bars() as bars:
         result = run_demo(output, seed, pairs, boards, landmarks, bars.tell)
     _print(result, output)
+
+
+def _drive(folder: Path, seed: int, landmarks: int) -> None:
+    from lmkit.demo_drive import run_drive_demo
+
+    e = run_drive_demo(folder, seed, landmarks)
+    print_line("simulated corners, wheels and gyro; root mean square errors:")
+    print_line(f"survey   {e.landmarks} landmarks{'':17s}{e.map_mm:8.1f} mm  {e.map_deg:5.2f} deg")
+    print_line(f"track    both eyes, after the drive  {e.smooth_mm:8.1f} mm  {e.smooth_deg:5.2f} deg")
+    print_line(f"track    ranges and bearings, live   {e.live_mm:8.1f} mm  {e.live_deg:5.2f} deg")
+    print_line(f"wheels and gyro alone end {e.wheels_mm:.0f} mm off")
+    print_line(f"see {folder / 'plan.png'}, {folder / 'map.yaml'}, {folder / 'trajectory.tum'}")
 
 
 class _Bars:

@@ -16,7 +16,7 @@ from lmkit.model.observation import RangeBearing
 from lmkit.model.pose import Pose, orthonormal, skew
 from lmkit.model.stereo_rig import StereoRig
 from lmkit.motion import PARAMETERS, MotionModel
-from lmkit.survey.bundle import BundleProblem
+from lmkit.survey.bundle import Anchor, BundleProblem
 from lmkit.survey.start import find_start
 from lmkit.survey.survey import OUTLIER_SIGMA, odd_landmarks, settle_all
 from lmkit.track.planar_filter import PlanarFilter, TrackedPose
@@ -123,7 +123,10 @@ def track_pictures(
     landmarks: LandmarkMap,
     wheels: tuple[Odometry, Gyro | None] | None,
 ) -> TrackedDrive:
-    """All of the drive at once, from what both eyes saw: bundle adjustment with the map held fast.
+    """All of the drive at once, from what both eyes saw: bundle adjustment with the map held.
+
+    Landmarks that the map knows exactly do not move; those that it knows with a covariance may, as far as that
+    allows, so that what the map leaves open enters the poses' covariance.
 
     Raises:
         InputError: no landmark of the map is in view, or odometry without T_base_left.
@@ -142,14 +145,17 @@ def track_pictures(
     if not rows:
         raise InputError("nothing_located", "no moment of the drive could be located", "check rig and map")
     known = [pose for pose in poses if pose is not None]
+    seen = {(o.family, o.code) for k in rows for o in (*moments[k].left, *moments[k].right)}
+    hung = [m for m in landmarks if (m.family, m.code) in seen]
+    exact = all(m.covariance is None for m in hung)
     problem = BundleProblem(
         [moments[k] for k in rows],
         rig,
         Poses(np.array([pose.R for pose in known]), np.array([pose.t for pose in known])),
-        landmarks,
-        {},
+        LandmarkMap(hung),
+        {} if exact else {m.code: Anchor(m, m.covariance) for m in hung},
         motion,
-        frozen=True,
+        frozen=exact,
     )
     settle_all(problem)
     bundle = problem.answer(OUTLIER_SIGMA)

@@ -36,7 +36,7 @@ FLOORS = [
         "installation",
     },
     {"track"},
-    {"board_capture", "demo"},
+    {"board_capture", "demo", "demo_drive"},
     {"cli"},
 ]
 

@@ -1,0 +1,154 @@
+"""A simulated drive: the map from its first half, the robot through that map in its second."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from lmkit.formats.drive_tables import detections_to_csv
+from lmkit.formats.files import write_file
+from lmkit.formats.landmark_map import map_to_yaml
+from lmkit.formats.rig import rig_to_yaml
+from lmkit.formats.trajectory import poses_to_tum
+from lmkit.model.drive import StereoMoment
+from lmkit.model.landmark_map import LandmarkMap
+from lmkit.model.pose import Pose, rotation_angle
+from lmkit.motion import MotionModel
+from lmkit.room_plan import Found, draw_plan
+from lmkit.simulate.drive import Drive, WheelErrors, make_drive
+from lmkit.survey.bundle import Anchor
+from lmkit.survey.survey import Survey, survey_drive
+from lmkit.track.drive import TrackedDrive, track_live, track_pictures
+
+SECONDS = 120.0
+DRAWN = 40
+
+
+@dataclass(frozen=True)
+class DriveErrors:
+    """Root mean squares.
+
+    Attributes:
+        landmarks, odd: surveyed, and named as contradictory.
+        map_mm, map_deg: of the surveyed landmarks.
+        smooth_mm, smooth_deg: of the robot, followed by pictures after the drive.
+        live_mm, live_deg: by ranges and bearings while driving, in the plane.
+        wheels_mm: where the wheels alone end.
+    """
+
+    landmarks: int
+    odd: int
+    map_mm: float
+    map_deg: float
+    smooth_mm: float
+    smooth_deg: float
+    live_mm: float
+    live_deg: float
+    wheels_mm: float
+
+
+def run_drive_demo(folder: Path, seed: int, count: int) -> DriveErrors:
+    """Drive, survey, track, and compare with the truth; everything is written into ``folder``."""
+    drive = make_drive(seed, SECONDS, count=count, errors=WheelErrors(slips=1))
+    half = len(drive.moments) // 2
+    survey = _survey(drive, drive.moments[:half])
+    late = drive.moments[half:]
+    smooth = track_pictures(late, drive.rig, survey.landmarks, (drive.odometry, drive.gyro))
+    live = track_live(drive.readings(seed)[half:], drive.odometry, drive.gyro, survey.landmarks)
+    _write(folder, drive, survey, smooth)
+    true = [m for found in survey.landmarks if (m := drive.landmarks.find(found.code)) is not None]
+    off = [
+        (
+            float(np.linalg.norm(a.T_map_landmark.t - b.T_map_landmark.t)),
+            rotation_angle(a.T_map_landmark.R.T @ b.T_map_landmark.R),
+        )
+        for a, b in zip(survey.landmarks, true, strict=True)
+    ]
+    motion = MotionModel(drive.odometry, drive.gyro)
+    turned = motion.increments(drive.times_s[half:], np.array([1.0, 1.0, 0.0, 0.0, 0.0, 0.0])).motions
+    state = drive.truth[half].copy()
+    for forward, left, turn in turned:
+        c, s = np.cos(state[2]), np.sin(state[2])
+        state += [c * forward - s * left, s * forward + c * left, turn]
+    smooth_off, live_off = _off(drive, smooth), _off(drive, live)
+    return DriveErrors(
+        len(survey.landmarks),
+        len(survey.odd),
+        1000 * _rms([place for place, _ in off]),
+        float(np.rad2deg(_rms([turn for _, turn in off]))),
+        1000 * _rms([place for place, _ in smooth_off]),
+        float(np.rad2deg(_rms([turn for _, turn in smooth_off]))),
+        1000 * _rms([place for place, _ in live_off]),
+        float(np.rad2deg(_rms([turn for _, turn in live_off]))),
+        1000 * float(np.linalg.norm(state[:2] - drive.truth[-1, :2])),
+    )
+
+
+def _survey(drive: Drive, moments: tuple[StereoMoment, ...]) -> Survey:
+    """The first landmark seen is the one whose place is known."""
+    sizes = {(m.family, m.code): m.size_m for m in drive.landmarks}
+    first = next(o for moment in moments for o in moment.left)
+    anchor = drive.landmarks.find(first.code)
+    assert anchor is not None
+    motion = MotionModel(drive.odometry, drive.gyro)
+    return survey_drive(moments, drive.rig, sizes, {first.code: Anchor(anchor, None)}, motion)
+
+
+def _off(drive: Drive, tracked: TrackedDrive) -> list[tuple[float, float]]:
+    """Metres and rad in the plane, of every pose."""
+    answers = []
+    for time_s, pose in zip(tracked.times_s, tracked.poses, strict=True):
+        true = drive.pose(int(np.argmin(np.abs(drive.times_s - time_s))))
+        answers.append((float(np.linalg.norm(pose.t - true.t)), rotation_angle(pose.R.T @ true.R)))
+    return answers
+
+
+def _rms(values: list[float]) -> float:
+    return float(np.sqrt(np.mean(np.square(values))))
+
+
+def _write(folder: Path, drive: Drive, survey: Survey, smooth: TrackedDrive) -> None:
+    poses = list(zip(smooth.times_s.tolist(), smooth.poses, strict=True))
+    truth = [(float(t), drive.pose(k)) for k, t in enumerate(drive.times_s)]
+    step = 1 + len(smooth.poses) // DRAWN
+    found = [
+        Found(f"{smooth.times_s[k]:.0f} s", smooth.looking(k), smooth.covariances[k][:2, :2])
+        for k in range(0, len(smooth.poses), step)
+    ]
+    true = [_looking(drive.pose(len(drive.moments) // 2 + k)) for k in range(0, len(smooth.poses), step)]
+    for name, data in (
+        ("rig.yaml", rig_to_yaml(drive.rig).encode()),
+        ("true_map.yaml", map_to_yaml(drive.landmarks).encode()),
+        ("map.yaml", map_to_yaml(survey.landmarks).encode()),
+        ("detections.csv", detections_to_csv(drive.moments).encode()),
+        ("odometry.csv", _odometry(drive).encode()),
+        ("gyro.csv", _gyro(drive).encode()),
+        ("trajectory.tum", poses_to_tum(poses).encode()),
+        ("truth.tum", poses_to_tum(truth).encode()),
+        (
+            "plan.png",
+            draw_plan(LandmarkMap(list(survey.landmarks)), found, true, title="Tracked by the surveyed map"),
+        ),
+    ):
+        write_file(folder / name, data, True)
+
+
+def _looking(base: Pose) -> Pose:
+    ahead = np.array([[0.0, 0.0, 1.0], [-1.0, 0.0, 0.0], [0.0, -1.0, 0.0]])
+    return Pose("map", "camera", base.R @ ahead, base.t)
+
+
+def _odometry(drive: Drive) -> str:
+    o = drive.odometry
+    seconds = np.diff(o.times_s, append=2 * o.times_s[-1] - o.times_s[-2])
+    # A velocity holds until the next row; the row's own way was travelled before it.
+    forward, turn = (np.append(values[1:], 0.0) / seconds for values in (o.forward_m, o.turn_rad))
+    rows = zip(o.times_s, forward, turn, strict=True)
+    return "time_s,forward_mps,turn_radps\n" + "".join(f"{t:.6f},{v:.6f},{w:.6f}\n" for t, v, w in rows)
+
+
+def _gyro(drive: Drive) -> str:
+    rows = zip(drive.gyro.times_s, drive.gyro.rate_radps, strict=True)
+    return "time_s,rate_radps\n" + "".join(f"{t:.6f},{rate:.6f}\n" for t, rate in rows)
