@@ -86,12 +86,12 @@ class MotionModel:
 
     def increments(self, times_s: FloatArray, parameters: FloatArray) -> Increments:
         """Motions between consecutive times (K,), seconds of the landmarks' clock."""
-        motions = self._motions(times_s, parameters)
-        by_parameters = np.zeros((*motions.shape, len(PARAMETERS)))
-        for k, step in enumerate(STEPS):
-            moved = np.array(parameters)
-            moved[k] += step
-            by_parameters[:, :, k] = (self._motions(times_s, moved) - motions) / step
+        # The parameters as they are, and each moved a little.
+        moved = np.tile(parameters, (1 + len(PARAMETERS), 1))
+        moved[1:] += np.diag(STEPS)
+        all_motions = self._motions(times_s, moved)
+        motions = all_motions[0]
+        by_parameters = ((all_motions[1:] - motions) / STEPS[:, None, None]).transpose(1, 2, 0)
         own = times_s - parameters[5]
         seconds = np.diff(times_s)
         way, turned, gap = (
@@ -114,20 +114,23 @@ class MotionModel:
         return Increments(motions, by_parameters, np.sqrt(variances), gap < LONGEST_STEP_S)
 
     def _motions(self, times_s: FloatArray, parameters: FloatArray) -> FloatArray:
-        x, y, heading = self._path(parameters)
-        own = times_s - parameters[5]
-        at_x, at_y, at = (np.interp(own, self._times, values) for values in (x, y, heading))
-        dx, dy = np.diff(at_x), np.diff(at_y)
-        c, s = np.cos(at[:-1]), np.sin(at[:-1])
-        return np.column_stack([c * dx + s * dy, -s * dx + c * dy, np.diff(at)])
-
-    def _path(self, parameters: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-        scale, turn_scale, per_s, per_m, slowing, _ = parameters
+        """(P,K-1,3) of (P,6) parameters."""
+        scale, turn_scale, per_s, per_m, slowing, delay = parameters.T[:, :, None]
         forward = scale * self._forward * (1 - slowing * self._rate)
         turn = turn_scale * self._turn + per_s * self._seconds + per_m * forward
-        heading = np.cumsum(turn)
+        heading = np.cumsum(turn, axis=1)
         middle = heading - turn / 2
-        return np.cumsum(forward * np.cos(middle)), np.cumsum(forward * np.sin(middle)), heading
+        path = np.stack(
+            [np.cumsum(forward * np.cos(middle), axis=1), np.cumsum(forward * np.sin(middle), axis=1), heading]
+        )
+        own = np.clip(times_s - delay, self._times[0], self._times[-1])
+        after = np.searchsorted(self._times, own).clip(1, len(self._times) - 1)
+        share = (own - self._times[after - 1]) / (self._times[after] - self._times[after - 1])
+        sets = np.arange(len(parameters))[:, None]
+        x, y, at = path[:, sets, after - 1] * (1 - share) + path[:, sets, after] * share
+        dx, dy = np.diff(x, axis=1), np.diff(y, axis=1)
+        c, s = np.cos(at[:, :-1]), np.sin(at[:, :-1])
+        return np.stack([c * dx + s * dy, -s * dx + c * dy, np.diff(at, axis=1)], axis=2)
 
 
 def compose(states: FloatArray, motions: FloatArray) -> FloatArray:

@@ -1,4 +1,4 @@
-"""`lmkit convert`: rig files of other programs, read and written."""
+"""`lmkit convert`: rig and map files of other programs, read and written."""
 
 from __future__ import annotations
 
@@ -10,16 +10,24 @@ import typer
 from lmkit.cli.common import print_line, warn
 from lmkit.errors import InputError
 
+MAP_KINDS = ("map", "wpilib", "tagslam")
+
 
 def run(
-    rig: Annotated[
-        Path, typer.Argument(help="Rig file of lmkit, OpenCV or Kalibr, or a folder with ROS's two files.")
+    source: Annotated[
+        Path,
+        typer.Argument(
+            help="Rig file of lmkit, OpenCV or Kalibr, or a folder with ROS's two files; or a map of lmkit, WPILib or "
+            "TagSLAM."
+        ),
     ],
     output: Annotated[Path, typer.Option("--output", "-o", help="File to write; a folder for ros.")],
-    to: Annotated[str, typer.Option("--to", help="lmkit, opencv, ros or kalibr.")],
+    to: Annotated[
+        str, typer.Option("--to", help="A rig to lmkit, opencv, ros or kalibr; a map to map, wpilib or tagslam.")
+    ],
     force: Annotated[bool, typer.Option("--force", help="Overwrite files.")] = False,
 ) -> None:
-    """Convert a stereo calibration from and to OpenCV, ROS and Kalibr files."""
+    """Convert a rig from and to OpenCV, ROS and Kalibr files, or a map from and to WPILib and TagSLAM."""
     from lmkit.formats.any_rig import KINDS, read_any_rig
     from lmkit.formats.files import check_writable, write_file
     from lmkit.formats.kalibr import rig_to_camchain
@@ -27,9 +35,14 @@ def run(
     from lmkit.formats.rig import rig_to_yaml
     from lmkit.formats.ros_camera_info import FILES, rig_to_camera_infos
 
+    if to in MAP_KINDS:
+        check_writable(output, force)
+        write_file(output, _map_text(source, to), force)
+        print_line(f"wrote {output}")
+        return
     if to not in KINDS:
-        raise InputError("bad_kind", f"--to {to} is unknown", f"choose {', '.join(KINDS)}")
-    read = read_any_rig(rig)
+        raise InputError("bad_kind", f"--to {to} is unknown", f"choose {', '.join((*KINDS, *MAP_KINDS))}")
+    read = read_any_rig(source)
     texts: dict[Path, str]
     if to == "ros":
         texts = dict(zip((output / name for name in FILES), rig_to_camera_infos(read), strict=True))
@@ -47,3 +60,17 @@ def run(
     for path, text in texts.items():
         write_file(path, text, force)
         print_line(f"wrote {path}")
+
+
+def _map_text(source: Path, to: str) -> str:
+    from lmkit.formats.foreign_maps import map_to_tagslam, map_to_wpilib, read_any_map
+    from lmkit.formats.landmark_map import map_to_yaml
+
+    landmarks = read_any_map(source)
+    if to == "map":
+        return map_to_yaml(landmarks)
+    if to == "tagslam":
+        return map_to_tagslam(landmarks)
+    far = [max(0.0, *(float(m.T_map_landmark.t[axis]) for m in landmarks)) for axis in (0, 1)]
+    warn("a field layout holds neither sizes nor covariances; they are left out")
+    return map_to_wpilib(landmarks, (far[0], far[1]))

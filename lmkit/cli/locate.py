@@ -63,7 +63,7 @@ def run(
 ) -> None:
     """Find the pose of the camera (or the robot) from landmarks of a map."""
     from lmkit.formats.any_rig import read_any_rig
-    from lmkit.formats.landmark_map import read_map
+    from lmkit.formats.foreign_maps import read_any_map
     from lmkit.locate.rig import LocateOptions
     from lmkit.locate_batch import locate_in_sources
 
@@ -80,7 +80,7 @@ def run(
             raise InputError("no_map", "--readings needs a map", "give --readings FILE.csv --map MAP")
         from lmkit.cli.locate_readings import locate_readings
 
-        locate_readings(readings, read_map(landmark_map), as_json, range_sigma, bearing_sigma, time_offset)
+        locate_readings(readings, read_any_map(landmark_map), as_json, range_sigma, bearing_sigma, time_offset)
         return
     require_no("pictures", for_readings)
     if rig is None or landmark_map is None:
@@ -89,7 +89,7 @@ def run(
         raise InputError("no_pictures", "locate needs LEFT and RIGHT, or --mono", "see lmkit locate --help")
     if frame not in (None, "camera", "base"):
         raise InputError("bad_frame", f"--frame {frame} is unknown", "choose camera or base")
-    cameras, landmarks = read_any_rig(rig), read_map(landmark_map)
+    cameras, landmarks = read_any_rig(rig), read_any_map(landmark_map)
     if frame is None:
         frame = "camera" if cameras.T_base_left is None else "base"
     if frame == "base" and cameras.T_base_left is None:

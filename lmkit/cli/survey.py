@@ -8,12 +8,12 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from lmkit.cli.common import print_json, print_line, warn
+from lmkit.cli.common import print_json, print_line, require_no, warn
 from lmkit.errors import InputError
 
 if TYPE_CHECKING:
     from lmkit.arrays import FloatArray
-    from lmkit.model.drive import StereoMoment
+    from lmkit.model.drive import Gyro, Odometry, StereoMoment
     from lmkit.model.landmark_map import LandmarkMap
     from lmkit.model.stereo_rig import StereoRig
     from lmkit.survey.bundle import Anchor
@@ -29,6 +29,9 @@ def run(
     rig: Annotated[Path | None, typer.Option("--rig", help="Rig file.")] = None,
     detections: Annotated[
         Path | None, typer.Option("--detections", help="CSV of what was seen, not pictures.")
+    ] = None,
+    readings: Annotated[
+        Path | None, typer.Option("--readings", help="CSV of ranges and bearings, not pictures: a map in the plane.")
     ] = None,
     size: Annotated[str, typer.Option("--size", help="Side of the landmarks, outer edge of the border.")] = "180mm",
     known: Annotated[
@@ -57,18 +60,27 @@ def run(
     from lmkit.formats.any_rig import read_any_rig
     from lmkit.formats.drive_tables import detections_to_csv
     from lmkit.formats.files import check_writable, write_file
-    from lmkit.formats.landmark_map import map_to_yaml, read_map
+    from lmkit.formats.foreign_maps import read_any_map
+    from lmkit.formats.landmark_map import map_to_yaml
     from lmkit.motion import MotionModel
     from lmkit.survey.survey import survey_drive
     from lmkit.units import parse_length_mm
 
+    if readings is not None:
+        for_pictures = {
+            "LEFT": left, "--rig": rig, "--detections": detections, "--known": known, "--known-sigma": known_sigma,
+            "--hz": hz, "--save-detections": save_detections, "--plan": plan,
+        }  # fmt: skip
+        require_no("--readings", for_pictures)
+        _survey_readings(readings, read_wheels(odometry, gyro, wheel_track), size, output, tum, force, as_json)
+        return
     if rig is None:
         raise InputError("no_rig", "survey needs a rig", "give --rig rig.yaml")
     for path in (output, tum, plan, save_detections):
         if path is not None:
             check_writable(path, force)
     cameras = read_any_rig(rig)
-    anchors = {} if known is None else _anchors(read_map(known), known_sigma)
+    anchors = {} if known is None else _anchors(read_any_map(known), known_sigma)
     wheels = read_wheels(odometry, gyro, wheel_track)
     moments = read_moments(left, right, detections, cameras, family, hz)
     if save_detections is not None:
@@ -86,6 +98,41 @@ def run(
         print_json(_summary(result, moments, output))
     else:
         _tell(result, moments, output, cameras)
+
+
+def _survey_readings(
+    readings: Path,
+    wheels: tuple[Odometry, Gyro | None] | None,
+    size: str,
+    output: Path,
+    tum: Path | None,
+    force: bool,
+    as_json: bool,
+) -> None:
+    from lmkit.formats.files import check_writable, write_file
+    from lmkit.formats.landmark_map import map_to_yaml
+    from lmkit.formats.readings import read_readings
+    from lmkit.formats.trajectory import poses_to_tum
+    from lmkit.track.drive import survey_readings
+    from lmkit.units import parse_length_mm
+
+    if wheels is None:
+        raise InputError("no_odometry", "readings are joined by odometry", "give --odometry FILE.csv")
+    for path in (output, tum):
+        if path is not None:
+            check_writable(path, force)
+    moments = sorted(read_readings(readings).items())
+    landmarks, drive = survey_readings(moments, *wheels, parse_length_mm(size, "--size") / 1000)
+    write_file(output, map_to_yaml(landmarks), force)
+    if tum is not None:
+        write_file(tum, poses_to_tum(zip(drive.times_s.tolist(), drive.poses, strict=True)), force)
+    for m in landmarks:
+        assert m.covariance is not None
+        (x, y, _), sigma = m.T_map_landmark.t, math.sqrt(m.covariance[0, 0] + m.covariance[1, 1])
+        if as_json:
+            print_json({"code": m.code, "position": m.T_map_landmark.t.tolist(), "sigma_m": sigma})
+        else:
+            print_line(f"{m.code:4d} {x:8.3f} {y:8.3f}   +- {1000 * sigma:.0f} mm")
 
 
 def _anchors(landmarks: LandmarkMap, sigma: str | None) -> dict[int, Anchor]:

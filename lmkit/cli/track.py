@@ -42,7 +42,7 @@ def run(
     from lmkit.cli.drive_options import read_moments, read_wheels
     from lmkit.formats.any_rig import read_any_rig
     from lmkit.formats.files import check_writable, write_file
-    from lmkit.formats.landmark_map import read_map
+    from lmkit.formats.foreign_maps import read_any_map
     from lmkit.formats.readings import read_readings
     from lmkit.formats.trajectory import poses_to_tum
     from lmkit.track.drive import track_live, track_pictures, track_readings
@@ -52,7 +52,7 @@ def run(
     for path in (tum, csv, plan):
         if path is not None:
             check_writable(path, force)
-    landmarks, wheels = read_map(landmark_map), read_wheels(odometry, gyro, wheel_track)
+    landmarks, wheels = read_any_map(landmark_map), read_wheels(odometry, gyro, wheel_track)
     if readings is not None:
         require_no("--readings", {"LEFT": left, "--rig": rig, "--detections": detections, "--hz": hz})
         if wheels is None:

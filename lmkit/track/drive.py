@@ -11,7 +11,7 @@ from lmkit.arrays import FloatArray
 from lmkit.errors import InputError
 from lmkit.locate.sightings import Poses
 from lmkit.model.drive import Gyro, Odometry, StereoMoment
-from lmkit.model.landmark_map import LandmarkMap
+from lmkit.model.landmark_map import LandmarkMap, MappedLandmark, wall_pose
 from lmkit.model.observation import RangeBearing
 from lmkit.model.pose import Pose, orthonormal, skew
 from lmkit.model.stereo_rig import StereoRig
@@ -24,6 +24,7 @@ from lmkit.track.planar_smoother import smooth_planar
 
 LOST_M = 1.0  # a position less sure than that is worth no word
 OUTLIER_WEIGHT = 0.1
+UNSEEN_M, UNSEEN_RAD = 1.0, 1.0  # heights and directions that ranges and bearings do not show
 FORWARD = Pose("base", "looks", np.array([[0.0, 0.0, 1.0], [-1.0, 0.0, 0.0], [0.0, -1.0, 0.0]]), np.zeros(3))
 
 
@@ -115,6 +116,36 @@ def track_live(moments: Moments, odometry: Odometry, gyro: Gyro | None, landmark
         dict(zip(PARAMETERS, filter_.parameters.tolist(), strict=True)),
         remarks=tuple(remarks),
     )
+
+
+def survey_readings(
+    moments: Moments, odometry: Odometry, gyro: Gyro | None, size_m: float
+) -> tuple[LandmarkMap, TrackedDrive]:
+    """Where the landmarks stand, from ranges and bearings alone; the map's origin is the robot's first pose.
+
+    Heights and the way that landmarks face are not seen: they hang at height 0 and face the drive's middle, with
+    covariances that say so.
+    """
+    times = np.array([time_s for time_s, _ in moments])
+    track = smooth_planar(times, [seen for _, seen in moments], MotionModel(odometry, gyro), None)
+    middle = track.states[:, :2].mean(axis=0)
+    hung = []
+    for code, place, C in zip(track.codes, track.places, track.place_covariances, strict=True):
+        if not np.isfinite(place).all():
+            continue
+        towards = middle - place
+        covariance = np.diag([0.0, 0.0, UNSEEN_M**2, *[UNSEEN_RAD**2] * 3])
+        covariance[:2, :2] = C
+        T = wall_pose([*place, 0.0], float(np.arctan2(towards[1], towards[0])))
+        hung.append(MappedLandmark(code, "lm8", size_m, T, covariance))
+    drive = TrackedDrive(
+        times,
+        [planar_pose(state) for state in track.states],
+        _six(track.covariances),
+        ["ok"] * len(times),
+        [()] * len(times),
+    )
+    return LandmarkMap(hung), drive
 
 
 def track_pictures(
