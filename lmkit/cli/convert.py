@@ -17,13 +17,16 @@ def run(
     source: Annotated[
         Path,
         typer.Argument(
-            help="Rig file of lmkit, OpenCV or Kalibr, or a folder with ROS's two files; or a map of lmkit, WPILib or "
-            "TagSLAM."
+            help="Rig of lmkit, OpenCV or Kalibr, or a folder with ROS's two files; a map of lmkit, WPILib or "
+            "TagSLAM; a trajectory (TUM)."
         ),
     ],
     output: Annotated[Path, typer.Option("--output", "-o", help="File to write; a folder for ros.")],
     to: Annotated[
-        str, typer.Option("--to", help="A rig to lmkit, opencv, ros or kalibr; a map to map, wpilib or tagslam.")
+        str,
+        typer.Option(
+            "--to", help="A rig to lmkit, opencv, ros or kalibr; a map to map, wpilib or tagslam; poses to bag."
+        ),
     ],
     force: Annotated[bool, typer.Option("--force", help="Overwrite files.")] = False,
 ) -> None:
@@ -35,13 +38,20 @@ def run(
     from lmkit.formats.rig import rig_to_yaml
     from lmkit.formats.ros_camera_info import FILES, rig_to_camera_infos
 
+    if to == "bag":
+        from lmkit.formats.bags import poses_to_bag
+        from lmkit.formats.trajectory import read_trajectory
+
+        poses_to_bag(output, read_trajectory(source))
+        print_line(f"wrote {output}")
+        return
     if to in MAP_KINDS:
         check_writable(output, force)
         write_file(output, _map_text(source, to), force)
         print_line(f"wrote {output}")
         return
     if to not in KINDS:
-        raise InputError("bad_kind", f"--to {to} is unknown", f"choose {', '.join((*KINDS, *MAP_KINDS))}")
+        raise InputError("bad_kind", f"--to {to} is unknown", f"choose {', '.join((*KINDS, *MAP_KINDS, 'bag'))}")
     read = read_any_rig(source)
     texts: dict[Path, str]
     if to == "ros":

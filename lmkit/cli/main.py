@@ -29,6 +29,7 @@ from lmkit.cli import (
     simulate,
     survey,
     track,
+    unbag,
     verify,
 )
 from lmkit.errors import LmkitError
@@ -57,6 +58,7 @@ for _command in (
     locate,
     survey,
     track,
+    unbag,
     evaluate,
     simulate,
     demo,
