@@ -33,6 +33,7 @@ CARRY_M = 6.0  # odometry is believed that far
 # Odometry strays by so much, and by that share of the way; a moment located farther off saw a landmark that hangs
 # twice, was moved or misread.
 STRAY_M, STRAY_RAD, STRAY_SHARE = 0.3, 0.15, 0.1
+RETRY = 1.5
 # Without odometry: neighbours in time are so near to each other.
 NEIGHBOUR_S, NEIGHBOUR_MPS, NEIGHBOUR_RADPS = 1.0, 1.0, 1.5
 LEAST_VIEWS = 2  # moments that agree on a landmark's place; one alone may have misread its code
@@ -63,12 +64,21 @@ class _Steps:
 
 @dataclass(eq=False)
 class Start:
-    """What is placed so far: poses of moments (None: not yet), and landmarks."""
+    """What is placed so far.
+
+    Attributes:
+        poses: of moments; None: not yet located.
+        placed: landmarks.
+        unplaced: at the end, what could not be placed.
+        carried: poses of moments that odometry alone gives.
+        seen_from: of a moment and a landmark: where the camera may be in the landmark's frame.
+    """
 
     poses: list[Pose | None]
     placed: dict[Key, MappedLandmark]
     unplaced: tuple[Key, ...] = ()
     carried: list[Carried | None] = field(default_factory=list)
+    seen_from: dict[tuple[int, Key], list[Pose]] = field(default_factory=dict)
 
 
 def find_start(
@@ -114,11 +124,14 @@ def find_start(
                 news += 1
         # What one moment alone saw is placed last, and only where nothing contradicts.
         stuck = news == 0 and least == 1
-        if stuck and (any(start.poses) or not _locate_likeliest(start, moments, rig, carried)):
+        if stuck and any(start.poses):
+            news = _locate_by_neighbours(start, carried, moments, rig)
+        elif stuck:
+            news = _locate_likeliest(start, moments, rig, carried)
+        if stuck and news == 0:
             break
         least = LEAST_VIEWS if news else 1
     start.carried = _carried(start, steps)
-    _locate_by_neighbours(start, moments, rig)
     start.unplaced = tuple(sorted(wanted - set(start.placed)))
     return start
 
@@ -153,7 +166,8 @@ def _locate_more(
         if start.poses[k] is not None:
             continue
         known = len({(o.family, o.code) for o in (*moment.left, *moment.right)} & start.placed.keys())
-        if known == 0 or tries.get(k, 0) >= known:
+        # Again only when it sees a good deal more of what is placed.
+        if known == 0 or known < RETRY * tries.get(k, 0):
             continue
         tries[k] = known
         estimate = locate_rig(moment.left, moment.right, rig, landmarks, PLACING)
@@ -167,8 +181,8 @@ def _locate_more(
 
 def _locate_likeliest(
     start: Start, moments: Sequence[StereoMoment], rig: StereoRig, carried: list[Carried | None]
-) -> bool:
-    """Where nothing is sure: the moment whose best pose is the likeliest against its others; false without one."""
+) -> int:
+    """Where nothing is sure: the moment whose best pose is the likeliest against its others; 0 without one."""
     landmarks = LandmarkMap([replace(m, covariance=None) for m in start.placed.values()])
     best: tuple[float, int, Pose] | None = None
     for k, moment in enumerate(moments):
@@ -183,20 +197,23 @@ def _locate_likeliest(
         if best is None or score > best[0]:
             best = score, k, estimate.T_map_camera
     if best is None:
-        return False
+        return 0
     start.poses[best[1]] = best[2]
-    return True
+    return 1
 
 
-def _locate_by_neighbours(start: Start, moments: Sequence[StereoMoment], rig: StereoRig) -> None:
+def _locate_by_neighbours(
+    start: Start, carried: list[Carried | None], moments: Sequence[StereoMoment], rig: StereoRig
+) -> int:
     """Moments that allow several poses, or a valley of them: the one that lies near where the rig was just before."""
     landmarks = LandmarkMap([replace(m, covariance=None) for m in start.placed.values()])
     allowed: dict[int, list[Pose]] = {}
+    news = 0
     for order in (range(1, len(moments)), range(len(moments) - 2, -1, -1)):
         for k in order:
             before = start.poses[k - order.step]
             seconds = abs(moments[k].time_s - moments[k - order.step].time_s)
-            if start.poses[k] is not None or start.carried[k] is not None or before is None or seconds > NEIGHBOUR_S:
+            if start.poses[k] is not None or carried[k] is not None or before is None or seconds > NEIGHBOUR_S:
                 continue
             if k not in allowed:
                 estimate = locate_rig(moments[k].left, moments[k].right, rig, landmarks)
@@ -210,6 +227,8 @@ def _locate_by_neighbours(start: Start, moments: Sequence[StereoMoment], rig: St
             ]
             if near:
                 start.poses[k] = near[0]
+                news += 1
+    return news
 
 
 def _steps(moments: Sequence[StereoMoment], rig: StereoRig, motion: MotionModel | None) -> _Steps | None:
@@ -290,10 +309,11 @@ def _placed(
     candidates: list[Pose] = []
     for k, camera, _ in at:
         left, right = _only(moments[k], key)
-        estimate = locate_rig(left, right, rig, alone)
-        if estimate.T_map_camera is None:
-            continue
-        for T in (estimate.T_map_camera, *(pose for pose, _ in estimate.alternatives)):
+        if (k, key) not in start.seen_from:
+            estimate = locate_rig(left, right, rig, alone)
+            likeliest = [] if estimate.T_map_camera is None else [estimate.T_map_camera]
+            start.seen_from[k, key] = [*likeliest, *(pose for pose, _ in estimate.alternatives)]
+        for T in start.seen_from[k, key]:
             candidates.append(Pose("map", "landmark", camera.R @ T.R.T, camera.t - camera.R @ T.R.T @ T.t))
     if not candidates:
         return None
