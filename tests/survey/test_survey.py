@@ -74,6 +74,31 @@ def test_a_landmark_that_hangs_elsewhere_in_half_of_the_drive_is_named():
     assert max(error for code, error in errors.items() if code not in named) < 0.15
 
 
+def test_a_code_that_hangs_twice_is_named_and_does_not_bend_the_map():
+    drive = make_drive(2, seconds=60)
+    first = drive.moments[: len(drive.moments) // 2]
+    early = {o.code for moment in first for o in moment.left}
+    anchor = next(o.code for moment in drive.moments for o in moment.left)
+    count = {code: sum(o.code == code for m in first for o in m.left) for code in early - {anchor}}
+    a = max(count, key=lambda code: count[code])
+    true = drive.landmarks.find(a).T_map_landmark
+    # The landmark farthest from it bears its code, too.
+    b = max(
+        (m for m in drive.landmarks if m.code != anchor),
+        key=lambda m: np.linalg.norm(m.T_map_landmark.t - true.t),
+    ).code
+    moments = [relabel(moment, b, a) for moment in drive.moments]
+    result = survey(drive, moments=moments)
+    assert a in {odd.code for odd in result.odd} | set(result.unplaced)
+    errors = dict(zip([m.code for m in result.bundle.landmarks], map_errors(drive, result)[:, 0], strict=True))
+    assert max(error for code, error in errors.items() if code != a) < 0.15
+
+
+def relabel(moment, old, new):
+    eyes = [tuple(replace(o, code=new) if o.code == old else o for o in seen) for seen in (moment.left, moment.right)]
+    return StereoMoment(moment.time_s, *eyes, moment.name)
+
+
 def test_an_anchor_that_was_moved_shows_as_a_jump_of_the_robot():
     drive = make_drive(2, seconds=60)
     anchor = next(o.code for moment in drive.moments for o in moment.left)
