@@ -23,7 +23,7 @@ from lmkit.formats.drive_tables import read_detections
 from lmkit.formats.trajectory import read_trajectory
 from lmkit.model.camera import CameraModel
 from lmkit.model.landmark_map import MappedLandmark
-from lmkit.model.pose import Pose, orthonormal
+from lmkit.model.pose import Pose
 from lmkit.model.stereo_rig import StereoRig
 from lmkit.model.trajectory import Trajectory
 from lmkit.survey.bundle import Anchor
@@ -83,7 +83,7 @@ def main() -> None:
     rig, hand = load_rig(folder), load_hand_measured(folder)
     covariance = np.diag([metres**2] * 3 + [np.deg2rad(degrees) ** 2] * 3)
     seen = {(o.family, o.code) for m in moments for o in (*m.left, *m.right)}
-    anchors = {code: Anchor(m, covariance) for code, m in hand.items()}
+    anchors = {("tag36h11", code): Anchor(m, covariance) for code, m in hand.items()}
     sizes = {key: hand[key[1]].size_m if key[1] in hand else 0.15 for key in seen}
     start = time.perf_counter()
     result = survey_drive(moments, rig, sizes, anchors)
@@ -99,10 +99,7 @@ def main() -> None:
             f"tags, {name}: {100 * np.median(values):.1f} cm median, {100 * np.percentile(values, 90):.1f} cm at 90 %"
         )
     unpacked.with_suffix(".tum").write_bytes(gzip.decompress((folder / "tagslam_reference.tum.gz").read_bytes()))
-    poses = [
-        Pose("map", "left", orthonormal(R), p)
-        for R, p in zip(result.bundle.poses.R, result.bundle.poses.p, strict=True)
-    ]
+    poses = result.bundle.left_poses()
     mine = Trajectory(
         result.bundle.times_s, np.array([T.t for T in poses]), np.array([T.quaternion_xyzw for T in poses])
     )

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
+from lmkit.errors import InputError
 from lmkit.formats.drive_tables import detections_to_csv
 from lmkit.formats.files import write_file
 from lmkit.formats.landmark_map import map_to_yaml
@@ -14,9 +15,9 @@ from lmkit.formats.rig import rig_to_yaml
 from lmkit.formats.trajectory import poses_to_tum
 from lmkit.model.drive import StereoMoment
 from lmkit.model.landmark_map import LandmarkMap
-from lmkit.model.pose import Pose, rotation_angle
-from lmkit.motion import MotionModel
-from lmkit.room_plan import Found, draw_plan
+from lmkit.model.pose import rotation_angle
+from lmkit.motion import MotionModel, follow
+from lmkit.room_plan import Found, ahead_of, draw_plan
 from lmkit.simulate.drive import Drive, WheelErrors, make_drive
 from lmkit.survey.bundle import Anchor
 from lmkit.survey.survey import Survey, survey_drive
@@ -34,7 +35,7 @@ class DriveErrors:
         landmarks, odd: surveyed, and named as contradictory.
         map_mm, map_deg: of the surveyed landmarks.
         smooth_mm, smooth_deg: of the robot, followed by pictures after the drive.
-        live_mm, live_deg: by ranges and bearings while driving, in the plane.
+        live_mm, live_deg: by ranges and bearings while driving, in the plane; None: never sure where.
         wheels_mm: where the wheels alone end.
     """
 
@@ -44,8 +45,8 @@ class DriveErrors:
     map_deg: float
     smooth_mm: float
     smooth_deg: float
-    live_mm: float
-    live_deg: float
+    live_mm: float | None
+    live_deg: float | None
     wheels_mm: float
 
 
@@ -68,10 +69,7 @@ def run_drive_demo(folder: Path, seed: int, count: int) -> DriveErrors:
     ]
     motion = MotionModel(drive.odometry, drive.gyro)
     turned = motion.increments(drive.times_s[half:], np.array([1.0, 1.0, 0.0, 0.0, 0.0, 0.0])).motions
-    state = drive.truth[half].copy()
-    for forward, left, turn in turned:
-        c, s = np.cos(state[2]), np.sin(state[2])
-        state += [c * forward - s * left, s * forward + c * left, turn]
+    end = follow(drive.truth[half], turned)[-1]
     smooth_off, live_off = _off(drive, smooth), _off(drive, live)
     return DriveErrors(
         len(survey.landmarks),
@@ -80,20 +78,24 @@ def run_drive_demo(folder: Path, seed: int, count: int) -> DriveErrors:
         float(np.rad2deg(_rms([turn for _, turn in off]))),
         1000 * _rms([place for place, _ in smooth_off]),
         float(np.rad2deg(_rms([turn for _, turn in smooth_off]))),
-        1000 * _rms([place for place, _ in live_off]),
-        float(np.rad2deg(_rms([turn for _, turn in live_off]))),
-        1000 * float(np.linalg.norm(state[:2] - drive.truth[-1, :2])),
+        1000 * _rms([place for place, _ in live_off]) if live_off else None,
+        float(np.rad2deg(_rms([turn for _, turn in live_off]))) if live_off else None,
+        1000 * float(np.linalg.norm(end[:2] - drive.truth[-1, :2])),
     )
 
 
 def _survey(drive: Drive, moments: tuple[StereoMoment, ...]) -> Survey:
     """The first landmark seen is the one whose place is known."""
     sizes = {(m.family, m.code): m.size_m for m in drive.landmarks}
-    first = next(o for moment in moments for o in moment.left)
+    first = next((o for moment in moments for o in moment.left), None)
+    if first is None:
+        raise InputError(
+            "nothing_seen", "the drive passes no landmark", "hang more: --landmarks 14, or take another --seed"
+        )
     anchor = drive.landmarks.find(first.code)
     assert anchor is not None
     motion = MotionModel(drive.odometry, drive.gyro)
-    return survey_drive(moments, drive.rig, sizes, {first.code: Anchor(anchor, None)}, motion)
+    return survey_drive(moments, drive.rig, sizes, {(first.family, first.code): Anchor(anchor, None)}, motion)
 
 
 def _off(drive: Drive, tracked: TrackedDrive) -> list[tuple[float, float]]:
@@ -117,7 +119,7 @@ def _write(folder: Path, drive: Drive, survey: Survey, smooth: TrackedDrive) -> 
         Found(f"{smooth.times_s[k]:.0f} s", smooth.looking(k), smooth.covariances[k][:2, :2])
         for k in range(0, len(smooth.poses), step)
     ]
-    true = [_looking(drive.pose(len(drive.moments) // 2 + k)) for k in range(0, len(smooth.poses), step)]
+    true = [ahead_of(drive.pose(len(drive.moments) // 2 + k)) for k in range(0, len(smooth.poses), step)]
     for name, data in (
         ("rig.yaml", rig_to_yaml(drive.rig).encode()),
         ("true_map.yaml", map_to_yaml(drive.landmarks).encode()),
@@ -133,11 +135,6 @@ def _write(folder: Path, drive: Drive, survey: Survey, smooth: TrackedDrive) -> 
         ),
     ):
         write_file(folder / name, data, True)
-
-
-def _looking(base: Pose) -> Pose:
-    ahead = np.array([[0.0, 0.0, 1.0], [-1.0, 0.0, 0.0], [0.0, -1.0, 0.0]])
-    return Pose("map", "camera", base.R @ ahead, base.t)
 
 
 def _odometry(drive: Drive) -> str:

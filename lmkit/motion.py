@@ -13,6 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from lmkit.arrays import FloatArray
+from lmkit.errors import InputError
 from lmkit.model.drive import Gyro, Odometry
 
 PARAMETERS = ("forward_scale", "turn_scale", "turn_per_s", "turn_per_m", "slowing_s", "delay_s")
@@ -20,6 +21,7 @@ NOMINAL = np.array([1.0, 1.0, 0.0, 0.0, 0.0, 0.1])
 # What they may be before anything is seen, as standard deviations.
 PRIOR_SIGMA = np.array([0.1, 0.1, 0.02, 0.1, 0.3, 0.15])
 STEPS = np.array([1e-4, 1e-4, 1e-5, 1e-5, 1e-4, 1e-3])
+UNLIKELY_SIGMA = 3.5  # of a parameter against its prior
 LONGEST_STEP_S = 0.5  # of time between rows: more is a gap, in which nothing is known
 
 
@@ -67,7 +69,6 @@ class MotionModel:
 
     def __init__(self, odometry: Odometry, gyro: Gyro | None = None, noise: MotionNoise | None = None) -> None:
         self.noise = noise or MotionNoise()
-        self.has_gyro = gyro is not None
         self._times = odometry.times_s
         turn = odometry.turn_rad
         if gyro is not None:
@@ -83,6 +84,20 @@ class MotionModel:
         self._gap = np.cumsum(np.where(gap, seconds, 0.0))
         self._way = np.cumsum(np.abs(odometry.forward_m))
         self._turned = np.cumsum(np.abs(turn))
+
+    def require_overlap(self, times_s: FloatArray) -> None:
+        """Refuse odometry of another time.
+
+        Raises:
+            InputError: it shares no time with the moments.
+        """
+        if self._times[-1] < times_s[0] or self._times[0] > times_s[-1]:
+            raise InputError(
+                "no_common_times",
+                f"odometry runs from {self._times[0]:.3f} to {self._times[-1]:.3f} s, landmarks were seen from "
+                f"{times_s[0]:.3f} to {times_s[-1]:.3f} s",
+                "give both in seconds of one clock",
+            )
 
     def increments(self, times_s: FloatArray, parameters: FloatArray) -> Increments:
         """Motions between consecutive times (K,), seconds of the landmarks' clock."""
@@ -133,16 +148,27 @@ class MotionModel:
         return np.stack([c * dx + s * dy, -s * dx + c * dy, np.diff(at, axis=1)], axis=2)
 
 
-def compose(states: FloatArray, motions: FloatArray) -> FloatArray:
-    """(N,3) x y heading after (N,3) forward, left, turn."""
-    c, s = np.cos(states[:, 2]), np.sin(states[:, 2])
-    return np.column_stack(
-        [
-            states[:, 0] + c * motions[:, 0] - s * motions[:, 1],
-            states[:, 1] + s * motions[:, 0] + c * motions[:, 1],
-            states[:, 2] + motions[:, 2],
-        ]
+def describe_odometry(parameters: FloatArray) -> str | None:
+    """A sentence where odometry is not to be believed: wrong units, another clock, another robot; else None."""
+    far = np.abs(parameters - NOMINAL) / PRIOR_SIGMA
+    worst = int(np.argmax(far))
+    if far[worst] < UNLIKELY_SIGMA:
+        return None
+    return (
+        f"odometry does not agree with what was seen: {PARAMETERS[worst]} comes out as {parameters[worst]:.3g}; "
+        "check its units, its clock and where the sensor sits on the robot"
     )
+
+
+def follow(state: FloatArray, motions: FloatArray) -> FloatArray:
+    """(K+1,3) x, y, heading: the state, and where each of (K,3) motions leads."""
+    path = np.zeros((1 + len(motions), 3))
+    path[0] = state
+    path[1:, 2] = state[2] + np.cumsum(motions[:, 2])
+    c, s = np.cos(path[:-1, 2]), np.sin(path[:-1, 2])
+    path[1:, 0] = state[0] + np.cumsum(c * motions[:, 0] - s * motions[:, 1])
+    path[1:, 1] = state[1] + np.cumsum(s * motions[:, 0] + c * motions[:, 1])
+    return path
 
 
 def between(states: FloatArray) -> FloatArray:

@@ -50,6 +50,12 @@ class Found:
     sure: bool = True
 
 
+def ahead_of(T_map_base: Pose) -> Pose:
+    """The pose of a camera that looks where a robot's base does: along its x axis."""
+    axes = np.array([[0.0, 0.0, 1.0], [-1.0, 0.0, 0.0], [0.0, -1.0, 0.0]])
+    return Pose("map", "camera", T_map_base.R @ axes, T_map_base.t)
+
+
 def draw_plan(
     landmarks: LandmarkMap,
     found: Sequence[Found],

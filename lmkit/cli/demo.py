@@ -53,7 +53,10 @@ def _drive(folder: Path, seed: int, landmarks: int) -> None:
     print_line("simulated corners, wheels and gyro; root mean square errors:")
     print_line(f"survey   {e.landmarks} landmarks{'':17s}{e.map_mm:8.1f} mm  {e.map_deg:5.2f} deg")
     print_line(f"track    both eyes, after the drive  {e.smooth_mm:8.1f} mm  {e.smooth_deg:5.2f} deg")
-    print_line(f"track    ranges and bearings, live   {e.live_mm:8.1f} mm  {e.live_deg:5.2f} deg")
+    if e.live_mm is None:
+        print_line("track    ranges and bearings, live: never sure where, too few landmarks at once")
+    else:
+        print_line(f"track    ranges and bearings, live   {e.live_mm:8.1f} mm  {e.live_deg:5.2f} deg")
     print_line(f"wheels and gyro alone end {e.wheels_mm:.0f} mm off")
     print_line(f"see {folder / 'plan.png'}, {folder / 'map.yaml'}, {folder / 'trajectory.tum'}")
 

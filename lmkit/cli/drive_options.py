@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from lmkit.cli.common import progress
+from lmkit.cli.common import progress, require_no
 from lmkit.errors import InputError
 
 if TYPE_CHECKING:
@@ -46,8 +46,7 @@ def read_moments(
     from lmkit.model.landmark import families_named
 
     if detections is not None:
-        if left is not None:
-            raise InputError("not_together", "pictures and --detections do not go together", "leave one of them out")
+        require_no("--detections", {"LEFT": left, "--hz": hz})
         return read_detections(detections)
     if left is None or right is None:
         raise InputError("no_pictures", "LEFT and RIGHT, or --detections, are needed", "give two folders of pictures")

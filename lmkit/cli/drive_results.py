@@ -1,43 +1,59 @@
-"""What `lmkit survey` and `lmkit track` write alike: trajectories and plans."""
+"""What `lmkit survey` and `lmkit track` write alike: plans of a drive."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from pathlib import Path
 from typing import TYPE_CHECKING
 
+from lmkit.errors import InputError
+
 if TYPE_CHECKING:
-    from lmkit.model.stereo_rig import StereoRig
-    from lmkit.survey.bundle import Bundle
+    from lmkit.arrays import FloatArray
+    from lmkit.model.landmark_map import LandmarkMap
+    from lmkit.model.pose import Pose
 
 MOST_DRAWN = 60  # poses of a plan
+PLAN_KINDS = ("png", "svg")
 
 
-def trajectory_text(bundle: Bundle, rig: StereoRig) -> str:
-    """TUM lines of the robot's base where the rig names one, else of the left camera."""
-    from lmkit.formats.trajectory import poses_to_tum
-    from lmkit.model.pose import Pose, orthonormal
+def check_outputs(paths: Sequence[Path | None], plan: Path | None, force: bool) -> None:
+    """Refuse what cannot be written before the work begins.
 
-    poses = []
-    for time_s, R, p in zip(bundle.times_s, bundle.poses.R, bundle.poses.p, strict=True):
-        pose = Pose("map", "left", orthonormal(R), p)
-        poses.append((float(time_s), pose if rig.T_base_left is None else pose @ rig.T_base_left.inverse()))
-    return poses_to_tum(poses)
+    Raises:
+        InputError: a file exists, its folder cannot be written to, or the plan is of an unknown kind.
+    """
+    from lmkit.formats.files import check_writable
+
+    for path in (*paths, plan):
+        if path is not None:
+            check_writable(path, force)
+    if plan is not None and _kind(plan) not in PLAN_KINDS:
+        raise InputError("bad_suffix", f"cannot write {plan}: unknown kind", "name it .png or .svg")
 
 
-def draw_drive(bundle: Bundle, kind: str) -> bytes:
-    """Map and poses from above."""
-    from lmkit.errors import InputError
-    from lmkit.model.pose import Pose, orthonormal
+def draw_drive(
+    path: Path,
+    landmarks: LandmarkMap,
+    times_s: FloatArray,
+    looking: Sequence[Pose],
+    covariances: FloatArray,
+    sure: Sequence[bool],
+) -> bytes:
+    """The map and some of the poses from above, for a file of that name.
+
+    Args:
+        looking: (N) poses of a camera that looks where the robot does.
+        covariances: (N,6,6) of them.
+    """
     from lmkit.room_plan import Found, draw_plan
 
-    if kind not in ("png", "svg"):
-        raise InputError("bad_suffix", f"cannot write a plan of kind {kind!r}", "name it .png or .svg")
-    step = 1 + len(bundle.times_s) // MOST_DRAWN
     found = [
-        Found(
-            f"{bundle.times_s[k]:.1f} s",
-            Pose("map", "camera", orthonormal(bundle.poses.R[k]), bundle.poses.p[k]),
-            bundle.covariances[k][:2, :2],
-        )
-        for k in range(0, len(bundle.times_s), step)
+        Found(f"{times_s[k]:.1f} s", looking[k], covariances[k][:2, :2], sure[k])
+        for k in range(0, len(times_s), 1 + len(times_s) // MOST_DRAWN)
     ]
-    return draw_plan(bundle.landmarks, found, kind=kind)
+    return draw_plan(landmarks, found, kind=_kind(path))
+
+
+def _kind(path: Path) -> str:
+    return path.suffix.lower().lstrip(".")

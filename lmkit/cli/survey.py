@@ -12,11 +12,14 @@ from lmkit.cli.common import print_json, print_line, require_no, warn
 from lmkit.errors import InputError
 
 if TYPE_CHECKING:
+    from collections.abc import Iterator
+
     from lmkit.arrays import FloatArray
     from lmkit.model.drive import Gyro, Odometry, StereoMoment
     from lmkit.model.landmark_map import LandmarkMap
+    from lmkit.model.pose import Pose
     from lmkit.model.stereo_rig import StereoRig
-    from lmkit.survey.bundle import Anchor
+    from lmkit.survey.bundle import Anchor, Bundle
     from lmkit.survey.survey import Survey
 
 _KNOWN_HINT = "give a length and an angle, such as 50mm,3deg"
@@ -56,12 +59,13 @@ def run(
 ) -> None:
     """Build the landmark map from a drive."""
     from lmkit.cli.drive_options import read_moments, read_wheels
-    from lmkit.cli.drive_results import draw_drive, trajectory_text
+    from lmkit.cli.drive_results import check_outputs, draw_drive
     from lmkit.formats.any_rig import read_any_rig
     from lmkit.formats.drive_tables import detections_to_csv
-    from lmkit.formats.files import check_writable, write_file
+    from lmkit.formats.files import write_file
     from lmkit.formats.foreign_maps import read_any_map
     from lmkit.formats.landmark_map import map_to_yaml
+    from lmkit.formats.trajectory import poses_to_tum
     from lmkit.motion import MotionModel
     from lmkit.survey.survey import survey_drive
     from lmkit.units import parse_length_mm
@@ -76,28 +80,31 @@ def run(
         return
     if rig is None:
         raise InputError("no_rig", "survey needs a rig", "give --rig rig.yaml")
-    for path in (output, tum, plan, save_detections):
-        if path is not None:
-            check_writable(path, force)
+    check_outputs((output, tum, save_detections), plan, force)
+    if known is None and known_sigma is not None:
+        raise InputError("no_known", "--known-sigma needs --known beside it", "give --known MAP")
+    size_m = parse_length_mm(size, "--size") / 1000
     cameras = read_any_rig(rig)
     anchors = {} if known is None else _anchors(read_any_map(known), known_sigma)
     wheels = read_wheels(odometry, gyro, wheel_track)
     moments = read_moments(left, right, detections, cameras, family, hz)
     if save_detections is not None:
-        write_file(save_detections, detections_to_csv(moments).encode(), force)
+        write_file(save_detections, detections_to_csv(moments), force)
     motion = None if wheels is None else MotionModel(*wheels)
-    sizes = _sizes(moments, parse_length_mm(size, "--size") / 1000, anchors)
+    sizes = _sizes(moments, size_m, anchors)
     result = survey_drive(moments, cameras, sizes, anchors, motion)
     _complain(result)
-    write_file(output, map_to_yaml(result.landmarks).encode(), force)
+    write_file(output, map_to_yaml(result.landmarks), force)
     if tum is not None:
-        write_file(tum, trajectory_text(result.bundle, cameras).encode(), force)
+        write_file(tum, poses_to_tum(_base_poses(result.bundle, cameras)), force)
     if plan is not None:
-        write_file(plan, draw_drive(result.bundle, plan.suffix.lower().lstrip(".")), force)
+        bundle = result.bundle
+        looking, sure = bundle.left_poses(), [True] * len(bundle.times_s)
+        write_file(plan, draw_drive(plan, bundle.landmarks, bundle.times_s, looking, bundle.covariances, sure), force)
     if as_json:
         print_json(_summary(result, moments, output))
     else:
-        _tell(result, moments, output, cameras)
+        _tell(result, moments, output)
 
 
 def _survey_readings(
@@ -109,7 +116,8 @@ def _survey_readings(
     force: bool,
     as_json: bool,
 ) -> None:
-    from lmkit.formats.files import check_writable, write_file
+    from lmkit.cli.drive_results import check_outputs
+    from lmkit.formats.files import write_file
     from lmkit.formats.landmark_map import map_to_yaml
     from lmkit.formats.readings import read_readings
     from lmkit.formats.trajectory import poses_to_tum
@@ -118,31 +126,40 @@ def _survey_readings(
 
     if wheels is None:
         raise InputError("no_odometry", "readings are joined by odometry", "give --odometry FILE.csv")
-    for path in (output, tum):
-        if path is not None:
-            check_writable(path, force)
+    check_outputs((output, tum), None, force)
     moments = sorted(read_readings(readings).items())
     landmarks, drive = survey_readings(moments, *wheels, parse_length_mm(size, "--size") / 1000)
     write_file(output, map_to_yaml(landmarks), force)
     if tum is not None:
         write_file(tum, poses_to_tum(zip(drive.times_s.tolist(), drive.poses, strict=True)), force)
+    entries = []
     for m in landmarks:
         assert m.covariance is not None
-        (x, y, _), sigma = m.T_map_landmark.t, math.sqrt(m.covariance[0, 0] + m.covariance[1, 1])
-        if as_json:
-            print_json({"code": m.code, "position": m.T_map_landmark.t.tolist(), "sigma_m": sigma})
-        else:
-            print_line(f"{m.code:4d} {x:8.3f} {y:8.3f}   +- {1000 * sigma:.0f} mm")
+        sigma_m = math.sqrt(m.covariance[0, 0] + m.covariance[1, 1])
+        entries.append({"code": m.code, "position": m.T_map_landmark.t.tolist(), "sigma_m": sigma_m})
+    if as_json:
+        print_json({"map": str(output), "landmarks": entries, "moments": len(moments)})
+        return
+    for entry in entries:
+        x, y, _ = entry["position"]
+        print_line(f"{entry['code']:4d} {x:8.3f} {y:8.3f}   +- {1000 * entry['sigma_m']:.0f} mm")
+    print_line(f"{len(entries)} landmarks in the plane, {len(moments)} moments -> {output}")
 
 
-def _anchors(landmarks: LandmarkMap, sigma: str | None) -> dict[int, Anchor]:
+def _base_poses(bundle: Bundle, rig: StereoRig) -> Iterator[tuple[float, Pose]]:
+    """Of the robot's base where the rig names one, else of the left camera."""
+    for time_s, pose in zip(bundle.times_s.tolist(), bundle.left_poses(), strict=True):
+        yield time_s, pose if rig.T_base_left is None else pose @ rig.T_base_left.inverse()
+
+
+def _anchors(landmarks: LandmarkMap, sigma: str | None) -> dict[tuple[str, int], Anchor]:
     from dataclasses import replace
 
     from lmkit.survey.bundle import Anchor
 
     covariance = None if sigma is None else _covariance(sigma)
     return {
-        m.code: Anchor(replace(m, covariance=None), m.covariance if covariance is None else covariance)
+        (m.family, m.code): Anchor(replace(m, covariance=None), m.covariance if covariance is None else covariance)
         for m in landmarks
     }
 
@@ -163,22 +180,26 @@ def _covariance(text: str) -> FloatArray:
     return np.diag([metres**2] * 3 + [math.radians(degrees) ** 2] * 3)
 
 
-def _sizes(moments: list[StereoMoment], size_m: float, anchors: dict[int, Anchor]) -> dict[tuple[str, int], float]:
+def _sizes(
+    moments: list[StereoMoment], size_m: float, anchors: dict[tuple[str, int], Anchor]
+) -> dict[tuple[str, int], float]:
     sizes = {(o.family, o.code): size_m for moment in moments for o in (*moment.left, *moment.right)}
-    sizes.update({(a.landmark.family, code): a.landmark.size_m for code, a in anchors.items()})
+    sizes.update({key: anchor.landmark.size_m for key, anchor in anchors.items()})
     return sizes
 
 
 def _complain(result: Survey) -> None:
+    from lmkit.motion import describe_odometry
+
     for odd in result.odd:
-        warn(
-            f"{odd.off} of {odd.sightings} sightings of {odd.code}, from {odd.from_s:g} to {odd.to_s:g} s, do not "
-            "fit where it hangs: it was moved, its code hangs twice, or it is misread; check it in the room"
-        )
+        warn(str(odd))
+    doubt = describe_odometry(result.bundle.parameters)
+    if doubt is not None:
+        warn(doubt)
     for from_s, to_s, metres in result.bundle.jumps:
         warn(
-            f"between {from_s:g} and {to_s:g} s the robot moved {metres:.2f} m otherwise than its wheels say: "
-            "it slid or was carried, or a landmark seen there was moved"
+            f"between {from_s:g} and {to_s:g} s the rig leaps by {metres:.2f} m: it slid or was carried, or a "
+            "landmark seen there was moved, or is placed by the wrong one of its two poses; look from another side"
         )
     for code in result.unplaced:
         warn(f"{code} is not placed: its sightings are too few, or do not agree; drive past it again, and nearer")
@@ -189,7 +210,7 @@ def _complain(result: Survey) -> None:
         )
 
 
-def _tell(result: Survey, moments: list[StereoMoment], output: Path, rig: StereoRig) -> None:
+def _tell(result: Survey, moments: list[StereoMoment], output: Path) -> None:
     from lmkit.survey.survey import deviations
 
     bundle = result.bundle

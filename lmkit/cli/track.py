@@ -40,8 +40,9 @@ def run(
 ) -> None:
     """Follow the robot through the map, by landmarks, wheels and gyro."""
     from lmkit.cli.drive_options import read_moments, read_wheels
+    from lmkit.cli.drive_results import check_outputs, draw_drive
     from lmkit.formats.any_rig import read_any_rig
-    from lmkit.formats.files import check_writable, write_file
+    from lmkit.formats.files import write_file
     from lmkit.formats.foreign_maps import read_any_map
     from lmkit.formats.readings import read_readings
     from lmkit.formats.trajectory import poses_to_tum
@@ -49,9 +50,7 @@ def run(
 
     if landmark_map is None:
         raise InputError("no_map", "track needs a map", "give --map map.yaml")
-    for path in (tum, csv, plan):
-        if path is not None:
-            check_writable(path, force)
+    check_outputs((tum, csv), plan, force)
     landmarks, wheels = read_any_map(landmark_map), read_wheels(odometry, gyro, wheel_track)
     if readings is not None:
         require_no("--readings", {"LEFT": left, "--rig": rig, "--detections": detections, "--hz": hz})
@@ -79,11 +78,13 @@ def run(
     for text in drive.remarks:
         warn(text)
     if tum is not None:
-        write_file(tum, poses_to_tum(sure).encode(), force)
+        write_file(tum, poses_to_tum(sure), force)
     if csv is not None:
-        write_file(csv, _table(drive).encode(), force)
+        write_file(csv, _table(drive), force)
     if plan is not None:
-        write_file(plan, _plan(drive, landmarks, plan), force)
+        looking = [drive.looking(k) for k in range(len(drive.poses))]
+        known = [status == "ok" for status in drive.statuses]
+        write_file(plan, draw_drive(plan, landmarks, drive.times_s, looking, drive.covariances, known), force)
     if as_json:
         for k in range(len(drive.times_s)):
             print_json(_entry(drive, k))
@@ -113,17 +114,3 @@ def _table(drive: TrackedDrive) -> str:
         numbers = [*pose.t, *pose.quaternion_xyzw, *(math.sqrt(max(C[j, j], 0.0)) for j in (0, 1, 5))]
         lines.append(f"{drive.times_s[k]:.6f},{drive.statuses[k]}," + ",".join(f"{v:.6f}" for v in numbers))
     return "\n".join(lines) + "\n"
-
-
-def _plan(drive: TrackedDrive, landmarks: Any, path: Path) -> bytes:
-    from lmkit.cli.drive_results import MOST_DRAWN
-    from lmkit.room_plan import Found, draw_plan
-
-    kind = path.suffix.lower().lstrip(".")
-    if kind not in ("png", "svg"):
-        raise InputError("bad_suffix", f"cannot write {path}: unknown kind", "name it .png or .svg")
-    found = []
-    for k in range(0, len(drive.times_s), 1 + len(drive.times_s) // MOST_DRAWN):
-        sure = drive.statuses[k] == "ok"
-        found.append(Found(f"{drive.times_s[k]:.1f} s", drive.looking(k), drive.covariances[k][:2, :2], sure))
-    return draw_plan(landmarks, found, kind=kind)

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
@@ -21,6 +22,7 @@ from lmkit.formats.ros_camera_info import FILES
 from lmkit.model.trajectory import Trajectory
 
 APART_S = 0.01  # pictures of one moment
+MOST_WAITING = 100
 IMAGES = ("sensor_msgs/msg/Image", "sensor_msgs/msg/CompressedImage")
 INFO, ODOMETRY, IMU = "sensor_msgs/msg/CameraInfo", "nav_msgs/msg/Odometry", "sensor_msgs/msg/Imu"
 _TO_BGR = {
@@ -65,14 +67,18 @@ def unpack_bag(bag: Path, wanted: dict[str, str | None]) -> Iterator[Unpacked]:
     Raises:
         InputError: rosbags is not installed, the bag cannot be read, or it holds no stereo pictures.
     """
-    reader_type, stores = _rosbags()
+    _require_rosbags()
+    from rosbags.highlevel import AnyReader, AnyReaderError
+    from rosbags.rosbag1 import ReaderError as Ros1Error
+    from rosbags.rosbag2 import ReaderError as Ros2Error
+    from rosbags.serde import SerdeError
+    from rosbags.typesys import Stores, TypesysError, get_typestore
+
     try:
-        with reader_type([bag], default_typestore=stores) as reader:
+        with AnyReader([bag], default_typestore=get_typestore(Stores.ROS2_HUMBLE)) as reader:
             topics = find_topics({c.topic: c.msgtype for c in reader.connections}, wanted, bag)
             yield from _unpack(reader, topics)
-    except InputError:
-        raise
-    except Exception as error:
+    except (AnyReaderError, Ros1Error, Ros2Error, SerdeError, TypesysError, OSError) as error:
         raise InputError("bad_bag", f"{bag}: cannot be read ({error})", "give a ROS 1 or ROS 2 bag or MCAP") from None
 
 
@@ -119,7 +125,7 @@ def poses_to_bag(folder: Path, trajectory: Trajectory, topic: str = "/lmkit/pose
     Raises:
         InputError: rosbags is not installed, or the folder exists.
     """
-    _rosbags()
+    _require_rosbags()
     from rosbags.rosbag2 import Writer
     from rosbags.typesys import Stores, get_typestore
 
@@ -142,15 +148,9 @@ def poses_to_bag(folder: Path, trajectory: Trajectory, topic: str = "/lmkit/pose
             writer.write(connection, nanoseconds, store.serialize_cdr(message, "geometry_msgs/msg/PoseStamped"))
 
 
-def _rosbags() -> tuple[Any, Any]:
-    try:
-        from rosbags.highlevel import AnyReader
-        from rosbags.typesys import Stores, get_typestore
-    except ImportError:
-        raise InputError(
-            "no_rosbags", "reading bags needs the package rosbags", "install lmkit with its extra: lmkit[bags]"
-        ) from None
-    return AnyReader, get_typestore(Stores.ROS2_HUMBLE)
+def _require_rosbags() -> None:
+    if find_spec("rosbags") is None:
+        raise InputError("no_rosbags", "bags need the package rosbags", "install lmkit with its extra: lmkit[bags]")
 
 
 def _unpack(reader: Any, topics: Topics) -> Iterator[Unpacked]:
@@ -166,9 +166,10 @@ def _unpack(reader: Any, topics: Topics) -> Iterator[Unpacked]:
         time_s = message.header.stamp.sec + message.header.stamp.nanosec * 1e-9
         if role in ("left", "right"):
             waiting[role].append((time_s, *_picture(message, connection.msgtype, connection.topic)))
+            # An eye that sees alone for so long has lost its partner.
+            del waiting[role][:-MOST_WAITING]
             for pair in _pairs(waiting):
-                for eye, (at, content, suffix) in pair.items():
-                    del at
+                for eye, (_, content, suffix) in pair.items():
                     yield Unpacked(f"{eye}/{number:06d}_{pair['left'][0]:.6f}{suffix}", content)
                 number += 1
         elif role in ("left_info", "right_info"):

@@ -104,22 +104,19 @@ class Sightings:
         for observations, camera, R, t in eyes:
             seen = Counter((o.family, o.code) for o in observations)
             start = len(self.landmarks)
-            looked = through_lens(observations, camera, corner_floor_px)
-            reached = set(looked.kept)
-            kept = []
-            for k, o in enumerate(observations):
+            listed: list[tuple[LandmarkObservation, MappedLandmark]] = []
+            for o in observations:
                 landmark = landmarks.find(o.code, o.family)
-                if landmark is None or k not in reached:
-                    continue
-                if seen[o.family, o.code] > 1:
+                if landmark is not None and seen[o.family, o.code] > 1:
                     self.twice.add(o.code)
-                    continue
-                self.landmarks.append(landmark)
-                self.observations.append(o)
-                kept.append(k)
-            rows = [looked.kept.index(k) for k in kept]
-            turned, moved = np.repeat(R[None], len(kept), axis=0), np.tile(t, (len(kept), 1))
-            parts.append((looked.rays[rows], looked.by_ray[rows], looked.whitener[rows], turned, moved))
+                elif landmark is not None:
+                    listed.append((o, landmark))
+            looked = through_lens([o for o, _ in listed], camera, corner_floor_px)
+            for k in looked.kept:
+                self.observations.append(listed[k][0])
+                self.landmarks.append(listed[k][1])
+            turned, moved = np.repeat(R[None], len(looked.kept), axis=0), np.tile(t, (len(looked.kept), 1))
+            parts.append((looked.rays, looked.by_ray, looked.whitener, turned, moved))
             self.eyes.append(Eye(camera, R, t, slice(start, len(self.landmarks))))
         if not self.landmarks:
             return

@@ -166,9 +166,8 @@ def family_named(name: str) -> LandmarkFamily:
     try:
         return FAMILIES[name]
     except KeyError:
-        raise InputError(
-            "unknown_family", f"there is no landmark family {name!r}", f"known: {', '.join(FAMILIES)}"
-        ) from None
+        hint = f"known: {', '.join(FAMILIES)}; of other markers lmkit survey and track take recorded detections"
+        raise InputError("unknown_family", f"there is no landmark family {name!r}", hint) from None
 
 
 def families_named(names: str) -> tuple[LandmarkFamily, ...]:

@@ -98,6 +98,11 @@ class Pose:
         return f"Pose(T_{self.to_frame}_{self.from_frame}, t=[{t}], q_xyzw=[{q}])"
 
 
+def planar_pose(state: FloatArray) -> Pose:
+    """T_map_base of a robot on a level floor, of its x, y (m) and heading (rad, from x towards y)."""
+    return Pose.from_rvec("map", "base", np.array([0.0, 0.0, state[2]]), np.array([state[0], state[1], 0.0]))
+
+
 def skew(v: FloatArray) -> FloatArray:
     """(3,3) matrix with ``skew(v) @ w == cross(v, w)``."""
     return np.array([[0.0, -v[2], v[1]], [v[2], 0.0, -v[0]], [-v[1], v[0], 0.0]])

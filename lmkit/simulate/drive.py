@@ -14,13 +14,14 @@ import numpy as np
 from lmkit.arrays import FloatArray
 from lmkit.model.camera import CameraModel
 from lmkit.model.drive import Gyro, Odometry, StereoMoment
-from lmkit.model.landmark_map import LandmarkMap, MappedLandmark, wall_pose
+from lmkit.model.landmark_map import LandmarkMap
 from lmkit.model.observation import LandmarkObservation, RangeBearing
-from lmkit.model.pose import Pose
+from lmkit.model.pose import Pose, planar_pose
 from lmkit.model.stereo_rig import StereoRig
-from lmkit.simulate.scene import make_rig
+from lmkit.simulate.scene import hang_landmarks, make_rig
 
 STEP_S = 0.02
+HEIGHT_M = 2.6
 MOST_TILT = 0.35  # cosine of the steepest view that is still read
 LEAST_SIDE_PX = 15.0
 # Where the left eye sits on the robot: forward, left, up, and looking ahead.
@@ -74,7 +75,7 @@ class Drive:
 
     def pose(self, k: int) -> Pose:
         """T_map_base of a moment."""
-        return base_pose(self.truth[k])
+        return planar_pose(self.truth[k])
 
     def readings(
         self, seed: int, range_share: float = 0.03, bearing_rad: float = 0.01
@@ -95,11 +96,6 @@ class Drive:
         return answers
 
 
-def base_pose(state: FloatArray) -> Pose:
-    """T_map_base of x, y (m), heading (rad)."""
-    return Pose.from_rvec("map", "base", np.array([0.0, 0.0, state[2]]), np.array([state[0], state[1], 0.0]))
-
-
 def make_drive(
     seed: int,
     seconds: float = 60.0,
@@ -111,7 +107,8 @@ def make_drive(
 ) -> Drive:
     """A drive in rounds through a room with ``count`` landmarks on its walls."""
     rng = np.random.default_rng([seed, 0])
-    landmarks = hang(rng, count, size_m)
+    codes = [int(code) for code in rng.permutation(256)[:count]]
+    landmarks = LandmarkMap(hang_landmarks(rng, codes, (*size_m, HEIGHT_M)))
     fine, truth = _round_trip(rng, seconds, size_m)
     errors = errors or WheelErrors()
     truth = _slip(rng, fine, truth, errors.slips)
@@ -126,23 +123,12 @@ def make_drive(
     return Drive(landmarks, rig, fine[rows], truth[rows], moments, odometry, gyro)
 
 
-def hang(rng: np.random.Generator, count: int, size_m: tuple[float, float]) -> LandmarkMap:
-    """Landmarks around the walls, evenly but for some chance, 0.9 to 1.6 m high."""
-    around = 2 * (size_m[0] + size_m[1])
-    hung = []
-    for k, code in enumerate(rng.permutation(256)[:count].tolist()):
-        s = (k + rng.uniform(0.2, 0.8)) * around / count
-        x, y, facing = _on_walls(s, size_m)
-        hung.append(MappedLandmark(int(code), "lm8", 0.18, wall_pose([x, y, rng.uniform(0.9, 1.6)], facing)))
-    return LandmarkMap(hung)
-
-
 def look(
     landmarks: LandmarkMap, rig: StereoRig, state: FloatArray, noise_px: float, rng: np.random.Generator
 ) -> tuple[tuple[LandmarkObservation, ...], tuple[LandmarkObservation, ...]]:
     """What both eyes see of landmarks from a planar pose: no walls between, corners off by noise."""
     assert rig.T_base_left is not None
-    T = (base_pose(state) @ rig.T_base_left).inverse()
+    T = (planar_pose(state) @ rig.T_base_left).inverse()
     left = tuple(_seen(landmarks, rig.left, T, noise_px, rng))
     T_right = Pose("right", "left", rig.T_right_left.R, rig.T_right_left.t) @ T
     return left, tuple(_seen(landmarks, rig.right, T_right, noise_px, rng))
@@ -169,18 +155,6 @@ def _seen(
         noisy = corners + rng.normal(0, noise_px, (4, 2))
         seen.append(LandmarkObservation(landmark.code, noisy, 0.99, 50.0, covariance=noise_px**2 * np.eye(8)))
     return seen
-
-
-def _on_walls(s: float, size_m: tuple[float, float]) -> tuple[float, float, float]:
-    """Point s metres around the room, and where the wall faces."""
-    sx, sy = size_m
-    if s < sx:
-        return s, 0.0, np.pi / 2
-    if s < sx + sy:
-        return sx, s - sx, np.pi
-    if s < 2 * sx + sy:
-        return 2 * sx + sy - s, sy, -np.pi / 2
-    return 0.0, 2 * (sx + sy) - s, 0.0
 
 
 def _round_trip(

@@ -94,17 +94,23 @@ def make_room(
     family = family_named("lm8")
     if codes is None:
         codes = [int(c) for c in rng.choice(family.code_count, size=count, replace=False)]
-    sx, sy, _ = size_m
-    places = _wall_places(rng, len(codes), size_m)
-    landmarks, panels = [], list(_walls(rng, size_m))
-    for code, (wall, along, height) in zip(codes, places, strict=True):
-        position, facing = _on_wall(wall, along, height, sx, sy)
+    landmarks = hang_landmarks(rng, codes, size_m)
+    panels = [*_walls(rng, size_m), *map(landmark_sheet, landmarks)]
+    return Scene(tuple(panels), LandmarkMap(landmarks), size_m)
+
+
+def hang_landmarks(
+    rng: np.random.Generator, codes: Sequence[int], size_m: tuple[float, float, float]
+) -> list[MappedLandmark]:
+    """Landmarks on the four walls of a room at eye height, spread without overlap."""
+    family = family_named("lm8")
+    hung = []
+    for code, (wall, along, height) in zip(codes, _wall_places(rng, len(codes), size_m), strict=True):
+        position, facing = _on_wall(wall, along, height, size_m[0], size_m[1])
         # Paper stands a little off its wall.
         position = [position[0] + PAPER_M * np.cos(facing), position[1] + PAPER_M * np.sin(facing), height]
-        landmark = MappedLandmark(code, family.name, family.side_mm / 1000, wall_pose(position, facing))
-        landmarks.append(landmark)
-        panels.append(landmark_sheet(landmark))
-    return Scene(tuple(panels), LandmarkMap(landmarks), size_m)
+        hung.append(MappedLandmark(code, family.name, family.side_mm / 1000, wall_pose(position, facing)))
+    return hung
 
 
 def landmark_sheet(landmark: MappedLandmark) -> Panel:

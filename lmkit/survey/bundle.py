@@ -28,8 +28,11 @@ CAUCHY_SIGMA = 2.4
 NEAREST_M = 0.02
 NOWHERE = 1e2
 CONVERGED = 1e-5
-SLIP_SIGMA = 10.0  # where the loss of motions bends
+SLIP_SIGMA, NEVER = 10.0, 1e6  # where the loss of motions bends
 LEAST_JUMP_M = 0.1
+# Without wheels: no rig leaps from one moment to the next.
+LEAST_MPS, FASTER, LONGEST_S, LEAP_SIGMA = 1.0, 4.0, 1.0, 4.0
+EXACT = 1e-12  # m^2, rad^2: what is known exactly
 LEAST_TO_WEIGH = 20  # motions
 TOLD_BELOW = 0.3  # share of a motion's variance that is left once the eyes have spoken
 OWN = len(PARAMETERS)
@@ -58,7 +61,7 @@ class Bundle:
         misfits: (S,) root mean square of each sighting's eight standardised corner coordinates.
         codes, moments: (S,) of the sightings.
         rms_px: of the corners of sightings that are believed.
-        jumps: (from_s, to_s, metres) between which the rig moved otherwise than the wheels say.
+        jumps: (from_s, to_s, metres) between which the rig moved otherwise than the wheels say, or leapt.
     """
 
     times_s: FloatArray
@@ -72,6 +75,10 @@ class Bundle:
     rms_px: float
     jumps: tuple[tuple[float, float, float], ...]
 
+    def left_poses(self) -> list[Pose]:
+        """T_map_left of every moment."""
+        return [Pose("map", "left", orthonormal(R), p) for R, p in zip(self.poses.R, self.poses.p, strict=True)]
+
 
 class BundleProblem:
     """Sightings of a drive, and the unknowns as they stand.
@@ -80,7 +87,7 @@ class BundleProblem:
         moments: in the order of time.
         start: T_map_left of every moment.
         landmarks: as they are believed to hang; sightings of others are left out.
-        anchors: by code, what is known beforehand.
+        anchors: by family and code, what is known beforehand.
         frozen: no landmark moves.
     """
 
@@ -90,12 +97,12 @@ class BundleProblem:
         rig: StereoRig,
         start: Poses,
         landmarks: LandmarkMap,
-        anchors: Mapping[int, Anchor],
+        anchors: Mapping[tuple[str, int], Anchor],
         motion: MotionModel | None = None,
         frozen: bool = False,
     ) -> None:
         self.times = np.array([moment.time_s for moment in moments])
-        self.rig, self.motion, self.frozen = rig, motion, frozen
+        self.motion, self.frozen = motion, frozen
         self.R, self.p = start.R.copy(), start.p.copy()
         self.hung = list(landmarks)
         self.anchors = dict(anchors)
@@ -127,11 +134,11 @@ class BundleProblem:
         self.used = np.ones(len(self.at), dtype=bool)
         self.parameters = np.array(NOMINAL)
         self.motion_scale = np.ones(6)
+        self.may_slip = True
         self.shared = OWN + (0 if frozen else 6 * len(self.hung))
         T = rig.T_base_left
         T_left_base = Pose.identity("left", "base") if T is None else T.inverse()
         self.base_R, self.base_t = T_left_base.R, T_left_base.t
-        self.levelled = T is not None
 
     def settle(self, steps: int) -> float:
         """Levenberg and Marquardt, weights renewed each time; the cost where it stops."""
@@ -233,13 +240,13 @@ class BundleProblem:
     def _add_anchors(self, equations: ChainEquations) -> float:
         cost = 0.0
         for k, landmark in enumerate(self.hung):
-            anchor = self.anchors.get(landmark.code)
+            anchor = self.anchors.get((landmark.family, landmark.code))
             if anchor is None:
                 continue
             T = anchor.landmark.T_map_landmark
             turned = Rotation.from_matrix(T.R @ self.lm_R[k].T).as_rotvec()
             off = np.concatenate([T.t - self.lm_p[k], turned])
-            information = 1e12 * np.eye(6) if anchor.covariance is None else np.linalg.inv(anchor.covariance)
+            information = np.linalg.inv(EXACT * np.eye(6) + (0.0 if anchor.covariance is None else anchor.covariance))
             rows = slice(OWN + 6 * k, OWN + 6 * k + 6)
             equations.corner[rows, rows] += information
             equations.shared_gradient[rows] += information @ off
@@ -249,14 +256,15 @@ class BundleProblem:
     def _add_motion(self, equations: ChainEquations, motion: MotionModel) -> float:
         before, after, r, K = self._motion_rows(motion)
         squared = (r**2).sum(axis=1) / 6
-        root = np.sqrt(1 / (1 + squared / SLIP_SIGMA**2))
+        bend = SLIP_SIGMA if self.may_slip else NEVER
+        root = np.sqrt(1 / (1 + squared / bend**2))
         before, after, K = (values * root[:, None, None] for values in (before, after, K))
         r = r * root[:, None]
         equations.add_between(before, after, r)
         rows = np.arange(len(r))
         equations.add_shared(rows, before, np.tile(np.arange(OWN), (len(r), 1)), K, r)
         equations.border[1:, :, :OWN] += after.transpose(0, 2, 1) @ K
-        return float(6 * SLIP_SIGMA**2 * np.log1p(squared / SLIP_SIGMA**2).sum())
+        return float(6 * bend**2 * np.log1p(squared / bend**2).sum())
 
     def _motion_rows(self, motion: MotionModel) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
         """(N-1,6,6) derivatives of motions with the earlier and the later pose, (N-1,6) residuals, and (N-1,6,P)."""
@@ -324,17 +332,28 @@ class BundleProblem:
             codes,
             self.at,
             rms,
-            self._jumps(),
+            self._jumps(states),
         )
 
-    def _jumps(self) -> tuple[tuple[float, float, float], ...]:
-        if self.motion is None or len(self.times) < 2:
+    def _jumps(self, covariances: FloatArray) -> tuple[tuple[float, float, float], ...]:
+        """Against the wheels where there are some, else faster than the rig ever moves."""
+        if len(self.times) < 2:
             return ()
-        r = self._motion_rows(self.motion)[2]
-        increments = self.motion.increments(self.times, self.parameters)
-        off = np.linalg.norm(r[:, :2] * increments.sigmas[:, :2] * self.motion_scale[:2], axis=1)
-        slipped = np.flatnonzero((np.sqrt((r**2).mean(axis=1)) > SLIP_SIGMA) & (off > LEAST_JUMP_M))
-        return tuple((float(self.times[k]), float(self.times[k + 1]), float(off[k])) for k in slipped)
+        if self.motion is None:
+            seconds = np.diff(self.times)
+            moved = np.linalg.norm(np.diff(self.p, axis=0), axis=1)
+            fastest = max(LEAST_MPS, FASTER * float(np.median(moved / seconds)))
+            off = moved - fastest * seconds
+            # A pose that is hardly known leaps for that alone.
+            variance = np.einsum("nii->n", covariances[:, :3, :3])
+            sure = off > LEAP_SIGMA * np.sqrt(variance[1:] + variance[:-1])
+            leaps = np.flatnonzero((off > LEAST_JUMP_M) & sure & (seconds < LONGEST_S))
+        else:
+            r = self._motion_rows(self.motion)[2]
+            increments = self.motion.increments(self.times, self.parameters)
+            off = np.linalg.norm(r[:, :2] * increments.sigmas[:, :2] * self.motion_scale[:2], axis=1)
+            leaps = np.flatnonzero((np.sqrt((r**2).mean(axis=1)) > SLIP_SIGMA) & (off > LEAST_JUMP_M))
+        return tuple((float(self.times[k]), float(self.times[k + 1]), float(off[k])) for k in leaps)
 
 
 def _skew(v: FloatArray) -> FloatArray:

@@ -80,6 +80,26 @@ class Start:
     carried: list[Carried | None] = field(default_factory=list)
     seen_from: dict[tuple[int, Key], list[Pose]] = field(default_factory=dict)
 
+    def known_poses(self) -> tuple[tuple[int, ...], Poses]:
+        """Which moments have a pose, located or carried, and those poses.
+
+        Raises:
+            InputError: none has.
+        """
+        posed = [
+            (k, located or (carried.pose if carried else None))
+            for k, (located, carried) in enumerate(zip(self.poses, self.carried, strict=True))
+        ]
+        known = [(k, pose) for k, pose in posed if pose is not None]
+        if not known:
+            raise InputError(
+                "nothing_located",
+                "no moment of the drive could be located",
+                "see what lmkit locate says of its pictures",
+            )
+        R, p = np.array([pose.R for _, pose in known]), np.array([pose.t for _, pose in known])
+        return tuple(k for k, _ in known), Poses(R, p)
+
 
 def find_start(
     moments: Sequence[StereoMoment],
@@ -96,8 +116,14 @@ def find_start(
             the map's origin and looks along its x.
 
     Raises:
-        InputError: nothing to start from.
+        InputError: nothing to start from, or odometry without T_base_left or of another time.
     """
+    if motion is not None:
+        if rig.T_base_left is None:
+            raise InputError(
+                "no_base", "odometry moves the robot's base, and the rig has no T_base_left", "add it to the rig file"
+            )
+        motion.require_overlap(np.array([moment.time_s for moment in moments]))
     views = _views(moments)
     wanted = {key for key in views if key in sizes_m}
     placed = {} if known is None else {(m.family, m.code): m for m in known}
@@ -226,7 +252,7 @@ def _locate_by_neighbours(
                 and rotation_angle(pose.R.T @ before.R) < STRAY_RAD + NEIGHBOUR_RADPS * seconds
             ]
             if near:
-                start.poses[k] = near[0]
+                start.poses[k] = min(near, key=lambda pose: _apart(pose, before))
                 news += 1
     return news
 
@@ -358,6 +384,11 @@ def _misfits(
 def _only(moment: StereoMoment, key: Key) -> View:
     left = tuple(o for o in moment.left if (o.family, o.code) == key)
     return left, tuple(o for o in moment.right if (o.family, o.code) == key)
+
+
+def _apart(a: Pose, b: Pose) -> float:
+    """Metres, a radian as much as a metre."""
+    return float(np.linalg.norm(a.t - b.t)) + rotation_angle(a.R.T @ b.R)
 
 
 def _same(a: Pose, b: Pose) -> bool:

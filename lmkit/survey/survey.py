@@ -13,15 +13,12 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from lmkit.errors import InputError
-from lmkit.locate.sightings import Poses
 from lmkit.model.drive import StereoMoment
 from lmkit.model.landmark_map import LandmarkMap, MappedLandmark
-from lmkit.model.pose import Pose
 from lmkit.model.stereo_rig import StereoRig
 from lmkit.motion import MotionModel
 from lmkit.survey.bundle import Anchor, Bundle, BundleProblem
-from lmkit.survey.start import Key, Start, find_start
+from lmkit.survey.start import Key, find_start
 
 OUTLIER_SIGMA = 4.5  # root mean square over a sighting's eight coordinates
 ROUNDS, STEPS = 4, 30
@@ -44,6 +41,12 @@ class OddLandmark:
     sightings: int
     from_s: float
     to_s: float
+
+    def __str__(self) -> str:
+        return (
+            f"{self.off} of {self.sightings} sightings of {self.code}, from {self.from_s:g} to {self.to_s:g} s, do "
+            "not fit where it hangs: it was moved, its code hangs twice, or it is misread; check it in the room"
+        )
 
 
 @dataclass(frozen=True, eq=False)
@@ -73,7 +76,7 @@ def survey_drive(
     moments: Sequence[StereoMoment],
     rig: StereoRig,
     sizes_m: Mapping[Key, float],
-    anchors: Mapping[int, Anchor],
+    anchors: Mapping[Key, Anchor],
     motion: MotionModel | None = None,
 ) -> Survey:
     """Where the landmarks hang, and where the rig was.
@@ -81,56 +84,53 @@ def survey_drive(
     Args:
         moments: in the order of time.
         sizes_m: printed sizes, by (family, code).
-        anchors: landmarks known beforehand, by code; with none, the map's frame is that of the landmark seen best,
-            which is taken to hang upright at the origin and to look along x.
+        anchors: landmarks known beforehand, by family and code; with none, the map's frame is that of the landmark
+            seen best, which is taken to hang upright at the origin and to look along x.
         motion: odometry, which needs the rig's T_base_left.
 
     Raises:
-        InputError: nothing to start from, or odometry without T_base_left.
+        InputError: nothing to start from, or odometry without T_base_left or of another time.
     """
-    if motion is not None and rig.T_base_left is None:
-        raise InputError(
-            "no_base", "odometry moves the robot's base, and the rig has no T_base_left", "add it to the rig file"
-        )
     known = LandmarkMap([anchor.landmark for anchor in anchors.values()]) if anchors else None
     start = find_start(moments, rig, dict(sizes_m), known, motion)
-    rows = [k for k in range(len(moments)) if _pose(start, k) is not None]
-    if not rows:
-        raise InputError(
-            "nothing_located", "no moment of the drive could be located", "see lmkit locate of its pictures"
-        )
+    rows, poses = start.known_poses()
     held = dict(anchors)
     if not held:
         first = next(iter(start.placed.values()))
-        held = {first.code: Anchor(first, None)}
+        held = {(first.family, first.code): Anchor(first, None)}
     seen = {(o.family, o.code) for k in rows for o in (*moments[k].left, *moments[k].right)}
-    poses = [pose for k in rows if (pose := _pose(start, k)) is not None]
     problem = BundleProblem(
         [moments[k] for k in rows],
         rig,
-        Poses(np.array([pose.R for pose in poses]), np.array([pose.t for pose in poses])),
+        poses,
         LandmarkMap([m for key, m in start.placed.items() if key in seen]),
         held,
         motion,
     )
     dropped = settle_all(problem)
     bundle = problem.answer(OUTLIER_SIGMA)
-    unplaced = tuple(sorted(code for _, code in start.unplaced))
+    # A landmark that hangs where none of its sightings has it was started wrong.
+    believed = set(bundle.codes[bundle.misfits < OUTLIER_SIGMA].tolist()) | {code for _, code in held}
+    lost = [m for m in bundle.landmarks if m.code not in believed]
+    bundle = replace(bundle, landmarks=LandmarkMap([m for m in bundle.landmarks if m.code in believed]))
     unseen = [
-        replace(anchor.landmark, covariance=anchor.covariance)
-        for anchor in anchors.values()
-        if (anchor.landmark.family, anchor.landmark.code) not in seen
+        replace(anchor.landmark, covariance=anchor.covariance) for key, anchor in anchors.items() if key not in seen
     ]
     landmarks = LandmarkMap([*bundle.landmarks, *unseen])
-    return Survey(bundle, landmarks, tuple(rows), odd_landmarks(bundle), _weak(bundle.landmarks), unplaced, dropped)
+    unplaced = tuple(sorted([code for _, code in start.unplaced] + [m.code for m in lost]))
+    odd = tuple(odd for odd in odd_landmarks(bundle) if odd.code in believed)
+    return Survey(bundle, landmarks, rows, odd, _weak(bundle.landmarks), unplaced, dropped)
 
 
 def settle_all(problem: BundleProblem) -> int:
     """Bundle adjustment to the end; how many sightings were left out."""
+    # Wheels rarely slip by much; were they allowed to at once, they would for a landmark that was moved.
+    problem.may_slip = False
     problem.settle(STEPS)
     dropped = -1
     for round_ in range(ROUNDS):
         now = problem.drop_outliers(OUTLIER_SIGMA)
+        problem.may_slip = True
         problem.settle(STEPS)
         if round_ < WEIGHINGS:
             problem.weigh_motion()
@@ -170,10 +170,3 @@ def deviations(landmark: MappedLandmark) -> tuple[float, float]:
     if C is None:
         return 0.0, 0.0
     return float(np.sqrt(np.trace(C[:3, :3]))), float(np.sqrt(np.linalg.eigvalsh(C[3:, 3:])[-1]))
-
-
-def _pose(start: Start, k: int) -> Pose | None:
-    if start.poses[k] is not None:
-        return start.poses[k]
-    carried = start.carried[k] if start.carried else None
-    return None if carried is None else carried.pose

@@ -8,14 +8,13 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from lmkit.arrays import FloatArray
-from lmkit.errors import InputError
-from lmkit.locate.sightings import Poses
 from lmkit.model.drive import Gyro, Odometry, StereoMoment
 from lmkit.model.landmark_map import LandmarkMap, MappedLandmark, wall_pose
 from lmkit.model.observation import RangeBearing
-from lmkit.model.pose import Pose, orthonormal, skew
+from lmkit.model.pose import Pose, planar_pose, skew
 from lmkit.model.stereo_rig import StereoRig
-from lmkit.motion import PARAMETERS, MotionModel
+from lmkit.motion import PARAMETERS, MotionModel, describe_odometry
+from lmkit.room_plan import ahead_of
 from lmkit.survey.bundle import Anchor, BundleProblem
 from lmkit.survey.start import find_start
 from lmkit.survey.survey import OUTLIER_SIGMA, odd_landmarks, settle_all
@@ -25,7 +24,6 @@ from lmkit.track.planar_smoother import smooth_planar
 LOST_M = 1.0  # a position less sure than that is worth no word
 OUTLIER_WEIGHT = 0.1
 UNSEEN_M, UNSEEN_RAD = 1.0, 1.0  # heights and directions that ranges and bearings do not show
-FORWARD = Pose("base", "looks", np.array([[0.0, 0.0, 1.0], [-1.0, 0.0, 0.0], [0.0, -1.0, 0.0]]), np.zeros(3))
 
 
 @dataclass(frozen=True, eq=False)
@@ -54,9 +52,7 @@ class TrackedDrive:
 
     def looking(self, k: int) -> Pose:
         """As a camera's pose that looks where the robot does, to draw it."""
-        pose = self.poses[k]
-        chained = Pose("map", "base", pose.R, pose.t) @ FORWARD if self.of_base else pose
-        return Pose("map", "camera", chained.R, chained.t)
+        return ahead_of(self.poses[k]) if self.of_base else self.poses[k]
 
 
 Moments = Sequence[tuple[float, Sequence[RangeBearing]]]
@@ -64,8 +60,9 @@ Moments = Sequence[tuple[float, Sequence[RangeBearing]]]
 
 def track_readings(moments: Moments, odometry: Odometry, gyro: Gyro | None, landmarks: LandmarkMap) -> TrackedDrive:
     """All of the drive at once, from ranges and bearings (`planar_smoother.py`)."""
-    times = np.array([time_s for time_s, _ in moments])
-    track = smooth_planar(times, [seen for _, seen in moments], MotionModel(odometry, gyro), landmarks)
+    times, motion = np.array([time_s for time_s, _ in moments]), MotionModel(odometry, gyro)
+    motion.require_overlap(times)
+    track = smooth_planar(times, [seen for _, seen in moments], motion, landmarks)
     outliers: list[tuple[int, ...]] = [() for _ in moments]
     for row in np.flatnonzero(track.weights < OUTLIER_WEIGHT):
         outliers[track.moments[row]] += (track.codes[track.landmarks[row]],)
@@ -78,11 +75,13 @@ def track_readings(moments: Moments, odometry: Odometry, gyro: Gyro | None, land
         ["lost" if far else "ok" for far in lost],
         outliers,
         dict(zip(PARAMETERS, track.parameters.tolist(), strict=True)),
+        remarks=_doubts(motion, track.parameters),
     )
 
 
 def track_live(moments: Moments, odometry: Odometry, gyro: Gyro | None, landmarks: LandmarkMap) -> TrackedDrive:
     """Moment by moment, as while driving (`planar_filter.py`); moments before the first fix are left out."""
+    MotionModel(odometry, gyro).require_overlap(np.array([time_s for time_s, _ in moments]))
     filter_ = PlanarFilter(landmarks)
     rows = [
         (float(t), 0, float(f), float(w))
@@ -126,8 +125,9 @@ def survey_readings(
     Heights and the way that landmarks face are not seen: they hang at height 0 and face the drive's middle, with
     covariances that say so.
     """
-    times = np.array([time_s for time_s, _ in moments])
-    track = smooth_planar(times, [seen for _, seen in moments], MotionModel(odometry, gyro), None)
+    times, motion = np.array([time_s for time_s, _ in moments]), MotionModel(odometry, gyro)
+    motion.require_overlap(times)
+    track = smooth_planar(times, [seen for _, seen in moments], motion, None)
     middle = track.states[:, :2].mean(axis=0)
     hung = []
     for code, place, C in zip(track.codes, track.places, track.place_covariances, strict=True):
@@ -160,31 +160,20 @@ def track_pictures(
     allows, so that what the map leaves open enters the poses' covariance.
 
     Raises:
-        InputError: no landmark of the map is in view, or odometry without T_base_left.
+        InputError: no landmark of the map is in view, or odometry without T_base_left or of another time.
     """
-    if wheels is not None and rig.T_base_left is None:
-        raise InputError(
-            "no_base", "odometry moves the robot's base, and the rig has no T_base_left", "add it to the rig file"
-        )
     motion = None if wheels is None else MotionModel(*wheels)
     start = find_start(moments, rig, {}, landmarks, motion)
-    poses = [
-        located or (carried.pose if carried is not None else None)
-        for located, carried in zip(start.poses, start.carried or [None] * len(moments), strict=True)
-    ]
-    rows = [k for k, pose in enumerate(poses) if pose is not None]
-    if not rows:
-        raise InputError("nothing_located", "no moment of the drive could be located", "check rig and map")
-    known = [pose for pose in poses if pose is not None]
+    rows, poses = start.known_poses()
     seen = {(o.family, o.code) for k in rows for o in (*moments[k].left, *moments[k].right)}
     hung = [m for m in landmarks if (m.family, m.code) in seen]
     exact = all(m.covariance is None for m in hung)
     problem = BundleProblem(
         [moments[k] for k in rows],
         rig,
-        Poses(np.array([pose.R for pose in known]), np.array([pose.t for pose in known])),
+        poses,
         LandmarkMap(hung),
-        {} if exact else {m.code: Anchor(m, m.covariance) for m in hung},
+        {} if exact else {(m.family, m.code): Anchor(m, m.covariance) for m in hung},
         motion,
         frozen=exact,
     )
@@ -192,11 +181,10 @@ def track_pictures(
     bundle = problem.answer(OUTLIER_SIGMA)
     T = rig.T_base_left
     found, covariances = [], np.array(bundle.covariances)
-    for k, (R, p) in enumerate(zip(bundle.poses.R, bundle.poses.p, strict=True)):
-        pose = Pose("map", "left", orthonormal(R), p)
+    for k, pose in enumerate(bundle.left_poses()):
         if T is not None:
             J = np.eye(6)
-            J[:3, 3:] = -skew(R @ T.inverse().t)
+            J[:3, 3:] = -skew(pose.R @ T.inverse().t)
             covariances[k] = J @ covariances[k] @ J.T
             pose = pose @ T.inverse()
         found.append(pose)
@@ -212,17 +200,13 @@ def track_pictures(
         outliers,
         {} if motion is None else dict(zip(PARAMETERS, bundle.parameters.tolist(), strict=True)),
         T is not None,
-        tuple(
-            f"{odd.off} of {odd.sightings} sightings of {odd.code}, from {odd.from_s:g} to {odd.to_s:g} s, do not "
-            "fit the map: it was moved, or its code hangs twice"
-            for odd in odd_landmarks(bundle)
-        ),
+        (*map(str, odd_landmarks(bundle)), *_doubts(motion, bundle.parameters)),
     )
 
 
-def planar_pose(state: FloatArray) -> Pose:
-    """T_map_base of x, y (m), heading (rad)."""
-    return Pose.from_rvec("map", "base", np.array([0.0, 0.0, state[2]]), np.array([state[0], state[1], 0.0]))
+def _doubts(motion: MotionModel | None, parameters: FloatArray) -> tuple[str, ...]:
+    doubt = None if motion is None else describe_odometry(parameters)
+    return () if doubt is None else (doubt,)
 
 
 def _six(C: FloatArray) -> FloatArray:

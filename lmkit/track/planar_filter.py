@@ -22,7 +22,7 @@ from lmkit.locate.range_bearing import ReadingNoise, Readings, locate_planar, wr
 from lmkit.model.drive import Gyro, Odometry
 from lmkit.model.landmark_map import LandmarkMap
 from lmkit.model.observation import RangeBearing
-from lmkit.motion import NOMINAL, PARAMETERS, PRIOR_SIGMA, Increments, MotionModel, MotionNoise, compose
+from lmkit.motion import NOMINAL, PARAMETERS, PRIOR_SIGMA, Increments, MotionModel, MotionNoise, follow
 from lmkit.track.drive_noise import DRIVE_NOISE, RELATED_S
 
 STATES = 3 + len(PARAMETERS)
@@ -146,7 +146,7 @@ class PlanarFilter:
             F[0, 2] = -s * motion[0] - c * motion[1]
             F[1, 2] = c * motion[0] - s * motion[1]
             F[:3, 3:] = turn @ by_parameters
-            track.x[:3] = compose(track.x[None, :3], motion[None])[0]
+            track.x[:3] = follow(track.x[:3], motion[None])[1]
             track.P = F @ track.P @ F.T
             track.P[:3, :3] += turn @ np.diag(increments.sigmas[0] ** 2) @ turn.T
             track.P[_OWN, _OWN] += DRIFT**2 * (time_s - self._time)

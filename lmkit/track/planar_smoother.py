@@ -17,7 +17,7 @@ from lmkit.chain import ChainEquations
 from lmkit.locate.range_bearing import CAUCHY_SIGMA, ReadingNoise, locate_planar, wrapped
 from lmkit.model.landmark_map import LandmarkMap
 from lmkit.model.observation import RangeBearing
-from lmkit.motion import NOMINAL, PARAMETERS, PRIOR_SIGMA, MotionModel, between, compose
+from lmkit.motion import NOMINAL, PARAMETERS, PRIOR_SIGMA, MotionModel, between, follow
 from lmkit.track.drive_noise import DRIVE_NOISE, RELATED_S
 
 SLIP_SIGMA = 10.0  # where the loss of motions bends: wheels err steadily, and rarely slip
@@ -35,7 +35,7 @@ class PlanarTrack:
         times_s: (N,) of the moments.
         states: (N,3) x, y (m), heading (rad).
         covariances: (N,3,3).
-        parameters: (6,) as ``motion.PARAMETERS``, and their covariance.
+        parameters: (6,) as ``motion.PARAMETERS``.
         codes, places, place_covariances: (L,), (L,2), (L,2,2) of the landmarks.
         weights: (R,) of the readings, 1 for those believed, near 0 for outliers.
         moments, landmarks: (R,) of the readings; landmarks as rows of ``codes``.
@@ -45,7 +45,6 @@ class PlanarTrack:
     states: FloatArray
     covariances: FloatArray
     parameters: FloatArray
-    parameter_covariance: FloatArray
     codes: tuple[int, ...]
     places: FloatArray
     place_covariances: FloatArray
@@ -141,32 +140,19 @@ class _Problem:
             found = locate_planar(moment, self._map, self.noise)
             if found.status == "ok" and found.pose is not None and found.pose.heading_rad is not None:
                 state = np.array([found.pose.x_m, found.pose.y_m, found.pose.heading_rad])
-                if k == 0:
-                    return state
                 # Back along the motions to the first moment.
-                motions = self.motion.increments(self.times[: k + 1], self.parameters).motions
-                path: FloatArray = np.zeros((1, 3))
-                for motion in motions:
-                    path = compose(path, motion[None])
-                heading = state[2] - path[0, 2]
+                path = follow(np.zeros(3), self.motion.increments(self.times[: k + 1], self.parameters).motions)[-1]
+                heading = state[2] - path[2]
                 c, s = np.cos(heading), np.sin(heading)
-                return np.array(
-                    [
-                        state[0] - c * path[0, 0] + s * path[0, 1],
-                        state[1] - s * path[0, 0] - c * path[0, 1],
-                        heading,
-                    ]
-                )
+                back = [c * path[0] - s * path[1], s * path[0] + c * path[1], path[2]]
+                return np.asarray(state - back)
         return np.zeros(3)
 
     def _extend(self, count: int) -> None:
         """More moments by motion, and the landmarks first seen there."""
         have = len(self.states)
         motions = self.motion.increments(self.times[have - 1 : count], self.parameters).motions
-        states: list[FloatArray] = [self.states]
-        for motion in motions:
-            states.append(compose(states[-1][-1:], motion[None]))
-        self.states = np.concatenate(states)
+        self.states = np.concatenate([self.states, follow(self.states[-1], motions)[1:]])
         seen = self.readings.first(count)
         full = np.isfinite(seen.values).all(axis=1)
         for k in np.flatnonzero(np.isnan(self.places[:, 0])):
@@ -280,7 +266,6 @@ class _Problem:
             self.states,
             covariances,
             self.parameters,
-            shared[:OWN, :OWN],
             tuple(self.codes),
             self.places,
             places,

@@ -73,6 +73,10 @@ def test_tracking_gives_a_line_a_moment(demo, tmp_path):
         (["track", "--map", "MAP", "--readings", "r.csv"], "odometry"),
         (["track", "--map", "MAP", "--detections", "DET"], "need a rig"),
         (["track", "--map", "MAP", "--detections", "DET", "--rig", "RIG", "--live"], "--live"),
+        (["survey", "--rig", "RIG", "--detections", "DET", "--known-sigma", "5mm,1"], "--known beside it"),
+        (["survey", "--rig", "RIG", "--detections", "DET", "--plan", "p.gif"], "unknown kind"),
+        (["track", "--map", "MAP", "--detections", "DET", "--rig", "RIG", "--plan", "p.gif"], "unknown kind"),
+        (["track", "--map", "MAP", "--detections", "DET", "--rig", "RIG", "--hz", "5"], "do not go together"),
     ],
 )
 def test_wrong_use_is_told_in_one_line(demo, arguments, says):
@@ -80,3 +84,51 @@ def test_wrong_use_is_told_in_one_line(demo, arguments, says):
     done = run(*(files.get(a, a) for a in arguments), code=2)
     assert says in done.stderr
     assert len(done.stderr.strip().splitlines()) == 1
+
+
+def test_odometry_of_another_clock_is_refused(demo, tmp_path):
+    header, *rows = (demo / "odometry.csv").read_text().splitlines()
+    late = tmp_path / "late.csv"
+    moved = (f"{float(row.split(',')[0]) + 1e6},{row.split(',', 1)[1]}" for row in rows)
+    late.write_text("\n".join([header, *moved]) + "\n")
+    known = ["--detections", demo / "detections.csv", "--rig", demo / "rig.yaml", "--odometry", late]
+    for command in (["survey", "-o", tmp_path / "m.yaml"], ["track", "--map", demo / "true_map.yaml"]):
+        assert "give both in seconds of one clock" in run(*command, *known, code=2).stderr
+    assert not (tmp_path / "m.yaml").exists()
+
+
+def test_odometry_that_does_not_agree_is_doubted_aloud(demo, tmp_path):
+    header, *rows = (demo / "odometry.csv").read_text().splitlines()
+    feet = tmp_path / "feet.csv"
+    cells = [row.split(",") for row in rows]
+    feet.write_text("\n".join([header, *(f"{t},{float(v) / 0.3048},{w}" for t, v, w in cells)]) + "\n")
+    done = run(
+        "track", "--detections", demo / "detections.csv", "--rig", demo / "rig.yaml",
+        "--map", demo / "true_map.yaml", "--odometry", feet,
+    )  # fmt: skip
+    assert "forward_scale comes out as" in done.stderr
+
+
+def test_a_map_in_the_plane_from_readings(tmp_path):
+    import numpy as np
+
+    from lmkit.simulate.drive import make_drive
+
+    drive = make_drive(1, seconds=60)
+    readings = tmp_path / "r.csv"
+    rows = [f"{t},{r.code},{r.range_m},{r.bearing_rad}" for t, seen in drive.readings(1) for r in seen]
+    readings.write_text("\n".join(["time_s,code,range_m,bearing_rad", *rows]) + "\n")
+    o = drive.odometry
+    x = np.column_stack([o.times_s, np.append(o.forward_m[1:], 0) / 0.02, np.append(o.turn_rad[1:], 0) / 0.02])
+    (tmp_path / "o.csv").write_text("t,v,w\n" + "".join(f"{a},{b},{c}\n" for a, b, c in x))
+    done = run(
+        "survey", "--readings", readings, "--odometry", tmp_path / "o.csv", "-o", tmp_path / "m.yaml", "--json"
+    )
+    found = {m["code"]: np.array(m["position"][:2]) for m in json.loads(done.stdout)["landmarks"]}
+    true = {m.code: m.T_map_landmark.t[:2] for m in drive.landmarks if m.code in found}
+    assert len(found) > 10
+    # The map's frame is the robot's first pose: distances between landmarks are what can be compared.
+    off = [
+        np.linalg.norm(found[a] - found[b]) - np.linalg.norm(true[a] - true[b]) for a in found for b in found if a < b
+    ]
+    assert np.sqrt(np.mean(np.square(off))) < 0.15

@@ -1,7 +1,7 @@
 """The map from simulated drives: exact corners, noisy ones, and what goes wrong in rooms."""
 
 from dataclasses import replace
-from itertools import pairwise
+from itertools import combinations, pairwise
 
 import numpy as np
 import pytest
@@ -19,7 +19,7 @@ def survey(drive, wheels=True, moments=None, anchors=1):
     moments = drive.moments if moments is None else moments
     sizes = {("lm8", m.code): m.size_m for m in drive.landmarks}
     seen = [o.code for moment in moments for o in moment.left]
-    known = {code: Anchor(drive.landmarks.find(code), None) for code in list(dict.fromkeys(seen))[:anchors]}
+    known = {("lm8", code): Anchor(drive.landmarks.find(code), None) for code in list(dict.fromkeys(seen))[:anchors]}
     motion = MotionModel(drive.odometry, drive.gyro) if wheels else None
     return survey_drive(moments, drive.rig, sizes, known, motion)
 
@@ -140,7 +140,7 @@ def test_an_anchor_that_is_not_in_the_drive_is_refused():
     drive = make_drive(3, seconds=20)
     code = next(code for code in range(256) if drive.landmarks.find(code) is None)
     some = next(iter(drive.landmarks))
-    known = {code: Anchor(replace(some, code=code), None)}
+    known = {("lm8", code): Anchor(replace(some, code=code), None)}
     with pytest.raises(InputError, match="none of the landmarks known"):
         survey_drive(drive.moments, drive.rig, {("lm8", some.code): 0.18}, known)
 
@@ -155,3 +155,42 @@ def test_wheels_need_to_know_where_the_camera_sits():
             {},
             MotionModel(drive.odometry),
         )
+
+
+def test_without_wheels_a_twin_that_bends_the_map_shows_as_a_leap():
+    """Two parts of the room hang together by one landmark, and its twin turns them by 13 deg."""
+    drive = make_drive(7, seconds=120, errors=WheelErrors(slips=1))
+    result = survey(drive, wheels=False, anchors=0)
+    found = {m.code: m.T_map_landmark.t for m in result.bundle.landmarks}
+    true = {code: drive.landmarks.find(code).T_map_landmark.t for code in found}
+    off = [
+        abs(np.linalg.norm(found[a] - found[b]) - np.linalg.norm(true[a] - true[b]))
+        for a, b in combinations(found, 2)
+    ]
+    assert max(off) < 0.2 or result.bundle.jumps
+
+
+def test_a_known_map_of_zero_covariance_is_exact():
+    drive = make_drive(3, seconds=20)
+    seen = {o.code for moment in drive.moments for o in moment.left}
+    known = {("lm8", code): Anchor(drive.landmarks.find(code), np.zeros((6, 6))) for code in seen}
+    result = survey_drive(drive.moments, drive.rig, {("lm8", code): 0.18 for code in seen}, known)
+    assert map_errors(drive, result).max() < 1e-4
+
+
+def test_landmarks_of_two_families_may_share_a_code():
+    drive = make_drive(3, seconds=40)
+    seen = list(dict.fromkeys(o.code for moment in drive.moments for o in moment.left))
+    a, b = seen[:2]
+
+    def renamed(observations):
+        return tuple(replace(o, code=a, family="lm12") if o.code == b else o for o in observations)
+
+    moments = [StereoMoment(m.time_s, renamed(m.left), renamed(m.right)) for m in drive.moments]
+    hung = {("lm8", a): drive.landmarks.find(a), ("lm12", a): replace(drive.landmarks.find(b), code=a, family="lm12")}
+    known = {key: Anchor(landmark, None) for key, landmark in hung.items()}
+    sizes = {(o.family, o.code): 0.18 for m in moments for o in m.left}
+    result = survey_drive(moments, drive.rig, sizes, known)
+    for key, landmark in hung.items():
+        found = result.landmarks.find(key[1], key[0])
+        assert np.linalg.norm(found.T_map_landmark.t - landmark.T_map_landmark.t) < 1e-4

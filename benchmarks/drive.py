@@ -1,0 +1,75 @@
+"""The rendered drive, surveyed from one known landmark and tracked by its true map: what docs/drives.md reports.
+
+    uv run python benchmarks/drive.py ../shared/data/drive
+
+Odometry is the file's own dead reckoning, with the gyro's turns.  A code hangs twice in that drive: it is left out of
+the true map, and `odd` shows whether the survey names it.
+"""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+
+import numpy as np
+from locate import read_truth, true_map, true_rig
+
+from lmkit.drive_pictures import see_drive
+from lmkit.formats.drive_tables import read_gyro, read_odometry
+from lmkit.model.landmark import LM8
+from lmkit.model.landmark_map import LandmarkMap
+from lmkit.model.pose import Pose, rotation_angle
+from lmkit.model.stereo_rig import StereoRig
+from lmkit.motion import MotionModel
+from lmkit.survey.bundle import Anchor
+from lmkit.survey.survey import survey_drive
+from lmkit.track.drive import track_pictures
+
+
+def rms(values: list[float]) -> float:
+    return float(np.sqrt(np.mean(np.square(values))))
+
+
+def off(found: Pose, true: Pose) -> tuple[float, float]:
+    """Centimetres and degrees."""
+    return 100 * float(np.linalg.norm(found.t - true.t)), float(np.rad2deg(rotation_angle(found.R.T @ true.R)))
+
+
+def main(folder: Path) -> None:
+    truth = read_truth(folder)
+    body, eyes = truth["body_T_left"], true_rig(truth)
+    T_base_left = Pose.from_quaternion("base", "left", body["position"], body["quaternion_xyzw"])
+    rig = StereoRig(eyes.left, eyes.right, eyes.T_right_left, T_base_left)
+    pictures = folder / "images"
+    moments = list(see_drive(f"{pictures}/*_L.jpg", f"{pictures}/*_R.jpg", rig, (LM8,), truth["timing"]["camera_hz"]))
+    wheels = read_odometry(folder / "odometry.csv"), read_gyro(folder / "gyro.csv")
+    hung = LandmarkMap([m for room in truth["maps"] for m in true_map(truth, int(room))])
+    anchor = hung.find(truth["anchor"]["id"])
+    assert anchor is not None
+    sizes = {(o.family, o.code): 0.18 for m in moments for o in (*m.left, *m.right)}
+    survey = survey_drive(moments, rig, sizes, {("lm8", anchor.code): Anchor(anchor, None)}, MotionModel(*wheels))
+    poses = []
+    for pair in truth["pairs"]:
+        world = pair["T_world_left"]
+        poses.append(Pose.from_quaternion("map", "left", world["position"], world["quaternion_xyzw"]))
+    trajectory = [off(found, poses[k]) for k, found in zip(survey.rows, survey.bundle.left_poses(), strict=True)]
+    known = [(m, true) for m in survey.landmarks if (true := hung.find(m.code)) is not None]
+    places = [off(m.T_map_landmark, true.T_map_landmark) for m, true in known]
+    print(f"survey: {len(survey.rows)} of {len(moments)} moments, {len(survey.landmarks)} landmarks")
+    print(
+        f"  trajectory {rms([cm for cm, _ in trajectory]):.2f} cm, {rms([deg for _, deg in trajectory]):.2f} deg rmse"
+    )
+    print(f"  map        {rms([cm for cm, _ in places]):.2f} cm, {rms([deg for _, deg in places]):.2f} deg rmse")
+    print(f"  odd {[odd.code for odd in survey.odd]}, unplaced {survey.unplaced}")
+    drive = track_pictures(moments, rig, hung, wheels)
+    times = [moment.time_s for moment in moments]
+    tracked = [
+        off(pose, poses[times.index(time_s)] @ T_base_left.inverse())
+        for time_s, pose in zip(drive.times_s.tolist(), drive.poses, strict=True)
+    ]
+    print(f"track by the true map: {len(tracked)} moments")
+    print(f"  trajectory {rms([cm for cm, _ in tracked]):.2f} cm, {rms([deg for _, deg in tracked]):.2f} deg rmse")
+
+
+if __name__ == "__main__":
+    main(Path(sys.argv[1]))
