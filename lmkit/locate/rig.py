@@ -20,7 +20,7 @@ import numpy as np
 
 from lmkit.arrays import BoolArray, FloatArray, IntArray
 from lmkit.locate.prior import PosePrior
-from lmkit.locate.sightings import Poses, Sightings
+from lmkit.locate.sightings import CORNER_FLOOR_PX, Poses, Sightings
 from lmkit.locate.turns import turns
 from lmkit.model.camera import CameraModel
 from lmkit.model.estimate import PoseEstimate
@@ -56,7 +56,7 @@ class LocateOptions:
         prior: what is known of the pose beforehand.
     """
 
-    corner_floor_px: float = 0.08
+    corner_floor_px: float = CORNER_FLOOR_PX
     ambiguous_below: float = 5.0
     far_m: float = 0.5
     far_rad: float = np.deg2rad(5.0)

@@ -19,6 +19,8 @@ from lmkit.model.camera import REACHED_PX, CameraModel
 from lmkit.model.landmark_map import LandmarkMap, MappedLandmark
 from lmkit.model.observation import LandmarkObservation
 
+# Standard deviation added to every corner's own: what lenses, calibration and paper that is not flat leave open.
+CORNER_FLOOR_PX = 0.06
 NEAREST_M = 0.02  # corners nearer than that, or behind the camera, are seen nowhere
 NOWHERE = 1e2  # as x/z
 CONVERGED = 1e-2  # of the squared misfit: a last step of a tenth of a standard deviation

@@ -122,7 +122,7 @@ class CameraModel:
                 "give pictures as they were calibrated",
             )
 
-    def contains(self, pixels: FloatArray, border_px: float = 0.0) -> FloatArray:
+    def contains(self, pixels: FloatArray, border_px: float = 0.0) -> BoolArray:
         """(N,) True where a pixel lies inside the picture, at least ``border_px`` from its edge."""
         w, h = self.image_size
         inside = (pixels > border_px - 0.5) & (pixels < np.array([w, h]) - 0.5 - border_px)

@@ -6,24 +6,21 @@ of a second early; now and then they slip), the gyro drifts.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from lmkit.arrays import FloatArray
-from lmkit.model.camera import CameraModel
 from lmkit.model.drive import Gyro, Odometry, StereoMoment
 from lmkit.model.landmark_map import LandmarkMap
-from lmkit.model.observation import LandmarkObservation, RangeBearing
+from lmkit.model.observation import RangeBearing
 from lmkit.model.pose import Pose, planar_pose
 from lmkit.model.stereo_rig import StereoRig
+from lmkit.simulate.look import look
 from lmkit.simulate.scene import hang_landmarks, make_rig
 
 STEP_S = 0.02
 HEIGHT_M = 2.6
-MOST_TILT = 0.35  # cosine of the steepest view that is still read
-LEAST_SIDE_PX = 15.0
 # Where the left eye sits on the robot: forward, left, up, and looking ahead.
 T_BASE_LEFT = Pose(
     "base", "left", np.array([[0.0, 0.0, 1.0], [-1.0, 0.0, 0.0], [0.0, -1.0, 0.0]]), np.array([0.1, 0.06, 0.85])
@@ -121,40 +118,6 @@ def make_drive(
     )
     odometry, gyro = _wheels(rng, fine, truth, errors)
     return Drive(landmarks, rig, fine[rows], truth[rows], moments, odometry, gyro)
-
-
-def look(
-    landmarks: LandmarkMap, rig: StereoRig, state: FloatArray, noise_px: float, rng: np.random.Generator
-) -> tuple[tuple[LandmarkObservation, ...], tuple[LandmarkObservation, ...]]:
-    """What both eyes see of landmarks from a planar pose: no walls between, corners off by noise."""
-    assert rig.T_base_left is not None
-    T = (planar_pose(state) @ rig.T_base_left).inverse()
-    left = tuple(_seen(landmarks, rig.left, T, noise_px, rng))
-    T_right = Pose("right", "left", rig.T_right_left.R, rig.T_right_left.t) @ T
-    return left, tuple(_seen(landmarks, rig.right, T_right, noise_px, rng))
-
-
-def _seen(
-    landmarks: LandmarkMap, camera: CameraModel, T: Pose, noise_px: float, rng: np.random.Generator
-) -> Sequence[LandmarkObservation]:
-    seen = []
-    limit = np.array(camera.image_size) / camera.K[[0, 1], [0, 1]]
-    for landmark in landmarks:
-        points = T.apply(landmark.corners_map)
-        centre = points.mean(axis=0)
-        normal = T.R @ landmark.T_map_landmark.R[:, 2]
-        if points[:, 2].min() < 0.3 or -normal @ centre < MOST_TILT * np.linalg.norm(centre):
-            continue
-        # Far outside the picture the distortion folds back into it.
-        if (np.abs(points[:, :2] / points[:, 2:]) > 0.75 * limit).any():
-            continue
-        corners = camera.project(points)
-        sides = np.linalg.norm(corners - np.roll(corners, 1, axis=0), axis=1)
-        if not camera.contains(corners).all() or sides.min() < LEAST_SIDE_PX:
-            continue
-        noisy = corners + rng.normal(0, noise_px, (4, 2))
-        seen.append(LandmarkObservation(landmark.code, noisy, 0.99, 50.0, covariance=noise_px**2 * np.eye(8)))
-    return seen
 
 
 def _round_trip(

@@ -15,7 +15,7 @@ from scipy.spatial.transform import Rotation
 
 from lmkit.arrays import BoolArray, FloatArray, IntArray
 from lmkit.chain import ChainEquations
-from lmkit.locate.sightings import Poses, through_lens
+from lmkit.locate.sightings import CORNER_FLOOR_PX, Poses, through_lens
 from lmkit.locate.turns import turns
 from lmkit.model.drive import StereoMoment
 from lmkit.model.landmark_map import LandmarkMap, MappedLandmark
@@ -23,7 +23,6 @@ from lmkit.model.pose import Pose, orthonormal
 from lmkit.model.stereo_rig import StereoRig
 from lmkit.motion import NOMINAL, PARAMETERS, PRIOR_SIGMA, MotionModel
 
-CORNER_FLOOR_PX = 0.08
 CAUCHY_SIGMA = 2.4
 NEAREST_M = 0.02
 NOWHERE = 1e2

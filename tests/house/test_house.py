@@ -35,7 +35,7 @@ FLOORS = [
         "locate_batch",
         "installation",
     },
-    {"track"},
+    {"track", "plan"},
     {"board_capture", "demo", "demo_drive"},
     {"cli"},
 ]

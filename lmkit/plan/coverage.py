@@ -1,0 +1,195 @@
+"""How well a robot would know where it is, at every place of a floor and in every direction."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+
+from lmkit.arrays import BoolArray, FloatArray, IntArray
+from lmkit.errors import InputError
+from lmkit.model.floor_plan import FloorPlan
+from lmkit.model.landmark_map import MappedLandmark
+from lmkit.model.stereo_rig import StereoRig
+from lmkit.plan.sight import Sights, find_sights, planar_covariances
+
+IN_VIEW = 0.5  # probability from which a landmark counts as one that is in view
+BLIND_M = 10.0  # an error as large is none worth a word
+HEADINGS = 16
+MOST_PLACES = 4000
+FINEST_M, COARSEST_M = 0.25, 2.0
+LEAST_WEAK_M2 = 0.5
+
+
+@dataclass(frozen=True)
+class Demand:
+    """What is asked of a robot's pose.
+
+    Attributes:
+        error_m: of the position, root mean square.
+        heading_rad: of the heading.
+        in_view: landmarks that must be in view at once.
+        headings: share of the directions in which this must hold, for a place to count.
+        share: of all places at which it must hold.
+    """
+
+    error_m: float = 0.05
+    heading_rad: float = np.deg2rad(2.0)
+    in_view: int = 2
+    headings: float = 0.5
+    share: float = 0.9
+
+
+@dataclass(frozen=True, eq=False)
+class Coverage:
+    """Places on a raster over the floor, and what is to be expected in every direction.
+
+    Attributes:
+        places: (N,2) metres.
+        step_m: between places.
+        headings: (H,) rad.
+        error_m, heading_rad: (N,H) expected errors, infinite where nothing is known.
+        in_view: (N,H) landmarks in view.
+    """
+
+    places: FloatArray
+    step_m: float
+    headings: FloatArray
+    error_m: FloatArray
+    heading_rad: FloatArray
+    in_view: IntArray
+
+    def holds(self, demand: Demand) -> BoolArray:
+        """(N,H) where the demand holds."""
+        return np.asarray(
+            (self.error_m <= demand.error_m)
+            & (self.heading_rad <= demand.heading_rad)
+            & (self.in_view >= demand.in_view)
+        )
+
+    def covered(self, demand: Demand) -> BoolArray:
+        """(N,) places where it holds in enough directions."""
+        return np.asarray(self.holds(demand).mean(axis=1) >= demand.headings - 1e-9)
+
+    def typical_error_m(self, headings: float) -> FloatArray:
+        """(N,) the error that the robot keeps to in that share of the directions."""
+        rank = int(np.ceil(headings * len(self.headings) - 1e-9)) - 1
+        return np.asarray(np.sort(self.error_m, axis=1)[:, max(rank, 0)])
+
+
+@dataclass(frozen=True)
+class WeakPlace:
+    """A region where the demand does not hold.
+
+    Attributes:
+        middle: (x, y) of the place deepest inside it, metres.
+        area_m2: how large it is.
+        in_view: landmarks in view there, in the middle of all directions.
+        error_m: to be expected there, infinite where nothing is known.
+    """
+
+    middle: tuple[float, float]
+    area_m2: float
+    in_view: float
+    error_m: float
+
+    def __str__(self) -> str:
+        known = f"error {100 * self.error_m:.0f} cm" if self.error_m < BLIND_M else "blind"
+        x, y = self.middle
+        return f"{self.area_m2:.1f} m2 around ({x:.1f}, {y:.1f}) m: {known}, {self.in_view:g} landmarks in view"
+
+
+def places_on(floor: FloorPlan, radius_m: float, step_m: float | None = None) -> tuple[FloatArray, float]:
+    """(N,2) places where a robot of that radius can stand, on a raster, and its step.
+
+    Args:
+        step_m: None: as fine as a few thousand places allow.
+
+    Raises:
+        InputError: the robot fits nowhere.
+    """
+    free = floor.clearance_m >= radius_m
+    if not free.any():
+        raise InputError(
+            "no_room",
+            f"a robot of radius {radius_m:g} m fits nowhere: the widest place has {floor.clearance_m.max():.2f} m",
+            "check --scale and --radius",
+        )
+    if step_m is None:
+        area = free.sum() * floor.cell_m**2
+        step_m = float(np.clip(np.sqrt(area / MOST_PLACES), FINEST_M, COARSEST_M))
+    step = max(1, round(step_m / floor.cell_m))
+    rows, columns = np.indices(free.shape)
+    raster = (rows % step == step // 2) & (columns % step == step // 2) & free
+    if not raster.any():
+        raster = free
+    at_rows, at_columns = np.nonzero(raster)
+    return floor.middles(at_rows, at_columns), step * floor.cell_m
+
+
+def all_states(places: FloatArray, count: int = HEADINGS) -> tuple[FloatArray, FloatArray]:
+    """(N*H,3) poses at all places in all headings, and the (H,) headings."""
+    headings = np.arange(count) * 2 * np.pi / count
+    states = np.column_stack([np.repeat(places, count, axis=0), np.tile(headings, len(places))])
+    return states, headings
+
+
+def predict_coverage(
+    floor: FloorPlan,
+    landmarks: Sequence[MappedLandmark],
+    rig: StereoRig,
+    radius_m: float,
+    step_m: float | None = None,
+) -> Coverage:
+    """What is to be expected at every place of the floor.
+
+    Raises:
+        InputError: the robot fits nowhere.
+    """
+    places, step_m = places_on(floor, radius_m, step_m)
+    states, headings = all_states(places)
+    sights = find_sights(states, landmarks, rig, floor)
+    error_m, heading_rad, in_view = expected_errors(sights, states, rig)
+    shape = (len(places), len(headings))
+    return Coverage(
+        places, step_m, headings, error_m.reshape(shape), heading_rad.reshape(shape), in_view.reshape(shape)
+    )
+
+
+def expected_errors(sights: Sights, states: FloatArray, rig: StereoRig) -> tuple[FloatArray, FloatArray, IntArray]:
+    """(P,) errors of position (m) and heading (rad), infinite where blind, and landmarks in view, at (P,3) poses."""
+    assert rig.T_base_left is not None
+    information = np.zeros((len(states), 6, 6))
+    np.add.at(information, sights.poses, sights.probability[:, None, None] * sights.information)
+    C = planar_covariances(information, states, rig.T_base_left)
+    error_m = np.sqrt(C[:, 0, 0] + C[:, 1, 1])
+    heading_rad = np.sqrt(C[:, 2, 2])
+    in_view = np.bincount(sights.poses[sights.probability >= IN_VIEW], minlength=len(states))
+    blind = error_m > BLIND_M
+    return np.where(blind, np.inf, error_m), np.where(blind, np.inf, heading_rad), in_view
+
+
+def weak_places(coverage: Coverage, demand: Demand) -> list[WeakPlace]:
+    """Connected regions that are not covered, the largest first."""
+    weak = ~coverage.covered(demand)
+    at = np.round((coverage.places - coverage.places.min(axis=0)) / coverage.step_m).astype(int)
+    raster = np.zeros(at.max(axis=0)[::-1] + 3, dtype=np.uint8)
+    raster[at[:, 1] + 1, at[:, 0] + 1] = weak
+    count, labels = cv2.connectedComponents(raster, connectivity=4)
+    depth = cv2.distanceTransform(raster, cv2.DIST_L2, cv2.DIST_MASK_PRECISE)
+    label = labels[at[:, 1] + 1, at[:, 0] + 1]
+    depth = depth[at[:, 1] + 1, at[:, 0] + 1]
+    typical = coverage.typical_error_m(demand.headings)
+    found = []
+    for number in range(1, count):
+        rows = np.flatnonzero(label == number)
+        deepest = rows[np.argmax(depth[rows])]
+        area = len(rows) * coverage.step_m**2
+        if area >= LEAST_WEAK_M2:
+            x, y = coverage.places[deepest].tolist()
+            found.append(
+                WeakPlace((x, y), area, float(np.median(coverage.in_view[deepest])), float(typical[deepest]))
+            )
+    return sorted(found, key=lambda place: -place.area_m2)
