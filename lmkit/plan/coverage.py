@@ -38,7 +38,7 @@ class Demand:
     error_m: float = 0.05
     heading_rad: float = np.deg2rad(2.0)
     in_view: int = 2
-    headings: float = 0.5
+    headings: float = 0.25
     share: float = 0.9
 
 

@@ -24,7 +24,7 @@ STEEPEST = 0.1  # cosine of the tilt beyond which nobody reads
 EDGE = 0.75  # of the picture's tangent, beyond which distortion folds back
 # What is known of a robot on wheels: its camera's height and the level of the floor, as `locate --planar` takes them.
 HEIGHT_M, TILT_RAD = 0.005, np.deg2rad(0.3)
-NOTHING = 1e-6
+NOTHING = 1e-4  # as good as none, but above what sums of large numbers leave
 AT_ONCE = 2_000_000  # pairs of pose and landmark
 
 

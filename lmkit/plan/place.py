@@ -1,0 +1,364 @@
+"""Where to hang landmarks so that a robot knows where it is: greedy with exchange.
+
+1. Candidates stand along all usable walls; what each would tell every pose is worked out once (`sight.py`).
+2. Greedy: the candidate is added that brings places nearest to the demand, until enough of them are covered.  For a
+   demand of counts alone this is submodular cover, and greedy needs at most 1 + ln(places) times the fewest landmarks
+   (Wolsey 1982); with errors in it there is no such bound, so what the result holds is measured, on other places.
+3. Landmarks that are not needed are taken down; then two are taken down for one hung elsewhere, while time lasts.
+"""
+
+from __future__ import annotations
+
+import heapq
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from itertools import pairwise
+
+import numpy as np
+
+from lmkit.arrays import FloatArray, IntArray
+from lmkit.errors import InputError, NegativeAnswer
+from lmkit.model.floor_plan import FloorPlan, Wall
+from lmkit.model.landmark_map import LandmarkMap, MappedLandmark, wall_pose
+from lmkit.model.stereo_rig import StereoRig
+from lmkit.plan.codes import assign_codes
+from lmkit.plan.coverage import BLIND_M, IN_VIEW, Coverage, Demand, all_states, places_on, predict_coverage
+from lmkit.plan.sight import find_sights, planar_covariances
+
+CANDIDATE_M = 0.4  # between places along a wall
+EDGE_M = 0.08  # of free wall beside a landmark's face
+MOST_PLACES = 900
+MARGIN = 0.005  # of the share, for places between those that were looked at
+LEAST_GAIN = 1e-6
+REMEDIES = 5
+CHECKED_STEP = 0.7  # of the search's step between places: those that check the result are others
+EXCHANGE_S = 10.0
+NEIGHBOURS_M = 4.0
+
+
+@dataclass(frozen=True)
+class HangOptions:
+    """How landmarks may hang.
+
+    Attributes:
+        size_m, family: of all of them.
+        height_m: of their middles; None: a little above the camera.
+        not_on: names of walls that stay bare, beside those that the floor plan says.
+    """
+
+    size_m: float = 0.18
+    family: str = "lm8"
+    height_m: float | None = None
+    not_on: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True, eq=False)
+class Mount:
+    """A landmark to hang up: on which wall, how far from its left end, how high; metres to its middle."""
+
+    landmark: MappedLandmark
+    wall: Wall
+    along_m: float
+
+    def __str__(self) -> str:
+        height = self.landmark.T_map_landmark.t[2]
+        return f"wall {self.wall.name}, {self.along_m:.2f} m from its left end, {height:.2f} m high"
+
+
+@dataclass(frozen=True, eq=False)
+class Placement:
+    """Landmarks to hang, and what they hold.
+
+    Attributes:
+        mounts: the new ones.
+        landmarks: those and the ones that hung before.
+        coverage: on places that the search did not look at.
+        share: of those places at which the demand holds.
+        error_m: what the position error keeps to there, root mean square over all poses that hold.
+    """
+
+    mounts: tuple[Mount, ...]
+    landmarks: LandmarkMap
+    coverage: Coverage
+    share: float
+    error_m: float
+
+
+def place_landmarks(
+    floor: FloorPlan,
+    hung: Sequence[MappedLandmark],
+    rig: StereoRig,
+    radius_m: float,
+    demand: Demand,
+    options: HangOptions | None = None,
+    on_step: Callable[[int, float], None] = lambda count, share: None,
+) -> Placement:
+    """The fewest landmarks found that hold the demand.
+
+    Args:
+        hung: landmarks that hang already and stay.
+        on_step: told the number of landmarks and the share covered so far.
+
+    Raises:
+        InputError: no wall to hang anything on, or the robot fits nowhere.
+        NegativeAnswer: no number of landmarks holds the demand; says what is possible.
+    """
+    options = options or HangOptions()
+    candidates = hanging_places(floor, rig, options)
+    # Where one hangs already there is no room for another.
+    spots = [
+        spot
+        for spot in candidates
+        if all(np.linalg.norm(spot.landmark.T_map_landmark.t - m.T_map_landmark.t) > 1.5 * m.size_m for m in hung)
+    ]
+    if not spots:
+        raise InputError("no_wall", "no wall that a landmark fits on", "check --scale, --not-on and --size")
+    problem = _Problem(floor, hung, spots, rig, radius_m, demand)
+    problem.require_possible()
+    target = min(demand.share + MARGIN, 1.0)
+    for _ in range(REMEDIES):
+        problem.fill(target, on_step)
+        problem.prune(target)
+        placement = _finish(problem, floor, hung, rig, radius_m, demand, options)
+        if placement.share >= demand.share or target >= problem.possible:
+            break
+        target = min(target + demand.share - placement.share + MARGIN, problem.possible)
+    problem.exchange(target)
+    exchanged = _finish(problem, floor, hung, rig, radius_m, demand, options)
+    return exchanged if exchanged.share >= min(placement.share, demand.share) else placement
+
+
+def hanging_places(floor: FloorPlan, rig: StereoRig, options: HangOptions) -> list[Mount]:
+    """Where a landmark fits along the usable walls, without codes yet.
+
+    Raises:
+        InputError: a wall is named that is not there.
+    """
+    known = {wall.name for wall in floor.walls}
+    for name in options.not_on:
+        if name not in known:
+            raise InputError("unknown_wall", f"no wall {name!r}", f"walls: {', '.join(sorted(known))}")
+    assert rig.T_base_left is not None
+    height = rig.T_base_left.t[2] + 0.25 if options.height_m is None else options.height_m
+    half = options.size_m / 2 + EDGE_M
+    mounts = []
+    for wall in floor.walls:
+        if not wall.usable or wall.name in options.not_on or wall.length_m < 2 * half:
+            continue
+        count = int((wall.length_m - 2 * half) / CANDIDATE_M) + 1
+        rest = wall.length_m - 2 * half - (count - 1) * CANDIDATE_M
+        out = np.array([np.cos(wall.facing_rad), np.sin(wall.facing_rad)])
+        for along in half + rest / 2 + CANDIDATE_M * np.arange(count):
+            middle = wall.left + along * wall.along
+            beside = middle + np.array([-half, 0.0, half])[:, None] * wall.along + 2 * floor.cell_m * out
+            if floor.is_free(beside).all():
+                T = wall_pose([*middle, height], wall.facing_rad)
+                mounts.append(Mount(MappedLandmark(0, options.family, options.size_m, T), wall, float(along)))
+    return mounts
+
+
+class _Problem:
+    """Candidates, what each tells every pose, and which are hung."""
+
+    def __init__(
+        self,
+        floor: FloorPlan,
+        hung: Sequence[MappedLandmark],
+        spots: Sequence[Mount],
+        rig: StereoRig,
+        radius_m: float,
+        demand: Demand,
+    ) -> None:
+        assert rig.T_base_left is not None
+        self.spots, self.demand, self.T_base_left = spots, demand, rig.T_base_left
+        places, step_m = places_on(floor, radius_m)
+        if len(places) > MOST_PLACES:
+            places, step_m = places_on(floor, radius_m, step_m * np.sqrt(len(places) / MOST_PLACES))
+        self.states, headings = all_states(places)
+        self.step_m, self.turns = step_m, len(headings)
+        self.enough = max(1, int(np.ceil(demand.headings * self.turns - 1e-9)))
+        known = find_sights(self.states, hung, rig, floor)
+        self.information = np.zeros((len(self.states), 6, 6))
+        np.add.at(self.information, known.poses, known.probability[:, None, None] * known.information)
+        self.in_view = np.bincount(known.poses[known.probability >= IN_VIEW], minlength=len(self.states))
+        sights = find_sights(self.states, [spot.landmark for spot in spots], rig, floor)
+        order = np.argsort(sights.landmarks, kind="stable")
+        bounds = np.searchsorted(sights.landmarks[order], np.arange(len(spots) + 1))
+        parts = [order[a:b] for a, b in pairwise(bounds)]
+        self.rows: list[IntArray] = [sights.poses[part] for part in parts]
+        self.told: list[FloatArray] = [
+            sights.probability[part, None, None] * sights.information[part] for part in parts
+        ]
+        self.shown = [sights.probability[part] >= IN_VIEW for part in parts]
+        self.chosen: list[int] = []
+        self.scores = self._scores(np.arange(len(self.states)), self.information, self.in_view)
+
+    @property
+    def share(self) -> float:
+        """Of the places that are covered."""
+        return float((self._places(self.scores) >= 1 - 1e-9).mean())
+
+    def require_possible(self) -> None:
+        """Refuse what even a landmark at every candidate would not hold.
+
+        Raises:
+            NegativeAnswer: says what is possible.
+        """
+        for k in range(len(self.spots)):
+            self.put(k)
+        self.possible = self.share
+        errors = self._errors(np.arange(len(self.states)), self.information)[0]
+        errors[self.in_view < self.demand.in_view] = np.inf
+        for k in range(len(self.spots)):
+            self.take(k)
+        if self.possible >= self.demand.share:
+            return
+        best = np.sort(errors.reshape(-1, self.turns), axis=1)[:, self.enough - 1]
+        error = float(np.quantile(best, self.demand.share, method="higher"))
+        or_else = f", or {100 * error:.1f} cm over {self.demand.share:.0%}" if error < BLIND_M else ""
+        raise NegativeAnswer(
+            "impossible_demand",
+            f"with a landmark every {CANDIDATE_M} m of wall the demand holds at {self.possible:.0%} of the floor, "
+            f"{self.demand.share:.0%} are asked",
+            f"possible: {np.floor(100 * self.possible):.0f} %{or_else}; larger landmarks (--size), fewer directions "
+            "(--headings) or one landmark in view (--in-view 1) ask less",
+        )
+
+    def fill(self, target: float, on_step: Callable[[int, float], None]) -> None:
+        """Greedy, with gains looked at again only where they may be the best (Minoux 1978)."""
+        heap = [(-np.inf, k) for k in range(len(self.spots)) if k not in self.chosen]
+        while self.share < target and heap:
+            best = None
+            while heap:
+                k = heapq.heappop(heap)[1]
+                gain = self.gain(k)
+                if not heap or gain >= -heap[0][0] - 1e-12:
+                    best = (gain, k)
+                    break
+                heapq.heappush(heap, (-gain, k))
+            if best is None or best[0] < LEAST_GAIN:
+                return
+            self.put(best[1])
+            on_step(len(self.chosen), self.share)
+
+    def exchange(self, target: float) -> None:
+        """Two for one, while time lasts."""
+        until = time.monotonic() + EXCHANGE_S
+        target = min(target, self.share)
+        better = True
+        while better and time.monotonic() < until:
+            better = False
+            for k in sorted(self.chosen, key=self._loss):
+                near = self._neighbours(k)
+                self.take(k)
+                # What helps most in its place: does another one become needless then?
+                gains = sorted(((self.gain(j), j) for j in near), reverse=True)[:3]
+                for _, j in gains:
+                    self.put(j)
+                    least = sorted(self.chosen, key=self._loss)[:4]
+                    spare = next((i for i in least if i != j and self._needless(i, target)), None)
+                    if spare is not None and self.share >= target:
+                        self.take(spare)
+                        self.prune(target)
+                        better = True
+                        break
+                    self.take(j)
+                if better or time.monotonic() > until:
+                    if not better:
+                        self.put(k)
+                    break
+                self.put(k)
+
+    def gain(self, k: int) -> float:
+        """What a candidate adds to the scores of all places."""
+        rows = self.rows[k]
+        after = self._scores(rows, self.information[rows] + self.told[k], self.in_view[rows] + self.shown[k])
+        places = np.unique(rows // self.turns)
+        scores = self.scores.reshape(-1, self.turns)[places]
+        changed = scores.copy()
+        changed[np.searchsorted(places, rows // self.turns), rows % self.turns] = after
+        return float((self._places(changed) - self._places(scores)).sum())
+
+    def put(self, k: int) -> None:
+        """Hang it."""
+        self.chosen.append(k)
+        self._add(k, 1)
+
+    def take(self, k: int) -> None:
+        """Take it down."""
+        self.chosen.remove(k)
+        self._add(k, -1)
+
+    def _add(self, k: int, sign: int) -> None:
+        rows = self.rows[k]
+        self.information[rows] += sign * self.told[k]
+        self.in_view[rows] += sign * self.shown[k]
+        self.scores[rows] = self._scores(rows, self.information[rows], self.in_view[rows])
+
+    def _loss(self, k: int) -> float:
+        before = self._places(self.scores).sum()
+        self.take(k)
+        after = self._places(self.scores).sum()
+        self.put(k)
+        return float(before - after)
+
+    def _needless(self, k: int, target: float) -> bool:
+        self.take(k)
+        enough = self.share >= target
+        self.put(k)
+        return enough
+
+    def prune(self, target: float) -> None:
+        """Take down what is not needed."""
+        for k in sorted(self.chosen, key=self._loss):
+            if self._needless(k, target):
+                self.take(k)
+
+    def _neighbours(self, k: int) -> list[int]:
+        here = self.spots[k].landmark.T_map_landmark.t
+        return [
+            j
+            for j, spot in enumerate(self.spots)
+            if j not in self.chosen and np.linalg.norm(spot.landmark.T_map_landmark.t - here) < NEIGHBOURS_M
+        ]
+
+    def _errors(self, rows: IntArray, information: FloatArray) -> tuple[FloatArray, FloatArray]:
+        C = planar_covariances(information, self.states[rows], self.T_base_left)
+        return np.sqrt(C[:, 0, 0] + C[:, 1, 1]), np.sqrt(C[:, 2, 2])
+
+    def _scores(self, rows: IntArray, information: FloatArray, in_view: IntArray) -> FloatArray:
+        """How near each pose is to the demand: 1 where it holds; half for landmarks in view, half for the errors."""
+        error_m, heading_rad = self._errors(rows, information)
+        worst = np.maximum(error_m / self.demand.error_m, heading_rad / self.demand.heading_rad)
+        near = 1 - np.log(np.maximum(worst, 1.0)) / np.log(BLIND_M / self.demand.error_m)
+        seen = np.minimum(in_view, self.demand.in_view) / max(self.demand.in_view, 1)
+        return np.asarray((seen + near.clip(0, 1)) / 2)
+
+    def _places(self, scores: FloatArray) -> FloatArray:
+        """(N,) 1 where enough directions hold: the mean of the best ones."""
+        best = np.sort(scores.reshape(-1, self.turns), axis=1)[:, -self.enough :]
+        return np.asarray(best.mean(axis=1))
+
+
+def _finish(
+    problem: _Problem,
+    floor: FloorPlan,
+    hung: Sequence[MappedLandmark],
+    rig: StereoRig,
+    radius_m: float,
+    demand: Demand,
+    options: HangOptions,
+) -> Placement:
+    """Codes, and what holds at places that the search did not look at."""
+    spots = [problem.spots[k] for k in sorted(problem.chosen)]
+    codes = assign_codes([spot.landmark.T_map_landmark.t for spot in spots], hung, options.family)
+    mounts = tuple(
+        replace(spot, landmark=replace(spot.landmark, code=code)) for spot, code in zip(spots, codes, strict=True)
+    )
+    landmarks = LandmarkMap([*hung, *(mount.landmark for mount in mounts)])
+    coverage = predict_coverage(floor, list(landmarks), rig, radius_m, problem.step_m * CHECKED_STEP)
+    holds = coverage.holds(demand)
+    errors = coverage.error_m[holds]
+    error_m = float(np.sqrt(np.mean(errors**2))) if len(errors) else float("inf")
+    return Placement(mounts, landmarks, coverage, float(coverage.covered(demand).mean()), error_m)
