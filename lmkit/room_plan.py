@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import base64
 import io
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -11,7 +12,7 @@ from typing import Protocol
 import numpy as np
 from PIL import Image, ImageDraw, ImageFont
 
-from lmkit.arrays import FloatArray
+from lmkit.arrays import ByteArray, FloatArray
 from lmkit.model.landmark_map import LandmarkMap
 from lmkit.model.pose import Pose
 
@@ -50,6 +51,46 @@ class Found:
     sure: bool = True
 
 
+@dataclass(frozen=True, eq=False)
+class Underlay:
+    """A picture of the floor below everything else.
+
+    Attributes:
+        rgb: (h,w,3) 0..255, its first row at the highest y.
+        low, high: (x, y) of its corners, metres.
+        legend: what its colours mean.
+    """
+
+    rgb: ByteArray
+    low: tuple[float, float]
+    high: tuple[float, float]
+    legend: tuple[tuple[Rgb, str], ...] = ()
+
+
+@dataclass(frozen=True, eq=False)
+class Way:
+    """A line to draw.
+
+    Attributes:
+        points: (N,2) metres.
+        color, width: of the line.
+        legend: what it is.
+    """
+
+    points: FloatArray
+    color: Rgb
+    legend: str
+    width: float = 4
+
+
+@dataclass(frozen=True)
+class Note:
+    """A word at a place of the map, metres."""
+
+    text: str
+    at: tuple[float, float]
+
+
 def ahead_of(T_map_base: Pose) -> Pose:
     """The pose of a camera that looks where a robot's base does: along its x axis."""
     axes = np.array([[0.0, 0.0, 1.0], [-1.0, 0.0, 0.0], [0.0, -1.0, 0.0]])
@@ -63,6 +104,9 @@ def draw_plan(
     size_m: tuple[float, float] | None = None,
     title: str = "",
     kind: str = "png",
+    underlay: Underlay | None = None,
+    ways: Sequence[Way] = (),
+    notes: Sequence[Note] = (),
 ) -> bytes:
     """The bytes of a PNG or SVG file.
 
@@ -70,13 +114,22 @@ def draw_plan(
         truth: true poses of the camera.
         size_m: (x, y) extent of the room, whose corner is the map's origin; None: what is drawn, and some space.
         kind: ``png`` or ``svg``.
+        underlay: the floor, which then gives the extent.
+        ways, notes: lines and words on top.
     """
-    low, high = _extent(landmarks, [f.pose for f in found] + list(truth)) if size_m is None else ((0.0, 0.0), size_m)
+    if underlay is not None:
+        low, high = underlay.low, underlay.high
+    else:
+        low, high = (
+            _extent(landmarks, [f.pose for f in found] + list(truth)) if size_m is None else ((0.0, 0.0), size_m)
+        )
     scale = min(MOST_PIXELS_PER_M, LARGEST_PX / max(high[0] - low[0], high[1] - low[1]))
     size = (round((high[0] - low[0]) * scale) + 2 * MARGIN_PX, round((high[1] - low[1]) * scale) + 2 * MARGIN_PX)
     canvas: _Canvas = _Svg(size) if kind == "svg" else _Png(size)
     plan = _Plan(canvas, low, high, scale)
-    plan.room(size_m is not None)
+    plan.room(size_m is not None, underlay)
+    for way in ways:
+        canvas.line([plan.at(point) for point in way.points], way.color, way.width)
     known = [f.covariance for f in found if f.covariance is not None and f.sure]
     known += [landmark.covariance[:2, :2] for landmark in landmarks if landmark.covariance is not None]
     gain = _gain(known, scale)
@@ -93,7 +146,17 @@ def draw_plan(
         plan.camera(one.pose, ORANGE, 2, one.label if number % (1 + len(found) // MOST_LABELS) == 0 else None)
         if one.covariance is not None:
             plan.ellipse(one.pose.t, one.covariance, gain)
-    plan.words(title, bool(truth), not all(f.sure for f in found), gain)
+    for note in notes:
+        plan.note(note)
+    legend = [*(underlay.legend if underlay else ()), *((way.color, way.legend) for way in ways)]
+    if found:
+        enlarged = "" if gain == 1 else f" {gain:g} times enlarged"
+        legend.append((ORANGE, f"found, 95 % ellipse{enlarged}"))
+    if truth:
+        legend.append((GREEN, "true pose"))
+    if not all(f.sure for f in found):
+        legend.append((FAINT, "ambiguous"))
+    plan.words(title, [*legend, (RED, "landmark and its code")])
     return canvas.file()
 
 
@@ -123,6 +186,7 @@ class _Canvas(Protocol):
     def line(self, points: Points, color: Rgb, width: float) -> None: ...
     def box(self, a: tuple[float, float], b: tuple[float, float], fill: Rgb) -> None: ...
     def text(self, at: tuple[float, float], text: str, size: float, color: Rgb, anchor: str) -> float: ...
+    def picture(self, a: tuple[float, float], b: tuple[float, float], rgb: ByteArray) -> None: ...
     def file(self) -> bytes: ...
 
 
@@ -136,9 +200,11 @@ class _Plan:
         x = MARGIN_PX + (float(xy[0]) - self.low[0]) * self.scale
         return x, self.canvas.size[1] - MARGIN_PX - (float(xy[1]) - self.low[1]) * self.scale
 
-    def room(self, walls: bool) -> None:
+    def room(self, walls: bool, underlay: Underlay | None) -> None:
         a, b = self.at(np.array([self.low[0], self.high[1]])), self.at(np.array([self.high[0], self.low[1]]))
         self.canvas.box(a, b, ROOM)
+        if underlay is not None:
+            self.canvas.picture(a, b, underlay.rgb)
         for axis in (0, 1):
             for metre in range(int(np.ceil(self.low[axis] + 1e-9)), int(np.ceil(self.high[axis]))):
                 ends = np.array([self.low, self.high])
@@ -170,17 +236,16 @@ class _Plan:
         points = centre[:2] + (np.column_stack([np.cos(turns), np.sin(turns)]) * radii) @ vectors.T
         self.canvas.line([self.at(p) for p in points], color, 1)
 
-    def words(self, title: str, truth: bool, doubts: bool, gain: float) -> None:
+    def note(self, note: Note) -> None:
+        self.canvas.text(self.at(np.array(note.at)), note.text, 16, INK, "middle")
+
+    def words(self, title: str, legend: Sequence[tuple[Rgb, str]]) -> None:
         self.canvas.text((MARGIN_PX, MARGIN_PX * 0.28), title, 19, INK, "start")
-        y = self.canvas.size[1] - MARGIN_PX * 0.3
-        enlarged = "" if gain == 1 else f" {gain:g} times enlarged"
-        legend = [(ORANGE, f"found, 95 % ellipse{enlarged}"), (RED, "landmark and its code")]
-        if truth:
-            legend.insert(0, (GREEN, "true pose"))
-        if doubts:
-            legend.insert(-1, (FAINT, "ambiguous"))
-        x = float(MARGIN_PX)
+        x, y = float(MARGIN_PX), self.canvas.size[1] - MARGIN_PX * 0.6
         for color, text in legend:
+            width = 60 + 8.5 * len(text)
+            if x > MARGIN_PX and x + width > self.canvas.size[0] - MARGIN_PX / 2:
+                x, y = float(MARGIN_PX), y + 26
             self.canvas.line([(x, y), (x + 26, y)], color, 5)
             x += 60 + self.canvas.text((x + 34, y), text, 15, INK, "start")
         self.canvas.text((self.canvas.size[0] - MARGIN_PX, MARGIN_PX * 0.7), "grid 1 m", 14, FAINT, "end")
@@ -208,6 +273,11 @@ class _Png:
         self._draw.text(place, text, color, font, anchor={"start": "lm", "middle": "mm", "end": "rm"}[anchor])
         return float(self._draw.textlength(text, font)) / OVERSAMPLE
 
+    def picture(self, a: tuple[float, float], b: tuple[float, float], rgb: ByteArray) -> None:
+        size = (round((b[0] - a[0]) * OVERSAMPLE), round((b[1] - a[1]) * OVERSAMPLE))
+        drawn = Image.fromarray(rgb).resize(size, Image.Resampling.NEAREST)
+        self._image.paste(drawn, (round(a[0] * OVERSAMPLE), round(a[1] * OVERSAMPLE)))
+
     def file(self) -> bytes:
         buffer = io.BytesIO()
         self._image.resize(self.size, Image.Resampling.LANCZOS).save(buffer, format="PNG")
@@ -233,6 +303,14 @@ class _Svg:
         place = f'x="{at[0]:.1f}" y="{at[1] + size * 0.35:.1f}" font-size="{size:g}" text-anchor="{anchor}"'
         self._parts.append(f'<text {place} fill="{_hex(color)}">{escape(text)}</text>')
         return 0.52 * size * len(text)
+
+    def picture(self, a: tuple[float, float], b: tuple[float, float], rgb: ByteArray) -> None:
+        buffer = io.BytesIO()
+        Image.fromarray(rgb).save(buffer, format="PNG")
+        data = base64.b64encode(buffer.getvalue()).decode()
+        place = f'x="{a[0]:.1f}" y="{a[1]:.1f}" width="{b[0] - a[0]:.1f}" height="{b[1] - a[1]:.1f}"'
+        look = 'preserveAspectRatio="none" style="image-rendering:pixelated"'
+        self._parts.append(f'<image {place} {look} href="data:image/png;base64,{data}"/>')
 
     def file(self) -> bytes:
         width, height = self.size

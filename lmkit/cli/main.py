@@ -25,6 +25,7 @@ from lmkit.cli import (
     evaluate,
     generate,
     locate,
+    plan,
     rectify,
     simulate,
     survey,
@@ -65,6 +66,7 @@ for _command in (
     doctor,
 ):
     app.command(name=_command.__name__.rpartition(".")[2])(_command.run)
+app.add_typer(plan.app, name="plan")
 
 
 def _show_version(wanted: bool) -> None:
@@ -130,7 +132,13 @@ def _report(message: str, hint: str, code: int, debug: bool) -> int:
 
 def public_commands() -> list[str]:
     """Names of all commands, for the tests of the docs."""
-    return [command.name or "" for command in app.registered_commands]
+    groups = [
+        f"{group.name} {command.name}"
+        for group in app.registered_groups
+        if group.typer_instance is not None
+        for command in group.typer_instance.registered_commands
+    ]
+    return [*(command.name or "" for command in app.registered_commands), *groups]
 
 
 if __name__ == "__main__":

@@ -27,6 +27,7 @@ class _Landmark(Document):
     position: Row
     quaternion: Annotated[list[float], Field(min_length=4, max_length=4)]
     covariance: Matrix6 | None = None
+    name: str | None = None
 
 
 class _MapFile(Document):
@@ -63,7 +64,7 @@ def read_map(path: Path) -> LandmarkMap:
                 f"{where}.covariance: not symmetric, or negative in some direction",
                 "write the 6x6 covariance of x y z (m) and rotation (rad), or leave it out",
             )
-        landmarks.append(MappedLandmark(item.code, item.family, item.size_m, pose, covariance))
+        landmarks.append(MappedLandmark(item.code, item.family, item.size_m, pose, covariance, item.name))
     try:
         return LandmarkMap(landmarks)
     except InputError as error:
@@ -83,5 +84,7 @@ def map_to_yaml(landmarks: LandmarkMap) -> str:
         }
         if landmark.covariance is not None:
             entry["covariance"] = landmark.covariance.tolist()
+        if landmark.name is not None:
+            entry["name"] = landmark.name
         entries.append(entry)
     return dump_yaml({"format": "lmkit-map/1", "frame": "map", "landmarks": entries})

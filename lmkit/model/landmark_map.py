@@ -23,6 +23,7 @@ class MappedLandmark:
         size_m: outer edge to outer edge of the red border, metres.
         T_map_landmark: its pose.
         covariance: (6,6) of that pose in the map frame (x y z m, rotation x y z rad), if known.
+        name: of the place it marks, for `lmkit plan route`.
     """
 
     code: int
@@ -30,6 +31,7 @@ class MappedLandmark:
     size_m: float
     T_map_landmark: Pose
     covariance: FloatArray | None = None
+    name: str | None = None
 
     @cached_property
     def corners_map(self) -> FloatArray:

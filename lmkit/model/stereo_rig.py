@@ -11,6 +11,12 @@ from lmkit.model.camera import CameraModel
 from lmkit.model.pose import Pose
 
 
+def mounted_ahead(height_m: float) -> Pose:
+    """T_base_left of a left camera over the robot's middle that looks ahead, level."""
+    axes = np.array([[0.0, 0.0, 1.0], [-1.0, 0.0, 0.0], [0.0, -1.0, 0.0]])
+    return Pose("base", "left", axes, np.array([0.0, 0.0, height_m]))
+
+
 @dataclass(frozen=True, eq=False)
 class StereoRig:
     """Two cameras and how they stand to each other.

@@ -24,6 +24,7 @@ FLOORS = [
     {"formats"},
     {"chain", "motion"},
     {"generate", "detect", "calibrate", "locate", "evaluate", "overlay", "room_plan"},
+    {"floor_picture"},
     {
         "survey",
         "verify",

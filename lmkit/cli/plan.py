@@ -1,0 +1,377 @@
+"""`lmkit plan`: where landmarks should hang, how well a robot then knows where it is, and ways to drive."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from lmkit.cli.common import print_json, print_line, warn
+from lmkit.errors import InputError
+
+if TYPE_CHECKING:
+    from lmkit.model.floor_plan import FloorPlan
+    from lmkit.model.landmark_map import LandmarkMap
+    from lmkit.model.stereo_rig import StereoRig
+    from lmkit.plan.coverage import Coverage, Demand
+    from lmkit.plan.place import Placement
+    from lmkit.plan.route import Route
+
+app = typer.Typer(help="Where to hang landmarks, what a robot then knows, and ways to drive.", no_args_is_help=True)
+
+MOST_NAMED = 8
+
+Floor = Annotated[
+    Path, typer.Option("--floor", help="Floor plan: lmkit-floor/1 or ROS map YAML, or PNG, PGM, SVG with --scale.")
+]
+Scale = Annotated[float | None, typer.Option("--scale", help="Metres a pixel, or an SVG unit.")]
+Rig = Annotated[Path, typer.Option("--rig", help="Rig file; with T_base_left, or give --camera-height.")]
+CameraHeight = Annotated[
+    str | None, typer.Option("--camera-height", help="Of a camera that looks ahead over the robot's middle.")
+]
+Radius = Annotated[str, typer.Option("--radius", help="Of the robot.")]
+ErrorOption = Annotated[str, typer.Option("--error", help="Position error asked for, root mean square.")]
+Heading = Annotated[float, typer.Option("--heading", help="Heading error asked for, deg.")]
+InView = Annotated[int, typer.Option("--in-view", help="Landmarks that must be in view at once.")]
+Headings = Annotated[
+    float, typer.Option("--headings", help="Percent of the directions in which this must hold for a place to count.")
+]
+Force = Annotated[bool, typer.Option("--force", help="Overwrite files.")]
+Json = Annotated[bool, typer.Option("--json", help="One JSON object on stdout.")]
+
+
+@app.command("coverage")
+def coverage(
+    floor: Floor,
+    landmark_map: Annotated[Path, typer.Option("--map", help="Map of the landmarks that hang.")],
+    rig: Rig,
+    scale: Scale = None,
+    camera_height: CameraHeight = None,
+    radius: Radius = "0.25m",
+    error: ErrorOption = "5cm",
+    heading: Heading = 2.0,
+    in_view: InView = 2,
+    headings: Headings = 25.0,
+    plan: Annotated[Path, typer.Option("--plan", "-o", help="Heat map to write, .png or .svg.")] = Path(
+        "coverage.png"
+    ),
+    as_json: Json = False,
+    force: Force = False,
+) -> None:
+    """The error to expect at every place, and the weak places by name."""
+    from lmkit.formats.foreign_maps import read_any_map
+    from lmkit.plan.coverage import predict_coverage, weak_places
+
+    demand = _demand(error, heading, in_view, headings, 100.0)
+    _check_picture(plan, force)
+    ground, landmarks, eyes = _floor(floor, scale), read_any_map(landmark_map), _rig(rig, camera_height)
+    answer = predict_coverage(ground, list(landmarks), eyes, _metres(radius, "--radius"))
+    share = float(answer.covered(demand).mean())
+    weak = weak_places(answer, demand)
+    _draw_coverage(plan, ground, landmarks, answer, demand, f"Expected position error; demand held at {share:.0%}")
+    if as_json:
+        places = [
+            {
+                "position": list(w.middle),
+                "area_m2": w.area_m2,
+                "in_view": w.in_view,
+                "error_m": None if math.isinf(w.error_m) else w.error_m,
+            }
+            for w in weak
+        ]
+        print_json({"share": share, "places": len(answer.places), "weak": places, "plan": str(plan)})
+        return
+    print_line(f"{share:.0%} of {len(answer.places)} places hold {_asked(demand)}")
+    for place in weak[:MOST_NAMED]:
+        print_line(f"weak: {place}")
+    if len(weak) > MOST_NAMED:
+        print_line(f"and {len(weak) - MOST_NAMED} smaller ones")
+    print_line(f"see {plan}")
+
+
+@app.command("place")
+def place(
+    floor: Floor,
+    rig: Rig,
+    output: Annotated[Path, typer.Option("--output", "-o", help="Folder for map, prints, list and plan.")] = Path(
+        "lmkit-plan"
+    ),
+    landmark_map: Annotated[Path | None, typer.Option("--map", help="Landmarks that hang already and stay.")] = None,
+    scale: Scale = None,
+    camera_height: CameraHeight = None,
+    radius: Radius = "0.25m",
+    error: ErrorOption = "5cm",
+    heading: Heading = 2.0,
+    in_view: InView = 2,
+    headings: Headings = 25.0,
+    share: Annotated[float, typer.Option("--share", help="Percent of the floor at which this must hold.")] = 90.0,
+    size: Annotated[str, typer.Option("--size", help="Of the landmarks.")] = "180mm",
+    height: Annotated[
+        str | None, typer.Option("--height", help="Of their middles; a little above the camera.")
+    ] = None,
+    not_on: Annotated[str, typer.Option("--not-on", help="Walls that stay bare, as in A,C.")] = "",
+    prints: Annotated[bool, typer.Option("--prints/--no-prints", help="Write the landmarks to print.")] = True,
+    as_json: Json = False,
+    force: Force = False,
+) -> None:
+    """The fewest landmarks found that hold an error over a share of the floor: map, prints, list, plan."""
+    from lmkit.cli.common import progress_counter
+    from lmkit.formats.foreign_maps import read_any_map
+    from lmkit.model.landmark_map import LandmarkMap
+    from lmkit.plan.place import HangOptions, place_landmarks
+
+    demand = _demand(error, heading, in_view, headings, share)
+    names = ("map.yaml", "mounting.csv", "plan.png", "coverage.png", *(("landmarks.pdf",) if prints else ()))
+    for name in names:
+        _check_file(output / name, force)
+    ground, eyes = _floor(floor, scale), _rig(rig, camera_height)
+    hung = LandmarkMap([]) if landmark_map is None else read_any_map(landmark_map)
+    options = HangOptions(
+        _metres(size, "--size"),
+        "lm8",
+        None if height is None else _metres(height, "--height"),
+        tuple(name.strip() for name in not_on.split(",") if name.strip()),
+    )
+    tick = progress_counter(100, "placing")
+    shown = [0]
+
+    def on_step(_: int, covered: float) -> None:
+        while shown[0] < min(100, int(100 * covered / demand.share)):
+            shown[0] += 1
+            tick(shown[0], 100)
+
+    placement = place_landmarks(ground, list(hung), eyes, _metres(radius, "--radius"), demand, options, on_step)
+    _write_placement(output, ground, placement, demand, prints, force)
+    if as_json:
+        mounts = [
+            {
+                "code": m.landmark.code,
+                "wall": m.wall.name,
+                "along_m": m.along_m,
+                "height_m": float(m.landmark.T_map_landmark.t[2]),
+            }
+            for m in placement.mounts
+        ]
+        print_json({"share": placement.share, "error_m": placement.error_m, "landmarks": mounts})
+    else:
+        print_line(f"{len(placement.mounts)} landmarks: {_asked(demand)}")
+        print_line(
+            f"holds at {placement.share:.1%} of {len(placement.coverage.places)} places, with an error of "
+            f"{1000 * placement.error_m:.0f} mm where it holds"
+        )
+        for mount in placement.mounts[:MOST_NAMED]:
+            print_line(f"  {mount.landmark.code:3d}: {mount}")
+        if len(placement.mounts) > MOST_NAMED:
+            print_line(f"  and {len(placement.mounts) - MOST_NAMED} more in {output / 'mounting.csv'}")
+        print_line(f"see {', '.join(str(output / name) for name in names)}")
+    if placement.share < demand.share:
+        warn(f"between the places that were searched, the demand holds at {placement.share:.1%} only")
+
+
+@app.command("route")
+def route(
+    start: Annotated[str, typer.Argument(help="Where from: x,y in metres, a name, or a landmark's code.")],
+    goal: Annotated[str, typer.Argument(help="Where to: the same, or x,y,heading in deg.")],
+    floor: Floor,
+    landmark_map: Annotated[Path, typer.Option("--map", help="Map of the landmarks that hang.")],
+    rig: Rig,
+    scale: Scale = None,
+    camera_height: CameraHeight = None,
+    radius: Radius = "0.25m",
+    error: ErrorOption = "5cm",
+    plan: Annotated[Path | None, typer.Option("--plan", help="Picture to write, .png or .svg.")] = None,
+    csv: Annotated[Path | None, typer.Option("--csv", help="Poses along the way with expected errors.")] = None,
+    tum: Annotated[Path | None, typer.Option("--tum", help="The same as TUM lines; lmkit convert --to bag.")] = None,
+    as_json: Json = False,
+    force: Force = False,
+) -> None:
+    """The shortest safe way on which the pose stays known, with the error to expect along it."""
+    from lmkit.formats.foreign_maps import read_any_map
+    from lmkit.formats.files import write_file
+    from lmkit.formats.trajectory import poses_to_tum
+    from lmkit.model.pose import planar_pose
+    from lmkit.plan.route import find_spot, plan_route
+
+    for path in (csv, tum):
+        if path is not None:
+            _check_file(path, force)
+    if plan is not None:
+        _check_picture(plan, force)
+    demand = _demand(error, 2.0, 1, 25.0, 100.0)
+    ground, landmarks, eyes = _floor(floor, scale), read_any_map(landmark_map), _rig(rig, camera_height)
+    radius_m = _metres(radius, "--radius")
+    ends = [find_spot(text, ground, landmarks, radius_m) for text in (start, goal)]
+    found = plan_route(ground, landmarks, eyes, radius_m, ends[0], ends[1], demand)
+    if plan is not None:
+        _draw_route(plan, ground, landmarks, found)
+    if csv is not None:
+        rows = zip(found.states.tolist(), found.error_m.tolist(), found.heading_sigma_rad.tolist(), strict=True)
+        lines = [f"{x:.4f},{y:.4f},{math.degrees(h):.2f},{e:.4f},{math.degrees(s):.3f}\n" for (x, y, h), e, s in rows]
+        write_file(csv, "x_m,y_m,heading_deg,error_m,heading_error_deg\n" + "".join(lines), force)
+    if tum is not None:
+        poses = [(float(k), planar_pose(state)) for k, state in enumerate(found.states)]
+        write_file(tum, poses_to_tum(poses), force)
+    worst = int(found.error_m.argmax())
+    if as_json:
+        print_json(
+            {
+                "length_m": found.length_m,
+                "waypoints": found.waypoints.tolist(),
+                "heading_deg": None if found.heading_rad is None else math.degrees(found.heading_rad),
+                "worst_error_m": float(found.error_m[worst]),
+                "worst_at": found.states[worst, :2].tolist(),
+                "error_at_goal_m": float(found.error_m[-1]),
+            }
+        )
+    else:
+        print_line(f"{found.length_m:.2f} m in {len(found.waypoints) - 1} straight parts")
+        for x, y in found.waypoints:
+            print_line(f"  {x:.2f},{y:.2f}")
+        print_line(f"expected error at the goal {100 * found.error_m[-1]:.1f} cm")
+    if found.error_m[worst] > demand.error_m:
+        x, y = found.states[worst, :2]
+        warn(f"around ({x:.1f}, {y:.1f}) m the error grows to {100 * found.error_m[worst]:.0f} cm: a landmark helps")
+
+
+def _write_placement(
+    folder: Path, floor: FloorPlan, placement: Placement, demand: Demand, prints: bool, force: bool
+) -> None:
+    from lmkit.floor_picture import floor_underlay, wall_notes
+    from lmkit.formats.files import write_file
+    from lmkit.formats.landmark_map import map_to_yaml
+    from lmkit.room_plan import draw_plan
+
+    if prints:
+        pdf = _prints(placement)
+        write_file(folder / "landmarks.pdf", pdf, force)
+    write_file(folder / "map.yaml", map_to_yaml(placement.landmarks), force)
+    rows = ["code,wall,from_left_end_m,height_m,x_m,y_m,facing_deg\n"]
+    for mount in placement.mounts:
+        x, y, z = mount.landmark.T_map_landmark.t
+        facing = math.degrees(mount.wall.facing_rad) % 360
+        rows.append(
+            f"{mount.landmark.code},{mount.wall.name},{mount.along_m:.3f},{z:.3f},{x:.3f},{y:.3f},{facing:.1f}\n"
+        )
+    write_file(folder / "mounting.csv", "".join(rows), force)
+    title = f"{len(placement.mounts)} landmarks to hang; walls by letter, distances in mounting.csv"
+    drawn = draw_plan(placement.landmarks, [], title=title, underlay=floor_underlay(floor), notes=wall_notes(floor))
+    write_file(folder / "plan.png", drawn, force)
+    title = f"Expected position error; the demand holds at {placement.share:.0%}"
+    _draw_coverage(folder / "coverage.png", floor, placement.landmarks, placement.coverage, demand, title)
+
+
+def _prints(placement: Placement) -> bytes:
+    """All new landmarks as a PDF that has been read back."""
+    from lmkit.formats.template import load_template
+    from lmkit.generate.manifest import manifest_of
+    from lmkit.generate.pdf import pages_to_pdf
+    from lmkit.generate.sheet import compose_sheets, largest_mm
+    from lmkit.generate.tiles import compose_tiles
+    from lmkit.model.landmark import family_named
+    from lmkit.verify.proof import prove_pages
+
+    pages = []
+    for mount in placement.mounts:
+        landmark = mount.landmark
+        family, size_mm = family_named(landmark.family), 1000 * landmark.size_m
+        sheet = load_template("a4")
+        if size_mm > largest_mm(family, sheet):
+            pages += compose_tiles(family, landmark.code, size_mm, "a4")
+        else:
+            pages += compose_sheets(family, [landmark.code], sheet, size_mm)
+    layout = "a4"
+    pdf = pages_to_pdf(pages, "landmarks to hang", manifest_of(pages, layout).to_json())
+    prove_pages(pdf, pages)
+    return pdf
+
+
+def _draw_coverage(
+    path: Path, floor: FloorPlan, landmarks: LandmarkMap, coverage: Coverage, demand: Demand, title: str
+) -> None:
+    from lmkit.floor_picture import floor_underlay
+    from lmkit.formats.files import write_file
+    from lmkit.room_plan import draw_plan
+
+    underlay = floor_underlay(floor, coverage.places, coverage.typical_error_m(demand.headings))
+    title += f" (in the best {demand.headings:.0%} of the directions)"
+    drawn = draw_plan(landmarks, [], title=title, kind=path.suffix.lower().lstrip("."), underlay=underlay)
+    write_file(path, drawn, True)
+
+
+def _draw_route(path: Path, floor: FloorPlan, landmarks: LandmarkMap, found: Route) -> None:
+    from lmkit.floor_picture import floor_underlay
+    from lmkit.formats.files import write_file
+    from lmkit.room_plan import BLUE, Note, Way, draw_plan
+
+    kind = path.suffix.lower().lstrip(".")
+    ends = [Note(word, (float(x), float(y))) for word, (x, y) in zip("AB", found.waypoints[[0, -1]], strict=True)]
+    title = f"{found.length_m:.2f} m; expected error at most {100 * found.error_m.max():.0f} cm"
+    way = Way(found.waypoints, BLUE, "the way to drive")
+    drawn = draw_plan(landmarks, [], title=title, kind=kind, underlay=floor_underlay(floor), ways=[way], notes=ends)
+    write_file(path, drawn, True)
+
+
+def _floor(path: Path, scale_m: float | None) -> FloorPlan:
+    from lmkit.formats.floor_plan import read_floor
+
+    return read_floor(path, scale_m)
+
+
+def _rig(path: Path, height: str | None) -> StereoRig:
+    """With its place on the robot.
+
+    Raises:
+        InputError: neither the file nor the option says how high the camera is.
+    """
+    from lmkit.formats.any_rig import read_any_rig
+    from lmkit.model.stereo_rig import mounted_ahead
+
+    rig = read_any_rig(path)
+    if height is not None:
+        return replace(rig, T_base_left=mounted_ahead(_metres(height, "--camera-height")))
+    if rig.T_base_left is None:
+        raise InputError(
+            "no_base", f"{path} has no T_base_left", "add it, or say how high the camera is: --camera-height 0.85m"
+        )
+    return rig
+
+
+def _demand(error: str, heading: float, in_view: int, headings: float, share: float) -> Demand:
+    from lmkit.plan.coverage import Demand
+
+    for name, value in (("--headings", headings), ("--share", share)):
+        if not 0 < value <= 100:
+            raise InputError("out_of_range", f"{name} {value:g} is outside 0 to 100 %", "give percent, as in 90")
+    if not 0 < heading <= 180:
+        raise InputError("out_of_range", f"--heading {heading:g} is outside 0 to 180 deg", "give degrees, as in 2")
+    if not 0 <= in_view <= 20:
+        raise InputError("out_of_range", f"--in-view {in_view} is outside 0 to 20", "2 are usual")
+    return Demand(_metres(error, "--error"), math.radians(heading), in_view, headings / 100, share / 100)
+
+
+def _asked(demand: Demand) -> str:
+    return (
+        f"{100 * demand.error_m:g} cm and {math.degrees(demand.heading_rad):g} deg with {demand.in_view} landmarks in "
+        f"view in {demand.headings:.0%} of the directions"
+    )
+
+
+def _metres(text: str, name: str) -> float:
+    from lmkit.units import parse_length_mm
+
+    return parse_length_mm(text, name) / 1000
+
+
+def _check_file(path: Path, force: bool) -> None:
+    from lmkit.formats.files import check_writable
+
+    check_writable(path, force)
+
+
+def _check_picture(path: Path, force: bool) -> None:
+    _check_file(path, force)
+    if path.suffix.lower() not in (".png", ".svg"):
+        raise InputError("bad_suffix", f"cannot write {path}: unknown kind", "name it .png or .svg")

@@ -1,0 +1,64 @@
+"""A floor from above, as the underlay of a plan: walls, and how well a pose is known, as colours."""
+
+from __future__ import annotations
+
+from itertools import pairwise
+
+import numpy as np
+from scipy.ndimage import distance_transform_edt
+from scipy.spatial import cKDTree
+
+from lmkit.arrays import ByteArray, FloatArray
+from lmkit.model.floor_plan import FloorPlan
+from lmkit.room_plan import Note, Rgb, Underlay
+
+FREE, WALL, BLIND = (255, 255, 255), (70, 74, 80), (222, 222, 226)
+# From well known to badly known, evenly in brightness so that they print in grey, too.
+COLORS: tuple[Rgb, ...] = (
+    (26, 122, 73),
+    (120, 190, 90),
+    (205, 222, 110),
+    (250, 220, 120),
+    (240, 150, 70),
+    (205, 70, 60),
+)
+LEVELS_M = (0.01, 0.02, 0.05, 0.1, 0.3)
+
+
+def floor_underlay(floor: FloorPlan, places: FloatArray | None = None, error_m: FloatArray | None = None) -> Underlay:
+    """The walls, and for (N,2) places the (N,) errors to be expected there, where given."""
+    rgb = np.where(floor.free[:, :, None], np.array(FREE), np.array(WALL)).astype(np.uint8)
+    # Far from free space there is nothing to show.
+    legend: tuple[tuple[Rgb, str], ...] = ()
+    if places is not None and error_m is not None:
+        rows, columns = np.nonzero(floor.free)
+        middles = floor.middles(rows, columns)
+        distance, nearest = cKDTree(places).query(middles)
+        step = np.sqrt(floor.free.sum() * floor.cell_m**2 / len(places))
+        level = np.searchsorted(LEVELS_M, error_m)
+        colors = np.array([*COLORS, BLIND])[np.where(np.isinf(error_m), len(COLORS), level)]
+        near = distance < 1.2 * step
+        rgb[rows[near], columns[near]] = colors[nearest[near]]
+        words = [f"{100 * low:g} to {100 * high:g} cm" for low, high in pairwise(LEVELS_M)]
+        names = [f"under {100 * LEVELS_M[0]:g} cm", *words, f"over {100 * LEVELS_M[-1]:g} cm", "blind"]
+        legend = tuple(zip((*COLORS, BLIND), names, strict=True))
+    low = floor.origin
+    high = (low[0] + floor.size_m[0], low[1] + floor.size_m[1])
+    return Underlay(_outside_white(floor, rgb), low, high, legend)
+
+
+def wall_notes(floor: FloorPlan) -> list[Note]:
+    """The name of every wall, beside it."""
+    notes = []
+    for wall in floor.walls:
+        out = np.array([np.cos(wall.facing_rad), np.sin(wall.facing_rad)])
+        at = (wall.left + wall.right) / 2 + 0.45 * out
+        notes.append(Note(wall.name, (float(at[0]), float(at[1]))))
+    return notes
+
+
+def _outside_white(floor: FloorPlan, rgb: ByteArray) -> ByteArray:
+    """Rows from the top; what is neither free nor next to free is paper."""
+    far = distance_transform_edt(~floor.free) * floor.cell_m > 0.15
+    rgb[far] = (244, 244, 242)
+    return np.ascontiguousarray(rgb[::-1])
