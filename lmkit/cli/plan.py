@@ -189,8 +189,8 @@ def route(
     force: Force = False,
 ) -> None:
     """The shortest safe way on which the pose stays known, with the error to expect along it."""
-    from lmkit.formats.foreign_maps import read_any_map
     from lmkit.formats.files import write_file
+    from lmkit.formats.foreign_maps import read_any_map
     from lmkit.formats.trajectory import poses_to_tum
     from lmkit.model.pose import planar_pose
     from lmkit.plan.route import find_spot, plan_route
@@ -354,8 +354,8 @@ def _demand(error: str, heading: float, in_view: int, headings: float, share: fl
 
 def _asked(demand: Demand) -> str:
     return (
-        f"{100 * demand.error_m:g} cm and {math.degrees(demand.heading_rad):g} deg with {demand.in_view} landmarks in "
-        f"view in {demand.headings:.0%} of the directions"
+        f"{100 * demand.error_m:g} cm and {math.degrees(demand.heading_rad):g} deg with {demand.in_view} landmarks "
+        f"in view in {demand.headings:.0%} of the directions"
     )
 
 

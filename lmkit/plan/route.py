@@ -1,8 +1,8 @@
 """The way to a goal on which the pose stays known: the shortest path, where blind ways count as longer ones.
 
-1. Cells that leave the robot its radius are joined to their eight neighbours.  A step costs its length, more where the
-   pose is less known than demanded while looking along it, or where walls are close (Dijkstra; by scipy, since
-   skimage.graph knows no costs that depend on the direction; docs/decisions/0011-planning.md).
+1. Cells that leave the robot its radius are joined to their eight neighbours.  A step costs its length, more where
+   the pose is less known than demanded while looking along it, or where walls are close.  (Dijkstra by scipy: costs
+   that depend on the direction are beyond skimage.graph; docs/decisions/0011-planning.md.)
 2. Corners that a straight line spares at no higher cost are left out.
 3. The covariance is carried along the way: wheels let it grow, landmarks in view shrink it.
 """

@@ -18,6 +18,7 @@ from lmkit.model.stereo_rig import StereoRig
 MOST_TILT = 0.35  # cosine of the steepest view that is still read, where noise is fixed
 LEAST_SIDE_PX = 15.0
 NEAREST_M = 0.3
+FARTHEST_SIZES = 100.0  # beyond, no lens reads a landmark
 
 Seen = tuple[LandmarkObservation, ...]
 
@@ -42,13 +43,23 @@ def look(
     T_left = (planar_pose(state) @ rig.T_base_left).inverse()
     T_right = Pose("right", "left", rig.T_right_left.R, rig.T_right_left.t) @ T_left
     eye = (planar_pose(state) @ rig.T_base_left).t[None, :2]
-    shown = [m for m in landmarks if floor is None or floor.sees(eye, m.T_map_landmark.t[None, :2])[0]]
+    shown = _shown(list(landmarks), eye, floor)
     # Both eyes read a landmark, or neither.
     luck = np.zeros(len(shown)) if noise_px is not None else rng.uniform(size=len(shown))
     return (
         tuple(_seen(shown, luck, rig.left, T_left, noise_px, rng)),
         tuple(_seen(shown, luck, rig.right, T_right, noise_px, rng)),
     )
+
+
+def _shown(landmarks: list[MappedLandmark], eye: FloatArray, floor: FloorPlan | None) -> list[MappedLandmark]:
+    """Those that no wall hides."""
+    if floor is None or not landmarks:
+        return landmarks
+    places = np.array([m.T_map_landmark.t[:2] for m in landmarks])
+    near = np.flatnonzero(np.linalg.norm(places - eye, axis=1) < FARTHEST_SIZES * landmarks[0].size_m)
+    clear = floor.sees(np.repeat(eye, len(near), axis=0), places[near])
+    return [landmarks[k] for k in near[clear]]
 
 
 def _seen(

@@ -19,15 +19,12 @@ import numpy as np
 
 from lmkit.arrays import FloatArray
 from lmkit.locate.range_bearing import ReadingNoise, Readings, locate_planar, wrapped
-from lmkit.model.drive import Gyro, Odometry
 from lmkit.model.landmark_map import LandmarkMap
 from lmkit.model.observation import RangeBearing
-from lmkit.motion import NOMINAL, PARAMETERS, PRIOR_SIGMA, Increments, MotionModel, MotionNoise, follow
+from lmkit.motion import NOMINAL, PRIOR_SIGMA, MotionNoise
 from lmkit.track.drive_noise import DRIVE_NOISE, RELATED_S
+from lmkit.track.wheels import STATES, Wheels
 
-STATES = 3 + len(PARAMETERS)
-LONGEST_DELAY_S = 1.5
-_OWN = range(3, STATES)
 MOST_TRACKS = 6
 HOPELESS = 10.0  # log likelihood ratio to the best
 WRONG_SHARE = 0.04  # of readings: another code, a reflection
@@ -37,7 +34,6 @@ CARRIED_OFF = -7.0  # log probability of that
 SURE = 0.9  # probability of all that is near the best track
 SAME_M, SAME_RAD = 0.1, 0.05
 NEAR_M = 0.5
-DRIFT = np.array([1e-3, 1e-3, 1e-5, 1e-3, 1e-3, 3e-3])  # of the parameters, per root of a second
 NOWHERE_M = 1.0  # a position less sure than that is worth no word
 
 
@@ -78,9 +74,8 @@ class PlanarFilter:
     def __init__(
         self, landmarks: LandmarkMap, noise: ReadingNoise | None = None, motion_noise: MotionNoise | None = None
     ) -> None:
-        self._map, self._noise, self._motion_noise = landmarks, noise or DRIVE_NOISE, motion_noise
-        self._rows: deque[tuple[float, float, float]] = deque()
-        self._gyro: deque[tuple[float, float]] = deque()
+        self._map, self._noise = landmarks, noise or DRIVE_NOISE
+        self._wheels = Wheels(motion_noise)
         self._time: float | None = None
         self._tracks: list[_Track] = []
         self._seen: dict[int, deque[float]] = {}
@@ -92,11 +87,11 @@ class PlanarFilter:
 
     def add_odometry(self, time_s: float, forward_m: float, turn_rad: float) -> None:
         """What the wheels counted since the row before."""
-        self._rows.append((time_s, forward_m, turn_rad))
+        self._wheels.add_odometry(time_s, forward_m, turn_rad)
 
     def add_gyro(self, time_s: float, rate_radps: float) -> None:
         """The rate of turn."""
-        self._gyro.append((time_s, rate_radps))
+        self._wheels.add_gyro(time_s, rate_radps)
 
     def observe(self, time_s: float, readings: Sequence[RangeBearing]) -> TrackedPose:
         """Where the robot is at that moment; readings may be none."""
@@ -136,43 +131,10 @@ class PlanarFilter:
         assert self._time is not None
         if time_s <= self._time:
             return
-        self._forget(self._time - LONGEST_DELAY_S)
+        self._wheels.forget(self._time)
         for track in self._tracks:
-            increments = self._increments(time_s, track.x[3:])
-            motion, by_parameters = increments.motions[0], increments.by_parameters[0]
-            c, s = np.cos(track.x[2]), np.sin(track.x[2])
-            turn = np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
-            F = np.eye(STATES)
-            F[0, 2] = -s * motion[0] - c * motion[1]
-            F[1, 2] = c * motion[0] - s * motion[1]
-            F[:3, 3:] = turn @ by_parameters
-            track.x[:3] = follow(track.x[:3], motion[None])[1]
-            track.P = F @ track.P @ F.T
-            track.P[:3, :3] += turn @ np.diag(increments.sigmas[0] ** 2) @ turn.T
-            track.P[_OWN, _OWN] += DRIFT**2 * (time_s - self._time)
+            track.x, track.P = self._wheels.predict(track.x, track.P, self._time, time_s)
         self._time = time_s
-
-    def _increments(self, time_s: float, parameters: FloatArray) -> Increments:
-        rows = np.array(self._rows).reshape(-1, 3)
-        if len(rows) < 2:
-            rows = np.array([[self._time, 0.0, 0.0], [time_s, 0.0, 0.0]])
-            assert self._time is not None
-            outside = Odometry(np.array([self._time - 9e3, self._time - 8e3]), np.zeros(2), np.zeros(2))
-            return MotionModel(outside, None, self._motion_noise).increments(
-                np.array([self._time, time_s]), parameters
-            )
-        gyro = np.array(self._gyro).reshape(-1, 2)
-        model = MotionModel(
-            Odometry(rows[:, 0], rows[:, 1], rows[:, 2]),
-            Gyro(gyro[:, 0], gyro[:, 1]) if len(gyro) > 1 else None,
-            self._motion_noise,
-        )
-        return model.increments(np.array([self._time, time_s]), parameters)
-
-    def _forget(self, before_s: float) -> None:
-        for rows in (self._rows, self._gyro):
-            while len(rows) > 2 and rows[1][0] < before_s:
-                rows.popleft()
 
     def _spread(self, time_s: float, codes: Sequence[int]) -> FloatArray:
         """(R,) by how much each reading's deviation is enlarged: those of one landmark in a short time err alike."""

@@ -1,0 +1,165 @@
+"""Where a robot with two eyes is, while it drives: an iterated extended Kalman filter on the corners themselves.
+
+The state is that of `wheels.py`.  Every moment, all corners of all mapped landmarks in both eyes are weighed with what
+is known already (the update as Gauss-Newton: Bell and Cathey 1993), so that a single far landmark, whose two poses
+pictures alone cannot tell apart, still helps.  Height and level of the robot are known as of one on wheels.
+Landmarks that do not fit are left out; where none fits for a while, the robot is looked for anew.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from lmkit.arrays import BoolArray, FloatArray
+from lmkit.errors import InputError
+from lmkit.locate.prior import PosePrior
+from lmkit.locate.rig import LocateOptions, covariance_at_base, locate_rig
+from lmkit.locate.sightings import CORNER_FLOOR_PX, Poses, Sightings
+from lmkit.model.landmark_map import LandmarkMap
+from lmkit.model.observation import LandmarkObservation
+from lmkit.model.pose import planar_pose
+from lmkit.model.stereo_rig import StereoRig
+from lmkit.motion import NOMINAL, PRIOR_SIGMA, MotionNoise
+from lmkit.track.planar_filter import NOWHERE_M, TrackedPose
+from lmkit.track.wheels import STATES, Wheels
+
+ITERATIONS = 4
+CONVERGED = 1e-3  # squared step, in standard deviations
+OUTLIER_SIGMA = 4.5
+DOUBTS = 4  # moments at which nothing fits, before the robot may have been carried off
+HEIGHT_M, TILT_RAD = 0.005, np.deg2rad(0.3)  # as `PosePrior` has them
+
+
+class RigFilter:
+    """Feed odometry (and gyro) rows and what both eyes saw in the order of time; every moment gives a pose.
+
+    Args:
+        rig: with its T_base_left.
+        corner_floor_px: as of `LocateOptions`.
+
+    Raises:
+        InputError: the rig has no T_base_left.
+    """
+
+    def __init__(
+        self,
+        landmarks: LandmarkMap,
+        rig: StereoRig,
+        motion_noise: MotionNoise | None = None,
+        corner_floor_px: float = CORNER_FLOOR_PX,
+    ) -> None:
+        if rig.T_base_left is None:
+            raise InputError("no_base", "the rig has no T_base_left", "add where the left camera sits on the robot")
+        self._map, self._rig, self._T = landmarks, rig, rig.T_base_left
+        self._floor_px = corner_floor_px
+        self.wheels = Wheels(motion_noise)
+        self._time: float | None = None
+        self._x: FloatArray = np.zeros(STATES)
+        self._P: FloatArray = np.zeros((STATES, STATES))
+        self._doubts = 0
+        self._prior = PosePrior(
+            height_m=float(self._T.t[2]),
+            down=(float(-self._T.R[2, 0]), float(-self._T.R[2, 1]), float(-self._T.R[2, 2])),
+        )
+
+    @property
+    def parameters(self) -> FloatArray:
+        """(6,) what is wrong with the odometry, as `motion.PARAMETERS`."""
+        return self._x[3:].copy() if self._time is not None else np.array(NOMINAL)
+
+    def observe(
+        self, time_s: float, left: Sequence[LandmarkObservation], right: Sequence[LandmarkObservation]
+    ) -> TrackedPose:
+        """Where the robot is at that moment; nothing may be seen."""
+        if self._time is None:
+            return self._start(time_s, left, right)
+        if time_s > self._time:
+            self.wheels.forget(self._time)
+            self._x, self._P = self.wheels.predict(self._x, self._P, self._time, time_s)
+            self._time = time_s
+        seen = Sightings(
+            [
+                (left, self._rig.left, np.eye(3), np.zeros(3)),
+                (right, self._rig.right, self._rig.T_right_left.R, self._rig.T_right_left.t),
+            ],
+            self._map,
+            self._floor_px,
+        )
+        outliers: tuple[int, ...] = tuple(sorted(seen.twice))
+        if len(seen):
+            used = self._update(seen)
+            outliers = tuple(sorted({*outliers, *(int(code) for code in seen.codes[~used])}))
+            self._doubts = 0 if used.any() else self._doubts + 1
+            if self._doubts >= DOUBTS:
+                again = self._start(time_s, left, right)
+                if again.state is not None:
+                    return again
+        return self._pose(time_s, outliers, False)
+
+    def _start(
+        self, time_s: float, left: Sequence[LandmarkObservation], right: Sequence[LandmarkObservation]
+    ) -> TrackedPose:
+        options = LocateOptions(prior=self._prior, corner_floor_px=self._floor_px)
+        found = locate_rig(left, right, self._rig, self._map, options)
+        C = covariance_at_base(found, self._T.inverse())
+        if found.status != "ok" or found.T_map_camera is None or C is None:
+            return TrackedPose(time_s, "lost", None, None)
+        base = found.T_map_camera.R @ self._T.R.T
+        place = found.T_map_camera.t - base @ self._T.t
+        self._x = np.concatenate([[place[0], place[1], np.arctan2(base[1, 0], base[0, 0])], NOMINAL])
+        self._P = np.diag(np.concatenate([np.zeros(3), PRIOR_SIGMA**2]))
+        planar = np.array([0, 1, 5])
+        self._P[:3, :3] = C[planar[:, None], planar]
+        self._time, self._doubts = time_s, 0
+        return self._pose(time_s, found.outlier_codes, True)
+
+    def _update(self, seen: Sightings) -> BoolArray:
+        """Gauss-Newton on corners and what is known; (S,) the sightings that were believed."""
+        known = np.linalg.inv(self._P)
+        used = np.ones(len(seen), dtype=bool)
+        limit = 8 * OUTLIER_SIGMA**2
+        while True:
+            x, normal = self._fit(seen, used, known)
+            misfits = seen.misfits(self._poses(x))[0]
+            worst = int(np.argmax(np.where(used, misfits, -1.0)))
+            if not used.any() or misfits[worst] < limit:
+                break
+            # Both eyes' sightings of a landmark stand and fall together.
+            used &= seen.codes != seen.codes[worst]
+        if used.any():
+            self._x, self._P = x, np.linalg.inv(normal)
+        return used
+
+    def _fit(self, seen: Sightings, used: BoolArray, known: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """The state that agrees best with what is known and the sightings used, and its normal matrix."""
+        x, normal = self._x.copy(), known
+        for _ in range(ITERATIONS):
+            N, g, _ = seen.equations(self._poses(x), used[None], None)
+            arm = planar_pose(x[:3]).R @ self._T.t
+            # x, y, heading of the base; then height, roll and pitch, which are known but for a little.
+            J = np.zeros((6, 6))
+            J[0, 0] = J[1, 1] = J[5, 2] = J[2, 3] = J[3, 4] = J[4, 5] = 1.0
+            J[0, 2], J[1, 2] = -arm[1], arm[0]
+            A, b = J.T @ N[0] @ J, J.T @ g[0]
+            A[range(3, 6), range(3, 6)] += [HEIGHT_M**-2, TILT_RAD**-2, TILT_RAD**-2]
+            across = np.linalg.solve(A[3:, 3:], np.column_stack([A[3:, :3], b[3:]]))
+            normal = known.copy()
+            normal[:3, :3] += A[:3, :3] - A[:3, 3:] @ across[:, :3]
+            gradient = known @ (self._x - x)
+            gradient[:3] += b[:3] - A[:3, 3:] @ across[:, 3]
+            step = np.linalg.solve(normal, gradient)
+            x = x + step
+            if step @ normal @ step < CONVERGED:
+                break
+        return x, normal
+
+    def _poses(self, x: FloatArray) -> Poses:
+        T = planar_pose(x[:3]) @ self._T
+        return Poses(T.R[None], T.t[None])
+
+    def _pose(self, time_s: float, outliers: tuple[int, ...], restarted: bool) -> TrackedPose:
+        P = self._P[:3, :3]
+        lost = np.sqrt(np.linalg.eigvalsh(P[:2, :2])[-1]) > NOWHERE_M or self._doubts >= DOUBTS
+        return TrackedPose(time_s, "lost" if lost else "ok", self._x[:3].copy(), P.copy(), outliers, restarted)
