@@ -35,7 +35,8 @@ SURE = 2.45  # standard deviations of 95 % in two dimensions
 SURE_1D = 1.96
 UNSURE_M = 0.12  # of the position, from which on the robot looks around
 TURNS = 1.15  # full turns of a look around
-MOST_LOOKS = 4
+MOST_WAITS = 15  # moments at the goal
+MOST_GOES = 5
 STOP_SHORT_M = 0.35  # an obstacle nearer than that is in the way
 SEEN_AT_M = 0.25  # a wall of the plan may be so far off where the robot thinks it is
 OBSTACLE_M = 0.15
@@ -137,7 +138,6 @@ class _Navigator:
         self.filter = RigFilter(landmarks, rig, WITH_GYRO, 0.0)
         self.journey = Journey()
         self.obstacles: list[FloatArray] = []
-        self.looks = 0
 
     def run(self) -> Journey:
         """Locate, drive, turn, until there."""
@@ -231,7 +231,7 @@ class _Navigator:
         """The last steps: to the point, then to the heading, until surely within tolerance."""
         end = np.array([self.goal.x_m, self.goal.y_m])
         goes = 0
-        while self.robot.time_s < MOST_SECONDS and goes < 4:
+        while self.robot.time_s < MOST_SECONDS and goes < MOST_GOES:
             # To the point, backwards where that is nearer.
             for _ in range(150):
                 off = end - self.state[:2]
@@ -252,16 +252,15 @@ class _Navigator:
                     if abs(turn) < 0.2 * self.tolerance.heading_rad:
                         break
                     self.step(0.0, float(np.clip(1.5 * turn, -0.5, 0.5)))
-            for _ in range(4):
+            for _ in range(MOST_WAITS):
                 self.step(0.0, 0.0)
-            if self.arrived(end):
-                return "arrived"
-            if self.sure_enough(end):
-                goes += 1
-                continue
-            if self.looks >= MOST_LOOKS or not self.look_around():
-                return "unsure"
+                if self.arrived(end):
+                    return "arrived"
+                if self.sure_enough():
+                    break
             goes += 1
+            if not self.sure_enough():
+                self.look_around(0.3 * self.tolerance.place_m / SURE)
         return "unsure"
 
     def arrived(self, end: FloatArray) -> bool:
@@ -274,20 +273,19 @@ class _Navigator:
         turn = abs(_wrapped(self.goal.heading_rad - self.state[2]))
         return turn + SURE_1D * self.sigma_rad() < self.tolerance.heading_rad
 
-    def sure_enough(self, end: FloatArray) -> bool:
+    def sure_enough(self) -> bool:
         """Known well enough that driving on, not looking around, is what is missing."""
         return bool(
             SURE * self.sigma_m() < 0.6 * self.tolerance.place_m
             and SURE_1D * self.sigma_rad() < 0.6 * self.tolerance.heading_rad
         )
 
-    def look_around(self) -> bool:
-        """Turn on the spot until the pose is known well; False where a full turn does not help."""
-        self.looks += 1
+    def look_around(self, wanted_m: float = 0.15 * UNSURE_M) -> bool:
+        """Turn on the spot until the place is known that well; False where a full turn does not help at all."""
         steps = int(TURNS * 2 * np.pi / (0.7 * FASTEST_RADPS) / PERIOD_S)
         for k in range(steps):
             self.step(0.0, 0.0 if k == 0 else 0.7 * FASTEST_RADPS)
-            if self.pose.status == "ok" and self.sigma_m() < 0.15 * UNSURE_M:
+            if self.pose.status == "ok" and self.sigma_m() < wanted_m:
                 return True
         return bool(self.pose.status == "ok" and self.sigma_m() < UNSURE_M)
 

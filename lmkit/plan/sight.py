@@ -81,10 +81,11 @@ def planar_covariances(information: FloatArray, states: FloatArray, T_base_left:
     known = np.diag([NOTHING, NOTHING, HEIGHT_M**-2, TILT_RAD**-2, TILT_RAD**-2, NOTHING])
     C = np.linalg.inv(information + known)
     # The base lies behind the camera: p_base = p_left - R(heading) t.
-    arm = camera_poses(states, T_base_left)[1][:, :2] - states[:, :2]
+    arm = camera_poses(states, T_base_left)[1] - np.column_stack([states[:, :2], np.zeros(len(states))])
     J = np.zeros((len(states), 3, 6))
     J[:, 0, 0] = J[:, 1, 1] = J[:, 2, 5] = 1.0
-    J[:, 0, 5], J[:, 1, 5] = arm[:, 1], -arm[:, 0]
+    J[:, 0, 4], J[:, 0, 5] = -arm[:, 2], arm[:, 1]
+    J[:, 1, 3], J[:, 1, 5] = arm[:, 2], -arm[:, 0]
     return np.asarray(J @ C @ J.transpose(0, 2, 1))
 
 

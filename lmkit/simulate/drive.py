@@ -114,7 +114,8 @@ def make_drive(
     # The first moments lie before the wheels' delay.
     rows = rows[fine[rows] > errors.delay_s]
     moments = tuple(
-        StereoMoment(float(fine[k]), *look(landmarks, rig, truth[k], noise_px, rng), f"{fine[k]:.2f}") for k in rows
+        StereoMoment(float(fine[k]), *look(landmarks, rig, planar_pose(truth[k]), noise_px, rng), f"{fine[k]:.2f}")
+        for k in rows
     )
     odometry, gyro = _wheels(rng, fine, truth, errors)
     return Drive(landmarks, rig, fine[rows], truth[rows], moments, odometry, gyro)

@@ -11,7 +11,7 @@ from lmkit.model.camera import CameraModel
 from lmkit.model.floor_plan import FloorPlan
 from lmkit.model.landmark_map import LandmarkMap, MappedLandmark
 from lmkit.model.observation import LandmarkObservation
-from lmkit.model.pose import Pose, planar_pose
+from lmkit.model.pose import Pose
 from lmkit.model.recognition import corner_sigma_px, recognised
 from lmkit.model.stereo_rig import StereoRig
 
@@ -26,12 +26,12 @@ Seen = tuple[LandmarkObservation, ...]
 def look(
     landmarks: LandmarkMap,
     rig: StereoRig,
-    state: FloatArray,
+    T_map_base: Pose,
     noise_px: float | None,
     rng: np.random.Generator,
     floor: FloorPlan | None = None,
 ) -> tuple[Seen, Seen]:
-    """What the left and the right eye see from (3,) x, y (m), heading (rad) of the robot's base.
+    """What the left and the right eye see from a pose of the robot's base.
 
     Args:
         rig: with its T_base_left.
@@ -40,9 +40,10 @@ def look(
         floor: whose walls hide landmarks; None: nothing hides any.
     """
     assert rig.T_base_left is not None
-    T_left = (planar_pose(state) @ rig.T_base_left).inverse()
+    T_map_left = T_map_base @ rig.T_base_left
+    T_left = T_map_left.inverse()
     T_right = Pose("right", "left", rig.T_right_left.R, rig.T_right_left.t) @ T_left
-    eye = (planar_pose(state) @ rig.T_base_left).t[None, :2]
+    eye = T_map_left.t[None, :2]
     shown = _shown(list(landmarks), eye, floor)
     # Both eyes read a landmark, or neither.
     luck = np.zeros(len(shown)) if noise_px is not None else rng.uniform(size=len(shown))

@@ -9,12 +9,14 @@ import numpy as np
 from lmkit.arrays import FloatArray
 from lmkit.model.floor_plan import FloorPlan
 from lmkit.model.landmark_map import LandmarkMap
+from lmkit.model.pose import Pose, planar_pose
 from lmkit.model.stereo_rig import StereoRig
 from lmkit.simulate.drive import WheelErrors
 from lmkit.simulate.look import Seen, look
 
 STEP_S = 0.02
 SLIP_M, SLIP_RAD = 0.05, 0.08
+LEAN_RAD, LIFT_M = np.deg2rad(0.3), 0.004
 TOUCH_CELLS = 1.0  # a wall's place is known to its cell
 
 
@@ -72,7 +74,10 @@ class SimulatedRobot:
 
     def look(self) -> tuple[Seen, Seen]:
         """What both eyes see now (corners as measured, `model/recognition.py`)."""
-        return look(self.landmarks, self.rig, self.state, None, self._rng, self.floor)
+        # No floor is quite level, and no robot stands still on its springs.
+        turn = np.append(self._rng.normal(0, LEAN_RAD, 2), 0.0)
+        leaning = Pose.from_rvec("base", "base", turn, np.array([0.0, 0.0, self._rng.normal(0, LIFT_M)]))
+        return look(self.landmarks, self.rig, planar_pose(self.state) @ leaning, None, self._rng, self.floor)
 
     def obstacle_ahead(self, reach_m: float) -> FloatArray | None:
         """(2,) nearest obstacle in a strip as wide as the robot, forward and left of it; None where all is free."""

@@ -1,8 +1,8 @@
 """Where a robot with two eyes is, while it drives: an iterated extended Kalman filter on the corners themselves.
 
-The state is that of `wheels.py`.  Every moment, all corners of all mapped landmarks in both eyes are weighed with what
-is known already (the update as Gauss-Newton: Bell and Cathey 1993), so that a single far landmark, whose two poses
-pictures alone cannot tell apart, still helps.  Height and level of the robot are known as of one on wheels.
+The state is that of `wheels.py`.  Every moment, all corners of all mapped landmarks in both eyes are weighed with
+what is known already (the update as Gauss-Newton: Bell and Cathey 1993), so that a single far landmark, whose two
+poses pictures alone cannot tell apart, still helps.  Height and level of the robot are known as of one on wheels.
 Landmarks that do not fit are left out; where none fits for a while, the robot is looked for anew.
 """
 
@@ -17,9 +17,10 @@ from lmkit.errors import InputError
 from lmkit.locate.prior import PosePrior
 from lmkit.locate.rig import LocateOptions, covariance_at_base, locate_rig
 from lmkit.locate.sightings import CORNER_FLOOR_PX, Poses, Sightings
+from lmkit.locate.turns import turns
 from lmkit.model.landmark_map import LandmarkMap
 from lmkit.model.observation import LandmarkObservation
-from lmkit.model.pose import planar_pose
+from lmkit.model.pose import planar_pose, skew
 from lmkit.model.stereo_rig import StereoRig
 from lmkit.motion import NOMINAL, PRIOR_SIGMA, MotionNoise
 from lmkit.track.planar_filter import NOWHERE_M, TrackedPose
@@ -108,8 +109,11 @@ class RigFilter:
             return TrackedPose(time_s, "lost", None, None)
         base = found.T_map_camera.R @ self._T.R.T
         place = found.T_map_camera.t - base @ self._T.t
-        self._x = np.concatenate([[place[0], place[1], np.arctan2(base[1, 0], base[0, 0])], NOMINAL])
-        self._P = np.diag(np.concatenate([np.zeros(3), PRIOR_SIGMA**2]))
+        # What is wrong with the odometry stays known when the robot was carried off.
+        own = (np.array(NOMINAL), np.diag(PRIOR_SIGMA**2)) if self._time is None else (self._x[3:], self._P[3:, 3:])
+        self._x = np.concatenate([[place[0], place[1], np.arctan2(base[1, 0], base[0, 0])], own[0]])
+        self._P = np.zeros((STATES, STATES))
+        self._P[3:, 3:] = own[1]
         planar = np.array([0, 1, 5])
         self._P[:3, :3] = C[planar[:, None], planar]
         self._time, self._doubts = time_s, 0
@@ -121,8 +125,8 @@ class RigFilter:
         used = np.ones(len(seen), dtype=bool)
         limit = 8 * OUTLIER_SIGMA**2
         while True:
-            x, normal = self._fit(seen, used, known)
-            misfits = seen.misfits(self._poses(x))[0]
+            x, lean, normal = self._fit(seen, used, known)
+            misfits = seen.misfits(self._poses(x, lean))[0]
             worst = int(np.argmax(np.where(used, misfits, -1.0)))
             if not used.any() or misfits[worst] < limit:
                 break
@@ -132,18 +136,24 @@ class RigFilter:
             self._x, self._P = x, np.linalg.inv(normal)
         return used
 
-    def _fit(self, seen: Sightings, used: BoolArray, known: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """The state that agrees best with what is known and the sightings used, and its normal matrix."""
-        x, normal = self._x.copy(), known
+    def _fit(self, seen: Sightings, used: BoolArray, known: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """The state that agrees best with what is known and the sightings used, how the robot lifts, rolls and
+        pitches at this moment, and the state's normal matrix.
+        """
+        x, lean, normal = self._x.copy(), np.zeros(3), known
+        level = np.array([HEIGHT_M**-2, TILT_RAD**-2, TILT_RAD**-2])
         for _ in range(ITERATIONS):
-            N, g, _ = seen.equations(self._poses(x), used[None], None)
+            N, g, _ = seen.equations(self._poses(x, lean), used[None], None)
             arm = planar_pose(x[:3]).R @ self._T.t
-            # x, y, heading of the base; then height, roll and pitch, which are known but for a little.
+            # x, y, heading of the base; then height, roll and pitch of this moment.
             J = np.zeros((6, 6))
             J[0, 0] = J[1, 1] = J[5, 2] = J[2, 3] = J[3, 4] = J[4, 5] = 1.0
             J[0, 2], J[1, 2] = -arm[1], arm[0]
+            # It leans about the floor, not about the camera.
+            J[:3, 4:6] = -skew(arm)[:, :2]
             A, b = J.T @ N[0] @ J, J.T @ g[0]
-            A[range(3, 6), range(3, 6)] += [HEIGHT_M**-2, TILT_RAD**-2, TILT_RAD**-2]
+            A[range(3, 6), range(3, 6)] += level
+            b[3:] -= level * lean
             across = np.linalg.solve(A[3:, 3:], np.column_stack([A[3:, :3], b[3:]]))
             normal = known.copy()
             normal[:3, :3] += A[:3, :3] - A[:3, 3:] @ across[:, :3]
@@ -151,13 +161,15 @@ class RigFilter:
             gradient[:3] += b[:3] - A[:3, 3:] @ across[:, 3]
             step = np.linalg.solve(normal, gradient)
             x = x + step
+            lean = lean + across[:, 3] - across[:, :3] @ step[:3]
             if step @ normal @ step < CONVERGED:
                 break
-        return x, normal
+        return x, lean, normal
 
-    def _poses(self, x: FloatArray) -> Poses:
-        T = planar_pose(x[:3]) @ self._T
-        return Poses(T.R[None], T.t[None])
+    def _poses(self, x: FloatArray, lean: FloatArray) -> Poses:
+        base = planar_pose(x[:3])
+        turn = turns(np.array([[lean[1], lean[2], 0.0]])) @ base.R
+        return Poses(turn @ self._T.R, base.t + turn @ self._T.t + np.array([[0.0, 0.0, lean[0]]]))
 
     def _pose(self, time_s: float, outliers: tuple[int, ...], restarted: bool) -> TrackedPose:
         P = self._P[:3, :3]

@@ -16,6 +16,7 @@ from lmkit.motion import PARAMETERS, Increments, MotionModel, MotionNoise, follo
 
 STATES = 3 + len(PARAMETERS)
 LONGEST_DELAY_S = 1.5
+AHEAD_S = 0.3
 _OWN = range(3, STATES)
 DRIFT = np.array([1e-3, 1e-3, 1e-5, 1e-3, 1e-3, 3e-3])  # of the parameters, per root of a second
 
@@ -65,6 +66,9 @@ class Wheels:
         if len(rows) < 2:
             outside = Odometry(np.array([before_s - 9e3, before_s - 8e3]), np.zeros(2), np.zeros(2))
             return MotionModel(outside, None, self._noise).increments(times, parameters)
+        # A robot that runs ahead of its odometry's clock goes on as it did.
+        share = AHEAD_S / max(rows[-1, 0] - rows[-2, 0], 1e-3)
+        rows = np.vstack([rows, [rows[-1, 0] + AHEAD_S, *(share * rows[-1, 1:])]])
         gyro = np.array(self._gyro).reshape(-1, 2)
         model = MotionModel(
             Odometry(rows[:, 0], rows[:, 1], rows[:, 2]),
