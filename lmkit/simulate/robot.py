@@ -44,7 +44,7 @@ class SimulatedRobot:
         self.time_s = 0.0
         self.touched = False
         self._rng = np.random.default_rng([seed, 5])
-        self._late: deque[tuple[float, float]] = deque([(0.0, 0.0)] * max(1, round(errors.delay_s / STEP_S)))
+        self._late = deque([self.state], maxlen=1 + round(errors.delay_s / STEP_S))
         self._slip_at = np.sort(self._rng.uniform(2.0, 60.0, errors.slips)).tolist()
         self._bias = errors.gyro_bias
 
@@ -53,31 +53,34 @@ class SimulatedRobot:
         rows = []
         for _ in range(max(1, round(seconds / STEP_S))):
             self.time_s += STEP_S
-            # The wheels turn as told at once, the robot follows a little later.
-            self._late.append((forward_mps, turn_radps))
-            v, w = self._late.popleft()
             e, rng = self.errors, self._rng
-            root = np.sqrt(abs(v) * STEP_S)
-            forward = e.forward_scale * v * STEP_S + e.noise_per_root_m * root * rng.normal()
-            turn = e.turn_scale * w * STEP_S + e.turn_noise_per_root_m * root * rng.normal()
-            if self._slip_at and self.time_s >= self._slip_at[0] and abs(v) > 0.05:
+            root = np.sqrt(abs(forward_mps) * STEP_S)
+            forward = e.forward_scale * forward_mps * STEP_S + e.noise_per_root_m * root * rng.normal()
+            turn = e.turn_scale * turn_radps * STEP_S + e.turn_noise_per_root_m * root * rng.normal()
+            if self._slip_at and self.time_s >= self._slip_at[0] and abs(forward_mps) > 0.05:
                 self._slip_at.pop(0)
                 forward += rng.uniform(-SLIP_M, SLIP_M)
                 turn += rng.uniform(-SLIP_RAD, SLIP_RAD)
             middle = self.state[2] + turn / 2
             self.state = self.state + np.array([forward * np.cos(middle), forward * np.sin(middle), turn])
+            self._late.append(self.state)
             clear = self.floor.clearance_at(self.state[None, :2])[0]
             self.touched |= bool(clear < self.radius_m - TOUCH_CELLS * self.floor.cell_m)
             rate = turn / STEP_S + self._bias + e.gyro_noise * rng.normal()
             rows.append((self.time_s, forward_mps * STEP_S, turn_radps * STEP_S, rate))
         return rows
 
+    @property
+    def seen_from(self) -> FloatArray:
+        """(3,) where it was when its eyes saw what :meth:`look` gives now."""
+        return self._late[0]
+
     def look(self) -> tuple[Seen, Seen]:
-        """What both eyes see now (corners as measured, `model/recognition.py`)."""
+        """What both eyes see (corners as measured, `model/recognition.py`); pictures come ``delay_s`` late."""
         # No floor is quite level, and no robot stands still on its springs.
         turn = np.append(self._rng.normal(0, LEAN_RAD, 2), 0.0)
         leaning = Pose.from_rvec("base", "base", turn, np.array([0.0, 0.0, self._rng.normal(0, LIFT_M)]))
-        return look(self.landmarks, self.rig, planar_pose(self.state) @ leaning, None, self._rng, self.floor)
+        return look(self.landmarks, self.rig, planar_pose(self.seen_from) @ leaning, None, self._rng, self.floor)
 
     def obstacle_ahead(self, reach_m: float) -> FloatArray | None:
         """(2,) nearest obstacle in a strip as wide as the robot, forward and left of it; None where all is free."""

@@ -22,13 +22,14 @@ from lmkit.model.landmark_map import LandmarkMap
 from lmkit.model.observation import LandmarkObservation
 from lmkit.model.pose import planar_pose, skew
 from lmkit.model.stereo_rig import StereoRig
-from lmkit.motion import NOMINAL, PRIOR_SIGMA, MotionNoise
+from lmkit.motion import NOMINAL, PARAMETERS, PRIOR_SIGMA, MotionNoise
 from lmkit.track.planar_filter import NOWHERE_M, TrackedPose
-from lmkit.track.wheels import STATES, Wheels
+from lmkit.track.wheels import AHEAD_S, LONGEST_DELAY_S, STATES, Wheels
 
 ITERATIONS = 4
 CONVERGED = 1e-3  # squared step, in standard deviations
 OUTLIER_SIGMA = 4.5
+DELAY = 3 + PARAMETERS.index("delay_s")
 DOUBTS = 4  # moments at which nothing fits, before the robot may have been carried off
 HEIGHT_M, TILT_RAD = 0.005, np.deg2rad(0.3)  # as `PosePrior` has them
 
@@ -133,6 +134,8 @@ class RigFilter:
             # Both eyes' sightings of a landmark stand and fall together.
             used &= seen.codes != seen.codes[worst]
         if used.any():
+            # Beyond that no odometry is kept, and none is there yet.
+            x[DELAY] = np.clip(x[DELAY], -AHEAD_S, LONGEST_DELAY_S)
             self._x, self._P = x, np.linalg.inv(normal)
         return used
 
