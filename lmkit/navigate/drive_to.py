@@ -43,12 +43,12 @@ OBSTACLE_M = 0.15
 MOST_TIMES_UNSURE = 25
 # Of wheels with a gyro beside them: turns are known far better than by wheels alone.
 WITH_GYRO = MotionNoise(
-    along_per_root_m=0.03,
-    across_per_root_m=0.01,
-    turn_per_root_m=0.01,
-    turn_per_root_rad=0.02,
-    turn_per_root_s=0.004,
-    place_per_root_s=0.002,
+    along_per_root_m=0.02,
+    across_per_root_m=0.005,
+    turn_per_root_m=0.006,
+    turn_per_root_rad=0.01,
+    turn_per_root_s=0.002,
+    place_per_root_s=0.0005,
 )
 MOST_REPLANS = 12
 MOST_SECONDS = 900.0
