@@ -5,7 +5,7 @@
 In each of the plans in benchmarks/floors, landmarks as `lmkit plan place` hangs them; random starts (0.4 m clear of
 walls, any heading) and goals (where the placement holds its demand); wheels that report 8 % too much way and 10 % too
 much turn, three slips of up to 5 cm and 5 deg, a gyro with bias and noise, pictures 0.1 s late, a robot that leans by
-0.3 deg, corners and recognition as measured.  ``--every-second`` takes half of the landmarks down, and out of the map.
+0.3 deg, corners and recognition as measured.  ``--every-second`` takes half of the landmarks off walls and map.
 Arrived means: within 5 cm and 3 deg of the goal, in truth, without touching a wall.
 """
 

@@ -2,7 +2,7 @@
 
     uv run python benchmarks/plan.py [benchmarks/floors/room.yaml ...]
 
-Per floor plan: landmarks placed for 5 cm and 2 deg with 2 in view in a quarter of the directions at 90 % of the places;
+Per floor plan: landmarks placed for 5 cm and 2 deg, 2 in view, in a quarter of the directions, at 90 % of the places;
 evenly spaced ones (middle of the wall height, the fewest whose share is as large); the time; the position error that
 the placement promises where the demand holds, and what `locate_rig` makes of simulated corners there (root mean
 squares, 300 poses); Spearman's rank correlation of predicted and simulated error over 200 random poses.
@@ -25,7 +25,6 @@ from lmkit.locate.prior import PosePrior
 from lmkit.locate.rig import LocateOptions, locate_rig
 from lmkit.model.floor_plan import FloorPlan
 from lmkit.model.landmark_map import LandmarkMap, MappedLandmark, wall_pose
-from lmkit.model.stereo_rig import StereoRig
 from lmkit.plan.coverage import Demand, expected_errors, places_on, predict_coverage
 from lmkit.plan.place import HangOptions, hanging_places, place_landmarks
 from lmkit.plan.sight import find_sights
@@ -97,10 +96,11 @@ def study(path: Path) -> str:
     rank = spearmanr(np.minimum(predicted, 1e3), np.minimum(found, 1e3)).statistic
     both = np.isfinite(predicted) & np.isfinite(found)
     rank_both = spearmanr(predicted[both], found[both]).statistic
+    kept = f"{rank:.2f} | {rank_both:.2f} of {both.sum()}"
     return (
         f"| {path.stem} | {len(placed.mounts)} | {even} | {1 - len(placed.mounts) / even:.0%} | {placed.share:.1%} | "
         f"{took:.0f} | {1000 * np.sqrt(np.mean(promised[known] ** 2)):.1f} | "
-        f"{1000 * np.sqrt(np.mean(made[known] ** 2)):.1f} | {ratio:.2f} | {rank:.2f} | {rank_both:.2f} of {both.sum()} |"
+        f"{1000 * np.sqrt(np.mean(made[known] ** 2)):.1f} | {ratio:.2f} | {kept} |"
     )
 
 

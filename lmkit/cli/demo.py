@@ -24,6 +24,9 @@ def run(
     drive: Annotated[
         bool, typer.Option("--drive", help="A drive instead: survey its first half, track its second.")
     ] = False,
+    navigate: Annotated[
+        bool, typer.Option("--navigate", help="Plan where landmarks hang, then drive through rooms by them.")
+    ] = False,
     force: Annotated[bool, typer.Option("--force", help="Overwrite a folder of an earlier run.")] = False,
 ) -> None:
     """Print, photograph a simulated room, calibrate, locate, and compare with the truth."""
@@ -38,8 +41,13 @@ def run(
     if output.is_dir() and any(output.iterdir()) and not force:
         raise InputError("file_exists", f"folder {output} is not empty", "add --force, or choose another with -o")
     check_writable(output / "errors.csv", force)
+    if drive and navigate:
+        raise InputError("not_together", "--drive and --navigate do not go together", "leave one of them out")
     if drive:
         _drive(output, seed, landmarks)
+        return
+    if navigate:
+        _navigate(output, seed)
         return
     with _Bars() as bars:
         result = run_demo(output, seed, pairs, boards, landmarks, bars.tell)
@@ -59,6 +67,25 @@ def _drive(folder: Path, seed: int, landmarks: int) -> None:
         print_line(f"track    ranges and bearings, live   {e.live_mm:8.1f} mm  {e.live_deg:5.2f} deg")
     print_line(f"wheels and gyro alone end {e.wheels_mm:.0f} mm off")
     print_line(f"see {folder / 'plan.png'}, {folder / 'map.yaml'}, {folder / 'trajectory.tum'}")
+
+
+def _navigate(folder: Path, seed: int) -> None:
+    from lmkit.demo_navigate import run_navigate_demo
+
+    with _Bars() as bars:
+        answer = run_navigate_demo(folder, seed, bars.tell)
+    print_line(f"{answer.landmarks} landmarks placed; the demand holds at {answer.share:.0%} of the floor")
+    print_line("simulated robot, corners, wheels and gyro:")
+    for leg in answer.legs:
+        end = f"{leg.off_mm:5.1f} mm and {leg.off_deg:4.2f} deg from the goal" if leg.status == "arrived" else leg.why
+        print_line(f"{leg.name:18s} {leg.status:8s} {leg.way_m:5.1f} m, {leg.seconds:3.0f} s: {end}")
+    print_line(f"the true place lay in the claimed 95 % ellipse {answer.inside:.0%} of the time")
+    print_line(
+        f"simulated pictures at {answer.pictures} places of the way: located {answer.located}, "
+        + ("" if answer.picture_mm is None else f"median error {answer.picture_mm:.1f} mm")
+    )
+    names = ("plan.png", "strip.jpg", "coverage.png", "landmarks.pdf", "map.yaml", "believed.tum")
+    print_line(f"see {', '.join(str(folder / name) for name in names)}")
 
 
 class _Bars:

@@ -6,7 +6,7 @@ Everything is drawn from a seed.  The map's z points up; walls stand on its x an
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 
 import numpy as np
@@ -18,6 +18,7 @@ from lmkit.generate.page import Page, bare_landmark_page
 from lmkit.generate.png import page_to_image
 from lmkit.model.board import BoardSpec
 from lmkit.model.camera import CameraModel
+from lmkit.model.floor_plan import FloorPlan
 from lmkit.model.landmark import LandmarkFamily, family_named
 from lmkit.model.landmark_map import LandmarkMap, MappedLandmark, wall_pose
 from lmkit.model.palette import srgb_to_linear
@@ -97,6 +98,29 @@ def make_room(
     landmarks = hang_landmarks(rng, codes, size_m)
     panels = [*_walls(rng, size_m), *map(landmark_sheet, landmarks)]
     return Scene(tuple(panels), LandmarkMap(landmarks), size_m)
+
+
+def floor_scene(seed: int, floor: FloorPlan, landmarks: LandmarkMap, height_m: float = 2.6) -> Scene:
+    """The walls of a floor plan, and landmarks on them as the map says."""
+    rng = np.random.default_rng(seed)
+    panels = []
+    for wall in floor.walls:
+        middle = [*(wall.left + wall.right) / 2, height_m / 2]
+        tint = WALL_TINTS[int(rng.integers(len(WALL_TINTS)))]
+        panels.append(Panel(wall_pose(middle, wall.facing_rad), (wall.length_m, height_m), _plaster(rng, tint)))
+    sx, sy = floor.size_m
+    centre = np.array([floor.origin[0] + sx / 2, floor.origin[1] + sy / 2, 0.0])
+    panels.append(Panel(Pose("map", "floor", np.eye(3), centre), (sx, sy), _plaster(rng, FLOOR)))
+    above = centre + np.array([0.0, 0.0, height_m])
+    panels.append(Panel(Pose("map", "ceiling", np.diag([1.0, -1, -1]), above), (sx, sy), _plaster(rng, CEILING)))
+    # Paper stands a little off its wall.
+    sheets = [landmark_sheet(landmark) for landmark in landmarks]
+    off = [replace(s, T_map_panel=_moved_out(s.T_map_panel)) for s in sheets]
+    return Scene((*panels, *off), landmarks, (sx, sy, height_m))
+
+
+def _moved_out(T: Pose) -> Pose:
+    return Pose("map", T.from_frame, T.R, T.t + PAPER_M * T.R[:, 2])
 
 
 def hang_landmarks(

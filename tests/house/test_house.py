@@ -37,7 +37,8 @@ FLOORS = [
         "installation",
     },
     {"track", "plan"},
-    {"board_capture", "demo", "demo_drive"},
+    {"navigate"},
+    {"board_capture", "demo", "demo_drive", "demo_navigate"},
     {"cli"},
 ]
 

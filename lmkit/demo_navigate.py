@@ -1,0 +1,231 @@
+"""`lmkit demo --navigate`: landmarks planned and printed, and a simulated robot that drives through rooms by them."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import cv2
+import numpy as np
+
+from lmkit.arrays import ByteArray, FloatArray
+from lmkit.detect.landmarks import detect_landmarks
+from lmkit.detect.options import DetectOptions
+from lmkit.floor_picture import floor_underlay, wall_notes
+from lmkit.formats.files import write_file
+from lmkit.formats.floor_plan import read_floor
+from lmkit.formats.landmark_map import map_to_yaml
+from lmkit.formats.rig import rig_to_yaml
+from lmkit.formats.template import load_template
+from lmkit.formats.trajectory import poses_to_tum
+from lmkit.generate.manifest import manifest_of
+from lmkit.generate.pdf import pages_to_pdf
+from lmkit.generate.sheet import compose_sheets
+from lmkit.locate.rig import locate_rig
+from lmkit.model.floor_plan import FloorPlan
+from lmkit.model.landmark import LM8
+from lmkit.model.landmark_map import LandmarkMap
+from lmkit.model.pose import Pose, planar_pose
+from lmkit.model.stereo_rig import StereoRig
+from lmkit.navigate.drive_to import Journey, drive_to
+from lmkit.overlay import draw_landmarks, encode_jpeg
+from lmkit.plan.coverage import Demand, predict_coverage
+from lmkit.plan.place import Placement, place_landmarks
+from lmkit.plan.route import Spot, find_spot
+from lmkit.room_plan import BLUE, GREEN, ORANGE, Note, Way, draw_plan
+from lmkit.simulate.drive import T_BASE_LEFT, WheelErrors
+from lmkit.simulate.photograph import ImagingChain, Sensor, photograph
+from lmkit.simulate.robot import SimulatedRobot
+from lmkit.simulate.scene import floor_scene, make_rig
+from lmkit.track.planar_filter import TrackedPose
+from lmkit.verify.proof import prove_pages
+
+FLOOR = """format: lmkit-floor/1
+walls:
+  - {from: [0, 0], to: [10, 0]}
+  - {from: [10, 0], to: [10, 7]}
+  - {from: [10, 7], to: [0, 7]}
+  - {from: [0, 7], to: [0, 0]}
+  - {from: [0, 4.2], to: [3.5, 4.2]}
+  - {from: [4.7, 4.2], to: [10, 4.2]}
+  - {from: [5.5, 0], to: [5.5, 2.6]}
+places:
+  dock: {position: [1.2, 1.2], heading_deg: 180}
+  bench: {position: [8.6, 1.4], heading_deg: 0}
+  shelf: {position: [8.4, 5.8], heading_deg: 90}
+"""
+LEGS = (("dock", "bench"), ("bench", "shelf"), ("shelf", "dock"))
+RADIUS_M = 0.25
+BOX_AT, BOX_RADIUS_M = (4.1, 3.2), 0.25  # in the way of the second leg, and on no plan
+PICTURES = 6
+STRIP_WIDTH_PX = 480
+
+Progress = Callable[[str, int, int], None]
+
+
+@dataclass(frozen=True)
+class Leg:
+    """One drive from place to place, and the truth at its end."""
+
+    name: str
+    status: str
+    why: str
+    way_m: float
+    seconds: float
+    off_mm: float
+    off_deg: float
+
+
+@dataclass(frozen=True)
+class NavigateResult:
+    """What the demo shows.
+
+    Attributes:
+        landmarks, share: placed, and the share of the floor at which the demand holds.
+        inside: how often the claimed 95 % ellipse held the truth.
+        pictures, located, picture_mm: places photographed, located from detection, and their median error.
+    """
+
+    landmarks: int
+    share: float
+    legs: tuple[Leg, ...]
+    inside: float
+    pictures: int
+    located: int
+    picture_mm: float | None
+
+
+def run_navigate_demo(folder: Path, seed: int, tell: Progress) -> NavigateResult:
+    """Plan, print, drive three legs (a box stands in the way of the second), and write what happened."""
+    rig = replace(make_rig(), T_base_left=T_BASE_LEFT)
+    write_file(folder / "floor.yaml", FLOOR, True)
+    write_file(folder / "rig.yaml", rig_to_yaml(rig), True)
+    floor, demand = read_floor(folder / "floor.yaml"), Demand()
+    tell("placing", 0, 1)
+    placement = place_landmarks(floor, [], rig, RADIUS_M, demand)
+    tell("placing", 1, 1)
+    _write_prints(folder, placement)
+    coverage = predict_coverage(floor, list(placement.landmarks), rig, RADIUS_M)
+    boxed = floor.blocked(np.array([BOX_AT]), BOX_RADIUS_M)
+    x, y, heading = floor.places[LEGS[0][0]]
+    start = np.array([x, y, heading])
+    legs: list[Leg] = []
+    truth: list[FloatArray] = []
+    believed: list[TrackedPose] = []
+    inside: list[bool] = []
+    for number, (a, b) in enumerate(LEGS):
+        tell("driving", number, len(LEGS))
+        errors = WheelErrors(slips=2, delay_s=0.1)
+        ground = boxed if number == 1 else floor
+        robot = SimulatedRobot(ground, placement.landmarks, rig, start, RADIUS_M, errors, seed + number)
+
+        def note(pose: TrackedPose, robot: SimulatedRobot = robot) -> None:
+            if pose.state is None or pose.covariance is None:
+                return
+            truth.append(robot.seen_from.copy())
+            believed.append(pose)
+            off = pose.state[:2] - robot.seen_from[:2]
+            inside.append(bool(off @ np.linalg.solve(pose.covariance[:2, :2], off) < 5.991))
+
+        goal = find_spot(b, floor, placement.landmarks, RADIUS_M)
+        first = len(truth)
+        journey = drive_to(robot, floor, placement.landmarks, rig, RADIUS_M, goal, demand, coverage, on_moment=note)
+        legs.append(_leg(f"{a} to {b}", journey, robot, goal, truth[first:]))
+        start = robot.state
+    tell("driving", len(LEGS), len(LEGS))
+    strip, located, off_mm = _photograph(seed, floor, placement.landmarks, rig, truth, tell)
+    write_file(folder / "strip.jpg", encode_jpeg(strip), True)
+    _draw(folder, floor, placement, truth, believed)
+    poses = [(0.2 * k, planar_pose(pose.state)) for k, pose in enumerate(believed) if pose.state is not None]
+    write_file(folder / "believed.tum", poses_to_tum(poses), True)
+    write_file(folder / "truth.tum", poses_to_tum([(0.2 * k, planar_pose(s)) for k, s in enumerate(truth)]), True)
+    return NavigateResult(
+        len(placement.mounts),
+        placement.share,
+        tuple(legs),
+        float(np.mean(inside)),
+        PICTURES,
+        located,
+        float(np.median(off_mm)) if off_mm else None,
+    )
+
+
+def _leg(name: str, journey: Journey, robot: SimulatedRobot, goal: Spot, truth: Sequence[FloatArray]) -> Leg:
+    way = float(np.linalg.norm(np.diff(np.array(truth)[:, :2], axis=0), axis=1).sum())
+    off = float(np.hypot(goal.x_m - robot.state[0], goal.y_m - robot.state[1]))
+    turn = 0.0 if goal.heading_rad is None else robot.state[2] - goal.heading_rad
+    off_deg = float(np.rad2deg(abs(np.arctan2(np.sin(turn), np.cos(turn)))))
+    why = "ran into something" if robot.touched else journey.why
+    return Leg(name, journey.status, why, way, robot.time_s, 1000 * off, off_deg)
+
+
+def _write_prints(folder: Path, placement: Placement) -> None:
+    codes = [mount.landmark.code for mount in placement.mounts]
+    pages = compose_sheets(LM8, codes, load_template("a4"))
+    pdf = pages_to_pdf(pages, "landmarks to hang", manifest_of(pages, "a4").to_json())
+    prove_pages(pdf, pages)
+    write_file(folder / "landmarks.pdf", pdf, True)
+    write_file(folder / "map.yaml", map_to_yaml(placement.landmarks), True)
+    rows = [
+        f"{m.landmark.code},{m.wall.name},{m.along_m:.3f},{m.landmark.T_map_landmark.t[2]:.3f}\n"
+        for m in placement.mounts
+    ]
+    write_file(folder / "mounting.csv", "code,wall,from_left_end_m,height_m\n" + "".join(rows), True)
+
+
+def _photograph(
+    seed: int, floor: FloorPlan, landmarks: LandmarkMap, rig: StereoRig, truth: Sequence[FloatArray], tell: Progress
+) -> tuple[ByteArray, int, list[float]]:
+    """Pictures along the way, read and located: the film strip, how many were located, and their errors in mm."""
+    scene, rng = floor_scene(seed, floor, landmarks), np.random.default_rng([seed, 9])
+    chain = ImagingChain(sensor=Sensor(6000.0, 8.0, bayer=True))
+    frames, off_mm = [], []
+    T_right = Pose("camera", "camera", rig.T_right_left.R, rig.T_right_left.t).inverse()
+    rows = np.linspace(0, len(truth) - 1, PICTURES + 2).astype(int)[1:-1]
+    for number, k in enumerate(rows):
+        tell("photographing", number, PICTURES)
+        T_left = planar_pose(truth[k]) @ T_BASE_LEFT
+        T = Pose("map", "camera", T_left.R, T_left.t)
+        pictures = [photograph(scene, rig.left, T, chain, rng), photograph(scene, rig.right, T @ T_right, chain, rng)]
+        seen = [
+            detect_landmarks(picture, DetectOptions(camera=eye))
+            for picture, eye in zip(pictures, (rig.left, rig.right), strict=True)
+        ]
+        found = locate_rig(seen[0], seen[1], rig, landmarks)
+        if found.status == "ok" and found.T_map_camera is not None:
+            off_mm.append(1000 * float(np.linalg.norm(found.T_map_camera.t - T.t)))
+        frame = draw_landmarks(pictures[0], seen[0])
+        scale = STRIP_WIDTH_PX / frame.shape[1]
+        frames.append(cv2.resize(frame, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA))
+    tell("photographing", PICTURES, PICTURES)
+    upper, lower = np.hstack(frames[: PICTURES // 2]), np.hstack(frames[PICTURES // 2 :])
+    return np.asarray(np.vstack([upper, lower])), len(off_mm), off_mm
+
+
+def _draw(
+    folder: Path, floor: FloorPlan, placement: Placement, truth: Sequence[FloatArray], believed: Sequence[TrackedPose]
+) -> None:
+    ways = [
+        Way(np.array(truth)[:, :2], GREEN, "true path", 6),
+        Way(np.array([pose.state[:2] for pose in believed if pose.state is not None]), ORANGE, "believed path", 2),
+    ]
+    notes = [*wall_notes(floor), *(Note(name, (x, y - 0.25)) for name, (x, y, _) in floor.places.items())]
+    notes.append(Note("box", BOX_AT))
+    plan = draw_plan(
+        placement.landmarks,
+        [],
+        title="Driven by landmarks: true and believed path; the box is on no plan",
+        underlay=floor_underlay(floor),
+        ways=[*ways, _circle(BOX_AT, BOX_RADIUS_M)],
+        notes=notes,
+    )
+    write_file(folder / "plan.png", plan, True)
+    underlay = floor_underlay(floor, placement.coverage.places, placement.coverage.typical_error_m(Demand().headings))
+    drawn = draw_plan(placement.landmarks, [], title="Expected position error", underlay=underlay)
+    write_file(folder / "coverage.png", drawn, True)
+
+
+def _circle(at: tuple[float, float], radius_m: float) -> Way:
+    turns = np.linspace(0, 2 * np.pi, 48)
+    return Way(np.array(at) + radius_m * np.column_stack([np.cos(turns), np.sin(turns)]), BLUE, "box in the way", 3)
