@@ -57,7 +57,7 @@ places:
 """
 LEGS = (("dock", "bench"), ("bench", "shelf"), ("shelf", "dock"))
 RADIUS_M = 0.25
-BOX_AT, BOX_RADIUS_M = (4.1, 3.2), 0.25  # in the way of the second leg, and on no plan
+BOX_AT, BOX_RADIUS_M = (5.0, 3.45), 0.2  # in the way of the second leg, and on no plan
 PICTURES = 6
 STRIP_WIDTH_PX = 480
 

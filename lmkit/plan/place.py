@@ -33,7 +33,6 @@ MARGIN = 0.005  # of the share, for places between those that were looked at
 LEAST_GAIN = 1e-6
 REMEDIES = 5
 CHECKED_STEP = 0.7  # of the search's step between places: those that check the result are others
-EXCHANGE_S = 10.0
 NEIGHBOURS_M = 4.0
 
 
@@ -45,12 +44,14 @@ class HangOptions:
         size_m, family: of all of them.
         height_m: of their middles; None: a little above the camera.
         not_on: names of walls that stay bare, beside those that the floor plan says.
+        exchange_s: how long to look for two landmarks that one can do for.
     """
 
     size_m: float = 0.18
     family: str = "lm8"
     height_m: float | None = None
     not_on: tuple[str, ...] = ()
+    exchange_s: float = 10.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -124,7 +125,7 @@ def place_landmarks(
         if placement.share >= demand.share or target >= problem.possible:
             break
         target = min(target + demand.share - placement.share + MARGIN, problem.possible)
-    problem.exchange(target)
+    problem.exchange(target, options.exchange_s)
     exchanged = _finish(problem, floor, hung, rig, radius_m, demand, options)
     return exchanged if exchanged.share >= min(placement.share, demand.share) else placement
 
@@ -242,9 +243,9 @@ class _Problem:
             self.put(best[1])
             on_step(len(self.chosen), self.share)
 
-    def exchange(self, target: float) -> None:
+    def exchange(self, target: float, seconds: float) -> None:
         """Two for one, while time lasts."""
-        until = time.monotonic() + EXCHANGE_S
+        until = time.monotonic() + seconds
         target = min(target, self.share)
         better = True
         while better and time.monotonic() < until:

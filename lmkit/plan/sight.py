@@ -44,6 +44,9 @@ class Sights:
     information: FloatArray
 
 
+NOTHING_SEEN = Sights(np.zeros(0, int), np.zeros(0, int), np.zeros(0), np.zeros((0, 6, 6)))
+
+
 def find_sights(
     states: FloatArray, landmarks: Sequence[MappedLandmark], rig: StereoRig, floor: FloorPlan | None
 ) -> Sights:
@@ -55,7 +58,7 @@ def find_sights(
     """
     assert rig.T_base_left is not None
     if not landmarks or not len(states):
-        return Sights(np.zeros(0, int), np.zeros(0, int), np.zeros(0), np.zeros((0, 6, 6)))
+        return NOTHING_SEEN
     at_once = max(1, AT_ONCE // len(landmarks))
     parts = [
         _sights(states[start : start + at_once], start, landmarks, rig, floor)
@@ -112,6 +115,8 @@ def _sights(
     if floor is not None and len(rows):
         clear = floor.sees(p[rows, :2], middles[columns, :2])
         rows, columns = rows[clear], columns[clear]
+    if not len(rows):
+        return NOTHING_SEEN
     information = np.zeros((len(rows), 6, 6))
     probability = np.zeros(len(rows))
     right = rig.T_right_left

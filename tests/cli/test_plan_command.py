@@ -1,0 +1,91 @@
+"""`lmkit plan`, as a user runs it."""
+
+from __future__ import annotations
+
+import json
+
+import pytest
+from floors import RIG, hung_every, two_rooms
+
+from lmkit.formats.landmark_map import map_to_yaml, read_map
+from lmkit.formats.rig import rig_to_yaml
+
+EASY = ("--in-view", "1", "--headings", "20", "--share", "70")
+
+
+@pytest.fixture
+def files(tmp_path):
+    floor = two_rooms(tmp_path)
+    (tmp_path / "rig.yaml").write_text(rig_to_yaml(RIG))
+    (tmp_path / "map.yaml").write_text(map_to_yaml(hung_every(floor, 1.0)))
+    return ("--floor", "floor.yaml", "--rig", "rig.yaml")
+
+
+def test_place_writes_map_prints_list_and_plan(lmkit, files, tmp_path):
+    done = lmkit("plan", "place", *files, *EASY, "-o", "out")
+    assert done.code == 0, done.err
+    landmarks = list(read_map(tmp_path / "out" / "map.yaml"))
+    rows = (tmp_path / "out" / "mounting.csv").read_text().splitlines()
+    assert len(rows) == 1 + len(landmarks)
+    assert rows[0].startswith("code,wall,from_left_end_m,height_m")
+    assert f"{len(landmarks)} landmarks" in done.out
+    for name in ("plan.png", "coverage.png"):
+        assert (tmp_path / "out" / name).read_bytes()[:4] == b"\x89PNG"
+    codes = ",".join(str(m.code) for m in landmarks)
+    assert lmkit("verify", "out/landmarks.pdf", "--json").code == 0, codes
+    again = lmkit("plan", "place", *files, *EASY, "-o", "out")
+    assert (again.code, "--force" in again.err) == (2, True)
+
+
+def test_coverage_prints_weak_places_and_draws(lmkit, files, tmp_path):
+    done = lmkit("plan", "coverage", *files, "--map", "map.yaml", "-o", "heat.svg", "--json")
+    assert done.code == 0, done.err
+    answer = json.loads(done.out)
+    assert 0 < answer["share"] < 1
+    assert all(len(place["position"]) == 2 for place in answer["weak"])
+    assert (tmp_path / "heat.svg").read_text().startswith("<svg")
+
+
+def test_route_goes_from_sign_to_place(lmkit, files, tmp_path):
+    done = lmkit("plan", "route", "dock", "5,1,0", *files, "--map", "map.yaml", "--csv", "way.csv", "--json")
+    assert done.code == 0, done.err
+    answer = json.loads(done.out)
+    assert answer["waypoints"][0] == pytest.approx([1, 1])
+    assert answer["waypoints"][-1] == pytest.approx([5, 1])
+    assert answer["heading_deg"] == pytest.approx(0)
+    assert (tmp_path / "way.csv").read_text().startswith("x_m,y_m,heading_deg,error_m")
+
+
+@pytest.mark.parametrize(
+    ("arguments", "code", "said"),
+    [
+        (("route", "9,9", "5,1"), 2, "nearest place"),
+        (("route", "dock", "moon"), 2, "known places: dock"),
+        (("route", "dock", "5,1", "--radius", "0.75m"), 1, "can be reached"),
+        (("route", "dock", "5,1", "--radius", "9m"), 2, "--radius"),
+        (("place", "--error", "0.01mm"), 1, "possible"),
+        (("place", "--share", "140"), 2, "--share"),
+        (("place", "--not-on", "Z"), 2, "no wall 'Z'"),
+        (("coverage", "--scale", "0.05"), 2, "leave --scale out"),
+        (("coverage", "--plan", "heat.gif"), 2, ".png or .svg"),
+    ],
+)
+def test_wrong_use_is_named(lmkit, files, arguments, code, said):
+    wants_map = () if arguments[0] == "place" else ("--map", "map.yaml")
+    done = lmkit("plan", *arguments, *files, *wants_map)
+    assert done.code == code, done.err
+    assert said in done.err
+    assert done.err.count("\n") == 1
+
+
+def test_a_rig_without_base_asks_for_the_camera_s_height(lmkit, files, tmp_path):
+    text = (tmp_path / "rig.yaml").read_text()
+    (tmp_path / "rig.yaml").write_text(text[: text.index("T_base_left")])
+    done = lmkit("plan", "coverage", *files, "--map", "map.yaml")
+    assert (done.code, "--camera-height" in done.err) == (2, True)
+    assert lmkit("plan", "coverage", *files, "--map", "map.yaml", "--camera-height", "0.85m").code == 0
+
+
+def test_a_picture_needs_a_scale(lmkit, files):
+    done = lmkit("plan", "coverage", "--floor", "f.png", "--rig", "rig.yaml", "--map", "map.yaml")
+    assert (done.code, "--scale" in done.err) == (2, True)

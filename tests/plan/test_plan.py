@@ -1,0 +1,189 @@
+"""Coverage, placement and routes, against simulated corners and plain geometry."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from itertools import pairwise
+
+import numpy as np
+import pytest
+from floors import RIG, hung_every, on_wall, two_rooms
+from scipy.stats import spearmanr
+
+from lmkit.errors import InputError, NegativeAnswer
+from lmkit.locate.prior import PosePrior
+from lmkit.locate.rig import LocateOptions, locate_rig
+from lmkit.model.landmark import LM8
+from lmkit.model.landmark_map import LandmarkMap, MappedLandmark, wall_pose
+from lmkit.plan.codes import assign_codes, confusable_codes
+from lmkit.plan.coverage import Demand, expected_errors, places_on, predict_coverage, weak_places
+from lmkit.plan.place import HangOptions, place_landmarks
+from lmkit.plan.route import Spot, find_spot, plan_route
+from lmkit.plan.sight import find_sights
+from lmkit.simulate.drive import WheelErrors
+from lmkit.simulate.robot import SimulatedRobot
+
+RADIUS_M = 0.25
+EASY = Demand(in_view=1, headings=0.2, share=0.8)
+PRIOR = PosePrior(height_m=0.85, down=(0.0, 1.0, 0.0))
+
+
+def simulated(floor, landmarks, state, seed, draws=10):
+    """Errors (m) of locating by simulated corners from one place."""
+    robot = SimulatedRobot(floor, landmarks, RIG, state, RADIUS_M, WheelErrors(), seed)
+    off = []
+    for _ in range(draws):
+        found = locate_rig(*robot.look(), RIG, landmarks, LocateOptions(prior=PRIOR, corner_floor_px=0.0))
+        if found.status == "ok":
+            base = found.T_map_camera.t - found.T_map_camera.R @ RIG.T_base_left.R.T @ RIG.T_base_left.t
+            off.append(float(np.hypot(*(base[:2] - state[:2]))))
+    return off
+
+
+def test_the_expected_error_is_that_of_simulated_corners(tmp_path):
+    floor = two_rooms(tmp_path)
+    landmarks = hung_every(floor, 0.7)
+    state = np.array([[1.6, 1.2, np.pi]])
+    expected, _, in_view = expected_errors(find_sights(state, list(landmarks), RIG, floor), state, RIG)
+    assert in_view[0] >= 2
+    off = simulated(floor, landmarks, state[0], 1, 200)
+    assert len(off) == 200
+    assert np.sqrt(np.mean(np.square(off))) == pytest.approx(expected[0], rel=0.2)
+
+
+def test_places_rank_as_simulated_ones_do(tmp_path):
+    floor = two_rooms(tmp_path)
+    landmarks = hung_every(floor, 1.1)
+    rng = np.random.default_rng(4)
+    places, _ = places_on(floor, RADIUS_M)
+    states = np.column_stack([places[rng.integers(len(places), size=70)], rng.uniform(-np.pi, np.pi, 70)])
+    expected = expected_errors(find_sights(states, list(landmarks), RIG, floor), states, RIG)[0]
+    errors = [simulated(floor, landmarks, s, k, 8) for k, s in enumerate(states)]
+    # The middle: few draws, of which one may miss a landmark.
+    found = np.array([np.median(off) if len(off) > 3 else 1e3 for off in errors])
+    assert spearmanr(np.minimum(expected, 1e3), found).statistic > 0.85
+
+
+def test_a_wall_between_hides_a_landmark(tmp_path):
+    floor = two_rooms(tmp_path)
+    east = next(w for w in floor.walls if w.name == "B")
+    landmark = on_wall(east, 3.0, 5)
+    state = np.array([[1.5, 1.0, 0.0]])
+    assert len(find_sights(state, [landmark], RIG, None).poses) == 1
+    assert len(find_sights(state, [landmark], RIG, floor).poses) == 0
+
+
+def test_a_floor_without_landmarks_is_blind_and_one_weak_place(tmp_path):
+    floor = two_rooms(tmp_path)
+    coverage = predict_coverage(floor, [], RIG, RADIUS_M)
+    assert np.isinf(coverage.error_m).all()
+    weak = weak_places(coverage, EASY)
+    assert len(weak) == 1
+    assert weak[0].area_m2 > 10
+    assert "blind" in str(weak[0])
+
+
+def test_what_is_placed_holds_the_demand_and_no_wall_that_must_stay_bare(tmp_path):
+    floor = two_rooms(tmp_path)
+    hung = [on_wall(floor.walls[0], 1.0, 9)]
+    options = HangOptions(not_on=("A",), exchange_s=0.0)
+    placed = place_landmarks(floor, hung, RIG, RADIUS_M, EASY, options)
+    assert {m.wall.name for m in placed.mounts}.isdisjoint({"A", "glass"})
+    # Measured anew, on other places.
+    again = predict_coverage(floor, list(placed.landmarks), RIG, RADIUS_M, 0.3)
+    assert again.covered(EASY).mean() > EASY.share - 0.05
+    assert placed.share >= EASY.share
+    assert placed.landmarks.find(9) is hung[0]
+    # None of them is there for nothing.
+    fewer = predict_coverage(floor, list(placed.landmarks)[: 1 + len(placed.mounts) // 2], RIG, RADIUS_M, 0.3)
+    assert fewer.covered(EASY).mean() < EASY.share
+    for mount in placed.mounts:
+        T = mount.landmark.T_map_landmark
+        assert T.t[:2] == pytest.approx(mount.wall.left + mount.along_m * mount.wall.along)
+
+
+def test_what_no_landmarks_can_hold_is_refused_with_what_they_can(tmp_path):
+    with pytest.raises(NegativeAnswer, match="asked") as refused:
+        place_landmarks(two_rooms(tmp_path), [], RIG, RADIUS_M, replace(EASY, error_m=1e-5))
+    assert "possible" in refused.value.hint
+    with pytest.raises(InputError, match="no wall 'Q'"):
+        place_landmarks(two_rooms(tmp_path), [], RIG, RADIUS_M, EASY, HangOptions(not_on=("Q",)))
+
+
+def test_confusable_codes_hang_far_apart():
+    confusable = confusable_codes(LM8)
+    assert confusable[0, 1]
+    assert not confusable[0, 3]
+    assert (confusable == confusable.T).all()
+    places = [np.array([0.5 * k, 0.0, 1.0]) for k in range(30)]
+    codes = assign_codes(places, [MappedLandmark(0, "lm8", 0.18, wall_pose([0, 1, 1], 0.0))], "lm8")
+    assert len({0, *codes}) == 31
+    near = [confusable[a, b] for a, b in pairwise(codes)]
+    assert not any(near)
+    # Counting up would hang 0 and 1, 2 and 3, ... side by side.
+    assert sum(confusable[k, k + 1] for k in range(29)) > 10
+
+
+def test_too_few_codes_are_named():
+    with pytest.raises(InputError, match="256 codes"):
+        assign_codes([np.zeros(3)] * 257, [], "lm8")
+
+
+@pytest.fixture(scope="module")
+def ground(tmp_path_factory):
+    return two_rooms(tmp_path_factory.mktemp("floor"))
+
+
+def test_the_way_leads_through_the_door_and_keeps_its_distance(ground):
+    landmarks = hung_every(ground, 1.0)
+    route = plan_route(ground, landmarks, RIG, RADIUS_M, Spot(1, 1), Spot(5, 1, 0.0), EASY)
+    along = np.concatenate([a + np.linspace(0, 1, 50)[:, None] * (b - a) for a, b in pairwise(route.waypoints)])
+    assert ground.clearance_at(along).min() >= RADIUS_M - 0.051
+    # Around the end of the wall at (3, 2.6), and not much farther.
+    shortest = 2 * np.hypot(2.0, 2.6 + RADIUS_M - 1.0)
+    assert shortest - 0.05 < route.length_m < 1.35 * shortest
+    assert route.error_m.shape == (len(route.states),)
+    assert route.states[-1] == pytest.approx([5, 1, 0])
+
+
+def test_a_way_past_landmarks_is_worth_a_detour(ground):
+    """With landmarks in the lower part of the left room alone, a robot on its way up goes by them longer."""
+    blind = plan_route(ground, LandmarkMap([]), RIG, RADIUS_M, Spot(0.5, 3.4), Spot(5.5, 3.4), EASY)
+    assert np.ptp(blind.waypoints[:, 1]) < 0.2
+    assert blind.error_m[-1] > 5 * EASY.error_m / 2
+    seeing = plan_route(ground, hung_every(ground, 0.8), RIG, RADIUS_M, Spot(0.5, 3.4), Spot(5.5, 3.4), EASY)
+    assert seeing.error_m[-1] < EASY.error_m
+
+
+def test_signposts_are_places(ground):
+    named = replace(on_wall(ground.walls[0], 2.0, 137), name="kitchen")
+    landmarks = LandmarkMap([named])
+    for text in ("137", "kitchen"):
+        spot = find_spot(text, ground, landmarks, RADIUS_M)
+        assert (spot.x_m, spot.y_m) == pytest.approx((4.0, 1.0))
+        assert np.cos(spot.heading_rad + np.pi / 2) == pytest.approx(1.0)
+    assert find_spot("dock", ground, landmarks, RADIUS_M).heading_rad == pytest.approx(np.pi / 2)
+    assert find_spot("2.5,1,90", ground, landmarks, RADIUS_M) == Spot(2.5, 1.0, pytest.approx(np.pi / 2))
+    with pytest.raises(InputError, match="known places: dock, kitchen"):
+        find_spot("cellar", ground, landmarks, RADIUS_M)
+
+
+@pytest.mark.parametrize(
+    ("start", "goal", "code"),
+    [
+        (Spot(3.0, 1.0), Spot(5, 1), "bad_start"),
+        (Spot(1, 1), Spot(5.95, 1), "bad_goal"),
+        (Spot(1, 1), Spot(99, 1), "bad_goal"),
+    ],
+)
+def test_where_a_robot_cannot_stand_the_nearest_place_is_named(ground, start, goal, code):
+    with pytest.raises(InputError, match="nearest") as refused:
+        plan_route(ground, LandmarkMap([]), RIG, RADIUS_M, start, goal, EASY)
+    assert refused.value.code == code
+    x, y = map(float, refused.value.hint.split()[-1].split(","))
+    assert ground.clearance_at(np.array([[x, y]]))[0] >= RADIUS_M
+
+
+def test_a_goal_behind_walls_is_named(ground):
+    with pytest.raises(NegativeAnswer, match="no way"):
+        plan_route(ground, LandmarkMap([]), RIG, 0.75, Spot(1.5, 1.2), Spot(4.5, 1.2), EASY)
