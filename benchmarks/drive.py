@@ -18,12 +18,12 @@ from lmkit.drive_pictures import see_drive
 from lmkit.formats.drive_tables import read_gyro, read_odometry
 from lmkit.model.landmark import LM8
 from lmkit.model.landmark_map import LandmarkMap
-from lmkit.model.pose import Pose, rotation_angle
+from lmkit.model.pose import Pose, rotation_angle, rotation_log
 from lmkit.model.stereo_rig import StereoRig
 from lmkit.motion import MotionModel
 from lmkit.survey.bundle import Anchor
 from lmkit.survey.survey import survey_drive
-from lmkit.track.drive import track_pictures
+from lmkit.track.drive import track_pictures, track_pictures_live
 
 
 def rms(values: list[float]) -> float:
@@ -69,6 +69,18 @@ def main(folder: Path) -> None:
     ]
     print(f"track by the true map: {len(tracked)} moments")
     print(f"  trajectory {rms([cm for cm, _ in tracked]):.2f} cm, {rms([deg for _, deg in tracked]):.2f} deg rmse")
+    live = track_pictures_live(moments, rig, hung, *wheels)
+    errors, nees = [], []
+    for time_s, pose, C in zip(live.times_s.tolist(), live.poses, live.covariances, strict=True):
+        true = poses[times.index(time_s)] @ T_base_left.inverse()
+        place = np.append(pose.t[:2] - true.t[:2], rotation_log(pose.R @ true.R.T)[2])
+        errors.append((100 * float(np.hypot(*place[:2])), float(np.rad2deg(abs(place[2])))))
+        nees.append(place @ np.linalg.solve(C[np.ix_((0, 1, 5), (0, 1, 5))], place))
+    print(f"track live, in the plane: {len(errors)} moments, {len(live.remarks)} restarts")
+    print(
+        f"  trajectory {rms([cm for cm, _ in errors]):.2f} cm, {rms([deg for _, deg in errors]):.2f} deg rmse, "
+        f"mean NEES {np.mean(nees):.1f} of 3"
+    )
 
 
 if __name__ == "__main__":

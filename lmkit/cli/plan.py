@@ -113,6 +113,9 @@ def place(
         str | None, typer.Option("--height", help="Of their middles; a little above the camera.")
     ] = None,
     not_on: Annotated[str, typer.Option("--not-on", help="Walls that stay bare, as in A,C.")] = "",
+    patience: Annotated[
+        float, typer.Option("--patience", help="Seconds to look for two landmarks that one can do for.")
+    ] = 10.0,
     prints: Annotated[bool, typer.Option("--prints/--no-prints", help="Write the landmarks to print.")] = True,
     as_json: Json = False,
     force: Force = False,
@@ -134,6 +137,7 @@ def place(
         "lm8",
         None if height is None else _metres(height, "--height"),
         tuple(name.strip() for name in not_on.split(",") if name.strip()),
+        patience,
     )
     tick = progress_counter(100, "placing")
     shown = [0]

@@ -46,7 +46,7 @@ def run(
     from lmkit.formats.foreign_maps import read_any_map
     from lmkit.formats.readings import read_readings
     from lmkit.formats.trajectory import poses_to_tum
-    from lmkit.track.drive import track_live, track_pictures, track_readings
+    from lmkit.track.drive import track_live, track_pictures, track_pictures_live, track_readings
 
     if landmark_map is None:
         raise InputError("no_map", "track needs a map", "give --map map.yaml")
@@ -64,12 +64,15 @@ def run(
     else:
         if rig is None:
             raise InputError("no_rig", "pictures need a rig", "give --rig rig.yaml")
-        if live:
-            raise InputError("not_together", "--live follows --readings alone", "leave --live out")
+        if live and wheels is None:
+            raise InputError("no_odometry", "--live needs wheels", "give --odometry, or use lmkit locate")
         cameras = read_any_rig(rig)
         families = ",".join(dict.fromkeys(m.family for m in landmarks))
         moments = read_moments(left, right, detections, cameras, families, hz)
-        drive = track_pictures(moments, cameras, landmarks, wheels)
+        if live and wheels is not None:
+            drive = track_pictures_live(moments, cameras, landmarks, *wheels)
+        else:
+            drive = track_pictures(moments, cameras, landmarks, wheels)
     sure = [(t, p) for t, p, status in zip(drive.times_s, drive.poses, drive.statuses, strict=True) if status == "ok"]
     if not sure:
         raise NegativeAnswer(

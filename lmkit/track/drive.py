@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -20,6 +20,8 @@ from lmkit.survey.start import find_start
 from lmkit.survey.survey import OUTLIER_SIGMA, odd_landmarks, settle_all
 from lmkit.track.planar_filter import PlanarFilter, TrackedPose
 from lmkit.track.planar_smoother import smooth_planar
+from lmkit.track.rig_filter import RigFilter
+from lmkit.track.wheels import Wheels
 
 LOST_M = 1.0  # a position less sure than that is worth no word
 OUTLIER_WEIGHT = 0.1
@@ -81,8 +83,38 @@ def track_readings(moments: Moments, odometry: Odometry, gyro: Gyro | None, land
 
 def track_live(moments: Moments, odometry: Odometry, gyro: Gyro | None, landmarks: LandmarkMap) -> TrackedDrive:
     """Moment by moment, as while driving (`planar_filter.py`); moments before the first fix are left out."""
-    MotionModel(odometry, gyro).require_overlap(np.array([time_s for time_s, _ in moments]))
     filter_ = PlanarFilter(landmarks)
+    times = [time_s for time_s, _ in moments]
+    answers = _live(times, lambda k: filter_.observe(*moments[k]), filter_.wheels, odometry, gyro)
+    return _tracked(answers, filter_.parameters)
+
+
+def track_pictures_live(
+    moments: Sequence[StereoMoment], rig: StereoRig, landmarks: LandmarkMap, odometry: Odometry, gyro: Gyro | None
+) -> TrackedDrive:
+    """Moment by moment, from the corners that both eyes saw (`rig_filter.py`), on a level floor.
+
+    Raises:
+        InputError: the rig has no T_base_left, or odometry of another time.
+    """
+    filter_ = RigFilter(landmarks, rig)
+    times = [moment.time_s for moment in moments]
+
+    def observe(k: int) -> TrackedPose:
+        return filter_.observe(times[k], moments[k].left, moments[k].right)
+
+    return _tracked(_live(times, observe, filter_.wheels, odometry, gyro), filter_.parameters)
+
+
+def _live(
+    times_s: Sequence[float],
+    observe: Callable[[int], TrackedPose],
+    wheels: Wheels,
+    odometry: Odometry,
+    gyro: Gyro | None,
+) -> list[TrackedPose]:
+    """Rows and moments in the order of time; moments before the first fix are left out."""
+    MotionModel(odometry, gyro).require_overlap(np.array(times_s))
     rows = [
         (float(t), 0, float(f), float(w))
         for t, f, w in zip(odometry.times_s, odometry.forward_m, odometry.turn_rad, strict=True)
@@ -90,29 +122,34 @@ def track_live(moments: Moments, odometry: Odometry, gyro: Gyro | None, landmark
     if gyro is not None:
         rows += [(float(t), 1, float(rate), 0.0) for t, rate in zip(gyro.times_s, gyro.rate_radps, strict=True)]
     rows.sort()
-    given, remarks = 0, []
-    answers: list[TrackedPose] = []
-    for time_s, seen in moments:
+    given, answers = 0, []
+    for k, time_s in enumerate(times_s):
         while given < len(rows) and rows[given][0] <= time_s:
             time, kind, a, b = rows[given]
             if kind == 0:
-                filter_.add_odometry(time, a, b)
+                wheels.add_odometry(time, a, b)
             else:
-                filter_.add_gyro(time, a)
+                wheels.add_gyro(time, a)
             given += 1
-        answer = filter_.observe(time_s, seen)
-        if answer.state is None or answer.covariance is None:
-            continue
-        if answer.restarted and answers:
-            remarks.append(f"at {time_s:g} s the robot was somewhere else than its wheels say: carried off?")
-        answers.append(answer)
+        answer = observe(k)
+        if answer.state is not None and answer.covariance is not None:
+            answers.append(answer)
+    return answers
+
+
+def _tracked(answers: Sequence[TrackedPose], parameters: FloatArray) -> TrackedDrive:
+    remarks = [
+        f"at {answer.time_s:g} s the robot was somewhere else than its wheels say: carried off?"
+        for answer in answers[1:]
+        if answer.restarted
+    ]
     return TrackedDrive(
         np.array([answer.time_s for answer in answers]),
         [planar_pose(answer.state) for answer in answers if answer.state is not None],
         _six(np.array([answer.covariance for answer in answers]).reshape(-1, 3, 3)),
         [answer.status for answer in answers],
         [answer.outliers for answer in answers],
-        dict(zip(PARAMETERS, filter_.parameters.tolist(), strict=True)),
+        dict(zip(PARAMETERS, parameters.tolist(), strict=True)),
         remarks=tuple(remarks),
     )
 

@@ -69,13 +69,13 @@ class _Track:
 
 
 class PlanarFilter:
-    """Feed odometry (and gyro) rows and readings in the order of time; every moment gives a pose."""
+    """Feed ``wheels`` rows, and readings, in the order of time; every moment gives a pose."""
 
     def __init__(
         self, landmarks: LandmarkMap, noise: ReadingNoise | None = None, motion_noise: MotionNoise | None = None
     ) -> None:
         self._map, self._noise = landmarks, noise or DRIVE_NOISE
-        self._wheels = Wheels(motion_noise)
+        self.wheels = Wheels(motion_noise)
         self._time: float | None = None
         self._tracks: list[_Track] = []
         self._seen: dict[int, deque[float]] = {}
@@ -84,14 +84,6 @@ class PlanarFilter:
     def parameters(self) -> FloatArray:
         """(6,) what is wrong with the odometry, as `motion.PARAMETERS`."""
         return self._tracks[0].x[3:].copy() if self._tracks else np.array(NOMINAL)
-
-    def add_odometry(self, time_s: float, forward_m: float, turn_rad: float) -> None:
-        """What the wheels counted since the row before."""
-        self._wheels.add_odometry(time_s, forward_m, turn_rad)
-
-    def add_gyro(self, time_s: float, rate_radps: float) -> None:
-        """The rate of turn."""
-        self._wheels.add_gyro(time_s, rate_radps)
 
     def observe(self, time_s: float, readings: Sequence[RangeBearing]) -> TrackedPose:
         """Where the robot is at that moment; readings may be none."""
@@ -131,9 +123,9 @@ class PlanarFilter:
         assert self._time is not None
         if time_s <= self._time:
             return
-        self._wheels.forget(self._time)
+        self.wheels.forget(self._time)
         for track in self._tracks:
-            track.x, track.P = self._wheels.predict(track.x, track.P, self._time, time_s)
+            track.x, track.P = self.wheels.predict(track.x, track.P, self._time, time_s)
         self._time = time_s
 
     def _spread(self, time_s: float, codes: Sequence[int]) -> FloatArray:

@@ -35,7 +35,7 @@ HEIGHT_M, TILT_RAD = 0.005, np.deg2rad(0.3)  # as `PosePrior` has them
 
 
 class RigFilter:
-    """Feed odometry (and gyro) rows and what both eyes saw in the order of time; every moment gives a pose.
+    """Feed ``wheels`` rows, and what both eyes saw, in the order of time; every moment gives a pose.
 
     Args:
         rig: with its T_base_left.

@@ -72,7 +72,7 @@ def test_tracking_gives_a_line_a_moment(demo, tmp_path):
         (["survey", "--rig", "RIG", "--detections", "DET", "--known", "MAP", "--known-sigma", "5"], "no angle"),
         (["track", "--map", "MAP", "--readings", "r.csv"], "odometry"),
         (["track", "--map", "MAP", "--detections", "DET"], "need a rig"),
-        (["track", "--map", "MAP", "--detections", "DET", "--rig", "RIG", "--live"], "--live"),
+        (["track", "--map", "MAP", "--detections", "DET", "--rig", "RIG", "--live"], "--odometry"),
         (["survey", "--rig", "RIG", "--detections", "DET", "--known-sigma", "5mm,1"], "--known beside it"),
         (["survey", "--rig", "RIG", "--detections", "DET", "--plan", "p.gif"], "unknown kind"),
         (["track", "--map", "MAP", "--detections", "DET", "--rig", "RIG", "--plan", "p.gif"], "unknown kind"),

@@ -22,7 +22,7 @@ def files(tmp_path):
 
 
 def test_place_writes_map_prints_list_and_plan(lmkit, files, tmp_path):
-    done = lmkit("plan", "place", *files, *EASY, "-o", "out")
+    done = lmkit("plan", "place", *files, *EASY, "--patience", "0", "-o", "out")
     assert done.code == 0, done.err
     landmarks = list(read_map(tmp_path / "out" / "map.yaml"))
     rows = (tmp_path / "out" / "mounting.csv").read_text().splitlines()
@@ -41,7 +41,7 @@ def test_coverage_prints_weak_places_and_draws(lmkit, files, tmp_path):
     done = lmkit("plan", "coverage", *files, "--map", "map.yaml", "-o", "heat.svg", "--json")
     assert done.code == 0, done.err
     answer = json.loads(done.out)
-    assert 0 < answer["share"] < 1
+    assert 0 < answer["share"] <= 1
     assert all(len(place["position"]) == 2 for place in answer["weak"])
     assert (tmp_path / "heat.svg").read_text().startswith("<svg")
 

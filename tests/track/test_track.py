@@ -6,7 +6,7 @@ import pytest
 from lmkit.model.drive import Gyro, Odometry
 from lmkit.motion import NOMINAL, MotionModel, between
 from lmkit.simulate.drive import WheelErrors, make_drive
-from lmkit.track.drive import track_live, track_pictures, track_readings
+from lmkit.track.drive import track_live, track_pictures, track_pictures_live, track_readings
 from lmkit.track.planar_filter import PlanarFilter
 
 
@@ -40,6 +40,19 @@ def test_readings_and_wheels_follow_the_robot(follow):
     assert np.rad2deg(max(headings)) < 2.0
     # Readings in a row are taken to err alike, which simulated ones do not: on the safe side.
     assert max(nees) < (0.8 if follow is track_readings else 1.5)
+
+
+def test_corners_of_both_eyes_are_followed_live():
+    for seed in (0, 3):
+        drive = make_drive(seed, errors=WheelErrors(slips=1))
+        tracked = track_pictures_live(drive.moments, drive.rig, drive.landmarks, drive.odometry, drive.gyro)
+        off, C = planar_errors(drive, tracked)
+        assert len(off) > 0.8 * len(drive.moments)
+        # A slip moves the robot by up to 10 cm and 6 deg until a landmark is seen again.
+        assert np.median(np.hypot(off[:, 0], off[:, 1])) < 0.01
+        assert rmse(off) < 0.06
+        assert np.median(np.einsum("ni,nij,nj->n", off, np.linalg.inv(C), off)) < 3
+        assert tracked.parameters["delay_s"] == pytest.approx(0.25, abs=0.05)
 
 
 def test_the_smoother_beats_the_filter_and_the_filter_beats_the_wheels():
