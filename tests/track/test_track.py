@@ -52,7 +52,7 @@ def test_corners_of_both_eyes_are_followed_live():
         assert np.median(np.hypot(off[:, 0], off[:, 1])) < 0.01
         assert rmse(off) < 0.06
         assert np.median(np.einsum("ni,nij,nj->n", off, np.linalg.inv(C), off)) < 3
-        assert tracked.parameters["delay_s"] == pytest.approx(0.25, abs=0.05)
+        assert tracked.parameters["forward_scale"] == pytest.approx(0.92, abs=0.04)
 
 
 def test_the_smoother_beats_the_filter_and_the_filter_beats_the_wheels():
