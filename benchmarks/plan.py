@@ -25,7 +25,7 @@ from lmkit.locate.prior import PosePrior
 from lmkit.locate.rig import LocateOptions, locate_rig
 from lmkit.model.floor_plan import FloorPlan
 from lmkit.model.landmark_map import LandmarkMap, MappedLandmark, wall_pose
-from lmkit.plan.coverage import Demand, expected_errors, places_on, predict_coverage
+from lmkit.plan.coverage import Demand, expected_errors, places_on, predict_coverage, promised_errors
 from lmkit.plan.place import HangOptions, hanging_places, place_landmarks
 from lmkit.plan.sight import find_sights
 from lmkit.simulate.drive import T_BASE_LEFT, WheelErrors
@@ -94,7 +94,7 @@ def study(path: Path) -> str:
     holds = np.argwhere(placed.coverage.holds(demand))
     some = holds[rng.integers(len(holds), size=150)]
     states = np.column_stack([placed.coverage.places[some[:, 0]], placed.coverage.headings[some[:, 1]]])
-    promised = placed.coverage.error_m[some[:, 0], some[:, 1]]
+    promised = promised_errors(find_sights(states, list(placed.landmarks), RIG, floor), states, RIG)
     made = np.array([simulated_error(floor, placed.landmarks, s, k) for k, s in enumerate(states)])
     known = np.isfinite(made)
     ratio = np.sqrt(np.mean(made[known] ** 2)) / np.sqrt(np.mean(promised[known] ** 2))

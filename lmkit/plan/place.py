@@ -23,7 +23,16 @@ from lmkit.model.floor_plan import FloorPlan, Wall
 from lmkit.model.landmark_map import LandmarkMap, MappedLandmark, wall_pose
 from lmkit.model.stereo_rig import StereoRig
 from lmkit.plan.codes import assign_codes
-from lmkit.plan.coverage import BLIND_M, IN_VIEW, Coverage, Demand, all_states, places_on, predict_coverage
+from lmkit.plan.coverage import (
+    BLIND_M,
+    IN_VIEW,
+    Coverage,
+    Demand,
+    all_states,
+    places_on,
+    predict_coverage,
+    promised_errors,
+)
 from lmkit.plan.sight import find_sights, planar_covariances
 
 CANDIDATE_M = 0.4  # between places along a wall
@@ -360,6 +369,8 @@ def _finish(
     landmarks = LandmarkMap([*hung, *(mount.landmark for mount in mounts)])
     coverage = predict_coverage(floor, list(landmarks), rig, radius_m, problem.step_m * CHECKED_STEP)
     holds = coverage.holds(demand)
-    errors = coverage.error_m[holds]
+    states, _ = all_states(coverage.places)
+    states = states[holds.ravel()]
+    errors = promised_errors(find_sights(states, list(landmarks), rig, floor), states, rig)
     error_m = float(np.sqrt(np.mean(errors**2))) if len(errors) else float("inf")
     return Placement(mounts, landmarks, coverage, float(coverage.covered(demand).mean()), error_m)
