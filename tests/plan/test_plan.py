@@ -16,7 +16,7 @@ from lmkit.locate.rig import LocateOptions, locate_rig
 from lmkit.model.landmark import LM8
 from lmkit.model.landmark_map import LandmarkMap, MappedLandmark, wall_pose
 from lmkit.plan.codes import assign_codes, confusable_codes
-from lmkit.plan.coverage import Demand, expected_errors, places_on, predict_coverage, weak_places
+from lmkit.plan.coverage import Demand, expected_errors, places_on, predict_coverage, promised_errors, weak_places
 from lmkit.plan.place import HangOptions, place_landmarks
 from lmkit.plan.route import Spot, find_spot, plan_route
 from lmkit.plan.sight import find_sights
@@ -49,6 +49,16 @@ def test_the_expected_error_is_that_of_simulated_corners(tmp_path):
     off = simulated(floor, landmarks, state[0], 1, 200)
     assert len(off) == 200
     assert np.sqrt(np.mean(np.square(off))) == pytest.approx(expected[0], rel=0.2)
+
+
+def test_what_is_promised_allows_for_a_missed_landmark(tmp_path):
+    floor = two_rooms(tmp_path)
+    states = np.array([[1.6, 1.2, np.pi], [4.6, 1.2, 0.0], [1.2, 3.0, 0.3]])
+    sights = find_sights(states, list(hung_every(floor, 0.7)), RIG, floor)
+    expected = expected_errors(sights, states, RIG)[0]
+    promised = promised_errors(sights, states, RIG)
+    assert (promised > expected).all()
+    assert (promised < 3 * expected).all()
 
 
 def test_places_rank_as_simulated_ones_do(tmp_path):
