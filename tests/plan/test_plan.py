@@ -46,8 +46,8 @@ def test_the_expected_error_is_that_of_simulated_corners(tmp_path):
     state = np.array([[1.6, 1.2, np.pi]])
     expected, _, in_view = expected_errors(find_sights(state, list(landmarks), RIG, floor), state, RIG)
     assert in_view[0] >= 2
-    off = simulated(floor, landmarks, state[0], 1, 200)
-    assert len(off) == 200
+    off = simulated(floor, landmarks, state[0], 1, 120)
+    assert len(off) == 120
     assert np.sqrt(np.mean(np.square(off))) == pytest.approx(expected[0], rel=0.2)
 
 
@@ -68,11 +68,11 @@ def test_places_rank_as_simulated_ones_do(tmp_path):
     landmarks = hung_every(floor, 1.1)
     rng = np.random.default_rng(4)
     places, _ = places_on(floor, RADIUS_M)
-    states = np.column_stack([places[rng.integers(len(places), size=70)], rng.uniform(-np.pi, np.pi, 70)])
+    states = np.column_stack([places[rng.integers(len(places), size=50)], rng.uniform(-np.pi, np.pi, 50)])
     expected = expected_errors(find_sights(states, list(landmarks), RIG, floor), states, RIG)[0]
-    errors = [simulated(floor, landmarks, s, k, 8) for k, s in enumerate(states)]
+    errors = [simulated(floor, landmarks, s, k, 6) for k, s in enumerate(states)]
     # The middle: few draws, of which one may miss a landmark.
-    found = np.array([np.median(off) if len(off) > 3 else 1e3 for off in errors])
+    found = np.array([np.median(off) if len(off) > 2 else 1e3 for off in errors])
     assert spearmanr(np.minimum(expected, 1e3), found).statistic > 0.85
 
 
