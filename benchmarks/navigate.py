@@ -23,7 +23,7 @@ import numpy as np
 from lmkit.formats.floor_plan import read_floor
 from lmkit.model.floor_plan import FloorPlan
 from lmkit.model.landmark_map import LandmarkMap
-from lmkit.navigate.drive_to import drive_to
+from lmkit.navigate.drive_to import Site, drive_to
 from lmkit.plan.coverage import Coverage, Demand, predict_coverage
 from lmkit.plan.place import place_landmarks
 from lmkit.plan.route import Spot
@@ -85,7 +85,8 @@ def drive(seed: int, path: Path, half: bool) -> Run:
             off = pose.state[:2] - robot.seen_from[:2]
             inside.append(bool(off @ np.linalg.solve(pose.covariance[:2, :2], off) < 5.991))
 
-    journey = drive_to(robot, floor, landmarks, RIG, RADIUS_M, goal, Demand(), coverage, on_moment=note)
+    site = Site(floor, landmarks, RIG, RADIUS_M, Demand(), coverage, corner_floor_px=0.0)
+    journey = drive_to(robot, site, goal, on_moment=note)
     off = float(np.hypot(goal.x_m - robot.state[0], goal.y_m - robot.state[1]))
     off_deg = float(np.rad2deg(abs(wrapped(robot.state[2] - (goal.heading_rad or 0.0)))))
     return Run(journey.status, off, off_deg, robot.touched, tuple(inside), robot.time_s)

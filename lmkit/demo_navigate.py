@@ -17,20 +17,17 @@ from lmkit.formats.files import write_file
 from lmkit.formats.floor_plan import read_floor
 from lmkit.formats.landmark_map import map_to_yaml
 from lmkit.formats.rig import rig_to_yaml
-from lmkit.formats.template import load_template
 from lmkit.formats.trajectory import poses_to_tum
-from lmkit.generate.manifest import manifest_of
-from lmkit.generate.pdf import pages_to_pdf
-from lmkit.generate.sheet import compose_sheets
 from lmkit.locate.rig import locate_rig
 from lmkit.model.floor_plan import FloorPlan
-from lmkit.model.landmark import LM8
 from lmkit.model.landmark_map import LandmarkMap
 from lmkit.model.pose import Pose, planar_pose
 from lmkit.model.stereo_rig import StereoRig
-from lmkit.navigate.drive_to import Journey, drive_to
+from lmkit.navigate.drive_to import Journey, Site, drive_to
 from lmkit.overlay import draw_landmarks, encode_jpeg
 from lmkit.plan.coverage import Demand, predict_coverage
+from lmkit.plan.hang import mounting_csv, sheets_to_print
+from lmkit.plan.pictures import draw_coverage
 from lmkit.plan.place import Placement, place_landmarks
 from lmkit.plan.route import Spot, find_spot
 from lmkit.room_plan import BLUE, GREEN, ORANGE, Note, Way, draw_plan
@@ -39,7 +36,6 @@ from lmkit.simulate.photograph import ImagingChain, Sensor, photograph
 from lmkit.simulate.robot import SimulatedRobot
 from lmkit.simulate.scene import floor_scene, make_rig
 from lmkit.track.planar_filter import TrackedPose
-from lmkit.verify.proof import prove_pages
 
 FLOOR = """format: lmkit-floor/1
 walls:
@@ -105,8 +101,11 @@ def run_navigate_demo(folder: Path, seed: int, tell: Progress) -> NavigateResult
     tell("placing", 0, 1)
     placement = place_landmarks(floor, [], rig, RADIUS_M, demand)
     tell("placing", 1, 1)
-    _write_prints(folder, placement)
+    write_file(folder / "landmarks.pdf", sheets_to_print(placement), True)
+    write_file(folder / "map.yaml", map_to_yaml(placement.landmarks), True)
+    write_file(folder / "mounting.csv", mounting_csv(placement), True)
     coverage = predict_coverage(floor, list(placement.landmarks), rig, RADIUS_M)
+    site = Site(floor, placement.landmarks, rig, RADIUS_M, demand, coverage, corner_floor_px=0.0)
     boxed = floor.blocked(np.array([BOX_AT]), BOX_RADIUS_M)
     x, y, heading = floor.places[LEGS[0][0]]
     start = np.array([x, y, heading])
@@ -130,7 +129,7 @@ def run_navigate_demo(folder: Path, seed: int, tell: Progress) -> NavigateResult
 
         goal = find_spot(b, floor, placement.landmarks, RADIUS_M)
         first = len(truth)
-        journey = drive_to(robot, floor, placement.landmarks, rig, RADIUS_M, goal, demand, coverage, on_moment=note)
+        journey = drive_to(robot, site, goal, on_moment=note)
         legs.append(_leg(f"{a} to {b}", journey, robot, goal, truth[first:]))
         start = robot.state
     tell("driving", len(LEGS), len(LEGS))
@@ -158,20 +157,6 @@ def _leg(name: str, journey: Journey, robot: SimulatedRobot, goal: Spot, truth: 
     off_deg = float(np.rad2deg(abs(np.arctan2(np.sin(turn), np.cos(turn)))))
     why = "ran into something" if robot.touched else journey.why
     return Leg(name, journey.status, why, way, robot.time_s, 1000 * off, off_deg)
-
-
-def _write_prints(folder: Path, placement: Placement) -> None:
-    codes = [mount.landmark.code for mount in placement.mounts]
-    pages = compose_sheets(LM8, codes, load_template("a4"))
-    pdf = pages_to_pdf(pages, "landmarks to hang", manifest_of(pages, "a4").to_json())
-    prove_pages(pdf, pages)
-    write_file(folder / "landmarks.pdf", pdf, True)
-    write_file(folder / "map.yaml", map_to_yaml(placement.landmarks), True)
-    rows = [
-        f"{m.landmark.code},{m.wall.name},{m.along_m:.3f},{m.landmark.T_map_landmark.t[2]:.3f}\n"
-        for m in placement.mounts
-    ]
-    write_file(folder / "mounting.csv", "code,wall,from_left_end_m,height_m\n" + "".join(rows), True)
 
 
 def _photograph(
@@ -221,8 +206,7 @@ def _draw(
         notes=notes,
     )
     write_file(folder / "plan.png", plan, True)
-    underlay = floor_underlay(floor, placement.coverage.places, placement.coverage.typical_error_m(Demand().headings))
-    drawn = draw_plan(placement.landmarks, [], title="Expected position error", underlay=underlay)
+    drawn = draw_coverage(floor, placement.landmarks, placement.coverage, Demand())
     write_file(folder / "coverage.png", drawn, True)
 
 

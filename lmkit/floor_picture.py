@@ -8,11 +8,12 @@ import numpy as np
 from scipy.ndimage import distance_transform_edt
 from scipy.spatial import cKDTree
 
-from lmkit.arrays import ByteArray, FloatArray
+from lmkit.arrays import FloatArray
 from lmkit.model.floor_plan import FloorPlan
 from lmkit.room_plan import Note, Rgb, Underlay
 
-FREE, WALL, BLIND = (255, 255, 255), (70, 74, 80), (222, 222, 226)
+FREE, WALL, BLIND, OUTSIDE = (255, 255, 255), (70, 74, 80), (222, 222, 226), (244, 244, 242)
+WALL_SHOWN_M = 0.15
 # From well known to badly known, evenly in brightness so that they print in grey, too.
 COLORS: tuple[Rgb, ...] = (
     (26, 122, 73),
@@ -28,7 +29,6 @@ LEVELS_M = (0.01, 0.02, 0.05, 0.1, 0.3)
 def floor_underlay(floor: FloorPlan, places: FloatArray | None = None, error_m: FloatArray | None = None) -> Underlay:
     """The walls, and for (N,2) places the (N,) errors to be expected there, where given."""
     rgb = np.where(floor.free[:, :, None], np.array(FREE), np.array(WALL)).astype(np.uint8)
-    # Far from free space there is nothing to show.
     legend: tuple[tuple[Rgb, str], ...] = ()
     if places is not None and error_m is not None:
         rows, columns = np.nonzero(floor.free)
@@ -44,7 +44,9 @@ def floor_underlay(floor: FloorPlan, places: FloatArray | None = None, error_m: 
         legend = tuple(zip((*COLORS, BLIND), names, strict=True))
     low = floor.origin
     high = (low[0] + floor.size_m[0], low[1] + floor.size_m[1])
-    return Underlay(_outside_white(floor, rgb), low, high, legend)
+    # Far from free space there is nothing to show.
+    rgb[distance_transform_edt(~floor.free) * floor.cell_m > WALL_SHOWN_M] = OUTSIDE
+    return Underlay(np.ascontiguousarray(rgb[::-1]), low, high, legend)
 
 
 def wall_notes(floor: FloorPlan) -> list[Note]:
@@ -55,10 +57,3 @@ def wall_notes(floor: FloorPlan) -> list[Note]:
         at = (wall.left + wall.right) / 2 + 0.45 * out
         notes.append(Note(wall.name, (float(at[0]), float(at[1]))))
     return notes
-
-
-def _outside_white(floor: FloorPlan, rgb: ByteArray) -> ByteArray:
-    """Rows from the top; what is neither free nor next to free is paper."""
-    far = distance_transform_edt(~floor.free) * floor.cell_m > 0.15
-    rgb[far] = (244, 244, 242)
-    return np.ascontiguousarray(rgb[::-1])

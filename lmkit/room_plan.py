@@ -19,6 +19,7 @@ from lmkit.model.pose import Pose
 MOST_PIXELS_PER_M = 150.0
 LARGEST_PX = 1500.0
 MARGIN_PX = 90
+LEAST_WIDTH_PX = 960  # for title and legend beside narrow rooms
 OVERSAMPLE = 2
 AROUND_M = 0.6  # free space around what is drawn, where the room is not known
 SEEN_PX = 6.0  # ellipses are enlarged until the middle one is as large
@@ -124,7 +125,8 @@ def draw_plan(
             _extent(landmarks, [f.pose for f in found] + list(truth)) if size_m is None else ((0.0, 0.0), size_m)
         )
     scale = min(MOST_PIXELS_PER_M, LARGEST_PX / max(high[0] - low[0], high[1] - low[1]))
-    size = (round((high[0] - low[0]) * scale) + 2 * MARGIN_PX, round((high[1] - low[1]) * scale) + 2 * MARGIN_PX)
+    width, height = (round((high[axis] - low[axis]) * scale) + 2 * MARGIN_PX for axis in (0, 1))
+    size = (max(width, LEAST_WIDTH_PX), height)
     canvas: _Canvas = _Svg(size) if kind == "svg" else _Png(size)
     plan = _Plan(canvas, low, high, scale)
     plan.room(size_m is not None, underlay)

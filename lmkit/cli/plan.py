@@ -14,15 +14,13 @@ from lmkit.errors import InputError
 
 if TYPE_CHECKING:
     from lmkit.model.floor_plan import FloorPlan
-    from lmkit.model.landmark_map import LandmarkMap
     from lmkit.model.stereo_rig import StereoRig
-    from lmkit.plan.coverage import Coverage, Demand
-    from lmkit.plan.place import Placement
-    from lmkit.plan.route import Route
+    from lmkit.plan.coverage import Demand
 
-app = typer.Typer(help="Where to hang landmarks, what a robot then knows, and ways to drive.", no_args_is_help=True)
+app = typer.Typer(help="Where to hang landmarks, what a robot then knows, and ways to drive.")
 
 MOST_NAMED = 8
+MOST_PATIENCE_S = 3600.0
 
 Floor = Annotated[
     Path, typer.Option("--floor", help="Floor plan: lmkit-floor/1 or ROS map YAML, or PNG, PGM, SVG with --scale.")
@@ -41,6 +39,14 @@ Headings = Annotated[
 ]
 Force = Annotated[bool, typer.Option("--force", help="Overwrite files.")]
 Json = Annotated[bool, typer.Option("--json", help="One JSON object on stdout.")]
+
+
+@app.callback(invoke_without_command=True)
+def _without_command(context: typer.Context) -> None:
+    """Where to hang landmarks, what a robot then knows, and ways to drive."""
+    if context.invoked_subcommand is None:
+        typer.echo(context.get_help())
+        raise typer.Exit(2)
 
 
 @app.command("coverage")
@@ -62,16 +68,19 @@ def coverage(
     force: Force = False,
 ) -> None:
     """The error to expect at every place, and the weak places by name."""
+    from lmkit.cli.drive_results import check_outputs
+    from lmkit.formats.files import write_file
     from lmkit.formats.foreign_maps import read_any_map
     from lmkit.plan.coverage import predict_coverage, weak_places
+    from lmkit.plan.pictures import draw_coverage
 
     demand = _demand(error, heading, in_view, headings, 100.0)
-    _check_picture(plan, force)
+    check_outputs((), plan, force)
     ground, landmarks, eyes = _floor(floor, scale), read_any_map(landmark_map), _rig(rig, camera_height)
     answer = predict_coverage(ground, list(landmarks), eyes, _metres(radius, "--radius"))
     share = float(answer.covered(demand).mean())
     weak = weak_places(answer, demand)
-    _draw_coverage(plan, ground, landmarks, answer, demand, f"Expected position error; demand held at {share:.0%}")
+    write_file(plan, draw_coverage(ground, landmarks, answer, demand, _kind(plan)), force)
     if as_json:
         places = [
             {
@@ -122,14 +131,22 @@ def place(
 ) -> None:
     """The fewest landmarks found that hold an error over a share of the floor: map, prints, list, plan."""
     from lmkit.cli.common import progress_counter
+    from lmkit.cli.drive_results import check_outputs
+    from lmkit.formats.files import write_file
     from lmkit.formats.foreign_maps import read_any_map
+    from lmkit.formats.landmark_map import map_to_yaml
     from lmkit.model.landmark_map import LandmarkMap
+    from lmkit.plan.hang import mounting_csv, sheets_to_print
+    from lmkit.plan.pictures import draw_coverage, draw_placement
     from lmkit.plan.place import HangOptions, place_landmarks
 
     demand = _demand(error, heading, in_view, headings, share)
-    names = ("map.yaml", "mounting.csv", "plan.png", "coverage.png", *(("landmarks.pdf",) if prints else ()))
-    for name in names:
-        _check_file(output / name, force)
+    if not 0 <= patience <= MOST_PATIENCE_S:
+        raise InputError(
+            "out_of_range", f"--patience {patience:g} is outside 0 to {MOST_PATIENCE_S:g} s", "10 is usual"
+        )
+    names = ["map.yaml", "mounting.csv", "plan.png", "coverage.png", "landmarks.pdf"]
+    check_outputs([output / name for name in names], None, force)
     ground, eyes = _floor(floor, scale), _rig(rig, camera_height)
     hung = LandmarkMap([]) if landmark_map is None else read_any_map(landmark_map)
     options = HangOptions(
@@ -148,7 +165,16 @@ def place(
             tick(shown[0], 100)
 
     placement = place_landmarks(ground, list(hung), eyes, _metres(radius, "--radius"), demand, options, on_step)
-    _write_placement(output, ground, placement, demand, prints, force)
+    files: dict[str, bytes | str] = {
+        "map.yaml": map_to_yaml(placement.landmarks),
+        "mounting.csv": mounting_csv(placement),
+        "plan.png": draw_placement(ground, placement),
+        "coverage.png": draw_coverage(ground, placement.landmarks, placement.coverage, demand),
+    }
+    if prints and placement.mounts:
+        files["landmarks.pdf"] = sheets_to_print(placement)
+    for name, data in files.items():
+        write_file(output / name, data, force)
     if as_json:
         mounts = [
             {
@@ -161,7 +187,8 @@ def place(
         ]
         print_json({"share": placement.share, "error_m": placement.error_m, "landmarks": mounts})
     else:
-        print_line(f"{len(placement.mounts)} landmarks: {_asked(demand)}")
+        more = " more" if len(hung) else ""
+        print_line(f"{len(placement.mounts)}{more} landmarks: {_asked(demand)}")
         print_line(
             f"holds at {placement.share:.1%} of {len(placement.coverage.places)} places, with an error of "
             f"{1000 * placement.error_m:.0f} mm where it holds"
@@ -170,7 +197,7 @@ def place(
             print_line(f"  {mount.landmark.code:3d}: {mount}")
         if len(placement.mounts) > MOST_NAMED:
             print_line(f"  and {len(placement.mounts) - MOST_NAMED} more in {output / 'mounting.csv'}")
-        print_line(f"see {', '.join(str(output / name) for name in names)}")
+        print_line(f"see {', '.join(str(output / name) for name in files)}")
     if placement.share < demand.share:
         warn(f"between the places that were searched, the demand holds at {placement.share:.1%} only")
 
@@ -193,24 +220,22 @@ def route(
     force: Force = False,
 ) -> None:
     """The shortest safe way on which the pose stays known, with the error to expect along it."""
+    from lmkit.cli.drive_results import check_outputs
     from lmkit.formats.files import write_file
     from lmkit.formats.foreign_maps import read_any_map
     from lmkit.formats.trajectory import poses_to_tum
     from lmkit.model.pose import planar_pose
+    from lmkit.plan.pictures import draw_route
     from lmkit.plan.route import find_spot, plan_route
 
-    for path in (csv, tum):
-        if path is not None:
-            _check_file(path, force)
-    if plan is not None:
-        _check_picture(plan, force)
+    check_outputs((csv, tum), plan, force)
     demand = _demand(error, 2.0, 1, 25.0, 100.0)
     ground, landmarks, eyes = _floor(floor, scale), read_any_map(landmark_map), _rig(rig, camera_height)
     radius_m = _metres(radius, "--radius")
     ends = [find_spot(text, ground, landmarks, radius_m) for text in (start, goal)]
     found = plan_route(ground, landmarks, eyes, radius_m, ends[0], ends[1], demand)
     if plan is not None:
-        _draw_route(plan, ground, landmarks, found)
+        write_file(plan, draw_route(ground, landmarks, found, _kind(plan)), force)
     if csv is not None:
         rows = zip(found.states.tolist(), found.error_m.tolist(), found.heading_sigma_rad.tolist(), strict=True)
         lines = [f"{x:.4f},{y:.4f},{math.degrees(h):.2f},{e:.4f},{math.degrees(s):.3f}\n" for (x, y, h), e, s in rows]
@@ -238,84 +263,6 @@ def route(
     if found.error_m[worst] > demand.error_m:
         x, y = found.states[worst, :2]
         warn(f"around ({x:.1f}, {y:.1f}) m the error grows to {100 * found.error_m[worst]:.0f} cm: a landmark helps")
-
-
-def _write_placement(
-    folder: Path, floor: FloorPlan, placement: Placement, demand: Demand, prints: bool, force: bool
-) -> None:
-    from lmkit.floor_picture import floor_underlay, wall_notes
-    from lmkit.formats.files import write_file
-    from lmkit.formats.landmark_map import map_to_yaml
-    from lmkit.room_plan import draw_plan
-
-    if prints:
-        pdf = _prints(placement)
-        write_file(folder / "landmarks.pdf", pdf, force)
-    write_file(folder / "map.yaml", map_to_yaml(placement.landmarks), force)
-    rows = ["code,wall,from_left_end_m,height_m,x_m,y_m,facing_deg\n"]
-    for mount in placement.mounts:
-        x, y, z = mount.landmark.T_map_landmark.t
-        facing = math.degrees(mount.wall.facing_rad) % 360
-        rows.append(
-            f"{mount.landmark.code},{mount.wall.name},{mount.along_m:.3f},{z:.3f},{x:.3f},{y:.3f},{facing:.1f}\n"
-        )
-    write_file(folder / "mounting.csv", "".join(rows), force)
-    title = f"{len(placement.mounts)} landmarks to hang; walls by letter, distances in mounting.csv"
-    drawn = draw_plan(placement.landmarks, [], title=title, underlay=floor_underlay(floor), notes=wall_notes(floor))
-    write_file(folder / "plan.png", drawn, force)
-    title = f"Expected position error; the demand holds at {placement.share:.0%}"
-    _draw_coverage(folder / "coverage.png", floor, placement.landmarks, placement.coverage, demand, title)
-
-
-def _prints(placement: Placement) -> bytes:
-    """All new landmarks as a PDF that has been read back."""
-    from lmkit.formats.template import load_template
-    from lmkit.generate.manifest import manifest_of
-    from lmkit.generate.pdf import pages_to_pdf
-    from lmkit.generate.sheet import compose_sheets, largest_mm
-    from lmkit.generate.tiles import compose_tiles
-    from lmkit.model.landmark import family_named
-    from lmkit.verify.proof import prove_pages
-
-    pages = []
-    for mount in placement.mounts:
-        landmark = mount.landmark
-        family, size_mm = family_named(landmark.family), 1000 * landmark.size_m
-        sheet = load_template("a4")
-        if size_mm > largest_mm(family, sheet):
-            pages += compose_tiles(family, landmark.code, size_mm, "a4")
-        else:
-            pages += compose_sheets(family, [landmark.code], sheet, size_mm)
-    layout = "a4"
-    pdf = pages_to_pdf(pages, "landmarks to hang", manifest_of(pages, layout).to_json())
-    prove_pages(pdf, pages)
-    return pdf
-
-
-def _draw_coverage(
-    path: Path, floor: FloorPlan, landmarks: LandmarkMap, coverage: Coverage, demand: Demand, title: str
-) -> None:
-    from lmkit.floor_picture import floor_underlay
-    from lmkit.formats.files import write_file
-    from lmkit.room_plan import draw_plan
-
-    underlay = floor_underlay(floor, coverage.places, coverage.typical_error_m(demand.headings))
-    title += f" (in the best {demand.headings:.0%} of the directions)"
-    drawn = draw_plan(landmarks, [], title=title, kind=path.suffix.lower().lstrip("."), underlay=underlay)
-    write_file(path, drawn, True)
-
-
-def _draw_route(path: Path, floor: FloorPlan, landmarks: LandmarkMap, found: Route) -> None:
-    from lmkit.floor_picture import floor_underlay
-    from lmkit.formats.files import write_file
-    from lmkit.room_plan import BLUE, Note, Way, draw_plan
-
-    kind = path.suffix.lower().lstrip(".")
-    ends = [Note(word, (float(x), float(y))) for word, (x, y) in zip("AB", found.waypoints[[0, -1]], strict=True)]
-    title = f"{found.length_m:.2f} m; expected error at most {100 * found.error_m.max():.0f} cm"
-    way = Way(found.waypoints, BLUE, "the way to drive")
-    drawn = draw_plan(landmarks, [], title=title, kind=kind, underlay=floor_underlay(floor), ways=[way], notes=ends)
-    write_file(path, drawn, True)
 
 
 def _floor(path: Path, scale_m: float | None) -> FloorPlan:
@@ -369,13 +316,5 @@ def _metres(text: str, name: str) -> float:
     return parse_length_mm(text, name) / 1000
 
 
-def _check_file(path: Path, force: bool) -> None:
-    from lmkit.formats.files import check_writable
-
-    check_writable(path, force)
-
-
-def _check_picture(path: Path, force: bool) -> None:
-    _check_file(path, force)
-    if path.suffix.lower() not in (".png", ".svg"):
-        raise InputError("bad_suffix", f"cannot write {path}: unknown kind", "name it .png or .svg")
+def _kind(path: Path) -> str:
+    return path.suffix.lower().lstrip(".")

@@ -4,14 +4,14 @@ from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated
 
 import cv2
 import numpy as np
 import yaml
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
-from lmkit.arrays import BoolArray, FloatArray
+from lmkit.arrays import BoolArray
 from lmkit.errors import InputError
 from lmkit.formats.document import Document, first_problem, read_document, read_text
 from lmkit.formats.images import read_image
@@ -24,6 +24,7 @@ MOST_CELLS = 16_000_000
 FREE_ABOVE = 0.86  # of white, in plain pictures: grey furniture and thin walls are not free
 SHORTEST_WALL_M = 0.05
 BORDER = 4  # cells around lines
+LOOKS_IN = 0.1  # share of a line's side that must be free for it to be a wall
 
 Point = Annotated[list[float], Field(min_length=2, max_length=2)]
 
@@ -80,7 +81,8 @@ def read_floor(path: Path, scale_m: float | None = None) -> FloorPlan:
         raise InputError("bad_scale", f"--scale {scale_m:g} is no size of a pixel", "give metres, as in 0.05")
     if suffix == ".svg":
         assert scale_m is not None
-        return _from_lines(path, [(a * scale_m, b * scale_m) for a, b in read_svg_lines(path)], [], {})
+        drawn = enumerate(read_svg_lines(path))
+        return _from_lines(path, [Wall(wall_name(k), a * scale_m, b * scale_m) for k, (a, b) in drawn])
     if has_scale:
         return _read_ours(path) if "lmkit-floor" in read_text(path, "floor plan") else _read_ros(path)
     assert scale_m is not None
@@ -89,41 +91,39 @@ def read_floor(path: Path, scale_m: float | None = None) -> FloorPlan:
 
 def _read_ours(path: Path) -> FloorPlan:
     data = read_document(path, _FloorFile, "floor plan")
-    lines = [(np.array(wall.start), np.array(wall.end)) for wall in data.walls]
-    for index, (a, b) in enumerate(lines):
-        if np.linalg.norm(b - a) < SHORTEST_WALL_M:
+    lines = [
+        Wall(wall.name or wall_name(k), np.array(wall.start), np.array(wall.end), wall.landmarks)
+        for k, wall in enumerate(data.walls)
+    ]
+    for index, line in enumerate(lines):
+        if line.length_m < SHORTEST_WALL_M:
             raise InputError(
                 "short_wall", f"{path}: walls[{index}]: shorter than {SHORTEST_WALL_M} m", "write metres"
             )
-    places = {name: (*p.position, float(np.deg2rad(p.heading_deg))) for name, p in data.places.items()}
-    return _from_lines(path, lines, [(wall.name, wall.landmarks) for wall in data.walls], places)
+    places = {
+        name: (place.position[0], place.position[1], float(np.deg2rad(place.heading_deg)))
+        for name, place in data.places.items()
+    }
+    return replace(_from_lines(path, lines), places=places)
 
 
-def _from_lines(
-    path: Path,
-    lines: list[tuple[FloatArray, FloatArray]],
-    notes: list[tuple[str | None, bool]],
-    places: dict[str, Any],
-) -> FloorPlan:
+def _from_lines(path: Path, lines: list[Wall]) -> FloorPlan:
     """Each line has two sides; those that look into free space are walls."""
-    ends = np.array(lines).reshape(-1, 2)
+    ends = np.array([end for line in lines for end in (line.left, line.right)])
     low, high = ends.min(axis=0) - BORDER * CELL_M, ends.max(axis=0) + BORDER * CELL_M
     columns, rows = np.ceil((high - low) / CELL_M).astype(int).tolist()
     _check_size(path, rows, columns)
     drawn = np.zeros((rows, columns), dtype=np.uint8)
-    for a, b in lines:
-        start, end = (np.round((p - low) / CELL_M * 16 - 8).astype(int).tolist() for p in (a, b))
+    for line in lines:
+        start, end = (np.round((p - low) / CELL_M * 16 - 8).astype(int).tolist() for p in (line.left, line.right))
         cv2.line(drawn, start, end, 255, 1, cv2.LINE_8, 4)
-    free = _inside(path, drawn == 0)
-    floor = FloorPlan(free, CELL_M, (float(low[0]), float(low[1])), (), places)
-    walls: list[Wall] = []
-    for k, (a, b) in enumerate(lines):
-        name, usable = notes[k] if notes else (None, True)
-        for left, right in ((a, b), (b, a)):
-            wall = Wall(name or wall_name(k), left, right, usable)
+    floor = FloorPlan(_inside(path, drawn == 0), CELL_M, (float(low[0]), float(low[1])))
+    walls = []
+    for line in lines:
+        for wall in (line, replace(line, left=line.right, right=line.left)):
             out = np.array([np.cos(wall.facing_rad), np.sin(wall.facing_rad)])
             steps = np.linspace(0.0, 1.0, max(3, int(wall.length_m / CELL_M)))[:, None]
-            if floor.is_free(left + steps * (right - left) + 2 * CELL_M * out).mean() > 0.1:
+            if floor.is_free(wall.left + steps * (wall.right - wall.left) + 2 * CELL_M * out).mean() > LOOKS_IN:
                 walls.append(wall)
     return replace(floor, walls=_told_apart(walls))
 

@@ -15,6 +15,7 @@ import numpy as np
 
 from lmkit.arrays import FloatArray
 from lmkit.errors import LmkitError
+from lmkit.locate.sightings import CORNER_FLOOR_PX
 from lmkit.model.floor_plan import FloorPlan
 from lmkit.model.landmark_map import LandmarkMap
 from lmkit.model.observation import LandmarkObservation
@@ -37,6 +38,7 @@ UNSURE_M = 0.12  # of the position, from which on the robot looks around
 TURNS = 1.15  # full turns of a look around
 MOST_WAITS = 15  # moments at the goal
 MOST_GOES = 5
+MOST_STEPS = 150  # to the goal once it is near
 STOP_SHORT_M = 0.35  # an obstacle nearer than that is in the way
 SEEN_AT_M = 0.25  # a wall of the plan may be so far off where the robot thinks it is
 OBSTACLE_M = 0.15
@@ -69,6 +71,27 @@ class Robot(Protocol):
         """(2,) nearest obstacle ahead, forward and left of the robot."""
 
 
+@dataclass(frozen=True, eq=False)
+class Site:
+    """Where a robot drives, and what it knows of it.
+
+    Attributes:
+        floor: as planned; what is in the way besides is found while driving.
+        landmarks, rig: the map, and the eyes with their T_base_left.
+        radius_m: of the robot.
+        demand, coverage: how well it should know where it is, and how well it will, everywhere.
+        corner_floor_px: as of `LocateOptions`; 0 for simulated corners, which no lens has bent.
+    """
+
+    floor: FloorPlan
+    landmarks: LandmarkMap
+    rig: StereoRig
+    radius_m: float
+    demand: Demand
+    coverage: Coverage
+    corner_floor_px: float = CORNER_FLOOR_PX
+
+
 @dataclass(frozen=True)
 class Tolerance:
     """How near to the goal is there."""
@@ -97,45 +120,29 @@ class Journey:
 
 def drive_to(
     robot: Robot,
-    floor: FloorPlan,
-    landmarks: LandmarkMap,
-    rig: StereoRig,
-    radius_m: float,
+    site: Site,
     goal: Spot,
-    demand: Demand,
-    coverage: Coverage,
     tolerance: Tolerance | None = None,
     on_moment: Callable[[TrackedPose], None] = lambda pose: None,
 ) -> Journey:
-    """Drive until it has arrived, or cannot go on.
-
-    Args:
-        floor: as planned; what is in the way besides is found while driving.
-        rig: with its T_base_left.
-        coverage: of that floor, for planning.
-        on_moment: told every pose believed.
-    """
-    return _Navigator(robot, floor, landmarks, rig, radius_m, goal, demand, coverage, tolerance, on_moment).run()
+    """Drive until it has arrived, or cannot go on; ``on_moment`` is told every pose believed."""
+    return _Navigator(robot, site, goal, tolerance or Tolerance(), on_moment).run()
 
 
 class _Navigator:
+    """What it does by what it believes."""
+
     def __init__(
         self,
         robot: Robot,
-        floor: FloorPlan,
-        landmarks: LandmarkMap,
-        rig: StereoRig,
-        radius_m: float,
+        site: Site,
         goal: Spot,
-        demand: Demand,
-        coverage: Coverage,
-        tolerance: Tolerance | None,
+        tolerance: Tolerance,
         on_moment: Callable[[TrackedPose], None],
     ) -> None:
-        self.robot, self.floor, self.landmarks, self.rig = robot, floor, landmarks, rig
-        self.radius_m, self.goal, self.demand, self.coverage = radius_m, goal, demand, coverage
-        self.tolerance, self.on_moment = tolerance or Tolerance(), on_moment
-        self.filter = RigFilter(landmarks, rig, WITH_GYRO, 0.0)
+        self.robot, self.site, self.goal, self.tolerance = robot, site, goal, tolerance
+        self.on_moment = on_moment
+        self.filter = RigFilter(site.landmarks, site.rig, WITH_GYRO, site.corner_floor_px)
         self.journey = Journey()
         self.obstacles: list[FloatArray] = []
 
@@ -168,43 +175,27 @@ class _Navigator:
 
     def plan(self) -> Route:
         """From where it believes to be; with spare clearance where the way allows that."""
-        floor = self.floor
+        site, floor = self.site, self.site.floor
         if self.obstacles:
             floor = floor.blocked(np.array(self.obstacles), OBSTACLE_M)
-        x, y, heading = self.state
-        error: LmkitError | None = None
-        for spare in (SPARE_M, 0.0):
-            try:
-                start = self.free_near(floor, Spot(float(x), float(y), float(heading)), self.radius_m + spare)
-                return plan_route(
-                    floor,
-                    self.landmarks,
-                    self.rig,
-                    self.radius_m + spare,
-                    start,
-                    self.goal,
-                    self.demand,
-                    self.coverage,
-                )
-            except LmkitError as refused:
-                error = refused
-        assert error is not None
-        raise error
+        try:
+            return self.plan_at(floor, site.radius_m + SPARE_M)
+        except LmkitError:
+            return self.plan_at(floor, site.radius_m)
 
-    def free_near(self, floor: FloorPlan, spot: Spot, radius_m: float) -> Spot:
-        """A robot that stands too close to a wall starts from beside it."""
-        at = np.array([spot.x_m, spot.y_m])
-        if floor.clearance_at(at[None])[0] >= radius_m:
-            return spot
-        rows, columns = np.nonzero(floor.clearance_m >= radius_m)
-        middles = floor.middles(rows, columns)
-        if len(middles) == 0:
-            return spot
-        nearest = middles[np.argmin(np.linalg.norm(middles - at, axis=1))]
-        return Spot(float(nearest[0]), float(nearest[1]), spot.heading_rad)
+    def plan_at(self, floor: FloorPlan, radius_m: float) -> Route:
+        """For a robot of that radius; one that stands too close to a wall starts from beside it."""
+        site, start = self.site, self.state[:2]
+        if floor.clearance_at(start) < radius_m:
+            rows, columns = np.nonzero(floor.clearance_m >= radius_m)
+            middles = floor.middles(rows, columns)
+            if len(middles):
+                start = middles[np.argmin(np.linalg.norm(middles - start, axis=1))]
+        spot = Spot(float(start[0]), float(start[1]))
+        return plan_route(floor, site.landmarks, site.rig, radius_m, spot, self.goal, site.demand, site.coverage)
 
     def follow(self, waypoints: FloatArray) -> str:
-        """Pure pursuit (Coulter 1992): ``there``, ``blocked`` (look for another way) or ``lost``."""
+        """Pure pursuit (Coulter 1992): ``there``, ``again`` (plan anew), ``lost`` or ``late``."""
         way = _Way(waypoints)
         while self.robot.time_s < MOST_SECONDS:
             if self.sigma_m() > UNSURE_M or self.pose.status != "ok":
@@ -215,7 +206,7 @@ class _Navigator:
             ahead = way.ahead(self.state[:2], LOOK_AHEAD_M)
             to_end = float(np.linalg.norm(way.end - self.state[:2]))
             off = _wrapped(np.arctan2(*(ahead - self.state[:2])[::-1]) - self.state[2])
-            if to_end < NEAR_GOAL_M and way.left(self.state[:2]) < 2 * NEAR_GOAL_M:
+            if to_end < NEAR_GOAL_M and way.left_m < 2 * NEAR_GOAL_M:
                 return "there"
             if obstacle is not None and abs(off) < TURN_FIRST_RAD and self.note_obstacle(obstacle):
                 return "again"
@@ -230,38 +221,43 @@ class _Navigator:
     def settle(self) -> str:
         """The last steps: to the point, then to the heading, until surely within tolerance."""
         end = np.array([self.goal.x_m, self.goal.y_m])
-        goes = 0
-        while self.robot.time_s < MOST_SECONDS and goes < MOST_GOES:
-            # To the point, backwards where that is nearer.
-            for _ in range(150):
-                off = end - self.state[:2]
-                distance = float(np.linalg.norm(off))
-                if distance < 0.3 * self.tolerance.place_m:
-                    break
-                bearing = _wrapped(np.arctan2(off[1], off[0]) - self.state[2])
-                back = abs(bearing) > np.pi / 2
-                bearing = _wrapped(bearing + np.pi) if back else bearing
-                if abs(bearing) > 0.25 and distance > 0.02:
-                    self.step(0.0, float(np.clip(1.5 * bearing, -0.5, 0.5)))
-                else:
-                    speed = min(0.15, max(0.03, 0.8 * distance))
-                    self.step(-speed if back else speed, float(np.clip(bearing, -0.5, 0.5)))
+        for _ in range(MOST_GOES):
+            self.go_to(end)
             if self.goal.heading_rad is not None:
-                for _ in range(100):
-                    turn = _wrapped(self.goal.heading_rad - self.state[2])
-                    if abs(turn) < 0.2 * self.tolerance.heading_rad:
-                        break
-                    self.step(0.0, float(np.clip(1.5 * turn, -0.5, 0.5)))
+                self.turn_to(self.goal.heading_rad)
             for _ in range(MOST_WAITS):
                 self.step(0.0, 0.0)
                 if self.arrived(end):
                     return "arrived"
                 if self.sure_enough():
                     break
-            goes += 1
-            if not self.sure_enough():
+            else:
                 self.look_around(0.3 * self.tolerance.place_m / SURE)
         return "unsure"
+
+    def go_to(self, end: FloatArray) -> None:
+        """Straight to a near point, backwards where that is nearer."""
+        for _ in range(MOST_STEPS):
+            off = end - self.state[:2]
+            distance = float(np.linalg.norm(off))
+            if distance < 0.3 * self.tolerance.place_m:
+                return
+            bearing = _wrapped(np.arctan2(off[1], off[0]) - self.state[2])
+            back = abs(bearing) > np.pi / 2
+            bearing = _wrapped(bearing + np.pi) if back else bearing
+            if abs(bearing) > 0.25 and distance > 0.02:
+                self.step(0.0, float(np.clip(1.5 * bearing, -0.5, 0.5)))
+            else:
+                speed = min(0.15, max(0.03, 0.8 * distance))
+                self.step(-speed if back else speed, float(np.clip(bearing, -0.5, 0.5)))
+
+    def turn_to(self, heading_rad: float) -> None:
+        """Turn on the spot."""
+        for _ in range(MOST_STEPS):
+            turn = _wrapped(heading_rad - self.state[2])
+            if abs(turn) < 0.2 * self.tolerance.heading_rad:
+                return
+            self.step(0.0, float(np.clip(1.5 * turn, -0.5, 0.5)))
 
     def arrived(self, end: FloatArray) -> bool:
         """Surely: the goal within tolerance of 95 % of where the robot may be."""
@@ -293,7 +289,7 @@ class _Navigator:
         """Put what is ahead into the plan; False where a wall of the plan stands there."""
         c, s = np.cos(self.state[2]), np.sin(self.state[2])
         place = self.state[:2] + np.array([c * at[0] - s * at[1], s * at[0] + c * at[1]])
-        if self.floor.clearance_at(place[None])[0] < SEEN_AT_M:
+        if self.site.floor.clearance_at(place) < SEEN_AT_M:
             return False
         # What was noted before is gone around.
         if any(np.linalg.norm(place - known) < 0.5 * OBSTACLE_M for known in self.obstacles):
@@ -347,8 +343,9 @@ class _Way:
         """(2,) the last point."""
         return np.asarray(self.points[-1])
 
-    def left(self, here: FloatArray) -> float:
-        """Metres still to go."""
+    @property
+    def left_m(self) -> float:
+        """Still to go."""
         return float(self.at[-1] - self.come)
 
     def ahead(self, here: FloatArray, far_m: float) -> FloatArray:

@@ -3,21 +3,22 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import cv2
 import numpy as np
 
 from lmkit.arrays import BoolArray, FloatArray, IntArray
 from lmkit.errors import InputError
+from lmkit.locate.rig import LocateOptions
 from lmkit.model.floor_plan import FloorPlan
 from lmkit.model.landmark_map import MappedLandmark
 from lmkit.model.stereo_rig import StereoRig
-from lmkit.plan.sight import Sights, find_sights, planar_covariances
+from lmkit.plan.sight import IN_VIEW, Sights, find_sights, planar_covariances, planar_errors
 
-IN_VIEW = 0.5  # probability from which a landmark counts as one that is in view
 BLIND_M = 10.0  # an error as large is none worth a word
-AMBIGUOUS_M = 0.16  # `LocateOptions.far_m` over the root of twice `ambiguous_below`
+# An error from which `locate` calls its answer ambiguous.
+AMBIGUOUS_M = LocateOptions.far_m / np.sqrt(2 * LocateOptions.ambiguous_below)
 HEADINGS = 16
 MOST_PLACES = 4000
 FINEST_M, COARSEST_M = 0.25, 2.0
@@ -162,14 +163,14 @@ def predict_coverage(
 def expected_errors(sights: Sights, states: FloatArray, rig: StereoRig) -> tuple[FloatArray, FloatArray, IntArray]:
     """(P,) errors of position (m) and heading (rad), infinite where blind, and landmarks in view, at (P,3) poses."""
     assert rig.T_base_left is not None
-    information = np.zeros((len(states), 6, 6))
-    np.add.at(information, sights.poses, sights.probability[:, None, None] * sights.information)
-    C = planar_covariances(information, states, rig.T_base_left)
-    error_m = np.sqrt(C[:, 0, 0] + C[:, 1, 1])
-    heading_rad = np.sqrt(C[:, 2, 2])
-    in_view = np.bincount(sights.poses[sights.probability >= IN_VIEW], minlength=len(states))
+    C = planar_covariances(sights.information_at(len(states)), states, rig.T_base_left)
+    error_m, heading_rad = planar_errors(C)
     blind = error_m > BLIND_M
-    return np.where(blind, np.inf, error_m), np.where(blind, np.inf, heading_rad), in_view
+    return (
+        np.where(blind, np.inf, error_m),
+        np.where(blind, np.inf, heading_rad),
+        sights.in_view_at(len(states)),
+    )
 
 
 def promised_errors(sights: Sights, states: FloatArray, rig: StereoRig) -> FloatArray:
@@ -180,16 +181,15 @@ def promised_errors(sights: Sights, states: FloatArray, rig: StereoRig) -> Float
     """
     assert rig.T_base_left is not None
     sure = sights.probability >= IN_VIEW
-    information = np.zeros((len(states), 6, 6))
-    weight = np.where(sure, 1.0, sights.probability)
-    np.add.at(information, sights.poses, weight[:, None, None] * sights.information)
+    all_read = replace(sights, probability=np.where(sure, 1.0, sights.probability))
+    information = all_read.information_at(len(states))
     C = planar_covariances(information, states, rig.T_base_left)
     rows = sights.poses[sure]
     missed = planar_covariances(information[rows] - sights.information[sure], states[rows], rig.T_base_left)
     squared = np.abs(missed[:, 0, 0] + missed[:, 1, 1])
     odds = np.where(squared < AMBIGUOUS_M**2, 1 / sights.probability[sure] - 1, 0.0)
     total = 1 + np.bincount(rows, odds, len(states))
-    lost = np.bincount(rows, odds * np.minimum(squared, AMBIGUOUS_M**2), len(states))
+    lost = np.bincount(rows, odds * squared, len(states))
     return np.asarray(np.sqrt((C[:, 0, 0] + C[:, 1, 1] + lost) / total))
 
 

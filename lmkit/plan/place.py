@@ -25,7 +25,6 @@ from lmkit.model.stereo_rig import StereoRig
 from lmkit.plan.codes import assign_codes
 from lmkit.plan.coverage import (
     BLIND_M,
-    IN_VIEW,
     Coverage,
     Demand,
     all_states,
@@ -33,7 +32,7 @@ from lmkit.plan.coverage import (
     predict_coverage,
     promised_errors,
 )
-from lmkit.plan.sight import find_sights, planar_covariances
+from lmkit.plan.sight import IN_VIEW, find_sights, planar_covariances, planar_errors
 
 CANDIDATE_M = 0.4  # between places along a wall
 EDGE_M = 0.08  # of free wall beside a landmark's face
@@ -189,9 +188,8 @@ class _Problem:
         self.step_m, self.turns = step_m, len(headings)
         self.enough = max(1, int(np.ceil(demand.headings * self.turns - 1e-9)))
         known = find_sights(self.states, hung, rig, floor)
-        self.information = np.zeros((len(self.states), 6, 6))
-        np.add.at(self.information, known.poses, known.probability[:, None, None] * known.information)
-        self.in_view = np.bincount(known.poses[known.probability >= IN_VIEW], minlength=len(self.states))
+        self.information = known.information_at(len(self.states))
+        self.in_view = known.in_view_at(len(self.states))
         sights = find_sights(self.states, [spot.landmark for spot in spots], rig, floor)
         order = np.argsort(sights.landmarks, kind="stable")
         bounds = np.searchsorted(sights.landmarks[order], np.arange(len(spots) + 1))
@@ -226,7 +224,7 @@ class _Problem:
             return
         best = np.sort(errors.reshape(-1, self.turns), axis=1)[:, self.enough - 1]
         error = float(np.quantile(best, self.demand.share, method="higher"))
-        or_else = f", or {100 * error:.1f} cm over {self.demand.share:.0%}" if error < BLIND_M else ""
+        or_else = f", or {1000 * error:.2g} mm over {self.demand.share:.0%}" if error < BLIND_M else ""
         raise NegativeAnswer(
             "impossible_demand",
             f"with a landmark every {CANDIDATE_M} m of wall the demand holds at {self.possible:.0%} of the floor, "
@@ -334,15 +332,15 @@ class _Problem:
         ]
 
     def _errors(self, rows: IntArray, information: FloatArray) -> tuple[FloatArray, FloatArray]:
-        C = planar_covariances(information, self.states[rows], self.T_base_left)
-        return np.sqrt(C[:, 0, 0] + C[:, 1, 1]), np.sqrt(C[:, 2, 2])
+        return planar_errors(planar_covariances(information, self.states[rows], self.T_base_left))
 
     def _scores(self, rows: IntArray, information: FloatArray, in_view: IntArray) -> FloatArray:
         """How near each pose is to the demand: 1 where it holds; half for landmarks in view, half for the errors."""
         error_m, heading_rad = self._errors(rows, information)
         worst = np.maximum(error_m / self.demand.error_m, heading_rad / self.demand.heading_rad)
         near = 1 - np.log(np.maximum(worst, 1.0)) / np.log(BLIND_M / self.demand.error_m)
-        seen = np.minimum(in_view, self.demand.in_view) / max(self.demand.in_view, 1)
+        asked = self.demand.in_view
+        seen = np.minimum(in_view, asked) / asked if asked else np.ones(len(in_view))
         return np.asarray((seen + near.clip(0, 1)) / 2)
 
     def _places(self, scores: FloatArray) -> FloatArray:

@@ -26,7 +26,7 @@ from lmkit.model.landmark_map import LandmarkMap, MappedLandmark
 from lmkit.model.stereo_rig import StereoRig
 from lmkit.motion import MotionNoise
 from lmkit.plan.coverage import Coverage, Demand, predict_coverage
-from lmkit.plan.sight import find_sights, planar_covariances
+from lmkit.plan.sight import find_sights, planar_covariances, planar_errors
 
 CELL_M = 0.1
 BLIND_FACTOR = 3.0  # a blind metre counts as much more
@@ -131,8 +131,7 @@ def plan_route(
     if goal.heading_rad is not None:
         states = np.vstack([states, [*waypoints[-1], goal.heading_rad]])
     C = _carried(states, list(landmarks), rig, floor)
-    error_m = np.sqrt(C[:, 0, 0] + C[:, 1, 1])
-    return Route(waypoints, goal.heading_rad, states, error_m, np.sqrt(C[:, 2, 2]))
+    return Route(waypoints, goal.heading_rad, states, *planar_errors(C))
 
 
 class _Grid:
@@ -159,8 +158,8 @@ class _Grid:
         at = np.array([spot.x_m, spot.y_m])
         if self.tree is None:
             raise InputError("no_room", f"a robot of radius {self.radius_m:g} m fits nowhere", "check --radius")
-        distance, nearest = self.tree.query(at)
-        if self.floor.clearance_at(at) < self.radius_m - self.floor.cell_m and distance > self.cell_m:
+        nearest = self.tree.query(at)[1]
+        if self.floor.clearance_at(at) < self.radius_m - self.floor.cell_m:
             x, y = self.middles[nearest]
             where = "too close to a wall" if self.floor.is_free(at) else "in a wall or outside the floor"
             raise InputError(
@@ -223,27 +222,35 @@ def _straightened(points: FloatArray, grid: _Grid, coverage: Coverage, demand: D
     places = cKDTree(coverage.places)
 
     def cost(a: FloatArray, b: FloatArray) -> float:
-        length = float(np.linalg.norm(b - a))
-        steps = max(2, int(np.ceil(2 * length / grid.cell_m)))
-        line = a + np.linspace(0, 1, steps)[:, None] * (b - a)
-        clearance = grid.floor.clearance_at(line[1:-1]) if steps > 2 else np.ones(1)
-        if (clearance < grid.radius_m).any():
-            return float("inf")
-        turn = round(float(np.arctan2(b[1] - a[1], b[0] - a[0])) / (2 * np.pi) * len(coverage.headings))
+        way = b - a
+        length = float(np.linalg.norm(way))
+        line = a + np.linspace(0, 1, max(2, int(np.ceil(2 * length / grid.cell_m))))[:, None] * way
+        turn = round(float(np.arctan2(way[1], way[0])) / (2 * np.pi) * len(coverage.headings))
         known = coverage.error_m[places.query(line)[1], turn % len(coverage.headings)]
-        spare = np.append(np.append(clearance, clearance[-1]), clearance[-1])[:steps] - grid.radius_m
+        spare = grid.floor.clearance_at(line) - grid.radius_m
         return length * float(_factor(known, spare, demand).mean())
 
-    legs = np.array([cost(a, b) if np.isfinite(cost(a, b)) else 10.0 for a, b in pairwise(points)])
-    total = np.concatenate([[0.0], np.cumsum(legs)])
+    def is_clear(a: FloatArray, b: FloatArray) -> bool:
+        steps = int(np.ceil(2 * float(np.linalg.norm(b - a)) / grid.cell_m))
+        line = a + np.linspace(0, 1, steps + 1)[1:-1, None] * (b - a)
+        return bool((grid.floor.clearance_at(line) >= grid.radius_m).all())
+
+    total = np.concatenate([[0.0], np.cumsum([cost(a, b) for a, b in pairwise(points)])])
     kept = [0]
     while kept[-1] < len(points) - 1:
         here = kept[-1]
-        # The farthest that a straight line reaches at no higher cost.
-        for there in range(len(points) - 1, here, -1):
-            if there == here + 1 or cost(points[here], points[there]) <= CHEAPER * (total[there] - total[here]):
-                kept.append(there)
-                break
+        # The farthest that a straight line reaches at no higher cost; the next one it always does.
+        kept.append(
+            next(
+                (
+                    there
+                    for there in range(len(points) - 1, here + 1, -1)
+                    if cost(points[here], points[there]) <= CHEAPER * (total[there] - total[here])
+                    and is_clear(points[here], points[there])
+                ),
+                here + 1,
+            )
+        )
     return points[kept]
 
 
@@ -262,9 +269,8 @@ def _carried(states: FloatArray, landmarks: Sequence[MappedLandmark], rig: Stere
     """(M,3,3) covariances along the way."""
     assert rig.T_base_left is not None
     sights = find_sights(states, landmarks, rig, floor)
-    information = np.zeros((len(states), 6, 6))
-    np.add.at(information, sights.poses, sights.probability[:, None, None] * sights.information)
-    known = np.linalg.inv(planar_covariances(information, states, rig.T_base_left))
+    told = planar_covariances(sights.information_at(len(states)), states, rig.T_base_left)
+    known = np.linalg.inv(told)
     noise = MotionNoise()
     P = np.diag(np.square(START_SIGMA))
     answer = []

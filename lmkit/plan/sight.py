@@ -13,6 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from lmkit.arrays import FloatArray, IntArray
+from lmkit.locate.prior import PosePrior
 from lmkit.model.floor_plan import FloorPlan
 from lmkit.model.landmark_map import MappedLandmark
 from lmkit.model.pose import Pose
@@ -22,8 +23,7 @@ from lmkit.model.stereo_rig import StereoRig
 NEAREST_M = 0.3
 STEEPEST = 0.1  # cosine of the tilt beyond which nobody reads
 EDGE = 0.75  # of the picture's tangent, beyond which distortion folds back
-# What is known of a robot on wheels: its camera's height and the level of the floor, as `locate --planar` takes them.
-HEIGHT_M, TILT_RAD = 0.005, np.deg2rad(0.3)
+IN_VIEW = 0.5  # probability from which a landmark counts as one that is in view
 NOTHING = 1e-4  # as good as none, but above what sums of large numbers leave
 AT_ONCE = 2_000_000  # pairs of pose and landmark
 
@@ -42,6 +42,16 @@ class Sights:
     landmarks: IntArray
     probability: FloatArray
     information: FloatArray
+
+    def information_at(self, count: int) -> FloatArray:
+        """(P,6,6) what all landmarks tell, each as much as it is likely to be read, at each of so many poses."""
+        total = np.zeros((count, 6, 6))
+        np.add.at(total, self.poses, self.probability[:, None, None] * self.information)
+        return total
+
+    def in_view_at(self, count: int) -> IntArray:
+        """(P,) landmarks in view at each of so many poses."""
+        return np.bincount(self.poses[self.probability >= IN_VIEW], minlength=count)
 
 
 NOTHING_SEEN = Sights(np.zeros(0, int), np.zeros(0, int), np.zeros(0), np.zeros((0, 6, 6)))
@@ -79,9 +89,10 @@ def camera_poses(states: FloatArray, T_base_left: Pose) -> tuple[FloatArray, Flo
 def planar_covariances(information: FloatArray, states: FloatArray, T_base_left: Pose) -> FloatArray:
     """(P,3,3) of the base's x, y (m) and heading (rad), from (P,6,6) information on the left camera.
 
-    Height and level are known as of a robot on wheels; where nothing is seen, the covariance is huge.
+    Height and level are known as of a robot on wheels (`PosePrior`); where nothing is seen, the covariance is huge.
     """
-    known = np.diag([NOTHING, NOTHING, HEIGHT_M**-2, TILT_RAD**-2, TILT_RAD**-2, NOTHING])
+    tilt, height = PosePrior.tilt_sigma**-2, PosePrior.height_sigma**-2
+    known = np.diag([NOTHING, NOTHING, height, tilt, tilt, NOTHING])
     C = np.linalg.inv(information + known)
     # The base lies behind the camera: p_base = p_left - R(heading) t.
     arm = camera_poses(states, T_base_left)[1] - np.column_stack([states[:, :2], np.zeros(len(states))])
@@ -90,6 +101,11 @@ def planar_covariances(information: FloatArray, states: FloatArray, T_base_left:
     J[:, 0, 4], J[:, 0, 5] = -arm[:, 2], arm[:, 1]
     J[:, 1, 3], J[:, 1, 5] = arm[:, 2], -arm[:, 0]
     return np.asarray(J @ C @ J.transpose(0, 2, 1))
+
+
+def planar_errors(covariances: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """(P,) errors of the position (m), both axes together, and of the heading (rad), of (P,3,3) covariances."""
+    return np.sqrt(covariances[:, 0, 0] + covariances[:, 1, 1]), np.sqrt(covariances[:, 2, 2])
 
 
 def _sights(

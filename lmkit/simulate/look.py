@@ -58,7 +58,8 @@ def _shown(landmarks: list[MappedLandmark], eye: FloatArray, floor: FloorPlan | 
     if floor is None or not landmarks:
         return landmarks
     places = np.array([m.T_map_landmark.t[:2] for m in landmarks])
-    near = np.flatnonzero(np.linalg.norm(places - eye, axis=1) < FARTHEST_SIZES * landmarks[0].size_m)
+    sizes = np.array([m.size_m for m in landmarks])
+    near = np.flatnonzero(np.linalg.norm(places - eye, axis=1) < FARTHEST_SIZES * sizes)
     clear = floor.sees(np.repeat(eye, len(near), axis=0), places[near])
     return [landmarks[k] for k in near[clear]]
 

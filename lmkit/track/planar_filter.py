@@ -1,8 +1,6 @@
 """Where a robot on wheels is, while it drives: extended Kalman filters in the plane (Thrun et al. 2005, chapter 7).
 
-Beside x, y and heading the state holds what is wrong with the odometry (`motion.PARAMETERS`), its delay among them:
-the same motions, a little later, lead to another place, and the landmarks tell which.  Memory is constant: odometry
-is kept for as long as a delay may need it.
+The state is that of `wheels.py`; memory is constant.
 
 A reading is right or wrong, and after a while without landmarks nobody can tell at once.  So both are followed (a
 mixture of few filters, Alspach and Sorenson 1972), each with its probability, until later readings decide.

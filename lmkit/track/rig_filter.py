@@ -31,7 +31,6 @@ CONVERGED = 1e-3  # squared step, in standard deviations
 OUTLIER_SIGMA = 4.5
 DELAY = 3 + PARAMETERS.index("delay_s")
 DOUBTS = 4  # moments at which nothing fits, before the robot may have been carried off
-HEIGHT_M, TILT_RAD = 0.005, np.deg2rad(0.3)  # as `PosePrior` has them
 
 
 class RigFilter:
@@ -144,7 +143,7 @@ class RigFilter:
         pitches at this moment, and the state's normal matrix.
         """
         x, lean, normal = self._x.copy(), np.zeros(3), known
-        level = np.array([HEIGHT_M**-2, TILT_RAD**-2, TILT_RAD**-2])
+        level = np.array([self._prior.height_sigma, self._prior.tilt_sigma, self._prior.tilt_sigma]) ** -2
         for _ in range(ITERATIONS):
             N, g, _ = seen.equations(self._poses(x, lean), used[None], None)
             arm = planar_pose(x[:3]).R @ self._T.t

@@ -37,6 +37,26 @@ def test_place_writes_map_prints_list_and_plan(lmkit, files, tmp_path):
     assert (again.code, "--force" in again.err) == (2, True)
 
 
+def test_what_hangs_already_may_be_enough(lmkit, files, tmp_path):
+    asks = ("--in-view", "0", "--headings", "20", "--share", "50", "--patience", "0")
+    done = lmkit("plan", "place", *files, *asks, "--map", "map.yaml", "-o", "out")
+    assert done.code == 0, done.err
+    assert "0 more landmarks" in done.out
+    assert sorted(path.name for path in (tmp_path / "out").iterdir()) == [
+        "coverage.png",
+        "map.yaml",
+        "mounting.csv",
+        "plan.png",
+    ]
+    assert len(list(read_map(tmp_path / "out" / "map.yaml"))) == len(list(read_map(tmp_path / "map.yaml")))
+
+
+def test_without_a_command_there_is_help(lmkit):
+    done = lmkit("plan")
+    assert done.code == 2
+    assert all(name in done.out for name in ("coverage", "place", "route"))
+
+
 def test_coverage_prints_weak_places_and_draws(lmkit, files, tmp_path):
     done = lmkit("plan", "coverage", *files, "--map", "map.yaml", "-o", "heat.svg", "--json")
     assert done.code == 0, done.err
@@ -65,6 +85,8 @@ def test_route_goes_from_sign_to_place(lmkit, files, tmp_path):
         (("route", "dock", "5,1", "--radius", "9m"), 2, "--radius"),
         (("place", "--error", "0.01mm"), 1, "possible"),
         (("place", "--share", "140"), 2, "--share"),
+        (("place", "--patience", "-1"), 2, "--patience"),
+        (("route", "dock", "0.15,1"), 2, "nearest place"),
         (("place", "--not-on", "Z"), 2, "no wall 'Z'"),
         (("coverage", "--scale", "0.05"), 2, "leave --scale out"),
         (("coverage", "--plan", "heat.gif"), 2, ".png or .svg"),

@@ -9,7 +9,7 @@ from floors import RIG, hung_every, two_rooms
 from lmkit.errors import InputError
 from lmkit.model.landmark_map import LandmarkMap
 from lmkit.model.stereo_rig import StereoRig
-from lmkit.navigate.drive_to import drive_to
+from lmkit.navigate.drive_to import Site, drive_to
 from lmkit.plan.coverage import Demand, predict_coverage
 from lmkit.plan.route import Spot
 from lmkit.simulate.drive import WheelErrors
@@ -39,7 +39,8 @@ def go(world, seed, ground=None, landmarks=None, start=(1.0, 1.0, 0.3)):
             inside.append(off @ np.linalg.solve(pose.covariance[:2, :2], off) < 5.991)
 
     known = hung if landmarks is None else landmarks
-    journey = drive_to(robot, floor, known, RIG, RADIUS_M, GOAL, Demand(), coverage, on_moment=note)
+    site = Site(floor, known, RIG, RADIUS_M, Demand(), coverage, corner_floor_px=0.0)
+    journey = drive_to(robot, site, GOAL, on_moment=note)
     return journey, robot, inside
 
 
@@ -78,7 +79,7 @@ def test_a_blocked_door_stops_it(world):
 def test_without_landmarks_it_does_not_move_and_says_so(world):
     floor, _, coverage = world
     robot = SimulatedRobot(floor, LandmarkMap([]), RIG, np.array([1.0, 1.0, 0.0]), RADIUS_M, WHEELS, 0)
-    journey = drive_to(robot, floor, LandmarkMap([]), RIG, RADIUS_M, GOAL, Demand(), coverage)
+    journey = drive_to(robot, Site(floor, LandmarkMap([]), RIG, RADIUS_M, Demand(), coverage), GOAL)
     assert journey.status == "lost"
     assert np.hypot(*(robot.state[:2] - 1.0)) < 0.02
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import replace
 from itertools import pairwise
 
@@ -13,10 +14,12 @@ from scipy.stats import spearmanr
 from lmkit.errors import InputError, NegativeAnswer
 from lmkit.locate.prior import PosePrior
 from lmkit.locate.rig import LocateOptions, locate_rig
+from lmkit.model.floor_plan import FloorPlan, Wall
 from lmkit.model.landmark import LM8
 from lmkit.model.landmark_map import LandmarkMap, MappedLandmark, wall_pose
 from lmkit.plan.codes import assign_codes, confusable_codes
 from lmkit.plan.coverage import Demand, expected_errors, places_on, predict_coverage, promised_errors, weak_places
+from lmkit.plan.pictures import draw_coverage
 from lmkit.plan.place import HangOptions, place_landmarks
 from lmkit.plan.route import Spot, find_spot, plan_route
 from lmkit.plan.sight import find_sights
@@ -194,6 +197,23 @@ def test_where_a_robot_cannot_stand_the_nearest_place_is_named(ground, start, go
     assert refused.value.code == code
     x, y = map(float, refused.value.hint.split()[-1].split(","))
     assert ground.clearance_at(np.array([[x, y]]))[0] >= RADIUS_M
+
+
+def test_who_stands_at_the_goal_already_stays(ground):
+    route = plan_route(ground, LandmarkMap([]), RIG, RADIUS_M, Spot(1, 1), Spot(1, 1, 0.5), EASY)
+    assert route.length_m == 0
+    assert route.states[-1] == pytest.approx([1, 1, 0.5])
+
+
+def test_pictures_of_narrow_rooms_have_room_for_their_words(ground):
+    path = np.array([[0.0, 0.0], [1.5, 0.0], [1.5, 9.0], [0.0, 9.0]])
+    walls = [Wall("W", a, b) for a, b in zip(path, np.roll(path, -1, axis=0), strict=True)]
+    narrow = FloorPlan(np.ones((180, 30), bool), 0.05, (0.0, 0.0), walls)
+    drawn = draw_coverage(narrow, LandmarkMap([]), predict_coverage(narrow, [], RIG, RADIUS_M), EASY, "svg").decode()
+    width = float(re.search(r'<svg[^>]* width="(\d+)"', drawn).group(1))
+    texts = re.findall(r'<text x="([\d.]+)"[^>]* font-size="(\d+)" text-anchor="start"[^>]*>([^<]*)<', drawn)
+    assert len(texts) > 6
+    assert all(float(x) + 0.5 * float(size) * len(text) < width for x, size, text in texts)
 
 
 def test_a_goal_behind_walls_is_named(ground):
