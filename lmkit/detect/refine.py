@@ -23,10 +23,13 @@ MIN_SPREAD = 0.04  # px^2, for pictures sharper than any lens, such as rasterise
 MAX_PIXELS = 1500
 EDGE_BAND_PX = 3.0
 BEND_PRIOR = 0.12  # standard deviation of the radial bend, relative at half the picture's width
-# What demosaicing, sharpening and JPEG do that no part of the model knows, per coordinate, whatever the size of the
-# landmark, and what its mere pixels leave open: that falls with the square of its side.  From simulated pictures with
-# sides of 16 to 100 px (docs/accuracy.md); lenses and paper come on top (`LocateOptions.corner_floor_px`).
-MODEL_ERROR_PX, MODEL_ERROR_PX3 = 0.035, 45.0
+# What demosaicing, sharpening and JPEG do that no part of the model knows, per coordinate, whatever the landmark.
+MODEL_ERROR_PX = 0.035
+# The mosaic errs along edges, and few pixels of edge do not even that out: the variance that the residuals show is
+# too small by 1 + (this / side)^2.  From simulated pictures with sides of 16 to 100 px (benchmarks/corners.py), most of
+# them upright, where all of an edge meets the same colours; turned ones err less.  Without a mosaic, errors and
+# residuals both fall to a fifth.  Lenses and paper come on top (`CORNER_FLOOR_PX`).
+FEW_EDGES_PX = 27.0
 BLEED_PRIOR = 0.1  # standard deviation of the bleed
 SHADING_PRIOR = 0.05  # standard deviation of the relative change of light over half the side
 MAX_SHADING = 0.6
@@ -268,8 +271,8 @@ class Registrar:
         for k, step in enumerate(np.eye(8) * delta):
             J[:, k] = (seen(registration.corners + step.reshape(4, 2), registration.bend) - corners).ravel() / delta
         J[:, 8] = (seen(registration.corners, registration.bend + delta) - corners).ravel() / delta
-        model_error = MODEL_ERROR_PX**2 + (MODEL_ERROR_PX3 / mean_side(corners) ** 2) ** 2
-        return corners, J @ registration.covariance @ J.T + model_error * np.eye(8)
+        too_small = 1 + (FEW_EDGES_PX / mean_side(corners)) ** 2
+        return corners, too_small * (J @ registration.covariance @ J.T) + MODEL_ERROR_PX**2 * np.eye(8)
 
     def points_and_spread(
         self, registration: Registration, at: FloatArray

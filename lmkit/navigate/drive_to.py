@@ -129,6 +129,19 @@ def drive_to(
     return _Navigator(robot, site, goal, tolerance or Tolerance(), on_moment).run()
 
 
+def surely_there(pose: TrackedPose, goal: Spot, tolerance: Tolerance) -> bool:
+    """The goal lies within tolerance of 95 % of where the robot may be."""
+    if pose.state is None or pose.covariance is None or pose.status != "ok":
+        return False
+    off = float(np.hypot(goal.x_m - pose.state[0], goal.y_m - pose.state[1]))
+    if off + SURE * _widest_m(pose.covariance) > tolerance.place_m:
+        return False
+    if goal.heading_rad is None:
+        return True
+    turn = abs(_wrapped(goal.heading_rad - pose.state[2]))
+    return bool(turn + SURE_1D * np.sqrt(pose.covariance[2, 2]) < tolerance.heading_rad)
+
+
 class _Navigator:
     """What it does by what it believes."""
 
@@ -227,7 +240,7 @@ class _Navigator:
                 self.turn_to(self.goal.heading_rad)
             for _ in range(MOST_WAITS):
                 self.step(0.0, 0.0)
-                if self.arrived(end):
+                if surely_there(self.pose, self.goal, self.tolerance):
                     return "arrived"
                 if self.sure_enough():
                     break
@@ -258,16 +271,6 @@ class _Navigator:
             if abs(turn) < 0.2 * self.tolerance.heading_rad:
                 return
             self.step(0.0, float(np.clip(1.5 * turn, -0.5, 0.5)))
-
-    def arrived(self, end: FloatArray) -> bool:
-        """Surely: the goal within tolerance of 95 % of where the robot may be."""
-        off = float(np.linalg.norm(end - self.state[:2]))
-        if off + SURE * self.sigma_m() > self.tolerance.place_m:
-            return False
-        if self.goal.heading_rad is None:
-            return True
-        turn = abs(_wrapped(self.goal.heading_rad - self.state[2]))
-        return turn + SURE_1D * self.sigma_rad() < self.tolerance.heading_rad
 
     def sure_enough(self) -> bool:
         """Known well enough that driving on, not looking around, is what is missing."""
@@ -314,9 +317,7 @@ class _Navigator:
 
     def sigma_m(self) -> float:
         """Standard deviation of the position along its least known direction."""
-        if self.pose.covariance is None:
-            return float("inf")
-        return float(np.sqrt(np.linalg.eigvalsh(self.pose.covariance[:2, :2])[-1]))
+        return float("inf") if self.pose.covariance is None else _widest_m(self.pose.covariance)
 
     def sigma_rad(self) -> float:
         """Of the heading."""
@@ -358,6 +359,10 @@ class _Way:
     def place(self, along: FloatArray) -> FloatArray:
         """(N,2) at distances along the way."""
         return np.column_stack([np.interp(along, self.at, self.points[:, k]) for k in (0, 1)])
+
+
+def _widest_m(covariance: FloatArray) -> float:
+    return float(np.sqrt(np.linalg.eigvalsh(covariance[:2, :2])[-1]))
 
 
 def _wrapped(angle: float) -> float:

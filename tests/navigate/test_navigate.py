@@ -9,11 +9,12 @@ from floors import RIG, hung_every, two_rooms
 from lmkit.errors import InputError
 from lmkit.model.landmark_map import LandmarkMap
 from lmkit.model.stereo_rig import StereoRig
-from lmkit.navigate.drive_to import Site, drive_to
+from lmkit.navigate.drive_to import Site, Tolerance, drive_to, surely_there
 from lmkit.plan.coverage import Demand, predict_coverage
 from lmkit.plan.route import Spot
 from lmkit.simulate.drive import WheelErrors
 from lmkit.simulate.robot import SimulatedRobot
+from lmkit.track.planar_filter import TrackedPose
 from lmkit.track.rig_filter import RigFilter
 
 RADIUS_M = 0.25
@@ -59,6 +60,24 @@ def test_it_arrives_and_knows_where_it_is(world):
         assert off(robot)[1] < np.deg2rad(3)
         inside += hits
     assert 0.9 < np.mean(inside) <= 1.0
+
+
+@pytest.mark.parametrize(
+    ("x_m", "turn_deg", "sigma_m", "sigma_deg", "status", "there"),
+    [
+        (4.8, 0.0, 0.01, 0.5, "ok", True),
+        (4.83, 0.0, 0.01, 0.5, "ok", False),
+        (4.83, 0.0, 0.001, 0.5, "ok", True),
+        (4.8, 0.0, 0.03, 0.5, "ok", False),
+        (4.8, 2.5, 0.01, 0.5, "ok", False),
+        (4.8, 0.0, 0.01, 2.0, "ok", False),
+        (4.8, 0.0, 0.01, 0.5, "lost", False),
+    ],
+)
+def test_it_is_there_only_when_that_is_sure(x_m, turn_deg, sigma_m, sigma_deg, status, there):
+    state = np.array([x_m, GOAL.y_m, np.deg2rad(turn_deg)])
+    covariance = np.diag([sigma_m**2, 1e-8, np.deg2rad(sigma_deg) ** 2])
+    assert surely_there(TrackedPose(1.0, status, state, covariance), GOAL, Tolerance()) is there
 
 
 def test_it_goes_around_what_is_on_no_plan(world):

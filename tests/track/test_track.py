@@ -8,6 +8,7 @@ from lmkit.motion import NOMINAL, MotionModel, between
 from lmkit.simulate.drive import WheelErrors, make_drive
 from lmkit.track.drive import track_live, track_pictures, track_pictures_live, track_readings
 from lmkit.track.planar_filter import PlanarFilter
+from lmkit.track.wheels import Wheels
 
 
 def planar_errors(drive, tracked):
@@ -169,3 +170,16 @@ def test_before_the_first_fix_the_filter_says_lost():
     answer = PlanarFilter(drive.landmarks).observe(0.0, [])
     assert answer.status == "lost"
     assert answer.state is None
+
+
+@pytest.mark.parametrize("delay_s", [-0.1, 0.0, 0.1])
+def test_a_robot_that_runs_ahead_of_its_odometry_is_not_lost(delay_s):
+    """Odometry ends now; where the landmarks' clock is behind it, the robot goes on as it did."""
+    wheels = Wheels()
+    for k in range(1, 51):
+        wheels.add_odometry(0.02 * k, 0.3 * 0.02, 0.0)
+    x = np.concatenate([np.zeros(3), NOMINAL])
+    x[-1] = delay_s
+    later, P = wheels.predict(x, np.zeros((len(x), len(x))), 0.8, 1.0)
+    assert later[:3] == pytest.approx([0.06, 0, 0], abs=1e-6)
+    assert np.sqrt(P[0, 0]) < 0.03
