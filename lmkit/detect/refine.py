@@ -26,8 +26,8 @@ BEND_PRIOR = 0.12  # standard deviation of the radial bend, relative at half the
 # What demosaicing, sharpening and JPEG do that no part of the model knows, per coordinate, whatever the landmark.
 MODEL_ERROR_PX = 0.035
 # The mosaic errs along edges, and few pixels of edge do not even that out: the variance that the residuals show is
-# too small by 1 + (this / side)^2.  From simulated pictures with sides of 16 to 100 px (benchmarks/corners.py), most of
-# them upright, where all of an edge meets the same colours; turned ones err less.  Without a mosaic, errors and
+# too small by 1 + (this / side)^2.  From simulated pictures with sides of 16 to 100 px (benchmarks/corners.py), most
+# of them upright, where all of an edge meets the same colours; turned ones err less.  Without a mosaic, errors and
 # residuals both fall to a fifth.  Lenses and paper come on top (`CORNER_FLOOR_PX`).
 FEW_EDGES_PX = 27.0
 BLEED_PRIOR = 0.1  # standard deviation of the bleed
