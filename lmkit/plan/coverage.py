@@ -77,8 +77,14 @@ class Coverage:
 
     def typical_error_m(self, headings: float) -> FloatArray:
         """(N,) the error that the robot keeps to in that share of the directions."""
-        rank = int(np.ceil(headings * len(self.headings) - 1e-9)) - 1
-        return np.asarray(np.sort(self.error_m, axis=1)[:, max(rank, 0)])
+        return np.asarray(np.sort(self.error_m, axis=1)[:, self._rank(headings)])
+
+    def typical_in_view(self, headings: float) -> IntArray:
+        """(N,) the landmarks in view in that share of the directions."""
+        return np.asarray(np.sort(self.in_view, axis=1)[:, ::-1][:, self._rank(headings)])
+
+    def _rank(self, headings: float) -> int:
+        return max(int(np.ceil(headings * len(self.headings) - 1e-9)) - 1, 0)
 
 
 @dataclass(frozen=True)
@@ -88,19 +94,20 @@ class WeakPlace:
     Attributes:
         middle: (x, y) of the place deepest inside it, metres.
         area_m2: how large it is.
-        in_view: landmarks in view there, in the middle of all directions.
-        error_m: to be expected there, infinite where nothing is known.
+        in_view, error_m: landmarks in view there and the error to be expected, infinite where nothing is known, at
+            the edge of the directions in which the demand should hold.
     """
 
     middle: tuple[float, float]
     area_m2: float
-    in_view: float
+    in_view: int
     error_m: float
 
     def __str__(self) -> str:
         known = f"error {100 * self.error_m:.0f} cm" if self.error_m < BLIND_M else "blind"
         x, y = self.middle
-        return f"{self.area_m2:.1f} m2 around ({x:.1f}, {y:.1f}) m: {known}, {self.in_view:g} landmarks in view"
+        seen = "1 landmark" if self.in_view == 1 else f"{self.in_view} landmarks"
+        return f"{self.area_m2:.1f} m2 around ({x:.1f}, {y:.1f}) m: {known}, {seen} in view"
 
 
 def places_on(floor: FloorPlan, radius_m: float, step_m: float | None = None) -> tuple[FloatArray, float]:
@@ -203,7 +210,7 @@ def weak_places(coverage: Coverage, demand: Demand) -> list[WeakPlace]:
     depth = cv2.distanceTransform(raster, cv2.DIST_L2, cv2.DIST_MASK_PRECISE)
     label = labels[at[:, 1] + 1, at[:, 0] + 1]
     depth = depth[at[:, 1] + 1, at[:, 0] + 1]
-    typical = coverage.typical_error_m(demand.headings)
+    error_m, in_view = coverage.typical_error_m(demand.headings), coverage.typical_in_view(demand.headings)
     found = []
     for number in range(1, count):
         rows = np.flatnonzero(label == number)
@@ -211,7 +218,5 @@ def weak_places(coverage: Coverage, demand: Demand) -> list[WeakPlace]:
         area = len(rows) * coverage.step_m**2
         if area >= LEAST_WEAK_M2:
             x, y = coverage.places[deepest].tolist()
-            found.append(
-                WeakPlace((x, y), area, float(np.median(coverage.in_view[deepest])), float(typical[deepest]))
-            )
+            found.append(WeakPlace((x, y), area, int(in_view[deepest]), float(error_m[deepest])))
     return sorted(found, key=lambda place: -place.area_m2)

@@ -96,7 +96,12 @@ def test_a_floor_without_landmarks_is_blind_and_one_weak_place(tmp_path):
     weak = weak_places(coverage, EASY)
     assert len(weak) == 1
     assert weak[0].area_m2 > 10
-    assert "blind" in str(weak[0])
+    assert "blind, 0 landmarks in view" in str(weak[0])
+    # Weak is what the demand asks for in vain: here a second landmark.
+    one = [on_wall(floor.walls[0], 1.0, 9)]
+    weak = weak_places(predict_coverage(floor, one, RIG, RADIUS_M), replace(EASY, in_view=2))
+    assert sum(place.area_m2 for place in weak) > 10
+    assert all(place.in_view < 2 for place in weak)
 
 
 def test_what_is_placed_holds_the_demand_and_no_wall_that_must_stay_bare(tmp_path):
