@@ -14,6 +14,7 @@ from lmkit.room_plan import Note, Rgb, Underlay
 
 FREE, WALL, BLIND, OUTSIDE = (255, 255, 255), (70, 74, 80), (222, 222, 226), (244, 244, 242)
 WALL_SHOWN_M = 0.15
+NOTED_AT, NOTED_OFF_M = (0.5, 0.4, 0.6, 0.3, 0.7), 0.45  # the name of a wall: along it, and off it
 # From well known to badly known, evenly in brightness so that they print in grey, too.
 COLORS: tuple[Rgb, ...] = (
     (26, 122, 73),
@@ -50,10 +51,12 @@ def floor_underlay(floor: FloorPlan, places: FloatArray | None = None, error_m: 
 
 
 def wall_notes(floor: FloorPlan) -> list[Note]:
-    """The name of every wall, beside it."""
+    """The name of every wall, beside it where nothing else stands."""
     notes = []
     for wall in floor.walls:
         out = np.array([np.cos(wall.facing_rad), np.sin(wall.facing_rad)])
-        at = (wall.left + wall.right) / 2 + 0.45 * out
+        along = np.array(NOTED_AT)[:, None] * (wall.right - wall.left)
+        places = wall.left + along + NOTED_OFF_M * out
+        at = places[np.argmax(floor.clearance_at(places).round(1))]
         notes.append(Note(wall.name, (float(at[0]), float(at[1]))))
     return notes
