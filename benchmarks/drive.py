@@ -61,7 +61,7 @@ def main(folder: Path) -> None:
     )
     print(f"  map        {rms([cm for cm, _ in places]):.2f} cm, {rms([deg for _, deg in places]):.2f} deg rmse")
     print(f"  odd {[odd.code for odd in survey.odd]}, unplaced {survey.unplaced}")
-    drive = track_pictures(moments, rig, hung, wheels)
+    drive = track_pictures(moments, rig, hung, MotionModel(*wheels))
     times = [moment.time_s for moment in moments]
     tracked = [
         off(pose, poses[times.index(time_s)] @ T_base_left.inverse())

@@ -56,7 +56,7 @@ def run_drive_demo(folder: Path, seed: int, count: int) -> DriveErrors:
     half = len(drive.moments) // 2
     survey = _survey(drive, drive.moments[:half])
     late = drive.moments[half:]
-    smooth = track_pictures(late, drive.rig, survey.landmarks, (drive.odometry, drive.gyro))
+    smooth = track_pictures(late, drive.rig, survey.landmarks, MotionModel(drive.odometry, drive.gyro))
     live = track_live(drive.readings(seed)[half:], drive.odometry, drive.gyro, survey.landmarks)
     _write(folder, drive, survey, smooth)
     true = [m for found in survey.landmarks if (m := drive.landmarks.find(found.code)) is not None]

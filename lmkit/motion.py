@@ -9,12 +9,15 @@ lags behind what its sensors report.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Protocol
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from lmkit.arrays import FloatArray
 from lmkit.errors import InputError
 from lmkit.model.drive import Gyro, Odometry
+from lmkit.model.pose import Pose
 
 PARAMETERS = ("forward_scale", "turn_scale", "turn_per_s", "turn_per_m", "slowing_s", "delay_s")
 NOMINAL = np.array([1.0, 1.0, 0.0, 0.0, 0.0, 0.1])
@@ -23,6 +26,9 @@ PRIOR_SIGMA = np.array([0.1, 0.1, 0.02, 0.1, 0.3, 0.15])
 STEPS = np.array([1e-4, 1e-4, 1e-5, 1e-5, 1e-4, 1e-3])
 UNLIKELY_SIGMA = 3.5  # of a parameter against its prior
 LONGEST_STEP_S = 0.5  # of time between rows: more is a gap, in which nothing is known
+# A robot on wheels keeps its height and its level between two moments, but for the floor.
+LIFT_M, LIFT_PER_ROOT_M = 0.002, 0.003
+LEAN_RAD, LEAN_PER_ROOT_M = 0.002, 0.004
 
 
 @dataclass(frozen=True)
@@ -64,8 +70,58 @@ class Increments:
     known: FloatArray
 
 
+@dataclass(frozen=True, eq=False)
+class Steps:
+    """Motions in space between consecutive times, in the frame of the earlier pose of the robot's base.
+
+    Attributes:
+        R, t: (K-1,3,3), (K-1,3) metres.
+        by_parameters: (K-1,6,P) derivatives of the way and of the turn, a rotation vector in the later frame.
+        sigmas: (K-1,6) standard deviations.
+        known: (K-1,) False where there is a gap.
+    """
+
+    R: FloatArray
+    t: FloatArray
+    by_parameters: FloatArray
+    sigmas: FloatArray
+    known: FloatArray
+
+    def of_camera(self, T_base_left: Pose) -> tuple[FloatArray, FloatArray]:
+        """(K-1,3,3), (K-1,3) how a camera moves that sits there: T_left_base T_base_base' T_base_left."""
+        T = T_base_left
+        return T.R.T @ self.R @ T.R, (self.t + self.R @ T.t - T.t) @ T.R
+
+
+class Motion(Protocol):
+    """What carries a robot from moment to moment in space: wheels (`MotionModel`) or poses (`pose_motion.py`).
+
+    Attributes:
+        names: of the numbers that say what is wrong with it.
+        nominal, prior_sigma: (P,) what they are taken to be before anything is seen.
+        of_base: it moves the robot's base, so that the rig must say where the camera sits on it.
+    """
+
+    @property
+    def names(self) -> tuple[str, ...]: ...
+    @property
+    def nominal(self) -> FloatArray: ...
+    @property
+    def prior_sigma(self) -> FloatArray: ...
+    @property
+    def of_base(self) -> bool: ...
+
+    def require_overlap(self, times_s: FloatArray) -> None:
+        """Refuse another time."""
+
+    def steps(self, times_s: FloatArray, parameters: FloatArray) -> Steps:
+        """Motions between consecutive times (K,), seconds of the landmarks' clock."""
+
+
 class MotionModel:
     """Odometry, with the gyro's turns in place of the wheels' where there is a gyro."""
+
+    names, nominal, prior_sigma, of_base = PARAMETERS, NOMINAL, PRIOR_SIGMA, True
 
     def __init__(self, odometry: Odometry, gyro: Gyro | None = None, noise: MotionNoise | None = None) -> None:
         self.noise = noise or MotionNoise()
@@ -91,13 +147,25 @@ class MotionModel:
         Raises:
             InputError: it shares no time with the moments.
         """
-        if self._times[-1] < times_s[0] or self._times[0] > times_s[-1]:
-            raise InputError(
-                "no_common_times",
-                f"odometry runs from {self._times[0]:.3f} to {self._times[-1]:.3f} s, landmarks were seen from "
-                f"{times_s[0]:.3f} to {times_s[-1]:.3f} s",
-                "give both in seconds of one clock",
-            )
+        require_common_times(self._times, times_s)
+
+    def steps(self, times_s: FloatArray, parameters: FloatArray) -> Steps:
+        """Motions on a floor that is nearly flat, between consecutive times (K,)."""
+        increments = self.increments(times_s, parameters)
+        forward, left, turn = increments.motions.T
+        zero = np.zeros_like(turn)
+        way = np.sqrt(np.abs(forward))
+        lift, lean = np.hypot(LIFT_M, LIFT_PER_ROOT_M * way), np.hypot(LEAN_RAD, LEAN_PER_ROOT_M * way)
+        s = increments.sigmas
+        by_parameters = np.zeros((len(turn), 6, len(PARAMETERS)))
+        by_parameters[:, [0, 1, 5]] = increments.by_parameters
+        return Steps(
+            Rotation.from_rotvec(np.column_stack([zero, zero, turn])).as_matrix().reshape(-1, 3, 3),
+            np.column_stack([forward, left, zero]),
+            by_parameters,
+            np.column_stack([s[:, 0], s[:, 1], lift, lean, lean, s[:, 2]]),
+            increments.known,
+        )
 
     def increments(self, times_s: FloatArray, parameters: FloatArray) -> Increments:
         """Motions between consecutive times (K,), seconds of the landmarks' clock."""
@@ -148,14 +216,29 @@ class MotionModel:
         return np.stack([c * dx + s * dy, -s * dx + c * dy, np.diff(at, axis=1)], axis=2)
 
 
-def describe_odometry(parameters: FloatArray) -> str | None:
+def require_common_times(own_s: FloatArray, times_s: FloatArray) -> None:
+    """Refuse odometry of another time.
+
+    Raises:
+        InputError: it shares no time with the moments.
+    """
+    if own_s[-1] < times_s[0] or own_s[0] > times_s[-1]:
+        raise InputError(
+            "no_common_times",
+            f"odometry runs from {own_s[0]:.3f} to {own_s[-1]:.3f} s, landmarks were seen from "
+            f"{times_s[0]:.3f} to {times_s[-1]:.3f} s",
+            "give both in seconds of one clock",
+        )
+
+
+def describe_odometry(motion: Motion, parameters: FloatArray) -> str | None:
     """A sentence where odometry is not to be believed: wrong units, another clock, another robot; else None."""
-    far = np.abs(parameters - NOMINAL) / PRIOR_SIGMA
+    far = np.abs(parameters - motion.nominal) / motion.prior_sigma
     worst = int(np.argmax(far))
     if far[worst] < UNLIKELY_SIGMA:
         return None
     return (
-        f"odometry does not agree with what was seen: {PARAMETERS[worst]} comes out as {parameters[worst]:.3g}; "
+        f"odometry does not agree with what was seen: {motion.names[worst]} comes out as {parameters[worst]:.3g}; "
         "check its units, its clock and where the sensor sits on the robot"
     )
 

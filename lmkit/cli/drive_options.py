@@ -11,6 +11,37 @@ from lmkit.errors import InputError
 if TYPE_CHECKING:
     from lmkit.model.drive import Gyro, Odometry, StereoMoment
     from lmkit.model.stereo_rig import StereoRig
+    from lmkit.model.trajectory import Trajectory
+    from lmkit.motion import Motion
+
+POSES = (".tum", ".txt")  # suffixes of odometry in space
+
+
+def read_any_odometry(
+    odometry: Path | None, gyro: Path | None, wheel_track: str | None
+) -> Trajectory | tuple[Odometry, Gyro | None] | None:
+    """Poses of a TUM file, or wheels and gyro; None without odometry.
+
+    Raises:
+        InputError: not readable, or a gyro without wheels.
+    """
+    from lmkit.formats.trajectory import read_trajectory
+
+    if odometry is not None and odometry.suffix.lower() in POSES:
+        require_no(f"--odometry {odometry}", {"--gyro": gyro, "--wheel-track": wheel_track})
+        return read_trajectory(odometry)
+    return read_wheels(odometry, gyro, wheel_track)
+
+
+def motion_of(odometry: Trajectory | tuple[Odometry, Gyro | None] | None) -> Motion | None:
+    """What it carries a rig by."""
+    from lmkit.model.trajectory import Trajectory
+    from lmkit.motion import MotionModel
+    from lmkit.pose_motion import PoseMotion
+
+    if odometry is None:
+        return None
+    return PoseMotion(odometry) if isinstance(odometry, Trajectory) else MotionModel(*odometry)
 
 
 def read_wheels(
@@ -29,6 +60,10 @@ def read_wheels(
             if value is not None:
                 raise InputError("no_odometry", f"{name} needs odometry beside it", "give --odometry FILE.csv")
         return None
+    if odometry.suffix.lower() in POSES:
+        raise InputError(
+            "poses_in_space", f"{odometry} holds poses in space, wheels are needed here", "give --odometry FILE.csv"
+        )
     track_m = None if wheel_track is None else parse_length_mm(wheel_track, "--wheel-track") / 1000
     return read_odometry(odometry, track_m), None if gyro is None else read_gyro(gyro)
 

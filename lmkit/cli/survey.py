@@ -19,6 +19,7 @@ if TYPE_CHECKING:
     from lmkit.model.landmark_map import LandmarkMap
     from lmkit.model.pose import Pose
     from lmkit.model.stereo_rig import StereoRig
+    from lmkit.motion import Motion
     from lmkit.survey.bundle import Anchor, Bundle
     from lmkit.survey.survey import Survey
 
@@ -44,7 +45,9 @@ def run(
         str | None,
         typer.Option("--known-sigma", help="How well: 50mm,3deg as measured by hand. Default: as the file says."),
     ] = None,
-    odometry: Annotated[Path | None, typer.Option("--odometry", help="CSV of the robot's wheels.")] = None,
+    odometry: Annotated[
+        Path | None, typer.Option("--odometry", help="CSV of the robot's wheels, or poses (.tum) of visual odometry.")
+    ] = None,
     gyro: Annotated[Path | None, typer.Option("--gyro", help="CSV of its gyro.")] = None,
     wheel_track: Annotated[str | None, typer.Option("--wheel-track", help="Distance of the wheels.")] = None,
     hz: Annotated[float | None, typer.Option("--hz", help="Pairs a second, where names hold no times.")] = None,
@@ -58,7 +61,7 @@ def run(
     force: Annotated[bool, typer.Option("--force", help="Overwrite files.")] = False,
 ) -> None:
     """Build the landmark map from a drive."""
-    from lmkit.cli.drive_options import read_moments, read_wheels
+    from lmkit.cli.drive_options import motion_of, read_any_odometry, read_moments, read_wheels
     from lmkit.cli.drive_results import check_outputs, draw_drive
     from lmkit.formats.any_rig import read_any_rig
     from lmkit.formats.drive_tables import detections_to_csv
@@ -66,7 +69,6 @@ def run(
     from lmkit.formats.foreign_maps import read_any_map
     from lmkit.formats.landmark_map import map_to_yaml
     from lmkit.formats.trajectory import poses_to_tum
-    from lmkit.motion import MotionModel
     from lmkit.survey.survey import survey_drive
     from lmkit.units import parse_length_mm
 
@@ -86,14 +88,13 @@ def run(
     size_m = parse_length_mm(size, "--size") / 1000
     cameras = read_any_rig(rig)
     anchors = {} if known is None else _anchors(read_any_map(known), known_sigma)
-    wheels = read_wheels(odometry, gyro, wheel_track)
+    motion = motion_of(read_any_odometry(odometry, gyro, wheel_track))
     moments = read_moments(left, right, detections, cameras, family, hz)
     if save_detections is not None:
         write_file(save_detections, detections_to_csv(moments), force)
-    motion = None if wheels is None else MotionModel(*wheels)
     sizes = _sizes(moments, size_m, anchors)
     result = survey_drive(moments, cameras, sizes, anchors, motion)
-    _complain(result)
+    _complain(result, motion)
     write_file(output, map_to_yaml(result.landmarks), force)
     if tum is not None:
         write_file(tum, poses_to_tum(_base_poses(result.bundle, cameras)), force)
@@ -102,7 +103,7 @@ def run(
         looking, sure = bundle.left_poses(), [True] * len(bundle.times_s)
         write_file(plan, draw_drive(plan, bundle.landmarks, bundle.times_s, looking, bundle.covariances, sure), force)
     if as_json:
-        print_json(_summary(result, moments, output))
+        print_json(_summary(result, moments, motion, output))
     else:
         _tell(result, moments, output)
 
@@ -188,12 +189,12 @@ def _sizes(
     return sizes
 
 
-def _complain(result: Survey) -> None:
+def _complain(result: Survey, motion: Motion | None) -> None:
     from lmkit.motion import describe_odometry
 
     for odd in result.odd:
         warn(str(odd))
-    doubt = describe_odometry(result.bundle.parameters)
+    doubt = None if motion is None else describe_odometry(motion, result.bundle.parameters)
     if doubt is not None:
         warn(doubt)
     for from_s, to_s, metres in result.bundle.jumps:
@@ -230,8 +231,7 @@ def _tell(result: Survey, moments: list[StereoMoment], output: Path) -> None:
     )
 
 
-def _summary(result: Survey, moments: list[StereoMoment], output: Path) -> dict[str, Any]:
-    from lmkit.motion import PARAMETERS
+def _summary(result: Survey, moments: list[StereoMoment], motion: Motion | None, output: Path) -> dict[str, Any]:
     from lmkit.survey.survey import deviations
 
     bundle = result.bundle
@@ -261,5 +261,5 @@ def _summary(result: Survey, moments: list[StereoMoment], output: Path) -> dict[
         "jumps": [{"from_s": a, "to_s": b, "metres": m} for a, b, m in result.bundle.jumps],
         "weak": [code for code, _, _ in result.weak],
         "unplaced": list(result.unplaced),
-        "odometry": dict(zip(PARAMETERS, bundle.parameters.tolist(), strict=True)),
+        "odometry": {} if motion is None else dict(zip(motion.names, bundle.parameters.tolist(), strict=True)),
     }

@@ -25,7 +25,9 @@ def run(
     detections: Annotated[
         Path | None, typer.Option("--detections", help="CSV of what was seen, not pictures.")
     ] = None,
-    odometry: Annotated[Path | None, typer.Option("--odometry", help="CSV of the robot's wheels.")] = None,
+    odometry: Annotated[
+        Path | None, typer.Option("--odometry", help="CSV of the robot's wheels, or poses (.tum) of visual odometry.")
+    ] = None,
     gyro: Annotated[Path | None, typer.Option("--gyro", help="CSV of its gyro.")] = None,
     wheel_track: Annotated[str | None, typer.Option("--wheel-track", help="Distance of the wheels.")] = None,
     live: Annotated[
@@ -39,21 +41,29 @@ def run(
     force: Annotated[bool, typer.Option("--force", help="Overwrite files.")] = False,
 ) -> None:
     """Follow the robot through the map, by landmarks, wheels and gyro."""
-    from lmkit.cli.drive_options import read_moments, read_wheels
+    from lmkit.cli.drive_options import motion_of, read_any_odometry, read_moments, read_wheels
     from lmkit.cli.drive_results import check_outputs, draw_drive
     from lmkit.formats.any_rig import read_any_rig
     from lmkit.formats.files import write_file
     from lmkit.formats.foreign_maps import read_any_map
     from lmkit.formats.readings import read_readings
     from lmkit.formats.trajectory import poses_to_tum
-    from lmkit.track.drive import track_live, track_pictures, track_pictures_live, track_readings
+    from lmkit.model.trajectory import Trajectory
+    from lmkit.track.drive import (
+        track_live,
+        track_pictures,
+        track_pictures_live,
+        track_poses_live,
+        track_readings,
+    )
 
     if landmark_map is None:
         raise InputError("no_map", "track needs a map", "give --map map.yaml")
     check_outputs((tum, csv), plan, force)
-    landmarks, wheels = read_any_map(landmark_map), read_wheels(odometry, gyro, wheel_track)
+    landmarks = read_any_map(landmark_map)
     if readings is not None:
         require_no("--readings", {"LEFT": left, "--rig": rig, "--detections": detections, "--hz": hz})
+        wheels = read_wheels(odometry, gyro, wheel_track)
         if wheels is None:
             raise InputError(
                 "no_odometry", "readings are followed by odometry", "give --odometry, or use lmkit locate --readings"
@@ -64,15 +74,18 @@ def run(
     else:
         if rig is None:
             raise InputError("no_rig", "pictures need a rig", "give --rig rig.yaml")
-        if live and wheels is None:
-            raise InputError("no_odometry", "--live needs wheels", "give --odometry, or use lmkit locate")
+        if live and odometry is None:
+            raise InputError("no_odometry", "--live needs odometry", "give --odometry, or use lmkit locate")
         cameras = read_any_rig(rig)
+        own = read_any_odometry(odometry, gyro, wheel_track)
         families = ",".join(dict.fromkeys(m.family for m in landmarks))
         moments = read_moments(left, right, detections, cameras, families, hz)
-        if live and wheels is not None:
-            drive = track_pictures_live(moments, cameras, landmarks, *wheels)
+        if not live or own is None:
+            drive = track_pictures(moments, cameras, landmarks, motion_of(own))
+        elif isinstance(own, Trajectory):
+            drive = track_poses_live(moments, cameras, landmarks, own)
         else:
-            drive = track_pictures(moments, cameras, landmarks, wheels)
+            drive = track_pictures_live(moments, cameras, landmarks, *own)
     sure = [(t, p) for t, p, status in zip(drive.times_s, drive.poses, drive.statuses, strict=True) if status == "ok"]
     if not sure:
         raise NegativeAnswer(

@@ -156,7 +156,7 @@ def _require_rosbags() -> None:
 def _unpack(reader: Any, topics: Topics) -> Iterator[Unpacked]:
     waiting: dict[str, list[tuple[float, bytes, str]]] = {"left": [], "right": []}
     roles = {topic: role for role, topic in vars(topics).items() if topic is not None}
-    odometry, gyro = ["time_s,x_m,y_m,heading_rad"], ["time_s,rate_radps"]
+    odometry, poses, gyro = ["time_s,x_m,y_m,heading_rad"], ["# time x y z qx qy qz qw"], ["time_s,rate_radps"]
     last = {"odometry": -np.inf, "imu": -np.inf}
     infos: set[str] = set()
     number = 0
@@ -182,6 +182,8 @@ def _unpack(reader: Any, topics: Topics) -> Iterator[Unpacked]:
                 p, q = message.pose.pose.position, message.pose.pose.orientation
                 heading = np.arctan2(2 * (q.w * q.z + q.x * q.y), 1 - 2 * (q.y**2 + q.z**2))
                 odometry.append(f"{time_s:.6f},{p.x:.6f},{p.y:.6f},{heading:.6f}")
+                numbers = " ".join(f"{v:.9f}" for v in (p.x, p.y, p.z, q.x, q.y, q.z, q.w))
+                poses.append(f"{time_s:.6f} {numbers}")
             else:
                 gyro.append(f"{time_s:.6f},{message.angular_velocity.z:.6f}")
     if number == 0:
@@ -190,7 +192,7 @@ def _unpack(reader: Any, topics: Topics) -> Iterator[Unpacked]:
             f"no pictures of {topics.left} and {topics.right} within {1000 * APART_S:g} ms of each other",
             "check that both eyes were recorded, with stamps of one clock",
         )
-    for name, lines in (("odometry.csv", odometry), ("gyro.csv", gyro)):
+    for name, lines in (("odometry.csv", odometry), ("odometry.tum", poses), ("gyro.csv", gyro)):
         if len(lines) > 2:
             yield Unpacked(name, ("\n".join(lines) + "\n").encode())
 

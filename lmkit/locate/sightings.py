@@ -18,6 +18,7 @@ from lmkit.locate.turns import turns
 from lmkit.model.camera import REACHED_PX, CameraModel
 from lmkit.model.landmark_map import LandmarkMap, MappedLandmark
 from lmkit.model.observation import LandmarkObservation
+from lmkit.model.stereo_rig import StereoRig
 
 # Standard deviation added to every corner's own: what lenses, calibration and paper that is not flat leave open.
 CORNER_FLOOR_PX = 0.06
@@ -144,6 +145,22 @@ class Sightings:
                     groups.setdefault(id(landmark), []).append(row)
             self._uncertain = [np.array(rows) for rows in groups.values()]
             self._arms = self.points - np.array([m.T_map_landmark.t for m in self.landmarks])[:, None]
+
+    @classmethod
+    def of_rig(
+        cls,
+        left: Sequence[LandmarkObservation],
+        right: Sequence[LandmarkObservation],
+        rig: StereoRig,
+        landmarks: LandmarkMap,
+        corner_floor_px: float,
+    ) -> Sightings:
+        """What both eyes of a rig saw."""
+        eyes = [
+            (left, rig.left, np.eye(3), np.zeros(3)),
+            (right, rig.right, rig.T_right_left.R, rig.T_right_left.t),
+        ]
+        return cls(eyes, landmarks, corner_floor_px)
 
     def __len__(self) -> int:
         return len(self.landmarks)

@@ -8,6 +8,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from lmkit.arrays import FloatArray, IntArray, frozen
+from lmkit.model.pose import Pose, orthonormal
 
 
 @dataclass(frozen=True, eq=False)
@@ -37,6 +38,11 @@ class Trajectory:
     def rotations(self) -> FloatArray:
         """(N,3,3)."""
         return np.asarray(Rotation.from_quat(self.quaternions).as_matrix())
+
+    def pose(self, k: int, to_frame: str, from_frame: str) -> Pose:
+        """One of the poses."""
+        R = Rotation.from_quat(self.quaternions[k]).as_matrix()
+        return Pose(to_frame, from_frame, orthonormal(R), self.positions[k])
 
     def rows(self, rows: IntArray) -> Trajectory:
         """Some of the poses."""

@@ -7,6 +7,7 @@ of a second early; now and then they slip), the gyro drifts.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from itertools import pairwise
 
 import numpy as np
 
@@ -16,6 +17,7 @@ from lmkit.model.landmark_map import LandmarkMap
 from lmkit.model.observation import RangeBearing
 from lmkit.model.pose import Pose, planar_pose
 from lmkit.model.stereo_rig import StereoRig
+from lmkit.model.trajectory import Trajectory
 from lmkit.simulate.look import look
 from lmkit.simulate.scene import hang_landmarks, make_rig
 
@@ -73,6 +75,27 @@ class Drive:
     def pose(self, k: int) -> Pose:
         """T_map_base of a moment."""
         return planar_pose(self.truth[k])
+
+    def visual_odometry(
+        self, seed: int, place_per_root_m: float = 0.01, turn_per_root_m: float = 0.004
+    ) -> Trajectory:
+        """Poses of the base, in a frame of its own, that drift in all six directions with the root of the way."""
+        rng = np.random.default_rng([seed, 4])
+        true = [self.pose(k) for k in range(len(self.times_s))]
+        T = Pose.from_rvec("odometry", "base", rng.normal(size=3), rng.normal(size=3))
+        poses = [T]
+        for before, after in pairwise(true):
+            step = before.inverse() @ after
+            root = np.sqrt(np.linalg.norm(step.t))
+            astray = Pose.from_rvec(
+                "base",
+                "base",
+                turn_per_root_m * root * rng.normal(size=3),
+                place_per_root_m * root * rng.normal(size=3),
+            )
+            T = T @ Pose("base", "base", step.R, step.t) @ astray
+            poses.append(T)
+        return Trajectory(self.times_s, np.array([T.t for T in poses]), np.array([T.quaternion_xyzw for T in poses]))
 
     def readings(
         self, seed: int, range_share: float = 0.03, bearing_rad: float = 0.01

@@ -21,7 +21,7 @@ from lmkit.model.drive import StereoMoment
 from lmkit.model.landmark_map import LandmarkMap, MappedLandmark
 from lmkit.model.pose import Pose, orthonormal
 from lmkit.model.stereo_rig import StereoRig
-from lmkit.motion import NOMINAL, PARAMETERS, PRIOR_SIGMA, MotionModel
+from lmkit.motion import Motion
 
 CAUCHY_SIGMA = 2.4
 NEAREST_M = 0.02
@@ -34,10 +34,6 @@ LEAST_MPS, FASTER, LONGEST_S, LEAP_SIGMA = 1.0, 4.0, 1.0, 4.0
 EXACT = 1e-12  # m^2, rad^2: what is known exactly
 LEAST_TO_WEIGH = 20  # motions
 TOLD_BELOW = 0.3  # share of a motion's variance that is left once the eyes have spoken
-OWN = len(PARAMETERS)
-# A robot on wheels keeps its height and its level between two moments, but for the floor.
-LIFT_M, LIFT_PER_ROOT_M = 0.002, 0.003
-LEAN_RAD, LEAN_PER_ROOT_M = 0.002, 0.004
 
 
 @dataclass(frozen=True, eq=False)
@@ -56,7 +52,7 @@ class Bundle:
         times_s: (N,).
         poses: of the left camera in the map, with (N,6,6) covariances.
         landmarks: with their covariances.
-        parameters: (6,) as `motion.PARAMETERS`.
+        parameters: (P,) what is wrong with the odometry, as its `names`; none without.
         misfits: (S,) root mean square of each sighting's eight standardised corner coordinates.
         codes, moments: (S,) of the sightings.
         rms_px: of the corners of sightings that are believed.
@@ -97,7 +93,7 @@ class BundleProblem:
         start: Poses,
         landmarks: LandmarkMap,
         anchors: Mapping[tuple[str, int], Anchor],
-        motion: MotionModel | None = None,
+        motion: Motion | None = None,
         frozen: bool = False,
     ) -> None:
         self.times = np.array([moment.time_s for moment in moments])
@@ -131,10 +127,11 @@ class BundleProblem:
         self.lm_p = np.array([m.T_map_landmark.t for m in self.hung])
         self.arms = np.array([(m.corners_map - m.T_map_landmark.t) @ m.T_map_landmark.R for m in self.hung])
         self.used = np.ones(len(self.at), dtype=bool)
-        self.parameters = np.array(NOMINAL)
+        self.parameters = np.zeros(0) if motion is None else np.array(motion.nominal)
+        self.own = len(self.parameters)  # of the shared unknowns, before the landmarks
         self.motion_scale = np.ones(6)
         self.may_slip = True
-        self.shared = OWN + (0 if frozen else 6 * len(self.hung))
+        self.shared = self.own + (0 if frozen else 6 * len(self.hung))
         T = rig.T_base_left
         T_left_base = Pose.identity("left", "base") if T is None else T.inverse()
         self.base_R, self.base_t = T_left_base.R, T_left_base.t
@@ -190,9 +187,9 @@ class BundleProblem:
     def _move(self, step: FloatArray, shared: FloatArray) -> None:
         self.p = self.p + step[:, :3]
         self.R = turns(step[:, 3:]) @ self.R
-        self.parameters = self.parameters + shared[:OWN]
+        self.parameters = self.parameters + shared[: self.own]
         if not self.frozen:
-            moved = shared[OWN:].reshape(-1, 6)
+            moved = shared[self.own :].reshape(-1, 6)
             self.lm_p = self.lm_p + moved[:, :3]
             self.lm_R = turns(moved[:, 3:]) @ self.lm_R
 
@@ -222,19 +219,16 @@ class BundleProblem:
         equations.add_to_states(self.at, J, r)
         if not self.frozen:
             K = self.whitener @ np.concatenate([G, -np.cross(G, arms[:, :, None])], axis=3).reshape(shape)
-            columns = OWN + 6 * self.of[:, None] + np.arange(6)
+            columns = self.own + 6 * self.of[:, None] + np.arange(6)
             equations.add_shared(self.at, J, columns, K * root[:, None, None], r)
             cost += self._add_anchors(equations)
         if self.motion is not None and len(self.times) > 1:
             cost += self._add_motion(equations, self.motion)
-        off = (NOMINAL - self.parameters) / PRIOR_SIGMA
-        equations.corner[:OWN, :OWN] += np.diag(PRIOR_SIGMA**-2)
-        equations.shared_gradient[:OWN] += off / PRIOR_SIGMA
         # Never singular: a pose that nothing sees, a landmark that no pose sees.
         for matrix in (equations.diagonal, equations.corner[None]):
             diagonal = np.arange(matrix.shape[1])
             matrix[:, diagonal, diagonal] += 1e-9
-        return equations, cost + float((off**2).sum())
+        return equations, cost
 
     def _add_anchors(self, equations: ChainEquations) -> float:
         cost = 0.0
@@ -246,13 +240,13 @@ class BundleProblem:
             turned = Rotation.from_matrix(T.R @ self.lm_R[k].T).as_rotvec()
             off = np.concatenate([T.t - self.lm_p[k], turned])
             information = np.linalg.inv(EXACT * np.eye(6) + (0.0 if anchor.covariance is None else anchor.covariance))
-            rows = slice(OWN + 6 * k, OWN + 6 * k + 6)
+            rows = self._rows_of(k)
             equations.corner[rows, rows] += information
             equations.shared_gradient[rows] += information @ off
             cost += float(off @ information @ off)
         return cost
 
-    def _add_motion(self, equations: ChainEquations, motion: MotionModel) -> float:
+    def _add_motion(self, equations: ChainEquations, motion: Motion) -> float:
         before, after, r, K = self._motion_rows(motion)
         squared = (r**2).sum(axis=1) / 6
         bend = SLIP_SIGMA if self.may_slip else NEVER
@@ -261,28 +255,27 @@ class BundleProblem:
         r = r * root[:, None]
         equations.add_between(before, after, r)
         rows = np.arange(len(r))
-        equations.add_shared(rows, before, np.tile(np.arange(OWN), (len(r), 1)), K, r)
-        equations.border[1:, :, :OWN] += after.transpose(0, 2, 1) @ K
-        return float(6 * bend**2 * np.log1p(squared / bend**2).sum())
+        own = slice(0, self.own)
+        equations.add_shared(rows, before, np.tile(np.arange(self.own), (len(r), 1)), K, r)
+        equations.border[1:, :, own] += after.transpose(0, 2, 1) @ K
+        off = (motion.nominal - self.parameters) / motion.prior_sigma
+        equations.corner[own, own] += np.diag(motion.prior_sigma**-2)
+        equations.shared_gradient[own] += off / motion.prior_sigma
+        return float(6 * bend**2 * np.log1p(squared / bend**2).sum() + (off**2).sum())
 
-    def _motion_rows(self, motion: MotionModel) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
+    def _rows_of(self, landmark: int) -> slice:
+        return slice(self.own + 6 * landmark, self.own + 6 * landmark + 6)
+
+    def _motion_rows(self, motion: Motion) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
         """(N-1,6,6) derivatives of motions with the earlier and the later pose, (N-1,6) residuals, and (N-1,6,P)."""
-        increments = motion.increments(self.times, self.parameters)
+        steps = motion.steps(self.times, self.parameters)
         R_b, p_b = self.R @ self.base_R, self.p + self.R @ self.base_t
         back = R_b[:-1].transpose(0, 2, 1)
         v = p_b[1:] - p_b[:-1]
-        measured = turns(np.column_stack([np.zeros((len(v), 2)), increments.motions[:, 2]]))
-        moved = (back @ v[..., None])[..., 0]
-        turned = Rotation.from_matrix(measured.transpose(0, 2, 1) @ back @ R_b[1:]).as_rotvec()
-        r = np.column_stack([increments.motions[:, :2] - moved[:, :2], -moved[:, 2], -turned])
+        turned = Rotation.from_matrix(steps.R.transpose(0, 2, 1) @ back @ R_b[1:]).as_rotvec()
+        r = np.column_stack([steps.t - (back @ v[..., None])[..., 0], -turned])
         arm = self.R @ self.base_t
-        way = np.abs(increments.motions[:, 0])
-        lift, lean = (
-            np.hypot(LIFT_M, LIFT_PER_ROOT_M * np.sqrt(way)),
-            np.hypot(LEAN_RAD, LEAN_PER_ROOT_M * np.sqrt(way)),
-        )
-        s = increments.sigmas
-        sigmas = np.column_stack([s[:, 0], s[:, 1], lift, lean, lean, s[:, 2]]) * self.motion_scale
+        sigmas = steps.sigmas * self.motion_scale
         # d(p_b) = shift - [arm] turn, and R' v changes by R' [v] with the turn of the earlier pose.
         before, after = np.zeros((len(v), 6, 6)), np.zeros((len(v), 6, 6))
         before[:, :3, :3], after[:, :3, :3] = -back, back
@@ -290,10 +283,8 @@ class BundleProblem:
         after[:, :3, 3:] = -back @ _skew(arm[1:])
         forward = R_b[1:].transpose(0, 2, 1)
         before[:, 3:, 3:], after[:, 3:, 3:] = -forward, forward
-        K = np.zeros((len(v), 6, OWN))
-        K[:, :2], K[:, 5] = -increments.by_parameters[:, :2], -increments.by_parameters[:, 2]
         scale = 1 / sigmas[..., None]
-        return before * scale, after * scale, r / sigmas, K * scale
+        return before * scale, after * scale, r / sigmas, -steps.by_parameters * scale
 
     def misfits(self) -> FloatArray:
         """(S,) root mean square of each sighting's eight standardised coordinates."""
@@ -306,7 +297,7 @@ class BundleProblem:
         for k, m in enumerate(self.hung):
             C = None
             if covariance is not None and not self.frozen:
-                rows = slice(OWN + 6 * k, OWN + 6 * k + 6)
+                rows = self._rows_of(k)
                 C = (covariance[rows, rows] + covariance[rows, rows].T) / 2
             T = Pose("map", "landmark", orthonormal(self.lm_R[k]), self.lm_p[k])
             hung.append(MappedLandmark(m.code, m.family, m.size_m, T, m.covariance if self.frozen else C))
@@ -349,8 +340,8 @@ class BundleProblem:
             leaps = np.flatnonzero((off > LEAST_JUMP_M) & sure & (seconds < LONGEST_S))
         else:
             r = self._motion_rows(self.motion)[2]
-            increments = self.motion.increments(self.times, self.parameters)
-            off = np.linalg.norm(r[:, :2] * increments.sigmas[:, :2] * self.motion_scale[:2], axis=1)
+            sigmas = self.motion.steps(self.times, self.parameters).sigmas * self.motion_scale
+            off = np.linalg.norm((r * sigmas)[:, :3], axis=1)
             leaps = np.flatnonzero((np.sqrt((r**2).mean(axis=1)) > SLIP_SIGMA) & (off > LEAST_JUMP_M))
         return tuple((float(self.times[k]), float(self.times[k + 1]), float(off[k])) for k in leaps)
 

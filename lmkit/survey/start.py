@@ -17,13 +17,12 @@ from lmkit.arrays import FloatArray
 from lmkit.errors import InputError
 from lmkit.locate.rig import LocateOptions, locate_rig
 from lmkit.locate.sightings import Poses, Sightings
-from lmkit.locate.turns import turns
 from lmkit.model.drive import StereoMoment
 from lmkit.model.landmark_map import LandmarkMap, MappedLandmark, wall_pose
 from lmkit.model.observation import LandmarkObservation
 from lmkit.model.pose import Pose, orthonormal, rotation_angle
 from lmkit.model.stereo_rig import StereoRig
-from lmkit.motion import NOMINAL, MotionModel
+from lmkit.motion import Motion
 
 VIEWS = 8  # of a landmark that place it, the largest
 SURE_RATIO = 10.0  # log likelihood ratio of a landmark's best candidate to another one
@@ -106,7 +105,7 @@ def find_start(
     rig: StereoRig,
     sizes_m: dict[Key, float],
     known: LandmarkMap | None,
-    motion: MotionModel | None = None,
+    motion: Motion | None = None,
 ) -> Start:
     """Poses and landmarks, as far as sightings tie them together.
 
@@ -119,7 +118,7 @@ def find_start(
         InputError: nothing to start from, or odometry without T_base_left or of another time.
     """
     if motion is not None:
-        if rig.T_base_left is None:
+        if motion.of_base and rig.T_base_left is None:
             raise InputError(
                 "no_base", "odometry moves the robot's base, and the rig has no T_base_left", "add it to the rig file"
             )
@@ -257,20 +256,14 @@ def _locate_by_neighbours(
     return news
 
 
-def _steps(moments: Sequence[StereoMoment], rig: StereoRig, motion: MotionModel | None) -> _Steps | None:
+def _steps(moments: Sequence[StereoMoment], rig: StereoRig, motion: Motion | None) -> _Steps | None:
     """Odometry from moment to moment, as the left eye moves; None without odometry."""
-    if motion is None or rig.T_base_left is None or len(moments) < 2:
+    if motion is None or len(moments) < 2:
         return None
-    increments = motion.increments(np.array([moment.time_s for moment in moments]), np.array(NOMINAL))
-    T = rig.T_base_left
-    forward, left, turn = increments.motions.T
-    zero = np.zeros_like(turn)
-    R = T.R.T @ turns(np.column_stack([zero, zero, turn])) @ T.R
-    moved = np.column_stack([forward, left, zero])
-    # T_left_base T_base_base' T_base_left.
-    t = (moved + turns(np.column_stack([zero, zero, turn])) @ T.t - T.t) @ T.R
-    way = np.where(increments.known, np.abs(forward) + np.abs(turn), np.inf)
-    return _Steps(R, t, way)
+    steps = motion.steps(np.array([moment.time_s for moment in moments]), np.array(motion.nominal))
+    R, t = steps.of_camera(rig.T_base_left or Pose.identity("base", "left"))
+    turned = np.arccos(np.clip((np.einsum("nii->n", steps.R) - 1) / 2, -1, 1))
+    return _Steps(R, t, np.where(steps.known, np.linalg.norm(steps.t, axis=1) + turned, np.inf))
 
 
 def _believable(pose: Pose, carried: Carried | None) -> bool:
@@ -370,11 +363,7 @@ def _misfits(
     misfits = np.full((len(candidates), len(at)), CAP)
     for column, (k, pose, floor_px) in enumerate(at):
         left, right = _only(moments[k], key)
-        eyes = [
-            (left, rig.left, np.eye(3), np.zeros(3)),
-            (right, rig.right, rig.T_right_left.R, rig.T_right_left.t),
-        ]
-        seen = Sightings(eyes, alone, floor_px)
+        seen = Sightings.of_rig(left, right, rig, alone, floor_px)
         if len(seen):
             cameras = Poses(back @ pose.R, (back @ (pose.t - places)[..., None])[..., 0])
             misfits[:, column] = np.minimum(CAP, seen.misfits(cameras).mean(axis=1))

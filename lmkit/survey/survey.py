@@ -16,7 +16,7 @@ import numpy as np
 from lmkit.model.drive import StereoMoment
 from lmkit.model.landmark_map import LandmarkMap, MappedLandmark
 from lmkit.model.stereo_rig import StereoRig
-from lmkit.motion import MotionModel
+from lmkit.motion import Motion
 from lmkit.survey.bundle import Anchor, Bundle, BundleProblem
 from lmkit.survey.start import Key, find_start
 
@@ -77,7 +77,7 @@ def survey_drive(
     rig: StereoRig,
     sizes_m: Mapping[Key, float],
     anchors: Mapping[Key, Anchor],
-    motion: MotionModel | None = None,
+    motion: Motion | None = None,
 ) -> Survey:
     """Where the landmarks hang, and where the rig was.
 
@@ -86,7 +86,7 @@ def survey_drive(
         sizes_m: printed sizes, by (family, code).
         anchors: landmarks known beforehand, by family and code; with none, the map's frame is that of the landmark
             seen best, which is taken to hang upright at the origin and to look along x.
-        motion: odometry, which needs the rig's T_base_left.
+        motion: odometry; of wheels it needs the rig's T_base_left.
 
     Raises:
         InputError: nothing to start from, or odometry without T_base_left or of another time.

@@ -13,13 +13,15 @@ from lmkit.model.landmark_map import LandmarkMap, MappedLandmark, wall_pose
 from lmkit.model.observation import RangeBearing
 from lmkit.model.pose import Pose, planar_pose, skew
 from lmkit.model.stereo_rig import StereoRig
-from lmkit.motion import PARAMETERS, MotionModel, describe_odometry
+from lmkit.model.trajectory import Trajectory
+from lmkit.motion import PARAMETERS, Motion, MotionModel, describe_odometry, require_common_times
 from lmkit.room_plan import ahead_of
 from lmkit.survey.bundle import Anchor, BundleProblem
 from lmkit.survey.start import find_start
 from lmkit.survey.survey import OUTLIER_SIGMA, odd_landmarks, settle_all
 from lmkit.track.planar_filter import PlanarFilter, TrackedPose
 from lmkit.track.planar_smoother import smooth_planar
+from lmkit.track.pose_filter import PoseFilter, SpacePose
 from lmkit.track.rig_filter import RigFilter
 from lmkit.track.wheels import Wheels
 
@@ -106,6 +108,41 @@ def track_pictures_live(
     return _tracked(_live(times, observe, filter_.wheels, odometry, gyro), filter_.parameters)
 
 
+def track_poses_live(
+    moments: Sequence[StereoMoment], rig: StereoRig, landmarks: LandmarkMap, odometry: Trajectory
+) -> TrackedDrive:
+    """Moment by moment through space, by corners and odometry's poses (`pose_filter.py`).
+
+    Moments before the first fix are left out.
+
+    Raises:
+        InputError: odometry of another time.
+    """
+    require_common_times(odometry.times_s, np.array([moment.time_s for moment in moments]))
+    filter_, given, answers = PoseFilter(landmarks, rig), 0, []
+    for moment in moments:
+        while given < len(odometry) and odometry.times_s[given] <= moment.time_s:
+            filter_.add_odometry(float(odometry.times_s[given]), odometry.pose(given, "odometry", "base"))
+            given += 1
+        answer = filter_.observe(moment.time_s, moment.left, moment.right)
+        if answer.T_map_left is not None:
+            answers.append(answer)
+    poses, covariances = _at_base(
+        [answer.T_map_left for answer in answers if answer.T_map_left is not None],
+        np.array([answer.covariance for answer in answers]).reshape(-1, 6, 6),
+        rig,
+    )
+    return TrackedDrive(
+        np.array([answer.time_s for answer in answers]),
+        poses,
+        covariances,
+        [answer.status for answer in answers],
+        [answer.outliers for answer in answers],
+        of_base=rig.T_base_left is not None,
+        remarks=_carried_off(answers, "odometry says"),
+    )
+
+
 def _live(
     times_s: Sequence[float],
     observe: Callable[[int], TrackedPose],
@@ -138,11 +175,6 @@ def _live(
 
 
 def _tracked(answers: Sequence[TrackedPose], parameters: FloatArray) -> TrackedDrive:
-    remarks = [
-        f"at {answer.time_s:g} s the robot was somewhere else than its wheels say: carried off?"
-        for answer in answers[1:]
-        if answer.restarted
-    ]
     return TrackedDrive(
         np.array([answer.time_s for answer in answers]),
         [planar_pose(answer.state) for answer in answers if answer.state is not None],
@@ -150,8 +182,28 @@ def _tracked(answers: Sequence[TrackedPose], parameters: FloatArray) -> TrackedD
         [answer.status for answer in answers],
         [answer.outliers for answer in answers],
         dict(zip(PARAMETERS, parameters.tolist(), strict=True)),
-        remarks=tuple(remarks),
+        remarks=_carried_off(answers, "its wheels say"),
     )
+
+
+def _carried_off(answers: Sequence[TrackedPose] | Sequence[SpacePose], but: str) -> tuple[str, ...]:
+    return tuple(
+        f"at {answer.time_s:g} s the robot was somewhere else than {but}: carried off?"
+        for answer in answers[1:]
+        if answer.restarted
+    )
+
+
+def _at_base(poses: Sequence[Pose], covariances: FloatArray, rig: StereoRig) -> tuple[list[Pose], FloatArray]:
+    """Poses of the left camera, with their covariances, as those of the robot's base where the rig names one."""
+    T = rig.T_base_left
+    if T is None:
+        return list(poses), covariances
+    T_left_base = T.inverse()
+    moved = np.tile(np.eye(6), (len(poses), 1, 1))
+    for J, pose in zip(moved, poses, strict=True):
+        J[:3, 3:] = -skew(pose.R @ T_left_base.t)
+    return [pose @ T_left_base for pose in poses], moved @ covariances @ moved.transpose(0, 2, 1)
 
 
 def survey_readings(
@@ -189,7 +241,7 @@ def track_pictures(
     moments: Sequence[StereoMoment],
     rig: StereoRig,
     landmarks: LandmarkMap,
-    wheels: tuple[Odometry, Gyro | None] | None,
+    motion: Motion | None,
 ) -> TrackedDrive:
     """All of the drive at once, from what both eyes saw: bundle adjustment with the map held.
 
@@ -199,7 +251,6 @@ def track_pictures(
     Raises:
         InputError: no landmark of the map is in view, or odometry without T_base_left or of another time.
     """
-    motion = None if wheels is None else MotionModel(*wheels)
     start = find_start(moments, rig, {}, landmarks, motion)
     rows, poses = start.known_poses()
     seen = {(o.family, o.code) for k in rows for o in (*moments[k].left, *moments[k].right)}
@@ -216,15 +267,7 @@ def track_pictures(
     )
     settle_all(problem)
     bundle = problem.answer(OUTLIER_SIGMA)
-    T = rig.T_base_left
-    found, covariances = [], np.array(bundle.covariances)
-    for k, pose in enumerate(bundle.left_poses()):
-        if T is not None:
-            J = np.eye(6)
-            J[:3, 3:] = -skew(pose.R @ T.inverse().t)
-            covariances[k] = J @ covariances[k] @ J.T
-            pose = pose @ T.inverse()
-        found.append(pose)
+    found, covariances = _at_base(bundle.left_poses(), np.array(bundle.covariances), rig)
     outliers: list[tuple[int, ...]] = [() for _ in rows]
     for row in np.flatnonzero(bundle.misfits > OUTLIER_SIGMA):
         outliers[bundle.moments[row]] += (int(bundle.codes[row]),)
@@ -235,14 +278,14 @@ def track_pictures(
         covariances,
         ["lost" if far else "ok" for far in wide],
         outliers,
-        {} if motion is None else dict(zip(PARAMETERS, bundle.parameters.tolist(), strict=True)),
-        T is not None,
+        {} if motion is None else dict(zip(motion.names, bundle.parameters.tolist(), strict=True)),
+        rig.T_base_left is not None,
         (*map(str, odd_landmarks(bundle)), *_doubts(motion, bundle.parameters)),
     )
 
 
-def _doubts(motion: MotionModel | None, parameters: FloatArray) -> tuple[str, ...]:
-    doubt = None if motion is None else describe_odometry(parameters)
+def _doubts(motion: Motion | None, parameters: FloatArray) -> tuple[str, ...]:
+    doubt = None if motion is None else describe_odometry(motion, parameters)
     return () if doubt is None else (doubt,)
 
 

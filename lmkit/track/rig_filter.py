@@ -8,7 +8,8 @@ Landmarks that do not fit are left out; where none fits for a while, the robot i
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from typing import TypeVar
 
 import numpy as np
 
@@ -25,6 +26,8 @@ from lmkit.model.stereo_rig import StereoRig
 from lmkit.motion import NOMINAL, PARAMETERS, PRIOR_SIGMA, MotionNoise
 from lmkit.track.planar_filter import NOWHERE_M, TrackedPose
 from lmkit.track.wheels import AHEAD_S, LONGEST_DELAY_S, STATES, Wheels
+
+Fitted = TypeVar("Fitted")
 
 ITERATIONS = 4
 CONVERGED = 1e-3  # squared step, in standard deviations
@@ -80,14 +83,7 @@ class RigFilter:
             self.wheels.forget(self._time)
             self._x, self._P = self.wheels.predict(self._x, self._P, self._time, time_s)
             self._time = time_s
-        seen = Sightings(
-            [
-                (left, self._rig.left, np.eye(3), np.zeros(3)),
-                (right, self._rig.right, self._rig.T_right_left.R, self._rig.T_right_left.t),
-            ],
-            self._map,
-            self._floor_px,
-        )
+        seen = Sightings.of_rig(left, right, self._rig, self._map, self._floor_px)
         outliers: tuple[int, ...] = tuple(sorted(seen.twice))
         if len(seen):
             used = self._update(seen)
@@ -122,25 +118,18 @@ class RigFilter:
     def _update(self, seen: Sightings) -> BoolArray:
         """Gauss-Newton on corners and what is known; (S,) the sightings that were believed."""
         known = np.linalg.inv(self._P)
-        used = np.ones(len(seen), dtype=bool)
-        limit = 8 * OUTLIER_SIGMA**2
-        while True:
-            x, lean, normal = self._fit(seen, used, known)
-            misfits = seen.misfits(self._poses(x, lean))[0]
-            worst = int(np.argmax(np.where(used, misfits, -1.0)))
-            if not used.any() or misfits[worst] < limit:
-                break
-            # Both eyes' sightings of a landmark stand and fall together.
-            used &= seen.codes != seen.codes[worst]
+        used, (x, normal) = believed(seen, lambda used: self._fit(seen, used, known))
         if used.any():
             # Beyond that no odometry is kept, and none is there yet.
             x[DELAY] = np.clip(x[DELAY], -AHEAD_S, LONGEST_DELAY_S)
             self._x, self._P = x, np.linalg.inv(normal)
         return used
 
-    def _fit(self, seen: Sightings, used: BoolArray, known: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """The state that agrees best with what is known and the sightings used, how the robot lifts, rolls and
-        pitches at this moment, and the state's normal matrix.
+    def _fit(
+        self, seen: Sightings, used: BoolArray, known: FloatArray
+    ) -> tuple[Poses, tuple[FloatArray, FloatArray]]:
+        """The camera's pose, and the state with its normal matrix, that agree best with what is known and the
+        sightings used; how the robot lifts, rolls and pitches at this moment is fitted beside them.
         """
         x, lean, normal = self._x.copy(), np.zeros(3), known
         level = np.array([self._prior.height_sigma, self._prior.tilt_sigma, self._prior.tilt_sigma]) ** -2
@@ -166,7 +155,7 @@ class RigFilter:
             lean = lean + across[:, 3] - across[:, :3] @ step[:3]
             if step @ normal @ step < CONVERGED:
                 break
-        return x, lean, normal
+        return self._poses(x, lean), (x, normal)
 
     def _poses(self, x: FloatArray, lean: FloatArray) -> Poses:
         base = planar_pose(x[:3])
@@ -177,3 +166,16 @@ class RigFilter:
         P = self._P[:3, :3]
         lost = np.sqrt(np.linalg.eigvalsh(P[:2, :2])[-1]) > NOWHERE_M or self._doubts >= DOUBTS
         return TrackedPose(time_s, "lost" if lost else "ok", self._x[:3].copy(), P.copy(), outliers, restarted)
+
+
+def believed(seen: Sightings, fit: Callable[[BoolArray], tuple[Poses, Fitted]]) -> tuple[BoolArray, Fitted]:
+    """(S,) the sightings that fit together, and what they give: the worst misfit is left out, again and again."""
+    used = np.ones(len(seen), dtype=bool)
+    while True:
+        pose, fitted = fit(used)
+        misfits = np.where(used, seen.misfits(pose)[0], -1.0)
+        worst = int(np.argmax(misfits))
+        if misfits[worst] < 8 * OUTLIER_SIGMA**2:
+            return used, fitted
+        # Both eyes' sightings of a landmark stand and fall together.
+        used = used & (seen.codes != seen.codes[worst])

@@ -61,6 +61,17 @@ def test_tracking_gives_a_line_a_moment(demo, tmp_path):
     assert len((tmp_path / "t.csv").read_text().splitlines()) == len(lines) + 1
 
 
+@pytest.mark.parametrize("how", [(), ("--live",)])
+def test_tracking_goes_by_poses_of_visual_odometry_as_well(demo, tmp_path, how):
+    done = run(
+        "track", "--detections", demo / "detections.csv", "--rig", demo / "rig.yaml", "--map", demo / "true_map.yaml",
+        "--odometry", demo / "truth.tum", "--tum", tmp_path / "t.tum", "--json", *how,
+    )  # fmt: skip
+    assert len(done.stdout.splitlines()) > 100
+    error = json.loads(run("evaluate", demo / "truth.tum", tmp_path / "t.tum", "--json").stdout)
+    assert error["position_m"]["rmse"] < 0.02
+
+
 @pytest.mark.parametrize(
     ("arguments", "says"),
     [
@@ -73,6 +84,11 @@ def test_tracking_gives_a_line_a_moment(demo, tmp_path):
         (["track", "--map", "MAP", "--readings", "r.csv"], "odometry"),
         (["track", "--map", "MAP", "--detections", "DET"], "need a rig"),
         (["track", "--map", "MAP", "--detections", "DET", "--rig", "RIG", "--live"], "--odometry"),
+        (
+            ["survey", "--rig", "RIG", "--detections", "DET", "--odometry", "TUM", "--gyro", "g.csv"],
+            "do not go together",
+        ),
+        (["track", "--map", "MAP", "--readings", "r.csv", "--odometry", "TUM"], "wheels are needed"),
         (["survey", "--rig", "RIG", "--detections", "DET", "--known-sigma", "5mm,1"], "--known beside it"),
         (["survey", "--rig", "RIG", "--detections", "DET", "--plan", "p.gif"], "unknown kind"),
         (["track", "--map", "MAP", "--detections", "DET", "--rig", "RIG", "--plan", "p.gif"], "unknown kind"),
@@ -80,7 +96,12 @@ def test_tracking_gives_a_line_a_moment(demo, tmp_path):
     ],
 )
 def test_wrong_use_is_told_in_one_line(demo, arguments, says):
-    files = {"RIG": demo / "rig.yaml", "DET": demo / "detections.csv", "MAP": demo / "true_map.yaml"}
+    files = {
+        "RIG": demo / "rig.yaml",
+        "DET": demo / "detections.csv",
+        "MAP": demo / "true_map.yaml",
+        "TUM": demo / "truth.tum",
+    }
     done = run(*(files.get(a, a) for a in arguments), code=2)
     assert says in done.stderr
     assert len(done.stderr.strip().splitlines()) == 1

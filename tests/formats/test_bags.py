@@ -9,6 +9,7 @@ from lmkit.formats.any_rig import read_any_rig
 from lmkit.formats.bags import find_topics, poses_to_bag, unpack_bag
 from lmkit.formats.drive_tables import read_gyro, read_odometry
 from lmkit.formats.ros_camera_info import rig_to_camera_infos
+from lmkit.formats.trajectory import read_trajectory
 from lmkit.model.trajectory import Trajectory
 from lmkit.simulate.scene import make_rig
 
@@ -91,6 +92,9 @@ def test_a_drive_comes_out_of_a_bag(tmp_path, lmkit):
     assert back.T_right_left.t == pytest.approx(rig.T_right_left.t, abs=1e-6)
     odometry = read_odometry(tmp_path / "out" / "odometry.csv")
     assert odometry.forward_m[1:] == pytest.approx(0.1 * np.cos(0.2), abs=1e-5)
+    poses = read_trajectory(tmp_path / "out" / "odometry.tum")
+    assert poses.positions[:, 0] == pytest.approx(0.1 * np.arange(10))
+    assert poses.quaternions[3] == pytest.approx([0.0, 0.0, np.sin(0.1), np.cos(0.1)])
     assert read_gyro(tmp_path / "out" / "gyro.csv").rate_radps == pytest.approx(0.3)
 
 

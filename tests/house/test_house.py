@@ -23,6 +23,7 @@ FLOORS = [
     {"model"},
     {"formats"},
     {"chain", "motion"},
+    {"pose_motion"},
     {"generate", "detect", "calibrate", "locate", "evaluate", "overlay", "room_plan"},
     {"floor_picture"},
     {

@@ -110,7 +110,7 @@ def test_a_robot_carried_off_is_noticed_and_found_again():
 
 def test_pictures_and_wheels_follow_the_robot_in_space():
     drive = make_drive(6, seconds=40)
-    tracked = track_pictures(drive.moments, drive.rig, drive.landmarks, (drive.odometry, drive.gyro))
+    tracked = track_pictures(drive.moments, drive.rig, drive.landmarks, MotionModel(drive.odometry, drive.gyro))
     assert len(tracked.poses) == len(drive.moments)
     off = [np.linalg.norm(pose.t - drive.pose(k).t) for k, pose in enumerate(tracked.poses)]
     assert max(off) < 0.03

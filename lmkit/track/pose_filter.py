@@ -1,0 +1,157 @@
+"""Where two eyes are while they move through space: an iterated extended Kalman filter on corners and odometry.
+
+The state is the left camera's pose.  Poses of odometry (visual-inertial, another SLAM) carry it from moment
+to moment, and all corners of all mapped landmarks in both eyes are weighed with what is known already, as in
+`rig_filter.py`.  Memory is constant.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from lmkit.arrays import BoolArray, FloatArray
+from lmkit.locate.rig import LocateOptions, locate_rig
+from lmkit.locate.sightings import CORNER_FLOOR_PX, Poses, Sightings
+from lmkit.locate.turns import turns
+from lmkit.model.landmark_map import LandmarkMap
+from lmkit.model.observation import LandmarkObservation
+from lmkit.model.pose import Pose, orthonormal, skew
+from lmkit.model.stereo_rig import StereoRig
+from lmkit.model.trajectory import Trajectory
+from lmkit.pose_motion import PoseMotion, PoseNoise
+from lmkit.track.planar_filter import NOWHERE_M
+from lmkit.track.rig_filter import CONVERGED, DOUBTS, ITERATIONS, believed
+
+KEPT_S = 1.0  # odometry is kept for so long before the last moment
+
+
+@dataclass(frozen=True, eq=False)
+class SpacePose:
+    """Where the eyes are at one moment.
+
+    Attributes:
+        status: ``ok``, or ``lost`` (not yet found, or known to a metre only).
+        T_map_left: None before the first fix.
+        covariance: (6,6) x y z (m), rotation about x y z of the map (rad).
+        outliers: codes that were not believed.
+        restarted: True where the filter was put somewhere else: started, or carried off.
+    """
+
+    time_s: float
+    status: str
+    T_map_left: Pose | None
+    covariance: FloatArray | None
+    outliers: tuple[int, ...] = ()
+    restarted: bool = False
+
+
+class PoseFilter:
+    """Feed poses of odometry, and what both eyes saw, in the order of time; every moment gives a pose.
+
+    Args:
+        rig: its T_base_left says where the left camera sits on what odometry moves; without, odometry's poses are the
+            left camera's.
+        corner_floor_px: as of `LocateOptions`.
+    """
+
+    def __init__(
+        self,
+        landmarks: LandmarkMap,
+        rig: StereoRig,
+        noise: PoseNoise | None = None,
+        corner_floor_px: float = CORNER_FLOOR_PX,
+    ) -> None:
+        self._map, self._rig, self._noise, self._floor_px = landmarks, rig, noise, corner_floor_px
+        self._T = rig.T_base_left or Pose.identity("base", "left")
+        self._rows: deque[tuple[float, Pose]] = deque()
+        self._time: float | None = None
+        self._R: FloatArray = np.eye(3)
+        self._p: FloatArray = np.zeros(3)
+        self._P: FloatArray = np.zeros((6, 6))
+        self._doubts = 0
+
+    def add_odometry(self, time_s: float, T_odometry_base: Pose) -> None:
+        """Where odometry has the robot, in its own frame that drifts."""
+        self._rows.append((time_s, T_odometry_base))
+
+    def observe(
+        self, time_s: float, left: Sequence[LandmarkObservation], right: Sequence[LandmarkObservation]
+    ) -> SpacePose:
+        """Where the left camera is at that moment; nothing may be seen."""
+        if self._time is None:
+            return self._start(time_s, left, right)
+        if time_s > self._time:
+            self._predict(self._time, time_s)
+            self._time = time_s
+        seen = Sightings.of_rig(left, right, self._rig, self._map, self._floor_px)
+        outliers = set(seen.twice)
+        if len(seen):
+            known = np.linalg.inv(self._P)
+            used, fitted = believed(seen, lambda used: self._fit(seen, used, known))
+            outliers |= {int(code) for code in seen.codes[~used]}
+            self._doubts = 0 if used.any() else self._doubts + 1
+            if used.any():
+                self._R, self._p, normal = fitted
+                self._P = np.linalg.inv(normal)
+            elif self._doubts >= DOUBTS:
+                again = self._start(time_s, left, right)
+                if again.T_map_left is not None:
+                    return again
+        return self._pose(time_s, tuple(sorted(outliers)), False)
+
+    def _start(
+        self, time_s: float, left: Sequence[LandmarkObservation], right: Sequence[LandmarkObservation]
+    ) -> SpacePose:
+        found = locate_rig(left, right, self._rig, self._map, LocateOptions(corner_floor_px=self._floor_px))
+        if found.status != "ok" or found.T_map_camera is None or found.covariance is None:
+            return SpacePose(time_s, "lost", None, None)
+        self._R, self._p, self._P = found.T_map_camera.R, found.T_map_camera.t, found.covariance
+        self._time, self._doubts = time_s, 0
+        return self._pose(time_s, found.outlier_codes, True)
+
+    def _predict(self, before_s: float, time_s: float) -> None:
+        while len(self._rows) > 2 and self._rows[1][0] < before_s - KEPT_S:
+            self._rows.popleft()
+        rows = list(self._rows)
+        if len(rows) < 2:  # nothing is known of how it moved
+            rows = [(before_s - ago, Pose.identity("odometry", "base")) for ago in (2.0, 1.0)]
+        poses = Trajectory(
+            np.array([time for time, _ in rows]),
+            np.array([T.t for _, T in rows]),
+            np.array([T.quaternion_xyzw for _, T in rows]),
+        )
+        steps = PoseMotion(poses, self._noise).steps(np.array([before_s, time_s]), PoseMotion.nominal)
+        R_step, t_step = steps.of_camera(self._T)
+        base = self._R @ self._T.R.T
+        moved = self._R @ t_step[0]
+        F = np.eye(6)
+        F[:3, 3:] = -skew(moved)
+        later = base @ steps.R[0]
+        G = np.zeros((6, 6))
+        G[:3, :3], G[:3, 3:], G[3:, 3:] = base, -later @ skew(self._T.t), later
+        self._P = F @ self._P @ F.T + G @ np.diag(steps.sigmas[0] ** 2) @ G.T
+        self._R, self._p = orthonormal(self._R @ R_step[0]), self._p + moved
+
+    def _fit(
+        self, seen: Sightings, used: BoolArray, known: FloatArray
+    ) -> tuple[Poses, tuple[FloatArray, FloatArray, FloatArray]]:
+        R, p, normal = self._R, self._p, known
+        for _ in range(ITERATIONS):
+            N, g, _ = seen.equations(Poses(R[None], p[None]), used[None], None)
+            off = np.concatenate([self._p - p, Rotation.from_matrix(self._R @ R.T).as_rotvec()])
+            normal = N[0] + known
+            step = np.linalg.solve(normal, g[0] + known @ off)
+            R, p = turns(step[None, 3:])[0] @ R, p + step[:3]
+            if step @ normal @ step < CONVERGED:
+                break
+        return Poses(R[None], p[None]), (orthonormal(R), p, normal)
+
+    def _pose(self, time_s: float, outliers: tuple[int, ...], restarted: bool) -> SpacePose:
+        lost = np.sqrt(np.linalg.eigvalsh(self._P[:3, :3])[-1]) > NOWHERE_M or self._doubts >= DOUBTS
+        pose = Pose("map", "left", self._R, self._p)
+        return SpacePose(time_s, "lost" if lost else "ok", pose, self._P.copy(), outliers, restarted)

@@ -1,0 +1,123 @@
+"""Odometry in space: what it says of motions, and what filter and bundle adjustment make of it."""
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from lmkit.errors import InputError
+from lmkit.model.trajectory import Trajectory
+from lmkit.pose_motion import PoseMotion
+from lmkit.simulate.drive import make_drive
+from lmkit.survey.bundle import Anchor
+from lmkit.survey.survey import survey_drive
+from lmkit.track.drive import track_pictures, track_poses_live
+from lmkit.track.pose_filter import PoseFilter
+
+
+def winding(count=40):
+    times = np.linspace(0, 4, count)
+    places = np.column_stack([np.sin(times), 0.5 * times, 0.1 * times**2])
+    turns = Rotation.from_rotvec(np.column_stack([0.1 * times, 0.3 * np.sin(times), times]))
+    return Trajectory(times, places, turns.as_quat())
+
+
+def test_motions_lead_from_pose_to_pose():
+    poses = winding()
+    steps = PoseMotion(poses).steps(poses.times_s[::3], np.array([1.0, 0.0]))
+    R, p = poses.rotations[0], poses.positions[0]
+    for turn, way in zip(steps.R, steps.t, strict=True):
+        R, p = R @ turn, p + R @ way
+    assert p == pytest.approx(poses.positions[39], abs=1e-9)
+    assert pytest.approx(poses.rotations[39], abs=1e-9) == R
+    assert steps.known.all()
+
+
+def test_derivatives_are_those_of_the_motions():
+    motion, times, at = PoseMotion(winding()), np.array([0.5, 0.9, 2.2, 3.1]), np.array([1.02, 0.01])
+    steps = motion.steps(times, at)
+    for k, step in enumerate((1e-6, 1e-6)):
+        moved = motion.steps(times, at + step * np.eye(2)[k])
+        turned = Rotation.from_matrix(steps.R.transpose(0, 2, 1) @ moved.R).as_rotvec() / step
+        assert steps.by_parameters[:, :3, k] == pytest.approx((moved.t - steps.t) / step, rel=0.02, abs=2e-3)
+        assert steps.by_parameters[:, 3:, k] == pytest.approx(turned, rel=0.02, abs=2e-3)
+
+
+def test_beyond_its_ends_odometry_says_nothing():
+    steps = PoseMotion(winding()).steps(np.array([1.0, 2.0, 6.0]), np.array([1.0, 0.0]))
+    assert steps.known.tolist() == [True, False]
+    assert steps.sigmas[1, 0] > 1.0 > 10 * steps.sigmas[0, 0]
+
+
+def test_poses_and_pictures_follow_the_eyes_while_they_move():
+    squared, worst = [], []
+    for seed in range(4):
+        drive = make_drive(seed, seconds=30)
+        tracked = track_poses_live(drive.moments, drive.rig, drive.landmarks, drive.visual_odometry(seed))
+        assert len(tracked.poses) >= len(drive.moments) - 10
+        assert not tracked.remarks
+        first = len(drive.moments) - len(tracked.poses)
+        for k, (pose, C) in enumerate(zip(tracked.poses, tracked.covariances, strict=True)):
+            true = drive.pose(first + k)
+            off = np.concatenate([pose.t - true.t, Rotation.from_matrix(pose.R @ true.R.T).as_rotvec()])
+            squared.append(off @ np.linalg.solve(C, off) / 6)
+            worst.append(np.linalg.norm(off[:3]))
+    assert max(worst) < 0.06
+    assert 0.4 < np.mean(squared) < 1.6
+
+
+def test_odometry_carries_the_eyes_on_where_nothing_is_seen():
+    drive = make_drive(1, seconds=30)
+    blind = slice(60, 100)
+    filter_ = PoseFilter(drive.landmarks, drive.rig)
+    odometry, sigmas = drive.visual_odometry(1), []
+    for k, moment in enumerate(drive.moments):
+        filter_.add_odometry(float(odometry.times_s[k]), odometry.pose(k, "odometry", "base"))
+        seen = ((), ()) if blind.start <= k < blind.stop else (moment.left, moment.right)
+        answer = filter_.observe(moment.time_s, *seen)
+        if k == blind.stop - 1:
+            off = answer.T_map_left.t - (drive.pose(k) @ drive.rig.T_base_left).t
+            assert np.linalg.norm(off) < 3 * np.sqrt(np.trace(answer.covariance[:3, :3])) < 0.4
+        sigmas.append(0.0 if answer.covariance is None else np.sqrt(np.trace(answer.covariance[:3, :3])))
+    assert sigmas[99] > 3 * sigmas[59]
+
+
+def test_eyes_that_were_carried_off_are_found_again():
+    drive = make_drive(2, seconds=40)
+    odometry = drive.visual_odometry(2)
+    # From moment 80 on everything is 60 moments further, and odometry noticed nothing.
+    there = [*range(80), *range(140, len(drive.moments))]
+    filter_ = PoseFilter(drive.landmarks, drive.rig)
+    restarts = []
+    for n, k in enumerate(there):
+        filter_.add_odometry(n / 5, odometry.pose(min(n, 79), "odometry", "base"))
+        answer = filter_.observe(n / 5, drive.moments[k].left, drive.moments[k].right)
+        restarts.append(answer.restarted)
+        if 80 <= n < 80 + 3:
+            assert answer.outliers
+    assert any(restarts[81:90])
+
+
+@pytest.mark.parametrize("exact", [True, False])
+def test_a_drive_is_smoothed_through_space(exact):
+    drive = make_drive(3, seconds=30)
+    odometry = drive.visual_odometry(3)
+    unseen = [m if not 40 <= k < 70 else type(m)(m.time_s, (), (), m.name) for k, m in enumerate(drive.moments)]
+    if exact:
+        tracked = track_pictures(unseen, drive.rig, drive.landmarks, PoseMotion(odometry))
+        found = tracked.poses
+    else:
+        sizes = {("lm8", m.code): m.size_m for m in drive.landmarks}
+        seen = {o.code for m in unseen[:20] for o in m.left}
+        anchors = {("lm8", m.code): Anchor(m, None) for m in drive.landmarks if m.code in seen}
+        result = survey_drive(unseen, drive.rig, sizes, anchors, PoseMotion(odometry))
+        assert result.rows == tuple(range(len(unseen)))
+        assert abs(result.bundle.parameters[0] - 1) < 0.01
+        found = [pose @ drive.rig.T_base_left.inverse() for pose in result.bundle.left_poses()]
+    off = [np.linalg.norm(pose.t - drive.pose(k).t) for k, pose in enumerate(found)]
+    assert max(off) < 0.1
+    assert np.median(off) < (0.01 if exact else 0.04)
+
+
+def test_odometry_of_one_pose_is_refused():
+    with pytest.raises(InputError, match="one pose"):
+        PoseMotion(Trajectory(np.zeros(1), np.zeros((1, 3)), np.array([[0.0, 0.0, 0.0, 1.0]])))
