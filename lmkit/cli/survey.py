@@ -69,6 +69,7 @@ def run(
     from lmkit.formats.foreign_maps import read_any_map
     from lmkit.formats.landmark_map import map_to_yaml
     from lmkit.formats.trajectory import poses_to_tum
+    from lmkit.plan.next_view import advise
     from lmkit.survey.survey import survey_drive
     from lmkit.units import parse_length_mm
 
@@ -94,7 +95,8 @@ def run(
         write_file(save_detections, detections_to_csv(moments), force)
     sizes = _sizes(moments, size_m, anchors)
     result = survey_drive(moments, cameras, sizes, anchors, motion)
-    _complain(result, motion)
+    advice = advise(result, cameras)
+    _complain(result, motion, advice)
     write_file(output, map_to_yaml(result.landmarks), force)
     if tum is not None:
         write_file(tum, poses_to_tum(_base_poses(result.bundle, cameras)), force)
@@ -189,7 +191,7 @@ def _sizes(
     return sizes
 
 
-def _complain(result: Survey, motion: Motion | None) -> None:
+def _complain(result: Survey, motion: Motion | None, advice: dict[int, str]) -> None:
     from lmkit.motion import describe_odometry
 
     for odd in result.odd:
@@ -205,10 +207,8 @@ def _complain(result: Survey, motion: Motion | None) -> None:
     for code in result.unplaced:
         warn(f"{code} is not placed: its sightings are too few, or do not agree; drive past it again, and nearer")
     for code, place, turn in result.weak:
-        warn(
-            f"{code} is known to {1000 * place:.0f} mm and {math.degrees(turn):.1f} deg only: "
-            "look at it from nearer and from another side"
-        )
+        known = f"{code} is known to {1000 * place:.0f} mm and {math.degrees(turn):.1f} deg only"
+        warn(f"{known}: {advice[code]}" if code in advice else known)
 
 
 def _tell(result: Survey, moments: list[StereoMoment], output: Path) -> None:

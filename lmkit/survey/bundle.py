@@ -26,7 +26,7 @@ from lmkit.motion import Motion
 CAUCHY_SIGMA = 2.4
 NEAREST_M = 0.02
 NOWHERE = 1e2
-CONVERGED = 1e-5
+CONVERGED = 1e-2  # of the cost: a last step of a tenth of a standard deviation
 SLIP_SIGMA, NEVER = 10.0, 1e6  # where the loss of motions bends
 LEAST_JUMP_M = 0.1
 # Without wheels: no rig leaps from one moment to the next.
@@ -52,6 +52,7 @@ class Bundle:
         times_s: (N,).
         poses: of the left camera in the map, with (N,6,6) covariances.
         landmarks: with their covariances.
+        joint: (6L,6L) covariance of all landmarks, in their order: they err alike.
         parameters: (P,) what is wrong with the odometry, as its `names`; none without.
         misfits: (S,) root mean square of each sighting's eight standardised corner coordinates.
         codes, moments: (S,) of the sightings.
@@ -63,6 +64,7 @@ class Bundle:
     poses: Poses
     covariances: FloatArray
     landmarks: LandmarkMap
+    joint: FloatArray
     parameters: FloatArray
     misfits: FloatArray
     codes: IntArray
@@ -150,7 +152,7 @@ class BundleProblem:
             self._move(step, shared)
             there, new_cost = self._equations()
             if new_cost <= cost:
-                done = cost - new_cost < CONVERGED * max(cost, 1.0)
+                done = cost - new_cost < CONVERGED
                 equations, cost, damping = there, new_cost, max(damping / 10, 1e-9)
                 if done:
                     break
@@ -286,6 +288,13 @@ class BundleProblem:
         scale = 1 / sigmas[..., None]
         return before * scale, after * scale, r / sigmas, -steps.by_parameters * scale
 
+    def landmark_information(self) -> FloatArray:
+        """(6L,6L) what the sightings alone tell of the landmarks, wherever the rig was."""
+        e = self._equations()[0]
+        across = e.border[:, :, self.own :]
+        told = np.einsum("nia,nij,njb->ab", across, np.linalg.inv(e.diagonal), across)
+        return np.asarray(e.corner[self.own :, self.own :] - told)
+
     def misfits(self) -> FloatArray:
         """(S,) root mean square of each sighting's eight standardised coordinates."""
         r = (self.whitener @ self._project()[0][..., None])[..., 0]
@@ -317,6 +326,7 @@ class BundleProblem:
             Poses(self.R, self.p),
             states,
             self.landmarks(shared),
+            shared[self.own :, self.own :],
             self.parameters,
             misfits,
             codes,

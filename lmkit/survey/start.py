@@ -8,7 +8,7 @@ there is some, carries the rig on from where it is known, so that a landmark is 
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -16,15 +16,18 @@ import numpy as np
 from lmkit.arrays import FloatArray
 from lmkit.errors import InputError
 from lmkit.locate.rig import LocateOptions, locate_rig
-from lmkit.locate.sightings import Poses, Sightings
+from lmkit.locate.sightings import CORNER_FLOOR_PX, Poses, Sightings
 from lmkit.model.drive import StereoMoment
 from lmkit.model.landmark_map import LandmarkMap, MappedLandmark, wall_pose
 from lmkit.model.observation import LandmarkObservation
 from lmkit.model.pose import Pose, orthonormal, rotation_angle
 from lmkit.model.stereo_rig import StereoRig
 from lmkit.motion import Motion
+from lmkit.survey.bundle import Anchor, BundleProblem
 
 VIEWS = 8  # of a landmark that place it, the largest
+SETTLING = 4  # steps of bundle adjustment after each round
+CANDIDATE_VIEWS = 4  # of those, that say where it may hang
 SURE_RATIO = 10.0  # log likelihood ratio of a landmark's best candidate to another one
 CAP = 8 * 4.5**2  # of a view's squared misfit
 LOCATED_PX, CARRIED_PX = 0.5, 12.0  # what a corner may be off, seen from where the rig was located or carried to
@@ -33,6 +36,8 @@ CARRY_M = 6.0  # odometry is believed that far
 # twice, was moved or misread.
 STRAY_M, STRAY_RAD, STRAY_SHARE = 0.3, 0.15, 0.1
 RETRY = 1.5
+NEIGHBOUR_M = 0.5  # of odometry to a located neighbour, from which a moment is refined without looking further
+REFINING = 8
 # Without odometry: neighbours in time are so near to each other.
 NEIGHBOUR_S, NEIGHBOUR_MPS, NEIGHBOUR_RADPS = 1.0, 1.0, 1.5
 LEAST_VIEWS = 2  # moments that agree on a landmark's place; one alone may have misread its code
@@ -60,6 +65,17 @@ class _Steps:
     t: FloatArray
     way_m: FloatArray
 
+    def onwards(self, pose: Pose, k: int) -> Carried:
+        """From the pose of moment k to the next."""
+        return Carried(
+            Pose("map", "camera", orthonormal(pose.R @ self.R[k]), pose.t + pose.R @ self.t[k]), float(self.way_m[k])
+        )
+
+    def back(self, pose: Pose, k: int) -> Carried:
+        """From the pose of moment k + 1 to moment k."""
+        R = orthonormal(pose.R @ self.R[k].T)
+        return Carried(Pose("map", "camera", R, pose.t - R @ self.t[k]), float(self.way_m[k]))
+
 
 @dataclass(eq=False)
 class Start:
@@ -68,6 +84,7 @@ class Start:
     Attributes:
         poses: of moments; None: not yet located.
         placed: landmarks.
+        anchors: those that were known beforehand, or the one that was chosen.
         unplaced: at the end, what could not be placed.
         carried: poses of moments that odometry alone gives.
         seen_from: of a moment and a landmark: where the camera may be in the landmark's frame.
@@ -75,6 +92,7 @@ class Start:
 
     poses: list[Pose | None]
     placed: dict[Key, MappedLandmark]
+    anchors: Mapping[Key, Anchor]
     unplaced: tuple[Key, ...] = ()
     carried: list[Carried | None] = field(default_factory=list)
     seen_from: dict[tuple[int, Key], list[Pose]] = field(default_factory=dict)
@@ -104,15 +122,15 @@ def find_start(
     moments: Sequence[StereoMoment],
     rig: StereoRig,
     sizes_m: dict[Key, float],
-    known: LandmarkMap | None,
+    anchors: Mapping[Key, Anchor],
     motion: Motion | None = None,
 ) -> Start:
     """Poses and landmarks, as far as sightings tie them together.
 
     Args:
         sizes_m: printed size of every landmark to be placed.
-        known: landmarks whose poses are known, roughly or well; None: the landmark that is seen best hangs upright in
-            the map's origin and looks along its x.
+        anchors: landmarks whose poses are known, roughly or well; none: the landmark that is seen best hangs upright
+            in the map's origin and looks along its x.
 
     Raises:
         InputError: nothing to start from, or odometry without T_base_left or of another time.
@@ -125,28 +143,30 @@ def find_start(
         motion.require_overlap(np.array([moment.time_s for moment in moments]))
     views = _views(moments)
     wanted = {key for key in views if key in sizes_m}
-    placed = {} if known is None else {(m.family, m.code): m for m in known}
-    if known is None:
+    if not anchors:
         first = _best_seen(views, wanted)
-        placed = {first: MappedLandmark(first[1], first[0], sizes_m[first], wall_pose([0.0, 0.0, 0.0], 0.0))}
-    if not any(key in views for key in placed):
+        hung = MappedLandmark(first[1], first[0], sizes_m[first], wall_pose([0.0, 0.0, 0.0], 0.0))
+        anchors = {first: Anchor(hung, None)}
+    if not any(key in views for key in anchors):
         raise InputError(
             "anchor_unseen",
             "none of the landmarks known beforehand is seen in the drive",
             "anchor the survey at a landmark that the pictures show",
         )
-    start = Start([None] * len(moments), placed)
+    start = Start([None] * len(moments), {key: anchor.landmark for key, anchor in anchors.items()}, anchors)
     steps = _steps(moments, rig, motion)
     tries: dict[int, int] = {}
     least = LEAST_VIEWS
     while True:
-        news = _locate_more(start, moments, rig, tries, _carried(start, steps))
-        carried = _carried(start, steps)
+        news = _locate_more(start, moments, rig, tries, _carried(start, steps), steps)
+        carried, before = _carried(start, steps), len(start.placed)
         for key in sorted(wanted - start.placed.keys()):
             pose = _placed(key, views[key], start, carried, moments, rig, sizes_m[key], least)
             if pose is not None:
                 start.placed[key] = MappedLandmark(key[1], key[0], sizes_m[key], pose)
                 news += 1
+        if len(start.placed) > before:
+            _settle(start, moments, rig, motion)
         # What one moment alone saw is placed last, and only where nothing contradicts.
         stuck = news == 0 and least == 1
         if stuck and any(start.poses):
@@ -184,6 +204,7 @@ def _locate_more(
     rig: StereoRig,
     tries: dict[int, int],
     carried: list[Carried | None],
+    steps: _Steps | None,
 ) -> int:
     """Moments located from what is placed; those tried before are tried again when they see more of it."""
     landmarks, news = LandmarkMap([replace(m, covariance=None) for m in start.placed.values()]), 0
@@ -195,6 +216,14 @@ def _locate_more(
         if known == 0 or known < RETRY * tries.get(k, 0):
             continue
         tries[k] = known
+        guess = _beside_a_neighbour(start, k, steps)
+        refined = None if guess is None else _refined(guess, moments[k], rig, landmarks)
+        if refined is not None:
+            pose, sure = refined
+            if sure:
+                start.poses[k] = pose
+                news += 1
+            continue
         estimate = locate_rig(moment.left, moment.right, rig, landmarks, PLACING)
         if estimate.status == "ok" and estimate.T_map_camera is not None:
             if not _believable(estimate.T_map_camera, carried[k]):
@@ -202,6 +231,56 @@ def _locate_more(
             start.poses[k] = estimate.T_map_camera
             news += 1
     return news
+
+
+def _settle(start: Start, moments: Sequence[StereoMoment], rig: StereoRig, motion: Motion | None) -> None:
+    """A few steps of bundle adjustment of what is known so far, so that errors do not add up from round to round."""
+    located = [(k, pose) for k, pose in enumerate(start.poses) if pose is not None]
+    rows, poses = [k for k, _ in located], [pose for _, pose in located]
+    seen = {(o.family, o.code) for k in rows for o in (*moments[k].left, *moments[k].right)}
+    hung = [m for key, m in start.placed.items() if key in seen]
+    problem = BundleProblem(
+        [moments[k] for k in rows],
+        rig,
+        Poses(np.array([pose.R for pose in poses]), np.array([pose.t for pose in poses])),
+        LandmarkMap(hung),
+        start.anchors,
+        motion,
+    )
+    problem.settle(SETTLING)
+    for k, R, p in zip(rows, problem.R, problem.p, strict=True):
+        start.poses[k] = Pose("map", "camera", orthonormal(R), p)
+    start.placed.update({(m.family, m.code): m for m in problem.landmarks()})
+
+
+def _beside_a_neighbour(start: Start, k: int, steps: _Steps | None) -> Carried | None:
+    """Where odometry leads from a located neighbour in time."""
+    if steps is None:
+        return None
+    before = start.poses[k - 1] if k > 0 else None
+    after = start.poses[k + 1] if k + 1 < len(start.poses) else None
+    guess = None
+    if before is not None:
+        guess = steps.onwards(before, k - 1)
+    elif after is not None:
+        guess = steps.back(after, k)
+    return guess if guess is not None and guess.way_m < NEIGHBOUR_M else None
+
+
+def _refined(
+    guess: Carried, moment: StereoMoment, rig: StereoRig, landmarks: LandmarkMap
+) -> tuple[Pose, bool] | None:
+    """The pose near the guess that fits all that is seen, and whether that is sure; None where it does not fit."""
+    seen = Sightings.of_rig(moment.left, moment.right, rig, landmarks, CORNER_FLOOR_PX)
+    if len(seen) == 0 or seen.twice:
+        return None
+    used = np.ones((1, len(seen)), dtype=bool)
+    found = seen.refine(Poses(guess.pose.R[None], guess.pose.t[None]), used, None, REFINING)
+    pose = Pose("map", "camera", orthonormal(found.R[0]), found.p[0])
+    if not _believable(pose, guess) or seen.misfits(found).max() > CAP:
+        return None
+    variances = np.diag(np.linalg.pinv(seen.equations(found, used, None)[0][0]))
+    return pose, bool(variances[:3].sum() < PLACING.far_m**2 and variances[3:].max() < PLACING.far_rad**2)
 
 
 def _locate_likeliest(
@@ -326,7 +405,7 @@ def _placed(
         return None
     alone = LandmarkMap([MappedLandmark(key[1], key[0], size_m, Pose.identity("map", "landmark"))])
     candidates: list[Pose] = []
-    for k, camera, _ in at:
+    for k, camera, _ in at[:CANDIDATE_VIEWS]:
         left, right = _only(moments[k], key)
         if (k, key) not in start.seen_from:
             estimate = locate_rig(left, right, rig, alone)

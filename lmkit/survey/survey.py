@@ -18,7 +18,7 @@ from lmkit.model.landmark_map import LandmarkMap, MappedLandmark
 from lmkit.model.stereo_rig import StereoRig
 from lmkit.motion import Motion
 from lmkit.survey.bundle import Anchor, Bundle, BundleProblem
-from lmkit.survey.start import Key, find_start
+from lmkit.survey.start import Key, Start, find_start
 
 OUTLIER_SIGMA = 4.5  # root mean square over a sighting's eight coordinates
 ROUNDS, STEPS = 4, 30
@@ -91,28 +91,22 @@ def survey_drive(
     Raises:
         InputError: nothing to start from, or odometry without T_base_left or of another time.
     """
-    known = LandmarkMap([anchor.landmark for anchor in anchors.values()]) if anchors else None
-    start = find_start(moments, rig, dict(sizes_m), known, motion)
-    rows, poses = start.known_poses()
-    held = dict(anchors)
-    if not held:
-        first = next(iter(start.placed.values()))
-        held = {(first.family, first.code): Anchor(first, None)}
+    start = find_start(moments, rig, dict(sizes_m), anchors, motion)
+    held = start.anchors
+    problem, dropped = _settled(start, moments, rig, held, motion)
+    if start.unplaced or None in start.poses:
+        # By the map as it is now more may be located and placed than while it grew.
+        again = find_start(moments, rig, dict(sizes_m), _hung(start, problem), motion)
+        if again.poses.count(None) < start.poses.count(None) or len(again.unplaced) < len(start.unplaced):
+            start = again
+            problem, dropped = _settled(start, moments, rig, held, motion)
+    rows, _ = start.known_poses()
     seen = {(o.family, o.code) for k in rows for o in (*moments[k].left, *moments[k].right)}
-    problem = BundleProblem(
-        [moments[k] for k in rows],
-        rig,
-        poses,
-        LandmarkMap([m for key, m in start.placed.items() if key in seen]),
-        held,
-        motion,
-    )
-    dropped = settle_all(problem)
     bundle = problem.answer(OUTLIER_SIGMA)
     # A landmark that hangs where none of its sightings has it was started wrong.
     believed = set(bundle.codes[bundle.misfits < OUTLIER_SIGMA].tolist()) | {code for _, code in held}
     lost = [m for m in bundle.landmarks if m.code not in believed]
-    bundle = replace(bundle, landmarks=LandmarkMap([m for m in bundle.landmarks if m.code in believed]))
+    bundle = _only(bundle, believed)
     unseen = [
         replace(anchor.landmark, covariance=anchor.covariance) for key, anchor in anchors.items() if key not in seen
     ]
@@ -120,6 +114,27 @@ def survey_drive(
     unplaced = tuple(sorted([code for _, code in start.unplaced] + [m.code for m in lost]))
     odd = tuple(odd for odd in odd_landmarks(bundle) if odd.code in believed)
     return Survey(bundle, landmarks, rows, odd, _weak(bundle.landmarks), unplaced, dropped)
+
+
+def _settled(
+    start: Start,
+    moments: Sequence[StereoMoment],
+    rig: StereoRig,
+    held: Mapping[Key, Anchor],
+    motion: Motion | None,
+) -> tuple[BundleProblem, int]:
+    """Everything that has a start, adjusted; and how many sightings were left out."""
+    rows, poses = start.known_poses()
+    seen = {(o.family, o.code) for k in rows for o in (*moments[k].left, *moments[k].right)}
+    hung = LandmarkMap([m for key, m in start.placed.items() if key in seen])
+    problem = BundleProblem([moments[k] for k in rows], rig, poses, hung, held, motion)
+    return problem, settle_all(problem)
+
+
+def _hung(start: Start, problem: BundleProblem) -> dict[Key, Anchor]:
+    """Landmarks as they are known now, those that nothing saw among them."""
+    found = {(m.family, m.code): m for m in problem.landmarks()}
+    return {key: Anchor(found.get(key, m), None) for key, m in start.placed.items()}
 
 
 def settle_all(problem: BundleProblem) -> int:
@@ -153,6 +168,15 @@ def odd_landmarks(bundle: Bundle) -> tuple[OddLandmark, ...]:
                 OddLandmark(int(code), int(off.sum()), int(mine.sum()), float(times.min()), float(times.max()))
             )
     return tuple(odd)
+
+
+def _only(bundle: Bundle, codes: set[int]) -> Bundle:
+    kept = [k for k, m in enumerate(bundle.landmarks) if m.code in codes]
+    rows = (6 * np.array(kept, dtype=np.int64)[:, None] + np.arange(6)).ravel()
+    hung = list(bundle.landmarks)
+    return replace(
+        bundle, landmarks=LandmarkMap([hung[k] for k in kept]), joint=bundle.joint[rows[:, None], rows[None]]
+    )
 
 
 def _weak(landmarks: LandmarkMap) -> tuple[tuple[int, float, float], ...]:

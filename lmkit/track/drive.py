@@ -251,7 +251,8 @@ def track_pictures(
     Raises:
         InputError: no landmark of the map is in view, or odometry without T_base_left or of another time.
     """
-    start = find_start(moments, rig, {}, landmarks, motion)
+    known = {(m.family, m.code): Anchor(m, m.covariance) for m in landmarks}
+    start = find_start(moments, rig, {}, known, motion)
     rows, poses = start.known_poses()
     seen = {(o.family, o.code) for k in rows for o in (*moments[k].left, *moments[k].right)}
     hung = [m for m in landmarks if (m.family, m.code) in seen]
@@ -261,7 +262,7 @@ def track_pictures(
         rig,
         poses,
         LandmarkMap(hung),
-        {} if exact else {(m.family, m.code): Anchor(m, m.covariance) for m in hung},
+        {} if exact else known,
         motion,
         frozen=exact,
     )
