@@ -26,7 +26,7 @@ SEEN_PX = 6.0  # ellipses are enlarged until the middle one is as large
 LARGEST_SEEN_PX = 120.0
 GAINS = (1.0, 10.0, 100.0)
 CHI2_2D_95 = 5.991
-MOST_LABELS = 40
+LABEL_PX = 48.0  # between labels, so that they can be read
 
 Rgb = tuple[int, int, int]
 Points = Sequence[tuple[float, float]]
@@ -144,8 +144,13 @@ def draw_plan(
     for one in found:
         if not one.sure:
             plan.camera(one.pose, FAINT, 1, None)
-    for number, one in enumerate([f for f in found if f.sure]):
-        plan.camera(one.pose, ORANGE, 2, one.label if number % (1 + len(found) // MOST_LABELS) == 0 else None)
+    labelled: list[FloatArray] = []
+    for one in (f for f in found if f.sure):
+        here = np.array(plan.at(one.pose.t[:2]))
+        clear = all(np.abs(here - other).max() > LABEL_PX for other in labelled)
+        if clear:
+            labelled.append(here)
+        plan.camera(one.pose, ORANGE, 2, one.label if clear else None)
         if one.covariance is not None:
             plan.ellipse(one.pose.t, one.covariance, gain)
     for note in notes:

@@ -15,6 +15,7 @@ from lmkit.calibrate.coverage import TILTED_DEG
 from lmkit.calibrate.problem import intrinsics_vector
 from lmkit.calibrate.stereo import StereoCalibration
 from lmkit.calibrate.uncertainty import MATCHING_PX, NEAR_M, projection_uncertainty
+from lmkit.html_page import figure, grid, listed, page, verdict
 from lmkit.model.board import BoardSpec
 from lmkit.model.rectification import rectification, rectify_pair, with_lines_across
 
@@ -27,20 +28,6 @@ _DISTORTION = {
 
 _STATISTICS = ("corners", "mean x", "mean y", "spread x", "spread y", "median", "95 %", "largest")
 
-_STYLE = """
-:root { color-scheme: light dark; --line: #8884; --good: #1a7f37; --fair: #9a6700; --poor: #cf222e; }
-body { font: 16px/1.5 system-ui, sans-serif; max-width: 66rem; margin: 2rem auto; padding: 0 1rem; }
-h1 { font-size: 1.5rem; margin-bottom: 0; } h2 { font-size: 1.15rem; margin-top: 2.4rem; margin-bottom: .4rem; }
-.verdict { border-left: 6px solid var(--tone); padding: .6rem 1rem; background: #8881; font-size: 1.1rem; }
-.verdict b { display: block; font-size: 1.25rem; } p.note { margin: .3rem 0; opacity: .8; max-width: 46rem; }
-table { border-collapse: collapse; margin: .5rem 0; } td, th { padding: .25rem .9rem .25rem 0; text-align: left; }
-tr { border-bottom: 1px solid var(--line); } .n { text-align: right; font-variant-numeric: tabular-nums; }
-figure { margin: .6rem 0; } figcaption { font-size: .9rem; opacity: .8; }
-img, svg { max-width: 100%; height: auto; display: block; }
-.grid { display: grid; grid-template-columns: repeat(auto-fill, minmax(18.5rem, 1fr)); gap: .2rem 1.4rem; }
-.grid.two { grid-template-columns: repeat(auto-fill, minmax(24rem, 1fr)); }
-"""
-
 
 def calibration_report(
     result: StereoCalibration, board: BoardSpec, pictures: Mapping[str, tuple[ByteArray, ByteArray]]
@@ -50,15 +37,10 @@ def calibration_report(
     Args:
         pictures: left and right picture by pair name, of the pairs to show.
     """
-    tone, headline, reason = _verdict(result)
     parts = [
-        "<!doctype html><html lang='en'><head><meta charset='utf-8'>",
-        "<meta name='viewport' content='width=device-width,initial-scale=1'>",
-        f"<title>Stereo calibration</title><style>{_STYLE}</style></head><body>",
-        f"<h1>Stereo calibration</h1><p>{escape(str(board))}, {len(result.used)} pairs used, "
-        f"{len(result.rejected)} left out</p>",
-        f"<p class='verdict' style='--tone: var(--{tone})'><b>{escape(headline)}</b>{escape(reason)}</p>",
-        _warnings(result),
+        f"<p>{escape(str(board))}, {len(result.used)} pairs used, {len(result.rejected)} left out</p>",
+        verdict(*_verdict(result)),
+        listed("Warnings", [w.message for w in result.warnings]),
         _figures(result),
         _depth(result),
         _coverage(result),
@@ -75,8 +57,7 @@ def calibration_report(
         parts.append("<h2>Corners as detected</h2><div class='grid'>")
         parts += [_detections(result, name, pictures[name]) for name in shown]
         parts.append("</div>")
-    parts.append("</body></html>")
-    return "\n".join(parts)
+    return page("Stereo calibration", parts)
 
 
 def _verdict(result: StereoCalibration) -> tuple[str, str, str]:
@@ -101,13 +82,6 @@ def _verdict(result: StereoCalibration) -> tuple[str, str, str]:
             f"{size}; below {GOOD_EPIPOLAR_PX} px is what sharp pictures of a flat board reach.",
         )
     return "poor", "Poor.", f"{size}; expect wrong depth. See the warnings and the pairs with large errors."
-
-
-def _warnings(result: StereoCalibration) -> str:
-    if not result.warnings:
-        return ""
-    items = "".join(f"<li>{escape(w.message)}</li>" for w in result.warnings)
-    return f"<h2>Warnings</h2><ul>{items}</ul>"
 
 
 def _figures(result: StereoCalibration) -> str:
@@ -163,7 +137,7 @@ def _coverage(result: StereoCalibration) -> str:
         )
     else:
         advice = "<p class='note'>The views cover what a calibration needs.</p>"
-    return f"<h2>Coverage</h2>{advice}{_grid(figures)}"
+    return f"<h2>Coverage</h2>{advice}{grid(figures)}"
 
 
 def _uncertainty(result: StereoCalibration) -> str:
@@ -188,7 +162,7 @@ def _uncertainty(result: StereoCalibration) -> str:
         "Standard deviation of where a point projects, px, from what the pictures leave open of the intrinsics. "
         "Where it is large, show the board; grey: no ray of the lens model ends there."
     )
-    return f"<h2>Projection uncertainty</h2><p class='note'>{note}</p>{_grid(figures, 'two')}"
+    return f"<h2>Projection uncertainty</h2><p class='note'>{note}</p>{grid(figures, 'two')}"
 
 
 def _cameras(result: StereoCalibration) -> str:
@@ -239,7 +213,7 @@ def _residual_plots(result: StereoCalibration) -> str:
     head = "<tr><th>eye</th>" + "".join(
         f"<th class='n'>{name}</th>" for name in _STATISTICS
     ) + "</tr>"  # fmt: skip
-    return f"<h2>Residuals</h2><table>{head}{rows}</table>{_grid(figures, 'two')}"
+    return f"<h2>Residuals</h2><table>{head}{rows}</table>{grid(figures, 'two')}"
 
 
 def _statistics(name: str, residuals: FloatArray) -> str:
@@ -256,7 +230,7 @@ def _space(result: StereoCalibration, board: BoardSpec) -> str:
     outlines = [rim @ R.T + t for R, t in zip(s.rotations, s.translations, strict=True)]
     drawing = plots.scene(s.left, s.right, s.R, s.t, outlines, [view.name for view in result.used])
     caption = "The eyes (left blue, right orange), what they see, and every pair's board; from behind and above."
-    return f"<h2>Cameras and boards in space</h2><figure>{drawing}<figcaption>{caption}</figcaption></figure>"
+    return f"<h2>Cameras and boards in space</h2>{figure(drawing, caption)}"
 
 
 def _pair_table(result: StereoCalibration) -> str:
@@ -288,18 +262,13 @@ def _detections(result: StereoCalibration, name: str, pictures: tuple[ByteArray,
             centre = (round(float(x) * 16), round(float(y) * 16))
             cv2.circle(canvas, centre, round(radius * 16), tuple(int(c) for c in color), width, cv2.LINE_AA, 4)
         marked.append(canvas)
-    return f"<figure>{_img(np.hstack(marked), 560)}<figcaption>{escape(name)}</figcaption></figure>"
+    return figure(_img(np.hstack(marked), 560), escape(name))
 
 
 def _rectified(result: StereoCalibration, name: str, pictures: tuple[ByteArray, ByteArray]) -> str:
     both = with_lines_across(*rectify_pair(result.rig, *pictures), rectification(result.rig).along)
     caption = f"Pair {escape(name)}, rectified: matching points lie on the same line."
-    return f"<figure>{_img(both, 1100)}<figcaption>{caption}</figcaption></figure>"
-
-
-def _grid(figures: list[tuple[str, str]], kind: str = "") -> str:
-    body = "".join(f"<figure>{plot}<figcaption>{text}</figcaption></figure>" for plot, text in figures)
-    return f"<div class='grid {kind}'>{body}</div>"
+    return figure(_img(both, 1100), caption)
 
 
 def _img(image: ByteArray, width: int) -> str:

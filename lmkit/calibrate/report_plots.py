@@ -9,12 +9,12 @@ import numpy as np
 
 from lmkit.arrays import BoolArray, FloatArray
 from lmkit.calibrate.coverage import CELLS
+from lmkit.html_page import GREY, svg, svg_text
 from lmkit.model.camera import CameraModel
 from lmkit.model.pose import rotation_exp
 
 LEFT, RIGHT = "#2f6fde", "#e8833a"
 ENLARGED = 100  # residual arrows
-_GREY = "#888"
 # Light to dark; readable in print and by the colour-blind (a viridis of seven stops).
 _RAMP = np.array(
     [[253, 231, 37], [144, 215, 67], [53, 183, 121], [33, 145, 140], [49, 104, 142], [68, 57, 131], [68, 1, 84]]
@@ -29,12 +29,12 @@ def residual_scatter(left: FloatArray, right: FloatArray) -> str:
         step = max(1, len(points) // 2000)
         for x, y in np.clip(points[::step] / reach, -1, 1) * 95:
             dots.append(f"<circle cx='{x:.1f}' cy='{y:.1f}' r='.9' fill='{color}' fill-opacity='.55'/>")
-    return _svg(
+    return svg(
         (-100, -100, 200, 200),
         320,
         "residuals",
-        f"<path d='M-95 0H95M0-95V95' stroke='{_GREY}' stroke-width='.4'/>"
-        + _text(94, -3, f"{reach:.2f} px", 7, "end")
+        f"<path d='M-95 0H95M0-95V95' stroke='{GREY}' stroke-width='.4'/>"
+        + svg_text(94, -3, f"{reach:.2f} px", 7, "end")
         + "".join(dots),
     )
 
@@ -71,11 +71,13 @@ def residual_histogram(left: FloatArray, right: FloatArray) -> str:
         curve = "L".join(f"{x / reach * 95:.1f} {-h / peak * 90:.1f}" for x, h in zip(at, normal, strict=True))
         parts.append(f"<path d='M{outline}' fill='none' stroke='{color}'/>")
         parts.append(f"<path d='M{curve}' fill='none' stroke='{color}' stroke-width='.6' stroke-dasharray='2 2'/>")
-    axis = f"<path d='M-95 0H95M0 0v-92' stroke='{_GREY}' stroke-width='.4'/>"
+    axis = f"<path d='M-95 0H95M0 0v-92' stroke='{GREY}' stroke-width='.4'/>"
     labels = (
-        _text(-95, 8, f"-{reach:.2f}", 7) + _text(95, 8, f"{reach:.2f} px", 7, "end") + _text(0, 8, "0", 7, "middle")
+        svg_text(-95, 8, f"-{reach:.2f}", 7)
+        + svg_text(95, 8, f"{reach:.2f} px", 7, "end")
+        + svg_text(0, 8, "0", 7, "middle")
     )
-    return _svg((-100, -98, 200, 112), 320, "histogram of residuals", axis + labels + "".join(parts))
+    return svg((-100, -98, 200, 112), 320, "histogram of residuals", axis + labels + "".join(parts))
 
 
 def heat_map(values: FloatArray, size: tuple[int, int], largest: float) -> str:
@@ -90,7 +92,7 @@ def heat_map(values: FloatArray, size: tuple[int, int], largest: float) -> str:
             x, y = c * width / columns, r * height / rows
             cells.append(
                 f"<rect x='{x:.1f}' y='{y:.1f}' width='{width / columns + 0.6:.1f}' "
-                f"height='{height / rows + 0.6:.1f}' fill='{_color(share) if known else _GREY}'/>"
+                f"height='{height / rows + 0.6:.1f}' fill='{_color(share) if known else GREY}'/>"
             )
             if r % 4 == 1 and c % 5 == 2 and known:
                 ink = "#000" if share < 0.55 else "#fff"
@@ -130,18 +132,18 @@ def tilt_plot(tilts_deg: FloatArray, tilted_deg: float) -> str:
         for x, y in tilts_deg
     )
     frame = (
-        f"<path d='M-95 0H95M0-95V95' stroke='{_GREY}' stroke-width='.4'/>"
+        f"<path d='M-95 0H95M0-95V95' stroke='{GREY}' stroke-width='.4'/>"
         f"<rect x='{-inner:.1f}' y='{-inner:.1f}' width='{2 * inner:.1f}' height='{2 * inner:.1f}' fill='none' "
-        f"stroke='{_GREY}' stroke-dasharray='3 3' stroke-width='.7'/>"
+        f"stroke='{GREY}' stroke-dasharray='3 3' stroke-width='.7'/>"
     )
     words = (
-        _text(94, -3, "right edge nearer", 7, "end")
-        + _text(-94, -3, "left", 7)
-        + _text(3, -91, "upper edge nearer", 7)
-        + _text(3, 95, "lower", 7)
-        + _text(inner - 2, inner - 3, f"{tilted_deg:g} deg", 6, "end")
+        svg_text(94, -3, "right edge nearer", 7, "end")
+        + svg_text(-94, -3, "left", 7)
+        + svg_text(3, -91, "upper edge nearer", 7)
+        + svg_text(3, 95, "lower", 7)
+        + svg_text(inner - 2, inner - 3, f"{tilted_deg:g} deg", 6, "end")
     )
-    return _svg((-100, -100, 200, 200), 260, "tilts of the board", frame + words + dots)
+    return svg((-100, -100, 200, 200), 260, "tilts of the board", frame + words + dots)
 
 
 def scene(
@@ -171,7 +173,7 @@ def scene(
     for corners, name in ((flat[k], names[k]) for k in farthest_first):
         path = "L".join(place(corners))
         parts.append(
-            f"<path d='M{path}Z' fill='{_GREY}' fill-opacity='.13' stroke='{_GREY}' stroke-width='1.6'>"
+            f"<path d='M{path}Z' fill='{GREY}' fill-opacity='.13' stroke='{GREY}' stroke-width='1.6'>"
             f"<title>{escape(name)}</title></path>"
         )
     for (_, color), corners in zip(eyes, flat[len(outlines) :], strict=True):
@@ -180,7 +182,7 @@ def scene(
         style = f"fill='{color}' fill-opacity='.15' stroke='{color}' stroke-width='2.5'"
         parts.append(f"<path d='{rays}M{'L'.join(rim)}Z' {style}/>")
     width, height = (high - low) * scale + 2 * margin
-    return _svg((0, 0, width, height), 900, "cameras and boards in space", "".join(parts))
+    return svg((0, 0, width, height), 900, "cameras and boards in space", "".join(parts))
 
 
 def _frustum(camera: CameraModel, depth: float) -> FloatArray:
@@ -202,19 +204,7 @@ def _color(share: float) -> str:
     return f"#{red:02x}{green:02x}{blue:02x}"
 
 
-def _text(x: float, y: float, text: str, size: float, anchor: str = "start") -> str:
-    place = f"x='{x:.1f}' y='{y:.1f}' font-size='{size:g}' text-anchor='{anchor}'"
-    return f"<text {place} fill='{_GREY}'>{escape(text)}</text>"
-
-
 def _picture(size: tuple[int, int], label: str, body: str) -> str:
     width, height = size
-    frame = f"<rect width='{width}' height='{height}' fill='none' stroke='{_GREY}' stroke-width='{width / 320:.1f}'/>"
-    return _svg((0, 0, width, height), 420, label, body + frame)
-
-
-def _svg(box: tuple[float, float, float, float], width: int, label: str, body: str) -> str:
-    x, y, w, h = box
-    return (
-        f"<svg viewBox='{x:g} {y:g} {w:g} {h:g}' width='{width}' role='img' aria-label='{escape(label)}'>{body}</svg>"
-    )
+    frame = f"<rect width='{width}' height='{height}' fill='none' stroke='{GREY}' stroke-width='{width / 320:.1f}'/>"
+    return svg((0, 0, width, height), 420, label, body + frame)

@@ -9,11 +9,8 @@ from typing import TYPE_CHECKING
 from lmkit.errors import InputError
 
 if TYPE_CHECKING:
-    from lmkit.arrays import FloatArray
-    from lmkit.model.landmark_map import LandmarkMap
-    from lmkit.model.pose import Pose
+    pass
 
-MOST_DRAWN = 60  # poses of a plan
 PLAN_KINDS = ("png", "svg")
 
 
@@ -28,32 +25,10 @@ def check_outputs(paths: Sequence[Path | None], plan: Path | None, force: bool) 
     for path in (*paths, plan):
         if path is not None:
             check_writable(path, force)
-    if plan is not None and _kind(plan) not in PLAN_KINDS:
+    if plan is not None and plan_kind(plan) not in PLAN_KINDS:
         raise InputError("bad_suffix", f"cannot write {plan}: unknown kind", "name it .png or .svg")
 
 
-def draw_drive(
-    path: Path,
-    landmarks: LandmarkMap,
-    times_s: FloatArray,
-    looking: Sequence[Pose],
-    covariances: FloatArray,
-    sure: Sequence[bool],
-) -> bytes:
-    """The map and some of the poses from above, for a file of that name.
-
-    Args:
-        looking: (N) poses of a camera that looks where the robot does.
-        covariances: (N,6,6) of them.
-    """
-    from lmkit.room_plan import Found, draw_plan
-
-    found = [
-        Found(f"{times_s[k]:.1f} s", looking[k], covariances[k][:2, :2], sure[k])
-        for k in range(0, len(times_s), 1 + len(times_s) // MOST_DRAWN)
-    ]
-    return draw_plan(landmarks, found, kind=_kind(path))
-
-
-def _kind(path: Path) -> str:
+def plan_kind(path: Path) -> str:
+    """``png`` or ``svg``, as the file's name says."""
     return path.suffix.lower().lstrip(".")

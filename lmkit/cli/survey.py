@@ -54,6 +54,10 @@ def run(
     family: Annotated[str, typer.Option("--family", help="Families to look for, as in lm8,lm4.")] = "lm8",
     tum: Annotated[Path | None, typer.Option("--tum", help="Trajectory of the drive to write (TUM).")] = None,
     plan: Annotated[Path | None, typer.Option("--plan", help="Plan of map and drive (.png or .svg).")] = None,
+    report: Annotated[Path | None, typer.Option("--report", help="Report to write (.html).")] = None,
+    rerun: Annotated[
+        Path | None, typer.Option("--rerun", help="Recording for the Rerun viewer to write (.rrd; lmkit[viewer]).")
+    ] = None,
     save_detections: Annotated[
         Path | None, typer.Option("--save-detections", help="CSV of what was seen, to survey again without pictures.")
     ] = None,
@@ -62,7 +66,9 @@ def run(
 ) -> None:
     """Build the landmark map from a drive."""
     from lmkit.cli.drive_options import motion_of, read_any_odometry, read_moments, read_wheels
-    from lmkit.cli.drive_results import check_outputs, draw_drive
+    from lmkit.cli.drive_results import check_outputs, plan_kind
+    from lmkit.drive_recording import require_rerun, survey_recording
+    from lmkit.drive_report import draw_drive, survey_report
     from lmkit.formats.any_rig import read_any_rig
     from lmkit.formats.drive_tables import detections_to_csv
     from lmkit.formats.files import write_file
@@ -76,16 +82,18 @@ def run(
     if readings is not None:
         for_pictures = {
             "LEFT": left, "--rig": rig, "--detections": detections, "--known": known, "--known-sigma": known_sigma,
-            "--hz": hz, "--save-detections": save_detections, "--plan": plan,
+            "--hz": hz, "--save-detections": save_detections, "--plan": plan, "--report": report, "--rerun": rerun,
         }  # fmt: skip
         require_no("--readings", for_pictures)
         _survey_readings(readings, read_wheels(odometry, gyro, wheel_track), size, output, tum, force, as_json)
         return
     if rig is None:
         raise InputError("no_rig", "survey needs a rig", "give --rig rig.yaml")
-    check_outputs((output, tum, save_detections), plan, force)
+    check_outputs((output, tum, save_detections, report, rerun), plan, force)
     if known is None and known_sigma is not None:
         raise InputError("no_known", "--known-sigma needs --known beside it", "give --known MAP")
+    if rerun is not None:
+        require_rerun()
     size_m = parse_length_mm(size, "--size") / 1000
     cameras = read_any_rig(rig)
     anchors = {} if known is None else _anchors(read_any_map(known), known_sigma)
@@ -95,15 +103,21 @@ def run(
         write_file(save_detections, detections_to_csv(moments), force)
     sizes = _sizes(moments, size_m, anchors)
     result = survey_drive(moments, cameras, sizes, anchors, motion)
-    advice = advise(result, cameras)
-    _complain(result, motion, advice)
+    warnings = _warnings(result, motion, advise(result, cameras))
+    for text in warnings:
+        warn(text)
     write_file(output, map_to_yaml(result.landmarks), force)
     if tum is not None:
         write_file(tum, poses_to_tum(_base_poses(result.bundle, cameras)), force)
     if plan is not None:
         bundle = result.bundle
         looking, sure = bundle.left_poses(), [True] * len(bundle.times_s)
-        write_file(plan, draw_drive(plan, bundle.landmarks, bundle.times_s, looking, bundle.covariances, sure), force)
+        drawn = draw_drive(bundle.landmarks, bundle.times_s, looking, bundle.covariances, sure, plan_kind(plan))
+        write_file(plan, drawn, force)
+    if report is not None:
+        write_file(report, survey_report(result, motion, warnings), force)
+    if rerun is not None:
+        write_file(rerun, survey_recording(result, cameras, moments), force)
     if as_json:
         print_json(_summary(result, moments, motion, output))
     else:
@@ -191,24 +205,26 @@ def _sizes(
     return sizes
 
 
-def _complain(result: Survey, motion: Motion | None, advice: dict[int, str]) -> None:
+def _warnings(result: Survey, motion: Motion | None, advice: dict[int, str]) -> list[str]:
     from lmkit.motion import describe_odometry
 
-    for odd in result.odd:
-        warn(str(odd))
+    texts = [str(odd) for odd in result.odd]
     doubt = None if motion is None else describe_odometry(motion, result.bundle.parameters)
     if doubt is not None:
-        warn(doubt)
+        texts.append(doubt)
     for from_s, to_s, metres in result.bundle.jumps:
-        warn(
+        texts.append(
             f"between {from_s:g} and {to_s:g} s the rig leaps by {metres:.2f} m: it slid or was carried, or a "
             "landmark seen there was moved, or is placed by the wrong one of its two poses; look from another side"
         )
     for code in result.unplaced:
-        warn(f"{code} is not placed: its sightings are too few, or do not agree; drive past it again, and nearer")
+        texts.append(
+            f"{code} is not placed: its sightings are too few, or do not agree; drive past it again, and nearer"
+        )
     for code, place, turn in result.weak:
         known = f"{code} is known to {1000 * place:.0f} mm and {math.degrees(turn):.1f} deg only"
-        warn(f"{known}: {advice[code]}" if code in advice else known)
+        texts.append(f"{known}: {advice[code]}" if code in advice else known)
+    return texts
 
 
 def _tell(result: Survey, moments: list[StereoMoment], output: Path) -> None:

@@ -37,12 +37,18 @@ def run(
     tum: Annotated[Path | None, typer.Option("--tum", help="Trajectory of sure poses to write (TUM).")] = None,
     csv: Annotated[Path | None, typer.Option("--csv", help="Poses with standard deviations to write (CSV).")] = None,
     plan: Annotated[Path | None, typer.Option("--plan", help="Plan of the drive (.png or .svg).")] = None,
+    report: Annotated[Path | None, typer.Option("--report", help="Report to write (.html).")] = None,
+    rerun: Annotated[
+        Path | None, typer.Option("--rerun", help="Recording for the Rerun viewer to write (.rrd; lmkit[viewer]).")
+    ] = None,
     as_json: Annotated[bool, typer.Option("--json", help="One JSON object a line.")] = False,
     force: Annotated[bool, typer.Option("--force", help="Overwrite files.")] = False,
 ) -> None:
     """Follow the robot through the map, by landmarks, wheels and gyro."""
     from lmkit.cli.drive_options import motion_of, read_any_odometry, read_moments, read_wheels
-    from lmkit.cli.drive_results import check_outputs, draw_drive
+    from lmkit.cli.drive_results import check_outputs, plan_kind
+    from lmkit.drive_recording import require_rerun, track_recording
+    from lmkit.drive_report import draw_drive, track_report
     from lmkit.formats.any_rig import read_any_rig
     from lmkit.formats.files import write_file
     from lmkit.formats.foreign_maps import read_any_map
@@ -59,8 +65,11 @@ def run(
 
     if landmark_map is None:
         raise InputError("no_map", "track needs a map", "give --map map.yaml")
-    check_outputs((tum, csv), plan, force)
+    check_outputs((tum, csv, report, rerun), plan, force)
+    if rerun is not None:
+        require_rerun()
     landmarks = read_any_map(landmark_map)
+    cameras, moments = None, []
     if readings is not None:
         require_no("--readings", {"LEFT": left, "--rig": rig, "--detections": detections, "--hz": hz})
         wheels = read_wheels(odometry, gyro, wheel_track)
@@ -100,7 +109,12 @@ def run(
     if plan is not None:
         looking = [drive.looking(k) for k in range(len(drive.poses))]
         known = [status == "ok" for status in drive.statuses]
-        write_file(plan, draw_drive(plan, landmarks, drive.times_s, looking, drive.covariances, known), force)
+        drawn = draw_drive(landmarks, drive.times_s, looking, drive.covariances, known, plan_kind(plan))
+        write_file(plan, drawn, force)
+    if report is not None:
+        write_file(report, track_report(drive, landmarks), force)
+    if rerun is not None:
+        write_file(rerun, track_recording(drive, landmarks, cameras, moments), force)
     if as_json:
         for k in range(len(drive.times_s)):
             print_json(_entry(drive, k))
@@ -120,6 +134,7 @@ def _entry(drive: TrackedDrive, k: int) -> dict[str, Any]:
         "quaternion": drive.poses[k].quaternion_xyzw.tolist(),
         "covariance": drive.covariances[k].tolist(),
         "outliers": list(drive.outliers[k]),
+        "innovation": drive.innovations[k][0] / drive.innovations[k][1] if drive.innovations[k][1] else None,
     }
 
 

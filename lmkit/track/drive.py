@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from lmkit.arrays import FloatArray
+from lmkit.arrays import BoolArray, FloatArray, IntArray
 from lmkit.model.drive import Gyro, Odometry, StereoMoment
 from lmkit.model.landmark_map import LandmarkMap, MappedLandmark, wall_pose
 from lmkit.model.observation import RangeBearing
@@ -43,6 +43,9 @@ class TrackedDrive:
         parameters: what is wrong with the odometry, by name.
         of_base: the poses look along x, not along z.
         remarks: what a user should look after.
+        innovations: (N,2) of what was believed at every moment: the sum of its squared errors, in standard
+            deviations, and how many numbers that is of.  Live they are those of the prediction, else what is left
+            once the drive is solved.
     """
 
     times_s: FloatArray
@@ -53,6 +56,7 @@ class TrackedDrive:
     parameters: dict[str, float] = field(default_factory=dict)
     of_base: bool = True
     remarks: tuple[str, ...] = ()
+    innovations: FloatArray = field(default_factory=lambda: np.zeros((0, 2)))
 
     def looking(self, k: int) -> Pose:
         """As a camera's pose that looks where the robot does, to draw it."""
@@ -80,6 +84,7 @@ def track_readings(moments: Moments, odometry: Odometry, gyro: Gyro | None, land
         outliers,
         dict(zip(PARAMETERS, track.parameters.tolist(), strict=True)),
         remarks=_doubts(motion, track.parameters),
+        innovations=_summed(len(times), track.moments, track.squared, track.told, track.weights > OUTLIER_WEIGHT),
     )
 
 
@@ -140,6 +145,7 @@ def track_poses_live(
         [answer.outliers for answer in answers],
         of_base=rig.T_base_left is not None,
         remarks=_carried_off(answers, "odometry says"),
+        innovations=_innovations(answers),
     )
 
 
@@ -183,7 +189,18 @@ def _tracked(answers: Sequence[TrackedPose], parameters: FloatArray) -> TrackedD
         [answer.outliers for answer in answers],
         dict(zip(PARAMETERS, parameters.tolist(), strict=True)),
         remarks=_carried_off(answers, "its wheels say"),
+        innovations=_innovations(answers),
     )
+
+
+def _innovations(answers: Sequence[TrackedPose] | Sequence[SpacePose]) -> FloatArray:
+    return np.array([(answer.innovation, answer.told) for answer in answers]).reshape(-1, 2)
+
+
+def _summed(count: int, moments: IntArray, squared: FloatArray, told: FloatArray, believed: BoolArray) -> FloatArray:
+    """(N,2) sums by moment of (R,) squared errors and of how many numbers they are of."""
+    rows = moments[believed]
+    return np.column_stack([np.bincount(rows, values[believed], count) for values in (squared, told)])
 
 
 def _carried_off(answers: Sequence[TrackedPose] | Sequence[SpacePose], but: str) -> tuple[str, ...]:
@@ -282,6 +299,13 @@ def track_pictures(
         {} if motion is None else dict(zip(motion.names, bundle.parameters.tolist(), strict=True)),
         rig.T_base_left is not None,
         (*map(str, odd_landmarks(bundle)), *_doubts(motion, bundle.parameters)),
+        _summed(
+            len(rows),
+            bundle.moments,
+            8 * bundle.misfits**2,
+            np.full(len(bundle.misfits), 8.0),
+            bundle.misfits < OUTLIER_SIGMA,
+        ),
     )
 
 

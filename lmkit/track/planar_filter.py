@@ -45,6 +45,8 @@ class TrackedPose:
         covariance: (3,3).
         outliers: codes whose readings were not believed.
         restarted: True where the filter was put somewhere else: started, or carried off.
+        innovation, told: squared innovations of what was believed, in standard deviations, and how many numbers they
+            are of; on average the one is as large as the other.
     """
 
     time_s: float
@@ -53,6 +55,8 @@ class TrackedPose:
     covariance: FloatArray | None
     outliers: tuple[int, ...] = ()
     restarted: bool = False
+    innovation: float = 0.0
+    told: int = 0
 
 
 @dataclass(eq=False)
@@ -64,6 +68,8 @@ class _Track:
     log_weight: float
     doubts: int = 0  # wrong readings in a row
     outliers: tuple[int, ...] = ()
+    innovation: float = 0.0
+    told: int = 0
 
 
 class PlanarFilter:
@@ -148,6 +154,8 @@ class PlanarFilter:
                     track.log_weight + math.log(WRONG_SHARE * WRONG_DENSITY),
                     track.doubts + 1,
                     (*track.outliers, reading.codes[0]),
+                    track.innovation,
+                    track.told,
                 )
             )
             grown.append(_with_reading(track, reading, spread))
@@ -175,10 +183,19 @@ class PlanarFilter:
             status = "ambiguous"
         for track in self._tracks:
             track.log_weight -= best.log_weight
-        outliers = best.outliers
+        answer = TrackedPose(
+            time_s,
+            status,
+            best.x[:3].copy(),
+            best.P[:3, :3].copy(),
+            best.outliers,
+            restarted,
+            best.innovation,
+            best.told,
+        )
         for track in self._tracks:
-            track.outliers = ()
-        return TrackedPose(time_s, status, best.x[:3].copy(), best.P[:3, :3].copy(), outliers, restarted)
+            track.outliers, track.innovation, track.told = (), 0.0, 0
+        return answer
 
 
 def _with_reading(track: _Track, reading: Readings, spread: float) -> _Track:
@@ -198,7 +215,15 @@ def _with_reading(track: _Track, reading: Readings, spread: float) -> _Track:
         -0.5 * squared - 0.5 * math.log(np.linalg.det(S)) - math.log(2 * math.pi * units) + math.log(1 - WRONG_SHARE)
     )
     left = np.eye(STATES) - K @ H
-    return _Track(track.x + K @ r, left @ track.P @ left.T + K @ K.T, track.log_weight + log, 0, track.outliers)
+    return _Track(
+        track.x + K @ r,
+        left @ track.P @ left.T + K @ K.T,
+        track.log_weight + log,
+        0,
+        track.outliers,
+        track.innovation + squared,
+        track.told + int(given.sum()),
+    )
 
 
 def _same(a: _Track, b: _Track) -> bool:

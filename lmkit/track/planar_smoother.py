@@ -38,6 +38,7 @@ class PlanarTrack:
         parameters: (6,) as ``motion.PARAMETERS``.
         codes, places, place_covariances: (L,), (L,2), (L,2,2) of the landmarks.
         weights: (R,) of the readings, 1 for those believed, near 0 for outliers.
+        squared, told: (R,) their squared errors in standard deviations, and how many numbers each is of.
         moments, landmarks: (R,) of the readings; landmarks as rows of ``codes``.
     """
 
@@ -49,6 +50,8 @@ class PlanarTrack:
     places: FloatArray
     place_covariances: FloatArray
     weights: FloatArray
+    squared: FloatArray
+    told: FloatArray
     moments: IntArray
     landmarks: IntArray
 
@@ -270,6 +273,8 @@ class _Problem:
             self.places,
             places,
             weights,
+            (self._errors()[1] ** 2).sum(axis=1),
+            np.isfinite(self.readings.values).sum(axis=1).astype(np.float64),
             self.readings.moments,
             self.readings.landmarks,
         )

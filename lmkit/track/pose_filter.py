@@ -40,6 +40,7 @@ class SpacePose:
         covariance: (6,6) x y z (m), rotation about x y z of the map (rad).
         outliers: codes that were not believed.
         restarted: True where the filter was put somewhere else: started, or carried off.
+        innovation, told: as of `planar_filter.TrackedPose`.
     """
 
     time_s: float
@@ -48,6 +49,8 @@ class SpacePose:
     covariance: FloatArray | None
     outliers: tuple[int, ...] = ()
     restarted: bool = False
+    innovation: float = 0.0
+    told: int = 0
 
 
 class PoseFilter:
@@ -89,20 +92,21 @@ class PoseFilter:
             self._predict(self._time, time_s)
             self._time = time_s
         seen = Sightings.of_rig(left, right, self._rig, self._map, self._floor_px)
-        outliers = set(seen.twice)
+        outliers, innovation, told = set(seen.twice), 0.0, 0
         if len(seen):
             known = np.linalg.inv(self._P)
             used, fitted = believed(seen, lambda used: self._fit(seen, used, known))
             outliers |= {int(code) for code in seen.codes[~used]}
             self._doubts = 0 if used.any() else self._doubts + 1
             if used.any():
-                self._R, self._p, normal = fitted
+                self._R, self._p, normal, innovation = fitted
+                told = 8 * int(used.sum())
                 self._P = np.linalg.inv(normal)
             elif self._doubts >= DOUBTS:
                 again = self._start(time_s, left, right)
                 if again.T_map_left is not None:
                     return again
-        return self._pose(time_s, tuple(sorted(outliers)), False)
+        return self._pose(time_s, tuple(sorted(outliers)), False, innovation, told)
 
     def _start(
         self, time_s: float, left: Sequence[LandmarkObservation], right: Sequence[LandmarkObservation]
@@ -139,19 +143,28 @@ class PoseFilter:
 
     def _fit(
         self, seen: Sightings, used: BoolArray, known: FloatArray
-    ) -> tuple[Poses, tuple[FloatArray, FloatArray, FloatArray]]:
+    ) -> tuple[Poses, tuple[FloatArray, FloatArray, FloatArray, float]]:
         R, p, normal = self._R, self._p, known
         for _ in range(ITERATIONS):
             N, g, _ = seen.equations(Poses(R[None], p[None]), used[None], None)
-            off = np.concatenate([self._p - p, Rotation.from_matrix(self._R @ R.T).as_rotvec()])
+            off = self._off(R, p)
             normal = N[0] + known
             step = np.linalg.solve(normal, g[0] + known @ off)
             R, p = turns(step[None, 3:])[0] @ R, p + step[:3]
             if step @ normal @ step < CONVERGED:
                 break
-        return Poses(R[None], p[None]), (orthonormal(R), p, normal)
+        poses, off = Poses(R[None], p[None]), self._off(R, p)
+        cost = seen.misfits(poses)[0][used].sum() + off @ known @ off
+        return poses, (orthonormal(R), p, normal, float(cost))
 
-    def _pose(self, time_s: float, outliers: tuple[int, ...], restarted: bool) -> SpacePose:
+    def _off(self, R: FloatArray, p: FloatArray) -> FloatArray:
+        """(6,) from a pose to the one that was foretold."""
+        return np.concatenate([self._p - p, Rotation.from_matrix(self._R @ R.T).as_rotvec()])
+
+    def _pose(
+        self, time_s: float, outliers: tuple[int, ...], restarted: bool, innovation: float = 0.0, told: int = 0
+    ) -> SpacePose:
         lost = np.sqrt(np.linalg.eigvalsh(self._P[:3, :3])[-1]) > NOWHERE_M or self._doubts >= DOUBTS
         pose = Pose("map", "left", self._R, self._p)
-        return SpacePose(time_s, "lost" if lost else "ok", pose, self._P.copy(), outliers, restarted)
+        status = "lost" if lost else "ok"
+        return SpacePose(time_s, status, pose, self._P.copy(), outliers, restarted, innovation, told)

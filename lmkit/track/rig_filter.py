@@ -85,15 +85,17 @@ class RigFilter:
             self._time = time_s
         seen = Sightings.of_rig(left, right, self._rig, self._map, self._floor_px)
         outliers: tuple[int, ...] = tuple(sorted(seen.twice))
+        innovation, told = 0.0, 0
         if len(seen):
-            used = self._update(seen)
+            used, innovation = self._update(seen)
+            told = 8 * int(used.sum())
             outliers = tuple(sorted({*outliers, *(int(code) for code in seen.codes[~used])}))
             self._doubts = 0 if used.any() else self._doubts + 1
             if self._doubts >= DOUBTS:
                 again = self._start(time_s, left, right)
                 if again.state is not None:
                     return again
-        return self._pose(time_s, outliers, False)
+        return self._pose(time_s, outliers, False, innovation, told)
 
     def _start(
         self, time_s: float, left: Sequence[LandmarkObservation], right: Sequence[LandmarkObservation]
@@ -115,21 +117,21 @@ class RigFilter:
         self._time, self._doubts = time_s, 0
         return self._pose(time_s, found.outlier_codes, True)
 
-    def _update(self, seen: Sightings) -> BoolArray:
-        """Gauss-Newton on corners and what is known; (S,) the sightings that were believed."""
+    def _update(self, seen: Sightings) -> tuple[BoolArray, float]:
+        """Gauss-Newton on corners and what is known; (S,) the sightings that were believed, and their innovation."""
         known = np.linalg.inv(self._P)
-        used, (x, normal) = believed(seen, lambda used: self._fit(seen, used, known))
+        used, (x, normal, cost) = believed(seen, lambda used: self._fit(seen, used, known))
         if used.any():
             # Beyond that no odometry is kept, and none is there yet.
             x[DELAY] = np.clip(x[DELAY], -AHEAD_S, LONGEST_DELAY_S)
             self._x, self._P = x, np.linalg.inv(normal)
-        return used
+        return used, cost
 
     def _fit(
         self, seen: Sightings, used: BoolArray, known: FloatArray
-    ) -> tuple[Poses, tuple[FloatArray, FloatArray]]:
-        """The camera's pose, and the state with its normal matrix, that agree best with what is known and the
-        sightings used; how the robot lifts, rolls and pitches at this moment is fitted beside them.
+    ) -> tuple[Poses, tuple[FloatArray, FloatArray, float]]:
+        """The camera's pose, and the state with its normal matrix and cost, that agree best with what is known and
+        the sightings used; how the robot lifts, rolls and pitches at this moment is fitted beside them.
         """
         x, lean, normal = self._x.copy(), np.zeros(3), known
         level = np.array([self._prior.height_sigma, self._prior.tilt_sigma, self._prior.tilt_sigma]) ** -2
@@ -155,17 +157,23 @@ class RigFilter:
             lean = lean + across[:, 3] - across[:, :3] @ step[:3]
             if step @ normal @ step < CONVERGED:
                 break
-        return self._poses(x, lean), (x, normal)
+        poses = self._poses(x, lean)
+        # What is left of the prediction's and the corners' errors together is the squared innovation.
+        cost = seen.misfits(poses)[0][used].sum() + (x - self._x) @ known @ (x - self._x) + level @ lean**2
+        return poses, (x, normal, float(cost))
 
     def _poses(self, x: FloatArray, lean: FloatArray) -> Poses:
         base = planar_pose(x[:3])
         turn = turns(np.array([[lean[1], lean[2], 0.0]])) @ base.R
         return Poses(turn @ self._T.R, base.t + turn @ self._T.t + np.array([[0.0, 0.0, lean[0]]]))
 
-    def _pose(self, time_s: float, outliers: tuple[int, ...], restarted: bool) -> TrackedPose:
+    def _pose(
+        self, time_s: float, outliers: tuple[int, ...], restarted: bool, innovation: float = 0.0, told: int = 0
+    ) -> TrackedPose:
         P = self._P[:3, :3]
         lost = np.sqrt(np.linalg.eigvalsh(P[:2, :2])[-1]) > NOWHERE_M or self._doubts >= DOUBTS
-        return TrackedPose(time_s, "lost" if lost else "ok", self._x[:3].copy(), P.copy(), outliers, restarted)
+        status = "lost" if lost else "ok"
+        return TrackedPose(time_s, status, self._x[:3].copy(), P.copy(), outliers, restarted, innovation, told)
 
 
 def believed(seen: Sightings, fit: Callable[[BoolArray], tuple[Poses, Fitted]]) -> tuple[BoolArray, Fitted]:

@@ -3,8 +3,29 @@
 import json
 import subprocess
 import sys
+from html.parser import HTMLParser
 
 import pytest
+
+
+class Page(HTMLParser):
+    """Rows of its tables, and how many drawings it has."""
+
+    def __init__(self, text):
+        super().__init__()
+        self.rows, self.drawings = [], 0
+        self.feed(text)
+
+    def handle_starttag(self, tag, attrs):
+        self.drawings += tag == "svg"
+        if tag == "tr":
+            self.rows.append([""])
+        elif tag in ("td", "th") and self.rows[-1] != [""]:
+            self.rows[-1].append("")
+
+    def handle_data(self, data):
+        if self.rows and self.lasttag in ("td", "th"):
+            self.rows[-1][-1] += data
 
 
 @pytest.fixture(scope="module")
@@ -41,12 +62,16 @@ def test_a_survey_of_the_demo_s_files_finds_the_map(demo, tmp_path):
         "survey", "--detections", demo / "detections.csv", "--rig", demo / "rig.yaml", "--known", known,
         "--odometry", demo / "odometry.csv", "--gyro", demo / "gyro.csv",
         "-o", tmp_path / "map.yaml", "--plan", tmp_path / "plan.svg", "--tum", tmp_path / "s.tum", "--json",
+        "--report", tmp_path / "s.html",
     )  # fmt: skip
     answer = json.loads(done.stdout)
     seen = {line.split(",")[3] for line in (demo / "detections.csv").read_text().splitlines()[1:]}
     assert {str(entry["code"]) for entry in answer["landmarks"]} >= seen
     assert answer["odometry"]["forward_scale"] == pytest.approx(0.92, abs=0.01)
     assert (tmp_path / "plan.svg").read_text().startswith("<svg")
+    page = Page((tmp_path / "s.html").read_text())
+    assert [row[0] for row in page.rows if row[0].isdigit()] == sorted(seen, key=int)
+    assert page.drawings == 4
     error = json.loads(run("evaluate", demo / "truth.tum", tmp_path / "s.tum", "--json").stdout)
     assert error["position_m"]["rmse"] < 0.06
 
@@ -65,8 +90,12 @@ def test_tracking_gives_a_line_a_moment(demo, tmp_path):
 def test_tracking_goes_by_poses_of_visual_odometry_as_well(demo, tmp_path, how):
     done = run(
         "track", "--detections", demo / "detections.csv", "--rig", demo / "rig.yaml", "--map", demo / "true_map.yaml",
-        "--odometry", demo / "truth.tum", "--tum", tmp_path / "t.tum", "--json", *how,
+        "--odometry", demo / "truth.tum", "--tum", tmp_path / "t.tum", "--json", "--report", tmp_path / "t.html",
+        *how,
     )  # fmt: skip
+    ratios = [line["innovation"] for line in map(json.loads, done.stdout.splitlines()) if line["innovation"]]
+    assert 0.3 < sum(ratios) / len(ratios) < 1.5
+    assert Page((tmp_path / "t.html").read_text()).drawings == 4
     assert len(done.stdout.splitlines()) > 100
     error = json.loads(run("evaluate", demo / "truth.tum", tmp_path / "t.tum", "--json").stdout)
     assert error["position_m"]["rmse"] < 0.02
