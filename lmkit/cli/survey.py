@@ -14,7 +14,6 @@ from lmkit.errors import InputError
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
-    from lmkit.arrays import FloatArray
     from lmkit.model.drive import Gyro, Odometry, StereoMoment
     from lmkit.model.landmark_map import LandmarkMap
     from lmkit.model.pose import Pose
@@ -22,6 +21,7 @@ if TYPE_CHECKING:
     from lmkit.motion import Motion
     from lmkit.survey.bundle import Anchor, Bundle
     from lmkit.survey.survey import Survey
+    from lmkit.survey.ties import Tie
 
 _KNOWN_HINT = "give a length and an angle, such as 50mm,3deg"
 
@@ -45,6 +45,15 @@ def run(
         str | None,
         typer.Option("--known-sigma", help="How well: 50mm,3deg as measured by hand. Default: as the file says."),
     ] = None,
+    wall: Annotated[
+        list[str] | None, typer.Option("--wall", help="Codes that hang on one flat wall, as 12,44,137; repeatable.")
+    ] = None,
+    same_height: Annotated[
+        list[str] | None, typer.Option("--same-height", help="Codes that hang equally high, as 12,44; repeatable.")
+    ] = None,
+    wall_sigma: Annotated[
+        str, typer.Option("--wall-sigma", help="How flat the walls are, and how alike the heights.")
+    ] = "5mm,1deg",
     odometry: Annotated[
         Path | None, typer.Option("--odometry", help="CSV of the robot's wheels, or poses (.tum) of visual odometry.")
     ] = None,
@@ -82,6 +91,7 @@ def run(
     if readings is not None:
         for_pictures = {
             "LEFT": left, "--rig": rig, "--detections": detections, "--known": known, "--known-sigma": known_sigma,
+            "--wall": wall or None, "--same-height": same_height or None,
             "--hz": hz, "--save-detections": save_detections, "--plan": plan, "--report": report, "--rerun": rerun,
         }  # fmt: skip
         require_no("--readings", for_pictures)
@@ -92,6 +102,7 @@ def run(
     check_outputs((output, tum, save_detections, report, rerun), plan, force)
     if known is None and known_sigma is not None:
         raise InputError("no_known", "--known-sigma needs --known beside it", "give --known MAP")
+    ties = _ties(wall or [], same_height or [], wall_sigma)
     if rerun is not None:
         require_rerun()
     size_m = parse_length_mm(size, "--size") / 1000
@@ -102,7 +113,7 @@ def run(
     if save_detections is not None:
         write_file(save_detections, detections_to_csv(moments), force)
     sizes = _sizes(moments, size_m, anchors)
-    result = survey_drive(moments, cameras, sizes, anchors, motion)
+    result = survey_drive(moments, cameras, sizes, anchors, motion, ties)
     warnings = _warnings(result, motion, advise(result, cameras))
     for text in warnings:
         warn(text)
@@ -172,29 +183,50 @@ def _base_poses(bundle: Bundle, rig: StereoRig) -> Iterator[tuple[float, Pose]]:
 def _anchors(landmarks: LandmarkMap, sigma: str | None) -> dict[tuple[str, int], Anchor]:
     from dataclasses import replace
 
+    import numpy as np
+
     from lmkit.survey.bundle import Anchor
 
-    covariance = None if sigma is None else _covariance(sigma)
+    covariance = None
+    if sigma is not None:
+        metres, radians = _spread(sigma, "--known-sigma", _KNOWN_HINT)
+        covariance = np.diag([metres**2] * 3 + [radians**2] * 3)
     return {
         (m.family, m.code): Anchor(replace(m, covariance=None), m.covariance if covariance is None else covariance)
         for m in landmarks
     }
 
 
-def _covariance(text: str) -> FloatArray:
-    import numpy as np
-
+def _spread(text: str, name: str, hint: str) -> tuple[float, float]:
+    """Metres and rad of a length and an angle."""
     from lmkit.units import parse_length_mm
 
     length, _, angle = text.partition(",")
     try:
         degrees = float(angle.strip().removesuffix("deg"))
     except ValueError:
-        raise InputError("bad_sigma", f"--known-sigma {text} has no angle", _KNOWN_HINT) from None
-    metres = parse_length_mm(length.strip(), "--known-sigma") / 1000
+        raise InputError("bad_sigma", f"{name} {text} has no angle", hint) from None
+    metres = parse_length_mm(length.strip(), name) / 1000
     if not (metres > 0 and 0 < degrees < 180):
-        raise InputError("bad_sigma", f"--known-sigma {text} is not positive", _KNOWN_HINT)
-    return np.diag([metres**2] * 3 + [math.radians(degrees) ** 2] * 3)
+        raise InputError("bad_sigma", f"{name} {text} is not positive", hint)
+    return metres, math.radians(degrees)
+
+
+def _ties(walls: list[str], heights: list[str], sigma: str) -> list[Tie]:
+    from lmkit.survey.ties import Tie
+
+    spread = _spread(sigma, "--wall-sigma", "give a length and an angle, such as 5mm,1deg")
+    ties = []
+    for kind, name, texts in (("wall", "--wall", walls), ("height", "--same-height", heights)):
+        for text in texts:
+            words = [word.strip() for word in text.split(",")]
+            codes = tuple(dict.fromkeys(int(word) for word in words if word.isdigit()))
+            if len(codes) < 2 or len(codes) < len(words):
+                raise InputError(
+                    "bad_codes", f"{name} {text} does not list two codes or more", f"write {name} 12,44,137"
+                )
+            ties.append(Tie(kind, codes, *spread))
+    return ties
 
 
 def _sizes(
@@ -216,6 +248,10 @@ def _warnings(result: Survey, motion: Motion | None, advice: dict[int, str]) -> 
         texts.append(
             f"between {from_s:g} and {to_s:g} s the rig leaps by {metres:.2f} m: it slid or was carried, or a "
             "landmark seen there was moved, or is placed by the wrong one of its two poses; look from another side"
+        )
+    for code, tie, metres in result.astray:
+        texts.append(
+            f"{code} is {1000 * metres:.0f} mm off the {tie} that it is declared to share; check it in the room"
         )
     for code in result.unplaced:
         texts.append(
@@ -277,5 +313,6 @@ def _summary(result: Survey, moments: list[StereoMoment], motion: Motion | None,
         "jumps": [{"from_s": a, "to_s": b, "metres": m} for a, b, m in result.bundle.jumps],
         "weak": [code for code, _, _ in result.weak],
         "unplaced": list(result.unplaced),
+        "astray": [{"code": code, "of": str(tie), "metres": metres} for code, tie, metres in result.astray],
         "odometry": {} if motion is None else dict(zip(motion.names, bundle.parameters.tolist(), strict=True)),
     }

@@ -22,6 +22,7 @@ from lmkit.model.landmark_map import LandmarkMap, MappedLandmark
 from lmkit.model.pose import Pose, orthonormal
 from lmkit.model.stereo_rig import StereoRig
 from lmkit.motion import Motion
+from lmkit.survey.ties import Tie, tie_rows
 
 CAUCHY_SIGMA = 2.4
 NEAREST_M = 0.02
@@ -86,6 +87,7 @@ class BundleProblem:
         landmarks: as they are believed to hang; sightings of others are left out.
         anchors: by family and code, what is known beforehand.
         frozen: no landmark moves.
+        ties: walls and heights that landmarks are declared to share.
     """
 
     def __init__(
@@ -97,12 +99,13 @@ class BundleProblem:
         anchors: Mapping[tuple[str, int], Anchor],
         motion: Motion | None = None,
         frozen: bool = False,
+        ties: Sequence[Tie] = (),
     ) -> None:
         self.times = np.array([moment.time_s for moment in moments])
         self.motion, self.frozen = motion, frozen
         self.R, self.p = start.R.copy(), start.p.copy()
         self.hung = list(landmarks)
-        self.anchors = dict(anchors)
+        self.anchors, self.ties = dict(anchors), ties
         index = {(m.family, m.code): k for k, m in enumerate(self.hung)}
         eyes = ((rig.left, np.eye(3), np.zeros(3)), (rig.right, rig.T_right_left.R, rig.T_right_left.t))
         rows: list[tuple[int, int]] = []
@@ -223,7 +226,7 @@ class BundleProblem:
             K = self.whitener @ np.concatenate([G, -np.cross(G, arms[:, :, None])], axis=3).reshape(shape)
             columns = self.own + 6 * self.of[:, None] + np.arange(6)
             equations.add_shared(self.at, J, columns, K * root[:, None, None], r)
-            cost += self._add_anchors(equations)
+            cost += self._add_anchors(equations) + self._add_ties(equations)
         if self.motion is not None and len(self.times) > 1:
             cost += self._add_motion(equations, self.motion)
         # Never singular: a pose that nothing sees, a landmark that no pose sees.
@@ -246,6 +249,25 @@ class BundleProblem:
             equations.corner[rows, rows] += information
             equations.shared_gradient[rows] += information @ off
             cost += float(off @ information @ off)
+        return cost
+
+    def members(self, tie: Tie) -> list[int]:
+        """Rows of those landmarks of a tie that the drive has."""
+        return [k for k, landmark in enumerate(self.hung) if landmark.code in tie.codes]
+
+    def _add_ties(self, equations: ChainEquations) -> float:
+        cost = 0.0
+        for tie in self.ties:
+            members = self.members(tie)
+            if len(members) < 2:
+                continue
+            rows = tie_rows(tie, members, self.lm_R, self.lm_p)
+            root = np.sqrt(rows.weights)
+            J, r = rows.derivatives * root[:, None], rows.residuals * root
+            columns = (self.own + 6 * rows.pairs[:, :, None] + np.arange(6)).reshape(-1, 12)
+            np.add.at(equations.corner, (columns[:, :, None], columns[:, None]), J[:, :, None] * J[:, None])
+            np.add.at(equations.shared_gradient, columns, J * r[:, None])
+            cost += rows.cost
         return cost
 
     def _add_motion(self, equations: ChainEquations, motion: Motion) -> float:

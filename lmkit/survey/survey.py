@@ -19,11 +19,13 @@ from lmkit.model.stereo_rig import StereoRig
 from lmkit.motion import Motion
 from lmkit.survey.bundle import Anchor, Bundle, BundleProblem
 from lmkit.survey.start import Key, Start, find_start
+from lmkit.survey.ties import Tie, strays
 
 OUTLIER_SIGMA = 4.5  # root mean square over a sighting's eight coordinates
 ROUNDS, STEPS = 4, 30
 WEIGHINGS = 2
 ODD_SHARE, LEAST_ODD = 0.1, 3  # sightings of a landmark that do not fit, before it is called odd
+ASTRAY_SIGMA = 4.0
 WEAK_M, WEAK_RAD = 0.03, np.deg2rad(2.0)
 
 
@@ -61,6 +63,7 @@ class Survey:
         weak: codes determined to no better than 3 cm or 2 deg, with both deviations (m, rad).
         unplaced: codes that were seen, but not well enough to be placed.
         dropped: sightings left out.
+        astray: codes that do not hang as declared, what was declared of them, and how far they are off (m).
     """
 
     bundle: Bundle
@@ -70,6 +73,7 @@ class Survey:
     weak: tuple[tuple[int, float, float], ...]
     unplaced: tuple[int, ...]
     dropped: int
+    astray: tuple[tuple[int, Tie, float], ...] = ()
 
 
 def survey_drive(
@@ -78,6 +82,7 @@ def survey_drive(
     sizes_m: Mapping[Key, float],
     anchors: Mapping[Key, Anchor],
     motion: Motion | None = None,
+    ties: Sequence[Tie] = (),
 ) -> Survey:
     """Where the landmarks hang, and where the rig was.
 
@@ -87,24 +92,24 @@ def survey_drive(
         anchors: landmarks known beforehand, by family and code; with none, the map's frame is that of the landmark
             seen best, which is taken to hang upright at the origin and to look along x.
         motion: odometry; of wheels it needs the rig's T_base_left.
+        ties: walls and heights that landmarks are declared to share.
 
     Raises:
         InputError: nothing to start from, or odometry without T_base_left or of another time.
     """
     start = find_start(moments, rig, dict(sizes_m), anchors, motion)
-    held = start.anchors
-    problem, dropped = _settled(start, moments, rig, held, motion)
+    problem, dropped = _settled(start, moments, rig, motion, ties)
     if start.unplaced or None in start.poses:
         # By the map as it is now more may be located and placed than while it grew.
         again = find_start(moments, rig, dict(sizes_m), _hung(start, problem), motion)
         if again.poses.count(None) < start.poses.count(None) or len(again.unplaced) < len(start.unplaced):
             start = again
-            problem, dropped = _settled(start, moments, rig, held, motion)
+            problem, dropped = _settled(start, moments, rig, motion, ties)
     rows, _ = start.known_poses()
     seen = {(o.family, o.code) for k in rows for o in (*moments[k].left, *moments[k].right)}
     bundle = problem.answer(OUTLIER_SIGMA)
     # A landmark that hangs where none of its sightings has it was started wrong.
-    believed = set(bundle.codes[bundle.misfits < OUTLIER_SIGMA].tolist()) | {code for _, code in held}
+    believed = set(bundle.codes[bundle.misfits < OUTLIER_SIGMA].tolist()) | {code for _, code in start.anchors}
     lost = [m for m in bundle.landmarks if m.code not in believed]
     bundle = _only(bundle, believed)
     unseen = [
@@ -113,21 +118,23 @@ def survey_drive(
     landmarks = LandmarkMap([*bundle.landmarks, *unseen])
     unplaced = tuple(sorted([code for _, code in start.unplaced] + [m.code for m in lost]))
     odd = tuple(odd for odd in odd_landmarks(bundle) if odd.code in believed)
-    return Survey(bundle, landmarks, rows, odd, _weak(bundle.landmarks), unplaced, dropped)
+    return Survey(
+        bundle, landmarks, rows, odd, _weak(bundle.landmarks), unplaced, dropped, _astray(ties, bundle.landmarks)
+    )
 
 
 def _settled(
     start: Start,
     moments: Sequence[StereoMoment],
     rig: StereoRig,
-    held: Mapping[Key, Anchor],
     motion: Motion | None,
+    ties: Sequence[Tie],
 ) -> tuple[BundleProblem, int]:
     """Everything that has a start, adjusted; and how many sightings were left out."""
     rows, poses = start.known_poses()
     seen = {(o.family, o.code) for k in rows for o in (*moments[k].left, *moments[k].right)}
     hung = LandmarkMap([m for key, m in start.placed.items() if key in seen])
-    problem = BundleProblem([moments[k] for k in rows], rig, poses, hung, held, motion)
+    problem = BundleProblem([moments[k] for k in rows], rig, poses, hung, start.anchors, motion, ties=ties)
     return problem, settle_all(problem)
 
 
@@ -186,6 +193,21 @@ def _weak(landmarks: LandmarkMap) -> tuple[tuple[int, float, float], ...]:
         if place > WEAK_M or turn > WEAK_RAD:
             weak.append((m.code, place, turn))
     return tuple(weak)
+
+
+def _astray(ties: Sequence[Tie], landmarks: LandmarkMap) -> tuple[tuple[int, Tie, float], ...]:
+    hung = list(landmarks)
+    R, p = np.array([m.T_map_landmark.R for m in hung]), np.array([m.T_map_landmark.t for m in hung])
+    sigmas = np.array([deviations(m) for m in hung])
+    found = []
+    for tie in ties:
+        members = [k for k, m in enumerate(hung) if m.code in tie.codes]
+        if len(members) < 3:
+            continue  # of two nobody knows which is off
+        for k, off, standardised in zip(members, *strays(tie, members, R, p, sigmas), strict=True):
+            if standardised > ASTRAY_SIGMA:
+                found.append((hung[k].code, tie, float(off)))
+    return tuple(found)
 
 
 def deviations(landmark: MappedLandmark) -> tuple[float, float]:

@@ -110,6 +110,8 @@ def test_tracking_goes_by_poses_of_visual_odometry_as_well(demo, tmp_path, how):
         (["survey", "--rig", "RIG", "--detections", "none.csv"], "none.csv"),
         (["survey", "--rig", "RIG", "--detections", "DET", "--gyro", "g.csv"], "--gyro needs odometry"),
         (["survey", "--rig", "RIG", "--detections", "DET", "--known", "MAP", "--known-sigma", "5"], "no angle"),
+        (["survey", "--rig", "RIG", "--detections", "DET", "--wall", "12,x"], "two codes"),
+        (["survey", "--rig", "RIG", "--detections", "DET", "--wall", "12,13", "--wall-sigma", "5mm"], "no angle"),
         (["track", "--map", "MAP", "--readings", "r.csv"], "odometry"),
         (["track", "--map", "MAP", "--detections", "DET"], "need a rig"),
         (["track", "--map", "MAP", "--detections", "DET", "--rig", "RIG", "--live"], "--odometry"),
