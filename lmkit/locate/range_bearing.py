@@ -24,6 +24,7 @@ from lmkit.model.landmark_map import LandmarkMap
 from lmkit.model.observation import RangeBearing
 
 CAUCHY_SIGMA = 2.4  # where the loss bends: 95 % efficient on Gaussian readings (Holland and Welsch 1977)
+BEARING_ALONE_M = 2.0  # how far a landmark is taken to be of which no range was read
 AROUND = 16  # starts around one landmark
 MOST_STARTS = 60
 AMBIGUOUS_BELOW = 5.0  # log likelihood ratio
@@ -87,7 +88,7 @@ class Readings:
         codes: (N,) ints.
         places: (N,2) of the landmarks, metres.
         ranges, bearings: (N,) metres, rad.
-        range_sigma, bearing_sigma: (N,) their standard deviations.
+        range_sigma, bearing_sigma: (N,) their standard deviations, and what the map leaves open of the landmarks.
     """
 
     codes: tuple[int, ...]
@@ -95,25 +96,35 @@ class Readings:
     ranges: FloatArray
     bearings: FloatArray
     range_sigma: FloatArray
-    bearing_sigma: float
+    bearing_sigma: FloatArray
 
     @classmethod
     def of(cls, readings: Sequence[RangeBearing], landmarks: LandmarkMap, noise: ReadingNoise) -> Readings:
         """Those of the map's landmarks."""
-        known = [(r, found.T_map_landmark.t[:2]) for r in readings if (found := landmarks.find(r.code)) is not None]
+        known = [(r, found) for r in readings if (found := landmarks.find(r.code)) is not None]
         ranges = np.array([np.nan if r.range_m is None else r.range_m for r, _ in known])
         bearings = np.array([np.nan if r.bearing_rad is None else r.bearing_rad for r, _ in known])
-        places = np.array([place for _, place in known]).reshape(-1, 2)
+        places = np.array([found.T_map_landmark.t[:2] for _, found in known]).reshape(-1, 2)
+        # In every direction alike: from where it is read is not yet known.
+        open_m = np.array(
+            [0.0 if m.covariance is None else math.sqrt(np.trace(m.covariance[:2, :2]) / 2) for _, m in known]
+        )
+        aside = open_m / np.where(np.isfinite(ranges), ranges, BEARING_ALONE_M)
         codes = tuple(r.code for r, _ in known)
-        return cls(codes, places, ranges, bearings, noise.range_sigma(ranges), noise.bearing_rad)
+        return cls(
+            codes,
+            places,
+            ranges,
+            bearings,
+            np.hypot(noise.range_sigma(ranges), open_m),
+            np.hypot(noise.bearing_rad, aside),
+        )
 
     def only(self, rows: BoolArray) -> Readings:
         """Some of them."""
         codes = tuple(code for code, kept in zip(self.codes, rows, strict=True) if kept)
-        places, ranges, bearings, sigma = (
-            values[rows] for values in (self.places, self.ranges, self.bearings, self.range_sigma)
-        )
-        return Readings(codes, places, ranges, bearings, sigma, self.bearing_sigma)
+        arrays = (self.places, self.ranges, self.bearings, self.range_sigma, self.bearing_sigma)
+        return Readings(codes, *(values[rows] for values in arrays))
 
     @property
     def turnable(self) -> bool:

@@ -209,7 +209,7 @@ def _with_reading(track: _Track, reading: Readings, spread: float) -> _Track:
     inverse = np.linalg.inv(S)
     K = PH @ inverse
     # The range's and the bearing's own units, so that a right reading compares with a wrong one.
-    units = spread**2 * float(np.prod(np.array([reading.range_sigma[0], reading.bearing_sigma])[given]))
+    units = spread**2 * float(np.prod(np.array([reading.range_sigma[0], reading.bearing_sigma[0]])[given]))
     squared = float(r @ inverse @ r)
     log = (
         -0.5 * squared - 0.5 * math.log(np.linalg.det(S)) - math.log(2 * math.pi * units) + math.log(1 - WRONG_SHARE)

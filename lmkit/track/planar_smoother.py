@@ -24,6 +24,7 @@ SLIP_SIGMA = 10.0  # where the loss of motions bends: wheels err steadily, and r
 PIECE = 400  # moments taken up at once
 STEPS_A_PIECE, STEPS_AT_END = 4, 40
 CONVERGED = 1e-4
+EXACT = 1e-12  # m^2: a landmark whose place is known exactly
 OWN = len(PARAMETERS)  # of the shared unknowns, before the landmarks
 
 
@@ -82,7 +83,8 @@ def smooth_planar(
     Args:
         times_s: (N,) of the moments, increasing.
         readings: of every moment; may be empty.
-        landmarks: the map; None: their places are found, too, from the first pose at (0, 0, 0).
+        landmarks: the map, whose places move as far as its covariance allows; None: they are found, too, from the
+            first pose at (0, 0, 0).
     """
     noise = noise or DRIVE_NOISE
     problem = _Problem(times_s, readings, motion, landmarks, noise)
@@ -100,7 +102,6 @@ class _Problem:
         noise: ReadingNoise,
     ) -> None:
         self.times, self.motion, self.noise = times_s, motion, noise
-        self.known_map = landmarks is not None
         self._readings_by_moment, self._map = readings, landmarks
         codes = sorted({r.code for moment in readings for r in moment if landmarks is None or landmarks.find(r.code)})
         self.codes = codes
@@ -118,11 +119,15 @@ class _Problem:
         sigmas *= np.sqrt(_related(times_s[table[:, 0].astype(np.int64)], table[:, 1]))[:, None]
         self.readings = _Readings(table[:, 0].astype(np.int64), table[:, 1].astype(np.int64), table[:, 2:], sigmas)
         self.places = np.full((len(codes), 2), np.nan)
-        if landmarks is not None:
-            for k, code in enumerate(codes):
-                found = landmarks.find(code)
-                assert found is not None
-                self.places[k] = found.T_map_landmark.t[:2]
+        # (L,2,2) what is known of them beforehand.
+        self.known = np.zeros((len(codes), 2, 2))
+        hung = [] if landmarks is None else [m for m in map(landmarks.find, codes) if m is not None]
+        for k, m in enumerate(hung):
+            self.places[k] = m.T_map_landmark.t[:2]
+            C = EXACT * np.eye(2) + (0.0 if m.covariance is None else m.covariance[:2, :2])
+            self.known[k] = np.linalg.inv(C)
+        self.mapped = self.places.copy()
+        self.moves = landmarks is None or any(m.covariance is not None for m in hung)
         self.parameters = np.array(NOMINAL)
         self.states = np.zeros((0, 3))
 
@@ -136,9 +141,8 @@ class _Problem:
         self._settle(STEPS_AT_END)
 
     def _start(self) -> FloatArray:
-        if not self.known_map:
+        if self._map is None:
             return np.zeros(3)
-        assert self._map is not None
         for k, moment in enumerate(self._readings_by_moment):
             found = locate_planar(moment, self._map, self.noise)
             if found.status == "ok" and found.pose is not None and found.pose.heading_rad is not None:
@@ -190,7 +194,7 @@ class _Problem:
     def _move(self, step: FloatArray, shared: FloatArray) -> None:
         self.states = self.states + step
         self.parameters = self.parameters + shared[:OWN]
-        if not self.known_map:
+        if self.moves:
             self.places = self.places + shared[OWN:].reshape(-1, 2)
 
     def _errors(self) -> tuple[_Readings, FloatArray, FloatArray]:
@@ -213,10 +217,10 @@ class _Problem:
         squared = (self._errors()[1] ** 2).sum(axis=1)
         moved = (self._motion_errors()[0] ** 2).sum(axis=1)
         prior = (((self.parameters - NOMINAL) / PRIOR_SIGMA) ** 2).sum()
-        return float(_loss(squared).sum() + _loss(moved, SLIP_SIGMA).sum() + prior)
+        return float(_loss(squared).sum() + _loss(moved, SLIP_SIGMA).sum() + prior + self._map_cost())
 
     def _equations(self) -> tuple[ChainEquations, float, FloatArray]:
-        count, shared = len(self.states), OWN if self.known_map else OWN + 2 * len(self.codes)
+        count, shared = len(self.states), OWN + 2 * len(self.codes) * self.moves
         equations = ChainEquations.zeros(count, 3, shared)
         seen, errors, off = self._errors()
         squared = (errors**2).sum(axis=1)
@@ -226,20 +230,33 @@ class _Problem:
         J *= (errors != 0)[..., None]
         residuals = errors * root
         equations.add_to_states(seen.moments, J, residuals)
-        if not self.known_map:
+        if self.moves:
             columns = OWN + 2 * seen.landmarks[:, None] + np.arange(2)
             equations.add_shared(seen.moments, J, columns, -J[:, :, :2], residuals)
             unseen = np.isnan(self.places[:, 0]).repeat(2)
             equations.corner[OWN:, OWN:] += np.diag(np.where(unseen, 1.0, 1e-9))
-            # Where the map lies is not seen: the first pose stays.
-            equations.diagonal[0] += 1e9 * np.eye(3)
+            if self._map is None:
+                # Where the map lies is not seen: the first pose stays.
+                equations.diagonal[0] += 1e9 * np.eye(3)
+            else:
+                self._add_map(equations)
         cost = _loss(squared).sum()
         if count > 1:
             cost += self._add_motion(equations)
         off_prior = (NOMINAL - self.parameters) / PRIOR_SIGMA
         equations.corner[:OWN, :OWN] += np.diag(PRIOR_SIGMA**-2)
         equations.shared_gradient[:OWN] += off_prior / PRIOR_SIGMA
-        return equations, float(cost + (off_prior**2).sum()), weights
+        return equations, float(cost + (off_prior**2).sum() + self._map_cost()), weights
+
+    def _add_map(self, equations: ChainEquations) -> None:
+        for k, (known, off) in enumerate(zip(self.known, self.mapped - self.places, strict=True)):
+            rows = slice(OWN + 2 * k, OWN + 2 * k + 2)
+            equations.corner[rows, rows] += known
+            equations.shared_gradient[rows] += known @ off
+
+    def _map_cost(self) -> float:
+        off = np.nan_to_num(self.mapped - self.places)
+        return float(np.einsum("li,lij,lj->", off, self.known, off))
 
     def _add_motion(self, equations: ChainEquations) -> float:
         errors, sigmas, by_parameters = self._motion_errors()
@@ -261,7 +278,7 @@ class _Problem:
         equations, _, weights = self._equations()
         covariances, _, shared = equations.covariances()
         places = np.zeros((len(self.codes), 2, 2))
-        if not self.known_map:
+        if self.moves:
             for k in range(len(self.codes)):
                 places[k] = shared[OWN + 2 * k : OWN + 2 + 2 * k, OWN + 2 * k : OWN + 2 + 2 * k]
         return PlanarTrack(

@@ -1,9 +1,13 @@
 """Following simulated drives: poses, their covariances, and what is wrong with the wheels."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from lmkit.model.drive import Gyro, Odometry
+from lmkit.model.landmark_map import LandmarkMap
+from lmkit.model.pose import Pose
 from lmkit.motion import NOMINAL, MotionModel, between
 from lmkit.simulate.drive import WheelErrors, make_drive
 from lmkit.track.drive import track_live, track_pictures, track_pictures_live, track_readings
@@ -183,3 +187,26 @@ def test_a_robot_that_runs_ahead_of_its_odometry_is_not_lost(delay_s):
     later, P = wheels.predict(x, np.zeros((len(x), len(x))), 0.8, 1.0)
     assert later[:3] == pytest.approx([0.06, 0, 0], abs=1e-6)
     assert np.sqrt(P[0, 0]) < 0.03
+
+
+@pytest.mark.parametrize("follow", [track_readings, track_live])
+def test_what_the_map_leaves_open_enters_poses_and_covariance(follow):
+    """Landmarks measured to 0.1 m: said so, poses are better and their covariance holds."""
+    errors, nees = {True: [], False: []}, {True: [], False: []}
+    C = np.zeros((6, 6))
+    C[:3, :3] = 0.1**2 * np.eye(3)
+    for seed in range(3):
+        drive = make_drive(seed, seconds=40)
+        rng = np.random.default_rng(seed)
+        moved = [
+            replace(m, T_map_landmark=Pose("map", "landmark", m.T_map_landmark.R, m.T_map_landmark.t + shift))
+            for m, shift in zip(drive.landmarks, 0.1 * rng.normal(size=(len(drive.landmarks), 3)), strict=True)
+        ]
+        for said in (True, False):
+            landmarks = LandmarkMap([replace(m, covariance=C if said else None) for m in moved])
+            tracked = follow(drive.readings(seed), drive.odometry, drive.gyro, landmarks)
+            off, covariances = planar_errors(drive, tracked)
+            errors[said].append(rmse(off))
+            nees[said].append(np.einsum("ni,nij,nj->n", off, np.linalg.inv(covariances), off).mean())
+    assert np.mean(errors[True]) < 0.9 * np.mean(errors[False])
+    assert np.mean(nees[True]) < 3.5 < np.mean(nees[False])
