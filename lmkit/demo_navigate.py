@@ -19,12 +19,14 @@ from lmkit.formats.landmark_map import map_to_yaml
 from lmkit.formats.rig import rig_to_yaml
 from lmkit.formats.trajectory import poses_to_tum
 from lmkit.locate.rig import locate_rig
+from lmkit.locate.sightings import CORNER_FLOOR_PX
 from lmkit.model.floor_plan import FloorPlan
 from lmkit.model.landmark_map import LandmarkMap
 from lmkit.model.pose import Pose, planar_pose
 from lmkit.model.stereo_rig import StereoRig
 from lmkit.navigate.drive_to import Journey, Site, drive_to
 from lmkit.overlay import draw_landmarks, encode_jpeg
+from lmkit.picture_robot import CHAIN, PictureRobot
 from lmkit.plan.coverage import Demand, predict_coverage
 from lmkit.plan.hang import mounting_csv, sheets_to_print
 from lmkit.plan.pictures import draw_coverage
@@ -32,7 +34,7 @@ from lmkit.plan.place import Placement, place_landmarks
 from lmkit.plan.route import Spot, find_spot
 from lmkit.room_plan import BLUE, GREEN, ORANGE, Note, Way, draw_plan
 from lmkit.simulate.drive import T_BASE_LEFT, WheelErrors
-from lmkit.simulate.photograph import ImagingChain, Sensor, photograph
+from lmkit.simulate.photograph import photograph
 from lmkit.simulate.robot import SimulatedRobot
 from lmkit.simulate.scene import floor_scene, make_rig
 from lmkit.track.planar_filter import TrackedPose
@@ -92,8 +94,12 @@ class NavigateResult:
     picture_mm: float | None
 
 
-def run_navigate_demo(folder: Path, seed: int, tell: Progress) -> NavigateResult:
-    """Plan, print, drive three legs (a box stands in the way of the second), and write what happened."""
+def run_navigate_demo(folder: Path, seed: int, by_pictures: bool, tell: Progress) -> NavigateResult:
+    """Plan, print, drive three legs (a box stands in the way of the second), and write what happened.
+
+    Args:
+        by_pictures: the robot's eyes take pictures, which the detector reads; else corners are simulated.
+    """
     rig = replace(make_rig(), T_base_left=T_BASE_LEFT)
     write_file(folder / "floor.yaml", FLOOR, True)
     write_file(folder / "rig.yaml", rig_to_yaml(rig), True)
@@ -105,7 +111,9 @@ def run_navigate_demo(folder: Path, seed: int, tell: Progress) -> NavigateResult
     write_file(folder / "map.yaml", map_to_yaml(placement.landmarks), True)
     write_file(folder / "mounting.csv", mounting_csv(placement), True)
     coverage = predict_coverage(floor, list(placement.landmarks), rig, RADIUS_M)
-    site = Site(floor, placement.landmarks, rig, RADIUS_M, demand, coverage, corner_floor_px=0.0)
+    # Simulated corners have no lens and no paper that the floor could stand for.
+    floor_px, robots = (CORNER_FLOOR_PX, PictureRobot) if by_pictures else (0.0, SimulatedRobot)
+    site = Site(floor, placement.landmarks, rig, RADIUS_M, demand, coverage, corner_floor_px=floor_px)
     boxed = floor.blocked(np.array([BOX_AT]), BOX_RADIUS_M)
     x, y, heading = floor.places[LEGS[0][0]]
     start = np.array([x, y, heading])
@@ -117,7 +125,7 @@ def run_navigate_demo(folder: Path, seed: int, tell: Progress) -> NavigateResult
         tell("driving", number, len(LEGS))
         errors = WheelErrors(slips=2, delay_s=0.1)
         ground = boxed if number == 1 else floor
-        robot = SimulatedRobot(ground, placement.landmarks, rig, start, RADIUS_M, errors, seed + number)
+        robot = robots(ground, placement.landmarks, rig, start, RADIUS_M, errors, seed + number)
 
         def note(pose: TrackedPose, robot: SimulatedRobot = robot) -> None:
             if pose.state is None or pose.covariance is None:
@@ -164,7 +172,6 @@ def _photograph(
 ) -> tuple[ByteArray, int, list[float]]:
     """Pictures along the way, read and located: the film strip, how many were located, and their errors in mm."""
     scene, rng = floor_scene(seed, floor, landmarks), np.random.default_rng([seed, 9])
-    chain = ImagingChain(sensor=Sensor(6000.0, 8.0, bayer=True))
     frames, off_mm = [], []
     T_right = Pose("camera", "camera", rig.T_right_left.R, rig.T_right_left.t).inverse()
     rows = np.linspace(0, len(truth) - 1, PICTURES + 2).astype(int)[1:-1]
@@ -172,7 +179,7 @@ def _photograph(
         tell("photographing", number, PICTURES)
         T_left = planar_pose(truth[k]) @ T_BASE_LEFT
         T = Pose("map", "camera", T_left.R, T_left.t)
-        pictures = [photograph(scene, rig.left, T, chain, rng), photograph(scene, rig.right, T @ T_right, chain, rng)]
+        pictures = [photograph(scene, rig.left, T, CHAIN, rng), photograph(scene, rig.right, T @ T_right, CHAIN, rng)]
         seen = [
             detect_landmarks(picture, DetectOptions(camera=eye))
             for picture, eye in zip(pictures, (rig.left, rig.right), strict=True)

@@ -154,7 +154,7 @@ def draw_drive(
 def _survey_verdict(survey: Survey) -> tuple[str, str, str]:
     if survey.odd or survey.bundle.jumps:
         return "poor", "The drive contradicts itself.", "See the warnings: something was moved, or is misread."
-    if survey.unplaced or survey.weak:
+    if survey.unplaced or survey.weak or survey.ambiguous or survey.astray:
         return (
             "fair",
             "A map with gaps.",

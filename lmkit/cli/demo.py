@@ -27,6 +27,9 @@ def run(
     navigate: Annotated[
         bool, typer.Option("--navigate", help="Plan where landmarks hang, then drive through rooms by them.")
     ] = False,
+    pictures: Annotated[
+        bool, typer.Option("--pictures", help="With --navigate: by pictures that are read, not by corners (minutes).")
+    ] = False,
     force: Annotated[bool, typer.Option("--force", help="Overwrite a folder of an earlier run.")] = False,
 ) -> None:
     """Print, photograph a simulated room, calibrate, locate, and compare with the truth."""
@@ -43,11 +46,13 @@ def run(
     check_writable(output / "errors.csv", force)
     if drive and navigate:
         raise InputError("not_together", "--drive and --navigate do not go together", "leave one of them out")
+    if pictures and not navigate:
+        raise InputError("no_navigate", "--pictures needs --navigate beside it", "add --navigate")
     if drive:
         _drive(output, seed, landmarks)
         return
     if navigate:
-        _navigate(output, seed)
+        _navigate(output, seed, pictures)
         return
     with _Bars() as bars:
         result = run_demo(output, seed, pairs, boards, landmarks, bars.tell)
@@ -69,13 +74,13 @@ def _drive(folder: Path, seed: int, landmarks: int) -> None:
     print_line(f"see {folder / 'plan.png'}, {folder / 'map.yaml'}, {folder / 'trajectory.tum'}")
 
 
-def _navigate(folder: Path, seed: int) -> None:
+def _navigate(folder: Path, seed: int, by_pictures: bool) -> None:
     from lmkit.demo_navigate import run_navigate_demo
 
     with _Bars() as bars:
-        answer = run_navigate_demo(folder, seed, bars.tell)
+        answer = run_navigate_demo(folder, seed, by_pictures, bars.tell)
     print_line(f"{answer.landmarks} landmarks placed; the demand holds at {answer.share:.0%} of the floor")
-    print_line("simulated robot, corners, wheels and gyro:")
+    print_line(f"simulated robot, {'pictures' if by_pictures else 'corners'}, wheels and gyro:")
     for leg in answer.legs:
         end = f"{leg.off_mm:5.1f} mm and {leg.off_deg:4.2f} deg from the goal" if leg.status == "arrived" else leg.why
         print_line(f"{leg.name:18s} {leg.status:8s} {leg.way_m:5.1f} m, {leg.seconds:3.0f} s: {end}")

@@ -249,6 +249,10 @@ def _warnings(result: Survey, motion: Motion | None, advice: dict[int, str]) -> 
             f"between {from_s:g} and {to_s:g} s the rig leaps by {metres:.2f} m: it slid or was carried, or a "
             "landmark seen there was moved, or is placed by the wrong one of its two poses; look from another side"
         )
+    for code in result.ambiguous:
+        texts.append(
+            f"{code} may as well hang turned: it was seen from one side and from afar; look from another side"
+        )
     for code, tie, metres in result.astray:
         texts.append(
             f"{code} is {1000 * metres:.0f} mm off the {tie} that it is declared to share; check it in the room"
@@ -313,6 +317,7 @@ def _summary(result: Survey, moments: list[StereoMoment], motion: Motion | None,
         "jumps": [{"from_s": a, "to_s": b, "metres": m} for a, b, m in result.bundle.jumps],
         "weak": [code for code, _, _ in result.weak],
         "unplaced": list(result.unplaced),
+        "ambiguous": list(result.ambiguous),
         "astray": [{"code": code, "of": str(tie), "metres": metres} for code, tie, metres in result.astray],
         "odometry": {} if motion is None else dict(zip(motion.names, bundle.parameters.tolist(), strict=True)),
     }

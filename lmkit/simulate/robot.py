@@ -77,10 +77,13 @@ class SimulatedRobot:
 
     def look(self) -> tuple[Seen, Seen]:
         """What both eyes see (corners as measured, `model/recognition.py`); pictures come ``delay_s`` late."""
-        # No floor is quite level, and no robot stands still on its springs.
+        return look(self.landmarks, self.rig, self.leaning(), None, self._rng, self.floor)
+
+    def leaning(self) -> Pose:
+        """T_map_base of what the eyes see now: no floor is quite level, and no robot stands still on its springs."""
         turn = np.append(self._rng.normal(0, LEAN_RAD, 2), 0.0)
-        leaning = Pose.from_rvec("base", "base", turn, np.array([0.0, 0.0, self._rng.normal(0, LIFT_M)]))
-        return look(self.landmarks, self.rig, planar_pose(self.seen_from) @ leaning, None, self._rng, self.floor)
+        lean = Pose.from_rvec("base", "base", turn, np.array([0.0, 0.0, self._rng.normal(0, LIFT_M)]))
+        return planar_pose(self.seen_from) @ lean
 
     def obstacle_ahead(self, reach_m: float) -> FloatArray | None:
         """(2,) nearest obstacle in a strip as wide as the robot, forward and left of it; None where all is free."""

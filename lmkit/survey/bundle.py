@@ -78,6 +78,17 @@ class Bundle:
         return [Pose("map", "left", orthonormal(R), p) for R, p in zip(self.poses.R, self.poses.p, strict=True)]
 
 
+@dataclass(frozen=True, eq=False)
+class State:
+    """The unknowns at some time."""
+
+    R: FloatArray
+    p: FloatArray
+    lm_R: FloatArray
+    lm_p: FloatArray
+    parameters: FloatArray
+
+
 class BundleProblem:
     """Sightings of a drive, and the unknowns as they stand.
 
@@ -151,7 +162,7 @@ class BundleProblem:
             except np.linalg.LinAlgError:
                 damping = max(damping * 100, 1e-6)
                 continue
-            before = self.R, self.p, self.lm_R, self.lm_p, self.parameters
+            before = self.state()
             self._move(step, shared)
             there, new_cost = self._equations()
             if new_cost <= cost:
@@ -160,11 +171,56 @@ class BundleProblem:
                 if done:
                     break
             else:
-                self.R, self.p, self.lm_R, self.lm_p, self.parameters = before
+                self.restore(before)
                 damping = max(damping * 50, 1e-6)
                 if damping > 1e8:
                     break
         return cost
+
+    def state(self) -> State:
+        """The unknowns as they stand."""
+        return State(self.R, self.p, self.lm_R, self.lm_p, self.parameters)
+
+    def restore(self, state: State) -> None:
+        """Back to where they stood."""
+        self.R, self.p, self.lm_R, self.lm_p = state.R, state.p, state.lm_R, state.lm_p
+        self.parameters = state.parameters
+
+    def cost(self) -> float:
+        """As things stand."""
+        return self._equations()[1]
+
+    def put(self, landmark: int, R: FloatArray, p: FloatArray) -> None:
+        """Hang one landmark elsewhere."""
+        self.lm_R, self.lm_p = self.lm_R.copy(), self.lm_p.copy()
+        self.lm_R[landmark], self.lm_p[landmark] = R, p
+
+    def is_held(self, landmark: int) -> bool:
+        """Is its pose known exactly?"""
+        m = self.hung[landmark]
+        anchor = self.anchors.get((m.family, m.code))
+        return anchor is not None and anchor.covariance is None
+
+    def landmark_costs(self) -> FloatArray:
+        """(L,) what each landmark's sightings cost."""
+        squared = self.misfits() ** 2
+        cost = 8 * CAUCHY_SIGMA**2 * np.log1p(squared / CAUCHY_SIGMA**2) * self.used
+        return np.asarray(np.bincount(self.of, cost, len(self.hung)), dtype=np.float64)
+
+    def landmark_steps(self) -> FloatArray:
+        """(L,6) a step of each landmark alone, with the rig where it is."""
+        e = self._equations()[0]
+        rows = self.own + 6 * np.arange(len(self.hung))[:, None] + np.arange(6)
+        blocks, gradients = e.corner[rows[:, :, None], rows[:, None]], e.shared_gradient[rows]
+        return np.asarray(np.linalg.solve(blocks, gradients[..., None])[..., 0])
+
+    def seen_along(self) -> FloatArray:
+        """(L,3) unit vectors from landmarks to where they were seen from, in the middle."""
+        away = self.p[self.at] - self.lm_p[self.of]
+        away = away / np.linalg.norm(away, axis=1, keepdims=True) * self.used[:, None]
+        total = np.zeros((len(self.hung), 3))
+        np.add.at(total, self.of, away)
+        return np.asarray(total / np.maximum(np.linalg.norm(total, axis=1, keepdims=True), 1e-12))
 
     def drop_outliers(self, sigma: float) -> int:
         """Leave out sightings that do not fit at all: even weighed down, many of them pull together."""
@@ -368,7 +424,7 @@ class BundleProblem:
             off = moved - fastest * seconds
             # A pose that is hardly known leaps for that alone.
             variance = np.einsum("nii->n", covariances[:, :3, :3])
-            sure = off > LEAP_SIGMA * np.sqrt(variance[1:] + variance[:-1])
+            sure = off > LEAP_SIGMA * np.sqrt(np.abs(variance[1:] + variance[:-1]))
             leaps = np.flatnonzero((off > LEAST_JUMP_M) & sure & (seconds < LONGEST_S))
         else:
             r = self._motion_rows(self.motion)[2]

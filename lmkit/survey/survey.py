@@ -20,6 +20,7 @@ from lmkit.motion import Motion
 from lmkit.survey.bundle import Anchor, Bundle, BundleProblem
 from lmkit.survey.start import Key, Start, find_start
 from lmkit.survey.ties import Tie, strays
+from lmkit.survey.twins import resolve_twins
 
 OUTLIER_SIGMA = 4.5  # root mean square over a sighting's eight coordinates
 ROUNDS, STEPS = 4, 30
@@ -63,6 +64,7 @@ class Survey:
         weak: codes determined to no better than 3 cm or 2 deg, with both deviations (m, rad).
         unplaced: codes that were seen, but not well enough to be placed.
         dropped: sightings left out.
+        ambiguous: codes that may as well hang turned, by their twin.
         astray: codes that do not hang as declared, what was declared of them, and how far they are off (m).
     """
 
@@ -73,6 +75,7 @@ class Survey:
     weak: tuple[tuple[int, float, float], ...]
     unplaced: tuple[int, ...]
     dropped: int
+    ambiguous: tuple[int, ...] = ()
     astray: tuple[tuple[int, Tie, float], ...] = ()
 
 
@@ -99,12 +102,16 @@ def survey_drive(
     """
     start = find_start(moments, rig, dict(sizes_m), anchors, motion)
     problem, dropped = _settled(start, moments, rig, motion, ties)
-    if start.unplaced or None in start.poses:
+    if start.unplaced or _missing(start):
         # By the map as it is now more may be located and placed than while it grew.
         again = find_start(moments, rig, dict(sizes_m), _hung(start, problem), motion)
-        if again.poses.count(None) < start.poses.count(None) or len(again.unplaced) < len(start.unplaced):
-            start = again
+        if _missing(again) < _missing(start) or len(again.unplaced) < len(start.unplaced):
+            # What is known beforehand is still that alone.
+            start = replace(again, anchors=start.anchors)
             problem, dropped = _settled(start, moments, rig, motion, ties)
+    undecided = resolve_twins(problem)
+    dropped = problem.drop_outliers(OUTLIER_SIGMA)
+    problem.settle(STEPS)
     rows, _ = start.known_poses()
     seen = {(o.family, o.code) for k in rows for o in (*moments[k].left, *moments[k].right)}
     bundle = problem.answer(OUTLIER_SIGMA)
@@ -117,9 +124,18 @@ def survey_drive(
     ]
     landmarks = LandmarkMap([*bundle.landmarks, *unseen])
     unplaced = tuple(sorted([code for _, code in start.unplaced] + [m.code for m in lost]))
+    ambiguous = tuple(sorted({problem.hung[k].code for k in undecided} & believed))
     odd = tuple(odd for odd in odd_landmarks(bundle) if odd.code in believed)
     return Survey(
-        bundle, landmarks, rows, odd, _weak(bundle.landmarks), unplaced, dropped, _astray(ties, bundle.landmarks)
+        bundle,
+        landmarks,
+        rows,
+        odd,
+        _weak(bundle.landmarks),
+        unplaced,
+        dropped,
+        ambiguous,
+        _astray(ties, bundle.landmarks),
     )
 
 
@@ -136,6 +152,11 @@ def _settled(
     hung = LandmarkMap([m for key, m in start.placed.items() if key in seen])
     problem = BundleProblem([moments[k] for k in rows], rig, poses, hung, start.anchors, motion, ties=ties)
     return problem, settle_all(problem)
+
+
+def _missing(start: Start) -> int:
+    """Moments without any pose."""
+    return len(start.poses) - len(start.known_poses()[0])
 
 
 def _hung(start: Start, problem: BundleProblem) -> dict[Key, Anchor]:
@@ -215,4 +236,5 @@ def deviations(landmark: MappedLandmark) -> tuple[float, float]:
     C = landmark.covariance
     if C is None:
         return 0.0, 0.0
-    return float(np.sqrt(np.trace(C[:3, :3]))), float(np.sqrt(np.linalg.eigvalsh(C[3:, 3:])[-1]))
+    # What is not determined at all may come out negative; its size is as telling.
+    return float(np.sqrt(abs(np.trace(C[:3, :3])))), float(np.sqrt(abs(np.linalg.eigvalsh(C[3:, 3:])[-1])))

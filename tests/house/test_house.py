@@ -38,7 +38,7 @@ FLOORS = [
         "installation",
     },
     {"track", "plan"},
-    {"navigate", "drive_report", "drive_recording"},
+    {"navigate", "drive_report", "drive_recording", "picture_robot"},
     {"board_capture", "demo", "demo_drive", "demo_navigate"},
     {"cli"},
 ]

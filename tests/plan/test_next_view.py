@@ -13,11 +13,14 @@ from lmkit.survey.bundle import Anchor
 from lmkit.survey.survey import deviations, survey_drive
 
 
+def codes_seen(drive):
+    return list(dict.fromkeys(o.code for moment in drive.moments for o in moment.left))
+
+
 def survey(drive, moments):
     sizes = {("lm8", m.code): m.size_m for m in drive.landmarks}
-    seen = list(dict.fromkeys(o.code for moment in drive.moments for o in moment.left))
-    anchors = {("lm8", code): Anchor(drive.landmarks.find(code), None) for code in seen[:6]}
-    return survey_drive(moments, drive.rig, sizes, anchors), seen[6]
+    anchors = {("lm8", code): Anchor(drive.landmarks.find(code), None) for code in codes_seen(drive)[:6]}
+    return survey_drive(moments, drive.rig, sizes, anchors)
 
 
 def with_few_far_views_of(drive, code):
@@ -37,11 +40,11 @@ def with_few_far_views_of(drive, code):
 
 def test_the_view_that_is_proposed_does_what_it_promises():
     promised, kept = [], []
-    for seed in range(3):
-        drive = make_drive(seed, seconds=40)
-        code = survey(drive, drive.moments)[1]
+    for seed in (2, 3):
+        drive = make_drive(seed, seconds=30)
+        code = codes_seen(drive)[6]
         moments = with_few_far_views_of(drive, code)
-        before, _ = survey(drive, moments)
+        before = survey(drive, moments)
         weak = before.bundle.landmarks.find(code)
         view = next_view(weak, before.bundle, drive.rig)
         assert view is not None
@@ -54,7 +57,7 @@ def test_the_view_that_is_proposed_does_what_it_promises():
             if {o.code for o in left} >= {code, *view.beside}:
                 break
         time = drive.moments[-1].time_s + 100.0
-        after, _ = survey(drive, [*moments, StereoMoment(time, left, right)])
+        after = survey(drive, [*moments, StereoMoment(time, left, right)])
         place, turn = deviations(after.bundle.landmarks.find(code))
         promised.append(view.then_m + view.then_rad)
         kept.append(place + turn)
@@ -62,8 +65,8 @@ def test_the_view_that_is_proposed_does_what_it_promises():
 
 
 def test_no_view_is_proposed_where_the_whole_map_errs_alike():
-    drive = make_drive(1, seconds=40)
-    bundle = survey(drive, drive.moments)[0].bundle
+    drive = make_drive(1, seconds=30)
+    bundle = survey(drive, drive.moments).bundle
     code = next(iter(bundle.landmarks)).code
     count = len(bundle.landmarks)
     # All of them are off by the same 0.1 m, and hardly by anything else.

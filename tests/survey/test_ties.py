@@ -91,8 +91,8 @@ def off_the_wall(drive, result, codes):
 
 def test_a_declared_wall_makes_the_map_flatter():
     plain, tied = [], []
-    for seed in range(3):
-        drive = make_drive(seed, seconds=20, noise_px=0.5)
+    for seed in range(2):
+        drive = make_drive(seed, seconds=15, noise_px=0.5)
         codes = along_a_wall(drive)
         plain.append(off_the_wall(drive, surveyed(drive, drive.moments, ()), codes))
         result = surveyed(drive, drive.moments, [Tie("wall", codes, 0.005, np.deg2rad(0.5))])

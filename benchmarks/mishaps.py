@@ -1,0 +1,153 @@
+"""What goes wrong in real surveys, simulated: is it mended, or at least named, or does the map bend in silence?
+
+    uv run python benchmarks/mishaps.py [--seeds 10] [--first 0]
+
+Drives of a minute with one anchor (`simulate/drive.py`: simulated corners, wheels and gyro).  From half way on two
+landmarks are exchanged, or one hangs on the wall across; odometry stops for 10 s, or its clock jumps by 2 s (without
+the gyro); no landmark larger than 30 px is seen.  Bent: a landmark that was not touched is off by more than 5 cm or
+0.15 rad and four standard deviations.  Named: the survey says that something contradicts itself, is ambiguous or was
+not placed.
+"""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Callable, Sequence
+from concurrent.futures import ProcessPoolExecutor
+from dataclasses import dataclass, replace
+from functools import partial
+
+import numpy as np
+
+from lmkit.errors import LmkitError
+from lmkit.model.drive import Gyro, Odometry, StereoMoment
+from lmkit.model.landmark_map import LandmarkMap
+from lmkit.model.observation import LandmarkObservation
+from lmkit.model.pose import Pose, rotation_angle
+from lmkit.motion import MotionModel
+from lmkit.simulate.drive import Drive, WheelErrors, make_drive
+from lmkit.simulate.look import look
+from lmkit.survey.bundle import Anchor
+from lmkit.survey.survey import Survey, survey_drive
+
+SECONDS, NOISE_PX, LARGEST_PX = 60.0, 0.15, 30.0
+ROOM_M = (8.0, 5.0)
+BENT_M, BENT_RAD, BENT_SIGMA = 0.05, 0.15, 4.0
+NAMES = ("nothing", "two exchanged", "one moved", "odometry stops", "clock jumps", "all seen from afar")
+WITHOUT_ODOMETRY = (0, 1, 2, 5)
+
+Seen = tuple[LandmarkObservation, ...]
+
+
+@dataclass(frozen=True)
+class Case:
+    moments: Sequence[StereoMoment]
+    odometry: Odometry
+    gyro: Gyro | None
+    touched: frozenset[int] = frozenset()
+
+
+def each_eye(moment: StereoMoment, change: Callable[[Seen], Seen]) -> StereoMoment:
+    return replace(moment, left=change(moment.left), right=change(moment.right))
+
+
+def cases(drive: Drive, seed: int) -> list[Case]:
+    """As in NAMES."""
+    rng, half = np.random.default_rng(seed), len(drive.moments) // 2
+    codes = list(dict.fromkeys(o.code for moment in drive.moments for o in moment.left))[1:]
+    a, b, moved = (int(code) for code in rng.choice(codes, 3, replace=False))
+    plain = Case(drive.moments, drive.odometry, drive.gyro)
+
+    def exchanged(seen: Seen) -> Seen:
+        return tuple(replace(o, code={a: b, b: a}.get(o.code, o.code)) for o in seen)
+
+    T = drive.landmarks.find(moved).T_map_landmark
+    place = np.array([ROOM_M[0] - T.t[0], ROOM_M[1] - T.t[1], T.t[2]])
+    across = Pose("map", "landmark", np.diag([-1.0, -1.0, 1.0]) @ T.R, place)
+    hung = LandmarkMap([replace(m, T_map_landmark=across) if m.code == moved else m for m in drive.landmarks])
+
+    def seen_again(k: int) -> StereoMoment:
+        left, right = look(hung, drive.rig, drive.pose(k), NOISE_PX, rng)
+        return replace(drive.moments[k], left=left, right=right)
+
+    def small(seen: Seen) -> Seen:
+        return tuple(o for o in seen if np.linalg.norm(o.corners[0] - o.corners[1]) < LARGEST_PX)
+
+    o = drive.odometry
+    on = (o.times_s < 20) | (o.times_s > 30)
+    return [
+        plain,
+        replace(
+            plain,
+            moments=[m if k < half else each_eye(m, exchanged) for k, m in enumerate(drive.moments)],
+            touched=frozenset({a, b}),
+        ),
+        replace(
+            plain,
+            moments=[m if k < half else seen_again(k) for k, m in enumerate(drive.moments)],
+            touched=frozenset({moved}),
+        ),
+        replace(plain, odometry=Odometry(o.times_s[on], o.forward_m[on], o.turn_rad[on])),
+        replace(
+            plain,
+            odometry=Odometry(np.where(o.times_s > 30, o.times_s + 2.0, o.times_s), o.forward_m, o.turn_rad),
+            gyro=None,
+        ),
+        replace(plain, moments=[each_eye(m, small) for m in drive.moments]),
+    ]
+
+
+def outcome(drive: Drive, case: Case, wheels: bool) -> tuple[bool, bool]:
+    """Bent, and named."""
+    seen = list(dict.fromkeys(o.code for moment in case.moments for o in moment.left))
+    anchor = drive.landmarks.find(next(code for code in seen if code not in case.touched))
+    sizes = {("lm8", m.code): m.size_m for m in drive.landmarks}
+    motion = MotionModel(case.odometry, case.gyro) if wheels else None
+    try:
+        survey = survey_drive(case.moments, drive.rig, sizes, {("lm8", anchor.code): Anchor(anchor, None)}, motion)
+    except LmkitError:
+        return False, True
+    named = survey.odd or survey.bundle.jumps or survey.unplaced or survey.ambiguous
+    return bent(drive, survey, case.touched), bool(named)
+
+
+def bent(drive: Drive, survey: Survey, touched: frozenset[int]) -> bool:
+    for m in survey.bundle.landmarks:
+        true, C = drive.landmarks.find(m.code).T_map_landmark, m.covariance
+        off = float(np.linalg.norm(m.T_map_landmark.t - true.t))
+        turned = float(rotation_angle(m.T_map_landmark.R.T @ true.R))
+        place, turn = (np.sqrt(abs(np.linalg.eigvalsh(C[part, part])[-1])) for part in (slice(0, 3), slice(3, 6)))
+        if m.code not in touched and (off > BENT_M + BENT_SIGMA * place or turned > BENT_RAD + BENT_SIGMA * turn):
+            return True
+    return False
+
+
+def outcomes(seed: int, wheels: bool) -> list[tuple[bool, bool]]:
+    drive = make_drive(seed, SECONDS, size_m=ROOM_M, errors=WheelErrors(slips=seed % 2), noise_px=NOISE_PX)
+    chosen = enumerate(cases(drive, seed))
+    return [outcome(drive, case, wheels) for k, case in chosen if wheels or k in WITHOUT_ODOMETRY]
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--seeds", type=int, default=10)
+    parser.add_argument("--first", type=int, default=0)
+    arguments = parser.parse_args()
+    seeds = range(arguments.first, arguments.first + arguments.seeds)
+    print("| odometry | mishap | drives | map bent | and not named | named |")
+    print("|---|---|---|---|---|---|")
+    for wheels in (True, False):
+        with ProcessPoolExecutor() as pool:
+            results = list(pool.map(partial(outcomes, wheels=wheels), seeds))
+        names = NAMES if wheels else [NAMES[k] for k in WITHOUT_ODOMETRY]
+        for name, runs in zip(names, zip(*results, strict=True), strict=True):
+            silent = sum(bent and not named for bent, named in runs)
+            print(
+                f"| {'yes' if wheels else 'no'} | {name} | {len(runs)} | {sum(bent for bent, _ in runs)} | {silent} | "
+                f"{sum(named for _, named in runs)} |",
+                flush=True,
+            )
+
+
+if __name__ == "__main__":
+    main()
