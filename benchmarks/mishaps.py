@@ -143,8 +143,8 @@ def main() -> None:
         for name, runs in zip(names, zip(*results, strict=True), strict=True):
             silent = sum(bent and not named for bent, named in runs)
             print(
-                f"| {'yes' if wheels else 'no'} | {name} | {len(runs)} | {sum(bent for bent, _ in runs)} | {silent} | "
-                f"{sum(named for _, named in runs)} |",
+                f"| {'yes' if wheels else 'no'} | {name} | {len(runs)} | {sum(bent for bent, _ in runs)} "
+                f"| {silent} | {sum(named for _, named in runs)} |",
                 flush=True,
             )
 

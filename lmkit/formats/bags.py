@@ -119,8 +119,8 @@ def find_topics(types: dict[str, str], wanted: dict[str, str | None], bag: Path)
     return Topics(left, right, found["left_info"], found["right_info"], found["odometry"], found["imu"])
 
 
-def poses_to_bag(folder: Path, trajectory: Trajectory, topic: str = "/lmkit/pose", frame: str = "map") -> None:
-    """A ROS 2 bag (sqlite3) with geometry_msgs/PoseStamped.
+def poses_to_bag(folder: Path, trajectory: Trajectory, frame: str = "map") -> None:
+    """A ROS 2 bag (sqlite3): nav_msgs/Path of all poses on /lmkit/path, then each as PoseStamped on /lmkit/pose.
 
     Raises:
         InputError: rosbags is not installed, or the folder exists.
@@ -133,19 +133,27 @@ def poses_to_bag(folder: Path, trajectory: Trajectory, topic: str = "/lmkit/pose
         raise InputError("file_exists", f"{folder} exists", "choose another name with -o")
     store = get_typestore(Stores.ROS2_HUMBLE)
     types = store.types
+    stamped, path = "geometry_msgs/msg/PoseStamped", "nav_msgs/msg/Path"
+    poses = []
+    for time_s, p, q in zip(trajectory.times_s, trajectory.positions, trajectory.quaternions, strict=True):
+        nanoseconds = round(float(time_s) * 1e9)
+        stamp = types["builtin_interfaces/msg/Time"](nanoseconds // 10**9, nanoseconds % 10**9)
+        message = types[stamped](
+            types["std_msgs/msg/Header"](stamp, frame),
+            types["geometry_msgs/msg/Pose"](
+                types["geometry_msgs/msg/Point"](*map(float, p)),
+                types["geometry_msgs/msg/Quaternion"](*map(float, q)),
+            ),
+        )
+        poses.append((nanoseconds, message))
     with Writer(folder, version=8) as writer:
-        connection = writer.add_connection(topic, "geometry_msgs/msg/PoseStamped", typestore=store)
-        for time_s, p, q in zip(trajectory.times_s, trajectory.positions, trajectory.quaternions, strict=True):
-            nanoseconds = round(float(time_s) * 1e9)
-            stamp = types["builtin_interfaces/msg/Time"](nanoseconds // 10**9, nanoseconds % 10**9)
-            message = types["geometry_msgs/msg/PoseStamped"](
-                types["std_msgs/msg/Header"](stamp, frame),
-                types["geometry_msgs/msg/Pose"](
-                    types["geometry_msgs/msg/Point"](*map(float, p)),
-                    types["geometry_msgs/msg/Quaternion"](*map(float, q)),
-                ),
-            )
-            writer.write(connection, nanoseconds, store.serialize_cdr(message, "geometry_msgs/msg/PoseStamped"))
+        first: Any = poses[0][1]
+        whole = types[path](first.header, [message for _, message in poses])
+        on_path = writer.add_connection("/lmkit/path", path, typestore=store)
+        writer.write(on_path, poses[0][0], store.serialize_cdr(whole, path))
+        on_pose = writer.add_connection("/lmkit/pose", stamped, typestore=store)
+        for nanoseconds, message in poses:
+            writer.write(on_pose, nanoseconds, store.serialize_cdr(message, stamped))
 
 
 def _require_rosbags() -> None:

@@ -134,7 +134,16 @@ def test_poses_go_into_a_bag(tmp_path):
     )
     poses_to_bag(tmp_path / "out", track)
     with AnyReader([tmp_path / "out"], default_typestore=get_typestore(Stores.ROS2_HUMBLE)) as reader:
-        read = [(t, reader.deserialize(raw, c.msgtype)) for c, t, raw in reader.messages()]
+        topics = {
+            topic: [c for c in reader.connections if c.topic == topic] for topic in ("/lmkit/pose", "/lmkit/path")
+        }
+        read, paths = (
+            [(t, reader.deserialize(raw, c.msgtype)) for c, t, raw in reader.messages(connections=one)]
+            for one in topics.values()
+        )
+    assert [len(path.poses) for _, path in paths] == [2]
+    assert paths[0][1].header.frame_id == "map"
+    assert paths[0][1].poses[1].pose.position.z == 6.0
     assert [t for t, _ in read] == [1_000_000_000, 2_500_000_000]
     assert read[1][1].pose.position.y == 5.0
     assert read[1][1].pose.orientation.x == 1.0
