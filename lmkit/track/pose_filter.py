@@ -71,7 +71,7 @@ class PoseFilter:
     ) -> None:
         self._map, self._rig, self._noise, self._floor_px = landmarks, rig, noise, corner_floor_px
         self._T = rig.T_base_left or Pose.identity("base", "left")
-        self._rows: deque[tuple[float, Pose]] = deque()
+        self._rows: deque[tuple[float, FloatArray, FloatArray]] = deque()
         self._time: float | None = None
         self._R: FloatArray = np.eye(3)
         self._p: FloatArray = np.zeros(3)
@@ -80,7 +80,7 @@ class PoseFilter:
 
     def add_odometry(self, time_s: float, T_odometry_base: Pose) -> None:
         """Where odometry has the robot, in its own frame that drifts."""
-        self._rows.append((time_s, T_odometry_base))
+        self._rows.append((time_s, T_odometry_base.t, T_odometry_base.quaternion_xyzw))
 
     def observe(
         self, time_s: float, left: Sequence[LandmarkObservation], right: Sequence[LandmarkObservation]
@@ -123,12 +123,9 @@ class PoseFilter:
             self._rows.popleft()
         rows = list(self._rows)
         if len(rows) < 2:  # nothing is known of how it moved
-            rows = [(before_s - ago, Pose.identity("odometry", "base")) for ago in (2.0, 1.0)]
-        poses = Trajectory(
-            np.array([time for time, _ in rows]),
-            np.array([T.t for _, T in rows]),
-            np.array([T.quaternion_xyzw for _, T in rows]),
-        )
+            rows = [(before_s - ago, np.zeros(3), np.array([0.0, 0.0, 0.0, 1.0])) for ago in (2.0, 1.0)]
+        times, places, turned = (np.array(column) for column in zip(*rows, strict=True))
+        poses = Trajectory(times, places, turned)
         steps = PoseMotion(poses, self._noise).steps(np.array([before_s, time_s]), PoseMotion.nominal)
         R_step, t_step = steps.of_camera(self._T)
         base = self._R @ self._T.R.T
