@@ -27,6 +27,8 @@ STEPS = np.array([1e-4, 1e-4, 1e-5, 1e-5, 1e-4, 1e-3])
 UNLIKELY_SIGMA = 3.5  # of a parameter against its prior
 LONGEST_STEP_S = 0.5  # of time between rows: more is a gap, in which nothing is known
 # A robot on wheels keeps its height and its level between two moments, but for the floor.
+SPEED_MPS, SPEED_RADPS = 0.5, 0.7  # of a rig of which nothing is known
+LEAST_STEP_M, LEAST_STEP_RAD = 0.02, 0.02
 LIFT_M, LIFT_PER_ROOT_M = 0.002, 0.003
 LEAN_RAD, LEAN_PER_ROOT_M = 0.002, 0.004
 
@@ -214,6 +216,29 @@ class MotionModel:
         dx, dy = np.diff(x, axis=1), np.diff(y, axis=1)
         c, s = np.cos(at[:, :-1]), np.sin(at[:, :-1])
         return np.stack([c * dx + s * dy, -s * dx + c * dy, np.diff(at, axis=1)], axis=2)
+
+
+class NoLeaps:
+    """Without odometry: no rig leaps from one moment to the next."""
+
+    names: tuple[str, ...] = ()
+    nominal, prior_sigma, of_base = np.zeros(0), np.zeros(0), False
+
+    def require_overlap(self, times_s: FloatArray) -> None:
+        """It is of every time."""
+
+    def steps(self, times_s: FloatArray, parameters: FloatArray) -> Steps:
+        """Standing still, as well as robots do that drive."""
+        seconds = np.diff(times_s)
+        count = len(seconds)
+        place, turn = np.hypot(LEAST_STEP_M, SPEED_MPS * seconds), np.hypot(LEAST_STEP_RAD, SPEED_RADPS * seconds)
+        return Steps(
+            np.repeat(np.eye(3)[None], count, axis=0),
+            np.zeros((count, 3)),
+            np.zeros((count, 6, 0)),
+            np.repeat(np.column_stack([place, turn]), 3, axis=1),
+            np.ones(count, dtype=bool),
+        )
 
 
 def require_common_times(own_s: FloatArray, times_s: FloatArray) -> None:

@@ -21,7 +21,7 @@ from lmkit.model.drive import StereoMoment
 from lmkit.model.landmark_map import LandmarkMap, MappedLandmark
 from lmkit.model.pose import Pose, orthonormal
 from lmkit.model.stereo_rig import StereoRig
-from lmkit.motion import Motion
+from lmkit.motion import Motion, NoLeaps
 from lmkit.survey.ties import Tie, tie_rows
 
 CAUCHY_SIGMA = 2.4
@@ -113,7 +113,8 @@ class BundleProblem:
         ties: Sequence[Tie] = (),
     ) -> None:
         self.times = np.array([moment.time_s for moment in moments])
-        self.motion, self.frozen = motion, frozen
+        self.motion: Motion = motion or NoLeaps()
+        self.frozen = frozen
         self.R, self.p = start.R.copy(), start.p.copy()
         self.hung = list(landmarks)
         self.anchors, self.ties = dict(anchors), ties
@@ -143,7 +144,7 @@ class BundleProblem:
         self.lm_p = np.array([m.T_map_landmark.t for m in self.hung])
         self.arms = np.array([(m.corners_map - m.T_map_landmark.t) @ m.T_map_landmark.R for m in self.hung])
         self.used = np.ones(len(self.at), dtype=bool)
-        self.parameters = np.zeros(0) if motion is None else np.array(motion.nominal)
+        self.parameters = np.array(self.motion.nominal)
         self.own = len(self.parameters)  # of the shared unknowns, before the landmarks
         self.motion_scale = np.ones(6)
         self.may_slip = True
@@ -232,10 +233,10 @@ class BundleProblem:
 
         Where the eyes say little, motion agrees with itself; only moments at which they say more are asked.
         """
-        if self.motion is None or len(self.times) < LEAST_TO_WEIGH:
+        if len(self.times) < LEAST_TO_WEIGH:
             return
         states, across, _ = self._equations()[0].covariances()
-        before, after, r, _ = self._motion_rows(self.motion)
+        before, after, r, _ = self._motion_rows()
         own = (before @ states[:-1] + after @ across.transpose(0, 2, 1)) @ before.transpose(0, 2, 1)
         own += (before @ across + after @ states[1:]) @ after.transpose(0, 2, 1)
         left = np.einsum("nii->ni", own)
@@ -283,8 +284,8 @@ class BundleProblem:
             columns = self.own + 6 * self.of[:, None] + np.arange(6)
             equations.add_shared(self.at, J, columns, K * root[:, None, None], r)
             cost += self._add_anchors(equations) + self._add_ties(equations)
-        if self.motion is not None and len(self.times) > 1:
-            cost += self._add_motion(equations, self.motion)
+        if len(self.times) > 1:
+            cost += self._add_motion(equations)
         # Never singular: a pose that nothing sees, a landmark that no pose sees.
         for matrix in (equations.diagonal, equations.corner[None]):
             diagonal = np.arange(matrix.shape[1])
@@ -326,8 +327,8 @@ class BundleProblem:
             cost += rows.cost
         return cost
 
-    def _add_motion(self, equations: ChainEquations, motion: Motion) -> float:
-        before, after, r, K = self._motion_rows(motion)
+    def _add_motion(self, equations: ChainEquations) -> float:
+        before, after, r, K = self._motion_rows()
         squared = (r**2).sum(axis=1) / 6
         bend = SLIP_SIGMA if self.may_slip else NEVER
         root = np.sqrt(1 / (1 + squared / bend**2))
@@ -338,17 +339,17 @@ class BundleProblem:
         own = slice(0, self.own)
         equations.add_shared(rows, before, np.tile(np.arange(self.own), (len(r), 1)), K, r)
         equations.border[1:, :, own] += after.transpose(0, 2, 1) @ K
-        off = (motion.nominal - self.parameters) / motion.prior_sigma
-        equations.corner[own, own] += np.diag(motion.prior_sigma**-2)
-        equations.shared_gradient[own] += off / motion.prior_sigma
+        off = (self.motion.nominal - self.parameters) / self.motion.prior_sigma
+        equations.corner[own, own] += np.diag(self.motion.prior_sigma**-2)
+        equations.shared_gradient[own] += off / self.motion.prior_sigma
         return float(6 * bend**2 * np.log1p(squared / bend**2).sum() + (off**2).sum())
 
     def _rows_of(self, landmark: int) -> slice:
         return slice(self.own + 6 * landmark, self.own + 6 * landmark + 6)
 
-    def _motion_rows(self, motion: Motion) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
+    def _motion_rows(self) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
         """(N-1,6,6) derivatives of motions with the earlier and the later pose, (N-1,6) residuals, and (N-1,6,P)."""
-        steps = motion.steps(self.times, self.parameters)
+        steps = self.motion.steps(self.times, self.parameters)
         R_b, p_b = self.R @ self.base_R, self.p + self.R @ self.base_t
         back = R_b[:-1].transpose(0, 2, 1)
         v = p_b[1:] - p_b[:-1]
@@ -417,7 +418,7 @@ class BundleProblem:
         """Against the wheels where there are some, else faster than the rig ever moves."""
         if len(self.times) < 2:
             return ()
-        if self.motion is None:
+        if isinstance(self.motion, NoLeaps):
             seconds = np.diff(self.times)
             moved = np.linalg.norm(np.diff(self.p, axis=0), axis=1)
             fastest = max(LEAST_MPS, FASTER * float(np.median(moved / seconds)))
@@ -427,7 +428,7 @@ class BundleProblem:
             sure = off > LEAP_SIGMA * np.sqrt(np.abs(variance[1:] + variance[:-1]))
             leaps = np.flatnonzero((off > LEAST_JUMP_M) & sure & (seconds < LONGEST_S))
         else:
-            r = self._motion_rows(self.motion)[2]
+            r = self._motion_rows()[2]
             sigmas = self.motion.steps(self.times, self.parameters).sigmas * self.motion_scale
             off = np.linalg.norm((r * sigmas)[:, :3], axis=1)
             leaps = np.flatnonzero((np.sqrt((r**2).mean(axis=1)) > SLIP_SIGMA) & (off > LEAST_JUMP_M))
