@@ -26,13 +26,13 @@ from lmkit.locate.sightings import CORNER_FLOOR_PX
 from lmkit.model.floor_plan import FloorPlan
 from lmkit.model.landmark_map import LandmarkMap
 from lmkit.navigate.drive_to import Site, drive_to
-from lmkit.picture_robot import PictureRobot
+from lmkit.picture_eyes import PictureEyes
 from lmkit.plan.coverage import Coverage, Demand, predict_coverage
 from lmkit.plan.place import place_landmarks
 from lmkit.plan.route import Spot
 from lmkit.simulate.drive import T_BASE_LEFT, WheelErrors
 from lmkit.simulate.robot import SimulatedRobot
-from lmkit.simulate.scene import make_rig
+from lmkit.simulate.scene import floor_scene, make_rig
 from lmkit.track.planar_filter import TrackedPose
 
 RIG = replace(make_rig(), T_base_left=T_BASE_LEFT)
@@ -80,7 +80,8 @@ def drive(seed: int, path: Path, half: bool, pictures: bool) -> Run:
     goals = np.argwhere(full.holds(Demand()) & clear[:, None])
     place, turn = goals[rng.integers(len(goals))]
     goal = Spot(*full.places[place].tolist(), float(full.headings[turn]))
-    robot = (PictureRobot if pictures else SimulatedRobot)(floor, landmarks, RIG, start, RADIUS_M, WHEELS, seed)
+    eyes = PictureEyes(floor_scene(seed, floor, landmarks), RIG, seed) if pictures else None
+    robot = SimulatedRobot(floor, landmarks, RIG, start, RADIUS_M, WHEELS, seed, eyes)
     inside: list[bool] = []
 
     def note(pose: TrackedPose) -> None:

@@ -10,8 +10,6 @@ import cv2
 import numpy as np
 
 from lmkit.arrays import ByteArray, FloatArray
-from lmkit.detect.landmarks import detect_landmarks
-from lmkit.detect.options import DetectOptions
 from lmkit.floor_picture import floor_underlay, wall_notes
 from lmkit.formats.files import write_file
 from lmkit.formats.floor_plan import read_floor
@@ -22,11 +20,11 @@ from lmkit.locate.rig import locate_rig
 from lmkit.locate.sightings import CORNER_FLOOR_PX
 from lmkit.model.floor_plan import FloorPlan
 from lmkit.model.landmark_map import LandmarkMap
-from lmkit.model.pose import Pose, planar_pose
+from lmkit.model.pose import planar_pose
 from lmkit.model.stereo_rig import StereoRig
 from lmkit.navigate.drive_to import Journey, Site, drive_to
 from lmkit.overlay import draw_landmarks, encode_jpeg
-from lmkit.picture_robot import CHAIN, PictureRobot
+from lmkit.picture_eyes import PictureEyes
 from lmkit.plan.coverage import Demand, predict_coverage
 from lmkit.plan.hang import mounting_csv, sheets_to_print
 from lmkit.plan.pictures import draw_coverage
@@ -34,9 +32,8 @@ from lmkit.plan.place import Placement, place_landmarks
 from lmkit.plan.route import Spot, find_spot
 from lmkit.room_plan import BLUE, GREEN, ORANGE, Note, Way, draw_plan
 from lmkit.simulate.drive import T_BASE_LEFT, WheelErrors
-from lmkit.simulate.photograph import photograph
 from lmkit.simulate.robot import SimulatedRobot
-from lmkit.simulate.scene import floor_scene, make_rig
+from lmkit.simulate.scene import Scene, floor_scene, make_rig
 from lmkit.track.planar_filter import TrackedPose
 
 FLOOR = """format: lmkit-floor/1
@@ -112,7 +109,8 @@ def run_navigate_demo(folder: Path, seed: int, by_pictures: bool, tell: Progress
     write_file(folder / "mounting.csv", mounting_csv(placement), True)
     coverage = predict_coverage(floor, list(placement.landmarks), rig, RADIUS_M)
     # Simulated corners have no lens and no paper that the floor could stand for.
-    floor_px, robots = (CORNER_FLOOR_PX, PictureRobot) if by_pictures else (0.0, SimulatedRobot)
+    floor_px = CORNER_FLOOR_PX if by_pictures else 0.0
+    scene = floor_scene(seed, floor, placement.landmarks)
     site = Site(floor, placement.landmarks, rig, RADIUS_M, demand, coverage, corner_floor_px=floor_px)
     boxed = floor.blocked(np.array([BOX_AT]), BOX_RADIUS_M)
     x, y, heading = floor.places[LEGS[0][0]]
@@ -125,7 +123,8 @@ def run_navigate_demo(folder: Path, seed: int, by_pictures: bool, tell: Progress
         tell("driving", number, len(LEGS))
         errors = WheelErrors(slips=2, delay_s=0.1)
         ground = boxed if number == 1 else floor
-        robot = robots(ground, placement.landmarks, rig, start, RADIUS_M, errors, seed + number)
+        eyes = PictureEyes(scene, rig, seed + number) if by_pictures else None
+        robot = SimulatedRobot(ground, placement.landmarks, rig, start, RADIUS_M, errors, seed + number, eyes)
 
         def note(pose: TrackedPose, robot: SimulatedRobot = robot) -> None:
             if pose.state is None or pose.covariance is None:
@@ -141,7 +140,7 @@ def run_navigate_demo(folder: Path, seed: int, by_pictures: bool, tell: Progress
         legs.append(_leg(f"{a} to {b}", journey, robot, goal, truth[first:]))
         start = robot.state
     tell("driving", len(LEGS), len(LEGS))
-    strip, located, off_mm = _photograph(seed, floor, placement.landmarks, rig, truth, tell)
+    strip, located, off_mm = _photograph(seed, scene, placement.landmarks, rig, truth, tell)
     write_file(folder / "strip.jpg", encode_jpeg(strip), True)
     _draw(folder, floor, placement, truth, believed)
     poses = [(0.2 * k, planar_pose(pose.state)) for k, pose in enumerate(believed) if pose.state is not None]
@@ -168,26 +167,20 @@ def _leg(name: str, journey: Journey, robot: SimulatedRobot, goal: Spot, truth: 
 
 
 def _photograph(
-    seed: int, floor: FloorPlan, landmarks: LandmarkMap, rig: StereoRig, truth: Sequence[FloatArray], tell: Progress
+    seed: int, scene: Scene, landmarks: LandmarkMap, rig: StereoRig, truth: Sequence[FloatArray], tell: Progress
 ) -> tuple[ByteArray, int, list[float]]:
     """Pictures along the way, read and located: the film strip, how many were located, and their errors in mm."""
-    scene, rng = floor_scene(seed, floor, landmarks), np.random.default_rng([seed, 9])
+    eyes = PictureEyes(scene, rig, seed)
     frames, off_mm = [], []
-    T_right = Pose("camera", "camera", rig.T_right_left.R, rig.T_right_left.t).inverse()
     rows = np.linspace(0, len(truth) - 1, PICTURES + 2).astype(int)[1:-1]
     for number, k in enumerate(rows):
         tell("photographing", number, PICTURES)
-        T_left = planar_pose(truth[k]) @ T_BASE_LEFT
-        T = Pose("map", "camera", T_left.R, T_left.t)
-        pictures = [photograph(scene, rig.left, T, CHAIN, rng), photograph(scene, rig.right, T @ T_right, CHAIN, rng)]
-        seen = [
-            detect_landmarks(picture, DetectOptions(camera=eye))
-            for picture, eye in zip(pictures, (rig.left, rig.right), strict=True)
-        ]
-        found = locate_rig(seen[0], seen[1], rig, landmarks)
+        T_map_base = planar_pose(truth[k])
+        picture, left, right = eyes.look(T_map_base)
+        found = locate_rig(left, right, rig, landmarks)
         if found.status == "ok" and found.T_map_camera is not None:
-            off_mm.append(1000 * float(np.linalg.norm(found.T_map_camera.t - T.t)))
-        frame = draw_landmarks(pictures[0], seen[0])
+            off_mm.append(1000 * float(np.linalg.norm(found.T_map_camera.t - (T_map_base @ T_BASE_LEFT).t)))
+        frame = draw_landmarks(picture, left)
         scale = STRIP_WIDTH_PX / frame.shape[1]
         frames.append(cv2.resize(frame, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA))
     tell("photographing", PICTURES, PICTURES)

@@ -129,8 +129,7 @@ class _Recording:
 
     def seen(self, moment: StereoMoment, rig: StereoRig, T_map_left: Pose) -> None:
         """The eyes, and the outlines of what they read in their pictures."""
-        T_left_right = rig.T_right_left.inverse()
-        right = Pose("map", "right", T_map_left.R @ T_left_right.R, T_map_left.R @ T_left_right.t + T_map_left.t)
+        right = rig.T_map_right(T_map_left)
         for name, camera, pose, seen in zip(
             EYES, (rig.left, rig.right), (T_map_left, right), (moment.left, moment.right), strict=True
         ):

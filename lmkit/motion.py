@@ -26,9 +26,10 @@ PRIOR_SIGMA = np.array([0.1, 0.1, 0.02, 0.1, 0.3, 0.15])
 STEPS = np.array([1e-4, 1e-4, 1e-5, 1e-5, 1e-4, 1e-3])
 UNLIKELY_SIGMA = 3.5  # of a parameter against its prior
 LONGEST_STEP_S = 0.5  # of time between rows: more is a gap, in which nothing is known
-# A robot on wheels keeps its height and its level between two moments, but for the floor.
-SPEED_MPS, SPEED_RADPS = 0.5, 0.7  # of a rig of which nothing is known
+# A rig of which no odometry says how it moved.
+SPEED_MPS, SPEED_RADPS = 0.5, 0.7
 LEAST_STEP_M, LEAST_STEP_RAD = 0.02, 0.02
+# A robot on wheels keeps its height and its level between two moments, but for the floor.
 LIFT_M, LIFT_PER_ROOT_M = 0.002, 0.003
 LEAN_RAD, LEAN_PER_ROOT_M = 0.002, 0.004
 
@@ -219,16 +220,16 @@ class MotionModel:
 
 
 class NoLeaps:
-    """Without odometry: no rig leaps from one moment to the next."""
+    """A `Motion` for a rig without odometry: it does not leap from one moment to the next."""
 
     names: tuple[str, ...] = ()
     nominal, prior_sigma, of_base = np.zeros(0), np.zeros(0), False
 
     def require_overlap(self, times_s: FloatArray) -> None:
-        """It is of every time."""
+        """Any time will do."""
 
     def steps(self, times_s: FloatArray, parameters: FloatArray) -> Steps:
-        """Standing still, as well as robots do that drive."""
+        """No motion, give or take what a slow robot travels."""
         seconds = np.diff(times_s)
         count = len(seconds)
         place, turn = np.hypot(LEAST_STEP_M, SPEED_MPS * seconds), np.hypot(LEAST_STEP_RAD, SPEED_RADPS * seconds)

@@ -1,15 +1,17 @@
-"""What the commands share: JSON lines, tables, progress."""
+"""What the commands share: JSON lines, tables, progress, and files refused before the work begins."""
 
 from __future__ import annotations
 
 import json
 import sys
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from pathlib import Path
 from typing import Any, TypeVar
 
 from lmkit.errors import InputError
 
 Item = TypeVar("Item")
+PICTURE_KINDS = ("png", "svg")
 BOARD_HELP = "chessboard:9x6:30mm, charuco:8x6:30mm:22mm:DICT_5X5_100[:legacy] or landmarks:4x3:60mm:48mm[:FIRST]"
 
 
@@ -60,3 +62,26 @@ def require_no(option: str, others: Mapping[str, object]) -> None:
     for name, value in others.items():
         if value is not None:
             raise InputError("not_together", f"{option} and {name} do not go together", "leave one of them out")
+
+
+def check_outputs(paths: Sequence[Path | None], plan: Path | None, force: bool) -> None:
+    """Refuse what cannot be written before the work begins.
+
+    Args:
+        plan: a picture to write, as PNG or SVG.
+
+    Raises:
+        InputError: a file exists, its folder cannot be written to, or the picture is of an unknown kind.
+    """
+    from lmkit.formats.files import check_writable
+
+    for path in (*paths, plan):
+        if path is not None:
+            check_writable(path, force)
+    if plan is not None and picture_kind(plan) not in PICTURE_KINDS:
+        raise InputError("bad_suffix", f"cannot write {plan}: unknown kind", "name it .png or .svg")
+
+
+def picture_kind(path: Path) -> str:
+    """``png`` or ``svg``, as the file's name says."""
+    return path.suffix.lower().lstrip(".")

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from lmkit.cli.common import print_json, print_line, warn
+from lmkit.cli.common import check_outputs, picture_kind, print_json, print_line, warn
 from lmkit.errors import InputError
 
 if TYPE_CHECKING:
@@ -68,7 +68,6 @@ def coverage(
     force: Force = False,
 ) -> None:
     """The error to expect at every place, and the weak places by name."""
-    from lmkit.cli.drive_results import check_outputs
     from lmkit.formats.files import write_file
     from lmkit.formats.foreign_maps import read_any_map
     from lmkit.plan.coverage import predict_coverage, weak_places
@@ -80,7 +79,7 @@ def coverage(
     answer = predict_coverage(ground, list(landmarks), eyes, _metres(radius, "--radius"))
     share = float(answer.covered(demand).mean())
     weak = weak_places(answer, demand)
-    write_file(plan, draw_coverage(ground, landmarks, answer, demand, _kind(plan)), force)
+    write_file(plan, draw_coverage(ground, landmarks, answer, demand, picture_kind(plan)), force)
     if as_json:
         places = [
             {
@@ -131,7 +130,6 @@ def place(
 ) -> None:
     """The fewest landmarks found that hold an error over a share of the floor: map, prints, list, plan."""
     from lmkit.cli.common import progress_counter
-    from lmkit.cli.drive_results import check_outputs
     from lmkit.formats.files import write_file
     from lmkit.formats.foreign_maps import read_any_map
     from lmkit.formats.landmark_map import map_to_yaml
@@ -220,7 +218,6 @@ def route(
     force: Force = False,
 ) -> None:
     """The shortest safe way on which the pose stays known, with the error to expect along it."""
-    from lmkit.cli.drive_results import check_outputs
     from lmkit.formats.files import write_file
     from lmkit.formats.foreign_maps import read_any_map
     from lmkit.formats.trajectory import poses_to_tum
@@ -235,7 +232,7 @@ def route(
     ends = [find_spot(text, ground, landmarks, radius_m) for text in (start, goal)]
     found = plan_route(ground, landmarks, eyes, radius_m, ends[0], ends[1], demand)
     if plan is not None:
-        write_file(plan, draw_route(ground, landmarks, found, _kind(plan)), force)
+        write_file(plan, draw_route(ground, landmarks, found, picture_kind(plan)), force)
     if csv is not None:
         rows = zip(found.states.tolist(), found.error_m.tolist(), found.heading_sigma_rad.tolist(), strict=True)
         lines = [f"{x:.4f},{y:.4f},{math.degrees(h):.2f},{e:.4f},{math.degrees(s):.3f}\n" for (x, y, h), e, s in rows]
@@ -314,7 +311,3 @@ def _metres(text: str, name: str) -> float:
     from lmkit.units import parse_length_mm
 
     return parse_length_mm(text, name) / 1000
-
-
-def _kind(path: Path) -> str:
-    return path.suffix.lower().lstrip(".")

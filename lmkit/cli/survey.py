@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from lmkit.cli.common import print_json, print_line, require_no, warn
+from lmkit.cli.common import check_outputs, picture_kind, print_json, print_line, require_no, warn
 from lmkit.errors import InputError
 
 if TYPE_CHECKING:
@@ -23,6 +23,7 @@ if TYPE_CHECKING:
     from lmkit.survey.survey import Survey
     from lmkit.survey.ties import Tie
 
+WALL_SIGMA = "5mm,1deg"
 _KNOWN_HINT = "give a length and an angle, such as 50mm,3deg"
 
 
@@ -52,8 +53,9 @@ def run(
         list[str] | None, typer.Option("--same-height", help="Codes that hang equally high, as 12,44; repeatable.")
     ] = None,
     wall_sigma: Annotated[
-        str, typer.Option("--wall-sigma", help="How flat the walls are, and how alike the heights.")
-    ] = "5mm,1deg",
+        str | None,
+        typer.Option("--wall-sigma", help="How flat the walls are, and how alike the heights. Default: 5mm,1deg."),
+    ] = None,
     odometry: Annotated[
         Path | None, typer.Option("--odometry", help="CSV of the robot's wheels, or poses (.tum) of visual odometry.")
     ] = None,
@@ -75,7 +77,6 @@ def run(
 ) -> None:
     """Build the landmark map from a drive."""
     from lmkit.cli.drive_options import motion_of, read_any_odometry, read_moments, read_wheels
-    from lmkit.cli.drive_results import check_outputs, plan_kind
     from lmkit.drive_recording import require_rerun, survey_recording
     from lmkit.drive_report import draw_drive, survey_report
     from lmkit.formats.any_rig import read_any_rig
@@ -91,7 +92,7 @@ def run(
     if readings is not None:
         for_pictures = {
             "LEFT": left, "--rig": rig, "--detections": detections, "--known": known, "--known-sigma": known_sigma,
-            "--wall": wall or None, "--same-height": same_height or None,
+            "--wall": wall or None, "--same-height": same_height or None, "--wall-sigma": wall_sigma,
             "--hz": hz, "--save-detections": save_detections, "--plan": plan, "--report": report, "--rerun": rerun,
         }  # fmt: skip
         require_no("--readings", for_pictures)
@@ -114,7 +115,7 @@ def run(
         write_file(save_detections, detections_to_csv(moments), force)
     sizes = _sizes(moments, size_m, anchors)
     result = survey_drive(moments, cameras, sizes, anchors, motion, ties)
-    warnings = _warnings(result, motion, advise(result, cameras))
+    warnings = _warnings(result, motion, ties, advise(result, cameras))
     for text in warnings:
         warn(text)
     write_file(output, map_to_yaml(result.landmarks), force)
@@ -123,7 +124,7 @@ def run(
     if plan is not None:
         bundle = result.bundle
         looking, sure = bundle.left_poses(), [True] * len(bundle.times_s)
-        drawn = draw_drive(bundle.landmarks, bundle.times_s, looking, bundle.covariances, sure, plan_kind(plan))
+        drawn = draw_drive(bundle.landmarks, bundle.times_s, looking, bundle.covariances, sure, picture_kind(plan))
         write_file(plan, drawn, force)
     if report is not None:
         write_file(report, survey_report(result, motion, warnings), force)
@@ -144,7 +145,6 @@ def _survey_readings(
     force: bool,
     as_json: bool,
 ) -> None:
-    from lmkit.cli.drive_results import check_outputs
     from lmkit.formats.files import write_file
     from lmkit.formats.landmark_map import map_to_yaml
     from lmkit.formats.readings import read_readings
@@ -212,10 +212,12 @@ def _spread(text: str, name: str, hint: str) -> tuple[float, float]:
     return metres, math.radians(degrees)
 
 
-def _ties(walls: list[str], heights: list[str], sigma: str) -> list[Tie]:
+def _ties(walls: list[str], heights: list[str], sigma: str | None) -> list[Tie]:
     from lmkit.survey.ties import Tie
 
-    spread = _spread(sigma, "--wall-sigma", "give a length and an angle, such as 5mm,1deg")
+    if sigma is not None and not walls and not heights:
+        raise InputError("no_wall", "--wall-sigma needs --wall or --same-height beside it", "give --wall 12,44,137")
+    spread = _spread(sigma or WALL_SIGMA, "--wall-sigma", f"give a length and an angle, such as {WALL_SIGMA}")
     ties = []
     for kind, name, texts in (("wall", "--wall", walls), ("height", "--same-height", heights)):
         for text in texts:
@@ -237,7 +239,7 @@ def _sizes(
     return sizes
 
 
-def _warnings(result: Survey, motion: Motion | None, advice: dict[int, str]) -> list[str]:
+def _warnings(result: Survey, motion: Motion | None, ties: list[Tie], advice: dict[int, str]) -> list[str]:
     from lmkit.motion import describe_odometry
 
     texts = [str(odd) for odd in result.odd]
@@ -257,6 +259,11 @@ def _warnings(result: Survey, motion: Motion | None, advice: dict[int, str]) -> 
         texts.append(
             f"{code} is {1000 * metres:.0f} mm off the {tie} that it is declared to share; check it in the room"
         )
+    mapped = {m.code for m in result.bundle.landmarks}
+    for tie in ties:
+        missing = [str(code) for code in tie.codes if code not in mapped]
+        if missing:
+            texts.append(f"of the {tie} that was declared, {', '.join(missing)} did not come into the map")
     for code in result.unplaced:
         texts.append(
             f"{code} is not placed: its sightings are too few, or do not agree; drive past it again, and nearer"

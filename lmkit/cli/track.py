@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from lmkit.cli.common import print_json, print_line, require_no, warn
+from lmkit.cli.common import check_outputs, picture_kind, print_json, print_line, require_no, warn
 from lmkit.errors import InputError, NegativeAnswer
 
 if TYPE_CHECKING:
@@ -46,7 +46,6 @@ def run(
 ) -> None:
     """Follow the robot through the map, by landmarks, wheels and gyro."""
     from lmkit.cli.drive_options import motion_of, read_any_odometry, read_moments, read_wheels
-    from lmkit.cli.drive_results import check_outputs, plan_kind
     from lmkit.drive_recording import require_rerun, track_recording
     from lmkit.drive_report import draw_drive, track_report
     from lmkit.formats.any_rig import read_any_rig
@@ -109,7 +108,7 @@ def run(
     if plan is not None:
         looking = [drive.looking(k) for k in range(len(drive.poses))]
         known = [status == "ok" for status in drive.statuses]
-        drawn = draw_drive(landmarks, drive.times_s, looking, drive.covariances, known, plan_kind(plan))
+        drawn = draw_drive(landmarks, drive.times_s, looking, drive.covariances, known, picture_kind(plan))
         write_file(plan, drawn, force)
     if report is not None:
         write_file(report, track_report(drive, landmarks), force)

@@ -42,6 +42,11 @@ class StereoRig:
         if (self.T_right_left.to_frame, self.T_right_left.from_frame) != ("right", "left"):
             raise ValueError(f"T_right_left joins the wrong frames: {self.T_right_left!r}")
 
+    def T_map_right(self, T_map_left: Pose) -> Pose:
+        """Where the right camera is, for a pose of the left one."""
+        T = self.T_right_left.inverse()
+        return Pose(T_map_left.to_frame, "right", T_map_left.R @ T.R, T_map_left.R @ T.t + T_map_left.t)
+
     @property
     def baseline_m(self) -> float:
         """Distance between the two optical centres, metres."""

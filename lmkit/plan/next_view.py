@@ -13,7 +13,7 @@ from itertools import product
 
 import numpy as np
 
-from lmkit.arrays import FloatArray
+from lmkit.arrays import BoolArray, FloatArray
 from lmkit.locate.sightings import Poses
 from lmkit.model.drive import StereoMoment
 from lmkit.model.landmark_map import LandmarkMap, MappedLandmark
@@ -29,6 +29,7 @@ DISTANCES_M = (0.6, 1.0, 1.5, 2.2, 3.0)
 ASIDE_DEG = (0.0, -25.0, 25.0, -50.0, 50.0)
 PAN_DEG = (0.0, -18.0, 18.0)
 REACHED_M = 1.0  # a robot gets so far off its drive
+BEFORE_WALL = 0.98  # of the way: a landmark does not hide itself
 PIECE_M = 0.5  # of wall to each side of a landmark, through which nothing is seen
 LEAST_BESIDE = 2
 LEAST_READ = 0.5  # probability
@@ -76,17 +77,20 @@ class NextView:
 
 def next_view(landmark: MappedLandmark, bundle: Bundle, rig: StereoRig) -> NextView | None:
     """The view that leaves least open of a landmark of a survey; None where none leaves much less."""
-    landmarks, eyes = bundle.landmarks, bundle.poses.p
+    eyes = bundle.poses.p
     now_m, now_rad = deviations(landmark)
     height = float(np.median(eyes[:, 2]))
+    hung = list(bundle.landmarks)
+    places = np.array([m.T_map_landmark.t[:2] for m in hung])
+    along = np.array([m.T_map_landmark.R[:2, 0] for m in hung])
     best: NextView | None = None
     for distance, aside, pan in product(DISTANCES_M, ASIDE_DEG, PAN_DEG):
         T_map_left = _looking(landmark, distance, aside, pan, height)
         at = T_map_left.t
         if np.linalg.norm(eyes[:, :2] - at[:2], axis=1).min() > REACHED_M:
             continue
-        seen = [m for m in landmarks if _clear(at, m, landmarks)]
-        moment = _view(LandmarkMap(seen), rig, T_map_left)
+        clear = _clear(at[:2], places, along)
+        moment = _view(LandmarkMap([m for m, seen in zip(hung, clear, strict=True) if seen]), rig, T_map_left)
         if landmark.code not in {o.code for o in moment.left}:
             continue
         then_m, then_rad = _afterwards(landmark, bundle, rig, T_map_left, moment)
@@ -125,20 +129,21 @@ def _looking(landmark: MappedLandmark, distance: float, aside_deg: float, pan_de
     return Pose("map", "left", R, np.array([*(T.t[:2] + distance * towards), height]))
 
 
-def _clear(eye: FloatArray, target: MappedLandmark, landmarks: LandmarkMap) -> bool:
-    """True where no landmark's piece of wall lies between."""
-    way = target.T_map_landmark.t[:2] - eye[:2]
-    for m in landmarks:
-        if m is target:
-            continue
-        middle, along = m.T_map_landmark.t[:2], m.T_map_landmark.R[:2, 0]
-        A = np.column_stack([way, -along])
-        if abs(np.linalg.det(A)) < 1e-9:
-            continue
-        share, off = np.linalg.solve(A, middle - eye[:2])
-        if 0 < share < 0.98 and abs(off) < PIECE_M:
-            return False
-    return True
+def _clear(eye: FloatArray, places: FloatArray, along: FloatArray) -> BoolArray:
+    """(L,) True where no other landmark's piece of wall lies between the eye and a landmark.
+
+    Args:
+        places, along: (L,2) of the landmarks, and unit vectors along their walls.
+    """
+    way, off = places - eye, places - eye
+    # eye + share way = place + aside along, for every way (rows) and wall (columns).
+    det = along[None, :, 0] * way[:, None, 1] - along[None, :, 1] * way[:, None, 0]
+    det = np.where(np.abs(det) < 1e-9, np.inf, det)
+    share = (along[:, 0] * off[:, 1] - along[:, 1] * off[:, 0]) / det
+    aside = (way[:, None, 0] * off[None, :, 1] - way[:, None, 1] * off[None, :, 0]) / det
+    hidden = (share > 0) & (share < BEFORE_WALL) & (np.abs(aside) < PIECE_M)
+    np.fill_diagonal(hidden, False)
+    return np.asarray(~hidden.any(axis=1))
 
 
 def _view(landmarks: LandmarkMap, rig: StereoRig, T_map_left: Pose) -> StereoMoment:
@@ -175,7 +180,8 @@ def _afterwards(
     C = bundle.joint[at[:, None], at[None]]
     # (C^-1 + I)^-1, for a C that may be singular.
     after = np.linalg.solve(np.eye(len(at)) + C @ view.landmark_information(), C)
-    own = slice(6 * rows.index(hung.index(landmark)), 6 * rows.index(hung.index(landmark)) + 6)
+    first = 6 * rows.index(hung.index(landmark))
+    own = slice(first, first + 6)
     return deviations(replace(landmark, covariance=(after[own, own] + after[own, own].T) / 2))
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections import deque
+from collections.abc import Callable
 
 import numpy as np
 
@@ -14,6 +15,7 @@ from lmkit.model.stereo_rig import StereoRig
 from lmkit.simulate.drive import WheelErrors
 from lmkit.simulate.look import Seen, look
 
+Eyes = Callable[[float, Pose], tuple[Seen, Seen]]
 STEP_S = 0.02
 SLIP_M, SLIP_RAD = 0.05, 0.08
 LEAN_RAD, LIFT_M = np.deg2rad(0.3), 0.004
@@ -27,6 +29,10 @@ class SimulatedRobot:
         state: (3,) true x, y (m), heading (rad).
         time_s: now.
         touched: it has run into a wall or an obstacle.
+
+    Args:
+        eyes: what it sees at a time, from a pose of its base; None: corners and recognition as measured
+            (`model/recognition.py`).
     """
 
     def __init__(
@@ -38,11 +44,13 @@ class SimulatedRobot:
         radius_m: float,
         errors: WheelErrors,
         seed: int,
+        eyes: Eyes | None = None,
     ) -> None:
         self.floor, self.landmarks, self.rig, self.radius_m, self.errors = floor, landmarks, rig, radius_m, errors
         self.state = np.array(state, dtype=np.float64)
         self.time_s = 0.0
         self.touched = False
+        self._eyes = eyes
         self._rng = np.random.default_rng([seed, 5])
         self._late = deque([self.state], maxlen=1 + round(errors.delay_s / STEP_S))
         self._slip_at = np.sort(self._rng.uniform(2.0, 60.0, errors.slips)).tolist()
@@ -76,14 +84,14 @@ class SimulatedRobot:
         return self._late[0]
 
     def look(self) -> tuple[Seen, Seen]:
-        """What both eyes see (corners as measured, `model/recognition.py`); pictures come ``delay_s`` late."""
-        return look(self.landmarks, self.rig, self.leaning(), None, self._rng, self.floor)
-
-    def leaning(self) -> Pose:
-        """T_map_base of what the eyes see now: no floor is quite level, and no robot stands still on its springs."""
+        """What both eyes see; pictures come ``delay_s`` late."""
+        # No floor is quite level, and no robot stands still on its springs.
         turn = np.append(self._rng.normal(0, LEAN_RAD, 2), 0.0)
         lean = Pose.from_rvec("base", "base", turn, np.array([0.0, 0.0, self._rng.normal(0, LIFT_M)]))
-        return planar_pose(self.seen_from) @ lean
+        T_map_base = planar_pose(self.seen_from) @ lean
+        if self._eyes is not None:
+            return self._eyes(self.time_s, T_map_base)
+        return look(self.landmarks, self.rig, T_map_base, None, self._rng, self.floor)
 
     def obstacle_ahead(self, reach_m: float) -> FloatArray | None:
         """(2,) nearest obstacle in a strip as wide as the robot, forward and left of it; None where all is free."""

@@ -1,9 +1,11 @@
 """`survey_drive`: the map from a drive.
 
 1. A start (`start.py`): poses and landmarks found one from the other.
-2. Bundle adjustment (`bundle.py`), sightings that do not fit left out, and again.
-3. Motion weighed by how well it agrees with what was seen.
-4. What is odd is named: landmarks that hang elsewhere in part of the drive, and those that are barely determined.
+2. Bundle adjustment (`bundle.py`), sightings that do not fit left out, motion weighed by how well it agrees with what
+   was seen; what was left over is tried once more by the map that comes out.
+3. Every landmark is tried with its twin (`twins.py`).
+4. What is odd is named: landmarks that hang elsewhere in part of the drive, that may as well hang turned, that do not
+   keep to what was declared of them (`ties.py`), and those that are barely determined.
 """
 
 from __future__ import annotations
@@ -101,14 +103,14 @@ def survey_drive(
         InputError: nothing to start from, or odometry without T_base_left or of another time.
     """
     start = find_start(moments, rig, dict(sizes_m), anchors, motion)
-    problem, dropped = _settled(start, moments, rig, motion, ties)
+    problem = _settled(start, moments, rig, motion, ties)
     if start.unplaced or _missing(start):
         # By the map as it is now more may be located and placed than while it grew.
         again = find_start(moments, rig, dict(sizes_m), _hung(start, problem), motion)
         if _missing(again) < _missing(start) or len(again.unplaced) < len(start.unplaced):
             # What is known beforehand is still that alone.
             start = replace(again, anchors=start.anchors)
-            problem, dropped = _settled(start, moments, rig, motion, ties)
+            problem = _settled(start, moments, rig, motion, ties)
     undecided = resolve_twins(problem)
     dropped = problem.drop_outliers(OUTLIER_SIGMA)
     problem.settle(STEPS)
@@ -145,13 +147,14 @@ def _settled(
     rig: StereoRig,
     motion: Motion | None,
     ties: Sequence[Tie],
-) -> tuple[BundleProblem, int]:
-    """Everything that has a start, adjusted; and how many sightings were left out."""
+) -> BundleProblem:
+    """Everything that has a start, adjusted."""
     rows, poses = start.known_poses()
     seen = {(o.family, o.code) for k in rows for o in (*moments[k].left, *moments[k].right)}
     hung = LandmarkMap([m for key, m in start.placed.items() if key in seen])
     problem = BundleProblem([moments[k] for k in rows], rig, poses, hung, start.anchors, motion, ties=ties)
-    return problem, settle_all(problem)
+    settle_all(problem)
+    return problem
 
 
 def _missing(start: Start) -> int:
@@ -165,8 +168,8 @@ def _hung(start: Start, problem: BundleProblem) -> dict[Key, Anchor]:
     return {key: Anchor(found.get(key, m), None) for key, m in start.placed.items()}
 
 
-def settle_all(problem: BundleProblem) -> int:
-    """Bundle adjustment to the end; how many sightings were left out."""
+def settle_all(problem: BundleProblem) -> None:
+    """Bundle adjustment to the end, sightings that do not fit left out."""
     # Wheels rarely slip by much; were they allowed to at once, they would for a landmark that was moved.
     problem.may_slip = False
     problem.settle(STEPS)
@@ -181,7 +184,6 @@ def settle_all(problem: BundleProblem) -> int:
         elif now == dropped:
             break
         dropped = now
-    return dropped
 
 
 def odd_landmarks(bundle: Bundle) -> tuple[OddLandmark, ...]:

@@ -33,7 +33,7 @@ class Tie:
     sigma_rad: float
 
     def __str__(self) -> str:
-        return f"{'wall' if self.kind == 'wall' else 'height'} {', '.join(map(str, self.codes))}"
+        return f"{self.kind} {', '.join(map(str, self.codes))}"
 
 
 @dataclass(frozen=True, eq=False)

@@ -64,7 +64,8 @@ def _fitted_twins(problem: BundleProblem) -> tuple[FloatArray, FloatArray, Float
         step = problem.landmark_steps()
         R, p = Rotation.from_rotvec(step[:, 3:]).as_matrix() @ R, p + step[:, :3]
     problem.restore(before)
-    # What is hardly turned is no twin, and what is held does not turn.
+    # What is hardly turned is no twin, what is held does not turn, and of what nothing is believed nothing is known.
     held = np.array([problem.is_held(k) for k in range(len(own))])
-    best[(angle < DIFFERENT_RAD) | held] = np.inf
+    seen = np.bincount(problem.of, problem.used, len(own)) > 0
+    best[(angle < DIFFERENT_RAD) | held | ~seen] = np.inf
     return own, best, best_R, best_p

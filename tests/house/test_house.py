@@ -37,8 +37,8 @@ FLOORS = [
         "locate_batch",
         "installation",
     },
-    {"track", "plan"},
-    {"navigate", "drive_report", "drive_recording", "picture_robot"},
+    {"track", "plan", "picture_eyes"},
+    {"navigate", "drive_report", "drive_recording"},
     {"board_capture", "demo", "demo_drive", "demo_navigate"},
     {"cli"},
 ]
