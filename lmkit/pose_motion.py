@@ -81,8 +81,13 @@ class PoseMotion:
         sigmas = np.sqrt(np.repeat(np.column_stack([place, turn]), 3, axis=1))
         return Steps(R.as_matrix().reshape(-1, 3, 3), scale * t, by_parameters, sigmas, gap < LONGEST_STEP_S)
 
-    def _between(self, own: FloatArray) -> tuple[Rotation, FloatArray]:
-        own = np.clip(own, self._times[0], self._times[-1])
-        turns = self._turns(own)
+    def at(self, times_s: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """(K,3,3), (K,3) poses of the odometry at times of its own clock; at its ends it stays where it is."""
+        own = np.clip(times_s, self._times[0], self._times[-1])
         places = np.column_stack([np.interp(own, self._times, column) for column in self._places.T])
+        return self._turns(own).as_matrix(), places
+
+    def _between(self, own: FloatArray) -> tuple[Rotation, FloatArray]:
+        R, places = self.at(own)
+        turns = Rotation.from_matrix(R)
         return turns[:-1].inv() * turns[1:], turns[:-1].inv().apply(np.diff(places, axis=0)).reshape(-1, 3)

@@ -14,7 +14,8 @@ from lmkit.model.observation import RangeBearing
 from lmkit.model.pose import Pose, planar_pose, skew
 from lmkit.model.stereo_rig import StereoRig
 from lmkit.model.trajectory import Trajectory
-from lmkit.motion import PARAMETERS, Motion, MotionModel, describe_odometry, require_common_times
+from lmkit.motion import PARAMETERS, Motion, MotionModel, describe_odometry
+from lmkit.pose_motion import PoseMotion
 from lmkit.room_plan import ahead_of
 from lmkit.survey.bundle import Anchor, BundleProblem
 from lmkit.survey.start import find_start
@@ -123,7 +124,7 @@ def track_poses_live(
     Raises:
         InputError: odometry of another time.
     """
-    require_common_times(odometry.times_s, np.array([moment.time_s for moment in moments]))
+    PoseMotion(odometry).require_overlap(np.array([moment.time_s for moment in moments]))
     filter_, given, answers = PoseFilter(landmarks, rig), 0, []
     for moment in moments:
         while given < len(odometry) and odometry.times_s[given] <= moment.time_s:

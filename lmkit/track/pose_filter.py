@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -26,6 +26,7 @@ from lmkit.model.trajectory import Trajectory
 from lmkit.pose_motion import PoseMotion, PoseNoise
 from lmkit.track.planar_filter import NOWHERE_M
 from lmkit.track.rig_filter import CONVERGED, DOUBTS, ITERATIONS, believed
+from lmkit.track.wheels import AHEAD_S
 
 KEPT_S = 1.0  # odometry is kept for so long before the last moment
 
@@ -77,6 +78,7 @@ class PoseFilter:
         self._p: FloatArray = np.zeros(3)
         self._P: FloatArray = np.zeros((6, 6))
         self._doubts = 0
+        self._taken: tuple[FloatArray, FloatArray] | None = None  # odometry's pose of the last moment, as foretold
 
     def add_odometry(self, time_s: float, T_odometry_base: Pose) -> None:
         """Where odometry has the robot, in its own frame that drifts."""
@@ -124,9 +126,15 @@ class PoseFilter:
         rows = list(self._rows)
         if len(rows) < 2:  # nothing is known of how it moved
             rows = [(before_s - ago, np.zeros(3), np.array([0.0, 0.0, 0.0, 1.0])) for ago in (2.0, 1.0)]
-        times, places, turned = (np.array(column) for column in zip(*rows, strict=True))
-        poses = Trajectory(times, places, turned)
-        steps = PoseMotion(poses, self._noise).steps(np.array([before_s, time_s]), PoseMotion.nominal)
+        poses = ahead(Trajectory(*(np.array(column) for column in zip(*rows, strict=True))), AHEAD_S)
+        motion, times = PoseMotion(poses, self._noise), np.array([before_s, time_s])
+        steps = motion.steps(times, PoseMotion.nominal)
+        # From where it was taken to be then, so that what was foretold wrongly is made good.
+        R, p = motion.at(times)
+        if self._taken is not None:
+            R[0], p[0] = self._taken
+        self._taken = R[1], p[1]
+        steps = replace(steps, R=(R[0].T @ R[1])[None], t=((p[1] - p[0]) @ R[0])[None])
         R_step, t_step = steps.of_camera(self._T)
         base = self._R @ self._T.R.T
         moved = self._R @ t_step[0]
@@ -165,3 +173,16 @@ class PoseFilter:
         pose = Pose("map", "left", self._R, self._p)
         status = "lost" if lost else "ok"
         return SpacePose(time_s, status, pose, self._P.copy(), outliers, restarted, innovation, told)
+
+
+def ahead(poses: Trajectory, seconds: float) -> Trajectory:
+    """One row more: who moves goes on as he did."""
+    R, p = Rotation.from_quat(poses.quaternions[-2:]), poses.positions[-2:]
+    share = seconds / float(poses.times_s[-1] - poses.times_s[-2])
+    turned = R[1] * Rotation.from_rotvec(share * (R[0].inv() * R[1]).as_rotvec())
+    moved = R[1].apply(share * R[0].inv().apply(p[1] - p[0]))
+    return Trajectory(
+        np.append(poses.times_s, poses.times_s[-1] + seconds),
+        np.vstack([poses.positions, p[1] + moved]),
+        np.vstack([poses.quaternions, turned.as_quat()]),
+    )

@@ -5,6 +5,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from lmkit.errors import InputError
+from lmkit.model.pose import Pose
 from lmkit.model.trajectory import Trajectory
 from lmkit.pose_motion import PoseMotion
 from lmkit.simulate.drive import make_drive
@@ -121,3 +122,25 @@ def test_a_drive_is_smoothed_through_space(exact):
 def test_odometry_of_one_pose_is_refused():
     with pytest.raises(InputError, match="one pose"):
         PoseMotion(Trajectory(np.zeros(1), np.zeros((1, 3)), np.array([[0.0, 0.0, 0.0, 1.0]])))
+
+
+def test_odometry_between_moments_loses_no_way():
+    """Its rows lie half a period before the moments: what was travelled since the last row counts as well."""
+    drive = make_drive(1, seconds=30)
+    true = Trajectory(
+        drive.times_s,
+        np.array([drive.pose(k).t for k in range(len(drive.times_s))]),
+        np.array([drive.pose(k).quaternion_xyzw for k in range(len(drive.times_s))]),
+    )
+    filter_ = PoseFilter(drive.landmarks, drive.rig)
+    for k, moment in enumerate(drive.moments[:90]):
+        before = true.pose(max(k - 1, 0), "odometry", "base")
+        half = Rotation.from_matrix([before.R, true.pose(k, "odometry", "base").R]).mean()
+        place = (before.t + true.positions[k]) / 2
+        filter_.add_odometry(moment.time_s - 0.1, Pose("odometry", "base", half.as_matrix(), place))
+        seen = (moment.left, moment.right) if k < 60 else ((), ())
+        answer = filter_.observe(moment.time_s, *seen)
+    # Six seconds blind, two metres: exact odometry leads there.
+    off = np.linalg.norm(answer.T_map_left.t - (drive.pose(89) @ drive.rig.T_base_left).t)
+    assert off < 0.06
+    assert np.sqrt(np.trace(answer.covariance[:3, :3])) < 0.15
