@@ -20,7 +20,8 @@ from lmkit.model.landmark_map import LandmarkMap, MappedLandmark
 from lmkit.model.stereo_rig import StereoRig
 from lmkit.motion import Motion
 from lmkit.survey.bundle import Anchor, Bundle, BundleProblem
-from lmkit.survey.start import Key, Start, find_start
+from lmkit.survey.placing import Key
+from lmkit.survey.start import Start, find_start
 from lmkit.survey.ties import Tie, strays
 from lmkit.survey.twins import resolve_twins
 
@@ -102,27 +103,28 @@ def survey_drive(
     Raises:
         InputError: nothing to start from, or odometry without T_base_left or of another time.
     """
-    start = find_start(moments, rig, dict(sizes_m), anchors, motion)
-    problem = _settled(start, moments, rig, motion, ties)
-    if start.unplaced or _missing(start):
+    start = find_start(moments, rig, sizes_m, anchors, motion)
+    problem = start.problem(moments, rig, motion, ties)
+    settle_all(problem)
+    if start.unplaced or None in start.poses:
         # By the map as it is now more may be located and placed than while it grew.
-        again = find_start(moments, rig, dict(sizes_m), _hung(start, problem), motion)
-        if _missing(again) < _missing(start) or len(again.unplaced) < len(start.unplaced):
+        again = find_start(moments, rig, sizes_m, _hung(start, problem), motion)
+        if len(again.rows) > len(start.rows) or len(again.unplaced) < len(start.unplaced):
             # What is known beforehand is still that alone.
             start = replace(again, anchors=start.anchors)
-            problem = _settled(start, moments, rig, motion, ties)
+            problem = start.problem(moments, rig, motion, ties)
+            settle_all(problem)
     undecided = resolve_twins(problem)
     dropped = problem.drop_outliers(OUTLIER_SIGMA)
     problem.settle(STEPS)
-    rows, _ = start.known_poses()
-    seen = {(o.family, o.code) for k in rows for o in (*moments[k].left, *moments[k].right)}
     bundle = problem.answer(OUTLIER_SIGMA)
+    hung = {(m.family, m.code) for m in problem.hung}
     # A landmark that hangs where none of its sightings has it was started wrong.
     believed = set(bundle.codes[bundle.misfits < OUTLIER_SIGMA].tolist()) | {code for _, code in start.anchors}
     lost = [m for m in bundle.landmarks if m.code not in believed]
     bundle = _only(bundle, believed)
     unseen = [
-        replace(anchor.landmark, covariance=anchor.covariance) for key, anchor in anchors.items() if key not in seen
+        replace(anchor.landmark, covariance=anchor.covariance) for key, anchor in anchors.items() if key not in hung
     ]
     landmarks = LandmarkMap([*bundle.landmarks, *unseen])
     unplaced = tuple(sorted([code for _, code in start.unplaced] + [m.code for m in lost]))
@@ -131,7 +133,7 @@ def survey_drive(
     return Survey(
         bundle,
         landmarks,
-        rows,
+        start.rows,
         odd,
         _weak(bundle.landmarks),
         unplaced,
@@ -139,27 +141,6 @@ def survey_drive(
         ambiguous,
         _astray(ties, bundle.landmarks),
     )
-
-
-def _settled(
-    start: Start,
-    moments: Sequence[StereoMoment],
-    rig: StereoRig,
-    motion: Motion | None,
-    ties: Sequence[Tie],
-) -> BundleProblem:
-    """Everything that has a start, adjusted."""
-    rows, poses = start.known_poses()
-    seen = {(o.family, o.code) for k in rows for o in (*moments[k].left, *moments[k].right)}
-    hung = LandmarkMap([m for key, m in start.placed.items() if key in seen])
-    problem = BundleProblem([moments[k] for k in rows], rig, poses, hung, start.anchors, motion, ties=ties)
-    settle_all(problem)
-    return problem
-
-
-def _missing(start: Start) -> int:
-    """Moments without any pose."""
-    return len(start.poses) - len(start.known_poses()[0])
 
 
 def _hung(start: Start, problem: BundleProblem) -> dict[Key, Anchor]:

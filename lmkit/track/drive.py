@@ -17,7 +17,7 @@ from lmkit.model.trajectory import Trajectory
 from lmkit.motion import PARAMETERS, Motion, MotionModel, describe_odometry
 from lmkit.pose_motion import PoseMotion
 from lmkit.room_plan import ahead_of
-from lmkit.survey.bundle import Anchor, BundleProblem
+from lmkit.survey.bundle import Anchor
 from lmkit.survey.start import find_start
 from lmkit.survey.survey import OUTLIER_SIGMA, odd_landmarks, settle_all
 from lmkit.track.planar_filter import PlanarFilter, TrackedPose
@@ -271,23 +271,13 @@ def track_pictures(
     """
     known = {(m.family, m.code): Anchor(m, m.covariance) for m in landmarks}
     start = find_start(moments, rig, {}, known, motion)
-    rows, poses = start.known_poses()
-    seen = {(o.family, o.code) for k in rows for o in (*moments[k].left, *moments[k].right)}
-    hung = [m for m in landmarks if (m.family, m.code) in seen]
-    exact = all(m.covariance is None for m in hung)
-    problem = BundleProblem(
-        [moments[k] for k in rows],
-        rig,
-        poses,
-        LandmarkMap(hung),
-        {} if exact else known,
-        motion,
-        frozen=exact,
-    )
+    # Exactly known, they are held and need no unknowns of their own.
+    exact = all(m.covariance is None for m in landmarks)
+    problem = start.problem(moments, rig, motion, frozen=exact)
     settle_all(problem)
     bundle = problem.answer(OUTLIER_SIGMA)
     found, covariances = _at_base(bundle.left_poses(), np.array(bundle.covariances), rig)
-    outliers: list[tuple[int, ...]] = [() for _ in rows]
+    outliers: list[tuple[int, ...]] = [() for _ in start.rows]
     for row in np.flatnonzero(bundle.misfits > OUTLIER_SIGMA):
         outliers[bundle.moments[row]] += (int(bundle.codes[row]),)
     wide = np.sqrt(np.linalg.eigvalsh(covariances[:, :2, :2])[:, -1]) > LOST_M
@@ -301,7 +291,7 @@ def track_pictures(
         rig.T_base_left is not None,
         (*map(str, odd_landmarks(bundle)), *_doubts(motion, bundle.parameters)),
         _summed(
-            len(rows),
+            len(start.rows),
             bundle.moments,
             8 * bundle.misfits**2,
             np.full(len(bundle.misfits), 8.0),
