@@ -248,7 +248,7 @@ def _warnings(result: Survey, motion: Motion | None, ties: list[Tie], advice: di
         texts.append(doubt)
     for from_s, to_s, metres in result.bundle.jumps:
         texts.append(
-            f"between {from_s:g} and {to_s:g} s the rig leaps by {metres:.2f} m: it slid or was carried, or a "
+            f"between {from_s:.2f} and {to_s:.2f} s the rig leaps by {metres:.2f} m: it slid or was carried, or a "
             "landmark seen there was moved, or is placed by the wrong one of its two poses; look from another side"
         )
     for code in result.ambiguous:

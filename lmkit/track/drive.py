@@ -206,7 +206,7 @@ def _summed(count: int, moments: IntArray, squared: FloatArray, told: FloatArray
 
 def _carried_off(answers: Sequence[TrackedPose] | Sequence[SpacePose], but: str) -> tuple[str, ...]:
     return tuple(
-        f"at {answer.time_s:g} s the robot was somewhere else than {but}: carried off?"
+        f"at {answer.time_s:.2f} s the robot was somewhere else than {but}: carried off?"
         for answer in answers[1:]
         if answer.restarted
     )

@@ -124,7 +124,8 @@ class PoseFilter:
         while len(self._rows) > 2 and self._rows[1][0] < before_s - KEPT_S:
             self._rows.popleft()
         rows = list(self._rows)
-        if len(rows) < 2:  # nothing is known of how it moved
+        unknown = len(rows) < 2
+        if unknown:  # nothing is known of how it moved
             rows = [(before_s - ago, np.zeros(3), np.array([0.0, 0.0, 0.0, 1.0])) for ago in (2.0, 1.0)]
         poses = ahead(Trajectory(*(np.array(column) for column in zip(*rows, strict=True))), AHEAD_S)
         motion, times = PoseMotion(poses, self._noise), np.array([before_s, time_s])
@@ -133,7 +134,7 @@ class PoseFilter:
         R, p = motion.at(times)
         if self._taken is not None:
             R[0], p[0] = self._taken
-        self._taken = R[1], p[1]
+        self._taken = None if unknown else (R[1], p[1])
         steps = replace(steps, R=(R[0].T @ R[1])[None], t=((p[1] - p[0]) @ R[0])[None])
         R_step, t_step = steps.of_camera(self._T)
         base = self._R @ self._T.R.T

@@ -144,3 +144,15 @@ def test_odometry_between_moments_loses_no_way():
     off = np.linalg.norm(answer.T_map_left.t - (drive.pose(89) @ drive.rig.T_base_left).t)
     assert off < 0.06
     assert np.sqrt(np.trace(answer.covariance[:3, :3])) < 0.15
+
+
+def test_odometry_may_begin_after_the_eyes():
+    drive = make_drive(1, seconds=30)
+    odometry = drive.visual_odometry(1)
+    filter_ = PoseFilter(drive.landmarks, drive.rig)
+    for k, moment in enumerate(drive.moments[:30]):
+        if k >= 5:
+            filter_.add_odometry(float(odometry.times_s[k]), odometry.pose(k, "odometry", "base"))
+        answer = filter_.observe(moment.time_s, moment.left, moment.right)
+        assert not answer.restarted or k == 0
+        assert not answer.outliers
