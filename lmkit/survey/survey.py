@@ -50,8 +50,8 @@ class OddLandmark:
 
     def __str__(self) -> str:
         return (
-            f"{self.off} of {self.sightings} sightings of {self.code}, from {self.from_s:.2f} to {self.to_s:.2f} s, do "
-            "not fit where it hangs: it was moved, its code hangs twice, or it is misread; check it in the room"
+            f"{self.off} of {self.sightings} sightings of {self.code}, from {self.from_s:.2f} to {self.to_s:.2f} s, "
+            "do not fit where it hangs: it was moved, its code hangs twice, or it is misread; check it in the room"
         )
 
 
