@@ -31,7 +31,7 @@ CONVERGED = 1e-2  # of the cost: a last step of a tenth of a standard deviation
 SLIP_SIGMA, NEVER = 10.0, 1e6  # where the loss of motions bends
 LEAST_JUMP_M = 0.1
 # Without wheels: no rig leaps from one moment to the next.
-LEAST_MPS, FASTER, LONGEST_S, LEAP_SIGMA = 1.0, 4.0, 5.0, 4.0
+LEAST_MPS, FASTER, LEAP_SIGMA = 1.0, 4.0, 4.0
 EXACT = 1e-12  # m^2, rad^2: what is known exactly
 LEAST_TO_WEIGH = 20  # motions
 TOLD_BELOW = 0.3  # share of a motion's variance that is left once the eyes have spoken
@@ -426,7 +426,7 @@ class BundleProblem:
             # A pose that is hardly known leaps for that alone.
             variance = np.einsum("nii->n", covariances[:, :3, :3])
             sure = off > LEAP_SIGMA * np.sqrt(np.abs(variance[1:] + variance[:-1]))
-            leaps = np.flatnonzero((off > LEAST_JUMP_M) & sure & (seconds < LONGEST_S))
+            leaps = np.flatnonzero((off > LEAST_JUMP_M) & sure)
         else:
             r = self._motion_rows()[2]
             sigmas = self.motion.steps(self.times, self.parameters).sigmas * self.motion_scale

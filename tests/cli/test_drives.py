@@ -76,6 +76,16 @@ def test_a_survey_of_the_demo_s_files_finds_the_map(demo, tmp_path):
     assert error["position_m"]["rmse"] < 0.06
 
 
+def test_codes_of_a_declared_wall_that_the_drive_never_saw_are_named(demo, tmp_path):
+    seen = [line.split(",")[3] for line in (demo / "detections.csv").read_text().splitlines()[1:]]
+    never = next(code for code in map(str, range(256)) if code not in seen)
+    done = run(
+        "survey", "--detections", demo / "detections.csv", "--rig", demo / "rig.yaml",
+        "--wall", f"{seen[0]},{never}", "-o", tmp_path / "map.yaml",
+    )  # fmt: skip
+    assert f"of the wall {seen[0]}, {never} that was declared, {never} did not come into the map" in done.stderr
+
+
 def test_tracking_gives_a_line_a_moment(demo, tmp_path):
     done = run(
         "track", "--detections", demo / "detections.csv", "--rig", demo / "rig.yaml", "--map", demo / "true_map.yaml",
@@ -112,6 +122,7 @@ def test_tracking_goes_by_poses_of_visual_odometry_as_well(demo, tmp_path, how):
         (["survey", "--rig", "RIG", "--detections", "DET", "--known", "MAP", "--known-sigma", "5"], "no angle"),
         (["survey", "--rig", "RIG", "--detections", "DET", "--wall", "12,x"], "two codes"),
         (["survey", "--rig", "RIG", "--detections", "DET", "--wall", "12,13", "--wall-sigma", "5mm"], "no angle"),
+        (["survey", "--rig", "RIG", "--detections", "DET", "--wall-sigma", "5mm,1deg"], "--same-height beside it"),
         (["track", "--map", "MAP", "--readings", "r.csv"], "odometry"),
         (["track", "--map", "MAP", "--detections", "DET"], "need a rig"),
         (["track", "--map", "MAP", "--detections", "DET", "--rig", "RIG", "--live"], "--odometry"),

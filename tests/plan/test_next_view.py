@@ -6,7 +6,7 @@ import numpy as np
 
 from lmkit.model.drive import StereoMoment
 from lmkit.model.pose import Pose
-from lmkit.plan.next_view import next_view
+from lmkit.plan.next_view import _clear, next_view
 from lmkit.simulate.drive import make_drive
 from lmkit.simulate.look import look
 from lmkit.survey.bundle import Anchor
@@ -74,3 +74,10 @@ def test_no_view_is_proposed_where_the_whole_map_errs_alike():
     hung = [replace(m, covariance=common[:6, :6]) for m in bundle.landmarks]
     alike = replace(bundle, landmarks=type(bundle.landmarks)(hung), joint=common)
     assert next_view(alike.landmarks.find(code), alike, drive.rig) is None
+
+
+def test_a_landmark_between_hides_those_behind_its_wall():
+    # Eye at the origin; a wall across x at 1 m with a landmark, two behind it, one of those far aside.
+    places = np.array([[1.0, 0.0], [2.0, 0.1], [2.0, 3.0]])
+    along = np.array([[0.0, 1.0], [0.0, 1.0], [0.0, 1.0]])
+    assert _clear(np.zeros(2), places, along).tolist() == [True, False, True]

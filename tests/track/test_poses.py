@@ -156,3 +156,30 @@ def test_odometry_may_begin_after_the_eyes():
         answer = filter_.observe(moment.time_s, moment.left, moment.right)
         assert not answer.restarted or k == 0
         assert not answer.outliers
+
+
+def test_one_long_step_strays_as_many_short_ones_do():
+    """What it turns wrongly early on leads the rest of the way aside, however the way is cut."""
+    times = np.linspace(0.0, 20.0, 401)
+    places = np.column_stack([0.3 * times, np.zeros((401, 2))])
+    motion = PoseMotion(Trajectory(times, places, np.tile([0.0, 0.0, 0.0, 1.0], (401, 1))))
+    sides = []
+    for moments in (times[[0, 400]], times[::4]):
+        steps = motion.steps(moments, motion.nominal)
+        P = np.zeros((2, 2))  # aside, turn
+        for way, sigma in zip(steps.t[:, 0], steps.sigmas, strict=True):
+            F = np.array([[1.0, way], [0.0, 1.0]])
+            P = F @ P @ F.T + np.diag([sigma[1] ** 2, sigma[5] ** 2])
+        sides.append(np.sqrt(P[0, 0]))
+    assert sides[0] == pytest.approx(sides[1], rel=0.05)
+
+
+def test_eyes_that_see_nothing_and_have_no_odometry_are_lost():
+    drive = make_drive(1, seconds=10)
+    filter_ = PoseFilter(drive.landmarks, drive.rig)
+    for moment in drive.moments[:20]:
+        assert filter_.observe(moment.time_s, moment.left, moment.right).status == "ok"
+    for moment in drive.moments[20:40]:
+        answer = filter_.observe(moment.time_s, (), ())
+    # A robot may go a metre a second, and nobody knows where to.
+    assert answer.status == "lost"

@@ -5,11 +5,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from lmkit.locate.range_bearing import ReadingNoise
 from lmkit.model.drive import Gyro, Odometry
 from lmkit.model.landmark_map import LandmarkMap
 from lmkit.model.pose import Pose
 from lmkit.motion import NOMINAL, MotionModel, between
 from lmkit.simulate.drive import WheelErrors, make_drive
+from lmkit.track import planar_filter
 from lmkit.track.drive import track_live, track_pictures, track_pictures_live, track_readings
 from lmkit.track.planar_filter import PlanarFilter
 from lmkit.track.wheels import Wheels
@@ -210,3 +212,29 @@ def test_what_the_map_leaves_open_enters_poses_and_covariance(follow):
             nees[said].append(np.einsum("ni,nij,nj->n", off, np.linalg.inv(covariances), off).mean())
     assert np.mean(errors[True]) < 0.9 * np.mean(errors[False])
     assert np.mean(nees[True]) < 3.5 < np.mean(nees[False])
+
+
+def innovation_ratio(tracked):
+    """Mean square of what was not foreseen: 1 for a filter that knows how sure it is."""
+    squared, told = tracked.innovations.sum(axis=0)
+    return squared / told
+
+
+def test_innovations_are_as_large_as_expected_where_readings_scatter_as_told(monkeypatch):
+    # As simulated: independent of each other, and no worse than that.  Wheels are better than they are taken to be.
+    monkeypatch.setattr(planar_filter, "RELATED_S", 0.0)
+    monkeypatch.setattr(planar_filter, "DRIVE_NOISE", ReadingNoise(1e-3, 0.03, 0.01, 1e-4))
+    ratios = []
+    for seed in range(4):
+        drive = make_drive(seed)
+        ratios.append(innovation_ratio(track_live(drive.readings(seed), drive.odometry, drive.gyro, drive.landmarks)))
+    assert 0.6 < np.mean(ratios) < 1.2
+
+
+def test_innovations_of_corners_are_as_large_as_expected():
+    ratios = []
+    for seed in range(3):
+        drive = make_drive(seed)
+        tracked = track_pictures_live(drive.moments, drive.rig, drive.landmarks, drive.odometry, drive.gyro)
+        ratios.append(innovation_ratio(tracked))
+    assert 0.5 < np.mean(ratios) < 1.2
