@@ -4,20 +4,24 @@ Unknowns are N states of d numbers each, tied to their neighbours alone (by moti
 see (landmarks, scales, biases).  The normal equations are block tridiagonal with a border,
 
     [ T  B ] [x]   [g]
-    [ B' C ] [y] = [h],
+    [ B' C ] [y] = [h].
 
-so that the chain is eliminated with a banded Cholesky factor and what is left is a dense matrix of the border alone
-(the Schur complement; Triggs et al. 2000, section 6).  Work grows with N, not with its cube.
+The chain is cut into pieces, and the states between two cuts are eliminated (nested dissection; George 1973): in a
+short piece of a drive few landmarks are seen, so that its border is narrow.  The cuts are a shorter chain of the same
+shape.  That one is eliminated as a whole with a banded Cholesky factor, and what is left is a dense matrix of the
+border alone (the Schur complement; Triggs et al. 2000, section 6).  Work grows with N, not with its cube.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.linalg import cho_factor, cho_solve, cho_solve_banded, cholesky_banded
+from scipy.linalg import cho_factor, cho_solve, cho_solve_banded, cholesky, cholesky_banded, solve_triangular
 
 from lmkit.arrays import FloatArray, IntArray
+
+PIECE = 15  # states between two cuts
 
 
 @dataclass(eq=False)
@@ -70,13 +74,11 @@ class ChainEquations:
     def add_shared(self, states: IntArray, J: FloatArray, columns: IntArray, K: FloatArray, r: FloatArray) -> None:
         """What residuals of states have to do with the shared unknowns in ``columns`` (M,c); K is (M,k,c)."""
         Kt = K.transpose(0, 2, 1)
-        np.add.at(
-            self.border,
-            (states[:, None, None], np.arange(J.shape[2])[None, :, None], columns[:, None, :]),
-            J.transpose(0, 2, 1) @ K,
-        )
-        np.add.at(self.corner, (columns[:, :, None], columns[:, None, :]), Kt @ K)
-        np.add.at(self.shared_gradient, columns, (Kt @ r[..., None])[..., 0])
+        _, size, shared = self.border.shape
+        rows = size * states[:, None, None] + np.arange(size)[:, None]
+        _add_at(self.border, rows * shared + columns[:, None], J.transpose(0, 2, 1) @ K)
+        _add_at(self.corner, columns[:, :, None] * shared + columns[:, None], Kt @ K)
+        _add_at(self.shared_gradient, columns, (Kt @ r[..., None])[..., 0])
 
     def solve(self, damping: float = 0.0) -> tuple[FloatArray, FloatArray]:
         """Steps (N,d) of the states and (m,) of the shared unknowns.
@@ -87,38 +89,84 @@ class ChainEquations:
         Raises:
             numpy.linalg.LinAlgError: something is not determined at all.
         """
-        factor = self._factor(damping)
-        count, size, shared = self.border.shape
-        inner = cho_solve_banded(factor, self.gradient.reshape(-1)).reshape(count, size)
-        if shared == 0:
-            return inner, np.zeros(0)
-        W = cho_solve_banded(factor, self.border.reshape(count * size, shared))
-        corner = self.corner + damping * np.diag(np.diag(self.corner))
-        S = corner - self.border.reshape(count * size, shared).T @ W
-        y = cho_solve(cho_factor(S), self.shared_gradient - np.einsum("ndm,nd->m", self.border, inner))
-        return inner - (W @ y).reshape(count, size), y
+        damped = self._damped(damping)
+        pieces, cuts = damped._without_pieces()
+        at_cuts, y = cuts._solve_whole()
+        states = np.empty_like(self.gradient)
+        states[PIECE :: PIECE + 1] = at_cuts
+        for piece in pieces:
+            states[piece.states] = piece.solve(at_cuts, y)
+        return states, y
 
     def covariances(self) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """(N,d,d) of every state, (N-1,d,d) between each and the next, and (m,m) of the shared unknowns.
+        """(N,d,d) of every state, (N-1,d,d) between each and the next, and (m,m) of the shared unknowns."""
+        pieces, cuts = self._without_pieces()
+        known = cuts._covariances_whole()
+        own, across = np.empty_like(self.diagonal), np.empty_like(self.following)
+        own[PIECE :: PIECE + 1] = known[0]
+        for piece in pieces:
+            piece.covariances(*known, own, across)
+        return own, across, known[3]
+
+    def _damped(self, damping: float) -> ChainEquations:
+        diagonal, corner = self.diagonal.copy(), self.corner.copy()
+        for matrix in (diagonal, corner[None]):
+            k = np.arange(matrix.shape[1])
+            matrix[:, k, k] *= 1 + damping
+        return replace(self, diagonal=diagonal, corner=corner)
+
+    def _without_pieces(self) -> tuple[list[_Piece], ChainEquations]:
+        """The pieces between the cuts, and the equations of the cuts alone once those are eliminated."""
+        count, size, _ = self.border.shape
+        at = slice(PIECE, None, PIECE + 1)
+        cuts = ChainEquations(
+            self.diagonal[at].copy(),
+            np.zeros((max(len(self.diagonal[at]) - 1, 0), size, size)),
+            self.border[at].copy(),
+            self.corner.copy(),
+            self.gradient[at].copy(),
+            self.shared_gradient.copy(),
+        )
+        pieces = []
+        for number, first in enumerate(range(0, count, PIECE + 1)):
+            piece = _Piece.of(self, number, slice(first, min(first + PIECE, count)))
+            piece.take_from(cuts)
+            pieces.append(piece)
+        return pieces, cuts
+
+    def _solve_whole(self) -> tuple[FloatArray, FloatArray]:
+        count, size, shared = self.border.shape
+        if count == 0:
+            return self.gradient, _solved(self.corner, self.shared_gradient)
+        factor = self._factor()
+        inner = cho_solve_banded(factor, self.gradient.reshape(-1)).reshape(count, size)
+        W = cho_solve_banded(factor, self.border.reshape(count * size, shared)) if shared else self.border[..., 0]
+        S = self.corner - self.border.reshape(count * size, shared).T @ W
+        y = _solved(S, self.shared_gradient - np.einsum("ndm,nd->m", self.border, inner))
+        return inner - (W @ y).reshape(count, size), y
+
+    def _covariances_whole(self) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
+        """(N,d,d) of every state, (N-1,d,d) between each and the next, (N,d,m) and (m,m) with what is shared.
 
         The states' own part by the forward and backward sweeps of a smoother (Rauch, Tung and Striebel 1965, in
         information form), and what the shared unknowns add.
         """
         count, size, shared = self.border.shape
         own, across = _blocks_of_inverse(self.diagonal, self.following)
-        if shared == 0:
-            return own, across, np.zeros((0, 0))
-        W = cho_solve_banded(self._factor(0.0), self.border.reshape(count * size, shared))
+        if shared == 0 or count == 0:
+            return own, across, self.border, np.linalg.inv(self.corner)
+        W = cho_solve_banded(self._factor(), self.border.reshape(count * size, shared))
         S = self.corner - self.border.reshape(count * size, shared).T @ W
         C = np.linalg.inv(S)
+        C = (C + C.T) / 2
         W = W.reshape(count, size, shared)
         back = W.transpose(0, 2, 1)
-        return own + W @ C @ back, across + W[:-1] @ C @ back[1:], np.asarray((C + C.T) / 2)
+        return own + W @ C @ back, across + W[:-1] @ C @ back[1:], -W @ C, C
 
-    def _factor(self, damping: float) -> tuple[FloatArray, bool]:
-        return cholesky_banded(self._band(damping), lower=True), True
+    def _factor(self) -> tuple[FloatArray, bool]:
+        return cholesky_banded(self._band(), lower=True), True
 
-    def _band(self, damping: float) -> FloatArray:
+    def _band(self) -> FloatArray:
         """(2d, N d) the block tridiagonal matrix as LAPACK's lower band."""
         count, size, _ = self.diagonal.shape
         band = np.zeros((2 * size, count, size))
@@ -128,8 +176,119 @@ class ChainEquations:
             for j in range(size):
                 # Row i of state k + 1 and column j of state k.
                 band[size + i - j, : count - 1, j] = self.following[:, j, i]
-        band[0] *= 1 + damping
         return band.reshape(2 * size, count * size)
+
+
+@dataclass(frozen=True, eq=False)
+class _Piece:
+    """Some states of the chain between two cuts, eliminated: their matrix A = L L', and E to all that they touch.
+
+    Attributes:
+        states: which.
+        cuts: numbers of the cuts before and after, those that there are.
+        columns: (c,) shared unknowns that the piece has to do with.
+        factor: (nd,nd) L.
+        half: (nd,ld+c) the inverse of L on E: l cuts, then the shared unknowns.
+        half_gradient: (nd,) the inverse of L on the gradient.
+    """
+
+    states: slice
+    cuts: IntArray
+    columns: IntArray
+    factor: FloatArray
+    half: FloatArray
+    half_gradient: FloatArray
+
+    @classmethod
+    def of(cls, chain: ChainEquations, number: int, states: slice) -> _Piece:
+        """The piece of that number."""
+        count, size, _ = chain.border.shape
+        first, end = states.start, states.stop
+        length = end - first
+        A = np.zeros((length, size, length, size))
+        k = np.arange(length)
+        A[k, :, k] = chain.diagonal[states]
+        A[k[:-1], :, k[1:]] = chain.following[first : end - 1]
+        A[k[1:], :, k[:-1]] = chain.following[first : end - 1].transpose(0, 2, 1)
+        columns = np.flatnonzero((chain.border[states] != 0).any(axis=(0, 1)))
+        cuts = [cut for cut in (number - 1, number) if cut >= 0 and cut * (PIECE + 1) + PIECE < count]
+        E = np.zeros((length, size, size * len(cuts) + len(columns)))
+        if number > 0:
+            E[0, :, :size] = chain.following[first - 1].T
+        if number in cuts:
+            E[-1, :, size * len(cuts) - size : size * len(cuts)] = chain.following[end - 1]
+        E[:, :, size * len(cuts) :] = chain.border[states][:, :, columns]
+        factor = cholesky(A.reshape(length * size, -1), lower=True, check_finite=False)
+        right = np.column_stack([E.reshape(length * size, -1), chain.gradient[states].ravel()])
+        half = solve_triangular(factor, right, lower=True, check_finite=False)
+        return cls(states, np.array(cuts, dtype=np.int64), columns, factor, half[:, :-1], half[:, -1])
+
+    def take_from(self, cuts: ChainEquations) -> None:
+        """Eliminate the piece from the equations of the cuts."""
+        size = cuts.diagonal.shape[1]
+        inner = size * len(self.cuts)
+        S, g = self.half.T @ self.half, self.half.T @ self.half_gradient
+        blocks = S[:inner, :inner].reshape(len(self.cuts), size, len(self.cuts), size)
+        for row, cut in enumerate(self.cuts):
+            cuts.diagonal[cut] -= blocks[row, :, row]
+            cuts.gradient[cut] -= g[size * row : size * (row + 1)]
+            cuts.border[cut][:, self.columns] -= S[size * row : size * (row + 1), inner:]
+        if len(self.cuts) == 2:
+            cuts.following[self.cuts[0]] -= blocks[0, :, 1]
+        cuts.corner[np.ix_(self.columns, self.columns)] -= S[inner:, inner:]
+        cuts.shared_gradient[self.columns] -= g[inner:]
+
+    def solve(self, at_cuts: FloatArray, shared: FloatArray) -> FloatArray:
+        """(n,d) steps of its states from those of all cuts and of all that is shared."""
+        z = np.concatenate([at_cuts[self.cuts].ravel(), shared[self.columns]])
+        x = solve_triangular(
+            self.factor, self.half_gradient - self.half @ z, lower=True, trans="T", check_finite=False
+        )
+        return np.asarray(x.reshape(-1, at_cuts.shape[1]))
+
+    def covariances(
+        self,
+        own: FloatArray,
+        across: FloatArray,
+        with_shared: FloatArray,
+        shared: FloatArray,
+        all_own: FloatArray,
+        all_across: FloatArray,
+    ) -> None:
+        """Put its states' blocks into those of all, from those of the cuts."""
+        size = own.shape[1]
+        inner, count = size * len(self.cuts), len(self.cuts)
+        C = np.empty((self.half.shape[1], self.half.shape[1]))
+        C[inner:, inner:] = shared[np.ix_(self.columns, self.columns)]
+        blocks = C[:inner, :inner].reshape(count, size, count, size)
+        blocks[np.arange(count), :, np.arange(count)] = own[self.cuts]
+        if count == 2:
+            blocks[0, :, 1], blocks[1, :, 0] = across[self.cuts[0]], across[self.cuts[0]].T
+        C[:inner, inner:] = with_shared[self.cuts][:, :, self.columns].reshape(inner, len(self.columns))
+        C[inner:, :inner] = C[:inner, inner:].T
+        inverse = solve_triangular(self.factor, np.eye(len(self.factor)), lower=True, check_finite=False)
+        F = inverse.T @ self.half
+        FC = F @ C
+        length = len(F) // size
+        mine = (inverse.T @ inverse + FC @ F.T).reshape(length, size, length, size)
+        with_cuts = -FC[:, :inner].reshape(length, size, count, size)
+        k = np.arange(length)
+        first, end = self.states.start, self.states.stop
+        all_own[self.states] = mine[k, :, k]
+        all_across[first : end - 1] = mine[k[:-1], :, k[1:]]
+        if first > 0:
+            all_across[first - 1] = with_cuts[0, :, 0].T
+        if end < len(all_own):
+            all_across[end - 1] = with_cuts[-1, :, -1]
+
+
+def _solved(S: FloatArray, g: FloatArray) -> FloatArray:
+    return np.asarray(cho_solve(cho_factor(S), g)) if len(g) else g
+
+
+def _add_at(array: FloatArray, places: IntArray, values: FloatArray) -> None:
+    """Add to an array, by places in it as a flat one: numpy does that far faster than by several indices."""
+    np.add.at(array.reshape(-1), places.ravel(), values.ravel())
 
 
 def _blocks_of_inverse(diagonal: FloatArray, following: FloatArray) -> tuple[FloatArray, FloatArray]:
