@@ -14,7 +14,7 @@ from typing import Protocol
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from lmkit.arrays import FloatArray
+from lmkit.arrays import BoolArray, FloatArray
 from lmkit.errors import InputError
 from lmkit.model.drive import Gyro, Odometry
 from lmkit.model.pose import Pose
@@ -70,7 +70,7 @@ class Increments:
     motions: FloatArray
     by_parameters: FloatArray
     sigmas: FloatArray
-    known: FloatArray
+    known: BoolArray
 
 
 @dataclass(frozen=True, eq=False)
@@ -88,7 +88,7 @@ class Steps:
     t: FloatArray
     by_parameters: FloatArray
     sigmas: FloatArray
-    known: FloatArray
+    known: BoolArray
 
     def of_camera(self, T_base_left: Pose) -> tuple[FloatArray, FloatArray]:
         """(K-1,3,3), (K-1,3) how a camera moves that sits there: T_left_base T_base_base' T_base_left."""

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from lmkit.arrays import FloatArray
+from lmkit.arrays import FloatArray, IntArray
 from lmkit.model.pose import Pose, orthonormal, rotation_angle
 from lmkit.model.stereo_rig import StereoRig
 from lmkit.motion import Motion
@@ -32,51 +32,71 @@ class Carried:
 
 
 @dataclass(frozen=True, eq=False)
-class CarrySteps:
-    """(N-1,3,3), (N-1,3) T_left(k)_left(k + 1), and (N-1,) the way, infinite where nothing is known."""
+class OdometryPath:
+    """The left camera's way as odometry alone tells it.
+
+    Attributes:
+        R, t: (N,3,3), (N,3) T_left(0)_left(k).
+        way_m: (N,) travelled up to each moment, turns counted, too.
+        stretch: (N,) how many gaps of odometry lie before it.
+    """
 
     R: FloatArray
     t: FloatArray
     way_m: FloatArray
+    stretch: IntArray
 
     @classmethod
-    def of(cls, times_s: FloatArray, rig: StereoRig, motion: Motion | None) -> CarrySteps | None:
-        """As the left eye moves; None without odometry."""
-        if motion is None or len(times_s) < 2:
-            return None
+    def of(cls, times_s: FloatArray, rig: StereoRig, motion: Motion) -> OdometryPath:
+        """Between moments (N,) of a drive."""
         steps = motion.steps(times_s, motion.nominal)
-        R, t = steps.of_camera(rig.T_base_left or Pose.identity("base", "left"))
-        turned = np.arccos(np.clip((np.einsum("nii->n", steps.R) - 1) / 2, -1, 1))
-        return cls(R, t, np.where(steps.known, np.linalg.norm(steps.t, axis=1) + turned, np.inf))
+        R, t = np.repeat(np.eye(3)[None], len(times_s), axis=0), np.zeros((len(times_s), 3))
+        turned, moved = steps.of_camera(rig.T_base_left or Pose.identity("base", "left"))
+        for k in range(len(moved)):
+            R[k + 1], t[k + 1] = R[k] @ turned[k], t[k] + R[k] @ moved[k]
+        angles = np.arccos(np.clip((np.einsum("nii->n", steps.R) - 1) / 2, -1, 1))
+        way = np.where(steps.known, np.linalg.norm(steps.t, axis=1) + angles, 0.0)
+        return cls(R, t, np.append(0.0, np.cumsum(way)), np.append(0, np.cumsum(~steps.known)))
 
-    def step(self, at: Carried, k: int, onwards: bool) -> Carried:
-        """From moment k to the next, or from there back to moment k."""
-        way = at.way_m + float(self.way_m[k])
-        if onwards:
-            R, t = at.pose.R @ self.R[k], at.pose.t + at.pose.R @ self.t[k]
-        else:
-            R = at.pose.R @ self.R[k].T
-            t = at.pose.t - R @ self.t[k]
-        return Carried(Pose("map", "camera", orthonormal(R), t), way)
+    def carry(self, pose: Pose, at: int, to: int) -> Carried | None:
+        """The pose of one moment carried on to another; None over a gap."""
+        if self.stretch[at] != self.stretch[to]:
+            return None
+        back = pose.R @ self.R[at].T
+        T = Pose("map", "camera", orthonormal(back @ self.R[to]), pose.t + back @ (self.t[to] - self.t[at]))
+        return Carried(T, abs(float(self.way_m[to] - self.way_m[at])))
 
 
-def carried_poses(poses: Sequence[Pose | None], steps: CarrySteps | None) -> list[Carried | None]:
-    """Where moments without a pose are, carried on from the nearest that has one; None for those that have."""
-    count = len(poses)
-    found: list[Carried | None] = [None] * count
-    if steps is None:
-        return found
-    for onwards in (True, False):
-        at: Carried | None = None
-        for k in range(count) if onwards else range(count - 1, -1, -1):
-            pose = poses[k]
-            if pose is not None:
-                at = Carried(pose, 0.0)
-                continue
-            if at is None:
-                continue
-            at = steps.step(at, k - 1 if onwards else k, onwards)
-            before = found[k]
-            if np.isfinite(at.way_m) and (before is None or at.way_m < before.way_m):
-                found[k] = at
-    return found
+class CarriedPoses:
+    """Of every moment that has no pose: the nearest one that has, carried on to it.
+
+    Args:
+        poses: (N) of the moments, as they are now.
+        path: None without odometry: nothing is carried.
+
+    Attributes:
+        way_m: (N,) over how much of a way; infinite where nothing is carried.
+    """
+
+    def __init__(self, poses: Sequence[Pose | None], path: OdometryPath | None) -> None:
+        self._poses, self._path = list(poses), path
+        self._nearest: IntArray = np.full(len(poses), -1)
+        self.way_m = np.full(len(poses), np.inf)
+        known = np.flatnonzero([pose is not None for pose in poses])
+        if path is None or len(known) == 0:
+            return
+        rows = np.arange(len(poses))
+        after = np.searchsorted(known, rows)
+        ways = []
+        sides = np.array([known[np.clip(after - 1, 0, None)], known[np.clip(after, None, len(known) - 1)]])
+        for side in sides:
+            way = np.abs(path.way_m - path.way_m[side])
+            ways.append(np.where(path.stretch == path.stretch[side], way, np.inf))
+        self.way_m = np.min(ways, axis=0)
+        self.way_m[known] = np.inf
+        self._nearest = np.where(np.isfinite(self.way_m), sides[np.argmin(ways, axis=0), rows], -1)
+
+    def __getitem__(self, k: int) -> Carried | None:
+        at = int(self._nearest[k])
+        pose = self._poses[at] if at >= 0 else None
+        return None if pose is None or self._path is None else self._path.carry(pose, at, k)

@@ -19,7 +19,7 @@ from lmkit.model.landmark_map import LandmarkMap, MappedLandmark
 from lmkit.model.observation import LandmarkObservation
 from lmkit.model.pose import Pose, rotation_angle
 from lmkit.model.stereo_rig import StereoRig
-from lmkit.survey.carry import Carried
+from lmkit.survey.carry import CarriedPoses
 
 VIEWS = 8  # of a landmark that place it, the largest
 CANDIDATE_VIEWS = 4  # of those, that say where it may hang
@@ -47,6 +47,7 @@ class Placing:
         self.wanted = {key for key in self.views if key in sizes_m}
         # Of a moment and a landmark: where the camera may be in the landmark's frame.
         self._seen_from: dict[tuple[int, Key], list[Pose]] = {}
+        self._looked: dict[tuple[int, Key, float], Sightings] = {}
 
     def best_seen(self) -> Key:
         """Of those to be placed.
@@ -61,7 +62,7 @@ class Placing:
         return max(self.wanted, key=lambda key: sum(side for side, _ in self.views[key][:VIEWS]))
 
     def place(
-        self, key: Key, poses: Sequence[Pose | None], carried: Sequence[Carried | None], least: int
+        self, key: Key, poses: Sequence[Pose | None], carried: CarriedPoses, least: int
     ) -> MappedLandmark | None:
         """Where its views agree best that it hangs; None while two that differ do as well, or too few agree.
 
@@ -90,12 +91,13 @@ class Placing:
             return None
         return MappedLandmark(key[1], key[0], self._sizes_m[key], candidates[best])
 
-    def _known_views(self, key: Key, poses: Sequence[Pose | None], carried: Sequence[Carried | None]) -> At:
+    def _known_views(self, key: Key, poses: Sequence[Pose | None], carried: CarriedPoses) -> At:
         """The largest views from moments that were located, and some from moments not far from those."""
         views = self.views[key]
         located = [(k, pose, LOCATED_PX) for _, k in views if (pose := poses[k]) is not None][:VIEWS]
-        near = [(k, c.pose, CARRIED_PX) for _, k in views if (c := carried[k]) is not None and c.way_m < CARRY_M]
-        return located + near[: VIEWS - len(located) // 2]
+        room = VIEWS - len(located) // 2
+        near = [k for _, k in views if carried.way_m[k] < CARRY_M][:room]
+        return located + [(k, c.pose, CARRIED_PX) for k in near if (c := carried[k]) is not None]
 
     def _cameras(self, k: int, key: Key) -> list[Pose]:
         """T_camera_landmark as that view allows."""
@@ -104,6 +106,14 @@ class Placing:
             likeliest = [] if estimate.T_map_camera is None else [estimate.T_map_camera]
             self._seen_from[k, key] = [*likeliest, *(pose for pose, _ in estimate.alternatives)]
         return self._seen_from[k, key]
+
+    def _sightings(self, k: int, key: Key, floor_px: float) -> Sightings:
+        """Of one landmark in one moment, in the landmark's frame."""
+        if (k, key, floor_px) not in self._looked:
+            self._looked[k, key, floor_px] = Sightings.of_rig(
+                *_only(self._moments[k], key), self._rig, self._alone(key), floor_px
+            )
+        return self._looked[k, key, floor_px]
 
     def _alone(self, key: Key) -> LandmarkMap:
         return LandmarkMap([MappedLandmark(key[1], key[0], self._sizes_m[key], Pose.identity("map", "landmark"))])
@@ -115,7 +125,7 @@ class Placing:
         places = np.array([T.t for T in candidates])
         misfits = np.full((len(candidates), len(at)), CAP)
         for column, (k, pose, floor_px) in enumerate(at):
-            seen = Sightings.of_rig(*_only(self._moments[k], key), self._rig, self._alone(key), floor_px)
+            seen = self._sightings(k, key, floor_px)
             if len(seen):
                 cameras = Poses(back @ pose.R, (back @ (pose.t - places)[..., None])[..., 0])
                 misfits[:, column] = np.minimum(CAP, seen.misfits(cameras).mean(axis=1))

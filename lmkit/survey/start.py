@@ -21,7 +21,7 @@ from lmkit.model.pose import Pose, orthonormal, rotation_angle
 from lmkit.model.stereo_rig import StereoRig
 from lmkit.motion import Motion
 from lmkit.survey.bundle import Anchor, BundleProblem
-from lmkit.survey.carry import STRAY_M, STRAY_RAD, Carried, CarrySteps, carried_poses
+from lmkit.survey.carry import STRAY_M, STRAY_RAD, Carried, CarriedPoses, OdometryPath
 from lmkit.survey.placing import CAP, SURE_RATIO, Key, Placing
 from lmkit.survey.ties import Tie
 
@@ -117,8 +117,8 @@ def find_start(
         )
     search = _Search(moments, rig, anchors, placing, motion)
     search.run()
-    carried = carried_poses(search.poses, search.steps)
-    poses = [pose or (c.pose if c else None) for pose, c in zip(search.poses, carried, strict=True)]
+    carried = CarriedPoses(search.poses, search.path)
+    poses = [pose or (c.pose if (c := carried[k]) else None) for k, pose in enumerate(search.poses)]
     if not any(poses):
         raise InputError(
             "nothing_located", "no moment of the drive could be located", "see what lmkit locate says of its pictures"
@@ -143,14 +143,14 @@ class _Search:
         self.poses = [None] * len(self.moments)
         self.placed = {key: anchor.landmark for key, anchor in self.anchors.items()}
         times = np.array([moment.time_s for moment in self.moments])
-        self.steps = CarrySteps.of(times, self.rig, self.motion)
+        self.path = None if self.motion is None else OdometryPath.of(times, self.rig, self.motion)
 
     def run(self) -> None:
         """Round by round, until nothing comes anew."""
         least = LEAST_VIEWS
         while True:
             news = self.locate_more()
-            carried = carried_poses(self.poses, self.steps)
+            carried = CarriedPoses(self.poses, self.path)
             news += self.place_more(carried, least)
             # What one moment alone saw is placed last, and only where nothing contradicts.
             stuck = news == 0 and least == 1
@@ -160,7 +160,7 @@ class _Search:
                     return
             least = LEAST_VIEWS if news else 1
 
-    def place_more(self, carried: Sequence[Carried | None], least: int) -> int:
+    def place_more(self, carried: CarriedPoses, least: int) -> int:
         """Landmarks that enough views agree on."""
         news = 0
         for key in sorted(self.placing.wanted - self.placed.keys()):
@@ -188,7 +188,7 @@ class _Search:
     def locate_more(self) -> int:
         """Moments located from what is placed; those tried before are tried again when they see more of it."""
         landmarks, news = self.map_so_far(), 0
-        carried = carried_poses(self.poses, self.steps)
+        carried = CarriedPoses(self.poses, self.path)
         for k, moment in enumerate(self.moments):
             if self.poses[k] is not None:
                 continue
@@ -216,19 +216,16 @@ class _Search:
 
     def beside_a_neighbour(self, k: int) -> Carried | None:
         """Where odometry leads from a located neighbour in time; None where none is near."""
-        if self.steps is None:
+        if self.path is None:
             return None
-        before = self.poses[k - 1] if k > 0 else None
-        after = self.poses[k + 1] if k + 1 < len(self.poses) else None
-        if before is not None:
-            guess = self.steps.step(Carried(before, 0.0), k - 1, True)
-        elif after is not None:
-            guess = self.steps.step(Carried(after, 0.0), k, False)
-        else:
-            return None
-        return guess if guess.way_m < NEIGHBOUR_M else None
+        for at in (k - 1, k + 1):
+            pose = self.poses[at] if 0 <= at < len(self.poses) else None
+            if pose is not None:
+                guess = self.path.carry(pose, at, k)
+                return guess if guess is not None and guess.way_m < NEIGHBOUR_M else None
+        return None
 
-    def locate_likeliest(self, carried: Sequence[Carried | None]) -> int:
+    def locate_likeliest(self, carried: CarriedPoses) -> int:
         """Where nothing is sure: the moment whose best pose is the likeliest against its others; 0 without one."""
         landmarks = self.map_so_far()
         best: tuple[float, int, Pose] | None = None
@@ -248,7 +245,7 @@ class _Search:
         self.poses[best[1]] = best[2]
         return 1
 
-    def locate_by_neighbours(self, carried: Sequence[Carried | None]) -> int:
+    def locate_by_neighbours(self, carried: CarriedPoses) -> int:
         """Moments that allow several poses, or a valley of them: the one near where the rig was just before."""
         landmarks, moments = self.map_so_far(), self.moments
         allowed: dict[int, list[Pose]] = {}
