@@ -116,9 +116,12 @@ def place(
     in_view: InView = 2,
     headings: Headings = 25.0,
     share: Annotated[float, typer.Option("--share", help="Percent of the floor at which this must hold.")] = 90.0,
-    size: Annotated[str, typer.Option("--size", help="Of the landmarks.")] = "180mm",
+    size: Annotated[
+        list[str] | None, typer.Option("--size", help="Of the landmarks; repeatable, to choose from. Default: 180mm.")
+    ] = None,
     height: Annotated[
-        str | None, typer.Option("--height", help="Of their middles; a little above the camera.")
+        list[str] | None,
+        typer.Option("--height", help="Of their middles; repeatable, to choose from. Default: above the camera."),
     ] = None,
     not_on: Annotated[str, typer.Option("--not-on", help="Walls that stay bare, as in A,C.")] = "",
     patience: Annotated[
@@ -148,9 +151,9 @@ def place(
     ground, eyes = _floor(floor, scale), _rig(rig, camera_height)
     hung = LandmarkMap([]) if landmark_map is None else read_any_map(landmark_map)
     options = HangOptions(
-        _metres(size, "--size"),
+        tuple(_metres(text, "--size") for text in size or ["180mm"]),
+        tuple(_metres(text, "--height") for text in height or []),
         "lm8",
-        None if height is None else _metres(height, "--height"),
         tuple(name.strip() for name in not_on.split(",") if name.strip()),
         patience,
     )
@@ -180,6 +183,7 @@ def place(
                 "wall": m.wall.name,
                 "along_m": m.along_m,
                 "height_m": float(m.landmark.T_map_landmark.t[2]),
+                "size_m": m.landmark.size_m,
             }
             for m in placement.mounts
         ]

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import cv2
 import numpy as np
@@ -14,11 +14,12 @@ from lmkit.locate.rig import LocateOptions
 from lmkit.model.floor_plan import FloorPlan
 from lmkit.model.landmark_map import MappedLandmark
 from lmkit.model.stereo_rig import StereoRig
-from lmkit.plan.sight import IN_VIEW, Sights, find_sights, planar_covariances, planar_errors
+from lmkit.plan.sight import Sights, find_sights, planar_covariances, planar_errors
 
 BLIND_M = 10.0  # an error as large is none worth a word
 # An error from which `locate` calls its answer ambiguous.
 AMBIGUOUS_M = LocateOptions.far_m / np.sqrt(2 * LocateOptions.ambiguous_below)
+PROMISE_DRAWS = 32
 HEADINGS = 16
 MOST_PLACES = 4000
 FINEST_M, COARSEST_M = 0.25, 2.0
@@ -181,23 +182,24 @@ def expected_errors(sights: Sights, states: FloatArray, rig: StereoRig) -> tuple
 
 
 def promised_errors(sights: Sights, states: FloatArray, rig: StereoRig) -> FloatArray:
-    """(P,) root mean square errors of the position (m) over what may be read: all in view, or all but one.
+    """(P,) root mean square errors of the position (m) over what may be read; infinite where hardly anything is.
 
-    Two missing at once are rare; what `locate` would call ambiguous is left out.  Not what the search looks at: a
-    landmark missed once in fifty times, whose loss costs ten times the error, doubles the mean.
+    Landmarks in view are drawn as often as they are read; draws that `locate` would call ambiguous are left out.  Not
+    what the search looks at: a landmark missed now and then, whose loss costs ten times the error, doubles the mean.
     """
     assert rig.T_base_left is not None
-    sure = sights.probability >= IN_VIEW
-    all_read = replace(sights, probability=np.where(sure, 1.0, sights.probability))
-    information = all_read.information_at(len(states))
-    C = planar_covariances(information, states, rig.T_base_left)
-    rows = sights.poses[sure]
-    missed = planar_covariances(information[rows] - sights.information[sure], states[rows], rig.T_base_left)
-    squared = np.abs(missed[:, 0, 0] + missed[:, 1, 1])
-    odds = np.where(squared < AMBIGUOUS_M**2, 1 / sights.probability[sure] - 1, 0.0)
-    total = 1 + np.bincount(rows, odds, len(states))
-    lost = np.bincount(rows, odds * squared, len(states))
-    return np.asarray(np.sqrt((C[:, 0, 0] + C[:, 1, 1] + lost) / total))
+    rng = np.random.default_rng(0)
+    total, count = np.zeros(len(states)), np.zeros(len(states))
+    for _ in range(PROMISE_DRAWS):
+        read = rng.random(len(sights.poses)) < sights.probability
+        drawn = Sights(sights.poses[read], sights.landmarks[read], np.ones(read.sum()), sights.information[read])
+        C = planar_covariances(drawn.information_at(len(states)), states, rig.T_base_left)
+        squared = C[:, 0, 0] + C[:, 1, 1]
+        known = squared < AMBIGUOUS_M**2
+        total += np.where(known, squared, 0.0)
+        count += known
+    with np.errstate(divide="ignore", invalid="ignore"):
+        return np.asarray(np.where(count >= PROMISE_DRAWS / 4, np.sqrt(total / count), np.inf))
 
 
 def weak_places(coverage: Coverage, demand: Demand) -> list[WeakPlace]:

@@ -5,19 +5,22 @@
    demand of counts alone this is submodular cover, and greedy needs at most 1 + ln(places) times the fewest landmarks
    (Wolsey 1982); with errors in it there is no such bound, so what the result holds is measured, on other places.
 3. Landmarks that are not needed are taken down; then two are taken down for one hung elsewhere, while time lasts.
+4. Where several sizes may hang, all this is done with the largest that fits; then each landmark shrinks to the
+   smallest with which the demand still holds.
 """
 
 from __future__ import annotations
 
 import heapq
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from itertools import pairwise
 
 import numpy as np
 
-from lmkit.arrays import FloatArray, IntArray
+from lmkit.arrays import BoolArray, FloatArray, IntArray
 from lmkit.errors import InputError, NegativeAnswer
 from lmkit.model.floor_plan import FloorPlan, Wall
 from lmkit.model.landmark_map import LandmarkMap, MappedLandmark, wall_pose
@@ -40,6 +43,7 @@ MOST_PLACES = 900
 MARGIN = 0.005  # of the share, for places between those that were looked at
 LEAST_GAIN = 1e-6
 REMEDIES = 5
+MOST_PROMISED = 2000  # poses that the promised error is taken over
 CHECKED_STEP = 0.7  # of the search's step between places: those that check the result are others
 NEIGHBOURS_M = 4.0
 
@@ -49,15 +53,16 @@ class HangOptions:
     """How landmarks may hang.
 
     Attributes:
-        size_m, family: of all of them.
-        height_m: of their middles; None: a little above the camera.
+        sizes_m: to choose from.
+        heights_m: of their middles, to choose from; none: a little above the camera.
+        family: of all of them.
         not_on: names of walls that stay bare, beside those that the floor plan says.
         exchange_s: how long to look for two landmarks that one can do for.
     """
 
-    size_m: float = 0.18
+    sizes_m: tuple[float, ...] = (0.18,)
+    heights_m: tuple[float, ...] = ()
     family: str = "lm8"
-    height_m: float | None = None
     not_on: tuple[str, ...] = ()
     exchange_s: float = 10.0
 
@@ -71,8 +76,13 @@ class Mount:
     along_m: float
 
     def __str__(self) -> str:
-        height = self.landmark.T_map_landmark.t[2]
-        return f"wall {self.wall.name}, {self.along_m:.2f} m from its left end, {height:.2f} m high"
+        height, size_mm = self.landmark.T_map_landmark.t[2], 1000 * self.landmark.size_m
+        return f"wall {self.wall.name}, {self.along_m:.2f} m from its left end, {height:.2f} m high, {size_mm:.0f} mm"
+
+    @property
+    def room_m(self) -> float:
+        """Of wall that it takes."""
+        return self.landmark.size_m + 2 * EDGE_M
 
 
 @dataclass(frozen=True, eq=False)
@@ -103,7 +113,7 @@ def place_landmarks(
     options: HangOptions | None = None,
     on_step: Callable[[int, float], None] = lambda count, share: None,
 ) -> Placement:
-    """The fewest landmarks found that hold the demand.
+    """The fewest landmarks found that hold the demand, none larger than it has to be.
 
     Args:
         hung: landmarks that hang already and stay.
@@ -133,13 +143,22 @@ def place_landmarks(
         if placement.share >= demand.share or target >= problem.possible:
             break
         target = min(target + demand.share - placement.share + MARGIN, problem.possible)
-    problem.exchange(target, options.exchange_s)
-    exchanged = _finish(problem, floor, hung, rig, radius_m, demand, options)
-    return exchanged if exchanged.share >= min(placement.share, demand.share) else placement
+    for improve in (
+        partial(problem.exchange, target, options.exchange_s),
+        partial(problem.shrink, target, options.sizes_m),
+    ):
+        before = problem.hung_now()
+        improve()
+        improved = _finish(problem, floor, hung, rig, radius_m, demand, options)
+        if improved.share >= min(placement.share, demand.share):
+            placement = improved
+        else:
+            problem.hang(before)
+    return placement
 
 
 def hanging_places(floor: FloorPlan, rig: StereoRig, options: HangOptions) -> list[Mount]:
-    """Where a landmark fits along the usable walls, without codes yet.
+    """Where a landmark of the largest size that fits may hang on the usable walls, without codes yet.
 
     Raises:
         InputError: a wall is named that is not there.
@@ -149,22 +168,40 @@ def hanging_places(floor: FloorPlan, rig: StereoRig, options: HangOptions) -> li
         if name not in known:
             raise InputError("unknown_wall", f"no wall {name!r}", f"walls: {', '.join(sorted(known))}")
     assert rig.T_base_left is not None
-    height = rig.T_base_left.t[2] + 0.25 if options.height_m is None else options.height_m
-    half = options.size_m / 2 + EDGE_M
+    heights = options.heights_m or (float(rig.T_base_left.t[2]) + 0.25,)
     mounts = []
     for wall in floor.walls:
-        if not wall.usable or wall.name in options.not_on or wall.length_m < 2 * half:
+        fitting = [size for size in options.sizes_m if size + 2 * EDGE_M <= wall.length_m]
+        if not wall.usable or wall.name in options.not_on or not fitting:
             continue
-        count = int((wall.length_m - 2 * half) / CANDIDATE_M) + 1
-        rest = wall.length_m - 2 * half - (count - 1) * CANDIDATE_M
+        size = max(fitting)
+        half = size / 2 + EDGE_M
+        step = max(CANDIDATE_M, 2 * half)
+        count = int((wall.length_m - 2 * half) / step) + 1
+        rest = wall.length_m - 2 * half - (count - 1) * step
         out = np.array([np.cos(wall.facing_rad), np.sin(wall.facing_rad)])
-        for along in half + rest / 2 + CANDIDATE_M * np.arange(count):
+        for along in half + rest / 2 + step * np.arange(count):
             middle = wall.left + along * wall.along
             beside = middle + np.array([-half, 0.0, half])[:, None] * wall.along + 2 * floor.cell_m * out
             if floor.is_free(beside).all():
-                T = wall_pose([*middle, height], wall.facing_rad)
-                mounts.append(Mount(MappedLandmark(0, options.family, options.size_m, T), wall, float(along)))
+                for height in heights:
+                    T = wall_pose([*middle, height], wall.facing_rad)
+                    mounts.append(Mount(MappedLandmark(0, options.family, size, T), wall, float(along)))
     return mounts
+
+
+@dataclass(frozen=True, eq=False)
+class _Spot:
+    """A candidate, (R,) the poses that may read it, (R,6,6) what it tells there, (R,) whether it is in view."""
+
+    mount: Mount
+    rows: IntArray
+    told: FloatArray
+    shown: BoolArray
+
+
+def _resized(mount: Mount, size_m: float) -> Mount:
+    return replace(mount, landmark=replace(mount.landmark, size_m=size_m))
 
 
 class _Problem:
@@ -180,7 +217,7 @@ class _Problem:
         demand: Demand,
     ) -> None:
         assert rig.T_base_left is not None
-        self.spots, self.demand, self.T_base_left = spots, demand, rig.T_base_left
+        self.floor, self.rig, self.demand, self.T_base_left = floor, rig, demand, rig.T_base_left
         places, step_m = places_on(floor, radius_m)
         if len(places) > MOST_PLACES:
             places, step_m = places_on(floor, radius_m, step_m * np.sqrt(len(places) / MOST_PLACES))
@@ -190,17 +227,27 @@ class _Problem:
         known = find_sights(self.states, hung, rig, floor)
         self.information = known.information_at(len(self.states))
         self.in_view = known.in_view_at(len(self.states))
-        sights = find_sights(self.states, [spot.landmark for spot in spots], rig, floor)
-        order = np.argsort(sights.landmarks, kind="stable")
-        bounds = np.searchsorted(sights.landmarks[order], np.arange(len(spots) + 1))
-        parts = [order[a:b] for a, b in pairwise(bounds)]
-        self.rows: list[IntArray] = [sights.poses[part] for part in parts]
-        self.told: list[FloatArray] = [
-            sights.probability[part, None, None] * sights.information[part] for part in parts
-        ]
-        self.shown = [sights.probability[part] >= IN_VIEW for part in parts]
+        self.spots = [_Spot(mount, *told) for mount, told in zip(spots, self._told([*spots]), strict=True)]
+        places_hung = np.array([spot.landmark.T_map_landmark.t for spot in spots])
+        rooms = np.array([spot.room_m for spot in spots])
+        apart = np.linalg.norm(places_hung[:, None] - places_hung[None], axis=2)
+        self.crowds = apart < (rooms[:, None] + rooms[None]) / 2 - 1e-9
         self.chosen: list[int] = []
         self.scores = self._scores(np.arange(len(self.states)), self.information, self.in_view)
+
+    def _told(self, mounts: Sequence[Mount]) -> list[tuple[IntArray, FloatArray, BoolArray]]:
+        """Of each: the poses that may read it, what it tells there, and whether it counts as in view."""
+        sights = find_sights(self.states, [mount.landmark for mount in mounts], self.rig, self.floor)
+        order = np.argsort(sights.landmarks, kind="stable")
+        bounds = np.searchsorted(sights.landmarks[order], np.arange(len(mounts) + 1))
+        return [
+            (
+                sights.poses[part],
+                sights.probability[part, None, None] * sights.information[part],
+                sights.probability[part] >= IN_VIEW,
+            )
+            for part in (order[a:b] for a, b in pairwise(bounds))
+        ]
 
     @property
     def share(self) -> float:
@@ -240,6 +287,8 @@ class _Problem:
             best = None
             while heap:
                 k = heapq.heappop(heap)[1]
+                if self._crowded(k):
+                    continue
                 gain = self.gain(k)
                 if not heap or gain >= -heap[0][0] - 1e-12:
                     best = (gain, k)
@@ -280,8 +329,9 @@ class _Problem:
 
     def gain(self, k: int) -> float:
         """What a candidate adds to the scores of all places."""
-        rows = self.rows[k]
-        after = self._scores(rows, self.information[rows] + self.told[k], self.in_view[rows] + self.shown[k])
+        spot = self.spots[k]
+        rows = spot.rows
+        after = self._scores(rows, self.information[rows] + spot.told, self.in_view[rows] + spot.shown)
         places = np.unique(rows // self.turns)
         scores = self.scores.reshape(-1, self.turns)[places]
         changed = scores.copy()
@@ -299,9 +349,10 @@ class _Problem:
         self._add(k, -1)
 
     def _add(self, k: int, sign: int) -> None:
-        rows = self.rows[k]
-        self.information[rows] += sign * self.told[k]
-        self.in_view[rows] += sign * self.shown[k]
+        spot = self.spots[k]
+        rows = spot.rows
+        self.information[rows] += sign * spot.told
+        self.in_view[rows] += sign * spot.shown
         self.scores[rows] = self._scores(rows, self.information[rows], self.in_view[rows])
 
     def _loss(self, k: int) -> float:
@@ -323,12 +374,48 @@ class _Problem:
             if self._needless(k, target):
                 self.take(k)
 
+    def shrink(self, target: float, sizes_m: Sequence[float]) -> None:
+        """Each as small as the demand allows, what is least needed first."""
+        target = min(target, self.share)
+        for k in sorted(self.chosen, key=self._loss):
+            was = self.spots[k]
+            smaller = [_resized(was.mount, size) for size in sorted(sizes_m) if size < was.mount.landmark.size_m]
+            for mount, told in zip(smaller, self._told(smaller), strict=True):
+                self.take(k)
+                self.spots[k] = _Spot(mount, *told)
+                self.put(k)
+                if self.share >= target:
+                    break
+                self.take(k)
+                self.spots[k] = was
+                self.put(k)
+
+    def hung_now(self) -> dict[int, _Spot]:
+        """What hangs, by candidate."""
+        return {k: self.spots[k] for k in self.chosen}
+
+    def hang(self, spots: Mapping[int, _Spot]) -> None:
+        """That, and nothing else."""
+        for k in list(self.chosen):
+            self.take(k)
+        for k, spot in spots.items():
+            self.spots[k] = spot
+            self.put(k)
+
+    def _crowded(self, k: int) -> bool:
+        """Does something hang there already?"""
+        return bool(self.crowds[k, self.chosen].any())
+
     def _neighbours(self, k: int) -> list[int]:
-        here = self.spots[k].landmark.T_map_landmark.t
+        """Candidates near one that is to be replaced, where there is room without it."""
+        here = self.spots[k].mount.landmark.T_map_landmark.t
+        others = [i for i in self.chosen if i != k]
         return [
             j
             for j, spot in enumerate(self.spots)
-            if j not in self.chosen and np.linalg.norm(spot.landmark.T_map_landmark.t - here) < NEIGHBOURS_M
+            if j not in self.chosen
+            and np.linalg.norm(spot.mount.landmark.T_map_landmark.t - here) < NEIGHBOURS_M
+            and not self.crowds[j, others].any()
         ]
 
     def _errors(self, rows: IntArray, information: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -359,7 +446,7 @@ def _finish(
     options: HangOptions,
 ) -> Placement:
     """Codes, and what holds at places that the search did not look at."""
-    spots = [problem.spots[k] for k in sorted(problem.chosen)]
+    spots = [problem.spots[k].mount for k in sorted(problem.chosen)]
     codes = assign_codes([spot.landmark.T_map_landmark.t for spot in spots], hung, options.family)
     mounts = tuple(
         replace(spot, landmark=replace(spot.landmark, code=code)) for spot, code in zip(spots, codes, strict=True)
@@ -369,6 +456,8 @@ def _finish(
     holds = coverage.holds(demand)
     states, _ = all_states(coverage.places)
     states = states[holds.ravel()]
+    states = states[:: 1 + len(states) // MOST_PROMISED]
     errors = promised_errors(find_sights(states, list(landmarks), rig, floor), states, rig)
+    errors = errors[np.isfinite(errors)]
     error_m = float(np.sqrt(np.mean(errors**2))) if len(errors) else float("inf")
     return Placement(mounts, landmarks, coverage, float(coverage.covered(demand).mean()), error_m)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from dataclasses import replace
-from itertools import pairwise
+from itertools import combinations, pairwise
 
 import numpy as np
 import pytest
@@ -122,6 +122,33 @@ def test_what_is_placed_holds_the_demand_and_no_wall_that_must_stay_bare(tmp_pat
     for mount in placed.mounts:
         T = mount.landmark.T_map_landmark
         assert T.t[:2] == pytest.approx(mount.wall.left + mount.along_m * mount.wall.along)
+
+
+def test_of_several_sizes_and_heights_none_is_larger_than_it_has_to_be(tmp_path):
+    floor, sizes, heights = two_rooms(tmp_path), (0.12, 0.18, 0.3), (1.0, 1.6)
+    options = HangOptions(sizes, heights, exchange_s=0.0)
+    placed = place_landmarks(floor, [], RIG, RADIUS_M, EASY, options)
+    assert placed.share >= EASY.share
+    hung = [m.landmark for m in placed.mounts]
+    assert {m.size_m for m in hung} <= set(sizes)
+    assert len({m.size_m for m in hung}) > 1
+    assert {float(m.T_map_landmark.t[2]) for m in hung} <= set(heights)
+    # A smaller one in any place would not do, give or take the margin that the search keeps.
+    for m in hung:
+        for smaller in (size for size in sizes if size < m.size_m):
+            others = [replace(one, size_m=smaller) if one is m else one for one in hung]
+            assert predict_coverage(floor, others, RIG, RADIUS_M).covered(EASY).mean() < EASY.share + 0.04
+    # Larger ones from which to choose need no more than one size alone.
+    alone = place_landmarks(floor, [], RIG, RADIUS_M, EASY, HangOptions((0.12,), heights, exchange_s=0.0))
+    assert len(hung) < len(alone.mounts)
+    for a, b in combinations(hung, 2):
+        assert np.linalg.norm(a.T_map_landmark.t - b.T_map_landmark.t) > (a.size_m + b.size_m) / 2
+
+
+def test_large_landmarks_do_not_hang_over_each_other(tmp_path):
+    placed = place_landmarks(two_rooms(tmp_path), [], RIG, RADIUS_M, EASY, HangOptions((0.7,), exchange_s=0.0))
+    for a, b in combinations((m.landmark for m in placed.mounts), 2):
+        assert np.linalg.norm(a.T_map_landmark.t - b.T_map_landmark.t) > 0.7
 
 
 def test_what_hangs_for_nothing_is_taken_down_again(tmp_path):

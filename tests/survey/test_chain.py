@@ -35,7 +35,9 @@ def random_problem(count, size, shared, seed):
     return chain, H, g
 
 
-@pytest.mark.parametrize(("count", "size", "shared"), [(1, 3, 2), (2, 6, 4), (9, 3, 7), (15, 2, 3), (16, 3, 2), (17, 2, 5), (70, 2, 9)])
+@pytest.mark.parametrize(
+    ("count", "size", "shared"), [(1, 3, 2), (2, 6, 4), (9, 3, 7), (15, 2, 3), (16, 3, 2), (17, 2, 5), (70, 2, 9)]
+)
 def test_steps_and_covariances_are_those_of_the_dense_matrix(count, size, shared):
     chain, H, g = random_problem(count, size, shared, seed=count)
     states, rest = chain.solve()
