@@ -1,15 +1,18 @@
-"""Real robots through a known map: `lmkit track` on UTIAS MRCLAM (Leung et al., IJRR 30(8), 2011), five robots.
+"""Real robots through a known map, and through one they survey: UTIAS MRCLAM (Leung et al., IJRR 30(8), 2011).
 
     uv run python benchmarks/track.py ../shared/data/mrclam
 
-Readings of landmarks and odometry alone, as the command takes them; delay and scales are found, not given.  Errors at
-every moment with a reading.  NEES of an honest planar covariance has a mean of 3.
+Readings of landmarks and odometry alone, as `lmkit track` and `lmkit survey` take them, of five robots; delay and
+scales are found, not given.  Errors at every moment with a reading.  NEES of an honest planar covariance has a mean
+of 3.  A surveyed map and its drive are laid onto the true map by the rotation and shift that fit its landmarks best;
+its size stays as it is.
 """
 
 from __future__ import annotations
 
 import sys
 import time
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -19,7 +22,7 @@ from lmkit.model.drive import Odometry
 from lmkit.model.landmark_map import LandmarkMap, MappedLandmark
 from lmkit.model.observation import RangeBearing
 from lmkit.model.pose import Pose
-from lmkit.track.drive import TrackedDrive, track_live, track_readings
+from lmkit.track.drive import TrackedDrive, survey_readings, track_live, track_readings
 
 
 def load(
@@ -78,7 +81,33 @@ def main(folder: Path) -> None:
     row = "| all |"
     for parts in everything.values():
         row += _cells(np.concatenate([off for off, _ in parts]), np.concatenate([nees for _, nees in parts]))
-    print(f"{row} | |")
+    print(f"{row} | |\n")
+    print("| robot, map unknown | map, cm | robot, cm | deg |")
+    print("|---|---|---|---|")
+    surveyed = [surveyed_errors(folder, robot) for robot in range(1, 6)]
+    for robot, (places, off) in enumerate(surveyed, 1):
+        print(f"| {robot} | {_surveyed_cells(places, off)}")
+    print(f"| all | {_surveyed_cells(*(np.concatenate(parts) for parts in zip(*surveyed, strict=True)))}")
+
+
+def surveyed_errors(folder: Path, robot: int) -> tuple[np.ndarray, np.ndarray]:
+    """(L,2) of the landmarks (m), and (N,3) of the drive, x, y, heading."""
+    moments, wheels, landmarks, truth = load(folder, robot)
+    found, drive = survey_readings(moments, wheels, None, 0.18)
+    true = np.array([landmarks.find(m.code).T_map_landmark.t[:2] for m in found])
+    own = np.array([m.T_map_landmark.t[:2] for m in found])
+    U, _, Vt = np.linalg.svd((own - own.mean(axis=0)).T @ (true - true.mean(axis=0)))
+    R = (U @ np.diag([1.0, np.sign(np.linalg.det(U @ Vt))]) @ Vt).T
+    shift = true.mean(axis=0) - R @ own.mean(axis=0)
+    turn = np.eye(3)
+    turn[:2, :2] = R
+    poses = [Pose("map", "base", turn @ pose.R, turn @ pose.t + [*shift, 0.0]) for pose in drive.poses]
+    return own @ R.T + shift - true, errors(replace(drive, poses=poses), truth)[0]
+
+
+def _surveyed_cells(places: np.ndarray, off: np.ndarray) -> str:
+    cm = [100 * np.sqrt((d**2).sum(axis=1).mean()) for d in (places, off[:, :2])]
+    return f"{cm[0]:.1f} | {cm[1]:.1f} | {np.rad2deg(np.sqrt((off[:, 2] ** 2).mean())):.2f} |"
 
 
 def _cells(off: np.ndarray, nees: np.ndarray) -> str:

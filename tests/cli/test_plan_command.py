@@ -37,6 +37,17 @@ def test_place_writes_map_prints_list_and_plan(lmkit, files, tmp_path):
     assert (again.code, "--force" in again.err) == (2, True)
 
 
+def test_sizes_and_heights_may_be_chosen_from(lmkit, files, tmp_path):
+    asks = ("--size", "90mm", "--size", "300mm", "--height", "1m", "--height", "1.5m", "--no-prints")
+    done = lmkit("plan", "place", *files, *EASY, *asks, "--patience", "0", "-o", "out", "--json")
+    assert done.code == 0, done.err
+    listed = json.loads(done.out)["landmarks"]
+    assert {one["size_m"] for one in listed} <= {0.09, 0.3}
+    assert {one["height_m"] for one in listed} <= {1.0, 1.5}
+    rows = (tmp_path / "out" / "mounting.csv").read_text().splitlines()[1:]
+    assert [int(row.split(",")[4]) for row in rows] == [round(1000 * one["size_m"]) for one in listed]
+
+
 def test_what_hangs_already_may_be_enough(lmkit, files, tmp_path):
     asks = ("--in-view", "0", "--headings", "20", "--share", "50", "--patience", "0")
     done = lmkit("plan", "place", *files, *asks, "--map", "map.yaml", "-o", "out")
