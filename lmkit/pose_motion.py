@@ -70,16 +70,29 @@ class PoseMotion:
         by_parameters[:, :3, 0] = t
         by_parameters[:, :3, 1] = scale * (later_t - t) / DELAY_STEP_S
         by_parameters[:, 3:, 1] = (R.inv() * later_R).as_rotvec().reshape(-1, 3) / DELAY_STEP_S
-        own, n = times_s - delay, self.noise
-        way, turned, gap = (np.diff(np.interp(own, self._times, total)) for total in self._totals.T)
-        gap = gap + np.diff(np.clip(own, None, self._times[0])) + np.diff(np.clip(own, self._times[-1], None))
-        seconds = np.diff(times_s)
+        own = times_s - delay
+        return Steps(
+            R.as_matrix().reshape(-1, 3, 3),
+            scale * t,
+            by_parameters,
+            self.sigmas(own),
+            self._gaps(own) < LONGEST_STEP_S,
+        )
+
+    def sigmas(self, own_s: FloatArray) -> FloatArray:
+        """(K-1,6) standard deviations of ways (m) and turns (rad) between times of the odometry's clock (K,)."""
+        n, seconds, gap = self.noise, np.diff(own_s), self._gaps(own_s)
+        way, turned = (np.diff(np.interp(own_s, self._times, total)) for total in self._totals.T[:2])
         place = n.place_per_root_m**2 * way + n.place_per_root_s**2 * seconds + (n.unknown_mps * gap) ** 2
         turn = n.turn_per_root_rad**2 * turned + n.turn_per_root_s**2 * seconds + (n.unknown_radps * gap) ** 2
         # What it turns wrongly early on leads the rest of the way aside.
         place = place + turn * way**2 / 3
-        sigmas = np.sqrt(np.repeat(np.column_stack([place, turn]), 3, axis=1))
-        return Steps(R.as_matrix().reshape(-1, 3, 3), scale * t, by_parameters, sigmas, gap < LONGEST_STEP_S)
+        return np.asarray(np.sqrt(np.repeat(np.column_stack([place, turn]), 3, axis=1)))
+
+    def _gaps(self, own_s: FloatArray) -> FloatArray:
+        """(K-1,) seconds without poses."""
+        outside = np.diff(np.clip(own_s, None, self._times[0])) + np.diff(np.clip(own_s, self._times[-1], None))
+        return np.asarray(np.diff(np.interp(own_s, self._times, self._totals[:, 2])) + outside)
 
     def at(self, times_s: FloatArray) -> tuple[FloatArray, FloatArray]:
         """(K,3,3), (K,3) poses of the odometry at times of its own clock; at its ends it stays where it is."""

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -20,7 +20,7 @@ from lmkit.locate.sightings import CORNER_FLOOR_PX, Poses, Sightings
 from lmkit.locate.turns import turns
 from lmkit.model.landmark_map import LandmarkMap
 from lmkit.model.observation import LandmarkObservation
-from lmkit.model.pose import Pose, orthonormal, skew
+from lmkit.model.pose import Pose, orthonormal, rotation_log, skew
 from lmkit.model.stereo_rig import StereoRig
 from lmkit.model.trajectory import Trajectory
 from lmkit.pose_motion import PoseMotion, PoseNoise
@@ -129,23 +129,21 @@ class PoseFilter:
             rows = [(before_s - ago, np.zeros(3), np.array([0.0, 0.0, 0.0, 1.0])) for ago in (2.0, 1.0)]
         poses = ahead(Trajectory(*(np.array(column) for column in zip(*rows, strict=True))), AHEAD_S)
         motion, times = PoseMotion(poses, self._noise), np.array([before_s, time_s])
-        steps = motion.steps(times, PoseMotion.nominal)
         # From where it was taken to be then, so that what was foretold wrongly is made good.
         R, p = motion.at(times)
         if self._taken is not None:
             R[0], p[0] = self._taken
         self._taken = None if unknown else (R[1], p[1])
-        steps = replace(steps, R=(R[0].T @ R[1])[None], t=((p[1] - p[0]) @ R[0])[None])
-        R_step, t_step = steps.of_camera(self._T)
-        base = self._R @ self._T.R.T
-        moved = self._R @ t_step[0]
-        F = np.eye(6)
-        F[:3, 3:] = -skew(moved)
-        later = base @ steps.R[0]
-        G = np.zeros((6, 6))
-        G[:3, :3], G[:3, 3:], G[3:, 3:] = base, -later @ skew(self._T.t), later
-        self._P = F @ self._P @ F.T + G @ np.diag(steps.sigmas[0] ** 2) @ G.T
-        self._R, self._p = orthonormal(self._R @ R_step[0]), self._p + moved
+        turned, moved = R[0].T @ R[1], (p[1] - p[0]) @ R[0]
+        # Of the camera: T_left_base T_base_base' T_base_left.
+        base, arm = self._R @ self._T.R.T, self._T.t
+        way = base @ (moved + turned @ arm - arm)
+        later = base @ turned
+        F, G = np.eye(6), np.zeros((6, 6))
+        F[:3, 3:] = -skew(way)
+        G[:3, :3], G[:3, 3:], G[3:, 3:] = base, -later @ skew(arm), later
+        self._P = F @ self._P @ F.T + G @ np.diag(motion.sigmas(times)[0] ** 2) @ G.T
+        self._R, self._p = orthonormal(later @ self._T.R), self._p + way
 
     def _fit(
         self, seen: Sightings, used: BoolArray, known: FloatArray
@@ -165,7 +163,7 @@ class PoseFilter:
 
     def _off(self, R: FloatArray, p: FloatArray) -> FloatArray:
         """(6,) from a pose to the one that was foretold."""
-        return np.concatenate([self._p - p, Rotation.from_matrix(self._R @ R.T).as_rotvec()])
+        return np.concatenate([self._p - p, rotation_log(self._R @ R.T)])
 
     def _pose(
         self, time_s: float, outliers: tuple[int, ...], restarted: bool, innovation: float = 0.0, told: int = 0

@@ -21,7 +21,7 @@ from lmkit.locate.sightings import CORNER_FLOOR_PX, Poses, Sightings
 from lmkit.locate.turns import turns
 from lmkit.model.landmark_map import LandmarkMap
 from lmkit.model.observation import LandmarkObservation
-from lmkit.model.pose import planar_pose, skew
+from lmkit.model.pose import skew
 from lmkit.model.stereo_rig import StereoRig
 from lmkit.motion import NOMINAL, PARAMETERS, PRIOR_SIGMA, MotionNoise
 from lmkit.track.planar_filter import NOWHERE_M, TrackedPose
@@ -137,7 +137,7 @@ class RigFilter:
         level = np.array([self._prior.height_sigma, self._prior.tilt_sigma, self._prior.tilt_sigma]) ** -2
         for _ in range(ITERATIONS):
             N, g, _ = seen.equations(self._poses(x, lean), used[None], None)
-            arm = planar_pose(x[:3]).R @ self._T.t
+            arm = _heading(x) @ self._T.t
             # x, y, heading of the base; then height, roll and pitch of this moment.
             J = np.zeros((6, 6))
             J[0, 0] = J[1, 1] = J[5, 2] = J[2, 3] = J[3, 4] = J[4, 5] = 1.0
@@ -163,9 +163,8 @@ class RigFilter:
         return poses, (x, normal, float(cost))
 
     def _poses(self, x: FloatArray, lean: FloatArray) -> Poses:
-        base = planar_pose(x[:3])
-        turn = turns(np.array([[lean[1], lean[2], 0.0]])) @ base.R
-        return Poses(turn @ self._T.R, base.t + turn @ self._T.t + np.array([[0.0, 0.0, lean[0]]]))
+        turn = turns(np.array([[lean[1], lean[2], 0.0]])) @ _heading(x)
+        return Poses(turn @ self._T.R, np.array([[x[0], x[1], lean[0]]]) + turn @ self._T.t)
 
     def _pose(
         self, time_s: float, outliers: tuple[int, ...], restarted: bool, innovation: float = 0.0, told: int = 0
@@ -174,6 +173,12 @@ class RigFilter:
         lost = np.sqrt(np.linalg.eigvalsh(P[:2, :2])[-1]) > NOWHERE_M or self._doubts >= DOUBTS
         status = "lost" if lost else "ok"
         return TrackedPose(time_s, status, self._x[:3].copy(), P.copy(), outliers, restarted, innovation, told)
+
+
+def _heading(x: FloatArray) -> FloatArray:
+    """(3,3) R_map_base of a robot on a level floor."""
+    c, s = np.cos(x[2]), np.sin(x[2])
+    return np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
 
 
 def believed(seen: Sightings, fit: Callable[[BoolArray], tuple[Poses, Fitted]]) -> tuple[BoolArray, Fitted]:
