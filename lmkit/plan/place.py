@@ -143,10 +143,10 @@ def place_landmarks(
         if placement.share >= demand.share or target >= problem.possible:
             break
         target = min(target + demand.share - placement.share + MARGIN, problem.possible)
-    for improve in (
-        partial(problem.exchange, target, options.exchange_s),
-        partial(problem.shrink, target, options.sizes_m),
-    ):
+    improvements = [partial(problem.exchange, target, options.exchange_s)]
+    if len(set(options.sizes_m)) > 1:
+        improvements.append(partial(problem.shrink, target, options.sizes_m))
+    for improve in improvements:
         before = problem.hung_now()
         improve()
         improved = _finish(problem, floor, hung, rig, radius_m, demand, options)

@@ -67,23 +67,24 @@ def test_what_is_promised_allows_for_a_missed_landmark(tmp_path):
     assert (promised < 3 * expected).all()
 
 
-def test_what_is_promised_is_what_simulation_gives(tmp_path):
+def test_what_is_promised_is_kept_in_simulation(tmp_path):
     """Where landmarks are at the edge of being read, too: some draws miss one, some two."""
     floor = two_rooms(tmp_path)
     landmarks = LandmarkMap([replace(m, size_m=0.1) for m in hung_every(floor, 0.8)])
     rng = np.random.default_rng(5)
     places, _ = places_on(floor, RADIUS_M)
-    states = np.column_stack([places[rng.integers(len(places), size=120)], rng.uniform(-np.pi, np.pi, 120)])
+    states = np.column_stack([places[rng.integers(len(places), size=100)], rng.uniform(-np.pi, np.pi, 100)])
     sights = find_sights(states, list(landmarks), RIG, floor)
-    known = (sights.in_view_at(120) >= 2) & (expected_errors(sights, states, RIG)[0] < 0.05)
+    known = (sights.in_view_at(100) >= 2) & (expected_errors(sights, states, RIG)[0] < 0.05)
     assert known.sum() > 30
     promised = promised_errors(sights, states, RIG)[known]
-    errors = [simulated(floor, landmarks, s, k, 10) for k, s in enumerate(states[known])]
-    found = np.array([np.sqrt(np.mean(np.square(off))) if len(off) >= 5 else np.inf for off in errors])
+    errors = [simulated(floor, landmarks, s, k, 6) for k, s in enumerate(states[known])]
+    found = np.array([np.sqrt(np.mean(np.square(off))) if len(off) >= 3 else np.inf for off in errors])
     both = np.isfinite(found) & np.isfinite(promised)
     assert both.mean() > 0.9
     ratio = np.sqrt(np.mean(found[both] ** 2) / np.mean(promised[both] ** 2))
-    assert 0.7 < ratio < 1.3
+    # A little too much: of single landmarks that are read, `locate` leaves out the worst as ambiguous.
+    assert 0.5 < ratio < 1.1
 
 
 def test_places_rank_as_simulated_ones_do(tmp_path):
