@@ -26,7 +26,8 @@ from lmkit.locate.rig import LocateOptions, locate_rig
 from lmkit.model.floor_plan import FloorPlan
 from lmkit.model.landmark_map import LandmarkMap, MappedLandmark, wall_pose
 from lmkit.plan.coverage import Demand, expected_errors, places_on, predict_coverage, promised_errors
-from lmkit.plan.place import HangOptions, hanging_places, place_landmarks
+from lmkit.plan.mounts import HangOptions, hanging_places
+from lmkit.plan.place import place_landmarks
 from lmkit.plan.sight import find_sights
 from lmkit.simulate.drive import T_BASE_LEFT, WheelErrors
 from lmkit.simulate.robot import SimulatedRobot

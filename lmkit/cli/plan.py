@@ -138,8 +138,9 @@ def place(
     from lmkit.formats.landmark_map import map_to_yaml
     from lmkit.model.landmark_map import LandmarkMap
     from lmkit.plan.hang import mounting_csv, sheets_to_print
+    from lmkit.plan.mounts import HangOptions
     from lmkit.plan.pictures import draw_coverage, draw_placement
-    from lmkit.plan.place import HangOptions, place_landmarks
+    from lmkit.plan.place import place_landmarks
 
     demand = _demand(error, heading, in_view, headings, share)
     if not 0 <= patience <= MOST_PATIENCE_S:

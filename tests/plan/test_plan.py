@@ -20,9 +20,11 @@ from lmkit.model.landmark import LM8
 from lmkit.model.landmark_map import LandmarkMap, MappedLandmark, wall_pose
 from lmkit.plan.codes import assign_codes, confusable_codes
 from lmkit.plan.coverage import Demand, expected_errors, places_on, predict_coverage, promised_errors, weak_places
+from lmkit.plan.mounts import HangOptions, hanging_places
 from lmkit.plan.pictures import draw_coverage
-from lmkit.plan.place import HangOptions, _Problem, hanging_places, place_landmarks
+from lmkit.plan.place import place_landmarks
 from lmkit.plan.route import Spot, find_spot, plan_route
+from lmkit.plan.search import Search
 from lmkit.plan.sight import find_sights
 from lmkit.simulate.drive import WheelErrors
 from lmkit.simulate.robot import SimulatedRobot
@@ -173,15 +175,15 @@ def test_large_landmarks_do_not_hang_over_each_other(tmp_path):
 
 def test_what_hangs_for_nothing_is_taken_down_again(tmp_path):
     floor = two_rooms(tmp_path)
-    problem = _Problem(floor, [], hanging_places(floor, RIG, HangOptions()), RIG, RADIUS_M, EASY)
-    problem.fill(EASY.share, lambda count, share: None)
-    enough = set(problem.chosen)
-    idle = [k for k in range(len(problem.spots)) if k not in enough][::9][:4]
+    search = Search(floor, [], hanging_places(floor, RIG, HangOptions()), RIG, RADIUS_M, EASY)
+    search.fill(EASY.share, lambda count, share: None)
+    enough = set(search.chosen)
+    idle = [k for k in range(len(search.spots)) if k not in enough][::9][:4]
     for k in idle:
-        problem.put(k)
-    problem.prune(EASY.share)
-    assert problem.share >= EASY.share
-    assert len(problem.chosen) <= len(enough)
+        search.put(k)
+    search.prune(EASY.share)
+    assert search.share >= EASY.share
+    assert len(search.chosen) <= len(enough)
 
 
 def test_what_no_landmarks_can_hold_is_refused_with_what_they_can(tmp_path):
