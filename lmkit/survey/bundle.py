@@ -391,10 +391,17 @@ class BundleProblem:
             hung.append(MappedLandmark(m.code, m.family, m.size_m, T, m.covariance if self.frozen else C))
         return LandmarkMap(hung)
 
-    def answer(self, believed_below: float) -> Bundle:
-        """Everything, with covariances."""
+    def answer(self, believed_below: float, spread: Mapping[int, FloatArray] | None = None) -> Bundle:
+        """Everything, with covariances.
+
+        Args:
+            believed_below: of a sighting's misfit.
+            spread: by row, (6,6) to be added to the covariance of landmarks.
+        """
         equations, _ = self._equations()
         states, _, shared = equations.covariances()
+        for k, more in (spread or {}).items():
+            shared[self._rows_of(k), self._rows_of(k)] += more
         misfits = self.misfits()
         believed: BoolArray = misfits < believed_below
         pixels = (self.by_ray @ self._project()[0].reshape(-1, 4, 2, 1))[believed]

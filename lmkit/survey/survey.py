@@ -117,7 +117,7 @@ def survey_drive(
     undecided = resolve_twins(problem)
     dropped = problem.drop_outliers(OUTLIER_SIGMA)
     problem.settle(STEPS)
-    bundle = problem.answer(OUTLIER_SIGMA)
+    bundle = problem.answer(OUTLIER_SIGMA, undecided)
     hung = {(m.family, m.code) for m in problem.hung}
     # A landmark that hangs where none of its sightings has it was started wrong.
     believed = set(bundle.codes[bundle.misfits < OUTLIER_SIGMA].tolist()) | {code for _, code in start.anchors}

@@ -2,7 +2,9 @@
 
 Each landmark is turned over the line from which it was seen, and fitted to its sightings again with the rig where it
 is.  Where that explains them nearly as well, the whole drive is solved with the twin in its place, and the better one
-stays; where neither is clearly better, that is said.
+stays; where neither is clearly better, that is said, and how far apart they are enters the landmark's covariance.
+Seen nearly square on, the two poses are the ends of one flat valley, from which the whole drive settles to its middle
+or to either end: that is no less ambiguous.
 """
 
 from __future__ import annotations
@@ -20,26 +22,45 @@ SURE = 10.0  # of the cost, twice the log likelihood ratio
 DIFFERENT_RAD = 0.1
 
 
-def resolve_twins(problem: BundleProblem) -> tuple[int, ...]:
-    """Put twins in place that explain the drive better; rows of landmarks of which it cannot be told."""
-    undecided = []
+def resolve_twins(problem: BundleProblem) -> dict[int, FloatArray]:
+    """Put twins in place that explain the drive better.
+
+    Returns:
+        By row, (6,6) what is to be added to the covariance of landmarks of which it cannot be told.
+    """
+    undecided: dict[int, FloatArray] = {}
     own, twins, R, p = _fitted_twins(problem)
     worse = twins - own
-    for k in np.argsort(worse)[:MOST_TRIED]:
+    for k in map(int, np.argsort(worse)[:MOST_TRIED]):
         if worse[k] > HOPEFUL:
             break
         before, cost = problem.state(), problem.cost()
-        problem.put(int(k), R[k], p[k])
+        off = _apart(R[k], p[k], before.lm_R[k], before.lm_p[k])
+        problem.put(k, R[k], p[k])
         there = problem.settle(SETTLING)
-        turned = Rotation.from_matrix(problem.lm_R[k] @ before.lm_R[k].T).magnitude()
-        if turned < DIFFERENT_RAD:
+        settled = _apart(problem.lm_R[k], problem.lm_p[k], before.lm_R[k], before.lm_p[k])
+        if np.linalg.norm(settled[3:]) < DIFFERENT_RAD:
+            # Back where it was: what is left is how flat the way there is.
             problem.restore(before)
-            continue
-        if there >= cost:
-            problem.restore(before)
-        if abs(there - cost) < SURE:
-            undecided.append(int(k))
-    return tuple(undecided)
+            apart, worth = off, float(worse[k])
+        else:
+            if there >= cost:
+                problem.restore(before)
+            apart, worth = settled, abs(there - cost)
+        if worth < SURE and np.linalg.norm(apart[3:]) > DIFFERENT_RAD:
+            undecided[k] = _spread(apart, worth)
+    return undecided
+
+
+def _apart(R: FloatArray, p: FloatArray, R_other: FloatArray, p_other: FloatArray) -> FloatArray:
+    """(6,) from one pose to another: place (m), turn about the map's axes (rad)."""
+    return np.concatenate([p - p_other, Rotation.from_matrix(R @ R_other.T).as_rotvec()])
+
+
+def _spread(apart: FloatArray, worse: float) -> FloatArray:
+    """(6,6) second moment, about the likelier of two poses, of being the other one now and then."""
+    share = 1 / (1 + np.exp(worse / 2))
+    return np.asarray(share * np.outer(apart, apart))
 
 
 def _fitted_twins(problem: BundleProblem) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:

@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 from lmkit.model.pose import rotation_angle
 from lmkit.motion import MotionModel
@@ -65,3 +66,18 @@ def test_a_landmark_of_which_one_far_view_is_all_is_right_or_said_to_be_ambiguou
         said += code in result.ambiguous
         assert off < 0.1 + wide or code in result.ambiguous
     assert said
+
+
+@pytest.mark.parametrize("seed", [6, 30])
+def test_small_and_square_on_a_landmark_s_stated_turn_holds(seed):
+    """Its two poses are one flat valley; by the covariance where it settled one of these turns is 5 sigma off."""
+    drive = make_drive(seed, seconds=40, hz=3, noise_px=None, errors=WheelErrors(slips=1))
+    moments = [replace(m, left=(), right=()) if 50 <= k < 74 else m for k, m in enumerate(drive.moments)]
+    result = survey(drive, moments)
+    assert result.ambiguous
+    for m in list(result.bundle.landmarks):
+        if m.covariance[3:, 3:].max() < 1e-9:
+            continue  # the anchor
+        off = m.T_map_landmark.R @ drive.landmarks.find(m.code).T_map_landmark.R.T
+        turn = Rotation.from_matrix(off).as_rotvec()
+        assert turn @ np.linalg.solve(m.covariance[3:, 3:], turn) < 3 * 2.5**2
