@@ -1,8 +1,4 @@
-"""Landmarks of a map seen by the eyes of a rig: what many poses at once say of all their corners.
-
-Corners are undistorted once, and what they are off by is carried back into pixels by the lens's own
-derivative, so that no pose needs the lens again.
-"""
+"""Landmarks of a map seen by the eyes of a rig: what many poses at once say of all their corners."""
 
 from __future__ import annotations
 
@@ -14,16 +10,15 @@ import numpy as np
 
 from lmkit.arrays import BoolArray, FloatArray, IntArray, covariance_root
 from lmkit.locate.prior import PosePrior
+from lmkit.locate.rays import View, through_lens
 from lmkit.locate.turns import turns
-from lmkit.model.camera import REACHED_PX, CameraModel
+from lmkit.model.camera import CameraModel
 from lmkit.model.landmark_map import LandmarkMap, MappedLandmark
 from lmkit.model.observation import LandmarkObservation
 from lmkit.model.stereo_rig import StereoRig
 
 # Standard deviation added to every corner's own: what lenses, calibration and paper that is not flat leave open.
 CORNER_FLOOR_PX = 0.06
-NEAREST_M = 0.02  # corners nearer than that, or behind the camera, are seen nowhere
-NOWHERE = 1e2  # as x/z
 CONVERGED = 1e-2  # of the squared misfit: a last step of a tenth of a standard deviation
 MOST_DAMPING = 1e6
 
@@ -36,23 +31,6 @@ class Eye:
     R: FloatArray  # from the left camera into this eye
     t: FloatArray
     rows: slice
-
-
-@dataclass(frozen=True, eq=False)
-class EyeSightings:
-    """What one camera saw, looked through its lens.
-
-    Attributes:
-        kept: of the observations, those that the lens model reaches.
-        rays: (S,4,2) corners as x/z and y/z, without distortion.
-        by_ray: (S,4,2,2) how pixels change with them.
-        whitener: (S,8,8) from errors of rays to standard deviations of the corners.
-    """
-
-    kept: list[int]
-    rays: FloatArray
-    by_ray: FloatArray
-    whitener: FloatArray
 
 
 @dataclass(frozen=True, eq=False)
@@ -167,7 +145,7 @@ class Sightings:
 
     def pixel_errors(self, poses: Poses) -> FloatArray:
         """(H,S,8) observed minus projected corners; huge where a corner lies behind the camera."""
-        errors = self._project(poses, False)[0].reshape(len(poses), -1, 4, 2, 1)
+        errors = self._view(poses).errors(self.rays).reshape(len(poses), -1, 4, 2, 1)
         return np.asarray((self._by_ray @ errors).reshape(len(poses), -1, 8))
 
     def misfits(self, poses: Poses) -> FloatArray:
@@ -239,59 +217,13 @@ class Sightings:
         return poses
 
     def _errors(self, poses: Poses, derivatives: bool) -> _Errors:
-        rays, G, offset = self._project(poses, derivatives)
-        residuals = (self._whitener @ rays[..., None])[..., 0]
-        if G is None:
-            return _Errors(residuals, np.zeros(0), None)
-        shape = (len(poses), len(self), 8, 6)
-        # x_left = R' exp(-turn) (X - p - shift); g' skew(o) = g x o.
-        J = np.concatenate([-G, _cross(G, offset[:, :, :, None])], axis=4).reshape(shape)
-        by_landmark = None
-        if self._roots is not None:
-            moved = np.concatenate([G, -_cross(G, self._arms[None, :, :, None])], axis=4).reshape(shape)
-            by_landmark = self._whitener @ moved @ self._roots
-        return _Errors(residuals, self._whitener @ J, by_landmark)
-
-    def _project(self, poses: Poses, derivatives: bool) -> tuple[FloatArray, FloatArray | None, FloatArray]:
-        """Errors of the rays (H,S,8), their derivatives with the map point (H,S,4,2,3), points from the camera."""
-        offset = self.points[None] - poses.p[:, None, None]
-        turn = self.eye_R @ poses.R.transpose(0, 2, 1)[:, None]
-        seen = offset @ turn.transpose(0, 1, 3, 2) + self.eye_t[:, None]
-        depth = np.maximum(seen[..., 2:], NEAREST_M)
-        rays = seen[..., :2] / depth
-        errors = (self.rays - rays).reshape(len(poses), len(self), 8)
-        errors[(seen[..., 2] < NEAREST_M).any(axis=2)] = NOWHERE
+        view = self._view(poses)
+        residuals = (self._whitener @ view.errors(self.rays)[..., None])[..., 0]
         if not derivatives:
-            return errors, None, offset
-        G = (turn[:, :, None, :2] - rays[..., None] * turn[:, :, None, 2:]) / depth[..., None]
-        return errors, G, offset
+            return _Errors(residuals, np.zeros(0), None)
+        moved = None if self._roots is None else self._whitener @ view.by_landmark(self._arms) @ self._roots
+        return _Errors(residuals, self._whitener @ view.by_rig(), moved)
 
-
-def through_lens(
-    observations: Sequence[LandmarkObservation], camera: CameraModel, corner_floor_px: float
-) -> EyeSightings:
-    """Corners as rays, each with its own covariance and that of the floor."""
-    corners = np.array([o.corners for o in observations]).reshape(-1, 2)
-    if len(corners) == 0:
-        return EyeSightings([], np.zeros((0, 4, 2)), np.zeros((0, 4, 2, 2)), np.zeros((0, 8, 8)))
-    rays = np.nan_to_num(camera.unproject(corners), posinf=0.0, neginf=0.0)
-    pixels, by_point, _ = camera.project_with_jacobian(np.column_stack([rays, np.ones(len(rays))]))
-    reached = (((pixels - corners) ** 2).sum(axis=1) < REACHED_PX**2).reshape(-1, 4).all(axis=1)
-    by_ray = by_point[:, :, :2].reshape(-1, 4, 2, 2)[reached]
-    covariance = np.array(
-        [np.zeros((8, 8)) if o.covariance is None else o.covariance for o in observations], dtype=np.float64
-    )[reached]
-    whitener = np.linalg.inv(np.linalg.cholesky(covariance + corner_floor_px**2 * np.eye(8)))
-    return EyeSightings(
-        np.flatnonzero(reached).tolist(),
-        rays.reshape(-1, 4, 2)[reached],
-        by_ray,
-        (whitener.reshape(-1, 8, 4, 1, 2) @ by_ray[:, None]).reshape(-1, 8, 8),
-    )
-
-
-def _cross(a: FloatArray, b: FloatArray) -> FloatArray:
-    """Like np.cross over the last axis, without its overhead."""
-    a0, a1, a2 = a[..., 0], a[..., 1], a[..., 2]
-    b0, b1, b2 = b[..., 0], b[..., 1], b[..., 2]
-    return np.stack([a1 * b2 - a2 * b1, a2 * b0 - a0 * b2, a0 * b1 - a1 * b0], axis=-1)
+    def _view(self, poses: Poses) -> View:
+        offset = self.points[None] - poses.p[:, None, None]
+        return View(offset, self.eye_R @ poses.R.transpose(0, 2, 1)[:, None], self.eye_t)

@@ -15,7 +15,8 @@ from scipy.spatial.transform import Rotation
 
 from lmkit.arrays import BoolArray, FloatArray, IntArray
 from lmkit.chain import ChainEquations
-from lmkit.locate.sightings import CORNER_FLOOR_PX, Poses, through_lens
+from lmkit.locate.rays import View, through_lens
+from lmkit.locate.sightings import CORNER_FLOOR_PX, Poses
 from lmkit.locate.turns import turns
 from lmkit.model.drive import StereoMoment
 from lmkit.model.landmark_map import LandmarkMap, MappedLandmark
@@ -25,8 +26,6 @@ from lmkit.motion import Motion, NoLeaps
 from lmkit.survey.ties import Tie, tie_rows
 
 CAUCHY_SIGMA = 2.4
-NEAREST_M = 0.02
-NOWHERE = 1e2
 CONVERGED = 1e-2  # of the cost: a last step of a tenth of a standard deviation
 SLIP_SIGMA, NEVER = 10.0, 1e6  # where the loss of motions bends
 LEAST_JUMP_M = 0.1
@@ -255,32 +254,26 @@ class BundleProblem:
             self.lm_p = self.lm_p + moved[:, :3]
             self.lm_R = turns(moved[:, 3:]) @ self.lm_R
 
-    def _project(self) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
-        """Ray errors (S,8), derivatives with the map point (S,4,2,3), points from the camera and the landmark."""
-        arms = self.arms[self.of] @ self.lm_R[self.of].transpose(0, 2, 1)
-        offset = self.lm_p[self.of][:, None] + arms - self.p[self.at][:, None]
-        turn = self.eye_R @ self.R[self.at].transpose(0, 2, 1)
-        seen = offset @ turn.transpose(0, 2, 1) + self.eye_t[:, None]
-        depth = np.maximum(seen[..., 2:], NEAREST_M)
-        rays = seen[..., :2] / depth
-        errors = (self.rays - rays).reshape(-1, 8)
-        errors[(seen[..., 2] < NEAREST_M).any(axis=1)] = NOWHERE
-        G = (turn[:, None, :2] - rays[..., None] * turn[:, None, 2:]) / depth[..., None]
-        return errors, G, offset, arms
+    def _arms(self) -> FloatArray:
+        """(S,4,3) from the landmarks' middles to their corners, in the map."""
+        return np.asarray(self.arms[self.of] @ self.lm_R[self.of].transpose(0, 2, 1))
+
+    def _view(self) -> View:
+        offset = self.lm_p[self.of][:, None] + self._arms() - self.p[self.at][:, None]
+        return View(offset, self.eye_R @ self.R[self.at].transpose(0, 2, 1), self.eye_t)
 
     def _equations(self) -> tuple[ChainEquations, float]:
         equations = ChainEquations.zeros(len(self.times), 6, self.shared)
-        errors, G, offset, arms = self._project()
-        r = (self.whitener @ errors[..., None])[..., 0]
+        view = self._view()
+        r = (self.whitener @ view.errors(self.rays)[..., None])[..., 0]
         squared = (r**2).sum(axis=1) / 8
         root = np.sqrt(1 / (1 + squared / CAUCHY_SIGMA**2)) * self.used
         cost = float(8 * CAUCHY_SIGMA**2 * (np.log1p(squared / CAUCHY_SIGMA**2) * self.used).sum())
-        shape = (len(r), 8, 6)
-        J = self.whitener @ np.concatenate([-G, np.cross(G, offset[:, :, None])], axis=3).reshape(shape)
+        J = self.whitener @ view.by_rig()
         J, r = J * root[:, None, None], r * root[:, None]
         equations.add_to_states(self.at, J, r)
         if not self.frozen:
-            K = self.whitener @ np.concatenate([G, -np.cross(G, arms[:, :, None])], axis=3).reshape(shape)
+            K = self.whitener @ view.by_landmark(self._arms())
             columns = self.own + 6 * self.of[:, None] + np.arange(6)
             equations.add_shared(self.at, J, columns, K * root[:, None, None], r)
             cost += self._add_anchors(equations) + self._add_ties(equations)
@@ -376,7 +369,7 @@ class BundleProblem:
 
     def misfits(self) -> FloatArray:
         """(S,) root mean square of each sighting's eight standardised coordinates."""
-        r = (self.whitener @ self._project()[0][..., None])[..., 0]
+        r = (self.whitener @ self._view().errors(self.rays)[..., None])[..., 0]
         return np.asarray(np.sqrt((r**2).mean(axis=1)))
 
     def landmarks(self, covariance: FloatArray | None = None) -> LandmarkMap:
@@ -404,7 +397,7 @@ class BundleProblem:
             shared[self._rows_of(k), self._rows_of(k)] += more
         misfits = self.misfits()
         believed: BoolArray = misfits < believed_below
-        pixels = (self.by_ray @ self._project()[0].reshape(-1, 4, 2, 1))[believed]
+        pixels = (self.by_ray @ self._view().errors(self.rays).reshape(-1, 4, 2, 1))[believed]
         rms = float(np.sqrt((pixels**2).sum(axis=2).mean())) if believed.any() else float("nan")
         codes = np.array([m.code for m in self.hung])[self.of]
         return Bundle(
