@@ -12,6 +12,7 @@ from lmkit.model.pose import rotation_angle
 from lmkit.motion import MotionModel
 from lmkit.simulate.drive import WheelErrors, make_drive
 from lmkit.survey.bundle import Anchor
+from lmkit.survey.start import find_start
 from lmkit.survey.survey import survey_drive
 
 
@@ -194,3 +195,22 @@ def test_landmarks_of_two_families_may_share_a_code():
     for key, landmark in hung.items():
         found = result.landmarks.find(key[1], key[0])
         assert np.linalg.norm(found.T_map_landmark.t - landmark.T_map_landmark.t) < 1e-4
+
+
+def test_what_the_first_pass_leaves_out_is_taken_up_and_the_map_stays_uncertain(monkeypatch):
+    """The second pass goes by the map of the first, but knows nothing more than was known beforehand."""
+    drive = make_drive(2, seconds=20)
+    passes = []
+
+    def forgetful(*arguments):
+        start = find_start(*arguments)
+        passes.append(start)
+        late = 80 if len(passes) == 1 else len(start.poses)
+        return replace(start, poses=[pose if k < late else None for k, pose in enumerate(start.poses)])
+
+    monkeypatch.setattr("lmkit.survey.survey.find_start", forgetful)
+    result = survey(drive)
+    assert len(passes) == 2
+    assert len(result.rows) == len(drive.moments) > 80
+    exact = [m.code for m in result.bundle.landmarks if m.covariance.max() < 1e-9]
+    assert exact == [code for _, code in passes[0].anchors]
