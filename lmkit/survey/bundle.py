@@ -8,7 +8,7 @@ odometry's parameters its border (`chain.py`).
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -195,6 +195,21 @@ class BundleProblem:
         self.lm_R, self.lm_p = self.lm_R.copy(), self.lm_p.copy()
         self.lm_R[landmark], self.lm_p[landmark] = R, p
 
+    def lay(self, R: FloatArray, t: FloatArray) -> None:
+        """Move everything by one rotation and shift, x -> R x + t, what is known beforehand as well."""
+        self.R, self.p = R @ self.R, self.p @ R.T + t
+        self.lm_R, self.lm_p = R @ self.lm_R, self.lm_p @ R.T + t
+        turn = np.kron(np.eye(2), R)
+        for key, anchor in self.anchors.items():
+            T = anchor.landmark.T_map_landmark
+            moved = Pose(T.to_frame, T.from_frame, orthonormal(R @ T.R), R @ T.t + t)
+            C = None if anchor.covariance is None else turn @ anchor.covariance @ turn.T
+            self.anchors[key] = Anchor(replace(anchor.landmark, T_map_landmark=moved), C)
+
+    def base_poses(self) -> tuple[FloatArray, FloatArray]:
+        """(N,3,3), (N,3) T_map_base of the robot."""
+        return self.R @ self.base_R, self.p + self.R @ self.base_t
+
     def is_held(self, landmark: int) -> bool:
         """Is its pose known exactly?"""
         m = self.hung[landmark]
@@ -343,7 +358,7 @@ class BundleProblem:
     def _motion_rows(self) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
         """(N-1,6,6) derivatives of motions with the earlier and the later pose, (N-1,6) residuals, and (N-1,6,P)."""
         steps = self.motion.steps(self.times, self.parameters)
-        R_b, p_b = self.R @ self.base_R, self.p + self.R @ self.base_t
+        R_b, p_b = self.base_poses()
         back = R_b[:-1].transpose(0, 2, 1)
         v = p_b[1:] - p_b[:-1]
         turned = Rotation.from_matrix(steps.R.transpose(0, 2, 1) @ back @ R_b[1:]).as_rotvec()

@@ -14,6 +14,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from lmkit.model.drive import StereoMoment
 from lmkit.model.landmark_map import LandmarkMap, MappedLandmark
@@ -95,8 +96,9 @@ def survey_drive(
     Args:
         moments: in the order of time.
         sizes_m: printed sizes, by (family, code).
-        anchors: landmarks known beforehand, by family and code; with none, the map's frame is that of the landmark
-            seen best, which is taken to hang upright at the origin and to look along x.
+        anchors: landmarks known beforehand, by family and code; with none, the landmark seen best is taken to hang
+            upright at the origin and to look along x; with wheels it hangs above the origin, and the floor that the
+            robot stood on is z = 0.
         motion: odometry; of wheels it needs the rig's T_base_left.
         ties: walls and heights that landmarks are declared to share.
 
@@ -114,6 +116,8 @@ def survey_drive(
             start = replace(again, anchors=start.anchors)
             problem = start.problem(moments, rig, motion, ties)
             settle_all(problem)
+    if not anchors and motion is not None and motion.of_base:
+        _lay_on_the_floor(problem)
     undecided = resolve_twins(problem)
     dropped = problem.drop_outliers(OUTLIER_SIGMA)
     problem.settle(STEPS)
@@ -141,6 +145,14 @@ def survey_drive(
         ambiguous,
         _astray(ties, bundle.landmarks),
     )
+
+
+def _lay_on_the_floor(problem: BundleProblem) -> None:
+    """On wheels a robot stands upright on z = 0, on the whole."""
+    R, p = problem.base_poses()
+    up = R[:, :, 2].mean(axis=0)
+    turn = Rotation.align_vectors([[0.0, 0.0, 1.0]], [up])[0].as_matrix()
+    problem.lay(turn, np.array([0.0, 0.0, -float(np.median(p @ turn[2]))]))
 
 
 def _hung(start: Start, problem: BundleProblem) -> dict[Key, Anchor]:

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
 from lmkit.arrays import BoolArray, FloatArray, IntArray
+from lmkit.locate.rig import locate_rig
 from lmkit.model.drive import Gyro, Odometry, StereoMoment
 from lmkit.model.landmark_map import LandmarkMap, MappedLandmark, wall_pose
 from lmkit.model.observation import RangeBearing
@@ -28,6 +29,7 @@ from lmkit.track.wheels import Wheels
 
 LOST_M = 1.0  # a position less sure than that is worth no word
 OUTLIER_WEIGHT = 0.1
+FLOOR_LOOKS, OFF_FLOOR_M = 5, 0.1
 UNSEEN_M, UNSEEN_RAD = 1.0, 1.0  # heights and directions that ranges and bearings do not show
 
 
@@ -111,7 +113,8 @@ def track_pictures_live(
     def observe(k: int) -> TrackedPose:
         return filter_.observe(times[k], moments[k].left, moments[k].right)
 
-    return _tracked(_live(times, observe, filter_.wheels, odometry, gyro), filter_.parameters)
+    tracked = _tracked(_live(times, observe, filter_.wheels, odometry, gyro), filter_.parameters)
+    return replace(tracked, remarks=(*_floor_doubt(moments, rig, landmarks), *tracked.remarks))
 
 
 def track_poses_live(
@@ -297,6 +300,22 @@ def track_pictures(
             np.full(len(bundle.misfits), 8.0),
             bundle.misfits < OUTLIER_SIGMA,
         ),
+    )
+
+
+def _floor_doubt(moments: Sequence[StereoMoment], rig: StereoRig, landmarks: LandmarkMap) -> tuple[str, ...]:
+    """A sentence where the robot does not stand on the map's floor, as the moments that see most have it."""
+    heights = []
+    for moment in sorted(moments, key=lambda moment: -len(moment.left) - len(moment.right))[:FLOOR_LOOKS]:
+        found = locate_rig(moment.left, moment.right, rig, landmarks)
+        if found.status == "ok" and found.T_map_camera is not None and rig.T_base_left is not None:
+            T = found.T_map_camera
+            heights.append(float((T.t + T.R @ rig.T_base_left.inverse().t)[2]))
+    if not heights or abs(np.median(heights)) < OFF_FLOOR_M:
+        return ()
+    return (
+        f"the robot stands at z = {np.median(heights):.2f} m of the map, and tracking live by wheels takes the floor "
+        "to be z = 0; shift the map's heights, or track without --live",
     )
 
 

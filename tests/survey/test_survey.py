@@ -5,15 +5,18 @@ from itertools import combinations, pairwise
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 from lmkit.errors import InputError
 from lmkit.model.drive import StereoMoment
-from lmkit.model.pose import rotation_angle
+from lmkit.model.pose import Pose, rotation_angle
 from lmkit.motion import MotionModel
 from lmkit.simulate.drive import WheelErrors, make_drive
+from lmkit.simulate.look import look
 from lmkit.survey.bundle import Anchor
 from lmkit.survey.start import find_start
 from lmkit.survey.survey import survey_drive
+from lmkit.track.drive import track_pictures_live
 
 
 def survey(drive, wheels=True, moments=None, anchors=1):
@@ -135,6 +138,46 @@ def test_with_nothing_known_the_map_is_right_up_to_its_frame():
     for a, b in pairwise(codes):
         true = [drive.landmarks.find(code).T_map_landmark.t for code in (a, b)]
         assert np.linalg.norm(found[a] - found[b]) == pytest.approx(np.linalg.norm(true[0] - true[1]), abs=0.15)
+
+
+def test_with_nothing_known_and_wheels_the_floor_is_level_at_zero():
+    drive = make_drive(3, seconds=30)
+    # All landmarks hang with their heads 5 deg to the front, also the one that is taken to hang upright.
+    leaning = Rotation.from_rotvec([np.deg2rad(5.0), 0.0, 0.0]).as_matrix()
+    hung = type(drive.landmarks)(
+        [
+            replace(m, T_map_landmark=Pose("map", "landmark", m.T_map_landmark.R @ leaning, m.T_map_landmark.t))
+            for m in drive.landmarks
+        ]
+    )
+    rng = np.random.default_rng(0)
+    moments = [
+        StereoMoment(m.time_s, *look(hung, drive.rig, drive.pose(k), 0.1, rng)) for k, m in enumerate(drive.moments)
+    ]
+    drive = replace(drive, landmarks=hung, moments=moments)
+    result = survey(drive, anchors=0)
+    T_left_base = drive.rig.T_base_left.inverse()
+    bases = [pose @ T_left_base for pose in result.bundle.left_poses()]
+    assert max(abs(base.t[2]) for base in bases) < 0.03
+    assert max(np.arccos(min(1.0, base.R[2, 2])) for base in bases) < np.deg2rad(1.0)
+    # And live tracking finds its way by that map.
+    tracked = track_pictures_live(drive.moments, drive.rig, result.landmarks, drive.odometry, drive.gyro)
+    assert not tracked.remarks
+    assert np.mean([status == "ok" for status in tracked.statuses]) > 0.95
+
+
+def test_a_map_whose_floor_is_elsewhere_is_named_when_tracking_live():
+    drive = make_drive(3, seconds=20)
+    raised = [
+        replace(
+            m, T_map_landmark=Pose("map", "landmark", m.T_map_landmark.R, m.T_map_landmark.t + np.array([0, 0, 0.4]))
+        )
+        for m in drive.landmarks
+    ]
+    hung = type(drive.landmarks)(raised)
+    tracked = track_pictures_live(drive.moments, drive.rig, hung, drive.odometry, drive.gyro)
+    assert "z = 0.40 m" in tracked.remarks[0]
+    assert not track_pictures_live(drive.moments, drive.rig, drive.landmarks, drive.odometry, drive.gyro).remarks
 
 
 def test_an_anchor_that_is_not_in_the_drive_is_refused():
