@@ -5,7 +5,7 @@ from __future__ import annotations
 from itertools import pairwise
 
 import numpy as np
-from scipy.ndimage import distance_transform_edt
+from scipy.ndimage import distance_transform_edt, label
 from scipy.spatial import cKDTree
 
 from lmkit.arrays import FloatArray
@@ -14,6 +14,7 @@ from lmkit.room_plan import Note, Rgb, Underlay
 
 FREE, WALL, BLIND, OUTSIDE = (255, 255, 255), (70, 74, 80), (222, 222, 226), (244, 244, 242)
 WALL_SHOWN_M = 0.15
+LEAST_ROOM_M2 = 1.0
 NOTED_AT, NOTED_OFF_M = (0.5, 0.4, 0.6, 0.3, 0.7), 0.45  # the name of a wall: along it, and off it
 # From well known to badly known, evenly in brightness so that they print in grey, too.
 COLORS: tuple[Rgb, ...] = (
@@ -51,10 +52,16 @@ def floor_underlay(floor: FloorPlan, places: FloatArray | None = None, error_m: 
 
 
 def wall_notes(floor: FloorPlan) -> list[Note]:
-    """The name of every wall, beside it where nothing else stands."""
+    """The name of every wall of a room, beside it where nothing else stands."""
+    rooms, _ = label(floor.free)
+    areas = np.bincount(rooms.ravel()) * floor.cell_m**2
     notes = []
     for wall in floor.walls:
         out = np.array([np.cos(wall.facing_rad), np.sin(wall.facing_rad)])
+        before = (wall.left + wall.right) / 2 + 2 * floor.cell_m * out
+        # The inside of a pillar is no room.
+        if floor.is_free(before) and areas[rooms[floor.cells(before)]] < LEAST_ROOM_M2:
+            continue
         along = np.array(NOTED_AT)[:, None] * (wall.right - wall.left)
         places = wall.left + along + NOTED_OFF_M * out
         at = places[np.argmax(floor.clearance_at(places).round(1))]

@@ -27,6 +27,7 @@ LARGEST_SEEN_PX = 120.0
 GAINS = (1.0, 10.0, 100.0)
 CHI2_2D_95 = 5.991
 LABEL_PX = 48.0  # between labels, so that they can be read
+SAME_PLACE_M = 0.05
 
 Rgb = tuple[int, int, int]
 Points = Sequence[tuple[float, float]]
@@ -138,7 +139,9 @@ def draw_plan(
     for landmark in landmarks:
         if landmark.covariance is not None:
             plan.ellipse(landmark.T_map_landmark.t, landmark.covariance[:2, :2], gain, FAINT)
-        plan.landmark(landmark.T_map_landmark, landmark.size_m, str(landmark.code))
+        plan.landmark(landmark.T_map_landmark, landmark.size_m)
+    for pose, codes in _over_each_other(landmarks):
+        plan.codes(pose, ", ".join(map(str, codes)))
     for true in truth:
         plan.camera(true, GREEN, 3, None)
     for one in found:
@@ -165,6 +168,20 @@ def draw_plan(
         legend.append((FAINT, "ambiguous"))
     plan.words(title, [*legend, (RED, "landmark and its code")])
     return canvas.file()
+
+
+def _over_each_other(landmarks: LandmarkMap) -> list[tuple[Pose, list[int]]]:
+    """Landmarks that hang at one place of the plan, as one pose and the codes."""
+    places: list[tuple[Pose, list[int]]] = []
+    for landmark in landmarks:
+        here = landmark.T_map_landmark
+        for there, codes in places:
+            if np.linalg.norm(here.t[:2] - there.t[:2]) < SAME_PLACE_M and here.R[:, 2] @ there.R[:, 2] > 0:
+                codes.append(landmark.code)
+                break
+        else:
+            places.append((here, [landmark.code]))
+    return places
 
 
 def _extent(landmarks: LandmarkMap, poses: Sequence[Pose]) -> tuple[tuple[float, float], tuple[float, float]]:
@@ -220,12 +237,14 @@ class _Plan:
         rim = [a, (b[0], a[1]), b, (a[0], b[1]), a, (b[0], a[1])]
         self.canvas.line(rim, WALL if walls else GRID, 5 if walls else 1)
 
-    def landmark(self, pose: Pose, size_m: float, label: str) -> None:
-        along, out = pose.R[:2, 0], pose.R[:2, 2]
+    def landmark(self, pose: Pose, size_m: float) -> None:
+        along = pose.R[:2, 0]
         a, b = pose.t[:2] - along * size_m / 2, pose.t[:2] + along * size_m / 2
         self.canvas.line([self.at(a), self.at(b)], RED, 12)
         self.canvas.line([self.at(a + 0.02 * (b - a)), self.at(b - 0.02 * (b - a))], BLUE, 6)
-        self.canvas.text(self.at(pose.t[:2] - 25 / self.scale * out), label, 15, INK, "middle")
+
+    def codes(self, pose: Pose, label: str) -> None:
+        self.canvas.text(self.at(pose.t[:2] - 25 / self.scale * pose.R[:2, 2]), label, 15, INK, "middle")
 
     def camera(self, pose: Pose, color: Rgb, width: float, label: str | None) -> None:
         unit = 36 / self.scale

@@ -8,10 +8,11 @@ from itertools import combinations, pairwise
 
 import numpy as np
 import pytest
-from floors import RIG, hung_every, on_wall, two_rooms
+from floors import RIG, TWO_ROOMS, hung_every, on_wall, two_rooms
 from scipy.stats import spearmanr
 
 from lmkit.errors import InputError, NegativeAnswer
+from lmkit.floor_picture import floor_underlay, wall_notes
 from lmkit.formats.floor_plan import read_floor
 from lmkit.locate.prior import PosePrior
 from lmkit.locate.rig import LocateOptions, locate_rig
@@ -26,11 +27,16 @@ from lmkit.plan.place import place_landmarks
 from lmkit.plan.route import Spot, find_spot, plan_route
 from lmkit.plan.search import Search
 from lmkit.plan.sight import find_sights
+from lmkit.room_plan import draw_plan
 from lmkit.simulate.drive import WheelErrors
 from lmkit.simulate.robot import SimulatedRobot
 
 RADIUS_M = 0.25
 EASY = Demand(in_view=1, headings=0.2, share=0.8)
+PILLAR = [
+    f"  - {{from: [{a[0]}, {a[1]}], to: [{b[0]}, {b[1]}]}}"
+    for a, b in (((2, 1), (2.8, 1)), ((2.8, 1), (2.8, 1.6)), ((2.8, 1.6), (2, 1.6)), ((2, 1.6), (2, 1)))
+]
 PRIOR = PosePrior(height_m=0.85, down=(0.0, 1.0, 0.0))
 
 
@@ -305,3 +311,21 @@ def test_pictures_of_narrow_rooms_have_room_for_their_words(ground):
 def test_a_goal_behind_walls_is_named(ground):
     with pytest.raises(NegativeAnswer, match="no way"):
         plan_route(ground, LandmarkMap([]), RIG, 0.75, Spot(1.5, 1.2), Spot(4.5, 1.2), EASY)
+
+
+def test_labels_do_not_lie_over_each_other(tmp_path):
+    (tmp_path / "pillar.yaml").write_text(
+        TWO_ROOMS.replace("  - {from: [3, 0], to: [3, 2.6]}", "\n".join(PILLAR)),
+    )
+    floor = read_floor(tmp_path / "pillar.yaml")
+    named = {note.text for note in wall_notes(floor)}
+    # Two faces of each side of the pillar; the inner ones face no room.
+    assert len(named) == len(floor.walls) - 4
+    for note in wall_notes(floor):
+        assert floor.is_free(np.array(note.at))
+    wall = floor.walls[0]
+    hung = LandmarkMap([on_wall(wall, 1.0, 7, 1.0), on_wall(wall, 1.0, 9, 1.6), on_wall(wall, 2.0, 11)])
+    drawn = draw_plan(hung, [], kind="svg", underlay=floor_underlay(floor)).decode()
+    assert ">7, 9<" in drawn
+    assert ">11<" in drawn
+    assert ">9<" not in drawn
