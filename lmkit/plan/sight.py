@@ -150,7 +150,7 @@ def _sights(
         side = np.linalg.norm(square - np.roll(square, 1, axis=1), axis=2).mean(axis=1)
         tilt = np.arccos(facing[rows, columns].clip(-1, 1))
         probability = np.maximum(probability, np.where(whole, recognised(side, tilt), 0.0))
-        # x = R' exp(-turn) (X - p - shift): as in locate/sightings.py.
+        # x = R' exp(-turn) (X - p - shift): as in locate/rays.py.
         G = by_point[:, :, :3].reshape(-1, 4, 2, 3) @ into[:, None]
         J = np.concatenate([-G, np.cross(G, offset[:, :, None])], axis=3).reshape(-1, 8, 6)
         sigma = corner_sigma_px(side)[:, None, None]
