@@ -28,7 +28,8 @@ def run(
         bool, typer.Option("--navigate", help="Plan where landmarks hang, then drive through rooms by them.")
     ] = False,
     pictures: Annotated[
-        bool, typer.Option("--pictures", help="With --navigate: by pictures that are read, not by corners (minutes).")
+        bool,
+        typer.Option("--pictures", help="With --navigate: by pictures that are read, not by corners (a quarter hour)."),
     ] = False,
     force: Annotated[bool, typer.Option("--force", help="Overwrite a folder of an earlier run.")] = False,
 ) -> None:
