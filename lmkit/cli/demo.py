@@ -29,7 +29,7 @@ def run(
     ] = False,
     pictures: Annotated[
         bool,
-        typer.Option("--pictures", help="With --navigate: by pictures that are read, not by corners (a quarter hour)."),
+        typer.Option("--pictures", help="With --navigate: by pictures that are read, not corners (a quarter hour)."),
     ] = False,
     force: Annotated[bool, typer.Option("--force", help="Overwrite a folder of an earlier run.")] = False,
 ) -> None:
