@@ -152,11 +152,10 @@ def place(
     ground, eyes = _floor(floor, scale), _rig(rig, camera_height)
     hung = LandmarkMap([]) if landmark_map is None else read_any_map(landmark_map)
     options = HangOptions(
-        tuple(_metres(text, "--size") for text in size or ["180mm"]),
-        tuple(_metres(text, "--height") for text in height or []),
-        "lm8",
-        tuple(name.strip() for name in not_on.split(",") if name.strip()),
-        patience,
+        sizes_m=tuple(_metres(text, "--size") for text in size or ["180mm"]),
+        heights_m=tuple(_metres(text, "--height") for text in height or []),
+        not_on=tuple(name.strip() for name in not_on.split(",") if name.strip()),
+        exchange_s=patience,
     )
     tick = progress_counter(100, "placing")
     shown = [0]

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
+from lmkit.arrays import BoolArray
 from lmkit.errors import InputError
 from lmkit.model.floor_plan import FloorPlan, Wall
 from lmkit.model.landmark_map import MappedLandmark, wall_pose
@@ -46,10 +48,13 @@ class Mount:
         height, size_mm = self.landmark.T_map_landmark.t[2], 1000 * self.landmark.size_m
         return f"wall {self.wall.name}, {self.along_m:.2f} m from its left end, {height:.2f} m high, {size_mm:.0f} mm"
 
-    @property
-    def room_m(self) -> float:
-        """How much of the wall it takes."""
-        return self.landmark.size_m + 2 * EDGE_M
+
+def crowded(landmarks: Sequence[MappedLandmark], others: Sequence[MappedLandmark]) -> BoolArray:
+    """(N,M) where two have no room beside each other."""
+    here, there = (np.array([m.T_map_landmark.t for m in some]).reshape(-1, 3) for some in (landmarks, others))
+    rooms = [np.array([m.size_m + 2 * EDGE_M for m in some]) for some in (landmarks, others)]
+    apart = np.linalg.norm(here[:, None] - there[None], axis=2)
+    return np.asarray(apart < (rooms[0][:, None] + rooms[1][None]) / 2 - 1e-9)
 
 
 def hanging_places(floor: FloorPlan, rig: StereoRig, options: HangOptions) -> list[Mount]:

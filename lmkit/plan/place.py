@@ -18,7 +18,7 @@ from lmkit.model.landmark_map import LandmarkMap, MappedLandmark
 from lmkit.model.stereo_rig import StereoRig
 from lmkit.plan.codes import assign_codes
 from lmkit.plan.coverage import Coverage, Demand, all_states, predict_coverage, promised_errors
-from lmkit.plan.mounts import EDGE_M, HangOptions, Mount, hanging_places
+from lmkit.plan.mounts import HangOptions, Mount, crowded, hanging_places
 from lmkit.plan.search import Search
 from lmkit.plan.sight import find_sights
 
@@ -67,7 +67,9 @@ def place_landmarks(
         NegativeAnswer: no number of landmarks holds the demand; says what is possible.
     """
     options = options or HangOptions()
-    mounts = [mount for mount in hanging_places(floor, rig, options) if _is_free(mount, hung)]
+    mounts = hanging_places(floor, rig, options)
+    taken = crowded([mount.landmark for mount in mounts], hung)
+    mounts = [mount for mount, there in zip(mounts, taken, strict=True) if not there.any()]
     if not mounts:
         raise InputError("no_wall", "no wall that a landmark fits on", "check --scale, --not-on and --size")
     search = Search(floor, hung, mounts, rig, radius_m, demand)
@@ -94,12 +96,6 @@ def place_landmarks(
     return placement
 
 
-def _is_free(mount: Mount, hung: Sequence[MappedLandmark]) -> bool:
-    """Does nothing hang there already?"""
-    here = mount.landmark.T_map_landmark.t
-    return all(np.linalg.norm(here - m.T_map_landmark.t) >= (mount.room_m + m.size_m + 2 * EDGE_M) / 2 for m in hung)
-
-
 def _finish(
     search: Search,
     floor: FloorPlan,
@@ -110,10 +106,10 @@ def _finish(
     options: HangOptions,
 ) -> Placement:
     """Codes, and what holds at places that the search did not look at."""
-    spots = [search.spots[k].mount for k in sorted(search.chosen)]
-    codes = assign_codes([spot.landmark.T_map_landmark.t for spot in spots], hung, options.family)
+    chosen = [search.spots[k].mount for k in sorted(search.chosen)]
+    codes = assign_codes([mount.landmark.T_map_landmark.t for mount in chosen], hung, options.family)
     mounts = tuple(
-        replace(spot, landmark=replace(spot.landmark, code=code)) for spot, code in zip(spots, codes, strict=True)
+        replace(mount, landmark=replace(mount.landmark, code=code)) for mount, code in zip(chosen, codes, strict=True)
     )
     landmarks = LandmarkMap([*hung, *(mount.landmark for mount in mounts)])
     coverage = predict_coverage(floor, list(landmarks), rig, radius_m, search.step_m * CHECKED_STEP)

@@ -24,7 +24,7 @@ from lmkit.model.floor_plan import FloorPlan
 from lmkit.model.landmark_map import MappedLandmark
 from lmkit.model.stereo_rig import StereoRig
 from lmkit.plan.coverage import BLIND_M, Demand, all_states, places_on
-from lmkit.plan.mounts import APART_M, Mount
+from lmkit.plan.mounts import Mount, crowded
 from lmkit.plan.sight import IN_VIEW, find_sights, planar_covariances, planar_errors
 
 MOST_PLACES = 900
@@ -53,7 +53,7 @@ class Search:
         self,
         floor: FloorPlan,
         hung: Sequence[MappedLandmark],
-        spots: Sequence[Mount],
+        mounts: Sequence[Mount],
         rig: StereoRig,
         radius_m: float,
         demand: Demand,
@@ -69,11 +69,9 @@ class Search:
         known = find_sights(self.states, hung, rig, floor)
         self.information = known.information_at(len(self.states))
         self.in_view = known.in_view_at(len(self.states))
-        self.spots = [Spot(mount, *told) for mount, told in zip(spots, self._told([*spots]), strict=True)]
-        places_hung = np.array([spot.landmark.T_map_landmark.t for spot in spots])
-        rooms = np.array([spot.room_m for spot in spots])
-        apart = np.linalg.norm(places_hung[:, None] - places_hung[None], axis=2)
-        self.crowds = apart < (rooms[:, None] + rooms[None]) / 2 - 1e-9
+        self.spots = [Spot(mount, *told) for mount, told in zip(mounts, self._told(mounts), strict=True)]
+        landmarks = [mount.landmark for mount in mounts]
+        self.crowds = crowded(landmarks, landmarks)
         self.chosen: list[int] = []
         self.scores = self._scores(np.arange(len(self.states)), self.information, self.in_view)
 
@@ -97,17 +95,18 @@ class Search:
         return float((self._places(self.scores) >= 1 - 1e-9).mean())
 
     def require_possible(self) -> None:
-        """Refuse what even a landmark at every candidate would not hold.
+        """Refuse what even a landmark wherever one fits would not hold.
 
         Raises:
             NegativeAnswer: says what is possible.
         """
         for k in range(len(self.spots)):
-            self.put(k)
+            if not self._crowded(k):
+                self.put(k)
         self.possible = self.share
         errors = self._errors(np.arange(len(self.states)), self.information)[0]
         errors[self.in_view < self.demand.in_view] = np.inf
-        for k in range(len(self.spots)):
+        for k in list(self.chosen):
             self.take(k)
         if self.possible >= self.demand.share:
             return
@@ -116,7 +115,7 @@ class Search:
         or_else = f", or {1000 * error:.2g} mm over {self.demand.share:.0%}" if error < BLIND_M else ""
         raise NegativeAnswer(
             "impossible_demand",
-            f"with a landmark every {APART_M} m of wall the demand holds at {self.possible:.0%} of the floor, "
+            f"with a landmark wherever one fits the demand holds at {self.possible:.0%} of the floor, "
             f"{self.demand.share:.0%} are asked",
             f"possible: {np.floor(100 * self.possible):.0f} %{or_else}; larger landmarks (--size), fewer directions "
             "(--headings) or one landmark in view (--in-view 1) ask less",
