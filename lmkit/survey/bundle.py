@@ -15,14 +15,15 @@ from scipy.spatial.transform import Rotation
 
 from lmkit.arrays import BoolArray, FloatArray, IntArray
 from lmkit.chain import ChainEquations
-from lmkit.locate.rays import View, through_lens
-from lmkit.locate.sightings import CORNER_FLOOR_PX, Poses
+from lmkit.locate.rays import View
+from lmkit.locate.sightings import Poses
 from lmkit.locate.turns import turns
 from lmkit.model.drive import StereoMoment
 from lmkit.model.landmark_map import LandmarkMap, MappedLandmark
 from lmkit.model.pose import Pose, orthonormal
 from lmkit.model.stereo_rig import StereoRig
 from lmkit.motion import Motion, NoLeaps
+from lmkit.survey.drive_sightings import DriveSightings
 from lmkit.survey.ties import Tie, tie_rows
 
 CAUCHY_SIGMA = 2.4
@@ -117,32 +118,11 @@ class BundleProblem:
         self.R, self.p = start.R.copy(), start.p.copy()
         self.hung = list(landmarks)
         self.anchors, self.ties = dict(anchors), ties
-        index = {(m.family, m.code): k for k, m in enumerate(self.hung)}
-        eyes = ((rig.left, np.eye(3), np.zeros(3)), (rig.right, rig.T_right_left.R, rig.T_right_left.t))
-        rows: list[tuple[int, int]] = []
-        rays, whiteners, by_ray, eye_R, eye_t = [], [], [], [], []
-        for eye, (camera, R, t) in enumerate(eyes):
-            observations, where = [], []
-            for k, moment in enumerate(moments):
-                for o in moment.left if eye == 0 else moment.right:
-                    if (o.family, o.code) in index:
-                        observations.append(o)
-                        where.append((k, index[o.family, o.code]))
-            seen = through_lens(observations, camera, CORNER_FLOOR_PX)
-            rows += [where[k] for k in seen.kept]
-            rays.append(seen.rays)
-            whiteners.append(seen.whitener)
-            by_ray.append(seen.by_ray)
-            eye_R.append(np.repeat(R[None], len(seen.kept), axis=0))
-            eye_t.append(np.tile(t, (len(seen.kept), 1)))
-        table = np.array(rows, dtype=np.int64).reshape(-1, 2)
-        self.at, self.of = table[:, 0], table[:, 1]
-        self.rays, self.whitener, self.by_ray = map(np.concatenate, (rays, whiteners, by_ray))
-        self.eye_R, self.eye_t = np.concatenate(eye_R), np.concatenate(eye_t)
+        self.seen = DriveSightings.collect(moments, rig, self.hung)
         self.lm_R = np.array([m.T_map_landmark.R for m in self.hung])
         self.lm_p = np.array([m.T_map_landmark.t for m in self.hung])
         self.arms = np.array([(m.corners_map - m.T_map_landmark.t) @ m.T_map_landmark.R for m in self.hung])
-        self.used = np.ones(len(self.at), dtype=bool)
+        self.used = np.ones(len(self.seen), dtype=bool)
         self.parameters = np.array(self.motion.nominal)
         self.own = len(self.parameters)  # of the shared unknowns, before the landmarks
         self.motion_scale = np.ones(6)
@@ -220,7 +200,7 @@ class BundleProblem:
         """(L,) what each landmark's sightings cost."""
         squared = self.misfits() ** 2
         cost = 8 * CAUCHY_SIGMA**2 * np.log1p(squared / CAUCHY_SIGMA**2) * self.used
-        return np.asarray(np.bincount(self.of, cost, len(self.hung)), dtype=np.float64)
+        return np.asarray(np.bincount(self.seen.of, cost, len(self.hung)), dtype=np.float64)
 
     def landmark_steps(self) -> FloatArray:
         """(L,6) a step of each landmark alone, with the rig where it is."""
@@ -231,10 +211,10 @@ class BundleProblem:
 
     def seen_along(self) -> FloatArray:
         """(L,3) unit vectors from landmarks to where they were seen from, in the middle."""
-        away = self.p[self.at] - self.lm_p[self.of]
+        away = self.p[self.seen.at] - self.lm_p[self.seen.of]
         away = away / np.linalg.norm(away, axis=1, keepdims=True) * self.used[:, None]
         total = np.zeros((len(self.hung), 3))
-        np.add.at(total, self.of, away)
+        np.add.at(total, self.seen.of, away)
         return np.asarray(total / np.maximum(np.linalg.norm(total, axis=1, keepdims=True), 1e-12))
 
     def drop_outliers(self, sigma: float) -> int:
@@ -271,26 +251,25 @@ class BundleProblem:
 
     def _arms(self) -> FloatArray:
         """(S,4,3) from the landmarks' middles to their corners, in the map."""
-        return np.asarray(self.arms[self.of] @ self.lm_R[self.of].transpose(0, 2, 1))
+        return np.asarray(self.arms[self.seen.of] @ self.lm_R[self.seen.of].transpose(0, 2, 1))
 
     def _view(self) -> View:
-        offset = self.lm_p[self.of][:, None] + self._arms() - self.p[self.at][:, None]
-        return View(offset, self.eye_R @ self.R[self.at].transpose(0, 2, 1), self.eye_t)
+        return self.seen.view(Poses(self.R, self.p), self.lm_p, self._arms())
 
     def _equations(self) -> tuple[ChainEquations, float]:
         equations = ChainEquations.zeros(len(self.times), 6, self.shared)
         view = self._view()
-        r = (self.whitener @ view.errors(self.rays)[..., None])[..., 0]
+        r = self.seen.residuals(view)
         squared = (r**2).sum(axis=1) / 8
         root = np.sqrt(1 / (1 + squared / CAUCHY_SIGMA**2)) * self.used
         cost = float(8 * CAUCHY_SIGMA**2 * (np.log1p(squared / CAUCHY_SIGMA**2) * self.used).sum())
-        J = self.whitener @ view.by_rig()
+        J = self.seen.whitener @ view.by_rig()
         J, r = J * root[:, None, None], r * root[:, None]
-        equations.add_to_states(self.at, J, r)
+        equations.add_to_states(self.seen.at, J, r)
         if not self.frozen:
-            K = self.whitener @ view.by_landmark(self._arms())
-            columns = self.own + 6 * self.of[:, None] + np.arange(6)
-            equations.add_shared(self.at, J, columns, K * root[:, None, None], r)
+            K = self.seen.whitener @ view.by_landmark(self._arms())
+            columns = self.own + 6 * self.seen.of[:, None] + np.arange(6)
+            equations.add_shared(self.seen.at, J, columns, K * root[:, None, None], r)
             cost += self._add_anchors(equations) + self._add_ties(equations)
         if len(self.times) > 1:
             cost += self._add_motion(equations)
@@ -384,8 +363,7 @@ class BundleProblem:
 
     def misfits(self) -> FloatArray:
         """(S,) root mean square of each sighting's eight standardised coordinates."""
-        r = (self.whitener @ self._view().errors(self.rays)[..., None])[..., 0]
-        return np.asarray(np.sqrt((r**2).mean(axis=1)))
+        return np.asarray(np.sqrt((self.seen.residuals(self._view()) ** 2).mean(axis=1)))
 
     def landmarks(self, covariance: FloatArray | None = None) -> LandmarkMap:
         """The map as it stands."""
@@ -412,9 +390,9 @@ class BundleProblem:
             shared[self._rows_of(k), self._rows_of(k)] += more
         misfits = self.misfits()
         believed: BoolArray = misfits < believed_below
-        pixels = (self.by_ray @ self._view().errors(self.rays).reshape(-1, 4, 2, 1))[believed]
+        pixels = self.seen.pixels(self._view())[believed]
         rms = float(np.sqrt((pixels**2).sum(axis=2).mean())) if believed.any() else float("nan")
-        codes = np.array([m.code for m in self.hung])[self.of]
+        codes = np.array([m.code for m in self.hung])[self.seen.of]
         return Bundle(
             self.times,
             Poses(self.R, self.p),
@@ -424,7 +402,7 @@ class BundleProblem:
             self.parameters,
             misfits,
             codes,
-            self.at,
+            self.seen.at,
             rms,
             self._jumps(states),
         )

@@ -87,6 +87,6 @@ def _fitted_twins(problem: BundleProblem) -> tuple[FloatArray, FloatArray, Float
     problem.restore(before)
     # What is hardly turned is no twin, what is held does not turn, and of what nothing is believed nothing is known.
     held = np.array([problem.is_held(k) for k in range(len(own))])
-    seen = np.bincount(problem.of, problem.used, len(own)) > 0
+    seen = np.bincount(problem.seen.of, problem.used, len(own)) > 0
     best[(angle < DIFFERENT_RAD) | held | ~seen] = np.inf
     return own, best, best_R, best_p

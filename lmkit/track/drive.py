@@ -305,12 +305,13 @@ def track_pictures(
 
 def _floor_doubt(moments: Sequence[StereoMoment], rig: StereoRig, landmarks: LandmarkMap) -> tuple[str, ...]:
     """A sentence where the robot does not stand on the map's floor, as the moments that see most have it."""
+    assert rig.T_base_left is not None
+    base = rig.T_base_left.inverse().t  # in the left camera
     heights = []
     for moment in sorted(moments, key=lambda moment: -len(moment.left) - len(moment.right))[:FLOOR_LOOKS]:
         found = locate_rig(moment.left, moment.right, rig, landmarks)
-        if found.status == "ok" and found.T_map_camera is not None and rig.T_base_left is not None:
-            T = found.T_map_camera
-            heights.append(float((T.t + T.R @ rig.T_base_left.inverse().t)[2]))
+        if found.status == "ok" and found.T_map_camera is not None:
+            heights.append(float((found.T_map_camera.t + found.T_map_camera.R @ base)[2]))
     if not heights or abs(np.median(heights)) < OFF_FLOOR_M:
         return ()
     return (
