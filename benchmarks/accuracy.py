@@ -6,7 +6,7 @@ Simulated corners (no pictures): landmarks of 18 cm on a wall 0.8 m apart, 640 x
 every corner off by 0.15 px (standard deviation; what the detector shows in rendered rooms).  Bound: the Cramer-Rao
 bound, the inverse of the information at the true pose.
 
-``--pictures N``: the same situations photographed N times (simulated pictures, `lmkit/simulate/photograph.py`), each
+``--pictures N``: the same situations photographed N times (simulated images, `lmkit/simulation/photograph.py`), each
 from a place moved by up to 3 cm and 1 deg so that pixels fall elsewhere, and read by `lmkit detect`: the detector's
 own corners with the covariance that it states.
 """
@@ -24,17 +24,18 @@ import cv2
 import numpy as np
 from scipy.stats import chi2
 
-from lmkit.detect.landmarks import detect_landmarks
-from lmkit.detect.options import DetectOptions
-from lmkit.locate.rig import LocateOptions, locate_camera, locate_rig
-from lmkit.locate.sightings import Poses, Sightings
+from lmkit.detection.config import DetectOptions
+from lmkit.detection.detector import detect_landmarks
+from lmkit.geometry.pose import Pose
+from lmkit.geometry.rotations import rotation_exp, rotation_log
+from lmkit.geometry.stereo_rig import StereoRig
+from lmkit.localization.absolute_pose import LocateOptions, locate_camera, locate_rig
+from lmkit.localization.correspondences import Correspondences, Poses
 from lmkit.model.estimate import PoseEstimate
 from lmkit.model.landmark_map import LandmarkMap, MappedLandmark, wall_pose
 from lmkit.model.observation import LandmarkObservation
-from lmkit.model.pose import Pose, rotation_exp, rotation_log
-from lmkit.model.stereo_rig import StereoRig
-from lmkit.simulate.photograph import ImagingChain, Lens, Light, Sensor, photograph
-from lmkit.simulate.scene import landmark_sheet, looking, make_rig, studio
+from lmkit.simulation.photograph import ImagingChain, Lens, Light, Sensor, photograph
+from lmkit.simulation.scene import landmark_sheet, looking, make_rig, studio
 
 NOISE_PX = 0.15
 APART_M = 0.8
@@ -110,7 +111,7 @@ def bound(s: Situation) -> np.ndarray | None:
         (eyes[0], rig.left, np.eye(3), np.zeros(3)),
         *([] if s.mono else [(eyes[1], rig.right, rig.T_right_left.R, rig.T_right_left.t)]),
     ]
-    seen = Sightings(placed, LandmarkMap(s.landmarks), 0.0)
+    seen = Correspondences(placed, LandmarkMap(s.landmarks), 0.0)
     normal = seen.equations(Poses(T.R[None], T.t[None]), np.ones((1, len(seen)), dtype=bool), None)[0][0]
     return np.linalg.inv(normal)
 

@@ -29,16 +29,16 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from lmkit.board_pairs import find_board_pairs
-from lmkit.calibrate.stereo import calibrate_stereo
-from lmkit.detect.boards import same_orientation
+from lmkit.calibration.stereo import calibrate_stereo
+from lmkit.detection.boards import same_orientation
 from lmkit.errors import LmkitError
+from lmkit.geometry.camera import CameraModel
+from lmkit.geometry.pose import Pose
+from lmkit.geometry.rectification import epipolar_errors
+from lmkit.geometry.stereo_rig import StereoRig
 from lmkit.model.board import BoardSpec
-from lmkit.model.camera import CameraModel
 from lmkit.model.observation import BoardObservation, PairView
-from lmkit.model.pose import Pose
-from lmkit.model.rectification import epipolar_errors
-from lmkit.model.stereo_rig import StereoRig
+from lmkit.pipelines.board_views import find_board_pairs
 
 FOLDS = 5
 SB_FLAGS = cv2.CALIB_CB_NORMALIZE_IMAGE | cv2.CALIB_CB_EXHAUSTIVE | cv2.CALIB_CB_ACCURACY

@@ -17,15 +17,16 @@ from pathlib import Path
 
 import numpy as np
 
-from lmkit.board_pairs import find_board_pairs
-from lmkit.calibrate.problem import intrinsics_vector
-from lmkit.calibrate.stereo import StereoCalibration, calibrate_stereo
+from lmkit.calibration.bundle_adjustment import intrinsics_vector
+from lmkit.calibration.stereo import StereoCalibration, calibrate_stereo
+from lmkit.geometry.camera import CameraModel
+from lmkit.geometry.pose import Pose
+from lmkit.geometry.rotations import rotation_log
+from lmkit.geometry.stereo_rig import StereoRig
 from lmkit.model.board import BoardSpec
-from lmkit.model.camera import CameraModel
 from lmkit.model.observation import PairView
-from lmkit.model.pose import Pose, rotation_log
-from lmkit.model.stereo_rig import StereoRig
-from lmkit.simulate.scene import board_poses, make_rig
+from lmkit.pipelines.board_views import find_board_pairs
+from lmkit.simulation.scene import board_poses, make_rig
 
 BOARD = BoardSpec.parse("chessboard:9x6:30mm")
 SPECS = {"chessboard": "chessboard:9x6:30mm", "charuco": "charuco:8x6:30mm:22mm:DICT_5X5_100"}

@@ -21,10 +21,10 @@ import numpy as np
 from peers import wilson
 from planar import View, background, backgrounds, shoot
 
-from lmkit.detect.accept import AcceptanceRule
-from lmkit.detect.landmarks import attempt_landmarks
-from lmkit.detect.options import DetectOptions, Effort
-from lmkit.simulate.photograph import Development, ImagingChain, Lens, Light, Sensor
+from lmkit.detection.acceptance import AcceptanceRule
+from lmkit.detection.config import DetectOptions, Effort
+from lmkit.detection.detector import candidates_of
+from lmkit.simulation.photograph import Development, ImagingChain, Lens, Light, Sensor
 
 WIDE = AcceptanceRule(
     turn_margin=8.0, code_margin=0.0, parts_misfit=6.0, part_sigma=1.0, part_deviation=1.0, hidden=40.0
@@ -56,7 +56,7 @@ def attempt(photos: tuple[Path, ...], seed: int) -> list[tuple[float, bool, bool
     middle, side = shot.corners.mean(axis=0), np.sqrt(cv2.contourArea(shot.corners.astype(np.float32)))
     here = [
         a
-        for a in attempt_landmarks(shot.image, DetectOptions(effort=Effort(min_aligned_pattern=0.1)))
+        for a in candidates_of(shot.image, DetectOptions(effort=Effort(min_aligned_pattern=0.1)))
         if np.linalg.norm(a.corners.mean(axis=0) - middle) < 0.5 * side and a.verdict.reason_to_reject(WIDE) is None
     ]
     here.sort(key=lambda a: -a.verdict.margin)

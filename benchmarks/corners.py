@@ -21,14 +21,15 @@ import numpy as np
 from accuracy import Situation, bound
 from locate import read_truth, true_map, true_pose, true_rig
 
-from lmkit.detect.landmarks import detect_landmarks
-from lmkit.detect.options import DetectOptions
-from lmkit.locate.sightings import CORNER_FLOOR_PX
-from lmkit.model.camera import CameraModel
+from lmkit.detection.config import DetectOptions
+from lmkit.detection.detector import detect_landmarks
+from lmkit.geometry.camera import CameraModel
+from lmkit.geometry.pose import Pose
+from lmkit.geometry.rotations import rotation_exp
+from lmkit.localization.correspondences import CORNER_FLOOR_PX
 from lmkit.model.landmark_map import LandmarkMap
-from lmkit.model.pose import Pose, rotation_exp
-from lmkit.simulate.photograph import ImagingChain, Lens, Light, Sensor, photograph
-from lmkit.simulate.scene import landmark_sheet, studio
+from lmkit.simulation.photograph import ImagingChain, Lens, Light, Sensor, photograph
+from lmkit.simulation.scene import landmark_sheet, studio
 
 SIDES_PX = (12, 16, 20, 25, 32, 45, 70, 300)
 ANOTHER_PX = 8.0  # further off it is no corner error but another landmark

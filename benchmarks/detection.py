@@ -26,7 +26,7 @@ from planar import FOCAL_PX, SIDE_M, View, background, backgrounds, camera, shoo
 
 from lmkit.model.landmark import LM8
 from lmkit.model.palette import srgb_to_linear
-from lmkit.simulate.photograph import Development, ImagingChain, Lens, Light, Sensor, Shadow
+from lmkit.simulation.photograph import Development, ImagingChain, Lens, Light, Sensor, Shadow
 
 BASE = ImagingChain(Lens(0.7), Light(), Sensor(2500.0, 6.0), Development(tone="gamma"))
 LINEARISED = ("AprilTag 3", "ArUco 4x4", "locus-tag")
@@ -282,7 +282,7 @@ def print_profile(photos: list[Path]) -> None:
         "find_candidates",
         "screen_candidates",
         "align_candidates",
-        "register_and_read",
+        "register_and_decode",
         "estimate_noise",
         "linear_pyramid",
     )

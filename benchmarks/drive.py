@@ -14,16 +14,18 @@ from pathlib import Path
 import numpy as np
 from locate import read_truth, true_map, true_rig
 
-from lmkit.drive_pictures import see_drive
-from lmkit.formats.drive_tables import read_gyro, read_odometry
+from lmkit.geometry.pose import Pose
+from lmkit.geometry.rotations import rotation_angle, rotation_log
+from lmkit.geometry.stereo_rig import StereoRig
+from lmkit.io.recording_tables import read_gyro, read_odometry
+from lmkit.mapping.bundle_adjustment import Anchor
+from lmkit.mapping.survey import survey_frames
 from lmkit.model.landmark import LM8
 from lmkit.model.landmark_map import LandmarkMap
-from lmkit.model.pose import Pose, rotation_angle, rotation_log
-from lmkit.model.stereo_rig import StereoRig
-from lmkit.motion import MotionModel
-from lmkit.survey.bundle import Anchor
-from lmkit.survey.survey import survey_drive
-from lmkit.track.drive import track_pictures, track_pictures_live
+from lmkit.odometry.wheel_odometry import MotionModel
+from lmkit.pipelines.detect_recording import see_drive
+from lmkit.tracking.batch import track_pictures
+from lmkit.tracking.online import track_pictures_live
 
 
 def rms(values: list[float]) -> float:
@@ -47,7 +49,7 @@ def main(folder: Path) -> None:
     anchor = hung.find(truth["anchor"]["id"])
     assert anchor is not None
     sizes = {(o.family, o.code): 0.18 for m in moments for o in (*m.left, *m.right)}
-    survey = survey_drive(moments, rig, sizes, {("lm8", anchor.code): Anchor(anchor, None)}, MotionModel(*wheels))
+    survey = survey_frames(moments, rig, sizes, {("lm8", anchor.code): Anchor(anchor, None)}, MotionModel(*wheels))
     poses = []
     for pair in truth["pairs"]:
         world = pair["T_world_left"]

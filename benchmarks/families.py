@@ -20,19 +20,19 @@ from detection import BASE, crossing
 from peers import wilson
 from planar import SIDE_M, View, background, backgrounds, camera, place
 
-from lmkit.detect.accept import AcceptanceRule
-from lmkit.detect.landmarks import attempt_landmarks, best_of_each_place
-from lmkit.detect.options import DetectOptions
-from lmkit.generate.page import bare_landmark_page
-from lmkit.generate.png import page_to_image
+from lmkit.detection.acceptance import AcceptanceRule
+from lmkit.detection.config import DetectOptions
+from lmkit.detection.detector import best_of_each_place, candidates_of
+from lmkit.generation.page import bare_landmark_page
+from lmkit.generation.png import page_to_image
+from lmkit.geometry.pose import Pose
 from lmkit.model.landmark import FAMILIES
 from lmkit.model.landmark_map import LandmarkMap
 from lmkit.model.palette import srgb_to_linear
-from lmkit.model.pose import Pose
-from lmkit.simulate.inks import OFFSET, as_printed
-from lmkit.simulate.photograph import take_picture
-from lmkit.simulate.render import render
-from lmkit.simulate.scene import Panel, Scene
+from lmkit.simulation.inks import OFFSET, as_printed
+from lmkit.simulation.photograph import take_picture
+from lmkit.simulation.render import render
+from lmkit.simulation.scene import Panel, Scene
 
 SIDES_PX = (8, 10, 12, 14, 16, 18, 20, 24, 28, 34)
 LOOSE = AcceptanceRule(code_margin=0.0, part_sigma=1.0)
@@ -60,7 +60,7 @@ def attempt(photos: tuple[Path, ...], job: tuple[str, float, float, int]) -> dic
     scene = Scene((panel,), LandmarkMap([]), (1.0, 1.0, 1.0))
     wall = background(photos[seed % len(photos)])
     image = take_picture(render(scene, camera(), Pose.identity("map", "camera"), wall), BASE, rng)
-    attempts = attempt_landmarks(image, DetectOptions((family,)))
+    attempts = candidates_of(image, DetectOptions((family,)))
     strict = best_of_each_place([a for a in attempts if a.rejected is None])
     loose = best_of_each_place(
         [a for a in attempts if a.rejected != "cut" and a.verdict.reason_to_reject(LOOSE) is None]

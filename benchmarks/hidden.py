@@ -17,15 +17,15 @@ import numpy as np
 from families import texture
 from peers import wilson
 
-from lmkit.detect.landmarks import detect_landmarks
-from lmkit.detect.pattern import LandmarkPattern
-from lmkit.model.camera import CameraModel
+from lmkit.detection.detector import detect_landmarks
+from lmkit.detection.pattern_model import LandmarkPattern
+from lmkit.geometry.camera import CameraModel
+from lmkit.geometry.pose import Pose
 from lmkit.model.landmark import LM8
 from lmkit.model.landmark_map import LandmarkMap
-from lmkit.model.pose import Pose
-from lmkit.simulate.photograph import Development, ImagingChain, Lens, Light, Sensor, take_picture
-from lmkit.simulate.render import render
-from lmkit.simulate.scene import Panel, Scene
+from lmkit.simulation.photograph import Development, ImagingChain, Lens, Light, Sensor, take_picture
+from lmkit.simulation.render import render
+from lmkit.simulation.scene import Panel, Scene
 
 CAMERA = CameraModel((240, 180), np.array([[300.0, 0, 119.5], [0, 300.0, 89.5], [0, 0, 1]]), np.zeros(5))
 CHAIN = ImagingChain(Lens(0.7), Light(0.6), Sensor(3000, 8, True), Development(tone="filmic", jpeg_quality=85))

@@ -21,13 +21,14 @@ import numpy as np
 from peers import READERS
 from scipy.stats import chi2
 
-from lmkit.detect.landmarks import detect_landmarks
-from lmkit.detect.options import DetectOptions
-from lmkit.locate.rig import LocateOptions, locate_rig
-from lmkit.model.camera import CameraModel
+from lmkit.detection.config import DetectOptions
+from lmkit.detection.detector import detect_landmarks
+from lmkit.geometry.camera import CameraModel
+from lmkit.geometry.pose import Pose
+from lmkit.geometry.rotations import rotation_log
+from lmkit.geometry.stereo_rig import StereoRig
+from lmkit.localization.absolute_pose import LocateOptions, locate_rig
 from lmkit.model.landmark_map import LandmarkMap, MappedLandmark
-from lmkit.model.pose import Pose, rotation_log
-from lmkit.model.stereo_rig import StereoRig
 
 FLOORS_PX = (0.0, 0.05, LocateOptions().corner_floor_px, 0.15)
 LEVELS = (0.5, 0.9, 0.95, 0.99)

@@ -2,11 +2,11 @@
 
     uv run python benchmarks/mishaps.py [--seeds 10] [--first 0]
 
-Drives of a minute with one anchor (`simulate/drive.py`: simulated corners, wheels and gyro).  From half way on two
-landmarks are exchanged, or one hangs on the wall across; odometry stops for 10 s, or its clock jumps by 2 s (without
-the gyro); no landmark larger than 30 px is seen.  Bent: a landmark that was not touched is off by more than 5 cm or
-0.15 rad and four standard deviations.  Named: the survey says that something contradicts itself, is ambiguous or was
-not placed.
+Recordings of a minute with one anchor (`simulation/recording.py`: simulated corners, wheels and gyro).  From half way
+on two landmarks are swapped, or one hangs on the wall across; odometry stops for 10 s, or its clock jumps by 2 s
+(without the gyro); no landmark larger than 30 px is seen.  Bent: a landmark that was not touched is off by more than
+5 cm or 0.15 rad and four standard deviations.  Named: the survey reports a contradiction, an ambiguity, or a landmark
+that it could not place.
 """
 
 from __future__ import annotations
@@ -20,15 +20,16 @@ from functools import partial
 import numpy as np
 
 from lmkit.errors import LmkitError
-from lmkit.model.drive import Gyro, Odometry, StereoMoment
+from lmkit.geometry.pose import Pose
+from lmkit.geometry.rotations import rotation_angle
+from lmkit.mapping.bundle_adjustment import Anchor
+from lmkit.mapping.survey import Survey, survey_frames
 from lmkit.model.landmark_map import LandmarkMap
 from lmkit.model.observation import LandmarkObservation
-from lmkit.model.pose import Pose, rotation_angle
-from lmkit.motion import MotionModel
-from lmkit.simulate.drive import Drive, WheelErrors, make_drive
-from lmkit.simulate.look import look
-from lmkit.survey.bundle import Anchor
-from lmkit.survey.survey import Survey, survey_drive
+from lmkit.model.recording import Gyro, Odometry, StereoFrame
+from lmkit.odometry.wheel_odometry import MotionModel
+from lmkit.simulation.observations import look
+from lmkit.simulation.recording import Drive, WheelErrors, make_drive
 
 SECONDS, NOISE_PX, LARGEST_PX = 60.0, 0.15, 30.0
 ROOM_M = (8.0, 5.0)
@@ -41,13 +42,13 @@ Seen = tuple[LandmarkObservation, ...]
 
 @dataclass(frozen=True)
 class Case:
-    moments: Sequence[StereoMoment]
+    moments: Sequence[StereoFrame]
     odometry: Odometry
     gyro: Gyro | None
     touched: frozenset[int] = frozenset()
 
 
-def each_eye(moment: StereoMoment, change: Callable[[Seen], Seen]) -> StereoMoment:
+def each_eye(moment: StereoFrame, change: Callable[[Seen], Seen]) -> StereoFrame:
     return replace(moment, left=change(moment.left), right=change(moment.right))
 
 
@@ -66,7 +67,7 @@ def cases(drive: Drive, seed: int) -> list[Case]:
     across = Pose("map", "landmark", np.diag([-1.0, -1.0, 1.0]) @ T.R, place)
     hung = LandmarkMap([replace(m, T_map_landmark=across) if m.code == moved else m for m in drive.landmarks])
 
-    def seen_again(k: int) -> StereoMoment:
+    def seen_again(k: int) -> StereoFrame:
         left, right = look(hung, drive.rig, drive.pose(k), NOISE_PX, rng)
         return replace(drive.moments[k], left=left, right=right)
 
@@ -104,7 +105,7 @@ def outcome(drive: Drive, case: Case, wheels: bool) -> tuple[bool, bool]:
     sizes = {("lm8", m.code): m.size_m for m in drive.landmarks}
     motion = MotionModel(case.odometry, case.gyro) if wheels else None
     try:
-        survey = survey_drive(case.moments, drive.rig, sizes, {("lm8", anchor.code): Anchor(anchor, None)}, motion)
+        survey = survey_frames(case.moments, drive.rig, sizes, {("lm8", anchor.code): Anchor(anchor, None)}, motion)
     except LmkitError:
         return False, True
     named = survey.odd or survey.bundle.jumps or survey.unplaced or survey.ambiguous

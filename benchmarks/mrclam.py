@@ -18,10 +18,10 @@ from pathlib import Path
 import numpy as np
 from scipy.optimize import least_squares
 
-from lmkit.locate.range_bearing import locate_planar
+from lmkit.geometry.pose import Pose
+from lmkit.localization.range_bearing import locate_planar
 from lmkit.model.landmark_map import LandmarkMap, MappedLandmark
 from lmkit.model.observation import RangeBearing
-from lmkit.model.pose import Pose
 
 RANGE_M, RANGE_SHARES, BEARINGS_DEG, LOSSES = (0.0, 0.02), (0.015, 0.03, 0.05), (0.1, 0.2, 0.4), ("linear", "cauchy")
 

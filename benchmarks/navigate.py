@@ -21,19 +21,19 @@ from pathlib import Path
 
 import numpy as np
 
-from lmkit.formats.floor_plan import read_floor
-from lmkit.locate.sightings import CORNER_FLOOR_PX
+from lmkit.io.floor_plan import read_floor
+from lmkit.localization.correspondences import CORNER_FLOOR_PX
 from lmkit.model.floor_plan import FloorPlan
 from lmkit.model.landmark_map import LandmarkMap
-from lmkit.navigate.drive_to import Site, drive_to
-from lmkit.picture_eyes import PictureEyes
-from lmkit.plan.coverage import Coverage, Demand, predict_coverage
-from lmkit.plan.place import place_landmarks
-from lmkit.plan.route import Spot
-from lmkit.simulate.drive import T_BASE_LEFT, WheelErrors
-from lmkit.simulate.robot import SimulatedRobot
-from lmkit.simulate.scene import floor_scene, make_rig
-from lmkit.track.planar_filter import TrackedPose
+from lmkit.navigation.navigator import Site, drive_to
+from lmkit.pipelines.rendered_cameras import PictureEyes
+from lmkit.planning.coverage import Demand, PoseCoverage, predict_coverage
+from lmkit.planning.placement import place_landmarks
+from lmkit.planning.route import Goal
+from lmkit.simulation.recording import T_BASE_LEFT, WheelErrors
+from lmkit.simulation.robot import SimulatedRobot
+from lmkit.simulation.scene import floor_scene, make_rig
+from lmkit.tracking.range_bearing_filter import TrackedPose
 
 RIG = replace(make_rig(), T_base_left=T_BASE_LEFT)
 RADIUS_M = 0.25
@@ -58,7 +58,7 @@ class Run:
 
 
 @lru_cache(maxsize=1)
-def prepared(path: Path, half: bool) -> tuple[FloorPlan, LandmarkMap, Coverage, Coverage]:
+def prepared(path: Path, half: bool) -> tuple[FloorPlan, LandmarkMap, PoseCoverage, PoseCoverage]:
     floor = read_floor(path)
     placed = place_landmarks(floor, [], RIG, RADIUS_M, Demand())
     full = predict_coverage(floor, list(placed.landmarks), RIG, RADIUS_M)
@@ -79,7 +79,7 @@ def drive(seed: int, path: Path, half: bool, pictures: bool) -> Run:
     start = np.array([*full.places[rng.choice(np.flatnonzero(clear))], rng.uniform(-np.pi, np.pi)])
     goals = np.argwhere(full.holds(Demand()) & clear[:, None])
     place, turn = goals[rng.integers(len(goals))]
-    goal = Spot(*full.places[place].tolist(), float(full.headings[turn]))
+    goal = Goal(*full.places[place].tolist(), float(full.headings[turn]))
     eyes = PictureEyes(floor_scene(seed, floor, landmarks), RIG, seed) if pictures else None
     robot = SimulatedRobot(floor, landmarks, RIG, start, RADIUS_M, WHEELS, seed, eyes)
     inside: list[bool] = []

@@ -24,10 +24,10 @@ import numpy as np
 from peers import READERS, wilson
 from planar import View, background, backgrounds, shoot
 
-from lmkit.model.code import gaps_to_code
-from lmkit.model.homography import homography_from_points, transform_points
+from lmkit.geometry.homography import homography_from_points, transform_points
+from lmkit.model.codewords import gaps_to_code
 from lmkit.model.landmark import LM8
-from lmkit.simulate.photograph import Development, ImagingChain, Lens, Light, Sensor
+from lmkit.simulation.photograph import Development, ImagingChain, Lens, Light, Sensor
 
 TUNING_SEED, SEED = 50_000, 60_000
 

@@ -28,7 +28,7 @@ class Reader:
 
 
 def with_lmkit() -> Callable[[np.ndarray], Found]:
-    from lmkit.detect.landmarks import detect_landmarks
+    from lmkit.detection.detector import detect_landmarks
 
     return lambda image: [(d.code, d.corners) for d in detect_landmarks(image)]
 

@@ -20,18 +20,18 @@ from pathlib import Path
 import numpy as np
 from scipy.stats import spearmanr
 
-from lmkit.formats.floor_plan import read_floor
-from lmkit.locate.prior import PosePrior
-from lmkit.locate.rig import LocateOptions, locate_rig
+from lmkit.io.floor_plan import read_floor
+from lmkit.localization.absolute_pose import LocateOptions, locate_rig
+from lmkit.localization.pose_prior import PosePrior
 from lmkit.model.floor_plan import FloorPlan
 from lmkit.model.landmark_map import LandmarkMap, MappedLandmark, wall_pose
-from lmkit.plan.coverage import Demand, expected_errors, places_on, predict_coverage, promised_errors
-from lmkit.plan.mounts import HangOptions, hanging_places
-from lmkit.plan.place import place_landmarks
-from lmkit.plan.sight import find_sights
-from lmkit.simulate.drive import T_BASE_LEFT, WheelErrors
-from lmkit.simulate.robot import SimulatedRobot
-from lmkit.simulate.scene import make_rig
+from lmkit.planning.coverage import Demand, expected_errors, places_on, predict_coverage, promised_errors
+from lmkit.planning.mounting_sites import HangOptions, hanging_places
+from lmkit.planning.placement import place_landmarks
+from lmkit.planning.visibility import find_sights
+from lmkit.simulation.recording import T_BASE_LEFT, WheelErrors
+from lmkit.simulation.robot import SimulatedRobot
+from lmkit.simulation.scene import make_rig
 
 RIG = replace(make_rig(), T_base_left=T_BASE_LEFT)
 RADIUS_M = 0.25

@@ -2,7 +2,7 @@
 
 Simulated: the marker is drawn by a PDF rasteriser (lm8) or by OpenCV (AprilTag 36h11, ArUco 4x4),
 put on white paper, seen by a camera of f = 600 px and 640x480 pixels and taken by
-`lmkit.simulate.photograph`; the background is a real photograph.
+`lmkit.simulation.photograph`; the background is a real photograph.
 """
 
 from __future__ import annotations
@@ -15,17 +15,17 @@ import cv2
 import numpy as np
 import pypdfium2
 
-from lmkit.generate.page import bare_landmark_page
-from lmkit.generate.pdf import pages_to_pdf
-from lmkit.model.camera import CameraModel
+from lmkit.generation.page import bare_landmark_page
+from lmkit.generation.pdf import pages_to_pdf
+from lmkit.geometry.camera import CameraModel
+from lmkit.geometry.pose import Pose
 from lmkit.model.landmark import LM8
 from lmkit.model.landmark_map import LandmarkMap
 from lmkit.model.palette import srgb_to_linear
-from lmkit.model.pose import Pose
-from lmkit.simulate.inks import OFFSET, as_printed
-from lmkit.simulate.photograph import ImagingChain, take_picture
-from lmkit.simulate.render import render
-from lmkit.simulate.scene import Panel, Scene
+from lmkit.simulation.inks import OFFSET, as_printed
+from lmkit.simulation.photograph import ImagingChain, take_picture
+from lmkit.simulation.render import render
+from lmkit.simulation.scene import Panel, Scene
 
 SIDE_M = 0.18
 # White around the marker: what A4 leaves beside an lm8, one module for the others.

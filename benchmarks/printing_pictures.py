@@ -16,13 +16,13 @@ import prints
 import pypdfium2
 from PIL import Image, ImageDraw, ImageFont
 
-from lmkit.formats.template import load_template, shipped_templates
-from lmkit.generate.pdf import pages_to_pdf
-from lmkit.generate.sheet import Wording, compose_sheets
-from lmkit.generate.tiles import compose_tiles
+from lmkit.generation.pdf import pages_to_pdf
+from lmkit.generation.sheet import Wording, compose_sheets
+from lmkit.generation.tiles import compose_tiles
+from lmkit.io.template import load_template, shipped_templates
 from lmkit.model.landmark import LM8
-from lmkit.simulate.inks import OFFSET, as_printed
-from lmkit.verify.prints import Stated, grade_sheet
+from lmkit.simulation.inks import OFFSET, as_printed
+from lmkit.verification.prints import Stated, grade_sheet
 
 OUT = Path(__file__).resolve().parents[1] / "docs" / "printing"
 # Sides at which 95 of 100 are read, benchmarks/README.md: frontal, and tilted by 45 degrees.
@@ -92,7 +92,7 @@ def faults() -> None:
     boxes = []
     for name in FAULTS:
         rng = np.random.default_rng(11)
-        sheet, look = prints.Sheet(prints.drawn(137), 137), prints.Look()
+        sheet, look = prints.Sheet(prints.drawn(137), 137), prints.ScreeningThresholds()
         sheet, look = prints.DEFECTS[name][0](sheet, look, rng)
         printed = prints.Sheet(as_printed(sheet.texture.astype(np.float32), OFFSET), sheet.code)
         photo = prints.photograph(printed, look, rng)

@@ -4,7 +4,7 @@
 
 Simulated: A4 sheets drawn by pypdfium2, in the inks of four kinds of printer, scanned at 150 dpi or
 photographed from 0.7 to 0.85 m (f = 1800 px, 1600 x 1200) under lights of 2700 to 6500 K, a gradient, noise,
-Bayer, sharpening, JPEG.  The limits in `verify/grade.py` were set on seeds below 1000; report others.
+Bayer, sharpening, JPEG.  The limits in `verification/grade.py` were set on seeds below 1000; report others.
 """
 
 from __future__ import annotations
@@ -20,19 +20,19 @@ import cv2
 import numpy as np
 import pypdfium2
 
-from lmkit.formats.template import load_template
-from lmkit.generate.pdf import pages_to_pdf
-from lmkit.generate.sheet import compose_landmark_page
-from lmkit.model.camera import CameraModel
+from lmkit.generation.pdf import pages_to_pdf
+from lmkit.generation.sheet import compose_landmark_page
+from lmkit.geometry.camera import CameraModel
+from lmkit.geometry.pose import Pose
+from lmkit.io.template import load_template
 from lmkit.model.landmark import LM8
 from lmkit.model.landmark_map import LandmarkMap
 from lmkit.model.palette import linear_to_srgb, srgb_to_linear
-from lmkit.model.pose import Pose
-from lmkit.simulate.inks import INKJET, LASER, OFFSET, as_printed
-from lmkit.simulate.photograph import Development, Gloss, ImagingChain, Lens, Light, Sensor, take_picture
-from lmkit.simulate.render import render
-from lmkit.simulate.scene import Panel, Scene
-from lmkit.verify.prints import PrintedLandmark, Stated, grade_sheet, mirrored_word
+from lmkit.simulation.inks import INKJET, LASER, OFFSET, as_printed
+from lmkit.simulation.photograph import Development, Gloss, ImagingChain, Lens, Light, Sensor, take_picture
+from lmkit.simulation.render import render
+from lmkit.simulation.scene import Panel, Scene
+from lmkit.verification.prints import PrintedLandmark, Stated, grade_sheet, mirrored_word
 
 DPI = 150.0
 PX_PER_MM = DPI / 25.4
@@ -51,14 +51,14 @@ class Sheet:
 
 
 @dataclass(frozen=True)
-class Look:
+class ScreeningThresholds:
     """How it is looked at."""
 
     blur_px: float = 0.6
     gloss: float = 0.0
 
 
-Defect = Callable[[Sheet, Look, np.random.Generator], tuple[Sheet, Look]]
+Defect = Callable[[Sheet, ScreeningThresholds, np.random.Generator], tuple[Sheet, ScreeningThresholds]]
 
 
 def inked(texture: np.ndarray) -> np.ndarray:
@@ -171,7 +171,7 @@ def drawn(code: int) -> np.ndarray:
     return cv2.resize(light, (width, height), interpolation=cv2.INTER_AREA)
 
 
-def scan(sheet: Sheet, look: Look, rng: np.random.Generator) -> np.ndarray:
+def scan(sheet: Sheet, look: ScreeningThresholds, rng: np.random.Generator) -> np.ndarray:
     """A flatbed: even light, a little blur, noise and turn; the bed's lid is grey."""
     height, width = sheet.texture.shape[:2]
     turn = np.deg2rad(rng.uniform(-0.1, 0.1))
@@ -192,7 +192,7 @@ def scan(sheet: Sheet, look: Look, rng: np.random.Generator) -> np.ndarray:
     return np.clip(np.round(code), 0, 255).astype(np.uint8)[:, :, ::-1].copy()
 
 
-def photograph(sheet: Sheet, look: Look, rng: np.random.Generator) -> np.ndarray:
+def photograph(sheet: Sheet, look: ScreeningThresholds, rng: np.random.Generator) -> np.ndarray:
     """A hand-held camera an arm's length away."""
     K = np.array([[FOCAL_PX, 0, 799.5], [0, FOCAL_PX, 599.5], [0, 0, 1.0]])
     camera = CameraModel(PHOTO_SIZE, K, np.zeros(5))
@@ -231,7 +231,7 @@ def examine(job: tuple[str, int, bool]) -> tuple[str, bool, str, dict[str, str |
     code = int(rng.integers(256))
     while defect == "mirrored" and mirrored_word(LM8, code) == code:
         code = int(rng.integers(256))
-    sheet, look = Sheet(drawn(code), code), Look()
+    sheet, look = Sheet(drawn(code), code), ScreeningThresholds()
     if defect != "none":
         sheet, look = DEFECTS[defect][0](sheet, look, rng)
     printer = PRINTERS[int(rng.integers(len(PRINTERS)))]

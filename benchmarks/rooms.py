@@ -21,9 +21,9 @@ import cv2
 import numpy as np
 from peers import READERS, wilson
 
-from lmkit.detect.landmarks import detect_landmarks
-from lmkit.detect.options import FAST, DetectOptions
-from lmkit.model.camera import CameraModel
+from lmkit.detection.config import FAST, DetectOptions
+from lmkit.detection.detector import detect_landmarks
+from lmkit.geometry.camera import CameraModel
 
 SIDES = (15, 20, 25, 30, 60, 1e9)
 TILTS = (0, 30, 60, 80)

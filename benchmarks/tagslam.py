@@ -18,17 +18,17 @@ from pathlib import Path
 import numpy as np
 import yaml
 
-from lmkit.evaluate.trajectory_error import compare_trajectories
-from lmkit.formats.drive_tables import read_detections
-from lmkit.formats.trajectory import read_trajectory
-from lmkit.model.camera import CameraModel
+from lmkit.evaluation.trajectory_error import compare_trajectories
+from lmkit.geometry.camera import CameraModel
+from lmkit.geometry.pose import Pose
+from lmkit.geometry.stereo_rig import StereoRig
+from lmkit.io.recording_tables import read_detections
+from lmkit.io.trajectory import read_trajectory
+from lmkit.mapping.bundle_adjustment import Anchor
+from lmkit.mapping.survey import survey_frames
 from lmkit.model.landmark_map import MappedLandmark
-from lmkit.model.pose import Pose
-from lmkit.model.stereo_rig import StereoRig
 from lmkit.model.trajectory import Trajectory
-from lmkit.pose_motion import PoseMotion
-from lmkit.survey.bundle import Anchor
-from lmkit.survey.survey import survey_drive
+from lmkit.odometry.pose_odometry import PoseMotion
 
 
 def load_rig(folder: Path) -> StereoRig:
@@ -99,7 +99,7 @@ def main() -> None:
     poses.write_bytes(gzip.decompress((folder / "vio.tum.gz").read_bytes()))
     motion = None if arguments.no_odometry else PoseMotion(read_trajectory(poses))
     start = time.perf_counter()
-    result = survey_drive(moments, rig, sizes, anchors, motion)
+    result = survey_frames(moments, rig, sizes, anchors, motion)
     took = time.perf_counter() - start
     refined = json.loads((folder / "tags_refined_from_reference_tf.json").read_text())
     found = {m.code: m.T_map_landmark.t for m in result.bundle.landmarks}

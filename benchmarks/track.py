@@ -18,11 +18,14 @@ from pathlib import Path
 import numpy as np
 from mrclam import table
 
-from lmkit.model.drive import Odometry
+from lmkit.geometry.pose import Pose
+from lmkit.mapping.range_bearing_survey import survey_readings
 from lmkit.model.landmark_map import LandmarkMap, MappedLandmark
 from lmkit.model.observation import RangeBearing
-from lmkit.model.pose import Pose
-from lmkit.track.drive import TrackedDrive, survey_readings, track_live, track_readings
+from lmkit.model.recording import Odometry
+from lmkit.model.tracked_trajectory import TrackedTrajectory
+from lmkit.tracking.batch import track_readings
+from lmkit.tracking.online import track_live
 
 
 def load(
@@ -48,7 +51,7 @@ def load(
     return sorted(moments.items()), wheels, LandmarkMap(hung), truth
 
 
-def errors(drive: TrackedDrive, truth: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def errors(drive: TrackedTrajectory, truth: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """(N,3) x, y (m), heading (rad), and NEES (N,), of all moments that have a pose."""
     heading = np.unwrap(truth[:, 3])
     true = np.column_stack(

@@ -15,8 +15,9 @@ import math
 
 import numpy as np
 
-from lmkit.locate.range_bearing import ReadingNoise, locate_planar
-from lmkit.locate.two_landmarks import locate_by_two
+from lmkit.localization.range_bearing import locate_planar
+from lmkit.localization.range_bearing_noise import ReadingNoise
+from lmkit.localization.two_landmarks import locate_by_two
 from lmkit.model.landmark_map import LandmarkMap, MappedLandmark, wall_pose
 from lmkit.model.observation import RangeBearing
 

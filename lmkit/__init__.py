@@ -15,16 +15,16 @@ if TYPE_CHECKING:
     from lmkit.errors import InputError as InputError
     from lmkit.errors import LmkitError as LmkitError
     from lmkit.errors import NegativeAnswer as NegativeAnswer
+    from lmkit.geometry.camera import CameraModel as CameraModel
+    from lmkit.geometry.pose import Pose as Pose
+    from lmkit.geometry.stereo_rig import StereoRig as StereoRig
     from lmkit.model.board import BoardSpec as BoardSpec
-    from lmkit.model.camera import CameraModel as CameraModel
     from lmkit.model.estimate import PoseEstimate as PoseEstimate
     from lmkit.model.landmark import LM8 as LM8
     from lmkit.model.landmark import LandmarkFamily as LandmarkFamily
     from lmkit.model.landmark_map import LandmarkMap as LandmarkMap
     from lmkit.model.landmark_map import MappedLandmark as MappedLandmark
     from lmkit.model.observation import LandmarkObservation as LandmarkObservation
-    from lmkit.model.pose import Pose as Pose
-    from lmkit.model.stereo_rig import StereoRig as StereoRig
 
 # Loaded on first use, so that `import lmkit` and `lmkit --help` stay instant.
 _HOMES = {
@@ -32,15 +32,15 @@ _HOMES = {
     "LmkitError": "lmkit.errors",
     "NegativeAnswer": "lmkit.errors",
     "BoardSpec": "lmkit.model.board",
-    "CameraModel": "lmkit.model.camera",
+    "CameraModel": "lmkit.geometry.camera",
     "PoseEstimate": "lmkit.model.estimate",
     "LM8": "lmkit.model.landmark",
     "LandmarkFamily": "lmkit.model.landmark",
     "LandmarkMap": "lmkit.model.landmark_map",
     "MappedLandmark": "lmkit.model.landmark_map",
     "LandmarkObservation": "lmkit.model.observation",
-    "Pose": "lmkit.model.pose",
-    "StereoRig": "lmkit.model.stereo_rig",
+    "Pose": "lmkit.geometry.pose",
+    "StereoRig": "lmkit.geometry.stereo_rig",
 }
 
 __all__ = ["__version__", *_HOMES]

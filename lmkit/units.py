@@ -52,3 +52,29 @@ def parse_size_mm(text: str, what: str = "size") -> tuple[float, float]:
     if not width.strip().endswith(tuple(MM_PER_UNIT)):
         width += unit
     return parse_length_mm(width, what), parse_length_mm(height, what)
+
+
+def parse_sigma(text: str, name: str, hint: str) -> tuple[float, float]:
+    """Metres and rad of a length and an angle."""
+    from lmkit.units import parse_length_mm
+
+    length, _, angle = text.partition(",")
+    try:
+        degrees = float(angle.strip().removesuffix("deg"))
+    except ValueError:
+        raise InputError("bad_sigma", f"{name} {text} has no angle", hint) from None
+    metres = parse_length_mm(length.strip(), name) / 1000
+    if not (metres > 0 and 0 < degrees < 180):
+        raise InputError("bad_sigma", f"{name} {text} is not positive", hint)
+    return metres, math.radians(degrees)
+
+
+def parse_two_lengths_mm(text: str, what: str) -> tuple[float, float]:
+    """``178.6x179.4``, or one number for both; millimetres unless a unit says otherwise."""
+    from lmkit.units import parse_length_mm
+
+    pieces = text.lower().split("x")
+    if len(pieces) not in (1, 2):
+        raise InputError("bad_length", f"{what} {text!r} is not WIDTHxHEIGHT", "write it as 178.6x179.4, in mm")
+    lengths = [parse_length_mm(p if p.strip()[-1:].isalpha() else f"{p}mm", what) for p in pieces]
+    return lengths[0], lengths[-1]

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 
+from lmkit.geometry.stereo_rig import StereoRig
 from lmkit.model.board import BoardSpec
 from lmkit.model.observation import PairView
-from lmkit.model.stereo_rig import StereoRig
-from lmkit.simulate.scene import board_poses, make_rig
+from lmkit.simulation.scene import board_poses, make_rig
 
 BOARD = BoardSpec("chessboard", 9, 6, 25.0)
 

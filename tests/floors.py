@@ -7,11 +7,11 @@ from pathlib import Path
 
 import numpy as np
 
-from lmkit.formats.floor_plan import read_floor
+from lmkit.io.floor_plan import read_floor
 from lmkit.model.floor_plan import FloorPlan, Wall
 from lmkit.model.landmark_map import LandmarkMap, MappedLandmark, wall_pose
-from lmkit.simulate.drive import T_BASE_LEFT
-from lmkit.simulate.scene import make_rig
+from lmkit.simulation.recording import T_BASE_LEFT
+from lmkit.simulation.scene import make_rig
 
 RIG = replace(make_rig(), T_base_left=T_BASE_LEFT)
 

@@ -13,9 +13,9 @@ import cv2
 import numpy as np
 import pypdfium2
 
-from lmkit.formats.template import load_template
-from lmkit.generate.pdf import pages_to_pdf
-from lmkit.generate.sheet import compose_landmark_page
+from lmkit.generation.pdf import pages_to_pdf
+from lmkit.generation.sheet import compose_landmark_page
+from lmkit.io.template import load_template
 from lmkit.model.landmark import LM8
 
 DPI = 150

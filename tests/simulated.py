@@ -5,17 +5,17 @@ from __future__ import annotations
 import cv2
 import numpy as np
 
-from lmkit.generate.page import bare_landmark_page
-from lmkit.generate.png import page_to_image
-from lmkit.model.camera import CameraModel
+from lmkit.generation.page import bare_landmark_page
+from lmkit.generation.png import page_to_image
+from lmkit.geometry.camera import CameraModel
+from lmkit.geometry.pose import Pose
 from lmkit.model.landmark import LM8, LandmarkFamily
 from lmkit.model.landmark_map import LandmarkMap
 from lmkit.model.palette import srgb_to_linear
-from lmkit.model.pose import Pose
-from lmkit.simulate.inks import LASER, as_printed
-from lmkit.simulate.photograph import ImagingChain, take_picture
-from lmkit.simulate.render import render
-from lmkit.simulate.scene import Panel, Scene
+from lmkit.simulation.inks import LASER, as_printed
+from lmkit.simulation.photograph import ImagingChain, take_picture
+from lmkit.simulation.render import render
+from lmkit.simulation.scene import Panel, Scene
 
 SIZE = (240, 180)
 CAMERA = CameraModel(SIZE, np.array([[300.0, 0, 119.5], [0, 300.0, 89.5], [0, 0, 1]]), np.zeros(5))

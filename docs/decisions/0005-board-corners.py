@@ -7,11 +7,11 @@ import json
 import sys
 from pathlib import Path
 
-import lmkit.detect.board_corners as corners
-import lmkit.detect.boards as boards
-from lmkit.board_pairs import _look, pair_view
-from lmkit.calibrate.stereo import calibrate_stereo
+import lmkit.detection.board_corners as corners
+import lmkit.detection.boards as boards
+from lmkit.calibration.stereo import calibrate_stereo
 from lmkit.model.board import BoardSpec
+from lmkit.pipelines.board_views import _look, pair_view
 
 
 def only(localise):

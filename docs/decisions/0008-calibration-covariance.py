@@ -7,11 +7,11 @@ import json
 import sys
 from pathlib import Path
 
-import lmkit.calibrate.problem as problem
-from lmkit.board_pairs import find_board_pairs
-from lmkit.calibrate.stereo import calibrate_stereo
-from lmkit.formats.sources import list_pairs
+import lmkit.calibration.bundle_adjustment as problem
+from lmkit.calibration.stereo import calibrate_stereo
+from lmkit.io.image_sources import list_pairs
 from lmkit.model.board import BoardSpec
+from lmkit.pipelines.board_views import find_board_pairs
 
 factors: list[float] = []
 scatter = problem._scatter_between_pairs

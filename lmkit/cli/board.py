@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from lmkit.cli.common import BOARD_HELP, print_line
+from lmkit.cli.output import BOARD_HELP, print_line
 from lmkit.errors import InputError
 
 
@@ -18,8 +18,8 @@ def run(
     force: Annotated[bool, typer.Option("--force", help="Overwrite files.")] = False,
 ) -> None:
     """Write a calibration board, true to scale."""
-    from lmkit.formats.files import write_file
-    from lmkit.generate.board import compose_board_page
+    from lmkit.generation.board import compose_board_page
+    from lmkit.io.files import write_file
     from lmkit.model.board import BoardSpec
 
     board = BoardSpec.parse(spec)
@@ -27,15 +27,15 @@ def run(
     suffix = output.suffix.lower()
     content: bytes | str
     if suffix == ".pdf":
-        from lmkit.generate.pdf import pages_to_pdf
+        from lmkit.generation.pdf import pages_to_pdf
 
         content = pages_to_pdf([page], page.title)
     elif suffix == ".svg":
-        from lmkit.generate.svg import page_to_svg
+        from lmkit.generation.svg import page_to_svg
 
         content = page_to_svg(page)
     elif suffix == ".png":
-        from lmkit.generate.png import page_to_png
+        from lmkit.generation.png import page_to_png
 
         content = page_to_png(page, dpi)
     else:

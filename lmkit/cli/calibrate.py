@@ -3,18 +3,18 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from lmkit.cli.common import BOARD_HELP, print_json, print_line, progress_counter, require_no
+from lmkit.cli.output import BOARD_HELP, print_json, print_line, progress_counter, require_no
 from lmkit.errors import InputError
 
 if TYPE_CHECKING:
-    from lmkit.board_capture import Found
-    from lmkit.calibrate.checks import Declared
-    from lmkit.calibrate.stereo import StereoCalibration
+    from lmkit.calibration.sanity_checks import Declared
+    from lmkit.calibration.stereo import StereoCalibration
     from lmkit.model.board import BoardSpec
+    from lmkit.pipelines.capture_board import Found
 
 REPORT_PICTURES = 6
 _CAPTURE_ONLY = "--side-by-side and --save-pairs go with --capture"
@@ -68,8 +68,8 @@ def run(
     force: Annotated[bool, typer.Option("--force", help="Overwrite files.")] = False,
 ) -> None:
     """Calibrate a stereo camera from pairs of pictures of a board."""
-    from lmkit.calibrate.stereo import MODELS
-    from lmkit.formats.files import check_writable
+    from lmkit.calibration.stereo import MODELS
+    from lmkit.io.files import check_writable
 
     if model not in MODELS:
         raise InputError("bad_model", f"--model {model} is unknown", f"choose {', '.join(MODELS)}")
@@ -95,8 +95,8 @@ def run(
         require_no(
             "--corners", {"LEFT": left, "--board": board, "--measured": measured, "--capture": capture or None}
         )
-        from lmkit.board_capture import Found
-        from lmkit.formats.board_corners import read_corners
+        from lmkit.io.board_corners import read_corners
+        from lmkit.pipelines.capture_board import Found
 
         found = Found(read_corners(corners), {})
     elif capture:
@@ -119,7 +119,7 @@ def _spec(board: str | None, measured: str | None) -> BoardSpec:
 
 
 def _declared(baseline: str | None, fov: float | None) -> Declared:
-    from lmkit.calibrate.checks import Declared
+    from lmkit.calibration.sanity_checks import Declared
     from lmkit.units import parse_length_mm
 
     if fov is not None and not 0 < fov < 360:
@@ -135,10 +135,10 @@ def _both(left: str | None, right: str | None) -> tuple[str, str]:
 
 def _look(left: str, right: str, spec: BoardSpec) -> Found:
     """Find the board in pairs of files."""
-    from lmkit.board_capture import Found
-    from lmkit.board_pairs import find_board_pairs
-    from lmkit.formats.board_corners import SavedCorners
-    from lmkit.formats.sources import list_pairs
+    from lmkit.io.board_corners import SavedCorners
+    from lmkit.io.image_sources import list_pairs
+    from lmkit.pipelines.board_views import find_board_pairs
+    from lmkit.pipelines.capture_board import Found
 
     files = list_pairs(left, right)
     pairs = find_board_pairs(files, spec, progress_counter(len(files), "finding the board"))
@@ -155,10 +155,10 @@ def _calibrate(
     as_json: bool,
     force: bool,
 ) -> None:
-    from lmkit.calibrate.stereo import calibrate_stereo
-    from lmkit.formats.board_corners import corners_to_json
-    from lmkit.formats.files import write_file
-    from lmkit.formats.rig import rig_to_yaml
+    from lmkit.calibration.stereo import calibrate_stereo, calibration_dict
+    from lmkit.io.board_corners import corners_to_json
+    from lmkit.io.files import write_file
+    from lmkit.io.rig import rig_to_yaml
 
     seen = found.corners
     if save_corners is not None:
@@ -167,7 +167,7 @@ def _calibrate(
     if output is not None:
         write_file(output, rig_to_yaml(result.rig), force)
     if report is not None:
-        from lmkit.calibrate.report import calibration_report
+        from lmkit.reports.calibration import calibration_report
 
         names = [view.name for view in result.used if view.name in found.pictures]
         step = max(1, len(names) // REPORT_PICTURES)
@@ -177,33 +177,6 @@ def _calibrate(
         print_json(calibration_dict(result))
     else:
         _print(result, [path for path in (output, report, save_corners) if path is not None])
-
-
-def calibration_dict(result: StereoCalibration) -> dict[str, Any]:
-    """The result as docs/formats.md has it."""
-    return {
-        "rms_px": result.rms_px,
-        "rms_left_px": result.rms_left_px,
-        "rms_right_px": result.rms_right_px,
-        "held_out_epipolar_px": result.held_out_epipolar_px,
-        "held_out_reprojection_px": None if result.held_out is None else result.held_out.mean_reprojection_px,
-        "baseline_m": result.rig.baseline_m,
-        "baseline_sigma_m": result.baseline_sigma_m,
-        "pairs_used": [view.name for view in result.used],
-        "pairs_rejected": [{"pair": name, "reason": reason} for name, reason in result.rejected],
-        "warnings": [{"code": w.code, "message": w.message, "pairs": list(w.pairs)} for w in result.warnings],
-        "model": result.rig.left.model,
-        "models": result.models,
-        "depth_errors": [
-            {"depth_m": e.depth_m, "calibration_m": e.calibration_m, "total_m": e.total_m}
-            for e in result.depth_errors
-        ],
-        "coverage": {
-            "left": result.coverage.filled(0),
-            "right": result.coverage.filled(1),
-            "next_views": list(result.coverage.advice),
-        },
-    }
 
 
 def _print(result: StereoCalibration, written: list[Path]) -> None:

@@ -6,12 +6,12 @@ import sys
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from lmkit.cli.common import print_line
+from lmkit.cli.output import print_line
 from lmkit.errors import InputError
 
 if TYPE_CHECKING:
-    from lmkit.board_capture import Found
     from lmkit.model.board import BoardSpec
+    from lmkit.pipelines.capture_board import Found
 
 
 def capture_pairs(
@@ -22,11 +22,11 @@ def capture_pairs(
     Raises:
         InputError: no source, a source that cannot be read, or files of kept pairs that are there already.
     """
-    from lmkit.board_capture import Found, look_at_frames
-    from lmkit.formats.board_corners import SavedCorners
-    from lmkit.formats.files import write_file
-    from lmkit.formats.sources import are_moving, paired_frames
-    from lmkit.overlay import encode_png
+    from lmkit.io.board_corners import SavedCorners
+    from lmkit.io.files import write_file
+    from lmkit.io.image_sources import are_moving, paired_frames
+    from lmkit.pipelines.capture_board import Found, look_at_frames
+    from lmkit.visualization.overlay import encode_png
 
     if left is None or (right is None) != side_by_side:
         raise InputError(

@@ -3,23 +3,22 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
-from lmkit.cli.common import print_json, print_line, progress_counter
+from lmkit.cli.output import print_json, print_line, progress_counter
 from lmkit.errors import NegativeAnswer
 
 if TYPE_CHECKING:
-    from lmkit.calibrate.check import RigCheck
     from lmkit.model.board import BoardSpec
 
 
 def check_pictures(rig: Path, left: str, right: str, spec: BoardSpec | None, as_json: bool) -> None:
     """Compare a rig with new pictures."""
-    from lmkit.board_pairs import find_board_pairs
-    from lmkit.calibrate.check import check_rig
-    from lmkit.formats.any_rig import read_any_rig
-    from lmkit.formats.sources import list_pairs
-    from lmkit.landmark_pairs import find_landmark_pairs
+    from lmkit.calibration.rig_check import check_dict, check_rig
+    from lmkit.io.any_rig import read_any_rig
+    from lmkit.io.image_sources import list_pairs
+    from lmkit.pipelines.board_views import find_board_pairs
+    from lmkit.pipelines.landmark_views import find_landmark_pairs
 
     old, files = read_any_rig(rig), list_pairs(left, right)
     on_pair = progress_counter(len(files), "finding corners")
@@ -43,22 +42,3 @@ def check_pictures(rig: Path, left: str, right: str, spec: BoardSpec | None, as_
         print_line(f"views                  {len(checked.used)} used{odd}")
     if checked.verdict != "true":
         raise NegativeAnswer("no_longer_true", f"{rig} is no longer true", "calibrate anew")
-
-
-def check_dict(checked: RigCheck) -> dict[str, Any]:
-    """The answer as docs/formats.md has it."""
-    return {
-        "verdict": checked.verdict,
-        "sentence": checked.sentence,
-        "epipolar_px": checked.epipolar_px,
-        "reprojection_px": checked.reprojection_px,
-        "refitted_epipolar_px": checked.moved_epipolar_px,
-        "refitted_reprojection_px": checked.moved_reprojection_px,
-        "turn_deg": checked.turn_deg.tolist(),
-        "turn_sigma_deg": checked.turn_sigma_deg.tolist(),
-        "shift_mm": checked.shift_mm.tolist(),
-        "shift_sigma_mm": checked.shift_sigma_mm.tolist(),
-        "focal_change": None if checked.focal_change is None else list(checked.focal_change),
-        "views_used": list(checked.used),
-        "views_odd": list(checked.odd),
-    }

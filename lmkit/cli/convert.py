@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from lmkit.cli.common import print_line, warn
+from lmkit.cli.output import print_line, warn
 from lmkit.errors import InputError
 
 MAP_KINDS = ("map", "wpilib", "tagslam")
@@ -31,16 +31,16 @@ def run(
     force: Annotated[bool, typer.Option("--force", help="Overwrite files.")] = False,
 ) -> None:
     """Convert a rig from and to OpenCV, ROS and Kalibr files, or a map from and to WPILib and TagSLAM."""
-    from lmkit.formats.any_rig import KINDS, read_any_rig
-    from lmkit.formats.files import check_writable, write_file
-    from lmkit.formats.kalibr import rig_to_camchain
-    from lmkit.formats.opencv_rig import rig_to_opencv_yaml
-    from lmkit.formats.rig import rig_to_yaml
-    from lmkit.formats.ros_camera_info import FILES, rig_to_camera_infos
+    from lmkit.io.any_rig import KINDS, read_any_rig
+    from lmkit.io.files import check_writable, write_file
+    from lmkit.io.kalibr import rig_to_camchain
+    from lmkit.io.opencv_rig import rig_to_opencv_yaml
+    from lmkit.io.rig import rig_to_yaml
+    from lmkit.io.ros_camera_info import FILES, rig_to_camera_infos
 
     if to == "bag":
-        from lmkit.formats.bags import poses_to_bag
-        from lmkit.formats.trajectory import read_trajectory
+        from lmkit.io.bags import poses_to_bag
+        from lmkit.io.trajectory import read_trajectory
 
         poses_to_bag(output, read_trajectory(source))
         print_line(f"wrote {output}")
@@ -73,8 +73,8 @@ def run(
 
 
 def _map_text(source: Path, to: str) -> str:
-    from lmkit.formats.foreign_maps import map_to_tagslam, map_to_wpilib, read_any_map
-    from lmkit.formats.landmark_map import map_to_yaml
+    from lmkit.io.external_maps import map_to_tagslam, map_to_wpilib, read_any_map
+    from lmkit.io.landmark_map import map_to_yaml
 
     landmarks = read_any_map(source)
     if to == "map":

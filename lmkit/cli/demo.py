@@ -8,11 +8,11 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from lmkit.cli.common import print_line
+from lmkit.cli.output import print_line
 from lmkit.errors import InputError
 
 if TYPE_CHECKING:
-    from lmkit.demo import DemoResult
+    from lmkit.demos.calibrate_and_locate import DemoResult
 
 
 def run(
@@ -39,8 +39,8 @@ def run(
             raise InputError("out_of_range", f"{name} {value} is outside {low} to 64", "choose another value")
     if seed < 0:
         raise InputError("out_of_range", f"--seed {seed} is negative", "choose 0 or more")
-    from lmkit.demo import run_demo
-    from lmkit.formats.files import check_writable
+    from lmkit.demos.calibrate_and_locate import run_demo
+    from lmkit.io.files import check_writable
 
     if output.is_dir() and any(output.iterdir()) and not force:
         raise InputError("file_exists", f"folder {output} is not empty", "add --force, or choose another with -o")
@@ -61,7 +61,7 @@ def run(
 
 
 def _drive(folder: Path, seed: int, landmarks: int) -> None:
-    from lmkit.demo_drive import run_drive_demo
+    from lmkit.demos.survey_and_track import run_drive_demo
 
     e = run_drive_demo(folder, seed, landmarks)
     print_line("simulated corners, wheels and gyro; root mean square errors:")
@@ -76,7 +76,7 @@ def _drive(folder: Path, seed: int, landmarks: int) -> None:
 
 
 def _navigate(folder: Path, seed: int, by_pictures: bool) -> None:
-    from lmkit.demo_navigate import run_navigate_demo
+    from lmkit.demos.navigate import run_navigate_demo
 
     with _Bars() as bars:
         answer = run_navigate_demo(folder, seed, by_pictures, bars.tell)

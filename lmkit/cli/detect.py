@@ -3,16 +3,15 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from lmkit.cli.common import print_json, print_line, progress, warn
+from lmkit.cli.output import print_json, print_line, progress, warn
 from lmkit.errors import InputError, NegativeAnswer
 
 if TYPE_CHECKING:
-    from lmkit.detect_batch import Detected
-    from lmkit.model.observation import LandmarkObservation
+    from lmkit.pipelines.detect_images import Detected
 
 
 def run(
@@ -28,9 +27,9 @@ def run(
     force: Annotated[bool, typer.Option("--force", help="Overwrite files.")] = False,
 ) -> None:
     """Find and read landmarks."""
-    from lmkit.detect.options import FAR, FAST, DetectOptions
-    from lmkit.detect_batch import detect_in_sources
+    from lmkit.detection.config import FAR, FAST, DetectOptions
     from lmkit.model.landmark import families_named
+    from lmkit.pipelines.detect_images import detect_in_sources, observation_dict
 
     options = DetectOptions(families_named(family), FAST if fast else FAR)
     count = found = colourless = 0
@@ -77,23 +76,11 @@ def run(
 
 def _annotate(answer: Detected, folder: Path, force: bool) -> None:
     """The picture with its landmarks drawn in; frames of videos and standard input are left out."""
-    from lmkit.formats.files import write_file
-    from lmkit.formats.images import read_image
-    from lmkit.overlay import draw_landmarks, encode_jpeg
+    from lmkit.io.files import write_file
+    from lmkit.io.images import read_image
+    from lmkit.visualization.overlay import draw_landmarks, encode_jpeg
 
     path = Path(answer.name)
     if path.is_file():
         picture = draw_landmarks(read_image(path), answer.landmarks)
         write_file(folder / f"{path.name}.jpg", encode_jpeg(picture), force)
-
-
-def observation_dict(observation: LandmarkObservation) -> dict[str, Any]:
-    """One detection as docs/formats.md has it."""
-    return {
-        "code": observation.code,
-        "family": observation.family,
-        "corners": observation.corners.tolist(),
-        "center": observation.center.tolist(),
-        "confidence": observation.confidence,
-        "margin": observation.margin,
-    }

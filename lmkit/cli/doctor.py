@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
-from lmkit.cli.common import print_line
+import importlib.metadata
+import platform
+from dataclasses import dataclass
+
+from lmkit.cli.output import print_line
 from lmkit.errors import NegativeAnswer
 
 
 def run() -> None:
     """Check the installation: versions, OpenCV doubles, templates."""
-    from lmkit.installation import check_installation
 
     findings = check_installation()
     for finding in findings:
@@ -16,3 +19,63 @@ def run() -> None:
     bad = [finding for finding in findings if not finding.good]
     if bad:
         raise NegativeAnswer("unsound", f"{len(bad)} of {len(findings)} checks fail", bad[0].hint)
+
+
+OPENCV_OURS = "opencv-contrib-python-headless"
+
+
+OPENCV_OTHERS = ("opencv-python", "opencv-python-headless", "opencv-contrib-python")
+
+
+NEEDED = ("numpy", "scipy", "pillow", "pydantic", "pypdfium2", "reportlab", "scikit-image", "typer", "pyyaml")
+
+
+@dataclass(frozen=True)
+class Finding:
+    """One check of the installation."""
+
+    good: bool
+    text: str
+    hint: str = ""
+
+
+def check_installation() -> list[Finding]:
+    """All checks, none of which changes anything."""
+    findings = [Finding(True, f"Python {platform.python_version()} on {platform.system()} {platform.machine()}")]
+    findings += [_opencv(), *(_package(name) for name in NEEDED), _templates()]
+    return findings
+
+
+def _version(name: str) -> str | None:
+    try:
+        return importlib.metadata.version(name)
+    except importlib.metadata.PackageNotFoundError:
+        return None
+
+
+def _opencv() -> Finding:
+    doubles = [name for name in OPENCV_OTHERS if _version(name) is not None]
+    hint = f"pip uninstall -y {' '.join(doubles)} {OPENCV_OURS} && pip install {OPENCV_OURS}"
+    if doubles:
+        return Finding(False, f"{', '.join(doubles)} overwrites the cv2 of {OPENCV_OURS}", hint)
+    try:
+        import cv2
+    except ImportError as error:
+        return Finding(False, f"cv2 cannot be imported: {error}", f"pip install {OPENCV_OURS}")
+    if not hasattr(cv2, "aruco") or not hasattr(cv2, "approxPolyN"):
+        return Finding(False, f"cv2 {cv2.__version__} lacks aruco or approxPolyN", f"pip install -U {OPENCV_OURS}")
+    return Finding(True, f"OpenCV {cv2.__version__}")
+
+
+def _package(name: str) -> Finding:
+    version = _version(name)
+    if version is None:
+        return Finding(False, f"{name} is missing", f"pip install {name}")
+    return Finding(True, f"{name} {version}")
+
+
+def _templates() -> Finding:
+    from lmkit.io.template import templates_folder
+
+    names = sorted(path.stem for path in templates_folder().glob("*.toml"))
+    return Finding(bool(names), f"templates: {', '.join(names) or 'none'}", "install lmkit again")

@@ -3,15 +3,15 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from lmkit.cli.common import print_json, print_line
+from lmkit.cli.output import print_json, print_line
 from lmkit.errors import InputError
 
 if TYPE_CHECKING:
-    from lmkit.evaluate.trajectory_error import Spread, TrajectoryError
+    pass
 
 
 def run(
@@ -28,8 +28,8 @@ def run(
     as_json: Annotated[bool, typer.Option("--json", help="The result as one JSON object.")] = False,
 ) -> None:
     """Absolute and relative errors of a trajectory, as evo has them; heading and the source paper's percent."""
-    from lmkit.evaluate.trajectory_error import ALIGNMENTS, compare_trajectories
-    from lmkit.formats.trajectory import read_trajectory
+    from lmkit.evaluation.trajectory_error import ALIGNMENTS, compare_trajectories, error_dict
+    from lmkit.io.trajectory import read_trajectory
 
     if align not in ALIGNMENTS:
         raise InputError("bad_align", f"--align {align} is unknown", f"choose {', '.join(ALIGNMENTS)}")
@@ -60,22 +60,3 @@ def run(
         )
     if align == "scale":
         print_line(f"scale                  {error.scale:.6f}")
-
-
-def error_dict(error: TrajectoryError) -> dict[str, Any]:
-    """The result as docs/formats.md has it."""
-
-    def spread(values: Spread | None) -> dict[str, float] | None:
-        return None if values is None else dict(vars(values))
-
-    return {
-        "pairs": error.pairs,
-        "missing": error.missing,
-        "position_m": spread(error.position_m),
-        "rotation_deg": spread(error.rotation_deg),
-        "heading_deg": spread(error.heading_deg),
-        "relative_position_m": spread(error.relative_position_m),
-        "relative_rotation_deg": spread(error.relative_rotation_deg),
-        "percent": error.percent,
-        "scale": error.scale,
-    }

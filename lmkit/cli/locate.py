@@ -6,18 +6,17 @@ import math
 import re
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from lmkit.cli.common import print_json, print_line, progress, require_no, warn
-from lmkit.cli.locate_results import Results
+from lmkit.cli.output import print_json, print_line, progress, require_no, warn
 from lmkit.errors import InputError, NegativeAnswer
 
 if TYPE_CHECKING:
-    from lmkit.locate.prior import PosePrior
+    from lmkit.geometry.stereo_rig import StereoRig
+    from lmkit.localization.pose_prior import PosePrior
     from lmkit.model.estimate import PoseEstimate
-    from lmkit.model.stereo_rig import StereoRig
 
 
 def run(
@@ -62,10 +61,11 @@ def run(
     force: Annotated[bool, typer.Option("--force", help="Overwrite files.")] = False,
 ) -> None:
     """Find the pose of the camera (or the robot) from landmarks of a map."""
-    from lmkit.formats.any_rig import read_any_rig
-    from lmkit.formats.foreign_maps import read_any_map
-    from lmkit.locate.rig import LocateOptions
-    from lmkit.locate_batch import locate_in_sources
+    from lmkit.cli.locate_results import Results
+    from lmkit.io.any_rig import read_any_rig
+    from lmkit.io.external_maps import read_any_map
+    from lmkit.localization.absolute_pose import LocateOptions
+    from lmkit.pipelines.locate_images import estimate_dict, locate_in_sources
 
     for_readings = {
         "--range-sigma": range_sigma, "--bearing-sigma": bearing_sigma, "--time-offset": time_offset or None,
@@ -130,7 +130,7 @@ def run(
 
 def _prior(heading: str | None, planar: str | None) -> PosePrior | None:
     """What --heading and --planar say."""
-    from lmkit.locate.prior import PosePrior
+    from lmkit.localization.pose_prior import PosePrior
     from lmkit.units import parse_length_mm
 
     if heading is None and planar is None:
@@ -162,51 +162,9 @@ def _prior(heading: str | None, planar: str | None) -> PosePrior | None:
     return prior
 
 
-def estimate_dict(estimate: PoseEstimate, rig: StereoRig, left: str, right: str | None, frame: str) -> dict[str, Any]:
-    """One answer as docs/formats.md has it."""
-    from lmkit.formats.sources import time_of
-    from lmkit.locate.rig import covariance_at_base
-    from lmkit.model.pose import Pose
-
-    def at(pose: Pose) -> Pose:
-        if frame == "camera" or rig.T_base_left is None:
-            return pose
-        T_left_base = rig.T_base_left.inverse()
-        return pose @ Pose("camera", "base", T_left_base.R, T_left_base.t)
-
-    result: dict[str, Any] = {
-        "left": left,
-        "right": right,
-        "time_s": time_of(left),
-        "status": estimate.status,
-        "position": None,
-        "quaternion": None,
-        "covariance": None,
-        "codes": list(estimate.inlier_codes),
-        "outlier_codes": list(estimate.outlier_codes),
-        "alternatives": [
-            {
-                "position": at(pose).t.tolist(),
-                "quaternion": at(pose).quaternion_xyzw.tolist(),
-                "log_likelihood_ratio": ratio,
-            }
-            for pose, ratio in estimate.alternatives
-        ],
-        "reprojection_error_px": estimate.reprojection_error_px,
-    }
-    if estimate.T_map_camera is not None:
-        pose = at(estimate.T_map_camera)
-        covariance = estimate.covariance
-        if frame == "base" and rig.T_base_left is not None:
-            T_left_base = rig.T_base_left.inverse()
-            covariance = covariance_at_base(estimate, Pose("camera", "base", T_left_base.R, T_left_base.t))
-        result["position"] = pose.t.tolist()
-        result["quaternion"] = pose.quaternion_xyzw.tolist()
-        result["covariance"] = None if covariance is None else covariance.tolist()
-    return result
-
-
 def _sentence(estimate: PoseEstimate, rig: StereoRig, frame: str) -> str:
+    from lmkit.pipelines.locate_images import estimate_dict
+
     answer = estimate_dict(estimate, rig, "-", None, frame)
     if answer["position"] is None:
         outliers = f", codes {', '.join(map(str, estimate.outlier_codes))}" if estimate.outlier_codes else ""

@@ -10,14 +10,9 @@ from typing import TYPE_CHECKING
 from lmkit.errors import InputError
 
 if TYPE_CHECKING:
-    from lmkit.locate_batch import Located
+    from lmkit.geometry.stereo_rig import StereoRig
     from lmkit.model.landmark_map import LandmarkMap
-    from lmkit.model.stereo_rig import StereoRig
-
-COLUMNS = (
-    "left,time_s,status,x_m,y_m,z_m,qx,qy,qz,qw,"
-    "sigma_x_m,sigma_y_m,sigma_z_m,sigma_rx_rad,sigma_ry_rad,sigma_rz_rad,codes"
-)
+    from lmkit.pipelines.locate_images import Located
 
 
 @dataclass
@@ -35,7 +30,7 @@ class Results:
     _located: list[tuple[int, Located]] = field(default_factory=list)
 
     def __post_init__(self) -> None:
-        from lmkit.formats.files import check_writable
+        from lmkit.io.files import check_writable
 
         for path in (self.tum, self.csv, self.plan):
             if path is not None:
@@ -54,12 +49,13 @@ class Results:
 
     def write(self) -> Sequence[Path]:
         """Write what was asked for; the files written."""
-        from lmkit.cli.locate import estimate_dict
-        from lmkit.formats.files import write_file
-        from lmkit.formats.sources import time_of
-        from lmkit.formats.trajectory import poses_to_tum
-        from lmkit.model.pose import Pose
-        from lmkit.room_plan import Found, draw_plan
+
+        from lmkit.geometry.pose import Pose
+        from lmkit.io.files import write_file
+        from lmkit.io.image_sources import time_of
+        from lmkit.io.trajectory import poses_to_tum
+        from lmkit.pipelines.locate_images import ESTIMATE_COLUMNS, estimate_dict, estimate_row
+        from lmkit.visualization.plan_view import Found, draw_plan
 
         answers = [
             (number, estimate_dict(m.estimate, self.rig, m.left, m.right, self.frame))
@@ -81,7 +77,11 @@ class Results:
             write_file(self.tum, poses_to_tum(poses), self.force)
             written.append(self.tum)
         if self.csv is not None:
-            write_file(self.csv, "\n".join([COLUMNS, *(_row(answer) for _, answer in answers)]) + "\n", self.force)
+            write_file(
+                self.csv,
+                "\n".join([ESTIMATE_COLUMNS, *(estimate_row(answer) for _, answer in answers)]) + "\n",
+                self.force,
+            )
             written.append(self.csv)
         if self.plan is not None:
             found = [
@@ -98,9 +98,9 @@ class Results:
         return written
 
     def _draw(self, located: Located) -> None:
-        from lmkit.formats.files import write_file
-        from lmkit.formats.images import read_image
-        from lmkit.overlay import draw_located, encode_jpeg
+        from lmkit.io.files import write_file
+        from lmkit.io.images import read_image
+        from lmkit.visualization.overlay import draw_located, encode_jpeg
 
         assert self.annotate is not None
         assert located.estimate is not None
@@ -110,19 +110,3 @@ class Results:
         # Frames of a film have their number in their name: FILE#N.
         name = path.stem if located.image is None else path.name.replace("#", "-")
         write_file(self.annotate / f"{name}.jpg", encode_jpeg(picture), self.force)
-
-
-def _row(answer: dict[str, object]) -> str:
-    position, quaternion, covariance = answer["position"], answer["quaternion"], answer["covariance"]
-    numbers: list[object] = [""] * 13
-    if isinstance(position, list) and isinstance(quaternion, list) and isinstance(covariance, list):
-        sigmas = [covariance[k][k] ** 0.5 for k in range(6)]
-        numbers = [f"{v:.9g}" for v in (*position, *quaternion, *sigmas)]
-    codes = answer["codes"]
-    assert isinstance(codes, list)
-    time_s = "" if answer["time_s"] is None else answer["time_s"]
-    left = str(answer["left"])
-    if any(c in left for c in ',"\n'):
-        left = '"' + left.replace('"', '""') + '"'
-    cells = [left, time_s, answer["status"], *numbers, " ".join(map(str, codes))]
-    return ",".join(map(str, cells))

@@ -9,35 +9,20 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from lmkit.cli.common import check_outputs, picture_kind, print_json, print_line, warn
+from lmkit.cli.options import CameraHeight, ErrorOption, Floor, Force, Heading, Headings, InView, Radius, Rig, Scale
+from lmkit.cli.output import check_outputs, picture_kind, print_json, print_line, warn
 from lmkit.errors import InputError
 
 if TYPE_CHECKING:
+    from lmkit.geometry.stereo_rig import StereoRig
     from lmkit.model.floor_plan import FloorPlan
-    from lmkit.model.stereo_rig import StereoRig
-    from lmkit.plan.coverage import Demand
+    from lmkit.planning.coverage import Demand
 
 app = typer.Typer(help="Where to hang landmarks, what a robot then knows, and ways to drive.")
 
 MOST_NAMED = 8
 MOST_PATIENCE_S = 3600.0
 
-Floor = Annotated[
-    Path, typer.Option("--floor", help="Floor plan: lmkit-floor/1 or ROS map YAML, or PNG, PGM, SVG with --scale.")
-]
-Scale = Annotated[float | None, typer.Option("--scale", help="Metres a pixel, or an SVG unit.")]
-Rig = Annotated[Path, typer.Option("--rig", help="Rig file; with T_base_left, or give --camera-height.")]
-CameraHeight = Annotated[
-    str | None, typer.Option("--camera-height", help="Of a camera that looks ahead over the robot's middle.")
-]
-Radius = Annotated[str, typer.Option("--radius", help="Of the robot.")]
-ErrorOption = Annotated[str, typer.Option("--error", help="Position error asked for, root mean square.")]
-Heading = Annotated[float, typer.Option("--heading", help="Heading error asked for, deg.")]
-InView = Annotated[int, typer.Option("--in-view", help="Landmarks that must be in view at once.")]
-Headings = Annotated[
-    float, typer.Option("--headings", help="Percent of the directions in which this must hold for a place to count.")
-]
-Force = Annotated[bool, typer.Option("--force", help="Overwrite files.")]
 Json = Annotated[bool, typer.Option("--json", help="One JSON object on stdout.")]
 
 
@@ -68,15 +53,16 @@ def coverage(
     force: Force = False,
 ) -> None:
     """The error to expect at every place, and the weak places by name."""
-    from lmkit.formats.files import write_file
-    from lmkit.formats.foreign_maps import read_any_map
-    from lmkit.plan.coverage import predict_coverage, weak_places
-    from lmkit.plan.pictures import draw_coverage
+    from lmkit.cli.parsing import parse_demand, parse_metres
+    from lmkit.io.external_maps import read_any_map
+    from lmkit.io.files import write_file
+    from lmkit.planning.coverage import predict_coverage, weak_places
+    from lmkit.reports.planning import draw_coverage
 
-    demand = _demand(error, heading, in_view, headings, 100.0)
+    demand = parse_demand(error, heading, in_view, headings, 100.0)
     check_outputs((), plan, force)
     ground, landmarks, eyes = _floor(floor, scale), read_any_map(landmark_map), _rig(rig, camera_height)
-    answer = predict_coverage(ground, list(landmarks), eyes, _metres(radius, "--radius"))
+    answer = predict_coverage(ground, list(landmarks), eyes, parse_metres(radius, "--radius"))
     share = float(answer.covered(demand).mean())
     weak = weak_places(answer, demand)
     write_file(plan, draw_coverage(ground, landmarks, answer, demand, picture_kind(plan)), force)
@@ -132,17 +118,18 @@ def place(
     force: Force = False,
 ) -> None:
     """The fewest landmarks found that hold an error over a share of the floor: map, prints, list, plan."""
-    from lmkit.cli.common import progress_counter
-    from lmkit.formats.files import write_file
-    from lmkit.formats.foreign_maps import read_any_map
-    from lmkit.formats.landmark_map import map_to_yaml
+    from lmkit.cli.output import progress_counter
+    from lmkit.cli.parsing import parse_demand, parse_metres
+    from lmkit.io.external_maps import read_any_map
+    from lmkit.io.files import write_file
+    from lmkit.io.landmark_map import map_to_yaml
     from lmkit.model.landmark_map import LandmarkMap
-    from lmkit.plan.hang import mounting_csv, sheets_to_print
-    from lmkit.plan.mounts import HangOptions
-    from lmkit.plan.pictures import draw_coverage, draw_placement
-    from lmkit.plan.place import place_landmarks
+    from lmkit.planning.mounting_plan import mounting_csv, sheets_to_print
+    from lmkit.planning.mounting_sites import HangOptions
+    from lmkit.planning.placement import place_landmarks
+    from lmkit.reports.planning import draw_coverage, draw_placement
 
-    demand = _demand(error, heading, in_view, headings, share)
+    demand = parse_demand(error, heading, in_view, headings, share)
     if not 0 <= patience <= MOST_PATIENCE_S:
         raise InputError(
             "out_of_range", f"--patience {patience:g} is outside 0 to {MOST_PATIENCE_S:g} s", "10 is usual"
@@ -152,8 +139,8 @@ def place(
     ground, eyes = _floor(floor, scale), _rig(rig, camera_height)
     hung = LandmarkMap([]) if landmark_map is None else read_any_map(landmark_map)
     options = HangOptions(
-        sizes_m=tuple(_metres(text, "--size") for text in size or ["180mm"]),
-        heights_m=tuple(_metres(text, "--height") for text in height or []),
+        sizes_m=tuple(parse_metres(text, "--size") for text in size or ["180mm"]),
+        heights_m=tuple(parse_metres(text, "--height") for text in height or []),
         not_on=tuple(name.strip() for name in not_on.split(",") if name.strip()),
         exchange_s=patience,
     )
@@ -165,7 +152,7 @@ def place(
             shown[0] += 1
             tick(shown[0], 100)
 
-    placement = place_landmarks(ground, list(hung), eyes, _metres(radius, "--radius"), demand, options, on_step)
+    placement = place_landmarks(ground, list(hung), eyes, parse_metres(radius, "--radius"), demand, options, on_step)
     files: dict[str, bytes | str] = {
         "map.yaml": map_to_yaml(placement.landmarks),
         "mounting.csv": mounting_csv(placement),
@@ -222,18 +209,19 @@ def route(
     force: Force = False,
 ) -> None:
     """The shortest safe way on which the pose stays known, with the error to expect along it."""
-    from lmkit.formats.files import write_file
-    from lmkit.formats.foreign_maps import read_any_map
-    from lmkit.formats.trajectory import poses_to_tum
-    from lmkit.model.pose import planar_pose
-    from lmkit.plan.pictures import draw_route
-    from lmkit.plan.route import find_spot, plan_route
+    from lmkit.cli.parsing import parse_demand, parse_metres
+    from lmkit.geometry.planar import planar_pose
+    from lmkit.io.external_maps import read_any_map
+    from lmkit.io.files import write_file
+    from lmkit.io.trajectory import poses_to_tum
+    from lmkit.planning.route import find_goal, plan_route
+    from lmkit.reports.planning import draw_route
 
     check_outputs((csv, tum), plan, force)
-    demand = _demand(error, 2.0, 1, 25.0, 100.0)
+    demand = parse_demand(error, 2.0, 1, 25.0, 100.0)
     ground, landmarks, eyes = _floor(floor, scale), read_any_map(landmark_map), _rig(rig, camera_height)
-    radius_m = _metres(radius, "--radius")
-    ends = [find_spot(text, ground, landmarks, radius_m) for text in (start, goal)]
+    radius_m = parse_metres(radius, "--radius")
+    ends = [find_goal(text, ground, landmarks, radius_m) for text in (start, goal)]
     found = plan_route(ground, landmarks, eyes, radius_m, ends[0], ends[1], demand)
     if plan is not None:
         write_file(plan, draw_route(ground, landmarks, found, picture_kind(plan)), force)
@@ -267,7 +255,7 @@ def route(
 
 
 def _floor(path: Path, scale_m: float | None) -> FloorPlan:
-    from lmkit.formats.floor_plan import read_floor
+    from lmkit.io.floor_plan import read_floor
 
     return read_floor(path, scale_m)
 
@@ -278,12 +266,13 @@ def _rig(path: Path, height: str | None) -> StereoRig:
     Raises:
         InputError: neither the file nor the option says how high the camera is.
     """
-    from lmkit.formats.any_rig import read_any_rig
-    from lmkit.model.stereo_rig import mounted_ahead
+    from lmkit.cli.parsing import parse_metres
+    from lmkit.geometry.stereo_rig import mounted_ahead
+    from lmkit.io.any_rig import read_any_rig
 
     rig = read_any_rig(path)
     if height is not None:
-        return replace(rig, T_base_left=mounted_ahead(_metres(height, "--camera-height")))
+        return replace(rig, T_base_left=mounted_ahead(parse_metres(height, "--camera-height")))
     if rig.T_base_left is None:
         raise InputError(
             "no_base", f"{path} has no T_base_left", "add it, or say how high the camera is: --camera-height 0.85m"
@@ -291,27 +280,8 @@ def _rig(path: Path, height: str | None) -> StereoRig:
     return rig
 
 
-def _demand(error: str, heading: float, in_view: int, headings: float, share: float) -> Demand:
-    from lmkit.plan.coverage import Demand
-
-    for name, value in (("--headings", headings), ("--share", share)):
-        if not 0 < value <= 100:
-            raise InputError("out_of_range", f"{name} {value:g} is outside 0 to 100 %", "give percent, as in 90")
-    if not 0 < heading <= 180:
-        raise InputError("out_of_range", f"--heading {heading:g} is outside 0 to 180 deg", "give degrees, as in 2")
-    if not 0 <= in_view <= 20:
-        raise InputError("out_of_range", f"--in-view {in_view} is outside 0 to 20", "2 are usual")
-    return Demand(_metres(error, "--error"), math.radians(heading), in_view, headings / 100, share / 100)
-
-
 def _asked(demand: Demand) -> str:
     return (
         f"{100 * demand.error_m:g} cm and {math.degrees(demand.heading_rad):g} deg with {demand.in_view} landmarks "
         f"in view in {demand.headings:.0%} of the directions"
     )
-
-
-def _metres(text: str, name: str) -> float:
-    from lmkit.units import parse_length_mm
-
-    return parse_length_mm(text, name) / 1000

@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from lmkit.cli.common import print_line, progress
+from lmkit.cli.output import print_line, progress
 
 
 def run(
@@ -19,12 +19,12 @@ def run(
     force: Annotated[bool, typer.Option("--force", help="Overwrite files.")] = False,
 ) -> None:
     """Rectify stereo pairs: rows match (columns, where one eye stands above the other)."""
-    from lmkit.formats.any_rig import read_any_rig
-    from lmkit.formats.files import check_writable, write_file
-    from lmkit.formats.images import read_image
-    from lmkit.formats.sources import list_pairs
-    from lmkit.model.rectification import rectification, rectify_pair, with_lines_across
-    from lmkit.overlay import encode_png
+    from lmkit.geometry.rectification import rectification, rectify_pair, with_lines_across
+    from lmkit.io.any_rig import read_any_rig
+    from lmkit.io.files import check_writable, write_file
+    from lmkit.io.image_sources import list_pairs
+    from lmkit.io.images import read_image
+    from lmkit.visualization.overlay import encode_png
 
     cameras = read_any_rig(rig)
     pairs = list_pairs(left, right)

@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from lmkit.cli.common import print_line, progress
+from lmkit.cli.output import print_line, progress
 from lmkit.errors import InputError
 
 
@@ -28,9 +28,9 @@ def run(
     ):
         if not low <= value <= high:
             raise InputError("out_of_range", f"{name} {value} is outside {low} to {high}", "choose another value")
-    from lmkit.formats.files import check_writable, write_file
-    from lmkit.overlay import encode_png
-    from lmkit.simulate.dataset import description_files, make_dataset, take_pictures
+    from lmkit.io.files import check_writable, write_file
+    from lmkit.simulation.dataset import description_files, make_dataset, take_pictures
+    from lmkit.visualization.overlay import encode_png
 
     check_writable(output / "truth.json", force)
     data = make_dataset(seed, pairs, boards, landmarks)

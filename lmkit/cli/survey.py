@@ -4,26 +4,23 @@ from __future__ import annotations
 
 import math
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from lmkit.cli.common import check_outputs, picture_kind, print_json, print_line, require_no, warn
+from lmkit.cli.output import check_outputs, picture_kind, print_json, print_line, require_no, warn
 from lmkit.errors import InputError
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
-    from lmkit.model.drive import Gyro, Odometry, StereoMoment
+    from lmkit.geometry.pose import Pose
+    from lmkit.geometry.stereo_rig import StereoRig
+    from lmkit.mapping.bundle_adjustment import Anchor, Bundle
+    from lmkit.mapping.survey import Survey
     from lmkit.model.landmark_map import LandmarkMap
-    from lmkit.model.pose import Pose
-    from lmkit.model.stereo_rig import StereoRig
-    from lmkit.motion import Motion
-    from lmkit.survey.bundle import Anchor, Bundle
-    from lmkit.survey.survey import Survey
-    from lmkit.survey.ties import Tie
+    from lmkit.model.recording import Gyro, Odometry, StereoFrame
 
-WALL_SIGMA = "5mm,1deg"
 _KNOWN_HINT = "give a length and an angle, such as 50mm,3deg"
 
 
@@ -76,17 +73,18 @@ def run(
     force: Annotated[bool, typer.Option("--force", help="Overwrite files.")] = False,
 ) -> None:
     """Build the landmark map from a drive."""
-    from lmkit.cli.drive_options import motion_of, read_any_odometry, read_moments, read_wheels
-    from lmkit.drive_recording import require_rerun, survey_recording
-    from lmkit.drive_report import draw_drive, survey_report
-    from lmkit.formats.any_rig import read_any_rig
-    from lmkit.formats.drive_tables import detections_to_csv
-    from lmkit.formats.files import write_file
-    from lmkit.formats.foreign_maps import read_any_map
-    from lmkit.formats.landmark_map import map_to_yaml
-    from lmkit.formats.trajectory import poses_to_tum
-    from lmkit.plan.next_view import advise
-    from lmkit.survey.survey import survey_drive
+    from lmkit.cli.parsing import parse_constraints
+    from lmkit.cli.recording_options import motion_of, read_any_odometry, read_moments, read_wheels
+    from lmkit.io.any_rig import read_any_rig
+    from lmkit.io.external_maps import read_any_map
+    from lmkit.io.files import write_file
+    from lmkit.io.landmark_map import map_to_yaml
+    from lmkit.io.recording_tables import detections_to_csv
+    from lmkit.io.trajectory import poses_to_tum
+    from lmkit.mapping.next_view import advise
+    from lmkit.mapping.survey import landmark_sizes, survey_dict, survey_frames, survey_warnings
+    from lmkit.reports.recording import draw_drive, survey_report
+    from lmkit.reports.rerun import require_rerun, survey_recording
     from lmkit.units import parse_length_mm
 
     if readings is not None:
@@ -103,7 +101,7 @@ def run(
     check_outputs((output, tum, save_detections, report, rerun), plan, force)
     if known is None and known_sigma is not None:
         raise InputError("no_known", "--known-sigma needs --known beside it", "give --known MAP")
-    ties = _ties(wall or [], same_height or [], wall_sigma)
+    ties = parse_constraints(wall or [], same_height or [], wall_sigma)
     if rerun is not None:
         require_rerun()
     size_m = parse_length_mm(size, "--size") / 1000
@@ -113,9 +111,9 @@ def run(
     moments = read_moments(left, right, detections, cameras, family, hz)
     if save_detections is not None:
         write_file(save_detections, detections_to_csv(moments), force)
-    sizes = _sizes(moments, size_m, anchors)
-    result = survey_drive(moments, cameras, sizes, anchors, motion, ties)
-    warnings = _warnings(result, motion, ties, advise(result, cameras))
+    sizes = landmark_sizes(moments, size_m, anchors)
+    result = survey_frames(moments, cameras, sizes, anchors, motion, ties)
+    warnings = survey_warnings(result, motion, ties, advise(result, cameras))
     for text in warnings:
         warn(text)
     write_file(output, map_to_yaml(result.landmarks), force)
@@ -131,7 +129,7 @@ def run(
     if rerun is not None:
         write_file(rerun, survey_recording(result, cameras, moments), force)
     if as_json:
-        print_json(_summary(result, moments, motion, output))
+        print_json(survey_dict(result, moments, motion, output))
     else:
         _tell(result, moments, output)
 
@@ -145,11 +143,11 @@ def _survey_readings(
     force: bool,
     as_json: bool,
 ) -> None:
-    from lmkit.formats.files import write_file
-    from lmkit.formats.landmark_map import map_to_yaml
-    from lmkit.formats.readings import read_readings
-    from lmkit.formats.trajectory import poses_to_tum
-    from lmkit.track.drive import survey_readings
+    from lmkit.io.files import write_file
+    from lmkit.io.landmark_map import map_to_yaml
+    from lmkit.io.readings import read_readings
+    from lmkit.io.trajectory import poses_to_tum
+    from lmkit.mapping.range_bearing_survey import survey_readings
     from lmkit.units import parse_length_mm
 
     if wheels is None:
@@ -185,11 +183,12 @@ def _anchors(landmarks: LandmarkMap, sigma: str | None) -> dict[tuple[str, int],
 
     import numpy as np
 
-    from lmkit.survey.bundle import Anchor
+    from lmkit.mapping.bundle_adjustment import Anchor
+    from lmkit.units import parse_sigma
 
     covariance = None
     if sigma is not None:
-        metres, radians = _spread(sigma, "--known-sigma", _KNOWN_HINT)
+        metres, radians = parse_sigma(sigma, "--known-sigma", _KNOWN_HINT)
         covariance = np.diag([metres**2] * 3 + [radians**2] * 3)
     return {
         (m.family, m.code): Anchor(replace(m, covariance=None), m.covariance if covariance is None else covariance)
@@ -197,85 +196,8 @@ def _anchors(landmarks: LandmarkMap, sigma: str | None) -> dict[tuple[str, int],
     }
 
 
-def _spread(text: str, name: str, hint: str) -> tuple[float, float]:
-    """Metres and rad of a length and an angle."""
-    from lmkit.units import parse_length_mm
-
-    length, _, angle = text.partition(",")
-    try:
-        degrees = float(angle.strip().removesuffix("deg"))
-    except ValueError:
-        raise InputError("bad_sigma", f"{name} {text} has no angle", hint) from None
-    metres = parse_length_mm(length.strip(), name) / 1000
-    if not (metres > 0 and 0 < degrees < 180):
-        raise InputError("bad_sigma", f"{name} {text} is not positive", hint)
-    return metres, math.radians(degrees)
-
-
-def _ties(walls: list[str], heights: list[str], sigma: str | None) -> list[Tie]:
-    from lmkit.survey.ties import Tie
-
-    if sigma is not None and not walls and not heights:
-        raise InputError("no_wall", "--wall-sigma needs --wall or --same-height beside it", "give --wall 12,44,137")
-    spread = _spread(sigma or WALL_SIGMA, "--wall-sigma", f"give a length and an angle, such as {WALL_SIGMA}")
-    ties = []
-    for kind, name, texts in (("wall", "--wall", walls), ("height", "--same-height", heights)):
-        for text in texts:
-            words = [word.strip() for word in text.split(",")]
-            codes = tuple(dict.fromkeys(int(word) for word in words if word.isdigit()))
-            if len(codes) < 2 or len(codes) < len(words):
-                raise InputError(
-                    "bad_codes", f"{name} {text} does not list two codes or more", f"write {name} 12,44,137"
-                )
-            ties.append(Tie(kind, codes, *spread))
-    return ties
-
-
-def _sizes(
-    moments: list[StereoMoment], size_m: float, anchors: dict[tuple[str, int], Anchor]
-) -> dict[tuple[str, int], float]:
-    sizes = {(o.family, o.code): size_m for moment in moments for o in (*moment.left, *moment.right)}
-    sizes.update({key: anchor.landmark.size_m for key, anchor in anchors.items()})
-    return sizes
-
-
-def _warnings(result: Survey, motion: Motion | None, ties: list[Tie], advice: dict[int, str]) -> list[str]:
-    from lmkit.motion import describe_odometry
-
-    texts = [str(odd) for odd in result.odd]
-    doubt = None if motion is None else describe_odometry(motion, result.bundle.parameters)
-    if doubt is not None:
-        texts.append(doubt)
-    for from_s, to_s, metres in result.bundle.jumps:
-        texts.append(
-            f"between {from_s:.2f} and {to_s:.2f} s the rig leaps by {metres:.2f} m: it slid or was carried, or a "
-            "landmark seen there was moved, or is placed by the wrong one of its two poses; look from another side"
-        )
-    for code in result.ambiguous:
-        texts.append(
-            f"{code} may as well hang turned: it was seen from one side and from afar; look from another side"
-        )
-    for code, tie, metres in result.astray:
-        texts.append(
-            f"{code} is {1000 * metres:.0f} mm off the {tie} that it is declared to share; check it in the room"
-        )
-    mapped = {m.code for m in result.bundle.landmarks}
-    for tie in ties:
-        missing = [str(code) for code in tie.codes if code not in mapped]
-        if missing:
-            texts.append(f"of the {tie} that was declared, {', '.join(missing)} did not come into the map")
-    for code in result.unplaced:
-        texts.append(
-            f"{code} is not placed: its sightings are too few, or do not agree; drive past it again, and nearer"
-        )
-    for code, place, turn in result.weak:
-        known = f"{code} is known to {1000 * place:.0f} mm and {math.degrees(turn):.1f} deg only"
-        texts.append(f"{known}: {advice[code]}" if code in advice else known)
-    return texts
-
-
-def _tell(result: Survey, moments: list[StereoMoment], output: Path) -> None:
-    from lmkit.survey.survey import deviations
+def _tell(result: Survey, moments: list[StereoFrame], output: Path) -> None:
+    from lmkit.mapping.survey import deviations
 
     bundle = result.bundle
     print_line("code   x m      y m      z m      +- mm   +- deg  sightings  misfit")
@@ -292,39 +214,3 @@ def _tell(result: Survey, moments: list[StereoMoment], output: Path) -> None:
         f"{len(bundle.landmarks)} landmarks, {len(result.rows)} of {len(moments)} moments, "
         f"{result.dropped} sightings left out, {bundle.rms_px:.2f} px -> {output}"
     )
-
-
-def _summary(result: Survey, moments: list[StereoMoment], motion: Motion | None, output: Path) -> dict[str, Any]:
-    from lmkit.survey.survey import deviations
-
-    bundle = result.bundle
-    entries = []
-    for m in bundle.landmarks:
-        place, turn = deviations(m)
-        entries.append(
-            {
-                "code": m.code,
-                "position": m.T_map_landmark.t.tolist(),
-                "quaternion": m.T_map_landmark.quaternion_xyzw.tolist(),
-                "sigma_m": place,
-                "sigma_rad": turn,
-                "sightings": int((bundle.codes == m.code).sum()),
-            }
-        )
-    return {
-        "map": str(output),
-        "landmarks": entries,
-        "moments": len(moments),
-        "located": len(result.rows),
-        "dropped": result.dropped,
-        "reprojection_error_px": bundle.rms_px if math.isfinite(bundle.rms_px) else None,
-        "odd": [
-            {"code": o.code, "off": o.off, "of": o.sightings, "from_s": o.from_s, "to_s": o.to_s} for o in result.odd
-        ],
-        "jumps": [{"from_s": a, "to_s": b, "metres": m} for a, b, m in result.bundle.jumps],
-        "weak": [code for code, _, _ in result.weak],
-        "unplaced": list(result.unplaced),
-        "ambiguous": list(result.ambiguous),
-        "astray": [{"code": code, "of": str(tie), "metres": metres} for code, tie, metres in result.astray],
-        "odometry": {} if motion is None else dict(zip(motion.names, bundle.parameters.tolist(), strict=True)),
-    }

@@ -2,18 +2,17 @@
 
 from __future__ import annotations
 
-import math
 from collections import Counter
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from lmkit.cli.common import check_outputs, picture_kind, print_json, print_line, require_no, warn
+from lmkit.cli.output import check_outputs, picture_kind, print_json, print_line, require_no, warn
 from lmkit.errors import InputError, NegativeAnswer
 
 if TYPE_CHECKING:
-    from lmkit.track.drive import TrackedDrive
+    pass
 
 
 def run(
@@ -45,22 +44,18 @@ def run(
     force: Annotated[bool, typer.Option("--force", help="Overwrite files.")] = False,
 ) -> None:
     """Follow the robot through the map, by landmarks, wheels and gyro."""
-    from lmkit.cli.drive_options import motion_of, read_any_odometry, read_moments, read_wheels
-    from lmkit.drive_recording import require_rerun, track_recording
-    from lmkit.drive_report import draw_drive, track_report
-    from lmkit.formats.any_rig import read_any_rig
-    from lmkit.formats.files import write_file
-    from lmkit.formats.foreign_maps import read_any_map
-    from lmkit.formats.readings import read_readings
-    from lmkit.formats.trajectory import poses_to_tum
+    from lmkit.cli.recording_options import motion_of, read_any_odometry, read_moments, read_wheels
+    from lmkit.io.any_rig import read_any_rig
+    from lmkit.io.external_maps import read_any_map
+    from lmkit.io.files import write_file
+    from lmkit.io.readings import read_readings
+    from lmkit.io.trajectory import poses_to_tum
+    from lmkit.model.tracked_trajectory import tracked_csv, tracked_dict
     from lmkit.model.trajectory import Trajectory
-    from lmkit.track.drive import (
-        track_live,
-        track_pictures,
-        track_pictures_live,
-        track_poses_live,
-        track_readings,
-    )
+    from lmkit.reports.recording import draw_drive, track_report
+    from lmkit.reports.rerun import require_rerun, track_recording
+    from lmkit.tracking.batch import track_pictures, track_readings
+    from lmkit.tracking.online import track_live, track_pictures_live, track_poses_live
 
     if landmark_map is None:
         raise InputError("no_map", "track needs a map", "give --map map.yaml")
@@ -104,7 +99,7 @@ def run(
     if tum is not None:
         write_file(tum, poses_to_tum(sure), force)
     if csv is not None:
-        write_file(csv, _table(drive), force)
+        write_file(csv, tracked_csv(drive), force)
     if plan is not None:
         looking = [drive.looking(k) for k in range(len(drive.poses))]
         known = [status == "ok" for status in drive.statuses]
@@ -116,31 +111,10 @@ def run(
         write_file(rerun, track_recording(drive, landmarks, cameras, moments), force)
     if as_json:
         for k in range(len(drive.times_s)):
-            print_json(_entry(drive, k))
+            print_json(tracked_dict(drive, k))
         return
     counts = ", ".join(f"{n} {status}" for status, n in Counter(drive.statuses).items())
     wrong = ", ".join(f"{name} {value:.4g}" for name, value in drive.parameters.items())
     print_line(f"{len(drive.times_s)} moments: {counts}")
     if wrong:
         print_line(f"odometry: {wrong}")
-
-
-def _entry(drive: TrackedDrive, k: int) -> dict[str, Any]:
-    return {
-        "time_s": float(drive.times_s[k]),
-        "status": drive.statuses[k],
-        "position": drive.poses[k].t.tolist(),
-        "quaternion": drive.poses[k].quaternion_xyzw.tolist(),
-        "covariance": drive.covariances[k].tolist(),
-        "outliers": list(drive.outliers[k]),
-        "innovation": drive.innovations[k][0] / drive.innovations[k][1] if drive.innovations[k][1] else None,
-    }
-
-
-def _table(drive: TrackedDrive) -> str:
-    lines = ["time_s,status,x_m,y_m,z_m,qx,qy,qz,qw,sigma_x_m,sigma_y_m,sigma_heading_rad"]
-    for k in range(len(drive.times_s)):
-        pose, C = drive.poses[k], drive.covariances[k]
-        numbers = [*pose.t, *pose.quaternion_xyzw, *(math.sqrt(max(C[j, j], 0.0)) for j in (0, 1, 5))]
-        lines.append(f"{drive.times_s[k]:.6f},{drive.statuses[k]}," + ",".join(f"{v:.6f}" for v in numbers))
-    return "\n".join(lines) + "\n"

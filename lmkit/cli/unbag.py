@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from lmkit.cli.common import print_line, progress
+from lmkit.cli.output import print_line, progress
 from lmkit.errors import InputError
 
 
@@ -23,8 +23,8 @@ def run(
     force: Annotated[bool, typer.Option("--force", help="Overwrite files.")] = False,
 ) -> None:
     """Take stereo pictures, rig, odometry and gyro out of a bag."""
-    from lmkit.formats.bags import unpack_bag
-    from lmkit.formats.files import write_file
+    from lmkit.io.bags import unpack_bag
+    from lmkit.io.files import write_file
 
     if not bag.exists():
         raise InputError("file_missing", f"{bag} does not exist", "give a bag")

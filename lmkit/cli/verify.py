@@ -9,11 +9,11 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from lmkit.cli.common import print_json, print_line
+from lmkit.cli.output import print_json, print_line
 from lmkit.errors import InputError, NegativeAnswer
 
 if TYPE_CHECKING:
-    from lmkit.verify.prints import PrintedLandmark
+    from lmkit.verification.prints import PrintedLandmark
 
 
 def run(
@@ -36,13 +36,13 @@ def run(
     force: Annotated[bool, typer.Option("--force", help="Overwrite files.")] = False,
 ) -> None:
     """Read landmarks back from prints, grade them A to F, and compare them with their labels."""
-    from lmkit.detect.options import DetectOptions
-    from lmkit.formats.files import check_writable, write_file
-    from lmkit.formats.manifest import read_manifest
+    from lmkit.detection.config import DetectOptions
+    from lmkit.io.files import check_writable, write_file
+    from lmkit.io.manifest import read_manifest
     from lmkit.model.landmark import families_named
     from lmkit.units import parse_length_mm
-    from lmkit.verify.grade import GRADES
-    from lmkit.verify.prints import Stated, stated_by_manifest, verify_print
+    from lmkit.verification.grade import GRADES
+    from lmkit.verification.prints import Stated, stated_by_manifest, verify_print
 
     if least not in tuple("ABCD"):
         raise InputError("bad_grade", f"--least {least} is no grade", "choose A, B, C or D")
@@ -78,7 +78,7 @@ def run(
         if annotate is not None and found:
             _annotate(found, annotate, force)
     if certificate is not None and prints:
-        from lmkit.verify.certificate import certificate as certificate_of
+        from lmkit.reports.certificate import certificate as certificate_of
 
         write_file(certificate, certificate_of(prints), force)
     if bad:
@@ -130,8 +130,8 @@ def _print_grades(item: PrintedLandmark, in_full: bool) -> None:
 
 def _annotate(found: list[PrintedLandmark], folder: Path, force: bool) -> None:
     """One marked picture for every page."""
-    from lmkit.formats.files import write_file
-    from lmkit.overlay import draw_landmarks, encode_jpeg
+    from lmkit.io.files import write_file
+    from lmkit.visualization.overlay import draw_landmarks, encode_jpeg
 
     for source in dict.fromkeys(item.source for item in found):
         some = [item for item in found if item.source == source]

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from lmkit.arrays import FloatArray
-from lmkit.model.pose import Pose
+from lmkit.geometry.pose import Pose
 
 
 @dataclass(frozen=True, eq=False)

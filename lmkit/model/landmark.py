@@ -14,7 +14,7 @@ import numpy as np
 
 from lmkit.arrays import FloatArray
 from lmkit.errors import InputError
-from lmkit.model.code import code_to_gaps, codewords
+from lmkit.model.codewords import code_to_gaps, codewords
 
 
 @dataclass(frozen=True)

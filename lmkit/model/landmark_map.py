@@ -10,8 +10,8 @@ import numpy as np
 
 from lmkit.arrays import FloatArray
 from lmkit.errors import InputError
+from lmkit.geometry.pose import Pose
 from lmkit.model.landmark import square_corners
-from lmkit.model.pose import Pose
 
 
 @dataclass(frozen=True, eq=False)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from lmkit.arrays import FloatArray, IntArray, frozen
-from lmkit.model.homography import crossing
+from lmkit.geometry.homography import crossing
 
 
 @dataclass(frozen=True, eq=False)

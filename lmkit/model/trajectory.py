@@ -8,7 +8,8 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from lmkit.arrays import FloatArray, IntArray, frozen
-from lmkit.model.pose import Pose, orthonormal
+from lmkit.geometry.pose import Pose
+from lmkit.geometry.rotations import orthonormal
 
 
 @dataclass(frozen=True, eq=False)

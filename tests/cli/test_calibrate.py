@@ -11,9 +11,9 @@ import numpy as np
 import pytest
 from board_views import BOARD, views
 
-from lmkit.formats.board_corners import SavedCorners, corners_to_json
-from lmkit.formats.rig import read_rig, rig_to_yaml
-from lmkit.simulate.scene import make_rig
+from lmkit.io.board_corners import SavedCorners, corners_to_json
+from lmkit.io.rig import read_rig, rig_to_yaml
+from lmkit.simulation.scene import make_rig
 
 SPEC = "chessboard:9x6:30mm"
 
@@ -140,7 +140,7 @@ def test_convert_and_rectify(lmkit, pairs, tmp_path):
 
 
 def test_rectified_rows_match(lmkit, data, pairs, tmp_path):
-    from lmkit.detect.boards import detect_board
+    from lmkit.detection.boards import detect_board
     from lmkit.model.board import BoardSpec
 
     left, right = pairs

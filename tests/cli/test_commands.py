@@ -29,10 +29,10 @@ def test_verify_notices_a_wrong_label_and_a_wrong_size(lmkit, tmp_path):
     answer = lmkit("verify", "small.png", "--json")
     assert json.loads(answer.out)["side_mm"] == pytest.approx([180 * 150 / 160] * 2, abs=0.2)
 
-    from lmkit.formats.template import load_template
-    from lmkit.generate.page import Page
-    from lmkit.generate.pdf import pages_to_pdf
-    from lmkit.generate.sheet import compose_landmark_page
+    from lmkit.generation.page import Page
+    from lmkit.generation.pdf import pages_to_pdf
+    from lmkit.generation.sheet import compose_landmark_page
+    from lmkit.io.template import load_template
     from lmkit.model.landmark import LM8
 
     right, wrong = (compose_landmark_page(LM8, code, 180.0, load_template("a4")) for code in (7, 8))
@@ -115,7 +115,7 @@ def test_videos_are_read_frame_by_frame(lmkit, tmp_path, photographs):
 
 
 def test_readings_of_range_and_bearing(lmkit, tmp_path):
-    from lmkit.formats.landmark_map import map_to_yaml
+    from lmkit.io.landmark_map import map_to_yaml
     from lmkit.model.landmark_map import LandmarkMap, MappedLandmark, wall_pose
 
     places = ((1, 4.0, -1.0), (2, 4.0, 2.0))
@@ -133,7 +133,7 @@ def test_readings_of_range_and_bearing(lmkit, tmp_path):
 
 @pytest.mark.parametrize("row", ["0.5,1,nan,0.1", "0.5,1,2.9", "0.5,one,2.9,0.1", "0.5,1,-2,0.1"])
 def test_a_bad_reading_is_named_with_its_line(lmkit, tmp_path, row):
-    from lmkit.formats.landmark_map import map_to_yaml
+    from lmkit.io.landmark_map import map_to_yaml
     from lmkit.model.landmark_map import LandmarkMap, MappedLandmark, wall_pose
 
     landmarks = [MappedLandmark(1, "lm8", 0.18, wall_pose([1.0, 2.0, 1.0], 0.0))]
@@ -145,7 +145,7 @@ def test_a_bad_reading_is_named_with_its_line(lmkit, tmp_path, row):
 
 
 def test_the_templates_are_listed(lmkit, tmp_path):
-    from lmkit.formats.template import shipped_templates
+    from lmkit.io.template import shipped_templates
 
     lines = lmkit("generate", "--list-templates").out.splitlines()
     assert [line.split()[0] for line in lines] == shipped_templates()

@@ -168,7 +168,7 @@ def test_odometry_that_does_not_agree_is_doubted_aloud(demo, tmp_path):
 def test_a_map_in_the_plane_from_readings(tmp_path):
     import numpy as np
 
-    from lmkit.simulate.drive import make_drive
+    from lmkit.simulation.recording import make_drive
 
     drive = make_drive(1, seconds=60)
     readings = tmp_path / "r.csv"

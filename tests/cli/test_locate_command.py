@@ -11,12 +11,12 @@ import numpy as np
 import pytest
 
 from lmkit.cli.locate_results import Results
-from lmkit.formats.landmark_map import map_to_yaml
-from lmkit.formats.rig import rig_to_yaml
-from lmkit.formats.trajectory import read_trajectory
-from lmkit.locate_batch import Located
+from lmkit.io.landmark_map import map_to_yaml
+from lmkit.io.rig import rig_to_yaml
+from lmkit.io.trajectory import read_trajectory
 from lmkit.model.estimate import PoseEstimate
-from lmkit.simulate.dataset import make_dataset, take_pictures
+from lmkit.pipelines.locate_images import Located
+from lmkit.simulation.dataset import make_dataset, take_pictures
 
 
 @pytest.fixture(scope="module")

@@ -7,8 +7,8 @@ import json
 import pytest
 from floors import RIG, hung_every, two_rooms
 
-from lmkit.formats.landmark_map import map_to_yaml, read_map
-from lmkit.formats.rig import rig_to_yaml
+from lmkit.io.landmark_map import map_to_yaml, read_map
+from lmkit.io.rig import rig_to_yaml
 
 EASY = ("--in-view", "1", "--headings", "20", "--share", "70")
 

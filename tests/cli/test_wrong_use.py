@@ -9,10 +9,10 @@ import cv2
 import numpy as np
 import pytest
 
-from lmkit.formats.landmark_map import map_to_yaml
-from lmkit.formats.rig import rig_to_yaml
+from lmkit.io.landmark_map import map_to_yaml
+from lmkit.io.rig import rig_to_yaml
 from lmkit.model.landmark_map import LandmarkMap, MappedLandmark, wall_pose
-from lmkit.simulate.scene import make_rig
+from lmkit.simulation.scene import make_rig
 
 
 def assert_refused(answer, *words, code=2):
@@ -241,7 +241,7 @@ def test_simulate(lmkit, tmp_path, arguments):
 
 
 def test_a_fault_of_lmkit_is_called_one(lmkit, monkeypatch):
-    monkeypatch.setattr("lmkit.model.code.parse_codes", lambda *_: 1 / 0)
+    monkeypatch.setattr("lmkit.model.codewords.parse_codes", lambda *_: 1 / 0)
     assert_refused(lmkit("generate", "--code", 1), "fault", "--debug", code=70)
 
 
@@ -267,7 +267,7 @@ def test_the_readings_scatter_is_an_angle_and_a_length(lmkit, tmp_path, landmark
 
 def test_nothing_is_written_where_one_print_does_not_read(lmkit, tmp_path, monkeypatch):
     from lmkit.errors import LmkitError
-    from lmkit.verify import proof
+    from lmkit.verification import proof
 
     def refuse_code_2(pdf, pages):
         if any(face.code == 2 for page in pages for face in page.faces):

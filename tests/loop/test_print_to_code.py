@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from scenes import DPI, all_codes_pdf, paste_landmark, sheet_by_pdfium
 
-from lmkit.detect.landmarks import detect_landmarks
+from lmkit.detection.detector import detect_landmarks
 
 GROUPS = 8
 

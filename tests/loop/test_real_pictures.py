@@ -12,14 +12,15 @@ import numpy as np
 import pytest
 from scenes import DPI, MM, sheet_by_pdfium, to_code_values, to_linear
 
-from lmkit.board_pairs import find_board_pairs
-from lmkit.calibrate.stereo import calibrate_stereo
-from lmkit.detect.landmarks import detect_landmarks
-from lmkit.formats.images import read_image
-from lmkit.locate.rig import locate_rig
+from lmkit.calibration.stereo import calibrate_stereo
+from lmkit.detection.detector import detect_landmarks
+from lmkit.geometry.pose import Pose
+from lmkit.geometry.rotations import rotation_angle
+from lmkit.io.images import read_image
+from lmkit.localization.absolute_pose import locate_rig
 from lmkit.model.board import BoardSpec
 from lmkit.model.landmark_map import LandmarkMap, MappedLandmark
-from lmkit.model.pose import Pose, rotation_angle
+from lmkit.pipelines.board_views import find_board_pairs
 
 BOARD = BoardSpec.parse("chessboard:9x6:30mm")
 SIDE_M = 0.15

@@ -10,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from lmkit.errors import InputError
-from lmkit.model.code import TRIANGLE_BITS, turned_word
+from lmkit.model.codewords import TRIANGLE_BITS, turned_word
 from lmkit.model.landmark import FAMILIES, LM4, LM8, LM8P, LM12, LM12H4, families_named
 
 SUMS = {

@@ -9,10 +9,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from lmkit.errors import InputError
+from lmkit.geometry.camera import CameraModel
+from lmkit.geometry.homography import homography_from_points, transform_points
 from lmkit.model.board import BoardSpec
-from lmkit.model.camera import CameraModel
-from lmkit.model.code import code_to_gaps, format_codes, gaps_to_code, parse_codes
-from lmkit.model.homography import homography_from_points, transform_points
+from lmkit.model.codewords import code_to_gaps, format_codes, gaps_to_code, parse_codes
 from lmkit.model.landmark import LM8
 from lmkit.model.landmark_map import LandmarkMap, MappedLandmark, wall_pose
 

@@ -9,7 +9,8 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 from scipy.spatial.transform import Rotation
 
-from lmkit.model.pose import Pose, rotation_angle, rotation_exp, rotation_log
+from lmkit.geometry.pose import Pose
+from lmkit.geometry.rotations import rotation_angle, rotation_exp, rotation_log
 
 vectors = arrays(np.float64, 3, elements=st.floats(-3.0, 3.0, allow_nan=False))
 

@@ -1,0 +1,392 @@
+"""Joint bundle adjustment of a stereo camera: both eyes, their relation, every board pose, board warp.
+
+The unknowns that all pairs share are, in this order: left intrinsics, right intrinsics, T_right_left
+(rotation, shift), two numbers of board warp; every pair adds six for the board's pose in the left
+camera.  Levenberg-Marquardt on the normal equations, the poses eliminated (Schur complement), with
+derivatives from OpenCV's own projection, weighted by a Cauchy loss.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from lmkit.arrays import BoolArray, FloatArray, IntArray
+from lmkit.geometry.camera import CameraModel
+from lmkit.geometry.rotations import rotation_exp
+from lmkit.model.observation import PairView
+
+WARP = 2
+POSE = 6
+OWN_NOISE = 0.25  # share of a middling picture's variance that is the scatter of its own corners
+MOST_NOISE = 10.0  # of a picture's corners, over the middle one's
+CONVERGED = 1e-7  # relative gain; of some thousand residuals, a thousandth of a standard deviation of anything
+LEAST_PAIRS = 8  # for the scatter between pairs to tell anything
+LOSS_WIDTH = 3.0  # standard deviations at which the Cauchy loss bends
+# Standard deviations of what one coefficient does at the corner of the picture, over its distance
+# from the middle, before anything was seen: wide for any lens, but it keeps coefficients that cancel
+# each other (Claus and Fitzgibbon 2005 on rational models) from running away together.
+RADIAL_PRIOR = 0.3
+TANGENTIAL_PRIOR = 0.05
+
+
+@dataclass(frozen=True)
+class Solution:
+    """A point in the space of unknowns, and how well it explains the pictures.
+
+    Attributes:
+        left, right: cameras.
+        R, t: of T_right_left.
+        warp: (2,) bow of the board along x and y at its middle, metres.
+        rotations, translations: (P,3,3), (P,3) T_left_board of every pair.
+        covariance: (G,G) of left, right intrinsics, T_right_left and warp, or None.
+    """
+
+    left: CameraModel
+    right: CameraModel
+    R: FloatArray
+    t: FloatArray
+    warp: FloatArray
+    rotations: FloatArray
+    translations: FloatArray
+    covariance: FloatArray | None = None
+
+    def with_poses(self, rows: IntArray) -> Solution:
+        """The same rig, with the board poses of some pairs."""
+        return replace(self, rotations=self.rotations[rows], translations=self.translations[rows])
+
+
+@dataclass(frozen=True)
+class FitOptions:
+    """What is fitted besides the board poses.
+
+    Attributes:
+        intrinsics: of both eyes.
+        relation: T_right_left.
+        warp: the board's bow.
+        iterations: at most.
+    """
+
+    intrinsics: bool = True
+    relation: bool = True
+    warp: bool = True
+    iterations: int = 40
+
+
+def _warp_shapes(object_points: FloatArray) -> FloatArray:
+    """(N,2) how far a bow along each axis of the board lifts its points: parabolas, 1 in the middle, 0 at the rim."""
+    middle = (object_points.max(axis=0) + object_points.min(axis=0)) / 2
+    half = np.maximum((object_points.max(axis=0) - object_points.min(axis=0)) / 2, 1e-9)
+    scaled = (object_points - middle)[:, :2] / half[:2]
+    return np.asarray(1 - scaled**2)
+
+
+def intrinsics_vector(camera: CameraModel) -> FloatArray:
+    """fx fy cx cy, then the distortion."""
+    K = camera.K
+    return np.concatenate([[K[0, 0], K[1, 1], K[0, 2], K[1, 2]], camera.distortion])
+
+
+def with_intrinsics(camera: CameraModel, vector: FloatArray) -> CameraModel:
+    """The camera with other intrinsics, see :func:`intrinsics_vector`."""
+    K = np.array([[vector[0], 0, vector[2]], [0, vector[1], vector[3]], [0, 0, 1.0]])
+    return CameraModel(camera.image_size, K, vector[4:], camera.model)
+
+
+def intrinsics_prior(camera: CameraModel) -> FloatArray:
+    """(4+D,) 1 / standard deviation of every intrinsic number before anything was seen; 0 for none."""
+    width, height = camera.image_size
+    reach = float(np.hypot(width / camera.K[0, 0], height / camera.K[1, 1])) / 2
+    if camera.model == "fisheye":
+        effect = np.arctan(reach) ** np.array([2, 4, 6, 8])
+    else:
+        powers = np.array([2, 4, 1, 1, 6, 2, 4, 6, 2, 4, 2, 4, 0, 0])[: len(camera.distortion)]
+        effect = reach**powers
+    sigma = np.full(len(effect), RADIAL_PRIOR)
+    if camera.model != "fisheye":
+        sigma[2:4] = TANGENTIAL_PRIOR
+    return np.concatenate([np.zeros(4), effect / sigma])
+
+
+class _Eye:
+    """What one eye saw of all pairs, end to end."""
+
+    def __init__(
+        self, seen: Sequence[tuple[IntArray, FloatArray]], object_points: FloatArray, sigma: FloatArray
+    ) -> None:
+        self.ids = np.concatenate([ids for ids, _ in seen])
+        self.pixels = np.concatenate([pixels for _, pixels in seen])
+        counts = np.array([len(ids) for ids, _ in seen])
+        self.pair = np.repeat(np.arange(len(seen)), counts)
+        self.ends = np.cumsum(counts)
+        self.sigma = sigma[self.pair][:, None]
+        self.object_points = object_points[self.ids]
+        self.shapes = _warp_shapes(object_points)[self.ids]
+
+    def per_pair(self, values: FloatArray) -> list[FloatArray]:
+        """Rows of ``values`` split by pair."""
+        return np.split(values, self.ends[:-1])
+
+
+class StereoProblem:
+    """The pairs and the board; solves for everything else.
+
+    Args:
+        object_points: (N,3) corners of the board, metres.
+        views: the pairs.
+    """
+
+    def __init__(self, object_points: FloatArray, views: Sequence[PairView]) -> None:
+        self.count = len(views)
+        noise = np.array([[np.nan if n is None else n for n in (v.noise_left, v.noise_right)] for v in views])
+        known = noise[np.isfinite(noise)]
+        middle = float(np.median(known)) if len(known) else 1.0
+        # Relative to the middle picture: how noisy they are all together, the residuals tell.  Most of what they
+        # show comes from what no picture tells, though: the lens model, the board, the light.
+        relative = np.where(np.isfinite(noise), noise / max(middle, 1e-9), 1.0)
+        relative = np.sqrt(OWN_NOISE * np.minimum(relative, MOST_NOISE) ** 2 + 1 - OWN_NOISE)
+        self.left = _Eye([(v.ids_left, v.left) for v in views], object_points, relative[:, 0])
+        self.right = _Eye([(v.ids_right, v.right) for v in views], object_points, relative[:, 1])
+
+    def residuals(self, s: Solution) -> list[tuple[FloatArray, FloatArray]]:
+        """Per pair, observed minus projected pixels of the left (N,2) and right (M,2) picture."""
+        left, right = self._residuals(s)
+        return list(zip(self.left.per_pair(left), self.right.per_pair(right), strict=True))
+
+    def mean_error(self, s: Solution) -> float:
+        """Mean distance, px, of all corners from where the solution puts them."""
+        return float(np.linalg.norm(np.concatenate(self._residuals(s)), axis=1).mean())
+
+    def rms(self, s: Solution) -> FloatArray:
+        """(P,) root mean square distance of each pair's corners, px, as if all pictures were equally sharp."""
+        left, right = (eye.per_pair(r) for eye, r in zip((self.left, self.right), self._whitened(s), strict=True))
+        both = [np.concatenate(pair) for pair in zip(left, right, strict=True)]
+        return np.array([np.sqrt(np.mean(np.sum(r**2, axis=1))) for r in both])
+
+    def solve(self, start: Solution, options: FitOptions) -> Solution:
+        """Levenberg-Marquardt from ``start``; the result carries the covariance of what is shared."""
+        prior = np.concatenate([intrinsics_prior(start.left), intrinsics_prior(start.right), np.zeros(POSE + WARP)])
+        fitted = _fitted(start, options)
+        current, damping = start, 1e-3
+        scale = self._scale(current)
+        cost = self._cost(current, scale, prior)
+        for _ in range(options.iterations):
+            blocks = self._normal_equations(current, scale, prior)
+            better: Solution | None = None
+            for _ in range(8):
+                trial = _moved(current, *_step(blocks, fitted, damping))
+                if trial is not None:
+                    trial_cost = self._cost(trial, scale, prior)
+                    if trial_cost < cost:
+                        better = trial
+                        break
+                damping *= 10
+            if better is None:
+                break
+            gain = (cost - trial_cost) / cost
+            current = better
+            damping = max(damping / 10, 1e-9)
+            scale = self._scale(current)
+            cost = self._cost(current, scale, prior)
+            if gain < CONVERGED:
+                break
+        return replace(current, covariance=self._covariance(current, scale, prior, fitted))
+
+    def _residuals(self, s: Solution) -> tuple[FloatArray, FloatArray]:
+        in_left = _to_left(self.left, s)
+        in_right = _to_left(self.right, s) @ s.R.T + s.t
+        return self.left.pixels - s.left.project(in_left), self.right.pixels - s.right.project(in_right)
+
+    def _whitened(self, s: Solution) -> tuple[FloatArray, FloatArray]:
+        left, right = self._residuals(s)
+        return left / self.left.sigma, right / self.right.sigma
+
+    def _scale(self, s: Solution) -> float:
+        """Robust standard deviation of one pixel coordinate of the middle picture."""
+        return max(float(np.median(np.abs(np.concatenate(self._whitened(s))))) / 0.6745, 1e-6)
+
+    def _cost(self, s: Solution, scale: float, prior: FloatArray) -> float:
+        squared = np.sum(np.concatenate(self._whitened(s)) ** 2, axis=1) / (LOSS_WIDTH * scale) ** 2
+        total = float(np.log1p(squared).sum() + np.sum((prior * _shared_vector(s)) ** 2) / LOSS_WIDTH**2)
+        return total if np.isfinite(total) else np.inf
+
+    def _normal_equations(self, s: Solution, scale: float, prior: FloatArray) -> _Blocks:
+        nl, nr = len(intrinsics_vector(s.left)), len(intrinsics_vector(s.right))
+        size = nl + nr + POSE + WARP
+        blocks = _Blocks.empty(size, self.count)
+
+        # Left eye: a pose step turns and shifts the board in the left camera's frame.
+        eye = self.left
+        board, turned = _board_and_turned(eye, s)
+        pixels, by_point, by_camera = s.left.project_with_jacobian(turned + s.translations[eye.pair])
+        shared = np.zeros((len(board), 2, size))
+        shared[:, :, :nl] = by_camera
+        shared[:, :, -WARP:] = (by_point @ s.rotations[eye.pair][:, :, 2:]) * eye.shapes[:, None]
+        blocks.add(eye, shared, _by_pose(by_point, turned), eye.pixels - pixels, scale)
+
+        eye = self.right
+        board, turned = _board_and_turned(eye, s)
+        in_right_turned = (turned + s.translations[eye.pair]) @ s.R.T
+        pixels, by_point, by_camera = s.right.project_with_jacobian(in_right_turned + s.t)
+        by_left_point = by_point @ s.R
+        shared = np.zeros((len(board), 2, size))
+        shared[:, :, nl : nl + nr] = by_camera
+        shared[:, :, nl + nr : nl + nr + POSE] = _by_pose(by_point, in_right_turned)
+        shared[:, :, -WARP:] = (by_left_point @ s.rotations[eye.pair][:, :, 2:]) * eye.shapes[:, None]
+        blocks.add(eye, shared, _by_pose(by_left_point, turned), eye.pixels - pixels, scale)
+
+        blocks.prior[:] = (prior * scale) ** 2
+        blocks.prior_gradient[:] = -((prior * scale) ** 2) * _shared_vector(s)
+        return blocks
+
+    def _covariance(self, s: Solution, scale: float, prior: FloatArray, fitted: BoolArray) -> FloatArray:
+        """(G,G) covariance of the shared unknowns; rows of what was not fitted are zero."""
+        blocks = self._normal_equations(s, scale, prior)
+        reduced, _ = _reduced(blocks, fitted, 0.0)
+        residuals = np.concatenate(self._whitened(s))
+        weight = _weight(residuals, scale)
+        degrees = max(2 * weight.sum() - fitted.sum() - POSE * self.count, 1.0)
+        variance = float(np.sum(weight[:, None] * residuals**2) / degrees)
+        covariance = np.linalg.pinv(reduced, hermitian=True) * variance
+        full = np.zeros((len(fitted), len(fitted)))
+        full[np.ix_(fitted, fitted)] = covariance * _scatter_between_pairs(blocks, fitted, reduced, covariance)
+        return full
+
+
+@dataclass(frozen=True)
+class _Blocks:
+    """Normal equations, pair by pair: shared (P,G,G), mixed (P,G,6), poses (P,6,6), and the gradients; the prior."""
+
+    shared: FloatArray
+    mixed: FloatArray
+    poses: FloatArray
+    shared_gradient: FloatArray
+    pose_gradient: FloatArray
+    prior: FloatArray
+    prior_gradient: FloatArray
+
+    @classmethod
+    def empty(cls, size: int, count: int) -> _Blocks:
+        shapes = ((count, size, size), (count, size, POSE), (count, POSE, POSE), (count, size), (count, POSE))
+        return cls(*(np.zeros(shape) for shape in (*shapes, (size,), (size,))))
+
+    def add(self, eye: _Eye, shared: FloatArray, pose: FloatArray, residual: FloatArray, scale: float) -> None:
+        """Add what one eye says: derivatives (N,2,G) and (N,2,6), residuals (N,2), px."""
+        weight = _weight(residual / eye.sigma, scale)[:, None] / eye.sigma**2
+        both = np.concatenate([shared, pose], axis=2)
+        starts = np.concatenate([[0], eye.ends[:-1]])
+        size = shared.shape[2]
+        for p, (a, b) in enumerate(zip(starts, eye.ends, strict=True)):
+            J = both[a:b].reshape(-1, size + POSE)
+            WJ = (weight[a:b, :, None] * both[a:b]).reshape(-1, size + POSE)
+            normal, gradient = WJ.T @ J, WJ.T @ residual[a:b].ravel()
+            self.shared[p] += normal[:size, :size]
+            self.mixed[p] += normal[:size, size:]
+            self.poses[p] += normal[size:, size:]
+            self.shared_gradient[p] += gradient[:size]
+            self.pose_gradient[p] += gradient[size:]
+
+
+def _fitted(s: Solution, options: FitOptions) -> BoolArray:
+    counts = [len(intrinsics_vector(s.left)) + len(intrinsics_vector(s.right)), POSE, WARP]
+    return np.repeat([options.intrinsics, options.relation, options.warp], counts)
+
+
+def _reduced(blocks: _Blocks, fitted: BoolArray, damping: float) -> tuple[FloatArray, tuple[FloatArray, FloatArray]]:
+    """The normal matrix of the fitted shared unknowns with the poses eliminated, and what leads back to them."""
+    eye = np.arange(POSE)
+    poses = blocks.poses.copy()
+    poses[:, eye, eye] *= 1 + damping
+    poses[:, eye, eye] += 1e-12
+    inverse = np.linalg.inv(poses)
+    mixed = blocks.mixed[:, fitted]
+    back = mixed @ inverse
+    shared = (blocks.shared.sum(axis=0) + np.diag(blocks.prior))[np.ix_(fitted, fitted)]
+    shared = shared + np.diag(damping * np.diag(shared) + 1e-12 * (damping > 0))
+    return shared - np.einsum("pgi,phi->gh", back, mixed), (inverse, back)
+
+
+def _step(blocks: _Blocks, fitted: BoolArray, damping: float) -> tuple[FloatArray, FloatArray]:
+    """The damped step of the shared unknowns (G,) and of the poses (P,6)."""
+    reduced, (inverse, back) = _reduced(blocks, fitted, damping)
+    gradient = (blocks.shared_gradient.sum(axis=0) + blocks.prior_gradient)[fitted]
+    gradient = gradient - np.einsum("pgi,pi->g", back, blocks.pose_gradient)
+    shared = np.zeros(len(fitted))
+    if fitted.any():
+        try:
+            shared[fitted] = np.linalg.solve(reduced, gradient)
+        except np.linalg.LinAlgError:
+            shared[fitted] = np.linalg.lstsq(reduced, gradient, rcond=None)[0]
+    remaining = blocks.pose_gradient - np.einsum("pgi,g->pi", blocks.mixed, shared)
+    return shared, np.einsum("pij,pj->pi", inverse, remaining)
+
+
+def _scatter_between_pairs(blocks: _Blocks, fitted: BoolArray, reduced: FloatArray, covariance: FloatArray) -> float:
+    """How many times larger the variances are when the pairs speak for themselves, at least 1.
+
+    The corners of one picture err together (light, focus, what the lens model leaves over), so that they count for
+    less than as many independent ones.  The pairs are independent: what the solution does when each of them is left
+    out (the jackknife, as Bell and McCaffrey 2002 have it for clustered data), over what the corners alone promise.
+    """
+    if blocks.poses.shape[0] < LEAST_PAIRS or not fitted.any():
+        return 1.0
+    inverse = np.linalg.inv(blocks.poses + 1e-12 * np.eye(POSE))
+    back = blocks.mixed[:, fitted] @ inverse
+    own = blocks.shared[:, fitted][:, :, fitted] - back @ blocks.mixed[:, fitted].transpose(0, 2, 1)
+    pull = blocks.shared_gradient[:, fitted] - np.einsum("pgi,pi->pg", back, blocks.pose_gradient)
+    try:
+        moved = np.linalg.solve(reduced - own, pull[:, :, None])[:, :, 0]
+    except np.linalg.LinAlgError:
+        return 1.0
+    pairs = len(moved)
+    variance = (moved**2).sum(axis=0) * (pairs - 1) / pairs
+    return max(1.0, float(np.median(variance / np.maximum(np.diag(covariance), 1e-300))))
+
+
+def _moved(s: Solution, shared: FloatArray, poses: FloatArray) -> Solution | None:
+    """The solution after a step, or None where it leads to no camera."""
+    left, right = intrinsics_vector(s.left), intrinsics_vector(s.right)
+    nl, nr = len(left), len(right)
+    try:
+        new_left = with_intrinsics(s.left, left + shared[:nl])
+        new_right = with_intrinsics(s.right, right + shared[nl : nl + nr])
+    except ValueError:
+        return None
+    relation = shared[nl + nr : nl + nr + POSE]
+    return Solution(
+        new_left,
+        new_right,
+        rotation_exp(relation[:3]) @ s.R,
+        s.t + relation[3:],
+        s.warp + shared[-WARP:],
+        np.array([rotation_exp(p[:3]) @ R for p, R in zip(poses, s.rotations, strict=True)]),
+        s.translations + poses[:, 3:],
+    )
+
+
+def _shared_vector(s: Solution) -> FloatArray:
+    """The shared unknowns as the prior sees them: no relation is likelier than another."""
+    return np.concatenate([intrinsics_vector(s.left), intrinsics_vector(s.right), np.zeros(POSE), s.warp])
+
+
+def _weight(whitened: FloatArray, scale: float) -> FloatArray:
+    return np.asarray(1 / (1 + np.sum(whitened**2, axis=1) / (LOSS_WIDTH * scale) ** 2))
+
+
+def _board_and_turned(eye: _Eye, s: Solution) -> tuple[FloatArray, FloatArray]:
+    """(N,3) points of the bowed board, and the same turned by its pose."""
+    board = eye.object_points.copy()
+    board[:, 2] += eye.shapes @ s.warp
+    return board, np.einsum("nij,nj->ni", s.rotations[eye.pair], board)
+
+
+def _to_left(eye: _Eye, s: Solution) -> FloatArray:
+    return np.asarray(_board_and_turned(eye, s)[1] + s.translations[eye.pair])
+
+
+def _by_pose(by_point: FloatArray, turned: FloatArray) -> FloatArray:
+    """(N,2,6) derivative with a rotation vector applied on the left and with a shift."""
+    # d(w x p)/dw = -skew(p), so that row v becomes p x v.
+    return np.concatenate([np.cross(turned[:, None, :], by_point), by_point], axis=2)

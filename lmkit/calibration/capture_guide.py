@@ -1,0 +1,157 @@
+"""Guidance while pictures are taken: which pair to keep, and which view to show next.
+
+A pair is kept by itself when both eyes see the board, sharp, held still and in a view that is not
+there yet.  It ends when the views cover what a calibration needs.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from lmkit.arrays import FloatArray
+from lmkit.calibration.initialization import board_poses, start_camera
+from lmkit.calibration.view_coverage import ViewCoverage, coverage_of, filled_cells
+from lmkit.errors import InputError
+from lmkit.geometry.camera import CameraModel
+from lmkit.model.observation import PairView
+
+SHARP_RATIO = 2.5  # a picture's corner noise over the middle one's of those kept
+SHARP_ENOUGH_PX = 0.15
+STILL_SHARE = 0.002  # of the picture's width, between one frame and the next
+# A view is new when it differs by one of these from every view kept.
+NEW_PLACE = 0.15  # of the picture's width
+NEW_DISTANCE = 1.25  # ratio
+NEW_TILT_DEG = 12.0
+OWN_CAMERA_FROM = 6  # views, before which the focal length is a guess
+
+
+@dataclass(frozen=True)
+class Judgement:
+    """What becomes of one pair of frames.
+
+    Attributes:
+        kept: whether it was taken.
+        reason: ``kept``, ``no board``, ``blurred``, ``moving`` or ``not new``.
+        words: the same for a person, with what to do.
+    """
+
+    kept: bool
+    reason: str
+    words: str
+
+
+@dataclass(frozen=True)
+class _Kept:
+    view: PairView
+    R: FloatArray
+    t: FloatArray
+
+
+class CaptureGuide:
+    """Judges pair after pair; :attr:`views` are those worth a calibration.
+
+    Args:
+        object_points: (N,3) of the board.
+        image_size: (width, height) of both eyes.
+        moving: frames follow each other, so that a board in motion can be told; False for single pictures.
+    """
+
+    def __init__(self, object_points: FloatArray, image_size: tuple[int, int], moving: bool = True) -> None:
+        self._object_points = object_points
+        width, height = image_size
+        # Until views tell better: a usual lens, whose focal length is about the width.
+        K = np.array([[width, 0, (width - 1) / 2], [0, width, (height - 1) / 2], [0, 0, 1.0]])
+        self._camera = CameraModel(image_size, K, np.zeros(5))
+        self._moving = moving
+        self._before: PairView | None = None
+        self._kept: list[_Kept] = []
+
+    @property
+    def views(self) -> tuple[PairView, ...]:
+        """The pairs kept, in order."""
+        return tuple(kept.view for kept in self._kept)
+
+    @property
+    def coverage(self) -> ViewCoverage:
+        """What they show, and what is missing."""
+        rotations = np.array([kept.R for kept in self._kept]).reshape(-1, 3, 3)
+        translations = np.array([kept.t for kept in self._kept]).reshape(-1, 3)
+        return coverage_of(self.views, rotations, translations, self._camera, self._camera)
+
+    def judge(self, view: PairView | None) -> Judgement:
+        """ScreeningThresholds at one pair of frames; None where an eye does not see the board."""
+        before, self._before = self._before, view
+        if view is None:
+            return Judgement(False, "no board", "show the whole board to both eyes")
+        if self._moving and (before is None or self._motion(before, view) > STILL_SHARE):
+            return Judgement(False, "moving", "hold still")
+        if not self._sharp(view):
+            return Judgement(False, "blurred", "blurred: hold still, more light, or focus")
+        poses = board_poses(self._camera, self._object_points[view.ids_left], view.left)
+        if not poses:
+            return Judgement(False, "no board", "show the whole board to both eyes")
+        R, t, _ = poses[0]
+        if not self._is_new(view, R, t):
+            return Judgement(False, "not new", "move the board on")
+        self._kept.append(_Kept(view, R, t))
+        if len(self._kept) >= OWN_CAMERA_FROM:
+            self._learn_camera()
+        return Judgement(True, "kept", f"kept {view.name}")
+
+    def _motion(self, before: PairView, view: PairView) -> float:
+        """Of the middle corner of the faster eye, over the picture's width."""
+        steps = []
+        for ids_a, a, ids_b, b in (
+            (before.ids_left, before.left, view.ids_left, view.left),
+            (before.ids_right, before.right, view.ids_right, view.right),
+        ):
+            _, in_a, in_b = np.intersect1d(ids_a, ids_b, return_indices=True)
+            step = np.linalg.norm(a[in_a] - b[in_b], axis=1)
+            steps.append(float(np.median(step)) if len(step) else np.inf)
+        return max(steps) / self._camera.image_size[0]
+
+    def _sharp(self, view: PairView) -> bool:
+        limits = [_noise(kept.view) for kept in self._kept]
+        limit = max(SHARP_ENOUGH_PX, SHARP_RATIO * float(np.median(limits)) if limits else SHARP_ENOUGH_PX)
+        return _noise(view) <= limit
+
+    def _is_new(self, view: PairView, R: FloatArray, t: FloatArray) -> bool:
+        width = self._camera.image_size[0]
+        for kept in self._kept:
+            moved = np.linalg.norm(kept.view.left.mean(axis=0) - view.left.mean(axis=0)) / width
+            nearer = np.linalg.norm(t) / np.linalg.norm(kept.t)
+            # Tilt alone: a board turned in its own plane shows the lens nothing new.
+            turned = np.rad2deg(np.arccos(np.clip(abs(R[:, 2] @ kept.R[:, 2]), 0, 1)))
+            near = 1 / NEW_DISTANCE < nearer < NEW_DISTANCE
+            if moved < NEW_PLACE and near and turned < NEW_TILT_DEG and not self._fills_a_cell(view):
+                return False
+        return True
+
+    def _fills_a_cell(self, view: PairView) -> bool:
+        size = self._camera.image_size
+        seen = [
+            filled_cells(np.concatenate([getattr(kept.view, eye) for kept in self._kept]), size)
+            for eye in ("left", "right")
+        ]
+        new = [filled_cells(points, size) for points in (view.left, view.right)]
+        return any(bool((here & ~before).any()) for here, before in zip(new, seen, strict=True))
+
+    def _learn_camera(self) -> None:
+        """The left eye from the views so far, and the boards' poses with it."""
+        seen = [(kept.view.ids_left, kept.view.left) for kept in self._kept]
+        try:
+            self._camera = start_camera(self._object_points, seen, self._camera.image_size, "pinhole")
+        except InputError:
+            return
+        learnt = []
+        for kept in self._kept:
+            poses = board_poses(self._camera, self._object_points[kept.view.ids_left], kept.view.left)
+            learnt.append(_Kept(kept.view, poses[0][0], poses[0][1]) if poses else kept)
+        self._kept = learnt
+
+
+def _noise(view: PairView) -> float:
+    """Of the worse eye, px; nothing is known to be wrong where it was not estimated."""
+    return max(view.noise_left or 0.0, view.noise_right or 0.0)

@@ -1,0 +1,113 @@
+"""How a calibration does on pairs that it has not seen: k folds, every fold fitted without them.
+
+The error of the fit says nothing of what a model with more freedom has learnt by heart; only pairs
+kept back do (Stone 1974).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from lmkit.arrays import FloatArray, IntArray
+from lmkit.calibration.bundle_adjustment import FitOptions, Solution, StereoProblem
+from lmkit.geometry.pose import Pose
+from lmkit.geometry.rectification import epipolar_errors
+from lmkit.geometry.stereo_rig import StereoRig
+from lmkit.model.observation import PairView
+
+FOLDS = 5
+# A model with more freedom must do better by so many standard errors, and by this share.
+CLEAR_ERRORS = 1.0
+CLEAR_SHARE = 0.01
+
+
+@dataclass(frozen=True)
+class HeldOut:
+    """Errors on pairs held out; one entry a pair.
+
+    Attributes:
+        rows: which pairs.
+        epipolar_px: mean difference in rows after rectification.
+        reprojection_px: mean distance of the corners from where the rig, and the board's best pose, put them.
+        common: corners that both eyes see.
+        corners: of both eyes.
+    """
+
+    rows: IntArray
+    epipolar_px: FloatArray
+    reprojection_px: FloatArray
+    common: FloatArray
+    corners: FloatArray
+
+    @property
+    def mean_epipolar_px(self) -> float:
+        """Over all corners."""
+        return float(np.average(self.epipolar_px, weights=self.common))
+
+    @property
+    def mean_reprojection_px(self) -> float:
+        """Over all corners."""
+        return float(np.average(self.reprojection_px, weights=self.corners))
+
+    def clearly_better_than(self, other: HeldOut) -> bool:
+        """Pair by pair, so that a hard pair is hard for both; on the pairs that both were tried on."""
+        _, own, others = np.intersect1d(self.rows, other.rows, return_indices=True)
+        before = other.reprojection_px[others]
+        gain = before - self.reprojection_px[own]
+        error = float(gain.std(ddof=1)) / np.sqrt(len(gain))
+        return bool(gain.mean() > max(CLEAR_ERRORS * error, CLEAR_SHARE * float(before.mean())))
+
+
+def hold_out(
+    object_points: FloatArray,
+    views: Sequence[PairView],
+    rows: Sequence[int],
+    solution: Solution,
+    options: FitOptions | None = None,
+) -> HeldOut | None:
+    """The errors of the solution's kind of rig on pairs held out; None with fewer than five pairs.
+
+    Args:
+        views: all pairs.
+        rows: those that are used.
+        solution: fitted to these; the folds start from it.
+        options: what each fold fits; everything by default.
+    """
+    views = [views[k] for k in rows]
+    count = len(views)
+    if count < FOLDS:
+        return None
+    fold = np.arange(count) % FOLDS
+    errors = np.zeros((count, 4))
+    for k in range(FOLDS):
+        seen, unseen = np.flatnonzero(fold != k), np.flatnonzero(fold == k)
+        fitted = StereoProblem(object_points, [views[int(i)] for i in seen]).solve(
+            solution.with_poses(seen), options or FitOptions()
+        )
+        errors[unseen] = errors_on(
+            object_points, [views[int(i)] for i in unseen], fitted, solution.with_poses(unseen)
+        )
+    return HeldOut(np.array(rows), *errors.T)
+
+
+def errors_on(object_points: FloatArray, views: Sequence[PairView], rig: Solution, poses: Solution) -> FloatArray:
+    """(P,4) as the attributes of :class:`HeldOut`; the boards' poses are fitted, from those of ``poses``."""
+    problem = StereoProblem(object_points, views)
+    start = Solution(rig.left, rig.right, rig.R, rig.t, rig.warp, poses.rotations, poses.translations)
+    placed = problem.solve(start, FitOptions(intrinsics=False, relation=False, warp=False))
+    stereo = StereoRig(rig.left, rig.right, Pose("right", "left", rig.R, rig.t))
+    rows = []
+    for view, both in zip(views, problem.residuals(placed), strict=True):
+        off = np.linalg.norm(np.concatenate(both), axis=1)
+        left, right = common_corners(view)
+        rows.append((np.abs(epipolar_errors(stereo, left, right)).mean(), off.mean(), len(left), len(off)))
+    return np.array(rows)
+
+
+def common_corners(view: PairView) -> tuple[FloatArray, FloatArray]:
+    """(N,2) and (N,2) pixels of the corners that both eyes see."""
+    _, in_left, in_right = np.intersect1d(view.ids_left, view.ids_right, return_indices=True)
+    return view.left[in_left], view.right[in_right]

@@ -1,0 +1,218 @@
+"""Where the joint fit starts: every eye on its own, and the relation of the eyes that most pairs show."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+
+from lmkit.arrays import BoolArray, FloatArray, IntArray
+from lmkit.calibration.bundle_adjustment import Solution
+from lmkit.errors import InputError
+from lmkit.geometry.camera import CameraModel
+from lmkit.geometry.rotations import rotation_angle, rotation_exp, rotation_log
+from lmkit.model.observation import PairView
+
+# Coefficients that are fitted, of each model.
+DISTORTION_COUNT = {"pinhole": 5, "rational": 8, "fisheye": 4}
+# A pair's own relation of the eyes may differ from the others' by this much before the fit.
+CONSENSUS_DEG = 1.0
+CONSENSUS_SIGMA = 6.0
+FITTED_DEG = 0.2  # the same once the cameras are known
+
+
+@dataclass(frozen=True, eq=False)
+class Relation:
+    """T_right_left as one pair alone shows it.
+
+    Attributes:
+        R, t: rotation (3,3) and shift (3,), metres.
+        board: R, t of T_left_board behind it.
+        rms_px: how well each eye alone explains its corners, the worse one.
+    """
+
+    R: FloatArray
+    t: FloatArray
+    board: tuple[FloatArray, FloatArray]
+    rms_px: float
+
+
+@dataclass(frozen=True)
+class Consensus:
+    """What most pairs agree on.
+
+    Attributes:
+        relations: of every pair.
+        agrees: (P,) whether it is within the limit of the rest.
+        R, t: the middle relation of those that agree.
+        limit_deg: the limit.
+    """
+
+    relations: tuple[Relation, ...]
+    agrees: BoolArray
+    R: FloatArray
+    t: FloatArray
+    limit_deg: float
+
+    def off(self, k: int) -> tuple[float, float]:
+        """Degrees and metres of pair k from the middle."""
+        relation = self.relations[k]
+        turned = float(np.rad2deg(rotation_angle(relation.R @ self.R.T)))
+        return turned, float(np.linalg.norm(relation.t - self.t))
+
+
+def start_camera(
+    object_points: FloatArray, seen: Sequence[tuple[IntArray, FloatArray]], image_size: tuple[int, int], model: str
+) -> CameraModel:
+    """One eye on its own, by OpenCV.
+
+    Raises:
+        InputError: no such camera explains the corners.
+    """
+    objects = [object_points[ids].astype(np.float32) for ids, _ in seen]
+    images = [points.astype(np.float32) for _, points in seen]
+    width, height = image_size
+    try:
+        if model == "fisheye":
+            f = width / 4
+            K = np.array([[f, 0, (width - 1) / 2], [0, f, (height - 1) / 2], [0, 0, 1.0]])
+            flags = 0
+            for name in ("CALIB_RECOMPUTE_EXTRINSIC", "CALIB_FIX_SKEW", "CALIB_USE_INTRINSIC_GUESS"):
+                flags |= _fisheye_flag(name)
+            _, K, D, _, _ = cv2.fisheye.calibrate(
+                [o.reshape(1, -1, 3).astype(np.float64) for o in objects],
+                [i.reshape(1, -1, 2).astype(np.float64) for i in images],
+                image_size,
+                K,
+                np.zeros((4, 1)),
+                flags=flags,
+            )
+            return CameraModel(image_size, _plain(K), np.asarray(D, dtype=np.float64).ravel(), model)
+        _, K, D, _, _ = cv2.calibrateCamera(objects, images, image_size, None, None, flags=cv2.CALIB_FIX_K3)
+        distortion = np.asarray(D, dtype=np.float64).ravel()[:5]
+        padded = np.pad(distortion, (0, DISTORTION_COUNT[model] - len(distortion)))
+        return CameraModel(image_size, _plain(K), padded, model)
+    except (cv2.error, ValueError):
+        raise _no_start(model) from None
+
+
+def _no_start(model: str) -> InputError:
+    return InputError(
+        "no_start",
+        f"no {model} camera explains the corners of one eye",
+        "check the board specification and take views with more tilt",
+    )
+
+
+def find_consensus(
+    object_points: FloatArray, views: Sequence[PairView], left: CameraModel, right: CameraModel
+) -> Consensus:
+    """The relation that most pairs show, and which pairs do.
+
+    Where an eye allows two poses of the board, the pair takes those that agree best with the others.
+
+    Raises:
+        InputError: the cameras do not reach all of the corners.
+    """
+    choices = _choices(object_points, views, left, right)
+    first = np.array([options[0].R for options in choices])
+    middle = first[_medoid(first)]
+    relations = tuple(min(options, key=lambda c: rotation_angle(c.R @ middle.T)) for options in choices)
+    middle = np.array([r.R for r in relations])[_medoid(np.array([r.R for r in relations]))]
+    off = np.rad2deg([rotation_angle(r.R @ middle.T) for r in relations])
+    limit = max(CONSENSUS_DEG, CONSENSUS_SIGMA * float(np.median(off)) / 0.6745)
+    agrees = off <= limit
+    agreeing = [r for r, ok in zip(relations, agrees, strict=True) if ok]
+    for _ in range(5):
+        middle = rotation_exp(np.median([rotation_log(r.R @ middle.T) for r in agreeing], axis=0)) @ middle
+    return Consensus(relations, agrees, middle, np.median([r.t for r in agreeing], axis=0), limit)
+
+
+def agreement_with(
+    object_points: FloatArray, views: Sequence[PairView], s: Solution, used: Sequence[int]
+) -> Consensus:
+    """How every pair's own relation compares with the fitted one; the limit comes from the pairs that were used."""
+    choices = _choices(object_points, views, s.left, s.right)
+    relations = tuple(min(options, key=lambda c: rotation_angle(c.R @ s.R.T)) for options in choices)
+    off = np.rad2deg([rotation_angle(r.R @ s.R.T) for r in relations])
+    limit = max(FITTED_DEG, CONSENSUS_SIGMA * float(np.median(off[list(used)])) / 0.6745)
+    return Consensus(relations, off <= limit, s.R, s.t, limit)
+
+
+def start_solution(consensus: Consensus, rows: IntArray, left: CameraModel, right: CameraModel) -> Solution:
+    """The start of a joint fit of the pairs ``rows``."""
+    boards = [consensus.relations[int(k)].board for k in rows]
+    return Solution(
+        left,
+        right,
+        consensus.R,
+        consensus.t,
+        np.zeros(2),
+        np.array([R for R, _ in boards]),
+        np.array([t for _, t in boards]),
+    )
+
+
+def _choices(
+    object_points: FloatArray, views: Sequence[PairView], left: CameraModel, right: CameraModel
+) -> list[list[Relation]]:
+    """All relations that each pair's board allows; one far from any other where it allows none.
+
+    Raises:
+        InputError: that is so for half of the pairs or more.
+    """
+    choices: list[list[Relation]] = []
+    for view in views:
+        seen_left = board_poses(left, object_points[view.ids_left], view.left)
+        seen_right = board_poses(right, object_points[view.ids_right], view.right)
+        choices.append([_relation(a, b) for a in seen_left for b in seen_right] or [_NOWHERE])
+    if 2 * sum(options[0] is _NOWHERE for options in choices) >= len(choices):
+        raise _no_start(left.model)
+    return choices
+
+
+_NOWHERE = Relation(np.diag([-1.0, -1.0, 1.0]), np.zeros(3), (np.eye(3), np.array([0, 0, 1.0])), np.inf)
+_BoardPose = tuple[FloatArray, FloatArray, float]
+
+
+def _relation(in_left: _BoardPose, in_right: _BoardPose) -> Relation:
+    (Rl, tl, rms_left), (Rr, tr, rms_right) = in_left, in_right
+    R = Rr @ Rl.T
+    return Relation(R, tr - R @ tl, (Rl, tl), max(rms_left, rms_right))
+
+
+def board_poses(camera: CameraModel, object_points: FloatArray, points: FloatArray) -> list[_BoardPose]:
+    """R, t of the board in one camera and its error, likelier one first: a small flat board may have a twin pose."""
+    rays = camera.unproject(points)
+    if not np.isfinite(rays).all():
+        return []
+    eye = np.eye(3)
+    _, rvecs, tvecs, _ = cv2.solvePnPGeneric(object_points, rays, eye, None, flags=cv2.SOLVEPNP_IPPE)
+    poses: list[_BoardPose] = []
+    for rvec, tvec in zip(rvecs, tvecs, strict=True):
+        if not (np.isfinite(rvec).all() and np.isfinite(tvec).all()):
+            continue
+        better = cv2.solvePnPRefineLM(object_points, rays, eye, None, rvec, tvec)
+        rvec, tvec = (np.asarray(vector, dtype=np.float64).ravel() for vector in better)
+        R = rotation_exp(rvec)
+        left_over = points - camera.project(object_points @ R.T + tvec)
+        poses.append((R, tvec, float(np.sqrt(np.mean(np.sum(left_over**2, axis=1))))))
+    return poses
+
+
+def _medoid(rotations: FloatArray) -> int:
+    """The rotation whose median angle to the others is least."""
+    trace = np.einsum("aij,bij->ab", rotations, rotations)
+    return int(np.median(np.arccos(np.clip((trace - 1) / 2, -1, 1)), axis=1).argmin())
+
+
+def _fisheye_flag(name: str) -> int:
+    """OpenCV 5 keeps these flags in cv2, OpenCV 4 in cv2.fisheye; their numbers differ."""
+    home = cv2.fisheye if hasattr(cv2.fisheye, name) else cv2
+    return int(getattr(home, name))
+
+
+def _plain(K: np.ndarray) -> FloatArray:
+    return np.array([[K[0, 0], 0, K[0, 2]], [0, K[1, 1], K[1, 2]], [0, 0, 1.0]])

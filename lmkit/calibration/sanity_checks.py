@@ -1,0 +1,230 @@
+"""Is the calibration believable?  Warnings, and refusals of data that cannot give one."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from lmkit.arrays import FloatArray
+from lmkit.calibration.outlier_pairs import Disagreement
+from lmkit.calibration.view_coverage import ENOUGH_CELLS, LEAST_VIEWS, ViewCoverage
+from lmkit.errors import InputError
+from lmkit.geometry.camera import CameraModel
+from lmkit.geometry.stereo_rig import StereoRig
+
+# Two eyes that fit their own pictures, but not each other's, are no rigid pair.
+RIGID_PX = 1.0
+RIGID_RATIO = 3.0
+USELESS_PX = 2.0
+LOOSE_RATIO = 2.0
+WRONG_BASELINE = 0.02
+WRONG_FIELD = 0.05
+UNEQUAL_FOCALS = 0.03
+CENTRE_SHARE = 0.15
+STRONG_WARP = 0.01  # bow over the board's half size
+WEAK_BASELINE = 0.005
+BEYOND_MODEL = 0.02
+WEAK_FOCAL = 0.005
+
+
+@dataclass(frozen=True)
+class CalibrationWarning:
+    """Something the user should know.
+
+    Attributes:
+        code: short stable name.
+        message: what, and what to do.
+        pairs: names of the pairs concerned.
+    """
+
+    code: str
+    message: str
+    pairs: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
+class Declared:
+    """What the user knows beforehand; None where nothing is.
+
+    Attributes:
+        baseline_m: distance of the eyes.
+        field_deg: horizontal field of view, of one eye.
+    """
+
+    baseline_m: float | None = None
+    field_deg: float | None = None
+
+
+def require_rigid(together_px: float, alone_px: float, row_error_px: float | None) -> None:
+    """Refuse eyes that do not stand still to each other.
+
+    Args:
+        together_px, alone_px: the middle pair's reprojection error in the joint fit, and of each eye alone.
+        row_error_px: of pairs held out, where known.
+
+    Raises:
+        InputError: they are no rigid, simultaneous pair.
+    """
+    apart = together_px > max(RIGID_PX, RIGID_RATIO * alone_px)
+    useless = row_error_px is not None and row_error_px > max(USELESS_PX, RIGID_RATIO * alone_px)
+    if apart or useless:
+        rows = "" if row_error_px is None else f" (rows of unseen pairs differ by {row_error_px:.1f} px)"
+        raise InputError(
+            "not_rigid",
+            f"each eye alone explains its pictures to {alone_px:.2f} px, both together only to {together_px:.2f} px"
+            f"{rows}: the two pictures of a pair are not of the same moment, or the eyes move against each other",
+            "synchronise the cameras or hold the board still for every pair; fasten the rig; pair the files anew",
+        )
+
+
+def require_majority(bad: Sequence[Disagreement], total: int) -> None:
+    """Refuse pairs of which no more than half agree.
+
+    Raises:
+        InputError: half of them or more disagree.
+    """
+    if 2 * len(bad) >= total:
+        first = "; ".join(f"{d.pair}: {d.reason}" for d in bad[:2])
+        raise InputError(
+            "no_consensus",
+            f"{len(bad)} of {total} pairs do not agree with the others on any rig ({first})",
+            "check that left and right files pair up by sorted name, and that the rig and its lenses did not move",
+        )
+
+
+def check_calibration(
+    rig: StereoRig,
+    coverage: ViewCoverage,
+    bad: Sequence[Disagreement],
+    total: int,
+    baseline_sigma_m: float,
+    together_px: float,
+    alone_px: float,
+    bow_m: float,
+    board_half_m: float,
+    declared: Declared,
+) -> list[CalibrationWarning]:
+    """All warnings, the weightiest first.
+
+    Args:
+        rig: with its covariances.
+        bad, total: the pairs turned away, and how many there were.
+        together_px, alone_px: see :func:`require_rigid`.
+        bow_m, board_half_m: the board's bow and half its length.
+    """
+    warnings = []
+    if bad:
+        causes = "; ".join(_cause_in_words(cause, bad) for cause in dict.fromkeys(d.cause for d in bad))
+        message = f"{len(bad)} of {total} pairs do not fit the rig that the others show ({causes}); take them again"
+        warnings.append(CalibrationWarning("pairs_disagree", message, tuple(sorted(d.pair for d in bad))))
+    if together_px > LOOSE_RATIO * alone_px:
+        message = (
+            f"both eyes together fit {together_px / alone_px:.1f} times worse than each alone: a rig that gives way, "
+            "cameras that are not quite synchronous, or one eye's board moved"
+        )
+        warnings.append(CalibrationWarning("loose", message))
+    warnings += _check_scale(rig, baseline_sigma_m, declared)
+    for name, camera, sigma in zip(("left", "right"), (rig.left, rig.right), rig.intrinsics_sigma or (), strict=True):
+        warnings += _check_camera(name, camera, sigma, declared.field_deg)
+    t = rig.T_right_left.t
+    if abs(t[0]) > abs(t[1]) and t[0] > 0:
+        message = "the right eye stands left of the left one: LEFT and RIGHT look exchanged"
+        warnings.append(CalibrationWarning("exchanged", message))
+    if bow_m > STRONG_WARP * board_half_m:
+        message = f"the board is bowed by {bow_m * 1000:.1f} mm: mount it on something flat"
+        warnings.append(CalibrationWarning("bowed_board", message))
+    if len(coverage.distances_m) < LEAST_VIEWS:
+        message = f"only {len(coverage.distances_m)} pairs; take {LEAST_VIEWS} to 30"
+        warnings.append(CalibrationWarning("few_pairs", message))
+    for index, name in enumerate(("left", "right")):
+        if (filled := coverage.filled(index)) < ENOUGH_CELLS:
+            message = (
+                f"the board covers {100 * filled:.0f} % of the {name} picture; elsewhere its distortion is a guess"
+            )
+            warnings.append(CalibrationWarning("coverage", message))
+    return warnings
+
+
+def _cause_in_words(cause: str, bad: Sequence[Disagreement]) -> str:
+    names = ", ".join(d.pair for d in bad if d.cause == cause)
+    words = {
+        "swapped": "pictures swapped between pairs",
+        "moved": "the rig was moved",
+        "blur": "blurred",
+        "distorted": "no flat board in one eye",
+        "misfit": "corners that do not fit",
+        "other_moment": "pictures of different moments",
+    }
+    return f"{words[cause]}: {names}"
+
+
+def _check_scale(rig: StereoRig, baseline_sigma_m: float, declared: Declared) -> list[CalibrationWarning]:
+    baseline = rig.baseline_m
+    if declared.baseline_m is not None:
+        ratio = baseline / declared.baseline_m
+        if abs(ratio - 1) > WRONG_BASELINE + 3 * baseline_sigma_m / baseline:
+            message = (
+                f"the baseline comes out as {baseline * 1000:.1f} mm, {ratio:.3f} times the "
+                f"{declared.baseline_m * 1000:g} mm declared, and all depths with it; measure the board (--measured)"
+            )
+            return [CalibrationWarning("scale", message)]
+    if baseline_sigma_m > WEAK_BASELINE * baseline:
+        message = (
+            f"the baseline, and with it every depth, is known to {100 * baseline_sigma_m / baseline:.1f} %; "
+            "take nearer and more tilted views"
+        )
+        return [CalibrationWarning("weak_baseline", message)]
+    return []
+
+
+def _check_camera(
+    name: str, camera: CameraModel, sigma: FloatArray, field_deg: float | None
+) -> list[CalibrationWarning]:
+    width, height = camera.image_size
+    fx, fy, cx, cy = camera.K[0, 0], camera.K[1, 1], camera.K[0, 2], camera.K[1, 2]
+    warnings = []
+    field = horizontal_field_deg(camera)
+    if field_deg is not None and field is not None and abs(field / field_deg - 1) > WRONG_FIELD:
+        message = (
+            f"the {name} eye sees {field:.1f} deg across, {field_deg:g} were declared: "
+            "pictures cropped or scaled, another lens, or a wrong calibration"
+        )
+        warnings.append(CalibrationWarning("field_of_view", message))
+    if sigma[0] > WEAK_FOCAL * fx:
+        message = (
+            f"the {name} eye's focal length is known to {100 * sigma[0] / fx:.1f} % only: "
+            "take views with the board tilted by 30 to 45 deg, each edge nearer in turn"
+        )
+        warnings.append(CalibrationWarning("weak_focal", message))
+    if abs(fx / fy - 1) > UNEQUAL_FOCALS:
+        message = f"focal lengths of the {name} eye differ by {100 * abs(fx / fy - 1):.1f} %: pictures stretched?"
+        warnings.append(CalibrationWarning("unequal_focals", message))
+    if (beyond := _beyond_model(camera)) > BEYOND_MODEL:
+        message = (
+            f"the {name} eye's lens model ends before its picture does: {100 * beyond:.0f} % has no ray; "
+            "show the board in the corners, or try --model fisheye"
+        )
+        warnings.append(CalibrationWarning("lens_ends", message))
+    if abs(cx - (width - 1) / 2) > CENTRE_SHARE * width or abs(cy - (height - 1) / 2) > CENTRE_SHARE * height:
+        message = f"the {name} eye's principal point ({cx:.0f}, {cy:.0f}) is far from its middle: cropped pictures?"
+        warnings.append(CalibrationWarning("principal_point", message))
+    return warnings
+
+
+def _beyond_model(camera: CameraModel) -> float:
+    """Share of the picture in which the distortion has turned back."""
+    width, height = camera.image_size
+    u, v = np.meshgrid(np.linspace(0, width - 1, 24), np.linspace(0, height - 1, 18))
+    return float(1 - camera.reaches(np.column_stack([u.ravel(), v.ravel()])).mean())
+
+
+def horizontal_field_deg(camera: CameraModel) -> float | None:
+    """Horizontal field of view through the middle row; None where the model does not reach the edges."""
+    width = camera.image_size[0]
+    edges = np.array([[-0.5, camera.K[1, 2]], [width - 0.5, camera.K[1, 2]]])
+    x = camera.unproject(edges)[:, 0]
+    if not np.isfinite(x).all() or not x[0] < 0 < x[1]:
+        return None
+    return float(np.rad2deg(np.arctan(x[1]) - np.arctan(x[0])))

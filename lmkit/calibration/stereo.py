@@ -1,0 +1,294 @@
+"""`calibrate_stereo`: from the corners of a board in stereo pairs to a rig, and how good it is."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from lmkit.arrays import FloatArray
+from lmkit.calibration.bundle_adjustment import POSE, FitOptions, Solution, StereoProblem, intrinsics_vector
+from lmkit.calibration.cross_validation import HeldOut, hold_out
+from lmkit.calibration.initialization import agreement_with, find_consensus, start_camera, start_solution
+from lmkit.calibration.outlier_pairs import Disagreement, explain_disagreements
+from lmkit.calibration.sanity_checks import (
+    CalibrationWarning,
+    Declared,
+    check_calibration,
+    require_majority,
+    require_rigid,
+)
+from lmkit.calibration.uncertainty import DepthError, depth_errors
+from lmkit.calibration.view_coverage import ViewCoverage, coverage_of
+from lmkit.errors import InputError
+from lmkit.geometry.pose import Pose
+from lmkit.geometry.stereo_rig import StereoRig
+from lmkit.model.board import BoardSpec
+from lmkit.model.observation import PairView
+
+MIN_PAIRS = 3
+BAD_RMS_RATIO = 4.0
+AUTO = "auto"
+# In this order: a later one must do clearly better on pairs held out.
+CANDIDATES = ("pinhole", "fisheye", "rational")
+MODELS = (AUTO, *CANDIDATES)
+
+
+@dataclass(frozen=True, eq=False)
+class StereoCalibration:
+    """A calibrated rig and the evidence for it.
+
+    Attributes:
+        rig: the result, with its covariances.
+        solution: the same with the boards' poses, as fitted.
+        held_out: errors on pairs that the fit had not seen; None with fewer than five pairs.
+        models: of every camera model tried, its mean reprojection error on pairs held out, px.
+        rms_px, rms_left_px, rms_right_px: reprojection error of the fit.
+        used: the pairs of the fit.
+        residuals: per used pair, observed minus projected pixels, left (N,2) and right (M,2).
+        rejected: (pair, reason).
+        warnings: in order of weight.
+        baseline_sigma_m: standard deviation of the baseline.
+        depth_errors: what to expect at some distances.
+        coverage: what the views showed, and which to take next.
+    """
+
+    rig: StereoRig
+    solution: Solution
+    held_out: HeldOut | None
+    models: dict[str, float]
+    rms_px: float
+    rms_left_px: float
+    rms_right_px: float
+    used: tuple[PairView, ...]
+    residuals: tuple[tuple[FloatArray, FloatArray], ...]
+    rejected: tuple[tuple[str, str], ...]
+    warnings: tuple[CalibrationWarning, ...]
+    baseline_sigma_m: float
+    depth_errors: tuple[DepthError, ...]
+    coverage: ViewCoverage
+
+    @property
+    def held_out_epipolar_px(self) -> float | None:
+        """Mean difference in rows after rectification of pairs held out, or None."""
+        return None if self.held_out is None else self.held_out.mean_epipolar_px
+
+
+def calibrate_stereo(
+    views: Sequence[PairView],
+    board: BoardSpec,
+    image_size: tuple[int, int],
+    model: str = AUTO,
+    rejected: Sequence[tuple[str, str]] = (),
+    declared: Declared | None = None,
+) -> StereoCalibration:
+    """Calibrate a rig jointly from all pairs that agree with each other.
+
+    Args:
+        views: pairs in which both eyes see the board.
+        image_size: (width, height), the same for both eyes.
+        model: ``pinhole``, ``rational`` or ``fisheye``; ``auto`` takes the one that does best on pairs held out.
+        rejected: pairs lost before, with reasons; they are passed on.
+        declared: what is known beforehand, to check against.
+
+    Raises:
+        InputError: too few pairs, they do not agree on any rig, or the two eyes are no rigid pair.
+    """
+    _require(views, rejected)
+    object_points = board.object_points
+    fits = _fits(views, object_points, image_size, CANDIDATES if model == AUTO else (model,), rejected)
+    best = _best(fits)
+    kept = [views[k] for k in best.rows]
+    turned_away = [*rejected, *((d.pair, d.reason) for d in best.bad)]
+    require_majority(best.bad, len(views))
+    _require(kept, turned_away)
+
+    s = best.solution
+    residuals = StereoProblem(object_points, kept).residuals(s)
+    together = float(np.median([_rms(np.concatenate(pair)) for pair in residuals]))
+    alone = best.alone_px
+    require_rigid(together, alone, None if best.held_out is None else best.held_out.mean_epipolar_px)
+    rig, baseline_sigma = _rig_of(s)
+    coverage = coverage_of(kept, s.rotations, s.translations, s.left, s.right)
+    half = float(np.ptp(object_points[:, :2], axis=0).max()) / 2
+    warnings = check_calibration(
+        rig,
+        coverage,
+        best.bad,
+        len(views),
+        baseline_sigma,
+        together,
+        alone,
+        float(np.abs(s.warp).max()),
+        half,
+        declared or Declared(),
+    )
+    left, right = (np.concatenate([pair[eye] for pair in residuals]) for eye in (0, 1))
+    return StereoCalibration(
+        rig=rig,
+        solution=s,
+        held_out=best.held_out,
+        models={name: fit.held_out.mean_reprojection_px for name, fit in fits.items() if fit.held_out is not None},
+        rms_px=_rms(np.concatenate([left, right])),
+        rms_left_px=_rms(left),
+        rms_right_px=_rms(right),
+        used=tuple(kept),
+        residuals=tuple(residuals),
+        rejected=tuple(turned_away),
+        warnings=tuple(warnings),
+        baseline_sigma_m=baseline_sigma,
+        depth_errors=depth_errors(s),
+        coverage=coverage,
+    )
+
+
+@dataclass(frozen=True)
+class _Fit:
+    """One model fitted to the pairs that agree on it; ``alone_px`` is the middle error of the eyes on their own."""
+
+    rows: list[int]
+    bad: list[Disagreement]
+    alone_px: float
+    solution: Solution
+    held_out: HeldOut | None
+
+
+def _fits(
+    views: Sequence[PairView],
+    object_points: FloatArray,
+    image_size: tuple[int, int],
+    models: Sequence[str],
+    rejected: Sequence[tuple[str, str]],
+) -> dict[str, _Fit]:
+    """Every model that can be fitted.
+
+    Raises:
+        InputError: none can.
+    """
+    fits: dict[str, _Fit] = {}
+    failed: InputError | None = None
+    for model in models:
+        try:
+            to_beat = min(
+                (fit.held_out.mean_reprojection_px for fit in fits.values() if fit.held_out), default=np.inf
+            )
+            fits[model] = _fit(views, object_points, image_size, model, rejected, to_beat)
+        except InputError as error:
+            failed = failed or error
+        except np.linalg.LinAlgError:
+            continue
+    if not fits:
+        raise failed or InputError("no_fit", "no rig explains the pairs", "take other views")
+    return fits
+
+
+def _best(fits: dict[str, _Fit]) -> _Fit:
+    best, *others = fits.values()
+    for other in others:
+        if best.held_out is not None and other.held_out is not None:
+            best = other if other.held_out.clearly_better_than(best.held_out) else best
+    return best
+
+
+def _fit(
+    views: Sequence[PairView],
+    object_points: FloatArray,
+    image_size: tuple[int, int],
+    model: str,
+    rejected: Sequence[tuple[str, str]],
+    to_beat_px: float,
+) -> _Fit:
+    """One model, fitted to the pairs that agree.
+
+    It is not tried on pairs held out where it does worse on those that it has seen than another on unseen ones.
+    """
+    left = start_camera(object_points, [(v.ids_left, v.left) for v in views], image_size, model)
+    right = start_camera(object_points, [(v.ids_right, v.right) for v in views], image_size, model)
+    consensus = find_consensus(object_points, views, left, right)
+    rows = np.flatnonzero(consensus.agrees)
+    _require([views[int(k)] for k in rows], rejected)
+    problem = StereoProblem(object_points, [views[int(k)] for k in rows])
+    solution = problem.solve(start_solution(consensus, rows, left, right), FitOptions(warp=False))
+    solution = problem.solve(solution, FitOptions())
+    rms = problem.rms(solution)
+    good = rms <= BAD_RMS_RATIO * np.median(rms)
+    misfits = {int(k): float(ratio) for k, ratio in zip(rows[~good], rms[~good] / np.median(rms), strict=True)}
+    if misfits:
+        rows = rows[good]
+        problem = StereoProblem(object_points, [views[int(k)] for k in rows])
+        solution = problem.solve(solution.with_poses(np.flatnonzero(good)), FitOptions())
+    kept = rows.tolist()
+    bad = sorted(set(range(len(views))) - set(kept))
+    agreement = agreement_with(object_points, views, solution, kept)
+    fair = BAD_RMS_RATIO * float(np.median(problem.rms(solution)))
+    reasons = explain_disagreements(object_points, views, agreement, bad, misfits, solution, fair)
+    hopeless = problem.mean_error(solution) > to_beat_px
+    held_out = None if hopeless else hold_out(object_points, views, kept, solution)
+    # Cameras of the eyes' own: those of the joint fit bend to make up for eyes that do not belong together.
+    alone_px = float(np.median([consensus.relations[k].rms_px for k in kept]))
+    return _Fit(kept, reasons, alone_px, solution, held_out)
+
+
+def _rig_of(s: Solution) -> tuple[StereoRig, float]:
+    """The rig with its covariances, and the standard deviation of the baseline, metres."""
+    assert s.covariance is not None
+    nl, nr = len(intrinsics_vector(s.left)), len(intrinsics_vector(s.right))
+    relation = s.covariance[nl + nr : nl + nr + POSE, nl + nr : nl + nr + POSE]
+    # Ours is rotation, shift; a rig's is shift, rotation.
+    order = [3, 4, 5, 0, 1, 2]
+    relation = relation[np.ix_(order, order)]
+    sigmas = np.sqrt(np.diag(s.covariance))
+    rig = StereoRig(
+        s.left,
+        s.right,
+        Pose("right", "left", s.R, s.t),
+        covariance=relation,
+        intrinsics_sigma=(sigmas[:nl], sigmas[nl : nl + nr]),
+    )
+    direction = s.t / np.linalg.norm(s.t)
+    return rig, float(np.sqrt(direction @ relation[:3, :3] @ direction))
+
+
+def _rms(residuals: FloatArray) -> float:
+    """Root mean square distance over points, as OpenCV reports it."""
+    return float(np.sqrt(np.mean(np.sum(residuals**2, axis=1))))
+
+
+def _require(views: Sequence[PairView], rejected: Sequence[tuple[str, str]]) -> None:
+    if len(views) >= MIN_PAIRS:
+        return
+    first = f"; first rejected: {rejected[0][0]}: {rejected[0][1]}" if rejected else ""
+    raise InputError(
+        "too_few_pairs",
+        f"only {len(views)} usable pairs of {len(views) + len(rejected)}, at least {MIN_PAIRS} are needed{first}",
+        "check the board specification, take 10 to 30 pairs with the whole board sharp in both eyes",
+    )
+
+
+def calibration_dict(result: StereoCalibration) -> dict[str, Any]:
+    """The result as docs/formats.md has it."""
+    return {
+        "rms_px": result.rms_px,
+        "rms_left_px": result.rms_left_px,
+        "rms_right_px": result.rms_right_px,
+        "held_out_epipolar_px": result.held_out_epipolar_px,
+        "held_out_reprojection_px": None if result.held_out is None else result.held_out.mean_reprojection_px,
+        "baseline_m": result.rig.baseline_m,
+        "baseline_sigma_m": result.baseline_sigma_m,
+        "pairs_used": [view.name for view in result.used],
+        "pairs_rejected": [{"pair": name, "reason": reason} for name, reason in result.rejected],
+        "warnings": [{"code": w.code, "message": w.message, "pairs": list(w.pairs)} for w in result.warnings],
+        "model": result.rig.left.model,
+        "models": result.models,
+        "depth_errors": [
+            {"depth_m": e.depth_m, "calibration_m": e.calibration_m, "total_m": e.total_m}
+            for e in result.depth_errors
+        ],
+        "coverage": {
+            "left": result.coverage.filled(0),
+            "right": result.coverage.filled(1),
+            "next_views": list(result.coverage.advice),
+        },
+    }

@@ -1,0 +1,224 @@
+"""Calibration boards in pictures: chessboards, ChArUco boards, boards of landmarks."""
+
+from __future__ import annotations
+
+import re
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import replace
+
+import cv2
+import numpy as np
+
+from lmkit.arrays import ByteArray, FloatArray, IntArray
+from lmkit.detection.board_corners import refine_corners
+from lmkit.detection.config import FAR, DetectOptions
+from lmkit.detection.detector import detect_landmarks
+from lmkit.model.board import BoardSpec
+from lmkit.model.charuco import charuco_board
+from lmkit.model.observation import BoardObservation
+
+MIN_CHARUCO_CORNERS = 6
+MIN_LANDMARKS = 2
+MIN_MARKERS = 4  # in every picture, for another dictionary to be named
+
+
+def detect_board(image: ByteArray, board: BoardSpec) -> BoardObservation | None:
+    """The board in one picture, or None.
+
+    Args:
+        image: (H,W,3) BGR, 8 bit.
+    """
+    if board.kind == "landmarks":
+        return _detect_landmark_board(image, board)
+    grey = np.asarray(cv2.cvtColor(image, cv2.COLOR_BGR2GRAY), dtype=np.uint8)
+    if board.kind == "charuco":
+        return _detect_charuco(grey, board)
+    corners = _find_chessboard(grey, board.inner_corners)
+    return None if corners is None else _refined(grey, np.arange(len(corners)), corners, board)
+
+
+def likelier_board(images: Sequence[ByteArray], board: BoardSpec) -> BoardSpec | None:
+    """Another board that fits the pictures better than ``board``, or None.
+
+    A chessboard given too small is found inside the true one without complaint, so the squares are
+    followed beyond the corners found; where none was found, neighbouring sizes are tried.  Of a
+    ChArUco board the other layout, a turned one and the other dictionaries are tried.
+    """
+    greys = [np.asarray(cv2.cvtColor(image, cv2.COLOR_BGR2GRAY), dtype=np.uint8) for image in images]
+    if board.kind == "charuco":
+        return _likelier_charuco(greys, board)
+    if board.kind == "landmarks":
+        return None
+    columns, rows = board.inner_corners
+    grown: list[tuple[int, int]] = []
+    for grey in greys:
+        corners = _find_chessboard(grey, (columns, rows), thorough=False)
+        if corners is not None:
+            more_columns, more_rows = _squares_beyond(grey, corners.reshape(rows, columns, 2))
+            grown.append((columns + more_columns, rows + more_rows))
+    if grown:
+        size = Counter(grown).most_common(1)[0][0]
+        return None if size == (columns, rows) else _resized(board, size)
+    near = [(columns + dc, rows + dr) for dc in range(2, -3, -1) for dr in range(2, -3, -1) if (dc, dr) != (0, 0)]
+    # Larger sizes first: a smaller board hides in a larger one, never the other way round.
+    for size in sorted(near, key=lambda s: -s[0] * s[1]):
+        smaller = size[0] * size[1] < columns * rows
+        if smaller and any(_find_chessboard(grey, (columns, rows)) is not None for grey in greys):
+            return None
+        if min(size) >= 3 and any(_find_chessboard(grey, size, thorough=False) is not None for grey in greys):
+            return _resized(board, size)
+    return None
+
+
+def _likelier_charuco(greys: Sequence[ByteArray], board: BoardSpec) -> BoardSpec | None:
+    def corners_of(spec: BoardSpec) -> int:
+        seen = [_charuco_corners(grey, spec) for grey in greys]
+        return sum(len(found[0]) for found in seen if found is not None)
+
+    as_given = corners_of(board)
+    turned = replace(board, columns=board.rows, rows=board.columns)
+    layouts = [replace(spec, legacy=not spec.legacy) for spec in (board, turned)] + [turned]
+    best = max(layouts, key=corners_of)
+    if corners_of(best) > 2 * as_given:
+        return best
+    if as_given:
+        return None
+    # Markers of another dictionary: the one of which most are seen; small ones first, they hide in large ones.
+    names = sorted((n for n in dir(cv2.aruco) if re.fullmatch(r"DICT_\dX\d_\d+", n)), key=_dictionary_size)
+    counts = {name: _markers_seen(greys, name) for name in names if name != board.dictionary}
+    name = max(names, key=lambda n: counts.get(n, 0))
+    return replace(board, dictionary=name) if counts[name] >= MIN_MARKERS * len(greys) else None
+
+
+def _dictionary_size(name: str) -> tuple[str, int]:
+    cells, count = name.rsplit("_", 1)
+    return cells, int(count)
+
+
+def _markers_seen(greys: Sequence[ByteArray], name: str) -> int:
+    detector = cv2.aruco.ArucoDetector(cv2.aruco.getPredefinedDictionary(getattr(cv2.aruco, name)))
+    return sum(0 if (ids := detector.detectMarkers(grey)[1]) is None else len(ids) for grey in greys)
+
+
+def _resized(board: BoardSpec, size: tuple[int, int]) -> BoardSpec:
+    return BoardSpec(board.kind, size[0], size[1], board.square_mm)
+
+
+def _squares_beyond(grey: ByteArray, grid: FloatArray) -> tuple[int, int]:
+    """How many more columns and rows of inner corners lie around the (R,C,2) grid found."""
+    beyond = [0, 0]
+    for axis in (0, 1):
+        for side in (False, True):
+            lines = grid if axis == 0 else grid.transpose(1, 0, 2)
+            lines = lines[::-1] if side else lines
+            while beyond[1 - axis] < 8:
+                # The next line of corners, where the last three lead to (equal steps, slowly changing).
+                following = 3 * lines[0] - 3 * lines[1] + lines[2]
+                if not _are_saddles(grey, following, lines[0], lines[1]):
+                    break
+                beyond[1 - axis] += 1
+                lines = np.concatenate([following[None], lines])
+    return beyond[0], beyond[1]
+
+
+def _are_saddles(grey: ByteArray, points: FloatArray, near: FloatArray, nearer: FloatArray) -> bool:
+    """Do four squares meet at most of ``points``, as they do at the corners of the line before?"""
+
+    def saddle(at: FloatArray, step: FloatArray) -> FloatArray:
+        along = np.gradient(at, axis=0)
+        quadrants = [at + 0.3 * (u * along + v * step) for u, v in ((1, 1), (-1, 1), (-1, -1), (1, -1))]
+        maps = np.array(quadrants, dtype=np.float32)
+        a, b, c, d = cv2.remap(
+            grey, maps[:, :, 0], maps[:, :, 1], cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE
+        ).astype(np.float64)
+        # Opposite quadrants alike, neighbours unlike.
+        return np.asarray((a + c - b - d) / 2 - np.maximum(np.abs(a - c), np.abs(b - d)) * np.sign(a + c - b - d) / 2)
+
+    height, width = grey.shape
+    if ((points < 2) | (points > np.array([width, height]) - 3)).any():
+        return False
+    known = saddle(near, near - nearer)
+    here = saddle(points, points - near)
+    alternating = np.sign(here[1:]) == -np.sign(here[:-1])
+    strong = np.abs(here) > 0.4 * np.median(np.abs(known))
+    return bool(strong.mean() > 0.8 and alternating.mean() > 0.8)
+
+
+def same_orientation(left: BoardObservation, right: BoardObservation) -> BoardObservation:
+    """``right`` with its corners in the order of ``left``.
+
+    A chessboard looks alike when turned by half; the cameras of a rig see it the same way up, so
+    the order in which its first and last corner lie in the pictures decides.
+    """
+    direction_left = left.image_points[-1] - left.image_points[0]
+    direction_right = right.image_points[-1] - right.image_points[0]
+    if float(direction_left @ direction_right) >= 0:
+        return right
+    return BoardObservation(right.ids, right.image_points[::-1].copy(), right.noise_px)
+
+
+def _find_chessboard(grey: ByteArray, size: tuple[int, int], thorough: bool = True) -> FloatArray | None:
+    """(N,2) corners by the sector-based detector (Duda and Frese 2018), then by the classic one.
+
+    Evened brightness finds more boards, but its corners are twice as noisy: it comes second.
+    """
+    looks = (
+        cv2.CALIB_CB_ACCURACY | cv2.CALIB_CB_EXHAUSTIVE,
+        cv2.CALIB_CB_NORMALIZE_IMAGE | cv2.CALIB_CB_EXHAUSTIVE,
+        0,
+    )
+    for flags in looks if thorough else looks[1:2]:
+        found, corners = cv2.findChessboardCornersSB(grey, size, flags=flags)
+        if found and corners is not None:
+            return np.asarray(corners, dtype=np.float64).reshape(-1, 2)
+    for scale in (1, 2) if thorough else ():
+        larger = cv2.resize(grey, None, fx=scale, fy=scale, interpolation=cv2.INTER_LINEAR_EXACT)
+        flags = cv2.CALIB_CB_ADAPTIVE_THRESH | cv2.CALIB_CB_NORMALIZE_IMAGE | cv2.CALIB_CB_FAST_CHECK
+        found, corners = cv2.findChessboardCorners(larger, size, flags=flags)
+        if found and corners is not None:
+            return (np.asarray(corners, dtype=np.float64).reshape(-1, 2) + 0.5) / scale - 0.5
+    return None
+
+
+def _refined(grey: ByteArray, ids: IntArray, corners: FloatArray, board: BoardSpec) -> BoardObservation:
+    on_board, square = board.object_points[ids, :2], board.square_mm / 1000
+    # The white around a marker is the least that surrounds a corner of a ChArUco board.
+    clear = (1 - board.marker_mm / board.square_mm) / 2
+    points, noise_px = refine_corners(grey, corners, on_board, square, clear)
+    return BoardObservation(ids, points, noise_px)
+
+
+def _detect_charuco(grey: ByteArray, board: BoardSpec) -> BoardObservation | None:
+    found = _charuco_corners(grey, board)
+    if found is None:
+        return None
+    numbers, points = found
+    # Corners on one line give no pose.
+    plane = board.object_points[numbers, :2]
+    if np.linalg.matrix_rank(plane - plane.mean(axis=0), tol=1e-6) < 2:
+        return None
+    return _refined(grey, numbers, points, board)
+
+
+def _charuco_corners(grey: ByteArray, board: BoardSpec) -> tuple[IntArray, FloatArray] | None:
+    """Numbers (N,) and pixels (N,2) of the corners, or None where there are too few."""
+    parameters = cv2.aruco.DetectorParameters()
+    parameters.cornerRefinementMethod = cv2.aruco.CORNER_REFINE_NONE
+    detector = cv2.aruco.CharucoDetector(charuco_board(board), cv2.aruco.CharucoParameters(), parameters)
+    corners, ids, _, _ = detector.detectBoard(grey)
+    if ids is None or len(ids) < MIN_CHARUCO_CORNERS:
+        return None
+    return np.asarray(ids, dtype=np.int64).ravel(), np.asarray(corners, dtype=np.float64).reshape(-1, 2)
+
+
+def _detect_landmark_board(image: ByteArray, board: BoardSpec) -> BoardObservation | None:
+    effort = replace(FAR, max_registered=2 * len(board.codes))
+    seen = [s for s in detect_landmarks(image, DetectOptions(effort=effort)) if s.code in board.codes]
+    # A code read twice is once something else.
+    once = [s for s in seen if sum(s.code == other.code for other in seen) == 1]
+    if len(once) < MIN_LANDMARKS:
+        return None
+    ids = np.concatenate([4 * (s.code - board.first_code) + np.arange(4) for s in once])
+    noise = [float(np.trace(s.covariance)) / 8 for s in once if s.covariance is not None]
+    return BoardObservation(ids, np.concatenate([s.corners for s in once]), float(np.sqrt(np.mean(noise))))

@@ -1,0 +1,211 @@
+"""How far an estimated trajectory is from the true one: the field's measures, as evo defines them.
+
+Absolute error: position differences after alignment (Sturm et al. 2012, "ATE"; Umeyama 1991 for the
+alignment).  Relative error: how far the motion over a number of poses is off, which no early mistake
+can spoil.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from lmkit.arrays import FloatArray, IntArray
+from lmkit.errors import InputError
+from lmkit.model.trajectory import Trajectory
+
+ALIGNMENTS = ("none", "rigid", "scale")
+LEAST_ACTUAL_M = 0.05  # the percentage error of a shorter distance says nothing
+
+
+@dataclass(frozen=True)
+class Spread:
+    """Of many errors: root mean square, mean, median, standard deviation, least, largest, 95 % of them below."""
+
+    rmse: float
+    mean: float
+    median: float
+    std: float
+    min: float
+    max: float
+    p95: float
+
+    @classmethod
+    def of(cls, values: FloatArray) -> Spread:
+        """Of (N,) values."""
+        return cls(
+            float(np.sqrt(np.mean(values**2))),
+            float(values.mean()),
+            float(np.median(values)),
+            float(values.std()),
+            float(values.min()),
+            float(values.max()),
+            float(np.percentile(values, 95)),
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class TrajectoryError:
+    """An estimate against the truth.
+
+    Attributes:
+        pairs: poses compared; ``missing`` of the truth's have no estimate near in time.
+        position_m, rotation_deg: absolute errors.
+        heading_deg: absolute errors of the direction about z.
+        relative_position_m, relative_rotation_deg: of the motion over ``delta`` poses; None with too few.
+        percent: the source paper's: |actual - measured| / actual distance from the start, mean; None where
+            nothing moved.
+        scale: of the alignment.
+        truth, estimate: the poses compared, the estimate's aligned.
+    """
+
+    pairs: int
+    missing: int
+    position_m: Spread
+    rotation_deg: Spread
+    heading_deg: Spread
+    relative_position_m: Spread | None
+    relative_rotation_deg: Spread | None
+    percent: float | None
+    scale: float
+    truth: Trajectory
+    estimate: Trajectory
+
+
+def compare_trajectories(
+    truth: Trajectory, estimate: Trajectory, align: str = "none", delta: int = 1, max_apart_s: float = 0.01
+) -> TrajectoryError:
+    """Compare two trajectories.
+
+    Args:
+        align: ``none``: both are in the same map; ``rigid``: the estimate is turned and shifted onto the truth;
+            ``scale``: and stretched.
+        delta: relative errors are of the motion over so many poses.
+        max_apart_s: poses belong together when their times differ by no more.
+
+    Raises:
+        InputError: no poses belong together, or too few to align.
+    """
+    in_truth, in_estimate = associate(truth.times_s, estimate.times_s, max_apart_s)
+    if not len(in_truth):
+        raise InputError(
+            "no_common_times",
+            f"no poses of the two trajectories lie within {max_apart_s:g} s of each other",
+            "check that both clocks agree, or allow more with --max-apart",
+        )
+    missing = len(truth) - len(np.unique(in_truth))
+    true, found = truth.rows(in_truth), estimate.rows(in_estimate)
+    scale = 1.0
+    if align != "none":
+        R, t, scale = umeyama(found.positions, true.positions, align == "scale")
+        found = found.moved(R, t, scale)
+    # R_true' R_found of every pose.
+    off = (Rotation.from_quat(true.quaternions).inv() * Rotation.from_quat(found.quaternions)).magnitude()
+    heading = np.abs(_wrapped(_headings(found) - _headings(true)))
+    relative = _relative(true, found, delta)
+    return TrajectoryError(
+        pairs=len(true),
+        missing=missing,
+        position_m=Spread.of(np.linalg.norm(found.positions - true.positions, axis=1)),
+        rotation_deg=Spread.of(np.rad2deg(off)),
+        heading_deg=Spread.of(np.rad2deg(heading)),
+        relative_position_m=None if relative is None else Spread.of(relative[0]),
+        relative_rotation_deg=None if relative is None else Spread.of(np.rad2deg(relative[1])),
+        percent=_percent(true, found),
+        scale=scale,
+        truth=true,
+        estimate=found,
+    )
+
+
+def associate(times_a: FloatArray, times_b: FloatArray, max_apart_s: float) -> tuple[IntArray, IntArray]:
+    """Rows of both that belong together: of every time of the shorter, the nearest of the longer."""
+    if len(times_a) > len(times_b):
+        rows_b, rows_a = associate(times_b, times_a, max_apart_s)
+        return rows_a, rows_b
+    after = np.searchsorted(times_b, times_a).clip(1, max(len(times_b) - 1, 1))
+    if len(times_b) == 1:
+        nearest = np.zeros(len(times_a), dtype=np.int64)
+    else:
+        earlier = np.abs(times_a - times_b[after - 1]) <= np.abs(times_b[after] - times_a)
+        nearest = np.where(earlier, after - 1, after)
+    close = np.abs(times_b[nearest] - times_a) <= max_apart_s
+    return np.flatnonzero(close), nearest[close]
+
+
+def umeyama(source: FloatArray, target: FloatArray, with_scale: bool) -> tuple[FloatArray, FloatArray, float]:
+    """R (3,3), t (3,), scale that bring (N,3) source nearest to target in the least squares sense.
+
+    Raises:
+        InputError: the points do not fix a rotation.
+    """
+    mean_source, mean_target = source.mean(axis=0), target.mean(axis=0)
+    a, b = source - mean_source, target - mean_target
+    U, d, Vt = np.linalg.svd(b.T @ a / len(source))
+    if len(source) < 3 or d[1] < 1e-12 * max(d[0], 1e-300):
+        raise InputError(
+            "no_alignment", "the poses do not fix an alignment: too few, or all on a line", "give --align none"
+        )
+    sign = np.diag([1.0, 1.0, float(np.sign(np.linalg.det(U) * np.linalg.det(Vt)))])
+    R = U @ sign @ Vt
+    scale = float(np.trace(np.diag(d) @ sign) / (a**2).sum(axis=1).mean()) if with_scale else 1.0
+    return R, mean_target - scale * R @ mean_source, scale
+
+
+def _relative(true: Trajectory, found: Trajectory, delta: int) -> tuple[FloatArray, FloatArray] | None:
+    """(M,) metres and rad that the motion from pose to pose, ``delta`` apart, is off."""
+    rows = np.arange(0, len(true), delta)
+    if len(rows) < 2:
+        return None
+    motions = []
+    for trajectory in (true, found):
+        R, p = trajectory.rotations[rows], trajectory.positions[rows]
+        back = R[:-1].transpose(0, 2, 1)
+        motions.append((back @ R[1:], np.einsum("nij,nj->ni", back, p[1:] - p[:-1])))
+    (R_true, t_true), (R_found, t_found) = motions
+    turned = Rotation.from_matrix(R_true.transpose(0, 2, 1) @ R_found).magnitude()
+    return np.linalg.norm(t_found - t_true, axis=1), turned
+
+
+def _headings(trajectory: Trajectory) -> FloatArray:
+    """(N,) rad: where the x axis points in the map's plane; of a camera that looks level, its z axis."""
+    R = trajectory.rotations
+    # The axis that lies flattest says it best: x of a robot's base, z of a camera.
+    axis = 0 if np.abs(R[:, 2, 0]).mean() <= np.abs(R[:, 2, 2]).mean() else 2
+    return np.arctan2(R[:, 1, axis], R[:, 0, axis])
+
+
+def _percent(true: Trajectory, found: Trajectory) -> float | None:
+    start = true.positions[0]
+    actual = np.linalg.norm(true.positions - start, axis=1)
+    measured = np.linalg.norm(found.positions - start, axis=1)
+    far = actual > LEAST_ACTUAL_M
+    if not far.any():
+        return None
+    return float(100 * np.mean(np.abs(actual[far] - measured[far]) / actual[far]))
+
+
+def _wrapped(angle: FloatArray) -> FloatArray:
+    return np.arctan2(np.sin(angle), np.cos(angle))
+
+
+def error_dict(error: TrajectoryError) -> dict[str, Any]:
+    """The result as docs/formats.md has it."""
+
+    def spread(values: Spread | None) -> dict[str, float] | None:
+        return None if values is None else dict(vars(values))
+
+    return {
+        "pairs": error.pairs,
+        "missing": error.missing,
+        "position_m": spread(error.position_m),
+        "rotation_deg": spread(error.rotation_deg),
+        "heading_deg": spread(error.heading_deg),
+        "relative_position_m": spread(error.relative_position_m),
+        "relative_rotation_deg": spread(error.relative_rotation_deg),
+        "percent": error.percent,
+        "scale": error.scale,
+    }

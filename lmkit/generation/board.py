@@ -1,0 +1,105 @@
+"""A calibration board -> one true-scale page."""
+
+from __future__ import annotations
+
+import cv2
+import numpy as np
+
+from lmkit.generation.artwork import FilledPath
+from lmkit.generation.page import GREY, Page, PrintedFace, Text, rectangle
+from lmkit.io.template import PAPERS_MM
+from lmkit.model.board import BoardSpec
+from lmkit.model.charuco import charuco_board, charuco_dictionary
+from lmkit.model.landmark import LM8
+from lmkit.model.palette import BLACK, WHITE
+
+EDGE_MM = 8.0
+LABEL_MM = 9.0
+
+
+def compose_board_page(board: BoardSpec) -> Page:
+    """The board with a white rim and a label line.
+
+    The page is A4 (portrait or landscape) when the board fits on it, else as large as the board
+    needs, for a print shop.
+
+    Raises:
+        InputError: the board's markers cannot be made.
+    """
+    width, height = board.pattern_mm
+    need = (width + 2 * EDGE_MM, height + 2 * EDGE_MM + LABEL_MM)
+    w, h = PAPERS_MM["a4"]
+    paper = next((p for p in ((w, h), (h, w)) if need[0] <= p[0] and need[1] <= p[1]), need)
+    x0, y0 = (paper[0] - width) / 2, (paper[1] - LABEL_MM - height) / 2
+    faces: tuple[PrintedFace, ...] = ()
+    if board.kind == "landmarks":
+        faces = _landmark_faces(board, x0, y0)
+        items: list[FilledPath | Text] = [path for face in faces for path in face.artwork]
+        across = "outer border to outer border"
+    else:
+        items = _charuco_items(board, x0, y0) if board.kind == "charuco" else _chessboard_items(board, x0, y0)
+        across = f"{board.squares[0]} squares across and {board.squares[1]} down"
+    text = f"{board}, print at 100 %; {across} must measure {width:g} x {height:g} mm"
+    items.append(Text((paper[0] / 2, y0 + height + EDGE_MM + 2.5), text, min(3.6, width / 40), "middle", GREY))
+    return Page(paper, tuple(items), f"lmkit board {board}", faces)
+
+
+def _landmark_faces(board: BoardSpec, x0: float, y0: float) -> tuple[PrintedFace, ...]:
+    middle = board.marker_mm / 2
+    return tuple(
+        PrintedFace(
+            LM8,
+            code,
+            board.marker_mm,
+            (x0 + middle + column * board.square_mm, y0 + middle + row * board.square_mm),
+        )
+        for code, (row, column) in zip(board.codes, np.ndindex(board.rows, board.columns), strict=True)
+    )
+
+
+def _chessboard_items(board: BoardSpec, x0: float, y0: float) -> list[FilledPath | Text]:
+    """Row and column parity 0 is black, as in OpenCV's own board."""
+    columns, rows = board.squares
+    side = board.square_mm
+    return [
+        rectangle("mark", BLACK, x0 + column * side, y0 + row * side, side, side)
+        for row, column in np.ndindex(rows, columns)
+        if (row + column) % 2 == 0
+    ]
+
+
+def _charuco_items(board: BoardSpec, x0: float, y0: float) -> list[FilledPath | Text]:
+    """Squares and markers as rectangles, read off OpenCV's own drawing of the board.
+
+    Every cell of the drawing is a whole number of pixels, so nothing is lost in reading it.
+    """
+    dictionary = charuco_dictionary(board)
+    cells = dictionary.markerSize + 2
+    columns, rows = board.squares
+    square, marker = board.square_mm, board.marker_mm
+    cv_board = charuco_board(board)
+    items: list[FilledPath | Text] = []
+    rim = (square - marker) / 2
+    ids = iter(range(len(cv_board.getIds())))
+    object_points = [np.asarray(p) for p in cv_board.getObjPoints()]
+    white_squares = {
+        (
+            round(float(p[0, 1]) * 1000 / square - rim / square),
+            round(float(p[0, 0]) * 1000 / square - rim / square),
+        )
+        for p in object_points
+    }
+    for row in range(rows):
+        for column in range(columns):
+            x, y = x0 + column * square, y0 + row * square
+            if (row, column) not in white_squares:
+                items.append(rectangle("mark", BLACK, x, y, square, square))
+    for index, corners in zip(ids, object_points, strict=True):
+        marker_id = int(np.ravel(cv_board.getIds())[index])
+        bits = cv2.aruco.generateImageMarker(dictionary, marker_id, cells, borderBits=1)
+        x, y = x0 + float(corners[0, 0]) * 1000, y0 + float(corners[0, 1]) * 1000
+        items.append(rectangle("mark", BLACK, x, y, marker, marker))
+        step = marker / cells
+        for r, c in np.argwhere(bits > 127):
+            items.append(rectangle("mark", WHITE, x + c * step, y + r * step, step, step))
+    return items

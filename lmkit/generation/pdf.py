@@ -1,0 +1,107 @@
+"""Pages -> vector PDF of exact size; the only room that knows reportlab."""
+
+from __future__ import annotations
+
+import io
+from collections.abc import Iterable
+
+from reportlab.lib.colors import CMYKColorSep
+from reportlab.pdfgen.canvas import Canvas
+
+from lmkit.generation.artwork import Command, FilledPath
+from lmkit.generation.page import Box, Page, Text
+from lmkit.model.palette import BLACK, BLUE, RED, Rgb
+from lmkit.units import POINTS_PER_MM
+from lmkit.version import __version__
+
+# The usual process recipes of the two inks; other colours are converted plainly.
+CMYK = {RED: (0.0, 1.0, 1.0, 0.0), BLUE: (1.0, 0.75, 0.0, 0.0), BLACK: (0.0, 0.0, 0.0, 1.0)}
+CUT_CONTOUR = CMYKColorSep(0, 1, 0, 0, spotName="CutContour", density=1)
+
+
+def pages_to_pdf(pages: Iterable[Page], title: str, keywords: str = "", cmyk: bool = False) -> bytes:
+    """A PDF with one page each, the same bytes every time.
+
+    Viewers are asked not to scale when printing (PDF 32000-1, table 150, PrintScaling).
+
+    Args:
+        keywords: written into the document's metadata.
+        cmyk: inks as process colours instead of RGB.
+    """
+    buffer = io.BytesIO()
+    canvas = Canvas(buffer, invariant=1, pageCompression=1, initialFontName="Helvetica")
+    canvas.setTitle(title)
+    canvas.setAuthor("lmkit")
+    canvas.setCreator(f"lmkit {__version__}")
+    canvas.setSubject("Print at 100 %, without scaling")
+    canvas.setKeywords(keywords)
+    canvas.setViewerPreference("PrintScaling", "None")
+    for page in pages:
+        width, height = (length * POINTS_PER_MM for length in page.size_mm)
+        canvas.setPageSize((width, height))
+        canvas.translate(0, height)
+        canvas.scale(POINTS_PER_MM, -POINTS_PER_MM)
+        # The page's middle stays where it is.
+        (x0, y0), (x1, y1) = page.on_paper((0.0, 0.0)), page.on_paper((1.0, 1.0))
+        canvas.transform(x1 - x0, 0, 0, y1 - y0, x0, y0)
+        if page.window is not None:
+            canvas.saveState()
+            _clip(canvas, page.window)
+            for shape in page.windowed:
+                _draw_path(canvas, shape, cmyk)
+            canvas.restoreState()
+        for item in page.items:
+            if isinstance(item, Text):
+                _draw_text(canvas, item, cmyk)
+            else:
+                _draw_path(canvas, item, cmyk)
+        canvas.showPage()
+    canvas.save()
+    return buffer.getvalue()
+
+
+def _clip(canvas: Canvas, window: Box) -> None:
+    left, top, right, bottom = window
+    path = canvas.beginPath()
+    path.rect(left, top, right - left, bottom - top)
+    canvas.clipPath(path, stroke=0, fill=0)
+
+
+def _set_fill(canvas: Canvas, color: Rgb, cmyk: bool) -> None:
+    r, g, b = (channel / 255 for channel in color)
+    if not cmyk:
+        canvas.setFillColorRGB(r, g, b)
+        return
+    k = 1 - max(r, g, b)
+    plain = tuple((1 - channel - k) / max(1 - k, 1e-9) for channel in (r, g, b))
+    canvas.setFillColorCMYK(*CMYK.get(color, (*plain, k)))
+
+
+def _draw_path(canvas: Canvas, shape: FilledPath, cmyk: bool) -> None:
+    path = canvas.beginPath()
+    for command in shape.commands:
+        _add(path, command)
+    if shape.role == "cut":
+        canvas.setFillColor(CUT_CONTOUR)
+    else:
+        _set_fill(canvas, shape.color, cmyk)
+    canvas.drawPath(path, stroke=0, fill=1, fillMode=0)
+
+
+def _add(path: object, command: Command) -> None:
+    name, points = command[0], command[1:]
+    flat = [coordinate for point in points for coordinate in point]
+    method = {"M": "moveTo", "L": "lineTo", "C": "curveTo", "Z": "close"}[name]
+    getattr(path, method)(*flat)
+
+
+def _draw_text(canvas: Canvas, text: Text, cmyk: bool) -> None:
+    canvas.saveState()
+    canvas.translate(*text.at)
+    canvas.scale(1, -1)
+    canvas.rotate(text.turn_deg)
+    _set_fill(canvas, text.color, cmyk)
+    canvas.setFont("Helvetica-Bold" if text.bold else "Helvetica", text.height_mm)
+    draw = {"start": canvas.drawString, "middle": canvas.drawCentredString, "end": canvas.drawRightString}
+    draw[text.anchor](0, 0, text.content)
+    canvas.restoreState()

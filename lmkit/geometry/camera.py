@@ -1,0 +1,137 @@
+"""A calibrated camera: intrinsics and lens distortion, in OpenCV's terms.
+
+Pixel (0, 0) is the centre of the top-left pixel; the camera looks along z, x right, y down.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+
+from lmkit.arrays import AnyArray, BoolArray, FloatArray, frozen
+from lmkit.errors import InputError
+
+REACHED_PX = 0.5  # how well a ray must lead back to its pixel
+# Numbers of distortion coefficients that each model may have, in OpenCV's order.
+DISTORTION_COUNTS = {"pinhole": (0, 4, 5), "rational": (8, 12, 14), "fisheye": (4,)}
+
+
+@dataclass(frozen=True, eq=False)
+class CameraModel:
+    """Intrinsics of one camera.
+
+    Attributes:
+        image_size: (width, height), pixels.
+        K: (3,3) camera matrix, pixels.
+        distortion: coefficients in OpenCV's order, their number as in ``DISTORTION_COUNTS``.
+        model: ``pinhole`` (k1 k2 p1 p2 k3), ``rational`` (adds k4 k5 k6 ...) or ``fisheye``
+            (equidistant, k1 k2 k3 k4).
+
+    Raises:
+        ValueError: an unknown model, a wrong number of coefficients, or a K that is no camera matrix.
+    """
+
+    image_size: tuple[int, int]
+    K: FloatArray
+    distortion: FloatArray
+    model: str = "pinhole"
+
+    def __post_init__(self) -> None:
+        if self.model not in DISTORTION_COUNTS:
+            raise ValueError(f"unknown camera model {self.model!r}; known: {', '.join(DISTORTION_COUNTS)}")
+        distortion = frozen(np.ravel(self.distortion), (-1,), "distortion")
+        counts = DISTORTION_COUNTS[self.model]
+        if len(distortion) not in counts:
+            raise ValueError(
+                f"{len(distortion)} distortion coefficients for a {self.model} camera, "
+                f"expected {' or '.join(map(str, counts))}"
+            )
+        K = frozen(self.K, (3, 3), "K")
+        if K[0, 0] <= 0 or K[1, 1] <= 0 or not np.array_equal(K[2], [0, 0, 1]) or K[1, 0] != 0:
+            raise ValueError("K is not a camera matrix [[fx, s, cx], [0, fy, cy], [0, 0, 1]] with fx, fy > 0")
+        if min(self.image_size) < 1:
+            raise ValueError(f"image_size {self.image_size} is not positive")
+        object.__setattr__(self, "image_size", (int(self.image_size[0]), int(self.image_size[1])))
+        object.__setattr__(self, "K", K)
+        object.__setattr__(self, "distortion", distortion)
+
+    def project(self, points: FloatArray) -> FloatArray:
+        """(N,3) points in the camera frame, metres -> (N,2) pixels.
+
+        The same function as ``cv2.projectPoints`` at the identity pose; points behind the camera
+        give values without meaning.
+        """
+        xyz = np.asarray(points, dtype=np.float64).reshape(-1, 1, 3)
+        if len(xyz) == 0:
+            return np.zeros((0, 2))
+        zero = np.zeros(3)
+        if self.model == "fisheye":
+            pixels, _ = cv2.fisheye.projectPoints(xyz, zero, zero, self.K, self.distortion)
+        else:
+            pixels, _ = cv2.projectPoints(xyz, zero, zero, self.K, self.distortion)
+        return np.asarray(pixels, dtype=np.float64).reshape(-1, 2)
+
+    def project_with_jacobian(self, points: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """PixelSamples (N,2), their derivative with the point (N,2,3), and with the intrinsics (N,2,4+D).
+
+        Points are (N,3) in the camera frame; the intrinsics are fx fy cx cy, then the distortion.
+        """
+        xyz = np.ascontiguousarray(points, dtype=np.float64).reshape(-1, 1, 3)
+        zero = np.zeros(3)
+        count = len(self.distortion)
+        if self.model == "fisheye":
+            pixels, jacobian = cv2.fisheye.projectPoints(xyz, zero, zero, self.K, self.distortion)
+            J = np.asarray(jacobian, dtype=np.float64).reshape(-1, 2, 15)
+            return np.asarray(pixels, dtype=np.float64).reshape(-1, 2), J[:, :, 11:14], J[:, :, :8]
+        pixels, jacobian = cv2.projectPoints(xyz, zero, zero, self.K, self.distortion)
+        J = np.asarray(jacobian, dtype=np.float64).reshape(len(xyz), 2, -1)
+        return np.asarray(pixels, dtype=np.float64).reshape(-1, 2), J[:, :, 3:6], J[:, :, 6 : 10 + count]
+
+    def unproject(self, pixels: FloatArray) -> FloatArray:
+        """(N,2) pixels -> (N,2) normalised coordinates x/z, y/z of the rays, without distortion."""
+        uv = np.asarray(pixels, dtype=np.float64).reshape(-1, 1, 2)
+        if len(uv) == 0:
+            return np.zeros((0, 2))
+        criteria = (cv2.TERM_CRITERIA_EPS + cv2.TERM_CRITERIA_COUNT, 100, 1e-12)
+        if self.model == "fisheye":
+            rays = cv2.fisheye.undistortPoints(uv, self.K, self.distortion, criteria=criteria)
+        else:
+            rays = _undistort(uv, self.K, self.distortion, criteria)
+        return np.asarray(rays, dtype=np.float64).reshape(-1, 2)
+
+    def reaches(self, pixels: FloatArray) -> BoolArray:
+        """(N,) True where :meth:`unproject` holds: a distortion fitted to the middle may turn back outside it."""
+        rays = self.unproject(pixels)
+        finite = np.asarray(np.isfinite(rays).all(axis=1))
+        back = self.project(np.column_stack([np.where(finite[:, None], rays, 0.0), np.ones(len(rays))]))
+        return np.asarray(finite & (np.linalg.norm(back - pixels, axis=1) < REACHED_PX))
+
+    def require_size(self, name: str, size: tuple[int, int]) -> None:
+        """Refuse a picture that is not as the camera was calibrated.
+
+        Raises:
+            InputError: its (width, height) is another one; names it.
+        """
+        if size != self.image_size:
+            raise InputError(
+                "sizes_differ",
+                f"{name} is {size[0]} x {size[1]} pixels, the rig's camera "
+                f"{self.image_size[0]} x {self.image_size[1]}",
+                "give pictures as they were calibrated",
+            )
+
+    def contains(self, pixels: FloatArray, border_px: float = 0.0) -> BoolArray:
+        """(N,) True where a pixel lies inside the picture, at least ``border_px`` from its edge."""
+        w, h = self.image_size
+        inside = (pixels > border_px - 0.5) & (pixels < np.array([w, h]) - 0.5 - border_px)
+        return np.asarray(inside.all(axis=-1))
+
+
+def _undistort(pixels: AnyArray, K: FloatArray, distortion: FloatArray, criteria: tuple[int, int, float]) -> AnyArray:
+    """``cv2.undistortPoints`` to full precision; OpenCV 4 has another name for that than OpenCV 5."""
+    to_precision = getattr(cv2, "undistortPointsIter", None)
+    if to_precision is not None:
+        return np.asarray(to_precision(pixels, K, distortion, np.eye(3), np.eye(3), criteria))
+    return np.asarray(cv2.undistortPoints(pixels, K, distortion, criteria=criteria))

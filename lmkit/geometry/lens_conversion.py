@@ -1,0 +1,41 @@
+"""The camera of another distortion model that is nearest to a given one: for files that know fewer coefficients."""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy.optimize import least_squares
+
+from lmkit.arrays import FloatArray
+from lmkit.geometry.camera import CameraModel
+
+GRID = (24, 18)
+
+
+def with_four_coefficients(camera: CameraModel, model: str) -> tuple[CameraModel, float]:
+    """A camera with four coefficients that sees nearly the same, and by how many px at most it errs.
+
+    Focal lengths and centre move with the coefficients, so that the pictures agree where there is a picture.
+
+    Args:
+        model: ``pinhole`` (k1 k2 p1 p2) or ``fisheye`` (k1 k2 k3 k4).
+    """
+    D = camera.distortion
+    if camera.model == model and not D[4:].any():
+        return CameraModel(camera.image_size, camera.K, np.pad(D[:4], (0, max(0, 4 - len(D)))), model), 0.0
+    width, height = camera.image_size
+    u, v = np.meshgrid(np.linspace(0, width - 1, GRID[0]), np.linspace(0, height - 1, GRID[1]))
+    pixels = np.column_stack([u.ravel(), v.ravel()])
+    pixels = pixels[camera.reaches(pixels)]
+    points = np.column_stack([camera.unproject(pixels), np.ones(len(pixels))])
+    seen = camera.project(points)
+
+    def made(x: FloatArray) -> CameraModel:
+        K = np.array([[x[0], 0, x[2]], [0, x[1], x[3]], [0, 0, 1.0]])
+        return CameraModel(camera.image_size, K, x[4:], model)
+
+    K = camera.K
+    lens = np.pad(D[:4], (0, max(0, 4 - len(D)))) if model == "pinhole" else np.zeros(4)
+    start = np.array([K[0, 0], K[1, 1], K[0, 2], K[1, 2], *lens])
+    found = least_squares(lambda x: (made(x).project(points) - seen).ravel(), start, x_scale=[100] * 4 + [0.1] * 4)
+    nearest = made(np.asarray(found.x))
+    return nearest, float(np.linalg.norm(nearest.project(points) - seen, axis=1).max())

@@ -1,0 +1,105 @@
+"""Rigid transforms whose names and ends chain by eye: ``T_map_camera @ T_camera_landmark``."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from lmkit.arrays import FloatArray, frozen
+from lmkit.geometry.rotations import (
+    matrix_to_quaternion,
+    orthonormal,
+    quaternion_to_matrix,
+    rotation_exp,
+    rotation_log,
+)
+
+
+@dataclass(frozen=True, eq=False)
+class Pose:
+    """The transform T_to_from: ``x_to = R @ x_from + t``.
+
+    Attributes:
+        to_frame, from_frame: names of the two frames.
+        R: (3,3) rotation.
+        t: (3,) position of from_frame's origin in to_frame, metres.
+
+    Raises:
+        ValueError: R is no rotation (to 1e-6), or a shape is wrong.
+    """
+
+    to_frame: str
+    from_frame: str
+    R: FloatArray
+    t: FloatArray
+
+    def __post_init__(self) -> None:
+        R = frozen(self.R, (3, 3), "R")
+        if np.abs(R @ R.T - np.eye(3)).max() > 1e-6 or np.linalg.det(R) < 0:
+            raise ValueError(f"R of T_{self.to_frame}_{self.from_frame} is not a rotation matrix")
+        object.__setattr__(self, "R", R)
+        object.__setattr__(self, "t", frozen(self.t, (3,), "t"))
+
+    @classmethod
+    def identity(cls, to_frame: str, from_frame: str) -> Pose:
+        """The two frames coincide."""
+        return cls(to_frame, from_frame, np.eye(3), np.zeros(3))
+
+    @classmethod
+    def from_quaternion(
+        cls, to_frame: str, from_frame: str, position: Sequence[float], quaternion_xyzw: Sequence[float]
+    ) -> Pose:
+        """From a position in metres and a quaternion x y z w, normalised here.
+
+        Raises:
+            ValueError: the quaternion is further than 1e-2 from unit length.
+        """
+        q = np.asarray(quaternion_xyzw, dtype=np.float64)
+        norm = float(np.linalg.norm(q))
+        if q.shape != (4,) or not abs(norm - 1) <= 1e-2:
+            raise ValueError(f"quaternion {list(quaternion_xyzw)} has length {norm:.4g}, expected 1")
+        return cls(to_frame, from_frame, quaternion_to_matrix(q / norm), np.asarray(position, dtype=np.float64))
+
+    @classmethod
+    def from_rvec(cls, to_frame: str, from_frame: str, rvec: FloatArray, t: FloatArray) -> Pose:
+        """From a rotation vector (axis times angle, rad) and a translation in metres."""
+        return cls(to_frame, from_frame, rotation_exp(np.ravel(rvec)), np.ravel(t))
+
+    @property
+    def quaternion_xyzw(self) -> FloatArray:
+        """(4,) unit quaternion x y z w with w >= 0."""
+        return matrix_to_quaternion(self.R)
+
+    @property
+    def rvec(self) -> FloatArray:
+        """(3,) rotation vector, rad."""
+        return rotation_log(self.R)
+
+    def inverse(self) -> Pose:
+        """T_from_to."""
+        return Pose(self.from_frame, self.to_frame, self.R.T, -self.R.T @ self.t)
+
+    def apply(self, points: FloatArray) -> FloatArray:
+        """(..., 3) points of from_frame, in to_frame; metres."""
+        return np.asarray(points @ self.R.T + self.t)
+
+    def __matmul__(self, other: Pose) -> Pose:
+        """Chain T_a_b @ T_b_c = T_a_c.
+
+        Raises:
+            ValueError: the inner frames differ.
+        """
+        if self.from_frame != other.to_frame:
+            raise ValueError(
+                f"T_{self.to_frame}_{self.from_frame} @ T_{other.to_frame}_{other.from_frame} does not chain: "
+                f"the left one takes points of {self.from_frame!r}, the right one gives {other.to_frame!r}; "
+                "invert one of them or name the frames alike"
+            )
+        return Pose(self.to_frame, other.from_frame, orthonormal(self.R @ other.R), self.R @ other.t + self.t)
+
+    def __repr__(self) -> str:
+        t = ", ".join(f"{v:.4f}" for v in self.t)
+        q = ", ".join(f"{v:.4f}" for v in self.quaternion_xyzw)
+        return f"Pose(T_{self.to_frame}_{self.from_frame}, t=[{t}], q_xyzw=[{q}])"

@@ -1,0 +1,78 @@
+"""Rotations: matrices, rotation vectors and quaternions."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from lmkit.arrays import FloatArray
+
+
+def turns(vectors: FloatArray) -> FloatArray:
+    """(H,3,3) rotation matrices of (H,3) rotation vectors (Rodrigues)."""
+    angle = np.sqrt((vectors**2).sum(axis=1))[:, None, None]
+    W = np.zeros((len(vectors), 3, 3))
+    W[:, 0, 1], W[:, 0, 2], W[:, 1, 2] = -vectors[:, 2], vectors[:, 1], -vectors[:, 0]
+    W -= W.transpose(0, 2, 1)
+    small = angle < 1e-8
+    safe = np.where(small, 1.0, angle)
+    a = np.where(small, 1.0, np.sin(safe) / safe)
+    b = np.where(small, 0.5, (1 - np.cos(safe)) / safe**2)
+    return np.asarray(np.eye(3) + a * W + b * (W @ W))
+
+
+def skew(v: FloatArray) -> FloatArray:
+    """(3,3) matrix with ``skew(v) @ w == cross(v, w)``."""
+    return np.array([[0.0, -v[2], v[1]], [v[2], 0.0, -v[0]], [-v[1], v[0], 0.0]])
+
+
+def rotation_exp(rvec: FloatArray) -> FloatArray:
+    """(3,3) rotation of a rotation vector (Rodrigues' formula)."""
+    angle = float(np.linalg.norm(rvec))
+    W = skew(rvec)
+    if angle < 1e-8:
+        return orthonormal(np.eye(3) + W)
+    return np.asarray(np.eye(3) + np.sin(angle) / angle * W + (1 - np.cos(angle)) / angle**2 * (W @ W))
+
+
+def rotation_log(R: FloatArray) -> FloatArray:
+    """(3,) rotation vector of a rotation, the inverse of :func:`rotation_exp`; angle in 0..pi."""
+    q = matrix_to_quaternion(R)
+    length = float(np.linalg.norm(q[:3]))
+    if length < 1e-12:
+        return 2 * q[:3]
+    return np.asarray(q[:3] * (2 * np.arctan2(length, q[3]) / length))
+
+
+def rotation_angle(R: FloatArray) -> float:
+    """Angle of a rotation, rad, 0..pi."""
+    return float(np.linalg.norm(rotation_log(R)))
+
+
+def quaternion_to_matrix(q: FloatArray) -> FloatArray:
+    """(3,3) rotation of a unit quaternion x y z w."""
+    v, w = q[:3], q[3]
+    return np.asarray((w * w - v @ v) * np.eye(3) + 2 * np.outer(v, v) + 2 * w * skew(v))
+
+
+def matrix_to_quaternion(R: FloatArray) -> FloatArray:
+    """(4,) unit quaternion x y z w with w >= 0, by the largest of the four (Shepperd 1978)."""
+    trace = np.trace(R)
+    squares = np.array([1 + 2 * R[0, 0] - trace, 1 + 2 * R[1, 1] - trace, 1 + 2 * R[2, 2] - trace, 1 + trace])
+    # Row k of this symmetric matrix is 4 q_k q.
+    products = np.array(
+        [
+            [squares[0], R[0, 1] + R[1, 0], R[0, 2] + R[2, 0], R[2, 1] - R[1, 2]],
+            [R[0, 1] + R[1, 0], squares[1], R[1, 2] + R[2, 1], R[0, 2] - R[2, 0]],
+            [R[0, 2] + R[2, 0], R[1, 2] + R[2, 1], squares[2], R[1, 0] - R[0, 1]],
+            [R[2, 1] - R[1, 2], R[0, 2] - R[2, 0], R[1, 0] - R[0, 1], squares[3]],
+        ]
+    )
+    q = products[int(np.argmax(squares))]
+    q = q / np.linalg.norm(q)
+    return np.asarray(-q if q[3] < 0 else q)
+
+
+def orthonormal(R: FloatArray) -> FloatArray:
+    """The rotation nearest to an almost-rotation, so that long chains do not drift."""
+    U, _, Vt = np.linalg.svd(R)
+    return np.asarray(U @ Vt)

@@ -1,0 +1,73 @@
+"""A calibrated stereo camera, rigid; its own frame is the left camera's."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from lmkit.arrays import FloatArray
+from lmkit.geometry.camera import CameraModel
+from lmkit.geometry.pose import Pose
+from lmkit.geometry.rotations import skew
+
+
+def mounted_ahead(height_m: float) -> Pose:
+    """T_base_left of a left camera over the robot's middle that looks ahead, level."""
+    axes = np.array([[0.0, 0.0, 1.0], [-1.0, 0.0, 0.0], [0.0, -1.0, 0.0]])
+    return Pose("base", "left", axes, np.array([0.0, 0.0, height_m]))
+
+
+@dataclass(frozen=True, eq=False)
+class StereoRig:
+    """Two cameras and how they stand to each other.
+
+    Attributes:
+        left, right: the cameras.
+        T_right_left: ``x_right = R @ x_left + t`` (OpenCV's R, T with the left camera given first).
+        T_base_left: where the left camera sits on the robot's base, if known.
+        covariance: (6,6) of T_right_left, if known: t (m), then a rotation vector applied on the
+            left (rad).
+        intrinsics_sigma: standard deviations of fx fy cx cy and the distortion of the left and of the right
+            camera, if known.
+    """
+
+    left: CameraModel
+    right: CameraModel
+    T_right_left: Pose
+    T_base_left: Pose | None = None
+    covariance: FloatArray | None = None
+    intrinsics_sigma: tuple[FloatArray, FloatArray] | None = None
+
+    def __post_init__(self) -> None:
+        if (self.T_right_left.to_frame, self.T_right_left.from_frame) != ("right", "left"):
+            raise ValueError(f"T_right_left joins the wrong frames: {self.T_right_left!r}")
+
+    def T_map_right(self, T_map_left: Pose) -> Pose:
+        """Where the right camera is, for a pose of the left one."""
+        T = self.T_right_left.inverse()
+        return Pose(T_map_left.to_frame, "right", T_map_left.R @ T.R, T_map_left.R @ T.t + T_map_left.t)
+
+    @property
+    def baseline_m(self) -> float:
+        """Distance between the two optical centres, metres."""
+        return float(np.linalg.norm(self.T_right_left.t))
+
+
+def ahead_of(T_map_base: Pose) -> Pose:
+    """The pose of a camera that looks where a robot's base does: along its x axis."""
+    axes = np.array([[0.0, 0.0, 1.0], [-1.0, 0.0, 0.0], [0.0, -1.0, 0.0]])
+    return Pose("map", "camera", T_map_base.R @ axes, T_map_base.t)
+
+
+def at_base(poses: Sequence[Pose], covariances: FloatArray, rig: StereoRig) -> tuple[list[Pose], FloatArray]:
+    """Poses of the left camera, with their covariances, as those of the robot's base where the rig names one."""
+    T = rig.T_base_left
+    if T is None:
+        return list(poses), covariances
+    T_left_base = T.inverse()
+    moved = np.tile(np.eye(6), (len(poses), 1, 1))
+    for J, pose in zip(moved, poses, strict=True):
+        J[:3, 3:] = -skew(pose.R @ T_left_base.t)
+    return [pose @ T_left_base for pose in poses], moved @ covariances @ moved.transpose(0, 2, 1)

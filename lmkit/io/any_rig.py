@@ -1,0 +1,37 @@
+"""Rigs in whatever form they come: lmkit's own, OpenCV's, ROS's or Kalibr's, told apart by their content."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from lmkit.errors import InputError
+from lmkit.geometry.stereo_rig import StereoRig
+from lmkit.io.documents import read_text
+from lmkit.io.kalibr import read_camchain
+from lmkit.io.opencv_rig import read_opencv_rig
+from lmkit.io.rig import read_rig
+from lmkit.io.ros_camera_info import FILES, read_camera_infos
+
+KINDS = ("lmkit", "opencv", "ros", "kalibr")
+
+
+def read_any_rig(path: Path) -> StereoRig:
+    """A rig from a file, or from a folder with ROS's left.yaml and right.yaml.
+
+    Raises:
+        InputError: not readable, or no such kind of file is valid.
+    """
+    if path.is_dir():
+        return read_camera_infos(path / FILES[0], path / FILES[1])
+    text = read_text(path, "rig file")
+    if text.lstrip().startswith("%YAML"):
+        return read_opencv_rig(path)
+    if "cam0:" in text:
+        return read_camchain(path)
+    if "camera_matrix:" in text and "format:" not in text:
+        raise InputError(
+            "single_camera_info",
+            f"{path}: one eye's camera_info alone",
+            f"give the folder with {' and '.join(FILES)}",
+        )
+    return read_rig(path)

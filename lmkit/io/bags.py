@@ -1,0 +1,259 @@
+"""Bags of ROS 1, ROS 2 and MCAP (extra ``lmkit[bags]``): a drive taken out of them as files, poses put into one.
+
+Everything else in lmkit reads files, so a bag is unpacked once: stereo pictures named by their time, both
+``camera_info`` as a rig, odometry and gyro as tables.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from importlib.util import find_spec
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+
+from lmkit.arrays import AnyArray
+from lmkit.errors import InputError
+from lmkit.io.documents import dump_yaml
+from lmkit.io.ros_camera_info import FILES
+from lmkit.model.trajectory import Trajectory
+
+APART_S = 0.01  # pictures of one moment
+MOST_WAITING = 100
+IMAGES = ("sensor_msgs/msg/Image", "sensor_msgs/msg/CompressedImage")
+INFO, ODOMETRY, IMU = "sensor_msgs/msg/CameraInfo", "nav_msgs/msg/Odometry", "sensor_msgs/msg/Imu"
+_TO_BGR = {
+    "rgb8": cv2.COLOR_RGB2BGR,
+    "rgba8": cv2.COLOR_RGBA2BGR,
+    "bgra8": cv2.COLOR_BGRA2BGR,
+    # OpenCV names the pattern by its second row.
+    "bayer_rggb8": cv2.COLOR_BayerBG2BGR,
+    "bayer_bggr8": cv2.COLOR_BayerRG2BGR,
+    "bayer_gbrg8": cv2.COLOR_BayerGR2BGR,
+    "bayer_grbg8": cv2.COLOR_BayerGB2BGR,
+}
+_CHANNELS = {"rgba8": 4, "bgra8": 4, "rgb8": 3, "bgr8": 3}
+
+
+@dataclass(frozen=True)
+class Topics:
+    """Where a bag holds what; None: not there."""
+
+    left: str
+    right: str
+    left_info: str | None
+    right_info: str | None
+    odometry: str | None
+    imu: str | None
+
+
+@dataclass(frozen=True)
+class Unpacked:
+    """One file of a drive: its name in the folder, and its bytes."""
+
+    name: str
+    content: bytes
+
+
+def unpack_bag(bag: Path, wanted: dict[str, str | None]) -> Iterator[Unpacked]:
+    """The files of a drive, pictures as they come and tables at the end.
+
+    Args:
+        wanted: topics by role (a field of :class:`Topics`); None or absent: found by type and name.
+
+    Raises:
+        InputError: rosbags is not installed, the bag cannot be read, or it holds no stereo pictures.
+    """
+    _require_rosbags()
+    from rosbags.highlevel import AnyReader, AnyReaderError
+    from rosbags.rosbag1 import ReaderError as Ros1Error
+    from rosbags.rosbag2 import ReaderError as Ros2Error
+    from rosbags.serde import SerdeError
+    from rosbags.typesys import Stores, TypesysError, get_typestore
+
+    try:
+        with AnyReader([bag], default_typestore=get_typestore(Stores.ROS2_HUMBLE)) as reader:
+            topics = find_topics({c.topic: c.msgtype for c in reader.connections}, wanted, bag)
+            yield from _unpack(reader, topics)
+    except (AnyReaderError, Ros1Error, Ros2Error, SerdeError, TypesysError, OSError) as error:
+        raise InputError("bad_bag", f"{bag}: cannot be read ({error})", "give a ROS 1 or ROS 2 bag or MCAP") from None
+
+
+def find_topics(types: dict[str, str], wanted: dict[str, str | None], bag: Path) -> Topics:
+    """Topics by role, from the types of all topics.
+
+    Raises:
+        InputError: a topic asked for is not there, or no two topics of pictures are the left and the right one.
+    """
+    found: dict[str, str | None] = {}
+    for role, kinds, word in (
+        ("left", IMAGES, "left"),
+        ("right", IMAGES, "right"),
+        ("left_info", (INFO,), "left"),
+        ("right_info", (INFO,), "right"),
+        ("odometry", (ODOMETRY,), ""),
+        ("imu", (IMU,), ""),
+    ):
+        asked = wanted.get(role)
+        if asked is not None:
+            if types.get(asked) not in kinds:
+                raise InputError(
+                    "no_topic",
+                    f"{bag}: no topic {asked} of {' or '.join(kinds)}",
+                    f"it holds {', '.join(sorted(types))}",
+                )
+            found[role] = asked
+            continue
+        fitting = sorted((t for t, kind in types.items() if kind in kinds and word in t), key=lambda t: (len(t), t))
+        found[role] = fitting[0] if fitting else None
+    left, right = found["left"], found["right"]
+    if left is None or right is None:
+        raise InputError(
+            "no_pictures",
+            f"{bag}: no topics of left and right pictures among {', '.join(sorted(types))}",
+            "name them: --left TOPIC --right TOPIC",
+        )
+    return Topics(left, right, found["left_info"], found["right_info"], found["odometry"], found["imu"])
+
+
+def poses_to_bag(folder: Path, trajectory: Trajectory, frame: str = "map") -> None:
+    """A ROS 2 bag (sqlite3): nav_msgs/Path of all poses on /lmkit/path, then each as PoseStamped on /lmkit/pose.
+
+    Raises:
+        InputError: rosbags is not installed, or the folder exists.
+    """
+    _require_rosbags()
+    from rosbags.rosbag2 import Writer
+    from rosbags.typesys import Stores, get_typestore
+
+    if folder.exists():
+        raise InputError("file_exists", f"{folder} exists", "choose another name with -o")
+    store = get_typestore(Stores.ROS2_HUMBLE)
+    types = store.types
+    stamped, path = "geometry_msgs/msg/PoseStamped", "nav_msgs/msg/Path"
+    poses = []
+    for time_s, p, q in zip(trajectory.times_s, trajectory.positions, trajectory.quaternions, strict=True):
+        nanoseconds = round(float(time_s) * 1e9)
+        stamp = types["builtin_interfaces/msg/Time"](nanoseconds // 10**9, nanoseconds % 10**9)
+        message = types[stamped](
+            types["std_msgs/msg/Header"](stamp, frame),
+            types["geometry_msgs/msg/Pose"](
+                types["geometry_msgs/msg/Point"](*map(float, p)),
+                types["geometry_msgs/msg/Quaternion"](*map(float, q)),
+            ),
+        )
+        poses.append((nanoseconds, message))
+    with Writer(folder, version=8) as writer:
+        first: Any = poses[0][1]
+        whole = types[path](first.header, [message for _, message in poses])
+        on_path = writer.add_connection("/lmkit/path", path, typestore=store)
+        writer.write(on_path, poses[0][0], store.serialize_cdr(whole, path))
+        on_pose = writer.add_connection("/lmkit/pose", stamped, typestore=store)
+        for nanoseconds, message in poses:
+            writer.write(on_pose, nanoseconds, store.serialize_cdr(message, stamped))
+
+
+def _require_rosbags() -> None:
+    if find_spec("rosbags") is None:
+        raise InputError("no_rosbags", "bags need the package rosbags", "install lmkit with its extra: lmkit[bags]")
+
+
+def _unpack(reader: Any, topics: Topics) -> Iterator[Unpacked]:
+    waiting: dict[str, list[tuple[float, bytes, str]]] = {"left": [], "right": []}
+    roles = {topic: role for role, topic in vars(topics).items() if topic is not None}
+    odometry, poses, gyro = ["time_s,x_m,y_m,heading_rad"], ["# time x y z qx qy qz qw"], ["time_s,rate_radps"]
+    last = {"odometry": -np.inf, "imu": -np.inf}
+    infos: set[str] = set()
+    number = 0
+    connections = [c for c in reader.connections if c.topic in roles]
+    for connection, _, raw in reader.messages(connections=connections):
+        role, message = roles[connection.topic], reader.deserialize(raw, connection.msgtype)
+        time_s = message.header.stamp.sec + message.header.stamp.nanosec * 1e-9
+        if role in ("left", "right"):
+            waiting[role].append((time_s, *_picture(message, connection.msgtype, connection.topic)))
+            # An eye that sees alone for so long has lost its partner.
+            del waiting[role][:-MOST_WAITING]
+            for pair in _pairs(waiting):
+                for eye, (_, content, suffix) in pair.items():
+                    yield Unpacked(f"{eye}/{number:06d}_{pair['left'][0]:.6f}{suffix}", content)
+                number += 1
+        elif role in ("left_info", "right_info"):
+            if role not in infos:
+                infos.add(role)
+                yield Unpacked(f"rig/{FILES[role == 'right_info']}", dump_yaml(_camera_info(message)).encode())
+        elif time_s > last[role]:
+            last[role] = time_s
+            if role == "odometry":
+                p, q = message.pose.pose.position, message.pose.pose.orientation
+                heading = np.arctan2(2 * (q.w * q.z + q.x * q.y), 1 - 2 * (q.y**2 + q.z**2))
+                odometry.append(f"{time_s:.6f},{p.x:.6f},{p.y:.6f},{heading:.6f}")
+                numbers = " ".join(f"{v:.9f}" for v in (p.x, p.y, p.z, q.x, q.y, q.z, q.w))
+                poses.append(f"{time_s:.6f} {numbers}")
+            else:
+                gyro.append(f"{time_s:.6f},{message.angular_velocity.z:.6f}")
+    if number == 0:
+        raise InputError(
+            "no_pairs",
+            f"no pictures of {topics.left} and {topics.right} within {1000 * APART_S:g} ms of each other",
+            "check that both eyes were recorded, with stamps of one clock",
+        )
+    for name, lines in (("odometry.csv", odometry), ("odometry.tum", poses), ("gyro.csv", gyro)):
+        if len(lines) > 2:
+            yield Unpacked(name, ("\n".join(lines) + "\n").encode())
+
+
+def _pairs(waiting: dict[str, list[tuple[float, bytes, str]]]) -> Iterator[dict[str, tuple[float, bytes, str]]]:
+    """Pictures of one moment, taken off the lists; those that can have no partner any more are dropped."""
+    left, right = waiting["left"], waiting["right"]
+    while left and right:
+        apart = right[0][0] - left[0][0]
+        if abs(apart) <= APART_S:
+            yield {"left": left.pop(0), "right": right.pop(0)}
+        elif apart > 0:
+            left.pop(0)
+        else:
+            right.pop(0)
+
+
+def _picture(message: Any, kind: str, topic: str) -> tuple[bytes, str]:
+    """The bytes of a picture file, and its suffix."""
+    if kind == IMAGES[1]:
+        suffix = ".png" if "png" in message.format.lower() else ".jpg"
+        return bytes(message.data), suffix
+    encoding, channels = message.encoding, _CHANNELS.get(message.encoding, 1)
+    if channels == 1 and encoding not in ("mono8", "8UC1") and encoding not in _TO_BGR:
+        raise InputError(
+            "bad_encoding",
+            f"{topic}: pictures of encoding {encoding}",
+            "known: bgr8, rgb8, bgra8, rgba8, mono8, bayer",
+        )
+    rows = np.frombuffer(bytes(message.data), np.uint8).reshape(message.height, message.step)
+    pixels: AnyArray = rows[:, : message.width * channels].reshape(message.height, message.width, channels)
+    if encoding in _TO_BGR:
+        pixels = cv2.cvtColor(np.ascontiguousarray(pixels.squeeze()), _TO_BGR[encoding])
+    return cv2.imencode(".png", pixels)[1].tobytes(), ".png"
+
+
+def _camera_info(message: Any) -> dict[str, Any]:
+    """As ROS's own calibration files have it; ROS 1 writes the fields large."""
+
+    def values(name: str) -> list[float]:
+        return [float(v) for v in getattr(message, name, getattr(message, name.upper(), []))]
+
+    def matrix(name: str, rows: int) -> dict[str, Any]:
+        data = values(name)
+        return {"rows": rows, "cols": len(data) // rows, "data": data}
+
+    return {
+        "image_width": int(message.width),
+        "image_height": int(message.height),
+        "camera_name": str(message.header.frame_id) or "camera",
+        "camera_matrix": matrix("k", 3),
+        "distortion_model": str(message.distortion_model),
+        "distortion_coefficients": matrix("d", 1),
+        "rectification_matrix": matrix("r", 3),
+        "projection_matrix": matrix("p", 3),
+    }

@@ -1,0 +1,118 @@
+"""Corner files: what was seen of a board, so that a calibration can be repeated without the pictures (JSON)."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated, Literal
+
+import numpy as np
+from pydantic import Field, ValidationError
+
+from lmkit.arrays import FloatArray, IntArray
+from lmkit.errors import InputError
+from lmkit.io.documents import Document, first_problem, read_text
+from lmkit.model.board import BoardSpec
+from lmkit.model.observation import PairView
+
+CORNERS: Literal["lmkit-corners/1"] = "lmkit-corners/1"
+Counted = Annotated[int, Field(ge=0)]
+_HINT = "write it with lmkit calibrate --save-corners"
+
+
+class _Eye(Document):
+    noise_px: float | None = None
+    ids: tuple[Counted, ...]
+    points: tuple[tuple[float, float], ...]
+
+
+class _Pair(Document):
+    pair: str
+    left: _Eye
+    right: _Eye
+
+
+class _Rejected(Document):
+    pair: str
+    reason: str
+
+
+class _CornersFile(Document):
+    format: Literal["lmkit-corners/1"] = CORNERS
+    board: str
+    measured_mm: tuple[float, float] | None = None
+    image_size: tuple[Annotated[int, Field(gt=0)], Annotated[int, Field(gt=0)]]
+    pairs: tuple[_Pair, ...]
+    rejected: tuple[_Rejected, ...] = ()
+
+
+@dataclass(frozen=True)
+class SavedCorners:
+    """The content of a corner file; see :class:`lmkit.pipelines.board_views.BoardPairs`."""
+
+    board: BoardSpec
+    image_size: tuple[int, int]
+    views: tuple[PairView, ...]
+    rejected: tuple[tuple[str, str], ...]
+
+
+def corners_to_json(saved: SavedCorners) -> str:
+    """The text of a corner file, one pair a line."""
+
+    def eye(ids: IntArray, points: FloatArray, noise: float | None) -> dict[str, object]:
+        known = noise if noise is not None and np.isfinite(noise) else None
+        return {"noise_px": known, "ids": ids.tolist(), "points": np.round(points, 5).tolist()}
+
+    lines = [
+        json.dumps(
+            {
+                "pair": v.name,
+                "left": eye(v.ids_left, v.left, v.noise_left),
+                "right": eye(v.ids_right, v.right, v.noise_right),
+            }
+        )
+        for v in saved.views
+    ]
+    head = {"format": CORNERS, "board": str(saved.board), "image_size": list(saved.image_size)}
+    if saved.board.stretch != (1.0, 1.0):
+        head["measured_mm"] = [s * p for s, p in zip(saved.board.stretch, saved.board.pattern_mm, strict=True)]
+    start = json.dumps(head)[:-1]
+    rejected = json.dumps([{"pair": name, "reason": reason} for name, reason in saved.rejected])
+    return f'{start}, "pairs": [\n' + ",\n".join(lines) + f'\n], "rejected": {rejected}}}\n'
+
+
+def read_corners(path: Path) -> SavedCorners:
+    """The corners of a file.
+
+    Raises:
+        InputError: not readable or not valid; names the key.
+    """
+    try:
+        data = _CornersFile.model_validate_json(read_text(path, "corner file"))
+    except ValidationError as error:
+        where, problem = first_problem(error)
+        raise InputError("bad_corners", f"{path}: {where}: {problem}", _HINT) from None
+    board = BoardSpec.parse(data.board)
+    if data.measured_mm is not None:
+        board = board.measured(*data.measured_mm)
+    count = len(board.object_points)
+    views = tuple(_view(path, k, pair, count) for k, pair in enumerate(data.pairs))
+    return SavedCorners(board, data.image_size, views, tuple((r.pair, r.reason) for r in data.rejected))
+
+
+def _view(path: Path, k: int, pair: _Pair, count: int) -> PairView:
+    for name, eye in (("left", pair.left), ("right", pair.right)):
+        good = len(eye.ids) == len(eye.points) == len(set(eye.ids)) and all(i < count for i in eye.ids)
+        if not good:
+            where = f"pairs[{k}].{name}"
+            raise InputError("bad_corners", f"{path}: {where}: its ids and points are no corners of the board", _HINT)
+    return PairView(
+        pair.pair,
+        np.array(pair.left.ids, dtype=np.int64),
+        np.array(pair.left.points, dtype=np.float64).reshape(-1, 2),
+        np.array(pair.right.ids, dtype=np.int64),
+        np.array(pair.right.points, dtype=np.float64).reshape(-1, 2),
+        pair.left.noise_px,
+        pair.right.noise_px,
+    )

@@ -1,0 +1,123 @@
+"""Maps of other systems: WPILib's AprilTag field layout (JSON) and TagSLAM's static bodies (YAML), in and out.
+
+WPILib (FIRST robotics, PhotonVision): metres, quaternions W X Y Z; a tag's x axis points out of its face, y to the
+left of one who looks out from it, z up, while ours are x right and y up for one who looks at it, and z out of it.
+TagSLAM: rotation vectors; a tag's axes are ours.
+"""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import yaml
+
+from lmkit.errors import InputError
+from lmkit.geometry.pose import Pose
+from lmkit.io.documents import dump_yaml, read_text
+from lmkit.io.landmark_map import read_map
+from lmkit.model.landmark_map import LandmarkMap, MappedLandmark
+
+FIELD_TAG_M = 0.1651  # of every tag on a field, as its rules have it; the layout does not say
+# Columns: the field tag's x (out), y (left of one looking out: our x), z (up: our y), in our axes.
+_R_OURS_FIELD = np.array([[0.0, 1.0, 0.0], [0.0, 0.0, 1.0], [1.0, 0.0, 0.0]])
+FAMILY = "tag36h11"
+
+
+def read_any_map(path: Path) -> LandmarkMap:
+    """A map of lmkit's, of WPILib's or of TagSLAM's, told apart by content.
+
+    Raises:
+        InputError: not readable, or none of them.
+    """
+    text = read_text(path, "map file")
+    if text.lstrip().startswith("{"):
+        return _from_wpilib(path, text)
+    if "bodies:" in text:
+        return _from_tagslam(path, text)
+    return read_map(path)
+
+
+def map_to_wpilib(landmarks: LandmarkMap, size_m: tuple[float, float]) -> str:
+    """The text of a field layout.
+
+    Args:
+        size_m: length and width of the field.
+    """
+    tags = []
+    for m in landmarks:
+        T = m.T_map_landmark
+        x, y, z, w = Pose("map", "tag", T.R @ _R_OURS_FIELD, T.t).quaternion_xyzw.tolist()
+        place = dict(zip("xyz", T.t.tolist(), strict=True))
+        turn = {"quaternion": {"W": w, "X": x, "Y": y, "Z": z}}
+        tags.append({"ID": m.code, "pose": {"translation": place, "rotation": turn}})
+    return json.dumps({"tags": tags, "field": {"length": size_m[0], "width": size_m[1]}}, indent=1) + "\n"
+
+
+def map_to_tagslam(landmarks: LandmarkMap) -> str:
+    """The text of a TagSLAM file with one static body."""
+    tags = []
+    for m in landmarks:
+        T = m.T_map_landmark
+        pose: dict[str, Any] = {
+            "position": dict(zip("xyz", T.t.tolist(), strict=True)),
+            "rotation": dict(zip("xyz", T.rvec.tolist(), strict=True)),
+        }
+        if m.covariance is not None:
+            sigma = np.sqrt(np.diag(m.covariance)).tolist()
+            pose["position_noise"] = dict(zip("xyz", sigma[:3], strict=True))
+            pose["rotation_noise"] = dict(zip("xyz", sigma[3:], strict=True))
+        tags.append({"id": m.code, "size": m.size_m, "pose": pose})
+    return dump_yaml({"bodies": [{"map": {"is_static": True, "type": "simple", "tags": tags}}]})
+
+
+def _from_wpilib(path: Path, text: str) -> LandmarkMap:
+    hung = []
+    try:
+        for tag in json.loads(text)["tags"]:
+            place, turn = tag["pose"]["translation"], tag["pose"]["rotation"]["quaternion"]
+            pose = Pose.from_quaternion(
+                "map", "tag", [float(place[k]) for k in "xyz"], [float(turn[k]) for k in ("X", "Y", "Z", "W")]
+            )
+            T = Pose("map", "landmark", pose.R @ _R_OURS_FIELD.T, pose.t)
+            hung.append(MappedLandmark(int(tag["ID"]), FAMILY, FIELD_TAG_M, T))
+    except (ValueError, KeyError, TypeError) as error:
+        raise InputError(
+            "bad_layout", f"{path}: no field layout of WPILib ({error})", "give tags with ID and pose"
+        ) from None
+    return _map(path, hung)
+
+
+def _from_tagslam(path: Path, text: str) -> LandmarkMap:
+    hung = []
+    try:
+        for body in yaml.safe_load(text)["bodies"]:
+            for values in body.values():
+                for tag in values.get("tags", []) if values.get("is_static") else []:
+                    if "pose" not in tag:
+                        continue
+                    place, turn = (np.array([float(tag["pose"][part][k]) for k in "xyz"]) for part in _PARTS)
+                    size_m = float(tag.get("size", values.get("default_tag_size", 0.0)))
+                    if size_m <= 0:
+                        raise ValueError(f"tag {tag['id']} has no size")
+                    T = Pose.from_rvec("map", "landmark", turn, place)
+                    hung.append(MappedLandmark(int(tag["id"]), FAMILY, size_m, T))
+    except (ValueError, KeyError, TypeError, AttributeError, yaml.YAMLError) as error:
+        raise InputError(
+            "bad_tagslam", f"{path}: no TagSLAM bodies with tags ({error})", "give tags with id, size and pose"
+        ) from None
+    return _map(path, hung)
+
+
+_PARTS = ("position", "rotation")
+
+
+def _map(path: Path, hung: list[MappedLandmark]) -> LandmarkMap:
+    if not hung:
+        raise InputError("no_tags", f"{path}: holds no tags with a pose", "give at least one")
+    try:
+        return LandmarkMap(hung)
+    except InputError as error:
+        raise InputError(error.code, f"{path}: {error.message}", error.hint) from None

@@ -1,0 +1,228 @@
+"""Where pictures come from: files, folders, globs, videos and standard input, as one stream."""
+
+from __future__ import annotations
+
+import glob
+import re
+import sys
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from lmkit.arrays import ByteArray
+from lmkit.errors import InputError
+from lmkit.io.images import SUFFIXES, decode_image, read_image
+
+CAMERA = "camera:"
+VIDEO_SUFFIXES = frozenset({".mp4", ".avi", ".mov", ".mkv", ".webm", ".m4v"})
+_TIME = re.compile(r"(\d{9,}\.\d+|\d+\.\d+)$")
+
+
+@dataclass(frozen=True)
+class Frame:
+    """One picture of a stream, or the reason why it could not be read.
+
+    Attributes:
+        name: path, or ``VIDEO#N`` for frame N of a video.
+        image: (H,W,3) BGR, or None.
+        error: set when image is None.
+    """
+
+    name: str
+    image: ByteArray | None
+    error: InputError | None = None
+
+    @property
+    def picture(self) -> ByteArray:
+        """The picture.
+
+        Raises:
+            InputError: it could not be read.
+        """
+        if self.image is None:
+            assert self.error is not None
+            raise self.error
+        return self.image
+
+
+def list_pictures(where: str) -> list[Path]:
+    """The picture files of a folder or glob, or the one file, sorted by name.
+
+    Raises:
+        InputError: there is none.
+    """
+    path = Path(where)
+    if path.is_dir():
+        found = sorted(p for p in path.iterdir() if p.suffix.lower() in SUFFIXES and not p.name.startswith("."))
+        if not found:
+            raise InputError(
+                "no_pictures", f"folder {where} holds no pictures", f"kinds: {', '.join(sorted(SUFFIXES))}"
+            )
+        return found
+    if path.exists():
+        return [path]
+    found = sorted(Path(p) for p in glob.glob(where, recursive=True) if Path(p).is_file())
+    if not found:
+        raise InputError("no_such_file", f"there is no file, folder or match for {where}", "check the path")
+    return found
+
+
+def list_pairs(left: str, right: str) -> list[tuple[Path, Path]]:
+    """The picture files of two folders or globs, paired by sorted name.
+
+    Raises:
+        InputError: there are none, or not as many on both sides.
+    """
+    lefts, rights = list_pictures(left), list_pictures(right)
+    if len(lefts) != len(rights):
+        raise InputError(
+            "unpaired",
+            f"{len(lefts)} left and {len(rights)} right pictures do not make pairs",
+            "give folders or globs with as many pictures each, sorted alike",
+        )
+    return list(zip(lefts, rights, strict=True))
+
+
+def picture_files(sources: Sequence[str]) -> list[Path] | None:
+    """All files of the sources, where every one of them is a single picture; None where one is not."""
+    if any(source.startswith(CAMERA) for source in sources):
+        return None
+    try:
+        files = [path for source in sources if source != "-" for path in list_pictures(source)]
+    except InputError:
+        return None
+    only_pictures = "-" not in sources and all(path.suffix.lower() not in VIDEO_SUFFIXES for path in files)
+    return files if only_pictures else None
+
+
+def frames(sources: list[str]) -> Iterator[Frame]:
+    """All pictures of all sources, one at a time; what cannot be read comes as a Frame with its error."""
+    for source in sources:
+        if source == "-":
+            yield _frame("-", sys.stdin.buffer.read())
+            continue
+        if source.startswith(CAMERA):
+            yield from _video_frames(source)
+            continue
+        try:
+            paths = list_pictures(source)
+        except InputError as error:
+            yield Frame(source, None, error)
+            continue
+        for path in paths:
+            if path.suffix.lower() in VIDEO_SUFFIXES:
+                yield from _video_frames(str(path))
+                continue
+            try:
+                yield Frame(str(path), read_image(path))
+            except InputError as error:
+                yield Frame(str(path), None, error)
+
+
+def _frame(name: str, data: bytes) -> Frame:
+    try:
+        return Frame(name, decode_image(data, name))
+    except InputError as error:
+        return Frame(name, None, error)
+
+
+def _video_frames(source: str) -> Iterator[Frame]:
+    """The frames of a video file, or of camera N for ``camera:N`` until it is unplugged or interrupted."""
+    import cv2
+
+    try:
+        video = cv2.VideoCapture(_camera_number(source) if source.startswith(CAMERA) else source)
+    except InputError as error:
+        yield Frame(source, None, error)
+        return
+    count = 0
+    try:
+        while video.isOpened():
+            more, image = video.read()
+            if not more:
+                break
+            yield Frame(f"{source}#{count}", np.asarray(image, dtype=np.uint8))
+            count += 1
+    finally:
+        video.release()
+    if count == 0:
+        yield Frame(
+            source,
+            None,
+            InputError("bad_video", f"{source}: no frame can be read", "give MP4, AVI, MOV, MKV, WebM or camera:0"),
+        )
+
+
+def _camera_number(source: str) -> int:
+    number = source.removeprefix(CAMERA)
+    if not number.isdecimal():
+        raise InputError("bad_camera", f"{source}: no camera number", "write camera:0")
+    return int(number)
+
+
+def are_moving(source: str) -> bool:
+    """Do the pictures of a source follow each other, as a film's or a camera's do?"""
+    return source.startswith(CAMERA) or Path(source).suffix.lower() in VIDEO_SUFFIXES
+
+
+def paired_frames(left: str, right: str | None) -> Iterator[tuple[Frame, Frame]]:
+    """Both eyes' pictures, moment by moment.
+
+    Args:
+        left, right: cameras (``camera:0``), videos, folders or globs, alike; right is None where every
+            picture of ``left`` shows both eyes side by side.
+
+    Raises:
+        InputError: the sources make no pairs, or a camera or video cannot be read.
+    """
+    if right is None:
+        for frame in frames([left]):
+            image = frame.picture
+            half = image.shape[1] // 2
+            yield Frame(frame.name, image[:, :half]), Frame(frame.name, image[:, half : 2 * half])
+        return
+    if left.startswith(CAMERA) and right.startswith(CAMERA):
+        yield from _camera_pairs(left, right)
+        return
+    videos = [Path(source).suffix.lower() in VIDEO_SUFFIXES for source in (left, right)]
+    if left.startswith(CAMERA) or right.startswith(CAMERA) or any(videos) != all(videos):
+        raise InputError("unpaired", f"{left} and {right} are different kinds of source", "give two of the same kind")
+    if not any(videos):
+        for left_file, right_file in list_pairs(left, right):
+            yield Frame(str(left_file), read_image(left_file)), Frame(str(right_file), read_image(right_file))
+        return
+    # Of two films of different length, the end of the longer one has no partner.
+    yield from zip(_video_frames(left), _video_frames(right), strict=False)
+
+
+def _camera_pairs(left: str, right: str) -> Iterator[tuple[Frame, Frame]]:
+    """Frames of two cameras, grabbed at once and decoded afterwards."""
+    import cv2
+
+    cameras = []
+    try:
+        for source in (left, right):
+            camera = cv2.VideoCapture(_camera_number(source))
+            # Without it, looking for longer than a frame lasts leads ever further into the past.
+            camera.set(cv2.CAP_PROP_BUFFERSIZE, 1)
+            cameras.append(camera)
+            if not camera.isOpened():
+                raise InputError("bad_camera", f"{source}: no such camera, or it is in use", "write camera:0")
+        count = 0
+        # Both, whatever the first one says, so that they stay abreast.
+        while min([camera.grab() for camera in cameras]):
+            (_, one), (_, other) = (camera.retrieve() for camera in cameras)
+            name = f"frame#{count}"
+            yield Frame(name, np.asarray(one, dtype=np.uint8)), Frame(name, np.asarray(other, dtype=np.uint8))
+            count += 1
+    finally:
+        for camera in cameras:
+            camera.release()
+
+
+def time_of(name: str) -> float | None:
+    """Seconds, of a file name that ends in a decimal number of them."""
+    found = _TIME.search(Path(name).stem)
+    return float(found[1]) if found else None

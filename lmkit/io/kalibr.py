@@ -1,0 +1,107 @@
+"""Rigs as a Kalibr camchain: cam0 is the left eye, cam1 the right one."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+import numpy as np
+import yaml
+from pydantic import BaseModel, ConfigDict, Field, ValidationError
+
+from lmkit.errors import InputError
+from lmkit.geometry.camera import CameraModel
+from lmkit.geometry.lens_conversion import with_four_coefficients
+from lmkit.geometry.pose import Pose
+from lmkit.geometry.rotations import orthonormal
+from lmkit.geometry.stereo_rig import StereoRig
+from lmkit.io.documents import dump_yaml, first_problem, read_text
+
+MOST_ERROR_PX = 1.0
+_MODELS = {"radtan": "pinhole", "equidistant": "fisheye"}
+Row4 = Annotated[list[float], Field(min_length=4, max_length=4)]
+
+
+class _Camera(BaseModel):
+    model_config = ConfigDict(extra="ignore", allow_inf_nan=False)
+    camera_model: Literal["pinhole"]
+    distortion_model: Literal["radtan", "equidistant", "none"]
+    intrinsics: Row4
+    distortion_coeffs: list[float] = Field(max_length=4)
+    resolution: tuple[Annotated[int, Field(gt=0)], Annotated[int, Field(gt=0)]]
+    T_cn_cnm1: Annotated[list[Row4], Field(min_length=4, max_length=4)] | None = None
+
+
+class _Camchain(BaseModel):
+    model_config = ConfigDict(extra="ignore", allow_inf_nan=False)
+    cam0: _Camera
+    cam1: _Camera
+
+
+def rig_to_camchain(rig: StereoRig) -> tuple[str, str, float]:
+    """The text of the file, its distortion model, and by how many pixels at most its lenses differ from the rig's.
+
+    Kalibr's lenses have four coefficients: radtan k1 k2 p1 p2, equidistant k1 k2 k3 k4.  Longer distortions are
+    replaced by the nearer of the two, the same for both eyes.
+
+    Raises:
+        InputError: neither is near.
+    """
+    eyes = (rig.left, rig.right)
+    made = {name: [with_four_coefficients(eye, model) for eye in eyes] for name, model in _MODELS.items()}
+    worst = {name: max(error_px for _, error_px in cameras) for name, cameras in made.items()}
+    kind = min(worst, key=lambda name: worst[name])
+    if worst[kind] > MOST_ERROR_PX:
+        raise InputError(
+            "no_kalibr_lens",
+            f"Kalibr's lenses of four coefficients miss this rig's by {worst[kind]:.2f} px or more",
+            "calibrate with --model fisheye, or write opencv or ros instead",
+        )
+    cameras: dict[str, Any] = {}
+    for number, (camera, _) in enumerate(made[kind]):
+        K = camera.K
+        cameras[f"cam{number}"] = {
+            "camera_model": "pinhole",
+            "distortion_model": kind,
+            "intrinsics": [float(v) for v in (K[0, 0], K[1, 1], K[0, 2], K[1, 2])],
+            "distortion_coeffs": camera.distortion.tolist(),
+            "resolution": list(camera.image_size),
+            "cam_overlaps": [1 - number],
+            "rostopic": f"/{('left', 'right')[number]}/image_raw",
+        }
+    T = np.eye(4)
+    T[:3, :3], T[:3, 3] = rig.T_right_left.R, rig.T_right_left.t
+    cameras["cam1"] = {"T_cn_cnm1": T.tolist()} | cameras["cam1"]
+    return dump_yaml(cameras), kind, worst[kind]
+
+
+def read_camchain(path: Path) -> StereoRig:
+    """A rig from the first two cameras of a camchain.
+
+    Raises:
+        InputError: not readable or not valid, or cam1 does not say how it stands to cam0.
+    """
+    hint = "give a camchain of a stereo pair as Kalibr writes it"
+    try:
+        data = _Camchain.model_validate(yaml.safe_load(read_text(path, "camchain")))
+    except yaml.YAMLError:
+        raise InputError("bad_camchain", f"{path}: no YAML", hint) from None
+    except ValidationError as error:
+        where, problem = first_problem(error)
+        raise InputError("bad_camchain", f"{path}: {where}: {problem}", hint) from None
+    if data.cam1.T_cn_cnm1 is None:
+        raise InputError("bad_camchain", f"{path}: cam1.T_cn_cnm1: missing", hint)
+    T = np.array(data.cam1.T_cn_cnm1)
+    try:
+        return StereoRig(
+            _camera(data.cam0), _camera(data.cam1), Pose("right", "left", orthonormal(T[:3, :3]), T[:3, 3])
+        )
+    except ValueError as error:
+        raise InputError("bad_camchain", f"{path}: {error}", hint) from None
+
+
+def _camera(data: _Camera) -> CameraModel:
+    fx, fy, cx, cy = data.intrinsics
+    model = _MODELS.get(data.distortion_model, "pinhole")
+    K = np.array([[fx, 0, cx], [0, fy, cy], [0, 0, 1.0]])
+    return CameraModel(data.resolution, K, np.array(data.distortion_coeffs), model)

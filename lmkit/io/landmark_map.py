@@ -1,0 +1,90 @@
+"""Map files: where every landmark hangs, as YAML (docs/formats.md)."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+import numpy as np
+from pydantic import Field
+
+from lmkit.arrays import is_covariance
+from lmkit.errors import InputError
+from lmkit.geometry.pose import Pose
+from lmkit.io.documents import Document, dump_yaml, read_document
+from lmkit.io.rig import Matrix6, Row
+from lmkit.model.landmark import family_named
+from lmkit.model.landmark_map import LandmarkMap, MappedLandmark
+
+# Square markers of others, which lmkit does not read, but whose recorded detections it surveys and locates by.
+FOREIGN_FAMILIES = ("tag36h11", "tag25h9", "tag16h5", "aruco")
+
+
+class _Landmark(Document):
+    code: Annotated[int, Field(ge=0, strict=True)]
+    family: str = "lm8"
+    size_m: Annotated[float, Field(gt=0)]
+    position: Row
+    quaternion: Annotated[list[float], Field(min_length=4, max_length=4)]
+    covariance: Matrix6 | None = None
+    name: str | None = None
+
+
+class _MapFile(Document):
+    format: str = "lmkit-map/1"
+    frame: Literal["map"]
+    landmarks: Annotated[list[_Landmark], Field(min_length=1)]
+
+
+def read_map(path: Path) -> LandmarkMap:
+    """A map from its file.
+
+    Raises:
+        InputError: not readable or not valid; names the key.
+    """
+    data = read_document(path, _MapFile, "map file")
+    landmarks = []
+    for index, item in enumerate(data.landmarks):
+        where = f"{path}: landmarks[{index}]"
+        family = None if item.family in FOREIGN_FAMILIES else family_named(item.family)
+        if family is not None and item.code >= family.code_count:
+            raise InputError(
+                "code_range",
+                f"{where}.code: {item.code} is outside 0 to {family.code_count - 1}",
+                f"write a code of family {family.name}",
+            )
+        try:
+            pose = Pose.from_quaternion("map", "landmark", item.position, item.quaternion)
+        except ValueError as error:
+            raise InputError("bad_value", f"{where}.quaternion: {error}", "write a unit quaternion x y z w") from None
+        covariance = None if item.covariance is None else np.array(item.covariance)
+        if covariance is not None and not is_covariance(covariance):
+            raise InputError(
+                "bad_value",
+                f"{where}.covariance: not symmetric, or negative in some direction",
+                "write the 6x6 covariance of x y z (m) and rotation (rad), or leave it out",
+            )
+        landmarks.append(MappedLandmark(item.code, item.family, item.size_m, pose, covariance, item.name))
+    try:
+        return LandmarkMap(landmarks)
+    except InputError as error:
+        raise InputError(error.code, f"{path}: {error.message}", error.hint) from None
+
+
+def map_to_yaml(landmarks: LandmarkMap) -> str:
+    """The text of a map file."""
+    entries: list[dict[str, Any]] = []
+    for landmark in landmarks:
+        entry: dict[str, Any] = {
+            "code": landmark.code,
+            "family": landmark.family,
+            "size_m": landmark.size_m,
+            "position": landmark.T_map_landmark.t.tolist(),
+            "quaternion": landmark.T_map_landmark.quaternion_xyzw.tolist(),
+        }
+        if landmark.covariance is not None:
+            entry["covariance"] = landmark.covariance.tolist()
+        if landmark.name is not None:
+            entry["name"] = landmark.name
+        entries.append(entry)
+    return dump_yaml({"format": "lmkit-map/1", "frame": "map", "landmarks": entries})

@@ -1,0 +1,110 @@
+"""What was printed: a JSON file beside every print, and the same inside the PDF's metadata."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from pathlib import Path
+from typing import Annotated, Literal
+
+from pydantic import Field, ValidationError
+
+from lmkit.errors import InputError
+from lmkit.io.documents import Document, first_problem, read_document
+
+MANIFEST: Literal["lmkit-prints/1"] = "lmkit-prints/1"
+Positive = Annotated[float, Field(gt=0)]
+
+
+class PrintedEntry(Document):
+    """One landmark on one page.
+
+    Attributes:
+        page: from 1.
+        code, family, version: which landmark.
+        size_mm: over the red border's outer edges, as it should measure.
+        centre_mm: its middle, from the paper's top left corner; outside the paper for tiles.
+        upside_down: turned by half.
+        tile: the page holds only a part of it.
+    """
+
+    page: Annotated[int, Field(ge=1)]
+    code: Annotated[int, Field(ge=0)]
+    family: str
+    version: int
+    size_mm: Positive
+    centre_mm: tuple[float, float]
+    upside_down: bool = False
+    tile: bool = False
+
+
+class PrintManifest(Document):
+    """What a file holds.
+
+    Attributes:
+        lmkit: version that made it.
+        template: its name, ``tiles`` for a landmark over several sheets.
+        paper_mm: of every page.
+        mirrored: for the inside of a window.
+        stretch: what the drawing was multiplied by in x and y to make up for the printer.
+        landmarks: all of them, page by page.
+        file, sha256: name and hash of the file; only in the JSON beside it.
+    """
+
+    format: Literal["lmkit-prints/1"] = MANIFEST
+    lmkit: str
+    template: str
+    paper_mm: tuple[tuple[float, float], ...]
+    mirrored: bool = False
+    stretch: tuple[float, float] = (1.0, 1.0)
+    landmarks: tuple[PrintedEntry, ...]
+    file: str | None = None
+    sha256: str | None = None
+
+    def of_file(self, name: str, content: bytes) -> PrintManifest:
+        """The same, for the JSON beside the file."""
+        return self.model_copy(update={"file": name, "sha256": hashlib.sha256(content).hexdigest()})
+
+    def to_json(self, indent: int | None = None) -> str:
+        """As text; what is at its default is left out."""
+        data = {"format": self.format} | self.model_dump(mode="json", exclude_defaults=True)
+        return json.dumps(data, indent=indent, separators=(",", ":") if indent is None else None)
+
+
+def manifest_path(path: Path) -> Path:
+    """Where the manifest of a print lies."""
+    return path.with_name(f"{path.name}.json")
+
+
+def parse_manifest(text: str, where: str) -> PrintManifest:
+    """A manifest from its text.
+
+    Raises:
+        InputError: it is not one.
+    """
+    try:
+        return PrintManifest.model_validate_json(text)
+    except ValidationError as error:
+        place, problem = first_problem(error)
+        raise InputError(
+            "bad_manifest", f"{where}: {place}: {problem}", "generate the print again, or delete the manifest"
+        ) from None
+
+
+def read_manifest_beside(path: Path) -> PrintManifest | None:
+    """The manifest beside a print, or None where there is none.
+
+    Raises:
+        InputError: there is one that cannot be read.
+    """
+    beside = manifest_path(path)
+    return read_manifest(beside) if beside.is_file() else None
+
+
+def read_manifest(path: Path) -> PrintManifest:
+    """The manifest in a file.
+
+    Raises:
+        InputError: it cannot be read, or is none.
+    """
+    return read_document(path, PrintManifest, "manifest")

@@ -1,0 +1,134 @@
+"""Rigs as OpenCV's own YAML: M1 D1 M2 D2 R T R1 R2 P1 P2 Q, as its stereo_calib sample names them."""
+
+from __future__ import annotations
+
+from collections.abc import Hashable
+from pathlib import Path
+from typing import Annotated, Any
+
+import cv2
+import numpy as np
+import yaml
+from pydantic import BaseModel, ConfigDict, Field, ValidationError
+
+from lmkit.arrays import FloatArray
+from lmkit.errors import InputError
+from lmkit.geometry.camera import CameraModel
+from lmkit.geometry.pose import Pose
+from lmkit.geometry.rectification import rectification
+from lmkit.geometry.rotations import orthonormal
+from lmkit.geometry.stereo_rig import StereoRig
+from lmkit.io.documents import first_problem, read_text
+
+# Other names that people's own scripts give the same matrices.
+_NAMES = {
+    "M1": ("M1", "K1", "cameraMatrix1", "camera_matrix_left"),
+    "M2": ("M2", "K2", "cameraMatrix2", "camera_matrix_right"),
+    "D1": ("D1", "distCoeffs1", "dist1"),
+    "D2": ("D2", "distCoeffs2", "dist2"),
+    "R": ("R",),
+    "T": ("T", "t"),
+    "model": ("model",),
+    "image_width": ("image_width", "width"),
+    "image_height": ("image_height", "height"),
+}
+ALMOST = 1e-3
+_MODEL_OF_COUNT = {0: "pinhole", 4: "pinhole", 5: "pinhole", 8: "rational", 12: "rational", 14: "rational"}
+
+
+def rig_to_opencv_yaml(rig: StereoRig) -> str:
+    """The text of the file; lengths in metres.  ``model`` is there since fisheye has four coefficients as well."""
+    maps = rectification(rig)
+    storage = cv2.FileStorage(".yml", cv2.FILE_STORAGE_WRITE | cv2.FILE_STORAGE_MEMORY)
+    storage.write("model", rig.left.model)
+    storage.write("image_width", rig.left.image_size[0])
+    storage.write("image_height", rig.left.image_size[1])
+    for number, camera in ((1, rig.left), (2, rig.right)):
+        storage.write(f"M{number}", np.array(camera.K))
+        storage.write(f"D{number}", np.array(camera.distortion).reshape(1, -1))
+    matrices = {
+        "R": np.array(rig.T_right_left.R),
+        "T": np.array(rig.T_right_left.t).reshape(3, 1),
+        "R1": maps.R_left,
+        "R2": maps.R_right,
+        "P1": maps.P_left,
+        "P2": maps.P_right,
+        "Q": maps.Q,
+    }
+    for name, matrix in matrices.items():
+        storage.write(name, matrix)
+    return str(storage.releaseAndGetString())
+
+
+def read_opencv_rig(path: Path) -> StereoRig:
+    """A rig from OpenCV's YAML.
+
+    Raises:
+        InputError: not readable, a matrix or the picture size is missing, or a matrix is of the wrong shape.
+    """
+    hint = "give the M1 D1 M2 D2 R T, image_width and image_height of a stereo pair, as cv2.FileStorage writes them"
+    # Read as plain YAML: OpenCV's own reader believes whatever size a matrix claims.
+    text = read_text(path, "OpenCV rig file").removeprefix("%YAML:1.0")
+    try:
+        content = yaml.load(text, _Loader)
+    except yaml.YAMLError:
+        raise InputError("bad_opencv", f"{path}: no YAML", hint) from None
+    content = content if isinstance(content, dict) else {}
+    named = {field: content[name] for field, names in _NAMES.items() for name in names if name in content}
+    try:
+        data = _OpenCvRig.model_validate(named)
+        cameras = [
+            CameraModel(
+                (data.image_width, data.image_height),
+                M.array(),
+                D.array().ravel(),
+                data.model or _MODEL_OF_COUNT.get(len(D.data), "?"),
+            )
+            for M, D in ((data.M1, data.D1), (data.M2, data.D2))
+        ]
+        R = data.R.array()
+        # Files of few digits hold almost-rotations.
+        R = orthonormal(R) if R.shape == (3, 3) and np.abs(R @ R.T - np.eye(3)).max() < ALMOST else R
+        return StereoRig(cameras[0], cameras[1], Pose("right", "left", R, data.T.array().ravel()))
+    except ValidationError as error:
+        where, problem = first_problem(error)
+        raise InputError("bad_opencv", f"{path}: {where}: {problem}", hint) from None
+    except ValueError as error:
+        raise InputError("bad_opencv", f"{path}: {error}", hint) from None
+
+
+class _Loader(yaml.SafeLoader):
+    """Plain YAML, and OpenCV's tag for matrices."""
+
+
+def _read_matrix(loader: yaml.SafeLoader, node: yaml.MappingNode) -> dict[Hashable, Any]:
+    return loader.construct_mapping(node, deep=True)
+
+
+_Loader.add_constructor("tag:yaml.org,2002:opencv-matrix", _read_matrix)
+
+
+class _Matrix(BaseModel):
+    model_config = ConfigDict(extra="ignore", allow_inf_nan=False)
+    rows: Annotated[int, Field(gt=0)]
+    cols: Annotated[int, Field(gt=0)]
+    data: list[float]
+
+    def array(self) -> FloatArray:
+        if len(self.data) != self.rows * self.cols:
+            raise ValueError(f"a matrix of {self.rows} x {self.cols} holds {len(self.data)} numbers")
+        return np.array(self.data).reshape(self.rows, self.cols)
+
+
+class _OpenCvRig(BaseModel):
+    # Whoever wrote the file may have added more.
+    model_config = ConfigDict(extra="ignore")
+    model: str = ""
+    image_width: Annotated[int, Field(gt=0)]
+    image_height: Annotated[int, Field(gt=0)]
+    M1: _Matrix
+    D1: _Matrix
+    M2: _Matrix
+    D2: _Matrix
+    R: _Matrix
+    T: _Matrix

@@ -1,0 +1,52 @@
+"""Readings files: range and bearing as CSV with the header ``time_s,code,range_m,bearing_rad``; one may be empty."""
+
+from __future__ import annotations
+
+import csv
+import io
+import math
+from pathlib import Path
+
+from lmkit.errors import InputError
+from lmkit.io.documents import read_text
+from lmkit.model.observation import RangeBearing
+
+COLUMNS = ("time_s", "code", "range_m", "bearing_rad")
+
+
+def read_readings(path: Path) -> dict[float, list[RangeBearing]]:
+    """Readings by moment, in the order of the file.
+
+    Raises:
+        InputError: not readable, another header, or a row that is no reading; names the line.
+    """
+    rows = list(csv.reader(io.StringIO(read_text(path, "readings file"))))
+    header = tuple(cell.strip() for cell in rows[0]) if rows else ()
+    if header != COLUMNS:
+        raise InputError(
+            "bad_header", f"{path}: line 1 is {','.join(header)!r}", f"write the header {','.join(COLUMNS)}"
+        )
+    moments: dict[float, list[RangeBearing]] = {}
+    for number, row in enumerate(rows[1:], start=2):
+        if not row:
+            continue
+        try:
+            if len(row) != len(COLUMNS):
+                raise ValueError(f"{len(row)} values")
+            time, code = float(row[0]), int(row[1])
+            distance, bearing = (float(cell) if cell.strip() else None for cell in row[2:])
+            if distance is None and bearing is None:
+                raise ValueError("neither range nor bearing")
+            given = [value for value in (time, distance, bearing) if value is not None]
+            if not all(map(math.isfinite, given)) or (distance is not None and distance <= 0) or code < 0:
+                raise ValueError("not finite, or not positive")
+        except ValueError as error:
+            raise InputError(
+                "bad_reading",
+                f"{path}: line {number} is no reading ({error})",
+                "write time_s,code,range_m,bearing_rad",
+            ) from None
+        moments.setdefault(time, []).append(RangeBearing(code, distance, bearing, time))
+    if not moments:
+        raise InputError("no_readings", f"{path}: holds no readings", "write one reading a line")
+    return moments

@@ -1,0 +1,162 @@
+"""Tables of a drive as CSV with a header: odometry, gyro, and landmarks seen (docs/formats.md)."""
+
+from __future__ import annotations
+
+import csv
+import io
+import math
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+
+from lmkit.arrays import FloatArray
+from lmkit.errors import InputError
+from lmkit.io.documents import read_text
+from lmkit.model.observation import LandmarkObservation
+from lmkit.model.recording import Gyro, Odometry, StereoFrame
+
+# Other names that columns go by.
+ALIASES = {
+    "t": "time_s", "time": "time_s", "timestamp": "time_s",
+    "v": "forward_mps", "w": "turn_radps", "wz": "rate_radps", "gyro_z": "rate_radps",
+    "d_left_m": "left_m", "d_right_m": "right_m", "x": "x_m", "y": "y_m", "yaw": "heading_rad",
+    "eye": "camera", "tag_id": "code",
+}  # fmt: skip
+CORNERS = ("x0", "y0", "x1", "y1", "x2", "y2", "x3", "y3")
+CORNER_SIGMA_PX = 0.3  # of corners that do not say how good they are: of a usual detector of markers
+DETECTION_COLUMNS = ("time_s", "camera", "code", *CORNERS)
+_KINDS = (("x_m", "y_m", "heading_rad"), ("left_m", "right_m"), ("forward_mps", "turn_radps"))
+
+
+def read_odometry(path: Path, track_m: float | None = None) -> Odometry:
+    """Odometry of a file with time_s and poses (x_m, y_m, heading_rad), wheels (left_m, right_m) or velocities.
+
+    Args:
+        track_m: distance of the wheels, which columns left_m and right_m need.
+
+    Raises:
+        InputError: not readable, no such columns, no numbers, or times that do not increase.
+    """
+    columns = _read_numbers(path, "odometry file")
+    kind = next((kind for kind in _KINDS if all(name in columns for name in kind)), None)
+    if kind is None:
+        raise InputError(
+            "bad_header",
+            f"{path}: no columns of odometry in {', '.join(columns)}",
+            "give time_s with x_m,y_m,heading_rad, with forward_mps,turn_radps, or with left_m,right_m",
+        )
+    times, values = columns["time_s"], [columns[name] for name in kind]
+    if kind == _KINDS[0]:
+        return Odometry.from_poses(times, *values)
+    if kind == _KINDS[1]:
+        if track_m is None:
+            raise InputError(
+                "no_track", f"{path} counts wheels", "give the distance of the wheels: --wheel-track 0.4m"
+            )
+        return Odometry.from_wheels(times, values[0], values[1], track_m)
+    return Odometry.from_velocities(times, *values)
+
+
+def read_gyro(path: Path) -> Gyro:
+    """Rates of turn of a file with time_s and rate_radps (wz).
+
+    Raises:
+        InputError: as for odometry.
+    """
+    columns = _read_numbers(path, "gyro file")
+    if "rate_radps" not in columns:
+        raise InputError("bad_header", f"{path}: no column rate_radps or wz", "give time_s,rate_radps")
+    return Gyro(columns["time_s"], columns["rate_radps"])
+
+
+def read_detections(path: Path) -> list[StereoFrame]:
+    """What both eyes saw: time_s, camera (left or right), code, x0 y0 ... x3 y3 (px); family if not lm8, sigma_px.
+
+    Raises:
+        InputError: not readable, or a row is no detection; names the line.
+    """
+    rows = list(csv.reader(io.StringIO(read_text(path, "detections file"))))
+    header = _header(rows)
+    if not set(DETECTION_COLUMNS) <= set(header):
+        raise InputError(
+            "bad_header", f"{path}: line 1 is {','.join(header)}", f"write the columns {','.join(DETECTION_COLUMNS)}"
+        )
+    tags = bool(rows) and "tag_id" in [cell.strip() for cell in rows[0]]
+    moments: dict[float, dict[str, list[LandmarkObservation]]] = {}
+    for number, row in enumerate(rows[1:], start=2):
+        if not row:
+            continue
+        try:
+            cells = dict(zip(header, row, strict=True))
+            eye = cells["camera"].strip()
+            if eye not in ("left", "right"):
+                raise ValueError(f"camera {eye!r} is neither left nor right")
+            corners = np.array([float(cells[name]) for name in CORNERS]).reshape(4, 2)
+            family = cells.get("family", "tag36h11" if tags else "lm8").strip()
+            sigma_px = float(cells.get("sigma_px", CORNER_SIGMA_PX))
+            if not 0 < sigma_px < math.inf:
+                raise ValueError("sigma_px is not positive")
+            C = sigma_px**2 * np.eye(8)
+            observation = LandmarkObservation(int(cells["code"]), corners, 1.0, 0.0, family, C)
+            time = float(cells["time_s"])
+            if not math.isfinite(time):
+                raise ValueError("a time that is not finite")
+        except ValueError as error:
+            raise InputError(
+                "bad_detection", f"{path}: line {number} is no detection ({error})", "see docs/formats.md"
+            ) from None
+        moments.setdefault(time, {"left": [], "right": []})[eye].append(observation)
+    if not moments:
+        raise InputError("no_detections", f"{path}: holds no detections", "write one detection a line")
+    return [
+        StereoFrame(time, tuple(seen["left"]), tuple(seen["right"]), f"{time:.6f}")
+        for time, seen in sorted(moments.items())
+    ]
+
+
+def detections_to_csv(moments: Sequence[StereoFrame]) -> str:
+    """The text of a detections file; moments at which nothing was seen are left out."""
+    lines = [",".join(("time_s", "camera", "family", "code", *CORNERS, "sigma_px"))]
+    for moment in moments:
+        for eye, seen in (("left", moment.left), ("right", moment.right)):
+            for o in seen:
+                numbers = ",".join(f"{v:.4f}" for v in o.corners.ravel())
+                C = o.covariance
+                sigma_px = CORNER_SIGMA_PX if C is None else math.sqrt(float(np.trace(C)) / 8)
+                lines.append(f"{moment.time_s:.6f},{eye},{o.family},{o.code},{numbers},{sigma_px:.4f}")
+    return "\n".join(lines) + "\n"
+
+
+def _header(rows: Sequence[Sequence[str]]) -> list[str]:
+    return [ALIASES.get(cell.strip(), cell.strip()) for cell in rows[0]] if rows else []
+
+
+def _read_numbers(path: Path, what: str) -> dict[str, FloatArray]:
+    """The columns by name; time_s is among them, and increases."""
+    rows = list(csv.reader(io.StringIO(read_text(path, what))))
+    header = _header(rows)
+    if "time_s" not in header:
+        raise InputError("bad_header", f"{path}: line 1 has no column time_s", "write a header such as time_s,...")
+    table = []
+    for number, row in enumerate(rows[1:], start=2):
+        if not row:
+            continue
+        try:
+            values = [float(cell) for cell in row]
+        except ValueError:
+            raise InputError("bad_row", f"{path}: line {number} holds what is no number", f"see {what}") from None
+        if len(values) != len(header) or not all(map(math.isfinite, values)):
+            raise InputError("bad_row", f"{path}: line {number} has not {len(header)} finite numbers", f"see {what}")
+        table.append(values)
+    if len(table) < 2:
+        raise InputError("too_short", f"{path}: fewer than two rows", "record for longer")
+    columns = dict(zip(header, np.array(table).T, strict=True))
+    late = np.flatnonzero(np.diff(columns["time_s"]) <= 0)
+    if len(late):
+        raise InputError(
+            "time_not_increasing",
+            f"{path}: line {late[0] + 3}: time does not increase",
+            "sort by time; where a clock was set back, cut the file in two",
+        )
+    return columns

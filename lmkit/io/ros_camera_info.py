@@ -1,0 +1,131 @@
+"""Rigs as a pair of ROS camera_info files, left.yaml and right.yaml (sensor_msgs/CameraInfo, camera_calibration)."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated, Any
+
+import numpy as np
+import yaml
+from pydantic import BaseModel, ConfigDict, Field, ValidationError
+
+from lmkit.arrays import FloatArray
+from lmkit.errors import InputError
+from lmkit.geometry.camera import CameraModel
+from lmkit.geometry.pose import Pose
+from lmkit.geometry.rectification import rectification
+from lmkit.geometry.rotations import orthonormal
+from lmkit.geometry.stereo_rig import StereoRig
+from lmkit.io.documents import dump_yaml, first_problem, read_text
+
+FILES = ("left.yaml", "right.yaml")
+_TO_ROS = {"pinhole": "plumb_bob", "rational": "rational_polynomial", "fisheye": "equidistant"}
+_FROM_ROS = {name: model for model, name in _TO_ROS.items()} | {"fisheye": "fisheye"}
+_COUNTS = {"pinhole": 5, "rational": 8, "fisheye": 4}
+
+
+class _Matrix(BaseModel):
+    model_config = ConfigDict(extra="forbid", allow_inf_nan=False)
+    rows: int
+    cols: int
+    data: list[float]
+
+
+class _CameraInfo(BaseModel):
+    # Drivers add keys of their own; what is not known is left alone.
+    model_config = ConfigDict(extra="ignore", allow_inf_nan=False)
+    image_width: Annotated[int, Field(gt=0)]
+    image_height: Annotated[int, Field(gt=0)]
+    camera_name: str = ""
+    camera_matrix: _Matrix
+    distortion_model: str
+    distortion_coefficients: _Matrix
+    rectification_matrix: _Matrix
+    projection_matrix: _Matrix
+
+
+def rig_to_camera_infos(rig: StereoRig) -> tuple[str, str]:
+    """The texts of the left and of the right file.
+
+    The relation of the eyes is in their rectification; T_base_left and uncertainties have no place there.
+    """
+    maps = rectification(rig)
+
+    def text(name: str, camera: CameraModel, R: FloatArray, P: FloatArray) -> str:
+        width, height = camera.image_size
+        count = max(_COUNTS[camera.model], len(camera.distortion))
+        distortion = np.pad(camera.distortion, (0, count - len(camera.distortion)))
+        return dump_yaml(
+            {
+                "image_width": width,
+                "image_height": height,
+                "camera_name": name,
+                "camera_matrix": _matrix(np.array(camera.K)),
+                "distortion_model": _TO_ROS[camera.model],
+                "distortion_coefficients": _matrix(distortion[None]),
+                "rectification_matrix": _matrix(R),
+                "projection_matrix": _matrix(P),
+            }
+        )
+
+    return text("left", rig.left, maps.R_left, maps.P_left), text("right", rig.right, maps.R_right, maps.P_right)
+
+
+def read_camera_infos(left: Path, right: Path) -> StereoRig:
+    """A rig from its two files.
+
+    Raises:
+        InputError: not readable or not valid, or the two are no stereo pair.
+    """
+    infos = [_read(path) for path in (left, right)]
+    cameras = [_camera(path, info) for path, info in zip((left, right), infos, strict=True)]
+    R1, R2 = (
+        orthonormal(_array(i.rectification_matrix, (3, 3), "rectification_matrix", p))
+        for i, p in zip(infos, (left, right), strict=True)
+    )
+    P1, P2 = (
+        _array(i.projection_matrix, (3, 4), "projection_matrix", p) for i, p in zip(infos, (left, right), strict=True)
+    )
+    # Rectified, the right eye differs by a shift: P[:, 3] = K t.
+    shift = np.linalg.solve(P2[:, :3], P2[:, 3]) - np.linalg.solve(P1[:, :3], P1[:, 3])
+    if not shift.any():
+        hint = "give the pair as stereo calibration wrote it, left file first"
+        raise InputError(
+            "no_stereo", f"{right}: projection_matrix has no baseline: these are two single cameras", hint
+        )
+    return StereoRig(cameras[0], cameras[1], Pose("right", "left", R2.T @ R1, R2.T @ shift))
+
+
+def _read(path: Path) -> _CameraInfo:
+    hint = "give camera_info YAML as ROS camera_calibration writes it"
+    try:
+        return _CameraInfo.model_validate(yaml.safe_load(read_text(path, "camera_info file")))
+    except yaml.YAMLError:
+        raise InputError("bad_camera_info", f"{path}: no YAML", hint) from None
+    except ValidationError as error:
+        where, problem = first_problem(error)
+        raise InputError("bad_camera_info", f"{path}: {where}: {problem}", hint) from None
+
+
+def _camera(path: Path, info: _CameraInfo) -> CameraModel:
+    model = _FROM_ROS.get(info.distortion_model)
+    if model is None:
+        known = ", ".join(_FROM_ROS)
+        raise InputError("bad_camera_info", f"{path}: distortion_model {info.distortion_model!r}", f"known: {known}")
+    try:
+        K = _array(info.camera_matrix, (3, 3), "camera_matrix", path)
+        return CameraModel(
+            (info.image_width, info.image_height), K, np.array(info.distortion_coefficients.data), model
+        )
+    except ValueError as error:
+        raise InputError("bad_camera_info", f"{path}: {error}", "see docs/formats.md") from None
+
+
+def _array(matrix: _Matrix, shape: tuple[int, int], name: str, path: Path) -> FloatArray:
+    if (matrix.rows, matrix.cols) != shape or len(matrix.data) != shape[0] * shape[1]:
+        raise InputError("bad_camera_info", f"{path}: {name} is not {shape[0]} x {shape[1]}", "see docs/formats.md")
+    return np.array(matrix.data).reshape(shape)
+
+
+def _matrix(values: FloatArray) -> dict[str, Any]:
+    return {"rows": values.shape[0], "cols": values.shape[1], "data": values.ravel().tolist()}

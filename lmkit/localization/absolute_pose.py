@@ -1,0 +1,253 @@
+"""`locate_rig`: the pose of a stereo camera, or of one camera, from all corners of all landmarks in view.
+
+1. Every landmark alone gives two poses (a square seen by one camera has a twin; IPPE, Collins and
+   Bartoli 2014).  All of them, carried into the map, are hypotheses.
+2. Each hypothesis is fitted to its own landmark in both eyes, then to all landmarks that it comes
+   near to, so one wrong code cannot capture the start.
+3. Those that are still different poses are refined on all corners of the landmarks they explain,
+   weighted by the corners' own covariance.
+4. The likelihood ratio of the best to the next pose that is really another one decides whether
+   the answer is ``ok`` or ``ambiguous``.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+
+from lmkit.arrays import BoolArray, FloatArray, IntArray
+from lmkit.geometry.camera import CameraModel
+from lmkit.geometry.pose import Pose
+from lmkit.geometry.rotations import skew, turns
+from lmkit.geometry.stereo_rig import StereoRig
+from lmkit.localization.correspondences import CORNER_FLOOR_PX, Correspondences, Poses
+from lmkit.localization.pose_prior import PosePrior
+from lmkit.model.estimate import PoseEstimate
+from lmkit.model.landmark import square_corners
+from lmkit.model.landmark_map import LandmarkMap
+from lmkit.model.observation import LandmarkObservation
+
+SAME_TURN_RAD = np.deg2rad(2.0)
+SAME_PLACE_M = 0.05
+LISTED_BELOW = 25.0  # log likelihood ratio of alternatives that are listed
+MOST_LISTED = 3
+WRONG_START = 0.01  # of a landmark's pose, as a share of the distance: some pixels in any lens
+# Iterations: towards its own landmark, towards all it comes near to, and to the end.
+TOWARDS_NEAR, TO_THE_END = 2, 8
+
+
+@dataclass(frozen=True)
+class LocateOptions:
+    """The few dials of locating.
+
+    Attributes:
+        corner_floor_px: standard deviation added to every corner's own: what calibration and flat
+            paper leave open.
+        ambiguous_below: log likelihood ratio under which a second pose makes the answer ambiguous.
+        far_m, far_rad: a pose that other ones so far away explain almost as well is ambiguous, too: far and small
+            landmarks leave a valley of poses rather than two.
+        outlier_sigma: a landmark is explained when the root mean square of its eight corner
+            coordinates stays under this many standard deviations.
+        gate_share: before refinement, a landmark is explained when its corners lie within this
+            share of its side.
+        prior: what is known of the pose beforehand.
+    """
+
+    corner_floor_px: float = CORNER_FLOOR_PX
+    ambiguous_below: float = 5.0
+    far_m: float = 0.5
+    far_rad: float = np.deg2rad(5.0)
+    outlier_sigma: float = 4.5
+    gate_share: float = 0.25
+    prior: PosePrior | None = None
+
+
+def locate_rig(
+    left: Sequence[LandmarkObservation],
+    right: Sequence[LandmarkObservation],
+    rig: StereoRig,
+    landmarks: LandmarkMap,
+    options: LocateOptions | None = None,
+) -> PoseEstimate:
+    """The pose of the rig's left camera in the map.
+
+    Args:
+        left, right: detections in the two pictures, corners in pixels as delivered.
+    """
+    eyes = [
+        (left, rig.left, np.eye(3), np.zeros(3)),
+        (right, rig.right, rig.T_right_left.R, rig.T_right_left.t),
+    ]
+    options = options or LocateOptions()
+    estimate = _locate(eyes, landmarks, options)
+    if estimate.status == "inconsistent" and left and right:
+        swapped = [(right, *eyes[0][1:]), (left, *eyes[1][1:])]
+        if _locate(swapped, landmarks, options).T_map_camera is not None:
+            return PoseEstimate("exchanged", outlier_codes=estimate.outlier_codes)
+    return estimate
+
+
+def locate_camera(
+    observations: Sequence[LandmarkObservation],
+    camera: CameraModel,
+    landmarks: LandmarkMap,
+    options: LocateOptions | None = None,
+) -> PoseEstimate:
+    """The pose of a single camera in the map."""
+    return _locate([(observations, camera, np.eye(3), np.zeros(3))], landmarks, options or LocateOptions())
+
+
+_Eye = tuple[Sequence[LandmarkObservation], CameraModel, FloatArray, FloatArray]
+
+
+def _locate(eyes: Sequence[_Eye], landmarks: LandmarkMap, options: LocateOptions) -> PoseEstimate:
+    seen = Correspondences(eyes, landmarks, options.corner_floor_px)
+    if not len(seen):
+        return PoseEstimate("no_landmarks", outlier_codes=tuple(sorted(seen.twice)))
+    poses, cost = _candidates(seen, options)
+    limit = 8 * options.outlier_sigma**2
+    inliers = seen.misfits(poses) < limit
+    codes, explained = set(seen.codes.tolist()), set(seen.codes[inliers[0]].tolist())
+    # An eye that sees landmarks of the map, but none where it should, is not where the rig says.
+    blind = any(eye.rows.stop > eye.rows.start and not inliers[0, eye.rows].any() for eye in seen.eyes)
+    if blind or 2 * len(explained) < len(codes) or (len(codes) > 1 and len(explained) < 2):
+        return PoseEstimate("inconsistent", outlier_codes=tuple(sorted(codes | seen.twice)))
+    best = poses.only(np.array([0]))
+    covariance = _covariance(seen, best, inliers[:1], options.prior)
+    # So far along its least known direction may a pose lie that explains the pictures almost as well.
+    widest = [float(np.linalg.eigvalsh(covariance[part, part])[-1]) for part in (slice(0, 3), slice(3, 6))]
+    reach_m, reach_rad = np.sqrt(2 * options.ambiguous_below * np.array(widest))
+    ratios = cost - cost[0]
+    rivalled = len(cost) > 1 and float(ratios[1]) < options.ambiguous_below
+    squared = seen.pixel_errors(best)[0][inliers[0]] ** 2
+    return PoseEstimate(
+        status="ambiguous" if rivalled or reach_m > options.far_m or reach_rad > options.far_rad else "ok",
+        T_map_camera=_pose(poses, 0),
+        covariance=covariance,
+        inlier_codes=tuple(sorted(explained)),
+        outlier_codes=tuple(sorted((codes - explained) | seen.twice)),
+        alternatives=tuple(
+            (_pose(poses, k), float(ratios[k]))
+            for k in range(1, min(len(cost), 1 + MOST_LISTED))
+            if ratios[k] < LISTED_BELOW
+        ),
+        reprojection_error_px=float(np.sqrt(squared.reshape(-1, 2).sum(axis=1).mean())),
+    )
+
+
+def _candidates(seen: Correspondences, options: LocateOptions) -> tuple[Poses, FloatArray]:
+    """Poses that are really different, each refined on what it explains, and their costs (H,); best first."""
+    poses, own = _hypotheses(seen)
+    prior, limit = options.prior, 8 * options.outlier_sigma**2
+    mine = seen.codes[None] == own[:, None]
+    near = mine | _near(poses, seen, options)
+    poses = seen.refine(poses, near, prior, TOWARDS_NEAR)
+    # What a pose does not even come near to it will not explain, however it is refined.
+    near |= _near(poses, seen, options) | (seen.misfits(poses) < limit)
+    least = (~near).sum(axis=1) * limit / 2
+    hopeful = least < _costs(poses, seen, options).min() + LISTED_BELOW
+    poses = _distinct(poses.only(np.flatnonzero(hopeful)), seen, options)[0]
+    used: BoolArray | None = None
+    for _ in range(3):
+        misfits = seen.misfits(poses)
+        inliers = misfits < limit
+        # A pose that explains nothing stays where its best landmark put it.
+        nothing = ~np.asarray(inliers.any(axis=1, keepdims=True))
+        inliers |= nothing & (misfits == misfits.min(axis=1, keepdims=True))
+        if used is not None and (inliers == used).all():
+            break
+        used = inliers
+        poses = seen.refine(poses, inliers, prior, TO_THE_END)
+    return _distinct(poses, seen, options)
+
+
+def _near(poses: Poses, seen: Correspondences, options: LocateOptions) -> BoolArray:
+    """(H,S) True where the corners lie within a share of the landmark's side."""
+    off = np.sqrt((seen.pixel_errors(poses) ** 2).mean(axis=2))
+    return np.asarray(off < options.gate_share * seen.side_px)
+
+
+def _costs(poses: Poses, seen: Correspondences, options: LocateOptions) -> FloatArray:
+    """(H,) negative log likelihoods; what is not explained costs what it could cost at the border of being so."""
+    cost = np.minimum(seen.misfits(poses), 8 * options.outlier_sigma**2).sum(axis=1) / 2
+    if options.prior is not None:
+        cost = cost + (options.prior.residuals(poses.R, poses.p) ** 2).sum(axis=1) / 2
+    return np.asarray(cost)
+
+
+def _hypotheses(seen: Correspondences) -> tuple[Poses, IntArray]:
+    """Both poses of every landmark, as poses of the left camera in the map, and the landmark's code."""
+    best: dict[int, int] = {}
+    for row, code in enumerate(seen.codes.tolist()):
+        # Of the two eyes the one that sees it larger.
+        if code not in best or seen.side_px[row] > seen.side_px[best[code]]:
+            best[code] = row
+    turned: list[FloatArray] = []
+    moved: list[FloatArray] = []
+    rows_in: list[int] = []
+    eye_matrix = np.eye(3)
+    for row in best.values():
+        ray = seen.rays[row].reshape(4, 1, 2)
+        landmark = seen.landmarks[row]
+        object_points = square_corners(landmark.size_m)
+        _, rvecs, tvecs, off = cv2.solvePnPGeneric(
+            object_points, ray, eye_matrix, None, flags=cv2.SOLVEPNP_IPPE_SQUARE
+        )
+        if np.min(off) > WRONG_START:
+            # Exactly square on, OpenCV's IPPE loses itself in a half turn.
+            _, rvecs, tvecs, _ = cv2.solvePnPGeneric(object_points, ray, eye_matrix, None, flags=cv2.SOLVEPNP_SQPNP)
+        turned += [np.ravel(rvec) for rvec in rvecs]
+        moved += [np.ravel(tvec) for tvec in tvecs]
+        rows_in += [row] * len(rvecs)
+    rows = np.array(rows_in)
+    # x_eye = R x_landmark + t, and x_eye = R_eye x_left + t_eye.
+    R_left_eye = seen.eye_R[rows].transpose(0, 2, 1)
+    R_left = R_left_eye @ turns(np.array(turned))
+    t_left = R_left_eye @ (np.array(moved) - seen.eye_t[rows])[..., None]
+    T = [seen.landmarks[row].T_map_landmark for row in rows_in]
+    R_map_left = np.array([pose.R for pose in T]) @ R_left.transpose(0, 2, 1)
+    p = np.array([pose.t for pose in T]) - (R_map_left @ t_left)[..., 0]
+    return Poses(R_map_left, p), seen.codes[rows]
+
+
+def _distinct(poses: Poses, seen: Correspondences, options: LocateOptions) -> tuple[Poses, FloatArray]:
+    """Sorted by cost, without those that are the same pose as a better one."""
+    cost = _costs(poses, seen, options)
+    kept: list[int] = []
+    for k in np.argsort(cost, kind="stable").tolist():
+        turned = np.einsum("hij,ij->h", poses.R[kept], poses.R[k])
+        apart = np.linalg.norm(poses.p[kept] - poses.p[k], axis=1) > SAME_PLACE_M
+        if (apart | (turned < 1 + 2 * np.cos(SAME_TURN_RAD))).all():
+            kept.append(k)
+    return poses.only(np.array(kept)), cost[kept]
+
+
+def _covariance(seen: Correspondences, best: Poses, used: BoolArray, prior: PosePrior | None) -> FloatArray:
+    """(6,6) of the pose.
+
+    A landmark seen square on tells its tilt the worse the squarer it is, so that an estimate that has
+    strayed from the truth would claim too much: the mean is therefore taken over the places, too,
+    where the pose may as well be, one standard deviation along its least known direction.
+    """
+    here = np.linalg.inv(seen.equations(best, used, prior)[0][0])
+    values, vectors = np.linalg.eigh(here)
+    step = np.array([[-1.0], [1.0]]) * np.sqrt(max(values[-1], 0.0)) * vectors[:, -1]
+    around = Poses(turns(step[:, 3:]) @ best.R, best.p + step[:, :3])
+    there = np.linalg.inv(seen.equations(around, np.repeat(used, 2, axis=0), prior)[0])
+    return np.asarray((here + there[0] + there[1]) / 3)
+
+
+def _pose(poses: Poses, k: int) -> Pose:
+    return Pose("map", "camera", poses.R[k], poses.p[k])
+
+
+def covariance_at_base(estimate: PoseEstimate, T_camera_base: Pose) -> FloatArray | None:
+    """(6,6) covariance of T_map_base, carried over from that of T_map_camera."""
+    if estimate.T_map_camera is None or estimate.covariance is None:
+        return None
+    J = np.eye(6)
+    J[:3, 3:] = -skew(estimate.T_map_camera.R @ T_camera_base.t)
+    return np.asarray(J @ estimate.covariance @ J.T)

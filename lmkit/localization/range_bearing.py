@@ -1,0 +1,338 @@
+"""A planar pose from readings of any number of landmarks: ranges, bearings, or both.
+
+1. Starts: every two landmarks in closed form (`two_landmarks.py`), circles around two that only a
+   range is known of, three bearings by resection (Pierlot and Van Droogenbroeck 2014), and points
+   around one landmark where nothing else is there.
+2. The start that the readings agree with best (Cauchy) is refined by weighted least squares with
+   the same loss, so that a wrong reading cannot pull.
+3. Readings within the gate give the covariance; another place that explains them as well makes the
+   answer ambiguous.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import combinations
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from lmkit.arrays import BoolArray, FloatArray
+from lmkit.geometry.planar import wrapped
+from lmkit.localization.range_bearing_noise import ReadingNoise
+from lmkit.localization.two_landmarks import PlanarPose, locate_by_two
+from lmkit.model.landmark_map import LandmarkMap
+from lmkit.model.observation import RangeBearing
+
+CAUCHY_SIGMA = 2.4  # where the loss bends: 95 % efficient on Gaussian readings (Holland and Welsch 1977)
+BEARING_ALONE_M = 2.0  # how far a landmark is taken to be of which no range was read
+AROUND = 16  # starts around one landmark
+MOST_STARTS = 60
+AMBIGUOUS_BELOW = 5.0  # log likelihood ratio
+SAME_PLACE_M = 0.25
+STEPS = 15
+HOPELESS = 20.0  # loss of a start over that of the best place
+MOST_PLACES = 4
+
+
+@dataclass(frozen=True, eq=False)
+class PlanarEstimate:
+    """A planar pose with its covariance.
+
+    Attributes:
+        status: ``ok``; ``ambiguous`` (another place, in ``alternatives``, explains the readings almost as
+            well); ``no_landmarks`` (too few of the map's landmarks were read); ``inconsistent`` (no pose
+            explains two landmarks and at least half of those read).
+        pose: its heading is None where no bearing was read.
+        covariance: (3,3) of x y (m) and heading (rad), (2,2) of x y where the heading is unknown.
+        inlier_codes, outlier_codes: landmarks that the pose explains, and those that it does not.
+        alternatives: other poses, best first, with the log likelihood ratio to the answer.
+    """
+
+    status: str
+    pose: PlanarPose | None = None
+    covariance: FloatArray | None = None
+    inlier_codes: tuple[int, ...] = ()
+    outlier_codes: tuple[int, ...] = ()
+    alternatives: tuple[tuple[PlanarPose, float], ...] = ()
+
+
+@dataclass(frozen=True, eq=False)
+class Readings:
+    """Readings of mapped landmarks as arrays; NaN where a range or bearing is not there.
+
+    Attributes:
+        codes: (N,) ints.
+        places: (N,2) of the landmarks, metres.
+        ranges, bearings: (N,) metres, rad.
+        range_sigma, bearing_sigma: (N,) their standard deviations, and what the map leaves open of the landmarks.
+    """
+
+    codes: tuple[int, ...]
+    places: FloatArray
+    ranges: FloatArray
+    bearings: FloatArray
+    range_sigma: FloatArray
+    bearing_sigma: FloatArray
+
+    @classmethod
+    def of(cls, readings: Sequence[RangeBearing], landmarks: LandmarkMap, noise: ReadingNoise) -> Readings:
+        """Those of the map's landmarks."""
+        known = [(r, found) for r in readings if (found := landmarks.find(r.code)) is not None]
+        ranges = np.array([np.nan if r.range_m is None else r.range_m for r, _ in known])
+        bearings = np.array([np.nan if r.bearing_rad is None else r.bearing_rad for r, _ in known])
+        places = np.array([found.T_map_landmark.t[:2] for _, found in known]).reshape(-1, 2)
+        # In every direction alike: from where it is read is not yet known.
+        open_m = np.array(
+            [0.0 if m.covariance is None else math.sqrt(np.trace(m.covariance[:2, :2]) / 2) for _, m in known]
+        )
+        aside = open_m / np.where(np.isfinite(ranges), ranges, BEARING_ALONE_M)
+        codes = tuple(r.code for r, _ in known)
+        return cls(
+            codes,
+            places,
+            ranges,
+            bearings,
+            np.hypot(noise.range_sigma(ranges), open_m),
+            np.hypot(noise.bearing_rad, aside),
+        )
+
+    def only(self, rows: BoolArray) -> Readings:
+        """Some of them."""
+        codes = tuple(code for code, kept in zip(self.codes, rows, strict=True) if kept)
+        arrays = (self.places, self.ranges, self.bearings, self.range_sigma, self.bearing_sigma)
+        return Readings(codes, *(values[rows] for values in arrays))
+
+    @property
+    def turnable(self) -> bool:
+        """Is there a bearing, so that the heading can be known?"""
+        return bool(np.isfinite(self.bearings).any())
+
+    def standardised(self, states: FloatArray) -> FloatArray:
+        """(S,N,2) measured minus expected range and bearing of (S,3) states, in standard deviations; 0 where none."""
+        off = self.places - states[:, None, :2]
+        ranges = (self.ranges - np.hypot(off[..., 0], off[..., 1])) / self.range_sigma
+        directions = np.arctan2(off[..., 1], off[..., 0]) - states[:, None, 2]
+        bearings = wrapped(self.bearings - directions) / self.bearing_sigma
+        return np.nan_to_num(np.stack([ranges, bearings], axis=2))
+
+    def jacobian(self, state: FloatArray) -> FloatArray:
+        """(N,2,3) of the expected range and bearing with x, y and heading, in standard deviations; 0 where none."""
+        off = self.places - state[:2]
+        squared = np.maximum((off**2).sum(axis=1), 1e-12)
+        distance = np.sqrt(squared)
+        J = np.zeros((len(off), 2, 3))
+        J[:, 0, :2] = -off / distance[:, None] / self.range_sigma[:, None]
+        J[:, 1, 0] = off[:, 1] / squared / self.bearing_sigma
+        J[:, 1, 1] = -off[:, 0] / squared / self.bearing_sigma
+        J[:, 1, 2] = -1 / self.bearing_sigma
+        J[~np.isfinite(self.ranges), 0] = 0
+        J[~np.isfinite(self.bearings), 1] = 0
+        return J
+
+
+def locate_planar(
+    readings: Sequence[RangeBearing], landmarks: LandmarkMap, noise: ReadingNoise | None = None
+) -> PlanarEstimate:
+    """The sensor's pose from readings of one moment.
+
+    Two landmarks with range and bearing are enough, or a range of one and ranges of two others, or
+    bearings of three; with less, nothing is said.
+    """
+    noise = noise or ReadingNoise()
+    seen = Readings.of(readings, landmarks, noise)
+    named = tuple(sorted(set(seen.codes)))
+    if not _enough(seen):
+        return PlanarEstimate("no_landmarks", outlier_codes=named)
+    starts, unique = _starts(seen)
+    if not len(starts):
+        return PlanarEstimate("inconsistent", outlier_codes=named)
+    cost = np.log1p(_squared(seen, starts) / CAUCHY_SIGMA**2).sum(axis=1)
+    found: list[tuple[float, FloatArray]] = []
+    for k in np.argsort(cost, kind="stable"):
+        # The best start, and where the readings leave a choice those that are not hopeless.
+        if found and (unique or cost[k] > found[0][0] + HOPELESS or len(found) >= MOST_PLACES):
+            break
+        if any(_near(starts[k], state) for _, state in found):
+            continue
+        state = refined(seen, starts[k])
+        if not any(_near(state, other) for _, other in found):
+            found.append((_loss(seen, state), state))
+    found.sort(key=lambda entry: entry[0])
+    return _judged(seen, found, noise, named)
+
+
+def _judged(
+    seen: Readings, found: Sequence[tuple[float, FloatArray]], noise: ReadingNoise, named: tuple[int, ...]
+) -> PlanarEstimate:
+    state = found[0][1]
+    gate = noise.outlier_sigma**2
+    for _ in range(2):
+        # What lies outside the gate shall not pull at all.
+        explained = _squared(seen, state[None])[0] < gate
+        if explained.all() or explained.sum() < 2:
+            break
+        state = refined(seen.only(explained), state)
+    explained = _squared(seen, state[None])[0] < gate
+    inliers = {code for code, good in zip(seen.codes, explained, strict=True) if good}
+    if len(inliers) < 2 or 2 * explained.sum() < len(seen.codes):
+        return PlanarEstimate("inconsistent", outlier_codes=named)
+    known = 3 if seen.turnable else 2
+    J = seen.jacobian(state)[explained].reshape(-1, 3)[:, :known]
+    normal = J.T @ J
+    if np.linalg.cond(normal) > 1e12:
+        return PlanarEstimate("inconsistent", outlier_codes=named)
+    covariance = np.linalg.inv(normal)
+    if known == 3:
+        covariance[2, 2] += noise.common_bearing_rad**2
+    # The likelihood is Gaussian within the gate; what a place does not explain costs as much as the gate.
+    likelihood = [np.minimum(_squared(seen, other[None])[0], gate).sum() / 2 for _, other in found]
+    others = sorted(
+        (float(likelihood[k] - likelihood[0]), k) for k in range(1, len(found)) if likelihood[k] - likelihood[0] < 25
+    )
+    status = "ambiguous" if others and others[0][0] < AMBIGUOUS_BELOW else "ok"
+    return PlanarEstimate(
+        status,
+        _pose(state, seen),
+        covariance,
+        tuple(sorted(inliers)),
+        tuple(sorted(set(seen.codes) - inliers)),
+        tuple((_pose(found[k][1], seen), ratio) for ratio, k in others),
+    )
+
+
+def refined(seen: Readings, start: FloatArray) -> FloatArray:
+    """(3,) Gauss-Newton with Cauchy weights, damped where a step does not help."""
+    state, loss, damping = start, _loss(seen, start), 1e-6
+    for _ in range(STEPS):
+        errors = seen.standardised(state[None])[0]
+        weight = 1 / (1 + (errors**2).sum(axis=1) / CAUCHY_SIGMA**2)
+        J = seen.jacobian(state)
+        weighted = weight[:, None, None] * J
+        normal = np.einsum("nij,nik->jk", weighted, J)
+        gradient = np.einsum("nij,ni->j", weighted, errors)
+        trial = state + np.linalg.solve(normal + damping * np.diag(np.diag(normal) + 1e-9), gradient)
+        there = _loss(seen, trial)
+        if there > loss:
+            damping = max(damping * 30, 1e-4)
+            continue
+        done = loss - there < 1e-9
+        state, loss, damping = trial, there, max(damping / 10, 1e-9)
+        if done:
+            break
+    return np.array([state[0], state[1], float(wrapped(state[2]))])
+
+
+def _loss(seen: Readings, state: FloatArray) -> float:
+    return float(np.log1p(_squared(seen, state[None]) / CAUCHY_SIGMA**2).sum())
+
+
+def _squared(seen: Readings, states: FloatArray) -> FloatArray:
+    """(S,N) of every reading of every state: squared error in standard deviations, range and bearing together."""
+    return np.asarray((seen.standardised(states) ** 2).sum(axis=2))
+
+
+def _enough(seen: Readings) -> bool:
+    """Do the readings hold as many numbers as the pose, from landmarks enough?"""
+    ranged = {c for c, r in zip(seen.codes, seen.ranges, strict=True) if np.isfinite(r)}
+    turned = {c for c, b in zip(seen.codes, seen.bearings, strict=True) if np.isfinite(b)}
+    numbers = len(ranged) + len(turned) - (1 if turned else 0)
+    return len(ranged | turned) >= 2 and numbers >= 2 and (bool(ranged) or len(turned) >= 3)
+
+
+def _starts(seen: Readings) -> tuple[FloatArray, bool]:
+    """(S,3) states to start from, and whether they are guesses of one place: ranges with bearings leave no choice."""
+    full = np.flatnonzero(np.isfinite(seen.ranges) & np.isfinite(seen.bearings))
+    ranged, turned = np.flatnonzero(np.isfinite(seen.ranges)), np.flatnonzero(np.isfinite(seen.bearings))
+    starts: list[FloatArray] = []
+    for a, b in combinations(full.tolist(), 2):
+        A, B = seen.places[a], seen.places[b]
+        if np.hypot(*(B - A)) > 1e-6 and len(starts) < MOST_STARTS:
+            pose = locate_by_two(A, B, *seen.ranges[[a, b]], *seen.bearings[[a, b]])
+            starts.append(np.array([pose.x_m, pose.y_m, pose.heading_rad]))
+    if starts:
+        return np.array(starts), True
+    places = [place for a, b in combinations(ranged.tolist(), 2) for place in _crossings(seen, a, b)]
+    places += [
+        place for triple in combinations(turned[:8].tolist(), 3) if (place := _resection(seen, triple)) is not None
+    ]
+    if (len(ranged) and not places) or (len(ranged) == 1):
+        a = int(ranged[0])
+        angles = np.arange(AROUND) / AROUND * 2 * np.pi
+        places += list(seen.places[a] + seen.ranges[a] * np.column_stack([np.cos(angles), np.sin(angles)]))
+    return np.array([[*place, _heading(seen, place)] for place in places[:MOST_STARTS]]).reshape(-1, 3), False
+
+
+def _crossings(seen: Readings, a: int, b: int) -> list[FloatArray]:
+    """Where the circles around two landmarks meet, or come nearest."""
+    A, B, ra, rb = seen.places[a], seen.places[b], seen.ranges[a], seen.ranges[b]
+    d = float(np.hypot(*(B - A)))
+    if d < 1e-6:
+        return []
+    u = (B - A) / d
+    along = (ra**2 - rb**2 + d**2) / (2 * d)
+    across = math.sqrt(max(ra**2 - along**2, 0.0))
+    n = np.array([-u[1], u[0]])
+    return [A + along * u + across * n, A + along * u - across * n]
+
+
+def _resection(seen: Readings, triple: tuple[int, ...]) -> FloatArray | None:
+    """The place from three bearings; None on the circle through the three landmarks, where there is none."""
+    (P1, P2, P3), (t1, t2, t3) = seen.places[list(triple)], seen.bearings[list(triple)]
+    one, three = P1 - P2, P3 - P2
+    with np.errstate(divide="ignore", invalid="ignore"):
+        cot12, cot23 = 1 / np.tan(t2 - t1), 1 / np.tan(t3 - t2)
+        cot31 = (1 - cot12 * cot23) / (cot12 + cot23)
+        c12 = np.array([one[0] + cot12 * one[1], one[1] - cot12 * one[0]])
+        c23 = np.array([three[0] - cot23 * three[1], three[1] + cot23 * three[0]])
+        c31 = np.array(
+            [one[0] + three[0] + cot31 * (three[1] - one[1]), one[1] + three[1] - cot31 * (three[0] - one[0])]
+        )
+        k31 = one @ three + cot31 * (one[0] * three[1] - three[0] * one[1])
+        D = (c12[0] - c23[0]) * (c23[1] - c31[1]) - (c12[1] - c23[1]) * (c23[0] - c31[0])
+        place = P2 + k31 * np.array([c12[1] - c23[1], c23[0] - c12[0]]) / D
+    return np.asarray(place) if np.isfinite(place).all() and np.abs(place - P2).max() < 1e4 else None
+
+
+def _heading(seen: Readings, place: FloatArray) -> float:
+    """The middle of what the bearings say, 0 where there is none."""
+    turned = np.isfinite(seen.bearings)
+    if not turned.any():
+        return 0.0
+    off = seen.places[turned] - place
+    headings = np.arctan2(off[:, 1], off[:, 0]) - seen.bearings[turned]
+    return float(np.arctan2(np.sin(headings).sum(), np.cos(headings).sum()))
+
+
+def _near(a: FloatArray, b: FloatArray) -> bool:
+    return bool(np.hypot(*(a - b)[:2]) < SAME_PLACE_M and abs(wrapped(a[2] - b[2])) < math.radians(10))
+
+
+def _pose(state: FloatArray, seen: Readings) -> PlanarPose:
+    return PlanarPose(float(state[0]), float(state[1]), float(state[2]) if seen.turnable else None)
+
+
+def planar_dict(estimate: PlanarEstimate, path: Path, time_s: float) -> dict[str, Any]:
+    """One planar answer as docs/formats.md has it."""
+    pose, covariance = estimate.pose, estimate.covariance
+    result: dict[str, Any] = {
+        "readings": str(path),
+        "time_s": time_s,
+        "status": estimate.status,
+        "position": None,
+        "heading_rad": None,
+        "covariance": None if covariance is None else covariance.tolist(),
+        "codes": list(estimate.inlier_codes),
+        "outlier_codes": list(estimate.outlier_codes),
+        "alternatives": [
+            {"position": [other.x_m, other.y_m], "heading_rad": other.heading_rad, "log_likelihood_ratio": ratio}
+            for other, ratio in estimate.alternatives
+        ],
+    }
+    if pose is not None:
+        result["position"] = [pose.x_m, pose.y_m]
+        result["heading_rad"] = pose.heading_rad
+    return result

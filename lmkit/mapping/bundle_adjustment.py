@@ -1,0 +1,435 @@
+"""Bundle adjustment of a drive: rig poses, landmark poses, and what is wrong with the odometry, all at once.
+
+Every corner of every landmark in both eyes is an equation (Triggs et al. 2000), whitened by its own covariance and
+weighed down where it does not fit (Cauchy); odometry ties each pose to the next.  Poses form a chain, landmarks and
+odometry's parameters its border (`optim/block_chain.py`).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from lmkit.arrays import BoolArray, FloatArray, IntArray
+from lmkit.geometry.pose import Pose
+from lmkit.geometry.rotations import orthonormal, turns
+from lmkit.geometry.stereo_rig import StereoRig
+from lmkit.localization.correspondences import Poses
+from lmkit.localization.reprojection import View
+from lmkit.mapping.observation_arrays import ObservationArrays
+from lmkit.mapping.wall_constraints import Tie, constraint_rows
+from lmkit.model.landmark_map import LandmarkMap, MappedLandmark
+from lmkit.model.recording import StereoFrame
+from lmkit.odometry.motion_model import BoundedMotion, Motion
+from lmkit.optim.block_chain import ChainEquations
+
+CAUCHY_SIGMA = 2.4
+CONVERGED = 1e-2  # of the cost: a last step of a tenth of a standard deviation
+SLIP_SIGMA, NEVER = 10.0, 1e6  # where the loss of motions bends
+LEAST_JUMP_M = 0.1
+# Without wheels: no rig leaps from one moment to the next.
+LEAST_MPS, FASTER, LEAP_SIGMA = 1.0, 4.0, 4.0
+EXACT = 1e-12  # m^2, rad^2: what is known exactly
+LEAST_TO_WEIGH = 20  # motions
+TOLD_BELOW = 0.3  # share of a motion's variance that is left once the eyes have spoken
+
+
+@dataclass(frozen=True, eq=False)
+class Anchor:
+    """A landmark whose pose is known beforehand, to the covariance (6,6) given; None: exactly."""
+
+    landmark: MappedLandmark
+    covariance: FloatArray | None
+
+
+@dataclass(frozen=True, eq=False)
+class Bundle:
+    """A solved drive.
+
+    Attributes:
+        times_s: (N,).
+        poses: of the left camera in the map, with (N,6,6) covariances.
+        landmarks: with their covariances.
+        joint: (6L,6L) covariance of all landmarks, in their order: they err alike.
+        parameters: (P,) what is wrong with the odometry, as its `names`; none without.
+        misfits: (S,) root mean square of each sighting's eight standardised corner coordinates.
+        codes, moments: (S,) of the sightings.
+        rms_px: of the corners of sightings that are believed.
+        jumps: (from_s, to_s, metres) between which the rig moved otherwise than the wheels say, or leapt.
+    """
+
+    times_s: FloatArray
+    poses: Poses
+    covariances: FloatArray
+    landmarks: LandmarkMap
+    joint: FloatArray
+    parameters: FloatArray
+    misfits: FloatArray
+    codes: IntArray
+    moments: IntArray
+    rms_px: float
+    jumps: tuple[tuple[float, float, float], ...]
+
+    def left_poses(self) -> list[Pose]:
+        """T_map_left of every moment."""
+        return [Pose("map", "left", orthonormal(R), p) for R, p in zip(self.poses.R, self.poses.p, strict=True)]
+
+
+@dataclass(frozen=True, eq=False)
+class State:
+    """The unknowns at some time."""
+
+    R: FloatArray
+    p: FloatArray
+    lm_R: FloatArray
+    lm_p: FloatArray
+    parameters: FloatArray
+
+
+class BundleProblem:
+    """Correspondences of a drive, and the unknowns as they stand.
+
+    Args:
+        moments: in the order of time.
+        start: T_map_left of every moment.
+        landmarks: as they are believed to hang; sightings of others are left out.
+        anchors: by family and code, what is known beforehand.
+        frozen: no landmark moves.
+        ties: walls and heights that landmarks are declared to share.
+    """
+
+    def __init__(
+        self,
+        moments: Sequence[StereoFrame],
+        rig: StereoRig,
+        start: Poses,
+        landmarks: LandmarkMap,
+        anchors: Mapping[tuple[str, int], Anchor],
+        motion: Motion | None = None,
+        frozen: bool = False,
+        ties: Sequence[Tie] = (),
+    ) -> None:
+        self.times = np.array([moment.time_s for moment in moments])
+        self.motion: Motion = motion or BoundedMotion()
+        self.frozen = frozen
+        self.R, self.p = start.R.copy(), start.p.copy()
+        self.hung = list(landmarks)
+        self.anchors, self.ties = dict(anchors), ties
+        self.seen = ObservationArrays.collect(moments, rig, self.hung)
+        self.lm_R = np.array([m.T_map_landmark.R for m in self.hung])
+        self.lm_p = np.array([m.T_map_landmark.t for m in self.hung])
+        self.arms = np.array([(m.corners_map - m.T_map_landmark.t) @ m.T_map_landmark.R for m in self.hung])
+        self.used = np.ones(len(self.seen), dtype=bool)
+        self.parameters = np.array(self.motion.nominal)
+        self.own = len(self.parameters)  # of the shared unknowns, before the landmarks
+        self.motion_scale = np.ones(6)
+        self.may_slip = True
+        self.shared = self.own + (0 if frozen else 6 * len(self.hung))
+        T = rig.T_base_left
+        T_left_base = Pose.identity("left", "base") if T is None else T.inverse()
+        self.base_R, self.base_t = T_left_base.R, T_left_base.t
+
+    def settle(self, steps: int) -> float:
+        """Levenberg and Marquardt, weights renewed each time; the cost where it stops."""
+        damping = 1e-6
+        equations, cost = self._equations()
+        for _ in range(steps):
+            try:
+                step, shared = equations.solve(damping)
+            except np.linalg.LinAlgError:
+                damping = max(damping * 100, 1e-6)
+                continue
+            before = self.state()
+            self._move(step, shared)
+            there, new_cost = self._equations()
+            if new_cost <= cost:
+                done = cost - new_cost < CONVERGED
+                equations, cost, damping = there, new_cost, max(damping / 10, 1e-9)
+                if done:
+                    break
+            else:
+                self.restore(before)
+                damping = max(damping * 50, 1e-6)
+                if damping > 1e8:
+                    break
+        return cost
+
+    def state(self) -> State:
+        """The unknowns as they stand."""
+        return State(self.R, self.p, self.lm_R, self.lm_p, self.parameters)
+
+    def restore(self, state: State) -> None:
+        """Back to where they stood."""
+        self.R, self.p, self.lm_R, self.lm_p = state.R, state.p, state.lm_R, state.lm_p
+        self.parameters = state.parameters
+
+    def cost(self) -> float:
+        """As things stand."""
+        return self._equations()[1]
+
+    def put(self, landmark: int, R: FloatArray, p: FloatArray) -> None:
+        """Hang one landmark elsewhere."""
+        self.lm_R, self.lm_p = self.lm_R.copy(), self.lm_p.copy()
+        self.lm_R[landmark], self.lm_p[landmark] = R, p
+
+    def lay(self, R: FloatArray, t: FloatArray) -> None:
+        """Move everything by one rotation and shift, x -> R x + t, what is known beforehand as well."""
+        self.R, self.p = R @ self.R, self.p @ R.T + t
+        self.lm_R, self.lm_p = R @ self.lm_R, self.lm_p @ R.T + t
+        turn = np.kron(np.eye(2), R)
+        for key, anchor in self.anchors.items():
+            T = anchor.landmark.T_map_landmark
+            moved = Pose(T.to_frame, T.from_frame, orthonormal(R @ T.R), R @ T.t + t)
+            C = None if anchor.covariance is None else turn @ anchor.covariance @ turn.T
+            self.anchors[key] = Anchor(replace(anchor.landmark, T_map_landmark=moved), C)
+
+    def base_poses(self) -> tuple[FloatArray, FloatArray]:
+        """(N,3,3), (N,3) T_map_base of the robot."""
+        return self.R @ self.base_R, self.p + self.R @ self.base_t
+
+    def is_held(self, landmark: int) -> bool:
+        """Is its pose known exactly?"""
+        m = self.hung[landmark]
+        anchor = self.anchors.get((m.family, m.code))
+        return anchor is not None and anchor.covariance is None
+
+    def landmark_costs(self) -> FloatArray:
+        """(L,) what each landmark's sightings cost."""
+        squared = self.misfits() ** 2
+        cost = 8 * CAUCHY_SIGMA**2 * np.log1p(squared / CAUCHY_SIGMA**2) * self.used
+        return np.asarray(np.bincount(self.seen.of, cost, len(self.hung)), dtype=np.float64)
+
+    def landmark_steps(self) -> FloatArray:
+        """(L,6) a step of each landmark alone, with the rig where it is."""
+        e = self._equations()[0]
+        rows = self.own + 6 * np.arange(len(self.hung))[:, None] + np.arange(6)
+        blocks, gradients = e.corner[rows[:, :, None], rows[:, None]], e.shared_gradient[rows]
+        return np.asarray(np.linalg.solve(blocks, gradients[..., None])[..., 0])
+
+    def seen_along(self) -> FloatArray:
+        """(L,3) unit vectors from landmarks to where they were seen from, in the middle."""
+        away = self.p[self.seen.at] - self.lm_p[self.seen.of]
+        away = away / np.linalg.norm(away, axis=1, keepdims=True) * self.used[:, None]
+        total = np.zeros((len(self.hung), 3))
+        np.add.at(total, self.seen.of, away)
+        return np.asarray(total / np.maximum(np.linalg.norm(total, axis=1, keepdims=True), 1e-12))
+
+    def drop_outliers(self, sigma: float) -> int:
+        """Leave out sightings that do not fit at all: even weighed down, many of them pull together."""
+        self.used = self.misfits() < sigma
+        return int((~self.used).sum())
+
+    def weigh_motion(self) -> None:
+        """How well the wheels count, from how they agree with what was seen (one step of expectation maximisation).
+
+        Where the eyes say little, motion agrees with itself; only moments at which they say more are asked.
+        """
+        if len(self.times) < LEAST_TO_WEIGH:
+            return
+        states, across, _ = self._equations()[0].covariances()
+        before, after, r, _ = self._motion_rows()
+        own = (before @ states[:-1] + after @ across.transpose(0, 2, 1)) @ before.transpose(0, 2, 1)
+        own += (before @ across + after @ states[1:]) @ after.transpose(0, 2, 1)
+        left = np.einsum("nii->ni", own)
+        for k in range(6):
+            told = left[:, k] < TOLD_BELOW
+            if told.sum() >= LEAST_TO_WEIGH:
+                scale = np.sqrt(np.mean(np.minimum(r[told, k] ** 2, SLIP_SIGMA**2) + left[told, k]))
+                self.motion_scale[k] *= float(np.clip(scale, 0.3, 3.0))
+
+    def _move(self, step: FloatArray, shared: FloatArray) -> None:
+        self.p = self.p + step[:, :3]
+        self.R = turns(step[:, 3:]) @ self.R
+        self.parameters = self.parameters + shared[: self.own]
+        if not self.frozen:
+            moved = shared[self.own :].reshape(-1, 6)
+            self.lm_p = self.lm_p + moved[:, :3]
+            self.lm_R = turns(moved[:, 3:]) @ self.lm_R
+
+    def _arms(self) -> FloatArray:
+        """(S,4,3) from the landmarks' middles to their corners, in the map."""
+        return np.asarray(self.arms[self.seen.of] @ self.lm_R[self.seen.of].transpose(0, 2, 1))
+
+    def _view(self) -> View:
+        return self.seen.view(Poses(self.R, self.p), self.lm_p, self._arms())
+
+    def _equations(self) -> tuple[ChainEquations, float]:
+        equations = ChainEquations.zeros(len(self.times), 6, self.shared)
+        view = self._view()
+        r = self.seen.residuals(view)
+        squared = (r**2).sum(axis=1) / 8
+        root = np.sqrt(1 / (1 + squared / CAUCHY_SIGMA**2)) * self.used
+        cost = float(8 * CAUCHY_SIGMA**2 * (np.log1p(squared / CAUCHY_SIGMA**2) * self.used).sum())
+        J = self.seen.whitener @ view.by_rig()
+        J, r = J * root[:, None, None], r * root[:, None]
+        equations.add_to_states(self.seen.at, J, r)
+        if not self.frozen:
+            K = self.seen.whitener @ view.by_landmark(self._arms())
+            columns = self.own + 6 * self.seen.of[:, None] + np.arange(6)
+            equations.add_shared(self.seen.at, J, columns, K * root[:, None, None], r)
+            cost += self._add_anchors(equations) + self._add_ties(equations)
+        if len(self.times) > 1:
+            cost += self._add_motion(equations)
+        # Never singular: a pose that nothing sees, a landmark that no pose sees.
+        for matrix in (equations.diagonal, equations.corner[None]):
+            diagonal = np.arange(matrix.shape[1])
+            matrix[:, diagonal, diagonal] += 1e-9
+        return equations, cost
+
+    def _add_anchors(self, equations: ChainEquations) -> float:
+        cost = 0.0
+        for k, landmark in enumerate(self.hung):
+            anchor = self.anchors.get((landmark.family, landmark.code))
+            if anchor is None:
+                continue
+            T = anchor.landmark.T_map_landmark
+            turned = Rotation.from_matrix(T.R @ self.lm_R[k].T).as_rotvec()
+            off = np.concatenate([T.t - self.lm_p[k], turned])
+            information = np.linalg.inv(EXACT * np.eye(6) + (0.0 if anchor.covariance is None else anchor.covariance))
+            rows = self._rows_of(k)
+            equations.corner[rows, rows] += information
+            equations.shared_gradient[rows] += information @ off
+            cost += float(off @ information @ off)
+        return cost
+
+    def members(self, tie: Tie) -> list[int]:
+        """Rows of those landmarks of a tie that the drive has."""
+        return [k for k, landmark in enumerate(self.hung) if landmark.code in tie.codes]
+
+    def _add_ties(self, equations: ChainEquations) -> float:
+        cost = 0.0
+        for tie in self.ties:
+            members = self.members(tie)
+            if len(members) < 2:
+                continue
+            rows = constraint_rows(tie, members, self.lm_R, self.lm_p)
+            root = np.sqrt(rows.weights)
+            J, r = rows.derivatives * root[:, None], rows.residuals * root
+            columns = (self.own + 6 * rows.pairs[:, :, None] + np.arange(6)).reshape(-1, 12)
+            np.add.at(equations.corner, (columns[:, :, None], columns[:, None]), J[:, :, None] * J[:, None])
+            np.add.at(equations.shared_gradient, columns, J * r[:, None])
+            cost += rows.cost
+        return cost
+
+    def _add_motion(self, equations: ChainEquations) -> float:
+        before, after, r, K = self._motion_rows()
+        squared = (r**2).sum(axis=1) / 6
+        bend = SLIP_SIGMA if self.may_slip else NEVER
+        root = np.sqrt(1 / (1 + squared / bend**2))
+        before, after, K = (values * root[:, None, None] for values in (before, after, K))
+        r = r * root[:, None]
+        equations.add_between(before, after, r)
+        rows = np.arange(len(r))
+        own = slice(0, self.own)
+        equations.add_shared(rows, before, np.tile(np.arange(self.own), (len(r), 1)), K, r)
+        equations.border[1:, :, own] += after.transpose(0, 2, 1) @ K
+        off = (self.motion.nominal - self.parameters) / self.motion.prior_sigma
+        equations.corner[own, own] += np.diag(self.motion.prior_sigma**-2)
+        equations.shared_gradient[own] += off / self.motion.prior_sigma
+        return float(6 * bend**2 * np.log1p(squared / bend**2).sum() + (off**2).sum())
+
+    def _rows_of(self, landmark: int) -> slice:
+        return slice(self.own + 6 * landmark, self.own + 6 * landmark + 6)
+
+    def _motion_rows(self) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
+        """(N-1,6,6) derivatives of motions with the earlier and the later pose, (N-1,6) residuals, and (N-1,6,P)."""
+        steps = self.motion.steps(self.times, self.parameters)
+        R_b, p_b = self.base_poses()
+        back = R_b[:-1].transpose(0, 2, 1)
+        v = p_b[1:] - p_b[:-1]
+        turned = Rotation.from_matrix(steps.R.transpose(0, 2, 1) @ back @ R_b[1:]).as_rotvec()
+        r = np.column_stack([steps.t - (back @ v[..., None])[..., 0], -turned])
+        arm = self.R @ self.base_t
+        sigmas = steps.sigmas * self.motion_scale
+        # d(p_b) = shift - [arm] turn, and R' v changes by R' [v] with the turn of the earlier pose.
+        before, after = np.zeros((len(v), 6, 6)), np.zeros((len(v), 6, 6))
+        before[:, :3, :3], after[:, :3, :3] = -back, back
+        before[:, :3, 3:] = back @ (_skew(arm[:-1]) + _skew(v))
+        after[:, :3, 3:] = -back @ _skew(arm[1:])
+        forward = R_b[1:].transpose(0, 2, 1)
+        before[:, 3:, 3:], after[:, 3:, 3:] = -forward, forward
+        scale = 1 / sigmas[..., None]
+        return before * scale, after * scale, r / sigmas, -steps.by_parameters * scale
+
+    def landmark_information(self) -> FloatArray:
+        """(6L,6L) what the sightings alone tell of the landmarks, wherever the rig was."""
+        e = self._equations()[0]
+        across = e.border[:, :, self.own :]
+        told = np.einsum("nia,nij,njb->ab", across, np.linalg.inv(e.diagonal), across)
+        return np.asarray(e.corner[self.own :, self.own :] - told)
+
+    def misfits(self) -> FloatArray:
+        """(S,) root mean square of each sighting's eight standardised coordinates."""
+        return np.asarray(np.sqrt((self.seen.residuals(self._view()) ** 2).mean(axis=1)))
+
+    def landmarks(self, covariance: FloatArray | None = None) -> LandmarkMap:
+        """The map as it stands."""
+        hung = []
+        for k, m in enumerate(self.hung):
+            C = None
+            if covariance is not None and not self.frozen:
+                rows = self._rows_of(k)
+                C = (covariance[rows, rows] + covariance[rows, rows].T) / 2
+            T = Pose("map", "landmark", orthonormal(self.lm_R[k]), self.lm_p[k])
+            hung.append(MappedLandmark(m.code, m.family, m.size_m, T, m.covariance if self.frozen else C))
+        return LandmarkMap(hung)
+
+    def answer(self, believed_below: float, spread: Mapping[int, FloatArray] | None = None) -> Bundle:
+        """Everything, with covariances.
+
+        Args:
+            believed_below: of a sighting's misfit.
+            spread: by row, (6,6) to be added to the covariance of landmarks.
+        """
+        equations, _ = self._equations()
+        states, _, shared = equations.covariances()
+        for k, more in (spread or {}).items():
+            shared[self._rows_of(k), self._rows_of(k)] += more
+        misfits = self.misfits()
+        believed: BoolArray = misfits < believed_below
+        pixels = self.seen.pixels(self._view())[believed]
+        rms = float(np.sqrt((pixels**2).sum(axis=2).mean())) if believed.any() else float("nan")
+        codes = np.array([m.code for m in self.hung])[self.seen.of]
+        return Bundle(
+            self.times,
+            Poses(self.R, self.p),
+            states,
+            self.landmarks(shared),
+            shared[self.own :, self.own :],
+            self.parameters,
+            misfits,
+            codes,
+            self.seen.at,
+            rms,
+            self._jumps(states),
+        )
+
+    def _jumps(self, covariances: FloatArray) -> tuple[tuple[float, float, float], ...]:
+        """Against the wheels where there are some, else faster than the rig ever moves."""
+        if len(self.times) < 2:
+            return ()
+        if isinstance(self.motion, BoundedMotion):
+            seconds = np.diff(self.times)
+            moved = np.linalg.norm(np.diff(self.p, axis=0), axis=1)
+            fastest = max(LEAST_MPS, FASTER * float(np.median(moved / seconds)))
+            off = moved - fastest * seconds
+            # A pose that is hardly known leaps for that alone.
+            variance = np.einsum("nii->n", covariances[:, :3, :3])
+            sure = off > LEAP_SIGMA * np.sqrt(np.abs(variance[1:] + variance[:-1]))
+            leaps = np.flatnonzero((off > LEAST_JUMP_M) & sure)
+        else:
+            r = self._motion_rows()[2]
+            sigmas = self.motion.steps(self.times, self.parameters).sigmas * self.motion_scale
+            off = np.linalg.norm((r * sigmas)[:, :3], axis=1)
+            leaps = np.flatnonzero((np.sqrt((r**2).mean(axis=1)) > SLIP_SIGMA) & (off > LEAST_JUMP_M))
+        return tuple((float(self.times[k]), float(self.times[k + 1]), float(off[k])) for k in leaps)
+
+
+def _skew(v: FloatArray) -> FloatArray:
+    """(N,3,3) of (N,3)."""
+    W = np.zeros((len(v), 3, 3))
+    W[:, 0, 1], W[:, 0, 2], W[:, 1, 2] = -v[:, 2], v[:, 1], -v[:, 0]
+    return W - W.transpose(0, 2, 1)

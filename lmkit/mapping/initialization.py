@@ -1,0 +1,292 @@
+"""Where to start a survey: poses and landmarks found one from the other, nearest first.
+
+From the landmarks known so far the rig is located wherever they are surely seen; from the located moments further
+landmarks are placed (`placing.py`), and all of it is settled a little.  Odometry, where there is some, carries the
+rig on from where it is known (`carry.py`), so that a landmark is judged from more than one side.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from lmkit.errors import InputError
+from lmkit.geometry.pose import Pose
+from lmkit.geometry.rotations import orthonormal, rotation_angle
+from lmkit.geometry.stereo_rig import StereoRig
+from lmkit.localization.absolute_pose import LocateOptions, locate_rig
+from lmkit.localization.correspondences import CORNER_FLOOR_PX, Correspondences, Poses
+from lmkit.mapping.bundle_adjustment import Anchor, BundleProblem
+from lmkit.mapping.landmark_initialization import CAP, SURE_RATIO, Key, Placing
+from lmkit.mapping.wall_constraints import Tie
+from lmkit.model.landmark_map import LandmarkMap, MappedLandmark, wall_pose
+from lmkit.model.recording import StereoFrame
+from lmkit.odometry.dead_reckoning import STRAY_M, STRAY_RAD, Carried, CarriedPoses, OdometryPath
+from lmkit.odometry.motion_model import Motion
+
+SETTLING = 4  # steps of bundle adjustment after each round
+RETRY = 1.5
+NEIGHBOUR_M = 0.5  # of odometry to a located neighbour, from which a moment is refined without looking further
+REFINING = 8
+# Without odometry: neighbours in time are so near to each other.
+NEIGHBOUR_S, NEIGHBOUR_MPS, NEIGHBOUR_RADPS = 1.0, 1.0, 1.5
+LEAST_VIEWS = 2  # moments that agree on a landmark's place; one alone may have misread its code
+# Single landmarks leave valleys of poses; a view that is known to a metre places nothing.
+PLACING = LocateOptions(far_m=0.25, far_rad=np.deg2rad(8.0))
+
+
+@dataclass(frozen=True, eq=False)
+class Start:
+    """What a drive's sightings tie together.
+
+    Attributes:
+        poses: T_map_left of moments, located or carried on by odometry; None: neither.
+        placed: landmarks.
+        anchors: those that were known beforehand, or the one that was chosen.
+        unplaced: what could not be placed.
+    """
+
+    poses: Sequence[Pose | None]
+    placed: Mapping[Key, MappedLandmark]
+    anchors: Mapping[Key, Anchor]
+    unplaced: tuple[Key, ...] = ()
+
+    @property
+    def rows(self) -> tuple[int, ...]:
+        """Moments that have a pose."""
+        return tuple(k for k, pose in enumerate(self.poses) if pose is not None)
+
+    def problem(
+        self,
+        moments: Sequence[StereoFrame],
+        rig: StereoRig,
+        motion: Motion | None,
+        ties: Sequence[Tie] = (),
+        frozen: bool = False,
+    ) -> BundleProblem:
+        """Bundle adjustment of the moments that have a pose, and of the landmarks that those see."""
+        posed = [(k, pose) for k, pose in enumerate(self.poses) if pose is not None]
+        some = [moments[k] for k, _ in posed]
+        seen = {(o.family, o.code) for moment in some for o in (*moment.left, *moment.right)}
+        return BundleProblem(
+            some,
+            rig,
+            Poses(np.array([pose.R for _, pose in posed]), np.array([pose.t for _, pose in posed])),
+            LandmarkMap([m for key, m in self.placed.items() if key in seen]),
+            self.anchors,
+            motion,
+            frozen,
+            ties,
+        )
+
+
+def find_start(
+    moments: Sequence[StereoFrame],
+    rig: StereoRig,
+    sizes_m: Mapping[Key, float],
+    anchors: Mapping[Key, Anchor],
+    motion: Motion | None = None,
+) -> Start:
+    """Poses and landmarks, as far as sightings tie them together.
+
+    Args:
+        sizes_m: printed size of every landmark to be placed.
+        anchors: landmarks whose poses are known, roughly or well; none: the landmark that is seen best hangs upright
+            in the map's origin and looks along its x.
+
+    Raises:
+        InputError: nothing to start from, or odometry without T_base_left or of another time.
+    """
+    if motion is not None:
+        if motion.of_base and rig.T_base_left is None:
+            raise InputError(
+                "no_base", "odometry moves the robot's base, and the rig has no T_base_left", "add it to the rig file"
+            )
+        motion.require_overlap(np.array([moment.time_s for moment in moments]))
+    placing = Placing(moments, rig, sizes_m)
+    if not anchors:
+        family, code = placing.best_seen()
+        hung = MappedLandmark(code, family, sizes_m[family, code], wall_pose([0.0, 0.0, 0.0], 0.0))
+        anchors = {(family, code): Anchor(hung, None)}
+    if not any(key in placing.views for key in anchors):
+        raise InputError(
+            "anchor_unseen",
+            "none of the landmarks known beforehand is seen in the drive",
+            "anchor the survey at a landmark that the pictures show",
+        )
+    search = _Search(moments, rig, anchors, placing, motion)
+    search.run()
+    carried = CarriedPoses(search.poses, search.path)
+    poses = [pose or (c.pose if (c := carried[k]) else None) for k, pose in enumerate(search.poses)]
+    if not any(poses):
+        raise InputError(
+            "nothing_located", "no moment of the drive could be located", "see what lmkit locate says of its pictures"
+        )
+    return Start(poses, search.placed, anchors, tuple(sorted(placing.wanted - set(search.placed))))
+
+
+@dataclass(eq=False)
+class _Search:
+    """What is located and placed so far."""
+
+    moments: Sequence[StereoFrame]
+    rig: StereoRig
+    anchors: Mapping[Key, Anchor]
+    placing: Placing
+    motion: Motion | None
+    poses: list[Pose | None] = field(init=False)
+    placed: dict[Key, MappedLandmark] = field(init=False)
+    tries: dict[int, int] = field(default_factory=dict)  # of a moment: landmarks that it saw in vain
+
+    def __post_init__(self) -> None:
+        self.poses = [None] * len(self.moments)
+        self.placed = {key: anchor.landmark for key, anchor in self.anchors.items()}
+        times = np.array([moment.time_s for moment in self.moments])
+        self.path = None if self.motion is None else OdometryPath.of(times, self.rig, self.motion)
+
+    def run(self) -> None:
+        """Round by round, until nothing comes anew."""
+        least = LEAST_VIEWS
+        while True:
+            news = self.locate_more()
+            carried = CarriedPoses(self.poses, self.path)
+            news += self.place_more(carried, least)
+            # What one moment alone saw is placed last, and only where nothing contradicts.
+            stuck = news == 0 and least == 1
+            if stuck:
+                news = self.locate_by_neighbours(carried) if any(self.poses) else self.locate_likeliest(carried)
+                if news == 0:
+                    return
+            least = LEAST_VIEWS if news else 1
+
+    def place_more(self, carried: CarriedPoses, least: int) -> int:
+        """Landmarks that enough views agree on."""
+        news = 0
+        for key in sorted(self.placing.wanted - self.placed.keys()):
+            landmark = self.placing.place(key, self.poses, carried, least)
+            if landmark is not None:
+                self.placed[key] = landmark
+                news += 1
+        if news:
+            self.settle()
+        return news
+
+    def settle(self) -> None:
+        """A few steps of bundle adjustment, so that errors do not add up from round to round."""
+        start = Start(self.poses, self.placed, self.anchors)
+        problem = start.problem(self.moments, self.rig, self.motion)
+        problem.settle(SETTLING)
+        for k, R, p in zip(start.rows, problem.R, problem.p, strict=True):
+            self.poses[k] = Pose("map", "camera", orthonormal(R), p)
+        self.placed.update({(m.family, m.code): m for m in problem.landmarks()})
+
+    def map_so_far(self) -> LandmarkMap:
+        """As if it were known exactly."""
+        return LandmarkMap([replace(m, covariance=None) for m in self.placed.values()])
+
+    def locate_more(self) -> int:
+        """Moments located from what is placed; those tried before are tried again when they see more of it."""
+        landmarks, news = self.map_so_far(), 0
+        carried = CarriedPoses(self.poses, self.path)
+        for k, moment in enumerate(self.moments):
+            if self.poses[k] is not None:
+                continue
+            known = len({(o.family, o.code) for o in (*moment.left, *moment.right)} & self.placed.keys())
+            # Again only when it sees a good deal more of what is placed.
+            if known == 0 or known < RETRY * self.tries.get(k, 0):
+                continue
+            self.tries[k] = known
+            guess = self.beside_a_neighbour(k)
+            refined = None if guess is None else _refined(guess, moment, self.rig, landmarks)
+            if refined is not None:
+                pose, sure = refined
+                self.poses[k] = pose if sure else None
+            else:
+                found = locate_rig(moment.left, moment.right, self.rig, landmarks, PLACING)
+                at = carried[k]
+                if (
+                    found.status == "ok"
+                    and found.T_map_camera is not None
+                    and (at is None or at.allows(found.T_map_camera))
+                ):
+                    self.poses[k] = found.T_map_camera
+            news += self.poses[k] is not None
+        return news
+
+    def beside_a_neighbour(self, k: int) -> Carried | None:
+        """Where odometry leads from a located neighbour in time; None where none is near."""
+        if self.path is None:
+            return None
+        for at in (k - 1, k + 1):
+            pose = self.poses[at] if 0 <= at < len(self.poses) else None
+            if pose is not None:
+                guess = self.path.carry(pose, at, k)
+                return guess if guess is not None and guess.way_m < NEIGHBOUR_M else None
+        return None
+
+    def locate_likeliest(self, carried: CarriedPoses) -> int:
+        """Where nothing is sure: the moment whose best pose is the likeliest against its others; 0 without one."""
+        landmarks = self.map_so_far()
+        best: tuple[float, int, Pose] | None = None
+        for k, moment in enumerate(self.moments):
+            if self.poses[k] is not None or carried[k] is not None:
+                continue
+            found = locate_rig(moment.left, moment.right, self.rig, landmarks)
+            if found.T_map_camera is None or found.covariance is None:
+                continue
+            ratio = found.alternatives[0][1] if found.alternatives else SURE_RATIO
+            # Nearer views first among those that are as sure.
+            score = min(ratio, SURE_RATIO) - float(np.sqrt(np.trace(found.covariance[:3, :3])))
+            if best is None or score > best[0]:
+                best = score, k, found.T_map_camera
+        if best is None:
+            return 0
+        self.poses[best[1]] = best[2]
+        return 1
+
+    def locate_by_neighbours(self, carried: CarriedPoses) -> int:
+        """Moments that allow several poses, or a valley of them: the one near where the rig was just before."""
+        landmarks, moments = self.map_so_far(), self.moments
+        allowed: dict[int, list[Pose]] = {}
+        news = 0
+        for order in (range(1, len(moments)), range(len(moments) - 2, -1, -1)):
+            for k in order:
+                before = self.poses[k - order.step]
+                seconds = abs(moments[k].time_s - moments[k - order.step].time_s)
+                if self.poses[k] is not None or carried[k] is not None or before is None or seconds > NEIGHBOUR_S:
+                    continue
+                if k not in allowed:
+                    found = locate_rig(moments[k].left, moments[k].right, self.rig, landmarks)
+                    best = [] if found.T_map_camera is None else [found.T_map_camera]
+                    allowed[k] = best + [pose for pose, _ in found.alternatives]
+                near = [
+                    pose
+                    for pose in allowed[k]
+                    if np.linalg.norm(pose.t - before.t) < STRAY_M + NEIGHBOUR_MPS * seconds
+                    and rotation_angle(pose.R.T @ before.R) < STRAY_RAD + NEIGHBOUR_RADPS * seconds
+                ]
+                if near:
+                    self.poses[k] = min(near, key=lambda pose: _apart(pose, before))
+                    news += 1
+        return news
+
+
+def _refined(guess: Carried, moment: StereoFrame, rig: StereoRig, landmarks: LandmarkMap) -> tuple[Pose, bool] | None:
+    """The pose near the guess that fits all that is seen, and whether that is sure; None where it does not fit."""
+    seen = Correspondences.of_rig(moment.left, moment.right, rig, landmarks, CORNER_FLOOR_PX)
+    if len(seen) == 0 or seen.twice:
+        return None
+    used = np.ones((1, len(seen)), dtype=bool)
+    found = seen.refine(Poses(guess.pose.R[None], guess.pose.t[None]), used, None, REFINING)
+    pose = Pose("map", "camera", orthonormal(found.R[0]), found.p[0])
+    if not guess.allows(pose) or seen.misfits(found).max() > CAP:
+        return None
+    variances = np.diag(np.linalg.pinv(seen.equations(found, used, None)[0][0]))
+    return pose, bool(variances[:3].sum() < PLACING.far_m**2 and variances[3:].max() < PLACING.far_rad**2)
+
+
+def _apart(a: Pose, b: Pose) -> float:
+    """Metres, a radian as much as a metre."""
+    return float(np.linalg.norm(a.t - b.t)) + rotation_angle(a.R.T @ b.R)

@@ -1,0 +1,153 @@
+"""Where one landmark hangs, from moments whose poses are known.
+
+One view of one landmark allows two poses: all candidates from its largest views are judged on all of them, and the
+landmark is placed once one of them explains what the others cannot.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+
+from lmkit.arrays import FloatArray
+from lmkit.errors import InputError
+from lmkit.geometry.pose import Pose
+from lmkit.geometry.rotations import rotation_angle
+from lmkit.geometry.stereo_rig import StereoRig
+from lmkit.localization.absolute_pose import locate_rig
+from lmkit.localization.correspondences import Correspondences, Poses
+from lmkit.model.landmark_map import LandmarkMap, MappedLandmark
+from lmkit.model.observation import LandmarkObservation
+from lmkit.model.recording import StereoFrame
+from lmkit.odometry.dead_reckoning import CarriedPoses
+
+VIEWS = 8  # of a landmark that place it, the largest
+CANDIDATE_VIEWS = 4  # of those, that say where it may hang
+SURE_RATIO = 10.0  # log likelihood ratio of a landmark's best candidate to another one
+CAP = 8 * 4.5**2  # of a view's squared misfit
+LOCATED_PX, CARRIED_PX = 0.5, 12.0  # what a corner may be off, seen from where the rig was located or carried to
+CARRY_M = 6.0  # odometry is believed that far
+SAME_M, SAME_RAD = 0.3, 0.35
+
+View = tuple[tuple[LandmarkObservation, ...], tuple[LandmarkObservation, ...]]
+Key = tuple[str, int]
+At = list[tuple[int, Pose, float]]  # moment, T_map_left, and what a corner may be off
+
+
+class Placing:
+    """The views of a drive's landmarks, and what each of them allows.
+
+    Args:
+        sizes_m: printed sizes of those that are to be placed.
+    """
+
+    def __init__(self, moments: Sequence[StereoFrame], rig: StereoRig, sizes_m: Mapping[Key, float]) -> None:
+        self._moments, self._rig, self._sizes_m = moments, rig, sizes_m
+        self.views = _views(moments)
+        self.wanted = {key for key in self.views if key in sizes_m}
+        # Of a moment and a landmark: where the camera may be in the landmark's frame.
+        self._seen_from: dict[tuple[int, Key], list[Pose]] = {}
+        self._looked: dict[tuple[int, Key, float], Correspondences] = {}
+
+    def best_seen(self) -> Key:
+        """Of those to be placed.
+
+        Raises:
+            InputError: none is seen.
+        """
+        if not self.wanted:
+            raise InputError(
+                "nothing_seen", "no landmark is seen in the drive", "check the pictures with lmkit detect"
+            )
+        return max(self.wanted, key=lambda key: sum(side for side, _ in self.views[key][:VIEWS]))
+
+    def place(
+        self, key: Key, poses: Sequence[Pose | None], carried: CarriedPoses, least: int
+    ) -> MappedLandmark | None:
+        """Where its views agree best that it hangs; None while two that differ do as well, or too few agree.
+
+        Args:
+            poses, carried: of the moments, located and carried on.
+            least: moments that must agree.
+        """
+        at = self._known_views(key, poses, carried)
+        if len(at) < least:
+            return None
+        candidates = [
+            Pose("map", "landmark", camera.R @ T.R.T, camera.t - camera.R @ T.R.T @ T.t)
+            for k, camera, _ in at[:CANDIDATE_VIEWS]
+            for T in self._cameras(k, key)
+        ]
+        if not candidates:
+            return None
+        misfits = self._misfits(candidates, key, at)
+        costs = misfits.sum(axis=1) / 2
+        best = int(np.argmin(costs))
+        agree = int((misfits[best] < CAP).sum())
+        if agree < least or 2 * agree < len(at):
+            return None
+        others = [costs[k] - costs[best] for k, T in enumerate(candidates) if not _same(T, candidates[best])]
+        if others and min(others) < SURE_RATIO and least > 1:
+            return None
+        return MappedLandmark(key[1], key[0], self._sizes_m[key], candidates[best])
+
+    def _known_views(self, key: Key, poses: Sequence[Pose | None], carried: CarriedPoses) -> At:
+        """The largest views from moments that were located, and some from moments not far from those."""
+        views = self.views[key]
+        located = [(k, pose, LOCATED_PX) for _, k in views if (pose := poses[k]) is not None][:VIEWS]
+        room = VIEWS - len(located) // 2
+        near = [k for _, k in views if carried.way_m[k] < CARRY_M][:room]
+        return located + [(k, c.pose, CARRIED_PX) for k in near if (c := carried[k]) is not None]
+
+    def _cameras(self, k: int, key: Key) -> list[Pose]:
+        """T_camera_landmark as that view allows."""
+        if (k, key) not in self._seen_from:
+            estimate = locate_rig(*_only(self._moments[k], key), self._rig, self._alone(key))
+            likeliest = [] if estimate.T_map_camera is None else [estimate.T_map_camera]
+            self._seen_from[k, key] = [*likeliest, *(pose for pose, _ in estimate.alternatives)]
+        return self._seen_from[k, key]
+
+    def _sightings(self, k: int, key: Key, floor_px: float) -> Correspondences:
+        """Of one landmark in one moment, in the landmark's frame."""
+        if (k, key, floor_px) not in self._looked:
+            self._looked[k, key, floor_px] = Correspondences.of_rig(
+                *_only(self._moments[k], key), self._rig, self._alone(key), floor_px
+            )
+        return self._looked[k, key, floor_px]
+
+    def _alone(self, key: Key) -> LandmarkMap:
+        return LandmarkMap([MappedLandmark(key[1], key[0], self._sizes_m[key], Pose.identity("map", "landmark"))])
+
+    def _misfits(self, candidates: Sequence[Pose], key: Key, at: At) -> FloatArray:
+        """(C,V) squared misfits of candidates and views, each at most the cap."""
+        # Seen from the landmark, a candidate puts each view's camera somewhere else.
+        back = np.array([T.R.T for T in candidates])
+        places = np.array([T.t for T in candidates])
+        misfits = np.full((len(candidates), len(at)), CAP)
+        for column, (k, pose, floor_px) in enumerate(at):
+            seen = self._sightings(k, key, floor_px)
+            if len(seen):
+                cameras = Poses(back @ pose.R, (back @ (pose.t - places)[..., None])[..., 0])
+                misfits[:, column] = np.minimum(CAP, seen.misfits(cameras).mean(axis=1))
+        return misfits
+
+
+def _views(moments: Sequence[StereoFrame]) -> dict[Key, list[tuple[float, int]]]:
+    """Of every landmark: (side in px, moment) of its views, the largest first."""
+    views: dict[Key, dict[int, float]] = {}
+    for k, moment in enumerate(moments):
+        for o in (*moment.left, *moment.right):
+            side = float(np.linalg.norm(o.corners - np.roll(o.corners, 1, axis=0), axis=1).mean())
+            at = views.setdefault((o.family, o.code), {})
+            at[k] = max(at.get(k, 0.0), side)
+    return {key: sorted(((side, k) for k, side in at.items()), reverse=True) for key, at in views.items()}
+
+
+def _only(moment: StereoFrame, key: Key) -> View:
+    left = tuple(o for o in moment.left if (o.family, o.code) == key)
+    return left, tuple(o for o in moment.right if (o.family, o.code) == key)
+
+
+def _same(a: Pose, b: Pose) -> bool:
+    return bool(np.linalg.norm(a.t - b.t) < SAME_M and rotation_angle(a.R.T @ b.R) < SAME_RAD)

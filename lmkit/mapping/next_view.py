@@ -1,0 +1,190 @@
+"""Which extra view of a weakly determined landmark would tell most of it.
+
+Every candidate is a stereo view from where the robot may stand: the landmark and its neighbours in view, with corners
+as good as measured ones of their size.  What that view tells, with what is known of the map, says how well the
+landmark would be known afterwards (the greedy choice of active vision; Davison and Murray 2002).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from itertools import product
+
+import numpy as np
+
+from lmkit.arrays import BoolArray, FloatArray
+from lmkit.geometry.pose import Pose
+from lmkit.geometry.stereo_rig import StereoRig
+from lmkit.localization.correspondences import Poses
+from lmkit.mapping.bundle_adjustment import Bundle, BundleProblem
+from lmkit.mapping.survey import Survey, deviations
+from lmkit.model.detector_model import corner_sigma_px, recognised
+from lmkit.model.landmark_map import LandmarkMap, MappedLandmark
+from lmkit.model.observation import LandmarkObservation
+from lmkit.model.recording import StereoFrame
+from lmkit.simulation.observations import look
+
+DISTANCES_M = (0.6, 1.0, 1.5, 2.2, 3.0)
+ASIDE_DEG = (0.0, -25.0, 25.0, -50.0, 50.0)
+PAN_DEG = (0.0, -18.0, 18.0)
+REACHED_M = 1.0  # a robot gets so far off its drive
+BEFORE_WALL = 0.98  # of the way: a landmark does not hide itself
+PIECE_M = 0.5  # of wall to each side of a landmark, through which nothing is seen
+LEAST_BESIDE = 2
+LEAST_READ = 0.5  # probability
+MOST_ADVISED = 6
+ALIKE = (
+    "no view of it alone mends that, its part of the map errs as a whole; drive on from there until landmarks that "
+    "are better known come into view again, or measure one there (--known)"
+)
+WORTH = 0.7  # of a deviation is left, or the view is not worth the way
+
+
+@dataclass(frozen=True)
+class NextView:
+    """Where to look from.
+
+    Attributes:
+        code: of the landmark.
+        T_map_left: of the left camera.
+        place_m, turn_rad: its standard deviations now.
+        distance_m, aside_deg: of the camera from it, and off its normal, to the right of someone who faces it.
+        beside: codes that should be in view, too.
+        then_m, then_rad: its standard deviations after that view.
+    """
+
+    code: int
+    T_map_left: Pose
+    place_m: float
+    turn_rad: float
+    distance_m: float
+    aside_deg: float
+    beside: tuple[int, ...]
+    then_m: float
+    then_rad: float
+
+    def __str__(self) -> str:
+        side = "from straight ahead"
+        if self.aside_deg:
+            side = f"{abs(self.aside_deg):.0f} deg to its {'right' if self.aside_deg > 0 else 'left'}"
+        beside = f", with {_listed(self.beside)} in view" if self.beside else ""
+        return (
+            f"look at it from {self.distance_m:g} m, {side}{beside} "
+            f"(then {1000 * self.then_m:.0f} mm, {np.rad2deg(self.then_rad):.1f} deg)"
+        )
+
+
+def next_view(landmark: MappedLandmark, bundle: Bundle, rig: StereoRig) -> NextView | None:
+    """The view that leaves least open of a landmark of a survey; None where none leaves much less."""
+    eyes = bundle.poses.p
+    now_m, now_rad = deviations(landmark)
+    height = float(np.median(eyes[:, 2]))
+    hung = list(bundle.landmarks)
+    places = np.array([m.T_map_landmark.t[:2] for m in hung])
+    along = np.array([m.T_map_landmark.R[:2, 0] for m in hung])
+    best: NextView | None = None
+    for distance, aside, pan in product(DISTANCES_M, ASIDE_DEG, PAN_DEG):
+        T_map_left = _looking(landmark, distance, aside, pan, height)
+        at = T_map_left.t
+        if np.linalg.norm(eyes[:, :2] - at[:2], axis=1).min() > REACHED_M:
+            continue
+        clear = _clear(at[:2], places, along)
+        moment = _view(LandmarkMap([m for m, seen in zip(hung, clear, strict=True) if seen]), rig, T_map_left)
+        if landmark.code not in {o.code for o in moment.left}:
+            continue
+        then_m, then_rad = _afterwards(landmark, bundle, rig, T_map_left, moment)
+        beside = tuple(sorted({o.code for o in moment.left} - {landmark.code}))
+        view = NextView(landmark.code, T_map_left, now_m, now_rad, distance, aside, beside, then_m, then_rad)
+        if best is None or _cost(view) < _cost(best):
+            best = view
+    if best is None or (best.then_m > WORTH * now_m and best.then_rad > WORTH * now_rad):
+        return None
+    return best
+
+
+def advise(survey: Survey, rig: StereoRig) -> dict[int, str]:
+    """What to do about the weakest landmarks of a survey, by code."""
+    advice = {}
+    for code, _, _ in sorted(survey.weak, key=lambda one: -(one[1] + one[2]))[:MOST_ADVISED]:
+        landmark = survey.bundle.landmarks.find(code)
+        assert landmark is not None
+        advice[code] = str(next_view(landmark, survey.bundle, rig) or ALIKE)
+    return advice
+
+
+def _cost(view: NextView) -> tuple[bool, float]:
+    # With a single neighbour the view itself may stay ambiguous.  A radian counts as much as a metre.
+    return len(view.beside) < LEAST_BESIDE, view.then_m + view.then_rad
+
+
+def _looking(landmark: MappedLandmark, distance: float, aside_deg: float, pan_deg: float, height: float) -> Pose:
+    """T_map_left of a level camera at that place, panned off the landmark."""
+    T, aside = landmark.T_map_landmark, np.deg2rad(aside_deg)
+    towards = np.cos(aside) * T.R[:2, 2] + np.sin(aside) * T.R[:2, 0]
+    towards = towards / max(float(np.linalg.norm(towards)), 1e-9)
+    heading = np.arctan2(-towards[1], -towards[0]) + np.deg2rad(pan_deg)
+    c, s = np.cos(heading), np.sin(heading)
+    R = np.array([[s, 0.0, c], [-c, 0.0, s], [0.0, -1.0, 0.0]])
+    return Pose("map", "left", R, np.array([*(T.t[:2] + distance * towards), height]))
+
+
+def _clear(eye: FloatArray, places: FloatArray, along: FloatArray) -> BoolArray:
+    """(L,) True where no other landmark's piece of wall lies between the eye and a landmark.
+
+    Args:
+        places, along: (L,2) of the landmarks, and unit vectors along their walls.
+    """
+    way, off = places - eye, places - eye
+    # eye + share way = place + aside along, for every way (rows) and wall (columns).
+    det = along[None, :, 0] * way[:, None, 1] - along[None, :, 1] * way[:, None, 0]
+    det = np.where(np.abs(det) < 1e-9, np.inf, det)
+    share = (along[:, 0] * off[:, 1] - along[:, 1] * off[:, 0]) / det
+    aside = (way[:, None, 0] * off[None, :, 1] - way[:, None, 1] * off[None, :, 0]) / det
+    hidden = (share > 0) & (share < BEFORE_WALL) & (np.abs(aside) < PIECE_M)
+    np.fill_diagonal(hidden, False)
+    return np.asarray(~hidden.any(axis=1))
+
+
+def _view(landmarks: LandmarkMap, rig: StereoRig, T_map_left: Pose) -> StereoFrame:
+    """What both eyes read from there, with the covariance that their size gives."""
+    at_the_eye = replace(rig, T_base_left=Pose.identity("base", "left"))
+    base = Pose("map", "base", T_map_left.R, T_map_left.t)
+    eyes = look(landmarks, at_the_eye, base, 1e-3, np.random.default_rng(0))
+    left, right = (tuple(o for o in map(_as_measured, eye) if o is not None) for eye in eyes)
+    return StereoFrame(0.0, left, right)
+
+
+def _as_measured(seen: LandmarkObservation) -> LandmarkObservation | None:
+    side = np.linalg.norm(seen.corners - np.roll(seen.corners, 1, axis=0), axis=1).mean()
+    if recognised(side, np.zeros(())) < LEAST_READ:
+        return None
+    return replace(seen, covariance=corner_sigma_px(side) ** 2 * np.eye(8))
+
+
+def _afterwards(
+    landmark: MappedLandmark, bundle: Bundle, rig: StereoRig, T_map_left: Pose, moment: StereoFrame
+) -> tuple[float, float]:
+    """The landmark's deviations once that view is added."""
+    codes = {(o.family, o.code) for o in (*moment.left, *moment.right)}
+    hung = list(bundle.landmarks)
+    rows = [k for k, m in enumerate(hung) if (m.family, m.code) in codes]
+    view = BundleProblem(
+        [moment],
+        rig,
+        Poses(T_map_left.R[None], T_map_left.t[None]),
+        LandmarkMap([replace(hung[k], covariance=None) for k in rows]),
+        {},
+    )
+    at = (6 * np.array(rows)[:, None] + np.arange(6)).ravel()
+    C = bundle.joint[at[:, None], at[None]]
+    # (C^-1 + I)^-1, for a C that may be singular.
+    after = np.linalg.solve(np.eye(len(at)) + C @ view.landmark_information(), C)
+    first = 6 * rows.index(hung.index(landmark))
+    own = slice(first, first + 6)
+    return deviations(replace(landmark, covariance=(after[own, own] + after[own, own].T) / 2))
+
+
+def _listed(codes: Sequence[int]) -> str:
+    some = [str(code) for code in codes[:4]]
+    return some[0] if len(some) == 1 else ", ".join(some[:-1]) + " and " + some[-1]

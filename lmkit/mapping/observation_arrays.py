@@ -1,0 +1,77 @@
+"""All sightings of a drive as arrays: which landmark each moment saw with which eye, and its corners as rays."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from lmkit.arrays import FloatArray, IntArray
+from lmkit.geometry.stereo_rig import StereoRig
+from lmkit.localization.correspondences import CORNER_FLOOR_PX, Poses
+from lmkit.localization.reprojection import View, through_lens
+from lmkit.model.landmark_map import MappedLandmark
+from lmkit.model.recording import StereoFrame
+
+
+@dataclass(frozen=True, eq=False)
+class ObservationArrays:
+    """Correspondences of landmarks by both eyes.
+
+    Attributes:
+        at, of: (S,) moments and landmarks.
+        rays, by_ray, whitener: (S,4,2), (S,4,2,2), (S,8,8) as of `CameraCorrespondences`.
+        eye_R, eye_t: (S,3,3), (S,3) from the rig's left camera into the eye.
+    """
+
+    at: IntArray
+    of: IntArray
+    rays: FloatArray
+    by_ray: FloatArray
+    whitener: FloatArray
+    eye_R: FloatArray
+    eye_t: FloatArray
+
+    @classmethod
+    def collect(
+        cls, moments: Sequence[StereoFrame], rig: StereoRig, landmarks: Sequence[MappedLandmark]
+    ) -> ObservationArrays:
+        """What was seen of these landmarks; sightings of others are left out."""
+        index = {(m.family, m.code): k for k, m in enumerate(landmarks)}
+        rows: list[tuple[int, int]] = []
+        parts = []
+        right = rig.T_right_left
+        eyes = (
+            ([moment.left for moment in moments], rig.left, np.eye(3), np.zeros(3)),
+            ([moment.right for moment in moments], rig.right, right.R, right.t),
+        )
+        for observations, camera, R, t in eyes:
+            listed = [
+                (o, (k, index[o.family, o.code]))
+                for k, some in enumerate(observations)
+                for o in some
+                if (o.family, o.code) in index
+            ]
+            seen = through_lens([o for o, _ in listed], camera, CORNER_FLOOR_PX)
+            rows += [listed[k][1] for k in seen.kept]
+            turned, moved = np.repeat(R[None], len(seen.kept), axis=0), np.tile(t, (len(seen.kept), 1))
+            parts.append((seen.rays, seen.by_ray, seen.whitener, turned, moved))
+        table = np.array(rows, dtype=np.int64).reshape(-1, 2)
+        return cls(table[:, 0], table[:, 1], *(np.concatenate(column) for column in zip(*parts, strict=True)))
+
+    def __len__(self) -> int:
+        return len(self.at)
+
+    def view(self, poses: Poses, places: FloatArray, arms: FloatArray) -> View:
+        """What should be seen from (N) poses of (L,3) landmarks, with (S,4,3) from their middles to the corners."""
+        offset = places[self.of][:, None] + arms - poses.p[self.at][:, None]
+        return View(offset, self.eye_R @ poses.R[self.at].transpose(0, 2, 1), self.eye_t)
+
+    def residuals(self, view: View) -> FloatArray:
+        """(S,8) in standard deviations of the corners."""
+        return np.asarray((self.whitener @ view.errors(self.rays)[..., None])[..., 0])
+
+    def pixels(self, view: View) -> FloatArray:
+        """(S,4,2) errors of the corners."""
+        return np.asarray((self.by_ray @ view.errors(self.rays).reshape(-1, 4, 2, 1))[..., 0])

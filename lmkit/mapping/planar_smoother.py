@@ -1,0 +1,334 @@
+"""A whole drive at once, in the plane: poses, what is wrong with the odometry, and, if wanted, the landmarks.
+
+Least squares over all moments (batch smoothing; Dellaert and Kaess 2006), with Cauchy's loss on readings and on
+motions, so that neither a wrong code nor a slip can pull.  The drive is taken up piece by piece, each started from
+where the last one ended: dead reckoning alone strays too far to start from.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from lmkit.arrays import FloatArray, IntArray
+from lmkit.geometry.planar import between, follow, wrapped
+from lmkit.localization.range_bearing import CAUCHY_SIGMA, locate_planar
+from lmkit.localization.range_bearing_noise import DRIVE_NOISE, RELATED_S, ReadingNoise
+from lmkit.model.landmark_map import LandmarkMap
+from lmkit.model.observation import RangeBearing
+from lmkit.odometry.wheel_odometry import NOMINAL, PARAMETERS, PRIOR_SIGMA, MotionModel
+from lmkit.optim.block_chain import ChainEquations
+
+SLIP_SIGMA = 10.0  # where the loss of motions bends: wheels err steadily, and rarely slip
+PIECE = 400  # moments taken up at once
+STEPS_A_PIECE, STEPS_AT_END = 4, 40
+CONVERGED = 1e-4
+EXACT = 1e-12  # m^2: a landmark whose place is known exactly
+OWN = len(PARAMETERS)  # of the shared unknowns, before the landmarks
+
+
+@dataclass(frozen=True, eq=False)
+class PlanarTrack:
+    """A smoothed drive.
+
+    Attributes:
+        times_s: (N,) of the moments.
+        states: (N,3) x, y (m), heading (rad).
+        covariances: (N,3,3).
+        parameters: (6,) as ``motion.PARAMETERS``.
+        codes, places, place_covariances: (L,), (L,2), (L,2,2) of the landmarks.
+        weights: (R,) of the readings, 1 for those believed, near 0 for outliers.
+        squared, told: (R,) their squared errors in standard deviations, and how many numbers each is of.
+        moments, landmarks: (R,) of the readings; landmarks as rows of ``codes``.
+    """
+
+    times_s: FloatArray
+    states: FloatArray
+    covariances: FloatArray
+    parameters: FloatArray
+    codes: tuple[int, ...]
+    places: FloatArray
+    place_covariances: FloatArray
+    weights: FloatArray
+    squared: FloatArray
+    told: FloatArray
+    moments: IntArray
+    landmarks: IntArray
+
+
+@dataclass(eq=False)
+class _Readings:
+    """Readings as arrays: moment and landmark of each, range and bearing, and their deviations."""
+
+    moments: IntArray
+    landmarks: IntArray
+    values: FloatArray  # (R,2) range, bearing
+    sigmas: FloatArray
+
+    def first(self, moments: int) -> _Readings:
+        rows = self.moments < moments
+        return _Readings(self.moments[rows], self.landmarks[rows], self.values[rows], self.sigmas[rows])
+
+
+def smooth_planar(
+    times_s: FloatArray,
+    readings: Sequence[Sequence[RangeBearing]],
+    motion: MotionModel,
+    landmarks: LandmarkMap | None,
+    noise: ReadingNoise | None = None,
+) -> PlanarTrack:
+    """The drive that readings and motion agree with best.
+
+    Args:
+        times_s: (N,) of the moments, increasing.
+        readings: of every moment; may be empty.
+        landmarks: the map, whose places move as far as its covariance allows; None: they are found, too, from the
+            first pose at (0, 0, 0).
+    """
+    noise = noise or DRIVE_NOISE
+    problem = _Problem(times_s, readings, motion, landmarks, noise)
+    problem.take_up()
+    return problem.answer()
+
+
+class _Problem:
+    def __init__(
+        self,
+        times_s: FloatArray,
+        readings: Sequence[Sequence[RangeBearing]],
+        motion: MotionModel,
+        landmarks: LandmarkMap | None,
+        noise: ReadingNoise,
+    ) -> None:
+        self.times, self.motion, self.noise = times_s, motion, noise
+        self._readings_by_moment, self._map = readings, landmarks
+        codes = sorted({r.code for moment in readings for r in moment if landmarks is None or landmarks.find(r.code)})
+        self.codes = codes
+        index = {code: k for k, code in enumerate(codes)}
+        rows = [
+            (k, index[r.code], r.range_m or np.nan, np.nan if r.bearing_rad is None else r.bearing_rad)
+            for k, moment in enumerate(readings)
+            for r in moment
+            if r.code in index
+        ]
+        table = np.array(rows, dtype=np.float64).reshape(-1, 4)
+        ranges = noise.range_sigma(table[:, 2])
+        bearing = np.hypot(noise.bearing_rad, noise.common_bearing_rad)
+        sigmas = np.column_stack([ranges, np.full(len(table), bearing)])
+        sigmas *= np.sqrt(_related(times_s[table[:, 0].astype(np.int64)], table[:, 1]))[:, None]
+        self.readings = _Readings(table[:, 0].astype(np.int64), table[:, 1].astype(np.int64), table[:, 2:], sigmas)
+        self.places = np.full((len(codes), 2), np.nan)
+        # (L,2,2) what is known of them beforehand.
+        self.known = np.zeros((len(codes), 2, 2))
+        hung = [] if landmarks is None else [m for m in map(landmarks.find, codes) if m is not None]
+        for k, m in enumerate(hung):
+            self.places[k] = m.T_map_landmark.t[:2]
+            C = EXACT * np.eye(2) + (0.0 if m.covariance is None else m.covariance[:2, :2])
+            self.known[k] = np.linalg.inv(C)
+        self.mapped = self.places.copy()
+        self.moves = landmarks is None or any(m.covariance is not None for m in hung)
+        self.parameters = np.array(NOMINAL)
+        self.states = np.zeros((0, 3))
+
+    def take_up(self) -> None:
+        """Piece by piece to the end."""
+        count = len(self.times)
+        self.states = np.array([self._start()])
+        while len(self.states) < count:
+            self._extend(min(count, len(self.states) + PIECE))
+            self._settle(STEPS_A_PIECE)
+        self._settle(STEPS_AT_END)
+
+    def _start(self) -> FloatArray:
+        if self._map is None:
+            return np.zeros(3)
+        for k, moment in enumerate(self._readings_by_moment):
+            found = locate_planar(moment, self._map, self.noise)
+            if found.status == "ok" and found.pose is not None and found.pose.heading_rad is not None:
+                state = np.array([found.pose.x_m, found.pose.y_m, found.pose.heading_rad])
+                # Back along the motions to the first moment.
+                path = follow(np.zeros(3), self.motion.increments(self.times[: k + 1], self.parameters).motions)[-1]
+                heading = state[2] - path[2]
+                c, s = np.cos(heading), np.sin(heading)
+                back = [c * path[0] - s * path[1], s * path[0] + c * path[1], path[2]]
+                return np.asarray(state - back)
+        return np.zeros(3)
+
+    def _extend(self, count: int) -> None:
+        """More moments by motion, and the landmarks first seen there."""
+        have = len(self.states)
+        motions = self.motion.increments(self.times[have - 1 : count], self.parameters).motions
+        self.states = np.concatenate([self.states, follow(self.states[-1], motions)[1:]])
+        seen = self.readings.first(count)
+        full = np.isfinite(seen.values).all(axis=1)
+        for k in np.flatnonzero(np.isnan(self.places[:, 0])):
+            rows = full & (seen.landmarks == k)
+            if not rows.any():
+                continue
+            at = self.states[seen.moments[rows]]
+            distance, bearing = seen.values[rows].T
+            points = at[:, :2] + distance[:, None] * np.column_stack(
+                [np.cos(at[:, 2] + bearing), np.sin(at[:, 2] + bearing)]
+            )
+            self.places[k] = np.median(points, axis=0)
+
+    def _settle(self, steps: int) -> None:
+        """Gauss and Newton with weights renewed each time."""
+        damping, cost = 1e-6, np.inf
+        for _ in range(steps):
+            equations, cost, _ = self._equations()
+            while True:
+                step, shared = equations.solve(damping)
+                before = self.states, self.parameters, self.places
+                self._move(step, shared)
+                there = self._cost()
+                if there <= cost * (1 + 1e-12) or damping > 1e6:
+                    damping = max(damping / 10, 1e-9)
+                    break
+                self.states, self.parameters, self.places = before
+                damping = max(damping * 30, 1e-6)
+            if cost - there < CONVERGED * max(cost, 1.0):
+                return
+
+    def _move(self, step: FloatArray, shared: FloatArray) -> None:
+        self.states = self.states + step
+        self.parameters = self.parameters + shared[:OWN]
+        if self.moves:
+            self.places = self.places + shared[OWN:].reshape(-1, 2)
+
+    def _errors(self) -> tuple[_Readings, FloatArray, FloatArray]:
+        """Readings so far, their standardised errors (R,2), 0 where nothing was read, and where landmarks lie."""
+        seen = self.readings.first(len(self.states))
+        at = self.states[seen.moments]
+        off = self.places[seen.landmarks] - at[:, :2]
+        distance = np.hypot(off[:, 0], off[:, 1])
+        direction = np.arctan2(off[:, 1], off[:, 0]) - at[:, 2]
+        ranges = (seen.values[:, 0] - distance) / seen.sigmas[:, 0]
+        bearings = wrapped(seen.values[:, 1] - direction) / seen.sigmas[:, 1]
+        return seen, np.nan_to_num(np.column_stack([ranges, bearings])), off
+
+    def _motion_errors(self) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """(N-1,3) standardised, their deviations, and derivatives of the motions with the parameters."""
+        motions = self.motion.increments(self.times[: len(self.states)], self.parameters)
+        return (motions.motions - between(self.states)) / motions.sigmas, motions.sigmas, motions.by_parameters
+
+    def _cost(self) -> float:
+        squared = (self._errors()[1] ** 2).sum(axis=1)
+        moved = (self._motion_errors()[0] ** 2).sum(axis=1)
+        prior = (((self.parameters - NOMINAL) / PRIOR_SIGMA) ** 2).sum()
+        return float(_loss(squared).sum() + _loss(moved, SLIP_SIGMA).sum() + prior + self._map_cost())
+
+    def _equations(self) -> tuple[ChainEquations, float, FloatArray]:
+        count, shared = len(self.states), OWN + 2 * len(self.codes) * self.moves
+        equations = ChainEquations.zeros(count, 3, shared)
+        seen, errors, off = self._errors()
+        squared = (errors**2).sum(axis=1)
+        weights = 1 / (1 + squared / CAUCHY_SIGMA**2)
+        root = np.sqrt(weights)[:, None]
+        J = _reading_jacobian(off, seen.sigmas) * root[..., None]
+        J *= (errors != 0)[..., None]
+        residuals = errors * root
+        equations.add_to_states(seen.moments, J, residuals)
+        if self.moves:
+            columns = OWN + 2 * seen.landmarks[:, None] + np.arange(2)
+            equations.add_shared(seen.moments, J, columns, -J[:, :, :2], residuals)
+            unseen = np.isnan(self.places[:, 0]).repeat(2)
+            equations.corner[OWN:, OWN:] += np.diag(np.where(unseen, 1.0, 1e-9))
+            if self._map is None:
+                # Where the map lies is not seen: the first pose stays.
+                equations.diagonal[0] += 1e9 * np.eye(3)
+            else:
+                self._add_map(equations)
+        cost = _loss(squared).sum()
+        if count > 1:
+            cost += self._add_motion(equations)
+        off_prior = (NOMINAL - self.parameters) / PRIOR_SIGMA
+        equations.corner[:OWN, :OWN] += np.diag(PRIOR_SIGMA**-2)
+        equations.shared_gradient[:OWN] += off_prior / PRIOR_SIGMA
+        return equations, float(cost + (off_prior**2).sum() + self._map_cost()), weights
+
+    def _add_map(self, equations: ChainEquations) -> None:
+        for k, (known, off) in enumerate(zip(self.known, self.mapped - self.places, strict=True)):
+            rows = slice(OWN + 2 * k, OWN + 2 * k + 2)
+            equations.corner[rows, rows] += known
+            equations.shared_gradient[rows] += known @ off
+
+    def _map_cost(self) -> float:
+        off = np.nan_to_num(self.mapped - self.places)
+        return float(np.einsum("li,lij,lj->", off, self.known, off))
+
+    def _add_motion(self, equations: ChainEquations) -> float:
+        errors, sigmas, by_parameters = self._motion_errors()
+        squared = (errors**2).sum(axis=1)
+        root = np.sqrt(1 / (1 + squared / SLIP_SIGMA**2))[:, None]
+        before, after = _between_jacobians(self.states)
+        scale = (root / sigmas)[..., None]
+        before, after, K = before * scale, after * scale, -by_parameters * scale
+        residuals = errors * root
+        equations.add_between(before, after, residuals)
+        rows = np.arange(len(residuals))
+        columns = np.tile(np.arange(OWN), (len(rows), 1))
+        equations.add_shared(rows, before, columns, K, residuals)
+        # The later state's share of the border; the corner has it already.
+        equations.border[1:, :, :OWN] += after.transpose(0, 2, 1) @ K
+        return float(_loss(squared, SLIP_SIGMA).sum())
+
+    def answer(self) -> PlanarTrack:
+        equations, _, weights = self._equations()
+        covariances, _, shared = equations.covariances()
+        places = np.zeros((len(self.codes), 2, 2))
+        if self.moves:
+            for k in range(len(self.codes)):
+                places[k] = shared[OWN + 2 * k : OWN + 2 + 2 * k, OWN + 2 * k : OWN + 2 + 2 * k]
+        return PlanarTrack(
+            self.times,
+            self.states,
+            covariances,
+            self.parameters,
+            tuple(self.codes),
+            self.places,
+            places,
+            weights,
+            (self._errors()[1] ** 2).sum(axis=1),
+            np.isfinite(self.readings.values).sum(axis=1).astype(np.float64),
+            self.readings.moments,
+            self.readings.landmarks,
+        )
+
+
+def _loss(squared: FloatArray, sigma: float = CAUCHY_SIGMA) -> FloatArray:
+    """Cauchy's, twice."""
+    return np.asarray(sigma**2 * np.log1p(squared / sigma**2))
+
+
+def _related(times_s: FloatArray, landmarks: FloatArray) -> FloatArray:
+    """(R,) how many readings of the same landmark lie around each: they err alike, and count as one."""
+    like = np.ones(len(times_s))
+    for landmark in np.unique(landmarks):
+        rows = np.flatnonzero(landmarks == landmark)
+        at = times_s[rows]
+        like[rows] = np.searchsorted(at, at + RELATED_S / 2) - np.searchsorted(at, at - RELATED_S / 2)
+    return np.maximum(like, 1.0)
+
+
+def _reading_jacobian(off: FloatArray, sigmas: FloatArray) -> FloatArray:
+    """(R,2,3) of expected range and bearing with x, y, heading, in standard deviations."""
+    squared = np.maximum((off**2).sum(axis=1), 1e-12)
+    distance = np.sqrt(squared)
+    J = np.zeros((len(off), 2, 3))
+    J[:, 0, :2] = -off / distance[:, None]
+    J[:, 1, 0], J[:, 1, 1] = off[:, 1] / squared, -off[:, 0] / squared
+    J[:, 1, 2] = -1
+    return J / sigmas[..., None]
+
+
+def _between_jacobians(states: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """(N-1,3,3) of the motion between neighbours with the earlier and the later state."""
+    d = np.diff(states, axis=0)
+    c, s = np.cos(states[:-1, 2]), np.sin(states[:-1, 2])
+    zero, one = np.zeros_like(c), np.ones_like(c)
+    before = np.array([[-c, -s, -s * d[:, 0] + c * d[:, 1]], [s, -c, -c * d[:, 0] - s * d[:, 1]], [zero, zero, -one]])
+    after = np.array([[c, s, zero], [-s, c, zero], [zero, zero, one]])
+    return before.transpose(2, 0, 1), after.transpose(2, 0, 1)

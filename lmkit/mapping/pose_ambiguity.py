@@ -1,0 +1,92 @@
+"""Landmarks that may as well hang turned: a small square seen from one side has a twin (Collins and Bartoli 2014).
+
+Each landmark is turned over the line from which it was seen, and fitted to its sightings again with the rig where it
+is.  Where that explains them nearly as well, the whole drive is solved with the twin in its place, and the better one
+stays; where neither is clearly better, that is said, and how far apart they are enters the landmark's covariance.
+Seen nearly square on, the two poses are the ends of one flat valley, from which the whole drive settles to its middle
+or to either end: that is no less ambiguous.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from lmkit.arrays import FloatArray
+from lmkit.mapping.bundle_adjustment import BundleProblem
+
+HOPEFUL = 30.0  # of a twin's cost above the landmark's, while the rig keeps to the landmark
+MOST_TRIED = 8
+FITTING, SETTLING = 8, 12  # steps
+SURE = 10.0  # of the cost, twice the log likelihood ratio
+DIFFERENT_RAD = 0.1
+
+
+def resolve_pose_ambiguities(problem: BundleProblem) -> dict[int, FloatArray]:
+    """Put twins in place that explain the drive better.
+
+    Returns:
+        By row, (6,6) what is to be added to the covariance of landmarks of which it cannot be told.
+    """
+    undecided: dict[int, FloatArray] = {}
+    own, twins, R, p = _fitted_twins(problem)
+    worse = twins - own
+    for k in map(int, np.argsort(worse)[:MOST_TRIED]):
+        if worse[k] > HOPEFUL:
+            break
+        before, cost = problem.state(), problem.cost()
+        off = _apart(R[k], p[k], before.lm_R[k], before.lm_p[k])
+        problem.put(k, R[k], p[k])
+        there = problem.settle(SETTLING)
+        settled = _apart(problem.lm_R[k], problem.lm_p[k], before.lm_R[k], before.lm_p[k])
+        if np.linalg.norm(settled[3:]) < DIFFERENT_RAD:
+            # Back where it was: what is left is how flat the way there is.
+            problem.restore(before)
+            apart, worth = off, float(worse[k])
+        else:
+            if there >= cost:
+                problem.restore(before)
+            apart, worth = settled, abs(there - cost)
+        if worth < SURE and np.linalg.norm(apart[3:]) > DIFFERENT_RAD:
+            undecided[k] = _spread(apart, worth)
+    return undecided
+
+
+def _apart(R: FloatArray, p: FloatArray, R_other: FloatArray, p_other: FloatArray) -> FloatArray:
+    """(6,) from one pose to another: place (m), turn about the map's axes (rad)."""
+    return np.concatenate([p - p_other, Rotation.from_matrix(R @ R_other.T).as_rotvec()])
+
+
+def _spread(apart: FloatArray, worse: float) -> FloatArray:
+    """(6,6) second moment, about the likelier of two poses, of being the other one now and then."""
+    share = 1 / (1 + np.exp(worse / 2))
+    return np.asarray(share * np.outer(apart, apart))
+
+
+def _fitted_twins(problem: BundleProblem) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
+    """(L,) costs of landmarks and of their twins, and the twins' (L,3,3) and (L,3)."""
+    own, before = problem.landmark_costs(), problem.state()
+    towards = problem.seen_along()
+    normals = problem.lm_R[:, :, 2]
+    flipped = 2 * np.einsum("li,li->l", towards, normals)[:, None] * towards - normals
+    axis = np.cross(normals, flipped)
+    sine = np.linalg.norm(axis, axis=1, keepdims=True)
+    angle = np.arctan2(sine[:, 0], np.einsum("li,li->l", normals, flipped))
+    turn = Rotation.from_rotvec(axis / np.maximum(sine, 1e-12) * angle[:, None]).as_matrix()
+    R, p = turn @ problem.lm_R, problem.lm_p.copy()
+    best = np.full(len(own), np.inf)
+    best_R, best_p = R, p
+    for _ in range(FITTING):
+        problem.lm_R, problem.lm_p = R, p
+        cost = problem.landmark_costs()
+        better = cost < best
+        best = np.where(better, cost, best)
+        best_R, best_p = np.where(better[:, None, None], R, best_R), np.where(better[:, None], p, best_p)
+        step = problem.landmark_steps()
+        R, p = Rotation.from_rotvec(step[:, 3:]).as_matrix() @ R, p + step[:, :3]
+    problem.restore(before)
+    # What is hardly turned is no twin, what is held does not turn, and of what nothing is believed nothing is known.
+    held = np.array([problem.is_held(k) for k in range(len(own))])
+    seen = np.bincount(problem.seen.of, problem.used, len(own)) > 0
+    best[(angle < DIFFERENT_RAD) | held | ~seen] = np.inf
+    return own, best, best_R, best_p

@@ -1,0 +1,318 @@
+"""`survey_frames`: the map from a drive.
+
+1. A start (`start.py`): poses and landmarks found one from the other.
+2. Bundle adjustment (`bundle.py`), sightings that do not fit left out, motion weighed by how well it agrees with what
+   was seen; what was left over is tried once more by the map that comes out.
+3. Every landmark is tried with its twin (`twins.py`).
+4. What is odd is named: landmarks that hang elsewhere in part of the drive, that may as well hang turned, that do not
+   keep to what was declared of them (`ties.py`), and those that are barely determined.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from lmkit.geometry.stereo_rig import StereoRig
+from lmkit.mapping.bundle_adjustment import Anchor, Bundle, BundleProblem
+from lmkit.mapping.initialization import Start, find_start
+from lmkit.mapping.landmark_initialization import Key
+from lmkit.mapping.pose_ambiguity import resolve_pose_ambiguities
+from lmkit.mapping.wall_constraints import Tie, strays
+from lmkit.model.landmark_map import LandmarkMap, MappedLandmark
+from lmkit.model.recording import StereoFrame
+from lmkit.odometry.motion_model import Motion, describe_odometry
+
+OUTLIER_SIGMA = 4.5  # root mean square over a sighting's eight coordinates
+ROUNDS, STEPS = 4, 30
+WEIGHINGS = 2
+ODD_SHARE, LEAST_ODD = 0.1, 3  # sightings of a landmark that do not fit, before it is called odd
+ASTRAY_SIGMA = 4.0
+WEAK_M, WEAK_RAD = 0.03, np.deg2rad(2.0)
+
+
+@dataclass(frozen=True)
+class ContradictedLandmark:
+    """A landmark that part of its sightings contradict.
+
+    Attributes:
+        off, sightings: how many of its sightings do not fit.
+        from_s, to_s: when those were.
+    """
+
+    code: int
+    off: int
+    sightings: int
+    from_s: float
+    to_s: float
+
+    def __str__(self) -> str:
+        return (
+            f"{self.off} of {self.sightings} sightings of {self.code}, from {self.from_s:.2f} to {self.to_s:.2f} s, "
+            "do not fit where it hangs: it was moved, its code hangs twice, or it is misread; check it in the room"
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class Survey:
+    """A surveyed drive.
+
+    Attributes:
+        bundle: poses, landmarks seen, parameters.
+        landmarks: those, and known ones that the drive did not see, as they were.
+        rows: (N,) which of the moments given have a pose.
+        odd: landmarks contradicted by part of their sightings.
+        weak: codes determined to no better than 3 cm or 2 deg, with both deviations (m, rad).
+        unplaced: codes that were seen, but not well enough to be placed.
+        dropped: sightings left out.
+        ambiguous: codes that may as well hang turned, by their twin.
+        astray: codes that do not hang as declared, what was declared of them, and how far they are off (m).
+    """
+
+    bundle: Bundle
+    landmarks: LandmarkMap
+    rows: tuple[int, ...]
+    odd: tuple[ContradictedLandmark, ...]
+    weak: tuple[tuple[int, float, float], ...]
+    unplaced: tuple[int, ...]
+    dropped: int
+    ambiguous: tuple[int, ...] = ()
+    astray: tuple[tuple[int, Tie, float], ...] = ()
+
+
+def survey_frames(
+    moments: Sequence[StereoFrame],
+    rig: StereoRig,
+    sizes_m: Mapping[Key, float],
+    anchors: Mapping[Key, Anchor],
+    motion: Motion | None = None,
+    ties: Sequence[Tie] = (),
+) -> Survey:
+    """Where the landmarks hang, and where the rig was.
+
+    Args:
+        moments: in the order of time.
+        sizes_m: printed sizes, by (family, code).
+        anchors: landmarks known beforehand, by family and code; with none, the landmark seen best is taken to hang
+            upright at the origin and to look along x; with wheels it hangs above the origin, and the floor that the
+            robot stood on is z = 0.
+        motion: odometry; of wheels it needs the rig's T_base_left.
+        ties: walls and heights that landmarks are declared to share.
+
+    Raises:
+        InputError: nothing to start from, or odometry without T_base_left or of another time.
+    """
+    start = find_start(moments, rig, sizes_m, anchors, motion)
+    problem = start.problem(moments, rig, motion, ties)
+    settle_all(problem)
+    if start.unplaced or None in start.poses:
+        # By the map as it is now more may be located and placed than while it grew.
+        again = find_start(moments, rig, sizes_m, _hung(start, problem), motion)
+        if len(again.rows) > len(start.rows) or len(again.unplaced) < len(start.unplaced):
+            # What is known beforehand is still that alone.
+            start = replace(again, anchors=start.anchors)
+            problem = start.problem(moments, rig, motion, ties)
+            settle_all(problem)
+    if not anchors and motion is not None and motion.of_base:
+        _lay_on_the_floor(problem)
+    undecided = resolve_pose_ambiguities(problem)
+    dropped = problem.drop_outliers(OUTLIER_SIGMA)
+    problem.settle(STEPS)
+    bundle = problem.answer(OUTLIER_SIGMA, undecided)
+    hung = {(m.family, m.code) for m in problem.hung}
+    # A landmark that hangs where none of its sightings has it was started wrong.
+    believed = set(bundle.codes[bundle.misfits < OUTLIER_SIGMA].tolist()) | {code for _, code in start.anchors}
+    lost = [m for m in bundle.landmarks if m.code not in believed]
+    bundle = _only(bundle, believed)
+    unseen = [
+        replace(anchor.landmark, covariance=anchor.covariance) for key, anchor in anchors.items() if key not in hung
+    ]
+    landmarks = LandmarkMap([*bundle.landmarks, *unseen])
+    unplaced = tuple(sorted([code for _, code in start.unplaced] + [m.code for m in lost]))
+    ambiguous = tuple(sorted({problem.hung[k].code for k in undecided} & believed))
+    odd = tuple(odd for odd in contradicted_landmarks(bundle) if odd.code in believed)
+    return Survey(
+        bundle,
+        landmarks,
+        start.rows,
+        odd,
+        _weak(bundle.landmarks),
+        unplaced,
+        dropped,
+        ambiguous,
+        _astray(ties, bundle.landmarks),
+    )
+
+
+def _lay_on_the_floor(problem: BundleProblem) -> None:
+    """On wheels a robot stands upright on z = 0, on the whole."""
+    R, p = problem.base_poses()
+    up = R[:, :, 2].mean(axis=0)
+    turn = Rotation.align_vectors([[0.0, 0.0, 1.0]], [up])[0].as_matrix()
+    problem.lay(turn, np.array([0.0, 0.0, -float(np.median(p @ turn[2]))]))
+
+
+def _hung(start: Start, problem: BundleProblem) -> dict[Key, Anchor]:
+    """Landmarks as they are known now, those that nothing saw among them."""
+    found = {(m.family, m.code): m for m in problem.landmarks()}
+    return {key: Anchor(found.get(key, m), None) for key, m in start.placed.items()}
+
+
+def settle_all(problem: BundleProblem) -> None:
+    """Bundle adjustment to the end, sightings that do not fit left out."""
+    # Wheels rarely slip by much; were they allowed to at once, they would for a landmark that was moved.
+    problem.may_slip = False
+    problem.settle(STEPS)
+    dropped = -1
+    for round_ in range(ROUNDS):
+        now = problem.drop_outliers(OUTLIER_SIGMA)
+        problem.may_slip = True
+        problem.settle(STEPS)
+        if round_ < WEIGHINGS:
+            problem.weigh_motion()
+            problem.settle(STEPS)
+        elif now == dropped:
+            break
+        dropped = now
+
+
+def contradicted_landmarks(bundle: Bundle) -> tuple[ContradictedLandmark, ...]:
+    """Those whose sightings contradict each other more than now and then."""
+    odd = []
+    for code in np.unique(bundle.codes):
+        mine = bundle.codes == code
+        off = mine & (bundle.misfits > OUTLIER_SIGMA)
+        if off.sum() >= max(LEAST_ODD, ODD_SHARE * mine.sum()):
+            times = bundle.times_s[bundle.moments[off]]
+            odd.append(
+                ContradictedLandmark(
+                    int(code), int(off.sum()), int(mine.sum()), float(times.min()), float(times.max())
+                )
+            )
+    return tuple(odd)
+
+
+def _only(bundle: Bundle, codes: set[int]) -> Bundle:
+    kept = [k for k, m in enumerate(bundle.landmarks) if m.code in codes]
+    rows = (6 * np.array(kept, dtype=np.int64)[:, None] + np.arange(6)).ravel()
+    hung = list(bundle.landmarks)
+    return replace(
+        bundle, landmarks=LandmarkMap([hung[k] for k in kept]), joint=bundle.joint[rows[:, None], rows[None]]
+    )
+
+
+def _weak(landmarks: LandmarkMap) -> tuple[tuple[int, float, float], ...]:
+    weak = []
+    for m in landmarks:
+        place, turn = deviations(m)
+        if place > WEAK_M or turn > WEAK_RAD:
+            weak.append((m.code, place, turn))
+    return tuple(weak)
+
+
+def _astray(ties: Sequence[Tie], landmarks: LandmarkMap) -> tuple[tuple[int, Tie, float], ...]:
+    hung = list(landmarks)
+    R, p = np.array([m.T_map_landmark.R for m in hung]), np.array([m.T_map_landmark.t for m in hung])
+    sigmas = np.array([deviations(m) for m in hung])
+    found = []
+    for tie in ties:
+        members = [k for k, m in enumerate(hung) if m.code in tie.codes]
+        if len(members) < 3:
+            continue  # of two nobody knows which is off
+        for k, off, standardised in zip(members, *strays(tie, members, R, p, sigmas), strict=True):
+            if standardised > ASTRAY_SIGMA:
+                found.append((hung[k].code, tie, float(off)))
+    return tuple(found)
+
+
+def deviations(landmark: MappedLandmark) -> tuple[float, float]:
+    """Standard deviation of a landmark's place (m, all axes together) and of its worst turn (rad)."""
+    C = landmark.covariance
+    if C is None:
+        return 0.0, 0.0
+    # What is not determined at all may come out negative; its size is as telling.
+    return float(np.sqrt(abs(np.trace(C[:3, :3])))), float(np.sqrt(abs(np.linalg.eigvalsh(C[3:, 3:])[-1])))
+
+
+def landmark_sizes(
+    moments: list[StereoFrame], size_m: float, anchors: dict[tuple[str, int], Anchor]
+) -> dict[tuple[str, int], float]:
+    sizes = {(o.family, o.code): size_m for moment in moments for o in (*moment.left, *moment.right)}
+    sizes.update({key: anchor.landmark.size_m for key, anchor in anchors.items()})
+    return sizes
+
+
+def survey_warnings(result: Survey, motion: Motion | None, ties: list[Tie], advice: dict[int, str]) -> list[str]:
+
+    texts = [str(odd) for odd in result.odd]
+    doubt = None if motion is None else describe_odometry(motion, result.bundle.parameters)
+    if doubt is not None:
+        texts.append(doubt)
+    for from_s, to_s, metres in result.bundle.jumps:
+        texts.append(
+            f"between {from_s:.2f} and {to_s:.2f} s the rig leaps by {metres:.2f} m: it slid or was carried, or a "
+            "landmark seen there was moved, or is placed by the wrong one of its two poses; look from another side"
+        )
+    for code in result.ambiguous:
+        texts.append(
+            f"{code} may as well hang turned: it was seen from one side and from afar; look from another side"
+        )
+    for code, tie, metres in result.astray:
+        texts.append(
+            f"{code} is {1000 * metres:.0f} mm off the {tie} that it is declared to share; check it in the room"
+        )
+    mapped = {m.code for m in result.bundle.landmarks}
+    for tie in ties:
+        missing = [str(code) for code in tie.codes if code not in mapped]
+        if missing:
+            texts.append(f"of the {tie} that was declared, {', '.join(missing)} did not come into the map")
+    for code in result.unplaced:
+        texts.append(
+            f"{code} is not placed: its sightings are too few, or do not agree; drive past it again, and nearer"
+        )
+    for code, place, turn in result.weak:
+        known = f"{code} is known to {1000 * place:.0f} mm and {math.degrees(turn):.1f} deg only"
+        texts.append(f"{known}: {advice[code]}" if code in advice else known)
+    return texts
+
+
+def survey_dict(result: Survey, moments: list[StereoFrame], motion: Motion | None, output: Path) -> dict[str, Any]:
+    from lmkit.mapping.survey import deviations
+
+    bundle = result.bundle
+    entries = []
+    for m in bundle.landmarks:
+        place, turn = deviations(m)
+        entries.append(
+            {
+                "code": m.code,
+                "position": m.T_map_landmark.t.tolist(),
+                "quaternion": m.T_map_landmark.quaternion_xyzw.tolist(),
+                "sigma_m": place,
+                "sigma_rad": turn,
+                "sightings": int((bundle.codes == m.code).sum()),
+            }
+        )
+    return {
+        "map": str(output),
+        "landmarks": entries,
+        "moments": len(moments),
+        "located": len(result.rows),
+        "dropped": result.dropped,
+        "reprojection_error_px": bundle.rms_px if math.isfinite(bundle.rms_px) else None,
+        "odd": [
+            {"code": o.code, "off": o.off, "of": o.sightings, "from_s": o.from_s, "to_s": o.to_s} for o in result.odd
+        ],
+        "jumps": [{"from_s": a, "to_s": b, "metres": m} for a, b, m in result.bundle.jumps],
+        "weak": [code for code, _, _ in result.weak],
+        "unplaced": list(result.unplaced),
+        "ambiguous": list(result.ambiguous),
+        "astray": [{"code": code, "of": str(tie), "metres": metres} for code, tie, metres in result.astray],
+        "odometry": {} if motion is None else dict(zip(motion.names, bundle.parameters.tolist(), strict=True)),
+    }

@@ -1,0 +1,114 @@
+"""What is declared of landmarks beforehand: that they hang on one flat wall, or at one height.
+
+Deviations from a common plane of which only the spread s is known are, with the plane left free, the same as
+deviations of all pairs of n landmarks from each other with the spread s sqrt(n): so no plane is estimated.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import permutations
+
+import numpy as np
+
+from lmkit.arrays import FloatArray, IntArray
+
+BEND = 3.0  # of a landmark's own deviation, where the loss bends
+
+
+@dataclass(frozen=True)
+class Tie:
+    """Landmarks that share a wall or a height.
+
+    Attributes:
+        kind: ``wall`` (one plane, one direction) or ``height``.
+        codes: two or more.
+        sigma_m, sigma_rad: how far they stray, out of the plane or in height, and off its normal.
+    """
+
+    kind: str
+    codes: tuple[int, ...]
+    sigma_m: float
+    sigma_rad: float
+
+    def __str__(self) -> str:
+        return f"{self.kind} {', '.join(map(str, self.codes))}"
+
+
+@dataclass(frozen=True, eq=False)
+class ConstraintRows:
+    """Standardised residuals (M,) of pairs of landmarks, derivatives (M,12) with both, and which they are (M,2)."""
+
+    residuals: FloatArray
+    derivatives: FloatArray
+    pairs: IntArray
+
+    @property
+    def weights(self) -> FloatArray:
+        """(M,) Cauchy's: what does not hang as declared shall not bend the map."""
+        return np.asarray(1 / (1 + (self.residuals / self._bend) ** 2))
+
+    @property
+    def cost(self) -> float:
+        """Cauchy's loss of all of them."""
+        return float((self._bend**2 * np.log1p((self.residuals / self._bend) ** 2)).sum())
+
+    @property
+    def _bend(self) -> float:
+        return float(BEND / np.sqrt(len(np.unique(self.pairs))))
+
+
+def constraint_rows(tie: Tie, members: Sequence[int], R: FloatArray, p: FloatArray) -> ConstraintRows:
+    """What a tie says of landmarks as they hang.
+
+    Args:
+        members: rows of the tie's landmarks in ``R`` (L,3,3) and ``p`` (L,3), of T_map_landmark.
+    """
+    spread = np.sqrt(len(members))
+    residuals: list[float] = []
+    derivatives: list[FloatArray] = []
+    pairs: list[tuple[int, int]] = []
+
+    def say(a: int, b: int, value: float, by_a: FloatArray, by_b: FloatArray, sigma: float) -> None:
+        residuals.append(-value / sigma)
+        derivatives.append(np.concatenate([by_a, by_b]) / sigma)
+        pairs.append((a, b))
+
+    # Each pair both ways, at half the weight.
+    sigma_m, sigma_rad = tie.sigma_m * spread * np.sqrt(2), tie.sigma_rad * spread * np.sqrt(2)
+    none, up = np.zeros(3), np.array([0.0, 0.0, 1.0])
+    for a, b in permutations(members, 2):
+        away = p[b] - p[a]
+        if tie.kind == "height":
+            say(a, b, away[2], np.concatenate([-up, none]), np.concatenate([up, none]), sigma_m)
+            continue
+        x, y, z = R[a].T
+        say(a, b, z @ away, np.concatenate([-z, np.cross(z, away)]), np.concatenate([z, none]), sigma_m)
+        for axis in (x, y):
+            off = np.cross(R[b][:, 2], axis)
+            say(a, b, R[b][:, 2] @ axis, np.concatenate([none, -off]), np.concatenate([none, off]), sigma_rad)
+    return ConstraintRows(np.array(residuals), np.array(derivatives), np.array(pairs))
+
+
+def strays(
+    tie: Tie, members: Sequence[int], R: FloatArray, p: FloatArray, sigmas: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """How far each landmark is off what most of the others say: (n,) metres, and the same in standard deviations.
+
+    Args:
+        sigmas: (L,2) standard deviations of places (m) and turns (rad), of all landmarks.
+    """
+    off, standardised = np.zeros(len(members)), np.zeros(len(members))
+    for k, member in enumerate(members):
+        others = [m for m in members if m != member]
+        away = p[member] - p[others]
+        turned = np.zeros(len(others))
+        if tie.kind == "height":
+            out = away[:, 2]
+        else:
+            out = np.einsum("ni,ni->n", R[others, :, 2], away)
+            turned = np.hypot(sigmas[others, 1], tie.sigma_rad) * np.linalg.norm(away, axis=1)
+        spread = np.sqrt(2 * tie.sigma_m**2 + sigmas[member, 0] ** 2 + sigmas[others, 0] ** 2 + turned**2)
+        off[k], standardised[k] = np.median(np.abs(out)), np.median(np.abs(out) / spread)
+    return off, standardised

@@ -1,0 +1,94 @@
+"""What a robot's own sensors say of a drive: wheels and gyro."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from lmkit.arrays import FloatArray, frozen
+from lmkit.model.observation import LandmarkObservation
+
+
+@dataclass(frozen=True, eq=False)
+class Odometry:
+    """What the wheels counted.
+
+    Attributes:
+        times_s: (N,) seconds, increasing.
+        forward_m: (N,) travelled since the row before; backwards is negative.
+        turn_rad: (N,) turned since the row before, positive to the left.
+    """
+
+    times_s: FloatArray
+    forward_m: FloatArray
+    turn_rad: FloatArray
+
+    def __post_init__(self) -> None:
+        _freeze(self, "forward_m", "turn_rad")
+
+    @classmethod
+    def from_velocities(cls, times_s: FloatArray, forward_mps: FloatArray, turn_radps: FloatArray) -> Odometry:
+        """From velocities, each of which holds until the next row."""
+        seconds = np.diff(times_s, prepend=times_s[:1])
+        before = [np.concatenate([[0.0], values[:-1]]) for values in (forward_mps, turn_radps)]
+        return cls(times_s, before[0] * seconds, before[1] * seconds)
+
+    @classmethod
+    def from_wheels(cls, times_s: FloatArray, left_m: FloatArray, right_m: FloatArray, track_m: float) -> Odometry:
+        """From what each wheel travelled since the row before; ``track_m`` is the distance of the wheels."""
+        return cls(times_s, (left_m + right_m) / 2, (right_m - left_m) / track_m)
+
+    @classmethod
+    def from_poses(cls, times_s: FloatArray, x: FloatArray, y: FloatArray, heading: FloatArray) -> Odometry:
+        """From dead reckoning: positions (m) and headings (rad); steps sideways are taken as slips and left out."""
+        turn = np.diff(np.unwrap(heading), prepend=heading[:1])
+        middle = np.unwrap(heading) - turn / 2
+        step = np.diff(np.column_stack([x, y]), axis=0, prepend=[[x[0], y[0]]])
+        return cls(times_s, step[:, 0] * np.cos(middle) + step[:, 1] * np.sin(middle), turn)
+
+
+@dataclass(frozen=True, eq=False)
+class Gyro:
+    """Rate of turn about the vertical.
+
+    Attributes:
+        times_s: (N,) seconds, increasing.
+        rate_radps: (N,) positive to the left.
+    """
+
+    times_s: FloatArray
+    rate_radps: FloatArray
+
+    def __post_init__(self) -> None:
+        _freeze(self, "rate_radps")
+
+    def turned(self, times_s: FloatArray) -> FloatArray:
+        """(M,) rad turned up to each time, from the first row on; rates between rows are linear."""
+        steps = np.diff(self.times_s) * (self.rate_radps[1:] + self.rate_radps[:-1]) / 2
+        total = np.concatenate([[0.0], np.cumsum(steps)])
+        return np.asarray(np.interp(times_s, self.times_s, total))
+
+
+def _freeze(record: Odometry | Gyro, *names: str) -> None:
+    count = len(record.times_s)
+    if count > 1 and not (np.diff(record.times_s) > 0).all():
+        raise ValueError("times_s do not increase")
+    for name in ("times_s", *names):
+        object.__setattr__(record, name, frozen(getattr(record, name), (count,), name))
+
+
+@dataclass(frozen=True, eq=False)
+class StereoFrame:
+    """What both eyes saw at one moment.
+
+    Attributes:
+        time_s: seconds.
+        left, right: landmarks read in the two pictures.
+        name: of the moment, as of its left picture.
+    """
+
+    time_s: float
+    left: tuple[LandmarkObservation, ...]
+    right: tuple[LandmarkObservation, ...]
+    name: str = ""

@@ -1,0 +1,76 @@
+"""The result of tracking: poses over time with covariances, and what was observed."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from lmkit.arrays import FloatArray
+from lmkit.geometry.pose import Pose
+from lmkit.geometry.stereo_rig import ahead_of
+
+
+@dataclass(frozen=True, eq=False)
+class TrackedTrajectory:
+    """The robot at every moment.
+
+    Attributes:
+        times_s: (N,).
+        poses: of the base where there is one, else of the left camera.
+        covariances: (N,6,6) x y z (m), rotation about x y z (rad), in the map.
+        statuses: ``ok``, ``ambiguous`` or ``lost``.
+        outliers: codes that were not believed.
+        parameters: what is wrong with the odometry, by name.
+        of_base: the poses look along x, not along z.
+        remarks: what a user should look after.
+        innovations: (N,2) of what was believed at every moment: the sum of its squared errors, in standard
+            deviations, and how many numbers that is of.  Live they are those of the prediction, else what is left
+            once the drive is solved.
+    """
+
+    times_s: FloatArray
+    poses: Sequence[Pose]
+    covariances: FloatArray
+    statuses: Sequence[str]
+    outliers: Sequence[tuple[int, ...]]
+    parameters: dict[str, float] = field(default_factory=dict)
+    of_base: bool = True
+    remarks: tuple[str, ...] = ()
+    innovations: FloatArray = field(default_factory=lambda: np.zeros((0, 2)))
+
+    def looking(self, k: int) -> Pose:
+        """As a camera's pose that looks where the robot does, to draw it."""
+        return ahead_of(self.poses[k]) if self.of_base else self.poses[k]
+
+
+def _six(C: FloatArray) -> FloatArray:
+    """(N,6,6) of (N,3,3) of x, y, heading; nothing is said of the rest."""
+    six = np.zeros((len(C), 6, 6))
+    places = np.array([0, 1, 5])
+    six[:, places[:, None], places[None]] = C
+    return six
+
+
+def tracked_dict(drive: TrackedTrajectory, k: int) -> dict[str, Any]:
+    return {
+        "time_s": float(drive.times_s[k]),
+        "status": drive.statuses[k],
+        "position": drive.poses[k].t.tolist(),
+        "quaternion": drive.poses[k].quaternion_xyzw.tolist(),
+        "covariance": drive.covariances[k].tolist(),
+        "outliers": list(drive.outliers[k]),
+        "innovation": drive.innovations[k][0] / drive.innovations[k][1] if drive.innovations[k][1] else None,
+    }
+
+
+def tracked_csv(drive: TrackedTrajectory) -> str:
+    lines = ["time_s,status,x_m,y_m,z_m,qx,qy,qz,qw,sigma_x_m,sigma_y_m,sigma_heading_rad"]
+    for k in range(len(drive.times_s)):
+        pose, C = drive.poses[k], drive.covariances[k]
+        numbers = [*pose.t, *pose.quaternion_xyzw, *(math.sqrt(max(C[j, j], 0.0)) for j in (0, 1, 5))]
+        lines.append(f"{drive.times_s[k]:.6f},{drive.statuses[k]}," + ",".join(f"{v:.6f}" for v in numbers))
+    return "\n".join(lines) + "\n"

@@ -1,0 +1,120 @@
+"""Interface of odometry: relative motions between times, with noise and parameters to estimate."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+
+from lmkit.arrays import BoolArray, FloatArray
+from lmkit.errors import InputError
+from lmkit.geometry.pose import Pose
+
+UNLIKELY_SIGMA = 3.5  # of a parameter against its prior
+
+
+LONGEST_STEP_S = 0.5  # of time between rows: more is a gap, in which nothing is known
+
+
+# A rig of which no odometry says how it moved.
+SPEED_MPS, SPEED_RADPS = 0.5, 0.7
+LEAST_STEP_M, LEAST_STEP_RAD = 0.02, 0.02
+
+
+@dataclass(frozen=True, eq=False)
+class Steps:
+    """Motions in space between consecutive times, in the frame of the earlier pose of the robot's base.
+
+    Attributes:
+        R, t: (K-1,3,3), (K-1,3) metres.
+        by_parameters: (K-1,6,P) derivatives of the way and of the turn, a rotation vector in the later frame.
+        sigmas: (K-1,6) standard deviations.
+        known: (K-1,) False where there is a gap.
+    """
+
+    R: FloatArray
+    t: FloatArray
+    by_parameters: FloatArray
+    sigmas: FloatArray
+    known: BoolArray
+
+    def of_camera(self, T_base_left: Pose) -> tuple[FloatArray, FloatArray]:
+        """(K-1,3,3), (K-1,3) how a camera moves that sits there: T_left_base T_base_base' T_base_left."""
+        T = T_base_left
+        return T.R.T @ self.R @ T.R, (self.t + self.R @ T.t - T.t) @ T.R
+
+
+class Motion(Protocol):
+    """Odometry that predicts motion between frames: wheels (`MotionModel`) or poses (`odometry/pose_odometry.py`).
+
+    Attributes:
+        names: of the numbers that say what is wrong with it.
+        nominal, prior_sigma: (P,) what they are taken to be before anything is seen.
+        of_base: it moves the robot's base, so that the rig must say where the camera sits on it.
+    """
+
+    @property
+    def names(self) -> tuple[str, ...]: ...
+    @property
+    def nominal(self) -> FloatArray: ...
+    @property
+    def prior_sigma(self) -> FloatArray: ...
+    @property
+    def of_base(self) -> bool: ...
+
+    def require_overlap(self, times_s: FloatArray) -> None:
+        """Refuse another time."""
+
+    def steps(self, times_s: FloatArray, parameters: FloatArray) -> Steps:
+        """Motions between consecutive times (K,), seconds of the landmarks' clock."""
+
+
+class BoundedMotion:
+    """A `Motion` for a rig without odometry: it does not leap from one moment to the next."""
+
+    names: tuple[str, ...] = ()
+    nominal, prior_sigma, of_base = np.zeros(0), np.zeros(0), False
+
+    def require_overlap(self, times_s: FloatArray) -> None:
+        """Any time will do."""
+
+    def steps(self, times_s: FloatArray, parameters: FloatArray) -> Steps:
+        """No motion, give or take what a slow robot travels."""
+        seconds = np.diff(times_s)
+        count = len(seconds)
+        place, turn = np.hypot(LEAST_STEP_M, SPEED_MPS * seconds), np.hypot(LEAST_STEP_RAD, SPEED_RADPS * seconds)
+        return Steps(
+            np.repeat(np.eye(3)[None], count, axis=0),
+            np.zeros((count, 3)),
+            np.zeros((count, 6, 0)),
+            np.repeat(np.column_stack([place, turn]), 3, axis=1),
+            np.ones(count, dtype=bool),
+        )
+
+
+def require_common_times(own_s: FloatArray, times_s: FloatArray) -> None:
+    """Refuse odometry of another time.
+
+    Raises:
+        InputError: it shares no time with the moments.
+    """
+    if own_s[-1] < times_s[0] or own_s[0] > times_s[-1]:
+        raise InputError(
+            "no_common_times",
+            f"odometry runs from {own_s[0]:.3f} to {own_s[-1]:.3f} s, landmarks were seen from "
+            f"{times_s[0]:.3f} to {times_s[-1]:.3f} s",
+            "give both in seconds of one clock",
+        )
+
+
+def describe_odometry(motion: Motion, parameters: FloatArray) -> str | None:
+    """A sentence where odometry is not to be believed: wrong units, another clock, another robot; else None."""
+    far = np.abs(parameters - motion.nominal) / motion.prior_sigma
+    worst = int(np.argmax(far))
+    if far[worst] < UNLIKELY_SIGMA:
+        return None
+    return (
+        f"odometry does not agree with what was seen: {motion.names[worst]} comes out as {parameters[worst]:.3g}; "
+        "check its units, its clock and where the sensor sits on the robot"
+    )

@@ -1,0 +1,79 @@
+"""What filters know of a robot's wheels while it drives: the last rows, and where they lead.
+
+The state is x, y, heading and what is wrong with the odometry (`motion.PARAMETERS`), its delay among them: the same
+motions, a little later, lead to another place.  Rows are kept for as long as a delay may need them.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+
+import numpy as np
+
+from lmkit.arrays import FloatArray
+from lmkit.geometry.planar import follow
+from lmkit.model.recording import Gyro, Odometry
+from lmkit.odometry.wheel_odometry import PARAMETERS, Increments, MotionModel, MotionNoise
+
+STATES = 3 + len(PARAMETERS)
+LONGEST_DELAY_S = 1.5
+AHEAD_S = 0.3
+_OWN = range(3, STATES)
+DRIFT = np.array([1e-3, 1e-3, 1e-5, 1e-3, 1e-3, 3e-3])  # of the parameters, per root of a second
+
+
+class Wheels:
+    """Rows of odometry and gyro, and the step they predict."""
+
+    def __init__(self, noise: MotionNoise | None = None) -> None:
+        self._noise = noise
+        self._rows: deque[tuple[float, float, float]] = deque()
+        self._gyro: deque[tuple[float, float]] = deque()
+
+    def add_odometry(self, time_s: float, forward_m: float, turn_rad: float) -> None:
+        """What the wheels counted since the row before."""
+        self._rows.append((time_s, forward_m, turn_rad))
+
+    def add_gyro(self, time_s: float, rate_radps: float) -> None:
+        """The rate of turn."""
+        self._gyro.append((time_s, rate_radps))
+
+    def forget(self, before_s: float) -> None:
+        """Drop rows that no delay needs any more."""
+        for rows in (self._rows, self._gyro):
+            while len(rows) > 2 and rows[1][0] < before_s - LONGEST_DELAY_S:
+                rows.popleft()
+
+    def predict(self, x: FloatArray, P: FloatArray, before_s: float, time_s: float) -> tuple[FloatArray, FloatArray]:
+        """The (9,) state and its (9,9) covariance a little later."""
+        increments = self._increments(before_s, time_s, x[3:])
+        motion, by_parameters = increments.motions[0], increments.by_parameters[0]
+        c, s = np.cos(x[2]), np.sin(x[2])
+        turn = np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
+        F = np.eye(STATES)
+        F[0, 2] = -s * motion[0] - c * motion[1]
+        F[1, 2] = c * motion[0] - s * motion[1]
+        F[:3, 3:] = turn @ by_parameters
+        later = x.copy()
+        later[:3] = follow(x[:3], motion[None])[1]
+        P = F @ P @ F.T
+        P[:3, :3] += turn @ np.diag(increments.sigmas[0] ** 2) @ turn.T
+        P[_OWN, _OWN] += DRIFT**2 * (time_s - before_s)
+        return later, P
+
+    def _increments(self, before_s: float, time_s: float, parameters: FloatArray) -> Increments:
+        times = np.array([before_s, time_s])
+        rows = np.array(self._rows).reshape(-1, 3)
+        if len(rows) < 2:
+            outside = Odometry(np.array([before_s - 9e3, before_s - 8e3]), np.zeros(2), np.zeros(2))
+            return MotionModel(outside, None, self._noise).increments(times, parameters)
+        # A robot that runs ahead of its odometry's clock goes on as it did.
+        share = AHEAD_S / max(rows[-1, 0] - rows[-2, 0], 1e-3)
+        rows = np.vstack([rows, [rows[-1, 0] + AHEAD_S, *(share * rows[-1, 1:])]])
+        gyro = np.array(self._gyro).reshape(-1, 2)
+        model = MotionModel(
+            Odometry(rows[:, 0], rows[:, 1], rows[:, 2]),
+            Gyro(gyro[:, 0], gyro[:, 1]) if len(gyro) > 1 else None,
+            self._noise,
+        )
+        return model.increments(times, parameters)

@@ -1,0 +1,106 @@
+"""How a robot moved through space, from poses in a frame that drifts: visual-inertial odometry, another SLAM."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.spatial.transform import Rotation, Slerp
+
+from lmkit.arrays import FloatArray
+from lmkit.errors import InputError
+from lmkit.model.trajectory import Trajectory
+from lmkit.odometry.motion_model import LONGEST_STEP_S, Steps, require_common_times
+
+DELAY_STEP_S = 1e-3
+
+
+@dataclass(frozen=True)
+class PoseNoise:
+    """How far poses of visual-inertial odometry stray, as standard deviations that grow with the root of way or time.
+
+    Attributes:
+        place_per_root_m, place_per_root_s: in every direction.
+        turn_per_root_rad, turn_per_root_s: about every axis, rad.
+        unknown_mps, unknown_radps: how fast the robot may move where no poses are.
+    """
+
+    place_per_root_m: float = 0.015
+    place_per_root_s: float = 0.002
+    turn_per_root_rad: float = 0.01
+    turn_per_root_s: float = 0.002
+    unknown_mps: float = 1.0
+    unknown_radps: float = 1.5
+
+
+class PoseMotion:
+    """Poses of the robot's base in a frame that drifts: what visual-inertial odometry or another SLAM gives.
+
+    Between two rows poses are interpolated; what is wrong is their scale, and a delay as of wheels.
+    """
+
+    names = ("scale", "delay_s")
+    nominal, prior_sigma = np.array([1.0, 0.0]), np.array([0.005, 0.01])
+    of_base = False  # without T_base_left they are the left camera's own
+
+    def __init__(self, poses: Trajectory, noise: PoseNoise | None = None) -> None:
+        if len(poses) < 2:
+            raise InputError("too_few_poses", "odometry of one pose says no motion", "give two poses or more")
+        self.noise = noise or PoseNoise()
+        self._times, self._places = poses.times_s, poses.positions
+        turns = Rotation.from_quat(poses.quaternions)
+        self._turns = Slerp(self._times, turns)
+        seconds = np.diff(self._times)
+        moved = np.linalg.norm(np.diff(self._places, axis=0), axis=1)
+        turned = (turns[:-1].inv() * turns[1:]).magnitude()
+        gap = np.where(seconds > LONGEST_STEP_S, seconds, 0.0)
+        # (N,3) way, turn and time without poses, up to each row.
+        self._totals = np.vstack([np.zeros(3), np.cumsum(np.column_stack([moved, turned, gap]), axis=0)])
+
+    def require_overlap(self, times_s: FloatArray) -> None:
+        """Refuse poses that share no time with the moments."""
+        require_common_times(self._times, times_s)
+
+    def steps(self, times_s: FloatArray, parameters: FloatArray) -> Steps:
+        """Motions between consecutive times (K,)."""
+        scale, delay = parameters
+        R, t = self._between(times_s - delay)
+        later_R, later_t = self._between(times_s - delay - DELAY_STEP_S)
+        by_parameters = np.zeros((len(t), 6, 2))
+        by_parameters[:, :3, 0] = t
+        by_parameters[:, :3, 1] = scale * (later_t - t) / DELAY_STEP_S
+        by_parameters[:, 3:, 1] = (R.inv() * later_R).as_rotvec().reshape(-1, 3) / DELAY_STEP_S
+        own = times_s - delay
+        return Steps(
+            R.as_matrix().reshape(-1, 3, 3),
+            scale * t,
+            by_parameters,
+            self.sigmas(own),
+            self._gaps(own) < LONGEST_STEP_S,
+        )
+
+    def sigmas(self, own_s: FloatArray) -> FloatArray:
+        """(K-1,6) standard deviations of ways (m) and turns (rad) between times of the odometry's clock (K,)."""
+        n, seconds, gap = self.noise, np.diff(own_s), self._gaps(own_s)
+        way, turned = (np.diff(np.interp(own_s, self._times, total)) for total in self._totals.T[:2])
+        place = n.place_per_root_m**2 * way + n.place_per_root_s**2 * seconds + (n.unknown_mps * gap) ** 2
+        turn = n.turn_per_root_rad**2 * turned + n.turn_per_root_s**2 * seconds + (n.unknown_radps * gap) ** 2
+        # What it turns wrongly early on leads the rest of the way aside.
+        place = place + turn * way**2 / 3
+        return np.asarray(np.sqrt(np.repeat(np.column_stack([place, turn]), 3, axis=1)))
+
+    def _gaps(self, own_s: FloatArray) -> FloatArray:
+        """(K-1,) seconds without poses."""
+        outside = np.diff(np.clip(own_s, None, self._times[0])) + np.diff(np.clip(own_s, self._times[-1], None))
+        return np.asarray(np.diff(np.interp(own_s, self._times, self._totals[:, 2])) + outside)
+
+    def at(self, times_s: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """(K,3,3), (K,3) poses of the odometry at times of its own clock; at its ends it stays where it is."""
+        own = np.clip(times_s, self._times[0], self._times[-1])
+        places = np.column_stack([np.interp(own, self._times, column) for column in self._places.T])
+        return self._turns(own).as_matrix(), places
+
+    def _between(self, own: FloatArray) -> tuple[Rotation, FloatArray]:
+        R, places = self.at(own)
+        turns = Rotation.from_matrix(R)
+        return turns[:-1].inv() * turns[1:], turns[:-1].inv().apply(np.diff(places, axis=0)).reshape(-1, 3)

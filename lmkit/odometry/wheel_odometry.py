@@ -1,0 +1,164 @@
+"""How a robot on wheels moved, from odometry and gyro, with what is wrong with both.
+
+Six numbers say what is wrong (:data:`PARAMETERS`): the scale of the way, the scale of the turns, a turn that grows
+with time (the gyro's bias) or with the way (wheels of unequal size), how much of the way is lost while turning
+(wheels that cannot do both as told: MRCLAM's robots lose 30 to 40 % at 0.4 rad/s), and by how many seconds the robot
+lags behind what its sensors report.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from lmkit.arrays import BoolArray, FloatArray
+from lmkit.model.recording import Gyro, Odometry
+from lmkit.odometry.motion_model import LONGEST_STEP_S, Steps, require_common_times
+
+PARAMETERS = ("forward_scale", "turn_scale", "turn_per_s", "turn_per_m", "slowing_s", "delay_s")
+NOMINAL = np.array([1.0, 1.0, 0.0, 0.0, 0.0, 0.1])
+# What they may be before anything is seen, as standard deviations.
+PRIOR_SIGMA = np.array([0.1, 0.1, 0.02, 0.1, 0.3, 0.15])
+STEPS = np.array([1e-4, 1e-4, 1e-5, 1e-5, 1e-4, 1e-3])
+# A robot on wheels keeps its height and its level between two moments, but for the floor.
+LIFT_M, LIFT_PER_ROOT_M = 0.002, 0.003
+LEAN_RAD, LEAN_PER_ROOT_M = 0.002, 0.004
+
+
+@dataclass(frozen=True)
+class MotionNoise:
+    """How far motion strays from odometry, as standard deviations that grow with the root of way, turn or time.
+
+    Attributes:
+        along_per_root_m: along the way, metres per root of a metre.
+        across_per_root_m: across it.
+        turn_per_root_m, turn_per_root_rad: of the heading, rad per root of a metre and of a radian.
+        turn_per_root_s, place_per_root_s: what grows with time alone.
+        unknown_mps, unknown_radps: how fast the robot may move where odometry has a gap.
+    """
+
+    along_per_root_m: float = 0.06
+    across_per_root_m: float = 0.03
+    turn_per_root_m: float = 0.04
+    turn_per_root_rad: float = 0.15
+    turn_per_root_s: float = 0.01
+    place_per_root_s: float = 0.006
+    unknown_mps: float = 1.0
+    unknown_radps: float = 1.5
+
+
+@dataclass(frozen=True, eq=False)
+class Increments:
+    """Planar motions between consecutive times, in the frame of the earlier pose.
+
+    Attributes:
+        motions: (K-1,3) forward, left (m), turn (rad).
+        by_parameters: (K-1,3,6) derivatives.
+        sigmas: (K-1,3) standard deviations.
+        known: (K-1,) False where odometry has a gap.
+    """
+
+    motions: FloatArray
+    by_parameters: FloatArray
+    sigmas: FloatArray
+    known: BoolArray
+
+
+class MotionModel:
+    """Odometry, with the gyro's turns in place of the wheels' where there is a gyro."""
+
+    names, nominal, prior_sigma, of_base = PARAMETERS, NOMINAL, PRIOR_SIGMA, True
+
+    def __init__(self, odometry: Odometry, gyro: Gyro | None = None, noise: MotionNoise | None = None) -> None:
+        self.noise = noise or MotionNoise()
+        self._times = odometry.times_s
+        turn = odometry.turn_rad
+        if gyro is not None:
+            turned = gyro.turned(odometry.times_s)
+            inside = (odometry.times_s >= gyro.times_s[0]) & (odometry.times_s <= gyro.times_s[-1])
+            turn = np.where(inside, np.diff(turned, prepend=turned[:1]), turn)
+        seconds = np.diff(self._times, prepend=self._times[:1])
+        gap = seconds > LONGEST_STEP_S
+        # A row after a gap tells what was travelled in it, but not when.
+        self._seconds, self._forward, self._turn = seconds, odometry.forward_m, turn
+        self._rate = np.abs(turn) / np.maximum(seconds, 1e-9)
+        self._rate[seconds <= 0] = 0.0
+        self._gap = np.cumsum(np.where(gap, seconds, 0.0))
+        self._way = np.cumsum(np.abs(odometry.forward_m))
+        self._turned = np.cumsum(np.abs(turn))
+
+    def require_overlap(self, times_s: FloatArray) -> None:
+        """Refuse odometry of another time.
+
+        Raises:
+            InputError: it shares no time with the moments.
+        """
+        require_common_times(self._times, times_s)
+
+    def steps(self, times_s: FloatArray, parameters: FloatArray) -> Steps:
+        """Motions on a floor that is nearly flat, between consecutive times (K,)."""
+        increments = self.increments(times_s, parameters)
+        forward, left, turn = increments.motions.T
+        zero = np.zeros_like(turn)
+        way = np.sqrt(np.abs(forward))
+        lift, lean = np.hypot(LIFT_M, LIFT_PER_ROOT_M * way), np.hypot(LEAN_RAD, LEAN_PER_ROOT_M * way)
+        s = increments.sigmas
+        by_parameters = np.zeros((len(turn), 6, len(PARAMETERS)))
+        by_parameters[:, [0, 1, 5]] = increments.by_parameters
+        return Steps(
+            Rotation.from_rotvec(np.column_stack([zero, zero, turn])).as_matrix().reshape(-1, 3, 3),
+            np.column_stack([forward, left, zero]),
+            by_parameters,
+            np.column_stack([s[:, 0], s[:, 1], lift, lean, lean, s[:, 2]]),
+            increments.known,
+        )
+
+    def increments(self, times_s: FloatArray, parameters: FloatArray) -> Increments:
+        """Motions between consecutive times (K,), seconds of the landmarks' clock."""
+        # The parameters as they are, and each moved a little.
+        moved = np.tile(parameters, (1 + len(PARAMETERS), 1))
+        moved[1:] += np.diag(STEPS)
+        all_motions = self._motions(times_s, moved)
+        motions = all_motions[0]
+        by_parameters = ((all_motions[1:] - motions) / STEPS[:, None, None]).transpose(1, 2, 0)
+        own = times_s - parameters[5]
+        seconds = np.diff(times_s)
+        way, turned, gap = (
+            np.diff(np.interp(own, self._times, total)) for total in (self._way, self._turned, self._gap)
+        )
+        outside = np.diff(np.clip(own, None, self._times[0])) + np.diff(np.clip(own, self._times[-1], None))
+        gap = gap + outside
+        n = self.noise
+        place = n.place_per_root_s**2 * seconds + (n.unknown_mps * gap) ** 2
+        variances = np.column_stack(
+            [
+                n.along_per_root_m**2 * way + place,
+                n.across_per_root_m**2 * way + place,
+                n.turn_per_root_m**2 * way
+                + n.turn_per_root_rad**2 * turned
+                + n.turn_per_root_s**2 * seconds
+                + (n.unknown_radps * gap) ** 2,
+            ]
+        )
+        return Increments(motions, by_parameters, np.sqrt(variances), gap < LONGEST_STEP_S)
+
+    def _motions(self, times_s: FloatArray, parameters: FloatArray) -> FloatArray:
+        """(P,K-1,3) of (P,6) parameters."""
+        scale, turn_scale, per_s, per_m, slowing, delay = parameters.T[:, :, None]
+        forward = scale * self._forward * (1 - slowing * self._rate)
+        turn = turn_scale * self._turn + per_s * self._seconds + per_m * forward
+        heading = np.cumsum(turn, axis=1)
+        middle = heading - turn / 2
+        path = np.stack(
+            [np.cumsum(forward * np.cos(middle), axis=1), np.cumsum(forward * np.sin(middle), axis=1), heading]
+        )
+        own = np.clip(times_s - delay, self._times[0], self._times[-1])
+        after = np.searchsorted(self._times, own).clip(1, len(self._times) - 1)
+        share = (own - self._times[after - 1]) / (self._times[after] - self._times[after - 1])
+        sets = np.arange(len(parameters))[:, None]
+        x, y, at = path[:, sets, after - 1] * (1 - share) + path[:, sets, after] * share
+        dx, dy = np.diff(x, axis=1), np.diff(y, axis=1)
+        c, s = np.cos(at[:, :-1]), np.sin(at[:, :-1])
+        return np.stack([c * dx + s * dy, -s * dx + c * dy, np.diff(at, axis=1)], axis=2)

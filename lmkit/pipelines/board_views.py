@@ -1,0 +1,124 @@
+"""Pictures of a calibration board -> its corners, pair by pair."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from contextlib import closing
+from dataclasses import dataclass, replace
+from functools import partial
+from pathlib import Path
+
+import numpy as np
+
+from lmkit.arrays import ByteArray
+from lmkit.detection.boards import detect_board, likelier_board, same_orientation
+from lmkit.errors import InputError
+from lmkit.io.images import read_image
+from lmkit.model.board import BoardSpec
+from lmkit.model.observation import BoardObservation, PairView
+from lmkit.parallel import map_in_processes
+
+SPEC_CHECK_PICTURES = 3
+MIN_COMMON_CORNERS = 6
+
+
+@dataclass(frozen=True)
+class BoardPairs:
+    """The corners of all pairs in which both eyes see the board.
+
+    Attributes:
+        views: those pairs.
+        rejected: (pair, reason) of the others.
+        files: (left, right) file of every pair by name.
+        image_size: (width, height).
+        board: as specified, or with the other ChArUco layout if that is what the pictures show.
+    """
+
+    views: tuple[PairView, ...]
+    rejected: tuple[tuple[str, str], ...]
+    files: dict[str, tuple[Path, Path]]
+    image_size: tuple[int, int]
+    board: BoardSpec
+
+
+def find_board_pairs(
+    files: Sequence[tuple[Path, Path]],
+    board: BoardSpec,
+    on_pair: Callable[[int, int], None] = lambda done, total: None,
+) -> BoardPairs:
+    """Read all pairs and find the board in them.
+
+    Args:
+        files: left and right picture of every pair.
+        on_pair: told after every pair how many are done, of how many.
+
+    Raises:
+        InputError: different sizes, an unreadable picture, or another board than the one specified.
+    """
+    views: list[PairView] = []
+    rejected: list[tuple[str, str]] = []
+    size: tuple[int, int] | None = None
+    board = checked_board([read_image(left) for left, _ in files[:SPEC_CHECK_PICTURES]], board)
+    both = [file for pair in files for file in pair]
+    with closing(map_in_processes(partial(_look, board=board), both)) as looked:
+        for done, (left_file, right_file) in enumerate(files, start=1):
+            name = left_file.stem
+            (size_left, seen_left), (size_right, seen_right) = next(looked), next(looked)
+            size = size or size_left
+            for file, here in ((left_file, size_left), (right_file, size_right)):
+                if here != size:
+                    raise InputError(
+                        "sizes_differ",
+                        f"{file} is {here[0]} x {here[1]} pixels, the pictures before it {size[0]} x {size[1]}",
+                        "all pictures of both eyes must have the same size; set both cameras alike",
+                    )
+            on_pair(done, len(files))
+            view = pair_view(name, seen_left, seen_right, board)
+            if isinstance(view, str):
+                rejected.append((name, view))
+            else:
+                views.append(view)
+    assert size is not None
+    names = {left.stem: (left, right) for left, right in files}
+    return BoardPairs(tuple(views), tuple(rejected), names, size, board)
+
+
+def checked_board(images: Sequence[ByteArray], board: BoardSpec) -> BoardSpec:
+    """The board as specified, or with the other ChArUco layout if that is what the pictures show.
+
+    Raises:
+        InputError: they show another board.
+    """
+    other = likelier_board(images, board)
+    if other is None:
+        return board
+    if other == replace(board, legacy=not board.legacy):
+        return other
+    counted = "inner corners" if board.kind == "chessboard" else "squares"
+    raise InputError(
+        "wrong_board",
+        f"the pictures show {other}, not {board}",
+        f"give --board {other} (columns x rows count {counted})",
+    )
+
+
+def pair_view(
+    name: str, left: BoardObservation | None, right: BoardObservation | None, board: BoardSpec
+) -> PairView | str:
+    """The board as both eyes saw it, corners in the same order; or the reason why there is no such view."""
+    if left is None or right is None:
+        where = "left picture" if right is not None else "right picture"
+        if left is None and right is None:
+            where = "left and the right picture"
+        return f"board not found in the {where}"
+    if board.kind == "chessboard":
+        right = same_orientation(left, right)
+    if len(np.intersect1d(left.ids, right.ids)) < MIN_COMMON_CORNERS:
+        return f"fewer than {MIN_COMMON_CORNERS} corners seen by both eyes"
+    return PairView(name, left.ids, left.image_points, right.ids, right.image_points, left.noise_px, right.noise_px)
+
+
+def _look(file: Path, board: BoardSpec) -> tuple[tuple[int, int], BoardObservation | None]:
+    """(width, height) of a picture, and the board in it."""
+    image = read_image(file)
+    return (image.shape[1], image.shape[0]), detect_board(image, board)

@@ -1,0 +1,128 @@
+"""Taking pictures for a calibration: frames in, kept pairs out, with what to show next."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+from lmkit.arrays import ByteArray
+from lmkit.calibration.capture_guide import CaptureGuide, Judgement
+from lmkit.calibration.view_coverage import ViewCoverage
+from lmkit.detection.boards import detect_board
+from lmkit.errors import InputError
+from lmkit.io.board_corners import SavedCorners
+from lmkit.io.image_sources import Frame
+from lmkit.io.images import read_image
+from lmkit.model.board import BoardSpec
+from lmkit.model.observation import BoardObservation
+from lmkit.pipelines.board_views import checked_board, pair_view
+
+LONG_IN_VAIN = 50  # frames without the board, before another one is thought of
+PairOfPictures = tuple[ByteArray, ByteArray]
+
+
+@dataclass(frozen=True, eq=False)
+class Found:
+    """What was seen of a board.
+
+    Attributes:
+        corners: of all pairs.
+        pictures: of some pairs, by name: the two pictures, or their files.
+    """
+
+    corners: SavedCorners
+    pictures: Mapping[str, PairOfPictures | tuple[Path, Path]]
+
+    def picture(self, name: str) -> PairOfPictures:
+        """Left and right picture of a pair."""
+        left, right = (read_image(eye) if isinstance(eye, Path) else eye for eye in self.pictures[name])
+        return left, right
+
+
+@dataclass(frozen=True, eq=False)
+class Looked:
+    """One pair of frames, judged.
+
+    Attributes:
+        judgement: what became of it.
+        left, right: the pictures.
+        found: all that is kept so far.
+        coverage: what that shows, and what is missing.
+    """
+
+    judgement: Judgement
+    left: ByteArray
+    right: ByteArray
+    found: Found
+    coverage: ViewCoverage
+
+
+def look_at_frames(pairs: Iterable[tuple[Frame, Frame]], board: BoardSpec, moving: bool) -> Iterator[Looked]:
+    """Judge pair after pair until the views are complete.
+
+    Args:
+        moving: see :class:`lmkit.calibration.capture_guide.CaptureGuide`.
+
+    Raises:
+        InputError: a picture that cannot be read, pictures of different sizes, or of another board.
+    """
+    looking = _SpecCheck(board)
+    guide: CaptureGuide | None = None
+    pictures: dict[str, PairOfPictures] = {}
+    size = (0, 0)
+    for one, other in pairs:
+        left, right = one.picture, other.picture
+        if guide is None:
+            size = (left.shape[1], left.shape[0])
+            guide = CaptureGuide(board.object_points, size, moving)
+        for frame, image in ((one, left), (other, right)):
+            if (image.shape[1], image.shape[0]) != size:
+                raise InputError(
+                    "sizes_differ",
+                    f"{frame.name} is {image.shape[1]} x {image.shape[0]} pixels, the first {size[0]} x {size[1]}",
+                    "set both cameras alike",
+                )
+        name = f"{len(guide.views) + 1:03d}" if moving else Path(one.name).stem
+        in_left = looking.detect(left)
+        board = looking.board
+        # An eye that sees no board saves the other the trouble.
+        in_right = None if in_left is None else detect_board(right, board)
+        view = pair_view(name, in_left, in_right, board)
+        judgement = guide.judge(None if isinstance(view, str) else view)
+        if judgement.kept:
+            pictures[name] = (left, right)
+        coverage = guide.coverage
+        yield Looked(judgement, left, right, Found(SavedCorners(board, size, guide.views, ()), pictures), coverage)
+        if not coverage.advice:
+            return
+    looking.end()
+
+
+class _SpecCheck:
+    """Looks for the board, and once, as soon as it shows or when it never does, whether another one is meant."""
+
+    def __init__(self, board: BoardSpec) -> None:
+        self.board = board
+        self._last: ByteArray | None = None
+        self._in_vain = 0
+        self._done = False
+
+    def detect(self, image: ByteArray) -> BoardObservation | None:
+        """The board in the picture."""
+        seen = detect_board(image, self.board)
+        self._last, self._in_vain = image, self._in_vain + 1
+        if not self._done and (seen is not None or self._in_vain == LONG_IN_VAIN):
+            self.end()
+            seen = detect_board(image, self.board)
+        return seen
+
+    def end(self) -> None:
+        """Check by the last picture.
+
+        Raises:
+            InputError: it shows another board.
+        """
+        if not self._done and self._last is not None:
+            self._done = True
+            self.board = checked_board([self._last], self.board)

@@ -1,0 +1,67 @@
+"""Landmarks in stereo pairs, as views of one board each: what an ordinary drive says about a calibration."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Callable, Sequence
+from contextlib import closing
+from functools import partial
+from pathlib import Path
+
+import numpy as np
+
+from lmkit.arrays import FloatArray
+from lmkit.detection.config import DetectOptions
+from lmkit.detection.detector import detect_landmarks
+from lmkit.geometry.camera import CameraModel
+from lmkit.geometry.stereo_rig import StereoRig
+from lmkit.io.images import read_image
+from lmkit.model.landmark import LM8, LandmarkFamily
+from lmkit.model.observation import LandmarkObservation, PairView
+from lmkit.parallel import map_in_processes
+
+
+def find_landmark_pairs(
+    files: Sequence[tuple[Path, Path]],
+    rig: StereoRig,
+    family: LandmarkFamily = LM8,
+    on_pair: Callable[[int, int], None] = lambda done, total: None,
+) -> tuple[FloatArray, list[PairView]]:
+    """(4,3) corners of a landmark of its nominal size, and a view for each that both eyes of a pair read.
+
+    Of a landmark of another size only the distance comes out wrong, not how the eyes' rows match.
+
+    Raises:
+        InputError: a picture cannot be read.
+    """
+    views: list[PairView] = []
+    jobs = [job for left, right in files for job in ((left, rig.left), (right, rig.right))]
+    with closing(map_in_processes(partial(_look, family=family), jobs)) as looked:
+        for done, (left_file, _) in enumerate(files, start=1):
+            in_left, in_right = _once(next(looked)), _once(next(looked))
+            views += [
+                _view(f"{left_file.stem} code {code}", in_left[code], in_right[code])
+                for code in sorted(in_left.keys() & in_right.keys())
+            ]
+            on_pair(done, len(files))
+    return family.object_points(family.side_mm / 1000), views
+
+
+def _look(job: tuple[Path, CameraModel], family: LandmarkFamily) -> list[LandmarkObservation]:
+    file, camera = job
+    return list(detect_landmarks(read_image(file), DetectOptions((family,), camera=camera)))
+
+
+def _once(seen: Sequence[LandmarkObservation]) -> dict[int, LandmarkObservation]:
+    """By code; without those that are there twice."""
+    count = Counter(o.code for o in seen)
+    return {o.code: o for o in seen if count[o.code] == 1}
+
+
+def _view(name: str, left: LandmarkObservation, right: LandmarkObservation) -> PairView:
+    ids = np.arange(4)
+    return PairView(name, ids, left.corners, ids, right.corners, _noise(left), _noise(right))
+
+
+def _noise(o: LandmarkObservation) -> float | None:
+    return None if o.covariance is None else float(np.sqrt(np.trace(o.covariance) / 8))

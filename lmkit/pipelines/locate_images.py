@@ -1,0 +1,170 @@
+"""Poses of many stereo pairs or single pictures in a steady stream: files on all cores, films frame by frame."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+from lmkit.arrays import ByteArray
+from lmkit.detection.config import DetectOptions
+from lmkit.detection.detector import detect_landmarks
+from lmkit.errors import InputError
+from lmkit.geometry.pose import Pose
+from lmkit.geometry.stereo_rig import StereoRig
+from lmkit.io.image_sources import Frame, are_moving, frames, list_pairs, list_pictures, paired_frames, time_of
+from lmkit.io.images import read_image
+from lmkit.localization.absolute_pose import LocateOptions, covariance_at_base, locate_camera, locate_rig
+from lmkit.model.estimate import PoseEstimate
+from lmkit.model.landmark import family_named
+from lmkit.model.landmark_map import LandmarkMap
+from lmkit.model.observation import LandmarkObservation
+from lmkit.parallel import map_in_processes
+
+# Below this the processes' start costs more than they bring.
+WORTH_PROCESSES = 4
+
+
+@dataclass(frozen=True, eq=False)
+class Located:
+    """One moment.
+
+    Attributes:
+        left, right: names of the pictures; right is None of a single picture.
+        estimate: the pose, or None where a picture could not be read.
+        seen: landmarks of the left and of the right picture.
+        image: the left picture, of films and cameras alone (files can be read again).
+        error: why there is no estimate.
+    """
+
+    left: str
+    right: str | None
+    estimate: PoseEstimate | None
+    seen: tuple[tuple[LandmarkObservation, ...], ...] = ()
+    image: ByteArray | None = None
+    error: InputError | None = None
+
+
+def locate_in_sources(
+    left: str, right: str | None, rig: StereoRig, landmarks: LandmarkMap, options: LocateOptions | None = None
+) -> Iterator[Located]:
+    """Every pair of two files, folders, globs, films or cameras, or every picture where right is None, in order.
+
+    Raises:
+        InputError: the sources make no pairs.
+    """
+    work = partial(_locate_files, rig=rig, landmarks=landmarks, options=options or LocateOptions())
+    if not are_moving(left):
+        jobs: Sequence[tuple[str, str | None]]
+        if right is None:
+            jobs = [(str(file), None) for file in list_pictures(left)]
+        else:
+            jobs = [(str(a), str(b)) for a, b in list_pairs(left, right)]
+        yield from map_in_processes(work, jobs) if len(jobs) >= WORTH_PROCESSES else map(work, jobs)
+        return
+    if right is None:
+        moments: Iterator[tuple[Frame, ...]] = ((frame,) for frame in frames([left]))
+    else:
+        moments = iter(paired_frames(left, right))
+    for moment in moments:
+        yield _locate_frames(moment, rig, landmarks, options or LocateOptions())
+
+
+def _locate_files(
+    names: tuple[str, str | None], rig: StereoRig, landmarks: LandmarkMap, options: LocateOptions
+) -> Located:
+    left, right = names
+    moment = []
+    try:
+        for name in names:
+            if name is not None:
+                moment.append(Frame(name, read_image(Path(name))))
+    except InputError as error:
+        return Located(left, right, None, error=error)
+    located = _locate_frames(moment, rig, landmarks, options)
+    return Located(left, right, located.estimate, located.seen, None, located.error)
+
+
+def _locate_frames(
+    moment: Sequence[Frame], rig: StereoRig, landmarks: LandmarkMap, options: LocateOptions
+) -> Located:
+    left, right = moment[0].name, moment[1].name if len(moment) > 1 else None
+    families = tuple(dict.fromkeys(family_named(landmark.family) for landmark in landmarks))
+    seen = []
+    try:
+        for frame, camera in zip(moment, (rig.left, rig.right), strict=False):
+            camera.require_size(frame.name, (frame.picture.shape[1], frame.picture.shape[0]))
+            seen.append(tuple(detect_landmarks(frame.picture, DetectOptions(families, camera=camera))))
+    except InputError as error:
+        return Located(left, right, None, error=error)
+    if right is None:
+        estimate = locate_camera(seen[0], rig.left, landmarks, options)
+    else:
+        estimate = locate_rig(seen[0], seen[1], rig, landmarks, options)
+    return Located(left, right, estimate, tuple(seen), moment[0].image)
+
+
+def estimate_dict(estimate: PoseEstimate, rig: StereoRig, left: str, right: str | None, frame: str) -> dict[str, Any]:
+    """One answer as docs/formats.md has it."""
+    from lmkit.geometry.pose import Pose
+
+    def at(pose: Pose) -> Pose:
+        if frame == "camera" or rig.T_base_left is None:
+            return pose
+        T_left_base = rig.T_base_left.inverse()
+        return pose @ Pose("camera", "base", T_left_base.R, T_left_base.t)
+
+    result: dict[str, Any] = {
+        "left": left,
+        "right": right,
+        "time_s": time_of(left),
+        "status": estimate.status,
+        "position": None,
+        "quaternion": None,
+        "covariance": None,
+        "codes": list(estimate.inlier_codes),
+        "outlier_codes": list(estimate.outlier_codes),
+        "alternatives": [
+            {
+                "position": at(pose).t.tolist(),
+                "quaternion": at(pose).quaternion_xyzw.tolist(),
+                "log_likelihood_ratio": ratio,
+            }
+            for pose, ratio in estimate.alternatives
+        ],
+        "reprojection_error_px": estimate.reprojection_error_px,
+    }
+    if estimate.T_map_camera is not None:
+        pose = at(estimate.T_map_camera)
+        covariance = estimate.covariance
+        if frame == "base" and rig.T_base_left is not None:
+            T_left_base = rig.T_base_left.inverse()
+            covariance = covariance_at_base(estimate, Pose("camera", "base", T_left_base.R, T_left_base.t))
+        result["position"] = pose.t.tolist()
+        result["quaternion"] = pose.quaternion_xyzw.tolist()
+        result["covariance"] = None if covariance is None else covariance.tolist()
+    return result
+
+
+ESTIMATE_COLUMNS = (
+    "left,time_s,status,x_m,y_m,z_m,qx,qy,qz,qw,"
+    "sigma_x_m,sigma_y_m,sigma_z_m,sigma_rx_rad,sigma_ry_rad,sigma_rz_rad,codes"
+)
+
+
+def estimate_row(answer: dict[str, object]) -> str:
+    position, quaternion, covariance = answer["position"], answer["quaternion"], answer["covariance"]
+    numbers: list[object] = [""] * 13
+    if isinstance(position, list) and isinstance(quaternion, list) and isinstance(covariance, list):
+        sigmas = [covariance[k][k] ** 0.5 for k in range(6)]
+        numbers = [f"{v:.9g}" for v in (*position, *quaternion, *sigmas)]
+    codes = answer["codes"]
+    assert isinstance(codes, list)
+    time_s = "" if answer["time_s"] is None else answer["time_s"]
+    left = str(answer["left"])
+    if any(c in left for c in ',"\n'):
+        left = '"' + left.replace('"', '""') + '"'
+    cells = [left, time_s, answer["status"], *numbers, " ".join(map(str, codes))]
+    return ",".join(map(str, cells))

@@ -1,0 +1,52 @@
+"""Eyes of a simulated robot that take pictures and read them: photograph and detector, end to end."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from lmkit.arrays import ByteArray
+from lmkit.detection.config import DetectOptions
+from lmkit.detection.detector import detect_landmarks
+from lmkit.geometry.pose import Pose
+from lmkit.geometry.stereo_rig import StereoRig
+from lmkit.model.observation import LandmarkObservation
+from lmkit.simulation.photograph import ImagingChain, Sensor, photograph
+from lmkit.simulation.scene import Scene
+
+Seen = tuple[LandmarkObservation, ...]
+CHAIN = ImagingChain(sensor=Sensor(6000.0, 8.0, bayer=True))
+
+
+class PictureEyes:
+    """What the detector reads in two pictures of a scene, now and then; between them nothing.
+
+    Args:
+        rig: with its T_base_left.
+        every_s: between two pairs of pictures.
+    """
+
+    def __init__(self, scene: Scene, rig: StereoRig, seed: int, every_s: float = 0.6) -> None:
+        self._scene, self._rig, self._every_s, self._taken_s = scene, rig, every_s, -np.inf
+        self._rng = np.random.default_rng([seed, 9])
+
+    def __call__(self, time_s: float, T_map_base: Pose) -> tuple[Seen, Seen]:
+        """From a pose of the robot's base."""
+        if time_s < self._taken_s + self._every_s - 1e-9:
+            return (), ()
+        self._taken_s = time_s
+        return self.look(T_map_base)[1:]
+
+    def look(self, T_map_base: Pose) -> tuple[ByteArray, Seen, Seen]:
+        """The left picture (BGR), and what is read in both."""
+        assert self._rig.T_base_left is not None
+        T_map_left = T_map_base @ self._rig.T_base_left
+        pictures, read = [], []
+        for camera, pose in (
+            (self._rig.left, T_map_left),
+            (self._rig.right, self._rig.T_map_right(T_map_left)),
+        ):
+            T = Pose("map", "camera", pose.R, pose.t)
+            picture = photograph(self._scene, camera, T, CHAIN, self._rng)
+            pictures.append(picture)
+            read.append(tuple(detect_landmarks(picture, DetectOptions(camera=camera))))
+        return pictures[0], read[0], read[1]

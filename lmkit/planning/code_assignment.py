@@ -1,0 +1,58 @@
+"""Which code to hang where: codes that a single misread gap, or a quarter turn, would exchange hang far apart."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from lmkit.arrays import FloatArray, IntArray
+from lmkit.errors import InputError
+from lmkit.model.codewords import turned_word
+from lmkit.model.landmark import LandmarkFamily, family_named
+from lmkit.model.landmark_map import MappedLandmark
+
+CONFUSABLE = 1  # gaps
+APART_M = 1e6
+
+
+def assign_codes(places: Sequence[FloatArray], hung: Sequence[MappedLandmark], family_name: str) -> list[int]:
+    """A code for each of (N) places (3,), none of which hangs already.
+
+    In turn each place takes the code whose nearest confusable landmark hangs the farthest.
+
+    Raises:
+        InputError: the family has too few codes.
+    """
+    family = family_named(family_name)
+    used = [(m.code, m.T_map_landmark.t) for m in hung if m.family == family_name]
+    if len(used) + len(places) > family.code_count:
+        raise InputError(
+            "too_few_codes",
+            f"{len(used) + len(places)} landmarks, but {family_name} has {family.code_count} codes",
+            "ask for less, or hang larger landmarks (--size)",
+        )
+    confusable = confusable_codes(family)
+    chosen: list[int] = []
+    for place in places:
+        far = np.full(family.code_count, APART_M)
+        for code, there in used:
+            rows = np.flatnonzero(confusable[code])
+            far[rows] = np.minimum(far[rows], float(np.linalg.norm(place - there)))
+            far[code] = -1.0
+        code = int(np.argmax(far))
+        chosen.append(code)
+        used.append((code, place))
+    return chosen
+
+
+def confusable_codes(family: LandmarkFamily) -> IntArray:
+    """(C,C) True where one wrong gap, or a quarter turn with none, makes one code of the other."""
+    words = np.array(family.words)
+    gap_counts = tuple(ring.gap_count for ring in family.rings)
+    apart = np.bitwise_count(words[:, None] ^ words[None]) <= CONFUSABLE
+    for quarters in (1, 2, 3):
+        turned = np.array([turned_word(int(word), gap_counts, quarters) for word in words])
+        apart |= words[:, None] == turned[None]
+    np.fill_diagonal(apart, False)
+    return np.asarray(apart | apart.T)

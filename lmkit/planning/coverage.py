@@ -1,0 +1,224 @@
+"""How well a robot would know where it is, at every place of a floor and in every direction."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+
+from lmkit.arrays import BoolArray, FloatArray, IntArray
+from lmkit.errors import InputError
+from lmkit.geometry.stereo_rig import StereoRig
+from lmkit.localization.absolute_pose import LocateOptions
+from lmkit.model.floor_plan import FloorPlan
+from lmkit.model.landmark_map import MappedLandmark
+from lmkit.planning.visibility import Sights, find_sights, planar_covariances, planar_errors
+
+BLIND_M = 10.0  # an error as large is none worth a word
+# An error from which `locate` calls its answer ambiguous.
+AMBIGUOUS_M = LocateOptions.far_m / np.sqrt(2 * LocateOptions.ambiguous_below)
+PROMISE_DRAWS = 32
+HEADINGS = 16
+MOST_PLACES = 4000
+FINEST_M, COARSEST_M = 0.25, 2.0
+LEAST_WEAK_M2 = 0.5
+
+
+@dataclass(frozen=True)
+class Demand:
+    """What is asked of a robot's pose.
+
+    Attributes:
+        error_m: of the position, root mean square.
+        heading_rad: of the heading.
+        in_view: landmarks that must be in view at once.
+        headings: share of the directions in which this must hold, for a place to count.
+        share: of all places at which it must hold.
+    """
+
+    error_m: float = 0.05
+    heading_rad: float = np.deg2rad(2.0)
+    in_view: int = 2
+    headings: float = 0.25
+    share: float = 0.9
+
+
+@dataclass(frozen=True, eq=False)
+class PoseCoverage:
+    """Places on a raster over the floor, and what is to be expected in every direction.
+
+    Attributes:
+        places: (N,2) metres.
+        step_m: between places.
+        headings: (H,) rad.
+        error_m, heading_rad: (N,H) expected errors, infinite where nothing is known.
+        in_view: (N,H) landmarks in view.
+    """
+
+    places: FloatArray
+    step_m: float
+    headings: FloatArray
+    error_m: FloatArray
+    heading_rad: FloatArray
+    in_view: IntArray
+
+    def holds(self, demand: Demand) -> BoolArray:
+        """(N,H) where the demand holds."""
+        return np.asarray(
+            (self.error_m <= demand.error_m)
+            & (self.heading_rad <= demand.heading_rad)
+            & (self.in_view >= demand.in_view)
+        )
+
+    def covered(self, demand: Demand) -> BoolArray:
+        """(N,) places where it holds in enough directions."""
+        return np.asarray(self.holds(demand).mean(axis=1) >= demand.headings - 1e-9)
+
+    def typical_error_m(self, headings: float) -> FloatArray:
+        """(N,) the error that the robot keeps to in that share of the directions."""
+        return np.asarray(np.sort(self.error_m, axis=1)[:, self._rank(headings)])
+
+    def typical_in_view(self, headings: float) -> IntArray:
+        """(N,) the landmarks in view in that share of the directions."""
+        return np.asarray(np.sort(self.in_view, axis=1)[:, ::-1][:, self._rank(headings)])
+
+    def _rank(self, headings: float) -> int:
+        return max(int(np.ceil(headings * len(self.headings) - 1e-9)) - 1, 0)
+
+
+@dataclass(frozen=True)
+class WeakPlace:
+    """A region where the demand does not hold.
+
+    Attributes:
+        middle: (x, y) of the place deepest inside it, metres.
+        area_m2: how large it is.
+        in_view, error_m: landmarks in view there and the error to be expected, infinite where nothing is known, at
+            the edge of the directions in which the demand should hold.
+    """
+
+    middle: tuple[float, float]
+    area_m2: float
+    in_view: int
+    error_m: float
+
+    def __str__(self) -> str:
+        known = f"error {100 * self.error_m:.0f} cm" if self.error_m < BLIND_M else "blind"
+        x, y = self.middle
+        seen = "1 landmark" if self.in_view == 1 else f"{self.in_view} landmarks"
+        return f"{self.area_m2:.1f} m2 around ({x:.1f}, {y:.1f}) m: {known}, {seen} in view"
+
+
+def places_on(floor: FloorPlan, radius_m: float, step_m: float | None = None) -> tuple[FloatArray, float]:
+    """(N,2) places where a robot of that radius can stand, on a raster, and its step.
+
+    Args:
+        step_m: None: as fine as a few thousand places allow.
+
+    Raises:
+        InputError: the robot fits nowhere.
+    """
+    free = floor.clearance_m >= radius_m
+    if not free.any():
+        raise InputError(
+            "no_room",
+            f"a robot of radius {radius_m:g} m fits nowhere: the widest place has {floor.clearance_m.max():.2f} m",
+            "check --scale and --radius",
+        )
+    if step_m is None:
+        area = free.sum() * floor.cell_m**2
+        step_m = float(np.clip(np.sqrt(area / MOST_PLACES), FINEST_M, COARSEST_M))
+    step = max(1, round(step_m / floor.cell_m))
+    rows, columns = np.indices(free.shape)
+    raster = (rows % step == step // 2) & (columns % step == step // 2) & free
+    if not raster.any():
+        raster = free
+    at_rows, at_columns = np.nonzero(raster)
+    return floor.middles(at_rows, at_columns), step * floor.cell_m
+
+
+def all_states(places: FloatArray, count: int = HEADINGS) -> tuple[FloatArray, FloatArray]:
+    """(N*H,3) poses at all places in all headings, and the (H,) headings."""
+    headings = np.arange(count) * 2 * np.pi / count
+    states = np.column_stack([np.repeat(places, count, axis=0), np.tile(headings, len(places))])
+    return states, headings
+
+
+def predict_coverage(
+    floor: FloorPlan,
+    landmarks: Sequence[MappedLandmark],
+    rig: StereoRig,
+    radius_m: float,
+    step_m: float | None = None,
+) -> PoseCoverage:
+    """What is to be expected at every place of the floor.
+
+    Raises:
+        InputError: the robot fits nowhere.
+    """
+    places, step_m = places_on(floor, radius_m, step_m)
+    states, headings = all_states(places)
+    sights = find_sights(states, landmarks, rig, floor)
+    error_m, heading_rad, in_view = expected_errors(sights, states, rig)
+    shape = (len(places), len(headings))
+    return PoseCoverage(
+        places, step_m, headings, error_m.reshape(shape), heading_rad.reshape(shape), in_view.reshape(shape)
+    )
+
+
+def expected_errors(sights: Sights, states: FloatArray, rig: StereoRig) -> tuple[FloatArray, FloatArray, IntArray]:
+    """(P,) errors of position (m) and heading (rad), infinite where blind, and landmarks in view, at (P,3) poses."""
+    assert rig.T_base_left is not None
+    C = planar_covariances(sights.information_at(len(states)), states, rig.T_base_left)
+    error_m, heading_rad = planar_errors(C)
+    blind = error_m > BLIND_M
+    return (
+        np.where(blind, np.inf, error_m),
+        np.where(blind, np.inf, heading_rad),
+        sights.in_view_at(len(states)),
+    )
+
+
+def promised_errors(sights: Sights, states: FloatArray, rig: StereoRig) -> FloatArray:
+    """(P,) root mean square errors of the position (m) over what may be read; infinite where hardly anything is.
+
+    Landmarks in view are drawn as often as they are read; draws that `locate` would call ambiguous are left out.  Not
+    what the search looks at: a landmark missed now and then, whose loss costs ten times the error, doubles the mean.
+    """
+    assert rig.T_base_left is not None
+    rng = np.random.default_rng(0)
+    total, count = np.zeros(len(states)), np.zeros(len(states))
+    for _ in range(PROMISE_DRAWS):
+        read = rng.random(len(sights.poses)) < sights.probability
+        drawn = Sights(sights.poses[read], sights.landmarks[read], np.ones(read.sum()), sights.information[read])
+        C = planar_covariances(drawn.information_at(len(states)), states, rig.T_base_left)
+        squared = C[:, 0, 0] + C[:, 1, 1]
+        known = squared < AMBIGUOUS_M**2
+        total += np.where(known, squared, 0.0)
+        count += known
+    with np.errstate(divide="ignore", invalid="ignore"):
+        return np.asarray(np.where(count >= PROMISE_DRAWS / 4, np.sqrt(total / count), np.inf))
+
+
+def weak_places(coverage: PoseCoverage, demand: Demand) -> list[WeakPlace]:
+    """Connected regions that are not covered, the largest first."""
+    weak = ~coverage.covered(demand)
+    at = np.round((coverage.places - coverage.places.min(axis=0)) / coverage.step_m).astype(int)
+    raster = np.zeros(at.max(axis=0)[::-1] + 3, dtype=np.uint8)
+    raster[at[:, 1] + 1, at[:, 0] + 1] = weak
+    count, labels = cv2.connectedComponents(raster, connectivity=4)
+    depth = cv2.distanceTransform(raster, cv2.DIST_L2, cv2.DIST_MASK_PRECISE)
+    label = labels[at[:, 1] + 1, at[:, 0] + 1]
+    depth = depth[at[:, 1] + 1, at[:, 0] + 1]
+    error_m, in_view = coverage.typical_error_m(demand.headings), coverage.typical_in_view(demand.headings)
+    found = []
+    for number in range(1, count):
+        rows = np.flatnonzero(label == number)
+        deepest = rows[np.argmax(depth[rows])]
+        area = len(rows) * coverage.step_m**2
+        if area >= LEAST_WEAK_M2:
+            x, y = coverage.places[deepest].tolist()
+            found.append(WeakPlace((x, y), area, int(in_view[deepest]), float(error_m[deepest])))
+    return sorted(found, key=lambda place: -place.area_m2)

@@ -1,0 +1,46 @@
+"""What a person needs to hang a placement up: the sheets, and where each belongs."""
+
+from __future__ import annotations
+
+import math
+
+from lmkit.generation.manifest import manifest_of
+from lmkit.generation.page import Page
+from lmkit.generation.pdf import pages_to_pdf
+from lmkit.generation.sheet import compose_sheets, largest_mm
+from lmkit.generation.tiles import compose_tiles
+from lmkit.io.template import load_template
+from lmkit.model.landmark import family_named
+from lmkit.planning.placement import Placement
+from lmkit.verification.proof import prove_pages
+
+PAPER = "a4"
+
+
+def sheets_to_print(placement: Placement) -> bytes:
+    """The new landmarks as a PDF that has been read back; those too large for A4 in tiles."""
+    sheet = load_template(PAPER)
+    pages: list[Page] = []
+    for mount in placement.mounts:
+        landmark = mount.landmark
+        family, size_mm = family_named(landmark.family), 1000 * landmark.size_m
+        if size_mm > largest_mm(family, sheet):
+            pages += compose_tiles(family, landmark.code, size_mm, PAPER)
+        else:
+            pages += compose_sheets(family, [landmark.code], sheet, size_mm)
+    pdf = pages_to_pdf(pages, "landmarks to hang", manifest_of(pages, PAPER).to_json())
+    prove_pages(pdf, pages)
+    return pdf
+
+
+def mounting_csv(placement: Placement) -> str:
+    """A line for each new landmark: which wall, place, height, size, and the same in the map."""
+    rows = ["code,wall,from_left_end_m,height_m,size_mm,x_m,y_m,facing_deg\n"]
+    for mount in placement.mounts:
+        x, y, z = mount.landmark.T_map_landmark.t
+        facing = math.degrees(mount.wall.facing_rad) % 360
+        rows.append(
+            f"{mount.landmark.code},{mount.wall.name},{mount.along_m:.3f},{z:.3f},"
+            f"{1000 * mount.landmark.size_m:.0f},{x:.3f},{y:.3f},{facing:.1f}\n"
+        )
+    return "".join(rows)

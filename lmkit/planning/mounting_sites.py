@@ -1,0 +1,90 @@
+"""Where a landmark may hang: along the usable walls, in every height that is offered."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from lmkit.arrays import BoolArray
+from lmkit.errors import InputError
+from lmkit.geometry.stereo_rig import StereoRig
+from lmkit.model.floor_plan import FloorPlan, Wall
+from lmkit.model.landmark_map import MappedLandmark, wall_pose
+
+APART_M = 0.4  # places along a wall
+EDGE_M = 0.08  # of free wall beside a landmark's face
+
+
+@dataclass(frozen=True)
+class HangOptions:
+    """How landmarks may hang.
+
+    Attributes:
+        sizes_m: to choose from.
+        heights_m: of their middles, to choose from; none: a little above the camera.
+        family: of all of them.
+        not_on: names of walls that stay bare, beside those that the floor plan says.
+        exchange_s: how long to look for two landmarks that one can do for.
+    """
+
+    sizes_m: tuple[float, ...] = (0.18,)
+    heights_m: tuple[float, ...] = ()
+    family: str = "lm8"
+    not_on: tuple[str, ...] = ()
+    exchange_s: float = 10.0
+
+
+@dataclass(frozen=True, eq=False)
+class Mount:
+    """A landmark to hang up: on which wall, how far from its left end, how high; metres to its middle."""
+
+    landmark: MappedLandmark
+    wall: Wall
+    along_m: float
+
+    def __str__(self) -> str:
+        height, size_mm = self.landmark.T_map_landmark.t[2], 1000 * self.landmark.size_m
+        return f"wall {self.wall.name}, {self.along_m:.2f} m from its left end, {height:.2f} m high, {size_mm:.0f} mm"
+
+
+def crowded(landmarks: Sequence[MappedLandmark], others: Sequence[MappedLandmark]) -> BoolArray:
+    """(N,M) where two have no room beside each other."""
+    here, there = (np.array([m.T_map_landmark.t for m in some]).reshape(-1, 3) for some in (landmarks, others))
+    rooms = [np.array([m.size_m + 2 * EDGE_M for m in some]) for some in (landmarks, others)]
+    apart = np.linalg.norm(here[:, None] - there[None], axis=2)
+    return np.asarray(apart < (rooms[0][:, None] + rooms[1][None]) / 2 - 1e-9)
+
+
+def hanging_places(floor: FloorPlan, rig: StereoRig, options: HangOptions) -> list[Mount]:
+    """Where a landmark of the largest size that fits may hang on the usable walls, without codes yet.
+
+    Raises:
+        InputError: a wall is named that is not there.
+    """
+    known = {wall.name for wall in floor.walls}
+    for name in options.not_on:
+        if name not in known:
+            raise InputError("unknown_wall", f"no wall {name!r}", f"walls: {', '.join(sorted(known))}")
+    assert rig.T_base_left is not None
+    heights = options.heights_m or (float(rig.T_base_left.t[2]) + 0.25,)
+    mounts = []
+    for wall in floor.walls:
+        fitting = [size for size in options.sizes_m if size + 2 * EDGE_M <= wall.length_m]
+        if not wall.usable or wall.name in options.not_on or not fitting:
+            continue
+        size = max(fitting)
+        half = size / 2 + EDGE_M
+        step = max(APART_M, 2 * half)
+        count = int((wall.length_m - 2 * half) / step) + 1
+        rest = wall.length_m - 2 * half - (count - 1) * step
+        out = np.array([np.cos(wall.facing_rad), np.sin(wall.facing_rad)])
+        for along in half + rest / 2 + step * np.arange(count):
+            middle = wall.left + along * wall.along
+            beside = middle + np.array([-half, 0.0, half])[:, None] * wall.along + 2 * floor.cell_m * out
+            if floor.is_free(beside).all():
+                for height in heights:
+                    T = wall_pose([*middle, height], wall.facing_rad)
+                    mounts.append(Mount(MappedLandmark(0, options.family, size, T), wall, float(along)))
+    return mounts

@@ -1,0 +1,123 @@
+"""Where to hang landmarks so that a robot knows where it is.
+
+Candidates stand along the walls (`mounts.py`); of those the fewest are sought that hold the demand (`search.py`), and
+what they hold is checked on places that the search did not look at.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from functools import partial
+
+import numpy as np
+
+from lmkit.errors import InputError
+from lmkit.geometry.stereo_rig import StereoRig
+from lmkit.model.floor_plan import FloorPlan
+from lmkit.model.landmark_map import LandmarkMap, MappedLandmark
+from lmkit.planning.code_assignment import assign_codes
+from lmkit.planning.coverage import Demand, PoseCoverage, all_states, predict_coverage, promised_errors
+from lmkit.planning.mounting_sites import HangOptions, Mount, crowded, hanging_places
+from lmkit.planning.placement_search import Search
+from lmkit.planning.visibility import find_sights
+
+MARGIN = 0.005  # of the share, for places between those that were looked at
+REMEDIES = 5
+MOST_PROMISED = 2000  # poses that the promised error is taken over
+CHECKED_STEP = 0.7  # of the search's step between places: those that check the result are others
+
+
+@dataclass(frozen=True, eq=False)
+class Placement:
+    """Landmarks to hang, and what they hold.
+
+    Attributes:
+        mounts: the new ones.
+        landmarks: those and the ones that hung before.
+        coverage: on places that the search did not look at.
+        share: of those places at which the demand holds.
+        error_m: what the position error keeps to there, root mean square over all poses that hold.
+    """
+
+    mounts: tuple[Mount, ...]
+    landmarks: LandmarkMap
+    coverage: PoseCoverage
+    share: float
+    error_m: float
+
+
+def place_landmarks(
+    floor: FloorPlan,
+    hung: Sequence[MappedLandmark],
+    rig: StereoRig,
+    radius_m: float,
+    demand: Demand,
+    options: HangOptions | None = None,
+    on_step: Callable[[int, float], None] = lambda count, share: None,
+) -> Placement:
+    """The fewest landmarks found that hold the demand, none larger than it has to be.
+
+    Args:
+        hung: landmarks that hang already and stay.
+        on_step: told the number of landmarks and the share covered so far.
+
+    Raises:
+        InputError: no wall to hang anything on, or the robot fits nowhere.
+        NegativeAnswer: no number of landmarks holds the demand; says what is possible.
+    """
+    options = options or HangOptions()
+    mounts = hanging_places(floor, rig, options)
+    taken = crowded([mount.landmark for mount in mounts], hung)
+    mounts = [mount for mount, there in zip(mounts, taken, strict=True) if not there.any()]
+    if not mounts:
+        raise InputError("no_wall", "no wall that a landmark fits on", "check --scale, --not-on and --size")
+    search = Search(floor, hung, mounts, rig, radius_m, demand)
+    search.require_possible()
+    target = min(demand.share + MARGIN, 1.0)
+    for _ in range(REMEDIES):
+        search.fill(target, on_step)
+        search.prune(target)
+        placement = _finish(search, floor, hung, rig, radius_m, demand, options)
+        if placement.share >= demand.share or target >= search.possible:
+            break
+        target = min(target + demand.share - placement.share + MARGIN, search.possible)
+    improvements = [partial(search.exchange, target, options.exchange_s)]
+    if len(set(options.sizes_m)) > 1:
+        improvements.append(partial(search.shrink, target, options.sizes_m))
+    for improve in improvements:
+        before = search.hung_now()
+        improve()
+        improved = _finish(search, floor, hung, rig, radius_m, demand, options)
+        if improved.share >= min(placement.share, demand.share):
+            placement = improved
+        else:
+            search.hang(before)
+    return placement
+
+
+def _finish(
+    search: Search,
+    floor: FloorPlan,
+    hung: Sequence[MappedLandmark],
+    rig: StereoRig,
+    radius_m: float,
+    demand: Demand,
+    options: HangOptions,
+) -> Placement:
+    """Codes, and what holds at places that the search did not look at."""
+    chosen = [search.spots[k].mount for k in sorted(search.chosen)]
+    codes = assign_codes([mount.landmark.T_map_landmark.t for mount in chosen], hung, options.family)
+    mounts = tuple(
+        replace(mount, landmark=replace(mount.landmark, code=code)) for mount, code in zip(chosen, codes, strict=True)
+    )
+    landmarks = LandmarkMap([*hung, *(mount.landmark for mount in mounts)])
+    coverage = predict_coverage(floor, list(landmarks), rig, radius_m, search.step_m * CHECKED_STEP)
+    holds = coverage.holds(demand)
+    states, _ = all_states(coverage.places)
+    states = states[holds.ravel()]
+    states = states[:: 1 + len(states) // MOST_PROMISED]
+    errors = promised_errors(find_sights(states, list(landmarks), rig, floor), states, rig)
+    errors = errors[np.isfinite(errors)]
+    error_m = float(np.sqrt(np.mean(errors**2))) if len(errors) else float("inf")
+    return Placement(mounts, landmarks, coverage, float(coverage.covered(demand).mean()), error_m)

@@ -1,0 +1,277 @@
+"""Which of many landmarks to hang: greedy, with exchange.
+
+1. What each candidate would tell every pose is worked out once (`sight.py`).
+2. Greedy: the candidate is added that brings places nearest to the demand, until enough of them are covered.  For a
+   demand of counts alone this is submodular cover, and greedy needs at most 1 + ln(places) times the fewest landmarks
+   (Wolsey 1982); with errors in it there is no such bound, so what the result holds is measured, on other places.
+3. Landmarks that are not needed are taken down; then two are taken down for one hung elsewhere, while time lasts.
+4. Each landmark shrinks to the smallest size with which the demand still holds.
+"""
+
+from __future__ import annotations
+
+import heapq
+import time
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from itertools import pairwise
+
+import numpy as np
+
+from lmkit.arrays import BoolArray, FloatArray, IntArray
+from lmkit.errors import NegativeAnswer
+from lmkit.geometry.stereo_rig import StereoRig
+from lmkit.model.floor_plan import FloorPlan
+from lmkit.model.landmark_map import MappedLandmark
+from lmkit.planning.coverage import BLIND_M, Demand, all_states, places_on
+from lmkit.planning.mounting_sites import Mount, crowded
+from lmkit.planning.visibility import IN_VIEW, find_sights, planar_covariances, planar_errors
+
+MOST_PLACES = 900
+LEAST_GAIN = 1e-6
+NEIGHBOURS_M = 4.0
+
+
+@dataclass(frozen=True, eq=False)
+class Site:
+    """A candidate, (R,) the poses that may read it, (R,6,6) what it tells there, (R,) whether it is in view."""
+
+    mount: Mount
+    rows: IntArray
+    told: FloatArray
+    shown: BoolArray
+
+
+def _resized(mount: Mount, size_m: float) -> Mount:
+    return replace(mount, landmark=replace(mount.landmark, size_m=size_m))
+
+
+class Search:
+    """Candidates, what each tells every pose, and which are hung."""
+
+    def __init__(
+        self,
+        floor: FloorPlan,
+        hung: Sequence[MappedLandmark],
+        mounts: Sequence[Mount],
+        rig: StereoRig,
+        radius_m: float,
+        demand: Demand,
+    ) -> None:
+        assert rig.T_base_left is not None
+        self.floor, self.rig, self.demand, self.T_base_left = floor, rig, demand, rig.T_base_left
+        places, step_m = places_on(floor, radius_m)
+        if len(places) > MOST_PLACES:
+            places, step_m = places_on(floor, radius_m, step_m * np.sqrt(len(places) / MOST_PLACES))
+        self.states, headings = all_states(places)
+        self.step_m, self.turns = step_m, len(headings)
+        self.enough = max(1, int(np.ceil(demand.headings * self.turns - 1e-9)))
+        known = find_sights(self.states, hung, rig, floor)
+        self.information = known.information_at(len(self.states))
+        self.in_view = known.in_view_at(len(self.states))
+        self.spots = [Site(mount, *told) for mount, told in zip(mounts, self._told(mounts), strict=True)]
+        landmarks = [mount.landmark for mount in mounts]
+        self.crowds = crowded(landmarks, landmarks)
+        self.chosen: list[int] = []
+        self.scores = self._scores(np.arange(len(self.states)), self.information, self.in_view)
+
+    def _told(self, mounts: Sequence[Mount]) -> list[tuple[IntArray, FloatArray, BoolArray]]:
+        """Of each: the poses that may read it, what it tells there, and whether it counts as in view."""
+        sights = find_sights(self.states, [mount.landmark for mount in mounts], self.rig, self.floor)
+        order = np.argsort(sights.landmarks, kind="stable")
+        bounds = np.searchsorted(sights.landmarks[order], np.arange(len(mounts) + 1))
+        return [
+            (
+                sights.poses[part],
+                sights.probability[part, None, None] * sights.information[part],
+                sights.probability[part] >= IN_VIEW,
+            )
+            for part in (order[a:b] for a, b in pairwise(bounds))
+        ]
+
+    @property
+    def share(self) -> float:
+        """Of the places that are covered."""
+        return float((self._places(self.scores) >= 1 - 1e-9).mean())
+
+    def require_possible(self) -> None:
+        """Refuse what even a landmark wherever one fits would not hold.
+
+        Raises:
+            NegativeAnswer: says what is possible.
+        """
+        for k in range(len(self.spots)):
+            if not self._crowded(k):
+                self.put(k)
+        self.possible = self.share
+        errors = self._errors(np.arange(len(self.states)), self.information)[0]
+        errors[self.in_view < self.demand.in_view] = np.inf
+        for k in list(self.chosen):
+            self.take(k)
+        if self.possible >= self.demand.share:
+            return
+        best = np.sort(errors.reshape(-1, self.turns), axis=1)[:, self.enough - 1]
+        error = float(np.quantile(best, self.demand.share, method="higher"))
+        or_else = f", or {1000 * error:.2g} mm over {self.demand.share:.0%}" if error < BLIND_M else ""
+        raise NegativeAnswer(
+            "impossible_demand",
+            f"with a landmark wherever one fits the demand holds at {self.possible:.0%} of the floor, "
+            f"{self.demand.share:.0%} are asked",
+            f"possible: {np.floor(100 * self.possible):.0f} %{or_else}; larger landmarks (--size), fewer directions "
+            "(--headings) or one landmark in view (--in-view 1) ask less",
+        )
+
+    def fill(self, target: float, on_step: Callable[[int, float], None]) -> None:
+        """Greedy, with gains looked at again only where they may be the best (Minoux 1978)."""
+        heap = [(-np.inf, k) for k in range(len(self.spots)) if k not in self.chosen]
+        while self.share < target and heap:
+            best = None
+            while heap:
+                k = heapq.heappop(heap)[1]
+                if self._crowded(k):
+                    continue
+                gain = self.gain(k)
+                if not heap or gain >= -heap[0][0] - 1e-12:
+                    best = (gain, k)
+                    break
+                heapq.heappush(heap, (-gain, k))
+            if best is None or best[0] < LEAST_GAIN:
+                return
+            self.put(best[1])
+            on_step(len(self.chosen), self.share)
+
+    def exchange(self, target: float, seconds: float) -> None:
+        """Two for one, while time lasts."""
+        until = time.monotonic() + seconds
+        target = min(target, self.share)
+        better = True
+        while better and time.monotonic() < until:
+            better = False
+            for k in sorted(self.chosen, key=self._loss):
+                near = self._neighbours(k)
+                self.take(k)
+                # What helps most in its place: does another one become needless then?
+                gains = sorted(((self.gain(j), j) for j in near), reverse=True)[:3]
+                for _, j in gains:
+                    self.put(j)
+                    least = sorted(self.chosen, key=self._loss)[:4]
+                    spare = next((i for i in least if i != j and self._needless(i, target)), None)
+                    if spare is not None and self.share >= target:
+                        self.take(spare)
+                        self.prune(target)
+                        better = True
+                        break
+                    self.take(j)
+                if better or time.monotonic() > until:
+                    if not better:
+                        self.put(k)
+                    break
+                self.put(k)
+
+    def gain(self, k: int) -> float:
+        """What a candidate adds to the scores of all places."""
+        spot = self.spots[k]
+        rows = spot.rows
+        after = self._scores(rows, self.information[rows] + spot.told, self.in_view[rows] + spot.shown)
+        places = np.unique(rows // self.turns)
+        scores = self.scores.reshape(-1, self.turns)[places]
+        changed = scores.copy()
+        changed[np.searchsorted(places, rows // self.turns), rows % self.turns] = after
+        return float((self._places(changed) - self._places(scores)).sum())
+
+    def put(self, k: int) -> None:
+        """Hang it."""
+        self.chosen.append(k)
+        self._add(k, 1)
+
+    def take(self, k: int) -> None:
+        """Take it down."""
+        self.chosen.remove(k)
+        self._add(k, -1)
+
+    def _add(self, k: int, sign: int) -> None:
+        spot = self.spots[k]
+        rows = spot.rows
+        self.information[rows] += sign * spot.told
+        self.in_view[rows] += sign * spot.shown
+        self.scores[rows] = self._scores(rows, self.information[rows], self.in_view[rows])
+
+    def _loss(self, k: int) -> float:
+        before = self._places(self.scores).sum()
+        self.take(k)
+        after = self._places(self.scores).sum()
+        self.put(k)
+        return float(before - after)
+
+    def _needless(self, k: int, target: float) -> bool:
+        self.take(k)
+        enough = self.share >= target
+        self.put(k)
+        return enough
+
+    def prune(self, target: float) -> None:
+        """Take down what is not needed."""
+        for k in sorted(self.chosen, key=self._loss):
+            if self._needless(k, target):
+                self.take(k)
+
+    def shrink(self, target: float, sizes_m: Sequence[float]) -> None:
+        """Each as small as the demand allows, what is least needed first."""
+        target = min(target, self.share)
+        for k in sorted(self.chosen, key=self._loss):
+            was = self.spots[k]
+            smaller = [_resized(was.mount, size) for size in sorted(sizes_m) if size < was.mount.landmark.size_m]
+            for mount, told in zip(smaller, self._told(smaller), strict=True):
+                self.take(k)
+                self.spots[k] = Site(mount, *told)
+                self.put(k)
+                if self.share >= target:
+                    break
+                self.take(k)
+                self.spots[k] = was
+                self.put(k)
+
+    def hung_now(self) -> dict[int, Site]:
+        """What hangs, by candidate."""
+        return {k: self.spots[k] for k in self.chosen}
+
+    def hang(self, spots: Mapping[int, Site]) -> None:
+        """That, and nothing else."""
+        for k in list(self.chosen):
+            self.take(k)
+        for k, spot in spots.items():
+            self.spots[k] = spot
+            self.put(k)
+
+    def _crowded(self, k: int) -> bool:
+        """Does something hang there already?"""
+        return bool(self.crowds[k, self.chosen].any())
+
+    def _neighbours(self, k: int) -> list[int]:
+        """Candidates near one that is to be replaced, where there is room without it."""
+        here = self.spots[k].mount.landmark.T_map_landmark.t
+        others = [i for i in self.chosen if i != k]
+        return [
+            j
+            for j, spot in enumerate(self.spots)
+            if j not in self.chosen
+            and np.linalg.norm(spot.mount.landmark.T_map_landmark.t - here) < NEIGHBOURS_M
+            and not self.crowds[j, others].any()
+        ]
+
+    def _errors(self, rows: IntArray, information: FloatArray) -> tuple[FloatArray, FloatArray]:
+        return planar_errors(planar_covariances(information, self.states[rows], self.T_base_left))
+
+    def _scores(self, rows: IntArray, information: FloatArray, in_view: IntArray) -> FloatArray:
+        """How near each pose is to the demand: 1 where it holds; half for landmarks in view, half for the errors."""
+        error_m, heading_rad = self._errors(rows, information)
+        worst = np.maximum(error_m / self.demand.error_m, heading_rad / self.demand.heading_rad)
+        near = 1 - np.log(np.maximum(worst, 1.0)) / np.log(BLIND_M / self.demand.error_m)
+        asked = self.demand.in_view
+        seen = np.minimum(in_view, asked) / asked if asked else np.ones(len(in_view))
+        return np.asarray((seen + near.clip(0, 1)) / 2)
+
+    def _places(self, scores: FloatArray) -> FloatArray:
+        """(N,) 1 where enough directions hold: the mean of the best ones."""
+        best = np.sort(scores.reshape(-1, self.turns), axis=1)[:, -self.enough :]
+        return np.asarray(best.mean(axis=1))

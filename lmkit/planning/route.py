@@ -1,0 +1,307 @@
+"""The way to a goal on which the pose stays known: the shortest path, where blind ways count as longer ones.
+
+1. Cells that leave the robot its radius are joined to their eight neighbours.  A step costs its length, more where
+   the pose is less known than demanded while looking along it, or where walls are close.  (Dijkstra by scipy: costs
+   that depend on the direction are beyond skimage.graph; docs/decisions/0011-planning.md.)
+2. Corners that a straight line spares at no higher cost are left out.
+3. The covariance is carried along the way: wheels let it grow, landmarks in view shrink it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+from scipy.ndimage import label
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import dijkstra
+from scipy.spatial import cKDTree
+
+from lmkit.arrays import BoolArray, FloatArray, IntArray
+from lmkit.errors import InputError, NegativeAnswer
+from lmkit.geometry.stereo_rig import StereoRig
+from lmkit.model.floor_plan import FloorPlan
+from lmkit.model.landmark_map import LandmarkMap, MappedLandmark
+from lmkit.odometry.wheel_odometry import MotionNoise
+from lmkit.planning.coverage import Demand, PoseCoverage, predict_coverage
+from lmkit.planning.visibility import find_sights, planar_covariances, planar_errors
+
+CELL_M = 0.1
+BLIND_FACTOR = 3.0  # a blind metre counts as much more
+BLIND_TIMES = 20.0  # an error so many times the demanded one is as bad as any
+CLOSE_FACTOR = 1.0
+COMFORT_M = 0.2  # of clearance beyond the radius
+CHEAPER = 1.01
+STEP_M = 0.25  # between poses at which landmarks are counted: nearer ones err alike
+BEFORE_SIGN_M = 1.0  # a robot sent to a landmark stands so far before it
+START_SIGMA = (0.03, 0.03, np.deg2rad(1.0))
+NEIGHBOURS = ((0, 1), (1, 1), (1, 0), (1, -1), (0, -1), (-1, -1), (-1, 0), (-1, 1))  # rows, columns; by 45 deg
+
+
+@dataclass(frozen=True, eq=False)
+class Route:
+    """A way to drive.
+
+    Attributes:
+        waypoints: (N,2) metres, straight lines between them.
+        heading_rad: to turn to at the goal, or None.
+        states: (M,3) x, y, heading along the way, dense.
+        error_m, heading_sigma_rad: (M,) expected there.
+    """
+
+    waypoints: FloatArray
+    heading_rad: float | None
+    states: FloatArray
+    error_m: FloatArray
+    heading_sigma_rad: FloatArray
+
+    @property
+    def length_m(self) -> float:
+        """Of the whole way."""
+        return float(np.linalg.norm(np.diff(self.waypoints, axis=0), axis=1).sum())
+
+
+@dataclass(frozen=True)
+class Goal:
+    """Where to drive to: metres, and a heading in rad or None."""
+
+    x_m: float
+    y_m: float
+    heading_rad: float | None = None
+
+
+def find_goal(text: str, floor: FloorPlan, landmarks: LandmarkMap, radius_m: float) -> Goal:
+    """A place as people say it: ``2.5,1``, ``2.5,1,90`` (deg), a name of the floor plan or the map, or a code.
+
+    A landmark is a signpost: the robot stands before it and looks at it.
+
+    Raises:
+        InputError: nothing of that name.
+    """
+    if text in floor.places:
+        return Goal(*floor.places[text])
+    sign = next((m for m in landmarks if m.name == text), None)
+    if sign is None and text.isdigit():
+        sign = landmarks.find(int(text))
+    if sign is not None:
+        return _before(sign, floor, radius_m)
+    try:
+        values = [float(piece) for piece in text.split(",")]
+    except ValueError:
+        values = []
+    if len(values) not in (2, 3) or not np.isfinite(values).all():
+        names = [*floor.places, *(m.name for m in landmarks if m.name)]
+        known = f"; known places: {', '.join(names)}" if names else ""
+        raise InputError(
+            "unknown_place", f"no place {text!r}{known}", "give x,y in metres, x,y,heading in deg, a name or a code"
+        )
+    return Goal(values[0], values[1], float(np.deg2rad(values[2])) if len(values) == 3 else None)
+
+
+def plan_route(
+    floor: FloorPlan,
+    landmarks: LandmarkMap,
+    rig: StereoRig,
+    radius_m: float,
+    start: Goal,
+    goal: Goal,
+    demand: Demand,
+    coverage: PoseCoverage | None = None,
+) -> Route:
+    """The way from one place to another.
+
+    Args:
+        coverage: of this floor, where it is known already.
+
+    Raises:
+        InputError: a robot of that radius cannot stand at the start or the goal; names the nearest place it can.
+        NegativeAnswer: no way leads there; names the nearest place that one leads to.
+    """
+    grid = _Grid(floor, radius_m)
+    ends = [grid.node(spot, name) for spot, name in ((start, "start"), (goal, "goal"))]
+    grid.require_joined(ends, goal)
+    coverage = coverage or predict_coverage(floor, list(landmarks), rig, radius_m)
+    cost = grid.costs(coverage, demand)
+    path = grid.search(cost, ends)
+    points = np.array([[start.x_m, start.y_m], *grid.middles[path[1:-1]], [goal.x_m, goal.y_m]])
+    waypoints = _straightened(points, grid, coverage, demand)
+    states = _dense(waypoints)
+    if goal.heading_rad is not None:
+        states = np.vstack([states, [*waypoints[-1], goal.heading_rad]])
+    C = _carried(states, list(landmarks), rig, floor)
+    return Route(waypoints, goal.heading_rad, states, *planar_errors(C))
+
+
+class _Grid:
+    """The cells a robot can be in."""
+
+    def __init__(self, floor: FloorPlan, radius_m: float) -> None:
+        self.floor, self.radius_m = floor, radius_m
+        every = max(1, round(CELL_M / floor.cell_m))
+        self.cell_m = every * floor.cell_m
+        offset = every // 2
+        clearance = floor.clearance_m[offset::every, offset::every]
+        self.open: BoolArray = clearance >= radius_m
+        self.numbers: IntArray = np.full(self.open.shape, -1)
+        rows, columns = np.nonzero(self.open)
+        self.numbers[rows, columns] = np.arange(len(rows))
+        self.rows, self.columns = rows, columns
+        self.middles = floor.middles(rows * every + offset, columns * every + offset)
+        self.clearance = clearance[rows, columns]
+        self.part = label(self.open, np.ones((3, 3)))[0][rows, columns]
+        self.tree = cKDTree(self.middles) if len(rows) else None
+
+    def node(self, spot: Goal, name: str) -> int:
+        """The cell of a place."""
+        at = np.array([spot.x_m, spot.y_m])
+        if self.tree is None:
+            raise InputError("no_room", f"a robot of radius {self.radius_m:g} m fits nowhere", "check --radius")
+        nearest = self.tree.query(at)[1]
+        if self.floor.clearance_at(at) < self.radius_m - self.floor.cell_m:
+            x, y = self.middles[nearest]
+            where = "too close to a wall" if self.floor.is_free(at) else "in a wall or outside the floor"
+            raise InputError(
+                f"bad_{name}",
+                f"{name} ({spot.x_m:g}, {spot.y_m:g}) m is {where} for a robot of radius {self.radius_m:g} m",
+                f"the nearest place where it can stand is {x:.2f},{y:.2f}",
+            )
+        return int(nearest)
+
+    def require_joined(self, ends: Sequence[int], goal: Goal) -> None:
+        """Refuse a goal behind walls."""
+        if self.part[ends[0]] == self.part[ends[1]]:
+            return
+        reached = self.middles[self.part == self.part[ends[0]]]
+        off = np.linalg.norm(reached - np.array([goal.x_m, goal.y_m]), axis=1)
+        x, y = reached[np.argmin(off)]
+        raise NegativeAnswer(
+            "unreachable",
+            f"no way for a robot of radius {self.radius_m:g} m leads to ({goal.x_m:g}, {goal.y_m:g}) m",
+            f"the nearest place that can be reached is {x:.2f},{y:.2f}, {off.min():.2f} m away; see --radius",
+        )
+
+    def costs(self, coverage: PoseCoverage, demand: Demand) -> FloatArray:
+        """(8,N) factors on the length of a step from each cell in each direction."""
+        nearest = cKDTree(coverage.places).query(self.middles)[1]
+        turns = np.round(np.arange(8) * len(coverage.headings) / 8).astype(int)
+        known = coverage.error_m[nearest][:, turns].T
+        return np.asarray(_factor(known, self.clearance - self.radius_m, demand))
+
+    def search(self, factors: FloatArray, ends: Sequence[int]) -> IntArray:
+        """(K,) cells of the cheapest way."""
+        starts, stops, weights = [], [], []
+        for direction, (down, right) in enumerate(NEIGHBOURS):
+            rows, columns = self.rows + down, self.columns + right
+            inside = (rows >= 0) & (columns >= 0) & (rows < self.open.shape[0]) & (columns < self.open.shape[1])
+            to = np.where(inside, self.numbers[np.where(inside, rows, 0), np.where(inside, columns, 0)], -1)
+            near = np.flatnonzero(to >= 0)
+            starts.append(near)
+            stops.append(to[near])
+            weights.append(self.cell_m * np.hypot(down, right) * factors[direction, near])
+        count = len(self.rows)
+        ways = (np.concatenate(weights), (np.concatenate(starts), np.concatenate(stops)))
+        _, before = dijkstra(coo_array(ways, (count, count)).tocsr(), indices=ends[0], return_predecessors=True)
+        path = [ends[1]]
+        while path[-1] != ends[0]:
+            path.append(int(before[path[-1]]))
+        return np.array(path[::-1])
+
+
+def _factor(error_m: FloatArray, spare_m: FloatArray, demand: Demand) -> FloatArray:
+    """How much longer a metre counts where the pose is known to that error, and walls leave that much to spare."""
+    times = np.minimum(error_m / demand.error_m, BLIND_TIMES)
+    blind = np.log(np.maximum(times, 1.0)) / np.log(BLIND_TIMES)
+    close = np.clip(1 - spare_m / COMFORT_M, 0, 1)
+    return np.asarray(1 + BLIND_FACTOR * blind + CLOSE_FACTOR * close)
+
+
+def _straightened(points: FloatArray, grid: _Grid, coverage: PoseCoverage, demand: Demand) -> FloatArray:
+    """(N,2) without the corners that a straight line spares."""
+    places = cKDTree(coverage.places)
+
+    def cost(a: FloatArray, b: FloatArray) -> float:
+        way = b - a
+        length = float(np.linalg.norm(way))
+        line = a + np.linspace(0, 1, max(2, int(np.ceil(2 * length / grid.cell_m))))[:, None] * way
+        turn = round(float(np.arctan2(way[1], way[0])) / (2 * np.pi) * len(coverage.headings))
+        known = coverage.error_m[places.query(line)[1], turn % len(coverage.headings)]
+        spare = grid.floor.clearance_at(line) - grid.radius_m
+        return length * float(_factor(known, spare, demand).mean())
+
+    def is_clear(a: FloatArray, b: FloatArray) -> bool:
+        steps = int(np.ceil(2 * float(np.linalg.norm(b - a)) / grid.cell_m))
+        line = a + np.linspace(0, 1, steps + 1)[1:-1, None] * (b - a)
+        return bool((grid.floor.clearance_at(line) >= grid.radius_m).all())
+
+    total = np.concatenate([[0.0], np.cumsum([cost(a, b) for a, b in pairwise(points)])])
+    kept = [0]
+    while kept[-1] < len(points) - 1:
+        here = kept[-1]
+        # The farthest that a straight line reaches at no higher cost; the next one it always does.
+        kept.append(
+            next(
+                (
+                    there
+                    for there in range(len(points) - 1, here + 1, -1)
+                    if cost(points[here], points[there]) <= CHEAPER * (total[there] - total[here])
+                    and is_clear(points[here], points[there])
+                ),
+                here + 1,
+            )
+        )
+    return points[kept]
+
+
+def _dense(waypoints: FloatArray) -> FloatArray:
+    """(M,3) x, y, heading at every step along straight lines."""
+    parts = []
+    for a, b in pairwise(waypoints):
+        length = float(np.linalg.norm(b - a))
+        steps = np.linspace(0, 1, max(2, int(np.ceil(length / STEP_M)) + 1))[:, None]
+        heading = np.full((len(steps), 1), np.arctan2(b[1] - a[1], b[0] - a[0]))
+        parts.append(np.hstack([a + steps * (b - a), heading]))
+    return np.concatenate(parts)
+
+
+def _carried(states: FloatArray, landmarks: Sequence[MappedLandmark], rig: StereoRig, floor: FloorPlan) -> FloatArray:
+    """(M,3,3) covariances along the way."""
+    assert rig.T_base_left is not None
+    sights = find_sights(states, landmarks, rig, floor)
+    told = planar_covariances(sights.information_at(len(states)), states, rig.T_base_left)
+    known = np.linalg.inv(told)
+    noise = MotionNoise()
+    P = np.diag(np.square(START_SIGMA))
+    answer = []
+    for k in range(len(states)):
+        if k:
+            way = float(np.linalg.norm(states[k, :2] - states[k - 1, :2]))
+            turn = abs(float(np.angle(np.exp(1j * (states[k, 2] - states[k - 1, 2])))))
+            c, s = np.cos(states[k, 2]), np.sin(states[k, 2])
+            F = np.eye(3)
+            F[0, 2], F[1, 2] = -s * way, c * way
+            ahead = np.array([[c, -s, 0], [s, c, 0], [0, 0, 1.0]])
+            Q = np.diag(
+                [
+                    noise.along_per_root_m**2 * way,
+                    noise.across_per_root_m**2 * way,
+                    noise.turn_per_root_m**2 * way + noise.turn_per_root_rad**2 * turn,
+                ]
+            )
+            P = F @ P @ F.T + ahead @ Q @ ahead.T
+        P = np.linalg.inv(np.linalg.inv(P) + known[k])
+        answer.append(P)
+    return np.array(answer)
+
+
+def _before(sign: MappedLandmark, floor: FloorPlan, radius_m: float) -> Goal:
+    out = sign.T_map_landmark.R[:2, 2]
+    out = out / np.linalg.norm(out)
+    looking = float(np.arctan2(-out[1], -out[0]))
+    for far in (BEFORE_SIGN_M, 0.75 * BEFORE_SIGN_M, 1.5 * BEFORE_SIGN_M, 0.5 * BEFORE_SIGN_M):
+        at = sign.T_map_landmark.t[:2] + far * out
+        if floor.clearance_at(at) >= radius_m:
+            return Goal(float(at[0]), float(at[1]), looking)
+    x, y = sign.T_map_landmark.t[:2] + BEFORE_SIGN_M * out
+    return Goal(float(x), float(y), looking)

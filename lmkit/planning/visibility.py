@@ -1,0 +1,159 @@
+"""What a robot's eyes would learn from landmarks, from any pose on a floor.
+
+For every pose and visible landmark (in front, in the image, no wall between): the probability that it is
+read (`model/detector_model.py`), and the Fisher information of its corners on the pose (derivatives of all corners
+in both cameras with the pose, weighted with their deviation).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from lmkit.arrays import FloatArray, IntArray
+from lmkit.geometry.pose import Pose
+from lmkit.geometry.stereo_rig import StereoRig
+from lmkit.localization.pose_prior import PosePrior
+from lmkit.model.detector_model import SMALLEST_PX, corner_sigma_px, recognised
+from lmkit.model.floor_plan import FloorPlan
+from lmkit.model.landmark_map import MappedLandmark
+
+NEAREST_M = 0.3
+STEEPEST = 0.1  # cosine of the tilt beyond which nobody reads
+EDGE = 0.75  # of the picture's tangent, beyond which distortion folds back
+IN_VIEW = 0.5  # probability from which a landmark counts as one that is in view
+NOTHING = 1e-4  # as good as none, but above what sums of large numbers leave
+AT_ONCE = 2_000_000  # pairs of pose and landmark
+
+
+@dataclass(frozen=True, eq=False)
+class Sights:
+    """Pairs of pose and landmark that see each other.
+
+    Attributes:
+        poses, landmarks: (K,) rows, in rising order of the poses.
+        probability: (K,) that it is read.
+        information: (K,6,6) on the left camera's place (m) and turn (rad) in the map, of a landmark that is read.
+    """
+
+    poses: IntArray
+    landmarks: IntArray
+    probability: FloatArray
+    information: FloatArray
+
+    def information_at(self, count: int) -> FloatArray:
+        """(P,6,6) what all landmarks tell, each as much as it is likely to be read, at each of so many poses."""
+        total = np.zeros((count, 6, 6))
+        np.add.at(total, self.poses, self.probability[:, None, None] * self.information)
+        return total
+
+    def in_view_at(self, count: int) -> IntArray:
+        """(P,) landmarks in view at each of so many poses."""
+        return np.bincount(self.poses[self.probability >= IN_VIEW], minlength=count)
+
+
+NOTHING_SEEN = Sights(np.zeros(0, int), np.zeros(0, int), np.zeros(0), np.zeros((0, 6, 6)))
+
+
+def find_sights(
+    states: FloatArray, landmarks: Sequence[MappedLandmark], rig: StereoRig, floor: FloorPlan | None
+) -> Sights:
+    """What is seen from (P,3) x, y (m) and headings (rad) of the robot's base.
+
+    Args:
+        rig: with its T_base_left.
+        floor: whose walls hide landmarks; None for an empty world.
+    """
+    assert rig.T_base_left is not None
+    if not landmarks or not len(states):
+        return NOTHING_SEEN
+    at_once = max(1, AT_ONCE // len(landmarks))
+    parts = [
+        _sights(states[start : start + at_once], start, landmarks, rig, floor)
+        for start in range(0, len(states), at_once)
+    ]
+    return Sights(*(np.concatenate([getattr(part, name) for part in parts]) for name in Sights.__dataclass_fields__))
+
+
+def camera_poses(states: FloatArray, T_base_left: Pose) -> tuple[FloatArray, FloatArray]:
+    """(P,3,3) and (P,3) of T_map_left for (P,3) states of the base."""
+    c, s = np.cos(states[:, 2]), np.sin(states[:, 2])
+    turn = np.zeros((len(states), 3, 3))
+    turn[:, 0, 0], turn[:, 0, 1], turn[:, 1, 0], turn[:, 1, 1], turn[:, 2, 2] = c, -s, s, c, 1.0
+    place = np.column_stack([states[:, :2], np.zeros(len(states))]) + turn @ T_base_left.t
+    return turn @ T_base_left.R, place
+
+
+def planar_covariances(information: FloatArray, states: FloatArray, T_base_left: Pose) -> FloatArray:
+    """(P,3,3) of the base's x, y (m) and heading (rad), from (P,6,6) information on the left camera.
+
+    Height and level are known as of a robot on wheels (`PosePrior`); where nothing is seen, the covariance is huge.
+    """
+    tilt, height = PosePrior.tilt_sigma**-2, PosePrior.height_sigma**-2
+    known = np.diag([NOTHING, NOTHING, height, tilt, tilt, NOTHING])
+    C = np.linalg.inv(information + known)
+    # The base lies behind the camera: p_base = p_left - R(heading) t.
+    arm = camera_poses(states, T_base_left)[1] - np.column_stack([states[:, :2], np.zeros(len(states))])
+    J = np.zeros((len(states), 3, 6))
+    J[:, 0, 0] = J[:, 1, 1] = J[:, 2, 5] = 1.0
+    J[:, 0, 4], J[:, 0, 5] = -arm[:, 2], arm[:, 1]
+    J[:, 1, 3], J[:, 1, 5] = arm[:, 2], -arm[:, 0]
+    return np.asarray(J @ C @ J.transpose(0, 2, 1))
+
+
+def planar_errors(covariances: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """(P,) errors of the position (m), both axes together, and of the heading (rad), of (P,3,3) covariances."""
+    return np.sqrt(covariances[:, 0, 0] + covariances[:, 1, 1]), np.sqrt(covariances[:, 2, 2])
+
+
+def _sights(
+    states: FloatArray, first: int, landmarks: Sequence[MappedLandmark], rig: StereoRig, floor: FloorPlan | None
+) -> Sights:
+    T = rig.T_base_left
+    assert T is not None
+    R, p = camera_poses(states, T)
+    corners = np.array([m.corners_map for m in landmarks])
+    normals = np.array([m.T_map_landmark.R[:, 2] for m in landmarks])
+    middles = np.array([m.T_map_landmark.t for m in landmarks])
+    sizes = np.array([m.size_m for m in landmarks])
+    # Cheap first: near enough, in front of its face, before the camera.
+    way = middles[None] - p[:, None]
+    distance = np.linalg.norm(way, axis=2)
+    facing = -np.einsum("plk,lk->pl", way, normals) / np.maximum(distance, 1e-9)
+    ahead = np.einsum("plk,pk->pl", way, R[:, :, 2])
+    sideways = np.einsum("plk,pk->pl", way, R[:, :, 0])
+    reach = rig.left.K[0, 0] * sizes / SMALLEST_PX
+    widest = EDGE * rig.left.image_size[0] / rig.left.K[0, 0]
+    near = (distance < reach) & (facing > STEEPEST) & (ahead > NEAREST_M) & (np.abs(sideways) < widest * ahead)
+    rows, columns = np.nonzero(near)
+    if floor is not None and len(rows):
+        clear = floor.sees(p[rows, :2], middles[columns, :2])
+        rows, columns = rows[clear], columns[clear]
+    if not len(rows):
+        return NOTHING_SEEN
+    information = np.zeros((len(rows), 6, 6))
+    probability = np.zeros(len(rows))
+    right = rig.T_right_left
+    for camera, turn, shift in ((rig.left, np.eye(3), np.zeros(3)), (rig.right, right.R, right.t)):
+        offset = corners[columns] - p[rows, None]
+        into = turn @ R[rows].transpose(0, 2, 1)
+        seen = offset @ into.transpose(0, 2, 1) + shift
+        flat = seen.reshape(-1, 3)
+        limit = EDGE * np.array(camera.image_size) / camera.K[[0, 1], [0, 1]]
+        sane = (flat[:, 2] > NEAREST_M / 2) & (np.abs(flat[:, :2]) < limit * flat[:, 2:]).all(axis=1)
+        flat = np.where(sane[:, None], flat, np.array([0.0, 0.0, 1.0]))
+        pixels, by_point, _ = camera.project_with_jacobian(flat)
+        whole = np.all((sane & camera.contains(pixels)).reshape(-1, 4), axis=1)
+        square = pixels.reshape(-1, 4, 2)
+        side = np.linalg.norm(square - np.roll(square, 1, axis=1), axis=2).mean(axis=1)
+        tilt = np.arccos(facing[rows, columns].clip(-1, 1))
+        probability = np.maximum(probability, np.where(whole, recognised(side, tilt), 0.0))
+        # x = R' exp(-turn) (X - p - shift): as in localization/reprojection.py.
+        G = by_point[:, :, :3].reshape(-1, 4, 2, 3) @ into[:, None]
+        J = np.concatenate([-G, np.cross(G, offset[:, :, None])], axis=3).reshape(-1, 8, 6)
+        sigma = corner_sigma_px(side)[:, None, None]
+        information += np.where(np.reshape(whole, (-1, 1, 1)), J.transpose(0, 2, 1) @ J / sigma**2, 0.0)
+    kept = probability > 0
+    return Sights(rows[kept] + first, columns[kept], probability[kept], information[kept])

@@ -1,0 +1,280 @@
+"""The calibration report: one HTML file with pictures, nothing fetched from anywhere."""
+
+from __future__ import annotations
+
+import base64
+from collections.abc import Mapping
+from html import escape
+
+import cv2
+import numpy as np
+
+from lmkit.arrays import ByteArray, FloatArray
+from lmkit.calibration.bundle_adjustment import intrinsics_vector
+from lmkit.calibration.stereo import StereoCalibration
+from lmkit.calibration.uncertainty import MATCHING_PX, NEAR_M, projection_uncertainty
+from lmkit.calibration.view_coverage import TILTED_DEG
+from lmkit.geometry.rectification import rectification, rectify_pair, with_lines_across
+from lmkit.model.board import BoardSpec
+from lmkit.reports import calibration_plots as plots
+from lmkit.visualization.html import figure, grid, listed, page, verdict
+
+GOOD_EPIPOLAR_PX = 0.2
+FAIR_EPIPOLAR_PX = 0.5
+_DISTORTION = {
+    "fisheye": ("k1", "k2", "k3", "k4"),
+    "": ("k1", "k2", "p1", "p2", "k3", "k4", "k5", "k6", "s1", "s2", "s3", "s4", "τx", "τy"),
+}
+
+_STATISTICS = ("corners", "mean x", "mean y", "spread x", "spread y", "median", "95 %", "largest")
+
+
+def calibration_report(
+    result: StereoCalibration, board: BoardSpec, pictures: Mapping[str, tuple[ByteArray, ByteArray]]
+) -> str:
+    """The report.
+
+    Args:
+        pictures: left and right picture by pair name, of the pairs to show.
+    """
+    parts = [
+        f"<p>{escape(str(board))}, {len(result.used)} pairs used, {len(result.rejected)} left out</p>",
+        verdict(*_verdict(result)),
+        listed("Warnings", [w.message for w in result.warnings]),
+        _figures(result),
+        _depth(result),
+        _coverage(result),
+        _residual_plots(result),
+        _uncertainty(result),
+        _cameras(result),
+        _space(result, board),
+        _pair_table(result),
+    ]
+    shown = [name for name in (view.name for view in result.used) if name in pictures]
+    if shown:
+        parts.append("<h2>A rectified pair</h2>")
+        parts.append(_rectified(result, shown[0], pictures[shown[0]]))
+        parts.append("<h2>Corners as detected</h2><div class='grid'>")
+        parts += [_detections(result, name, pictures[name]) for name in shown]
+        parts.append("</div>")
+    return page("Stereo calibration", parts)
+
+
+def _verdict(result: StereoCalibration) -> tuple[str, str, str]:
+    error = result.held_out_epipolar_px
+    if error is None:
+        return (
+            "poor",
+            "Not enough pairs to tell.",
+            "A calibration is judged on pairs that it has not seen: too few for that. Take ten or more.",
+        )
+    size = f"Rows of pairs that the fit had not seen match to {error:.3f} px on average"
+    doubts = len(result.warnings)
+    if error <= GOOD_EPIPOLAR_PX and not doubts:
+        return "good", "Good.", f"{size}, and nothing speaks against it."
+    if error <= GOOD_EPIPOLAR_PX:
+        some = "There is a warning" if doubts == 1 else f"There are {doubts} warnings"
+        return "fair", "Precise, with reservations.", f"{size}. {some} below; mend what you can and calibrate again."
+    if error <= FAIR_EPIPOLAR_PX:
+        return (
+            "fair",
+            "Usable.",
+            f"{size}; below {GOOD_EPIPOLAR_PX} px is what sharp pictures of a flat board reach.",
+        )
+    return "poor", "Poor.", f"{size}; expect wrong depth. See the warnings and the pairs with large errors."
+
+
+def _figures(result: StereoCalibration) -> str:
+    held = result.held_out
+    rows = [
+        (
+            "Row error of pairs held out (five folds), mean",
+            "unknown" if held is None else f"{held.mean_epipolar_px:.3f} px",
+        ),
+        ("Reprojection error of those, mean", "unknown" if held is None else f"{held.mean_reprojection_px:.3f} px"),
+        ("Reprojection error of the fit, root mean square: both / left / right",
+         f"{result.rms_px:.3f} / {result.rms_left_px:.3f} / {result.rms_right_px:.3f} px"),
+        ("Baseline", f"{result.rig.baseline_m * 1000:.3f} ± {result.baseline_sigma_m * 1000:.3f} mm"),
+        ("Bow of the board, along x / y", " / ".join(f"{w * 1000:.2f}" for w in result.solution.warp) + " mm"),
+    ]  # fmt: skip
+    if len(result.models) > 1:
+        tried = ", ".join(f"{name} {error:.3f}" for name, error in result.models.items())
+        rows.append(("Camera model (reprojection error on pairs held out)", f"{result.rig.left.model} ({tried})"))
+    body = "".join(f"<tr><td>{a}</td><td class='n'>{escape(b)}</td></tr>" for a, b in rows)
+    return f"<h2>Figures</h2><table>{body}</table>"
+
+
+def _depth(result: StereoCalibration) -> str:
+    rows = "".join(
+        f"<tr><td class='n'>{e.depth_m:g} m</td><td class='n'>± {e.calibration_m * 1000:.1f} mm</td>"
+        f"<td class='n'>± {e.total_m * 1000:.1f} mm</td></tr>"
+        for e in result.depth_errors
+    )
+    note = (
+        f"Standard deviations for a point straight ahead: from this calibration alone, and with corners matched to "
+        f"{MATCHING_PX:g} px in each eye. A wrong square size is not in them: it scales every depth alike."
+    )
+    head = "<tr><th class='n'>depth</th><th class='n'>calibration</th><th class='n'>in all</th></tr>"
+    return f"<h2>Depth error to expect</h2><table>{head}{rows}</table><p class='note'>{note}</p>"
+
+
+def _coverage(result: StereoCalibration) -> str:
+    c, size = result.coverage, result.rig.left.image_size
+    figures = [
+        (
+            plots.corner_cover(np.concatenate([getattr(v, eye) for v in result.used]), c.cells[k], size, color),
+            f"{eye.capitalize()} eye: all corners; red where none was. {100 * c.filled(k):.0f} % filled.",
+        )
+        for k, (eye, color) in enumerate((("left", plots.LEFT), ("right", plots.RIGHT)))
+    ]
+    near, far = c.distances_m.min(), c.distances_m.max()
+    figures.append(
+        (plots.tilt_plot(c.tilts_deg, TILTED_DEG), f"Tilt of every view. Distances {near:.2f} to {far:.2f} m.")
+    )
+    if c.advice:
+        advice = (
+            "<p><b>Take these views next:</b></p><ul>" + "".join(f"<li>{escape(a)}</li>" for a in c.advice) + "</ul>"
+        )
+    else:
+        advice = "<p class='note'>The views cover what a calibration needs.</p>"
+    return f"<h2>ViewCoverage</h2>{advice}{grid(figures)}"
+
+
+def _uncertainty(result: StereoCalibration) -> str:
+    s = result.solution
+    assert s.covariance is not None
+    nl, nr = len(intrinsics_vector(s.left)), len(intrinsics_vector(s.right))
+    maps = [
+        (eye, depth, camera, projection_uncertainty(camera, s.covariance[at : at + count, at : at + count], depth))
+        for eye, camera, at, count in (("Left", s.left, 0, nl), ("Right", s.right, nl, nr))
+        for depth in (NEAR_M, None)
+    ]
+    largest = max(float(np.nanpercentile(values, 90)) for *_, values in maps)
+    figures = [
+        (
+            plots.heat_map(values, camera.image_size, largest),
+            f"{eye} eye, {'far away' if depth is None else f'at {depth:g} m'}: "
+            f"{np.nanmin(values):.3f} to {np.nanmax(values):.3f} px.",
+        )
+        for eye, depth, camera, values in maps
+    ]
+    note = (
+        "Standard deviation of where a point projects, px, from what the pictures leave open of the intrinsics. "
+        "Where it is large, show the board; grey: no ray of the lens model ends there."
+    )
+    return f"<h2>Projection uncertainty</h2><p class='note'>{note}</p>{grid(figures, 'two')}"
+
+
+def _cameras(result: StereoCalibration) -> str:
+    rig = result.rig
+    assert rig.intrinsics_sigma is not None
+    names = ("fx", "fy", "cx", "cy", *_DISTORTION.get(rig.left.model, _DISTORTION[""]))
+    columns = [
+        (intrinsics_vector(camera), sigma)
+        for camera, sigma in zip((rig.left, rig.right), rig.intrinsics_sigma, strict=True)
+    ]
+    rows = []
+    for k in range(max(len(values) for values, _ in columns)):
+        digits = 2 if k < 4 else 5
+        cells = "".join(
+            f"<td class='n'>{values[k]:.{digits}f}</td><td class='n'>± {sigma[k]:.{digits}f}</td>"
+            for values, sigma in columns
+        )
+        rows.append(f"<tr><td>{names[k]}</td>{cells}</tr>")
+    head = f"<tr><th>{rig.left.model}</th><th class='n'>left</th><th></th><th class='n'>right</th><th></th></tr>"
+    table = f"<h2>Cameras, pixels</h2><table>{head}{''.join(rows)}</table>"
+    relation = np.zeros(6) if rig.covariance is None else np.sqrt(np.diag(rig.covariance))
+    shift, turn = rig.T_right_left.t * 1000, np.rad2deg(rig.T_right_left.rvec)
+    lines = [
+        (f"shift {axis}", f"{value:.3f}", f"± {sigma:.3f} mm")
+        for axis, value, sigma in zip("xyz", shift, relation[:3] * 1000, strict=True)
+    ] + [
+        (f"turn about {axis}", f"{value:.4f}", f"± {sigma:.4f} deg")
+        for axis, value, sigma in zip("xyz", turn, np.rad2deg(relation[3:]), strict=True)
+    ]
+    body = "".join(f"<tr><td>{a}</td><td class='n'>{b}</td><td class='n'>{c}</td></tr>" for a, b, c in lines)
+    return f"{table}<h2>Left eye in the right eye's frame (T_right_left)</h2><table>{body}</table>"
+
+
+def _residual_plots(result: StereoCalibration) -> str:
+    left = np.concatenate([pair[0] for pair in result.residuals])
+    right = np.concatenate([pair[1] for pair in result.residuals])
+    at_left = np.concatenate([view.left for view in result.used])
+    at_right = np.concatenate([view.right for view in result.used])
+    size = result.rig.left.image_size
+    enlarged = f"Left eye, {plots.ENLARGED} times enlarged. Neighbours that agree: the lens model does not fit."
+    figures = [
+        (plots.residual_scatter(left, right), "All residuals (left blue, right orange)."),
+        (plots.residual_histogram(left, right), "Their sizes; dashed: normal curves of the same middle spread."),
+        (plots.residual_arrows(at_left, left, size, plots.LEFT), enlarged),
+        (plots.residual_arrows(at_right, right, size, plots.RIGHT), "Right eye, the same."),
+    ]
+    rows = "".join(_statistics(name, values) for name, values in (("left", left), ("right", right)))
+    head = "<tr><th>eye</th>" + "".join(
+        f"<th class='n'>{name}</th>" for name in _STATISTICS
+    ) + "</tr>"  # fmt: skip
+    return f"<h2>Residuals</h2><table>{head}{rows}</table>{grid(figures, 'two')}"
+
+
+def _statistics(name: str, residuals: FloatArray) -> str:
+    off = np.linalg.norm(residuals, axis=1)
+    figures = [*residuals.mean(axis=0), *residuals.std(axis=0), np.median(off), np.percentile(off, 95), off.max()]
+    cells = "".join(f"<td class='n'>{value:.3f}</td>" for value in figures)
+    return f"<tr><td>{name}, px</td><td class='n'>{len(residuals)}</td>{cells}</tr>"
+
+
+def _space(result: StereoCalibration, board: BoardSpec) -> str:
+    s, points = result.solution, board.object_points
+    low, high = points.min(axis=0), points.max(axis=0)
+    rim = np.array([[low[0], low[1], 0], [high[0], low[1], 0], [high[0], high[1], 0], [low[0], high[1], 0]])
+    outlines = [rim @ R.T + t for R, t in zip(s.rotations, s.translations, strict=True)]
+    drawing = plots.scene(s.left, s.right, s.R, s.t, outlines, [view.name for view in result.used])
+    caption = "The eyes (left blue, right orange), what they see, and every pair's board; from behind and above."
+    return f"<h2>Cameras and boards in space</h2>{figure(drawing, caption)}"
+
+
+def _pair_table(result: StereoCalibration) -> str:
+    rows = []
+    for view, (left, right) in zip(result.used, result.residuals, strict=True):
+        rms = [np.sqrt(np.mean(np.sum(r**2, axis=1))) for r in (left, right)]
+        rows.append(
+            f"<tr><td>{escape(view.name)}</td><td class='n'>{len(view.left)}</td>"
+            f"<td class='n'>{rms[0]:.3f}</td><td class='n'>{rms[1]:.3f}</td><td>used</td></tr>"
+        )
+    rows += [
+        f"<tr><td>{escape(name)}</td><td></td><td></td><td></td><td>rejected: {escape(why)}</td></tr>"
+        for name, why in result.rejected
+    ]
+    head = "<tr><th>pair</th><th>corners</th><th>left px</th><th>right px</th><th></th></tr>"
+    return f"<h2>Pairs</h2><table>{head}{''.join(rows)}</table>"
+
+
+def _detections(result: StereoCalibration, name: str, pictures: tuple[ByteArray, ByteArray]) -> str:
+    view = next(v for v in result.used if v.name == name)
+    marked = []
+    for image, points in zip(pictures, (view.left, view.right), strict=True):
+        canvas = image.copy()
+        # As large as is still seen when the picture is made small.
+        radius, width = canvas.shape[1] / 110, max(1, round(canvas.shape[1] / 320))
+        for k, (x, y) in enumerate(points):
+            hue = int(150 * k / max(1, len(points) - 1))
+            color = cv2.cvtColor(np.array([[[hue, 255, 255]]], dtype=np.uint8), cv2.COLOR_HSV2BGR)[0, 0]
+            centre = (round(float(x) * 16), round(float(y) * 16))
+            cv2.circle(canvas, centre, round(radius * 16), tuple(int(c) for c in color), width, cv2.LINE_AA, 4)
+        marked.append(canvas)
+    return figure(_img(np.hstack(marked), 560), escape(name))
+
+
+def _rectified(result: StereoCalibration, name: str, pictures: tuple[ByteArray, ByteArray]) -> str:
+    both = with_lines_across(*rectify_pair(result.rig, *pictures), rectification(result.rig).along)
+    caption = f"Pair {escape(name)}, rectified: matching points lie on the same line."
+    return figure(_img(both, 1100), caption)
+
+
+def _img(image: ByteArray, width: int) -> str:
+    if image.shape[1] > width:
+        size = (width, round(image.shape[0] * width / image.shape[1]))
+        image = np.asarray(cv2.resize(image, size, interpolation=cv2.INTER_AREA), dtype=np.uint8)
+    _, data = cv2.imencode(".jpg", image, [cv2.IMWRITE_JPEG_QUALITY, 80])
+    text = base64.b64encode(bytes(data)).decode("ascii")
+    return f"<img alt='' width='{image.shape[1]}' height='{image.shape[0]}' src='data:image/jpeg;base64,{text}'>"

@@ -1,0 +1,210 @@
+"""The drawings of the calibration report, as SVG text."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from html import escape
+
+import numpy as np
+
+from lmkit.arrays import BoolArray, FloatArray
+from lmkit.calibration.view_coverage import CELLS
+from lmkit.geometry.camera import CameraModel
+from lmkit.geometry.rotations import rotation_exp
+from lmkit.visualization.html import GREY, svg, svg_text
+
+LEFT, RIGHT = "#2f6fde", "#e8833a"
+ENLARGED = 100  # residual arrows
+# Light to dark; readable in print and by the colour-blind (a viridis of seven stops).
+_RAMP = np.array(
+    [[253, 231, 37], [144, 215, 67], [53, 183, 121], [33, 145, 140], [49, 104, 142], [68, 57, 131], [68, 1, 84]]
+)
+
+
+def residual_scatter(left: FloatArray, right: FloatArray) -> str:
+    """(N,2) and (M,2) residuals of the two eyes as dots, with a circle at their scale."""
+    reach = max(0.2, float(np.percentile(np.abs(np.concatenate([left, right])), 99.5)))
+    dots = []
+    for points, color in ((left, LEFT), (right, RIGHT)):
+        step = max(1, len(points) // 2000)
+        for x, y in np.clip(points[::step] / reach, -1, 1) * 95:
+            dots.append(f"<circle cx='{x:.1f}' cy='{y:.1f}' r='.9' fill='{color}' fill-opacity='.55'/>")
+    return svg(
+        (-100, -100, 200, 200),
+        320,
+        "residuals",
+        f"<path d='M-95 0H95M0-95V95' stroke='{GREY}' stroke-width='.4'/>"
+        + svg_text(94, -3, f"{reach:.2f} px", 7, "end")
+        + "".join(dots),
+    )
+
+
+def residual_arrows(at: FloatArray, residuals: FloatArray, size: tuple[int, int], color: str) -> str:
+    """(N,2) residuals as arrows at (N,2) pixels, enlarged."""
+    step = max(1, len(at) // 1500)
+    lines = "".join(
+        f"M{x:.1f} {y:.1f}l{dx:.1f} {dy:.1f}"
+        for (x, y), (dx, dy) in zip(at[::step], residuals[::step] * ENLARGED, strict=True)
+    )
+    return _picture(
+        size, "residual field", f"<path d='{lines}' stroke='{color}' stroke-width='{size[0] / 450:.2f}' fill='none'/>"
+    )
+
+
+def residual_histogram(left: FloatArray, right: FloatArray) -> str:
+    """How many residuals (one coordinate each) are how large, with the normal curve of the same middle spread."""
+    reach = max(0.1, float(np.percentile(np.abs(np.concatenate([left, right])), 99)))
+    edges = np.linspace(-reach, reach, 42)
+    parts, peak = [], 1e-9
+    curves = []
+    for values, color in ((left.ravel(), LEFT), (right.ravel(), RIGHT)):
+        density, _ = np.histogram(values, edges, density=True)
+        sigma = float(np.median(np.abs(values))) / 0.6745
+        at = np.linspace(-reach, reach, 81)
+        normal = np.exp(-((at / max(sigma, 1e-9)) ** 2) / 2) / max(sigma, 1e-9) / np.sqrt(2 * np.pi)
+        peak = max(peak, float(density.max()), float(normal.max()))
+        curves.append((density, at, normal, color))
+    for density, at, normal, color in curves:
+        steps = np.repeat(edges, 2)[1:-1]
+        heights = np.repeat(density, 2)
+        outline = "L".join(f"{x / reach * 95:.1f} {-h / peak * 90:.1f}" for x, h in zip(steps, heights, strict=True))
+        curve = "L".join(f"{x / reach * 95:.1f} {-h / peak * 90:.1f}" for x, h in zip(at, normal, strict=True))
+        parts.append(f"<path d='M{outline}' fill='none' stroke='{color}'/>")
+        parts.append(f"<path d='M{curve}' fill='none' stroke='{color}' stroke-width='.6' stroke-dasharray='2 2'/>")
+    axis = f"<path d='M-95 0H95M0 0v-92' stroke='{GREY}' stroke-width='.4'/>"
+    labels = (
+        svg_text(-95, 8, f"-{reach:.2f}", 7)
+        + svg_text(95, 8, f"{reach:.2f} px", 7, "end")
+        + svg_text(0, 8, "0", 7, "middle")
+    )
+    return svg((-100, -98, 200, 112), 320, "histogram of residuals", axis + labels + "".join(parts))
+
+
+def heat_map(values: FloatArray, size: tuple[int, int], largest: float) -> str:
+    """(R,C) values over the picture as colours from 0 to ``largest``, with some of them in figures."""
+    rows, columns = values.shape
+    width, height = size
+    cells, figures = [], []
+    for r in range(rows):
+        for c in range(columns):
+            known = np.isfinite(values[r, c])
+            share = min(float(values[r, c]) / largest, 1.0) if known else 0.0
+            x, y = c * width / columns, r * height / rows
+            cells.append(
+                f"<rect x='{x:.1f}' y='{y:.1f}' width='{width / columns + 0.6:.1f}' "
+                f"height='{height / rows + 0.6:.1f}' fill='{_color(share) if known else GREY}'/>"
+            )
+            if r % 4 == 1 and c % 5 == 2 and known:
+                ink = "#000" if share < 0.55 else "#fff"
+                figures.append(
+                    f"<text x='{x + width / columns / 2:.1f}' y='{y + height / rows * 0.75:.1f}' fill='{ink}' "
+                    f"font-size='{width / 28:.0f}' text-anchor='middle'>{values[r, c]:.2f}</text>"
+                )
+    return _picture(size, "projection uncertainty", "".join(cells + figures))
+
+
+def corner_cover(points: FloatArray, cells: BoolArray, size: tuple[int, int], color: str) -> str:
+    """(N,2) all corners seen by one eye, on the (5,5) cells of its picture; empty cells are marked."""
+    width, height = size
+    marks = []
+    for row, column in zip(*np.nonzero(~cells), strict=True):
+        x, y = column * width / CELLS, row * height / CELLS
+        marks.append(
+            f"<rect x='{x:.1f}' y='{y:.1f}' width='{width / CELLS:.1f}' height='{height / CELLS:.1f}' "
+            "fill='#cf222e' fill-opacity='.18'/>"
+        )
+    step = max(1, len(points) // 2500)
+    radius = width / 320
+    dots = "".join(
+        f"<circle cx='{x:.0f}' cy='{y:.0f}' r='{radius:.1f}' fill='{color}' fill-opacity='.6'/>"
+        for x, y in points[::step]
+    )
+    return _picture(size, "corners seen", "".join(marks) + dots)
+
+
+def tilt_plot(tilts_deg: FloatArray, tilted_deg: float) -> str:
+    """(P,2) tilts of the views; inside the square none of them helps to find the focal length."""
+    reach = max(50.0, float(np.abs(tilts_deg).max()) * 1.1 if len(tilts_deg) else 50.0)
+    scale = 90 / reach
+    inner = tilted_deg * scale
+    dots = "".join(
+        f"<circle cx='{x * scale:.1f}' cy='{y * scale:.1f}' r='2.6' fill='{LEFT}' fill-opacity='.8'/>"
+        for x, y in tilts_deg
+    )
+    frame = (
+        f"<path d='M-95 0H95M0-95V95' stroke='{GREY}' stroke-width='.4'/>"
+        f"<rect x='{-inner:.1f}' y='{-inner:.1f}' width='{2 * inner:.1f}' height='{2 * inner:.1f}' fill='none' "
+        f"stroke='{GREY}' stroke-dasharray='3 3' stroke-width='.7'/>"
+    )
+    words = (
+        svg_text(94, -3, "right edge nearer", 7, "end")
+        + svg_text(-94, -3, "left", 7)
+        + svg_text(3, -91, "upper edge nearer", 7)
+        + svg_text(3, 95, "lower", 7)
+        + svg_text(inner - 2, inner - 3, f"{tilted_deg:g} deg", 6, "end")
+    )
+    return svg((-100, -100, 200, 200), 260, "tilts of the board", frame + words + dots)
+
+
+def scene(
+    left: CameraModel,
+    right: CameraModel,
+    R: FloatArray,
+    t: FloatArray,
+    outlines: Sequence[FloatArray],
+    names: Sequence[str],
+) -> str:
+    """The two eyes and every board, (4,3) metres in the left camera, seen from above behind the cameras."""
+    depth = max(float(np.median([outline[:, 2].mean() for outline in outlines])) / 4, float(np.linalg.norm(t)) / 2)
+    eyes = [(_frustum(left, depth), LEFT), ((_frustum(right, depth) - t) @ R, RIGHT)]
+    # From behind, above and a little to the right.
+    view = rotation_exp(np.array([0.5, 0.0, 0.0])) @ rotation_exp(np.array([0.0, -0.6, 0.0]))
+    flat = [(points @ view.T)[:, :2] for points in [*outlines, *(points for points, _ in eyes)]]
+    everything = np.concatenate(flat)
+    low, high = everything.min(axis=0), everything.max(axis=0)
+    scale = 1000 / float((high - low).max())
+    margin = 30.0
+
+    def place(points: FloatArray) -> list[str]:
+        return [f"{x:.1f} {y:.1f}" for x, y in (points - low) * scale + margin]
+
+    parts = []
+    farthest_first = np.argsort([-outline[:, 2].mean() for outline in outlines])
+    for corners, name in ((flat[k], names[k]) for k in farthest_first):
+        path = "L".join(place(corners))
+        parts.append(
+            f"<path d='M{path}Z' fill='{GREY}' fill-opacity='.13' stroke='{GREY}' stroke-width='1.6'>"
+            f"<title>{escape(name)}</title></path>"
+        )
+    for (_, color), corners in zip(eyes, flat[len(outlines) :], strict=True):
+        apex, *rim = place(corners)
+        rays = "".join(f"M{apex}L{corner}" for corner in rim)
+        style = f"fill='{color}' fill-opacity='.15' stroke='{color}' stroke-width='2.5'"
+        parts.append(f"<path d='{rays}M{'L'.join(rim)}Z' {style}/>")
+    width, height = (high - low) * scale + 2 * margin
+    return svg((0, 0, width, height), 900, "cameras and boards in space", "".join(parts))
+
+
+def _frustum(camera: CameraModel, depth: float) -> FloatArray:
+    """(5,3) the eye and the corners of what it sees, at ``depth``, in its own frame."""
+    width, height = camera.image_size
+    corners = np.array([[0, 0], [width - 1, 0], [width - 1, height - 1], [0, height - 1.0]])
+    rays = camera.unproject(corners)
+    # Very wide lenses: corners that the model does not reach, or that lie too far aside to be drawn.
+    rays = np.where(
+        camera.reaches(corners)[:, None], np.clip(rays, -1.5, 1.5), 1.2 * np.sign(corners - corners.mean(axis=0))
+    )
+    return np.concatenate([np.zeros((1, 3)), np.column_stack([rays, np.ones(4)]) * depth])
+
+
+def _color(share: float) -> str:
+    at = share * (len(_RAMP) - 1)
+    low = min(int(at), len(_RAMP) - 2)
+    red, green, blue = (_RAMP[low] + (at - low) * (_RAMP[low + 1] - _RAMP[low])).round().astype(int)
+    return f"#{red:02x}{green:02x}{blue:02x}"
+
+
+def _picture(size: tuple[int, int], label: str, body: str) -> str:
+    width, height = size
+    frame = f"<rect width='{width}' height='{height}' fill='none' stroke='{GREY}' stroke-width='{width / 320:.1f}'/>"
+    return svg((0, 0, width, height), 420, label, body + frame)

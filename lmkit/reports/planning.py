@@ -1,0 +1,40 @@
+"""Plans of a floor as pictures: the expected error, where landmarks hang, a way to drive."""
+
+from __future__ import annotations
+
+from lmkit.model.floor_plan import FloorPlan
+from lmkit.model.landmark_map import LandmarkMap
+from lmkit.planning.coverage import Demand, PoseCoverage
+from lmkit.planning.placement import Placement
+from lmkit.planning.route import Route
+from lmkit.visualization.floor_layer import floor_underlay, wall_notes
+from lmkit.visualization.plan_view import BLUE, Note, Way, draw_plan
+
+BESIDE_M = 0.25  # so far off the end of a way its letter stands
+
+
+def draw_coverage(
+    floor: FloorPlan, landmarks: LandmarkMap, coverage: PoseCoverage, demand: Demand, kind: str = "png"
+) -> bytes:
+    """The error to expect at every place, as colours; the bytes of a PNG or SVG file."""
+    share = coverage.covered(demand).mean()
+    title = f"Expected position error in the best {demand.headings:.0%} of directions; demand held at {share:.0%}"
+    underlay = floor_underlay(floor, coverage.places, coverage.typical_error_m(demand.headings))
+    return draw_plan(landmarks, [], title=title, kind=kind, underlay=underlay)
+
+
+def draw_placement(floor: FloorPlan, placement: Placement) -> bytes:
+    """Where to hang what, with the names of the walls; PNG."""
+    title = f"{len(placement.mounts)} landmarks to hang; walls by letter, distances in mounting.csv"
+    return draw_plan(placement.landmarks, [], title=title, underlay=floor_underlay(floor), notes=wall_notes(floor))
+
+
+def draw_route(floor: FloorPlan, landmarks: LandmarkMap, route: Route, kind: str = "png") -> bytes:
+    """The way from A to B."""
+    ends = [
+        Note(word, (float(x), float(y) - BESIDE_M))
+        for word, (x, y) in zip("AB", route.waypoints[[0, -1]], strict=True)
+    ]
+    title = f"{route.length_m:.2f} m; expected error at most {100 * route.error_m.max():.0f} cm"
+    way = Way(route.waypoints, BLUE, "the way to drive")
+    return draw_plan(landmarks, [], title=title, kind=kind, underlay=floor_underlay(floor), ways=[way], notes=ends)

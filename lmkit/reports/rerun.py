@@ -1,0 +1,177 @@
+"""Drives as recordings for the Rerun viewer: landmarks, the robot over time, what it saw, how sure it was."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from importlib import import_module
+from importlib.util import find_spec
+from typing import Any
+
+import numpy as np
+
+from lmkit.arrays import FloatArray
+from lmkit.errors import InputError
+from lmkit.geometry.pose import Pose
+from lmkit.geometry.stereo_rig import StereoRig
+from lmkit.mapping.survey import Survey
+from lmkit.model.landmark_map import LandmarkMap
+from lmkit.model.recording import StereoFrame
+from lmkit.model.tracked_trajectory import TrackedTrajectory
+
+TIMELINE = "drive"
+THICK_M = 0.005
+SIGMAS_95 = 2.796  # radius of the 95 % ellipsoid, in standard deviations
+SEEN, SURE, UNSURE, UNCERTAIN = (237, 28, 36), (226, 120, 20), (140, 144, 150), (47, 111, 222, 60)
+EYES = ("left", "right")
+
+
+def require_rerun() -> None:
+    """Refuse early where the viewer's package is missing.
+
+    Raises:
+        InputError: it is.
+    """
+    if find_spec("rerun") is None:
+        raise InputError(
+            "no_rerun", "recordings need the package rerun-sdk", "install lmkit with its extra: lmkit[viewer]"
+        )
+
+
+def survey_recording(survey: Survey, rig: StereoRig, moments: Sequence[StereoFrame]) -> bytes:
+    """A surveyed drive, as the bytes of an .rrd file.
+
+    Args:
+        moments: as given to the survey.
+    """
+    bundle, recording = survey.bundle, _Recording("lmkit survey")
+    recording.landmarks(survey.landmarks)
+    places = 1000 * np.sqrt(np.einsum("nii->n", bundle.covariances[:, :3, :3]))
+    for k, pose in enumerate(bundle.left_poses()):
+        recording.at(bundle.times_s[k])
+        recording.robot(pose, bundle.covariances[k], True)
+        recording.seen(moments[survey.rows[k]], rig, pose)
+        recording.value("sigma/place_mm", places[k])
+    for moment in np.unique(bundle.moments):
+        recording.at(bundle.times_s[moment])
+        recording.value("misfit", float(np.median(bundle.misfits[bundle.moments == moment])))
+    return recording.bytes()
+
+
+def track_recording(
+    drive: TrackedTrajectory, landmarks: LandmarkMap, rig: StereoRig | None, moments: Sequence[StereoFrame]
+) -> bytes:
+    """A robot that was followed through a map, as the bytes of an .rrd file.
+
+    Args:
+        rig, moments: that saw the landmarks; None and none where ranges and bearings were read.
+    """
+    recording = _Recording("lmkit track")
+    recording.landmarks(landmarks)
+    seen = {moment.time_s: moment for moment in moments}
+    for k, time_s in enumerate(drive.times_s.tolist()):
+        recording.at(time_s)
+        C, looking = drive.covariances[k], drive.looking(k)
+        recording.robot(looking, C, drive.statuses[k] == "ok")
+        if rig is not None and time_s in seen:
+            left = drive.poses[k] if rig.T_base_left is None else drive.poses[k] @ rig.T_base_left
+            recording.seen(seen[time_s], rig, left)
+        recording.value("sigma/place_mm", 1000 * np.sqrt(np.trace(C[:3, :3])))
+        recording.value("sigma/heading_deg", np.rad2deg(np.sqrt(max(C[5, 5], 0.0))))
+        squared, told = drive.innovations[k]
+        if told:
+            recording.value("innovation", squared / told)
+    return recording.bytes()
+
+
+class _Recording:
+    """Rerun's calls in one place."""
+
+    def __init__(self, name: str) -> None:
+        require_rerun()
+        self._rerun = rerun = import_module("rerun")
+        self._to = rerun.RecordingStream(name)
+        self._stream = self._to.binary_stream()
+        self._way: list[FloatArray] = []
+        self._log("map", rerun.ViewCoordinates.RIGHT_HAND_Z_UP, static=True)
+
+    def at(self, time_s: float) -> None:
+        """The time of what follows."""
+        self._rerun.set_time(TIMELINE, duration=float(time_s), recording=self._to)
+
+    def landmarks(self, landmarks: LandmarkMap) -> None:
+        """Each as a flat box with its code, and the ellipsoid that holds its place with 95 %."""
+        hung = list(landmarks)
+        self._log(
+            "map/landmarks",
+            self._rerun.Boxes3D(
+                centers=[m.T_map_landmark.t for m in hung],
+                half_sizes=[[m.size_m / 2, m.size_m / 2, THICK_M / 2] for m in hung],
+                quaternions=[self._turn(m.T_map_landmark) for m in hung],
+                labels=[str(m.code) for m in hung],
+                colors=[SEEN] * len(hung),
+            ),
+            static=True,
+        )
+        self._ellipsoids(
+            "map/landmarks/uncertainty",
+            [(m.T_map_landmark.t, m.covariance[:3, :3]) for m in hung if m.covariance is not None],
+            static=True,
+        )
+
+    def robot(self, looking: Pose, covariance: FloatArray, sure: bool) -> None:
+        """Where it is and looks (along the camera's z), and its ellipsoid."""
+        color = SURE if sure else UNSURE
+        self._way.append(looking.t)
+        self._log(
+            "map/robot", self._rerun.Arrows3D(origins=[looking.t], vectors=[0.4 * looking.R[:, 2]], colors=[color])
+        )
+        self._ellipsoids("map/robot/uncertainty", [(looking.t, covariance[:3, :3])], static=False)
+
+    def seen(self, moment: StereoFrame, rig: StereoRig, T_map_left: Pose) -> None:
+        """The eyes, and the outlines of what they read in their pictures."""
+        right = rig.T_map_right(T_map_left)
+        for name, camera, pose, seen in zip(
+            EYES, (rig.left, rig.right), (T_map_left, right), (moment.left, moment.right), strict=True
+        ):
+            path = f"map/eyes/{name}"
+            self._log(path, self._rerun.Transform3D(translation=pose.t, mat3x3=pose.R))
+            self._log(
+                path,
+                self._rerun.Pinhole(
+                    image_from_camera=camera.K, resolution=camera.image_size, image_plane_distance=0.3
+                ),
+            )
+            outlines = [np.vstack([o.corners, o.corners[:1]]) for o in seen]
+            labels = [str(o.code) for o in seen]
+            self._log(f"{path}/read", self._rerun.LineStrips2D(outlines, labels=labels, colors=[SEEN] * len(seen)))
+
+    def value(self, name: str, value: float) -> None:
+        """One of the curves."""
+        self._log(name, self._rerun.Scalars(float(value)))
+
+    def bytes(self) -> bytes:
+        """Of the file, the whole way drawn at last."""
+        self._log("map/way", self._rerun.LineStrips3D([np.array(self._way)], colors=[SURE]), static=True)
+        return bytes(self._stream.read() or b"")
+
+    def _ellipsoids(self, path: str, ones: Sequence[tuple[FloatArray, FloatArray]], static: bool) -> None:
+        if not ones:
+            return
+        values, axes = zip(*(np.linalg.eigh((C + C.T) / 2) for _, C in ones), strict=True)
+        turned = [V * np.sign(np.linalg.det(V)) for V in axes]
+        self._log(
+            path,
+            self._rerun.Ellipsoids3D(
+                centers=[centre for centre, _ in ones],
+                half_sizes=[SIGMAS_95 * np.sqrt(np.maximum(v, 1e-10)) for v in values],
+                quaternions=[self._turn(Pose("map", "axes", V, np.zeros(3))) for V in turned],
+                colors=[UNCERTAIN] * len(ones),
+            ),
+            static=static,
+        )
+
+    def _turn(self, pose: Pose) -> Any:
+        return self._rerun.Quaternion(xyzw=pose.quaternion_xyzw)
+
+    def _log(self, path: str, what: Any, static: bool = False) -> None:
+        self._rerun.log(path, what, static=static, recording=self._to)

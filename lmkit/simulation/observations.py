@@ -1,0 +1,106 @@
+"""What both eyes see of landmarks, as corners with noise instead of pictures."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+
+import numpy as np
+
+from lmkit.arrays import FloatArray
+from lmkit.geometry.camera import CameraModel
+from lmkit.geometry.pose import Pose
+from lmkit.geometry.stereo_rig import StereoRig
+from lmkit.model.detector_model import corner_sigma_px, recognised
+from lmkit.model.floor_plan import FloorPlan
+from lmkit.model.landmark_map import LandmarkMap, MappedLandmark
+from lmkit.model.observation import LandmarkObservation
+
+MOST_TILT = 0.35  # cosine of the steepest view that is still read, where noise is fixed
+LEAST_SIDE_PX = 15.0
+NEAREST_M = 0.3
+FARTHEST_SIZES = 100.0  # beyond, no lens reads a landmark
+
+Seen = tuple[LandmarkObservation, ...]
+
+
+def look(
+    landmarks: LandmarkMap,
+    rig: StereoRig,
+    T_map_base: Pose,
+    noise_px: float | None,
+    rng: np.random.Generator,
+    floor: FloorPlan | None = None,
+) -> tuple[Seen, Seen]:
+    """What the left and the right eye see from a pose of the robot's base.
+
+    Args:
+        rig: with its T_base_left.
+        noise_px: of every corner, and all but small and slanted landmarks are read; None: corners and recognition as
+            measured (`model/detector_model.py`).
+        floor: whose walls hide landmarks; None: nothing hides any.
+    """
+    assert rig.T_base_left is not None
+    T_map_left = T_map_base @ rig.T_base_left
+    T_left = T_map_left.inverse()
+    T_right = Pose("right", "left", rig.T_right_left.R, rig.T_right_left.t) @ T_left
+    eye = T_map_left.t[None, :2]
+    shown = _shown(list(landmarks), eye, floor)
+    # Both eyes read a landmark, or neither.
+    luck = np.zeros(len(shown)) if noise_px is not None else rng.uniform(size=len(shown))
+    return (
+        tuple(_seen(shown, luck, rig.left, T_left, noise_px, rng)),
+        tuple(_seen(shown, luck, rig.right, T_right, noise_px, rng)),
+    )
+
+
+def _shown(landmarks: list[MappedLandmark], eye: FloatArray, floor: FloorPlan | None) -> list[MappedLandmark]:
+    """Those that no wall hides."""
+    if floor is None or not landmarks:
+        return landmarks
+    places = np.array([m.T_map_landmark.t[:2] for m in landmarks])
+    sizes = np.array([m.size_m for m in landmarks])
+    near = np.flatnonzero(np.linalg.norm(places - eye, axis=1) < FARTHEST_SIZES * sizes)
+    clear = floor.sees(np.repeat(eye, len(near), axis=0), places[near])
+    return [landmarks[k] for k in near[clear]]
+
+
+def _seen(
+    landmarks: Sequence[MappedLandmark],
+    luck: FloatArray,
+    camera: CameraModel,
+    T: Pose,
+    noise_px: float | None,
+    rng: np.random.Generator,
+) -> Iterator[LandmarkObservation]:
+    for landmark, chance in zip(landmarks, luck, strict=True):
+        points = T.apply(landmark.corners_map)
+        corners = _project(points, camera)
+        centre = points.mean(axis=0)
+        facing = float(-(T.R @ landmark.T_map_landmark.R[:, 2]) @ centre / np.linalg.norm(centre))
+        if corners is None or facing <= 0:
+            continue
+        sides = np.linalg.norm(corners - np.roll(corners, 1, axis=0), axis=1)
+        if noise_px is None:
+            side = np.array(sides.mean())
+            if chance >= recognised(side, np.arccos(facing)):
+                continue
+            sigma = float(corner_sigma_px(side))
+        elif facing < MOST_TILT or sides.min() < LEAST_SIDE_PX:
+            continue
+        else:
+            sigma = noise_px
+        noisy = corners + rng.normal(0, sigma, (4, 2))
+        C = sigma**2 * np.eye(8)
+        yield LandmarkObservation(landmark.code, noisy, 0.99, 50.0, landmark.family, covariance=C)
+
+
+def _project(points: FloatArray, camera: CameraModel) -> FloatArray | None:
+    """(4,2) corners, or None where they are not wholly in the picture."""
+    if points[:, 2].min() < NEAREST_M:
+        return None
+    # Far outside the picture the distortion folds back into it.
+    limit = np.array(camera.image_size) / camera.K[[0, 1], [0, 1]]
+    if (np.abs(points[:, :2] / points[:, 2:]) > 0.75 * limit).any():
+        return None
+    corners = camera.project(points)
+    return corners if camera.contains(corners).all() else None

@@ -1,0 +1,190 @@
+"""A simulated drive: a robot on wheels through a room, what its eyes see, and what its wheels and gyro say.
+
+Corners are simulated, not pictures.  Wheels err as real ones do (MRCLAM: they report too much way and turn, a quarter
+of a second early; now and then they slip), the gyro drifts.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from itertools import pairwise
+
+import numpy as np
+
+from lmkit.arrays import FloatArray
+from lmkit.geometry.planar import planar_pose
+from lmkit.geometry.pose import Pose
+from lmkit.geometry.stereo_rig import StereoRig
+from lmkit.model.landmark_map import LandmarkMap
+from lmkit.model.observation import RangeBearing
+from lmkit.model.recording import Gyro, Odometry, StereoFrame
+from lmkit.model.trajectory import Trajectory
+from lmkit.simulation.observations import look
+from lmkit.simulation.scene import hang_landmarks, make_rig
+
+STEP_S = 0.02
+HEIGHT_M = 2.6
+# Where the left eye sits on the robot: forward, left, up, and looking ahead.
+T_BASE_LEFT = Pose(
+    "base", "left", np.array([[0.0, 0.0, 1.0], [-1.0, 0.0, 0.0], [0.0, -1.0, 0.0]]), np.array([0.1, 0.06, 0.85])
+)
+
+
+@dataclass(frozen=True)
+class WheelErrors:
+    """What is wrong with wheels and gyro.
+
+    Attributes:
+        forward_scale, turn_scale: true over reported.
+        delay_s: the robot lags behind what its wheels report.
+        noise_per_root_m, turn_noise_per_root_m: what strays at random, metres and rad per root of a metre.
+        slips: times at which the robot turns or slides unnoticed, by up to 0.1 m and 0.1 rad.
+        gyro_bias, gyro_noise: rad/s.
+    """
+
+    forward_scale: float = 0.92
+    turn_scale: float = 0.9
+    delay_s: float = 0.25
+    noise_per_root_m: float = 0.01
+    turn_noise_per_root_m: float = 0.01
+    slips: int = 0
+    gyro_bias: float = 0.005
+    gyro_noise: float = 0.01
+
+
+@dataclass(frozen=True, eq=False)
+class Drive:
+    """A drive and its truth.
+
+    Attributes:
+        landmarks: as they hang.
+        rig: with its T_base_left.
+        times_s: (N,) of the moments.
+        truth: (N,3) x, y (m), heading (rad) of the base.
+        moments: what both eyes saw.
+        odometry, gyro: what the robot's own sensors say.
+    """
+
+    landmarks: LandmarkMap
+    rig: StereoRig
+    times_s: FloatArray
+    truth: FloatArray
+    moments: tuple[StereoFrame, ...]
+    odometry: Odometry
+    gyro: Gyro
+
+    def pose(self, k: int) -> Pose:
+        """T_map_base of a moment."""
+        return planar_pose(self.truth[k])
+
+    def visual_odometry(
+        self, seed: int, place_per_root_m: float = 0.01, turn_per_root_m: float = 0.004
+    ) -> Trajectory:
+        """Poses of the base, in a frame of its own, that drift in all six directions with the root of the way."""
+        rng = np.random.default_rng([seed, 4])
+        true = [self.pose(k) for k in range(len(self.times_s))]
+        T = Pose.from_rvec("odometry", "base", rng.normal(size=3), rng.normal(size=3))
+        poses = [T]
+        for before, after in pairwise(true):
+            step = before.inverse() @ after
+            root = np.sqrt(np.linalg.norm(step.t))
+            astray = Pose.from_rvec(
+                "base",
+                "base",
+                turn_per_root_m * root * rng.normal(size=3),
+                place_per_root_m * root * rng.normal(size=3),
+            )
+            T = T @ Pose("base", "base", step.R, step.t) @ astray
+            poses.append(T)
+        return Trajectory(self.times_s, np.array([T.t for T in poses]), np.array([T.quaternion_xyzw for T in poses]))
+
+    def readings(
+        self, seed: int, range_share: float = 0.03, bearing_rad: float = 0.01
+    ) -> list[tuple[float, list[RangeBearing]]]:
+        """Ranges and bearings to the landmarks seen, as of a planar sensor in the base's origin."""
+        rng = np.random.default_rng([seed, 3])
+        answers = []
+        for state, moment in zip(self.truth, self.moments, strict=True):
+            seen = []
+            for code in sorted({o.code for o in moment.left}):
+                landmark = self.landmarks.find(code)
+                assert landmark is not None
+                off = landmark.T_map_landmark.t[:2] - state[:2]
+                distance = float(np.hypot(*off)) * (1 + range_share * rng.normal())
+                bearing = float(np.arctan2(off[1], off[0]) - state[2] + bearing_rad * rng.normal())
+                seen.append(RangeBearing(code, distance, float(np.arctan2(np.sin(bearing), np.cos(bearing)))))
+            answers.append((moment.time_s, seen))
+        return answers
+
+
+def make_drive(
+    seed: int,
+    seconds: float = 60.0,
+    hz: float = 5.0,
+    count: int = 14,
+    size_m: tuple[float, float] = (8.0, 5.0),
+    errors: WheelErrors | None = None,
+    noise_px: float = 0.15,
+) -> Drive:
+    """A drive in rounds through a room with ``count`` landmarks on its walls."""
+    rng = np.random.default_rng([seed, 0])
+    codes = [int(code) for code in rng.permutation(256)[:count]]
+    landmarks = LandmarkMap(hang_landmarks(rng, codes, (*size_m, HEIGHT_M)))
+    fine, truth = _round_trip(rng, seconds, size_m)
+    errors = errors or WheelErrors()
+    truth = _slip(rng, fine, truth, errors.slips)
+    rig = replace(make_rig(), T_base_left=T_BASE_LEFT)
+    rows = np.arange(0, len(fine) - 1, round(1 / hz / STEP_S))
+    # The first moments lie before the wheels' delay.
+    rows = rows[fine[rows] > errors.delay_s]
+    moments = tuple(
+        StereoFrame(float(fine[k]), *look(landmarks, rig, planar_pose(truth[k]), noise_px, rng), f"{fine[k]:.2f}")
+        for k in rows
+    )
+    odometry, gyro = _wheels(rng, fine, truth, errors)
+    return Drive(landmarks, rig, fine[rows], truth[rows], moments, odometry, gyro)
+
+
+def _round_trip(
+    rng: np.random.Generator, seconds: float, size_m: tuple[float, float]
+) -> tuple[FloatArray, FloatArray]:
+    """Times, and x, y, heading along a wavy round trip at about 0.35 m/s."""
+    times = np.arange(0, seconds, STEP_S)
+    rx, ry = 0.28 * size_m[0], 0.25 * size_m[1]
+    speed = 0.35 / max(rx, ry)
+    phase, wave = rng.uniform(0, 2 * np.pi, 2)
+    a = phase + speed * times
+    swing = 1 + 0.12 * np.sin(3 * a + wave)
+    x, y = size_m[0] / 2 + rx * swing * np.cos(a), size_m[1] / 2 + ry * swing * np.sin(a)
+    heading = np.unwrap(np.arctan2(np.gradient(y), np.gradient(x)))
+    return times, np.column_stack([x, y, heading])
+
+
+def _slip(rng: np.random.Generator, times: FloatArray, truth: FloatArray, slips: int) -> FloatArray:
+    """The rest of the drive is moved at each slip."""
+    moved = truth.copy()
+    for k in rng.integers(len(times) // 5, len(times), slips):
+        turn, shift = rng.uniform(-0.1, 0.1), rng.uniform(-0.1, 0.1, 2)
+        c, s = np.cos(turn), np.sin(turn)
+        off = moved[k:, :2] - moved[k, :2]
+        moved[k:, 0] = moved[k, 0] + c * off[:, 0] - s * off[:, 1] + shift[0]
+        moved[k:, 1] = moved[k, 1] + s * off[:, 0] + c * off[:, 1] + shift[1]
+        moved[k:, 2] += turn
+    return moved
+
+
+def _wheels(
+    rng: np.random.Generator, times: FloatArray, truth: FloatArray, errors: WheelErrors
+) -> tuple[Odometry, Gyro]:
+    step = np.diff(truth, axis=0)
+    middle = truth[:-1, 2] + step[:, 2] / 2
+    forward = np.cos(middle) * step[:, 0] + np.sin(middle) * step[:, 1]
+    # Slips are not in what the wheels count.
+    slid = (np.abs(forward) > 0.02) | (np.abs(step[:, 2]) > 0.05)
+    forward, turn = np.where(slid, 0.0, forward), np.where(slid, 0.0, step[:, 2])
+    root = np.sqrt(np.abs(forward))
+    reported = forward / errors.forward_scale + errors.noise_per_root_m * root * rng.normal(size=len(root))
+    turned = turn / errors.turn_scale + errors.turn_noise_per_root_m * root * rng.normal(size=len(root))
+    own = times[1:] - errors.delay_s
+    rate = step[:, 2] / STEP_S + errors.gyro_bias + errors.gyro_noise * rng.normal(size=len(root))
+    return Odometry(own, reported, turned), Gyro(own, rate)

@@ -1,0 +1,131 @@
+"""What light a camera would receive from a scene: rays with lens distortion, each to the nearest panel.
+
+PixelSamples are oversampled; each ray meets every panel in closed form, bent ones in a few steps.  Light
+falls off towards the picture's corners as in a lens.
+"""
+
+from __future__ import annotations
+
+from functools import lru_cache
+
+import cv2
+import numpy as np
+
+from lmkit.arrays import Float32Array
+from lmkit.geometry.camera import CameraModel
+from lmkit.geometry.pose import Pose
+from lmkit.simulation.scene import Panel, Scene
+
+OVERSAMPLE = 3
+
+
+def render(
+    scene: Scene, camera: CameraModel, T_map_camera: Pose, background: Float32Array | None = None
+) -> Float32Array:
+    """(H*S,W*S,3) linear RGB, S = OVERSAMPLE, before lens blur and sensor.
+
+    Args:
+        background: (H,W,3) linear RGB that is seen where no panel is; black without.
+    """
+    rays = _rays(camera.image_size, camera.K.tobytes(), camera.distortion.tobytes(), camera.model)
+    height, width = rays.shape[:2]
+    picture = np.zeros((height, width, 3), dtype=np.float32)
+    if background is not None:
+        picture = np.asarray(
+            cv2.resize(background, (width, height), interpolation=cv2.INTER_LINEAR), dtype=np.float32
+        )
+    depth = np.full((height, width), np.inf, dtype=np.float32)
+    for panel in scene.panels:
+        _paint(picture, depth, rays, panel, T_map_camera)
+    falloff = 1 / (1 + (rays**2).sum(axis=2)) ** 1.0
+    return np.asarray(picture * falloff[:, :, None].astype(np.float32))
+
+
+@lru_cache(maxsize=4)
+def _rays(image_size: tuple[int, int], K: bytes, distortion: bytes, model: str) -> Float32Array:
+    """(H*S,W*S,2) normalised coordinates of every sub-pixel's ray."""
+    camera = CameraModel(image_size, np.frombuffer(K).reshape(3, 3), np.frombuffer(distortion), model)
+    width, height = image_size
+    steps = (np.arange(OVERSAMPLE) + 0.5) / OVERSAMPLE - 0.5
+    x = (np.arange(width)[:, None] + steps).ravel()
+    y = (np.arange(height)[:, None] + steps).ravel()
+    pixels = np.stack(np.meshgrid(x, y), axis=-1).reshape(-1, 2)
+    rays = camera.unproject(pixels).reshape(len(y), len(x), 2)
+    return rays.astype(np.float32)
+
+
+def _paint(picture: Float32Array, depth: Float32Array, rays: Float32Array, panel: Panel, T_map_camera: Pose) -> None:
+    """Paint one panel over what is further away, in place."""
+    T = T_map_camera.inverse() @ panel.T_map_panel
+    if T.R[:, 2] @ T.t >= 0:  # seen from behind
+        return
+    window = _window(T, panel.size_m, rays)
+    if window is None:
+        return
+    rows, columns = window
+    x, y = rays[rows, columns, 0], rays[rows, columns, 1]
+    width, height = panel.size_m
+    u, v, distance = _meet(T, panel, x, y)
+    nearest = (distance > 0.05) & (distance < depth[rows, columns])
+    hit = nearest & (np.abs(u) < width / 2) & (np.abs(v) < height / 2)
+    if not hit.any():
+        return
+    texture = _fitting_detail(panel, float(np.median(distance[hit][::16])), rays)
+    th, tw = texture.shape[:2]
+    # Texture pixel k covers the span [k, k + 1) of the texture's width.
+    map_x = np.clip((u / width + 0.5) * tw - 0.5, -0.5, tw - 0.5).astype(np.float32)
+    map_y = np.clip((0.5 - v / height) * th - 0.5, -0.5, th - 0.5).astype(np.float32)
+    colour = cv2.remap(texture, map_x, map_y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
+    picture[rows, columns][hit] = colour[hit]
+    depth[rows, columns][hit] = distance[hit]
+
+
+def _meet(
+    T_camera_panel: Pose, panel: Panel, x: Float32Array, y: Float32Array
+) -> tuple[Float32Array, Float32Array, Float32Array]:
+    """Where rays (x, y, 1) meet the panel's face: u, v in its plane, and the distance along z."""
+    # Ray and eye in the panel's frame; the face is its plane z = 0, or z = bend (1 - (2u/w)^2).
+    R = T_camera_panel.R.astype(np.float32)
+    eye = -(T_camera_panel.R.T @ T_camera_panel.t).astype(np.float32)
+    dx, dy, dz = (R[0, k] * x + R[1, k] * y + R[2, k] for k in range(3))
+    height = np.float32(0)
+    with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
+        for _ in range(4 if panel.bend_m else 1):
+            distance = (height - eye[2]) / dz
+            u = eye[0] + distance * dx
+            height = np.float32(panel.bend_m) * np.clip(1 - (2 * u / panel.size_m[0]) ** 2, -1, 1)
+        return u, eye[1] + distance * dy, distance
+
+
+def _fitting_detail(panel: Panel, distance: float, rays: Float32Array) -> Float32Array:
+    """The texture shrunk (by area) until its pixels are about as large as a ray's footprint there."""
+    row, column = rays.shape[0] // 2, rays.shape[1] // 2
+    ray_step = float(abs(rays[row, column + 1, 0] - rays[row, column, 0]))
+    texel = panel.size_m[0] / panel.texture.shape[1]
+    shrink = max(1, int(ray_step * distance / texel))
+    if shrink == 1:
+        return panel.texture
+    height, width = panel.texture.shape[:2]
+    size = (max(2, round(width / shrink)), max(2, round(height / shrink)))
+    return np.asarray(cv2.resize(panel.texture, size, interpolation=cv2.INTER_AREA), dtype=np.float32)
+
+
+def _window(T_camera_panel: Pose, size_m: tuple[float, float], rays: Float32Array) -> tuple[slice, slice] | None:
+    """Rows and columns that can see a small panel; everything for one that reaches behind the camera."""
+    w, h = 0.55 * size_m[0], 0.55 * size_m[1]  # a bent panel reaches a little over its plane's outline
+    corners = T_camera_panel.apply(np.array([[-w, h, 0], [w, h, 0], [w, -h, 0], [-w, -h, 0]]))
+    everything = (slice(0, rays.shape[0]), slice(0, rays.shape[1]))
+    if corners[:, 2].max() <= 0.05:
+        return None
+    if corners[:, 2].min() <= 0.05:
+        return everything
+    flat = corners[:, :2] / corners[:, 2:]
+    # Every eighth ray is enough to find the window, with the slack of one such step around it.
+    coarse = rays[::8, ::8]
+    slack = 2 * np.abs(coarse[1, 1] - coarse[0, 0]).max()
+    low, high = flat.min(axis=0) - slack, flat.max(axis=0) + slack
+    inside = ((coarse > low) & (coarse < high)).all(axis=2)
+    rows, columns = np.flatnonzero(inside.any(axis=1)), np.flatnonzero(inside.any(axis=0))
+    if len(rows) == 0:
+        return None
+    return slice(8 * int(rows[0]), 8 * int(rows[-1]) + 8), slice(8 * int(columns[0]), 8 * int(columns[-1]) + 8)

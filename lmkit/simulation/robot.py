@@ -1,0 +1,105 @@
+"""A simulated robot on wheels that can be driven: it slips, its gyro drifts, its eyes see what walls do not hide."""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Callable
+
+import numpy as np
+
+from lmkit.arrays import FloatArray
+from lmkit.geometry.planar import planar_pose
+from lmkit.geometry.pose import Pose
+from lmkit.geometry.stereo_rig import StereoRig
+from lmkit.model.floor_plan import FloorPlan
+from lmkit.model.landmark_map import LandmarkMap
+from lmkit.simulation.observations import Seen, look
+from lmkit.simulation.recording import WheelErrors
+
+Eyes = Callable[[float, Pose], tuple[Seen, Seen]]
+STEP_S = 0.02
+SLIP_M, SLIP_RAD = 0.05, 0.08
+LEAN_RAD, LIFT_M = np.deg2rad(0.3), 0.004
+TOUCH_CELLS = 1.0  # a wall's place is known to its cell
+
+
+class SimulatedRobot:
+    """The truth, and what its sensors say of it.
+
+    Attributes:
+        state: (3,) true x, y (m), heading (rad).
+        time_s: now.
+        touched: it has run into a wall or an obstacle.
+
+    Args:
+        eyes: what it sees at a time, from a pose of its base; None: corners and recognition as measured
+            (`model/detector_model.py`).
+    """
+
+    def __init__(
+        self,
+        floor: FloorPlan,
+        landmarks: LandmarkMap,
+        rig: StereoRig,
+        state: FloatArray,
+        radius_m: float,
+        errors: WheelErrors,
+        seed: int,
+        eyes: Eyes | None = None,
+    ) -> None:
+        self.floor, self.landmarks, self.rig, self.radius_m, self.errors = floor, landmarks, rig, radius_m, errors
+        self.state = np.array(state, dtype=np.float64)
+        self.time_s = 0.0
+        self.touched = False
+        self._eyes = eyes
+        self._rng = np.random.default_rng([seed, 5])
+        self._late = deque([self.state], maxlen=1 + round(errors.delay_s / STEP_S))
+        self._slip_at = np.sort(self._rng.uniform(2.0, 60.0, errors.slips)).tolist()
+        self._bias = errors.gyro_bias
+
+    def drive(self, forward_mps: float, turn_radps: float, seconds: float) -> list[tuple[float, float, float, float]]:
+        """Rows of time, way and turn as the wheels count them, and the gyro's rate; the robot moves meanwhile."""
+        rows = []
+        for _ in range(max(1, round(seconds / STEP_S))):
+            self.time_s += STEP_S
+            e, rng = self.errors, self._rng
+            root = np.sqrt(abs(forward_mps) * STEP_S)
+            forward = e.forward_scale * forward_mps * STEP_S + e.noise_per_root_m * root * rng.normal()
+            turn = e.turn_scale * turn_radps * STEP_S + e.turn_noise_per_root_m * root * rng.normal()
+            if self._slip_at and self.time_s >= self._slip_at[0] and abs(forward_mps) > 0.05:
+                self._slip_at.pop(0)
+                forward += rng.uniform(-SLIP_M, SLIP_M)
+                turn += rng.uniform(-SLIP_RAD, SLIP_RAD)
+            middle = self.state[2] + turn / 2
+            self.state = self.state + np.array([forward * np.cos(middle), forward * np.sin(middle), turn])
+            self._late.append(self.state)
+            clear = self.floor.clearance_at(self.state[None, :2])[0]
+            self.touched |= bool(clear < self.radius_m - TOUCH_CELLS * self.floor.cell_m)
+            rate = turn / STEP_S + self._bias + e.gyro_noise * rng.normal()
+            rows.append((self.time_s, forward_mps * STEP_S, turn_radps * STEP_S, rate))
+        return rows
+
+    @property
+    def seen_from(self) -> FloatArray:
+        """(3,) where it was when its eyes saw what :meth:`look` gives now."""
+        return self._late[0]
+
+    def look(self) -> tuple[Seen, Seen]:
+        """What both eyes see; pictures come ``delay_s`` late."""
+        # No floor is quite level, and no robot stands still on its springs.
+        turn = np.append(self._rng.normal(0, LEAN_RAD, 2), 0.0)
+        lean = Pose.from_rvec("base", "base", turn, np.array([0.0, 0.0, self._rng.normal(0, LIFT_M)]))
+        T_map_base = planar_pose(self.seen_from) @ lean
+        if self._eyes is not None:
+            return self._eyes(self.time_s, T_map_base)
+        return look(self.landmarks, self.rig, T_map_base, None, self._rng, self.floor)
+
+    def obstacle_ahead(self, reach_m: float) -> FloatArray | None:
+        """(2,) nearest obstacle in a strip as wide as the robot, forward and left of it; None where all is free."""
+        ahead = np.arange(self.radius_m, self.radius_m + reach_m, 0.5 * self.floor.cell_m)
+        aside = np.linspace(-self.radius_m, self.radius_m, 9)
+        points = np.array([(a, b) for a in ahead for b in aside])
+        c, s = np.cos(self.state[2]), np.sin(self.state[2])
+        there = points @ np.array([[c, s], [-s, c]]) + self.state[:2]
+        hit = np.flatnonzero(~self.floor.is_free(there))
+        return None if len(hit) == 0 else points[hit[0]]

@@ -1,0 +1,295 @@
+"""Simulated rooms: four walls, floor, ceiling, and printed sheets on the walls; a rig that drives through.
+
+Everything is drawn from a seed.  The map's z points up; walls stand on its x and y axes.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import lru_cache
+
+import numpy as np
+
+from lmkit.arrays import Float32Array, FloatArray
+from lmkit.generation.artwork import FilledPath
+from lmkit.generation.board import compose_board_page
+from lmkit.generation.page import Page, bare_landmark_page
+from lmkit.generation.png import page_to_image
+from lmkit.geometry.camera import CameraModel
+from lmkit.geometry.pose import Pose
+from lmkit.geometry.stereo_rig import StereoRig
+from lmkit.model.board import BoardSpec
+from lmkit.model.floor_plan import FloorPlan
+from lmkit.model.landmark import LandmarkFamily, family_named
+from lmkit.model.landmark_map import LandmarkMap, MappedLandmark, wall_pose
+from lmkit.model.palette import srgb_to_linear
+
+SHEET_DPI = 110.0
+PAPER_M = 0.002
+WALL_TINTS = ((0.62, 0.60, 0.55), (0.55, 0.60, 0.62), (0.66, 0.62, 0.52), (0.58, 0.56, 0.58))
+FLOOR, CEILING = (0.22, 0.19, 0.16), (0.75, 0.75, 0.73)
+
+
+@dataclass(frozen=True, eq=False)
+class Panel:
+    """A flat textured rectangle in the map.
+
+    Attributes:
+        T_map_panel: its pose; x right, y up on its face, z towards the viewer.
+        size_m: (width, height).
+        texture: (h,w,3) linear RGB, 0..1, upright as seen.
+        bend_m: how far the middle stands before the left and right edge, as of curled paper.
+    """
+
+    T_map_panel: Pose
+    size_m: tuple[float, float]
+    texture: Float32Array
+    bend_m: float = 0.0
+
+
+@dataclass(frozen=True, eq=False)
+class Scene:
+    """What there is to photograph.
+
+    Attributes:
+        panels: walls and sheets.
+        landmarks: the map.
+        size_m: (x, y, z) extent of the room.
+    """
+
+    panels: tuple[Panel, ...]
+    landmarks: LandmarkMap
+    size_m: tuple[float, float, float]
+
+
+def make_rig(
+    image_size: tuple[int, int] = (640, 480), focal_px: float = 460.0, baseline_m: float = 0.12
+) -> StereoRig:
+    """A stereo camera with the small faults of a real one: lens distortion, eyes not quite parallel."""
+    width, height = image_size
+    left = CameraModel(
+        image_size,
+        np.array([[focal_px, 0, width / 2 + 4.3], [0, focal_px * 0.998, height / 2 - 3.1], [0, 0, 1.0]]),
+        np.array([-0.21, 0.055, 0.0007, -0.0004, 0.0]),
+    )
+    right = CameraModel(
+        image_size,
+        np.array([[focal_px * 1.004, 0, width / 2 - 5.2], [0, focal_px * 1.001, height / 2 + 2.4], [0, 0, 1.0]]),
+        np.array([-0.205, 0.05, -0.0005, 0.0006, 0.0]),
+    )
+    T_right_left = Pose.from_rvec(
+        "right", "left", np.array([0.004, -0.006, 0.003]), np.array([-baseline_m, 0.0009, -0.0004])
+    )
+    return StereoRig(left, right, T_right_left)
+
+
+def make_room(
+    seed: int,
+    count: int = 10,
+    size_m: tuple[float, float, float] = (6.0, 4.5, 2.6),
+    codes: Sequence[int] | None = None,
+) -> Scene:
+    """A room with ``count`` landmarks on its walls at eye height, their codes drawn from the seed."""
+    rng = np.random.default_rng(seed)
+    family = family_named("lm8")
+    if codes is None:
+        codes = [int(c) for c in rng.choice(family.code_count, size=count, replace=False)]
+    landmarks = hang_landmarks(rng, codes, size_m)
+    panels = [*_walls(rng, size_m), *map(landmark_sheet, landmarks)]
+    return Scene(tuple(panels), LandmarkMap(landmarks), size_m)
+
+
+def floor_scene(seed: int, floor: FloorPlan, landmarks: LandmarkMap, height_m: float = 2.6) -> Scene:
+    """The walls of a floor plan, and landmarks on them as the map says."""
+    rng = np.random.default_rng(seed)
+    panels = []
+    for wall in floor.walls:
+        middle = [*(wall.left + wall.right) / 2, height_m / 2]
+        tint = WALL_TINTS[int(rng.integers(len(WALL_TINTS)))]
+        panels.append(Panel(wall_pose(middle, wall.facing_rad), (wall.length_m, height_m), _plaster(rng, tint)))
+    sx, sy = floor.size_m
+    centre = np.array([floor.origin[0] + sx / 2, floor.origin[1] + sy / 2, 0.0])
+    panels.append(Panel(Pose("map", "floor", np.eye(3), centre), (sx, sy), _plaster(rng, FLOOR)))
+    above = centre + np.array([0.0, 0.0, height_m])
+    panels.append(Panel(Pose("map", "ceiling", np.diag([1.0, -1, -1]), above), (sx, sy), _plaster(rng, CEILING)))
+    # Paper stands a little off its wall.
+    sheets = [landmark_sheet(landmark) for landmark in landmarks]
+    off = [replace(s, T_map_panel=_moved_out(s.T_map_panel)) for s in sheets]
+    return Scene((*panels, *off), landmarks, (sx, sy, height_m))
+
+
+def _moved_out(T: Pose) -> Pose:
+    return Pose("map", T.from_frame, T.R, T.t + PAPER_M * T.R[:, 2])
+
+
+def hang_landmarks(
+    rng: np.random.Generator, codes: Sequence[int], size_m: tuple[float, float, float]
+) -> list[MappedLandmark]:
+    """Landmarks on the four walls of a room at eye height, spread without overlap."""
+    family = family_named("lm8")
+    hung = []
+    for code, (wall, along, height) in zip(codes, _wall_places(rng, len(codes), size_m), strict=True):
+        position, facing = _on_wall(wall, along, height, size_m[0], size_m[1])
+        # Paper stands a little off its wall.
+        position = [position[0] + PAPER_M * np.cos(facing), position[1] + PAPER_M * np.sin(facing), height]
+        hung.append(MappedLandmark(code, family.name, family.side_mm / 1000, wall_pose(position, facing)))
+    return hung
+
+
+def landmark_sheet(landmark: MappedLandmark) -> Panel:
+    """The landmark on white paper of A4's shape."""
+    family = family_named(landmark.family)
+    scale = landmark.size_m / (family.side_mm / 1000)
+    width, height = 0.21 * scale, 0.297 * scale
+    return Panel(landmark.T_map_landmark, (width, height), _sheet_texture(family, landmark.code))
+
+
+def board_panel(board: BoardSpec, T_map_board: Pose) -> Panel:
+    """A calibration board; ``T_map_board`` has its origin at the first inner corner, y down the rows.
+
+    The printed page lies around it, as it comes from the printer.
+    """
+    page = compose_board_page(board)
+    columns, rows = board.squares
+    square = board.square_mm
+    width, height = page.size_mm
+    texture, first_corner = _board_texture(board)
+    # From the first inner corner to the middle of the page, x right and y down in the board's frame.
+    middle = np.array([width / 2 - first_corner[0], height / 2 - first_corner[1], 0.0]) / 1000
+    flip = np.diag([1.0, -1.0, -1.0])
+    T = T_map_board @ Pose(T_map_board.from_frame, "panel", flip, middle)
+    assert columns * square <= width
+    assert rows * square <= height
+    return Panel(T, (width / 1000, height / 1000), texture)
+
+
+def drive(seed: int, scene: Scene, steps: int, height_m: float = 1.15) -> list[Pose]:
+    """T_map_camera of the left camera along an ellipse through the room, looking ahead and aside."""
+    rng = np.random.default_rng(seed + 1)
+    sx, sy, _ = scene.size_m
+    phase = rng.uniform(0, 2 * np.pi)
+    poses = []
+    for k in range(steps):
+        a = phase + 2 * np.pi * k / steps
+        position = np.array([sx / 2 + 0.22 * sx * np.cos(a), sy / 2 + 0.2 * sy * np.sin(a), height_m])
+        heading = a + np.pi / 2 - 0.6 + rng.uniform(-0.2, 0.2)
+        poses.append(looking(position, heading, pitch=rng.uniform(-0.04, 0.04)))
+    return poses
+
+
+def looking(position: FloatArray, heading_rad: float, pitch: float = 0.0) -> Pose:
+    """T_map_camera of a level camera that looks along a heading (from x towards y), ``pitch`` up."""
+    forward = np.array([np.cos(heading_rad) * np.cos(pitch), np.sin(heading_rad) * np.cos(pitch), np.sin(pitch)])
+    right = np.array([np.sin(heading_rad), -np.cos(heading_rad), 0.0])
+    down = np.cross(forward, right)
+    return Pose("map", "camera", np.column_stack([right, down, forward]), position)
+
+
+def board_poses(seed: int, rig: StereoRig, board: BoardSpec, count: int) -> list[Pose]:
+    """T_camera_board in the left camera, spread over the picture, tilted, all of it in both eyes."""
+    rng = np.random.default_rng(seed)
+    middle = board.object_points.mean(axis=0)
+    poses: list[Pose] = []
+    while len(poses) < count:
+        turn = np.array([*rng.uniform(-0.6, 0.6, 2), rng.uniform(-0.3, 0.3)])
+        depth = rng.uniform(0.45, 0.95)
+        offset = np.array([rng.uniform(-0.5, 0.5) * depth, rng.uniform(-0.4, 0.4) * depth, depth])
+        rotation = Pose.from_rvec("camera", "board", turn, np.zeros(3)).R
+        pose = Pose("camera", "board", rotation, offset - rotation @ middle)
+        inside = pose.apply(board.object_points)
+        right = inside @ rig.T_right_left.R.T + rig.T_right_left.t
+        both = [
+            rig.left.contains(rig.left.project(inside), 12),
+            rig.right.contains(rig.right.project(right), 12),
+        ]
+        if all(seen.all() for seen in both):
+            poses.append(pose)
+    return poses
+
+
+def studio(panels: Sequence[Panel]) -> Scene:
+    """Panels before a plain backdrop, in the left camera's own frame called ``map``; for boards."""
+    texture = np.full((4, 4, 3), 0.18, dtype=np.float32)
+    backdrop = Panel(Pose("map", "wall", np.diag([1.0, -1.0, -1.0]), np.array([0, 0, 4.0])), (20.0, 20.0), texture)
+    return Scene((backdrop, *panels), LandmarkMap([]), (20.0, 20.0, 4.0))
+
+
+def _wall_places(
+    rng: np.random.Generator, count: int, size_m: tuple[float, float, float]
+) -> list[tuple[int, float, float]]:
+    """(wall, place along it, height), spread over the four walls without overlap."""
+    lengths = [size_m[0], size_m[1], size_m[0], size_m[1]]
+    places = []
+    for wall in range(4):
+        here = count // 4 + (1 if wall < count % 4 else 0)
+        for k in range(here):
+            slot = lengths[wall] / (here + 0.4)
+            along = (k + 0.7) * slot + rng.uniform(-0.15, 0.15) * slot
+            places.append((wall, float(along), float(rng.uniform(1.0, 1.6))))
+    return places
+
+
+def _on_wall(wall: int, along: float, height: float, sx: float, sy: float) -> tuple[list[float], float]:
+    """Position, and the direction in which the face looks, of a place on wall 0 (y = 0) to 3 (x = 0)."""
+    return (
+        ([along, 0.0, height], np.pi / 2),
+        ([sx, along, height], np.pi),
+        ([sx - along, sy, height], -np.pi / 2),
+        ([0.0, sy - along, height], 0.0),
+    )[wall]
+
+
+def _walls(rng: np.random.Generator, size_m: tuple[float, float, float]) -> list[Panel]:
+    sx, sy, sz = size_m
+    panels = []
+    for wall in range(4):
+        length = (sx, sy)[wall % 2]
+        position, facing = _on_wall(wall, length / 2, sz / 2, sx, sy)
+        texture = _plaster(rng, WALL_TINTS[int(rng.integers(len(WALL_TINTS)))])
+        panels.append(Panel(wall_pose(position, facing), (length, sz), texture))
+    level = np.array([[1.0, 0, 0], [0, 1, 0], [0, 0, 1]])
+    panels.append(Panel(Pose("map", "floor", level, np.array([sx / 2, sy / 2, 0])), (sx, sy), _plaster(rng, FLOOR)))
+    upside = np.diag([1.0, -1.0, -1.0])
+    panels.append(
+        Panel(Pose("map", "ceiling", upside, np.array([sx / 2, sy / 2, sz])), (sx, sy), _plaster(rng, CEILING))
+    )
+    return panels
+
+
+def _plaster(rng: np.random.Generator, tint: tuple[float, float, float]) -> Float32Array:
+    """Uneven paint under uneven light."""
+    import cv2
+
+    fine = rng.normal(0, 0.03, (96, 96, 1))
+    coarse = cv2.resize(rng.normal(0, 0.12, (4, 4)), (96, 96), interpolation=cv2.INTER_CUBIC)[:, :, None]
+    return np.clip(np.array(tint) * (1 + fine + coarse), 0.02, 0.95).astype(np.float32)
+
+
+@lru_cache(maxsize=512)
+def _sheet_texture(family: LandmarkFamily, code: int) -> Float32Array:
+    """The face in the upper part of a white sheet, as printed."""
+    face = _linear(bare_landmark_page(family, code, family.side_mm), SHEET_DPI)
+    width = round(face.shape[1] * 210 / family.side_mm)
+    height = round(face.shape[0] * 297 / family.side_mm)
+    sheet = np.full((height, width, 3), 0.9, dtype=np.float32)
+    top, left = (height - face.shape[0]) // 2, (width - face.shape[1]) // 2
+    sheet[top : top + face.shape[0], left : left + face.shape[1]] = face * 0.9
+    return sheet
+
+
+@lru_cache(maxsize=8)
+def _board_texture(board: BoardSpec) -> tuple[Float32Array, tuple[float, float]]:
+    """Texture of the page, and where the board's first object point lies on it (mm from the top left)."""
+    page = compose_board_page(board)
+    texture = _linear(page, SHEET_DPI) * np.float32(0.9)
+    marks = [item for item in page.items if isinstance(item, FilledPath)]
+    points = [point for mark in marks for command in mark.commands for point in command[1:]]
+    left, top = (min(point[axis] for point in points) for axis in (0, 1))
+    inwards = 0.0 if board.kind == "landmarks" else board.square_mm
+    return texture, (left + inwards, top + inwards)
+
+
+def _linear(page: Page, dpi: float) -> Float32Array:
+    rgb = np.asarray(page_to_image(page, dpi), dtype=np.float64) / 255
+    return srgb_to_linear(rgb).astype(np.float32)

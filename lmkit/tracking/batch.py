@@ -1,0 +1,104 @@
+"""A drive through a known map: what `lmkit track` gives, whatever saw the landmarks."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from lmkit.arrays import BoolArray, FloatArray, IntArray
+from lmkit.geometry.planar import planar_pose
+from lmkit.geometry.stereo_rig import StereoRig, at_base
+from lmkit.mapping.bundle_adjustment import Anchor
+from lmkit.mapping.initialization import find_start
+from lmkit.mapping.planar_smoother import smooth_planar
+from lmkit.mapping.range_bearing_survey import Moments
+from lmkit.mapping.survey import OUTLIER_SIGMA, contradicted_landmarks, settle_all
+from lmkit.model.landmark_map import LandmarkMap
+from lmkit.model.recording import Gyro, Odometry, StereoFrame
+from lmkit.model.tracked_trajectory import TrackedTrajectory, _six
+from lmkit.odometry.motion_model import Motion, describe_odometry
+from lmkit.odometry.wheel_odometry import PARAMETERS, MotionModel
+
+LOST_M = 1.0  # a position less sure than that is worth no word
+OUTLIER_WEIGHT = 0.1
+
+
+def track_readings(
+    moments: Moments, odometry: Odometry, gyro: Gyro | None, landmarks: LandmarkMap
+) -> TrackedTrajectory:
+    """All of the drive at once, from ranges and bearings (`planar_smoother.py`)."""
+    times, motion = np.array([time_s for time_s, _ in moments]), MotionModel(odometry, gyro)
+    motion.require_overlap(times)
+    track = smooth_planar(times, [seen for _, seen in moments], motion, landmarks)
+    outliers: list[tuple[int, ...]] = [() for _ in moments]
+    for row in np.flatnonzero(track.weights < OUTLIER_WEIGHT):
+        outliers[track.moments[row]] += (track.codes[track.landmarks[row]],)
+    C = track.covariances
+    lost = np.sqrt(np.linalg.eigvalsh(C[:, :2, :2])[:, -1]) > LOST_M
+    return TrackedTrajectory(
+        times,
+        [planar_pose(state) for state in track.states],
+        _six(C),
+        ["lost" if far else "ok" for far in lost],
+        outliers,
+        dict(zip(PARAMETERS, track.parameters.tolist(), strict=True)),
+        remarks=_doubts(motion, track.parameters),
+        innovations=_summed(len(times), track.moments, track.squared, track.told, track.weights > OUTLIER_WEIGHT),
+    )
+
+
+def _summed(count: int, moments: IntArray, squared: FloatArray, told: FloatArray, believed: BoolArray) -> FloatArray:
+    """(N,2) sums by moment of (R,) squared errors and of how many numbers they are of."""
+    rows = moments[believed]
+    return np.column_stack([np.bincount(rows, values[believed], count) for values in (squared, told)])
+
+
+def track_pictures(
+    moments: Sequence[StereoFrame],
+    rig: StereoRig,
+    landmarks: LandmarkMap,
+    motion: Motion | None,
+) -> TrackedTrajectory:
+    """All of the drive at once, from what both eyes saw: bundle adjustment with the map held.
+
+    Landmarks that the map knows exactly do not move; those that it knows with a covariance may, as far as that
+    allows, so that what the map leaves open enters the poses' covariance.
+
+    Raises:
+        InputError: no landmark of the map is in view, or odometry without T_base_left or of another time.
+    """
+    known = {(m.family, m.code): Anchor(m, m.covariance) for m in landmarks}
+    start = find_start(moments, rig, {}, known, motion)
+    # Exactly known, they are held and need no unknowns of their own.
+    exact = all(m.covariance is None for m in landmarks)
+    problem = start.problem(moments, rig, motion, frozen=exact)
+    settle_all(problem)
+    bundle = problem.answer(OUTLIER_SIGMA)
+    found, covariances = at_base(bundle.left_poses(), np.array(bundle.covariances), rig)
+    outliers: list[tuple[int, ...]] = [() for _ in start.rows]
+    for row in np.flatnonzero(bundle.misfits > OUTLIER_SIGMA):
+        outliers[bundle.moments[row]] += (int(bundle.codes[row]),)
+    wide = np.sqrt(np.linalg.eigvalsh(covariances[:, :2, :2])[:, -1]) > LOST_M
+    return TrackedTrajectory(
+        bundle.times_s,
+        found,
+        covariances,
+        ["lost" if far else "ok" for far in wide],
+        outliers,
+        {} if motion is None else dict(zip(motion.names, bundle.parameters.tolist(), strict=True)),
+        rig.T_base_left is not None,
+        (*map(str, contradicted_landmarks(bundle)), *_doubts(motion, bundle.parameters)),
+        _summed(
+            len(start.rows),
+            bundle.moments,
+            8 * bundle.misfits**2,
+            np.full(len(bundle.misfits), 8.0),
+            bundle.misfits < OUTLIER_SIGMA,
+        ),
+    )
+
+
+def _doubts(motion: Motion | None, parameters: FloatArray) -> tuple[str, ...]:
+    doubt = None if motion is None else describe_odometry(motion, parameters)
+    return () if doubt is None else (doubt,)

@@ -1,0 +1,161 @@
+"""Tracking as it happens: each pose uses only the data up to its time."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from lmkit.arrays import FloatArray
+from lmkit.geometry.planar import planar_pose
+from lmkit.geometry.stereo_rig import StereoRig, at_base
+from lmkit.localization.absolute_pose import locate_rig
+from lmkit.mapping.range_bearing_survey import Moments
+from lmkit.model.landmark_map import LandmarkMap
+from lmkit.model.recording import Gyro, Odometry, StereoFrame
+from lmkit.model.tracked_trajectory import TrackedTrajectory, _six
+from lmkit.model.trajectory import Trajectory
+from lmkit.odometry.online_wheel_odometry import Wheels
+from lmkit.odometry.pose_odometry import PoseMotion
+from lmkit.odometry.wheel_odometry import PARAMETERS, MotionModel
+from lmkit.tracking.planar_stereo_filter import RigFilter
+from lmkit.tracking.range_bearing_filter import PlanarFilter, TrackedPose
+from lmkit.tracking.spatial_stereo_filter import PoseFilter, SpacePose
+
+FLOOR_LOOKS, OFF_FLOOR_M = 5, 0.1
+
+
+def track_live(moments: Moments, odometry: Odometry, gyro: Gyro | None, landmarks: LandmarkMap) -> TrackedTrajectory:
+    """Moment by moment, as while driving (`planar_filter.py`); moments before the first fix are left out."""
+    filter_ = PlanarFilter(landmarks)
+    times = [time_s for time_s, _ in moments]
+    answers = _live(times, lambda k: filter_.observe(*moments[k]), filter_.wheels, odometry, gyro)
+    return _tracked(answers, filter_.parameters)
+
+
+def track_pictures_live(
+    moments: Sequence[StereoFrame], rig: StereoRig, landmarks: LandmarkMap, odometry: Odometry, gyro: Gyro | None
+) -> TrackedTrajectory:
+    """Moment by moment, from the corners that both eyes saw (`rig_filter.py`), on a level floor.
+
+    Raises:
+        InputError: the rig has no T_base_left, or odometry of another time.
+    """
+    filter_ = RigFilter(landmarks, rig)
+    times = [moment.time_s for moment in moments]
+
+    def observe(k: int) -> TrackedPose:
+        return filter_.observe(times[k], moments[k].left, moments[k].right)
+
+    tracked = _tracked(_live(times, observe, filter_.wheels, odometry, gyro), filter_.parameters)
+    return replace(tracked, remarks=(*_floor_doubt(moments, rig, landmarks), *tracked.remarks))
+
+
+def track_poses_live(
+    moments: Sequence[StereoFrame], rig: StereoRig, landmarks: LandmarkMap, odometry: Trajectory
+) -> TrackedTrajectory:
+    """Moment by moment through space, by corners and odometry's poses (`pose_filter.py`).
+
+    Moments before the first fix are left out.
+
+    Raises:
+        InputError: odometry of another time.
+    """
+    PoseMotion(odometry).require_overlap(np.array([moment.time_s for moment in moments]))
+    filter_, given, answers = PoseFilter(landmarks, rig), 0, []
+    for moment in moments:
+        while given < len(odometry) and odometry.times_s[given] <= moment.time_s:
+            filter_.add_odometry(float(odometry.times_s[given]), odometry.pose(given, "odometry", "base"))
+            given += 1
+        answer = filter_.observe(moment.time_s, moment.left, moment.right)
+        if answer.T_map_left is not None:
+            answers.append(answer)
+    poses, covariances = at_base(
+        [answer.T_map_left for answer in answers if answer.T_map_left is not None],
+        np.array([answer.covariance for answer in answers]).reshape(-1, 6, 6),
+        rig,
+    )
+    return TrackedTrajectory(
+        np.array([answer.time_s for answer in answers]),
+        poses,
+        covariances,
+        [answer.status for answer in answers],
+        [answer.outliers for answer in answers],
+        of_base=rig.T_base_left is not None,
+        remarks=_carried_off(answers, "odometry says"),
+        innovations=_innovations(answers),
+    )
+
+
+def _live(
+    times_s: Sequence[float],
+    observe: Callable[[int], TrackedPose],
+    wheels: Wheels,
+    odometry: Odometry,
+    gyro: Gyro | None,
+) -> list[TrackedPose]:
+    """Rows and moments in the order of time; moments before the first fix are left out."""
+    MotionModel(odometry, gyro).require_overlap(np.array(times_s))
+    rows = [
+        (float(t), 0, float(f), float(w))
+        for t, f, w in zip(odometry.times_s, odometry.forward_m, odometry.turn_rad, strict=True)
+    ]
+    if gyro is not None:
+        rows += [(float(t), 1, float(rate), 0.0) for t, rate in zip(gyro.times_s, gyro.rate_radps, strict=True)]
+    rows.sort()
+    given, answers = 0, []
+    for k, time_s in enumerate(times_s):
+        while given < len(rows) and rows[given][0] <= time_s:
+            time, kind, a, b = rows[given]
+            if kind == 0:
+                wheels.add_odometry(time, a, b)
+            else:
+                wheels.add_gyro(time, a)
+            given += 1
+        answer = observe(k)
+        if answer.state is not None and answer.covariance is not None:
+            answers.append(answer)
+    return answers
+
+
+def _tracked(answers: Sequence[TrackedPose], parameters: FloatArray) -> TrackedTrajectory:
+    return TrackedTrajectory(
+        np.array([answer.time_s for answer in answers]),
+        [planar_pose(answer.state) for answer in answers if answer.state is not None],
+        _six(np.array([answer.covariance for answer in answers]).reshape(-1, 3, 3)),
+        [answer.status for answer in answers],
+        [answer.outliers for answer in answers],
+        dict(zip(PARAMETERS, parameters.tolist(), strict=True)),
+        remarks=_carried_off(answers, "its wheels say"),
+        innovations=_innovations(answers),
+    )
+
+
+def _innovations(answers: Sequence[TrackedPose] | Sequence[SpacePose]) -> FloatArray:
+    return np.array([(answer.innovation, answer.told) for answer in answers]).reshape(-1, 2)
+
+
+def _carried_off(answers: Sequence[TrackedPose] | Sequence[SpacePose], but: str) -> tuple[str, ...]:
+    return tuple(
+        f"at {answer.time_s:.2f} s the robot was somewhere else than {but}: carried off?"
+        for answer in answers[1:]
+        if answer.restarted
+    )
+
+
+def _floor_doubt(moments: Sequence[StereoFrame], rig: StereoRig, landmarks: LandmarkMap) -> tuple[str, ...]:
+    """A sentence where the robot does not stand on the map's floor, as the moments that see most have it."""
+    assert rig.T_base_left is not None
+    base = rig.T_base_left.inverse().t  # in the left camera
+    heights = []
+    for moment in sorted(moments, key=lambda moment: -len(moment.left) - len(moment.right))[:FLOOR_LOOKS]:
+        found = locate_rig(moment.left, moment.right, rig, landmarks)
+        if found.status == "ok" and found.T_map_camera is not None:
+            heights.append(float((found.T_map_camera.t + found.T_map_camera.R @ base)[2]))
+    if not heights or abs(np.median(heights)) < OFF_FLOOR_M:
+        return ()
+    return (
+        f"the robot stands at z = {np.median(heights):.2f} m of the map, and tracking live by wheels takes the floor "
+        "to be z = 0; shift the map's heights, or track without --live",
+    )

@@ -1,0 +1,193 @@
+"""Where a robot with two eyes is, while it drives: an iterated extended Kalman filter on the corners themselves.
+
+The state is that of `wheels.py`.  Every moment, all corners of all mapped landmarks in both eyes are weighed with
+what is known already (the update as Gauss-Newton: Bell and Cathey 1993), so that a single far landmark, whose two
+poses pictures alone cannot tell apart, still helps.  Height and level of the robot are known as of one on wheels.
+Landmarks that do not fit are left out; where none fits for a while, the robot is looked for anew.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from typing import TypeVar
+
+import numpy as np
+
+from lmkit.arrays import BoolArray, FloatArray
+from lmkit.errors import InputError
+from lmkit.geometry.rotations import skew, turns
+from lmkit.geometry.stereo_rig import StereoRig
+from lmkit.localization.absolute_pose import LocateOptions, covariance_at_base, locate_rig
+from lmkit.localization.correspondences import CORNER_FLOOR_PX, Correspondences, Poses
+from lmkit.localization.pose_prior import PosePrior
+from lmkit.model.landmark_map import LandmarkMap
+from lmkit.model.observation import LandmarkObservation
+from lmkit.odometry.online_wheel_odometry import AHEAD_S, LONGEST_DELAY_S, STATES, Wheels
+from lmkit.odometry.wheel_odometry import NOMINAL, PARAMETERS, PRIOR_SIGMA, MotionNoise
+from lmkit.tracking.range_bearing_filter import NOWHERE_M, TrackedPose
+
+Fitted = TypeVar("Fitted")
+
+ITERATIONS = 4
+CONVERGED = 1e-3  # squared step, in standard deviations
+OUTLIER_SIGMA = 4.5
+DELAY = 3 + PARAMETERS.index("delay_s")
+DOUBTS = 4  # moments at which nothing fits, before the robot may have been carried off
+
+
+class RigFilter:
+    """Feed ``wheels`` rows, and what both eyes saw, in the order of time; every moment gives a pose.
+
+    Args:
+        rig: with its T_base_left.
+        corner_floor_px: as of `LocateOptions`.
+
+    Raises:
+        InputError: the rig has no T_base_left.
+    """
+
+    def __init__(
+        self,
+        landmarks: LandmarkMap,
+        rig: StereoRig,
+        motion_noise: MotionNoise | None = None,
+        corner_floor_px: float = CORNER_FLOOR_PX,
+    ) -> None:
+        if rig.T_base_left is None:
+            raise InputError("no_base", "the rig has no T_base_left", "add where the left camera sits on the robot")
+        self._map, self._rig, self._T = landmarks, rig, rig.T_base_left
+        self._floor_px = corner_floor_px
+        self.wheels = Wheels(motion_noise)
+        self._time: float | None = None
+        self._x: FloatArray = np.zeros(STATES)
+        self._P: FloatArray = np.zeros((STATES, STATES))
+        self._doubts = 0
+        self._prior = PosePrior(
+            height_m=float(self._T.t[2]),
+            down=(float(-self._T.R[2, 0]), float(-self._T.R[2, 1]), float(-self._T.R[2, 2])),
+        )
+
+    @property
+    def parameters(self) -> FloatArray:
+        """(6,) what is wrong with the odometry, as `motion.PARAMETERS`."""
+        return self._x[3:].copy() if self._time is not None else np.array(NOMINAL)
+
+    def observe(
+        self, time_s: float, left: Sequence[LandmarkObservation], right: Sequence[LandmarkObservation]
+    ) -> TrackedPose:
+        """Where the robot is at that moment; nothing may be seen."""
+        if self._time is None:
+            return self._start(time_s, left, right)
+        if time_s > self._time:
+            self.wheels.forget(self._time)
+            self._x, self._P = self.wheels.predict(self._x, self._P, self._time, time_s)
+            self._time = time_s
+        seen = Correspondences.of_rig(left, right, self._rig, self._map, self._floor_px)
+        outliers: tuple[int, ...] = tuple(sorted(seen.twice))
+        innovation, told = 0.0, 0
+        if len(seen):
+            used, innovation = self._update(seen)
+            told = 8 * int(used.sum())
+            outliers = tuple(sorted({*outliers, *(int(code) for code in seen.codes[~used])}))
+            self._doubts = 0 if used.any() else self._doubts + 1
+            if self._doubts >= DOUBTS:
+                again = self._start(time_s, left, right)
+                if again.state is not None:
+                    return again
+        return self._pose(time_s, outliers, False, innovation, told)
+
+    def _start(
+        self, time_s: float, left: Sequence[LandmarkObservation], right: Sequence[LandmarkObservation]
+    ) -> TrackedPose:
+        options = LocateOptions(prior=self._prior, corner_floor_px=self._floor_px)
+        found = locate_rig(left, right, self._rig, self._map, options)
+        C = covariance_at_base(found, self._T.inverse())
+        if found.status != "ok" or found.T_map_camera is None or C is None:
+            return TrackedPose(time_s, "lost", None, None)
+        base = found.T_map_camera.R @ self._T.R.T
+        place = found.T_map_camera.t - base @ self._T.t
+        # What is wrong with the odometry stays known when the robot was carried off.
+        own = (np.array(NOMINAL), np.diag(PRIOR_SIGMA**2)) if self._time is None else (self._x[3:], self._P[3:, 3:])
+        self._x = np.concatenate([[place[0], place[1], np.arctan2(base[1, 0], base[0, 0])], own[0]])
+        self._P = np.zeros((STATES, STATES))
+        self._P[3:, 3:] = own[1]
+        planar = np.array([0, 1, 5])
+        self._P[:3, :3] = C[planar[:, None], planar]
+        self._time, self._doubts = time_s, 0
+        return self._pose(time_s, found.outlier_codes, True)
+
+    def _update(self, seen: Correspondences) -> tuple[BoolArray, float]:
+        """Gauss-Newton on corners and what is known; (S,) the sightings that were believed, and their innovation."""
+        known = np.linalg.inv(self._P)
+        used, (x, normal, cost) = believed(seen, lambda used: self._fit(seen, used, known))
+        if used.any():
+            # Beyond that no odometry is kept, and none is there yet.
+            x[DELAY] = np.clip(x[DELAY], -AHEAD_S, LONGEST_DELAY_S)
+            self._x, self._P = x, np.linalg.inv(normal)
+        return used, cost
+
+    def _fit(
+        self, seen: Correspondences, used: BoolArray, known: FloatArray
+    ) -> tuple[Poses, tuple[FloatArray, FloatArray, float]]:
+        """The camera's pose, and the state with its normal matrix and cost, that agree best with what is known and
+        the sightings used; how the robot lifts, rolls and pitches at this moment is fitted beside them.
+        """
+        x, lean, normal = self._x.copy(), np.zeros(3), known
+        level = np.array([self._prior.height_sigma, self._prior.tilt_sigma, self._prior.tilt_sigma]) ** -2
+        for _ in range(ITERATIONS):
+            N, g, _ = seen.equations(self._poses(x, lean), used[None], None)
+            arm = _heading(x) @ self._T.t
+            # x, y, heading of the base; then height, roll and pitch of this moment.
+            J = np.zeros((6, 6))
+            J[0, 0] = J[1, 1] = J[5, 2] = J[2, 3] = J[3, 4] = J[4, 5] = 1.0
+            J[0, 2], J[1, 2] = -arm[1], arm[0]
+            # It leans about the floor, not about the camera.
+            J[:3, 4:6] = -skew(arm)[:, :2]
+            A, b = J.T @ N[0] @ J, J.T @ g[0]
+            A[range(3, 6), range(3, 6)] += level
+            b[3:] -= level * lean
+            across = np.linalg.solve(A[3:, 3:], np.column_stack([A[3:, :3], b[3:]]))
+            normal = known.copy()
+            normal[:3, :3] += A[:3, :3] - A[:3, 3:] @ across[:, :3]
+            gradient = known @ (self._x - x)
+            gradient[:3] += b[:3] - A[:3, 3:] @ across[:, 3]
+            step = np.linalg.solve(normal, gradient)
+            x = x + step
+            lean = lean + across[:, 3] - across[:, :3] @ step[:3]
+            if step @ normal @ step < CONVERGED:
+                break
+        poses = self._poses(x, lean)
+        # What is left of the prediction's and the corners' errors together is the squared innovation.
+        cost = seen.misfits(poses)[0][used].sum() + (x - self._x) @ known @ (x - self._x) + level @ lean**2
+        return poses, (x, normal, float(cost))
+
+    def _poses(self, x: FloatArray, lean: FloatArray) -> Poses:
+        turn = turns(np.array([[lean[1], lean[2], 0.0]])) @ _heading(x)
+        return Poses(turn @ self._T.R, np.array([[x[0], x[1], lean[0]]]) + turn @ self._T.t)
+
+    def _pose(
+        self, time_s: float, outliers: tuple[int, ...], restarted: bool, innovation: float = 0.0, told: int = 0
+    ) -> TrackedPose:
+        P = self._P[:3, :3]
+        lost = np.sqrt(np.linalg.eigvalsh(P[:2, :2])[-1]) > NOWHERE_M or self._doubts >= DOUBTS
+        status = "lost" if lost else "ok"
+        return TrackedPose(time_s, status, self._x[:3].copy(), P.copy(), outliers, restarted, innovation, told)
+
+
+def _heading(x: FloatArray) -> FloatArray:
+    """(3,3) R_map_base of a robot on a level floor."""
+    c, s = np.cos(x[2]), np.sin(x[2])
+    return np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
+
+
+def believed(seen: Correspondences, fit: Callable[[BoolArray], tuple[Poses, Fitted]]) -> tuple[BoolArray, Fitted]:
+    """(S,) the sightings that fit together, and what they give: the worst misfit is left out, again and again."""
+    used = np.ones(len(seen), dtype=bool)
+    while True:
+        pose, fitted = fit(used)
+        misfits = np.where(used, seen.misfits(pose)[0], -1.0)
+        worst = int(np.argmax(misfits))
+        if misfits[worst] < 8 * OUTLIER_SIGMA**2:
+            return used, fitted
+        # Both eyes' sightings of a landmark stand and fall together.
+        used = used & (seen.codes != seen.codes[worst])

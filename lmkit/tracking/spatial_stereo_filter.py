@@ -1,0 +1,187 @@
+"""Where two eyes are while they move through space: an iterated extended Kalman filter on corners and odometry.
+
+The state is the left camera's pose.  Poses of odometry (visual-inertial, another SLAM) carry it from moment
+to moment, and all corners of all mapped landmarks in both eyes are weighed with what is known already, as in
+`rig_filter.py`.  Memory is constant.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from lmkit.arrays import BoolArray, FloatArray
+from lmkit.geometry.pose import Pose
+from lmkit.geometry.rotations import orthonormal, rotation_log, skew, turns
+from lmkit.geometry.stereo_rig import StereoRig
+from lmkit.localization.absolute_pose import LocateOptions, locate_rig
+from lmkit.localization.correspondences import CORNER_FLOOR_PX, Correspondences, Poses
+from lmkit.model.landmark_map import LandmarkMap
+from lmkit.model.observation import LandmarkObservation
+from lmkit.model.trajectory import Trajectory
+from lmkit.odometry.online_wheel_odometry import AHEAD_S
+from lmkit.odometry.pose_odometry import PoseMotion, PoseNoise
+from lmkit.tracking.planar_stereo_filter import CONVERGED, DOUBTS, ITERATIONS, believed
+from lmkit.tracking.range_bearing_filter import NOWHERE_M
+
+KEPT_S = 1.0  # odometry is kept for so long before the last moment
+
+
+@dataclass(frozen=True, eq=False)
+class SpacePose:
+    """Where the eyes are at one moment.
+
+    Attributes:
+        status: ``ok``, or ``lost`` (not yet found, or known to a metre only).
+        T_map_left: None before the first fix.
+        covariance: (6,6) x y z (m), rotation about x y z of the map (rad).
+        outliers: codes that were not believed.
+        restarted: True where the filter was put somewhere else: started, or carried off.
+        innovation, told: as of `planar_filter.TrackedPose`.
+    """
+
+    time_s: float
+    status: str
+    T_map_left: Pose | None
+    covariance: FloatArray | None
+    outliers: tuple[int, ...] = ()
+    restarted: bool = False
+    innovation: float = 0.0
+    told: int = 0
+
+
+class PoseFilter:
+    """Feed poses of odometry, and what both eyes saw, in the order of time; every moment gives a pose.
+
+    Args:
+        rig: its T_base_left says where the left camera sits on what odometry moves; without, odometry's poses are the
+            left camera's.
+        corner_floor_px: as of `LocateOptions`.
+    """
+
+    def __init__(
+        self,
+        landmarks: LandmarkMap,
+        rig: StereoRig,
+        noise: PoseNoise | None = None,
+        corner_floor_px: float = CORNER_FLOOR_PX,
+    ) -> None:
+        self._map, self._rig, self._noise, self._floor_px = landmarks, rig, noise, corner_floor_px
+        self._T = rig.T_base_left or Pose.identity("base", "left")
+        self._rows: deque[tuple[float, FloatArray, FloatArray]] = deque()
+        self._time: float | None = None
+        self._R: FloatArray = np.eye(3)
+        self._p: FloatArray = np.zeros(3)
+        self._P: FloatArray = np.zeros((6, 6))
+        self._doubts = 0
+        self._taken: tuple[FloatArray, FloatArray] | None = None  # odometry's pose of the last moment, as foretold
+
+    def add_odometry(self, time_s: float, T_odometry_base: Pose) -> None:
+        """Where odometry has the robot, in its own frame that drifts."""
+        self._rows.append((time_s, T_odometry_base.t, T_odometry_base.quaternion_xyzw))
+
+    def observe(
+        self, time_s: float, left: Sequence[LandmarkObservation], right: Sequence[LandmarkObservation]
+    ) -> SpacePose:
+        """Where the left camera is at that moment; nothing may be seen."""
+        if self._time is None:
+            return self._start(time_s, left, right)
+        if time_s > self._time:
+            self._predict(self._time, time_s)
+            self._time = time_s
+        seen = Correspondences.of_rig(left, right, self._rig, self._map, self._floor_px)
+        outliers, innovation, told = set(seen.twice), 0.0, 0
+        if len(seen):
+            known = np.linalg.inv(self._P)
+            used, fitted = believed(seen, lambda used: self._fit(seen, used, known))
+            outliers |= {int(code) for code in seen.codes[~used]}
+            self._doubts = 0 if used.any() else self._doubts + 1
+            if used.any():
+                self._R, self._p, normal, innovation = fitted
+                told = 8 * int(used.sum())
+                self._P = np.linalg.inv(normal)
+            elif self._doubts >= DOUBTS:
+                again = self._start(time_s, left, right)
+                if again.T_map_left is not None:
+                    return again
+        return self._pose(time_s, tuple(sorted(outliers)), False, innovation, told)
+
+    def _start(
+        self, time_s: float, left: Sequence[LandmarkObservation], right: Sequence[LandmarkObservation]
+    ) -> SpacePose:
+        found = locate_rig(left, right, self._rig, self._map, LocateOptions(corner_floor_px=self._floor_px))
+        if found.status != "ok" or found.T_map_camera is None or found.covariance is None:
+            return SpacePose(time_s, "lost", None, None)
+        self._R, self._p, self._P = found.T_map_camera.R, found.T_map_camera.t, found.covariance
+        self._time, self._doubts = time_s, 0
+        return self._pose(time_s, found.outlier_codes, True)
+
+    def _predict(self, before_s: float, time_s: float) -> None:
+        while len(self._rows) > 2 and self._rows[1][0] < before_s - KEPT_S:
+            self._rows.popleft()
+        rows = list(self._rows)
+        unknown = len(rows) < 2
+        if unknown:  # nothing is known of how it moved
+            rows = [(before_s - ago, np.zeros(3), np.array([0.0, 0.0, 0.0, 1.0])) for ago in (2.0, 1.0)]
+        poses = ahead(Trajectory(*(np.array(column) for column in zip(*rows, strict=True))), AHEAD_S)
+        motion, times = PoseMotion(poses, self._noise), np.array([before_s, time_s])
+        # From where it was taken to be then, so that what was foretold wrongly is made good.
+        R, p = motion.at(times)
+        if self._taken is not None:
+            R[0], p[0] = self._taken
+        self._taken = None if unknown else (R[1], p[1])
+        turned, moved = R[0].T @ R[1], (p[1] - p[0]) @ R[0]
+        # Of the camera: T_left_base T_base_base' T_base_left.
+        base, arm = self._R @ self._T.R.T, self._T.t
+        way = base @ (moved + turned @ arm - arm)
+        later = base @ turned
+        F, G = np.eye(6), np.zeros((6, 6))
+        F[:3, 3:] = -skew(way)
+        G[:3, :3], G[:3, 3:], G[3:, 3:] = base, -later @ skew(arm), later
+        self._P = F @ self._P @ F.T + G @ np.diag(motion.sigmas(times)[0] ** 2) @ G.T
+        self._R, self._p = orthonormal(later @ self._T.R), self._p + way
+
+    def _fit(
+        self, seen: Correspondences, used: BoolArray, known: FloatArray
+    ) -> tuple[Poses, tuple[FloatArray, FloatArray, FloatArray, float]]:
+        R, p, normal = self._R, self._p, known
+        for _ in range(ITERATIONS):
+            N, g, _ = seen.equations(Poses(R[None], p[None]), used[None], None)
+            off = self._off(R, p)
+            normal = N[0] + known
+            step = np.linalg.solve(normal, g[0] + known @ off)
+            R, p = turns(step[None, 3:])[0] @ R, p + step[:3]
+            if step @ normal @ step < CONVERGED:
+                break
+        poses, off = Poses(R[None], p[None]), self._off(R, p)
+        cost = seen.misfits(poses)[0][used].sum() + off @ known @ off
+        return poses, (orthonormal(R), p, normal, float(cost))
+
+    def _off(self, R: FloatArray, p: FloatArray) -> FloatArray:
+        """(6,) from a pose to the one that was foretold."""
+        return np.concatenate([self._p - p, rotation_log(self._R @ R.T)])
+
+    def _pose(
+        self, time_s: float, outliers: tuple[int, ...], restarted: bool, innovation: float = 0.0, told: int = 0
+    ) -> SpacePose:
+        lost = np.sqrt(np.linalg.eigvalsh(self._P[:3, :3])[-1]) > NOWHERE_M or self._doubts >= DOUBTS
+        pose = Pose("map", "left", self._R, self._p)
+        status = "lost" if lost else "ok"
+        return SpacePose(time_s, status, pose, self._P.copy(), outliers, restarted, innovation, told)
+
+
+def ahead(poses: Trajectory, seconds: float) -> Trajectory:
+    """One row more: who moves goes on as he did."""
+    R, p = Rotation.from_quat(poses.quaternions[-2:]), poses.positions[-2:]
+    share = seconds / float(poses.times_s[-1] - poses.times_s[-2])
+    turned = R[1] * Rotation.from_rotvec(share * (R[0].inv() * R[1]).as_rotvec())
+    moved = R[1].apply(share * R[0].inv().apply(p[1] - p[0]))
+    return Trajectory(
+        np.append(poses.times_s, poses.times_s[-1] + seconds),
+        np.vstack([poses.positions, p[1] + moved]),
+        np.vstack([poses.quaternions, turned.as_quat()]),
+    )

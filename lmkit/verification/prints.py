@@ -1,0 +1,344 @@
+"""The round trip: rasterise or open what was printed, read it, measure it, grade it."""
+
+from __future__ import annotations
+
+import hashlib
+import io
+import re
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pypdfium2
+from PIL import Image
+
+from lmkit.arrays import ByteArray, FloatArray
+from lmkit.detection.acceptance import AcceptanceRule
+from lmkit.detection.config import DetectOptions, Effort
+from lmkit.detection.detector import best_of_each_place, candidates_of
+from lmkit.detection.register_and_decode import Candidate, read_landmark_at
+from lmkit.detection.screening import ScreeningThresholds
+from lmkit.errors import InputError
+from lmkit.io.images import MAX_BYTES, decode_image
+from lmkit.io.manifest import MANIFEST, PrintManifest, parse_manifest, read_manifest_beside
+from lmkit.model.codewords import format_codes
+from lmkit.model.landmark import FAMILIES, LandmarkFamily
+from lmkit.model.observation import LandmarkObservation
+from lmkit.units import MM_PER_INCH
+from lmkit.verification.grade import FINE_SIDE_PX, GradedLine, grade_print, overall_grade
+from lmkit.verification.measure import measure_print
+from lmkit.verification.raster import raster_page
+from lmkit.verification.reference import find_reference
+
+PDF_DPI = 150.0
+LABEL = re.compile(r"(?P<family>lm\w*) v\d+, (?:code \d+, )?(?P<size>[0-9.]+) mm")
+CODE = re.compile(r"code (?P<code>\d+)")
+EXIF_IFD = 0x8769
+EXPOSURE_TAGS = {0x829A, 0x829D, 0x9202, 0x920A}  # exposure time, f-number, aperture, focal length
+LEAST_SCAN_DPI = 100.0
+SHRINKS = (2, 4, 8)
+LEAST_PX = 150  # of a picture's shorter side
+OPENING_PX = 7
+# Poor prints are to be found too, and graded.
+ANY = AcceptanceRule(white_over_ground=(1.3, 100.0))
+LOOK_AT_ANY = Effort(look=ScreeningThresholds(white_over_ground=1.2, red_over_blue=0.2, contrast=0.1, turn=0.02))
+LIKELY = 0.3  # share of the pattern from which a refused square is still called a landmark
+
+
+@dataclass(frozen=True)
+class Stated:
+    """What a label or a manifest says of a landmark; None where it says nothing."""
+
+    code: int | None
+    family: LandmarkFamily | None
+    size_mm: float | None
+
+
+@dataclass(frozen=True)
+class PrintedLandmark:
+    """One landmark read from a print.
+
+    Attributes:
+        source: file, and page for a PDF.
+        observation: what it reads as, and where.
+        side_mm: (width, height) of the red border's outer edges, or None where nothing gives the scale.
+        scale_from: what gave it.
+        stated_code, stated_mm: what the page's label or manifest says, or None.
+        lines: the grades, line by line.
+        image: (H,W,3) the picture it was read from, BGR.
+    """
+
+    source: str
+    observation: LandmarkObservation
+    side_mm: tuple[float, float] | None
+    scale_from: str | None
+    stated_code: int | None
+    stated_mm: float | None
+    lines: tuple[GradedLine, ...]
+    image: ByteArray
+
+    @property
+    def grade(self) -> str:
+        """Of the worst line."""
+        return overall_grade(list(self.lines))
+
+    @property
+    def problems(self) -> tuple[str, ...]:
+        """What fails, in words."""
+        return tuple(f"{line.name}: {line.value}" for line in self.lines if line.grade == "F")
+
+
+# Name, picture, dots per inch, and what should be on it.
+Sheet = tuple[str, ByteArray, tuple[float, float] | None, tuple[Stated, ...]]
+
+
+def verify_print(
+    path: Path, options: DetectOptions | None = None, stated: tuple[Stated, ...] = ()
+) -> list[PrintedLandmark]:
+    """Read and grade all landmarks of a PDF or picture, beside what is stated of it.
+
+    Args:
+        stated: what may be on it, for a scan or photograph that says nothing itself: any of these.
+
+    Raises:
+        InputError: the file or its manifest cannot be read, the file is not the one of the manifest, or
+            it holds only sheets of tiled landmarks.
+    """
+    return [
+        found
+        for source, image, dpi, of_sheet in _sheets(path)
+        for found in grade_sheet(source, image, dpi, of_sheet or stated, options)
+    ]
+
+
+def stated_by_manifest(manifest: PrintManifest, page: int | None = None) -> tuple[Stated, ...]:
+    """What a manifest says of one page, or of all."""
+    entries = (entry for entry in manifest.landmarks if page is None or entry.page == page)
+    stated = (Stated(entry.code, FAMILIES.get(entry.family), entry.size_mm) for entry in entries)
+    return tuple(dict.fromkeys(stated))
+
+
+def grade_sheet(
+    source: str,
+    image: ByteArray,
+    dpi: tuple[float, float] | None,
+    stated: tuple[Stated, ...],
+    options: DetectOptions | None = None,
+) -> list[PrintedLandmark]:
+    """Grade the landmarks of one picture.
+
+    Args:
+        source: its name.
+        image: (H,W,3) BGR, 8 bit.
+        dpi: dots per inch in x and y of a scan; None for photographs.
+        stated: what should be on it, in any order; empty where nothing is known.  A code of None
+            stands for any.
+    """
+    padded, offset = _with_margin(image)
+    options = options or DetectOptions()
+    families = tuple(dict.fromkeys(s.family for s in stated if s.family is not None)) or options.families
+    # Whoever wrote the resolution into the file was a scanner or a rasteriser, not a camera with a lens.
+    options = replace(options, families=families, effort=LOOK_AT_ANY, rule=ANY, through_lens=dpi is None)
+    chosen = _find(padded, options)
+    found = (_graded(source, padded, offset, attempt, dpi, stated) for attempt in chosen)
+    return [replace(item, image=image) for item in found]
+
+
+def _find(image: ByteArray, options: DetectOptions) -> list[Candidate]:
+    """The landmarks of a picture; where none reads, what is most like one, also seen smaller.
+
+    Streaks and blur that break up the border at full size are small in a smaller picture, and thin
+    bright lines are gone from one in which every spot takes the darkest around it and then the
+    brightest (an opening).
+    """
+    likely: list[Candidate] = []
+    for shrink in (1, *SHRINKS):
+        size = (image.shape[1] // shrink, image.shape[0] // shrink)
+        if min(size) < LEAST_PX:
+            break
+        small = np.asarray(cv2.resize(image, size, interpolation=cv2.INTER_AREA), dtype=np.uint8)
+        attempts = [_enlarged(a, shrink) for a in candidates_of(small, options)]
+        if good := best_of_each_place([a for a in attempts if a.rejected is None]):
+            return good
+        likely += attempts
+        if shrink > 1:
+            opened = cv2.morphologyEx(small, cv2.MORPH_OPEN, np.ones((OPENING_PX, OPENING_PX), np.uint8))
+            mended = candidates_of(np.asarray(opened, dtype=np.uint8), options)
+            again = (read_landmark_at(image, _enlarged(a, shrink).corners, a.family) for a in mended)
+            likely += [attempt for attempt in again if attempt is not None]
+    return best_of_each_place([a for a in likely if a.rejected != "cut" and a.verdict.pattern > LIKELY])[:1]
+
+
+def _enlarged(attempt: Candidate, shrink: int) -> Candidate:
+    corners = (attempt.corners + 0.5) * shrink - 0.5
+    return replace(attempt, corners=corners, covariance=attempt.covariance * shrink**2)
+
+
+def _graded(
+    source: str,
+    image: ByteArray,
+    offset: FloatArray,
+    attempt: Candidate,
+    dpi: tuple[float, float] | None,
+    of_sheet: tuple[Stated, ...],
+) -> PrintedLandmark:
+    stated = _stated_for(attempt, of_sheet)
+    measures = measure_print(image, attempt)
+    side_mm = skew = scale_from = None
+    if dpi is not None:
+        inches = attempt.corners / np.array(dpi)
+        edges = (np.roll(inches, -1, axis=0) - inches) * MM_PER_INCH
+        sides = np.linalg.norm(edges, axis=1)
+        side_mm = (float(sides[[0, 2]].mean()), float(sides[[1, 3]].mean()))
+        across, down = edges[0] - edges[2], edges[1] - edges[3]
+        cosine = float(across @ down / (np.linalg.norm(across) * np.linalg.norm(down)))
+        skew = abs(float(np.degrees(np.arcsin(cosine))))
+        scale_from = "resolution of the file"
+    elif stated.size_mm is not None and measures.side_px >= FINE_SIDE_PX:
+        # A far landmark is a small thing in a room full of edges that could pass for its sheet's.
+        reference = find_reference(image, attempt.corners, stated.size_mm)
+        if reference is not None:
+            side_mm = (stated.size_mm * reference.stretch[0], stated.size_mm * reference.stretch[1])
+            scale_from = reference.name
+    rejected = attempt.verdict.reason_to_reject(AcceptanceRule()) or attempt.rejected
+    attempt = replace(attempt, rejected=rejected)
+    problem = _content_problem(attempt, of_sheet) if attempt.rejected is None else None
+    lines = grade_print(attempt, measures, side_mm, skew, stated.size_mm, problem)
+    if attempt.rejected is not None:
+        refused = GradedLine("reading", f"refused by the reader: {attempt.rejected}", "F", "see the lines below")
+        lines.insert(0, refused)
+    seen = attempt.observation
+    moved = LandmarkObservation(
+        seen.code, seen.corners - offset, seen.confidence, seen.margin, seen.family, seen.covariance
+    )
+    return PrintedLandmark(source, moved, side_mm, scale_from, stated.code, stated.size_mm, tuple(lines), image)
+
+
+def _stated_for(attempt: Candidate, stated: tuple[Stated, ...]) -> Stated:
+    """What is stated of this one: by its code, or where only one can be meant; else what all share."""
+    same = [one for one in stated if one.code in (None, attempt.verdict.code)]
+    if len(stated) == 1 or same:
+        return (same or list(stated))[0]
+    sizes = {one.size_mm for one in stated}
+    return Stated(None, None, sizes.pop() if len(sizes) == 1 else None)
+
+
+def _content_problem(attempt: Candidate, stated: tuple[Stated, ...]) -> str | None:
+    code, family = attempt.verdict.code, attempt.family
+    codes = [one.code for one in stated if one.code is not None]
+    if len(codes) < len(stated) or not codes or code in codes:
+        return None
+    if len(codes) > 1:
+        return f"reads as code {code}, which is none of {format_codes(codes)}"
+    problem = f"reads as code {code}, but its label says {codes[0]}"
+    if family.words[code] == mirrored_word(family, codes[0]):
+        problem += ", which it is mirrored"
+    return problem
+
+
+def mirrored_word(family: LandmarkFamily, code: int) -> int:
+    """The word that a landmark shows when it is printed mirrored about its upright axis."""
+    gaps = list(family.gaps(code))
+    bits: list[bool] = []
+    for ring in family.rings:
+        own, gaps = gaps[: ring.gap_count], gaps[ring.gap_count :]
+        centres = [round(centre) % 360 for centre in ring.gap_centres_deg]
+        bits += [own[centres.index(-centre % 360)] for centre in centres]
+    return int("".join(str(int(bit)) for bit in bits), 2)
+
+
+def _sheets(path: Path) -> list[Sheet]:
+    try:
+        if path.stat().st_size > MAX_BYTES:
+            raise InputError("file_too_large", f"{path}: more than {MAX_BYTES >> 20} MiB", "split it")
+        data = path.read_bytes()
+    except OSError as error:
+        raise InputError(
+            "file_unreadable", f"cannot read {path}: {error.strerror}", "check the path and its permissions"
+        ) from None
+    manifest = read_manifest_beside(path)
+    if manifest is not None and manifest.sha256 not in (None, hashlib.sha256(data).hexdigest()):
+        raise InputError(
+            "other_print",
+            f"{path} is not the file that its manifest was written for",
+            "generate it again, or delete the manifest beside it",
+        )
+    if data.startswith(b"%PDF"):
+        return _pdf_sheets(path, data, manifest)
+    _refuse_tiles(path, manifest)
+    image = decode_image(data, str(path))
+    known = _resolution(data, trusted=manifest is not None)
+    if manifest is None:
+        return [(str(path), image, known, ())]
+    image = np.ascontiguousarray(image[:, ::-1]) if manifest.mirrored else image
+    return [(str(path), image, known and _as_printed(known, manifest), stated_by_manifest(manifest, 1))]
+
+
+def _resolution(data: bytes, trusted: bool) -> tuple[float, float] | None:
+    """Dots per inch of a scan or rasterised page; None of a photograph, whatever its file claims.
+
+    Cameras write 72 or 96, or whatever they like, and how they exposed.
+    """
+    with Image.open(io.BytesIO(data)) as picture:
+        dpi = picture.info.get("dpi")
+        exposed = EXPOSURE_TAGS & set(picture.getexif().get_ifd(EXIF_IFD))
+    if dpi is None or exposed or min(dpi) < (1.0 if trusted else LEAST_SCAN_DPI):
+        return None
+    return float(dpi[0]), float(dpi[1])
+
+
+def _as_printed(dpi: tuple[float, float], manifest: PrintManifest) -> tuple[float, float]:
+    """Dots per inch of paper: a compensated file is drawn larger than it will come out."""
+    return dpi[0] * manifest.stretch[0], dpi[1] * manifest.stretch[1]
+
+
+def _refuse_tiles(path: Path, manifest: PrintManifest | None) -> None:
+    if manifest is not None and manifest.landmarks and all(entry.tile for entry in manifest.landmarks):
+        raise InputError(
+            "tiles",
+            f"{path} holds the sheets of a landmark, none of them whole",
+            "they were laid together and read when it was written; glue them and verify a photograph",
+        )
+
+
+def _pdf_sheets(path: Path, data: bytes, manifest: PrintManifest | None) -> list[Sheet]:
+    try:
+        document = pypdfium2.PdfDocument(data)
+    except pypdfium2.PdfiumError as error:
+        raise InputError("bad_pdf", f"{path}: not a PDF that can be read ({error})", "generate it again") from None
+    try:
+        keywords = document.get_metadata_dict().get("Keywords", "")
+        if manifest is None and MANIFEST in keywords:
+            manifest = parse_manifest(keywords, str(path))
+        _refuse_tiles(path, manifest)
+        sheets: list[Sheet] = []
+        for number, page in enumerate(document, start=1):
+            if manifest is not None and not any(entry.page == number for entry in manifest.landmarks):
+                continue  # a page of contents
+            image, dpi = raster_page(page, PDF_DPI)
+            if manifest is not None:
+                image = np.ascontiguousarray(image[:, ::-1]) if manifest.mirrored else image
+                dpi = _as_printed(dpi, manifest)
+            stated = _stated_by_text(page.get_textpage().get_text_bounded())
+            if manifest is not None and not stated:
+                stated = stated_by_manifest(manifest, number)
+            sheets.append((f"{path} page {number}", image, dpi, stated))
+    finally:
+        document.close()
+    return sheets
+
+
+def _stated_by_text(text: str) -> tuple[Stated, ...]:
+    """What the page's own words say, where they name one landmark."""
+    codes, label = {int(match["code"]) for match in CODE.finditer(text)}, LABEL.search(text)
+    if len(codes) != 1 or label is None:
+        return ()
+    return (Stated(codes.pop(), FAMILIES.get(label["family"]), float(label["size"])),)
+
+
+def _with_margin(image: ByteArray) -> tuple[ByteArray, FloatArray]:
+    """White around the page, as the wall's paper would be; a bare face has no margin of its own."""
+    margin = max(16, round(0.08 * max(image.shape[:2])))
+    padded = np.pad(image, ((margin, margin), (margin, margin), (0, 0)), constant_values=255)
+    return padded, np.array([margin, margin], dtype=np.float64)

@@ -1,0 +1,142 @@
+"""The scale of a photographed print, from something of known size in its plane: the sheet itself, or a bank card."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+
+from lmkit.arrays import ByteArray, FloatArray
+from lmkit.geometry.homography import homography_from_points, transform_points
+from lmkit.io.template import PAPERS_MM
+from lmkit.model.palette import SRGB_TO_LINEAR
+
+CARD_MM = (85.60, 53.98)  # ISO/IEC 7810, ID-1
+REFERENCES_MM = {"bank card": CARD_MM} | {name: size for name, size in PAPERS_MM.items() if "-" not in name}
+NEAR = 0.035  # a print is not further from its scale than this
+UNEQUAL = 0.03  # and its x and y do not differ by more
+CROOKED_DEG = 1.0
+REACH_PX = 5  # on both sides of an outline, in which its edge is looked for
+PROFILES = 60  # along each side
+
+
+@dataclass(frozen=True)
+class Reference:
+    """Something of known size that lies in the print's plane.
+
+    Attributes:
+        name: what it is.
+        stretch: (x, y) true mm for one mm of the landmark's nominal drawing.
+    """
+
+    name: str
+    stretch: tuple[float, float]
+
+
+def find_reference(image: ByteArray, corners: FloatArray, nominal_mm: float) -> Reference | None:
+    """ScreeningThresholds for a sheet or a card around or beside the landmark.
+
+    Args:
+        image: (H,W,3) BGR.
+        corners: (4,2) of the landmark, px.
+        nominal_mm: what its side should measure.
+    """
+    half = nominal_mm / 2
+    face = np.array([[-half, half], [half, half], [half, -half], [-half, -half]])
+    to_mm = np.linalg.inv(homography_from_points(face, corners))
+    side_px = float(np.linalg.norm(np.roll(corners, -1, axis=0) - corners, axis=1).mean())
+    best: tuple[float, Reference] | None = None
+    for quad in _quads(image, 0.2 * side_px):
+        mm = transform_points(to_mm, quad)
+        for name, (long_mm, short_mm) in REFERENCES_MM.items():
+            found = _match(mm, (short_mm, long_mm)) or _match(mm, (long_mm, short_mm))
+            if found is not None and (best is None or found[0] < best[0]):
+                best = (found[0], Reference(name, found[1]))
+    return None if best is None else best[1]
+
+
+def _match(mm: FloatArray, size: tuple[float, float]) -> tuple[float, tuple[float, float]] | None:
+    """(how crooked, stretch) where the quad, in the landmark's own mm, is a rectangle of about this size."""
+    mm = np.roll(mm, -int(np.argmin(mm @ [1.0, -1.0])), axis=0)  # from the top left one
+    edges = np.roll(mm, -1, axis=0) - mm
+    lengths = np.linalg.norm(edges, axis=1)
+    width, height = (lengths[0] + lengths[2]) / 2, (lengths[1] + lengths[3]) / 2
+    cosines = np.sum(edges * np.roll(edges, -1, axis=0), axis=1) / (lengths * np.roll(lengths, -1))
+    crooked = float(np.degrees(np.abs(np.arcsin(np.clip(cosines, -1, 1))).max()))
+    stretch = (float(size[0] / width), float(size[1] / height))
+    uneven = abs(lengths[0] / lengths[2] - 1) + abs(lengths[1] / lengths[3] - 1)
+    if (
+        crooked > CROOKED_DEG
+        or uneven > 0.02
+        or max(abs(s - 1) for s in stretch) > NEAR
+        or abs(stretch[0] / stretch[1] - 1) > UNEQUAL
+    ):
+        return None
+    # Turned against the landmark, its sides are not the landmark's axes.
+    turned = float(np.degrees(abs(np.arctan2(edges[0, 1], edges[0, 0]))))
+    if turned > 3.0:
+        mean = (stretch[0] + stretch[1]) / 2
+        stretch = (mean, mean)
+    return crooked + 100 * uneven, stretch
+
+
+def _quads(image: ByteArray, least_px: float) -> list[FloatArray]:
+    """Outlines that are nearly quadrilaterals, brighter or darker than around them, clockwise."""
+    found = []
+    grey = cv2.GaussianBlur(cv2.cvtColor(image, cv2.COLOR_BGR2GRAY), (3, 3), 0)
+    light = SRGB_TO_LINEAR[grey]
+    level, bright = cv2.threshold(grey, 0, 255, cv2.THRESH_BINARY | cv2.THRESH_OTSU)
+    masks = [bright]
+    masks += [cv2.inRange(grey, np.array(level * share), np.array(255.0)) for share in (0.6, 0.8, 1.2, 1.5)]
+    masks += [cv2.bitwise_not(mask) for mask in masks]
+    for mask in masks:
+        contours, tree = cv2.findContours(mask, cv2.RETR_CCOMP, cv2.CHAIN_APPROX_NONE)
+        for contour, parent in zip(contours, tree[0, :, 3] if len(contours) else [], strict=True):
+            # Holes are outlines of the other mask.
+            if parent >= 0 or len(contour) < 4 * least_px:
+                continue
+            hull = cv2.convexHull(contour)
+            area = cv2.contourArea(hull)
+            if len(hull) < 4 or area < least_px**2:
+                continue
+            quad = cv2.approxPolyN(hull.astype(np.float32), 4, None, -1.0, True)
+            if quad is None or quad.shape[1] != 4 or area < 0.985 * cv2.contourArea(quad):
+                continue
+            found.append(_fitted(light, quad[0].astype(np.float64)))
+    return [quad for quad in found if quad is not None]
+
+
+def _fitted(light: FloatArray, quad: FloatArray) -> FloatArray | None:
+    """The quad with its sides moved to where brightness passes half way, in linear light."""
+    x, y = quad.T
+    if np.sum(x * np.roll(y, -1) - y * np.roll(x, -1)) < 0:
+        quad = quad[::-1]
+    across = np.linspace(-REACH_PX, REACH_PX, 8 * REACH_PX + 1)
+    shares = np.linspace(0.06, 0.94, PROFILES)
+    lines = []
+    for a, b in zip(quad, np.roll(quad, -1, axis=0), strict=True):
+        along = (b - a) / np.linalg.norm(b - a)
+        outwards = np.array([along[1], -along[0]])
+        starts = a + shares[:, None] * (b - a)
+        at = (starts[:, None] + across[None, :, None] * outwards).astype(np.float32)
+        seen = cv2.remap(light, at[:, :, 0], at[:, :, 1], cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
+        inside, outside = seen[:, : len(across) // 4].mean(axis=1), seen[:, -len(across) // 4 :].mean(axis=1)
+        step = outside - inside
+        fair = np.abs(step) > 0.5 * np.median(np.abs(step))
+        shown = np.clip((seen - inside[:, None]) / np.where(fair, step, 1)[:, None], 0, 1)
+        place = across[-1] - shown.mean(axis=1) * (across[-1] - across[0])
+        for _ in range(3):
+            if fair.sum() < PROFILES // 3:
+                return None
+            slope, offset = np.polyfit(shares[fair], place[fair], 1)
+            fair &= np.abs(place - slope * shares - offset) < 1.0
+        ends = [a + offset * outwards, b + (slope + offset) * outwards]
+        normal = np.array([ends[1][1] - ends[0][1], ends[0][0] - ends[1][0]])
+        lines.append((normal, float(normal @ ends[0])))
+    corners = []
+    for (n1, d1), (n2, d2) in zip([lines[-1], *lines[:-1]], lines, strict=True):
+        if abs(np.linalg.det([n1, n2])) < 0.1 * np.linalg.norm(n1) * np.linalg.norm(n2):
+            return None
+        corners.append(np.linalg.solve([n1, n2], [d1, d2]))
+    return np.array(corners)

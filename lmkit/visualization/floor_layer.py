@@ -1,0 +1,70 @@
+"""A floor from above, as the underlay of a plan: walls, and how well a pose is known, as colours."""
+
+from __future__ import annotations
+
+from itertools import pairwise
+
+import numpy as np
+from scipy.ndimage import distance_transform_edt, label
+from scipy.spatial import cKDTree
+
+from lmkit.arrays import FloatArray
+from lmkit.model.floor_plan import FloorPlan
+from lmkit.visualization.canvas import Rgb
+from lmkit.visualization.plan_view import Note, Underlay
+
+FREE, WALL, BLIND, OUTSIDE = (255, 255, 255), (70, 74, 80), (222, 222, 226), (244, 244, 242)
+WALL_SHOWN_M = 0.15
+LEAST_ROOM_M2 = 1.0
+NOTED_AT, NOTED_OFF_M = (0.5, 0.4, 0.6, 0.3, 0.7), 0.45  # the name of a wall: along it, and off it
+# From well known to badly known, evenly in brightness so that they print in grey, too.
+COLORS: tuple[Rgb, ...] = (
+    (26, 122, 73),
+    (120, 190, 90),
+    (205, 222, 110),
+    (250, 220, 120),
+    (240, 150, 70),
+    (205, 70, 60),
+)
+LEVELS_M = (0.01, 0.02, 0.05, 0.1, 0.3)
+
+
+def floor_underlay(floor: FloorPlan, places: FloatArray | None = None, error_m: FloatArray | None = None) -> Underlay:
+    """The walls, and for (N,2) places the (N,) errors to be expected there, where given."""
+    rgb = np.where(floor.free[:, :, None], np.array(FREE), np.array(WALL)).astype(np.uint8)
+    legend: tuple[tuple[Rgb, str], ...] = ()
+    if places is not None and error_m is not None:
+        rows, columns = np.nonzero(floor.free)
+        middles = floor.middles(rows, columns)
+        distance, nearest = cKDTree(places).query(middles)
+        step = np.sqrt(floor.free.sum() * floor.cell_m**2 / len(places))
+        level = np.searchsorted(LEVELS_M, error_m)
+        colors = np.array([*COLORS, BLIND])[np.where(np.isinf(error_m), len(COLORS), level)]
+        near = distance < 1.2 * step
+        rgb[rows[near], columns[near]] = colors[nearest[near]]
+        words = [f"{100 * low:g} to {100 * high:g} cm" for low, high in pairwise(LEVELS_M)]
+        names = [f"under {100 * LEVELS_M[0]:g} cm", *words, f"over {100 * LEVELS_M[-1]:g} cm", "blind"]
+        legend = tuple(zip((*COLORS, BLIND), names, strict=True))
+    low = floor.origin
+    high = (low[0] + floor.size_m[0], low[1] + floor.size_m[1])
+    # Far from free space there is nothing to show.
+    rgb[distance_transform_edt(~floor.free) * floor.cell_m > WALL_SHOWN_M] = OUTSIDE
+    return Underlay(np.ascontiguousarray(rgb[::-1]), low, high, legend)
+
+
+def wall_notes(floor: FloorPlan) -> list[Note]:
+    """The name of every wall of a room, beside it where nothing else stands."""
+    rooms, _ = label(floor.free)
+    areas = np.bincount(rooms.ravel()) * floor.cell_m**2
+    notes = []
+    for wall in floor.walls:
+        out = np.array([np.cos(wall.facing_rad), np.sin(wall.facing_rad)])
+        before = (wall.left + wall.right) / 2 + 2 * floor.cell_m * out
+        # The inside of a pillar is no room.
+        if floor.is_free(before) and areas[rooms[floor.cells(before)]] < LEAST_ROOM_M2:
+            continue
+        along = np.array(NOTED_AT)[:, None] * (wall.right - wall.left)
+        places = wall.left + along + NOTED_OFF_M * out
+        at = places[np.argmax(floor.clearance_at(places).round(1))]
+        notes.append(Note(wall.name, (float(at[0]), float(at[1]))))
+    return notes

@@ -1,0 +1,79 @@
+"""The report: one file, the verdict first, every section there, nothing fetched."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from html.parser import HTMLParser
+
+import numpy as np
+import pytest
+from board_views import BOARD, views
+
+from lmkit.calibration.stereo import StereoCalibration, calibrate_stereo
+from lmkit.reports.calibration import calibration_report
+
+GREY = np.full((480, 640, 3), 128, np.uint8)
+SECTIONS = (
+    "Figures", "Depth error to expect", "ViewCoverage", "Residuals", "Projection uncertainty", "Cameras, pixels",
+    "Cameras and boards in space", "Pairs", "A rectified pair", "Corners as detected",
+)  # fmt: skip
+
+
+@pytest.fixture(scope="module")
+def result() -> StereoCalibration:
+    return calibrate_stereo(views(6, 0.1), BOARD, (640, 480))
+
+
+class Balanced(HTMLParser):
+    """Every element that is opened is closed."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.open: list[str] = []
+
+    def handle_starttag(self, tag, attributes):
+        if tag not in ("meta", "img"):
+            self.open.append(tag)
+
+    def handle_endtag(self, tag):
+        assert self.open.pop() == tag
+
+    def handle_startendtag(self, tag, attributes):
+        pass
+
+
+def test_it_stands_alone_and_says_the_verdict_first(result):
+    html = calibration_report(result, BOARD, {"00": (GREY, GREY), "03": (GREY, GREY)})
+    assert "http" not in html.replace("http-equiv", "")
+    assert "nan" not in html.lower().replace("nano", "").replace("finance", "")
+    assert html.count("data:image/jpeg;base64,") == 3
+    headings = [part.split("</h2>")[0] for part in html.split("<h2>")[1:]]
+    assert set(SECTIONS) <= set(headings)
+    assert html.index("class='verdict'") < html.index("<h2>")
+    assert f"{result.held_out_epipolar_px:.3f} px" in html[: html.index("<h2>")]
+    parser = Balanced()
+    parser.feed(html)
+    assert parser.open == []
+
+
+def test_names_are_no_markup(result):
+    used = (replace(result.used[0], name="<script>x</script>"), *result.used[1:])
+    html = calibration_report(replace(result, used=used), BOARD, {})
+    assert "<script>" not in html
+
+
+def test_what_was_warned_of_and_what_to_take_next_is_in_it(result):
+    html = calibration_report(result, BOARD, {})
+    assert result.warnings
+    for warning in result.warnings:
+        assert warning.message in html
+    for view in result.coverage.advice:
+        assert view in html
+
+
+def test_good_data_are_called_good_and_bad_data_poor():
+    good = calibrate_stereo(views(70, 0.05, 5), BOARD, (640, 480))
+    assert not good.warnings
+    assert "<b>Good.</b>" in calibration_report(good, BOARD, {})
+    poor = calibrate_stereo(views(14, 1.2, 3), BOARD, (640, 480))
+    assert "<b>Poor.</b>" in calibration_report(poor, BOARD, {})

@@ -1,0 +1,148 @@
+"""Calibration on known truth: perfect, then seeded noise, then planted wrong pairs."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from board_views import BOARD, views
+
+from lmkit.calibration import bundle_adjustment as problem
+from lmkit.calibration.bundle_adjustment import Solution, StereoProblem, _moved
+from lmkit.calibration.stereo import calibrate_stereo
+from lmkit.calibration.uncertainty import projection_uncertainty
+from lmkit.errors import InputError
+from lmkit.geometry.camera import CameraModel
+from lmkit.geometry.stereo_rig import StereoRig
+from lmkit.model.board import BoardSpec
+from lmkit.simulation.scene import board_poses, make_rig
+
+
+def test_perfect_corners_give_the_rig_back():
+    truth = make_rig()
+    result = calibrate_stereo(views(12, 0.0), BOARD, (640, 480))
+    assert result.rms_px < 1e-4
+    assert result.held_out_epipolar_px < 1e-3
+    assert np.allclose(result.rig.left.K, truth.left.K, atol=0.02)
+    assert np.allclose(result.rig.T_right_left.t, truth.T_right_left.t, atol=1e-6)
+
+
+def test_perfect_fisheye_corners_give_the_rig_back():
+    def wide(cx):
+        K = np.array([[240.0, 0, cx], [0, 239.0, 241.0], [0, 0, 1]])
+        return CameraModel((640, 480), K, np.array([0.02, -0.015, 0.008, -0.002]), "fisheye")
+
+    truth = StereoRig(wide(322.0), wide(317.0), make_rig().T_right_left)
+    result = calibrate_stereo(views(14, 0.0, 2, truth), BOARD, (640, 480), "fisheye")
+    assert result.rms_px < 1e-3
+    assert np.allclose(result.rig.left.K, truth.left.K, atol=0.05)
+    assert np.allclose(result.rig.T_right_left.t, truth.T_right_left.t, atol=1e-5)
+
+
+def test_noise_gives_errors_of_the_stated_size():
+    """The baseline's error over 20 seeds, in units of its stated sigma: about one, neither 0.3 nor 3."""
+    truth = make_rig().baseline_m
+    z = []
+    for seed in range(20):
+        result = calibrate_stereo(views(12, 0.1, seed), BOARD, (640, 480), "pinhole")
+        z.append((result.rig.baseline_m - truth) / result.baseline_sigma_m)
+        assert result.rms_px == pytest.approx(0.1 * np.sqrt(2), rel=0.15)
+    assert 0.6 < np.sqrt(np.mean(np.square(z))) < 1.6
+
+
+def test_swapped_pictures_are_named_and_do_no_harm():
+    clean = calibrate_stereo(views(14, 0.1), BOARD, (640, 480))
+    planted = views(14, 0.1)
+    for a, b in ((2, 3), (7, 8)):
+        first, second = planted[a], planted[b]
+        planted[a] = replace(first, right=second.right)
+        planted[b] = replace(second, right=first.right)
+    result = calibrate_stereo(planted, BOARD, (640, 480))
+    assert {name for name, _ in result.rejected} == {"02", "03", "07", "08"}
+    assert result.held_out_epipolar_px < 1.3 * clean.held_out_epipolar_px
+
+
+def test_a_rig_that_moved_is_warned_of_with_the_pairs_named(data):
+    from lmkit.pipelines.board_views import find_board_pairs
+
+    root = data / "stereo" / "ricsar"
+    board = BoardSpec.parse("chessboard:9x6:24mm")
+    left, right = (sorted((root / eye).iterdir()) for eye in ("left", "right"))
+    pairs = find_board_pairs(list(zip(left, right, strict=True)), board)
+    result = calibrate_stereo(pairs.views, board, pairs.image_size, rejected=pairs.rejected)
+    warned = {name for w in result.warnings if w.code == "pairs_disagree" for name in w.pairs}
+    assert {"001", "002", "003"} <= warned
+
+
+def test_corners_that_err_together_widen_the_intervals(monkeypatch):
+    """A bend of its own in every picture counts by the picture; noise of single corners changes nothing."""
+
+    def widened(seen):
+        sigma = calibrate_stereo(seen, BOARD, (640, 480), "pinhole").baseline_sigma_m
+        with monkeypatch.context() as patch:
+            patch.setattr(problem, "LEAST_PAIRS", 10**6)
+            return sigma / calibrate_stereo(seen, BOARD, (640, 480), "pinhole").baseline_sigma_m
+
+    assert widened(views(16, 0.1, 3)) < 1.15
+    rng = np.random.default_rng(3)
+    bent = []
+    for view in views(16, 0.02, 3):
+        x, y = ((view.left - [320, 240]) / 240).T
+        bend = np.column_stack([x * y, x**2, y**2]) @ rng.normal(0, 0.2, (3, 2))
+        bent.append(replace(view, left=view.left + bend))
+    assert widened(bent) > 1.5
+
+
+def test_what_a_turn_of_the_camera_makes_up_for_is_no_uncertainty():
+    camera = make_rig().left
+
+    def uncertain(index):
+        covariance = np.zeros((9, 9))
+        covariance[index, index] = 1.0 if index < 4 else 1e-4
+        return projection_uncertainty(camera, covariance, None)
+
+    # A shift of the principal point by one pixel is a turn; one of the focal length is not.
+    assert np.nanmedian(uncertain(2)) < 0.2
+    assert np.nanmax(uncertain(4)[:, [0, -1]]) > 0.3
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_eyes_of_different_moments_are_refused_with_the_reason(seed):
+    """The board moved by some 6 px between the left and the right picture of every pair."""
+    rng = np.random.default_rng(seed)
+    apart = [replace(view, right=view.right + rng.normal(0, 6, 2)) for view in views(12, 0.1, seed)]
+    with pytest.raises(InputError, match="not of the same moment") as caught:
+        calibrate_stereo(apart, BOARD, (640, 480))
+    assert caught.value.code == "not_rigid"
+
+
+def test_two_pairs_are_too_few():
+    with pytest.raises(InputError, match="2 usable pairs"):
+        calibrate_stereo(views(2, 0.1), BOARD, (640, 480))
+
+
+def test_the_derivatives_are_those_of_finite_differences():
+    rig = make_rig()
+    pose = board_poses(1, rig, BOARD, 2)
+    problem = StereoProblem(BOARD.object_points, views(2, 0.3))
+    s = Solution(
+        rig.left,
+        rig.right,
+        rig.T_right_left.R,
+        rig.T_right_left.t,
+        np.array([0.001, -0.002]),
+        np.array([p.R for p in pose]),
+        np.array([p.t for p in pose]),
+    )
+    blocks = problem._normal_equations(s, 1e9, np.zeros(26))  # so wide a loss is plain least squares
+    gradient = np.concatenate([blocks.shared_gradient.sum(axis=0), blocks.pose_gradient.ravel()])
+    for k in range(len(gradient)):
+        step = np.zeros(len(gradient))
+        step[k] = 1e-6
+        cost = []
+        for sign in (1, -1):
+            moved = _moved(s, sign * step[:26], sign * step[26:].reshape(-1, 6))
+            cost.append(sum(float((r**2).sum()) for pair in problem.residuals(moved) for r in pair) / 2)
+        slope = (cost[1] - cost[0]) / 2e-6
+        assert gradient[k] == pytest.approx(slope, rel=1e-3, abs=1e-2 * max(1, abs(slope)))

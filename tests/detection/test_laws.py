@@ -1,0 +1,222 @@
+"""Laws that detection must obey whatever the picture: turned, cropped, enlarged, recoloured, malformed."""
+
+from __future__ import annotations
+
+import cv2
+import numpy as np
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+from hypothesis.extra import numpy as hnp
+from simulated import CAMERA, SIZE, shoot
+
+from lmkit.detection.config import DetectOptions
+from lmkit.detection.detector import detect_landmarks, is_colourless
+from lmkit.detection.pattern_model import LandmarkPattern
+from lmkit.errors import InputError
+from lmkit.geometry.camera import CameraModel
+from lmkit.model.codewords import code_to_gaps
+from lmkit.model.landmark import LM8
+from lmkit.simulation.photograph import Development, ImagingChain, Lens, Light, Sensor, Shadow
+
+LAWS = settings(max_examples=15, deadline=None, derandomize=True, suppress_health_check=[HealthCheck.too_slow])
+
+
+def worst(found, corners) -> float:
+    return float(np.abs(found.corners - corners).max())
+
+
+@LAWS
+@given(st.integers(0, 255), st.floats(22, 120), st.floats(0, 360), st.floats(0.3, 1.2), st.floats(0, 45))
+def test_every_code_turn_size_and_blur(code, side_px, turn_deg, blur_px, tilt_deg):
+    image, corners = shoot(code, side_px, turn_deg, tilt_deg, ImagingChain(Lens(min(blur_px, side_px / 25))))
+    (found,) = detect_landmarks(image)
+    assert found.code == code
+    assert worst(found, corners) < 0.3
+
+
+def test_small_landmarks_do_not_shrink():
+    """Rings look smaller through blur; unless the model knows, sides of 18 px come out 0.1 px short."""
+    off = []
+    for k in range(8):
+        image, corners = shoot(17 + 29 * k, 18.0, 10.0, 10.0, ImagingChain(Lens(0.7), sensor=Sensor(20000, 2)), k)
+        (found,) = detect_landmarks(image)
+        areas = [cv2.contourArea(c.astype(np.float32)) for c in (found.corners, corners)]
+        off.append(np.sqrt(areas[0]) - np.sqrt(areas[1]))
+    assert abs(np.mean(off)) < 0.05
+
+
+@pytest.mark.parametrize(("side_px", "bayer"), [(18.0, True), (50.0, True), (18.0, False)])
+def test_upright_corners_err_as_they_say(side_px, bayer):
+    """A colour mosaic spoils small upright landmarks far more than noise does; without one they say so, too."""
+    squared, stated = [], []
+    for k in range(12):
+        chain = ImagingChain(Lens(0.7), sensor=Sensor(6000, 8, bayer=bayer))
+        image, corners = shoot(11 + 17 * k, side_px, chain=chain, seed=k)
+        for found in detect_landmarks(image):
+            off = (found.corners - corners).ravel()
+            squared.append(off @ np.linalg.solve(found.covariance, off) / 8)
+            stated.append(np.trace(found.covariance) / 8)
+    assert len(squared) >= 7
+    assert np.mean(squared) < 5
+    assert np.sqrt(np.mean(stated)) < (0.25 if side_px < 20 and bayer else 0.07)
+
+
+@LAWS
+@given(st.integers(0, 255), st.floats(20, 100), st.integers(1, 3))
+def test_turning_the_picture_turns_the_answer(code, side_px, quarters):
+    image, _ = shoot(code, side_px, 7.0, 20.0)
+    (upright,) = detect_landmarks(image)
+    (turned,) = detect_landmarks(np.ascontiguousarray(np.rot90(image, quarters)))
+    assert turned.code == upright.code
+    corners = upright.corners
+    for k in range(quarters):  # against the clock: (x, y) -> (y, W - 1 - x)
+        width = SIZE[k % 2]
+        corners = np.column_stack([corners[:, 1], width - 1 - corners[:, 0]])
+    assert np.abs(turned.corners - corners).max() < 0.1
+
+
+@LAWS
+@given(st.integers(0, 60), st.integers(0, 40))
+def test_cropping_moves_the_answer(left, top):
+    image, _ = shoot(137, 45.0, 5.0, 25.0)
+    (whole,) = detect_landmarks(image)
+    (cropped,) = detect_landmarks(np.ascontiguousarray(image[top:, left:]))
+    assert cropped.code == 137
+    assert np.abs(cropped.corners + np.array([left, top]) - whole.corners).max() < 0.1
+
+
+def test_enlarging_scales_the_answer():
+    image, corners = shoot(200, 40.0, 5.0, 25.0)
+    large = cv2.resize(image, None, fx=2, fy=2, interpolation=cv2.INTER_CUBIC)
+    (found,) = detect_landmarks(large)
+    assert found.code == 200
+    assert np.abs((found.corners + 0.5) / 2 - 0.5 - corners).max() < 0.2
+
+
+@pytest.mark.parametrize("code", [7, 90, 137, 240])
+def test_red_and_blue_swapped_is_no_landmark(code):
+    image, _ = shoot(code, 60.0)
+    assert len(detect_landmarks(image)) == 1
+    assert detect_landmarks(np.ascontiguousarray(image[:, :, ::-1])) == []
+
+
+def test_grey_pictures_hold_none_and_are_known_as_such():
+    image, _ = shoot(7, 60.0)
+    grey = cv2.cvtColor(cv2.cvtColor(image, cv2.COLOR_BGR2GRAY), cv2.COLOR_GRAY2BGR)
+    assert detect_landmarks(grey) == []
+    assert is_colourless(grey)
+    assert not is_colourless(image)
+
+
+def test_mirrored_landmarks_are_not_read_as_themselves():
+    """A mirror makes another code or none; a code whose gaps mirror into themselves may stay."""
+    for code in (0b10110001, 0b00011100, 0b01100010):
+        image, _ = shoot(code, 60.0)
+        assert all(d.code != code for d in detect_landmarks(np.ascontiguousarray(image[:, ::-1])))
+
+
+def test_a_known_lens_straightens_the_edges():
+    bent = CameraModel(SIZE, CAMERA.K, np.array([-0.4, 0.12, 0.0, 0.0, 0.0]))
+    image, corners = shoot(77, 110.0, 10.0, 30.0, camera=bent)
+    (found,) = detect_landmarks(image, DetectOptions(camera=bent))
+    assert worst(found, corners) < 0.15
+    straight = CameraModel(SIZE, CAMERA.K, np.zeros(5))
+    wrong = detect_landmarks(image, DetectOptions(camera=straight))
+    assert not wrong or worst(wrong[0], corners) > 3 * worst(found, corners)
+
+
+@pytest.mark.parametrize(
+    "image",
+    [
+        np.zeros((40, 40), np.uint8),
+        np.zeros((40, 40, 4), np.uint8),
+        np.zeros((40, 40, 3), np.float32),
+        np.zeros((40, 40, 3), np.uint16),
+    ],
+)
+def test_what_is_no_picture_is_refused_by_name(image):
+    with pytest.raises(InputError, match="shape"):
+        detect_landmarks(image)
+
+
+def test_a_camera_of_another_size_is_refused():
+    with pytest.raises(InputError, match="240x180"):
+        detect_landmarks(np.zeros((100, 100, 3), np.uint8), DetectOptions(camera=CAMERA))
+
+
+@settings(max_examples=40, deadline=None, derandomize=True, suppress_health_check=[HealthCheck.too_slow])
+@given(
+    hnp.arrays(np.uint8, st.tuples(st.integers(1, 70), st.integers(1, 90), st.just(3))),
+    st.sampled_from(["as it is", "black", "white", "checks", "stripes", "half"]),
+)
+def test_any_array_is_searched_without_a_stumble(image, kind):
+    y, x = np.mgrid[: image.shape[0], : image.shape[1]]
+    if kind == "black":
+        image[:] = 0
+    elif kind == "white":
+        image[:] = 255
+    elif kind == "checks":
+        image[:] = (255 * ((x + y) % 2)[:, :, None]).astype(np.uint8)
+    elif kind == "stripes":
+        image[:] = (255 * (x // 7 % 2)[:, :, None]).astype(np.uint8)
+    elif kind == "half":
+        image[:, image.shape[1] // 2 :] = 255
+    for found in detect_landmarks(image):
+        assert np.isfinite(found.corners).all()
+
+
+@given(
+    st.integers(0, 255),
+    st.integers(0, 3),
+    st.floats(2.0, 60.0),
+    st.floats(-0.7, 0.7),
+    st.floats(2.0, 60.0),
+)
+@settings(max_examples=30, deadline=None, derandomize=True)
+def test_the_patterns_slopes_are_its_differences(code, quarter, sxx, correlation, syy):
+    rng = np.random.default_rng(code)
+    points = rng.uniform(-100, 100, (200, 2))
+    spread = np.tile([sxx, correlation * np.sqrt(sxx * syy), syy], (200, 1))
+    gaps = np.flatnonzero(code_to_gaps(code, 8)).tolist()
+    pattern = LandmarkPattern(LM8)
+    jets = pattern.inks(points, spread, gaps, quarter, slopes=True)
+    assert np.allclose(jets[0].sum(axis=1), 1, atol=1e-5)
+    for k, step in enumerate(0.05 * np.eye(5)):
+        ahead = pattern.inks(points + step[:2], spread + step[2:], gaps, quarter)[0]
+        behind = pattern.inks(points - step[:2], spread - step[2:], gaps, quarter)[0]
+        assert np.abs((ahead - behind) / 0.1 - jets[1 + k]).max() < 2e-3
+
+
+# The scoreboard: least share of 24 read, on scenes that no threshold was set on.  A figure may only rise.
+SCOREBOARD = {
+    "side 14": (14.0, 0.0, ImagingChain(), 18),
+    "side 18, tilt 45": (18.0, 45.0, ImagingChain(), 14),
+    "tilt 70": (60.0, 70.0, ImagingChain(), 22),
+    "motion 8 of 60": (60.0, 0.0, ImagingChain(Lens(motion_px=(7.0, 4.0))), 23),
+    "warm, unbalanced": (30.0, 20.0, ImagingChain(light=Light(0.5, 2900), development=Development(6500)), 22),
+    "Bayer, JPEG 80, filmic": (
+        30.0,
+        20.0,
+        ImagingChain(sensor=Sensor(3000, 8, True), development=Development(tone="filmic", jpeg_quality=80)),
+        22,
+    ),
+    "dim": (40.0, 20.0, ImagingChain(light=Light(0.06), sensor=Sensor(3000, 8, True)), 20),
+    "shadow 1.3:1": (60.0, 20.0, ImagingChain(light=Light(shadow=Shadow((120, 90), 30.0, 1.3))), 20),
+    "shadow 4:1": (60.0, 20.0, ImagingChain(light=Light(shadow=Shadow((120, 90), 30.0, 4.0))), 21),
+}
+
+
+@pytest.mark.parametrize("name", SCOREBOARD)
+def test_scoreboard(name):
+    side_px, tilt_deg, chain, least = SCOREBOARD[name]
+    rng = np.random.default_rng(99)
+    read = wrong = 0
+    for k in range(24):
+        code = int(rng.integers(256))
+        image, _ = shoot(code, side_px, float(rng.uniform(-15, 15)), tilt_deg, chain, seed=k)
+        codes = [d.code for d in detect_landmarks(image)]
+        read += codes == [code]
+        wrong += any(c != code for c in codes)
+    assert wrong == 0
+    assert read >= least, f"{name}: {read} of 24"

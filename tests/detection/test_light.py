@@ -1,0 +1,44 @@
+"""`detect.light`: the light around, and a shadow's edge found again."""
+
+from __future__ import annotations
+
+import numpy as np
+from hypothesis import given
+from hypothesis import strategies as st
+
+from lmkit.detection.shadows import ShadowEdge, crossed_by_shadow, local_white, window_for
+
+
+def test_the_local_white_bridges_the_dark_and_keeps_a_step():
+    picture = np.full((60, 90, 3), 0.8, np.float32)
+    picture[20:30, 10:80] = 0.05
+    picture[:, 45:] *= 0.25
+    white = local_white(picture, window_for(40))
+    assert np.allclose(white[24, [20, 40]], 0.8, atol=0.01)
+    assert np.allclose(white[24, [50, 70]], 0.2, atol=0.01)
+
+
+@given(
+    angle=st.floats(0, 2 * np.pi),
+    offset=st.floats(-12, 12),
+    ratio=st.floats(2, 8),
+    seed=st.integers(0, 1000),
+)
+def test_a_shadows_edge_is_found_again(angle, offset, ratio, seed):
+    rng = np.random.default_rng(seed)
+    at = rng.uniform(-40, 40, (1500, 2))
+    behind = at @ [np.cos(angle), np.sin(angle)] > offset
+    light = np.where(behind, 0.6 / ratio, 0.6) * np.exp(rng.normal(0, 0.1, len(at)))
+    edge = ShadowEdge.fit(at, light, np.ones(len(at)))
+    drawn = np.where(at @ edge.normal > edge.offset, edge.lights[1], edge.lights[0])
+    wrong = np.abs(np.log(drawn / np.where(behind, 0.6 / ratio, 0.6))) > 0.1
+    # Five degrees between two directions that are tried, half of them at most, over half the width.
+    assert wrong.mean() < 0.04
+
+
+def test_only_squares_across_the_edge_are_looked_at_again():
+    picture = np.full((100, 200, 3), 0.7, np.float32)
+    picture[:, 100:] *= 0.4
+    square = np.array([[0.0, 0], [30, 0], [30, 30], [0, 30]])
+    quads = square + np.array([[[20, 30]], [[85, 30]], [[150, 30]]])
+    assert crossed_by_shadow(local_white(picture, 13), quads).tolist() == [False, True, False]

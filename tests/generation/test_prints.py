@@ -1,0 +1,147 @@
+"""Printed sheets measured by two foreign rasterisers, and the drawing against the reader's model."""
+
+from __future__ import annotations
+
+import io
+import re
+import shutil
+import subprocess
+from xml.etree import ElementTree
+
+import numpy as np
+import pypdfium2
+import pytest
+from PIL import Image
+
+from lmkit.detection.pattern_model import LandmarkPattern
+from lmkit.generation.board import compose_board_page
+from lmkit.generation.page import bare_landmark_page
+from lmkit.generation.pdf import pages_to_pdf
+from lmkit.generation.png import page_to_image, page_to_png
+from lmkit.generation.sheet import compose_landmark_page
+from lmkit.generation.svg import page_to_svg
+from lmkit.io.template import load_template
+from lmkit.model.board import BoardSpec
+from lmkit.model.codewords import code_to_gaps
+from lmkit.model.landmark import LM8
+from lmkit.model.palette import BLUE, RED, WHITE
+
+DPI = 300
+
+
+def sheet(code: int = 137, template: str = "a4") -> bytes:
+    page = compose_landmark_page(LM8, code, 180.0, load_template(template))
+    return pages_to_pdf([page], page.title)
+
+
+def by_pdfium(pdf: bytes, tmp_path) -> np.ndarray:
+    return np.asarray(pypdfium2.PdfDocument(pdf)[0].render(scale=DPI / 72).to_pil().convert("RGB"))
+
+
+def by_poppler(pdf: bytes, tmp_path) -> np.ndarray:
+    if shutil.which("pdftoppm") is None:
+        pytest.skip("pdftoppm (poppler-utils) is not installed")
+    (tmp_path / "sheet.pdf").write_bytes(pdf)
+    subprocess.run(["pdftoppm", "-r", str(DPI), "-png", "sheet.pdf", "sheet"], cwd=tmp_path, check=True)
+    return np.asarray(Image.open(next(tmp_path.glob("sheet*.png"))).convert("RGB"))
+
+
+def red_extent_mm(rgb: np.ndarray) -> tuple[float, float]:
+    """Width and height of the red border's outer edges, sub-pixel by the share of red in edge pixels."""
+    redness = (rgb[:, :, 0].astype(float) - rgb[:, :, 2]) / (RED[0] - RED[2])  # white and black 0, red 1
+    spans = []
+    for axis in (0, 1):
+        # A band through the middle of the top (or left) border, where only the border is inked.
+        inked = (rgb[:, :, 0] > 200) & (rgb[:, :, 2] < 90)
+        lines = np.flatnonzero(inked.sum(axis=1 - axis) > 1500)
+        band = redness.take(lines[5:40], axis=axis).mean(axis=axis)
+        spans.append(band.clip(0, band.max()).sum() / band.max() / DPI * 25.4)
+    return spans[0], spans[1]
+
+
+@pytest.mark.parametrize("raster", [by_pdfium, by_poppler])
+@pytest.mark.parametrize("template", ["a4", "letter"])
+def test_the_red_border_measures_180_mm(raster, template, tmp_path):
+    width, height = red_extent_mm(raster(sheet(template=template), tmp_path))
+    assert width == pytest.approx(180.0, abs=0.1)
+    assert height == pytest.approx(180.0, abs=0.1)
+
+
+def test_the_same_sheet_gives_the_same_bytes():
+    assert sheet() == sheet()
+    page = bare_landmark_page(LM8, 5, 180.0)
+    assert page_to_png(page, 72) == page_to_png(page, 72)
+
+
+def test_viewers_are_asked_not_to_scale():
+    assert b"/PrintScaling /None" in sheet()
+
+
+def test_the_label_is_selectable_and_says_what_it_is():
+    text = pypdfium2.PdfDocument(sheet())[0].get_textpage().get_text_bounded()
+    assert "code 137" in text
+    assert "180 mm" in text
+    assert "100 %" in text
+
+
+@pytest.mark.parametrize("template", ["a4", "letter"])
+def test_nothing_stands_in_the_white_margin_or_the_unprintable_edge(template, tmp_path):
+    rgb = by_pdfium(sheet(template=template), tmp_path)
+    marked = (rgb < 250).any(axis=2)
+    per_mm = DPI / 25.4
+    edge = int(5 * per_mm)
+    assert not marked[:edge].any()
+    assert not marked[-edge:].any()
+    assert not marked[:, :edge].any()
+    assert not marked[:, -edge:].any()
+    cx, cy = load_template(template).centre_mm
+    yy, xx = np.mgrid[: rgb.shape[0], : rgb.shape[1]]
+    reach = np.maximum(abs(xx + 0.5 - cx * per_mm), abs(yy + 0.5 - cy * per_mm)) / per_mm
+    assert not marked[(reach > 90.2) & (reach < 99.8)].any()
+
+
+@pytest.mark.parametrize("code", [0, 137, 255])
+def test_the_drawing_is_what_the_reader_expects(code):
+    """Printing and reading were written apart (paths against formulas); here they must agree."""
+    size = 720
+    rgb = np.asarray(page_to_image(bare_landmark_page(LM8, code, 180.0), size / 180 * 25.4), dtype=float)
+    centres = (np.arange(size) + 0.5) / size * 180 - 90
+    x, y = np.meshgrid(centres, -centres)
+    points = np.column_stack([x.ravel(), y.ravel()])
+    spread = np.tile([0.01, 0.0, 0.01], (len(points), 1))
+    open_gaps = np.flatnonzero(code_to_gaps(code, 8))
+    (inks,) = LandmarkPattern(LM8).inks(points, spread, open_gaps, 0)
+    expected = (inks @ np.array([WHITE, RED, BLUE, WHITE], dtype=float)).reshape(size, size, 3)
+    # Over cells of 1 mm, so that two ways of smoothing edges do not count.
+    off = np.abs((rgb - expected).reshape(180, 4, 180, 4, 3).mean(axis=(1, 3)))
+    off = off[1:-1, 1:-1]  # at its very edge the page ends, the model's paper does not
+    assert off.max() < 25
+    assert off.mean() < 0.5
+
+
+def test_svg_is_true_to_scale_and_well_formed():
+    root = ElementTree.fromstring(page_to_svg(bare_landmark_page(LM8, 137, 180.0)))
+    assert (root.get("width"), root.get("viewBox")) == ("180mm", "0 0 180 180")
+    border = next(e for e in root.iter("{http://www.w3.org/2000/svg}path") if e.get("class") == "border")
+    numbers = [float(n) for n in re.findall(r"[-0-9.]+", border.get("d", ""))]
+    assert (min(numbers), max(numbers)) == (0.0, 180.0)
+
+
+def test_png_carries_its_resolution():
+    picture = Image.open(io.BytesIO(page_to_png(bare_landmark_page(LM8, 137, 180.0), 254)))
+    assert picture.size == (1800, 1800)
+    assert picture.info["dpi"][0] == pytest.approx(254, abs=0.1)
+
+
+@pytest.mark.parametrize("spec", ["chessboard:9x6:25mm", "charuco:7x5:30mm:22mm:DICT_4X4_50"])
+def test_boards_measure_what_they_say_and_are_found(spec, tmp_path):
+    from lmkit.detection.boards import detect_board
+
+    board = BoardSpec.parse(spec)
+    page = compose_board_page(board)
+    rgb = by_pdfium(pages_to_pdf([page], page.title), tmp_path)
+    seen = detect_board(np.ascontiguousarray(rgb[:, :, ::-1]), board)
+    assert seen is not None
+    assert len(seen.ids) == len(board.object_points)
+    steps = np.linalg.norm(np.diff(seen.image_points.reshape(*board.inner_corners[::-1], 2), axis=1), axis=2)
+    assert steps.mean() / DPI * 25.4 == pytest.approx(board.square_mm, abs=0.02)

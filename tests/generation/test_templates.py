@@ -1,0 +1,212 @@
+"""Every shipped template, measured by two foreign rasterisers; tiles laid together; templates that are wrong."""
+
+from __future__ import annotations
+
+import json
+import shutil
+import subprocess
+from functools import cache
+
+import numpy as np
+import pypdfium2
+import pytest
+from PIL import Image
+
+from lmkit.errors import InputError, LmkitError
+from lmkit.generation.manifest import manifest_of
+from lmkit.generation.page import Page
+from lmkit.generation.pdf import pages_to_pdf
+from lmkit.generation.sheet import Wording, compose_sheets
+from lmkit.generation.tiles import compose_tiles, sheet_name
+from lmkit.io.manifest import parse_manifest
+from lmkit.io.template import PageTemplate, load_template, shipped_templates
+from lmkit.model.landmark import LM8, LM12
+from lmkit.verification.proof import prove_pages
+
+DPI = 300
+PER_MM = DPI / 25.4
+CODES = list(range(40, 49))
+
+
+@cache
+def pages_of(name: str) -> tuple[Page, ...]:
+    return tuple(compose_sheets(LM8, CODES, load_template(name), wording=Wording("Room 12", "second floor")))
+
+
+def first_with_landmarks(name: str) -> int:
+    return next(number for number, page in enumerate(pages_of(name)) if page.faces)
+
+
+def by_pdfium(name: str, tmp_path) -> np.ndarray:
+    document = pypdfium2.PdfDocument(pages_to_pdf(pages_of(name), name))
+    return np.asarray(document[first_with_landmarks(name)].render(scale=DPI / 72).to_pil().convert("RGB"))
+
+
+def by_poppler(name: str, tmp_path) -> np.ndarray:
+    if shutil.which("pdftoppm") is None:
+        pytest.skip("pdftoppm (poppler-utils) is not installed")
+    (tmp_path / "sheet.pdf").write_bytes(pages_to_pdf(pages_of(name), name))
+    number = str(first_with_landmarks(name) + 1)
+    command = ["pdftoppm", "-r", str(DPI), "-f", number, "-l", number, "-png", "sheet.pdf", "sheet"]
+    subprocess.run(command, cwd=tmp_path, check=True)
+    return np.asarray(Image.open(next(tmp_path.glob("sheet*.png"))).convert("RGB"))
+
+
+def red_span_mm(rgb: np.ndarray, low: float, high: float) -> float:
+    """Outer edge to outer edge of red along the middle line of ``rgb`` (n,3), sub-pixel by shares of red."""
+    redness = (rgb[:, 0].astype(float) - rgb[:, 2]) / (237 - 36)
+    inside = np.arange(len(rgb)) / PER_MM
+    seen = np.flatnonzero((redness > 0.5) & (inside > low) & (inside < high))
+    first, last = seen[0], seen[-1]
+    share = np.clip(redness[first - 2 : first + 1].sum(), 0, 3), np.clip(redness[last : last + 3].sum(), 0, 3)
+    return (last - first - 1 + share[0] + share[1]) / PER_MM
+
+
+@pytest.mark.parametrize("raster", [by_pdfium, by_poppler])
+@pytest.mark.parametrize("name", shipped_templates())
+def test_pages_measure_what_they_state(raster, name, tmp_path):
+    page = pages_of(name)[first_with_landmarks(name)]
+    rgb = raster(name, tmp_path)
+    if page.mirrored:
+        rgb = rgb[:, ::-1]
+    width, height = page.size_mm
+    assert rgb.shape[:2] == pytest.approx((height * PER_MM, width * PER_MM), abs=1)
+    edge = int(load_template(name).printer_margin_mm * PER_MM)
+    marked = (rgb < 250).any(axis=2)
+    if edge:
+        inner = marked[edge:-edge, edge:-edge]
+        assert inner.sum() == marked.sum(), "something stands in the printer's blank edge"
+    yy, xx = (np.mgrid[: rgb.shape[0], : rgb.shape[1]] + 0.5) / PER_MM
+    for face in page.faces:
+        x, y = face.centre_mm
+        half = face.size_mm / 2
+        row, column = rgb[round(y * PER_MM)], rgb[:, round(x * PER_MM)]
+        assert red_span_mm(row, x - face.reach_mm, x + face.reach_mm) == pytest.approx(face.size_mm, abs=0.1)
+        assert red_span_mm(column, y - face.reach_mm, y + face.reach_mm) == pytest.approx(face.size_mm, abs=0.1)
+        away = np.maximum(abs(xx - x), abs(yy - y))
+        assert not marked[(away > half + 0.2) & (away < face.reach_mm - 0.4)].any(), "the white margin is not white"
+
+
+@pytest.mark.parametrize("name", shipped_templates())
+def test_every_template_is_proven_and_small(name):
+    pages = pages_of(name)
+    pdf = pages_to_pdf(pages, name)
+    prove_pages(pdf, pages)
+    assert len(pdf) / len(pages) < 50_000
+    assert pdf == pages_to_pdf(pages, name)
+    assert load_template(name).description
+
+
+def test_qpdf_finds_nothing_wrong(tmp_path):
+    if shutil.which("qpdf") is None:
+        pytest.skip("qpdf is not installed")
+    for name in ("a4", "sticker-100"):
+        (tmp_path / f"{name}.pdf").write_bytes(pages_to_pdf(pages_of(name), name, "{}", cmyk=True))
+        subprocess.run(["qpdf", "--check", f"{name}.pdf"], cwd=tmp_path, check=True, capture_output=True)
+
+
+def test_the_proof_notices():
+    (page,) = compose_sheets(LM8, [7], load_template("a4"))
+    (other,) = compose_sheets(LM8, [8], load_template("a4"))
+    with pytest.raises(LmkitError, match="code 8 of lm8 reads as 7"):
+        prove_pages(pages_to_pdf([page], ""), [other])
+    moved = Page(page.size_mm, page.items, "", page.faces, stretch=(1.01, 1.0))
+    with pytest.raises(LmkitError, match=r"code 7 of lm8 is off by \d"):
+        prove_pages(pages_to_pdf([moved], ""), [page])
+    from lmkit.generation.page import rectangle
+
+    dirty = Page(page.size_mm, (*page.items, rectangle("mark", (0, 0, 0), 100, 11, 20, 3)), "", page.faces)
+    with pytest.raises(LmkitError, match="white margin of code 7"):
+        prove_pages(pages_to_pdf([dirty], ""), [page])
+    empty = Page(page.size_mm, (), "", page.faces)
+    with pytest.raises(LmkitError, match="does not read"):
+        prove_pages(pages_to_pdf([empty], ""), [page])
+
+
+def test_compensation_undoes_what_the_printer_does():
+    """A printer that shrinks by the measured factors prints the compensated sheet at its true size."""
+    measured = (178.6, 179.4)
+    stretch = (180 / measured[0], 180 / measured[1])
+    (page,) = compose_sheets(LM8, [7], load_template("a4"), stretch=stretch)
+    left, top = page.on_paper((page.faces[0].centre_mm[0] - 90, page.faces[0].centre_mm[1] - 90))
+    right, bottom = page.on_paper((page.faces[0].centre_mm[0] + 90, page.faces[0].centre_mm[1] + 90))
+    assert (right - left) * measured[0] / 180 == pytest.approx(180)
+    assert (bottom - top) * measured[1] / 180 == pytest.approx(180)
+    prove_pages(pages_to_pdf([page], ""), [page])
+
+
+@pytest.mark.parametrize(("size_mm", "paper"), [(540, "a4"), (300, "letter"), (900, "a3")])
+def test_tiles_laid_together_are_the_landmark(size_mm, paper):
+    pages = compose_tiles(LM8, 137, size_mm, paper)
+    prove_pages(pages_to_pdf(pages, ""), pages)
+    # In another order they do not.
+    shuffled = [pages[0], *pages[:0:-1]]
+    with pytest.raises(LmkitError, match="laid together"):
+        prove_pages(pages_to_pdf(shuffled, ""), pages)
+
+
+def test_the_sheets_overlap_and_cover_the_margin():
+    pages = compose_tiles(LM12, 5, 540, "a4")[1:]
+    covered = np.zeros((600, 600), dtype=int)
+    ticks = np.arange(600) + 0.5 - 300
+    for page in pages:
+        left, top, right, bottom = page.window
+        x, y = page.faces[0].centre_mm
+        covered[np.ix_((ticks + y > top) & (ticks + y < bottom), (ticks + x > left) & (ticks + x < right))] += 1
+    assert covered.min() == 1
+    assert (covered > 1).sum() > 0
+    assert [sheet_name(r, c) for r, c in ((0, 0), (1, 0), (25, 2), (26, 0))] == ["A1", "B1", "Z3", "AA1"]
+
+
+def test_the_manifest_says_what_is_printed():
+    pages = pages_of("a4-six")
+    manifest = manifest_of(pages, "a4-six")
+    assert [entry.code for entry in manifest.landmarks] == CODES
+    assert [entry.page for entry in manifest.landmarks] == [1] * 6 + [2] * 3
+    text = manifest.to_json()
+    assert parse_manifest(text, "x") == manifest
+    pdf = pages_to_pdf(pages, "six", text)
+    inside = pypdfium2.PdfDocument(pdf).get_metadata_dict()["Keywords"]
+    assert parse_manifest(inside, "x") == manifest
+    with pytest.raises(InputError, match="unknown key"):
+        parse_manifest(json.dumps(json.loads(text) | {"colour": 3}), "x")
+
+
+WRONG = {
+    "unknown key": ({"margin": 3}, "margin"),
+    "two papers": ({"paper_mm": [100, 100]}, "one of paper and paper_mm"),
+    "no such paper": ({"paper": "a7"}, "a7"),
+    "no place": ({"centre_mm": None}, "one of centre_mm, grid and places"),
+    "slanted line": ({"cut_lines": [[0, 0, 10, 10]]}, "along one of the paper's edges"),
+    "negative": ({"printer_margin_mm": -1}, "printer_margin_mm"),
+}
+IN_THE_WAY = {
+    "ruler in the margin": ({"rulers": {"horizontal_mm": [20, 195], "vertical_mm": [7.2, 18]}}, "white margin"),
+    "label off the page": ({"label": {"at_mm": [120, 280]}}, "printers leave blank"),
+    "label over square": ({"label": {"at_mm": [30, 220]}, "check_square": {"at_mm": [30, 222]}}, "overlap"),
+    "landmarks over each other": (
+        {"centre_mm": None, "grid": {"columns": 1, "rows": 2, "first_mm": [110, 106], "step_mm": [0, 80]}},
+        "overlap each other",
+    ),
+    "wrong placeholder": ({"texts": [{"at_mm": [20, 280], "text": "{cod}"}]}, "{cod}"),
+}
+
+
+def template_with(changes: dict) -> PageTemplate:
+    data = {"format": "lmkit-template/1", "name": "t", "paper": "a4", "centre_mm": [109.9, 105.9]} | changes
+    return PageTemplate.model_validate({key: value for key, value in data.items() if value is not None})
+
+
+@pytest.mark.parametrize("name", WRONG)
+def test_wrong_templates_are_refused(name):
+    changes, words = WRONG[name]
+    with pytest.raises(ValueError, match=words):
+        template_with(changes)
+
+
+@pytest.mark.parametrize("name", IN_THE_WAY)
+def test_what_is_in_the_way_is_named(name):
+    changes, words = IN_THE_WAY[name]
+    size = 80.0 if "each other" in words else 180.0
+    with pytest.raises(InputError, match=words):
+        compose_sheets(LM8, [1, 2], template_with(changes), size)

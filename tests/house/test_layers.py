@@ -1,0 +1,62 @@
+"""The layers: every import goes to a lower row of the table in docs/architecture.md."""
+
+from __future__ import annotations
+
+import ast
+import re
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).resolve().parents[2]
+PACKAGE = ROOT / "lmkit"
+MODULES = sorted(p for p in PACKAGE.rglob("*.py") if p.name != "__init__.py")
+AT_ROOT = 6  # loose modules beside the folders
+
+
+def read_rows() -> dict[str, int]:
+    """Row number of every folder and loose module."""
+    rows = {}
+    for line in (ROOT / "docs/architecture.md").read_text(encoding="utf-8").splitlines():
+        if found := re.match(r"\| (\d+) \| ([^|]+) \|", line):
+            rows.update({name: int(found[1]) for name in re.findall(r"`(\w+)/?`", found[2])})
+    return rows
+
+
+ROWS = read_rows()
+
+
+def imported(path: Path) -> set[str]:
+    """Modules of lmkit that a file imports, wherever the import stands."""
+    found = set()
+    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+        if isinstance(node, ast.ImportFrom) and node.module:
+            assert node.level == 0, f"{path.name} has a relative import"
+            found |= {node.module} if node.module.startswith("lmkit.") else set()
+            found |= {f"lmkit.{a.name}" for a in node.names} if node.module == "lmkit" else set()
+        elif isinstance(node, ast.Import):
+            found |= {a.name for a in node.names if a.name.startswith("lmkit.")}
+    return found
+
+
+@pytest.mark.parametrize("path", MODULES, ids=lambda p: str(p.relative_to(PACKAGE)))
+def test_imports_go_down(path: Path) -> None:
+    here = path.relative_to(PACKAGE).parts[0].removesuffix(".py")
+    if here == "__main__":
+        return
+    for module in imported(path):
+        there = module.split(".")[1]
+        if there != here:
+            assert ROWS[there] < ROWS[here], f"{here} (row {ROWS[here]}) imports {module} (row {ROWS[there]})"
+
+
+def test_every_folder_stands_on_a_row() -> None:
+    folders = {p.name for p in PACKAGE.iterdir() if (p / "__init__.py").exists()}
+    loose = {p.stem for p in PACKAGE.glob("*.py")} - {"__init__", "__main__", "api"}
+    assert folders | loose <= set(ROWS)
+    assert len(loose) <= AT_ROOT
+
+
+def test_simulation_never_uses_detection() -> None:
+    for path in (PACKAGE / "simulation").glob("*.py"):
+        assert not any(module.startswith("lmkit.detection") for module in imported(path))

@@ -1,0 +1,151 @@
+"""A drive out of a bag, and poses into one; the bag is written by rosbags, as ROS 2 would."""
+
+import cv2
+import numpy as np
+import pytest
+
+from lmkit.errors import InputError
+from lmkit.io.any_rig import read_any_rig
+from lmkit.io.bags import find_topics, poses_to_bag, unpack_bag
+from lmkit.io.recording_tables import read_gyro, read_odometry
+from lmkit.io.ros_camera_info import rig_to_camera_infos
+from lmkit.io.trajectory import read_trajectory
+from lmkit.model.trajectory import Trajectory
+from lmkit.simulation.scene import make_rig
+
+pytest.importorskip("rosbags", reason="the extra lmkit[bags] is not installed")
+
+
+def write_bag(folder, rig, pairs=3, encoding="rgb8", late=0.0):
+    """Stereo pictures of one colour each, camera_info, odometry along x, and a gyro."""
+    import yaml
+    from rosbags.rosbag2 import Writer
+    from rosbags.typesys import Stores, get_typestore
+
+    store = get_typestore(Stores.ROS2_HUMBLE)
+    make = store.types
+
+    def header(time):
+        return make["std_msgs/msg/Header"](
+            make["builtin_interfaces/msg/Time"](int(time), round(time % 1 * 1e9)), "eye"
+        )
+
+    with Writer(folder, version=8) as writer:
+
+        def say(topic, kind, time, message):
+            if topic not in said:
+                said[topic] = writer.add_connection(topic, kind, typestore=store)
+            writer.write(said[topic], round(time * 1e9), store.serialize_cdr(message, kind))
+
+        said = {}
+        width, height = rig.left.image_size
+        for k in range(pairs):
+            for eye, text in zip(("left", "right"), rig_to_camera_infos(rig), strict=True):
+                time = 100.0 + k / 4 + (late if eye == "right" else 0.002 * (eye == "right"))
+                colour = np.full((height, width, 3), (10 + k, 100, 200), np.uint8)
+                picture = make["sensor_msgs/msg/Image"](
+                    header(time), height, width, encoding, 0, 3 * width, colour.ravel()
+                )
+                say(f"/cam/{eye}/image_raw", "sensor_msgs/msg/Image", time, picture)
+                info = yaml.safe_load(text)
+                roi = make["sensor_msgs/msg/RegionOfInterest"](0, 0, 0, 0, False)
+                arrays = [
+                    np.array(info[name]["data"], dtype=np.float64)
+                    for name in (
+                        "distortion_coefficients", "camera_matrix", "rectification_matrix", "projection_matrix"
+                    )
+                ]  # fmt: skip
+                message = make["sensor_msgs/msg/CameraInfo"](
+                    header(time), height, width, info["distortion_model"], *arrays, 0, 0, roi
+                )
+                say(f"/cam/{eye}/camera_info", "sensor_msgs/msg/CameraInfo", time, message)
+        vector, zero = make["geometry_msgs/msg/Vector3"], make["geometry_msgs/msg/Vector3"](0.0, 0.0, 0.0)
+        quaternion = make["geometry_msgs/msg/Quaternion"](0.0, 0.0, np.sin(0.1), np.cos(0.1))
+        for k in range(10):
+            time = 100.0 + k / 10
+            pose = make["geometry_msgs/msg/Pose"](make["geometry_msgs/msg/Point"](0.1 * k, 0.0, 0.0), quaternion)
+            odometry = make["nav_msgs/msg/Odometry"](
+                header(time),
+                "base",
+                make["geometry_msgs/msg/PoseWithCovariance"](pose, np.zeros(36)),
+                make["geometry_msgs/msg/TwistWithCovariance"](
+                    make["geometry_msgs/msg/Twist"](zero, zero), np.zeros(36)
+                ),
+            )
+            say("/odom", "nav_msgs/msg/Odometry", time, odometry)
+            imu = make["sensor_msgs/msg/Imu"](
+                header(time), quaternion, np.zeros(9), vector(0.0, 0.0, 0.3), np.zeros(9), zero, np.zeros(9)
+            )
+            say("/imu", "sensor_msgs/msg/Imu", time, imu)
+
+
+def test_a_drive_comes_out_of_a_bag(tmp_path, lmkit):
+    rig = make_rig()
+    write_bag(tmp_path / "bag", rig)
+    answer = lmkit("unbag", tmp_path / "bag", "-o", tmp_path / "out")
+    assert answer.code == 0, answer.err
+    pictures = sorted((tmp_path / "out" / "left").iterdir())
+    assert [p.name for p in pictures] == [f"{k:06d}_{100 + k / 4:.6f}.png" for k in range(3)]
+    # Red first in the bag, blue first in OpenCV.
+    assert cv2.imread(str(pictures[2]))[0, 0].tolist() == [200, 100, 12]
+    back = read_any_rig(tmp_path / "out" / "rig")
+    assert back.T_right_left.t == pytest.approx(rig.T_right_left.t, abs=1e-6)
+    odometry = read_odometry(tmp_path / "out" / "odometry.csv")
+    assert odometry.forward_m[1:] == pytest.approx(0.1 * np.cos(0.2), abs=1e-5)
+    poses = read_trajectory(tmp_path / "out" / "odometry.tum")
+    assert poses.positions[:, 0] == pytest.approx(0.1 * np.arange(10))
+    assert poses.quaternions[3] == pytest.approx([0.0, 0.0, np.sin(0.1), np.cos(0.1)])
+    assert read_gyro(tmp_path / "out" / "gyro.csv").rate_radps == pytest.approx(0.3)
+
+
+def test_pictures_of_different_moments_make_no_pairs(tmp_path):
+    write_bag(tmp_path / "bag", make_rig(), late=0.1)
+    with pytest.raises(InputError, match="within 10 ms"):
+        list(unpack_bag(tmp_path / "bag", {}))
+
+
+def test_what_is_no_bag_is_refused(tmp_path):
+    path = tmp_path / "no.bag"
+    path.write_bytes(b"nothing")
+    with pytest.raises(InputError, match="cannot be read"):
+        list(unpack_bag(path, {}))
+
+
+def test_topics_are_found_by_type_and_name_or_asked_for(tmp_path):
+    kinds = {
+        "/a/left/raw": "sensor_msgs/msg/Image",
+        "/a/right/raw": "sensor_msgs/msg/Image",
+        "/o": "nav_msgs/msg/Odometry",
+    }
+    found = find_topics(kinds, {}, tmp_path)
+    assert (found.left, found.right, found.odometry, found.imu) == ("/a/left/raw", "/a/right/raw", "/o", None)
+    with pytest.raises(InputError, match="no topic /x"):
+        find_topics(kinds, {"left": "/x"}, tmp_path)
+    with pytest.raises(InputError, match="left and right pictures"):
+        find_topics({"/o": "nav_msgs/msg/Odometry"}, {}, tmp_path)
+
+
+def test_poses_go_into_a_bag(tmp_path):
+    from rosbags.highlevel import AnyReader
+    from rosbags.typesys import Stores, get_typestore
+
+    track = Trajectory(
+        np.array([1.0, 2.5]), np.array([[1.0, 2, 3], [4, 5, 6]]), np.array([[0, 0, 0, 1.0], [1, 0, 0, 0]])
+    )
+    poses_to_bag(tmp_path / "out", track)
+    with AnyReader([tmp_path / "out"], default_typestore=get_typestore(Stores.ROS2_HUMBLE)) as reader:
+        topics = {
+            topic: [c for c in reader.connections if c.topic == topic] for topic in ("/lmkit/pose", "/lmkit/path")
+        }
+        read, paths = (
+            [(t, reader.deserialize(raw, c.msgtype)) for c, t, raw in reader.messages(connections=one)]
+            for one in topics.values()
+        )
+    assert [len(path.poses) for _, path in paths] == [2]
+    assert paths[0][1].header.frame_id == "map"
+    assert paths[0][1].poses[1].pose.position.z == 6.0
+    assert [t for t, _ in read] == [1_000_000_000, 2_500_000_000]
+    assert read[1][1].pose.position.y == 5.0
+    assert read[1][1].pose.orientation.x == 1.0
+    with pytest.raises(InputError, match="exists"):
+        poses_to_bag(tmp_path / "out", track)

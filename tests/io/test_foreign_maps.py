@@ -1,0 +1,47 @@
+"""Maps of WPILib and TagSLAM."""
+
+import json
+
+import numpy as np
+import pytest
+
+from lmkit.errors import InputError
+from lmkit.io.external_maps import map_to_tagslam, map_to_wpilib, read_any_map
+from lmkit.simulation.recording import make_drive
+
+
+def test_maps_come_back(tmp_path):
+    landmarks = make_drive(0, seconds=3).landmarks
+    for text in (map_to_wpilib(landmarks, (8.0, 5.0)), map_to_tagslam(landmarks)):
+        path = tmp_path / "map"
+        path.write_text(text)
+        back = read_any_map(path)
+        for m in landmarks:
+            found = back.find(m.code, "tag36h11")
+            assert pytest.approx(m.T_map_landmark.R, abs=1e-9) == found.T_map_landmark.R
+            assert found.T_map_landmark.t == pytest.approx(m.T_map_landmark.t, abs=1e-9)
+
+
+def test_a_field_tag_without_rotation_looks_along_x(tmp_path):
+    """WPILib: a tag's x points out of its face; ours is z."""
+    pose = {
+        "translation": {"x": 1.0, "y": 2.0, "z": 0.5},
+        "rotation": {"quaternion": {"W": 1.0, "X": 0.0, "Y": 0.0, "Z": 0.0}},
+    }
+    path = tmp_path / "field.json"
+    path.write_text(json.dumps({"tags": [{"ID": 4, "pose": pose}], "field": {"length": 16.5, "width": 8.0}}))
+    T = read_any_map(path).find(4, "tag36h11").T_map_landmark
+    assert T.R[:, 2] == pytest.approx([1, 0, 0])
+    assert T.R[:, 1] == pytest.approx([0, 0, 1])
+    assert np.linalg.det(T.R) == pytest.approx(1)
+
+
+@pytest.mark.parametrize(
+    "text",
+    ['{"tags": [{"ID": 1}]}', '{"tags": []}', "{]", "bodies:\n- a: {is_static: true, tags: [{id: 3, pose: {}}]}\n"],
+)
+def test_broken_ones_are_refused(tmp_path, text):
+    path = tmp_path / "map"
+    path.write_text(text)
+    with pytest.raises(InputError):
+        read_any_map(path)

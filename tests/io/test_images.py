@@ -1,0 +1,109 @@
+"""The door for pixels: what is let in, and what is turned away with which words."""
+
+from __future__ import annotations
+
+import io
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from PIL import Image
+
+from lmkit.errors import InputError
+from lmkit.io import images
+from lmkit.io.images import decode_image, read_image
+
+RED_RGB = (200, 30, 40)
+
+
+def encoded(picture: Image.Image, kind: str = "PNG", **options) -> bytes:
+    buffer = io.BytesIO()
+    picture.save(buffer, format=kind, **options)
+    return buffer.getvalue()
+
+
+def plain(mode: str, color) -> Image.Image:
+    return Image.new(mode, (20, 10), color)
+
+
+def test_colours_come_as_bgr():
+    assert tuple(decode_image(encoded(plain("RGB", RED_RGB)), "x")[0, 0]) == RED_RGB[::-1]
+
+
+@pytest.mark.parametrize(
+    ("picture", "expected"),
+    [
+        (plain("L", 77), (77, 77, 77)),
+        (plain("RGBA", (0, 0, 0, 0)), (255, 255, 255)),
+        (plain("RGBA", (*RED_RGB, 255)), RED_RGB[::-1]),
+        (plain("LA", (50, 0)), (255, 255, 255)),
+        (plain("1", 1), (255, 255, 255)),
+        (plain("P", 0), (0, 0, 0)),
+        (Image.fromarray(np.full((10, 20), 257 * 90, np.uint16)), (90, 90, 90)),
+    ],
+    ids=["grey", "transparent", "opaque", "grey alpha", "bilevel", "palette", "16 bit"],
+)
+def test_every_kind_becomes_8_bit_bgr(picture, expected):
+    image = decode_image(encoded(picture), "x")
+    assert image.shape == (10, 20, 3)
+    assert image.dtype == np.uint8
+    assert tuple(int(v) for v in image[5, 5]) == expected
+
+
+def test_cmyk_is_converted():
+    image = decode_image(encoded(plain("CMYK", (0, 255, 255, 0)), "JPEG"), "x")
+    assert image[5, 5, 2] > 200
+    assert image[5, 5, 0] < 60
+
+
+def test_exif_orientation_is_applied():
+    picture = plain("RGB", RED_RGB)
+    exif = picture.getexif()
+    exif[0x0112] = 6  # turn by a quarter
+    assert decode_image(encoded(picture, "JPEG", exif=exif), "x").shape == (20, 10, 3)
+
+
+@pytest.mark.parametrize("kind", ["JPEG", "PNG"])
+def test_half_a_file_is_refused(kind):
+    noise = np.random.default_rng(0).integers(0, 255, (80, 80, 3), dtype=np.uint8)
+    data = encoded(Image.fromarray(noise), kind)
+    with pytest.raises(InputError) as caught:
+        decode_image(data[: len(data) // 2], "half.jpg")
+    assert caught.value.code == "image_truncated"
+    assert "half.jpg" in caught.value.message
+
+
+@pytest.mark.parametrize(("data", "code"), [(b"", "image_empty"), (b"hello", "not_an_image")])
+def test_what_is_no_picture_is_refused(data, code):
+    with pytest.raises(InputError) as caught:
+        decode_image(data, "x")
+    assert caught.value.code == code
+
+
+@given(st.binary(max_size=200))
+def test_junk_never_brings_anything_but_a_clear_error(data):
+    for start in (b"", b"\x89PNG\r\n\x1a\n", b"\xff\xd8\xff\xe0", b"BM", b"II*\x00"):
+        with pytest.raises(InputError):
+            decode_image(start + data, "junk")
+
+
+def test_bombs_are_refused_before_they_unfold(monkeypatch):
+    monkeypatch.setattr(images, "MAX_PIXELS", 199)
+    with pytest.raises(InputError) as caught:
+        decode_image(encoded(plain("RGB", RED_RGB)), "bomb.png")
+    assert caught.value.code == "image_too_large"
+
+
+def test_large_files_are_refused_unread(monkeypatch, tmp_path):
+    (tmp_path / "big.png").write_bytes(encoded(plain("RGB", RED_RGB)))
+    monkeypatch.setattr(images, "MAX_BYTES", 10)
+    with pytest.raises(InputError) as caught:
+        read_image(tmp_path / "big.png")
+    assert caught.value.code == "image_too_large"
+
+
+def test_paths_of_any_script_are_read(tmp_path):
+    path = tmp_path / "объект-図-ü.png"
+    path.write_bytes(encoded(plain("RGB", RED_RGB)))
+    assert read_image(path).shape == (10, 20, 3)

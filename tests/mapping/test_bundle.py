@@ -1,0 +1,68 @@
+"""What ties the moments of a drive to each other, and what is said where they fall apart."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from lmkit.localization.correspondences import Poses
+from lmkit.mapping.bundle_adjustment import Anchor, BundleProblem
+from lmkit.mapping.survey import survey_frames
+from lmkit.mapping.wall_constraints import Tie
+from lmkit.simulation.recording import make_drive
+
+
+def true_poses(drive, rows):
+    poses = [drive.pose(k) @ drive.rig.T_base_left for k in rows]
+    return Poses(np.array([pose.R for pose in poses]), np.array([pose.t for pose in poses]))
+
+
+def test_without_odometry_a_moment_that_sees_nothing_lies_between_its_neighbours():
+    drive = make_drive(2, seconds=10)
+    moments, start = drive.moments[:5], true_poses(drive, range(5))
+    moments = [*moments[:2], replace(moments[2], left=(), right=()), *moments[3:]]
+    away = start.p.copy()
+    away[2] += [0.5, -0.3, 0.2]
+    problem = BundleProblem(moments, drive.rig, Poses(start.R, away), drive.landmarks, {}, frozen=True)
+    problem.settle(30)
+    assert problem.p[2] == pytest.approx((problem.p[1] + problem.p[3]) / 2, abs=0.02)
+
+
+@pytest.mark.parametrize(("seconds", "named"), [(1.4, True), (20.0, False)])
+def test_without_odometry_a_leap_over_a_time_without_views_is_named_where_no_robot_moves_so_far(seconds, named):
+    drive = make_drive(2, seconds=40)
+    away = [np.linalg.norm(drive.pose(k).t - drive.pose(60).t) for k in range(len(drive.moments))]
+    far = int(np.argmax(away))
+    before, after = drive.moments[40:61], drive.moments[far : far + 20]
+    late = [replace(m, time_s=m.time_s - after[0].time_s + before[-1].time_s + seconds) for m in after]
+    known = {("lm8", m.code): Anchor(m, None) for m in drive.landmarks}
+    result = survey_frames([*before, *late], drive.rig, dict.fromkeys(known, 0.18), known)
+    leaps = [round(to - since, 1) for since, to, _ in result.bundle.jumps]
+    assert leaps == ([seconds] if named else [])
+
+
+def test_the_step_is_downhill_of_what_walls_and_heights_cost():
+    """Cauchy's weights in the equations belong to the cost that steps are judged by."""
+    drive = make_drive(2, seconds=4)
+    codes = tuple({o.code: None for moment in drive.moments for o in moment.left})[:3]
+    hung = type(drive.landmarks)([drive.landmarks.find(code) for code in codes])
+    rows = range(len(drive.moments))
+    # A sightless drive: what is left are the ties, far from being kept to.
+    blind = [replace(m, left=(), right=()) for m in drive.moments]
+    ties = [Tie("height", codes, 0.02, 0.02), Tie("wall", codes, 0.5, 0.5)]
+    problem = BundleProblem(blind, drive.rig, true_poses(drive, rows), hung, {}, ties=ties)
+    problem.lm_p = problem.lm_p + np.random.default_rng(0).normal(size=(3, 3)) * 0.1
+    equations, _ = problem._equations()
+    for k in range(3):
+        for axis in range(3):
+            costs = []
+            for step in (-1e-6, 1e-6):
+                moved = problem.lm_p[k].copy()
+                moved[axis] += step
+                before = problem.state()
+                problem.put(k, problem.lm_R[k], moved)
+                costs.append(problem.cost())
+                problem.restore(before)
+            slope = (costs[1] - costs[0]) / 2e-6
+            gradient = equations.shared_gradient[problem.own + 6 * k + axis]
+            assert -2 * gradient == pytest.approx(slope, rel=1e-3, abs=1e-3)

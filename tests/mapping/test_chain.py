@@ -1,0 +1,52 @@
+"""The chain solver against dense matrices."""
+
+import numpy as np
+import pytest
+
+from lmkit.optim.block_chain import ChainEquations
+
+
+def random_problem(count, size, shared, seed):
+    """The same equations as a chain and as a dense matrix."""
+    rng = np.random.default_rng(seed)
+    total = count * size + shared
+    chain = ChainEquations.zeros(count, size, shared)
+    chain.diagonal += 0.1 * np.eye(size)
+    chain.corner += 0.1 * np.eye(shared)
+    H, g = 0.1 * np.eye(total), np.zeros(total)
+    states = rng.integers(0, count, 3 * count)
+    J, r = rng.normal(size=(len(states), 2, size)), rng.normal(size=(len(states), 2))
+    columns = np.array([rng.choice(shared, 2, replace=False) for _ in states])
+    K = rng.normal(size=(len(states), 2, 2))
+    chain.add_to_states(states, J, r)
+    chain.add_shared(states, J, columns, K, r)
+    for k, state in enumerate(states):
+        row = np.zeros((2, total))
+        row[:, state * size : (state + 1) * size] = J[k]
+        row[:, count * size + columns[k]] += K[k]
+        H, g = H + row.T @ row, g + row.T @ r[k]
+    before, after = rng.normal(size=(2, count - 1, size, size))
+    between = rng.normal(size=(count - 1, size))
+    chain.add_between(before, after, between)
+    for k in range(count - 1):
+        row = np.zeros((size, total))
+        row[:, k * size : (k + 1) * size], row[:, (k + 1) * size : (k + 2) * size] = before[k], after[k]
+        H, g = H + row.T @ row, g + row.T @ between[k]
+    return chain, H, g
+
+
+@pytest.mark.parametrize(
+    ("count", "size", "shared"), [(1, 3, 2), (2, 6, 4), (9, 3, 7), (15, 2, 3), (16, 3, 2), (17, 2, 5), (70, 2, 9)]
+)
+def test_steps_and_covariances_are_those_of_the_dense_matrix(count, size, shared):
+    chain, H, g = random_problem(count, size, shared, seed=count)
+    states, rest = chain.solve()
+    assert np.concatenate([states.ravel(), rest]) == pytest.approx(np.linalg.solve(H, g), abs=1e-10)
+    C = np.linalg.inv(H)
+    own, across, corner = chain.covariances()
+    assert corner == pytest.approx(C[count * size :, count * size :], abs=1e-10)
+    blocks = C[: count * size, : count * size].reshape(count, size, count, size)
+    for k in range(count):
+        assert own[k] == pytest.approx(blocks[k, :, k], abs=1e-10)
+    for k in range(count - 1):
+        assert across[k] == pytest.approx(blocks[k, :, k + 1], abs=1e-10)

@@ -1,0 +1,146 @@
+"""A simulated robot arrives, or stops and says why; it never claims to be where it is not."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from floors import RIG, hung_every, two_rooms
+
+from lmkit.errors import InputError
+from lmkit.geometry.stereo_rig import StereoRig
+from lmkit.model.landmark_map import LandmarkMap
+from lmkit.navigation.navigator import Site, Tolerance, drive_to, surely_there
+from lmkit.planning.coverage import Demand, predict_coverage
+from lmkit.planning.route import Goal
+from lmkit.simulation.recording import WheelErrors
+from lmkit.simulation.robot import SimulatedRobot
+from lmkit.tracking.planar_stereo_filter import RigFilter
+from lmkit.tracking.range_bearing_filter import TrackedPose
+
+RADIUS_M = 0.25
+WHEELS = WheelErrors(slips=2, delay_s=0.1)
+GOAL = Goal(4.8, 1.2, 0.0)
+
+
+@pytest.fixture(scope="module")
+def world(tmp_path_factory):
+    floor = two_rooms(tmp_path_factory.mktemp("floor"))
+    landmarks = hung_every(floor, 0.7)
+    return floor, landmarks, predict_coverage(floor, list(landmarks), RIG, RADIUS_M)
+
+
+def go(world, seed, ground=None, landmarks=None, start=(1.0, 1.0, 0.3)):
+    floor, hung, coverage = world
+    robot = SimulatedRobot(ground or floor, hung, RIG, np.array(start), RADIUS_M, WHEELS, seed)
+    inside = []
+
+    def note(pose):
+        if pose.state is not None and pose.status == "ok":
+            off = pose.state[:2] - robot.seen_from[:2]
+            inside.append(off @ np.linalg.solve(pose.covariance[:2, :2], off) < 5.991)
+
+    known = hung if landmarks is None else landmarks
+    site = Site(floor, known, RIG, RADIUS_M, Demand(), coverage, corner_floor_px=0.0)
+    journey = drive_to(robot, site, GOAL, on_moment=note)
+    return journey, robot, inside
+
+
+def off(robot):
+    turn = robot.state[2] - (GOAL.heading_rad or 0.0)
+    return np.hypot(robot.state[0] - GOAL.x_m, robot.state[1] - GOAL.y_m), abs(np.arctan2(np.sin(turn), np.cos(turn)))
+
+
+def test_it_arrives_and_knows_where_it_is(world):
+    inside = []
+    for seed in range(3):
+        journey, robot, hits = go(world, seed)
+        assert journey.status == "arrived", journey.why
+        assert not robot.touched
+        assert off(robot)[0] < 0.05
+        assert off(robot)[1] < np.deg2rad(3)
+        inside += hits
+    assert 0.9 < np.mean(inside) <= 1.0
+
+
+@pytest.mark.parametrize(
+    ("x_m", "turn_deg", "sigma_m", "sigma_deg", "status", "there"),
+    [
+        (4.8, 0.0, 0.01, 0.5, "ok", True),
+        (4.83, 0.0, 0.01, 0.5, "ok", False),
+        (4.83, 0.0, 0.001, 0.5, "ok", True),
+        (4.8, 0.0, 0.03, 0.5, "ok", False),
+        (4.8, 2.5, 0.01, 0.5, "ok", False),
+        (4.8, 0.0, 0.01, 2.0, "ok", False),
+        (4.8, 0.0, 0.01, 0.5, "lost", False),
+    ],
+)
+def test_it_is_there_only_when_that_is_sure(x_m, turn_deg, sigma_m, sigma_deg, status, there):
+    state = np.array([x_m, GOAL.y_m, np.deg2rad(turn_deg)])
+    covariance = np.diag([sigma_m**2, 1e-8, np.deg2rad(sigma_deg) ** 2])
+    assert surely_there(TrackedPose(1.0, status, state, covariance), GOAL, Tolerance()) is there
+
+
+def test_it_goes_around_what_is_on_no_plan(world):
+    boxed = world[0].blocked(np.array([[4.0, 2.2]]), 0.2)
+    journey, robot, _ = go(world, 5, ground=boxed)
+    assert journey.status == "arrived", journey.why
+    assert not robot.touched
+
+
+def test_a_blocked_door_stops_it(world):
+    blocks = np.array([[3.0, y] for y in np.arange(2.5, 4.1, 0.2)])
+    journey, robot, _ = go(world, 6, ground=world[0].blocked(blocks, 0.15))
+    assert journey.status == "blocked"
+    assert not robot.touched
+    assert journey.why
+
+
+def test_without_landmarks_it_does_not_move_and_says_so(world):
+    floor, _, coverage = world
+    robot = SimulatedRobot(floor, LandmarkMap([]), RIG, np.array([1.0, 1.0, 0.0]), RADIUS_M, WHEELS, 0)
+    journey = drive_to(robot, Site(floor, LandmarkMap([]), RIG, RADIUS_M, Demand(), coverage), GOAL)
+    assert journey.status == "lost"
+    assert np.hypot(*(robot.state[:2] - 1.0)) < 0.02
+
+
+def test_a_filter_that_is_carried_off_finds_itself_again(world):
+    floor, hung, _ = world
+    robot = SimulatedRobot(floor, hung, RIG, np.array([1.2, 1.2, np.pi]), RADIUS_M, WheelErrors(delay_s=0.02), 1)
+    tracker = RigFilter(hung, RIG, corner_floor_px=0.0)
+    found = []
+    for k in range(24):
+        if k == 12:
+            robot.state = np.array([4.6, 2.2, 0.0])
+        for time_s, forward_m, turn_rad, rate in robot.drive(0.0, 0.0, 0.2):
+            tracker.wheels.add_odometry(time_s, forward_m, turn_rad)
+            tracker.wheels.add_gyro(time_s, rate)
+        found.append(tracker.observe(robot.time_s, *robot.look()))
+    assert np.hypot(*(found[11].state[:2] - [1.2, 1.2])) < 0.03
+    assert any(pose.status == "lost" or pose.outliers for pose in found[12:16])
+    assert any(pose.restarted for pose in found[12:])
+    assert np.hypot(*(found[-1].state[:2] - [4.6, 2.2])) < 0.03
+
+
+def test_a_landmark_that_was_moved_is_not_believed(world):
+    floor, hung, _ = world
+    robot = SimulatedRobot(floor, hung, RIG, np.array([1.6, 1.2, np.pi]), RADIUS_M, WheelErrors(delay_s=0.02), 1)
+    left, _ = robot.look()
+    moved = left[0].code
+    wrong = LandmarkMap(
+        [m if m.code != moved else type(m)(m.code, m.family, m.size_m, shifted(m.T_map_landmark)) for m in hung]
+    )
+    tracker = RigFilter(wrong, RIG, corner_floor_px=0.0)
+    for _ in range(8):
+        robot.drive(0.0, 0.0, 0.2)
+        pose = tracker.observe(robot.time_s, *robot.look())
+    assert moved in pose.outliers
+    assert np.hypot(*(pose.state[:2] - [1.6, 1.2])) < 0.03
+
+
+def shifted(T):
+    return type(T)(T.to_frame, T.from_frame, T.R, T.t + 0.3 * T.R[:, 0])
+
+
+def test_a_rig_without_base_is_refused():
+    with pytest.raises(InputError, match="T_base_left"):
+        RigFilter(LandmarkMap([]), StereoRig(RIG.left, RIG.right, RIG.T_right_left))

@@ -1,0 +1,69 @@
+"""The simulator against geometry and against itself."""
+
+from __future__ import annotations
+
+import json
+
+import cv2
+import numpy as np
+
+from lmkit.io.landmark_map import read_map
+from lmkit.io.rig import read_rig
+from lmkit.simulation.dataset import description_files, make_dataset, truth
+from lmkit.simulation.photograph import ImagingChain, Lens, Sensor, focus, photograph
+from lmkit.simulation.render import render
+from lmkit.simulation.scene import make_rig, make_room
+
+
+def test_the_same_seed_gives_the_same_room_and_picture():
+    rig = make_rig((160, 120), 115.0)
+    pictures = []
+    for _ in range(2):
+        data = make_dataset(4, 2, 0, 6)
+        pictures.append(photograph(data.scene, rig.left, data.poses[0], ImagingChain(), np.random.default_rng(1)))
+    assert np.array_equal(*pictures)
+
+
+def test_the_truth_stands_where_the_picture_is_red():
+    """The true corners against the picture itself: red just inside each, no red just outside."""
+    data = make_dataset(12, 4, 0, 12)
+    checked = 0
+    for index, pair in enumerate(truth(data)["pairs"]):
+        image = focus(render(data.scene, data.rig.left, data.poses[index]), Lens(blur_px=0.0))
+        for landmark in pair["landmarks"]["left"]:
+            if landmark["side_px"] < 38:
+                continue
+            corners = np.array(landmark["corners"])
+            middle = corners.mean(axis=0)
+            for corner in corners:
+                inside, outside = (corner + share * (middle - corner) for share in (0.055, -0.06))
+                places = np.array([[inside, outside]], dtype=np.float32)
+                (colours,) = cv2.remap(image.astype(np.float32), places[..., 0], places[..., 1], cv2.INTER_LINEAR)
+                redness = colours[:, 0] / colours.sum(axis=1)
+                assert redness[0] > 0.55
+                assert redness[1] < 0.5
+                checked += 1
+    assert checked >= 8
+
+
+def test_files_can_be_read_back(tmp_path):
+    data = make_dataset(3, 2, 1, 5)
+    for name, text in description_files(data).items():
+        (tmp_path / name).write_text(text)
+    assert len(read_map(tmp_path / "map.yaml")) == 5
+    assert np.array_equal(read_rig(tmp_path / "rig.yaml").left.K, data.rig.left.K)
+    described = json.loads((tmp_path / "truth.json").read_text())
+    assert len(described["pairs"]) == 2
+    assert len(described["boards"]) == 1
+
+
+def test_noise_grows_with_less_light():
+    scene = make_room(1, 4)
+    rig = make_rig((80, 60), 57.0)
+    pose = make_dataset(1, 1, 0, 4).poses[0]
+    spreads = []
+    for full_well in (20000.0, 500.0):
+        chain = ImagingChain(sensor=Sensor(full_well=full_well))
+        shots = [photograph(scene, rig.left, pose, chain, np.random.default_rng(k)).astype(float) for k in range(6)]
+        spreads.append(np.std(shots, axis=0).mean())
+    assert spreads[1] > 3 * spreads[0]
