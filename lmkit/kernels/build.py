@@ -25,10 +25,18 @@ ZIGLANG_MACHINES = {"x86_64", "amd64", "arm64", "aarch64"}
 # errno and floating-point traps are not used; without them sqrt, floor and selections become vector instructions.
 # Contraction to fused multiply-add is allowed: each is more exact than the two operations that it replaces.
 # -fopenmp-simd vectorises the loops marked `#pragma omp simd`; no OpenMP runtime is linked and no thread started.
-FLAGS = "-std=c11 -O3 -fno-math-errno -fno-trapping-math -ffp-contract=fast -fopenmp-simd -fvisibility=hidden".split()
-_X86_V2 = "-mssse3 -msse4.1 -msse4.2 -mpopcnt -mcx16".split()
-_X86_V3 = [*_X86_V2, *"-mavx -mavx2 -mfma -mf16c -mbmi -mbmi2 -mlzcnt -mmovbe".split()]
-_X86_V4 = [*_X86_V3, *"-mavx512f -mavx512cd -mavx512bw -mavx512dq -mavx512vl".split()]
+FLAGS = [
+    "-std=c11",
+    "-O3",
+    "-fno-math-errno",
+    "-fno-trapping-math",
+    "-ffp-contract=fast",
+    "-fopenmp-simd",
+    "-fvisibility=hidden",
+]
+_X86_V2 = ["-mssse3", "-msse4.1", "-msse4.2", "-mpopcnt", "-mcx16"]
+_X86_V3 = [*_X86_V2, *["-mavx", "-mavx2", "-mfma", "-mf16c", "-mbmi", "-mbmi2", "-mlzcnt", "-mmovbe"]]
+_X86_V4 = [*_X86_V3, *["-mavx512f", "-mavx512cd", "-mavx512bw", "-mavx512dq", "-mavx512vl"]]
 # Feature flags instead of -march=x86-64-v3, which GCC 10 does not know.
 VARIANT_FLAGS = {"v2": _X86_V2, "v3": _X86_V3, "v4": _X86_V4}
 
@@ -93,7 +101,7 @@ def sources(folder: Path = HERE) -> list[Path]:
 
 
 def digest(folder: Path = HERE) -> str:
-    """Twelve hex digits of all C files, headers and this file: part of the library's name, checked when it is loaded."""
+    """Twelve hex digits of all C files, headers and this file: part of the library's name, checked at load."""
     total = hashlib.sha256()
     for path in [*sources(folder), *sorted(folder.glob("*.h")), folder / "build.py"]:
         total.update(path.name.encode() + b"\0" + path.read_bytes() + b"\0")
@@ -212,7 +220,9 @@ def _compile(
     with tempfile.TemporaryDirectory(prefix="lmkit-kernels-") as name:
         temporary = Path(name)
         # What asks the processor for its features must itself run on any: cpu.c gets no variant's flags.
-        baseline = [flag for flag in flags if flag == "-mcpu=baseline"] or (["-mcpu=baseline"] if compiler.is_zig else [])
+        baseline = [flag for flag in flags if flag == "-mcpu=baseline"] or (
+            ["-mcpu=baseline"] if compiler.is_zig else []
+        )
         cpu = temporary / "cpu.o"
         _run([*compiler.command, *common, *baseline, "-c", str(folder / "cpu.c"), "-o", str(cpu)], temporary)
         library = temporary / out.name
