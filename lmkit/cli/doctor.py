@@ -42,7 +42,7 @@ class Finding:
 def check_installation() -> list[Finding]:
     """All checks, none of which changes anything."""
     findings = [Finding(True, f"Python {platform.python_version()} on {platform.system()} {platform.machine()}")]
-    findings += [_opencv(), *(_package(name) for name in NEEDED), _templates()]
+    findings += [_opencv(), *(_package(name) for name in NEEDED), _templates(), _kernels()]
     return findings
 
 
@@ -79,3 +79,10 @@ def _templates() -> Finding:
 
     names = sorted(path.stem for path in templates_folder().glob("*.toml"))
     return Finding(bool(names), f"templates: {', '.join(names) or 'none'}", "install lmkit again")
+
+
+def _kernels() -> Finding:
+    from lmkit.kernels.load import describe
+
+    # Without compiled kernels lmkit is slow, not unsound.
+    return Finding(True, describe())

@@ -25,18 +25,10 @@ ZIGLANG_MACHINES = {"x86_64", "amd64", "arm64", "aarch64"}
 # errno and floating-point traps are not used; without them sqrt, floor and selections become vector instructions.
 # Contraction to fused multiply-add is allowed: each is more exact than the two operations that it replaces.
 # -fopenmp-simd vectorises the loops marked `#pragma omp simd`; no OpenMP runtime is linked and no thread started.
-FLAGS = [
-    "-std=c11",
-    "-O3",
-    "-fno-math-errno",
-    "-fno-trapping-math",
-    "-ffp-contract=fast",
-    "-fopenmp-simd",
-    "-fvisibility=hidden",
-]
+FLAGS = ["-std=c11", "-O3", "-fno-math-errno", "-fno-trapping-math", "-ffp-contract=fast", "-fopenmp-simd"]
 _X86_V2 = ["-mssse3", "-msse4.1", "-msse4.2", "-mpopcnt", "-mcx16"]
-_X86_V3 = [*_X86_V2, *["-mavx", "-mavx2", "-mfma", "-mf16c", "-mbmi", "-mbmi2", "-mlzcnt", "-mmovbe"]]
-_X86_V4 = [*_X86_V3, *["-mavx512f", "-mavx512cd", "-mavx512bw", "-mavx512dq", "-mavx512vl"]]
+_X86_V3 = [*_X86_V2, "-mavx", "-mavx2", "-mfma", "-mf16c", "-mbmi", "-mbmi2", "-mlzcnt", "-mmovbe"]
+_X86_V4 = [*_X86_V3, "-mavx512f", "-mavx512cd", "-mavx512bw", "-mavx512dq", "-mavx512vl"]
 # Feature flags instead of -march=x86-64-v3, which GCC 10 does not know.
 VARIANT_FLAGS = {"v2": _X86_V2, "v3": _X86_V3, "v4": _X86_V4}
 
@@ -209,7 +201,7 @@ def _compile(
 ) -> None:
     import tempfile
 
-    common = [*FLAGS, *extra]
+    common = [*FLAGS, *extra, "-fvisibility=hidden"]
     if target.system != "windows":
         common.append("-fPIC")
     if compiler.is_zig:
