@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import os
 from collections.abc import Callable
-from dataclasses import dataclass
 from pathlib import Path
 
 # As the command line does: threads of the linear algebra library slow small problems down.
@@ -14,6 +13,7 @@ for variable in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"):
 import cv2
 import numpy as np
 import pytest
+from command_line import Answer
 
 from lmkit.arrays import ByteArray
 
@@ -39,15 +39,6 @@ def photographs() -> list[ByteArray]:
 
     shipped = [skimage.data.astronaut(), skimage.data.coffee(), skimage.data.chelsea()]
     return [np.ascontiguousarray(image[:, :, ::-1]) for image in shipped]
-
-
-@dataclass(frozen=True)
-class Answer:
-    """What a command printed, and how it ended."""
-
-    code: int
-    out: str
-    err: str
 
 
 @pytest.fixture

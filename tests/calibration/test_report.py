@@ -71,6 +71,7 @@ def test_what_was_warned_of_and_what_to_take_next_is_in_it(result):
         assert view in html
 
 
+@pytest.mark.slow
 def test_good_data_are_called_good_and_bad_data_poor():
     good = calibrate_stereo(views(70, 0.05, 5), BOARD, (640, 480))
     assert not good.warnings

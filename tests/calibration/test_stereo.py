@@ -40,6 +40,7 @@ def test_perfect_fisheye_corners_give_the_rig_back():
     assert np.allclose(result.rig.T_right_left.t, truth.T_right_left.t, atol=1e-5)
 
 
+@pytest.mark.slow
 def test_noise_gives_errors_of_the_stated_size():
     """The baseline's error over 20 seeds, in units of its stated sigma: about one, neither 0.3 nor 3."""
     truth = make_rig().baseline_m
@@ -63,6 +64,7 @@ def test_swapped_pictures_are_named_and_do_no_harm():
     assert result.held_out_epipolar_px < 1.3 * clean.held_out_epipolar_px
 
 
+@pytest.mark.slow
 def test_a_rig_that_moved_is_warned_of_with_the_pairs_named(data):
     from lmkit.pipelines.board_views import find_board_pairs
 

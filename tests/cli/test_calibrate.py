@@ -73,6 +73,7 @@ def test_a_print_measured_larger_makes_a_longer_baseline(lmkit, pairs):
     assert ratio == pytest.approx(1.01, abs=1e-4)
 
 
+@pytest.mark.slow
 def test_check_says_true_of_its_own_rig_and_moved_of_another(lmkit, pairs, tmp_path):
     left, right = pairs
     assert lmkit("calibrate", left, right, "--board", SPEC, "-o", "rig.yaml").code == 0
@@ -86,6 +87,7 @@ def test_check_says_true_of_its_own_rig_and_moved_of_another(lmkit, pairs, tmp_p
     assert "no longer true" in bad.err
 
 
+@pytest.mark.slow
 def test_capture_keeps_new_sharp_still_views_of_films(lmkit, pairs, tmp_path):
     """Every picture stands still for three frames of the film, then the next one is there at once."""
     films = []
@@ -115,6 +117,7 @@ def test_capture_reads_both_eyes_side_by_side(lmkit, pairs, tmp_path):
     assert len(json.loads(answer.out)["pairs_used"]) >= 4
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("spec", ["chessboard:8x6:30mm", "chessboard:10x7:30mm"])
 def test_capture_notices_another_board(lmkit, pairs, spec):
     """A smaller one is found inside the true one without complaint, a larger one never."""

@@ -1,11 +1,10 @@
 """`lmkit survey`, `lmkit track` and `lmkit demo --drive`, as a user runs them."""
 
 import json
-import subprocess
-import sys
 from html.parser import HTMLParser
 
 import pytest
+from command_line import run_command
 
 
 class Page(HTMLParser):
@@ -37,20 +36,15 @@ def demo(tmp_path_factory):
 
 
 def run(*arguments, code=0):
-    done = subprocess.run(
-        [sys.executable, "-c", "from lmkit.cli.main import main; main()", *map(str, arguments)],
-        capture_output=True,
-        text=True,
-        check=False,
-    )
-    assert done.returncode == code, done.stderr
+    done = run_command(*arguments)
+    assert done.code == code, done.err
     return done
 
 
 def test_the_demo_writes_a_map_a_trajectory_and_a_plan(demo):
     assert (demo / "plan.png").read_bytes()[:4] == b"\x89PNG"
     done = run("evaluate", demo / "truth.tum", demo / "trajectory.tum", "--json")
-    assert json.loads(done.stdout)["position_m"]["rmse"] < 0.1
+    assert json.loads(done.out)["position_m"]["rmse"] < 0.1
 
 
 def test_a_survey_of_the_demo_s_files_finds_the_map(demo, tmp_path):
@@ -67,15 +61,15 @@ def test_a_survey_of_the_demo_s_files_finds_the_map(demo, tmp_path):
         "--report", tmp_path / "s.html", "--wall", f"{one},{never}",
     )  # fmt: skip
     # What is declared of a landmark that the drive never saw says nothing.
-    assert f"of the wall {one}, {never} that was declared, {never} did not come into the map" in done.stderr
-    answer = json.loads(done.stdout)
+    assert f"of the wall {one}, {never} that was declared, {never} did not come into the map" in done.err
+    answer = json.loads(done.out)
     assert {str(entry["code"]) for entry in answer["landmarks"]} >= seen
     assert answer["odometry"]["forward_scale"] == pytest.approx(0.92, abs=0.01)
     assert (tmp_path / "plan.svg").read_text().startswith("<svg")
     page = Page((tmp_path / "s.html").read_text())
     assert [row[0] for row in page.rows if row[0].isdigit()] == sorted(seen, key=int)
     assert page.drawings == 4
-    error = json.loads(run("evaluate", demo / "truth.tum", tmp_path / "s.tum", "--json").stdout)
+    error = json.loads(run("evaluate", demo / "truth.tum", tmp_path / "s.tum", "--json").out)
     assert error["position_m"]["rmse"] < 0.06
 
 
@@ -84,7 +78,7 @@ def test_tracking_gives_a_line_a_moment(demo, tmp_path):
         "track", "--detections", demo / "detections.csv", "--rig", demo / "rig.yaml", "--map", demo / "true_map.yaml",
         "--odometry", demo / "odometry.csv", "--json", "--csv", tmp_path / "t.csv",
     )  # fmt: skip
-    lines = [json.loads(line) for line in done.stdout.splitlines()]
+    lines = [json.loads(line) for line in done.out.splitlines()]
     assert {line["status"] for line in lines} == {"ok"}
     assert len((tmp_path / "t.csv").read_text().splitlines()) == len(lines) + 1
 
@@ -96,11 +90,11 @@ def test_tracking_goes_by_poses_of_visual_odometry_as_well(demo, tmp_path, how):
         "--odometry", demo / "truth.tum", "--tum", tmp_path / "t.tum", "--json", "--report", tmp_path / "t.html",
         *how,
     )  # fmt: skip
-    ratios = [line["innovation"] for line in map(json.loads, done.stdout.splitlines()) if line["innovation"]]
+    ratios = [line["innovation"] for line in map(json.loads, done.out.splitlines()) if line["innovation"]]
     assert 0.3 < sum(ratios) / len(ratios) < 1.5
     assert Page((tmp_path / "t.html").read_text()).drawings == 4
-    assert len(done.stdout.splitlines()) > 100
-    error = json.loads(run("evaluate", demo / "truth.tum", tmp_path / "t.tum", "--json").stdout)
+    assert len(done.out.splitlines()) > 100
+    error = json.loads(run("evaluate", demo / "truth.tum", tmp_path / "t.tum", "--json").out)
     assert error["position_m"]["rmse"] < 0.02
 
 
@@ -138,8 +132,8 @@ def test_wrong_use_is_told_in_one_line(demo, arguments, says):
         "TUM": demo / "truth.tum",
     }
     done = run(*(files.get(a, a) for a in arguments), code=2)
-    assert says in done.stderr
-    assert len(done.stderr.strip().splitlines()) == 1
+    assert says in done.err
+    assert len(done.err.strip().splitlines()) == 1
 
 
 def test_odometry_of_another_clock_is_refused(demo, tmp_path):
@@ -149,7 +143,7 @@ def test_odometry_of_another_clock_is_refused(demo, tmp_path):
     late.write_text("\n".join([header, *moved]) + "\n")
     known = ["--detections", demo / "detections.csv", "--rig", demo / "rig.yaml", "--odometry", late]
     for command in (["survey", "-o", tmp_path / "m.yaml"], ["track", "--map", demo / "true_map.yaml"]):
-        assert "give both in seconds of one clock" in run(*command, *known, code=2).stderr
+        assert "give both in seconds of one clock" in run(*command, *known, code=2).err
     assert not (tmp_path / "m.yaml").exists()
 
 
@@ -162,7 +156,7 @@ def test_odometry_that_does_not_agree_is_doubted_aloud(demo, tmp_path):
         "track", "--detections", demo / "detections.csv", "--rig", demo / "rig.yaml",
         "--map", demo / "true_map.yaml", "--odometry", feet,
     )  # fmt: skip
-    assert "forward_scale comes out as" in done.stderr
+    assert "forward_scale comes out as" in done.err
 
 
 def test_a_map_in_the_plane_from_readings(tmp_path):
@@ -180,7 +174,7 @@ def test_a_map_in_the_plane_from_readings(tmp_path):
     done = run(
         "survey", "--readings", readings, "--odometry", tmp_path / "o.csv", "-o", tmp_path / "m.yaml", "--json"
     )
-    found = {m["code"]: np.array(m["position"][:2]) for m in json.loads(done.stdout)["landmarks"]}
+    found = {m["code"]: np.array(m["position"][:2]) for m in json.loads(done.out)["landmarks"]}
     true = {m.code: m.T_map_landmark.t[:2] for m in drive.landmarks if m.code in found}
     assert len(found) > 10
     # The map's frame is the robot's first pose: distances between landmarks are what can be compared.

@@ -162,6 +162,7 @@ def test_board(lmkit, tmp_path, spec):
     assert files(tmp_path) == set()
 
 
+@pytest.mark.slow
 def test_calibrate_names_the_board_that_is_there(lmkit, data, tmp_path):
     root = data / "stereo" / "opencv_bouguet"
     answer = lmkit("calibrate", root / "left", root / "right", "--board", "chessboard:8x5:30mm", "-o", "rig.yaml")

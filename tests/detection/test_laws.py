@@ -62,6 +62,7 @@ def test_upright_corners_err_as_they_say(side_px, bayer):
     assert np.sqrt(np.mean(stated)) < (0.25 if side_px < 20 and bayer else 0.07)
 
 
+@pytest.mark.slow
 @LAWS
 @given(st.integers(0, 255), st.floats(20, 100), st.integers(1, 3))
 def test_turning_the_picture_turns_the_answer(code, side_px, quarters):

@@ -12,10 +12,10 @@ from scenes import DPI, all_codes_pdf, paste_landmark, sheet_by_pdfium
 
 from lmkit.detection.detector import detect_landmarks
 
-GROUPS = 8
+GROUPS = 16
 
 
-@pytest.mark.parametrize("group", range(GROUPS))
+@pytest.mark.parametrize("group", [0, *(pytest.param(k, marks=pytest.mark.slow) for k in range(1, GROUPS))])
 def test_every_code_reads_back_from_a_photograph(group, photographs):
     errors, wrong = [], []
     for code in range(group, 256, GROUPS):

@@ -36,12 +36,14 @@ def bouguet(data):
     return pairs, calibrate_stereo(pairs.views, BOARD, pairs.image_size, rejected=pairs.rejected)
 
 
+@pytest.mark.slow
 def test_the_published_baseline_comes_back(bouguet):
     _, result = bouguet
     assert result.rig.baseline_m * 1000 == pytest.approx(99.8, abs=0.5)
     assert result.held_out_epipolar_px <= 0.13
 
 
+@pytest.mark.slow
 def test_landmarks_on_the_board_are_found_and_locate_the_rig(bouguet):
     pairs, result = bouguet
     rig = result.rig

@@ -49,6 +49,7 @@ def test_exact_corners_give_the_exact_map(wheels):
     assert not result.unplaced
 
 
+@pytest.mark.slow
 def test_noise_gives_errors_as_the_covariance_says():
     squared, far = [], []
     for seed in range(6):
@@ -202,6 +203,7 @@ def test_wheels_need_to_know_where_the_camera_sits():
         )
 
 
+@pytest.mark.slow
 def test_without_wheels_a_twin_that_bends_the_map_shows_as_a_leap():
     """Two parts of the room hang together by one landmark, and its twin turns them by 13 deg."""
     drive = make_drive(7, seconds=120, errors=WheelErrors(slips=1))

@@ -44,6 +44,7 @@ def test_landmarks_seen_from_afar_do_not_hang_turned(seed):
     assert max(turned(drive, result).values()) < 0.1
 
 
+@pytest.mark.slow
 def test_a_landmark_of_which_one_far_view_is_all_is_right_or_said_to_be_ambiguous():
     said = 0
     for seed in range(4):

@@ -3,6 +3,7 @@
 from dataclasses import replace
 
 import numpy as np
+import pytest
 
 from lmkit.geometry.pose import Pose
 from lmkit.pipelines.rendered_cameras import PictureEyes
@@ -18,6 +19,7 @@ def standing_before(landmark, distance_m):
     return Pose("map", "base", R, T.t - distance_m * ahead)
 
 
+@pytest.mark.slow
 def test_pictures_show_what_hangs_there_now_and_then():
     scene = make_room(3, count=6)
     ahead = np.array([[0.0, 0, 1], [-1, 0, 0], [0, -1, 0]])

@@ -1,0 +1,27 @@
+"""Runs the command line in the test's own process."""
+
+from __future__ import annotations
+
+import contextlib
+import io
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True)
+class Answer:
+    """What a command printed, and its exit code."""
+
+    code: int
+    out: str
+    err: str
+
+
+def run_command(*arguments: object) -> Answer:
+    """Run ``lmkit ARGUMENTS``; everything that Python writes to stdout and stderr is captured."""
+    from lmkit.cli import main
+
+    words = [str(a) for a in arguments]
+    out, err = io.StringIO(), io.StringIO()
+    with contextlib.redirect_stdout(out), contextlib.redirect_stderr(err):
+        code = main.guarded(lambda: main.app(words, prog_name="lmkit", standalone_mode=False), debug=False)
+    return Answer(code, out.getvalue(), err.getvalue())
