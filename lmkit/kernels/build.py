@@ -206,7 +206,7 @@ def _compile(
         common.append("-fPIC")
     if compiler.is_zig:
         # Zig adds undefined-behaviour traps by itself, and builds for this very processor unless told otherwise.
-        common += ["-fno-sanitize=undefined", *(["-target", target.zig] if target.zig else [])]
+        common += ["-fno-sanitize=undefined", "-g0", *(["-target", target.zig] if target.zig else [])]
         flags = flags or ["-mcpu=baseline"]
     others = [str(path) for path in sources(folder) if path.name != "cpu.c"]
     with tempfile.TemporaryDirectory(prefix="lmkit-kernels-") as name:
@@ -218,11 +218,9 @@ def _compile(
         cpu = temporary / "cpu.o"
         _run([*compiler.command, *common, *baseline, "-c", str(folder / "cpu.c"), "-o", str(cpu)], temporary)
         library = temporary / out.name
-        link = [] if target.system == "windows" else ["-lm"]
-        _run(
-            [*compiler.command, *common, *flags, "-shared", *others, str(cpu), "-o", str(library), *link],
-            temporary,
-        )
+        link = {"linux": ["-lm"], "macos": [f"-Wl,-install_name,@rpath/{out.name}"], "windows": []}[target.system]
+        command = [*compiler.command, *common, *flags, "-shared", *others, str(cpu), "-o", str(library), *link]
+        _run(command, temporary)
         _place(library, out)
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ast
 import os
 import shutil
 import subprocess
@@ -29,6 +30,21 @@ def describe(monkeypatch, folder: Path, wanted: str = "") -> load.Loaded:
     monkeypatch.setattr(load, "digest", lambda: build.digest(folder))
     monkeypatch.setenv(load.SWITCH, wanted)
     return load.loaded.__wrapped__()
+
+
+def test_kernels_import_numpy_and_themselves_only():
+    allowed = {"lmkit.kernels", "numpy", *sys.stdlib_module_names}
+    for path in build.HERE.glob("*.py"):
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+            names = [node.module or ""] if isinstance(node, ast.ImportFrom) else []
+            names += [alias.name for alias in node.names] if isinstance(node, ast.Import) else []
+            for name in names:
+                assert name.startswith("lmkit.kernels") or name.split(".")[0] in allowed, f"{path.name}: {name}"
+
+
+def test_every_kernel_has_its_numpy_definition_beside_it():
+    for path in build.sources():
+        assert path.stem in {"cpu", "built"} or path.with_suffix(".py").is_file(), path.name
 
 
 @has_compiler
