@@ -33,7 +33,7 @@ from lmkit.localization.absolute_pose import LocateOptions, locate_camera, locat
 from lmkit.localization.correspondences import Correspondences, Poses
 from lmkit.model.estimate import PoseEstimate
 from lmkit.model.landmark_map import LandmarkMap, MappedLandmark, wall_pose
-from lmkit.model.observation import LandmarkObservation
+from lmkit.model.observation import Detection
 from lmkit.simulation.photograph import ImagingChain, Lens, Light, Sensor, photograph
 from lmkit.simulation.scene import landmark_sheet, looking, make_rig, studio
 
@@ -73,7 +73,7 @@ class Situation:
         return looking(place, -np.pi / 2 - angle, 0.0)
 
 
-def see(s: Situation, rng: np.random.Generator | None) -> list[list[LandmarkObservation]]:
+def see(s: Situation, rng: np.random.Generator | None) -> list[list[Detection]]:
     rig, T = s.rig, s.station.inverse()
     eyes = []
     for camera, R, t in (
@@ -85,16 +85,12 @@ def see(s: Situation, rng: np.random.Generator | None) -> list[list[LandmarkObse
             corners = camera.project(T.apply(landmark.corners_map) @ R.T + t)
             if camera.contains(corners).all():
                 noise = 0.0 if rng is None else rng.normal(0, NOISE_PX, (4, 2))
-                seen.append(
-                    LandmarkObservation(
-                        landmark.code, corners + noise, 0.99, 50.0, covariance=NOISE_PX**2 * np.eye(8)
-                    )
-                )
+                seen.append(Detection(landmark.code, corners + noise, 0.99, 50.0, covariance=NOISE_PX**2 * np.eye(8)))
         eyes.append(seen)
     return eyes
 
 
-def locate(s: Situation, eyes: Sequence[list[LandmarkObservation]], options: LocateOptions) -> PoseEstimate:
+def locate(s: Situation, eyes: Sequence[list[Detection]], options: LocateOptions) -> PoseEstimate:
     landmarks = LandmarkMap(s.landmarks)
     if s.mono:
         return locate_camera(eyes[0], s.rig.left, landmarks, options)

@@ -25,7 +25,7 @@ from lmkit.geometry.rotations import rotation_angle
 from lmkit.mapping.bundle_adjustment import Anchor
 from lmkit.mapping.survey import Survey, survey_frames
 from lmkit.model.landmark_map import LandmarkMap
-from lmkit.model.observation import LandmarkObservation
+from lmkit.model.observation import Detection
 from lmkit.model.recording import Gyro, Odometry, StereoFrame
 from lmkit.odometry.wheel_odometry import MotionModel
 from lmkit.simulation.observations import look
@@ -37,7 +37,7 @@ BENT_M, BENT_RAD, BENT_SIGMA = 0.05, 0.15, 4.0
 NAMES = ("nothing", "two exchanged", "one moved", "odometry stops", "clock jumps", "all seen from afar")
 WITHOUT_ODOMETRY = (0, 1, 2, 5)
 
-Seen = tuple[LandmarkObservation, ...]
+Seen = tuple[Detection, ...]
 
 
 @dataclass(frozen=True)

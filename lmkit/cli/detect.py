@@ -29,7 +29,7 @@ def run(
     """Find and read landmarks."""
     from lmkit.detection.config import FAR, FAST, DetectOptions
     from lmkit.model.landmark import families_named
-    from lmkit.pipelines.detect_images import detect_in_sources, observation_dict
+    from lmkit.pipelines.detect_images import detect_in_sources
 
     options = DetectOptions(families_named(family), FAST if fast else FAR)
     count = found = colourless = 0
@@ -53,7 +53,7 @@ def run(
                 )
         width, height = answer.size
         if as_json:
-            entries = [observation_dict(d) for d in answer.landmarks]
+            entries = [d.to_dict() for d in answer.landmarks]
             print_json({"image": answer.name, "width": width, "height": height, "detections": entries})
         else:
             codes = ", ".join(f"{d.code} ({d.confidence:.2f})" for d in answer.landmarks) or "none"

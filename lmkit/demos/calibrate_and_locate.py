@@ -25,7 +25,7 @@ from lmkit.localization.absolute_pose import locate_rig
 from lmkit.model.estimate import PoseEstimate
 from lmkit.model.landmark import LM8
 from lmkit.model.landmark_map import LandmarkMap
-from lmkit.model.observation import LandmarkObservation
+from lmkit.model.observation import Detection
 from lmkit.parallel import map_in_processes
 from lmkit.pipelines.board_views import find_board_pairs
 from lmkit.reports.calibration import calibration_report
@@ -126,9 +126,7 @@ def _calibrate(folder: Path, progress: Progress) -> StereoCalibration:
     return result
 
 
-def _detect(
-    folder: Path, pairs: int, progress: Progress
-) -> list[tuple[list[LandmarkObservation], list[LandmarkObservation]]]:
+def _detect(folder: Path, pairs: int, progress: Progress) -> list[tuple[list[Detection], list[Detection]]]:
     files = [folder / "drive" / eye / f"{k:04d}.png" for k in range(pairs) for eye in ("left", "right")]
     seen = []
     for done, landmarks in enumerate(map_in_processes(_detect_file, files), start=1):
@@ -137,14 +135,14 @@ def _detect(
     return [(seen[2 * k], seen[2 * k + 1]) for k in range(pairs)]
 
 
-def _detect_file(path: Path) -> list[LandmarkObservation]:
+def _detect_file(path: Path) -> list[Detection]:
     return detect_landmarks(read_image(path))
 
 
 def _overlay(
     folder: Path,
     index: int,
-    seen: Sequence[LandmarkObservation],
+    seen: Sequence[Detection],
     estimate: PoseEstimate,
     calibration: StereoCalibration,
     landmarks: LandmarkMap,

@@ -13,7 +13,7 @@ from lmkit.geometry.rotations import rotation_angle
 from lmkit.geometry.stereo_rig import ahead_of
 from lmkit.io.files import write_file
 from lmkit.io.landmark_map import map_to_yaml
-from lmkit.io.recording_tables import detections_to_csv
+from lmkit.io.recording_tables import detections_to_csv, gyro_to_csv, odometry_to_csv
 from lmkit.io.rig import rig_to_yaml
 from lmkit.io.trajectory import poses_to_tum
 from lmkit.mapping.bundle_adjustment import Anchor
@@ -129,8 +129,8 @@ def _write(folder: Path, drive: Drive, survey: Survey, smooth: TrackedTrajectory
         ("true_map.yaml", map_to_yaml(drive.landmarks).encode()),
         ("map.yaml", map_to_yaml(survey.landmarks).encode()),
         ("detections.csv", detections_to_csv(drive.moments).encode()),
-        ("odometry.csv", _odometry(drive).encode()),
-        ("gyro.csv", _gyro(drive).encode()),
+        ("odometry.csv", odometry_to_csv(drive.odometry).encode()),
+        ("gyro.csv", gyro_to_csv(drive.gyro).encode()),
         ("trajectory.tum", poses_to_tum(poses).encode()),
         ("truth.tum", poses_to_tum(truth).encode()),
         (
@@ -139,17 +139,3 @@ def _write(folder: Path, drive: Drive, survey: Survey, smooth: TrackedTrajectory
         ),
     ):
         write_file(folder / name, data, True)
-
-
-def _odometry(drive: Drive) -> str:
-    o = drive.odometry
-    seconds = np.diff(o.times_s, append=2 * o.times_s[-1] - o.times_s[-2])
-    # A velocity holds until the next row; the row's own way was travelled before it.
-    forward, turn = (np.append(values[1:], 0.0) / seconds for values in (o.forward_m, o.turn_rad))
-    rows = zip(o.times_s, forward, turn, strict=True)
-    return "time_s,forward_mps,turn_radps\n" + "".join(f"{t:.6f},{v:.6f},{w:.6f}\n" for t, v, w in rows)
-
-
-def _gyro(drive: Drive) -> str:
-    rows = zip(drive.gyro.times_s, drive.gyro.rate_radps, strict=True)
-    return "time_s,rate_radps\n" + "".join(f"{t:.6f},{rate:.6f}\n" for t, rate in rows)

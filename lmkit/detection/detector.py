@@ -24,13 +24,13 @@ from lmkit.detection.screening import (
 from lmkit.detection.shadows import crossed_by_shadow, local_white, window_for
 from lmkit.errors import InputError
 from lmkit.model.landmark import LandmarkFamily
-from lmkit.model.observation import LandmarkObservation
+from lmkit.model.observation import Detection
 
 ALIGN_ROUNDS = 3
 SHADED_FACTOR = 1.5  # a shadow's edge has freedoms that fit other things too: margins must be so much larger
 
 
-def detect_landmarks(image: ByteArray, options: DetectOptions | None = None) -> list[LandmarkObservation]:
+def detect_landmarks(image: ByteArray, options: DetectOptions | None = None) -> list[Detection]:
     """All landmarks of a picture, largest first.
 
     Args:

@@ -15,7 +15,7 @@ from lmkit.detection.pixel_sampling import PixelSamples, Registration, mean_side
 from lmkit.detection.registration import CodeHypothesis, PatternRegistration
 from lmkit.detection.shadows import ShadowEdge
 from lmkit.model.landmark import LandmarkFamily
-from lmkit.model.observation import LandmarkObservation
+from lmkit.model.observation import Detection
 
 READ_ROUNDS = 3
 REGISTER_STEPS = 5
@@ -49,9 +49,9 @@ class Candidate:
         return mean_side(self.corners)
 
     @property
-    def observation(self) -> LandmarkObservation:
+    def observation(self) -> Detection:
         """What is told of it."""
-        return LandmarkObservation(
+        return Detection(
             code=self.verdict.code,
             corners=self.corners,
             confidence=self.verdict.confidence,

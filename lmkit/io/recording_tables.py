@@ -13,7 +13,7 @@ import numpy as np
 from lmkit.arrays import FloatArray
 from lmkit.errors import InputError
 from lmkit.io.documents import read_text
-from lmkit.model.observation import LandmarkObservation
+from lmkit.model.observation import Detection
 from lmkit.model.recording import Gyro, Odometry, StereoFrame
 
 # Other names that columns go by.
@@ -83,7 +83,7 @@ def read_detections(path: Path) -> list[StereoFrame]:
             "bad_header", f"{path}: line 1 is {','.join(header)}", f"write the columns {','.join(DETECTION_COLUMNS)}"
         )
     tags = bool(rows) and "tag_id" in [cell.strip() for cell in rows[0]]
-    moments: dict[float, dict[str, list[LandmarkObservation]]] = {}
+    moments: dict[float, dict[str, list[Detection]]] = {}
     for number, row in enumerate(rows[1:], start=2):
         if not row:
             continue
@@ -98,7 +98,7 @@ def read_detections(path: Path) -> list[StereoFrame]:
             if not 0 < sigma_px < math.inf:
                 raise ValueError("sigma_px is not positive")
             C = sigma_px**2 * np.eye(8)
-            observation = LandmarkObservation(int(cells["code"]), corners, 1.0, 0.0, family, C)
+            observation = Detection(int(cells["code"]), corners, 1.0, 0.0, family, C)
             time = float(cells["time_s"])
             if not math.isfinite(time):
                 raise ValueError("a time that is not finite")
@@ -126,6 +126,22 @@ def detections_to_csv(moments: Sequence[StereoFrame]) -> str:
                 sigma_px = CORNER_SIGMA_PX if C is None else math.sqrt(float(np.trace(C)) / 8)
                 lines.append(f"{moment.time_s:.6f},{eye},{o.family},{o.code},{numbers},{sigma_px:.4f}")
     return "\n".join(lines) + "\n"
+
+
+def odometry_to_csv(odometry: Odometry) -> str:
+    """Velocities of wheel odometry, as :func:`read_odometry` reads them; each holds until the next row."""
+    times = odometry.times_s
+    seconds = np.diff(times, append=2 * times[-1] - times[-2])
+    # The distance of a row was travelled before it, at the velocity of the row before.
+    forward, turn = (np.append(values[1:], 0.0) / seconds for values in (odometry.forward_m, odometry.turn_rad))
+    rows = zip(times, forward, turn, strict=True)
+    return "time_s,forward_mps,turn_radps\n" + "".join(f"{t:.6f},{v:.6f},{w:.6f}\n" for t, v, w in rows)
+
+
+def gyro_to_csv(gyro: Gyro) -> str:
+    """Yaw rates, as :func:`read_gyro` reads them."""
+    rows = zip(gyro.times_s, gyro.rate_radps, strict=True)
+    return "time_s,rate_radps\n" + "".join(f"{t:.6f},{rate:.6f}\n" for t, rate in rows)
 
 
 def _header(rows: Sequence[Sequence[str]]) -> list[str]:

@@ -28,7 +28,7 @@ from lmkit.localization.pose_prior import PosePrior
 from lmkit.model.estimate import PoseEstimate
 from lmkit.model.landmark import square_corners
 from lmkit.model.landmark_map import LandmarkMap
-from lmkit.model.observation import LandmarkObservation
+from lmkit.model.observation import Detection
 
 SAME_TURN_RAD = np.deg2rad(2.0)
 SAME_PLACE_M = 0.05
@@ -66,8 +66,8 @@ class LocateOptions:
 
 
 def locate_rig(
-    left: Sequence[LandmarkObservation],
-    right: Sequence[LandmarkObservation],
+    left: Sequence[Detection],
+    right: Sequence[Detection],
     rig: StereoRig,
     landmarks: LandmarkMap,
     options: LocateOptions | None = None,
@@ -91,7 +91,7 @@ def locate_rig(
 
 
 def locate_camera(
-    observations: Sequence[LandmarkObservation],
+    observations: Sequence[Detection],
     camera: CameraModel,
     landmarks: LandmarkMap,
     options: LocateOptions | None = None,
@@ -100,7 +100,7 @@ def locate_camera(
     return _locate([(observations, camera, np.eye(3), np.zeros(3))], landmarks, options or LocateOptions())
 
 
-_Eye = tuple[Sequence[LandmarkObservation], CameraModel, FloatArray, FloatArray]
+_Eye = tuple[Sequence[Detection], CameraModel, FloatArray, FloatArray]
 
 
 def _locate(eyes: Sequence[_Eye], landmarks: LandmarkMap, options: LocateOptions) -> PoseEstimate:

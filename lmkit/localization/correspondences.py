@@ -15,7 +15,7 @@ from lmkit.geometry.stereo_rig import StereoRig
 from lmkit.localization.pose_prior import PosePrior
 from lmkit.localization.reprojection import View, through_lens
 from lmkit.model.landmark_map import LandmarkMap, MappedLandmark
-from lmkit.model.observation import LandmarkObservation
+from lmkit.model.observation import Detection
 
 # Standard deviation added to every corner's own: what lenses, calibration and paper that is not flat leave open.
 CORNER_FLOOR_PX = 0.06
@@ -73,19 +73,19 @@ class Correspondences:
 
     def __init__(
         self,
-        eyes: Sequence[tuple[Sequence[LandmarkObservation], CameraModel, FloatArray, FloatArray]],
+        eyes: Sequence[tuple[Sequence[Detection], CameraModel, FloatArray, FloatArray]],
         landmarks: LandmarkMap,
         corner_floor_px: float,
     ) -> None:
         self.landmarks: list[MappedLandmark] = []
-        self.observations: list[LandmarkObservation] = []
+        self.observations: list[Detection] = []
         self.eyes: list[Eye] = []
         self.twice: set[int] = set()
         parts = []
         for observations, camera, R, t in eyes:
             seen = Counter((o.family, o.code) for o in observations)
             start = len(self.landmarks)
-            listed: list[tuple[LandmarkObservation, MappedLandmark]] = []
+            listed: list[tuple[Detection, MappedLandmark]] = []
             for o in observations:
                 landmark = landmarks.find(o.code, o.family)
                 if landmark is not None and seen[o.family, o.code] > 1:
@@ -127,8 +127,8 @@ class Correspondences:
     @classmethod
     def of_rig(
         cls,
-        left: Sequence[LandmarkObservation],
-        right: Sequence[LandmarkObservation],
+        left: Sequence[Detection],
+        right: Sequence[Detection],
         rig: StereoRig,
         landmarks: LandmarkMap,
         corner_floor_px: float,

@@ -15,7 +15,7 @@ import numpy as np
 
 from lmkit.arrays import FloatArray
 from lmkit.geometry.camera import REACHED_PX, CameraModel
-from lmkit.model.observation import LandmarkObservation
+from lmkit.model.observation import Detection
 
 NEAREST_M = 0.02  # corners nearer than that, or behind the camera, are seen nowhere
 NOWHERE = 1e2  # as x/z
@@ -39,7 +39,7 @@ class CameraCorrespondences:
 
 
 def through_lens(
-    observations: Sequence[LandmarkObservation], camera: CameraModel, corner_floor_px: float
+    observations: Sequence[Detection], camera: CameraModel, corner_floor_px: float
 ) -> CameraCorrespondences:
     """Corners as rays, each with its own covariance and that of the floor."""
     corners = np.array([o.corners for o in observations]).reshape(-1, 2)

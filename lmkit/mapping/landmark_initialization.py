@@ -18,7 +18,7 @@ from lmkit.geometry.stereo_rig import StereoRig
 from lmkit.localization.absolute_pose import locate_rig
 from lmkit.localization.correspondences import Correspondences, Poses
 from lmkit.model.landmark_map import LandmarkMap, MappedLandmark
-from lmkit.model.observation import LandmarkObservation
+from lmkit.model.observation import Detection
 from lmkit.model.recording import StereoFrame
 from lmkit.odometry.dead_reckoning import CarriedPoses
 
@@ -30,7 +30,7 @@ LOCATED_PX, CARRIED_PX = 0.5, 12.0  # what a corner may be off, seen from where 
 CARRY_M = 6.0  # odometry is believed that far
 SAME_M, SAME_RAD = 0.3, 0.35
 
-View = tuple[tuple[LandmarkObservation, ...], tuple[LandmarkObservation, ...]]
+View = tuple[tuple[Detection, ...], tuple[Detection, ...]]
 Key = tuple[str, int]
 At = list[tuple[int, Pose, float]]  # moment, T_map_left, and what a corner may be off
 

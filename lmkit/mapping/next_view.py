@@ -21,7 +21,7 @@ from lmkit.mapping.bundle_adjustment import Bundle, BundleProblem
 from lmkit.mapping.survey import Survey, deviations
 from lmkit.model.detector_model import corner_sigma_px, recognised
 from lmkit.model.landmark_map import LandmarkMap, MappedLandmark
-from lmkit.model.observation import LandmarkObservation
+from lmkit.model.observation import Detection
 from lmkit.model.recording import StereoFrame
 from lmkit.simulation.observations import look
 
@@ -155,7 +155,7 @@ def _view(landmarks: LandmarkMap, rig: StereoRig, T_map_left: Pose) -> StereoFra
     return StereoFrame(0.0, left, right)
 
 
-def _as_measured(seen: LandmarkObservation) -> LandmarkObservation | None:
+def _as_measured(seen: Detection) -> Detection | None:
     side = np.linalg.norm(seen.corners - np.roll(seen.corners, 1, axis=0), axis=1).mean()
     if recognised(side, np.zeros(())) < LEAST_READ:
         return None

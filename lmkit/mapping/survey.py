@@ -73,6 +73,7 @@ class Survey:
         dropped: sightings left out.
         ambiguous: codes that may as well hang turned, by their twin.
         astray: codes that do not hang as declared, what was declared of them, and how far they are off (m).
+        warnings: what a user should check, in words.
     """
 
     bundle: Bundle
@@ -84,6 +85,7 @@ class Survey:
     dropped: int
     ambiguous: tuple[int, ...] = ()
     astray: tuple[tuple[int, Tie, float], ...] = ()
+    warnings: tuple[str, ...] = ()
 
 
 def survey_frames(

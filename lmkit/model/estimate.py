@@ -4,11 +4,13 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+import numpy as np
+
 from lmkit.arrays import FloatArray
 from lmkit.geometry.pose import Pose
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class PoseEstimate:
     """Where the camera stands in the map.
 
@@ -22,7 +24,9 @@ class PoseEstimate:
         inlier_codes: codes that the pose explains.
         outlier_codes: codes read and mapped that it does not, or that are in one picture more than once.
         alternatives: other poses, best first, each with its log likelihood ratio to the answer.
-        reprojection_error_px: root mean square over the corners of the inliers, both pictures.
+        reprojection_error_px: root mean square over the corners of the inliers, both images.
+        T_map_base, covariance_base: the pose of the robot's base, where the rig was given; the left camera's where
+            the rig has no base.
     """
 
     status: str
@@ -32,3 +36,18 @@ class PoseEstimate:
     outlier_codes: tuple[int, ...] = ()
     alternatives: tuple[tuple[Pose, float], ...] = ()
     reprojection_error_px: float | None = None
+    T_map_base: Pose | None = None
+    covariance_base: FloatArray | None = None
+
+    @property
+    def sigma_m(self) -> float | None:
+        """Standard deviation of the position, metres: root of the sum of its three variances."""
+        C = self.covariance if self.covariance_base is None else self.covariance_base
+        return None if C is None else float(np.sqrt(np.trace(C[:3, :3])))
+
+    def __repr__(self) -> str:
+        pose = self.T_map_camera if self.T_map_base is None else self.T_map_base
+        if pose is None or self.sigma_m is None:
+            return f"PoseEstimate({self.status})"
+        x, y, z = pose.t
+        return f"PoseEstimate({self.status}, x {x:.3f} y {y:.3f} z {z:.3f} m, sigma {1000 * self.sigma_m:.1f} mm)"

@@ -9,7 +9,7 @@ from lmkit.geometry.homography import crossing
 
 
 @dataclass(frozen=True, eq=False)
-class LandmarkObservation:
+class Detection:
     """One landmark read in one picture.
 
     Attributes:
@@ -38,6 +38,17 @@ class LandmarkObservation:
     def center(self) -> FloatArray:
         """(2,) the landmark's middle in the picture: where the diagonals of its corners cross."""
         return crossing(self.corners[0], self.corners[2], self.corners[1], self.corners[3])
+
+    def to_dict(self) -> dict[str, object]:
+        """One entry of ``detections`` in `lmkit detect --json`."""
+        return {
+            "code": self.code,
+            "family": self.family,
+            "corners": self.corners.tolist(),
+            "center": self.center.tolist(),
+            "confidence": self.confidence,
+            "margin": self.margin,
+        }
 
 
 @dataclass(frozen=True, eq=False)

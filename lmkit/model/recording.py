@@ -1,4 +1,4 @@
-"""What a robot's own sensors say of a drive: wheels and gyro."""
+"""A recording: what the cameras and the sensors of a robot measured on a drive."""
 
 from __future__ import annotations
 
@@ -7,7 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from lmkit.arrays import FloatArray, frozen
-from lmkit.model.observation import LandmarkObservation
+from lmkit.model.observation import Detection, RangeBearing
+from lmkit.model.trajectory import Trajectory
 
 
 @dataclass(frozen=True, eq=False)
@@ -89,6 +90,48 @@ class StereoFrame:
     """
 
     time_s: float
-    left: tuple[LandmarkObservation, ...]
-    right: tuple[LandmarkObservation, ...]
+    left: tuple[Detection, ...]
+    right: tuple[Detection, ...]
     name: str = ""
+
+
+@dataclass(frozen=True, eq=False)
+class Recording:
+    """Everything that `survey` and `track` take: observations of landmarks, and odometry.
+
+    Attributes:
+        frames: detections of both cameras, in the order of time.
+        readings: (time, readings) of a range and bearing sensor, in the order of time; in place of frames.
+        odometry: wheel odometry, or poses of visual odometry; None without odometry.
+        gyro: yaw rate, beside wheel odometry.
+
+    Raises:
+        ValueError: both frames and readings, or a gyro without wheel odometry.
+    """
+
+    frames: tuple[StereoFrame, ...] = ()
+    readings: tuple[tuple[float, tuple[RangeBearing, ...]], ...] = ()
+    odometry: Odometry | Trajectory | None = None
+    gyro: Gyro | None = None
+
+    def __post_init__(self) -> None:
+        if self.frames and self.readings:
+            raise ValueError("a recording has frames or readings, not both")
+        if self.gyro is not None and not isinstance(self.odometry, Odometry):
+            raise ValueError("a gyro needs wheel odometry beside it")
+
+    @property
+    def times_s(self) -> FloatArray:
+        """(N,) times of the frames or readings, seconds."""
+        times = [frame.time_s for frame in self.frames] or [time_s for time_s, _ in self.readings]
+        return np.array(times, dtype=np.float64)
+
+    def __repr__(self) -> str:
+        times = self.times_s
+        what = "readings" if self.readings else "frames"
+        parts = [f"{len(times)} {what}", f"{np.ptp(times):.1f} s" if len(times) else "empty"]
+        if self.odometry is not None:
+            parts.append("wheel odometry" if isinstance(self.odometry, Odometry) else "visual odometry")
+        if self.gyro is not None:
+            parts.append("gyro")
+        return f"Recording({', '.join(parts)})"

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Any
@@ -14,7 +15,7 @@ from lmkit.geometry.pose import Pose
 from lmkit.geometry.stereo_rig import ahead_of
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class TrackedTrajectory:
     """The robot at every moment.
 
@@ -41,6 +42,18 @@ class TrackedTrajectory:
     of_base: bool = True
     remarks: tuple[str, ...] = ()
     innovations: FloatArray = field(default_factory=lambda: np.zeros((0, 2)))
+
+    @property
+    def positions(self) -> FloatArray:
+        """(N,3) metres, in the map."""
+        return np.array([pose.t for pose in self.poses]).reshape(-1, 3)
+
+    def __len__(self) -> int:
+        return len(self.times_s)
+
+    def __repr__(self) -> str:
+        counts = ", ".join(f"{count} {status}" for status, count in Counter(map(str, self.statuses)).items())
+        return f"TrackedTrajectory({len(self)} poses: {counts})"
 
     def looking(self, k: int) -> Pose:
         """As a camera's pose that looks where the robot does, to draw it."""

@@ -20,7 +20,7 @@ from lmkit.geometry.stereo_rig import StereoRig
 from lmkit.localization.correspondences import CORNER_FLOOR_PX
 from lmkit.model.floor_plan import FloorPlan
 from lmkit.model.landmark_map import LandmarkMap
-from lmkit.model.observation import LandmarkObservation
+from lmkit.model.observation import Detection
 from lmkit.odometry.wheel_odometry import MotionNoise
 from lmkit.planning.coverage import Demand, PoseCoverage
 from lmkit.planning.route import Goal, Route, plan_route
@@ -65,7 +65,7 @@ class Robot(Protocol):
     def drive(self, forward_mps: float, turn_radps: float, seconds: float) -> list[tuple[float, float, float, float]]:
         """Keep to these velocities; rows of time, way, turn and the gyro's rate."""
 
-    def look(self) -> tuple[Sequence[LandmarkObservation], Sequence[LandmarkObservation]]:
+    def look(self) -> tuple[Sequence[Detection], Sequence[Detection]]:
         """What both eyes see."""
 
     def obstacle_ahead(self, reach_m: float) -> FloatArray | None:

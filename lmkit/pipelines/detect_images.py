@@ -5,13 +5,12 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import partial
-from typing import Any
 
 from lmkit.detection.config import DetectOptions
 from lmkit.detection.detector import detect_landmarks, is_colourless
 from lmkit.errors import InputError
 from lmkit.io.image_sources import Frame, frames, picture_files
-from lmkit.model.observation import LandmarkObservation
+from lmkit.model.observation import Detection
 from lmkit.parallel import map_in_processes
 
 # Below this the processes' start costs more than they bring.
@@ -30,7 +29,7 @@ class Detected:
 
     name: str
     size: tuple[int, int] | None
-    landmarks: tuple[LandmarkObservation, ...] = ()
+    landmarks: tuple[Detection, ...] = ()
     error: InputError | None = None
     colourless: bool = False
 
@@ -57,15 +56,3 @@ def _detect_frame(options: DetectOptions, frame: Frame) -> Detected:
     height, width = frame.image.shape[:2]
     landmarks = tuple(detect_landmarks(frame.image, options))
     return Detected(frame.name, (width, height), landmarks, colourless=is_colourless(frame.image))
-
-
-def observation_dict(observation: LandmarkObservation) -> dict[str, Any]:
-    """One detection as docs/formats.md has it."""
-    return {
-        "code": observation.code,
-        "family": observation.family,
-        "corners": observation.corners.tolist(),
-        "center": observation.center.tolist(),
-        "confidence": observation.confidence,
-        "margin": observation.margin,
-    }

@@ -12,8 +12,12 @@ from lmkit.errors import InputError
 from lmkit.geometry.stereo_rig import StereoRig
 from lmkit.io.image_sources import list_pairs, time_of
 from lmkit.io.images import read_image
-from lmkit.model.landmark import LandmarkFamily
-from lmkit.model.recording import StereoFrame
+from lmkit.io.readings import read_readings
+from lmkit.io.recording_tables import read_detections, read_gyro, read_odometry
+from lmkit.io.trajectory import read_trajectory
+from lmkit.model.landmark import LM8, LandmarkFamily
+from lmkit.model.recording import Odometry, Recording, StereoFrame
+from lmkit.model.trajectory import Trajectory
 from lmkit.parallel import map_in_processes
 
 
@@ -49,3 +53,45 @@ def _see(job: tuple[float, str, str], rig: StereoRig, families: tuple[LandmarkFa
         camera.require_size(name, (picture.shape[1], picture.shape[0]))
         seen.append(tuple(detect_landmarks(picture, DetectOptions(families, camera=camera))))
     return StereoFrame(time_s, seen[0], seen[1], Path(names[0]).stem)
+
+
+POSES = (".tum", ".txt")  # suffixes of odometry in space
+
+
+def read_recording(
+    left: str | None = None,
+    right: str | None = None,
+    rig: StereoRig | None = None,
+    detections: Path | None = None,
+    readings: Path | None = None,
+    odometry: Path | None = None,
+    gyro: Path | None = None,
+    wheel_track_m: float | None = None,
+    families: Sequence[LandmarkFamily] = (LM8,),
+    hz: float | None = None,
+) -> Recording:
+    """A recording from its files: images, or saved detections, or readings; odometry and gyro.
+
+    Raises:
+        InputError: not exactly one of images, detections and readings is given; images without a rig; a gyro without
+            wheel odometry; a file cannot be read.
+    """
+    given = [name for name, value in (("images", left), ("detections", detections), ("readings", readings)) if value]
+    if len(given) != 1:
+        what = " and ".join(given) or "none of images, detections and readings"
+        raise InputError("bad_recording", f"{what} given", "give one: left and right, or detections, or readings")
+    own: Odometry | Trajectory | None = None
+    if odometry is not None:
+        poses = odometry.suffix.lower() in POSES
+        own = read_trajectory(odometry) if poses else read_odometry(odometry, wheel_track_m)
+    if gyro is not None and not isinstance(own, Odometry):
+        raise InputError("no_odometry", "a gyro needs wheel odometry beside it", "give odometry as CSV")
+    rate = None if gyro is None else read_gyro(gyro)
+    if readings is not None:
+        seen = tuple((time_s, tuple(some)) for time_s, some in sorted(read_readings(readings).items()))
+        return Recording(readings=seen, odometry=own, gyro=rate)
+    if detections is not None:
+        return Recording(tuple(read_detections(detections)), odometry=own, gyro=rate)
+    if left is None or right is None or rig is None:
+        raise InputError("no_images", "images of both cameras and the rig are needed", "give left, right and rig")
+    return Recording(tuple(see_drive(left, right, rig, families, hz)), odometry=own, gyro=rate)

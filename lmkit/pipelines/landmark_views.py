@@ -17,7 +17,7 @@ from lmkit.geometry.camera import CameraModel
 from lmkit.geometry.stereo_rig import StereoRig
 from lmkit.io.images import read_image
 from lmkit.model.landmark import LM8, LandmarkFamily
-from lmkit.model.observation import LandmarkObservation, PairView
+from lmkit.model.observation import Detection, PairView
 from lmkit.parallel import map_in_processes
 
 
@@ -47,21 +47,21 @@ def find_landmark_pairs(
     return family.object_points(family.side_mm / 1000), views
 
 
-def _look(job: tuple[Path, CameraModel], family: LandmarkFamily) -> list[LandmarkObservation]:
+def _look(job: tuple[Path, CameraModel], family: LandmarkFamily) -> list[Detection]:
     file, camera = job
     return list(detect_landmarks(read_image(file), DetectOptions((family,), camera=camera)))
 
 
-def _once(seen: Sequence[LandmarkObservation]) -> dict[int, LandmarkObservation]:
+def _once(seen: Sequence[Detection]) -> dict[int, Detection]:
     """By code; without those that are there twice."""
     count = Counter(o.code for o in seen)
     return {o.code: o for o in seen if count[o.code] == 1}
 
 
-def _view(name: str, left: LandmarkObservation, right: LandmarkObservation) -> PairView:
+def _view(name: str, left: Detection, right: Detection) -> PairView:
     ids = np.arange(4)
     return PairView(name, ids, left.corners, ids, right.corners, _noise(left), _noise(right))
 
 
-def _noise(o: LandmarkObservation) -> float | None:
+def _noise(o: Detection) -> float | None:
     return None if o.covariance is None else float(np.sqrt(np.trace(o.covariance) / 8))

@@ -20,7 +20,7 @@ from lmkit.localization.absolute_pose import LocateOptions, covariance_at_base, 
 from lmkit.model.estimate import PoseEstimate
 from lmkit.model.landmark import family_named
 from lmkit.model.landmark_map import LandmarkMap
-from lmkit.model.observation import LandmarkObservation
+from lmkit.model.observation import Detection
 from lmkit.parallel import map_in_processes
 
 # Below this the processes' start costs more than they bring.
@@ -42,7 +42,7 @@ class Located:
     left: str
     right: str | None
     estimate: PoseEstimate | None
-    seen: tuple[tuple[LandmarkObservation, ...], ...] = ()
+    seen: tuple[tuple[Detection, ...], ...] = ()
     image: ByteArray | None = None
     error: InputError | None = None
 

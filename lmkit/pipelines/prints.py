@@ -2,18 +2,24 @@
 
 from __future__ import annotations
 
+import os
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
 
 from lmkit.errors import InputError
+from lmkit.generation.manifest import manifest_of
 from lmkit.generation.page import Page
+from lmkit.generation.pdf import pages_to_pdf
 from lmkit.generation.png import page_to_png
 from lmkit.generation.sheet import Wording, compose_sheets, largest_mm
 from lmkit.generation.tiles import compose_tiles
+from lmkit.io.files import check_writable, write_file
+from lmkit.io.manifest import manifest_path
 from lmkit.io.template import PageTemplate, load_template
 from lmkit.model.landmark import LandmarkFamily
 from lmkit.units import parse_two_lengths_mm
+from lmkit.verification.proof import prove_pages
 
 PAPERS = ("a4", "letter", "a3")
 
@@ -110,3 +116,70 @@ def encode_page(page: Page, path: Path, dpi: float) -> bytes:
         return page_to_svg(page).encode()
 
     return page_to_png(page, dpi)
+
+
+@dataclass(frozen=True, eq=False)
+class Prints:
+    """Pages with landmarks, every one of which has been read back from the drawn page.
+
+    Attributes:
+        pages: the pages.
+        layout: name of the template, or ``tiles``.
+        pdf: the bytes of the PDF file, with the manifest inside.
+    """
+
+    pages: tuple[Page, ...]
+    layout: str
+    pdf: bytes
+
+    def save(self, path: str | os.PathLike[str], *, dpi: float = 300.0, overwrite: bool = False) -> list[Path]:
+        """Write the pages with their manifests, all or none; the files written, without the manifests.
+
+        Args:
+            path: one .pdf file; .svg and .png get a file a page.
+            dpi: of PNG files.
+
+        Raises:
+            InputError: another suffix, or a file exists or cannot be written.
+        """
+        target = Path(path)
+        if target.suffix.lower() not in (".pdf", ".svg", ".png"):
+            raise InputError("bad_suffix", f"cannot write {target}: unknown kind", "name it .pdf, .svg or .png")
+        if target.suffix.lower() == ".pdf":
+            files: dict[Path, tuple[bytes, list[Page]]] = {target: (self.pdf, list(self.pages))}
+        else:
+            labels = [str(number) for number in range(1, len(self.pages) + 1)]
+            names = output_names(target, labels)
+            files = {
+                names[label]: (encode_page(page, target, dpi), [page])
+                for label, page in zip(labels, self.pages, strict=True)
+            }
+        for file in files:
+            check_writable(file, overwrite)
+            check_writable(manifest_path(file), overwrite)
+        for file, (data, pages) in files.items():
+            write_file(file, data, overwrite)
+            manifest = manifest_of(pages, self.layout).of_file(file.name, data)
+            write_file(manifest_path(file), manifest.to_json(indent=1) + "\n", overwrite)
+        return list(files)
+
+    def __repr__(self) -> str:
+        return f"Prints({len(self.pages)} pages, {self.layout})"
+
+
+def make_prints(
+    family: LandmarkFamily, codes: list[int], *, size_mm: float | None, paper: str, template: str | None
+) -> Prints:
+    """Lay landmarks out, draw them, and read every one back.
+
+    Raises:
+        InputError: an unknown code, paper or template, or a size that does not fit.
+        LmkitError: a landmark does not read back.
+    """
+    for code in codes:
+        family.gaps(code)
+    layout = PrintLayout(family, template, paper, size_mm, "", "", False, None)
+    pages = layout.pages(codes)
+    pdf = pages_to_pdf(pages, print_title(pages), manifest_of(pages, layout.name).to_json())
+    prove_pages(pdf, pages)
+    return Prints(tuple(pages), layout.name, pdf)

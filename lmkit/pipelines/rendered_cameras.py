@@ -9,11 +9,11 @@ from lmkit.detection.config import DetectOptions
 from lmkit.detection.detector import detect_landmarks
 from lmkit.geometry.pose import Pose
 from lmkit.geometry.stereo_rig import StereoRig
-from lmkit.model.observation import LandmarkObservation
+from lmkit.model.observation import Detection
 from lmkit.simulation.photograph import ImagingChain, Sensor, photograph
 from lmkit.simulation.scene import Scene
 
-Seen = tuple[LandmarkObservation, ...]
+Seen = tuple[Detection, ...]
 CHAIN = ImagingChain(sensor=Sensor(6000.0, 8.0, bayer=True))
 
 

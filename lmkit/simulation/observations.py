@@ -13,14 +13,14 @@ from lmkit.geometry.stereo_rig import StereoRig
 from lmkit.model.detector_model import corner_sigma_px, recognised
 from lmkit.model.floor_plan import FloorPlan
 from lmkit.model.landmark_map import LandmarkMap, MappedLandmark
-from lmkit.model.observation import LandmarkObservation
+from lmkit.model.observation import Detection
 
 MOST_TILT = 0.35  # cosine of the steepest view that is still read, where noise is fixed
 LEAST_SIDE_PX = 15.0
 NEAREST_M = 0.3
 FARTHEST_SIZES = 100.0  # beyond, no lens reads a landmark
 
-Seen = tuple[LandmarkObservation, ...]
+Seen = tuple[Detection, ...]
 
 
 def look(
@@ -71,7 +71,7 @@ def _seen(
     T: Pose,
     noise_px: float | None,
     rng: np.random.Generator,
-) -> Iterator[LandmarkObservation]:
+) -> Iterator[Detection]:
     for landmark, chance in zip(landmarks, luck, strict=True):
         points = T.apply(landmark.corners_map)
         corners = _project(points, camera)
@@ -91,7 +91,7 @@ def _seen(
             sigma = noise_px
         noisy = corners + rng.normal(0, sigma, (4, 2))
         C = sigma**2 * np.eye(8)
-        yield LandmarkObservation(landmark.code, noisy, 0.99, 50.0, landmark.family, covariance=C)
+        yield Detection(landmark.code, noisy, 0.99, 50.0, landmark.family, covariance=C)
 
 
 def _project(points: FloatArray, camera: CameraModel) -> FloatArray | None:

@@ -95,9 +95,12 @@ def make_room(
     family = family_named("lm8")
     if codes is None:
         codes = [int(c) for c in rng.choice(family.code_count, size=count, replace=False)]
-    landmarks = hang_landmarks(rng, codes, size_m)
-    panels = [*_walls(rng, size_m), *map(landmark_sheet, landmarks)]
-    return Scene(tuple(panels), LandmarkMap(landmarks), size_m)
+    return furnish_room(rng, LandmarkMap(hang_landmarks(rng, codes, size_m)), size_m)
+
+
+def furnish_room(rng: np.random.Generator, landmarks: LandmarkMap, size_m: tuple[float, float, float]) -> Scene:
+    """A rectangular room with plastered walls and the landmarks of a map on them."""
+    return Scene((*_walls(rng, size_m), *map(landmark_sheet, landmarks)), landmarks, size_m)
 
 
 def floor_scene(seed: int, floor: FloorPlan, landmarks: LandmarkMap, height_m: float = 2.6) -> Scene:

@@ -21,7 +21,7 @@ from lmkit.localization.absolute_pose import LocateOptions, covariance_at_base, 
 from lmkit.localization.correspondences import CORNER_FLOOR_PX, Correspondences, Poses
 from lmkit.localization.pose_prior import PosePrior
 from lmkit.model.landmark_map import LandmarkMap
-from lmkit.model.observation import LandmarkObservation
+from lmkit.model.observation import Detection
 from lmkit.odometry.online_wheel_odometry import AHEAD_S, LONGEST_DELAY_S, STATES, Wheels
 from lmkit.odometry.wheel_odometry import NOMINAL, PARAMETERS, PRIOR_SIGMA, MotionNoise
 from lmkit.tracking.range_bearing_filter import NOWHERE_M, TrackedPose
@@ -72,9 +72,7 @@ class RigFilter:
         """(6,) what is wrong with the odometry, as `motion.PARAMETERS`."""
         return self._x[3:].copy() if self._time is not None else np.array(NOMINAL)
 
-    def observe(
-        self, time_s: float, left: Sequence[LandmarkObservation], right: Sequence[LandmarkObservation]
-    ) -> TrackedPose:
+    def observe(self, time_s: float, left: Sequence[Detection], right: Sequence[Detection]) -> TrackedPose:
         """Where the robot is at that moment; nothing may be seen."""
         if self._time is None:
             return self._start(time_s, left, right)
@@ -96,9 +94,7 @@ class RigFilter:
                     return again
         return self._pose(time_s, outliers, False, innovation, told)
 
-    def _start(
-        self, time_s: float, left: Sequence[LandmarkObservation], right: Sequence[LandmarkObservation]
-    ) -> TrackedPose:
+    def _start(self, time_s: float, left: Sequence[Detection], right: Sequence[Detection]) -> TrackedPose:
         options = LocateOptions(prior=self._prior, corner_floor_px=self._floor_px)
         found = locate_rig(left, right, self._rig, self._map, options)
         C = covariance_at_base(found, self._T.inverse())

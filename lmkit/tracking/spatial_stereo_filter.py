@@ -21,7 +21,7 @@ from lmkit.geometry.stereo_rig import StereoRig
 from lmkit.localization.absolute_pose import LocateOptions, locate_rig
 from lmkit.localization.correspondences import CORNER_FLOOR_PX, Correspondences, Poses
 from lmkit.model.landmark_map import LandmarkMap
-from lmkit.model.observation import LandmarkObservation
+from lmkit.model.observation import Detection
 from lmkit.model.trajectory import Trajectory
 from lmkit.odometry.online_wheel_odometry import AHEAD_S
 from lmkit.odometry.pose_odometry import PoseMotion, PoseNoise
@@ -84,9 +84,7 @@ class PoseFilter:
         """Where odometry has the robot, in its own frame that drifts."""
         self._rows.append((time_s, T_odometry_base.t, T_odometry_base.quaternion_xyzw))
 
-    def observe(
-        self, time_s: float, left: Sequence[LandmarkObservation], right: Sequence[LandmarkObservation]
-    ) -> SpacePose:
+    def observe(self, time_s: float, left: Sequence[Detection], right: Sequence[Detection]) -> SpacePose:
         """Where the left camera is at that moment; nothing may be seen."""
         if self._time is None:
             return self._start(time_s, left, right)
@@ -110,9 +108,7 @@ class PoseFilter:
                     return again
         return self._pose(time_s, tuple(sorted(outliers)), False, innovation, told)
 
-    def _start(
-        self, time_s: float, left: Sequence[LandmarkObservation], right: Sequence[LandmarkObservation]
-    ) -> SpacePose:
+    def _start(self, time_s: float, left: Sequence[Detection], right: Sequence[Detection]) -> SpacePose:
         found = locate_rig(left, right, self._rig, self._map, LocateOptions(corner_floor_px=self._floor_px))
         if found.status != "ok" or found.T_map_camera is None or found.covariance is None:
             return SpacePose(time_s, "lost", None, None)

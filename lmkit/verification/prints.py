@@ -24,7 +24,7 @@ from lmkit.io.images import MAX_BYTES, decode_image
 from lmkit.io.manifest import MANIFEST, PrintManifest, parse_manifest, read_manifest_beside
 from lmkit.model.codewords import format_codes
 from lmkit.model.landmark import FAMILIES, LandmarkFamily
-from lmkit.model.observation import LandmarkObservation
+from lmkit.model.observation import Detection
 from lmkit.units import MM_PER_INCH
 from lmkit.verification.grade import FINE_SIDE_PX, GradedLine, grade_print, overall_grade
 from lmkit.verification.measure import measure_print
@@ -70,7 +70,7 @@ class PrintedLandmark:
     """
 
     source: str
-    observation: LandmarkObservation
+    observation: Detection
     side_mm: tuple[float, float] | None
     scale_from: str | None
     stated_code: int | None
@@ -209,9 +209,7 @@ def _graded(
         refused = GradedLine("reading", f"refused by the reader: {attempt.rejected}", "F", "see the lines below")
         lines.insert(0, refused)
     seen = attempt.observation
-    moved = LandmarkObservation(
-        seen.code, seen.corners - offset, seen.confidence, seen.margin, seen.family, seen.covariance
-    )
+    moved = Detection(seen.code, seen.corners - offset, seen.confidence, seen.margin, seen.family, seen.covariance)
     return PrintedLandmark(source, moved, side_mm, scale_from, stated.code, stated.size_mm, tuple(lines), image)
 
 

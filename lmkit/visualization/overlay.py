@@ -11,7 +11,7 @@ from lmkit.arrays import ByteArray, FloatArray
 from lmkit.geometry.camera import CameraModel
 from lmkit.model.estimate import PoseEstimate
 from lmkit.model.landmark_map import LandmarkMap
-from lmkit.model.observation import LandmarkObservation
+from lmkit.model.observation import Detection
 
 Bgr = tuple[int, int, int]
 GREEN: Bgr = (80, 220, 60)
@@ -22,7 +22,7 @@ INK: Bgr = (30, 30, 30)
 SHIFT = 4  # sub-pixel bits of OpenCV's drawing
 
 
-def draw_landmarks(image: ByteArray, landmarks: Sequence[LandmarkObservation], enlarge: int = 2) -> ByteArray:
+def draw_landmarks(image: ByteArray, landmarks: Sequence[Detection], enlarge: int = 2) -> ByteArray:
     """A copy, ``enlarge`` times larger, with each landmark's outline, top edge and code."""
     canvas = _enlarged(image, enlarge)
     for landmark in landmarks:
@@ -45,7 +45,7 @@ def draw_axes(image: ByteArray, camera: CameraModel, points_camera: FloatArray, 
 
 def draw_located(
     image: ByteArray,
-    seen: Sequence[LandmarkObservation],
+    seen: Sequence[Detection],
     camera: CameraModel,
     estimate: PoseEstimate,
     landmarks: LandmarkMap,

@@ -52,7 +52,7 @@ def test_imports_go_down(path: Path) -> None:
 
 def test_every_folder_stands_on_a_row() -> None:
     folders = {p.name for p in PACKAGE.iterdir() if (p / "__init__.py").exists()}
-    loose = {p.stem for p in PACKAGE.glob("*.py")} - {"__init__", "__main__", "api"}
+    loose = {p.stem for p in PACKAGE.glob("*.py")} - {"__init__", "__main__"}
     assert folders | loose <= set(ROWS)
     assert len(loose) <= AT_ROOT
 

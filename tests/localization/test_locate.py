@@ -13,7 +13,7 @@ from lmkit.geometry.rotations import rotation_angle, rotation_log
 from lmkit.localization.absolute_pose import LocateOptions, covariance_at_base, locate_camera, locate_rig
 from lmkit.localization.pose_prior import PosePrior
 from lmkit.model.landmark_map import LandmarkMap, MappedLandmark, wall_pose
-from lmkit.model.observation import LandmarkObservation
+from lmkit.model.observation import Detection
 from lmkit.simulation.scene import looking, make_rig
 
 RIG = make_rig()
@@ -37,7 +37,7 @@ def see(T_map_camera: Pose, noise: float, rng, landmarks=LANDMARKS) -> tuple[lis
             if camera.contains(pixels).all():
                 noisy = pixels + rng.normal(0, noise, (4, 2))
                 covariance = max(noise, 1e-3) ** 2 * np.eye(8)
-                seen.append(LandmarkObservation(landmark.code, noisy, 0.99, 50.0, covariance=covariance))
+                seen.append(Detection(landmark.code, noisy, 0.99, 50.0, covariance=covariance))
         eyes.append(seen)
     return eyes[0], eyes[1]
 
@@ -135,7 +135,7 @@ def test_a_place_known_in_some_directions_only():
 def test_a_wrong_code_is_named_and_does_not_capture_the_pose():
     left, right = see(STATION, 0.2, np.random.default_rng(1))
     for eye in (left, right):
-        eye[0] = LandmarkObservation(40, eye[0].corners, 0.99, 50.0, covariance=eye[0].covariance)
+        eye[0] = Detection(40, eye[0].corners, 0.99, 50.0, covariance=eye[0].covariance)
     estimate = locate_rig(left, right, RIG, MAP)
     assert estimate.status == "ok"
     assert estimate.outlier_codes == (40,)
@@ -145,7 +145,7 @@ def test_a_wrong_code_is_named_and_does_not_capture_the_pose():
 def test_two_landmarks_that_contradict_each_other_give_no_pose():
     left, right = see(STATION, 0.2, np.random.default_rng(1), LANDMARKS[:2])
     for eye in (left, right):
-        eye[0] = LandmarkObservation(40, eye[0].corners, 0.99, 50.0, covariance=eye[0].covariance)
+        eye[0] = Detection(40, eye[0].corners, 0.99, 50.0, covariance=eye[0].covariance)
     estimate = locate_rig(left, right, RIG, MAP)
     assert estimate.status == "inconsistent"
     assert estimate.T_map_camera is None
@@ -264,14 +264,14 @@ def test_cameras_exchanged_are_said_to_be(distance):
 
 def test_codes_that_are_not_in_the_map_are_no_landmarks():
     left, _ = see(STATION, 0.0, np.random.default_rng(0))
-    unknown = [LandmarkObservation(200, o.corners, 0.9, 9.0) for o in left]
+    unknown = [Detection(200, o.corners, 0.9, 9.0) for o in left]
     assert locate_rig(unknown, [], RIG, MAP).status == "no_landmarks"
     assert locate_rig([], [], RIG, MAP).status == "no_landmarks"
 
 
 def test_the_same_code_twice_in_a_picture_is_not_used_and_named():
     left, right = see(STATION, 0.1, np.random.default_rng(2))
-    left.append(LandmarkObservation(10, left[1].corners + 40, 0.9, 9.0))
+    left.append(Detection(10, left[1].corners + 40, 0.9, 9.0))
     estimate = locate_rig(left, right, RIG, MAP)
     assert estimate.status == "ok"
     assert estimate.outlier_codes == (10,)

@@ -1,0 +1,151 @@
+"""`lmkit.Detector`, `lmkit.detect` and `lmkit.draw`."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from lmkit.api.arguments import GREY, Families, ImageLike, ImageWarning, as_families, as_image
+from lmkit.arrays import ByteArray
+from lmkit.errors import InputError
+from lmkit.model.detections import Detections
+
+if TYPE_CHECKING:
+    from lmkit.detection.config import DetectOptions
+    from lmkit.geometry.camera import CameraModel
+    from lmkit.geometry.stereo_rig import StereoRig
+    from lmkit.model.estimate import PoseEstimate
+    from lmkit.model.landmark_map import LandmarkMap
+    from lmkit.model.observation import Detection
+
+PROFILES = ("fast", "balanced", "accurate")
+
+
+class Detector:
+    """Finds landmarks in images; keeps its settings, and warns once about images that cannot work.
+
+    Args:
+        families: names such as ``"lm8"``, ``"lm8,lm4"``, or a list of them.
+        camera: the calibrated camera that took the images; its distortion then replaces a guess.
+        profile: ``"accurate"``, ``"balanced"`` or ``"fast"``.
+
+    Examples:
+        >>> import lmkit
+        >>> detector = lmkit.Detector(families="lm8", profile="fast")
+        >>> detector.detect(lmkit.read_image("left.png"))[0].family
+        'lm8'
+    """
+
+    def __init__(
+        self, families: Families = "lm8", *, camera: CameraModel | None = None, profile: str = "balanced"
+    ) -> None:
+        self.options = detect_options(families, camera, profile)
+        self._silent = False
+
+    def detect(self, image: ImageLike) -> Detections:
+        """Detections of one image, largest first.
+
+        Args:
+            image: (H,W,3) BGR, 8 bit, or the path of an image file.
+
+        Raises:
+            InputError: not such an image, or not of the camera's size.
+        """
+        from lmkit.detection.detector import detect_landmarks
+
+        pixels = as_image(image)
+        found = detect_landmarks(pixels, self.options)
+        if not found and not self._silent:
+            self._silent = _warn_of_colors(pixels, self.options)
+        return Detections(found, (pixels.shape[1], pixels.shape[0]))
+
+
+def detect(
+    image: ImageLike, families: Families = "lm8", *, camera: CameraModel | None = None, profile: str = "balanced"
+) -> Detections:
+    """Detect the landmarks of one image.
+
+    Args:
+        image: (H,W,3) BGR, 8 bit, or the path of an image file.
+        families, camera, profile: settings of the `Detector`, which is faster for many images.
+
+    Returns:
+        Detections, largest first.
+
+    Raises:
+        InputError: not such an image, or not of the camera's size.
+
+    Examples:
+        >>> import lmkit
+        >>> detections = lmkit.detect("left.png")
+        >>> detections.corners.shape[1:]
+        (4, 2)
+    """
+    return Detector(families, camera=camera, profile=profile).detect(image)
+
+
+def detect_options(families: Families, camera: CameraModel | None, profile: str) -> DetectOptions:
+    """Options of the detector.
+
+    Raises:
+        InputError: an unknown family or profile.
+    """
+    from lmkit.detection.config import FAR, FAST, DetectOptions
+
+    if profile not in PROFILES:
+        raise InputError("bad_profile", f"profile {profile!r} is unknown", f"choose {', '.join(PROFILES)}")
+    return DetectOptions(as_families(families), FAST if profile == "fast" else FAR, camera=camera)
+
+
+def draw(
+    image: ImageLike,
+    detections: Sequence[Detection] = (),
+    estimate: PoseEstimate | None = None,
+    *,
+    rig: StereoRig | None = None,
+    landmarks: LandmarkMap | None = None,
+    enlarge: int = 1,
+) -> ByteArray:
+    """Draw detections on an image; with an estimate, rig and map also where the landmarks of the map lie.
+
+    Args:
+        image: (H,W,3) BGR, 8 bit, or a path; it is not changed.
+        detections: what was found in it.
+        estimate: pose of the rig; it needs ``rig`` and ``landmarks``, and ``image`` is the left camera's.
+        rig, landmarks: the rig and the map that the estimate belongs to.
+        enlarge: factor of the output's size, for small images.
+
+    Returns:
+        (H * enlarge, W * enlarge, 3) BGR.
+
+    Examples:
+        >>> import lmkit
+        >>> image = lmkit.read_image("left.png")
+        >>> lmkit.draw(image, lmkit.detect(image)).shape == image.shape
+        True
+    """
+    from lmkit.visualization.overlay import draw_landmarks, draw_located
+
+    pixels = as_image(image)
+    if estimate is None:
+        return draw_landmarks(pixels, detections, enlarge)
+    if rig is None or landmarks is None:
+        raise InputError("no_rig", "an estimate is drawn with rig and landmarks", "give rig=... and landmarks=...")
+    return draw_located(pixels, detections, rig.left, estimate, landmarks, enlarge)
+
+
+def _warn_of_colors(image: ByteArray, options: DetectOptions) -> bool:
+    """Warn where an image without detections is grey, or has detections once red and blue are swapped."""
+    from lmkit.detection.detector import detect_landmarks, is_colourless
+
+    if is_colourless(image):
+        warnings.warn(ImageWarning(GREY), stacklevel=4)
+        return True
+    if detect_landmarks(np.ascontiguousarray(image[:, :, ::-1]), options):
+        text = "landmarks are found once red and blue are swapped: give BGR, such as image[:, :, ::-1] of RGB"
+        warnings.warn(ImageWarning(text), stacklevel=4)
+        return True
+    return False

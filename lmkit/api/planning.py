@@ -1,0 +1,164 @@
+"""`lmkit.print_landmarks`, `lmkit.place_landmarks` and `lmkit.plan_route`."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+from lmkit.api.arguments import PathLike, as_families, as_map, as_metres, as_path, as_rig
+from lmkit.errors import InputError
+
+if TYPE_CHECKING:
+    from lmkit.geometry.stereo_rig import StereoRig
+    from lmkit.model.floor_plan import FloorPlan
+    from lmkit.model.landmark import LandmarkFamily
+    from lmkit.model.landmark_map import LandmarkMap
+    from lmkit.pipelines.prints import Prints
+    from lmkit.planning.coverage import Demand
+    from lmkit.planning.mounting_sites import HangOptions
+    from lmkit.planning.placement import Placement
+    from lmkit.planning.route import Route
+
+
+def print_landmarks(
+    codes: int | Iterable[int],
+    *,
+    family: str | LandmarkFamily = "lm8",
+    size: float | str | None = None,
+    paper: str = "a4",
+    template: str | None = None,
+) -> Prints:
+    """Lay landmarks out on paper, and prove that every one reads back from the page.
+
+    Args:
+        codes: one code, or several.
+        family: the landmark family, or its name.
+        size: side of the landmarks, metres or text with a unit; the template's own size if None.
+        paper: paper size, if no template is given.
+        template: name of a shipped template, or a TOML file.
+
+    Returns:
+        The pages; ``.save("landmarks.pdf")`` writes them with their manifest.
+
+    Raises:
+        InputError: an unknown code, paper or template, or a size that does not fit.
+
+    Examples:
+        >>> import lmkit
+        >>> prints = lmkit.print_landmarks(range(3), size="120mm")
+        >>> prints.save("landmarks.pdf")
+        [PosixPath('landmarks.pdf')]
+    """
+    from lmkit.pipelines.prints import make_prints
+
+    wanted = [codes] if isinstance(codes, int) else list(codes)
+    size_mm = None if size is None else 1000 * as_metres(size, "size")
+    return make_prints(as_families(family)[0], wanted, size_mm=size_mm, paper=paper, template=template)
+
+
+def place_landmarks(
+    floor: FloorPlan | PathLike,
+    rig: StereoRig | PathLike,
+    *,
+    demand: Demand | None = None,
+    options: HangOptions | None = None,
+    existing: LandmarkMap | PathLike | None = None,
+    radius: float | str = 0.25,
+    camera_height: float | str | None = None,
+) -> Placement:
+    """Place as few landmarks as possible for a required accuracy on a share of the floor.
+
+    Args:
+        floor: the floor plan, or its file (YAML, SVG, image, ROS map).
+        rig: the rig, or its file; it needs T_base_left or ``camera_height``.
+        demand: required accuracy: position, heading, and where it must hold.
+        options: sizes, heights and walls to choose from.
+        existing: landmarks that are mounted already and stay.
+        radius: radius of the robot, metres or text with a unit.
+        camera_height: height of the left camera above the floor, where the rig has no T_base_left.
+
+    Raises:
+        InputError: no wall fits a landmark, or the robot fits nowhere.
+        NegativeAnswer: no number of landmarks meets the requirement.
+
+    Examples:
+        >>> import lmkit
+        >>> demand = lmkit.Demand(in_view=1, headings=0.2, share=0.5)
+        >>> placement = lmkit.place_landmarks("floor.yaml", "rig.yaml", demand=demand, camera_height=0.9)
+        >>> placement.share >= 0.5
+        True
+    """
+    from lmkit.planning.coverage import Demand
+    from lmkit.planning.placement import place_landmarks
+
+    ground, cameras = _floor(floor), _mounted(rig, camera_height)
+    hung = [] if existing is None else list(as_map(existing))
+    return place_landmarks(ground, hung, cameras, as_metres(radius, "radius"), demand or Demand(), options)
+
+
+def plan_route(
+    floor: FloorPlan | PathLike,
+    rig: StereoRig | PathLike,
+    landmarks: LandmarkMap | PathLike,
+    start: str | tuple[float, float],
+    goal: str | tuple[float, float],
+    *,
+    radius: float | str = 0.25,
+    camera_height: float | str | None = None,
+    demand: Demand | None = None,
+) -> Route:
+    """Plan the shortest safe route on which the pose stays known.
+
+    Args:
+        floor: the floor plan, or its file (YAML, SVG, image, ROS map).
+        rig: the rig, or its file; it needs T_base_left or ``camera_height``.
+        landmarks: the landmark map, or its file.
+        start, goal: (x, y) in metres, or text such as ``"2.5,1,90"`` (heading in degrees) or a place's name.
+        radius: radius of the robot, metres or text with a unit.
+        camera_height: height of the left camera above the floor.
+        demand: required accuracy; routes avoid places where it does not hold.
+
+    Raises:
+        InputError: the robot cannot stand at the start or the goal.
+        NegativeAnswer: no route leads there.
+
+    Examples:
+        >>> import lmkit
+        >>> route = lmkit.plan_route("floor.yaml", "rig.yaml", "map.yaml", (1, 1), (3, 2), camera_height=0.9)
+        >>> route.length_m > 2
+        True
+    """
+    from lmkit.planning.coverage import Demand
+    from lmkit.planning.route import Goal, find_goal, plan_route
+
+    ground, hung, metres = _floor(floor), as_map(landmarks), as_metres(radius, "radius")
+    ends = [
+        find_goal(end, ground, hung, metres) if isinstance(end, str) else Goal(float(end[0]), float(end[1]))
+        for end in (start, goal)
+    ]
+    demand = demand or Demand(in_view=1, share=1.0)
+    return plan_route(ground, hung, _mounted(rig, camera_height), metres, ends[0], ends[1], demand)
+
+
+def _floor(floor: FloorPlan | PathLike) -> FloorPlan:
+    from lmkit.io.floor_plan import read_floor
+    from lmkit.model.floor_plan import FloorPlan
+
+    return floor if isinstance(floor, FloorPlan) else read_floor(as_path(floor))
+
+
+def _mounted(rig: StereoRig | PathLike, height: float | str | None) -> StereoRig:
+    """The rig with its place on the robot.
+
+    Raises:
+        InputError: neither the rig nor ``height`` says how high the camera is.
+    """
+    from lmkit.geometry.stereo_rig import mounted_ahead
+
+    cameras = as_rig(rig)
+    if height is not None:
+        return replace(cameras, T_base_left=mounted_ahead(as_metres(height, "camera_height")))
+    if cameras.T_base_left is None:
+        raise InputError("no_base", "the rig has no T_base_left", "add it, or give camera_height=0.85")
+    return cameras

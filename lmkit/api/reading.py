@@ -1,0 +1,212 @@
+"""`lmkit.read_*` and `lmkit.write_*`: files in and out."""
+
+from __future__ import annotations
+
+import os
+from typing import TYPE_CHECKING
+
+from lmkit.api.arguments import Families, PathLike, as_families, as_metres, as_path, as_rig
+
+if TYPE_CHECKING:
+    from lmkit.arrays import ByteArray
+    from lmkit.geometry.stereo_rig import StereoRig
+    from lmkit.model.landmark_map import LandmarkMap
+    from lmkit.model.recording import Recording
+    from lmkit.model.tracked_trajectory import TrackedTrajectory
+    from lmkit.model.trajectory import Trajectory
+
+
+def read_image(path: PathLike) -> ByteArray:
+    """Read an image file.
+
+    Args:
+        path: PNG, JPEG, TIFF, BMP, WebP or PNM file.
+
+    Returns:
+        (H,W,3) BGR, 8 bit, as OpenCV has it.
+
+    Raises:
+        InputError: no such file, or not an image.
+
+    Examples:
+        >>> import lmkit
+        >>> lmkit.read_image("left.png").shape
+        (480, 640, 3)
+    """
+    from lmkit.io.images import read_image
+
+    return read_image(as_path(path))
+
+
+def read_rig(path: PathLike) -> StereoRig:
+    """Read a calibrated camera rig: of lmkit, OpenCV, ROS or Kalibr.
+
+    Args:
+        path: file, or the folder with ROS's left.yaml and right.yaml.
+
+    Raises:
+        InputError: not readable, or not a rig.
+
+    Examples:
+        >>> import lmkit
+        >>> rig = lmkit.read_rig("rig.yaml")
+        >>> rig.left.image_size
+        (640, 480)
+    """
+    from lmkit.io.any_rig import read_any_rig
+
+    return read_any_rig(as_path(path))
+
+
+def read_map(path: PathLike) -> LandmarkMap:
+    """Read a landmark map: of lmkit, WPILib or TagSLAM.
+
+    Args:
+        path: YAML or JSON file.
+
+    Raises:
+        InputError: not readable, or not a map.
+
+    Examples:
+        >>> import lmkit
+        >>> landmarks = lmkit.read_map("map.yaml")
+        >>> len(landmarks)
+        14
+    """
+    from lmkit.io.external_maps import read_any_map
+
+    return read_any_map(as_path(path))
+
+
+def read_trajectory(path: PathLike) -> Trajectory:
+    """Read a trajectory in TUM's format: ``time x y z qx qy qz qw`` a line, seconds and metres.
+
+    Args:
+        path: text file.
+
+    Examples:
+        >>> import lmkit
+        >>> lmkit.read_trajectory("truth.tum").positions.shape[1]
+        3
+    """
+    from lmkit.io.trajectory import read_trajectory
+
+    return read_trajectory(as_path(path))
+
+
+def read_recording(
+    left: PathLike | None = None,
+    right: PathLike | None = None,
+    *,
+    rig: StereoRig | PathLike | None = None,
+    detections: PathLike | None = None,
+    readings: PathLike | None = None,
+    odometry: PathLike | None = None,
+    gyro: PathLike | None = None,
+    wheel_track: float | str | None = None,
+    families: Families = "lm8",
+    hz: float | None = None,
+) -> Recording:
+    """Read a recording: images of both cameras, or saved detections, or range and bearing readings, and odometry.
+
+    Args:
+        left, right: folders or globs of images, paired by sorted name; they need ``rig``.
+        detections: CSV of detections, in place of images.
+        readings: CSV of ranges and bearings, in place of images.
+        odometry: CSV of wheel odometry, or TUM poses of visual odometry.
+        gyro: CSV of the yaw rate.
+        wheel_track: distance between the wheels, metres or text with a unit.
+        families: landmark families to look for in images.
+        hz: image pairs a second, where file names hold no times.
+
+    Raises:
+        InputError: not readable, or a combination that does not fit.
+
+    Examples:
+        >>> import lmkit
+        >>> lmkit.read_recording(detections="detections.csv", odometry="odometry.csv", gyro="gyro.csv")
+        Recording(... frames, ... s, wheel odometry, gyro)
+    """
+    from lmkit.pipelines.detect_recording import read_recording
+
+    return read_recording(
+        None if left is None else os.fspath(left),
+        None if right is None else os.fspath(right),
+        rig=None if rig is None else as_rig(rig),
+        detections=None if detections is None else as_path(detections),
+        readings=None if readings is None else as_path(readings),
+        odometry=None if odometry is None else as_path(odometry),
+        gyro=None if gyro is None else as_path(gyro),
+        wheel_track_m=None if wheel_track is None else as_metres(wheel_track, "wheel_track"),
+        families=as_families(families),
+        hz=hz,
+    )
+
+
+def write_rig(rig: StereoRig, path: PathLike, *, overwrite: bool = False) -> None:
+    """Write a rig file (YAML, format ``lmkit-rig/1``), whole or not at all.
+
+    Args:
+        rig: the calibrated rig.
+        path: the file to write.
+        overwrite: replace an existing file.
+
+    Raises:
+        InputError: the file exists, or cannot be written.
+
+    Examples:
+        >>> import lmkit
+        >>> lmkit.write_rig(lmkit.read_rig("rig.yaml"), "copy.yaml")
+    """
+    from lmkit.io.files import write_file
+    from lmkit.io.rig import rig_to_yaml
+
+    write_file(as_path(path), rig_to_yaml(rig), overwrite)
+
+
+def write_map(landmarks: LandmarkMap, path: PathLike, *, overwrite: bool = False) -> None:
+    """Write a landmark map (YAML, format ``lmkit-map/1``), whole or not at all.
+
+    Args:
+        landmarks: the map.
+        path: the file to write.
+        overwrite: replace an existing file.
+
+    Raises:
+        InputError: the file exists, or cannot be written.
+
+    Examples:
+        >>> import lmkit
+        >>> lmkit.write_map(lmkit.read_map("map.yaml"), "copy_of_map.yaml")
+    """
+    from lmkit.io.files import write_file
+    from lmkit.io.landmark_map import map_to_yaml
+
+    write_file(as_path(path), map_to_yaml(landmarks), overwrite)
+
+
+def write_trajectory(trajectory: Trajectory | TrackedTrajectory, path: PathLike, *, overwrite: bool = False) -> None:
+    """Write a trajectory in TUM's format; of a tracked one the poses with status ``ok``.
+
+    Args:
+        trajectory: poses with times.
+        path: the file to write.
+        overwrite: replace an existing file.
+
+    Raises:
+        InputError: the file exists, or cannot be written.
+
+    Examples:
+        >>> import lmkit
+        >>> lmkit.write_trajectory(lmkit.read_trajectory("truth.tum"), "copy.tum")
+    """
+    from lmkit.io.files import write_file
+    from lmkit.io.trajectory import poses_to_tum
+    from lmkit.model.trajectory import Trajectory
+
+    if isinstance(trajectory, Trajectory):
+        poses = [(float(t), trajectory.pose(k, "map", "base")) for k, t in enumerate(trajectory.times_s)]
+    else:
+        rows = zip(trajectory.times_s.tolist(), trajectory.poses, trajectory.statuses, strict=True)
+        poses = [(t, pose) for t, pose, status in rows if status == "ok"]
+    write_file(as_path(path), poses_to_tum(poses), overwrite)

@@ -1,0 +1,145 @@
+"""`lmkit.survey`, `lmkit.track` and `lmkit.evaluate`."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+from lmkit.api.arguments import PathLike, as_map, as_metres, as_path, as_rig
+from lmkit.errors import InputError
+from lmkit.model.recording import Odometry, Recording
+from lmkit.model.trajectory import Trajectory
+
+if TYPE_CHECKING:
+    from lmkit.evaluation.trajectory_error import TrajectoryError
+    from lmkit.geometry.stereo_rig import StereoRig
+    from lmkit.mapping.survey import Survey
+    from lmkit.mapping.wall_constraints import Tie
+    from lmkit.model.landmark_map import LandmarkMap
+    from lmkit.model.tracked_trajectory import TrackedTrajectory
+    from lmkit.odometry.motion_model import Motion
+
+
+def survey(
+    recording: Recording,
+    rig: StereoRig | PathLike,
+    *,
+    size: float | str = "180mm",
+    known: LandmarkMap | PathLike | None = None,
+    constraints: Sequence[Tie] = (),
+) -> Survey:
+    """Build the landmark map from a recording.
+
+    Args:
+        recording: frames of both cameras, with or without odometry.
+        rig: the calibrated rig, or its file.
+        size: side of the landmarks, metres or text with a unit; landmarks in ``known`` have their own.
+        known: landmarks with known poses, such as one anchor; it defines the map frame.
+        constraints: walls and heights that landmarks share.
+
+    Returns:
+        The map with covariances, the poses, and ``warnings`` in words.
+
+    Raises:
+        InputError: nothing to start from, or odometry of another time or without T_base_left.
+
+    Examples:
+        >>> import lmkit
+        >>> recording = lmkit.read_recording(detections="detections.csv", odometry="odometry.csv", gyro="gyro.csv")
+        >>> survey = lmkit.survey(recording, "rig.yaml")
+        >>> len(survey.landmarks) > 5
+        True
+    """
+    from lmkit.mapping.bundle_adjustment import Anchor
+    from lmkit.mapping.next_view import advise
+    from lmkit.mapping.survey import landmark_sizes, survey_frames, survey_warnings
+
+    if not recording.frames:
+        raise InputError("no_frames", "the recording has no frames", "give images or detections")
+    cameras, motion = as_rig(rig), motion_of(recording)
+    anchors = {} if known is None else {(m.family, m.code): Anchor(m, m.covariance) for m in as_map(known)}
+    frames = list(recording.frames)
+    sizes = landmark_sizes(frames, as_metres(size, "size"), anchors)
+    result = survey_frames(frames, cameras, sizes, anchors, motion, constraints)
+    texts = survey_warnings(result, motion, list(constraints), advise(result, cameras))
+    return replace(result, warnings=tuple(texts))
+
+
+def track(
+    recording: Recording, rig: StereoRig | PathLike | None, landmarks: LandmarkMap | PathLike, *, live: bool = False
+) -> TrackedTrajectory:
+    """Track the robot through a known map.
+
+    Args:
+        recording: frames, or range and bearing readings with wheel odometry.
+        rig: the calibrated rig, or its file; None for readings.
+        landmarks: the landmark map, or its file.
+        live: causal filtering: each pose uses only data up to its time; it needs odometry.
+
+    Raises:
+        InputError: no landmark of the map is in view, or odometry is missing or of another time.
+
+    Examples:
+        >>> import lmkit
+        >>> recording = lmkit.read_recording(detections="detections.csv", odometry="odometry.csv", gyro="gyro.csv")
+        >>> trajectory = lmkit.track(recording, "rig.yaml", "map.yaml")
+        >>> trajectory.positions.shape[1]
+        3
+    """
+    from lmkit.tracking.batch import track_pictures, track_readings
+    from lmkit.tracking.online import track_live, track_pictures_live, track_poses_live
+
+    hung, odometry = as_map(landmarks), recording.odometry
+    if recording.readings:
+        if not isinstance(odometry, Odometry):
+            raise InputError("no_odometry", "readings need wheel odometry", "read the recording with odometry=...")
+        work = track_live if live else track_readings
+        return work([(t, list(seen)) for t, seen in recording.readings], odometry, recording.gyro, hung)
+    if rig is None:
+        raise InputError("no_rig", "frames need a rig", "give the rig, or its file")
+    cameras, frames = as_rig(rig), list(recording.frames)
+    if not live:
+        return track_pictures(frames, cameras, hung, motion_of(recording))
+    if odometry is None:
+        raise InputError("no_odometry", "live tracking needs odometry", "read the recording with odometry=...")
+    if isinstance(odometry, Trajectory):
+        return track_poses_live(frames, cameras, hung, odometry)
+    return track_pictures_live(frames, cameras, hung, odometry, recording.gyro)
+
+
+def evaluate(
+    truth: Trajectory | PathLike, estimate: Trajectory | PathLike, *, align: str = "none", max_apart_s: float = 0.01
+) -> TrajectoryError:
+    """Compare an estimated trajectory with the true one, as evo does.
+
+    Args:
+        truth, estimate: trajectories, or TUM files.
+        align: ``"none"``, ``"rigid"`` or ``"scale"`` (Umeyama 1991).
+        max_apart_s: largest difference of times that belong together.
+
+    Raises:
+        InputError: no common times.
+
+    Examples:
+        >>> import lmkit
+        >>> lmkit.evaluate("truth.tum", "truth.tum").position_m.rmse
+        0.0
+    """
+    from lmkit.evaluation.trajectory_error import compare_trajectories
+    from lmkit.io.trajectory import read_trajectory
+
+    both = [t if isinstance(t, Trajectory) else read_trajectory(as_path(t)) for t in (truth, estimate)]
+    return compare_trajectories(both[0], both[1], align, max_apart_s=max_apart_s)
+
+
+def motion_of(recording: Recording) -> Motion | None:
+    """The odometry of a recording as a model of motion; None without odometry."""
+    from lmkit.odometry.pose_odometry import PoseMotion
+    from lmkit.odometry.wheel_odometry import MotionModel
+
+    if recording.odometry is None:
+        return None
+    if isinstance(recording.odometry, Trajectory):
+        return PoseMotion(recording.odometry)
+    return MotionModel(recording.odometry, recording.gyro)
