@@ -1,11 +1,13 @@
-"""Errors that a user can mend: what is wrong, where, and how to put it right.
+"""Errors that a user can fix: what is wrong, where, and how to fix it.
 
-A fault of the user's input is an :class:`InputError` (exit code 2); a run that worked but whose
-answer is "no" is a :class:`NegativeAnswer` (exit code 1).  Anything else that escapes is a fault
-of lmkit itself (exit code 70).
+Wrong input is an :class:`InputError` (exit code 2); a run that worked with a negative result is a
+:class:`NegativeAnswer` (exit code 1).  Any other exception is an internal error (exit code 70).
 """
 
 from __future__ import annotations
+
+# Hint where a package of an optional extra is missing.
+EXTRA = "in the checkout: uv sync --extra {0}, or pip install '.[{0}]'"
 
 
 class LmkitError(Exception):
@@ -14,7 +16,7 @@ class LmkitError(Exception):
     Args:
         code: short stable name for scripts, e.g. ``image_truncated``.
         message: what is wrong and where, in one line.
-        hint: how to mend it, in one line.
+        hint: how to fix it, in one line.
     """
 
     exit_code = 70

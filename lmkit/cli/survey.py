@@ -64,7 +64,7 @@ def run(
     plan: Annotated[Path | None, typer.Option("--plan", help="Plan of map and drive (.png or .svg).")] = None,
     report: Annotated[Path | None, typer.Option("--report", help="Report to write (.html).")] = None,
     rerun: Annotated[
-        Path | None, typer.Option("--rerun", help="Recording for the Rerun viewer to write (.rrd; lmkit[viewer]).")
+        Path | None, typer.Option("--rerun", help="Recording for the Rerun viewer to write (.rrd; extra viewer).")
     ] = None,
     save_detections: Annotated[
         Path | None, typer.Option("--save-detections", help="CSV of what was seen, to survey again without pictures.")

@@ -38,7 +38,7 @@ def run(
     plan: Annotated[Path | None, typer.Option("--plan", help="Plan of the drive (.png or .svg).")] = None,
     report: Annotated[Path | None, typer.Option("--report", help="Report to write (.html).")] = None,
     rerun: Annotated[
-        Path | None, typer.Option("--rerun", help="Recording for the Rerun viewer to write (.rrd; lmkit[viewer]).")
+        Path | None, typer.Option("--rerun", help="Recording for the Rerun viewer to write (.rrd; extra viewer).")
     ] = None,
     as_json: Annotated[bool, typer.Option("--json", help="One JSON object a line.")] = False,
     force: Annotated[bool, typer.Option("--force", help="Overwrite files.")] = False,

@@ -1,4 +1,4 @@
-"""Bags of ROS 1, ROS 2 and MCAP (extra ``lmkit[bags]``): a drive taken out of them as files, poses put into one.
+"""Bags of ROS 1, ROS 2 and MCAP (extra ``bags``): a drive taken out of them as files, poses put into one.
 
 Everything else in lmkit reads files, so a bag is unpacked once: stereo pictures named by their time, both
 ``camera_info`` as a rig, odometry and gyro as tables.
@@ -16,7 +16,7 @@ import cv2
 import numpy as np
 
 from lmkit.arrays import AnyArray
-from lmkit.errors import InputError
+from lmkit.errors import EXTRA, InputError
 from lmkit.io.documents import dump_yaml
 from lmkit.io.ros_camera_info import FILES
 from lmkit.model.trajectory import Trajectory
@@ -158,7 +158,7 @@ def poses_to_bag(folder: Path, trajectory: Trajectory, frame: str = "map") -> No
 
 def _require_rosbags() -> None:
     if find_spec("rosbags") is None:
-        raise InputError("no_rosbags", "bags need the package rosbags", "install lmkit with its extra: lmkit[bags]")
+        raise InputError("no_rosbags", "bags need the package rosbags", EXTRA.format("bags"))
 
 
 def _unpack(reader: Any, topics: Topics) -> Iterator[Unpacked]:

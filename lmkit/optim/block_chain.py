@@ -140,7 +140,9 @@ class ChainEquations:
             return self.gradient, _solved(self.corner, self.shared_gradient)
         factor = self._factor()
         inner = cho_solve_banded(factor, self.gradient.reshape(-1)).reshape(count, size)
-        W = cho_solve_banded(factor, self.border.reshape(count * size, shared)) if shared else self.border[..., 0]
+        if shared == 0:
+            return inner, self.shared_gradient
+        W = cho_solve_banded(factor, self.border.reshape(count * size, shared))
         S = self.corner - self.border.reshape(count * size, shared).T @ W
         y = _solved(S, self.shared_gradient - np.einsum("ndm,nd->m", self.border, inner))
         return inner - (W @ y).reshape(count, size), y

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from lmkit.arrays import FloatArray
-from lmkit.errors import InputError
+from lmkit.errors import EXTRA, InputError
 from lmkit.geometry.pose import Pose
 from lmkit.geometry.stereo_rig import StereoRig
 from lmkit.mapping.survey import Survey
@@ -32,9 +32,7 @@ def require_rerun() -> None:
         InputError: it is.
     """
     if find_spec("rerun") is None:
-        raise InputError(
-            "no_rerun", "recordings need the package rerun-sdk", "install lmkit with its extra: lmkit[viewer]"
-        )
+        raise InputError("no_rerun", "recordings need the package rerun-sdk", EXTRA.format("viewer"))
 
 
 def survey_recording(survey: Survey, rig: StereoRig, moments: Sequence[StereoFrame]) -> bytes:

@@ -60,3 +60,19 @@ def test_templates_are_found():
     names = [path.stem for path in templates_folder().glob("*.toml")]
     assert {"a4", "letter"} <= set(names)
     assert all(load_template(name).name == name for name in names)
+
+
+def test_no_text_asks_to_install_the_package_of_another_project():
+    """The registry's package called lmkit is not ours (docs/decisions/0015-name.md)."""
+    wrong = re.compile(
+        r"(pip install|uv add|uv pip install|pipx install|uvx)\s+(-\S+\s+)*['\"]?lmkit\b(?!-landmarks)|lmkit\["
+    )
+    listed = subprocess.run(["git", "ls-files"], cwd=ROOT, capture_output=True, text=True, check=False).stdout.split()
+    texts = [
+        ROOT / name for name in listed if Path(name).suffix in {".py", ".md", ".toml", ".yaml", ".ipynb", ".html"}
+    ]
+    for path in texts or [*PACKAGE.rglob("*.py"), *ROOT.glob("*.md"), *(ROOT / "docs").rglob("*.md")]:
+        if path == Path(__file__):
+            continue
+        found = wrong.search(path.read_text(encoding="utf-8"))
+        assert found is None, f"{path.relative_to(ROOT)}: {found and found.group()}"

@@ -13,7 +13,7 @@ from lmkit.io.trajectory import read_trajectory
 from lmkit.model.trajectory import Trajectory
 from lmkit.simulation.scene import make_rig
 
-pytest.importorskip("rosbags", reason="the extra lmkit[bags] is not installed")
+pytest.importorskip("rosbags", reason="the extra bags is not installed")
 
 
 def write_bag(folder, rig, pairs=3, encoding="rgb8", late=0.0):

@@ -50,3 +50,31 @@ def test_steps_and_covariances_are_those_of_the_dense_matrix(count, size, shared
         assert own[k] == pytest.approx(blocks[k, :, k], abs=1e-10)
     for k in range(count - 1):
         assert across[k] == pytest.approx(blocks[k, :, k + 1], abs=1e-10)
+
+
+@pytest.mark.parametrize("count", [1, 2, 15, 16, 17, 60])
+def test_a_chain_without_shared_unknowns(count):
+    rng = np.random.default_rng(count)
+    chain = ChainEquations.zeros(count, 3, 0)
+    chain.diagonal += np.eye(3)
+    H, g = np.eye(3 * count), np.zeros(3 * count)
+    before, after, r = (
+        rng.normal(size=(count - 1, 3, 3)),
+        rng.normal(size=(count - 1, 3, 3)),
+        rng.normal(size=(count - 1, 3)),
+    )
+    chain.add_between(before, after, r)
+    for k in range(count - 1):
+        row = np.zeros((3, 3 * count))
+        row[:, 3 * k : 3 * k + 3], row[:, 3 * k + 3 : 3 * k + 6] = before[k], after[k]
+        H, g = H + row.T @ row, g + row.T @ r[k]
+    states, shared = chain.solve()
+    assert np.allclose(states.ravel(), np.linalg.solve(H, g), rtol=0, atol=1e-9)
+    assert shared.shape == (0,)
+    own, across, rest = chain.covariances()
+    inverse = np.linalg.inv(H)
+    for k in range(count):
+        assert np.allclose(own[k], inverse[3 * k : 3 * k + 3, 3 * k : 3 * k + 3], atol=1e-9)
+    for k in range(count - 1):
+        assert np.allclose(across[k], inverse[3 * k : 3 * k + 3, 3 * k + 3 : 3 * k + 6], atol=1e-9)
+    assert rest.shape == (0, 0)

@@ -24,7 +24,7 @@ def entities(path):
 
 
 def test_a_tracked_drive_and_a_survey_are_recorded(tmp_path):
-    pytest.importorskip("rerun", reason="the extra lmkit[viewer] is not installed")
+    pytest.importorskip("rerun", reason="the extra viewer is not installed")
     drive = make_drive(1, seconds=8)
     motion = MotionModel(drive.odometry, drive.gyro)
     tracked = track_pictures(drive.moments, drive.rig, drive.landmarks, motion)
@@ -43,4 +43,4 @@ def test_without_the_package_its_extra_is_named(monkeypatch):
     monkeypatch.setattr("lmkit.reports.rerun.find_spec", lambda name: None)
     with pytest.raises(InputError) as told:
         require_rerun()
-    assert "lmkit[viewer]" in told.value.hint
+    assert "--extra viewer" in told.value.hint

@@ -64,6 +64,15 @@ def test_corners_of_both_eyes_are_followed_live():
         assert tracked.parameters["forward_scale"] == pytest.approx(0.92, abs=0.04)
 
 
+@pytest.mark.parametrize("count", [1, 15, 16, 60])
+def test_cameras_are_tracked_without_odometry(count):
+    drive = make_drive(0, seconds=14)
+    tracked = track_pictures(drive.moments[:count], drive.rig, drive.landmarks, None)
+    off, _ = planar_errors(drive, tracked)
+    assert len(off) >= 0.8 * min(count, len(drive.moments))
+    assert np.median(np.hypot(off[:, 0], off[:, 1])) < 0.05
+
+
 def test_the_smoother_beats_the_filter_and_the_filter_beats_the_wheels():
     drive = make_drive(5, errors=WheelErrors(slips=2))
     readings = drive.readings(5)
