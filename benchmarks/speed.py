@@ -1,0 +1,214 @@
+"""Times of whole tasks on one thread, beside the figures before compiled kernels.
+
+    uv run python benchmarks/speed.py [ROW ...]
+
+Each row is run `n` times in this process (whole commands in processes of their own); the table gives the median and
+the spread from the 10th to the 90th percentile.  `before` was measured with the same script and data before the
+kernels came, on the same kind of machine; `LMKIT_KERNELS=numpy` shows what the numpy definitions alone take.
+"""
+
+from __future__ import annotations
+
+import os
+
+for _variable in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"):
+    os.environ.setdefault(_variable, "1")
+
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import cv2
+import numpy as np
+
+from lmkit.calibration.stereo import calibrate_stereo
+from lmkit.geometry.planar import planar_pose
+from lmkit.io.floor_plan import read_floor
+from lmkit.io.landmark_map import map_to_yaml
+from lmkit.io.rig import rig_to_yaml
+from lmkit.kernels.load import describe
+from lmkit.localization.absolute_pose import locate_rig
+from lmkit.mapping.survey import survey_frames
+from lmkit.model.board import BoardSpec
+from lmkit.model.landmark_map import LandmarkMap, MappedLandmark, wall_pose
+from lmkit.model.observation import PairView
+from lmkit.planning.coverage import Demand
+from lmkit.planning.placement import place_landmarks
+from lmkit.simulation.observations import look
+from lmkit.simulation.recording import T_BASE_LEFT, make_drive
+from lmkit.simulation.scene import board_poses, make_rig
+from lmkit.tracking.planar_stereo_filter import RigFilter
+from lmkit.tracking.spatial_stereo_filter import PoseFilter
+
+HERE = Path(__file__).resolve().parent
+RIG = replace(make_rig(), T_base_left=T_BASE_LEFT)
+NOISE_PX = 0.15
+
+
+@dataclass(frozen=True)
+class Row:
+    """One line of the table: what is timed, the figure before, and the seconds of each run."""
+
+    name: str
+    before: str
+    run: Callable[[], Iterator[float]]
+
+
+def timed(work: Callable[[], object]) -> float:
+    start = time.perf_counter()
+    work()
+    return time.perf_counter() - start
+
+
+def locate_four() -> Iterator[float]:
+    """Four landmarks around a robot's view, 50 poses, corners with noise."""
+    hung = [MappedLandmark(k, "lm8", 0.18, wall_pose([4.0, 0.7 * k - 1.05, 1.2], np.pi)) for k in range(4)]
+    landmarks, rng, seen = LandmarkMap(hung), np.random.default_rng(1), []
+    while len(seen) < 50:
+        state = np.array([rng.uniform(0.5, 1.5), rng.uniform(-0.4, 0.4), rng.uniform(-0.1, 0.1)])
+        pair = look(landmarks, RIG, planar_pose(state), NOISE_PX, rng)
+        if all(len(side) == 4 for side in pair):
+            seen.append(pair)
+    for left, right in [*seen[:3], *seen]:
+        yield timed(lambda left=left, right=right: locate_rig(left, right, RIG, landmarks))
+
+
+def live_wheels() -> Iterator[float]:
+    """Each observation of a filter on wheels, a drive of a minute at 5 Hz."""
+    drive = make_drive(1)
+    filter_, rows = RigFilter(drive.landmarks, drive.rig), 0
+    odometry = drive.odometry
+    for moment in drive.moments:
+        while rows < len(odometry.times_s) and odometry.times_s[rows] <= moment.time_s:
+            filter_.wheels.add_odometry(
+                float(odometry.times_s[rows]), float(odometry.forward_m[rows]), float(odometry.turn_rad[rows])
+            )
+            rows += 1
+        yield timed(lambda moment=moment: filter_.observe(moment.time_s, moment.left, moment.right))
+
+
+def live_poses() -> Iterator[float]:
+    """Each observation of a filter on visual odometry, a drive of a minute at 5 Hz."""
+    drive = make_drive(1)
+    odometry = drive.visual_odometry(1)
+    filter_ = PoseFilter(drive.landmarks, drive.rig)
+    for k, moment in enumerate(drive.moments):
+        filter_.add_odometry(float(odometry.times_s[k]), odometry.pose(k, "odometry", "base"))
+        yield timed(lambda moment=moment: filter_.observe(moment.time_s, moment.left, moment.right))
+
+
+def survey() -> Iterator[float]:
+    """100 landmarks, 500 frames, no odometry."""
+    drive = make_drive(3, seconds=100.0, hz=5.0, count=100, size_m=(14.0, 9.0))
+    sizes = {(m.family, m.code): m.size_m for m in drive.landmarks}
+    for _ in range(3):
+        yield timed(lambda: survey_frames(drive.moments, drive.rig, sizes, {}))
+
+
+def calibrate() -> Iterator[float]:
+    """30 pairs of 640 x 480 pixels, corners given, model chosen."""
+    rig, board, rng = make_rig(), BoardSpec("chessboard", 9, 6, 25.0), np.random.default_rng(1)
+    points, ids, views = board.object_points, np.arange(54), []
+    for k, pose in enumerate(board_poses(1, rig, board, 30)):
+        left = pose.apply(points)
+        right = left @ rig.T_right_left.R.T + rig.T_right_left.t
+        corners = [camera.project(p) for camera, p in ((rig.left, left), (rig.right, right))]
+        noisy = [pixels + rng.normal(0, 0.1, pixels.shape) for pixels in corners]
+        views.append(PairView(f"{k:02d}", ids, noisy[0], ids, noisy[1]))
+    for _ in range(3):
+        yield timed(lambda: calibrate_stereo(views, board, (640, 480)))
+
+
+def place() -> Iterator[float]:
+    """Landmarks placed on the office floor, 30 x 20 m, as `lmkit plan place` does by default."""
+    floor = read_floor(HERE / "floors" / "office.yaml")
+    yield timed(lambda: place_landmarks(floor, [], RIG, 0.25, Demand()))
+
+
+def command(*arguments: str, cwd: str) -> float:
+    """One `lmkit` process; it may find nothing (exit code 1)."""
+
+    def run() -> None:
+        code = "from lmkit.cli.main import main; main()"
+        ended = subprocess.run([sys.executable, "-c", code, *arguments], check=False, capture_output=True, cwd=cwd)
+        assert ended.returncode in (0, 1), ended.stderr.decode()
+
+    return timed(run)
+
+
+def generate() -> Iterator[float]:
+    """`lmkit generate` of 256 codes as one PDF, read back before it is written."""
+    for _ in range(2):
+        with tempfile.TemporaryDirectory() as folder:
+            yield command("generate", "--codes", "0-255", "-o", "all.pdf", cwd=folder)
+
+
+def demo() -> Iterator[float]:
+    """`lmkit demo`, on all cores."""
+    with tempfile.TemporaryDirectory() as folder:
+        yield command("demo", cwd=folder)
+
+
+def detect_command() -> Iterator[float]:
+    """`lmkit detect one.png` as a whole process, 640 x 480."""
+    with tempfile.TemporaryDirectory() as folder:
+        write_inputs(Path(folder))
+        for _ in range(8):
+            yield command("detect", "left.png", cwd=folder)
+
+
+def locate_command() -> Iterator[float]:
+    """`lmkit locate` of one pair as a whole process, 640 x 480."""
+    with tempfile.TemporaryDirectory() as folder:
+        write_inputs(Path(folder))
+        for _ in range(8):
+            yield command("locate", "left.png", "right.png", "--rig", "rig.yaml", "--map", "map.yaml", cwd=folder)
+
+
+def write_inputs(folder: Path) -> None:
+    """A rig, a map, and a pair of noisy images without landmarks: what is timed is mostly loading."""
+    (folder / "rig.yaml").write_text(rig_to_yaml(RIG))
+    hung = MappedLandmark(1, "lm8", 0.18, wall_pose([4.0, 0.0, 1.2], np.pi))
+    (folder / "map.yaml").write_text(map_to_yaml(LandmarkMap([hung])))
+    image = np.random.default_rng(0).integers(90, 160, (480, 640, 3)).astype(np.uint8)
+    image = cv2.GaussianBlur(image, (0, 0), 2.0)
+    for name in ("left.png", "right.png"):
+        cv2.imwrite(str(folder / name), image)
+
+
+ROWS = {
+    "locate": Row("locate, 4 landmarks in two cameras", "3.1 ms", locate_four),
+    "live-wheels": Row("live step, wheels", "2.1 ms", live_wheels),
+    "live-poses": Row("live step, poses", "2.8 ms", live_poses),
+    "survey": Row("survey, 100 landmarks x 500 frames", "11 s", survey),
+    "calibrate": Row("calibrate, 30 pairs 640x480, corners given", "3.4 s", calibrate),
+    "place": Row("plan place, office 30 x 20 m", "51 s", place),
+    "generate": Row("generate 256 codes, proven", "9 to 20 s", generate),
+    "demo": Row("`lmkit demo`", "32 to 45 s", demo),
+    "detect-command": Row("`lmkit detect one.png`, whole process", "", detect_command),
+    "locate-command": Row("`lmkit locate`, whole process", "", locate_command),
+}
+
+
+def told(seconds: float) -> str:
+    return f"{seconds:.2f} s" if seconds >= 1 else f"{1000 * seconds:.2f} ms"
+
+
+def main(names: list[str]) -> None:
+    cv2.setNumThreads(1)
+    print(f"{describe()}\n")
+    print("| task | before | now (median) | 10th to 90th percentile | n |\n|---|---|---|---|---|")
+    for name in names or list(ROWS):
+        row = ROWS[name]
+        runs = np.array(list(row.run()))
+        low, high = np.percentile(runs, [10, 90])
+        now, spread = told(float(np.median(runs))), f"{told(low)} to {told(high)}"
+        print(f"| {row.name} | {row.before} | {now} | {spread} | {len(runs)} |", flush=True)
+
+
+if __name__ == "__main__":
+    main(sys.argv[1:])
