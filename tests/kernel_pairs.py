@@ -10,10 +10,20 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from typing import Any
 
+import cv2
 import numpy as np
 
 from lmkit.kernels import load
-from lmkit.kernels.reprojection import Corners, reprojection_errors, reprojection_errors_numpy
+from lmkit.kernels.reprojection import (
+    NO_PRIOR,
+    Corners,
+    corner_misfits,
+    corner_misfits_numpy,
+    pose_equations,
+    pose_equations_numpy,
+    refine_poses,
+    refine_poses_numpy,
+)
 
 
 @dataclass(frozen=True)
@@ -34,35 +44,81 @@ class Pair:
 
 
 def rotations(rng: np.random.Generator, count: int) -> np.ndarray:
-    q, _ = np.linalg.qr(rng.normal(size=(count, 3, 3))) if count else (np.zeros((0, 3, 3)), None)
-    return q * np.linalg.det(q)[:, None, None] if count else q
+    if count == 0:
+        return np.zeros((0, 3, 3))
+    q, _ = np.linalg.qr(rng.normal(size=(count, 3, 3)))
+    return q * np.linalg.det(q)[:, None, None]
 
 
-def _corners(rng: np.random.Generator, count: int, depth: float) -> Corners:
-    centre = rng.normal(size=(count, 1, 3)) + np.array([0, 0, depth])
-    arms = 0.1 * rng.normal(size=(count, 4, 3))
-    turned = rotations(rng, count) if depth < 3 else np.tile(np.eye(3), (count, 1, 1))
-    return Corners.of(
-        centre + arms, rng.normal(size=(count, 4, 2)), rng.normal(size=(count, 8, 8)), turned,
-        0.1 * rng.normal(size=(count, 3)), arms,
+def small_rotations(rng: np.random.Generator, count: int, size: float) -> np.ndarray:
+    return np.array([cv2.Rodrigues(size * rng.normal(size=3))[0] for _ in range(count)]).reshape(-1, 3, 3)
+
+
+PRIOR = (0.3, 0.1, 0.1, 0.05, 0.1, 0.99, 0.1, 0.02)
+
+
+def corners_in_view(rng: np.random.Generator, count: int, uncertain: bool, noise: float = 1e-3) -> Corners:
+    """Landmarks a few metres before a rig near the origin that looks along z, as it would see them."""
+    centre = rng.normal(size=(count, 1, 3)) * [1, 0.5, 0.5] + np.array([0, 0, 4])
+    arms = 0.1 * np.array([[-1, -1, 0], [1, -1, 0], [1, 1, 0], [-1, 1, 0]]) @ small_rotations(rng, count, 0.5)
+    R, t = small_rotations(rng, count, 0.01), 0.05 * rng.normal(size=(count, 3))
+    seen = np.einsum("sij,scj->sci", R, centre + arms) + t[:, None]
+    rays = seen[..., :2] / seen[..., 2:] + noise * rng.normal(size=(count, 4, 2))
+    roots = 0.001 * rng.normal(size=(count, 6, 6)) if uncertain else None
+    return Corners(
+        centre + arms, rays, 400 * small_rotations(rng, 4 * count, 0.1)[:, :2, :2].reshape(count, 4, 2, 2),
+        2000 * (np.eye(8) + 0.1 * rng.normal(size=(count, 8, 8))), R, t, arms, roots,
+        np.arange(count) // 2 - 1,
     )  # fmt: skip
 
 
-def _reprojections(rng: np.random.Generator) -> Iterator[tuple[Any, ...]]:
-    # With a depth of 0 many corners lie behind the camera.
-    for poses, sightings, depth in [(1, 1, 4.0), (7, 3, 4.0), (5, 8, 0.0), (0, 3, 4.0), (3, 0, 4.0), (0, 0, 4.0)]:
-        R = rotations(rng, poses) if depth < 3 else np.tile(np.eye(3), (poses, 1, 1))
-        corners, p = _corners(rng, sightings, depth), 0.1 * rng.normal(size=(poses, 3))
-        for by_pose, by_landmark in [(True, True), (True, False), (False, True), (False, False)]:
-            yield corners, R, p, by_pose, by_landmark
-        yield corners, np.full_like(R, np.nan), p, True, True
-        # Arrays in Fortran's order, in single precision, and every other row of a larger one.
-        yield corners, np.asfortranarray(R), np.repeat(p, 2, axis=0)[::2], True, True
-        yield corners, R.astype(np.float32), p, True, False
+def hostile_corners(rng: np.random.Generator, count: int) -> Corners:
+    """Landmarks all around, behind and in the camera; nothing fits anything."""
+    return Corners(
+        rng.normal(size=(count, 4, 3)), rng.normal(size=(count, 4, 2)), rng.normal(size=(count, 4, 2, 2)),
+        rng.normal(size=(count, 8, 8)), rotations(rng, count), rng.normal(size=(count, 3)),
+        rng.normal(size=(count, 4, 3)), 1e-4 * rng.normal(size=(count, 6, 6)), rng.integers(-1, 3, count),
+    )  # fmt: skip
+
+
+def _misfit_calls(rng: np.random.Generator) -> Iterator[tuple[Any, ...]]:
+    for poses, sightings in [(1, 1), (7, 3), (5, 8), (0, 3), (3, 0), (0, 0)]:
+        R, p = small_rotations(rng, poses, 0.02), 0.1 * rng.normal(size=(poses, 3))
+        for uncertain in (False, True):
+            corners = corners_in_view(rng, sightings, uncertain)
+            yield corners, R, p
+            yield corners, np.full_like(R, np.nan), p
+            # Fortran's order, single precision, every other row of a larger array.
+            yield corners, np.asfortranarray(R), np.repeat(p, 2, axis=0)[::2]
+            yield corners, R.astype(np.float32), p
+        yield hostile_corners(rng, sightings), rotations(rng, poses), p
+
+
+def _equation_calls(rng: np.random.Generator) -> Iterator[tuple[Any, ...]]:
+    for corners, R, p in _misfit_calls(rng):
+        used = rng.uniform(size=(len(R), len(corners))) < 0.8
+        for prior in (NO_PRIOR, PRIOR, (*PRIOR[:4], *NO_PRIOR[4:])):
+            yield corners, prior, R, p, used
+
+
+def _refine_calls(rng: np.random.Generator) -> Iterator[tuple[Any, ...]]:
+    for poses, sightings in [(1, 3), (7, 3), (5, 8), (0, 3)]:
+        R, p = small_rotations(rng, poses, 0.02), 0.1 * rng.normal(size=(poses, 3))
+        used = np.ones((poses, sightings), dtype=bool)
+        used[:, ::4] = False
+        for uncertain in (False, True):
+            for prior in (NO_PRIOR, PRIOR):
+                yield corners_in_view(rng, sightings, uncertain), prior, R, p, used, 5, 1e-2, 1e6
+    # Nothing seen, and not a number: the pose stays.
+    R, p = small_rotations(rng, 2, 0.02), np.zeros((2, 3))
+    yield corners_in_view(rng, 0, False), NO_PRIOR, R, p, np.ones((2, 0), dtype=bool), 5, 1e-2, 1e6
+    yield corners_in_view(rng, 2, True), PRIOR, np.full_like(R, np.nan), p, np.ones((2, 2), dtype=bool), 9, 1e-2, 1e6
 
 
 PAIRS = [
-    Pair(reprojection_errors, reprojection_errors_numpy, _reprojections),
+    Pair(corner_misfits, corner_misfits_numpy, _misfit_calls),
+    Pair(pose_equations, pose_equations_numpy, _equation_calls),
+    Pair(refine_poses, refine_poses_numpy, _refine_calls, 1e-9),
 ]
 
 

@@ -1,84 +1,214 @@
-/* Whitened reprojection errors of a landmark's four corners, in normalised rays, with derivatives.
+/* Whitened reprojection errors of landmark corners for many poses: misfits, normal equations, Levenberg-Marquardt.
  * reprojection.py holds the definition. */
-#include <math.h>
+#include "reprojection.h"
+
 #include <stddef.h>
 
 #include "kernels.h"
 
-LMKIT_EXPORT int lmkit_reprojection(int64_t poses, int64_t sightings, const double *points, const double *arms,
-                                    const double *R_camera, const double *t_camera, const double *rays,
-                                    const double *whitener, const double *R, const double *p, double nearest,
-                                    double nowhere, double *residuals, double *by_pose, double *by_landmark);
+#define PI 3.14159265358979323846
 
-/* out (8,6) = W (8,8) J (8,6). */
-static void whiten6(const double *W, const double *J, double *out) {
-    for (int i = 0; i < 8; i++) {
-        double row[6] = {0, 0, 0, 0, 0, 0};
-        for (int k = 0; k < 8; k++) {
-            const double w = W[8 * i + k];
-            for (int j = 0; j < 6; j++) row[j] += w * J[6 * k + j];
-        }
-        for (int j = 0; j < 6; j++) out[6 * i + j] = row[j];
-    }
+/* All that does not depend on the pose; the fields are those of `Corners` in reprojection.py. */
+typedef struct {
+    int64_t count;
+    const double *points, *arms, *R_camera, *t_camera, *rays, *by_ray, *whitener;
+    const double *roots;          /* null where no landmark is uncertain */
+    const int64_t *group, *order; /* which sightings share a landmark's error (-1: none), and sightings by group */
+    double nearest, nowhere;
+} Corners;
+
+/* What is known of the pose: NaN where nothing is. */
+typedef struct {
+    double heading, heading_sigma, height, height_sigma, down[3], tilt_sigma;
+} Prior;
+
+LMKIT_EXPORT int lmkit_corner_misfits(const Corners *seen, int64_t poses, const double *R, const double *p,
+                                      double *misfits, double *pixels);
+LMKIT_EXPORT int lmkit_pose_equations(const Corners *seen, const Prior *prior, int64_t poses, const double *R,
+                                      const double *p, const uint8_t *used, double *normal, double *gradient,
+                                      double *squared);
+LMKIT_EXPORT int lmkit_refine_poses(const Corners *seen, const Prior *prior, int64_t poses, const uint8_t *used,
+                                    int64_t iterations, double converged, double most_damping, double *R, double *p);
+
+/* The whitened block of a sighting, and that of its landmark's error where it is uncertain (else null). */
+static void sighting(const Corners *seen, int64_t s, const double *R, const double *p, int derivatives, double *block,
+                     double *moved) {
+    double M[9], raw[64], raw_moved[64];
+    map_to_camera(seen->R_camera + 9 * s, R, M);
+    for (int i = 0; i < 64; i++) raw[i] = 0;
+    corner_errors(seen->points + 12 * s, moved ? seen->arms + 12 * s : NULL, M, seen->t_camera + 3 * s, p,
+                  seen->rays + 8 * s, seen->nearest, seen->nowhere, derivatives, raw, moved ? raw_moved : NULL);
+    times8(seen->whitener + 64 * s, raw, block);
+    if (!moved) return;
+    double whitened[64], root[64] = {0};
+    times8(seen->whitener + 64 * s, raw_moved, whitened);
+    for (int i = 0; i < 6; i++)
+        for (int j = 0; j < 6; j++) root[WIDE * i + j] = seen->roots[36 * s + 6 * i + j];
+    times8(whitened, root, moved);
 }
 
-/* Row of a Jacobian: sign * g, and -sign * (g x arm) for a turn about the map's axes. */
-static void pose_row(const double *g, const double *arm, double sign, double *row) {
-    for (int j = 0; j < 3; j++) row[j] = sign * g[j];
-    row[3] = -sign * (g[1] * arm[2] - g[2] * arm[1]);
-    row[4] = -sign * (g[2] * arm[0] - g[0] * arm[2]);
-    row[5] = -sign * (g[0] * arm[1] - g[1] * arm[0]);
+static void identity(double *A) {
+    for (int i = 0; i < 64; i++) A[i] = i % 9 == 0;
 }
 
-int lmkit_reprojection(int64_t poses, int64_t sightings, const double *restrict points, const double *restrict arms,
-                       const double *restrict R_camera, const double *restrict t_camera,
-                       const double *restrict rays, const double *restrict whitener, const double *restrict R,
-                       const double *restrict p, double nearest, double nowhere, double *restrict residuals,
-                       double *restrict by_pose, double *restrict by_landmark) {
+int lmkit_corner_misfits(const Corners *seen, int64_t poses, const double *R, const double *p, double *misfits,
+                         double *pixels) {
     for (int64_t h = 0; h < poses; h++) {
-        const double *Rh = R + 9 * h, *ph = p + 3 * h;
-        for (int64_t s = 0; s < sightings; s++) {
-            const double *E = R_camera + 9 * s, *t = t_camera + 3 * s, *W = whitener + 64 * s;
-            double M[9]; /* from the map into this camera: E R^T */
-            for (int i = 0; i < 3; i++)
-                for (int j = 0; j < 3; j++)
-                    M[3 * i + j] = E[3 * i] * Rh[3 * j] + E[3 * i + 1] * Rh[3 * j + 1] + E[3 * i + 2] * Rh[3 * j + 2];
-            double error[8], J[48], K[48];
-            int behind = 0;
-            for (int c = 0; c < 4; c++) {
-                const double *X = points + 12 * s + 3 * c, *seen = rays + 8 * s + 2 * c;
-                const double o[3] = {X[0] - ph[0], X[1] - ph[1], X[2] - ph[2]};
-                const double x = M[0] * o[0] + M[1] * o[1] + M[2] * o[2] + t[0];
-                const double y = M[3] * o[0] + M[4] * o[1] + M[5] * o[2] + t[1];
-                const double z = M[6] * o[0] + M[7] * o[1] + M[8] * o[2] + t[2];
-                const double depth = z > nearest ? z : nearest;
-                const double u = x / depth, v = y / depth;
-                behind |= z < nearest;
-                error[2 * c] = seen[0] - u;
-                error[2 * c + 1] = seen[1] - v;
-                if (!by_pose && !by_landmark) continue;
-                double gu[3], gv[3];
-                for (int j = 0; j < 3; j++) {
-                    gu[j] = (M[j] - u * M[6 + j]) / depth;
-                    gv[j] = (M[3 + j] - v * M[6 + j]) / depth;
+        for (int64_t s = 0; s < seen->count; s++) {
+            double block[64], moved[64], M[9], raw[64];
+            const int uncertain = seen->roots && seen->group[s] >= 0;
+            sighting(seen, s, R + 9 * h, p + 3 * h, uncertain, block, uncertain ? moved : NULL);
+            double squared = 0, off = 0;
+            for (int i = 0; i < 8; i++) squared += block[WIDE * i + 6] * block[WIDE * i + 6];
+            if (uncertain) {
+                /* Woodbury: (1 + K K^T)^-1 = 1 - K (1 + K^T K)^-1 K^T. */
+                double inner[64], pull[6] = {0};
+                identity(inner);
+                add_transposed8(moved, moved, inner);
+                for (int i = 0; i < 8; i++)
+                    for (int k = 0; k < 6; k++) pull[k] += moved[WIDE * i + k] * block[WIDE * i + 6];
+                if (cholesky6(inner, WIDE)) {
+                    forward6(inner, WIDE, pull, 1, 1);
+                    for (int k = 0; k < 6; k++) squared -= pull[k] * pull[k];
                 }
-                pose_row(gu, o, -1, J + 12 * c);
-                pose_row(gv, o, -1, J + 12 * c + 6);
-                if (!by_landmark) continue;
-                pose_row(gu, arms + 12 * s + 3 * c, 1, K + 12 * c);
-                pose_row(gv, arms + 12 * s + 3 * c, 1, K + 12 * c + 6);
             }
-            if (behind)
-                for (int i = 0; i < 8; i++) error[i] = nowhere;
-            const int64_t at = h * sightings + s;
-            for (int i = 0; i < 8; i++) {
-                double sum = 0;
-                for (int k = 0; k < 8; k++) sum += W[8 * i + k] * error[k];
-                residuals[8 * at + i] = sum;
+            map_to_camera(seen->R_camera + 9 * s, R + 9 * h, M);
+            corner_errors(seen->points + 12 * s, NULL, M, seen->t_camera + 3 * s, p + 3 * h, seen->rays + 8 * s,
+                          seen->nearest, seen->nowhere, 0, raw, NULL);
+            for (int c = 0; c < 4; c++) {
+                const double *B = seen->by_ray + 16 * s + 4 * c;
+                const double du = raw[2 * WIDE * c + 6], dv = raw[2 * WIDE * c + WIDE + 6];
+                const double x = B[0] * du + B[1] * dv, y = B[2] * du + B[3] * dv;
+                off += x * x + y * y;
             }
-            if (by_pose) whiten6(W, J, by_pose + 48 * at);
-            if (by_landmark) whiten6(W, K, by_landmark + 48 * at);
+            misfits[h * seen->count + s] = squared;
+            pixels[h * seen->count + s] = off;
         }
     }
+    return 0;
+}
+
+/* Take a row (6 derivatives, residual) into the products of a block. */
+static void add_row(double *total, const double *row) {
+    for (int i = 0; i < 7; i++)
+        for (int j = 0; j < 7; j++) total[WIDE * i + j] += row[i] * row[j];
+}
+
+static void add_prior(const Prior *prior, const double *R, const double *p, double *total) {
+    if (!isnan(prior->heading)) {
+        const double a = R[2], b = R[5], c = R[8], flat = fmax(a * a + b * b, 1e-12);
+        const double off = prior->heading - atan2(b, a), weight = 1 / prior->heading_sigma;
+        const double row[7] = {0, 0, 0, -c * a / flat * weight, -c * b / flat * weight, weight,
+                               atan2(sin(off), cos(off)) * weight};
+        add_row(total, row);
+    }
+    if (!isnan(prior->height)) {
+        const double row[7] = {0, 0, 1 / prior->height_sigma, 0, 0, 0, (prior->height - p[2]) / prior->height_sigma};
+        add_row(total, row);
+    }
+    if (!isnan(prior->down[0])) {
+        double lean[3];
+        for (int i = 0; i < 3; i++)
+            lean[i] = R[3 * i] * prior->down[0] + R[3 * i + 1] * prior->down[1] + R[3 * i + 2] * prior->down[2];
+        const double weight = 1 / prior->tilt_sigma;
+        const double along_x[7] = {0, 0, 0, 0, lean[2] * weight, -lean[1] * weight, -lean[0] * weight};
+        const double along_y[7] = {0, 0, 0, -lean[2] * weight, 0, lean[0] * weight, -lean[1] * weight};
+        const double upside_down[7] = {0, 0, 0, 0, 0, 0, lean[2] > 0 ? PI * weight : 0};
+        add_row(total, along_x);
+        add_row(total, along_y);
+        add_row(total, upside_down);
+    }
+}
+
+/* Products (8,8) of all sightings used and the prior: normal matrix, gradient, squared error. */
+static void pose_products(const Corners *seen, const Prior *prior, const double *R, const double *p,
+                          const uint8_t *used, double *total) {
+    double inner[64], across[64];
+    int64_t open = -1; /* the landmark whose sightings are being summed up */
+    for (int i = 0; i < 64; i++) total[i] = 0;
+    for (int64_t k = 0; k <= seen->count; k++) {
+        const int64_t s = k == seen->count ? -1 : seen->order[k];
+        const int64_t group = s < 0 || !seen->roots ? -1 : seen->group[s];
+        if (open >= 0 && group != open) {
+            /* The landmark's own error is eliminated: total -= across^T inner^-1 across. */
+            if (cholesky6(inner, WIDE)) {
+                forward6(inner, WIDE, across, WIDE, WIDE);
+                for (int i = 0; i < WIDE; i++)
+                    for (int row = 0; row < 6; row++)
+                        for (int j = 0; j < WIDE; j++)
+                            total[WIDE * i + j] -= across[WIDE * row + i] * across[WIDE * row + j];
+            }
+        }
+        if (s < 0) break;
+        if (group != open && group >= 0) {
+            identity(inner);
+            for (int i = 0; i < 64; i++) across[i] = 0;
+        }
+        open = group;
+        if (!used[s]) continue;
+        double block[64], moved[64];
+        sighting(seen, s, R, p, 1, block, group >= 0 ? moved : NULL);
+        add_transposed8(block, block, total);
+        if (group >= 0) {
+            add_transposed8(moved, moved, inner);
+            add_transposed8(moved, block, across);
+        }
+    }
+    if (prior) add_prior(prior, R, p, total);
+}
+
+int lmkit_pose_equations(const Corners *seen, const Prior *prior, int64_t poses, const double *R, const double *p,
+                         const uint8_t *used, double *normal, double *gradient, double *squared) {
+    for (int64_t h = 0; h < poses; h++) {
+        double total[64];
+        pose_products(seen, prior, R + 9 * h, p + 3 * h, used + seen->count * h, total);
+        for (int i = 0; i < 6; i++) {
+            for (int j = 0; j < 6; j++) normal[36 * h + 6 * i + j] = total[WIDE * i + j];
+            gradient[6 * h + i] = total[WIDE * i + 6];
+        }
+        squared[h] = total[WIDE * 6 + 6];
+    }
+    return 0;
+}
+
+/* One pose, in place. */
+static void refine_pose(const Corners *seen, const Prior *prior, const uint8_t *used, int64_t iterations,
+                        double converged, double most_damping, double *R, double *p) {
+    double total[64], damping = 1e-6;
+    pose_products(seen, prior, R, p, used, total);
+    for (int64_t k = 0; k < iterations && damping <= most_damping; k++) {
+        double L[64], step[6], gain = 0, there[64], R_there[9], p_there[3];
+        for (int i = 0; i < 64; i++) L[i] = total[i];
+        for (int i = 0; i < 6; i++) {
+            L[WIDE * i + i] = L[WIDE * i + i] * (1 + damping) + 1e-9;
+            step[i] = total[WIDE * i + 6];
+        }
+        if (!cholesky6(L, WIDE)) {
+            damping *= 300;
+            continue;
+        }
+        forward6(L, WIDE, step, 1, 1);
+        backward6(L, WIDE, step);
+        for (int i = 0; i < 6; i++) gain += step[i] * total[WIDE * i + 6];
+        turn_by(step + 3, R, R_there);
+        for (int i = 0; i < 3; i++) p_there[i] = p[i] + step[i];
+        /* What the step promises to gain, before it is tried. */
+        int better = gain < converged;
+        if (!better) {
+            pose_products(seen, prior, R_there, p_there, used, there);
+            better = there[WIDE * 6 + 6] < total[WIDE * 6 + 6];
+            for (int i = 0; better && i < 64; i++) total[i] = there[i];
+            damping = better ? fmax(damping / 10, 1e-9) : damping * 300;
+        }
+        for (int i = 0; better && i < 9; i++) R[i] = R_there[i];
+        for (int i = 0; better && i < 3; i++) p[i] = p_there[i];
+        if (gain < converged) return;
+    }
+}
+
+int lmkit_refine_poses(const Corners *seen, const Prior *prior, int64_t poses, const uint8_t *used,
+                       int64_t iterations, double converged, double most_damping, double *R, double *p) {
+    for (int64_t h = 0; h < poses; h++)
+        refine_pose(seen, prior, used + seen->count * h, iterations, converged, most_damping, R + 9 * h, p + 3 * h);
     return 0;
 }
