@@ -16,12 +16,11 @@ from numpy.typing import NDArray
 
 from lmkit.kernels.load import address, contiguous, function
 
-Array = NDArray[np.float64]
+Array = NDArray[np.floating[Any]]
 Flags = NDArray[np.bool_]
 
 NEAREST_M = 0.02  # corners nearer than that, or behind the camera, are not seen
 NOWHERE = 1e2  # error as x/z of a landmark that is not seen
-STEP = 1e-6  # m, rad: of the prior's derivatives by differences
 NO_PRIOR = (float("nan"),) * 8
 
 

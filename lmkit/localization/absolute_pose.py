@@ -122,7 +122,7 @@ def _locate(eyes: Sequence[_Eye], landmarks: LandmarkMap, options: LocateOptions
     reach_m, reach_rad = np.sqrt(2 * options.ambiguous_below * np.array(widest))
     ratios = cost - cost[0]
     rivalled = len(cost) > 1 and float(ratios[1]) < options.ambiguous_below
-    squared = seen.pixel_errors(best)[0][inliers[0]] ** 2
+    pixels = seen.misfits_and_pixels(best)[1][0][inliers[0]]
     return PoseEstimate(
         status="ambiguous" if rivalled or reach_m > options.far_m or reach_rad > options.far_rad else "ok",
         T_map_camera=_pose(poses, 0),
@@ -134,7 +134,7 @@ def _locate(eyes: Sequence[_Eye], landmarks: LandmarkMap, options: LocateOptions
             for k in range(1, min(len(cost), 1 + MOST_LISTED))
             if ratios[k] < LISTED_BELOW
         ),
-        reprojection_error_px=float(np.sqrt(squared.reshape(-1, 2).sum(axis=1).mean())),
+        reprojection_error_px=float(np.sqrt(2 * np.mean(pixels**2))),
     )
 
 
@@ -142,11 +142,12 @@ def _candidates(seen: Correspondences, options: LocateOptions) -> tuple[Poses, F
     """Poses that are really different, each refined on what it explains, and their costs (H,); best first."""
     poses, own = _hypotheses(seen)
     prior, limit = options.prior, 8 * options.outlier_sigma**2
-    mine = seen.codes[None] == own[:, None]
-    near = mine | _near(poses, seen, options)
+    mine, gate_px = seen.codes[None] == own[:, None], options.gate_share * seen.side_px
+    near = mine | (seen.misfits_and_pixels(poses)[1] < gate_px)
     poses = seen.refine(poses, near, prior, TOWARDS_NEAR)
     # What a pose does not even come near to it will not explain, however it is refined.
-    near |= _near(poses, seen, options) | (seen.misfits(poses) < limit)
+    misfits, pixels = seen.misfits_and_pixels(poses)
+    near |= (pixels < gate_px) | (misfits < limit)
     least = (~near).sum(axis=1) * limit / 2
     hopeful = least < _costs(poses, seen, options).min() + LISTED_BELOW
     poses = _distinct(poses.only(np.flatnonzero(hopeful)), seen, options)[0]
@@ -162,12 +163,6 @@ def _candidates(seen: Correspondences, options: LocateOptions) -> tuple[Poses, F
         used = inliers
         poses = seen.refine(poses, inliers, prior, TO_THE_END)
     return _distinct(poses, seen, options)
-
-
-def _near(poses: Poses, seen: Correspondences, options: LocateOptions) -> BoolArray:
-    """(H,S) True where the corners lie within a share of the landmark's side."""
-    off = np.sqrt((seen.pixel_errors(poses) ** 2).mean(axis=2))
-    return np.asarray(off < options.gate_share * seen.side_px)
 
 
 def _costs(poses: Poses, seen: Correspondences, options: LocateOptions) -> FloatArray:
