@@ -1,0 +1,194 @@
+"""Pixels of a landmark, thinned, in linear light, with the variance that noise through the tone curve gives them."""
+
+from __future__ import annotations
+
+import ctypes
+from functools import lru_cache
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lmkit.kernels.load import contiguous, function
+from lmkit.kernels.registration import STATE, View, plane_numpy
+
+Float32Array = NDArray[np.float32]
+FloatArray = NDArray[np.float64]
+
+GOLDEN = 2654435769  # 2^32 over the golden ratio
+VISITED = 20  # pixels looked at for each one that is wanted
+
+
+class Source(NamedTuple):
+    """The image that pixels are taken from.
+
+    Attributes:
+        image: (H,W,3) BGR, 8 bit.
+        linear: (256,) linear light of the code values.
+        white: (H,W) that values are divided by, or None.
+        shift: (H,W,2) from a pixel to where it lies without the lens's distortion, px, or None.
+    """
+
+    image: NDArray[np.uint8]
+    linear: Float32Array
+    white: Float32Array | None
+    shift: Float32Array | None
+
+    @classmethod
+    def of(cls, image: Any, linear: Any, white: Any = None, shift: Any = None) -> Source:
+        """Contiguous arrays of consistent shapes.
+
+        Raises:
+            ValueError: a shape differs.
+        """
+        image = contiguous(image, (-1, -1, 3), np.uint8)
+        height, width = image.shape[:2]
+        return cls(
+            image,
+            contiguous(linear, (256,), np.float32),
+            None if white is None else contiguous(white, (height, width), np.float32),
+            None if shift is None else contiguous(shift, (height, width, 2), np.float32),
+        )
+
+
+class Edges(NamedTuple):
+    """Half sides of the drawing's squares and radii of its circles, mm."""
+
+    squares: tuple[float, ...]
+    circles: tuple[float, ...]
+
+
+class SamplingRules(NamedTuple):
+    """What is taken.
+
+    Attributes:
+        reach: half side of the square that pixels are taken from, mm.
+        band: distance from an edge within which a pixel is near it, mm.
+        at_most: about so many pixels.
+        near_share: share of them near edges; 0 thins evenly.
+        noise: standard deviation of the code values over 255.
+        floor: least variance.
+    """
+
+    reach: float
+    band: float
+    at_most: int
+    near_share: float
+    noise: float
+    floor: float = 1e-8
+
+
+class Taken(NamedTuple):
+    """(2,N) positions relative to the view's origin, (3,N) values, (N,) what they were divided by, (N,) variance."""
+
+    at: Float32Array
+    values: Float32Array
+    light: Float32Array
+    variance: Float32Array
+
+
+def sample(
+    source: Source, view: View, state: FloatArray, box: tuple[int, int, int, int], edges: Edges, rules: SamplingRules
+) -> Taken:
+    """Pixels of a box x0, y0, x1, y1 (exclusive) that lie in the landmark.
+
+    Raises:
+        ValueError: the box reaches beyond the image.
+    """
+    height, width = source.image.shape[:2]
+    x0, y0, x1, y1 = box
+    if not (0 <= x0 <= x1 <= width and 0 <= y0 <= y1 <= height):
+        raise ValueError(f"box {box} in an image of {width}x{height}")
+    kernel = _kernel()
+    if kernel is None:
+        return sample_numpy(source, view, state, box, edges, rules)
+    step = _step(box, rules.at_most)
+    capacity = int(1.2 * rules.at_most) + 64
+    planes = np.empty((8, capacity), np.float32)
+    kinds = np.empty(((x1 - x0) // step + 2) * (y1 - y0) + 1, np.uint8)
+    count = np.zeros(1, np.int64)
+    state, flat = contiguous(state, (STATE,)), view.flat
+    corners, known = np.array([x0, y0, x1, y1, step]), np.array([*edges.squares, *edges.circles], np.float32)
+    numbers = np.array(rules, np.float64)
+    start, row = _at(planes), 4 * capacity
+    kernel(
+        height, width, _at(source.image), _at(source.linear), _or_null(source.white), _or_null(source.shift),
+        _at(flat), _at(state), _at(corners), _at(known), len(edges.squares), len(edges.circles), _at(numbers),
+        _at(kinds), capacity, start, start + 2 * row, start + 5 * row, start + 6 * row, start + 7 * row, _at(count),
+    )  # fmt: skip
+    n = int(count[0])
+    kept = np.ascontiguousarray(planes[:7, :n])
+    return Taken(kept[:2], kept[2:5], kept[5], kept[6])
+
+
+def sample_numpy(
+    source: Source, view: View, state: FloatArray, box: tuple[int, int, int, int], edges: Edges, rules: SamplingRules
+) -> Taken:
+    """Definition of :func:`sample`."""
+    x0, y0, x1, y1 = box
+    step = _step(box, rules.at_most)
+    along = (step * 618 + 500) // 1000
+    rows, columns = np.mgrid[y0:y1, x0:x1]
+    visited = (columns - rows * along) % step == 0
+    x, y = columns[visited], rows[visited]
+    at = np.column_stack([x, y]) - view.origin
+    if source.shift is not None:
+        at = at + source.shift[y, x]
+    plane = plane_numpy(view, state, at)[0] if len(at) else np.zeros((0, 2))
+    square, radius = np.abs(plane).max(axis=1), np.hypot(plane[:, 0], plane[:, 1])
+    gaps = [np.abs(square - half) for half in edges.squares] + [np.abs(radius - r) for r in edges.circles]
+    inside = square < rules.reach
+    kind = np.where(inside, 1 + (np.min(gaps, axis=0) < rules.band), 0)
+    total = int(inside.sum())
+    chosen = np.zeros(len(at), dtype=bool)
+    if total > rules.at_most and rules.near_share > 0:
+        for which, share in ((1, 1 - rules.near_share), (2, rules.near_share)):
+            of_kind = np.flatnonzero(kind == which)
+            chosen[of_kind[_evenly(len(of_kind), rules.at_most * share)]] = True
+    else:
+        chosen[np.flatnonzero(inside)[_evenly(total, rules.at_most)]] = True
+    x, y, at = x[chosen], y[chosen], at[chosen]
+    light = np.ones(len(x)) if source.white is None else source.white[y, x].astype(np.float64)
+    values = source.linear[source.image[y, x]] / light[:, None]
+    variance = value_variance(values, light, rules)
+    return Taken(*(np.ascontiguousarray(a, np.float32) for a in (at.T, values.T, light, variance)))
+
+
+def value_variance(values: FloatArray, light: FloatArray, rules: SamplingRules) -> FloatArray:
+    """(N,) expected variance of (N,3) linear-light values over ``light``: the code values' noise through the tone curve.
+
+    A floor stands for what no model of tone and print explains, 1.5 % of the brightest values.
+    """
+    if len(values) == 0:
+        return np.zeros(0)
+    bright = values.mean(axis=1)
+    # d linear / d code of a 2.2 gamma.
+    slope = 2.2 * np.maximum(bright * light, 1e-3) ** (1 - 1 / 2.2) / light
+    return np.asarray((slope * rules.noise) ** 2 + (0.015 * np.percentile(bright, 95)) ** 2 + rules.floor)
+
+
+def _evenly(n: int, count: float) -> NDArray[np.bool_]:
+    """(n,) True for about ``count``: a low-discrepancy choice, without the comb of a regular stride."""
+    share = count / max(n, 1)
+    limit = int(share * 4294967295.0) if share < 1 else 4294967295
+    return np.asarray((np.arange(n, dtype=np.uint64) * GOLDEN) % 2**32 <= limit)
+
+
+def _step(box: tuple[int, int, int, int], at_most: int) -> int:
+    """Pixels of a row between two that are looked at: large landmarks have more than anyone needs."""
+    x0, y0, x1, y1 = box
+    return max((x1 - x0) * (y1 - y0) // (VISITED * max(at_most, 1)), 1)
+
+
+def _or_null(array: NDArray[Any] | None) -> int | None:
+    return None if array is None else _at(array)
+
+
+def _at(array: NDArray[Any]) -> int:
+    return int(array.__array_interface__["data"][0])
+
+
+@lru_cache(maxsize=1)
+def _kernel() -> Any:
+    p, n = ctypes.c_void_p, ctypes.c_int64
+    return function("lmkit_sample_pixels", n, n, *[p] * 8, n, n, p, p, n, *[p] * 6)

@@ -1,0 +1,120 @@
+/* From pixels to the landmark's plane: homography of four corners, radial bend, point spread, light. */
+#ifndef LMKIT_PLANE_H
+#define LMKIT_PLANE_H
+
+#include <math.h>
+#include <string.h>
+
+#include "pattern.h"
+
+/* State of a registration: corners 0..7 (px), point spread 8..10 (px^2), bend 11, shading 12..13, bleed 14. */
+#define STATE 15
+
+/* View: origin x, y (px; pixel coordinates are relative to it), centre x, y (px), half width (px), half side (mm),
+ * variance of a pixel's box (px^2). */
+#define VIEW 7
+
+typedef struct {
+    float inverse[9], bend, to_centre_x, to_centre_y, inverse_half_width2, xx, xy, yy, shade_x, shade_y;
+} Plane;
+
+/* Row-major homography from the landmark's plane to four corners given as x0 y0 x1 y1 ... (Heckbert 1989). */
+static inline void homography(const double *c, double half, double *H)
+{
+    double dx1 = c[2] - c[4], dx2 = c[6] - c[4], sx = c[0] - c[2] + c[4] - c[6];
+    double dy1 = c[3] - c[5], dy2 = c[7] - c[5], sy = c[1] - c[3] + c[5] - c[7];
+    double det = dx1 * dy2 - dx2 * dy1, g = (sx * dy2 - sy * dx2) / det, h = (dx1 * sy - dy1 * sx) / det;
+    double M[9] = {c[2] - c[0] + g * c[2], c[6] - c[0] + h * c[6], c[0], c[3] - c[1] + g * c[3], c[7] - c[1] + h * c[7], c[1], g, h, 1.0};
+    for (int r = 0; r < 3; r++) {
+        const double *m = M + 3 * r;
+        H[3 * r] = 0.5 * m[0] / half;
+        H[3 * r + 1] = -0.5 * m[1] / half;
+        H[3 * r + 2] = 0.5 * m[0] + 0.5 * m[1] + m[2];
+    }
+}
+
+static inline void invert3(const double *m, double *out)
+{
+    double a = m[4] * m[8] - m[5] * m[7], b = m[5] * m[6] - m[3] * m[8], c = m[3] * m[7] - m[4] * m[6];
+    double s = 1.0 / (m[0] * a + m[1] * b + m[2] * c);
+    double inverse[9] = {a, m[2] * m[7] - m[1] * m[8], m[1] * m[5] - m[2] * m[4], b, m[0] * m[8] - m[2] * m[6], m[2] * m[3] - m[0] * m[5], c, m[1] * m[6] - m[0] * m[7], m[0] * m[4] - m[1] * m[3]};
+    for (int i = 0; i < 9; i++)
+        out[i] = inverse[i] * s;
+}
+
+/* Corners relative to the view's origin. */
+static inline void relative_corners(const double *view, const double *state, double *corners)
+{
+    for (int i = 0; i < 8; i++)
+        corners[i] = state[i] - view[i & 1];
+}
+
+static inline Plane plane_of(const double *view, const double *state)
+{
+    Plane p;
+    double corners[8], H[9], inverse[9];
+    relative_corners(view, state, corners);
+    homography(corners, view[5], H);
+    invert3(H, inverse);
+    for (int i = 0; i < 9; i++)
+        p.inverse[i] = (float)inverse[i];
+    p.bend = (float)state[11];
+    p.to_centre_x = (float)(view[0] - view[2]);
+    p.to_centre_y = (float)(view[1] - view[3]);
+    p.inverse_half_width2 = (float)(1.0 / (view[4] * view[4]));
+    p.xx = (float)(state[8] + view[6]);
+    p.xy = (float)state[9];
+    p.yy = (float)(state[10] + view[6]);
+    p.shade_x = (float)(state[12] / view[5]);
+    p.shade_y = (float)(state[13] / view[5]);
+    return p;
+}
+
+/* What slopes need beside the points: d plane / d pixel (a b; c d), pixel freed of the bend, radial direction. */
+typedef struct {
+    block a, b, c, d, flat_x, flat_y, radial_x, radial_y;
+} Jacobian;
+
+static inline void map_block(const Plane *p, const float *restrict x, const float *restrict y, Points *restrict out, Jacobian *restrict J, float *restrict light)
+{
+    const float *m = p->inverse;
+    EACH {
+        float ox = x[i] + p->to_centre_x, oy = y[i] + p->to_centre_y;
+        float r2 = (ox * ox + oy * oy) * p->inverse_half_width2;
+        float rx = ox * r2, ry = oy * r2;
+        float fx = x[i] + p->bend * rx, fy = y[i] + p->bend * ry;
+        float w = 1.0f / (m[6] * fx + m[7] * fy + m[8]);
+        float u = (m[0] * fx + m[1] * fy + m[2]) * w, v = (m[3] * fx + m[4] * fy + m[5]) * w;
+        float a = (m[0] - u * m[6]) * w, b = (m[1] - u * m[7]) * w;
+        float c = (m[3] - v * m[6]) * w, d = (m[4] - v * m[7]) * w;
+        out->x[i] = u;
+        out->y[i] = v;
+        out->sxx[i] = a * a * p->xx + 2.0f * a * b * p->xy + b * b * p->yy;
+        out->sxy[i] = a * c * p->xx + (a * d + b * c) * p->xy + b * d * p->yy;
+        out->syy[i] = c * c * p->xx + 2.0f * c * d * p->xy + d * d * p->yy;
+        J->a[i] = a, J->b[i] = b, J->c[i] = c, J->d[i] = d;
+        J->flat_x[i] = fx, J->flat_y[i] = fy, J->radial_x[i] = rx, J->radial_y[i] = ry;
+        float lit = 1.0f + u * p->shade_x + v * p->shade_y;
+        light[i] = lit > 0.1f ? lit : 0.1f;
+    }
+}
+
+/* One block of n <= BLOCK values, the last one repeated. */
+static inline void load_block(const float *from, int n, float *restrict to)
+{
+    for (int i = 0; i < n; i++)
+        to[i] = from[i];
+    for (int i = n; i < BLOCK; i++)
+        to[i] = from[n - 1];
+}
+
+/* 1 / standard deviation, 0 beyond the n-th. */
+static inline void load_root(const float *variance, int n, float *restrict to)
+{
+    for (int i = 0; i < n; i++)
+        to[i] = 1.0f / sqrtf(variance[i]);
+    for (int i = n; i < BLOCK; i++)
+        to[i] = 0.0f;
+}
+
+#endif

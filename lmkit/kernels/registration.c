@@ -1,0 +1,487 @@
+/* Registration of a landmark's pattern: Gauss-Newton over corners, point spread, bend, shading and bleed, the inks
+ * eliminated (variable projection).  registration.py holds the definition. */
+#include <stddef.h>
+
+#include "kernels.h"
+#include "lanes.h"
+#include "linear.h"
+#include "plane.h"
+#include "select.h"
+
+#define ROWS (STATE + 1 + INKS) /* slopes, residual, design */
+#define JETS (JET * INKS * BLOCK)
+
+/* What is fitted, and how strongly priors hold: ridge, bend prior, shading prior, bleed prior, prior weight. */
+typedef struct {
+    Drawing drawing;
+    const double *view, *rules;
+    const float *at, *values, *variance;
+    int64_t n;
+    uint32_t open_gaps;
+    int quarter, fit_bend;
+    float *scratch;
+} Problem;
+
+LMKIT_EXPORT int lmkit_linearise(int64_t n, const float *drawing, const double *view, const float *at,
+                                 const float *values, const float *variance, const double *rules,
+                                 const double *state, int64_t open_gaps, int64_t quarter, int64_t fit_bend,
+                                 float *scratch, double *normal, double *gradient, double *error);
+LMKIT_EXPORT int lmkit_register(int64_t n, const float *drawing, const double *view, const float *at,
+                                const float *values, const float *variance, const double *rules,
+                                const double *limits, int64_t open_gaps, int64_t quarter, int64_t fit_bend,
+                                int64_t iterations, double to_px, float *scratch, double *state, double *error);
+LMKIT_EXPORT int lmkit_robust_weights(int64_t n, const float *drawing, const double *view, const float *at,
+                                      const float *values, const float *variance, const double *rules,
+                                      const double *state, int64_t open_gaps, int64_t quarter, float *scratch,
+                                      float *drawn, float *robust_variance, double *prior_weight);
+
+static int64_t blocks_of(int64_t n)
+{
+    return (n + BLOCK - 1) / BLOCK;
+}
+
+static int in_block(const Problem *p, int64_t b)
+{
+    int64_t left = p->n - b * BLOCK;
+    return left < BLOCK ? (int)left : BLOCK;
+}
+
+/* (4,4) gram of the design in scratch, with ridge, as a Cholesky factor. */
+typedef struct {
+    double factor[INKS * INKS];
+} InkNormal;
+
+static int ink_normal(double ridge, const lanes *gram, InkNormal *out)
+{
+    double trace = 0.0;
+    int k = 0;
+    for (int i = 0; i < INKS; i++)
+        for (int j = 0; j <= i; j++, k++) {
+            out->factor[i * INKS + j] = total(gram + k);
+            if (i == j)
+                trace += out->factor[i * INKS + j];
+        }
+    for (int i = 0; i < INKS; i++)
+        out->factor[i * INKS + i] += ridge * trace / INKS;
+    return factor(out->factor, INKS);
+}
+
+/* How inks blend, and what is drawn, at a block: out[c], blend[c]; only the values. */
+static void draw_values(const block *design, const float *inks, const float *inverse_white, float bleed, block *restrict drawn, block *restrict blend)
+{
+    for (int c = 0; c < 3; c++) {
+        float w = inks[c], r = inks[3 + c], u = inks[6 + c], s = inks[9 + c], iw = inverse_white[c];
+        EACH {
+            float mean = design[0][i] * w + design[1][i] * r + design[2][i] * u + design[3][i] * s;
+            float square = design[0][i] * w * w + design[1][i] * r * r + design[2][i] * u * u + design[3][i] * s * s;
+            float b = (square - mean * mean) * iw;
+            blend[c][i] = b;
+            drawn[c][i] = mean + bleed * b;
+        }
+    }
+}
+
+static void white_inverses(const float *inks, float *inverse)
+{
+    for (int c = 0; c < 3; c++)
+        inverse[c] = 1.0f / (inks[c] > 1e-3f ? inks[c] : 1e-3f);
+}
+
+static void solve_inks(const InkNormal *normal, lanes (*seen)[INKS], float *inks)
+{
+    for (int c = 0; c < 3; c++) {
+        double b[INKS];
+        for (int k = 0; k < INKS; k++)
+            b[k] = total(&seen[c][k]);
+        solve_lower(normal->factor, INKS, b);
+        solve_upper(normal->factor, INKS, b);
+        for (int k = 0; k < INKS; k++)
+            inks[3 * k + c] = (float)b[k];
+    }
+}
+
+/* The inks at their best for designs in scratch (one every `stride` floats). */
+static int best_inks(const Problem *p, const double *state, int64_t stride, float *inks)
+{
+    lanes gram[INKS * (INKS + 1) / 2], seen[3][INKS];
+    memset(gram, 0, sizeof gram);
+    memset(seen, 0, sizeof seen);
+    for (int64_t b = 0; b < blocks_of(p->n); b++) {
+        const block *design = (const block *)(p->scratch + b * stride);
+        block root, weighted[INKS], value;
+        int count = in_block(p, b);
+        load_root(p->variance + b * BLOCK, count, root);
+        for (int k = 0; k < INKS; k++)
+            EACH weighted[k][i] = design[k][i] * root[i];
+        for (int i = 0, k = 0; i < INKS; i++)
+            for (int j = 0; j <= i; j++, k++)
+                add_dot(gram + k, weighted[i], weighted[j]);
+        for (int c = 0; c < 3; c++) {
+            load_block(p->values + c * p->n + b * BLOCK, count, value);
+            EACH value[i] *= root[i];
+            add_dots(seen[c], value, (const block *)weighted, INKS);
+        }
+    }
+    InkNormal normal;
+    if (!ink_normal(p->rules[0], gram, &normal))
+        return 0;
+    solve_inks(&normal, seen, inks);
+    float bleed = (float)state[14];
+    if (bleed == 0.0f)
+        return 1;
+    float inverse_white[3];
+    white_inverses(inks, inverse_white);
+    memset(seen, 0, sizeof seen);
+    for (int64_t b = 0; b < blocks_of(p->n); b++) {
+        const block *design = (const block *)(p->scratch + b * stride);
+        block root, weighted[INKS], value, drawn[3], blend[3];
+        int count = in_block(p, b);
+        load_root(p->variance + b * BLOCK, count, root);
+        draw_values(design, inks, inverse_white, bleed, drawn, blend);
+        for (int k = 0; k < INKS; k++)
+            EACH weighted[k][i] = design[k][i] * root[i];
+        for (int c = 0; c < 3; c++) {
+            load_block(p->values + c * p->n + b * BLOCK, count, value);
+            EACH value[i] = (value[i] - bleed * blend[c][i]) * root[i];
+            add_dots(seen[c], value, (const block *)weighted, INKS);
+        }
+    }
+    solve_inks(&normal, seen, inks);
+    return 1;
+}
+
+/* Design of every block into scratch, values only, light included. */
+static void fill_designs(const Problem *p, const Plane *plane, int64_t stride)
+{
+    for (int64_t b = 0; b < blocks_of(p->n); b++) {
+        block x, y, light;
+        Points points;
+        Jacobian J;
+        int count = in_block(p, b);
+        load_block(p->at + b * BLOCK, count, x);
+        load_block(p->at + p->n + b * BLOCK, count, y);
+        map_block(plane, x, y, &points, &J, light);
+        block *design = (block *)(p->scratch + b * stride);
+        ink_values(&p->drawing, &points, p->open_gaps, p->quarter, design);
+        for (int k = 0; k < INKS; k++)
+            EACH design[k][i] *= light[i];
+    }
+}
+
+/* d homography / d corner coordinate, by central differences. */
+static void homography_slopes(const double *view, const double *state, float (*dH)[9], float *H)
+{
+    double corners[8], plus[9], minus[9];
+    relative_corners(view, state, corners);
+    homography(corners, view[5], plus);
+    for (int k = 0; k < 9; k++)
+        H[k] = (float)plus[k];
+    const double delta = 1e-3;
+    for (int i = 0; i < 8; i++) {
+        double kept = corners[i];
+        corners[i] = kept + delta;
+        homography(corners, view[5], plus);
+        corners[i] = kept - delta;
+        homography(corners, view[5], minus);
+        corners[i] = kept;
+        for (int k = 0; k < 9; k++)
+            dH[i][k] = (float)((plus[k] - minus[k]) / (2.0 * delta));
+    }
+}
+
+static int linearise(const Problem *p, const double *state, double *normal, double *gradient, double *error)
+{
+    Plane plane = plane_of(p->view, state);
+    for (int64_t b = 0; b < blocks_of(p->n); b++) {
+        block x, y, light;
+        Points points;
+        Jacobian J;
+        int count = in_block(p, b);
+        load_block(p->at + b * BLOCK, count, x);
+        load_block(p->at + p->n + b * BLOCK, count, y);
+        map_block(&plane, x, y, &points, &J, light);
+        block(*jets)[INKS] = (block(*)[INKS])(p->scratch + b * JETS);
+        ink_jets(&p->drawing, &points, p->open_gaps, p->quarter, jets);
+        for (int k = 0; k < JET; k++)
+            for (int j = 0; j < INKS; j++)
+                EACH jets[k][j][i] *= light[i];
+    }
+    float inks[3 * INKS], inverse_white[3], H[9], dH[8][9];
+    if (!best_inks(p, state, JETS, inks))
+        return 0;
+    white_inverses(inks, inverse_white);
+    homography_slopes(p->view, state, dH, H);
+    float bleed = (float)state[14], inverse_half = (float)(1.0 / p->view[5]);
+    lanes sums[STATE + 1][STATE + 1], seen[3][INKS][STATE], gram[INKS * (INKS + 1) / 2];
+    memset(sums, 0, sizeof sums);
+    memset(seen, 0, sizeof seen);
+    memset(gram, 0, sizeof gram);
+    for (int64_t b = 0; b < blocks_of(p->n); b++) {
+        block x, y, light, root, move_x[8], move_y[8], rows[ROWS];
+        Points points;
+        Jacobian J;
+        int count = in_block(p, b);
+        load_block(p->at + b * BLOCK, count, x);
+        load_block(p->at + p->n + b * BLOCK, count, y);
+        map_block(&plane, x, y, &points, &J, light);
+        load_root(p->variance + b * BLOCK, count, root);
+        EACH x[i] = 1.0f / (H[6] * points.x[i] + H[7] * points.y[i] + H[8]);
+        for (int k = 0; k < 8; k++) {
+            const float *m = dH[k];
+            EACH {
+                float u = points.x[i], v = points.y[i];
+                float third = m[6] * u + m[7] * v + m[8];
+                move_x[k][i] = (m[0] * u + m[1] * v + m[2] - J.flat_x[i] * third) * x[i] * root[i];
+                move_y[k][i] = (m[3] * u + m[4] * v + m[5] - J.flat_y[i] * third) * x[i] * root[i];
+            }
+        }
+        const block(*jets)[INKS] = (const block(*)[INKS])(p->scratch + b * JETS);
+        for (int k = 0; k < INKS; k++)
+            EACH rows[STATE + 1 + k][i] = jets[0][k][i] * root[i];
+        for (int i = 0, k = 0; i < INKS; i++)
+            for (int j = 0; j <= i; j++, k++)
+                add_dot(gram + k, rows[STATE + 1 + i], rows[STATE + 1 + j]);
+        for (int c = 0; c < 3; c++) {
+            float w = inks[c], r = inks[3 + c], u = inks[6 + c], s = inks[9 + c], iw = inverse_white[c];
+            block drawn[JET], blend, value, by_x, by_y;
+            load_block(p->values + c * p->n + b * BLOCK, count, value);
+            for (int k = 0; k < JET; k++) {
+                const block *jet = jets[k];
+                float twice = k == 0 ? 1.0f : 2.0f;
+                EACH {
+                    float mean0 = jets[0][0][i] * w + jets[0][1][i] * r + jets[0][2][i] * u + jets[0][3][i] * s;
+                    float mean = jet[0][i] * w + jet[1][i] * r + jet[2][i] * u + jet[3][i] * s;
+                    float square = jet[0][i] * w * w + jet[1][i] * r * r + jet[2][i] * u * u + jet[3][i] * s * s;
+                    float spread = (square - twice * mean0 * mean) * iw;
+                    drawn[k][i] = mean + bleed * spread;
+                    if (k == 0)
+                        blend[i] = spread;
+                }
+            }
+            EACH {
+                by_x[i] = drawn[1][i] * J.a[i] + drawn[2][i] * J.c[i];
+                by_y[i] = drawn[1][i] * J.b[i] + drawn[2][i] * J.d[i];
+                rows[STATE][i] = (value[i] - drawn[0][i]) * root[i];
+            }
+            for (int k = 0; k < 8; k++)
+                EACH rows[k][i] = move_x[k][i] * by_x[i] + move_y[k][i] * by_y[i];
+            EACH {
+                float a = J.a[i], bb = J.b[i], cc = J.c[i], d = J.d[i], q = root[i];
+                float xx = drawn[3][i], xy = drawn[4][i], yy = drawn[5][i];
+                rows[8][i] = -(xx * a * a + xy * a * cc + yy * cc * cc) * q;
+                rows[9][i] = -(xx * 2.0f * a * bb + xy * (a * d + bb * cc) + yy * 2.0f * cc * d) * q;
+                rows[10][i] = -(xx * bb * bb + xy * bb * d + yy * d * d) * q;
+                rows[11][i] = p->fit_bend ? -(by_x[i] * J.radial_x[i] + by_y[i] * J.radial_y[i]) * q : 0.0f;
+                float lit = drawn[0][i] / light[i] * inverse_half * q;
+                rows[12][i] = -lit * points.x[i];
+                rows[13][i] = -lit * points.y[i];
+                rows[14][i] = -blend[i] * q;
+            }
+            for (int k = 0; k <= STATE; k++)
+                add_dots(sums[k], rows[k], (const block *)rows, k + 1);
+            for (int k = 0; k < INKS; k++)
+                add_dots(seen[c][k], rows[STATE + 1 + k], (const block *)rows, STATE);
+        }
+    }
+    /* Variable projection (Kaufman 1975): take out what the inks could explain. */
+    InkNormal ink;
+    if (!ink_normal(p->rules[0], gram, &ink))
+        return 0;
+    for (int i = 0; i < STATE; i++)
+        for (int j = 0; j <= i; j++)
+            normal[i * STATE + j] = total(&sums[i][j]);
+    for (int c = 0; c < 3; c++) {
+        double projected[STATE][INKS];
+        for (int k = 0; k < STATE; k++) {
+            for (int j = 0; j < INKS; j++)
+                projected[k][j] = total(&seen[c][j][k]);
+            solve_lower(ink.factor, INKS, projected[k]);
+        }
+        for (int i = 0; i < STATE; i++)
+            for (int j = 0; j <= i; j++)
+                for (int k = 0; k < INKS; k++)
+                    normal[i * STATE + j] -= projected[i][k] * projected[j][k];
+    }
+    for (int j = 0; j < STATE; j++)
+        gradient[j] = total(&sums[STATE][j]);
+    double weight = p->rules[4], bend = 1.0 / (p->rules[1] * p->rules[1]);
+    double shading = 1.0 / (p->rules[2] * p->rules[2]), spill = 1.0 / (p->rules[3] * p->rules[3]);
+    if (p->fit_bend) {
+        normal[11 * STATE + 11] += weight * bend;
+        gradient[11] += weight * state[11] * bend;
+    } else
+        normal[11 * STATE + 11] = 1e12;
+    for (int k = 12; k < 14; k++) {
+        normal[k * STATE + k] += weight * shading;
+        gradient[k] += weight * state[k] * shading;
+    }
+    normal[14 * STATE + 14] += weight * spill;
+    gradient[14] += weight * state[14] * spill;
+    for (int k = 0; k < 11; k++)
+        normal[k * STATE + k] += k < 8 ? 1e-6 : 1e-3;
+    for (int i = 0; i < STATE; i++)
+        for (int j = 0; j < i; j++)
+            normal[j * STATE + i] = normal[i * STATE + j];
+    double prior = state[11] * state[11] * bend + state[14] * state[14] * spill;
+    prior += (state[12] * state[12] + state[13] * state[13]) * shading;
+    *error = (total(&sums[STATE][STATE]) + weight * prior) / (3.0 * (double)p->n);
+    return isfinite(*error);
+}
+
+static double mean_side(const double *c)
+{
+    double sum = 0.0;
+    for (int i = 0; i < 4; i++)
+        sum += hypot(c[(2 * i + 2) % 8] - c[2 * i], c[(2 * i + 3) % 8] - c[2 * i + 1]);
+    return sum / 4.0;
+}
+
+/* Convex, clockwise, and not collapsed. */
+static int is_sane(const double *c)
+{
+    double length[4], ex[4], ey[4];
+    for (int i = 0; i < 4; i++) {
+        ex[i] = c[(2 * i + 2) % 8] - c[2 * i];
+        ey[i] = c[(2 * i + 3) % 8] - c[2 * i + 1];
+        length[i] = hypot(ex[i], ey[i]);
+    }
+    for (int i = 0; i < 4; i++) {
+        int j = (i + 1) % 4;
+        if (!(ex[i] * ey[j] - ey[i] * ex[j] > 0.02 * length[i] * length[j]) || !(length[i] > 2.0))
+            return 0;
+    }
+    return 1;
+}
+
+static double clamp(double value, double low, double high)
+{
+    return value < low ? low : value > high ? high : value;
+}
+
+/* The nearest allowed point spread: eigenvalues from low to high. */
+static void clamp_spread(double *s, double low, double high)
+{
+    double mean = 0.5 * (s[0] + s[2]), half = 0.5 * (s[0] - s[2]), radius = sqrt(half * half + s[1] * s[1]);
+    double large = clamp(mean + radius, low, high), small = clamp(mean - radius, low, high);
+    double middle = 0.5 * (large + small), scale = radius > 0.0 ? 0.5 * (large - small) / radius : 0.0;
+    s[0] = middle + scale * half;
+    s[2] = middle - scale * half;
+    s[1] *= scale;
+}
+
+/* state + step, within limits: least and most eigenvalue of the spread, bend, shading, bleed. */
+static void move(const double *state, const double *step, const double *limits, double *out)
+{
+    for (int i = 0; i < STATE; i++)
+        out[i] = state[i] + step[i];
+    clamp_spread(out + 8, limits[0], limits[1]);
+    out[11] = clamp(out[11], -limits[2], limits[2]);
+    out[12] = clamp(out[12], -limits[3], limits[3]);
+    out[13] = clamp(out[13], -limits[3], limits[3]);
+    out[14] = clamp(out[14], -limits[4], limits[4]);
+}
+
+static Problem problem_of(int64_t n, const float *drawing, const double *view, const float *at, const float *values, const float *variance, const double *rules, int64_t open_gaps, int64_t quarter, int64_t fit_bend, float *scratch)
+{
+    Problem p = {read_drawing(drawing), view, rules, at, values, variance, n, (uint32_t)open_gaps, (int)quarter, (int)fit_bend, scratch};
+    return p;
+}
+
+int lmkit_linearise(int64_t n, const float *drawing, const double *view, const float *at, const float *values,
+                    const float *variance, const double *rules, const double *state, int64_t open_gaps,
+                    int64_t quarter, int64_t fit_bend, float *scratch, double *normal, double *gradient,
+                    double *error)
+{
+    Problem p = problem_of(n, drawing, view, at, values, variance, rules, open_gaps, quarter, fit_bend, scratch);
+    return !linearise(&p, state, normal, gradient, error);
+}
+
+int lmkit_register(int64_t n, const float *drawing, const double *view, const float *at, const float *values,
+                   const float *variance, const double *rules, const double *limits, int64_t open_gaps,
+                   int64_t quarter, int64_t fit_bend, int64_t iterations, double to_px, float *scratch,
+                   double *state, double *error)
+{
+    Problem p = problem_of(n, drawing, view, at, values, variance, rules, open_gaps, quarter, fit_bend, scratch);
+    double normal[STATE * STATE], gradient[STATE], trial_normal[STATE * STATE], trial_gradient[STATE];
+    double damping = 1e-3;
+    if (!linearise(&p, state, normal, gradient, error))
+        return 1;
+    for (int64_t k = 0; k < iterations; k++) {
+        double step[STATE], trial[STATE], trial_error = 0.0, most = 0.0;
+        int better = 0;
+        for (int attempt = 0; attempt < 4 && !better; attempt++) {
+            double A[STATE * STATE];
+            memcpy(A, normal, sizeof A);
+            for (int i = 0; i < STATE; i++) {
+                A[i * STATE + i] *= 1.0 + damping;
+                step[i] = -gradient[i];
+            }
+            if (factor(A, STATE)) {
+                solve_lower(A, STATE, step);
+                solve_upper(A, STATE, step);
+                most = 1e-9;
+                for (int i = 0; i < 8; i++)
+                    most = fabs(step[i]) > most ? fabs(step[i]) : most;
+                /* No corner moves further than a quarter of the side at once. */
+                double shorter = 0.25 * mean_side(state) / most;
+                if (shorter < 1.0) {
+                    for (int i = 0; i < STATE; i++)
+                        step[i] *= shorter;
+                    most *= shorter;
+                }
+                move(state, step, limits, trial);
+                better = is_sane(trial) && linearise(&p, trial, trial_normal, trial_gradient, &trial_error) && trial_error < *error;
+            }
+            if (!better)
+                damping *= 10.0;
+        }
+        if (!better)
+            break;
+        double gain = 1.0 - trial_error / *error;
+        memcpy(state, trial, sizeof trial);
+        memcpy(normal, trial_normal, sizeof normal);
+        memcpy(gradient, trial_gradient, sizeof gradient);
+        *error = trial_error;
+        damping = damping * 0.1 > 1e-6 ? damping * 0.1 : 1e-6;
+        if (most < to_px || gain < 1e-5)
+            break;
+    }
+    return 0;
+}
+
+int lmkit_robust_weights(int64_t n, const float *drawing, const double *view, const float *at, const float *values,
+                         const float *variance, const double *rules, const double *state, int64_t open_gaps,
+                         int64_t quarter, float *scratch, float *drawn, float *robust_variance,
+                         double *prior_weight)
+{
+    Problem p = problem_of(n, drawing, view, at, values, variance, rules, open_gaps, quarter, 0, scratch);
+    Plane plane = plane_of(view, state);
+    float inks[3 * INKS], inverse_white[3], bleed = (float)state[14];
+    fill_designs(&p, &plane, INKS * BLOCK);
+    if (!best_inks(&p, state, INKS * BLOCK, inks))
+        return 1;
+    white_inverses(inks, inverse_white);
+    float *misfit = scratch + blocks_of(n) * INKS * BLOCK;
+    for (int64_t b = 0; b < blocks_of(n); b++) {
+        block model[3], blend[3];
+        draw_values((const block *)(scratch + b * INKS * BLOCK), inks, inverse_white, bleed, model, blend);
+        for (int i = 0; i < in_block(&p, b); i++) {
+            int64_t k = b * BLOCK + i;
+            float sum = 0.0f;
+            for (int c = 0; c < 3; c++) {
+                float off = values[c * n + k] - model[c][i];
+                drawn[c * n + k] = model[c][i];
+                sum += off * off;
+            }
+            /* Squared misfit, twice: the median reorders one of them. */
+            robust_variance[k] = misfit[k] = sum / (3.0f * p.variance[k]);
+        }
+    }
+    double squared = median(misfit, n);
+    double scale = 2.5 * (sqrt(squared) > 1e-6 ? sqrt(squared) : 1e-6);
+    float inverse = (float)(1.0 / (scale * scale));
+    for (int64_t k = 0; k < n; k++)
+        robust_variance[k] = variance[k] * (1.0f + robust_variance[k] * inverse);
+    *prior_weight = squared / 0.79;
+    return 0;
+}

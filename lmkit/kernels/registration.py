@@ -1,0 +1,443 @@
+"""Registration of a landmark's pattern on pixels in linear light: Gauss-Newton with the inks eliminated.
+
+A state is (15,): four corners x0 y0 x1 y1 ... (px), covariance of the point spread xx xy yy (px^2), radial bend, relative
+change of the light from the middle to the right and to the upper edge, mixed-pixel bias.
+"""
+
+from __future__ import annotations
+
+import ctypes
+from functools import lru_cache
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lmkit.kernels.load import contiguous, function
+from lmkit.kernels.pattern import INKS, JET, Drawing, ink_jets_numpy
+
+FloatArray = NDArray[np.float64]
+Float32Array = NDArray[np.float32]
+
+STATE = 15
+BLOCK = 64
+
+
+class View(NamedTuple):
+    """The image as a registration sees it.
+
+    Attributes:
+        origin: (2,) px, whole numbers near the landmark; pixel positions are relative to it.
+        centre: (2,) px, about which the radial bend is.
+        half_width: px at which the bend counts in full.
+        half_mm: half side of the landmark's face.
+        pixel_variance: of a pixel's box, px^2.
+    """
+
+    origin: FloatArray
+    centre: FloatArray
+    half_width: float
+    half_mm: float
+    pixel_variance: float = 1 / 12
+
+    @property
+    def flat(self) -> FloatArray:
+        """All of it in the order of `plane.h`."""
+        return np.array([*self.origin, *self.centre, self.half_width, self.half_mm, self.pixel_variance])
+
+
+class Samples(NamedTuple):
+    """Pixels, single precision.
+
+    Attributes:
+        at: (2,N) positions relative to the view's origin, px.
+        values: (3,N) linear-light BGR.
+        variance: (N,) expected variance of a value.
+    """
+
+    at: Float32Array
+    values: Float32Array
+    variance: Float32Array
+
+    @classmethod
+    def of(cls, at: Any, values: Any, variance: Any) -> Samples:
+        """Contiguous arrays of consistent shapes.
+
+        Raises:
+            ValueError: a shape differs, or there is no pixel.
+        """
+        variance = contiguous(variance, (-1,), np.float32)
+        if len(variance) == 0:
+            raise ValueError("no pixels")
+        n = len(variance)
+        return cls(contiguous(at, (2, n), np.float32), contiguous(values, (3, n), np.float32), variance)
+
+
+class Hypothesis(NamedTuple):
+    """Bit k of ``open_gaps`` is set where gap k (of the quad's frame) is open; quarter turns of the triangle."""
+
+    open_gaps: int
+    quarter: int
+
+
+class Priors(NamedTuple):
+    """Standard deviations of bend, shading and bias, the relative ridge of the inks, and the priors' weight."""
+
+    ridge: float
+    bend: float
+    shading: float
+    bias: float
+    weight: float
+
+
+class Limits(NamedTuple):
+    """Eigenvalues of the point spread (px^2), and the largest bend, shading and bias."""
+
+    least_spread: float
+    most_spread: float
+    bend: float
+    shading: float
+    bias: float
+
+
+class Linearisation(NamedTuple):
+    """(15,15) J'WJ and (15,) J'Wr without what the inks explain, and the error per value, priors included."""
+
+    normal: FloatArray
+    gradient: FloatArray
+    error: float
+
+
+class Weights(NamedTuple):
+    """(3,N) modelled values, (N,) variance with what does not fit discounted (Cauchy), weight of the priors."""
+
+    drawn: Float32Array
+    variance: Float32Array
+    prior_weight: float
+
+
+def linearise(
+    drawing: Drawing,
+    view: View,
+    samples: Samples,
+    priors: Priors,
+    state: FloatArray,
+    hypothesis: Hypothesis,
+    fit_bend: bool,
+) -> Linearisation:
+    """Error of a state, and its slopes; an infinite error where the inks cannot be solved for."""
+    kernel = _linearise_kernel()
+    if kernel is None:
+        return linearise_numpy(drawing, view, samples, priors, state, hypothesis, fit_bend)
+    normal, gradient, error = np.empty((STATE, STATE)), np.empty(STATE), np.zeros(1)
+    state = contiguous(state, (STATE,))
+    flat, seen, rules = drawing.flat, view.flat, np.array(priors)
+    scratch = _scratch(len(samples.variance))
+    status = kernel(
+        len(samples.variance), _at(flat), _at(seen), _at(samples.at), _at(samples.values), _at(samples.variance),
+        _at(rules), _at(state), *hypothesis, fit_bend, _at(scratch), _at(normal), _at(gradient), _at(error),
+    )  # fmt: skip
+    return Linearisation(normal, gradient, np.inf if status else float(error[0]))
+
+
+def register(
+    drawing: Drawing,
+    view: View,
+    samples: Samples,
+    priors: Priors,
+    limits: Limits,
+    state: FloatArray,
+    hypothesis: Hypothesis,
+    fit_bend: bool,
+    iterations: int,
+    to_px: float,
+) -> tuple[FloatArray, float]:
+    """State with a smaller error (never a larger one) after so many steps of Gauss-Newton, and that error.
+
+    Ends early once no corner moves more than ``to_px``.
+    """
+    kernel = _register_kernel()
+    if kernel is None:
+        return register_numpy(
+            drawing, view, samples, priors, limits, state, hypothesis, fit_bend, iterations, to_px
+        )
+    state, error = contiguous(state, (STATE,)).copy(), np.full(1, np.inf)
+    flat, seen, rules, bounds = drawing.flat, view.flat, np.array(priors), np.array(limits)
+    scratch = _scratch(len(samples.variance))
+    kernel(
+        len(samples.variance), _at(flat), _at(seen), _at(samples.at), _at(samples.values), _at(samples.variance),
+        _at(rules), _at(bounds), *hypothesis, fit_bend, iterations, to_px, _at(scratch), _at(state), _at(error),
+    )  # fmt: skip
+    return state, float(error[0])
+
+
+def robust_weights(
+    drawing: Drawing, view: View, samples: Samples, priors: Priors, state: FloatArray, hypothesis: Hypothesis
+) -> Weights:
+    """What the pixels would be, and Cauchy weights on the scatter of all of them."""
+    kernel = _weights_kernel()
+    if kernel is None:
+        return robust_weights_numpy(drawing, view, samples, priors, state, hypothesis)
+    n = len(samples.variance)
+    drawn, variance, weight = np.empty((3, n), np.float32), np.empty(n, np.float32), np.zeros(1)
+    state = contiguous(state, (STATE,))
+    flat, seen, rules, scratch = drawing.flat, view.flat, np.array(priors), _scratch(n)
+    status = kernel(
+        n, _at(flat), _at(seen), _at(samples.at), _at(samples.values), _at(samples.variance), _at(rules), _at(state),
+        *hypothesis, _at(scratch), _at(drawn), _at(variance), _at(weight),
+    )  # fmt: skip
+    if status:
+        return Weights(np.zeros_like(samples.values), samples.variance, 1.0)
+    return Weights(drawn, variance, float(weight[0]))
+
+
+def linearise_numpy(
+    drawing: Drawing,
+    view: View,
+    samples: Samples,
+    priors: Priors,
+    state: FloatArray,
+    hypothesis: Hypothesis,
+    fit_bend: bool,
+) -> Linearisation:
+    """Definition of :func:`linearise`."""
+    at, values = samples.at.T.astype(np.float64), samples.values.T.astype(np.float64)
+    n = len(at)
+    points, spread, A, radial = plane_numpy(view, state, at)
+    light = light_numpy(view, state, points)[:, None]
+    jets = ink_jets_numpy(drawing, points, spread, *hypothesis, slopes=True).transpose(0, 2, 1) * light
+    design = jets[0]
+    root = 1 / np.sqrt(samples.variance.astype(np.float64))
+    inks = inks_numpy(design, values, root, state[14], priors.ridge)
+    blends = blending_numpy(jets, inks)
+    # (6,N,3) colours and their slopes in the plane.
+    drawn = jets @ inks + state[14] * blends
+    residual = (values - drawn[0]) * root[:, None]
+
+    # (N,3) d model / d pixel freed of the bend.
+    by_pixel = [drawn[1] * A[:, 0, x, None] + drawn[2] * A[:, 1, x, None] for x in (0, 1)]
+    moves = _moves(view, state, points)  # (8,2,N)
+    J = np.zeros((STATE, n, 3))
+    # At a fixed pixel the pattern moves the other way.
+    J[:8] = moves[:, 0, :, None] * by_pixel[0] + moves[:, 1, :, None] * by_pixel[1]
+    for k, unit in enumerate(np.eye(3)):
+        by_unit = _in_plane(A, *unit)
+        J[8 + k] = -sum(drawn[3 + m] * by_unit[:, m, None] for m in range(3))
+    if fit_bend:
+        J[11] = -(by_pixel[0] * radial[:, :1] + by_pixel[1] * radial[:, 1:])
+    J[12:14] = -(drawn[0] / light) * (points.T[:, :, None] / view.half_mm)
+    J[14] = -blends[0]
+    J *= root[:, None]
+    flat = J.reshape(STATE, n * 3)
+    # Variable projection (Kaufman 1975): take out what the inks could explain.
+    weighted = design * root[:, None]
+    gram = _with_ridge(weighted.T @ weighted, priors.ridge)
+    seen = np.linalg.solve(np.linalg.cholesky(gram), (weighted.T @ J).transpose(1, 0, 2).reshape(INKS, -1))
+    by_inks = seen.reshape(INKS, STATE, 3).transpose(1, 0, 2).reshape(STATE, -1)
+    normal = flat @ flat.T - by_inks @ by_inks.T
+    gradient = flat @ residual.ravel()
+    precision = priors.weight / np.array([priors.bend, priors.shading, priors.shading, priors.bias]) ** 2
+    if not fit_bend:
+        precision[0] = 0.0
+        normal[11, 11] = 1e12
+    normal[range(11, 15), range(11, 15)] += precision
+    gradient[11:] += precision * state[11:]
+    normal[range(11), range(11)] += np.repeat([1e-6, 1e-3], [8, 3])
+    prior = (state[11] / priors.bend) ** 2 + np.sum((state[12:14] / priors.shading) ** 2)
+    prior += (state[14] / priors.bias) ** 2
+    return Linearisation(normal, gradient, float((np.sum(residual**2) + priors.weight * prior) / residual.size))
+
+
+def register_numpy(
+    drawing: Drawing,
+    view: View,
+    samples: Samples,
+    priors: Priors,
+    limits: Limits,
+    state: FloatArray,
+    hypothesis: Hypothesis,
+    fit_bend: bool,
+    iterations: int,
+    to_px: float,
+) -> tuple[FloatArray, float]:
+    """Definition of :func:`register`."""
+    here = linearise_numpy(drawing, view, samples, priors, state, hypothesis, fit_bend)
+    damping = 1e-3
+    for _ in range(iterations):
+        for _ in range(4):
+            step = -np.linalg.solve(here.normal + damping * np.diag(np.diag(here.normal)), here.gradient)
+            # No corner moves further than a quarter of the side at once.
+            step *= min(1.0, 0.25 * _mean_side(state) / max(np.abs(step[:8]).max(), 1e-9))
+            trial = _moved(state, step, limits)
+            if _is_sane(trial):
+                there = linearise_numpy(drawing, view, samples, priors, trial, hypothesis, fit_bend)
+                if there.error < here.error:
+                    break
+            damping *= 10
+        else:
+            break
+        gain = 1 - there.error / here.error
+        here, state = there, trial
+        damping = max(damping * 0.1, 1e-6)
+        if np.abs(step[:8]).max() < to_px or gain < 1e-5:
+            break
+    return state, here.error
+
+
+def robust_weights_numpy(
+    drawing: Drawing, view: View, samples: Samples, priors: Priors, state: FloatArray, hypothesis: Hypothesis
+) -> Weights:
+    """Definition of :func:`robust_weights`."""
+    values, variance = samples.values.T.astype(np.float64), samples.variance.astype(np.float64)
+    points, spread, _, _ = plane_numpy(view, state, samples.at.T.astype(np.float64))
+    light = light_numpy(view, state, points)[:, None]
+    design = ink_jets_numpy(drawing, points, spread, *hypothesis, slopes=False)[0].T * light
+    inks = inks_numpy(design, values, 1 / np.sqrt(variance), state[14], priors.ridge)
+    drawn = design @ inks + state[14] * blending_numpy(design[None], inks)[0]
+    misfit = np.mean((values - drawn) ** 2, axis=1) / variance
+    median = float(np.median(misfit))
+    scale = 2.5 * max(float(np.sqrt(median)), 1e-6)
+    variance = variance * (1 + misfit / scale**2)
+    return Weights(drawn.T.astype(np.float32), variance.astype(np.float32), median / 0.79)
+
+
+def homography_numpy(corners: FloatArray, half: float) -> FloatArray:
+    """(3,3) homography from the landmark's plane to (4,2) corners (Heckbert 1989)."""
+    (x0, y0), (x1, y1), (x2, y2), (x3, y3) = corners
+    dx1, dx2, sx = x1 - x2, x3 - x2, x0 - x1 + x2 - x3
+    dy1, dy2, sy = y1 - y2, y3 - y2, y0 - y1 + y2 - y3
+    det = dx1 * dy2 - dx2 * dy1
+    g, h = (sx * dy2 - sy * dx2) / det, (dx1 * sy - dy1 * sx) / det
+    M = np.array([[x1 - x0 + g * x1, x3 - x0 + h * x3, x0], [y1 - y0 + g * y1, y3 - y0 + h * y3, y0], [g, h, 1]])
+    return np.asarray(M @ np.array([[0.5 / half, 0, 0.5], [0, -0.5 / half, 0.5], [0, 0, 1]]))
+
+
+def plane_numpy(
+    view: View, state: FloatArray, at: FloatArray
+) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
+    """(N,2) positions in the landmark's plane, (N,3) point spread there, (N,2,2) d plane / d pixel, (N,2) bend's
+    direction, for (N,2) pixels relative to the view's origin."""
+    inverse = np.linalg.inv(homography_numpy(state[:8].reshape(4, 2) - view.origin, view.half_mm))
+    offset = at + (view.origin - view.centre)
+    radial = offset * (np.sum(offset**2, axis=1, keepdims=True) / view.half_width**2)
+    h = (at + state[11] * radial) @ inverse[:, :2].T + inverse[:, 2]
+    points = h[:, :2] / h[:, 2:]
+    A = (inverse[None, :2, :2] - points[:, :, None] * inverse[None, 2:, :2]) / h[:, 2, None, None]
+    spread = _in_plane(A, state[8] + view.pixel_variance, state[9], state[10] + view.pixel_variance)
+    return points, spread, A, radial
+
+
+def light_numpy(view: View, state: FloatArray, points: FloatArray) -> FloatArray:
+    """(N,) relative light at points of the landmark's plane."""
+    return np.asarray(np.maximum(1 + points / view.half_mm @ state[12:14], 0.1))
+
+
+def inks_numpy(design: FloatArray, values: FloatArray, root: FloatArray, bias: float, ridge: float) -> FloatArray:
+    """(4,3) the inks that explain values best, channels independent, pixels weighted by ``root`` squared."""
+    weighted = design * root[:, None]
+    gram = _with_ridge(weighted.T @ weighted, ridge)
+    inks = np.linalg.solve(gram, weighted.T @ (values * root[:, None]))
+    if bias == 0.0:
+        return np.asarray(inks)
+    unbiased = values - bias * blending_numpy(design[None], inks)[0]
+    return np.asarray(np.linalg.solve(gram, weighted.T @ (unbiased * root[:, None])))
+
+
+def blending_numpy(jets: FloatArray, inks: FloatArray) -> FloatArray:
+    """(...,N,3) where inks blend: the variance of the light within a pixel's view, over the white's.
+
+    If the image's tone curve is not the one that was undone, a blend of two inks does not have the
+    mean of their values.  To second order it is off by half the curve's second derivative times
+    this, whatever the curve: white spreads over dark, or dark over white, and the square shrinks or
+    grows.
+
+    Args:
+        jets: (J,N,4) coverage by the inks and, behind it, its slopes.
+        inks: (4,3) linear-light BGR.
+    """
+    white = np.maximum(inks[0], 1e-3)
+    mean, square = jets @ inks, jets @ inks**2
+    spread = square - mean[:1] * np.where(np.arange(len(jets))[:, None, None] == 0, 1.0, 2.0) * mean
+    return np.asarray(spread / white)
+
+
+def _with_ridge(gram: FloatArray, ridge: float) -> FloatArray:
+    return gram + ridge * np.trace(gram) / INKS * np.eye(INKS)
+
+
+def _in_plane(A: FloatArray, xx: float, xy: float, yy: float) -> FloatArray:
+    """(N,3) covariance in the landmark's plane, mm^2, of one in px^2, from (N,2,2) d plane / d pixel."""
+    a, b, c, d = A[:, 0, 0], A[:, 0, 1], A[:, 1, 0], A[:, 1, 1]
+    sxx = a * a * xx + 2 * a * b * xy + b * b * yy
+    sxy = a * c * xx + (a * d + b * c) * xy + b * d * yy
+    syy = c * c * xx + 2 * c * d * xy + d * d * yy
+    return np.column_stack([sxx, sxy, syy])
+
+
+def _moves(view: View, state: FloatArray, points: FloatArray) -> FloatArray:
+    """(8,2,N) how a point of the pattern moves in the image with every corner coordinate."""
+    delta = 1e-3
+    corners = state[:8] - np.tile(view.origin, 4)
+    steps = delta * np.eye(8)
+    h = np.vstack([points.T, np.ones(len(points))])
+    ends = []
+    for step in (steps, -steps):
+        mapped = np.stack([homography_numpy((corners + s).reshape(4, 2), view.half_mm) @ h for s in step])
+        ends.append(mapped[:, :2] / mapped[:, 2:])
+    return np.asarray((ends[0] - ends[1]) / (2 * delta))
+
+
+def _moved(state: FloatArray, step: FloatArray, limits: Limits) -> FloatArray:
+    moved = state + step
+    values, vectors = np.linalg.eigh(np.array([[moved[8], moved[9]], [moved[9], moved[10]]]))
+    S = vectors @ np.diag(np.clip(values, limits.least_spread, limits.most_spread)) @ vectors.T
+    moved[8:11] = S[0, 0], S[0, 1], S[1, 1]
+    most = np.array([limits.bend, limits.shading, limits.shading, limits.bias])
+    moved[11:] = np.clip(moved[11:], -most, most)
+    return moved
+
+
+def _edges(state: FloatArray) -> FloatArray:
+    corners = state[:8].reshape(4, 2)
+    return np.roll(corners, -1, axis=0) - corners
+
+
+def _mean_side(state: FloatArray) -> float:
+    return float(np.linalg.norm(_edges(state), axis=1).mean())
+
+
+def _is_sane(state: FloatArray) -> bool:
+    """Convex, clockwise, and not collapsed."""
+    edges = _edges(state)
+    following = np.roll(edges, -1, axis=0)
+    turn = edges[:, 0] * following[:, 1] - edges[:, 1] * following[:, 0]
+    lengths = np.linalg.norm(edges, axis=1)
+    return bool((turn > 0.02 * lengths * np.roll(lengths, -1)).all() and lengths.min() > 2)
+
+
+def _at(array: NDArray[Any]) -> int:
+    """Where an array's data begin; half the time of ``array.ctypes.data``."""
+    return int(array.__array_interface__["data"][0])
+
+
+def _scratch(n: int) -> Float32Array:
+    return np.empty((n + BLOCK - 1) // BLOCK * BLOCK * INKS * JET, dtype=np.float32)
+
+
+_POINTER, _COUNT, _NUMBER = ctypes.c_void_p, ctypes.c_int64, ctypes.c_double
+
+
+@lru_cache(maxsize=1)
+def _linearise_kernel() -> Any:
+    return function("lmkit_linearise", _COUNT, *[_POINTER] * 7, *[_COUNT] * 3, *[_POINTER] * 4)
+
+
+@lru_cache(maxsize=1)
+def _register_kernel() -> Any:
+    numbers = [*[_COUNT] * 4, _NUMBER]
+    return function("lmkit_register", _COUNT, *[_POINTER] * 7, *numbers, *[_POINTER] * 3)
+
+
+@lru_cache(maxsize=1)
+def _weights_kernel() -> Any:
+    return function("lmkit_robust_weights", _COUNT, *[_POINTER] * 7, *[_COUNT] * 2, *[_POINTER] * 4)
