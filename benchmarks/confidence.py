@@ -57,10 +57,10 @@ def attempt(photos: tuple[Path, ...], seed: int) -> list[tuple[float, bool, bool
     here = [
         a
         for a in candidates_of(shot.image, DetectOptions(effort=Effort(min_aligned_pattern=0.1)))
-        if np.linalg.norm(a.corners.mean(axis=0) - middle) < 0.5 * side and a.verdict.reason_to_reject(WIDE) is None
+        if np.linalg.norm(a.corners.mean(axis=0) - middle) < 0.5 * side and a.decoding.reason_to_reject(WIDE) is None
     ]
-    here.sort(key=lambda a: -a.verdict.margin)
-    return [(a.verdict.confidence, a.verdict.code == shot.code, a.rejected is None) for a in here[:1]]
+    here.sort(key=lambda a: -a.decoding.margin)
+    return [(a.decoding.confidence, a.decoding.code == shot.code, a.rejected is None) for a in here[:1]]
 
 
 def main() -> None:

@@ -63,16 +63,16 @@ def attempt(photos: tuple[Path, ...], job: tuple[str, float, float, int]) -> dic
     attempts = candidates_of(image, DetectOptions((family,)))
     strict = best_of_each_place([a for a in attempts if a.rejected is None])
     loose = best_of_each_place(
-        [a for a in attempts if a.rejected != "cut" and a.verdict.reason_to_reject(LOOSE) is None]
+        [a for a in attempts if a.rejected != "cut" and a.decoding.reason_to_reject(LOOSE) is None]
     )
     return {
         "family": name,
         "side": side_px,
         "tilt": tilt_deg,
-        "read": any(a.verdict.code == code for a in strict),
-        "wrong": any(a.verdict.code != code for a in strict),
-        "loose": any(a.verdict.code == code for a in loose),
-        "loose_wrong": any(a.verdict.code != code for a in loose),
+        "read": any(a.decoding.code == code for a in strict),
+        "wrong": any(a.decoding.code != code for a in strict),
+        "loose": any(a.decoding.code == code for a in loose),
+        "loose_wrong": any(a.decoding.code != code for a in loose),
     }
 
 

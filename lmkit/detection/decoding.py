@@ -1,26 +1,33 @@
-"""CodeHypothesis a registered square, and deciding whether it is a landmark at all."""
+"""Decoding of a registered square, and deciding whether it is a landmark at all."""
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 
 from lmkit.arrays import FloatArray
 from lmkit.detection.acceptance import AcceptanceRule
-from lmkit.detection.hypotheses import InkSolver, all_hypotheses, frame_selection, pattern_selections, red_over_blue
-from lmkit.detection.pattern_model import INKS, QUARTERS
-from lmkit.detection.pixel_sampling import PixelSamples, Registration
-from lmkit.detection.registration import CORRELATED_PIXELS, PatternRegistration
+from lmkit.detection.hypotheses import RIDGE, red_over_blue, words_of
+from lmkit.detection.pattern_model import INKS, drawing_of
+from lmkit.kernels.hypotheses import DecodingRules, decode
+from lmkit.kernels.registration import Samples, View
 from lmkit.model.landmark import LandmarkFamily
 
 # A logistic fit of right and wrong against the margin, on simulated pictures at the edge of what can
 # be read; benchmarks/confidence.py checks it on others.
 EVEN_MARGIN, MARGIN_SCALE = 9.5, 4.6
-GAP_PIXELS = 8  # fewer around a gap say nothing
-GAP_SURROUNDINGS_MM = 20.0
-MODEL_SHARE = 0.08  # of the contrast, which no model of blur and print gets better
-WORST_MISFIT = 40.0  # one bright pixel is no hand
+RULES = DecodingRules(
+    ridge=RIDGE,
+    parts_ridge=1e-4,
+    model_share=0.08,  # of the contrast, which no model of blur and print gets better
+    worst_misfit=40.0,  # one bright pixel is no hand
+    gap_pixels=8,  # fewer around a gap say nothing
+    gap_reach_mm=20.0,
+)
+CORRELATED_PIXELS = 3.0  # demosaicing and JPEG spread a pixel's error over so many
 PART_TOLERANCE = 0.08  # uneven print and light: a part may differ so much from white or blue
 
 
@@ -73,6 +80,10 @@ class Decoding:
         off = self.parts - self.expected_parts
         return float(np.mean(off**2 / (self.parts_sigma**2 + PART_TOLERANCE**2)))
 
+    def is_same_code(self, other: Decoding) -> bool:
+        """Same code in the same quarter turn."""
+        return (self.code, self.quarter) == (other.code, other.quarter)
+
     def reason_to_reject(self, rule: AcceptanceRule) -> str | None:
         """Why this is no landmark, in one word; None where it is one."""
         low, high = rule.white_over_ground
@@ -118,100 +129,51 @@ class Decoding:
         return float(self.inks[0].sum() / max(float(self.inks[2].sum()), 1e-6))
 
 
-def decode_square(registrar: PatternRegistration, registration: Registration, pixels: PixelSamples) -> Decoding:
-    """Score every code in every quarter turn at this registration."""
-    family = registrar.family
-    points, spread, _ = registrar.points_and_spread(registration, pixels.at)
-    columns = registrar.pattern.coverage(points, spread).columns
-    columns = columns * registrar.light(registration, points)[:, None]
-    root = 1 / np.sqrt(pixels.variance)
-    weighted = columns * root[:, None]
-    values = pixels.values * root[:, None]
-    gram = weighted.T @ weighted
-    projections = (weighted.T @ values)[:, None, :]
-    hypotheses = all_hypotheses(family)
-    solver = InkSolver.prepare(gram, pattern_selections(family))
-    energy = float((values**2).sum())
-    left = np.maximum(energy - solver.explained_energy(projections)[:, 0], 1e-9)
-    best = int(left.argmin())
-    same_turn = hypotheses.quarters == hypotheses.quarters[best]
-    others = same_turn.copy()
-    others[best] = False
-    evidence = values.size / CORRELATED_PIXELS / 2
-    frame = InkSolver.prepare(gram, frame_selection(family))
-    left_by_frame = max(energy - float(frame.explained_energy(projections)[0, 0]), 1e-9)
-    (inks,) = solver.inks(np.array([best]), projections)
-    parts, parts_sigma = _fit_parts(columns, pixels, inks, int(hypotheses.quarters[best]))
+def decode_square(family: LandmarkFamily, view: View, state: FloatArray, samples: Samples) -> Decoding:
+    """Score every code in every quarter turn at this state of a registration."""
+    found = decode(drawing_of(family), words_of(family), view, samples, state, RULES)
+    if found is None:
+        return _NOTHING
+    count = 3 * len(samples.variance)
+    evidence = count / CORRELATED_PIXELS / 2
+    left = max(found.left, 1e-9)
+    mask = int(words_of(family).masks[found.turn, found.code])
+    gaps_open = np.array([mask >> k & 1 for k in range(family.gap_count)])
     return Decoding(
-        code=int(hypotheses.codes[best]),
-        quarter=int(hypotheses.quarters[best]),
-        code_margin=evidence * float(np.log(left[others].min() / left[best])),
-        turn_margin=evidence * float(np.log(left[~same_turn].min() / left[best])),
-        pattern=1 - float(left[best]) / left_by_frame,
-        error=float(left[best]) / values.size,
-        inks=inks,
-        parts=parts,
-        parts_sigma=parts_sigma,
-        expected_parts=np.concatenate([np.ones(2), 1 - hypotheses.selections[best][-family.gap_count :, 2]]),
-        gap_misfit=_gap_misfit(family, points, pixels, columns @ solver.selections[best] @ inks, inks),
-        plain=_is_plain(family, int(hypotheses.codes[best])),
+        code=found.code,
+        quarter=found.turn,
+        code_margin=evidence * math.log(max(found.left_by_code, left) / left),
+        turn_margin=evidence * math.log(max(found.left_by_turn, left) / left),
+        pattern=1 - left / max(found.left_by_frame, 1e-9),
+        error=left / count,
+        inks=found.inks,
+        parts=found.parts,
+        parts_sigma=found.parts_sigma * math.sqrt(CORRELATED_PIXELS),
+        expected_parts=np.concatenate([np.ones(2), 1.0 - gaps_open]),
+        gap_misfit=found.gap_misfit,
+        plain=is_plain(family, found.code),
     )
 
 
-def _gap_misfit(
-    family: LandmarkFamily, points: FloatArray, pixels: PixelSamples, model: FloatArray, inks: FloatArray
-) -> float:
-    """The largest mean squared misfit around a gap position, over what is usual.
-
-    What hides a gap reaches over the ring's edges on its way from outside, so the surroundings tell,
-    even where it is as dark as the ground or as bright as the ring.  Usual is the median of all
-    pixels, or the expected variance, or a share of the contrast, which no model of blur and print
-    gets better; whichever is largest.
-    """
-    squared = np.mean((pixels.values - model) ** 2, axis=1)
-    median = float(np.median(squared / pixels.variance))
-    usual = np.maximum(pixels.variance * max(median, 1.0), np.mean((MODEL_SHARE * (inks[0] - inks[2])) ** 2))
-    misfit = np.minimum(squared / usual, WORST_MISFIT)
-    radius = np.maximum(np.hypot(points[:, 0], points[:, 1]), 1.0)
-    angle = np.degrees(np.arctan2(points[:, 0], points[:, 1]))
-    reach = np.degrees(GAP_SURROUNDINGS_MM / radius)
-    worst = 0.0
-    for ring in family.rings:
-        near = np.abs(radius - (ring.inner_mm + ring.outer_mm) / 2) < (
-            GAP_SURROUNDINGS_MM + (ring.outer_mm - ring.inner_mm) / 2
-        )
-        for centre in ring.gap_centres_deg:
-            off = np.abs((angle - centre + 180) % 360 - 180)
-            around = near & (off < ring.gap_width_deg / 2 + reach)
-            if around.sum() >= GAP_PIXELS:
-                worst = max(worst, float(misfit[around].mean()))
-    return worst
-
-
-def _is_plain(family: LandmarkFamily, code: int) -> bool:
+@lru_cache(maxsize=1024)
+def is_plain(family: LandmarkFamily, code: int) -> bool:
     """Are the gaps of every ring all open or all closed?"""
     gaps = iter(family.gaps(code))
     return all(len({next(gaps) for _ in range(ring.gap_count)}) == 1 for ring in family.rings)
 
 
-def _fit_parts(
-    columns: FloatArray, pixels: PixelSamples, inks: FloatArray, quarter: int
-) -> tuple[FloatArray, FloatArray]:
-    """Brightness of every white part on its own, 0 like the ground and 1 like the white, and sigmas.
-
-    A sign with other shapes in a red frame can be fitted by some code, but its parts then come out
-    between blue and white, where a landmark's are one or the other.
-    """
-    contrast = inks[0] - inks[2]
-    values = pixels.values @ contrast / max(float(contrast @ contrast), 1e-9)
-    fixed, triangles, gaps, frame = np.split(columns, [INKS, INKS + QUARTERS, columns.shape[1] - INKS], axis=1)
-    stretches = fixed[:, 0] - frame[:, 0] - gaps.sum(axis=1)
-    design = np.column_stack([triangles[:, quarter], stretches, gaps, frame])
-    weighted = design / pixels.variance[:, None]
-    normal = weighted.T @ design
-    normal += 1e-4 * np.trace(normal) / len(normal) * np.eye(len(normal))
-    inverse = np.linalg.inv(normal)
-    solution = inverse @ (weighted.T @ values)
-    misfit = float(np.mean((values - design @ solution) ** 2 / pixels.variance)) * CORRELATED_PIXELS
-    count = design.shape[1] - INKS
-    return solution[:count], np.sqrt(np.diag(inverse)[:count] * misfit)
+# Where the pixels do not even determine the inks.
+_NOTHING = Decoding(
+    code=0,
+    quarter=0,
+    code_margin=0.0,
+    turn_margin=0.0,
+    pattern=0.0,
+    error=1.0,
+    inks=np.zeros((INKS, 3)),
+    parts=np.full(2, 0.5),
+    parts_sigma=np.ones(2),
+    expected_parts=np.ones(2),
+    gap_misfit=0.0,
+    plain=True,
+)

@@ -43,7 +43,7 @@ def detect_landmarks(image: ByteArray, options: DetectOptions | None = None) -> 
 def best_of_each_place(attempts: list[Candidate]) -> list[Candidate]:
     """The surest reading of every place, largest first."""
     kept: list[Candidate] = []
-    for attempt in sorted(attempts, key=lambda a: (-a.verdict.margin, a.family.name, a.verdict.code)):
+    for attempt in sorted(attempts, key=lambda a: (-a.decoding.margin, a.family.name, a.decoding.code)):
         middle = attempt.corners.mean(axis=0)
         apart = [np.linalg.norm(middle - k.corners.mean(axis=0)) > 0.5 * k.side_px for k in kept]
         if all(apart):
@@ -74,8 +74,8 @@ def _unless_contradicted(shaded: Candidate, clear: list[Candidate]) -> Candidate
     """A reading that needs a shadow does not stand where one without it is surer of something else."""
     for other in clear:
         apart = np.linalg.norm(shaded.corners.mean(axis=0) - other.corners.mean(axis=0))
-        same = (other.family, other.verdict.code) == (shaded.family, shaded.verdict.code)
-        surer = other.verdict.margin > shaded.verdict.margin and not same
+        same = (other.family, other.decoding.code) == (shaded.family, shaded.decoding.code)
+        surer = other.decoding.margin > shaded.decoding.margin and not same
         if surer and apart < 0.5 * shaded.side_px:
             return replace(shaded, rejected=shaded.rejected or "contradicted")
     return shaded

@@ -9,6 +9,7 @@ sum of squares with the inks at their best follows from C'C and C'Y alone.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from functools import lru_cache
 
@@ -16,6 +17,7 @@ import numpy as np
 
 from lmkit.arrays import FloatArray, IntArray
 from lmkit.detection.pattern_model import INKS, QUARTERS, LandmarkPattern
+from lmkit.kernels.hypotheses import Words
 from lmkit.model.landmark import LandmarkFamily
 
 # Keeps inks that are hardly seen (surroundings beyond the grid) from running away.
@@ -127,9 +129,23 @@ def red_over_blue(inks: FloatArray) -> FloatArray:
     return np.asarray(np.log(red[..., 2] / red[..., 0]) - np.log(blue[..., 2] / blue[..., 0]))
 
 
-def solve_inks(design: FloatArray, values: FloatArray, weights: FloatArray) -> FloatArray:
-    """(4,3) inks that explain ``values`` (N,3) best, channels independent, pixels weighted (N,)."""
-    weighted = design * weights[:, None]
-    gram = weighted.T @ design
-    gram += RIDGE * np.trace(gram) / INKS * np.eye(INKS)
-    return np.asarray(np.linalg.solve(gram, weighted.T @ values))
+@lru_cache(maxsize=16)
+def words_of(family: LandmarkFamily) -> Words:
+    """Open gaps of every code in every quarter turn, and where the gaps are."""
+    masks = np.zeros((QUARTERS, family.code_count), dtype=np.int32)
+    for quarter, columns in enumerate(LandmarkPattern(family).gap_turns):
+        for code in range(family.code_count):
+            gaps = family.gaps(code)
+            masks[quarter, code] = sum(1 << column for column, gap in zip(columns, gaps, strict=True) if gap)
+    sectors = [
+        (
+            (ring.inner_mm + ring.outer_mm) / 2,
+            (ring.outer_mm - ring.inner_mm) / 2,
+            math.sin(math.radians(centre)),
+            math.cos(math.radians(centre)),
+            math.radians(ring.gap_width_deg / 2),
+        )
+        for ring in family.rings
+        for centre in ring.gap_centres_deg
+    ]
+    return Words.of(masks, np.array(sectors))

@@ -1,71 +1,83 @@
-"""The picture as registration sees it: linear light, its noise, and its lens, known or guessed.
+"""The image as registration sees it: linear light, its noise, and its lens, known or guessed.
 
-A known lens is undone exactly; of an unknown one a single radial bend about the picture's centre
+A known lens is undone exactly; for an unknown one a single radial bend about the image's centre
 is fitted, landmark by landmark.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import cached_property, lru_cache
 
 import cv2
 import numpy as np
 
-from lmkit.arrays import ByteArray, Float32Array, FloatArray, IntArray
+from lmkit.arrays import ByteArray, Float32Array, FloatArray
 from lmkit.detection.shadows import local_white
 from lmkit.geometry.camera import CameraModel
+from lmkit.kernels.pixel_sampling import Source
 from lmkit.model.palette import SRGB_TO_LINEAR
 
 
 @dataclass(frozen=True)
 class LinearImage:
-    """What registration needs of a picture.
+    """What registration needs of an image.
 
     Attributes:
-        linear: (H,W,3) BGR in linear light, 0..1.
-        noise: standard deviation of the picture's noise in code values over 255.
+        source: code values, and what they are divided by where shadows are taken out.
+        noise: standard deviation of the image's noise in code values over 255.
         camera: the camera that took it, where its lens is known.
-        white: (H,W) the local white that ``linear`` was divided by; None where it was not.
     """
 
-    linear: Float32Array
+    source: Source
     noise: float
     camera: CameraModel | None = None
-    white: Float32Array | None = None
 
     @classmethod
     def of(cls, image: ByteArray, camera: CameraModel | None = None) -> LinearImage:
         """From (H,W,3) BGR, 8 bit."""
-        return cls(SRGB_TO_LINEAR[image], estimate_noise(image), camera)
+        shift = None if camera is None else _lens_shift(_LensKey(camera))
+        return cls(Source.of(image, SRGB_TO_LINEAR, None, shift), estimate_noise(image), camera)
+
+    @cached_property
+    def linear(self) -> Float32Array:
+        """(H,W,3) BGR in linear light, 0..1, over the local white where shadows are taken out."""
+        linear = SRGB_TO_LINEAR[self.source.image]
+        return linear if self.white is None else linear / self.white[:, :, None]
+
+    @property
+    def white(self) -> Float32Array | None:
+        """(H,W) the local white that values are divided by; None where shadows are left in."""
+        return self.source.white
+
+    @property
+    def size(self) -> tuple[int, int]:
+        """Width and height, px."""
+        height, width = self.source.image.shape[:2]
+        return width, height
 
     def shadow_normalized(self, window: int) -> LinearImage:
-        """The picture with shadows taken out, see `detect.light`."""
-        white = local_white(self.linear, window)
-        return replace(self, linear=self.linear / white[:, :, None], white=white)
+        """The image with shadows taken out, see :mod:`lmkit.detection.shadows`."""
+        return self.renormalized(local_white(self.linear, window))
 
     def renormalized(self, white: Float32Array) -> LinearImage:
-        """The picture with another light taken out than the one that was."""
-        assert self.white is not None
-        return replace(self, linear=self.linear * (self.white / white)[:, :, None], white=white)
+        """The image divided by this (H,W) light, and by no other."""
+        return replace(self, source=self.source._replace(white=np.ascontiguousarray(white)))
 
-    def light_at(self, whole: IntArray) -> FloatArray:
-        """(N,) the light that was taken out at pixels (N,2)."""
-        if self.white is None:
-            return np.ones(len(whole))
-        return np.asarray(self.white[whole[:, 1], whole[:, 0]], dtype=np.float64)
-
-    def shrunk(self, factor: int) -> LinearImage:
-        """The picture ``factor`` times smaller, averaged in linear light."""
-        height, width = (length // factor for length in self.linear.shape[:2])
-        whole = self.linear[: height * factor, : width * factor]
-        small = cv2.resize(whole, (width, height), interpolation=cv2.INTER_AREA)
-        return LinearImage(np.asarray(small, dtype=np.float32), self.noise / factor)
+    def halved(self, times: int) -> LinearImage:
+        """The image at half the size, so many times, averaged in code values; its lens is left out."""
+        image = self.source.image
+        for _ in range(times):
+            size = (image.shape[1] // 2, image.shape[0] // 2)
+            image = np.asarray(cv2.resize(image, size, interpolation=cv2.INTER_AREA), dtype=np.uint8)
+        source = Source.of(image, self.source.linear)
+        return LinearImage(source, self.noise / 2**times)
 
     def straightened(self, at: FloatArray) -> FloatArray:
         """(N,2) pixels as a lens without distortion would have them; the same where the lens is not known."""
         if self.camera is None:
             return at
-        return np.asarray(self.camera.unproject(at) @ self.camera.K[:2, :2].T + self.camera.K[:2, 2])
+        return _straightened(self.camera, at)
 
     def distorted(self, flat: FloatArray) -> FloatArray:
         """The inverse of :meth:`straightened`."""
@@ -76,18 +88,18 @@ class LinearImage:
 
     @property
     def centre(self) -> FloatArray:
-        """(2,) the middle of the picture, px."""
-        height, width = self.linear.shape[:2]
+        """(2,) the middle of the image, px."""
+        width, height = self.size
         return np.array([(width - 1) / 2, (height - 1) / 2])
 
     @property
     def half_width(self) -> float:
-        """Half of the picture's width, px."""
-        return float(self.linear.shape[1] / 2)
+        """Half of the image's width, px."""
+        return self.size[0] / 2
 
 
 def unbend(at: FloatArray, bend: float, centre: FloatArray, half_width: float) -> FloatArray:
-    """PixelSamples freed of a radial bend: ``c + (x - c) (1 + bend r^2)``, r = 1 at half the width."""
+    """Pixels freed of a radial bend: ``c + (x - c) (1 + bend r^2)``, r = 1 at half the width."""
     offset = at - centre
     r2 = np.sum(offset**2, axis=-1, keepdims=True) / half_width**2
     return np.asarray(centre + offset * (1 + bend * r2))
@@ -95,6 +107,8 @@ def unbend(at: FloatArray, bend: float, centre: FloatArray, half_width: float) -
 
 def rebend(at: FloatArray, bend: float, centre: FloatArray, half_width: float) -> FloatArray:
     """The inverse of :func:`unbend`, where it has one (r up to where a barrel bend folds over)."""
+    if bend == 0.0:
+        return at
     offset = at - centre
     target = np.linalg.norm(offset, axis=-1, keepdims=True) / half_width
     fold = 1 / np.sqrt(3 * -bend) if bend < 0 else np.inf
@@ -106,8 +120,35 @@ def rebend(at: FloatArray, bend: float, centre: FloatArray, half_width: float) -
 
 
 def estimate_noise(image: ByteArray) -> float:
-    """Standard deviation of the picture's noise over 255, from its smoothest half (Immerkaer 1996)."""
+    """Standard deviation of the image's noise over 255, from its smoothest half (Immerkaer 1996)."""
     grey = cv2.cvtColor(image, cv2.COLOR_BGR2GRAY)
     kernel = np.array([[1, -2, 1], [-2, 4, -2], [1, -2, 1]], dtype=np.float32)
     response = np.abs(cv2.filter2D(grey, cv2.CV_32F, kernel))
     return float(np.median(response)) / 0.6745 / 6 / 255
+
+
+def _straightened(camera: CameraModel, at: FloatArray) -> FloatArray:
+    return np.asarray(camera.unproject(at) @ camera.K[:2, :2].T + camera.K[:2, 2])
+
+
+class _LensKey:
+    """A camera that compares by its numbers, so that its map is computed once."""
+
+    def __init__(self, camera: CameraModel) -> None:
+        self.camera = camera
+        self.numbers = (camera.image_size, camera.model, camera.K.tobytes(), camera.distortion.tobytes())
+
+    def __hash__(self) -> int:
+        return hash(self.numbers)
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, _LensKey) and self.numbers == other.numbers
+
+
+@lru_cache(maxsize=4)
+def _lens_shift(key: _LensKey) -> Float32Array:
+    """(H,W,2) from every pixel to where it lies without distortion, px."""
+    width, height = key.camera.image_size
+    y, x = np.mgrid[:height, :width]
+    at = np.column_stack([x.ravel(), y.ravel()]).astype(np.float64)
+    return (_straightened(key.camera, at) - at).astype(np.float32).reshape(height, width, 2)

@@ -37,6 +37,11 @@ class PatternCoverage:
     gaps: FloatArray
     frame: FloatArray
 
+    @property
+    def columns(self) -> FloatArray:
+        """(N,4+4+G+4) all of it side by side."""
+        return np.concatenate([self.fixed, self.triangles, self.gaps, self.frame], axis=1)
+
 
 @dataclass(frozen=True)
 class LandmarkPattern:

@@ -9,10 +9,10 @@ import numpy as np
 from lmkit.arrays import ByteArray, FloatArray
 from lmkit.detection.acceptance import AcceptanceRule
 from lmkit.detection.config import DetectOptions
-from lmkit.detection.decoding import Decoding, decode_square
+from lmkit.detection.decoding import Decoding
 from lmkit.detection.linear_image import LinearImage
-from lmkit.detection.pixel_sampling import PixelSamples, Registration, mean_side, sample_pixels
-from lmkit.detection.registration import CodeHypothesis, PatternRegistration
+from lmkit.detection.pixel_sampling import mean_side
+from lmkit.detection.registration import PatternRegistration
 from lmkit.detection.shadows import ShadowEdge
 from lmkit.model.landmark import LandmarkFamily
 from lmkit.model.observation import Detection
@@ -31,16 +31,16 @@ class Candidate:
 
     Attributes:
         family: what it was read as.
-        corners: (4,2) px of the picture, in the landmark's order.
+        corners: (4,2) px of the image, in the landmark's order.
         covariance: (8,8) of the corners, px^2.
-        verdict: what it reads as.
+        decoding: what it decodes to.
         rejected: why it is no landmark; None where it is one.
     """
 
     family: LandmarkFamily
     corners: FloatArray
     covariance: FloatArray
-    verdict: Decoding
+    decoding: Decoding
     rejected: str | None
 
     @property
@@ -52,138 +52,115 @@ class Candidate:
     def observation(self) -> Detection:
         """What is told of it."""
         return Detection(
-            code=self.verdict.code,
+            code=self.decoding.code,
             corners=self.corners,
-            confidence=self.verdict.confidence,
-            margin=self.verdict.margin,
+            confidence=self.decoding.confidence,
+            margin=self.decoding.margin,
             family=self.family.name,
             covariance=self.covariance,
         )
 
 
 def register_and_decode(
-    picture: LinearImage, quad: FloatArray, family: LandmarkFamily, options: DetectOptions
+    image: LinearImage, quad: FloatArray, family: LandmarkFamily, options: DetectOptions
 ) -> Candidate | None:
-    """Register what a candidate reads as, read again, until the reading stands; None where nothing does."""
-    registrar = PatternRegistration(picture, family)
+    """Register what a candidate decodes to, decode again, until the code stands; None where nothing does."""
     coarse = min(COARSE_PIXELS, options.effort.pixels)
-    quad = picture.straightened(_settled_coarsely(registrar, quad, options))
+    quad = image.straightened(_coarse_corners(image, quad, family, options))
     side = mean_side(quad)
     fit_bend = options.through_lens and options.camera is None and side > BEND_SIDE_PX
     # The blur starts generous, so that a wrong corner still feels its edge.
-    blur = max(0.8, 0.012 * min(side, COARSE_SIDE_PX)) ** 2
-    registration = Registration(quad, np.array([blur, 0.0, blur]))
-    pixels = sample_pixels(picture, registration, family, coarse, near_edges=False)
-    if pixels is None:
+    fit = PatternRegistration(image, family, quad, max(0.8, 0.012 * min(side, COARSE_SIDE_PX)) ** 2)
+    if not fit.sample(coarse, near_edges=False) or not fit.decode().is_promising(options.rule):
         return None
-    verdict = decode_square(registrar, registration, pixels)
-    if not verdict.is_promising(options.rule):
-        return None
-    # Register what was read, read again, until the reading stands.
     for _ in range(READ_ROUNDS):
-        reading = CodeHypothesis.of(family, verdict.code, verdict.quarter)
+        before = fit.decoding
         for _ in range(2):
-            robust_weights = registrar.robust_weights(registration, pixels, reading)
-            registration = registrar.register(registration, robust_weights, reading, REGISTER_STEPS, to_px=COARSE_PX)
-        pixels = sample_pixels(picture, registration, family, coarse, near_edges=False)
-        if pixels is None:
+            fit.discount()
+            fit.register(REGISTER_STEPS, to_px=COARSE_PX)
+        if not fit.sample(coarse, near_edges=False):
             return None
-        # Read with the plain weights: discounting what does not fit the last reading would make it
-        # confirm itself.
-        previous, verdict = verdict, decode_square(registrar, registration, pixels)
-        if (verdict.code, verdict.quarter) == (previous.code, previous.quarter):
+        if fit.decode().is_same_code(before):
             break
-    if not verdict.is_promising(options.rule):
+    if not fit.decoding.is_promising(options.rule):
         return None
-    if picture.white is not None:
-        picture = _with_sharp_shadow(registrar, registration, pixels, verdict)
-        registrar = PatternRegistration(picture, family)
-    # Now with all pixels that help.
-    pixels = sample_pixels(picture, registration, family, options.effort.pixels)
-    if pixels is None:
+    if image.white is not None:
+        _sharpen_shadow(fit)
+    if not fit.sample(options.effort.pixels, near_edges=True):
         return None
-    reading = CodeHypothesis.of(family, verdict.code, verdict.quarter)
     for _ in range(2):
-        robust_weights = registrar.robust_weights(registration, pixels, reading)
-        registration = registrar.register(registration, robust_weights, reading, REGISTER_STEPS, fit_bend)
-    verdict = decode_square(registrar, registration, pixels)
-    reading = CodeHypothesis.of(family, verdict.code, verdict.quarter)
-    robust_weights = registrar.robust_weights(registration, pixels, reading)
-    # A bit that only what hides the landmark speaks for loses its margin under the discount.
-    wary = decode_square(registrar, registration, robust_weights)
-    if (wary.code, wary.quarter) == (verdict.code, verdict.quarter):
-        code_margin = min(verdict.code_margin, wary.code_margin)
-        turn_margin = min(verdict.turn_margin, wary.turn_margin)
-    else:
-        code_margin = turn_margin = 0.0
-    verdict = replace(verdict, code_margin=code_margin, turn_margin=turn_margin)
-    registration = registrar.with_covariance(registration, robust_weights, reading, fit_bend)
-    return _attempt(registrar, registration, verdict, options.rule)
+        fit.discount()
+        fit.register(REGISTER_STEPS, fit_bend)
+    fit.decode()
+    fit.discount()
+    return _candidate(fit, _smaller_margins(fit), options.rule, fit_bend)
 
 
 def read_landmark_at(image: ByteArray, corners: FloatArray, family: LandmarkFamily) -> Candidate | None:
-    """Read what stands at known corners of a sharp picture, such as a rasterised page.
+    """Read what stands at known corners of a sharp image, such as a rasterised page.
 
     Args:
         image: (H,W,3) BGR, 8 bit.
         corners: (4,2) px, clockwise as seen, good to a few hundredths of the side.
 
     Returns:
-        None where too little of it lies in the picture.
+        None where too little of it lies in the image.
     """
-    registrar = PatternRegistration(LinearImage.of(image), family)
-    registration = Registration(corners, np.array([0.3, 0.0, 0.3]))
-    pixels = sample_pixels(registrar.picture, registration, family, COARSE_PIXELS)
-    if pixels is None:
+    fit = PatternRegistration(LinearImage.of(image), family, corners, 0.3)
+    if not fit.sample(COARSE_PIXELS, near_edges=True):
         return None
-    verdict = decode_square(registrar, registration, pixels)
-    reading = CodeHypothesis.of(family, verdict.code, verdict.quarter)
-    registration = registrar.register(registration, pixels, reading, REGISTER_STEPS)
-    verdict = decode_square(registrar, registration, pixels)
-    registration = registrar.with_covariance(registration, pixels, reading, fit_bend=False)
-    return _attempt(registrar, registration, verdict, AcceptanceRule())
+    fit.decode()
+    fit.register(REGISTER_STEPS)
+    return _candidate(fit, fit.decode(), AcceptanceRule(), fit_bend=False)
 
 
-def _settled_coarsely(registrar: PatternRegistration, quad: FloatArray, options: DetectOptions) -> FloatArray:
-    """A large quad registered in a smaller picture first: its corners are then good to a pixel or so."""
-    shrink = int(mean_side(quad) // COARSE_SIDE_PX)
-    if shrink < 2:
+def _coarse_corners(
+    image: LinearImage, quad: FloatArray, family: LandmarkFamily, options: DetectOptions
+) -> FloatArray:
+    """Corners of a large quad, registered in a smaller image first; they are then good to a pixel or so."""
+    times = int(np.log2(max(mean_side(quad) / COARSE_SIDE_PX, 1.0)))
+    if times < 1:
         return quad
-    small = PatternRegistration(registrar.picture.shrunk(shrink), registrar.family)
-    # Pixel k of the smaller picture covers the span [k, k + 1) * shrink of the larger one.
-    start = Registration((quad + 0.5) / shrink - 0.5, np.array([2.0, 0.0, 2.0]))
-    pixels = sample_pixels(small.picture, start, small.family)
-    if pixels is None:
+    scale = 2.0**times
+    # Pixel k of the smaller image covers the span [k, k + 1) * scale of the larger one.
+    fit = PatternRegistration(image.halved(times), family, (quad + 0.5) / scale - 0.5, 2.0)
+    if not fit.sample(COARSE_PIXELS, near_edges=True) or not fit.decode().is_promising(options.rule):
         return quad
-    verdict = decode_square(small, start, pixels)
-    if not verdict.is_promising(options.rule):
-        return quad
-    reading = CodeHypothesis.of(small.family, verdict.code, verdict.quarter)
-    settled = small.register(start, pixels, reading, 2 * REGISTER_STEPS)
-    return (settled.corners + 0.5) * shrink - 0.5
+    fit.register(2 * REGISTER_STEPS)
+    return (fit.corners + 0.5) * scale - 0.5
 
 
-def _attempt(
-    registrar: PatternRegistration, registration: Registration, verdict: Decoding, rule: AcceptanceRule
-) -> Candidate:
-    """What was read, its corners in the landmark's own order."""
-    corners, covariance = registrar.picture_corners(registration)
-    order = (np.arange(4) + verdict.quarter) % 4
+def _smaller_margins(fit: PatternRegistration) -> Decoding:
+    """The decoding with the smaller of plain and robust margins.
+
+    A bit that only what hides the landmark speaks for loses its margin under the discount.
+    """
+    plain, robust = fit.decoding, fit.decode_discounted()
+    if not robust.is_same_code(plain):
+        return replace(plain, code_margin=0.0, turn_margin=0.0)
+    return replace(
+        plain,
+        code_margin=min(plain.code_margin, robust.code_margin),
+        turn_margin=min(plain.turn_margin, robust.turn_margin),
+    )
+
+
+def _candidate(fit: PatternRegistration, decoding: Decoding, rule: AcceptanceRule, fit_bend: bool) -> Candidate:
+    """What was decoded, its corners in the landmark's own order."""
+    corners, covariance = fit.image_corners(fit_bend)
+    order = (np.arange(4) + decoding.quarter) % 4
     rows = (2 * order[:, None] + np.arange(2)).ravel()
-    height, width = registrar.picture.linear.shape[:2]
-    inside = bool(((corners >= -0.5) & (corners <= np.array([width, height]) - 0.5)).all())
-    # A corner that is not in the picture was not seen, and none is made up.
-    rejected = verdict.reason_to_reject(rule) if inside else "cut"
-    return Candidate(registrar.family, corners[order], covariance[np.ix_(rows, rows)], verdict, rejected)
+    inside = bool(((corners >= -0.5) & (corners <= np.array(fit.image.size) - 0.5)).all())
+    # A corner that is not in the image was not seen, and none is made up.
+    rejected = decoding.reason_to_reject(rule) if inside else "cut"
+    return Candidate(fit.family, corners[order], covariance[np.ix_(rows, rows)], decoding, rejected)
 
 
-def _with_sharp_shadow(
-    registrar: PatternRegistration, registration: Registration, pixels: PixelSamples, verdict: Decoding
-) -> LinearImage:
-    """The picture with the shadow taken out by one straight edge, now that the drawing is known."""
-    drawn = registrar.drawn(registration, pixels, CodeHypothesis.of(registrar.family, verdict.code, verdict.quarter))
-    bright = np.maximum(drawn.mean(axis=1), 1e-3)
-    light = np.maximum(pixels.values.mean(axis=1), 1e-3) / bright * pixels.light
-    edge = ShadowEdge.fit(registrar.picture.distorted(pixels.at), light, bright**2)
-    shape = registrar.picture.linear.shape
-    return registrar.picture.renormalized(edge.light((shape[0], shape[1])))
+def _sharpen_shadow(fit: PatternRegistration) -> None:
+    """Take the shadow out by one straight edge, now that the drawing is known."""
+    bright = np.maximum(fit.discount().mean(axis=0), 1e-3).astype(np.float64)
+    light = np.maximum(fit.samples.values.mean(axis=0), 1e-3) / bright * fit.samples.light
+    at = fit.image.distorted(fit.samples.at.T + fit.view.origin)
+    edge = ShadowEdge.fit(at, light, bright**2)
+    width, height = fit.image.size
+    fit.image = fit.image.renormalized(edge.light((height, width)))

@@ -14,11 +14,11 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from lmkit.kernels.load import contiguous, function
+from lmkit.kernels.load import addresses, contiguous, function
 from lmkit.kernels.pattern import GAP, INKS, QUARTERS, RING, TRIANGLE, Drawing, coverage_columns_numpy
 from lmkit.kernels.registration import STATE, Samples, View, light_numpy, plane_numpy
 
-FloatArray = NDArray[np.float64]
+FloatArray = NDArray[np.floating[Any]]
 
 HEAD = 18
 
@@ -73,12 +73,12 @@ class Decoded(NamedTuple):
 
     Attributes:
         turn, code: quarter turn and number of the code.
-        left: weighted energy that it leaves unexplained; ``left_by_code``, ``left_by_turn``, ``left_by_frame``: that
-            another code in the same turn leaves, any code in another turn, a framed square without rings and triangle.
+        left: weighted energy that it leaves unexplained; ``left_by_code``, ``left_by_turn``, ``left_by_frame``: what
+            another code in the same turn leaves, any code in another turn, a framed square without rings.
         inks: (4,3) linear-light BGR of white, red, blue, surroundings.
         gap_misfit: the largest mean squared misfit around a gap, over the usual one.
-        parts, parts_sigma: (2+G,) brightness of triangle, fixed stretches of the rings and every gap, each fitted on its
-            own; 0 is the ground, 1 the white; and their standard deviations.
+        parts, parts_sigma: (2+G,) brightness of triangle, fixed stretches of the rings and every gap, each fitted on
+            its own; 0 is the ground, 1 the white; and their standard deviations.
     """
 
     turn: int
@@ -105,16 +105,14 @@ def decode(
     subsets, out = np.empty(7 << gaps), np.empty(HEAD + 1 + 2 * (2 + gaps))
     state = contiguous(state, (STATE,))
     flat, seen, numbers = drawing.flat, view.flat, np.array(rules)
-    status = kernel(
-        n, _at(flat), _at(seen), _at(samples.at), _at(samples.values), _at(samples.variance), _at(state),
-        _at(words.masks), words.masks.shape[1], _at(numbers), _at(words.sectors), _at(columns), _at(subsets), _at(out),
-    )  # fmt: skip
+    arrays = addresses(flat, seen, *samples, state, words.masks)
+    ends = addresses(numbers, words.sectors, columns, subsets, out)
+    status = kernel(n, *arrays, words.masks.shape[1], *ends)
     if status:
         return None
-    turn, code, *left = out[:6].tolist()
     parts = out[HEAD + 1 :].reshape(2, -1)
     inks = out[6:HEAD].reshape(INKS, 3)
-    return Decoded(int(turn), int(code), *left, inks, float(out[HEAD]), parts[0], parts[1])
+    return Decoded(int(out[0]), int(out[1]), out[2], out[3], out[4], out[5], inks, out[HEAD], parts[0], parts[1])
 
 
 def decode_numpy(
@@ -169,7 +167,9 @@ def selection_matrices(words: Words, drawing: Drawing) -> FloatArray:
     return M
 
 
-def explained_energy_numpy(selections: FloatArray, gram: FloatArray, seen: FloatArray, ridge: FloatArray) -> FloatArray:
+def explained_energy_numpy(
+    selections: FloatArray, gram: FloatArray, seen: FloatArray, ridge: FloatArray
+) -> FloatArray:
     """(H,) weighted energy that hypotheses (H,C,4) explain, from C'C, C'Y and the (4,4) ridge of the inks."""
     transposed = selections.transpose(0, 2, 1)
     normal = transposed @ (gram @ selections) + ridge
@@ -221,10 +221,6 @@ def _gap_misfit(
         if around.sum() >= rules.gap_pixels:
             worst = max(worst, float(misfit[around].mean()))
     return worst
-
-
-def _at(array: NDArray[Any]) -> int:
-    return int(array.__array_interface__["data"][0])
 
 
 @lru_cache(maxsize=1)

@@ -2,26 +2,21 @@
 #ifndef LMKIT_LANES_H
 #define LMKIT_LANES_H
 
-#include <string.h>
-
 #include "pattern.h"
 
 #define LANES 16
 typedef float lanes __attribute__((vector_size(4 * LANES)));
 
-static inline lanes load_lanes(const float *from)
-{
-    lanes v;
-    memcpy(&v, from, sizeof v);
-    return v;
-}
+/* Read where floats lie; a function would return a vector, whose calling convention differs between processors. */
+typedef float unaligned_lanes __attribute__((vector_size(4 * LANES), aligned(4), may_alias));
+#define LOAD(from) (*(const unaligned_lanes *)(from))
 
 /* sum += a . b, lane by lane. */
 static inline void add_dot(lanes *sum, const float *a, const float *b)
 {
     lanes s = *sum;
     for (int k = 0; k < BLOCK; k += LANES)
-        s += load_lanes(a + k) * load_lanes(b + k);
+        s += LOAD(a + k) * LOAD(b + k);
     *sum = s;
 }
 
@@ -32,11 +27,11 @@ static inline void add_dots(lanes *sums, const float *a, const block *rows, int 
     for (; j + 4 <= count; j += 4) {
         lanes s0 = sums[j], s1 = sums[j + 1], s2 = sums[j + 2], s3 = sums[j + 3];
         for (int k = 0; k < BLOCK; k += LANES) {
-            lanes v = load_lanes(a + k);
-            s0 += v * load_lanes(rows[j] + k);
-            s1 += v * load_lanes(rows[j + 1] + k);
-            s2 += v * load_lanes(rows[j + 2] + k);
-            s3 += v * load_lanes(rows[j + 3] + k);
+            lanes v = LOAD(a + k);
+            s0 += v * LOAD(rows[j] + k);
+            s1 += v * LOAD(rows[j + 1] + k);
+            s2 += v * LOAD(rows[j + 2] + k);
+            s3 += v * LOAD(rows[j + 3] + k);
         }
         sums[j] = s0, sums[j + 1] = s1, sums[j + 2] = s2, sums[j + 3] = s3;
     }

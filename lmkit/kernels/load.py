@@ -75,7 +75,13 @@ def function(name: str, *argument_types: Any) -> Callable[..., int] | None:
 
 def address(array: NDArray[Any]) -> int:
     """Where the data of a contiguous array begin; hold the array while the kernel runs."""
-    return array.ctypes.data
+    # Half the time of `array.ctypes.data`.
+    return int(array.__array_interface__["data"][0])
+
+
+def addresses(*arrays: NDArray[Any] | None) -> list[int | None]:
+    """Where they begin, in this order; null for None."""
+    return [None if array is None else address(array) for array in arrays]
 
 
 def contiguous(array: Any, shape: tuple[int, ...], dtype: Any = np.float64) -> NDArray[Any]:

@@ -1,4 +1,4 @@
-"""Blurred coverage of a landmark's parts at points of its plane, with slopes; `pattern.h` computes the same in blocks.
+"""Blurred coverage of a landmark's parts at points of its plane, with slopes; `pattern.h` does so in blocks.
 
 An edge at signed distance d (mm, positive inside) with unit normal n covers a point by ``Phi(d / sqrt(n' S n))``,
 S the covariance of the point spread; parts bounded by several edges multiply.  Jets are arrays whose first axis
@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from lmkit.kernels.load import contiguous
 
-FloatArray = NDArray[np.float64]
+FloatArray = NDArray[np.floating[Any]]
 Float32Array = NDArray[np.float32]
 
 INKS = 4  # white, red, blue, and what surrounds the white margin
@@ -41,7 +41,7 @@ class Drawing(_Parts):
         squares: (3,) half sides of paper, face and ground, mm.
         radii: (R,2) inner and outer radius of every ring, mm.
         lines: (L,3) unit normal and offset (mm) of every straight edge of gaps and triangles.
-        gaps: (G,5) ring, line, sign, line, sign: a gap is the ring between two lines; sign -1 is the line's other side.
+        gaps: (G,5) ring, line, sign, line, sign: a gap is the ring between two lines; -1 is a line's other side.
         triangles: (4,3,2) line and sign of the triangle's sides, turned clockwise by 0, 90, 180, 270 degrees.
     """
 

@@ -9,11 +9,11 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from lmkit.kernels.load import contiguous, function
+from lmkit.kernels.load import address, addresses, contiguous, function
 from lmkit.kernels.registration import STATE, View, plane_numpy
 
 Float32Array = NDArray[np.float32]
-FloatArray = NDArray[np.float64]
+FloatArray = NDArray[np.floating[Any]]
 
 GOLDEN = 2654435769  # 2^32 over the golden ratio
 VISITED = 20  # pixels looked at for each one that is wanted
@@ -110,12 +110,10 @@ def sample(
     state, flat = contiguous(state, (STATE,)), view.flat
     corners, known = np.array([x0, y0, x1, y1, step]), np.array([*edges.squares, *edges.circles], np.float32)
     numbers = np.array(rules, np.float64)
-    start, row = _at(planes), 4 * capacity
-    kernel(
-        height, width, _at(source.image), _at(source.linear), _or_null(source.white), _or_null(source.shift),
-        _at(flat), _at(state), _at(corners), _at(known), len(edges.squares), len(edges.circles), _at(numbers),
-        _at(kinds), capacity, start, start + 2 * row, start + 5 * row, start + 6 * row, start + 7 * row, _at(count),
-    )  # fmt: skip
+    arrays = addresses(*source, flat, state, corners, known)
+    planes_at = [address(planes) + 4 * capacity * k for k in (0, 2, 5, 6, 7)]
+    shapes = (len(edges.squares), len(edges.circles))
+    kernel(height, width, *arrays, *shapes, *addresses(numbers, kinds), capacity, *planes_at, address(count))
     n = int(count[0])
     kept = np.ascontiguousarray(planes[:7, :n])
     return Taken(kept[:2], kept[2:5], kept[5], kept[6])
@@ -155,7 +153,7 @@ def sample_numpy(
 
 
 def value_variance(values: FloatArray, light: FloatArray, rules: SamplingRules) -> FloatArray:
-    """(N,) expected variance of (N,3) linear-light values over ``light``: the code values' noise through the tone curve.
+    """(N,) expected variance of (N,3) linear-light values over ``light``: noise through the tone curve.
 
     A floor stands for what no model of tone and print explains, 1.5 % of the brightest values.
     """
@@ -178,14 +176,6 @@ def _step(box: tuple[int, int, int, int], at_most: int) -> int:
     """Pixels of a row between two that are looked at: large landmarks have more than anyone needs."""
     x0, y0, x1, y1 = box
     return max((x1 - x0) * (y1 - y0) // (VISITED * max(at_most, 1)), 1)
-
-
-def _or_null(array: NDArray[Any] | None) -> int | None:
-    return None if array is None else _at(array)
-
-
-def _at(array: NDArray[Any]) -> int:
-    return int(array.__array_interface__["data"][0])
 
 
 @lru_cache(maxsize=1)

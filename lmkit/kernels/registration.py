@@ -1,7 +1,7 @@
 """Registration of a landmark's pattern on pixels in linear light: Gauss-Newton with the inks eliminated.
 
-A state is (15,): four corners x0 y0 x1 y1 ... (px), covariance of the point spread xx xy yy (px^2), radial bend, relative
-change of the light from the middle to the right and to the upper edge, mixed-pixel bias.
+A state is (15,): four corners x0 y0 x1 y1 ... (px), covariance of the point spread xx xy yy (px^2), radial bend,
+relative change of the light from the middle to the right and to the upper edge, mixed-pixel bias.
 """
 
 from __future__ import annotations
@@ -13,10 +13,10 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from lmkit.kernels.load import contiguous, function
+from lmkit.kernels.load import addresses, contiguous, function
 from lmkit.kernels.pattern import INKS, JET, Drawing, ink_jets_numpy
 
-FloatArray = NDArray[np.float64]
+FloatArray = NDArray[np.floating[Any]]
 Float32Array = NDArray[np.float32]
 
 STATE = 15
@@ -133,10 +133,9 @@ def linearise(
     state = contiguous(state, (STATE,))
     flat, seen, rules = drawing.flat, view.flat, np.array(priors)
     scratch = _scratch(len(samples.variance))
-    status = kernel(
-        len(samples.variance), _at(flat), _at(seen), _at(samples.at), _at(samples.values), _at(samples.variance),
-        _at(rules), _at(state), *hypothesis, fit_bend, _at(scratch), _at(normal), _at(gradient), _at(error),
-    )  # fmt: skip
+    arrays = addresses(flat, seen, *samples, rules, state)
+    ends = addresses(scratch, normal, gradient, error)
+    status = kernel(len(samples.variance), *arrays, *hypothesis, fit_bend, *ends)
     return Linearisation(normal, gradient, np.inf if status else float(error[0]))
 
 
@@ -158,16 +157,13 @@ def register(
     """
     kernel = _register_kernel()
     if kernel is None:
-        return register_numpy(
-            drawing, view, samples, priors, limits, state, hypothesis, fit_bend, iterations, to_px
-        )
+        return register_numpy(drawing, view, samples, priors, limits, state, hypothesis, fit_bend, iterations, to_px)
     state, error = contiguous(state, (STATE,)).copy(), np.full(1, np.inf)
     flat, seen, rules, bounds = drawing.flat, view.flat, np.array(priors), np.array(limits)
     scratch = _scratch(len(samples.variance))
-    kernel(
-        len(samples.variance), _at(flat), _at(seen), _at(samples.at), _at(samples.values), _at(samples.variance),
-        _at(rules), _at(bounds), *hypothesis, fit_bend, iterations, to_px, _at(scratch), _at(state), _at(error),
-    )  # fmt: skip
+    arrays = addresses(flat, seen, *samples, rules, bounds)
+    ends = addresses(scratch, state, error)
+    kernel(len(samples.variance), *arrays, *hypothesis, fit_bend, iterations, to_px, *ends)
     return state, float(error[0])
 
 
@@ -182,10 +178,8 @@ def robust_weights(
     drawn, variance, weight = np.empty((3, n), np.float32), np.empty(n, np.float32), np.zeros(1)
     state = contiguous(state, (STATE,))
     flat, seen, rules, scratch = drawing.flat, view.flat, np.array(priors), _scratch(n)
-    status = kernel(
-        n, _at(flat), _at(seen), _at(samples.at), _at(samples.values), _at(samples.variance), _at(rules), _at(state),
-        *hypothesis, _at(scratch), _at(drawn), _at(variance), _at(weight),
-    )  # fmt: skip
+    arrays = addresses(flat, seen, *samples, rules, state)
+    status = kernel(n, *arrays, *hypothesis, *addresses(scratch, drawn, variance, weight))
     if status:
         return Weights(np.zeros_like(samples.values), samples.variance, 1.0)
     return Weights(drawn, variance, float(weight[0]))
@@ -362,7 +356,7 @@ def blending_numpy(jets: FloatArray, inks: FloatArray) -> FloatArray:
 
 
 def _with_ridge(gram: FloatArray, ridge: float) -> FloatArray:
-    return gram + ridge * np.trace(gram) / INKS * np.eye(INKS)
+    return np.asarray(gram + ridge * np.trace(gram) / INKS * np.eye(INKS))
 
 
 def _in_plane(A: FloatArray, xx: float, xy: float, yy: float) -> FloatArray:
@@ -413,11 +407,6 @@ def _is_sane(state: FloatArray) -> bool:
     turn = edges[:, 0] * following[:, 1] - edges[:, 1] * following[:, 0]
     lengths = np.linalg.norm(edges, axis=1)
     return bool((turn > 0.02 * lengths * np.roll(lengths, -1)).all() and lengths.min() > 2)
-
-
-def _at(array: NDArray[Any]) -> int:
-    """Where an array's data begin; half the time of ``array.ctypes.data``."""
-    return int(array.__array_interface__["data"][0])
 
 
 def _scratch(n: int) -> Float32Array:

@@ -91,7 +91,7 @@ def grade_print(
         content_problem: why it is not what its label or manifest says; None where it is, or where
             neither says anything.
     """
-    m, rule, verdict = measures, AcceptanceRule(), attempt.verdict
+    m, rule, decoding = measures, AcceptanceRule(), attempt.decoding
     fine = m.side_px >= FINE_SIDE_PX
     unseen = f"take the picture from nearer: {m.side_px:.0f} px a side, {FINE_SIDE_PX:.0f} are needed"
     if fine:
@@ -100,15 +100,15 @@ def grade_print(
     def optical(scale: _Scale, value: float | None, text: str) -> GradedLine:
         return scale.line(value if fine else None, text, unseen)
 
-    content = GradedLine(CONTENT, f"code {verdict.code} of {attempt.family.name}", "A", "")
+    content = GradedLine(CONTENT, f"code {decoding.code} of {attempt.family.name}", "A", "")
     if attempt.rejected is not None:
         content = GradedLine(CONTENT, "unknown", None, "the reader refuses it")
     elif content_problem is not None:
         content = GradedLine(CONTENT, content_problem, "F", "do not hang it; print again")
     lines = [
         content,
-        DECODABILITY.line(verdict.code_margin / rule.code_margin, "{:.1f} times what is needed"),
-        ROTATION.line(verdict.turn_margin / rule.turn_margin, "{:.1f} times what is needed"),
+        DECODABILITY.line(decoding.code_margin / rule.code_margin, "{:.1f} times what is needed"),
+        ROTATION.line(decoding.turn_margin / rule.turn_margin, "{:.1f} times what is needed"),
         MODULATION.line(m.modulation, "{:.2f}"),
         optical(RED_CONTRAST, m.red_contrast, "{:.2f}"),
         optical(BLUE_CONTRAST, m.blue_contrast, "{:.2f}"),

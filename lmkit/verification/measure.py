@@ -81,13 +81,13 @@ def measure_print(image: ByteArray, attempt: Candidate) -> PrintMeasures:
     colours = _sample(image, H, points, side_px)
     # Cells whose surroundings, as far as the blur reaches, are of one ink.
     spread = (max(1.2, 1.3 * blur * family.side_mm)) ** 2
-    gaps = np.flatnonzero(family.gaps(attempt.verdict.code)).tolist()
+    gaps = np.flatnonzero(family.gaps(attempt.decoding.code)).tolist()
     spreads = np.tile([spread, 0.0, spread], (len(points), 1))
     (inks,) = LandmarkPattern(family).inks(points, spreads, gaps, 0)
     square = np.abs(points).max(axis=1)
     on_face = square < family.half_mm
     margin = (square > family.half_mm + 0.15 * family.margin_mm) & (square < reach - 0.1 * family.margin_mm)
-    modulation = float(2 * np.abs(attempt.verdict.parts[2:] - 0.5).min())
+    modulation = float(2 * np.abs(attempt.decoding.parts[2:] - 0.5).min())
     white, red, blue = (_pure(inks[:, k], on_face) for k in range(3))
     if min(int(ink.sum()) for ink in (white, red, blue)) < LEAST_CELLS:
         return PrintMeasures(side_px, modulation, None, None, None, None, None, None, None, bow, blur)

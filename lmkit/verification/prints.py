@@ -167,7 +167,7 @@ def _find(image: ByteArray, options: DetectOptions) -> list[Candidate]:
             mended = candidates_of(np.asarray(opened, dtype=np.uint8), options)
             again = (read_landmark_at(image, _enlarged(a, shrink).corners, a.family) for a in mended)
             likely += [attempt for attempt in again if attempt is not None]
-    return best_of_each_place([a for a in likely if a.rejected != "cut" and a.verdict.pattern > LIKELY])[:1]
+    return best_of_each_place([a for a in likely if a.rejected != "cut" and a.decoding.pattern > LIKELY])[:1]
 
 
 def _enlarged(attempt: Candidate, shrink: int) -> Candidate:
@@ -201,7 +201,7 @@ def _graded(
         if reference is not None:
             side_mm = (stated.size_mm * reference.stretch[0], stated.size_mm * reference.stretch[1])
             scale_from = reference.name
-    rejected = attempt.verdict.reason_to_reject(AcceptanceRule()) or attempt.rejected
+    rejected = attempt.decoding.reason_to_reject(AcceptanceRule()) or attempt.rejected
     attempt = replace(attempt, rejected=rejected)
     problem = _content_problem(attempt, of_sheet) if attempt.rejected is None else None
     lines = grade_print(attempt, measures, side_mm, skew, stated.size_mm, problem)
@@ -215,7 +215,7 @@ def _graded(
 
 def _stated_for(attempt: Candidate, stated: tuple[Stated, ...]) -> Stated:
     """What is stated of this one: by its code, or where only one can be meant; else what all share."""
-    same = [one for one in stated if one.code in (None, attempt.verdict.code)]
+    same = [one for one in stated if one.code in (None, attempt.decoding.code)]
     if len(stated) == 1 or same:
         return (same or list(stated))[0]
     sizes = {one.size_mm for one in stated}
@@ -223,7 +223,7 @@ def _stated_for(attempt: Candidate, stated: tuple[Stated, ...]) -> Stated:
 
 
 def _content_problem(attempt: Candidate, stated: tuple[Stated, ...]) -> str | None:
-    code, family = attempt.verdict.code, attempt.family
+    code, family = attempt.decoding.code, attempt.family
     codes = [one.code for one in stated if one.code is not None]
     if len(codes) < len(stated) or not codes or code in codes:
         return None

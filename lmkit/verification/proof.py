@@ -105,8 +105,8 @@ def _face_problem(image: ByteArray, per_mm: FloatArray, page: Page, face: Printe
     name = f"code {face.code} of {face.family.name}"
     if seen is None or seen.rejected is not None:
         return f"{name} does not read ({'nothing there' if seen is None else seen.rejected})"
-    if seen.verdict.code != face.code:
-        return f"{name} reads as {seen.verdict.code}"
+    if seen.decoding.code != face.code:
+        return f"{name} reads as {seen.decoding.code}"
     off = float(np.abs(seen.corners - expected).max()) / side
     if off > TOLERANCE:
         return f"{name} is off by {off * face.size_mm:.2f} mm"
@@ -151,7 +151,7 @@ def _tiles_problem(document: pypdfium2.PdfDocument, job: _Job) -> str | None:
     half = face.size_mm / 2
     corners = (np.array([[-half, -half], [half, -half], [half, half], [-half, half]]) + face.reach_mm) * scale - 0.5
     seen = read_landmark_at(canvas, corners, face.family)
-    if seen is None or seen.verdict.code != face.code:
+    if seen is None or seen.decoding.code != face.code:
         return f"the sheets of code {face.code}, laid together, do not read"
     # Each sheet is drawn with its own rounding, by up to a pixel.
     if float(np.abs(seen.corners - corners).max()) > 1.0:

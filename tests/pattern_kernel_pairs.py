@@ -1,0 +1,131 @@
+"""Arguments for the kernels of detection; see kernel_pairs.py."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Any
+
+import numpy as np
+
+from lmkit.kernels.hypotheses import DecodingRules, Words, decode, decode_numpy
+from lmkit.kernels.pattern import Drawing
+from lmkit.kernels.pixel_sampling import Edges, SamplingRules, Source, sample, sample_numpy
+from lmkit.kernels.registration import (
+    Hypothesis,
+    Limits,
+    Priors,
+    Samples,
+    View,
+    ink_jets_numpy,
+    linearise,
+    linearise_numpy,
+    plane_numpy,
+    register,
+    register_numpy,
+    robust_weights,
+    robust_weights_numpy,
+)
+
+
+def drawing_with(rings: int) -> Drawing:
+    """A drawing of so many rings with four gaps each, all between the same eight lines, as the families have them."""
+    lines = [(np.cos(a), np.sin(a), 0.0) for a in np.arange(8) * np.pi / 8]
+    lines += [(np.cos(a), np.sin(a), -10.0) for t in range(4) for a in np.arange(3) * 2 * np.pi / 3 + t * np.pi / 6]
+    gaps = [(r, 2 * k, 1 - 2 * (k > 1), 2 * k + 1, 1 - 2 * (k % 2)) for r in range(rings) for k in range(4)]
+    triangles = [[(8 + 3 * t + k, 1) for k in range(3)] for t in range(4)]
+    radii = [(60.0 - 17 * r, 70.0 - 17 * r) for r in range(rings)]
+    return Drawing.of((100, 90, 80), np.reshape(radii, (-1, 2)), lines, np.reshape(gaps, (-1, 5)), triangles)
+
+
+def words_with(rng: np.random.Generator, rings: int, count: int) -> Words:
+    masks = np.stack([rng.permutation(1 << (4 * rings))[:count] for _ in range(4)])
+    angles = np.arange(4 * rings) * np.pi / 2
+    middle = 65.0 - 17 * np.repeat(np.arange(rings), 4)
+    sectors = np.column_stack(
+        [middle, np.full(4 * rings, 5.0), np.sin(angles), np.cos(angles), np.full(4 * rings, 0.5)]
+    )
+    return Words.of(masks, sectors)
+
+
+VIEW = View(np.array([300.0, 200.0]), np.array([319.5, 239.5]), 320.0, 90.0)
+PRIORS = Priors(1e-5, 0.12, 0.05, 0.1, 10.0)
+LIMITS = Limits(0.04, 64.0, 0.3, 0.6, 1.0)
+
+
+def _landmark(rng: np.random.Generator, rings: int, count: int, wild: bool) -> tuple[Any, ...]:
+    """Drawing, pixels of a landmark that is drawn with it, a state near the truth, and the hypothesis."""
+    drawing, hypothesis = drawing_with(rings), Hypothesis(int(rng.integers(1 << (4 * rings))), int(rng.integers(4)))
+    corners = np.array([[-27, -25], [28, -27], [26, 30], [-29, 27.0]]) + VIEW.origin
+    truth = np.concatenate([corners.ravel(), [0.8, 0.1, 0.9, 0.02, 0.05, -0.03, 0.1]])
+    at = rng.integers(-33, 33, (2, count)).astype(np.float32)
+    points, spread, _, _ = plane_numpy(VIEW, truth, at.T.astype(np.float64))
+    inks = np.array([[0.8, 0.8, 0.7], [0.05, 0.06, 0.5], [0.4, 0.1, 0.05], [0.3, 0.3, 0.3]])
+    values = ink_jets_numpy(drawing, points, spread, *hypothesis, slopes=False)[0].T @ inks
+    values = rng.random(values.shape) if wild else values + rng.normal(0, 0.01, values.shape)
+    samples = Samples.of(at, values.T, 1e-4 * (1 + rng.random(count)))
+    state = truth.copy()
+    state[:8] += rng.normal(0, 0.3, 8)
+    return drawing, samples, state, hypothesis
+
+
+def _linearisations(rng: np.random.Generator) -> Iterator[tuple[Any, ...]]:
+    for rings, count, wild in [(2, 300, False), (2, 64, False), (1, 65, False), (3, 500, False), (0, 40, False)]:
+        drawing, samples, state, hypothesis = _landmark(rng, rings, count, wild)
+        yield drawing, VIEW, samples, PRIORS, state, hypothesis, True
+        state[14] = 0.0
+        yield drawing, VIEW, samples, PRIORS, state, hypothesis, False
+
+
+def _registrations(rng: np.random.Generator) -> Iterator[tuple[Any, ...]]:
+    for rings, count in [(2, 400), (1, 300), (3, 600)]:
+        drawing, samples, state, hypothesis = _landmark(rng, rings, count, False)
+        yield drawing, VIEW, samples, PRIORS, LIMITS, state, hypothesis, rings == 2, 12, 1e-4
+
+
+def _weightings(rng: np.random.Generator) -> Iterator[tuple[Any, ...]]:
+    for rings, count, wild in [(2, 300, False), (2, 127, True), (3, 64, False)]:
+        drawing, samples, state, hypothesis = _landmark(rng, rings, count, wild)
+        yield drawing, VIEW, samples, PRIORS, state, hypothesis
+
+
+def _decodings(rng: np.random.Generator) -> Iterator[tuple[Any, ...]]:
+    rules = DecodingRules(1e-5, 1e-4, 0.08, 40.0, 8, 20.0)
+    for rings, count, codes, wild in [
+        (2, 400, 256, False),
+        (1, 129, 16, False),
+        (3, 300, 184, False),
+        (2, 200, 3, True),
+    ]:
+        drawing, samples, state, _ = _landmark(rng, rings, count, wild)
+        yield drawing, words_with(rng, rings, codes), VIEW, samples, state, rules
+
+
+def _samplings(rng: np.random.Generator) -> Iterator[tuple[Any, ...]]:
+    image = rng.integers(0, 256, (400, 500, 3), dtype=np.uint8)
+    linear = np.linspace(0, 1, 256) ** 2.2
+    white = rng.random((400, 500)) + 0.5
+    shift = rng.normal(0, 0.3, (400, 500, 2))
+    edges = Edges((90.0, 80.0), (70.0, 60.0, 47.0, 37.0))
+    _, _, state, _ = _landmark(rng, 2, 40, False)
+    box = (265, 165, 335, 240)
+    for at_most, near, source in [
+        (5000, 0.8, Source.of(image, linear)),
+        (600, 0.8, Source.of(image, linear)),
+        (600, 0.0, Source.of(image, linear, white)),
+        (100, 0.8, Source.of(image, linear, None, shift)),
+        (20, 0.0, Source.of(image, linear, white, shift)),
+    ]:
+        yield source, VIEW, state, box, edges, SamplingRules(97.0, 9.0, at_most, near, 0.01)
+    yield source, VIEW, state, (0, 0, 500, 400), edges, SamplingRules(97.0, 9.0, 300, 0.8, 0.01)
+    yield source, VIEW, state, (10, 10, 30, 30), edges, SamplingRules(97.0, 9.0, 300, 0.8, 0.01)
+    yield source, VIEW, state, (10, 10, 10, 10), edges, SamplingRules(97.0, 9.0, 300, 0.8, 0.01)
+
+
+# Kernel, definition, arguments, tolerance.
+PATTERN_CALLS = [
+    (linearise, linearise_numpy, _linearisations, 1e-5),
+    (register, register_numpy, _registrations, 1e-5),
+    (robust_weights, robust_weights_numpy, _weightings, 1e-4),
+    (decode, decode_numpy, _decodings, 1e-4),
+    (sample, sample_numpy, _samplings, 1e-5),
+]
