@@ -15,6 +15,7 @@ import numpy as np
 from pattern_kernel_pairs import PATTERN_CALLS
 
 from lmkit.kernels import load
+from lmkit.kernels.lens import Lens, corners_through_lens, corners_through_lens_numpy
 from lmkit.kernels.reprojection import (
     NO_PRIOR,
     Corners,
@@ -25,6 +26,7 @@ from lmkit.kernels.reprojection import (
     refine_poses,
     refine_poses_numpy,
 )
+from lmkit.kernels.square_pose import square_poses, square_poses_numpy
 
 
 @dataclass(frozen=True)
@@ -116,7 +118,50 @@ def _refine_calls(rng: np.random.Generator) -> Iterator[tuple[Any, ...]]:
     yield corners_in_view(rng, 2, True), PRIOR, np.full_like(R, np.nan), p, np.ones((2, 2), dtype=bool), 9, 1e-2, 1e6
 
 
+LENS_K = np.array([[460.0, 0, 322], [0, 458, 239], [0, 0, 1]])
+LENSES = [
+    Lens(LENS_K, np.zeros(0), False),
+    Lens(LENS_K, np.array([-0.21, 0.055, 0.0007, -0.0004]), False),
+    Lens(LENS_K, np.array([-0.21, 0.055, 0.0007, -0.0004, 0.01]), False),
+    Lens(LENS_K, np.array([0.4, 0.05, 0.0007, -0.0004, 0.01, 0.6, 0.08, 0.02]), False),
+    Lens(LENS_K, np.array([0.4, 0.05, 0.0007, -0.0004, 0.01, 0.6, 0.08, 0.02, 1e-3, 1e-4, -1e-3, 2e-4]), False),
+    Lens(
+        LENS_K,
+        np.array([0.4, 0.05, 0.0007, -0.0004, 0.01, 0.6, 0.08, 0.02, 1e-3, 1e-4, -1e-3, 2e-4, 0.02, -0.01]),
+        False,
+    ),
+    Lens(LENS_K, np.array([0.02, -0.01, 0.003, -0.001]), True),
+]
+
+
+def _lens_calls(rng: np.random.Generator) -> Iterator[tuple[Any, ...]]:
+    for lens in LENSES:
+        for count in (0, 1, 5):
+            A = 0.1 * rng.normal(size=(count, 8, 8))
+            corners = rng.uniform(0, [640, 480], (count, 4, 2))
+            yield lens, corners, A @ A.transpose(0, 2, 1), 0.06, 0.5
+            yield lens, corners, None, 0.06, 0.5
+        # The centre itself; far outside the image; not a number.
+        yield lens, np.broadcast_to([322.0, 239.0], (2, 4, 2)), None, 0.06, 0.5
+        yield lens, np.full((1, 4, 2), np.nan), None, 0.06, 0.5
+
+
+def _square_calls(rng: np.random.Generator) -> Iterator[tuple[Any, ...]]:
+    square = np.array([[-0.5, 0.5, 0], [0.5, 0.5, 0], [0.5, -0.5, 0], [-0.5, -0.5, 0]])
+    for count in (0, 1, 9):
+        sizes = rng.uniform(0.05, 0.5, count)
+        facing = np.diag([1.0, -1, -1])
+        seen = (sizes[:, None, None] * square) @ (small_rotations(rng, count, 0.5) @ facing).transpose(0, 2, 1)
+        seen = seen + rng.normal(size=(count, 1, 3)) * [0.5, 0.5, 0.2] + np.array([0, 0, 2])
+        yield seen[..., :2] / seen[..., 2:] + 1e-4 * rng.normal(size=(count, 4, 2)), sizes
+    # Square on, a single point, not a number.
+    yield 0.1 * (square @ np.diag([1.0, -1, 1]))[None, :, :2], np.array([0.2])
+    yield np.full((1, 4, 2), np.nan), np.array([0.2])
+
+
 PAIRS = [
+    Pair(corners_through_lens, corners_through_lens_numpy, _lens_calls, 1e-11),
+    Pair(square_poses, square_poses_numpy, _square_calls, 1e-10),
     Pair(corner_misfits, corner_misfits_numpy, _misfit_calls),
     Pair(pose_equations, pose_equations_numpy, _equation_calls),
     Pair(refine_poses, refine_poses_numpy, _refine_calls, 1e-9),

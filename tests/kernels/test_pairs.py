@@ -5,11 +5,13 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import Any
 
+import cv2
 import numpy as np
 import pytest
-from kernel_pairs import PAIRS, PRIOR, Pair, corners_in_view, small_rotations
+from kernel_pairs import LENSES, PAIRS, PRIOR, Pair, corners_in_view, small_rotations
 
 from lmkit.kernels import load
+from lmkit.kernels.lens import corners_through_lens, corners_through_lens_numpy
 from lmkit.kernels.reprojection import (
     NO_PRIOR,
     corner_misfits,
@@ -19,6 +21,7 @@ from lmkit.kernels.reprojection import (
     refine_poses_numpy,
     turns,
 )
+from lmkit.kernels.square_pose import square_poses, square_poses_numpy
 
 needs_library = pytest.mark.skipif(load.library() is None, reason=load.describe())
 
@@ -89,6 +92,51 @@ def test_refined_poses_agree_from_everywhere(refine):
     np.testing.assert_allclose(R, np.tile(R[0], (5, 1, 1)), atol=1e-6)
     np.testing.assert_allclose(p, np.tile(p[0], (5, 1)), atol=1e-6)
     np.testing.assert_allclose(R[0] @ R[0].T, np.eye(3), atol=1e-12)
+
+
+@pytest.mark.parametrize("through", [corners_through_lens, corners_through_lens_numpy])
+@pytest.mark.parametrize("lens", LENSES, ids=lambda lens: f"{len(lens.distortion)}{'f' if lens.fisheye else ''}")
+def test_lenses_are_those_of_opencv(through, lens):
+    rng = np.random.default_rng(2)
+    true = rng.uniform(-0.4, 0.4, (6, 4, 2))
+    points = np.concatenate([true, np.ones((6, 4, 1))], axis=2).reshape(-1, 1, 3)
+    project = cv2.fisheye.projectPoints if lens.fisheye else cv2.projectPoints
+    pixels, J = project(points, np.zeros(3), np.zeros(3), lens.K, lens.distortion)
+    rays, by_ray, whitener, reached = through(lens, pixels.reshape(6, 4, 2), None, 0.1, 0.5)
+    assert reached.all()
+    np.testing.assert_allclose(rays, true, atol=1e-9)
+    shift = 11 if lens.fisheye else 3
+    theirs = J.reshape(6, 4, 2, -1)[..., shift : shift + 2]
+    np.testing.assert_allclose(by_ray, theirs, atol=1e-6 * np.abs(theirs).max())
+    np.testing.assert_allclose(whitener[:, :2, :2], by_ray[:, 0] / 0.1, atol=1e-9 * np.abs(by_ray).max())
+
+
+def test_covariances_whiten():
+    rng = np.random.default_rng(3)
+    A = rng.normal(size=(1, 8, 8))
+    C = A @ A.transpose(0, 2, 1)
+    _, by_ray, whitener, _ = corners_through_lens(LENSES[2], rng.uniform(100, 300, (1, 4, 2)), C, 0.1, 0.5)
+    J = np.zeros((8, 8))
+    for c in range(4):
+        J[2 * c : 2 * c + 2, 2 * c : 2 * c + 2] = by_ray[0, c]
+    W = whitener[0] @ np.linalg.inv(J)
+    np.testing.assert_allclose(W @ (C[0] + 0.01 * np.eye(8)) @ W.T, np.eye(8), atol=1e-9)
+    with pytest.raises(np.linalg.LinAlgError):
+        corners_through_lens(LENSES[2], np.ones((1, 4, 2)), -np.eye(8)[None], 0.1, 0.5)
+
+
+@pytest.mark.parametrize("both", [square_poses, square_poses_numpy])
+def test_one_of_both_poses_of_a_square_is_the_true_one(both):
+    rng = np.random.default_rng(4)
+    square = 0.09 * np.array([[-1, 1, 0], [1, 1, 0], [1, -1, 0], [-1, -1, 0]])
+    for turn in [*small_rotations(rng, 20, 0.6), np.eye(3)]:
+        R, t = turn @ np.diag([1.0, -1, -1]), rng.normal(size=3) * [0.4, 0.4, 0.2] + np.array([0, 0, 2])
+        seen = square @ R.T + t
+        found, shifts, errors = both((seen[:, :2] / seen[:, 2:])[None], np.array([0.18]))
+        assert errors[0, 0] < 1e-9 and errors[0, 0] <= errors[0, 1]
+        np.testing.assert_allclose(found[0, 0], R, atol=1e-7)
+        np.testing.assert_allclose(shifts[0, 0], t, atol=1e-7)
+        np.testing.assert_allclose(np.linalg.det(found[0]), 1, atol=1e-9)
 
 
 def test_other_shapes_are_refused():
