@@ -187,7 +187,7 @@ def _unproject_rational(lens: Lens, pixels: Array) -> Array:
         running &= ~(back < 0) & ~(error < PRECISION)
         if not running.any():
             break
-    return rays
+    return np.asarray(rays)
 
 
 def _unproject_fisheye(lens: Lens, pixels: Array) -> Array:
@@ -214,7 +214,7 @@ def _tilt(x: float, y: float) -> Array:
     """(3,3) of a sensor tilted about two axes (Scheimpflug), as OpenCV has it."""
     (cx, sx), (cy, sy) = (np.cos(x), np.sin(x)), (np.cos(y), np.sin(y))
     R = np.array([[cy, 0, -sy], [0, 1, 0], [sy, 0, cy]]) @ np.array([[1, 0, 0], [0, cx, sx], [0, -sx, cx]])
-    return np.array([[R[2, 2], 0, -R[0, 2]], [0, R[2, 2], -R[1, 2]], [0, 0, 1]]) @ R
+    return np.asarray(np.array([[R[2, 2], 0, -R[0, 2]], [0, R[2, 2], -R[1, 2]], [0, 0, 1]]) @ R)
 
 
 @lru_cache(maxsize=1)

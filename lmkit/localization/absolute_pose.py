@@ -15,7 +15,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-import cv2
 import numpy as np
 
 from lmkit.arrays import BoolArray, FloatArray, IntArray
@@ -23,10 +22,10 @@ from lmkit.geometry.camera import CameraModel
 from lmkit.geometry.pose import Pose
 from lmkit.geometry.rotations import skew, turns
 from lmkit.geometry.stereo_rig import StereoRig
+from lmkit.kernels.square_pose import square_poses
 from lmkit.localization.correspondences import CORNER_FLOOR_PX, Correspondences, Poses
 from lmkit.localization.pose_prior import PosePrior
 from lmkit.model.estimate import PoseEstimate
-from lmkit.model.landmark import square_corners
 from lmkit.model.landmark_map import LandmarkMap
 from lmkit.model.observation import Detection
 
@@ -34,7 +33,6 @@ SAME_TURN_RAD = np.deg2rad(2.0)
 SAME_PLACE_M = 0.05
 LISTED_BELOW = 25.0  # log likelihood ratio of alternatives that are listed
 MOST_LISTED = 3
-WRONG_START = 0.01  # of a landmark's pose, as a share of the distance: some pixels in any lens
 # Iterations: towards its own landmark, towards all it comes near to, and to the end.
 TOWARDS_NEAR, TO_THE_END = 2, 8
 
@@ -107,9 +105,12 @@ def _locate(eyes: Sequence[_Eye], landmarks: LandmarkMap, options: LocateOptions
     seen = Correspondences(eyes, landmarks, options.corner_floor_px)
     if not len(seen):
         return PoseEstimate("no_landmarks", outlier_codes=tuple(sorted(seen.twice)))
-    poses, cost = _candidates(seen, options)
-    limit = 8 * options.outlier_sigma**2
-    inliers = seen.misfits(poses) < limit
+    hypotheses = _hypotheses(seen)
+    if not len(hypotheses[0]):
+        return PoseEstimate("inconsistent", outlier_codes=tuple(sorted({*seen.codes.tolist(), *seen.twice})))
+    found = _candidates(seen, *hypotheses, options)
+    poses, cost = found.poses, found.cost
+    inliers = found.misfits < 8 * options.outlier_sigma**2
     codes, explained = set(seen.codes.tolist()), set(seen.codes[inliers[0]].tolist())
     # An eye that sees landmarks of the map, but none where it should, is not where the rig says.
     blind = any(eye.rows.stop > eye.rows.start and not inliers[0, eye.rows].any() for eye in seen.eyes)
@@ -118,8 +119,8 @@ def _locate(eyes: Sequence[_Eye], landmarks: LandmarkMap, options: LocateOptions
     best = poses.only(np.array([0]))
     covariance = _covariance(seen, best, inliers[:1], options.prior)
     # So far along its least known direction may a pose lie that explains the pictures almost as well.
-    widest = [float(np.linalg.eigvalsh(covariance[part, part])[-1]) for part in (slice(0, 3), slice(3, 6))]
-    reach_m, reach_rad = np.sqrt(2 * options.ambiguous_below * np.array(widest))
+    widest = np.linalg.eigvalsh(np.stack([covariance[:3, :3], covariance[3:, 3:]]))[:, -1]
+    reach_m, reach_rad = np.sqrt(2 * options.ambiguous_below * widest)
     ratios = cost - cost[0]
     rivalled = len(cost) > 1 and float(ratios[1]) < options.ambiguous_below
     pixels = seen.misfits_and_pixels(best)[1][0][inliers[0]]
@@ -138,86 +139,86 @@ def _locate(eyes: Sequence[_Eye], landmarks: LandmarkMap, options: LocateOptions
     )
 
 
-def _candidates(seen: Correspondences, options: LocateOptions) -> tuple[Poses, FloatArray]:
-    """Poses that are really different, each refined on what it explains, and their costs (H,); best first."""
-    poses, own = _hypotheses(seen)
+@dataclass(frozen=True, eq=False)
+class _Candidates:
+    """H poses with the misfits (H,S) of all sightings and their costs (H,)."""
+
+    poses: Poses
+    misfits: FloatArray
+    cost: FloatArray
+
+    @classmethod
+    def judged(cls, poses: Poses, misfits: FloatArray, options: LocateOptions) -> _Candidates:
+        """With negative log likelihoods; a sighting that is not explained costs as much as one just explained."""
+        cost = np.minimum(misfits, 8 * options.outlier_sigma**2).sum(axis=1) / 2
+        if options.prior is not None:
+            cost = cost + (options.prior.residuals(poses.R, poses.p) ** 2).sum(axis=1) / 2
+        return cls(poses, misfits, cost)
+
+    def only(self, rows: IntArray) -> _Candidates:
+        """Some of them."""
+        return _Candidates(self.poses.only(rows), self.misfits[rows], self.cost[rows])
+
+    def distinct(self) -> _Candidates:
+        """Sorted by cost, without those that are the same pose as a better one."""
+        R, p = self.poses.R.reshape(-1, 9), self.poses.p
+        turned = 1 + 2 * np.cos(SAME_TURN_RAD) > R @ R.T
+        apart = turned | (((p[:, None] - p) ** 2).sum(axis=2) > SAME_PLACE_M**2)
+        kept: list[int] = []
+        for k in np.argsort(self.cost, kind="stable").tolist():
+            if apart[k, kept].all():
+                kept.append(k)
+        return self.only(np.array(kept))
+
+
+def _candidates(seen: Correspondences, poses: Poses, own: IntArray, options: LocateOptions) -> _Candidates:
+    """Poses that are really different, each refined on what it explains; best first."""
     prior, limit = options.prior, 8 * options.outlier_sigma**2
-    mine, gate_px = seen.codes[None] == own[:, None], options.gate_share * seen.side_px
+    mine, gate_px = seen.codes == own[:, None], options.gate_share * seen.side_px
     near = mine | (seen.misfits_and_pixels(poses)[1] < gate_px)
     poses = seen.refine(poses, near, prior, TOWARDS_NEAR)
     # What a pose does not even come near to it will not explain, however it is refined.
     misfits, pixels = seen.misfits_and_pixels(poses)
     near |= (pixels < gate_px) | (misfits < limit)
     least = (~near).sum(axis=1) * limit / 2
-    hopeful = least < _costs(poses, seen, options).min() + LISTED_BELOW
-    poses = _distinct(poses.only(np.flatnonzero(hopeful)), seen, options)[0]
+    found = _Candidates.judged(poses, misfits, options)
+    hopeful = least < found.cost.min() + LISTED_BELOW
+    found = found.only(np.flatnonzero(hopeful)).distinct()
     used: BoolArray | None = None
     for _ in range(3):
-        misfits = seen.misfits(poses)
-        inliers = misfits < limit
+        inliers = found.misfits < limit
         # A pose that explains nothing stays where its best landmark put it.
         nothing = ~np.asarray(inliers.any(axis=1, keepdims=True))
-        inliers |= nothing & (misfits == misfits.min(axis=1, keepdims=True))
+        inliers |= nothing & (found.misfits == found.misfits.min(axis=1, keepdims=True))
         if used is not None and (inliers == used).all():
             break
         used = inliers
-        poses = seen.refine(poses, inliers, prior, TO_THE_END)
-    return _distinct(poses, seen, options)
-
-
-def _costs(poses: Poses, seen: Correspondences, options: LocateOptions) -> FloatArray:
-    """(H,) negative log likelihoods; what is not explained costs what it could cost at the border of being so."""
-    cost = np.minimum(seen.misfits(poses), 8 * options.outlier_sigma**2).sum(axis=1) / 2
-    if options.prior is not None:
-        cost = cost + (options.prior.residuals(poses.R, poses.p) ** 2).sum(axis=1) / 2
-    return np.asarray(cost)
+        poses = seen.refine(found.poses, inliers, prior, TO_THE_END)
+        found = _Candidates.judged(poses, seen.misfits(poses), options)
+    return found.distinct()
 
 
 def _hypotheses(seen: Correspondences) -> tuple[Poses, IntArray]:
     """Both poses of every landmark, as poses of the left camera in the map, and the landmark's code."""
     best: dict[int, int] = {}
+    sides = seen.side_px.tolist()
     for row, code in enumerate(seen.codes.tolist()):
         # Of the two eyes the one that sees it larger.
-        if code not in best or seen.side_px[row] > seen.side_px[best[code]]:
+        if code not in best or sides[row] > sides[best[code]]:
             best[code] = row
-    turned: list[FloatArray] = []
-    moved: list[FloatArray] = []
-    rows_in: list[int] = []
-    eye_matrix = np.eye(3)
-    for row in best.values():
-        ray = seen.rays[row].reshape(4, 1, 2)
-        landmark = seen.landmarks[row]
-        object_points = square_corners(landmark.size_m)
-        _, rvecs, tvecs, off = cv2.solvePnPGeneric(
-            object_points, ray, eye_matrix, None, flags=cv2.SOLVEPNP_IPPE_SQUARE
-        )
-        if np.min(off) > WRONG_START:
-            # Exactly square on, OpenCV's IPPE loses itself in a half turn.
-            _, rvecs, tvecs, _ = cv2.solvePnPGeneric(object_points, ray, eye_matrix, None, flags=cv2.SOLVEPNP_SQPNP)
-        turned += [np.ravel(rvec) for rvec in rvecs]
-        moved += [np.ravel(tvec) for tvec in tvecs]
-        rows_in += [row] * len(rvecs)
-    rows = np.array(rows_in)
+    rows = list(best.values())
+    landmarks = [seen.landmarks[row] for row in rows]
+    R_eye, t_eye, _ = square_poses(seen.rays[rows], np.array([landmark.size_m for landmark in landmarks]))
     # x_eye = R x_landmark + t, and x_eye = R_eye x_left + t_eye.
-    R_left_eye = seen.eye_R[rows].transpose(0, 2, 1)
-    R_left = R_left_eye @ turns(np.array(turned))
-    t_left = R_left_eye @ (np.array(moved) - seen.eye_t[rows])[..., None]
-    T = [seen.landmarks[row].T_map_landmark for row in rows_in]
-    R_map_left = np.array([pose.R for pose in T]) @ R_left.transpose(0, 2, 1)
-    p = np.array([pose.t for pose in T]) - (R_map_left @ t_left)[..., 0]
-    return Poses(R_map_left, p), seen.codes[rows]
-
-
-def _distinct(poses: Poses, seen: Correspondences, options: LocateOptions) -> tuple[Poses, FloatArray]:
-    """Sorted by cost, without those that are the same pose as a better one."""
-    cost = _costs(poses, seen, options)
-    kept: list[int] = []
-    for k in np.argsort(cost, kind="stable").tolist():
-        turned = np.einsum("hij,ij->h", poses.R[kept], poses.R[k])
-        apart = np.linalg.norm(poses.p[kept] - poses.p[k], axis=1) > SAME_PLACE_M
-        if (apart | (turned < 1 + 2 * np.cos(SAME_TURN_RAD))).all():
-            kept.append(k)
-    return poses.only(np.array(kept)), cost[kept]
+    R_left_eye = seen.eye_R[rows].transpose(0, 2, 1)[:, None]
+    t_left = R_left_eye @ (t_eye - seen.eye_t[rows][:, None])[..., None]
+    R_map = np.array([landmark.T_map_landmark.R for landmark in landmarks])[:, None]
+    t_map = np.array([landmark.T_map_landmark.t for landmark in landmarks])[:, None]
+    R_map_left = R_map @ (R_left_eye @ R_eye).swapaxes(-1, -2)
+    p = t_map - (R_map_left @ t_left)[..., 0]
+    finite = np.isfinite(p).all(axis=2).ravel()
+    poses = Poses(R_map_left.reshape(-1, 3, 3)[finite], p.reshape(-1, 3)[finite])
+    return poses, np.repeat(seen.codes[rows], 2)[finite]
 
 
 def _covariance(seen: Correspondences, best: Poses, used: BoolArray, prior: PosePrior | None) -> FloatArray:

@@ -9,16 +9,18 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, lru_cache
 
 import numpy as np
 
 from lmkit.arrays import FloatArray
 from lmkit.geometry.camera import REACHED_PX, CameraModel
+from lmkit.kernels.lens import Lens, corners_through_lens
 from lmkit.model.observation import Detection
 
 NEAREST_M = 0.02  # corners nearer than that, or behind the camera, are seen nowhere
 NOWHERE = 1e2  # as x/z
+UNKNOWN = np.zeros((8, 8))  # covariance of corners that come without
 
 
 @dataclass(frozen=True, eq=False)
@@ -42,23 +44,23 @@ def through_lens(
     observations: Sequence[Detection], camera: CameraModel, corner_floor_px: float
 ) -> CameraCorrespondences:
     """Corners as rays, each with its own covariance and that of the floor."""
-    corners = np.array([o.corners for o in observations]).reshape(-1, 2)
-    if len(corners) == 0:
+    if not observations:
         return CameraCorrespondences([], np.zeros((0, 4, 2)), np.zeros((0, 4, 2, 2)), np.zeros((0, 8, 8)))
-    rays = np.nan_to_num(camera.unproject(corners), posinf=0.0, neginf=0.0)
-    pixels, by_point, _ = camera.project_with_jacobian(np.column_stack([rays, np.ones(len(rays))]))
-    reached = (((pixels - corners) ** 2).sum(axis=1) < REACHED_PX**2).reshape(-1, 4).all(axis=1)
-    by_ray = by_point[:, :, :2].reshape(-1, 4, 2, 2)[reached]
-    covariance = np.array(
-        [np.zeros((8, 8)) if o.covariance is None else o.covariance for o in observations], dtype=np.float64
-    )[reached]
-    whitener = np.linalg.inv(np.linalg.cholesky(covariance + corner_floor_px**2 * np.eye(8)))
-    return CameraCorrespondences(
-        np.flatnonzero(reached).tolist(),
-        rays.reshape(-1, 4, 2)[reached],
-        by_ray,
-        (whitener.reshape(-1, 8, 4, 1, 2) @ by_ray[:, None]).reshape(-1, 8, 8),
+    corners = np.array([o.corners for o in observations])
+    covariance = None
+    if any(o.covariance is not None for o in observations):
+        covariance = np.array([UNKNOWN if o.covariance is None else o.covariance for o in observations])
+    rays, by_ray, whitener, reached = corners_through_lens(
+        _lens(camera), corners, covariance, corner_floor_px, REACHED_PX
     )
+    if reached.all():
+        return CameraCorrespondences(list(range(len(corners))), rays, by_ray, whitener)
+    return CameraCorrespondences(np.flatnonzero(reached).tolist(), rays[reached], by_ray[reached], whitener[reached])
+
+
+@lru_cache(maxsize=16)
+def _lens(camera: CameraModel) -> Lens:
+    return Lens(camera.K, camera.distortion, camera.model == "fisheye")
 
 
 class View:
