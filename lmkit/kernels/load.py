@@ -73,15 +73,15 @@ def function(name: str, *argument_types: Any) -> Callable[..., int] | None:
     return kernel  # type: ignore[no-any-return]
 
 
+_begin = (ctypes.c_char * 0).from_buffer
+
+
 def address(array: NDArray[Any]) -> int:
     """Where the data of a contiguous array begin; hold the array while the kernel runs."""
-    # Half the time of `array.ctypes.data`.
-    return int(array.__array_interface__["data"][0])
-
-
-def addresses(*arrays: NDArray[Any] | None) -> list[int | None]:
-    """Where they begin, in this order; null for None."""
-    return [None if array is None else address(array) for array in arrays]
+    try:
+        return ctypes.addressof(_begin(array))  # four times as fast as array.ctypes
+    except (TypeError, ValueError, BufferError):  # read-only, or empty
+        return array.ctypes.data
 
 
 def contiguous(array: Any, shape: tuple[int, ...], dtype: Any = np.float64) -> NDArray[Any]:
@@ -90,9 +90,12 @@ def contiguous(array: Any, shape: tuple[int, ...], dtype: Any = np.float64) -> N
     Raises:
         ValueError: the shape differs.
     """
-    ready = np.ascontiguousarray(array, dtype=dtype)
-    if ready.ndim != len(shape) or any(want not in (-1, have) for want, have in zip(shape, ready.shape, strict=True)):
-        raise ValueError(f"an array of shape {ready.shape}, expected {shape}")
+    ready: NDArray[Any] = np.ascontiguousarray(array, dtype=dtype)
+    have = ready.shape
+    if have == shape or (shape[0] == -1 and len(have) == len(shape) and have[1:] == shape[1:]):
+        return ready
+    if len(have) != len(shape) or any(want not in (-1, size) for want, size in zip(shape, have, strict=True)):
+        raise ValueError(f"an array of shape {have}, expected {shape}")
     return ready
 
 
