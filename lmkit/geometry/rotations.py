@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 
 from lmkit.arrays import FloatArray
@@ -27,20 +29,46 @@ def skew(v: FloatArray) -> FloatArray:
 
 def rotation_exp(rvec: FloatArray) -> FloatArray:
     """(3,3) rotation of a rotation vector (Rodrigues' formula)."""
-    angle = float(np.linalg.norm(rvec))
-    W = skew(rvec)
-    if angle < 1e-8:
-        return orthonormal(np.eye(3) + W)
-    return np.asarray(np.eye(3) + np.sin(angle) / angle * W + (1 - np.cos(angle)) / angle**2 * (W @ W))
+    x, y, z = rvec.tolist()
+    squared = x * x + y * y + z * z
+    angle = math.sqrt(squared)
+    a, b = (1.0, 0.5) if angle < 1e-8 else (math.sin(angle) / angle, (1 - math.cos(angle)) / squared)
+    return np.array(
+        [
+            [1 - b * (y * y + z * z), b * x * y - a * z, b * x * z + a * y],
+            [b * x * y + a * z, 1 - b * (x * x + z * z), b * y * z - a * x],
+            [b * x * z - a * y, b * y * z + a * x, 1 - b * (x * x + y * y)],
+        ]
+    )
 
 
 def rotation_log(R: FloatArray) -> FloatArray:
     """(3,) rotation vector of a rotation, the inverse of :func:`rotation_exp`; angle in 0..pi."""
+    (a, b, c), (d, e, f), (g, h, i) = R.tolist()
+    x, y, z, cosine = (h - f) / 2, (c - g) / 2, (d - b) / 2, (a + e + i - 1) / 2
+    if cosine > 0:
+        sine = math.sqrt(x * x + y * y + z * z)
+        scale = 1.0 if sine < 1e-12 else math.atan2(sine, cosine) / sine
+        return np.array([scale * x, scale * y, scale * z])
     q = matrix_to_quaternion(R)
     length = float(np.linalg.norm(q[:3]))
-    if length < 1e-12:
-        return 2 * q[:3]
     return np.asarray(q[:3] * (2 * np.arctan2(length, q[3]) / length))
+
+
+def rotation_logs(R: FloatArray) -> FloatArray:
+    """(N,3) rotation vectors of (N,3,3) rotations."""
+    return np.array([rotation_log(matrix) for matrix in R]).reshape(-1, 3)
+
+
+def quaternions_to_matrices(quaternions: FloatArray) -> FloatArray:
+    """(N,3,3) rotations of (N,4) quaternions x y z w, normalised here."""
+    x, y, z, w = (quaternions / np.linalg.norm(quaternions, axis=1, keepdims=True)).T
+    rows = [
+        *(1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)),
+        *(2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)),
+        *(2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)),
+    ]
+    return np.stack(rows, axis=1).reshape(-1, 3, 3)
 
 
 def rotation_angle(R: FloatArray) -> float:

@@ -5,10 +5,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.spatial.transform import Rotation, Slerp
 
 from lmkit.arrays import FloatArray
 from lmkit.errors import InputError
+from lmkit.geometry.rotations import quaternions_to_matrices, rotation_logs, turns
 from lmkit.model.trajectory import Trajectory
 from lmkit.odometry.motion_model import LONGEST_STEP_S, Steps, require_common_times
 
@@ -48,11 +48,12 @@ class PoseMotion:
             raise InputError("too_few_poses", "odometry of one pose says no motion", "give two poses or more")
         self.noise = noise or PoseNoise()
         self._times, self._places = poses.times_s, poses.positions
-        turns = Rotation.from_quat(poses.quaternions)
-        self._turns = Slerp(self._times, turns)
+        self._R = quaternions_to_matrices(poses.quaternions)
+        # Turn from each row to the next, in the frame of the first.
+        self._turns = rotation_logs(self._R[:-1].transpose(0, 2, 1) @ self._R[1:])
         seconds = np.diff(self._times)
         moved = np.linalg.norm(np.diff(self._places, axis=0), axis=1)
-        turned = (turns[:-1].inv() * turns[1:]).magnitude()
+        turned = np.linalg.norm(self._turns, axis=1)
         gap = np.where(seconds > LONGEST_STEP_S, seconds, 0.0)
         # (N,3) way, turn and time without poses, up to each row.
         self._totals = np.vstack([np.zeros(3), np.cumsum(np.column_stack([moved, turned, gap]), axis=0)])
@@ -69,10 +70,10 @@ class PoseMotion:
         by_parameters = np.zeros((len(t), 6, 2))
         by_parameters[:, :3, 0] = t
         by_parameters[:, :3, 1] = scale * (later_t - t) / DELAY_STEP_S
-        by_parameters[:, 3:, 1] = (R.inv() * later_R).as_rotvec().reshape(-1, 3) / DELAY_STEP_S
+        by_parameters[:, 3:, 1] = rotation_logs(R.transpose(0, 2, 1) @ later_R) / DELAY_STEP_S
         own = times_s - delay
         return Steps(
-            R.as_matrix().reshape(-1, 3, 3),
+            R,
             scale * t,
             by_parameters,
             self.sigmas(own),
@@ -97,10 +98,12 @@ class PoseMotion:
     def at(self, times_s: FloatArray) -> tuple[FloatArray, FloatArray]:
         """(K,3,3), (K,3) poses of the odometry at times of its own clock; at its ends it stays where it is."""
         own = np.clip(times_s, self._times[0], self._times[-1])
-        places = np.column_stack([np.interp(own, self._times, column) for column in self._places.T])
-        return self._turns(own).as_matrix(), places
+        after = np.searchsorted(self._times, own).clip(1, len(self._times) - 1)
+        share = ((own - self._times[after - 1]) / (self._times[after] - self._times[after - 1]))[:, None]
+        places = self._places[after - 1] * (1 - share) + self._places[after] * share
+        return self._R[after - 1] @ turns(share * self._turns[after - 1]), places
 
-    def _between(self, own: FloatArray) -> tuple[Rotation, FloatArray]:
+    def _between(self, own: FloatArray) -> tuple[FloatArray, FloatArray]:
         R, places = self.at(own)
-        turns = Rotation.from_matrix(R)
-        return turns[:-1].inv() * turns[1:], turns[:-1].inv().apply(np.diff(places, axis=0)).reshape(-1, 3)
+        back = R[:-1].transpose(0, 2, 1)
+        return back @ R[1:], (back @ np.diff(places, axis=0)[:, :, None])[:, :, 0]

@@ -8,6 +8,7 @@ Landmarks that do not fit are left out; where none fits for a while, the robot i
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Sequence
 from typing import TypeVar
 
@@ -15,7 +16,7 @@ import numpy as np
 
 from lmkit.arrays import BoolArray, FloatArray
 from lmkit.errors import InputError
-from lmkit.geometry.rotations import skew, turns
+from lmkit.geometry.rotations import rotation_exp
 from lmkit.geometry.stereo_rig import StereoRig
 from lmkit.localization.absolute_pose import LocateOptions, covariance_at_base, locate_rig
 from lmkit.localization.correspondences import CORNER_FLOOR_PX, Correspondences, Poses
@@ -66,6 +67,9 @@ class RigFilter:
             height_m=float(self._T.t[2]),
             down=(float(-self._T.R[2, 0]), float(-self._T.R[2, 1]), float(-self._T.R[2, 2])),
         )
+
+        sigmas = (self._prior.height_sigma, self._prior.tilt_sigma, self._prior.tilt_sigma)
+        self._level = np.array(sigmas) ** -2.0
 
     @property
     def parameters(self) -> FloatArray:
@@ -128,38 +132,44 @@ class RigFilter:
         """The camera's pose, and the state with its normal matrix and cost, that agree best with what is known and
         the sightings used; how the robot lifts, rolls and pitches at this moment is fitted beside them.
         """
-        x, lean, normal = self._x.copy(), np.zeros(3), known
-        level = np.array([self._prior.height_sigma, self._prior.tilt_sigma, self._prior.tilt_sigma]) ** -2
+        # The state, then how the robot lifts, rolls and pitches at this moment; level of itself.
+        start = np.concatenate([self._x, np.zeros(3)])
+        before, state = np.zeros((STATES + 3, STATES + 3)), start
+        before[:STATES, :STATES] = known
+        before[range(STATES, STATES + 3), range(STATES, STATES + 3)] = self._level
+        normal = before
         for _ in range(ITERATIONS):
-            N, g, _ = seen.equations(self._poses(x, lean), used[None], None)
-            arm = _heading(x) @ self._T.t
-            # x, y, heading of the base; then height, roll and pitch of this moment.
-            J = np.zeros((6, 6))
-            J[0, 0] = J[1, 1] = J[5, 2] = J[2, 3] = J[3, 4] = J[4, 5] = 1.0
-            J[0, 2], J[1, 2] = -arm[1], arm[0]
-            # It leans about the floor, not about the camera.
-            J[:3, 4:6] = -skew(arm)[:, :2]
-            A, b = J.T @ N[0] @ J, J.T @ g[0]
-            A[range(3, 6), range(3, 6)] += level
-            b[3:] -= level * lean
-            across = np.linalg.solve(A[3:, 3:], np.column_stack([A[3:, :3], b[3:]]))
-            normal = known.copy()
-            normal[:3, :3] += A[:3, :3] - A[:3, 3:] @ across[:, :3]
-            gradient = known @ (self._x - x)
-            gradient[:3] += b[:3] - A[:3, 3:] @ across[:, 3]
-            step = np.linalg.solve(normal, gradient)
-            x = x + step
-            lean = lean + across[:, 3] - across[:, :3] @ step[:3]
+            N, g, _ = seen.equations(self._poses(state), used[None], None)
+            J = self._camera_by_state(state)
+            normal = before + J.T @ N[0] @ J
+            step = np.linalg.solve(normal, before @ (start - state) + J.T @ g[0])
+            state = state + step
             if step @ normal @ step < CONVERGED:
                 break
-        poses = self._poses(x, lean)
+        poses, off = self._poses(state), state - start
         # What is left of the prediction's and the corners' errors together is the squared innovation.
-        cost = seen.misfits(poses)[0][used].sum() + (x - self._x) @ known @ (x - self._x) + level @ lean**2
-        return poses, (x, normal, float(cost))
+        cost = seen.misfits(poses)[0][used].sum() + off @ before @ off
+        own, across = normal[:STATES, :STATES], normal[:STATES, STATES:]
+        own = own - across @ np.linalg.solve(normal[STATES:, STATES:], across.T)
+        return poses, (state[:STATES].copy(), own, float(cost))
 
-    def _poses(self, x: FloatArray, lean: FloatArray) -> Poses:
-        turn = turns(np.array([[lean[1], lean[2], 0.0]])) @ _heading(x)
-        return Poses(turn @ self._T.R, np.array([[x[0], x[1], lean[0]]]) + turn @ self._T.t)
+    def _camera_by_state(self, state: FloatArray) -> FloatArray:
+        """(6,12) derivatives of the camera's pose with the state, and with lift, roll and pitch."""
+        x, y, z = (_heading(state) @ self._T.t).tolist()
+        J = np.zeros((6, STATES + 3))
+        # x, y, heading of the base.
+        J[0, 0] = J[1, 1] = J[5, 2] = 1.0
+        J[0, 2], J[1, 2] = -y, x
+        # It leans about the floor, not about the camera.
+        J[:, STATES:] = [[0, 0, z], [0, -z, 0], [1, y, -x], [0, 1, 0], [0, 0, 1], [0, 0, 0]]
+        return J
+
+    def _poses(self, state: FloatArray) -> Poses:
+        """The camera's, for a state with lift, roll and pitch."""
+        lift, roll, pitch = state[STATES:].tolist()
+        turn = rotation_exp(np.array([roll, pitch, 0.0])) @ _heading(state)
+        place = np.array([state[0], state[1], lift]) + turn @ self._T.t
+        return Poses((turn @ self._T.R)[None], place[None])
 
     def _pose(
         self, time_s: float, outliers: tuple[int, ...], restarted: bool, innovation: float = 0.0, told: int = 0
@@ -172,7 +182,7 @@ class RigFilter:
 
 def _heading(x: FloatArray) -> FloatArray:
     """(3,3) R_map_base of a robot on a level floor."""
-    c, s = np.cos(x[2]), np.sin(x[2])
+    c, s = math.cos(x[2]), math.sin(x[2])
     return np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
 
 

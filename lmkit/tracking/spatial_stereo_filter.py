@@ -12,11 +12,17 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from lmkit.arrays import BoolArray, FloatArray
 from lmkit.geometry.pose import Pose
-from lmkit.geometry.rotations import orthonormal, rotation_log, skew, turns
+from lmkit.geometry.rotations import (
+    matrix_to_quaternion,
+    orthonormal,
+    quaternions_to_matrices,
+    rotation_exp,
+    rotation_log,
+    skew,
+)
 from lmkit.geometry.stereo_rig import StereoRig
 from lmkit.localization.absolute_pose import LocateOptions, locate_rig
 from lmkit.localization.correspondences import CORNER_FLOOR_PX, Correspondences, Poses
@@ -150,7 +156,7 @@ class PoseFilter:
             off = self._off(R, p)
             normal = N[0] + known
             step = np.linalg.solve(normal, g[0] + known @ off)
-            R, p = turns(step[None, 3:])[0] @ R, p + step[:3]
+            R, p = rotation_exp(step[3:]) @ R, p + step[:3]
             if step @ normal @ step < CONVERGED:
                 break
         poses, off = Poses(R[None], p[None]), self._off(R, p)
@@ -172,12 +178,12 @@ class PoseFilter:
 
 def ahead(poses: Trajectory, seconds: float) -> Trajectory:
     """One row more: who moves goes on as he did."""
-    R, p = Rotation.from_quat(poses.quaternions[-2:]), poses.positions[-2:]
+    R, p = quaternions_to_matrices(poses.quaternions[-2:]), poses.positions[-2:]
     share = seconds / float(poses.times_s[-1] - poses.times_s[-2])
-    turned = R[1] * Rotation.from_rotvec(share * (R[0].inv() * R[1]).as_rotvec())
-    moved = R[1].apply(share * R[0].inv().apply(p[1] - p[0]))
+    turned = R[1] @ rotation_exp(share * rotation_log(R[0].T @ R[1]))
+    moved = R[1] @ (share * (R[0].T @ (p[1] - p[0])))
     return Trajectory(
         np.append(poses.times_s, poses.times_s[-1] + seconds),
         np.vstack([poses.positions, p[1] + moved]),
-        np.vstack([poses.quaternions, turned.as_quat()]),
+        np.vstack([poses.quaternions, matrix_to_quaternion(turned)]),
     )
