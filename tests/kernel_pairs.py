@@ -15,6 +15,14 @@ import numpy as np
 from pattern_kernel_pairs import PATTERN_CALLS
 
 from lmkit.kernels import load
+from lmkit.kernels.landmark_bundle import (
+    Bundle,
+    Sums,
+    add_bundle_equations,
+    add_bundle_equations_numpy,
+    bundle_misfits,
+    bundle_misfits_numpy,
+)
 from lmkit.kernels.lens import Lens, corners_through_lens, corners_through_lens_numpy
 from lmkit.kernels.reprojection import (
     NO_PRIOR,
@@ -159,7 +167,48 @@ def _square_calls(rng: np.random.Generator) -> Iterator[tuple[Any, ...]]:
     yield np.full((1, 4, 2), np.nan), np.array([0.2])
 
 
+def bundle_in_view(rng: np.random.Generator, poses: int, landmarks: int, sightings: int, size: float) -> Bundle:
+    """Rig poses near the origin and landmarks a few metres before them; with a large size in any order."""
+    return Bundle(
+        rng.integers(poses, size=sightings), rng.integers(landmarks, size=sightings),
+        0.3 * rng.normal(size=(sightings, 4, 2)), 400 * rng.normal(size=(sightings, 4, 2, 2)),
+        20 * (np.eye(8) + 0.1 * rng.normal(size=(sightings, 8, 8))), small_rotations(rng, sightings, 0.01 * size),
+        0.05 * rng.normal(size=(sightings, 3)), small_rotations(rng, poses, 0.1 * size),
+        size * 0.1 * rng.normal(size=(poses, 3)), small_rotations(rng, landmarks, 0.3 * size),
+        size * 0.3 * rng.normal(size=(landmarks, 3)) + np.array([0, 0, 4]),
+        0.1 * rng.normal(size=(landmarks, 4, 3)),
+    )  # fmt: skip
+
+
+def _bundle_calls(rng: np.random.Generator) -> Iterator[tuple[Any, ...]]:
+    for shape in [(1, 1, 1), (5, 3, 20), (3, 7, 40), (2, 2, 0)]:
+        for size in (1.0, 10.0):
+            yield (bundle_in_view(rng, *shape, size),)
+
+
+def _bundle_sums(add: Callable[..., float]) -> Callable[..., Any]:
+    """What a function that adds in place does to zeros, as a tuple."""
+
+    def run(bundle: Bundle, used: np.ndarray, own: int, moving: bool) -> tuple[Any, ...]:
+        N, m = len(bundle.p), own + (6 * len(bundle.p_landmark) if moving else 0)
+        arrays = np.zeros((N, 6, 6)), np.zeros((N, 6)), np.zeros((N, 6, m)), np.zeros((m, m)), np.zeros(m)
+        return (*arrays, add(bundle, used, 2.4, Sums(*arrays, own), moving))
+
+    run.__name__ = "add_bundle_equations"
+    return run
+
+
+def _bundle_sum_calls(rng: np.random.Generator) -> Iterator[tuple[Any, ...]]:
+    for (bundle,) in _bundle_calls(rng):
+        used = rng.uniform(size=len(bundle.at)) < 0.8
+        for own in (0, 2):
+            for moving in (False, True):
+                yield bundle, used, own, moving
+
+
 PAIRS = [
+    Pair(bundle_misfits, bundle_misfits_numpy, _bundle_calls),
+    Pair(_bundle_sums(add_bundle_equations), _bundle_sums(add_bundle_equations_numpy), _bundle_sum_calls),
     Pair(corners_through_lens, corners_through_lens_numpy, _lens_calls, 1e-11),
     Pair(square_poses, square_poses_numpy, _square_calls, 1e-10),
     Pair(corner_misfits, corner_misfits_numpy, _misfit_calls),

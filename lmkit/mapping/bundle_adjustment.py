@@ -17,8 +17,8 @@ from lmkit.arrays import BoolArray, FloatArray, IntArray
 from lmkit.geometry.pose import Pose
 from lmkit.geometry.rotations import orthonormal, turns
 from lmkit.geometry.stereo_rig import StereoRig
+from lmkit.kernels import landmark_bundle as kernel
 from lmkit.localization.correspondences import Poses
-from lmkit.localization.reprojection import View
 from lmkit.mapping.observation_arrays import ObservationArrays
 from lmkit.mapping.wall_constraints import Tie, constraint_rows
 from lmkit.model.landmark_map import LandmarkMap, MappedLandmark
@@ -249,27 +249,15 @@ class BundleProblem:
             self.lm_p = self.lm_p + moved[:, :3]
             self.lm_R = turns(moved[:, 3:]) @ self.lm_R
 
-    def _arms(self) -> FloatArray:
-        """(S,4,3) from the landmarks' middles to their corners, in the map."""
-        return np.asarray(self.arms[self.seen.of] @ self.lm_R[self.seen.of].transpose(0, 2, 1))
-
-    def _view(self) -> View:
-        return self.seen.view(Poses(self.R, self.p), self.lm_p, self._arms())
+    def _sightings(self) -> kernel.Bundle:
+        return self.seen.bundle(Poses(self.R, self.p), Poses(self.lm_R, self.lm_p), self.arms)
 
     def _equations(self) -> tuple[ChainEquations, float]:
         equations = ChainEquations.zeros(len(self.times), 6, self.shared)
-        view = self._view()
-        r = self.seen.residuals(view)
-        squared = (r**2).sum(axis=1) / 8
-        root = np.sqrt(1 / (1 + squared / CAUCHY_SIGMA**2)) * self.used
-        cost = float(8 * CAUCHY_SIGMA**2 * (np.log1p(squared / CAUCHY_SIGMA**2) * self.used).sum())
-        J = self.seen.whitener @ view.by_rig()
-        J, r = J * root[:, None, None], r * root[:, None]
-        equations.add_to_states(self.seen.at, J, r)
+        e = equations
+        sums = kernel.Sums(e.diagonal, e.gradient, e.border, e.corner, e.shared_gradient, self.own)
+        cost = kernel.add_bundle_equations(self._sightings(), self.used, CAUCHY_SIGMA, sums, not self.frozen)
         if not self.frozen:
-            K = self.seen.whitener @ view.by_landmark(self._arms())
-            columns = self.own + 6 * self.seen.of[:, None] + np.arange(6)
-            equations.add_shared(self.seen.at, J, columns, K * root[:, None, None], r)
             cost += self._add_anchors(equations) + self._add_ties(equations)
         if len(self.times) > 1:
             cost += self._add_motion(equations)
@@ -363,7 +351,7 @@ class BundleProblem:
 
     def misfits(self) -> FloatArray:
         """(S,) root mean square of each sighting's eight standardised coordinates."""
-        return np.asarray(np.sqrt((self.seen.residuals(self._view()) ** 2).mean(axis=1)))
+        return np.asarray(np.sqrt(kernel.bundle_misfits(self._sightings())[0] / 8))
 
     def landmarks(self, covariance: FloatArray | None = None) -> LandmarkMap:
         """The map as it stands."""
@@ -390,8 +378,8 @@ class BundleProblem:
             shared[self._rows_of(k), self._rows_of(k)] += more
         misfits = self.misfits()
         believed: BoolArray = misfits < believed_below
-        pixels = self.seen.pixels(self._view())[believed]
-        rms = float(np.sqrt((pixels**2).sum(axis=2).mean())) if believed.any() else float("nan")
+        pixels = kernel.bundle_misfits(self._sightings())[1][believed]
+        rms = float(np.sqrt(pixels.mean() / 4)) if believed.any() else float("nan")
         codes = np.array([m.code for m in self.hung])[self.seen.of]
         return Bundle(
             self.times,

@@ -9,8 +9,9 @@ import numpy as np
 
 from lmkit.arrays import FloatArray, IntArray
 from lmkit.geometry.stereo_rig import StereoRig
+from lmkit.kernels.landmark_bundle import Bundle
 from lmkit.localization.correspondences import CORNER_FLOOR_PX, Poses
-from lmkit.localization.reprojection import View, through_lens
+from lmkit.localization.reprojection import through_lens
 from lmkit.model.landmark_map import MappedLandmark
 from lmkit.model.recording import StereoFrame
 
@@ -63,15 +64,19 @@ class ObservationArrays:
     def __len__(self) -> int:
         return len(self.at)
 
-    def view(self, poses: Poses, places: FloatArray, arms: FloatArray) -> View:
-        """What should be seen from (N) poses of (L,3) landmarks, with (S,4,3) from their middles to the corners."""
-        offset = places[self.of][:, None] + arms - poses.p[self.at][:, None]
-        return View(offset, self.eye_R @ poses.R[self.at].transpose(0, 2, 1), self.eye_t)
-
-    def residuals(self, view: View) -> FloatArray:
-        """(S,8) in standard deviations of the corners."""
-        return np.asarray((self.whitener @ view.errors(self.rays)[..., None])[..., 0])
-
-    def pixels(self, view: View) -> FloatArray:
-        """(S,4,2) errors of the corners."""
-        return np.asarray((self.by_ray @ view.errors(self.rays).reshape(-1, 4, 2, 1))[..., 0])
+    def bundle(self, poses: Poses, landmarks: Poses, arms: FloatArray) -> Bundle:
+        """The sightings from (N) rig poses of (L) landmarks, with corners ``arms`` (L,4,3) in their own frames."""
+        return Bundle(
+            self.at,
+            self.of,
+            self.rays,
+            self.by_ray,
+            self.whitener,
+            self.eye_R,
+            self.eye_t,
+            poses.R,
+            poses.p,
+            landmarks.R,
+            landmarks.p,
+            arms,
+        )

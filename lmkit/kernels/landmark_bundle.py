@@ -1,0 +1,206 @@
+"""Normal equations of rig poses and landmark poses from all sightings of a recording (bundle adjustment).
+
+Unknowns are those of a chain with a border (`optim/block_chain.py`): six numbers a rig pose, and, shared, six a
+landmark; each a shift and a turn about the map's axes.  Sightings are weighed down by Cauchy's loss.
+"""
+
+from __future__ import annotations
+
+import ctypes
+from dataclasses import dataclass, field
+from functools import lru_cache
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lmkit.kernels.load import address, addresses, contiguous, function
+from lmkit.kernels.reprojection import NEAREST_M, NOWHERE
+
+Array = NDArray[np.floating[Any]]
+
+_ARRAYS = ("rays", "by_ray", "whitener", "R_camera", "t_camera", "R", "p", "R_landmark", "p_landmark", "arms")
+
+
+class _BundleStruct(ctypes.Structure):
+    _fields_ = (
+        ("count", ctypes.c_int64),
+        *((name, ctypes.c_void_p) for name in ("at", "of", *_ARRAYS)),
+        ("nearest", ctypes.c_double),
+        ("nowhere", ctypes.c_double),
+    )
+
+
+@dataclass(frozen=True, eq=False)
+class Bundle:
+    """S sightings of L landmarks from N rig poses, and where all stand.
+
+    Attributes:
+        at, of: (S,) rig poses and landmarks, by number.
+        rays: (S,4,2) observed corners as x/z, y/z.
+        by_ray: (S,4,2,2) derivatives of pixels with rays.
+        whitener: (S,8,8) from errors of rays to standard deviations.
+        R_camera, t_camera: (S,3,3), (S,3): x_camera = R_camera x_rig + t_camera.
+        R, p: (N,3,3), (N,3) T_map_rig.
+        R_landmark, p_landmark: (L,3,3), (L,3) T_map_landmark.
+        arms: (L,4,3) corners in the landmark's own frame.
+    """
+
+    at: NDArray[np.int64]
+    of: NDArray[np.int64]
+    rays: Array
+    by_ray: Array
+    whitener: Array
+    R_camera: Array
+    t_camera: Array
+    R: Array
+    p: Array
+    R_landmark: Array
+    p_landmark: Array
+    arms: Array
+    struct: _BundleStruct = field(init=False, repr=False)
+
+    def __post_init__(self) -> None:
+        """Make the arrays contiguous.
+
+        Raises:
+            ValueError: a shape differs, or a number of a pose or landmark is out of range.
+        """
+        S, N, L = len(self.at), len(self.p), len(self.p_landmark)
+        shapes: list[tuple[int, ...]] = [(S, 4, 2), (S, 4, 2, 2), (S, 8, 8), (S, 3, 3), (S, 3)]
+        shapes += [(N, 3, 3), (N, 3), (L, 3, 3), (L, 3), (L, 4, 3)]
+        struct = _BundleStruct(S, nearest=NEAREST_M, nowhere=NOWHERE)
+        for name, count in (("at", N), ("of", L)):
+            numbers = contiguous(getattr(self, name), (S,), np.int64)
+            if S and not 0 <= numbers.min() <= numbers.max() < count:
+                raise ValueError(f"{name} has numbers outside 0..{count - 1}")
+            object.__setattr__(self, name, numbers)
+            setattr(struct, name, address(numbers))
+        for name, shape in zip(_ARRAYS, shapes, strict=True):
+            array = contiguous(getattr(self, name), shape)
+            object.__setattr__(self, name, array)
+            setattr(struct, name, address(array))
+        object.__setattr__(self, "struct", struct)
+
+
+@dataclass(frozen=True, eq=False)
+class Sums:
+    """What is added to: diagonal (N,6,6), gradient (N,6), border (N,6,m), corner (m,m), shared_gradient (m,).
+
+    All are contiguous arrays of doubles; landmark k has the shared unknowns from own + 6 k.
+    """
+
+    diagonal: Array
+    gradient: Array
+    border: Array
+    corner: Array
+    shared_gradient: Array
+    own: int
+
+    def require(self, poses: int, landmarks: int, moving: bool) -> None:
+        """Raises:
+        ValueError: a shape or a kind differs.
+        """
+        m = len(self.shared_gradient)
+        shapes = ((poses, 6, 6), (poses, 6), (poses, 6, m), (m, m), (m,))
+        arrays = (self.diagonal, self.gradient, self.border, self.corner, self.shared_gradient)
+        if [array.shape for array in arrays] != list(shapes) or (moving and m < self.own + 6 * landmarks):
+            raise ValueError(f"sums of shapes {[array.shape for array in arrays]}, expected {shapes}")
+        if not all(array.flags.c_contiguous and array.dtype == np.float64 for array in arrays):
+            raise ValueError("sums are not contiguous doubles")
+
+
+def bundle_misfits(bundle: Bundle) -> tuple[Array, Array]:
+    """(S,) squared errors in standard deviations, and in pixels, summed over the eight coordinates."""
+    kernels = _kernels()
+    if kernels is None:
+        return bundle_misfits_numpy(bundle)
+    misfits, pixels = np.empty((2, len(bundle.at)))
+    kernels[0](bundle.struct, address(misfits), address(pixels))
+    return misfits, pixels
+
+
+def bundle_misfits_numpy(bundle: Bundle) -> tuple[Array, Array]:
+    """Definition of :func:`bundle_misfits`."""
+    errors = _errors(bundle)[0]
+    pixels = (bundle.by_ray @ errors.reshape(-1, 4, 2, 1))[..., 0]
+    return (_whitened(bundle, errors) ** 2).sum(axis=1), (pixels**2).sum(axis=(1, 2))
+
+
+def add_bundle_equations(bundle: Bundle, used: NDArray[np.bool_], cauchy: float, sums: Sums, moving: bool) -> float:
+    """Add normal equations of the sightings used (S,) to ``sums``, in place; their cost.
+
+    Args:
+        cauchy: standard deviations at which the loss bends, of the root mean square of eight coordinates.
+        moving: landmarks are unknown, too.
+
+    Raises:
+        ValueError: a shape differs.
+    """
+    used = contiguous(used, (len(bundle.at),), np.bool_)
+    sums.require(len(bundle.p), len(bundle.p_landmark), moving)
+    kernels = _kernels()
+    if kernels is None:
+        return add_bundle_equations_numpy(bundle, used, cauchy, sums, moving)
+    cost = ctypes.c_double()
+    border, corner = (sums.border, sums.corner) if moving else (None, None)
+    kernels[1](
+        bundle.struct, address(used), cauchy, sums.own, len(sums.shared_gradient),
+        *addresses(sums.diagonal, sums.gradient, border, corner, sums.shared_gradient), cost,
+    )  # fmt: skip
+    return cost.value
+
+
+def add_bundle_equations_numpy(
+    bundle: Bundle, used: NDArray[np.bool_], cauchy: float, sums: Sums, moving: bool
+) -> float:
+    """Definition of :func:`add_bundle_equations`."""
+    errors, by_pose, by_landmark = _errors(bundle)
+    r = _whitened(bundle, errors)[used]
+    squared = (r**2).sum(axis=1) / (8 * cauchy**2)
+    root = np.sqrt(1 / (1 + squared))[:, None]
+    at, columns = bundle.at[used], sums.own + 6 * bundle.of[used][:, None] + np.arange(6)
+    W = bundle.whitener[used] * root[:, :, None]
+    J, r = W @ by_pose[used], r * root
+    Jt = J.transpose(0, 2, 1)
+    np.add.at(sums.diagonal, at, Jt @ J)
+    np.add.at(sums.gradient, at, (Jt @ r[:, :, None])[:, :, 0])
+    if moving:
+        K = W @ by_landmark[used]
+        Kt = K.transpose(0, 2, 1)
+        np.add.at(sums.border, (at[:, None, None], np.arange(6)[:, None], columns[:, None]), Jt @ K)
+        np.add.at(sums.corner, (columns[:, :, None], columns[:, None]), Kt @ K)
+        np.add.at(sums.shared_gradient, columns, (Kt @ r[:, :, None])[:, :, 0])
+    return float(8 * cauchy**2 * np.log1p(squared).sum())
+
+
+def _whitened(bundle: Bundle, errors: Array) -> Array:
+    return np.asarray((bundle.whitener @ errors[:, :, None])[:, :, 0])
+
+
+def _errors(bundle: Bundle) -> tuple[Array, Array, Array]:
+    """Errors of rays (S,8), and derivatives of the expected rays (S,8,6) with the rig and with the landmark."""
+    arms = bundle.arms[bundle.of] @ bundle.R_landmark[bundle.of].transpose(0, 2, 1)
+    offset = bundle.p_landmark[bundle.of][:, None] + arms - bundle.p[bundle.at][:, None]
+    R_camera_map = bundle.R_camera @ bundle.R[bundle.at].transpose(0, 2, 1)
+    seen = offset @ R_camera_map.transpose(0, 2, 1) + bundle.t_camera[:, None]
+    depth = np.maximum(seen[..., 2:], NEAREST_M)
+    expected = seen[..., :2] / depth
+    errors = (bundle.rays - expected).reshape(-1, 8)
+    errors[(seen[..., 2] < NEAREST_M).any(axis=1)] = NOWHERE
+    across, along = R_camera_map[:, None, :2], R_camera_map[:, None, 2:]
+    by_point = (across - expected[..., None] * along) / depth[..., None]  # (S,4,2,3)
+    by_pose = np.concatenate([-by_point, np.cross(by_point, offset[:, :, None])], axis=-1).reshape(-1, 8, 6)
+    by_landmark = np.concatenate([by_point, -np.cross(by_point, arms[:, :, None])], axis=-1).reshape(-1, 8, 6)
+    return errors, by_pose, by_landmark
+
+
+@lru_cache(maxsize=1)
+def _kernels() -> tuple[Any, Any] | None:
+    bundle, pointer, count = ctypes.POINTER(_BundleStruct), ctypes.c_void_p, ctypes.c_int64
+    misfits = function("lmkit_bundle_misfits", bundle, pointer, pointer)
+    equations = function(
+        "lmkit_bundle_equations", bundle, pointer, ctypes.c_double, count, count, *[pointer] * 5,
+        ctypes.POINTER(ctypes.c_double),
+    )  # fmt: skip
+    return None if misfits is None else (misfits, equations)
