@@ -62,24 +62,26 @@ static inline void corner_errors(const double *points, const double *arms, const
         for (int i = 0; i < 8; i++) block[WIDE * i + 6] = nowhere;
 }
 
+/* A row of eight doubles as one vector, whatever the processor's registers hold (an extension of GCC and clang). */
+typedef double Row __attribute__((vector_size(64), aligned(8), may_alias));
+
 /* out (8,8) = W (8,8) B (8,8). */
 static inline void times8(const double *restrict W, const double *restrict B, double *restrict out) {
+    const Row *rows = (const Row *)B;
     for (int i = 0; i < 8; i++) {
-        double row[WIDE] = {0};
-        for (int k = 0; k < 8; k++)
-            for (int j = 0; j < WIDE; j++) row[j] += W[8 * i + k] * B[WIDE * k + j];
-        for (int j = 0; j < WIDE; j++) out[WIDE * i + j] = row[j];
+        Row sum = W[8 * i] * rows[0];
+        for (int k = 1; k < 8; k++) sum += W[8 * i + k] * rows[k];
+        *(Row *)(out + WIDE * i) = sum;
     }
 }
 
 /* out (8,8) += A^T B. */
 static inline void add_transposed8(const double *restrict A, const double *restrict B, double *restrict out) {
+    const Row *rows = (const Row *)B;
     for (int i = 0; i < WIDE; i++) {
-        double row[WIDE];
-        for (int j = 0; j < WIDE; j++) row[j] = out[WIDE * i + j];
-        for (int k = 0; k < 8; k++)
-            for (int j = 0; j < WIDE; j++) row[j] += A[WIDE * k + i] * B[WIDE * k + j];
-        for (int j = 0; j < WIDE; j++) out[WIDE * i + j] = row[j];
+        Row sum = *(Row *)(out + WIDE * i);
+        for (int k = 0; k < 8; k++) sum += A[WIDE * k + i] * rows[k];
+        *(Row *)(out + WIDE * i) = sum;
     }
 }
 

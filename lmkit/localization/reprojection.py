@@ -1,7 +1,7 @@
 """Corners of landmarks as rays, with their covariance: what one camera observed, without its lens.
 
-Corners are undistorted once; errors of rays become pixels by the lens's own derivative, so that no pose needs the lens
-again.
+Corners are undistorted once; errors of rays become pixels by the lens's own derivative, so that no pose needs the
+lens again.
 """
 
 from __future__ import annotations
