@@ -22,9 +22,10 @@ def frozen(values: ArrayLike, shape: tuple[int, ...], what: str) -> FloatArray:
         ValueError: the shape differs or a value is not finite.
     """
     array = np.array(values, dtype=np.float64)
-    fits = array.ndim == len(shape) and all(want in (-1, have) for want, have in zip(shape, array.shape, strict=True))
+    have = array.shape
+    fits = have == shape or (len(have) == len(shape) and all(a in (-1, b) for a, b in zip(shape, have, strict=True)))
     if not fits:
-        raise ValueError(f"{what} has shape {array.shape}, expected {shape}")
+        raise ValueError(f"{what} has shape {have}, expected {shape}")
     if not np.isfinite(array).all():
         raise ValueError(f"{what} holds values that are not finite")
     array.setflags(write=False)

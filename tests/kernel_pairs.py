@@ -15,6 +15,7 @@ import numpy as np
 from pattern_kernel_pairs import PATTERN_CALLS
 
 from lmkit.kernels import load
+from lmkit.kernels.block_chain import subtract_at, subtract_at_numpy
 from lmkit.kernels.landmark_bundle import (
     Bundle,
     Sums,
@@ -198,6 +199,23 @@ def _bundle_sums(add: Callable[..., float]) -> Callable[..., Any]:
     return run
 
 
+def _subtracted(subtract: Callable[..., None]) -> Callable[..., Any]:
+    def run(matrix: np.ndarray, columns: np.ndarray, values: np.ndarray) -> np.ndarray:
+        after = matrix.copy()
+        subtract(after, columns, values)
+        return after
+
+    run.__name__ = "subtract_at"
+    return run
+
+
+def _subtract_calls(rng: np.random.Generator) -> Iterator[tuple[Any, ...]]:
+    for wide, count in [(1, 1), (7, 3), (40, 40), (5, 0), (0, 0)]:
+        columns, larger = rng.permutation(wide)[:count], rng.normal(size=(count + 2, count + 2))
+        for values in (larger[2:, 2:], larger[:count, :count].T, larger[:count, :count].astype(np.float32)):
+            yield rng.normal(size=(wide, wide)), columns, values
+
+
 def _bundle_sum_calls(rng: np.random.Generator) -> Iterator[tuple[Any, ...]]:
     for (bundle,) in _bundle_calls(rng):
         used = rng.uniform(size=len(bundle.at)) < 0.8
@@ -207,6 +225,7 @@ def _bundle_sum_calls(rng: np.random.Generator) -> Iterator[tuple[Any, ...]]:
 
 
 PAIRS = [
+    Pair(_subtracted(subtract_at), _subtracted(subtract_at_numpy), _subtract_calls),
     Pair(bundle_misfits, bundle_misfits_numpy, _bundle_calls),
     Pair(_bundle_sums(add_bundle_equations), _bundle_sums(add_bundle_equations_numpy), _bundle_sum_calls),
     Pair(corners_through_lens, corners_through_lens_numpy, _lens_calls, 1e-11),

@@ -9,6 +9,7 @@ import numpy as np
 
 from lmkit.arrays import FloatArray, frozen
 from lmkit.geometry.rotations import (
+    is_rotation,
     matrix_to_quaternion,
     orthonormal,
     quaternion_to_matrix,
@@ -37,7 +38,7 @@ class Pose:
 
     def __post_init__(self) -> None:
         R = frozen(self.R, (3, 3), "R")
-        if np.abs(R @ R.T - np.eye(3)).max() > 1e-6 or np.linalg.det(R) < 0:
+        if not is_rotation(R):
             raise ValueError(f"R of T_{self.to_frame}_{self.from_frame} is not a rotation matrix")
         object.__setattr__(self, "R", R)
         object.__setattr__(self, "t", frozen(self.t, (3,), "t"))

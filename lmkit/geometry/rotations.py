@@ -22,6 +22,18 @@ def turns(vectors: FloatArray) -> FloatArray:
     return np.asarray(np.eye(3) + a * W + b * (W @ W))
 
 
+def is_rotation(R: FloatArray, tolerance: float = 1e-6) -> bool:
+    """True where the rows of R (3,3) are orthonormal and right-handed, to the tolerance.
+
+    In plain numbers: every pose is checked, and numpy takes ten times as long for so few.
+    """
+    (a, b, c), (d, e, f), (g, h, i) = R.tolist()
+    lengths = (a * a + b * b + c * c - 1, d * d + e * e + f * f - 1, g * g + h * h + i * i - 1)
+    angles = (a * d + b * e + c * f, a * g + b * h + c * i, d * g + e * h + f * i)
+    determinant = a * (e * i - f * h) - b * (d * i - f * g) + c * (d * h - e * g)
+    return all(-tolerance <= off <= tolerance for off in (*lengths, *angles)) and determinant > 0
+
+
 def skew(v: FloatArray) -> FloatArray:
     """(3,3) matrix with ``skew(v) @ w == cross(v, w)``."""
     return np.array([[0.0, -v[2], v[1]], [v[2], 0.0, -v[0]], [-v[1], v[0], 0.0]])

@@ -49,6 +49,7 @@ class Placing:
         # Of a moment and a landmark: where the camera may be in the landmark's frame.
         self._seen_from: dict[tuple[int, Key], list[Pose]] = {}
         self._looked: dict[tuple[int, Key, float], Correspondences] = {}
+        self._maps: dict[Key, LandmarkMap] = {}  # of one landmark each, at the origin
 
     def best_seen(self) -> Key:
         """Of those to be placed.
@@ -117,7 +118,10 @@ class Placing:
         return self._looked[k, key, floor_px]
 
     def _alone(self, key: Key) -> LandmarkMap:
-        return LandmarkMap([MappedLandmark(key[1], key[0], self._sizes_m[key], Pose.identity("map", "landmark"))])
+        if key not in self._maps:
+            hung = MappedLandmark(key[1], key[0], self._sizes_m[key], Pose.identity("map", "landmark"))
+            self._maps[key] = LandmarkMap([hung])
+        return self._maps[key]
 
     def _misfits(self, candidates: Sequence[Pose], key: Key, at: At) -> FloatArray:
         """(C,V) squared misfits of candidates and views, each at most the cap."""
@@ -136,9 +140,11 @@ class Placing:
 def _views(moments: Sequence[StereoFrame]) -> dict[Key, list[tuple[float, int]]]:
     """Of every landmark: (side in px, moment) of its views, the largest first."""
     views: dict[Key, dict[int, float]] = {}
-    for k, moment in enumerate(moments):
-        for o in (*moment.left, *moment.right):
-            side = float(np.linalg.norm(o.corners - np.roll(o.corners, 1, axis=0), axis=1).mean())
+    seen = [(k, o) for k, moment in enumerate(moments) for o in (*moment.left, *moment.right)]
+    if seen:
+        corners = np.array([o.corners for _, o in seen])
+        sides = np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2).mean(axis=1).tolist()
+        for (k, o), side in zip(seen, sides, strict=True):
             at = views.setdefault((o.family, o.code), {})
             at[k] = max(at.get(k, 0.0), side)
     return {key: sorted(((side, k) for k, side in at.items()), reverse=True) for key, at in views.items()}

@@ -20,6 +20,7 @@ import numpy as np
 from scipy.linalg import cho_factor, cho_solve, cho_solve_banded, cholesky, cholesky_banded, solve_triangular
 
 from lmkit.arrays import FloatArray, IntArray
+from lmkit.kernels.block_chain import subtract_at
 
 PIECE = 15  # states between two cuts
 
@@ -237,7 +238,7 @@ class _Piece:
             cuts.border[cut][:, self.columns] -= S[size * row : size * (row + 1), inner:]
         if len(self.cuts) == 2:
             cuts.following[self.cuts[0]] -= blocks[0, :, 1]
-        cuts.corner[np.ix_(self.columns, self.columns)] -= S[inner:, inner:]
+        subtract_at(cuts.corner, self.columns, S[inner:, inner:])
         cuts.shared_gradient[self.columns] -= g[inner:]
 
     def solve(self, at_cuts: FloatArray, shared: FloatArray) -> FloatArray:
