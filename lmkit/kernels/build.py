@@ -200,6 +200,7 @@ def _compile(
     compiler: Compiler, folder: Path, out: Path, flags: Sequence[str], target: Target, extra: Sequence[str]
 ) -> None:
     import tempfile
+    from concurrent.futures import ThreadPoolExecutor
 
     common = [*FLAGS, *extra, "-fvisibility=hidden"]
     if target.system != "windows":
@@ -208,19 +209,22 @@ def _compile(
         # Zig adds undefined-behaviour traps by itself, and builds for this very processor unless told otherwise.
         common += ["-fno-sanitize=undefined", "-g0", *(["-target", target.zig] if target.zig else [])]
         flags = flags or ["-mcpu=baseline"]
-    others = [str(path) for path in sources(folder) if path.name != "cpu.c"]
     with tempfile.TemporaryDirectory(prefix="lmkit-kernels-") as name:
         temporary = Path(name)
-        # What asks the processor for its features must itself run on any: cpu.c gets no variant's flags.
-        baseline = [flag for flag in flags if flag == "-mcpu=baseline"] or (
-            ["-mcpu=baseline"] if compiler.is_zig else []
-        )
-        cpu = temporary / "cpu.o"
-        _run([*compiler.command, *common, *baseline, "-c", str(folder / "cpu.c"), "-o", str(cpu)], temporary)
+
+        def compile_one(path: Path) -> str:
+            # What asks the processor for its features must itself run on any: cpu.c gets no variant's flags.
+            baseline = ["-mcpu=baseline"] if compiler.is_zig else []
+            own = baseline if path.name == "cpu.c" else flags
+            out = temporary / f"{path.stem}.o"
+            _run([*compiler.command, *common, *own, "-c", str(path), "-o", str(out)], temporary)
+            return str(out)
+
+        with ThreadPoolExecutor(os.cpu_count()) as pool:
+            objects = list(pool.map(compile_one, sources(folder)))
         library = temporary / out.name
         link = {"linux": ["-lm"], "macos": [f"-Wl,-install_name,@rpath/{out.name}"], "windows": []}[target.system]
-        command = [*compiler.command, *common, *flags, "-shared", *others, str(cpu), "-o", str(library), *link]
-        _run(command, temporary)
+        _run([*compiler.command, *common, *flags, "-shared", *objects, "-o", str(library), *link], temporary)
         _place(library, out)
 
 
