@@ -32,6 +32,7 @@ from lmkit.geometry.stereo_rig import StereoRig
 from lmkit.localization.absolute_pose import LocateOptions, locate_camera, locate_rig
 from lmkit.localization.correspondences import Correspondences, Poses
 from lmkit.model.estimate import PoseEstimate
+from lmkit.model.landmark_id import LandmarkId
 from lmkit.model.landmark_map import LandmarkMap, MappedLandmark, wall_pose
 from lmkit.model.observation import Detection
 from lmkit.simulation.photograph import ImagingChain, Lens, Light, Sensor, photograph
@@ -62,7 +63,7 @@ class Situation:
     def landmarks(self) -> list[MappedLandmark]:
         scale = self.apart_m / APART_M
         return [
-            MappedLandmark(10 + k, "lm8", 0.18, wall_pose([x * scale, 0.0, z], np.pi / 2))
+            MappedLandmark(LandmarkId("lm8", 10 + k), 0.18, wall_pose([x * scale, 0.0, z], np.pi / 2))
             for k, (x, z) in enumerate(PLACES[: self.count])
         ]
 
@@ -85,7 +86,7 @@ def see(s: Situation, rng: np.random.Generator | None) -> list[list[Detection]]:
             corners = camera.project(T.apply(landmark.corners_map) @ R.T + t)
             if camera.contains(corners).all():
                 noise = 0.0 if rng is None else rng.normal(0, NOISE_PX, (4, 2))
-                seen.append(Detection(landmark.code, corners + noise, 0.99, 50.0, covariance=NOISE_PX**2 * np.eye(8)))
+                seen.append(Detection(landmark.id, corners + noise, 0.99, 50.0, covariance=NOISE_PX**2 * np.eye(8)))
         eyes.append(seen)
     return eyes
 

@@ -47,7 +47,7 @@ class Corner:
 def compare(picture: np.ndarray, camera: CameraModel, T_camera_map: Pose, landmarks: LandmarkMap) -> list[Corner]:
     corners = []
     for o in detect_landmarks(picture, DetectOptions(camera=camera)):
-        landmark = landmarks.find(o.code, o.family)
+        landmark = landmarks.find(o.id)
         if landmark is None:
             continue
         true = camera.project(T_camera_map.apply(landmark.corners_map))

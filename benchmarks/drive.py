@@ -21,6 +21,7 @@ from lmkit.io.recording_tables import read_gyro, read_odometry
 from lmkit.mapping.bundle_adjustment import Anchor
 from lmkit.mapping.survey import survey_frames
 from lmkit.model.landmark import LM8
+from lmkit.model.landmark_id import LandmarkId
 from lmkit.model.landmark_map import LandmarkMap
 from lmkit.odometry.wheel_odometry import MotionModel
 from lmkit.pipelines.detect_recording import see_drive
@@ -46,23 +47,23 @@ def main(folder: Path) -> None:
     moments = list(see_drive(f"{pictures}/*_L.jpg", f"{pictures}/*_R.jpg", rig, (LM8,), truth["timing"]["camera_hz"]))
     wheels = read_odometry(folder / "odometry.csv"), read_gyro(folder / "gyro.csv")
     hung = LandmarkMap([m for room in truth["maps"] for m in true_map(truth, int(room))])
-    anchor = hung.find(truth["anchor"]["id"])
+    anchor = hung.find(LandmarkId("lm8", truth["anchor"]["id"]))
     assert anchor is not None
-    sizes = {(o.family, o.code): 0.18 for m in moments for o in (*m.left, *m.right)}
-    survey = survey_frames(moments, rig, sizes, {("lm8", anchor.code): Anchor(anchor, None)}, MotionModel(*wheels))
+    sizes = {o.id: 0.18 for m in moments for o in (*m.left, *m.right)}
+    survey = survey_frames(moments, rig, sizes, {anchor.id: Anchor(anchor, None)}, MotionModel(*wheels))
     poses = []
     for pair in truth["pairs"]:
         world = pair["T_world_left"]
         poses.append(Pose.from_quaternion("map", "left", world["position"], world["quaternion_xyzw"]))
     trajectory = [off(found, poses[k]) for k, found in zip(survey.rows, survey.bundle.left_poses(), strict=True)]
-    known = [(m, true) for m in survey.landmarks if (true := hung.find(m.code)) is not None]
+    known = [(m, true) for m in survey.landmarks if (true := hung.find(m.id)) is not None]
     places = [off(m.T_map_landmark, true.T_map_landmark) for m, true in known]
     print(f"survey: {len(survey.rows)} of {len(moments)} moments, {len(survey.landmarks)} landmarks")
     print(
         f"  trajectory {rms([cm for cm, _ in trajectory]):.2f} cm, {rms([deg for _, deg in trajectory]):.2f} deg rmse"
     )
     print(f"  map        {rms([cm for cm, _ in places]):.2f} cm, {rms([deg for _, deg in places]):.2f} deg rmse")
-    print(f"  odd {[odd.code for odd in survey.odd]}, unplaced {survey.unplaced}")
+    print(f"  odd {[odd.id.code for odd in survey.odd]}, unplaced {survey.unplaced}")
     drive = track_pictures(moments, rig, hung, MotionModel(*wheels))
     times = [moment.time_s for moment in moments]
     tracked = [

@@ -28,6 +28,7 @@ from lmkit.geometry.pose import Pose
 from lmkit.geometry.rotations import rotation_log
 from lmkit.geometry.stereo_rig import StereoRig
 from lmkit.localization.absolute_pose import LocateOptions, locate_rig
+from lmkit.model.landmark_id import LandmarkId
 from lmkit.model.landmark_map import LandmarkMap, MappedLandmark
 
 FLOORS_PX = (0.0, 0.05, LocateOptions().corner_floor_px, 0.15)
@@ -59,7 +60,7 @@ def true_map(truth: dict, room: int) -> LandmarkMap:
             R, t = np.array(place["R"]), np.array(place["t"]).ravel()
         else:
             R, t = np.array(place)[:3, :3], np.array(place)[:3, 3]
-        mapped.append(MappedLandmark(landmark["id"], "lm8", 0.18, Pose("map", "landmark", R, t)))
+        mapped.append(MappedLandmark(LandmarkId("lm8", landmark["id"]), 0.18, Pose("map", "landmark", R, t)))
     return LandmarkMap(mapped)
 
 
@@ -95,7 +96,11 @@ def locate_apriltag(folder: Path, index: int) -> tuple[str, float, float]:
     pair, rig = truth["pairs"][index], true_rig(truth)
     mapped = true_map(truth, pair["room"])
     image = cv2.imread(str(folder / "images" / pair["images"][0]["image"]))
-    seen = [(known, corners) for code, corners in READERS["AprilTag 3"].make()(image) if (known := mapped.find(code))]
+    seen = [
+        (known, corners)
+        for code, corners in READERS["AprilTag 3"].make()(image)
+        if (known := mapped.find(LandmarkId("lm8", code)))
+    ]
     if not seen:
         return "no_landmarks", np.nan, np.nan
     points = np.concatenate([known.corners_map for known, _ in seen])

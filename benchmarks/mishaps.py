@@ -24,6 +24,7 @@ from lmkit.geometry.pose import Pose
 from lmkit.geometry.rotations import rotation_angle
 from lmkit.mapping.bundle_adjustment import Anchor
 from lmkit.mapping.survey import Survey, survey_frames
+from lmkit.model.landmark_id import LandmarkId
 from lmkit.model.landmark_map import LandmarkMap
 from lmkit.model.observation import Detection
 from lmkit.model.recording import Gyro, Odometry, StereoFrame
@@ -60,9 +61,9 @@ def cases(drive: Drive, seed: int) -> list[Case]:
     plain = Case(drive.moments, drive.odometry, drive.gyro)
 
     def exchanged(seen: Seen) -> Seen:
-        return tuple(replace(o, code={a: b, b: a}.get(o.code, o.code)) for o in seen)
+        return tuple(replace(o, id=LandmarkId("lm8", {a: b, b: a}.get(o.code, o.code))) for o in seen)
 
-    T = drive.landmarks.find(moved).T_map_landmark
+    T = drive.landmarks.find(LandmarkId("lm8", moved)).T_map_landmark
     place = np.array([ROOM_M[0] - T.t[0], ROOM_M[1] - T.t[1], T.t[2]])
     across = Pose("map", "landmark", np.diag([-1.0, -1.0, 1.0]) @ T.R, place)
     hung = LandmarkMap([replace(m, T_map_landmark=across) if m.code == moved else m for m in drive.landmarks])
@@ -101,11 +102,11 @@ def cases(drive: Drive, seed: int) -> list[Case]:
 def outcome(drive: Drive, case: Case, wheels: bool) -> tuple[bool, bool]:
     """Bent, and named."""
     seen = list(dict.fromkeys(o.code for moment in case.moments for o in moment.left))
-    anchor = drive.landmarks.find(next(code for code in seen if code not in case.touched))
-    sizes = {("lm8", m.code): m.size_m for m in drive.landmarks}
+    anchor = drive.landmarks.find(LandmarkId("lm8", next(code for code in seen if code not in case.touched)))
+    sizes = {m.id: m.size_m for m in drive.landmarks}
     motion = MotionModel(case.odometry, case.gyro) if wheels else None
     try:
-        survey = survey_frames(case.moments, drive.rig, sizes, {("lm8", anchor.code): Anchor(anchor, None)}, motion)
+        survey = survey_frames(case.moments, drive.rig, sizes, {anchor.id: Anchor(anchor, None)}, motion)
     except LmkitError:
         return False, True
     named = survey.odd or survey.bundle.jumps or survey.unplaced or survey.ambiguous
@@ -114,7 +115,7 @@ def outcome(drive: Drive, case: Case, wheels: bool) -> tuple[bool, bool]:
 
 def bent(drive: Drive, survey: Survey, touched: frozenset[int]) -> bool:
     for m in survey.bundle.landmarks:
-        true, C = drive.landmarks.find(m.code).T_map_landmark, m.covariance
+        true, C = drive.landmarks.find(m.id).T_map_landmark, m.covariance
         off = float(np.linalg.norm(m.T_map_landmark.t - true.t))
         turned = float(rotation_angle(m.T_map_landmark.R.T @ true.R))
         place, turn = (np.sqrt(abs(np.linalg.eigvalsh(C[part, part])[-1])) for part in (slice(0, 3), slice(3, 6)))

@@ -20,6 +20,7 @@ from scipy.optimize import least_squares
 
 from lmkit.geometry.pose import Pose
 from lmkit.localization.range_bearing import locate_planar
+from lmkit.model.landmark_id import LandmarkId
 from lmkit.model.landmark_map import LandmarkMap, MappedLandmark
 from lmkit.model.observation import RangeBearing
 
@@ -54,7 +55,7 @@ def load(folder: Path) -> tuple[dict[int, np.ndarray], list[Instant]]:
         for time, code, distance, bearing in measured:
             seen = subject.get(int(code), -1)
             if seen in places and truth[0, 0] < time < truth[-1, 0]:
-                moments.setdefault(time, []).append(RangeBearing(seen, distance, bearing, time))
+                moments.setdefault(time, []).append(RangeBearing(LandmarkId("lm8", seen), distance, bearing, time))
         for time, readings in moments.items():
             at = [np.interp(time, truth[:, 0], column) for column in (truth[:, 1], truth[:, 2], heading)]
             instants.append(Instant(readings, np.array(at)))
@@ -90,7 +91,7 @@ def main() -> None:
     places, instants = load(parser.parse_args().folder)
     landmarks = LandmarkMap(
         [
-            MappedLandmark(code, "lm8", 0.18, Pose("map", "landmark", np.eye(3), np.array([*place, 0.0])))
+            MappedLandmark(LandmarkId("lm8", code), 0.18, Pose("map", "landmark", np.eye(3), np.array([*place, 0.0])))
             for code, place in places.items()
         ]
     )

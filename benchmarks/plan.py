@@ -24,6 +24,7 @@ from lmkit.io.floor_plan import read_floor
 from lmkit.localization.absolute_pose import LocateOptions, locate_rig
 from lmkit.localization.pose_prior import PosePrior
 from lmkit.model.floor_plan import FloorPlan
+from lmkit.model.landmark_id import LandmarkId
 from lmkit.model.landmark_map import LandmarkMap, MappedLandmark, wall_pose
 from lmkit.planning.coverage import Demand, expected_errors, places_on, predict_coverage, promised_errors
 from lmkit.planning.mounting_sites import HangOptions, hanging_places
@@ -51,7 +52,7 @@ def evenly(floor: FloorPlan, spacing_m: float) -> list[MappedLandmark]:
             wanted = (k + 0.5) * wall.length_m / count
             if by_wall.get(wall.name) and min(abs(np.array(by_wall[wall.name]) - wanted)) < 0.4:
                 place = [*(wall.left + wanted * wall.along), height]
-                hung.append(MappedLandmark(len(hung), "lm8", 0.18, wall_pose(place, wall.facing_rad)))
+                hung.append(MappedLandmark(LandmarkId("lm8", len(hung)), 0.18, wall_pose(place, wall.facing_rad)))
     return hung
 
 

@@ -26,6 +26,7 @@ from lmkit.io.recording_tables import read_detections
 from lmkit.io.trajectory import read_trajectory
 from lmkit.mapping.bundle_adjustment import Anchor
 from lmkit.mapping.survey import survey_frames
+from lmkit.model.landmark_id import LandmarkId
 from lmkit.model.landmark_map import MappedLandmark
 from lmkit.model.trajectory import Trajectory
 from lmkit.odometry.pose_odometry import PoseMotion
@@ -67,7 +68,7 @@ def load_hand_measured(folder: Path) -> dict[int, MappedLandmark]:
                     continue
                 place, turn = (np.array([tag["pose"][part][k] for k in "xyz"]) for part in ("position", "rotation"))
                 T = Pose.from_rvec("map", "landmark", turn, place)
-                hung[tag["id"]] = MappedLandmark(tag["id"], "tag36h11", tag.get("size", 0.15), T)
+                hung[tag["id"]] = MappedLandmark(LandmarkId("tag36h11", tag["id"]), tag.get("size", 0.15), T)
     return hung
 
 
@@ -81,7 +82,7 @@ def main() -> None:
     folder, (metres, degrees) = arguments.folder, map(float, arguments.sigma.split(","))
     unpacked = Path("/tmp/tag_detections.csv")
     unpacked.write_bytes(gzip.decompress((folder / "tag_detections.csv.gz").read_bytes()))
-    moments = read_detections(unpacked)[:: arguments.every]
+    moments = read_detections(unpacked, ["lm8"])[:: arguments.every]
     # The detector's corners run against the clock from bottom left.
     moments = [
         replace(
@@ -92,7 +93,7 @@ def main() -> None:
     ]
     rig, hand = load_rig(folder), load_hand_measured(folder)
     covariance = np.diag([metres**2] * 3 + [np.deg2rad(degrees) ** 2] * 3)
-    seen = {(o.family, o.code) for m in moments for o in (*m.left, *m.right)}
+    seen = {o.id for m in moments for o in (*m.left, *m.right)}
     anchors = {("tag36h11", code): Anchor(m, covariance) for code, m in hand.items()}
     sizes = {key: hand[key[1]].size_m if key[1] in hand else 0.15 for key in seen}
     poses = Path("/tmp/vio.tum")

@@ -20,6 +20,7 @@ from mrclam import table
 
 from lmkit.geometry.pose import Pose
 from lmkit.mapping.range_bearing_survey import survey_readings
+from lmkit.model.landmark_id import LandmarkId
 from lmkit.model.landmark_map import LandmarkMap, MappedLandmark
 from lmkit.model.observation import RangeBearing
 from lmkit.model.recording import Odometry
@@ -41,10 +42,10 @@ def load(
     for time_s, code, distance, bearing in measured:
         seen = subject.get(int(code), -1)
         if seen in places and truth[0, 0] < time_s < truth[-1, 0]:
-            moments.setdefault(time_s, []).append(RangeBearing(seen, distance, bearing, time_s))
+            moments.setdefault(time_s, []).append(RangeBearing(LandmarkId("lm8", seen), distance, bearing, time_s))
     odometry = odometry[np.diff(odometry[:, 0], prepend=-1.0) > 0]
     hung = [
-        MappedLandmark(k, "lm8", 0.18, Pose("map", "landmark", np.eye(3), np.array([*place, 0.0])))
+        MappedLandmark(LandmarkId("lm8", k), 0.18, Pose("map", "landmark", np.eye(3), np.array([*place, 0.0])))
         for k, place in places.items()
     ]
     wheels = Odometry.from_velocities(odometry[:, 0], odometry[:, 1], odometry[:, 2])
@@ -97,7 +98,7 @@ def surveyed_errors(folder: Path, robot: int) -> tuple[np.ndarray, np.ndarray]:
     """(L,2) of the landmarks (m), and (N,3) of the drive, x, y, heading."""
     moments, wheels, landmarks, truth = load(folder, robot)
     found, drive = survey_readings(moments, wheels, None, 0.18)
-    true = np.array([landmarks.find(m.code).T_map_landmark.t[:2] for m in found])
+    true = np.array([landmarks.find(m.id).T_map_landmark.t[:2] for m in found])
     own = np.array([m.T_map_landmark.t[:2] for m in found])
     U, _, Vt = np.linalg.svd((own - own.mean(axis=0)).T @ (true - true.mean(axis=0)))
     R = (U @ np.diag([1.0, np.sign(np.linalg.det(U @ Vt))]) @ Vt).T

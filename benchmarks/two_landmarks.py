@@ -18,6 +18,7 @@ import numpy as np
 from lmkit.localization.range_bearing import locate_planar
 from lmkit.localization.range_bearing_noise import ReadingNoise
 from lmkit.localization.two_landmarks import locate_by_two
+from lmkit.model.landmark_id import LandmarkId
 from lmkit.model.landmark_map import LandmarkMap, MappedLandmark, wall_pose
 from lmkit.model.observation import RangeBearing
 
@@ -37,7 +38,9 @@ def percent(share: float, draws: int, landmarks: int) -> dict[str, np.ndarray]:
     """Mean percentage errors (X, Y) of every method at a range noise of ``share``."""
     rng = np.random.default_rng(5)
     places = [A, B, *MORE][:landmarks]
-    known = LandmarkMap([MappedLandmark(k, "lm8", 0.18, wall_pose([*p, 1.0], math.pi)) for k, p in enumerate(places)])
+    known = LandmarkMap(
+        [MappedLandmark(LandmarkId("lm8", k), 0.18, wall_pose([*p, 1.0], math.pi)) for k, p in enumerate(places)]
+    )
     noise = ReadingNoise(0.0, share, BEARING_RAD, 0.0)
     errors: dict[str, list[np.ndarray]] = {"as printed": [], "two landmarks": [], "lmkit": []}
     for _ in range(draws):
@@ -48,7 +51,9 @@ def percent(share: float, draws: int, landmarks: int) -> dict[str, np.ndarray]:
         bearings = np.array([math.atan2(off[1], off[0]) - heading for off in offs])
         bearings = bearings + BEARING_RAD * rng.normal(size=landmarks)
         closed = locate_by_two(A, B, *ranges[:2], *bearings[:2])
-        readings = [RangeBearing(k, float(ranges[k]), float(bearings[k])) for k in range(landmarks)]
+        readings = [
+            RangeBearing(LandmarkId("lm8", k), float(ranges[k]), float(bearings[k])) for k in range(landmarks)
+        ]
         found = locate_planar(readings, known, noise).pose
         for name, xy in (
             ("as printed", as_printed(ranges, bearings)),

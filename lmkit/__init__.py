@@ -47,6 +47,7 @@ if _TYPE_CHECKING:
     from lmkit.model.estimate import PoseEstimate as PoseEstimate
     from lmkit.model.landmark import LM8 as LM8
     from lmkit.model.landmark import LandmarkFamily as LandmarkFamily
+    from lmkit.model.landmark_id import LandmarkId as LandmarkId
     from lmkit.model.landmark_map import LandmarkMap as LandmarkMap
     from lmkit.model.landmark_map import MappedLandmark as MappedLandmark
     from lmkit.model.observation import Detection as Detection
@@ -88,6 +89,7 @@ _HOMES = {
     "Detections": "model.detections",
     "LM8": "model.landmark",
     "LandmarkFamily": "model.landmark",
+    "LandmarkId": "model.landmark_id",
     "LandmarkMap": "model.landmark_map",
     "MappedLandmark": "model.landmark_map",
     "Pose": "geometry.pose",

@@ -6,6 +6,7 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
+from ids import lm8
 
 from lmkit.io.floor_plan import read_floor
 from lmkit.model.floor_plan import FloorPlan, Wall
@@ -44,4 +45,4 @@ def hung_every(floor: FloorPlan, spacing_m: float, first_code: int = 0) -> Landm
 
 def on_wall(wall: Wall, along_m: float, code: int, height_m: float = 1.1) -> MappedLandmark:
     place = wall.left + along_m * wall.along
-    return MappedLandmark(code, "lm8", 0.18, wall_pose([*place, height_m], wall.facing_rad))
+    return MappedLandmark(lm8(code), 0.18, wall_pose([*place, height_m], wall.facing_rad))

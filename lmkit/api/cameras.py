@@ -87,7 +87,7 @@ def locate(
     from lmkit.localization.base_pose import with_base
 
     cameras, hung = as_rig(rig), as_map(landmarks)
-    families = tuple(dict.fromkeys(m.family for m in hung))
+    families = hung.families
     seen = []
     for image, camera in ((left, cameras.left), (right, cameras.right)):
         if image is None:

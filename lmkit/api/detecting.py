@@ -35,8 +35,8 @@ class Detector:
     Examples:
         >>> import lmkit
         >>> detector = lmkit.Detector(families="lm8", profile="fast")
-        >>> detector.detect(lmkit.read_image("left.png"))[0].family
-        'lm8'
+        >>> detector.detect(lmkit.read_image("left.png"))[0].id
+        LandmarkId('lm8', ...)
     """
 
     def __init__(

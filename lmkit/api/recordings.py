@@ -58,7 +58,7 @@ def survey(
     if not recording.frames:
         raise InputError("no_frames", "the recording has no frames", "give images or detections")
     cameras, motion = as_rig(rig), motion_of(recording)
-    anchors = {} if known is None else {(m.family, m.code): Anchor(m, m.covariance) for m in as_map(known)}
+    anchors = {} if known is None else {m.id: Anchor(m, m.covariance) for m in as_map(known)}
     frames = list(recording.frames)
     sizes = landmark_sizes(frames, as_metres(size, "size"), anchors)
     result = survey_frames(frames, cameras, sizes, anchors, motion, constraints)

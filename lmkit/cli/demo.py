@@ -134,7 +134,7 @@ def _print(result: DemoResult, folder: Path) -> None:
     for s in result.stations:
         numbers = ["-" if v is None else f"{v:.3f}" for v in (s.position_mm, s.heading_deg, s.rotation_deg)]
         print_line(
-            f"{s.pair}  {s.status:13s}  {len(s.codes):9d}  {numbers[0]:>11s}  {numbers[1]:>11s}  {numbers[2]:>12s}"
+            f"{s.pair}  {s.status:13s}  {len(s.ids):9d}  {numbers[0]:>11s}  {numbers[1]:>11s}  {numbers[2]:>12s}"
         )
     found = sorted(s.position_mm for s in result.stations if s.position_mm is not None)
     if found:

@@ -163,16 +163,17 @@ def _prior(heading: str | None, planar: str | None) -> PosePrior | None:
 
 
 def _sentence(estimate: PoseEstimate, rig: StereoRig, frame: str) -> str:
+    from lmkit.model.landmark_id import ids_text
     from lmkit.pipelines.locate_images import estimate_dict
 
     answer = estimate_dict(estimate, rig, "-", None, frame)
     if answer["position"] is None:
-        outliers = f", codes {', '.join(map(str, estimate.outlier_codes))}" if estimate.outlier_codes else ""
+        outliers = f", codes {ids_text(estimate.outliers)}" if estimate.outliers else ""
         return f"{estimate.status}{outliers}"
     x, y, z = answer["position"]
     sigma = [answer["covariance"][k][k] ** 0.5 * 1000 for k in range(3)]
-    codes = ", ".join(map(str, estimate.inlier_codes))
-    off = f", not explained: {', '.join(map(str, estimate.outlier_codes))}" if estimate.outlier_codes else ""
+    codes = ids_text(estimate.inliers)
+    off = f", not explained: {ids_text(estimate.outliers)}" if estimate.outliers else ""
     return (
         f"{estimate.status}, x {x:.3f} y {y:.3f} z {z:.3f} m "
         f"(± {sigma[0]:.1f} {sigma[1]:.1f} {sigma[2]:.1f} mm), codes {codes}{off}"

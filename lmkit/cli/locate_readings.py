@@ -37,7 +37,7 @@ def locate_readings(
 
     if not math.isfinite(time_offset):
         raise InputError("bad_offset", f"--time-offset {time_offset:g} is no time", "give seconds, such as 0.2")
-    moments = read_readings(path)
+    moments = read_readings(path, landmarks.families)
     noise = parse_noise(range_sigma, bearing_sigma)
     located = 0
     for time_s, seen in moments.items():
@@ -54,10 +54,12 @@ def locate_readings(
 
 
 def _sentence(estimate: PlanarEstimate) -> str:
+    from lmkit.model.landmark_id import ids_text
+
     if estimate.pose is None:
         return estimate.status
-    pose, codes = estimate.pose, ", ".join(map(str, estimate.inlier_codes))
-    off = ", ".join(map(str, estimate.outlier_codes))
+    pose, codes = estimate.pose, ids_text(estimate.inliers)
+    off = ids_text(estimate.outliers)
     heading = "unknown" if pose.heading_rad is None else f"{math.degrees(pose.heading_rad):.2f} deg"
     return f"{estimate.status}, x {pose.x_m:.3f} y {pose.y_m:.3f} m, heading {heading}, codes {codes}" + (
         f", not explained: {off}" if off else ""

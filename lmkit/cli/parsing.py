@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import replace
 
 from lmkit.errors import InputError
 from lmkit.localization.range_bearing_noise import ReadingNoise
 from lmkit.mapping.wall_constraints import Tie
+from lmkit.model.landmark_id import LandmarkId
 from lmkit.planning.coverage import Demand
 from lmkit.units import parse_length_mm, parse_sigma
 
@@ -42,7 +44,7 @@ def parse_share(text: str) -> float:
 WALL_SIGMA = "5mm,1deg"
 
 
-def parse_constraints(walls: list[str], heights: list[str], sigma: str | None) -> list[Tie]:
+def parse_constraints(walls: list[str], heights: list[str], sigma: str | None, families: Sequence[str]) -> list[Tie]:
     from lmkit.mapping.wall_constraints import Tie
 
     if sigma is not None and not walls and not heights:
@@ -52,12 +54,12 @@ def parse_constraints(walls: list[str], heights: list[str], sigma: str | None) -
     for kind, name, texts in (("wall", "--wall", walls), ("height", "--same-height", heights)):
         for text in texts:
             words = [word.strip() for word in text.split(",")]
-            codes = tuple(dict.fromkeys(int(word) for word in words if word.isdigit()))
-            if len(codes) < 2 or len(codes) < len(words):
+            ids = tuple(dict.fromkeys(LandmarkId.parse(word, families) for word in words if word))
+            if len(ids) < 2 or len(ids) < len(words):
                 raise InputError(
                     "bad_codes", f"{name} {text} does not list two codes or more", f"write {name} 12,44,137"
                 )
-            ties.append(Tie(kind, codes, *spread))
+            ties.append(Tie(kind, ids, *spread))
     return ties
 
 

@@ -82,7 +82,7 @@ def read_moments(
 
     if detections is not None:
         require_no("--detections", {"LEFT": left, "--hz": hz})
-        return read_detections(detections)
+        return read_detections(detections, family.split(","))
     if left is None or right is None:
         raise InputError("no_pictures", "LEFT and RIGHT, or --detections, are needed", "give two folders of pictures")
     if hz is not None and not 0 < hz < 1e4:

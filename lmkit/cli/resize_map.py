@@ -10,6 +10,7 @@ from lmkit.errors import InputError
 from lmkit.io.files import write_file
 from lmkit.io.landmark_map import map_to_yaml, read_map
 from lmkit.model.landmark import LandmarkFamily
+from lmkit.model.landmark_id import LandmarkId
 from lmkit.model.landmark_map import LandmarkMap
 from lmkit.units import parse_two_lengths_mm
 
@@ -21,7 +22,7 @@ def write_measured_map(
 
     width, height = parse_two_lengths_mm(measured, "--measured")
     landmarks = read_map(path)
-    missing = [code for code in codes if landmarks.find(code, family.name) is None]
+    missing = [code for code in codes if LandmarkId(family.name, code) not in landmarks]
     if missing:
         raise InputError(
             "not_in_map", f"{path} has no {family.name} landmark of code {missing[0]}", "check --codes and --family"

@@ -18,6 +18,7 @@ if TYPE_CHECKING:
     from lmkit.geometry.stereo_rig import StereoRig
     from lmkit.mapping.bundle_adjustment import Anchor, Bundle
     from lmkit.mapping.survey import Survey
+    from lmkit.model.landmark_id import LandmarkId
     from lmkit.model.landmark_map import LandmarkMap
     from lmkit.model.recording import Gyro, Odometry, StereoFrame
 
@@ -94,14 +95,16 @@ def run(
             "--hz": hz, "--save-detections": save_detections, "--plan": plan, "--report": report, "--rerun": rerun,
         }  # fmt: skip
         require_no("--readings", for_pictures)
-        _survey_readings(readings, read_wheels(odometry, gyro, wheel_track), size, output, tum, force, as_json)
+        _survey_readings(
+            readings, read_wheels(odometry, gyro, wheel_track), size, family, output, tum, force, as_json
+        )
         return
     if rig is None:
         raise InputError("no_rig", "survey needs a rig", "give --rig rig.yaml")
     check_outputs((output, tum, save_detections, report, rerun), plan, force)
     if known is None and known_sigma is not None:
         raise InputError("no_known", "--known-sigma needs --known beside it", "give --known MAP")
-    ties = parse_constraints(wall or [], same_height or [], wall_sigma)
+    ties = parse_constraints(wall or [], same_height or [], wall_sigma, family.split(","))
     if rerun is not None:
         require_rerun()
     size_m = parse_length_mm(size, "--size") / 1000
@@ -138,6 +141,7 @@ def _survey_readings(
     readings: Path,
     wheels: tuple[Odometry, Gyro | None] | None,
     size: str,
+    family: str,
     output: Path,
     tum: Path | None,
     force: bool,
@@ -153,7 +157,7 @@ def _survey_readings(
     if wheels is None:
         raise InputError("no_odometry", "readings are joined by odometry", "give --odometry FILE.csv")
     check_outputs((output, tum), None, force)
-    moments = sorted(read_readings(readings).items())
+    moments = sorted(read_readings(readings, family.split(",")).items())
     landmarks, drive = survey_readings(moments, *wheels, parse_length_mm(size, "--size") / 1000)
     write_file(output, map_to_yaml(landmarks), force)
     if tum is not None:
@@ -178,7 +182,7 @@ def _base_poses(bundle: Bundle, rig: StereoRig) -> Iterator[tuple[float, Pose]]:
         yield time_s, pose if rig.T_base_left is None else pose @ rig.T_base_left.inverse()
 
 
-def _anchors(landmarks: LandmarkMap, sigma: str | None) -> dict[tuple[str, int], Anchor]:
+def _anchors(landmarks: LandmarkMap, sigma: str | None) -> dict[LandmarkId, Anchor]:
     from dataclasses import replace
 
     import numpy as np
@@ -191,23 +195,25 @@ def _anchors(landmarks: LandmarkMap, sigma: str | None) -> dict[tuple[str, int],
         metres, radians = parse_sigma(sigma, "--known-sigma", _KNOWN_HINT)
         covariance = np.diag([metres**2] * 3 + [radians**2] * 3)
     return {
-        (m.family, m.code): Anchor(replace(m, covariance=None), m.covariance if covariance is None else covariance)
+        m.id: Anchor(replace(m, covariance=None), m.covariance if covariance is None else covariance)
         for m in landmarks
     }
 
 
 def _tell(result: Survey, moments: list[StereoFrame], output: Path) -> None:
+    import numpy as np
+
     from lmkit.mapping.survey import deviations
 
     bundle = result.bundle
-    print_line("code   x m      y m      z m      +- mm   +- deg  sightings  misfit")
-    for m in sorted(bundle.landmarks, key=lambda m: m.code):
-        mine = bundle.codes == m.code
+    print_line("landmark   x m      y m      z m      +- mm   +- deg  sightings  misfit")
+    for m in sorted(bundle.landmarks, key=lambda m: m.id):
+        mine = bundle.of == bundle.ids.index(m.id)
         place, turn = deviations(m)
         x, y, z = m.T_map_landmark.t
-        misfit = float(sorted(bundle.misfits[mine])[int(mine.sum()) // 2]) if mine.any() else math.nan
+        misfit = float(np.median(bundle.misfits[mine])) if mine.any() else math.nan
         print_line(
-            f"{m.code:4d} {x:8.3f} {y:8.3f} {z:8.3f} {1000 * place:9.1f} {math.degrees(turn):8.2f} {mine.sum():8d}"
+            f"{m.id!s:8} {x:8.3f} {y:8.3f} {z:8.3f} {1000 * place:9.1f} {math.degrees(turn):8.2f} {mine.sum():8d}"
             f" {misfit:9.2f}"
         )
     print_line(

@@ -71,7 +71,7 @@ def run(
             raise InputError(
                 "no_odometry", "readings are followed by odometry", "give --odometry, or use lmkit locate --readings"
             )
-        seen = read_readings(readings)
+        seen = read_readings(readings, landmarks.families)
         work = track_live if live else track_readings
         drive = work(sorted(seen.items()), wheels[0], wheels[1], landmarks)
     else:
@@ -81,7 +81,7 @@ def run(
             raise InputError("no_odometry", "--live needs odometry", "give --odometry, or use lmkit locate")
         cameras = read_any_rig(rig)
         own = read_any_odometry(odometry, gyro, wheel_track)
-        families = ",".join(dict.fromkeys(m.family for m in landmarks))
+        families = ",".join(landmarks.families)
         moments = read_moments(left, right, detections, cameras, families, hz)
         if not live or own is None:
             drive = track_pictures(moments, cameras, landmarks, motion_of(own))

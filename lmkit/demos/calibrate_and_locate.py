@@ -24,6 +24,7 @@ from lmkit.io.template import load_template
 from lmkit.localization.absolute_pose import locate_rig
 from lmkit.model.estimate import PoseEstimate
 from lmkit.model.landmark import LM8
+from lmkit.model.landmark_id import LandmarkId
 from lmkit.model.landmark_map import LandmarkMap
 from lmkit.model.observation import Detection
 from lmkit.parallel import map_in_processes
@@ -43,13 +44,13 @@ class StationError:
     """How far the found pose of one stereo pair is off.
 
     Attributes:
-        codes: landmarks used.
+        ids: landmarks used.
         position_mm, heading_deg, rotation_deg: None where no pose was found.
     """
 
     pair: str
     status: str
-    codes: tuple[int, ...]
+    ids: tuple[LandmarkId, ...]
     position_mm: float | None
     heading_deg: float | None
     rotation_deg: float | None
@@ -152,8 +153,8 @@ def _overlay(
     if estimate.T_map_camera is not None:
         T_camera_map = estimate.T_map_camera.inverse()
         tips = np.vstack([np.zeros(3), 0.12 * np.eye(3)])
-        for code in estimate.inlier_codes:
-            landmark = landmarks.find(code)
+        for id_ in estimate.inliers:
+            landmark = landmarks.find(id_)
             assert landmark is not None
             draw_axes(canvas, calibration.rig.left, (T_camera_map @ landmark.T_map_landmark).apply(tips))
     write_file(folder / "overlays" / f"{name}.jpg", encode_jpeg(canvas), force=True)
@@ -168,7 +169,7 @@ def _station(index: int, true: Pose, estimate: PoseEstimate) -> StationError:
     return StationError(
         f"{index:04d}",
         estimate.status,
-        estimate.inlier_codes,
+        estimate.inliers,
         1000 * float(np.linalg.norm(found.t - true.t)),
         float(np.rad2deg(abs(turn))),
         float(np.rad2deg(rotation_angle(found.R @ true.R.T))),
@@ -179,5 +180,5 @@ def _errors_csv(stations: Sequence[StationError]) -> str:
     lines = ["pair,status,codes,position_error_mm,heading_error_deg,rotation_error_deg"]
     for s in stations:
         errors = ["" if v is None else f"{v:.4f}" for v in (s.position_mm, s.heading_deg, s.rotation_deg)]
-        lines.append(",".join([s.pair, s.status, " ".join(map(str, s.codes)), *errors]))
+        lines.append(",".join([s.pair, s.status, " ".join(str(i.code) for i in s.ids), *errors]))
     return "\n".join([*lines, ""])

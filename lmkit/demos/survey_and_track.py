@@ -63,7 +63,7 @@ def run_drive_demo(folder: Path, seed: int, count: int) -> DriveErrors:
     smooth = track_pictures(late, drive.rig, survey.landmarks, MotionModel(drive.odometry, drive.gyro))
     live = track_live(drive.readings(seed)[half:], drive.odometry, drive.gyro, survey.landmarks)
     _write(folder, drive, survey, smooth)
-    true = [m for found in survey.landmarks if (m := drive.landmarks.find(found.code)) is not None]
+    true = [m for found in survey.landmarks if (m := drive.landmarks.find(found.id)) is not None]
     off = [
         (
             float(np.linalg.norm(a.T_map_landmark.t - b.T_map_landmark.t)),
@@ -90,16 +90,16 @@ def run_drive_demo(folder: Path, seed: int, count: int) -> DriveErrors:
 
 def _survey(drive: Drive, moments: tuple[StereoFrame, ...]) -> Survey:
     """The first landmark seen is the one whose place is known."""
-    sizes = {(m.family, m.code): m.size_m for m in drive.landmarks}
+    sizes = {m.id: m.size_m for m in drive.landmarks}
     first = next((o for moment in moments for o in moment.left), None)
     if first is None:
         raise InputError(
             "nothing_seen", "the drive passes no landmark", "hang more: --landmarks 14, or take another --seed"
         )
-    anchor = drive.landmarks.find(first.code)
+    anchor = drive.landmarks.find(first.id)
     assert anchor is not None
     motion = MotionModel(drive.odometry, drive.gyro)
-    return survey_frames(moments, drive.rig, sizes, {(first.family, first.code): Anchor(anchor, None)}, motion)
+    return survey_frames(moments, drive.rig, sizes, {first.id: Anchor(anchor, None)}, motion)
 
 
 def _off(drive: Drive, tracked: TrackedTrajectory) -> list[tuple[float, float]]:

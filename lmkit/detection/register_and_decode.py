@@ -15,6 +15,7 @@ from lmkit.detection.pixel_sampling import mean_side
 from lmkit.detection.registration import PatternRegistration
 from lmkit.detection.shadows import ShadowEdge
 from lmkit.model.landmark import LandmarkFamily
+from lmkit.model.landmark_id import LandmarkId
 from lmkit.model.observation import Detection
 
 READ_ROUNDS = 3
@@ -52,11 +53,10 @@ class Candidate:
     def observation(self) -> Detection:
         """What is told of it."""
         return Detection(
-            code=self.decoding.code,
+            id=LandmarkId(self.family.name, self.decoding.code),
             corners=self.corners,
             confidence=self.decoding.confidence,
             margin=self.decoding.margin,
-            family=self.family.name,
             covariance=self.covariance,
         )
 

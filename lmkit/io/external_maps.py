@@ -18,6 +18,7 @@ from lmkit.errors import InputError
 from lmkit.geometry.pose import Pose
 from lmkit.io.documents import dump_yaml, read_text
 from lmkit.io.landmark_map import read_map
+from lmkit.model.landmark_id import LandmarkId
 from lmkit.model.landmark_map import LandmarkMap, MappedLandmark
 
 FIELD_TAG_M = 0.1651  # of every tag on a field, as its rules have it; the layout does not say
@@ -82,7 +83,7 @@ def _from_wpilib(path: Path, text: str) -> LandmarkMap:
                 "map", "tag", [float(place[k]) for k in "xyz"], [float(turn[k]) for k in ("X", "Y", "Z", "W")]
             )
             T = Pose("map", "landmark", pose.R @ _R_OURS_FIELD.T, pose.t)
-            hung.append(MappedLandmark(int(tag["ID"]), FAMILY, FIELD_TAG_M, T))
+            hung.append(MappedLandmark(LandmarkId(FAMILY, int(tag["ID"])), FIELD_TAG_M, T))
     except (ValueError, KeyError, TypeError) as error:
         raise InputError(
             "bad_layout", f"{path}: no field layout of WPILib ({error})", "give tags with ID and pose"
@@ -103,7 +104,7 @@ def _from_tagslam(path: Path, text: str) -> LandmarkMap:
                     if size_m <= 0:
                         raise ValueError(f"tag {tag['id']} has no size")
                     T = Pose.from_rvec("map", "landmark", turn, place)
-                    hung.append(MappedLandmark(int(tag["id"]), FAMILY, size_m, T))
+                    hung.append(MappedLandmark(LandmarkId(FAMILY, int(tag["id"])), size_m, T))
     except (ValueError, KeyError, TypeError, AttributeError, yaml.YAMLError) as error:
         raise InputError(
             "bad_tagslam", f"{path}: no TagSLAM bodies with tags ({error})", "give tags with id, size and pose"

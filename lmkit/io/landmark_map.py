@@ -14,6 +14,7 @@ from lmkit.geometry.pose import Pose
 from lmkit.io.documents import Document, dump_yaml, read_document
 from lmkit.io.rig import Matrix6, Row
 from lmkit.model.landmark import family_named
+from lmkit.model.landmark_id import LandmarkId
 from lmkit.model.landmark_map import LandmarkMap, MappedLandmark
 
 # Square markers of others, which lmkit does not read, but whose recorded detections it surveys and locates by.
@@ -64,7 +65,7 @@ def read_map(path: Path) -> LandmarkMap:
                 f"{where}.covariance: not symmetric, or negative in some direction",
                 "write the 6x6 covariance of x y z (m) and rotation (rad), or leave it out",
             )
-        landmarks.append(MappedLandmark(item.code, item.family, item.size_m, pose, covariance, item.name))
+        landmarks.append(MappedLandmark(LandmarkId(item.family, item.code), item.size_m, pose, covariance, item.name))
     try:
         return LandmarkMap(landmarks)
     except InputError as error:

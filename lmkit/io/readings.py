@@ -5,24 +5,30 @@ from __future__ import annotations
 import csv
 import io
 import math
+from collections.abc import Sequence
 from pathlib import Path
 
 from lmkit.errors import InputError
 from lmkit.io.documents import read_text
+from lmkit.model.landmark_id import LandmarkId
 from lmkit.model.observation import RangeBearing
 
 COLUMNS = ("time_s", "code", "range_m", "bearing_rad")
+FAMILY = "family"  # a fifth column, where landmarks are of several families
 
 
-def read_readings(path: Path) -> dict[float, list[RangeBearing]]:
-    """Readings by moment, in the order of the file.
+def read_readings(path: Path, families: Sequence[str]) -> dict[float, list[RangeBearing]]:
+    """Readings by time, in the order of the file.
+
+    Args:
+        families: families in play; without a column ``family`` there must be one.
 
     Raises:
         InputError: not readable, another header, or a row that is no reading; names the line.
     """
     rows = list(csv.reader(io.StringIO(read_text(path, "readings file"))))
     header = tuple(cell.strip() for cell in rows[0]) if rows else ()
-    if header != COLUMNS:
+    if header not in (COLUMNS, (*COLUMNS, FAMILY)):
         raise InputError(
             "bad_header", f"{path}: line 1 is {','.join(header)!r}", f"write the header {','.join(COLUMNS)}"
         )
@@ -31,14 +37,14 @@ def read_readings(path: Path) -> dict[float, list[RangeBearing]]:
         if not row:
             continue
         try:
-            if len(row) != len(COLUMNS):
+            if len(row) != len(header):
                 raise ValueError(f"{len(row)} values")
-            time, code = float(row[0]), int(row[1])
-            distance, bearing = (float(cell) if cell.strip() else None for cell in row[2:])
+            time = float(row[0])
+            distance, bearing = (float(cell) if cell.strip() else None for cell in row[2:4])
             if distance is None and bearing is None:
                 raise ValueError("neither range nor bearing")
             given = [value for value in (time, distance, bearing) if value is not None]
-            if not all(map(math.isfinite, given)) or (distance is not None and distance <= 0) or code < 0:
+            if not all(map(math.isfinite, given)) or (distance is not None and distance <= 0):
                 raise ValueError("not finite, or not positive")
         except ValueError as error:
             raise InputError(
@@ -46,7 +52,12 @@ def read_readings(path: Path) -> dict[float, list[RangeBearing]]:
                 f"{path}: line {number} is no reading ({error})",
                 "write time_s,code,range_m,bearing_rad",
             ) from None
-        moments.setdefault(time, []).append(RangeBearing(code, distance, bearing, time))
+        code = row[1].strip()
+        try:
+            id_ = LandmarkId.parse(f"{row[4].strip()}:{code}" if len(row) > 4 else code, families)
+        except InputError as error:
+            raise InputError(error.code, f"{path}: line {number}: {error.message}", error.hint) from None
+        moments.setdefault(time, []).append(RangeBearing(id_, distance, bearing, time))
     if not moments:
         raise InputError("no_readings", f"{path}: holds no readings", "write one reading a line")
     return moments

@@ -13,6 +13,7 @@ import numpy as np
 from lmkit.arrays import FloatArray
 from lmkit.errors import InputError
 from lmkit.io.documents import read_text
+from lmkit.model.landmark_id import LandmarkId
 from lmkit.model.observation import Detection
 from lmkit.model.recording import Gyro, Odometry, StereoFrame
 
@@ -70,11 +71,14 @@ def read_gyro(path: Path) -> Gyro:
     return Gyro(columns["time_s"], columns["rate_radps"])
 
 
-def read_detections(path: Path) -> list[StereoFrame]:
-    """What both eyes saw: time_s, camera (left or right), code, x0 y0 ... x3 y3 (px); family if not lm8, sigma_px.
+def read_detections(path: Path, families: Sequence[str]) -> list[StereoFrame]:
+    """Detections of both cameras: time_s, camera (left or right), code, x0 y0 ... x3 y3 (px); family, sigma_px.
+
+    Args:
+        families: families in play; without a family column there must be one (with ``tag_id`` it is tag36h11).
 
     Raises:
-        InputError: not readable, or a row is no detection; names the line.
+        InputError: not readable, or a row is no detection; names the line; no family column and several families.
     """
     rows = list(csv.reader(io.StringIO(read_text(path, "detections file"))))
     header = _header(rows)
@@ -82,26 +86,28 @@ def read_detections(path: Path) -> list[StereoFrame]:
         raise InputError(
             "bad_header", f"{path}: line 1 is {','.join(header)}", f"write the columns {','.join(DETECTION_COLUMNS)}"
         )
-    tags = bool(rows) and "tag_id" in [cell.strip() for cell in rows[0]]
+    known = ("tag36h11",) if "tag_id" in [cell.strip() for cell in rows[0]] else tuple(families)
     moments: dict[float, dict[str, list[Detection]]] = {}
     for number, row in enumerate(rows[1:], start=2):
         if not row:
             continue
         try:
             cells = dict(zip(header, row, strict=True))
-            eye = cells["camera"].strip()
+            eye, code = cells["camera"].strip(), cells["code"].strip()
             if eye not in ("left", "right"):
                 raise ValueError(f"camera {eye!r} is neither left nor right")
             corners = np.array([float(cells[name]) for name in CORNERS]).reshape(4, 2)
-            family = cells.get("family", "tag36h11" if tags else "lm8").strip()
+            id_ = LandmarkId.parse(f"{cells['family'].strip()}:{code}" if "family" in cells else code, known)
             sigma_px = float(cells.get("sigma_px", CORNER_SIGMA_PX))
             if not 0 < sigma_px < math.inf:
                 raise ValueError("sigma_px is not positive")
             C = sigma_px**2 * np.eye(8)
-            observation = Detection(int(cells["code"]), corners, 1.0, 0.0, family, C)
+            observation = Detection(id_, corners, 1.0, 0.0, C)
             time = float(cells["time_s"])
             if not math.isfinite(time):
                 raise ValueError("a time that is not finite")
+        except InputError as error:
+            raise InputError(error.code, f"{path}: line {number}: {error.message}", error.hint) from None
         except ValueError as error:
             raise InputError(
                 "bad_detection", f"{path}: line {number} is no detection ({error})", "see docs/formats.md"

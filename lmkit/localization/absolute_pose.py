@@ -84,7 +84,7 @@ def locate_rig(
     if estimate.status == "inconsistent" and left and right:
         swapped = [(right, *eyes[0][1:]), (left, *eyes[1][1:])]
         if _locate(swapped, landmarks, options).T_map_camera is not None:
-            return PoseEstimate("exchanged", outlier_codes=estimate.outlier_codes)
+            return PoseEstimate("exchanged", outliers=estimate.outliers)
     return estimate
 
 
@@ -104,18 +104,18 @@ _Eye = tuple[Sequence[Detection], CameraModel, FloatArray, FloatArray]
 def _locate(eyes: Sequence[_Eye], landmarks: LandmarkMap, options: LocateOptions) -> PoseEstimate:
     seen = Correspondences(eyes, landmarks, options.corner_floor_px)
     if not len(seen):
-        return PoseEstimate("no_landmarks", outlier_codes=tuple(sorted(seen.twice)))
+        return PoseEstimate("no_landmarks", outliers=tuple(sorted(seen.twice)))
     hypotheses = _hypotheses(seen)
     if not len(hypotheses[0]):
-        return PoseEstimate("inconsistent", outlier_codes=tuple(sorted({*seen.codes.tolist(), *seen.twice})))
+        return PoseEstimate("inconsistent", outliers=tuple(sorted({*seen.ids, *seen.twice})))
     found = _candidates(seen, *hypotheses, options)
     poses, cost = found.poses, found.cost
     inliers = found.misfits < 8 * options.outlier_sigma**2
-    codes, explained = set(seen.codes.tolist()), set(seen.codes[inliers[0]].tolist())
+    ids, explained = set(seen.ids), seen.ids_of(inliers[0])
     # An eye that sees landmarks of the map, but none where it should, is not where the rig says.
     blind = any(eye.rows.stop > eye.rows.start and not inliers[0, eye.rows].any() for eye in seen.eyes)
-    if blind or 2 * len(explained) < len(codes) or (len(codes) > 1 and len(explained) < 2):
-        return PoseEstimate("inconsistent", outlier_codes=tuple(sorted(codes | seen.twice)))
+    if blind or 2 * len(explained) < len(ids) or (len(ids) > 1 and len(explained) < 2):
+        return PoseEstimate("inconsistent", outliers=tuple(sorted(ids | seen.twice)))
     best = poses.only(np.array([0]))
     covariance = _covariance(seen, best, inliers[:1], options.prior)
     # So far along its least known direction may a pose lie that explains the pictures almost as well.
@@ -128,8 +128,8 @@ def _locate(eyes: Sequence[_Eye], landmarks: LandmarkMap, options: LocateOptions
         status="ambiguous" if rivalled or reach_m > options.far_m or reach_rad > options.far_rad else "ok",
         T_map_camera=_pose(poses, 0),
         covariance=covariance,
-        inlier_codes=tuple(sorted(explained)),
-        outlier_codes=tuple(sorted((codes - explained) | seen.twice)),
+        inliers=tuple(sorted(explained)),
+        outliers=tuple(sorted((ids - explained) | seen.twice)),
         alternatives=tuple(
             (_pose(poses, k), float(ratios[k]))
             for k in range(1, min(len(cost), 1 + MOST_LISTED))
@@ -174,7 +174,7 @@ class _Candidates:
 def _candidates(seen: Correspondences, poses: Poses, own: IntArray, options: LocateOptions) -> _Candidates:
     """Poses that are really different, each refined on what it explains; best first."""
     prior, limit = options.prior, 8 * options.outlier_sigma**2
-    mine, gate_px = seen.codes == own[:, None], options.gate_share * seen.side_px
+    mine, gate_px = seen.of == own[:, None], options.gate_share * seen.side_px
     near = mine | (seen.misfits_and_pixels(poses)[1] < gate_px)
     poses = seen.refine(poses, near, prior, TOWARDS_NEAR)
     # What a pose does not even come near to it will not explain, however it is refined.
@@ -199,13 +199,13 @@ def _candidates(seen: Correspondences, poses: Poses, own: IntArray, options: Loc
 
 
 def _hypotheses(seen: Correspondences) -> tuple[Poses, IntArray]:
-    """Both poses of every landmark, as poses of the left camera in the map, and the landmark's code."""
+    """Both poses of every landmark, as poses of the left camera in the map, and its index in ``seen.ids``."""
     best: dict[int, int] = {}
     sides = seen.side_px.tolist()
-    for row, code in enumerate(seen.codes.tolist()):
+    for row, which in enumerate(seen.of.tolist()):
         # Of the two eyes the one that sees it larger.
-        if code not in best or sides[row] > sides[best[code]]:
-            best[code] = row
+        if which not in best or sides[row] > sides[best[which]]:
+            best[which] = row
     rows = list(best.values())
     landmarks = [seen.landmarks[row] for row in rows]
     R_eye, t_eye, _ = square_poses(seen.rays[rows], np.array([landmark.size_m for landmark in landmarks]))
@@ -218,7 +218,7 @@ def _hypotheses(seen: Correspondences) -> tuple[Poses, IntArray]:
     p = t_map - (R_map_left @ t_left)[..., 0]
     finite = np.isfinite(p).all(axis=2).ravel()
     poses = Poses(R_map_left.reshape(-1, 3, 3)[finite], p.reshape(-1, 3)[finite])
-    return poses, np.repeat(seen.codes[rows], 2)[finite]
+    return poses, np.repeat(seen.of[rows], 2)[finite]
 
 
 def _covariance(seen: Correspondences, best: Poses, used: BoolArray, prior: PosePrior | None) -> FloatArray:

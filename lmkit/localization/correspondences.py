@@ -14,6 +14,7 @@ from lmkit.geometry.stereo_rig import StereoRig
 from lmkit.kernels.reprojection import NO_PRIOR, Corners, corner_misfits, pose_equations, refine_poses
 from lmkit.localization.pose_prior import PosePrior
 from lmkit.localization.reprojection import through_lens
+from lmkit.model.landmark_id import LandmarkId
 from lmkit.model.landmark_map import LandmarkMap, MappedLandmark
 from lmkit.model.observation import Detection
 
@@ -54,12 +55,13 @@ class Correspondences:
     Attributes:
         landmarks: (S) of every sighting.
         observations: (S) what was seen.
-        codes: (S,) their codes.
+        ids: the landmarks seen.
+        of: (S,) index into ``ids`` of every sighting.
         side_px: (S,) mean side in the picture.
         rays: (S,4,2) the corners as x/z and y/z, without distortion.
         eye_R, eye_t: (S,3,3), (S,3) from the left camera into the eye that saw it.
         eyes: the cameras.
-        twice: mapped codes that are in one picture more than once: which is the mapped one cannot be told.
+        twice: mapped landmarks that are in one image more than once: which one is the mapped one cannot be told.
     """
 
     def __init__(
@@ -71,16 +73,17 @@ class Correspondences:
         self.landmarks: list[MappedLandmark] = []
         self.observations: list[Detection] = []
         self.eyes: list[Eye] = []
-        self.twice: set[int] = set()
+        self.twice: set[LandmarkId] = set()
+        self.ids: tuple[LandmarkId, ...] = ()
         parts = []
         for observations, camera, R, t in eyes:
-            seen = Counter((o.family, o.code) for o in observations)
+            seen = Counter(o.id for o in observations)
             start = len(self.landmarks)
             listed: list[tuple[Detection, MappedLandmark]] = []
             for o in observations:
-                landmark = landmarks.find(o.code, o.family)
-                if landmark is not None and seen[o.family, o.code] > 1:
-                    self.twice.add(o.code)
+                landmark = landmarks.find(o.id)
+                if landmark is not None and seen[o.id] > 1:
+                    self.twice.add(o.id)
                 elif landmark is not None:
                     listed.append((o, landmark))
             looked = through_lens([o for o, _ in listed], camera, corner_floor_px)
@@ -92,7 +95,9 @@ class Correspondences:
             self.eyes.append(Eye(camera, R, t, slice(start, len(self.landmarks))))
         if not self.landmarks:
             return
-        self.codes = np.array([landmark.code for landmark in self.landmarks])
+        self.ids = tuple(sorted({landmark.id for landmark in self.landmarks}))
+        number = {id_: k for k, id_ in enumerate(self.ids)}
+        self.of = np.array([number[landmark.id] for landmark in self.landmarks])
         self.points = np.array([landmark.corners_map for landmark in self.landmarks])
         self.observed = np.array([o.corners for o in self.observations])
         steps = np.roll(self.observed, -1, axis=1) - self.observed
@@ -131,6 +136,10 @@ class Correspondences:
 
     def __len__(self) -> int:
         return len(self.landmarks)
+
+    def ids_of(self, rows: BoolArray) -> set[LandmarkId]:
+        """The landmarks of some sightings, given as a mask (S,)."""
+        return {self.ids[k] for k in self.of[rows].tolist()}
 
     def misfits(self, poses: Poses) -> FloatArray:
         """(H,S) squared error of each sighting on its own, in standard deviations, over its eight coordinates."""

@@ -24,6 +24,7 @@ from lmkit.arrays import BoolArray, FloatArray
 from lmkit.geometry.planar import wrapped
 from lmkit.localization.range_bearing_noise import ReadingNoise
 from lmkit.localization.two_landmarks import PlanarPose, locate_by_two
+from lmkit.model.landmark_id import LandmarkId
 from lmkit.model.landmark_map import LandmarkMap
 from lmkit.model.observation import RangeBearing
 
@@ -48,15 +49,15 @@ class PlanarEstimate:
             explains two landmarks and at least half of those read).
         pose: its heading is None where no bearing was read.
         covariance: (3,3) of x y (m) and heading (rad), (2,2) of x y where the heading is unknown.
-        inlier_codes, outlier_codes: landmarks that the pose explains, and those that it does not.
+        inliers, outliers: landmarks that the pose explains, and those that it does not.
         alternatives: other poses, best first, with the log likelihood ratio to the answer.
     """
 
     status: str
     pose: PlanarPose | None = None
     covariance: FloatArray | None = None
-    inlier_codes: tuple[int, ...] = ()
-    outlier_codes: tuple[int, ...] = ()
+    inliers: tuple[LandmarkId, ...] = ()
+    outliers: tuple[LandmarkId, ...] = ()
     alternatives: tuple[tuple[PlanarPose, float], ...] = ()
 
 
@@ -65,13 +66,13 @@ class Readings:
     """Readings of mapped landmarks as arrays; NaN where a range or bearing is not there.
 
     Attributes:
-        codes: (N,) ints.
+        ids: (N) the landmarks.
         places: (N,2) of the landmarks, metres.
         ranges, bearings: (N,) metres, rad.
         range_sigma, bearing_sigma: (N,) their standard deviations, and what the map leaves open of the landmarks.
     """
 
-    codes: tuple[int, ...]
+    ids: tuple[LandmarkId, ...]
     places: FloatArray
     ranges: FloatArray
     bearings: FloatArray
@@ -81,7 +82,7 @@ class Readings:
     @classmethod
     def of(cls, readings: Sequence[RangeBearing], landmarks: LandmarkMap, noise: ReadingNoise) -> Readings:
         """Those of the map's landmarks."""
-        known = [(r, found) for r in readings if (found := landmarks.find(r.code)) is not None]
+        known = [(r, found) for r in readings if (found := landmarks.find(r.id)) is not None]
         ranges = np.array([np.nan if r.range_m is None else r.range_m for r, _ in known])
         bearings = np.array([np.nan if r.bearing_rad is None else r.bearing_rad for r, _ in known])
         places = np.array([found.T_map_landmark.t[:2] for _, found in known]).reshape(-1, 2)
@@ -90,9 +91,8 @@ class Readings:
             [0.0 if m.covariance is None else math.sqrt(np.trace(m.covariance[:2, :2]) / 2) for _, m in known]
         )
         aside = open_m / np.where(np.isfinite(ranges), ranges, BEARING_ALONE_M)
-        codes = tuple(r.code for r, _ in known)
         return cls(
-            codes,
+            tuple(r.id for r, _ in known),
             places,
             ranges,
             bearings,
@@ -102,9 +102,9 @@ class Readings:
 
     def only(self, rows: BoolArray) -> Readings:
         """Some of them."""
-        codes = tuple(code for code, kept in zip(self.codes, rows, strict=True) if kept)
+        ids = tuple(id_ for id_, kept in zip(self.ids, rows, strict=True) if kept)
         arrays = (self.places, self.ranges, self.bearings, self.range_sigma, self.bearing_sigma)
-        return Readings(codes, *(values[rows] for values in arrays))
+        return Readings(ids, *(values[rows] for values in arrays))
 
     @property
     def turnable(self) -> bool:
@@ -144,12 +144,12 @@ def locate_planar(
     """
     noise = noise or ReadingNoise()
     seen = Readings.of(readings, landmarks, noise)
-    named = tuple(sorted(set(seen.codes)))
+    named = tuple(sorted(set(seen.ids)))
     if not _enough(seen):
-        return PlanarEstimate("no_landmarks", outlier_codes=named)
+        return PlanarEstimate("no_landmarks", outliers=named)
     starts, unique = _starts(seen)
     if not len(starts):
-        return PlanarEstimate("inconsistent", outlier_codes=named)
+        return PlanarEstimate("inconsistent", outliers=named)
     cost = np.log1p(_squared(seen, starts) / CAUCHY_SIGMA**2).sum(axis=1)
     found: list[tuple[float, FloatArray]] = []
     for k in np.argsort(cost, kind="stable"):
@@ -166,7 +166,7 @@ def locate_planar(
 
 
 def _judged(
-    seen: Readings, found: Sequence[tuple[float, FloatArray]], noise: ReadingNoise, named: tuple[int, ...]
+    seen: Readings, found: Sequence[tuple[float, FloatArray]], noise: ReadingNoise, named: tuple[LandmarkId, ...]
 ) -> PlanarEstimate:
     state = found[0][1]
     gate = noise.outlier_sigma**2
@@ -177,14 +177,14 @@ def _judged(
             break
         state = refined(seen.only(explained), state)
     explained = _squared(seen, state[None])[0] < gate
-    inliers = {code for code, good in zip(seen.codes, explained, strict=True) if good}
-    if len(inliers) < 2 or 2 * explained.sum() < len(seen.codes):
-        return PlanarEstimate("inconsistent", outlier_codes=named)
+    inliers = {id_ for id_, good in zip(seen.ids, explained, strict=True) if good}
+    if len(inliers) < 2 or 2 * explained.sum() < len(seen.ids):
+        return PlanarEstimate("inconsistent", outliers=named)
     known = 3 if seen.turnable else 2
     J = seen.jacobian(state)[explained].reshape(-1, 3)[:, :known]
     normal = J.T @ J
     if np.linalg.cond(normal) > 1e12:
-        return PlanarEstimate("inconsistent", outlier_codes=named)
+        return PlanarEstimate("inconsistent", outliers=named)
     covariance = np.linalg.inv(normal)
     if known == 3:
         covariance[2, 2] += noise.common_bearing_rad**2
@@ -199,7 +199,7 @@ def _judged(
         _pose(state, seen),
         covariance,
         tuple(sorted(inliers)),
-        tuple(sorted(set(seen.codes) - inliers)),
+        tuple(sorted(set(seen.ids) - inliers)),
         tuple((_pose(found[k][1], seen), ratio) for ratio, k in others),
     )
 
@@ -237,8 +237,8 @@ def _squared(seen: Readings, states: FloatArray) -> FloatArray:
 
 def _enough(seen: Readings) -> bool:
     """Do the readings hold as many numbers as the pose, from landmarks enough?"""
-    ranged = {c for c, r in zip(seen.codes, seen.ranges, strict=True) if np.isfinite(r)}
-    turned = {c for c, b in zip(seen.codes, seen.bearings, strict=True) if np.isfinite(b)}
+    ranged = {c for c, r in zip(seen.ids, seen.ranges, strict=True) if np.isfinite(r)}
+    turned = {c for c, b in zip(seen.ids, seen.bearings, strict=True) if np.isfinite(b)}
     numbers = len(ranged) + len(turned) - (1 if turned else 0)
     return len(ranged | turned) >= 2 and numbers >= 2 and (bool(ranged) or len(turned) >= 3)
 
@@ -325,8 +325,10 @@ def planar_dict(estimate: PlanarEstimate, path: Path, time_s: float) -> dict[str
         "position": None,
         "heading_rad": None,
         "covariance": None if covariance is None else covariance.tolist(),
-        "codes": list(estimate.inlier_codes),
-        "outlier_codes": list(estimate.outlier_codes),
+        "codes": [i.code for i in estimate.inliers],
+        "ids": [str(i) for i in estimate.inliers],
+        "outlier_codes": [i.code for i in estimate.outliers],
+        "outlier_ids": [str(i) for i in estimate.outliers],
         "alternatives": [
             {"position": [other.x_m, other.y_m], "heading_rad": other.heading_rad, "log_likelihood_ratio": ratio}
             for other, ratio in estimate.alternatives

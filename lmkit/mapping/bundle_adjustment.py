@@ -21,6 +21,7 @@ from lmkit.kernels import landmark_bundle as kernel
 from lmkit.localization.correspondences import Poses
 from lmkit.mapping.observation_arrays import ObservationArrays
 from lmkit.mapping.wall_constraints import Tie, constraint_rows
+from lmkit.model.landmark_id import LandmarkId
 from lmkit.model.landmark_map import LandmarkMap, MappedLandmark
 from lmkit.model.recording import StereoFrame
 from lmkit.odometry.motion_model import BoundedMotion, Motion
@@ -56,7 +57,8 @@ class Bundle:
         joint: (6L,6L) covariance of all landmarks, in their order: they err alike.
         parameters: (P,) what is wrong with the odometry, as its `names`; none without.
         misfits: (S,) root mean square of each sighting's eight standardised corner coordinates.
-        codes, moments: (S,) of the sightings.
+        ids: (L) of the landmarks.
+        of, moments: (S,) of the sightings: index into ``ids``, and frame.
         rms_px: of the corners of sightings that are believed.
         jumps: (from_s, to_s, metres) between which the rig moved otherwise than the wheels say, or leapt.
     """
@@ -68,7 +70,8 @@ class Bundle:
     joint: FloatArray
     parameters: FloatArray
     misfits: FloatArray
-    codes: IntArray
+    ids: tuple[LandmarkId, ...]
+    of: IntArray
     moments: IntArray
     rms_px: float
     jumps: tuple[tuple[float, float, float], ...]
@@ -96,7 +99,7 @@ class BundleProblem:
         moments: in the order of time.
         start: T_map_left of every moment.
         landmarks: as they are believed to hang; sightings of others are left out.
-        anchors: by family and code, what is known beforehand.
+        anchors: what is known beforehand, by id.
         frozen: no landmark moves.
         ties: walls and heights that landmarks are declared to share.
     """
@@ -107,7 +110,7 @@ class BundleProblem:
         rig: StereoRig,
         start: Poses,
         landmarks: LandmarkMap,
-        anchors: Mapping[tuple[str, int], Anchor],
+        anchors: Mapping[LandmarkId, Anchor],
         motion: Motion | None = None,
         frozen: bool = False,
         ties: Sequence[Tie] = (),
@@ -193,7 +196,7 @@ class BundleProblem:
     def is_held(self, landmark: int) -> bool:
         """Is its pose known exactly?"""
         m = self.hung[landmark]
-        anchor = self.anchors.get((m.family, m.code))
+        anchor = self.anchors.get(m.id)
         return anchor is not None and anchor.covariance is None
 
     def landmark_costs(self) -> FloatArray:
@@ -270,7 +273,7 @@ class BundleProblem:
     def _add_anchors(self, equations: ChainEquations) -> float:
         cost = 0.0
         for k, landmark in enumerate(self.hung):
-            anchor = self.anchors.get((landmark.family, landmark.code))
+            anchor = self.anchors.get(landmark.id)
             if anchor is None:
                 continue
             T = anchor.landmark.T_map_landmark
@@ -285,7 +288,7 @@ class BundleProblem:
 
     def members(self, tie: Tie) -> list[int]:
         """Rows of those landmarks of a tie that the drive has."""
-        return [k for k, landmark in enumerate(self.hung) if landmark.code in tie.codes]
+        return [k for k, landmark in enumerate(self.hung) if landmark.id in tie.ids]
 
     def _add_ties(self, equations: ChainEquations) -> float:
         cost = 0.0
@@ -362,7 +365,7 @@ class BundleProblem:
                 rows = self._rows_of(k)
                 C = (covariance[rows, rows] + covariance[rows, rows].T) / 2
             T = Pose("map", "landmark", orthonormal(self.lm_R[k]), self.lm_p[k])
-            hung.append(MappedLandmark(m.code, m.family, m.size_m, T, m.covariance if self.frozen else C))
+            hung.append(replace(m, T_map_landmark=T, covariance=m.covariance if self.frozen else C))
         return LandmarkMap(hung)
 
     def answer(self, believed_below: float, spread: Mapping[int, FloatArray] | None = None) -> Bundle:
@@ -380,7 +383,6 @@ class BundleProblem:
         believed: BoolArray = misfits < believed_below
         pixels = kernel.bundle_misfits(self._sightings())[1][believed]
         rms = float(np.sqrt(pixels.mean() / 4)) if believed.any() else float("nan")
-        codes = np.array([m.code for m in self.hung])[self.seen.of]
         return Bundle(
             self.times,
             Poses(self.R, self.p),
@@ -389,7 +391,8 @@ class BundleProblem:
             shared[self.own :, self.own :],
             self.parameters,
             misfits,
-            codes,
+            tuple(m.id for m in self.hung),
+            self.seen.of,
             self.seen.at,
             rms,
             self._jumps(states),

@@ -19,8 +19,9 @@ from lmkit.geometry.stereo_rig import StereoRig
 from lmkit.localization.absolute_pose import LocateOptions, locate_rig
 from lmkit.localization.correspondences import CORNER_FLOOR_PX, Correspondences, Poses
 from lmkit.mapping.bundle_adjustment import Anchor, BundleProblem
-from lmkit.mapping.landmark_initialization import CAP, SURE_RATIO, Key, Placing
+from lmkit.mapping.landmark_initialization import CAP, SURE_RATIO, Placing
 from lmkit.mapping.wall_constraints import Tie
+from lmkit.model.landmark_id import LandmarkId
 from lmkit.model.landmark_map import LandmarkMap, MappedLandmark, wall_pose
 from lmkit.model.recording import StereoFrame
 from lmkit.odometry.dead_reckoning import STRAY_M, STRAY_RAD, Carried, CarriedPoses, OdometryPath
@@ -49,9 +50,9 @@ class Start:
     """
 
     poses: Sequence[Pose | None]
-    placed: Mapping[Key, MappedLandmark]
-    anchors: Mapping[Key, Anchor]
-    unplaced: tuple[Key, ...] = ()
+    placed: Mapping[LandmarkId, MappedLandmark]
+    anchors: Mapping[LandmarkId, Anchor]
+    unplaced: tuple[LandmarkId, ...] = ()
 
     @property
     def rows(self) -> tuple[int, ...]:
@@ -69,7 +70,7 @@ class Start:
         """Bundle adjustment of the moments that have a pose, and of the landmarks that those see."""
         posed = [(k, pose) for k, pose in enumerate(self.poses) if pose is not None]
         some = [moments[k] for k, _ in posed]
-        seen = {(o.family, o.code) for moment in some for o in (*moment.left, *moment.right)}
+        seen = {o.id for moment in some for o in (*moment.left, *moment.right)}
         return BundleProblem(
             some,
             rig,
@@ -85,8 +86,8 @@ class Start:
 def find_start(
     moments: Sequence[StereoFrame],
     rig: StereoRig,
-    sizes_m: Mapping[Key, float],
-    anchors: Mapping[Key, Anchor],
+    sizes_m: Mapping[LandmarkId, float],
+    anchors: Mapping[LandmarkId, Anchor],
     motion: Motion | None = None,
 ) -> Start:
     """Poses and landmarks, as far as sightings tie them together.
@@ -107,9 +108,9 @@ def find_start(
         motion.require_overlap(np.array([moment.time_s for moment in moments]))
     placing = Placing(moments, rig, sizes_m)
     if not anchors:
-        family, code = placing.best_seen()
-        hung = MappedLandmark(code, family, sizes_m[family, code], wall_pose([0.0, 0.0, 0.0], 0.0))
-        anchors = {(family, code): Anchor(hung, None)}
+        best = placing.best_seen()
+        hung = MappedLandmark(best, sizes_m[best], wall_pose([0.0, 0.0, 0.0], 0.0))
+        anchors = {best: Anchor(hung, None)}
     if not any(key in placing.views for key in anchors):
         raise InputError(
             "anchor_unseen",
@@ -133,11 +134,11 @@ class _Search:
 
     moments: Sequence[StereoFrame]
     rig: StereoRig
-    anchors: Mapping[Key, Anchor]
+    anchors: Mapping[LandmarkId, Anchor]
     placing: Placing
     motion: Motion | None
     poses: list[Pose | None] = field(init=False)
-    placed: dict[Key, MappedLandmark] = field(init=False)
+    placed: dict[LandmarkId, MappedLandmark] = field(init=False)
     tries: dict[int, int] = field(default_factory=dict)  # of a moment: landmarks that it saw in vain
 
     def __post_init__(self) -> None:
@@ -180,7 +181,7 @@ class _Search:
         problem.settle(SETTLING)
         for k, R, p in zip(start.rows, problem.R, problem.p, strict=True):
             self.poses[k] = Pose("map", "camera", orthonormal(R), p)
-        self.placed.update({(m.family, m.code): m for m in problem.landmarks()})
+        self.placed.update({m.id: m for m in problem.landmarks()})
 
     def map_so_far(self) -> LandmarkMap:
         """As if it were known exactly."""
@@ -193,7 +194,7 @@ class _Search:
         for k, moment in enumerate(self.moments):
             if self.poses[k] is not None:
                 continue
-            known = len({(o.family, o.code) for o in (*moment.left, *moment.right)} & self.placed.keys())
+            known = len({o.id for o in (*moment.left, *moment.right)} & self.placed.keys())
             # Again only when it sees a good deal more of what is placed.
             if known == 0 or known < RETRY * self.tries.get(k, 0):
                 continue

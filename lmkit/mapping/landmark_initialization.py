@@ -17,6 +17,7 @@ from lmkit.geometry.rotations import rotation_angle
 from lmkit.geometry.stereo_rig import StereoRig
 from lmkit.localization.absolute_pose import locate_rig
 from lmkit.localization.correspondences import Correspondences, Poses
+from lmkit.model.landmark_id import LandmarkId
 from lmkit.model.landmark_map import LandmarkMap, MappedLandmark
 from lmkit.model.observation import Detection
 from lmkit.model.recording import StereoFrame
@@ -31,7 +32,6 @@ CARRY_M = 6.0  # odometry is believed that far
 SAME_M, SAME_RAD = 0.3, 0.35
 
 View = tuple[tuple[Detection, ...], tuple[Detection, ...]]
-Key = tuple[str, int]
 At = list[tuple[int, Pose, float]]  # moment, T_map_left, and what a corner may be off
 
 
@@ -42,16 +42,16 @@ class Placing:
         sizes_m: printed sizes of those that are to be placed.
     """
 
-    def __init__(self, moments: Sequence[StereoFrame], rig: StereoRig, sizes_m: Mapping[Key, float]) -> None:
+    def __init__(self, moments: Sequence[StereoFrame], rig: StereoRig, sizes_m: Mapping[LandmarkId, float]) -> None:
         self._moments, self._rig, self._sizes_m = moments, rig, sizes_m
         self.views = _views(moments)
         self.wanted = {key for key in self.views if key in sizes_m}
         # Of a moment and a landmark: where the camera may be in the landmark's frame.
-        self._seen_from: dict[tuple[int, Key], list[Pose]] = {}
-        self._looked: dict[tuple[int, Key, float], Correspondences] = {}
-        self._maps: dict[Key, LandmarkMap] = {}  # of one landmark each, at the origin
+        self._seen_from: dict[tuple[int, LandmarkId], list[Pose]] = {}
+        self._looked: dict[tuple[int, LandmarkId, float], Correspondences] = {}
+        self._maps: dict[LandmarkId, LandmarkMap] = {}  # of one landmark each, at the origin
 
-    def best_seen(self) -> Key:
+    def best_seen(self) -> LandmarkId:
         """Of those to be placed.
 
         Raises:
@@ -64,7 +64,7 @@ class Placing:
         return max(self.wanted, key=lambda key: sum(side for side, _ in self.views[key][:VIEWS]))
 
     def place(
-        self, key: Key, poses: Sequence[Pose | None], carried: CarriedPoses, least: int
+        self, key: LandmarkId, poses: Sequence[Pose | None], carried: CarriedPoses, least: int
     ) -> MappedLandmark | None:
         """Where its views agree best that it hangs; None while two that differ do as well, or too few agree.
 
@@ -91,9 +91,9 @@ class Placing:
         others = [costs[k] - costs[best] for k, T in enumerate(candidates) if not _same(T, candidates[best])]
         if others and min(others) < SURE_RATIO and least > 1:
             return None
-        return MappedLandmark(key[1], key[0], self._sizes_m[key], candidates[best])
+        return MappedLandmark(key, self._sizes_m[key], candidates[best])
 
-    def _known_views(self, key: Key, poses: Sequence[Pose | None], carried: CarriedPoses) -> At:
+    def _known_views(self, key: LandmarkId, poses: Sequence[Pose | None], carried: CarriedPoses) -> At:
         """The largest views from moments that were located, and some from moments not far from those."""
         views = self.views[key]
         located = [(k, pose, LOCATED_PX) for _, k in views if (pose := poses[k]) is not None][:VIEWS]
@@ -101,7 +101,7 @@ class Placing:
         near = [k for _, k in views if carried.way_m[k] < CARRY_M][:room]
         return located + [(k, c.pose, CARRIED_PX) for k in near if (c := carried[k]) is not None]
 
-    def _cameras(self, k: int, key: Key) -> list[Pose]:
+    def _cameras(self, k: int, key: LandmarkId) -> list[Pose]:
         """T_camera_landmark as that view allows."""
         if (k, key) not in self._seen_from:
             estimate = locate_rig(*_only(self._moments[k], key), self._rig, self._alone(key))
@@ -109,7 +109,7 @@ class Placing:
             self._seen_from[k, key] = [*likeliest, *(pose for pose, _ in estimate.alternatives)]
         return self._seen_from[k, key]
 
-    def _sightings(self, k: int, key: Key, floor_px: float) -> Correspondences:
+    def _sightings(self, k: int, key: LandmarkId, floor_px: float) -> Correspondences:
         """Of one landmark in one moment, in the landmark's frame."""
         if (k, key, floor_px) not in self._looked:
             self._looked[k, key, floor_px] = Correspondences.of_rig(
@@ -117,13 +117,13 @@ class Placing:
             )
         return self._looked[k, key, floor_px]
 
-    def _alone(self, key: Key) -> LandmarkMap:
+    def _alone(self, key: LandmarkId) -> LandmarkMap:
         if key not in self._maps:
-            hung = MappedLandmark(key[1], key[0], self._sizes_m[key], Pose.identity("map", "landmark"))
+            hung = MappedLandmark(key, self._sizes_m[key], Pose.identity("map", "landmark"))
             self._maps[key] = LandmarkMap([hung])
         return self._maps[key]
 
-    def _misfits(self, candidates: Sequence[Pose], key: Key, at: At) -> FloatArray:
+    def _misfits(self, candidates: Sequence[Pose], key: LandmarkId, at: At) -> FloatArray:
         """(C,V) squared misfits of candidates and views, each at most the cap."""
         # Seen from the landmark, a candidate puts each view's camera somewhere else.
         back = np.array([T.R.T for T in candidates])
@@ -137,22 +137,22 @@ class Placing:
         return misfits
 
 
-def _views(moments: Sequence[StereoFrame]) -> dict[Key, list[tuple[float, int]]]:
+def _views(moments: Sequence[StereoFrame]) -> dict[LandmarkId, list[tuple[float, int]]]:
     """Of every landmark: (side in px, moment) of its views, the largest first."""
-    views: dict[Key, dict[int, float]] = {}
+    views: dict[LandmarkId, dict[int, float]] = {}
     seen = [(k, o) for k, moment in enumerate(moments) for o in (*moment.left, *moment.right)]
     if seen:
         corners = np.array([o.corners for _, o in seen])
         sides = np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2).mean(axis=1).tolist()
         for (k, o), side in zip(seen, sides, strict=True):
-            at = views.setdefault((o.family, o.code), {})
+            at = views.setdefault(o.id, {})
             at[k] = max(at.get(k, 0.0), side)
     return {key: sorted(((side, k) for k, side in at.items()), reverse=True) for key, at in views.items()}
 
 
-def _only(moment: StereoFrame, key: Key) -> View:
-    left = tuple(o for o in moment.left if (o.family, o.code) == key)
-    return left, tuple(o for o in moment.right if (o.family, o.code) == key)
+def _only(moment: StereoFrame, key: LandmarkId) -> View:
+    left = tuple(o for o in moment.left if o.id == key)
+    return left, tuple(o for o in moment.right if o.id == key)
 
 
 def _same(a: Pose, b: Pose) -> bool:

@@ -20,6 +20,7 @@ from lmkit.localization.correspondences import Poses
 from lmkit.mapping.bundle_adjustment import Bundle, BundleProblem
 from lmkit.mapping.survey import Survey, deviations
 from lmkit.model.detector_model import corner_sigma_px, recognised
+from lmkit.model.landmark_id import LandmarkId, ids_text
 from lmkit.model.landmark_map import LandmarkMap, MappedLandmark
 from lmkit.model.observation import Detection
 from lmkit.model.recording import StereoFrame
@@ -46,21 +47,21 @@ class NextView:
     """Where to look from.
 
     Attributes:
-        code: of the landmark.
+        id: the landmark.
         T_map_left: of the left camera.
         place_m, turn_rad: its standard deviations now.
         distance_m, aside_deg: of the camera from it, and off its normal, to the right of someone who faces it.
-        beside: codes that should be in view, too.
+        beside: landmarks that should be in view, too.
         then_m, then_rad: its standard deviations after that view.
     """
 
-    code: int
+    id: LandmarkId
     T_map_left: Pose
     place_m: float
     turn_rad: float
     distance_m: float
     aside_deg: float
-    beside: tuple[int, ...]
+    beside: tuple[LandmarkId, ...]
     then_m: float
     then_rad: float
 
@@ -91,11 +92,11 @@ def next_view(landmark: MappedLandmark, bundle: Bundle, rig: StereoRig) -> NextV
             continue
         clear = _clear(at[:2], places, along)
         moment = _view(LandmarkMap([m for m, seen in zip(hung, clear, strict=True) if seen]), rig, T_map_left)
-        if landmark.code not in {o.code for o in moment.left}:
+        if landmark.id not in {o.id for o in moment.left}:
             continue
         then_m, then_rad = _afterwards(landmark, bundle, rig, T_map_left, moment)
-        beside = tuple(sorted({o.code for o in moment.left} - {landmark.code}))
-        view = NextView(landmark.code, T_map_left, now_m, now_rad, distance, aside, beside, then_m, then_rad)
+        beside = tuple(sorted({o.id for o in moment.left} - {landmark.id}))
+        view = NextView(landmark.id, T_map_left, now_m, now_rad, distance, aside, beside, then_m, then_rad)
         if best is None or _cost(view) < _cost(best):
             best = view
     if best is None or (best.then_m > WORTH * now_m and best.then_rad > WORTH * now_rad):
@@ -103,13 +104,13 @@ def next_view(landmark: MappedLandmark, bundle: Bundle, rig: StereoRig) -> NextV
     return best
 
 
-def advise(survey: Survey, rig: StereoRig) -> dict[int, str]:
-    """What to do about the weakest landmarks of a survey, by code."""
+def advise(survey: Survey, rig: StereoRig) -> dict[LandmarkId, str]:
+    """Advice on the least certain landmarks of a survey, by id."""
     advice = {}
-    for code, _, _ in sorted(survey.weak, key=lambda one: -(one[1] + one[2]))[:MOST_ADVISED]:
-        landmark = survey.bundle.landmarks.find(code)
+    for id_, _, _ in sorted(survey.weak, key=lambda one: -(one[1] + one[2]))[:MOST_ADVISED]:
+        landmark = survey.bundle.landmarks.find(id_)
         assert landmark is not None
-        advice[code] = str(next_view(landmark, survey.bundle, rig) or ALIKE)
+        advice[id_] = str(next_view(landmark, survey.bundle, rig) or ALIKE)
     return advice
 
 
@@ -166,9 +167,9 @@ def _afterwards(
     landmark: MappedLandmark, bundle: Bundle, rig: StereoRig, T_map_left: Pose, moment: StereoFrame
 ) -> tuple[float, float]:
     """The landmark's deviations once that view is added."""
-    codes = {(o.family, o.code) for o in (*moment.left, *moment.right)}
+    ids = {o.id for o in (*moment.left, *moment.right)}
     hung = list(bundle.landmarks)
-    rows = [k for k, m in enumerate(hung) if (m.family, m.code) in codes]
+    rows = [k for k, m in enumerate(hung) if m.id in ids]
     view = BundleProblem(
         [moment],
         rig,
@@ -185,6 +186,6 @@ def _afterwards(
     return deviations(replace(landmark, covariance=(after[own, own] + after[own, own].T) / 2))
 
 
-def _listed(codes: Sequence[int]) -> str:
-    some = [str(code) for code in codes[:4]]
+def _listed(ids: Sequence[LandmarkId]) -> str:
+    some = ids_text(ids[:4]).split(", ")
     return some[0] if len(some) == 1 else ", ".join(some[:-1]) + " and " + some[-1]

@@ -39,7 +39,7 @@ class ObservationArrays:
         cls, moments: Sequence[StereoFrame], rig: StereoRig, landmarks: Sequence[MappedLandmark]
     ) -> ObservationArrays:
         """What was seen of these landmarks; sightings of others are left out."""
-        index = {(m.family, m.code): k for k, m in enumerate(landmarks)}
+        index = {m.id: k for k, m in enumerate(landmarks)}
         rows: list[tuple[int, int]] = []
         parts = []
         right = rig.T_right_left
@@ -48,12 +48,7 @@ class ObservationArrays:
             ([moment.right for moment in moments], rig.right, right.R, right.t),
         )
         for observations, camera, R, t in eyes:
-            listed = [
-                (o, (k, index[o.family, o.code]))
-                for k, some in enumerate(observations)
-                for o in some
-                if (o.family, o.code) in index
-            ]
+            listed = [(o, (k, index[o.id])) for k, some in enumerate(observations) for o in some if o.id in index]
             seen = through_lens([o for o, _ in listed], camera, CORNER_FLOOR_PX)
             rows += [listed[k][1] for k in seen.kept]
             turned, moved = np.repeat(R[None], len(seen.kept), axis=0), np.tile(t, (len(seen.kept), 1))

@@ -16,6 +16,7 @@ from lmkit.arrays import FloatArray, IntArray
 from lmkit.geometry.planar import between, follow, wrapped
 from lmkit.localization.range_bearing import CAUCHY_SIGMA, locate_planar
 from lmkit.localization.range_bearing_noise import DRIVE_NOISE, RELATED_S, ReadingNoise
+from lmkit.model.landmark_id import LandmarkId
 from lmkit.model.landmark_map import LandmarkMap
 from lmkit.model.observation import RangeBearing
 from lmkit.odometry.wheel_odometry import NOMINAL, PARAMETERS, PRIOR_SIGMA, MotionModel
@@ -38,17 +39,17 @@ class PlanarTrack:
         states: (N,3) x, y (m), heading (rad).
         covariances: (N,3,3).
         parameters: (6,) as ``motion.PARAMETERS``.
-        codes, places, place_covariances: (L,), (L,2), (L,2,2) of the landmarks.
+        ids, places, place_covariances: (L), (L,2), (L,2,2) of the landmarks.
         weights: (R,) of the readings, 1 for those believed, near 0 for outliers.
         squared, told: (R,) their squared errors in standard deviations, and how many numbers each is of.
-        moments, landmarks: (R,) of the readings; landmarks as rows of ``codes``.
+        moments, landmarks: (R,) of the readings; landmarks as indices into ``ids``.
     """
 
     times_s: FloatArray
     states: FloatArray
     covariances: FloatArray
     parameters: FloatArray
-    codes: tuple[int, ...]
+    ids: tuple[LandmarkId, ...]
     places: FloatArray
     place_covariances: FloatArray
     weights: FloatArray
@@ -104,14 +105,14 @@ class _Problem:
     ) -> None:
         self.times, self.motion, self.noise = times_s, motion, noise
         self._readings_by_moment, self._map = readings, landmarks
-        codes = sorted({r.code for moment in readings for r in moment if landmarks is None or landmarks.find(r.code)})
-        self.codes = codes
-        index = {code: k for k, code in enumerate(codes)}
+        ids = sorted({r.id for moment in readings for r in moment if landmarks is None or r.id in landmarks})
+        self.ids = ids
+        index = {id_: k for k, id_ in enumerate(ids)}
         rows = [
-            (k, index[r.code], r.range_m or np.nan, np.nan if r.bearing_rad is None else r.bearing_rad)
+            (k, index[r.id], r.range_m or np.nan, np.nan if r.bearing_rad is None else r.bearing_rad)
             for k, moment in enumerate(readings)
             for r in moment
-            if r.code in index
+            if r.id in index
         ]
         table = np.array(rows, dtype=np.float64).reshape(-1, 4)
         ranges = noise.range_sigma(table[:, 2])
@@ -119,10 +120,10 @@ class _Problem:
         sigmas = np.column_stack([ranges, np.full(len(table), bearing)])
         sigmas *= np.sqrt(_related(times_s[table[:, 0].astype(np.int64)], table[:, 1]))[:, None]
         self.readings = _Readings(table[:, 0].astype(np.int64), table[:, 1].astype(np.int64), table[:, 2:], sigmas)
-        self.places = np.full((len(codes), 2), np.nan)
+        self.places = np.full((len(ids), 2), np.nan)
         # (L,2,2) what is known of them beforehand.
-        self.known = np.zeros((len(codes), 2, 2))
-        hung = [] if landmarks is None else [m for m in map(landmarks.find, codes) if m is not None]
+        self.known = np.zeros((len(ids), 2, 2))
+        hung = [] if landmarks is None else [m for m in map(landmarks.find, ids) if m is not None]
         for k, m in enumerate(hung):
             self.places[k] = m.T_map_landmark.t[:2]
             C = EXACT * np.eye(2) + (0.0 if m.covariance is None else m.covariance[:2, :2])
@@ -221,7 +222,7 @@ class _Problem:
         return float(_loss(squared).sum() + _loss(moved, SLIP_SIGMA).sum() + prior + self._map_cost())
 
     def _equations(self) -> tuple[ChainEquations, float, FloatArray]:
-        count, shared = len(self.states), OWN + 2 * len(self.codes) * self.moves
+        count, shared = len(self.states), OWN + 2 * len(self.ids) * self.moves
         equations = ChainEquations.zeros(count, 3, shared)
         seen, errors, off = self._errors()
         squared = (errors**2).sum(axis=1)
@@ -278,16 +279,16 @@ class _Problem:
     def answer(self) -> PlanarTrack:
         equations, _, weights = self._equations()
         covariances, _, shared = equations.covariances()
-        places = np.zeros((len(self.codes), 2, 2))
+        places = np.zeros((len(self.ids), 2, 2))
         if self.moves:
-            for k in range(len(self.codes)):
+            for k in range(len(self.ids)):
                 places[k] = shared[OWN + 2 * k : OWN + 2 + 2 * k, OWN + 2 * k : OWN + 2 + 2 * k]
         return PlanarTrack(
             self.times,
             self.states,
             covariances,
             self.parameters,
-            tuple(self.codes),
+            tuple(self.ids),
             self.places,
             places,
             weights,

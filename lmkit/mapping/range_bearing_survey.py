@@ -33,14 +33,14 @@ def survey_readings(
     track = smooth_planar(times, [seen for _, seen in moments], motion, None)
     middle = track.states[:, :2].mean(axis=0)
     hung = []
-    for code, place, C in zip(track.codes, track.places, track.place_covariances, strict=True):
+    for id_, place, C in zip(track.ids, track.places, track.place_covariances, strict=True):
         if not np.isfinite(place).all():
             continue
         towards = middle - place
         covariance = np.diag([0.0, 0.0, UNSEEN_M**2, *[UNSEEN_RAD**2] * 3])
         covariance[:2, :2] = C
         T = wall_pose([*place, 0.0], float(np.arctan2(towards[1], towards[0])))
-        hung.append(MappedLandmark(code, "lm8", size_m, T, covariance))
+        hung.append(MappedLandmark(id_, size_m, T, covariance))
     drive = TrackedTrajectory(
         times,
         [planar_pose(state) for state in track.states],

@@ -22,9 +22,9 @@ from scipy.spatial.transform import Rotation
 from lmkit.geometry.stereo_rig import StereoRig
 from lmkit.mapping.bundle_adjustment import Anchor, Bundle, BundleProblem
 from lmkit.mapping.initialization import Start, find_start
-from lmkit.mapping.landmark_initialization import Key
 from lmkit.mapping.pose_ambiguity import resolve_pose_ambiguities
 from lmkit.mapping.wall_constraints import Tie, strays
+from lmkit.model.landmark_id import LandmarkId, ids_text
 from lmkit.model.landmark_map import LandmarkMap, MappedLandmark
 from lmkit.model.recording import StereoFrame
 from lmkit.odometry.motion_model import Motion, describe_odometry
@@ -46,7 +46,7 @@ class ContradictedLandmark:
         from_s, to_s: when those were.
     """
 
-    code: int
+    id: LandmarkId
     off: int
     sightings: int
     from_s: float
@@ -54,7 +54,7 @@ class ContradictedLandmark:
 
     def __str__(self) -> str:
         return (
-            f"{self.off} of {self.sightings} sightings of {self.code}, from {self.from_s:.2f} to {self.to_s:.2f} s, "
+            f"{self.off} of {self.sightings} sightings of {self.id}, from {self.from_s:.2f} to {self.to_s:.2f} s, "
             "do not fit where it hangs: it was moved, its code hangs twice, or it is misread; check it in the room"
         )
 
@@ -68,11 +68,11 @@ class Survey:
         landmarks: those, and known ones that the drive did not see, as they were.
         rows: (N,) which of the moments given have a pose.
         odd: landmarks contradicted by part of their sightings.
-        weak: codes determined to no better than 3 cm or 2 deg, with both deviations (m, rad).
-        unplaced: codes that were seen, but not well enough to be placed.
+        weak: landmarks determined to no better than 3 cm or 2 deg, with both deviations (m, rad).
+        unplaced: landmarks that were seen, but not well enough to be placed.
         dropped: sightings left out.
-        ambiguous: codes that may as well hang turned, by their twin.
-        astray: codes that do not hang as declared, what was declared of them, and how far they are off (m).
+        ambiguous: landmarks that may as well hang turned, by their twin.
+        astray: landmarks that do not hang as declared, what was declared of them, and how far they are off (m).
         warnings: what a user should check, in words.
     """
 
@@ -80,19 +80,19 @@ class Survey:
     landmarks: LandmarkMap
     rows: tuple[int, ...]
     odd: tuple[ContradictedLandmark, ...]
-    weak: tuple[tuple[int, float, float], ...]
-    unplaced: tuple[int, ...]
+    weak: tuple[tuple[LandmarkId, float, float], ...]
+    unplaced: tuple[LandmarkId, ...]
     dropped: int
-    ambiguous: tuple[int, ...] = ()
-    astray: tuple[tuple[int, Tie, float], ...] = ()
+    ambiguous: tuple[LandmarkId, ...] = ()
+    astray: tuple[tuple[LandmarkId, Tie, float], ...] = ()
     warnings: tuple[str, ...] = ()
 
 
 def survey_frames(
     moments: Sequence[StereoFrame],
     rig: StereoRig,
-    sizes_m: Mapping[Key, float],
-    anchors: Mapping[Key, Anchor],
+    sizes_m: Mapping[LandmarkId, float],
+    anchors: Mapping[LandmarkId, Anchor],
     motion: Motion | None = None,
     ties: Sequence[Tie] = (),
 ) -> Survey:
@@ -100,8 +100,8 @@ def survey_frames(
 
     Args:
         moments: in the order of time.
-        sizes_m: printed sizes, by (family, code).
-        anchors: landmarks known beforehand, by family and code; with none, the landmark seen best is taken to hang
+        sizes_m: printed sizes, by id.
+        anchors: landmarks known beforehand, by id; with none, the landmark seen best is taken to hang
             upright at the origin and to look along x; with wheels it hangs above the origin, and the floor that the
             robot stood on is z = 0.
         motion: odometry; of wheels it needs the rig's T_base_left.
@@ -127,18 +127,19 @@ def survey_frames(
     dropped = problem.drop_outliers(OUTLIER_SIGMA)
     problem.settle(STEPS)
     bundle = problem.answer(OUTLIER_SIGMA, undecided)
-    hung = {(m.family, m.code) for m in problem.hung}
+    hung = {m.id for m in problem.hung}
     # A landmark that hangs where none of its sightings has it was started wrong.
-    believed = set(bundle.codes[bundle.misfits < OUTLIER_SIGMA].tolist()) | {code for _, code in start.anchors}
-    lost = [m for m in bundle.landmarks if m.code not in believed]
+    fitting = bundle.of[bundle.misfits < OUTLIER_SIGMA].tolist()
+    believed = {bundle.ids[k] for k in fitting} | set(start.anchors)
+    lost = [m for m in bundle.landmarks if m.id not in believed]
     bundle = _only(bundle, believed)
     unseen = [
         replace(anchor.landmark, covariance=anchor.covariance) for key, anchor in anchors.items() if key not in hung
     ]
     landmarks = LandmarkMap([*bundle.landmarks, *unseen])
-    unplaced = tuple(sorted([code for _, code in start.unplaced] + [m.code for m in lost]))
-    ambiguous = tuple(sorted({problem.hung[k].code for k in undecided} & believed))
-    odd = tuple(odd for odd in contradicted_landmarks(bundle) if odd.code in believed)
+    unplaced = tuple(sorted([*start.unplaced, *(m.id for m in lost)]))
+    ambiguous = tuple(sorted({problem.hung[k].id for k in undecided} & believed))
+    odd = tuple(odd for odd in contradicted_landmarks(bundle) if odd.id in believed)
     return Survey(
         bundle,
         landmarks,
@@ -160,9 +161,9 @@ def _lay_on_the_floor(problem: BundleProblem) -> None:
     problem.lay(turn, np.array([0.0, 0.0, -float(np.median(p @ turn[2]))]))
 
 
-def _hung(start: Start, problem: BundleProblem) -> dict[Key, Anchor]:
+def _hung(start: Start, problem: BundleProblem) -> dict[LandmarkId, Anchor]:
     """Landmarks as they are known now, those that nothing saw among them."""
-    found = {(m.family, m.code): m for m in problem.landmarks()}
+    found = {m.id: m for m in problem.landmarks()}
     return {key: Anchor(found.get(key, m), None) for key, m in start.placed.items()}
 
 
@@ -187,21 +188,21 @@ def settle_all(problem: BundleProblem) -> None:
 def contradicted_landmarks(bundle: Bundle) -> tuple[ContradictedLandmark, ...]:
     """Those whose sightings contradict each other more than now and then."""
     odd = []
-    for code in np.unique(bundle.codes):
-        mine = bundle.codes == code
+    for k in np.unique(bundle.of):
+        mine = bundle.of == k
         off = mine & (bundle.misfits > OUTLIER_SIGMA)
         if off.sum() >= max(LEAST_ODD, ODD_SHARE * mine.sum()):
             times = bundle.times_s[bundle.moments[off]]
             odd.append(
                 ContradictedLandmark(
-                    int(code), int(off.sum()), int(mine.sum()), float(times.min()), float(times.max())
+                    bundle.ids[k], int(off.sum()), int(mine.sum()), float(times.min()), float(times.max())
                 )
             )
     return tuple(odd)
 
 
-def _only(bundle: Bundle, codes: set[int]) -> Bundle:
-    kept = [k for k, m in enumerate(bundle.landmarks) if m.code in codes]
+def _only(bundle: Bundle, ids: set[LandmarkId]) -> Bundle:
+    kept = [k for k, m in enumerate(bundle.landmarks) if m.id in ids]
     rows = (6 * np.array(kept, dtype=np.int64)[:, None] + np.arange(6)).ravel()
     hung = list(bundle.landmarks)
     return replace(
@@ -209,27 +210,27 @@ def _only(bundle: Bundle, codes: set[int]) -> Bundle:
     )
 
 
-def _weak(landmarks: LandmarkMap) -> tuple[tuple[int, float, float], ...]:
+def _weak(landmarks: LandmarkMap) -> tuple[tuple[LandmarkId, float, float], ...]:
     weak = []
     for m in landmarks:
         place, turn = deviations(m)
         if place > WEAK_M or turn > WEAK_RAD:
-            weak.append((m.code, place, turn))
+            weak.append((m.id, place, turn))
     return tuple(weak)
 
 
-def _astray(ties: Sequence[Tie], landmarks: LandmarkMap) -> tuple[tuple[int, Tie, float], ...]:
+def _astray(ties: Sequence[Tie], landmarks: LandmarkMap) -> tuple[tuple[LandmarkId, Tie, float], ...]:
     hung = list(landmarks)
     R, p = np.array([m.T_map_landmark.R for m in hung]), np.array([m.T_map_landmark.t for m in hung])
     sigmas = np.array([deviations(m) for m in hung])
     found = []
     for tie in ties:
-        members = [k for k, m in enumerate(hung) if m.code in tie.codes]
+        members = [k for k, m in enumerate(hung) if m.id in tie.ids]
         if len(members) < 3:
             continue  # of two nobody knows which is off
         for k, off, standardised in zip(members, *strays(tie, members, R, p, sigmas), strict=True):
             if standardised > ASTRAY_SIGMA:
-                found.append((hung[k].code, tie, float(off)))
+                found.append((hung[k].id, tie, float(off)))
     return tuple(found)
 
 
@@ -243,14 +244,16 @@ def deviations(landmark: MappedLandmark) -> tuple[float, float]:
 
 
 def landmark_sizes(
-    moments: list[StereoFrame], size_m: float, anchors: dict[tuple[str, int], Anchor]
-) -> dict[tuple[str, int], float]:
-    sizes = {(o.family, o.code): size_m for moment in moments for o in (*moment.left, *moment.right)}
+    moments: list[StereoFrame], size_m: float, anchors: dict[LandmarkId, Anchor]
+) -> dict[LandmarkId, float]:
+    sizes = {o.id: size_m for moment in moments for o in (*moment.left, *moment.right)}
     sizes.update({key: anchor.landmark.size_m for key, anchor in anchors.items()})
     return sizes
 
 
-def survey_warnings(result: Survey, motion: Motion | None, ties: list[Tie], advice: dict[int, str]) -> list[str]:
+def survey_warnings(
+    result: Survey, motion: Motion | None, ties: list[Tie], advice: dict[LandmarkId, str]
+) -> list[str]:
 
     texts = [str(odd) for odd in result.odd]
     doubt = None if motion is None else describe_odometry(motion, result.bundle.parameters)
@@ -269,11 +272,11 @@ def survey_warnings(result: Survey, motion: Motion | None, ties: list[Tie], advi
         texts.append(
             f"{code} is {1000 * metres:.0f} mm off the {tie} that it is declared to share; check it in the room"
         )
-    mapped = {m.code for m in result.bundle.landmarks}
+    mapped = {m.id for m in result.bundle.landmarks}
     for tie in ties:
-        missing = [str(code) for code in tie.codes if code not in mapped]
+        missing = [id_ for id_ in tie.ids if id_ not in mapped]
         if missing:
-            texts.append(f"of the {tie} that was declared, {', '.join(missing)} did not come into the map")
+            texts.append(f"of the {tie} that was declared, {ids_text(missing)} did not come into the map")
     for code in result.unplaced:
         texts.append(
             f"{code} is not placed: its sightings are too few, or do not agree; drive past it again, and nearer"
@@ -288,17 +291,19 @@ def survey_dict(result: Survey, moments: list[StereoFrame], motion: Motion | Non
     from lmkit.mapping.survey import deviations
 
     bundle = result.bundle
+    sightings = dict(zip(bundle.ids, np.bincount(bundle.of, minlength=len(bundle.ids)).tolist(), strict=True))
     entries = []
     for m in bundle.landmarks:
         place, turn = deviations(m)
         entries.append(
             {
+                "id": str(m.id),
                 "code": m.code,
                 "position": m.T_map_landmark.t.tolist(),
                 "quaternion": m.T_map_landmark.quaternion_xyzw.tolist(),
                 "sigma_m": place,
                 "sigma_rad": turn,
-                "sightings": int((bundle.codes == m.code).sum()),
+                "sightings": sightings[m.id],
             }
         )
     return {
@@ -309,12 +314,13 @@ def survey_dict(result: Survey, moments: list[StereoFrame], motion: Motion | Non
         "dropped": result.dropped,
         "reprojection_error_px": bundle.rms_px if math.isfinite(bundle.rms_px) else None,
         "odd": [
-            {"code": o.code, "off": o.off, "of": o.sightings, "from_s": o.from_s, "to_s": o.to_s} for o in result.odd
+            {"id": str(o.id), "code": o.id.code, "off": o.off, "of": o.sightings, "from_s": o.from_s, "to_s": o.to_s}
+            for o in result.odd
         ],
         "jumps": [{"from_s": a, "to_s": b, "metres": m} for a, b, m in result.bundle.jumps],
-        "weak": [code for code, _, _ in result.weak],
-        "unplaced": list(result.unplaced),
-        "ambiguous": list(result.ambiguous),
-        "astray": [{"code": code, "of": str(tie), "metres": metres} for code, tie, metres in result.astray],
+        "weak": [str(id_) for id_, _, _ in result.weak],
+        "unplaced": [str(id_) for id_ in result.unplaced],
+        "ambiguous": [str(id_) for id_ in result.ambiguous],
+        "astray": [{"id": str(id_), "of": str(tie), "metres": metres} for id_, tie, metres in result.astray],
         "odometry": {} if motion is None else dict(zip(motion.names, bundle.parameters.tolist(), strict=True)),
     }

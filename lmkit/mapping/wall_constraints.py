@@ -13,6 +13,7 @@ from itertools import permutations
 import numpy as np
 
 from lmkit.arrays import FloatArray, IntArray
+from lmkit.model.landmark_id import LandmarkId, ids_text
 
 BEND = 3.0  # of a landmark's own deviation, where the loss bends
 
@@ -23,17 +24,17 @@ class Tie:
 
     Attributes:
         kind: ``wall`` (one plane, one direction) or ``height``.
-        codes: two or more.
+        ids: two landmarks or more.
         sigma_m, sigma_rad: how far they stray, out of the plane or in height, and off its normal.
     """
 
     kind: str
-    codes: tuple[int, ...]
+    ids: tuple[LandmarkId, ...]
     sigma_m: float
     sigma_rad: float
 
     def __str__(self) -> str:
-        return f"{self.kind} {', '.join(map(str, self.codes))}"
+        return f"{self.kind} {ids_text(self.ids)}"
 
 
 @dataclass(frozen=True, eq=False)

@@ -9,6 +9,7 @@ from typing import overload
 import numpy as np
 
 from lmkit.arrays import AnyArray, FloatArray
+from lmkit.model.landmark_id import LandmarkId
 from lmkit.model.observation import Detection
 
 
@@ -52,6 +53,11 @@ class Detections(Sequence[Detection]):
         return Detections([self._items[k] for k in rows], self.image_size)
 
     @property
+    def ids(self) -> list[LandmarkId]:
+        """The ids of all detections."""
+        return [d.id for d in self._items]
+
+    @property
     def codes(self) -> AnyArray:
         """(N,) the codes."""
         return np.array([d.code for d in self._items], dtype=np.int64)
@@ -77,17 +83,13 @@ class Detections(Sequence[Detection]):
         return {"width": width, "height": height, "detections": [d.to_dict() for d in self._items]}
 
     def __repr__(self) -> str:
-        return f"Detections({', '.join(_id(d) for d in self._items) or 'none'})"
+        return f"Detections({', '.join(str(d.id) for d in self._items) or 'none'})"
 
     def _repr_html_(self) -> str:
         """A table for notebooks."""
         cells = "".join(
-            f"<tr><td>{escape(_id(d))}</td><td>{d.center[0]:.1f}, {d.center[1]:.1f}</td>"
+            f"<tr><td>{escape(str(d.id))}</td><td>{d.center[0]:.1f}, {d.center[1]:.1f}</td>"
             f"<td>{d.confidence:.4f}</td></tr>"
             for d in self._items
         )
         return f"<table><tr><th>id</th><th>center, px</th><th>confidence</th></tr>{cells}</table>"
-
-
-def _id(detection: Detection) -> str:
-    return f"{detection.family}:{detection.code}"

@@ -8,6 +8,7 @@ import numpy as np
 
 from lmkit.arrays import FloatArray
 from lmkit.geometry.pose import Pose
+from lmkit.model.landmark_id import LandmarkId
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -21,8 +22,9 @@ class PoseEstimate:
             were read, but no pose explains them); ``exchanged`` (they fit with the two pictures exchanged).
         T_map_camera: pose of the left (or only) camera; None unless ok or ambiguous.
         covariance: (6,6) x y z (m), then rotation about x y z (rad), in the map frame.
-        inlier_codes: codes that the pose explains.
-        outlier_codes: codes read and mapped that it does not, or that are in one picture more than once.
+        inliers: landmarks that the pose explains.
+        outliers: landmarks of the map that were read and that the pose does not explain, or that are in one image
+            more than once.
         alternatives: other poses, best first, each with its log likelihood ratio to the answer.
         reprojection_error_px: root mean square over the corners of the inliers, both images.
         T_map_base, covariance_base: the pose of the robot's base, where the rig was given; the left camera's where
@@ -32,8 +34,8 @@ class PoseEstimate:
     status: str
     T_map_camera: Pose | None = None
     covariance: FloatArray | None = None
-    inlier_codes: tuple[int, ...] = ()
-    outlier_codes: tuple[int, ...] = ()
+    inliers: tuple[LandmarkId, ...] = ()
+    outliers: tuple[LandmarkId, ...] = ()
     alternatives: tuple[tuple[Pose, float], ...] = ()
     reprojection_error_px: float | None = None
     T_map_base: Pose | None = None

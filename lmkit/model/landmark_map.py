@@ -1,4 +1,4 @@
-"""Where the landmarks hang: code -> T_map_landmark."""
+"""The landmark map: id -> T_map_landmark."""
 
 from __future__ import annotations
 
@@ -12,6 +12,7 @@ from lmkit.arrays import FloatArray
 from lmkit.errors import InputError
 from lmkit.geometry.pose import Pose
 from lmkit.model.landmark import square_corners
+from lmkit.model.landmark_id import LandmarkId
 
 
 @dataclass(frozen=True, eq=False)
@@ -19,19 +20,28 @@ class MappedLandmark:
     """One landmark on its wall.
 
     Attributes:
-        code, family: what is printed on it.
+        id: family and code, as printed.
         size_m: outer edge to outer edge of the red border, metres.
         T_map_landmark: its pose.
         covariance: (6,6) of that pose in the map frame (x y z m, rotation x y z rad), if known.
         name: of the place it marks, for `lmkit plan route`.
     """
 
-    code: int
-    family: str
+    id: LandmarkId
     size_m: float
     T_map_landmark: Pose
     covariance: FloatArray | None = None
     name: str | None = None
+
+    @property
+    def code(self) -> int:
+        """The code, without the family."""
+        return self.id.code
+
+    @property
+    def family(self) -> str:
+        """Name of the landmark family."""
+        return self.id.family
 
     @cached_property
     def corners_map(self) -> FloatArray:
@@ -40,33 +50,43 @@ class MappedLandmark:
 
 
 class LandmarkMap:
-    """An ordered set of landmarks, looked up by family and code.
+    """An ordered set of landmarks, looked up by their id.
 
     Raises:
-        InputError: two landmarks share family and code.
+        InputError: two landmarks have the same id.
     """
 
     def __init__(self, landmarks: Sequence[MappedLandmark]) -> None:
-        self._by_key: dict[tuple[str, int], MappedLandmark] = {}
+        self._by_id: dict[LandmarkId, MappedLandmark] = {}
         for index, landmark in enumerate(landmarks):
-            key = (landmark.family, landmark.code)
-            if key in self._by_key:
+            if landmark.id in self._by_id:
                 raise InputError(
                     "duplicate_code",
-                    f"landmarks[{index}]: code {landmark.code} of {landmark.family} is in the map twice",
-                    "hang each code once, or take one of the two entries out",
+                    f"landmarks[{index}]: {landmark.id} is in the map twice",
+                    "mount each code once, or remove one of the two entries",
                 )
-            self._by_key[key] = landmark
+            self._by_id[landmark.id] = landmark
 
     def __len__(self) -> int:
-        return len(self._by_key)
+        return len(self._by_id)
 
     def __iter__(self) -> Iterator[MappedLandmark]:
-        return iter(self._by_key.values())
+        return iter(self._by_id.values())
 
-    def find(self, code: int, family: str = "lm8") -> MappedLandmark | None:
-        """The landmark with this code, or None."""
-        return self._by_key.get((family, code))
+    def __contains__(self, id_: object) -> bool:
+        return id_ in self._by_id
+
+    def find(self, id_: LandmarkId) -> MappedLandmark | None:
+        """The landmark with this id, or None."""
+        return self._by_id.get(id_)
+
+    @property
+    def families(self) -> tuple[str, ...]:
+        """Names of the families in the map, in the order of their first landmarks."""
+        return tuple(dict.fromkeys(landmark.family for landmark in self))
+
+    def __repr__(self) -> str:
+        return f"LandmarkMap({len(self)} landmarks: {', '.join(self.families) or 'empty'})"
 
 
 def wall_pose(position: Sequence[float], facing_rad: float) -> Pose:

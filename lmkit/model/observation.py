@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 from lmkit.arrays import FloatArray, IntArray, frozen
 from lmkit.geometry.homography import crossing
+from lmkit.model.landmark_id import LandmarkId
 
 
 @dataclass(frozen=True, eq=False)
@@ -13,26 +14,34 @@ class Detection:
     """One landmark read in one picture.
 
     Attributes:
-        code: the code read.
+        id: family and code, as read.
         corners: (4,2) outer corners of the red border, pixels of the picture as delivered; the
             landmark's top left first, then clockwise as the landmark stands.
         confidence: probability that the code is right, 0..1.
         margin: log likelihood ratio (nats) of this code in this rotation against the runner-up.
-        family: name of the landmark family.
         covariance: (8,8) of the corners x0 y0 x1 y1 ..., pixels squared, if estimated.
     """
 
-    code: int
+    id: LandmarkId
     corners: FloatArray
     confidence: float
     margin: float
-    family: str = "lm8"
     covariance: FloatArray | None = None
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "corners", frozen(self.corners, (4, 2), "corners"))
         if self.covariance is not None:
             object.__setattr__(self, "covariance", frozen(self.covariance, (8, 8), "covariance"))
+
+    @property
+    def code(self) -> int:
+        """The code, without the family."""
+        return self.id.code
+
+    @property
+    def family(self) -> str:
+        """Name of the landmark family."""
+        return self.id.family
 
     @property
     def center(self) -> FloatArray:
@@ -42,6 +51,7 @@ class Detection:
     def to_dict(self) -> dict[str, object]:
         """One entry of ``detections`` in `lmkit detect --json`."""
         return {
+            "id": str(self.id),
             "code": self.code,
             "family": self.family,
             "corners": self.corners.tolist(),
@@ -91,13 +101,13 @@ class RangeBearing:
     """One reading of a landmark by a planar sensor.
 
     Attributes:
-        code: the landmark's code.
+        id: the landmark.
         range_m: distance, metres; None where not measured.
         bearing_rad: direction, rad, positive to the left of straight ahead; None where not measured.
         time_s: when, seconds.
     """
 
-    code: int
+    id: LandmarkId
     range_m: float | None
     bearing_rad: float | None
     time_s: float = 0.0

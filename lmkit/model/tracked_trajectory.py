@@ -13,6 +13,7 @@ import numpy as np
 from lmkit.arrays import FloatArray
 from lmkit.geometry.pose import Pose
 from lmkit.geometry.stereo_rig import ahead_of
+from lmkit.model.landmark_id import LandmarkId
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -24,7 +25,7 @@ class TrackedTrajectory:
         poses: of the base where there is one, else of the left camera.
         covariances: (N,6,6) x y z (m), rotation about x y z (rad), in the map.
         statuses: ``ok``, ``ambiguous`` or ``lost``.
-        outliers: codes that were not believed.
+        outliers: landmarks that were rejected, of every pose.
         parameters: what is wrong with the odometry, by name.
         of_base: the poses look along x, not along z.
         remarks: what a user should look after.
@@ -37,7 +38,7 @@ class TrackedTrajectory:
     poses: Sequence[Pose]
     covariances: FloatArray
     statuses: Sequence[str]
-    outliers: Sequence[tuple[int, ...]]
+    outliers: Sequence[tuple[LandmarkId, ...]]
     parameters: dict[str, float] = field(default_factory=dict)
     of_base: bool = True
     remarks: tuple[str, ...] = ()
@@ -75,7 +76,8 @@ def tracked_dict(drive: TrackedTrajectory, k: int) -> dict[str, Any]:
         "position": drive.poses[k].t.tolist(),
         "quaternion": drive.poses[k].quaternion_xyzw.tolist(),
         "covariance": drive.covariances[k].tolist(),
-        "outliers": list(drive.outliers[k]),
+        "outliers": [i.code for i in drive.outliers[k]],
+        "outlier_ids": [str(i) for i in drive.outliers[k]],
         "innovation": drive.innovations[k][0] / drive.innovations[k][1] if drive.innovations[k][1] else None,
     }
 

@@ -87,11 +87,12 @@ def read_recording(
     if gyro is not None and not isinstance(own, Odometry):
         raise InputError("no_odometry", "a gyro needs wheel odometry beside it", "give odometry as CSV")
     rate = None if gyro is None else read_gyro(gyro)
+    names = [family.name for family in families]
     if readings is not None:
-        seen = tuple((time_s, tuple(some)) for time_s, some in sorted(read_readings(readings).items()))
+        seen = tuple((time_s, tuple(some)) for time_s, some in sorted(read_readings(readings, names).items()))
         return Recording(readings=seen, odometry=own, gyro=rate)
     if detections is not None:
-        return Recording(tuple(read_detections(detections)), odometry=own, gyro=rate)
+        return Recording(tuple(read_detections(detections, names)), odometry=own, gyro=rate)
     if left is None or right is None or rig is None:
         raise InputError("no_images", "images of both cameras and the rig are needed", "give left, right and rig")
     return Recording(tuple(see_drive(left, right, rig, families, hz)), odometry=own, gyro=rate)

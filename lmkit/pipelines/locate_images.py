@@ -124,8 +124,10 @@ def estimate_dict(estimate: PoseEstimate, rig: StereoRig, left: str, right: str 
         "position": None,
         "quaternion": None,
         "covariance": None,
-        "codes": list(estimate.inlier_codes),
-        "outlier_codes": list(estimate.outlier_codes),
+        "codes": [i.code for i in estimate.inliers],
+        "ids": [str(i) for i in estimate.inliers],
+        "outlier_codes": [i.code for i in estimate.outliers],
+        "outlier_ids": [str(i) for i in estimate.outliers],
         "alternatives": [
             {
                 "position": at(pose).t.tolist(),

@@ -10,14 +10,15 @@ from lmkit.arrays import FloatArray, IntArray
 from lmkit.errors import InputError
 from lmkit.model.codewords import turned_word
 from lmkit.model.landmark import LandmarkFamily, family_named
+from lmkit.model.landmark_id import LandmarkId
 from lmkit.model.landmark_map import MappedLandmark
 
 CONFUSABLE = 1  # gaps
 APART_M = 1e6
 
 
-def assign_codes(places: Sequence[FloatArray], hung: Sequence[MappedLandmark], family_name: str) -> list[int]:
-    """A code for each of (N) places (3,), none of which hangs already.
+def assign_codes(places: Sequence[FloatArray], hung: Sequence[MappedLandmark], family_name: str) -> list[LandmarkId]:
+    """An id for each of (N) places (3,), none of which hangs already.
 
     In turn each place takes the code whose nearest confusable landmark hangs the farthest.
 
@@ -43,7 +44,7 @@ def assign_codes(places: Sequence[FloatArray], hung: Sequence[MappedLandmark], f
         code = int(np.argmax(far))
         chosen.append(code)
         used.append((code, place))
-    return chosen
+    return [LandmarkId(family_name, code) for code in chosen]
 
 
 def confusable_codes(family: LandmarkFamily) -> IntArray:

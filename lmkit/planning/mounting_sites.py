@@ -11,6 +11,7 @@ from lmkit.arrays import BoolArray
 from lmkit.errors import InputError
 from lmkit.geometry.stereo_rig import StereoRig
 from lmkit.model.floor_plan import FloorPlan, Wall
+from lmkit.model.landmark_id import LandmarkId
 from lmkit.model.landmark_map import MappedLandmark, wall_pose
 
 APART_M = 0.4  # places along a wall
@@ -86,5 +87,5 @@ def hanging_places(floor: FloorPlan, rig: StereoRig, options: HangOptions) -> li
             if floor.is_free(beside).all():
                 for height in heights:
                     T = wall_pose([*middle, height], wall.facing_rad)
-                    mounts.append(Mount(MappedLandmark(0, options.family, size, T), wall, float(along)))
+                    mounts.append(Mount(MappedLandmark(LandmarkId(options.family, 0), size, T), wall, float(along)))
     return mounts

@@ -107,9 +107,9 @@ def _finish(
 ) -> Placement:
     """Codes, and what holds at places that the search did not look at."""
     chosen = [search.spots[k].mount for k in sorted(search.chosen)]
-    codes = assign_codes([mount.landmark.T_map_landmark.t for mount in chosen], hung, options.family)
+    ids = assign_codes([mount.landmark.T_map_landmark.t for mount in chosen], hung, options.family)
     mounts = tuple(
-        replace(mount, landmark=replace(mount.landmark, code=code)) for mount, code in zip(chosen, codes, strict=True)
+        replace(mount, landmark=replace(mount.landmark, id=id_)) for mount, id_ in zip(chosen, ids, strict=True)
     )
     landmarks = LandmarkMap([*hung, *(mount.landmark for mount in mounts)])
     coverage = predict_coverage(floor, list(landmarks), rig, radius_m, search.step_m * CHECKED_STEP)

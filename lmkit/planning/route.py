@@ -23,6 +23,7 @@ from lmkit.arrays import BoolArray, FloatArray, IntArray
 from lmkit.errors import InputError, NegativeAnswer
 from lmkit.geometry.stereo_rig import StereoRig
 from lmkit.model.floor_plan import FloorPlan
+from lmkit.model.landmark_id import LandmarkId
 from lmkit.model.landmark_map import LandmarkMap, MappedLandmark
 from lmkit.odometry.wheel_odometry import MotionNoise
 from lmkit.planning.coverage import Demand, PoseCoverage, predict_coverage
@@ -73,7 +74,8 @@ class Goal:
 
 
 def find_goal(text: str, floor: FloorPlan, landmarks: LandmarkMap, radius_m: float) -> Goal:
-    """A place as people say it: ``2.5,1``, ``2.5,1,90`` (deg), a name of the floor plan or the map, or a code.
+    """A place as people say it: ``2.5,1``, ``2.5,1,90`` (deg), a name of the floor plan or the map, or a
+    landmark (``137``, ``lm8:137``).
 
     A landmark is a signpost: the robot stands before it and looks at it.
 
@@ -83,8 +85,8 @@ def find_goal(text: str, floor: FloorPlan, landmarks: LandmarkMap, radius_m: flo
     if text in floor.places:
         return Goal(*floor.places[text])
     sign = next((m for m in landmarks if m.name == text), None)
-    if sign is None and text.isdigit():
-        sign = landmarks.find(int(text))
+    if sign is None and (text.isdigit() or text.rpartition(":")[0] in landmarks.families):
+        sign = landmarks.find(LandmarkId.parse(text, landmarks.families))
     if sign is not None:
         return _before(sign, floor, radius_m)
     try:

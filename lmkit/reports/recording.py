@@ -53,7 +53,7 @@ def survey_report(survey: Survey, motion: Motion | None, warnings: Sequence[str]
     place_mm = 1000 * np.sqrt(np.einsum("nii->n", bundle.covariances[:, :3, :3]))
     turn_deg = np.rad2deg(np.sqrt(np.linalg.eigvalsh(bundle.covariances[:, 3:, 3:])[:, -1]))
     parts = [
-        f"<p>{len(bundle.landmarks)} landmarks, {len(bundle.times_s)} moments, {len(bundle.codes)} sightings, "
+        f"<p>{len(bundle.landmarks)} landmarks, {len(bundle.times_s)} moments, {len(bundle.of)} sightings, "
         f"{survey.dropped} left out, {bundle.rms_px:.2f} px</p>",
         verdict(*_survey_verdict(survey)),
         listed("Warnings", warnings),
@@ -187,16 +187,16 @@ def _track_verdict(drive: TrackedTrajectory) -> tuple[str, str, str]:
 def _landmarks(survey: Survey, believed: BoolArray) -> str:
     bundle = survey.bundle
     rows = []
-    for m in sorted(bundle.landmarks, key=lambda m: m.code):
-        mine = bundle.codes == m.code
+    for m in sorted(bundle.landmarks, key=lambda m: m.id):
+        mine = bundle.of == bundle.ids.index(m.id)
         place, turn = deviations(m)
         x, y, z = m.T_map_landmark.t
         misfit = f"{np.median(bundle.misfits[mine]):.2f}" if mine.any() else ""
         rows.append(
-            (str(m.code), f"{x:.3f}", f"{y:.3f}", f"{z:.3f}", f"± {1000 * place:.1f}", f"± {np.rad2deg(turn):.2f}",
+            (str(m.id), f"{x:.3f}", f"{y:.3f}", f"{z:.3f}", f"± {1000 * place:.1f}", f"± {np.rad2deg(turn):.2f}",
              str(mine.sum()), str((mine & ~believed).sum()), misfit)
         )  # fmt: skip
-    head = ("code", "x, m", "y, m", "z, m", "mm", "deg", "sightings", "left out", "misfit, median")
+    head = ("landmark", "x, m", "y, m", "z, m", "mm", "deg", "sightings", "left out", "misfit, median")
     return table(head, rows)
 
 

@@ -91,7 +91,7 @@ def _seen(
             sigma = noise_px
         noisy = corners + rng.normal(0, sigma, (4, 2))
         C = sigma**2 * np.eye(8)
-        yield Detection(landmark.code, noisy, 0.99, 50.0, landmark.family, covariance=C)
+        yield Detection(landmark.id, noisy, 0.99, 50.0, covariance=C)
 
 
 def _project(points: FloatArray, camera: CameraModel) -> FloatArray | None:

@@ -106,13 +106,13 @@ class Drive:
         answers = []
         for state, moment in zip(self.truth, self.moments, strict=True):
             seen = []
-            for code in sorted({o.code for o in moment.left}):
-                landmark = self.landmarks.find(code)
+            for id_ in sorted({o.id for o in moment.left}):
+                landmark = self.landmarks.find(id_)
                 assert landmark is not None
                 off = landmark.T_map_landmark.t[:2] - state[:2]
                 distance = float(np.hypot(*off)) * (1 + range_share * rng.normal())
                 bearing = float(np.arctan2(off[1], off[0]) - state[2] + bearing_rad * rng.normal())
-                seen.append(RangeBearing(code, distance, float(np.arctan2(np.sin(bearing), np.cos(bearing)))))
+                seen.append(RangeBearing(id_, distance, float(np.arctan2(np.sin(bearing), np.cos(bearing)))))
             answers.append((moment.time_s, seen))
         return answers
 

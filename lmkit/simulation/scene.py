@@ -22,6 +22,7 @@ from lmkit.geometry.stereo_rig import StereoRig
 from lmkit.model.board import BoardSpec
 from lmkit.model.floor_plan import FloorPlan
 from lmkit.model.landmark import LandmarkFamily, family_named
+from lmkit.model.landmark_id import LandmarkId
 from lmkit.model.landmark_map import LandmarkMap, MappedLandmark, wall_pose
 from lmkit.model.palette import srgb_to_linear
 
@@ -136,7 +137,7 @@ def hang_landmarks(
         position, facing = _on_wall(wall, along, height, size_m[0], size_m[1])
         # Paper stands a little off its wall.
         position = [position[0] + PAPER_M * np.cos(facing), position[1] + PAPER_M * np.sin(facing), height]
-        hung.append(MappedLandmark(code, family.name, family.side_mm / 1000, wall_pose(position, facing)))
+        hung.append(MappedLandmark(LandmarkId(family.name, code), family.side_mm / 1000, wall_pose(position, facing)))
     return hung
 
 

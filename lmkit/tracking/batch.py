@@ -14,6 +14,7 @@ from lmkit.mapping.initialization import find_start
 from lmkit.mapping.planar_smoother import smooth_planar
 from lmkit.mapping.range_bearing_survey import Moments
 from lmkit.mapping.survey import OUTLIER_SIGMA, contradicted_landmarks, settle_all
+from lmkit.model.landmark_id import LandmarkId
 from lmkit.model.landmark_map import LandmarkMap
 from lmkit.model.recording import Gyro, Odometry, StereoFrame
 from lmkit.model.tracked_trajectory import TrackedTrajectory, _six
@@ -31,9 +32,9 @@ def track_readings(
     times, motion = np.array([time_s for time_s, _ in moments]), MotionModel(odometry, gyro)
     motion.require_overlap(times)
     track = smooth_planar(times, [seen for _, seen in moments], motion, landmarks)
-    outliers: list[tuple[int, ...]] = [() for _ in moments]
+    outliers: list[tuple[LandmarkId, ...]] = [() for _ in moments]
     for row in np.flatnonzero(track.weights < OUTLIER_WEIGHT):
-        outliers[track.moments[row]] += (track.codes[track.landmarks[row]],)
+        outliers[track.moments[row]] += (track.ids[track.landmarks[row]],)
     C = track.covariances
     lost = np.sqrt(np.linalg.eigvalsh(C[:, :2, :2])[:, -1]) > LOST_M
     return TrackedTrajectory(
@@ -68,7 +69,7 @@ def track_pictures(
     Raises:
         InputError: no landmark of the map is in view, or odometry without T_base_left or of another time.
     """
-    known = {(m.family, m.code): Anchor(m, m.covariance) for m in landmarks}
+    known = {m.id: Anchor(m, m.covariance) for m in landmarks}
     start = find_start(moments, rig, {}, known, motion)
     # Exactly known, they are held and need no unknowns of their own.
     exact = all(m.covariance is None for m in landmarks)
@@ -76,9 +77,9 @@ def track_pictures(
     settle_all(problem)
     bundle = problem.answer(OUTLIER_SIGMA)
     found, covariances = at_base(bundle.left_poses(), np.array(bundle.covariances), rig)
-    outliers: list[tuple[int, ...]] = [() for _ in start.rows]
+    outliers: list[tuple[LandmarkId, ...]] = [() for _ in start.rows]
     for row in np.flatnonzero(bundle.misfits > OUTLIER_SIGMA):
-        outliers[bundle.moments[row]] += (int(bundle.codes[row]),)
+        outliers[bundle.moments[row]] += (bundle.ids[bundle.of[row]],)
     wide = np.sqrt(np.linalg.eigvalsh(covariances[:, :2, :2])[:, -1]) > LOST_M
     return TrackedTrajectory(
         bundle.times_s,

@@ -21,6 +21,7 @@ from lmkit.geometry.stereo_rig import StereoRig
 from lmkit.localization.absolute_pose import LocateOptions, covariance_at_base, locate_rig
 from lmkit.localization.correspondences import CORNER_FLOOR_PX, Correspondences, Poses
 from lmkit.localization.pose_prior import PosePrior
+from lmkit.model.landmark_id import LandmarkId
 from lmkit.model.landmark_map import LandmarkMap
 from lmkit.model.observation import Detection
 from lmkit.odometry.online_wheel_odometry import AHEAD_S, LONGEST_DELAY_S, STATES, Wheels
@@ -85,12 +86,12 @@ class RigFilter:
             self._x, self._P = self.wheels.predict(self._x, self._P, self._time, time_s)
             self._time = time_s
         seen = Correspondences.of_rig(left, right, self._rig, self._map, self._floor_px)
-        outliers: tuple[int, ...] = tuple(sorted(seen.twice))
+        outliers: tuple[LandmarkId, ...] = tuple(sorted(seen.twice))
         innovation, told = 0.0, 0
         if len(seen):
             used, innovation = self._update(seen)
             told = 8 * int(used.sum())
-            outliers = tuple(sorted({*outliers, *(int(code) for code in seen.codes[~used])}))
+            outliers = tuple(sorted({*outliers, *seen.ids_of(~used)}))
             self._doubts = 0 if used.any() else self._doubts + 1
             if self._doubts >= DOUBTS:
                 again = self._start(time_s, left, right)
@@ -114,7 +115,7 @@ class RigFilter:
         planar = np.array([0, 1, 5])
         self._P[:3, :3] = C[planar[:, None], planar]
         self._time, self._doubts = time_s, 0
-        return self._pose(time_s, found.outlier_codes, True)
+        return self._pose(time_s, found.outliers, True)
 
     def _update(self, seen: Correspondences) -> tuple[BoolArray, float]:
         """Gauss-Newton on corners and what is known; (S,) the sightings that were believed, and their innovation."""
@@ -172,7 +173,7 @@ class RigFilter:
         return Poses((turn @ self._T.R)[None], place[None])
 
     def _pose(
-        self, time_s: float, outliers: tuple[int, ...], restarted: bool, innovation: float = 0.0, told: int = 0
+        self, time_s: float, outliers: tuple[LandmarkId, ...], restarted: bool, innovation: float = 0.0, told: int = 0
     ) -> TrackedPose:
         P = self._P[:3, :3]
         lost = np.sqrt(np.linalg.eigvalsh(P[:2, :2])[-1]) > NOWHERE_M or self._doubts >= DOUBTS
@@ -196,4 +197,4 @@ def believed(seen: Correspondences, fit: Callable[[BoolArray], tuple[Poses, Fitt
         if misfits[worst] < 8 * OUTLIER_SIGMA**2:
             return used, fitted
         # Both eyes' sightings of a landmark stand and fall together.
-        used = used & (seen.codes != seen.codes[worst])
+        used = used & (seen.of != seen.of[worst])

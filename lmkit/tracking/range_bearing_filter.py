@@ -19,6 +19,7 @@ from lmkit.arrays import FloatArray
 from lmkit.geometry.planar import wrapped
 from lmkit.localization.range_bearing import Readings, locate_planar
 from lmkit.localization.range_bearing_noise import DRIVE_NOISE, RELATED_S, ReadingNoise
+from lmkit.model.landmark_id import LandmarkId
 from lmkit.model.landmark_map import LandmarkMap
 from lmkit.model.observation import RangeBearing
 from lmkit.odometry.online_wheel_odometry import STATES, Wheels
@@ -44,7 +45,7 @@ class TrackedPose:
         status: ``ok``; ``ambiguous`` (another place may be it); ``lost`` (not yet found, or known to a metre only).
         state: (3,) x, y (m), heading (rad); None before the first fix.
         covariance: (3,3).
-        outliers: codes whose readings were not believed.
+        outliers: landmarks whose readings were rejected.
         restarted: True where the filter was put somewhere else: started, or carried off.
         innovation, told: squared innovations of what was believed, in standard deviations, and how many numbers they
             are of; on average the one is as large as the other.
@@ -54,7 +55,7 @@ class TrackedPose:
     status: str
     state: FloatArray | None
     covariance: FloatArray | None
-    outliers: tuple[int, ...] = ()
+    outliers: tuple[LandmarkId, ...] = ()
     restarted: bool = False
     innovation: float = 0.0
     told: int = 0
@@ -68,7 +69,7 @@ class _Track:
     P: FloatArray
     log_weight: float
     doubts: int = 0  # wrong readings in a row
-    outliers: tuple[int, ...] = ()
+    outliers: tuple[LandmarkId, ...] = ()
     innovation: float = 0.0
     told: int = 0
 
@@ -83,7 +84,7 @@ class PlanarFilter:
         self.wheels = Wheels(motion_noise)
         self._time: float | None = None
         self._tracks: list[_Track] = []
-        self._seen: dict[int, deque[float]] = {}
+        self._seen: dict[LandmarkId, deque[float]] = {}
 
     @property
     def parameters(self) -> FloatArray:
@@ -98,8 +99,8 @@ class PlanarFilter:
             return self._pose(time_s, bool(self._tracks))
         self._predict(time_s)
         seen = Readings.of(readings, self._map, self._noise)
-        for row, spread in enumerate(self._spread(time_s, seen.codes)):
-            self._update(seen.only(np.arange(len(seen.codes)) == row), spread)
+        for row, spread in enumerate(self._spread(time_s, seen.ids)):
+            self._update(seen.only(np.arange(len(seen.ids)) == row), spread)
         carried_off = False
         if self._tracks[0].doubts >= DOUBTS:
             fresh = self._located(readings, self._tracks[0].log_weight + CARRIED_OFF)
@@ -133,11 +134,11 @@ class PlanarFilter:
             track.x, track.P = self.wheels.predict(track.x, track.P, self._time, time_s)
         self._time = time_s
 
-    def _spread(self, time_s: float, codes: Sequence[int]) -> FloatArray:
+    def _spread(self, time_s: float, ids: Sequence[LandmarkId]) -> FloatArray:
         """(R,) by how much each reading's deviation is enlarged: those of one landmark in a short time err alike."""
         spread = []
-        for code in codes:
-            times = self._seen.setdefault(code, deque())
+        for id_ in ids:
+            times = self._seen.setdefault(id_, deque())
             while times and times[0] < time_s - RELATED_S:
                 times.popleft()
             times.append(time_s)
@@ -154,7 +155,7 @@ class PlanarFilter:
                     track.P,
                     track.log_weight + math.log(WRONG_SHARE * WRONG_DENSITY),
                     track.doubts + 1,
-                    (*track.outliers, reading.codes[0]),
+                    (*track.outliers, reading.ids[0]),
                     track.innovation,
                     track.told,
                 )

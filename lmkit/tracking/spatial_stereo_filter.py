@@ -26,6 +26,7 @@ from lmkit.geometry.rotations import (
 from lmkit.geometry.stereo_rig import StereoRig
 from lmkit.localization.absolute_pose import LocateOptions, locate_rig
 from lmkit.localization.correspondences import CORNER_FLOOR_PX, Correspondences, Poses
+from lmkit.model.landmark_id import LandmarkId
 from lmkit.model.landmark_map import LandmarkMap
 from lmkit.model.observation import Detection
 from lmkit.model.trajectory import Trajectory
@@ -45,7 +46,7 @@ class SpacePose:
         status: ``ok``, or ``lost`` (not yet found, or known to a metre only).
         T_map_left: None before the first fix.
         covariance: (6,6) x y z (m), rotation about x y z of the map (rad).
-        outliers: codes that were not believed.
+        outliers: landmarks that were rejected.
         restarted: True where the filter was put somewhere else: started, or carried off.
         innovation, told: as of `planar_filter.TrackedPose`.
     """
@@ -54,7 +55,7 @@ class SpacePose:
     status: str
     T_map_left: Pose | None
     covariance: FloatArray | None
-    outliers: tuple[int, ...] = ()
+    outliers: tuple[LandmarkId, ...] = ()
     restarted: bool = False
     innovation: float = 0.0
     told: int = 0
@@ -102,7 +103,7 @@ class PoseFilter:
         if len(seen):
             known = np.linalg.inv(self._P)
             used, fitted = believed(seen, lambda used: self._fit(seen, used, known))
-            outliers |= {int(code) for code in seen.codes[~used]}
+            outliers |= seen.ids_of(~used)
             self._doubts = 0 if used.any() else self._doubts + 1
             if used.any():
                 self._R, self._p, normal, innovation = fitted
@@ -120,7 +121,7 @@ class PoseFilter:
             return SpacePose(time_s, "lost", None, None)
         self._R, self._p, self._P = found.T_map_camera.R, found.T_map_camera.t, found.covariance
         self._time, self._doubts = time_s, 0
-        return self._pose(time_s, found.outlier_codes, True)
+        return self._pose(time_s, found.outliers, True)
 
     def _predict(self, before_s: float, time_s: float) -> None:
         while len(self._rows) > 2 and self._rows[1][0] < before_s - KEPT_S:
@@ -168,7 +169,7 @@ class PoseFilter:
         return np.concatenate([self._p - p, rotation_log(self._R @ R.T)])
 
     def _pose(
-        self, time_s: float, outliers: tuple[int, ...], restarted: bool, innovation: float = 0.0, told: int = 0
+        self, time_s: float, outliers: tuple[LandmarkId, ...], restarted: bool, innovation: float = 0.0, told: int = 0
     ) -> SpacePose:
         lost = np.sqrt(np.linalg.eigvalsh(self._P[:3, :3])[-1]) > NOWHERE_M or self._doubts >= DOUBTS
         pose = Pose("map", "left", self._R, self._p)

@@ -209,7 +209,7 @@ def _graded(
         refused = GradedLine("reading", f"refused by the reader: {attempt.rejected}", "F", "see the lines below")
         lines.insert(0, refused)
     seen = attempt.observation
-    moved = Detection(seen.code, seen.corners - offset, seen.confidence, seen.margin, seen.family, seen.covariance)
+    moved = replace(seen, corners=seen.corners - offset)
     return PrintedLandmark(source, moved, side_mm, scale_from, stated.code, stated.size_mm, tuple(lines), image)
 
 

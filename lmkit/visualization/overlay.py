@@ -57,7 +57,7 @@ def draw_located(
         draw_label(canvas, estimate.status, np.array([8.0, 24.0]))
         return canvas
     T_camera_map = estimate.T_map_camera.inverse()
-    read = {o.code for o in seen}
+    read = {o.id for o in seen}
     for landmark in landmarks:
         corners = T_camera_map.apply(landmark.corners_map)
         if corners[:, 2].min() < 0.05:
@@ -66,9 +66,9 @@ def draw_located(
         if not camera.contains(pixels).any() or not camera.reaches(pixels).all():
             continue
         faces = (landmark.T_map_landmark.R[:, 2] @ (estimate.T_map_camera.t - landmark.T_map_landmark.t)) > 0
-        if not faces and landmark.code not in read:
+        if not faces and landmark.id not in read:
             continue
-        odd = landmark.code in estimate.outlier_codes
+        odd = landmark.id in estimate.outliers
         _polyline(canvas, (pixels + 0.5) * enlarge - 0.5, RED if odd else MAGENTA, closed=True)
         tips = landmark.size_m / 2 * np.array([[0, 0, 0], [1.0, 0, 0], [0, 1.0, 0], [0, 0, 1.0]])
         draw_axes(canvas, camera, T_camera_map.apply(landmark.T_map_landmark.apply(tips)), enlarge)

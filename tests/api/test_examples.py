@@ -44,6 +44,7 @@ CLASSES = [
     "InputError",
     "ImageWarning",
     "LandmarkFamily",
+    "LandmarkId",
     "LandmarkMap",
     "LmkitError",
     "MappedLandmark",

@@ -6,7 +6,10 @@ import json
 
 import numpy as np
 import pytest
+from ids import lm8
 from scenes import paste_landmark
+
+from lmkit.model.landmark_id import LandmarkId
 
 
 def test_generate_detect_verify(lmkit, tmp_path):
@@ -63,7 +66,7 @@ def test_detect_prints_what_the_formats_page_says(lmkit, tmp_path, photographs):
     row = json.loads(line)
     assert (row["image"], row["width"], row["height"]) == ("scene.png", 320, 240)
     (detection,) = row["detections"]
-    assert detection.keys() == {"code", "family", "corners", "center", "confidence", "margin"}
+    assert detection.keys() == {"id", "code", "family", "corners", "center", "confidence", "margin"}
     assert (detection["code"], detection["family"]) == (99, "lm8")
     assert np.abs(np.array(detection["corners"]) - truth).max() < 0.5
     assert 0.9 < detection["confidence"] <= 1
@@ -114,12 +117,13 @@ def test_videos_are_read_frame_by_frame(lmkit, tmp_path, photographs):
     assert [[d["code"] for d in row["detections"]] for row in rows] == [[99], [99]]
 
 
-def test_readings_of_range_and_bearing(lmkit, tmp_path):
+@pytest.mark.parametrize("family", ["lm8", "lm12"])
+def test_readings_of_range_and_bearing(lmkit, tmp_path, family):
     from lmkit.io.landmark_map import map_to_yaml
     from lmkit.model.landmark_map import LandmarkMap, MappedLandmark, wall_pose
 
     places = ((1, 4.0, -1.0), (2, 4.0, 2.0))
-    landmarks = [MappedLandmark(c, "lm8", 0.18, wall_pose([x, y, 1.0], 0.0)) for c, x, y in places]
+    landmarks = [MappedLandmark(LandmarkId(family, c), 0.18, wall_pose([x, y, 1.0], 0.0)) for c, x, y in places]
     (tmp_path / "map.yaml").write_text(map_to_yaml(LandmarkMap(landmarks)))
     rows = ["time_s,code,range_m,bearing_rad", "0.5,1,2.961457,-0.642063", "0.5,2,3.124446,0.387606", "0.7,1,2.9,0.1"]
     (tmp_path / "r.csv").write_text("\n".join(rows))
@@ -128,7 +132,27 @@ def test_readings_of_range_and_bearing(lmkit, tmp_path):
     first, second = (json.loads(line) for line in answer.out.splitlines())
     assert first["position"] == pytest.approx([1.356354, 0.334677], abs=1e-4)
     assert first["heading_rad"] == pytest.approx(np.deg2rad(10), abs=1e-4)
+    assert (first["codes"], first["ids"]) == ([1, 2], [f"{family}:1", f"{family}:2"])
     assert (second["status"], second["position"]) == ("no_landmarks", None)
+
+
+def test_readings_of_a_map_of_two_families_name_theirs(lmkit, tmp_path):
+    from lmkit.io.landmark_map import map_to_yaml
+    from lmkit.model.landmark_map import LandmarkMap, MappedLandmark, wall_pose
+
+    ids = (LandmarkId("lm8", 1), LandmarkId("lm12", 1))
+    landmarks = [
+        MappedLandmark(i, 0.18, wall_pose([4.0, y, 1.0], 0.0)) for i, y in zip(ids, (-1.0, 2.0), strict=True)
+    ]
+    (tmp_path / "map.yaml").write_text(map_to_yaml(LandmarkMap(landmarks)))
+    header, rows = "time_s,code,range_m,bearing_rad", ["0.5,1,2.961457,-0.642063", "0.5,1,3.124446,0.387606"]
+    (tmp_path / "r.csv").write_text("\n".join([header, *rows]))
+    refused = lmkit("locate", "--readings", "r.csv", "--map", "map.yaml", "--json")
+    assert (refused.code, "line 2" in refused.err, "lm12:1" in refused.err) == (2, True, True)
+    (tmp_path / "r.csv").write_text(f"{header},family\n{rows[0]},lm8\n{rows[1]},lm12\n")
+    answer = json.loads(lmkit("locate", "--readings", "r.csv", "--map", "map.yaml", "--json").out)
+    assert answer["position"] == pytest.approx([1.356354, 0.334677], abs=1e-4)
+    assert answer["ids"] == ["lm12:1", "lm8:1"]
 
 
 @pytest.mark.parametrize("row", ["0.5,1,nan,0.1", "0.5,1,2.9", "0.5,one,2.9,0.1", "0.5,1,-2,0.1"])
@@ -136,7 +160,7 @@ def test_a_bad_reading_is_named_with_its_line(lmkit, tmp_path, row):
     from lmkit.io.landmark_map import map_to_yaml
     from lmkit.model.landmark_map import LandmarkMap, MappedLandmark, wall_pose
 
-    landmarks = [MappedLandmark(1, "lm8", 0.18, wall_pose([1.0, 2.0, 1.0], 0.0))]
+    landmarks = [MappedLandmark(lm8(1), 0.18, wall_pose([1.0, 2.0, 1.0], 0.0))]
     (tmp_path / "map.yaml").write_text(map_to_yaml(LandmarkMap(landmarks)))
     (tmp_path / "r.csv").write_text("time_s,code,range_m,bearing_rad\n" + row)
     answer = lmkit("locate", "--readings", "r.csv", "--map", "map.yaml")

@@ -67,7 +67,7 @@ def test_a_survey_of_the_demo_s_files_finds_the_map(demo, tmp_path):
     assert answer["odometry"]["forward_scale"] == pytest.approx(0.92, abs=0.01)
     assert (tmp_path / "plan.svg").read_text().startswith("<svg")
     page = Page((tmp_path / "s.html").read_text())
-    assert [row[0] for row in page.rows if row[0].isdigit()] == sorted(seen, key=int)
+    assert [row[0] for row in page.rows if row[0].startswith("lm8:")] == [f"lm8:{c}" for c in sorted(seen, key=int)]
     assert page.drawings == 4
     error = json.loads(run("evaluate", demo / "truth.tum", tmp_path / "s.tum", "--json").out)
     assert error["position_m"]["rmse"] < 0.06
@@ -107,7 +107,7 @@ def test_tracking_goes_by_poses_of_visual_odometry_as_well(demo, tmp_path, how):
         (["survey", "--rig", "RIG", "--detections", "none.csv"], "none.csv"),
         (["survey", "--rig", "RIG", "--detections", "DET", "--gyro", "g.csv"], "--gyro needs odometry"),
         (["survey", "--rig", "RIG", "--detections", "DET", "--known", "MAP", "--known-sigma", "5"], "no angle"),
-        (["survey", "--rig", "RIG", "--detections", "DET", "--wall", "12,x"], "two codes"),
+        (["survey", "--rig", "RIG", "--detections", "DET", "--wall", "12,x"], "not a landmark id"),
         (["survey", "--rig", "RIG", "--detections", "DET", "--wall", "12,13", "--wall-sigma", "5mm"], "no angle"),
         (["survey", "--rig", "RIG", "--detections", "DET", "--wall-sigma", "5mm,1deg"], "--same-height beside it"),
         (["track", "--map", "MAP", "--readings", "r.csv"], "odometry"),
@@ -166,7 +166,7 @@ def test_a_map_in_the_plane_from_readings(tmp_path):
 
     drive = make_drive(1, seconds=60)
     readings = tmp_path / "r.csv"
-    rows = [f"{t},{r.code},{r.range_m},{r.bearing_rad}" for t, seen in drive.readings(1) for r in seen]
+    rows = [f"{t},{r.id.code},{r.range_m},{r.bearing_rad}" for t, seen in drive.readings(1) for r in seen]
     readings.write_text("\n".join(["time_s,code,range_m,bearing_rad", *rows]) + "\n")
     o = drive.odometry
     x = np.column_stack([o.times_s, np.append(o.forward_m[1:], 0) / 0.02, np.append(o.turn_rad[1:], 0) / 0.02])

@@ -8,6 +8,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
+from ids import lm8
 
 from lmkit.io.landmark_map import map_to_yaml
 from lmkit.io.rig import rig_to_yaml
@@ -46,7 +47,7 @@ def rig(tmp_path) -> Path:
 @pytest.fixture
 def landmark_map(tmp_path) -> Path:
     path = tmp_path / "map.yaml"
-    landmarks = [MappedLandmark(3, "lm8", 0.18, wall_pose([1, 0, 1], 1.0))]
+    landmarks = [MappedLandmark(lm8(3), 0.18, wall_pose([1, 0, 1], 1.0))]
     path.write_text(map_to_yaml(LandmarkMap(landmarks)))
     return path
 
@@ -216,7 +217,7 @@ def test_locate_refuses_a_code_twice(lmkit, tmp_path, rig, landmark_map):
     entry = text[text.index("- code") :]
     landmark_map.write_text(text + entry)
     image = picture(tmp_path / "a.png", (640, 480))
-    assert_refused(lmkit("locate", image, image, "--rig", rig, "--map", landmark_map), "map.yaml", "code 3", "twice")
+    assert_refused(lmkit("locate", image, image, "--rig", rig, "--map", landmark_map), "map.yaml", "lm8:3", "twice")
 
 
 def test_locate_refuses_pictures_of_another_size(lmkit, tmp_path, rig, landmark_map):

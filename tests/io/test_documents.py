@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from ids import lm8
 
 from lmkit.errors import InputError
 from lmkit.io.landmark_map import map_to_yaml, read_map
@@ -15,8 +16,8 @@ RIG = rig_to_yaml(make_rig())
 MAP = map_to_yaml(
     LandmarkMap(
         [
-            MappedLandmark(3, "lm8", 0.18, wall_pose([1.0, 0.0, 1.5], 0.3), 1e-4 * np.eye(6)),
-            MappedLandmark(9, "lm8", 0.09, wall_pose([2.0, 0.0, 1.5], 1.3)),
+            MappedLandmark(lm8(3), 0.18, wall_pose([1.0, 0.0, 1.5], 0.3), 1e-4 * np.eye(6)),
+            MappedLandmark(lm8(9), 0.09, wall_pose([2.0, 0.0, 1.5], 1.3)),
         ]
     )
 )
@@ -36,7 +37,7 @@ def test_a_map_survives(tmp_path):
     path.write_text(MAP)
     landmarks = read_map(path)
     assert len(landmarks) == 2
-    found = landmarks.find(3)
+    found = landmarks.find(lm8(3))
     assert found is not None
     assert np.allclose(found.T_map_landmark.R, wall_pose([1.0, 0.0, 1.5], 0.3).R)
     assert np.allclose(found.T_map_landmark.t, [1.0, 0.0, 1.5])

@@ -16,7 +16,7 @@ def written(tmp_path, text):
 
 def test_detections_come_back(tmp_path):
     moments = make_drive(0, seconds=5).moments
-    back = read_detections(written(tmp_path, detections_to_csv(moments)))
+    back = read_detections(written(tmp_path, detections_to_csv(moments)), ["lm8"])
     seen = [moment for moment in moments if moment.left or moment.right]
     assert [m.time_s for m in back] == pytest.approx([m.time_s for m in seen], abs=1e-6)
     for a, b in zip(seen, back, strict=True):
@@ -73,9 +73,9 @@ def test_a_gyro_file_needs_rates(tmp_path):
 def test_bad_detections_are_refused_by_line(tmp_path, row, says):
     header = "time_s,camera,code,x0,y0,x1,y1,x2,y2,x3,y3"
     with pytest.raises(InputError, match=says):
-        read_detections(written(tmp_path, f"{header}\n{row}\n"))
+        read_detections(written(tmp_path, f"{header}\n{row}\n"), ["lm8"])
 
 
 def test_tags_of_others_keep_their_family(tmp_path):
     text = "time_s,camera,tag_id,x0,y0,x1,y1,x2,y2,x3,y3\n1,left,400,0,0,1,0,1,1,0,1\n"
-    assert read_detections(written(tmp_path, text))[0].left[0].family == "tag36h11"
+    assert read_detections(written(tmp_path, text), ["lm8"])[0].left[0].family == "tag36h11"

@@ -7,6 +7,7 @@ import pytest
 
 from lmkit.errors import InputError
 from lmkit.io.external_maps import map_to_tagslam, map_to_wpilib, read_any_map
+from lmkit.model.landmark_id import LandmarkId
 from lmkit.simulation.recording import make_drive
 
 
@@ -17,7 +18,7 @@ def test_maps_come_back(tmp_path):
         path.write_text(text)
         back = read_any_map(path)
         for m in landmarks:
-            found = back.find(m.code, "tag36h11")
+            found = back.find(LandmarkId("tag36h11", m.code))
             assert pytest.approx(m.T_map_landmark.R, abs=1e-9) == found.T_map_landmark.R
             assert found.T_map_landmark.t == pytest.approx(m.T_map_landmark.t, abs=1e-9)
 
@@ -30,7 +31,7 @@ def test_a_field_tag_without_rotation_looks_along_x(tmp_path):
     }
     path = tmp_path / "field.json"
     path.write_text(json.dumps({"tags": [{"ID": 4, "pose": pose}], "field": {"length": 16.5, "width": 8.0}}))
-    T = read_any_map(path).find(4, "tag36h11").T_map_landmark
+    T = read_any_map(path).find(LandmarkId("tag36h11", 4)).T_map_landmark
     assert T.R[:, 2] == pytest.approx([1, 0, 0])
     assert T.R[:, 1] == pytest.approx([0, 0, 1])
     assert np.linalg.det(T.R) == pytest.approx(1)

@@ -6,21 +6,23 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from ids import lm8
 from scipy.stats import chi2
 
 from lmkit.geometry.pose import Pose
 from lmkit.geometry.rotations import rotation_angle, rotation_log
 from lmkit.localization.absolute_pose import LocateOptions, covariance_at_base, locate_camera, locate_rig
 from lmkit.localization.pose_prior import PosePrior
+from lmkit.model.landmark_id import LandmarkId
 from lmkit.model.landmark_map import LandmarkMap, MappedLandmark, wall_pose
 from lmkit.model.observation import Detection
 from lmkit.simulation.scene import looking, make_rig
 
 RIG = make_rig()
 LANDMARKS = [
-    MappedLandmark(code, "lm8", 0.18, wall_pose([x, 0.0, z], np.pi / 2))
+    MappedLandmark(lm8(code), 0.18, wall_pose([x, 0.0, z], np.pi / 2))
     for code, x, z in ((10, -0.8, 1.2), (20, 0.1, 1.5), (30, 0.9, 1.1))
-] + [MappedLandmark(40, "lm8", 0.18, wall_pose([1.6, 0.9, 1.3], np.pi))]
+] + [MappedLandmark(lm8(40), 0.18, wall_pose([1.6, 0.9, 1.3], np.pi))]
 MAP = LandmarkMap(LANDMARKS)
 STATION = looking(np.array([0.2, 2.4, 1.2]), -np.pi / 2 + 0.1, 0.02)
 
@@ -37,7 +39,7 @@ def see(T_map_camera: Pose, noise: float, rng, landmarks=LANDMARKS) -> tuple[lis
             if camera.contains(pixels).all():
                 noisy = pixels + rng.normal(0, noise, (4, 2))
                 covariance = max(noise, 1e-3) ** 2 * np.eye(8)
-                seen.append(Detection(landmark.code, noisy, 0.99, 50.0, covariance=covariance))
+                seen.append(Detection(landmark.id, noisy, 0.99, 50.0, covariance=covariance))
         eyes.append(seen)
     return eyes[0], eyes[1]
 
@@ -47,7 +49,7 @@ def test_perfect_corners_give_the_pose_back():
     assert estimate.status == "ok"
     assert np.allclose(estimate.T_map_camera.t, STATION.t, atol=1e-6)
     assert rotation_angle(estimate.T_map_camera.R @ STATION.R.T) < 1e-6
-    assert estimate.inlier_codes == (10, 20, 30)
+    assert estimate.inliers == tuple(map(lm8, (10, 20, 30)))
 
 
 def test_one_eye_is_enough():
@@ -107,7 +109,7 @@ def test_the_covariance_knows_what_the_map_does_not(count):
                 replace(landmark, T_map_landmark=Pose("map", "landmark", rotation_exp(off[3:]) @ T.R, T.t + off[:3]))
             )
         estimate = locate_rig(*see(station, 0.2, rng, hung), RIG, LandmarkMap(known), options)
-        explained += len(estimate.inlier_codes) == count
+        explained += len(estimate.inliers) == count
         error = np.concatenate(
             [estimate.T_map_camera.t - station.t, rotation_log(estimate.T_map_camera.R @ station.R.T)]
         )
@@ -135,17 +137,17 @@ def test_a_place_known_in_some_directions_only():
 def test_a_wrong_code_is_named_and_does_not_capture_the_pose():
     left, right = see(STATION, 0.2, np.random.default_rng(1))
     for eye in (left, right):
-        eye[0] = Detection(40, eye[0].corners, 0.99, 50.0, covariance=eye[0].covariance)
+        eye[0] = Detection(lm8(40), eye[0].corners, 0.99, 50.0, covariance=eye[0].covariance)
     estimate = locate_rig(left, right, RIG, MAP)
     assert estimate.status == "ok"
-    assert estimate.outlier_codes == (40,)
+    assert estimate.outliers == tuple(map(lm8, (40,)))
     assert np.linalg.norm(estimate.T_map_camera.t - STATION.t) < 0.02
 
 
 def test_two_landmarks_that_contradict_each_other_give_no_pose():
     left, right = see(STATION, 0.2, np.random.default_rng(1), LANDMARKS[:2])
     for eye in (left, right):
-        eye[0] = Detection(40, eye[0].corners, 0.99, 50.0, covariance=eye[0].covariance)
+        eye[0] = Detection(lm8(40), eye[0].corners, 0.99, 50.0, covariance=eye[0].covariance)
     estimate = locate_rig(left, right, RIG, MAP)
     assert estimate.status == "inconsistent"
     assert estimate.T_map_camera is None
@@ -250,7 +252,7 @@ def test_a_landmark_hung_wrongly_is_the_odd_one_out(fault):
     left, right = see(STATION, 0.15, rng, hung)
     estimate = locate_rig(left, right, RIG, MAP)
     assert estimate.status == "ok"
-    assert estimate.outlier_codes == (30,)
+    assert estimate.outliers == tuple(map(lm8, (30,)))
     assert np.linalg.norm(estimate.T_map_camera.t - STATION.t) < 0.03
 
 
@@ -264,17 +266,17 @@ def test_cameras_exchanged_are_said_to_be(distance):
 
 def test_codes_that_are_not_in_the_map_are_no_landmarks():
     left, _ = see(STATION, 0.0, np.random.default_rng(0))
-    unknown = [Detection(200, o.corners, 0.9, 9.0) for o in left]
+    unknown = [Detection(lm8(200), o.corners, 0.9, 9.0) for o in left]
     assert locate_rig(unknown, [], RIG, MAP).status == "no_landmarks"
     assert locate_rig([], [], RIG, MAP).status == "no_landmarks"
 
 
 def test_the_same_code_twice_in_a_picture_is_not_used_and_named():
     left, right = see(STATION, 0.1, np.random.default_rng(2))
-    left.append(Detection(10, left[1].corners + 40, 0.9, 9.0))
+    left.append(Detection(lm8(10), left[1].corners + 40, 0.9, 9.0))
     estimate = locate_rig(left, right, RIG, MAP)
     assert estimate.status == "ok"
-    assert estimate.outlier_codes == (10,)
+    assert estimate.outliers == tuple(map(lm8, (10,)))
     assert np.linalg.norm(estimate.T_map_camera.t - STATION.t) < 0.02
 
 
@@ -301,3 +303,17 @@ def test_exactly_square_on():
     left, right = see(station, 0.0, np.random.default_rng(0), LANDMARKS[1:2])
     estimate = locate_rig(left, right, RIG, MAP)
     assert np.linalg.norm(estimate.T_map_camera.t - station.t) < 1e-4
+
+
+def test_landmarks_of_two_families_with_the_same_code_are_two_landmarks():
+    """A moved lm12:5 beside an lm8:5: the moved one is reported, and the pose stays right."""
+    moved, *others = (LandmarkId("lm12", 5), lm8(5), lm8(6), lm8(7))
+    hung = [
+        MappedLandmark(i, 0.18, wall_pose([x, 0.0, 1.2], np.pi / 2))
+        for i, x in zip((moved, *others), (-0.6, 0.0, 0.6, 1.2), strict=True)
+    ]
+    left, right = see(STATION, 0.1, np.random.default_rng(0), hung)
+    before = replace(hung[0], T_map_landmark=wall_pose([-0.6, 0.0, 1.5], np.pi / 2))
+    estimate = locate_rig(left, right, RIG, LandmarkMap([before, *hung[1:]]))
+    assert (estimate.status, estimate.outliers, estimate.inliers) == ("ok", (moved,), tuple(others))
+    assert np.linalg.norm(estimate.T_map_camera.t - STATION.t) < 0.01

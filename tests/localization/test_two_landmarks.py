@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from hypothesis import assume, given
 from hypothesis import strategies as st
+from ids import lm8
 from scipy.stats import chi2
 
 from lmkit.localization.range_bearing import locate_planar
@@ -73,7 +74,7 @@ def test_what_is_wrong_in_print():
 
 LANDMARKS = LandmarkMap(
     [
-        MappedLandmark(c, "lm8", 0.18, wall_pose([x, y, 1.0], 0.0))
+        MappedLandmark(lm8(c), 0.18, wall_pose([x, y, 1.0], 0.0))
         for c, x, y in ((1, 4, -1), (2, 4, 2), (3, -2, 3), (4, 0, -4))
     ]
 )
@@ -81,10 +82,10 @@ ROBOT, HEADING = (1.2, 0.3), 0.4
 
 
 def read(code, rng=None, noise=ReadingNoise()):
-    r, b = measure(ROBOT, HEADING, LANDMARKS.find(code).T_map_landmark.t[:2])
+    r, b = measure(ROBOT, HEADING, LANDMARKS.find(lm8(code)).T_map_landmark.t[:2])
     if rng is not None:
         r, b = r + rng.normal(0, float(noise.range_sigma(r))), b + rng.normal(0, noise.bearing_rad)
-    return RangeBearing(code, r, b)
+    return RangeBearing(lm8(code), r, b)
 
 
 def test_exact_readings_of_four_landmarks():
@@ -110,25 +111,25 @@ def test_the_covariance_is_true(codes):
 
 
 def test_a_moved_landmark_is_named():
-    readings = [read(c) for c in (1, 2, 4)] + [RangeBearing(3, read(3).range_m + 1.0, read(3).bearing_rad + 0.3)]
+    readings = [read(c) for c in (1, 2, 4)] + [RangeBearing(lm8(3), read(3).range_m + 1.0, read(3).bearing_rad + 0.3)]
     estimate = locate_planar(readings, LANDMARKS)
-    assert (estimate.status, estimate.outlier_codes) == ("ok", (3,))
+    assert (estimate.status, estimate.outliers) == ("ok", (lm8(3),))
     assert (estimate.pose.x_m, estimate.pose.y_m) == pytest.approx(ROBOT, abs=1e-5)
 
 
 def test_one_landmark_is_too_few_and_contradiction_is_said():
     assert locate_planar([read(1), read(1)], LANDMARKS).status == "no_landmarks"
-    wrong = [read(1), RangeBearing(2, 6.0, read(2).bearing_rad + 1.0)]
+    wrong = [read(1), RangeBearing(lm8(2), 6.0, read(2).bearing_rad + 1.0)]
     assert locate_planar(wrong, LANDMARKS).status == "inconsistent"
 
 
 def only_ranges(codes, noise=0.0, rng=None):
     off = (lambda: 0.0) if rng is None else (lambda: rng.normal(0, noise))
-    return [RangeBearing(c, read(c).range_m + off(), None) for c in codes]
+    return [RangeBearing(lm8(c), read(c).range_m + off(), None) for c in codes]
 
 
 def only_bearings(codes):
-    return [RangeBearing(c, None, read(c).bearing_rad) for c in codes]
+    return [RangeBearing(lm8(c), None, read(c).bearing_rad) for c in codes]
 
 
 def test_ranges_alone_give_the_place_and_no_heading():
@@ -151,7 +152,7 @@ def test_two_ranges_leave_two_places():
 @given(st.floats(-1.5, 3.5), st.floats(-3, 1.8), st.floats(-3.1, 3.1))
 def test_bearings_alone_give_the_pose(x, y, heading):
     """Anywhere but near the circle through the three landmarks, where resection fails for everybody."""
-    places = {c: LANDMARKS.find(c).T_map_landmark.t[:2] for c in (1, 2, 3)}
+    places = {c: LANDMARKS.find(lm8(c)).T_map_landmark.t[:2] for c in (1, 2, 3)}
     one, two, three = places.values()
     D = 2 * np.linalg.det([two - one, three - one])
     centre = one + np.linalg.solve(
@@ -160,7 +161,7 @@ def test_bearings_alone_give_the_pose(x, y, heading):
     assert abs(D) > 1
     assume(abs(np.hypot(x - centre[0], y - centre[1]) - np.hypot(*(one - centre))) > 0.4)
     assume(all(np.hypot(*(p - [x, y])) > 0.4 for p in places.values()))
-    seen = [RangeBearing(c, None, measure((x, y), heading, p)[1]) for c, p in places.items()]
+    seen = [RangeBearing(lm8(c), None, measure((x, y), heading, p)[1]) for c, p in places.items()]
     estimate = locate_planar(seen, LANDMARKS)
     poses = [estimate.pose, *(pose for pose, _ in estimate.alternatives)]
     assert any(np.hypot(p.x_m - x, p.y_m - y) < 1e-3 for p in poses if p is not None)

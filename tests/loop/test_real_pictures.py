@@ -10,6 +10,7 @@ from __future__ import annotations
 import cv2
 import numpy as np
 import pytest
+from ids import lm8
 from scenes import DPI, MM, sheet_by_pdfium, to_code_values, to_linear
 
 from lmkit.calibration.stereo import calibrate_stereo
@@ -55,7 +56,7 @@ def test_landmarks_on_the_board_are_found_and_locate_the_rig(bouguet):
         T_left_board = _board_pose(rig, view)
         T_left_landmark = T_left_board @ T_board_landmark
         code = (37 * index + 11) % 256
-        landmark = MappedLandmark(code, "lm8", SIDE_M, Pose("map", "landmark", np.eye(3), np.zeros(3)))
+        landmark = MappedLandmark(lm8(code), SIDE_M, Pose("map", "landmark", np.eye(3), np.zeros(3)))
         seen = []
         for eye, path in enumerate(pairs.files[view.name]):
             camera = (rig.left, rig.right)[eye]

@@ -35,7 +35,7 @@ def test_without_odometry_a_leap_over_a_time_without_views_is_named_where_no_rob
     far = int(np.argmax(away))
     before, after = drive.moments[40:61], drive.moments[far : far + 20]
     late = [replace(m, time_s=m.time_s - after[0].time_s + before[-1].time_s + seconds) for m in after]
-    known = {("lm8", m.code): Anchor(m, None) for m in drive.landmarks}
+    known = {m.id: Anchor(m, None) for m in drive.landmarks}
     result = survey_frames([*before, *late], drive.rig, dict.fromkeys(known, 0.18), known)
     leaps = [round(to - since, 1) for since, to, _ in result.bundle.jumps]
     assert leaps == ([seconds] if named else [])
@@ -44,12 +44,12 @@ def test_without_odometry_a_leap_over_a_time_without_views_is_named_where_no_rob
 def test_the_step_is_downhill_of_what_walls_and_heights_cost():
     """Cauchy's weights in the equations belong to the cost that steps are judged by."""
     drive = make_drive(2, seconds=4)
-    codes = tuple({o.code: None for moment in drive.moments for o in moment.left})[:3]
+    codes = tuple({o.id: None for moment in drive.moments for o in moment.left})[:3]
     hung = type(drive.landmarks)([drive.landmarks.find(code) for code in codes])
     rows = range(len(drive.moments))
     # A sightless drive: what is left are the ties, far from being kept to.
     blind = [replace(m, left=(), right=()) for m in drive.moments]
-    ties = [Tie("height", codes, 0.02, 0.02), Tie("wall", codes, 0.5, 0.5)]
+    ties = [Tie("height", tuple(codes), 0.02, 0.02), Tie("wall", tuple(codes), 0.5, 0.5)]
     problem = BundleProblem(blind, drive.rig, true_poses(drive, rows), hung, {}, ties=ties)
     problem.lm_p = problem.lm_p + np.random.default_rng(0).normal(size=(3, 3)) * 0.1
     equations, _ = problem._equations()

@@ -5,6 +5,7 @@ from itertools import combinations, pairwise
 
 import numpy as np
 import pytest
+from ids import lm8
 from scipy.spatial.transform import Rotation
 
 from lmkit.errors import InputError
@@ -13,6 +14,7 @@ from lmkit.geometry.rotations import rotation_angle
 from lmkit.mapping.bundle_adjustment import Anchor
 from lmkit.mapping.initialization import find_start
 from lmkit.mapping.survey import survey_frames
+from lmkit.model.landmark_id import LandmarkId
 from lmkit.model.recording import StereoFrame
 from lmkit.odometry.wheel_odometry import MotionModel
 from lmkit.simulation.observations import look
@@ -22,9 +24,9 @@ from lmkit.tracking.online import track_pictures_live
 
 def survey(drive, wheels=True, moments=None, anchors=1):
     moments = drive.moments if moments is None else moments
-    sizes = {("lm8", m.code): m.size_m for m in drive.landmarks}
-    seen = [o.code for moment in moments for o in moment.left]
-    known = {("lm8", code): Anchor(drive.landmarks.find(code), None) for code in list(dict.fromkeys(seen))[:anchors]}
+    sizes = {m.id: m.size_m for m in drive.landmarks}
+    seen = [o.id for moment in moments for o in moment.left]
+    known = {code: Anchor(drive.landmarks.find(code), None) for code in list(dict.fromkeys(seen))[:anchors]}
     motion = MotionModel(drive.odometry, drive.gyro) if wheels else None
     return survey_frames(moments, drive.rig, sizes, known, motion)
 
@@ -33,7 +35,7 @@ def map_errors(drive, result):
     """Metres and rad of every landmark."""
     errors = []
     for m in result.bundle.landmarks:
-        true = drive.landmarks.find(m.code).T_map_landmark
+        true = drive.landmarks.find(m.id).T_map_landmark
         found = m.T_map_landmark
         errors.append((np.linalg.norm(found.t - true.t), rotation_angle(found.R.T @ true.R)))
     return np.array(errors)
@@ -57,7 +59,7 @@ def test_noise_gives_errors_as_the_covariance_says():
         result = survey(drive)
         far.append(map_errors(drive, result)[:, 0].max())
         for m in list(result.bundle.landmarks)[1:]:
-            off = m.T_map_landmark.t - drive.landmarks.find(m.code).T_map_landmark.t
+            off = m.T_map_landmark.t - drive.landmarks.find(m.id).T_map_landmark.t
             squared.append(off @ np.linalg.solve(m.covariance[:3, :3], off) / 3)
     assert max(far) < 0.12
     assert 0.2 < np.median(squared) < 1.6
@@ -68,47 +70,47 @@ def test_a_landmark_that_hangs_elsewhere_in_half_of_the_drive_is_named():
     count: dict[int, int] = {}
     for moment in drive.moments:
         for o in moment.left:
-            count[o.code] = count.get(o.code, 0) + 1
-    anchor = next(o.code for moment in drive.moments for o in moment.left)
+            count[o.id] = count.get(o.id, 0) + 1
+    anchor = next(o.id for moment in drive.moments for o in moment.left)
     a, b = [code for code in sorted(count, key=lambda code: -count[code]) if code != anchor][:2]
     late = drive.moments[len(drive.moments) // 2 :]
     exchanged = [*drive.moments[: len(drive.moments) // 2], *(exchange(moment, a, b) for moment in late)]
     result = survey(drive, moments=exchanged)
-    named = {odd.code for odd in result.odd} | set(result.unplaced)
+    named = {odd.id for odd in result.odd} | set(result.unplaced)
     assert named & {a, b}
-    errors = dict(zip([m.code for m in result.bundle.landmarks], map_errors(drive, result)[:, 0], strict=True))
+    errors = dict(zip([m.id for m in result.bundle.landmarks], map_errors(drive, result)[:, 0], strict=True))
     assert max(error for code, error in errors.items() if code not in named) < 0.15
 
 
 def test_a_code_that_hangs_twice_is_named_and_does_not_bend_the_map():
     drive = make_drive(2, seconds=60)
     first = drive.moments[: len(drive.moments) // 2]
-    early = {o.code for moment in first for o in moment.left}
-    anchor = next(o.code for moment in drive.moments for o in moment.left)
-    count = {code: sum(o.code == code for m in first for o in m.left) for code in early - {anchor}}
+    early = {o.id for moment in first for o in moment.left}
+    anchor = next(o.id for moment in drive.moments for o in moment.left)
+    count = {code: sum(o.id == code for m in first for o in m.left) for code in early - {anchor}}
     a = max(count, key=lambda code: count[code])
     true = drive.landmarks.find(a).T_map_landmark
     # The landmark farthest from it bears its code, too.
     b = max(
-        (m for m in drive.landmarks if m.code != anchor),
+        (m for m in drive.landmarks if m.id != anchor),
         key=lambda m: np.linalg.norm(m.T_map_landmark.t - true.t),
-    ).code
+    ).id
     moments = [relabel(moment, b, a) for moment in drive.moments]
     result = survey(drive, moments=moments)
-    assert a in {odd.code for odd in result.odd} | set(result.unplaced)
-    errors = dict(zip([m.code for m in result.bundle.landmarks], map_errors(drive, result)[:, 0], strict=True))
+    assert a in {odd.id for odd in result.odd} | set(result.unplaced)
+    errors = dict(zip([m.id for m in result.bundle.landmarks], map_errors(drive, result)[:, 0], strict=True))
     assert max(error for code, error in errors.items() if code != a) < 0.15
 
 
 def relabel(moment, old, new):
-    eyes = [tuple(replace(o, code=new) if o.code == old else o for o in seen) for seen in (moment.left, moment.right)]
+    eyes = [tuple(replace(o, id=new) if o.id == old else o for o in seen) for seen in (moment.left, moment.right)]
     return StereoFrame(moment.time_s, *eyes, moment.name)
 
 
 def test_an_anchor_that_was_moved_shows_as_a_jump_of_the_robot():
     drive = make_drive(2, seconds=60)
-    anchor = next(o.code for moment in drive.moments for o in moment.left)
-    other = next(o.code for moment in drive.moments[150:] for o in moment.left if o.code != anchor)
+    anchor = next(o.id for moment in drive.moments for o in moment.left)
+    other = next(o.id for moment in drive.moments[150:] for o in moment.left if o.id != anchor)
     half = len(drive.moments) // 2
     moments = [*drive.moments[:half], *(exchange(moment, anchor, other) for moment in drive.moments[half:])]
     result = survey(drive, moments=moments)
@@ -117,7 +119,7 @@ def test_an_anchor_that_was_moved_shows_as_a_jump_of_the_robot():
 
 def exchange(moment, a, b):
     swap = {a: b, b: a}
-    eyes = [tuple(replace(o, code=swap.get(o.code, o.code)) for o in seen) for seen in (moment.left, moment.right)]
+    eyes = [tuple(replace(o, id=swap.get(o.id, o.id)) for o in seen) for seen in (moment.left, moment.right)]
     return StereoFrame(moment.time_s, *eyes, moment.name)
 
 
@@ -135,7 +137,7 @@ def test_without_landmarks_for_a_while_the_wheels_carry_on():
 def test_with_nothing_known_the_map_is_right_up_to_its_frame():
     drive = make_drive(3, seconds=45)
     result = survey(drive, anchors=0)
-    found = {m.code: m.T_map_landmark.t for m in result.bundle.landmarks}
+    found = {m.id: m.T_map_landmark.t for m in result.bundle.landmarks}
     codes = sorted(found)
     for a, b in pairwise(codes):
         true = [drive.landmarks.find(code).T_map_landmark.t for code in (a, b)]
@@ -184,11 +186,11 @@ def test_a_map_whose_floor_is_elsewhere_is_named_when_tracking_live():
 
 def test_an_anchor_that_is_not_in_the_drive_is_refused():
     drive = make_drive(3, seconds=20)
-    code = next(code for code in range(256) if drive.landmarks.find(code) is None)
+    code = next(lm8(code) for code in range(256) if lm8(code) not in drive.landmarks)
     some = next(iter(drive.landmarks))
-    known = {("lm8", code): Anchor(replace(some, code=code), None)}
+    known = {code: Anchor(replace(some, id=code), None)}
     with pytest.raises(InputError, match="none of the landmarks known"):
-        survey_frames(drive.moments, drive.rig, {("lm8", some.code): 0.18}, known)
+        survey_frames(drive.moments, drive.rig, {some.id: 0.18}, known)
 
 
 def test_wheels_need_to_know_where_the_camera_sits():
@@ -197,7 +199,7 @@ def test_wheels_need_to_know_where_the_camera_sits():
         survey_frames(
             drive.moments,
             replace(drive.rig, T_base_left=None),
-            {("lm8", m.code): 0.18 for m in drive.landmarks},
+            {m.id: 0.18 for m in drive.landmarks},
             {},
             MotionModel(drive.odometry),
         )
@@ -208,7 +210,7 @@ def test_without_wheels_a_twin_that_bends_the_map_shows_as_a_leap():
     """Two parts of the room hang together by one landmark, and its twin turns them by 13 deg."""
     drive = make_drive(7, seconds=120, errors=WheelErrors(slips=1))
     result = survey(drive, wheels=False, anchors=0)
-    found = {m.code: m.T_map_landmark.t for m in result.bundle.landmarks}
+    found = {m.id: m.T_map_landmark.t for m in result.bundle.landmarks}
     true = {code: drive.landmarks.find(code).T_map_landmark.t for code in found}
     off = [
         abs(np.linalg.norm(found[a] - found[b]) - np.linalg.norm(true[a] - true[b]))
@@ -219,27 +221,30 @@ def test_without_wheels_a_twin_that_bends_the_map_shows_as_a_leap():
 
 def test_a_known_map_of_zero_covariance_is_exact():
     drive = make_drive(3, seconds=20)
-    seen = {o.code for moment in drive.moments for o in moment.left}
-    known = {("lm8", code): Anchor(drive.landmarks.find(code), np.zeros((6, 6))) for code in seen}
-    result = survey_frames(drive.moments, drive.rig, {("lm8", code): 0.18 for code in seen}, known)
+    seen = {o.id for moment in drive.moments for o in moment.left}
+    known = {code: Anchor(drive.landmarks.find(code), np.zeros((6, 6))) for code in seen}
+    result = survey_frames(drive.moments, drive.rig, dict.fromkeys(seen, 0.18), known)
     assert map_errors(drive, result).max() < 1e-4
 
 
 def test_landmarks_of_two_families_may_share_a_code():
     drive = make_drive(3, seconds=40)
-    seen = list(dict.fromkeys(o.code for moment in drive.moments for o in moment.left))
+    seen = list(dict.fromkeys(o.id for moment in drive.moments for o in moment.left))
     a, b = seen[:2]
 
     def renamed(observations):
-        return tuple(replace(o, code=a, family="lm12") if o.code == b else o for o in observations)
+        return tuple(replace(o, id=LandmarkId("lm12", a.code)) if o.id == b else o for o in observations)
 
     moments = [StereoFrame(m.time_s, renamed(m.left), renamed(m.right)) for m in drive.moments]
-    hung = {("lm8", a): drive.landmarks.find(a), ("lm12", a): replace(drive.landmarks.find(b), code=a, family="lm12")}
+    hung = {
+        a: drive.landmarks.find(a),
+        LandmarkId("lm12", a.code): replace(drive.landmarks.find(b), id=LandmarkId("lm12", a.code)),
+    }
     known = {key: Anchor(landmark, None) for key, landmark in hung.items()}
-    sizes = {(o.family, o.code): 0.18 for m in moments for o in m.left}
+    sizes = {o.id: 0.18 for m in moments for o in m.left}
     result = survey_frames(moments, drive.rig, sizes, known)
     for key, landmark in hung.items():
-        found = result.landmarks.find(key[1], key[0])
+        found = result.landmarks.find(key)
         assert np.linalg.norm(found.T_map_landmark.t - landmark.T_map_landmark.t) < 1e-4
 
 
@@ -258,5 +263,5 @@ def test_what_the_first_pass_leaves_out_is_taken_up_and_the_map_stays_uncertain(
     result = survey(drive)
     assert len(passes) == 2
     assert len(result.rows) == len(drive.moments) > 80
-    exact = [m.code for m in result.bundle.landmarks if m.covariance.max() < 1e-9]
-    assert exact == [code for _, code in passes[0].anchors]
+    exact = [m.id for m in result.bundle.landmarks if m.covariance.max() < 1e-9]
+    assert exact == list(passes[0].anchors)

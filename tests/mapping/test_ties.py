@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from ids import lm8
 from scipy.spatial.transform import Rotation
 
 from lmkit.geometry.pose import Pose
@@ -14,8 +15,8 @@ from lmkit.odometry.wheel_odometry import MotionModel
 from lmkit.simulation.observations import look
 from lmkit.simulation.recording import make_drive
 
-WALL = Tie("wall", (1, 2, 3), 0.005, np.deg2rad(1.0))
-HEIGHT = Tie("height", (1, 2, 3), 0.005, np.deg2rad(1.0))
+WALL = Tie("wall", tuple(map(lm8, (1, 2, 3))), 0.005, np.deg2rad(1.0))
+HEIGHT = Tie("height", tuple(map(lm8, (1, 2, 3))), 0.005, np.deg2rad(1.0))
 
 
 def crooked(seed=0):
@@ -65,17 +66,17 @@ def test_one_off_the_plane_costs_what_its_deviation_says():
 
 def along_a_wall(drive):
     """Codes seen of the wall that has most: those that look the same way."""
-    walls, seen = {}, {o.code for moment in drive.moments for o in moment.left}
+    walls, seen = {}, {o.id for moment in drive.moments for o in moment.left}
     for m in drive.landmarks:
-        if m.code in seen:
-            walls.setdefault(tuple(np.round(m.T_map_landmark.R[:, 2], 1)), []).append(m.code)
+        if m.id in seen:
+            walls.setdefault(tuple(np.round(m.T_map_landmark.R[:, 2], 1)), []).append(m.id)
     return tuple(max(walls.values(), key=len))
 
 
 def surveyed(drive, moments, ties):
-    seen = list(dict.fromkeys(o.code for moment in moments for o in moment.left))
-    known = {("lm8", seen[0]): Anchor(drive.landmarks.find(seen[0]), None)}
-    sizes = {("lm8", m.code): m.size_m for m in drive.landmarks}
+    seen = list(dict.fromkeys(o.id for moment in moments for o in moment.left))
+    known = {seen[0]: Anchor(drive.landmarks.find(seen[0]), None)}
+    sizes = {m.id: m.size_m for m in drive.landmarks}
     return survey_frames(moments, drive.rig, sizes, known, MotionModel(drive.odometry, drive.gyro), ties)
 
 
@@ -95,7 +96,7 @@ def test_a_declared_wall_makes_the_map_flatter():
         drive = make_drive(seed, seconds=15, noise_px=0.5)
         codes = along_a_wall(drive)
         plain.append(off_the_wall(drive, surveyed(drive, drive.moments, ()), codes))
-        result = surveyed(drive, drive.moments, [Tie("wall", codes, 0.005, np.deg2rad(0.5))])
+        result = surveyed(drive, drive.moments, [Tie("wall", tuple(codes), 0.005, np.deg2rad(0.5))])
         assert not result.astray
         tied.append(off_the_wall(drive, result, codes))
     assert np.mean(tied, axis=0)[0] < 0.8 * np.mean(plain, axis=0)[0]
@@ -107,14 +108,14 @@ def test_who_does_not_hang_as_declared_is_named_and_bends_nothing():
     odd = codes[len(codes) // 2]
     T = drive.landmarks.find(odd).T_map_landmark
     out = Pose("map", "landmark", T.R, T.t + 0.1 * T.R[:, 2])
-    hung = type(drive.landmarks)([replace(m, T_map_landmark=out) if m.code == odd else m for m in drive.landmarks])
+    hung = type(drive.landmarks)([replace(m, T_map_landmark=out) if m.id == odd else m for m in drive.landmarks])
     rng = np.random.default_rng(0)
     moments = [
         replace(m, left=left, right=right)
         for k, m in enumerate(drive.moments)
         for left, right in [look(hung, drive.rig, drive.pose(k), 0.1, rng)]
     ]
-    result = surveyed(replace(drive, landmarks=hung), moments, [Tie("wall", codes, 0.003, np.deg2rad(0.5))])
+    result = surveyed(replace(drive, landmarks=hung), moments, [Tie("wall", tuple(codes), 0.003, np.deg2rad(0.5))])
     assert [code for code, _, _ in result.astray] == [odd]
     assert result.astray[0][2] == pytest.approx(0.1, abs=0.04)
     found = result.bundle.landmarks.find(odd).T_map_landmark.t

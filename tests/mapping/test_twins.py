@@ -21,16 +21,16 @@ def small_views(moment, largest_px):
 
 
 def survey(drive, moments):
-    seen = list(dict.fromkeys(o.code for moment in moments for o in moment.left))
-    known = {("lm8", seen[0]): Anchor(drive.landmarks.find(seen[0]), None)}
-    sizes = {("lm8", m.code): m.size_m for m in drive.landmarks}
+    seen = list(dict.fromkeys(o.id for moment in moments for o in moment.left))
+    known = {seen[0]: Anchor(drive.landmarks.find(seen[0]), None)}
+    sizes = {m.id: m.size_m for m in drive.landmarks}
     return survey_frames(moments, drive.rig, sizes, known, MotionModel(drive.odometry, drive.gyro))
 
 
 def turned(drive, result):
     """By code, how far landmarks were found turned off the truth, rad."""
     return {
-        m.code: float(rotation_angle(m.T_map_landmark.R.T @ drive.landmarks.find(m.code).T_map_landmark.R))
+        m.id: float(rotation_angle(m.T_map_landmark.R.T @ drive.landmarks.find(m.id).T_map_landmark.R))
         for m in result.bundle.landmarks
     }
 
@@ -52,12 +52,12 @@ def test_a_landmark_of_which_one_far_view_is_all_is_right_or_said_to_be_ambiguou
         views = {}
         for k, moment in enumerate(drive.moments):
             for o in moment.left:
-                views.setdefault(o.code, []).append((np.linalg.norm(o.corners[0] - o.corners[1]), k))
-        first = drive.moments[0].left[0].code
+                views.setdefault(o.id, []).append((np.linalg.norm(o.corners[0] - o.corners[1]), k))
+        first = drive.moments[0].left[0].id
         code, at = min(((c, min(v)[1]) for c, v in views.items() if c != first), key=lambda one: min(views[one[0]]))
 
         def once(seen, k, code=code, at=at):
-            return seen if k == at else tuple(o for o in seen if o.code != code)
+            return seen if k == at else tuple(o for o in seen if o.id != code)
 
         moments = [replace(m, left=once(m.left, k), right=once(m.right, k)) for k, m in enumerate(drive.moments)]
         result = survey(drive, moments)
@@ -79,6 +79,6 @@ def test_small_and_square_on_a_landmark_s_stated_turn_holds(seed):
     for m in list(result.bundle.landmarks):
         if m.covariance[3:, 3:].max() < 1e-9:
             continue  # the anchor
-        off = m.T_map_landmark.R @ drive.landmarks.find(m.code).T_map_landmark.R.T
+        off = m.T_map_landmark.R @ drive.landmarks.find(m.id).T_map_landmark.R.T
         turn = Rotation.from_matrix(off).as_rotvec()
         assert turn @ np.linalg.solve(m.covariance[3:, 3:], turn) < 3 * 2.5**2

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from ids import lm8
 
 from lmkit.errors import InputError
 from lmkit.geometry.camera import CameraModel
@@ -91,7 +92,7 @@ def test_a_landmark_on_a_wall_faces_the_room_upright():
 
 
 def test_a_code_hangs_once():
-    twice = [MappedLandmark(7, "lm8", 0.18, wall_pose([0, 0, 1], 0.0))] * 2
+    twice = [MappedLandmark(lm8(7), 0.18, wall_pose([0, 0, 1], 0.0))] * 2
     with pytest.raises(InputError, match="twice"):
         LandmarkMap(twice)
 

@@ -125,10 +125,8 @@ def test_a_landmark_that_was_moved_is_not_believed(world):
     floor, hung, _ = world
     robot = SimulatedRobot(floor, hung, RIG, np.array([1.6, 1.2, np.pi]), RADIUS_M, WheelErrors(delay_s=0.02), 1)
     left, _ = robot.look()
-    moved = left[0].code
-    wrong = LandmarkMap(
-        [m if m.code != moved else type(m)(m.code, m.family, m.size_m, shifted(m.T_map_landmark)) for m in hung]
-    )
+    moved = left[0].id
+    wrong = LandmarkMap([m if m.id != moved else type(m)(m.id, m.size_m, shifted(m.T_map_landmark)) for m in hung])
     tracker = RigFilter(wrong, RIG, corner_floor_px=0.0)
     for _ in range(8):
         robot.drive(0.0, 0.0, 0.2)

@@ -14,12 +14,12 @@ from lmkit.simulation.recording import make_drive
 
 
 def codes_seen(drive):
-    return list(dict.fromkeys(o.code for moment in drive.moments for o in moment.left))
+    return list(dict.fromkeys(o.id for moment in drive.moments for o in moment.left))
 
 
 def survey(drive, moments):
-    sizes = {("lm8", m.code): m.size_m for m in drive.landmarks}
-    anchors = {("lm8", code): Anchor(drive.landmarks.find(code), None) for code in codes_seen(drive)[:6]}
+    sizes = {m.id: m.size_m for m in drive.landmarks}
+    anchors = {code: Anchor(drive.landmarks.find(code), None) for code in codes_seen(drive)[:6]}
     return survey_frames(moments, drive.rig, sizes, anchors)
 
 
@@ -28,12 +28,12 @@ def with_few_far_views_of(drive, code):
     sides = {}
     for k, moment in enumerate(drive.moments):
         for o in moment.left:
-            if o.code == code:
+            if o.id == code:
                 sides[k] = np.linalg.norm(o.corners[0] - o.corners[1])
     kept = sorted(sides, key=sides.get)[:2]
 
     def without(seen, k):
-        return seen if k in kept else tuple(o for o in seen if o.code != code)
+        return seen if k in kept else tuple(o for o in seen if o.id != code)
 
     return [replace(m, left=without(m.left, k), right=without(m.right, k)) for k, m in enumerate(drive.moments)]
 
@@ -54,7 +54,7 @@ def test_the_view_that_is_proposed_does_what_it_promises():
         rng = np.random.default_rng(seed)
         while True:
             left, right = look(drive.landmarks, rig, Pose("map", "base", T.R, T.t), None, rng)
-            if {o.code for o in left} >= {code, *view.beside}:
+            if {o.id for o in left} >= {code, *view.beside}:
                 break
         time = drive.moments[-1].time_s + 100.0
         after = survey(drive, [*moments, StereoFrame(time, left, right)])
@@ -67,7 +67,7 @@ def test_the_view_that_is_proposed_does_what_it_promises():
 def test_no_view_is_proposed_where_the_whole_map_errs_alike():
     drive = make_drive(1, seconds=30)
     bundle = survey(drive, drive.moments).bundle
-    code = next(iter(bundle.landmarks)).code
+    code = next(iter(bundle.landmarks)).id
     count = len(bundle.landmarks)
     # All of them are off by the same 0.1 m, and hardly by anything else.
     common = np.kron(np.ones((count, count)), np.diag([0.01, 0.01, 0.01, 0, 0, 0])) + 1e-8 * np.eye(6 * count)

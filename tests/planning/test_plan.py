@@ -9,6 +9,7 @@ from itertools import combinations, pairwise
 import numpy as np
 import pytest
 from floors import RIG, TWO_ROOMS, hung_every, on_wall, two_rooms
+from ids import lm8
 from scipy.stats import spearmanr
 
 from lmkit.errors import InputError, NegativeAnswer
@@ -142,7 +143,7 @@ def test_what_is_placed_holds_the_demand_and_no_wall_that_must_stay_bare(tmp_pat
     again = predict_coverage(floor, list(placed.landmarks), RIG, RADIUS_M, 0.3)
     assert again.covered(EASY).mean() > EASY.share - 0.05
     assert placed.share >= EASY.share
-    assert placed.landmarks.find(9) is hung[0]
+    assert placed.landmarks.find(lm8(9)) is hung[0]
     # None of them is there for nothing, at the places that the search looked at.
     for mount in placed.mounts:
         others = [m for m in placed.landmarks if m is not mount.landmark]
@@ -206,7 +207,8 @@ def test_confusable_codes_hang_far_apart():
     assert not confusable[0, 3]
     assert (confusable == confusable.T).all()
     places = [np.array([0.5 * k, 0.0, 1.0]) for k in range(30)]
-    codes = assign_codes(places, [MappedLandmark(0, "lm8", 0.18, wall_pose([0, 1, 1], 0.0))], "lm8")
+    ids = assign_codes(places, [MappedLandmark(lm8(0), 0.18, wall_pose([0, 1, 1], 0.0))], "lm8")
+    codes = [i.code for i in ids]
     assert len({0, *codes}) == 31
     near = [confusable[a, b] for a, b in pairwise(codes)]
     assert not any(near)

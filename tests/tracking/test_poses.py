@@ -108,9 +108,9 @@ def test_a_drive_is_smoothed_through_space(exact):
         tracked = track_pictures(unseen, drive.rig, drive.landmarks, PoseMotion(odometry))
         found = tracked.poses
     else:
-        sizes = {("lm8", m.code): m.size_m for m in drive.landmarks}
+        sizes = {m.id: m.size_m for m in drive.landmarks}
         seen = {o.code for m in unseen[:20] for o in m.left}
-        anchors = {("lm8", m.code): Anchor(m, None) for m in drive.landmarks if m.code in seen}
+        anchors = {m.id: Anchor(m, None) for m in drive.landmarks if m.code in seen}
         result = survey_frames(unseen, drive.rig, sizes, anchors, PoseMotion(odometry))
         assert result.rows == tuple(range(len(unseen)))
         assert abs(result.bundle.parameters[0] - 1) < 0.01

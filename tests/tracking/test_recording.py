@@ -31,9 +31,9 @@ def test_a_tracked_drive_and_a_survey_are_recorded(tmp_path):
     path = tmp_path / "t.rrd"
     path.write_bytes(track_recording(tracked, drive.landmarks, drive.rig, drive.moments))
     assert entities(path) >= {"/map/landmarks", "/map/robot", "/map/way", "/map/eyes/left/read", "/innovation"}
-    first = drive.landmarks.find(drive.moments[0].left[0].code)
-    sizes = {("lm8", m.code): m.size_m for m in drive.landmarks}
-    survey = survey_frames(drive.moments, drive.rig, sizes, {("lm8", first.code): Anchor(first, None)}, motion)
+    first = drive.landmarks.find(drive.moments[0].left[0].id)
+    sizes = {m.id: m.size_m for m in drive.landmarks}
+    survey = survey_frames(drive.moments, drive.rig, sizes, {first.id: Anchor(first, None)}, motion)
     assert np.isfinite(survey.bundle.rms_px)
     path.write_bytes(survey_recording(survey, drive.rig, drive.moments))
     assert entities(path) >= {"/map/landmarks", "/map/eyes/right", "/misfit", "/sigma/place_mm"}

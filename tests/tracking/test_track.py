@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from ids import lm8
 
 from lmkit.geometry.planar import between
 from lmkit.geometry.pose import Pose
@@ -93,10 +94,10 @@ def test_wrong_codes_do_not_pull_and_are_named():
     for time, seen in drive.readings(1):
         moment = []
         for r in seen:
-            code = int(rng.choice(codes)) if rng.random() < 0.1 else r.code
-            if code != r.code:
-                changed.setdefault(time, set()).add(code)
-            moment.append(type(r)(code, r.range_m, r.bearing_rad))
+            id_ = lm8(int(rng.choice(codes))) if rng.random() < 0.1 else r.id
+            if id_ != r.id:
+                changed.setdefault(time, set()).add(id_)
+            moment.append(type(r)(id_, r.range_m, r.bearing_rad))
         wrong.append((time, moment))
     for follow in (track_readings, track_live):
         tracked = follow(wrong, drive.odometry, None, drive.landmarks)
@@ -155,7 +156,7 @@ def test_the_delay_of_the_wheels_is_found_where_the_robot_turns_now_and_then():
         for m in drive.landmarks:
             off = m.T_map_landmark.t[:2] - [x[k], y[k]]
             bearing = np.arctan2(off[1], off[0]) - heading[k] + 0.005 * rng.normal()
-            seen.append((m.code, float(np.hypot(*off) * (1 + 0.02 * rng.normal())), float(bearing)))
+            seen.append((m.id, float(np.hypot(*off) * (1 + 0.02 * rng.normal())), float(bearing)))
         moments.append((float(times[k]), seen))
     from lmkit.model.observation import RangeBearing
 

@@ -1,0 +1,59 @@
+"""The identity of a landmark: its family and its code."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+from lmkit.errors import InputError
+
+
+class LandmarkId(NamedTuple):
+    """A landmark's family and code, written ``lm8:137``.
+
+    Codes of different families are different landmarks.  Ids sort by family, then by code.
+
+    Examples:
+        >>> import lmkit
+        >>> str(lmkit.LandmarkId("lm8", 137))
+        'lm8:137'
+        >>> lmkit.LandmarkId.parse("lm12:5")
+        LandmarkId('lm12', 5)
+    """
+
+    family: str
+    code: int
+
+    def __str__(self) -> str:
+        return f"{self.family}:{self.code}"
+
+    def __repr__(self) -> str:
+        return f"LandmarkId({self.family!r}, {self.code})"
+
+    @classmethod
+    def parse(cls, text: str, families: Sequence[str] = ()) -> LandmarkId:
+        """Read ``lm8:137``, or a bare ``137`` where there is only one family it can belong to.
+
+        Args:
+            families: families in play, for a bare code.
+
+        Raises:
+            InputError: not an id, or a bare code with several families in play.
+        """
+        family, colon, code = text.strip().rpartition(":")
+        if not code.isdecimal() or len(code) > 9 or bool(colon) != bool(family):
+            raise InputError("bad_id", f"{text!r} is not a landmark id", "write FAMILY:CODE, such as lm8:137")
+        if family:
+            return cls(family, int(code))
+        known = tuple(dict.fromkeys(families))
+        if len(known) != 1:
+            several = ", ".join(f"{name}:{code}" for name in known) or f"lm8:{code}"
+            raise InputError("no_family", f"code {code} of which family?", f"write it with its family: {several}")
+        return cls(known[0], int(code))
+
+
+def ids_text(ids: Sequence[LandmarkId]) -> str:
+    """Ids as words for a sentence: bare codes where all are of one family, ``lm8:137`` otherwise."""
+    if len({i.family for i in ids}) <= 1:
+        return ", ".join(str(i.code) for i in ids)
+    return ", ".join(map(str, ids))
