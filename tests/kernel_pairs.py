@@ -13,6 +13,7 @@ from typing import Any
 import cv2
 import numpy as np
 from pattern_kernel_pairs import PATTERN_CALLS
+from planning_kernel_pairs import PLANNING_CALLS
 
 from lmkit.kernels import load
 from lmkit.kernels.block_chain import subtract_at, subtract_at_numpy
@@ -233,7 +234,7 @@ PAIRS = [
     Pair(corner_misfits, corner_misfits_numpy, _misfit_calls),
     Pair(pose_equations, pose_equations_numpy, _equation_calls),
     Pair(refine_poses, refine_poses_numpy, _refine_calls, 1e-9),
-    *[Pair(*call) for call in PATTERN_CALLS],
+    *[Pair(*call) for call in (*PATTERN_CALLS, *PLANNING_CALLS)],
 ]
 
 

@@ -112,7 +112,7 @@ def place(
     not_on: Annotated[str, typer.Option("--not-on", help="Walls that stay bare, as in A,C.")] = "",
     patience: Annotated[
         float, typer.Option("--patience", help="Seconds to look for two landmarks that one can do for.")
-    ] = 10.0,
+    ] = 2.5,
     prints: Annotated[bool, typer.Option("--prints/--no-prints", help="Write the landmarks to print.")] = True,
     as_json: Json = False,
     force: Force = False,
@@ -132,7 +132,7 @@ def place(
     demand = parse_demand(error, heading, in_view, headings, share)
     if not 0 <= patience <= MOST_PATIENCE_S:
         raise InputError(
-            "out_of_range", f"--patience {patience:g} is outside 0 to {MOST_PATIENCE_S:g} s", "10 is usual"
+            "out_of_range", f"--patience {patience:g} is outside 0 to {MOST_PATIENCE_S:g} s", "2.5 is usual"
         )
     names = ["map.yaml", "mounting.csv", "plan.png", "coverage.png", "landmarks.pdf"]
     check_outputs([output / name for name in names], None, force)

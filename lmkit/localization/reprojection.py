@@ -48,7 +48,7 @@ def through_lens(
     if any(o.covariance is not None for o in observations):
         covariance = np.array([UNKNOWN if o.covariance is None else o.covariance for o in observations])
     rays, by_ray, whitener, reached = corners_through_lens(
-        _lens(camera), corners, covariance, corner_floor_px, REACHED_PX
+        lens_of(camera), corners, covariance, corner_floor_px, REACHED_PX
     )
     if reached.all():
         return CameraCorrespondences(list(range(len(corners))), rays, by_ray, whitener)
@@ -56,5 +56,6 @@ def through_lens(
 
 
 @lru_cache(maxsize=16)
-def _lens(camera: CameraModel) -> Lens:
+def lens_of(camera: CameraModel) -> Lens:
+    """The camera's intrinsics as the kernels take them."""
     return Lens(camera.K, camera.distortion, camera.model == "fisheye")

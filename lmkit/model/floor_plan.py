@@ -10,11 +10,11 @@ import cv2
 import numpy as np
 
 from lmkit.arrays import BoolArray, FloatArray, IntArray
+from lmkit.kernels.line_of_sight import clear_lines
 
 NEAR_CELLS = 1.5  # so far off a wall a line of sight to it ends
 STRAIGHT_CELLS = 1.2  # by so much an outline may stray from a straight wall
 SHORTEST_M = 0.3
-AT_ONCE = 200_000  # lines of sight
 
 
 @dataclass(frozen=True, eq=False)
@@ -102,23 +102,8 @@ class FloorPlan:
 
     def sees(self, eyes: FloatArray, points: FloatArray) -> BoolArray:
         """(N,) True where the straight line from (N,2) eyes to (N,2) points on walls runs through free cells."""
-        seen = np.zeros(len(eyes), dtype=bool)
-        for start in range(0, len(eyes), AT_ONCE):
-            part = slice(start, start + AT_ONCE)
-            seen[part] = self._sees(eyes[part], points[part])
-        return seen
-
-    def _sees(self, eyes: FloatArray, points: FloatArray) -> BoolArray:
-        way = points - eyes
-        length = np.linalg.norm(way, axis=1)
-        # Just before the wall.
-        share = np.maximum(length - NEAR_CELLS * self.cell_m, 0.0) / np.maximum(length, 1e-9)
-        clear = np.ones(len(eyes), dtype=bool)
-        steps = int(np.ceil(2 * length.max(initial=0.0) / self.cell_m)) + 1
-        for step in np.linspace(0.0, 1.0, steps):
-            rows = np.flatnonzero(clear)
-            clear[rows] = self.is_free(eyes[rows] + (step * share[rows])[:, None] * way[rows])
-        return clear
+        near_m = NEAR_CELLS * self.cell_m  # just before the wall
+        return clear_lines(self.free, self.cell_m, self.origin, near_m, eyes, points)
 
     def blocked(self, points: FloatArray, radius_m: float) -> FloorPlan:
         """The same floor with discs around (N,2) points no longer free."""

@@ -34,7 +34,7 @@ class HangOptions:
     heights_m: tuple[float, ...] = ()
     family: str = "lm8"
     not_on: tuple[str, ...] = ()
-    exchange_s: float = 10.0
+    exchange_s: float = 2.5
 
 
 @dataclass(frozen=True, eq=False)

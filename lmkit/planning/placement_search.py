@@ -21,11 +21,19 @@ import numpy as np
 from lmkit.arrays import BoolArray, FloatArray, IntArray
 from lmkit.errors import NegativeAnswer
 from lmkit.geometry.stereo_rig import StereoRig
+from lmkit.kernels.pose_coverage import HELD, Coverage, change_coverage
 from lmkit.model.floor_plan import FloorPlan
 from lmkit.model.landmark_map import MappedLandmark
 from lmkit.planning.coverage import BLIND_M, Demand, all_states, places_on
 from lmkit.planning.mounting_sites import Mount, crowded
-from lmkit.planning.visibility import IN_VIEW, find_sights, planar_covariances, planar_errors
+from lmkit.planning.visibility import (
+    IN_VIEW,
+    base_to_camera,
+    find_sights,
+    known_of_pose,
+    planar_covariances,
+    planar_errors,
+)
 
 MOST_PLACES = 900
 LEAST_GAIN = 1e-6
@@ -67,13 +75,22 @@ class Search:
         self.step_m, self.turns = step_m, len(headings)
         self.enough = max(1, int(np.ceil(demand.headings * self.turns - 1e-9)))
         known = find_sights(self.states, hung, rig, floor)
-        self.information = known.information_at(len(self.states))
-        self.in_view = known.in_view_at(len(self.states))
+        self.coverage = Coverage(
+            known.information_at(len(self.states)),
+            known.in_view_at(len(self.states)),
+            base_to_camera(self.states, self.T_base_left),
+            known_of_pose(),
+            self.turns,
+            self.enough,
+            demand.in_view,
+            demand.error_m,
+            demand.heading_rad,
+            BLIND_M,
+        )
         self.spots = [Site(mount, *told) for mount, told in zip(mounts, self._told(mounts), strict=True)]
         landmarks = [mount.landmark for mount in mounts]
         self.crowds = crowded(landmarks, landmarks)
         self.chosen: list[int] = []
-        self.scores = self._scores(np.arange(len(self.states)), self.information, self.in_view)
 
     def _told(self, mounts: Sequence[Mount]) -> list[tuple[IntArray, FloatArray, BoolArray]]:
         """Of each: the poses that may read it, what it tells there, and whether it counts as in view."""
@@ -92,7 +109,7 @@ class Search:
     @property
     def share(self) -> float:
         """Of the places that are covered."""
-        return float((self._places(self.scores) >= 1 - 1e-9).mean())
+        return float((self.coverage.held >= HELD).mean())
 
     def require_possible(self) -> None:
         """Refuse what even a landmark wherever one fits would not hold.
@@ -104,8 +121,8 @@ class Search:
             if not self._crowded(k):
                 self.put(k)
         self.possible = self.share
-        errors = self._errors(np.arange(len(self.states)), self.information)[0]
-        errors[self.in_view < self.demand.in_view] = np.inf
+        errors = planar_errors(planar_covariances(self.coverage.information, self.states, self.T_base_left))[0]
+        errors[self.coverage.in_view < self.demand.in_view] = np.inf
         for k in list(self.chosen):
             self.take(k)
         if self.possible >= self.demand.share:
@@ -170,14 +187,7 @@ class Search:
 
     def gain(self, k: int) -> float:
         """What a candidate adds to the scores of all places."""
-        spot = self.spots[k]
-        rows = spot.rows
-        after = self._scores(rows, self.information[rows] + spot.told, self.in_view[rows] + spot.shown)
-        places = np.unique(rows // self.turns)
-        scores = self.scores.reshape(-1, self.turns)[places]
-        changed = scores.copy()
-        changed[np.searchsorted(places, rows // self.turns), rows % self.turns] = after
-        return float((self._places(changed) - self._places(scores)).sum())
+        return self._change(k, 1, apply=False)[0]
 
     def put(self, k: int) -> None:
         """Hang it."""
@@ -190,24 +200,20 @@ class Search:
         self._add(k, -1)
 
     def _add(self, k: int, sign: int) -> None:
+        self._change(k, sign, apply=True)
+
+    def _change(self, k: int, sign: int, apply: bool) -> tuple[float, int]:
+        """What one landmark more or less changes: the sum of the places' scores, and how many places hold."""
         spot = self.spots[k]
-        rows = spot.rows
-        self.information[rows] += sign * spot.told
-        self.in_view[rows] += sign * spot.shown
-        self.scores[rows] = self._scores(rows, self.information[rows], self.in_view[rows])
+        return change_coverage(self.coverage, spot.rows, spot.told, spot.shown, sign, apply)
 
     def _loss(self, k: int) -> float:
-        before = self._places(self.scores).sum()
-        self.take(k)
-        after = self._places(self.scores).sum()
-        self.put(k)
-        return float(before - after)
+        return -self._change(k, -1, apply=False)[0]
 
     def _needless(self, k: int, target: float) -> bool:
-        self.take(k)
-        enough = self.share >= target
-        self.put(k)
-        return enough
+        held = self.coverage.held
+        left = int((held >= HELD).sum()) + self._change(k, -1, apply=False)[1]
+        return left / len(held) >= target
 
     def prune(self, target: float) -> None:
         """Take down what is not needed."""
@@ -258,20 +264,3 @@ class Search:
             and np.linalg.norm(spot.mount.landmark.T_map_landmark.t - here) < NEIGHBOURS_M
             and not self.crowds[j, others].any()
         ]
-
-    def _errors(self, rows: IntArray, information: FloatArray) -> tuple[FloatArray, FloatArray]:
-        return planar_errors(planar_covariances(information, self.states[rows], self.T_base_left))
-
-    def _scores(self, rows: IntArray, information: FloatArray, in_view: IntArray) -> FloatArray:
-        """How near each pose is to the demand: 1 where it holds; half for landmarks in view, half for the errors."""
-        error_m, heading_rad = self._errors(rows, information)
-        worst = np.maximum(error_m / self.demand.error_m, heading_rad / self.demand.heading_rad)
-        near = 1 - np.log(np.maximum(worst, 1.0)) / np.log(BLIND_M / self.demand.error_m)
-        asked = self.demand.in_view
-        seen = np.minimum(in_view, asked) / asked if asked else np.ones(len(in_view))
-        return np.asarray((seen + near.clip(0, 1)) / 2)
-
-    def _places(self, scores: FloatArray) -> FloatArray:
-        """(N,) 1 where enough directions hold: the mean of the best ones."""
-        best = np.sort(scores.reshape(-1, self.turns), axis=1)[:, -self.enough :]
-        return np.asarray(best.mean(axis=1))

@@ -13,9 +13,13 @@ from dataclasses import dataclass
 import numpy as np
 
 from lmkit.arrays import FloatArray, IntArray
+from lmkit.geometry.camera import CameraModel
 from lmkit.geometry.pose import Pose
 from lmkit.geometry.stereo_rig import StereoRig
+from lmkit.kernels import pose_coverage as kernel
+from lmkit.kernels.landmark_sights import Camera, Pairs, add_information, faced_landmarks, seen_sides
 from lmkit.localization.pose_prior import PosePrior
+from lmkit.localization.reprojection import lens_of
 from lmkit.model.detector_model import SMALLEST_PX, corner_sigma_px, recognised
 from lmkit.model.floor_plan import FloorPlan
 from lmkit.model.landmark_map import MappedLandmark
@@ -91,16 +95,18 @@ def planar_covariances(information: FloatArray, states: FloatArray, T_base_left:
 
     Height and level are known as of a robot on wheels (`PosePrior`); where nothing is seen, the covariance is huge.
     """
+    return kernel.planar_covariances(information, base_to_camera(states, T_base_left), known_of_pose())
+
+
+def known_of_pose() -> FloatArray:
+    """(6,) information on a camera's pose that is there without landmarks: of its height and level."""
     tilt, height = PosePrior.tilt_sigma**-2, PosePrior.height_sigma**-2
-    known = np.diag([NOTHING, NOTHING, height, tilt, tilt, NOTHING])
-    C = np.linalg.inv(information + known)
-    # The base lies behind the camera: p_base = p_left - R(heading) t.
-    arm = camera_poses(states, T_base_left)[1] - np.column_stack([states[:, :2], np.zeros(len(states))])
-    J = np.zeros((len(states), 3, 6))
-    J[:, 0, 0] = J[:, 1, 1] = J[:, 2, 5] = 1.0
-    J[:, 0, 4], J[:, 0, 5] = -arm[:, 2], arm[:, 1]
-    J[:, 1, 3], J[:, 1, 5] = arm[:, 2], -arm[:, 0]
-    return np.asarray(J @ C @ J.transpose(0, 2, 1))
+    return np.array([NOTHING, NOTHING, height, tilt, tilt, NOTHING])
+
+
+def base_to_camera(states: FloatArray, T_base_left: Pose) -> FloatArray:
+    """(P,3) from the base to the left camera, in the map."""
+    return camera_poses(states, T_base_left)[1] - np.column_stack([states[:, :2], np.zeros(len(states))])
 
 
 def planar_errors(covariances: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -119,41 +125,30 @@ def _sights(
     middles = np.array([m.T_map_landmark.t for m in landmarks])
     sizes = np.array([m.size_m for m in landmarks])
     # Cheap first: near enough, in front of its face, before the camera.
-    way = middles[None] - p[:, None]
-    distance = np.linalg.norm(way, axis=2)
-    facing = -np.einsum("plk,lk->pl", way, normals) / np.maximum(distance, 1e-9)
-    ahead = np.einsum("plk,pk->pl", way, R[:, :, 2])
-    sideways = np.einsum("plk,pk->pl", way, R[:, :, 0])
     reach = rig.left.K[0, 0] * sizes / SMALLEST_PX
     widest = EDGE * rig.left.image_size[0] / rig.left.K[0, 0]
-    near = (distance < reach) & (facing > STEEPEST) & (ahead > NEAREST_M) & (np.abs(sideways) < widest * ahead)
-    rows, columns = np.nonzero(near)
+    rows, columns = np.nonzero(faced_landmarks(R, p, middles, normals, reach, (STEEPEST, NEAREST_M, widest)))
     if floor is not None and len(rows):
         clear = floor.sees(p[rows, :2], middles[columns, :2])
         rows, columns = rows[clear], columns[clear]
     if not len(rows):
         return NOTHING_SEEN
-    information = np.zeros((len(rows), 6, 6))
-    probability = np.zeros(len(rows))
-    right = rig.T_right_left
-    for camera, turn, shift in ((rig.left, np.eye(3), np.zeros(3)), (rig.right, right.R, right.t)):
-        offset = corners[columns] - p[rows, None]
-        into = turn @ R[rows].transpose(0, 2, 1)
-        seen = offset @ into.transpose(0, 2, 1) + shift
-        flat = seen.reshape(-1, 3)
-        limit = EDGE * np.array(camera.image_size) / camera.K[[0, 1], [0, 1]]
-        sane = (flat[:, 2] > NEAREST_M / 2) & (np.abs(flat[:, :2]) < limit * flat[:, 2:]).all(axis=1)
-        flat = np.where(sane[:, None], flat, np.array([0.0, 0.0, 1.0]))
-        pixels, by_point, _ = camera.project_with_jacobian(flat)
-        whole = np.all((sane & camera.contains(pixels)).reshape(-1, 4), axis=1)
-        square = pixels.reshape(-1, 4, 2)
-        side = np.linalg.norm(square - np.roll(square, 1, axis=1), axis=2).mean(axis=1)
-        tilt = np.arccos(facing[rows, columns].clip(-1, 1))
-        probability = np.maximum(probability, np.where(whole, recognised(side, tilt), 0.0))
-        # x = R' exp(-turn) (X - p - shift): as in localization/reprojection.py.
-        G = by_point[:, :, :3].reshape(-1, 4, 2, 3) @ into[:, None]
-        J = np.concatenate([-G, np.cross(G, offset[:, :, None])], axis=3).reshape(-1, 8, 6)
-        sigma = corner_sigma_px(side)[:, None, None]
-        information += np.where(np.reshape(whole, (-1, 1, 1)), J.transpose(0, 2, 1) @ J / sigma**2, 0.0)
+    pairs = Pairs(rows, columns, R, p, corners)
+    way = middles[columns] - p[rows]
+    facing = -np.einsum("nk,nk->n", way, normals[columns]) / np.maximum(np.linalg.norm(way, axis=1), 1e-9)
+    tilt = np.arccos(facing.clip(-1, 1))
+    cameras, sides = [_camera(rig.left, np.eye(3), np.zeros(3))], []
+    cameras.append(_camera(rig.right, rig.T_right_left.R, rig.T_right_left.t))
+    for camera in cameras:
+        sides.append(seen_sides(camera, pairs))
+    probability = np.max([np.where(side > 0, recognised(side, tilt), 0.0) for side in sides], axis=0)
     kept = probability > 0
-    return Sights(rows[kept] + first, columns[kept], probability[kept], information[kept])
+    pairs = Pairs(rows[kept], columns[kept], R, p, corners)
+    information = np.zeros((len(pairs.at), 6, 6))
+    for camera, side in zip(cameras, sides, strict=True):
+        add_information(camera, pairs, np.where(side > 0, corner_sigma_px(side) ** -2, 0.0)[kept], information)
+    return Sights(pairs.at + first, pairs.of, probability[kept], information)
+
+
+def _camera(camera: CameraModel, R: FloatArray, t: FloatArray) -> Camera:
+    return Camera(lens_of(camera), R, t, camera.image_size, EDGE, NEAREST_M / 2)
