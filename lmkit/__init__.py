@@ -51,6 +51,7 @@ if _TYPE_CHECKING:
     from lmkit.model.landmark_map import LandmarkMap as LandmarkMap
     from lmkit.model.landmark_map import MappedLandmark as MappedLandmark
     from lmkit.model.observation import Detection as Detection
+    from lmkit.model.pose_status import PoseStatus as PoseStatus
     from lmkit.model.recording import Recording as Recording
     from lmkit.model.tracked_trajectory import TrackedTrajectory as TrackedTrajectory
     from lmkit.model.trajectory import Trajectory as Trajectory
@@ -94,6 +95,7 @@ _HOMES = {
     "MappedLandmark": "model.landmark_map",
     "Pose": "geometry.pose",
     "PoseEstimate": "model.estimate",
+    "PoseStatus": "model.pose_status",
     "Recording": "model.recording",
     "StereoCalibration": "calibration.stereo",
     "StereoRig": "geometry.stereo_rig",

@@ -109,13 +109,13 @@ def draw(
     landmarks: LandmarkMap | None = None,
     enlarge: int = 1,
 ) -> ByteArray:
-    """Draw detections on an image; with an estimate, rig and map also where the landmarks of the map lie.
+    """Draw detections on an image, and what was estimated from them.
 
     Args:
         image: (H,W,3) BGR, 8 bit, or a path; it is not changed.
         detections: what was found in it.
-        estimate: pose of the rig; it needs ``rig`` and ``landmarks``, and ``image`` is the left camera's.
-        rig, landmarks: the rig and the map that the estimate belongs to.
+        estimate: pose of the rig, written into the image.
+        rig, landmarks: with both, the map's landmarks are drawn where the estimate puts them in the left image.
         enlarge: factor of the output's size, for small images.
 
     Returns:
@@ -127,13 +127,15 @@ def draw(
         >>> lmkit.draw(image, lmkit.detect(image)).shape == image.shape
         True
     """
-    from lmkit.visualization.overlay import draw_landmarks, draw_located
+    from lmkit.visualization.overlay import draw_label, draw_landmarks, draw_located
 
     pixels = as_image(image)
     if estimate is None:
         return draw_landmarks(pixels, detections, enlarge)
     if rig is None or landmarks is None:
-        raise InputError("no_rig", "an estimate is drawn with rig and landmarks", "give rig=... and landmarks=...")
+        canvas = draw_landmarks(pixels, detections, enlarge)
+        draw_label(canvas, str(estimate), np.array([8.0, 24.0]))
+        return canvas
     return draw_located(pixels, detections, rig.left, estimate, landmarks, enlarge)
 
 

@@ -6,6 +6,7 @@ import os
 from typing import TYPE_CHECKING
 
 from lmkit.api.arguments import Families, PathLike, as_families, as_metres, as_path, as_rig
+from lmkit.model.pose_status import PoseStatus
 
 if TYPE_CHECKING:
     from lmkit.arrays import ByteArray
@@ -208,5 +209,5 @@ def write_trajectory(trajectory: Trajectory | TrackedTrajectory, path: PathLike,
         poses = [(float(t), trajectory.pose(k, "map", "base")) for k, t in enumerate(trajectory.times_s)]
     else:
         rows = zip(trajectory.times_s.tolist(), trajectory.poses, trajectory.statuses, strict=True)
-        poses = [(t, pose) for t, pose, status in rows if status == "ok"]
+        poses = [(t, pose) for t, pose, status in rows if status == PoseStatus.OK]
     write_file(as_path(path), poses_to_tum(poses), overwrite)

@@ -65,6 +65,7 @@ def run(
     from lmkit.io.any_rig import read_any_rig
     from lmkit.io.external_maps import read_any_map
     from lmkit.localization.absolute_pose import LocateOptions
+    from lmkit.model.pose_status import PoseStatus
     from lmkit.pipelines.locate_images import estimate_dict, locate_in_sources
 
     for_readings = {
@@ -109,7 +110,7 @@ def run(
                 warn(str(moment.error))
             continue
         located += moment.estimate.T_map_camera is not None
-        exchanged += moment.estimate.status == "exchanged"
+        exchanged += moment.estimate.status == PoseStatus.SWAPPED
         results.add(total - 1, moment)
         if as_json:
             print_json(estimate_dict(moment.estimate, cameras, moment.left, moment.right, frame))

@@ -49,11 +49,11 @@ class Results:
 
     def write(self) -> Sequence[Path]:
         """Write what was asked for; the files written."""
-
         from lmkit.geometry.pose import Pose
         from lmkit.io.files import write_file
         from lmkit.io.image_sources import time_of
         from lmkit.io.trajectory import poses_to_tum
+        from lmkit.model.pose_status import PoseStatus
         from lmkit.pipelines.locate_images import ESTIMATE_COLUMNS, estimate_dict, estimate_row
         from lmkit.visualization.plan_view import Found, draw_plan
 
@@ -72,7 +72,7 @@ class Results:
                     Pose.from_quaternion("map", self.frame, answer["position"], answer["quaternion"]),
                 )
                 for number, answer in answers
-                if answer["status"] == "ok"
+                if answer["status"] == PoseStatus.OK
             ]
             write_file(self.tum, poses_to_tum(poses), self.force)
             written.append(self.tum)
@@ -85,7 +85,9 @@ class Results:
             written.append(self.csv)
         if self.plan is not None:
             found = [
-                Found(Path(m.left).stem, m.estimate.T_map_camera, covariance[:2, :2], m.estimate.status == "ok")
+                Found(
+                    Path(m.left).stem, m.estimate.T_map_camera, covariance[:2, :2], m.estimate.status == PoseStatus.OK
+                )
                 for _, m in self._located
                 if m.estimate is not None
                 and m.estimate.T_map_camera is not None

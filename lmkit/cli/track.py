@@ -50,6 +50,7 @@ def run(
     from lmkit.io.files import write_file
     from lmkit.io.readings import read_readings
     from lmkit.io.trajectory import poses_to_tum
+    from lmkit.model.pose_status import PoseStatus
     from lmkit.model.tracked_trajectory import tracked_csv, tracked_dict
     from lmkit.model.trajectory import Trajectory
     from lmkit.reports.recording import draw_drive, track_report
@@ -89,7 +90,11 @@ def run(
             drive = track_poses_live(moments, cameras, landmarks, own)
         else:
             drive = track_pictures_live(moments, cameras, landmarks, *own)
-    sure = [(t, p) for t, p, status in zip(drive.times_s, drive.poses, drive.statuses, strict=True) if status == "ok"]
+    sure = [
+        (t, p)
+        for t, p, status in zip(drive.times_s, drive.poses, drive.statuses, strict=True)
+        if status == PoseStatus.OK
+    ]
     if not sure:
         raise NegativeAnswer(
             "not_tracked", "no moment has a sure pose", "check that landmarks of the map are in view"
@@ -102,7 +107,7 @@ def run(
         write_file(csv, tracked_csv(drive), force)
     if plan is not None:
         looking = [drive.looking(k) for k in range(len(drive.poses))]
-        known = [status == "ok" for status in drive.statuses]
+        known = [status == PoseStatus.OK for status in drive.statuses]
         drawn = draw_drive(landmarks, drive.times_s, looking, drive.covariances, known, picture_kind(plan))
         write_file(plan, drawn, force)
     if report is not None:

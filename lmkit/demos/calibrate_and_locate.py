@@ -27,6 +27,7 @@ from lmkit.model.landmark import LM8
 from lmkit.model.landmark_id import LandmarkId
 from lmkit.model.landmark_map import LandmarkMap
 from lmkit.model.observation import Detection
+from lmkit.model.pose_status import PoseStatus
 from lmkit.parallel import map_in_processes
 from lmkit.pipelines.board_views import find_board_pairs
 from lmkit.reports.calibration import calibration_report
@@ -86,7 +87,9 @@ def run_demo(folder: Path, seed: int, pairs: int, boards: int, landmarks: int, p
     write_file(folder / "errors.csv", _errors_csv(stations), force=True)
     title = f"lmkit demo, seed {seed}: {sum(e.T_map_camera is not None for e in found)} of {pairs} pairs located"
     located = [
-        Found(str(k), e.T_map_camera, None if e.covariance is None else e.covariance[:2, :2], e.status == "ok")
+        Found(
+            str(k), e.T_map_camera, None if e.covariance is None else e.covariance[:2, :2], e.status == PoseStatus.OK
+        )
         for k, e in enumerate(found)
         if e.T_map_camera is not None
     ]

@@ -21,6 +21,7 @@ from lmkit.localization.absolute_pose import locate_rig
 from lmkit.localization.correspondences import CORNER_FLOOR_PX
 from lmkit.model.floor_plan import FloorPlan
 from lmkit.model.landmark_map import LandmarkMap
+from lmkit.model.pose_status import PoseStatus
 from lmkit.navigation.navigator import Journey, Site, drive_to
 from lmkit.pipelines.rendered_cameras import PictureEyes
 from lmkit.planning.coverage import Demand, predict_coverage
@@ -178,7 +179,7 @@ def _photograph(
         T_map_base = planar_pose(truth[k])
         picture, left, right = eyes.look(T_map_base)
         found = locate_rig(left, right, rig, landmarks)
-        if found.status == "ok" and found.T_map_camera is not None:
+        if found.status == PoseStatus.OK and found.T_map_camera is not None:
             off_mm.append(1000 * float(np.linalg.norm(found.T_map_camera.t - (T_map_base @ T_BASE_LEFT).t)))
         frame = draw_landmarks(picture, left)
         scale = STRIP_WIDTH_PX / frame.shape[1]

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from lmkit.arrays import FloatArray, frozen
 from lmkit.geometry.rotations import (
@@ -47,6 +48,25 @@ class Pose:
     def identity(cls, to_frame: str, from_frame: str) -> Pose:
         """The two frames coincide."""
         return cls(to_frame, from_frame, np.eye(3), np.zeros(3))
+
+    @classmethod
+    def from_matrix(cls, to_frame: str, from_frame: str, matrix: ArrayLike) -> Pose:
+        """From a (4,4) homogeneous matrix.
+
+        Raises:
+            ValueError: another shape, a last row other than 0 0 0 1, or no rotation.
+        """
+        T = frozen(matrix, (4, 4), "matrix")
+        if np.abs(T[3] - [0.0, 0.0, 0.0, 1.0]).max() > 1e-9:
+            raise ValueError("the last row of a homogeneous matrix is 0 0 0 1")
+        return cls(to_frame, from_frame, T[:3, :3], T[:3, 3])
+
+    @property
+    def matrix(self) -> FloatArray:
+        """(4,4) homogeneous matrix: ``x_to = matrix @ [*x_from, 1]``."""
+        T = np.eye(4)
+        T[:3, :3], T[:3, 3] = self.R, self.t
+        return T
 
     @classmethod
     def from_quaternion(

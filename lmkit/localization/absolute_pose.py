@@ -28,6 +28,7 @@ from lmkit.localization.pose_prior import PosePrior
 from lmkit.model.estimate import PoseEstimate
 from lmkit.model.landmark_map import LandmarkMap
 from lmkit.model.observation import Detection
+from lmkit.model.pose_status import PoseStatus
 
 SAME_TURN_RAD = np.deg2rad(2.0)
 SAME_PLACE_M = 0.05
@@ -81,10 +82,10 @@ def locate_rig(
     ]
     options = options or LocateOptions()
     estimate = _locate(eyes, landmarks, options)
-    if estimate.status == "inconsistent" and left and right:
+    if estimate.status == PoseStatus.INCONSISTENT and left and right:
         swapped = [(right, *eyes[0][1:]), (left, *eyes[1][1:])]
         if _locate(swapped, landmarks, options).T_map_camera is not None:
-            return PoseEstimate("exchanged", outliers=estimate.outliers)
+            return PoseEstimate(PoseStatus.SWAPPED, outliers=estimate.outliers)
     return estimate
 
 
@@ -104,10 +105,10 @@ _Eye = tuple[Sequence[Detection], CameraModel, FloatArray, FloatArray]
 def _locate(eyes: Sequence[_Eye], landmarks: LandmarkMap, options: LocateOptions) -> PoseEstimate:
     seen = Correspondences(eyes, landmarks, options.corner_floor_px)
     if not len(seen):
-        return PoseEstimate("no_landmarks", outliers=tuple(sorted(seen.twice)))
+        return PoseEstimate(PoseStatus.NO_LANDMARKS, outliers=tuple(sorted(seen.twice)))
     hypotheses = _hypotheses(seen)
     if not len(hypotheses[0]):
-        return PoseEstimate("inconsistent", outliers=tuple(sorted({*seen.ids, *seen.twice})))
+        return PoseEstimate(PoseStatus.INCONSISTENT, outliers=tuple(sorted({*seen.ids, *seen.twice})))
     found = _candidates(seen, *hypotheses, options)
     poses, cost = found.poses, found.cost
     inliers = found.misfits < 8 * options.outlier_sigma**2
@@ -115,17 +116,18 @@ def _locate(eyes: Sequence[_Eye], landmarks: LandmarkMap, options: LocateOptions
     # An eye that sees landmarks of the map, but none where it should, is not where the rig says.
     blind = any(eye.rows.stop > eye.rows.start and not inliers[0, eye.rows].any() for eye in seen.eyes)
     if blind or 2 * len(explained) < len(ids) or (len(ids) > 1 and len(explained) < 2):
-        return PoseEstimate("inconsistent", outliers=tuple(sorted(ids | seen.twice)))
+        return PoseEstimate(PoseStatus.INCONSISTENT, outliers=tuple(sorted(ids | seen.twice)))
     best = poses.only(np.array([0]))
     covariance = _covariance(seen, best, inliers[:1], options.prior)
     # So far along its least known direction may a pose lie that explains the pictures almost as well.
     widest = np.linalg.eigvalsh(np.stack([covariance[:3, :3], covariance[3:, 3:]]))[:, -1]
     reach_m, reach_rad = np.sqrt(2 * options.ambiguous_below * widest)
     ratios = cost - cost[0]
+    wide = bool(reach_m > options.far_m or reach_rad > options.far_rad)
     rivalled = len(cost) > 1 and float(ratios[1]) < options.ambiguous_below
     pixels = seen.misfits_and_pixels(best)[1][0][inliers[0]]
     return PoseEstimate(
-        status="ambiguous" if rivalled or reach_m > options.far_m or reach_rad > options.far_rad else "ok",
+        status=PoseStatus.AMBIGUOUS if rivalled else PoseStatus.IMPRECISE if wide else PoseStatus.OK,
         T_map_camera=_pose(poses, 0),
         covariance=covariance,
         inliers=tuple(sorted(explained)),

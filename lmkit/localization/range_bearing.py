@@ -27,6 +27,7 @@ from lmkit.localization.two_landmarks import PlanarPose, locate_by_two
 from lmkit.model.landmark_id import LandmarkId
 from lmkit.model.landmark_map import LandmarkMap
 from lmkit.model.observation import RangeBearing
+from lmkit.model.pose_status import PoseStatus
 
 CAUCHY_SIGMA = 2.4  # where the loss bends: 95 % efficient on Gaussian readings (Holland and Welsch 1977)
 BEARING_ALONE_M = 2.0  # how far a landmark is taken to be of which no range was read
@@ -53,7 +54,7 @@ class PlanarEstimate:
         alternatives: other poses, best first, with the log likelihood ratio to the answer.
     """
 
-    status: str
+    status: PoseStatus
     pose: PlanarPose | None = None
     covariance: FloatArray | None = None
     inliers: tuple[LandmarkId, ...] = ()
@@ -146,10 +147,10 @@ def locate_planar(
     seen = Readings.of(readings, landmarks, noise)
     named = tuple(sorted(set(seen.ids)))
     if not _enough(seen):
-        return PlanarEstimate("no_landmarks", outliers=named)
+        return PlanarEstimate(PoseStatus.NO_LANDMARKS, outliers=named)
     starts, unique = _starts(seen)
     if not len(starts):
-        return PlanarEstimate("inconsistent", outliers=named)
+        return PlanarEstimate(PoseStatus.INCONSISTENT, outliers=named)
     cost = np.log1p(_squared(seen, starts) / CAUCHY_SIGMA**2).sum(axis=1)
     found: list[tuple[float, FloatArray]] = []
     for k in np.argsort(cost, kind="stable"):
@@ -179,12 +180,12 @@ def _judged(
     explained = _squared(seen, state[None])[0] < gate
     inliers = {id_ for id_, good in zip(seen.ids, explained, strict=True) if good}
     if len(inliers) < 2 or 2 * explained.sum() < len(seen.ids):
-        return PlanarEstimate("inconsistent", outliers=named)
+        return PlanarEstimate(PoseStatus.INCONSISTENT, outliers=named)
     known = 3 if seen.turnable else 2
     J = seen.jacobian(state)[explained].reshape(-1, 3)[:, :known]
     normal = J.T @ J
     if np.linalg.cond(normal) > 1e12:
-        return PlanarEstimate("inconsistent", outliers=named)
+        return PlanarEstimate(PoseStatus.INCONSISTENT, outliers=named)
     covariance = np.linalg.inv(normal)
     if known == 3:
         covariance[2, 2] += noise.common_bearing_rad**2
@@ -193,7 +194,7 @@ def _judged(
     others = sorted(
         (float(likelihood[k] - likelihood[0]), k) for k in range(1, len(found)) if likelihood[k] - likelihood[0] < 25
     )
-    status = "ambiguous" if others and others[0][0] < AMBIGUOUS_BELOW else "ok"
+    status = PoseStatus.AMBIGUOUS if others and others[0][0] < AMBIGUOUS_BELOW else PoseStatus.OK
     return PlanarEstimate(
         status,
         _pose(state, seen),

@@ -23,6 +23,7 @@ from lmkit.mapping.landmark_initialization import CAP, SURE_RATIO, Placing
 from lmkit.mapping.wall_constraints import Tie
 from lmkit.model.landmark_id import LandmarkId
 from lmkit.model.landmark_map import LandmarkMap, MappedLandmark, wall_pose
+from lmkit.model.pose_status import PoseStatus
 from lmkit.model.recording import StereoFrame
 from lmkit.odometry.dead_reckoning import STRAY_M, STRAY_RAD, Carried, CarriedPoses, OdometryPath
 from lmkit.odometry.motion_model import Motion
@@ -208,7 +209,7 @@ class _Search:
                 found = locate_rig(moment.left, moment.right, self.rig, landmarks, PLACING)
                 at = carried[k]
                 if (
-                    found.status == "ok"
+                    found.status == PoseStatus.OK
                     and found.T_map_camera is not None
                     and (at is None or at.allows(found.T_map_camera))
                 ):

@@ -19,6 +19,7 @@ from lmkit.localization.range_bearing_noise import DRIVE_NOISE, RELATED_S, Readi
 from lmkit.model.landmark_id import LandmarkId
 from lmkit.model.landmark_map import LandmarkMap
 from lmkit.model.observation import RangeBearing
+from lmkit.model.pose_status import PoseStatus
 from lmkit.odometry.wheel_odometry import NOMINAL, PARAMETERS, PRIOR_SIGMA, MotionModel
 from lmkit.optim.block_chain import ChainEquations
 
@@ -147,7 +148,7 @@ class _Problem:
             return np.zeros(3)
         for k, moment in enumerate(self._readings_by_moment):
             found = locate_planar(moment, self._map, self.noise)
-            if found.status == "ok" and found.pose is not None and found.pose.heading_rad is not None:
+            if found.status == PoseStatus.OK and found.pose is not None and found.pose.heading_rad is not None:
                 state = np.array([found.pose.x_m, found.pose.y_m, found.pose.heading_rad])
                 # Back along the motions to the first moment.
                 path = follow(np.zeros(3), self.motion.increments(self.times[: k + 1], self.parameters).motions)[-1]

@@ -10,6 +10,7 @@ from lmkit.geometry.planar import planar_pose
 from lmkit.mapping.planar_smoother import smooth_planar
 from lmkit.model.landmark_map import LandmarkMap, MappedLandmark, wall_pose
 from lmkit.model.observation import RangeBearing
+from lmkit.model.pose_status import PoseStatus
 from lmkit.model.recording import Gyro, Odometry
 from lmkit.model.tracked_trajectory import TrackedTrajectory, _six
 from lmkit.odometry.wheel_odometry import MotionModel
@@ -45,7 +46,7 @@ def survey_readings(
         times,
         [planar_pose(state) for state in track.states],
         _six(track.covariances),
-        ["ok"] * len(times),
+        [PoseStatus.OK] * len(times),
         [()] * len(times),
     )
     return LandmarkMap(hung), drive

@@ -9,6 +9,7 @@ import numpy as np
 from lmkit.arrays import FloatArray
 from lmkit.geometry.pose import Pose
 from lmkit.model.landmark_id import LandmarkId
+from lmkit.model.pose_status import PoseStatus
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -16,11 +17,8 @@ class PoseEstimate:
     """Where the camera stands in the map.
 
     Attributes:
-        status: ``ok``; ``ambiguous`` (a second pose explains the pictures almost as well, or one
-            half a metre away that the covariance holds);
-            ``no_landmarks`` (none of the map's landmarks was read); ``inconsistent`` (landmarks
-            were read, but no pose explains them); ``exchanged`` (they fit with the two pictures exchanged).
-        T_map_camera: pose of the left (or only) camera; None unless ok or ambiguous.
+        status: what the pose is worth.
+        T_map_camera: pose of the left (or only) camera; None unless the status is ok, ambiguous or imprecise.
         covariance: (6,6) x y z (m), then rotation about x y z (rad), in the map frame.
         inliers: landmarks that the pose explains.
         outliers: landmarks of the map that were read and that the pose does not explain, or that are in one image
@@ -31,7 +29,7 @@ class PoseEstimate:
             the rig has no base.
     """
 
-    status: str
+    status: PoseStatus
     T_map_camera: Pose | None = None
     covariance: FloatArray | None = None
     inliers: tuple[LandmarkId, ...] = ()

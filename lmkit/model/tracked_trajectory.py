@@ -14,6 +14,7 @@ from lmkit.arrays import FloatArray
 from lmkit.geometry.pose import Pose
 from lmkit.geometry.stereo_rig import ahead_of
 from lmkit.model.landmark_id import LandmarkId
+from lmkit.model.pose_status import PoseStatus
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -37,7 +38,7 @@ class TrackedTrajectory:
     times_s: FloatArray
     poses: Sequence[Pose]
     covariances: FloatArray
-    statuses: Sequence[str]
+    statuses: Sequence[PoseStatus]
     outliers: Sequence[tuple[LandmarkId, ...]]
     parameters: dict[str, float] = field(default_factory=dict)
     of_base: bool = True

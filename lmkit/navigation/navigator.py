@@ -21,6 +21,7 @@ from lmkit.localization.correspondences import CORNER_FLOOR_PX
 from lmkit.model.floor_plan import FloorPlan
 from lmkit.model.landmark_map import LandmarkMap
 from lmkit.model.observation import Detection
+from lmkit.model.pose_status import PoseStatus
 from lmkit.odometry.wheel_odometry import MotionNoise
 from lmkit.planning.coverage import Demand, PoseCoverage
 from lmkit.planning.route import Goal, Route, plan_route
@@ -132,7 +133,7 @@ def drive_to(
 
 def surely_there(pose: TrackedPose, goal: Goal, tolerance: Tolerance) -> bool:
     """The goal lies within tolerance of 95 % of where the robot may be."""
-    if pose.state is None or pose.covariance is None or pose.status != "ok":
+    if pose.state is None or pose.covariance is None or pose.status != PoseStatus.OK:
         return False
     off = float(np.hypot(goal.x_m - pose.state[0], goal.y_m - pose.state[1]))
     if off + SURE * _widest_m(pose.covariance) > tolerance.place_m:
@@ -212,7 +213,7 @@ class _Navigator:
         """Pure pursuit (Coulter 1992): ``there``, ``again`` (plan anew), ``lost`` or ``late``."""
         way = _Way(waypoints)
         while self.robot.time_s < MOST_SECONDS:
-            if self.sigma_m() > UNSURE_M or self.pose.status != "ok":
+            if self.sigma_m() > UNSURE_M or self.pose.status != PoseStatus.OK:
                 if not self.look_around():
                     return "lost"
                 return "again"
@@ -285,9 +286,9 @@ class _Navigator:
         steps = int(TURNS * 2 * np.pi / (0.7 * FASTEST_RADPS) / PERIOD_S)
         for k in range(steps):
             self.step(0.0, 0.0 if k == 0 else 0.7 * FASTEST_RADPS)
-            if self.pose.status == "ok" and self.sigma_m() < wanted_m:
+            if self.pose.status == PoseStatus.OK and self.sigma_m() < wanted_m:
                 return True
-        return bool(self.pose.status == "ok" and self.sigma_m() < UNSURE_M)
+        return bool(self.pose.status == PoseStatus.OK and self.sigma_m() < UNSURE_M)
 
     def note_obstacle(self, at: FloatArray) -> bool:
         """Put what is ahead into the plan; False where a wall of the plan stands there."""

@@ -12,6 +12,7 @@ from lmkit.arrays import BoolArray, FloatArray
 from lmkit.geometry.pose import Pose
 from lmkit.mapping.survey import OUTLIER_SIGMA, Survey, deviations
 from lmkit.model.landmark_map import LandmarkMap
+from lmkit.model.pose_status import PoseStatus
 from lmkit.model.tracked_trajectory import TrackedTrajectory
 from lmkit.odometry.motion_model import Motion
 from lmkit.visualization.html import GREY, figure, grid, listed, page, svg, svg_text, table, verdict
@@ -98,7 +99,7 @@ def survey_report(survey: Survey, motion: Motion | None, warnings: Sequence[str]
 
 def track_report(drive: TrackedTrajectory, landmarks: LandmarkMap) -> str:
     """The report of a robot that was followed through a map, as HTML."""
-    sure = [status == "ok" for status in drive.statuses]
+    sure = [status == PoseStatus.OK for status in drive.statuses]
     looking = [drive.looking(k) for k in range(len(drive.poses))]
     plan = draw_drive(landmarks, drive.times_s, looking, drive.covariances, sure, "svg").decode()
     C = drive.covariances
@@ -169,7 +170,7 @@ def _survey_verdict(survey: Survey) -> tuple[str, str, str]:
 
 
 def _track_verdict(drive: TrackedTrajectory) -> tuple[str, str, str]:
-    unsure = sum(status != "ok" for status in drive.statuses)
+    unsure = sum(status != PoseStatus.OK for status in drive.statuses)
     outside, counted = _outside(drive)
     if drive.remarks:
         return "poor", "Something is wrong.", "See the warnings."

@@ -16,6 +16,7 @@ from lmkit.mapping.range_bearing_survey import Moments
 from lmkit.mapping.survey import OUTLIER_SIGMA, contradicted_landmarks, settle_all
 from lmkit.model.landmark_id import LandmarkId
 from lmkit.model.landmark_map import LandmarkMap
+from lmkit.model.pose_status import PoseStatus
 from lmkit.model.recording import Gyro, Odometry, StereoFrame
 from lmkit.model.tracked_trajectory import TrackedTrajectory, _six
 from lmkit.odometry.motion_model import Motion, describe_odometry
@@ -41,7 +42,7 @@ def track_readings(
         times,
         [planar_pose(state) for state in track.states],
         _six(C),
-        ["lost" if far else "ok" for far in lost],
+        [PoseStatus.LOST if far else PoseStatus.OK for far in lost],
         outliers,
         dict(zip(PARAMETERS, track.parameters.tolist(), strict=True)),
         remarks=_doubts(motion, track.parameters),
@@ -85,7 +86,7 @@ def track_pictures(
         bundle.times_s,
         found,
         covariances,
-        ["lost" if far else "ok" for far in wide],
+        [PoseStatus.LOST if far else PoseStatus.OK for far in wide],
         outliers,
         {} if motion is None else dict(zip(motion.names, bundle.parameters.tolist(), strict=True)),
         rig.T_base_left is not None,

@@ -13,6 +13,7 @@ from lmkit.geometry.stereo_rig import StereoRig, at_base
 from lmkit.localization.absolute_pose import locate_rig
 from lmkit.mapping.range_bearing_survey import Moments
 from lmkit.model.landmark_map import LandmarkMap
+from lmkit.model.pose_status import PoseStatus
 from lmkit.model.recording import Gyro, Odometry, StereoFrame
 from lmkit.model.tracked_trajectory import TrackedTrajectory, _six
 from lmkit.model.trajectory import Trajectory
@@ -151,7 +152,7 @@ def _floor_doubt(moments: Sequence[StereoFrame], rig: StereoRig, landmarks: Land
     heights = []
     for moment in sorted(moments, key=lambda moment: -len(moment.left) - len(moment.right))[:FLOOR_LOOKS]:
         found = locate_rig(moment.left, moment.right, rig, landmarks)
-        if found.status == "ok" and found.T_map_camera is not None:
+        if found.status == PoseStatus.OK and found.T_map_camera is not None:
             heights.append(float((found.T_map_camera.t + found.T_map_camera.R @ base)[2]))
     if not heights or abs(np.median(heights)) < OFF_FLOOR_M:
         return ()

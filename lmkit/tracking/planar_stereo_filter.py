@@ -24,6 +24,7 @@ from lmkit.localization.pose_prior import PosePrior
 from lmkit.model.landmark_id import LandmarkId
 from lmkit.model.landmark_map import LandmarkMap
 from lmkit.model.observation import Detection
+from lmkit.model.pose_status import PoseStatus
 from lmkit.odometry.online_wheel_odometry import AHEAD_S, LONGEST_DELAY_S, STATES, Wheels
 from lmkit.odometry.wheel_odometry import NOMINAL, PARAMETERS, PRIOR_SIGMA, MotionNoise
 from lmkit.tracking.range_bearing_filter import NOWHERE_M, TrackedPose
@@ -103,8 +104,8 @@ class RigFilter:
         options = LocateOptions(prior=self._prior, corner_floor_px=self._floor_px)
         found = locate_rig(left, right, self._rig, self._map, options)
         C = covariance_at_base(found, self._T.inverse())
-        if found.status != "ok" or found.T_map_camera is None or C is None:
-            return TrackedPose(time_s, "lost", None, None)
+        if found.status != PoseStatus.OK or found.T_map_camera is None or C is None:
+            return TrackedPose(time_s, PoseStatus.LOST, None, None)
         base = found.T_map_camera.R @ self._T.R.T
         place = found.T_map_camera.t - base @ self._T.t
         # What is wrong with the odometry stays known when the robot was carried off.
@@ -177,7 +178,7 @@ class RigFilter:
     ) -> TrackedPose:
         P = self._P[:3, :3]
         lost = np.sqrt(np.linalg.eigvalsh(P[:2, :2])[-1]) > NOWHERE_M or self._doubts >= DOUBTS
-        status = "lost" if lost else "ok"
+        status = PoseStatus.LOST if lost else PoseStatus.OK
         return TrackedPose(time_s, status, self._x[:3].copy(), P.copy(), outliers, restarted, innovation, told)
 
 

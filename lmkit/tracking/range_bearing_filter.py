@@ -22,6 +22,7 @@ from lmkit.localization.range_bearing_noise import DRIVE_NOISE, RELATED_S, Readi
 from lmkit.model.landmark_id import LandmarkId
 from lmkit.model.landmark_map import LandmarkMap
 from lmkit.model.observation import RangeBearing
+from lmkit.model.pose_status import PoseStatus
 from lmkit.odometry.online_wheel_odometry import STATES, Wheels
 from lmkit.odometry.wheel_odometry import NOMINAL, PRIOR_SIGMA, MotionNoise
 
@@ -52,7 +53,7 @@ class TrackedPose:
     """
 
     time_s: float
-    status: str
+    status: PoseStatus
     state: FloatArray | None
     covariance: FloatArray | None
     outliers: tuple[LandmarkId, ...] = ()
@@ -174,15 +175,15 @@ class PlanarFilter:
 
     def _pose(self, time_s: float, restarted: bool) -> TrackedPose:
         if not self._tracks:
-            return TrackedPose(time_s, "lost", None, None)
+            return TrackedPose(time_s, PoseStatus.LOST, None, None)
         best = self._tracks[0]
         weights = np.exp([track.log_weight - best.log_weight for track in self._tracks])
         near = [np.hypot(*(track.x[:2] - best.x[:2])) < NEAR_M for track in self._tracks]
-        status = "ok"
+        status = PoseStatus.OK
         if np.sqrt(np.linalg.eigvalsh(best.P[:2, :2])[-1]) > NOWHERE_M or best.doubts >= DOUBTS:
-            status = "lost"
+            status = PoseStatus.LOST
         elif weights[near].sum() < SURE * weights.sum():
-            status = "ambiguous"
+            status = PoseStatus.AMBIGUOUS
         for track in self._tracks:
             track.log_weight -= best.log_weight
         answer = TrackedPose(

@@ -29,6 +29,7 @@ from lmkit.localization.correspondences import CORNER_FLOOR_PX, Correspondences,
 from lmkit.model.landmark_id import LandmarkId
 from lmkit.model.landmark_map import LandmarkMap
 from lmkit.model.observation import Detection
+from lmkit.model.pose_status import PoseStatus
 from lmkit.model.trajectory import Trajectory
 from lmkit.odometry.online_wheel_odometry import AHEAD_S
 from lmkit.odometry.pose_odometry import PoseMotion, PoseNoise
@@ -52,7 +53,7 @@ class SpacePose:
     """
 
     time_s: float
-    status: str
+    status: PoseStatus
     T_map_left: Pose | None
     covariance: FloatArray | None
     outliers: tuple[LandmarkId, ...] = ()
@@ -117,8 +118,8 @@ class PoseFilter:
 
     def _start(self, time_s: float, left: Sequence[Detection], right: Sequence[Detection]) -> SpacePose:
         found = locate_rig(left, right, self._rig, self._map, LocateOptions(corner_floor_px=self._floor_px))
-        if found.status != "ok" or found.T_map_camera is None or found.covariance is None:
-            return SpacePose(time_s, "lost", None, None)
+        if found.status != PoseStatus.OK or found.T_map_camera is None or found.covariance is None:
+            return SpacePose(time_s, PoseStatus.LOST, None, None)
         self._R, self._p, self._P = found.T_map_camera.R, found.T_map_camera.t, found.covariance
         self._time, self._doubts = time_s, 0
         return self._pose(time_s, found.outliers, True)
@@ -173,7 +174,7 @@ class PoseFilter:
     ) -> SpacePose:
         lost = np.sqrt(np.linalg.eigvalsh(self._P[:3, :3])[-1]) > NOWHERE_M or self._doubts >= DOUBTS
         pose = Pose("map", "left", self._R, self._p)
-        status = "lost" if lost else "ok"
+        status = PoseStatus.LOST if lost else PoseStatus.OK
         return SpacePose(time_s, status, pose, self._P.copy(), outliers, restarted, innovation, told)
 
 

@@ -51,6 +51,7 @@ CLASSES = [
     "NegativeAnswer",
     "Pose",
     "PoseEstimate",
+    "PoseStatus",
     "Recording",
     "StereoCalibration",
     "StereoRig",

@@ -47,7 +47,7 @@ def test_all_that_it_writes(lmkit, room, tmp_path):
     rows = [json.loads(line) for line in answer.out.splitlines()]
     assert len(rows) == 2
     for row, truth in zip(rows, data.poses, strict=True):
-        assert row["status"] in ("ok", "ambiguous")
+        assert row["status"] in ("ok", "ambiguous", "imprecise")
         if row["status"] == "ok":
             assert np.linalg.norm(np.array(row["position"]) - truth.t) < 0.05
     sure = [row for row in rows if row["status"] == "ok"]

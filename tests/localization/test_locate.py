@@ -237,7 +237,7 @@ def test_far_and_small_landmarks_are_not_called_ok():
         left, right = see(station, 0.3, rng, LANDMARKS[:2])
         estimate = locate_rig(left, right, RIG, MAP)
         off = float(np.linalg.norm(estimate.T_map_camera.t - station.t))
-        assert estimate.status == "ambiguous" or off < 0.5
+        assert estimate.status in ("ambiguous", "imprecise") or off < 0.5
 
 
 @pytest.mark.parametrize("fault", ["upside down", "moved"])
@@ -257,10 +257,10 @@ def test_a_landmark_hung_wrongly_is_the_odd_one_out(fault):
 
 
 @pytest.mark.parametrize("distance", [1.6, 2.4, 3.2])
-def test_cameras_exchanged_are_said_to_be(distance):
+def test_swapped_cameras_are_reported(distance):
     rng = np.random.default_rng(10)
     left, right = see(looking(np.array([0.2, distance, 1.2]), -np.pi / 2 + 0.1, 0.02), 0.15, rng)
-    assert locate_rig(right, left, RIG, MAP).status == "exchanged"
+    assert locate_rig(right, left, RIG, MAP).status == "swapped"
     assert locate_rig(left, right, RIG, MAP).status == "ok"
 
 

@@ -1,0 +1,24 @@
+"""What a pose estimate is worth."""
+
+from __future__ import annotations
+
+from enum import StrEnum
+
+
+class PoseStatus(StrEnum):
+    """Status of a pose; members compare equal to their text, as it stands in JSON."""
+
+    OK = "ok"
+    """The pose is unique, and agrees with what was observed."""
+    AMBIGUOUS = "ambiguous"
+    """Another pose, listed in the alternatives, explains the observations almost as well."""
+    IMPRECISE = "imprecise"
+    """The pose is unique, but poses half a metre or 5 deg away explain the observations almost as well."""
+    NO_LANDMARKS = "no_landmarks"
+    """Too few landmarks of the map were read."""
+    INCONSISTENT = "inconsistent"
+    """Landmarks of the map were read, but no pose explains them."""
+    SWAPPED = "swapped"
+    """The landmarks fit with left and right image swapped; no pose is given."""
+    LOST = "lost"
+    """Tracking: not yet found, or known to a metre only."""

@@ -1,0 +1,28 @@
+"""The ten lines of Python that the README begins with run as they stand."""
+
+from __future__ import annotations
+
+import re
+import shutil
+from pathlib import Path
+
+import pytest
+
+import lmkit
+
+ROOT = Path(__file__).resolve().parents[2]
+
+
+def test_the_lines_of_the_readme_run(
+    files: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    blocks = re.findall(r"```python\n(.*?)```", (ROOT / "README.md").read_text(encoding="utf-8"), re.DOTALL)
+    lines = next(block for block in blocks if "import lmkit\n" in block)
+    shutil.copytree(files, tmp_path, dirs_exist_ok=True)
+    monkeypatch.chdir(tmp_path)
+    names: dict[str, object] = {}
+    exec(compile(lines, "README.md", "exec"), names)
+    assert isinstance(names["estimate"], lmkit.PoseEstimate)
+    assert names["estimate"].status == lmkit.PoseStatus.OK
+    assert capsys.readouterr().out
+    assert (tmp_path / "landmarks.pdf").read_bytes().startswith(b"%PDF")
