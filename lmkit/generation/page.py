@@ -6,6 +6,7 @@ Page coordinates are millimetres from the top left corner of the paper, x right,
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import lru_cache
 
 from lmkit.generation.artwork import Command, FilledPath, Point, landmark_artwork, polygon_commands
 from lmkit.model.landmark import LandmarkFamily
@@ -123,9 +124,14 @@ def rectangle(role: str, color: Rgb, x: float, y: float, width: float, height: f
 
 def box_of(items: tuple[Item, ...]) -> Box:
     """What the items cover, at the least."""
-    boxes = [_text_box(item) if isinstance(item, Text) else _path_box(item) for item in items]
-    lefts, tops, rights, bottoms = zip(*boxes, strict=True)
+    lefts, tops, rights, bottoms = zip(*map(item_box, items), strict=True)
     return (min(lefts), min(tops), max(rights), max(bottoms))
+
+
+@lru_cache(maxsize=4096)  # sheets of a set share their rulers and marks
+def item_box(item: Item) -> Box:
+    """What one item covers, at the least."""
+    return _text_box(item) if isinstance(item, Text) else _path_box(item)
 
 
 def overlap(a: Box, b: Box) -> bool:

@@ -10,7 +10,7 @@ from itertools import combinations
 from lmkit.errors import InputError
 from lmkit.generation import sheet_parts as parts
 from lmkit.generation.artwork import FilledPath
-from lmkit.generation.page import Box, Page, PrintedFace, Text, overlap
+from lmkit.generation.page import Box, Page, PrintedFace, Text, item_box, overlap
 from lmkit.generation.sheet_parts import Part
 from lmkit.io.template import PageTemplate, TextLine
 from lmkit.model.codewords import format_codes
@@ -204,7 +204,7 @@ def _check_parts(around: list[Part], faces: tuple[PrintedFace, ...], template: P
 
 def _touches(part: Part, box: Box) -> bool:
     """Item by item: marks stand on all sides of a landmark."""
-    return any(overlap(Part(part.name, (item,)).box, box) for item in part.items)
+    return overlap(part.box, box) and any(overlap(item_box(item), box) for item in part.items)
 
 
 def contents_pages(pages: Sequence[Page], template: PageTemplate) -> list[Page]:

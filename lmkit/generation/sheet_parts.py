@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property, lru_cache
 
 from lmkit.generation.artwork import Command, FilledPath, Point, circle_commands, polygon_commands
 from lmkit.generation.page import GREY, Box, Item, PrintedFace, Text, box_of, rectangle
@@ -41,12 +42,13 @@ class Part:
     items: tuple[Item, ...]
     alone: bool = True
 
-    @property
+    @cached_property
     def box(self) -> Box:
         """What it covers."""
         return box_of(self.items)
 
 
+@lru_cache(maxsize=64)
 def ruler(start: Point, length_mm: int, vertical: bool, slim: bool = False) -> Part:
     """Millimetres on one side of the line, inches on the other.
 
@@ -88,6 +90,7 @@ def ruler(start: Point, length_mm: int, vertical: bool, slim: bool = False) -> P
     return Part("vertical ruler" if vertical else "horizontal ruler", tuple(items))
 
 
+@lru_cache(maxsize=64)
 def check_square(at: Point) -> Part:
     """A square of two inches with ticks every 10 mm and every half inch."""
     x, y = at
@@ -106,6 +109,7 @@ def check_square(at: Point) -> Part:
     return Part("check square", tuple(items))
 
 
+@lru_cache(maxsize=64)
 def patch_strip(at: Point) -> Part:
     """Nine patches: both inks of the landmark, black and greys, the printer's primaries."""
     x, y = at
@@ -116,6 +120,7 @@ def patch_strip(at: Point) -> Part:
     return Part("patch strip", tuple(items))
 
 
+@lru_cache(maxsize=64)
 def up_arrow(at: Point) -> Part:
     """An arrow, and what it means."""
     x, y = at
@@ -209,6 +214,7 @@ def cut_contour(face: PrintedFace) -> Part:
     return Part("cut contour", (frame("cut", (255, 0, 255), face.margin_box, LINE_MM),), alone=False)
 
 
+@lru_cache(maxsize=64)
 def hole(at: Point, diameter_mm: float) -> Part:
     """A circle with a cross, to be punched or drilled."""
     x, y = at

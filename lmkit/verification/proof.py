@@ -25,7 +25,7 @@ MOST_PX = 3000.0  # of a page's longer side
 FINER = 6
 TOLERANCE = 0.003  # of the side, for every corner
 PAPER_WHITE = 235
-WORTH_PROCESSES = 12
+WORTH_PROCESSES = 400  # pages; workers take a second to start, a page a few milliseconds
 CHUNKS = 16
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import cv2
 import numpy as np
 import pypdfium2
 
@@ -17,8 +18,8 @@ def raster_page(page: pypdfium2.PdfPage, dpi: float, finer: int = 2) -> tuple[By
     """
     rgb = np.asarray(page.render(scale=finer * dpi / 72).to_pil().convert("RGB"))
     height, width = rgb.shape[0] // finer, rgb.shape[1] // finer
-    light = SRGB_TO_LINEAR[rgb[: finer * height, : finer * width]]
-    mean = light.reshape(height, finer, width, finer, 3).mean(axis=(1, 3))
+    light = cv2.LUT(rgb[: finer * height, : finer * width], SRGB_TO_LINEAR)
+    mean = np.asarray(cv2.resize(light, (width, height), interpolation=cv2.INTER_AREA), dtype=np.float32)
     # The page is drawn into whole pixels, which stretches it by up to one.
     points = page.get_size()
     exact = (rgb.shape[1] / finer / points[0] * 72, rgb.shape[0] / finer / points[1] * 72)
