@@ -1,4 +1,4 @@
-"""The rendered drive, surveyed from one known landmark and tracked by its true map: what docs/drives.md reports.
+"""The rendered drive, surveyed from one known landmark and tracked by its true map: what docs/survey-and-track.md reports.
 
     uv run python benchmarks/drive.py ../shared/data/drive
 
