@@ -22,6 +22,10 @@ format:
     uv run ruff check --fix .
     uv run ruff format .
 
+# The documentation as a site in build/docs; runs the notebooks.
+docs:
+    uv run --group docs sphinx-build -q -W --keep-going docs build/docs
+
 # All that the continuous integration runs.
 ci:
     .ci/run

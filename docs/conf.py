@@ -9,11 +9,11 @@ from pathlib import Path
 HERE = Path(__file__).parent
 sys.path[:0] = [str(HERE / "_extensions"), str(HERE.parent)]
 
-from lmkit.version import __version__  # noqa: E402
+from lmkit.version import __version__
 
 project = "lmkit"
 author = "The lmkit authors"
-copyright = "The lmkit authors, Apache-2.0"  # noqa: A001
+copyright = "The lmkit authors, Apache-2.0"
 version = release = __version__
 
 extensions = [

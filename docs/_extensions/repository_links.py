@@ -24,7 +24,9 @@ def rewrite(app: Sphinx, name: str, source: list[str]) -> None:
 def rewrite_included(app: Sphinx, path: Any, name: str, source: list[str]) -> None:
     """Replace the link targets of an included page, which counts from the root of the repository."""
     for target, page in PAGES.items():
-        source[0] = source[0].replace(f"]({target.removeprefix('../')}", f"]({page}").replace(f"]({target}", f"]({page}")
+        source[0] = (
+            source[0].replace(f"]({target.removeprefix('../')}", f"]({page}").replace(f"]({target}", f"]({page}")
+        )
     source[0] = source[0].replace("](../docs/", "](").replace("](docs/", "](")
 
 

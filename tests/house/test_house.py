@@ -42,12 +42,6 @@ def test_every_command_is_in_the_readme():
         assert f"lmkit {name}" in readme
 
 
-def test_links_of_the_docs_lead_somewhere():
-    for page in [*ROOT.glob("*.md"), *(ROOT / "docs").rglob("*.md")]:
-        for target in re.findall(r"\]\(([^)#:]+?)(?:#[^)]*)?\)", page.read_text(encoding="utf-8")):
-            assert (page.parent / target).exists(), f"{page.name} links to {target}"
-
-
 def test_code_cites_pages_that_exist():
     for path in MODULES:
         for page in re.findall(r"docs/[\w/.-]+\.md", path.read_text(encoding="utf-8")):
