@@ -1,4 +1,4 @@
-"""The rendered drive, surveyed from one known landmark and tracked by its true map: what docs/survey-and-track.md reports.
+"""The rendered recording, surveyed from one landmark and tracked by its true map (docs/survey-and-track.md).
 
     uv run python benchmarks/drive.py ../shared/data/drive
 
