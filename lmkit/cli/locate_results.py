@@ -49,6 +49,8 @@ class Results:
 
     def write(self) -> Sequence[Path]:
         """Write what was asked for; the files written."""
+        if self.tum is None and self.csv is None and self.plan is None:
+            return []
         from lmkit.geometry.pose import Pose
         from lmkit.io.files import write_file
         from lmkit.io.image_sources import time_of

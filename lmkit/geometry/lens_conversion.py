@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import numpy as np
-from scipy.optimize import least_squares
 
 from lmkit.arrays import FloatArray
 from lmkit.geometry.camera import CameraModel
@@ -19,6 +18,8 @@ def with_four_coefficients(camera: CameraModel, model: str) -> tuple[CameraModel
     Args:
         model: ``pinhole`` (k1 k2 p1 p2) or ``fisheye`` (k1 k2 k3 k4).
     """
+    from scipy.optimize import least_squares  # takes a quarter of a second to load; few need it
+
     D = camera.distortion
     if camera.model == model and not D[4:].any():
         return CameraModel(camera.image_size, camera.K, np.pad(D[:4], (0, max(0, 4 - len(D)))), model), 0.0

@@ -7,10 +7,8 @@ from pathlib import Path
 from lmkit.errors import InputError
 from lmkit.geometry.stereo_rig import StereoRig
 from lmkit.io.documents import read_text
-from lmkit.io.kalibr import read_camchain
-from lmkit.io.opencv_rig import read_opencv_rig
 from lmkit.io.rig import read_rig
-from lmkit.io.ros_camera_info import FILES, read_camera_infos
+from lmkit.io.ros_camera_info import FILES
 
 KINDS = ("lmkit", "opencv", "ros", "kalibr")
 
@@ -22,11 +20,17 @@ def read_any_rig(path: Path) -> StereoRig:
         InputError: not readable, or no such kind of file is valid.
     """
     if path.is_dir():
+        from lmkit.io.ros_camera_info import read_camera_infos
+
         return read_camera_infos(path / FILES[0], path / FILES[1])
     text = read_text(path, "rig file")
     if text.lstrip().startswith("%YAML"):
+        from lmkit.io.opencv_rig import read_opencv_rig
+
         return read_opencv_rig(path)
     if "cam0:" in text:
+        from lmkit.io.kalibr import read_camchain
+
         return read_camchain(path)
     if "camera_matrix:" in text and "format:" not in text:
         raise InputError(

@@ -4,12 +4,9 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-import numpy as np
-from scipy.spatial.transform import Rotation
-
 from lmkit.arrays import FloatArray, IntArray, frozen
 from lmkit.geometry.pose import Pose
-from lmkit.geometry.rotations import orthonormal
+from lmkit.geometry.rotations import quaternions_to_matrices
 
 
 @dataclass(frozen=True, eq=False)
@@ -38,12 +35,12 @@ class Trajectory:
     @property
     def rotations(self) -> FloatArray:
         """(N,3,3)."""
-        return np.asarray(Rotation.from_quat(self.quaternions).as_matrix())
+        return quaternions_to_matrices(self.quaternions)
 
     def pose(self, k: int, to_frame: str, from_frame: str) -> Pose:
         """One of the poses."""
-        R = Rotation.from_quat(self.quaternions[k]).as_matrix()
-        return Pose(to_frame, from_frame, orthonormal(R), self.positions[k])
+        R = quaternions_to_matrices(self.quaternions[k : k + 1])[0]
+        return Pose(to_frame, from_frame, R, self.positions[k])
 
     def rows(self, rows: IntArray) -> Trajectory:
         """Some of the poses."""
@@ -51,5 +48,7 @@ class Trajectory:
 
     def moved(self, R: FloatArray, t: FloatArray, scale: float = 1.0) -> Trajectory:
         """In another frame: x -> scale R x + t."""
+        from scipy.spatial.transform import Rotation  # takes a quarter of a second to load
+
         turned = (Rotation.from_matrix(R) * Rotation.from_quat(self.quaternions)).as_quat()
         return Trajectory(self.times_s, scale * self.positions @ R.T + t, turned)
