@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
@@ -17,11 +18,15 @@ from lmkit.arrays import BoolArray, FloatArray, IntArray
 from lmkit.geometry.camera import CameraModel
 from lmkit.geometry.rotations import rotation_exp
 from lmkit.model.observation import PairView
+from lmkit.optim.levenberg_marquardt import Damping, start_at, try_step
+from lmkit.optim.robust_loss import cauchy_cost, cauchy_weight
 
 WARP = 2
 POSE = 6
 OWN_NOISE = 0.25  # share of a middling picture's variance that is the scatter of its own corners
 MOST_NOISE = 10.0  # of a picture's corners, over the middle one's
+DAMPING = Damping(start=1e-3, grow=10.0, first_grown=0.0)
+MOST_TRIED = 8  # steps with ever more damping, before it is called converged
 CONVERGED = 1e-7  # relative gain; of some thousand residuals, a thousandth of a standard deviation of anything
 LEAST_PAIRS = 8  # for the scatter between pairs to tell anything
 LOSS_WIDTH = 3.0  # standard deviations at which the Cauchy loss bends
@@ -169,28 +174,22 @@ class StereoProblem:
         """Levenberg-Marquardt from ``start``; the result carries the covariance of what is shared."""
         prior = np.concatenate([intrinsics_prior(start.left), intrinsics_prior(start.right), np.zeros(POSE + WARP)])
         fitted = _fitted(start, options)
-        current, damping = start, 1e-3
+        current, damping = start, DAMPING.start
         scale = self._scale(current)
-        cost = self._cost(current, scale, prior)
         for _ in range(options.iterations):
-            blocks = self._normal_equations(current, scale, prior)
-            better: Solution | None = None
-            for _ in range(8):
-                trial = _moved(current, *_step(blocks, fitted, damping))
-                if trial is not None:
-                    trial_cost = self._cost(trial, scale, prior)
-                    if trial_cost < cost:
-                        better = trial
-                        break
-                damping *= 10
-            if better is None:
+            # The robust scale is renewed after every step that was taken; costs compare only within one scale.
+            problem = _AtScale(self, scale, prior, fitted)
+            now = start_at(problem, current, damping)
+            before = now.cost
+            for _ in range(MOST_TRIED):
+                now = try_step(problem, now, DAMPING)
+                if now.gain is not None:
+                    break
+            if not now.gain:
                 break
-            gain = (cost - trial_cost) / cost
-            current = better
-            damping = max(damping / 10, 1e-9)
+            current, damping = now.state, now.damping
             scale = self._scale(current)
-            cost = self._cost(current, scale, prior)
-            if gain < CONVERGED:
+            if now.gain / before < CONVERGED:
                 break
         return replace(current, covariance=self._covariance(current, scale, prior, fitted))
 
@@ -209,7 +208,7 @@ class StereoProblem:
 
     def _cost(self, s: Solution, scale: float, prior: FloatArray) -> float:
         squared = np.sum(np.concatenate(self._whitened(s)) ** 2, axis=1) / (LOSS_WIDTH * scale) ** 2
-        total = float(np.log1p(squared).sum() + np.sum((prior * _shared_vector(s)) ** 2) / LOSS_WIDTH**2)
+        total = float(cauchy_cost(squared, 1.0).sum() + np.sum((prior * _shared_vector(s)) ** 2) / LOSS_WIDTH**2)
         return total if np.isfinite(total) else np.inf
 
     def _normal_equations(self, s: Solution, scale: float, prior: FloatArray) -> _Blocks:
@@ -255,7 +254,45 @@ class StereoProblem:
         return full
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
+class _AtScale:
+    """The problem with its robust scale held."""
+
+    problem: StereoProblem
+    scale: float
+    prior: FloatArray
+    fitted: BoolArray
+
+    def linearize(self, state: Solution) -> tuple[_Linearized, float]:
+        """Normal equations, computed when a step is asked for, and the cost."""
+        return _Linearized(self, state), self.problem._cost(state, self.scale, self.prior)
+
+    def solve(self, equations: _Linearized, damping: float) -> tuple[FloatArray, FloatArray]:
+        """Steps of what is shared and of the boards' poses."""
+        return _step(equations.blocks, self.fitted, damping)
+
+    def retract(self, state: Solution, step: tuple[FloatArray, FloatArray]) -> Solution:
+        """The state moved by a step.
+
+        Raises:
+            numpy.linalg.LinAlgError: it leaves what a camera can be.
+        """
+        return _moved(state, *step)
+
+
+@dataclass(eq=False)
+class _Linearized:
+    """A state of the problem, whose normal equations are computed on first use."""
+
+    at: _AtScale
+    state: Solution
+
+    @cached_property
+    def blocks(self) -> _Blocks:
+        return self.at.problem._normal_equations(self.state, self.at.scale, self.at.prior)
+
+
+@dataclass(frozen=True, eq=False)
 class _Blocks:
     """Normal equations, pair by pair: shared (P,G,G), mixed (P,G,6), poses (P,6,6), and the gradients; the prior."""
 
@@ -345,15 +382,19 @@ def _scatter_between_pairs(blocks: _Blocks, fitted: BoolArray, reduced: FloatArr
     return max(1.0, float(np.median(variance / np.maximum(np.diag(covariance), 1e-300))))
 
 
-def _moved(s: Solution, shared: FloatArray, poses: FloatArray) -> Solution | None:
-    """The solution after a step, or None where it leads to no camera."""
+def _moved(s: Solution, shared: FloatArray, poses: FloatArray) -> Solution:
+    """The solution after a step.
+
+    Raises:
+        numpy.linalg.LinAlgError: no camera has such intrinsics.
+    """
     left, right = intrinsics_vector(s.left), intrinsics_vector(s.right)
     nl, nr = len(left), len(right)
     try:
         new_left = with_intrinsics(s.left, left + shared[:nl])
         new_right = with_intrinsics(s.right, right + shared[nl : nl + nr])
-    except ValueError:
-        return None
+    except ValueError as error:
+        raise np.linalg.LinAlgError(str(error)) from None
     relation = shared[nl + nr : nl + nr + POSE]
     return Solution(
         new_left,
@@ -372,7 +413,7 @@ def _shared_vector(s: Solution) -> FloatArray:
 
 
 def _weight(whitened: FloatArray, scale: float) -> FloatArray:
-    return np.asarray(1 / (1 + np.sum(whitened**2, axis=1) / (LOSS_WIDTH * scale) ** 2))
+    return cauchy_weight(np.sum(whitened**2, axis=1), LOSS_WIDTH * scale)
 
 
 def _board_and_turned(eye: _Eye, s: Solution) -> tuple[FloatArray, FloatArray]:

@@ -13,6 +13,7 @@ from lmkit.detection.detector import detect_landmarks
 from lmkit.generation.board import compose_board_page
 from lmkit.generation.pdf import pages_to_pdf
 from lmkit.generation.sheet import compose_landmark_page
+from lmkit.geometry.planar import wrap_heading
 from lmkit.geometry.pose import Pose
 from lmkit.geometry.rotations import rotation_angle
 from lmkit.io.files import write_file
@@ -168,7 +169,7 @@ def _station(index: int, true: Pose, estimate: PoseEstimate) -> StationError:
     if found is None:
         return StationError(f"{index:04d}", estimate.status, (), None, None, None)
     headings = [np.arctan2(pose.R[1, 2], pose.R[0, 2]) for pose in (found, true)]
-    turn = (headings[0] - headings[1] + np.pi) % (2 * np.pi) - np.pi
+    turn = wrap_heading(headings[0] - headings[1])
     return StationError(
         f"{index:04d}",
         estimate.status,

@@ -10,7 +10,7 @@ import cv2
 import numpy as np
 
 from lmkit.arrays import ByteArray, FloatArray
-from lmkit.geometry.planar import planar_pose
+from lmkit.geometry.planar import planar_pose, wrap_heading
 from lmkit.geometry.stereo_rig import StereoRig
 from lmkit.io.files import write_file
 from lmkit.io.floor_plan import read_floor
@@ -162,7 +162,7 @@ def _leg(name: str, journey: Journey, robot: SimulatedRobot, goal: Goal, truth: 
     way = float(np.linalg.norm(np.diff(np.array(truth)[:, :2], axis=0), axis=1).sum())
     off = float(np.hypot(goal.x_m - robot.state[0], goal.y_m - robot.state[1]))
     turn = 0.0 if goal.heading_rad is None else robot.state[2] - goal.heading_rad
-    off_deg = float(np.rad2deg(abs(np.arctan2(np.sin(turn), np.cos(turn)))))
+    off_deg = float(np.rad2deg(abs(wrap_heading(turn))))
     why = "ran into something" if robot.touched else journey.why
     return Leg(name, journey.status, why, way, robot.time_s, 1000 * off, off_deg)
 

@@ -15,6 +15,7 @@ from scipy.spatial.transform import Rotation
 
 from lmkit.arrays import FloatArray, IntArray
 from lmkit.errors import InputError
+from lmkit.geometry.planar import wrap_angle
 from lmkit.model.trajectory import Trajectory
 
 ALIGNMENTS = ("none", "rigid", "scale")
@@ -104,7 +105,7 @@ def compare_trajectories(
         found = found.moved(R, t, scale)
     # R_true' R_found of every pose.
     off = (Rotation.from_quat(true.quaternions).inv() * Rotation.from_quat(found.quaternions)).magnitude()
-    heading = np.abs(_wrapped(_headings(found) - _headings(true)))
+    heading = np.abs(wrap_angle(_headings(found) - _headings(true)))
     relative = _relative(true, found, delta)
     return TrajectoryError(
         pairs=len(true),
@@ -186,10 +187,6 @@ def _percent(true: Trajectory, found: Trajectory) -> float | None:
     if not far.any():
         return None
     return float(100 * np.mean(np.abs(actual[far] - measured[far]) / actual[far]))
-
-
-def _wrapped(angle: FloatArray) -> FloatArray:
-    return np.arctan2(np.sin(angle), np.cos(angle))
 
 
 def error_dict(error: TrajectoryError) -> dict[str, Any]:

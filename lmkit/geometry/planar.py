@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 
 from lmkit.arrays import FloatArray
@@ -31,6 +33,11 @@ def between(states: FloatArray) -> FloatArray:
     return np.column_stack([c * d[:, 0] + s * d[:, 1], -s * d[:, 0] + c * d[:, 1], d[:, 2]])
 
 
-def wrapped(angle: FloatArray | float) -> FloatArray:
-    """Into -pi to pi."""
+def wrap_angle(angle: FloatArray) -> FloatArray:
+    """Angles (any shape), rad, as the same directions in -pi to pi."""
     return np.asarray(np.arctan2(np.sin(angle), np.cos(angle)))
+
+
+def wrap_heading(heading_rad: float) -> float:
+    """One heading, rad, as the same direction in -pi to pi."""
+    return math.atan2(math.sin(heading_rad), math.cos(heading_rad))

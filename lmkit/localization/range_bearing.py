@@ -21,22 +21,23 @@ from typing import Any
 import numpy as np
 
 from lmkit.arrays import BoolArray, FloatArray
-from lmkit.geometry.planar import wrapped
+from lmkit.geometry.planar import wrap_angle, wrap_heading
 from lmkit.localization.range_bearing_noise import ReadingNoise
 from lmkit.localization.two_landmarks import PlanarPose, locate_by_two
 from lmkit.model.landmark_id import LandmarkId
 from lmkit.model.landmark_map import LandmarkMap
 from lmkit.model.observation import RangeBearing
 from lmkit.model.pose_status import PoseStatus
+from lmkit.optim.levenberg_marquardt import Damping, minimize
+from lmkit.optim.robust_loss import cauchy_cost, cauchy_weight
 
-CAUCHY_SIGMA = 2.4  # where the loss bends: 95 % efficient on Gaussian readings (Holland and Welsch 1977)
 BEARING_ALONE_M = 2.0  # how far a landmark is taken to be of which no range was read
 AROUND = 16  # starts around one landmark
 MOST_STARTS = 60
 AMBIGUOUS_BELOW = 5.0  # log likelihood ratio
 SAME_PLACE_M = 0.25
 STEPS = 15
-HOPELESS = 20.0  # loss of a start over that of the best place
+HOPELESS = 115.0  # loss of a start over that of the best place
 MOST_PLACES = 4
 
 
@@ -117,7 +118,7 @@ class Readings:
         off = self.places - states[:, None, :2]
         ranges = (self.ranges - np.hypot(off[..., 0], off[..., 1])) / self.range_sigma
         directions = np.arctan2(off[..., 1], off[..., 0]) - states[:, None, 2]
-        bearings = wrapped(self.bearings - directions) / self.bearing_sigma
+        bearings = wrap_angle(self.bearings - directions) / self.bearing_sigma
         return np.nan_to_num(np.stack([ranges, bearings], axis=2))
 
     def jacobian(self, state: FloatArray) -> FloatArray:
@@ -151,7 +152,7 @@ def locate_planar(
     starts, unique = _starts(seen)
     if not len(starts):
         return PlanarEstimate(PoseStatus.INCONSISTENT, outliers=named)
-    cost = np.log1p(_squared(seen, starts) / CAUCHY_SIGMA**2).sum(axis=1)
+    cost = cauchy_cost(_squared(seen, starts)).sum(axis=1)
     found: list[tuple[float, FloatArray]] = []
     for k in np.argsort(cost, kind="stable"):
         # The best start, and where the readings leave a choice those that are not hopeless.
@@ -205,30 +206,36 @@ def _judged(
     )
 
 
-def refined(seen: Readings, start: FloatArray) -> FloatArray:
-    """(3,) Gauss-Newton with Cauchy weights, damped where a step does not help."""
-    state, loss, damping = start, _loss(seen, start), 1e-6
-    for _ in range(STEPS):
-        errors = seen.standardised(state[None])[0]
-        weight = 1 / (1 + (errors**2).sum(axis=1) / CAUCHY_SIGMA**2)
-        J = seen.jacobian(state)
-        weighted = weight[:, None, None] * J
+@dataclass(frozen=True, eq=False)
+class _PlanarProblem:
+    """Readings, with Cauchy's loss, as a problem in x, y and heading."""
+
+    seen: Readings
+
+    def linearize(self, state: FloatArray) -> tuple[tuple[FloatArray, FloatArray], float]:
+        errors = self.seen.standardised(state[None])[0]
+        squared = (errors**2).sum(axis=1)
+        J = self.seen.jacobian(state)
+        weighted = cauchy_weight(squared)[:, None, None] * J
         normal = np.einsum("nij,nik->jk", weighted, J)
-        gradient = np.einsum("nij,ni->j", weighted, errors)
-        trial = state + np.linalg.solve(normal + damping * np.diag(np.diag(normal) + 1e-9), gradient)
-        there = _loss(seen, trial)
-        if there > loss:
-            damping = max(damping * 30, 1e-4)
-            continue
-        done = loss - there < 1e-9
-        state, loss, damping = trial, there, max(damping / 10, 1e-9)
-        if done:
-            break
-    return np.array([state[0], state[1], float(wrapped(state[2]))])
+        return (normal, np.einsum("nij,ni->j", weighted, errors)), float(cauchy_cost(squared).sum())
+
+    def solve(self, equations: tuple[FloatArray, FloatArray], damping: float) -> FloatArray:
+        normal, gradient = equations
+        return np.asarray(np.linalg.solve(normal + damping * np.diag(np.diag(normal) + 1e-9), gradient))
+
+    def retract(self, state: FloatArray, step: FloatArray) -> FloatArray:
+        return np.asarray(state + step)
+
+
+def refined(seen: Readings, start: FloatArray) -> FloatArray:
+    """(3,) the state that the readings agree with best, from a start nearby."""
+    state = minimize(_PlanarProblem(seen), start, STEPS, 1e-9, Damping(first_grown=1e-4)).state
+    return np.array([state[0], state[1], wrap_heading(state[2])])
 
 
 def _loss(seen: Readings, state: FloatArray) -> float:
-    return float(np.log1p(_squared(seen, state[None]) / CAUCHY_SIGMA**2).sum())
+    return float(cauchy_cost(_squared(seen, state[None])).sum())
 
 
 def _squared(seen: Readings, states: FloatArray) -> FloatArray:
@@ -309,7 +316,7 @@ def _heading(seen: Readings, place: FloatArray) -> float:
 
 
 def _near(a: FloatArray, b: FloatArray) -> bool:
-    return bool(np.hypot(*(a - b)[:2]) < SAME_PLACE_M and abs(wrapped(a[2] - b[2])) < math.radians(10))
+    return bool(np.hypot(*(a - b)[:2]) < SAME_PLACE_M and abs(wrap_heading(a[2] - b[2])) < math.radians(10))
 
 
 def _pose(state: FloatArray, seen: Readings) -> PlanarPose:

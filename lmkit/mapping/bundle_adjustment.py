@@ -26,9 +26,11 @@ from lmkit.model.landmark_map import LandmarkMap, MappedLandmark
 from lmkit.model.recording import StereoFrame
 from lmkit.odometry.motion_model import BoundedMotion, Motion
 from lmkit.optim.block_chain import ChainEquations
+from lmkit.optim.levenberg_marquardt import Damping, minimize
+from lmkit.optim.robust_loss import CAUCHY_SCALE, cauchy_cost, cauchy_weight
 
-CAUCHY_SIGMA = 2.4
 CONVERGED = 1e-2  # of the cost: a last step of a tenth of a standard deviation
+DAMPING = Damping(grow=50.0)
 SLIP_SIGMA, NEVER = 10.0, 1e6  # where the loss of motions bends
 LEAST_JUMP_M = 0.1
 # Without wheels: no rig leaps from one moment to the next.
@@ -136,29 +138,25 @@ class BundleProblem:
         self.base_R, self.base_t = T_left_base.R, T_left_base.t
 
     def settle(self, steps: int) -> float:
-        """Levenberg and Marquardt, weights renewed each time; the cost where it stops."""
-        damping = 1e-6
-        equations, cost = self._equations()
-        for _ in range(steps):
-            try:
-                step, shared = equations.solve(damping)
-            except np.linalg.LinAlgError:
-                damping = max(damping * 100, 1e-6)
-                continue
-            before = self.state()
-            self._move(step, shared)
-            there, new_cost = self._equations()
-            if new_cost <= cost:
-                done = cost - new_cost < CONVERGED
-                equations, cost, damping = there, new_cost, max(damping / 10, 1e-9)
-                if done:
-                    break
-            else:
-                self.restore(before)
-                damping = max(damping * 50, 1e-6)
-                if damping > 1e8:
-                    break
-        return cost
+        """Levenberg and Marquardt from the unknowns as they stand; the cost where it stops."""
+        end = minimize(self, self.state(), steps, CONVERGED, DAMPING)
+        self.restore(end.state)
+        return end.cost
+
+    def linearize(self, state: State) -> tuple[ChainEquations, float]:
+        """Normal equations and cost at a state."""
+        self.restore(state)
+        return self._equations()
+
+    def solve(self, equations: ChainEquations, damping: float) -> tuple[FloatArray, FloatArray]:
+        """Steps of the poses and of all that they share."""
+        return equations.solve(damping)
+
+    def retract(self, state: State, step: tuple[FloatArray, FloatArray]) -> State:
+        """The state moved by a step."""
+        self.restore(state)
+        self._move(*step)
+        return self.state()
 
     def state(self) -> State:
         """The unknowns as they stand."""
@@ -202,7 +200,7 @@ class BundleProblem:
     def landmark_costs(self) -> FloatArray:
         """(L,) what each landmark's sightings cost."""
         squared = self.misfits() ** 2
-        cost = 8 * CAUCHY_SIGMA**2 * np.log1p(squared / CAUCHY_SIGMA**2) * self.used
+        cost = 8 * cauchy_cost(squared) * self.used
         return np.asarray(np.bincount(self.seen.of, cost, len(self.hung)), dtype=np.float64)
 
     def landmark_steps(self) -> FloatArray:
@@ -259,7 +257,7 @@ class BundleProblem:
         equations = ChainEquations.zeros(len(self.times), 6, self.shared)
         e = equations
         sums = kernel.Sums(e.diagonal, e.gradient, e.border, e.corner, e.shared_gradient, self.own)
-        cost = kernel.add_bundle_equations(self._sightings(), self.used, CAUCHY_SIGMA, sums, not self.frozen)
+        cost = kernel.add_bundle_equations(self._sightings(), self.used, CAUCHY_SCALE, sums, not self.frozen)
         if not self.frozen:
             cost += self._add_anchors(equations) + self._add_ties(equations)
         if len(self.times) > 1:
@@ -309,7 +307,7 @@ class BundleProblem:
         before, after, r, K = self._motion_rows()
         squared = (r**2).sum(axis=1) / 6
         bend = SLIP_SIGMA if self.may_slip else NEVER
-        root = np.sqrt(1 / (1 + squared / bend**2))
+        root = np.sqrt(cauchy_weight(squared, bend))
         before, after, K = (values * root[:, None, None] for values in (before, after, K))
         r = r * root[:, None]
         equations.add_between(before, after, r)
@@ -320,7 +318,7 @@ class BundleProblem:
         off = (self.motion.nominal - self.parameters) / self.motion.prior_sigma
         equations.corner[own, own] += np.diag(self.motion.prior_sigma**-2)
         equations.shared_gradient[own] += off / self.motion.prior_sigma
-        return float(6 * bend**2 * np.log1p(squared / bend**2).sum() + (off**2).sum())
+        return float(6 * cauchy_cost(squared, bend).sum() + (off**2).sum())
 
     def _rows_of(self, landmark: int) -> slice:
         return slice(self.own + 6 * landmark, self.own + 6 * landmark + 6)

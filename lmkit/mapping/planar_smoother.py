@@ -13,8 +13,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from lmkit.arrays import FloatArray, IntArray
-from lmkit.geometry.planar import between, follow, wrapped
-from lmkit.localization.range_bearing import CAUCHY_SIGMA, locate_planar
+from lmkit.geometry.planar import between, follow, wrap_angle
+from lmkit.localization.range_bearing import locate_planar
 from lmkit.localization.range_bearing_noise import DRIVE_NOISE, RELATED_S, ReadingNoise
 from lmkit.model.landmark_id import LandmarkId
 from lmkit.model.landmark_map import LandmarkMap
@@ -22,7 +22,10 @@ from lmkit.model.observation import RangeBearing
 from lmkit.model.pose_status import PoseStatus
 from lmkit.odometry.wheel_odometry import NOMINAL, PARAMETERS, PRIOR_SIGMA, MotionModel
 from lmkit.optim.block_chain import ChainEquations
+from lmkit.optim.levenberg_marquardt import Damping, minimize
+from lmkit.optim.robust_loss import cauchy_cost, cauchy_weight
 
+DAMPING = Damping(most=1e6)
 SLIP_SIGMA = 10.0  # where the loss of motions bends: wheels err steadily, and rarely slip
 PIECE = 400  # moments taken up at once
 STEPS_A_PIECE, STEPS_AT_END = 4, 40
@@ -95,6 +98,9 @@ def smooth_planar(
     return problem.answer()
 
 
+_Unknowns = tuple[FloatArray, FloatArray, FloatArray]  # states, parameters, places of landmarks
+
+
 class _Problem:
     def __init__(
         self,
@@ -132,7 +138,7 @@ class _Problem:
         self.mapped = self.places.copy()
         self.moves = landmarks is None or any(m.covariance is not None for m in hung)
         self.parameters = np.array(NOMINAL)
-        self.states = np.zeros((0, 3))
+        self.states: FloatArray = np.zeros((0, 3))
 
     def take_up(self) -> None:
         """Piece by piece to the end."""
@@ -140,8 +146,8 @@ class _Problem:
         self.states = np.array([self._start()])
         while len(self.states) < count:
             self._extend(min(count, len(self.states) + PIECE))
-            self._settle(STEPS_A_PIECE)
-        self._settle(STEPS_AT_END)
+            self._solve(STEPS_A_PIECE)
+        self._solve(STEPS_AT_END)
 
     def _start(self) -> FloatArray:
         if self._map is None:
@@ -176,23 +182,29 @@ class _Problem:
             )
             self.places[k] = np.median(points, axis=0)
 
-    def _settle(self, steps: int) -> None:
-        """Gauss and Newton with weights renewed each time."""
-        damping, cost = 1e-6, np.inf
-        for _ in range(steps):
-            equations, cost, _ = self._equations()
-            while True:
-                step, shared = equations.solve(damping)
-                before = self.states, self.parameters, self.places
-                self._move(step, shared)
-                there = self._cost()
-                if there <= cost * (1 + 1e-12) or damping > 1e6:
-                    damping = max(damping / 10, 1e-9)
-                    break
-                self.states, self.parameters, self.places = before
-                damping = max(damping * 30, 1e-6)
-            if cost - there < CONVERGED * max(cost, 1.0):
-                return
+    def _solve(self, steps: int) -> None:
+        """Levenberg and Marquardt from the unknowns as they stand."""
+        start = (self.states, self.parameters, self.places)
+        self._restore(minimize(self, start, steps, CONVERGED, DAMPING, least_share=CONVERGED).state)
+
+    def linearize(self, state: _Unknowns) -> tuple[ChainEquations, float]:
+        """Normal equations and cost at a state."""
+        self._restore(state)
+        equations, cost, _ = self._equations()
+        return equations, cost
+
+    def solve(self, equations: ChainEquations, damping: float) -> tuple[FloatArray, FloatArray]:
+        """Steps of the states and of all that they share."""
+        return equations.solve(damping)
+
+    def retract(self, state: _Unknowns, step: tuple[FloatArray, FloatArray]) -> _Unknowns:
+        """The state moved by a step."""
+        self._restore(state)
+        self._move(*step)
+        return self.states, self.parameters, self.places
+
+    def _restore(self, state: _Unknowns) -> None:
+        self.states, self.parameters, self.places = state
 
     def _move(self, step: FloatArray, shared: FloatArray) -> None:
         self.states = self.states + step
@@ -208,7 +220,7 @@ class _Problem:
         distance = np.hypot(off[:, 0], off[:, 1])
         direction = np.arctan2(off[:, 1], off[:, 0]) - at[:, 2]
         ranges = (seen.values[:, 0] - distance) / seen.sigmas[:, 0]
-        bearings = wrapped(seen.values[:, 1] - direction) / seen.sigmas[:, 1]
+        bearings = wrap_angle(seen.values[:, 1] - direction) / seen.sigmas[:, 1]
         return seen, np.nan_to_num(np.column_stack([ranges, bearings])), off
 
     def _motion_errors(self) -> tuple[FloatArray, FloatArray, FloatArray]:
@@ -216,18 +228,12 @@ class _Problem:
         motions = self.motion.increments(self.times[: len(self.states)], self.parameters)
         return (motions.motions - between(self.states)) / motions.sigmas, motions.sigmas, motions.by_parameters
 
-    def _cost(self) -> float:
-        squared = (self._errors()[1] ** 2).sum(axis=1)
-        moved = (self._motion_errors()[0] ** 2).sum(axis=1)
-        prior = (((self.parameters - NOMINAL) / PRIOR_SIGMA) ** 2).sum()
-        return float(_loss(squared).sum() + _loss(moved, SLIP_SIGMA).sum() + prior + self._map_cost())
-
     def _equations(self) -> tuple[ChainEquations, float, FloatArray]:
         count, shared = len(self.states), OWN + 2 * len(self.ids) * self.moves
         equations = ChainEquations.zeros(count, 3, shared)
         seen, errors, off = self._errors()
         squared = (errors**2).sum(axis=1)
-        weights = 1 / (1 + squared / CAUCHY_SIGMA**2)
+        weights = cauchy_weight(squared)
         root = np.sqrt(weights)[:, None]
         J = _reading_jacobian(off, seen.sigmas) * root[..., None]
         J *= (errors != 0)[..., None]
@@ -243,7 +249,7 @@ class _Problem:
                 equations.diagonal[0] += 1e9 * np.eye(3)
             else:
                 self._add_map(equations)
-        cost = _loss(squared).sum()
+        cost = cauchy_cost(squared).sum()
         if count > 1:
             cost += self._add_motion(equations)
         off_prior = (NOMINAL - self.parameters) / PRIOR_SIGMA
@@ -264,7 +270,7 @@ class _Problem:
     def _add_motion(self, equations: ChainEquations) -> float:
         errors, sigmas, by_parameters = self._motion_errors()
         squared = (errors**2).sum(axis=1)
-        root = np.sqrt(1 / (1 + squared / SLIP_SIGMA**2))[:, None]
+        root = np.sqrt(cauchy_weight(squared, SLIP_SIGMA))[:, None]
         before, after = _between_jacobians(self.states)
         scale = (root / sigmas)[..., None]
         before, after, K = before * scale, after * scale, -by_parameters * scale
@@ -275,7 +281,7 @@ class _Problem:
         equations.add_shared(rows, before, columns, K, residuals)
         # The later state's share of the border; the corner has it already.
         equations.border[1:, :, :OWN] += after.transpose(0, 2, 1) @ K
-        return float(_loss(squared, SLIP_SIGMA).sum())
+        return float(cauchy_cost(squared, SLIP_SIGMA).sum())
 
     def answer(self) -> PlanarTrack:
         equations, _, weights = self._equations()
@@ -298,11 +304,6 @@ class _Problem:
             self.readings.moments,
             self.readings.landmarks,
         )
-
-
-def _loss(squared: FloatArray, sigma: float = CAUCHY_SIGMA) -> FloatArray:
-    """Cauchy's, twice."""
-    return np.asarray(sigma**2 * np.log1p(squared / sigma**2))
 
 
 def _related(times_s: FloatArray, landmarks: FloatArray) -> FloatArray:

@@ -14,6 +14,7 @@ import numpy as np
 
 from lmkit.arrays import FloatArray, IntArray
 from lmkit.model.landmark_id import LandmarkId, ids_text
+from lmkit.optim.robust_loss import cauchy_cost, cauchy_weight
 
 BEND = 3.0  # of a landmark's own deviation, where the loss bends
 
@@ -48,12 +49,12 @@ class ConstraintRows:
     @property
     def weights(self) -> FloatArray:
         """(M,) Cauchy's: what does not hang as declared shall not bend the map."""
-        return np.asarray(1 / (1 + (self.residuals / self._bend) ** 2))
+        return cauchy_weight(self.residuals**2, self._bend)
 
     @property
     def cost(self) -> float:
         """Cauchy's loss of all of them."""
-        return float((self._bend**2 * np.log1p((self.residuals / self._bend) ** 2)).sum())
+        return float(cauchy_cost(self.residuals**2, self._bend).sum())
 
     @property
     def _bend(self) -> float:

@@ -16,6 +16,7 @@ import numpy as np
 
 from lmkit.arrays import FloatArray
 from lmkit.errors import LmkitError
+from lmkit.geometry.planar import wrap_heading
 from lmkit.geometry.stereo_rig import StereoRig
 from lmkit.localization.correspondences import CORNER_FLOOR_PX
 from lmkit.model.floor_plan import FloorPlan
@@ -140,7 +141,7 @@ def surely_there(pose: TrackedPose, goal: Goal, tolerance: Tolerance) -> bool:
         return False
     if goal.heading_rad is None:
         return True
-    turn = abs(_wrapped(goal.heading_rad - pose.state[2]))
+    turn = abs(wrap_heading(goal.heading_rad - pose.state[2]))
     return bool(turn + SURE_1D * np.sqrt(pose.covariance[2, 2]) < tolerance.heading_rad)
 
 
@@ -220,7 +221,7 @@ class _Navigator:
             obstacle = self.robot.obstacle_ahead(STOP_SHORT_M)
             ahead = way.ahead(self.state[:2], LOOK_AHEAD_M)
             to_end = float(np.linalg.norm(way.end - self.state[:2]))
-            off = _wrapped(np.arctan2(*(ahead - self.state[:2])[::-1]) - self.state[2])
+            off = wrap_heading(np.arctan2(*(ahead - self.state[:2])[::-1]) - self.state[2])
             if to_end < NEAR_GOAL_M and way.left_m < 2 * NEAR_GOAL_M:
                 return "there"
             if obstacle is not None and abs(off) < TURN_FIRST_RAD and self.note_obstacle(obstacle):
@@ -257,9 +258,9 @@ class _Navigator:
             distance = float(np.linalg.norm(off))
             if distance < 0.3 * self.tolerance.place_m:
                 return
-            bearing = _wrapped(np.arctan2(off[1], off[0]) - self.state[2])
+            bearing = wrap_heading(np.arctan2(off[1], off[0]) - self.state[2])
             back = abs(bearing) > np.pi / 2
-            bearing = _wrapped(bearing + np.pi) if back else bearing
+            bearing = wrap_heading(bearing + np.pi) if back else bearing
             if abs(bearing) > 0.25 and distance > 0.02:
                 self.step(0.0, float(np.clip(1.5 * bearing, -0.5, 0.5)))
             else:
@@ -269,7 +270,7 @@ class _Navigator:
     def turn_to(self, heading_rad: float) -> None:
         """Turn on the spot."""
         for _ in range(MOST_STEPS):
-            turn = _wrapped(heading_rad - self.state[2])
+            turn = wrap_heading(heading_rad - self.state[2])
             if abs(turn) < 0.2 * self.tolerance.heading_rad:
                 return
             self.step(0.0, float(np.clip(1.5 * turn, -0.5, 0.5)))
@@ -365,7 +366,3 @@ class _Way:
 
 def _widest_m(covariance: FloatArray) -> float:
     return float(np.sqrt(np.linalg.eigvalsh(covariance[:2, :2])[-1]))
-
-
-def _wrapped(angle: float) -> float:
-    return float(np.arctan2(np.sin(angle), np.cos(angle)))

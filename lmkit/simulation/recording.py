@@ -12,7 +12,7 @@ from itertools import pairwise
 import numpy as np
 
 from lmkit.arrays import FloatArray
-from lmkit.geometry.planar import planar_pose
+from lmkit.geometry.planar import planar_pose, wrap_heading
 from lmkit.geometry.pose import Pose
 from lmkit.geometry.stereo_rig import StereoRig
 from lmkit.model.landmark_map import LandmarkMap
@@ -112,7 +112,7 @@ class Drive:
                 off = landmark.T_map_landmark.t[:2] - state[:2]
                 distance = float(np.hypot(*off)) * (1 + range_share * rng.normal())
                 bearing = float(np.arctan2(off[1], off[0]) - state[2] + bearing_rad * rng.normal())
-                seen.append(RangeBearing(id_, distance, float(np.arctan2(np.sin(bearing), np.cos(bearing)))))
+                seen.append(RangeBearing(id_, distance, wrap_heading(bearing)))
             answers.append((moment.time_s, seen))
         return answers
 

@@ -16,7 +16,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from lmkit.arrays import FloatArray
-from lmkit.geometry.planar import wrapped
+from lmkit.geometry.planar import wrap_heading
 from lmkit.localization.range_bearing import Readings, locate_planar
 from lmkit.localization.range_bearing_noise import DRIVE_NOISE, RELATED_S, ReadingNoise
 from lmkit.model.landmark_id import LandmarkId
@@ -231,4 +231,4 @@ def _with_reading(track: _Track, reading: Readings, spread: float) -> _Track:
 
 def _same(a: _Track, b: _Track) -> bool:
     off = a.x[:3] - b.x[:3]
-    return bool(np.hypot(off[0], off[1]) < SAME_M and abs(wrapped(off[2])) < SAME_RAD)
+    return bool(np.hypot(off[0], off[1]) < SAME_M and abs(wrap_heading(off[2])) < SAME_RAD)

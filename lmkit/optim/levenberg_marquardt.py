@@ -1,0 +1,118 @@
+"""The damped Gauss-Newton loop of all solvers (Levenberg 1944, Marquardt 1963).
+
+A problem says how to linearize its cost at a state, how to solve for a step, and how to move a state by a step;
+states and steps are whatever suits it.  Weights of a robust loss are renewed with every linearization.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Generic, Protocol, TypeVar
+
+import numpy as np
+
+State = TypeVar("State")
+Equations = TypeVar("Equations")
+Step = TypeVar("Step")
+
+
+class LeastSquares(Protocol[State, Equations, Step]):
+    """A nonlinear least squares problem."""
+
+    def linearize(self, state: State) -> tuple[Equations, float]:
+        """Normal equations at a state, and its cost; an infinite cost refuses the state."""
+        ...
+
+    def solve(self, equations: Equations, damping: float) -> Step:
+        """The step of the damped equations.
+
+        Raises:
+            numpy.linalg.LinAlgError: they do not determine it.
+        """
+        ...
+
+    def retract(self, state: State, step: Step) -> State:
+        """The state moved by the step."""
+        ...
+
+
+@dataclass(frozen=True)
+class Damping:
+    """How the damping follows success and failure.
+
+    Attributes:
+        start: of the first step, as a share of the diagonal.
+        least, most: bounds; above ``most`` the loop gives up.
+        shrink, grow: factors after a step that lowers the cost, and after one that does not.
+        first_grown: at least this much after a failure.
+    """
+
+    start: float = 1e-6
+    least: float = 1e-9
+    most: float = 1e8
+    shrink: float = 10.0
+    grow: float = 30.0
+    first_grown: float = 1e-6
+
+
+@dataclass(frozen=True)
+class Iterate(Generic[State, Equations]):
+    """Where the loop stands.
+
+    Attributes:
+        state, equations, cost: the best state so far, linearized.
+        damping: of the next step.
+        gain: by how much the last step lowered the cost; None where it was refused.
+    """
+
+    state: State
+    equations: Equations
+    cost: float
+    damping: float
+    gain: float | None = None
+
+
+def start_at(
+    problem: LeastSquares[State, Equations, Step], state: State, damping: float
+) -> Iterate[State, Equations]:
+    """Linearize at a first state."""
+    return Iterate(state, *problem.linearize(state), damping)
+
+
+def try_step(
+    problem: LeastSquares[State, Equations, Step], now: Iterate[State, Equations], rule: Damping
+) -> Iterate[State, Equations]:
+    """Try one damped step; the iterate keeps its state, with more damping, where the step does not lower the cost."""
+    grown = max(now.damping * rule.grow, rule.first_grown)
+    try:
+        state = problem.retract(now.state, problem.solve(now.equations, now.damping))
+        equations, cost = problem.linearize(state)
+    except np.linalg.LinAlgError:
+        return Iterate(now.state, now.equations, now.cost, grown)
+    if not cost <= now.cost:
+        return Iterate(now.state, now.equations, now.cost, grown)
+    return Iterate(state, equations, cost, max(now.damping / rule.shrink, rule.least), now.cost - cost)
+
+
+def minimize(
+    problem: LeastSquares[State, Equations, Step],
+    state: State,
+    steps: int,
+    least_gain: float,
+    rule: Damping | None = None,
+    least_share: float = 0.0,
+) -> Iterate[State, Equations]:
+    """Minimize from a start.
+
+    Args:
+        steps: at most so many are tried.
+        least_gain, least_share: a step that lowers the cost by less than this, or less than this share of it, is the
+            last one.
+    """
+    rule = rule or Damping()
+    now = start_at(problem, state, rule.start)
+    for _ in range(steps):
+        now = try_step(problem, now, rule)
+        if now.damping > rule.most or (now.gain is not None and now.gain < max(least_gain, least_share * now.cost)):
+            break
+    return now
