@@ -51,7 +51,7 @@ def test_every_page_is_in_the_navigation() -> None:
     index = (ROOT / "docs/index.md").read_text(encoding="utf-8")
     for path in [*(ROOT / "docs").glob("*.md"), *NOTEBOOKS]:
         name = path.relative_to(ROOT / "docs").with_suffix("").as_posix()
-        assert name == "index" or f"\n{name}\n" in index, f"{name} is not in docs/index.md"
+        assert name == "index" or f"<{name}>" in index, f"{name} is not in docs/index.md"
 
 
 def test_every_decision_is_listed() -> None:
