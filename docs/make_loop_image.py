@@ -14,7 +14,7 @@ from PIL import Image, ImageDraw, ImageFont
 
 import lmkit
 
-SIZE, GAP, TITLE, RIM = (500, 400), 64, 62, 10
+SIZE, GAP, TITLE, RIM = (500, 400), 64, 76, 10
 INK, MUTED, SHEET, FRAME = (38, 42, 50), (108, 114, 124), (255, 255, 255), (208, 212, 218)
 
 
@@ -26,14 +26,14 @@ def main(demo: Path) -> None:
         ("4  Locate", "pose with covariance", plan_of(demo / "plan.png")),
     ]
     width, height = SIZE
-    canvas = Image.new("RGB", (len(tiles) * (width + GAP) - GAP + 2 * RIM, height + TITLE + 42 + 2 * RIM), SHEET)
+    canvas = Image.new("RGB", (len(tiles) * (width + GAP) - GAP + 2 * RIM, height + TITLE + 56 + 2 * RIM), SHEET)
     draw = ImageDraw.Draw(canvas)
     for index, (title, text, tile) in enumerate(tiles):
         x, y = RIM + index * (width + GAP), RIM + TITLE
-        draw.text((x, RIM + 18), title, INK, ImageFont.load_default(34), anchor="lm")
+        draw.text((x, RIM + 28), title, INK, ImageFont.load_default(46), anchor="lm")
         canvas.paste(tile.resize(SIZE, Image.Resampling.LANCZOS), (x, y))
         draw.rectangle((x, y, x + width - 1, y + height - 1), outline=FRAME, width=2)
-        draw.text((x, y + height + 24), text, MUTED, ImageFont.load_default(25), anchor="lm")
+        draw.text((x, y + height + 32), text, MUTED, ImageFont.load_default(34), anchor="lm")
         if index < len(tiles) - 1:
             arrow(draw, x + width + GAP // 2, y + height // 2)
     canvas.quantize(200, dither=Image.Dither.NONE).save(Path(__file__).with_name("loop.png"), optimize=True)
