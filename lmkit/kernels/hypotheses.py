@@ -127,7 +127,7 @@ def decode_numpy(
     seen = (columns * root).T @ (values * root)
     energy = float(((values * root) ** 2).sum())
     ridge = rules.ridge * np.trace(gram[:INKS, :INKS]) / INKS * np.eye(INKS)
-    selections = selection_matrices(words, drawing)
+    selections = selection_matrices(words, drawing.column_count)
     explained = explained_energy_numpy(selections, gram, seen, ridge)
     if not np.isfinite(explained).all():
         return None
@@ -152,16 +152,16 @@ def decode_numpy(
     )
 
 
-def selection_matrices(words: Words, drawing: Drawing) -> FloatArray:
+def selection_matrices(words: Words, columns: int) -> FloatArray:
     """(4K,C,4) the matrices M_h, quarter turn by quarter turn."""
     masks = words.masks.ravel()
     turns = np.repeat(np.arange(QUARTERS), words.masks.shape[1])
-    M = np.zeros((len(masks), drawing.column_count, INKS))
+    M = np.zeros((len(masks), columns, INKS))
     M[:, range(INKS), range(INKS)] = 1
     M[:, RING, 0], M[:, RING, 2] = 1, -1
     every = np.arange(len(masks))
     M[every, TRIANGLE + turns, 0], M[every, TRIANGLE + turns, 2] = 1, -1
-    for gap in range(len(drawing.gaps)):
+    for gap in range(columns - GAP):
         is_open = masks >> gap & 1
         M[:, GAP + gap, 0], M[:, GAP + gap, 2] = -is_open, is_open
     return M

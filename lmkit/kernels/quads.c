@@ -1,0 +1,479 @@
+/* Squares darker than their surroundings: local threshold, contours with sub-pixel crossings, convex hull, four lines.
+ * quads.py holds the definition of what comes out. */
+#include <math.h>
+#include <stddef.h>
+#include <string.h>
+
+#include "kernels.h"
+#include "plane.h"
+
+#define CELL 8
+#define STRETCHES 16 /* a polygon of more sides is no square with a hidden part */
+#define LONGEST 6
+
+/* rules: least side (px), darker (share of the local mean), longest contour, side from which hidden parts are completed
+ * (px), how far a straight stretch may bend (share of the outline). */
+typedef struct {
+    double least_side, darker, completed_side, straight;
+    int64_t longest;
+} QuadRules;
+
+typedef struct {
+    float x, y;
+} Point;
+
+static double length_of(double x, double y)
+{
+    return sqrt(x * x + y * y);
+}
+
+LMKIT_EXPORT int lmkit_dark_quads(int64_t height, int64_t width, const uint8_t *plane, const uint8_t *where,
+                                  int64_t window, const double *rules, int16_t *field, uint8_t *visited,
+                                  uint16_t *sums, int32_t *prefix, float *points, int64_t capacity, float *quads, int64_t *count);
+LMKIT_EXPORT int lmkit_where_to_look(int64_t height, int64_t width, const uint8_t *image, double offset,
+                                     double least_ratio, double least_luma, int64_t dilate, float *cells,
+                                     uint8_t *where);
+
+/* field = 64 (plane - (1 - darker) mean + 0.5), the mean over a window cut off at the image's edges, with a border of
+ * one pixel that is not dark. */
+static void local_field(int64_t height, int64_t width, const uint8_t *plane, int64_t window, double darker, uint16_t *restrict sums, int32_t *restrict prefix, int16_t *field)
+{
+    const int64_t half = window / 2, stride = width + 2;
+    for (int64_t x = 0; x < stride; x++)
+        field[x] = field[(height + 1) * stride + x] = 1;
+    memset(sums, 0, (size_t)width * sizeof *sums);
+    for (int64_t y = 0; y < half && y < height; y++)
+        for (int64_t x = 0; x < width; x++)
+            sums[x] = (uint16_t)(sums[x] + plane[y * width + x]);
+    for (int64_t y = 0; y < height; y++) {
+        if (y + half < height)
+            for (int64_t x = 0; x < width; x++)
+                sums[x] = (uint16_t)(sums[x] + plane[(y + half) * width + x]);
+        if (y - half - 1 >= 0)
+            for (int64_t x = 0; x < width; x++)
+                sums[x] = (uint16_t)(sums[x] - plane[(y - half - 1) * width + x]);
+        int64_t top = y - half > 0 ? y - half : 0, bottom = y + half < height - 1 ? y + half : height - 1;
+        int64_t rows = bottom - top + 1;
+        /* Sums from the row's beginning: the mean of a window is a difference of two, and vectorises. */
+        int32_t sum = 0;
+        for (int64_t x = 0; x < width; x++) {
+            prefix[x] = sum;
+            sum += sums[x];
+        }
+        prefix[width] = sum;
+        const float scale = (float)(64.0 * (1.0 - darker) / (double)rows);
+        const float inner = scale / (float)window;
+        const uint8_t *restrict row = plane + y * width;
+        int16_t *restrict out = field + (y + 1) * stride + 1;
+        out[-1] = out[width] = 1;
+        for (int64_t x = half; x < width - half; x++)
+            out[x] = (int16_t)(64 * row[x] + 32 - (int32_t)((float)(prefix[x + half + 1] - prefix[x - half]) * inner));
+        for (int64_t x = 0; x < width; x++) {
+            if (x == half && width - half > half)
+                x = width - half;
+            int64_t left = x - half > 0 ? x - half : 0, right = x + half < width - 1 ? x + half : width - 1;
+            float part = scale / (float)(right - left + 1);
+            out[x] = (int16_t)(64 * row[x] + 32 - (int32_t)((float)(prefix[right + 1] - prefix[left]) * part));
+        }
+    }
+}
+
+/* Follows the edge of a dark region clockwise from the left side of a pixel: code = 4 x place + side (0 right, 1 down,
+ * 2 left, 3 up).  Returns how many sides there are; those beyond `longest` are not written. */
+static int64_t follow(const int16_t *field, uint8_t *visited, int64_t stride, int64_t start, int64_t longest, int32_t *codes)
+{
+    const int64_t step[4] = {1, stride, -1, -stride};
+    int64_t at = start, n = 0;
+    int d = 2;
+    do {
+        if (n < longest)
+            codes[n] = (int32_t)(4 * at + d);
+        n++;
+        if (d == 2)
+            visited[at] = 1;
+        int m = (d + 1) & 3;
+        int64_t ahead = at + step[m], beyond = ahead + step[d];
+        if (field[beyond] < 0) {
+            at = beyond;
+            d = (d + 3) & 3;
+        } else if (field[ahead] < 0)
+            at = ahead;
+        else
+            d = m;
+    } while (at != start || d != 2);
+    return n;
+}
+
+/* Where the field crosses zero on every side, and the area within. */
+static double crossings(const int16_t *field, int64_t stride, const int32_t *codes, int64_t n, Point *out)
+{
+    const int32_t step[4] = {1, (int32_t)stride, -1, -(int32_t)stride};
+    const float step_x[4] = {1, 0, -1, 0}, step_y[4] = {0, 1, 0, -1};
+    double twice = 0.0;
+    for (int64_t i = 0; i < n; i++) {
+        int32_t at = codes[i] >> 2, d = codes[i] & 3, y = at / (int32_t)stride, x = at - y * (int32_t)stride;
+        float inside = field[at], t = inside / (inside - (float)field[at + step[d]]);
+        out[i].x = (float)(x - 1) + t * step_x[d];
+        out[i].y = (float)(y - 1) + t * step_y[d];
+        if (i > 0)
+            twice += (double)(out[i - 1].x * out[i].y - out[i - 1].y * out[i].x);
+    }
+    return 0.5 * (twice + (double)(out[n - 1].x * out[0].y - out[n - 1].y * out[0].x));
+}
+
+static double cross(Point o, Point a, Point b)
+{
+    return ((double)a.x - o.x) * ((double)b.y - o.y) - ((double)a.y - o.y) * ((double)b.x - o.x);
+}
+
+/* Convex hull of a simple polygon (Melkman 1987): indices of its corners, clockwise; deque holds 2 n + 4. */
+static int64_t convex_hull(const Point *p, int64_t n, int32_t *deque, int32_t **hull)
+{
+    int64_t k = 2;
+    while (k < n && cross(p[0], p[k - 1], p[k]) == 0.0)
+        k++;
+    if (k >= n)
+        return 0;
+    int64_t bottom = n, top = n + 3;
+    if (cross(p[0], p[k - 1], p[k]) > 0.0) {
+        deque[bottom + 1] = 0;
+        deque[bottom + 2] = (int32_t)(k - 1);
+    } else {
+        deque[bottom + 1] = (int32_t)(k - 1);
+        deque[bottom + 2] = 0;
+    }
+    deque[bottom] = deque[top] = (int32_t)k;
+    for (int64_t i = k + 1; i < n; i++) {
+        if (cross(p[deque[bottom]], p[deque[bottom + 1]], p[i]) > 0.0 && cross(p[deque[top - 1]], p[deque[top]], p[i]) > 0.0)
+            continue;
+        while (top - bottom > 2 && cross(p[deque[bottom]], p[deque[bottom + 1]], p[i]) <= 0.0)
+            bottom++;
+        deque[--bottom] = (int32_t)i;
+        while (top - bottom > 2 && cross(p[deque[top - 1]], p[deque[top]], p[i]) <= 0.0)
+            top--;
+        deque[++top] = (int32_t)i;
+    }
+    *hull = deque + bottom;
+    return top - bottom;
+}
+
+static double area_of(const Point *p, const int32_t *index, int64_t n)
+{
+    double twice = 0.0;
+    for (int64_t i = 0; i < n; i++) {
+        Point a = p[index ? index[i] : i], b = p[index ? index[(i + 1) % n] : (i + 1) % n];
+        twice += (double)a.x * b.y - (double)a.y * b.x;
+    }
+    return 0.5 * twice;
+}
+
+/* Four hull corners: two far apart, and the two farthest from the line between them; as places in the hull, in order. */
+static int four_corners(const Point *p, const int32_t *hull, int64_t m, int64_t *corner)
+{
+    double cx = 0.0, cy = 0.0;
+    for (int64_t i = 0; i < m; i++) {
+        cx += p[hull[i]].x;
+        cy += p[hull[i]].y;
+    }
+    Point from = {(float)(cx / (double)m), (float)(cy / (double)m)};
+    int64_t ends[2] = {0, 0};
+    for (int e = 0; e < 2; e++) {
+        double most = -1.0;
+        for (int64_t i = 0; i < m; i++) {
+            double dx = (double)p[hull[i]].x - from.x, dy = (double)p[hull[i]].y - from.y, d = dx * dx + dy * dy;
+            if (d > most) {
+                most = d;
+                ends[e] = i;
+            }
+        }
+        from = p[hull[ends[e]]];
+    }
+    int64_t low = ends[0] < ends[1] ? ends[0] : ends[1], high = ends[0] < ends[1] ? ends[1] : ends[0];
+    int64_t right = -1, left = -1;
+    double most_right = 0.0, most_left = 0.0;
+    for (int64_t i = 0; i < m; i++) {
+        double c = fabs(cross(p[hull[low]], p[hull[high]], p[hull[i]]));
+        if (i > low && i < high) {
+            if (c > most_right)
+                most_right = c, right = i;
+        } else if (c > most_left)
+            most_left = c, left = i;
+    }
+    if (right < 0 || left < 0)
+        return 0;
+    corner[0] = low, corner[1] = right, corner[2] = high, corner[3] = left;
+    return 1;
+}
+
+/* Line through the contour's points from one corner to the next, those near the ends and far off left out: a point of
+ * it and its direction. */
+static void fit_line(const Point *p, int64_t n, int64_t from, int64_t to, double *line)
+{
+    Point a = p[from], b = p[to];
+    double dx = (double)b.x - a.x, dy = (double)b.y - a.y, length = length_of(dx, dy);
+    line[0] = a.x, line[1] = a.y, line[2] = dx, line[3] = dy;
+    if (length < 1e-6)
+        return;
+    double ux = dx / length, uy = dy / length, tolerance = 0.06 * length > 1.0 ? 0.06 * length : 1.0;
+    double sx = 0, sy = 0, sxx = 0, sxy = 0, syy = 0, w = 0;
+    int64_t steps = (to - from + n) % n;
+    for (int64_t k = 0; k <= steps; k++) {
+        Point q = p[(from + k) % n];
+        double x = (double)q.x - a.x, y = (double)q.y - a.y, along = x * ux + y * uy, off = y * ux - x * uy;
+        if (along < 0.1 * length || along > 0.9 * length || fabs(off) > tolerance)
+            continue;
+        sx += x, sy += y, sxx += x * x, sxy += x * y, syy += y * y, w += 1.0;
+    }
+    if (w < 3.0)
+        return;
+    sx /= w, sy /= w;
+    sxx = sxx / w - sx * sx, sxy = sxy / w - sx * sy, syy = syy / w - sy * sy;
+    double angle = 0.5 * atan2(2.0 * sxy, sxx - syy);
+    line[0] = a.x + sx, line[1] = a.y + sy, line[2] = cos(angle), line[3] = sin(angle);
+}
+
+static int intersect(const double *a, const double *b, float *out)
+{
+    double det = a[2] * b[3] - a[3] * b[2];
+    if (fabs(det) < 0.05 * length_of(a[2], a[3]) * length_of(b[2], b[3]))
+        return 0;
+    double t = ((b[0] - a[0]) * b[3] - (b[1] - a[1]) * b[2]) / det;
+    out[0] = (float)(a[0] + t * a[2]);
+    out[1] = (float)(a[1] + t * a[3]);
+    return 1;
+}
+
+/* Convex, clockwise, no side under `least` or a seventh of the longest. */
+static int is_fair(const float *q, double least)
+{
+    double ex[4], ey[4], length[4], longest = 0.0, shortest = 1e30;
+    for (int i = 0; i < 4; i++) {
+        ex[i] = (double)q[(2 * i + 2) % 8] - q[2 * i];
+        ey[i] = (double)q[(2 * i + 3) % 8] - q[2 * i + 1];
+        length[i] = length_of(ex[i], ey[i]);
+        longest = length[i] > longest ? length[i] : longest;
+        shortest = length[i] < shortest ? length[i] : shortest;
+    }
+    for (int i = 0; i < 4; i++) {
+        int j = (i + 1) % 4;
+        if (!(ex[i] * ey[j] - ey[i] * ex[j] > 0.05 * length[i] * length[j]))
+            return 0;
+    }
+    return shortest > 0.15 * longest && shortest > least;
+}
+
+static int fit_quad(const Point *p, int64_t n, const int32_t *hull, int64_t m, double least, float *quad)
+{
+    int64_t corner[4];
+    if (!four_corners(p, hull, m, corner))
+        return 0;
+    double lines[4][4];
+    /* The hull runs clockwise as the contour does, so the points between two corners are those of a side. */
+    for (int i = 0; i < 4; i++)
+        fit_line(p, n, hull[corner[i]], hull[corner[(i + 1) % 4]], lines[i]);
+    for (int i = 0; i < 4; i++)
+        if (!intersect(lines[(i + 3) % 4], lines[i], quad + 2 * i))
+            return 0;
+    return is_fair(quad, least);
+}
+
+/* Corners of a closed polygon that stays within `tolerance` of the contour (Douglas and Peucker 1973), in order. */
+static int64_t simplify(const Point *p, int64_t n, double tolerance, int64_t most, int64_t *out)
+{
+    int64_t stack[2 * 64], depth = 0, far = 0, count = 0;
+    double best = -1.0;
+    for (int64_t i = 1; i < n; i++) {
+        double d = length_of((double)p[i].x - p[0].x, (double)p[i].y - p[0].y);
+        if (d > best)
+            best = d, far = i;
+    }
+    stack[depth++] = far, stack[depth++] = n;
+    stack[depth++] = 0, stack[depth++] = far;
+    while (depth > 0) {
+        int64_t to = stack[--depth], from = stack[--depth], split = -1;
+        Point a = p[from % n], b = p[to % n];
+        double length = length_of((double)b.x - a.x, (double)b.y - a.y), worst = tolerance * (length > 1e-9 ? length : 1.0);
+        for (int64_t i = from + 1; i < to; i++) {
+            double off = length > 1e-9 ? fabs(cross(a, b, p[i])) : length_of((double)p[i].x - a.x, (double)p[i].y - a.y);
+            if (off > worst)
+                worst = off, split = i;
+        }
+        if (split < 0) {
+            if (count == most)
+                return most + 1;
+            out[count++] = from;
+        } else {
+            if (depth + 4 > 2 * 64)
+                return most + 1;
+            stack[depth++] = split, stack[depth++] = to;
+            stack[depth++] = from, stack[depth++] = split;
+        }
+    }
+    return count;
+}
+
+/* Squares of the outline's longest straight stretches, for squares of which a part is hidden: what covers a corner or
+ * sticks in over a side adds stretches of its own; the square's are among the longest. */
+static int64_t complete(const Point *p, int64_t n, const QuadRules *rules, float *quads, int64_t capacity)
+{
+    double outline = 0.0;
+    for (int64_t i = 0; i < n; i++)
+        outline += length_of((double)p[(i + 1) % n].x - p[i].x, (double)p[(i + 1) % n].y - p[i].y);
+    int64_t corner[STRETCHES + 1];
+    int64_t sides = simplify(p, n, rules->straight * outline, STRETCHES, corner);
+    if (sides < 4 || sides > STRETCHES)
+        return 0;
+    double length[STRETCHES];
+    for (int64_t i = 0; i < sides; i++) {
+        Point a = p[corner[i] % n], b = p[corner[(i + 1) % sides] % n];
+        length[i] = length_of((double)b.x - a.x, (double)b.y - a.y);
+    }
+    int64_t longest[LONGEST], kept = 0;
+    for (int64_t i = 0; i < sides; i++) {
+        int64_t longer = 0;
+        for (int64_t j = 0; j < sides; j++)
+            longer += length[j] > length[i] || (length[j] == length[i] && j < i);
+        if (longer < LONGEST)
+            longest[kept++] = i;
+    }
+    int64_t found = 0;
+    for (int set = 0; set < 1 << kept; set++) {
+        int64_t chosen[4];
+        int c = 0;
+        double sum = 0.0;
+        for (int k = 0; k < kept; k++)
+            if (set >> k & 1) {
+                if (c < 4) {
+                    chosen[c] = longest[k];
+                    sum += length[longest[k]];
+                }
+                c++;
+            }
+        if (c != 4 || sum < 0.45 * outline || found == capacity)
+            continue;
+        double lines[4][4];
+        for (int k = 0; k < 4; k++)
+            fit_line(p, n, corner[chosen[k]] % n, corner[(chosen[k] + 1) % sides] % n, lines[k]);
+        float *q = quads + 8 * found;
+        int good = 1;
+        for (int k = 0; k < 4 && good; k++)
+            good = intersect(lines[(k + 3) % 4], lines[k], q + 2 * k);
+        if (!good || !is_fair(q, rules->least_side))
+            continue;
+        float x0 = q[0], x1 = q[0], y0 = q[1], y1 = q[1];
+        for (int k = 1; k < 4; k++) {
+            x0 = q[2 * k] < x0 ? q[2 * k] : x0, x1 = q[2 * k] > x1 ? q[2 * k] : x1;
+            y0 = q[2 * k + 1] < y0 ? q[2 * k + 1] : y0, y1 = q[2 * k + 1] > y1 ? q[2 * k + 1] : y1;
+        }
+        if ((double)(x1 - x0) < outline && (double)(y1 - y0) < outline)
+            found++;
+    }
+    return found;
+}
+
+/* Squares of one contour. */
+static int64_t contour_quads(const Point *p, int64_t n, int32_t *deque, const QuadRules *rules, float *quads, int64_t capacity)
+{
+    int32_t *hull;
+    int64_t m = convex_hull(p, n, deque, &hull), found = 0;
+    if (m < 4 || capacity < 1)
+        return 0;
+    double area = area_of(p, hull, m), side2 = rules->least_side * rules->least_side;
+    if (area < 0.7 * side2)
+        return 0;
+    if (fit_quad(p, n, hull, m, 0.5 * rules->least_side, quads)) {
+        double own = area_of((const Point *)quads, NULL, 4);
+        if (area >= 0.8 * own && area <= 1.25 * own)
+            found = 1;
+        if (found && area > 0.95 * own && area < 1.05 * own)
+            return 1;
+    }
+    if (area > rules->completed_side * rules->completed_side)
+        found += complete(p, n, rules, quads + 8 * found, capacity - found);
+    return found;
+}
+
+int lmkit_dark_quads(int64_t height, int64_t width, const uint8_t *plane, const uint8_t *where, int64_t window,
+                     const double *numbers, int16_t *field, uint8_t *visited, uint16_t *sums, int32_t *prefix, float *points,
+                     int64_t capacity, float *quads, int64_t *count)
+{
+    const QuadRules rules = {numbers[0], numbers[1], numbers[3], numbers[4], (int64_t)numbers[2]};
+    const int64_t across = (width + CELL - 1) / CELL, stride = width + 2;
+    Point *contour = (Point *)points;
+    int32_t *deque = (int32_t *)(points + 2 * rules.longest), *codes = deque;
+    local_field(height, width, plane, window, rules.darker, sums, prefix, field);
+    memset(visited, 0, (size_t)((height + 2) * stride));
+    int64_t found = 0;
+    *count = 0;
+    for (int64_t y = 0; y < height; y++)
+        for (int64_t cell = 0; cell < across; cell++) {
+            if (where && !where[y / CELL * across + cell])
+                continue;
+            int64_t end = (cell + 1) * CELL < width ? (cell + 1) * CELL : width;
+            for (int64_t x = cell * CELL; x < end; x++) {
+                int64_t at = (y + 1) * stride + x + 1;
+                if (field[at] >= 0 || visited[at] || field[at - 1] < 0)
+                    continue;
+                int64_t n = follow(field, visited, stride, at, rules.longest, codes);
+                if (n > rules.longest || (double)n < 3.2 * rules.least_side)
+                    continue;
+                /* Bright regions run the other way around. */
+                if (crossings(field, stride, codes, n, contour) <= 0.0)
+                    continue;
+                if (capacity - found < 16)
+                    return 2;
+                found += contour_quads(contour, n, deque, &rules, quads + 8 * found, capacity - found);
+            }
+        }
+    *count = found;
+    return 0;
+}
+
+/* Cells of 8 x 8 pixels with enough contrast around them both in red over blue and in brightness. */
+int lmkit_where_to_look(int64_t height, int64_t width, const uint8_t *image, double offset, double least_ratio,
+                        double least_luma, int64_t dilate, float *cells, uint8_t *where)
+{
+    const int64_t down = (height + CELL - 1) / CELL, across = (width + CELL - 1) / CELL;
+    float logs[256], grey[1024];
+    for (int v = 0; v < 256; v++)
+        logs[v] = (float)log((double)v + offset);
+    for (int v = 0; v < 1024; v++)
+        grey[v] = (float)log((double)v * 0.25 + offset);
+    for (int64_t i = 0; i < down; i++)
+        for (int64_t j = 0; j < across; j++) {
+            float low = 1e9f, high = -1e9f, dark = 1e9f, bright = -1e9f;
+            int64_t y1 = (i + 1) * CELL < height ? (i + 1) * CELL : height;
+            int64_t x1 = (j + 1) * CELL < width ? (j + 1) * CELL : width;
+            for (int64_t y = i * CELL; y < y1; y++)
+                for (int64_t x = j * CELL; x < x1; x++) {
+                    const uint8_t *p = image + 3 * (y * width + x);
+                    float ratio = logs[p[2]] - logs[p[0]], luma = grey[p[0] + 2 * p[1] + p[2]];
+                    low = ratio < low ? ratio : low;
+                    high = ratio > high ? ratio : high;
+                    dark = luma < dark ? luma : dark;
+                    bright = luma > bright ? luma : bright;
+                }
+            float *cell = cells + 4 * (i * across + j);
+            cell[0] = low, cell[1] = high, cell[2] = dark, cell[3] = bright;
+        }
+    memset(where, 0, (size_t)(down * across));
+    for (int64_t i = 0; i < down; i++)
+        for (int64_t j = 0; j < across; j++) {
+            float low = 1e9f, high = -1e9f, dark = 1e9f, bright = -1e9f;
+            for (int64_t y = i > 0 ? i - 1 : 0; y <= i + 1 && y < down; y++)
+                for (int64_t x = j > 0 ? j - 1 : 0; x <= j + 1 && x < across; x++) {
+                    const float *cell = cells + 4 * (y * across + x);
+                    low = cell[0] < low ? cell[0] : low;
+                    high = cell[1] > high ? cell[1] : high;
+                    dark = cell[2] < dark ? cell[2] : dark;
+                    bright = cell[3] > bright ? cell[3] : bright;
+                }
+            if (!((double)(high - low) > least_ratio && (double)(bright - dark) > least_luma))
+                continue;
+            int64_t by = dilate ? 1 : 0;
+            for (int64_t y = i - by > 0 ? i - by : 0; y <= i + by && y < down; y++)
+                for (int64_t x = j - by > 0 ? j - by : 0; x <= j + by && x < across; x++)
+                    where[y * across + x] = 1;
+        }
+    return 0;
+}

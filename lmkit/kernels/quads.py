@@ -1,0 +1,105 @@
+"""Squares darker than their surroundings, from a local threshold, and where in an image to look for them.
+
+The definition of :func:`dark_quads` in numpy finds the same places by the same steps: local threshold, outlines of dark
+regions with sub-pixel crossings, hull, four corners, a line through every side.
+"""
+
+from __future__ import annotations
+
+import ctypes
+from functools import lru_cache
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lmkit.kernels.load import addresses, contiguous, function
+from lmkit.kernels.quads_numpy import dark_quads_numpy, where_to_look_numpy
+
+FloatArray = NDArray[np.floating[Any]]
+ByteArray = NDArray[np.uint8]
+
+CELL = 8
+
+
+class QuadRules(NamedTuple):
+    """What counts as a square.
+
+    Attributes:
+        least_side: px.
+        darker: share by which a pixel must lie under its local mean; a ratio, so that dim and bright rooms are alike.
+        longest: outlines of more pixel sides are left out.
+        completed_side: side from which squares with a hidden part are completed, px.
+        straight: share of the outline's length by which a straight stretch may bend.
+    """
+
+    least_side: float
+    darker: float
+    longest: int
+    completed_side: float
+    straight: float
+
+
+def where_to_look(
+    image: ByteArray, offset: float, least_ratio: float, least_luma: float, dilate: bool
+) -> ByteArray:
+    """(h,w) 1 for cells of 8 x 8 pixels with enough contrast around them, both in red over blue and in brightness.
+
+    Args:
+        image: (H,W,3) BGR.
+        offset: added to code values before their logarithm, against noise.
+        least_ratio, least_luma: least range, over 3 x 3 cells, of log red over blue and of log brightness.
+        dilate: also the cells beside.
+    """
+    image = contiguous(image, (-1, -1, 3), np.uint8)
+    kernel = _where_kernel()
+    if kernel is None:
+        return where_to_look_numpy(image, offset, least_ratio, least_luma, dilate)
+    height, width = image.shape[:2]
+    shape = ((height + CELL - 1) // CELL, (width + CELL - 1) // CELL)
+    cells, where = np.empty((*shape, 4), np.float32), np.empty(shape, np.uint8)
+    kernel(height, width, *addresses(image), offset, least_ratio, least_luma, dilate, *addresses(cells, where))
+    return where
+
+
+def dark_quads(plane: ByteArray, where: ByteArray | None, window: int, rules: QuadRules) -> FloatArray:
+    """(N,4,2) quadrilaterals around dark regions, clockwise, px of the plane; many are nothing.
+
+    Args:
+        plane: (H,W) one channel.
+        where: cells in which the outlines begin, from :func:`where_to_look`; None for all.
+        window: side of the window for the local mean, odd, at most 255.
+    """
+    plane = contiguous(plane, (-1, -1), np.uint8)
+    height, width = plane.shape
+    if not (0 < window <= 255 and window % 2):
+        raise ValueError(f"a window of {window} pixels")
+    if where is not None:
+        where = contiguous(where, ((height + CELL - 1) // CELL, (width + CELL - 1) // CELL), np.uint8)
+    kernel = _quads_kernel()
+    if kernel is None:
+        return dark_quads_numpy(plane, where, window, rules)
+    border = (height + 2, width + 2)
+    field, visited = np.empty(border, np.int16), np.empty(border, np.uint8)
+    sums, prefix = np.empty(width, np.uint16), np.empty(width + 1, np.int32)
+    points, numbers, count = np.empty(4 * rules.longest + 8, np.float32), np.array(rules), np.zeros(1, np.int64)
+    capacity = 1024
+    while True:
+        quads = np.empty((capacity, 4, 2), np.float32)
+        arrays = addresses(numbers, field, visited, sums, prefix, points)
+        status = kernel(height, width, *addresses(plane, where), window, *arrays, capacity, *addresses(quads, count))
+        if status == 0:
+            return quads[: int(count[0])].astype(np.float64)
+        capacity *= 4
+
+
+@lru_cache(maxsize=1)
+def _where_kernel() -> Any:
+    p, n, d = ctypes.c_void_p, ctypes.c_int64, ctypes.c_double
+    return function("lmkit_where_to_look", n, n, p, d, d, d, n, p, p)
+
+
+@lru_cache(maxsize=1)
+def _quads_kernel() -> Any:
+    p, n = ctypes.c_void_p, ctypes.c_int64
+    return function("lmkit_dark_quads", n, n, p, p, n, *[p] * 6, n, p, p)

@@ -1,0 +1,264 @@
+"""Definition of `quads`: outlines of dark regions, and the quadrilaterals that fit them."""
+
+from __future__ import annotations
+
+from itertools import combinations
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+if TYPE_CHECKING:
+    from lmkit.kernels.quads import QuadRules
+
+FloatArray = NDArray[np.floating[Any]]
+ByteArray = NDArray[np.uint8]
+Field = NDArray[np.int16]
+
+CELL = 8
+STRETCHES = 16  # a polygon of more sides is no square with a hidden part
+LONGEST = 6
+
+
+def where_to_look_numpy(
+    image: ByteArray, offset: float, least_ratio: float, least_luma: float, dilate: bool
+) -> ByteArray:
+    """Definition of `where_to_look`."""
+    blue, green, red = (image[:, :, k].astype(np.float64) for k in range(3))
+    ratio = np.log(red + offset) - np.log(blue + offset)
+    luma = np.log((blue + 2 * green + red) / 4 + offset)
+    ranges = []
+    for values in (ratio, luma):
+        low, high = (_over_neighbours(_over_cells(sign * values)) for sign in (-1, 1))
+        ranges.append(low + high)
+    where = (ranges[0] > least_ratio) & (ranges[1] > least_luma)
+    return (_over_neighbours(where.astype(np.float64)) > 0 if dilate else where).astype(np.uint8)
+
+
+def _over_cells(values: FloatArray) -> FloatArray:
+    height, width = (-(-length // CELL) for length in values.shape)
+    padded = np.full((height * CELL, width * CELL), -np.inf)
+    padded[: values.shape[0], : values.shape[1]] = values
+    return np.asarray(padded.reshape(height, CELL, width, CELL).max(axis=(1, 3)))
+
+
+def _over_neighbours(cells: FloatArray) -> FloatArray:
+    padded = np.pad(cells, 1, constant_values=-np.inf)
+    height, width = cells.shape
+    shifted = [padded[y : y + height, x : x + width] for y in range(3) for x in range(3)]
+    return np.asarray(np.max(shifted, axis=0))
+
+
+def dark_quads_numpy(plane: ByteArray, where: ByteArray | None, window: int, rules: QuadRules) -> FloatArray:
+    """Definition of `dark_quads`."""
+    field = local_field(plane, window, rules.darker)
+    looked = np.ones(plane.shape, dtype=bool)
+    if where is not None:
+        looked = np.repeat(np.repeat(where > 0, CELL, axis=0), CELL, axis=1)[: plane.shape[0], : plane.shape[1]]
+    dark = field < 0
+    # Pixels with a left side on an outline, in the order in which outlines are begun.
+    begins = np.argwhere(dark[1:-1, 1:-1] & ~dark[1:-1, :-2] & looked)
+    visited: set[tuple[int, int]] = set()
+    found: list[FloatArray] = []
+    for y, x in begins.tolist():
+        if (y + 1, x + 1) in visited:
+            continue
+        sides = _follow(dark, visited, y + 1, x + 1)
+        if len(sides) > rules.longest or len(sides) < 3.2 * rules.least_side:
+            continue
+        outline = _crossings(field, np.array(sides))
+        # Bright regions run the other way around.
+        if _area(outline) > 0:
+            found += _outline_quads(outline, rules)
+    return np.array(found) if found else np.zeros((0, 4, 2))
+
+
+def local_field(plane: ByteArray, window: int, darker: float) -> Field:
+    """(H+2,W+2) 64 (value - (1 - darker) local mean + 0.5) with a border that is not dark."""
+    half = window // 2
+    height, width = plane.shape
+    total = np.zeros((height + 1, width + 1), dtype=np.int64)
+    total[1:, 1:] = plane.astype(np.int64).cumsum(axis=0).cumsum(axis=1)
+    top, bottom = np.maximum(np.arange(height) - half, 0), np.minimum(np.arange(height) + half + 1, height)
+    left, right = np.maximum(np.arange(width) - half, 0), np.minimum(np.arange(width) + half + 1, width)
+    sums = total[np.ix_(bottom, right)] - total[np.ix_(top, right)] - total[np.ix_(bottom, left)]
+    sums += total[np.ix_(top, left)]
+    scale = (64 * (1 - darker) / (bottom - top)).astype(np.float32)[:, None]
+    part = scale / (right - left).astype(np.float32)
+    field = np.ones((height + 2, width + 2), dtype=np.int16)
+    field[1:-1, 1:-1] = 64 * plane.astype(np.int32) + 32 - (sums.astype(np.float32) * part).astype(np.int32)
+    return field
+
+
+_STEPS = ((0, 1), (1, 0), (0, -1), (-1, 0))  # row and column: right, down, left, up
+
+
+def _follow(dark: NDArray[np.bool_], visited: set[tuple[int, int]], y: int, x: int) -> list[tuple[int, int, int]]:
+    """Pixel sides (row, column, side) of an outline, clockwise around the dark region, from a left side on."""
+    start, side = (y, x), 2
+    sides = []
+    while True:
+        sides.append((y, x, side))
+        if side == 2:
+            visited.add((y, x))
+        along = (side + 1) % 4
+        ahead = y + _STEPS[along][0], x + _STEPS[along][1]
+        beyond = ahead[0] + _STEPS[side][0], ahead[1] + _STEPS[side][1]
+        if dark[beyond]:
+            (y, x), side = beyond, (side + 3) % 4
+        elif dark[ahead]:
+            y, x = ahead
+        else:
+            side = along
+        if (y, x) == start and side == 2:
+            return sides
+
+
+def _crossings(field: Field, sides: NDArray[np.int64]) -> FloatArray:
+    """(N,2) x, y where the field crosses zero between a pixel and its neighbour."""
+    y, x, side = sides.T
+    steps = np.array(_STEPS)[side]
+    inside = field[y, x].astype(np.float64)
+    t = inside / (inside - field[y + steps[:, 0], x + steps[:, 1]])
+    return np.column_stack([x - 1 + t * steps[:, 1], y - 1 + t * steps[:, 0]])
+
+
+def _outline_quads(outline: FloatArray, rules: QuadRules) -> list[FloatArray]:
+    hull = _hull(outline)
+    area = _area(outline[hull])
+    if len(hull) < 4 or area < 0.7 * rules.least_side**2:
+        return []
+    found = []
+    quad = _fit_quad(outline, hull, 0.5 * rules.least_side)
+    if quad is not None:
+        ratio = area / _area(quad)
+        if 0.8 <= ratio <= 1.25:
+            found.append(quad)
+            if 0.95 < ratio < 1.05:
+                return found
+    if area > rules.completed_side**2:
+        found += _completed(outline, rules)
+    return found
+
+
+def _hull(points: FloatArray) -> list[int]:
+    """Indices of the corners of the convex hull, clockwise as seen (Andrew 1979), beginning anywhere."""
+    order = np.lexsort((points[:, 1], points[:, 0])).tolist()
+    chains = []
+    for row in (order, order[::-1]):
+        chain: list[int] = []
+        for k in row:
+            while len(chain) > 1 and _cross(points[chain[-2]], points[chain[-1]], points[k]) <= 0:
+                chain.pop()
+            chain.append(k)
+        chains.append(chain[:-1])
+    hull = chains[0] + chains[1]
+    first = hull.index(min(hull))
+    return hull[first:] + hull[:first]
+
+
+def _fit_quad(outline: FloatArray, hull: list[int], least: float) -> FloatArray | None:
+    points = outline[hull]
+    ends = []
+    origin = points.mean(axis=0)
+    for _ in range(2):
+        ends.append(int(np.sum((points - origin) ** 2, axis=1).argmax()))
+        origin = points[ends[-1]]
+    low, high = sorted(ends)
+    far = np.abs([_cross(points[low], points[high], point) for point in points])
+    between = np.zeros(len(points), dtype=bool)
+    between[low + 1 : high] = True
+    right, left = (int(np.where(side, far, 0).argmax()) for side in (between, ~between))
+    if far[right] == 0 or far[left] == 0 or not between[right] or between[left]:
+        return None
+    corners = [hull[k] for k in (low, right, high, left)]
+    lines = [_fit_line(outline, a, b) for a, b in zip(corners, corners[1:] + corners[:1], strict=True)]
+    return _quad_of(lines, least)
+
+
+def _fit_line(outline: FloatArray, start: int, end: int) -> FloatArray:
+    """(4,) point and direction of the line through the outline between two of its points, without ends and outliers."""
+    a, b = outline[start], outline[end]
+    length = float(np.linalg.norm(b - a))
+    if length < 1e-6:
+        return np.array([*a, *(b - a)])
+    unit = (b - a) / length
+    offset = outline[(start + np.arange((end - start) % len(outline) + 1)) % len(outline)] - a
+    along, off = offset @ unit, offset @ np.array([-unit[1], unit[0]])
+    used = offset[(along >= 0.1 * length) & (along <= 0.9 * length) & (np.abs(off) <= max(0.06 * length, 1.0))]
+    if len(used) < 3:
+        return np.array([*a, *(b - a)])
+    mean = used.mean(axis=0)
+    xx, xy, yy = (used**2).mean(axis=0)[0] - mean[0] ** 2, (used[:, 0] * used[:, 1]).mean() - mean[0] * mean[1], 0.0
+    yy = (used**2).mean(axis=0)[1] - mean[1] ** 2
+    angle = 0.5 * np.arctan2(2 * xy, xx - yy)
+    return np.array([*(a + mean), np.cos(angle), np.sin(angle)])
+
+
+def _quad_of(lines: list[FloatArray], least: float) -> FloatArray | None:
+    """(4,2) where neighbouring lines meet; None unless that is a fair square."""
+    quad = np.empty((4, 2))
+    for k in range(4):
+        a, b = lines[k - 1], lines[k]
+        det = a[2] * b[3] - a[3] * b[2]
+        if abs(det) < 0.05 * np.hypot(a[2], a[3]) * np.hypot(b[2], b[3]):
+            return None
+        t = ((b[0] - a[0]) * b[3] - (b[1] - a[1]) * b[2]) / det
+        quad[k] = a[:2] + t * a[2:]
+    edges = np.roll(quad, -1, axis=0) - quad
+    following = np.roll(edges, -1, axis=0)
+    turn = edges[:, 0] * following[:, 1] - edges[:, 1] * following[:, 0]
+    lengths = np.linalg.norm(edges, axis=1)
+    fair = (turn > 0.05 * lengths * np.roll(lengths, -1)).all() and lengths.min() > max(0.15 * lengths.max(), least)
+    return quad if fair else None
+
+
+def _completed(outline: FloatArray, rules: QuadRules) -> list[FloatArray]:
+    """Squares of the outline's longest straight stretches, for squares of which a part is hidden."""
+    total = float(np.linalg.norm(np.roll(outline, -1, axis=0) - outline, axis=1).sum())
+    corners = _simplified(outline, rules.straight * total)
+    if not 4 <= len(corners) <= STRETCHES:
+        return []
+    following = corners[1:] + corners[:1]
+    lengths = np.linalg.norm(outline[following] - outline[corners], axis=1)
+    longest = sorted(np.argsort(-lengths, kind="stable")[:LONGEST].tolist())
+    found = []
+    for chosen in sorted(combinations(range(len(longest)), 4), key=lambda places: sum(1 << k for k in places)):
+        sides = [longest[k] for k in chosen]
+        if lengths[sides].sum() < 0.45 * total:
+            continue
+        quad = _quad_of([_fit_line(outline, corners[k], following[k]) for k in sides], rules.least_side)
+        if quad is not None and np.ptp(quad, axis=0).max() < total:
+            found.append(quad)
+    return found
+
+
+def _simplified(outline: FloatArray, tolerance: float) -> list[int]:
+    """Corners of a closed polygon within a tolerance of the outline (Douglas and Peucker 1973), at most 17 of them."""
+    count = len(outline)
+    far = 1 + int(np.linalg.norm(outline[1:] - outline[0], axis=1).argmax())
+    stack, corners = [(far, count), (0, far)], []
+    while stack and len(corners) <= STRETCHES:
+        start, end = stack.pop()
+        a, b = outline[start], outline[end % count]
+        inner = outline[start + 1 : end]
+        length = float(np.linalg.norm(b - a))
+        if length > 1e-9:
+            off = np.abs((b[0] - a[0]) * (inner[:, 1] - a[1]) - (b[1] - a[1]) * (inner[:, 0] - a[0])) / length
+        else:
+            off = np.linalg.norm(inner - a, axis=1)
+        if len(off) and off.max() > tolerance:
+            split = start + 1 + int(off.argmax())
+            stack += [(split, end), (start, split)]
+        else:
+            corners.append(start)
+    return corners
+
+
+def _cross(o: FloatArray, a: FloatArray, b: FloatArray) -> float:
+    return float((a[0] - o[0]) * (b[1] - o[1]) - (a[1] - o[1]) * (b[0] - o[0]))
+
+
+def _area(points: FloatArray) -> float:
+    x, y = points.T
+    return float(0.5 * np.sum(x * np.roll(y, -1) - y * np.roll(x, -1)))

@@ -1,0 +1,341 @@
+/* A quick look at squares: all sampled on one grid of the landmark's plane, where the coverage of every part is known
+ * beforehand; scored, and moved to where the pattern fits better (Gauss-Newton with the drawing's own gradient, after
+ * Baker and Matthews 2004).  screening.py holds the definition. */
+#include <stddef.h>
+
+#include "hypotheses.h"
+#include "kernels.h"
+#include "lanes.h"
+#include "plane.h"
+
+#define GATE 30    /* points of the gate: ten on the margin, ten on the border, ten on the ground */
+#define MAX_GRID 1024
+
+/* Tables of one blur: columns (C,K), slopes with x (C,K) and y (C,K), all float; gram (C,C) double. */
+typedef struct {
+    const float *columns, *slope_x, *slope_y;
+    const double *gram;
+} Design;
+
+/* One image of the pyramid. */
+typedef struct {
+    int64_t height, width;
+    const uint8_t *image;
+    const float *white;
+} Level;
+
+typedef struct {
+    const float *linear, *grid, *moves, *gate;
+    const Level *levels;
+    const Design *designs;
+    const double *rules, *blurs;
+    const int32_t *masks;
+    int64_t level_count, blur_count, points, used, codes;
+    int gaps;
+    double half, *subsets;
+} Screen;
+
+/* levels (L,4): height, width, address of the code values, address of the local white or 0.  tables: for every blur
+ * columns and slopes (3,C,K); grams (S,C,C).  moves (2,8,K).  rules: half side (mm), side looked at in full detail (px),
+ * blur (px), ridge, damping, furthest move (mm), gate's white over ground and red over blue, least pattern to be moved;
+ * then white over dark, white over ground, red over blue, contrast and turn, first of squares as found, then of those
+ * that were moved. */
+LMKIT_EXPORT int lmkit_screen(int64_t count, double *quads, const int64_t *levels, int64_t level_count,
+                              const float *linear, int64_t points, int64_t used, const float *grid, const float *moves,
+                              const float *gate, int64_t gaps, int64_t blur_count, const double *blurs,
+                              const float *tables, const double *grams, const int32_t *masks, int64_t codes,
+                              const double *rules, int64_t rounds, double *subsets, double *pattern);
+
+/* Colours of a level at points of the landmark's plane, bilinear, in linear light: out (3,n). */
+static void sample_grid(const Screen *s, const Level *level, int64_t scale, const double *H, const float *grid, int64_t stride, int64_t n, float *out, int64_t out_stride)
+{
+    float m[9];
+    for (int i = 0; i < 9; i++)
+        m[i] = (float)H[i];
+    const float inverse = 1.0f / (float)scale, right = (float)(level->width - 1), bottom = (float)(level->height - 1);
+    const int64_t w = level->width;
+    for (int64_t start = 0; start < n; start += BLOCK) {
+        int some = n - start < BLOCK ? (int)(n - start) : BLOCK;
+        block x, y;
+        load_block(grid + start, some, x);
+        load_block(grid + stride + start, some, y);
+        EACH {
+            float u = x[i], v = y[i], z = 1.0f / (m[6] * u + m[7] * v + m[8]);
+            float px = ((m[0] * u + m[1] * v + m[2]) * z + 0.5f) * inverse - 0.5f;
+            float py = ((m[3] * u + m[4] * v + m[5]) * z + 0.5f) * inverse - 0.5f;
+            px = px > 0.0f ? px : 0.0f;
+            py = py > 0.0f ? py : 0.0f;
+            x[i] = px < right ? px : right;
+            y[i] = py < bottom ? py : bottom;
+        }
+        for (int i = 0; i < some; i++) {
+            int64_t x0 = (int64_t)x[i], y0 = (int64_t)y[i];
+            int64_t dx = x0 + 1 < w ? 1 : 0, dy = y0 + 1 < level->height ? w : 0;
+            float fx = x[i] - (float)x0, fy = y[i] - (float)y0;
+            int64_t at = y0 * w + x0;
+            const uint8_t *a = level->image + 3 * at, *b = a + 3 * dx, *c = a + 3 * dy, *d = c + 3 * dx;
+            float wa = (1.0f - fx) * (1.0f - fy), wb = fx * (1.0f - fy), wc = (1.0f - fx) * fy, wd = fx * fy;
+            if (level->white) {
+                wa /= level->white[at];
+                wb /= level->white[at + dx];
+                wc /= level->white[at + dy];
+                wd /= level->white[at + dx + dy];
+            }
+            for (int k = 0; k < 3; k++)
+                out[k * out_stride + start + i] = s->linear[a[k]] * wa + s->linear[b[k]] * wb + s->linear[c[k]] * wc + s->linear[d[k]] * wd;
+        }
+    }
+}
+
+static double log_ratio(double red, double blue, double white_red, double white_blue)
+{
+    double r = red / (white_red > 1e-3 ? white_red : 1e-3), b = blue / (white_blue > 1e-3 ? white_blue : 1e-3);
+    r = r < 0.0 ? 0.0 : r > 1.5 ? 1.5 : r;
+    b = b < 0.0 ? 0.0 : b > 1.5 ? 1.5 : b;
+    return log((r + 0.03) / (b + 0.03));
+}
+
+/* inks (.,3) BGR of white, red, blue. */
+static double red_over_blue(const double *inks)
+{
+    return log_ratio(inks[5], inks[3], inks[2], inks[0]) - log_ratio(inks[8], inks[6], inks[2], inks[0]);
+}
+
+static int passes_gate(const Screen *s, const Level *level, int64_t scale, const double *H)
+{
+    float seen[3 * GATE];
+    double inks[9], white = 0.0, blue = 0.0;
+    sample_grid(s, level, scale, H, s->gate, GATE, GATE, seen, GATE);
+    for (int ink = 0; ink < 3; ink++)
+        for (int c = 0; c < 3; c++) {
+            double sum = 0.0;
+            for (int i = 0; i < GATE / 3; i++)
+                sum += (double)seen[c * GATE + ink * (GATE / 3) + i];
+            inks[3 * ink + c] = sum / (GATE / 3);
+        }
+    for (int c = 0; c < 3; c++) {
+        white += inks[c];
+        blue += inks[6 + c];
+    }
+    return white > s->rules[6] * blue && red_over_blue(inks) > s->rules[7];
+}
+
+static double quad_area(const double *q)
+{
+    double twice = 0.0;
+    for (int i = 0; i < 4; i++)
+        twice += q[2 * i] * q[(2 * i + 3) % 8] - q[2 * i + 1] * q[(2 * i + 2) % 8];
+    return 0.5 * twice;
+}
+
+/* Convex, clockwise, not needle-thin. */
+static int well_shaped(const double *q)
+{
+    double ex[4], ey[4], length[4], longest = 0.0, shortest = 1e30;
+    for (int i = 0; i < 4; i++) {
+        ex[i] = q[(2 * i + 2) % 8] - q[2 * i];
+        ey[i] = q[(2 * i + 3) % 8] - q[2 * i + 1];
+        length[i] = sqrt(ex[i] * ex[i] + ey[i] * ey[i]);
+        longest = length[i] > longest ? length[i] : longest;
+        shortest = length[i] < shortest ? length[i] : shortest;
+    }
+    for (int i = 0; i < 4; i++) {
+        int j = (i + 1) % 4;
+        if (!(ex[i] * ey[j] - ey[i] * ex[j] > 0.05 * length[i] * length[j]))
+            return 0;
+    }
+    return shortest > 0.15 * longest && shortest > 3.0;
+}
+
+typedef struct {
+    double inks[3 * INKS], pattern;
+    int turn;
+    uint32_t open;
+    const Design *design;
+} Look;
+
+/* Best hypothesis of samples (3,K); the pattern is 0 where a threshold (white over dark, ...) is not reached. */
+static int look(const Screen *s, const Design *design, const float *samples, const double *thresholds, Look *out)
+{
+    const int C = 9 + s->gaps;
+    const int64_t K = s->points;
+    double seen[MAX_COLUMNS * 3], energy = 0.0;
+    for (int c = 0; c < 3; c++) {
+        lanes sums[MAX_COLUMNS + 1];
+        memset(sums, 0, sizeof sums);
+        for (int64_t start = 0; start < K; start += BLOCK) {
+            const float *value = samples + c * K + start;
+            for (int k = 0; k < C; k++)
+                add_dot(sums + k, design->columns + k * K + start, value);
+            add_dot(sums + C, value, value);
+        }
+        for (int k = 0; k < C; k++)
+            seen[3 * k + c] = total(sums + k);
+        energy += total(sums + C);
+    }
+    Best best;
+    out->pattern = 0.0;
+    out->design = design;
+    if (!best_hypothesis(s->gaps, design->gram, seen, energy, s->masks, (int)s->codes, s->rules[3], s->subsets, &best))
+        return 0;
+    out->turn = best.turn;
+    out->open = (uint32_t)s->masks[best.turn * s->codes + best.code];
+    if (!hypothesis_inks(s->gaps, design->gram, seen, out->turn, out->open, best.ridge, out->inks))
+        return 0;
+    double left = best.left > 1e-9 ? best.left : 1e-9, frame = best.left_by_frame > 1e-9 ? best.left_by_frame : 1e-9;
+    double ink[3], contrast = 1e9;
+    for (int k = 0; k < 3; k++)
+        ink[k] = (out->inks[3 * k] + out->inks[3 * k + 1] + out->inks[3 * k + 2]) / 3.0;
+    for (int c = 0; c < 3; c++) {
+        double white = out->inks[c] > 1e-3 ? out->inks[c] : 1e-3, share = 1.0 - out->inks[6 + c] / white;
+        contrast = share < contrast ? share : contrast;
+    }
+    double dark = ink[1] > ink[2] ? ink[1] : ink[2], turned = best.left_by_turn > left ? best.left_by_turn : left;
+    if (ink[0] > thresholds[0] * dark && ink[0] > thresholds[1] * ink[2] && red_over_blue(out->inks) > thresholds[2] && contrast > thresholds[3] && log(turned / left) > thresholds[4] - 1e-12)
+        out->pattern = 1.0 - left / frame;
+    return 1;
+}
+
+/* One step of Gauss-Newton over the corners, in the landmark's plane: quad moves to where the samples fit better. */
+static int align(const Screen *s, const Look *l, const float *samples, const double *H, double *quad)
+{
+    const int C = 9 + s->gaps;
+    const int64_t K = s->points;
+    float colour[MAX_COLUMNS][3];
+    for (int c = 0; c < 3; c++) {
+        float white = (float)l->inks[c], blue = (float)l->inks[6 + c];
+        for (int k = 0; k < INKS; k++)
+            colour[k][c] = (float)l->inks[3 * k + c];
+        colour[4][c] = white - blue;
+        for (int t = 0; t < TURNS; t++)
+            colour[5 + t][c] = t == l->turn ? white - blue : 0.0f;
+        for (int g = 0; g < s->gaps; g++)
+            colour[9 + g][c] = l->open >> g & 1 ? blue - white : 0.0f;
+    }
+    lanes sums[9 * 10 / 2];
+    memset(sums, 0, sizeof sums);
+    for (int64_t start = 0; start < K; start += BLOCK)
+        for (int c = 0; c < 3; c++) {
+            block rows[9], by_x, by_y;
+            const float *value = samples + c * K + start;
+            EACH {
+                rows[8][i] = value[i];
+                by_x[i] = by_y[i] = 0.0f;
+            }
+            for (int k = 0; k < C; k++) {
+                float ink = colour[k][c];
+                if (ink == 0.0f)
+                    continue;
+                const float *column = l->design->columns + k * K + start;
+                const float *x = l->design->slope_x + k * K + start, *y = l->design->slope_y + k * K + start;
+                EACH {
+                    rows[8][i] -= ink * column[i];
+                    by_x[i] += ink * x[i];
+                    by_y[i] += ink * y[i];
+                }
+            }
+            for (int p = 0; p < 8; p++) {
+                const float *mx = s->moves + p * K + start, *my = s->moves + (8 + p) * K + start;
+                EACH rows[p][i] = mx[i] * by_x[i] + my[i] * by_y[i];
+            }
+            lanes *sum = sums;
+            for (int p = 0; p < 9; p++) {
+                add_dots(sum, rows[p], (const block *)rows, p + 1);
+                sum += p + 1;
+            }
+        }
+    double normal[64], step[8], trace = 0.0;
+    const lanes *sum = sums;
+    for (int p = 0; p < 9; p++)
+        for (int q = 0; q <= p; q++, sum++) {
+            double t = total(sum);
+            if (p < 8)
+                normal[8 * p + q] = normal[8 * q + p] = t;
+            else if (q < 8)
+                step[q] = -t;
+        }
+    for (int p = 0; p < 8; p++)
+        trace += normal[9 * p];
+    for (int p = 0; p < 8; p++)
+        normal[9 * p] += s->rules[4] * trace / 8.0 + 1e-12;
+    if (!factor(normal, 8))
+        return 0;
+    solve_lower(normal, 8, step);
+    solve_upper(normal, 8, step);
+    const double far = s->rules[5], half = s->half, corners[8] = {-half, half, half, half, half, -half, -half, -half};
+    for (int i = 0; i < 4; i++) {
+        double x = step[2 * i], y = step[2 * i + 1];
+        x = corners[2 * i] + (x < -far ? -far : x > far ? far : x);
+        y = corners[2 * i + 1] + (y < -far ? -far : y > far ? far : y);
+        double z = H[6] * x + H[7] * y + H[8];
+        quad[2 * i] = (H[0] * x + H[1] * y + H[2]) / z;
+        quad[2 * i + 1] = (H[3] * x + H[4] * y + H[5]) / z;
+    }
+    return well_shaped(quad);
+}
+
+static double screen_one(const Screen *s, double *quad, int64_t rounds)
+{
+    const double *first = s->rules + 9, *moved = s->rules + 14;
+    float samples[3 * MAX_GRID];
+    memset(samples, 0, sizeof samples);
+    if (!well_shaped(quad))
+        return 0.0;
+    for (int64_t round = 0;; round++) {
+        double side = sqrt(quad_area(quad)), H[9];
+        int64_t level = 0;
+        while (level + 1 < s->level_count && side / (double)((int64_t)1 << level) > s->rules[1])
+            level++;
+        homography(quad, s->half, H);
+        const Level *at = s->levels + level;
+        const int64_t scale = (int64_t)1 << level;
+        if (round == 0 && !passes_gate(s, at, scale, H))
+            return 0.0;
+        double blur = s->rules[2] * 2.0 * s->half / (side / (double)scale), nearest = 1e30;
+        const Design *design = s->designs;
+        for (int64_t b = 0; b < s->blur_count; b++) {
+            double off = fabs(log(s->blurs[b] / blur));
+            if (off < nearest) {
+                nearest = off;
+                design = s->designs + b;
+            }
+        }
+        sample_grid(s, at, scale, H, s->grid, s->points, s->used, samples, s->points);
+        Look l;
+        if (!look(s, design, samples, rounds > 0 && round == rounds ? moved : first, &l))
+            return 0.0;
+        if (round == rounds)
+            return l.pattern;
+        if (round == 0 && l.pattern < s->rules[8])
+            return 0.0;
+        if (!align(s, &l, samples, H, quad))
+            return 0.0;
+    }
+}
+
+int lmkit_screen(int64_t count, double *quads, const int64_t *levels, int64_t level_count, const float *linear,
+                 int64_t points, int64_t used, const float *grid, const float *moves, const float *gate, int64_t gaps,
+                 int64_t blur_count, const double *blurs, const float *tables, const double *grams,
+                 const int32_t *masks, int64_t codes, const double *rules, int64_t rounds, double *subsets,
+                 double *pattern)
+{
+    Level known[16];
+    Design designs[16];
+    const int64_t C = 9 + gaps;
+    if (level_count > 16 || blur_count > 16 || points > MAX_GRID || points % BLOCK || used > points)
+        return 1;
+    for (int64_t i = 0; i < level_count; i++) {
+        const int64_t *l = levels + 4 * i;
+        Level level = {l[0], l[1], (const uint8_t *)(intptr_t)l[2], (const float *)(intptr_t)l[3]};
+        known[i] = level;
+    }
+    for (int64_t i = 0; i < blur_count; i++) {
+        const float *t = tables + 3 * i * C * points;
+        Design design = {t, t + C * points, t + 2 * C * points, grams + i * C * C};
+        designs[i] = design;
+    }
+    Screen s = {linear, grid, moves, gate, known, designs, rules, blurs, masks, level_count, blur_count, points, used, codes, (int)gaps, rules[0], subsets};
+    for (int64_t i = 0; i < count; i++)
+        pattern[i] = screen_one(&s, quads + 8 * i, rounds);
+    return 0;
+}

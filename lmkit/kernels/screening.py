@@ -1,0 +1,309 @@
+"""A quick look at squares: all sampled on one grid of the landmark's plane, scored, and moved to a better fit.
+
+On the grid the coverage of every part is known beforehand, so reading a square is a matrix product, and so is moving
+its corners (Gauss-Newton with the drawing's own gradient, after Baker and Matthews 2004).
+"""
+
+from __future__ import annotations
+
+import ctypes
+from functools import lru_cache
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lmkit.kernels.hypotheses import Words, explained_energy_numpy, selection_matrices
+from lmkit.kernels.load import addresses, contiguous, function
+from lmkit.kernels.pattern import INKS, QUARTERS
+from lmkit.kernels.registration import homography_numpy
+
+FloatArray = NDArray[np.floating[Any]]
+Float32Array = NDArray[np.float32]
+
+GATE = 30  # points of the gate: a third each on margin, border and ground
+
+
+class Pyramid(NamedTuple):
+    """An image at full, half, quarter ... resolution; every level the mean of 2 x 2 code values of the one before.
+
+    Attributes:
+        levels: (H,W,3) BGR, 8 bit, contiguous.
+        linear: (256,) linear light of the code values.
+        white: (H,W) that values of a level are divided by, or None everywhere.
+    """
+
+    levels: tuple[NDArray[np.uint8], ...]
+    linear: Float32Array
+    white: tuple[Float32Array, ...] | None = None
+
+
+class ScreenTables(NamedTuple):
+    """What is known beforehand of a family.
+
+    Attributes:
+        half: half side of the face, mm.
+        grid: (2,K) points, mm; beyond ``used`` they only fill up.
+        used: number of points.
+        moves: (2,8,K) how a point moves with every corner coordinate.
+        gate: (2,30) points on margin, border and ground.
+        blurs: (S,) standard deviation of the point spread, mm.
+        columns: (S,3,C,K) coverage, and its slopes with x and y; 0 beyond ``used``.
+        grams: (S,C,C) products of the columns.
+        words: the family's codes.
+    """
+
+    half: float
+    grid: Float32Array
+    used: int
+    moves: Float32Array
+    gate: Float32Array
+    blurs: FloatArray
+    columns: Float32Array
+    grams: FloatArray
+    words: Words
+
+    @classmethod
+    def of(
+        cls, half: float, grid: Any, used: int, moves: Any, gate: Any, blurs: Any, columns: Any, words: Words
+    ) -> ScreenTables:
+        """Contiguous arrays of consistent shapes.
+
+        Raises:
+            ValueError: a shape differs.
+        """
+        gaps = len(words.sectors)
+        columns = contiguous(columns, (-1, 3, 9 + gaps, -1), np.float32)
+        grid = contiguous(grid, (2, columns.shape[3]), np.float32)
+        points = grid.shape[1]
+        if points % 64 or points > 1024 or used > points or not 0 < len(columns) <= 16:
+            raise ValueError(f"{points} points, {len(columns)} blurs")
+        value = columns[:, 0].astype(np.float64)
+        return cls(
+            half,
+            grid,
+            used,
+            contiguous(moves, (2, 8, points), np.float32),
+            contiguous(gate, (2, GATE), np.float32),
+            contiguous(blurs, (len(columns),)),
+            columns,
+            np.ascontiguousarray(value @ value.transpose(0, 2, 1)),
+            words,
+        )
+
+
+class Thresholds(NamedTuple):
+    """What a square must show: white over dark and over ground (ratios), log ratio of red over blue, least contrast of
+    white and ground in a channel, log ratio of what the best hypothesis and the best in another turn leave."""
+
+    white_over_dark: float
+    white_over_ground: float
+    red_over_blue: float
+    contrast: float
+    turn: float
+
+
+class ScreenRules(NamedTuple):
+    """Figures of the screening.
+
+    Attributes:
+        full_detail_px: squares of up to this side are looked at in full resolution, larger ones in halved images.
+        blur_px: standard deviation of the point spread that is assumed, px of the level.
+        ridge: of the inks, relative.
+        damping: of a step, relative.
+        furthest_mm: no corner moves further at once.
+        gate_white, gate_red: white over ground and red over blue at the points of the gate.
+        least_pattern: squares whose pattern explains less are not moved.
+        first, moved: thresholds of squares as found, and of those that were moved.
+    """
+
+    full_detail_px: float
+    blur_px: float
+    ridge: float
+    damping: float
+    furthest_mm: float
+    gate_white: float
+    gate_red: float
+    least_pattern: float
+    first: Thresholds
+    moved: Thresholds
+
+
+class Screened(NamedTuple):
+    """(N,4,2) corners, px, and (N,) the share of what a framed square leaves unexplained that rings and triangle
+    explain; 0 where a threshold is not reached."""
+
+    quads: FloatArray
+    pattern: FloatArray
+
+
+def screen(
+    pyramid: Pyramid, tables: ScreenTables, rules: ScreenRules, quads: FloatArray, rounds: int
+) -> Screened:
+    """Squares (N,4,2), clockwise, moved ``rounds`` times and scored."""
+    kernel = _kernel()
+    if kernel is None:
+        return screen_numpy(pyramid, tables, rules, quads, rounds)
+    quads = contiguous(quads, (-1, 4, 2)).copy()
+    pattern = np.zeros(len(quads))
+    whites = pyramid.white or (None,) * len(pyramid.levels)
+    known = [[*level.shape[:2], *addresses(level, white)] for level, white in zip(pyramid.levels, whites, strict=True)]
+    levels = np.array([[value or 0 for value in row] for row in known], dtype=np.int64)
+    gaps = len(tables.words.sectors)
+    numbers = np.array([tables.half, *rules[:-2], *rules.first, *rules.moved])
+    subsets = np.empty(7 << gaps)
+    kernel(
+        len(quads),
+        *addresses(quads, levels),
+        len(levels),
+        *addresses(pyramid.linear),
+        tables.grid.shape[1],
+        tables.used,
+        *addresses(tables.grid, tables.moves, tables.gate),
+        gaps,
+        len(tables.blurs),
+        *addresses(tables.blurs, tables.columns, tables.grams, tables.words.masks),
+        tables.words.masks.shape[1],
+        *addresses(numbers),
+        rounds,
+        *addresses(subsets, pattern),
+    )
+    return Screened(quads, pattern)
+
+
+def screen_numpy(
+    pyramid: Pyramid, tables: ScreenTables, rules: ScreenRules, quads: FloatArray, rounds: int
+) -> Screened:
+    """Definition of :func:`screen`."""
+    quads = contiguous(quads, (-1, 4, 2)).copy()
+    pattern = np.array([_screen_one(pyramid, tables, rules, quad, rounds) for quad in quads])
+    return Screened(quads, pattern)
+
+
+def _screen_one(
+    pyramid: Pyramid, tables: ScreenTables, rules: ScreenRules, quad: FloatArray, rounds: int
+) -> float:
+    if not _well_shaped(quad):
+        return 0.0
+    for turn in range(rounds + 1):
+        side = float(np.sqrt(_area(quad)))
+        doublings = np.ceil(np.log2(max(side, 1e-9) / rules.full_detail_px))
+        level = int(np.clip(doublings, 0, len(pyramid.levels) - 1))
+        H = homography_numpy(quad, tables.half)
+        if turn == 0 and not _passes_gate(_sample(pyramid, level, H, tables.gate), rules):
+            return 0.0
+        blur = rules.blur_px * 2 * tables.half / (side / 2**level)
+        design = int(np.abs(np.log(tables.blurs / blur)).argmin())
+        samples = np.zeros((tables.grid.shape[1], 3))
+        samples[: tables.used] = _sample(pyramid, level, H, tables.grid[:, : tables.used])
+        moved = rounds > 0 and turn == rounds
+        pattern, colours = _look(samples, tables, design, rules, rules.moved if moved else rules.first)
+        if turn == rounds:
+            break
+        if turn == 0 and pattern < rules.least_pattern:
+            return 0.0
+        quad[:] = _aligned(samples, colours, tables, design, rules, H)
+        if not _well_shaped(quad):
+            return 0.0
+    return pattern
+
+
+def _look(
+    samples: FloatArray, tables: ScreenTables, design: int, rules: ScreenRules, thresholds: Thresholds
+) -> tuple[float, FloatArray]:
+    """Pattern, and (C,3) colours of the columns under the best hypothesis."""
+    columns, gram = tables.columns[design, 0].astype(np.float64), tables.grams[design]
+    seen, energy = columns @ samples, float((samples**2).sum())
+    ridge = rules.ridge * np.trace(gram[:INKS, :INKS]) / INKS * np.eye(INKS)
+    selections = selection_matrices(tables.words, len(gram))
+    left = energy - explained_energy_numpy(selections, gram, seen, ridge).reshape(QUARTERS, -1)
+    turn, code = divmod(int(left.argmin()), left.shape[1])
+    M = selections[turn * left.shape[1] + code]
+    inks = np.linalg.solve(M.T @ gram @ M + ridge, M.T @ seen)
+    frame = np.eye(len(gram))[None, :, :INKS]
+    by_frame = energy - float(explained_energy_numpy(frame, gram, seen, ridge)[0])
+    best = max(float(left[turn, code]), 1e-9)
+    turned = max(float(np.delete(left, turn, axis=0).min()), best)
+    white, red, blue, _ = inks.mean(axis=1)
+    fair = (
+        white > thresholds.white_over_dark * max(red, blue)
+        and white > thresholds.white_over_ground * blue
+        and red_over_blue_numpy(inks) > thresholds.red_over_blue
+        and (1 - inks[2] / np.maximum(inks[0], 1e-3)).min() > thresholds.contrast
+        and np.log(turned / best) > thresholds.turn - 1e-12
+    )
+    return 1 - best / max(by_frame, 1e-9) if fair else 0.0, M @ inks
+
+
+def _aligned(
+    samples: FloatArray, colours: FloatArray, tables: ScreenTables, design: int, rules: ScreenRules, H: FloatArray
+) -> FloatArray:
+    value, by_x, by_y = np.einsum("jck,cb->jkb", tables.columns[design].astype(np.float64), colours)
+    moves = tables.moves.astype(np.float64)
+    J = moves[0, :, :, None] * by_x + moves[1, :, :, None] * by_y  # (8,K,3)
+    flat = J.reshape(8, -1)
+    normal = flat @ flat.T
+    normal += (rules.damping * np.trace(normal) / 8 + 1e-12) * np.eye(8)
+    # The pattern moved by d shows T(u - d): the gradient works against the move.
+    step = -np.linalg.solve(normal, flat @ (samples - value).ravel()).reshape(4, 2)
+    h = tables.half
+    target = np.array([[-h, h], [h, h], [h, -h], [-h, -h]]) + np.clip(step, -rules.furthest_mm, rules.furthest_mm)
+    mapped = np.column_stack([target, np.ones(4)]) @ H.T
+    return np.asarray(mapped[:, :2] / mapped[:, 2:])
+
+
+def _sample(pyramid: Pyramid, level: int, H: FloatArray, grid: FloatArray) -> FloatArray:
+    """(K,3) colours in linear light, bilinear."""
+    image = pyramid.levels[level]
+    mapped = H @ np.vstack([grid, np.ones(grid.shape[1])])
+    x, y = (mapped[:2] / mapped[2] + 0.5) / 2**level - 0.5
+    x, y = np.clip(x, 0, image.shape[1] - 1), np.clip(y, 0, image.shape[0] - 1)
+    x0, y0 = x.astype(np.int64), y.astype(np.int64)
+    x1, y1 = np.minimum(x0 + 1, image.shape[1] - 1), np.minimum(y0 + 1, image.shape[0] - 1)
+    fx, fy = (x - x0)[:, None], (y - y0)[:, None]
+
+    def at(rows: NDArray[np.int64], columns: NDArray[np.int64]) -> FloatArray:
+        values = pyramid.linear[image[rows, columns]].astype(np.float64)
+        return values if pyramid.white is None else values / pyramid.white[level][rows, columns, None]
+
+    top = at(y0, x0) * (1 - fx) + at(y0, x1) * fx
+    return np.asarray(top * (1 - fy) + (at(y1, x0) * (1 - fx) + at(y1, x1) * fx) * fy)
+
+
+def _passes_gate(seen: FloatArray, rules: ScreenRules) -> bool:
+    inks = seen.reshape(3, -1, 3).mean(axis=1)
+    return bool(inks[0].sum() > rules.gate_white * inks[2].sum() and red_over_blue_numpy(inks) > rules.gate_red)
+
+
+def red_over_blue_numpy(inks: FloatArray) -> float:
+    """How much redder the border is than the ground: a log ratio, relative to the white.
+
+    Args:
+        inks: (3 or 4,3) linear-light BGR of white, red, blue.
+    """
+    white = np.maximum(inks[0], 1e-3)
+    red = np.clip(inks[1] / white, 0.0, 1.5) + 0.03
+    blue = np.clip(inks[2] / white, 0.0, 1.5) + 0.03
+    return float(np.log(red[2] / red[0]) - np.log(blue[2] / blue[0]))
+
+
+def _area(quad: FloatArray) -> float:
+    x, y = quad.T
+    return float(0.5 * np.sum(x * np.roll(y, -1) - y * np.roll(x, -1)))
+
+
+def _well_shaped(quad: FloatArray) -> bool:
+    """Convex, clockwise and not needle-thin."""
+    edges = np.roll(quad, -1, axis=0) - quad
+    following = np.roll(edges, -1, axis=0)
+    turn = edges[:, 0] * following[:, 1] - edges[:, 1] * following[:, 0]
+    lengths = np.linalg.norm(edges, axis=1)
+    convex = (turn > 0.05 * lengths * np.roll(lengths, -1)).all()
+    return bool(convex and lengths.min() > max(0.15 * lengths.max(), 3))
+
+
+@lru_cache(maxsize=1)
+def _kernel() -> Any:
+    p, n = ctypes.c_void_p, ctypes.c_int64
+    shapes = [n, p, p, n, p, n, n, p, p, p, n, n, p, p, p, p, n, p, n, p, p]
+    return function("lmkit_screen", *shapes)
