@@ -22,7 +22,7 @@ from peers import wilson
 from planar import View, background, backgrounds, shoot
 
 from lmkit.detection.acceptance import AcceptanceRule
-from lmkit.detection.config import DetectOptions, Effort
+from lmkit.detection.config import DetectOptions, DetectorConfig
 from lmkit.detection.detector import candidates_of
 from lmkit.simulation.photograph import Development, ImagingChain, Lens, Light, Sensor
 
@@ -56,7 +56,7 @@ def attempt(photos: tuple[Path, ...], seed: int) -> list[tuple[float, bool, bool
     middle, side = shot.corners.mean(axis=0), np.sqrt(cv2.contourArea(shot.corners.astype(np.float32)))
     here = [
         a
-        for a in candidates_of(shot.image, DetectOptions(effort=Effort(min_aligned_pattern=0.1)))
+        for a in candidates_of(shot.image, DetectOptions(config=DetectorConfig(min_aligned_pattern=0.1)))
         if np.linalg.norm(a.corners.mean(axis=0) - middle) < 0.5 * side and a.decoding.reason_to_reject(WIDE) is None
     ]
     here.sort(key=lambda a: -a.decoding.margin)

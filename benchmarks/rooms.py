@@ -21,7 +21,7 @@ import cv2
 import numpy as np
 from peers import READERS, wilson
 
-from lmkit.detection.config import FAST, DetectOptions
+from lmkit.detection.config import ACCURATE, FAST, DetectOptions
 from lmkit.detection.detector import detect_landmarks
 from lmkit.geometry.camera import CameraModel
 
@@ -38,7 +38,8 @@ def lmkit_readers(truth: dict) -> dict:
     }
     ways = {
         "lmkit": lambda eye: DetectOptions(),
-        "lmkit --fast": lambda eye: DetectOptions(effort=FAST),
+        "lmkit, fast": lambda eye: DetectOptions(config=FAST),
+        "lmkit, accurate": lambda eye: DetectOptions(config=ACCURATE),
         "lmkit, camera given": lambda eye: DetectOptions(camera=eyes[eye]),
     }
     return {

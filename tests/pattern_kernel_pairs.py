@@ -8,8 +8,10 @@ from typing import Any
 import numpy as np
 
 from lmkit.kernels.hypotheses import DecodingRules, Words, decode, decode_numpy
-from lmkit.kernels.pattern import Drawing
+from lmkit.kernels.pattern import Drawing, coverage_columns_numpy
 from lmkit.kernels.pixel_sampling import Edges, SamplingRules, Source, sample, sample_numpy
+from lmkit.kernels.quads import QuadRules, dark_quads, where_to_look
+from lmkit.kernels.quads_numpy import dark_quads_numpy, where_to_look_numpy
 from lmkit.kernels.registration import (
     Hypothesis,
     Limits,
@@ -25,6 +27,7 @@ from lmkit.kernels.registration import (
     robust_weights,
     robust_weights_numpy,
 )
+from lmkit.kernels.screening import Pyramid, ScreenRules, ScreenTables, Thresholds, screen, screen_numpy
 
 
 def drawing_with(rings: int) -> Drawing:
@@ -121,6 +124,92 @@ def _samplings(rng: np.random.Generator) -> Iterator[tuple[Any, ...]]:
     yield source, VIEW, state, (10, 10, 10, 10), edges, SamplingRules(97.0, 9.0, 300, 0.8, 0.01)
 
 
+def _landmark_image(rng: np.random.Generator, rings: int) -> tuple[np.ndarray, np.ndarray]:
+    """An image of 96 x 128 with one landmark, and its corners."""
+    drawing = drawing_with(rings)
+    corners = np.array([[30, 25], [92, 30], [88, 80], [34, 84.0]])
+    view = View(np.zeros(2), np.array([63.5, 47.5]), 64.0, 90.0)
+    y, x = np.mgrid[:96, :128]
+    at = np.column_stack([x.ravel(), y.ravel()]).astype(np.float64)
+    points, spread, _, _ = plane_numpy(view, np.concatenate([corners.ravel(), [1, 0, 1], np.zeros(4)]), at)
+    inks = np.array([[200, 210, 205], [30, 40, 160], [120, 60, 20], [90, 80, 90.0]])
+    jets = ink_jets_numpy(drawing, points, spread, int(rng.integers(1 << (4 * rings))), 1, slopes=False)[0]
+    return (jets.T @ inks + rng.normal(0, 2, (len(at), 3))).clip(0, 255).round().reshape(96, 128, 3), corners
+
+
+def _lookings(rng: np.random.Generator) -> Iterator[tuple[Any, ...]]:
+    for shape in [(96, 128), (61, 77), (8, 8), (1, 3)]:
+        image = rng.integers(0, 256, (*shape, 3), dtype=np.uint8) // 4 + 80
+        for dilate in (False, True):
+            yield image, 14.0, 0.4, 0.3, dilate
+
+
+def _quads(rng: np.random.Generator) -> Iterator[tuple[Any, ...]]:
+    """Outlines that do not depend on the last bit: squares with a part hidden or not, in smooth light."""
+    y, x = np.mgrid[:120, :160].astype(np.float64)
+    for hidden in (False, True):
+        plane = 150 + 40 * np.sin(x / 50) * np.cos(y / 60)
+        for cx, cy, half, angle in [(40, 40, 21, 0.3), (110, 50, 14, 0.7), (60, 95, 9, 0.1), (130, 100, 5, 0.4)]:
+            u = (x - cx) * np.cos(angle) + (y - cy) * np.sin(angle)
+            v = (y - cy) * np.cos(angle) - (x - cx) * np.sin(angle)
+            u, v = (u + 0.15 * v) / (1 + u / 200), (v - 0.04 * u) / (1 + u / 200)
+            inside = 1 / (1 + np.exp(np.maximum(np.abs(u), np.abs(v)) - half))
+            plane = plane * (1 - 0.7 * inside)
+        if hidden:
+            plane[:, 22:30] = 190
+        rules = QuadRules(4.0, 0.04, 8 * 280, 10.0, 0.012)
+        where = rng.integers(0, 2, (15, 20)).astype(np.uint8)
+        for window in (7, 15, 255):
+            yield plane.round().astype(np.uint8), None, window, rules
+            yield plane.round().astype(np.uint8), where, window, rules
+    yield np.zeros((1, 1), np.uint8), None, 7, rules
+    yield np.full((3, 200), 9, np.uint8), None, 7, rules
+    yield (np.indices((40, 40)).sum(axis=0) % 2 * 255).astype(np.uint8), None, 7, rules
+
+
+def _screenings(rng: np.random.Generator) -> Iterator[tuple[Any, ...]]:
+    first, moved = Thresholds(1.1, 1.1, 0.1, 0.05, 0.0), Thresholds(1.1, 1.2, 0.2, 0.1, 0.01)
+    rules = ScreenRules(40.0, 1.2, 1e-5, 0.02, 20.0, 1.2, 0.0, 0.02, 1.5, first, moved)
+    for rings in (2, 1):
+        image, corners = _landmark_image(rng, rings)
+        shaded = image.copy()
+        shaded[:, 60:] /= 3
+        quads = corners + rng.normal(0, 1.2, (6, 4, 2))
+        quads[4] += 30  # partly outside of the image
+        quads[5, 0] = quads[5, 2]  # not convex
+        tables = _tables(rng, rings)
+        for seen, window in ((image, 0), (shaded, 9)):
+            full = seen.astype(np.uint8)
+            half = full.reshape(48, 2, 64, 2, 3).mean(axis=(1, 3)).astype(np.uint8)
+            pyramid = Pyramid((full, half), (np.arange(256, dtype=np.float32) / 255) ** 2.2)
+            for rounds in (0, 1, 3):
+                yield pyramid, tables, rules, quads, rounds, window
+
+
+def _tables(rng: np.random.Generator, rings: int) -> ScreenTables:
+    drawing, side = drawing_with(rings), 25
+    steps = np.linspace(-96, 96, side)
+    grid = np.zeros((2, 640))
+    grid[:, : side * side] = np.array([(x, y) for y in -steps for x in steps]).T
+    points = grid[:, : side * side].T
+    columns = np.zeros((2, 3, drawing.column_count, 640))
+    for k, blur in enumerate((4.0, 9.0)):
+        spread = np.tile([blur**2, 0, blur**2], (side * side, 1))
+        for j, step in enumerate(([0, 0], [0.05, 0], [0, 0.05])):
+            columns[k, j, :, : side * side] = coverage_columns_numpy(drawing, points + step, spread)
+        columns[k, 1:] = (columns[k, 1:] - columns[k, 0]) / 0.05
+    moves = np.zeros((2, 8, 640))
+    u, v = points.T / 180 + 0.5
+    shares = ((1 - u) * v, u * v, u * (1 - v), (1 - u) * (1 - v))
+    for k, share in enumerate(shares):
+        moves[0, 2 * k, : side * side] = moves[1, 2 * k + 1, : side * side] = share
+    on = np.linspace(-60, 60, 10)
+    gate = np.concatenate([np.stack([on, np.full(10, half)]) for half in (95.0, 85.0, 75.0)], axis=1)
+    words = words_with(rng, rings, 1 << (4 * rings))._replace(masks=np.tile(np.arange(1 << (4 * rings)), (4, 1)))
+    words = Words.of(words.masks, words.sectors)
+    return ScreenTables.of(90.0, grid, side, moves, gate, [4.0, 9.0], columns, words)
+
+
 # Kernel, definition, arguments, tolerance.
 PATTERN_CALLS = [
     (linearise, linearise_numpy, _linearisations, 1e-5),
@@ -128,4 +217,7 @@ PATTERN_CALLS = [
     (robust_weights, robust_weights_numpy, _weightings, 1e-4),
     (decode, decode_numpy, _decodings, 1e-4),
     (sample, sample_numpy, _samplings, 1e-5),
+    (where_to_look, where_to_look_numpy, _lookings, 1e-12),
+    (dark_quads, dark_quads_numpy, _quads, 1e-5),
+    (screen, screen_numpy, _screenings, 1e-4),
 ]

@@ -21,8 +21,6 @@ if TYPE_CHECKING:
     from lmkit.model.landmark_map import LandmarkMap
     from lmkit.model.observation import Detection
 
-PROFILES = ("fast", "balanced", "accurate")
-
 
 class Detector:
     """Finds landmarks in images; keeps its settings, and warns once about images that cannot work.
@@ -93,11 +91,11 @@ def detect_options(families: Families, camera: CameraModel | None, profile: str)
     Raises:
         InputError: an unknown family or profile.
     """
-    from lmkit.detection.config import FAR, FAST, DetectOptions
+    from lmkit.detection.config import PROFILES, DetectOptions
 
     if profile not in PROFILES:
         raise InputError("bad_profile", f"profile {profile!r} is unknown", f"choose {', '.join(PROFILES)}")
-    return DetectOptions(as_families(families), FAST if profile == "fast" else FAR, camera=camera)
+    return DetectOptions(as_families(families), PROFILES[profile], camera=camera)
 
 
 def draw(

@@ -27,11 +27,11 @@ def run(
     force: Annotated[bool, typer.Option("--force", help="Overwrite files.")] = False,
 ) -> None:
     """Find and read landmarks."""
-    from lmkit.detection.config import FAR, FAST, DetectOptions
+    from lmkit.detection.config import BALANCED, FAST, DetectOptions
     from lmkit.model.landmark import families_named
     from lmkit.pipelines.detect_images import detect_in_sources
 
-    options = DetectOptions(families_named(family), FAST if fast else FAR)
+    options = DetectOptions(families_named(family), FAST if fast else BALANCED)
     count = found = colourless = 0
     failed: list[InputError] = []
     for answer in progress(detect_in_sources(sources, options), None, "detecting"):

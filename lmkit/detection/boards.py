@@ -12,7 +12,7 @@ import numpy as np
 
 from lmkit.arrays import ByteArray, FloatArray, IntArray
 from lmkit.detection.board_corners import refine_corners
-from lmkit.detection.config import FAR, DetectOptions
+from lmkit.detection.config import ACCURATE, DetectOptions
 from lmkit.detection.detector import detect_landmarks
 from lmkit.model.board import BoardSpec
 from lmkit.model.charuco import charuco_board
@@ -213,8 +213,7 @@ def _charuco_corners(grey: ByteArray, board: BoardSpec) -> tuple[IntArray, Float
 
 
 def _detect_landmark_board(image: ByteArray, board: BoardSpec) -> BoardObservation | None:
-    effort = replace(FAR, max_registered=2 * len(board.codes))
-    seen = [s for s in detect_landmarks(image, DetectOptions(effort=effort)) if s.code in board.codes]
+    seen = [s for s in detect_landmarks(image, DetectOptions(config=ACCURATE)) if s.code in board.codes]
     # A code read twice is once something else.
     once = [s for s in seen if sum(s.code == other.code for other in seen) == 1]
     if len(once) < MIN_LANDMARKS:

@@ -2,31 +2,25 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import replace
 from itertools import combinations
 
 import numpy as np
 
-from lmkit.arrays import ByteArray, Float32Array, FloatArray
+from lmkit.arrays import ByteArray, FloatArray
 from lmkit.detection.candidates import find_candidates
-from lmkit.detection.config import DetectOptions, Effort
+from lmkit.detection.config import DetectOptions, DetectorConfig
 from lmkit.detection.linear_image import LinearImage
 from lmkit.detection.pixel_sampling import mean_side
 from lmkit.detection.register_and_decode import Candidate, register_and_decode
-from lmkit.detection.screening import (
-    FULL_DETAIL_SIDE_PX,
-    align_candidates,
-    areas,
-    linear_pyramid,
-    pyramid_level,
-    screen_candidates,
-)
-from lmkit.detection.shadows import crossed_by_shadow, local_white, window_for
+from lmkit.detection.screening import Screened, screen_candidates
+from lmkit.detection.shadows import window_for
 from lmkit.errors import InputError
+from lmkit.kernels.screening import Pyramid
 from lmkit.model.landmark import LandmarkFamily
 from lmkit.model.observation import Detection
 
-ALIGN_ROUNDS = 3
 SHADED_FACTOR = 1.5  # a shadow's edge has freedoms that fit other things too: margins must be so much larger
 
 
@@ -52,22 +46,29 @@ def best_of_each_place(attempts: list[Candidate]) -> list[Candidate]:
 
 
 def candidates_of(image: ByteArray, options: DetectOptions) -> list[Candidate]:
-    """Everything that was registered and read, with the reasons of what was rejected."""
-    _check_picture(image, options)
-    picture = LinearImage.of(image, options.camera)
-    pyramid = linear_pyramid(picture.linear)
-    candidates = find_candidates(image, options.effort.sources)
-    clear = [
-        attempt
-        for family in options.families
-        for quad in _likely_squares(pyramid, candidates, family, options.effort)
-        if (attempt := register_and_decode(picture, quad, family, options)) is not None
-    ]
-    if not options.effort.in_shadow:
+    """Everything that was registered and decoded, with the reasons of what was rejected."""
+    _check_image(image, options)
+    linear = LinearImage.of(image, options.camera)
+    config = options.config
+    quads = find_candidates(linear.pyramid.levels, config.sources, config.where, linear.noise)
+    clear, possible = [], np.zeros(len(quads), dtype=bool)
+    for family in options.families:
+        found = screen_candidates(linear.pyramid, quads, family)
+        possible |= found.pattern >= 0
+        likely = _likely_squares(linear.pyramid, found, family, config)
+        clear += _registered(((linear, quad) for quad in likely), family, options)
+    if not config.in_shadow:
         return clear
-    elsewhere = _elsewhere(candidates, [attempt.corners for attempt in clear if attempt.rejected is None])
-    shaded = _attempts_in_shadow(picture, pyramid, elsewhere, options)
-    return clear + [_unless_contradicted(attempt, clear) for attempt in shaded]
+    elsewhere = _elsewhere(quads[possible], [candidate.corners for candidate in clear if candidate.rejected is None])
+    shaded = _candidates_in_shadow(linear, elsewhere, options)
+    return clear + [_unless_contradicted(candidate, clear) for candidate in shaded]
+
+
+def _registered(
+    squares: Iterable[tuple[LinearImage, FloatArray]], family: LandmarkFamily, options: DetectOptions
+) -> list[Candidate]:
+    found = (register_and_decode(image, quad, family, options) for image, quad in squares)
+    return [candidate for candidate in found if candidate is not None]
 
 
 def _unless_contradicted(shaded: Candidate, clear: list[Candidate]) -> Candidate:
@@ -82,42 +83,34 @@ def _unless_contradicted(shaded: Candidate, clear: list[Candidate]) -> Candidate
 
 
 def _likely_squares(
-    pyramid: list[Float32Array], candidates: FloatArray, family: LandmarkFamily, effort: Effort
+    pyramid: Pyramid, found: Screened, family: LandmarkFamily, config: DetectorConfig, in_shadow: bool = False
 ) -> FloatArray:
     """(N,4,2) the candidates that look like landmarks, their corners moved to where they fit."""
-    screened = screen_candidates(pyramid, candidates, family)
-    screened = screened.best_first(effort.min_pattern, per_place=2, at_most=effort.max_aligned)
-    aligned = align_candidates(pyramid, screened.quads, family, ALIGN_ROUNDS, effort.look)
-    aligned = aligned.best_first(effort.min_aligned_pattern, per_place=2, at_most=effort.max_registered)
-    aligned = align_candidates(pyramid, aligned.quads, family, ALIGN_ROUNDS, effort.look)
-    return aligned.best_first(effort.min_aligned_pattern, per_place=1, at_most=effort.max_registered).quads
+    best = found.best_first(config.min_pattern, per_place=2)
+    aligned = screen_candidates(pyramid, best.quads, family, config.align_rounds, config.aligned, in_shadow)
+    return aligned.best_first(config.min_aligned_pattern, per_place=1).quads
 
 
-def _attempts_in_shadow(
-    picture: LinearImage, pyramid: list[Float32Array], candidates: FloatArray, options: DetectOptions
-) -> list[Candidate]:
+def _candidates_in_shadow(image: LinearImage, quads: FloatArray, options: DetectOptions) -> list[Candidate]:
     """The candidates on which a shadow may end, with the light taken out."""
-    window = window_for(0.75 * FULL_DETAIL_SIDE_PX)
-    white = [local_white(level, window) for level in pyramid]
-    even = [level / light[:, :, None] for level, light in zip(pyramid, white, strict=True)]
-    level = pyramid_level(np.sqrt(np.abs(areas(candidates))), len(pyramid))
-    crossed = np.zeros(len(candidates), dtype=bool)
-    for k, light in enumerate(white):
-        crossed[level == k] = crossed_by_shadow(light, candidates[level == k] / 2.0**k)
     rule = options.rule
     strict = replace(rule, turn_margin=SHADED_FACTOR * rule.turn_margin, code_margin=SHADED_FACTOR * rule.code_margin)
     options = replace(options, rule=strict)
-    return [
-        attempt
-        for family in options.families
-        for quad in _likely_squares(even, candidates[crossed], family, options.effort)
-        if (
-            attempt := register_and_decode(
-                picture.shadow_normalized(window_for(mean_side(quad))), quad, family, options
-            )
-        )
-        is not None
-    ]
+    shaded = []
+    for family in options.families:
+        found = screen_candidates(image.pyramid, quads, family, in_shadow=True)
+        likely = _likely_squares(image.pyramid, found, family, options.config, in_shadow=True)
+        squares = ((_shadow_normalized(image, quad), quad) for quad in likely)
+        shaded += _registered(squares, family, options)
+    return shaded
+
+
+def _shadow_normalized(image: LinearImage, quad: FloatArray) -> LinearImage:
+    """The image with shadows taken out around a square."""
+    window = window_for(mean_side(quad))
+    low = np.floor(quad.min(axis=0)).astype(int) - window
+    high = np.ceil(quad.max(axis=0)).astype(int) + window
+    return image.shadow_normalized((*low.tolist(), *high.tolist()), window)
 
 
 def _elsewhere(candidates: FloatArray, read: list[FloatArray]) -> FloatArray:
@@ -129,7 +122,7 @@ def _elsewhere(candidates: FloatArray, read: list[FloatArray]) -> FloatArray:
     return candidates
 
 
-def _check_picture(image: ByteArray, options: DetectOptions) -> None:
+def _check_image(image: ByteArray, options: DetectOptions) -> None:
     if image.ndim != 3 or image.shape[2] != 3 or image.dtype != np.uint8:
         raise InputError(
             "bad_picture",

@@ -16,7 +16,12 @@ from lmkit.arrays import ByteArray, Float32Array, FloatArray
 from lmkit.detection.shadows import local_white
 from lmkit.geometry.camera import CameraModel
 from lmkit.kernels.pixel_sampling import Source
+from lmkit.kernels.screening import Pyramid
 from lmkit.model.palette import SRGB_TO_LINEAR
+
+Box = tuple[int, int, int, int]  # x0, y0, x1, y1, px; the last two not included
+LEAST_LEVEL_PX = 24  # no level of the pyramid is smaller
+NOISE_ROWS = 24  # bands of three rows from which the noise is estimated
 
 
 @dataclass(frozen=True)
@@ -39,12 +44,6 @@ class LinearImage:
         shift = None if camera is None else _lens_shift(_LensKey(camera))
         return cls(Source.of(image, SRGB_TO_LINEAR, None, shift), estimate_noise(image), camera)
 
-    @cached_property
-    def linear(self) -> Float32Array:
-        """(H,W,3) BGR in linear light, 0..1, over the local white where shadows are taken out."""
-        linear = SRGB_TO_LINEAR[self.source.image]
-        return linear if self.white is None else linear / self.white[:, :, None]
-
     @property
     def white(self) -> Float32Array | None:
         """(H,W) the local white that values are divided by; None where shadows are left in."""
@@ -56,22 +55,37 @@ class LinearImage:
         height, width = self.source.image.shape[:2]
         return width, height
 
-    def shadow_normalized(self, window: int) -> LinearImage:
-        """The image with shadows taken out, see :mod:`lmkit.detection.shadows`."""
-        return self.renormalized(local_white(self.linear, window))
+    def shadow_normalized(self, box: Box, window: int) -> LinearImage:
+        """The image with shadows taken out of a box, see :mod:`lmkit.detection.shadows`."""
+        x0, y0, x1, y1 = self._within(box)
+        return self.renormalized(box, local_white(SRGB_TO_LINEAR[self.source.image[y0:y1, x0:x1]], window))
 
-    def renormalized(self, white: Float32Array) -> LinearImage:
-        """The image divided by this (H,W) light, and by no other."""
-        return replace(self, source=self.source._replace(white=np.ascontiguousarray(white)))
+    def renormalized(self, box: Box, light: Float32Array) -> LinearImage:
+        """The image divided by this light of a box x0, y0, x1, y1, and by no other."""
+        x0, y0, x1, y1 = self._within(box)
+        width, height = self.size
+        white = np.ones((height, width), dtype=np.float32)
+        white[y0:y1, x0:x1] = light
+        return replace(self, source=self.source._replace(white=white))
+
+    def _within(self, box: Box) -> Box:
+        width, height = self.size
+        return max(box[0], 0), max(box[1], 0), min(box[2], width), min(box[3], height)
+
+    @cached_property
+    def pyramid(self) -> Pyramid:
+        """The image and its halvings, averaged in code values."""
+        levels = [self.source.image]
+        while min(levels[-1].shape[:2]) > 2 * LEAST_LEVEL_PX and len(levels) < 8:
+            size = (levels[-1].shape[1] // 2, levels[-1].shape[0] // 2)
+            halved = cv2.resize(levels[-1], size, interpolation=cv2.INTER_AREA)
+            levels.append(np.asarray(halved, dtype=np.uint8))
+        return Pyramid(tuple(levels), self.source.linear)
 
     def halved(self, times: int) -> LinearImage:
-        """The image at half the size, so many times, averaged in code values; its lens is left out."""
-        image = self.source.image
-        for _ in range(times):
-            size = (image.shape[1] // 2, image.shape[0] // 2)
-            image = np.asarray(cv2.resize(image, size, interpolation=cv2.INTER_AREA), dtype=np.uint8)
-        source = Source.of(image, self.source.linear)
-        return LinearImage(source, self.noise / 2**times)
+        """The image at half the size, so many times; its lens is left out."""
+        level = min(times, len(self.pyramid.levels) - 1)
+        return LinearImage(Source.of(self.pyramid.levels[level], self.source.linear), self.noise / 2**level)
 
     def straightened(self, at: FloatArray) -> FloatArray:
         """(N,2) pixels as a lens without distortion would have them; the same where the lens is not known."""
@@ -120,11 +134,17 @@ def rebend(at: FloatArray, bend: float, centre: FloatArray, half_width: float) -
 
 
 def estimate_noise(image: ByteArray) -> float:
-    """Standard deviation of the image's noise over 255, from its smoothest half (Immerkaer 1996)."""
-    grey = cv2.cvtColor(image, cv2.COLOR_BGR2GRAY)
-    kernel = np.array([[1, -2, 1], [-2, 4, -2], [1, -2, 1]], dtype=np.float32)
-    response = np.abs(cv2.filter2D(grey, cv2.CV_32F, kernel))
-    return float(np.median(response)) / 0.6745 / 6 / 255
+    """Standard deviation of the image's noise over 255, from its smoothest half (Immerkaer 1996), on some rows."""
+    height, width = image.shape[:2]
+    if height < 3 or width < 3:
+        return 0.0
+    first = np.unique(np.linspace(0, height - 3, min(NOISE_ROWS, height - 2)).astype(np.int64))
+    rows = np.ascontiguousarray(image[(first[:, None] + np.arange(3)).ravel()])
+    grey = cv2.cvtColor(rows, cv2.COLOR_BGR2GRAY).reshape(len(first), 3, width).astype(np.int16)
+    across = grey[:, 0] - 2 * grey[:, 1] + grey[:, 2]
+    response = np.abs(across[:, :-2] - 2 * across[:, 1:-1] + across[:, 2:]).ravel()
+    counts = np.bincount(response).cumsum()
+    return float(np.searchsorted(counts, (counts[-1] + 1) // 2)) / 0.6745 / 6 / 255
 
 
 def _straightened(camera: CameraModel, at: FloatArray) -> FloatArray:

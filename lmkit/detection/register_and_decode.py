@@ -23,6 +23,7 @@ REGISTER_STEPS = 5
 COARSE_SIDE_PX = 100.0
 COARSE_PX = 0.05
 COARSE_PIXELS = 600  # enough to read and to find the place; the last steps take more
+SHADOW_ROOM_PX = 8  # around the pixels in use, since the fit still moves
 BEND_SIDE_PX = 40.0  # smaller landmarks do not show the lens's bend
 
 
@@ -65,7 +66,7 @@ def register_and_decode(
     image: LinearImage, quad: FloatArray, family: LandmarkFamily, options: DetectOptions
 ) -> Candidate | None:
     """Register what a candidate decodes to, decode again, until the code stands; None where nothing does."""
-    coarse = min(COARSE_PIXELS, options.effort.pixels)
+    coarse = min(COARSE_PIXELS, options.config.pixels)
     quad = image.straightened(_coarse_corners(image, quad, family, options))
     side = mean_side(quad)
     fit_bend = options.through_lens and options.camera is None and side > BEND_SIDE_PX
@@ -86,7 +87,7 @@ def register_and_decode(
         return None
     if image.white is not None:
         _sharpen_shadow(fit)
-    if not fit.sample(options.effort.pixels, near_edges=True):
+    if not fit.sample(options.config.pixels, near_edges=True):
         return None
     for _ in range(2):
         fit.discount()
@@ -162,5 +163,7 @@ def _sharpen_shadow(fit: PatternRegistration) -> None:
     light = np.maximum(fit.samples.values.mean(axis=0), 1e-3) / bright * fit.samples.light
     at = fit.image.distorted(fit.samples.at.T + fit.view.origin)
     edge = ShadowEdge.fit(at, light, bright**2)
-    width, height = fit.image.size
-    fit.image = fit.image.renormalized(edge.light((height, width)))
+    low, high = at.min(axis=0), at.max(axis=0)
+    x0, y0 = np.maximum(np.floor(low) - SHADOW_ROOM_PX, 0).astype(int).tolist()
+    x1, y1 = np.minimum(np.ceil(high) + 1 + SHADOW_ROOM_PX, fit.image.size).astype(int).tolist()
+    fit.image = fit.image.renormalized((x0, y0, x1, y1), edge.light((x0, y0, x1, y1)))

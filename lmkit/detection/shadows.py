@@ -14,7 +14,7 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
-from lmkit.arrays import BoolArray, Float32Array, FloatArray
+from lmkit.arrays import Float32Array, FloatArray
 
 # The window over the side of a landmark: wider than the ground between margin and rings, which is a
 # quarter of the side at the corners, and not so wide that it bridges the shade's own white.
@@ -35,21 +35,6 @@ def local_white(linear: Float32Array, window: int) -> Float32Array:
     grey = cv2.blur(cv2.cvtColor(linear, cv2.COLOR_BGR2GRAY), (3, 3))
     closed = cv2.morphologyEx(grey, cv2.MORPH_CLOSE, np.ones((window, window), dtype=np.uint8))
     return np.asarray(np.maximum(closed, DARKEST), dtype=np.float32)
-
-
-def crossed_by_shadow(white: Float32Array, quads: FloatArray) -> BoolArray:
-    """(N,) where the local white differs so much between middle and corners that a shadow may end there.
-
-    Args:
-        white: from :func:`local_white`, with the window for quads of this size.
-        quads: (N,4,2) corners, px.
-    """
-    middle = quads.mean(axis=1, keepdims=True)
-    # Inside, so that what lies behind the landmark does not count.
-    spots = np.concatenate([middle, middle + 0.9 * (quads - middle)], axis=1).round().astype(np.int64)
-    height, width = white.shape
-    seen = white[np.clip(spots[:, :, 1], 0, height - 1), np.clip(spots[:, :, 0], 0, width - 1)]
-    return np.asarray(seen.max(axis=1) > LEAST_RATIO * seen.min(axis=1))
 
 
 @dataclass(frozen=True)
@@ -95,8 +80,10 @@ class ShadowEdge:
         assert edge is not None
         return edge
 
-    def light(self, shape: tuple[int, int]) -> Float32Array:
-        """(H,W) the light of a picture, with an edge as soft as a pixel."""
-        y, x = np.mgrid[: shape[0], : shape[1]].astype(np.float32)
-        behind = np.clip(x * self.normal[0] + y * self.normal[1] - self.offset + 0.5, 0, 1)
+    def light(self, box: tuple[int, int, int, int]) -> Float32Array:
+        """(y1 - y0, x1 - x0) light of an image's pixels in a box x0, y0, x1, y1; its edge is as soft as a pixel."""
+        x0, y0, x1, y1 = box
+        x = (np.arange(x0, x1) * self.normal[0] - self.offset + 0.5).astype(np.float32)
+        y = (np.arange(y0, y1) * self.normal[1]).astype(np.float32)
+        behind = np.clip(y[:, None] + x, 0, 1)
         return np.asarray(self.lights[0] + behind * (self.lights[1] - self.lights[0]), dtype=np.float32)

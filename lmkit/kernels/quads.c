@@ -271,9 +271,16 @@ static int fit_quad(const Point *p, int64_t n, const int32_t *hull, int64_t m, d
     /* The hull runs clockwise as the contour does, so the points between two corners are those of a side. */
     for (int i = 0; i < 4; i++)
         fit_line(p, n, hull[corner[i]], hull[corner[(i + 1) % 4]], lines[i]);
-    for (int i = 0; i < 4; i++)
-        if (!intersect(lines[(i + 3) % 4], lines[i], quad + 2 * i))
+    float found[8];
+    int first = 0;
+    for (int i = 0; i < 4; i++) {
+        if (!intersect(lines[(i + 3) % 4], lines[i], found + 2 * i))
             return 0;
+        if (found[2 * i] + 0.6f * found[2 * i + 1] < found[2 * first] + 0.6f * found[2 * first + 1])
+            first = i;
+    }
+    for (int i = 0; i < 8; i++)
+        quad[i] = found[(2 * first + i) % 8];
     return is_fair(quad, least);
 }
 

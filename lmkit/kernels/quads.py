@@ -1,7 +1,7 @@
 """Squares darker than their surroundings, from a local threshold, and where in an image to look for them.
 
-The definition of :func:`dark_quads` in numpy finds the same places by the same steps: local threshold, outlines of dark
-regions with sub-pixel crossings, hull, four corners, a line through every side.
+The steps: local threshold, outlines of dark regions with sub-pixel crossings, convex hull, four corners, a line
+through every side; and squares of the longest straight stretches where a part may be hidden.
 """
 
 from __future__ import annotations
@@ -40,9 +40,7 @@ class QuadRules(NamedTuple):
     straight: float
 
 
-def where_to_look(
-    image: ByteArray, offset: float, least_ratio: float, least_luma: float, dilate: bool
-) -> ByteArray:
+def where_to_look(image: ByteArray, offset: float, least_ratio: float, least_luma: float, dilate: bool) -> ByteArray:
     """(h,w) 1 for cells of 8 x 8 pixels with enough contrast around them, both in red over blue and in brightness.
 
     Args:

@@ -173,11 +173,12 @@ def _fit_quad(outline: FloatArray, hull: list[int], least: float) -> FloatArray 
         return None
     corners = [hull[k] for k in (low, right, high, left)]
     lines = [_fit_line(outline, a, b) for a, b in zip(corners, corners[1:] + corners[:1], strict=True)]
-    return _quad_of(lines, least)
+    quad = _quad_of(lines, least)
+    return None if quad is None else np.roll(quad, -int((quad @ [1.0, 0.6]).argmin()), axis=0)
 
 
 def _fit_line(outline: FloatArray, start: int, end: int) -> FloatArray:
-    """(4,) point and direction of the line through the outline between two of its points, without ends and outliers."""
+    """(4,) point and direction of the line through the outline between two of its points."""
     a, b = outline[start], outline[end]
     length = float(np.linalg.norm(b - a))
     if length < 1e-6:
@@ -234,10 +235,11 @@ def _completed(outline: FloatArray, rules: QuadRules) -> list[FloatArray]:
 
 
 def _simplified(outline: FloatArray, tolerance: float) -> list[int]:
-    """Corners of a closed polygon within a tolerance of the outline (Douglas and Peucker 1973), at most 17 of them."""
+    """Corners of a closed polygon close to the outline (Douglas and Peucker 1973), at most 17 of them."""
     count = len(outline)
     far = 1 + int(np.linalg.norm(outline[1:] - outline[0], axis=1).argmax())
-    stack, corners = [(far, count), (0, far)], []
+    stack = [(far, count), (0, far)]
+    corners: list[int] = []
     while stack and len(corners) <= STRETCHES:
         start, end = stack.pop()
         a, b = outline[start], outline[end % count]

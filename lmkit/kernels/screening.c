@@ -10,6 +10,7 @@
 
 #define GATE 30    /* points of the gate: ten on the margin, ten on the border, ten on the ground */
 #define MAX_GRID 1024
+#define MAX_SIDE 32
 
 /* Tables of one blur: columns (C,K), slopes with x (C,K) and y (C,K), all float; gram (C,C) double. */
 typedef struct {
@@ -21,7 +22,6 @@ typedef struct {
 typedef struct {
     int64_t height, width;
     const uint8_t *image;
-    const float *white;
 } Level;
 
 typedef struct {
@@ -30,21 +30,22 @@ typedef struct {
     const Design *designs;
     const double *rules, *blurs;
     const int32_t *masks;
-    int64_t level_count, blur_count, points, used, codes;
+    int64_t level_count, blur_count, points, side, window, codes;
     int gaps;
     double half, *subsets;
 } Screen;
 
-/* levels (L,4): height, width, address of the code values, address of the local white or 0.  tables: for every blur
+/* levels (L,3): height, width, address of the code values.  tables: for every blur
  * columns and slopes (3,C,K); grams (S,C,C).  moves (2,8,K).  rules: half side (mm), side looked at in full detail (px),
- * blur (px), ridge, damping, furthest move (mm), gate's white over ground and red over blue, least pattern to be moved;
- * then white over dark, white over ground, red over blue, contrast and turn, first of squares as found, then of those
- * that were moved. */
+ * blur (px), ridge, damping, furthest move (mm), gate's white over ground and red over blue, least pattern to be moved,
+ * least ratio of lights for a shadow; then white over dark, white over ground, red over blue, contrast and turn, first of squares as found, then of those
+ * that were moved.  window: 0, or side (grid points) of the closing by which shadows are taken out. */
 LMKIT_EXPORT int lmkit_screen(int64_t count, double *quads, const int64_t *levels, int64_t level_count,
-                              const float *linear, int64_t points, int64_t used, const float *grid, const float *moves,
+                              const float *linear, int64_t points, int64_t side, const float *grid, const float *moves,
                               const float *gate, int64_t gaps, int64_t blur_count, const double *blurs,
                               const float *tables, const double *grams, const int32_t *masks, int64_t codes,
-                              const double *rules, int64_t rounds, double *subsets, double *pattern);
+                              const double *rules, int64_t rounds, int64_t window, double *subsets,
+                              double *pattern);
 
 /* Colours of a level at points of the landmark's plane, bilinear, in linear light: out (3,n). */
 static void sample_grid(const Screen *s, const Level *level, int64_t scale, const double *H, const float *grid, int64_t stride, int64_t n, float *out, int64_t out_stride)
@@ -75,16 +76,57 @@ static void sample_grid(const Screen *s, const Level *level, int64_t scale, cons
             int64_t at = y0 * w + x0;
             const uint8_t *a = level->image + 3 * at, *b = a + 3 * dx, *c = a + 3 * dy, *d = c + 3 * dx;
             float wa = (1.0f - fx) * (1.0f - fy), wb = fx * (1.0f - fy), wc = (1.0f - fx) * fy, wd = fx * fy;
-            if (level->white) {
-                wa /= level->white[at];
-                wb /= level->white[at + dx];
-                wc /= level->white[at + dy];
-                wd /= level->white[at + dx + dy];
-            }
             for (int k = 0; k < 3; k++)
                 out[k * out_stride + start + i] = s->linear[a[k]] * wa + s->linear[b[k]] * wb + s->linear[c[k]] * wc + s->linear[d[k]] * wd;
         }
     }
+}
+
+/* Divides samples by the white around them, a closing of their brightness: the least of the largest values around.
+ * Returns the ratio of the brightest and the darkest white at the middle and close to the corners. */
+static float take_shadow_out(const Screen *s, float *samples)
+{
+    const int64_t side = s->side, reach = s->window / 2, K = s->points;
+    float grey[MAX_GRID], across[MAX_GRID];
+    for (int64_t i = 0; i < side * side; i++)
+        grey[i] = (samples[i] + samples[K + i] + samples[2 * K + i]) * (1.0f / 3.0f);
+    for (int pass = 0; pass < 2; pass++) {
+        const float sign = pass == 0 ? 1.0f : -1.0f;
+        for (int64_t i = 0; i < side; i++)
+            for (int64_t j = 0; j < side; j++) {
+                int64_t low = j > reach ? j - reach : 0, high = j + reach < side ? j + reach : side - 1;
+                float most = -1e30f;
+                for (int64_t k = low; k <= high; k++) {
+                    float v = sign * grey[i * side + k];
+                    most = v > most ? v : most;
+                }
+                across[i * side + j] = most;
+            }
+        for (int64_t i = 0; i < side; i++) {
+            int64_t low = i > reach ? i - reach : 0, high = i + reach < side ? i + reach : side - 1;
+            float *row = grey + i * side;
+            for (int64_t j = 0; j < side; j++)
+                row[j] = -1e30f;
+            for (int64_t k = low; k <= high; k++)
+                for (int64_t j = 0; j < side; j++)
+                    row[j] = across[k * side + j] > row[j] ? across[k * side + j] : row[j];
+            for (int64_t j = 0; j < side; j++)
+                row[j] *= sign;
+        }
+    }
+    for (int64_t i = 0; i < side * side; i++) {
+        grey[i] = grey[i] > 1e-3f ? grey[i] : 1e-3f;
+        for (int c = 0; c < 3; c++)
+            samples[c * K + i] /= grey[i];
+    }
+    const int64_t middle = side / 2, near = side / 12, far = side - 1 - near;
+    const int64_t spots[5] = {middle * side + middle, near * side + near, near * side + far, far * side + near, far * side + far};
+    float low = grey[spots[0]], high = low;
+    for (int k = 1; k < 5; k++) {
+        low = grey[spots[k]] < low ? grey[spots[k]] : low;
+        high = grey[spots[k]] > high ? grey[spots[k]] : high;
+    }
+    return high / low;
 }
 
 static double log_ratio(double red, double blue, double white_red, double white_blue)
@@ -276,11 +318,11 @@ static int align(const Screen *s, const Look *l, const float *samples, const dou
 
 static double screen_one(const Screen *s, double *quad, int64_t rounds)
 {
-    const double *first = s->rules + 9, *moved = s->rules + 14;
+    const double *first = s->rules + 10, *moved = s->rules + 15;
     float samples[3 * MAX_GRID];
     memset(samples, 0, sizeof samples);
     if (!well_shaped(quad))
-        return 0.0;
+        return -1.0;
     for (int64_t round = 0;; round++) {
         double side = sqrt(quad_area(quad)), H[9];
         int64_t level = 0;
@@ -290,7 +332,7 @@ static double screen_one(const Screen *s, double *quad, int64_t rounds)
         const Level *at = s->levels + level;
         const int64_t scale = (int64_t)1 << level;
         if (round == 0 && !passes_gate(s, at, scale, H))
-            return 0.0;
+            return -1.0;
         double blur = s->rules[2] * 2.0 * s->half / (side / (double)scale), nearest = 1e30;
         const Design *design = s->designs;
         for (int64_t b = 0; b < s->blur_count; b++) {
@@ -300,7 +342,12 @@ static double screen_one(const Screen *s, double *quad, int64_t rounds)
                 design = s->designs + b;
             }
         }
-        sample_grid(s, at, scale, H, s->grid, s->points, s->used, samples, s->points);
+        sample_grid(s, at, scale, H, s->grid, s->points, s->side * s->side, samples, s->points);
+        if (s->window > 0) {
+            float ratio = take_shadow_out(s, samples);
+            if (round == 0 && (double)ratio < s->rules[9])
+                return 0.0;
+        }
         Look l;
         if (!look(s, design, samples, rounds > 0 && round == rounds ? moved : first, &l))
             return 0.0;
@@ -314,19 +361,19 @@ static double screen_one(const Screen *s, double *quad, int64_t rounds)
 }
 
 int lmkit_screen(int64_t count, double *quads, const int64_t *levels, int64_t level_count, const float *linear,
-                 int64_t points, int64_t used, const float *grid, const float *moves, const float *gate, int64_t gaps,
+                 int64_t points, int64_t side, const float *grid, const float *moves, const float *gate, int64_t gaps,
                  int64_t blur_count, const double *blurs, const float *tables, const double *grams,
-                 const int32_t *masks, int64_t codes, const double *rules, int64_t rounds, double *subsets,
+                 const int32_t *masks, int64_t codes, const double *rules, int64_t rounds, int64_t window, double *subsets,
                  double *pattern)
 {
     Level known[16];
     Design designs[16];
     const int64_t C = 9 + gaps;
-    if (level_count > 16 || blur_count > 16 || points > MAX_GRID || points % BLOCK || used > points)
+    if (level_count > 16 || blur_count > 16 || points > MAX_GRID || points % BLOCK || side < 3 || side > MAX_SIDE || side * side > points)
         return 1;
     for (int64_t i = 0; i < level_count; i++) {
-        const int64_t *l = levels + 4 * i;
-        Level level = {l[0], l[1], (const uint8_t *)(intptr_t)l[2], (const float *)(intptr_t)l[3]};
+        const int64_t *l = levels + 3 * i;
+        Level level = {l[0], l[1], (const uint8_t *)(intptr_t)l[2]};
         known[i] = level;
     }
     for (int64_t i = 0; i < blur_count; i++) {
@@ -334,7 +381,7 @@ int lmkit_screen(int64_t count, double *quads, const int64_t *levels, int64_t le
         Design design = {t, t + C * points, t + 2 * C * points, grams + i * C * C};
         designs[i] = design;
     }
-    Screen s = {linear, grid, moves, gate, known, designs, rules, blurs, masks, level_count, blur_count, points, used, codes, (int)gaps, rules[0], subsets};
+    Screen s = {linear, grid, moves, gate, known, designs, rules, blurs, masks, level_count, blur_count, points, side, window, codes, (int)gaps, rules[0], subsets};
     for (int64_t i = 0; i < count; i++)
         pattern[i] = screen_one(&s, quads + 8 * i, rounds);
     return 0;

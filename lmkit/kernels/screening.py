@@ -30,12 +30,10 @@ class Pyramid(NamedTuple):
     Attributes:
         levels: (H,W,3) BGR, 8 bit, contiguous.
         linear: (256,) linear light of the code values.
-        white: (H,W) that values of a level are divided by, or None everywhere.
     """
 
     levels: tuple[NDArray[np.uint8], ...]
     linear: Float32Array
-    white: tuple[Float32Array, ...] | None = None
 
 
 class ScreenTables(NamedTuple):
@@ -43,19 +41,19 @@ class ScreenTables(NamedTuple):
 
     Attributes:
         half: half side of the face, mm.
-        grid: (2,K) points, mm; beyond ``used`` they only fill up.
-        used: number of points.
+        grid: (2,K) points, mm, row by row of a square; beyond that they only fill up.
+        side: points in a row.
         moves: (2,8,K) how a point moves with every corner coordinate.
         gate: (2,30) points on margin, border and ground.
         blurs: (S,) standard deviation of the point spread, mm.
-        columns: (S,3,C,K) coverage, and its slopes with x and y; 0 beyond ``used``.
+        columns: (S,3,C,K) coverage, and its slopes with x and y; 0 beyond the grid.
         grams: (S,C,C) products of the columns.
         words: the family's codes.
     """
 
     half: float
     grid: Float32Array
-    used: int
+    side: int
     moves: Float32Array
     gate: Float32Array
     blurs: FloatArray
@@ -65,7 +63,7 @@ class ScreenTables(NamedTuple):
 
     @classmethod
     def of(
-        cls, half: float, grid: Any, used: int, moves: Any, gate: Any, blurs: Any, columns: Any, words: Words
+        cls, half: float, grid: Any, side: int, moves: Any, gate: Any, blurs: Any, columns: Any, words: Words
     ) -> ScreenTables:
         """Contiguous arrays of consistent shapes.
 
@@ -76,13 +74,13 @@ class ScreenTables(NamedTuple):
         columns = contiguous(columns, (-1, 3, 9 + gaps, -1), np.float32)
         grid = contiguous(grid, (2, columns.shape[3]), np.float32)
         points = grid.shape[1]
-        if points % 64 or points > 1024 or used > points or not 0 < len(columns) <= 16:
+        if points % 64 or points > 1024 or side**2 > points or not 3 <= side <= 32 or not 0 < len(columns) <= 16:
             raise ValueError(f"{points} points, {len(columns)} blurs")
         value = columns[:, 0].astype(np.float64)
         return cls(
             half,
             grid,
-            used,
+            side,
             contiguous(moves, (2, 8, points), np.float32),
             contiguous(gate, (2, GATE), np.float32),
             contiguous(blurs, (len(columns),)),
@@ -93,8 +91,8 @@ class ScreenTables(NamedTuple):
 
 
 class Thresholds(NamedTuple):
-    """What a square must show: white over dark and over ground (ratios), log ratio of red over blue, least contrast of
-    white and ground in a channel, log ratio of what the best hypothesis and the best in another turn leave."""
+    """What a square must show: white over dark and over ground (ratios), log ratio of red over blue, least contrast
+    of white and ground in a channel, log ratio of what the best hypothesis and the best in another turn leave."""
 
     white_over_dark: float
     white_over_ground: float
@@ -114,6 +112,7 @@ class ScreenRules(NamedTuple):
         furthest_mm: no corner moves further at once.
         gate_white, gate_red: white over ground and red over blue at the points of the gate.
         least_pattern: squares whose pattern explains less are not moved.
+        shadow_ratio: least ratio of the lights on a square for a shadow to end on it.
         first, moved: thresholds of squares as found, and of those that were moved.
     """
 
@@ -125,30 +124,38 @@ class ScreenRules(NamedTuple):
     gate_white: float
     gate_red: float
     least_pattern: float
+    shadow_ratio: float
     first: Thresholds
     moved: Thresholds
 
 
 class Screened(NamedTuple):
     """(N,4,2) corners, px, and (N,) the share of what a framed square leaves unexplained that rings and triangle
-    explain; 0 where a threshold is not reached."""
+    explain; 0 where a threshold is not reached, -1 where the square is misshapen or fails at the gate."""
 
     quads: FloatArray
     pattern: FloatArray
 
 
 def screen(
-    pyramid: Pyramid, tables: ScreenTables, rules: ScreenRules, quads: FloatArray, rounds: int
+    pyramid: Pyramid,
+    tables: ScreenTables,
+    rules: ScreenRules,
+    quads: FloatArray,
+    rounds: int,
+    window: int = 0,
 ) -> Screened:
-    """Squares (N,4,2), clockwise, moved ``rounds`` times and scored."""
+    """Squares (N,4,2), clockwise, moved ``rounds`` times and scored.
+
+    With a ``window`` (points of the grid), values are divided by the white around them, and squares on which no
+    shadow ends score 0.
+    """
     kernel = _kernel()
     if kernel is None:
-        return screen_numpy(pyramid, tables, rules, quads, rounds)
+        return screen_numpy(pyramid, tables, rules, quads, rounds, window)
     quads = contiguous(quads, (-1, 4, 2)).copy()
     pattern = np.zeros(len(quads))
-    whites = pyramid.white or (None,) * len(pyramid.levels)
-    known = [[*level.shape[:2], *addresses(level, white)] for level, white in zip(pyramid.levels, whites, strict=True)]
-    levels = np.array([[value or 0 for value in row] for row in known], dtype=np.int64)
+    levels = np.array([[*level.shape[:2], *addresses(level)] for level in pyramid.levels], dtype=np.int64)
     gaps = len(tables.words.sectors)
     numbers = np.array([tables.half, *rules[:-2], *rules.first, *rules.moved])
     subsets = np.empty(7 << gaps)
@@ -158,7 +165,7 @@ def screen(
         len(levels),
         *addresses(pyramid.linear),
         tables.grid.shape[1],
-        tables.used,
+        tables.side,
         *addresses(tables.grid, tables.moves, tables.gate),
         gaps,
         len(tables.blurs),
@@ -166,36 +173,53 @@ def screen(
         tables.words.masks.shape[1],
         *addresses(numbers),
         rounds,
+        window,
         *addresses(subsets, pattern),
     )
     return Screened(quads, pattern)
 
 
 def screen_numpy(
-    pyramid: Pyramid, tables: ScreenTables, rules: ScreenRules, quads: FloatArray, rounds: int
+    pyramid: Pyramid,
+    tables: ScreenTables,
+    rules: ScreenRules,
+    quads: FloatArray,
+    rounds: int,
+    window: int = 0,
 ) -> Screened:
     """Definition of :func:`screen`."""
     quads = contiguous(quads, (-1, 4, 2)).copy()
-    pattern = np.array([_screen_one(pyramid, tables, rules, quad, rounds) for quad in quads])
+    pattern = np.array([_screen_one(pyramid, tables, rules, quad, rounds, window) for quad in quads])
     return Screened(quads, pattern)
 
 
 def _screen_one(
-    pyramid: Pyramid, tables: ScreenTables, rules: ScreenRules, quad: FloatArray, rounds: int
+    pyramid: Pyramid,
+    tables: ScreenTables,
+    rules: ScreenRules,
+    quad: FloatArray,
+    rounds: int,
+    window: int,
 ) -> float:
     if not _well_shaped(quad):
-        return 0.0
+        return -1.0
     for turn in range(rounds + 1):
         side = float(np.sqrt(_area(quad)))
         doublings = np.ceil(np.log2(max(side, 1e-9) / rules.full_detail_px))
         level = int(np.clip(doublings, 0, len(pyramid.levels) - 1))
         H = homography_numpy(quad, tables.half)
         if turn == 0 and not _passes_gate(_sample(pyramid, level, H, tables.gate), rules):
-            return 0.0
+            return -1.0
         blur = rules.blur_px * 2 * tables.half / (side / 2**level)
         design = int(np.abs(np.log(tables.blurs / blur)).argmin())
         samples = np.zeros((tables.grid.shape[1], 3))
-        samples[: tables.used] = _sample(pyramid, level, H, tables.grid[:, : tables.used])
+        used = tables.side**2
+        samples[:used] = _sample(pyramid, level, H, tables.grid[:, :used])
+        if window > 0:
+            white = _local_white(samples[:used].mean(axis=1).reshape(tables.side, tables.side), window)
+            samples[:used] /= white.reshape(-1, 1)
+            if turn == 0 and _light_ratio(white) < rules.shadow_ratio:
+                return 0.0
         moved = rounds > 0 and turn == rounds
         pattern, colours = _look(samples, tables, design, rules, rules.moved if moved else rules.first)
         if turn == rounds:
@@ -263,11 +287,28 @@ def _sample(pyramid: Pyramid, level: int, H: FloatArray, grid: FloatArray) -> Fl
     fx, fy = (x - x0)[:, None], (y - y0)[:, None]
 
     def at(rows: NDArray[np.int64], columns: NDArray[np.int64]) -> FloatArray:
-        values = pyramid.linear[image[rows, columns]].astype(np.float64)
-        return values if pyramid.white is None else values / pyramid.white[level][rows, columns, None]
+        return pyramid.linear[image[rows, columns]].astype(np.float64)
 
     top = at(y0, x0) * (1 - fx) + at(y0, x1) * fx
     return np.asarray(top * (1 - fy) + (at(y1, x0) * (1 - fx) + at(y1, x1) * fx) * fy)
+
+
+def _local_white(grey: FloatArray, window: int) -> FloatArray:
+    """The least of the largest values around every point."""
+    for sign in (1, -1):
+        for axis in (0, 1):
+            ends = [(window // 2, window // 2) if k == axis else (0, 0) for k in range(2)]
+            padded = np.pad(sign * grey, ends, constant_values=-np.inf)
+            grey = sign * np.lib.stride_tricks.sliding_window_view(padded, window, axis=axis).max(axis=-1)
+    return np.maximum(grey, 1e-3)
+
+
+def _light_ratio(white: FloatArray) -> float:
+    """Of the brightest and the darkest white at the middle and close to the corners."""
+    side = len(white)
+    near = side // 12
+    spots = [white[side // 2, side // 2], *white[np.ix_((near, side - 1 - near), (near, side - 1 - near))].ravel()]
+    return float(max(spots) / min(spots))
 
 
 def _passes_gate(seen: FloatArray, rules: ScreenRules) -> bool:
@@ -305,5 +346,5 @@ def _well_shaped(quad: FloatArray) -> bool:
 @lru_cache(maxsize=1)
 def _kernel() -> Any:
     p, n = ctypes.c_void_p, ctypes.c_int64
-    shapes = [n, p, p, n, p, n, n, p, p, p, n, n, p, p, p, p, n, p, n, p, p]
+    shapes = [n, p, p, n, p, n, n, p, p, p, n, n, p, p, p, p, n, p, n, n, p, p]
     return function("lmkit_screen", *shapes)

@@ -15,7 +15,7 @@ from PIL import Image
 
 from lmkit.arrays import ByteArray, FloatArray
 from lmkit.detection.acceptance import AcceptanceRule
-from lmkit.detection.config import DetectOptions, Effort
+from lmkit.detection.config import ACCURATE, DetectOptions
 from lmkit.detection.detector import best_of_each_place, candidates_of
 from lmkit.detection.register_and_decode import Candidate, read_landmark_at
 from lmkit.detection.screening import ScreeningThresholds
@@ -42,7 +42,9 @@ LEAST_PX = 150  # of a picture's shorter side
 OPENING_PX = 7
 # Poor prints are to be found too, and graded.
 ANY = AcceptanceRule(white_over_ground=(1.3, 100.0))
-LOOK_AT_ANY = Effort(look=ScreeningThresholds(white_over_ground=1.2, red_over_blue=0.2, contrast=0.1, turn=0.02))
+LOOK_AT_ANY = replace(
+    ACCURATE, aligned=ScreeningThresholds(white_over_ground=1.2, red_over_blue=0.2, contrast=0.1, turn=0.02)
+)
 LIKELY = 0.3  # share of the pattern from which a refused square is still called a landmark
 
 
@@ -139,7 +141,7 @@ def grade_sheet(
     options = options or DetectOptions()
     families = tuple(dict.fromkeys(s.family for s in stated if s.family is not None)) or options.families
     # Whoever wrote the resolution into the file was a scanner or a rasteriser, not a camera with a lens.
-    options = replace(options, families=families, effort=LOOK_AT_ANY, rule=ANY, through_lens=dpi is None)
+    options = replace(options, families=families, config=LOOK_AT_ANY, rule=ANY, through_lens=dpi is None)
     chosen = _find(padded, options)
     found = (_graded(source, padded, offset, attempt, dpi, stated) for attempt in chosen)
     return [replace(item, image=image) for item in found]

@@ -8,7 +8,7 @@ import pytest
 from scenes import paste_landmark
 
 from lmkit.detection.detector import detect_landmarks
-from lmkit.detection.hypotheses import all_hypotheses
+from lmkit.detection.hypotheses import words_of
 from lmkit.detection.linear_image import rebend, unbend
 from lmkit.detection.pattern_model import LandmarkPattern
 from lmkit.generation.page import bare_landmark_page
@@ -136,14 +136,13 @@ def test_turning_a_landmark_permutes_its_gaps():
     centres = (np.arange(size) + 0.5) / size * 180 - 90
     x, y = np.meshgrid(centres, -centres)
     points = np.column_stack([x.ravel(), y.ravel()])
-    cover = pattern.coverage(points, np.tile([0.3, 0.0, 0.3], (len(points), 1)))
-    columns = np.column_stack([cover.fixed, cover.triangles, cover.gaps])
-    hypotheses = all_hypotheses(LM8)
+    spread = np.tile([0.3, 0.0, 0.3], (len(points), 1))
+    masks = words_of(LM8).masks
     upright = np.asarray(page_to_image(bare_landmark_page(LM8, 0b10110001, 180.0), size / 180 * 25.4), float)
     for quarter in range(4):
         turned = np.rot90(upright, -quarter)  # clockwise
-        h = int(np.flatnonzero((hypotheses.codes == 0b10110001) & (hypotheses.quarters == quarter))[0])
-        white = (columns @ hypotheses.selections[h])[:, 0].reshape(size, size)
+        gaps = [k for k in range(8) if masks[quarter, 0b10110001] >> k & 1]
+        white = pattern.inks(points, spread, gaps, quarter)[0, :, 0].reshape(size, size)
         assert np.corrcoef(white.ravel(), (turned[:, :, 1] > 170).ravel())[0, 1] > 0.98
 
 

@@ -1,12 +1,17 @@
-"""`detect.light`: the light around, and a shadow's edge found again."""
+"""`detection.shadows`: the light around, and a shadow's edge found again."""
 
 from __future__ import annotations
 
 import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
+from simulated import shoot
 
-from lmkit.detection.shadows import ShadowEdge, crossed_by_shadow, local_white, window_for
+from lmkit.detection.linear_image import LinearImage
+from lmkit.detection.screening import screen_candidates
+from lmkit.detection.shadows import ShadowEdge, local_white, window_for
+from lmkit.model.landmark import LM8
+from lmkit.simulation.photograph import ImagingChain, Light, Shadow
 
 
 def test_the_local_white_bridges_the_dark_and_keeps_a_step():
@@ -36,9 +41,11 @@ def test_a_shadows_edge_is_found_again(angle, offset, ratio, seed):
     assert wrong.mean() < 0.04
 
 
-def test_only_squares_across_the_edge_are_looked_at_again():
-    picture = np.full((100, 200, 3), 0.7, np.float32)
-    picture[:, 100:] *= 0.4
-    square = np.array([[0.0, 0], [30, 0], [30, 30], [0, 30]])
-    quads = square + np.array([[[20, 30]], [[85, 30]], [[150, 30]]])
-    assert crossed_by_shadow(local_white(picture, 13), quads).tolist() == [False, True, False]
+def test_only_squares_across_a_shadows_edge_are_looked_at_again():
+    scores = []
+    for shadow in (Shadow((120, 90), 30.0, 4.0), None):
+        image, corners = shoot(137, 60.0, chain=ImagingChain(light=Light(shadow=shadow)))
+        pyramid = LinearImage.of(image).pyramid
+        scores.append(screen_candidates(pyramid, corners[None], LM8, in_shadow=True).pattern[0])
+    assert scores[0] > 0.5
+    assert scores[1] == 0
