@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from lmkit.kernels.hypotheses import DecodingRules, Words, decode, decode_numpy
+from lmkit.kernels.noise import noise, noise_numpy
 from lmkit.kernels.pattern import Drawing, coverage_columns_numpy
 from lmkit.kernels.pixel_sampling import Edges, SamplingRules, Source, sample, sample_numpy
 from lmkit.kernels.quads import QuadRules, dark_quads, where_to_look
@@ -17,6 +18,7 @@ from lmkit.kernels.registration import (
     Limits,
     Priors,
     Samples,
+    Steps,
     View,
     ink_jets_numpy,
     linearise,
@@ -82,7 +84,8 @@ def _linearisations(rng: np.random.Generator) -> Iterator[tuple[Any, ...]]:
 def _registrations(rng: np.random.Generator) -> Iterator[tuple[Any, ...]]:
     for rings, count in [(2, 400), (1, 300), (3, 600)]:
         drawing, samples, state, hypothesis = _landmark(rng, rings, count, False)
-        yield drawing, VIEW, samples, PRIORS, LIMITS, state, hypothesis, rings == 2, 12, 1e-4
+        for rounds in (0, 2):
+            yield drawing, VIEW, samples, PRIORS, LIMITS, state, hypothesis, Steps(rounds, 12, 1e-4, rings == 2)
 
 
 def _weightings(rng: np.random.Generator) -> Iterator[tuple[Any, ...]]:
@@ -144,6 +147,12 @@ def _lookings(rng: np.random.Generator) -> Iterator[tuple[Any, ...]]:
             yield image, 14.0, 0.4, 0.3, dilate
 
 
+def _noises(rng: np.random.Generator) -> Iterator[tuple[Any, ...]]:
+    for shape in [(96, 128), (3, 3), (4, 200), (2, 9), (50, 1)]:
+        yield (rng.integers(0, 256, (*shape, 3), dtype=np.uint8),)
+        yield (rng.integers(80, 90, (*shape, 3), dtype=np.uint8),)
+
+
 def _quads(rng: np.random.Generator) -> Iterator[tuple[Any, ...]]:
     """Outlines that do not depend on the last bit: squares with a part hidden or not, in smooth light."""
     y, x = np.mgrid[:120, :160].astype(np.float64)
@@ -177,6 +186,7 @@ def _screenings(rng: np.random.Generator) -> Iterator[tuple[Any, ...]]:
         quads = corners + rng.normal(0, 1.2, (6, 4, 2))
         quads[4] += 30  # partly outside of the image
         quads[5, 0] = quads[5, 2]  # not convex
+        quads = np.concatenate([quads, np.roll(quads[:1], 1, axis=1)])
         tables = _tables(rng, rings)
         for seen, window in ((image, 0), (shaded, 9)):
             full = seen.astype(np.uint8)
@@ -213,11 +223,12 @@ def _tables(rng: np.random.Generator, rings: int) -> ScreenTables:
 # Kernel, definition, arguments, tolerance.
 PATTERN_CALLS = [
     (linearise, linearise_numpy, _linearisations, 1e-5),
-    (register, register_numpy, _registrations, 1e-5),
+    (register, register_numpy, _registrations, 5e-4),
     (robust_weights, robust_weights_numpy, _weightings, 1e-4),
     (decode, decode_numpy, _decodings, 1e-4),
     (sample, sample_numpy, _samplings, 1e-5),
     (where_to_look, where_to_look_numpy, _lookings, 1e-12),
+    (noise, noise_numpy, _noises, 1e-12),
     (dark_quads, dark_quads_numpy, _quads, 1e-5),
     (screen, screen_numpy, _screenings, 1e-4),
 ]

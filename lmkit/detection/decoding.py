@@ -12,7 +12,8 @@ from lmkit.arrays import FloatArray
 from lmkit.detection.acceptance import AcceptanceRule
 from lmkit.detection.hypotheses import RIDGE, red_over_blue, words_of
 from lmkit.detection.pattern_model import INKS, drawing_of
-from lmkit.kernels.hypotheses import DecodingRules, decode
+from lmkit.kernels.hypotheses import DecodingRules, Words, decode
+from lmkit.kernels.pattern import Drawing
 from lmkit.kernels.registration import Samples, View
 from lmkit.model.landmark import LandmarkFamily
 
@@ -72,7 +73,7 @@ class Decoding:
     @property
     def red_over_blue(self) -> float:
         """How much redder the border is than the ground, as a log ratio relative to the white."""
-        return float(red_over_blue(self.inks))
+        return red_over_blue(self.inks)
 
     @property
     def parts_misfit(self) -> float:
@@ -129,16 +130,40 @@ class Decoding:
         return float(self.inks[0].sum() / max(float(self.inks[2].sum()), 1e-6))
 
 
-def decode_square(family: LandmarkFamily, view: View, state: FloatArray, samples: Samples) -> Decoding:
+@dataclass(frozen=True, eq=False)
+class FamilyTables:
+    """What decoding needs of a family, looked up once.
+
+    Attributes:
+        family: the family.
+        drawing: edges of its drawing.
+        words: open gaps of its codes.
+        plain: for every code, whether the gaps of every ring are all open or all closed.
+    """
+
+    family: LandmarkFamily
+    drawing: Drawing
+    words: Words
+    plain: tuple[bool, ...]
+
+
+@lru_cache(maxsize=16)
+def tables_of(family: LandmarkFamily) -> FamilyTables:
+    """Tables of a family."""
+    plain = tuple(is_plain(family, code) for code in range(family.code_count))
+    return FamilyTables(family, drawing_of(family), words_of(family), plain)
+
+
+def decode_square(tables: FamilyTables, view: View, state: FloatArray, samples: Samples) -> Decoding:
     """Score every code in every quarter turn at this state of a registration."""
-    found = decode(drawing_of(family), words_of(family), view, samples, state, RULES)
+    found = decode(tables.drawing, tables.words, view, samples, state, RULES)
     if found is None:
         return _NOTHING
     count = 3 * len(samples.variance)
     evidence = count / CORRELATED_PIXELS / 2
     left = max(found.left, 1e-9)
-    mask = int(words_of(family).masks[found.turn, found.code])
-    gaps_open = np.array([mask >> k & 1 for k in range(family.gap_count)])
+    mask = int(tables.words.masks[found.turn, found.code])
+    gaps_closed = [1.0 - (mask >> k & 1) for k in range(len(tables.drawing.gaps))]
     return Decoding(
         code=found.code,
         quarter=found.turn,
@@ -149,13 +174,12 @@ def decode_square(family: LandmarkFamily, view: View, state: FloatArray, samples
         inks=found.inks,
         parts=found.parts,
         parts_sigma=found.parts_sigma * math.sqrt(CORRELATED_PIXELS),
-        expected_parts=np.concatenate([np.ones(2), 1.0 - gaps_open]),
+        expected_parts=np.array([1.0, 1.0, *gaps_closed]),
         gap_misfit=found.gap_misfit,
-        plain=is_plain(family, found.code),
+        plain=tables.plain[found.code],
     )
 
 
-@lru_cache(maxsize=1024)
 def is_plain(family: LandmarkFamily, code: int) -> bool:
     """Are the gaps of every ring all open or all closed?"""
     gaps = iter(family.gaps(code))

@@ -16,16 +16,18 @@ from lmkit.model.landmark import LandmarkFamily
 RIDGE = 1e-5
 
 
-def red_over_blue(inks: FloatArray) -> FloatArray:
-    """(...,) how much redder the border is than the ground: a log ratio, relative to the white.
+def red_over_blue(inks: FloatArray) -> float:
+    """How much redder the border is than the ground: a log ratio, relative to the white.
 
     Args:
-        inks: (...,4,3) linear-light BGR of white, red, blue, surroundings.
+        inks: (4,3) linear-light BGR of white, red, blue, surroundings.
     """
-    white = np.maximum(inks[..., 0, :], 1e-3)
-    red = np.clip(inks[..., 1, :] / white, 0.0, 1.5) + 0.03
-    blue = np.clip(inks[..., 2, :] / white, 0.0, 1.5) + 0.03
-    return np.asarray(np.log(red[..., 2] / red[..., 0]) - np.log(blue[..., 2] / blue[..., 0]))
+    white, red, blue, _ = inks.tolist()
+
+    def share(ink: list[float], channel: int) -> float:
+        return float(min(max(ink[channel] / max(white[channel], 1e-3), 0.0), 1.5)) + 0.03
+
+    return math.log(share(red, 2) / share(red, 0)) - math.log(share(blue, 2) / share(blue, 0))
 
 
 @lru_cache(maxsize=16)

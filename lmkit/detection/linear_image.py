@@ -15,13 +15,13 @@ import numpy as np
 from lmkit.arrays import ByteArray, Float32Array, FloatArray
 from lmkit.detection.shadows import local_white
 from lmkit.geometry.camera import CameraModel
+from lmkit.kernels.noise import noise
 from lmkit.kernels.pixel_sampling import Source
 from lmkit.kernels.screening import Pyramid
 from lmkit.model.palette import SRGB_TO_LINEAR
 
 Box = tuple[int, int, int, int]  # x0, y0, x1, y1, px; the last two not included
 LEAST_LEVEL_PX = 24  # no level of the pyramid is smaller
-NOISE_ROWS = 24  # bands of three rows from which the noise is estimated
 
 
 @dataclass(frozen=True)
@@ -42,7 +42,7 @@ class LinearImage:
     def of(cls, image: ByteArray, camera: CameraModel | None = None) -> LinearImage:
         """From (H,W,3) BGR, 8 bit."""
         shift = None if camera is None else _lens_shift(_LensKey(camera))
-        return cls(Source.of(image, SRGB_TO_LINEAR, None, shift), estimate_noise(image), camera)
+        return cls(Source.of(image, SRGB_TO_LINEAR, None, shift), noise(image) / 255, camera)
 
     @property
     def white(self) -> Float32Array | None:
@@ -131,20 +131,6 @@ def rebend(at: FloatArray, bend: float, centre: FloatArray, half_width: float) -
         slope = np.maximum(1 + 3 * bend * r**2, 0.05)
         r = np.clip(r - (r + bend * r**3 - target) / slope, 0, fold)
     return np.asarray(centre + offset * (r / np.maximum(target, 1e-12)))
-
-
-def estimate_noise(image: ByteArray) -> float:
-    """Standard deviation of the image's noise over 255, from its smoothest half (Immerkaer 1996), on some rows."""
-    height, width = image.shape[:2]
-    if height < 3 or width < 3:
-        return 0.0
-    first = np.unique(np.linspace(0, height - 3, min(NOISE_ROWS, height - 2)).astype(np.int64))
-    rows = np.ascontiguousarray(image[(first[:, None] + np.arange(3)).ravel()])
-    grey = cv2.cvtColor(rows, cv2.COLOR_BGR2GRAY).reshape(len(first), 3, width).astype(np.int16)
-    across = grey[:, 0] - 2 * grey[:, 1] + grey[:, 2]
-    response = np.abs(across[:, :-2] - 2 * across[:, 1:-1] + across[:, 2:]).ravel()
-    counts = np.bincount(response).cumsum()
-    return float(np.searchsorted(counts, (counts[-1] + 1) // 2)) / 0.6745 / 6 / 255
 
 
 def _straightened(camera: CameraModel, at: FloatArray) -> FloatArray:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from functools import lru_cache
 
@@ -9,7 +10,6 @@ import numpy as np
 
 from lmkit.arrays import Float32Array, FloatArray
 from lmkit.detection.linear_image import LinearImage, rebend
-from lmkit.geometry.homography import transform_points
 from lmkit.kernels.pixel_sampling import Edges, SamplingRules, sample
 from lmkit.kernels.registration import Samples, View, homography_numpy
 from lmkit.model.landmark import LandmarkFamily
@@ -18,6 +18,7 @@ MAX_PIXELS = 1500
 EDGE_BAND_PX = 3.0
 NEAR_SHARE = 0.8  # of the pixels, where those near edges are preferred
 LEAST_PIXELS = 40
+BEND = 11  # its place in the state
 
 
 @dataclass(frozen=True)
@@ -79,22 +80,31 @@ def sample_pixels(
 
 def mean_side(corners: FloatArray) -> float:
     """Mean length of the sides of (4,2) corners."""
-    return float(np.linalg.norm(np.roll(corners, -1, axis=0) - corners, axis=1).mean())
+    points = corners.tolist()
+    return sum(math.dist(a, b) for a, b in zip(points, points[1:] + points[:1], strict=True)) / 4
 
 
 def _bounding_box(
     image: LinearImage, state: FloatArray, scale: float, half_mm: float
 ) -> tuple[int, int, int, int] | None:
     """x0, y0, x1, y1 of the landmark, ``scale`` times its face, within the image."""
-    H = homography_numpy(state[:8].reshape(4, 2), half_mm)
-    h = half_mm * scale
-    outline = transform_points(H, np.array([[-h, h], [h, h], [h, -h], [-h, -h]]))
+    (a, b, c), (d, e, f), (g, h, i) = homography_numpy(state[:8].reshape(4, 2), half_mm).tolist()
+    far = half_mm * scale
     width, height = image.size
-    if not (np.abs(outline) < 10 * max(height, width)).all():
+    outline = []
+    for x, y in ((-far, far), (far, far), (far, -far), (-far, -far)):
+        w = g * x + h * y + i
+        if w <= 0:
+            return None
+        outline.append(((a * x + b * y + c) / w, (d * x + e * y + f) / w))
+    if not all(abs(v) < 10 * max(height, width) for point in outline for v in point):
         return None
-    outline = image.distorted(rebend(outline, float(state[11]), image.centre, image.half_width))
-    x0, y0 = np.maximum(np.floor(outline.min(axis=0)), 0).astype(int).tolist()
-    x1, y1 = np.minimum(np.ceil(outline.max(axis=0)) + 1, [width, height]).astype(int).tolist()
+    if image.camera is not None or state[BEND] != 0.0:
+        flat = rebend(np.array(outline), float(state[BEND]), image.centre, image.half_width)
+        outline = image.distorted(flat).tolist()
+    xs, ys = zip(*outline, strict=True)
+    x0, y0 = max(math.floor(min(xs)), 0), max(math.floor(min(ys)), 0)
+    x1, y1 = min(math.ceil(max(xs)) + 1, width), min(math.ceil(max(ys)) + 1, height)
     return (x0, y0, x1, y1) if x1 - x0 >= 6 and y1 - y0 >= 6 else None
 
 

@@ -14,15 +14,18 @@ from lmkit.detection.linear_image import LinearImage
 from lmkit.detection.pixel_sampling import mean_side
 from lmkit.detection.registration import PatternRegistration
 from lmkit.detection.shadows import ShadowEdge
+from lmkit.kernels.registration import Steps
 from lmkit.model.landmark import LandmarkFamily
 from lmkit.model.landmark_id import LandmarkId
 from lmkit.model.observation import Detection
 
 READ_ROUNDS = 3
-REGISTER_STEPS = 5
+COARSE = Steps(rounds=1, most=3, to_px=0.1)
+FINE = Steps(rounds=2, most=3, to_px=0.02)
+SHARP = Steps(rounds=0, most=5, to_px=0.01)  # nothing hides a rasterised page
+FROM_FAR = Steps(rounds=0, most=10, to_px=0.05)
 COARSE_SIDE_PX = 100.0
-COARSE_PX = 0.05
-COARSE_PIXELS = 600  # enough to read and to find the place; the last steps take more
+COARSE_PIXELS = 400  # enough to read and to find the place; the last steps take more
 SHADOW_ROOM_PX = 8  # around the pixels in use, since the fit still moves
 BEND_SIDE_PX = 40.0  # smaller landmarks do not show the lens's bend
 
@@ -76,9 +79,7 @@ def register_and_decode(
         return None
     for _ in range(READ_ROUNDS):
         before = fit.decoding
-        for _ in range(2):
-            fit.discount()
-            fit.register(REGISTER_STEPS, to_px=COARSE_PX)
+        fit.register(COARSE)
         if not fit.sample(coarse, near_edges=False):
             return None
         if fit.decode().is_same_code(before):
@@ -89,9 +90,7 @@ def register_and_decode(
         _sharpen_shadow(fit)
     if not fit.sample(options.config.pixels, near_edges=True):
         return None
-    for _ in range(2):
-        fit.discount()
-        fit.register(REGISTER_STEPS, fit_bend)
+    fit.register(FINE._replace(fit_bend=fit_bend))
     fit.decode()
     fit.discount()
     return _candidate(fit, _smaller_margins(fit), options.rule, fit_bend)
@@ -111,7 +110,7 @@ def read_landmark_at(image: ByteArray, corners: FloatArray, family: LandmarkFami
     if not fit.sample(COARSE_PIXELS, near_edges=True):
         return None
     fit.decode()
-    fit.register(REGISTER_STEPS)
+    fit.register(SHARP)
     return _candidate(fit, fit.decode(), AcceptanceRule(), fit_bend=False)
 
 
@@ -127,7 +126,7 @@ def _coarse_corners(
     fit = PatternRegistration(image.halved(times), family, (quad + 0.5) / scale - 0.5, 2.0)
     if not fit.sample(COARSE_PIXELS, near_edges=True) or not fit.decode().is_promising(options.rule):
         return quad
-    fit.register(2 * REGISTER_STEPS)
+    fit.register(FROM_FAR)
     return (fit.corners + 0.5) * scale - 0.5
 
 

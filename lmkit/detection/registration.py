@@ -12,16 +12,16 @@ from dataclasses import replace
 import numpy as np
 
 from lmkit.arrays import FloatArray
-from lmkit.detection.decoding import CORRELATED_PIXELS, Decoding, decode_square
-from lmkit.detection.hypotheses import RIDGE, words_of
+from lmkit.detection.decoding import CORRELATED_PIXELS, Decoding, decode_square, tables_of
+from lmkit.detection.hypotheses import RIDGE
 from lmkit.detection.linear_image import LinearImage, rebend
-from lmkit.detection.pattern_model import drawing_of
-from lmkit.detection.pixel_sampling import PixelSamples, mean_side, sample_pixels
+from lmkit.detection.pixel_sampling import BEND, PixelSamples, mean_side, sample_pixels
 from lmkit.kernels.registration import (
     STATE,
     Hypothesis,
     Limits,
     Priors,
+    Steps,
     View,
     linearise,
     register,
@@ -41,7 +41,6 @@ FEW_EDGES_PX = 27.0
 MIXED_PIXEL_PRIOR = 0.1  # standard deviation of the mixed-pixel bias
 SHADING_PRIOR = 0.05  # standard deviation of the relative change of light over half the side
 LIMITS = Limits(least_spread=MIN_SPREAD, most_spread=64.0, bend=0.3, shading=0.6, bias=1.0)
-BEND = 11  # its place in the state
 
 
 class PatternRegistration:
@@ -50,7 +49,7 @@ class PatternRegistration:
     Attributes:
         state: (15,) corners (px, freed of distortion and bend), point spread, bend, shading, mixed-pixel bias; see
             :mod:`lmkit.kernels.registration`.
-        samples: pixels in use; their weights change with :meth:`discount`.
+        samples: pixels in use, with the weights of the last registration.
         decoding: of the last :meth:`decode`.
     """
 
@@ -60,6 +59,7 @@ class PatternRegistration:
     def __init__(self, image: LinearImage, family: LandmarkFamily, corners: FloatArray, spread_px2: float) -> None:
         self.image = image
         self.family = family
+        self.tables = tables_of(family)
         self.view = View(np.round(corners.mean(axis=0)), image.centre, image.half_width, family.half_mm)
         self.state: FloatArray = np.zeros(STATE)
         self.state[:8] = corners.ravel()
@@ -73,8 +73,8 @@ class PatternRegistration:
     @property
     def hypothesis(self) -> Hypothesis:
         """What the last decoding says of gaps and triangle."""
-        masks = words_of(self.family).masks
-        return Hypothesis(int(masks[self.decoding.quarter, self.decoding.code]), self.decoding.quarter)
+        quarter = self.decoding.quarter
+        return Hypothesis(int(self.tables.words.masks[quarter, self.decoding.code]), quarter)
 
     def sample(self, at_most: int, near_edges: bool) -> bool:
         """Take pixels where the pattern now lies; False where too little of it lies in the image."""
@@ -88,12 +88,12 @@ class PatternRegistration:
 
         Discounting what does not fit the last decoding would make it confirm itself.
         """
-        self.decoding = decode_square(self.family, self.view, self.state, self.samples.plain)
+        self.decoding = decode_square(self.tables, self.view, self.state, self.samples.plain)
         return self.decoding
 
     def decode_discounted(self) -> Decoding:
         """The same with what does not fit discounted; :attr:`decoding` stays."""
-        return decode_square(self.family, self.view, self.state, self.samples.weighted)
+        return decode_square(self.tables, self.view, self.state, self.samples.weighted)
 
     def discount(self) -> FloatArray:
         """Give less weight to pixels that the model does not fit: what hides or reflects there.
@@ -105,28 +105,25 @@ class PatternRegistration:
             (3,N) what the pixels would be.
         """
         weights = robust_weights(
-            drawing_of(self.family), self.view, self.samples.plain, self._priors, self.state, self.hypothesis
+            self.tables.drawing, self.view, self.samples.plain, self._priors, self.state, self.hypothesis
         )
         self.samples = replace(self.samples, variance=weights.variance, prior_weight=weights.prior_weight)
         return weights.drawn
 
-    def register(self, steps: int, fit_bend: bool = False, to_px: float = 0.01) -> None:
-        """Move to a smaller error on the weighted pixels, never to a larger one.
-
-        Ends after so many steps, or when no corner moved more than ``to_px``.
-        """
-        self.state, _ = register(
-            drawing_of(self.family),
+    def register(self, steps: Steps) -> None:
+        """Move to a smaller error, never to a larger one, discounting what does not fit."""
+        found = register(
+            self.tables.drawing,
             self.view,
-            self.samples.weighted,
+            self.samples.plain,
             self._priors,
             LIMITS,
             self.state,
             self.hypothesis,
-            fit_bend,
             steps,
-            to_px,
         )
+        self.state = found.state
+        self.samples = replace(self.samples, variance=found.variance, prior_weight=found.prior_weight)
 
     def image_corners(self, fit_bend: bool) -> tuple[FloatArray, FloatArray]:
         """(4,2) corners in the image as delivered, bend and all, and their (8,8) covariance.
@@ -135,7 +132,7 @@ class PatternRegistration:
         (demosaicing, JPEG), so they count as ``CORRELATED_PIXELS`` times fewer.
         """
         here = linearise(
-            drawing_of(self.family),
+            self.tables.drawing,
             self.view,
             self.samples.weighted,
             self._priors,
@@ -143,25 +140,32 @@ class PatternRegistration:
             self.hypothesis,
             fit_bend,
         )
-        known = [*range(8), BEND]
-        covariance = np.linalg.inv(here.normal)[np.ix_(known, known)] * (here.error * CORRELATED_PIXELS)
+        inverse = np.linalg.inv(here.normal)
         corners, J = self._seen_corners(fit_bend)
-        too_small = 1 + (FEW_EDGES_PX / mean_side(corners)) ** 2
-        return corners, too_small * (J @ covariance @ J.T) + MODEL_ERROR_PX**2 * np.eye(8)
+        covariance = J @ inverse[:12, :12] @ J.T
+        covariance *= here.error * CORRELATED_PIXELS * (1 + (FEW_EDGES_PX / mean_side(corners)) ** 2)
+        return corners, covariance + MODEL_ERROR_PX**2 * np.eye(8)
 
     def _seen_corners(self, fit_bend: bool) -> tuple[FloatArray, FloatArray]:
-        """(4,2) corners in the image, and (8,9) their slopes with the state's corners and its bend."""
-        if self.image.camera is None and not fit_bend and self.state[BEND] == 0.0:
-            return self.corners.copy(), np.eye(8, 9)
-        delta = 1e-4
-        steps = np.vstack([np.zeros(8), delta * np.eye(8), np.zeros(8)]).reshape(-1, 4, 2)
-        moved = (self.corners + steps).reshape(-1, 2)
+        """(4,2) corners in the image, and (8,12) their slopes with the beginning of the state."""
+        J = np.eye(8, BEND + 1)
         bend = float(self.state[BEND])
-        centre, half_width = self.image.centre, self.image.half_width
-        flat = rebend(moved, bend, centre, half_width)
-        flat[-4:] = rebend(moved[-4:], bend + delta, centre, half_width)
-        seen = self.image.distorted(flat).reshape(-1, 8)
-        return seen[0].reshape(4, 2), (seen[1:] - seen[0]).T / delta
+        if self.image.camera is None and not fit_bend and bend == 0.0:
+            return self.corners.copy(), J
+        if self.image.camera is not None:
+            delta = 1e-4
+            steps = np.vstack([np.zeros(8), delta * np.eye(8)]).reshape(-1, 4, 2)
+            seen = self.image.distorted((self.corners + steps).reshape(-1, 2)).reshape(-1, 8)
+            J[:, :8] = (seen[1:] - seen[0]).T / delta
+            return seen[0].reshape(4, 2), J
+        corners = rebend(self.corners, bend, self.image.centre, self.image.half_width)
+        for k, offset in enumerate((corners - self.image.centre) / self.image.half_width):
+            r2 = float(offset @ offset)
+            flat_by_seen = (1 + bend * r2) * np.eye(2) + 2 * bend * np.outer(offset, offset)
+            inverse = np.linalg.inv(flat_by_seen)
+            J[2 * k : 2 * k + 2, 2 * k : 2 * k + 2] = inverse
+            J[2 * k : 2 * k + 2, BEND] = -inverse @ offset * (r2 * self.image.half_width)
+        return corners, J
 
     @property
     def _priors(self) -> Priors:

@@ -20,9 +20,9 @@ from lmkit.kernels.pattern import coverage_columns_numpy
 from lmkit.kernels.screening import Pyramid, ScreenRules, ScreenTables, Thresholds, screen
 from lmkit.model.landmark import LandmarkFamily
 
-GRID = 25
-SHADOW_WINDOW = 9  # grid points: wider than the ground between margin and rings
-POINTS = 640  # of the compiled code's blocks
+GRID = 19
+SHADOW_WINDOW = 7  # grid points: wider than the ground between margin and rings
+POINTS = 384  # of the compiled code's blocks
 BLURS_MM = (4.0, 6.0, 9.0, 13.0)
 # One halving for every doubling of the side beyond this.
 FULL_DETAIL_SIDE_PX = 40.0

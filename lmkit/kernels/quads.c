@@ -10,6 +10,7 @@
 #define CELL 8
 #define STRETCHES 16 /* a polygon of more sides is no square with a hidden part */
 #define LONGEST 6
+#define ROUND 0.003 /* least area over the squared number of pixel sides: 1/16 for a square */
 
 /* rules: least side (px), darker (share of the local mean), longest contour, side from which hidden parts are completed
  * (px), how far a straight stretch may bend (share of the outline). */
@@ -424,8 +425,8 @@ int lmkit_dark_quads(int64_t height, int64_t width, const uint8_t *plane, const 
                 int64_t n = follow(field, visited, stride, at, rules.longest, codes);
                 if (n > rules.longest || (double)n < 3.2 * rules.least_side)
                     continue;
-                /* Bright regions run the other way around. */
-                if (crossings(field, stride, codes, n, contour) <= 0.0)
+                /* Bright regions run the other way around; what winds encloses little for its length. */
+                if (crossings(field, stride, codes, n, contour) <= ROUND * (double)n * (double)n)
                     continue;
                 if (capacity - found < 16)
                     return 2;

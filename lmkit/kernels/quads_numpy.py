@@ -18,6 +18,7 @@ Field = NDArray[np.int16]
 CELL = 8
 STRETCHES = 16  # a polygon of more sides is no square with a hidden part
 LONGEST = 6
+ROUND = 0.003  # least area over the squared number of pixel sides: 1/16 for a square
 
 
 def where_to_look_numpy(
@@ -67,8 +68,8 @@ def dark_quads_numpy(plane: ByteArray, where: ByteArray | None, window: int, rul
         if len(sides) > rules.longest or len(sides) < 3.2 * rules.least_side:
             continue
         outline = _crossings(field, np.array(sides))
-        # Bright regions run the other way around.
-        if _area(outline) > 0:
+        # Bright regions run the other way around; what winds encloses little for its length.
+        if _area(outline) > ROUND * len(sides) ** 2:
             found += _outline_quads(outline, rules)
     return np.array(found) if found else np.zeros((0, 4, 2))
 

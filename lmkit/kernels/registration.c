@@ -29,7 +29,8 @@ LMKIT_EXPORT int lmkit_linearise(int64_t n, const float *drawing, const double *
 LMKIT_EXPORT int lmkit_register(int64_t n, const float *drawing, const double *view, const float *at,
                                 const float *values, const float *variance, const double *rules,
                                 const double *limits, int64_t open_gaps, int64_t quarter, int64_t fit_bend,
-                                int64_t iterations, double to_px, float *scratch, double *state, double *error);
+                                int64_t rounds, int64_t iterations, double to_px, float *scratch, double *state,
+                                float *robust_variance, double *prior_weight, double *error);
 LMKIT_EXPORT int lmkit_robust_weights(int64_t n, const float *drawing, const double *view, const float *at,
                                       const float *values, const float *variance, const double *rules,
                                       const double *state, int64_t open_gaps, int64_t quarter, float *scratch,
@@ -396,16 +397,12 @@ int lmkit_linearise(int64_t n, const float *drawing, const double *view, const f
     return !linearise(&p, state, normal, gradient, error);
 }
 
-int lmkit_register(int64_t n, const float *drawing, const double *view, const float *at, const float *values,
-                   const float *variance, const double *rules, const double *limits, int64_t open_gaps,
-                   int64_t quarter, int64_t fit_bend, int64_t iterations, double to_px, float *scratch,
-                   double *state, double *error)
+static int gauss_newton(const Problem *p, const double *limits, int64_t iterations, double to_px, double *state, double *error)
 {
-    Problem p = problem_of(n, drawing, view, at, values, variance, rules, open_gaps, quarter, fit_bend, scratch);
     double normal[STATE * STATE], gradient[STATE], trial_normal[STATE * STATE], trial_gradient[STATE];
     double damping = 1e-3;
-    if (!linearise(&p, state, normal, gradient, error))
-        return 1;
+    if (!linearise(p, state, normal, gradient, error))
+        return 0;
     for (int64_t k = 0; k < iterations; k++) {
         double step[STATE], trial[STATE], trial_error = 0.0, most = 0.0;
         int better = 0;
@@ -430,7 +427,7 @@ int lmkit_register(int64_t n, const float *drawing, const double *view, const fl
                     most *= shorter;
                 }
                 move(state, step, limits, trial);
-                better = is_sane(trial) && linearise(&p, trial, trial_normal, trial_gradient, &trial_error) && trial_error < *error;
+                better = is_sane(trial) && linearise(p, trial, trial_normal, trial_gradient, &trial_error) && trial_error < *error;
             }
             if (!better)
                 damping *= 10.0;
@@ -446,7 +443,42 @@ int lmkit_register(int64_t n, const float *drawing, const double *view, const fl
         if (most < to_px || gain < 1e-5)
             break;
     }
-    return 0;
+    return 1;
+}
+
+static int robust_weights(const Problem *p, const double *state, float *drawn, float *robust_variance, double *prior_weight)
+{
+    Plane plane = plane_of(p->view, state);
+    const int64_t n = p->n;
+    float inks[3 * INKS], inverse_white[3], bleed = (float)state[14];
+    fill_designs(p, &plane, INKS * BLOCK);
+    if (!best_inks(p, state, INKS * BLOCK, inks))
+        return 0;
+    white_inverses(inks, inverse_white);
+    float *misfit = p->scratch + blocks_of(n) * INKS * BLOCK;
+    for (int64_t b = 0; b < blocks_of(n); b++) {
+        block model[3], blend[3];
+        draw_values((const block *)(p->scratch + b * INKS * BLOCK), inks, inverse_white, bleed, model, blend);
+        for (int i = 0; i < in_block(p, b); i++) {
+            int64_t k = b * BLOCK + i;
+            float sum = 0.0f;
+            for (int c = 0; c < 3; c++) {
+                float off = p->values[c * n + k] - model[c][i];
+                if (drawn)
+                    drawn[c * n + k] = model[c][i];
+                sum += off * off;
+            }
+            /* Squared misfit, twice: the median reorders one of them. */
+            robust_variance[k] = misfit[k] = sum / (3.0f * p->variance[k]);
+        }
+    }
+    double squared = median(misfit, n);
+    double scale = 2.5 * (sqrt(squared) > 1e-6 ? sqrt(squared) : 1e-6);
+    float inverse = (float)(1.0 / (scale * scale));
+    for (int64_t k = 0; k < n; k++)
+        robust_variance[k] = p->variance[k] * (1.0f + robust_variance[k] * inverse);
+    *prior_weight = squared / 0.79;
+    return 1;
 }
 
 int lmkit_robust_weights(int64_t n, const float *drawing, const double *view, const float *at, const float *values,
@@ -455,33 +487,27 @@ int lmkit_robust_weights(int64_t n, const float *drawing, const double *view, co
                          double *prior_weight)
 {
     Problem p = problem_of(n, drawing, view, at, values, variance, rules, open_gaps, quarter, 0, scratch);
-    Plane plane = plane_of(view, state);
-    float inks[3 * INKS], inverse_white[3], bleed = (float)state[14];
-    fill_designs(&p, &plane, INKS * BLOCK);
-    if (!best_inks(&p, state, INKS * BLOCK, inks))
-        return 1;
-    white_inverses(inks, inverse_white);
-    float *misfit = scratch + blocks_of(n) * INKS * BLOCK;
-    for (int64_t b = 0; b < blocks_of(n); b++) {
-        block model[3], blend[3];
-        draw_values((const block *)(scratch + b * INKS * BLOCK), inks, inverse_white, bleed, model, blend);
-        for (int i = 0; i < in_block(&p, b); i++) {
-            int64_t k = b * BLOCK + i;
-            float sum = 0.0f;
-            for (int c = 0; c < 3; c++) {
-                float off = values[c * n + k] - model[c][i];
-                drawn[c * n + k] = model[c][i];
-                sum += off * off;
-            }
-            /* Squared misfit, twice: the median reorders one of them. */
-            robust_variance[k] = misfit[k] = sum / (3.0f * p.variance[k]);
-        }
+    return !robust_weights(&p, state, drawn, robust_variance, prior_weight);
+}
+
+int lmkit_register(int64_t n, const float *drawing, const double *view, const float *at, const float *values,
+                   const float *variance, const double *rules, const double *limits, int64_t open_gaps,
+                   int64_t quarter, int64_t fit_bend, int64_t rounds, int64_t iterations, double to_px,
+                   float *scratch, double *state, float *robust_variance, double *prior_weight, double *error)
+{
+    Problem plain = problem_of(n, drawing, view, at, values, variance, rules, open_gaps, quarter, fit_bend, scratch);
+    double weighted_rules[5];
+    memcpy(weighted_rules, rules, sizeof weighted_rules);
+    memcpy(robust_variance, variance, (size_t)n * sizeof *variance);
+    for (int64_t round = 0; round < (rounds > 0 ? rounds : 1); round++) {
+        if (rounds > 0 && !robust_weights(&plain, state, NULL, robust_variance, weighted_rules + 4))
+            return 1;
+        Problem weighted = plain;
+        weighted.variance = robust_variance;
+        weighted.rules = weighted_rules;
+        if (!gauss_newton(&weighted, limits, iterations, to_px, state, error))
+            return 1;
     }
-    double squared = median(misfit, n);
-    double scale = 2.5 * (sqrt(squared) > 1e-6 ? sqrt(squared) : 1e-6);
-    float inverse = (float)(1.0 / (scale * scale));
-    for (int64_t k = 0; k < n; k++)
-        robust_variance[k] = variance[k] * (1.0f + robust_variance[k] * inverse);
-    *prior_weight = squared / 0.79;
+    *prior_weight = weighted_rules[4];
     return 0;
 }

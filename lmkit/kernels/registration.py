@@ -7,7 +7,7 @@ relative change of the light from the middle to the right and to the upper edge,
 from __future__ import annotations
 
 import ctypes
-from functools import lru_cache
+from functools import cached_property, lru_cache
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -23,8 +23,8 @@ STATE = 15
 BLOCK = 64
 
 
-class View(NamedTuple):
-    """The image as a registration sees it.
+class _View(NamedTuple):
+    """See `View`.
 
     Attributes:
         origin: (2,) px, whole numbers near the landmark; pixel positions are relative to it.
@@ -40,7 +40,11 @@ class View(NamedTuple):
     half_mm: float
     pixel_variance: float = 1 / 12
 
-    @property
+
+class View(_View):
+    """The image as a registration sees it: origin, centre, half width, half side and pixel, as in `_View`."""
+
+    @cached_property
     def flat(self) -> FloatArray:
         """All of it in the order of `plane.h`."""
         return np.array([*self.origin, *self.centre, self.half_width, self.half_mm, self.pixel_variance])
@@ -108,6 +112,31 @@ class Linearisation(NamedTuple):
     error: float
 
 
+class Steps(NamedTuple):
+    """How far a registration goes.
+
+    Attributes:
+        rounds: how often what does not fit is discounted; 0 keeps the weights.
+        most: steps in a round.
+        to_px: a round ends once no corner moves more.
+        fit_bend: also fit the radial bend.
+    """
+
+    rounds: int
+    most: int
+    to_px: float
+    fit_bend: bool = False
+
+
+class Registered(NamedTuple):
+    """(15,) state, (N,) variance of the last weights, weight of the priors, error per value."""
+
+    state: FloatArray
+    variance: Float32Array
+    prior_weight: float
+    error: float
+
+
 class Weights(NamedTuple):
     """(3,N) modelled values, (N,) variance with what does not fit discounted (Cauchy), weight of the priors."""
 
@@ -147,24 +176,24 @@ def register(
     limits: Limits,
     state: FloatArray,
     hypothesis: Hypothesis,
-    fit_bend: bool,
-    iterations: int,
-    to_px: float,
-) -> tuple[FloatArray, float]:
-    """State with a smaller error (never a larger one) after so many steps of Gauss-Newton, and that error.
+    steps: Steps,
+) -> Registered:
+    """State with a smaller error (never a larger one) after some steps of Gauss-Newton.
 
-    Ends early once no corner moves more than ``to_px``.
+    Where ``steps.rounds`` is 0 the samples keep their weights; otherwise what does not fit is discounted anew at the
+    beginning of every round.
     """
     kernel = _register_kernel()
     if kernel is None:
-        return register_numpy(drawing, view, samples, priors, limits, state, hypothesis, fit_bend, iterations, to_px)
-    state, error = contiguous(state, (STATE,)).copy(), np.full(1, np.inf)
+        return register_numpy(drawing, view, samples, priors, limits, state, hypothesis, steps)
+    state, n = contiguous(state, (STATE,)).copy(), len(samples.variance)
+    variance, ends = np.empty(n, np.float32), np.array([0.0, np.inf])
     flat, seen, rules, bounds = drawing.flat, view.flat, np.array(priors), np.array(limits)
-    scratch = _scratch(len(samples.variance))
     arrays = addresses(flat, seen, *samples, rules, bounds)
-    ends = addresses(scratch, state, error)
-    kernel(len(samples.variance), *arrays, *hypothesis, fit_bend, iterations, to_px, *ends)
-    return state, float(error[0])
+    scratch = _scratch(n)
+    outs = addresses(scratch, state, variance, ends, ends[1:])
+    kernel(n, *arrays, *hypothesis, steps.fit_bend, steps.rounds, steps.most, steps.to_px, *outs)
+    return Registered(state, variance, float(ends[0]), float(ends[1]))
 
 
 def robust_weights(
@@ -250,21 +279,39 @@ def register_numpy(
     limits: Limits,
     state: FloatArray,
     hypothesis: Hypothesis,
-    fit_bend: bool,
-    iterations: int,
-    to_px: float,
-) -> tuple[FloatArray, float]:
+    steps: Steps,
+) -> Registered:
     """Definition of :func:`register`."""
-    here = linearise_numpy(drawing, view, samples, priors, state, hypothesis, fit_bend)
+    weighted = samples
+    for _ in range(max(steps.rounds, 1)):
+        if steps.rounds > 0:
+            weights = robust_weights_numpy(drawing, view, samples, priors, state, hypothesis)
+            weighted = samples._replace(variance=weights.variance)
+            priors = priors._replace(weight=weights.prior_weight)
+        state, error = _gauss_newton(drawing, view, weighted, priors, limits, state, hypothesis, steps)
+    return Registered(state, weighted.variance, priors.weight, error)
+
+
+def _gauss_newton(
+    drawing: Drawing,
+    view: View,
+    samples: Samples,
+    priors: Priors,
+    limits: Limits,
+    state: FloatArray,
+    hypothesis: Hypothesis,
+    steps: Steps,
+) -> tuple[FloatArray, float]:
+    here = linearise_numpy(drawing, view, samples, priors, state, hypothesis, steps.fit_bend)
     damping = 1e-3
-    for _ in range(iterations):
+    for _ in range(steps.most):
         for _ in range(4):
             step = -np.linalg.solve(here.normal + damping * np.diag(np.diag(here.normal)), here.gradient)
             # No corner moves further than a quarter of the side at once.
             step *= min(1.0, 0.25 * _mean_side(state) / max(np.abs(step[:8]).max(), 1e-9))
             trial = _moved(state, step, limits)
             if _is_sane(trial):
-                there = linearise_numpy(drawing, view, samples, priors, trial, hypothesis, fit_bend)
+                there = linearise_numpy(drawing, view, samples, priors, trial, hypothesis, steps.fit_bend)
                 if there.error < here.error:
                     break
             damping *= 10
@@ -273,7 +320,7 @@ def register_numpy(
         gain = 1 - there.error / here.error
         here, state = there, trial
         damping = max(damping * 0.1, 1e-6)
-        if np.abs(step[:8]).max() < to_px or gain < 1e-5:
+        if np.abs(step[:8]).max() < steps.to_px or gain < 1e-5:
             break
     return state, here.error
 
@@ -423,8 +470,8 @@ def _linearise_kernel() -> Any:
 
 @lru_cache(maxsize=1)
 def _register_kernel() -> Any:
-    numbers = [*[_COUNT] * 4, _NUMBER]
-    return function("lmkit_register", _COUNT, *[_POINTER] * 7, *numbers, *[_POINTER] * 3)
+    numbers = [*[_COUNT] * 5, _NUMBER]
+    return function("lmkit_register", _COUNT, *[_POINTER] * 7, *numbers, *[_POINTER] * 5)
 
 
 @lru_cache(maxsize=1)

@@ -11,6 +11,8 @@
 #define GATE 30    /* points of the gate: ten on the margin, ten on the border, ten on the ground */
 #define MAX_GRID 1024
 #define MAX_SIDE 32
+#define STILL 0.006 /* of the side */
+#define SAME 0.05   /* of the side: two squares are one */
 
 /* Tables of one blur: columns (C,K), slopes with x (C,K) and y (C,K), all float; gram (C,C) double. */
 typedef struct {
@@ -82,9 +84,8 @@ static void sample_grid(const Screen *s, const Level *level, int64_t scale, cons
     }
 }
 
-/* Divides samples by the white around them, a closing of their brightness: the least of the largest values around.
- * Returns the ratio of the brightest and the darkest white at the middle and close to the corners. */
-static float take_shadow_out(const Screen *s, float *samples)
+/* Divides samples by the white around them, a closing of their brightness: the least of the largest values around. */
+static void take_shadow_out(const Screen *s, float *samples)
 {
     const int64_t side = s->side, reach = s->window / 2, K = s->points;
     float grey[MAX_GRID], across[MAX_GRID];
@@ -119,14 +120,6 @@ static float take_shadow_out(const Screen *s, float *samples)
         for (int c = 0; c < 3; c++)
             samples[c * K + i] /= grey[i];
     }
-    const int64_t middle = side / 2, near = side / 12, far = side - 1 - near;
-    const int64_t spots[5] = {middle * side + middle, near * side + near, near * side + far, far * side + near, far * side + far};
-    float low = grey[spots[0]], high = low;
-    for (int k = 1; k < 5; k++) {
-        low = grey[spots[k]] < low ? grey[spots[k]] : low;
-        high = grey[spots[k]] > high ? grey[spots[k]] : high;
-    }
-    return high / low;
 }
 
 static double log_ratio(double red, double blue, double white_red, double white_blue)
@@ -143,6 +136,7 @@ static double red_over_blue(const double *inks)
     return log_ratio(inks[5], inks[3], inks[2], inks[0]) - log_ratio(inks[8], inks[6], inks[2], inks[0]);
 }
 
+/* 1, or 0 where no shadow may end on the square, or -1 where it is no landmark. */
 static int passes_gate(const Screen *s, const Level *level, int64_t scale, const double *H)
 {
     float seen[3 * GATE];
@@ -159,7 +153,18 @@ static int passes_gate(const Screen *s, const Level *level, int64_t scale, const
         white += inks[c];
         blue += inks[6 + c];
     }
-    return white > s->rules[6] * blue && red_over_blue(inks) > s->rules[7];
+    if (!(white > s->rules[6] * blue && red_over_blue(inks) > s->rules[7]))
+        return -1;
+    if (s->window == 0)
+        return 1;
+    /* A shadow that ends on the landmark ends on its margin. */
+    float low = 1e30f, high = 0.0f;
+    for (int i = 0; i < GATE / 3; i++) {
+        float v = seen[i] + seen[GATE + i] + seen[2 * GATE + i];
+        low = v < low ? v : low;
+        high = v > high ? v : high;
+    }
+    return (double)high > s->rules[9] * (double)low;
 }
 
 static double quad_area(const double *q)
@@ -323,6 +328,7 @@ static double screen_one(const Screen *s, double *quad, int64_t rounds)
     memset(samples, 0, sizeof samples);
     if (!well_shaped(quad))
         return -1.0;
+    int still = 0;
     for (int64_t round = 0;; round++) {
         double side = sqrt(quad_area(quad)), H[9];
         int64_t level = 0;
@@ -331,8 +337,9 @@ static double screen_one(const Screen *s, double *quad, int64_t rounds)
         homography(quad, s->half, H);
         const Level *at = s->levels + level;
         const int64_t scale = (int64_t)1 << level;
-        if (round == 0 && !passes_gate(s, at, scale, H))
-            return -1.0;
+        int passed = round == 0 ? passes_gate(s, at, scale, H) : 1;
+        if (passed <= 0)
+            return (double)passed;
         double blur = s->rules[2] * 2.0 * s->half / (side / (double)scale), nearest = 1e30;
         const Design *design = s->designs;
         for (int64_t b = 0; b < s->blur_count; b++) {
@@ -343,21 +350,45 @@ static double screen_one(const Screen *s, double *quad, int64_t rounds)
             }
         }
         sample_grid(s, at, scale, H, s->grid, s->points, s->side * s->side, samples, s->points);
-        if (s->window > 0) {
-            float ratio = take_shadow_out(s, samples);
-            if (round == 0 && (double)ratio < s->rules[9])
-                return 0.0;
-        }
+        if (s->window > 0)
+            take_shadow_out(s, samples);
         Look l;
-        if (!look(s, design, samples, rounds > 0 && round == rounds ? moved : first, &l))
+        int last = round == rounds || still;
+        if (!look(s, design, samples, rounds > 0 && last ? moved : first, &l))
             return 0.0;
-        if (round == rounds)
+        if (last)
             return l.pattern;
         if (round == 0 && l.pattern < s->rules[8])
             return 0.0;
+        double before[8], most = 0.0;
+        memcpy(before, quad, sizeof before);
         if (!align(s, &l, samples, H, quad))
             return 0.0;
+        for (int i = 0; i < 8; i++)
+            most = fabs(quad[i] - before[i]) > most ? fabs(quad[i] - before[i]) : most;
+        /* Where it hardly moves, one more look scores it. */
+        still = most < STILL * side;
     }
+}
+
+/* An earlier square with the same corners, from whichever corner on; -1 where there is none. */
+static int64_t find_twin(const double *quads, int64_t k)
+{
+    const double *q = quads + 8 * k, close = SAME * sqrt(fabs(quad_area(q)));
+    const double x = q[0] + q[2] + q[4] + q[6], y = q[1] + q[3] + q[5] + q[7];
+    for (int64_t i = 0; i < k; i++) {
+        const double *r = quads + 8 * i;
+        if (!(fabs(r[0] + r[2] + r[4] + r[6] - x) < 4.0 * close && fabs(r[1] + r[3] + r[5] + r[7] - y) < 4.0 * close))
+            continue;
+        for (int turn = 0; turn < 8; turn += 2) {
+            int same = 1;
+            for (int j = 0; j < 8 && same; j++)
+                same = fabs(r[(j + turn) % 8] - q[j]) < close;
+            if (same)
+                return i;
+        }
+    }
+    return -1;
 }
 
 int lmkit_screen(int64_t count, double *quads, const int64_t *levels, int64_t level_count, const float *linear,
@@ -382,7 +413,9 @@ int lmkit_screen(int64_t count, double *quads, const int64_t *levels, int64_t le
         designs[i] = design;
     }
     Screen s = {linear, grid, moves, gate, known, designs, rules, blurs, masks, level_count, blur_count, points, side, window, codes, (int)gaps, rules[0], subsets};
-    for (int64_t i = 0; i < count; i++)
-        pattern[i] = screen_one(&s, quads + 8 * i, rounds);
+    for (int64_t i = 0; i < count; i++) {
+        int64_t twin = rounds == 0 ? find_twin(quads, i) : -1;
+        pattern[i] = twin >= 0 ? -1.0 : screen_one(&s, quads + 8 * i, rounds);
+    }
     return 0;
 }

@@ -21,6 +21,8 @@ from lmkit.kernels.registration import homography_numpy
 FloatArray = NDArray[np.floating[Any]]
 Float32Array = NDArray[np.float32]
 
+STILL = 0.006  # of the side
+SAME = 0.05  # of the side: two squares are one
 GATE = 30  # points of the gate: a third each on margin, border and ground
 
 
@@ -131,7 +133,8 @@ class ScreenRules(NamedTuple):
 
 class Screened(NamedTuple):
     """(N,4,2) corners, px, and (N,) the share of what a framed square leaves unexplained that rings and triangle
-    explain; 0 where a threshold is not reached, -1 where the square is misshapen or fails at the gate."""
+    explain; 0 where a threshold is not reached, -1 where the square is misshapen, fails at the gate, or was there
+    before."""
 
     quads: FloatArray
     pattern: FloatArray
@@ -189,7 +192,10 @@ def screen_numpy(
 ) -> Screened:
     """Definition of :func:`screen`."""
     quads = contiguous(quads, (-1, 4, 2)).copy()
-    pattern = np.array([_screen_one(pyramid, tables, rules, quad, rounds, window) for quad in quads])
+    pattern = np.zeros(len(quads))
+    for k, quad in enumerate(quads):
+        is_twin = rounds == 0 and _has_twin(quads, k)
+        pattern[k] = -1.0 if is_twin else _screen_one(pyramid, tables, rules, quad, rounds, window)
     return Screened(quads, pattern)
 
 
@@ -203,13 +209,14 @@ def _screen_one(
 ) -> float:
     if not _well_shaped(quad):
         return -1.0
+    still = False
     for turn in range(rounds + 1):
         side = float(np.sqrt(_area(quad)))
         doublings = np.ceil(np.log2(max(side, 1e-9) / rules.full_detail_px))
         level = int(np.clip(doublings, 0, len(pyramid.levels) - 1))
         H = homography_numpy(quad, tables.half)
-        if turn == 0 and not _passes_gate(_sample(pyramid, level, H, tables.gate), rules):
-            return -1.0
+        if turn == 0 and (passed := _gate(_sample(pyramid, level, H, tables.gate), rules, window)) <= 0:
+            return passed
         blur = rules.blur_px * 2 * tables.half / (side / 2**level)
         design = int(np.abs(np.log(tables.blurs / blur)).argmin())
         samples = np.zeros((tables.grid.shape[1], 3))
@@ -218,18 +225,26 @@ def _screen_one(
         if window > 0:
             white = _local_white(samples[:used].mean(axis=1).reshape(tables.side, tables.side), window)
             samples[:used] /= white.reshape(-1, 1)
-            if turn == 0 and _light_ratio(white) < rules.shadow_ratio:
-                return 0.0
-        moved = rounds > 0 and turn == rounds
-        pattern, colours = _look(samples, tables, design, rules, rules.moved if moved else rules.first)
-        if turn == rounds:
+        last = turn == rounds or still
+        pattern, colours = _look(samples, tables, design, rules, rules.moved if rounds > 0 and last else rules.first)
+        if last:
             break
         if turn == 0 and pattern < rules.least_pattern:
             return 0.0
+        before = quad.copy()
         quad[:] = _aligned(samples, colours, tables, design, rules, H)
         if not _well_shaped(quad):
             return 0.0
+        # Where it hardly moves, one more look scores it.
+        still = float(np.abs(quad - before).max()) < STILL * side
     return pattern
+
+
+def _has_twin(quads: FloatArray, k: int) -> bool:
+    """Does an earlier square have the same corners, from whichever corner on?"""
+    close = SAME * np.sqrt(abs(_area(quads[k])))
+    turned = [np.roll(quads[:k], turn, axis=1) for turn in range(4)]
+    return any(bool((np.abs(earlier - quads[k]).max(axis=(1, 2)) < close).any()) for earlier in turned)
 
 
 def _look(
@@ -303,17 +318,14 @@ def _local_white(grey: FloatArray, window: int) -> FloatArray:
     return np.maximum(grey, 1e-3)
 
 
-def _light_ratio(white: FloatArray) -> float:
-    """Of the brightest and the darkest white at the middle and close to the corners."""
-    side = len(white)
-    near = side // 12
-    spots = [white[side // 2, side // 2], *white[np.ix_((near, side - 1 - near), (near, side - 1 - near))].ravel()]
-    return float(max(spots) / min(spots))
-
-
-def _passes_gate(seen: FloatArray, rules: ScreenRules) -> bool:
+def _gate(seen: FloatArray, rules: ScreenRules, window: int) -> float:
+    """1, or 0 where no shadow may end on the square, or -1 where it is no landmark."""
     inks = seen.reshape(3, -1, 3).mean(axis=1)
-    return bool(inks[0].sum() > rules.gate_white * inks[2].sum() and red_over_blue_numpy(inks) > rules.gate_red)
+    if not (inks[0].sum() > rules.gate_white * inks[2].sum() and red_over_blue_numpy(inks) > rules.gate_red):
+        return -1.0
+    # A shadow that ends on the landmark ends on its margin.
+    margin = seen[: len(seen) // 3].sum(axis=1)
+    return float(window == 0 or margin.max() > rules.shadow_ratio * margin.min())
 
 
 def red_over_blue_numpy(inks: FloatArray) -> float:

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 from simulated import CAMERA, SIZE, shoot
 
-from lmkit.detection.config import DetectOptions
+from lmkit.detection.config import ACCURATE, BALANCED, DetectOptions
 from lmkit.detection.detector import detect_landmarks, is_colourless
 from lmkit.detection.pattern_model import LandmarkPattern
 from lmkit.errors import InputError
@@ -40,7 +40,7 @@ def test_small_landmarks_do_not_shrink():
     off = []
     for k in range(8):
         image, corners = shoot(17 + 29 * k, 18.0, 10.0, 10.0, ImagingChain(Lens(0.7), sensor=Sensor(20000, 2)), k)
-        (found,) = detect_landmarks(image)
+        (found,) = detect_landmarks(image, DetectOptions(config=ACCURATE))
         areas = [cv2.contourArea(c.astype(np.float32)) for c in (found.corners, corners)]
         off.append(np.sqrt(areas[0]) - np.sqrt(areas[1]))
     assert abs(np.mean(off)) < 0.05
@@ -191,8 +191,8 @@ def test_the_patterns_slopes_are_its_differences(code, quarter, sxx, correlation
 
 # The scoreboard: least share of 24 read, on scenes that no threshold was set on.  A figure may only rise.
 SCOREBOARD = {
-    "side 14": (14.0, 0.0, ImagingChain(), 18),
-    "side 18, tilt 45": (18.0, 45.0, ImagingChain(), 14),
+    "side 14": (14.0, 0.0, ImagingChain(), 21),
+    "side 18, tilt 45": (18.0, 45.0, ImagingChain(), 22),
     "tilt 70": (60.0, 70.0, ImagingChain(), 22),
     "motion 8 of 60": (60.0, 0.0, ImagingChain(Lens(motion_px=(7.0, 4.0))), 23),
     "warm, unbalanced": (30.0, 20.0, ImagingChain(light=Light(0.5, 2900), development=Development(6500)), 22),
@@ -216,8 +216,9 @@ def test_scoreboard(name):
     for k in range(24):
         code = int(rng.integers(256))
         image, _ = shoot(code, side_px, float(rng.uniform(-15, 15)), tilt_deg, chain, seed=k)
-        codes = [d.code for d in detect_landmarks(image)]
+        codes = [d.code for d in detect_landmarks(image, DetectOptions(config=ACCURATE))]
         read += codes == [code]
-        wrong += any(c != code for c in codes)
+        for config in (ACCURATE, BALANCED):
+            wrong += any(d.code != code for d in detect_landmarks(image, DetectOptions(config=config)))
     assert wrong == 0
     assert read >= least, f"{name}: {read} of 24"
