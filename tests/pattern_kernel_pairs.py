@@ -162,7 +162,7 @@ def _quads(rng: np.random.Generator) -> Iterator[tuple[Any, ...]]:
             u = (x - cx) * np.cos(angle) + (y - cy) * np.sin(angle)
             v = (y - cy) * np.cos(angle) - (x - cx) * np.sin(angle)
             u, v = (u + 0.15 * v) / (1 + u / 200), (v - 0.04 * u) / (1 + u / 200)
-            inside = 1 / (1 + np.exp(np.maximum(np.abs(u), np.abs(v)) - half))
+            inside = 1 / (1 + np.exp(np.minimum(np.maximum(np.abs(u), np.abs(v)) - half, 50)))
             plane = plane * (1 - 0.7 * inside)
         if hidden:
             plane[:, 22:30] = 190

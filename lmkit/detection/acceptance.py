@@ -28,7 +28,7 @@ class AcceptanceRule:
 
     turn_margin: float = 24.0
     code_margin: float = 9.0
-    parts_misfit: float = 1.15
+    parts_misfit: float = 1.35
     red_over_blue: float = 0.4
     white_over_ground: tuple[float, float] = (2.2, 40.0)
     part_deviation: float = 0.3

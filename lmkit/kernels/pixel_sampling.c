@@ -6,7 +6,9 @@
 #include "plane.h"
 #include "select.h"
 
-#define GOLDEN 2654435769u /* 2^32 over the golden ratio */
+/* 2^32 over the plastic number and its square: multiples of both fill the plane evenly (Roberts 2018). */
+#define ALONG 3242174889u
+#define DOWN 2447445414u
 
 /* box: x0, y0, x1, y1, step.  rules: reach (mm), band (mm), pixels at most, share near edges (0: no preference), noise
  * (code value over 255), floor of the variance.  white and shift may be null.  out_at, values: planes of `capacity`. */
@@ -104,25 +106,23 @@ int lmkit_sample_pixels(int64_t height, int64_t width, const uint8_t *image, con
         }
     const double most = rules[2], share = rules[3];
     int64_t total = found[1] + found[2];
-    /* A pixel is taken where its number times the golden ratio, modulo 1, lies below the share that is wanted. */
+    /* A pixel is taken where ALONG x + DOWN y, modulo 1, lies below the share that is wanted. */
     double wanted[3] = {0.0, most / (double)(total > 1 ? total : 1), 0.0};
     wanted[2] = wanted[1];
     if ((double)total > most && share > 0.0) {
         wanted[1] = most * (1.0 - share) / (double)(found[1] > 1 ? found[1] : 1);
         wanted[2] = most * share / (double)(found[2] > 1 ? found[2] : 1);
     }
-    uint32_t limit[3] = {0, 0, 0}, number[3] = {0, 0, 0};
+    uint32_t limit[3] = {0, 0, 0};
     for (int k = 1; k < 3; k++)
         limit[k] = wanted[k] < 1.0 ? (uint32_t)(wanted[k] * 4294967295.0) : 4294967295u;
-    const int together = !((double)total > most && share > 0.0);
     int64_t n = 0, v = 0;
     for (int64_t y = y0; y < y1; y++)
         for (int64_t x = first_column(y, x0, step); x < x1; x += step) {
             int k = kinds[v++];
             if (!k)
                 continue;
-            uint32_t *counter = number + (together ? 1 : k);
-            uint32_t at = (*counter)++ * GOLDEN;
+            uint32_t at = (uint32_t)x * ALONG + (uint32_t)y * DOWN;
             if (at > limit[k] || n >= capacity)
                 continue;
             int64_t pixel = y * width + x;

@@ -15,7 +15,8 @@ from lmkit.kernels.registration import STATE, View, plane_numpy
 Float32Array = NDArray[np.float32]
 FloatArray = NDArray[np.floating[Any]]
 
-GOLDEN = 2654435769  # 2^32 over the golden ratio
+# 2^32 over the plastic number and its square: multiples of both fill the plane evenly (Roberts 2018).
+ALONG, DOWN = 3242174889, 2447445414
 VISITED = 20  # pixels looked at for each one that is wanted
 
 
@@ -141,10 +142,10 @@ def sample_numpy(
     chosen = np.zeros(len(at), dtype=bool)
     if total > rules.at_most and rules.near_share > 0:
         for which, share in ((1, 1 - rules.near_share), (2, rules.near_share)):
-            of_kind = np.flatnonzero(kind == which)
-            chosen[of_kind[_evenly(len(of_kind), rules.at_most * share)]] = True
+            of_kind = kind == which
+            chosen |= of_kind & _evenly(x, y, rules.at_most * share / max(int(of_kind.sum()), 1))
     else:
-        chosen[np.flatnonzero(inside)[_evenly(total, rules.at_most)]] = True
+        chosen = inside & _evenly(x, y, rules.at_most / max(total, 1))
     x, y, at = x[chosen], y[chosen], at[chosen]
     light = np.ones(len(x)) if source.white is None else source.white[y, x].astype(np.float64)
     values = source.linear[source.image[y, x]] / light[:, None]
@@ -165,11 +166,10 @@ def value_variance(values: FloatArray, light: FloatArray, rules: SamplingRules) 
     return np.asarray((slope * rules.noise) ** 2 + (0.015 * np.percentile(bright, 95)) ** 2 + rules.floor)
 
 
-def _evenly(n: int, count: float) -> NDArray[np.bool_]:
-    """(n,) True for about ``count``: a low-discrepancy choice, without the comb of a regular stride."""
-    share = count / max(n, 1)
+def _evenly(x: NDArray[np.int64], y: NDArray[np.int64], share: float) -> NDArray[np.bool_]:
+    """(N,) True for about this share of the pixels, without the comb of a regular stride."""
     limit = int(share * 4294967295.0) if share < 1 else 4294967295
-    return np.asarray((np.arange(n, dtype=np.uint64) * GOLDEN) % 2**32 <= limit)
+    return np.asarray((x * ALONG + y * DOWN) % 2**32 <= limit)
 
 
 def _step(box: tuple[int, int, int, int], at_most: int) -> int:
