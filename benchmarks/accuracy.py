@@ -1,8 +1,8 @@
 """What accuracy to expect, and whether `lmkit locate` reaches it and says so: what docs/accuracy.md shows.
 
-    uv run python benchmarks/accuracy.py [--draws 1000] [--plot docs/accuracy.svg] [--pictures 200]
+    uv run python benchmarks/accuracy.py [--draws 1000] [--plot docs/accuracy.svg] [--images 200]
 
-Simulated corners (no pictures): landmarks of 18 cm on a wall 0.8 m apart, 640 x 480, f = 460 px, eyes 12 cm apart,
+Simulated corners (no images): landmarks of 18 cm on a wall 0.8 m apart, 640 x 480, f = 460 px, cameras 12 cm apart,
 every corner off by 0.15 px (standard deviation; what the detector shows in rendered rooms).  Bound: the Cramer-Rao
 bound, the inverse of the information at the true pose.
 
@@ -187,14 +187,14 @@ def tables() -> None:
     for count in (1, 2, 3):
         row(f"{count}, stereo", count=count)
     for count in (1, 2, 3):
-        row(f"{count}, one eye", count=count, mono=True)
+        row(f"{count}, one camera", count=count, mono=True)
     row("2, 1.6 m apart", count=2, apart_m=1.6)
     print(f"\n| what differs |{head}\n|---|" + "---|" * len(distances))
-    row("2 landmarks, square on", count=2)
+    row("2 landmarks, head-on", count=2)
     row("seen at 30 deg", count=2, angle_deg=30)
     row("seen at 60 deg", count=2, angle_deg=60)
-    row("eyes 6 cm apart", count=2, baseline_m=0.06)
-    row("eyes 24 cm apart", count=2, baseline_m=0.24)
+    row("cameras 6 cm apart", count=2, baseline_m=0.06)
+    row("cameras 24 cm apart", count=2, baseline_m=0.24)
     row("f = 300 px (wider)", count=2, focal_px=300)
     row("f = 900 px (narrower)", count=2, focal_px=900)
 
@@ -229,7 +229,7 @@ def plot(results: list[tuple[Situation, float, float, float]], draws: int, path:
     for text, color in (("1 landmark", colors[1]), ("2", colors[2]), ("3", colors[3])):
         parts.append(f"<text x='{x}' y='{height - 10}' fill='{color}'>{text}</text>")
         x += 30 + 8 * len(text)
-    parts.append(f"<text x='{x}' y='{height - 10}'>solid: square on, dashed: at 50 deg; green: 95 % band</text>")
+    parts.append(f"<text x='{x}' y='{height - 10}'>solid: head-on, dashed: at 50 deg; green: 95 % band</text>")
     parts.append(f"<text x='{left}' y='18'>mean NEES / 6 of poses called ok, {draws} draws each; 1 is honest</text>")
     path.write_text(
         f"<svg xmlns='http://www.w3.org/2000/svg' width='{width}' height='{height}' viewBox='0 0 {width} {height}' "
@@ -247,7 +247,7 @@ def pictures(draws: int) -> None:
     with ProcessPoolExecutor() as pool:
         results = [result for result in pool.map(study_pictures, jobs) if result is not None]
     low, high = chi2.ppf([0.025, 0.975], 6 * draws) / (6 * draws)
-    print(f"\n95 % band of NEES / 6 over {draws} pairs of pictures: {low:.3f} to {high:.3f}\n")
+    print(f"\n95 % band of NEES / 6 over {draws} pairs of images: {low:.3f} to {high:.3f}\n")
     print("| landmarks | angle | distance | called ok | NEES / 6 | median error |\n|---|---|---|---|---|---|")
     for s, share, nees, error in results:
         where = f"| {s.count} | {s.angle_deg:g} deg | {s.distance_m:g} m |"

@@ -8,7 +8,7 @@ of corners: those of findChessboardCornersSB, and lmkit's fused ones.  A calibra
 flattered when it is scored on them, so both are shown.
 
 - sample: OpenCV's stereo_calib sample (cornerSubPix 11, same focal length, no tangential part).
-- SB, fixed: findChessboardCornersSB, calibrateCamera for each eye, then stereoCalibrate with CALIB_FIX_INTRINSIC.
+- SB, fixed: findChessboardCornersSB, calibrateCamera for each camera, then stereoCalibrate with CALIB_FIX_INTRINSIC.
 - SB, joint: the same, intrinsics refined by stereoCalibrate.
 - mrcal: mrcal-calibrate-cameras 2.2 (LENSMODEL_OPENCV5) on lmkit's fused corners; only with --mrcal, where installed.
 """
@@ -126,12 +126,12 @@ def opencv_sample(views: Sequence[PairView], board: BoardSpec, size: tuple[int, 
 
 
 def opencv_fixed(views: Sequence[PairView], board: BoardSpec, size: tuple[int, int]) -> StereoRig:
-    """Each eye on its own, then only their relation."""
+    """Each camera on its own, then only their relation."""
     return _opencv_two_steps(views, board, size, cv2.CALIB_FIX_INTRINSIC)
 
 
 def opencv_joint(views: Sequence[PairView], board: BoardSpec, size: tuple[int, int]) -> StereoRig:
-    """Each eye on its own, then everything together."""
+    """Each camera on its own, then everything together."""
     return _opencv_two_steps(views, board, size, cv2.CALIB_USE_INTRINSIC_GUESS)
 
 
@@ -223,7 +223,7 @@ def score(case: Case, recipe: str, names: list[str], swapped: int = 0) -> tuple[
     """Mean |dy| by kind of corners, and the median seconds of a fit.
 
     Args:
-        swapped: so many pairs of right pictures are exchanged in every training set.
+        swapped: so many pairs of right images are swapped in every training set.
     """
     kind, calibrate = RECIPES[recipe]
     errors: dict[str, list[np.ndarray]] = {k: [] for k in case.corners if k != "classic"}

@@ -2,8 +2,8 @@
 
     uv run python benchmarks/calibration_truth.py ../shared/data/boards [--seeds 100]
 
-The first table calibrates rendered pictures whose rig is known.  The second simulates corners of boards in a known
-rig (no pictures: 20 views, 0.1 px of noise, one picture in ten three times as noisy) and counts how often the 95 %
+The first table calibrates rendered images whose rig is known.  The second simulates corners of boards in a known
+rig (no images: 20 views, 0.1 px of noise, one image in ten three times as noisy) and counts how often the 95 %
 interval of every parameter holds the truth, over seeds that each have another noise and other views.
 """
 

@@ -76,7 +76,7 @@ def main() -> None:
         lines = [line for some in pool.map(partial(attempt, photos), seeds, chunksize=8) for line in some]
     said, right, daily = (np.array(column) for column in zip(*lines, strict=True))
     rows = []
-    print(f"{len(lines)} answers in {options.n} pictures\n")
+    print(f"{len(lines)} answers in {options.n} images\n")
     print("| confidence said | mean | right | of which let through every day |\n|---|---|---|---|")
     for low, high in pairwise(EDGES):
         chosen = (said >= low) & (said < high)

@@ -2,7 +2,7 @@
 
     uv run --extra benchmark python benchmarks/corners.py [ROOMS_OR_DRIVE...]
 
-Simulated pictures (two and three landmarks, 1 to 5 m, 0 to 50 deg, 12 pairs a situation), and the folders named, with
+Simulated images (two and three landmarks, 1 to 5 m, 0 to 50 deg, 12 pairs a situation), and the folders named, with
 their true maps, rigs and poses.  NEES / 8 is one where stated and true errors agree; beside it with the floor that
 `lmkit locate` adds for lenses and paper.
 """
@@ -37,7 +37,7 @@ ANOTHER_PX = 8.0  # further off it is no corner error but another landmark
 
 @dataclass(frozen=True)
 class Corner:
-    """One landmark in one picture."""
+    """One landmark in one image."""
 
     side_px: float
     error: np.ndarray

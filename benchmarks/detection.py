@@ -34,7 +34,7 @@ LINEARISED = ("AprilTag 3", "ArUco 4x4", "locus-tag")
 
 @dataclass(frozen=True)
 class Trial:
-    """One kind of picture: a ladder's name, its rung, and how to make the view from a seed."""
+    """One kind of image: a ladder's name, its rung, and how to make the view from a seed."""
 
     ladder: str
     rung: float
@@ -239,7 +239,7 @@ def print_photographs(photos: list[Path], names: list[str]) -> None:
 
 
 def print_times(photos: list[Path], names: list[str]) -> None:
-    """Median time a picture, as a ratio to ArUco, on photographs with two markers of each kind."""
+    """Median time an image, as a ratio to ArUco, on photographs with two markers of each kind."""
     for label, size in (("VGA", (640, 480)), ("720p", (1280, 720)), ("1080p", (1920, 1080))):
         seconds: dict[str, list[float]] = {name: [] for name in ("ArUco 4x4", *names)}
         for k, path in enumerate(photos[:12]):
@@ -289,7 +289,7 @@ def print_profile(photos: list[Path]) -> None:
     print("\nWhere lmkit's time goes (screening is an alignment without moves):\n")
     for (_, _, name), (_, calls, _, cumulative, _) in stats.stats.items():
         if name in steps:
-            print(f"- {name}: {100 * cumulative / total:.0f} % in {calls / len(images):.1f} calls a picture")
+            print(f"- {name}: {100 * cumulative / total:.0f} % in {calls / len(images):.1f} calls an image")
 
 
 def plot(lines: list[dict], names: list[str], folder: Path) -> None:

@@ -2,7 +2,7 @@
 
     uv run python benchmarks/drive.py ../shared/data/drive
 
-Odometry is the file's own dead reckoning, with the gyro's turns.  A code hangs twice in that drive: it is left out of
+Odometry is the file's own dead reckoning, with the gyro's turns.  One code is mounted twice there: it is left out of
 the true map, and `odd` shows whether the survey names it.
 """
 
@@ -58,7 +58,7 @@ def main(folder: Path) -> None:
     trajectory = [off(found, poses[k]) for k, found in zip(survey.rows, survey.bundle.left_poses(), strict=True)]
     known = [(m, true) for m in survey.landmarks if (true := hung.find(m.id)) is not None]
     places = [off(m.T_map_landmark, true.T_map_landmark) for m, true in known]
-    print(f"survey: {len(survey.rows)} of {len(moments)} moments, {len(survey.landmarks)} landmarks")
+    print(f"survey: {len(survey.rows)} of {len(moments)} frames, {len(survey.landmarks)} landmarks")
     print(
         f"  trajectory {rms([cm for cm, _ in trajectory]):.2f} cm, {rms([deg for _, deg in trajectory]):.2f} deg rmse"
     )
@@ -70,7 +70,7 @@ def main(folder: Path) -> None:
         off(pose, poses[times.index(time_s)] @ T_base_left.inverse())
         for time_s, pose in zip(drive.times_s.tolist(), drive.poses, strict=True)
     ]
-    print(f"track by the true map: {len(tracked)} moments")
+    print(f"track by the true map: {len(tracked)} frames")
     print(f"  trajectory {rms([cm for cm, _ in tracked]):.2f} cm, {rms([deg for _, deg in tracked]):.2f} deg rmse")
     live = track_pictures_live(moments, rig, hung, *wheels)
     errors, nees = [], []
@@ -79,7 +79,7 @@ def main(folder: Path) -> None:
         place = np.append(pose.t[:2] - true.t[:2], rotation_log(pose.R @ true.R.T)[2])
         errors.append((100 * float(np.hypot(*place[:2])), float(np.rad2deg(abs(place[2])))))
         nees.append(place @ np.linalg.solve(C[np.ix_((0, 1, 5), (0, 1, 5))], place))
-    print(f"track live, in the plane: {len(errors)} moments, {len(live.remarks)} restarts")
+    print(f"track live, in the plane: {len(errors)} frames, {len(live.remarks)} restarts")
     print(
         f"  trajectory {rms([cm for cm, _ in errors]):.2f} cm, {rms([deg for _, deg in errors]):.2f} deg rmse, "
         f"mean NEES {np.mean(nees):.1f} of 3"

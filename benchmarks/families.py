@@ -129,7 +129,7 @@ def draw(folder: Path, curves: dict, n: int) -> None:
     for axis, tilt in zip(axes, (0.0, 45.0), strict=True):
         for name in FAMILIES:
             axis.plot(SIDES_PX, curves[name, tilt], marker="o", ms=3, label=name)
-        axis.set_xlabel("side in the picture, px")
+        axis.set_xlabel("side in the image, px")
         axis.set_title("frontal" if tilt == 0 else "tilted by 45 degrees")
         axis.grid(alpha=0.3)
     axes[0].set_ylabel(f"share read (n = {n} each)")

@@ -2,10 +2,10 @@
 
     uv run --extra benchmark python benchmarks/locate.py ../shared/data/rooms
 
-The true map and rig are given; codes that hang twice in a room are left out of its map.  The table
+The true map and rig are given; codes that are mounted twice in a room are left out of its map.  The table
 runs over `LocateOptions.corner_floor_px`, the share of the corners' error that detection does not
-know of.  Below it AprilTag 3 on the twin pictures (same rooms, cameras and noise, other faces), with
-what a user of OpenCV would do next: every corner of the left picture into `solvePnPRansac`, then Levenberg-Marquardt.
+know of.  Below it AprilTag 3 on the second pose images (same rooms, cameras and noise, other faces), with
+what a user of OpenCV would do next: every corner of the left image into `solvePnPRansac`, then Levenberg-Marquardt.
 """
 
 import json

@@ -1,9 +1,9 @@
-"""What goes wrong in real surveys, simulated: is it mended, or at least named, or does the map bend in silence?
+"""What goes wrong in real surveys, simulated: is it fixed, or at least named, or does the map bend in silence?
 
     uv run python benchmarks/mishaps.py [--seeds 10] [--first 0]
 
 Recordings of a minute with one anchor (`simulation/recording.py`: simulated corners, wheels and gyro).  From half way
-on two landmarks are swapped, or one hangs on the wall across; odometry stops for 10 s, or its clock jumps by 2 s
+on two landmarks are swapped, or one is mounted on the wall across; odometry stops for 10 s, or its clock jumps by 2 s
 (without the gyro); no landmark larger than 30 px is seen.  Bent: a landmark that was not touched is off by more than
 5 cm or 0.15 rad and four standard deviations.  Named: the survey reports a contradiction, an ambiguity, or a landmark
 that it could not place.
@@ -35,7 +35,7 @@ from lmkit.simulation.recording import Drive, WheelErrors, make_drive
 SECONDS, NOISE_PX, LARGEST_PX = 60.0, 0.15, 30.0
 ROOM_M = (8.0, 5.0)
 BENT_M, BENT_RAD, BENT_SIGMA = 0.05, 0.15, 4.0
-NAMES = ("nothing", "two exchanged", "one moved", "odometry stops", "clock jumps", "all seen from afar")
+NAMES = ("nothing", "two swapped", "one moved", "odometry stops", "clock jumps", "all seen from afar")
 WITHOUT_ODOMETRY = (0, 1, 2, 5)
 
 Seen = tuple[Detection, ...]

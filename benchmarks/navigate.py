@@ -1,12 +1,12 @@
 """Drives to a goal, simulated: how often the robot arrives, how near, whether it knows where it is.
 
-    uv run python benchmarks/navigate.py [--runs 20] [--every-second] [--pictures]
+    uv run python benchmarks/navigate.py [--runs 20] [--every-second] [--images]
 
-In each of the plans in benchmarks/floors, landmarks as `lmkit plan place` hangs them; random starts (0.4 m clear of
+In each of the plans in benchmarks/floors, landmarks as `lmkit plan place` places them; random starts (0.4 m clear of
 walls, any heading) and goals (where the placement holds its demand); wheels that report 8 % too much way and 10 % too
-much turn, three slips of up to 5 cm and 5 deg, a gyro with bias and noise, pictures 0.1 s late, a robot that leans by
+much turn, three slips of up to 5 cm and 5 deg, a gyro with bias and noise, images 0.1 s late, a robot that leans by
 0.3 deg, corners and recognition as measured.  ``--every-second`` takes half of the landmarks off walls and map;
-``--pictures`` photographs the room and reads the pictures, end to end (minutes a drive).
+``--pictures`` photographs the room and reads the images, end to end (minutes a recording).
 Arrived means: within 5 cm and 3 deg of the goal, in truth, without touching a wall.
 """
 
@@ -43,7 +43,7 @@ WHEELS = WheelErrors(slips=3, delay_s=0.1)
 
 @dataclass(frozen=True)
 class Run:
-    """One drive: what it says, and the truth."""
+    """One recording: what it says, and the truth."""
 
     status: str
     off_m: float

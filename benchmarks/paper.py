@@ -1,4 +1,4 @@
-"""The source paper's recipe beside lmkit on the same 400 pictures: its Table 2, reproduced in kind.
+"""The source paper's recipe beside lmkit on the same 400 images: its Table 2, reproduced in kind.
 
     uv run --extra benchmark python benchmarks/paper.py ../shared/data/photos [--n 400]
 
@@ -8,8 +8,8 @@ gap positions by the invariance of cross ratios from the real sizes, each gap ju
 dark pixels in a window that grows with the region.  What the paper leaves open (thresholds, sizes
 of windows) is chosen here to favour it: by its best rate on a separate set of seeds.
 
-The pictures are simulated (`planar.py`): sides of 30 to 150 px, tilts to 50 deg, light from 2700 to
-6500 K balanced to within 15 %, half of them blurred or dim.  The paper's own pictures are not to be had.
+The images are simulated (`planar.py`): sides of 30 to 150 px, tilts to 50 deg, light from 2700 to
+6500 K balanced to within 15 %, half of them blurred or dim.  The paper's own images are not to be had.
 """
 
 from __future__ import annotations
@@ -155,7 +155,7 @@ def main() -> None:
     print("| wrong or false answers | " + " | ".join(str(sum(o)) for o in other.values()) + " |")
     print("| corner error, median px | " + " | ".join(f"{np.median(e):.2f}" for e in errors.values()) + " |")
     base = np.median(seconds["the paper's recipe"])
-    print("| time a picture, ratio | " + " | ".join(f"{np.median(s) / base:.1f}" for s in seconds.values()) + " |")
+    print("| time an image, ratio | " + " | ".join(f"{np.median(s) / base:.1f}" for s in seconds.values()) + " |")
     print(
         f"\nThe recipe's saturation threshold and window, chosen on 60 other seeds: {best[0]}, {best[1]} of the side."
     )

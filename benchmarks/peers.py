@@ -1,4 +1,4 @@
-"""lmkit and its peers behind one face: a picture in, (code, corners) out.
+"""lmkit and its peers behind one face: an image in, (code, corners) out.
 
 Corners are (4,2), top left first, then clockwise, pixel centres at whole numbers.
 """

@@ -52,7 +52,7 @@ class View:
 
 @dataclass(frozen=True)
 class Shot:
-    """A picture and its truth: code, corners (4,2) px, T_camera_marker."""
+    """An image and its truth: code, corners (4,2) px, T_camera_marker."""
 
     image: np.ndarray
     code: int
@@ -68,7 +68,7 @@ def camera(size: tuple[int, int] = SIZE) -> CameraModel:
 
 
 def place(view: View, rng: np.random.Generator) -> Pose:
-    """T_camera_marker, all of the paper inside the picture where it fits."""
+    """T_camera_marker, all of the paper inside the image where it fits."""
     distance = FOCAL_PX * SIDE_M / view.side_px
     room = 0.5 * np.array(SIZE) - 0.75 * view.side_px - 8
     offset = rng.uniform(-1, 1, 2) * np.maximum(room, 0) * distance / FOCAL_PX

@@ -1,4 +1,4 @@
-"""The pictures of docs/printing.md: how far a landmark is read, the templates, and what goes wrong.
+"""The images of docs/printing.md: how far a landmark is read, the templates, and what goes wrong.
 
     uv run --extra benchmark python benchmarks/printing_pictures.py
 
@@ -51,7 +51,7 @@ def chart() -> None:
 
 
 def with_caption(picture: np.ndarray, words: str, size: tuple[int, int]) -> Image.Image:
-    """An RGB picture fitted into a box, with a line under it."""
+    """An RGB image fitted into a box, with a line under it."""
     box = Image.new("RGB", (size[0], size[1] + 26), "white")
     image = Image.fromarray(picture)
     image.thumbnail((size[0] - 8, size[1] - 4), Image.Resampling.LANCZOS)

@@ -2,12 +2,12 @@
 
     uv run --extra benchmark python benchmarks/rooms.py ../shared/data/rooms [../shared/data/drive]
 
-lmkit stands there as it is, with ``--fast``, and with the camera's calibration given.  A drive has
+lmkit stands there as it is, with ``--fast``, and with the camera's calibration given.  A recording has
 landmarks only.
 
 Every scene exists twice, once with lm8 landmarks and once with AprilTag 36h11 of the same size in
 the same places (`landmark/` and `tag36h11/`, each with its `truth.json`).  A landmark counts when
-its four corners are in the picture, it is at least 97 % unhidden, tilted by less than 80 deg and has
+its four corners are in the image, it is at least 97 % unhidden, tilted by less than 80 deg and has
 a side of at least 15 px.  Intervals are Wilson's, 95 %.
 """
 
@@ -30,7 +30,7 @@ TILTS = (0, 30, 60, 80)
 
 
 def lmkit_readers(truth: dict) -> dict:
-    """lmkit's ways of reading, each a function of a picture and which eye took it."""
+    """lmkit's ways of reading, each a function of an image and which camera took it."""
     rig = truth["rig"]
     eyes = {
         eye[0].upper(): CameraModel((640, 480), np.array(rig[eye]["K"]), np.array([*rig[eye]["dist"], 0.0]))
@@ -141,7 +141,7 @@ def print_table(results: dict, timed_by: str) -> None:
         ("false positives", lambda r: str(r["false"])),
         ("corner error, median px", lambda r: f"{np.median(r['error']):.3f}"),
         ("corner error, 90th percentile px", lambda r: f"{np.percentile(r['error'], 90):.3f}"),
-        (f"time a picture, ratio to {timed_by}", lambda r: f"{r['ms'] / results[timed_by]['ms']:.1f}"),
+        (f"time an image, ratio to {timed_by}", lambda r: f"{r['ms'] / results[timed_by]['ms']:.1f}"),
     ):
         print(f"| {name} | " + " | ".join(value(r) for r in results.values()) + " |")
 

@@ -82,7 +82,7 @@ def locate_four() -> Iterator[float]:
 
 
 def live_wheels() -> Iterator[float]:
-    """Each observation of a filter on wheels, a drive of a minute at 5 Hz."""
+    """Each observation of a filter on wheels, a recording of a minute at 5 Hz."""
     drive = make_drive(1)
     filter_, rows = RigFilter(drive.landmarks, drive.rig), 0
     odometry = drive.odometry
@@ -96,7 +96,7 @@ def live_wheels() -> Iterator[float]:
 
 
 def live_poses() -> Iterator[float]:
-    """Each observation of a filter on visual odometry, a drive of a minute at 5 Hz."""
+    """Each observation of a filter on visual odometry, a recording of a minute at 5 Hz."""
     drive = make_drive(1)
     odometry = drive.visual_odometry(1)
     filter_ = PoseFilter(drive.landmarks, drive.rig)

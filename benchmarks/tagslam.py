@@ -1,4 +1,4 @@
-"""A real stereo drive, surveyed: the TagSLAM example (225 s, 140 m, f = 604 px, eyes 20 cm apart), beside TagSLAM.
+"""A real stereo recording, surveyed: the TagSLAM example (225 s, 140 m, f = 604 px, baseline 20 cm).
 
     uv run python benchmarks/tagslam.py ../shared/data/tagslam [--every 5] [--sigma 0.05,2] [--no-odometry]
 
@@ -107,7 +107,7 @@ def main() -> None:
     codes = [code for _, code in sorted(seen) if f"tag_{code}" in refined and code in found and code in hand]
     off = np.array([np.linalg.norm(found[code] - refined[f"tag_{code}"][:3]) for code in codes])
     before = np.array([np.linalg.norm(hand[code].T_map_landmark.t - refined[f"tag_{code}"][:3]) for code in codes])
-    print(f"{len(moments)} moments, {len(result.rows)} located, {len(codes)} tags seen, {took:.1f} s")
+    print(f"{len(moments)} frames, {len(result.rows)} located, {len(codes)} tags seen, {took:.1f} s")
     for name, values in (("hand measured", before), ("surveyed", off)):
         print(
             f"tags, {name}: {100 * np.median(values):.1f} cm median, {100 * np.percentile(values, 90):.1f} cm at 90 %"

@@ -3,7 +3,7 @@
     uv run python benchmarks/track.py ../shared/data/mrclam
 
 Readings of landmarks and odometry alone, as `lmkit track` and `lmkit survey` take them, of five robots; delay and
-scales are found, not given.  Errors at every moment with a reading.  NEES of an honest planar covariance has a mean
+scales are found, not given.  Errors at every frame with a reading.  NEES of an honest planar covariance has a mean
 of 3.  A surveyed map and its drive are laid onto the true map by the rotation and shift that fit its landmarks best;
 its size stays as it is.
 """
@@ -32,7 +32,7 @@ from lmkit.tracking.online import track_live
 def load(
     folder: Path, robot: int
 ) -> tuple[list[tuple[float, list[RangeBearing]]], Odometry, LandmarkMap, np.ndarray]:
-    """Readings by moment, odometry, the map, and the truth (time, x, y, heading)."""
+    """Readings by frame, odometry, the map, and the truth (time, x, y, heading)."""
     places = {int(row[0]): row[1:3] for row in table(folder, "Landmark_Groundtruth")}
     subject = {int(code): int(number) for number, code in table(folder, "Barcodes")}
     truth, measured, odometry = (
@@ -53,7 +53,7 @@ def load(
 
 
 def errors(drive: TrackedTrajectory, truth: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """(N,3) x, y (m), heading (rad), and NEES (N,), of all moments that have a pose."""
+    """(N,3) x, y (m), heading (rad), and NEES (N,), of all frames that have a pose."""
     heading = np.unwrap(truth[:, 3])
     true = np.column_stack(
         [np.interp(drive.times_s, truth[:, 0], column) for column in (truth[:, 1], truth[:, 2], heading)]
@@ -67,7 +67,7 @@ def errors(drive: TrackedTrajectory, truth: np.ndarray) -> tuple[np.ndarray, np.
 
 
 def main(folder: Path) -> None:
-    print("| robot | smoother, cm | deg | NEES | live, cm | deg | NEES | not ok | ms a moment |")
+    print("| robot | smoother, cm | deg | NEES | live, cm | deg | NEES | not ok | ms a frame |")
     print("|---|---|---|---|---|---|---|---|---|")
     everything: dict[str, list[tuple[np.ndarray, np.ndarray]]] = {"smoother": [], "live": []}
     for robot in range(1, 6):
@@ -95,7 +95,7 @@ def main(folder: Path) -> None:
 
 
 def surveyed_errors(folder: Path, robot: int) -> tuple[np.ndarray, np.ndarray]:
-    """(L,2) of the landmarks (m), and (N,3) of the drive, x, y, heading."""
+    """(L,2) of the landmarks (m), and (N,3) of the recording, x, y, heading."""
     moments, wheels, landmarks, truth = load(folder, robot)
     found, drive = survey_readings(moments, wheels, None, 0.18)
     true = np.array([landmarks.find(m.id).T_map_landmark.t[:2] for m in found])

@@ -1,4 +1,4 @@
-"""Corners of a board in a known rig, as both eyes would see them."""
+"""Corners of a board in a known rig, as both cameras would see them."""
 
 from __future__ import annotations
 

@@ -164,7 +164,7 @@ def _square_calls(rng: np.random.Generator) -> Iterator[tuple[Any, ...]]:
         seen = (sizes[:, None, None] * square) @ (small_rotations(rng, count, 0.5) @ facing).transpose(0, 2, 1)
         seen = seen + rng.normal(size=(count, 1, 3)) * [0.5, 0.5, 0.2] + np.array([0, 0, 2])
         yield seen[..., :2] / seen[..., 2:] + 1e-4 * rng.normal(size=(count, 4, 2)), sizes
-    # Square on, a single point, not a number.
+    # Head-on, a single point, not a number.
     yield 0.1 * (square @ np.diag([1.0, -1, 1]))[None, :, :2], np.array([0.2])
     yield np.full((1, 4, 2), np.nan), np.array([0.2])
 

@@ -1,7 +1,7 @@
 """Printed landmarks put into real photographs: rasterised by a foreign renderer, warped, blurred, noised.
 
 Nothing here comes from lmkit's own imaging model: the print is a PDF drawn by pypdfium2 or
-pdftoppm, the picture is a real photograph, the warp is OpenCV's on an oversampled grid.
+pdftoppm, the image is a real photograph, the warp is OpenCV's on an oversampled grid.
 """
 
 from __future__ import annotations

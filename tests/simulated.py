@@ -29,7 +29,7 @@ def sheet(code: int, family: LandmarkFamily) -> np.ndarray:
 
 
 def shoot(code, side_px, turn_deg=0.0, tilt_deg=0.0, chain=None, seed=0, camera=CAMERA, family=LM8):
-    """A picture of one landmark on a grey wall, and its true corners."""
+    """An image of one landmark on a grey wall, and its true corners."""
     distance = camera.K[0, 0] * 0.18 / side_px
     roll = cv2.Rodrigues(np.array([0.0, 0.0, np.deg2rad(turn_deg)]))[0]
     tilt = cv2.Rodrigues(np.array([0.0, np.deg2rad(tilt_deg), 0.0]))[0]

@@ -1,4 +1,4 @@
-"""Joint bundle adjustment of a stereo camera: both eyes, their relation, every board pose, board warp.
+"""Joint bundle adjustment of a stereo camera: both cameras, their relation, every board pose, board warp.
 
 The unknowns that all pairs share are, in this order: left intrinsics, right intrinsics, T_right_left
 (rotation, shift), two numbers of board warp; every pair adds six for the board's pose in the left
@@ -23,14 +23,14 @@ from lmkit.optim.robust_loss import cauchy_cost, cauchy_weight
 
 WARP = 2
 POSE = 6
-OWN_NOISE = 0.25  # share of a middling picture's variance that is the scatter of its own corners
-MOST_NOISE = 10.0  # of a picture's corners, over the middle one's
+OWN_NOISE = 0.25  # share of a middling image's variance that is the scatter of its own corners
+MOST_NOISE = 10.0  # of an image's corners, over the median's
 DAMPING = Damping(start=1e-3, grow=10.0, first_grown=0.0)
 MOST_TRIED = 8  # steps with ever more damping, before it is called converged
 CONVERGED = 1e-7  # relative gain; of some thousand residuals, a thousandth of a standard deviation of anything
 LEAST_PAIRS = 8  # for the scatter between pairs to tell anything
 LOSS_WIDTH = 3.0  # standard deviations at which the Cauchy loss bends
-# Standard deviations of what one coefficient does at the corner of the picture, over its distance
+# Standard deviations of what one coefficient does at the corner of the image, over its distance
 # from the middle, before anything was seen: wide for any lens, but it keeps coefficients that cancel
 # each other (Claus and Fitzgibbon 2005 on rational models) from running away together.
 RADIAL_PRIOR = 0.3
@@ -39,7 +39,7 @@ TANGENTIAL_PRIOR = 0.05
 
 @dataclass(frozen=True)
 class Solution:
-    """A point in the space of unknowns, and how well it explains the pictures.
+    """A point in the space of unknowns, and how well it explains the images.
 
     Attributes:
         left, right: cameras.
@@ -68,7 +68,7 @@ class FitOptions:
     """What is fitted besides the board poses.
 
     Attributes:
-        intrinsics: of both eyes.
+        intrinsics: of both cameras.
         relation: T_right_left.
         warp: the board's bow.
         iterations: at most.
@@ -116,7 +116,7 @@ def intrinsics_prior(camera: CameraModel) -> FloatArray:
 
 
 class _Eye:
-    """What one eye saw of all pairs, end to end."""
+    """What one camera saw of all pairs, end to end."""
 
     def __init__(
         self, seen: Sequence[tuple[IntArray, FloatArray]], object_points: FloatArray, sigma: FloatArray
@@ -148,15 +148,15 @@ class StereoProblem:
         noise = np.array([[np.nan if n is None else n for n in (v.noise_left, v.noise_right)] for v in views])
         known = noise[np.isfinite(noise)]
         middle = float(np.median(known)) if len(known) else 1.0
-        # Relative to the middle picture: how noisy they are all together, the residuals tell.  Most of what they
-        # show comes from what no picture tells, though: the lens model, the board, the light.
+        # Relative to the middle image: how noisy they are all together, the residuals tell.  Most of what they
+        # show comes from what no image tells, though: the lens model, the board, the light.
         relative = np.where(np.isfinite(noise), noise / max(middle, 1e-9), 1.0)
         relative = np.sqrt(OWN_NOISE * np.minimum(relative, MOST_NOISE) ** 2 + 1 - OWN_NOISE)
         self.left = _Eye([(v.ids_left, v.left) for v in views], object_points, relative[:, 0])
         self.right = _Eye([(v.ids_right, v.right) for v in views], object_points, relative[:, 1])
 
     def residuals(self, s: Solution) -> list[tuple[FloatArray, FloatArray]]:
-        """Per pair, observed minus projected pixels of the left (N,2) and right (M,2) picture."""
+        """Per pair, observed minus projected pixels of the left (N,2) and right (M,2) image."""
         left, right = self._residuals(s)
         return list(zip(self.left.per_pair(left), self.right.per_pair(right), strict=True))
 
@@ -165,7 +165,7 @@ class StereoProblem:
         return float(np.linalg.norm(np.concatenate(self._residuals(s)), axis=1).mean())
 
     def rms(self, s: Solution) -> FloatArray:
-        """(P,) root mean square distance of each pair's corners, px, as if all pictures were equally sharp."""
+        """(P,) root mean square distance of each pair's corners, px, as if all images were equally sharp."""
         left, right = (eye.per_pair(r) for eye, r in zip((self.left, self.right), self._whitened(s), strict=True))
         both = [np.concatenate(pair) for pair in zip(left, right, strict=True)]
         return np.array([np.sqrt(np.mean(np.sum(r**2, axis=1))) for r in both])
@@ -203,7 +203,7 @@ class StereoProblem:
         return left / self.left.sigma, right / self.right.sigma
 
     def _scale(self, s: Solution) -> float:
-        """Robust standard deviation of one pixel coordinate of the middle picture."""
+        """Robust standard deviation of one pixel coordinate of the middle image."""
         return max(float(np.median(np.abs(np.concatenate(self._whitened(s))))) / 0.6745, 1e-6)
 
     def _cost(self, s: Solution, scale: float, prior: FloatArray) -> float:
@@ -216,7 +216,7 @@ class StereoProblem:
         size = nl + nr + POSE + WARP
         blocks = _Blocks.empty(size, self.count)
 
-        # Left eye: a pose step turns and shifts the board in the left camera's frame.
+        # Left camera: a pose step turns and shifts the board in the left camera's frame.
         eye = self.left
         board, turned = _board_and_turned(eye, s)
         pixels, by_point, by_camera = s.left.project_with_jacobian(turned + s.translations[eye.pair])
@@ -310,7 +310,7 @@ class _Blocks:
         return cls(*(np.zeros(shape) for shape in (*shapes, (size,), (size,))))
 
     def add(self, eye: _Eye, shared: FloatArray, pose: FloatArray, residual: FloatArray, scale: float) -> None:
-        """Add what one eye says: derivatives (N,2,G) and (N,2,6), residuals (N,2), px."""
+        """Add what one camera says: derivatives (N,2,G) and (N,2,6), residuals (N,2), px."""
         weight = _weight(residual / eye.sigma, scale)[:, None] / eye.sigma**2
         both = np.concatenate([shared, pose], axis=2)
         starts = np.concatenate([[0], eye.ends[:-1]])
@@ -363,7 +363,7 @@ def _step(blocks: _Blocks, fitted: BoolArray, damping: float) -> tuple[FloatArra
 def _scatter_between_pairs(blocks: _Blocks, fitted: BoolArray, reduced: FloatArray, covariance: FloatArray) -> float:
     """How many times larger the variances are when the pairs speak for themselves, at least 1.
 
-    The corners of one picture err together (light, focus, what the lens model leaves over), so that they count for
+    The corners of one image err together (light, focus, what the lens model leaves over), so that they count for
     less than as many independent ones.  The pairs are independent: what the solution does when each of them is left
     out (the jackknife, as Bell and McCaffrey 2002 have it for clustered data), over what the corners alone promise.
     """

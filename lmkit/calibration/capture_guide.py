@@ -1,6 +1,6 @@
-"""Guidance while pictures are taken: which pair to keep, and which view to show next.
+"""Guidance while images are taken: which pair to keep, and which view to show next.
 
-A pair is kept by itself when both eyes see the board, sharp, held still and in a view that is not
+A pair is kept by itself when both cameras see the board, sharp, held still and in a view that is not
 there yet.  It ends when the views cover what a calibration needs.
 """
 
@@ -17,11 +17,11 @@ from lmkit.errors import InputError
 from lmkit.geometry.camera import CameraModel
 from lmkit.model.observation import PairView
 
-SHARP_RATIO = 2.5  # a picture's corner noise over the middle one's of those kept
+SHARP_RATIO = 2.5  # an image's corner noise over the median's of those kept
 SHARP_ENOUGH_PX = 0.15
-STILL_SHARE = 0.002  # of the picture's width, between one frame and the next
+STILL_SHARE = 0.002  # of the image's width, between one frame and the next
 # A view is new when it differs by one of these from every view kept.
-NEW_PLACE = 0.15  # of the picture's width
+NEW_PLACE = 0.15  # of the image's width
 NEW_DISTANCE = 1.25  # ratio
 NEW_TILT_DEG = 12.0
 OWN_CAMERA_FROM = 6  # views, before which the focal length is a guess
@@ -54,8 +54,8 @@ class CaptureGuide:
 
     Args:
         object_points: (N,3) of the board.
-        image_size: (width, height) of both eyes.
-        moving: frames follow each other, so that a board in motion can be told; False for single pictures.
+        image_size: (width, height) of both cameras.
+        moving: frames follow each other, so that a board in motion can be told; False for single images.
     """
 
     def __init__(self, object_points: FloatArray, image_size: tuple[int, int], moving: bool = True) -> None:
@@ -81,17 +81,17 @@ class CaptureGuide:
         return coverage_of(self.views, rotations, translations, self._camera, self._camera)
 
     def judge(self, view: PairView | None) -> Judgement:
-        """ScreeningThresholds at one pair of frames; None where an eye does not see the board."""
+        """ScreeningThresholds at one pair of frames; None where a camera does not see the board."""
         before, self._before = self._before, view
         if view is None:
-            return Judgement(False, "no board", "show the whole board to both eyes")
+            return Judgement(False, "no board", "show the whole board to both cameras")
         if self._moving and (before is None or self._motion(before, view) > STILL_SHARE):
             return Judgement(False, "moving", "hold still")
         if not self._sharp(view):
             return Judgement(False, "blurred", "blurred: hold still, more light, or focus")
         poses = board_poses(self._camera, self._object_points[view.ids_left], view.left)
         if not poses:
-            return Judgement(False, "no board", "show the whole board to both eyes")
+            return Judgement(False, "no board", "show the whole board to both cameras")
         R, t, _ = poses[0]
         if not self._is_new(view, R, t):
             return Judgement(False, "not new", "move the board on")
@@ -101,7 +101,7 @@ class CaptureGuide:
         return Judgement(True, "kept", f"kept {view.name}")
 
     def _motion(self, before: PairView, view: PairView) -> float:
-        """Of the middle corner of the faster eye, over the picture's width."""
+        """Of the middle corner of the faster camera, over the image's width."""
         steps = []
         for ids_a, a, ids_b, b in (
             (before.ids_left, before.left, view.ids_left, view.left),
@@ -139,7 +139,7 @@ class CaptureGuide:
         return any(bool((here & ~before).any()) for here, before in zip(new, seen, strict=True))
 
     def _learn_camera(self) -> None:
-        """The left eye from the views so far, and the boards' poses with it."""
+        """The left camera from the views so far, and the boards' poses with it."""
         seen = [(kept.view.ids_left, kept.view.left) for kept in self._kept]
         try:
             self._camera = start_camera(self._object_points, seen, self._camera.image_size, "pinhole")
@@ -153,5 +153,5 @@ class CaptureGuide:
 
 
 def _noise(view: PairView) -> float:
-    """Of the worse eye, px; nothing is known to be wrong where it was not estimated."""
+    """Of the worse camera, px; nothing is known to be wrong where it was not estimated."""
     return max(view.noise_left or 0.0, view.noise_right or 0.0)

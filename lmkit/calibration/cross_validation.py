@@ -32,8 +32,8 @@ class HeldOut:
         rows: which pairs.
         epipolar_px: mean difference in rows after rectification.
         reprojection_px: mean distance of the corners from where the rig, and the board's best pose, put them.
-        common: corners that both eyes see.
-        corners: of both eyes.
+        common: corners that both cameras see.
+        corners: of both cameras.
     """
 
     rows: IntArray
@@ -108,6 +108,6 @@ def errors_on(object_points: FloatArray, views: Sequence[PairView], rig: Solutio
 
 
 def common_corners(view: PairView) -> tuple[FloatArray, FloatArray]:
-    """(N,2) and (N,2) pixels of the corners that both eyes see."""
+    """(N,2) and (N,2) pixels of the corners that both cameras see."""
     _, in_left, in_right = np.intersect1d(view.ids_left, view.ids_right, return_indices=True)
     return view.left[in_left], view.right[in_right]

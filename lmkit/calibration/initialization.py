@@ -1,4 +1,4 @@
-"""Where the joint fit starts: every eye on its own, and the relation of the eyes that most pairs show."""
+"""Where the joint fit starts: every camera on its own, and the relation of the cameras that most pairs show."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from lmkit.model.observation import PairView
 
 # Coefficients that are fitted, of each model.
 DISTORTION_COUNT = {"pinhole": 5, "rational": 8, "fisheye": 4}
-# A pair's own relation of the eyes may differ from the others' by this much before the fit.
+# A pair's own relation of the cameras may differ from the others' by this much before the fit.
 CONSENSUS_DEG = 1.0
 CONSENSUS_SIGMA = 6.0
 FITTED_DEG = 0.2  # the same once the cameras are known
@@ -30,7 +30,7 @@ class Relation:
     Attributes:
         R, t: rotation (3,3) and shift (3,), metres.
         board: R, t of T_left_board behind it.
-        rms_px: how well each eye alone explains its corners, the worse one.
+        rms_px: how well each camera alone explains its corners, the worse one.
     """
 
     R: FloatArray
@@ -66,7 +66,7 @@ class Consensus:
 def start_camera(
     object_points: FloatArray, seen: Sequence[tuple[IntArray, FloatArray]], image_size: tuple[int, int], model: str
 ) -> CameraModel:
-    """One eye on its own, by OpenCV.
+    """One camera on its own, by OpenCV.
 
     Raises:
         InputError: no such camera explains the corners.
@@ -101,7 +101,7 @@ def start_camera(
 def _no_start(model: str) -> InputError:
     return InputError(
         "no_start",
-        f"no {model} camera explains the corners of one eye",
+        f"no {model} camera explains the corners of one camera",
         "check the board specification and take views with more tilt",
     )
 
@@ -111,7 +111,7 @@ def find_consensus(
 ) -> Consensus:
     """The relation that most pairs show, and which pairs do.
 
-    Where an eye allows two poses of the board, the pair takes those that agree best with the others.
+    Where a camera allows two poses of the board, the pair takes those that agree best with the others.
 
     Raises:
         InputError: the cameras do not reach all of the corners.
@@ -184,7 +184,7 @@ def _relation(in_left: _BoardPose, in_right: _BoardPose) -> Relation:
 
 
 def board_poses(camera: CameraModel, object_points: FloatArray, points: FloatArray) -> list[_BoardPose]:
-    """R, t of the board in one camera and its error, likelier one first: a small flat board may have a twin pose."""
+    """R, t of the board in one camera and its error, the likelier pose first: a small flat board may have two."""
     rays = camera.unproject(points)
     if not np.isfinite(rays).all():
         return []

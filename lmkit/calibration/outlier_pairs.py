@@ -1,4 +1,4 @@
-"""Why a pair does not fit the rig that the others show: swapped, moved rig, blur, another moment."""
+"""Why a pair does not fit the rig that the others show: swapped, moved rig, blur, another frame."""
 
 from __future__ import annotations
 
@@ -14,9 +14,9 @@ from lmkit.geometry.camera import CameraModel
 from lmkit.geometry.rotations import rotation_angle
 from lmkit.model.observation import PairView
 
-BLUR_RATIO = 4.0  # noise of a picture's corners over the middle one's
-ONE_EYE_RATIO = 6.0  # a board's error in one eye alone over the middle one's
-MATE_SHARE = 0.15  # of the board's size in the picture: so near must a swapped picture's corners lie
+BLUR_RATIO = 4.0  # noise of an image's corners over the median's
+ONE_EYE_RATIO = 6.0  # a board's error in one camera alone over the median's
+MATE_SHARE = 0.15  # of the board's size in the image: so near must a swapped image's corners lie
 LEAST_GROUP = 2
 MOST_TRIED = 12
 MUCH_BETTER = 0.1  # a rig in which a pair's error is this share of what it is in the others' is its own
@@ -51,9 +51,9 @@ def explain_disagreements(
     """A reason for each of the pairs ``bad``.
 
     Args:
-        misfits: of pairs that agreed with the consensus, but then did not fit: how many times worse they
-            fit than the middle one.
-        agreement: how every pair's own relation of the eyes compares with the fitted one.
+        residuals: of pairs that agreed with the consensus, but then did not fit: how many times worse they
+            fit than the median.
+        agreement: how every pair's own relation of the cameras compares with the fitted one.
         solution: the rig as fitted to the others.
         fair_px: reprojection error, as :meth:`StereoProblem.rms` has it, up to which a pair fits.
     """
@@ -65,14 +65,14 @@ def explain_disagreements(
     for k in bad:
         view = views[k]
         degrees, shift = agreement.off(k)
-        off = f"its eyes stand {degrees:.1f} deg and {shift * 1000:.0f} mm off the others'"
+        off = f"its cameras stand {degrees:.1f} deg and {shift * 1000:.0f} mm off the others'"
         noise = max(view.noise_left or 0.0, view.noise_right or 0.0)
         if k in mates:
-            told = ("swapped", f"its right picture belongs to the left one of {views[mates[k]].name}: swapped")
+            told = ("swapped", f"its right image belongs to the left one of {views[mates[k]].name}: swapped")
         elif k in moved:
             group, turned = moved[k]
             others = ", ".join(views[j].name for j in group if j != k)
-            told = ("moved", f"it and {others} agree on eyes turned by {turned:.1f} deg: the rig was moved")
+            told = ("moved", f"it and {others} agree on cameras turned by {turned:.1f} deg: the rig was moved")
         elif noise > BLUR_RATIO * middle_noise:
             told = (
                 "blur",
@@ -82,12 +82,12 @@ def explain_disagreements(
             rms = agreement.relations[k].rms_px
             told = (
                 "distorted",
-                f"one eye alone misses a flat board by {rms:.2f} px: a reflection, a bent or another board",
+                f"one camera alone misses a flat board by {rms:.2f} px: a reflection, a bent or another board",
             )
         elif k in misfits:
             told = ("misfit", f"its corners fit {misfits[k]:.0f} times worse than the others'")
         else:
-            told = ("other_moment", f"{off}: its two pictures are of different moments, or of a mirror image")
+            told = ("other_moment", f"{off}: its two images are taken at different times, or of a mirror image")
         result.append(Disagreement(view.name, *told))
     return result
 
@@ -99,7 +99,7 @@ def _swapped_with(
     bad: Sequence[int],
     right: CameraModel,
 ) -> dict[int, int]:
-    """For each bad pair, the pair whose left picture its right picture goes with, if any."""
+    """For each bad pair, the pair whose left image its right image goes with, if any."""
     mates: dict[int, int] = {}
     for k in bad:
         seen = {int(i): p for i, p in zip(views[k].ids_right, views[k].right, strict=True)}
@@ -151,7 +151,7 @@ def _rms_in(object_points: FloatArray, view: PairView, rig: Solution) -> float:
 
 
 def _started(rig: Solution, object_points: FloatArray, view: PairView) -> Solution:
-    """The rig with the board where the left eye alone sees it."""
+    """The rig with the board where the left camera alone sees it."""
     poses = board_poses(rig.left, object_points[view.ids_left], view.left)
     R, t, _ = poses[0] if poses else (np.eye(3), np.array([0, 0, 1.0]), np.inf)
     return replace(rig, rotations=R[None], translations=t[None])

@@ -1,7 +1,7 @@
-"""`check_rig`: is an old calibration still true for new pictures?
+"""`check_rig`: is an old calibration still true for new images?
 
 Lenses get bumped and rigs bend in the heat.  New corners are explained by the rig as it is, and by
-rigs that were fitted to the other new pairs: first with the eyes moved to each other alone, then
+rigs that were fitted to the other new pairs: first with the cameras moved to each other alone, then
 with other lenses too.  If a new fit does clearly better on pairs that it has not seen, and by more
 than a user would notice, the old rig is no longer true.
 """
@@ -31,16 +31,16 @@ BAD_RATIO = 4.0
 
 @dataclass(frozen=True)
 class RigCheck:
-    """What new pictures say of an old rig.
+    """What new images say of an old rig.
 
     Attributes:
-        verdict: ``true``, ``moved`` (the eyes stand differently to each other) or ``lenses`` (other
+        verdict: ``true``, ``moved`` (the cameras stand differently to each other) or ``lenses`` (other
             intrinsics, too).
         epipolar_px, reprojection_px: mean errors of the new corners in the old rig.
-        moved_epipolar_px, moved_reprojection_px: on pairs held out, with the relation of the eyes fitted anew.
+        moved_epipolar_px, moved_reprojection_px: on pairs held out, with the relation of the cameras fitted anew.
         lenses_reprojection_px: the same with the intrinsics fitted as well; None where the views cannot tell them.
-        turn_deg, turn_sigma_deg: (3,) how far the right eye has turned about its own x, y and z axis.
-        shift_mm, shift_sigma_mm: (3,) how far the left eye's centre has moved in the right eye's frame.
+        turn_deg, turn_sigma_deg: (3,) how far the right camera has turned about its own x, y and z axis.
+        shift_mm, shift_sigma_mm: (3,) how far the left camera's centre has moved in the right camera's frame.
         focal_change: relative change of the left and right focal length, where the verdict is ``lenses``.
         used: pairs that were used.
         odd: pairs whose corners fit neither rig.
@@ -67,7 +67,7 @@ class RigCheck:
             return "still true: no new fit does clearly better on pairs that it has not seen"
         axis = int(np.abs(self.turn_deg).argmax())
         motion = ("pitched", "yawed", "rolled")[axis]
-        turned = f"the right eye has {motion} by {self.turn_deg[axis]:+.3f} ± {self.turn_sigma_deg[axis]:.3f} deg"
+        turned = f"the right camera has {motion} by {self.turn_deg[axis]:+.3f} ± {self.turn_sigma_deg[axis]:.3f} deg"
         if self.verdict == "moved":
             return f"no longer true: {turned} to the left one; calibrate anew"
         assert self.focal_change is not None
@@ -76,11 +76,11 @@ class RigCheck:
 
 
 def check_rig(rig: StereoRig, object_points: FloatArray, views: Sequence[PairView], lenses: bool = True) -> RigCheck:
-    """Compare a rig with new pictures of a board, or of landmarks.
+    """Compare a rig with new images of a board, or of landmarks.
 
     Args:
         object_points: (N,3) of the board, metres; of landmarks, the four corners of each size in use.
-        views: board or landmark in both eyes, each with a pose of its own.
+        views: board or landmark in both cameras, each with a pose of its own.
         lenses: whether the views can tell the intrinsics and the board's bow (a board's can, landmarks' cannot).
 
     Raises:
@@ -91,8 +91,8 @@ def check_rig(rig: StereoRig, object_points: FloatArray, views: Sequence[PairVie
     if len(known) < LEAST_VIEWS:
         raise InputError(
             "too_few_views",
-            f"{len(known)} views seen by both eyes, at least {LEAST_VIEWS} are needed to check a rig",
-            "give more pairs of pictures; of a board, say which with --board",
+            f"{len(known)} views seen by both cameras, at least {LEAST_VIEWS} are needed to check a rig",
+            "give more pairs of images; of a board, say which with --board",
         )
     kept = [view for view, _ in known]
     old = Solution(
@@ -106,7 +106,7 @@ def check_rig(rig: StereoRig, object_points: FloatArray, views: Sequence[PairVie
     )
     as_is = FitOptions(intrinsics=False, relation=False, warp=lenses)
     turned = FitOptions(intrinsics=False, warp=lenses)
-    # Pairs of different moments fit no rig at all; they must not speak for a moved one.
+    # Pairs taken at different times fit no rig at all; they must not speak for a moved one.
     moved = StereoProblem(object_points, kept).solve(old, turned)
     misfit = StereoProblem(object_points, kept).rms(moved)
     good = np.flatnonzero(misfit <= BAD_RATIO * np.median(misfit))
@@ -114,7 +114,7 @@ def check_rig(rig: StereoRig, object_points: FloatArray, views: Sequence[PairVie
     kept = [kept[int(k)] for k in good]
     if len(kept) < LEAST_VIEWS:
         raise InputError(
-            "too_few_views", f"only {len(kept)} views agree with each other", "give more pairs of pictures"
+            "too_few_views", f"only {len(kept)} views agree with each other", "give more pairs of images"
         )
     rows = list(range(len(kept)))
     problem = StereoProblem(object_points, kept)
@@ -164,7 +164,7 @@ def _worth(new: HeldOut, old: HeldOut) -> bool:
 
 
 def _start(rig: StereoRig, object_points: FloatArray, view: PairView) -> tuple[FloatArray, FloatArray] | None:
-    """R, t of T_left_board: of the poses that the left eye allows, the one that the right eye confirms best."""
+    """R, t of T_left_board: of the poses that the left camera allows, the one that the right camera confirms best."""
     poses = board_poses(rig.left, object_points[view.ids_left], view.left)
     best: tuple[float, tuple[FloatArray, FloatArray]] | None = None
     for R, t, _ in poses:

@@ -14,7 +14,7 @@ from lmkit.errors import InputError
 from lmkit.geometry.camera import CameraModel
 from lmkit.geometry.stereo_rig import StereoRig
 
-# Two eyes that fit their own pictures, but not each other's, are no rigid pair.
+# Two cameras that fit their own images, but not each other's, are no rigid pair.
 RIGID_PX = 1.0
 RIGID_RATIO = 3.0
 USELESS_PX = 2.0
@@ -49,8 +49,8 @@ class Declared:
     """What the user knows beforehand; None where nothing is.
 
     Attributes:
-        baseline_m: distance of the eyes.
-        field_deg: horizontal field of view, of one eye.
+        baseline_m: distance of the cameras.
+        field_deg: horizontal field of view, of one camera.
     """
 
     baseline_m: float | None = None
@@ -58,10 +58,10 @@ class Declared:
 
 
 def require_rigid(together_px: float, alone_px: float, row_error_px: float | None) -> None:
-    """Refuse eyes that do not stand still to each other.
+    """Refuse cameras that do not stand still to each other.
 
     Args:
-        together_px, alone_px: the middle pair's reprojection error in the joint fit, and of each eye alone.
+        together_px, alone_px: the middle pair's reprojection error in the joint fit, and of each camera alone.
         row_error_px: of pairs held out, where known.
 
     Raises:
@@ -73,8 +73,8 @@ def require_rigid(together_px: float, alone_px: float, row_error_px: float | Non
         rows = "" if row_error_px is None else f" (rows of unseen pairs differ by {row_error_px:.1f} px)"
         raise InputError(
             "not_rigid",
-            f"each eye alone explains its pictures to {alone_px:.2f} px, both together only to {together_px:.2f} px"
-            f"{rows}: the two pictures of a pair are not of the same moment, or the eyes move against each other",
+            f"each camera alone explains its images to {alone_px:.2f} px, both together only to {together_px:.2f} px"
+            f"{rows}: images of a pair are not taken at the same time, or the cameras move relative to each other",
             "synchronise the cameras or hold the board still for every pair; fasten the rig; pair the files anew",
         )
 
@@ -121,8 +121,8 @@ def check_calibration(
         warnings.append(CalibrationWarning("pairs_disagree", message, tuple(sorted(d.pair for d in bad))))
     if together_px > LOOSE_RATIO * alone_px:
         message = (
-            f"both eyes together fit {together_px / alone_px:.1f} times worse than each alone: a rig that gives way, "
-            "cameras that are not quite synchronous, or one eye's board moved"
+            f"both cameras together fit {together_px / alone_px:.1f} times worse than each alone: the rig gives way, "
+            "the cameras are not quite synchronous, or the board moved in one camera"
         )
         warnings.append(CalibrationWarning("loose", message))
     warnings += _check_scale(rig, baseline_sigma_m, declared)
@@ -130,7 +130,7 @@ def check_calibration(
         warnings += _check_camera(name, camera, sigma, declared.field_deg)
     t = rig.T_right_left.t
     if abs(t[0]) > abs(t[1]) and t[0] > 0:
-        message = "the right eye stands left of the left one: LEFT and RIGHT look exchanged"
+        message = "the right camera stands left of the left one: LEFT and RIGHT look swapped"
         warnings.append(CalibrationWarning("exchanged", message))
     if bow_m > STRONG_WARP * board_half_m:
         message = f"the board is bowed by {bow_m * 1000:.1f} mm: mount it on something flat"
@@ -141,7 +141,7 @@ def check_calibration(
     for index, name in enumerate(("left", "right")):
         if (filled := coverage.filled(index)) < ENOUGH_CELLS:
             message = (
-                f"the board covers {100 * filled:.0f} % of the {name} picture; elsewhere its distortion is a guess"
+                f"the board covers {100 * filled:.0f} % of the {name} image; elsewhere its distortion is a guess"
             )
             warnings.append(CalibrationWarning("coverage", message))
     return warnings
@@ -150,12 +150,12 @@ def check_calibration(
 def _cause_in_words(cause: str, bad: Sequence[Disagreement]) -> str:
     names = ", ".join(d.pair for d in bad if d.cause == cause)
     words = {
-        "swapped": "pictures swapped between pairs",
+        "swapped": "images swapped between pairs",
         "moved": "the rig was moved",
         "blur": "blurred",
-        "distorted": "no flat board in one eye",
+        "distorted": "no flat board in one camera",
         "misfit": "corners that do not fit",
-        "other_moment": "pictures of different moments",
+        "other_moment": "images taken at different times",
     }
     return f"{words[cause]}: {names}"
 
@@ -188,33 +188,33 @@ def _check_camera(
     field = horizontal_field_deg(camera)
     if field_deg is not None and field is not None and abs(field / field_deg - 1) > WRONG_FIELD:
         message = (
-            f"the {name} eye sees {field:.1f} deg across, {field_deg:g} were declared: "
-            "pictures cropped or scaled, another lens, or a wrong calibration"
+            f"the {name} camera sees {field:.1f} deg across, {field_deg:g} were declared: "
+            "images cropped or scaled, another lens, or a wrong calibration"
         )
         warnings.append(CalibrationWarning("field_of_view", message))
     if sigma[0] > WEAK_FOCAL * fx:
         message = (
-            f"the {name} eye's focal length is known to {100 * sigma[0] / fx:.1f} % only: "
+            f"the {name} camera's focal length is known to {100 * sigma[0] / fx:.1f} % only: "
             "take views with the board tilted by 30 to 45 deg, each edge nearer in turn"
         )
         warnings.append(CalibrationWarning("weak_focal", message))
     if abs(fx / fy - 1) > UNEQUAL_FOCALS:
-        message = f"focal lengths of the {name} eye differ by {100 * abs(fx / fy - 1):.1f} %: pictures stretched?"
+        message = f"focal lengths of the {name} camera differ by {100 * abs(fx / fy - 1):.1f} %: images stretched?"
         warnings.append(CalibrationWarning("unequal_focals", message))
     if (beyond := _beyond_model(camera)) > BEYOND_MODEL:
         message = (
-            f"the {name} eye's lens model ends before its picture does: {100 * beyond:.0f} % has no ray; "
+            f"the {name} camera's lens model ends before its image does: {100 * beyond:.0f} % has no ray; "
             "show the board in the corners, or try --model fisheye"
         )
         warnings.append(CalibrationWarning("lens_ends", message))
     if abs(cx - (width - 1) / 2) > CENTRE_SHARE * width or abs(cy - (height - 1) / 2) > CENTRE_SHARE * height:
-        message = f"the {name} eye's principal point ({cx:.0f}, {cy:.0f}) is far from its middle: cropped pictures?"
+        message = f"the {name} camera's principal point ({cx:.0f}, {cy:.0f}) is far from its middle: cropped images?"
         warnings.append(CalibrationWarning("principal_point", message))
     return warnings
 
 
 def _beyond_model(camera: CameraModel) -> float:
-    """Share of the picture in which the distortion has turned back."""
+    """Share of the image in which the distortion has turned back."""
     width, height = camera.image_size
     u, v = np.meshgrid(np.linspace(0, width - 1, 24), np.linspace(0, height - 1, 18))
     return float(1 - camera.reaches(np.column_stack([u.ravel(), v.ravel()])).mean())

@@ -87,14 +87,14 @@ def calibrate_stereo(
     """Calibrate a rig jointly from all pairs that agree with each other.
 
     Args:
-        views: pairs in which both eyes see the board.
-        image_size: (width, height), the same for both eyes.
+        views: pairs in which both cameras see the board.
+        image_size: (width, height), the same for both cameras.
         model: ``pinhole``, ``rational`` or ``fisheye``; ``auto`` takes the one that does best on pairs held out.
         rejected: pairs lost before, with reasons; they are passed on.
         declared: what is known beforehand, to check against.
 
     Raises:
-        InputError: too few pairs, they do not agree on any rig, or the two eyes are no rigid pair.
+        InputError: too few pairs, they do not agree on any rig, or the two cameras are no rigid pair.
     """
     _require(views, rejected)
     object_points = board.object_points
@@ -146,7 +146,7 @@ def calibrate_stereo(
 
 @dataclass(frozen=True)
 class _Fit:
-    """One model fitted to the pairs that agree on it; ``alone_px`` is the middle error of the eyes on their own."""
+    """One model fitted to the pairs that agree on it; ``alone_px`` is the median error of the single cameras."""
 
     rows: list[int]
     bad: list[Disagreement]
@@ -226,7 +226,7 @@ def _fit(
     reasons = explain_disagreements(object_points, views, agreement, bad, misfits, solution, fair)
     hopeless = problem.mean_error(solution) > to_beat_px
     held_out = None if hopeless else hold_out(object_points, views, kept, solution)
-    # Cameras of the eyes' own: those of the joint fit bend to make up for eyes that do not belong together.
+    # Cameras of the cameras' own: those of the joint fit bend to make up for cameras that do not belong together.
     alone_px = float(np.median([consensus.relations[k].rms_px for k in kept]))
     return _Fit(kept, reasons, alone_px, solution, held_out)
 
@@ -263,7 +263,7 @@ def _require(views: Sequence[PairView], rejected: Sequence[tuple[str, str]]) -> 
     raise InputError(
         "too_few_pairs",
         f"only {len(views)} usable pairs of {len(views) + len(rejected)}, at least {MIN_PAIRS} are needed{first}",
-        "check the board specification, take 10 to 30 pairs with the whole board sharp in both eyes",
+        "check the board specification, take 10 to 30 pairs with the whole board sharp in both cameras",
     )
 
 

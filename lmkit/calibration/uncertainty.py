@@ -13,12 +13,12 @@ from lmkit.geometry.rotations import skew
 
 DEPTHS_M = (1.0, 2.0, 4.0, 8.0)
 NEAR_M = 1.0
-MATCHING_PX = 0.1  # standard deviation of a matched corner, in each eye
+MATCHING_PX = 0.1  # standard deviation of a matched corner, in each camera
 
 
 @dataclass(frozen=True)
 class DepthError:
-    """Standard deviations of the depth of a point in the middle of what both eyes see.
+    """Standard deviations of the depth of a point in the middle of what both cameras see.
 
     Attributes:
         depth_m: of the point.
@@ -34,7 +34,7 @@ class DepthError:
 def projection_uncertainty(
     camera: CameraModel, covariance: FloatArray, depth_m: float | None, columns: int = 16, rows: int = 12
 ) -> FloatArray:
-    """(rows,columns) standard deviation, px, of where a point projects, over the picture; NaN beyond the lens model.
+    """(rows,columns) standard deviation, px, of where a point projects, over the image; NaN beyond the lens model.
 
     A camera's own pose is free: what a small turn (and for near points a shift) of the camera can make up for is no
     error of the intrinsics (after mrcal's projection uncertainty, Kogan 2021).
@@ -89,7 +89,7 @@ def depth_errors(s: Solution, depths_m: tuple[float, ...] = DEPTHS_M) -> tuple[D
 
 
 def _in_both_middles(s: Solution, depth: float) -> FloatArray:
-    """(3,) the point at this depth of the left eye, half way between what the two eyes have in the middle."""
+    """(3,) the point at this depth of the left camera, half way between what the two cameras have in the middle."""
     width, height = s.left.image_size
     middle = np.array([[(width - 1) / 2, (height - 1) / 2]])
     left = np.append(s.left.unproject(middle)[0], 1.0) * depth

@@ -1,4 +1,4 @@
-"""What the pictures have shown of the board - where, how large, how tilted - and what to show next."""
+"""What the images have shown of the board - where, how large, how tilted - and what to show next."""
 
 from __future__ import annotations
 
@@ -26,9 +26,9 @@ class ViewCoverage:
     """What was seen so far.
 
     Attributes:
-        cells: (5,5) of the left picture and (5,5) of the right, True where corners were seen.
-        distances_m: of every view, from the left eye.
-        tilts_deg: (P,2) of every view: about the picture's upright and about its level axis; positive
+        cells: (5,5) of the left image and (5,5) of the right, True where corners were seen.
+        distances_m: of every view, from the left camera.
+        tilts_deg: (P,2) of every view: about the image's upright and about its level axis; positive
             where the board's right edge, or its lower edge, is nearer.
         advice: views to take next, the most wanted first.
     """
@@ -39,7 +39,7 @@ class ViewCoverage:
     advice: tuple[str, ...]
 
     def filled(self, eye: int) -> float:
-        """Share of the cells of one eye (0 left, 1 right) in which corners were seen."""
+        """Share of the cells of one camera (0 left, 1 right) in which corners were seen."""
         return float(self.cells[eye].mean())
 
 
@@ -75,16 +75,16 @@ def _advice(cells: tuple[BoolArray, BoolArray], distances: FloatArray, tilts: Fl
             advice.append(f"the board tilted by 30 to 45 deg, its {name} edge nearer")
     for eye, seen in zip(("left", "right"), cells, strict=True):
         if seen.mean() < ENOUGH_CELLS:
-            advice.append(f"the board in the {_emptiest(seen)} of the {eye} picture")
+            advice.append(f"the board in the {_emptiest(seen)} of the {eye} image")
     if len(distances) and distances.max() < LEAST_NEARER * distances.min():
-        advice.append("the board nearer, so that it fills the picture, and twice as far")
+        advice.append("the board nearer, so that it fills the image, and twice as far")
     if len(distances) < LEAST_VIEWS:
         advice.append(f"{LEAST_VIEWS - len(distances)} more views")
     return advice
 
 
 def _emptiest(seen: BoolArray) -> str:
-    """The 2 x 2 cells, of the picture's four corners and its middle, with the fewest seen."""
+    """The 2 x 2 cells, of the image's four corners and its middle, with the fewest seen."""
     places = {
         f"{_ROWS[r]} {_COLUMNS[c]} corner": seen[rows, columns].mean()
         for r, rows in ((0, slice(0, 2)), (4, slice(3, 5)))

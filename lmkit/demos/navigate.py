@@ -62,7 +62,7 @@ Progress = Callable[[str, int, int], None]
 
 @dataclass(frozen=True)
 class Leg:
-    """One drive from place to place, and the truth at its end."""
+    """One recording from place to place, and the truth at its end."""
 
     name: str
     status: str
@@ -80,7 +80,7 @@ class NavigateResult:
     Attributes:
         landmarks, share: placed, and the share of the floor at which the demand holds.
         inside: how often the claimed 95 % ellipse held the truth.
-        pictures, located, picture_mm: places photographed, located from detection, and their median error.
+        images, located, picture_mm: places photographed, located from detection, and their median error.
     """
 
     landmarks: int
@@ -96,7 +96,7 @@ def run_navigate_demo(folder: Path, seed: int, by_pictures: bool, tell: Progress
     """Plan, print, drive three legs (a box stands in the way of the second), and write what happened.
 
     Args:
-        by_pictures: the robot's eyes take pictures, which the detector reads; else corners are simulated.
+        by_pictures: the robot's cameras take images, which the detector reads; else corners are simulated.
     """
     rig = replace(make_rig(), T_base_left=T_BASE_LEFT)
     write_file(folder / "floor.yaml", FLOOR, True)
@@ -170,7 +170,7 @@ def _leg(name: str, journey: Journey, robot: SimulatedRobot, goal: Goal, truth: 
 def _photograph(
     seed: int, scene: Scene, landmarks: LandmarkMap, rig: StereoRig, truth: Sequence[FloatArray], tell: Progress
 ) -> tuple[ByteArray, int, list[float]]:
-    """Pictures along the way, read and located: the film strip, how many were located, and their errors in mm."""
+    """Images along the way, read and located: the video strip, how many were located, and their errors in mm."""
     eyes = PictureEyes(scene, rig, seed)
     frames, off_mm = [], []
     rows = np.linspace(0, len(truth) - 1, PICTURES + 2).astype(int)[1:-1]

@@ -1,4 +1,4 @@
-"""A simulated drive: the map from its first half, the robot through that map in its second."""
+"""A simulated recording: the map from its first half, the robot through that map in its second."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ class DriveErrors:
     Attributes:
         landmarks, odd: surveyed, and named as contradictory.
         map_mm, map_deg: of the surveyed landmarks.
-        smooth_mm, smooth_deg: of the robot, followed by pictures after the drive.
+        smooth_mm, smooth_deg: of the robot, followed by images after the recording.
         live_mm, live_deg: by ranges and bearings while driving, in the plane; None: never sure where.
         wheels_mm: where the wheels alone end.
     """
@@ -94,7 +94,7 @@ def _survey(drive: Drive, moments: tuple[StereoFrame, ...]) -> Survey:
     first = next((o for moment in moments for o in moment.left), None)
     if first is None:
         raise InputError(
-            "nothing_seen", "the drive passes no landmark", "hang more: --landmarks 14, or take another --seed"
+            "nothing_seen", "the recording passes no landmark", "mount more: --landmarks 14, or take another --seed"
         )
     anchor = drive.landmarks.find(first.id)
     assert anchor is not None

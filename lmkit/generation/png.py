@@ -16,16 +16,16 @@ MAX_PIXELS = 200_000_000
 
 
 def page_to_image(page: Page, dpi: float) -> Image.Image:
-    """An RGB picture of the page; its size is the page's, rounded to whole pixels.
+    """An RGB image of the page; its size is the page's, rounded to whole pixels.
 
     Raises:
-        InputError: the picture would have more than ``MAX_PIXELS`` pixels.
+        InputError: the image would have more than ``MAX_PIXELS`` pixels.
     """
     width, height = (max(1, round(length / MM_PER_INCH * dpi)) for length in page.size_mm)
     if width * height > MAX_PIXELS:
         raise InputError(
             "picture_too_large",
-            f"{dpi:g} dpi would make a picture of {width} x {height} pixels",
+            f"{dpi:g} dpi would make an image of {width} x {height} pixels",
             "choose a lower --dpi, or write a PDF or SVG, which are exact at any size",
         )
     document = pypdfium2.PdfDocument(pages_to_pdf([page], page.title))

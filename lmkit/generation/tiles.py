@@ -13,7 +13,7 @@ from lmkit.io.template import PAPERS_MM
 from lmkit.model.landmark import LandmarkFamily
 from lmkit.model.palette import BLACK, WHITE
 
-EDGE_MM = 8.0  # around the picture on every sheet: the printer's blank edge, and room for marks
+EDGE_MM = 8.0  # around the image on every sheet: the printer's blank edge, and room for marks
 FOOT_MM = 7.0  # below it, for the label
 OVERLAP_MM = 10.0
 MAX_SHEETS = 400
@@ -27,8 +27,8 @@ class _Tiling:
     Attributes:
         paper: (width, height), mm.
         columns, rows: number of sheets.
-        left, top: of the first sheet's picture, relative to the landmark's middle, mm.
-        width, height: of every sheet's picture, mm.
+        left, top: of the first sheet's image, relative to the landmark's middle, mm.
+        width, height: of every sheet's image, mm.
     """
 
     paper: tuple[float, float]

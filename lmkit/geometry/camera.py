@@ -109,7 +109,7 @@ class CameraModel:
         return np.asarray(finite & (np.linalg.norm(back - pixels, axis=1) < REACHED_PX))
 
     def require_size(self, name: str, size: tuple[int, int]) -> None:
-        """Refuse a picture that is not as the camera was calibrated.
+        """Refuse an image that is not as the camera was calibrated.
 
         Raises:
             InputError: its (width, height) is another one; names it.
@@ -119,11 +119,11 @@ class CameraModel:
                 "sizes_differ",
                 f"{name} is {size[0]} x {size[1]} pixels, the rig's camera "
                 f"{self.image_size[0]} x {self.image_size[1]}",
-                "give pictures as they were calibrated",
+                "give images as they were calibrated",
             )
 
     def contains(self, pixels: FloatArray, border_px: float = 0.0) -> BoolArray:
-        """(N,) True where a pixel lies inside the picture, at least ``border_px`` from its edge."""
+        """(N,) True where a pixel lies inside the image, at least ``border_px`` from its edge."""
         w, h = self.image_size
         inside = (pixels > border_px - 0.5) & (pixels < np.array([w, h]) - 0.5 - border_px)
         return np.asarray(inside.all(axis=-1))

@@ -1,4 +1,4 @@
-"""Rectification: the rows of the left and right picture made to match, points and pictures."""
+"""Rectification: the rows of the left and right image made to match, points and images."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ LINES = (80, 220, 60)  # BGR
 
 @dataclass(frozen=True, eq=False)
 class Rectification:
-    """Rotations (3,3) and projections (3,4) that make the two pictures' rows match."""
+    """Rotations (3,3) and projections (3,4) that make the two images' rows match."""
 
     R_left: FloatArray
     R_right: FloatArray
@@ -26,12 +26,12 @@ class Rectification:
 
     @property
     def along(self) -> int:
-        """0: the right eye stands beside the left one, rows match; 1: above or below it, columns match."""
+        """0: the right camera stands beside the left one, rows match; 1: above or below it, columns match."""
         return 0 if abs(self.P_right[0, 3]) >= abs(self.P_right[1, 3]) else 1
 
     @property
     def Q(self) -> FloatArray:
-        """(4,4) from column, row, disparity, 1 to X Y Z W in the rectified left eye, as OpenCV's stereoRectify."""
+        """(4,4) from column, row, disparity, 1 to X Y Z W in the rectified left camera, as OpenCV's stereoRectify."""
         f, cx, cy = self.P_left[0, 0], self.P_left[0, 2], self.P_left[1, 2]
         t = self.P_right[self.along, 3] / f
         off = (self.P_left[self.along, 2] - self.P_right[self.along, 2]) / t
@@ -39,7 +39,7 @@ class Rectification:
 
 
 def rectification(rig: StereoRig) -> Rectification:
-    """The rectification of a rig (Bouguet's): rows match, or columns where the eyes stand above each other."""
+    """The rectification of a rig (Bouguet's): rows match, or columns where the cameras stand above each other."""
     left, right = rig.left, rig.right
     if left.model == "fisheye":
         return _fisheye_rectification(rig)
@@ -51,8 +51,8 @@ def rectification(rig: StereoRig) -> Rectification:
 
 
 def _fisheye_rectification(rig: StereoRig) -> Rectification:
-    """The same for fisheye eyes, where OpenCV's own fails on eyes that converge or stand above each other."""
-    # Each eye turns half of the way to the other, then both turn the baseline into the rows.
+    """The same for fisheye cameras, where OpenCV's own fails on cameras that converge or stand above each other."""
+    # Each camera turns half of the way to the other, then both turn the baseline into the rows.
     half = rotation_exp(-rig.T_right_left.rvec / 2)
     t = half @ rig.T_right_left.t
     along = int(np.argmax(np.abs(t[:2])))
@@ -73,9 +73,9 @@ def _fisheye_rectification(rig: StereoRig) -> Rectification:
 def epipolar_errors(rig: StereoRig, left: FloatArray, right: FloatArray) -> FloatArray:
     """(N,) row differences, px, of matching points (N,2) after rectification.
 
-    Columns instead of rows for eyes that stand above each other.  Of fisheye eyes, whose rectified
-    pictures are stretched without bound towards their edges, the angle between the two points' epipolar
-    planes instead, in pixels of the pictures as taken.
+    Columns instead of rows for cameras that stand above each other.  Of fisheye cameras, whose rectified
+    images are stretched without bound towards their edges, the angle between the two points' epipolar
+    planes instead, in pixels of the images as taken.
     """
     maps = rectification(rig)
     across = 1 - maps.along
@@ -94,7 +94,7 @@ def _about_baseline(rays: FloatArray, across: int) -> tuple[FloatArray, FloatArr
 
 
 def rectify_pair(rig: StereoRig, left: ByteArray, right: ByteArray) -> tuple[ByteArray, ByteArray]:
-    """The two pictures resampled so that matching points share a row."""
+    """The two images resampled so that matching points share a row."""
     maps = rectification(rig)
     pictures = []
     for camera, image, R, P in (
@@ -108,10 +108,10 @@ def rectify_pair(rig: StereoRig, left: ByteArray, right: ByteArray) -> tuple[Byt
 
 
 def with_lines_across(left: ByteArray, right: ByteArray, along: int = 0, step_px: int = 40) -> ByteArray:
-    """A rectified pair in one picture, with lines on which matching points lie.
+    """A rectified pair in one image, with lines on which matching points lie.
 
     Args:
-        along: 0: rows match, the pictures stand side by side; 1: columns match, one stands above the other.
+        along: 0: rows match, the images stand side by side; 1: columns match, one stands above the other.
     """
     both = np.hstack([left, right]) if along == 0 else np.vstack([left, right])
     height, width = both.shape[:2]

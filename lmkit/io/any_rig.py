@@ -35,7 +35,7 @@ def read_any_rig(path: Path) -> StereoRig:
     if "camera_matrix:" in text and "format:" not in text:
         raise InputError(
             "single_camera_info",
-            f"{path}: one eye's camera_info alone",
+            f"{path}: one camera's camera_info alone",
             f"give the folder with {' and '.join(FILES)}",
         )
     return read_rig(path)

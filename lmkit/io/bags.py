@@ -1,6 +1,6 @@
-"""Bags of ROS 1, ROS 2 and MCAP (extra ``bags``): a drive taken out of them as files, poses put into one.
+"""Bags of ROS 1, ROS 2 and MCAP (extra ``bags``): a recording taken out of them as files, poses put into one.
 
-Everything else in lmkit reads files, so a bag is unpacked once: stereo pictures named by their time, both
+Everything else in lmkit reads files, so a bag is unpacked once: stereo images named by their time, both
 ``camera_info`` as a rig, odometry and gyro as tables.
 """
 
@@ -21,7 +21,7 @@ from lmkit.io.documents import dump_yaml
 from lmkit.io.ros_camera_info import FILES
 from lmkit.model.trajectory import Trajectory
 
-APART_S = 0.01  # pictures of one moment
+APART_S = 0.01  # images of one frame
 MOST_WAITING = 100
 IMAGES = ("sensor_msgs/msg/Image", "sensor_msgs/msg/CompressedImage")
 INFO, ODOMETRY, IMU = "sensor_msgs/msg/CameraInfo", "nav_msgs/msg/Odometry", "sensor_msgs/msg/Imu"
@@ -52,20 +52,20 @@ class Topics:
 
 @dataclass(frozen=True)
 class Unpacked:
-    """One file of a drive: its name in the folder, and its bytes."""
+    """One file of a recording: its name in the folder, and its bytes."""
 
     name: str
     content: bytes
 
 
 def unpack_bag(bag: Path, wanted: dict[str, str | None]) -> Iterator[Unpacked]:
-    """The files of a drive, pictures as they come and tables at the end.
+    """The files of a recording, images as they come and tables at the end.
 
     Args:
         wanted: topics by role (a field of :class:`Topics`); None or absent: found by type and name.
 
     Raises:
-        InputError: rosbags is not installed, the bag cannot be read, or it holds no stereo pictures.
+        InputError: rosbags is not installed, the bag cannot be read, or it holds no stereo images.
     """
     _require_rosbags()
     from rosbags.highlevel import AnyReader, AnyReaderError
@@ -86,7 +86,7 @@ def find_topics(types: dict[str, str], wanted: dict[str, str | None], bag: Path)
     """Topics by role, from the types of all topics.
 
     Raises:
-        InputError: a topic asked for is not there, or no two topics of pictures are the left and the right one.
+        InputError: a topic asked for is not there, or no two topics of images are the left and the right one.
     """
     found: dict[str, str | None] = {}
     for role, kinds, word in (
@@ -113,7 +113,7 @@ def find_topics(types: dict[str, str], wanted: dict[str, str | None], bag: Path)
     if left is None or right is None:
         raise InputError(
             "no_pictures",
-            f"{bag}: no topics of left and right pictures among {', '.join(sorted(types))}",
+            f"{bag}: no topics of left and right images among {', '.join(sorted(types))}",
             "name them: --left TOPIC --right TOPIC",
         )
     return Topics(left, right, found["left_info"], found["right_info"], found["odometry"], found["imu"])
@@ -174,7 +174,7 @@ def _unpack(reader: Any, topics: Topics) -> Iterator[Unpacked]:
         time_s = message.header.stamp.sec + message.header.stamp.nanosec * 1e-9
         if role in ("left", "right"):
             waiting[role].append((time_s, *_picture(message, connection.msgtype, connection.topic)))
-            # An eye that sees alone for so long has lost its partner.
+            # A camera that sees alone for so long has lost its partner.
             del waiting[role][:-MOST_WAITING]
             for pair in _pairs(waiting):
                 for eye, (_, content, suffix) in pair.items():
@@ -197,8 +197,8 @@ def _unpack(reader: Any, topics: Topics) -> Iterator[Unpacked]:
     if number == 0:
         raise InputError(
             "no_pairs",
-            f"no pictures of {topics.left} and {topics.right} within {1000 * APART_S:g} ms of each other",
-            "check that both eyes were recorded, with stamps of one clock",
+            f"no images of {topics.left} and {topics.right} within {1000 * APART_S:g} ms of each other",
+            "check that both cameras were recorded, with stamps of one clock",
         )
     for name, lines in (("odometry.csv", odometry), ("odometry.tum", poses), ("gyro.csv", gyro)):
         if len(lines) > 2:
@@ -206,7 +206,7 @@ def _unpack(reader: Any, topics: Topics) -> Iterator[Unpacked]:
 
 
 def _pairs(waiting: dict[str, list[tuple[float, bytes, str]]]) -> Iterator[dict[str, tuple[float, bytes, str]]]:
-    """Pictures of one moment, taken off the lists; those that can have no partner any more are dropped."""
+    """Images of one frame, taken off the lists; those that can have no partner any more are dropped."""
     left, right = waiting["left"], waiting["right"]
     while left and right:
         apart = right[0][0] - left[0][0]
@@ -219,7 +219,7 @@ def _pairs(waiting: dict[str, list[tuple[float, bytes, str]]]) -> Iterator[dict[
 
 
 def _picture(message: Any, kind: str, topic: str) -> tuple[bytes, str]:
-    """The bytes of a picture file, and its suffix."""
+    """The bytes of an image file, and its suffix."""
     if kind == IMAGES[1]:
         suffix = ".png" if "png" in message.format.lower() else ".jpg"
         return bytes(message.data), suffix
@@ -227,7 +227,7 @@ def _picture(message: Any, kind: str, topic: str) -> tuple[bytes, str]:
     if channels == 1 and encoding not in ("mono8", "8UC1") and encoding not in _TO_BGR:
         raise InputError(
             "bad_encoding",
-            f"{topic}: pictures of encoding {encoding}",
+            f"{topic}: images of encoding {encoding}",
             "known: bgr8, rgb8, bgra8, rgba8, mono8, bayer",
         )
     rows = np.frombuffer(bytes(message.data), np.uint8).reshape(message.height, message.step)

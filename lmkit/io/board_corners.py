@@ -1,4 +1,4 @@
-"""Corner files: what was seen of a board, so that a calibration can be repeated without the pictures (JSON)."""
+"""Corner files: what was seen of a board, so that a calibration can be repeated without the images (JSON)."""
 
 from __future__ import annotations
 

@@ -76,7 +76,7 @@ def read_document(path: Path, layout: type[DocumentT], what: str) -> DocumentT:
         mark = getattr(error, "problem_mark", None)
         where = f" line {mark.line + 1}, column {mark.column + 1}" if mark else ""
         problem = getattr(error, "problem", None) or type(error).__name__
-        raise InputError("bad_yaml", f"{path}:{where} {problem}", "mend that line") from None
+        raise InputError("bad_yaml", f"{path}:{where} {problem}", "fix that line") from None
     if not isinstance(data, dict):
         raise InputError("bad_yaml", f"{path}: holds no keys", f"give a {what}, see docs/formats.md")
     kind = layout.model_fields["format"].default

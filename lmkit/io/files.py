@@ -23,7 +23,7 @@ def check_writable(path: Path, force: bool) -> None:
     while not folder.exists():
         folder = folder.parent
     if not folder.is_dir() or not os.access(folder, os.W_OK | os.X_OK):
-        raise InputError("not_writable", f"cannot write {path}: no leave to write into {folder}", _HINT)
+        raise InputError("not_writable", f"cannot write {path}: no permission to write into {folder}", _HINT)
 
 
 def write_file(path: Path, content: bytes | str, force: bool = False) -> None:

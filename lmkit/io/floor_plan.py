@@ -1,4 +1,4 @@
-"""Floor plans: walls as lines (lmkit's own YAML, SVG), pictures with a scale, maps of ROS (docs/formats.md)."""
+"""Floor plans: walls as lines (lmkit's own YAML, SVG), images with a scale, maps of ROS (docs/formats.md)."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from lmkit.model.floor_plan import FloorPlan, Wall, wall_name, walls_of
 CELL_M = 0.05
 LARGEST_CELL_M = 0.25  # a robot has to find its way between cells
 MOST_CELLS = 16_000_000
-FREE_ABOVE = 0.86  # of white, in plain pictures: grey furniture and thin walls are not free
+FREE_ABOVE = 0.86  # of white, in plain images: grey furniture and thin walls are not free
 SHORTEST_WALL_M = 0.05
 BORDER = 4  # cells around lines
 LOOKS_IN = 0.1  # share of a line's side that must be free for it to be a wall
@@ -62,7 +62,7 @@ def read_floor(path: Path, scale_m: float | None = None) -> FloorPlan:
     """A floor plan from a file of any kind.
 
     Args:
-        scale_m: metres a pixel of a picture, or a user unit of an SVG file; needed for those, and only those.
+        scale_m: metres a pixel of an image, or a user unit of an SVG file; needed for those, and only those.
 
     Raises:
         InputError: not readable, no scale or one too many, nothing free in it.
@@ -151,7 +151,7 @@ def _read_ros(path: Path) -> FloorPlan:
             "bad_value", f"{path}: {where}: {problem}", "give a map of ROS or an lmkit-floor/1 file"
         ) from None
     if len(data.origin) > 2 and abs(data.origin[2]) > 1e-6:
-        raise InputError("turned_map", f"{path}: origin: a turned map is not read", "turn the picture instead")
+        raise InputError("turned_map", f"{path}: origin: a turned map is not read", "turn the image instead")
     origin = (data.origin[0], data.origin[1])
     return _from_picture(
         path, path.parent / data.image, data.resolution, origin, 1 - data.free_thresh, bool(data.negate)
@@ -192,7 +192,7 @@ def _check_size(path: Path, rows: int, columns: int) -> None:
 
 
 def _inside(path: Path, free: BoolArray) -> BoolArray:
-    """Without what is connected with the rim of the picture, where anything is left then."""
+    """Without what is connected with the rim of the image, where anything is left then."""
     padded = np.pad(free, 1, constant_values=True).astype(np.uint8)
     _, parts = cv2.connectedComponents(padded, connectivity=4)
     inside = (free & (parts[1:-1, 1:-1] != parts[0, 0])) if padded[0, 0] else free

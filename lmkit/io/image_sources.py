@@ -1,4 +1,4 @@
-"""Where pictures come from: files, folders, globs, videos and standard input, as one stream."""
+"""Where images come from: files, folders, globs, videos and standard input, as one stream."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ _TIME = re.compile(r"(\d{9,}\.\d+|\d+\.\d+)$")
 
 @dataclass(frozen=True)
 class Frame:
-    """One picture of a stream, or the reason why it could not be read.
+    """One image of a stream, or the reason why it could not be read.
 
     Attributes:
         name: path, or ``VIDEO#N`` for frame N of a video.
@@ -36,7 +36,7 @@ class Frame:
 
     @property
     def picture(self) -> ByteArray:
-        """The picture.
+        """The image.
 
         Raises:
             InputError: it could not be read.
@@ -48,7 +48,7 @@ class Frame:
 
 
 def list_pictures(where: str) -> list[Path]:
-    """The picture files of a folder or glob, or the one file, sorted by name.
+    """The image files of a folder or glob, or the one file, sorted by name.
 
     Raises:
         InputError: there is none.
@@ -58,7 +58,7 @@ def list_pictures(where: str) -> list[Path]:
         found = sorted(p for p in path.iterdir() if p.suffix.lower() in SUFFIXES and not p.name.startswith("."))
         if not found:
             raise InputError(
-                "no_pictures", f"folder {where} holds no pictures", f"kinds: {', '.join(sorted(SUFFIXES))}"
+                "no_pictures", f"folder {where} holds no images", f"kinds: {', '.join(sorted(SUFFIXES))}"
             )
         return found
     if path.exists():
@@ -70,7 +70,7 @@ def list_pictures(where: str) -> list[Path]:
 
 
 def list_pairs(left: str, right: str) -> list[tuple[Path, Path]]:
-    """The picture files of two folders or globs, paired by sorted name.
+    """The image files of two folders or globs, paired by sorted name.
 
     Raises:
         InputError: there are none, or not as many on both sides.
@@ -79,14 +79,14 @@ def list_pairs(left: str, right: str) -> list[tuple[Path, Path]]:
     if len(lefts) != len(rights):
         raise InputError(
             "unpaired",
-            f"{len(lefts)} left and {len(rights)} right pictures do not make pairs",
-            "give folders or globs with as many pictures each, sorted alike",
+            f"{len(lefts)} left and {len(rights)} right images do not make pairs",
+            "give folders or globs with as many images each, sorted alike",
         )
     return list(zip(lefts, rights, strict=True))
 
 
 def picture_files(sources: Sequence[str]) -> list[Path] | None:
-    """All files of the sources, where every one of them is a single picture; None where one is not."""
+    """All files of the sources, where every one of them is a single image; None where one is not."""
     if any(source.startswith(CAMERA) for source in sources):
         return None
     try:
@@ -98,7 +98,7 @@ def picture_files(sources: Sequence[str]) -> list[Path] | None:
 
 
 def frames(sources: list[str]) -> Iterator[Frame]:
-    """All pictures of all sources, one at a time; what cannot be read comes as a Frame with its error."""
+    """All images of all sources, one at a time; what cannot be read comes as a Frame with its error."""
     for source in sources:
         if source == "-":
             yield _frame("-", sys.stdin.buffer.read())
@@ -163,16 +163,16 @@ def _camera_number(source: str) -> int:
 
 
 def are_moving(source: str) -> bool:
-    """Do the pictures of a source follow each other, as a film's or a camera's do?"""
+    """Do the images of a source follow each other, as a video's or a camera's do?"""
     return source.startswith(CAMERA) or Path(source).suffix.lower() in VIDEO_SUFFIXES
 
 
 def paired_frames(left: str, right: str | None) -> Iterator[tuple[Frame, Frame]]:
-    """Both eyes' pictures, moment by moment.
+    """Both cameras' images, frame by frame.
 
     Args:
         left, right: cameras (``camera:0``), videos, folders or globs, alike; right is None where every
-            picture of ``left`` shows both eyes side by side.
+            image of ``left`` shows both cameras side by side.
 
     Raises:
         InputError: the sources make no pairs, or a camera or video cannot be read.
@@ -193,7 +193,7 @@ def paired_frames(left: str, right: str | None) -> Iterator[tuple[Frame, Frame]]
         for left_file, right_file in list_pairs(left, right):
             yield Frame(str(left_file), read_image(left_file)), Frame(str(right_file), read_image(right_file))
         return
-    # Of two films of different length, the end of the longer one has no partner.
+    # Of two videos of different length, the end of the longer one has no partner.
     yield from zip(_video_frames(left), _video_frames(right), strict=False)
 
 

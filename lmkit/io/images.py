@@ -1,4 +1,4 @@
-"""The one door for pixels: every picture comes in here and is 8 bit BGR afterwards.
+"""The one door for pixels: every image comes in here and is 8 bit BGR afterwards.
 
 Policy: files over ``MAX_BYTES`` or ``MAX_PIXELS`` and files that end early are refused; 16 bit is
 scaled to 8; transparency lies on white; grey becomes three equal channels; CMYK is converted; the
@@ -24,14 +24,14 @@ SUFFIXES = frozenset({".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff", ".webp",
 
 
 def read_image(path: Path) -> ByteArray:
-    """A picture from a file: (H,W,3) BGR, 8 bit.
+    """An image from a file: (H,W,3) BGR, 8 bit.
 
     Raises:
-        InputError: no such file, too large, not a picture, or cut off.
+        InputError: no such file, too large, not an image, or cut off.
     """
     try:
         if path.is_dir():
-            raise InputError("is_folder", f"{path} is a folder, not a picture", "give a picture file")
+            raise InputError("is_folder", f"{path} is a folder, not an image", "give an image file")
         size = path.stat().st_size
         if size > MAX_BYTES:
             raise InputError(
@@ -43,20 +43,20 @@ def read_image(path: Path) -> ByteArray:
     except OSError as error:
         raise InputError(
             "file_unreadable",
-            f"cannot read picture {path}: {error.strerror}",
+            f"cannot read image {path}: {error.strerror}",
             "check the path and its permissions",
         ) from None
     return decode_image(data, str(path))
 
 
 def decode_image(data: bytes, name: str) -> ByteArray:
-    """A picture from the bytes of a file; see :func:`read_image`.
+    """An image from the bytes of a file; see :func:`read_image`.
 
     Args:
         name: what to call it in errors.
     """
     if not data:
-        raise InputError("image_empty", f"{name}: the file is empty", "copy or take the picture again")
+        raise InputError("image_empty", f"{name}: the file is empty", "copy or take the image again")
     try:
         with warnings.catch_warnings():
             # The size is judged right below, by our own cap.
@@ -65,7 +65,7 @@ def decode_image(data: bytes, name: str) -> ByteArray:
     except (UnidentifiedImageError, Image.DecompressionBombError, OSError, ValueError, SyntaxError):
         raise InputError(
             "not_an_image",
-            f"{name}: not a picture that can be read",
+            f"{name}: not an image that can be read",
             "give PNG, JPEG, TIFF, BMP, WebP or PNM",
         ) from None
     width, height = picture.size
@@ -76,14 +76,14 @@ def decode_image(data: bytes, name: str) -> ByteArray:
             "scale it down",
         )
     if min(width, height) < MIN_SIDE:
-        raise InputError("image_too_small", f"{name}: only {width} x {height} pixels", "give a larger picture")
+        raise InputError("image_too_small", f"{name}: only {width} x {height} pixels", "give a larger image")
     try:
         picture.load()
         picture = ImageOps.exif_transpose(picture)
         rgb = _to_rgb(picture)
     except (OSError, ValueError, SyntaxError, EOFError, MemoryError) as error:
         raise InputError(
-            "image_truncated", f"{name}: the picture is cut off or damaged ({error})", "copy or take it again"
+            "image_truncated", f"{name}: the image is cut off or damaged ({error})", "copy or take it again"
         ) from None
     return np.ascontiguousarray(rgb[:, :, ::-1])
 

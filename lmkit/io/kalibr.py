@@ -1,4 +1,4 @@
-"""Rigs as a Kalibr camchain: cam0 is the left eye, cam1 the right one."""
+"""Rigs as a Kalibr camchain: cam0 is the left camera, cam1 the right one."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ def rig_to_camchain(rig: StereoRig) -> tuple[str, str, float]:
     """The text of the file, its distortion model, and by how many pixels at most its lenses differ from the rig's.
 
     Kalibr's lenses have four coefficients: radtan k1 k2 p1 p2, equidistant k1 k2 k3 k4.  Longer distortions are
-    replaced by the nearer of the two, the same for both eyes.
+    replaced by the nearer of the two, the same for both cameras.
 
     Raises:
         InputError: neither is near.

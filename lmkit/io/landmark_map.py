@@ -1,4 +1,4 @@
-"""Map files: where every landmark hangs, as YAML (docs/formats.md)."""
+"""Map files: where every landmark is mounted, as YAML (docs/formats.md)."""
 
 from __future__ import annotations
 

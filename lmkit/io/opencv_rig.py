@@ -64,7 +64,7 @@ def read_opencv_rig(path: Path) -> StereoRig:
     """A rig from OpenCV's YAML.
 
     Raises:
-        InputError: not readable, a matrix or the picture size is missing, or a matrix is of the wrong shape.
+        InputError: not readable, a matrix or the image size is missing, or a matrix is of the wrong shape.
     """
     hint = "give the M1 D1 M2 D2 R T, image_width and image_height of a stereo pair, as cv2.FileStorage writes them"
     # Read as plain YAML: OpenCV's own reader believes whatever size a matrix claims.

@@ -1,4 +1,4 @@
-"""Tables of a drive as CSV with a header: odometry, gyro, and landmarks seen (docs/formats.md)."""
+"""Tables of a recording as CSV with a header: odometry, gyro, and landmarks seen (docs/formats.md)."""
 
 from __future__ import annotations
 
@@ -122,7 +122,7 @@ def read_detections(path: Path, families: Sequence[str]) -> list[StereoFrame]:
 
 
 def detections_to_csv(moments: Sequence[StereoFrame]) -> str:
-    """The text of a detections file; moments at which nothing was seen are left out."""
+    """The text of a detections file; frames at which nothing was seen are left out."""
     lines = [",".join(("time_s", "camera", "family", "code", *CORNERS, "sigma_px"))]
     for moment in moments:
         for eye, seen in (("left", moment.left), ("right", moment.right)):

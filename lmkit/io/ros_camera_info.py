@@ -47,7 +47,7 @@ class _CameraInfo(BaseModel):
 def rig_to_camera_infos(rig: StereoRig) -> tuple[str, str]:
     """The texts of the left and of the right file.
 
-    The relation of the eyes is in their rectification; T_base_left and uncertainties have no place there.
+    The relation of the cameras is in their rectification; T_base_left and uncertainties have no place there.
     """
     maps = rectification(rig)
 
@@ -86,7 +86,7 @@ def read_camera_infos(left: Path, right: Path) -> StereoRig:
     P1, P2 = (
         _array(i.projection_matrix, (3, 4), "projection_matrix", p) for i, p in zip(infos, (left, right), strict=True)
     )
-    # Rectified, the right eye differs by a shift: P[:, 3] = K t.
+    # Rectified, the right camera differs by a shift: P[:, 3] = K t.
     shift = np.linalg.solve(P2[:, :3], P2[:, 3]) - np.linalg.solve(P1[:, :3], P1[:, 3])
     if not shift.any():
         hint = "give the pair as stereo calibration wrote it, left file first"

@@ -112,7 +112,7 @@ class PageTemplate(_Part):
         cut_contour: the cut as a line of the spot colour ``CutContour``, for cutting plotters.
         centre_marks: ticks around each landmark that point at its middle.
         cut_lines, fold_lines: x0, y0, x1, y1, along the paper's edges; cut solid, fold dashed.
-        mirrored: for film that is stuck to the inside of a window.
+        mirrored: for video that is stuck to the inside of a window.
         contents: a first page that lists what follows.
     """
 
@@ -205,7 +205,7 @@ def load_template(name_or_file: str) -> PageTemplate:
     try:
         return PageTemplate.model_validate(tomllib.loads(path.read_text(encoding="utf-8")))
     except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
-        raise InputError("bad_template", f"{path}: not a TOML file: {error}", "mend the line it names") from None
+        raise InputError("bad_template", f"{path}: not a TOML file: {error}", "fix the line it names") from None
     except ValidationError as error:
         where, problem = first_problem(error)
         raise InputError("bad_template", f"{path}: {where}: {problem}", "see docs/formats.md") from None

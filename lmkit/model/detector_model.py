@@ -18,10 +18,10 @@ SMALLEST_PX = 10.0  # below this nothing is read
 
 
 def recognised(side_px: FloatArray, tilt_rad: FloatArray) -> FloatArray:
-    """Probability that a landmark wholly in the picture is read.
+    """Probability that a landmark wholly in the image is read.
 
     Args:
-        side_px: mean side in the picture.
+        side_px: mean side in the image.
         tilt_rad: between its normal and the line to the camera.
     """
     by_side = 1 / (1 + np.exp(-(side_px - HALF_READ_PX) * PER_PX))
@@ -30,5 +30,5 @@ def recognised(side_px: FloatArray, tilt_rad: FloatArray) -> FloatArray:
 
 
 def corner_sigma_px(side_px: FloatArray) -> FloatArray:
-    """Standard deviation of a corner's coordinate: a part that any picture has, and one that small ones add."""
+    """Standard deviation of a corner's coordinate: a part that any image has, and one that small ones add."""
     return np.asarray(np.hypot(CORNER_PX, CORNER_PX3 / np.maximum(side_px, 1.0) ** 2))

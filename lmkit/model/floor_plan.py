@@ -1,4 +1,4 @@
-"""A floor from above: where a robot can be, and the walls that landmarks can hang on."""
+"""A floor from above: where a robot can be, and the walls that landmarks can be mounted on."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ class Wall:
     Attributes:
         name: ``A``, ``B``, ...
         left, right: (2,) its ends, metres in the map, as someone sees them who faces it.
-        usable: landmarks may hang here.
+        usable: landmarks may be mounted here.
     """
 
     name: str
@@ -101,7 +101,7 @@ class FloorPlan:
         return np.asarray(np.where(self.is_free(points), far, 0.0))
 
     def sees(self, eyes: FloatArray, points: FloatArray) -> BoolArray:
-        """(N,) True where the straight line from (N,2) eyes to (N,2) points on walls runs through free cells."""
+        """(N,) True where the straight line from (N,2) cameras to (N,2) points on walls runs through free cells."""
         near_m = NEAR_CELLS * self.cell_m  # just before the wall
         return clear_lines(self.free, self.cell_m, self.origin, near_m, eyes, points)
 

@@ -90,7 +90,7 @@ class LandmarkMap:
 
 
 def wall_pose(position: Sequence[float], facing_rad: float) -> Pose:
-    """T_map_landmark of a landmark that hangs upright on a wall.
+    """T_map_landmark of a landmark that is mounted upright on a wall.
 
     Args:
         position: its middle in the map, metres.

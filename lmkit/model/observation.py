@@ -11,11 +11,11 @@ from lmkit.model.landmark_id import LandmarkId
 
 @dataclass(frozen=True, eq=False)
 class Detection:
-    """One landmark read in one picture.
+    """One landmark read in one image.
 
     Attributes:
         id: family and code, as read.
-        corners: (4,2) outer corners of the red border, pixels of the picture as delivered; the
+        corners: (4,2) outer corners of the red border, pixels of the image as delivered; the
             landmark's top left first, then clockwise as the landmark stands.
         confidence: probability that the code is right, 0..1.
         margin: log likelihood ratio (nats) of this code in this rotation against the runner-up.
@@ -45,7 +45,7 @@ class Detection:
 
     @property
     def center(self) -> FloatArray:
-        """(2,) the landmark's middle in the picture: where the diagonals of its corners cross."""
+        """(2,) the landmark's middle in the image: where the diagonals of its corners cross."""
         return crossing(self.corners[0], self.corners[2], self.corners[1], self.corners[3])
 
     def to_dict(self) -> dict[str, object]:
@@ -63,7 +63,7 @@ class Detection:
 
 @dataclass(frozen=True, eq=False)
 class BoardObservation:
-    """A calibration board seen in one picture.
+    """A calibration board seen in one image.
 
     Attributes:
         ids: (N,) indices of the board's corners (rows of ``BoardSpec.object_points``).
@@ -78,7 +78,7 @@ class BoardObservation:
 
 @dataclass(frozen=True, eq=False)
 class PairView:
-    """A board's corners in the two pictures of a stereo pair.
+    """A board's corners in the two images of a stereo pair.
 
     Attributes:
         name: of the pair.

@@ -24,5 +24,5 @@ def linear_to_srgb(value: FloatArray) -> FloatArray:
     return np.where(value <= 0.0031308, value * 12.92, 1.055 * np.clip(value, 0, None) ** (1 / 2.4) - 0.055)
 
 
-# Linear light of the 256 code values, to be indexed with a picture.
+# Linear light of the 256 code values, to be indexed with an image.
 SRGB_TO_LINEAR: Float32Array = srgb_to_linear(np.arange(256) / 255).astype(np.float32)

@@ -1,4 +1,4 @@
-"""A recording: what the cameras and the sensors of a robot measured on a drive."""
+"""A recording: what the cameras and the sensors of a robot measured on a recording."""
 
 from __future__ import annotations
 
@@ -81,12 +81,12 @@ def _freeze(record: Odometry | Gyro, *names: str) -> None:
 
 @dataclass(frozen=True, eq=False)
 class StereoFrame:
-    """What both eyes saw at one moment.
+    """What both cameras saw at one frame.
 
     Attributes:
         time_s: seconds.
-        left, right: landmarks read in the two pictures.
-        name: of the moment, as of its left picture.
+        left, right: landmarks read in the two images.
+        name: of the frame, as of its left image.
     """
 
     time_s: float

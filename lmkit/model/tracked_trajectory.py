@@ -19,7 +19,7 @@ from lmkit.model.pose_status import PoseStatus
 
 @dataclass(frozen=True, eq=False, repr=False)
 class TrackedTrajectory:
-    """The robot at every moment.
+    """The robot at every frame.
 
     Attributes:
         times_s: (N,).
@@ -30,9 +30,9 @@ class TrackedTrajectory:
         parameters: what is wrong with the odometry, by name.
         of_base: the poses look along x, not along z.
         remarks: what a user should look after.
-        innovations: (N,2) of what was believed at every moment: the sum of its squared errors, in standard
+        innovations: (N,2) of what was believed at every frame: the sum of its squared errors, in standard
             deviations, and how many numbers that is of.  Live they are those of the prediction, else what is left
-            once the drive is solved.
+            once the recording is solved.
     """
 
     times_s: FloatArray

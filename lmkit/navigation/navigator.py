@@ -39,7 +39,7 @@ SURE = 2.45  # standard deviations of 95 % in two dimensions
 SURE_1D = 1.96
 UNSURE_M = 0.12  # of the position, from which on the robot looks around
 TURNS = 1.15  # full turns of a look around
-MOST_WAITS = 15  # moments at the goal
+MOST_WAITS = 15  # frames at the goal
 MOST_GOES = 5
 MOST_STEPS = 150  # to the goal once it is near
 STOP_SHORT_M = 0.35  # an obstacle nearer than that is in the way
@@ -68,7 +68,7 @@ class Robot(Protocol):
         """Keep to these velocities; rows of time, way, turn and the gyro's rate."""
 
     def look(self) -> tuple[Sequence[Detection], Sequence[Detection]]:
-        """What both eyes see."""
+        """What both cameras see."""
 
     def obstacle_ahead(self, reach_m: float) -> FloatArray | None:
         """(2,) nearest obstacle ahead, forward and left of the robot."""
@@ -80,7 +80,7 @@ class Site:
 
     Attributes:
         floor: as planned; what is in the way besides is found while driving.
-        landmarks, rig: the map, and the eyes with their T_base_left.
+        landmarks, rig: the map, and the cameras with their T_base_left.
         radius_m: of the robot.
         demand, coverage: how well it should know where it is, and how well it will, everywhere.
         corner_floor_px: as of `LocateOptions`; 0 for simulated corners, which no lens has bent.
@@ -111,7 +111,7 @@ class Journey:
         status: ``arrived``, ``lost`` (does not know where it is), ``unsure`` (not well enough for the goal),
             ``blocked`` (no way left) or ``late``.
         why: in words.
-        poses: what was believed at every moment.
+        poses: what was believed at every frame.
         routes: the planned ones, the first and those around obstacles.
     """
 
@@ -165,12 +165,12 @@ class _Navigator:
     def run(self) -> Journey:
         """Locate, drive, turn, until there."""
         if not self.look_around():
-            return self.stop("lost", "no landmark of the map tells where the robot is; hang more, or check the map")
+            return self.stop("lost", "no landmark of the map tells where the robot is; mount more, or check the map")
         while self.robot.time_s < MOST_SECONDS:
             if len(self.obstacles) > MOST_REPLANS:
                 return self.stop("blocked", "the way was blocked again and again")
             if len(self.journey.routes) > MOST_REPLANS + MOST_TIMES_UNSURE:
-                return self.stop("lost", "the pose is lost again and again on this way; hang more landmarks")
+                return self.stop("lost", "the pose is lost again and again on this way; mount more landmarks")
             try:
                 route = self.plan()
             except LmkitError as error:

@@ -1,4 +1,4 @@
-"""Odometry carries the rig from moments where it is known to others, and says which poses it allows there."""
+"""Odometry carries the rig from frames where it is known to others, and says which poses it allows there."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from lmkit.geometry.rotations import orthonormal, rotation_angle
 from lmkit.geometry.stereo_rig import StereoRig
 from lmkit.odometry.motion_model import Motion
 
-# Odometry strays by so much, and by that share of the way; a moment located farther off saw a landmark that hangs
+# Odometry strays by so much, and by that share of the way; a frame located farther off saw a landmark that is mounted
 # twice, was moved or misread.
 STRAY_M, STRAY_RAD, STRAY_SHARE = 0.3, 0.15, 0.1
 
@@ -38,7 +38,7 @@ class OdometryPath:
 
     Attributes:
         R, t: (N,3,3), (N,3) T_left(0)_left(k).
-        way_m: (N,) travelled up to each moment, turns counted, too.
+        way_m: (N,) travelled up to each frame, turns counted, too.
         stretch: (N,) how many gaps of odometry lie before it.
     """
 
@@ -49,7 +49,7 @@ class OdometryPath:
 
     @classmethod
     def of(cls, times_s: FloatArray, rig: StereoRig, motion: Motion) -> OdometryPath:
-        """Between moments (N,) of a drive."""
+        """Between frames (N,) of a recording."""
         steps = motion.steps(times_s, motion.nominal)
         R, t = np.repeat(np.eye(3)[None], len(times_s), axis=0), np.zeros((len(times_s), 3))
         turned, moved = steps.of_camera(rig.T_base_left or Pose.identity("base", "left"))
@@ -60,7 +60,7 @@ class OdometryPath:
         return cls(R, t, np.append(0.0, np.cumsum(way)), np.append(0, np.cumsum(~steps.known)))
 
     def carry(self, pose: Pose, at: int, to: int) -> Carried | None:
-        """The pose of one moment carried on to another; None over a gap."""
+        """The pose of one frame carried on to another; None over a gap."""
         if self.stretch[at] != self.stretch[to]:
             return None
         back = pose.R @ self.R[at].T
@@ -69,10 +69,10 @@ class OdometryPath:
 
 
 class CarriedPoses:
-    """Of every moment that has no pose: the nearest one that has, carried on to it.
+    """Of every frame that has no pose: the nearest one that has, carried on to it.
 
     Args:
-        poses: (N) of the moments, as they are now.
+        poses: (N) of the frames, as they are now.
         path: None without odometry: nothing is carried.
 
     Attributes:

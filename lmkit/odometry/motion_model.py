@@ -71,7 +71,7 @@ class Motion(Protocol):
 
 
 class BoundedMotion:
-    """A `Motion` for a rig without odometry: it does not leap from one moment to the next."""
+    """A `Motion` for a rig without odometry: it does not jump from one frame to the next."""
 
     names: tuple[str, ...] = ()
     nominal, prior_sigma, of_base = np.zeros(0), np.zeros(0), False
@@ -97,7 +97,7 @@ def require_common_times(own_s: FloatArray, times_s: FloatArray) -> None:
     """Refuse odometry of another time.
 
     Raises:
-        InputError: it shares no time with the moments.
+        InputError: it shares no time with the frames.
     """
     if own_s[-1] < times_s[0] or own_s[0] > times_s[-1]:
         raise InputError(

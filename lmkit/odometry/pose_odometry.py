@@ -59,7 +59,7 @@ class PoseMotion:
         self._totals = np.vstack([np.zeros(3), np.cumsum(np.column_stack([moved, turned, gap]), axis=0)])
 
     def require_overlap(self, times_s: FloatArray) -> None:
-        """Refuse poses that share no time with the moments."""
+        """Refuse poses that share no time with the frames."""
         require_common_times(self._times, times_s)
 
     def steps(self, times_s: FloatArray, parameters: FloatArray) -> Steps:

@@ -22,7 +22,7 @@ NOMINAL = np.array([1.0, 1.0, 0.0, 0.0, 0.0, 0.1])
 # What they may be before anything is seen, as standard deviations.
 PRIOR_SIGMA = np.array([0.1, 0.1, 0.02, 0.1, 0.3, 0.15])
 STEPS = np.array([1e-4, 1e-4, 1e-5, 1e-5, 1e-4, 1e-3])
-# A robot on wheels keeps its height and its level between two moments, but for the floor.
+# A robot on wheels keeps its height and its level between two frames, but for the floor.
 LIFT_M, LIFT_PER_ROOT_M = 0.002, 0.003
 LEAN_RAD, LEAN_PER_ROOT_M = 0.002, 0.004
 
@@ -93,7 +93,7 @@ class MotionModel:
         """Refuse odometry of another time.
 
         Raises:
-            InputError: it shares no time with the moments.
+            InputError: it shares no time with the frames.
         """
         require_common_times(self._times, times_s)
 

@@ -1,4 +1,4 @@
-"""Pictures of a calibration board -> its corners, pair by pair."""
+"""Images of a calibration board -> its corners, pair by pair."""
 
 from __future__ import annotations
 
@@ -24,14 +24,14 @@ MIN_COMMON_CORNERS = 6
 
 @dataclass(frozen=True)
 class BoardPairs:
-    """The corners of all pairs in which both eyes see the board.
+    """The corners of all pairs in which both cameras see the board.
 
     Attributes:
         views: those pairs.
         rejected: (pair, reason) of the others.
         files: (left, right) file of every pair by name.
         image_size: (width, height).
-        board: as specified, or with the other ChArUco layout if that is what the pictures show.
+        board: as specified, or with the other ChArUco layout if that is what the images show.
     """
 
     views: tuple[PairView, ...]
@@ -49,11 +49,11 @@ def find_board_pairs(
     """Read all pairs and find the board in them.
 
     Args:
-        files: left and right picture of every pair.
+        files: left and right image of every pair.
         on_pair: told after every pair how many are done, of how many.
 
     Raises:
-        InputError: different sizes, an unreadable picture, or another board than the one specified.
+        InputError: different sizes, an unreadable image, or another board than the one specified.
     """
     views: list[PairView] = []
     rejected: list[tuple[str, str]] = []
@@ -69,8 +69,8 @@ def find_board_pairs(
                 if here != size:
                     raise InputError(
                         "sizes_differ",
-                        f"{file} is {here[0]} x {here[1]} pixels, the pictures before it {size[0]} x {size[1]}",
-                        "all pictures of both eyes must have the same size; set both cameras alike",
+                        f"{file} is {here[0]} x {here[1]} pixels, the images before it {size[0]} x {size[1]}",
+                        "all images of both cameras must have the same size; set both cameras alike",
                     )
             on_pair(done, len(files))
             view = pair_view(name, seen_left, seen_right, board)
@@ -84,7 +84,7 @@ def find_board_pairs(
 
 
 def checked_board(images: Sequence[ByteArray], board: BoardSpec) -> BoardSpec:
-    """The board as specified, or with the other ChArUco layout if that is what the pictures show.
+    """The board as specified, or with the other ChArUco layout if that is what the images show.
 
     Raises:
         InputError: they show another board.
@@ -97,7 +97,7 @@ def checked_board(images: Sequence[ByteArray], board: BoardSpec) -> BoardSpec:
     counted = "inner corners" if board.kind == "chessboard" else "squares"
     raise InputError(
         "wrong_board",
-        f"the pictures show {other}, not {board}",
+        f"the images show {other}, not {board}",
         f"give --board {other} (columns x rows count {counted})",
     )
 
@@ -105,20 +105,20 @@ def checked_board(images: Sequence[ByteArray], board: BoardSpec) -> BoardSpec:
 def pair_view(
     name: str, left: BoardObservation | None, right: BoardObservation | None, board: BoardSpec
 ) -> PairView | str:
-    """The board as both eyes saw it, corners in the same order; or the reason why there is no such view."""
+    """The board as both cameras saw it, corners in the same order; or the reason why there is no such view."""
     if left is None or right is None:
-        where = "left picture" if right is not None else "right picture"
+        where = "left image" if right is not None else "right image"
         if left is None and right is None:
-            where = "left and the right picture"
+            where = "left and the right image"
         return f"board not found in the {where}"
     if board.kind == "chessboard":
         right = same_orientation(left, right)
     if len(np.intersect1d(left.ids, right.ids)) < MIN_COMMON_CORNERS:
-        return f"fewer than {MIN_COMMON_CORNERS} corners seen by both eyes"
+        return f"fewer than {MIN_COMMON_CORNERS} corners seen by both cameras"
     return PairView(name, left.ids, left.image_points, right.ids, right.image_points, left.noise_px, right.noise_px)
 
 
 def _look(file: Path, board: BoardSpec) -> tuple[tuple[int, int], BoardObservation | None]:
-    """(width, height) of a picture, and the board in it."""
+    """(width, height) of an image, and the board in it."""
     image = read_image(file)
     return (image.shape[1], image.shape[0]), detect_board(image, board)

@@ -1,4 +1,4 @@
-"""Taking pictures for a calibration: frames in, kept pairs out, with what to show next."""
+"""Taking images for a calibration: frames in, kept pairs out, with what to show next."""
 
 from __future__ import annotations
 
@@ -28,14 +28,14 @@ class Found:
 
     Attributes:
         corners: of all pairs.
-        pictures: of some pairs, by name: the two pictures, or their files.
+        images: of some pairs, by name: the two images, or their files.
     """
 
     corners: SavedCorners
     pictures: Mapping[str, PairOfPictures | tuple[Path, Path]]
 
     def picture(self, name: str) -> PairOfPictures:
-        """Left and right picture of a pair."""
+        """Left and right image of a pair."""
         left, right = (read_image(eye) if isinstance(eye, Path) else eye for eye in self.pictures[name])
         return left, right
 
@@ -46,7 +46,7 @@ class Looked:
 
     Attributes:
         judgement: what became of it.
-        left, right: the pictures.
+        left, right: the images.
         found: all that is kept so far.
         coverage: what that shows, and what is missing.
     """
@@ -65,7 +65,7 @@ def look_at_frames(pairs: Iterable[tuple[Frame, Frame]], board: BoardSpec, movin
         moving: see :class:`lmkit.calibration.capture_guide.CaptureGuide`.
 
     Raises:
-        InputError: a picture that cannot be read, pictures of different sizes, or of another board.
+        InputError: an image that cannot be read, images of different sizes, or of another board.
     """
     looking = _SpecCheck(board)
     guide: CaptureGuide | None = None
@@ -86,7 +86,7 @@ def look_at_frames(pairs: Iterable[tuple[Frame, Frame]], board: BoardSpec, movin
         name = f"{len(guide.views) + 1:03d}" if moving else Path(one.name).stem
         in_left = looking.detect(left)
         board = looking.board
-        # An eye that sees no board saves the other the trouble.
+        # A camera that sees no board saves the other the trouble.
         in_right = None if in_left is None else detect_board(right, board)
         view = pair_view(name, in_left, in_right, board)
         judgement = guide.judge(None if isinstance(view, str) else view)
@@ -109,7 +109,7 @@ class _SpecCheck:
         self._done = False
 
     def detect(self, image: ByteArray) -> BoardObservation | None:
-        """The board in the picture."""
+        """The board in the image."""
         seen = detect_board(image, self.board)
         self._last, self._in_vain = image, self._in_vain + 1
         if not self._done and (seen is not None or self._in_vain == LONG_IN_VAIN):
@@ -118,7 +118,7 @@ class _SpecCheck:
         return seen
 
     def end(self) -> None:
-        """Check by the last picture.
+        """Check by the last image.
 
         Raises:
             InputError: it shows another board.

@@ -1,4 +1,4 @@
-"""Landmarks of many pictures in a steady stream: pictures on all cores, videos frame by frame."""
+"""Landmarks of many images in a steady stream: images on all cores, videos frame by frame."""
 
 from __future__ import annotations
 
@@ -19,12 +19,12 @@ WORTH_PROCESSES = 6
 
 @dataclass(frozen=True)
 class Detected:
-    """The landmarks of one picture, or why it could not be read.
+    """The landmarks of one image, or why it could not be read.
 
     Attributes:
         name: path, or ``VIDEO#N`` for frame N of a video.
         size: (width, height), or None where it could not be read.
-        colourless: a grey picture; landmarks are told from other squares by their colours.
+        colourless: a grey image; landmarks are told from other squares by their colours.
     """
 
     name: str
@@ -35,7 +35,7 @@ class Detected:
 
 
 def detect_in_sources(sources: Sequence[str], options: DetectOptions | None = None) -> Iterator[Detected]:
-    """Every picture of files, folders, globs, videos and ``-``, in order; one at a time in memory."""
+    """Every image of files, folders, globs, videos and ``-``, in order; one at a time in memory."""
     options = options or DetectOptions()
     files = picture_files(sources)
     if files is not None and len(files) >= WORTH_PROCESSES:

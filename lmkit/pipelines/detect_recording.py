@@ -1,4 +1,4 @@
-"""What both eyes see on a drive: pictures in, landmarks with their times out, on all cores."""
+"""What both cameras see on a recording: images in, landmarks with their times out, on all cores."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ def see_drive(
         hz: pairs a second; None: the names end in seconds.
 
     Raises:
-        InputError: the sources make no pairs, a picture cannot be read, or times are missing or do not increase.
+        InputError: the sources make no pairs, an image cannot be read, or times are missing or do not increase.
     """
     pairs = list_pairs(left, right)
     times: list[float] = []
@@ -39,7 +39,7 @@ def see_drive(
         if time is None:
             raise InputError("no_times", f"{a} does not say when it was taken", "say how many pairs a second: --hz 5")
         if times and time <= times[-1]:
-            raise InputError("time_not_increasing", f"{a}: time does not increase", "name pictures in their order")
+            raise InputError("time_not_increasing", f"{a}: time does not increase", "name images in their order")
         times.append(time)
     work = partial(_see, rig=rig, families=tuple(families))
     yield from map_in_processes(work, [(time, str(a), str(b)) for time, (a, b) in zip(times, pairs, strict=True)])

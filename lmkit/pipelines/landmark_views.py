@@ -27,12 +27,12 @@ def find_landmark_pairs(
     family: LandmarkFamily = LM8,
     on_pair: Callable[[int, int], None] = lambda done, total: None,
 ) -> tuple[FloatArray, list[PairView]]:
-    """(4,3) corners of a landmark of its nominal size, and a view for each that both eyes of a pair read.
+    """(4,3) corners of a landmark of its nominal size, and a view for each that both cameras of a pair read.
 
-    Of a landmark of another size only the distance comes out wrong, not how the eyes' rows match.
+    Of a landmark of another size only the distance comes out wrong, not how the cameras' rows match.
 
     Raises:
-        InputError: a picture cannot be read.
+        InputError: an image cannot be read.
     """
     views: list[PairView] = []
     jobs = [job for left, right in files for job in ((left, rig.left), (right, rig.right))]

@@ -1,4 +1,4 @@
-"""Poses of many stereo pairs or single pictures in a steady stream: files on all cores, films frame by frame."""
+"""Poses of many stereo pairs or single images in a steady stream: files on all cores, videos frame by frame."""
 
 from __future__ import annotations
 
@@ -29,13 +29,13 @@ WORTH_PROCESSES = 4
 
 @dataclass(frozen=True, eq=False)
 class Located:
-    """One moment.
+    """One frame.
 
     Attributes:
-        left, right: names of the pictures; right is None of a single picture.
-        estimate: the pose, or None where a picture could not be read.
-        seen: landmarks of the left and of the right picture.
-        image: the left picture, of films and cameras alone (files can be read again).
+        left, right: names of the images; right is None of a single image.
+        estimate: the pose, or None where an image could not be read.
+        seen: landmarks of the left and of the right image.
+        image: the left image, of videos and cameras alone (files can be read again).
         error: why there is no estimate.
     """
 
@@ -50,7 +50,7 @@ class Located:
 def locate_in_sources(
     left: str, right: str | None, rig: StereoRig, landmarks: LandmarkMap, options: LocateOptions | None = None
 ) -> Iterator[Located]:
-    """Every pair of two files, folders, globs, films or cameras, or every picture where right is None, in order.
+    """Every pair of two files, folders, globs, videos or cameras, or every image where right is None, in order.
 
     Raises:
         InputError: the sources make no pairs.

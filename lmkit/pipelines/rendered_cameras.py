@@ -1,4 +1,4 @@
-"""Eyes of a simulated robot that take pictures and read them: photograph and detector, end to end."""
+"""Cameras of a simulated robot that take images and read them: photograph and detector, end to end."""
 
 from __future__ import annotations
 
@@ -18,11 +18,11 @@ CHAIN = ImagingChain(sensor=Sensor(6000.0, 8.0, bayer=True))
 
 
 class PictureEyes:
-    """What the detector reads in two pictures of a scene, now and then; between them nothing.
+    """What the detector reads in two images of a scene, now and then; between them nothing.
 
     Args:
         rig: with its T_base_left.
-        every_s: between two pairs of pictures.
+        every_s: between two pairs of images.
     """
 
     def __init__(self, scene: Scene, rig: StereoRig, seed: int, every_s: float = 0.6) -> None:
@@ -37,7 +37,7 @@ class PictureEyes:
         return self.look(T_map_base)[1:]
 
     def look(self, T_map_base: Pose) -> tuple[ByteArray, Seen, Seen]:
-        """The left picture (BGR), and what is read in both."""
+        """The left image (BGR), and what is read in both."""
         assert self._rig.T_base_left is not None
         T_map_left = T_map_base @ self._rig.T_base_left
         pictures, read = [], []

@@ -1,4 +1,4 @@
-"""The calibration report: one HTML file with pictures, nothing fetched from anywhere."""
+"""The calibration report: one HTML file with images, nothing fetched from anywhere."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ def calibration_report(
     """The report.
 
     Args:
-        pictures: left and right picture by pair name, of the pairs to show.
+        images: left and right image by pair name, of the pairs to show.
     """
     parts = [
         f"<p>{escape(str(board))}, {len(result.used)} pairs used, {len(result.rejected)} left out</p>",
@@ -74,12 +74,12 @@ def _verdict(result: StereoCalibration) -> tuple[str, str, str]:
         return "good", "Good.", f"{size}, and nothing speaks against it."
     if error <= GOOD_EPIPOLAR_PX:
         some = "There is a warning" if doubts == 1 else f"There are {doubts} warnings"
-        return "fair", "Precise, with reservations.", f"{size}. {some} below; mend what you can and calibrate again."
+        return "fair", "Precise, with reservations.", f"{size}. {some} below; fix what you can and calibrate again."
     if error <= FAIR_EPIPOLAR_PX:
         return (
             "fair",
             "Usable.",
-            f"{size}; below {GOOD_EPIPOLAR_PX} px is what sharp pictures of a flat board reach.",
+            f"{size}; below {GOOD_EPIPOLAR_PX} px is what sharp images of a flat board reach.",
         )
     return "poor", "Poor.", f"{size}; expect wrong depth. See the warnings and the pairs with large errors."
 
@@ -112,7 +112,7 @@ def _depth(result: StereoCalibration) -> str:
     )
     note = (
         f"Standard deviations for a point straight ahead: from this calibration alone, and with corners matched to "
-        f"{MATCHING_PX:g} px in each eye. A wrong square size is not in them: it scales every depth alike."
+        f"{MATCHING_PX:g} px in each camera. A wrong square size is not in them: it scales every depth alike."
     )
     head = "<tr><th class='n'>depth</th><th class='n'>calibration</th><th class='n'>in all</th></tr>"
     return f"<h2>Depth error to expect</h2><table>{head}{rows}</table><p class='note'>{note}</p>"
@@ -123,7 +123,7 @@ def _coverage(result: StereoCalibration) -> str:
     figures = [
         (
             plots.corner_cover(np.concatenate([getattr(v, eye) for v in result.used]), c.cells[k], size, color),
-            f"{eye.capitalize()} eye: all corners; red where none was. {100 * c.filled(k):.0f} % filled.",
+            f"{eye.capitalize()} camera: all corners; red where none was. {100 * c.filled(k):.0f} % filled.",
         )
         for k, (eye, color) in enumerate((("left", plots.LEFT), ("right", plots.RIGHT)))
     ]
@@ -153,13 +153,13 @@ def _uncertainty(result: StereoCalibration) -> str:
     figures = [
         (
             plots.heat_map(values, camera.image_size, largest),
-            f"{eye} eye, {'far away' if depth is None else f'at {depth:g} m'}: "
+            f"{eye} camera, {'far away' if depth is None else f'at {depth:g} m'}: "
             f"{np.nanmin(values):.3f} to {np.nanmax(values):.3f} px.",
         )
         for eye, depth, camera, values in maps
     ]
     note = (
-        "Standard deviation of where a point projects, px, from what the pictures leave open of the intrinsics. "
+        "Standard deviation of where a point projects, px, from what the images leave open of the intrinsics. "
         "Where it is large, show the board; grey: no ray of the lens model ends there."
     )
     return f"<h2>Projection uncertainty</h2><p class='note'>{note}</p>{grid(figures, 'two')}"
@@ -193,7 +193,7 @@ def _cameras(result: StereoCalibration) -> str:
         for axis, value, sigma in zip("xyz", turn, np.rad2deg(relation[3:]), strict=True)
     ]
     body = "".join(f"<tr><td>{a}</td><td class='n'>{b}</td><td class='n'>{c}</td></tr>" for a, b, c in lines)
-    return f"{table}<h2>Left eye in the right eye's frame (T_right_left)</h2><table>{body}</table>"
+    return f"{table}<h2>Left camera in the right camera's frame (T_right_left)</h2><table>{body}</table>"
 
 
 def _residual_plots(result: StereoCalibration) -> str:
@@ -202,12 +202,12 @@ def _residual_plots(result: StereoCalibration) -> str:
     at_left = np.concatenate([view.left for view in result.used])
     at_right = np.concatenate([view.right for view in result.used])
     size = result.rig.left.image_size
-    enlarged = f"Left eye, {plots.ENLARGED} times enlarged. Neighbours that agree: the lens model does not fit."
+    enlarged = f"Left camera, {plots.ENLARGED} times enlarged. Neighbours that agree: the lens model does not fit."
     figures = [
         (plots.residual_scatter(left, right), "All residuals (left blue, right orange)."),
         (plots.residual_histogram(left, right), "Their sizes; dashed: normal curves of the same middle spread."),
         (plots.residual_arrows(at_left, left, size, plots.LEFT), enlarged),
-        (plots.residual_arrows(at_right, right, size, plots.RIGHT), "Right eye, the same."),
+        (plots.residual_arrows(at_right, right, size, plots.RIGHT), "Right camera, the same."),
     ]
     rows = "".join(_statistics(name, values) for name, values in (("left", left), ("right", right)))
     head = "<tr><th>eye</th>" + "".join(
@@ -229,7 +229,7 @@ def _space(result: StereoCalibration, board: BoardSpec) -> str:
     rim = np.array([[low[0], low[1], 0], [high[0], low[1], 0], [high[0], high[1], 0], [low[0], high[1], 0]])
     outlines = [rim @ R.T + t for R, t in zip(s.rotations, s.translations, strict=True)]
     drawing = plots.scene(s.left, s.right, s.R, s.t, outlines, [view.name for view in result.used])
-    caption = "The eyes (left blue, right orange), what they see, and every pair's board; from behind and above."
+    caption = "The cameras (left blue, right orange), what they see, and every pair's board; from behind and above."
     return f"<h2>Cameras and boards in space</h2>{figure(drawing, caption)}"
 
 
@@ -254,7 +254,7 @@ def _detections(result: StereoCalibration, name: str, pictures: tuple[ByteArray,
     marked = []
     for image, points in zip(pictures, (view.left, view.right), strict=True):
         canvas = image.copy()
-        # As large as is still seen when the picture is made small.
+        # As large as is still seen when the image is made small.
         radius, width = canvas.shape[1] / 110, max(1, round(canvas.shape[1] / 320))
         for k, (x, y) in enumerate(points):
             hue = int(150 * k / max(1, len(points) - 1))

@@ -22,7 +22,7 @@ _RAMP = np.array(
 
 
 def residual_scatter(left: FloatArray, right: FloatArray) -> str:
-    """(N,2) and (M,2) residuals of the two eyes as dots, with a circle at their scale."""
+    """(N,2) and (M,2) residuals of the two cameras as dots, with a circle at their scale."""
     reach = max(0.2, float(np.percentile(np.abs(np.concatenate([left, right])), 99.5)))
     dots = []
     for points, color in ((left, LEFT), (right, RIGHT)):
@@ -81,7 +81,7 @@ def residual_histogram(left: FloatArray, right: FloatArray) -> str:
 
 
 def heat_map(values: FloatArray, size: tuple[int, int], largest: float) -> str:
-    """(R,C) values over the picture as colours from 0 to ``largest``, with some of them in figures."""
+    """(R,C) values over the image as colours from 0 to ``largest``, with some of them in figures."""
     rows, columns = values.shape
     width, height = size
     cells, figures = [], []
@@ -104,7 +104,7 @@ def heat_map(values: FloatArray, size: tuple[int, int], largest: float) -> str:
 
 
 def corner_cover(points: FloatArray, cells: BoolArray, size: tuple[int, int], color: str) -> str:
-    """(N,2) all corners seen by one eye, on the (5,5) cells of its picture; empty cells are marked."""
+    """(N,2) all corners seen by one camera, on the (5,5) cells of its image; empty cells are marked."""
     width, height = size
     marks = []
     for row, column in zip(*np.nonzero(~cells), strict=True):
@@ -154,7 +154,7 @@ def scene(
     outlines: Sequence[FloatArray],
     names: Sequence[str],
 ) -> str:
-    """The two eyes and every board, (4,3) metres in the left camera, seen from above behind the cameras."""
+    """The two cameras and every board, (4,3) metres in the left camera, seen from above behind the cameras."""
     depth = max(float(np.median([outline[:, 2].mean() for outline in outlines])) / 4, float(np.linalg.norm(t)) / 2)
     eyes = [(_frustum(left, depth), LEFT), ((_frustum(right, depth) - t) @ R, RIGHT)]
     # From behind, above and a little to the right.
@@ -186,7 +186,7 @@ def scene(
 
 
 def _frustum(camera: CameraModel, depth: float) -> FloatArray:
-    """(5,3) the eye and the corners of what it sees, at ``depth``, in its own frame."""
+    """(5,3) the camera and the corners of what it sees, at ``depth``, in its own frame."""
     width, height = camera.image_size
     corners = np.array([[0, 0], [width - 1, 0], [width - 1, height - 1], [0, height - 1.0]])
     rays = camera.unproject(corners)

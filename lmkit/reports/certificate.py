@@ -1,4 +1,4 @@
-"""One page of PDF a landmark: the picture with the landmark marked, every line with its grade, the verdict first."""
+"""One page of PDF a landmark: the image with the landmark marked, every line with its grade, the verdict first."""
 
 from __future__ import annotations
 

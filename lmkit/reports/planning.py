@@ -1,4 +1,4 @@
-"""Plans of a floor as pictures: the expected error, where landmarks hang, a way to drive."""
+"""Plans of a floor as images: the expected error, where landmarks are mounted, a way to drive."""
 
 from __future__ import annotations
 
@@ -24,8 +24,8 @@ def draw_coverage(
 
 
 def draw_placement(floor: FloorPlan, placement: Placement) -> bytes:
-    """Where to hang what, with the names of the walls; PNG."""
-    title = f"{len(placement.mounts)} landmarks to hang; walls by letter, distances in mounting.csv"
+    """Where to mount what, with the names of the walls; PNG."""
+    title = f"{len(placement.mounts)} landmarks to mount; walls by letter, distances in mounting.csv"
     return draw_plan(placement.landmarks, [], title=title, underlay=floor_underlay(floor), notes=wall_notes(floor))
 
 

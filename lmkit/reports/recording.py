@@ -23,7 +23,7 @@ MOST_DOTS = 3000
 SEEN, LEFT_OUT, OTHER = "#2f6fde", "#cf222e", "#e8833a"
 WIDTH, HEIGHT, ASIDE, BELOW = 640.0, 200.0, 52.0, 24.0
 INSIDE = 0.95
-TOO_MANY_OUTSIDE = 0.15  # of moments beyond the band: the covariance claims too much
+TOO_MANY_OUTSIDE = 0.15  # of frames beyond the band: the covariance claims too much
 
 
 @dataclass(frozen=True, eq=False)
@@ -54,7 +54,7 @@ def survey_report(survey: Survey, motion: Motion | None, warnings: Sequence[str]
     place_mm = 1000 * np.sqrt(np.einsum("nii->n", bundle.covariances[:, :3, :3]))
     turn_deg = np.rad2deg(np.sqrt(np.linalg.eigvalsh(bundle.covariances[:, 3:, 3:])[:, -1]))
     parts = [
-        f"<p>{len(bundle.landmarks)} landmarks, {len(bundle.times_s)} moments, {len(bundle.of)} sightings, "
+        f"<p>{len(bundle.landmarks)} landmarks, {len(bundle.times_s)} frames, {len(bundle.of)} observations, "
         f"{survey.dropped} left out, {bundle.rms_px:.2f} px</p>",
         verdict(*_survey_verdict(survey)),
         listed("Warnings", warnings),
@@ -71,10 +71,10 @@ def survey_report(survey: Survey, motion: Motion | None, warnings: Sequence[str]
                             _Series(times[believed], bundle.misfits[believed], SEEN),
                             _Series(times[~believed], bundle.misfits[~believed], LEFT_OUT),
                         ],
-                        "misfit of a sighting, standard deviations",
+                        "residual of an observation, standard deviations",
                         log=True,
                     ),
-                    "Every sighting; red: left out. Honest covariances make it 1 on average.",
+                    "Every observation; red: left out. Honest covariances make it 1 on average.",
                 ),
                 (
                     _over_time(
@@ -106,7 +106,7 @@ def track_report(drive: TrackedTrajectory, landmarks: LandmarkMap) -> str:
     place_mm = 1000 * np.sqrt(np.einsum("nii->n", C[:, :3, :3]))
     heading_deg = np.rad2deg(np.sqrt(np.maximum(C[:, 5, 5], 0.0)))
     parts = [
-        f"<p>{len(drive.times_s)} moments, {sum(sure)} of them sure</p>",
+        f"<p>{len(drive.times_s)} frames, {sum(sure)} of them sure</p>",
         verdict(*_track_verdict(drive)),
         listed("Warnings", drive.remarks),
         "<h2>Drive</h2>",
@@ -154,7 +154,7 @@ def draw_drive(
 
 def _survey_verdict(survey: Survey) -> tuple[str, str, str]:
     if survey.odd or survey.bundle.jumps:
-        return "poor", "The drive contradicts itself.", "See the warnings: something was moved, or is misread."
+        return "poor", "The recording contradicts itself.", "See the warnings: something was moved, or is misread."
     if survey.unplaced or survey.weak or survey.ambiguous or survey.astray:
         return (
             "fair",
@@ -178,11 +178,11 @@ def _track_verdict(drive: TrackedTrajectory) -> tuple[str, str, str]:
         return (
             "fair",
             "The covariance claims too much.",
-            f"{outside} of {counted} moments lie above the {100 * INSIDE:.0f} % band of their innovations.",
+            f"{outside} of {counted} frames lie above the {100 * INSIDE:.0f} % band of their innovations.",
         )
     if unsure:
-        return "fair", "Followed with gaps.", f"{unsure} of {len(drive.statuses)} moments are not sure."
-    return "good", "Followed all the way.", "Every moment has a sure pose."
+        return "fair", "Followed with gaps.", f"{unsure} of {len(drive.statuses)} frames are not sure."
+    return "good", "Followed all the way.", "Every frame has a sure pose."
 
 
 def _landmarks(survey: Survey, believed: BoolArray) -> str:
@@ -197,7 +197,7 @@ def _landmarks(survey: Survey, believed: BoolArray) -> str:
             (str(m.id), f"{x:.3f}", f"{y:.3f}", f"{z:.3f}", f"± {1000 * place:.1f}", f"± {np.rad2deg(turn):.2f}",
              str(mine.sum()), str((mine & ~believed).sum()), misfit)
         )  # fmt: skip
-    head = ("landmark", "x, m", "y, m", "z, m", "mm", "deg", "sightings", "left out", "misfit, median")
+    head = ("landmark", "x, m", "y, m", "z, m", "mm", "deg", "sightings", "left out", "residual, median")
     return table(head, rows)
 
 
@@ -218,12 +218,12 @@ def _innovations(drive: TrackedTrajectory) -> str:
     return figure(
         plot,
         f"Mean {squared.sum() / told.sum():.2f} of an ideal 1. Red: above the {100 * INSIDE:.0f} % band of honest "
-        f"covariances, {outside} of {counted} moments.",
+        f"covariances, {outside} of {counted} frames.",
     )
 
 
 def _outside(drive: TrackedTrajectory) -> tuple[int, int]:
-    """Moments above the band of their innovations, of those that saw something."""
+    """Frames above the band of their innovations, of those that saw something."""
     squared, told = drive.innovations.T
     some = told > 0
     return int((squared[some] > chi2.ppf(INSIDE, told[some])).sum()), int(some.sum())

@@ -36,10 +36,10 @@ def require_rerun() -> None:
 
 
 def survey_recording(survey: Survey, rig: StereoRig, moments: Sequence[StereoFrame]) -> bytes:
-    """A surveyed drive, as the bytes of an .rrd file.
+    """A surveyed recording, as the bytes of an .rrd file.
 
     Args:
-        moments: as given to the survey.
+        frames: as given to the survey.
     """
     bundle, recording = survey.bundle, _Recording("lmkit survey")
     recording.landmarks(survey.landmarks)
@@ -61,7 +61,7 @@ def track_recording(
     """A robot that was followed through a map, as the bytes of an .rrd file.
 
     Args:
-        rig, moments: that saw the landmarks; None and none where ranges and bearings were read.
+        rig, frames: that saw the landmarks; None and none where ranges and bearings were read.
     """
     recording = _Recording("lmkit track")
     recording.landmarks(landmarks)
@@ -126,7 +126,7 @@ class _Recording:
         self._ellipsoids("map/robot/uncertainty", [(looking.t, covariance[:3, :3])], static=False)
 
     def seen(self, moment: StereoFrame, rig: StereoRig, T_map_left: Pose) -> None:
-        """The eyes, and the outlines of what they read in their pictures."""
+        """The cameras, and the outlines of what they read in their images."""
         right = rig.T_map_right(T_map_left)
         for name, camera, pose, seen in zip(
             EYES, (rig.left, rig.right), (T_map_left, right), (moment.left, moment.right), strict=True

@@ -1,4 +1,4 @@
-"""A simulated room as files: pictures of a drive and of a board, rig, map, and the truth in JSON."""
+"""A simulated room as files: images of a recording and of a board, rig, map, and the truth in JSON."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ BOARD = BoardSpec("chessboard", 9, 6, 25.0)
 
 @dataclass(frozen=True, eq=False)
 class Dataset:
-    """What is simulated, before any picture is taken.
+    """What is simulated, before any image is taken.
 
     Attributes:
         poses: T_map_camera of the left camera, one per stereo pair.
@@ -42,7 +42,7 @@ class Dataset:
 
 
 def make_dataset(seed: int, pairs: int, boards: int, landmarks: int) -> Dataset:
-    """A room with a drive through it, everything drawn from the seed."""
+    """A room with a recording through it, everything drawn from the seed."""
     rig = make_rig()
     scene = make_room(seed, landmarks)
     placed = board_poses(seed, rig, BOARD, boards) if boards else []
@@ -50,7 +50,7 @@ def make_dataset(seed: int, pairs: int, boards: int, landmarks: int) -> Dataset:
 
 
 def take_pictures(data: Dataset) -> Iterator[tuple[str, ByteArray]]:
-    """(relative file name, BGR picture) of all pairs, on as many processes as there are cores."""
+    """(relative file name, BGR image) of all pairs, on as many processes as there are cores."""
     jobs = [("drive", k, eye) for k in range(len(data.poses)) for eye in ("left", "right")]
     jobs += [("boards", k, eye) for k in range(len(data.boards)) for eye in ("left", "right")]
     yield from map_in_processes(partial(_take, data), jobs)
@@ -86,7 +86,7 @@ def description_files(data: Dataset) -> dict[str, str]:
 
 
 def truth(data: Dataset) -> dict[str, Any]:
-    """Every pose, and in every picture every landmark whose four corners are in it."""
+    """Every pose, and in every image every landmark whose four corners are in it."""
     pairs = []
     for index, pose in enumerate(data.poses):
         images = {eye: _visible(data, pose, eye) for eye in ("left", "right")}
@@ -136,7 +136,7 @@ def _visible(data: Dataset, T_map_left: Pose, eye: str) -> list[dict[str, Any]]:
 
 
 def _in_front(camera: CameraModel, points: FloatArray) -> bool:
-    """Inside a generous cone: far outside it the distortion polynomial folds back into the picture."""
+    """Inside a generous cone: far outside it the distortion polynomial folds back into the image."""
     rays = points[:, :2] / points[:, 2:]
     limit = np.array(camera.image_size) / camera.K[[0, 1], [0, 1]]
     return bool((np.abs(rays) < 0.75 * limit).all())

@@ -1,4 +1,4 @@
-"""What both eyes see of landmarks, as corners with noise instead of pictures."""
+"""What both cameras see of landmarks, as corners with noise instead of images."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ def look(
     rng: np.random.Generator,
     floor: FloorPlan | None = None,
 ) -> tuple[Seen, Seen]:
-    """What the left and the right eye see from a pose of the robot's base.
+    """What the left and the right camera see from a pose of the robot's base.
 
     Args:
         rig: with its T_base_left.
@@ -45,7 +45,7 @@ def look(
     T_right = Pose("right", "left", rig.T_right_left.R, rig.T_right_left.t) @ T_left
     eye = T_map_left.t[None, :2]
     shown = _shown(list(landmarks), eye, floor)
-    # Both eyes read a landmark, or neither.
+    # Both cameras read a landmark, or neither.
     luck = np.zeros(len(shown)) if noise_px is not None else rng.uniform(size=len(shown))
     return (
         tuple(_seen(shown, luck, rig.left, T_left, noise_px, rng)),
@@ -95,10 +95,10 @@ def _seen(
 
 
 def _project(points: FloatArray, camera: CameraModel) -> FloatArray | None:
-    """(4,2) corners, or None where they are not wholly in the picture."""
+    """(4,2) corners, or None where they are not wholly in the image."""
     if points[:, 2].min() < NEAREST_M:
         return None
-    # Far outside the picture the distortion folds back into it.
+    # Far outside the image the distortion folds back into it.
     limit = np.array(camera.image_size) / camera.K[[0, 1], [0, 1]]
     if (np.abs(points[:, :2] / points[:, 2:]) > 0.75 * limit).any():
         return None

@@ -33,7 +33,7 @@ class Lens:
     Attributes:
         blur_px: standard deviation of the point spread.
         defocus_px: radius of the disc that a point out of focus becomes.
-        motion_px: (x, y) way of the picture during the exposure.
+        motion_px: (x, y) way of the image during the exposure.
     """
 
     blur_px: float = 0.6
@@ -78,10 +78,10 @@ class Light:
     Attributes:
         brightness: what a surface of reflectance 1 makes of full scale.
         temperature_k: colour of the light, as of a black body.
-        gradient: (x, y) relative change from the middle of the picture to its right and lower edge.
+        gradient: (x, y) relative change from the middle of the image to its right and lower edge.
         shadow: a hard one, or none.
         gloss: a lamp mirrored, or none.
-        veil: light that the lens spreads over the whole picture, share of full scale.
+        veil: light that the lens spreads over the whole image, share of full scale.
     """
 
     brightness: float = 0.88
@@ -144,7 +144,7 @@ class ImagingChain:
 def photograph(
     scene: Scene, camera: CameraModel, T_map_camera: Pose, chain: ImagingChain, rng: np.random.Generator
 ) -> ByteArray:
-    """One picture of the scene: (H,W,3) BGR, 8 bit."""
+    """One image of the scene: (H,W,3) BGR, 8 bit."""
     return take_picture(render(scene, camera, T_map_camera), chain, rng)
 
 

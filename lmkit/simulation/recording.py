@@ -1,6 +1,6 @@
-"""A simulated drive: a robot on wheels through a room, what its eyes see, and what its wheels and gyro say.
+"""A simulated recording: a robot on wheels through a room, what its cameras see, and what its wheels and gyro say.
 
-Corners are simulated, not pictures.  Wheels err as real ones do (MRCLAM: they report too much way and turn, a quarter
+Corners are simulated, not images.  Wheels err as real ones do (MRCLAM: they report too much way and turn, a quarter
 of a second early; now and then they slip), the gyro drifts.
 """
 
@@ -24,7 +24,7 @@ from lmkit.simulation.scene import hang_landmarks, make_rig
 
 STEP_S = 0.02
 HEIGHT_M = 2.6
-# Where the left eye sits on the robot: forward, left, up, and looking ahead.
+# Where the left camera sits on the robot: forward, left, up, and looking ahead.
 T_BASE_LEFT = Pose(
     "base", "left", np.array([[0.0, 0.0, 1.0], [-1.0, 0.0, 0.0], [0.0, -1.0, 0.0]]), np.array([0.1, 0.06, 0.85])
 )
@@ -54,14 +54,14 @@ class WheelErrors:
 
 @dataclass(frozen=True, eq=False)
 class Drive:
-    """A drive and its truth.
+    """A recording and its truth.
 
     Attributes:
-        landmarks: as they hang.
+        landmarks: as they are mounted.
         rig: with its T_base_left.
-        times_s: (N,) of the moments.
+        times_s: (N,) of the frames.
         truth: (N,3) x, y (m), heading (rad) of the base.
-        moments: what both eyes saw.
+        frames: what both cameras saw.
         odometry, gyro: what the robot's own sensors say.
     """
 
@@ -74,7 +74,7 @@ class Drive:
     gyro: Gyro
 
     def pose(self, k: int) -> Pose:
-        """T_map_base of a moment."""
+        """T_map_base of a frame."""
         return planar_pose(self.truth[k])
 
     def visual_odometry(
@@ -126,7 +126,7 @@ def make_drive(
     errors: WheelErrors | None = None,
     noise_px: float = 0.15,
 ) -> Drive:
-    """A drive in rounds through a room with ``count`` landmarks on its walls."""
+    """A recording in rounds through a room with ``count`` landmarks on its walls."""
     rng = np.random.default_rng([seed, 0])
     codes = [int(code) for code in rng.permutation(256)[:count]]
     landmarks = LandmarkMap(hang_landmarks(rng, codes, (*size_m, HEIGHT_M)))
@@ -135,7 +135,7 @@ def make_drive(
     truth = _slip(rng, fine, truth, errors.slips)
     rig = replace(make_rig(), T_base_left=T_BASE_LEFT)
     rows = np.arange(0, len(fine) - 1, round(1 / hz / STEP_S))
-    # The first moments lie before the wheels' delay.
+    # The first frames lie before the wheels' delay.
     rows = rows[fine[rows] > errors.delay_s]
     moments = tuple(
         StereoFrame(float(fine[k]), *look(landmarks, rig, planar_pose(truth[k]), noise_px, rng), f"{fine[k]:.2f}")
@@ -161,7 +161,7 @@ def _round_trip(
 
 
 def _slip(rng: np.random.Generator, times: FloatArray, truth: FloatArray, slips: int) -> FloatArray:
-    """The rest of the drive is moved at each slip."""
+    """The rest of the recording is moved at each slip."""
     moved = truth.copy()
     for k in rng.integers(len(times) // 5, len(times), slips):
         turn, shift = rng.uniform(-0.1, 0.1), rng.uniform(-0.1, 0.1, 2)

@@ -1,7 +1,7 @@
 """What light a camera would receive from a scene: rays with lens distortion, each to the nearest panel.
 
 PixelSamples are oversampled; each ray meets every panel in closed form, bent ones in a few steps.  Light
-falls off towards the picture's corners as in a lens.
+falls off towards the image's corners as in a lens.
 """
 
 from __future__ import annotations
@@ -84,7 +84,7 @@ def _meet(
     T_camera_panel: Pose, panel: Panel, x: Float32Array, y: Float32Array
 ) -> tuple[Float32Array, Float32Array, Float32Array]:
     """Where rays (x, y, 1) meet the panel's face: u, v in its plane, and the distance along z."""
-    # Ray and eye in the panel's frame; the face is its plane z = 0, or z = bend (1 - (2u/w)^2).
+    # Ray and camera in the panel's frame; the face is its plane z = 0, or z = bend (1 - (2u/w)^2).
     R = T_camera_panel.R.astype(np.float32)
     eye = -(T_camera_panel.R.T @ T_camera_panel.t).astype(np.float32)
     dx, dy, dz = (R[0, k] * x + R[1, k] * y + R[2, k] for k in range(3))

@@ -1,4 +1,4 @@
-"""A simulated robot on wheels that can be driven: it slips, its gyro drifts, its eyes see what walls do not hide."""
+"""A simulated robot on wheels: it slips, its gyro drifts, and walls hide landmarks from its cameras."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ class SimulatedRobot:
         touched: it has run into a wall or an obstacle.
 
     Args:
-        eyes: what it sees at a time, from a pose of its base; None: corners and recognition as measured
+        cameras: what it sees at a time, from a pose of its base; None: corners and recognition as measured
             (`model/detector_model.py`).
     """
 
@@ -81,11 +81,11 @@ class SimulatedRobot:
 
     @property
     def seen_from(self) -> FloatArray:
-        """(3,) where it was when its eyes saw what :meth:`look` gives now."""
+        """(3,) where it was when its cameras saw what :meth:`look` gives now."""
         return self._late[0]
 
     def look(self) -> tuple[Seen, Seen]:
-        """What both eyes see; pictures come ``delay_s`` late."""
+        """What both cameras see; images come ``delay_s`` late."""
         # No floor is quite level, and no robot stands still on its springs.
         turn = np.append(self._rng.normal(0, LEAN_RAD, 2), 0.0)
         lean = Pose.from_rvec("base", "base", turn, np.array([0.0, 0.0, self._rng.normal(0, LIFT_M)]))

@@ -67,7 +67,7 @@ class Scene:
 def make_rig(
     image_size: tuple[int, int] = (640, 480), focal_px: float = 460.0, baseline_m: float = 0.12
 ) -> StereoRig:
-    """A stereo camera with the small faults of a real one: lens distortion, eyes not quite parallel."""
+    """A stereo camera with the small faults of a real one: lens distortion, cameras not quite parallel."""
     width, height = image_size
     left = CameraModel(
         image_size,
@@ -91,7 +91,7 @@ def make_room(
     size_m: tuple[float, float, float] = (6.0, 4.5, 2.6),
     codes: Sequence[int] | None = None,
 ) -> Scene:
-    """A room with ``count`` landmarks on its walls at eye height, their codes drawn from the seed."""
+    """A room with ``count`` landmarks on its walls at camera height, their codes drawn from the seed."""
     rng = np.random.default_rng(seed)
     family = family_named("lm8")
     if codes is None:
@@ -130,7 +130,7 @@ def _moved_out(T: Pose) -> Pose:
 def hang_landmarks(
     rng: np.random.Generator, codes: Sequence[int], size_m: tuple[float, float, float]
 ) -> list[MappedLandmark]:
-    """Landmarks on the four walls of a room at eye height, spread without overlap."""
+    """Landmarks on the four walls of a room at camera height, spread without overlap."""
     family = family_named("lm8")
     hung = []
     for code, (wall, along, height) in zip(codes, _wall_places(rng, len(codes), size_m), strict=True):
@@ -191,7 +191,7 @@ def looking(position: FloatArray, heading_rad: float, pitch: float = 0.0) -> Pos
 
 
 def board_poses(seed: int, rig: StereoRig, board: BoardSpec, count: int) -> list[Pose]:
-    """T_camera_board in the left camera, spread over the picture, tilted, all of it in both eyes."""
+    """T_camera_board in the left camera, spread over the image, tilted, all of it in both cameras."""
     rng = np.random.default_rng(seed)
     middle = board.object_points.mean(axis=0)
     poses: list[Pose] = []

@@ -14,7 +14,7 @@ from lmkit.detection.register_and_decode import Candidate
 from lmkit.verification.measure import PrintMeasures
 
 GRADES = "ABCDF"
-FINE_SIDE_PX = 120.0  # below, fine lines of the print do not show in the picture
+FINE_SIDE_PX = 120.0  # below, fine lines of the print do not show in the image
 
 
 @dataclass(frozen=True)
@@ -53,7 +53,7 @@ class _Scale:
         return GradedLine(self.name, text, grade, "" if grade in "AB" else self.advice)
 
 
-DECODABILITY = _Scale("decodability", (5, 3, 2, 1), "print larger or sharper; take the picture from nearer")
+DECODABILITY = _Scale("decodability", (5, 3, 2, 1), "print larger or sharper; take the image from nearer")
 ROTATION = _Scale("rotation margin", (5, 3, 2, 1), "print larger or sharper; keep the triangle clean")
 MODULATION = _Scale(
     "ring and gap modulation", (0.6, 0.5, 0.4, 0.25), "clean the rings; look for shine or dirt on them"
@@ -93,7 +93,7 @@ def grade_print(
     """
     m, rule, decoding = measures, AcceptanceRule(), attempt.decoding
     fine = m.side_px >= FINE_SIDE_PX
-    unseen = f"take the picture from nearer: {m.side_px:.0f} px a side, {FINE_SIDE_PX:.0f} are needed"
+    unseen = f"take the image from nearer: {m.side_px:.0f} px a side, {FINE_SIDE_PX:.0f} are needed"
     if fine:
         unseen = "too blurred to tell; " + SHARPNESS.advice
 
@@ -104,7 +104,7 @@ def grade_print(
     if attempt.rejected is not None:
         content = GradedLine(CONTENT, "unknown", None, "the reader refuses it")
     elif content_problem is not None:
-        content = GradedLine(CONTENT, content_problem, "F", "do not hang it; print again")
+        content = GradedLine(CONTENT, content_problem, "F", "do not be mounted it; print again")
     lines = [
         content,
         DECODABILITY.line(decoding.code_margin / rule.code_margin, "{:.1f} times what is needed"),

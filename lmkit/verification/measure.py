@@ -1,4 +1,4 @@
-"""A print measured: the landmark laid flat in the picture's light, and what its parts look like there.
+"""A print measured: the landmark laid flat in the image's light, and what its parts look like there.
 
 The landmark is sampled on a grid of its own plane.  What every cell should show is known from the
 drawing, so the cells that lie well inside white, red or blue tell the inks, and their scatter the
@@ -36,14 +36,14 @@ RGB_TO_XYZ = np.array(
 
 @dataclass(frozen=True)
 class PrintMeasures:
-    """What was measured of one landmark in one picture; None where blur leaves too little of an ink alone.
+    """What was measured of one landmark in one image; None where blur leaves too little of an ink alone.
 
     Attributes:
-        side_px: mean side in the picture.
+        side_px: mean side in the image.
         modulation: least distance of a gap from half way between ring and ground, 0..1.
         red_contrast, blue_contrast: 1 - brightness of the ink over that of the white around it.
         red_distance, blue_distance: CIEDE2000 between the ink as seen against its white and the file's.
-        unevenness: scatter of the inks over the contrast, light's gradient and the picture's grain taken out.
+        unevenness: scatter of the inks over the contrast, light's gradient and the image's grain taken out.
         margin_share: share of the white margin that is white.
         glare_share: share of the inked cells that shine like white.
         bow: root mean square of the border's distance from straight, over the side.
@@ -114,7 +114,7 @@ def _sample(image: ByteArray, H: FloatArray, points: FloatArray, side_px: float)
     if (cell_px := side_px / CELLS) > 1.5:
         size = 2 * round(cell_px / 2) + 1
         linear = cv2.blur(linear, (size, size))
-    # remap takes pictures of less than 2^15 rows.
+    # remap takes images of less than 2^15 rows.
     seen = [cv2.remap(linear, some[:, :1], some[:, 1:], cv2.INTER_LINEAR) for some in np.array_split(at, 8)]
     return np.concatenate(seen).reshape(-1, 3)[:, ::-1].astype(np.float64)
 

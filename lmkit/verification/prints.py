@@ -38,7 +38,7 @@ EXIF_IFD = 0x8769
 EXPOSURE_TAGS = {0x829A, 0x829D, 0x9202, 0x920A}  # exposure time, f-number, aperture, focal length
 LEAST_SCAN_DPI = 100.0
 SHRINKS = (2, 4, 8)
-LEAST_PX = 150  # of a picture's shorter side
+LEAST_PX = 150  # of an image's shorter side
 OPENING_PX = 7
 # Poor prints are to be found too, and graded.
 ANY = AcceptanceRule(white_over_ground=(1.3, 100.0))
@@ -68,7 +68,7 @@ class PrintedLandmark:
         scale_from: what gave it.
         stated_code, stated_mm: what the page's label or manifest says, or None.
         lines: the grades, line by line.
-        image: (H,W,3) the picture it was read from, BGR.
+        image: (H,W,3) the image it was read from, BGR.
     """
 
     source: str
@@ -91,14 +91,14 @@ class PrintedLandmark:
         return tuple(f"{line.name}: {line.value}" for line in self.lines if line.grade == "F")
 
 
-# Name, picture, dots per inch, and what should be on it.
+# Name, image, dots per inch, and what should be on it.
 Sheet = tuple[str, ByteArray, tuple[float, float] | None, tuple[Stated, ...]]
 
 
 def verify_print(
     path: Path, options: DetectOptions | None = None, stated: tuple[Stated, ...] = ()
 ) -> list[PrintedLandmark]:
-    """Read and grade all landmarks of a PDF or picture, beside what is stated of it.
+    """Read and grade all landmarks of a PDF or image, beside what is stated of it.
 
     Args:
         stated: what may be on it, for a scan or photograph that says nothing itself: any of these.
@@ -128,7 +128,7 @@ def grade_sheet(
     stated: tuple[Stated, ...],
     options: DetectOptions | None = None,
 ) -> list[PrintedLandmark]:
-    """Grade the landmarks of one picture.
+    """Grade the landmarks of one image.
 
     Args:
         source: its name.
@@ -148,9 +148,9 @@ def grade_sheet(
 
 
 def _find(image: ByteArray, options: DetectOptions) -> list[Candidate]:
-    """The landmarks of a picture; where none reads, what is most like one, also seen smaller.
+    """The landmarks of an image; where none reads, what is most like one, also seen smaller.
 
-    Streaks and blur that break up the border at full size are small in a smaller picture, and thin
+    Streaks and blur that break up the border at full size are small in a smaller image, and thin
     bright lines are gone from one in which every spot takes the darkest around it and then the
     brightest (an opening).
     """

@@ -20,7 +20,7 @@ from lmkit.parallel import map_in_processes
 from lmkit.units import MM_PER_INCH
 from lmkit.verification.raster import raster_page
 
-SIDE_PX = 64.0  # of a landmark in the proof's pictures
+SIDE_PX = 64.0  # of a landmark in the proof's images
 MOST_PX = 3000.0  # of a page's longer side
 FINER = 6
 TOLERANCE = 0.003  # of the side, for every corner

@@ -1,4 +1,4 @@
-"""Pages of a PDF as pictures, by a renderer that is not lmkit's own."""
+"""Pages of a PDF as images, by a renderer that is not lmkit's own."""
 
 from __future__ import annotations
 

@@ -23,7 +23,7 @@ Points = Sequence[tuple[float, float]]
 
 
 class Canvas(Protocol):
-    """What both kinds of picture can do; pixels from the top left."""
+    """What both kinds of image can do; pixels from the top left."""
 
     size: tuple[int, int]
 

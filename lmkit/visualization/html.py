@@ -54,7 +54,7 @@ def table(head: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
 
 
 def figure(drawing: str, caption: str) -> str:
-    """A picture or drawing with words below."""
+    """An image or drawing with words below."""
     return f"<figure>{drawing}<figcaption>{caption}</figcaption></figure>"
 
 

@@ -1,4 +1,4 @@
-"""Results drawn on pictures."""
+"""Results drawn on images."""
 
 from __future__ import annotations
 
@@ -78,7 +78,7 @@ def draw_located(
 
 
 def draw_label(canvas: ByteArray, text: str, at: FloatArray, scale: float = 0.6) -> None:
-    """A line of text on a plate, in place, kept inside the picture."""
+    """A line of text on a plate, in place, kept inside the image."""
     (width, height), base = cv2.getTextSize(text, cv2.FONT_HERSHEY_SIMPLEX, scale, 1)
     x = int(np.clip(at[0], 2, max(2, canvas.shape[1] - width - 4)))
     y = int(np.clip(at[1], height + 4, canvas.shape[0] - base - 2))

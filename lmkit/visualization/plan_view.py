@@ -17,7 +17,7 @@ LARGEST_PX = 1500.0
 MARGIN_PX = 90
 LEAST_WIDTH_PX = 960  # for title and legend beside narrow rooms
 AROUND_M = 0.6  # free space around what is drawn, where the room is not known
-SEEN_PX = 6.0  # ellipses are enlarged until the middle one is as large
+SEEN_PX = 6.0  # ellipses are enlarged until the median is as large
 LARGEST_SEEN_PX = 120.0
 GAINS = (1.0, 10.0, 100.0)
 CHI2_2D_95 = 5.991
@@ -37,7 +37,7 @@ class Found:
         label: written beside it.
         pose: of a camera (it looks along its z axis) in the map.
         covariance: (2,2) of x y, or None.
-        sure: False where the pictures allow another pose.
+        sure: False where the images allow another pose.
     """
 
     label: str
@@ -48,7 +48,7 @@ class Found:
 
 @dataclass(frozen=True, eq=False)
 class Underlay:
-    """A picture of the floor below everything else.
+    """An image of the floor below everything else.
 
     Attributes:
         rgb: (h,w,3) 0..255, its first row at the highest y.
@@ -158,7 +158,7 @@ def draw_plan(
 
 
 def _over_each_other(landmarks: LandmarkMap) -> list[tuple[Pose, list[int]]]:
-    """Landmarks that hang at one place of the plan, as one pose and the codes."""
+    """Landmarks that are mounted at one place of the plan, as one pose and the codes."""
     places: list[tuple[Pose, list[int]]] = []
     for landmark in landmarks:
         here = landmark.T_map_landmark

@@ -20,7 +20,7 @@ from lmkit.simulation.scene import make_rig
 
 
 def bumped(turn_deg=(0.0, 0.0, 0.0), focal=1.0) -> StereoRig:
-    """The rig with its right eye turned, its left lens zoomed."""
+    """The rig with its right camera turned, its left lens zoomed."""
     rig = make_rig()
     R = rotation_exp(np.deg2rad(turn_deg)) @ rig.T_right_left.R
     K = rig.left.K * np.array([[focal, 1, 1], [1, focal, 1], [1, 1, 1]])

@@ -1,4 +1,4 @@
-"""Guidance while pictures are taken: what is kept, what is not and why, and when it ends."""
+"""Guidance while images are taken: what is kept, what is not and why, and when it ends."""
 
 from __future__ import annotations
 
@@ -74,7 +74,7 @@ def test_tilts_are_named_from_the_side_that_is_nearer():
     for view in views(60, 0.0, 7):
         g.judge(view)
 
-    # The board's left edge is longer in the picture when it is nearer.
+    # The board's left edge is longer in the image when it is nearer.
     def height(view, column):
         at = view.left.reshape(6, 9, 2)[:, column]
         return np.linalg.norm(at[-1] - at[0])

@@ -78,7 +78,7 @@ def test_a_rig_that_moved_is_warned_of_with_the_pairs_named(data):
 
 
 def test_corners_that_err_together_widen_the_intervals(monkeypatch):
-    """A bend of its own in every picture counts by the picture; noise of single corners changes nothing."""
+    """A bend of its own in every image counts by the image; noise of single corners changes nothing."""
 
     def widened(seen):
         sigma = calibrate_stereo(seen, BOARD, (640, 480), "pinhole").baseline_sigma_m
@@ -111,10 +111,10 @@ def test_what_a_turn_of_the_camera_makes_up_for_is_no_uncertainty():
 
 @pytest.mark.parametrize("seed", range(3))
 def test_eyes_of_different_moments_are_refused_with_the_reason(seed):
-    """The board moved by some 6 px between the left and the right picture of every pair."""
+    """The board moved by some 6 px between the left and the right image of every pair."""
     rng = np.random.default_rng(seed)
     apart = [replace(view, right=view.right + rng.normal(0, 6, 2)) for view in views(12, 0.1, seed)]
-    with pytest.raises(InputError, match="not of the same moment") as caught:
+    with pytest.raises(InputError, match="not taken at the same time") as caught:
         calibrate_stereo(apart, BOARD, (640, 480))
     assert caught.value.code == "not_rigid"
 

@@ -89,7 +89,7 @@ def test_check_says_true_of_its_own_rig_and_moved_of_another(lmkit, pairs, tmp_p
 
 @pytest.mark.slow
 def test_capture_keeps_new_sharp_still_views_of_films(lmkit, pairs, tmp_path):
-    """Every picture stands still for three frames of the film, then the next one is there at once."""
+    """Every image stands still for three frames of the video, then the next one is there at once."""
     films = []
     for folder in pairs:
         films.append(tmp_path / f"{folder.name}.avi")

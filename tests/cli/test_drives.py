@@ -29,7 +29,7 @@ class Page(HTMLParser):
 
 @pytest.fixture(scope="module")
 def demo(tmp_path_factory):
-    """The files of a simulated drive."""
+    """The files of a simulated recording."""
     folder = tmp_path_factory.mktemp("drive")
     run("demo", "--drive", "-o", folder)
     return folder
@@ -60,7 +60,7 @@ def test_a_survey_of_the_demo_s_files_finds_the_map(demo, tmp_path):
         "-o", tmp_path / "map.yaml", "--plan", tmp_path / "plan.svg", "--tum", tmp_path / "s.tum", "--json",
         "--report", tmp_path / "s.html", "--wall", f"{one},{never}",
     )  # fmt: skip
-    # What is declared of a landmark that the drive never saw says nothing.
+    # What is declared of a landmark that the recording never saw says nothing.
     assert f"of the wall {one}, {never} that was declared, {never} did not come into the map" in done.err
     answer = json.loads(done.out)
     assert {str(entry["code"]) for entry in answer["landmarks"]} >= seen

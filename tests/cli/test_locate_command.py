@@ -79,7 +79,7 @@ def test_nothing_is_overwritten(lmkit, room, tmp_path):
 
 
 def test_pictures_named_by_time_keep_their_names_apart(lmkit, room, tmp_path):
-    """`12.25.png` and `12.75.png` are two moments: in the trajectory, and as pictures."""
+    """`12.25.png` and `12.75.png` are two frames: in the trajectory, and as images."""
     folder, _ = room
     for eye in ("left", "right"):
         (tmp_path / eye).mkdir()

@@ -1,4 +1,4 @@
-"""Wrong use: one line that says what, where and how to mend it; the right exit code; nothing half written."""
+"""Wrong use: one line that says what, where and how to fix it; the right exit code; nothing half written."""
 
 from __future__ import annotations
 
@@ -188,7 +188,7 @@ def test_calibrate_refuses_what_does_not_pair(lmkit, tmp_path):
 
 def test_calibrate_refuses_an_empty_folder(lmkit, tmp_path):
     (tmp_path / "l").mkdir()
-    assert_refused(lmkit("calibrate", "l", "l", "--board", "chessboard:9x6:30mm"), "no pictures")
+    assert_refused(lmkit("calibrate", "l", "l", "--board", "chessboard:9x6:30mm"), "no images")
 
 
 def test_calibrate_says_when_no_board_is_found(lmkit, tmp_path):

@@ -130,7 +130,7 @@ def test_covariance_is_as_large_as_the_errors(photographs):
 
 
 def test_turning_a_landmark_permutes_its_gaps():
-    """The reader's hypotheses against the drawing itself, turned by the picture library."""
+    """The reader's hypotheses against the drawing itself, turned by the image library."""
     size = 180
     pattern = LandmarkPattern(LM8)
     centres = (np.arange(size) + 0.5) / size * 180 - 90

@@ -1,4 +1,4 @@
-"""Laws that detection must obey whatever the picture: turned, cropped, enlarged, recoloured, malformed."""
+"""Laws that detection must obey whatever the image: turned, cropped, enlarged, recoloured, malformed."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A drive out of a bag, and poses into one; the bag is written by rosbags, as ROS 2 would."""
+"""A recording out of a bag, and poses into one; the bag is written by rosbags, as ROS 2 would."""
 
 import cv2
 import numpy as np
@@ -17,7 +17,7 @@ pytest.importorskip("rosbags", reason="the extra bags is not installed")
 
 
 def write_bag(folder, rig, pairs=3, encoding="rgb8", late=0.0):
-    """Stereo pictures of one colour each, camera_info, odometry along x, and a gyro."""
+    """Stereo images of one colour each, camera_info, odometry along x, and a gyro."""
     import yaml
     from rosbags.rosbag2 import Writer
     from rosbags.typesys import Stores, get_typestore
@@ -121,7 +121,7 @@ def test_topics_are_found_by_type_and_name_or_asked_for(tmp_path):
     assert (found.left, found.right, found.odometry, found.imu) == ("/a/left/raw", "/a/right/raw", "/o", None)
     with pytest.raises(InputError, match="no topic /x"):
         find_topics(kinds, {"left": "/x"}, tmp_path)
-    with pytest.raises(InputError, match="left and right pictures"):
+    with pytest.raises(InputError, match="left and right images"):
         find_topics({"/o": "nav_msgs/msg/Odometry"}, {}, tmp_path)
 
 

@@ -1,4 +1,4 @@
-"""Corner files: a calibration repeated without its pictures comes out the same."""
+"""Corner files: a calibration repeated without its images comes out the same."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Tables of a drive: what is read, and what is refused."""
+"""Tables of a recording: what is read, and what is refused."""
 
 import numpy as np
 import pytest

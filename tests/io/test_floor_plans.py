@@ -59,7 +59,7 @@ def test_a_picture_and_a_ros_map_are_the_same_floor(tmp_path):
     (tmp_path / "ros.yaml").write_text("image: floor.png\nresolution: 0.02\norigin: [-1.0, 2.0, 0.0]\nnegate: 0\n")
     ros = read_floor(tmp_path / "ros.yaml")
     assert ros.origin == (-1.0, 2.0)
-    # In a picture the inner wall ends the southern one; lines are as thick as they are drawn.
+    # In an image the inner wall ends the southern one; lines are as thick as they are drawn.
     parts = sorted([wall for wall in WALLS if wall != (6.0, 90)] + [(3.0, 90), (3.0, 90)])
     for floor in (picture, ros):
         found = sorted((round(w.length_m), round(np.rad2deg(w.facing_rad)) % 360, w.length_m) for w in floor.walls)

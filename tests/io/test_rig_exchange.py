@@ -136,7 +136,7 @@ def test_longer_lenses_are_replaced_by_the_nearest_that_kalibr_knows(tmp_path):
 
 
 def test_a_barrel_that_radtan_cannot_hold_becomes_equidistant(tmp_path):
-    """Strong third coefficients, as a fit to the middle of the picture leaves them."""
+    """Strong third coefficients, as a fit to the middle of the image leaves them."""
     made = rig()
     barrel = CameraModel(
         made.left.image_size, made.left.K * [[1.16], [1.16], [1]], np.array([-0.28, 0.011, 0, 0, 0.218])
@@ -201,5 +201,5 @@ def test_two_single_cameras_are_no_pair(tmp_path):
     (folder / "right.yaml").write_text((folder / "left.yaml").read_text())
     with pytest.raises(InputError, match="no baseline"):
         read_any_rig(folder)
-    with pytest.raises(InputError, match="one eye"):
+    with pytest.raises(InputError, match="one camera"):
         read_any_rig(folder / "left.yaml")

@@ -84,7 +84,7 @@ def test_the_covariance_is_true(count):
 
 @pytest.mark.parametrize("count", [1, 3])
 def test_the_covariance_knows_what_the_map_does_not(count):
-    """Landmarks hang off their mapped places by draws of the map's covariance, a different one each."""
+    """Landmarks are mounted off their mapped places by draws of the map's covariance, a different one each."""
     from dataclasses import replace
 
     from scipy.stats import chi2
@@ -168,7 +168,7 @@ def test_a_far_landmark_alone_in_one_eye_is_called_ambiguous():
 
 
 def test_a_heading_settles_what_one_far_landmark_leaves_open():
-    """From 4 m, square on, one eye: two poses.  A gyro and a level floor tell which; no wrong one is called ok."""
+    """From 4 m, head-on, one camera: two poses.  A gyro and a level floor tell which; no wrong one is called ok."""
     rng = np.random.default_rng(5)
     station = looking(np.array([-1.2, 3.6, 1.45]), -np.pi / 2 + 0.4, 0.0)
     heading = float(np.arctan2(station.R[1, 2], station.R[0, 2]))

@@ -1,7 +1,7 @@
 """Landmarks drawn on the board of real stereo photographs: true lens, the photographs' own blur and noise.
 
 The landmark is painted on the chessboard's plane at the pose that the chessboard gives in that
-pair, through the calibrated camera with its distortion, in each eye.  The chessboard's corners and
+pair, through the calibrated camera with its distortion, in each camera.  The chessboard's corners and
 the landmark are read by different code, so that their agreement says something.
 """
 
@@ -75,7 +75,7 @@ def test_landmarks_on_the_board_are_found_and_locate_the_rig(bouguet):
                 expected = T_left_landmark.inverse()
                 positions.append(np.linalg.norm(estimate.T_map_camera.t - expected.t) * 1000)
                 angles.append(np.rad2deg(rotation_angle(estimate.T_map_camera.R @ expected.R.T)))
-    # Pair 009's right eye shows no chessboard, so it has no pose to draw at.
+    # Pair 009's right camera shows no chessboard, so it has no pose to draw at.
     assert len(result.used) + len(result.rejected) == 13
     assert len(left_out) <= 1
     assert located >= 12 - len(left_out)
@@ -96,7 +96,7 @@ def _relabel(T: Pose) -> Pose:
 
 
 def _painted(image, camera, T_camera_landmark, code):
-    """The sheet painted into the picture, every sub-pixel by its own distorted ray."""
+    """The sheet painted into the image, every sub-pixel by its own distorted ray."""
     sheet = to_linear(sheet_by_pdfium(code))
     height, width = image.shape[:2]
     steps = (np.arange(S) + 0.5) / S - 0.5

@@ -1,4 +1,4 @@
-"""What ties the moments of a drive to each other, and what is said where they fall apart."""
+"""What ties the frames of a recording to each other, and what is said where they fall apart."""
 
 from dataclasses import replace
 
@@ -47,7 +47,7 @@ def test_the_step_is_downhill_of_what_walls_and_heights_cost():
     codes = tuple({o.id: None for moment in drive.moments for o in moment.left})[:3]
     hung = type(drive.landmarks)([drive.landmarks.find(code) for code in codes])
     rows = range(len(drive.moments))
-    # A sightless drive: what is left are the ties, far from being kept to.
+    # A sightless recording: what is left are the ties, far from being kept to.
     blind = [replace(m, left=(), right=()) for m in drive.moments]
     ties = [Tie("height", tuple(codes), 0.02, 0.02), Tie("wall", tuple(codes), 0.5, 0.5)]
     problem = BundleProblem(blind, drive.rig, true_poses(drive, rows), hung, {}, ties=ties)

@@ -146,7 +146,7 @@ def test_with_nothing_known_the_map_is_right_up_to_its_frame():
 
 def test_with_nothing_known_and_wheels_the_floor_is_level_at_zero():
     drive = make_drive(3, seconds=30)
-    # All landmarks hang with their heads 5 deg to the front, also the one that is taken to hang upright.
+    # All landmarks are mounted with their heads 5 deg to the front, also the one that is taken to mount upright.
     leaning = Rotation.from_rotvec([np.deg2rad(5.0), 0.0, 0.0]).as_matrix()
     hung = type(drive.landmarks)(
         [
@@ -207,7 +207,7 @@ def test_wheels_need_to_know_where_the_camera_sits():
 
 @pytest.mark.slow
 def test_without_wheels_a_twin_that_bends_the_map_shows_as_a_leap():
-    """Two parts of the room hang together by one landmark, and its twin turns them by 13 deg."""
+    """Two parts of the room are mounted together by one landmark, and its second pose turns them by 13 deg."""
     drive = make_drive(7, seconds=120, errors=WheelErrors(slips=1))
     result = survey(drive, wheels=False, anchors=0)
     found = {m.id: m.T_map_landmark.t for m in result.bundle.landmarks}

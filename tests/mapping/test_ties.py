@@ -1,4 +1,4 @@
-"""Walls and heights that are declared: what they say, what they mend, and who does not keep to them."""
+"""Walls and heights that are declared: what they say, what they fix, and who does not keep to them."""
 
 from dataclasses import replace
 

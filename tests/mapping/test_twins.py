@@ -1,4 +1,4 @@
-"""A small square seen from one side has a twin: the survey takes the right one, or says that it cannot tell."""
+"""A small square seen from one side has a second pose: the survey takes the right one, or reports both."""
 
 from dataclasses import replace
 

@@ -24,7 +24,7 @@ def survey(drive, moments):
 
 
 def with_few_far_views_of(drive, code):
-    """The drive, with but the two smallest views of a landmark."""
+    """The recording, with but the two smallest views of a landmark."""
     sides = {}
     for k, moment in enumerate(drive.moments):
         for o in moment.left:
@@ -77,7 +77,7 @@ def test_no_view_is_proposed_where_the_whole_map_errs_alike():
 
 
 def test_a_landmark_between_hides_those_behind_its_wall():
-    # Eye at the origin; a wall across x at 1 m with a landmark, two behind it, one of those far aside.
+    # Camera at the origin; a wall across x at 1 m with a landmark, two behind it, one of those far aside.
     places = np.array([[1.0, 0.0], [2.0, 0.1], [2.0, 3.0]])
     along = np.array([[0.0, 1.0], [0.0, 1.0], [0.0, 1.0]])
     assert _clear(np.zeros(2), places, along).tolist() == [True, False, True]

@@ -212,7 +212,7 @@ def test_confusable_codes_hang_far_apart():
     assert len({0, *codes}) == 31
     near = [confusable[a, b] for a, b in pairwise(codes)]
     assert not any(near)
-    # Counting up would hang 0 and 1, 2 and 3, ... side by side.
+    # Counting up would be mounted 0 and 1, 2 and 3, ... side by side.
     assert sum(confusable[k, k + 1] for k in range(29)) > 10
 
 
@@ -239,7 +239,7 @@ def test_the_way_leads_through_the_door_and_keeps_its_distance(ground):
 
 
 def test_a_way_past_landmarks_is_worth_a_detour(tmp_path):
-    """Two ways around a wall: the upper one is shorter, along the lower one hang landmarks."""
+    """Two ways around a wall: the upper one is shorter, along the lower one are mounted landmarks."""
     path = tmp_path / "ring.yaml"
     box = "  - {from: [0, 0], to: [8, 0]}\n  - {from: [8, 0], to: [8, 6]}\n  - {from: [8, 6], to: [0, 6]}\n"
     rest = "  - {from: [0, 6], to: [0, 0]}\n  - {from: [1.5, 3], to: [6.5, 3]}\n"

@@ -1,4 +1,4 @@
-"""Eyes that take pictures and read them."""
+"""Cameras that take images and read them."""
 
 from dataclasses import replace
 
@@ -12,7 +12,7 @@ from lmkit.simulation.scene import make_rig, make_room
 
 
 def standing_before(landmark, distance_m):
-    """T_map_base of eyes that look straight at a landmark, in a frame x ahead, z up."""
+    """T_map_base of cameras that look straight at a landmark, in a frame x ahead, z up."""
     T = landmark.T_map_landmark
     ahead, up = -T.R[:, 2], np.array([0.0, 0.0, 1.0])
     R = np.column_stack([ahead, np.cross(up, ahead), up])
@@ -32,6 +32,6 @@ def test_pictures_show_what_hangs_there_now_and_then():
         found = next(o for o in seen if o.code == landmark.code)
         corners = next(o for o in true if o.code == landmark.code).corners
         assert 0 < np.abs(found.corners - corners).max() < 0.5
-    # Between two pictures there is nothing; after the pause there is.
+    # Between two images there is nothing; after the pause there is.
     assert eyes(10.2, T) == ((), ())
     assert [o.code for o in eyes(10.6, T)[0]] == [o.code for o in exact[0]]

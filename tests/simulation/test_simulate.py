@@ -25,7 +25,7 @@ def test_the_same_seed_gives_the_same_room_and_picture():
 
 
 def test_the_truth_stands_where_the_picture_is_red():
-    """The true corners against the picture itself: red just inside each, no red just outside."""
+    """The true corners against the image itself: red just inside each, no red just outside."""
     data = make_dataset(12, 4, 0, 12)
     checked = 0
     for index, pair in enumerate(truth(data)["pairs"]):

@@ -86,7 +86,7 @@ def test_odometry_carries_the_eyes_on_where_nothing_is_seen():
 def test_eyes_that_were_carried_off_are_found_again():
     drive = make_drive(2, seconds=40)
     odometry = drive.visual_odometry(2)
-    # From moment 80 on everything is 60 moments further, and odometry noticed nothing.
+    # From frame 80 on everything is 60 frames further, and odometry noticed nothing.
     there = [*range(80), *range(140, len(drive.moments))]
     filter_ = PoseFilter(drive.landmarks, drive.rig)
     restarts = []
@@ -126,7 +126,7 @@ def test_odometry_of_one_pose_is_refused():
 
 
 def test_odometry_between_moments_loses_no_way():
-    """Its rows lie half a period before the moments: what was travelled since the last row counts as well."""
+    """Its rows lie half a period before the frames: what was travelled since the last row counts as well."""
     drive = make_drive(1, seconds=30)
     true = Trajectory(
         drive.times_s,
