@@ -15,7 +15,7 @@ import cv2
 import numpy as np
 
 from lmkit.arrays import ByteArray, FloatArray
-from lmkit.kernels.quads import QuadRules, dark_quads, where_to_look
+from lmkit.kernels.quads import CELL, QuadRules, dark_quads, where_to_look
 
 MIN_SIDE_PX = 8.0
 COMPLETED_SIDE = 2.5  # times that, from which squares with a hidden part are completed
@@ -124,5 +124,8 @@ def grown(quads: FloatArray, factor: float) -> FloatArray:
 
 def _enlarged(cells: ByteArray, shape: tuple[int, ...]) -> ByteArray:
     """Cells of the halved image as cells of the full one."""
-    height, width = (-(-length // 8) for length in shape)
-    return np.ascontiguousarray(np.repeat(np.repeat(cells, 2, axis=0), 2, axis=1)[:height, :width])
+    height, width = (-(-length // CELL) for length in shape)
+    large = np.repeat(np.repeat(cells, 2, axis=0), 2, axis=1)
+    # The halved image leaves out the last row and column of odd sizes.
+    missing = [(0, max(want - have, 0)) for want, have in zip((height, width), large.shape, strict=True)]
+    return np.ascontiguousarray(np.pad(large, missing, mode="edge")[:height, :width])

@@ -8,9 +8,10 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
+from scenes import paste_landmark
 from simulated import CAMERA, SIZE, shoot
 
-from lmkit.detection.config import ACCURATE, BALANCED, DetectOptions
+from lmkit.detection.config import ACCURATE, BALANCED, PROFILES, DetectOptions
 from lmkit.detection.detector import detect_landmarks, is_colourless
 from lmkit.detection.pattern_model import LandmarkPattern
 from lmkit.errors import InputError
@@ -163,8 +164,38 @@ def test_any_array_is_searched_without_a_stumble(image, kind):
         image[:] = (255 * (x // 7 % 2)[:, :, None]).astype(np.uint8)
     elif kind == "half":
         image[:, image.shape[1] // 2 :] = 255
-    for found in detect_landmarks(image):
-        assert np.isfinite(found.corners).all()
+    for config in (BALANCED, ACCURATE):
+        for found in detect_landmarks(image, DetectOptions(config=config)):
+            assert np.isfinite(found.corners).all()
+
+
+@pytest.mark.parametrize("size", [(481, 321), (640, 481), (33, 17), (49, 200)])
+def test_odd_sizes_are_searched(size):
+    image = np.random.default_rng(1).integers(0, 256, (*size, 3), dtype=np.uint8)
+    assert detect_landmarks(image, DetectOptions(config=ACCURATE)) == []
+
+
+@pytest.mark.parametrize("profile", PROFILES)
+def test_all_that_are_in_view_are_read(profile, photographs):
+    """No cap: 64 landmarks of 30 px in one image."""
+    rng = np.random.default_rng(0)
+    image = cv2.resize(photographs[0], (640, 480), interpolation=cv2.INTER_CUBIC)
+    codes = []
+    for k in range(64):
+        codes.append(3 * k + 1)
+        image, _ = paste_landmark(image, codes[-1], (40 + 80 * (k % 8), 30 + 60 * (k // 8)), 30, 10, rng)
+    found = detect_landmarks(image, DetectOptions(config=PROFILES[profile]))
+    assert sorted(d.code for d in found) == codes
+
+
+@pytest.mark.parametrize("profile", PROFILES)
+def test_two_runs_give_the_same_bytes(profile):
+    image, _ = shoot(137, 45.0, 5.0, 25.0)
+    options = DetectOptions(config=PROFILES[profile])
+    runs = [
+        b"".join(d.corners.tobytes() + d.covariance.tobytes() for d in detect_landmarks(image, options)) for _ in "ab"
+    ]
+    assert runs[0] == runs[1] != b""
 
 
 @given(
