@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 from collections.abc import Iterator
 from dataclasses import dataclass
-from functools import partial
 from typing import Any
 
 import numpy as np
@@ -17,7 +16,7 @@ from lmkit.geometry.stereo_rig import StereoRig
 from lmkit.io.landmark_map import map_to_yaml
 from lmkit.io.rig import rig_to_yaml
 from lmkit.model.board import BoardSpec
-from lmkit.parallel import map_in_processes
+from lmkit.parallel import map_sharing
 from lmkit.simulation.photograph import ImagingChain, photograph
 from lmkit.simulation.scene import Scene, board_panel, board_poses, drive, make_rig, make_room, studio
 
@@ -53,7 +52,7 @@ def take_pictures(data: Dataset) -> Iterator[tuple[str, ByteArray]]:
     """(relative file name, BGR image) of all pairs, on as many processes as there are cores."""
     jobs = [("drive", k, eye) for k in range(len(data.poses)) for eye in ("left", "right")]
     jobs += [("boards", k, eye) for k in range(len(data.boards)) for eye in ("left", "right")]
-    yield from map_in_processes(partial(_take, data), jobs)
+    yield from map_sharing(_take, data, jobs)
 
 
 def _take(data: Dataset, job: tuple[str, int, str]) -> tuple[str, ByteArray]:

@@ -27,7 +27,7 @@ def render(
     Args:
         background: (H,W,3) linear RGB that is seen where no panel is; black without.
     """
-    rays = _rays(camera.image_size, camera.K.tobytes(), camera.distortion.tobytes(), camera.model)
+    rays, falloff = _rays(camera.image_size, camera.K.tobytes(), camera.distortion.tobytes(), camera.model)
     height, width = rays.shape[:2]
     picture = np.zeros((height, width, 3), dtype=np.float32)
     if background is not None:
@@ -37,21 +37,21 @@ def render(
     depth = np.full((height, width), np.inf, dtype=np.float32)
     for panel in scene.panels:
         _paint(picture, depth, rays, panel, T_map_camera)
-    falloff = 1 / (1 + (rays**2).sum(axis=2)) ** 1.0
-    return np.asarray(picture * falloff[:, :, None].astype(np.float32))
+    return np.asarray(picture * falloff[:, :, None])
 
 
 @lru_cache(maxsize=4)
-def _rays(image_size: tuple[int, int], K: bytes, distortion: bytes, model: str) -> Float32Array:
-    """(H*S,W*S,2) normalised coordinates of every sub-pixel's ray."""
+def _rays(image_size: tuple[int, int], K: bytes, distortion: bytes, model: str) -> tuple[Float32Array, Float32Array]:
+    """(H*S,W*S,2) normalised coordinates of every sub-pixel's ray, and (H*S,W*S) the share of light that arrives."""
     camera = CameraModel(image_size, np.frombuffer(K).reshape(3, 3), np.frombuffer(distortion), model)
     width, height = image_size
     steps = (np.arange(OVERSAMPLE) + 0.5) / OVERSAMPLE - 0.5
     x = (np.arange(width)[:, None] + steps).ravel()
     y = (np.arange(height)[:, None] + steps).ravel()
     pixels = np.stack(np.meshgrid(x, y), axis=-1).reshape(-1, 2)
-    rays = camera.unproject(pixels).reshape(len(y), len(x), 2)
-    return rays.astype(np.float32)
+    rays = camera.unproject(pixels).reshape(len(y), len(x), 2).astype(np.float32)
+    falloff = 1 / (1 + (rays**2).sum(axis=2)) ** 1.0
+    return rays, falloff.astype(np.float32)
 
 
 def _paint(picture: Float32Array, depth: Float32Array, rays: Float32Array, panel: Panel, T_map_camera: Pose) -> None:
