@@ -1,4 +1,4 @@
-"""Arguments for the kernels of planning: lines of sight, sights of landmarks, coverage of poses."""
+"""Arguments for the kernels of planning and simulation: sights, coverage, rays that meet panels."""
 
 from __future__ import annotations
 
@@ -25,6 +25,14 @@ from lmkit.kernels.pose_coverage import (
     change_coverage_numpy,
     planar_covariances,
     planar_covariances_numpy,
+)
+from lmkit.kernels.ray_panels import (
+    box_mean,
+    box_mean_numpy,
+    meet_panel,
+    meet_panel_numpy,
+    paint_panel,
+    paint_panel_numpy,
 )
 
 Calls = Iterator[tuple[Any, ...]]
@@ -138,7 +146,45 @@ def changed_coverage(change: Callable[..., Any]) -> Callable[..., Any]:
     return run
 
 
+def panel_calls(rng: np.random.Generator) -> Calls:
+    rays = rng.uniform(-0.6, 0.6, (37, 53, 2)).astype(np.float32)
+    rays[3, 3] = np.nan
+    depth = rng.uniform(0.5, 5, (37, 53)).astype(np.float32)
+    depth[::2] = np.inf
+    for window in ((slice(0, 37), slice(0, 53)), (slice(4, 20), slice(9, 60)), (slice(5, 5), slice(0, 3))):
+        for bend in (0.0, 0.05):
+            R = looking_along_x(rng, 1)[0].T
+            yield rays, depth, window, R, np.array([0.3, -0.2, -2.0]), (1.5, 0.8), bend
+            yield rays, depth, window, np.eye(3), np.array([0.1, 0.1, 0.0]), (1.5, 0.8), bend
+
+
+def paint_calls(rng: np.random.Generator) -> Calls:
+    for window in ((slice(0, 9), slice(0, 8)), (slice(2, 5), slice(3, 8))):
+        shape = (window[0].stop - window[0].start, window[1].stop - window[1].start)
+        image, depth = rng.random((9, 8, 3), dtype=np.float32), rng.random((9, 8), dtype=np.float32)
+        colour, far = rng.random((*shape, 3), dtype=np.float32), rng.random(shape, dtype=np.float32)
+        yield image, depth, window, rng.uniform(size=shape) < 0.5, colour, far
+
+
+def painted(paint: Callable[..., None]) -> Callable[..., Any]:
+    def run(image: np.ndarray, depth: np.ndarray, *arguments: Any) -> tuple[np.ndarray, np.ndarray]:
+        image, depth = image.copy(), depth.copy()
+        paint(image, depth, *arguments)
+        return image, depth
+
+    run.__name__ = "paint_panel"
+    return run
+
+
+def mean_calls(rng: np.random.Generator) -> Calls:
+    for height, width, size in [(1, 1, 1), (4, 5, 3), (12, 11, 2), (0, 3, 3)]:
+        yield rng.random((height * size, width * size, 3), dtype=np.float32), size
+
+
 PLANNING_CALLS = [
+    (meet_panel, meet_panel_numpy, panel_calls, 0.0),
+    (painted(paint_panel), painted(paint_panel_numpy), paint_calls, 0.0),
+    (box_mean, box_mean_numpy, mean_calls, 0.0),
     (clear_lines, clear_lines_numpy, line_calls, 0.0),
     (faced_landmarks, faced_landmarks_numpy, facing_calls, 0.0),
     (seen_sides, seen_sides_numpy, side_calls, 1e-12),

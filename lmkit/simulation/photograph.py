@@ -17,6 +17,7 @@ from lmkit.arrays import ByteArray, Float32Array, FloatArray
 from lmkit.errors import InputError
 from lmkit.geometry.camera import CameraModel
 from lmkit.geometry.pose import Pose
+from lmkit.kernels.ray_panels import box_mean
 from lmkit.model.palette import linear_to_srgb
 from lmkit.simulation.render import OVERSAMPLE, render
 from lmkit.simulation.scene import Scene
@@ -165,8 +166,7 @@ def focus(radiance: Float32Array, lens: Lens) -> Float32Array:
     way = np.array(lens.motion_px) * OVERSAMPLE
     if np.hypot(*way) > 0.5:
         radiance = np.asarray(cv2.filter2D(radiance, -1, _motion_kernel(way)), dtype=np.float32)
-    height, width = radiance.shape[0] // OVERSAMPLE, radiance.shape[1] // OVERSAMPLE
-    return np.asarray(radiance.reshape(height, OVERSAMPLE, width, OVERSAMPLE, 3).mean(axis=(1, 3)))
+    return box_mean(radiance, OVERSAMPLE)
 
 
 def light_up(picture: Float32Array, light: Light) -> FloatArray:

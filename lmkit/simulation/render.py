@@ -14,6 +14,7 @@ import numpy as np
 from lmkit.arrays import Float32Array
 from lmkit.geometry.camera import CameraModel
 from lmkit.geometry.pose import Pose
+from lmkit.kernels.ray_panels import meet_panel, paint_panel
 from lmkit.simulation.scene import Panel, Scene
 
 OVERSAMPLE = 3
@@ -62,12 +63,9 @@ def _paint(picture: Float32Array, depth: Float32Array, rays: Float32Array, panel
     window = _window(T, panel.size_m, rays)
     if window is None:
         return
-    rows, columns = window
-    x, y = rays[rows, columns, 0], rays[rows, columns, 1]
     width, height = panel.size_m
-    u, v, distance = _meet(T, panel, x, y)
-    nearest = (distance > 0.05) & (distance < depth[rows, columns])
-    hit = nearest & (np.abs(u) < width / 2) & (np.abs(v) < height / 2)
+    eye = -(T.R.T @ T.t)
+    u, v, distance, hit = meet_panel(rays, depth, window, T.R, eye, panel.size_m, panel.bend_m)
     if not hit.any():
         return
     texture = _fitting_detail(panel, float(np.median(distance[hit][::16])), rays)
@@ -76,25 +74,7 @@ def _paint(picture: Float32Array, depth: Float32Array, rays: Float32Array, panel
     map_x = np.clip((u / width + 0.5) * tw - 0.5, -0.5, tw - 0.5).astype(np.float32)
     map_y = np.clip((0.5 - v / height) * th - 0.5, -0.5, th - 0.5).astype(np.float32)
     colour = cv2.remap(texture, map_x, map_y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
-    picture[rows, columns][hit] = colour[hit]
-    depth[rows, columns][hit] = distance[hit]
-
-
-def _meet(
-    T_camera_panel: Pose, panel: Panel, x: Float32Array, y: Float32Array
-) -> tuple[Float32Array, Float32Array, Float32Array]:
-    """Where rays (x, y, 1) meet the panel's face: u, v in its plane, and the distance along z."""
-    # Ray and camera in the panel's frame; the face is its plane z = 0, or z = bend (1 - (2u/w)^2).
-    R = T_camera_panel.R.astype(np.float32)
-    eye = -(T_camera_panel.R.T @ T_camera_panel.t).astype(np.float32)
-    dx, dy, dz = (R[0, k] * x + R[1, k] * y + R[2, k] for k in range(3))
-    height = np.float32(0)
-    with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
-        for _ in range(4 if panel.bend_m else 1):
-            distance = (height - eye[2]) / dz
-            u = eye[0] + distance * dx
-            height = np.float32(panel.bend_m) * np.clip(1 - (2 * u / panel.size_m[0]) ** 2, -1, 1)
-        return u, eye[1] + distance * dy, distance
+    paint_panel(picture, depth, window, hit, np.asarray(colour, dtype=np.float32), distance)
 
 
 def _fitting_detail(panel: Panel, distance: float, rays: Float32Array) -> Float32Array:

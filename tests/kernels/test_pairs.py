@@ -42,7 +42,9 @@ def doubled(argument: Any) -> Any:
 def test_compiled_equals_numpy(pair: Pair, seed: int):
     for arguments in pair.arguments(np.random.default_rng(seed)):
         with np.errstate(all="ignore"):
-            ours, defined = arrays(pair.compiled(*arguments)), arrays(pair.numpy(*map(doubled, arguments)))
+            # What must agree in every bit is single precision itself.
+            given = arguments if pair.tolerance == 0 else tuple(map(doubled, arguments))
+            ours, defined = arrays(pair.compiled(*arguments)), arrays(pair.numpy(*given))
         assert len(ours) == len(defined)
         for mine, theirs in zip(ours, defined, strict=True):
             assert mine.shape == theirs.shape
