@@ -59,13 +59,13 @@ class Solution:
     covariance: FloatArray | None = None
 
     def with_poses(self, rows: IntArray) -> Solution:
-        """The same rig, with the board poses of some pairs."""
+        """A copy with the board poses of some pairs."""
         return replace(self, rotations=self.rotations[rows], translations=self.translations[rows])
 
 
 @dataclass(frozen=True)
 class FitOptions:
-    """What is fitted besides the board poses.
+    """Unknowns that are fitted besides the board poses.
 
     Attributes:
         intrinsics: of both cameras.
@@ -116,7 +116,7 @@ def intrinsics_prior(camera: CameraModel) -> FloatArray:
 
 
 class _Eye:
-    """What one camera saw of all pairs, end to end."""
+    """Corners that one camera observed in all pairs, end to end."""
 
     def __init__(
         self, seen: Sequence[tuple[IntArray, FloatArray]], object_points: FloatArray, sigma: FloatArray

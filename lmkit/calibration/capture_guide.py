@@ -29,7 +29,7 @@ OWN_CAMERA_FROM = 6  # views, before which the focal length is a guess
 
 @dataclass(frozen=True)
 class Judgement:
-    """What becomes of one pair of frames.
+    """Decision about one pair of frames.
 
     Attributes:
         kept: whether it was taken.
@@ -75,7 +75,7 @@ class CaptureGuide:
 
     @property
     def coverage(self) -> ViewCoverage:
-        """What they show, and what is missing."""
+        """Coverage of the views kept so far, with advice."""
         rotations = np.array([kept.R for kept in self._kept]).reshape(-1, 3, 3)
         translations = np.array([kept.t for kept in self._kept]).reshape(-1, 3)
         return coverage_of(self.views, rotations, translations, self._camera, self._camera)
@@ -101,7 +101,7 @@ class CaptureGuide:
         return Judgement(True, "kept", f"kept {view.name}")
 
     def _motion(self, before: PairView, view: PairView) -> float:
-        """Of the middle corner of the faster camera, over the image's width."""
+        """Speed of the median corner in the faster camera, over the image's width."""
         steps = []
         for ids_a, a, ids_b, b in (
             (before.ids_left, before.left, view.ids_left, view.left),
@@ -153,5 +153,5 @@ class CaptureGuide:
 
 
 def _noise(view: PairView) -> float:
-    """Of the worse camera, px; nothing is known to be wrong where it was not estimated."""
+    """Corner noise of the worse camera, px; 0 if it was not estimated."""
     return max(view.noise_left or 0.0, view.noise_right or 0.0)

@@ -1,4 +1,4 @@
-"""Where the joint fit starts: every camera on its own, and the relation of the cameras that most pairs show."""
+"""Initialization of the joint fit: every camera on its own, and the relative pose that most pairs show."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ class Relation:
 
 @dataclass(frozen=True)
 class Consensus:
-    """What most pairs agree on.
+    """The relative pose on which most pairs agree.
 
     Attributes:
         relations: of every pair.

@@ -31,7 +31,7 @@ BAD_RATIO = 4.0
 
 @dataclass(frozen=True)
 class RigCheck:
-    """What new images say of an old rig.
+    """Result of checking an old rig by new images.
 
     Attributes:
         verdict: ``true``, ``moved`` (the cameras stand differently to each other) or ``lenses`` (other

@@ -46,7 +46,7 @@ class CalibrationWarning:
 
 @dataclass(frozen=True)
 class Declared:
-    """What the user knows beforehand; None where nothing is.
+    """Values that the user declares beforehand, to check against; None if not declared.
 
     Attributes:
         baseline_m: distance of the cameras.

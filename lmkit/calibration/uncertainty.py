@@ -1,4 +1,4 @@
-"""What the covariance of a calibration means: for pixels, and for depth."""
+"""Uncertainty of projected pixels and of depth, from the covariance of a calibration."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What the images have shown of the board - where, how large, how tilted - and what to show next."""
+"""Coverage of the views of a board - position, size, tilt - and the view to show next."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ _COLUMNS = ("left", "middle left", "middle", "middle right", "right")
 
 @dataclass(frozen=True)
 class ViewCoverage:
-    """What was seen so far.
+    """Coverage of the views so far.
 
     Attributes:
         cells: (5,5) of the left image and (5,5) of the right, True where corners were seen.

@@ -60,7 +60,7 @@ class StationError:
 
 @dataclass(frozen=True)
 class DemoResult:
-    """What the demo found, and how true it is."""
+    """Result of the demo, with its errors against the truth."""
 
     calibration: StereoCalibration
     stations: tuple[StationError, ...]

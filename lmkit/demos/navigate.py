@@ -75,7 +75,7 @@ class Leg:
 
 @dataclass(frozen=True)
 class NavigateResult:
-    """What the demo shows.
+    """Result of the demo.
 
     Attributes:
         landmarks, share: placed, and the share of the floor at which the demand holds.

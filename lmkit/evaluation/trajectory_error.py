@@ -24,7 +24,7 @@ LEAST_ACTUAL_M = 0.05  # the percentage error of a shorter distance says nothing
 
 @dataclass(frozen=True)
 class Spread:
-    """Of many errors: root mean square, mean, median, standard deviation, least, largest, 95 % of them below."""
+    """Statistics of errors: root mean square, mean, median, standard deviation, extremes, 95th percentile."""
 
     rmse: float
     mean: float
@@ -36,7 +36,7 @@ class Spread:
 
     @classmethod
     def of(cls, values: FloatArray) -> Spread:
-        """Of (N,) values."""
+        """Statistics of (N,) values."""
         return cls(
             float(np.sqrt(np.mean(values**2))),
             float(values.mean()),

@@ -10,7 +10,7 @@ from lmkit.version import __version__
 
 
 def manifest_of(pages: Sequence[Page], template: str) -> PrintManifest:
-    """What is printed on which page."""
+    """The manifest of pages: which landmark is printed where."""
     entries = tuple(
         PrintedEntry(
             page=number,

@@ -103,7 +103,7 @@ class Page:
     stretch: tuple[float, float] = (1.0, 1.0)
 
     def on_paper(self, point: Point) -> Point:
-        """Where a point of the page ends up on the paper."""
+        """Position on the paper of a point of the page."""
         (x, y), (width, height) = point, self.size_mm
         sx = -self.stretch[0] if self.mirrored else self.stretch[0]
         return width / 2 + (x - width / 2) * sx, height / 2 + (y - height / 2) * self.stretch[1]
@@ -123,14 +123,14 @@ def rectangle(role: str, color: Rgb, x: float, y: float, width: float, height: f
 
 
 def box_of(items: tuple[Item, ...]) -> Box:
-    """What the items cover, at the least."""
+    """Bounding box of the items."""
     lefts, tops, rights, bottoms = zip(*map(item_box, items), strict=True)
     return (min(lefts), min(tops), max(rights), max(bottoms))
 
 
 @lru_cache(maxsize=4096)  # sheets of a set share their rulers and marks
 def item_box(item: Item) -> Box:
-    """What one item covers, at the least."""
+    """Bounding box of one item."""
     return _text_box(item) if isinstance(item, Text) else _path_box(item)
 
 

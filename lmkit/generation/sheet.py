@@ -21,7 +21,7 @@ CONTENTS_COLUMNS = 8
 
 @dataclass(frozen=True)
 class Wording:
-    """What a user adds to a sheet: free text, and the name of the map it belongs to."""
+    """Text that a user adds to a sheet: free text, and the name of the map it belongs to."""
 
     text: str = ""
     map_name: str = ""
@@ -208,7 +208,7 @@ def _touches(part: Part, box: Box) -> bool:
 
 
 def contents_pages(pages: Sequence[Page], template: PageTemplate) -> list[Page]:
-    """What follows: every landmark small, with its code and page number."""
+    """Contents pages: every landmark small, with its code and page number."""
     width, height = template.page_mm
     edge = max(template.printer_margin_mm, 12.0)
     step = (width - 2 * edge) / CONTENTS_COLUMNS

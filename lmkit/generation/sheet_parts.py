@@ -1,4 +1,4 @@
-"""What stands on a sheet beside its landmarks: rulers, marks, colours to compare, words."""
+"""Parts of a sheet beside its landmarks: rulers, marks, color patches, text."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ class Part:
 
     @cached_property
     def box(self) -> Box:
-        """What it covers."""
+        """The bounding box."""
         return box_of(self.items)
 
 
@@ -161,7 +161,7 @@ def caption(face: PrintedFace, below_mm: float, height_mm: float) -> Part:
 
 
 def dimension(face: PrintedFace) -> Part:
-    """What the size spans: extension lines from the border's outer edges, and arrows between them."""
+    """Dimension of the size: extension lines from the border's outer edges, and arrows between them."""
     x, y = face.centre_mm
     half = face.size_mm / 2
     top = y + face.reach_mm + MARK_GAP_MM

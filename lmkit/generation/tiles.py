@@ -40,7 +40,7 @@ class _Tiling:
     height: float
 
     def centre_on(self, row: int, column: int) -> tuple[float, float]:
-        """Where the landmark's middle would lie on a sheet, mm from its top left corner."""
+        """Position of the landmark's center on a sheet, mm from its top left corner."""
         x = EDGE_MM - (self.left + column * (self.width - OVERLAP_MM))
         y = EDGE_MM - (self.top + row * (self.height - OVERLAP_MM))
         return x, y

@@ -51,7 +51,7 @@ def rectification(rig: StereoRig) -> Rectification:
 
 
 def _fisheye_rectification(rig: StereoRig) -> Rectification:
-    """The same for fisheye cameras, where OpenCV's own fails on cameras that converge or stand above each other."""
+    """Rectification of fisheye cameras; OpenCV's own fails on cameras that converge or stand above each other."""
     # Each camera turns half of the way to the other, then both turn the baseline into the rows.
     half = rotation_exp(-rig.T_right_left.rvec / 2)
     t = half @ rig.T_right_left.t

@@ -45,7 +45,7 @@ class StereoRig:
             raise ValueError(f"T_right_left joins the wrong frames: {self.T_right_left!r}")
 
     def T_map_right(self, T_map_left: Pose) -> Pose:
-        """Where the right camera is, for a pose of the left one."""
+        """Pose of the right camera for a pose of the left one."""
         T = self.T_right_left.inverse()
         return Pose(T_map_left.to_frame, "right", T_map_left.R @ T.R, T_map_left.R @ T.t + T_map_left.t)
 

@@ -40,7 +40,7 @@ _CHANNELS = {"rgba8": 4, "bgra8": 4, "rgb8": 3, "bgr8": 3}
 
 @dataclass(frozen=True)
 class Topics:
-    """Where a bag holds what; None: not there."""
+    """Topics of a bag by role; None if there is none."""
 
     left: str
     right: str
@@ -238,7 +238,7 @@ def _picture(message: Any, kind: str, topic: str) -> tuple[bytes, str]:
 
 
 def _camera_info(message: Any) -> dict[str, Any]:
-    """As ROS's own calibration files have it; ROS 1 writes the fields large."""
+    """Camera info as ROS's calibration files have it; ROS 1 writes the fields in capitals."""
 
     def values(name: str) -> list[float]:
         return [float(v) for v in getattr(message, name, getattr(message, name.upper(), []))]

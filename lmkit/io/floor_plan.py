@@ -48,7 +48,7 @@ class _FloorFile(Document):
 
 
 class _RosMap(BaseModel):
-    """What map_server and nav2 write; other keys are theirs."""
+    """Keys of a map of map_server and nav2; others are ignored."""
 
     model_config = ConfigDict(extra="ignore", allow_inf_nan=False)
     image: str

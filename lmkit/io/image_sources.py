@@ -1,4 +1,4 @@
-"""Where images come from: files, folders, globs, videos and standard input, as one stream."""
+"""Sources of images: files, folders, globs, videos and standard input, as one stream."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What was printed: a JSON file beside every print, and the same inside the PDF's metadata."""
+"""Print manifests: a JSON file beside every print, and inside the PDF's metadata."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ class PrintedEntry(Document):
 
 
 class PrintManifest(Document):
-    """What a file holds.
+    """Contents of a printed file.
 
     Attributes:
         lmkit: version that made it.
@@ -66,13 +66,13 @@ class PrintManifest(Document):
         return self.model_copy(update={"file": name, "sha256": hashlib.sha256(content).hexdigest()})
 
     def to_json(self, indent: int | None = None) -> str:
-        """As text; what is at its default is left out."""
+        """JSON text; values at their default are left out."""
         data = {"format": self.format} | self.model_dump(mode="json", exclude_defaults=True)
         return json.dumps(data, indent=indent, separators=(",", ":") if indent is None else None)
 
 
 def manifest_path(path: Path) -> Path:
-    """Where the manifest of a print lies."""
+    """Path of the manifest of a print."""
     return path.with_name(f"{path.name}.json")
 
 

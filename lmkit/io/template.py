@@ -29,7 +29,7 @@ class _Part(BaseModel):
 
 
 class Place(_Part):
-    """Where a landmark stands: its middle, and whether it is upside down (the far side of a folded stand)."""
+    """Position of a landmark: its center, and whether it is upside down (the far side of a folded stand)."""
 
     centre_mm: PointMm
     upside_down: bool = False
@@ -45,7 +45,7 @@ class Grid(_Part):
 
 
 class RulerPlaces(_Part):
-    """Where the two rulers start (left end, top end), how long they are, and whether the upright one is slim."""
+    """The two rulers: start (left end, top end), length, and whether the upright one is slim."""
 
     horizontal_mm: PointMm
     vertical_mm: PointMm
@@ -165,7 +165,7 @@ class PageTemplate(_Part):
 
     @property
     def all_places(self) -> tuple[Place, ...]:
-        """Where the landmarks of one sheet stand, row by row."""
+        """Positions of the landmarks of one sheet, row by row."""
         if self.centre_mm is not None:
             return (Place(centre_mm=self.centre_mm),)
         if self.grid is None:
@@ -177,7 +177,7 @@ class PageTemplate(_Part):
 
 
 def templates_folder() -> Path:
-    """Where the shipped templates lie: inside the wheel, or beside the package in a checkout."""
+    """Folder of the shipped templates: inside the wheel, or beside the package in a checkout."""
     inside = Path(__file__).resolve().parents[1] / "templates"
     return inside if inside.is_dir() else Path(__file__).resolve().parents[2] / "templates"
 

@@ -1,8 +1,8 @@
 """`locate_rig`: the pose of a stereo camera, or of one camera, from all corners of all landmarks in view.
 
-1. Every landmark alone gives two poses (a square seen by one camera has a twin; IPPE, Collins and
+1. Every landmark alone gives two poses (a square seen by one camera has a second pose; IPPE, Collins and
    Bartoli 2014).  All of them, carried into the map, are hypotheses.
-2. Each hypothesis is fitted to its own landmark in both eyes, then to all landmarks that it comes
+2. Each hypothesis is fitted to its own landmark in both cameras, then to all landmarks that it comes
    near to, so one wrong code cannot capture the start.
 3. Those that are still different poses are refined on all corners of the landmarks they explain,
    weighted by the corners' own covariance.
@@ -74,7 +74,7 @@ def locate_rig(
     """The pose of the rig's left camera in the map.
 
     Args:
-        left, right: detections in the two pictures, corners in pixels as delivered.
+        left, right: detections in the two images, corners in pixels as delivered.
     """
     eyes = [
         (left, rig.left, np.eye(3), np.zeros(3)),
@@ -113,13 +113,13 @@ def _locate(eyes: Sequence[_Eye], landmarks: LandmarkMap, options: LocateOptions
     poses, cost = found.poses, found.cost
     inliers = found.misfits < 8 * options.outlier_sigma**2
     ids, explained = set(seen.ids), seen.ids_of(inliers[0])
-    # An eye that sees landmarks of the map, but none where it should, is not where the rig says.
+    # A camera that sees landmarks of the map, but none where it should, is not where the rig says.
     blind = any(eye.rows.stop > eye.rows.start and not inliers[0, eye.rows].any() for eye in seen.eyes)
     if blind or 2 * len(explained) < len(ids) or (len(ids) > 1 and len(explained) < 2):
         return PoseEstimate(PoseStatus.INCONSISTENT, outliers=tuple(sorted(ids | seen.twice)))
     best = poses.only(np.array([0]))
     covariance = _covariance(seen, best, inliers[:1], options.prior)
-    # So far along its least known direction may a pose lie that explains the pictures almost as well.
+    # So far along its least known direction may a pose lie that explains the images almost as well.
     widest = np.linalg.eigvalsh(np.stack([covariance[:3, :3], covariance[3:, 3:]]))[:, -1]
     reach_m, reach_rad = np.sqrt(2 * options.ambiguous_below * widest)
     ratios = cost - cost[0]
@@ -143,7 +143,7 @@ def _locate(eyes: Sequence[_Eye], landmarks: LandmarkMap, options: LocateOptions
 
 @dataclass(frozen=True, eq=False)
 class _Candidates:
-    """H poses with the misfits (H,S) of all sightings and their costs (H,)."""
+    """H poses with the residuals (H,S) of all observations and their costs (H,)."""
 
     poses: Poses
     misfits: FloatArray
@@ -151,7 +151,7 @@ class _Candidates:
 
     @classmethod
     def judged(cls, poses: Poses, misfits: FloatArray, options: LocateOptions) -> _Candidates:
-        """With negative log likelihoods; a sighting that is not explained costs as much as one just explained."""
+        """With negative log likelihoods; an observation that is not explained costs as much as one just explained."""
         cost = np.minimum(misfits, 8 * options.outlier_sigma**2).sum(axis=1) / 2
         if options.prior is not None:
             cost = cost + (options.prior.residuals(poses.R, poses.p) ** 2).sum(axis=1) / 2
@@ -205,7 +205,7 @@ def _hypotheses(seen: Correspondences) -> tuple[Poses, IntArray]:
     best: dict[int, int] = {}
     sides = seen.side_px.tolist()
     for row, which in enumerate(seen.of.tolist()):
-        # Of the two eyes the one that sees it larger.
+        # Of the two cameras the one that sees it larger.
         if which not in best or sides[row] > sides[best[which]]:
             best[which] = row
     rows = list(best.values())
@@ -226,7 +226,7 @@ def _hypotheses(seen: Correspondences) -> tuple[Poses, IntArray]:
 def _covariance(seen: Correspondences, best: Poses, used: BoolArray, prior: PosePrior | None) -> FloatArray:
     """(6,6) of the pose.
 
-    A landmark seen square on tells its tilt the worse the squarer it is, so that an estimate that has
+    A landmark seen head-on tells its tilt the worse the squarer it is, so that an estimate that has
     strayed from the truth would claim too much: the mean is therefore taken over the places, too,
     where the pose may as well be, one standard deviation along its least known direction.
     """

@@ -1,4 +1,4 @@
-"""Landmarks of a map seen by the eyes of a rig: what many poses at once say of all their corners."""
+"""Landmarks of a map seen by the cameras of a rig: what many poses at once say of all their corners."""
 
 from __future__ import annotations
 
@@ -20,16 +20,16 @@ from lmkit.model.observation import Detection
 
 # Standard deviation added to every corner's own: what lenses, calibration and paper that is not flat leave open.
 CORNER_FLOOR_PX = 0.06
-CONVERGED = 1e-4  # of the squared misfit: a last step of a hundredth of a standard deviation
+CONVERGED = 1e-4  # of the chi2: a last step of a hundredth of a standard deviation
 MOST_DAMPING = 1e6
 
 
 @dataclass(frozen=True, eq=False)
 class Eye:
-    """One camera of a rig, and where its sightings stand among all."""
+    """One camera of a rig, and where its observations stand among all."""
 
     camera: CameraModel
-    R: FloatArray  # from the left camera into this eye
+    R: FloatArray  # from the left camera into this camera
     t: FloatArray
     rows: slice
 
@@ -50,17 +50,17 @@ class Poses:
 
 
 class Correspondences:
-    """All sightings of mapped landmarks, eye by eye.
+    """All observations of mapped landmarks, camera by camera.
 
     Attributes:
-        landmarks: (S) of every sighting.
+        landmarks: (S) of every observation.
         observations: (S) what was seen.
         ids: the landmarks seen.
-        of: (S,) index into ``ids`` of every sighting.
-        side_px: (S,) mean side in the picture.
+        of: (S,) index into ``ids`` of every observation.
+        side_px: (S,) mean side in the image.
         rays: (S,4,2) the corners as x/z and y/z, without distortion.
-        eye_R, eye_t: (S,3,3), (S,3) from the left camera into the eye that saw it.
-        eyes: the cameras.
+        eye_R, eye_t: (S,3,3), (S,3) from the left camera into the camera that saw it.
+        cameras: the cameras.
         twice: mapped landmarks that are in one image more than once: which one is the mapped one cannot be told.
     """
 
@@ -110,7 +110,7 @@ class Correspondences:
         self._corners = Corners(self.points, self.rays, by_ray, whitener, self.eye_R, self.eye_t, *errors)
 
     def _landmark_errors(self) -> tuple[FloatArray, FloatArray, IntArray]:
-        """Arms, roots and groups as of `Corners`: sightings of one landmark share what is not known of its place."""
+        """Arms, roots and groups as of `Corners`: observations of one landmark share the error of its place."""
         zero = np.zeros((6, 6))
         roots = [zero if m.covariance is None else covariance_root(m.covariance) for m in self.landmarks]
         arms = self.points - np.array([m.T_map_landmark.t for m in self.landmarks])[:, None]
@@ -127,7 +127,7 @@ class Correspondences:
         landmarks: LandmarkMap,
         corner_floor_px: float,
     ) -> Correspondences:
-        """What both eyes of a rig saw."""
+        """Correspondences of both cameras of a rig."""
         eyes = [
             (left, rig.left, np.eye(3), np.zeros(3)),
             (right, rig.right, rig.T_right_left.R, rig.T_right_left.t),
@@ -138,26 +138,26 @@ class Correspondences:
         return len(self.landmarks)
 
     def ids_of(self, rows: BoolArray) -> set[LandmarkId]:
-        """The landmarks of some sightings, given as a mask (S,)."""
+        """The landmarks of some observations, given as a mask (S,)."""
         return {self.ids[k] for k in self.of[rows].tolist()}
 
     def misfits(self, poses: Poses) -> FloatArray:
-        """(H,S) squared error of each sighting on its own, in standard deviations, over its eight coordinates."""
+        """(H,S) squared error of each observation on its own, in standard deviations, over its eight coordinates."""
         return corner_misfits(self._corners, poses.R, poses.p)[0]
 
     def misfits_and_pixels(self, poses: Poses) -> tuple[FloatArray, FloatArray]:
-        """The misfits, and (H,S) root mean squares of pixel coordinates; huge where a corner is behind the camera."""
+        """The chi2 (H,S), and root mean squares (H,S) of pixel coordinates; huge behind the camera."""
         misfits, pixels = corner_misfits(self._corners, poses.R, poses.p)
         return misfits, np.sqrt(pixels / 8)
 
     def equations(
         self, poses: Poses, used: BoolArray, prior: PosePrior | None
     ) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Normal matrices (H,6,6), gradients (H,6) and squared misfits (H,) of the sightings used (H,S)."""
+        """Normal matrices (H,6,6), gradients (H,6) and chi2 (H,) of the observations used (H,S)."""
         return pose_equations(self._corners, _numbers(prior), poses.R, poses.p, used)
 
     def refine(self, poses: Poses, used: BoolArray, prior: PosePrior | None, iterations: int) -> Poses:
-        """Levenberg-Marquardt on the whitened corners of the sightings used (H,S), every pose on its own."""
+        """Levenberg-Marquardt on the whitened corners of the observations used (H,S), every pose on its own."""
         R, p = poses.R, poses.p
         return Poses(*refine_poses(self._corners, _numbers(prior), R, p, used, iterations, CONVERGED, MOST_DAMPING))
 

@@ -1,4 +1,4 @@
-"""What is known of a camera's pose before it has seen anything."""
+"""Prior knowledge about the pose of a camera."""
 
 from __future__ import annotations
 

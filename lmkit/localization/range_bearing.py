@@ -83,7 +83,7 @@ class Readings:
 
     @classmethod
     def of(cls, readings: Sequence[RangeBearing], landmarks: LandmarkMap, noise: ReadingNoise) -> Readings:
-        """Those of the map's landmarks."""
+        """Readings of landmarks that are in the map."""
         known = [(r, found) for r in readings if (found := landmarks.find(r.id)) is not None]
         ranges = np.array([np.nan if r.range_m is None else r.range_m for r, _ in known])
         bearings = np.array([np.nan if r.bearing_rad is None else r.bearing_rad for r, _ in known])
@@ -139,7 +139,7 @@ class Readings:
 def locate_planar(
     readings: Sequence[RangeBearing], landmarks: LandmarkMap, noise: ReadingNoise | None = None
 ) -> PlanarEstimate:
-    """The sensor's pose from readings of one moment.
+    """The sensor's pose from readings of one frame.
 
     Two landmarks with range and bearing are enough, or a range of one and ranges of two others, or
     bearings of three; with less, nothing is said.
@@ -275,7 +275,7 @@ def _starts(seen: Readings) -> tuple[FloatArray, bool]:
 
 
 def _crossings(seen: Readings, a: int, b: int) -> list[FloatArray]:
-    """Where the circles around two landmarks meet, or come nearest."""
+    """Intersections of the circles around two landmarks, or their closest points."""
     A, B, ra, rb = seen.places[a], seen.places[b], seen.ranges[a], seen.ranges[b]
     d = float(np.hypot(*(B - A)))
     if d < 1e-6:

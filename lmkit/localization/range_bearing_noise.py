@@ -11,19 +11,19 @@ from lmkit.arrays import FloatArray
 
 # Readings of one landmark within that time err alike (its place, the light, the view change slowly) and count as one.
 # On MRCLAM set 6 errors stay alike for ten seconds and more; taken as independent, they make the covariance of a
-# smoothed drive ten times too small.
+# smoothed recording ten times too small.
 RELATED_S = 40.0
 
 
 @dataclass(frozen=True)
 class ReadingNoise:
-    """What the sensor's readings scatter by, and where they stop being believed.
+    """Standard deviations of the sensor's readings, and the outlier threshold.
 
     Attributes:
         range_m, range_share: standard deviation of a range: a fixed part, and a share of the range.
         bearing_rad: of a bearing.
-        common_bearing_rad: of what turns all bearings of a moment alike (mounting, time): it cannot be
-            seen in one moment's readings, and is added to the heading's deviation.
+        common_bearing_rad: of what turns all bearings of a frame alike (mounting, time): it cannot be
+            seen in one frame's readings, and is added to the heading's deviation.
         outlier_sigma: a reading farther off than that is named an outlier.
     """
 

@@ -22,7 +22,7 @@ UNKNOWN = np.zeros((8, 8))  # covariance of corners that come without
 
 @dataclass(frozen=True, eq=False)
 class CameraCorrespondences:
-    """What one camera saw, looked through its lens.
+    """Observed corners of one camera as rays, without distortion.
 
     Attributes:
         kept: of the observations, those that the lens model reaches.

@@ -1,6 +1,6 @@
-"""Bundle adjustment of a drive: rig poses, landmark poses, and what is wrong with the odometry, all at once.
+"""Bundle adjustment of a recording: rig poses, landmark poses, and what is wrong with the odometry, all at once.
 
-Every corner of every landmark in both eyes is an equation (Triggs et al. 2000), whitened by its own covariance and
+Every corner of every landmark in both cameras is an equation (Triggs et al. 2000), whitened by its own covariance and
 weighed down where it does not fit (Cauchy); odometry ties each pose to the next.  Poses form a chain, landmarks and
 odometry's parameters its border (`optim/block_chain.py`).
 """
@@ -33,11 +33,11 @@ CONVERGED = 1e-2  # of the cost: a last step of a tenth of a standard deviation
 DAMPING = Damping(grow=50.0)
 SLIP_SIGMA, NEVER = 10.0, 1e6  # where the loss of motions bends
 LEAST_JUMP_M = 0.1
-# Without wheels: no rig leaps from one moment to the next.
+# Without wheels: no rig jumps from one frame to the next.
 LEAST_MPS, FASTER, LEAP_SIGMA = 1.0, 4.0, 4.0
 EXACT = 1e-12  # m^2, rad^2: what is known exactly
 LEAST_TO_WEIGH = 20  # motions
-TOLD_BELOW = 0.3  # share of a motion's variance that is left once the eyes have spoken
+TOLD_BELOW = 0.3  # share of a motion's variance that is left once the cameras have spoken
 
 
 @dataclass(frozen=True, eq=False)
@@ -50,7 +50,7 @@ class Anchor:
 
 @dataclass(frozen=True, eq=False)
 class Bundle:
-    """A solved drive.
+    """A solved recording.
 
     Attributes:
         times_s: (N,).
@@ -58,11 +58,11 @@ class Bundle:
         landmarks: with their covariances.
         joint: (6L,6L) covariance of all landmarks, in their order: they err alike.
         parameters: (P,) what is wrong with the odometry, as its `names`; none without.
-        misfits: (S,) root mean square of each sighting's eight standardised corner coordinates.
+        residuals: (S,) root mean square of each observation's eight standardised corner coordinates.
         ids: (L) of the landmarks.
-        of, moments: (S,) of the sightings: index into ``ids``, and frame.
-        rms_px: of the corners of sightings that are believed.
-        jumps: (from_s, to_s, metres) between which the rig moved otherwise than the wheels say, or leapt.
+        of, frames: (S,) of the observations: index into ``ids``, and frame.
+        rms_px: of the corners of observations that are believed.
+        jumps: (from_s, to_s, metres) between which the rig moved otherwise than the wheels say, or jumped.
     """
 
     times_s: FloatArray
@@ -79,7 +79,7 @@ class Bundle:
     jumps: tuple[tuple[float, float, float], ...]
 
     def left_poses(self) -> list[Pose]:
-        """T_map_left of every moment."""
+        """T_map_left of every frame."""
         return [Pose("map", "left", orthonormal(R), p) for R, p in zip(self.poses.R, self.poses.p, strict=True)]
 
 
@@ -95,12 +95,12 @@ class State:
 
 
 class BundleProblem:
-    """Correspondences of a drive, and the unknowns as they stand.
+    """Correspondences of a recording, and the unknowns as they stand.
 
     Args:
-        moments: in the order of time.
-        start: T_map_left of every moment.
-        landmarks: as they are believed to hang; sightings of others are left out.
+        frames: in the order of time.
+        start: T_map_left of every frame.
+        landmarks: as they are believed to mount; observations of others are left out.
         anchors: what is known beforehand, by id.
         frozen: no landmark moves.
         ties: walls and heights that landmarks are declared to share.
@@ -168,11 +168,11 @@ class BundleProblem:
         self.parameters = state.parameters
 
     def cost(self) -> float:
-        """As things stand."""
+        """Cost of the unknowns as they stand."""
         return self._equations()[1]
 
     def put(self, landmark: int, R: FloatArray, p: FloatArray) -> None:
-        """Hang one landmark elsewhere."""
+        """Mount one landmark elsewhere."""
         self.lm_R, self.lm_p = self.lm_R.copy(), self.lm_p.copy()
         self.lm_R[landmark], self.lm_p[landmark] = R, p
 
@@ -198,7 +198,7 @@ class BundleProblem:
         return anchor is not None and anchor.covariance is None
 
     def landmark_costs(self) -> FloatArray:
-        """(L,) what each landmark's sightings cost."""
+        """(L,) what each landmark's observations cost."""
         squared = self.misfits() ** 2
         cost = 8 * cauchy_cost(squared) * self.used
         return np.asarray(np.bincount(self.seen.of, cost, len(self.hung)), dtype=np.float64)
@@ -219,14 +219,14 @@ class BundleProblem:
         return np.asarray(total / np.maximum(np.linalg.norm(total, axis=1, keepdims=True), 1e-12))
 
     def drop_outliers(self, sigma: float) -> int:
-        """Leave out sightings that do not fit at all: even weighed down, many of them pull together."""
+        """Leave out observations that do not fit at all: even weighed down, many of them pull together."""
         self.used = self.misfits() < sigma
         return int((~self.used).sum())
 
     def weigh_motion(self) -> None:
         """How well the wheels count, from how they agree with what was seen (one step of expectation maximisation).
 
-        Where the eyes say little, motion agrees with itself; only moments at which they say more are asked.
+        Where the cameras say little, motion agrees with itself; only frames at which they say more are asked.
         """
         if len(self.times) < LEAST_TO_WEIGH:
             return
@@ -285,7 +285,7 @@ class BundleProblem:
         return cost
 
     def members(self, tie: Tie) -> list[int]:
-        """Rows of those landmarks of a tie that the drive has."""
+        """Rows of those landmarks of a tie that the recording has."""
         return [k for k, landmark in enumerate(self.hung) if landmark.id in tie.ids]
 
     def _add_ties(self, equations: ChainEquations) -> float:
@@ -344,14 +344,14 @@ class BundleProblem:
         return before * scale, after * scale, r / sigmas, -steps.by_parameters * scale
 
     def landmark_information(self) -> FloatArray:
-        """(6L,6L) what the sightings alone tell of the landmarks, wherever the rig was."""
+        """(6L,6L) what the observations alone tell of the landmarks, wherever the rig was."""
         e = self._equations()[0]
         across = e.border[:, :, self.own :]
         told = np.einsum("nia,nij,njb->ab", across, np.linalg.inv(e.diagonal), across)
         return np.asarray(e.corner[self.own :, self.own :] - told)
 
     def misfits(self) -> FloatArray:
-        """(S,) root mean square of each sighting's eight standardised coordinates."""
+        """(S,) root mean square of each observation's eight standardised coordinates."""
         return np.asarray(np.sqrt(kernel.bundle_misfits(self._sightings())[0] / 8))
 
     def landmarks(self, covariance: FloatArray | None = None) -> LandmarkMap:
@@ -370,7 +370,7 @@ class BundleProblem:
         """Everything, with covariances.
 
         Args:
-            believed_below: of a sighting's misfit.
+            believed_below: of an observation's residual.
             spread: by row, (6,6) to be added to the covariance of landmarks.
         """
         equations, _ = self._equations()
@@ -405,7 +405,7 @@ class BundleProblem:
             moved = np.linalg.norm(np.diff(self.p, axis=0), axis=1)
             fastest = max(LEAST_MPS, FASTER * float(np.median(moved / seconds)))
             off = moved - fastest * seconds
-            # A pose that is hardly known leaps for that alone.
+            # A pose that is hardly known jumps for that alone.
             variance = np.einsum("nii->n", covariances[:, :3, :3])
             sure = off > LEAP_SIGMA * np.sqrt(np.abs(variance[1:] + variance[:-1]))
             leaps = np.flatnonzero((off > LEAST_JUMP_M) & sure)

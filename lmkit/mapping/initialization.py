@@ -1,6 +1,6 @@
-"""Where to start a survey: poses and landmarks found one from the other, nearest first.
+"""Initialization of a survey: poses and landmarks found one from the other, nearest first.
 
-From the landmarks known so far the rig is located wherever they are surely seen; from the located moments further
+From the landmarks known so far the rig is located wherever they are surely seen; from the located frames further
 landmarks are placed (`placing.py`), and all of it is settled a little.  Odometry, where there is some, carries the
 rig on from where it is known (`carry.py`), so that a landmark is judged from more than one side.
 """
@@ -30,21 +30,21 @@ from lmkit.odometry.motion_model import Motion
 
 SETTLING = 4  # steps of bundle adjustment after each round
 RETRY = 1.5
-NEIGHBOUR_M = 0.5  # of odometry to a located neighbour, from which a moment is refined without looking further
+NEIGHBOUR_M = 0.5  # of odometry to a located neighbour, from which a frame is refined without looking further
 REFINING = 8
 # Without odometry: neighbours in time are so near to each other.
 NEIGHBOUR_S, NEIGHBOUR_MPS, NEIGHBOUR_RADPS = 1.0, 1.0, 1.5
-LEAST_VIEWS = 2  # moments that agree on a landmark's place; one alone may have misread its code
+LEAST_VIEWS = 2  # frames that agree on a landmark's place; one alone may have misread its code
 # Single landmarks leave valleys of poses; a view that is known to a metre places nothing.
 PLACING = LocateOptions(far_m=0.25, far_rad=np.deg2rad(8.0))
 
 
 @dataclass(frozen=True, eq=False)
 class Start:
-    """What a drive's sightings tie together.
+    """Poses and landmarks connected by the observations of a recording.
 
     Attributes:
-        poses: T_map_left of moments, located or carried on by odometry; None: neither.
+        poses: T_map_left of frames, located or carried on by odometry; None: neither.
         placed: landmarks.
         anchors: those that were known beforehand, or the one that was chosen.
         unplaced: what could not be placed.
@@ -57,7 +57,7 @@ class Start:
 
     @property
     def rows(self) -> tuple[int, ...]:
-        """Moments that have a pose."""
+        """Frames that have a pose."""
         return tuple(k for k, pose in enumerate(self.poses) if pose is not None)
 
     def problem(
@@ -68,7 +68,7 @@ class Start:
         ties: Sequence[Tie] = (),
         frozen: bool = False,
     ) -> BundleProblem:
-        """Bundle adjustment of the moments that have a pose, and of the landmarks that those see."""
+        """Bundle adjustment of the frames that have a pose, and of the landmarks that those see."""
         posed = [(k, pose) for k, pose in enumerate(self.poses) if pose is not None]
         some = [moments[k] for k, _ in posed]
         seen = {o.id for moment in some for o in (*moment.left, *moment.right)}
@@ -91,11 +91,11 @@ def find_start(
     anchors: Mapping[LandmarkId, Anchor],
     motion: Motion | None = None,
 ) -> Start:
-    """Poses and landmarks, as far as sightings tie them together.
+    """Poses and landmarks, as far as observations tie them together.
 
     Args:
         sizes_m: printed size of every landmark to be placed.
-        anchors: landmarks whose poses are known, roughly or well; none: the landmark that is seen best hangs upright
+        anchors: landmarks whose poses are known, roughly or well; none: the landmark observed best stands upright
             in the map's origin and looks along its x.
 
     Raises:
@@ -115,8 +115,8 @@ def find_start(
     if not any(key in placing.views for key in anchors):
         raise InputError(
             "anchor_unseen",
-            "none of the landmarks known beforehand is seen in the drive",
-            "anchor the survey at a landmark that the pictures show",
+            "none of the landmarks known beforehand is seen in the recording",
+            "anchor the survey at a landmark that the images show",
         )
     search = _Search(moments, rig, anchors, placing, motion)
     search.run()
@@ -124,14 +124,16 @@ def find_start(
     poses = [pose or (c.pose if (c := carried[k]) else None) for k, pose in enumerate(search.poses)]
     if not any(poses):
         raise InputError(
-            "nothing_located", "no moment of the drive could be located", "see what lmkit locate says of its pictures"
+            "nothing_located",
+            "no frame of the recording could be located",
+            "see what lmkit locate says of its images",
         )
     return Start(poses, search.placed, anchors, tuple(sorted(placing.wanted - set(search.placed))))
 
 
 @dataclass(eq=False)
 class _Search:
-    """What is located and placed so far."""
+    """Frames located and landmarks placed so far."""
 
     moments: Sequence[StereoFrame]
     rig: StereoRig
@@ -140,7 +142,7 @@ class _Search:
     motion: Motion | None
     poses: list[Pose | None] = field(init=False)
     placed: dict[LandmarkId, MappedLandmark] = field(init=False)
-    tries: dict[int, int] = field(default_factory=dict)  # of a moment: landmarks that it saw in vain
+    tries: dict[int, int] = field(default_factory=dict)  # of a frame: landmarks that it saw in vain
 
     def __post_init__(self) -> None:
         self.poses = [None] * len(self.moments)
@@ -155,7 +157,7 @@ class _Search:
             news = self.locate_more()
             carried = CarriedPoses(self.poses, self.path)
             news += self.place_more(carried, least)
-            # What one moment alone saw is placed last, and only where nothing contradicts.
+            # What one frame alone saw is placed last, and only where nothing contradicts.
             stuck = news == 0 and least == 1
             if stuck:
                 news = self.locate_by_neighbours(carried) if any(self.poses) else self.locate_likeliest(carried)
@@ -185,11 +187,11 @@ class _Search:
         self.placed.update({m.id: m for m in problem.landmarks()})
 
     def map_so_far(self) -> LandmarkMap:
-        """As if it were known exactly."""
+        """A copy whose pose counts as exactly known."""
         return LandmarkMap([replace(m, covariance=None) for m in self.placed.values()])
 
     def locate_more(self) -> int:
-        """Moments located from what is placed; those tried before are tried again when they see more of it."""
+        """Frames located from what is placed; those tried before are tried again when they see more of it."""
         landmarks, news = self.map_so_far(), 0
         carried = CarriedPoses(self.poses, self.path)
         for k, moment in enumerate(self.moments):
@@ -218,7 +220,7 @@ class _Search:
         return news
 
     def beside_a_neighbour(self, k: int) -> Carried | None:
-        """Where odometry leads from a located neighbour in time; None where none is near."""
+        """Pose by odometry from a located neighbor in time; None if none is near."""
         if self.path is None:
             return None
         for at in (k - 1, k + 1):
@@ -229,7 +231,7 @@ class _Search:
         return None
 
     def locate_likeliest(self, carried: CarriedPoses) -> int:
-        """Where nothing is sure: the moment whose best pose is the likeliest against its others; 0 without one."""
+        """Frame whose best pose is the likeliest against its others; 0 without one."""
         landmarks = self.map_so_far()
         best: tuple[float, int, Pose] | None = None
         for k, moment in enumerate(self.moments):
@@ -249,7 +251,7 @@ class _Search:
         return 1
 
     def locate_by_neighbours(self, carried: CarriedPoses) -> int:
-        """Moments that allow several poses, or a valley of them: the one near where the rig was just before."""
+        """Frames that allow several poses, or a valley of them: the one near where the rig was just before."""
         landmarks, moments = self.map_so_far(), self.moments
         allowed: dict[int, list[Pose]] = {}
         news = 0

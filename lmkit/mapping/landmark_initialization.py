@@ -1,4 +1,4 @@
-"""Where one landmark hangs, from moments whose poses are known.
+"""Initial pose of one landmark, from frames with known poses.
 
 One view of one landmark allows two poses: all candidates from its largest views are judged on all of them, and the
 landmark is placed once one of them explains what the others cannot.
@@ -24,19 +24,19 @@ from lmkit.model.recording import StereoFrame
 from lmkit.odometry.dead_reckoning import CarriedPoses
 
 VIEWS = 8  # of a landmark that place it, the largest
-CANDIDATE_VIEWS = 4  # of those, that say where it may hang
+CANDIDATE_VIEWS = 4  # of those, that say where it may be mounted
 SURE_RATIO = 10.0  # log likelihood ratio of a landmark's best candidate to another one
-CAP = 8 * 4.5**2  # of a view's squared misfit
+CAP = 8 * 4.5**2  # of a view's chi2
 LOCATED_PX, CARRIED_PX = 0.5, 12.0  # what a corner may be off, seen from where the rig was located or carried to
 CARRY_M = 6.0  # odometry is believed that far
 SAME_M, SAME_RAD = 0.3, 0.35
 
 View = tuple[tuple[Detection, ...], tuple[Detection, ...]]
-At = list[tuple[int, Pose, float]]  # moment, T_map_left, and what a corner may be off
+At = list[tuple[int, Pose, float]]  # frame, T_map_left, and what a corner may be off
 
 
 class Placing:
-    """The views of a drive's landmarks, and what each of them allows.
+    """The views of a recording's landmarks, and what each of them allows.
 
     Args:
         sizes_m: printed sizes of those that are to be placed.
@@ -46,31 +46,31 @@ class Placing:
         self._moments, self._rig, self._sizes_m = moments, rig, sizes_m
         self.views = _views(moments)
         self.wanted = {key for key in self.views if key in sizes_m}
-        # Of a moment and a landmark: where the camera may be in the landmark's frame.
+        # Of a frame and a landmark: where the camera may be in the landmark's frame.
         self._seen_from: dict[tuple[int, LandmarkId], list[Pose]] = {}
         self._looked: dict[tuple[int, LandmarkId, float], Correspondences] = {}
         self._maps: dict[LandmarkId, LandmarkMap] = {}  # of one landmark each, at the origin
 
     def best_seen(self) -> LandmarkId:
-        """Of those to be placed.
+        """The landmark to place that is observed best.
 
         Raises:
             InputError: none is seen.
         """
         if not self.wanted:
             raise InputError(
-                "nothing_seen", "no landmark is seen in the drive", "check the pictures with lmkit detect"
+                "nothing_seen", "no landmark is seen in the recording", "check the images with lmkit detect"
             )
         return max(self.wanted, key=lambda key: sum(side for side, _ in self.views[key][:VIEWS]))
 
     def place(
         self, key: LandmarkId, poses: Sequence[Pose | None], carried: CarriedPoses, least: int
     ) -> MappedLandmark | None:
-        """Where its views agree best that it hangs; None while two that differ do as well, or too few agree.
+        """Pose on which its views agree best; None while a different one does as well, or too few agree.
 
         Args:
-            poses, carried: of the moments, located and carried on.
-            least: moments that must agree.
+            poses, carried: of the frames, located and carried on.
+            least: frames that must agree.
         """
         at = self._known_views(key, poses, carried)
         if len(at) < least:
@@ -94,7 +94,7 @@ class Placing:
         return MappedLandmark(key, self._sizes_m[key], candidates[best])
 
     def _known_views(self, key: LandmarkId, poses: Sequence[Pose | None], carried: CarriedPoses) -> At:
-        """The largest views from moments that were located, and some from moments not far from those."""
+        """The largest views from frames that were located, and some from frames not far from those."""
         views = self.views[key]
         located = [(k, pose, LOCATED_PX) for _, k in views if (pose := poses[k]) is not None][:VIEWS]
         room = VIEWS - len(located) // 2
@@ -110,7 +110,7 @@ class Placing:
         return self._seen_from[k, key]
 
     def _sightings(self, k: int, key: LandmarkId, floor_px: float) -> Correspondences:
-        """Of one landmark in one moment, in the landmark's frame."""
+        """Possible camera poses of one frame in the landmark's frame."""
         if (k, key, floor_px) not in self._looked:
             self._looked[k, key, floor_px] = Correspondences.of_rig(
                 *_only(self._moments[k], key), self._rig, self._alone(key), floor_px
@@ -124,7 +124,7 @@ class Placing:
         return self._maps[key]
 
     def _misfits(self, candidates: Sequence[Pose], key: LandmarkId, at: At) -> FloatArray:
-        """(C,V) squared misfits of candidates and views, each at most the cap."""
+        """(C,V) chi2 of candidates and views, each at most the cap."""
         # Seen from the landmark, a candidate puts each view's camera somewhere else.
         back = np.array([T.R.T for T in candidates])
         places = np.array([T.t for T in candidates])
@@ -138,7 +138,7 @@ class Placing:
 
 
 def _views(moments: Sequence[StereoFrame]) -> dict[LandmarkId, list[tuple[float, int]]]:
-    """Of every landmark: (side in px, moment) of its views, the largest first."""
+    """Views of every landmark: (side in px, frame), the largest first."""
     views: dict[LandmarkId, dict[int, float]] = {}
     seen = [(k, o) for k, moment in enumerate(moments) for o in (*moment.left, *moment.right)]
     if seen:

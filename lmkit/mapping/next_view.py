@@ -36,7 +36,7 @@ LEAST_BESIDE = 2
 LEAST_READ = 0.5  # probability
 MOST_ADVISED = 6
 ALIKE = (
-    "no view of it alone mends that, its part of the map errs as a whole; drive on from there until landmarks that "
+    "no view of it alone fixes that, its part of the map errs as a whole; drive on from there until landmarks that "
     "are better known come into view again, or measure one there (--known)"
 )
 WORTH = 0.7  # of a deviation is left, or the view is not worth the way
@@ -44,7 +44,7 @@ WORTH = 0.7  # of a deviation is left, or the view is not worth the way
 
 @dataclass(frozen=True)
 class NextView:
-    """Where to look from.
+    """A view to take next.
 
     Attributes:
         id: the landmark.
@@ -131,13 +131,13 @@ def _looking(landmark: MappedLandmark, distance: float, aside_deg: float, pan_de
 
 
 def _clear(eye: FloatArray, places: FloatArray, along: FloatArray) -> BoolArray:
-    """(L,) True where no other landmark's piece of wall lies between the eye and a landmark.
+    """(L,) True where no other landmark's piece of wall lies between the camera and a landmark.
 
     Args:
         places, along: (L,2) of the landmarks, and unit vectors along their walls.
     """
     way, off = places - eye, places - eye
-    # eye + share way = place + aside along, for every way (rows) and wall (columns).
+    # camera + share way = place + aside along, for every way (rows) and wall (columns).
     det = along[None, :, 0] * way[:, None, 1] - along[None, :, 1] * way[:, None, 0]
     det = np.where(np.abs(det) < 1e-9, np.inf, det)
     share = (along[:, 0] * off[:, 1] - along[:, 1] * off[:, 0]) / det
@@ -148,7 +148,7 @@ def _clear(eye: FloatArray, places: FloatArray, along: FloatArray) -> BoolArray:
 
 
 def _view(landmarks: LandmarkMap, rig: StereoRig, T_map_left: Pose) -> StereoFrame:
-    """What both eyes read from there, with the covariance that their size gives."""
+    """Detections of both cameras from there, with the covariance that their size gives."""
     at_the_eye = replace(rig, T_base_left=Pose.identity("base", "left"))
     base = Pose("map", "base", T_map_left.R, T_map_left.t)
     eyes = look(landmarks, at_the_eye, base, 1e-3, np.random.default_rng(0))

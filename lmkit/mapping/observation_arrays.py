@@ -1,4 +1,4 @@
-"""All sightings of a drive as arrays: which landmark each moment saw with which eye, and its corners as rays."""
+"""All observations of a recording as arrays: landmark, frame and camera of each, and its corners as rays."""
 
 from __future__ import annotations
 
@@ -18,12 +18,12 @@ from lmkit.model.recording import StereoFrame
 
 @dataclass(frozen=True, eq=False)
 class ObservationArrays:
-    """Correspondences of landmarks by both eyes.
+    """Correspondences of landmarks by both cameras.
 
     Attributes:
-        at, of: (S,) moments and landmarks.
+        at, of: (S,) frames and landmarks.
         rays, by_ray, whitener: (S,4,2), (S,4,2,2), (S,8,8) as of `CameraCorrespondences`.
-        eye_R, eye_t: (S,3,3), (S,3) from the rig's left camera into the eye.
+        eye_R, eye_t: (S,3,3), (S,3) from the rig's left camera into the camera.
     """
 
     at: IntArray
@@ -38,7 +38,7 @@ class ObservationArrays:
     def collect(
         cls, moments: Sequence[StereoFrame], rig: StereoRig, landmarks: Sequence[MappedLandmark]
     ) -> ObservationArrays:
-        """What was seen of these landmarks; sightings of others are left out."""
+        """Observations of these landmarks as arrays; others are left out."""
         index = {m.id: k for k, m in enumerate(landmarks)}
         rows: list[tuple[int, int]] = []
         parts = []
@@ -60,7 +60,7 @@ class ObservationArrays:
         return len(self.at)
 
     def bundle(self, poses: Poses, landmarks: Poses, arms: FloatArray) -> Bundle:
-        """The sightings from (N) rig poses of (L) landmarks, with corners ``arms`` (L,4,3) in their own frames."""
+        """The observations from (N) rig poses of (L) landmarks, with corners ``arms`` (L,4,3) in their own frames."""
         return Bundle(
             self.at,
             self.of,

@@ -1,7 +1,7 @@
-"""A whole drive at once, in the plane: poses, what is wrong with the odometry, and, if wanted, the landmarks.
+"""A whole recording at once, in the plane: poses, what is wrong with the odometry, and, if wanted, the landmarks.
 
-Least squares over all moments (batch smoothing; Dellaert and Kaess 2006), with Cauchy's loss on readings and on
-motions, so that neither a wrong code nor a slip can pull.  The drive is taken up piece by piece, each started from
+Least squares over all frames (batch smoothing; Dellaert and Kaess 2006), with Cauchy's loss on readings and on
+motions, so that neither a wrong code nor a slip can pull.  The recording is solved piece by piece, each started from
 where the last one ended: dead reckoning alone strays too far to start from.
 """
 
@@ -27,7 +27,7 @@ from lmkit.optim.robust_loss import cauchy_cost, cauchy_weight
 
 DAMPING = Damping(most=1e6)
 SLIP_SIGMA = 10.0  # where the loss of motions bends: wheels err steadily, and rarely slip
-PIECE = 400  # moments taken up at once
+PIECE = 400  # frames taken up at once
 STEPS_A_PIECE, STEPS_AT_END = 4, 40
 CONVERGED = 1e-4
 EXACT = 1e-12  # m^2: a landmark whose place is known exactly
@@ -36,17 +36,17 @@ OWN = len(PARAMETERS)  # of the shared unknowns, before the landmarks
 
 @dataclass(frozen=True, eq=False)
 class PlanarTrack:
-    """A smoothed drive.
+    """A smoothed recording.
 
     Attributes:
-        times_s: (N,) of the moments.
+        times_s: (N,) of the frames.
         states: (N,3) x, y (m), heading (rad).
         covariances: (N,3,3).
         parameters: (6,) as ``motion.PARAMETERS``.
         ids, places, place_covariances: (L), (L,2), (L,2,2) of the landmarks.
         weights: (R,) of the readings, 1 for those believed, near 0 for outliers.
         squared, told: (R,) their squared errors in standard deviations, and how many numbers each is of.
-        moments, landmarks: (R,) of the readings; landmarks as indices into ``ids``.
+        frames, landmarks: (R,) of the readings; landmarks as indices into ``ids``.
     """
 
     times_s: FloatArray
@@ -65,7 +65,7 @@ class PlanarTrack:
 
 @dataclass(eq=False)
 class _Readings:
-    """Readings as arrays: moment and landmark of each, range and bearing, and their deviations."""
+    """Readings as arrays: frame and landmark of each, range and bearing, and their deviations."""
 
     moments: IntArray
     landmarks: IntArray
@@ -84,11 +84,11 @@ def smooth_planar(
     landmarks: LandmarkMap | None,
     noise: ReadingNoise | None = None,
 ) -> PlanarTrack:
-    """The drive that readings and motion agree with best.
+    """The recording that readings and motion agree with best.
 
     Args:
-        times_s: (N,) of the moments, increasing.
-        readings: of every moment; may be empty.
+        times_s: (N,) of the frames, increasing.
+        readings: of every frame; may be empty.
         landmarks: the map, whose places move as far as its covariance allows; None: they are found, too, from the
             first pose at (0, 0, 0).
     """
@@ -156,7 +156,7 @@ class _Problem:
             found = locate_planar(moment, self._map, self.noise)
             if found.status == PoseStatus.OK and found.pose is not None and found.pose.heading_rad is not None:
                 state = np.array([found.pose.x_m, found.pose.y_m, found.pose.heading_rad])
-                # Back along the motions to the first moment.
+                # Back along the motions to the first frame.
                 path = follow(np.zeros(3), self.motion.increments(self.times[: k + 1], self.parameters).motions)[-1]
                 heading = state[2] - path[2]
                 c, s = np.cos(heading), np.sin(heading)
@@ -165,7 +165,7 @@ class _Problem:
         return np.zeros(3)
 
     def _extend(self, count: int) -> None:
-        """More moments by motion, and the landmarks first seen there."""
+        """More frames by motion, and the landmarks first seen there."""
         have = len(self.states)
         motions = self.motion.increments(self.times[have - 1 : count], self.parameters).motions
         self.states = np.concatenate([self.states, follow(self.states[-1], motions)[1:]])

@@ -1,10 +1,10 @@
-"""Landmarks that may as well hang turned: a small square seen from one side has a twin (Collins and Bartoli 2014).
+"""Pose ambiguity: a small square seen from one side has two poses (Collins and Bartoli 2014).
 
-Each landmark is turned over the line from which it was seen, and fitted to its sightings again with the rig where it
-is.  Where that explains them nearly as well, the whole drive is solved with the twin in its place, and the better one
-stays; where neither is clearly better, that is said, and how far apart they are enters the landmark's covariance.
-Seen nearly square on, the two poses are the ends of one flat valley, from which the whole drive settles to its middle
-or to either end: that is no less ambiguous.
+Each landmark is turned over its viewing direction and fitted to its observations again, with the rig held fixed.  If
+the second pose explains them nearly as well, the whole recording is solved with it, and the better one stays.  If
+neither is clearly better, the ambiguity is reported, and the distance of the two enters the landmark's covariance.
+Seen nearly head-on, the two poses are the ends of one flat valley, in which the solution stops in the middle or at
+either end: that is ambiguous as well.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from scipy.spatial.transform import Rotation
 from lmkit.arrays import FloatArray
 from lmkit.mapping.bundle_adjustment import BundleProblem
 
-HOPEFUL = 30.0  # of a twin's cost above the landmark's, while the rig keeps to the landmark
+HOPEFUL = 30.0  # of a second pose's cost above the landmark's, while the rig keeps to the landmark
 MOST_TRIED = 8
 FITTING, SETTLING = 8, 12  # steps
 SURE = 10.0  # of the cost, twice the log likelihood ratio
@@ -23,7 +23,7 @@ DIFFERENT_RAD = 0.1
 
 
 def resolve_pose_ambiguities(problem: BundleProblem) -> dict[int, FloatArray]:
-    """Put twins in place that explain the drive better.
+    """Put second poses in place that explain the recording better.
 
     Returns:
         By row, (6,6) what is to be added to the covariance of landmarks of which it cannot be told.
@@ -58,13 +58,13 @@ def _apart(R: FloatArray, p: FloatArray, R_other: FloatArray, p_other: FloatArra
 
 
 def _spread(apart: FloatArray, worse: float) -> FloatArray:
-    """(6,6) second moment, about the likelier of two poses, of being the other one now and then."""
+    """(6,6) second frame, about the likelier of two poses, of being the other one now and then."""
     share = 1 / (1 + np.exp(worse / 2))
     return np.asarray(share * np.outer(apart, apart))
 
 
 def _fitted_twins(problem: BundleProblem) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
-    """(L,) costs of landmarks and of their twins, and the twins' (L,3,3) and (L,3)."""
+    """(L,) costs of landmarks and of their second poses, and the second poses' (L,3,3) and (L,3)."""
     own, before = problem.landmark_costs(), problem.state()
     towards = problem.seen_along()
     normals = problem.lm_R[:, :, 2]
@@ -85,7 +85,7 @@ def _fitted_twins(problem: BundleProblem) -> tuple[FloatArray, FloatArray, Float
         step = problem.landmark_steps()
         R, p = Rotation.from_rotvec(step[:, 3:]).as_matrix() @ R, p + step[:, :3]
     problem.restore(before)
-    # What is hardly turned is no twin, what is held does not turn, and of what nothing is believed nothing is known.
+    # Skip landmarks that are nearly symmetric, fixed, or have no inliers.
     held = np.array([problem.is_held(k) for k in range(len(own))])
     seen = np.bincount(problem.seen.of, problem.used, len(own)) > 0
     best[(angle < DIFFERENT_RAD) | held | ~seen] = np.inf

@@ -24,9 +24,9 @@ UNSEEN_M, UNSEEN_RAD = 1.0, 1.0  # heights and directions that ranges and bearin
 def survey_readings(
     moments: Moments, odometry: Odometry, gyro: Gyro | None, size_m: float
 ) -> tuple[LandmarkMap, TrackedTrajectory]:
-    """Where the landmarks stand, from ranges and bearings alone; the map's origin is the robot's first pose.
+    """Survey landmarks from ranges and bearings alone; the map's origin is the robot's first pose.
 
-    Heights and the way that landmarks face are not seen: they hang at height 0 and face the drive's middle, with
+    Heights and directions are not observed: landmarks are put at height 0, facing the middle of the recording, with
     covariances that say so.
     """
     times, motion = np.array([time_s for time_s, _ in moments]), MotionModel(odometry, gyro)

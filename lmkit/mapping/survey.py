@@ -1,11 +1,11 @@
-"""`survey_frames`: the map from a drive.
+"""`survey_frames`: the landmark map from a recording.
 
-1. A start (`start.py`): poses and landmarks found one from the other.
-2. Bundle adjustment (`bundle.py`), sightings that do not fit left out, motion weighed by how well it agrees with what
-   was seen; what was left over is tried once more by the map that comes out.
-3. Every landmark is tried with its twin (`twins.py`).
-4. What is odd is named: landmarks that hang elsewhere in part of the drive, that may as well hang turned, that do not
-   keep to what was declared of them (`ties.py`), and those that are barely determined.
+1. Initialization (`initialization.py`): poses and landmarks found one from the other.
+2. Bundle adjustment (`bundle_adjustment.py`): outliers are left out, and odometry is weighted by how well it agrees
+   with the observations; frames and landmarks left over are tried once more with the resulting map.
+3. The second pose of every landmark is tried (`pose_ambiguity.py`).
+4. Warnings: landmarks that part of the recording contradicts, that have an ambiguous pose, that are off their
+   constraints (`wall_constraints.py`), or that are poorly determined.
 """
 
 from __future__ import annotations
@@ -29,20 +29,20 @@ from lmkit.model.landmark_map import LandmarkMap, MappedLandmark
 from lmkit.model.recording import StereoFrame
 from lmkit.odometry.motion_model import Motion, describe_odometry
 
-OUTLIER_SIGMA = 4.5  # root mean square over a sighting's eight coordinates
+OUTLIER_SIGMA = 4.5  # root mean square over an observation's eight coordinates
 ROUNDS, STEPS = 4, 30
 WEIGHINGS = 2
-ODD_SHARE, LEAST_ODD = 0.1, 3  # sightings of a landmark that do not fit, before it is called odd
+ODD_SHARE, LEAST_ODD = 0.1, 3  # observations of a landmark that do not fit, before it is called odd
 ASTRAY_SIGMA = 4.0
 WEAK_M, WEAK_RAD = 0.03, np.deg2rad(2.0)
 
 
 @dataclass(frozen=True)
 class ContradictedLandmark:
-    """A landmark that part of its sightings contradict.
+    """A landmark that part of its observations contradict.
 
     Attributes:
-        off, sightings: how many of its sightings do not fit.
+        off, observations: how many of its observations do not fit.
         from_s, to_s: when those were.
     """
 
@@ -54,25 +54,25 @@ class ContradictedLandmark:
 
     def __str__(self) -> str:
         return (
-            f"{self.off} of {self.sightings} sightings of {self.id}, from {self.from_s:.2f} to {self.to_s:.2f} s, "
-            "do not fit where it hangs: it was moved, its code hangs twice, or it is misread; check it in the room"
+            f"{self.off} of {self.sightings} observations of {self.id}, from {self.from_s:.2f} to {self.to_s:.2f} s, "
+            "contradict its pose: it was moved, its code appears twice, or it was misread; check it in the room"
         )
 
 
 @dataclass(frozen=True, eq=False)
 class Survey:
-    """A surveyed drive.
+    """A surveyed recording.
 
     Attributes:
         bundle: poses, landmarks seen, parameters.
-        landmarks: those, and known ones that the drive did not see, as they were.
-        rows: (N,) which of the moments given have a pose.
-        odd: landmarks contradicted by part of their sightings.
+        landmarks: those, and known ones that the recording did not see, as they were.
+        rows: (N,) which of the frames given have a pose.
+        odd: landmarks contradicted by part of their observations.
         weak: landmarks determined to no better than 3 cm or 2 deg, with both deviations (m, rad).
         unplaced: landmarks that were seen, but not well enough to be placed.
-        dropped: sightings left out.
-        ambiguous: landmarks that may as well hang turned, by their twin.
-        astray: landmarks that do not hang as declared, what was declared of them, and how far they are off (m).
+        dropped: observations left out.
+        ambiguous: landmarks that may as well are mounted turned, by their second pose.
+        off: landmarks that do not be mounted as declared, what was declared of them, and how far they are off (m).
         warnings: what a user should check, in words.
     """
 
@@ -96,13 +96,13 @@ def survey_frames(
     motion: Motion | None = None,
     ties: Sequence[Tie] = (),
 ) -> Survey:
-    """Where the landmarks hang, and where the rig was.
+    """Survey the landmarks and the poses of the rig.
 
     Args:
-        moments: in the order of time.
+        frames: in the order of time.
         sizes_m: printed sizes, by id.
-        anchors: landmarks known beforehand, by id; with none, the landmark seen best is taken to hang
-            upright at the origin and to look along x; with wheels it hangs above the origin, and the floor that the
+        anchors: landmarks known beforehand, by id; with none, the landmark seen best is taken to mount
+            upright at the origin and to look along x; with wheels it is above the origin, and the floor that the
             robot stood on is z = 0.
         motion: odometry; of wheels it needs the rig's T_base_left.
         ties: walls and heights that landmarks are declared to share.
@@ -128,7 +128,7 @@ def survey_frames(
     problem.settle(STEPS)
     bundle = problem.answer(OUTLIER_SIGMA, undecided)
     hung = {m.id for m in problem.hung}
-    # A landmark that hangs where none of its sightings has it was started wrong.
+    # A landmark that is mounted where none of its observations has it was started wrong.
     fitting = bundle.of[bundle.misfits < OUTLIER_SIGMA].tolist()
     believed = {bundle.ids[k] for k in fitting} | set(start.anchors)
     lost = [m for m in bundle.landmarks if m.id not in believed]
@@ -168,7 +168,7 @@ def _hung(start: Start, problem: BundleProblem) -> dict[LandmarkId, Anchor]:
 
 
 def settle_all(problem: BundleProblem) -> None:
-    """Bundle adjustment to the end, sightings that do not fit left out."""
+    """Bundle adjustment to the end, observations that do not fit left out."""
     # Wheels rarely slip by much; were they allowed to at once, they would for a landmark that was moved.
     problem.may_slip = False
     problem.settle(STEPS)
@@ -186,7 +186,7 @@ def settle_all(problem: BundleProblem) -> None:
 
 
 def contradicted_landmarks(bundle: Bundle) -> tuple[ContradictedLandmark, ...]:
-    """Those whose sightings contradict each other more than now and then."""
+    """Landmarks with more contradicting observations than chance explains."""
     odd = []
     for k in np.unique(bundle.of):
         mine = bundle.of == k
@@ -261,13 +261,11 @@ def survey_warnings(
         texts.append(doubt)
     for from_s, to_s, metres in result.bundle.jumps:
         texts.append(
-            f"between {from_s:.2f} and {to_s:.2f} s the rig leaps by {metres:.2f} m: it slid or was carried, or a "
+            f"between {from_s:.2f} and {to_s:.2f} s the rig jumps by {metres:.2f} m: it slid or was carried, or a "
             "landmark seen there was moved, or is placed by the wrong one of its two poses; look from another side"
         )
     for code in result.ambiguous:
-        texts.append(
-            f"{code} may as well hang turned: it was seen from one side and from afar; look from another side"
-        )
+        texts.append(f"{code} has an ambiguous pose: it was seen from one side and from afar; look from another side")
     for code, tie, metres in result.astray:
         texts.append(
             f"{code} is {1000 * metres:.0f} mm off the {tie} that it is declared to share; check it in the room"
@@ -279,7 +277,7 @@ def survey_warnings(
             texts.append(f"of the {tie} that was declared, {ids_text(missing)} did not come into the map")
     for code in result.unplaced:
         texts.append(
-            f"{code} is not placed: its sightings are too few, or do not agree; drive past it again, and nearer"
+            f"{code} is not placed: its observations are too few, or do not agree; drive past it again, and nearer"
         )
     for code, place, turn in result.weak:
         known = f"{code} is known to {1000 * place:.0f} mm and {math.degrees(turn):.1f} deg only"

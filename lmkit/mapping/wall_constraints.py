@@ -1,4 +1,4 @@
-"""What is declared of landmarks beforehand: that they hang on one flat wall, or at one height.
+"""Constraints declared beforehand: landmarks that share one flat wall, or one height.
 
 Deviations from a common plane of which only the spread s is known are, with the plane left free, the same as
 deviations of all pairs of n landmarks from each other with the spread s sqrt(n): so no plane is estimated.
@@ -48,7 +48,7 @@ class ConstraintRows:
 
     @property
     def weights(self) -> FloatArray:
-        """(M,) Cauchy's: what does not hang as declared shall not bend the map."""
+        """(M,) Cauchy's: what does not be mounted as declared shall not bend the map."""
         return cauchy_weight(self.residuals**2, self._bend)
 
     @property
@@ -62,7 +62,7 @@ class ConstraintRows:
 
 
 def constraint_rows(tie: Tie, members: Sequence[int], R: FloatArray, p: FloatArray) -> ConstraintRows:
-    """What a tie says of landmarks as they hang.
+    """Residual rows of a constraint for landmarks as they are mounted.
 
     Args:
         members: rows of the tie's landmarks in ``R`` (L,3,3) and ``p`` (L,3), of T_map_landmark.

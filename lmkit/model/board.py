@@ -136,7 +136,7 @@ class BoardSpec:
 
     @property
     def codes(self) -> tuple[int, ...]:
-        """Of a board of landmarks, row by row."""
+        """Codes of a board of landmarks, row by row."""
         return tuple(range(self.first_code, self.first_code + self.columns * self.rows))
 
     @property

@@ -1,4 +1,4 @@
-"""What the detector makes of a landmark by its size and slant: how often it is read, and how well its corners.
+"""Model of the detector: probability of reading a landmark, and its corner noise, by size and tilt.
 
 Measured curves, for planning and for simulated corners.  Recognition: rendered rooms and drives, benchmarks/README.md
 (about 6 of 10 at 15 to 20 px, 9 of 10 at 20 to 25, all but one in fifty above 30).  Corners: `benchmarks/corners.py`.

@@ -14,7 +14,7 @@ from lmkit.model.pose_status import PoseStatus
 
 @dataclass(frozen=True, eq=False, repr=False)
 class PoseEstimate:
-    """Where the camera stands in the map.
+    """Estimated pose of the camera in the map.
 
     Attributes:
         status: what the pose is worth.

@@ -106,7 +106,7 @@ class FloorPlan:
         return clear_lines(self.free, self.cell_m, self.origin, near_m, eyes, points)
 
     def blocked(self, points: FloatArray, radius_m: float) -> FloorPlan:
-        """The same floor with discs around (N,2) points no longer free."""
+        """A copy of the floor with discs around (N,2) points blocked."""
         free = self.free.copy()
         rows, columns = np.indices(free.shape)
         middles = self.middles(rows.ravel(), columns.ravel())

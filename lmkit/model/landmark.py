@@ -94,7 +94,7 @@ class LandmarkFamily:
         return code_to_gaps(self.words[code], self.gap_count)
 
     def is_drawn_like(self, other: LandmarkFamily) -> bool:
-        """The same drawing, and only other codes: a landmark of one is then one of the other too."""
+        """True where two families share their drawing, so that a landmark of one is a landmark of the other."""
         return self != other and (self.rings, self.triangle_mm, self.side_mm, self.border_mm) == (
             other.rings,
             other.triangle_mm,

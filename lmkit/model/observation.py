@@ -1,4 +1,4 @@
-"""What was seen: landmarks, calibration boards, and range-and-bearing readings."""
+"""Observations: landmarks, calibration boards, range and bearing readings."""
 
 from __future__ import annotations
 

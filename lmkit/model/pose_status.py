@@ -1,4 +1,4 @@
-"""What a pose estimate is worth."""
+"""The status of a pose estimate."""
 
 from __future__ import annotations
 

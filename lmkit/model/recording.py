@@ -13,7 +13,7 @@ from lmkit.model.trajectory import Trajectory
 
 @dataclass(frozen=True, eq=False)
 class Odometry:
-    """What the wheels counted.
+    """Wheel odometry.
 
     Attributes:
         times_s: (N,) seconds, increasing.
@@ -81,7 +81,7 @@ def _freeze(record: Odometry | Gyro, *names: str) -> None:
 
 @dataclass(frozen=True, eq=False)
 class StereoFrame:
-    """What both cameras saw at one frame.
+    """Detections of both cameras in one frame.
 
     Attributes:
         time_s: seconds.

@@ -58,7 +58,7 @@ class TrackedTrajectory:
         return f"TrackedTrajectory({len(self)} poses: {counts})"
 
     def looking(self, k: int) -> Pose:
-        """As a camera's pose that looks where the robot does, to draw it."""
+        """Pose of a camera that looks where the robot does, for drawing."""
         return ahead_of(self.poses[k]) if self.of_base else self.poses[k]
 
 

@@ -60,7 +60,7 @@ MOST_SECONDS = 900.0
 
 
 class Robot(Protocol):
-    """What is asked of a robot; `simulation/robot.py` is one."""
+    """Interface of a robot; `simulation/robot.py` implements it."""
 
     time_s: float
 
@@ -68,7 +68,7 @@ class Robot(Protocol):
         """Keep to these velocities; rows of time, way, turn and the gyro's rate."""
 
     def look(self) -> tuple[Sequence[Detection], Sequence[Detection]]:
-        """What both cameras see."""
+        """Detections of both cameras."""
 
     def obstacle_ahead(self, reach_m: float) -> FloatArray | None:
         """(2,) nearest obstacle ahead, forward and left of the robot."""
@@ -76,7 +76,7 @@ class Robot(Protocol):
 
 @dataclass(frozen=True, eq=False)
 class Site:
-    """Where a robot drives, and what it knows of it.
+    """The surroundings of a robot: floor, landmarks, rig and expected errors.
 
     Attributes:
         floor: as planned; what is in the way besides is found while driving.
@@ -146,7 +146,7 @@ def surely_there(pose: TrackedPose, goal: Goal, tolerance: Tolerance) -> bool:
 
 
 class _Navigator:
-    """What it does by what it believes."""
+    """The control loop over the pose estimate."""
 
     def __init__(
         self,
@@ -323,7 +323,7 @@ class _Navigator:
         return float("inf") if self.pose.covariance is None else _widest_m(self.pose.covariance)
 
     def sigma_rad(self) -> float:
-        """Of the heading."""
+        """Standard deviation of the heading."""
         return float("inf") if self.pose.covariance is None else float(np.sqrt(self.pose.covariance[2, 2]))
 
     def stop(self, status: str, why: str) -> Journey:

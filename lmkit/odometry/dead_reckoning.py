@@ -69,7 +69,7 @@ class OdometryPath:
 
 
 class CarriedPoses:
-    """Of every frame that has no pose: the nearest one that has, carried on to it.
+    """Dead reckoning for every frame without a pose, from the nearest one that has a pose.
 
     Args:
         poses: (N) of the frames, as they are now.

@@ -1,4 +1,4 @@
-"""What filters know of a robot's wheels while it drives: the last rows, and where they lead.
+"""Wheel odometry of a driving robot for filters: the last rows, and the motion that they predict.
 
 The state is x, y, heading and what is wrong with the odometry (`motion.PARAMETERS`), its delay among them: the same
 motions, a little later, lead to another place.  Rows are kept for as long as a delay may need them.
@@ -31,7 +31,7 @@ class Wheels:
         self._gyro: deque[tuple[float, float]] = deque()
 
     def add_odometry(self, time_s: float, forward_m: float, turn_rad: float) -> None:
-        """What the wheels counted since the row before."""
+        """Add the distance and the turn since the previous row."""
         self._rows.append((time_s, forward_m, turn_rad))
 
     def add_gyro(self, time_s: float, rate_radps: float) -> None:

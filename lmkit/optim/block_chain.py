@@ -1,4 +1,4 @@
-"""Least squares over a chain of states that share some more unknowns: the shape of every drive.
+"""Least squares over a chain of states that share some more unknowns: the shape of every recording.
 
 Unknowns are N states of d numbers each, tied to their neighbours alone (by motion), and m numbers that many states
 see (landmarks, scales, biases).  The normal equations are block tridiagonal with a border,
@@ -7,7 +7,7 @@ see (landmarks, scales, biases).  The normal equations are block tridiagonal wit
     [ B' C ] [y] = [h].
 
 The chain is cut into pieces, and the states between two cuts are eliminated (nested dissection; George 1973): in a
-short piece of a drive few landmarks are seen, so that its border is narrow.  The cuts are a shorter chain of the same
+short piece few landmarks are seen, so that its border is narrow.  The cuts are a shorter chain of the same
 shape.  That one is eliminated as a whole with a banded Cholesky factor, and what is left is a dense matrix of the
 border alone (the Schur complement; Triggs et al. 2000, section 6).  Work grows with N, not with its cube.
 """
@@ -73,7 +73,7 @@ class ChainEquations:
         self.gradient[1:] += (after @ r[..., None])[..., 0]
 
     def add_shared(self, states: IntArray, J: FloatArray, columns: IntArray, K: FloatArray, r: FloatArray) -> None:
-        """What residuals of states have to do with the shared unknowns in ``columns`` (M,c); K is (M,k,c)."""
+        """Add the derivatives K (M,k,c) of residuals with the shared unknowns in ``columns`` (M,c)."""
         Kt = K.transpose(0, 2, 1)
         _, size, shared = self.border.shape
         rows = size * states[:, None, None] + np.arange(size)[:, None]

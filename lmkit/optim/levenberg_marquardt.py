@@ -57,7 +57,7 @@ class Damping:
 
 @dataclass(frozen=True)
 class Iterate(Generic[State, Equations]):
-    """Where the loop stands.
+    """The state of the loop.
 
     Attributes:
         state, equations, cost: the best state so far, linearized.

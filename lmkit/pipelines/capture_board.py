@@ -24,7 +24,7 @@ PairOfPictures = tuple[ByteArray, ByteArray]
 
 @dataclass(frozen=True, eq=False)
 class Found:
-    """What was seen of a board.
+    """Corners of a board found so far.
 
     Attributes:
         corners: of all pairs.

@@ -1,4 +1,4 @@
-"""What both cameras see on a recording: images in, landmarks with their times out, on all cores."""
+"""Recordings from files: detections of both cameras with their times, odometry and gyro."""
 
 from __future__ import annotations
 

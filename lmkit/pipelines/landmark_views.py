@@ -53,7 +53,7 @@ def _look(job: tuple[Path, CameraModel], family: LandmarkFamily) -> list[Detecti
 
 
 def _once(seen: Sequence[Detection]) -> dict[int, Detection]:
-    """By code; without those that are there twice."""
+    """Detections by id, without those that are there twice."""
     count = Counter(o.code for o in seen)
     return {o.code: o for o in seen if count[o.code] == 1}
 

@@ -89,7 +89,7 @@ class PrintLayout:
         return compose_sheets(self.family, codes, sheet, self.size_mm, wording, self.mirror, stretch)
 
     def stretch(self, size_mm: float) -> tuple[float, float]:
-        """What the drawing must be multiplied by."""
+        """Factors of the drawing in x and y that compensate the printer."""
         if self.compensate is None:
             return (1.0, 1.0)
         width, height = parse_two_lengths_mm(self.compensate, "--compensate")

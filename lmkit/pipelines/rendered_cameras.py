@@ -18,7 +18,7 @@ CHAIN = ImagingChain(sensor=Sensor(6000.0, 8.0, bayer=True))
 
 
 class PictureEyes:
-    """What the detector reads in two images of a scene, now and then; between them nothing.
+    """Detections in two rendered images of a scene at intervals; none between them.
 
     Args:
         rig: with its T_base_left.

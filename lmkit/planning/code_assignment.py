@@ -1,4 +1,4 @@
-"""Which code to hang where: codes that a single misread gap, or a quarter turn, would exchange hang far apart."""
+"""Code assignment: codes that one misread gap or a quarter turn would confuse are placed far apart."""
 
 from __future__ import annotations
 
@@ -18,9 +18,9 @@ APART_M = 1e6
 
 
 def assign_codes(places: Sequence[FloatArray], hung: Sequence[MappedLandmark], family_name: str) -> list[LandmarkId]:
-    """An id for each of (N) places (3,), none of which hangs already.
+    """An id for each of (N) places (3,), none of which is mounted already.
 
-    In turn each place takes the code whose nearest confusable landmark hangs the farthest.
+    In turn each place takes the code whose nearest confusable landmark is mounted the farthest.
 
     Raises:
         InputError: the family has too few codes.
@@ -31,7 +31,7 @@ def assign_codes(places: Sequence[FloatArray], hung: Sequence[MappedLandmark], f
         raise InputError(
             "too_few_codes",
             f"{len(used) + len(places)} landmarks, but {family_name} has {family.code_count} codes",
-            "ask for less, or hang larger landmarks (--size)",
+            "ask for less, or mount larger landmarks (--size)",
         )
     confusable = confusable_codes(family)
     chosen: list[int] = []

@@ -28,7 +28,7 @@ LEAST_WEAK_M2 = 0.5
 
 @dataclass(frozen=True)
 class Demand:
-    """What is asked of a robot's pose.
+    """Required accuracy of a robot's pose.
 
     Attributes:
         error_m: of the position, root mean square.
@@ -153,7 +153,7 @@ def predict_coverage(
     radius_m: float,
     step_m: float | None = None,
 ) -> PoseCoverage:
-    """What is to be expected at every place of the floor.
+    """Predict the pose error at every place of the floor.
 
     Raises:
         InputError: the robot fits nowhere.

@@ -1,4 +1,4 @@
-"""What a person needs to hang a placement up: the sheets, and where each belongs."""
+"""Mounting plan of a placement: the sheets to print, and where each belongs."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ def sheets_to_print(placement: Placement) -> bytes:
             pages += compose_tiles(family, landmark.code, size_mm, PAPER)
         else:
             pages += compose_sheets(family, [landmark.code], sheet, size_mm)
-    pdf = pages_to_pdf(pages, "landmarks to hang", manifest_of(pages, PAPER).to_json())
+    pdf = pages_to_pdf(pages, "landmarks to mount", manifest_of(pages, PAPER).to_json())
     prove_pages(pdf, pages)
     return pdf
 

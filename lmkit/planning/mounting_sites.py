@@ -1,4 +1,4 @@
-"""Where a landmark may hang: along the usable walls, in every height that is offered."""
+"""Sites for landmarks: along the usable walls, at every height that is offered."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ EDGE_M = 0.08  # of free wall beside a landmark's face
 
 @dataclass(frozen=True)
 class HangOptions:
-    """How landmarks may hang.
+    """How landmarks may be mounted.
 
     Attributes:
         sizes_m: to choose from.
@@ -39,7 +39,7 @@ class HangOptions:
 
 @dataclass(frozen=True, eq=False)
 class Mount:
-    """A landmark to hang up: on which wall, how far from its left end, how high; metres to its middle."""
+    """A landmark to mount up: on which wall, how far from its left end, how high; metres to its middle."""
 
     landmark: MappedLandmark
     wall: Wall
@@ -59,7 +59,7 @@ def crowded(landmarks: Sequence[MappedLandmark], others: Sequence[MappedLandmark
 
 
 def hanging_places(floor: FloorPlan, rig: StereoRig, options: HangOptions) -> list[Mount]:
-    """Where a landmark of the largest size that fits may hang on the usable walls, without codes yet.
+    """Sites for landmarks of the largest size that fits on the usable walls, without codes yet.
 
     Raises:
         InputError: a wall is named that is not there.

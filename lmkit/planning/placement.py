@@ -1,4 +1,4 @@
-"""Where to hang landmarks so that a robot knows where it is.
+"""Placement of landmarks for a required accuracy.
 
 Candidates stand along the walls (`mounts.py`); of those the fewest are sought that hold the demand (`search.py`), and
 what they hold is checked on places that the search did not look at.
@@ -30,11 +30,11 @@ CHECKED_STEP = 0.7  # of the search's step between places: those that check the 
 
 @dataclass(frozen=True, eq=False)
 class Placement:
-    """Landmarks to hang, and what they hold.
+    """Landmarks to mount, and what they hold.
 
     Attributes:
         mounts: the new ones.
-        landmarks: those and the ones that hung before.
+        landmarks: those and the ones that mounted before.
         coverage: on places that the search did not look at.
         share: of those places at which the demand holds.
         error_m: what the position error keeps to there, root mean square over all poses that hold.
@@ -59,11 +59,11 @@ def place_landmarks(
     """The fewest landmarks found that hold the demand, none larger than it has to be.
 
     Args:
-        hung: landmarks that hang already and stay.
+        mounted: landmarks that are mounted already and stay.
         on_step: told the number of landmarks and the share covered so far.
 
     Raises:
-        InputError: no wall to hang anything on, or the robot fits nowhere.
+        InputError: no wall to mount anything on, or the robot fits nowhere.
         NegativeAnswer: no number of landmarks holds the demand; says what is possible.
     """
     options = options or HangOptions()

@@ -1,10 +1,10 @@
-"""Which of many landmarks to hang: greedy, with exchange.
+"""Which of many landmarks to mount: greedy, with exchange.
 
 1. What each candidate would tell every pose is worked out once (`sight.py`).
 2. Greedy: the candidate is added that brings places nearest to the demand, until enough of them are covered.  For a
    demand of counts alone this is submodular cover, and greedy needs at most 1 + ln(places) times the fewest landmarks
    (Wolsey 1982); with errors in it there is no such bound, so what the result holds is measured, on other places.
-3. Landmarks that are not needed are taken down; then two are taken down for one hung elsewhere, while time lasts.
+3. Landmarks that are not needed are taken down; then two are taken down for one mounted elsewhere, while time lasts.
 4. Each landmark shrinks to the smallest size with which the demand still holds.
 """
 
@@ -55,7 +55,7 @@ def _resized(mount: Mount, size_m: float) -> Mount:
 
 
 class Search:
-    """Candidates, what each tells every pose, and which are hung."""
+    """Candidates, what each tells every pose, and which are mounted."""
 
     def __init__(
         self,
@@ -93,7 +93,7 @@ class Search:
         self.chosen: list[int] = []
 
     def _told(self, mounts: Sequence[Mount]) -> list[tuple[IntArray, FloatArray, BoolArray]]:
-        """Of each: the poses that may read it, what it tells there, and whether it counts as in view."""
+        """For each candidate: the poses that may read it, its information there, and whether it counts as in view."""
         sights = find_sights(self.states, [mount.landmark for mount in mounts], self.rig, self.floor)
         order = np.argsort(sights.landmarks, kind="stable")
         bounds = np.searchsorted(sights.landmarks[order], np.arange(len(mounts) + 1))
@@ -108,7 +108,7 @@ class Search:
 
     @property
     def share(self) -> float:
-        """Of the places that are covered."""
+        """Share of the places that are covered."""
         return float((self.coverage.held >= HELD).mean())
 
     def require_possible(self) -> None:
@@ -186,11 +186,11 @@ class Search:
                 self.put(k)
 
     def gain(self, k: int) -> float:
-        """What a candidate adds to the scores of all places."""
+        """Gain of a candidate in the scores of all places."""
         return self._change(k, 1, apply=False)[0]
 
     def put(self, k: int) -> None:
-        """Hang it."""
+        """Mount it."""
         self.chosen.append(k)
         self._add(k, 1)
 
@@ -203,7 +203,7 @@ class Search:
         self._change(k, sign, apply=True)
 
     def _change(self, k: int, sign: int, apply: bool) -> tuple[float, int]:
-        """What one landmark more or less changes: the sum of the places' scores, and how many places hold."""
+        """Effect of one landmark more or less: the sum of the places' scores, and the number of places that hold."""
         spot = self.spots[k]
         return change_coverage(self.coverage, spot.rows, spot.told, spot.shown, sign, apply)
 
@@ -238,7 +238,7 @@ class Search:
                 self.put(k)
 
     def hung_now(self) -> dict[int, Site]:
-        """What hangs, by candidate."""
+        """Mounted landmarks, by candidate."""
         return {k: self.spots[k] for k in self.chosen}
 
     def hang(self, spots: Mapping[int, Site]) -> None:
@@ -250,7 +250,7 @@ class Search:
             self.put(k)
 
     def _crowded(self, k: int) -> bool:
-        """Does something hang there already?"""
+        """Does something are mounted there already?"""
         return bool(self.crowds[k, self.chosen].any())
 
     def _neighbours(self, k: int) -> list[int]:

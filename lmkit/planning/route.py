@@ -60,13 +60,13 @@ class Route:
 
     @property
     def length_m(self) -> float:
-        """Of the whole way."""
+        """Length of the route, metres."""
         return float(np.linalg.norm(np.diff(self.waypoints, axis=0), axis=1).sum())
 
 
 @dataclass(frozen=True)
 class Goal:
-    """Where to drive to: metres, and a heading in rad or None."""
+    """A goal to drive to: metres, and a heading in rad or None."""
 
     x_m: float
     y_m: float

@@ -1,4 +1,4 @@
-"""What a robot's eyes would learn from landmarks, from any pose on a floor.
+"""Information that a robot's cameras get from landmarks, from any pose on a floor.
 
 For every pose and visible landmark (in front, in the image, no wall between): the probability that it is
 read (`model/detector_model.py`), and the Fisher information of its corners on the pose (derivatives of all corners
@@ -26,7 +26,7 @@ from lmkit.model.landmark_map import MappedLandmark
 
 NEAREST_M = 0.3
 STEEPEST = 0.1  # cosine of the tilt beyond which nobody reads
-EDGE = 0.75  # of the picture's tangent, beyond which distortion folds back
+EDGE = 0.75  # of the image's tangent, beyond which distortion folds back
 IN_VIEW = 0.5  # probability from which a landmark counts as one that is in view
 NOTHING = 1e-4  # as good as none, but above what sums of large numbers leave
 AT_ONCE = 2_000_000  # pairs of pose and landmark
@@ -64,7 +64,7 @@ NOTHING_SEEN = Sights(np.zeros(0, int), np.zeros(0, int), np.zeros(0), np.zeros(
 def find_sights(
     states: FloatArray, landmarks: Sequence[MappedLandmark], rig: StereoRig, floor: FloorPlan | None
 ) -> Sights:
-    """What is seen from (P,3) x, y (m) and headings (rad) of the robot's base.
+    """Landmarks visible from (P,3) x, y (m) and headings (rad) of the robot's base.
 
     Args:
         rig: with its T_base_left.

@@ -106,7 +106,7 @@ def _picture(canvas: Canvas, item: PrintedLandmark) -> None:
 
 
 def _shortened(canvas: Canvas, text: str, width: float, size: float = 9.5) -> str:
-    """As much of the text as fits, with an ellipsis where some is missing."""
+    """Text shortened to the width, with an ellipsis if some is missing."""
     if canvas.stringWidth(text, "Helvetica", size) <= width:
         return text
     kept = text

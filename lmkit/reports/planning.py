@@ -24,7 +24,7 @@ def draw_coverage(
 
 
 def draw_placement(floor: FloorPlan, placement: Placement) -> bytes:
-    """Where to mount what, with the names of the walls; PNG."""
+    """Plan of the landmarks to mount, with the names of the walls; PNG."""
     title = f"{len(placement.mounts)} landmarks to mount; walls by letter, distances in mounting.csv"
     return draw_plan(placement.landmarks, [], title=title, underlay=floor_underlay(floor), notes=wall_notes(floor))
 

@@ -117,7 +117,7 @@ class _Recording:
         )
 
     def robot(self, looking: Pose, covariance: FloatArray, sure: bool) -> None:
-        """Where it is and looks (along the camera's z), and its ellipsoid."""
+        """Position and direction (along the camera's z), and the ellipsoid."""
         color = SURE if sure else UNSURE
         self._way.append(looking.t)
         self._log(
@@ -148,7 +148,7 @@ class _Recording:
         self._log(name, self._rerun.Scalars(float(value)))
 
     def bytes(self) -> bytes:
-        """Of the file, the whole way drawn at last."""
+        """Bytes of the file; the whole path is drawn last."""
         self._log("map/way", self._rerun.LineStrips3D([np.array(self._way)], colors=[SURE]), static=True)
         return bytes(self._stream.read() or b"")
 

@@ -25,7 +25,7 @@ BOARD = BoardSpec("chessboard", 9, 6, 25.0)
 
 @dataclass(frozen=True, eq=False)
 class Dataset:
-    """What is simulated, before any image is taken.
+    """A simulated room with poses, before any image is taken.
 
     Attributes:
         poses: T_map_camera of the left camera, one per stereo pair.

@@ -1,4 +1,4 @@
-"""What printers make of the file's colours: reflectances of paper and inks.
+"""Reflectances of paper and inks as printers make them of the file's colors.
 
 The figures are typical CIELAB readings (D50 white scaled to the paper's) of the solid overprints,
 rounded: offset after the aims of ISO 12647-2, the office printers and the faded print assumed paler.

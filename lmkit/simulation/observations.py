@@ -1,4 +1,4 @@
-"""What both cameras see of landmarks, as corners with noise instead of images."""
+"""Simulated detections of both cameras: corners with noise instead of images."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ def look(
     rng: np.random.Generator,
     floor: FloorPlan | None = None,
 ) -> tuple[Seen, Seen]:
-    """What the left and the right camera see from a pose of the robot's base.
+    """Detections of the left and the right camera from a pose of the robot's base.
 
     Args:
         rig: with its T_base_left.
@@ -54,7 +54,7 @@ def look(
 
 
 def _shown(landmarks: list[MappedLandmark], eye: FloatArray, floor: FloorPlan | None) -> list[MappedLandmark]:
-    """Those that no wall hides."""
+    """Landmarks that no wall hides."""
     if floor is None or not landmarks:
         return landmarks
     places = np.array([m.T_map_landmark.t[:2] for m in landmarks])

@@ -29,7 +29,7 @@ CHROMAS = ("420", "444")
 
 @dataclass(frozen=True)
 class Lens:
-    """What blurs.
+    """The blur of lens and motion.
 
     Attributes:
         blur_px: standard deviation of the point spread.
@@ -74,7 +74,7 @@ class Gloss:
 
 @dataclass(frozen=True)
 class Light:
-    """What shines.
+    """The light.
 
     Attributes:
         brightness: what a surface of reflectance 1 makes of full scale.
@@ -95,7 +95,7 @@ class Light:
 
 @dataclass(frozen=True)
 class Sensor:
-    """What counts the light.
+    """The image sensor.
 
     Attributes:
         full_well: electrons at full scale; fewer make more noise.
@@ -110,7 +110,7 @@ class Sensor:
 
 @dataclass(frozen=True)
 class Development:
-    """What makes a file of it.
+    """The development of raw values into an image file.
 
     Attributes:
         balanced_for_k: colour of light that the white balance takes for white; None: the true one.

@@ -32,7 +32,7 @@ T_BASE_LEFT = Pose(
 
 @dataclass(frozen=True)
 class WheelErrors:
-    """What is wrong with wheels and gyro.
+    """Errors of wheels and gyro.
 
     Attributes:
         forward_scale, turn_scale: true over reported.

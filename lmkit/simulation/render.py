@@ -1,4 +1,4 @@
-"""What light a camera would receive from a scene: rays with lens distortion, each to the nearest panel.
+"""Rendering: the light a camera receives from a scene; rays with lens distortion to the nearest panel.
 
 PixelSamples are oversampled; each ray meets every panel in closed form, bent ones in a few steps.  Light
 falls off towards the image's corners as in a lens.

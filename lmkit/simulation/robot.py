@@ -85,7 +85,7 @@ class SimulatedRobot:
         return self._late[0]
 
     def look(self) -> tuple[Seen, Seen]:
-        """What both cameras see; images come ``delay_s`` late."""
+        """Detections of both cameras; images come ``delay_s`` late."""
         # No floor is quite level, and no robot stands still on its springs.
         turn = np.append(self._rng.normal(0, LEAN_RAD, 2), 0.0)
         lean = Pose.from_rvec("base", "base", turn, np.array([0.0, 0.0, self._rng.normal(0, LIFT_M)]))

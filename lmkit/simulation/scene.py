@@ -51,7 +51,7 @@ class Panel:
 
 @dataclass(frozen=True, eq=False)
 class Scene:
-    """What there is to photograph.
+    """A scene to photograph: panels in a room.
 
     Attributes:
         panels: walls and sheets.

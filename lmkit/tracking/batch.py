@@ -1,4 +1,4 @@
-"""A drive through a known map: what `lmkit track` gives, whatever saw the landmarks."""
+"""A recording through a known map: what `lmkit track` gives, whatever saw the landmarks."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ OUTLIER_WEIGHT = 0.1
 def track_readings(
     moments: Moments, odometry: Odometry, gyro: Gyro | None, landmarks: LandmarkMap
 ) -> TrackedTrajectory:
-    """All of the drive at once, from ranges and bearings (`planar_smoother.py`)."""
+    """All of the recording at once, from ranges and bearings (`planar_smoother.py`)."""
     times, motion = np.array([time_s for time_s, _ in moments]), MotionModel(odometry, gyro)
     motion.require_overlap(times)
     track = smooth_planar(times, [seen for _, seen in moments], motion, landmarks)
@@ -51,7 +51,7 @@ def track_readings(
 
 
 def _summed(count: int, moments: IntArray, squared: FloatArray, told: FloatArray, believed: BoolArray) -> FloatArray:
-    """(N,2) sums by moment of (R,) squared errors and of how many numbers they are of."""
+    """(N,2) sums by frame of (R,) squared errors and of how many numbers they are of."""
     rows = moments[believed]
     return np.column_stack([np.bincount(rows, values[believed], count) for values in (squared, told)])
 
@@ -62,7 +62,7 @@ def track_pictures(
     landmarks: LandmarkMap,
     motion: Motion | None,
 ) -> TrackedTrajectory:
-    """All of the drive at once, from what both eyes saw: bundle adjustment with the map held.
+    """All of the recording at once, from what both cameras saw: bundle adjustment with the map held.
 
     Landmarks that the map knows exactly do not move; those that it knows with a covariance may, as far as that
     allows, so that what the map leaves open enters the poses' covariance.

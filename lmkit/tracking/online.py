@@ -28,7 +28,7 @@ FLOOR_LOOKS, OFF_FLOOR_M = 5, 0.1
 
 
 def track_live(moments: Moments, odometry: Odometry, gyro: Gyro | None, landmarks: LandmarkMap) -> TrackedTrajectory:
-    """Moment by moment, as while driving (`planar_filter.py`); moments before the first fix are left out."""
+    """Frame by frame, as while driving (`planar_filter.py`); frames before the first fix are left out."""
     filter_ = PlanarFilter(landmarks)
     times = [time_s for time_s, _ in moments]
     answers = _live(times, lambda k: filter_.observe(*moments[k]), filter_.wheels, odometry, gyro)
@@ -38,7 +38,7 @@ def track_live(moments: Moments, odometry: Odometry, gyro: Gyro | None, landmark
 def track_pictures_live(
     moments: Sequence[StereoFrame], rig: StereoRig, landmarks: LandmarkMap, odometry: Odometry, gyro: Gyro | None
 ) -> TrackedTrajectory:
-    """Moment by moment, from the corners that both eyes saw (`rig_filter.py`), on a level floor.
+    """Frame by frame, from the corners that both cameras saw (`rig_filter.py`), on a level floor.
 
     Raises:
         InputError: the rig has no T_base_left, or odometry of another time.
@@ -56,9 +56,9 @@ def track_pictures_live(
 def track_poses_live(
     moments: Sequence[StereoFrame], rig: StereoRig, landmarks: LandmarkMap, odometry: Trajectory
 ) -> TrackedTrajectory:
-    """Moment by moment through space, by corners and odometry's poses (`pose_filter.py`).
+    """Frame by frame through space, by corners and odometry's poses (`pose_filter.py`).
 
-    Moments before the first fix are left out.
+    Frames before the first fix are left out.
 
     Raises:
         InputError: odometry of another time.
@@ -96,7 +96,7 @@ def _live(
     odometry: Odometry,
     gyro: Gyro | None,
 ) -> list[TrackedPose]:
-    """Rows and moments in the order of time; moments before the first fix are left out."""
+    """Rows and frames in the order of time; frames before the first fix are left out."""
     MotionModel(odometry, gyro).require_overlap(np.array(times_s))
     rows = [
         (float(t), 0, float(f), float(w))
@@ -146,7 +146,7 @@ def _carried_off(answers: Sequence[TrackedPose] | Sequence[SpacePose], but: str)
 
 
 def _floor_doubt(moments: Sequence[StereoFrame], rig: StereoRig, landmarks: LandmarkMap) -> tuple[str, ...]:
-    """A sentence where the robot does not stand on the map's floor, as the moments that see most have it."""
+    """A sentence where the robot does not stand on the map's floor, as the frames that see most have it."""
     assert rig.T_base_left is not None
     base = rig.T_base_left.inverse().t  # in the left camera
     heights = []

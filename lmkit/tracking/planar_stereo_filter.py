@@ -1,8 +1,8 @@
-"""Where a robot with two eyes is, while it drives: an iterated extended Kalman filter on the corners themselves.
+"""Pose of a robot with a stereo camera on a level floor: an iterated extended Kalman filter on the corners.
 
-The state is that of `wheels.py`.  Every moment, all corners of all mapped landmarks in both eyes are weighed with
+The state is that of `wheels.py`.  Every frame, all corners of all mapped landmarks in both cameras are weighed with
 what is known already (the update as Gauss-Newton: Bell and Cathey 1993), so that a single far landmark, whose two
-poses pictures alone cannot tell apart, still helps.  Height and level of the robot are known as of one on wheels.
+poses images alone cannot tell apart, still helps.  Height and level of the robot are known as of one on wheels.
 Landmarks that do not fit are left out; where none fits for a while, the robot is looked for anew.
 """
 
@@ -35,11 +35,11 @@ ITERATIONS = 4
 CONVERGED = 1e-3  # squared step, in standard deviations
 OUTLIER_SIGMA = 4.5
 DELAY = 3 + PARAMETERS.index("delay_s")
-DOUBTS = 4  # moments at which nothing fits, before the robot may have been carried off
+DOUBTS = 4  # frames at which nothing fits, before the robot may have been carried off
 
 
 class RigFilter:
-    """Feed ``wheels`` rows, and what both eyes saw, in the order of time; every moment gives a pose.
+    """Feed ``wheels`` rows, and what both cameras saw, in the order of time; every frame gives a pose.
 
     Args:
         rig: with its T_base_left.
@@ -79,7 +79,7 @@ class RigFilter:
         return self._x[3:].copy() if self._time is not None else np.array(NOMINAL)
 
     def observe(self, time_s: float, left: Sequence[Detection], right: Sequence[Detection]) -> TrackedPose:
-        """Where the robot is at that moment; nothing may be seen."""
+        """Pose at ``time_s``; both observation lists may be empty."""
         if self._time is None:
             return self._start(time_s, left, right)
         if time_s > self._time:
@@ -119,7 +119,7 @@ class RigFilter:
         return self._pose(time_s, found.outliers, True)
 
     def _update(self, seen: Correspondences) -> tuple[BoolArray, float]:
-        """Gauss-Newton on corners and what is known; (S,) the sightings that were believed, and their innovation."""
+        """Gauss-Newton on corners and the prediction; (S,) the inliers, and their innovation."""
         known = np.linalg.inv(self._P)
         used, (x, normal, cost) = believed(seen, lambda used: self._fit(seen, used, known))
         if used.any():
@@ -132,9 +132,9 @@ class RigFilter:
         self, seen: Correspondences, used: BoolArray, known: FloatArray
     ) -> tuple[Poses, tuple[FloatArray, FloatArray, float]]:
         """The camera's pose, and the state with its normal matrix and cost, that agree best with what is known and
-        the sightings used; how the robot lifts, rolls and pitches at this moment is fitted beside them.
+        the observations used; how the robot lifts, rolls and pitches at that time is fitted beside them.
         """
-        # The state, then how the robot lifts, rolls and pitches at this moment; level of itself.
+        # The state, then how the robot lifts, rolls and pitches at that time; level of itself.
         start = np.concatenate([self._x, np.zeros(3)])
         before, state = np.zeros((STATES + 3, STATES + 3)), start
         before[:STATES, :STATES] = known
@@ -189,7 +189,7 @@ def _heading(x: FloatArray) -> FloatArray:
 
 
 def believed(seen: Correspondences, fit: Callable[[BoolArray], tuple[Poses, Fitted]]) -> tuple[BoolArray, Fitted]:
-    """(S,) the sightings that fit together, and what they give: the worst misfit is left out, again and again."""
+    """(S,) the observations that fit together, and their result; the worst one is removed, one after another."""
     used = np.ones(len(seen), dtype=bool)
     while True:
         pose, fitted = fit(used)
@@ -197,5 +197,5 @@ def believed(seen: Correspondences, fit: Callable[[BoolArray], tuple[Poses, Fitt
         worst = int(np.argmax(misfits))
         if misfits[worst] < 8 * OUTLIER_SIGMA**2:
             return used, fitted
-        # Both eyes' sightings of a landmark stand and fall together.
+        # Both cameras' observations of a landmark stand and fall together.
         used = used & (seen.of != seen.of[worst])

@@ -1,4 +1,4 @@
-"""Where a robot on wheels is, while it drives: extended Kalman filters in the plane (Thrun et al. 2005, chapter 7).
+"""Pose of a robot on wheels: extended Kalman filters in the plane (Thrun et al. 2005, chapter 7).
 
 The state is that of `wheels.py`; memory is constant.
 
@@ -40,7 +40,7 @@ NOWHERE_M = 1.0  # a position less sure than that is worth no word
 
 @dataclass(frozen=True, eq=False)
 class TrackedPose:
-    """Where the robot is at one moment.
+    """Pose of the robot at one time.
 
     Attributes:
         status: ``ok``; ``ambiguous`` (another place may be it); ``lost`` (not yet found, or known to a metre only).
@@ -76,7 +76,7 @@ class _Track:
 
 
 class PlanarFilter:
-    """Feed ``wheels`` rows, and readings, in the order of time; every moment gives a pose."""
+    """Feed ``wheels`` rows, and readings, in the order of time; every frame gives a pose."""
 
     def __init__(
         self, landmarks: LandmarkMap, noise: ReadingNoise | None = None, motion_noise: MotionNoise | None = None
@@ -93,7 +93,7 @@ class PlanarFilter:
         return self._tracks[0].x[3:].copy() if self._tracks else np.array(NOMINAL)
 
     def observe(self, time_s: float, readings: Sequence[RangeBearing]) -> TrackedPose:
-        """Where the robot is at that moment; readings may be none."""
+        """Pose at ``time_s``; the list of readings may be empty."""
         if not self._tracks:
             self._tracks = self._located(readings, 0.0)
             self._time = time_s
@@ -112,7 +112,7 @@ class PlanarFilter:
         return self._pose(time_s, carried_off)
 
     def _located(self, readings: Sequence[RangeBearing], log_weight: float) -> list[_Track]:
-        """Tracks that start from this moment alone: the place that the readings give, and others they allow."""
+        """Tracks that start from this frame alone: the place that the readings give, and others they allow."""
         found = locate_planar(readings, self._map, self._noise)
         if found.pose is None or found.pose.heading_rad is None or found.covariance is None:
             return []

@@ -1,7 +1,7 @@
-"""Where two eyes are while they move through space: an iterated extended Kalman filter on corners and odometry.
+"""Pose of a stereo camera in space: an iterated extended Kalman filter on corners and odometry.
 
-The state is the left camera's pose.  Poses of odometry (visual-inertial, another SLAM) carry it from moment
-to moment, and all corners of all mapped landmarks in both eyes are weighed with what is known already, as in
+The state is the left camera's pose.  Poses of odometry (visual-inertial, another SLAM) carry it from frame
+to frame, and all corners of all mapped landmarks in both cameras are weighed with what is known already, as in
 `rig_filter.py`.  Memory is constant.
 """
 
@@ -36,12 +36,12 @@ from lmkit.odometry.pose_odometry import PoseMotion, PoseNoise
 from lmkit.tracking.planar_stereo_filter import CONVERGED, DOUBTS, ITERATIONS, believed
 from lmkit.tracking.range_bearing_filter import NOWHERE_M
 
-KEPT_S = 1.0  # odometry is kept for so long before the last moment
+KEPT_S = 1.0  # odometry is kept for so long before the last frame
 
 
 @dataclass(frozen=True, eq=False)
 class SpacePose:
-    """Where the eyes are at one moment.
+    """Pose of the cameras at one time.
 
     Attributes:
         status: ``ok``, or ``lost`` (not yet found, or known to a metre only).
@@ -63,7 +63,7 @@ class SpacePose:
 
 
 class PoseFilter:
-    """Feed poses of odometry, and what both eyes saw, in the order of time; every moment gives a pose.
+    """Feed poses of odometry, and what both cameras saw, in the order of time; every frame gives a pose.
 
     Args:
         rig: its T_base_left says where the left camera sits on what odometry moves; without, odometry's poses are the
@@ -86,14 +86,14 @@ class PoseFilter:
         self._p: FloatArray = np.zeros(3)
         self._P: FloatArray = np.zeros((6, 6))
         self._doubts = 0
-        self._taken: tuple[FloatArray, FloatArray] | None = None  # odometry's pose of the last moment, as foretold
+        self._taken: tuple[FloatArray, FloatArray] | None = None  # odometry's pose of the last frame, as foretold
 
     def add_odometry(self, time_s: float, T_odometry_base: Pose) -> None:
-        """Where odometry has the robot, in its own frame that drifts."""
+        """Add a pose of odometry, in its own frame that drifts."""
         self._rows.append((time_s, T_odometry_base.t, T_odometry_base.quaternion_xyzw))
 
     def observe(self, time_s: float, left: Sequence[Detection], right: Sequence[Detection]) -> SpacePose:
-        """Where the left camera is at that moment; nothing may be seen."""
+        """Pose of the left camera at ``time_s``; both observation lists may be empty."""
         if self._time is None:
             return self._start(time_s, left, right)
         if time_s > self._time:

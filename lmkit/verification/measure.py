@@ -36,7 +36,7 @@ RGB_TO_XYZ = np.array(
 
 @dataclass(frozen=True)
 class PrintMeasures:
-    """What was measured of one landmark in one image; None where blur leaves too little of an ink alone.
+    """Measurements of one landmark in one image; None where blur leaves too little of an ink alone.
 
     Attributes:
         side_px: mean side in the image.

@@ -50,7 +50,7 @@ LIKELY = 0.3  # share of the pattern from which a refused square is still called
 
 @dataclass(frozen=True)
 class Stated:
-    """What a label or a manifest says of a landmark; None where it says nothing."""
+    """Statements of a label or a manifest about a landmark; None where there is none."""
 
     code: int | None
     family: LandmarkFamily | None
@@ -82,12 +82,12 @@ class PrintedLandmark:
 
     @property
     def grade(self) -> str:
-        """Of the worst line."""
+        """Grade of the worst line."""
         return overall_grade(list(self.lines))
 
     @property
     def problems(self) -> tuple[str, ...]:
-        """What fails, in words."""
+        """Sentences about the lines that fail."""
         return tuple(f"{line.name}: {line.value}" for line in self.lines if line.grade == "F")
 
 
@@ -115,7 +115,7 @@ def verify_print(
 
 
 def stated_by_manifest(manifest: PrintManifest, page: int | None = None) -> tuple[Stated, ...]:
-    """What a manifest says of one page, or of all."""
+    """Statements of a manifest about one page, or about all."""
     entries = (entry for entry in manifest.landmarks if page is None or entry.page == page)
     stated = (Stated(entry.code, FAMILIES.get(entry.family), entry.size_mm) for entry in entries)
     return tuple(dict.fromkeys(stated))
@@ -216,7 +216,7 @@ def _graded(
 
 
 def _stated_for(attempt: Candidate, stated: tuple[Stated, ...]) -> Stated:
-    """What is stated of this one: by its code, or where only one can be meant; else what all share."""
+    """Statement about this landmark: by its code, or the only one; else what all statements share."""
     same = [one for one in stated if one.code in (None, attempt.decoding.code)]
     if len(stated) == 1 or same:
         return (same or list(stated))[0]
@@ -330,7 +330,7 @@ def _pdf_sheets(path: Path, data: bytes, manifest: PrintManifest | None) -> list
 
 
 def _stated_by_text(text: str) -> tuple[Stated, ...]:
-    """What the page's own words say, where they name one landmark."""
+    """Statement in the text of the page, if it names one landmark."""
     codes, label = {int(match["code"]) for match in CODE.finditer(text)}, LABEL.search(text)
     if len(codes) != 1 or label is None:
         return ()

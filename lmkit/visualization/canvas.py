@@ -23,7 +23,7 @@ Points = Sequence[tuple[float, float]]
 
 
 class Canvas(Protocol):
-    """What both kinds of image can do; pixels from the top left."""
+    """Interface of a drawing surface; pixels from the top left."""
 
     size: tuple[int, int]
 
@@ -35,7 +35,7 @@ class Canvas(Protocol):
 
 
 class PngCanvas:
-    """By Pillow, drawn larger and reduced."""
+    """PNG by Pillow, drawn larger and reduced."""
 
     def __init__(self, size: tuple[int, int]) -> None:
         self.size = size
@@ -68,7 +68,7 @@ class PngCanvas:
 
 
 class SvgCanvas:
-    """As text."""
+    """SVG as text."""
 
     def __init__(self, size: tuple[int, int]) -> None:
         self.size = size
