@@ -29,7 +29,6 @@ from lmkit.model.landmark_id import LandmarkId
 from lmkit.model.landmark_map import LandmarkMap
 from lmkit.model.observation import Detection
 from lmkit.model.pose_status import PoseStatus
-from lmkit.parallel import map_in_processes
 from lmkit.pipelines.board_views import find_board_pairs
 from lmkit.reports.calibration import calibration_report
 from lmkit.simulation.dataset import BOARD, Dataset, description_files, make_dataset, take_pictures
@@ -134,7 +133,8 @@ def _calibrate(folder: Path, progress: Progress) -> StereoCalibration:
 def _detect(folder: Path, pairs: int, progress: Progress) -> list[tuple[list[Detection], list[Detection]]]:
     files = [folder / "drive" / eye / f"{k:04d}.png" for k in range(pairs) for eye in ("left", "right")]
     seen = []
-    for done, landmarks in enumerate(map_in_processes(_detect_file, files), start=1):
+    # An image takes less time than a worker process to start.
+    for done, landmarks in enumerate(map(_detect_file, files), start=1):
         seen.append(landmarks)
         progress("detecting", done, len(files))
     return [(seen[2 * k], seen[2 * k + 1]) for k in range(pairs)]

@@ -151,33 +151,11 @@ class _LensKey:
         return isinstance(other, _LensKey) and self.numbers == other.numbers
 
 
-LENS_STEP_PX = 8  # between pixels that are sent through the lens; a cubic between them errs by less than 1e-4 px
-
-
 @lru_cache(maxsize=4)
 def _lens_shift(key: _LensKey) -> Float32Array:
     """(H,W,2) from every pixel to where it lies without distortion, px."""
     width, height = key.camera.image_size
-    (nodes_x, across), (nodes_y, down) = _cubic(width), _cubic(height)
-    x, y = np.meshgrid(nodes_x, nodes_y)
-    at = np.column_stack([x.ravel(), y.ravel()])
-    shift = (_straightened(key.camera, at) - at).reshape(len(nodes_y), len(nodes_x), 2)
-    return np.stack([down @ shift[:, :, k] @ across.T for k in range(2)], axis=2).astype(np.float32)
-
-
-def _cubic(length: int) -> tuple[FloatArray, FloatArray]:
-    """Nodes (N,) around pixels 0 to length - 1, and (length,N) weights of the cubic through the nearest four."""
-    nodes = LENS_STEP_PX * np.arange(-1.0, (length - 1) // LENS_STEP_PX + 3)
-    pixels = np.arange(length)
-    first, t = pixels // LENS_STEP_PX, pixels % LENS_STEP_PX / LENS_STEP_PX
-    lagrange = np.column_stack(
-        [
-            -t * (t - 1) * (t - 2) / 6,
-            (t + 1) * (t - 1) * (t - 2) / 2,
-            -(t + 1) * t * (t - 2) / 2,
-            (t + 1) * t * (t - 1) / 6,
-        ]
-    )
-    weights = np.zeros((length, len(nodes)))
-    weights[pixels[:, None], first[:, None] + np.arange(4)] = lagrange
-    return nodes, weights
+    x, y = np.arange(float(width)), np.arange(float(height))
+    K = key.camera.K
+    straight = key.camera.unproject_grid(x, y) @ K[:2, :2].T + K[:2, 2]
+    return np.asarray(straight - np.stack(np.meshgrid(x, y), axis=-1), dtype=np.float32)

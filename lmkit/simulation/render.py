@@ -49,8 +49,7 @@ def _rays(image_size: tuple[int, int], K: bytes, distortion: bytes, model: str) 
     steps = (np.arange(OVERSAMPLE) + 0.5) / OVERSAMPLE - 0.5
     x = (np.arange(width)[:, None] + steps).ravel()
     y = (np.arange(height)[:, None] + steps).ravel()
-    pixels = np.stack(np.meshgrid(x, y), axis=-1).reshape(-1, 2)
-    rays = camera.unproject(pixels).reshape(len(y), len(x), 2).astype(np.float32)
+    rays = camera.unproject_grid(x, y).astype(np.float32)
     falloff = 1 / (1 + (rays**2).sum(axis=2)) ** 1.0
     return rays, falloff.astype(np.float32)
 
