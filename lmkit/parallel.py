@@ -1,49 +1,98 @@
-"""Several cores for many pictures."""
+"""Worker processes for many independent jobs."""
 
 from __future__ import annotations
 
+import itertools
 import multiprocessing
+import os
+import time
 from collections.abc import Callable, Generator, Iterable
 from concurrent.futures import ProcessPoolExecutor
 from functools import partial
 from typing import Any, TypeVar
 
-import cv2
+from lmkit.errors import InputError
 
 Shared = TypeVar("Shared")
 Job = TypeVar("Job")
 Answer = TypeVar("Answer")
 
+VARIABLE = "LMKIT_JOBS"
+# Work that takes less than this in one process is done there: starting workers costs about as much.
+WORTH_WORKERS_S = 2.0
+
+_limit: int | None = None
 _shared: Any = None  # of a worker process, what all of its jobs use
 
 
-def map_in_processes(work: Callable[[Job], Answer], jobs: Iterable[Job]) -> Generator[Answer, None, None]:
-    """``work`` of every job, in order, on as many processes as there are cores.
+def set_jobs(limit: int | None) -> None:
+    """Bound the number of worker processes; None for the environment's LMKIT_JOBS, or one per CPU core."""
+    global _limit
+    _limit = limit
 
-    Processes are spawned, not forked: OpenCV's own threads do not survive a fork.
+
+def job_limit() -> int:
+    """The largest number of worker processes.
+
+    Raises:
+        InputError: LMKIT_JOBS is not a positive number.
+    """
+    if _limit is not None:
+        return _limit
+    text = os.environ.get(VARIABLE, "").strip()
+    if not text:
+        return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+    if not text.isdecimal() or int(text) < 1:
+        raise InputError("bad_jobs", f"{VARIABLE}={text} is not a number of processes", "set 1 or more")
+    return int(text)
+
+
+def map_in_processes(work: Callable[[Job], Answer], jobs: Iterable[Job]) -> Generator[Answer, None, None]:
+    """``work`` of every job, in order, in at most `job_limit` processes.
+
+    The first two jobs run here; the second one's time tells whether the rest is worth starting processes for.
+    Processes are spawned, not forked: OpenCV's threads do not survive a fork (docs/decisions/0006-processes.md).
 
     Args:
         work: a function at the top level of a module (or a partial of one), without side effects.  It is sent with
             every job; large arguments that all jobs share go to :func:`map_sharing`.
     """
-    with _pool(None) as pool:
-        yield from pool.map(work, jobs)
+    yield from _map(work, work, None, list(jobs))
 
 
 def map_sharing(
     work: Callable[[Shared, Job], Answer], shared: Shared, jobs: Iterable[Job]
 ) -> Generator[Answer, None, None]:
     """``work(shared, job)`` of every job, as :func:`map_in_processes`; ``shared`` is sent to each process once."""
-    with _pool(shared) as pool:
-        yield from pool.map(partial(_with_shared, work), jobs)
+    yield from _map(partial(work, shared), partial(_with_shared, work), shared, list(jobs))
 
 
-def _pool(shared: Any) -> ProcessPoolExecutor:
+def _map(
+    here: Callable[[Job], Answer], in_worker: Callable[[Job], Answer], shared: Any, jobs: list[Job]
+) -> Generator[Answer, None, None]:
+    """
+    Args:
+        here, in_worker: the same work, for this process and for workers that were given ``shared``.
+    """
+    limit = min(job_limit(), len(jobs) - 2)
+    cost_s = 0.0
+    for job in itertools.islice(jobs, 2):
+        start = time.perf_counter()
+        answer = here(job)
+        cost_s = time.perf_counter() - start
+        yield answer
+    rest = jobs[2:]
+    if limit <= 1 or cost_s * len(rest) < WORTH_WORKERS_S:
+        yield from map(here, rest)
+        return
     context = multiprocessing.get_context("spawn")
-    return ProcessPoolExecutor(mp_context=context, initializer=_start_worker, initargs=(shared,))
+    with ProcessPoolExecutor(limit, mp_context=context, initializer=_start_worker, initargs=(shared,)) as pool:
+        yield from pool.map(in_worker, rest)
 
 
 def _start_worker(shared: Any) -> None:
+    import cv2
+
     global _shared
     _shared = shared
     cv2.setNumThreads(1)

@@ -26,7 +26,7 @@ def print_landmarks(
     *,
     family: str | LandmarkFamily = "lm8",
     size: float | str | None = None,
-    paper: str = "a4",
+    paper: str | None = None,
     template: str | None = None,
 ) -> Prints:
     """Lay landmarks out on paper, and prove that every one reads back from the page.
@@ -35,7 +35,7 @@ def print_landmarks(
         codes: one code, or several.
         family: the landmark family, or its name.
         size: side of the landmarks, metres or text with a unit; the template's own size if None.
-        paper: paper size, if no template is given.
+        paper: ``"a4"``, ``"letter"`` or ``"a3"``; None for the template's own, or A4.
         template: name of a shipped template, or a TOML file.
 
     Returns:

@@ -6,7 +6,6 @@ import os
 from typing import TYPE_CHECKING
 
 from lmkit.api.arguments import Families, PathLike, as_families, as_metres, as_path, as_rig
-from lmkit.model.pose_status import PoseStatus
 
 if TYPE_CHECKING:
     from lmkit.arrays import ByteArray
@@ -208,6 +207,5 @@ def write_trajectory(trajectory: Trajectory | TrackedTrajectory, path: PathLike,
     if isinstance(trajectory, Trajectory):
         poses = [(float(t), trajectory.pose(k, "map", "base")) for k, t in enumerate(trajectory.times_s)]
     else:
-        rows = zip(trajectory.times_s.tolist(), trajectory.poses, trajectory.statuses, strict=True)
-        poses = [(t, pose) for t, pose, status in rows if status == PoseStatus.OK]
+        poses = trajectory.sure
     write_file(as_path(path), poses_to_tum(poses), overwrite)

@@ -27,6 +27,7 @@ def survey(
     *,
     size: float | str = "180mm",
     known: LandmarkMap | PathLike | None = None,
+    known_sigma: tuple[float, float] | None = None,
     constraints: Sequence[Tie] = (),
 ) -> Survey:
     """Build the landmark map from a recording.
@@ -36,6 +37,7 @@ def survey(
         rig: the calibrated rig, or its file.
         size: side of the landmarks, metres or text with a unit; landmarks in ``known`` have their own.
         known: landmarks with known poses, such as one anchor; it defines the map frame.
+        known_sigma: standard deviation of their positions (m) and rotations (rad); None: as the map states.
         constraints: walls and heights that landmarks share.
 
     Returns:
@@ -51,14 +53,14 @@ def survey(
         >>> len(survey.landmarks) > 5
         True
     """
-    from lmkit.mapping.bundle_adjustment import Anchor
     from lmkit.mapping.next_view import advise
-    from lmkit.mapping.survey import landmark_sizes, survey_frames, survey_warnings
+    from lmkit.mapping.survey import anchors_of, landmark_sizes, survey_frames
+    from lmkit.mapping.survey_results import survey_warnings
 
     if not recording.frames:
         raise InputError("no_frames", "the recording has no frames", "give images or detections")
     cameras, motion = as_rig(rig), motion_of(recording)
-    anchors = {} if known is None else {m.id: Anchor(m, m.covariance) for m in as_map(known)}
+    anchors = {} if known is None else anchors_of(as_map(known), known_sigma)
     frames = list(recording.frames)
     sizes = landmark_sizes(frames, as_metres(size, "size"), anchors)
     result = survey_frames(frames, cameras, sizes, anchors, motion, constraints)

@@ -192,3 +192,15 @@ def check_dict(checked: RigCheck) -> dict[str, Any]:
         "views_used": list(checked.used),
         "views_odd": list(checked.odd),
     }
+
+
+def check_lines(checked: RigCheck) -> list[str]:
+    """The result as lines of text, without the verdict."""
+    lines = []
+    for name, old_px, new_px in (
+        ("row error", checked.epipolar_px, checked.moved_epipolar_px),
+        ("reprojection error", checked.reprojection_px, checked.moved_reprojection_px),
+    ):
+        lines.append(f"{name:<22} {old_px:.3f} px with this rig, {new_px:.3f} px with the cameras' relation refitted")
+    bad = f", {len(checked.odd)} match no rig ({', '.join(checked.odd)})" if checked.odd else ""
+    return [*lines, f"views                  {len(checked.used)} used{bad}"]

@@ -292,3 +292,24 @@ def calibration_dict(result: StereoCalibration) -> dict[str, Any]:
             "next_views": list(result.coverage.advice),
         },
     }
+
+
+def calibration_lines(result: StereoCalibration) -> list[str]:
+    """The result as lines of text."""
+    held = result.held_out_epipolar_px
+    depths = ", ".join(f"{e.total_m * 1e3:.1f} mm at {e.depth_m:g} m" for e in result.depth_errors)
+    lines = [
+        f"pairs used             {len(result.used)}, rejected {len(result.rejected)}",
+        f"held-out row error     {'unknown' if held is None else f'{held:.3f} px'}",
+        f"reprojection error     {result.rms_px:.3f} px "
+        f"(left {result.rms_left_px:.3f}, right {result.rms_right_px:.3f})",
+        f"camera model           {result.rig.left.model}",
+        f"baseline               {result.rig.baseline_m * 1e3:.3f} ± {result.baseline_sigma_m * 1e3:.3f} mm",
+        f"expected depth error   ± {depths}",
+    ]
+    lines += [f"rejected               {name}: {reason}" for name, reason in result.rejected]
+    for warning in result.warnings:
+        names = f" ({', '.join(warning.pairs)})" if warning.pairs else ""
+        lines.append(f"warning                {warning.message}{names}")
+    lines += [f"take next              {view}" for view in result.coverage.advice]
+    return lines

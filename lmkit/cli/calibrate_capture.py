@@ -1,4 +1,4 @@
-"""`lmkit calibrate --capture`: which view to show next, and pairs kept by themselves."""
+"""`lmkit calibrate --capture`: guided capture of calibration pairs."""
 
 from __future__ import annotations
 
@@ -17,10 +17,10 @@ if TYPE_CHECKING:
 def capture_pairs(
     left: str | None, right: str | None, side_by_side: bool, spec: BoardSpec, folder: Path | None, quiet: bool
 ) -> Found:
-    """Keep pairs while they come, until the views are complete, the source ends or the user stops it.
+    """Keep pairs until the views are complete, the source ends or the user stops it.
 
     Raises:
-        InputError: no source, a source that cannot be read, or files of kept pairs that are there already.
+        InputError: no source, a source that cannot be read, or a folder that is not empty.
     """
     from lmkit.io.board_corners import SavedCorners
     from lmkit.io.files import write_file
@@ -30,12 +30,14 @@ def capture_pairs(
 
     if left is None or (right is None) != side_by_side:
         raise InputError(
-            "no_source", "--capture needs LEFT and RIGHT, or LEFT with --side-by-side", "such as camera:0"
+            "no_source",
+            "--capture needs LEFT and RIGHT, or LEFT with --side-by-side",
+            "give sources such as camera:0",
         )
     if folder is not None and folder.exists() and any(folder.iterdir()):
-        raise InputError("not_empty", f"folder {folder} holds files", "name a new folder for --save-pairs")
+        raise InputError("not_empty", f"folder {folder} is not empty", "give a new folder for --save-pairs")
     found = Found(SavedCorners(spec, (1, 1), (), ()), {})
-    missing: tuple[str, ...] = ("the whole board in both eyes",)
+    missing: tuple[str, ...] = ("the whole board in both cameras",)
     status = _StatusLine()
     try:
         for looked in look_at_frames(paired_frames(left, right), spec, are_moving(left)):
@@ -44,18 +46,17 @@ def capture_pairs(
                 missing = looked.coverage.advice
                 name = found.corners.views[-1].name
                 if folder is not None:
-                    for eye, image in zip(("left", "right"), (looked.left, looked.right), strict=True):
-                        write_file(folder / eye / f"{name}.png", encode_png(image), False)
+                    for side, image in (("left", looked.left), ("right", looked.right)):
+                        write_file(folder / side / f"{name}.png", encode_png(image), False)
                 status.clear()
                 if not quiet:
                     count = len(found.corners.views)
-                    print_line(f"kept {name} ({count}); next: {missing[0] if missing else 'nothing, complete'}")
+                    print_line(f"kept {name} ({count}); next: {missing[0] if missing else 'complete'}")
             status.show(
                 f"{len(found.corners.views)} kept | {looked.judgement.words} | next: {', '.join(missing[:1])}"
             )
     except KeyboardInterrupt:
-        # Whoever stops it wants what there is.
-        pass
+        pass  # the user ends the capture; what was kept is calibrated
     status.clear()
     if missing and not quiet:
         print_line(f"ended before the views were complete; missing: {'; '.join(missing)}")
@@ -63,7 +64,7 @@ def capture_pairs(
 
 
 class _StatusLine:
-    """One line that is written over, on a terminal."""
+    """A status line that overwrites itself, on a terminal only."""
 
     def __init__(self) -> None:
         self._on = sys.stderr.isatty()

@@ -1,44 +1,40 @@
-"""`lmkit calibrate --check`: is a rig file still true?"""
+"""`lmkit calibrate --check`: does a rig file still hold?"""
 
 from __future__ import annotations
 
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from lmkit.cli.output import print_json, print_line, progress_counter
+from lmkit.cli.output import ProgressBars, print_json, print_line
 from lmkit.errors import NegativeAnswer
 
 if TYPE_CHECKING:
     from lmkit.model.board import BoardSpec
 
 
-def check_pictures(rig: Path, left: str, right: str, spec: BoardSpec | None, as_json: bool) -> None:
-    """Compare a rig with new pictures."""
-    from lmkit.calibration.rig_check import check_dict, check_rig
+def check_images(rig: Path, left: str, right: str, spec: BoardSpec | None, as_json: bool) -> None:
+    """Compare a rig with new images, of a board or of landmarks."""
+    from lmkit.calibration.rig_check import check_dict, check_lines, check_rig
     from lmkit.io.any_rig import read_any_rig
     from lmkit.io.image_sources import list_pairs
     from lmkit.pipelines.board_views import find_board_pairs
     from lmkit.pipelines.landmark_views import find_landmark_pairs
 
     old, files = read_any_rig(rig), list_pairs(left, right)
-    on_pair = progress_counter(len(files), "finding corners")
-    if spec is None:
-        points, views = find_landmark_pairs(files, old, on_pair=on_pair)
-        checked = check_rig(old, points, views, lenses=False)
-    else:
-        found = find_board_pairs(files, spec, on_pair)
-        old.left.require_size(f"a picture such as {files[0][0]}", found.image_size)
-        checked = check_rig(old, found.board.object_points, found.views)
+    with ProgressBars() as bars:
+        on_pair = bars.counter("finding corners")
+        if spec is None:
+            points, views = find_landmark_pairs(files, old, on_pair=on_pair)
+            checked = check_rig(old, points, views, lenses=False)
+        else:
+            found = find_board_pairs(files, spec, on_pair)
+            old.left.require_size(f"an image such as {files[0][0]}", found.image_size)
+            checked = check_rig(old, found.board.object_points, found.views)
     if as_json:
         print_json(check_dict(checked))
     else:
         print_line(f"{rig}: {checked.sentence}")
-        for name, old_px, new_px in (
-            ("row error", checked.epipolar_px, checked.moved_epipolar_px),
-            ("reprojection error", checked.reprojection_px, checked.moved_reprojection_px),
-        ):
-            print_line(f"{name:<22} {old_px:.3f} px in this rig, {new_px:.3f} px with the eyes fitted anew")
-        odd = f", {len(checked.odd)} fit no rig ({', '.join(checked.odd)})" if checked.odd else ""
-        print_line(f"views                  {len(checked.used)} used{odd}")
+        for line in check_lines(checked):
+            print_line(line)
     if checked.verdict != "true":
-        raise NegativeAnswer("no_longer_true", f"{rig} is no longer true", "calibrate anew")
+        raise NegativeAnswer("no_longer_true", f"{rig} no longer holds", "recalibrate")

@@ -1,4 +1,4 @@
-"""`lmkit convert`: rig and map files of other programs, read and written."""
+"""`lmkit convert`: rig and map files of other programs."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ from typing import Annotated
 
 import typer
 
+from lmkit.cli import options
 from lmkit.cli.output import print_line, warn
 from lmkit.errors import InputError
 
@@ -17,20 +18,21 @@ def run(
     source: Annotated[
         Path,
         typer.Argument(
-            help="Rig of lmkit, OpenCV or Kalibr, or a folder with ROS's two files; a map of lmkit, WPILib or "
-            "TagSLAM; a trajectory (TUM)."
+            help="Rig of lmkit, OpenCV or Kalibr, or a folder with ROS camera_info files; map of lmkit, WPILib or "
+            "TagSLAM; TUM trajectory."
         ),
     ],
-    output: Annotated[Path, typer.Option("--output", "-o", help="File to write; a folder for ros.")],
+    output: Annotated[Path, typer.Option("--output", "-o", help="File to write; a folder with --to ros.")],
     to: Annotated[
         str,
         typer.Option(
-            "--to", help="A rig to lmkit, opencv, ros or kalibr; a map to map, wpilib or tagslam; poses to bag."
+            "--to",
+            help="Output format: lmkit, opencv, ros or kalibr (rig); map, wpilib or tagslam (map); bag (poses).",
         ),
     ],
-    force: Annotated[bool, typer.Option("--force", help="Overwrite files.")] = False,
+    force: options.Force = False,
 ) -> None:
-    """Convert a rig from and to OpenCV, ROS and Kalibr files, or a map from and to WPILib and TagSLAM."""
+    """Convert rigs (OpenCV, ROS, Kalibr), maps (WPILib, TagSLAM) and trajectories (ROS bag)."""
     from lmkit.io.any_rig import KINDS, read_any_rig
     from lmkit.io.files import check_writable, write_file
     from lmkit.io.kalibr import rig_to_camchain
@@ -59,12 +61,12 @@ def run(
     elif to == "kalibr":
         text, lens, error_px = rig_to_camchain(read)
         if error_px > 0:
-            warn(f"Kalibr's lenses have four coefficients: the nearest, {lens}, differs by up to {error_px:.3f} px")
+            warn(f"Kalibr has no such lens model; the nearest one, {lens}, differs by up to {error_px:.3f} px")
         texts = {output: text}
     else:
         texts = {output: rig_to_opencv_yaml(read) if to == "opencv" else rig_to_yaml(read)}
     if read.T_base_left is not None and to != "lmkit":
-        warn(f"{to} files have no place for T_base_left; it is left out")
+        warn(f"{to} files cannot hold T_base_left; it is omitted")
     for path in texts:
         check_writable(path, force)
     for path, text in texts.items():
@@ -82,5 +84,5 @@ def _map_text(source: Path, to: str) -> str:
     if to == "tagslam":
         return map_to_tagslam(landmarks)
     far = [max(0.0, *(float(m.T_map_landmark.t[axis]) for m in landmarks)) for axis in (0, 1)]
-    warn("a field layout holds neither sizes nor covariances; they are left out")
+    warn("a field layout holds neither sizes nor covariances; they are omitted")
     return map_to_wpilib(landmarks, (far[0], far[1]))

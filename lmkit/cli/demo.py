@@ -1,14 +1,14 @@
-"""`lmkit demo`: the whole loop, without hardware."""
+"""`lmkit demo`: all steps from print to pose, without hardware."""
 
 from __future__ import annotations
 
-import sys
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from lmkit.cli.output import print_line
+from lmkit.cli import options
+from lmkit.cli.output import ProgressBars, print_line
 from lmkit.errors import InputError
 
 if TYPE_CHECKING:
@@ -16,29 +16,32 @@ if TYPE_CHECKING:
 
 
 def run(
-    output: Annotated[Path, typer.Option("--output", "-o", help="Folder to write.")] = Path("lmkit-demo"),
-    seed: Annotated[int, typer.Option("--seed", help="Another seed, another room.")] = 7,
-    pairs: Annotated[int, typer.Option("--pairs", help="Stereo pairs along the drive.")] = 8,
-    boards: Annotated[int, typer.Option("--boards", help="Stereo pairs of the calibration board.")] = 12,
-    landmarks: Annotated[int, typer.Option("--landmarks", help="Landmarks on the walls.")] = 14,
+    output: options.OutputFolder = Path("lmkit-demo"),
+    seed: options.Seed = 7,
+    pairs: Annotated[int, typer.Option("--pairs", help="Number of stereo pairs to locate.")] = 8,
+    boards: Annotated[int, typer.Option("--boards", help="Number of stereo pairs of the calibration board.")] = 12,
+    landmarks: Annotated[int, typer.Option("--landmarks", help="Number of landmarks on the walls.")] = 14,
     drive: Annotated[
-        bool, typer.Option("--drive", help="A drive instead: survey its first half, track its second.")
+        bool, typer.Option("--drive", help="Instead: survey the first half of a recording, track the second.")
     ] = False,
     navigate: Annotated[
-        bool, typer.Option("--navigate", help="Plan where landmarks hang, then drive through rooms by them.")
+        bool, typer.Option("--navigate", help="Instead: plan where to mount landmarks, then navigate by them.")
     ] = False,
     pictures: Annotated[
         bool,
-        typer.Option("--pictures", help="With --navigate: by pictures that are read, not corners (a quarter hour)."),
+        typer.Option(
+            "--pictures", help="With --navigate: detect in rendered images, not simulated corners (minutes)."
+        ),
     ] = False,
-    force: Annotated[bool, typer.Option("--force", help="Overwrite a folder of an earlier run.")] = False,
+    jobs: options.Jobs = None,
+    force: options.Force = False,
 ) -> None:
-    """Print, photograph a simulated room, calibrate, locate, and compare with the truth."""
+    """Run all steps in a simulated room: print, photograph, calibrate, locate, compare with the truth."""
     for name, value, low in (("--pairs", pairs, 1), ("--boards", boards, 5), ("--landmarks", landmarks, 1)):
         if not low <= value <= 64:
-            raise InputError("out_of_range", f"{name} {value} is outside {low} to 64", "choose another value")
+            raise InputError("out_of_range", f"{name} {value} is outside {low} to 64", f"give {low} to 64")
     if seed < 0:
-        raise InputError("out_of_range", f"--seed {seed} is negative", "choose 0 or more")
+        raise InputError("out_of_range", f"--seed {seed} is negative", "give 0 or more")
     from lmkit.demos.calibrate_and_locate import run_demo
     from lmkit.io.files import check_writable
 
@@ -46,17 +49,17 @@ def run(
         raise InputError("file_exists", f"folder {output} is not empty", "add --force, or choose another with -o")
     check_writable(output / "errors.csv", force)
     if drive and navigate:
-        raise InputError("not_together", "--drive and --navigate do not go together", "leave one of them out")
+        raise InputError("not_together", "--drive and --navigate cannot be combined", "leave one of them out")
     if pictures and not navigate:
-        raise InputError("no_navigate", "--pictures needs --navigate beside it", "add --navigate")
+        raise InputError("no_navigate", "--pictures needs --navigate", "add --navigate")
     if drive:
         _drive(output, seed, landmarks)
         return
     if navigate:
         _navigate(output, seed, pictures)
         return
-    with _Bars() as bars:
-        result = run_demo(output, seed, pairs, boards, landmarks, bars.tell)
+    with ProgressBars() as bars:
+        result = run_demo(output, seed, pairs, boards, landmarks, bars.update)
     _print(result, output)
 
 
@@ -66,9 +69,9 @@ def _drive(folder: Path, seed: int, landmarks: int) -> None:
     e = run_drive_demo(folder, seed, landmarks)
     print_line("simulated corners, wheels and gyro; root mean square errors:")
     print_line(f"survey   {e.landmarks} landmarks{'':17s}{e.map_mm:8.1f} mm  {e.map_deg:5.2f} deg")
-    print_line(f"track    both eyes, after the drive  {e.smooth_mm:8.1f} mm  {e.smooth_deg:5.2f} deg")
+    print_line(f"track    stereo, after recording     {e.smooth_mm:8.1f} mm  {e.smooth_deg:5.2f} deg")
     if e.live_mm is None:
-        print_line("track    ranges and bearings, live: never sure where, too few landmarks at once")
+        print_line("track    ranges and bearings, live: not located, too few landmarks at once")
     else:
         print_line(f"track    ranges and bearings, live   {e.live_mm:8.1f} mm  {e.live_deg:5.2f} deg")
     print_line(f"wheels and gyro alone end {e.wheels_mm:.0f} mm off")
@@ -78,48 +81,20 @@ def _drive(folder: Path, seed: int, landmarks: int) -> None:
 def _navigate(folder: Path, seed: int, by_pictures: bool) -> None:
     from lmkit.demos.navigate import run_navigate_demo
 
-    with _Bars() as bars:
-        answer = run_navigate_demo(folder, seed, by_pictures, bars.tell)
-    print_line(f"{answer.landmarks} landmarks placed; the demand holds at {answer.share:.0%} of the floor")
-    print_line(f"simulated robot, {'pictures' if by_pictures else 'corners'}, wheels and gyro:")
+    with ProgressBars() as bars:
+        answer = run_navigate_demo(folder, seed, by_pictures, bars.update)
+    print_line(f"{answer.landmarks} landmarks placed; the requirement holds on {answer.share:.0%} of the floor")
+    print_line(f"simulated robot, {'images' if by_pictures else 'corners'}, wheels and gyro:")
     for leg in answer.legs:
         end = f"{leg.off_mm:5.1f} mm and {leg.off_deg:4.2f} deg from the goal" if leg.status == "arrived" else leg.why
         print_line(f"{leg.name:18s} {leg.status:8s} {leg.way_m:5.1f} m, {leg.seconds:3.0f} s: {end}")
-    print_line(f"the true place lay in the claimed 95 % ellipse {answer.inside:.0%} of the time")
+    print_line(f"the true position was inside the 95 % ellipse {answer.inside:.0%} of the time")
     print_line(
-        f"simulated pictures at {answer.pictures} places of the way: located {answer.located}, "
+        f"simulated images at {answer.pictures} places on the route: located {answer.located}, "
         + ("" if answer.picture_mm is None else f"median error {answer.picture_mm:.1f} mm")
     )
     names = ("plan.png", "strip.jpg", "coverage.png", "landmarks.pdf", "map.yaml", "believed.tum")
     print_line(f"see {', '.join(str(folder / name) for name in names)}")
-
-
-class _Bars:
-    """One progress bar per step, on stderr, where that is a terminal."""
-
-    def __init__(self) -> None:
-        self._progress: Any = None
-        self._tasks: dict[str, Any] = {}
-
-    def __enter__(self) -> _Bars:
-        if sys.stderr.isatty():
-            from rich.console import Console
-            from rich.progress import Progress
-
-            self._progress = Progress(console=Console(stderr=True))
-            self._progress.start()
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        if self._progress is not None:
-            self._progress.stop()
-
-    def tell(self, step: str, done: int, total: int) -> None:
-        if self._progress is None:
-            return
-        if step not in self._tasks:
-            self._tasks[step] = self._progress.add_task(step, total=total)
-        self._progress.update(self._tasks[step], completed=done)
 
 
 def _print(result: DemoResult, folder: Path) -> None:
@@ -140,7 +115,7 @@ def _print(result: DemoResult, folder: Path) -> None:
     if found:
         print_line("")
         print_line(
-            f"located {len(found)} of {len(result.stations)} (simulated pictures): "
+            f"located {len(found)} of {len(result.stations)} (simulated images): "
             f"median position error {found[len(found) // 2]:.2f} mm, largest {found[-1]:.2f} mm"
         )
     print_line(

@@ -1,86 +1,83 @@
-"""`lmkit detect`: find and read landmarks in pictures."""
+"""`lmkit detect`: find and read landmarks in images and videos."""
 
 from __future__ import annotations
 
+from contextlib import ExitStack
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import typer
 
-from lmkit.cli.output import print_json, print_line, progress, warn
+from lmkit.cli import options
+from lmkit.cli.output import check_outputs, print_json, print_line, progress, warn, write_outputs
 from lmkit.errors import InputError, NegativeAnswer
 
-if TYPE_CHECKING:
-    from lmkit.pipelines.detect_images import Detected
+COLORS_HINT = "landmarks are recognized by red against blue; use a color camera"
 
 
 def run(
     sources: Annotated[
-        list[str], typer.Argument(help="Pictures, folders, globs, videos, camera:0, or - for standard input.")
+        list[str], typer.Argument(help="Images, folders, globs, videos, camera:0, or - for standard input.")
     ],
-    as_json: Annotated[bool, typer.Option("--json", help="One JSON object a line.")] = False,
+    as_json: options.Json = False,
+    csv: Annotated[Path | None, typer.Option("--csv", help="CSV file of detections to write.")] = None,
     annotate: Annotated[
-        Path | None, typer.Option("--annotate", help="Folder for the pictures with overlays.")
+        Path | None, typer.Option("--annotate", help="Folder for annotated images (.jpg) and videos (.mp4).")
     ] = None,
-    family: Annotated[str, typer.Option("--family", help="Families to look for, as in lm8,lm4.")] = "lm8",
-    fast: Annotated[bool, typer.Option("--fast", help="Give up small and shaded landmarks for speed.")] = False,
-    force: Annotated[bool, typer.Option("--force", help="Overwrite files.")] = False,
+    family: options.Family = "lm8",
+    fast: Annotated[
+        bool, typer.Option("--fast", help="Faster; misses small landmarks and landmarks in shadow.")
+    ] = False,
+    jobs: options.Jobs = None,
+    force: options.Force = False,
 ) -> None:
-    """Find and read landmarks."""
+    """Find and read landmarks in images and videos."""
     from lmkit.detection.config import BALANCED, FAST, DetectOptions
+    from lmkit.io.image_sources import frame_count
+    from lmkit.io.images import read_image
     from lmkit.model.landmark import families_named
-    from lmkit.pipelines.detect_images import detect_in_sources
+    from lmkit.pipelines.annotated import AnnotatedFolder
+    from lmkit.pipelines.detect_images import (
+        DETECTION_COLUMNS,
+        detect_in_sources,
+        detected_dict,
+        detected_line,
+        detected_rows,
+    )
+    from lmkit.visualization.overlay import draw_landmarks
 
-    options = DetectOptions(families_named(family), FAST if fast else BALANCED)
-    count = found = colourless = 0
+    choices = DetectOptions(families_named(family), FAST if fast else BALANCED)
+    check_outputs((csv,), None, force)
+    count = found = colorless = 0
     failed: list[InputError] = []
-    for answer in progress(detect_in_sources(sources, options), None, "detecting"):
-        count += 1
-        if answer.size is None:
-            assert answer.error is not None
-            failed.append(answer.error)
+    rows = [DETECTION_COLUMNS]
+    with ExitStack() as stack:
+        drawn = None if annotate is None else stack.enter_context(AnnotatedFolder(annotate, force))
+        answers = detect_in_sources(sources, choices, with_images=annotate is not None)
+        for answer in progress(answers, frame_count(sources), "detecting landmarks"):
+            count += 1
+            found += len(answer.landmarks)
+            colorless += answer.colourless
+            if answer.colourless and colorless == 1:
+                warn(f"{answer.name} has no color; {COLORS_HINT}")
             if as_json:
-                print_json({"image": answer.name, "error": answer.error.as_dict()})
+                print_json(detected_dict(answer))
+            elif answer.error is None:
+                print_line(detected_line(answer))
             elif len(sources) > 1 or count > 1:
                 warn(str(answer.error))
-            continue
-        found += len(answer.landmarks)
-        if answer.colourless:
-            colourless += 1
-            if colourless == 1:
-                warn(
-                    f"{answer.name} has no colour: landmarks are recognised by red against blue; use a colour camera"
-                )
-        width, height = answer.size
-        if as_json:
-            entries = [d.to_dict() for d in answer.landmarks]
-            print_json({"image": answer.name, "width": width, "height": height, "detections": entries})
-        else:
-            codes = ", ".join(f"{d.code} ({d.confidence:.2f})" for d in answer.landmarks) or "none"
-            print_line(f"{answer.name}: {codes}")
-        if annotate is not None:
-            _annotate(answer, annotate, force)
+            if answer.error is not None:
+                failed.append(answer.error)
+                continue
+            if csv is not None:
+                rows += detected_rows(answer)
+            if drawn is not None:
+                image = read_image(Path(answer.name)) if answer.image is None else answer.image
+                drawn.add(answer.name, draw_landmarks(image, answer.landmarks, enlarge=1))
+    write_outputs({csv: "\n".join(rows) + "\n"}, force)
     if failed:
-        first = failed[0]
         more = f" (and {len(failed) - 1} more)" if len(failed) > 1 else ""
-        raise InputError(first.code, first.message + more, first.hint)
+        raise InputError(failed[0].code, failed[0].message + more, failed[0].hint)
     if found == 0:
-        raise NegativeAnswer(
-            "nothing_found",
-            f"no landmark in {count} pictures",
-            "the pictures have no colour, and landmarks are recognised by red against blue"
-            if colourless == count
-            else "check light, focus and distance: 15 px a side and more",
-        )
-
-
-def _annotate(answer: Detected, folder: Path, force: bool) -> None:
-    """The picture with its landmarks drawn in; frames of videos and standard input are left out."""
-    from lmkit.io.files import write_file
-    from lmkit.io.images import read_image
-    from lmkit.visualization.overlay import draw_landmarks, encode_jpeg
-
-    path = Path(answer.name)
-    if path.is_file():
-        picture = draw_landmarks(read_image(path), answer.landmarks)
-        write_file(folder / f"{path.name}.jpg", encode_jpeg(picture), force)
+        hint = COLORS_HINT if colorless == count else "check light, focus and distance: 15 px per side or more"
+        raise NegativeAnswer("nothing_found", f"no landmark in {count} images", hint)

@@ -1,181 +1,125 @@
-"""`lmkit locate`: where the camera stands."""
+"""`lmkit locate`: the pose of the camera, or of the robot, in the map."""
 
 from __future__ import annotations
 
-import math
-import re
-from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from lmkit.cli.output import print_json, print_line, progress, require_no, warn
+from lmkit.cli import options
+from lmkit.cli.output import check_outputs, print_json, print_line, progress, require_no, warn, write_outputs
 from lmkit.errors import InputError, NegativeAnswer
 
 if TYPE_CHECKING:
     from lmkit.geometry.stereo_rig import StereoRig
-    from lmkit.localization.pose_prior import PosePrior
-    from lmkit.model.estimate import PoseEstimate
 
 
 def run(
-    left: Annotated[str | None, typer.Argument(help="Left picture, folder or glob.")] = None,
-    right: Annotated[str | None, typer.Argument(help="Right picture, folder or glob, paired by sorted name.")] = None,
-    rig: Annotated[Path | None, typer.Option("--rig", help="Rig file.")] = None,
-    landmark_map: Annotated[Path | None, typer.Option("--map", help="Map file.")] = None,
-    mono: Annotated[str | None, typer.Option("--mono", help="Pictures of the left camera alone.")] = None,
-    readings: Annotated[
-        Path | None, typer.Option("--readings", help="CSV of ranges and bearings instead of pictures.")
+    left: Annotated[str | None, typer.Argument(help="Left image, folder, glob, video or camera:0.")] = None,
+    right: Annotated[
+        str | None, typer.Argument(help="Right images, paired with the left ones by sorted name.")
     ] = None,
+    rig: options.OptionalRigFile = None,
+    landmark_map: options.OptionalMapFile = None,
+    mono: Annotated[
+        str | None, typer.Option("--mono", help="Image, folder, glob or video of the left camera alone.")
+    ] = None,
+    readings: options.ReadingsFile = None,
     range_sigma: Annotated[
-        str | None,
-        typer.Option("--range-sigma", help="Scatter of the readings' ranges: 0.1m, or 3% of the range."),
+        str | None, typer.Option("--range-sigma", help="Standard deviation of ranges: a length, or a percentage.")
     ] = None,
     bearing_sigma: Annotated[
-        float | None, typer.Option("--bearing-sigma", help="Scatter of the readings' bearings, degrees.")
+        float | None, typer.Option("--bearing-sigma", help="Standard deviation of bearings, degrees.")
     ] = None,
     time_offset: Annotated[
-        float, typer.Option("--time-offset", help="Seconds that the readings' clock is ahead.")
+        float, typer.Option("--time-offset", help="Seconds by which the readings' clock is ahead.")
     ] = 0.0,
     frame: Annotated[
-        str | None, typer.Option("--frame", help="camera (left) or base; base where the rig names one.")
+        str | None, typer.Option("--frame", help="Pose of: camera (left) or base. Default: base if the rig has one.")
     ] = None,
     heading: Annotated[
         str | None,
-        typer.Option("--heading", help="Where the camera looks, as a gyro has it: 90+-3, degrees from x to y."),
+        typer.Option("--heading", help="Prior on the viewing direction, such as 90+-3; degrees from x towards y."),
     ] = None,
     planar: Annotated[
         str | None,
-        typer.Option("--planar", help="A robot on a level floor: its camera's height, and tilt downwards: 0.42m,10."),
+        typer.Option("--planar", help="Prior of a level floor: camera height and downward tilt, such as 0.42m,10."),
     ] = None,
-    tum: Annotated[Path | None, typer.Option("--tum", help="Trajectory to write (TUM).")] = None,
-    csv: Annotated[Path | None, typer.Option("--csv", help="Poses with standard deviations to write (CSV).")] = None,
-    plan: Annotated[
-        Path | None, typer.Option("--plan", help="Plan with poses and ellipses to write (.png or .svg).")
-    ] = None,
+    tum: options.TumOutput = None,
+    csv: options.CsvOutput = None,
+    plan: options.PlanOutput = None,
     annotate: Annotated[
-        Path | None, typer.Option("--annotate", help="Folder for pictures with axes and the map drawn in.")
+        Path | None, typer.Option("--annotate", help="Folder for annotated left images, or for an annotated video.")
     ] = None,
-    as_json: Annotated[bool, typer.Option("--json", help="One JSON object a line.")] = False,
-    force: Annotated[bool, typer.Option("--force", help="Overwrite files.")] = False,
+    jobs: options.Jobs = None,
+    as_json: options.Json = False,
+    force: options.Force = False,
 ) -> None:
-    """Find the pose of the camera (or the robot) from landmarks of a map."""
-    from lmkit.cli.locate_results import Results
+    """Locate the camera, or the robot, in the map."""
+    from lmkit.cli.parsing import parse_prior
     from lmkit.io.any_rig import read_any_rig
     from lmkit.io.external_maps import read_any_map
+    from lmkit.io.image_sources import frame_count
     from lmkit.localization.absolute_pose import LocateOptions
-    from lmkit.model.pose_status import PoseStatus
-    from lmkit.pipelines.locate_images import estimate_dict, locate_in_sources
+    from lmkit.pipelines.locate_images import locate_in_sources, located_dict, located_line
+    from lmkit.pipelines.locate_results import LocateResults
 
     for_readings = {
         "--range-sigma": range_sigma, "--bearing-sigma": bearing_sigma, "--time-offset": time_offset or None,
     }  # fmt: skip
-    for_pictures = {
+    for_images = {
         "LEFT": left, "--rig": rig, "--mono": mono, "--frame": frame, "--heading": heading, "--planar": planar,
         "--tum": tum, "--csv": csv, "--plan": plan, "--annotate": annotate,
     }  # fmt: skip
     if readings is not None:
-        require_no("--readings", for_pictures)
+        require_no("--readings", for_images)
         if landmark_map is None:
-            raise InputError("no_map", "--readings needs a map", "give --readings FILE.csv --map MAP")
+            raise InputError("no_map", "--readings needs a map", "add --map MAP")
         from lmkit.cli.locate_readings import locate_readings
 
         locate_readings(readings, read_any_map(landmark_map), as_json, range_sigma, bearing_sigma, time_offset)
         return
-    require_no("pictures", for_readings)
+    require_no("images", for_readings)
     if rig is None or landmark_map is None:
         raise InputError("no_rig_or_map", "locate needs a rig and a map", "give --rig rig.yaml --map map.yaml")
-    if (mono is None) == (left is None or right is None):
-        raise InputError("no_pictures", "locate needs LEFT and RIGHT, or --mono", "see lmkit locate --help")
+    if mono is not None and left is not None:
+        more = " ".join(name for name in (left, right) if name is not None)
+        hint = "quote a glob, such as --mono 'images/*.jpg', or give a folder"
+        raise InputError("extra_files", f"--mono takes one value, and {more} follows", hint)
+    if mono is None and (left is None or right is None):
+        raise InputError("no_images", "locate needs LEFT and RIGHT, or --mono", "see lmkit locate --help")
     if frame not in (None, "camera", "base"):
         raise InputError("bad_frame", f"--frame {frame} is unknown", "choose camera or base")
+    choices = LocateOptions(prior=parse_prior(heading, planar))
+    check_outputs((tum, csv), plan, force)
     cameras, landmarks = read_any_rig(rig), read_any_map(landmark_map)
-    if frame is None:
-        frame = "camera" if cameras.T_base_left is None else "base"
-    if frame == "base" and cameras.T_base_left is None:
-        raise InputError("no_base", f"{rig} has no T_base_left", "add it to the rig file, or use --frame camera")
-    results = Results(tum, csv, plan, annotate, frame, cameras, landmarks, force)
-    options = LocateOptions(prior=_prior(heading, planar))
-    located, exchanged, failed, total = 0, 0, [], 0
-    moments = locate_in_sources(mono or str(left), None if mono else right, cameras, landmarks, options)
-    for moment in progress(moments, None, "locating"):
-        total += 1
-        if moment.estimate is None:
-            assert moment.error is not None
-            failed.append(moment.error)
+    frame = frame or ("camera" if cameras.T_base_left is None else "base")
+    _require_frame(frame, cameras, rig)
+    source, other = (str(left), right) if mono is None else (mono, None)
+    failed = []
+    moments = locate_in_sources(source, other, cameras, landmarks, choices)
+    with LocateResults(cameras, landmarks, frame, annotate, force) as results:
+        for moment in progress(moments, frame_count([source]), "locating"):
+            results.add(moment)
+            if moment.error is not None:
+                failed.append(moment.error)
             if as_json:
-                print_json({"left": moment.left, "right": moment.right, "error": moment.error.as_dict()})
-            elif total > 1:
+                print_json(located_dict(moment, cameras, frame))
+            elif moment.error is None:
+                print_line(located_line(moment, cameras, frame))
+            elif len(results.answers) > 1:
                 warn(str(moment.error))
-            continue
-        located += moment.estimate.T_map_camera is not None
-        exchanged += moment.estimate.status == PoseStatus.SWAPPED
-        results.add(total - 1, moment)
-        if as_json:
-            print_json(estimate_dict(moment.estimate, cameras, moment.left, moment.right, frame))
-        else:
-            print_line(f"{Path(moment.left).name}: {_sentence(moment.estimate, cameras, frame)}")
-    for path in results.write():
+    for path in write_outputs(results.files(tum, csv, plan), force):
         warn(f"wrote {path}")
     if failed:
         more = f" (and {len(failed) - 1} more)" if len(failed) > 1 else ""
         raise InputError(failed[0].code, failed[0].message + more, failed[0].hint)
-    if located == 0:
-        raise NegativeAnswer(
-            "not_located",
-            f"no pose from {total} pictures",
-            "exchange LEFT and RIGHT" if exchanged else "check that landmarks of the map are in view",
-        )
+    if results.located == 0:
+        hint = "swap LEFT and RIGHT" if results.swapped else "check that landmarks of the map are in view"
+        raise NegativeAnswer("not_located", f"no pose from {len(results.answers)} images or pairs", hint)
 
 
-def _prior(heading: str | None, planar: str | None) -> PosePrior | None:
-    """What --heading and --planar say."""
-    from lmkit.localization.pose_prior import PosePrior
-    from lmkit.units import parse_length_mm
-
-    if heading is None and planar is None:
-        return None
-    prior = PosePrior()
-    if heading is not None:
-        match = re.fullmatch(r"\s*(-?\d+(?:\.\d+)?)\s*(?:(?:\+-|±)\s*(\d+(?:\.\d+)?))?\s*", heading)
-        if match is None or (match[2] and float(match[2]) <= 0):
-            raise InputError(
-                "bad_heading", f"--heading {heading!r} is no heading", "write degrees, such as 90 or 90+-3"
-            )
-        sigma = prior.heading_sigma if match[2] is None else math.radians(float(match[2]))
-        prior = replace(prior, heading_rad=math.radians(float(match[1])), heading_sigma=sigma)
-    if planar is not None:
-        height, _, tilt = planar.partition(",")
-        try:
-            down = math.radians(float(tilt or 0))
-            if not abs(down) < math.pi / 2:
-                raise ValueError
-        except ValueError:
-            raise InputError(
-                "bad_planar", f"--planar {planar!r}: {tilt!r} is no tilt", "write such as 0.42m,10"
-            ) from None
-        prior = replace(
-            prior,
-            height_m=parse_length_mm(height, "height of --planar") / 1000,
-            down=(0.0, math.cos(down), math.sin(down)),
-        )
-    return prior
-
-
-def _sentence(estimate: PoseEstimate, rig: StereoRig, frame: str) -> str:
-    from lmkit.model.landmark_id import ids_text
-    from lmkit.pipelines.locate_images import estimate_dict
-
-    answer = estimate_dict(estimate, rig, "-", None, frame)
-    if answer["position"] is None:
-        outliers = f", codes {ids_text(estimate.outliers)}" if estimate.outliers else ""
-        return f"{estimate.status}{outliers}"
-    x, y, z = answer["position"]
-    sigma = [answer["covariance"][k][k] ** 0.5 * 1000 for k in range(3)]
-    codes = ids_text(estimate.inliers)
-    off = f", not explained: {ids_text(estimate.outliers)}" if estimate.outliers else ""
-    return (
-        f"{estimate.status}, x {x:.3f} y {y:.3f} z {z:.3f} m "
-        f"(± {sigma[0]:.1f} {sigma[1]:.1f} {sigma[2]:.1f} mm), codes {codes}{off}"
-    )
+def _require_frame(frame: str, rig: StereoRig, path: Path) -> None:
+    if frame == "base" and rig.T_base_left is None:
+        raise InputError("no_base", f"{path} has no T_base_left", "add it to the rig file, or give --frame camera")

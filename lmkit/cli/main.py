@@ -1,8 +1,7 @@
-"""The command line's door: one file per command, imported when it runs; one line per error."""
+"""The command line: commands, exit codes, and one line per error."""
 
 from __future__ import annotations
 
-import importlib
 import os
 import sys
 import traceback
@@ -12,6 +11,9 @@ from typing import Any
 # Small matrices many times over: threads of the linear algebra library cost more than they bring.
 for _variable in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"):
     os.environ.setdefault(_variable, "1")
+# What goes wrong is reported in lmkit's own words; OpenCV and its FFmpeg would print theirs on stderr as well.
+os.environ.setdefault("OPENCV_LOG_LEVEL", "SILENT")
+os.environ.setdefault("OPENCV_FFMPEG_LOGLEVEL", "-8")
 
 import typer
 
@@ -78,8 +80,10 @@ def _show_version(wanted: bool) -> None:
 @app.callback(invoke_without_command=True)
 def _options(
     context: typer.Context,
-    version: bool = typer.Option(False, "--version", callback=_show_version, is_eager=True, help="Show the version."),
-    debug: bool = typer.Option(False, "--debug", help="Show a traceback when something fails."),
+    version: bool = typer.Option(
+        False, "--version", callback=_show_version, is_eager=True, help="Print the version and exit."
+    ),
+    debug: bool = typer.Option(False, "--debug", help="Print a traceback on errors."),
 ) -> None:
     """Printed landmarks for robots: from print to pose."""
     if context.invoked_subcommand is None:
@@ -88,7 +92,7 @@ def _options(
 
 
 def main() -> None:
-    """Run the command line; every failure ends in one line on stderr and its exit code."""
+    """Run the command line: every failure is one line on stderr and an exit code."""
     debug = "--debug" in sys.argv
     # `--debug` may stand anywhere.
     arguments = [a for a in sys.argv[1:] if a != "--debug"]
@@ -96,7 +100,7 @@ def main() -> None:
 
 
 def guarded(run: Callable[[], Any], debug: bool) -> int:
-    """The exit code of ``run``, its failure told in one line on stderr."""
+    """The exit code of ``run``; a failure is reported in one line on stderr."""
     try:
         result = run()
         sys.stdout.flush()
@@ -107,7 +111,7 @@ def guarded(run: Callable[[], Any], debug: bool) -> int:
     except (KeyboardInterrupt, typer.Abort):
         return _report("interrupted", "", EXIT_INTERRUPTED, False)
     except BrokenPipeError:
-        # Whoever read our output has seen enough.
+        # The reader of our output has closed it, as `head` does.
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return 0
     except typer.Exit as stop:
@@ -116,10 +120,12 @@ def guarded(run: Callable[[], Any], debug: bool) -> int:
         usage = getattr(error, "format_message", None)
         if usage is not None:
             return _report(usage().rstrip("."), "see lmkit --help", int(getattr(error, "exit_code", 2)), debug)
-        return _report(f"lmkit has a fault: {type(error).__name__}: {error}", _FAULT_HINT, EXIT_FAULT, debug)
+        return _report(
+            f"internal error (please report): {type(error).__name__}: {error}", _FAULT_HINT, EXIT_FAULT, debug
+        )
 
 
-_FAULT_HINT = "run again with --debug and report what it prints"
+_FAULT_HINT = "run again with --debug for the traceback"
 
 
 def _report(message: str, hint: str, code: int, debug: bool) -> int:
@@ -139,7 +145,3 @@ def public_commands() -> list[str]:
         for command in group.typer_instance.registered_commands
     ]
     return [*(command.name or "" for command in app.registered_commands), *groups]
-
-
-if __name__ == "__main__":
-    importlib.import_module("lmkit.cli.main").main()

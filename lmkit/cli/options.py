@@ -1,4 +1,4 @@
-"""Options that several commands share, declared once."""
+"""Arguments and options that several commands share, declared once."""
 
 from __future__ import annotations
 
@@ -7,37 +7,91 @@ from typing import Annotated
 
 import typer
 
-Floor = Annotated[
-    Path, typer.Option("--floor", help="Floor plan: lmkit-floor/1 or ROS map YAML, or PNG, PGM, SVG with --scale.")
+# Images and recordings.
+LeftImages = Annotated[str | None, typer.Argument(help="Left images: folder or glob.")]
+RightImages = Annotated[str | None, typer.Argument(help="Right images, paired with the left ones by sorted name.")]
+DetectionsFile = Annotated[
+    Path | None, typer.Option("--detections", help="CSV of saved detections, in place of images.")
 ]
+ReadingsFile = Annotated[
+    Path | None, typer.Option("--readings", help="CSV of range and bearing readings, in place of images.")
+]
+OdometryFile = Annotated[
+    Path | None,
+    typer.Option("--odometry", help="CSV of wheel odometry, or a TUM file (.tum, .txt) of visual odometry poses."),
+]
+GyroFile = Annotated[Path | None, typer.Option("--gyro", help="CSV of the gyro's yaw rate.")]
+WheelTrack = Annotated[str | None, typer.Option("--wheel-track", help="Distance between the wheels, such as 0.4m.")]
+Hz = Annotated[float | None, typer.Option("--hz", help="Image pairs per second, if file names hold no times.")]
 
-
-Scale = Annotated[float | None, typer.Option("--scale", help="Metres a pixel, or an SVG unit.")]
-
-
-Rig = Annotated[Path, typer.Option("--rig", help="Rig file; with T_base_left, or give --camera-height.")]
-
-
+# Rigs, maps, floors, robots.
+_RIG = typer.Option("--rig", help="Rig file of lmkit, OpenCV or Kalibr, or a folder with ROS camera_info files.")
+RigFile = Annotated[Path, _RIG]
+OptionalRigFile = Annotated[Path | None, _RIG]
+_MAP = typer.Option("--map", help="Landmark map file.")
+MapFile = Annotated[Path, _MAP]
+OptionalMapFile = Annotated[Path | None, _MAP]
+MountedRigFile = Annotated[
+    Path, typer.Option("--rig", help="Rig file; it needs T_base_left, or give --camera-height.")
+]
 CameraHeight = Annotated[
-    str | None, typer.Option("--camera-height", help="Of a camera that looks ahead over the robot's middle.")
+    str | None,
+    typer.Option(
+        "--camera-height", help="Height of a level, forward-looking camera; replaces the rig's T_base_left."
+    ),
 ]
+FloorFile = Annotated[
+    Path, typer.Option("--floor", help="Floor plan: lmkit-floor/1 or ROS map YAML, or PNG, PGM or SVG with --scale.")
+]
+Scale = Annotated[float | None, typer.Option("--scale", help="Meters per pixel, or per SVG unit.")]
+Radius = Annotated[str, typer.Option("--radius", help="Robot radius.")]
 
+# Landmarks.
+Family = Annotated[str, typer.Option("--family", help="Landmark families to look for, such as lm8,lm12.")]
+_SIZE = typer.Option("--size", help="Landmark size, outer edge to outer edge of the red border, such as 180mm.")
+Size = Annotated[str, _SIZE]
+OptionalSize = Annotated[str | None, _SIZE]
 
-Radius = Annotated[str, typer.Option("--radius", help="Of the robot.")]
-
-
-ErrorOption = Annotated[str, typer.Option("--error", help="Position error asked for, root mean square.")]
-
-
-Heading = Annotated[float, typer.Option("--heading", help="Heading error asked for, deg.")]
-
-
-InView = Annotated[int, typer.Option("--in-view", help="Landmarks that must be in view at once.")]
-
-
+# Required accuracy.
+PositionError = Annotated[str, typer.Option("--error", help="Required position error (root mean square).")]
+HeadingError = Annotated[float, typer.Option("--heading", help="Required heading error, degrees.")]
+InView = Annotated[int, typer.Option("--in-view", help="Number of landmarks that must be in view at once.")]
 Headings = Annotated[
-    float, typer.Option("--headings", help="Percent of the directions in which this must hold for a place to count.")
+    float, typer.Option("--headings", help="Percentage of headings for which the requirement must hold at a place.")
 ]
 
+# Results.
+TumOutput = Annotated[Path | None, typer.Option("--tum", help="TUM trajectory file to write (poses with status ok).")]
+CsvOutput = Annotated[Path | None, typer.Option("--csv", help="CSV file to write: poses with standard deviations.")]
+PlanOutput = Annotated[
+    Path | None, typer.Option("--plan", help="Plan view of map and poses to write (.png or .svg).")
+]
+ReportOutput = Annotated[Path | None, typer.Option("--report", help="HTML report to write.")]
+RerunOutput = Annotated[
+    Path | None,
+    typer.Option("--rerun", help="Recording for the Rerun viewer to write (.rrd; needs the extra viewer)."),
+]
+OutputFolder = Annotated[Path, typer.Option("--output", "-o", help="Folder to write.")]
+Dpi = Annotated[float, typer.Option("--dpi", help="Resolution of PNG files, dots per inch.")]
+Seed = Annotated[int, typer.Option("--seed", help="Random seed; each seed gives another room.")]
+Json = Annotated[bool, typer.Option("--json", help="Print JSON to stdout, one object per line.")]
+Force = Annotated[bool, typer.Option("--force", help="Overwrite existing files.")]
 
-Force = Annotated[bool, typer.Option("--force", help="Overwrite files.")]
+
+def _bound_processes(jobs: int | None) -> int | None:
+    from lmkit.parallel import set_jobs
+
+    set_jobs(jobs)
+    return jobs
+
+
+Jobs = Annotated[
+    int | None,
+    typer.Option(
+        "--jobs",
+        min=1,
+        callback=_bound_processes,
+        envvar="LMKIT_JOBS",
+        help="Largest number of worker processes. Default: one per CPU core.",
+    ),
+]

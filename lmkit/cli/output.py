@@ -1,4 +1,4 @@
-"""What the commands share: JSON lines, tables, progress, and files refused before the work begins."""
+"""Output of the commands: JSON lines, text, warnings, progress bars; and checks of outputs before the work begins."""
 
 from __future__ import annotations
 
@@ -11,77 +11,115 @@ from typing import Any, TypeVar
 from lmkit.errors import InputError
 
 Item = TypeVar("Item")
-PICTURE_KINDS = ("png", "svg")
-BOARD_HELP = "chessboard:9x6:30mm, charuco:8x6:30mm:22mm:DICT_5X5_100[:legacy] or landmarks:4x3:60mm:48mm[:FIRST]"
+IMAGE_KINDS = ("png", "svg")
+BOARD_HELP = (
+    "Board: chessboard:9x6:30mm (inner corners), charuco:8x6:30mm:22mm:DICT_5X5_100[:legacy] (squares) or "
+    "landmarks:4x3:60mm:48mm[:FIRST_CODE]."
+)
 
 
 def print_json(data: dict[str, Any]) -> None:
-    """One JSON object on one line of stdout; refuses what JSON cannot hold (NaN, infinities)."""
+    """Print one JSON object on one line of stdout; NaN and infinities are refused."""
     sys.stdout.write(json.dumps(data, allow_nan=False, ensure_ascii=False) + "\n")
     sys.stdout.flush()
 
 
 def print_line(text: str = "") -> None:
-    """A line for a person, on stdout."""
+    """Print a line of text on stdout."""
     sys.stdout.write(text + "\n")
 
 
 def warn(text: str) -> None:
-    """A line on stderr that stops nothing."""
+    """Print a warning on stderr."""
     sys.stderr.write(f"lmkit: {' '.join(text.split())}\n")
 
 
-def progress(items: Iterable[Item], total: int | None, what: str) -> Iterator[Item]:
-    """The items, with a progress bar on stderr where that is a terminal."""
-    if not sys.stderr.isatty():
-        yield from items
-        return
-    from rich.console import Console
-    from rich.progress import track
+class ProgressBars:
+    """Progress bars with the time left, one per step, on stderr if that is a terminal."""
 
-    yield from track(items, description=what, total=total, console=Console(stderr=True), transient=True)
+    def __init__(self) -> None:
+        self._progress: Any = None
+        self._tasks: dict[str, Any] = {}
+
+    def __enter__(self) -> ProgressBars:
+        if sys.stderr.isatty():
+            from rich.console import Console
+            from rich.progress import Progress
+
+            # Rich would send redirected stdout to its own console, so to stderr.
+            to_terminal = sys.stdout.isatty()
+            self._progress = Progress(console=Console(stderr=True), transient=True, redirect_stdout=to_terminal)
+            self._progress.start()
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        if self._progress is not None:
+            self._progress.stop()
+
+    def update(self, step: str, done: int, total: int | None) -> None:
+        """Show how many of a step's items are done; ``total`` is None if it is not known."""
+        if self._progress is None:
+            return
+        if step not in self._tasks:
+            self._tasks[step] = self._progress.add_task(step, total=total)
+        self._progress.update(self._tasks[step], completed=done, total=total)
+
+    def counter(self, step: str) -> Callable[[int, int], None]:
+        """A callback for library functions that report (done, total)."""
+        return lambda done, total: self.update(step, done, total)
 
 
-def progress_counter(total: int, what: str) -> Callable[[int, int], None]:
-    """The same for work that tells after every step how many are done, of how many."""
-    ticks = progress(range(total + 1), total, what)
-    next(ticks)
-
-    def on_step(done: int, total: int) -> None:
-        next(ticks, None)
-
-    return on_step
+def progress(items: Iterable[Item], total: int | None, step: str) -> Iterator[Item]:
+    """The items, with a progress bar."""
+    with ProgressBars() as bars:
+        bars.update(step, 0, total)
+        for done, item in enumerate(items, start=1):
+            yield item
+            bars.update(step, done, total)
 
 
 def require_no(option: str, others: Mapping[str, object]) -> None:
-    """Refuse options, by name, that would be ignored beside another one.
+    """Refuse options that would be ignored beside another one.
+
+    Args:
+        others: values by option name; None means not given.
 
     Raises:
-        InputError: one of them was given (is not None).
+        InputError: one of them was given.
     """
     for name, value in others.items():
         if value is not None:
-            raise InputError("not_together", f"{option} and {name} do not go together", "leave one of them out")
+            raise InputError("not_together", f"{option} and {name} cannot be combined", "leave one of them out")
 
 
 def check_outputs(paths: Sequence[Path | None], plan: Path | None, force: bool) -> None:
-    """Refuse what cannot be written before the work begins.
+    """Refuse output files that cannot be written, before the work begins.
 
     Args:
-        plan: a picture to write, as PNG or SVG.
+        plan: an image to write, PNG or SVG.
 
     Raises:
-        InputError: a file exists, its folder cannot be written to, or the picture is of an unknown kind.
+        InputError: a file exists, its folder cannot be written to, or the image has another suffix.
     """
     from lmkit.io.files import check_writable
 
     for path in (*paths, plan):
         if path is not None:
             check_writable(path, force)
-    if plan is not None and picture_kind(plan) not in PICTURE_KINDS:
-        raise InputError("bad_suffix", f"cannot write {plan}: unknown kind", "name it .png or .svg")
+    if plan is not None and image_kind(plan) not in IMAGE_KINDS:
+        raise InputError("bad_suffix", f"cannot write {plan}: unknown file type", "use a name ending in .png or .svg")
 
 
-def picture_kind(path: Path) -> str:
-    """``png`` or ``svg``, as the file's name says."""
+def image_kind(path: Path) -> str:
+    """``png`` or ``svg``, from the file name."""
     return path.suffix.lower().lstrip(".")
+
+
+def write_outputs(contents: Mapping[Path | None, bytes | str], force: bool) -> list[Path]:
+    """Write the files that were asked for (None means not asked for); the paths written."""
+    from lmkit.io.files import write_file
+
+    written = [path for path in contents if path is not None]
+    for path in written:
+        write_file(path, contents[path], force)
+    return written

@@ -1,54 +1,96 @@
-"""Values of options, read from text: noise, constraints, lengths, accuracy requirements."""
+"""Option values read from text: noise, priors, constraints, boards, required accuracy."""
 
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Sequence
 from dataclasses import replace
+from typing import TYPE_CHECKING
 
+from lmkit.cli.output import BOARD_HELP
 from lmkit.errors import InputError
-from lmkit.localization.range_bearing_noise import ReadingNoise
-from lmkit.mapping.wall_constraints import Tie
-from lmkit.model.landmark_id import LandmarkId
-from lmkit.planning.coverage import Demand
-from lmkit.units import parse_length_mm, parse_sigma
+
+if TYPE_CHECKING:
+    from lmkit.calibration.sanity_checks import Declared
+    from lmkit.localization.pose_prior import PosePrior
+    from lmkit.localization.range_bearing_noise import ReadingNoise
+    from lmkit.mapping.wall_constraints import Tie
+    from lmkit.model.board import BoardSpec
+    from lmkit.planning.coverage import Demand
+
+WALL_SIGMA = "5mm,1deg"
+_HEADING = re.compile(r"\s*(-?\d+(?:\.\d+)?)\s*(?:(?:\+-|±)\s*(\d+(?:\.\d+)?))?\s*")
 
 
 def parse_noise(range_sigma: str | None, bearing_sigma: float | None) -> ReadingNoise:
-    """As given, else as of a usual camera."""
+    """Noise of range and bearing readings; the defaults where an option is not given."""
     from lmkit.localization.range_bearing_noise import ReadingNoise
-    from lmkit.units import parse_length_mm
 
     if bearing_sigma is not None and not 0 < bearing_sigma < 90:
-        raise InputError("bad_sigma", f"--bearing-sigma {bearing_sigma:g} is no angle", "give degrees, such as 1.0")
+        raise InputError(
+            "bad_sigma", f"--bearing-sigma {bearing_sigma:g} is out of range", "give degrees, such as 1.0"
+        )
     noise = ReadingNoise()
     if range_sigma is not None and range_sigma.endswith("%"):
-        noise = replace(noise, range_m=0.0, range_share=parse_share(range_sigma))
+        noise = replace(noise, range_m=0.0, range_share=_share(range_sigma))
     elif range_sigma is not None:
-        noise = replace(noise, range_m=parse_length_mm(range_sigma, "--range-sigma") / 1000, range_share=0.0)
+        noise = replace(noise, range_m=parse_metres(range_sigma, "--range-sigma"), range_share=0.0)
     return noise if bearing_sigma is None else replace(noise, bearing_rad=math.radians(bearing_sigma))
 
 
-def parse_share(text: str) -> float:
+def _share(text: str) -> float:
     try:
         share = float(text[:-1]) / 100
     except ValueError:
         share = 0.0
     if not 0 < share < 1:
-        raise InputError(
-            "bad_sigma", f"--range-sigma {text} is no share", "give a length or a share, such as 0.1m or 3%"
-        )
+        hint = "give a length or a percentage, such as 0.1m or 3%"
+        raise InputError("bad_sigma", f"--range-sigma {text} is not a percentage between 0 and 100", hint)
     return share
 
 
-WALL_SIGMA = "5mm,1deg"
+def parse_prior(heading: str | None, planar: str | None) -> PosePrior | None:
+    """Prior on the camera's pose from ``--heading`` (``90+-3``, degrees) and ``--planar`` (``0.42m,10``)."""
+    from lmkit.localization.pose_prior import PosePrior
+
+    if heading is None and planar is None:
+        return None
+    prior = PosePrior()
+    if heading is not None:
+        match = _HEADING.fullmatch(heading)
+        if match is None or (match[2] and float(match[2]) <= 0):
+            hint = "give degrees, such as 90 or 90+-3"
+            raise InputError("bad_heading", f"--heading {heading!r} is not a valid heading", hint)
+        sigma = prior.heading_sigma if match[2] is None else math.radians(float(match[2]))
+        prior = replace(prior, heading_rad=math.radians(float(match[1])), heading_sigma=sigma)
+    if planar is not None:
+        height, _, tilt = planar.partition(",")
+        down = _tilt(planar, tilt)
+        height_m = parse_metres(height, "height of --planar")
+        prior = replace(prior, height_m=height_m, down=(0.0, math.cos(down), math.sin(down)))
+    return prior
+
+
+def _tilt(planar: str, tilt: str) -> float:
+    try:
+        down = math.radians(float(tilt or 0))
+    except ValueError:
+        down = math.nan
+    if not abs(down) < math.pi / 2:
+        hint = "give height and tilt in degrees, such as 0.42m,10"
+        raise InputError("bad_planar", f"--planar {planar!r}: {tilt!r} is not a valid tilt", hint)
+    return down
 
 
 def parse_constraints(walls: list[str], heights: list[str], sigma: str | None, families: Sequence[str]) -> list[Tie]:
+    """Constraints from ``--wall`` and ``--same-height``, with the standard deviations of ``--wall-sigma``."""
     from lmkit.mapping.wall_constraints import Tie
+    from lmkit.model.landmark_id import LandmarkId
+    from lmkit.units import parse_sigma
 
     if sigma is not None and not walls and not heights:
-        raise InputError("no_wall", "--wall-sigma needs --wall or --same-height beside it", "give --wall 12,44,137")
+        raise InputError("no_wall", "--wall-sigma needs --wall or --same-height", "add --wall 12,44,137")
     spread = parse_sigma(sigma or WALL_SIGMA, "--wall-sigma", f"give a length and an angle, such as {WALL_SIGMA}")
     ties = []
     for kind, name, texts in (("wall", "--wall", walls), ("height", "--same-height", heights)):
@@ -56,25 +98,50 @@ def parse_constraints(walls: list[str], heights: list[str], sigma: str | None, f
             words = [word.strip() for word in text.split(",")]
             ids = tuple(dict.fromkeys(LandmarkId.parse(word, families) for word in words if word))
             if len(ids) < 2 or len(ids) < len(words):
-                raise InputError(
-                    "bad_codes", f"{name} {text} does not list two codes or more", f"write {name} 12,44,137"
-                )
+                hint = f"list each code once, such as {name} 12,44,137"
+                raise InputError("bad_codes", f"{name} {text} does not list two or more codes", hint)
             ties.append(Tie(kind, ids, *spread))
     return ties
 
 
+def parse_board(board: str | None, measured: str | None) -> BoardSpec:
+    """The board of ``--board``, with its size as ``--measured``."""
+    from lmkit.model.board import BoardSpec
+    from lmkit.units import parse_size_mm
+
+    if board is None:
+        raise InputError("no_board", "no board given", f"add --board. {BOARD_HELP}")
+    spec = BoardSpec.parse(board)
+    return spec if measured is None else spec.measured(*parse_size_mm(measured, "--measured"))
+
+
+def parse_declared(baseline: str | None, fov: float | None) -> Declared:
+    """Nominal baseline and field of view, to check a calibration against."""
+    from lmkit.calibration.sanity_checks import Declared
+
+    if fov is not None and not 0 < fov < 360:
+        raise InputError(
+            "bad_fov", f"--fov {fov:g} is out of range", "give the horizontal angle in degrees, such as 69"
+        )
+    return Declared(None if baseline is None else parse_metres(baseline, "--baseline"), fov)
+
+
 def parse_demand(error: str, heading: float, in_view: int, headings: float, share: float) -> Demand:
+    """Required accuracy; ``heading`` in degrees, ``headings`` and ``share`` in percent."""
     from lmkit.planning.coverage import Demand
 
     for name, value in (("--headings", headings), ("--share", share)):
         if not 0 < value <= 100:
-            raise InputError("out_of_range", f"{name} {value:g} is outside 0 to 100 %", "give percent, as in 90")
+            raise InputError("out_of_range", f"{name} {value:g} is outside 0 to 100 %", "give percent, such as 90")
     if not 0 < heading <= 180:
-        raise InputError("out_of_range", f"--heading {heading:g} is outside 0 to 180 deg", "give degrees, as in 2")
+        raise InputError("out_of_range", f"--heading {heading:g} is outside 0 to 180 deg", "give degrees, such as 2")
     if not 0 <= in_view <= 20:
-        raise InputError("out_of_range", f"--in-view {in_view} is outside 0 to 20", "2 are usual")
+        raise InputError("out_of_range", f"--in-view {in_view} is outside 0 to 20", "2 is usual")
     return Demand(parse_metres(error, "--error"), math.radians(heading), in_view, headings / 100, share / 100)
 
 
 def parse_metres(text: str, name: str) -> float:
+    """Meters of a length with a unit."""
+    from lmkit.units import parse_length_mm
+
     return parse_length_mm(text, name) / 1000

@@ -1,90 +1,97 @@
-"""What `lmkit survey` and `lmkit track` read alike: odometry, gyro, pictures or recorded detections."""
+"""Recordings as `lmkit survey` and `lmkit track` read them from their options."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from lmkit.cli.output import progress, require_no
+from lmkit.cli.output import ProgressBars, require_no
 from lmkit.errors import InputError
 
 if TYPE_CHECKING:
     from lmkit.geometry.stereo_rig import StereoRig
-    from lmkit.model.recording import Gyro, Odometry, StereoFrame
-    from lmkit.model.trajectory import Trajectory
-    from lmkit.odometry.motion_model import Motion
+    from lmkit.model.recording import Recording
 
-POSES = (".tum", ".txt")  # suffixes of odometry in space
+POSES = (".tum", ".txt")  # suffixes of visual odometry
 
 
-def read_any_odometry(
-    odometry: Path | None, gyro: Path | None, wheel_track: str | None
-) -> Trajectory | tuple[Odometry, Gyro | None] | None:
-    """Poses of a TUM file, or wheels and gyro; None without odometry.
+@dataclass(frozen=True)
+class RecordingOptions:
+    """Options that name a recording's files; `check` refuses combinations before any file is read."""
 
-    Raises:
-        InputError: not readable, or a gyro without wheels.
-    """
-    from lmkit.io.trajectory import read_trajectory
+    left: str | None
+    right: str | None
+    detections: Path | None
+    readings: Path | None
+    odometry: Path | None
+    gyro: Path | None
+    wheel_track: str | None
+    hz: float | None
 
-    if odometry is not None and odometry.suffix.lower() in POSES:
-        require_no(f"--odometry {odometry}", {"--gyro": gyro, "--wheel-track": wheel_track})
-        return read_trajectory(odometry)
-    return read_wheels(odometry, gyro, wheel_track)
+    def check(self) -> None:
+        """Refuse options that do not make a recording.
 
+        Raises:
+            InputError: not exactly one of images, detections and readings; options that do not fit together.
+        """
+        if self.readings is not None:
+            require_no("--readings", {"LEFT": self.left, "--detections": self.detections, "--hz": self.hz})
+        elif self.detections is not None:
+            require_no("--detections", {"LEFT": self.left, "--hz": self.hz})
+        elif self.left is None or self.right is None:
+            raise InputError(
+                "no_images", "no recording given", "give LEFT and RIGHT (two folders of images), or --detections FILE"
+            )
+        if self.hz is not None and not 0 < self.hz < 1e4:
+            raise InputError(
+                "bad_rate", f"--hz {self.hz:g} is out of range", "give image pairs per second, such as 5"
+            )
+        self._check_odometry()
 
-def motion_of(odometry: Trajectory | tuple[Odometry, Gyro | None] | None) -> Motion | None:
-    """What it carries a rig by."""
-    from lmkit.model.trajectory import Trajectory
-    from lmkit.odometry.pose_odometry import PoseMotion
-    from lmkit.odometry.wheel_odometry import MotionModel
+    def _check_odometry(self) -> None:
+        wheels_only = {"--gyro": self.gyro, "--wheel-track": self.wheel_track}
+        if self.odometry is None:
+            for name, value in wheels_only.items():
+                if value is not None:
+                    raise InputError("no_odometry", f"{name} needs wheel odometry", "add --odometry FILE.csv")
+            if self.readings is not None:
+                raise InputError(
+                    "no_odometry", "--readings needs wheel odometry",
+                    "add --odometry FILE.csv; for single poses use lmkit locate --readings",
+                )  # fmt: skip
+        elif self.odometry.suffix.lower() in POSES:
+            require_no(f"--odometry {self.odometry}", wheels_only)
+            if self.readings is not None:
+                raise InputError(
+                    "poses_in_space",
+                    f"--readings needs wheel odometry, and {self.odometry} holds poses",
+                    "give --odometry FILE.csv",
+                )
 
-    if odometry is None:
-        return None
-    return PoseMotion(odometry) if isinstance(odometry, Trajectory) else MotionModel(*odometry)
+    def read(self, rig: StereoRig | None, families: Sequence[str]) -> Recording:
+        """Read the files, and detect landmarks in images.
 
+        Raises:
+            InputError: a file cannot be read, or the rig lacks what the odometry needs.
+        """
+        from lmkit.model.landmark import family_named
+        from lmkit.pipelines.detect_recording import read_recording
+        from lmkit.units import parse_length_mm
 
-def read_wheels(
-    odometry: Path | None, gyro: Path | None, wheel_track: str | None
-) -> tuple[Odometry, Gyro | None] | None:
-    """Odometry and gyro as given; None without odometry.
-
-    Raises:
-        InputError: not readable, or a gyro without odometry.
-    """
-    from lmkit.io.recording_tables import read_gyro, read_odometry
-    from lmkit.units import parse_length_mm
-
-    if odometry is None:
-        for name, value in (("--gyro", gyro), ("--wheel-track", wheel_track)):
-            if value is not None:
-                raise InputError("no_odometry", f"{name} needs odometry beside it", "give --odometry FILE.csv")
-        return None
-    if odometry.suffix.lower() in POSES:
-        raise InputError(
-            "poses_in_space", f"{odometry} holds poses in space, wheels are needed here", "give --odometry FILE.csv"
-        )
-    track_m = None if wheel_track is None else parse_length_mm(wheel_track, "--wheel-track") / 1000
-    return read_odometry(odometry, track_m), None if gyro is None else read_gyro(gyro)
-
-
-def read_moments(
-    left: str | None, right: str | None, detections: Path | None, rig: StereoRig, family: str, hz: float | None
-) -> list[StereoFrame]:
-    """What both eyes saw, from pictures or a detections file.
-
-    Raises:
-        InputError: neither or both are given, or they cannot be read.
-    """
-    from lmkit.io.recording_tables import read_detections
-    from lmkit.model.landmark import families_named
-    from lmkit.pipelines.detect_recording import see_drive
-
-    if detections is not None:
-        require_no("--detections", {"LEFT": left, "--hz": hz})
-        return read_detections(detections, family.split(","))
-    if left is None or right is None:
-        raise InputError("no_pictures", "LEFT and RIGHT, or --detections, are needed", "give two folders of pictures")
-    if hz is not None and not 0 < hz < 1e4:
-        raise InputError("bad_rate", f"--hz {hz:g} is no rate", "give pairs a second, such as 5")
-    return list(progress(see_drive(left, right, rig, families_named(family), hz), None, "detecting"))
+        track_m = None if self.wheel_track is None else parse_length_mm(self.wheel_track, "--wheel-track") / 1000
+        with ProgressBars() as bars:
+            return read_recording(
+                self.left,
+                self.right,
+                rig,
+                self.detections,
+                self.readings,
+                self.odometry,
+                self.gyro,
+                track_m,
+                [family_named(name.strip()) for name in families],
+                self.hz,
+                bars.counter("detecting landmarks"),
+            )

@@ -1,4 +1,4 @@
-"""`lmkit generate --measured`: the map with the size that the printed landmarks really have."""
+"""`lmkit generate --measured`: the map with the measured size of printed landmarks."""
 
 from __future__ import annotations
 
@@ -18,8 +18,7 @@ from lmkit.units import parse_two_lengths_mm
 def write_measured_map(
     path: Path, family: LandmarkFamily, codes: list[int], measured: str, output: Path | None, force: bool
 ) -> None:
-    """The map with the size that these landmarks really have."""
-
+    """Write the map with the measured size of these landmarks."""
     width, height = parse_two_lengths_mm(measured, "--measured")
     landmarks = read_map(path)
     missing = [code for code in codes if LandmarkId(family.name, code) not in landmarks]
@@ -28,14 +27,14 @@ def write_measured_map(
             "not_in_map", f"{path} has no {family.name} landmark of code {missing[0]}", "check --codes and --family"
         )
     if abs(width / height - 1) > 0.005:
-        warn(f"width and height differ by {abs(width / height - 1):.1%}; the map takes their mean")
+        warn(f"width and height differ by {abs(width / height - 1):.1%}; the map gets their mean")
     true_size_m = round((width + height) / 2000, 7)
-    mended = [
+    resized = [
         replace(landmark, size_m=true_size_m)
         if landmark.family == family.name and landmark.code in codes
         else landmark
         for landmark in landmarks
     ]
     target = output or path
-    write_file(target, map_to_yaml(LandmarkMap(mended)), force)
+    write_file(target, map_to_yaml(LandmarkMap(resized)), force)
     print_line(f"{target}: size_m {true_size_m:.5f} for {len(codes)} landmarks")

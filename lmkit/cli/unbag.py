@@ -1,4 +1,4 @@
-"""`lmkit unbag`: a drive out of a ROS bag, as files."""
+"""`lmkit unbag`: a recording out of a ROS bag, as files."""
 
 from __future__ import annotations
 
@@ -7,27 +7,28 @@ from typing import Annotated
 
 import typer
 
+from lmkit.cli import options
 from lmkit.cli.output import print_line, progress
 from lmkit.errors import InputError
 
 
 def run(
-    bag: Annotated[Path, typer.Argument(help="Bag of ROS 1 or ROS 2, or MCAP.")],
-    output: Annotated[Path, typer.Option("-o", "--output", help="Folder to write.")],
-    left: Annotated[str | None, typer.Option("--left", help="Topic of the left pictures.")] = None,
-    right: Annotated[str | None, typer.Option("--right", help="Topic of the right pictures.")] = None,
+    bag: Annotated[Path, typer.Argument(help="ROS 1 bag, ROS 2 bag or MCAP file.")],
+    output: options.OutputFolder,
+    left: Annotated[str | None, typer.Option("--left", help="Topic of the left images.")] = None,
+    right: Annotated[str | None, typer.Option("--right", help="Topic of the right images.")] = None,
     left_info: Annotated[str | None, typer.Option("--left-info", help="Topic of the left camera_info.")] = None,
     right_info: Annotated[str | None, typer.Option("--right-info", help="Topic of the right camera_info.")] = None,
     odometry: Annotated[str | None, typer.Option("--odometry", help="Topic of the odometry.")] = None,
     imu: Annotated[str | None, typer.Option("--imu", help="Topic of the gyro.")] = None,
-    force: Annotated[bool, typer.Option("--force", help="Overwrite files.")] = False,
+    force: options.Force = False,
 ) -> None:
-    """Take stereo pictures, rig, odometry and gyro out of a bag."""
+    """Extract stereo images, rig, odometry and gyro from a ROS bag."""
     from lmkit.io.bags import unpack_bag
     from lmkit.io.files import write_file
 
     if not bag.exists():
-        raise InputError("file_missing", f"{bag} does not exist", "give a bag")
+        raise InputError("file_missing", f"{bag} does not exist", "check the path")
     if output.is_dir() and any(output.iterdir()) and not force:
         raise InputError("file_exists", f"folder {output} is not empty", "add --force, or choose another with -o")
     wanted = {

@@ -206,3 +206,24 @@ def error_dict(error: TrajectoryError) -> dict[str, Any]:
         "percent": error.percent,
         "scale": error.scale,
     }
+
+
+def error_lines(error: TrajectoryError) -> list[str]:
+    """The errors as a table, lines of text."""
+    lines = [
+        f"poses compared         {error.pairs}; true poses without an estimate: {error.missing}",
+        f"{'':<22} {'rmse':>9} {'mean':>9} {'median':>9} {'95 %':>9} {'largest':>9}",
+    ]
+    for name, spread, unit in (
+        ("position, mm", error.position_m, 1000.0),
+        ("rotation, deg", error.rotation_deg, 1.0),
+        ("heading, deg", error.heading_deg, 1.0),
+        ("relative position, mm", error.relative_position_m, 1000.0),
+        ("relative rotation, deg", error.relative_rotation_deg, 1.0),
+    ):
+        if spread is not None:
+            figures = (spread.rmse, spread.mean, spread.median, spread.p95, spread.max)
+            lines.append(f"{name:<22} " + " ".join(f"{unit * v:9.3f}" for v in figures))
+    if error.percent is not None:
+        lines.append(f"percentage error       {error.percent:.3f} % of the distance from the start")
+    return lines

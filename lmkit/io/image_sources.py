@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import glob
+import math
 import re
 import sys
 from collections.abc import Iterator, Sequence
@@ -28,11 +29,13 @@ class Frame:
         name: path, or ``VIDEO#N`` for frame N of a video.
         image: (H,W,3) BGR, or None.
         error: set when image is None.
+        time_s: time in its video, or the time that its file name ends in; None if neither is known.
     """
 
     name: str
     image: ByteArray | None
     error: InputError | None = None
+    time_s: float | None = None
 
     @property
     def picture(self) -> ByteArray:
@@ -116,9 +119,13 @@ def frames(sources: list[str]) -> Iterator[Frame]:
                 yield from _video_frames(str(path))
                 continue
             try:
-                yield Frame(str(path), read_image(path))
+                yield _file_frame(path)
             except InputError as error:
                 yield Frame(str(path), None, error)
+
+
+def _file_frame(path: Path) -> Frame:
+    return Frame(str(path), read_image(path), None, time_of(path.name))
 
 
 def _frame(name: str, data: bytes) -> Frame:
@@ -143,7 +150,13 @@ def _video_frames(source: str) -> Iterator[Frame]:
             more, image = video.read()
             if not more:
                 break
-            yield Frame(f"{source}#{count}", np.asarray(image, dtype=np.uint8))
+            time_s = video.get(cv2.CAP_PROP_POS_MSEC) / 1000
+            # Some containers give no times; then the frame rate has to do.
+            if time_s <= 0 < count:
+                rate = video.get(cv2.CAP_PROP_FPS)
+                time_s = count / rate if rate > 0 else math.nan
+            known = math.isfinite(time_s) and not source.startswith(CAMERA)
+            yield Frame(f"{source}#{count}", np.asarray(image, dtype=np.uint8), None, time_s if known else None)
             count += 1
     finally:
         video.release()
@@ -160,6 +173,31 @@ def _camera_number(source: str) -> int:
     if not number.isdecimal():
         raise InputError("bad_camera", f"{source}: no camera number", "write camera:0")
     return int(number)
+
+
+def frame_count(sources: Sequence[str]) -> int | None:
+    """Number of images of all sources, for progress; None if it is not known beforehand (cameras, ``-``)."""
+    import cv2
+
+    total = 0
+    for source in sources:
+        if source == "-" or source.startswith(CAMERA):
+            return None
+        try:
+            paths = list_pictures(source)
+        except InputError:
+            paths = [Path(source)]
+        for path in paths:
+            if path.suffix.lower() not in VIDEO_SUFFIXES:
+                total += 1
+                continue
+            video = cv2.VideoCapture(str(path))
+            frames_of = int(video.get(cv2.CAP_PROP_FRAME_COUNT))
+            video.release()
+            if frames_of <= 0:
+                return None
+            total += frames_of
+    return total
 
 
 def are_moving(source: str) -> bool:
@@ -191,7 +229,7 @@ def paired_frames(left: str, right: str | None) -> Iterator[tuple[Frame, Frame]]
         raise InputError("unpaired", f"{left} and {right} are different kinds of source", "give two of the same kind")
     if not any(videos):
         for left_file, right_file in list_pairs(left, right):
-            yield Frame(str(left_file), read_image(left_file)), Frame(str(right_file), read_image(right_file))
+            yield _file_frame(left_file), _file_frame(right_file)
         return
     # Of two videos of different length, the end of the longer one has no partner.
     yield from zip(_video_frames(left), _video_frames(right), strict=False)

@@ -24,7 +24,7 @@ from lmkit.arrays import BoolArray, FloatArray
 from lmkit.geometry.planar import wrap_angle, wrap_heading
 from lmkit.localization.range_bearing_noise import ReadingNoise
 from lmkit.localization.two_landmarks import PlanarPose, locate_by_two
-from lmkit.model.landmark_id import LandmarkId
+from lmkit.model.landmark_id import LandmarkId, ids_text
 from lmkit.model.landmark_map import LandmarkMap
 from lmkit.model.observation import RangeBearing
 from lmkit.model.pose_status import PoseStatus
@@ -346,3 +346,14 @@ def planar_dict(estimate: PlanarEstimate, path: Path, time_s: float) -> dict[str
         result["position"] = [pose.x_m, pose.y_m]
         result["heading_rad"] = pose.heading_rad
     return result
+
+
+def planar_line(estimate: PlanarEstimate) -> str:
+    """One planar answer as text."""
+    outliers = f", outliers {ids_text(estimate.outliers)}" if estimate.outliers else ""
+    if estimate.pose is None:
+        return f"{estimate.status}{outliers}"
+    pose = estimate.pose
+    heading = "unknown" if pose.heading_rad is None else f"{math.degrees(pose.heading_rad):.2f} deg"
+    where = f"x {pose.x_m:.3f} y {pose.y_m:.3f} m, heading {heading}"
+    return f"{estimate.status}, {where}, codes {ids_text(estimate.inliers)}{outliers}"

@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -50,3 +53,37 @@ def survey_readings(
         [()] * len(times),
     )
     return LandmarkMap(hung), drive
+
+
+def planar_map_dict(landmarks: LandmarkMap, frames: int, output: Path) -> dict[str, Any]:
+    """The result as docs/formats.md has it.
+
+    Args:
+        frames: number of times at which there were readings.
+        output: the map file.
+    """
+    entries = [
+        {
+            "id": str(m.id),
+            "code": m.code,
+            "position": m.T_map_landmark.t.tolist(),
+            "sigma_m": _sigma_m(m),
+        }
+        for m in landmarks
+    ]
+    return {"map": str(output), "landmarks": entries, "moments": frames}
+
+
+def planar_map_lines(landmarks: LandmarkMap, frames: int, output: Path) -> list[str]:
+    """A table of the landmarks, and a summary, as lines of text."""
+    lines = []
+    for m in landmarks:
+        x, y, _ = m.T_map_landmark.t
+        lines.append(f"{m.id!s:8} {x:8.3f} {y:8.3f}   +- {1000 * _sigma_m(m):.0f} mm")
+    return [*lines, f"{len(landmarks)} landmarks in the plane, {frames} frames -> {output}"]
+
+
+def _sigma_m(landmark: MappedLandmark) -> float:
+    """Standard deviation of the position in the plane, both axes together."""
+    assert landmark.covariance is not None
+    return math.sqrt(landmark.covariance[0, 0] + landmark.covariance[1, 1])

@@ -10,11 +10,8 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from pathlib import Path
-from typing import Any
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -24,10 +21,10 @@ from lmkit.mapping.bundle_adjustment import Anchor, Bundle, BundleProblem
 from lmkit.mapping.initialization import Start, find_start
 from lmkit.mapping.pose_ambiguity import resolve_pose_ambiguities
 from lmkit.mapping.wall_constraints import Tie, strays
-from lmkit.model.landmark_id import LandmarkId, ids_text
+from lmkit.model.landmark_id import LandmarkId
 from lmkit.model.landmark_map import LandmarkMap, MappedLandmark
 from lmkit.model.recording import StereoFrame
-from lmkit.odometry.motion_model import Motion, describe_odometry
+from lmkit.odometry.motion_model import Motion
 
 OUTLIER_SIGMA = 4.5  # root mean square over an observation's eight coordinates
 ROUNDS, STEPS = 4, 30
@@ -42,7 +39,7 @@ class ContradictedLandmark:
     """A landmark that part of its observations contradict.
 
     Attributes:
-        off, observations: how many of its observations do not fit.
+        off, sightings: how many of its observations do not fit.
         from_s, to_s: when those were.
     """
 
@@ -71,8 +68,8 @@ class Survey:
         weak: landmarks determined to no better than 3 cm or 2 deg, with both deviations (m, rad).
         unplaced: landmarks that were seen, but not well enough to be placed.
         dropped: observations left out.
-        ambiguous: landmarks that may as well are mounted turned, by their second pose.
-        off: landmarks that do not be mounted as declared, what was declared of them, and how far they are off (m).
+        ambiguous: landmarks whose two poses explain the observations almost equally well.
+        astray: landmarks off their constraints, with the constraint and the distance (m).
         warnings: what a user should check, in words.
     """
 
@@ -99,13 +96,13 @@ def survey_frames(
     """Survey the landmarks and the poses of the rig.
 
     Args:
-        frames: in the order of time.
+        moments: frames in the order of time.
         sizes_m: printed sizes, by id.
-        anchors: landmarks known beforehand, by id; with none, the landmark seen best is taken to mount
-            upright at the origin and to look along x; with wheels it is above the origin, and the floor that the
-            robot stood on is z = 0.
+        anchors: landmarks known beforehand, by id; with none, the best-observed landmark
+            defines the origin, its normal is the x axis and it is upright; with wheel odometry it is above the
+            origin, and the floor is z = 0.
         motion: odometry; of wheels it needs the rig's T_base_left.
-        ties: walls and heights that landmarks are declared to share.
+        ties: walls and heights that landmarks share.
 
     Raises:
         InputError: nothing to start from, or odometry without T_base_left or of another time.
@@ -244,81 +241,22 @@ def deviations(landmark: MappedLandmark) -> tuple[float, float]:
 
 
 def landmark_sizes(
-    moments: list[StereoFrame], size_m: float, anchors: dict[LandmarkId, Anchor]
+    frames: Sequence[StereoFrame], size_m: float, anchors: Mapping[LandmarkId, Anchor]
 ) -> dict[LandmarkId, float]:
-    sizes = {o.id: size_m for moment in moments for o in (*moment.left, *moment.right)}
+    """Printed size of every landmark observed or known, metres: an anchor's own, else ``size_m``."""
+    sizes = {o.id: size_m for frame in frames for o in (*frame.left, *frame.right)}
     sizes.update({key: anchor.landmark.size_m for key, anchor in anchors.items()})
     return sizes
 
 
-def survey_warnings(
-    result: Survey, motion: Motion | None, ties: list[Tie], advice: dict[LandmarkId, str]
-) -> list[str]:
+def anchors_of(landmarks: LandmarkMap, sigma: tuple[float, float] | None = None) -> dict[LandmarkId, Anchor]:
+    """Known landmarks as anchors of a survey.
 
-    texts = [str(odd) for odd in result.odd]
-    doubt = None if motion is None else describe_odometry(motion, result.bundle.parameters)
-    if doubt is not None:
-        texts.append(doubt)
-    for from_s, to_s, metres in result.bundle.jumps:
-        texts.append(
-            f"between {from_s:.2f} and {to_s:.2f} s the rig jumps by {metres:.2f} m: it slid or was carried, or a "
-            "landmark seen there was moved, or is placed by the wrong one of its two poses; look from another side"
-        )
-    for code in result.ambiguous:
-        texts.append(f"{code} has an ambiguous pose: it was seen from one side and from afar; look from another side")
-    for code, tie, metres in result.astray:
-        texts.append(
-            f"{code} is {1000 * metres:.0f} mm off the {tie} that it is declared to share; check it in the room"
-        )
-    mapped = {m.id for m in result.bundle.landmarks}
-    for tie in ties:
-        missing = [id_ for id_ in tie.ids if id_ not in mapped]
-        if missing:
-            texts.append(f"of the {tie} that was declared, {ids_text(missing)} did not come into the map")
-    for code in result.unplaced:
-        texts.append(
-            f"{code} is not placed: its observations are too few, or do not agree; drive past it again, and nearer"
-        )
-    for code, place, turn in result.weak:
-        known = f"{code} is known to {1000 * place:.0f} mm and {math.degrees(turn):.1f} deg only"
-        texts.append(f"{known}: {advice[code]}" if code in advice else known)
-    return texts
-
-
-def survey_dict(result: Survey, moments: list[StereoFrame], motion: Motion | None, output: Path) -> dict[str, Any]:
-    from lmkit.mapping.survey import deviations
-
-    bundle = result.bundle
-    sightings = dict(zip(bundle.ids, np.bincount(bundle.of, minlength=len(bundle.ids)).tolist(), strict=True))
-    entries = []
-    for m in bundle.landmarks:
-        place, turn = deviations(m)
-        entries.append(
-            {
-                "id": str(m.id),
-                "code": m.code,
-                "position": m.T_map_landmark.t.tolist(),
-                "quaternion": m.T_map_landmark.quaternion_xyzw.tolist(),
-                "sigma_m": place,
-                "sigma_rad": turn,
-                "sightings": sightings[m.id],
-            }
-        )
+    Args:
+        sigma: standard deviation of position (m, each axis) and rotation (rad, each axis); None: as the map states.
+    """
+    covariance = None if sigma is None else np.diag([sigma[0] ** 2] * 3 + [sigma[1] ** 2] * 3)
     return {
-        "map": str(output),
-        "landmarks": entries,
-        "moments": len(moments),
-        "located": len(result.rows),
-        "dropped": result.dropped,
-        "reprojection_error_px": bundle.rms_px if math.isfinite(bundle.rms_px) else None,
-        "odd": [
-            {"id": str(o.id), "code": o.id.code, "off": o.off, "of": o.sightings, "from_s": o.from_s, "to_s": o.to_s}
-            for o in result.odd
-        ],
-        "jumps": [{"from_s": a, "to_s": b, "metres": m} for a, b, m in result.bundle.jumps],
-        "weak": [str(id_) for id_, _, _ in result.weak],
-        "unplaced": [str(id_) for id_ in result.unplaced],
-        "ambiguous": [str(id_) for id_ in result.ambiguous],
-        "astray": [{"id": str(id_), "of": str(tie), "metres": metres} for id_, tie, metres in result.astray],
-        "odometry": {} if motion is None else dict(zip(motion.names, bundle.parameters.tolist(), strict=True)),
+        m.id: Anchor(replace(m, covariance=None), m.covariance if covariance is None else covariance)
+        for m in landmarks
     }

@@ -57,6 +57,12 @@ class TrackedTrajectory:
         counts = ", ".join(f"{count} {status}" for status, count in Counter(map(str, self.statuses)).items())
         return f"TrackedTrajectory({len(self)} poses: {counts})"
 
+    @property
+    def sure(self) -> list[tuple[float, Pose]]:
+        """Times and poses with status ``ok``."""
+        rows = zip(self.times_s.tolist(), self.poses, self.statuses, strict=True)
+        return [(time_s, pose) for time_s, pose, status in rows if status == PoseStatus.OK]
+
     def looking(self, k: int) -> Pose:
         """Pose of a camera that looks where the robot does, for drawing."""
         return ahead_of(self.poses[k]) if self.of_base else self.poses[k]
@@ -70,7 +76,17 @@ def _six(C: FloatArray) -> FloatArray:
     return six
 
 
+def tracked_lines(drive: TrackedTrajectory) -> list[str]:
+    """A summary as lines of text."""
+    counts = ", ".join(f"{count} {status}" for status, count in Counter(map(str, drive.statuses)).items())
+    lines = [f"{len(drive)} frames: {counts}"]
+    if drive.parameters:
+        lines.append("odometry: " + ", ".join(f"{name} {value:.4g}" for name, value in drive.parameters.items()))
+    return lines
+
+
 def tracked_dict(drive: TrackedTrajectory, k: int) -> dict[str, Any]:
+    """Pose ``k`` as docs/formats.md has it."""
     return {
         "time_s": float(drive.times_s[k]),
         "status": drive.statuses[k],
@@ -84,6 +100,7 @@ def tracked_dict(drive: TrackedTrajectory, k: int) -> dict[str, Any]:
 
 
 def tracked_csv(drive: TrackedTrajectory) -> str:
+    """The text of a CSV file: all poses with standard deviations."""
     lines = ["time_s,status,x_m,y_m,z_m,qx,qy,qz,qw,sigma_x_m,sigma_y_m,sigma_heading_rad"]
     for k in range(len(drive.times_s)):
         pose, C = drive.poses[k], drive.covariances[k]

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -12,11 +12,11 @@ from lmkit.calibration.view_coverage import ViewCoverage
 from lmkit.detection.boards import detect_board
 from lmkit.errors import InputError
 from lmkit.io.board_corners import SavedCorners
-from lmkit.io.image_sources import Frame
+from lmkit.io.image_sources import Frame, list_pairs
 from lmkit.io.images import read_image
 from lmkit.model.board import BoardSpec
 from lmkit.model.observation import BoardObservation
-from lmkit.pipelines.board_views import checked_board, pair_view
+from lmkit.pipelines.board_views import checked_board, find_board_pairs, pair_view
 
 LONG_IN_VAIN = 50  # frames without the board, before another one is thought of
 PairOfPictures = tuple[ByteArray, ByteArray]
@@ -38,6 +38,12 @@ class Found:
         """Left and right image of a pair."""
         left, right = (read_image(eye) if isinstance(eye, Path) else eye for eye in self.pictures[name])
         return left, right
+
+    def some_pictures(self, names: Sequence[str], most: int) -> dict[str, PairOfPictures]:
+        """Images of at most ``most`` of these pairs, evenly spread, by name."""
+        known = [name for name in names if name in self.pictures]
+        step = max(1, len(known) // most)
+        return {name: self.picture(name) for name in known[::step][:most]}
 
 
 @dataclass(frozen=True, eq=False)
@@ -126,3 +132,19 @@ class _SpecCheck:
         if not self._done and self._last is not None:
             self._done = True
             self.board = checked_board([self._last], self.board)
+
+
+def find_in_files(
+    left: str, right: str, board: BoardSpec, on_pair: Callable[[int, int], None] = lambda done, total: None
+) -> Found:
+    """Find the board in pairs of files.
+
+    Args:
+        left, right: folders or globs, paired by sorted name.
+        on_pair: called with the number of pairs done, and of how many.
+
+    Raises:
+        InputError: no pairs, an unreadable image, or another board.
+    """
+    pairs = find_board_pairs(list_pairs(left, right), board, on_pair)
+    return Found(SavedCorners(pairs.board, pairs.image_size, pairs.views, pairs.rejected), pairs.files)

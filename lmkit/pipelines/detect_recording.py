@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from functools import partial
 from pathlib import Path
 
@@ -69,12 +69,16 @@ def read_recording(
     wheel_track_m: float | None = None,
     families: Sequence[LandmarkFamily] = (LM8,),
     hz: float | None = None,
+    on_frame: Callable[[int, int], None] = lambda done, total: None,
 ) -> Recording:
     """A recording from its files: images, or saved detections, or readings; odometry and gyro.
 
+    Args:
+        on_frame: called with the number of image pairs done, and of how many.
+
     Raises:
         InputError: not exactly one of images, detections and readings is given; images without a rig; a gyro without
-            wheel odometry; a file cannot be read.
+            wheel odometry; wheel odometry and a rig without T_base_left; a file cannot be read.
     """
     given = [name for name, value in (("images", left), ("detections", detections), ("readings", readings)) if value]
     if len(given) != 1:
@@ -87,6 +91,11 @@ def read_recording(
     if gyro is not None and not isinstance(own, Odometry):
         raise InputError("no_odometry", "a gyro needs wheel odometry beside it", "give odometry as CSV")
     rate = None if gyro is None else read_gyro(gyro)
+    if isinstance(own, Odometry) and rig is not None and rig.T_base_left is None:
+        raise InputError(
+            "no_base", "wheel odometry needs the camera's pose on the robot, and the rig has no T_base_left",
+            "add T_base_left to the rig file",
+        )  # fmt: skip
     names = [family.name for family in families]
     if readings is not None:
         seen = tuple((time_s, tuple(some)) for time_s, some in sorted(read_readings(readings, names).items()))
@@ -95,4 +104,9 @@ def read_recording(
         return Recording(tuple(read_detections(detections, names)), odometry=own, gyro=rate)
     if left is None or right is None or rig is None:
         raise InputError("no_images", "images of both cameras and the rig are needed", "give left, right and rig")
-    return Recording(tuple(see_drive(left, right, rig, families, hz)), odometry=own, gyro=rate)
+    total = len(list_pairs(left, right))
+    frames = []
+    for frame in see_drive(left, right, rig, families, hz):
+        frames.append(frame)
+        on_frame(len(frames), total)
+    return Recording(tuple(frames), odometry=own, gyro=rate)

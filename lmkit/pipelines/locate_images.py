@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -19,12 +19,11 @@ from lmkit.io.images import read_image
 from lmkit.localization.absolute_pose import LocateOptions, covariance_at_base, locate_camera, locate_rig
 from lmkit.model.estimate import PoseEstimate
 from lmkit.model.landmark import family_named
+from lmkit.model.landmark_id import ids_text
 from lmkit.model.landmark_map import LandmarkMap
 from lmkit.model.observation import Detection
 from lmkit.parallel import map_in_processes
-
-# Below this the processes' start costs more than they bring.
-WORTH_PROCESSES = 4
+from lmkit.pipelines.detect_images import quoted_cell
 
 
 @dataclass(frozen=True, eq=False)
@@ -37,6 +36,7 @@ class Located:
         seen: landmarks of the left and of the right image.
         image: the left image, of videos and cameras alone (files can be read again).
         error: why there is no estimate.
+        time_s: time in the video, or the time that the left file's name ends in.
     """
 
     left: str
@@ -45,6 +45,7 @@ class Located:
     seen: tuple[tuple[Detection, ...], ...] = ()
     image: ByteArray | None = None
     error: InputError | None = None
+    time_s: float | None = None
 
 
 def locate_in_sources(
@@ -62,7 +63,7 @@ def locate_in_sources(
             jobs = [(str(file), None) for file in list_pictures(left)]
         else:
             jobs = [(str(a), str(b)) for a, b in list_pairs(left, right)]
-        yield from map_in_processes(work, jobs) if len(jobs) >= WORTH_PROCESSES else map(work, jobs)
+        yield from map_in_processes(work, jobs)
         return
     if right is None:
         moments: Iterator[tuple[Frame, ...]] = ((frame,) for frame in frames([left]))
@@ -80,11 +81,11 @@ def _locate_files(
     try:
         for name in names:
             if name is not None:
-                moment.append(Frame(name, read_image(Path(name))))
+                moment.append(Frame(name, read_image(Path(name)), None, time_of(name)))
     except InputError as error:
         return Located(left, right, None, error=error)
     located = _locate_frames(moment, rig, landmarks, options)
-    return Located(left, right, located.estimate, located.seen, None, located.error)
+    return replace(located, image=None)
 
 
 def _locate_frames(
@@ -103,12 +104,19 @@ def _locate_frames(
         estimate = locate_camera(seen[0], rig.left, landmarks, options)
     else:
         estimate = locate_rig(seen[0], seen[1], rig, landmarks, options)
-    return Located(left, right, estimate, tuple(seen), moment[0].image)
+    return Located(left, right, estimate, tuple(seen), moment[0].image, time_s=moment[0].time_s)
 
 
-def estimate_dict(estimate: PoseEstimate, rig: StereoRig, left: str, right: str | None, frame: str) -> dict[str, Any]:
-    """One answer as docs/formats.md has it."""
-    from lmkit.geometry.pose import Pose
+def located_dict(located: Located, rig: StereoRig, frame: str) -> dict[str, Any]:
+    """One answer as docs/formats.md has it.
+
+    Args:
+        frame: ``camera`` (the left one) or ``base``: whose pose is given.
+    """
+    if located.estimate is None:
+        assert located.error is not None
+        return {"left": located.left, "right": located.right, "error": located.error.as_dict()}
+    estimate = located.estimate
 
     def at(pose: Pose) -> Pose:
         if frame == "camera" or rig.T_base_left is None:
@@ -117,9 +125,9 @@ def estimate_dict(estimate: PoseEstimate, rig: StereoRig, left: str, right: str 
         return pose @ Pose("camera", "base", T_left_base.R, T_left_base.t)
 
     result: dict[str, Any] = {
-        "left": left,
-        "right": right,
-        "time_s": time_of(left),
+        "left": located.left,
+        "right": located.right,
+        "time_s": located.time_s,
         "status": estimate.status,
         "position": None,
         "quaternion": None,
@@ -150,23 +158,38 @@ def estimate_dict(estimate: PoseEstimate, rig: StereoRig, left: str, right: str 
     return result
 
 
-ESTIMATE_COLUMNS = (
+def located_line(located: Located, rig: StereoRig, frame: str) -> str:
+    """One answer as a line of text."""
+    assert located.estimate is not None
+    estimate, name = located.estimate, Path(located.left).name
+    answer = located_dict(located, rig, frame)
+    outliers = f", outliers {ids_text(estimate.outliers)}" if estimate.outliers else ""
+    if answer["position"] is None:
+        return f"{name}: {estimate.status}{outliers}"
+    x, y, z = answer["position"]
+    sigma = [answer["covariance"][k][k] ** 0.5 * 1000 for k in range(3)]
+    return (
+        f"{name}: {estimate.status}, x {x:.3f} y {y:.3f} z {z:.3f} m "
+        f"(± {sigma[0]:.1f} {sigma[1]:.1f} {sigma[2]:.1f} mm), codes {ids_text(estimate.inliers)}{outliers}"
+    )
+
+
+LOCATED_COLUMNS = (
     "left,time_s,status,x_m,y_m,z_m,qx,qy,qz,qw,"
     "sigma_x_m,sigma_y_m,sigma_z_m,sigma_rx_rad,sigma_ry_rad,sigma_rz_rad,codes"
 )
 
 
-def estimate_row(answer: dict[str, object]) -> str:
-    position, quaternion, covariance = answer["position"], answer["quaternion"], answer["covariance"]
+def located_row(answer: dict[str, Any]) -> str:
+    """A line of a CSV table with `LOCATED_COLUMNS`.
+
+    Args:
+        answer: from `located_dict`.
+    """
     numbers: list[object] = [""] * 13
-    if isinstance(position, list) and isinstance(quaternion, list) and isinstance(covariance, list):
-        sigmas = [covariance[k][k] ** 0.5 for k in range(6)]
-        numbers = [f"{v:.9g}" for v in (*position, *quaternion, *sigmas)]
-    codes = answer["codes"]
-    assert isinstance(codes, list)
+    if answer["position"] is not None and answer["covariance"] is not None:
+        sigmas = [answer["covariance"][k][k] ** 0.5 for k in range(6)]
+        numbers = [f"{v:.9g}" for v in (*answer["position"], *answer["quaternion"], *sigmas)]
     time_s = "" if answer["time_s"] is None else answer["time_s"]
-    left = str(answer["left"])
-    if any(c in left for c in ',"\n'):
-        left = '"' + left.replace('"', '""') + '"'
-    cells = [left, time_s, answer["status"], *numbers, " ".join(map(str, codes))]
-    return ",".join(map(str, cells))
+    codes = " ".join(map(str, answer["codes"]))
+    return ",".join(map(str, [quoted_cell(answer["left"]), time_s, answer["status"], *numbers, codes]))

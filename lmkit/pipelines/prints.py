@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import os
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
 
 from lmkit.errors import InputError
 from lmkit.generation.manifest import manifest_of
-from lmkit.generation.page import Page
+from lmkit.generation.page import Page, bare_landmark_page
 from lmkit.generation.pdf import pages_to_pdf
 from lmkit.generation.png import page_to_png
 from lmkit.generation.sheet import Wording, compose_sheets, largest_mm
@@ -22,9 +23,12 @@ from lmkit.units import parse_two_lengths_mm
 from lmkit.verification.proof import prove_pages
 
 PAPERS = ("a4", "letter", "a3")
-
-
+DEFAULT_PAPER = "a4"
+SUFFIXES = (".pdf", ".png", ".svg")
 MOST_STRETCH = 0.05
+LEAST_SIZE_MM = 5.0  # no printer draws smaller ones cleanly
+READABLE_MM = 30.0  # smaller ones are read from a meter at most with a focal length of 600 px
+READ_FROM_PX = 17.5  # side at which 95 of 100 are read, docs/printing.md
 
 
 def output_names(output: Path, labels: list[str]) -> dict[str, Path]:
@@ -36,26 +40,52 @@ def output_names(output: Path, labels: list[str]) -> dict[str, Path]:
 
 @dataclass(frozen=True)
 class PrintLayout:
-    """How sheets are laid out: the options of the command that say so."""
+    """How sheets are laid out.
+
+    Attributes:
+        template: name of a shipped template, or a TOML file; None for the plain sheet of ``paper``.
+        paper: None for the template's own, or A4.
+        size_mm: landmark size; None for the template's own.
+        text, map_name: for templates that show them.
+        mirror: mirrored, for the inside of glass.
+        compensate: measured size of the last print, such as ``178.6x179.4``.
+    """
 
     family: LandmarkFamily
-    template: str | None
-    paper: str
-    size_mm: float | None
-    text: str
-    map_name: str
-    mirror: bool
-    compensate: str | None
+    template: str | None = None
+    paper: str | None = None
+    size_mm: float | None = None
+    text: str = ""
+    map_name: str = ""
+    mirror: bool = False
+    compensate: str | None = None
 
     @cached_property
     def sheet(self) -> PageTemplate:
-        """The template."""
+        """The template.
 
-        if self.template is None and self.paper not in PAPERS:
+        Raises:
+            InputError: an unknown paper or template, or a paper beside a template of another one.
+        """
+        if self.template is None:
+            if self._paper not in PAPERS:
+                hint = f"choose {', '.join(PAPERS)}, or give --template"
+                raise InputError("bad_paper", f"--paper {self.paper} is unknown", hint)
+            return load_template(self._paper)
+        sheet = load_template(self.template)
+        if self.paper not in (None, sheet.paper):
+            width, height = sheet.page_mm
+            hint = "leave --paper out, or choose another template (lmkit generate --list-templates)"
             raise InputError(
-                "bad_paper", f"--paper {self.paper} is unknown", f"choose {', '.join(PAPERS)}, or give --template"
+                "template_paper",
+                f"template {sheet.name} has its own paper of {width:g} x {height:g} mm, not {self.paper}",
+                hint,
             )
-        return load_template(self.template or self.paper)
+        return sheet
+
+    @property
+    def _paper(self) -> str:
+        return self.paper or DEFAULT_PAPER
 
     @property
     def tiled(self) -> bool:
@@ -72,11 +102,10 @@ class PrintLayout:
 
     def pages(self, codes: list[int]) -> list[Page]:
         """All pages for these codes."""
-
         sheet = self.sheet
         stretch = self.stretch(self.size_mm or sheet.size_mm)
         if self.tiled and self.size_mm is not None:
-            tiles = [page for code in codes for page in compose_tiles(self.family, code, self.size_mm, self.paper)]
+            tiles = [page for code in codes for page in compose_tiles(self.family, code, self.size_mm, self._paper)]
             return [replace(page, mirrored=self.mirror, stretch=stretch) for page in tiles]
         for option, placeholder, value in (("--text", "{text}", self.text), ("--map-name", "{map}", self.map_name)):
             if value and not any(placeholder in line.text for line in sheet.texts):
@@ -109,7 +138,13 @@ def print_title(pages: list[Page]) -> str:
 
 
 def encode_page(page: Page, path: Path, dpi: float) -> bytes:
-    """The bytes of an SVG or PNG file."""
+    """The bytes of a PDF, SVG or PNG file with one page.
+
+    Args:
+        path: its suffix tells the format.
+    """
+    if path.suffix.lower() == ".pdf":
+        return pages_to_pdf([page], page.title)
     if path.suffix.lower() == ".svg":
         from lmkit.generation.svg import page_to_svg
 
@@ -143,7 +178,7 @@ class Prints:
             InputError: another suffix, or a file exists or cannot be written.
         """
         target = Path(path)
-        if target.suffix.lower() not in (".pdf", ".svg", ".png"):
+        if target.suffix.lower() not in SUFFIXES:
             raise InputError("bad_suffix", f"cannot write {target}: unknown kind", "name it .pdf, .svg or .png")
         if target.suffix.lower() == ".pdf":
             files: dict[Path, tuple[bytes, list[Page]]] = {target: (self.pdf, list(self.pages))}
@@ -154,13 +189,8 @@ class Prints:
                 names[label]: (encode_page(page, target, dpi), [page])
                 for label, page in zip(labels, self.pages, strict=True)
             }
-        for file in files:
-            check_writable(file, overwrite)
-            check_writable(manifest_path(file), overwrite)
-        for file, (data, pages) in files.items():
-            write_file(file, data, overwrite)
-            manifest = manifest_of(pages, self.layout).of_file(file.name, data)
-            write_file(manifest_path(file), manifest.to_json(indent=1) + "\n", overwrite)
+        _require_writable(files, overwrite)
+        _write_with_manifests(files, self.layout, overwrite)
         return list(files)
 
     def __repr__(self) -> str:
@@ -168,7 +198,7 @@ class Prints:
 
 
 def make_prints(
-    family: LandmarkFamily, codes: list[int], *, size_mm: float | None, paper: str, template: str | None
+    family: LandmarkFamily, codes: list[int], *, size_mm: float | None, paper: str | None, template: str | None
 ) -> Prints:
     """Lay landmarks out, draw them, and read every one back.
 
@@ -178,8 +208,114 @@ def make_prints(
     """
     for code in codes:
         family.gaps(code)
-    layout = PrintLayout(family, template, paper, size_mm, "", "", False, None)
+    layout = PrintLayout(family, template, paper, size_mm)
     pages = layout.pages(codes)
     pdf = pages_to_pdf(pages, print_title(pages), manifest_of(pages, layout.name).to_json())
     prove_pages(pdf, pages)
     return Prints(tuple(pages), layout.name, pdf)
+
+
+def write_prints(
+    layout: PrintLayout,
+    codes: Sequence[int],
+    output: Path,
+    *,
+    each: bool = False,
+    dpi: float = 300.0,
+    cmyk: bool = False,
+    overwrite: bool = False,
+) -> list[Path]:
+    """Write sheets with their manifests, all or none: every page is read back before the first is written.
+
+    Args:
+        output: one PDF with all sheets, or one per code with ``each``; PNG and SVG get a file per page.
+        dpi: resolution of PNG files.
+        cmyk: process colors (PDF).
+
+    Returns:
+        The files, without their manifests.
+
+    Raises:
+        InputError: a size that does not fit, or a file exists or cannot be written.
+        LmkitError: a landmark does not read back.
+    """
+    suffix = output.suffix.lower()
+    sets = [layout.pages(some) for some in ([[c] for c in codes] if each or suffix != ".pdf" else [list(codes)])]
+    labeled: dict[str, list[Page]] = {}
+    if suffix == ".pdf":
+        labeled = dict(zip(map(str, codes), sets, strict=False))
+    else:
+        for code, pages in zip(codes, sets, strict=True):
+            several = len(pages) > 1
+            labeled |= {f"{code}-{k}" if several else str(code): [page] for k, page in enumerate(pages, start=1)}
+    files = {path: labeled[label] for label, path in output_names(output, list(labeled)).items()}
+    _require_writable(files, overwrite)
+    pdfs = [
+        pages_to_pdf(pages, print_title(pages), manifest_of(pages, layout.name).to_json(), cmyk) for pages in sets
+    ]
+    # Tiles are read as a whole, so pages of one landmark are proven together.
+    for pdf, pages in zip(pdfs, sets, strict=True):
+        prove_pages(pdf, pages)
+    contents = {
+        path: (pdfs[k] if suffix == ".pdf" else encode_page(pages[0], path, dpi), pages)
+        for k, (path, pages) in enumerate(files.items())
+    }
+    _write_with_manifests(contents, layout.name, overwrite)
+    return list(contents)
+
+
+def write_faces(
+    family: LandmarkFamily,
+    codes: Sequence[int],
+    size_mm: float | None,
+    output: Path,
+    dpi: float = 300.0,
+    overwrite: bool = False,
+) -> list[Path]:
+    """Write landmarks without a sheet around them, one PNG or SVG file per code; the files.
+
+    Raises:
+        InputError: a file exists or cannot be written.
+    """
+    names = output_names(output, [str(code) for code in codes])
+    for path in names.values():
+        check_writable(path, overwrite)
+    for code in codes:
+        path = names[str(code)]
+        page = bare_landmark_page(family, code, size_mm or family.side_mm)
+        write_file(path, encode_page(page, path, dpi), overwrite)
+    return list(names.values())
+
+
+def check_landmark_size(size_mm: float) -> str | None:
+    """A warning if a landmark of this size is read from short distances only, else None.
+
+    Raises:
+        InputError: the size is too small to print.
+    """
+    if size_mm < LEAST_SIZE_MM:
+        raise InputError(
+            "too_small",
+            f"--size {size_mm:g} mm is below {LEAST_SIZE_MM:g} mm, which no printer draws cleanly",
+            f"choose {LEAST_SIZE_MM:g} mm or more; 180mm is usual",
+        )
+    if size_mm >= READABLE_MM:
+        return None
+    farthest_m = size_mm * 600 / READ_FROM_PX / 1000
+    return (
+        f"a landmark of {size_mm:g} mm is read from at most {farthest_m:.1f} m with a focal length of 600 px; "
+        "see docs/printing.md"
+    )
+
+
+def _require_writable(files: Iterable[Path], overwrite: bool) -> None:
+    for path in files:
+        check_writable(path, overwrite)
+        check_writable(manifest_path(path), overwrite)
+
+
+def _write_with_manifests(files: Mapping[Path, tuple[bytes, list[Page]]], layout: str, overwrite: bool) -> None:
+    for path, (data, pages) in files.items():
+        write_file(path, data, overwrite)
+        manifest = manifest_of(pages, layout).of_file(path.name, data)
+        write_file(manifest_path(path), manifest.to_json(indent=1) + "\n", overwrite)

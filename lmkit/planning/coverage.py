@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
 
 import cv2
 import numpy as np
@@ -24,6 +27,7 @@ HEADINGS = 16
 MOST_PLACES = 4000
 FINEST_M, COARSEST_M = 0.25, 2.0
 LEAST_WEAK_M2 = 0.5
+MOST_NAMED = 8  # weak places that a summary lists
 
 
 @dataclass(frozen=True)
@@ -43,6 +47,12 @@ class Demand:
     in_view: int = 2
     headings: float = 0.25
     share: float = 0.9
+
+    def __str__(self) -> str:
+        return (
+            f"{100 * self.error_m:g} cm and {math.degrees(self.heading_rad):g} deg with {self.in_view} landmarks "
+            f"in view for {self.headings:.0%} of the headings"
+        )
 
 
 @dataclass(frozen=True, eq=False)
@@ -222,3 +232,33 @@ def weak_places(coverage: PoseCoverage, demand: Demand) -> list[WeakPlace]:
             x, y = coverage.places[deepest].tolist()
             found.append(WeakPlace((x, y), area, int(in_view[deepest]), float(error_m[deepest])))
     return sorted(found, key=lambda place: -place.area_m2)
+
+
+def coverage_dict(coverage: PoseCoverage, demand: Demand, weak: Sequence[WeakPlace], plan: Path) -> dict[str, Any]:
+    """The result as docs/formats.md has it.
+
+    Args:
+        weak: from `weak_places`.
+        plan: the heat map's file.
+    """
+    places = [
+        {
+            "position": list(place.middle),
+            "area_m2": place.area_m2,
+            "in_view": place.in_view,
+            "error_m": None if math.isinf(place.error_m) else place.error_m,
+        }
+        for place in weak
+    ]
+    share = float(coverage.covered(demand).mean())
+    return {"share": share, "places": len(coverage.places), "weak": places, "plan": str(plan)}
+
+
+def coverage_lines(coverage: PoseCoverage, demand: Demand, weak: Sequence[WeakPlace]) -> list[str]:
+    """A summary, and the largest weak places, as lines of text."""
+    share = float(coverage.covered(demand).mean())
+    lines = [f"{share:.0%} of {len(coverage.places)} places meet the requirement: {demand}"]
+    lines += [f"weak: {place}" for place in weak[:MOST_NAMED]]
+    if len(weak) > MOST_NAMED:
+        lines.append(f"and {len(weak) - MOST_NAMED} smaller ones")
+    return lines

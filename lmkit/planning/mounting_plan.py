@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import math
+from pathlib import Path
+from typing import Any
 
 from lmkit.generation.manifest import manifest_of
 from lmkit.generation.page import Page
@@ -11,10 +13,12 @@ from lmkit.generation.sheet import compose_sheets, largest_mm
 from lmkit.generation.tiles import compose_tiles
 from lmkit.io.template import load_template
 from lmkit.model.landmark import family_named
+from lmkit.planning.coverage import Demand
 from lmkit.planning.placement import Placement
 from lmkit.verification.proof import prove_pages
 
 PAPER = "a4"
+MOST_NAMED = 8  # landmarks that a summary lists
 
 
 def sheets_to_print(placement: Placement) -> bytes:
@@ -44,3 +48,38 @@ def mounting_csv(placement: Placement) -> str:
             f"{1000 * mount.landmark.size_m:.0f},{x:.3f},{y:.3f},{facing:.1f}\n"
         )
     return "".join(rows)
+
+
+def placement_dict(placement: Placement) -> dict[str, Any]:
+    """The result as docs/formats.md has it."""
+    mounts = [
+        {
+            "id": str(mount.landmark.id),
+            "code": mount.landmark.code,
+            "wall": mount.wall.name,
+            "along_m": mount.along_m,
+            "height_m": float(mount.landmark.T_map_landmark.t[2]),
+            "size_m": mount.landmark.size_m,
+        }
+        for mount in placement.mounts
+    ]
+    return {"share": placement.share, "error_m": placement.error_m, "landmarks": mounts}
+
+
+def placement_lines(placement: Placement, demand: Demand, listed_in: Path) -> list[str]:
+    """A summary, and the first landmarks, as lines of text.
+
+    Args:
+        listed_in: the file that lists all of them.
+    """
+    count = len(placement.mounts)
+    more = " more" if len(placement.landmarks) > count else ""
+    lines = [
+        f"{count}{more} landmarks: {demand}",
+        f"met at {placement.share:.1%} of {len(placement.coverage.places)} places; position error there "
+        f"{1000 * placement.error_m:.0f} mm",
+    ]
+    lines += [f"  {mount.landmark.code:3d}: {mount}" for mount in placement.mounts[:MOST_NAMED]]
+    if count > MOST_NAMED:
+        lines.append(f"  and {count - MOST_NAMED} more in {listed_in}")
+    return lines

@@ -9,9 +9,11 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise
+from typing import Any
 
 import numpy as np
 from scipy.ndimage import label
@@ -21,6 +23,8 @@ from scipy.spatial import cKDTree
 
 from lmkit.arrays import BoolArray, FloatArray, IntArray
 from lmkit.errors import InputError, NegativeAnswer
+from lmkit.geometry.planar import planar_pose
+from lmkit.geometry.pose import Pose
 from lmkit.geometry.stereo_rig import StereoRig
 from lmkit.model.floor_plan import FloorPlan
 from lmkit.model.landmark_id import LandmarkId
@@ -307,3 +311,46 @@ def _before(sign: MappedLandmark, floor: FloorPlan, radius_m: float) -> Goal:
             return Goal(float(at[0]), float(at[1]), looking)
     x, y = sign.T_map_landmark.t[:2] + BEFORE_SIGN_M * out
     return Goal(float(x), float(y), looking)
+
+
+def route_dict(route: Route) -> dict[str, Any]:
+    """The result as docs/formats.md has it."""
+    worst = int(route.error_m.argmax())
+    return {
+        "length_m": route.length_m,
+        "waypoints": route.waypoints.tolist(),
+        "heading_deg": None if route.heading_rad is None else math.degrees(route.heading_rad),
+        "worst_error_m": float(route.error_m[worst]),
+        "worst_at": route.states[worst, :2].tolist(),
+        "error_at_goal_m": float(route.error_m[-1]),
+    }
+
+
+def route_lines(route: Route) -> list[str]:
+    """A summary and the waypoints, as lines of text."""
+    return [
+        f"{route.length_m:.2f} m in {len(route.waypoints) - 1} straight parts",
+        *(f"  {x:.2f},{y:.2f}" for x, y in route.waypoints),
+        f"expected error at the goal {100 * route.error_m[-1]:.1f} cm",
+    ]
+
+
+def route_warning(route: Route, demand: Demand) -> str | None:
+    """Where the expected error exceeds the required one, in words; None if nowhere."""
+    worst = int(route.error_m.argmax())
+    if route.error_m[worst] <= demand.error_m:
+        return None
+    x, y = route.states[worst, :2]
+    return f"near ({x:.1f}, {y:.1f}) m the error grows to {100 * route.error_m[worst]:.0f} cm: add a landmark there"
+
+
+def route_csv(route: Route) -> str:
+    """The text of a CSV file: poses along the route with expected errors."""
+    rows = zip(route.states.tolist(), route.error_m.tolist(), route.heading_sigma_rad.tolist(), strict=True)
+    lines = [f"{x:.4f},{y:.4f},{math.degrees(h):.2f},{e:.4f},{math.degrees(s):.3f}\n" for (x, y, h), e, s in rows]
+    return "x_m,y_m,heading_deg,error_m,heading_error_deg\n" + "".join(lines)
+
+
+def route_poses(route: Route) -> list[tuple[float, Pose]]:
+    """Numbered poses along the route; the numbers take the place of times."""
+    return [(float(k), planar_pose(state)) for k, state in enumerate(route.states)]

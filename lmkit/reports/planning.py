@@ -2,14 +2,18 @@
 
 from __future__ import annotations
 
+from lmkit.io.landmark_map import map_to_yaml
 from lmkit.model.floor_plan import FloorPlan
 from lmkit.model.landmark_map import LandmarkMap
 from lmkit.planning.coverage import Demand, PoseCoverage
+from lmkit.planning.mounting_plan import mounting_csv, sheets_to_print
 from lmkit.planning.placement import Placement
 from lmkit.planning.route import Route
 from lmkit.visualization.floor_layer import floor_underlay, wall_notes
 from lmkit.visualization.plan_view import BLUE, Note, Way, draw_plan
 
+# Names of the files that `placement_files` may make.
+PLACEMENT_FILES = ("map.yaml", "mounting.csv", "plan.png", "coverage.png", "landmarks.pdf")
 BESIDE_M = 0.25  # so far off the end of a way its letter stands
 
 
@@ -38,3 +42,18 @@ def draw_route(floor: FloorPlan, landmarks: LandmarkMap, route: Route, kind: str
     title = f"{route.length_m:.2f} m; expected error at most {100 * route.error_m.max():.0f} cm"
     way = Way(route.waypoints, BLUE, "the way to drive")
     return draw_plan(landmarks, [], title=title, kind=kind, underlay=floor_underlay(floor), ways=[way], notes=ends)
+
+
+def placement_files(
+    floor: FloorPlan, placement: Placement, demand: Demand, prints: bool = True
+) -> dict[str, bytes | str]:
+    """Contents by file name: map, mounting list, plan and coverage drawings, and the landmarks to print."""
+    files: dict[str, bytes | str] = {
+        "map.yaml": map_to_yaml(placement.landmarks),
+        "mounting.csv": mounting_csv(placement),
+        "plan.png": draw_placement(floor, placement),
+        "coverage.png": draw_coverage(floor, placement.landmarks, placement.coverage, demand),
+    }
+    if prints and placement.mounts:
+        files["landmarks.pdf"] = sheets_to_print(placement)
+    return files

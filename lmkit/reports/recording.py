@@ -100,8 +100,7 @@ def survey_report(survey: Survey, motion: Motion | None, warnings: Sequence[str]
 def track_report(drive: TrackedTrajectory, landmarks: LandmarkMap) -> str:
     """The report of a robot that was followed through a map, as HTML."""
     sure = [status == PoseStatus.OK for status in drive.statuses]
-    looking = [drive.looking(k) for k in range(len(drive.poses))]
-    plan = draw_drive(landmarks, drive.times_s, looking, drive.covariances, sure, "svg").decode()
+    plan = draw_tracked(drive, landmarks, "svg").decode()
     C = drive.covariances
     place_mm = 1000 * np.sqrt(np.einsum("nii->n", C[:, :3, :3]))
     heading_deg = np.rad2deg(np.sqrt(np.maximum(C[:, 5, 5], 0.0)))
@@ -150,6 +149,20 @@ def draw_drive(
         for k in range(0, len(times_s), 1 + len(times_s) // MOST_DRAWN)
     ]
     return draw_plan(landmarks, found, kind=kind)
+
+
+def draw_survey(survey: Survey, kind: str) -> bytes:
+    """The map and some of the left camera's poses from above, as ``png`` or ``svg``."""
+    bundle = survey.bundle
+    sure = [True] * len(bundle.times_s)
+    return draw_drive(bundle.landmarks, bundle.times_s, bundle.left_poses(), bundle.covariances, sure, kind)
+
+
+def draw_tracked(drive: TrackedTrajectory, landmarks: LandmarkMap, kind: str) -> bytes:
+    """The map and some of the robot's poses from above, as ``png`` or ``svg``."""
+    looking = [drive.looking(k) for k in range(len(drive))]
+    sure = [status == PoseStatus.OK for status in drive.statuses]
+    return draw_drive(landmarks, drive.times_s, looking, drive.covariances, sure, kind)
 
 
 def _survey_verdict(survey: Survey) -> tuple[str, str, str]:

@@ -2,7 +2,11 @@
 
 from __future__ import annotations
 
+import csv
 import json
+import os
+import subprocess
+import sys
 
 import numpy as np
 import pytest
@@ -70,7 +74,7 @@ def test_detect_prints_what_the_formats_page_says(lmkit, tmp_path, photographs):
     assert (detection["code"], detection["family"]) == (99, "lm8")
     assert np.abs(np.array(detection["corners"]) - truth).max() < 0.5
     assert 0.9 < detection["confidence"] <= 1
-    assert (tmp_path / "marked" / "scene.png.jpg").is_file()
+    assert (tmp_path / "marked" / "scene.jpg").is_file()
 
 
 def test_doctor_finds_this_installation_sound(lmkit):
@@ -112,9 +116,25 @@ def test_videos_are_read_frame_by_frame(lmkit, tmp_path, photographs):
     for _ in range(2):
         writer.write(image)
     writer.release()
-    rows = [json.loads(line) for line in lmkit("detect", "drive.avi", "--json").out.splitlines()]
+    answer = lmkit("detect", "drive.avi", "--json", "--annotate", "marked", "--csv", "seen.csv")
+    rows = [json.loads(line) for line in answer.out.splitlines()]
     assert [row["image"] for row in rows] == ["drive.avi#0", "drive.avi#1"]
+    assert [row["time_s"] for row in rows] == pytest.approx([0.0, 0.2])
     assert [[d["code"] for d in row["detections"]] for row in rows] == [[99], [99]]
+    table = list(csv.DictReader((tmp_path / "seen.csv").open()))
+    assert [(row["image"], float(row["time_s"]), row["code"]) for row in table] == [
+        ("drive.avi#0", 0.0, "99"),
+        ("drive.avi#1", 0.2, "99"),
+    ]
+    assert float(table[0]["x0_px"]) == pytest.approx(rows[0]["detections"][0]["corners"][0][0], abs=1e-3)
+    assert [path.name for path in (tmp_path / "marked").iterdir()] == ["drive.mp4"]
+    video = cv2.VideoCapture(str(tmp_path / "marked" / "drive.mp4"))
+    frames = [video.read()[1] for _ in range(2)]
+    assert not video.read()[0]
+    assert video.get(cv2.CAP_PROP_FPS) == pytest.approx(5)
+    # The outline is drawn in green, which the photograph under it is not.
+    blue, green, red = (frames[1][:, :, k].astype(int) for k in range(3))
+    assert ((green > 150) & (green > red + 60) & (green > blue + 60)).sum() > 100
 
 
 @pytest.mark.parametrize("family", ["lm8", "lm12"])
@@ -183,3 +203,22 @@ def test_tiles_and_contents_go_into_a_file_for_each_page(lmkit, suffix):
     assert answer.out.split() == [f"big-3-{page}.{suffix}" for page in range(1, len(answer.out.split()) + 1)]
     answer = lmkit("generate", "--code", 3, "--template", "a4-set", "--dpi", 30, "-o", f"set.{suffix}")
     assert answer.out.split() == [f"set-3-1.{suffix}", f"set-3-2.{suffix}"]
+
+
+def test_python_m_is_the_command():
+    ended = subprocess.run([sys.executable, "-m", "lmkit", "--version"], capture_output=True, text=True, check=False)
+    assert (ended.returncode, ended.stdout.split()[0]) == (0, "lmkit")
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="no pseudo terminals")
+def test_stdout_stays_stdout_beside_a_progress_bar(tmp_path):
+    """Rich moves stdout to its own console, which is stderr, unless told not to."""
+    import pty
+
+    (tmp_path / "a.png").write_bytes(b"nothing")
+    main, terminal = pty.openpty()
+    words = [sys.executable, "-m", "lmkit", "detect", "a.png", "--json"]
+    ended = subprocess.run(words, stdout=subprocess.PIPE, stderr=terminal, text=True, cwd=tmp_path, check=False)
+    os.close(terminal)
+    os.close(main)
+    assert json.loads(ended.stdout)["image"] == "a.png"

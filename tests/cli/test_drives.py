@@ -61,7 +61,7 @@ def test_a_survey_of_the_demo_s_files_finds_the_map(demo, tmp_path):
         "--report", tmp_path / "s.html", "--wall", f"{one},{never}",
     )  # fmt: skip
     # What is declared of a landmark that the recording never saw says nothing.
-    assert f"of the wall {one}, {never} that was declared, {never} did not come into the map" in done.err
+    assert f"the constraint 'wall {one}, {never}' names landmarks that are not in the map: {never}\n" in done.err
     answer = json.loads(done.out)
     assert {str(entry["code"]) for entry in answer["landmarks"]} >= seen
     assert answer["odometry"]["forward_scale"] == pytest.approx(0.92, abs=0.01)
@@ -105,23 +105,23 @@ def test_tracking_goes_by_poses_of_visual_odometry_as_well(demo, tmp_path, how):
         (["track"], "needs a map"),
         (["survey", "--rig", "RIG"], "LEFT and RIGHT"),
         (["survey", "--rig", "RIG", "--detections", "none.csv"], "none.csv"),
-        (["survey", "--rig", "RIG", "--detections", "DET", "--gyro", "g.csv"], "--gyro needs odometry"),
+        (["survey", "--rig", "RIG", "--detections", "DET", "--gyro", "g.csv"], "--gyro needs wheel odometry"),
         (["survey", "--rig", "RIG", "--detections", "DET", "--known", "MAP", "--known-sigma", "5"], "no angle"),
         (["survey", "--rig", "RIG", "--detections", "DET", "--wall", "12,x"], "not a landmark id"),
         (["survey", "--rig", "RIG", "--detections", "DET", "--wall", "12,13", "--wall-sigma", "5mm"], "no angle"),
-        (["survey", "--rig", "RIG", "--detections", "DET", "--wall-sigma", "5mm,1deg"], "--same-height beside it"),
+        (["survey", "--rig", "RIG", "--detections", "DET", "--wall-sigma", "5mm,1deg"], "--wall-sigma needs --wall"),
         (["track", "--map", "MAP", "--readings", "r.csv"], "odometry"),
         (["track", "--map", "MAP", "--detections", "DET"], "need a rig"),
         (["track", "--map", "MAP", "--detections", "DET", "--rig", "RIG", "--live"], "--odometry"),
         (
             ["survey", "--rig", "RIG", "--detections", "DET", "--odometry", "TUM", "--gyro", "g.csv"],
-            "do not go together",
+            "cannot be combined",
         ),
-        (["track", "--map", "MAP", "--readings", "r.csv", "--odometry", "TUM"], "wheels are needed"),
-        (["survey", "--rig", "RIG", "--detections", "DET", "--known-sigma", "5mm,1"], "--known beside it"),
-        (["survey", "--rig", "RIG", "--detections", "DET", "--plan", "p.gif"], "unknown kind"),
-        (["track", "--map", "MAP", "--detections", "DET", "--rig", "RIG", "--plan", "p.gif"], "unknown kind"),
-        (["track", "--map", "MAP", "--detections", "DET", "--rig", "RIG", "--hz", "5"], "do not go together"),
+        (["track", "--map", "MAP", "--readings", "r.csv", "--odometry", "TUM"], "needs wheel odometry"),
+        (["survey", "--rig", "RIG", "--detections", "DET", "--known-sigma", "5mm,1"], "--known-sigma needs known"),
+        (["survey", "--rig", "RIG", "--detections", "DET", "--plan", "p.gif"], "unknown file type"),
+        (["track", "--map", "MAP", "--detections", "DET", "--rig", "RIG", "--plan", "p.gif"], "unknown file type"),
+        (["track", "--map", "MAP", "--detections", "DET", "--rig", "RIG", "--hz", "5"], "cannot be combined"),
     ],
 )
 def test_wrong_use_is_told_in_one_line(demo, arguments, says):

@@ -10,12 +10,12 @@ import cv2
 import numpy as np
 import pytest
 
-from lmkit.cli.locate_results import Results
 from lmkit.io.landmark_map import map_to_yaml
 from lmkit.io.rig import rig_to_yaml
 from lmkit.io.trajectory import read_trajectory
 from lmkit.model.estimate import PoseEstimate
 from lmkit.pipelines.locate_images import Located
+from lmkit.pipelines.locate_results import LocateResults
 from lmkit.simulation.dataset import make_dataset, take_pictures
 
 
@@ -63,11 +63,11 @@ def test_all_that_it_writes(lmkit, room, tmp_path):
 
 def test_a_trajectory_has_no_doubtful_poses(room, tmp_path):
     _, data = room
-    results = Results(tmp_path / "t.txt", None, None, None, "camera", data.rig, data.scene.landmarks, False)
+    results = LocateResults(data.rig, data.scene.landmarks, "camera")
     for number, status in enumerate(("ok", "ambiguous", "no_landmarks", "ok")):
         pose = None if status == "no_landmarks" else data.poses[0]
-        results.add(number, Located(f"{number}.png", None, PoseEstimate(status, pose, 1e-4 * np.eye(6))))
-    results.write()
+        results.add(Located(f"{number}.png", None, PoseEstimate(status, pose, 1e-4 * np.eye(6))))
+    (tmp_path / "t.txt").write_text(results.tum())
     assert read_trajectory(tmp_path / "t.txt").times_s.tolist() == [0, 3]
 
 
@@ -115,8 +115,8 @@ def test_a_film_is_located_frame_by_frame(lmkit, room, tmp_path):
         (["--heading", "90+-0"], "--heading"),
         (["--planar", "0.4"], "height of --planar"),
         (["--planar", "0.4m,steep"], "steep"),
-        (["--planar", "0.4m,90"], "no tilt"),
-        (["--planar", "0.4m,nan"], "no tilt"),
+        (["--planar", "0.4m,90"], "not a valid tilt"),
+        (["--planar", "0.4m,nan"], "not a valid tilt"),
         (["--plan", "p.pdf"], ".png or .svg"),
         (["--range-sigma", "0.1m"], "--range-sigma"),
         (["--readings", "r.csv"], "--readings and LEFT"),

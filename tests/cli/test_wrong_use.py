@@ -71,6 +71,9 @@ def landmark_map(tmp_path) -> Path:
         (["--code", "1", "--measured", "179"], ["--map"]),
         (["--code", "1", "--paper", "a5"], ["a5", "letter"]),
         (["--code", "1", "--text", "Room 1"], ["--text", "a4-door"]),
+        (["--code", "1", "--template", "sticker-100", "--paper", "letter"], ["sticker-100", "130 x 140", "--paper"]),
+        (["--code", "1", "--template", "a4-six", "--paper", "letter"], ["a4-six", "letter"]),
+        (["--code", "1", "--bare", "--paper", "letter", "-o", "x.svg"], ["--bare", "--paper"]),
         (["--code", "1", "--bare", "--mirror", "-o", "x.svg"], ["--bare", "--mirror"]),
         (["--code", "1", "--cmyk", "-o", "x.png"], ["--cmyk"]),
         (["--code", "1", "--size", "0mm"], ["0mm"]),
@@ -188,7 +191,12 @@ def test_calibrate_refuses_what_does_not_pair(lmkit, tmp_path):
 
 def test_calibrate_refuses_an_empty_folder(lmkit, tmp_path):
     (tmp_path / "l").mkdir()
-    assert_refused(lmkit("calibrate", "l", "l", "--board", "chessboard:9x6:30mm"), "no images")
+    assert_refused(lmkit("calibrate", "l", "r", "--board", "chessboard:9x6:30mm"), "no images")
+
+
+def test_calibrate_refuses_one_folder_for_both_cameras(lmkit, tmp_path):
+    picture(tmp_path / "l" / "0.png")
+    assert_refused(lmkit("calibrate", "l", "l", "--board", "chessboard:9x6:30mm"), "both l")
 
 
 def test_calibrate_says_when_no_board_is_found(lmkit, tmp_path):
@@ -232,6 +240,31 @@ def test_locate_says_no_when_it_sees_no_landmark(lmkit, tmp_path, rig, landmark_
     assert '"status": "no_landmarks"' in answer.out
 
 
+def test_locate_refuses_files_after_mono(lmkit, rig, landmark_map):
+    """The shell turns `--mono *.png` into `--mono a.png b.png`."""
+    for more in (["b.png"], ["b.png", "c.png"], ["b.png", "c.png", "d.png"]):
+        answer = lmkit("locate", "--mono", "a.png", *more, "--rig", rig, "--map", landmark_map)
+        assert_refused(answer, more[-1])
+
+
+def test_an_annotated_video_appears_whole_or_not_at_all(tmp_path):
+    from lmkit.errors import InputError
+    from lmkit.pipelines.annotated import AnnotatedFolder
+
+    frame = np.zeros((48, 64, 3), dtype=np.uint8)
+    with pytest.raises(ZeroDivisionError), AnnotatedFolder(tmp_path / "out", False) as folder:
+        folder.add("drive.avi#0", frame)
+        raise ZeroDivisionError
+    assert files(tmp_path / "out") == set()
+    with AnnotatedFolder(tmp_path / "out", False) as folder:
+        folder.add("drive.avi#0", frame)
+        folder.add("a.png", frame)
+        folder.add("a.jpg", frame)
+    assert files(tmp_path / "out") == {"drive.mp4", "a.jpg", "a.jpg.jpg"}
+    with pytest.raises(InputError, match="exists"), AnnotatedFolder(tmp_path / "out", False) as folder:
+        folder.add("drive.avi#0", frame)
+
+
 def test_locate_needs_a_rig_and_a_map(lmkit):
     assert_refused(lmkit("locate", "a.png", "b.png"), "--rig")
 
@@ -242,9 +275,9 @@ def test_simulate(lmkit, tmp_path, arguments):
     assert files(tmp_path) == set()
 
 
-def test_a_fault_of_lmkit_is_called_one(lmkit, monkeypatch):
+def test_an_internal_error_is_called_one(lmkit, monkeypatch):
     monkeypatch.setattr("lmkit.model.codewords.parse_codes", lambda *_: 1 / 0)
-    assert_refused(lmkit("generate", "--code", 1), "fault", "--debug", code=70)
+    assert_refused(lmkit("generate", "--code", 1), "internal error (please report)", "--debug", code=70)
 
 
 @pytest.mark.parametrize("source", ["camera:", "camera:front"])
@@ -257,7 +290,7 @@ def test_detect_says_when_there_is_no_colour(lmkit, tmp_path):
     cv2.imwrite(str(path), np.full((60, 80), 90, dtype=np.uint8))
     answer = lmkit("detect", str(path))
     assert answer.code == 1
-    assert "no colour" in answer.err
+    assert "no color" in answer.err
 
 
 def test_the_readings_scatter_is_an_angle_and_a_length(lmkit, tmp_path, landmark_map):
@@ -269,12 +302,12 @@ def test_the_readings_scatter_is_an_angle_and_a_length(lmkit, tmp_path, landmark
 
 def test_nothing_is_written_where_one_print_does_not_read(lmkit, tmp_path, monkeypatch):
     from lmkit.errors import LmkitError
-    from lmkit.verification import proof
+    from lmkit.pipelines import prints
 
     def refuse_code_2(pdf, pages):
         if any(face.code == 2 for page in pages for face in page.faces):
             raise LmkitError("proof_failed", "page 1: code 2 does not read", "nothing was written")
 
-    monkeypatch.setattr(proof, "prove_pages", refuse_code_2)
+    monkeypatch.setattr(prints, "prove_pages", refuse_code_2)
     assert_refused(lmkit("generate", "--codes", "1-3", "-o", "x.svg"), "code 2", code=70)
     assert files(tmp_path) == set()

@@ -12,6 +12,7 @@ ROOT = Path(__file__).resolve().parents[2]
 PACKAGE = ROOT / "lmkit"
 MODULES = sorted(p for p in PACKAGE.rglob("*.py") if p.name != "__init__.py")
 AT_ROOT = 6  # loose modules beside the folders
+CLI_LINES = 160  # a command parses, calls and prints
 
 
 def read_rows() -> dict[str, int]:
@@ -60,3 +61,8 @@ def test_every_folder_stands_on_a_row() -> None:
 def test_simulation_never_uses_detection() -> None:
     for path in (PACKAGE / "simulation").glob("*.py"):
         assert not any(module.startswith("lmkit.detection") for module in imported(path))
+
+
+@pytest.mark.parametrize("path", sorted((PACKAGE / "cli").glob("*.py")), ids=lambda p: p.name)
+def test_commands_hold_no_product_logic(path: Path) -> None:
+    assert len(path.read_text(encoding="utf-8").splitlines()) <= CLI_LINES

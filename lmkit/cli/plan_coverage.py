@@ -1,0 +1,51 @@
+"""`lmkit plan coverage`: the pose error to expect at every place of a floor."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from lmkit.cli import options
+from lmkit.cli.output import check_outputs, image_kind, print_json, print_line, write_outputs
+
+
+def run(
+    floor: options.FloorFile,
+    landmark_map: options.MapFile,
+    rig: options.MountedRigFile,
+    scale: options.Scale = None,
+    camera_height: options.CameraHeight = None,
+    radius: options.Radius = "0.25m",
+    error: options.PositionError = "5cm",
+    heading: options.HeadingError = 2.0,
+    in_view: options.InView = 2,
+    headings: options.Headings = 25.0,
+    plan: Annotated[Path, typer.Option("--plan", "-o", help="Heat map to write (.png or .svg).")] = Path(
+        "coverage.png"
+    ),
+    as_json: options.Json = False,
+    force: options.Force = False,
+) -> None:
+    """Predict the pose error at every place, and list the places that fail a requirement."""
+    from lmkit.cli.parsing import parse_demand, parse_metres
+    from lmkit.cli.plan_inputs import read_mounted_rig
+    from lmkit.io.external_maps import read_any_map
+    from lmkit.io.floor_plan import read_floor
+    from lmkit.planning.coverage import coverage_dict, coverage_lines, predict_coverage, weak_places
+    from lmkit.reports.planning import draw_coverage
+
+    demand, radius_m = parse_demand(error, heading, in_view, headings, 100.0), parse_metres(radius, "--radius")
+    check_outputs((), plan, force)
+    cameras, landmarks = read_mounted_rig(rig, camera_height), read_any_map(landmark_map)
+    ground = read_floor(floor, scale)
+    answer = predict_coverage(ground, list(landmarks), cameras, radius_m)
+    weak = weak_places(answer, demand)
+    write_outputs({plan: draw_coverage(ground, landmarks, answer, demand, image_kind(plan))}, force)
+    if as_json:
+        print_json(coverage_dict(answer, demand, weak, plan))
+        return
+    for line in coverage_lines(answer, demand, weak):
+        print_line(line)
+    print_line(f"wrote {plan}")

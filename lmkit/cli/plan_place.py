@@ -1,0 +1,94 @@
+"""`lmkit plan place`: where to mount as few landmarks as possible."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from lmkit.cli import options
+from lmkit.cli.output import ProgressBars, check_outputs, print_json, print_line, warn, write_outputs
+from lmkit.errors import InputError
+
+MOST_PATIENCE_S = 3600.0
+
+
+def run(
+    floor: options.FloorFile,
+    rig: options.MountedRigFile,
+    output: options.OutputFolder = Path("lmkit-plan"),
+    landmark_map: Annotated[
+        Path | None, typer.Option("--map", help="Map of landmarks that are already mounted and stay.")
+    ] = None,
+    scale: options.Scale = None,
+    camera_height: options.CameraHeight = None,
+    radius: options.Radius = "0.25m",
+    error: options.PositionError = "5cm",
+    heading: options.HeadingError = 2.0,
+    in_view: options.InView = 2,
+    headings: options.Headings = 25.0,
+    share: Annotated[
+        float, typer.Option("--share", help="Percentage of the floor on which the requirement must hold.")
+    ] = 90.0,
+    size: Annotated[
+        list[str] | None, typer.Option("--size", help="Landmark size to choose from; repeatable. Default: 180mm.")
+    ] = None,
+    height: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--height", help="Height of landmark centers to choose from; repeatable. Default: above the camera."
+        ),
+    ] = None,
+    not_on: Annotated[str, typer.Option("--not-on", help="Walls to leave free, such as A,C.")] = "",
+    patience: Annotated[
+        float,
+        typer.Option("--patience", help="Time limit, seconds, of the step that replaces two landmarks by one."),
+    ] = 2.5,
+    prints: Annotated[bool, typer.Option("--prints/--no-prints", help="Write the landmarks to print.")] = True,
+    jobs: options.Jobs = None,
+    as_json: options.Json = False,
+    force: options.Force = False,
+) -> None:
+    """Place as few landmarks as possible for a required accuracy; write map, prints, mounting list and plan."""
+    from lmkit.cli.parsing import parse_demand, parse_metres
+    from lmkit.cli.plan_inputs import read_mounted_rig
+    from lmkit.io.external_maps import read_any_map
+    from lmkit.io.floor_plan import read_floor
+    from lmkit.model.landmark_map import LandmarkMap
+    from lmkit.planning.mounting_plan import placement_dict, placement_lines
+    from lmkit.planning.mounting_sites import HangOptions
+    from lmkit.planning.placement import place_landmarks
+    from lmkit.reports.planning import PLACEMENT_FILES, placement_files
+
+    demand, radius_m = parse_demand(error, heading, in_view, headings, share), parse_metres(radius, "--radius")
+    if not 0 <= patience <= MOST_PATIENCE_S:
+        raise InputError(
+            "out_of_range", f"--patience {patience:g} is outside 0 to {MOST_PATIENCE_S:g} s", "2.5 is usual"
+        )
+    check_outputs([output / name for name in PLACEMENT_FILES], None, force)
+    choices = HangOptions(
+        sizes_m=tuple(parse_metres(text, "--size") for text in size or ["180mm"]),
+        heights_m=tuple(parse_metres(text, "--height") for text in height or []),
+        not_on=tuple(name.strip() for name in not_on.split(",") if name.strip()),
+        exchange_s=patience,
+    )
+    cameras = read_mounted_rig(rig, camera_height)
+    mounted = LandmarkMap([]) if landmark_map is None else read_any_map(landmark_map)
+    ground = read_floor(floor, scale)
+    with ProgressBars() as bars:
+
+        def on_step(_: int, covered: float) -> None:
+            bars.update("placing landmarks", min(100, int(100 * covered / demand.share)), 100)
+
+        placement = place_landmarks(ground, list(mounted), cameras, radius_m, demand, choices, on_step)
+    files = placement_files(ground, placement, demand, prints)
+    written = write_outputs({output / name: data for name, data in files.items()}, force)
+    if as_json:
+        print_json(placement_dict(placement))
+    else:
+        for line in placement_lines(placement, demand, output / "mounting.csv"):
+            print_line(line)
+        print_line(f"wrote {', '.join(map(str, written))}")
+    if placement.share < demand.share:
+        warn(f"checked on a finer grid, the requirement holds on only {placement.share:.1%} of the floor")

@@ -1,0 +1,68 @@
+"""`lmkit plan route`: the shortest safe route on which the pose stays known."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from lmkit.cli import options
+from lmkit.cli.output import check_outputs, image_kind, print_json, print_line, warn, write_outputs
+
+
+def run(
+    start: Annotated[
+        str, typer.Argument(help="Start: x,y in meters, a place of the floor plan, or a landmark's code.")
+    ],
+    goal: Annotated[str, typer.Argument(help="Goal: as the start, or x,y,heading with the heading in degrees.")],
+    floor: options.FloorFile,
+    landmark_map: options.MapFile,
+    rig: options.MountedRigFile,
+    scale: options.Scale = None,
+    camera_height: options.CameraHeight = None,
+    radius: options.Radius = "0.25m",
+    error: options.PositionError = "5cm",
+    plan: options.PlanOutput = None,
+    csv: Annotated[
+        Path | None, typer.Option("--csv", help="CSV file to write: poses along the route with expected errors.")
+    ] = None,
+    tum: Annotated[
+        Path | None, typer.Option("--tum", help="TUM file to write: numbered poses (for lmkit convert --to bag).")
+    ] = None,
+    as_json: options.Json = False,
+    force: options.Force = False,
+) -> None:
+    """Plan the shortest safe route on which the pose stays known."""
+    from lmkit.cli.parsing import parse_demand, parse_metres
+    from lmkit.cli.plan_inputs import read_mounted_rig
+    from lmkit.io.external_maps import read_any_map
+    from lmkit.io.floor_plan import read_floor
+    from lmkit.io.trajectory import poses_to_tum
+    from lmkit.planning.route import (
+        find_goal,
+        plan_route,
+        route_csv,
+        route_dict,
+        route_lines,
+        route_poses,
+        route_warning,
+    )
+    from lmkit.reports.planning import draw_route
+
+    demand, radius_m = parse_demand(error, 2.0, 1, 25.0, 100.0), parse_metres(radius, "--radius")
+    check_outputs((csv, tum), plan, force)
+    cameras, landmarks = read_mounted_rig(rig, camera_height), read_any_map(landmark_map)
+    ground = read_floor(floor, scale)
+    ends = [find_goal(text, ground, landmarks, radius_m) for text in (start, goal)]
+    found = plan_route(ground, landmarks, cameras, radius_m, ends[0], ends[1], demand)
+    write_outputs({csv: route_csv(found), tum: poses_to_tum(route_poses(found))}, force)
+    if plan is not None:
+        write_outputs({plan: draw_route(ground, landmarks, found, image_kind(plan))}, force)
+    if as_json:
+        print_json(route_dict(found))
+    else:
+        for line in route_lines(found):
+            print_line(line)
+    if text := route_warning(found, demand):
+        warn(text)

@@ -1,0 +1,120 @@
+"""Results of a survey in words, as JSON, as a table, as a trajectory."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from lmkit.geometry.pose import Pose
+from lmkit.geometry.stereo_rig import StereoRig
+from lmkit.mapping.bundle_adjustment import Bundle
+from lmkit.mapping.survey import Survey, deviations
+from lmkit.mapping.wall_constraints import Tie
+from lmkit.model.landmark_id import LandmarkId, ids_text
+from lmkit.model.recording import StereoFrame
+from lmkit.odometry.motion_model import Motion, describe_odometry
+
+
+def survey_warnings(
+    result: Survey, motion: Motion | None, ties: Sequence[Tie], advice: Mapping[LandmarkId, str]
+) -> list[str]:
+    """What a user should check, one sentence each."""
+    texts = [str(odd) for odd in result.odd]
+    doubt = None if motion is None else describe_odometry(motion, result.bundle.parameters)
+    if doubt is not None:
+        texts.append(doubt)
+    for from_s, to_s, metres in result.bundle.jumps:
+        texts.append(
+            f"between {from_s:.2f} and {to_s:.2f} s the rig jumps by {metres:.2f} m: it slid or was carried, or a "
+            "landmark seen there was moved, or is placed by the wrong one of its two poses; look from another side"
+        )
+    for code in result.ambiguous:
+        texts.append(f"{code} has an ambiguous pose: it was seen from one side and from afar; look from another side")
+    for code, tie, metres in result.astray:
+        texts.append(f"{code} is {1000 * metres:.0f} mm off the {tie} of its constraint; check it in the room")
+    mapped = {m.id for m in result.bundle.landmarks}
+    for tie in ties:
+        missing = [id_ for id_ in tie.ids if id_ not in mapped]
+        if missing:
+            texts.append(f"the constraint '{tie}' names landmarks that are not in the map: {ids_text(missing)}")
+    for code in result.unplaced:
+        texts.append(
+            f"{code} is not placed: its observations are too few, or do not agree; drive past it again, and nearer"
+        )
+    for code, place, turn in result.weak:
+        known = f"{code} is known to {1000 * place:.0f} mm and {math.degrees(turn):.1f} deg only"
+        texts.append(f"{known}: {advice[code]}" if code in advice else known)
+    return texts
+
+
+def survey_dict(result: Survey, frames: Sequence[StereoFrame], motion: Motion | None, output: Path) -> dict[str, Any]:
+    """The result as docs/formats.md has it.
+
+    Args:
+        frames: as surveyed.
+        output: the map file.
+    """
+    bundle = result.bundle
+    sightings = dict(zip(bundle.ids, np.bincount(bundle.of, minlength=len(bundle.ids)).tolist(), strict=True))
+    entries = []
+    for m in bundle.landmarks:
+        place, turn = deviations(m)
+        entries.append(
+            {
+                "id": str(m.id),
+                "code": m.code,
+                "position": m.T_map_landmark.t.tolist(),
+                "quaternion": m.T_map_landmark.quaternion_xyzw.tolist(),
+                "sigma_m": place,
+                "sigma_rad": turn,
+                "sightings": sightings[m.id],
+            }
+        )
+    return {
+        "map": str(output),
+        "landmarks": entries,
+        "moments": len(frames),
+        "located": len(result.rows),
+        "dropped": result.dropped,
+        "reprojection_error_px": bundle.rms_px if math.isfinite(bundle.rms_px) else None,
+        "odd": [
+            {"id": str(o.id), "code": o.id.code, "off": o.off, "of": o.sightings, "from_s": o.from_s, "to_s": o.to_s}
+            for o in result.odd
+        ],
+        "jumps": [{"from_s": a, "to_s": b, "metres": m} for a, b, m in result.bundle.jumps],
+        "weak": [str(id_) for id_, _, _ in result.weak],
+        "unplaced": [str(id_) for id_ in result.unplaced],
+        "ambiguous": [str(id_) for id_ in result.ambiguous],
+        "astray": [{"id": str(id_), "of": str(tie), "metres": metres} for id_, tie, metres in result.astray],
+        "odometry": {} if motion is None else dict(zip(motion.names, bundle.parameters.tolist(), strict=True)),
+    }
+
+
+def survey_lines(result: Survey, frames: int, output: Path) -> list[str]:
+    """A table of the landmarks, and a summary, as lines of text."""
+    bundle = result.bundle
+    lines = ["landmark   x m      y m      z m      +- mm   +- deg  sightings  residual"]
+    for m in sorted(bundle.landmarks, key=lambda m: m.id):
+        mine = bundle.of == bundle.ids.index(m.id)
+        place, turn = deviations(m)
+        x, y, z = m.T_map_landmark.t
+        residual = float(np.median(bundle.misfits[mine])) if mine.any() else math.nan
+        lines.append(
+            f"{m.id!s:8} {x:8.3f} {y:8.3f} {z:8.3f} {1000 * place:9.1f} {math.degrees(turn):8.2f} {mine.sum():8d}"
+            f" {residual:9.2f}"
+        )
+    lines.append(
+        f"{len(bundle.landmarks)} landmarks, {len(result.rows)} of {frames} frames located, "
+        f"{result.dropped} sightings rejected, {bundle.rms_px:.2f} px -> {output}"
+    )
+    return lines
+
+
+def base_poses(bundle: Bundle, rig: StereoRig) -> Iterator[tuple[float, Pose]]:
+    """Times and poses of the robot's base, or of the left camera if the rig has no T_base_left."""
+    for time_s, pose in zip(bundle.times_s.tolist(), bundle.left_poses(), strict=True):
+        yield time_s, pose if rig.T_base_left is None else pose @ rig.T_base_left.inverse()

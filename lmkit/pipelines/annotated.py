@@ -1,0 +1,104 @@
+"""Annotated copies of images and videos, written as they come."""
+
+from __future__ import annotations
+
+import os
+import tempfile
+from pathlib import Path
+from types import TracebackType
+
+import cv2
+
+from lmkit.arrays import ByteArray
+from lmkit.errors import InputError
+from lmkit.io.files import check_writable, write_file
+from lmkit.io.image_sources import VIDEO_SUFFIXES
+from lmkit.visualization.overlay import encode_jpeg
+
+FPS = 15.0  # of videos that do not state their rate
+
+
+class AnnotatedFolder:
+    """Writes ``NAME.jpg`` for images, and ``NAME.mp4`` for the frames of a video; a context manager.
+
+    A video is moved into place when it is complete, and removed if an error ends it.
+
+    Args:
+        folder: where to write.
+        force: overwrite existing files.
+    """
+
+    def __init__(self, folder: Path, force: bool) -> None:
+        self._folder, self._force = folder, force
+        self._written: list[Path] = []
+        self._video: cv2.VideoWriter | None = None
+        self._source = ""
+        self._partial = self._target = Path()
+
+    def __enter__(self) -> AnnotatedFolder:
+        return self
+
+    def __exit__(self, kind: type[BaseException] | None, _: object, __: TracebackType | None) -> None:
+        self._end_video(complete=kind is None)
+
+    def add(self, name: str, image: ByteArray) -> None:
+        """Write one annotated image.
+
+        Args:
+            name: path of the image, or ``VIDEO#N`` for frame N of a video.
+
+        Raises:
+            InputError: the file exists or cannot be written.
+        """
+        source, mark, number = name.rpartition("#")
+        if mark and Path(source).suffix.lower() in VIDEO_SUFFIXES and number.isdecimal():
+            self._add_frame(source, image)
+            return
+        self._end_video(complete=True)
+        path = Path(name.replace("#", "-").replace(":", "-"))
+        target = self._folder / f"{path.name if mark or not path.suffix else path.stem}.jpg"
+        if target in self._written:
+            target = self._folder / f"{path.name}.jpg"
+        write_file(target, encode_jpeg(image), self._force)
+        self._written.append(target)
+
+    def _add_frame(self, source: str, image: ByteArray) -> None:
+        if source != self._source:
+            self._end_video(complete=True)
+            self._start_video(source, image)
+        assert self._video is not None
+        self._video.write(image)
+
+    def _start_video(self, source: str, image: ByteArray) -> None:
+        self._target = self._folder / f"{Path(source).stem}.mp4"
+        if self._target in self._written:
+            self._target = self._folder / f"{Path(source).name}.mp4"
+        check_writable(self._target, self._force)
+        self._folder.mkdir(parents=True, exist_ok=True)
+        handle, partial = tempfile.mkstemp(prefix=".", suffix=".mp4", dir=self._folder)
+        os.close(handle)
+        self._source, self._partial = source, Path(partial)
+        capture = cv2.VideoCapture(source)
+        rate = capture.get(cv2.CAP_PROP_FPS)
+        capture.release()
+        height, width = image.shape[:2]
+        code = cv2.VideoWriter.fourcc(*"mp4v")
+        self._video = cv2.VideoWriter(partial, code, rate if rate > 0 else FPS, (width, height))
+        if not self._video.isOpened():
+            self._end_video(complete=False)
+            hint = "annotate single frames, or install the full OpenCV package"
+            raise InputError("no_video_writer", f"cannot write {self._target}: this OpenCV writes no MP4", hint)
+
+    def _end_video(self, complete: bool) -> None:
+        if self._video is None:
+            return
+        self._video.release()
+        self._video, self._source = None, ""
+        if not complete:
+            self._partial.unlink(missing_ok=True)
+            return
+        umask = os.umask(0)
+        os.umask(umask)
+        self._partial.chmod(0o666 & ~umask)
+        self._partial.replace(self._target)
+        self._written.append(self._target)

@@ -1,0 +1,120 @@
+"""Files that `lmkit locate` writes besides its answers: a trajectory, a table, a plan view, annotated images."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from contextlib import ExitStack
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from types import TracebackType
+
+from lmkit.geometry.pose import Pose
+from lmkit.geometry.stereo_rig import StereoRig
+from lmkit.io.images import read_image
+from lmkit.io.trajectory import poses_to_tum
+from lmkit.model.landmark_map import LandmarkMap
+from lmkit.model.pose_status import PoseStatus
+from lmkit.pipelines.annotated import AnnotatedFolder
+from lmkit.pipelines.locate_images import LOCATED_COLUMNS, Located, located_dict, located_row
+from lmkit.visualization.overlay import draw_located
+from lmkit.visualization.plan_view import Found, draw_plan
+
+
+@dataclass
+class LocateResults:
+    """Collects answers, and makes files of them; a context manager, since annotated videos have an end.
+
+    Attributes:
+        rig, landmarks: as located with.
+        frame: ``camera`` (the left one) or ``base``: whose poses are written.
+        annotate: folder for annotated left images, or None.
+        force: overwrite existing files.
+    """
+
+    rig: StereoRig
+    landmarks: LandmarkMap
+    frame: str
+    annotate: Path | None = None
+    force: bool = False
+    answers: list[Located] = field(default_factory=list)
+    _stack: ExitStack = field(default_factory=ExitStack)
+    _annotated: AnnotatedFolder | None = None
+
+    def __enter__(self) -> LocateResults:
+        if self.annotate is not None:
+            self._annotated = self._stack.enter_context(AnnotatedFolder(self.annotate, self.force))
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, at: TracebackType | None
+    ) -> None:
+        self._stack.__exit__(kind, error, at)
+
+    def add(self, located: Located) -> None:
+        """Collect one answer; its image is drawn at once and not kept."""
+        if self._annotated is not None and located.estimate is not None:
+            image = read_image(Path(located.left)) if located.image is None else located.image
+            seen = located.seen[0]
+            drawn = draw_located(image, seen, self.rig.left, located.estimate, self.landmarks, enlarge=1)
+            self._annotated.add(located.left, drawn)
+        self.answers.append(replace(located, image=None, seen=()))
+
+    @property
+    def located(self) -> int:
+        """How many have a pose."""
+        return sum(a.estimate is not None and a.estimate.T_map_camera is not None for a in self.answers)
+
+    @property
+    def swapped(self) -> bool:
+        """Is there a pair whose left and right image are swapped?"""
+        return any(a.estimate is not None and a.estimate.status == PoseStatus.SWAPPED for a in self.answers)
+
+    def tum(self) -> str:
+        """Poses with status ``ok``; frame numbers take the place of times unless all times are known."""
+        rows = [
+            (number, located_dict(answer, self.rig, self.frame))
+            for number, answer in enumerate(self.answers)
+            if answer.estimate is not None
+        ]
+        timed = all(row["time_s"] is not None for _, row in rows)
+        poses = [
+            (
+                row["time_s"] if timed else float(number),
+                Pose.from_quaternion("map", self.frame, row["position"], row["quaternion"]),
+            )
+            for number, row in rows
+            if row["status"] == PoseStatus.OK
+        ]
+        return poses_to_tum(poses)
+
+    def csv(self) -> str:
+        """All answers with standard deviations."""
+        rows = [
+            located_row(located_dict(answer, self.rig, self.frame))
+            for answer in self.answers
+            if answer.estimate is not None
+        ]
+        return "\n".join([LOCATED_COLUMNS, *rows]) + "\n"
+
+    def plan(self, kind: str) -> bytes:
+        """The map with poses and their ellipses from above, as ``png`` or ``svg``."""
+        found = [
+            Found(Path(answer.left).stem, estimate.T_map_camera, covariance[:2, :2], estimate.status == PoseStatus.OK)
+            for answer in self.answers
+            if (estimate := answer.estimate) is not None
+            and estimate.T_map_camera is not None
+            and (covariance := estimate.covariance) is not None
+        ]
+        title = f"{sum(f.sure for f in found)} of {len(self.answers)} located"
+        return draw_plan(self.landmarks, found, title=title, kind=kind)
+
+    def files(self, tum: Path | None, csv: Path | None, plan: Path | None) -> Mapping[Path | None, bytes | str]:
+        """Contents of the files that are asked for, by path."""
+        contents: dict[Path | None, bytes | str] = {}
+        if tum is not None:
+            contents[tum] = self.tum()
+        if csv is not None:
+            contents[csv] = self.csv()
+        if plan is not None:
+            contents[plan] = self.plan(plan.suffix.lower().lstrip("."))
+        return contents

@@ -1,0 +1,62 @@
+"""Worker processes: the same answers in order, bounded, and none for small work."""
+
+from __future__ import annotations
+
+import os
+import time
+
+import pytest
+
+from lmkit import parallel
+from lmkit.errors import InputError
+
+
+@pytest.fixture(autouse=True)
+def unbounded(monkeypatch):
+    monkeypatch.setattr(parallel, "_limit", None)
+    monkeypatch.delenv(parallel.VARIABLE, raising=False)
+
+
+def answer(number: int) -> tuple[int, int]:
+    return number, os.getpid()
+
+
+@pytest.mark.parametrize("count", [0, 1, 2, 3, 7])
+def test_small_work_stays_in_this_process(count):
+    assert list(parallel.map_in_processes(answer, range(count))) == [(k, os.getpid()) for k in range(count)]
+
+
+def test_large_work_goes_to_as_many_processes_as_allowed(monkeypatch):
+    monkeypatch.setattr(parallel, "WORTH_WORKERS_S", 0.0)
+    parallel.set_jobs(2)
+    answers = list(parallel.map_in_processes(answer, range(12)))
+    assert [number for number, _ in answers] == list(range(12))
+    workers = {process for _, process in answers} - {os.getpid()}
+    assert 1 <= len(workers) <= 2
+
+
+def test_one_job_at_a_time_needs_no_worker(monkeypatch):
+    monkeypatch.setattr(parallel, "WORTH_WORKERS_S", 0.0)
+    monkeypatch.setenv(parallel.VARIABLE, "1")
+    assert {process for _, process in parallel.map_in_processes(answer, range(9))} == {os.getpid()}
+
+
+def test_the_second_job_tells_what_the_rest_costs(monkeypatch):
+    """The first one also loads what all of them need."""
+    clock = iter([0.0, 9.0, 9.0, 9.1])
+    monkeypatch.setattr(time, "perf_counter", lambda: next(clock))
+    assert {process for _, process in parallel.map_in_processes(answer, range(9))} == {os.getpid()}
+
+
+def test_the_bound_is_the_option_s_then_the_environment_s(monkeypatch):
+    monkeypatch.setenv(parallel.VARIABLE, "3")
+    assert parallel.job_limit() == 3
+    parallel.set_jobs(5)
+    assert parallel.job_limit() == 5
+
+
+@pytest.mark.parametrize("text", ["0", "-2", "many"])
+def test_a_bad_bound_is_refused(monkeypatch, text):
+    monkeypatch.setenv(parallel.VARIABLE, text)
+    with pytest.raises(InputError, match=text):
+        parallel.job_limit()
