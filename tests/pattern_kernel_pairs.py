@@ -167,7 +167,7 @@ def _quads(rng: np.random.Generator) -> Iterator[tuple[Any, ...]]:
         if hidden:
             plane[:, 22:30] = 190
         rules = QuadRules(4.0, 0.04, 8 * 280, 10.0, 0.012)
-        where = rng.integers(0, 2, (15, 20)).astype(np.uint8)
+        where = rng.integers(0, 2, (30, 40)).astype(np.uint8)
         for window in (7, 15, 255):
             yield plane.round().astype(np.uint8), None, window, rules
             yield plane.round().astype(np.uint8), where, window, rules

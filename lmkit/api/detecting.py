@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from lmkit.api.arguments import GREY, Families, ImageLike, ImageWarning, as_families, as_image
-from lmkit.arrays import ByteArray
+from lmkit.arrays import ByteArray, FloatArray
 from lmkit.errors import InputError
 from lmkit.model.detections import Detections
 
@@ -43,11 +43,13 @@ class Detector:
         self.options = detect_options(families, camera, profile)
         self._silent = False
 
-    def detect(self, image: ImageLike) -> Detections:
+    def detect(self, image: ImageLike, near: Sequence[Detection] | FloatArray | None = None) -> Detections:
         """Detections of one image, largest first.
 
         Args:
             image: (H,W,3) BGR, 8 bit, or the path of an image file.
+            near: where landmarks are expected: detections of the last image, or (N,4,2) corners in pixels.  Only
+                windows around them are searched, whatever the image's size.
 
         Raises:
             InputError: not such an image, or not of the camera's size.
@@ -55,8 +57,9 @@ class Detector:
         from lmkit.detection.detector import detect_landmarks
 
         pixels = as_image(image)
-        found = detect_landmarks(pixels, self.options)
-        if not found and not self._silent:
+        corners = None if near is None else _corners_of(near)
+        found = detect_landmarks(pixels, self.options, corners)
+        if not found and near is None and not self._silent:
             self._silent = _warn_of_colors(pixels, self.options)
         return Detections(found, (pixels.shape[1], pixels.shape[0]))
 
@@ -83,6 +86,19 @@ def detect(
         (4, 2)
     """
     return Detector(families, camera=camera, profile=profile).detect(image)
+
+
+def _corners_of(near: Sequence[Detection] | FloatArray) -> FloatArray:
+    """(N,4,2) corners."""
+    corners = near if isinstance(near, np.ndarray) else [getattr(one, "corners", one) for one in near]
+    found = np.asarray(corners, dtype=np.float64)
+    if found.size and found.shape[1:] != (4, 2):
+        raise InputError(
+            "bad_prediction",
+            f"near has the shape {found.shape}",
+            "give detections, or an array (N,4,2) of corners in pixels",
+        )
+    return found.reshape(-1, 4, 2)
 
 
 def detect_options(families: Families, camera: CameraModel | None, profile: str) -> DetectOptions:

@@ -48,7 +48,7 @@ class WhereToLook:
     """Which parts of an image are searched.
 
     Attributes:
-        ratio, luma: least range of the logarithms of red over blue and of brightness around a cell of 16 px.
+        ratio, luma: least range of the logarithms of red over blue and of brightness around a cell of 8 px.
         dilated: also the cells beside those.
     """
 

@@ -13,7 +13,8 @@ from lmkit.model.landmark import LM8, LandmarkFamily
 GREY = Source("grey", 1, 7, 0.04)
 RED = Source("red", 1, 7, 0.04)
 DARKEST = Source("darkest", 1, 7, 0.04)
-FINE = (Source("grey", 0, 15, 0.10), Source("grey", 0, 7, 0.04))
+FINE = Source("grey", 0, 7, 0.04)
+WIDE = Source("grey", 0, 15, 0.10)
 
 
 @dataclass(frozen=True)
@@ -31,8 +32,8 @@ class DetectorConfig:
         in_shadow: look again, with the light taken out, where a shadow may end on a landmark.
     """
 
-    sources: tuple[Source, ...] = (GREY, RED, DARKEST)
-    where: WhereToLook = field(default_factory=WhereToLook)
+    sources: tuple[Source, ...] = (GREY, FINE)
+    where: WhereToLook = field(default_factory=lambda: WhereToLook(ratio=0.25, luma=0.35))
     min_pattern: float = 0.04
     align_rounds: int = 5
     aligned: ScreeningThresholds = ALIGNED_THRESHOLDS
@@ -42,7 +43,7 @@ class DetectorConfig:
 
 
 BALANCED = DetectorConfig()
-ACCURATE = DetectorConfig(sources=(GREY, RED, DARKEST, *FINE), where=WhereToLook(dilated=True), pixels=1500)
+ACCURATE = DetectorConfig(sources=(GREY, RED, DARKEST, FINE, WIDE), where=WhereToLook(dilated=True), pixels=1500)
 FAST = DetectorConfig(sources=(GREY,), align_rounds=3, pixels=600, in_shadow=False)
 PROFILES = {"fast": FAST, "balanced": BALANCED, "accurate": ACCURATE}
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import replace
 from itertools import combinations
 
@@ -21,17 +21,28 @@ from lmkit.kernels.screening import Pyramid
 from lmkit.model.landmark import LandmarkFamily
 from lmkit.model.observation import Detection
 
+WINDOW_ROOM = 0.5  # of the side, around a square that is expected
+LEAST_ROOM_PX = 16.0
+LEAST_WINDOW_PX = 24
 SHADED_FACTOR = 1.5  # a shadow's edge has freedoms that fit other things too: margins must be so much larger
 
 
-def detect_landmarks(image: ByteArray, options: DetectOptions | None = None) -> list[Detection]:
-    """All landmarks of a picture, largest first.
+def detect_landmarks(
+    image: ByteArray, options: DetectOptions | None = None, near: FloatArray | None = None
+) -> list[Detection]:
+    """All landmarks of an image, largest first.
 
     Args:
-        image: (H,W,3) BGR, 8 bit, as `formats.images.read_image` gives it.
+        image: (H,W,3) BGR, 8 bit, as `io.images.read_image` gives it.
+        near: (N,4,2) where landmarks are expected, px, from any corner on; only windows around them are searched.
+
+    Raises:
+        InputError: not such an image, not of the camera's size, or families that share their drawing.
     """
-    attempts = candidates_of(image, options or DetectOptions())
-    return [a.observation for a in best_of_each_place([a for a in attempts if a.rejected is None])]
+    options = options or DetectOptions()
+    _check_image(image, options)
+    found = candidates_of(image, options) if near is None else candidates_near(image, near, options)
+    return [c.observation for c in best_of_each_place([c for c in found if c.rejected is None])]
 
 
 def best_of_each_place(attempts: list[Candidate]) -> list[Candidate]:
@@ -49,18 +60,54 @@ def candidates_of(image: ByteArray, options: DetectOptions) -> list[Candidate]:
     """Everything that was registered and decoded, with the reasons of what was rejected."""
     _check_image(image, options)
     linear = LinearImage.of(image, options.camera)
+    quads = find_candidates(linear.pyramid.levels, options.config.sources, options.config.where, linear.noise)
+    return _candidates_among(quads, linear, linear.pyramid, np.zeros(2), options)
+
+
+def candidates_near(image: ByteArray, near: FloatArray, options: DetectOptions) -> list[Candidate]:
+    """The same, in windows around (N,4,2) squares; where a square itself fits, its window is not searched."""
+    near = np.asarray(near, dtype=np.float64).reshape(-1, 4, 2)
+    found: list[Candidate] = []
+    for quad in near[np.isfinite(near).all(axis=(1, 2))]:
+        side = mean_side(quad)
+        room = max(WINDOW_ROOM * side, LEAST_ROOM_PX)
+        low = np.maximum(np.floor(quad.min(axis=0) - room), 0).astype(int)
+        high = np.minimum(np.ceil(quad.max(axis=0) + room), [image.shape[1], image.shape[0]]).astype(int)
+        if (high - low < LEAST_WINDOW_PX).any():
+            continue
+        window = LinearImage.of(np.ascontiguousarray(image[low[1] : high[1], low[0] : high[0]]))
+        # The lens and its bend belong to the whole image.
+        whole = LinearImage.of(image, options.camera, window.noise)
+        expected = (quad if _is_clockwise(quad) else quad[::-1])[None] - low
+        here = _candidates_among(expected, whole, window.pyramid, low, options)
+        if not any(candidate.rejected is None for candidate in here):
+            levels, config = window.pyramid.levels, options.config
+            quads = find_candidates(levels, config.sources, config.where, window.noise)
+            here = _candidates_among(quads, whole, window.pyramid, low, options)
+        found += here
+    return found
+
+
+def _is_clockwise(quad: FloatArray) -> bool:
+    x, y = quad.T
+    return bool(np.sum(x * np.roll(y, -1) - y * np.roll(x, -1)) > 0)
+
+
+def _candidates_among(
+    quads: FloatArray, linear: LinearImage, pyramid: Pyramid, corner: FloatArray, options: DetectOptions
+) -> list[Candidate]:
+    """Candidates among squares of a window of the image, whose pyramid it is and which begins at ``corner``."""
     config = options.config
-    quads = find_candidates(linear.pyramid.levels, config.sources, config.where, linear.noise)
     clear, possible = [], np.zeros(len(quads), dtype=bool)
     for family in options.families:
-        found = screen_candidates(linear.pyramid, quads, family)
+        found = screen_candidates(pyramid, quads, family)
         possible |= found.pattern >= 0
-        likely = _likely_squares(linear.pyramid, found, family, config)
+        likely = _likely_squares(pyramid, found, family, config) + corner
         clear += _registered(((linear, quad) for quad in likely), family, options)
     if not config.in_shadow:
         return clear
-    elsewhere = _elsewhere(quads[possible], [candidate.corners for candidate in clear if candidate.rejected is None])
-    shaded = _candidates_in_shadow(linear, elsewhere, options)
+    read = [candidate.corners - corner for candidate in clear if candidate.rejected is None]
+    shaded = _candidates_in_shadow(_elsewhere(quads[possible], read), linear, pyramid, corner, options)
     return clear + [_unless_contradicted(candidate, clear) for candidate in shaded]
 
 
@@ -91,15 +138,17 @@ def _likely_squares(
     return aligned.best_first(config.min_aligned_pattern, per_place=1).quads
 
 
-def _candidates_in_shadow(image: LinearImage, quads: FloatArray, options: DetectOptions) -> list[Candidate]:
+def _candidates_in_shadow(
+    quads: FloatArray, image: LinearImage, pyramid: Pyramid, corner: FloatArray, options: DetectOptions
+) -> list[Candidate]:
     """The candidates on which a shadow may end, with the light taken out."""
     rule = options.rule
     strict = replace(rule, turn_margin=SHADED_FACTOR * rule.turn_margin, code_margin=SHADED_FACTOR * rule.code_margin)
     options = replace(options, rule=strict)
     shaded = []
     for family in options.families:
-        found = screen_candidates(image.pyramid, quads, family, in_shadow=True)
-        likely = _likely_squares(image.pyramid, found, family, options.config, in_shadow=True)
+        found = screen_candidates(pyramid, quads, family, in_shadow=True)
+        likely = _likely_squares(pyramid, found, family, options.config, in_shadow=True) + corner
         squares = ((_shadow_normalized(image, quad), quad) for quad in likely)
         shaded += _registered(squares, family, options)
     return shaded
@@ -113,7 +162,7 @@ def _shadow_normalized(image: LinearImage, quad: FloatArray) -> LinearImage:
     return image.shadow_normalized((*low.tolist(), *high.tolist()), window)
 
 
-def _elsewhere(candidates: FloatArray, read: list[FloatArray]) -> FloatArray:
+def _elsewhere(candidates: FloatArray, read: Sequence[FloatArray]) -> FloatArray:
     """(N,4,2) the candidates whose middle is in none of the squares that are read already."""
     middles = candidates.mean(axis=1)
     for corners in read:

@@ -39,10 +39,13 @@ class LinearImage:
     camera: CameraModel | None = None
 
     @classmethod
-    def of(cls, image: ByteArray, camera: CameraModel | None = None) -> LinearImage:
-        """From (H,W,3) BGR, 8 bit."""
+    def of(
+        cls, image: ByteArray, camera: CameraModel | None = None, noise_of_part: float | None = None
+    ) -> LinearImage:
+        """From (H,W,3) BGR, 8 bit; the noise is estimated where that of a part is not known."""
         shift = None if camera is None else _lens_shift(_LensKey(camera))
-        return cls(Source.of(image, SRGB_TO_LINEAR, None, shift), noise(image) / 255, camera)
+        deviation = noise(image) / 255 if noise_of_part is None else noise_of_part
+        return cls(Source.of(image, SRGB_TO_LINEAR, None, shift), deviation, camera)
 
     @property
     def white(self) -> Float32Array | None:

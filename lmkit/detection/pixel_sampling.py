@@ -21,9 +21,9 @@ LEAST_PIXELS = 40
 BEND = 11  # its place in the state
 
 
-@dataclass(frozen=True)
+@dataclass
 class PixelSamples:
-    """The pixels that a registration looks at.
+    """The pixels that a registration looks at; it changes their weights.
 
     Attributes:
         at: (2,N) positions relative to the view's origin, px, freed of the lens's distortion where that is known.

@@ -92,7 +92,6 @@ def register_and_decode(
         return None
     fit.register(FINE._replace(fit_bend=fit_bend))
     fit.decode()
-    fit.discount()
     return _candidate(fit, _smaller_margins(fit), options.rule, fit_bend)
 
 

@@ -7,8 +7,6 @@ the lens is not known, one radial bend about the image's centre.  The inks are e
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 
 from lmkit.arrays import FloatArray
@@ -23,7 +21,6 @@ from lmkit.kernels.registration import (
     Priors,
     Steps,
     View,
-    linearise,
     register,
     robust_weights,
 )
@@ -107,7 +104,7 @@ class PatternRegistration:
         weights = robust_weights(
             self.tables.drawing, self.view, self.samples.plain, self._priors, self.state, self.hypothesis
         )
-        self.samples = replace(self.samples, variance=weights.variance, prior_weight=weights.prior_weight)
+        self.samples.variance, self.samples.prior_weight = weights.variance, weights.prior_weight
         return weights.drawn
 
     def register(self, steps: Steps) -> None:
@@ -122,28 +119,19 @@ class PatternRegistration:
             self.hypothesis,
             steps,
         )
-        self.state = found.state
-        self.samples = replace(self.samples, variance=found.variance, prior_weight=found.prior_weight)
+        self.state, self._normal, self._error = found.state, found.normal, found.error
+        self.samples.variance, self.samples.prior_weight = found.variance, found.prior_weight
 
     def image_corners(self, fit_bend: bool) -> tuple[FloatArray, FloatArray]:
         """(4,2) corners in the image as delivered, bend and all, and their (8,8) covariance.
 
-        The residuals' own scatter sets the scale; neighbouring pixels share their errors
-        (demosaicing, JPEG), so they count as ``CORRELATED_PIXELS`` times fewer.
+        They are those of the last :meth:`register`.  The residuals' own scatter sets the scale; neighbouring pixels
+        share their errors (demosaicing, JPEG), so they count as ``CORRELATED_PIXELS`` times fewer.
         """
-        here = linearise(
-            self.tables.drawing,
-            self.view,
-            self.samples.weighted,
-            self._priors,
-            self.state,
-            self.hypothesis,
-            fit_bend,
-        )
-        inverse = np.linalg.inv(here.normal)
+        inverse = np.linalg.inv(self._normal)
         corners, J = self._seen_corners(fit_bend)
         covariance = J @ inverse[:12, :12] @ J.T
-        covariance *= here.error * CORRELATED_PIXELS * (1 + (FEW_EDGES_PX / mean_side(corners)) ** 2)
+        covariance *= self._error * CORRELATED_PIXELS * (1 + (FEW_EDGES_PX / mean_side(corners)) ** 2)
         return corners, covariance + MODEL_ERROR_PX**2 * np.eye(8)
 
     def _seen_corners(self, fit_bend: bool) -> tuple[FloatArray, FloatArray]:

@@ -6,6 +6,7 @@ square must show, and which of several at the same place goes on.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from functools import lru_cache
 
@@ -78,19 +79,21 @@ class Screened:
 
     def best_first(self, at_least: float, per_place: int) -> Screened:
         """Those above a share, in falling order, at most ``per_place`` of the same place and size."""
-        order = np.argsort(-self.pattern, kind="stable")
-        order = order[self.pattern[order] >= at_least]
-        quads = self.quads[order]
-        centres, sides = quads.mean(axis=1), np.sqrt(np.maximum(areas(quads), 1e-9))
-        apart = np.linalg.norm(centres[:, None] - centres, axis=2)
-        ratio = sides / sides[:, None]
-        # Row: the candidate, column: one that is kept already.
-        same = (apart < 0.25 * sides[:, None]) & (ratio > 0.7) & (ratio < 1.4)
-        kept: list[int] = []
-        for k, row in enumerate(same):
-            if np.count_nonzero(row[kept]) < per_place:
-                kept.append(k)
-        return Screened(quads[kept], self.pattern[order][kept])
+        scores = self.pattern.tolist()
+        order = sorted((k for k, score in enumerate(scores) if score >= at_least), key=lambda k: -scores[k])
+        kept: list[tuple[float, float, float]] = []
+        chosen: list[int] = []
+        for k in order:
+            (ax, ay), (bx, by), (cx, cy), (dx, dy) = self.quads[k].tolist()
+            x, y = (ax + bx + cx + dx) / 4, (ay + by + cy + dy) / 4
+            side = math.sqrt(abs((cx - ax) * (dy - by) - (cy - ay) * (dx - bx)) / 2)
+            same = (
+                math.hypot(u - x, v - y) < 0.25 * side and 0.7 * side < other < 1.4 * side for u, v, other in kept
+            )
+            if sum(same) < per_place:
+                kept.append((x, y, side))
+                chosen.append(k)
+        return Screened(self.quads[chosen], self.pattern[chosen])
 
 
 def screen_candidates(
@@ -108,6 +111,8 @@ def screen_candidates(
         aligned: what those that were moved must show.
         in_shadow: take out the light, and score 0 where no shadow may end on the square.
     """
+    if len(quads) == 0:
+        return Screened(quads, np.zeros(0))
     rules = ScreenRules(
         FULL_DETAIL_SIDE_PX,
         BLUR_PX,
@@ -176,9 +181,3 @@ def _around(half: float) -> list[tuple[float, float]]:
     along = 0.6 * half
     sides = [(along, half), (-along, half), (along, -half), (-along, -half)]
     return [*sides, *((y, x) for x, y in sides), (0.0, half), (0.0, -half)]
-
-
-def areas(quads: FloatArray) -> FloatArray:
-    """(N,) areas of (N,4,2) clockwise quads, px^2."""
-    x, y = quads[:, :, 0], quads[:, :, 1]
-    return np.asarray(0.5 * np.sum(x * np.roll(y, -1, axis=1) - y * np.roll(x, -1, axis=1), axis=1))

@@ -7,7 +7,7 @@
 #include "kernels.h"
 #include "plane.h"
 
-#define CELL 8
+#define CELL 4
 #define STRETCHES 16 /* a polygon of more sides is no square with a hidden part */
 #define LONGEST 6
 #define ROUND 0.003 /* least area over the squared number of pixel sides: 1/16 for a square */
@@ -218,8 +218,9 @@ static void fit_line(const Point *p, int64_t n, int64_t from, int64_t to, double
     double ux = dx / length, uy = dy / length, tolerance = 0.06 * length > 1.0 ? 0.06 * length : 1.0;
     double sx = 0, sy = 0, sxx = 0, sxy = 0, syy = 0, w = 0;
     int64_t steps = (to - from + n) % n;
-    for (int64_t k = 0; k <= steps; k++) {
-        Point q = p[(from + k) % n];
+    for (int64_t k = 0, at = from; k <= steps; k++) {
+        Point q = p[at];
+        at = at + 1 < n ? at + 1 : 0;
         double x = (double)q.x - a.x, y = (double)q.y - a.y, along = x * ux + y * uy, off = y * ux - x * uy;
         if (along < 0.1 * length || along > 0.9 * length || fabs(off) > tolerance)
             continue;
@@ -437,7 +438,7 @@ int lmkit_dark_quads(int64_t height, int64_t width, const uint8_t *plane, const 
     return 0;
 }
 
-/* Cells of 8 x 8 pixels with enough contrast around them both in red over blue and in brightness. */
+/* Cells of 4 x 4 pixels with enough contrast around them both in red over blue and in brightness. */
 int lmkit_where_to_look(int64_t height, int64_t width, const uint8_t *image, double offset, double least_ratio,
                         double least_luma, int64_t dilate, float *cells, uint8_t *where)
 {

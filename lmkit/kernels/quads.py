@@ -19,7 +19,7 @@ from lmkit.kernels.quads_numpy import dark_quads_numpy, where_to_look_numpy
 FloatArray = NDArray[np.floating[Any]]
 ByteArray = NDArray[np.uint8]
 
-CELL = 8
+CELL = 4
 
 
 class QuadRules(NamedTuple):
@@ -41,7 +41,7 @@ class QuadRules(NamedTuple):
 
 
 def where_to_look(image: ByteArray, offset: float, least_ratio: float, least_luma: float, dilate: bool) -> ByteArray:
-    """(h,w) 1 for cells of 8 x 8 pixels with enough contrast around them, both in red over blue and in brightness.
+    """(h,w) 1 for cells of 4 x 4 pixels with enough contrast around them, both in red over blue and in brightness.
 
     Args:
         image: (H,W,3) BGR.

@@ -15,7 +15,7 @@ FloatArray = NDArray[np.floating[Any]]
 ByteArray = NDArray[np.uint8]
 Field = NDArray[np.int16]
 
-CELL = 8
+CELL = 4
 STRETCHES = 16  # a polygon of more sides is no square with a hidden part
 LONGEST = 6
 ROUND = 0.003  # least area over the squared number of pixel sides: 1/16 for a square

@@ -30,7 +30,7 @@ LMKIT_EXPORT int lmkit_register(int64_t n, const float *drawing, const double *v
                                 const float *values, const float *variance, const double *rules,
                                 const double *limits, int64_t open_gaps, int64_t quarter, int64_t fit_bend,
                                 int64_t rounds, int64_t iterations, double to_px, float *scratch, double *state,
-                                float *robust_variance, double *prior_weight, double *error);
+                                float *robust_variance, double *prior_weight, double *normal, double *error);
 LMKIT_EXPORT int lmkit_robust_weights(int64_t n, const float *drawing, const double *view, const float *at,
                                       const float *values, const float *variance, const double *rules,
                                       const double *state, int64_t open_gaps, int64_t quarter, float *scratch,
@@ -397,9 +397,9 @@ int lmkit_linearise(int64_t n, const float *drawing, const double *view, const f
     return !linearise(&p, state, normal, gradient, error);
 }
 
-static int gauss_newton(const Problem *p, const double *limits, int64_t iterations, double to_px, double *state, double *error)
+static int gauss_newton(const Problem *p, const double *limits, int64_t iterations, double to_px, double *state, double *normal, double *error)
 {
-    double normal[STATE * STATE], gradient[STATE], trial_normal[STATE * STATE], trial_gradient[STATE];
+    double gradient[STATE], trial_normal[STATE * STATE], trial_gradient[STATE];
     double damping = 1e-3;
     if (!linearise(p, state, normal, gradient, error))
         return 0;
@@ -436,7 +436,7 @@ static int gauss_newton(const Problem *p, const double *limits, int64_t iteratio
             break;
         double gain = 1.0 - trial_error / *error;
         memcpy(state, trial, sizeof trial);
-        memcpy(normal, trial_normal, sizeof normal);
+        memcpy(normal, trial_normal, sizeof trial_normal);
         memcpy(gradient, trial_gradient, sizeof gradient);
         *error = trial_error;
         damping = damping * 0.1 > 1e-6 ? damping * 0.1 : 1e-6;
@@ -493,7 +493,8 @@ int lmkit_robust_weights(int64_t n, const float *drawing, const double *view, co
 int lmkit_register(int64_t n, const float *drawing, const double *view, const float *at, const float *values,
                    const float *variance, const double *rules, const double *limits, int64_t open_gaps,
                    int64_t quarter, int64_t fit_bend, int64_t rounds, int64_t iterations, double to_px,
-                   float *scratch, double *state, float *robust_variance, double *prior_weight, double *error)
+                   float *scratch, double *state, float *robust_variance, double *prior_weight, double *normal,
+                   double *error)
 {
     Problem plain = problem_of(n, drawing, view, at, values, variance, rules, open_gaps, quarter, fit_bend, scratch);
     double weighted_rules[5];
@@ -505,7 +506,7 @@ int lmkit_register(int64_t n, const float *drawing, const double *view, const fl
         Problem weighted = plain;
         weighted.variance = robust_variance;
         weighted.rules = weighted_rules;
-        if (!gauss_newton(&weighted, limits, iterations, to_px, state, error))
+        if (!gauss_newton(&weighted, limits, iterations, to_px, state, normal, error))
             return 1;
     }
     *prior_weight = weighted_rules[4];

@@ -129,11 +129,12 @@ class Steps(NamedTuple):
 
 
 class Registered(NamedTuple):
-    """(15,) state, (N,) variance of the last weights, weight of the priors, error per value."""
+    """(15,) state, (N,) variance of the last weights, weight of the priors, (15,15) J'WJ there, error per value."""
 
     state: FloatArray
     variance: Float32Array
     prior_weight: float
+    normal: FloatArray
     error: float
 
 
@@ -190,10 +191,10 @@ def register(
     variance, ends = np.empty(n, np.float32), np.array([0.0, np.inf])
     flat, seen, rules, bounds = drawing.flat, view.flat, np.array(priors), np.array(limits)
     arrays = addresses(flat, seen, *samples, rules, bounds)
-    scratch = _scratch(n)
-    outs = addresses(scratch, state, variance, ends, ends[1:])
+    scratch, normal = _scratch(n), np.empty((STATE, STATE))
+    outs = addresses(scratch, state, variance, ends, normal, ends[1:])
     kernel(n, *arrays, *hypothesis, steps.fit_bend, steps.rounds, steps.most, steps.to_px, *outs)
-    return Registered(state, variance, float(ends[0]), float(ends[1]))
+    return Registered(state, variance, float(ends[0]), normal, float(ends[1]))
 
 
 def robust_weights(
@@ -288,8 +289,8 @@ def register_numpy(
             weights = robust_weights_numpy(drawing, view, samples, priors, state, hypothesis)
             weighted = samples._replace(variance=weights.variance)
             priors = priors._replace(weight=weights.prior_weight)
-        state, error = _gauss_newton(drawing, view, weighted, priors, limits, state, hypothesis, steps)
-    return Registered(state, weighted.variance, priors.weight, error)
+        state, normal, error = _gauss_newton(drawing, view, weighted, priors, limits, state, hypothesis, steps)
+    return Registered(state, weighted.variance, priors.weight, normal, error)
 
 
 def _gauss_newton(
@@ -301,7 +302,7 @@ def _gauss_newton(
     state: FloatArray,
     hypothesis: Hypothesis,
     steps: Steps,
-) -> tuple[FloatArray, float]:
+) -> tuple[FloatArray, FloatArray, float]:
     here = linearise_numpy(drawing, view, samples, priors, state, hypothesis, steps.fit_bend)
     damping = 1e-3
     for _ in range(steps.most):
@@ -322,7 +323,7 @@ def _gauss_newton(
         damping = max(damping * 0.1, 1e-6)
         if np.abs(step[:8]).max() < steps.to_px or gain < 1e-5:
             break
-    return state, here.error
+    return state, here.normal, here.error
 
 
 def robust_weights_numpy(
@@ -471,7 +472,7 @@ def _linearise_kernel() -> Any:
 @lru_cache(maxsize=1)
 def _register_kernel() -> Any:
     numbers = [*[_COUNT] * 5, _NUMBER]
-    return function("lmkit_register", _COUNT, *[_POINTER] * 7, *numbers, *[_POINTER] * 5)
+    return function("lmkit_register", _COUNT, *[_POINTER] * 7, *numbers, *[_POINTER] * 6)
 
 
 @lru_cache(maxsize=1)
