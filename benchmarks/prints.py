@@ -51,14 +51,14 @@ class Sheet:
 
 
 @dataclass(frozen=True)
-class ScreeningThresholds:
+class Viewing:
     """How it is looked at."""
 
     blur_px: float = 0.6
     gloss: float = 0.0
 
 
-Defect = Callable[[Sheet, ScreeningThresholds, np.random.Generator], tuple[Sheet, ScreeningThresholds]]
+Defect = Callable[[Sheet, Viewing, np.random.Generator], tuple[Sheet, Viewing]]
 
 
 def inked(texture: np.ndarray) -> np.ndarray:
@@ -171,7 +171,7 @@ def drawn(code: int) -> np.ndarray:
     return cv2.resize(light, (width, height), interpolation=cv2.INTER_AREA)
 
 
-def scan(sheet: Sheet, look: ScreeningThresholds, rng: np.random.Generator) -> np.ndarray:
+def scan(sheet: Sheet, look: Viewing, rng: np.random.Generator) -> np.ndarray:
     """A flatbed: even light, a little blur, noise and turn; the bed's lid is grey."""
     height, width = sheet.texture.shape[:2]
     turn = np.deg2rad(rng.uniform(-0.1, 0.1))
@@ -192,7 +192,7 @@ def scan(sheet: Sheet, look: ScreeningThresholds, rng: np.random.Generator) -> n
     return np.clip(np.round(code), 0, 255).astype(np.uint8)[:, :, ::-1].copy()
 
 
-def photograph(sheet: Sheet, look: ScreeningThresholds, rng: np.random.Generator) -> np.ndarray:
+def photograph(sheet: Sheet, look: Viewing, rng: np.random.Generator) -> np.ndarray:
     """A hand-held camera an arm's length away."""
     K = np.array([[FOCAL_PX, 0, 799.5], [0, FOCAL_PX, 599.5], [0, 0, 1.0]])
     camera = CameraModel(PHOTO_SIZE, K, np.zeros(5))
@@ -231,7 +231,7 @@ def examine(job: tuple[str, int, bool]) -> tuple[str, bool, str, dict[str, str |
     code = int(rng.integers(256))
     while defect == "mirrored" and mirrored_word(LM8, code) == code:
         code = int(rng.integers(256))
-    sheet, look = Sheet(drawn(code), code), ScreeningThresholds()
+    sheet, look = Sheet(drawn(code), code), Viewing()
     if defect != "none":
         sheet, look = DEFECTS[defect][0](sheet, look, rng)
     printer = PRINTERS[int(rng.integers(len(PRINTERS)))]

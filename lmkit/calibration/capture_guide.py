@@ -81,7 +81,7 @@ class CaptureGuide:
         return coverage_of(self.views, rotations, translations, self._camera, self._camera)
 
     def judge(self, view: PairView | None) -> Judgement:
-        """ScreeningThresholds at one pair of frames; None where a camera does not see the board."""
+        """Judge one pair of frames; None where a camera does not see the board."""
         before, self._before = self._before, view
         if view is None:
             return Judgement(False, "no board", "show the whole board to both cameras")

@@ -55,7 +55,7 @@ def _page(canvas: Canvas, item: PrintedLandmark) -> None:
     canvas.setFont("Helvetica", 10)
     canvas.drawString(56 * mm, 261 * mm, _shortened(canvas, item.source, 130 * mm))
     worst = [line.name for line in item.lines if line.grade == item.grade]
-    verdict = "every line is A" if item.grade == "A" else f"decided by: {', '.join(worst)}"
+    verdict = "every known line is A" if item.grade == "A" else f"decided by: {', '.join(worst)}"
     canvas.drawString(56 * mm, 255 * mm, _shortened(canvas, verdict, 130 * mm))
     canvas.setFillColorRGB(0.4, 0.4, 0.4)
     canvas.drawString(56 * mm, 249 * mm, f"scale from: {item.scale_from or 'unknown'}")

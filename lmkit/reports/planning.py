@@ -22,7 +22,7 @@ def draw_coverage(
 ) -> bytes:
     """The error to expect at every place, as colours; the bytes of a PNG or SVG file."""
     share = coverage.covered(demand).mean()
-    title = f"Expected position error in the best {demand.headings:.0%} of directions; demand held at {share:.0%}"
+    title = f"Expected position error in the best {demand.headings:.0%} of headings; requirement met at {share:.0%}"
     underlay = floor_underlay(floor, coverage.places, coverage.typical_error_m(demand.headings))
     return draw_plan(landmarks, [], title=title, kind=kind, underlay=underlay)
 

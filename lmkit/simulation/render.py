@@ -1,6 +1,6 @@
 """Rendering: the light a camera receives from a scene; rays with lens distortion to the nearest panel.
 
-PixelSamples are oversampled; each ray meets every panel in closed form, bent ones in a few steps.  Light
+Pixels are oversampled; each ray meets every panel in closed form, bent ones in a few steps.  Light
 falls off towards the image's corners as in a lens.
 """
 

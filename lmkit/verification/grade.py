@@ -73,6 +73,10 @@ SCALE = _Scale("scale", (0.004, 0.008, 0.015, 0.025), "print at 100 %; or reprin
 ASPECT = _Scale("X to Y", (0.003, 0.006, 0.012, 0.02), "reprint with --compensate WIDTHxHEIGHT as measured")
 SKEW = _Scale("skew", (0.15, 0.3, 0.6, 1.2), "feed the paper straight; scan flat")
 CONTENT = "content"
+UNMEASURED = "C"  # of a print whose size is stated and could not be measured
+NOT_MEASURED = (
+    "measure the border with a ruler, scan it with its dpi, or photograph it with the whole sheet or a bank card"
+)
 
 
 def grade_print(
@@ -104,7 +108,7 @@ def grade_print(
     if attempt.rejected is not None:
         content = GradedLine(CONTENT, "unknown", None, "the reader refuses it")
     elif content_problem is not None:
-        content = GradedLine(CONTENT, content_problem, "F", "do not be mounted it; print again")
+        content = GradedLine(CONTENT, content_problem, "F", "do not mount it; print again")
     lines = [
         content,
         DECODABILITY.line(decoding.code_margin / rule.code_margin, "{:.1f} times what is needed"),
@@ -120,15 +124,19 @@ def grade_print(
         optical(STRAIGHTNESS, m.bow, "{:.2%} of the side"),
         optical(SHARPNESS, m.blur, "blur {:.2%} of the side"),
     ]
-    no_scale = "scan it with its dpi, or photograph it with the whole sheet or a bank card beside it in view"
-    if stated_mm is None:
-        no_scale = "say how large it should be: --size 180mm, or --manifest FILE"
+    no_scale = (
+        NOT_MEASURED if stated_mm is not None else "say how large it should be: --size 180mm, or --manifest FILE"
+    )
     off = aspect = None
     if side_mm is not None:
         aspect = abs(side_mm[0] / side_mm[1] - 1)
         off = None if stated_mm is None else max(abs(length / stated_mm - 1) for length in side_mm)
     measured = "" if side_mm is None else f"{side_mm[0]:.2f} x {side_mm[1]:.2f} mm"
-    lines.append(SCALE.line(off, measured if stated_mm is None else f"{measured} for {stated_mm:g} mm", no_scale))
+    if off is None and stated_mm is not None:
+        # The commonest fault is "fit to page": nobody may rely on a size that was not measured.
+        lines.append(GradedLine(SCALE.name, f"not measured, {stated_mm:g} mm stated", UNMEASURED, NOT_MEASURED))
+    else:
+        lines.append(SCALE.line(off, f"{measured} for {stated_mm or 0:g} mm", no_scale))
     lines.append(ASPECT.line(aspect, "{:.2%} apart", no_scale))
     lines.append(SKEW.line(skew_deg, "{:.2f} deg", no_scale))
     return lines

@@ -55,6 +55,7 @@ class Stated:
     code: int | None
     family: LandmarkFamily | None
     size_mm: float | None
+    paper_mm: tuple[float, float] | None = None
 
 
 @dataclass(frozen=True)
@@ -117,7 +118,16 @@ def verify_print(
 def stated_by_manifest(manifest: PrintManifest, page: int | None = None) -> tuple[Stated, ...]:
     """Statements of a manifest about one page, or about all."""
     entries = (entry for entry in manifest.landmarks if page is None or entry.page == page)
-    stated = (Stated(entry.code, FAMILIES.get(entry.family), entry.size_mm) for entry in entries)
+    papers = manifest.paper_mm
+    stated = (
+        Stated(
+            entry.code,
+            FAMILIES.get(entry.family),
+            entry.size_mm,
+            papers[entry.page - 1] if entry.page <= len(papers) else None,
+        )
+        for entry in entries
+    )
     return tuple(dict.fromkeys(stated))
 
 
@@ -199,7 +209,8 @@ def _graded(
         scale_from = "resolution of the file"
     elif stated.size_mm is not None and measures.side_px >= FINE_SIDE_PX:
         # A far landmark is a small thing in a room full of edges that could pass for its sheet's.
-        reference = find_reference(image, attempt.corners, stated.size_mm)
+        papers = [stated.paper_mm] if stated.paper_mm is not None else []
+        reference = find_reference(image, attempt.corners, stated.size_mm, papers)
         if reference is not None:
             side_mm = (stated.size_mm * reference.stretch[0], stated.size_mm * reference.stretch[1])
             scale_from = reference.name

@@ -115,7 +115,7 @@ def _face_problem(image: ByteArray, per_mm: FloatArray, page: Page, face: Printe
     high_x, high_y = expected.max(axis=0)
     away = np.maximum(np.maximum(low_x - x, x - high_x), np.maximum(low_y - y, y - high_y))
     margin_px = (face.reach_mm / face.size_mm - 0.5) * side
-    # PixelSamples that the border or what lies behind the margin share are left out.
+    # Pixels shared with the border or with what lies behind the margin are left out.
     if (part[(away > 1.0) & (away < margin_px - 1.2)] < PAPER_WHITE).any():
         return f"the white margin of {name} is not white"
     return None

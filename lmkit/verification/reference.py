@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import cv2
@@ -14,7 +15,7 @@ from lmkit.model.palette import SRGB_TO_LINEAR
 
 CARD_MM = (85.60, 53.98)  # ISO/IEC 7810, ID-1
 REFERENCES_MM = {"bank card": CARD_MM} | {name: size for name, size in PAPERS_MM.items() if "-" not in name}
-NEAR = 0.035  # a print is not further from its scale than this
+NEAR = 0.105  # prints further from their scale than this are not recognized; papers of one shape differ by 1.41
 UNEQUAL = 0.03  # and its x and y do not differ by more
 CROOKED_DEG = 1.0
 REACH_PX = 5  # on both sides of an outline, in which its edge is looked for
@@ -34,22 +35,26 @@ class Reference:
     stretch: tuple[float, float]
 
 
-def find_reference(image: ByteArray, corners: FloatArray, nominal_mm: float) -> Reference | None:
-    """ScreeningThresholds for a sheet or a card around or beside the landmark.
+def find_reference(
+    image: ByteArray, corners: FloatArray, nominal_mm: float, papers_mm: Sequence[tuple[float, float]] = ()
+) -> Reference | None:
+    """Look for a sheet or a card around or beside the landmark.
 
     Args:
         image: (H,W,3) BGR.
         corners: (4,2) of the landmark, px.
         nominal_mm: what its side should measure.
+        papers_mm: sizes of sheets that are known from the print's manifest.
     """
     half = nominal_mm / 2
     face = np.array([[-half, half], [half, half], [half, -half], [-half, -half]])
     to_mm = np.linalg.inv(homography_from_points(face, corners))
     side_px = float(np.linalg.norm(np.roll(corners, -1, axis=0) - corners, axis=1).mean())
+    known = {**REFERENCES_MM, **{f"sheet of {w:g} x {h:g} mm": (w, h) for w, h in papers_mm}}
     best: tuple[float, Reference] | None = None
     for quad in _quads(image, 0.2 * side_px):
         mm = transform_points(to_mm, quad)
-        for name, (long_mm, short_mm) in REFERENCES_MM.items():
+        for name, (long_mm, short_mm) in known.items():
             found = _match(mm, (short_mm, long_mm)) or _match(mm, (long_mm, short_mm))
             if found is not None and (best is None or found[0] < best[0]):
                 best = (found[0], Reference(name, found[1]))

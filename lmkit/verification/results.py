@@ -45,7 +45,7 @@ def print_lines(item: PrintedLandmark, in_full: bool, color: bool) -> list[str]:
         color: with ANSI colors for the grades.
     """
     seen = item.observation
-    size = "size unknown"
+    size = "size not measured" if item.stated_mm is not None else "size unknown"
     if item.side_mm is not None:
         size = f"{item.side_mm[0]:.2f} x {item.side_mm[1]:.2f} mm"
     problems = f": {'; '.join(item.problems)}" if item.problems else ""

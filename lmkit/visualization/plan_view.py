@@ -21,6 +21,7 @@ SEEN_PX = 6.0  # ellipses are enlarged until the median is as large
 LARGEST_SEEN_PX = 120.0
 GAINS = (1.0, 10.0, 100.0)
 CHI2_2D_95 = 5.991
+OFF_WALL_PX = 9  # so far before its wall a landmark is drawn
 LABEL_PX = 48.0  # between labels, so that they can be read
 SAME_PLACE_M = 0.05
 
@@ -213,22 +214,25 @@ class _Plan:
         self.canvas.line(rim, WALL if walls else GRID, 5 if walls else 1)
 
     def landmark(self, pose: Pose, size_m: float) -> None:
-        along = pose.R[:2, 0]
-        a, b = pose.t[:2] - along * size_m / 2, pose.t[:2] + along * size_m / 2
+        """A bar on the landmark's own side of its wall."""
+        along, middle = pose.R[:2, 0], pose.t[:2] + OFF_WALL_PX / self.scale * pose.R[:2, 2]
+        a, b = middle - along * size_m / 2, middle + along * size_m / 2
         self.canvas.line([self.at(a), self.at(b)], RED, 12)
         self.canvas.line([self.at(a + 0.02 * (b - a)), self.at(b - 0.02 * (b - a))], BLUE, 6)
 
     def codes(self, pose: Pose, label: str) -> None:
-        self.canvas.text(self.at(pose.t[:2] - 25 / self.scale * pose.R[:2, 2]), label, 15, INK, "middle")
+        """Codes beside the landmark, on the side from which it is seen."""
+        self.canvas.text(self.at(pose.t[:2] + 34 / self.scale * pose.R[:2, 2]), label, 15, INK, "middle")
 
     def camera(self, pose: Pose, color: Rgb, width: float, label: str | None) -> None:
-        unit = 36 / self.scale
+        """An arrow head at the pose that points where the camera looks."""
+        unit = 30 / self.scale
         forward, right = pose.R[:2, 2], pose.R[:2, 0]
-        tips = [pose.t[:2] + unit * forward + side * 0.54 * unit * right for side in (-1, 1)]
-        outline = [self.at(pose.t[:2]), self.at(tips[0]), self.at(tips[1]), self.at(pose.t[:2])]
-        self.canvas.line(outline, color, width)
+        tip, notch = pose.t[:2] + 0.9 * unit * forward, pose.t[:2] - 0.2 * unit * forward
+        tails = [pose.t[:2] - 0.5 * unit * forward + side * 0.5 * unit * right for side in (-1, 1)]
+        self.canvas.line([self.at(point) for point in (tip, tails[0], notch, tails[1], tip, tails[0])], color, width)
         if label is not None:
-            self.canvas.text(self.at(pose.t[:2] - 0.5 * unit * forward), label, 14, INK, "middle")
+            self.canvas.text(self.at(pose.t[:2] - unit * forward), label, 14, INK, "middle")
 
     def ellipse(self, centre: FloatArray, covariance: FloatArray, gain: float, color: Rgb = ORANGE) -> None:
         values, vectors = np.linalg.eigh(covariance)

@@ -182,7 +182,7 @@ def test_without_anything_of_known_size_the_scale_is_unknown():
     middle = sheet(CODE)[:, :][: round(205 * MM)]
     found = graded(middle, scanned=False)
     assert found.side_mm is None
-    assert grade_of(found, "scale") is None
+    assert grade_of(found, "scale") == "C"
 
 
 def test_the_certificate_is_a_page_each(tmp_path):
@@ -267,8 +267,9 @@ def test_a_far_landmark_reads_but_its_inks_and_scale_are_unknown(smaller):
     assert found.observation.code == CODE
     assert found.scale_from is None
     lines = {line.name: line for line in found.lines}
-    for name in ("contrast of red", "contrast of blue", "white margin", "glare", "sharpness", "scale"):
+    for name in ("contrast of red", "contrast of blue", "white margin", "glare", "sharpness"):
         assert lines[name].grade is None, lines[name]
+    assert lines["scale"].grade == "C"
     assert "nearer" in lines["contrast of blue"].advice
     assert found.grade in "ABCDF"
 
@@ -280,3 +281,18 @@ def test_a_blurred_landmark_says_what_it_is_too_blurred_to_tell():
         if line.name.startswith(("contrast", "colour")):
             assert line.grade is None
             assert "blurred" in line.advice
+
+
+def test_a_stated_size_that_was_not_measured_is_never_an_a():
+    middle = sheet(CODE)[:, :][: round(205 * MM)]
+    found = graded(middle, scanned=False)
+    assert (found.side_mm, found.grade, grade_of(found, "scale")) == (None, "C", "C")
+    assert "ruler" in next(line.advice for line in found.lines if line.name == "scale")
+
+
+@pytest.mark.parametrize("stretch", [0.90, 0.93, 0.96, 1.04, 1.10])
+def test_a_print_fitted_to_the_page_is_found_in_a_photograph(stretch):
+    found = graded(photograph(stretch), scanned=False)
+    assert found.scale_from == "a4"
+    assert found.side_mm == pytest.approx((180 * stretch, 180 * stretch), rel=0.003)
+    assert grade_of(found, "scale") == "F"
