@@ -75,6 +75,32 @@ class StereoCalibration:
         """Mean difference in rows after rectification of pairs held out, or None."""
         return None if self.held_out is None else self.held_out.mean_epipolar_px
 
+    def to_dict(self) -> dict[str, Any]:
+        """The result as JSON values; docs/formats.md lists the keys."""
+        return {
+            "rms_px": self.rms_px,
+            "rms_left_px": self.rms_left_px,
+            "rms_right_px": self.rms_right_px,
+            "held_out_epipolar_px": self.held_out_epipolar_px,
+            "held_out_reprojection_px": None if self.held_out is None else self.held_out.mean_reprojection_px,
+            "baseline_m": self.rig.baseline_m,
+            "baseline_sigma_m": self.baseline_sigma_m,
+            "pairs_used": [view.name for view in self.used],
+            "pairs_rejected": [{"pair": name, "reason": reason} for name, reason in self.rejected],
+            "warnings": [{"code": w.code, "message": w.message, "pairs": list(w.pairs)} for w in self.warnings],
+            "model": self.rig.left.model,
+            "models": self.models,
+            "depth_errors": [
+                {"depth_m": e.depth_m, "calibration_m": e.calibration_m, "total_m": e.total_m}
+                for e in self.depth_errors
+            ],
+            "coverage": {
+                "left": self.coverage.filled(0),
+                "right": self.coverage.filled(1),
+                "next_views": list(self.coverage.advice),
+            },
+        }
+
 
 def calibrate_stereo(
     views: Sequence[PairView],
@@ -265,33 +291,6 @@ def _require(views: Sequence[PairView], rejected: Sequence[tuple[str, str]]) -> 
         f"only {len(views)} usable pairs of {len(views) + len(rejected)}, at least {MIN_PAIRS} are needed{first}",
         "check the board specification, take 10 to 30 pairs with the whole board sharp in both cameras",
     )
-
-
-def calibration_dict(result: StereoCalibration) -> dict[str, Any]:
-    """The result as docs/formats.md has it."""
-    return {
-        "rms_px": result.rms_px,
-        "rms_left_px": result.rms_left_px,
-        "rms_right_px": result.rms_right_px,
-        "held_out_epipolar_px": result.held_out_epipolar_px,
-        "held_out_reprojection_px": None if result.held_out is None else result.held_out.mean_reprojection_px,
-        "baseline_m": result.rig.baseline_m,
-        "baseline_sigma_m": result.baseline_sigma_m,
-        "pairs_used": [view.name for view in result.used],
-        "pairs_rejected": [{"pair": name, "reason": reason} for name, reason in result.rejected],
-        "warnings": [{"code": w.code, "message": w.message, "pairs": list(w.pairs)} for w in result.warnings],
-        "model": result.rig.left.model,
-        "models": result.models,
-        "depth_errors": [
-            {"depth_m": e.depth_m, "calibration_m": e.calibration_m, "total_m": e.total_m}
-            for e in result.depth_errors
-        ],
-        "coverage": {
-            "left": result.coverage.filled(0),
-            "right": result.coverage.filled(1),
-            "next_views": list(result.coverage.advice),
-        },
-    }
 
 
 def calibration_lines(result: StereoCalibration) -> list[str]:

@@ -76,7 +76,7 @@ def run(
     force: options.Force = False,
 ) -> None:
     """Calibrate a stereo camera from image pairs of a board."""
-    from lmkit.calibration.stereo import MODELS, calibrate_stereo, calibration_dict, calibration_lines
+    from lmkit.calibration.stereo import MODELS, calibrate_stereo, calibration_lines
     from lmkit.cli.parsing import parse_board, parse_declared
     from lmkit.io.board_corners import corners_to_json
     from lmkit.io.rig import rig_to_yaml
@@ -119,7 +119,7 @@ def run(
         images = found.some_pictures([view.name for view in result.used], REPORT_IMAGES)
         written += write_outputs({report: calibration_report(result, seen.board, images)}, force)
     if as_json:
-        print_json(calibration_dict(result))
+        print_json(result.to_dict())
         return
     for line in (*calibration_lines(result), *(f"wrote                  {path}" for path in written)):
         print_line(line)

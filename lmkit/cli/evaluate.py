@@ -28,7 +28,7 @@ def run(
     as_json: options.Json = False,
 ) -> None:
     """Compute absolute and relative errors of a trajectory, as evo does, and heading errors."""
-    from lmkit.evaluation.trajectory_error import ALIGNMENTS, compare_trajectories, error_dict, error_lines
+    from lmkit.evaluation.trajectory_error import ALIGNMENTS, compare_trajectories, error_lines
     from lmkit.io.trajectory import read_trajectory
 
     if align not in ALIGNMENTS:
@@ -39,7 +39,7 @@ def run(
         raise InputError("bad_option", f"--max-apart {max_apart:g} is out of range", "give seconds, 0 or more")
     error = compare_trajectories(read_trajectory(truth), read_trajectory(estimate), align, delta, max_apart)
     if as_json:
-        print_json(error_dict(error))
+        print_json(error.to_dict())
         return
     for line in error_lines(error):
         print_line(line)

@@ -56,7 +56,7 @@ def run(
     from lmkit.io.external_maps import read_any_map
     from lmkit.io.floor_plan import read_floor
     from lmkit.model.landmark_map import LandmarkMap
-    from lmkit.planning.mounting_plan import placement_dict, placement_lines
+    from lmkit.planning.mounting_plan import placement_lines
     from lmkit.planning.mounting_sites import HangOptions
     from lmkit.planning.placement import place_landmarks
     from lmkit.reports.planning import PLACEMENT_FILES, placement_files
@@ -85,7 +85,7 @@ def run(
     files = placement_files(ground, placement, demand, prints)
     written = write_outputs({output / name: data for name, data in files.items()}, force)
     if as_json:
-        print_json(placement_dict(placement))
+        print_json(placement.to_dict())
     else:
         for line in placement_lines(placement, demand, output / "mounting.csv"):
             print_line(line)

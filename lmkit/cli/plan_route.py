@@ -43,7 +43,6 @@ def run(
         find_goal,
         plan_route,
         route_csv,
-        route_dict,
         route_lines,
         route_poses,
         route_warning,
@@ -60,7 +59,7 @@ def run(
     if plan is not None:
         write_outputs({plan: draw_route(ground, landmarks, found, image_kind(plan))}, force)
     if as_json:
-        print_json(route_dict(found))
+        print_json(found.to_dict())
     else:
         for line in route_lines(found):
             print_line(line)

@@ -75,6 +75,24 @@ class TrajectoryError:
     truth: Trajectory
     estimate: Trajectory
 
+    def to_dict(self) -> dict[str, Any]:
+        """The result as JSON values; docs/formats.md lists the keys."""
+
+        def spread(values: Spread | None) -> dict[str, float] | None:
+            return None if values is None else dict(vars(values))
+
+        return {
+            "pairs": self.pairs,
+            "missing": self.missing,
+            "position_m": spread(self.position_m),
+            "rotation_deg": spread(self.rotation_deg),
+            "heading_deg": spread(self.heading_deg),
+            "relative_position_m": spread(self.relative_position_m),
+            "relative_rotation_deg": spread(self.relative_rotation_deg),
+            "percent": self.percent,
+            "scale": self.scale,
+        }
+
 
 def compare_trajectories(
     truth: Trajectory, estimate: Trajectory, align: str = "none", delta: int = 1, max_apart_s: float = 0.01
@@ -187,25 +205,6 @@ def _percent(true: Trajectory, found: Trajectory) -> float | None:
     if not far.any():
         return None
     return float(100 * np.mean(np.abs(actual[far] - measured[far]) / actual[far]))
-
-
-def error_dict(error: TrajectoryError) -> dict[str, Any]:
-    """The result as docs/formats.md has it."""
-
-    def spread(values: Spread | None) -> dict[str, float] | None:
-        return None if values is None else dict(vars(values))
-
-    return {
-        "pairs": error.pairs,
-        "missing": error.missing,
-        "position_m": spread(error.position_m),
-        "rotation_deg": spread(error.rotation_deg),
-        "heading_deg": spread(error.heading_deg),
-        "relative_position_m": spread(error.relative_position_m),
-        "relative_rotation_deg": spread(error.relative_rotation_deg),
-        "percent": error.percent,
-        "scale": error.scale,
-    }
 
 
 def error_lines(error: TrajectoryError) -> list[str]:

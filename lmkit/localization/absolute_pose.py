@@ -20,7 +20,7 @@ import numpy as np
 from lmkit.arrays import BoolArray, FloatArray, IntArray
 from lmkit.geometry.camera import CameraModel
 from lmkit.geometry.pose import Pose
-from lmkit.geometry.rotations import skew, turns
+from lmkit.geometry.rotations import turns
 from lmkit.geometry.stereo_rig import StereoRig
 from lmkit.kernels.square_pose import square_poses
 from lmkit.localization.correspondences import CORNER_FLOOR_PX, Correspondences, Poses
@@ -240,12 +240,3 @@ def _covariance(seen: Correspondences, best: Poses, used: BoolArray, prior: Pose
 
 def _pose(poses: Poses, k: int) -> Pose:
     return Pose("map", "camera", poses.R[k], poses.p[k])
-
-
-def covariance_at_base(estimate: PoseEstimate, T_camera_base: Pose) -> FloatArray | None:
-    """(6,6) covariance of T_map_base, carried over from that of T_map_camera."""
-    if estimate.T_map_camera is None or estimate.covariance is None:
-        return None
-    J = np.eye(6)
-    J[:3, 3:] = -skew(estimate.T_map_camera.R @ T_camera_base.t)
-    return np.asarray(J @ estimate.covariance @ J.T)

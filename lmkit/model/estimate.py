@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
 from lmkit.arrays import FloatArray
 from lmkit.geometry.pose import Pose
+from lmkit.geometry.rotations import skew
 from lmkit.model.landmark_id import LandmarkId
 from lmkit.model.pose_status import PoseStatus
 
@@ -25,8 +27,7 @@ class PoseEstimate:
             more than once.
         alternatives: other poses, best first, each with its log likelihood ratio to the answer.
         reprojection_error_px: root mean square over the corners of the inliers, both images.
-        T_map_base, covariance_base: the pose of the robot's base, where the rig was given; the left camera's where
-            the rig has no base.
+        T_camera_base: the robot's base in the left camera's frame; None where the rig has no base.
     """
 
     status: PoseStatus
@@ -36,17 +37,67 @@ class PoseEstimate:
     outliers: tuple[LandmarkId, ...] = ()
     alternatives: tuple[tuple[Pose, float], ...] = ()
     reprojection_error_px: float | None = None
-    T_map_base: Pose | None = None
-    covariance_base: FloatArray | None = None
+    T_camera_base: Pose | None = None
+
+    @property
+    def T_map_base(self) -> Pose | None:
+        """Pose of the robot's base in the map; of the left camera, where the rig has no base."""
+        return None if self.T_map_camera is None else self._at_base(self.T_map_camera)
+
+    @property
+    def covariance_base(self) -> FloatArray | None:
+        """(6,6) covariance of T_map_base, in the order of ``covariance``."""
+        return self.covariance if self.T_camera_base is None else self.covariance_at(self.T_camera_base)
 
     @property
     def sigma_m(self) -> float | None:
-        """Standard deviation of the position, metres: root of the sum of its three variances."""
-        C = self.covariance if self.covariance_base is None else self.covariance_base
+        """Standard deviation of the base's position, metres: root of the sum of its three variances."""
+        C = self.covariance_base
         return None if C is None else float(np.sqrt(np.trace(C[:3, :3])))
 
+    def covariance_at(self, T_camera_point: Pose) -> FloatArray | None:
+        """(6,6) covariance of another frame that is fixed to the camera; None without a pose."""
+        if self.T_map_camera is None or self.covariance is None:
+            return None
+        J = np.eye(6)
+        J[:3, 3:] = -skew(self.T_map_camera.R @ T_camera_point.t)
+        return np.asarray(J @ self.covariance @ J.T)
+
+    def to_dict(self, frame: str = "base") -> dict[str, Any]:
+        """The estimate as JSON values; docs/formats.md lists the keys.
+
+        Args:
+            frame: ``base`` or ``camera``: whose pose is given.
+        """
+        at_base = frame == "base"
+        pose = self.T_map_base if at_base else self.T_map_camera
+        covariance = self.covariance_base if at_base else self.covariance
+        others = [(self._at_base(other) if at_base else other, ratio) for other, ratio in self.alternatives]
+        return {
+            "status": str(self.status),
+            "position": None if pose is None else pose.t.tolist(),
+            "quaternion": None if pose is None else pose.quaternion_xyzw.tolist(),
+            "covariance": None if pose is None or covariance is None else covariance.tolist(),
+            "codes": [i.code for i in self.inliers],
+            "ids": [str(i) for i in self.inliers],
+            "outlier_codes": [i.code for i in self.outliers],
+            "outlier_ids": [str(i) for i in self.outliers],
+            "alternatives": [
+                {
+                    "position": other.t.tolist(),
+                    "quaternion": other.quaternion_xyzw.tolist(),
+                    "log_likelihood_ratio": ratio,
+                }
+                for other, ratio in others
+            ],
+            "reprojection_error_px": self.reprojection_error_px,
+        }
+
+    def _at_base(self, T_map_camera: Pose) -> Pose:
+        return T_map_camera if self.T_camera_base is None else T_map_camera @ self.T_camera_base
+
     def __repr__(self) -> str:
-        pose = self.T_map_camera if self.T_map_base is None else self.T_map_base
+        pose = self.T_map_base
         if pose is None or self.sigma_m is None:
             return f"PoseEstimate({self.status})"
         x, y, z = pose.t

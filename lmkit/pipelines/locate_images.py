@@ -12,11 +12,11 @@ from lmkit.arrays import ByteArray
 from lmkit.detection.config import DetectOptions
 from lmkit.detection.detector import detect_landmarks
 from lmkit.errors import InputError
-from lmkit.geometry.pose import Pose
 from lmkit.geometry.stereo_rig import StereoRig
 from lmkit.io.image_sources import Frame, are_moving, frames, list_pairs, list_pictures, paired_frames, time_of
 from lmkit.io.images import read_image
-from lmkit.localization.absolute_pose import LocateOptions, covariance_at_base, locate_camera, locate_rig
+from lmkit.localization.absolute_pose import LocateOptions, locate_camera, locate_rig
+from lmkit.localization.base_pose import with_base
 from lmkit.model.estimate import PoseEstimate
 from lmkit.model.landmark import family_named
 from lmkit.model.landmark_id import ids_text
@@ -116,46 +116,8 @@ def located_dict(located: Located, rig: StereoRig, frame: str) -> dict[str, Any]
     if located.estimate is None:
         assert located.error is not None
         return {"left": located.left, "right": located.right, "error": located.error.as_dict()}
-    estimate = located.estimate
-
-    def at(pose: Pose) -> Pose:
-        if frame == "camera" or rig.T_base_left is None:
-            return pose
-        T_left_base = rig.T_base_left.inverse()
-        return pose @ Pose("camera", "base", T_left_base.R, T_left_base.t)
-
-    result: dict[str, Any] = {
-        "left": located.left,
-        "right": located.right,
-        "time_s": located.time_s,
-        "status": estimate.status,
-        "position": None,
-        "quaternion": None,
-        "covariance": None,
-        "codes": [i.code for i in estimate.inliers],
-        "ids": [str(i) for i in estimate.inliers],
-        "outlier_codes": [i.code for i in estimate.outliers],
-        "outlier_ids": [str(i) for i in estimate.outliers],
-        "alternatives": [
-            {
-                "position": at(pose).t.tolist(),
-                "quaternion": at(pose).quaternion_xyzw.tolist(),
-                "log_likelihood_ratio": ratio,
-            }
-            for pose, ratio in estimate.alternatives
-        ],
-        "reprojection_error_px": estimate.reprojection_error_px,
-    }
-    if estimate.T_map_camera is not None:
-        pose = at(estimate.T_map_camera)
-        covariance = estimate.covariance
-        if frame == "base" and rig.T_base_left is not None:
-            T_left_base = rig.T_base_left.inverse()
-            covariance = covariance_at_base(estimate, Pose("camera", "base", T_left_base.R, T_left_base.t))
-        result["position"] = pose.t.tolist()
-        result["quaternion"] = pose.quaternion_xyzw.tolist()
-        result["covariance"] = None if covariance is None else covariance.tolist()
-    return result
+    answer = with_base(located.estimate, rig).to_dict(frame)
+    return {"left": located.left, "right": located.right, "time_s": located.time_s, **answer}
 
 
 def located_line(located: Located, rig: StereoRig, frame: str) -> str:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from pathlib import Path
-from typing import Any
 
 from lmkit.generation.manifest import manifest_of
 from lmkit.generation.page import Page
@@ -48,22 +47,6 @@ def mounting_csv(placement: Placement) -> str:
             f"{1000 * mount.landmark.size_m:.0f},{x:.3f},{y:.3f},{facing:.1f}\n"
         )
     return "".join(rows)
-
-
-def placement_dict(placement: Placement) -> dict[str, Any]:
-    """The result as docs/formats.md has it."""
-    mounts = [
-        {
-            "id": str(mount.landmark.id),
-            "code": mount.landmark.code,
-            "wall": mount.wall.name,
-            "along_m": mount.along_m,
-            "height_m": float(mount.landmark.T_map_landmark.t[2]),
-            "size_m": mount.landmark.size_m,
-        }
-        for mount in placement.mounts
-    ]
-    return {"share": placement.share, "error_m": placement.error_m, "landmarks": mounts}
 
 
 def placement_lines(placement: Placement, demand: Demand, listed_in: Path) -> list[str]:

@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
+from typing import Any
 
 import numpy as np
 
@@ -45,6 +46,21 @@ class Placement:
     coverage: PoseCoverage
     share: float
     error_m: float
+
+    def to_dict(self) -> dict[str, Any]:
+        """The result as JSON values; docs/formats.md lists the keys."""
+        mounts = [
+            {
+                "id": str(mount.landmark.id),
+                "code": mount.landmark.code,
+                "wall": mount.wall.name,
+                "along_m": mount.along_m,
+                "height_m": float(mount.landmark.T_map_landmark.t[2]),
+                "size_m": mount.landmark.size_m,
+            }
+            for mount in self.mounts
+        ]
+        return {"share": self.share, "error_m": self.error_m, "landmarks": mounts}
 
 
 def place_landmarks(

@@ -67,6 +67,18 @@ class Route:
         """Length of the route, metres."""
         return float(np.linalg.norm(np.diff(self.waypoints, axis=0), axis=1).sum())
 
+    def to_dict(self) -> dict[str, Any]:
+        """The result as JSON values; docs/formats.md lists the keys."""
+        worst = int(self.error_m.argmax())
+        return {
+            "length_m": self.length_m,
+            "waypoints": self.waypoints.tolist(),
+            "heading_deg": None if self.heading_rad is None else math.degrees(self.heading_rad),
+            "worst_error_m": float(self.error_m[worst]),
+            "worst_at": self.states[worst, :2].tolist(),
+            "error_at_goal_m": float(self.error_m[-1]),
+        }
+
 
 @dataclass(frozen=True)
 class Goal:
@@ -311,19 +323,6 @@ def _before(sign: MappedLandmark, floor: FloorPlan, radius_m: float) -> Goal:
             return Goal(float(at[0]), float(at[1]), looking)
     x, y = sign.T_map_landmark.t[:2] + BEFORE_SIGN_M * out
     return Goal(float(x), float(y), looking)
-
-
-def route_dict(route: Route) -> dict[str, Any]:
-    """The result as docs/formats.md has it."""
-    worst = int(route.error_m.argmax())
-    return {
-        "length_m": route.length_m,
-        "waypoints": route.waypoints.tolist(),
-        "heading_deg": None if route.heading_rad is None else math.degrees(route.heading_rad),
-        "worst_error_m": float(route.error_m[worst]),
-        "worst_at": route.states[worst, :2].tolist(),
-        "error_at_goal_m": float(route.error_m[-1]),
-    }
 
 
 def route_lines(route: Route) -> list[str]:

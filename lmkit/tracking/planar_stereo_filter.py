@@ -18,7 +18,7 @@ from lmkit.arrays import BoolArray, FloatArray
 from lmkit.errors import InputError
 from lmkit.geometry.rotations import rotation_exp
 from lmkit.geometry.stereo_rig import StereoRig
-from lmkit.localization.absolute_pose import LocateOptions, covariance_at_base, locate_rig
+from lmkit.localization.absolute_pose import LocateOptions, locate_rig
 from lmkit.localization.correspondences import CORNER_FLOOR_PX, Correspondences, Poses
 from lmkit.localization.pose_prior import PosePrior
 from lmkit.model.landmark_id import LandmarkId
@@ -103,7 +103,7 @@ class RigFilter:
     def _start(self, time_s: float, left: Sequence[Detection], right: Sequence[Detection]) -> TrackedPose:
         options = LocateOptions(prior=self._prior, corner_floor_px=self._floor_px)
         found = locate_rig(left, right, self._rig, self._map, options)
-        C = covariance_at_base(found, self._T.inverse())
+        C = found.covariance_at(self._T.inverse())
         if found.status != PoseStatus.OK or found.T_map_camera is None or C is None:
             return TrackedPose(time_s, PoseStatus.LOST, None, None)
         base = found.T_map_camera.R @ self._T.R.T

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import re
 import shutil
 from pathlib import Path
@@ -26,3 +27,18 @@ def test_the_lines_of_the_readme_run(
     assert names["estimate"].status == lmkit.PoseStatus.OK
     assert capsys.readouterr().out
     assert (tmp_path / "landmarks.pdf").read_bytes().startswith(b"%PDF")
+
+
+def test_results_become_json(files: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(files)
+    estimate = lmkit.locate("left.png", "right.png", rig="rig.yaml", landmarks="map.yaml")
+    told = json.loads(json.dumps(estimate.to_dict(), allow_nan=False))
+    assert told["status"] == "ok"
+    assert told["ids"] == [f"lm8:{code}" for code in told["codes"]]
+    assert estimate.T_map_base is not None
+    assert told["position"] == estimate.T_map_base.t.tolist()
+    assert told["position"] != estimate.to_dict("camera")["position"]
+    error = lmkit.evaluate("truth.tum", "truth.tum").to_dict()
+    assert json.loads(json.dumps(error, allow_nan=False))["pairs"] > 10
+    found = lmkit.detect("left.png").to_dict()
+    assert json.loads(json.dumps(found, allow_nan=False))["width"] == 640

@@ -11,7 +11,7 @@ from scipy.stats import chi2
 
 from lmkit.geometry.pose import Pose
 from lmkit.geometry.rotations import rotation_angle, rotation_log
-from lmkit.localization.absolute_pose import LocateOptions, covariance_at_base, locate_camera, locate_rig
+from lmkit.localization.absolute_pose import LocateOptions, locate_camera, locate_rig
 from lmkit.localization.pose_prior import PosePrior
 from lmkit.model.landmark_id import LandmarkId
 from lmkit.model.landmark_map import LandmarkMap, MappedLandmark, wall_pose
@@ -293,7 +293,7 @@ def test_the_covariance_of_the_base_is_that_of_draws():
     for d in rng.multivariate_normal(np.zeros(6), A @ A.T, 4000):
         moved = Pose("map", "camera", rotation_exp(d[3:]) @ STATION.R, STATION.t + d[:3]) @ T_camera_base
         draws.append(moved.t)
-    formula = covariance_at_base(estimate, T_camera_base)[:3, :3]
+    formula = estimate.covariance_at(T_camera_base)[:3, :3]
     assert np.allclose(np.cov(np.array(draws).T), formula, atol=0.1 * np.trace(formula))
 
 
