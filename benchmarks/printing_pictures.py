@@ -88,11 +88,11 @@ def templates() -> None:
 
 
 def faults() -> None:
-    """Photographs of spoilt prints, with the line that names them."""
+    """Photographs of prints with planted faults, each with the grade line that reports it."""
     boxes = []
     for name in FAULTS:
         rng = np.random.default_rng(11)
-        sheet, look = prints.Sheet(prints.drawn(137), 137), prints.ScreeningThresholds()
+        sheet, look = prints.Sheet(prints.drawn(137), 137), prints.Viewing()
         sheet, look = prints.DEFECTS[name][0](sheet, look, rng)
         printed = prints.Sheet(as_printed(sheet.texture.astype(np.float32), OFFSET), sheet.code)
         photo = prints.photograph(printed, look, rng)
