@@ -108,7 +108,7 @@ def live_poses() -> Iterator[float]:
 def survey() -> Iterator[float]:
     """100 landmarks, 500 frames, no odometry."""
     drive = make_drive(3, seconds=100.0, hz=5.0, count=100)
-    sizes = {(m.family, m.code): m.size_m for m in drive.landmarks}
+    sizes = {m.id: m.size_m for m in drive.landmarks}
     for _ in range(3):
         yield timed(lambda: survey_frames(drive.moments, drive.rig, sizes, {}))
 
