@@ -24,6 +24,7 @@ class AcceptanceRule:
             lies over it.
         plain_code_factor: codes that look alike in every quarter turn (rings all closed or all open)
             are what road signs and logos resemble; they need this many times the turn margin.
+        plain_parts_misfit: most that the parts of such codes may differ.
     """
 
     turn_margin: float = 24.0
@@ -36,3 +37,4 @@ class AcceptanceRule:
     part_sigma: float = 0.25
     hidden: float = 6.5
     plain_code_factor: float = 2.0
+    plain_parts_misfit: float = 0.9

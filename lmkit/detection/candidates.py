@@ -18,6 +18,7 @@ from lmkit.arrays import ByteArray, FloatArray
 from lmkit.kernels.quads import CELL, QuadRules, dark_quads, where_to_look
 
 MIN_SIDE_PX = 8.0
+LEAST_SIDE_IN_LEVEL_PX = 4.0  # of a halved image
 COMPLETED_SIDE = 2.5  # times that, from which squares with a hidden part are completed
 STRAIGHT = 0.012  # of the outline's length, how far a straight stretch may bend
 LONGEST = 8.0  # times height plus width: longer outlines are clutter
@@ -74,12 +75,11 @@ def find_candidates(
     cells = where_to_look(levels[half], offset, where.ratio, where.luma, where.dilated)
     found = []
     for source in sources:
-        level = min(source.halvings, half)
+        level = min(source.halvings, len(levels) - 1)
         plane = channel_of(levels[level], source.channel)
-        looked = cells if level == half else _enlarged(cells, plane.shape)
-        least = MIN_SIDE_PX / 2**level
+        least = max(MIN_SIDE_PX / 2**level, LEAST_SIDE_IN_LEVEL_PX)
         rules = QuadRules(least, source.darker, int(LONGEST * sum(plane.shape)), COMPLETED_SIDE * least, STRAIGHT)
-        quads = dark_quads(plane, looked, source.window, rules)
+        quads = dark_quads(plane, _cells_of(cells, level - half, plane.shape), source.window, rules)
         if source.channel == "red":
             quads = np.concatenate([quads, grown(quads, GROUND_TO_FACE)])
         # Pixel k of a halved image covers the span [k, k + 1) * 2 of the one before.
@@ -122,10 +122,15 @@ def grown(quads: FloatArray, factor: float) -> FloatArray:
     return found
 
 
-def _enlarged(cells: ByteArray, shape: tuple[int, ...]) -> ByteArray:
-    """Cells of the halved image as cells of the full one."""
-    height, width = (-(-length // CELL) for length in shape)
-    large = np.repeat(np.repeat(cells, 2, axis=0), 2, axis=1)
-    # The halved image leaves out the last row and column of odd sizes.
-    missing = [(0, max(want - have, 0)) for want, have in zip((height, width), large.shape, strict=True)]
-    return np.ascontiguousarray(np.pad(large, missing, mode="edge")[:height, :width])
+def _cells_of(cells: ByteArray, halvings: int, shape: tuple[int, ...]) -> ByteArray:
+    """Cells of one level of the pyramid as cells of an image of ``shape``, so many halvings away."""
+    want = [-(-length // CELL) for length in shape]
+    if halvings < 0:
+        cells = np.repeat(np.repeat(cells, 2**-halvings, axis=0), 2**-halvings, axis=1)
+    elif halvings > 0:
+        size = 2**halvings
+        padded = np.pad(cells, [(0, -length % size) for length in cells.shape])
+        cells = padded.reshape(padded.shape[0] // size, size, -1, size).max(axis=(1, 3))
+    # Halving leaves out the last row and column of odd sizes.
+    missing = [(0, max(length - have, 0)) for length, have in zip(want, cells.shape, strict=True)]
+    return np.ascontiguousarray(np.pad(cells, missing, mode="edge")[: want[0], : want[1]])

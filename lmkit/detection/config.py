@@ -11,6 +11,7 @@ from lmkit.geometry.camera import CameraModel
 from lmkit.model.landmark import LM8, LandmarkFamily
 
 GREY = Source("grey", 1, 7, 0.04)
+COARSE = Source("grey", 2, 7, 0.04)  # where edges are blurred over many pixels
 RED = Source("red", 1, 7, 0.04)
 DARKEST = Source("darkest", 1, 7, 0.04)
 FINE = Source("grey", 0, 7, 0.04)
@@ -32,19 +33,21 @@ class DetectorConfig:
         in_shadow: look again, with the light taken out, where a shadow may end on a landmark.
     """
 
-    sources: tuple[Source, ...] = (GREY, FINE)
-    where: WhereToLook = field(default_factory=lambda: WhereToLook(ratio=0.25, luma=0.35))
+    sources: tuple[Source, ...] = (GREY, COARSE, FINE)
+    where: WhereToLook = field(default_factory=lambda: WhereToLook(ratio=0.3, luma=0.4))
     min_pattern: float = 0.04
     align_rounds: int = 5
     aligned: ScreeningThresholds = ALIGNED_THRESHOLDS
-    min_aligned_pattern: float = 0.2
+    min_aligned_pattern: float = 0.15
     pixels: int = 1000
     in_shadow: bool = True
 
 
 BALANCED = DetectorConfig()
-ACCURATE = DetectorConfig(sources=(GREY, RED, DARKEST, FINE, WIDE), where=WhereToLook(dilated=True), pixels=1500)
-FAST = DetectorConfig(sources=(GREY,), align_rounds=3, pixels=600, in_shadow=False)
+ACCURATE = DetectorConfig(
+    sources=(GREY, COARSE, RED, DARKEST, FINE, WIDE), where=WhereToLook(dilated=True), pixels=1500
+)
+FAST = DetectorConfig(sources=(GREY, COARSE), align_rounds=3, pixels=600, in_shadow=False)
 PROFILES = {"fast": FAST, "balanced": BALANCED, "accurate": ACCURATE}
 
 

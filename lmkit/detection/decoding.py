@@ -89,6 +89,7 @@ class Decoding:
         """Why this is no landmark, in one word; None where it is one."""
         low, high = rule.white_over_ground
         turn_margin = rule.turn_margin * (rule.plain_code_factor if self.plain else 1.0)
+        parts_misfit = min(rule.parts_misfit, rule.plain_parts_misfit) if self.plain else rule.parts_misfit
         checks = {
             "colour": self.red_over_blue >= rule.red_over_blue,
             "contrast": low <= self.white_over_ground <= high,
@@ -97,7 +98,7 @@ class Decoding:
             "hidden": self.gap_misfit <= rule.hidden,
             "unsure": float(self.parts_sigma.max()) <= rule.part_sigma,
             "pattern": float(np.abs(self.parts[:2] - 1).max()) <= rule.part_deviation
-            and self.parts_misfit <= rule.parts_misfit
+            and self.parts_misfit <= parts_misfit
             and float(np.abs(self.parts - 0.5).max()) <= 0.5 + rule.part_overshoot,
         }
         return next((name for name, passed in checks.items() if not passed), None)

@@ -1,0 +1,143 @@
+"""Detection beside ArUco on the same images, in the same process, on one thread.
+
+    OMP_NUM_THREADS=1 uv run --extra benchmark python benchmarks/detection_speed.py ROOMS [--plot docs/benchmarks]
+
+Time is the thread's processor time; ratios are of means, beside the 90th percentile of the ratios of single images.
+The rooms are 640x480; larger sizes are enlarged by cubic interpolation, since no larger rooms are there, and show
+cost, not quality.  ArUco is ``DICT_4X4_250`` with default settings on the gray image, the conversion included.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+import cv2
+import numpy as np
+from rooms import is_counted
+
+from lmkit.detection.config import PROFILES, DetectOptions
+from lmkit.detection.detector import detect_landmarks
+from lmkit.kernels.load import describe
+
+ENLARGED = {"VGA": 1.0, "720 rows": 1.5, "1080 rows": 2.25}
+SHIFT = 0.04  # standard deviation of predicted corners, of the side
+
+
+def timed(run: Callable[[], object]) -> tuple[float, object]:
+    """Processor seconds of this thread, and the result."""
+    start = time.thread_time()
+    result = run()
+    return time.thread_time() - start, result
+
+
+def aruco() -> Callable[[np.ndarray], object]:
+    detector = cv2.aruco.ArucoDetector(cv2.aruco.getPredefinedDictionary(cv2.aruco.DICT_4X4_250))
+    return lambda image: detector.detectMarkers(cv2.cvtColor(image, cv2.COLOR_BGR2GRAY))
+
+
+def room_images(folder: Path) -> list[tuple[np.ndarray, list[dict]]]:
+    """Images of the rooms, and the landmarks that count in them."""
+    truth = json.loads((folder / "landmark" / "truth.json").read_text())
+    images = [image for pair in truth["pairs"] for image in pair["images"]]
+    return [
+        (cv2.imread(str(folder / "landmark" / "images" / i["image"])), [e for e in i["landmarks"] if is_counted(e)])
+        for i in images
+    ]
+
+
+def is_read(entry: dict, found: list, scale: float) -> bool:
+    middle = (np.mean(entry["corners"], axis=0) + 0.5) * scale - 0.5
+    near = 0.6 * entry["side_px"] * scale
+    return any(d.code == entry["id"] and np.linalg.norm(d.corners.mean(axis=0) - middle) < near for d in found)
+
+
+def print_profiles(rooms: list[tuple[np.ndarray, list[dict]]]) -> dict[str, tuple[float, float]]:
+    """Ratios by image size; returns each profile's ratio and recognition at VGA."""
+    peer, points = aruco(), {}
+    print("| | " + " | ".join(f"{p}, ratio (90th percentile), read" for p in PROFILES) + " | ArUco, ms |")
+    print("|---|" + "---|" * (len(PROFILES) + 1))
+    for name, scale in ENLARGED.items():
+        seconds: dict[str, list[float]] = {p: [] for p in ("ArUco", *PROFILES)}
+        read: dict[str, list[bool]] = {p: [] for p in PROFILES}
+        for image, landmarks in rooms:
+            shown = cv2.resize(image, None, fx=scale, fy=scale, interpolation=cv2.INTER_CUBIC)
+            seconds["ArUco"].append(timed(lambda shown=shown: peer(shown))[0])
+            for profile, config in PROFILES.items():
+                options = DetectOptions(config=config)
+                spent, found = timed(lambda shown=shown, options=options: detect_landmarks(shown, options))
+                seconds[profile].append(spent)
+                read[profile] += [is_read(entry, found, scale) for entry in landmarks]
+        base = np.array(seconds["ArUco"])
+        cells = []
+        for profile in PROFILES:
+            spent = np.array(seconds[profile])
+            ratio, share = spent.mean() / base.mean(), float(np.mean(read[profile]))
+            cells.append(f"{ratio:.2f} ({np.percentile(spent / base, 90):.2f}), {100 * share:.1f} %")
+            if scale == 1.0:
+                points[profile] = (float(ratio), share)
+        print(f"| {name}, {len(rooms)} images | " + " | ".join(cells) + f" | {1000 * base.mean():.1f} |")
+    return points
+
+
+def print_near(rooms: list[tuple[np.ndarray, list[dict]]]) -> None:
+    """Time a landmark in windows around predictions, beside ArUco's whole image."""
+    rng, peer = np.random.default_rng(0), aruco()
+    spent = base = 0.0
+    count = again = 0
+    for image, _ in rooms:
+        base += timed(lambda image=image: peer(image))[0]
+        whole = detect_landmarks(image)
+        if whole:
+            corners = np.array([d.corners for d in whole])
+            sides = np.linalg.norm(corners[:, 0] - corners[:, 1], axis=1)
+            near = corners + rng.normal(0, SHIFT, (len(whole), 1, 2)) * sides[:, None, None]
+            seconds, found = timed(lambda image=image, near=near: detect_landmarks(image, near=near))
+            spent += seconds
+            count += len(whole)
+            again += len({d.code for d in found} & {d.code for d in whole})
+    ratio = spent / count / (base / len(rooms))
+    print(f"| near predictions: time of a landmark / ArUco's whole image | {ratio:.2f} ({again} of {count} again) |")
+
+
+def plot(points: dict[str, tuple[float, float]], folder: Path) -> None:
+    import matplotlib
+
+    matplotlib.use("Agg")
+    import matplotlib.pyplot as plt
+
+    figure, axis = plt.subplots(figsize=(5, 3.4), layout="constrained")
+    ratios, shares = zip(*points.values(), strict=True)
+    axis.plot(ratios, [100 * share for share in shares], "-o", color="#1f5fa8")
+    for (ratio, share), name in zip(points.values(), points, strict=True):
+        axis.annotate(name, (ratio, 100 * share), textcoords="offset points", xytext=(6, -12))
+    axis.axvline(1.0, color="0.6", linewidth=0.8)
+    axis.annotate("ArUco's time", (1.0, min(shares) * 100), textcoords="offset points", xytext=(4, 2), color="0.4")
+    axis.set_xlabel("time / ArUco 4x4, 640x480, one thread")
+    axis.set_ylabel("landmarks of 15 px and more read, %")
+    axis.grid(alpha=0.3)
+    axis.spines[["top", "right"]].set_visible(False)
+    folder.mkdir(parents=True, exist_ok=True)
+    figure.savefig(folder / "profiles.png", dpi=110)
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser()
+    parser.add_argument("rooms", type=Path)
+    parser.add_argument("--plot", type=Path)
+    options = parser.parse_args()
+    cv2.setNumThreads(1)
+    rooms = room_images(options.rooms)
+    print(describe() + "\n")
+    points = print_profiles(rooms)
+    print()
+    print_near(rooms)
+    if options.plot:
+        plot(points, options.plot)
+
+
+if __name__ == "__main__":
+    main()
