@@ -27,7 +27,13 @@ from lmkit.detection.detector import candidates_of
 from lmkit.simulation.photograph import Development, ImagingChain, Lens, Light, Sensor
 
 WIDE = AcceptanceRule(
-    turn_margin=8.0, code_margin=0.0, parts_misfit=6.0, plain_parts_misfit=6.0, part_sigma=1.0, part_deviation=1.0, hidden=40.0
+    turn_margin=8.0,
+    code_margin=0.0,
+    parts_misfit=6.0,
+    plain_parts_misfit=6.0,
+    part_sigma=1.0,
+    part_deviation=1.0,
+    hidden=40.0,
 )
 EDGES = (0.0, 0.3, 0.5, 0.7, 0.85, 0.95, 0.99, 1.0001)
 

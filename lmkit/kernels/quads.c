@@ -32,8 +32,8 @@ LMKIT_EXPORT int lmkit_dark_quads(int64_t height, int64_t width, const uint8_t *
                                   int64_t window, const double *rules, int16_t *field, uint8_t *visited,
                                   uint16_t *sums, int32_t *prefix, float *points, int64_t capacity, float *quads, int64_t *count);
 LMKIT_EXPORT int lmkit_where_to_look(int64_t height, int64_t width, const uint8_t *image, double offset,
-                                     double least_ratio, double least_luma, int64_t dilate, float *cells,
-                                     uint8_t *where);
+                                     double least_ratio, double least_luma, int64_t dilate, float *rows,
+                                     float *cells, uint8_t *where);
 
 /* field = 64 (plane - (1 - darker) mean + 0.5), the mean over a window cut off at the image's edges, with a border of
  * one pixel that is not dark. */
@@ -438,51 +438,85 @@ int lmkit_dark_quads(int64_t height, int64_t width, const uint8_t *plane, const 
     return 0;
 }
 
-/* Cells of 4 x 4 pixels with enough contrast around them both in red over blue and in brightness. */
-int lmkit_where_to_look(int64_t height, int64_t width, const uint8_t *image, double offset, double least_ratio,
-                        double least_luma, int64_t dilate, float *cells, uint8_t *where)
+/* Larger of two rows into the first, element by element. */
+static void take_larger(float *restrict into, const float *restrict other, int64_t n)
 {
-    const int64_t down = (height + CELL - 1) / CELL, across = (width + CELL - 1) / CELL;
-    float logs[256], grey[1024];
-    for (int v = 0; v < 256; v++)
-        logs[v] = (float)log((double)v + offset);
-    for (int v = 0; v < 1024; v++)
-        grey[v] = (float)log((double)v * 0.25 + offset);
-    for (int64_t i = 0; i < down; i++)
-        for (int64_t j = 0; j < across; j++) {
-            float low = 1e9f, high = -1e9f, dark = 1e9f, bright = -1e9f;
-            int64_t y1 = (i + 1) * CELL < height ? (i + 1) * CELL : height;
-            int64_t x1 = (j + 1) * CELL < width ? (j + 1) * CELL : width;
-            for (int64_t y = i * CELL; y < y1; y++)
-                for (int64_t x = j * CELL; x < x1; x++) {
-                    const uint8_t *p = image + 3 * (y * width + x);
-                    float ratio = logs[p[2]] - logs[p[0]], luma = grey[p[0] + 2 * p[1] + p[2]];
-                    low = ratio < low ? ratio : low;
-                    high = ratio > high ? ratio : high;
-                    dark = luma < dark ? luma : dark;
-                    bright = luma > bright ? luma : bright;
-                }
-            float *cell = cells + 4 * (i * across + j);
-            cell[0] = low, cell[1] = high, cell[2] = dark, cell[3] = bright;
+    for (int64_t i = 0; i < n; i++)
+        into[i] = other[i] > into[i] ? other[i] : into[i];
+}
+
+/* Largest of every three neighbours in a row; `out` is another row. */
+static void largest_of_three(const float *restrict row, float *restrict out, int64_t n)
+{
+    for (int64_t i = 0; i < n; i++)
+        out[i] = row[i];
+    take_larger(out, row + 1, n - 1);
+    take_larger(out + 1, row, n - 1);
+}
+
+/* Cells of 4 x 4 pixels with enough contrast around them both in red over blue and in brightness.  The range of a
+ * logarithm is the ratio of the largest and the smallest value: `rows` holds, for every column, the largest of both and
+ * of their inverses; `cells` twice the same for every cell. */
+int lmkit_where_to_look(int64_t height, int64_t width, const uint8_t *image, double offset, double least_ratio,
+                        double least_luma, int64_t dilate, float *rows, float *cells, uint8_t *where)
+{
+    const int64_t down = (height + CELL - 1) / CELL, across = (width + CELL - 1) / CELL, count = down * across;
+    const float o = (float)offset, most_ratio = (float)exp(least_ratio), most_luma = (float)exp(least_luma);
+    float *wide = cells + 4 * count;
+    for (int64_t i = 0; i < down; i++) {
+        float *restrict red = rows, *restrict blue = rows + width, *restrict bright = rows + 2 * width, *restrict dark = rows + 3 * width;
+        for (int64_t x = 0; x < 4 * width; x++)
+            rows[x] = 0.0f;
+        int64_t y1 = (i + 1) * CELL < height ? (i + 1) * CELL : height;
+        for (int64_t y = i * CELL; y < y1; y++) {
+            const uint8_t *restrict p = image + 3 * y * width;
+            for (int64_t x = 0; x < width; x++) {
+                float b = (float)p[3 * x], g = (float)p[3 * x + 1], r = (float)p[3 * x + 2];
+                float ratio = (r + o) / (b + o), inverse = (b + o) / (r + o), luma = 0.25f * (b + 2.0f * g + r) + o, shade = 1.0f / luma;
+                red[x] = ratio > red[x] ? ratio : red[x];
+                blue[x] = inverse > blue[x] ? inverse : blue[x];
+                bright[x] = luma > bright[x] ? luma : bright[x];
+                dark[x] = shade > dark[x] ? shade : dark[x];
+            }
         }
-    memset(where, 0, (size_t)(down * across));
+        for (int k = 0; k < 4; k++) {
+            const float *row = rows + k * width;
+            float *cell = cells + k * count + i * across;
+            for (int64_t j = 0; j < across; j++) {
+                int64_t x1 = (j + 1) * CELL < width ? (j + 1) * CELL : width;
+                float most = row[j * CELL];
+                for (int64_t x = j * CELL + 1; x < x1; x++)
+                    most = row[x] > most ? row[x] : most;
+                cell[j] = most;
+            }
+            largest_of_three(cell, wide + k * count + i * across, across);
+        }
+    }
+    for (int64_t i = 0; i < down; i++) {
+        float *near[4];
+        for (int k = 0; k < 4; k++) {
+            near[k] = cells + k * count + i * across;
+            const float *same = wide + k * count + i * across;
+            for (int64_t j = 0; j < across; j++)
+                near[k][j] = same[j];
+            if (i > 0)
+                take_larger(near[k], same - across, across);
+            if (i + 1 < down)
+                take_larger(near[k], same + across, across);
+        }
+        for (int64_t j = 0; j < across; j++)
+            where[i * across + j] = near[0][j] * near[1][j] > most_ratio && near[2][j] * near[3][j] > most_luma;
+    }
+    if (!dilate)
+        return 0;
+    for (int64_t i = 0; i < count; i++)
+        cells[i] = (float)where[i];
+    for (int64_t i = 0; i < down; i++)
+        largest_of_three(cells + i * across, wide + i * across, across);
     for (int64_t i = 0; i < down; i++)
         for (int64_t j = 0; j < across; j++) {
-            float low = 1e9f, high = -1e9f, dark = 1e9f, bright = -1e9f;
-            for (int64_t y = i > 0 ? i - 1 : 0; y <= i + 1 && y < down; y++)
-                for (int64_t x = j > 0 ? j - 1 : 0; x <= j + 1 && x < across; x++) {
-                    const float *cell = cells + 4 * (y * across + x);
-                    low = cell[0] < low ? cell[0] : low;
-                    high = cell[1] > high ? cell[1] : high;
-                    dark = cell[2] < dark ? cell[2] : dark;
-                    bright = cell[3] > bright ? cell[3] : bright;
-                }
-            if (!((double)(high - low) > least_ratio && (double)(bright - dark) > least_luma))
-                continue;
-            int64_t by = dilate ? 1 : 0;
-            for (int64_t y = i - by > 0 ? i - by : 0; y <= i + by && y < down; y++)
-                for (int64_t x = j - by > 0 ? j - by : 0; x <= j + by && x < across; x++)
-                    where[y * across + x] = 1;
+            const float *same = wide + i * across + j;
+            where[i * across + j] = same[0] > 0.0f || (i > 0 && same[-across] > 0.0f) || (i + 1 < down && same[across] > 0.0f);
         }
     return 0;
 }

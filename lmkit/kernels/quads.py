@@ -55,8 +55,12 @@ def where_to_look(image: ByteArray, offset: float, least_ratio: float, least_lum
         return where_to_look_numpy(image, offset, least_ratio, least_luma, dilate)
     height, width = image.shape[:2]
     shape = ((height + CELL - 1) // CELL, (width + CELL - 1) // CELL)
-    cells, where = np.empty((*shape, 4), np.float32), np.empty(shape, np.uint8)
-    kernel(height, width, *addresses(image), offset, least_ratio, least_luma, dilate, *addresses(cells, where))
+    rows, cells, where = (
+        np.empty((4, width), np.float32),
+        np.empty((8, *shape), np.float32),
+        np.empty(shape, np.uint8),
+    )
+    kernel(height, width, *addresses(image), offset, least_ratio, least_luma, dilate, *addresses(rows, cells, where))
     return where
 
 
@@ -94,7 +98,7 @@ def dark_quads(plane: ByteArray, where: ByteArray | None, window: int, rules: Qu
 @lru_cache(maxsize=1)
 def _where_kernel() -> Any:
     p, n, d = ctypes.c_void_p, ctypes.c_int64, ctypes.c_double
-    return function("lmkit_where_to_look", n, n, p, d, d, d, n, p, p)
+    return function("lmkit_where_to_look", n, n, p, d, d, d, n, p, p, p)
 
 
 @lru_cache(maxsize=1)

@@ -25,20 +25,22 @@ def where_to_look_numpy(
     image: ByteArray, offset: float, least_ratio: float, least_luma: float, dilate: bool
 ) -> ByteArray:
     """Definition of `where_to_look`."""
-    blue, green, red = (image[:, :, k].astype(np.float64) for k in range(3))
-    ratio = np.log(red + offset) - np.log(blue + offset)
-    luma = np.log((blue + 2 * green + red) / 4 + offset)
-    ranges = []
-    for values in (ratio, luma):
-        low, high = (_over_neighbours(_over_cells(sign * values)) for sign in (-1, 1))
-        ranges.append(low + high)
-    where = (ranges[0] > least_ratio) & (ranges[1] > least_luma)
+    blue, green, red = (image[:, :, k].astype(np.float32) for k in range(3))
+    o = np.float32(offset)
+    luma = np.float32(0.25) * (blue + 2 * green + red) + o
+    # The range of a logarithm is the ratio of the largest and the smallest value.
+    most = [
+        _over_neighbours(_over_cells(v)) for v in ((red + o) / (blue + o), (blue + o) / (red + o), luma, 1 / luma)
+    ]
+    where = (most[0] * most[1] > np.float32(np.exp(least_ratio))) & (
+        most[2] * most[3] > np.float32(np.exp(least_luma))
+    )
     return (_over_neighbours(where.astype(np.float64)) > 0 if dilate else where).astype(np.uint8)
 
 
 def _over_cells(values: FloatArray) -> FloatArray:
     height, width = (-(-length // CELL) for length in values.shape)
-    padded = np.full((height * CELL, width * CELL), -np.inf)
+    padded = np.full((height * CELL, width * CELL), -np.inf, dtype=np.float32)
     padded[: values.shape[0], : values.shape[1]] = values
     return np.asarray(padded.reshape(height, CELL, width, CELL).max(axis=(1, 3)))
 
