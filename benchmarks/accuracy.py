@@ -27,10 +27,11 @@ from scipy.stats import chi2
 from lmkit.detection.config import DetectOptions
 from lmkit.detection.detector import detect_landmarks
 from lmkit.geometry.pose import Pose
+from lmkit.geometry.pose_array import PoseArray
 from lmkit.geometry.rotations import rotation_exp, rotation_log
 from lmkit.geometry.stereo_rig import StereoRig
 from lmkit.localization.absolute_pose import LocateOptions, locate_camera, locate_rig
-from lmkit.localization.correspondences import Correspondences, Poses
+from lmkit.localization.correspondences import Correspondences
 from lmkit.model.estimate import PoseEstimate
 from lmkit.model.landmark_id import LandmarkId
 from lmkit.model.landmark_map import LandmarkMap, MappedLandmark, wall_pose
@@ -109,7 +110,9 @@ def bound(s: Situation) -> np.ndarray | None:
         *([] if s.mono else [(eyes[1], rig.right, rig.T_right_left.R, rig.T_right_left.t)]),
     ]
     seen = Correspondences(placed, LandmarkMap(s.landmarks), 0.0)
-    normal = seen.equations(Poses(T.R[None], T.t[None]), np.ones((1, len(seen)), dtype=bool), None)[0][0]
+    normal = seen.equations(
+        PoseArray("map", "left", T.R[None], T.t[None]), np.ones((1, len(seen)), dtype=bool), None
+    )[0][0]
     return np.linalg.inv(normal)
 
 

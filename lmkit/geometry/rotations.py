@@ -9,19 +9,6 @@ import numpy as np
 from lmkit.arrays import FloatArray
 
 
-def turns(vectors: FloatArray) -> FloatArray:
-    """(H,3,3) rotation matrices of (H,3) rotation vectors (Rodrigues)."""
-    angle = np.sqrt((vectors**2).sum(axis=1))[:, None, None]
-    W = np.zeros((len(vectors), 3, 3))
-    W[:, 0, 1], W[:, 0, 2], W[:, 1, 2] = -vectors[:, 2], vectors[:, 1], -vectors[:, 0]
-    W -= W.transpose(0, 2, 1)
-    small = angle < 1e-8
-    safe = np.where(small, 1.0, angle)
-    a = np.where(small, 1.0, np.sin(safe) / safe)
-    b = np.where(small, 0.5, (1 - np.cos(safe)) / safe**2)
-    return np.asarray(np.eye(3) + a * W + b * (W @ W))
-
-
 def is_rotation(R: FloatArray, tolerance: float = 1e-6) -> bool:
     """True where the rows of R (3,3) are orthonormal and right-handed, to the tolerance.
 
@@ -35,12 +22,27 @@ def is_rotation(R: FloatArray, tolerance: float = 1e-6) -> bool:
 
 
 def skew(v: FloatArray) -> FloatArray:
-    """(3,3) matrix with ``skew(v) @ w == cross(v, w)``."""
-    return np.array([[0.0, -v[2], v[1]], [v[2], 0.0, -v[0]], [-v[1], v[0], 0.0]])
+    """(...,3,3) matrices with ``skew(v) @ w == cross(v, w)``, of vectors (...,3)."""
+    W = np.zeros((*v.shape, 3))
+    W[..., 0, 1], W[..., 0, 2], W[..., 1, 2] = -v[..., 2], v[..., 1], -v[..., 0]
+    return np.asarray(W - W.swapaxes(-1, -2))
 
 
 def rotation_exp(rvec: FloatArray) -> FloatArray:
-    """(3,3) rotation of a rotation vector (Rodrigues' formula)."""
+    """(...,3,3) rotations of rotation vectors (...,3), rad (Rodrigues' formula)."""
+    if rvec.ndim == 1:
+        return _exp_of_one(rvec)
+    angle = np.sqrt((rvec**2).sum(axis=-1))[..., None, None]
+    W = skew(rvec)
+    small = angle < 1e-8
+    safe = np.where(small, 1.0, angle)
+    a = np.where(small, 1.0, np.sin(safe) / safe)
+    b = np.where(small, 0.5, (1 - np.cos(safe)) / safe**2)
+    return np.asarray(np.eye(3) + a * W + b * (W @ W))
+
+
+def _exp_of_one(rvec: FloatArray) -> FloatArray:
+    """(3,3) in plain numbers: numpy takes several times as long for so few."""
     x, y, z = rvec.tolist()
     squared = x * x + y * y + z * z
     angle = math.sqrt(squared)
@@ -55,7 +57,24 @@ def rotation_exp(rvec: FloatArray) -> FloatArray:
 
 
 def rotation_log(R: FloatArray) -> FloatArray:
-    """(3,) rotation vector of a rotation, the inverse of :func:`rotation_exp`; angle in 0..pi."""
+    """(...,3) rotation vectors of rotations (...,3,3), the inverse of :func:`rotation_exp`; angles in 0..pi."""
+    if R.ndim == 2:
+        return _log_of_one(R)
+    flat = R.reshape(-1, 3, 3)
+    axis = np.stack(
+        [flat[:, 2, 1] - flat[:, 1, 2], flat[:, 0, 2] - flat[:, 2, 0], flat[:, 1, 0] - flat[:, 0, 1]], axis=1
+    )
+    sine, cosine = np.sqrt((axis**2).sum(axis=1)) / 2, (np.trace(flat, axis1=1, axis2=2) - 1) / 2
+    scale = np.where(sine < 1e-12, 1.0, np.arctan2(sine, cosine) / np.maximum(sine, 1e-12))
+    logs = scale[:, None] * axis / 2
+    # Beyond a quarter turn the sine fades, and the quaternion tells the axis better.
+    for k in np.flatnonzero(cosine <= 0).tolist():
+        logs[k] = _log_of_one(flat[k])
+    return np.asarray(logs.reshape(R.shape[:-1]))
+
+
+def _log_of_one(R: FloatArray) -> FloatArray:
+    """(3,) in plain numbers."""
     (a, b, c), (d, e, f), (g, h, i) = R.tolist()
     x, y, z, cosine = (h - f) / 2, (c - g) / 2, (d - b) / 2, (a + e + i - 1) / 2
     if cosine > 0:
@@ -67,31 +86,20 @@ def rotation_log(R: FloatArray) -> FloatArray:
     return np.asarray(q[:3] * (2 * np.arctan2(length, q[3]) / length))
 
 
-def rotation_logs(R: FloatArray) -> FloatArray:
-    """(N,3) rotation vectors of (N,3,3) rotations."""
-    return np.array([rotation_log(matrix) for matrix in R]).reshape(-1, 3)
-
-
-def quaternions_to_matrices(quaternions: FloatArray) -> FloatArray:
-    """(N,3,3) rotations of (N,4) quaternions x y z w, normalised here."""
-    x, y, z, w = (quaternions / np.linalg.norm(quaternions, axis=1, keepdims=True)).T
-    rows = [
-        *(1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)),
-        *(2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)),
-        *(2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)),
-    ]
-    return np.stack(rows, axis=1).reshape(-1, 3, 3)
-
-
 def rotation_angle(R: FloatArray) -> float:
     """Angle of a rotation, rad, 0..pi."""
     return float(np.linalg.norm(rotation_log(R)))
 
 
 def quaternion_to_matrix(q: FloatArray) -> FloatArray:
-    """(3,3) rotation of a unit quaternion x y z w."""
-    v, w = q[:3], q[3]
-    return np.asarray((w * w - v @ v) * np.eye(3) + 2 * np.outer(v, v) + 2 * w * skew(v))
+    """(...,3,3) rotations of quaternions (...,4) x y z w, normalised here."""
+    x, y, z, w = np.moveaxis(q / np.linalg.norm(q, axis=-1, keepdims=True), -1, 0)
+    rows = [
+        *(1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)),
+        *(2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)),
+        *(2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)),
+    ]
+    return np.stack(rows, axis=-1).reshape(*np.shape(q)[:-1], 3, 3)
 
 
 def matrix_to_quaternion(R: FloatArray) -> FloatArray:

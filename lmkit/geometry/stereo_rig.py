@@ -10,7 +10,7 @@ import numpy as np
 from lmkit.arrays import FloatArray
 from lmkit.geometry.camera import CameraModel
 from lmkit.geometry.pose import Pose
-from lmkit.geometry.rotations import skew
+from lmkit.geometry.pose_array import moved_covariance
 
 
 def mounted_ahead(height_m: float) -> Pose:
@@ -67,7 +67,5 @@ def at_base(poses: Sequence[Pose], covariances: FloatArray, rig: StereoRig) -> t
     if T is None:
         return list(poses), covariances
     T_left_base = T.inverse()
-    moved = np.tile(np.eye(6), (len(poses), 1, 1))
-    for J, pose in zip(moved, poses, strict=True):
-        J[:3, 3:] = -skew(pose.R @ T_left_base.t)
-    return [pose @ T_left_base for pose in poses], moved @ covariances @ moved.transpose(0, 2, 1)
+    offsets = np.array([pose.R @ T_left_base.t for pose in poses]).reshape(-1, 3)
+    return [pose @ T_left_base for pose in poses], moved_covariance(covariances, offsets)

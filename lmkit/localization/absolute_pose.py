@@ -19,11 +19,10 @@ import numpy as np
 
 from lmkit.arrays import BoolArray, FloatArray, IntArray
 from lmkit.geometry.camera import CameraModel
-from lmkit.geometry.pose import Pose
-from lmkit.geometry.rotations import turns
+from lmkit.geometry.pose_array import PoseArray
 from lmkit.geometry.stereo_rig import StereoRig
 from lmkit.kernels.square_pose import square_poses
-from lmkit.localization.correspondences import CORNER_FLOOR_PX, Correspondences, Poses
+from lmkit.localization.correspondences import CORNER_FLOOR_PX, Correspondences
 from lmkit.localization.pose_prior import PosePrior
 from lmkit.model.estimate import PoseEstimate
 from lmkit.model.landmark_map import LandmarkMap
@@ -128,12 +127,12 @@ def _locate(eyes: Sequence[_Eye], landmarks: LandmarkMap, options: LocateOptions
     pixels = seen.misfits_and_pixels(best)[1][0][inliers[0]]
     return PoseEstimate(
         status=PoseStatus.AMBIGUOUS if rivalled else PoseStatus.IMPRECISE if wide else PoseStatus.OK,
-        T_map_camera=_pose(poses, 0),
+        T_map_camera=poses.pose(0),
         covariance=covariance,
         inliers=tuple(sorted(explained)),
         outliers=tuple(sorted((ids - explained) | seen.twice)),
         alternatives=tuple(
-            (_pose(poses, k), float(ratios[k]))
+            (poses.pose(k), float(ratios[k]))
             for k in range(1, min(len(cost), 1 + MOST_LISTED))
             if ratios[k] < LISTED_BELOW
         ),
@@ -145,16 +144,16 @@ def _locate(eyes: Sequence[_Eye], landmarks: LandmarkMap, options: LocateOptions
 class _Candidates:
     """H poses with the residuals (H,S) of all observations and their costs (H,)."""
 
-    poses: Poses
+    poses: PoseArray
     misfits: FloatArray
     cost: FloatArray
 
     @classmethod
-    def judged(cls, poses: Poses, misfits: FloatArray, options: LocateOptions) -> _Candidates:
+    def judged(cls, poses: PoseArray, misfits: FloatArray, options: LocateOptions) -> _Candidates:
         """With negative log likelihoods; an observation that is not explained costs as much as one just explained."""
         cost = np.minimum(misfits, 8 * options.outlier_sigma**2).sum(axis=1) / 2
         if options.prior is not None:
-            cost = cost + (options.prior.residuals(poses.R, poses.p) ** 2).sum(axis=1) / 2
+            cost = cost + (options.prior.residuals(poses.R, poses.t) ** 2).sum(axis=1) / 2
         return cls(poses, misfits, cost)
 
     def only(self, rows: IntArray) -> _Candidates:
@@ -163,7 +162,7 @@ class _Candidates:
 
     def distinct(self) -> _Candidates:
         """Sorted by cost, without those that are the same pose as a better one."""
-        R, p = self.poses.R.reshape(-1, 9), self.poses.p
+        R, p = self.poses.R.reshape(-1, 9), self.poses.t
         turned = 1 + 2 * np.cos(SAME_TURN_RAD) > R @ R.T
         apart = turned | (((p[:, None] - p) ** 2).sum(axis=2) > SAME_PLACE_M**2)
         kept: list[int] = []
@@ -173,7 +172,7 @@ class _Candidates:
         return self.only(np.array(kept))
 
 
-def _candidates(seen: Correspondences, poses: Poses, own: IntArray, options: LocateOptions) -> _Candidates:
+def _candidates(seen: Correspondences, poses: PoseArray, own: IntArray, options: LocateOptions) -> _Candidates:
     """Poses that are really different, each refined on what it explains; best first."""
     prior, limit = options.prior, 8 * options.outlier_sigma**2
     mine, gate_px = seen.of == own[:, None], options.gate_share * seen.side_px
@@ -200,7 +199,7 @@ def _candidates(seen: Correspondences, poses: Poses, own: IntArray, options: Loc
     return found.distinct()
 
 
-def _hypotheses(seen: Correspondences) -> tuple[Poses, IntArray]:
+def _hypotheses(seen: Correspondences) -> tuple[PoseArray, IntArray]:
     """Both poses of every landmark, as poses of the left camera in the map, and its index in ``seen.ids``."""
     best: dict[int, int] = {}
     sides = seen.side_px.tolist()
@@ -219,11 +218,11 @@ def _hypotheses(seen: Correspondences) -> tuple[Poses, IntArray]:
     R_map_left = R_map @ (R_left_eye @ R_eye).swapaxes(-1, -2)
     p = t_map - (R_map_left @ t_left)[..., 0]
     finite = np.isfinite(p).all(axis=2).ravel()
-    poses = Poses(R_map_left.reshape(-1, 3, 3)[finite], p.reshape(-1, 3)[finite])
+    poses = PoseArray("map", "left", R_map_left.reshape(-1, 3, 3)[finite], p.reshape(-1, 3)[finite])
     return poses, np.repeat(seen.of[rows], 2)[finite]
 
 
-def _covariance(seen: Correspondences, best: Poses, used: BoolArray, prior: PosePrior | None) -> FloatArray:
+def _covariance(seen: Correspondences, best: PoseArray, used: BoolArray, prior: PosePrior | None) -> FloatArray:
     """(6,6) of the pose.
 
     A landmark seen head-on tells its tilt the worse the squarer it is, so that an estimate that has
@@ -233,10 +232,6 @@ def _covariance(seen: Correspondences, best: Poses, used: BoolArray, prior: Pose
     here = np.linalg.inv(seen.equations(best, used, prior)[0][0])
     values, vectors = np.linalg.eigh(here)
     step = np.array([[-1.0], [1.0]]) * np.sqrt(max(values[-1], 0.0)) * vectors[:, -1]
-    around = Poses(turns(step[:, 3:]) @ best.R, best.p + step[:, :3])
+    around = best.only(np.zeros(2, dtype=np.int64)).retract(step)
     there = np.linalg.inv(seen.equations(around, np.repeat(used, 2, axis=0), prior)[0])
     return np.asarray((here + there[0] + there[1]) / 3)
-
-
-def _pose(poses: Poses, k: int) -> Pose:
-    return Pose("map", "camera", poses.R[k], poses.p[k])

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from lmkit.geometry.pose import Pose
 from lmkit.geometry.stereo_rig import StereoRig
 from lmkit.model.estimate import PoseEstimate
 
@@ -13,5 +12,4 @@ def with_base(estimate: PoseEstimate, rig: StereoRig) -> PoseEstimate:
     """The estimate with the rig's T_camera_base; unchanged where the rig has no base."""
     if rig.T_base_left is None:
         return estimate
-    T_left_base = rig.T_base_left.inverse()
-    return replace(estimate, T_camera_base=Pose("camera", "base", T_left_base.R, T_left_base.t))
+    return replace(estimate, T_camera_base=rig.T_base_left.inverse())

@@ -10,6 +10,7 @@ import numpy as np
 
 from lmkit.arrays import BoolArray, FloatArray, IntArray, covariance_root
 from lmkit.geometry.camera import CameraModel
+from lmkit.geometry.pose_array import PoseArray
 from lmkit.geometry.stereo_rig import StereoRig
 from lmkit.kernels.reprojection import NO_PRIOR, Corners, corner_misfits, pose_equations, refine_poses
 from lmkit.localization.pose_prior import PosePrior
@@ -32,21 +33,6 @@ class Eye:
     R: FloatArray  # from the left camera into this camera
     t: FloatArray
     rows: slice
-
-
-@dataclass(frozen=True, eq=False)
-class Poses:
-    """(H,3,3) and (H,3) of T_map_camera of the left camera."""
-
-    R: FloatArray
-    p: FloatArray
-
-    def __len__(self) -> int:
-        return len(self.p)
-
-    def only(self, rows: IntArray) -> Poses:
-        """Some of them."""
-        return Poses(self.R[rows], self.p[rows])
 
 
 class Correspondences:
@@ -141,25 +127,26 @@ class Correspondences:
         """The landmarks of some observations, given as a mask (S,)."""
         return {self.ids[k] for k in self.of[rows].tolist()}
 
-    def misfits(self, poses: Poses) -> FloatArray:
+    def misfits(self, poses: PoseArray) -> FloatArray:
         """(H,S) squared error of each observation on its own, in standard deviations, over its eight coordinates."""
-        return corner_misfits(self._corners, poses.R, poses.p)[0]
+        return corner_misfits(self._corners, poses.R, poses.t)[0]
 
-    def misfits_and_pixels(self, poses: Poses) -> tuple[FloatArray, FloatArray]:
+    def misfits_and_pixels(self, poses: PoseArray) -> tuple[FloatArray, FloatArray]:
         """The chi2 (H,S), and root mean squares (H,S) of pixel coordinates; huge behind the camera."""
-        misfits, pixels = corner_misfits(self._corners, poses.R, poses.p)
+        misfits, pixels = corner_misfits(self._corners, poses.R, poses.t)
         return misfits, np.sqrt(pixels / 8)
 
     def equations(
-        self, poses: Poses, used: BoolArray, prior: PosePrior | None
+        self, poses: PoseArray, used: BoolArray, prior: PosePrior | None
     ) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Normal matrices (H,6,6), gradients (H,6) and chi2 (H,) of the observations used (H,S)."""
-        return pose_equations(self._corners, _numbers(prior), poses.R, poses.p, used)
+        return pose_equations(self._corners, _numbers(prior), poses.R, poses.t, used)
 
-    def refine(self, poses: Poses, used: BoolArray, prior: PosePrior | None, iterations: int) -> Poses:
+    def refine(self, poses: PoseArray, used: BoolArray, prior: PosePrior | None, iterations: int) -> PoseArray:
         """Levenberg-Marquardt on the whitened corners of the observations used (H,S), every pose on its own."""
-        R, p = poses.R, poses.p
-        return Poses(*refine_poses(self._corners, _numbers(prior), R, p, used, iterations, CONVERGED, MOST_DAMPING))
+        R, t = poses.R, poses.t
+        R, t = refine_poses(self._corners, _numbers(prior), R, t, used, iterations, CONVERGED, MOST_DAMPING)
+        return PoseArray(poses.to_frame, poses.from_frame, R, t)
 
 
 def _numbers(prior: PosePrior | None) -> tuple[float, ...]:

@@ -11,14 +11,13 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from lmkit.arrays import BoolArray, FloatArray, IntArray
 from lmkit.geometry.pose import Pose
-from lmkit.geometry.rotations import orthonormal, turns
+from lmkit.geometry.pose_array import PoseArray
+from lmkit.geometry.rotations import orthonormal, rotation_exp, rotation_log, skew
 from lmkit.geometry.stereo_rig import StereoRig
 from lmkit.kernels import landmark_bundle as kernel
-from lmkit.localization.correspondences import Poses
 from lmkit.mapping.observation_arrays import ObservationArrays
 from lmkit.mapping.wall_constraints import Tie, constraint_rows
 from lmkit.model.landmark_id import LandmarkId
@@ -66,7 +65,7 @@ class Bundle:
     """
 
     times_s: FloatArray
-    poses: Poses
+    poses: PoseArray
     covariances: FloatArray
     landmarks: LandmarkMap
     joint: FloatArray
@@ -80,7 +79,7 @@ class Bundle:
 
     def left_poses(self) -> list[Pose]:
         """T_map_left of every frame."""
-        return [Pose("map", "left", orthonormal(R), p) for R, p in zip(self.poses.R, self.poses.p, strict=True)]
+        return [self.poses.pose(k) for k in range(len(self.poses))]
 
 
 @dataclass(frozen=True, eq=False)
@@ -110,7 +109,7 @@ class BundleProblem:
         self,
         moments: Sequence[StereoFrame],
         rig: StereoRig,
-        start: Poses,
+        start: PoseArray,
         landmarks: LandmarkMap,
         anchors: Mapping[LandmarkId, Anchor],
         motion: Motion | None = None,
@@ -120,7 +119,7 @@ class BundleProblem:
         self.times = np.array([moment.time_s for moment in moments])
         self.motion: Motion = motion or BoundedMotion()
         self.frozen = frozen
-        self.R, self.p = start.R.copy(), start.p.copy()
+        self.R, self.p = start.R.copy(), start.t.copy()
         self.hung = list(landmarks)
         self.anchors, self.ties = dict(anchors), ties
         self.seen = ObservationArrays.collect(moments, rig, self.hung)
@@ -243,15 +242,18 @@ class BundleProblem:
 
     def _move(self, step: FloatArray, shared: FloatArray) -> None:
         self.p = self.p + step[:, :3]
-        self.R = turns(step[:, 3:]) @ self.R
+        self.R = rotation_exp(step[:, 3:]) @ self.R
         self.parameters = self.parameters + shared[: self.own]
         if not self.frozen:
             moved = shared[self.own :].reshape(-1, 6)
             self.lm_p = self.lm_p + moved[:, :3]
-            self.lm_R = turns(moved[:, 3:]) @ self.lm_R
+            self.lm_R = rotation_exp(moved[:, 3:]) @ self.lm_R
+
+    def _poses(self) -> PoseArray:
+        return PoseArray("map", "left", self.R, self.p)
 
     def _sightings(self) -> kernel.Bundle:
-        return self.seen.bundle(Poses(self.R, self.p), Poses(self.lm_R, self.lm_p), self.arms)
+        return self.seen.bundle(self._poses(), PoseArray("map", "landmark", self.lm_R, self.lm_p), self.arms)
 
     def _equations(self) -> tuple[ChainEquations, float]:
         equations = ChainEquations.zeros(len(self.times), 6, self.shared)
@@ -275,7 +277,7 @@ class BundleProblem:
             if anchor is None:
                 continue
             T = anchor.landmark.T_map_landmark
-            turned = Rotation.from_matrix(T.R @ self.lm_R[k].T).as_rotvec()
+            turned = rotation_log(T.R @ self.lm_R[k].T)
             off = np.concatenate([T.t - self.lm_p[k], turned])
             information = np.linalg.inv(EXACT * np.eye(6) + (0.0 if anchor.covariance is None else anchor.covariance))
             rows = self._rows_of(k)
@@ -329,15 +331,15 @@ class BundleProblem:
         R_b, p_b = self.base_poses()
         back = R_b[:-1].transpose(0, 2, 1)
         v = p_b[1:] - p_b[:-1]
-        turned = Rotation.from_matrix(steps.R.transpose(0, 2, 1) @ back @ R_b[1:]).as_rotvec()
+        turned = rotation_log(steps.R.transpose(0, 2, 1) @ back @ R_b[1:])
         r = np.column_stack([steps.t - (back @ v[..., None])[..., 0], -turned])
         arm = self.R @ self.base_t
         sigmas = steps.sigmas * self.motion_scale
         # d(p_b) = shift - [arm] turn, and R' v changes by R' [v] with the turn of the earlier pose.
         before, after = np.zeros((len(v), 6, 6)), np.zeros((len(v), 6, 6))
         before[:, :3, :3], after[:, :3, :3] = -back, back
-        before[:, :3, 3:] = back @ (_skew(arm[:-1]) + _skew(v))
-        after[:, :3, 3:] = -back @ _skew(arm[1:])
+        before[:, :3, 3:] = back @ (skew(arm[:-1]) + skew(v))
+        after[:, :3, 3:] = -back @ skew(arm[1:])
         forward = R_b[1:].transpose(0, 2, 1)
         before[:, 3:, 3:], after[:, 3:, 3:] = -forward, forward
         scale = 1 / sigmas[..., None]
@@ -383,7 +385,7 @@ class BundleProblem:
         rms = float(np.sqrt(pixels.mean() / 4)) if believed.any() else float("nan")
         return Bundle(
             self.times,
-            Poses(self.R, self.p),
+            self._poses(),
             states,
             self.landmarks(shared),
             shared[self.own :, self.own :],
@@ -415,10 +417,3 @@ class BundleProblem:
             off = np.linalg.norm((r * sigmas)[:, :3], axis=1)
             leaps = np.flatnonzero((np.sqrt((r**2).mean(axis=1)) > SLIP_SIGMA) & (off > LEAST_JUMP_M))
         return tuple((float(self.times[k]), float(self.times[k + 1]), float(off[k])) for k in leaps)
-
-
-def _skew(v: FloatArray) -> FloatArray:
-    """(N,3,3) of (N,3)."""
-    W = np.zeros((len(v), 3, 3))
-    W[:, 0, 1], W[:, 0, 2], W[:, 1, 2] = -v[:, 2], v[:, 1], -v[:, 0]
-    return W - W.transpose(0, 2, 1)

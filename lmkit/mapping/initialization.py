@@ -14,10 +14,11 @@ import numpy as np
 
 from lmkit.errors import InputError
 from lmkit.geometry.pose import Pose
+from lmkit.geometry.pose_array import PoseArray
 from lmkit.geometry.rotations import orthonormal, rotation_angle
 from lmkit.geometry.stereo_rig import StereoRig
 from lmkit.localization.absolute_pose import LocateOptions, locate_rig
-from lmkit.localization.correspondences import CORNER_FLOOR_PX, Correspondences, Poses
+from lmkit.localization.correspondences import CORNER_FLOOR_PX, Correspondences
 from lmkit.mapping.bundle_adjustment import Anchor, BundleProblem
 from lmkit.mapping.landmark_initialization import CAP, SURE_RATIO, Placing
 from lmkit.mapping.wall_constraints import Tie
@@ -75,7 +76,7 @@ class Start:
         return BundleProblem(
             some,
             rig,
-            Poses(np.array([pose.R for _, pose in posed]), np.array([pose.t for _, pose in posed])),
+            PoseArray.from_poses("map", "left", [pose for _, pose in posed]),
             LandmarkMap([m for key, m in self.placed.items() if key in seen]),
             self.anchors,
             motion,
@@ -183,7 +184,7 @@ class _Search:
         problem = start.problem(self.moments, self.rig, self.motion)
         problem.settle(SETTLING)
         for k, R, p in zip(start.rows, problem.R, problem.p, strict=True):
-            self.poses[k] = Pose("map", "camera", orthonormal(R), p)
+            self.poses[k] = Pose("map", "left", orthonormal(R), p)
         self.placed.update({m.id: m for m in problem.landmarks()})
 
     def map_so_far(self) -> LandmarkMap:
@@ -283,8 +284,8 @@ def _refined(guess: Carried, moment: StereoFrame, rig: StereoRig, landmarks: Lan
     if len(seen) == 0 or seen.twice:
         return None
     used = np.ones((1, len(seen)), dtype=bool)
-    found = seen.refine(Poses(guess.pose.R[None], guess.pose.t[None]), used, None, REFINING)
-    pose = Pose("map", "camera", orthonormal(found.R[0]), found.p[0])
+    found = seen.refine(PoseArray.from_poses("map", "left", [guess.pose]), used, None, REFINING)
+    pose = found.pose(0)
     if not guess.allows(pose) or seen.misfits(found).max() > CAP:
         return None
     variances = np.diag(np.linalg.pinv(seen.equations(found, used, None)[0][0]))

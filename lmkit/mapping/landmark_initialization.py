@@ -13,10 +13,11 @@ import numpy as np
 from lmkit.arrays import FloatArray
 from lmkit.errors import InputError
 from lmkit.geometry.pose import Pose
+from lmkit.geometry.pose_array import PoseArray
 from lmkit.geometry.rotations import rotation_angle
 from lmkit.geometry.stereo_rig import StereoRig
 from lmkit.localization.absolute_pose import locate_rig
-from lmkit.localization.correspondences import Correspondences, Poses
+from lmkit.localization.correspondences import Correspondences
 from lmkit.model.landmark_id import LandmarkId
 from lmkit.model.landmark_map import LandmarkMap, MappedLandmark
 from lmkit.model.observation import Detection
@@ -126,14 +127,12 @@ class Placing:
     def _misfits(self, candidates: Sequence[Pose], key: LandmarkId, at: At) -> FloatArray:
         """(C,V) chi2 of candidates and views, each at most the cap."""
         # Seen from the landmark, a candidate puts each view's camera somewhere else.
-        back = np.array([T.R.T for T in candidates])
-        places = np.array([T.t for T in candidates])
+        T_landmark_map = PoseArray.from_poses("map", "landmark", candidates).inverse()
         misfits = np.full((len(candidates), len(at)), CAP)
         for column, (k, pose, floor_px) in enumerate(at):
             seen = self._sightings(k, key, floor_px)
             if len(seen):
-                cameras = Poses(back @ pose.R, (back @ (pose.t - places)[..., None])[..., 0])
-                misfits[:, column] = np.minimum(CAP, seen.misfits(cameras).mean(axis=1))
+                misfits[:, column] = np.minimum(CAP, seen.misfits(T_landmark_map @ pose).mean(axis=1))
         return misfits
 
 

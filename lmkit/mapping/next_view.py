@@ -15,8 +15,8 @@ import numpy as np
 
 from lmkit.arrays import BoolArray, FloatArray
 from lmkit.geometry.pose import Pose
+from lmkit.geometry.pose_array import PoseArray
 from lmkit.geometry.stereo_rig import StereoRig
-from lmkit.localization.correspondences import Poses
 from lmkit.mapping.bundle_adjustment import Bundle, BundleProblem
 from lmkit.mapping.survey import Survey, deviations
 from lmkit.model.detector_model import corner_sigma_px, recognised
@@ -78,7 +78,7 @@ class NextView:
 
 def next_view(landmark: MappedLandmark, bundle: Bundle, rig: StereoRig) -> NextView | None:
     """The view that leaves least open of a landmark of a survey; None where none leaves much less."""
-    eyes = bundle.poses.p
+    eyes = bundle.poses.t
     now_m, now_rad = deviations(landmark)
     height = float(np.median(eyes[:, 2]))
     hung = list(bundle.landmarks)
@@ -173,7 +173,7 @@ def _afterwards(
     view = BundleProblem(
         [moment],
         rig,
-        Poses(T_map_left.R[None], T_map_left.t[None]),
+        PoseArray.from_poses("map", "left", [T_map_left]),
         LandmarkMap([replace(hung[k], covariance=None) for k in rows]),
         {},
     )

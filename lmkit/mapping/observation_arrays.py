@@ -8,9 +8,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from lmkit.arrays import FloatArray, IntArray
+from lmkit.geometry.pose_array import PoseArray
 from lmkit.geometry.stereo_rig import StereoRig
 from lmkit.kernels.landmark_bundle import Bundle
-from lmkit.localization.correspondences import CORNER_FLOOR_PX, Poses
+from lmkit.localization.correspondences import CORNER_FLOOR_PX
 from lmkit.localization.reprojection import through_lens
 from lmkit.model.landmark_map import MappedLandmark
 from lmkit.model.recording import StereoFrame
@@ -59,7 +60,7 @@ class ObservationArrays:
     def __len__(self) -> int:
         return len(self.at)
 
-    def bundle(self, poses: Poses, landmarks: Poses, arms: FloatArray) -> Bundle:
+    def bundle(self, poses: PoseArray, landmarks: PoseArray, arms: FloatArray) -> Bundle:
         """The observations from (N) rig poses of (L) landmarks, with corners ``arms`` (L,4,3) in their own frames."""
         return Bundle(
             self.at,
@@ -70,8 +71,8 @@ class ObservationArrays:
             self.eye_R,
             self.eye_t,
             poses.R,
-            poses.p,
+            poses.t,
             landmarks.R,
-            landmarks.p,
+            landmarks.t,
             arms,
         )

@@ -10,9 +10,9 @@ either end: that is ambiguous as well.
 from __future__ import annotations
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from lmkit.arrays import FloatArray
+from lmkit.geometry.rotations import rotation_exp, rotation_log
 from lmkit.mapping.bundle_adjustment import BundleProblem
 
 HOPEFUL = 30.0  # of a second pose's cost above the landmark's, while the rig keeps to the landmark
@@ -54,7 +54,7 @@ def resolve_pose_ambiguities(problem: BundleProblem) -> dict[int, FloatArray]:
 
 def _apart(R: FloatArray, p: FloatArray, R_other: FloatArray, p_other: FloatArray) -> FloatArray:
     """(6,) from one pose to another: place (m), turn about the map's axes (rad)."""
-    return np.concatenate([p - p_other, Rotation.from_matrix(R @ R_other.T).as_rotvec()])
+    return np.concatenate([p - p_other, rotation_log(R @ R_other.T)])
 
 
 def _spread(apart: FloatArray, worse: float) -> FloatArray:
@@ -72,7 +72,7 @@ def _fitted_twins(problem: BundleProblem) -> tuple[FloatArray, FloatArray, Float
     axis = np.cross(normals, flipped)
     sine = np.linalg.norm(axis, axis=1, keepdims=True)
     angle = np.arctan2(sine[:, 0], np.einsum("li,li->l", normals, flipped))
-    turn = Rotation.from_rotvec(axis / np.maximum(sine, 1e-12) * angle[:, None]).as_matrix()
+    turn = rotation_exp(axis / np.maximum(sine, 1e-12) * angle[:, None])
     R, p = turn @ problem.lm_R, problem.lm_p.copy()
     best = np.full(len(own), np.inf)
     best_R, best_p = R, p
@@ -83,7 +83,7 @@ def _fitted_twins(problem: BundleProblem) -> tuple[FloatArray, FloatArray, Float
         best = np.where(better, cost, best)
         best_R, best_p = np.where(better[:, None, None], R, best_R), np.where(better[:, None], p, best_p)
         step = problem.landmark_steps()
-        R, p = Rotation.from_rotvec(step[:, 3:]).as_matrix() @ R, p + step[:, :3]
+        R, p = rotation_exp(step[:, 3:]) @ R, p + step[:, :3]
     problem.restore(before)
     # Skip landmarks that are nearly symmetric, fixed, or have no inliers.
     held = np.array([problem.is_held(k) for k in range(len(own))])

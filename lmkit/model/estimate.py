@@ -9,7 +9,7 @@ import numpy as np
 
 from lmkit.arrays import FloatArray
 from lmkit.geometry.pose import Pose
-from lmkit.geometry.rotations import skew
+from lmkit.geometry.pose_array import moved_covariance
 from lmkit.model.landmark_id import LandmarkId
 from lmkit.model.pose_status import PoseStatus
 
@@ -59,9 +59,7 @@ class PoseEstimate:
         """(6,6) covariance of another frame that is fixed to the camera; None without a pose."""
         if self.T_map_camera is None or self.covariance is None:
             return None
-        J = np.eye(6)
-        J[:3, 3:] = -skew(self.T_map_camera.R @ T_camera_point.t)
-        return np.asarray(J @ self.covariance @ J.T)
+        return moved_covariance(self.covariance, self.T_map_camera.R @ T_camera_point.t)
 
     def to_dict(self, frame: str = "base") -> dict[str, Any]:
         """The estimate as JSON values; docs/formats.md lists the keys.

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 from lmkit.arrays import FloatArray, IntArray, frozen
 from lmkit.geometry.pose import Pose
-from lmkit.geometry.rotations import quaternions_to_matrices
+from lmkit.geometry.rotations import quaternion_to_matrix
 
 
 @dataclass(frozen=True, eq=False)
@@ -35,11 +35,11 @@ class Trajectory:
     @property
     def rotations(self) -> FloatArray:
         """(N,3,3)."""
-        return quaternions_to_matrices(self.quaternions)
+        return quaternion_to_matrix(self.quaternions)
 
     def pose(self, k: int, to_frame: str, from_frame: str) -> Pose:
         """One of the poses."""
-        R = quaternions_to_matrices(self.quaternions[k : k + 1])[0]
+        R = quaternion_to_matrix(self.quaternions[k])
         return Pose(to_frame, from_frame, R, self.positions[k])
 
     def rows(self, rows: IntArray) -> Trajectory:

@@ -64,7 +64,7 @@ class OdometryPath:
         if self.stretch[at] != self.stretch[to]:
             return None
         back = pose.R @ self.R[at].T
-        T = Pose("map", "camera", orthonormal(back @ self.R[to]), pose.t + back @ (self.t[to] - self.t[at]))
+        T = Pose("map", "left", orthonormal(back @ self.R[to]), pose.t + back @ (self.t[to] - self.t[at]))
         return Carried(T, abs(float(self.way_m[to] - self.way_m[at])))
 
 

@@ -8,7 +8,7 @@ import numpy as np
 
 from lmkit.arrays import FloatArray
 from lmkit.errors import InputError
-from lmkit.geometry.rotations import quaternions_to_matrices, rotation_logs, turns
+from lmkit.geometry.rotations import quaternion_to_matrix, rotation_exp, rotation_log
 from lmkit.model.trajectory import Trajectory
 from lmkit.odometry.motion_model import LONGEST_STEP_S, Steps, require_common_times
 
@@ -48,9 +48,9 @@ class PoseMotion:
             raise InputError("too_few_poses", "odometry of one pose says no motion", "give two poses or more")
         self.noise = noise or PoseNoise()
         self._times, self._places = poses.times_s, poses.positions
-        self._R = quaternions_to_matrices(poses.quaternions)
+        self._R = quaternion_to_matrix(poses.quaternions)
         # Turn from each row to the next, in the frame of the first.
-        self._turns = rotation_logs(self._R[:-1].transpose(0, 2, 1) @ self._R[1:])
+        self._turns = rotation_log(self._R[:-1].transpose(0, 2, 1) @ self._R[1:])
         seconds = np.diff(self._times)
         moved = np.linalg.norm(np.diff(self._places, axis=0), axis=1)
         turned = np.linalg.norm(self._turns, axis=1)
@@ -70,7 +70,7 @@ class PoseMotion:
         by_parameters = np.zeros((len(t), 6, 2))
         by_parameters[:, :3, 0] = t
         by_parameters[:, :3, 1] = scale * (later_t - t) / DELAY_STEP_S
-        by_parameters[:, 3:, 1] = rotation_logs(R.transpose(0, 2, 1) @ later_R) / DELAY_STEP_S
+        by_parameters[:, 3:, 1] = rotation_log(R.transpose(0, 2, 1) @ later_R) / DELAY_STEP_S
         own = times_s - delay
         return Steps(
             R,
@@ -101,7 +101,7 @@ class PoseMotion:
         after = np.searchsorted(self._times, own).clip(1, len(self._times) - 1)
         share = ((own - self._times[after - 1]) / (self._times[after] - self._times[after - 1]))[:, None]
         places = self._places[after - 1] * (1 - share) + self._places[after] * share
-        return self._R[after - 1] @ turns(share * self._turns[after - 1]), places
+        return self._R[after - 1] @ rotation_exp(share * self._turns[after - 1]), places
 
     def _between(self, own: FloatArray) -> tuple[FloatArray, FloatArray]:
         R, places = self.at(own)

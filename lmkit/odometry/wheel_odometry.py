@@ -11,9 +11,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from lmkit.arrays import BoolArray, FloatArray
+from lmkit.geometry.rotations import rotation_exp
 from lmkit.model.recording import Gyro, Odometry
 from lmkit.odometry.motion_model import LONGEST_STEP_S, Steps, require_common_times
 
@@ -108,7 +108,7 @@ class MotionModel:
         by_parameters = np.zeros((len(turn), 6, len(PARAMETERS)))
         by_parameters[:, [0, 1, 5]] = increments.by_parameters
         return Steps(
-            Rotation.from_rotvec(np.column_stack([zero, zero, turn])).as_matrix().reshape(-1, 3, 3),
+            rotation_exp(np.column_stack([zero, zero, turn])),
             np.column_stack([forward, left, zero]),
             by_parameters,
             np.column_stack([s[:, 0], s[:, 1], lift, lean, lean, s[:, 2]]),

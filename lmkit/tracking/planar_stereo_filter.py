@@ -16,10 +16,11 @@ import numpy as np
 
 from lmkit.arrays import BoolArray, FloatArray
 from lmkit.errors import InputError
+from lmkit.geometry.pose_array import PoseArray
 from lmkit.geometry.rotations import rotation_exp
 from lmkit.geometry.stereo_rig import StereoRig
 from lmkit.localization.absolute_pose import LocateOptions, locate_rig
-from lmkit.localization.correspondences import CORNER_FLOOR_PX, Correspondences, Poses
+from lmkit.localization.correspondences import CORNER_FLOOR_PX, Correspondences
 from lmkit.localization.pose_prior import PosePrior
 from lmkit.model.landmark_id import LandmarkId
 from lmkit.model.landmark_map import LandmarkMap
@@ -130,7 +131,7 @@ class RigFilter:
 
     def _fit(
         self, seen: Correspondences, used: BoolArray, known: FloatArray
-    ) -> tuple[Poses, tuple[FloatArray, FloatArray, float]]:
+    ) -> tuple[PoseArray, tuple[FloatArray, FloatArray, float]]:
         """The camera's pose, and the state with its normal matrix and cost, that agree best with what is known and
         the observations used; how the robot lifts, rolls and pitches at that time is fitted beside them.
         """
@@ -166,12 +167,12 @@ class RigFilter:
         J[:, STATES:] = [[0, 0, z], [0, -z, 0], [1, y, -x], [0, 1, 0], [0, 0, 1], [0, 0, 0]]
         return J
 
-    def _poses(self, state: FloatArray) -> Poses:
+    def _poses(self, state: FloatArray) -> PoseArray:
         """The camera's, for a state with lift, roll and pitch."""
         lift, roll, pitch = state[STATES:].tolist()
         turn = rotation_exp(np.array([roll, pitch, 0.0])) @ _heading(state)
         place = np.array([state[0], state[1], lift]) + turn @ self._T.t
-        return Poses((turn @ self._T.R)[None], place[None])
+        return PoseArray("map", "left", (turn @ self._T.R)[None], place[None])
 
     def _pose(
         self, time_s: float, outliers: tuple[LandmarkId, ...], restarted: bool, innovation: float = 0.0, told: int = 0
@@ -188,7 +189,7 @@ def _heading(x: FloatArray) -> FloatArray:
     return np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
 
 
-def believed(seen: Correspondences, fit: Callable[[BoolArray], tuple[Poses, Fitted]]) -> tuple[BoolArray, Fitted]:
+def believed(seen: Correspondences, fit: Callable[[BoolArray], tuple[PoseArray, Fitted]]) -> tuple[BoolArray, Fitted]:
     """(S,) the observations that fit together, and their result; the worst one is removed, one after another."""
     used = np.ones(len(seen), dtype=bool)
     while True:

@@ -15,17 +15,18 @@ import numpy as np
 
 from lmkit.arrays import BoolArray, FloatArray
 from lmkit.geometry.pose import Pose
+from lmkit.geometry.pose_array import PoseArray
 from lmkit.geometry.rotations import (
     matrix_to_quaternion,
     orthonormal,
-    quaternions_to_matrices,
+    quaternion_to_matrix,
     rotation_exp,
     rotation_log,
     skew,
 )
 from lmkit.geometry.stereo_rig import StereoRig
 from lmkit.localization.absolute_pose import LocateOptions, locate_rig
-from lmkit.localization.correspondences import CORNER_FLOOR_PX, Correspondences, Poses
+from lmkit.localization.correspondences import CORNER_FLOOR_PX, Correspondences
 from lmkit.model.landmark_id import LandmarkId
 from lmkit.model.landmark_map import LandmarkMap
 from lmkit.model.observation import Detection
@@ -151,17 +152,17 @@ class PoseFilter:
 
     def _fit(
         self, seen: Correspondences, used: BoolArray, known: FloatArray
-    ) -> tuple[Poses, tuple[FloatArray, FloatArray, FloatArray, float]]:
+    ) -> tuple[PoseArray, tuple[FloatArray, FloatArray, FloatArray, float]]:
         R, p, normal = self._R, self._p, known
         for _ in range(ITERATIONS):
-            N, g, _ = seen.equations(Poses(R[None], p[None]), used[None], None)
+            N, g, _ = seen.equations(PoseArray("map", "left", R[None], p[None]), used[None], None)
             off = self._off(R, p)
             normal = N[0] + known
             step = np.linalg.solve(normal, g[0] + known @ off)
             R, p = rotation_exp(step[3:]) @ R, p + step[:3]
             if step @ normal @ step < CONVERGED:
                 break
-        poses, off = Poses(R[None], p[None]), self._off(R, p)
+        poses, off = PoseArray("map", "left", R[None], p[None]), self._off(R, p)
         cost = seen.misfits(poses)[0][used].sum() + off @ known @ off
         return poses, (orthonormal(R), p, normal, float(cost))
 
@@ -180,7 +181,7 @@ class PoseFilter:
 
 def ahead(poses: Trajectory, seconds: float) -> Trajectory:
     """One row more: who moves goes on as he did."""
-    R, p = quaternions_to_matrices(poses.quaternions[-2:]), poses.positions[-2:]
+    R, p = quaternion_to_matrix(poses.quaternions[-2:]), poses.positions[-2:]
     share = seconds / float(poses.times_s[-1] - poses.times_s[-2])
     turned = R[1] @ rotation_exp(share * rotation_log(R[0].T @ R[1]))
     moved = R[1] @ (share * (R[0].T @ (p[1] - p[0])))

@@ -287,11 +287,11 @@ def test_the_covariance_of_the_base_is_that_of_draws():
 
     rng = np.random.default_rng(4)
     A = rng.normal(size=(6, 6)) * 0.01
-    T_camera_base = Pose.from_rvec("camera", "base", np.array([0.3, -1.0, 0.4]), np.array([0.1, 0.5, -0.3]))
+    T_camera_base = Pose.from_rvec("left", "base", np.array([0.3, -1.0, 0.4]), np.array([0.1, 0.5, -0.3]))
     estimate = PoseEstimate("ok", STATION, A @ A.T)
     draws = []
     for d in rng.multivariate_normal(np.zeros(6), A @ A.T, 4000):
-        moved = Pose("map", "camera", rotation_exp(d[3:]) @ STATION.R, STATION.t + d[:3]) @ T_camera_base
+        moved = Pose("map", "left", rotation_exp(d[3:]) @ STATION.R, STATION.t + d[:3]) @ T_camera_base
         draws.append(moved.t)
     formula = estimate.covariance_at(T_camera_base)[:3, :3]
     assert np.allclose(np.cov(np.array(draws).T), formula, atol=0.1 * np.trace(formula))

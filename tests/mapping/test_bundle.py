@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from lmkit.localization.correspondences import Poses
+from lmkit.geometry.pose_array import PoseArray
 from lmkit.mapping.bundle_adjustment import Anchor, BundleProblem
 from lmkit.mapping.survey import survey_frames
 from lmkit.mapping.wall_constraints import Tie
@@ -14,16 +14,18 @@ from lmkit.simulation.recording import make_drive
 
 def true_poses(drive, rows):
     poses = [drive.pose(k) @ drive.rig.T_base_left for k in rows]
-    return Poses(np.array([pose.R for pose in poses]), np.array([pose.t for pose in poses]))
+    return PoseArray.from_poses("map", "left", poses)
 
 
 def test_without_odometry_a_moment_that_sees_nothing_lies_between_its_neighbours():
     drive = make_drive(2, seconds=10)
     moments, start = drive.moments[:5], true_poses(drive, range(5))
     moments = [*moments[:2], replace(moments[2], left=(), right=()), *moments[3:]]
-    away = start.p.copy()
+    away = start.t.copy()
     away[2] += [0.5, -0.3, 0.2]
-    problem = BundleProblem(moments, drive.rig, Poses(start.R, away), drive.landmarks, {}, frozen=True)
+    problem = BundleProblem(
+        moments, drive.rig, PoseArray("map", "left", start.R, away), drive.landmarks, {}, frozen=True
+    )
     problem.settle(30)
     assert problem.p[2] == pytest.approx((problem.p[1] + problem.p[3]) / 2, abs=0.02)
 

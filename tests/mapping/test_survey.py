@@ -128,7 +128,7 @@ def test_without_landmarks_for_a_while_the_wheels_carry_on():
     blind = [replace(moment, left=(), right=()) if 15 < moment.time_s < 20 else moment for moment in drive.moments]
     result = survey(drive, moments=blind)
     assert len(result.rows) == len(blind)
-    for k, R, p in zip(result.rows, result.bundle.poses.R, result.bundle.poses.p, strict=True):
+    for k, R, p in zip(result.rows, result.bundle.poses.R, result.bundle.poses.t, strict=True):
         true = drive.pose(k) @ drive.rig.T_base_left
         assert np.linalg.norm(p - true.t) < 0.15
         assert rotation_angle(R.T @ true.R) < 0.05
