@@ -6,7 +6,7 @@ from pathlib import Path
 
 from lmkit.errors import InputError
 from lmkit.geometry.stereo_rig import StereoRig
-from lmkit.io.documents import read_text
+from lmkit.io.documents import is_folder, read_text
 from lmkit.io.rig import read_rig
 from lmkit.io.ros_camera_info import FILES
 
@@ -19,12 +19,14 @@ def read_any_rig(path: Path) -> StereoRig:
     Raises:
         InputError: not readable, or no such kind of file is valid.
     """
-    if path.is_dir():
+    if is_folder(path):
         from lmkit.io.ros_camera_info import read_camera_infos
 
         return read_camera_infos(path / FILES[0], path / FILES[1])
     text = read_text(path, "rig file")
-    if text.lstrip().startswith("%YAML"):
+    if "lmkit-rig/" in text:
+        return read_rig(path)
+    if text.lstrip().startswith("%YAML") and "cam0:" not in text:
         from lmkit.io.opencv_rig import read_opencv_rig
 
         return read_opencv_rig(path)

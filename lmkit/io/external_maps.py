@@ -12,11 +12,10 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import yaml
 
 from lmkit.errors import InputError
 from lmkit.geometry.pose import Pose
-from lmkit.io.documents import dump_yaml, read_text
+from lmkit.io.documents import dump_yaml, load_document, load_json, read_text
 from lmkit.io.landmark_map import read_map
 from lmkit.model.landmark_id import LandmarkId
 from lmkit.model.landmark_map import LandmarkMap, MappedLandmark
@@ -34,6 +33,8 @@ def read_any_map(path: Path) -> LandmarkMap:
         InputError: not readable, or none of them.
     """
     text = read_text(path, "map file")
+    if "lmkit-map/" in text:
+        return read_map(path)
     if text.lstrip().startswith("{"):
         return _from_wpilib(path, text)
     if "bodies:" in text:
@@ -77,7 +78,7 @@ def map_to_tagslam(landmarks: LandmarkMap) -> str:
 def _from_wpilib(path: Path, text: str) -> LandmarkMap:
     hung = []
     try:
-        for tag in json.loads(text)["tags"]:
+        for tag in load_json(path, text)["tags"]:
             place, turn = tag["pose"]["translation"], tag["pose"]["rotation"]["quaternion"]
             pose = Pose.from_quaternion(
                 "map", "tag", [float(place[k]) for k in "xyz"], [float(turn[k]) for k in ("X", "Y", "Z", "W")]
@@ -94,7 +95,7 @@ def _from_wpilib(path: Path, text: str) -> LandmarkMap:
 def _from_tagslam(path: Path, text: str) -> LandmarkMap:
     hung = []
     try:
-        for body in yaml.safe_load(text)["bodies"]:
+        for body in load_document(path, text)["bodies"]:
             for values in body.values():
                 for tag in values.get("tags", []) if values.get("is_static") else []:
                     if "pose" not in tag:
@@ -105,7 +106,7 @@ def _from_tagslam(path: Path, text: str) -> LandmarkMap:
                         raise ValueError(f"tag {tag['id']} has no size")
                     T = Pose.from_rvec("map", "landmark", turn, place)
                     hung.append(MappedLandmark(LandmarkId(FAMILY, int(tag["id"])), size_m, T))
-    except (ValueError, KeyError, TypeError, AttributeError, yaml.YAMLError) as error:
+    except (ValueError, KeyError, TypeError, AttributeError, OverflowError) as error:
         raise InputError(
             "bad_tagslam", f"{path}: no TagSLAM bodies with tags ({error})", "give tags with id, size and pose"
         ) from None

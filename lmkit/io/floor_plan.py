@@ -8,12 +8,11 @@ from typing import Annotated
 
 import cv2
 import numpy as np
-import yaml
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from lmkit.arrays import BoolArray
 from lmkit.errors import InputError
-from lmkit.io.documents import Document, first_problem, read_document, read_text
+from lmkit.io.documents import Document, first_problem, load_document, read_document, read_text
 from lmkit.io.images import read_image
 from lmkit.io.svg_lines import read_svg_lines
 from lmkit.model.floor_plan import FloorPlan, Wall, wall_name, walls_of
@@ -141,10 +140,7 @@ def _told_apart(walls: list[Wall]) -> list[Wall]:
 
 def _read_ros(path: Path) -> FloorPlan:
     try:
-        data = _RosMap.model_validate(yaml.safe_load(read_text(path, "floor plan")))
-    except yaml.YAMLError as error:
-        problem = " ".join(str(error).split())
-        raise InputError("bad_yaml", f"{path}: {problem}", "give a map of ROS or an lmkit-floor/1 file") from None
+        data = _RosMap.model_validate(load_document(path, read_text(path, "floor plan")))
     except ValidationError as error:
         where, problem = first_problem(error)
         raise InputError(

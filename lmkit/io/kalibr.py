@@ -6,7 +6,6 @@ from pathlib import Path
 from typing import Annotated, Any, Literal
 
 import numpy as np
-import yaml
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from lmkit.errors import InputError
@@ -15,7 +14,7 @@ from lmkit.geometry.lens_conversion import with_four_coefficients
 from lmkit.geometry.pose import Pose
 from lmkit.geometry.rotations import orthonormal
 from lmkit.geometry.stereo_rig import StereoRig
-from lmkit.io.documents import dump_yaml, first_problem, read_text
+from lmkit.io.documents import dump_yaml, first_problem, load_document, read_text
 
 MOST_ERROR_PX = 1.0
 _MODELS = {"radtan": "pinhole", "equidistant": "fisheye"}
@@ -83,9 +82,7 @@ def read_camchain(path: Path) -> StereoRig:
     """
     hint = "give a camchain of a stereo pair as Kalibr writes it"
     try:
-        data = _Camchain.model_validate(yaml.safe_load(read_text(path, "camchain")))
-    except yaml.YAMLError:
-        raise InputError("bad_camchain", f"{path}: no YAML", hint) from None
+        data = _Camchain.model_validate(load_document(path, _text(path), finite=False))
     except ValidationError as error:
         where, problem = first_problem(error)
         raise InputError("bad_camchain", f"{path}: {where}: {problem}", hint) from None
@@ -98,6 +95,11 @@ def read_camchain(path: Path) -> StereoRig:
         )
     except ValueError as error:
         raise InputError("bad_camchain", f"{path}: {error}", hint) from None
+
+
+def _text(path: Path) -> str:
+    """Text of the file without OpenCV's first line, which OpenVINS writes."""
+    return read_text(path, "camchain").removeprefix("%YAML:1.0")
 
 
 def _camera(data: _Camera) -> CameraModel:

@@ -18,7 +18,7 @@ from lmkit.geometry.pose import Pose
 from lmkit.geometry.rectification import rectification
 from lmkit.geometry.rotations import orthonormal
 from lmkit.geometry.stereo_rig import StereoRig
-from lmkit.io.documents import first_problem, read_text
+from lmkit.io.documents import PlainLoader, first_problem, load_document, read_text
 
 # Other names that people's own scripts give the same matrices.
 _NAMES = {
@@ -69,10 +69,7 @@ def read_opencv_rig(path: Path) -> StereoRig:
     hint = "give the M1 D1 M2 D2 R T, image_width and image_height of a stereo pair, as cv2.FileStorage writes them"
     # Read as plain YAML: OpenCV's own reader believes whatever size a matrix claims.
     text = read_text(path, "OpenCV rig file").removeprefix("%YAML:1.0")
-    try:
-        content = yaml.load(text, _Loader)
-    except yaml.YAMLError:
-        raise InputError("bad_opencv", f"{path}: no YAML", hint) from None
+    content = load_document(path, text, _Loader, finite=False)
     content = content if isinstance(content, dict) else {}
     named = {field: content[name] for field, names in _NAMES.items() for name in names if name in content}
     try:
@@ -97,7 +94,7 @@ def read_opencv_rig(path: Path) -> StereoRig:
         raise InputError("bad_opencv", f"{path}: {error}", hint) from None
 
 
-class _Loader(yaml.SafeLoader):
+class _Loader(PlainLoader):
     """Plain YAML, and OpenCV's tag for matrices."""
 
 

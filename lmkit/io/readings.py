@@ -2,14 +2,11 @@
 
 from __future__ import annotations
 
-import csv
-import io
-import math
 from collections.abc import Sequence
 from pathlib import Path
 
 from lmkit.errors import InputError
-from lmkit.io.documents import read_text
+from lmkit.io.tables import read_rows, to_number, to_seconds
 from lmkit.model.landmark_id import LandmarkId
 from lmkit.model.observation import RangeBearing
 
@@ -26,7 +23,7 @@ def read_readings(path: Path, families: Sequence[str]) -> dict[float, list[Range
     Raises:
         InputError: not readable, another header, or a row that is no reading; names the line.
     """
-    rows = list(csv.reader(io.StringIO(read_text(path, "readings file"))))
+    rows = read_rows(path, "readings file")
     header = tuple(cell.strip() for cell in rows[0]) if rows else ()
     if header not in (COLUMNS, (*COLUMNS, FAMILY)):
         raise InputError(
@@ -39,13 +36,12 @@ def read_readings(path: Path, families: Sequence[str]) -> dict[float, list[Range
         try:
             if len(row) != len(header):
                 raise ValueError(f"{len(row)} values")
-            time = float(row[0])
-            distance, bearing = (float(cell) if cell.strip() else None for cell in row[2:4])
+            time = to_seconds(row[0])
+            distance, bearing = (to_number(cell) if cell else None for cell in row[2:4])
             if distance is None and bearing is None:
                 raise ValueError("neither range nor bearing")
-            given = [value for value in (time, distance, bearing) if value is not None]
-            if not all(map(math.isfinite, given)) or (distance is not None and distance <= 0):
-                raise ValueError("not finite, or not positive")
+            if distance is not None and distance <= 0:
+                raise ValueError("a range that is not positive")
         except ValueError as error:
             raise InputError(
                 "bad_reading",

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import csv
-import io
 import math
 from collections.abc import Sequence
 from pathlib import Path
@@ -12,14 +10,14 @@ import numpy as np
 
 from lmkit.arrays import FloatArray
 from lmkit.errors import InputError
-from lmkit.io.documents import read_text
+from lmkit.io.tables import read_rows, to_number, to_seconds
 from lmkit.model.landmark_id import LandmarkId
 from lmkit.model.observation import Detection
 from lmkit.model.recording import Gyro, Odometry, StereoFrame
 
 # Other names that columns go by.
 ALIASES = {
-    "t": "time_s", "time": "time_s", "timestamp": "time_s",
+    "t": "time_s", "time": "time_s", "timestamp": "time_s", "%time": "time_s", "#timestamp [ns]": "time_s",
     "v": "forward_mps", "w": "turn_radps", "wz": "rate_radps", "gyro_z": "rate_radps",
     "d_left_m": "left_m", "d_right_m": "right_m", "x": "x_m", "y": "y_m", "yaw": "heading_rad",
     "eye": "camera", "tag_id": "code",
@@ -27,6 +25,9 @@ ALIASES = {
 CORNERS = ("x0", "y0", "x1", "y1", "x2", "y2", "x3", "y3")
 CORNER_SIGMA_PX = 0.3  # of corners that do not say how good they are: of a usual detector of markers
 DETECTION_COLUMNS = ("time_s", "camera", "code", *CORNERS)
+_NUMBERS = frozenset({
+    "time_s", "x_m", "y_m", "heading_rad", "left_m", "right_m", "forward_mps", "turn_radps", "rate_radps",
+})  # fmt: skip
 _KINDS = (("x_m", "y_m", "heading_rad"), ("left_m", "right_m"), ("forward_mps", "turn_radps"))
 
 
@@ -80,7 +81,7 @@ def read_detections(path: Path, families: Sequence[str]) -> list[StereoFrame]:
     Raises:
         InputError: not readable, or a row is no detection; names the line; no family column and several families.
     """
-    rows = list(csv.reader(io.StringIO(read_text(path, "detections file"))))
+    rows = read_rows(path, "detections file")
     header = _header(rows)
     if not set(DETECTION_COLUMNS) <= set(header):
         raise InputError(
@@ -96,16 +97,14 @@ def read_detections(path: Path, families: Sequence[str]) -> list[StereoFrame]:
             eye, code = cells["camera"].strip(), cells["code"].strip()
             if eye not in ("left", "right"):
                 raise ValueError(f"camera {eye!r} is neither left nor right")
-            corners = np.array([float(cells[name]) for name in CORNERS]).reshape(4, 2)
+            corners = np.array([to_number(cells[name]) for name in CORNERS]).reshape(4, 2)
             id_ = LandmarkId.parse(f"{cells['family'].strip()}:{code}" if "family" in cells else code, known)
-            sigma_px = float(cells.get("sigma_px", CORNER_SIGMA_PX))
-            if not 0 < sigma_px < math.inf:
+            sigma_px = to_number(cells["sigma_px"]) if "sigma_px" in cells else CORNER_SIGMA_PX
+            if sigma_px <= 0:
                 raise ValueError("sigma_px is not positive")
             C = sigma_px**2 * np.eye(8)
             observation = Detection(id_, corners, 1.0, 0.0, C)
-            time = float(cells["time_s"])
-            if not math.isfinite(time):
-                raise ValueError("a time that is not finite")
+            time = to_seconds(cells["time_s"])
         except InputError as error:
             raise InputError(error.code, f"{path}: line {number}: {error.message}", error.hint) from None
         except ValueError as error:
@@ -156,24 +155,27 @@ def _header(rows: Sequence[Sequence[str]]) -> list[str]:
 
 def _read_numbers(path: Path, what: str) -> dict[str, FloatArray]:
     """The columns by name; time_s is among them, and increases."""
-    rows = list(csv.reader(io.StringIO(read_text(path, what))))
+    rows = read_rows(path, what)
     header = _header(rows)
+    if len(set(header)) < len(header):
+        raise InputError("bad_header", f"{path}: line 1 names a column twice", "keep one of them")
     if "time_s" not in header:
         raise InputError("bad_header", f"{path}: line 1 has no column time_s", "write a header such as time_s,...")
+    # Columns of text or of other things (rostopic's header.frame_id) are left alone, not converted.
+    wanted = [k for k, name in enumerate(header) if name in _NUMBERS]
     table = []
     for number, row in enumerate(rows[1:], start=2):
         if not row:
             continue
         try:
-            values = [float(cell) for cell in row]
-        except ValueError:
-            raise InputError("bad_row", f"{path}: line {number} holds what is no number", f"see {what}") from None
-        if len(values) != len(header) or not all(map(math.isfinite, values)):
-            raise InputError("bad_row", f"{path}: line {number} has not {len(header)} finite numbers", f"see {what}")
-        table.append(values)
+            if len(row) != len(header):
+                raise ValueError(f"{len(row)} values, but {len(header)} columns")
+            table.append([(to_seconds if header[k] == "time_s" else to_number)(row[k]) for k in wanted])
+        except ValueError as error:
+            raise InputError("bad_row", f"{path}: line {number}: {error}", f"see {what} in docs/formats.md") from None
     if len(table) < 2:
         raise InputError("too_short", f"{path}: fewer than two rows", "record for longer")
-    columns = dict(zip(header, np.array(table).T, strict=True))
+    columns = dict(zip([header[k] for k in wanted], np.array(table).T, strict=True))
     late = np.flatnonzero(np.diff(columns["time_s"]) <= 0)
     if len(late):
         raise InputError(

@@ -6,7 +6,6 @@ from pathlib import Path
 from typing import Annotated, Any
 
 import numpy as np
-import yaml
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from lmkit.arrays import FloatArray
@@ -16,11 +15,17 @@ from lmkit.geometry.pose import Pose
 from lmkit.geometry.rectification import rectification
 from lmkit.geometry.rotations import orthonormal
 from lmkit.geometry.stereo_rig import StereoRig
-from lmkit.io.documents import dump_yaml, first_problem, read_text
+from lmkit.io.documents import dump_yaml, first_problem, load_document, read_text
 
 FILES = ("left.yaml", "right.yaml")
 _TO_ROS = {"pinhole": "plumb_bob", "rational": "rational_polynomial", "fisheye": "equidistant"}
 _FROM_ROS = {name: model for model, name in _TO_ROS.items()} | {"fisheye": "fisheye"}
+_MESSAGE_KEYS = {
+    "width": "image_width", "height": "image_height",
+    "K": "camera_matrix", "D": "distortion_coefficients", "R": "rectification_matrix", "P": "projection_matrix",
+    "k": "camera_matrix", "d": "distortion_coefficients", "r": "rectification_matrix", "p": "projection_matrix",
+}  # fmt: skip
+_ROWS = {"camera_matrix": 3, "distortion_coefficients": 1, "rectification_matrix": 3, "projection_matrix": 3}
 _COUNTS = {"pinhole": 5, "rational": 8, "fisheye": 4}
 
 
@@ -98,13 +103,26 @@ def read_camera_infos(left: Path, right: Path) -> StereoRig:
 
 def _read(path: Path) -> _CameraInfo:
     hint = "give camera_info YAML as ROS camera_calibration writes it"
+    data = load_document(path, read_text(path, "camera_info file"), finite=False, several=True)
     try:
-        return _CameraInfo.model_validate(yaml.safe_load(read_text(path, "camera_info file")))
-    except yaml.YAMLError:
-        raise InputError("bad_camera_info", f"{path}: no YAML", hint) from None
+        return _CameraInfo.model_validate(_as_calibrated(data))
     except ValidationError as error:
         where, problem = first_problem(error)
         raise InputError("bad_camera_info", f"{path}: {where}: {problem}", hint) from None
+
+
+def _as_calibrated(data: Any) -> Any:
+    """Keys of a CameraInfo message (``ros2 topic echo``, D K R P in either case) and of old drivers, renamed."""
+    if not isinstance(data, dict):
+        return data
+    named = {_MESSAGE_KEYS.get(key, key): value for key, value in data.items()}
+    if "distortion_model" not in named and "camera_model" in named:
+        named["distortion_model"] = named["camera_model"]
+    for key, rows in _ROWS.items():
+        values = named.get(key)
+        if isinstance(values, list):
+            named[key] = {"rows": rows, "cols": len(values) // rows, "data": values}
+    return named
 
 
 def _camera(path: Path, info: _CameraInfo) -> CameraModel:

@@ -13,7 +13,7 @@ from typing import Annotated, Literal
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 
 from lmkit.errors import InputError
-from lmkit.io.documents import first_problem
+from lmkit.io.documents import first_problem, read_text
 
 PAPERS_MM = {"a3": (297.0, 420.0), "a4": (210.0, 297.0), "letter": (215.9, 279.4)}
 PAPERS_MM |= {f"{name}-landscape": (height, width) for name, (width, height) in PAPERS_MM.items()}
@@ -203,9 +203,9 @@ def load_template(name_or_file: str) -> PageTemplate:
             f"known: {', '.join(shipped_templates())}; or give a .toml file",
         )
     try:
-        return PageTemplate.model_validate(tomllib.loads(path.read_text(encoding="utf-8")))
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
-        raise InputError("bad_template", f"{path}: not a TOML file: {error}", "fix the line it names") from None
+        return PageTemplate.model_validate(tomllib.loads(read_text(path, "template")))
     except ValidationError as error:
         where, problem = first_problem(error)
         raise InputError("bad_template", f"{path}: {where}: {problem}", "see docs/formats.md") from None
+    except (ValueError, RecursionError) as error:
+        raise InputError("bad_template", f"{path}: not a TOML file: {error}", "fix the line it names") from None

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Iterable, Sequence
 from pathlib import Path
 
@@ -11,9 +12,12 @@ import numpy as np
 from lmkit.errors import InputError
 from lmkit.geometry.pose import Pose
 from lmkit.io.documents import read_text
+from lmkit.io.tables import to_number, to_seconds
 from lmkit.model.trajectory import Trajectory
 
 UNIT = 1e-2
+_TUM = (0, 1, 2, 3, 4, 5, 6, 7)
+_EUROC = (0, 1, 2, 3, 5, 6, 7, 4)  # EuRoC writes w first, and velocities and biases after it
 _HINT = "write lines of time x y z qx qy qz qw, separated by spaces; # starts a comment"
 
 
@@ -29,30 +33,45 @@ def poses_to_tum(poses: Iterable[tuple[float, Pose]]) -> str:
 
 
 def read_trajectory(path: Path) -> Trajectory:
-    """The poses of a TUM file.
+    """The poses of a TUM file, or of EuRoC's CSV (its header says that w comes first); seconds or nanoseconds.
 
     Raises:
         InputError: not readable, or a line is no pose; names the line.
     """
     rows: list[list[float]] = []
+    order = _TUM
     for number, line in enumerate(read_text(path, "trajectory").splitlines(), start=1):
+        if not rows and _names_w_first(line):
+            order = _EUROC
         words = line.split("#", 1)[0].replace(",", " ").split()
-        if not words:
+        if not words or (not rows and words[0].lower().startswith("time")):
             continue
         try:
-            row = [float(word) for word in words]
-        except ValueError:
-            raise InputError("bad_trajectory", f"{path}: line {number} holds what is no number", _HINT) from None
-        if len(row) != 8 or not all(map(math.isfinite, row)):
-            raise InputError("bad_trajectory", f"{path}: line {number} is no pose of eight finite numbers", _HINT)
+            row = [to_seconds(words[0]), *(to_number(word) for word in words[1:])]
+        except ValueError as error:
+            raise InputError("bad_trajectory", f"{path}: line {number}: {error}", _HINT) from None
+        if len(row) < 8 or (len(row) > 8 and order is _TUM):
+            raise InputError("bad_trajectory", f"{path}: line {number} holds {len(row)} numbers, not 8", _HINT)
+        row = [row[k] for k in order]
         if abs(math.hypot(*row[4:]) - 1) > UNIT:
             raise InputError("bad_trajectory", f"{path}: line {number}: the quaternion is not of length 1", _HINT)
-        if rows and row[0] <= rows[-1][0]:
+        if rows and row[0] == rows[-1][0]:
+            raise InputError(
+                "bad_trajectory", f"{path}: line {number} has the time of the line before it", "remove one of the two"
+            )
+        if rows and row[0] < rows[-1][0]:
             raise InputError("bad_trajectory", f"{path}: line {number}: time does not increase", "sort it by time")
         rows.append(row)
     if not rows:
         raise InputError("bad_trajectory", f"{path}: holds no poses", _HINT)
     return _trajectory(rows)
+
+
+def _names_w_first(line: str) -> bool:
+    """Whether a header says that the quaternion's w comes before its x (EuRoC and TUM-VI ground truth)."""
+    names = [re.sub(r"\[.*?\]", "", name).strip().lower() for name in line.lstrip("# ").split(",")]
+    ends = [name[-2:] for name in names[4:8]]
+    return len(names) >= 8 and all(end.lstrip("_q") == sign for end, sign in zip(ends, "wxyz", strict=True))
 
 
 def _trajectory(rows: Sequence[Sequence[float]]) -> Trajectory:

@@ -1,0 +1,92 @@
+"""Tables and trajectories as spreadsheets, rostopic, EuRoC and TUM-VI write them."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from lmkit.errors import InputError
+from lmkit.io.recording_tables import read_gyro, read_odometry
+from lmkit.io.trajectory import read_trajectory
+
+TUM = "1520530308.25 1 2 3 0.1 0.2 0.3 0.9273618495495703\n1520530308.5 2 2 3 0.1 0.2 0.3 0.9273618495495703\n"
+EUROC = """#timestamp [ns], p_RS_R_x [m], p_RS_R_y [m], p_RS_R_z [m], q_RS_w [], q_RS_x [], q_RS_y [], q_RS_z [], v_x
+1520530308250000000,1,2,3,0.9273618495495703,0.1,0.2,0.3,7
+1520530308500000000,2,2,3,0.9273618495495703,0.1,0.2,0.3,7
+"""
+ODOMETRY = "time_s,x_m,y_m,heading_rad\n0.0,0.5,0.0,0.1\n0.5,0.75,0.25,0.2\n"
+
+
+def write(folder, text: str | bytes):
+    path = folder / "table"
+    path.write_bytes(text.encode() if isinstance(text, str) else text)
+    return path
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        EUROC,
+        TUM.replace("308.25", "308250000000").replace("308.5", "308500000000"),
+        "\ufeff" + TUM.replace("\n", " \r\n"),
+        TUM.replace(" ", ","),
+        "timestamp tx ty tz qx qy qz qw\n" + TUM,
+    ],
+)
+def test_a_trajectory_is_the_same_in_every_dress(tmp_path, text):
+    expected = read_trajectory(write(tmp_path, TUM))
+    found = read_trajectory(write(tmp_path, text))
+    assert found.times_s == pytest.approx(expected.times_s, abs=1e-6)
+    assert np.array_equal(found.positions, expected.positions)
+    assert np.array_equal(found.quaternions, expected.quaternions)
+
+
+@pytest.mark.parametrize(
+    ("text", "named"),
+    [
+        (TUM + TUM.splitlines()[1], "line 3 has the time of the line before it"),
+        (TUM + TUM, "line 3: time does not increase"),
+        (TUM.replace("1 2 3", "1 2 1e308"), "line 1"),
+        (TUM.replace("1 2 3", "1 2 nan"), "line 1"),
+        (TUM.replace("1 2 3", "1 2"), "line 1 holds 7 numbers"),
+    ],
+)
+def test_what_is_wrong_in_a_trajectory_is_named(tmp_path, text, named):
+    with pytest.raises(InputError, match=named):
+        read_trajectory(write(tmp_path, text))
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "\ufeff" + ODOMETRY.replace("\n", "\r\n"),
+        "time_s;x_m;y_m;heading_rad\n0,0;0,5;0,0;0,1\n0,5;0,75;0,25;0,2\n",
+        ODOMETRY.replace(",", "\t"),
+        "%time,field.header.frame_id,x,y,yaw\n0.0,odom,0.5,0.0,0.1\n0.5,odom,0.75,0.25,0.2\n",
+    ],
+)
+def test_odometry_is_the_same_in_every_dress(tmp_path, text):
+    expected = read_odometry(write(tmp_path, ODOMETRY))
+    found = read_odometry(write(tmp_path, text))
+    assert np.array_equal(found.times_s, expected.times_s)
+    assert np.array_equal(found.forward_m, expected.forward_m)
+    assert np.array_equal(found.turn_rad, expected.turn_rad)
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "time_s,wz\n0,nan\n1,1\n",
+        "time_s,wz\n0,inf\n1,1\n",
+        "time_s,wz\n0,1e308\n1,1\n",
+        "time_s,wz\n1e308,1\n2,1\n",
+        "time_s,wz\n0,1\n0,1\n",
+        "time_s,wz,wz\n0,1,2\n1,1,2\n",
+        "time_s,wz\n0," + "1" * 200_000 + "\n",
+        "time_s,wz\n0\n",
+    ],
+    ids=lambda text: text[10:24],
+)
+def test_numbers_that_measure_nothing_are_refused(tmp_path, text):
+    with pytest.raises(InputError):
+        read_gyro(write(tmp_path, text))
