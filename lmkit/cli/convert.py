@@ -32,7 +32,7 @@ def run(
     ],
     force: options.Force = False,
 ) -> None:
-    """Convert rigs (OpenCV, ROS, Kalibr), maps (WPILib, TagSLAM) and trajectories (ROS bag)."""
+    """Convert rigs, maps and trajectories. Formats: OpenCV, ROS, Kalibr; WPILib, TagSLAM; ROS bag."""
     from lmkit.io.any_rig import KINDS, read_any_rig
     from lmkit.io.files import check_writable, write_file
     from lmkit.io.kalibr import rig_to_camchain

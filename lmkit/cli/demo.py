@@ -36,7 +36,7 @@ def run(
     jobs: options.Jobs = None,
     force: options.Force = False,
 ) -> None:
-    """Run all steps in a simulated room: print, photograph, calibrate, locate, compare with the truth."""
+    """Run all steps in a simulated room. Print, photograph, calibrate, locate, compare with the truth."""
     for name, value, low in (("--pairs", pairs, 1), ("--boards", boards, 5), ("--landmarks", landmarks, 1)):
         if not low <= value <= 64:
             raise InputError("out_of_range", f"{name} {value} is outside {low} to 64", f"give {low} to 64")

@@ -10,7 +10,7 @@ from lmkit.errors import NegativeAnswer
 
 
 def run() -> None:
-    """Check the installation: versions, OpenCV doubles, templates."""
+    """Check the installation."""
 
     findings = check_installation()
     for finding in findings:

@@ -27,7 +27,7 @@ def run(
     ] = 0.01,
     as_json: options.Json = False,
 ) -> None:
-    """Compute absolute and relative errors of a trajectory, as evo does, and heading errors."""
+    """Compute the errors of a trajectory, as evo does. Absolute, relative and heading errors."""
     from lmkit.evaluation.trajectory_error import ALIGNMENTS, compare_trajectories, error_lines
     from lmkit.io.trajectory import read_trajectory
 

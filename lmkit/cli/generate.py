@@ -44,7 +44,7 @@ def run(
     jobs: options.Jobs = None,
     force: options.Force = False,
 ) -> None:
-    """Write printable landmarks as PDF, PNG or SVG, true to scale; each is read back before it is written."""
+    """Write printable landmarks, true to scale. Each is read back before the file is written."""
     from lmkit.cli.resize_map import write_measured_map
     from lmkit.model.codewords import format_codes, parse_codes
     from lmkit.model.landmark import family_named

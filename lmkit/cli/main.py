@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+import importlib
 import os
 import sys
 import traceback
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any
 
 # Small matrices many times over: threads of the linear algebra library cost more than they bring.
@@ -17,58 +18,71 @@ os.environ.setdefault("OPENCV_FFMPEG_LOGLEVEL", "-8")
 
 import typer
 
-from lmkit.cli import (
-    board,
-    calibrate,
-    convert,
-    demo,
-    detect,
-    doctor,
-    evaluate,
-    generate,
-    locate,
-    plan,
-    rectify,
-    simulate,
-    survey,
-    track,
-    unbag,
-    verify,
-)
 from lmkit.errors import LmkitError
 from lmkit.version import __version__
 
 EXIT_FAULT = 70
 EXIT_INTERRUPTED = 130
+HELP = "Printed landmarks for robots: from print to pose."
 
-app = typer.Typer(
-    name="lmkit",
-    help="Printed landmarks for robots: from print to pose.",
-    add_completion=False,
-    rich_markup_mode=None,
-    pretty_exceptions_enable=False,
-    context_settings={"help_option_names": ["-h", "--help"]},
+# Each is a module of this folder with a function `run`, or a typer app for a group of commands.
+COMMANDS = (
+    "generate",
+    "board",
+    "verify",
+    "detect",
+    "calibrate",
+    "rectify",
+    "convert",
+    "locate",
+    "survey",
+    "track",
+    "plan",
+    "evaluate",
+    "unbag",
+    "simulate",
+    "demo",
+    "doctor",
 )
 
-for _command in (
-    generate,
-    board,
-    verify,
-    detect,
-    calibrate,
-    rectify,
-    convert,
-    locate,
-    survey,
-    track,
-    unbag,
-    evaluate,
-    simulate,
-    demo,
-    doctor,
-):
-    app.command(name=_command.__name__.rpartition(".")[2])(_command.run)
-app.add_typer(plan.app, name="plan")
+
+def build_app(names: Sequence[str] = COMMANDS, listing: bool = False) -> typer.Typer:
+    """The command line with some of its commands, whose modules are imported.
+
+    Args:
+        listing: only names and descriptions, for the list of commands; options take time to build.
+    """
+    app = typer.Typer(
+        name="lmkit",
+        help=HELP,
+        add_completion=False,
+        rich_markup_mode=None,
+        pretty_exceptions_enable=False,
+        context_settings={"help_option_names": ["-h", "--help"]},
+    )
+    app.callback(invoke_without_command=True)(_options)
+    for name in names:
+        module = importlib.import_module(f"lmkit.cli.{name}")
+        group = getattr(module, "app", None)
+        if listing:
+            app.command(name, help=module.HELP if group else module.run.__doc__)(_listed)
+        elif group:
+            app.add_typer(group, name=name)
+        else:
+            app.command(name)(module.run)
+    return app
+
+
+def __getattr__(name: str) -> typer.Typer:
+    """``app``, the whole command line, built when it is asked for."""
+    if name != "app":
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    globals()["app"] = app = build_app()
+    return app
+
+
+def _listed() -> None:
+    """Stands for a command in the list of commands."""
 
 
 def _show_version(wanted: bool) -> None:
@@ -77,7 +91,6 @@ def _show_version(wanted: bool) -> None:
         raise typer.Exit
 
 
-@app.callback(invoke_without_command=True)
 def _options(
     context: typer.Context,
     version: bool = typer.Option(
@@ -85,7 +98,6 @@ def _options(
     ),
     debug: bool = typer.Option(False, "--debug", help="Print a traceback on errors."),
 ) -> None:
-    """Printed landmarks for robots: from print to pose."""
     if context.invoked_subcommand is None:
         typer.echo(context.get_help())
         raise typer.Exit(2)
@@ -96,7 +108,11 @@ def main() -> None:
     debug = "--debug" in sys.argv
     # `--debug` may stand anywhere.
     arguments = [a for a in sys.argv[1:] if a != "--debug"]
-    sys.exit(guarded(lambda: app(arguments, prog_name="lmkit", standalone_mode=False), debug))
+    command = next((a for a in arguments if not a.startswith("-")), None)
+    names = (command,) if command in COMMANDS else COMMANDS
+    sys.exit(
+        guarded(lambda: build_app(names, command is None)(arguments, prog_name="lmkit", standalone_mode=False), debug)
+    )
 
 
 def guarded(run: Callable[[], Any], debug: bool) -> int:
@@ -138,10 +154,8 @@ def _report(message: str, hint: str, code: int, debug: bool) -> int:
 
 def public_commands() -> list[str]:
     """Names of all commands, for the tests of the docs."""
-    groups = [
-        f"{group.name} {command.name}"
-        for group in app.registered_groups
-        if group.typer_instance is not None
-        for command in group.typer_instance.registered_commands
-    ]
-    return [*(command.name or "" for command in app.registered_commands), *groups]
+    names = []
+    for name in COMMANDS:
+        group = getattr(importlib.import_module(f"lmkit.cli.{name}"), "app", None)
+        names += [name] if group is None else [f"{name} {command.name}" for command in group.registered_commands]
+    return names

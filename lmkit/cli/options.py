@@ -90,6 +90,7 @@ Jobs = Annotated[
     typer.Option(
         "--jobs",
         min=1,
+        metavar="N",
         callback=_bound_processes,
         envvar="LMKIT_JOBS",
         help="Largest number of worker processes. Default: one per CPU core.",

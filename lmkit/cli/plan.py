@@ -6,7 +6,7 @@ import typer
 
 from lmkit.cli import plan_coverage, plan_place, plan_route
 
-HELP = "Plan where to mount landmarks, how accurate the pose will be, and routes."
+HELP = "Plan landmark positions, accuracy and routes."
 
 app = typer.Typer(help=HELP)
 

@@ -28,7 +28,7 @@ def run(
     as_json: options.Json = False,
     force: options.Force = False,
 ) -> None:
-    """Predict the pose error at every place, and list the places that fail a requirement."""
+    """Predict the pose error at every place. Places that fail the requirement are listed."""
     from lmkit.cli.parsing import parse_demand, parse_metres
     from lmkit.cli.plan_inputs import read_mounted_rig
     from lmkit.io.external_maps import read_any_map

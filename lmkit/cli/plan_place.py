@@ -50,7 +50,7 @@ def run(
     as_json: options.Json = False,
     force: options.Force = False,
 ) -> None:
-    """Place as few landmarks as possible for a required accuracy; write map, prints, mounting list and plan."""
+    """Place as few landmarks as possible. Writes map, prints, mounting list and drawings."""
     from lmkit.cli.parsing import parse_demand, parse_metres
     from lmkit.cli.plan_inputs import read_mounted_rig
     from lmkit.io.external_maps import read_any_map

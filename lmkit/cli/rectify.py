@@ -20,7 +20,7 @@ def run(
     ] = False,
     force: options.Force = False,
 ) -> None:
-    """Rectify stereo pairs: matching points share a row (a column if one camera is above the other)."""
+    """Rectify stereo pairs. Matching points then share a row, or a column if one camera is above the other."""
     from lmkit.geometry.rectification import rectification
     from lmkit.io.any_rig import read_any_rig
     from lmkit.io.image_sources import list_pairs

@@ -20,7 +20,7 @@ def run(
     jobs: options.Jobs = None,
     force: options.Force = False,
 ) -> None:
-    """Simulate a room and a stereo camera; write images, rig, map and true poses."""
+    """Simulate a room and a stereo camera. Writes images, rig, map and true poses."""
     for name, value, low, high in (
         ("--pairs", pairs, 1, 10_000),
         ("--boards", boards, 0, 1_000),

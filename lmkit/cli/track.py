@@ -34,7 +34,7 @@ def run(
     as_json: options.Json = False,
     force: options.Force = False,
 ) -> None:
-    """Track the robot through a known map, by landmarks, wheel odometry and gyro."""
+    """Track the robot through a known map. Odometry and gyro are used if given."""
     from lmkit.api.recordings import track
     from lmkit.cli.recording_options import RecordingOptions
     from lmkit.io.any_rig import read_any_rig

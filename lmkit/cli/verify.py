@@ -35,7 +35,7 @@ def run(
     as_json: options.Json = False,
     force: options.Force = False,
 ) -> None:
-    """Read landmarks back from prints, grade them from A to F, and compare them with their labels."""
+    """Read prints back and grade them from A to F. Codes and sizes are compared with labels and manifests."""
     from lmkit.detection.config import DetectOptions
     from lmkit.io.manifest import read_manifest
     from lmkit.model.landmark import families_named
