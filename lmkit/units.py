@@ -62,7 +62,7 @@ def parse_sigma(text: str, name: str, hint: str) -> tuple[float, float]:
     try:
         degrees = float(angle.strip().removesuffix("deg"))
     except ValueError:
-        raise InputError("bad_sigma", f"{name} {text} has no angle", hint) from None
+        raise InputError("bad_sigma", f"{name} {text} has no valid angle", hint) from None
     metres = parse_length_mm(length.strip(), name) / 1000
     if not (metres > 0 and 0 < degrees < 180):
         raise InputError("bad_sigma", f"{name} {text} is not positive", hint)
@@ -75,6 +75,6 @@ def parse_two_lengths_mm(text: str, what: str) -> tuple[float, float]:
 
     pieces = text.lower().split("x")
     if len(pieces) not in (1, 2):
-        raise InputError("bad_length", f"{what} {text!r} is not WIDTHxHEIGHT", "write it as 178.6x179.4, in mm")
+        raise InputError("bad_length", f"{what} {text!r} is not WIDTHxHEIGHT", "write such as 178.6x179.4 (mm)")
     lengths = [parse_length_mm(p if p.strip()[-1:].isalpha() else f"{p}mm", what) for p in pieces]
     return lengths[0], lengths[-1]

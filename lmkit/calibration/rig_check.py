@@ -69,10 +69,10 @@ class RigCheck:
         motion = ("pitched", "yawed", "rolled")[axis]
         turned = f"the right camera has {motion} by {self.turn_deg[axis]:+.3f} ± {self.turn_sigma_deg[axis]:.3f} deg"
         if self.verdict == "moved":
-            return f"no longer true: {turned} to the left one; calibrate anew"
+            return f"no longer true: {turned} to the left one; recalibrate"
         assert self.focal_change is not None
         left, right = (f"{100 * change:+.2f} %" for change in self.focal_change)
-        return f"no longer true: the lenses have changed (focal lengths {left} left, {right} right); calibrate anew"
+        return f"no longer true: the lenses have changed (focal lengths {left} left, {right} right); recalibrate"
 
 
 def check_rig(rig: StereoRig, object_points: FloatArray, views: Sequence[PairView], lenses: bool = True) -> RigCheck:

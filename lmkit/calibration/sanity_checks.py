@@ -75,7 +75,7 @@ def require_rigid(together_px: float, alone_px: float, row_error_px: float | Non
             "not_rigid",
             f"each camera alone explains its images to {alone_px:.2f} px, both together only to {together_px:.2f} px"
             f"{rows}: images of a pair are not taken at the same time, or the cameras move relative to each other",
-            "synchronise the cameras or hold the board still for every pair; fasten the rig; pair the files anew",
+            "synchronize the cameras, or hold the board still for every pair; fasten the rig; check the file pairs",
         )
 
 

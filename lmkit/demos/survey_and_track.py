@@ -94,7 +94,9 @@ def _survey(drive: Drive, moments: tuple[StereoFrame, ...]) -> Survey:
     first = next((o for moment in moments for o in moment.left), None)
     if first is None:
         raise InputError(
-            "nothing_seen", "the recording passes no landmark", "mount more: --landmarks 14, or take another --seed"
+            "nothing_seen",
+            "the recording passes no landmark",
+            "add landmarks (--landmarks 14), or choose another --seed",
         )
     anchor = drive.landmarks.find(first.id)
     assert anchor is not None

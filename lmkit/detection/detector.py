@@ -175,8 +175,8 @@ def _check_image(image: ByteArray, options: DetectOptions) -> None:
     if image.ndim != 3 or image.shape[2] != 3 or image.dtype != np.uint8:
         raise InputError(
             "bad_picture",
-            f"a picture of shape {image.shape} and type {image.dtype} cannot be searched",
-            "give (height, width, 3) BGR of 8 bit; lmkit.io.images.read_image makes that of any file",
+            f"an image of shape {image.shape} and type {image.dtype} cannot be searched",
+            "give (height, width, 3) BGR, 8 bit; lmkit.read_image reads any file so",
         )
     for one, other in combinations(options.families, 2):
         if one.is_drawn_like(other):
@@ -189,8 +189,8 @@ def _check_image(image: ByteArray, options: DetectOptions) -> None:
     if options.camera is not None and options.camera.image_size != size:
         raise InputError(
             "camera_size",
-            "the picture is {}x{}, the camera {}x{}".format(*size, *options.camera.image_size),
-            "use pictures of the size that was calibrated",
+            "the image is {}x{}, the camera {}x{}".format(*size, *options.camera.image_size),
+            "use images of the calibrated size",
         )
 
 

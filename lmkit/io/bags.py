@@ -79,7 +79,7 @@ def unpack_bag(bag: Path, wanted: dict[str, str | None]) -> Iterator[Unpacked]:
             topics = find_topics({c.topic: c.msgtype for c in reader.connections}, wanted, bag)
             yield from _unpack(reader, topics)
     except (AnyReaderError, Ros1Error, Ros2Error, SerdeError, TypesysError, OSError) as error:
-        raise InputError("bad_bag", f"{bag}: cannot be read ({error})", "give a ROS 1 or ROS 2 bag or MCAP") from None
+        raise InputError("bad_bag", f"cannot read {bag} ({error})", "give a ROS 1 or ROS 2 bag or MCAP") from None
 
 
 def find_topics(types: dict[str, str], wanted: dict[str, str | None], bag: Path) -> Topics:

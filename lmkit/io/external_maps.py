@@ -87,7 +87,7 @@ def _from_wpilib(path: Path, text: str) -> LandmarkMap:
             hung.append(MappedLandmark(LandmarkId(FAMILY, int(tag["ID"])), FIELD_TAG_M, T))
     except (ValueError, KeyError, TypeError) as error:
         raise InputError(
-            "bad_layout", f"{path}: no field layout of WPILib ({error})", "give tags with ID and pose"
+            "bad_layout", f"{path}: not a WPILib field layout ({error})", "give tags with ID and pose"
         ) from None
     return _map(path, hung)
 
@@ -108,7 +108,7 @@ def _from_tagslam(path: Path, text: str) -> LandmarkMap:
                     hung.append(MappedLandmark(LandmarkId(FAMILY, int(tag["id"])), size_m, T))
     except (ValueError, KeyError, TypeError, AttributeError, OverflowError) as error:
         raise InputError(
-            "bad_tagslam", f"{path}: no TagSLAM bodies with tags ({error})", "give tags with id, size and pose"
+            "bad_tagslam", f"{path}: not a TagSLAM file with tags ({error})", "give tags with id, size and pose"
         ) from None
     return _map(path, hung)
 

@@ -73,11 +73,13 @@ def read_floor(path: Path, scale_m: float | None = None) -> FloorPlan:
     if not has_scale and scale_m is None:
         raise InputError(
             "no_scale",
-            f"{path}: nothing tells how large it is",
-            "give --scale in metres a pixel (SVG: a unit), such as --scale 0.05; 10 m over 200 pixels are 0.05",
+            f"{path}: its scale is unknown",
+            "give --scale in meters per pixel (SVG: per unit); 10 m over 200 pixels is --scale 0.05",
         )
     if scale_m is not None and not 0 < scale_m < 1e3:
-        raise InputError("bad_scale", f"--scale {scale_m:g} is no size of a pixel", "give metres, as in 0.05")
+        raise InputError(
+            "bad_scale", f"--scale {scale_m:g} is not a valid pixel size", "give meters per pixel, such as 0.05"
+        )
     if suffix == ".svg":
         assert scale_m is not None
         drawn = enumerate(read_svg_lines(path))
@@ -147,7 +149,7 @@ def _read_ros(path: Path) -> FloorPlan:
             "bad_value", f"{path}: {where}: {problem}", "give a map of ROS or an lmkit-floor/1 file"
         ) from None
     if len(data.origin) > 2 and abs(data.origin[2]) > 1e-6:
-        raise InputError("turned_map", f"{path}: origin: a turned map is not read", "turn the image instead")
+        raise InputError("turned_map", f"{path}: origin: rotated maps are not supported", "rotate the image instead")
     origin = (data.origin[0], data.origin[1])
     return _from_picture(
         path, path.parent / data.image, data.resolution, origin, 1 - data.free_thresh, bool(data.negate)
@@ -194,5 +196,5 @@ def _inside(path: Path, free: BoolArray) -> BoolArray:
     inside = (free & (parts[1:-1, 1:-1] != parts[0, 0])) if padded[0, 0] else free
     answer = inside if inside.any() else free
     if not answer.any():
-        raise InputError("nothing_free", f"{path}: no free floor in it", "white is free, dark is not; check --scale")
+        raise InputError("nothing_free", f"{path}: no free floor", "white is free, dark is not; check --scale")
     return np.asarray(answer)

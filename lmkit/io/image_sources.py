@@ -68,7 +68,7 @@ def list_pictures(where: str) -> list[Path]:
         return [path]
     found = sorted(Path(p) for p in glob.glob(where, recursive=True) if Path(p).is_file())
     if not found:
-        raise InputError("no_such_file", f"there is no file, folder or match for {where}", "check the path")
+        raise InputError("no_such_file", f"no file, folder or match for {where}", "check the path")
     return found
 
 
@@ -83,7 +83,7 @@ def list_pairs(left: str, right: str) -> list[tuple[Path, Path]]:
         raise InputError(
             "unpaired",
             f"{len(lefts)} left and {len(rights)} right images do not make pairs",
-            "give folders or globs with as many images each, sorted alike",
+            "give folders or globs with as many images each, with matching names",
         )
     return list(zip(lefts, rights, strict=True))
 
@@ -171,7 +171,11 @@ def _video_frames(source: str) -> Iterator[Frame]:
 def _camera_number(source: str) -> int:
     number = source.removeprefix(CAMERA)
     if not number.isdecimal():
-        raise InputError("bad_camera", f"{source}: no camera number", "write camera:0")
+        raise InputError(
+            "bad_camera",
+            f"{source}: no camera number",
+            "check the number, such as camera:0, and close other programs",
+        )
     return int(number)
 
 
@@ -247,7 +251,11 @@ def _camera_pairs(left: str, right: str) -> Iterator[tuple[Frame, Frame]]:
             camera.set(cv2.CAP_PROP_BUFFERSIZE, 1)
             cameras.append(camera)
             if not camera.isOpened():
-                raise InputError("bad_camera", f"{source}: no such camera, or it is in use", "write camera:0")
+                raise InputError(
+                    "bad_camera",
+                    f"{source}: no such camera, or it is in use",
+                    "check the number, such as camera:0, and close other programs",
+                )
         count = 0
         # Both, whatever the first one says, so that they stay abreast.
         while min([camera.grab() for camera in cameras]):

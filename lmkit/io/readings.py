@@ -45,7 +45,7 @@ def read_readings(path: Path, families: Sequence[str]) -> dict[float, list[Range
         except ValueError as error:
             raise InputError(
                 "bad_reading",
-                f"{path}: line {number} is no reading ({error})",
+                f"{path}: line {number} is not a reading ({error})",
                 "write time_s,code,range_m,bearing_rad",
             ) from None
         code = row[1].strip()

@@ -76,7 +76,7 @@ def _shapes(path: Path, kind: str, element: ElementTree.Element) -> Iterator[tup
     elif kind == "path":
         yield from _path(path, element.get("d", ""))
     elif kind in ("circle", "ellipse", "image"):
-        raise InputError("svg_curve", f"{path}: a {kind}, of which walls cannot be made", _HINT)
+        raise InputError("svg_curve", f"{path}: a {kind}, which cannot be a wall", _HINT)
 
 
 def _path(path: Path, commands: str) -> Iterator[tuple[FloatArray, bool]]:
@@ -86,7 +86,7 @@ def _path(path: Path, commands: str) -> Iterator[tuple[FloatArray, bool]]:
         values = [float(v) for v in _NUMBER.findall(rest)]
         kind, relative = letter.upper(), letter.islower()
         if kind not in "MLHVZ":
-            raise InputError("svg_curve", f"{path}: a path with a curve ({letter})", _HINT)
+            raise InputError("svg_curve", f"{path}: a curved path ({letter})", _HINT)
         if kind in "MZ" and points:
             yield np.array(points), kind == "Z"
             at, points = points[0] if kind == "Z" else at, []

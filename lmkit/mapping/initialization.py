@@ -116,7 +116,7 @@ def find_start(
     if not any(key in placing.views for key in anchors):
         raise InputError(
             "anchor_unseen",
-            "none of the landmarks known beforehand is seen in the recording",
+            "none of the known landmarks is seen in the recording",
             "anchor the survey at a landmark that the images show",
         )
     search = _Search(moments, rig, anchors, placing, motion)
@@ -127,7 +127,7 @@ def find_start(
         raise InputError(
             "nothing_located",
             "no frame of the recording could be located",
-            "see what lmkit locate says of its images",
+            "check some of its images with lmkit locate",
         )
     return Start(poses, search.placed, anchors, tuple(sorted(placing.wanted - set(search.placed))))
 

@@ -85,7 +85,7 @@ def parse_codes(text: str, code_count: int) -> list[int]:
     for part in text.split(","):
         first, dash, last = (piece.strip() for piece in part.partition("-"))
         if not first.isdecimal() or (dash and not last.isdecimal()):
-            raise InputError("bad_codes", f"{part.strip()!r} in codes {text!r} is no code or range", hint)
+            raise InputError("bad_codes", f"{part.strip()!r} in codes {text!r} is not a code or range", hint)
         low, high = int(first), int(last) if dash else int(first)
         if high < low:
             raise InputError(

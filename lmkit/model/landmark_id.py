@@ -48,7 +48,11 @@ class LandmarkId(NamedTuple):
         known = tuple(dict.fromkeys(families))
         if len(known) != 1:
             several = ", ".join(f"{name}:{code}" for name in known) or f"lm8:{code}"
-            raise InputError("no_family", f"code {code} of which family?", f"write it with its family: {several}")
+            raise InputError(
+                "no_family",
+                f"code {code} has no family",
+                f"write it with its family: {several}",
+            )
         return cls(known[0], int(code))
 
 

@@ -104,7 +104,7 @@ def require_common_times(own_s: FloatArray, times_s: FloatArray) -> None:
             "no_common_times",
             f"odometry runs from {own_s[0]:.3f} to {own_s[-1]:.3f} s, landmarks were seen from "
             f"{times_s[0]:.3f} to {times_s[-1]:.3f} s",
-            "give both in seconds of one clock",
+            "give both in seconds of the same clock",
         )
 
 

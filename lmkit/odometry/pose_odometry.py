@@ -45,7 +45,7 @@ class PoseMotion:
 
     def __init__(self, poses: Trajectory, noise: PoseNoise | None = None) -> None:
         if len(poses) < 2:
-            raise InputError("too_few_poses", "odometry of one pose says no motion", "give two poses or more")
+            raise InputError("too_few_poses", "odometry needs more than one pose", "give two poses or more")
         self.noise = noise or PoseNoise()
         self._times, self._places = poses.times_s, poses.positions
         self._R = quaternion_to_matrix(poses.quaternions)

@@ -70,7 +70,7 @@ def find_board_pairs(
                     raise InputError(
                         "sizes_differ",
                         f"{file} is {here[0]} x {here[1]} pixels, the images before it {size[0]} x {size[1]}",
-                        "all images of both cameras must have the same size; set both cameras alike",
+                        "all images of both cameras must have the same size",
                     )
             on_pair(done, len(files))
             view = pair_view(name, seen_left, seen_right, board)

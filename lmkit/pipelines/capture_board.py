@@ -87,7 +87,7 @@ def look_at_frames(pairs: Iterable[tuple[Frame, Frame]], board: BoardSpec, movin
                 raise InputError(
                     "sizes_differ",
                     f"{frame.name} is {image.shape[1]} x {image.shape[0]} pixels, the first {size[0]} x {size[1]}",
-                    "set both cameras alike",
+                    "set both cameras to the same resolution",
                 )
         name = f"{len(guide.views) + 1:03d}" if moving else Path(one.name).stem
         in_left = looking.detect(left)

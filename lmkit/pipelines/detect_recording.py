@@ -37,7 +37,9 @@ def see_drive(
     for k, (a, _) in enumerate(pairs):
         time = k / hz if hz else time_of(a.name)
         if time is None:
-            raise InputError("no_times", f"{a} does not say when it was taken", "say how many pairs a second: --hz 5")
+            raise InputError(
+                "no_times", f"{a} has no time in its name", "give the number of pairs per second, such as --hz 5"
+            )
         if times and time <= times[-1]:
             raise InputError("time_not_increasing", f"{a}: time does not increase", "name images in their order")
         times.append(time)
@@ -89,7 +91,7 @@ def read_recording(
         poses = odometry.suffix.lower() in POSES
         own = read_trajectory(odometry) if poses else read_odometry(odometry, wheel_track_m)
     if gyro is not None and not isinstance(own, Odometry):
-        raise InputError("no_odometry", "a gyro needs wheel odometry beside it", "give odometry as CSV")
+        raise InputError("no_odometry", "a gyro needs wheel odometry", "give odometry as CSV")
     rate = None if gyro is None else read_gyro(gyro)
     if isinstance(own, Odometry) and rig is not None and rig.T_base_left is None:
         raise InputError(

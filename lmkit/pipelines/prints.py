@@ -126,7 +126,7 @@ class PrintLayout:
         if max(abs(factor - 1) for factor in factors) > MOST_STRETCH:
             raise InputError(
                 "bad_compensation",
-                f"--compensate {self.compensate}: more than {MOST_STRETCH:.0%} from the {size_mm:g} mm it should be",
+                f"--compensate {self.compensate}: more than {MOST_STRETCH:.0%} off the intended {size_mm:g} mm",
                 "print at 100 % without fitting to the page, and measure the red border's outer edges in mm",
             )
         return factors
@@ -179,7 +179,9 @@ class Prints:
         """
         target = Path(path)
         if target.suffix.lower() not in SUFFIXES:
-            raise InputError("bad_suffix", f"cannot write {target}: unknown kind", "name it .pdf, .svg or .png")
+            raise InputError(
+                "bad_suffix", f"cannot write {target}: unknown file type", "use a name ending in .pdf, .svg or .png"
+            )
         if target.suffix.lower() == ".pdf":
             files: dict[Path, tuple[bytes, list[Page]]] = {target: (self.pdf, list(self.pages))}
         else:

@@ -31,7 +31,7 @@ def assign_codes(places: Sequence[FloatArray], hung: Sequence[MappedLandmark], f
         raise InputError(
             "too_few_codes",
             f"{len(used) + len(places)} landmarks, but {family_name} has {family.code_count} codes",
-            "ask for less, or mount larger landmarks (--size)",
+            "relax the requirement, or use larger landmarks (--size)",
         )
     confusable = confusable_codes(family)
     chosen: list[int] = []

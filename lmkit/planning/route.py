@@ -113,7 +113,9 @@ def find_goal(text: str, floor: FloorPlan, landmarks: LandmarkMap, radius_m: flo
         names = [*floor.places, *(m.name for m in landmarks if m.name)]
         known = f"; known places: {', '.join(names)}" if names else ""
         raise InputError(
-            "unknown_place", f"no place {text!r}{known}", "give x,y in metres, x,y,heading in deg, a name or a code"
+            "unknown_place",
+            f"no place {text!r}{known}",
+            "give x,y in meters, x,y,heading in degrees, a name or a code",
         )
     return Goal(values[0], values[1], float(np.deg2rad(values[2])) if len(values) == 3 else None)
 
@@ -196,7 +198,7 @@ class _Grid:
         x, y = reached[np.argmin(off)]
         raise NegativeAnswer(
             "unreachable",
-            f"no way for a robot of radius {self.radius_m:g} m leads to ({goal.x_m:g}, {goal.y_m:g}) m",
+            f"no route for a robot of radius {self.radius_m:g} m leads to ({goal.x_m:g}, {goal.y_m:g}) m",
             f"the nearest place that can be reached is {x:.2f},{y:.2f}, {off.min():.2f} m away; see --radius",
         )
 

@@ -58,7 +58,7 @@ class RigFilter:
         corner_floor_px: float = CORNER_FLOOR_PX,
     ) -> None:
         if rig.T_base_left is None:
-            raise InputError("no_base", "the rig has no T_base_left", "add where the left camera sits on the robot")
+            raise InputError("no_base", "the rig has no T_base_left", "add the pose of the left camera on the robot")
         self._map, self._rig, self._T = landmarks, rig, rig.T_base_left
         self._floor_px = corner_floor_px
         self.wheels = Wheels(motion_noise)

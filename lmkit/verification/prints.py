@@ -308,8 +308,8 @@ def _refuse_tiles(path: Path, manifest: PrintManifest | None) -> None:
     if manifest is not None and manifest.landmarks and all(entry.tile for entry in manifest.landmarks):
         raise InputError(
             "tiles",
-            f"{path} holds the sheets of a landmark, none of them whole",
-            "they were laid together and read when it was written; glue them and verify a photograph",
+            f"{path} holds the tiles of a landmark",
+            "tiles were verified together when they were written; glue them, then verify a photograph",
         )
 
 

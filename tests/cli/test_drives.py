@@ -106,9 +106,9 @@ def test_tracking_goes_by_poses_of_visual_odometry_as_well(demo, tmp_path, how):
         (["survey", "--rig", "RIG"], "LEFT and RIGHT"),
         (["survey", "--rig", "RIG", "--detections", "none.csv"], "none.csv"),
         (["survey", "--rig", "RIG", "--detections", "DET", "--gyro", "g.csv"], "--gyro needs wheel odometry"),
-        (["survey", "--rig", "RIG", "--detections", "DET", "--known", "MAP", "--known-sigma", "5"], "no angle"),
+        (["survey", "--rig", "RIG", "--detections", "DET", "--known", "MAP", "--known-sigma", "5"], "no valid angle"),
         (["survey", "--rig", "RIG", "--detections", "DET", "--wall", "12,x"], "not a landmark id"),
-        (["survey", "--rig", "RIG", "--detections", "DET", "--wall", "12,13", "--wall-sigma", "5mm"], "no angle"),
+        (["survey", "--rig", "RIG", "--detections", "DET", "--wall", "12,13", "--wall-sigma", "5mm"], "no valid angle"),
         (["survey", "--rig", "RIG", "--detections", "DET", "--wall-sigma", "5mm,1deg"], "--wall-sigma needs --wall"),
         (["track", "--map", "MAP", "--readings", "r.csv"], "odometry"),
         (["track", "--map", "MAP", "--detections", "DET"], "need a rig"),
@@ -143,7 +143,7 @@ def test_odometry_of_another_clock_is_refused(demo, tmp_path):
     late.write_text("\n".join([header, *moved]) + "\n")
     known = ["--detections", demo / "detections.csv", "--rig", demo / "rig.yaml", "--odometry", late]
     for command in (["survey", "-o", tmp_path / "m.yaml"], ["track", "--map", demo / "true_map.yaml"]):
-        assert "give both in seconds of one clock" in run(*command, *known, code=2).err
+        assert "give both in seconds of the same clock" in run(*command, *known, code=2).err
     assert not (tmp_path / "m.yaml").exists()
 
 

@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 import lmkit
-from lmkit.cli.main import public_commands
+from lmkit.cli.app import public_commands
 
 ROOT = Path(__file__).resolve().parents[2]
 PACKAGE = ROOT / "lmkit"

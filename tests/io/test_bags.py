@@ -107,7 +107,7 @@ def test_pictures_of_different_moments_make_no_pairs(tmp_path):
 def test_what_is_no_bag_is_refused(tmp_path):
     path = tmp_path / "no.bag"
     path.write_bytes(b"nothing")
-    with pytest.raises(InputError, match="cannot be read"):
+    with pytest.raises(InputError, match="cannot read"):
         list(unpack_bag(path, {}))
 
 
