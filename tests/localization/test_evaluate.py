@@ -103,11 +103,11 @@ def test_the_command_reads_tum_and_says_it_in_words_and_json(lmkit, tmp_path):
 @pytest.mark.parametrize(
     ("text", "words"),
     [
-        ("0 1 2 3", "line 1 is no pose"),
-        ("0 0 0 0 0 0 0 1\n0 0 0 0 0 0 0 1", "line 2: time does not increase"),
+        ("0 1 2 3", "line 1 holds 4 numbers"),
+        ("0 0 0 0 0 0 0 1\n0 0 0 0 0 0 0 1", "line 2 has the time of the line before"),
         ("0 0 0 0 0 0 0 2", "not of length 1"),
         ("0 0 0 0 0 0 0 nan", "line 1"),
-        ("a b", "no number"),
+        ("a b", "line 1"),
         ("# nothing", "no poses"),
         ("99 0 0 0 0 0 0 1", "within 0.01 s"),
     ],
