@@ -281,12 +281,11 @@ def print_profile(photos: list[Path]) -> None:
     steps = (
         "find_candidates",
         "screen_candidates",
-        "align_candidates",
         "register_and_decode",
-        "estimate_noise",
-        "linear_pyramid",
+        "noise",
+        "pyramid",
     )
-    print("\nWhere lmkit's time goes (screening is an alignment without moves):\n")
+    print("\nWhere lmkit's time goes (alignment is part of screening):\n")
     for (_, _, name), (_, calls, _, cumulative, _) in stats.stats.items():
         if name in steps:
             print(f"- {name}: {100 * cumulative / total:.0f} % in {calls / len(images):.1f} calls an image")
