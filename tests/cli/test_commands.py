@@ -222,3 +222,13 @@ def test_stdout_stays_stdout_beside_a_progress_bar(tmp_path):
     os.close(terminal)
     os.close(main)
     assert json.loads(ended.stdout)["image"] == "a.png"
+
+
+def test_opencv_adds_nothing_to_an_error(tmp_path):
+    (tmp_path / "bad.mp4").write_bytes(bytes(range(256)) * 20)
+    words = [sys.executable, "-m", "lmkit", "detect", "bad.mp4"]
+    ended = subprocess.run(words, capture_output=True, text=True, cwd=tmp_path, check=False)
+    assert ended.returncode == 2
+    assert ended.stderr.splitlines() == [
+        "lmkit: bad.mp4: no frame can be read; give MP4, AVI, MOV, MKV, WebM or camera:0"
+    ]
