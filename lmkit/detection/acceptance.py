@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True)
 class AcceptanceRule:
-    """What a square must show to be called a landmark; each figure is argued in docs/landmark.md, section 6.
+    """Thresholds for a square to be called a landmark; each figure is argued in docs/landmark.md, section 6.
 
     Attributes:
         turn_margin: least log likelihood ratio against any other quarter turn; 8 bits hold no

@@ -1,4 +1,4 @@
-"""Where might a landmark be?  Dark squares on white, found in several channels of the halved image.
+"""Candidates: dark squares on white, found in several channels of the halved image.
 
 Colour alone loses dim, warm and noisy images (docs/landmark.md, section 6), so the squares come
 from brightness (white margin against red and blue), from red (white and red against blue) and from

@@ -53,7 +53,7 @@ PROFILES = {"fast": FAST, "balanced": BALANCED, "accurate": ACCURATE}
 
 @dataclass(frozen=True)
 class DetectOptions:
-    """What to look for, and how.
+    """Options of detection.
 
     Attributes:
         families: which landmarks to look for; no two may share a drawing.

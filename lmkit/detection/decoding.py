@@ -34,7 +34,7 @@ PART_TOLERANCE = 0.08  # uneven print and light: a part may differ so much from 
 
 @dataclass(frozen=True)
 class Decoding:
-    """What a registered square reads as, and how well.
+    """Decoding of a registered square, with its margins.
 
     Attributes:
         code, quarter: the likeliest reading.
@@ -133,7 +133,7 @@ class Decoding:
 
 @dataclass(frozen=True, eq=False)
 class FamilyTables:
-    """What decoding needs of a family, looked up once.
+    """Data of a family for decoding, computed once.
 
     Attributes:
         family: the family.

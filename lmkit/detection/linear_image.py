@@ -26,7 +26,7 @@ LEAST_LEVEL_PX = 24  # no level of the pyramid is smaller
 
 @dataclass(frozen=True)
 class LinearImage:
-    """What registration needs of an image.
+    """Data of an image for registration.
 
     Attributes:
         source: code values, and what they are divided by where shadows are taken out.

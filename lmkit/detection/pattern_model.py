@@ -1,4 +1,4 @@
-"""What a landmark looks like through a lens: blurred coverage of every part, in closed form.
+"""Image model of a landmark through a lens: blurred coverage of every part, in closed form.
 
 An image of the flat pattern is the sharp drawing blurred by the point spread of lens, motion and
 pixel.  :mod:`lmkit.kernels.pattern` holds the formulas; this module says which edges a family has.

@@ -55,7 +55,7 @@ class Candidate:
 
     @property
     def observation(self) -> Detection:
-        """What is told of it."""
+        """The candidate as a detection."""
         return Detection(
             id=LandmarkId(self.family.name, self.decoding.code),
             corners=self.corners,
@@ -145,7 +145,7 @@ def _smaller_margins(fit: PatternRegistration) -> Decoding:
 
 
 def _candidate(fit: PatternRegistration, decoding: Decoding, rule: AcceptanceRule, fit_bend: bool) -> Candidate:
-    """What was decoded, its corners in the landmark's own order."""
+    """The candidate, its corners in the landmark's own order."""
     corners, covariance = fit.image_corners(fit_bend)
     order = (np.arange(4) + decoding.quarter) % 4
     rows = (2 * order[:, None] + np.arange(2)).ravel()

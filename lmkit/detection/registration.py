@@ -69,7 +69,7 @@ class PatternRegistration:
 
     @property
     def hypothesis(self) -> Hypothesis:
-        """What the last decoding says of gaps and triangle."""
+        """Gaps and triangle of the last decoding."""
         quarter = self.decoding.quarter
         return Hypothesis(int(self.tables.words.masks[quarter, self.decoding.code]), quarter)
 
@@ -89,7 +89,7 @@ class PatternRegistration:
         return self.decoding
 
     def decode_discounted(self) -> Decoding:
-        """The same with what does not fit discounted; :attr:`decoding` stays."""
+        """A copy with robust weights; :attr:`decoding` stays."""
         return decode_square(self.tables, self.view, self.state, self.samples.weighted)
 
     def discount(self) -> FloatArray:

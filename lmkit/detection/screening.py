@@ -38,7 +38,7 @@ GATE_WHITE_OVER_GROUND, GATE_RED_OVER_BLUE = 1.3, -0.2  # small landmarks mix re
 
 @dataclass(frozen=True)
 class ScreeningThresholds:
-    """What a candidate must show; the strict test comes after registration.
+    """Thresholds for a candidate; the strict test comes after registration.
 
     Attributes:
         white_over_dark: how much brighter white is than red and than blue, as a ratio.
@@ -56,7 +56,7 @@ class ScreeningThresholds:
 
     @property
     def numbers(self) -> Thresholds:
-        """As the kernel takes them."""
+        """The thresholds as the kernel takes them."""
         return Thresholds(self.white_over_dark, self.white_over_ground, self.red_over_blue, self.contrast, self.turn)
 
 
@@ -78,7 +78,7 @@ class Screened:
     pattern: FloatArray
 
     def best_first(self, at_least: float, per_place: int) -> Screened:
-        """Those above a share, in falling order, at most ``per_place`` of the same place and size."""
+        """Candidates above a share, in falling order, at most ``per_place`` of the same place and size."""
         scores = self.pattern.tolist()
         order = sorted((k for k, score in enumerate(scores) if score >= at_least), key=lambda k: -scores[k])
         kept: list[tuple[float, float, float]] = []
@@ -131,7 +131,7 @@ def screen_candidates(
 
 @lru_cache(maxsize=8)
 def screen_tables(family: LandmarkFamily) -> ScreenTables:
-    """What is known beforehand of a family, on a grid that reaches into its margin."""
+    """Precomputed data of a family, on a grid that reaches into its margin."""
     points = _grid(family)
     used = len(points)
     drawing, delta = drawing_of(family), 0.05

@@ -204,7 +204,7 @@ def _parts(
 def _gap_misfit(
     points: FloatArray, off: FloatArray, variance: FloatArray, inks: FloatArray, words: Words, rules: DecodingRules
 ) -> float:
-    """What hides a gap reaches over the ring's edges on its way from outside, so the surroundings tell,
+    """An object that hides a gap reaches over the ring's edges from outside, so the surroundings show it,
     even where it is as dark as the ground or as bright as the ring.  Usual is the median of all
     pixels, or the expected variance, or a share of the contrast, which no model of blur and print
     gets better; whichever is largest."""

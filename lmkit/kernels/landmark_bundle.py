@@ -85,7 +85,7 @@ class Bundle:
 
 @dataclass(frozen=True, eq=False)
 class Sums:
-    """What is added to: diagonal (N,6,6), gradient (N,6), border (N,6,m), corner (m,m), shared_gradient (m,).
+    """Sums that are added to: diagonal (N,6,6), gradient (N,6), border (N,6,m), corner (m,m), shared_gradient (m,).
 
     All are contiguous arrays of doubles; landmark k has the shared unknowns from own + 6 k.
     """

@@ -1,4 +1,4 @@
-"""What a camera at many poses sees of many landmarks: sides in pixels, and the information of their corners."""
+"""Views of many landmarks from many poses: sides in pixels, and the information of their corners."""
 
 from __future__ import annotations
 

@@ -64,7 +64,7 @@ class Lens:
 def corners_through_lens(
     lens: Lens, corners: Array, covariance: Array | None, floor_px: float, reached_px: float
 ) -> tuple[Array, Array, Array, NDArray[np.bool_]]:
-    """What (N,4,2) corners in pixels say in rays.
+    """Rays of (N,4,2) corners in pixels.
 
     Args:
         covariance: (N,8,8) of the corners, pixels squared, or None.

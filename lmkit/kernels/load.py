@@ -77,7 +77,7 @@ _begin = (ctypes.c_char * 0).from_buffer
 
 
 def address(array: NDArray[Any]) -> int:
-    """Where the data of a contiguous array begin; hold the array while the kernel runs."""
+    """Address of a contiguous array's data; hold the array while the kernel runs."""
     try:
         # Four times as fast as array.ctypes.
         return ctypes.addressof(_begin(array))  # type: ignore[arg-type]
@@ -86,7 +86,7 @@ def address(array: NDArray[Any]) -> int:
 
 
 def addresses(*arrays: NDArray[Any] | None) -> list[int | None]:
-    """Where they begin, in this order; null for None."""
+    """Addresses of arrays, in this order; null for None."""
     return [None if array is None else address(array) for array in arrays]
 
 

@@ -60,7 +60,7 @@ class Edges(NamedTuple):
 
 
 class SamplingRules(NamedTuple):
-    """What is taken.
+    """Limits of the sampling.
 
     Attributes:
         reach: half side of the square that pixels are taken from, mm.

@@ -29,7 +29,7 @@ class _CoverageStruct(ctypes.Structure):
 
 @dataclass(frozen=True, eq=False)
 class Coverage:
-    """What is known at N places in H headings each, and what is asked; the arrays change.
+    """Information at N places in H headings each, and the requirement; the arrays change.
 
     Attributes:
         information: (N*H,6,6) on the camera's pose in the map (shift m, turn rad).
@@ -130,7 +130,7 @@ def means_of_best(coverage: Coverage, scores: Array) -> Array:
 def change_coverage(
     coverage: Coverage, rows: Ints, told: Array, shown: NDArray[np.bool_], sign: int, apply: bool
 ) -> tuple[float, int]:
-    """What a landmark that comes (sign 1) or goes (-1) changes: the sum of ``held``, and how many places hold.
+    """Effect of a landmark that is added (sign 1) or removed (-1): the sum of ``held``, and how many places hold.
 
     Args:
         rows: (R,) poses that may read it, in rising order.

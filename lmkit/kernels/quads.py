@@ -23,7 +23,7 @@ CELL = 4
 
 
 class QuadRules(NamedTuple):
-    """What counts as a square.
+    """Limits of what counts as a square.
 
     Attributes:
         least_side: px.

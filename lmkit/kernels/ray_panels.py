@@ -1,4 +1,4 @@
-"""Where rays of an image meet a textured panel, and what is painted there.
+"""Intersections of an image's rays with a textured panel, and the color there.
 
 Single precision, and each operation is rounded as numpy rounds it: a seed gives the same image on every machine.
 """
@@ -31,7 +31,7 @@ def meet_panel(
     size_m: tuple[float, float],
     bend_m: float,
 ) -> tuple[Float32Array, Float32Array, Float32Array, Flags]:
-    """Of the h x w rays in a window: u, v on the panel, the depth there, and whether the panel is seen; all (h,w).
+    """Intersections of the h x w rays in a window: u, v on the panel, depth, and visibility; all (h,w).
 
     Args:
         rays: (H,W,2) x/z, y/z in the camera; ``depth``: (H,W) of what is seen so far.

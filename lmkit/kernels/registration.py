@@ -200,7 +200,7 @@ def register(
 def robust_weights(
     drawing: Drawing, view: View, samples: Samples, priors: Priors, state: FloatArray, hypothesis: Hypothesis
 ) -> Weights:
-    """What the pixels would be, and Cauchy weights on the scatter of all of them."""
+    """Predicted pixel values, and Cauchy weights on the scatter of all of them."""
     kernel = _weights_kernel()
     if kernel is None:
         return robust_weights_numpy(drawing, view, samples, priors, state, hypothesis)

@@ -288,7 +288,7 @@ def turns(vectors: NDArray[Any]) -> Array:
 
 
 def _errors(corners: Corners, R: Array, p: Array) -> tuple[Array, Array, Array, Array | None]:
-    """Of H poses: errors of rays (H,S,8), whitened ones, and their derivatives (H,S,8,6) with the pose and with the
+    """Errors of H poses: of rays (H,S,8), whitened ones, and their derivatives (H,S,8,6) with the pose and with the
     standardised error of the landmark (None where all are certain)."""
     offset = corners.points - p[:, None, None]
     R_camera_map = corners.R_camera @ R.transpose(0, 2, 1)[:, None]

@@ -39,7 +39,7 @@ class Pyramid(NamedTuple):
 
 
 class ScreenTables(NamedTuple):
-    """What is known beforehand of a family.
+    """Precomputed data of a family.
 
     Attributes:
         half: half side of the face, mm.
@@ -93,7 +93,7 @@ class ScreenTables(NamedTuple):
 
 
 class Thresholds(NamedTuple):
-    """What a square must show: white over dark and over ground (ratios), log ratio of red over blue, least contrast
+    """Thresholds of a square: white over dark and over ground (ratios), log ratio of red over blue, least contrast
     of white and ground in a channel, log ratio of what the best hypothesis and the best in another turn leave."""
 
     white_over_dark: float

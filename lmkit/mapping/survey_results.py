@@ -22,7 +22,7 @@ from lmkit.odometry.motion_model import Motion, describe_odometry
 def survey_warnings(
     result: Survey, motion: Motion | None, ties: Sequence[Tie], advice: Mapping[LandmarkId, str]
 ) -> list[str]:
-    """What a user should check, one sentence each."""
+    """Warnings about what a user should check, one sentence each."""
     texts = [str(odd) for odd in result.odd]
     doubt = None if motion is None else describe_odometry(motion, result.bundle.parameters)
     if doubt is not None:

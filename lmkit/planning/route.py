@@ -337,7 +337,7 @@ def route_lines(route: Route) -> list[str]:
 
 
 def route_warning(route: Route, demand: Demand) -> str | None:
-    """Where the expected error exceeds the required one, in words; None if nowhere."""
+    """A sentence if the expected error exceeds the required one somewhere; None if nowhere."""
     worst = int(route.error_m.argmax())
     if route.error_m[worst] <= demand.error_m:
         return None

@@ -70,3 +70,9 @@ def test_no_text_asks_to_install_the_package_of_another_project():
             continue
         found = wrong.search(path.read_text(encoding="utf-8"))
         assert found is None, f"{path.relative_to(ROOT)}: {found and found.group()}"
+
+
+def test_docstrings_start_with_their_subject():
+    for path in MODULES:
+        found = re.search(r'"""(Of|The same|As|By|Those|What|Where) [^\n]*', path.read_text(encoding="utf-8"))
+        assert found is None, f"{path.relative_to(ROOT)}: {found and found.group()}"
