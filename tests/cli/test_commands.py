@@ -225,7 +225,14 @@ def test_stdout_stays_stdout_beside_a_progress_bar(tmp_path):
 
 
 def test_opencv_adds_nothing_to_an_error(tmp_path):
-    (tmp_path / "bad.mp4").write_bytes(bytes(range(256)) * 20)
+    import cv2
+
+    whole = tmp_path / "whole.mp4"
+    writer = cv2.VideoWriter(str(whole), cv2.VideoWriter.fourcc(*"mp4v"), 5, (64, 48))
+    writer.write(np.zeros((48, 64, 3), dtype=np.uint8))
+    writer.release()
+    # FFmpeg complains of a file that ends early.
+    (tmp_path / "bad.mp4").write_bytes(whole.read_bytes()[: whole.stat().st_size // 2])
     words = [sys.executable, "-m", "lmkit", "detect", "bad.mp4"]
     ended = subprocess.run(words, capture_output=True, text=True, cwd=tmp_path, check=False)
     assert ended.returncode == 2
