@@ -45,6 +45,10 @@ class InputError(LmkitError):
     exit_code = 2
 
 
+class InputWarning(UserWarning):
+    """Input that is possible, but seldom meant; the command line prints it in one line on stderr."""
+
+
 class NegativeAnswer(LmkitError):
     """The run itself worked, but what was asked for is not there."""
 

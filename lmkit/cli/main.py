@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import sys
 import traceback
+import warnings
 from collections.abc import Callable
 from typing import Any
 
@@ -18,7 +19,7 @@ os.environ.setdefault("OPENCV_FFMPEG_LOGLEVEL", "-8")
 import typer
 
 from lmkit.cli.app import COMMANDS, build_app
-from lmkit.errors import LmkitError
+from lmkit.errors import InputWarning, LmkitError
 
 EXIT_FAULT = 70
 EXIT_INTERRUPTED = 130
@@ -45,9 +46,12 @@ def main() -> None:
 
 
 def guarded(run: Callable[[], Any], debug: bool) -> int:
-    """The exit code of ``run``; a failure is reported in one line on stderr."""
+    """The exit code of ``run``; failures and warnings about inputs are reported in one line each on stderr."""
     try:
-        result = run()
+        with warnings.catch_warnings():
+            warnings.simplefilter("always", InputWarning)
+            warnings.formatwarning = _one_line
+            result = run()
         sys.stdout.flush()
         # Without its own exit, typer hands back the code of typer.Exit.
         return result if isinstance(result, int) else 0
@@ -68,6 +72,13 @@ def guarded(run: Callable[[], Any], debug: bool) -> int:
         return _report(
             f"internal error (please report): {type(error).__name__}: {error}", _FAULT_HINT, EXIT_FAULT, debug
         )
+
+
+_FORMAT = warnings.formatwarning
+
+
+def _one_line(message: Warning | str, category: type[Warning], *place: Any, **more: Any) -> str:
+    return f"lmkit: {message}\n" if issubclass(category, InputWarning) else _FORMAT(message, category, *place, **more)
 
 
 _FAULT_HINT = "run again with --debug for the traceback"

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import warnings
 from pathlib import Path
 
-from lmkit.errors import InputError
+from lmkit.errors import InputError, InputWarning
+from lmkit.geometry.rig_plausibility import require_plausible, rig_warnings
 from lmkit.geometry.stereo_rig import StereoRig
 from lmkit.io.documents import is_folder, read_text
 from lmkit.io.rig import read_rig
@@ -17,8 +19,19 @@ def read_any_rig(path: Path) -> StereoRig:
     """A rig from a file, or from a folder with ROS's left.yaml and right.yaml.
 
     Raises:
-        InputError: not readable, or no such kind of file is valid.
+        InputError: not readable, or no such kind of file is valid; a baseline that no camera has.
+
+    Warns:
+        InputWarning: what is possible, but seldom meant, such as a right camera left of the left one.
     """
+    rig = _read(path)
+    require_plausible(rig, str(path))
+    for sentence in rig_warnings(rig, str(path)):
+        warnings.warn(InputWarning(sentence), stacklevel=2)
+    return rig
+
+
+def _read(path: Path) -> StereoRig:
     if is_folder(path):
         from lmkit.io.ros_camera_info import read_camera_infos
 
@@ -26,7 +39,7 @@ def read_any_rig(path: Path) -> StereoRig:
     text = read_text(path, "rig file")
     if "lmkit-rig/" in text:
         return read_rig(path)
-    if text.lstrip().startswith("%YAML") and "cam0:" not in text:
+    if text.lstrip().startswith(("%YAML", "<?xml", "<opencv_storage")) and "cam0:" not in text:
         from lmkit.io.opencv_rig import read_opencv_rig
 
         return read_opencv_rig(path)
@@ -34,7 +47,7 @@ def read_any_rig(path: Path) -> StereoRig:
         from lmkit.io.kalibr import read_camchain
 
         return read_camchain(path)
-    if "camera_matrix:" in text and "format:" not in text:
+    if "camera_matrix:" in text:
         raise InputError(
             "single_camera_info",
             f"{path}: one camera's camera_info alone",

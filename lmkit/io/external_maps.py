@@ -16,7 +16,7 @@ import numpy as np
 from lmkit.errors import InputError
 from lmkit.geometry.pose import Pose
 from lmkit.io.documents import dump_yaml, load_document, load_json, read_text
-from lmkit.io.landmark_map import read_map
+from lmkit.io.landmark_map import FOREIGN_FAMILIES, read_map
 from lmkit.model.landmark_id import LandmarkId
 from lmkit.model.landmark_map import LandmarkMap, MappedLandmark
 
@@ -24,6 +24,7 @@ FIELD_TAG_M = 0.1651  # of every tag on a field, as its rules have it; the layou
 # Columns: the field tag's x (out), y (left of one looking out: our x), z (up: our y), in our axes.
 _R_OURS_FIELD = np.array([[0.0, 1.0, 0.0], [0.0, 0.0, 1.0], [1.0, 0.0, 0.0]])
 FAMILY = "tag36h11"
+LARGEST_TAG_M = 10.0
 
 
 def read_any_map(path: Path) -> LandmarkMap:
@@ -35,10 +36,10 @@ def read_any_map(path: Path) -> LandmarkMap:
     text = read_text(path, "map file")
     if "lmkit-map/" in text:
         return read_map(path)
+    if "bodies:" in text or '"bodies"' in text:
+        return _from_tagslam(path, text)
     if text.lstrip().startswith("{"):
         return _from_wpilib(path, text)
-    if "bodies:" in text:
-        return _from_tagslam(path, text)
     return read_map(path)
 
 
@@ -78,14 +79,19 @@ def map_to_tagslam(landmarks: LandmarkMap) -> str:
 def _from_wpilib(path: Path, text: str) -> LandmarkMap:
     hung = []
     try:
-        for tag in load_json(path, text)["tags"]:
+        layout = load_json(path, text)
+        # Fields of other seasons had other tags: a layout that names its own is believed.
+        family, size_m = str(layout.get("family", FAMILY)), float(layout.get("size", FIELD_TAG_M))
+        if family not in FOREIGN_FAMILIES or not 0 < size_m < LARGEST_TAG_M:
+            raise ValueError(f"family {family!r} or size {size_m:g} m is unknown")
+        for tag in layout["tags"]:
             place, turn = tag["pose"]["translation"], tag["pose"]["rotation"]["quaternion"]
             pose = Pose.from_quaternion(
                 "map", "tag", [float(place[k]) for k in "xyz"], [float(turn[k]) for k in ("X", "Y", "Z", "W")]
             )
             T = Pose("map", "landmark", pose.R @ _R_OURS_FIELD.T, pose.t)
-            hung.append(MappedLandmark(LandmarkId(FAMILY, int(tag["ID"])), FIELD_TAG_M, T))
-    except (ValueError, KeyError, TypeError) as error:
+            hung.append(MappedLandmark(LandmarkId(family, int(tag["ID"])), size_m, T))
+    except (ValueError, KeyError, TypeError, OverflowError) as error:
         raise InputError(
             "bad_layout", f"{path}: not a WPILib field layout ({error})", "give tags with ID and pose"
         ) from None
@@ -97,14 +103,16 @@ def _from_tagslam(path: Path, text: str) -> LandmarkMap:
     try:
         for body in load_document(path, text)["bodies"]:
             for values in body.values():
+                T_map_body = _tagslam_pose("body", values["pose"]) if "pose" in values else None
                 for tag in values.get("tags", []) if values.get("is_static") else []:
                     if "pose" not in tag:
                         continue
-                    place, turn = (np.array([float(tag["pose"][part][k]) for k in "xyz"]) for part in _PARTS)
                     size_m = float(tag.get("size", values.get("default_tag_size", 0.0)))
                     if size_m <= 0:
                         raise ValueError(f"tag {tag['id']} has no size")
-                    T = Pose.from_rvec("map", "landmark", turn, place)
+                    T = _tagslam_pose("landmark", tag["pose"])
+                    if T_map_body is not None:
+                        T = Pose("map", "landmark", T_map_body.R @ T.R, T_map_body.R @ T.t + T_map_body.t)
                     hung.append(MappedLandmark(LandmarkId(FAMILY, int(tag["id"])), size_m, T))
     except (ValueError, KeyError, TypeError, AttributeError, OverflowError) as error:
         raise InputError(
@@ -113,7 +121,9 @@ def _from_tagslam(path: Path, text: str) -> LandmarkMap:
     return _map(path, hung)
 
 
-_PARTS = ("position", "rotation")
+def _tagslam_pose(frame: str, values: dict[str, dict[str, float]]) -> Pose:
+    place, turn = (np.array([float(values[part][k]) for k in "xyz"]) for part in ("position", "rotation"))
+    return Pose.from_rvec("map", frame, turn, place)
 
 
 def _map(path: Path, hung: list[MappedLandmark]) -> LandmarkMap:

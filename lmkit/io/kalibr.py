@@ -6,8 +6,9 @@ from pathlib import Path
 from typing import Annotated, Any, Literal
 
 import numpy as np
-from pydantic import BaseModel, ConfigDict, Field, ValidationError
+from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_validator
 
+from lmkit.arrays import FloatArray
 from lmkit.errors import InputError
 from lmkit.geometry.camera import CameraModel
 from lmkit.geometry.lens_conversion import with_four_coefficients
@@ -17,18 +18,37 @@ from lmkit.geometry.stereo_rig import StereoRig
 from lmkit.io.documents import dump_yaml, first_problem, load_document, read_text
 
 MOST_ERROR_PX = 1.0
+LEAST_DETERMINANT = 0.9  # of almost-rotations in files of few digits
 _MODELS = {"radtan": "pinhole", "equidistant": "fisheye"}
 Row4 = Annotated[list[float], Field(min_length=4, max_length=4)]
 
 
+Matrix4 = Annotated[list[Row4], Field(min_length=4, max_length=4)]
+
+
 class _Camera(BaseModel):
     model_config = ConfigDict(extra="ignore", allow_inf_nan=False)
-    camera_model: Literal["pinhole"]
+    camera_model: str
     distortion_model: Literal["radtan", "equidistant", "none"]
     intrinsics: Row4
     distortion_coeffs: list[float] = Field(max_length=4)
     resolution: tuple[Annotated[int, Field(gt=0)], Annotated[int, Field(gt=0)]]
-    T_cn_cnm1: Annotated[list[Row4], Field(min_length=4, max_length=4)] | None = None
+    T_cn_cnm1: Matrix4 | None = None
+    T_cam_imu: Matrix4 | None = None
+    T_imu_cam: Matrix4 | None = None
+
+    @field_validator("camera_model")
+    @classmethod
+    def _is_pinhole(cls, name: str) -> str:
+        if name != "pinhole":
+            raise ValueError(f"{name!r} is not read, only pinhole; calibrate again with pinhole-equi")
+        return name
+
+    def T_camera_imu(self) -> FloatArray | None:
+        """(4,4) of Kalibr's T_cam_imu, or of the inverse that OpenVINS writes."""
+        if self.T_cam_imu is not None:
+            return np.array(self.T_cam_imu)
+        return None if self.T_imu_cam is None else np.linalg.inv(np.array(self.T_imu_cam))
 
 
 class _Camchain(BaseModel):
@@ -86,15 +106,25 @@ def read_camchain(path: Path) -> StereoRig:
     except ValidationError as error:
         where, problem = first_problem(error)
         raise InputError("bad_camchain", f"{path}: {where}: {problem}", hint) from None
-    if data.cam1.T_cn_cnm1 is None:
-        raise InputError("bad_camchain", f"{path}: cam1.T_cn_cnm1: missing", hint)
-    T = np.array(data.cam1.T_cn_cnm1)
     try:
+        T = _between(data)
+        if T is None:
+            raise InputError("bad_camchain", f"{path}: cam1.T_cn_cnm1: missing (and no T_cam_imu of both)", hint)
+        if np.linalg.det(T[:3, :3]) < LEAST_DETERMINANT:
+            raise ValueError("cam1: its rotation to cam0 is not a rotation")
         return StereoRig(
             _camera(data.cam0), _camera(data.cam1), Pose("right", "left", orthonormal(T[:3, :3]), T[:3, 3])
         )
     except ValueError as error:
         raise InputError("bad_camchain", f"{path}: {error}", hint) from None
+
+
+def _between(data: _Camchain) -> FloatArray | None:
+    """(4,4) from cam0 to cam1: as it stands, or through the IMU."""
+    if data.cam1.T_cn_cnm1 is not None:
+        return np.array(data.cam1.T_cn_cnm1)
+    left, right = data.cam0.T_camera_imu(), data.cam1.T_camera_imu()
+    return None if left is None or right is None else right @ np.linalg.inv(left)
 
 
 def _text(path: Path) -> str:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Hashable
 from pathlib import Path
 from typing import Annotated, Any
+from xml.etree import ElementTree
 
 import cv2
 import numpy as np
@@ -22,10 +23,10 @@ from lmkit.io.documents import PlainLoader, first_problem, load_document, read_t
 
 # Other names that people's own scripts give the same matrices.
 _NAMES = {
-    "M1": ("M1", "K1", "cameraMatrix1", "camera_matrix_left"),
-    "M2": ("M2", "K2", "cameraMatrix2", "camera_matrix_right"),
-    "D1": ("D1", "distCoeffs1", "dist1"),
-    "D2": ("D2", "distCoeffs2", "dist2"),
+    "M1": ("M1", "K1", "cameraMatrix1", "cameraMatrixL", "camera_matrix_left"),
+    "M2": ("M2", "K2", "cameraMatrix2", "cameraMatrixR", "camera_matrix_right"),
+    "D1": ("D1", "distCoeffs1", "distCoeffsL", "dist1"),
+    "D2": ("D2", "distCoeffs2", "distCoeffsR", "dist2"),
     "R": ("R",),
     "T": ("T", "t"),
     "model": ("model",),
@@ -68,9 +69,17 @@ def read_opencv_rig(path: Path) -> StereoRig:
     """
     hint = "give the M1 D1 M2 D2 R T, image_width and image_height of a stereo pair, as cv2.FileStorage writes them"
     # Read as plain YAML: OpenCV's own reader believes whatever size a matrix claims.
-    text = read_text(path, "OpenCV rig file").removeprefix("%YAML:1.0")
-    content = load_document(path, text, _Loader, finite=False)
+    text = read_text(path, "OpenCV rig file")
+    if text.lstrip().startswith("<"):
+        content = _from_xml(path, text)
+    else:
+        content = load_document(path, text.removeprefix("%YAML:1.0"), _Loader, finite=False)
     content = content if isinstance(content, dict) else {}
+    size = content.get("imageSize", content.get("image_size"))
+    if isinstance(size, dict) and isinstance(size.get("data"), list):
+        size = size["data"]
+    if isinstance(size, list) and len(size) == 2:
+        content = {"image_width": size[0], "image_height": size[1]} | content
     named = {field: content[name] for field, names in _NAMES.items() for name in names if name in content}
     try:
         data = _OpenCvRig.model_validate(named)
@@ -103,6 +112,25 @@ def _read_matrix(loader: yaml.SafeLoader, node: yaml.MappingNode) -> dict[Hashab
 
 
 _Loader.add_constructor("tag:yaml.org,2002:opencv-matrix", _read_matrix)
+_Loader.add_constructor("tag:yaml.org,2002:opencv-nd-matrix", _read_matrix)
+
+
+def _from_xml(path: Path, text: str) -> dict[str, Any]:
+    """Values of cv2.FileStorage's XML: matrices, and text of anything else that has no children."""
+    if "<!" in text.replace("<!--", ""):
+        raise InputError("bad_opencv", f"{path}: holds declarations (<!), which are not read", "remove them")
+    try:
+        root = ElementTree.fromstring(text)
+    except (ElementTree.ParseError, ValueError) as error:
+        raise InputError("bad_opencv", f"{path}: not XML ({error})", "give a file of cv2.FileStorage") from None
+    content: dict[str, Any] = {}
+    for child in root:
+        data = (child.findtext("data") or child.text or "").split()
+        if child.find("data") is not None:
+            content[child.tag] = {"rows": child.findtext("rows"), "cols": child.findtext("cols"), "data": data}
+        elif not len(child):
+            content[child.tag] = data if len(data) > 1 else "".join(data)
+    return content
 
 
 class _Matrix(BaseModel):

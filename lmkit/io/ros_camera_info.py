@@ -84,6 +84,14 @@ def read_camera_infos(left: Path, right: Path) -> StereoRig:
     """
     infos = [_read(path) for path in (left, right)]
     cameras = [_camera(path, info) for path, info in zip((left, right), infos, strict=True)]
+    for path, info in zip((left, right), infos, strict=True):
+        R = _array(info.rectification_matrix, (3, 3), "rectification_matrix", path)
+        if not np.linalg.det(R) > 0.9:
+            raise InputError(
+                "no_stereo",
+                f"{path}: rectification_matrix is not a rotation: the driver was not given a stereo calibration",
+                "give the pair as stereo calibration wrote it",
+            )
     R1, R2 = (
         orthonormal(_array(i.rectification_matrix, (3, 3), "rectification_matrix", p))
         for i, p in zip(infos, (left, right), strict=True)
@@ -92,13 +100,19 @@ def read_camera_infos(left: Path, right: Path) -> StereoRig:
         _array(i.projection_matrix, (3, 4), "projection_matrix", p) for i, p in zip(infos, (left, right), strict=True)
     )
     # Rectified, the right camera differs by a shift: P[:, 3] = K t.
-    shift = np.linalg.solve(P2[:, :3], P2[:, 3]) - np.linalg.solve(P1[:, :3], P1[:, 3])
+    shift = _shift(right, P2) - _shift(left, P1)
     if not shift.any():
         hint = "give the pair as stereo calibration wrote it, left file first"
         raise InputError(
             "no_stereo", f"{right}: projection_matrix has no baseline: these are two single cameras", hint
         )
     return StereoRig(cameras[0], cameras[1], Pose("right", "left", R2.T @ R1, R2.T @ shift))
+
+
+def _shift(path: Path, P: FloatArray) -> FloatArray:
+    if np.linalg.cond(P[:, :3]) > 1e12:
+        raise InputError("no_stereo", f"{path}: projection_matrix is singular", "give what stereo calibration wrote")
+    return np.asarray(np.linalg.solve(P[:, :3], P[:, 3]))
 
 
 def _read(path: Path) -> _CameraInfo:

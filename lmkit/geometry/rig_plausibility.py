@@ -1,0 +1,49 @@
+"""Whether a rig can be what its file says; every way in asks here (:func:`lmkit.io.any_rig.read_any_rig`)."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from lmkit.errors import InputError
+from lmkit.geometry.stereo_rig import StereoRig
+
+LONGEST_BASELINE_M = 10.0
+SHORTEST_BASELINE_M = 1e-3
+
+
+def require_plausible(rig: StereoRig, where: str) -> None:
+    """Refuse lengths that no stereo camera has.
+
+    Args:
+        where: the file, named in errors.
+
+    Raises:
+        InputError: ``implausible_baseline``.
+    """
+    baseline_m = rig.baseline_m
+    if baseline_m > LONGEST_BASELINE_M:
+        raise InputError(
+            "implausible_baseline",
+            f"{where}: a baseline of {baseline_m:g} m: are these millimetres ({baseline_m:g} mm)?",
+            "write lengths in metres; calibrations with boards in millimetres give millimetres",
+        )
+    if baseline_m < SHORTEST_BASELINE_M:
+        raise InputError(
+            "implausible_baseline",
+            f"{where}: a baseline of {baseline_m:g} m: the cameras stand at the same place",
+            "give the file of a stereo pair, with lengths in metres",
+        )
+
+
+def rig_warnings(rig: StereoRig, where: str) -> tuple[str, ...]:
+    """Sentences about what is possible, but seldom meant."""
+    x, y, z = (-rig.T_right_left.R.T @ rig.T_right_left.t).tolist()
+    if x < 0 and abs(x) > max(abs(y), abs(z)):
+        return (
+            f"{where}: the right camera is {-x:.3g} m to the left of the left one: "
+            "are the cameras swapped, or is the sign of T or P[0][3] wrong?",
+        )
+    angle_deg = float(np.rad2deg(np.linalg.norm(rig.T_right_left.rvec)))
+    if angle_deg > 90:
+        return (f"{where}: the cameras look {angle_deg:.0f} deg apart: is R the inverse, or of other axes?",)
+    return ()

@@ -1,0 +1,136 @@
+"""Rigs as ROS, OpenCV, Kalibr and OpenVINS users have them, and rigs that no camera can be."""
+
+from __future__ import annotations
+
+import warnings
+from dataclasses import replace
+
+import cv2
+import numpy as np
+import pytest
+import yaml
+
+from lmkit.errors import InputError, InputWarning
+from lmkit.geometry.pose import Pose
+from lmkit.io.any_rig import read_any_rig
+from lmkit.io.kalibr import rig_to_camchain
+from lmkit.io.opencv_rig import rig_to_opencv_yaml
+from lmkit.io.rig import rig_to_yaml
+from lmkit.io.ros_camera_info import FILES, rig_to_camera_infos
+from lmkit.simulation.scene import make_rig
+
+RIG = make_rig()
+
+
+def file(folder, text: str):
+    path = folder / "rig"
+    path.write_text(text)
+    return path
+
+
+def camera_infos(folder, change):
+    """Folder of camera_info files, each changed as a dict."""
+    for name, text in zip(FILES, rig_to_camera_infos(RIG), strict=True):
+        (folder / name).write_text(change(yaml.safe_load(text)))
+    return folder
+
+
+def as_message(info: dict) -> str:
+    keys = {
+        "K": "camera_matrix",
+        "D": "distortion_coefficients",
+        "R": "rectification_matrix",
+        "P": "projection_matrix",
+    }
+    lines = [f"height: {info['image_height']}", f"width: {info['image_width']}", "distortion_model: plumb_bob"]
+    lines += [f"{key}: {info[name]['data']}" for key, name in keys.items()]
+    return "header:\n  frame_id: cam\n" + "\n".join(lines) + "\n---\n"
+
+
+def as_camera_model(info: dict) -> str:
+    info["camera_model"] = info.pop("distortion_model")
+    return yaml.safe_dump(info)
+
+
+def assert_is_the_rig(found, atol=1e-6):
+    assert np.allclose(found.T_right_left.R, RIG.T_right_left.R, atol=atol)
+    assert np.allclose(found.T_right_left.t, RIG.T_right_left.t, atol=atol)
+    assert np.allclose(found.left.K, RIG.left.K)
+    assert found.right.image_size == RIG.right.image_size
+
+
+@pytest.mark.parametrize("change", [as_message, as_camera_model, lambda info: "\ufeff" + yaml.safe_dump(info)])
+def test_camera_info_as_ros_tools_write_it(tmp_path, change):
+    assert_is_the_rig(read_any_rig(camera_infos(tmp_path, change)))
+
+
+def test_a_camera_info_without_stereo_calibration_is_refused(tmp_path):
+    def zero(info: dict) -> str:
+        info["rectification_matrix"]["data"] = [0.0] * 9
+        return yaml.safe_dump(info)
+
+    with pytest.raises(InputError, match="not a rotation"):
+        read_any_rig(camera_infos(tmp_path, zero))
+
+
+def test_file_storage_in_xml(tmp_path):
+    storage = cv2.FileStorage(".xml", cv2.FILE_STORAGE_WRITE | cv2.FILE_STORAGE_MEMORY)
+    for name, camera in (("1", RIG.left), ("2", RIG.right)):
+        storage.write(f"M{name}", np.array(camera.K))
+        storage.write(f"D{name}", np.array(camera.distortion).reshape(1, -1))
+    storage.write("R", np.array(RIG.T_right_left.R))
+    storage.write("T", np.array(RIG.T_right_left.t).reshape(3, 1))
+    storage.write("image_width", RIG.left.image_size[0])
+    storage.write("image_height", RIG.left.image_size[1])
+    text = str(storage.releaseAndGetString())
+    assert_is_the_rig(read_any_rig(file(tmp_path, text)))
+    with pytest.raises(InputError, match="declarations"):
+        read_any_rig(
+            file(tmp_path, text.replace("<opencv_storage>", '<!DOCTYPE a [<!ENTITY b "b">]><opencv_storage>'))
+        )
+
+
+def test_opencv_matrices_by_other_names_and_a_byte_order_mark(tmp_path):
+    text = rig_to_opencv_yaml(RIG)
+    for old, new in (
+        ("M1:", "cameraMatrixL:"),
+        ("M2:", "cameraMatrixR:"),
+        ("D1:", "distCoeffsL:"),
+        ("D2:", "distCoeffsR:"),
+    ):
+        text = text.replace(old, new)
+    assert_is_the_rig(read_any_rig(file(tmp_path, "\ufeff" + text)))
+
+
+@pytest.mark.parametrize("inverse", [False, True])
+def test_cameras_related_through_an_imu(tmp_path, inverse):
+    """Kalibr's T_cam_imu of both cameras, and the inverse that OpenVINS writes."""
+    chain = yaml.safe_load(rig_to_camchain(RIG)[0])
+    T_left_imu, T_right_left = np.eye(4), np.array(chain["cam1"].pop("T_cn_cnm1"))
+    T_left_imu[:3, :3] = Pose.from_rvec("left", "imu", np.array([0.4, -1.0, 0.3]), np.zeros(3)).R
+    T_left_imu[:3, 3] = [0.02, -0.01, 0.05]
+    for name, T in (("cam0", T_left_imu), ("cam1", T_right_left @ T_left_imu)):
+        chain[name]["T_imu_cam" if inverse else "T_cam_imu"] = (np.linalg.inv(T) if inverse else T).tolist()
+    text = yaml.safe_dump(chain)
+    assert_is_the_rig(read_any_rig(file(tmp_path, "%YAML:1.0\n\n" + text if inverse else text)))
+
+
+def test_another_camera_model_is_named(tmp_path):
+    text = rig_to_camchain(RIG)[0].replace("camera_model: pinhole", "camera_model: omni")
+    with pytest.raises(InputError, match="'omni' is not read"):
+        read_any_rig(file(tmp_path, text))
+
+
+@pytest.mark.parametrize("write", [rig_to_yaml, rig_to_opencv_yaml, lambda rig: rig_to_camchain(rig)[0]])
+def test_what_no_rig_can_be_is_refused_or_named_on_every_way_in(tmp_path, write):
+    def moved(t) -> str:
+        return write(replace(RIG, T_right_left=Pose("right", "left", RIG.T_right_left.R, t)))
+
+    t = np.array(RIG.T_right_left.t)
+    with pytest.raises(InputError, match="millimetres"):
+        read_any_rig(file(tmp_path, moved(1000 * t)))
+    with pytest.warns(InputWarning, match="are the cameras swapped"):
+        read_any_rig(file(tmp_path, moved(-t)))
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        read_any_rig(file(tmp_path, moved(t)))
