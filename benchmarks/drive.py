@@ -44,13 +44,13 @@ def main(folder: Path) -> None:
     T_base_left = Pose.from_quaternion("base", "left", body["position"], body["quaternion_xyzw"])
     rig = StereoRig(eyes.left, eyes.right, eyes.T_right_left, T_base_left)
     pictures = folder / "images"
-    moments = list(see_drive(f"{pictures}/*_L.jpg", f"{pictures}/*_R.jpg", rig, (LM8,), truth["timing"]["camera_hz"]))
+    frames = list(see_drive(f"{pictures}/*_L.jpg", f"{pictures}/*_R.jpg", rig, (LM8,), truth["timing"]["camera_hz"]))
     wheels = read_odometry(folder / "odometry.csv"), read_gyro(folder / "gyro.csv")
     hung = LandmarkMap([m for room in truth["maps"] for m in true_map(truth, int(room))])
     anchor = hung.find(LandmarkId("lm8", truth["anchor"]["id"]))
     assert anchor is not None
-    sizes = {o.id: 0.18 for m in moments for o in (*m.left, *m.right)}
-    survey = survey_frames(moments, rig, sizes, {anchor.id: Anchor(anchor, None)}, MotionModel(*wheels))
+    sizes = {o.id: 0.18 for m in frames for o in (*m.left, *m.right)}
+    survey = survey_frames(frames, rig, sizes, {anchor.id: Anchor(anchor, None)}, MotionModel(*wheels))
     poses = []
     for pair in truth["pairs"]:
         world = pair["T_world_left"]
@@ -58,21 +58,21 @@ def main(folder: Path) -> None:
     trajectory = [off(found, poses[k]) for k, found in zip(survey.rows, survey.bundle.left_poses(), strict=True)]
     known = [(m, true) for m in survey.landmarks if (true := hung.find(m.id)) is not None]
     places = [off(m.T_map_landmark, true.T_map_landmark) for m, true in known]
-    print(f"survey: {len(survey.rows)} of {len(moments)} frames, {len(survey.landmarks)} landmarks")
+    print(f"survey: {len(survey.rows)} of {len(frames)} frames, {len(survey.landmarks)} landmarks")
     print(
         f"  trajectory {rms([cm for cm, _ in trajectory]):.2f} cm, {rms([deg for _, deg in trajectory]):.2f} deg rmse"
     )
     print(f"  map        {rms([cm for cm, _ in places]):.2f} cm, {rms([deg for _, deg in places]):.2f} deg rmse")
     print(f"  odd {[odd.id.code for odd in survey.odd]}, unplaced {survey.unplaced}")
-    drive = track_pictures(moments, rig, hung, MotionModel(*wheels))
-    times = [moment.time_s for moment in moments]
+    drive = track_pictures(frames, rig, hung, MotionModel(*wheels))
+    times = [frame.time_s for frame in frames]
     tracked = [
         off(pose, poses[times.index(time_s)] @ T_base_left.inverse())
         for time_s, pose in zip(drive.times_s.tolist(), drive.poses, strict=True)
     ]
     print(f"track by the true map: {len(tracked)} frames")
     print(f"  trajectory {rms([cm for cm, _ in tracked]):.2f} cm, {rms([deg for _, deg in tracked]):.2f} deg rmse")
-    live = track_pictures_live(moments, rig, hung, *wheels)
+    live = track_pictures_live(frames, rig, hung, *wheels)
     errors, nees = [], []
     for time_s, pose, C in zip(live.times_s.tolist(), live.poses, live.covariances, strict=True):
         true = poses[times.index(time_s)] @ T_base_left.inverse()

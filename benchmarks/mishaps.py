@@ -43,22 +43,22 @@ Seen = tuple[Detection, ...]
 
 @dataclass(frozen=True)
 class Case:
-    moments: Sequence[StereoFrame]
+    frames: Sequence[StereoFrame]
     odometry: Odometry
     gyro: Gyro | None
     touched: frozenset[int] = frozenset()
 
 
-def each_eye(moment: StereoFrame, change: Callable[[Seen], Seen]) -> StereoFrame:
-    return replace(moment, left=change(moment.left), right=change(moment.right))
+def each_eye(frame: StereoFrame, change: Callable[[Seen], Seen]) -> StereoFrame:
+    return replace(frame, left=change(frame.left), right=change(frame.right))
 
 
 def cases(drive: Drive, seed: int) -> list[Case]:
     """As in NAMES."""
-    rng, half = np.random.default_rng(seed), len(drive.moments) // 2
-    codes = list(dict.fromkeys(o.code for moment in drive.moments for o in moment.left))[1:]
+    rng, half = np.random.default_rng(seed), len(drive.frames) // 2
+    codes = list(dict.fromkeys(o.code for frame in drive.frames for o in frame.left))[1:]
     a, b, moved = (int(code) for code in rng.choice(codes, 3, replace=False))
-    plain = Case(drive.moments, drive.odometry, drive.gyro)
+    plain = Case(drive.frames, drive.odometry, drive.gyro)
 
     def exchanged(seen: Seen) -> Seen:
         return tuple(replace(o, id=LandmarkId("lm8", {a: b, b: a}.get(o.code, o.code))) for o in seen)
@@ -66,11 +66,11 @@ def cases(drive: Drive, seed: int) -> list[Case]:
     T = drive.landmarks.find(LandmarkId("lm8", moved)).T_map_landmark
     place = np.array([ROOM_M[0] - T.t[0], ROOM_M[1] - T.t[1], T.t[2]])
     across = Pose("map", "landmark", np.diag([-1.0, -1.0, 1.0]) @ T.R, place)
-    hung = LandmarkMap([replace(m, T_map_landmark=across) if m.code == moved else m for m in drive.landmarks])
+    mapped = LandmarkMap([replace(m, T_map_landmark=across) if m.code == moved else m for m in drive.landmarks])
 
     def seen_again(k: int) -> StereoFrame:
-        left, right = look(hung, drive.rig, drive.pose(k), NOISE_PX, rng)
-        return replace(drive.moments[k], left=left, right=right)
+        left, right = look(mapped, drive.rig, drive.pose(k), NOISE_PX, rng)
+        return replace(drive.frames[k], left=left, right=right)
 
     def small(seen: Seen) -> Seen:
         return tuple(o for o in seen if np.linalg.norm(o.corners[0] - o.corners[1]) < LARGEST_PX)
@@ -81,12 +81,12 @@ def cases(drive: Drive, seed: int) -> list[Case]:
         plain,
         replace(
             plain,
-            moments=[m if k < half else each_eye(m, exchanged) for k, m in enumerate(drive.moments)],
+            frames=[m if k < half else each_eye(m, exchanged) for k, m in enumerate(drive.frames)],
             touched=frozenset({a, b}),
         ),
         replace(
             plain,
-            moments=[m if k < half else seen_again(k) for k, m in enumerate(drive.moments)],
+            frames=[m if k < half else seen_again(k) for k, m in enumerate(drive.frames)],
             touched=frozenset({moved}),
         ),
         replace(plain, odometry=Odometry(o.times_s[on], o.forward_m[on], o.turn_rad[on])),
@@ -95,18 +95,18 @@ def cases(drive: Drive, seed: int) -> list[Case]:
             odometry=Odometry(np.where(o.times_s > 30, o.times_s + 2.0, o.times_s), o.forward_m, o.turn_rad),
             gyro=None,
         ),
-        replace(plain, moments=[each_eye(m, small) for m in drive.moments]),
+        replace(plain, frames=[each_eye(m, small) for m in drive.frames]),
     ]
 
 
 def outcome(drive: Drive, case: Case, wheels: bool) -> tuple[bool, bool]:
     """Bent, and named."""
-    seen = list(dict.fromkeys(o.code for moment in case.moments for o in moment.left))
+    seen = list(dict.fromkeys(o.code for frame in case.frames for o in frame.left))
     anchor = drive.landmarks.find(LandmarkId("lm8", next(code for code in seen if code not in case.touched)))
     sizes = {m.id: m.size_m for m in drive.landmarks}
     motion = MotionModel(case.odometry, case.gyro) if wheels else None
     try:
-        survey = survey_frames(case.moments, drive.rig, sizes, {anchor.id: Anchor(anchor, None)}, motion)
+        survey = survey_frames(case.frames, drive.rig, sizes, {anchor.id: Anchor(anchor, None)}, motion)
     except LmkitError:
         return False, True
     named = survey.odd or survey.bundle.jumps or survey.unplaced or survey.ambiguous

@@ -51,12 +51,12 @@ def load(folder: Path) -> tuple[dict[int, np.ndarray], list[Instant]]:
     for robot in range(1, 6):
         truth, measured = (table(folder, f"Robot{robot}_{what}") for what in ("Groundtruth", "Measurement"))
         heading = np.unwrap(truth[:, 3])
-        moments: dict[float, list[RangeBearing]] = {}
+        frames: dict[float, list[RangeBearing]] = {}
         for time, code, distance, bearing in measured:
             seen = subject.get(int(code), -1)
             if seen in places and truth[0, 0] < time < truth[-1, 0]:
-                moments.setdefault(time, []).append(RangeBearing(LandmarkId("lm8", seen), distance, bearing, time))
-        for time, readings in moments.items():
+                frames.setdefault(time, []).append(RangeBearing(LandmarkId("lm8", seen), distance, bearing, time))
+        for time, readings in frames.items():
             at = [np.interp(time, truth[:, 0], column) for column in (truth[:, 1], truth[:, 2], heading)]
             instants.append(Instant(readings, np.array(at)))
     return places, instants

@@ -86,13 +86,13 @@ def live_wheels() -> Iterator[float]:
     drive = make_drive(1)
     filter_, rows = RigFilter(drive.landmarks, drive.rig), 0
     odometry = drive.odometry
-    for moment in drive.moments:
-        while rows < len(odometry.times_s) and odometry.times_s[rows] <= moment.time_s:
+    for frame in drive.frames:
+        while rows < len(odometry.times_s) and odometry.times_s[rows] <= frame.time_s:
             filter_.wheels.add_odometry(
                 float(odometry.times_s[rows]), float(odometry.forward_m[rows]), float(odometry.turn_rad[rows])
             )
             rows += 1
-        yield timed(lambda moment=moment: filter_.observe(moment.time_s, moment.left, moment.right))
+        yield timed(lambda frame=frame: filter_.observe(frame.time_s, frame.left, frame.right))
 
 
 def live_poses() -> Iterator[float]:
@@ -100,9 +100,9 @@ def live_poses() -> Iterator[float]:
     drive = make_drive(1)
     odometry = drive.visual_odometry(1)
     filter_ = PoseFilter(drive.landmarks, drive.rig)
-    for k, moment in enumerate(drive.moments):
+    for k, frame in enumerate(drive.frames):
         filter_.add_odometry(float(odometry.times_s[k]), odometry.pose(k, "odometry", "base"))
-        yield timed(lambda moment=moment: filter_.observe(moment.time_s, moment.left, moment.right))
+        yield timed(lambda frame=frame: filter_.observe(frame.time_s, frame.left, frame.right))
 
 
 def survey() -> Iterator[float]:
@@ -110,7 +110,7 @@ def survey() -> Iterator[float]:
     drive = make_drive(3, seconds=100.0, hz=5.0, count=100)
     sizes = {m.id: m.size_m for m in drive.landmarks}
     for _ in range(3):
-        yield timed(lambda: survey_frames(drive.moments, drive.rig, sizes, {}))
+        yield timed(lambda: survey_frames(drive.frames, drive.rig, sizes, {}))
 
 
 def calibrate() -> Iterator[float]:

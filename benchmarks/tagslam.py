@@ -82,32 +82,32 @@ def main() -> None:
     folder, (metres, degrees) = arguments.folder, map(float, arguments.sigma.split(","))
     unpacked = Path("/tmp/tag_detections.csv")
     unpacked.write_bytes(gzip.decompress((folder / "tag_detections.csv.gz").read_bytes()))
-    moments = read_detections(unpacked, ["lm8"])[:: arguments.every]
+    frames = read_detections(unpacked, ["lm8"])[:: arguments.every]
     # The detector's corners run against the clock from bottom left.
-    moments = [
+    frames = [
         replace(
             m,
             **{eye: tuple(replace(o, corners=o.corners[::-1]) for o in getattr(m, eye)) for eye in ("left", "right")},
         )
-        for m in moments
+        for m in frames
     ]
     rig, hand = load_rig(folder), load_hand_measured(folder)
     covariance = np.diag([metres**2] * 3 + [np.deg2rad(degrees) ** 2] * 3)
-    seen = {o.id for m in moments for o in (*m.left, *m.right)}
+    seen = {o.id for m in frames for o in (*m.left, *m.right)}
     anchors = {("tag36h11", code): Anchor(m, covariance) for code, m in hand.items()}
     sizes = {key: hand[key[1]].size_m if key[1] in hand else 0.15 for key in seen}
     poses = Path("/tmp/vio.tum")
     poses.write_bytes(gzip.decompress((folder / "vio.tum.gz").read_bytes()))
     motion = None if arguments.no_odometry else PoseMotion(read_trajectory(poses))
     start = time.perf_counter()
-    result = survey_frames(moments, rig, sizes, anchors, motion)
+    result = survey_frames(frames, rig, sizes, anchors, motion)
     took = time.perf_counter() - start
     refined = json.loads((folder / "tags_refined_from_reference_tf.json").read_text())
     found = {m.code: m.T_map_landmark.t for m in result.bundle.landmarks}
     codes = [code for _, code in sorted(seen) if f"tag_{code}" in refined and code in found and code in hand]
     off = np.array([np.linalg.norm(found[code] - refined[f"tag_{code}"][:3]) for code in codes])
     before = np.array([np.linalg.norm(hand[code].T_map_landmark.t - refined[f"tag_{code}"][:3]) for code in codes])
-    print(f"{len(moments)} frames, {len(result.rows)} located, {len(codes)} tags seen, {took:.1f} s")
+    print(f"{len(frames)} frames, {len(result.rows)} located, {len(codes)} tags seen, {took:.1f} s")
     for name, values in (("hand measured", before), ("surveyed", off)):
         print(
             f"tags, {name}: {100 * np.median(values):.1f} cm median, {100 * np.percentile(values, 90):.1f} cm at 90 %"

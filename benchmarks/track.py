@@ -38,18 +38,18 @@ def load(
     truth, measured, odometry = (
         table(folder, f"Robot{robot}_{what}") for what in ("Groundtruth", "Measurement", "Odometry")
     )
-    moments: dict[float, list[RangeBearing]] = {}
+    frames: dict[float, list[RangeBearing]] = {}
     for time_s, code, distance, bearing in measured:
         seen = subject.get(int(code), -1)
         if seen in places and truth[0, 0] < time_s < truth[-1, 0]:
-            moments.setdefault(time_s, []).append(RangeBearing(LandmarkId("lm8", seen), distance, bearing, time_s))
+            frames.setdefault(time_s, []).append(RangeBearing(LandmarkId("lm8", seen), distance, bearing, time_s))
     odometry = odometry[np.diff(odometry[:, 0], prepend=-1.0) > 0]
     hung = [
         MappedLandmark(LandmarkId("lm8", k), 0.18, Pose("map", "landmark", np.eye(3), np.array([*place, 0.0])))
         for k, place in places.items()
     ]
     wheels = Odometry.from_velocities(odometry[:, 0], odometry[:, 1], odometry[:, 2])
-    return sorted(moments.items()), wheels, LandmarkMap(hung), truth
+    return sorted(frames.items()), wheels, LandmarkMap(hung), truth
 
 
 def errors(drive: TrackedTrajectory, truth: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -71,17 +71,17 @@ def main(folder: Path) -> None:
     print("|---|---|---|---|---|---|---|---|---|")
     everything: dict[str, list[tuple[np.ndarray, np.ndarray]]] = {"smoother": [], "live": []}
     for robot in range(1, 6):
-        moments, wheels, landmarks, truth = load(folder, robot)
+        frames, wheels, landmarks, truth = load(folder, robot)
         row = f"| {robot} |"
         for name, follow in (("smoother", track_readings), ("live", track_live)):
             start = time.perf_counter()
-            drive = follow(moments, wheels, None, landmarks)
+            drive = follow(frames, wheels, None, landmarks)
             took = time.perf_counter() - start
             off, nees = errors(drive, truth)
             everything[name].append((off, nees))
             row += _cells(off, nees)
-        lost = len(moments) - sum(status == "ok" for status in drive.statuses)
-        print(f"{row} {lost} of {len(moments)} | {1000 * took / len(moments):.2f} |")
+        lost = len(frames) - sum(status == "ok" for status in drive.statuses)
+        print(f"{row} {lost} of {len(frames)} | {1000 * took / len(frames):.2f} |")
     row = "| all |"
     for parts in everything.values():
         row += _cells(np.concatenate([off for off, _ in parts]), np.concatenate([nees for _, nees in parts]))
@@ -96,8 +96,8 @@ def main(folder: Path) -> None:
 
 def surveyed_errors(folder: Path, robot: int) -> tuple[np.ndarray, np.ndarray]:
     """(L,2) of the landmarks (m), and (N,3) of the recording, x, y, heading."""
-    moments, wheels, landmarks, truth = load(folder, robot)
-    found, drive = survey_readings(moments, wheels, None, 0.18)
+    frames, wheels, landmarks, truth = load(folder, robot)
+    found, drive = survey_readings(frames, wheels, None, 0.18)
     true = np.array([landmarks.find(m.id).T_map_landmark.t[:2] for m in found])
     own = np.array([m.T_map_landmark.t[:2] for m in found])
     U, _, Vt = np.linalg.svd((own - own.mean(axis=0)).T @ (true - true.mean(axis=0)))

@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from lmkit.evaluation.trajectory_error import TrajectoryError
     from lmkit.geometry.stereo_rig import StereoRig
     from lmkit.mapping.survey import Survey
-    from lmkit.mapping.wall_constraints import Tie
+    from lmkit.mapping.wall_constraints import LandmarkConstraint
     from lmkit.model.landmark_map import LandmarkMap
     from lmkit.model.tracked_trajectory import TrackedTrajectory
     from lmkit.odometry.motion_model import Motion
@@ -28,7 +28,7 @@ def survey(
     size: float | str = "180mm",
     known: LandmarkMap | PathLike | None = None,
     known_sigma: tuple[float, float] | None = None,
-    constraints: Sequence[Tie] = (),
+    constraints: Sequence[LandmarkConstraint] = (),
 ) -> Survey:
     """Build the landmark map from a recording.
 

@@ -37,9 +37,9 @@ def locate_readings(
     if not math.isfinite(time_offset):
         raise InputError("bad_offset", f"--time-offset {time_offset:g} is not a time", "give seconds, such as 0.2")
     noise = parse_noise(range_sigma, bearing_sigma)
-    moments = read_readings(path, landmarks.families)
+    frames = read_readings(path, landmarks.families)
     located = 0
-    for time_s, seen in moments.items():
+    for time_s, seen in frames.items():
         estimate = locate_planar(seen, landmarks, noise)
         located += estimate.pose is not None
         if as_json:
@@ -48,4 +48,4 @@ def locate_readings(
             print_line(f"{time_s - time_offset:g} s: {planar_line(estimate)}")
     if located == 0:
         hint = "two landmarks of the map are needed at once"
-        raise NegativeAnswer("not_located", f"no pose at any of {len(moments)} times of {path}", hint)
+        raise NegativeAnswer("not_located", f"no pose at any of {len(frames)} times of {path}", hint)

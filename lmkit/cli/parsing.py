@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from lmkit.calibration.sanity_checks import Declared
     from lmkit.localization.pose_prior import PosePrior
     from lmkit.localization.range_bearing_noise import ReadingNoise
-    from lmkit.mapping.wall_constraints import Tie
+    from lmkit.mapping.wall_constraints import LandmarkConstraint
     from lmkit.model.board import BoardSpec
     from lmkit.planning.coverage import Demand
 
@@ -83,16 +83,18 @@ def _tilt(planar: str, tilt: str) -> float:
     return down
 
 
-def parse_constraints(walls: list[str], heights: list[str], sigma: str | None, families: Sequence[str]) -> list[Tie]:
+def parse_constraints(
+    walls: list[str], heights: list[str], sigma: str | None, families: Sequence[str]
+) -> list[LandmarkConstraint]:
     """Constraints from ``--wall`` and ``--same-height``, with the standard deviations of ``--wall-sigma``."""
-    from lmkit.mapping.wall_constraints import Tie
+    from lmkit.mapping.wall_constraints import LandmarkConstraint
     from lmkit.model.landmark_id import LandmarkId
     from lmkit.units import parse_sigma
 
     if sigma is not None and not walls and not heights:
         raise InputError("no_wall", "--wall-sigma needs --wall or --same-height", "add --wall 12,44,137")
     spread = parse_sigma(sigma or WALL_SIGMA, "--wall-sigma", f"give a length and an angle, such as {WALL_SIGMA}")
-    ties = []
+    constraints = []
     for kind, name, texts in (("wall", "--wall", walls), ("height", "--same-height", heights)):
         for text in texts:
             words = [word.strip() for word in text.split(",")]
@@ -100,8 +102,8 @@ def parse_constraints(walls: list[str], heights: list[str], sigma: str | None, f
             if len(ids) < 2 or len(ids) < len(words):
                 hint = f"list each code once, such as {name} 12,44,137"
                 raise InputError("bad_codes", f"{name} {text} does not list two or more codes", hint)
-            ties.append(Tie(kind, ids, *spread))
-    return ties
+            constraints.append(LandmarkConstraint(kind, ids, *spread))
+    return constraints
 
 
 def parse_board(board: str | None, measured: str | None) -> BoardSpec:

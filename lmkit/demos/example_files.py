@@ -61,13 +61,13 @@ def write_example_files(
     recording = make_drive(3, seconds, size_m=ROOM_M)
     rng = np.random.default_rng(3)
     room = furnish_room(rng, recording.landmarks, (*ROOM_M, HEIGHT_M))
-    seen = max(range(len(recording.moments)), key=lambda k: _readable(recording, k))
+    seen = max(range(len(recording.frames)), key=lambda k: _readable(recording, k))
     truth = [(float(t), recording.pose(k)) for k, t in enumerate(recording.times_s)]
     files: dict[str, bytes | str] = {
         "rig.yaml": rig_to_yaml(recording.rig),
         "map.yaml": map_to_yaml(recording.landmarks),
         "floor.yaml": FLOOR.format(*ROOM_M),
-        "detections.csv": detections_to_csv(recording.moments),
+        "detections.csv": detections_to_csv(recording.frames),
         "odometry.csv": odometry_to_csv(recording.odometry),
         "gyro.csv": gyro_to_csv(recording.gyro),
         "truth.tum": poses_to_tum(truth),
@@ -87,7 +87,7 @@ def write_example_files(
 
 def _readable(recording: Drive, k: int) -> tuple[int, float]:
     """Landmarks in view of both cameras in frame k, and the sum of their sizes."""
-    frame = recording.moments[k]
+    frame = recording.frames[k]
     both = {d.code for d in frame.left} & {d.code for d in frame.right}
     return len(both), float(sum(np.ptp(d.corners, axis=0).max() for d in frame.left))
 

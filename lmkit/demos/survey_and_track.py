@@ -57,9 +57,9 @@ class DriveErrors:
 def run_drive_demo(folder: Path, seed: int, count: int) -> DriveErrors:
     """Drive, survey, track, and compare with the truth; everything is written into ``folder``."""
     drive = make_drive(seed, SECONDS, count=count, errors=WheelErrors(slips=1))
-    half = len(drive.moments) // 2
-    survey = _survey(drive, drive.moments[:half])
-    late = drive.moments[half:]
+    half = len(drive.frames) // 2
+    survey = _survey(drive, drive.frames[:half])
+    late = drive.frames[half:]
     smooth = track_pictures(late, drive.rig, survey.landmarks, MotionModel(drive.odometry, drive.gyro))
     live = track_live(drive.readings(seed)[half:], drive.odometry, drive.gyro, survey.landmarks)
     _write(folder, drive, survey, smooth)
@@ -88,10 +88,10 @@ def run_drive_demo(folder: Path, seed: int, count: int) -> DriveErrors:
     )
 
 
-def _survey(drive: Drive, moments: tuple[StereoFrame, ...]) -> Survey:
+def _survey(drive: Drive, frames: tuple[StereoFrame, ...]) -> Survey:
     """The first landmark seen is the one whose place is known."""
     sizes = {m.id: m.size_m for m in drive.landmarks}
-    first = next((o for moment in moments for o in moment.left), None)
+    first = next((o for frame in frames for o in frame.left), None)
     if first is None:
         raise InputError(
             "nothing_seen",
@@ -101,7 +101,7 @@ def _survey(drive: Drive, moments: tuple[StereoFrame, ...]) -> Survey:
     anchor = drive.landmarks.find(first.id)
     assert anchor is not None
     motion = MotionModel(drive.odometry, drive.gyro)
-    return survey_frames(moments, drive.rig, sizes, {first.id: Anchor(anchor, None)}, motion)
+    return survey_frames(frames, drive.rig, sizes, {first.id: Anchor(anchor, None)}, motion)
 
 
 def _off(drive: Drive, tracked: TrackedTrajectory) -> list[tuple[float, float]]:
@@ -125,12 +125,12 @@ def _write(folder: Path, drive: Drive, survey: Survey, smooth: TrackedTrajectory
         Found(f"{smooth.times_s[k]:.0f} s", smooth.looking(k), smooth.covariances[k][:2, :2])
         for k in range(0, len(smooth.poses), step)
     ]
-    true = [ahead_of(drive.pose(len(drive.moments) // 2 + k)) for k in range(0, len(smooth.poses), step)]
+    true = [ahead_of(drive.pose(len(drive.frames) // 2 + k)) for k in range(0, len(smooth.poses), step)]
     for name, data in (
         ("rig.yaml", rig_to_yaml(drive.rig).encode()),
         ("true_map.yaml", map_to_yaml(drive.landmarks).encode()),
         ("map.yaml", map_to_yaml(survey.landmarks).encode()),
-        ("detections.csv", detections_to_csv(drive.moments).encode()),
+        ("detections.csv", detections_to_csv(drive.frames).encode()),
         ("odometry.csv", odometry_to_csv(drive.odometry).encode()),
         ("gyro.csv", gyro_to_csv(drive.gyro).encode()),
         ("trajectory.tum", poses_to_tum(poses).encode()),

@@ -29,7 +29,7 @@ def read_readings(path: Path, families: Sequence[str]) -> dict[float, list[Range
         raise InputError(
             "bad_header", f"{path}: line 1 is {','.join(header)!r}", f"write the header {','.join(COLUMNS)}"
         )
-    moments: dict[float, list[RangeBearing]] = {}
+    frames: dict[float, list[RangeBearing]] = {}
     for number, row in enumerate(rows[1:], start=2):
         if not row:
             continue
@@ -53,7 +53,7 @@ def read_readings(path: Path, families: Sequence[str]) -> dict[float, list[Range
             id_ = LandmarkId.parse(f"{row[4].strip()}:{code}" if len(row) > 4 else code, families)
         except InputError as error:
             raise InputError(error.code, f"{path}: line {number}: {error.message}", error.hint) from None
-        moments.setdefault(time, []).append(RangeBearing(id_, distance, bearing, time))
-    if not moments:
+        frames.setdefault(time, []).append(RangeBearing(id_, distance, bearing, time))
+    if not frames:
         raise InputError("no_readings", f"{path}: holds no readings", "write one reading a line")
-    return moments
+    return frames

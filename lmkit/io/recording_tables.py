@@ -88,7 +88,7 @@ def read_detections(path: Path, families: Sequence[str]) -> list[StereoFrame]:
             "bad_header", f"{path}: line 1 is {','.join(header)}", f"write the columns {','.join(DETECTION_COLUMNS)}"
         )
     known = ("tag36h11",) if "tag_id" in [cell.strip() for cell in rows[0]] else tuple(families)
-    moments: dict[float, dict[str, list[Detection]]] = {}
+    frames: dict[float, dict[str, list[Detection]]] = {}
     for number, row in enumerate(rows[1:], start=2):
         if not row:
             continue
@@ -111,25 +111,25 @@ def read_detections(path: Path, families: Sequence[str]) -> list[StereoFrame]:
             raise InputError(
                 "bad_detection", f"{path}: line {number} is no detection ({error})", "see docs/formats.md"
             ) from None
-        moments.setdefault(time, {"left": [], "right": []})[eye].append(observation)
-    if not moments:
+        frames.setdefault(time, {"left": [], "right": []})[eye].append(observation)
+    if not frames:
         raise InputError("no_detections", f"{path}: holds no detections", "write one detection a line")
     return [
         StereoFrame(time, tuple(seen["left"]), tuple(seen["right"]), f"{time:.6f}")
-        for time, seen in sorted(moments.items())
+        for time, seen in sorted(frames.items())
     ]
 
 
-def detections_to_csv(moments: Sequence[StereoFrame]) -> str:
+def detections_to_csv(frames: Sequence[StereoFrame]) -> str:
     """The text of a detections file; frames at which nothing was seen are left out."""
     lines = [",".join(("time_s", "camera", "family", "code", *CORNERS, "sigma_px"))]
-    for moment in moments:
-        for eye, seen in (("left", moment.left), ("right", moment.right)):
+    for frame in frames:
+        for eye, seen in (("left", frame.left), ("right", frame.right)):
             for o in seen:
                 numbers = ",".join(f"{v:.4f}" for v in o.corners.ravel())
                 C = o.covariance
                 sigma_px = CORNER_SIGMA_PX if C is None else math.sqrt(float(np.trace(C)) / 8)
-                lines.append(f"{moment.time_s:.6f},{eye},{o.family},{o.code},{numbers},{sigma_px:.4f}")
+                lines.append(f"{frame.time_s:.6f},{eye},{o.family},{o.code},{numbers},{sigma_px:.4f}")
     return "\n".join(lines) + "\n"
 
 

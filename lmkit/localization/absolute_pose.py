@@ -75,14 +75,14 @@ def locate_rig(
     Args:
         left, right: detections in the two images, corners in pixels as delivered.
     """
-    eyes = [
+    cameras = [
         (left, rig.left, np.eye(3), np.zeros(3)),
         (right, rig.right, rig.T_right_left.R, rig.T_right_left.t),
     ]
     options = options or LocateOptions()
-    estimate = _locate(eyes, landmarks, options)
+    estimate = _locate(cameras, landmarks, options)
     if estimate.status == PoseStatus.INCONSISTENT and left and right:
-        swapped = [(right, *eyes[0][1:]), (left, *eyes[1][1:])]
+        swapped = [(right, *cameras[0][1:]), (left, *cameras[1][1:])]
         if _locate(swapped, landmarks, options).T_map_camera is not None:
             return PoseEstimate(PoseStatus.SWAPPED, outliers=estimate.outliers)
     return estimate
@@ -101,8 +101,8 @@ def locate_camera(
 _Eye = tuple[Sequence[Detection], CameraModel, FloatArray, FloatArray]
 
 
-def _locate(eyes: Sequence[_Eye], landmarks: LandmarkMap, options: LocateOptions) -> PoseEstimate:
-    seen = Correspondences(eyes, landmarks, options.corner_floor_px)
+def _locate(cameras: Sequence[_Eye], landmarks: LandmarkMap, options: LocateOptions) -> PoseEstimate:
+    seen = Correspondences(cameras, landmarks, options.corner_floor_px)
     if not len(seen):
         return PoseEstimate(PoseStatus.NO_LANDMARKS, outliers=tuple(sorted(seen.twice)))
     hypotheses = _hypotheses(seen)
@@ -110,10 +110,10 @@ def _locate(eyes: Sequence[_Eye], landmarks: LandmarkMap, options: LocateOptions
         return PoseEstimate(PoseStatus.INCONSISTENT, outliers=tuple(sorted({*seen.ids, *seen.twice})))
     found = _candidates(seen, *hypotheses, options)
     poses, cost = found.poses, found.cost
-    inliers = found.misfits < 8 * options.outlier_sigma**2
+    inliers = found.chi2 < 8 * options.outlier_sigma**2
     ids, explained = set(seen.ids), seen.ids_of(inliers[0])
     # A camera that sees landmarks of the map, but none where it should, is not where the rig says.
-    blind = any(eye.rows.stop > eye.rows.start and not inliers[0, eye.rows].any() for eye in seen.eyes)
+    blind = any(eye.rows.stop > eye.rows.start and not inliers[0, eye.rows].any() for eye in seen.cameras)
     if blind or 2 * len(explained) < len(ids) or (len(ids) > 1 and len(explained) < 2):
         return PoseEstimate(PoseStatus.INCONSISTENT, outliers=tuple(sorted(ids | seen.twice)))
     best = poses.only(np.array([0]))
@@ -124,7 +124,7 @@ def _locate(eyes: Sequence[_Eye], landmarks: LandmarkMap, options: LocateOptions
     ratios = cost - cost[0]
     wide = bool(reach_m > options.far_m or reach_rad > options.far_rad)
     rivalled = len(cost) > 1 and float(ratios[1]) < options.ambiguous_below
-    pixels = seen.misfits_and_pixels(best)[1][0][inliers[0]]
+    pixels = seen.chi2_and_pixels(best)[1][0][inliers[0]]
     return PoseEstimate(
         status=PoseStatus.AMBIGUOUS if rivalled else PoseStatus.IMPRECISE if wide else PoseStatus.OK,
         T_map_camera=poses.pose(0),
@@ -145,20 +145,20 @@ class _Candidates:
     """H poses with the residuals (H,S) of all observations and their costs (H,)."""
 
     poses: PoseArray
-    misfits: FloatArray
+    chi2: FloatArray
     cost: FloatArray
 
     @classmethod
-    def judged(cls, poses: PoseArray, misfits: FloatArray, options: LocateOptions) -> _Candidates:
+    def judged(cls, poses: PoseArray, chi2: FloatArray, options: LocateOptions) -> _Candidates:
         """With negative log likelihoods; an observation that is not explained costs as much as one just explained."""
-        cost = np.minimum(misfits, 8 * options.outlier_sigma**2).sum(axis=1) / 2
+        cost = np.minimum(chi2, 8 * options.outlier_sigma**2).sum(axis=1) / 2
         if options.prior is not None:
             cost = cost + (options.prior.residuals(poses.R, poses.t) ** 2).sum(axis=1) / 2
-        return cls(poses, misfits, cost)
+        return cls(poses, chi2, cost)
 
     def only(self, rows: IntArray) -> _Candidates:
         """Some of them."""
-        return _Candidates(self.poses.only(rows), self.misfits[rows], self.cost[rows])
+        return _Candidates(self.poses.only(rows), self.chi2[rows], self.cost[rows])
 
     def distinct(self) -> _Candidates:
         """Sorted by cost, without those that are the same pose as a better one."""
@@ -176,26 +176,26 @@ def _candidates(seen: Correspondences, poses: PoseArray, own: IntArray, options:
     """Poses that are really different, each refined on what it explains; best first."""
     prior, limit = options.prior, 8 * options.outlier_sigma**2
     mine, gate_px = seen.of == own[:, None], options.gate_share * seen.side_px
-    near = mine | (seen.misfits_and_pixels(poses)[1] < gate_px)
+    near = mine | (seen.chi2_and_pixels(poses)[1] < gate_px)
     poses = seen.refine(poses, near, prior, TOWARDS_NEAR)
     # What a pose does not even come near to it will not explain, however it is refined.
-    misfits, pixels = seen.misfits_and_pixels(poses)
-    near |= (pixels < gate_px) | (misfits < limit)
+    chi2, pixels = seen.chi2_and_pixels(poses)
+    near |= (pixels < gate_px) | (chi2 < limit)
     least = (~near).sum(axis=1) * limit / 2
-    found = _Candidates.judged(poses, misfits, options)
+    found = _Candidates.judged(poses, chi2, options)
     hopeful = least < found.cost.min() + LISTED_BELOW
     found = found.only(np.flatnonzero(hopeful)).distinct()
     used: BoolArray | None = None
     for _ in range(3):
-        inliers = found.misfits < limit
+        inliers = found.chi2 < limit
         # A pose that explains nothing stays where its best landmark put it.
         nothing = ~np.asarray(inliers.any(axis=1, keepdims=True))
-        inliers |= nothing & (found.misfits == found.misfits.min(axis=1, keepdims=True))
+        inliers |= nothing & (found.chi2 == found.chi2.min(axis=1, keepdims=True))
         if used is not None and (inliers == used).all():
             break
         used = inliers
         poses = seen.refine(found.poses, inliers, prior, TO_THE_END)
-        found = _Candidates.judged(poses, seen.misfits(poses), options)
+        found = _Candidates.judged(poses, seen.chi2(poses), options)
     return found.distinct()
 
 
@@ -211,8 +211,8 @@ def _hypotheses(seen: Correspondences) -> tuple[PoseArray, IntArray]:
     landmarks = [seen.landmarks[row] for row in rows]
     R_eye, t_eye, _ = square_poses(seen.rays[rows], np.array([landmark.size_m for landmark in landmarks]))
     # x_eye = R x_landmark + t, and x_eye = R_eye x_left + t_eye.
-    R_left_eye = seen.eye_R[rows].transpose(0, 2, 1)[:, None]
-    t_left = R_left_eye @ (t_eye - seen.eye_t[rows][:, None])[..., None]
+    R_left_eye = seen.camera_R[rows].transpose(0, 2, 1)[:, None]
+    t_left = R_left_eye @ (t_eye - seen.camera_t[rows][:, None])[..., None]
     R_map = np.array([landmark.T_map_landmark.R for landmark in landmarks])[:, None]
     t_map = np.array([landmark.T_map_landmark.t for landmark in landmarks])[:, None]
     R_map_left = R_map @ (R_left_eye @ R_eye).swapaxes(-1, -2)

@@ -26,7 +26,7 @@ MOST_DAMPING = 1e6
 
 
 @dataclass(frozen=True, eq=False)
-class Eye:
+class RigCamera:
     """One camera of a rig, and where its observations stand among all."""
 
     camera: CameraModel
@@ -45,24 +45,24 @@ class Correspondences:
         of: (S,) index into ``ids`` of every observation.
         side_px: (S,) mean side in the image.
         rays: (S,4,2) the corners as x/z and y/z, without distortion.
-        eye_R, eye_t: (S,3,3), (S,3) from the left camera into the camera that saw it.
+        camera_R, camera_t: (S,3,3), (S,3) from the left camera into the camera that saw it.
         cameras: the cameras.
         twice: mapped landmarks that are in one image more than once: which one is the mapped one cannot be told.
     """
 
     def __init__(
         self,
-        eyes: Sequence[tuple[Sequence[Detection], CameraModel, FloatArray, FloatArray]],
+        cameras: Sequence[tuple[Sequence[Detection], CameraModel, FloatArray, FloatArray]],
         landmarks: LandmarkMap,
         corner_floor_px: float,
     ) -> None:
         self.landmarks: list[MappedLandmark] = []
         self.observations: list[Detection] = []
-        self.eyes: list[Eye] = []
+        self.cameras: list[RigCamera] = []
         self.twice: set[LandmarkId] = set()
         self.ids: tuple[LandmarkId, ...] = ()
         parts = []
-        for observations, camera, R, t in eyes:
+        for observations, camera, R, t in cameras:
             seen = Counter(o.id for o in observations)
             start = len(self.landmarks)
             listed: list[tuple[Detection, MappedLandmark]] = []
@@ -78,7 +78,7 @@ class Correspondences:
                 self.landmarks.append(listed[k][1])
             turned, moved = np.repeat(R[None], len(looked.kept), axis=0), np.tile(t, (len(looked.kept), 1))
             parts.append((looked.rays, looked.by_ray, looked.whitener, turned, moved))
-            self.eyes.append(Eye(camera, R, t, slice(start, len(self.landmarks))))
+            self.cameras.append(RigCamera(camera, R, t, slice(start, len(self.landmarks))))
         if not self.landmarks:
             return
         self.ids = tuple(sorted({landmark.id for landmark in self.landmarks}))
@@ -88,12 +88,12 @@ class Correspondences:
         self.observed = np.array([o.corners for o in self.observations])
         steps = np.roll(self.observed, -1, axis=1) - self.observed
         self.side_px = np.sqrt((steps**2).sum(axis=2)).mean(axis=1)
-        self.rays, by_ray, whitener, self.eye_R, self.eye_t = (
+        self.rays, by_ray, whitener, self.camera_R, self.camera_t = (
             np.concatenate(column) for column in zip(*parts, strict=True)
         )
         uncertain = any(landmark.covariance is not None for landmark in self.landmarks)
         errors = self._landmark_errors() if uncertain else (None, None, None)
-        self._corners = Corners(self.points, self.rays, by_ray, whitener, self.eye_R, self.eye_t, *errors)
+        self._corners = Corners(self.points, self.rays, by_ray, whitener, self.camera_R, self.camera_t, *errors)
 
     def _landmark_errors(self) -> tuple[FloatArray, FloatArray, IntArray]:
         """Arms, roots and groups as of `Corners`: observations of one landmark share the error of its place."""
@@ -114,11 +114,11 @@ class Correspondences:
         corner_floor_px: float,
     ) -> Correspondences:
         """Correspondences of both cameras of a rig."""
-        eyes = [
+        cameras = [
             (left, rig.left, np.eye(3), np.zeros(3)),
             (right, rig.right, rig.T_right_left.R, rig.T_right_left.t),
         ]
-        return cls(eyes, landmarks, corner_floor_px)
+        return cls(cameras, landmarks, corner_floor_px)
 
     def __len__(self) -> int:
         return len(self.landmarks)
@@ -127,14 +127,14 @@ class Correspondences:
         """The landmarks of some observations, given as a mask (S,)."""
         return {self.ids[k] for k in self.of[rows].tolist()}
 
-    def misfits(self, poses: PoseArray) -> FloatArray:
+    def chi2(self, poses: PoseArray) -> FloatArray:
         """(H,S) squared error of each observation on its own, in standard deviations, over its eight coordinates."""
         return corner_misfits(self._corners, poses.R, poses.t)[0]
 
-    def misfits_and_pixels(self, poses: PoseArray) -> tuple[FloatArray, FloatArray]:
+    def chi2_and_pixels(self, poses: PoseArray) -> tuple[FloatArray, FloatArray]:
         """The chi2 (H,S), and root mean squares (H,S) of pixel coordinates; huge behind the camera."""
-        misfits, pixels = corner_misfits(self._corners, poses.R, poses.t)
-        return misfits, np.sqrt(pixels / 8)
+        chi2, pixels = corner_misfits(self._corners, poses.R, poses.t)
+        return chi2, np.sqrt(pixels / 8)
 
     def equations(
         self, poses: PoseArray, used: BoolArray, prior: PosePrior | None

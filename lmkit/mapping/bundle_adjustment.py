@@ -19,7 +19,7 @@ from lmkit.geometry.rotations import orthonormal, rotation_exp, rotation_log, sk
 from lmkit.geometry.stereo_rig import StereoRig
 from lmkit.kernels import landmark_bundle as kernel
 from lmkit.mapping.observation_arrays import ObservationArrays
-from lmkit.mapping.wall_constraints import Tie, constraint_rows
+from lmkit.mapping.wall_constraints import LandmarkConstraint, constraint_rows
 from lmkit.model.landmark_id import LandmarkId
 from lmkit.model.landmark_map import LandmarkMap, MappedLandmark
 from lmkit.model.recording import StereoFrame
@@ -70,10 +70,10 @@ class Bundle:
     landmarks: LandmarkMap
     joint: FloatArray
     parameters: FloatArray
-    misfits: FloatArray
+    residuals: FloatArray
     ids: tuple[LandmarkId, ...]
     of: IntArray
-    moments: IntArray
+    frames: IntArray
     rms_px: float
     jumps: tuple[tuple[float, float, float], ...]
 
@@ -101,42 +101,42 @@ class BundleProblem:
         start: T_map_left of every frame.
         landmarks: as they are believed to mount; observations of others are left out.
         anchors: what is known beforehand, by id.
-        frozen: no landmark moves.
-        ties: walls and heights that landmarks are declared to share.
+        landmarks_fixed: no landmark moves.
+        constraints: walls and heights that landmarks are declared to share.
     """
 
     def __init__(
         self,
-        moments: Sequence[StereoFrame],
+        frames: Sequence[StereoFrame],
         rig: StereoRig,
         start: PoseArray,
         landmarks: LandmarkMap,
         anchors: Mapping[LandmarkId, Anchor],
         motion: Motion | None = None,
-        frozen: bool = False,
-        ties: Sequence[Tie] = (),
+        landmarks_fixed: bool = False,
+        constraints: Sequence[LandmarkConstraint] = (),
     ) -> None:
-        self.times = np.array([moment.time_s for moment in moments])
+        self.times = np.array([frame.time_s for frame in frames])
         self.motion: Motion = motion or BoundedMotion()
-        self.frozen = frozen
+        self.landmarks_fixed = landmarks_fixed
         self.R, self.p = start.R.copy(), start.t.copy()
-        self.hung = list(landmarks)
-        self.anchors, self.ties = dict(anchors), ties
-        self.seen = ObservationArrays.collect(moments, rig, self.hung)
-        self.lm_R = np.array([m.T_map_landmark.R for m in self.hung])
-        self.lm_p = np.array([m.T_map_landmark.t for m in self.hung])
-        self.arms = np.array([(m.corners_map - m.T_map_landmark.t) @ m.T_map_landmark.R for m in self.hung])
+        self.mapped = list(landmarks)
+        self.anchors, self.constraints = dict(anchors), constraints
+        self.seen = ObservationArrays.collect(frames, rig, self.mapped)
+        self.lm_R = np.array([m.T_map_landmark.R for m in self.mapped])
+        self.lm_p = np.array([m.T_map_landmark.t for m in self.mapped])
+        self.arms = np.array([(m.corners_map - m.T_map_landmark.t) @ m.T_map_landmark.R for m in self.mapped])
         self.used = np.ones(len(self.seen), dtype=bool)
         self.parameters = np.array(self.motion.nominal)
         self.own = len(self.parameters)  # of the shared unknowns, before the landmarks
         self.motion_scale = np.ones(6)
         self.may_slip = True
-        self.shared = self.own + (0 if frozen else 6 * len(self.hung))
+        self.shared = self.own + (0 if landmarks_fixed else 6 * len(self.mapped))
         T = rig.T_base_left
         T_left_base = Pose.identity("left", "base") if T is None else T.inverse()
         self.base_R, self.base_t = T_left_base.R, T_left_base.t
 
-    def settle(self, steps: int) -> float:
+    def optimize(self, steps: int) -> float:
         """Levenberg and Marquardt from the unknowns as they stand; the cost where it stops."""
         end = minimize(self, self.state(), steps, CONVERGED, DAMPING)
         self.restore(end.state)
@@ -190,22 +190,22 @@ class BundleProblem:
         """(N,3,3), (N,3) T_map_base of the robot."""
         return self.R @ self.base_R, self.p + self.R @ self.base_t
 
-    def is_held(self, landmark: int) -> bool:
+    def is_fixed(self, landmark: int) -> bool:
         """Is its pose known exactly?"""
-        m = self.hung[landmark]
+        m = self.mapped[landmark]
         anchor = self.anchors.get(m.id)
         return anchor is not None and anchor.covariance is None
 
     def landmark_costs(self) -> FloatArray:
         """(L,) what each landmark's observations cost."""
-        squared = self.misfits() ** 2
+        squared = self.residuals() ** 2
         cost = 8 * cauchy_cost(squared) * self.used
-        return np.asarray(np.bincount(self.seen.of, cost, len(self.hung)), dtype=np.float64)
+        return np.asarray(np.bincount(self.seen.of, cost, len(self.mapped)), dtype=np.float64)
 
     def landmark_steps(self) -> FloatArray:
         """(L,6) a step of each landmark alone, with the rig where it is."""
         e = self._equations()[0]
-        rows = self.own + 6 * np.arange(len(self.hung))[:, None] + np.arange(6)
+        rows = self.own + 6 * np.arange(len(self.mapped))[:, None] + np.arange(6)
         blocks, gradients = e.corner[rows[:, :, None], rows[:, None]], e.shared_gradient[rows]
         return np.asarray(np.linalg.solve(blocks, gradients[..., None])[..., 0])
 
@@ -213,13 +213,13 @@ class BundleProblem:
         """(L,3) unit vectors from landmarks to where they were seen from, in the middle."""
         away = self.p[self.seen.at] - self.lm_p[self.seen.of]
         away = away / np.linalg.norm(away, axis=1, keepdims=True) * self.used[:, None]
-        total = np.zeros((len(self.hung), 3))
+        total = np.zeros((len(self.mapped), 3))
         np.add.at(total, self.seen.of, away)
         return np.asarray(total / np.maximum(np.linalg.norm(total, axis=1, keepdims=True), 1e-12))
 
     def drop_outliers(self, sigma: float) -> int:
         """Leave out observations that do not fit at all: even weighed down, many of them pull together."""
-        self.used = self.misfits() < sigma
+        self.used = self.residuals() < sigma
         return int((~self.used).sum())
 
     def weigh_motion(self) -> None:
@@ -235,16 +235,16 @@ class BundleProblem:
         own += (before @ across + after @ states[1:]) @ after.transpose(0, 2, 1)
         left = np.einsum("nii->ni", own)
         for k in range(6):
-            told = left[:, k] < TOLD_BELOW
-            if told.sum() >= LEAST_TO_WEIGH:
-                scale = np.sqrt(np.mean(np.minimum(r[told, k] ** 2, SLIP_SIGMA**2) + left[told, k]))
+            determined = left[:, k] < TOLD_BELOW
+            if determined.sum() >= LEAST_TO_WEIGH:
+                scale = np.sqrt(np.mean(np.minimum(r[determined, k] ** 2, SLIP_SIGMA**2) + left[determined, k]))
                 self.motion_scale[k] *= float(np.clip(scale, 0.3, 3.0))
 
     def _move(self, step: FloatArray, shared: FloatArray) -> None:
         self.p = self.p + step[:, :3]
         self.R = rotation_exp(step[:, 3:]) @ self.R
         self.parameters = self.parameters + shared[: self.own]
-        if not self.frozen:
+        if not self.landmarks_fixed:
             moved = shared[self.own :].reshape(-1, 6)
             self.lm_p = self.lm_p + moved[:, :3]
             self.lm_R = rotation_exp(moved[:, 3:]) @ self.lm_R
@@ -259,9 +259,9 @@ class BundleProblem:
         equations = ChainEquations.zeros(len(self.times), 6, self.shared)
         e = equations
         sums = kernel.Sums(e.diagonal, e.gradient, e.border, e.corner, e.shared_gradient, self.own)
-        cost = kernel.add_bundle_equations(self._sightings(), self.used, CAUCHY_SCALE, sums, not self.frozen)
-        if not self.frozen:
-            cost += self._add_anchors(equations) + self._add_ties(equations)
+        cost = kernel.add_bundle_equations(self._sightings(), self.used, CAUCHY_SCALE, sums, not self.landmarks_fixed)
+        if not self.landmarks_fixed:
+            cost += self._add_anchors(equations) + self._add_constraints(equations)
         if len(self.times) > 1:
             cost += self._add_motion(equations)
         # Never singular: a pose that nothing sees, a landmark that no pose sees.
@@ -272,7 +272,7 @@ class BundleProblem:
 
     def _add_anchors(self, equations: ChainEquations) -> float:
         cost = 0.0
-        for k, landmark in enumerate(self.hung):
+        for k, landmark in enumerate(self.mapped):
             anchor = self.anchors.get(landmark.id)
             if anchor is None:
                 continue
@@ -286,17 +286,17 @@ class BundleProblem:
             cost += float(off @ information @ off)
         return cost
 
-    def members(self, tie: Tie) -> list[int]:
+    def members(self, constraint: LandmarkConstraint) -> list[int]:
         """Rows of those landmarks of a tie that the recording has."""
-        return [k for k, landmark in enumerate(self.hung) if landmark.id in tie.ids]
+        return [k for k, landmark in enumerate(self.mapped) if landmark.id in constraint.ids]
 
-    def _add_ties(self, equations: ChainEquations) -> float:
+    def _add_constraints(self, equations: ChainEquations) -> float:
         cost = 0.0
-        for tie in self.ties:
-            members = self.members(tie)
+        for constraint in self.constraints:
+            members = self.members(constraint)
             if len(members) < 2:
                 continue
-            rows = constraint_rows(tie, members, self.lm_R, self.lm_p)
+            rows = constraint_rows(constraint, members, self.lm_R, self.lm_p)
             root = np.sqrt(rows.weights)
             J, r = rows.derivatives * root[:, None], rows.residuals * root
             columns = (self.own + 6 * rows.pairs[:, :, None] + np.arange(6)).reshape(-1, 12)
@@ -349,24 +349,24 @@ class BundleProblem:
         """(6L,6L) what the observations alone tell of the landmarks, wherever the rig was."""
         e = self._equations()[0]
         across = e.border[:, :, self.own :]
-        told = np.einsum("nia,nij,njb->ab", across, np.linalg.inv(e.diagonal), across)
-        return np.asarray(e.corner[self.own :, self.own :] - told)
+        determined = np.einsum("nia,nij,njb->ab", across, np.linalg.inv(e.diagonal), across)
+        return np.asarray(e.corner[self.own :, self.own :] - determined)
 
-    def misfits(self) -> FloatArray:
+    def residuals(self) -> FloatArray:
         """(S,) root mean square of each observation's eight standardised coordinates."""
         return np.asarray(np.sqrt(kernel.bundle_misfits(self._sightings())[0] / 8))
 
     def landmarks(self, covariance: FloatArray | None = None) -> LandmarkMap:
         """The map as it stands."""
-        hung = []
-        for k, m in enumerate(self.hung):
+        mapped = []
+        for k, m in enumerate(self.mapped):
             C = None
-            if covariance is not None and not self.frozen:
+            if covariance is not None and not self.landmarks_fixed:
                 rows = self._rows_of(k)
                 C = (covariance[rows, rows] + covariance[rows, rows].T) / 2
             T = Pose("map", "landmark", orthonormal(self.lm_R[k]), self.lm_p[k])
-            hung.append(replace(m, T_map_landmark=T, covariance=m.covariance if self.frozen else C))
-        return LandmarkMap(hung)
+            mapped.append(replace(m, T_map_landmark=T, covariance=m.covariance if self.landmarks_fixed else C))
+        return LandmarkMap(mapped)
 
     def answer(self, believed_below: float, spread: Mapping[int, FloatArray] | None = None) -> Bundle:
         """Everything, with covariances.
@@ -379,8 +379,8 @@ class BundleProblem:
         states, _, shared = equations.covariances()
         for k, more in (spread or {}).items():
             shared[self._rows_of(k), self._rows_of(k)] += more
-        misfits = self.misfits()
-        believed: BoolArray = misfits < believed_below
+        residuals = self.residuals()
+        believed: BoolArray = residuals < believed_below
         pixels = kernel.bundle_misfits(self._sightings())[1][believed]
         rms = float(np.sqrt(pixels.mean() / 4)) if believed.any() else float("nan")
         return Bundle(
@@ -390,8 +390,8 @@ class BundleProblem:
             self.landmarks(shared),
             shared[self.own :, self.own :],
             self.parameters,
-            misfits,
-            tuple(m.id for m in self.hung),
+            residuals,
+            tuple(m.id for m in self.mapped),
             self.seen.of,
             self.seen.at,
             rms,

@@ -21,12 +21,12 @@ from lmkit.localization.absolute_pose import LocateOptions, locate_rig
 from lmkit.localization.correspondences import CORNER_FLOOR_PX, Correspondences
 from lmkit.mapping.bundle_adjustment import Anchor, BundleProblem
 from lmkit.mapping.landmark_initialization import CAP, SURE_RATIO, Placing
-from lmkit.mapping.wall_constraints import Tie
+from lmkit.mapping.wall_constraints import LandmarkConstraint
 from lmkit.model.landmark_id import LandmarkId
 from lmkit.model.landmark_map import LandmarkMap, MappedLandmark, wall_pose
 from lmkit.model.pose_status import PoseStatus
 from lmkit.model.recording import StereoFrame
-from lmkit.odometry.dead_reckoning import STRAY_M, STRAY_RAD, Carried, CarriedPoses, OdometryPath
+from lmkit.odometry.dead_reckoning import STRAY_M, STRAY_RAD, OdometryPath, ReckonedPose, ReckonedPoses
 from lmkit.odometry.motion_model import Motion
 
 SETTLING = 4  # steps of bundle adjustment after each round
@@ -63,16 +63,16 @@ class Start:
 
     def problem(
         self,
-        moments: Sequence[StereoFrame],
+        frames: Sequence[StereoFrame],
         rig: StereoRig,
         motion: Motion | None,
-        ties: Sequence[Tie] = (),
-        frozen: bool = False,
+        constraints: Sequence[LandmarkConstraint] = (),
+        landmarks_fixed: bool = False,
     ) -> BundleProblem:
         """Bundle adjustment of the frames that have a pose, and of the landmarks that those see."""
         posed = [(k, pose) for k, pose in enumerate(self.poses) if pose is not None]
-        some = [moments[k] for k, _ in posed]
-        seen = {o.id for moment in some for o in (*moment.left, *moment.right)}
+        some = [frames[k] for k, _ in posed]
+        seen = {o.id for frame in some for o in (*frame.left, *frame.right)}
         return BundleProblem(
             some,
             rig,
@@ -80,13 +80,13 @@ class Start:
             LandmarkMap([m for key, m in self.placed.items() if key in seen]),
             self.anchors,
             motion,
-            frozen,
-            ties,
+            landmarks_fixed,
+            constraints,
         )
 
 
 def find_start(
-    moments: Sequence[StereoFrame],
+    frames: Sequence[StereoFrame],
     rig: StereoRig,
     sizes_m: Mapping[LandmarkId, float],
     anchors: Mapping[LandmarkId, Anchor],
@@ -107,22 +107,22 @@ def find_start(
             raise InputError(
                 "no_base", "odometry moves the robot's base, and the rig has no T_base_left", "add it to the rig file"
             )
-        motion.require_overlap(np.array([moment.time_s for moment in moments]))
-    placing = Placing(moments, rig, sizes_m)
+        motion.require_overlap(np.array([frame.time_s for frame in frames]))
+    placing = Placing(frames, rig, sizes_m)
     if not anchors:
         best = placing.best_seen()
-        hung = MappedLandmark(best, sizes_m[best], wall_pose([0.0, 0.0, 0.0], 0.0))
-        anchors = {best: Anchor(hung, None)}
+        mapped = MappedLandmark(best, sizes_m[best], wall_pose([0.0, 0.0, 0.0], 0.0))
+        anchors = {best: Anchor(mapped, None)}
     if not any(key in placing.views for key in anchors):
         raise InputError(
             "anchor_unseen",
             "none of the known landmarks is seen in the recording",
             "anchor the survey at a landmark that the images show",
         )
-    search = _Search(moments, rig, anchors, placing, motion)
+    search = _Search(frames, rig, anchors, placing, motion)
     search.run()
-    carried = CarriedPoses(search.poses, search.path)
-    poses = [pose or (c.pose if (c := carried[k]) else None) for k, pose in enumerate(search.poses)]
+    reckoned = ReckonedPoses(search.poses, search.path)
+    poses = [pose or (c.pose if (c := reckoned[k]) else None) for k, pose in enumerate(search.poses)]
     if not any(poses):
         raise InputError(
             "nothing_located",
@@ -136,7 +136,7 @@ def find_start(
 class _Search:
     """Frames located and landmarks placed so far."""
 
-    moments: Sequence[StereoFrame]
+    frames: Sequence[StereoFrame]
     rig: StereoRig
     anchors: Mapping[LandmarkId, Anchor]
     placing: Placing
@@ -146,9 +146,9 @@ class _Search:
     tries: dict[int, int] = field(default_factory=dict)  # of a frame: landmarks that it saw in vain
 
     def __post_init__(self) -> None:
-        self.poses = [None] * len(self.moments)
+        self.poses = [None] * len(self.frames)
         self.placed = {key: anchor.landmark for key, anchor in self.anchors.items()}
-        times = np.array([moment.time_s for moment in self.moments])
+        times = np.array([frame.time_s for frame in self.frames])
         self.path = None if self.motion is None else OdometryPath.of(times, self.rig, self.motion)
 
     def run(self) -> None:
@@ -156,33 +156,33 @@ class _Search:
         least = LEAST_VIEWS
         while True:
             news = self.locate_more()
-            carried = CarriedPoses(self.poses, self.path)
-            news += self.place_more(carried, least)
+            reckoned = ReckonedPoses(self.poses, self.path)
+            news += self.place_more(reckoned, least)
             # What one frame alone saw is placed last, and only where nothing contradicts.
             stuck = news == 0 and least == 1
             if stuck:
-                news = self.locate_by_neighbours(carried) if any(self.poses) else self.locate_likeliest(carried)
+                news = self.locate_by_neighbours(reckoned) if any(self.poses) else self.locate_likeliest(reckoned)
                 if news == 0:
                     return
             least = LEAST_VIEWS if news else 1
 
-    def place_more(self, carried: CarriedPoses, least: int) -> int:
+    def place_more(self, reckoned: ReckonedPoses, least: int) -> int:
         """Landmarks that enough views agree on."""
         news = 0
         for key in sorted(self.placing.wanted - self.placed.keys()):
-            landmark = self.placing.place(key, self.poses, carried, least)
+            landmark = self.placing.place(key, self.poses, reckoned, least)
             if landmark is not None:
                 self.placed[key] = landmark
                 news += 1
         if news:
-            self.settle()
+            self.optimize()
         return news
 
-    def settle(self) -> None:
+    def optimize(self) -> None:
         """A few steps of bundle adjustment, so that errors do not add up from round to round."""
         start = Start(self.poses, self.placed, self.anchors)
-        problem = start.problem(self.moments, self.rig, self.motion)
-        problem.settle(SETTLING)
+        problem = start.problem(self.frames, self.rig, self.motion)
+        problem.optimize(SETTLING)
         for k, R, p in zip(start.rows, problem.R, problem.p, strict=True):
             self.poses[k] = Pose("map", "left", orthonormal(R), p)
         self.placed.update({m.id: m for m in problem.landmarks()})
@@ -194,23 +194,23 @@ class _Search:
     def locate_more(self) -> int:
         """Frames located from what is placed; those tried before are tried again when they see more of it."""
         landmarks, news = self.map_so_far(), 0
-        carried = CarriedPoses(self.poses, self.path)
-        for k, moment in enumerate(self.moments):
+        reckoned = ReckonedPoses(self.poses, self.path)
+        for k, frame in enumerate(self.frames):
             if self.poses[k] is not None:
                 continue
-            known = len({o.id for o in (*moment.left, *moment.right)} & self.placed.keys())
+            known = len({o.id for o in (*frame.left, *frame.right)} & self.placed.keys())
             # Again only when it sees a good deal more of what is placed.
             if known == 0 or known < RETRY * self.tries.get(k, 0):
                 continue
             self.tries[k] = known
             guess = self.beside_a_neighbour(k)
-            refined = None if guess is None else _refined(guess, moment, self.rig, landmarks)
+            refined = None if guess is None else _refined(guess, frame, self.rig, landmarks)
             if refined is not None:
                 pose, sure = refined
                 self.poses[k] = pose if sure else None
             else:
-                found = locate_rig(moment.left, moment.right, self.rig, landmarks, PLACING)
-                at = carried[k]
+                found = locate_rig(frame.left, frame.right, self.rig, landmarks, PLACING)
+                at = reckoned[k]
                 if (
                     found.status == PoseStatus.OK
                     and found.T_map_camera is not None
@@ -220,25 +220,25 @@ class _Search:
             news += self.poses[k] is not None
         return news
 
-    def beside_a_neighbour(self, k: int) -> Carried | None:
+    def beside_a_neighbour(self, k: int) -> ReckonedPose | None:
         """Pose by odometry from a located neighbor in time; None if none is near."""
         if self.path is None:
             return None
         for at in (k - 1, k + 1):
             pose = self.poses[at] if 0 <= at < len(self.poses) else None
             if pose is not None:
-                guess = self.path.carry(pose, at, k)
+                guess = self.path.reckon(pose, at, k)
                 return guess if guess is not None and guess.way_m < NEIGHBOUR_M else None
         return None
 
-    def locate_likeliest(self, carried: CarriedPoses) -> int:
+    def locate_likeliest(self, reckoned: ReckonedPoses) -> int:
         """Frame whose best pose is the likeliest against its others; 0 without one."""
         landmarks = self.map_so_far()
         best: tuple[float, int, Pose] | None = None
-        for k, moment in enumerate(self.moments):
-            if self.poses[k] is not None or carried[k] is not None:
+        for k, frame in enumerate(self.frames):
+            if self.poses[k] is not None or reckoned[k] is not None:
                 continue
-            found = locate_rig(moment.left, moment.right, self.rig, landmarks)
+            found = locate_rig(frame.left, frame.right, self.rig, landmarks)
             if found.T_map_camera is None or found.covariance is None:
                 continue
             ratio = found.alternatives[0][1] if found.alternatives else SURE_RATIO
@@ -251,19 +251,19 @@ class _Search:
         self.poses[best[1]] = best[2]
         return 1
 
-    def locate_by_neighbours(self, carried: CarriedPoses) -> int:
+    def locate_by_neighbours(self, reckoned: ReckonedPoses) -> int:
         """Frames that allow several poses, or a valley of them: the one near where the rig was just before."""
-        landmarks, moments = self.map_so_far(), self.moments
+        landmarks, frames = self.map_so_far(), self.frames
         allowed: dict[int, list[Pose]] = {}
         news = 0
-        for order in (range(1, len(moments)), range(len(moments) - 2, -1, -1)):
+        for order in (range(1, len(frames)), range(len(frames) - 2, -1, -1)):
             for k in order:
                 before = self.poses[k - order.step]
-                seconds = abs(moments[k].time_s - moments[k - order.step].time_s)
-                if self.poses[k] is not None or carried[k] is not None or before is None or seconds > NEIGHBOUR_S:
+                seconds = abs(frames[k].time_s - frames[k - order.step].time_s)
+                if self.poses[k] is not None or reckoned[k] is not None or before is None or seconds > NEIGHBOUR_S:
                     continue
                 if k not in allowed:
-                    found = locate_rig(moments[k].left, moments[k].right, self.rig, landmarks)
+                    found = locate_rig(frames[k].left, frames[k].right, self.rig, landmarks)
                     best = [] if found.T_map_camera is None else [found.T_map_camera]
                     allowed[k] = best + [pose for pose, _ in found.alternatives]
                 near = [
@@ -278,15 +278,17 @@ class _Search:
         return news
 
 
-def _refined(guess: Carried, moment: StereoFrame, rig: StereoRig, landmarks: LandmarkMap) -> tuple[Pose, bool] | None:
+def _refined(
+    guess: ReckonedPose, frame: StereoFrame, rig: StereoRig, landmarks: LandmarkMap
+) -> tuple[Pose, bool] | None:
     """The pose near the guess that fits all that is seen, and whether that is sure; None where it does not fit."""
-    seen = Correspondences.of_rig(moment.left, moment.right, rig, landmarks, CORNER_FLOOR_PX)
+    seen = Correspondences.of_rig(frame.left, frame.right, rig, landmarks, CORNER_FLOOR_PX)
     if len(seen) == 0 or seen.twice:
         return None
     used = np.ones((1, len(seen)), dtype=bool)
     found = seen.refine(PoseArray.from_poses("map", "left", [guess.pose]), used, None, REFINING)
     pose = found.pose(0)
-    if not guess.allows(pose) or seen.misfits(found).max() > CAP:
+    if not guess.allows(pose) or seen.chi2(found).max() > CAP:
         return None
     variances = np.diag(np.linalg.pinv(seen.equations(found, used, None)[0][0]))
     return pose, bool(variances[:3].sum() < PLACING.far_m**2 and variances[3:].max() < PLACING.far_rad**2)

@@ -22,7 +22,7 @@ from lmkit.model.landmark_id import LandmarkId
 from lmkit.model.landmark_map import LandmarkMap, MappedLandmark
 from lmkit.model.observation import Detection
 from lmkit.model.recording import StereoFrame
-from lmkit.odometry.dead_reckoning import CarriedPoses
+from lmkit.odometry.dead_reckoning import ReckonedPoses
 
 VIEWS = 8  # of a landmark that place it, the largest
 CANDIDATE_VIEWS = 4  # of those, that say where it may be mounted
@@ -43,9 +43,9 @@ class Placing:
         sizes_m: printed sizes of those that are to be placed.
     """
 
-    def __init__(self, moments: Sequence[StereoFrame], rig: StereoRig, sizes_m: Mapping[LandmarkId, float]) -> None:
-        self._moments, self._rig, self._sizes_m = moments, rig, sizes_m
-        self.views = _views(moments)
+    def __init__(self, frames: Sequence[StereoFrame], rig: StereoRig, sizes_m: Mapping[LandmarkId, float]) -> None:
+        self._moments, self._rig, self._sizes_m = frames, rig, sizes_m
+        self.views = _views(frames)
         self.wanted = {key for key in self.views if key in sizes_m}
         # Of a frame and a landmark: where the camera may be in the landmark's frame.
         self._seen_from: dict[tuple[int, LandmarkId], list[Pose]] = {}
@@ -65,7 +65,7 @@ class Placing:
         return max(self.wanted, key=lambda key: sum(side for side, _ in self.views[key][:VIEWS]))
 
     def place(
-        self, key: LandmarkId, poses: Sequence[Pose | None], carried: CarriedPoses, least: int
+        self, key: LandmarkId, poses: Sequence[Pose | None], reckoned: ReckonedPoses, least: int
     ) -> MappedLandmark | None:
         """Pose on which its views agree best; None while a different one does as well, or too few agree.
 
@@ -73,7 +73,7 @@ class Placing:
             poses, carried: of the frames, located and carried on.
             least: frames that must agree.
         """
-        at = self._known_views(key, poses, carried)
+        at = self._known_views(key, poses, reckoned)
         if len(at) < least:
             return None
         candidates = [
@@ -83,10 +83,10 @@ class Placing:
         ]
         if not candidates:
             return None
-        misfits = self._misfits(candidates, key, at)
-        costs = misfits.sum(axis=1) / 2
+        chi2 = self._chi2(candidates, key, at)
+        costs = chi2.sum(axis=1) / 2
         best = int(np.argmin(costs))
-        agree = int((misfits[best] < CAP).sum())
+        agree = int((chi2[best] < CAP).sum())
         if agree < least or 2 * agree < len(at):
             return None
         others = [costs[k] - costs[best] for k, T in enumerate(candidates) if not _same(T, candidates[best])]
@@ -94,13 +94,13 @@ class Placing:
             return None
         return MappedLandmark(key, self._sizes_m[key], candidates[best])
 
-    def _known_views(self, key: LandmarkId, poses: Sequence[Pose | None], carried: CarriedPoses) -> At:
+    def _known_views(self, key: LandmarkId, poses: Sequence[Pose | None], reckoned: ReckonedPoses) -> At:
         """The largest views from frames that were located, and some from frames not far from those."""
         views = self.views[key]
         located = [(k, pose, LOCATED_PX) for _, k in views if (pose := poses[k]) is not None][:VIEWS]
         room = VIEWS - len(located) // 2
-        near = [k for _, k in views if carried.way_m[k] < CARRY_M][:room]
-        return located + [(k, c.pose, CARRIED_PX) for k in near if (c := carried[k]) is not None]
+        near = [k for _, k in views if reckoned.way_m[k] < CARRY_M][:room]
+        return located + [(k, c.pose, CARRIED_PX) for k in near if (c := reckoned[k]) is not None]
 
     def _cameras(self, k: int, key: LandmarkId) -> list[Pose]:
         """T_camera_landmark as that view allows."""
@@ -120,26 +120,26 @@ class Placing:
 
     def _alone(self, key: LandmarkId) -> LandmarkMap:
         if key not in self._maps:
-            hung = MappedLandmark(key, self._sizes_m[key], Pose.identity("map", "landmark"))
-            self._maps[key] = LandmarkMap([hung])
+            mapped = MappedLandmark(key, self._sizes_m[key], Pose.identity("map", "landmark"))
+            self._maps[key] = LandmarkMap([mapped])
         return self._maps[key]
 
-    def _misfits(self, candidates: Sequence[Pose], key: LandmarkId, at: At) -> FloatArray:
+    def _chi2(self, candidates: Sequence[Pose], key: LandmarkId, at: At) -> FloatArray:
         """(C,V) chi2 of candidates and views, each at most the cap."""
         # Seen from the landmark, a candidate puts each view's camera somewhere else.
         T_landmark_map = PoseArray.from_poses("map", "landmark", candidates).inverse()
-        misfits = np.full((len(candidates), len(at)), CAP)
+        chi2 = np.full((len(candidates), len(at)), CAP)
         for column, (k, pose, floor_px) in enumerate(at):
             seen = self._sightings(k, key, floor_px)
             if len(seen):
-                misfits[:, column] = np.minimum(CAP, seen.misfits(T_landmark_map @ pose).mean(axis=1))
-        return misfits
+                chi2[:, column] = np.minimum(CAP, seen.chi2(T_landmark_map @ pose).mean(axis=1))
+        return chi2
 
 
-def _views(moments: Sequence[StereoFrame]) -> dict[LandmarkId, list[tuple[float, int]]]:
+def _views(frames: Sequence[StereoFrame]) -> dict[LandmarkId, list[tuple[float, int]]]:
     """Views of every landmark: (side in px, frame), the largest first."""
     views: dict[LandmarkId, dict[int, float]] = {}
-    seen = [(k, o) for k, moment in enumerate(moments) for o in (*moment.left, *moment.right)]
+    seen = [(k, o) for k, frame in enumerate(frames) for o in (*frame.left, *frame.right)]
     if seen:
         corners = np.array([o.corners for _, o in seen])
         sides = np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2).mean(axis=1).tolist()
@@ -149,9 +149,9 @@ def _views(moments: Sequence[StereoFrame]) -> dict[LandmarkId, list[tuple[float,
     return {key: sorted(((side, k) for k, side in at.items()), reverse=True) for key, at in views.items()}
 
 
-def _only(moment: StereoFrame, key: LandmarkId) -> View:
-    left = tuple(o for o in moment.left if o.id == key)
-    return left, tuple(o for o in moment.right if o.id == key)
+def _only(frame: StereoFrame, key: LandmarkId) -> View:
+    left = tuple(o for o in frame.left if o.id == key)
+    return left, tuple(o for o in frame.right if o.id == key)
 
 
 def _same(a: Pose, b: Pose) -> bool:

@@ -78,24 +78,24 @@ class NextView:
 
 def next_view(landmark: MappedLandmark, bundle: Bundle, rig: StereoRig) -> NextView | None:
     """The view that leaves least open of a landmark of a survey; None where none leaves much less."""
-    eyes = bundle.poses.t
+    cameras = bundle.poses.t
     now_m, now_rad = deviations(landmark)
-    height = float(np.median(eyes[:, 2]))
-    hung = list(bundle.landmarks)
-    places = np.array([m.T_map_landmark.t[:2] for m in hung])
-    along = np.array([m.T_map_landmark.R[:2, 0] for m in hung])
+    height = float(np.median(cameras[:, 2]))
+    mapped = list(bundle.landmarks)
+    places = np.array([m.T_map_landmark.t[:2] for m in mapped])
+    along = np.array([m.T_map_landmark.R[:2, 0] for m in mapped])
     best: NextView | None = None
     for distance, aside, pan in product(DISTANCES_M, ASIDE_DEG, PAN_DEG):
         T_map_left = _looking(landmark, distance, aside, pan, height)
         at = T_map_left.t
-        if np.linalg.norm(eyes[:, :2] - at[:2], axis=1).min() > REACHED_M:
+        if np.linalg.norm(cameras[:, :2] - at[:2], axis=1).min() > REACHED_M:
             continue
         clear = _clear(at[:2], places, along)
-        moment = _view(LandmarkMap([m for m, seen in zip(hung, clear, strict=True) if seen]), rig, T_map_left)
-        if landmark.id not in {o.id for o in moment.left}:
+        frame = _view(LandmarkMap([m for m, seen in zip(mapped, clear, strict=True) if seen]), rig, T_map_left)
+        if landmark.id not in {o.id for o in frame.left}:
             continue
-        then_m, then_rad = _afterwards(landmark, bundle, rig, T_map_left, moment)
-        beside = tuple(sorted({o.id for o in moment.left} - {landmark.id}))
+        then_m, then_rad = _afterwards(landmark, bundle, rig, T_map_left, frame)
+        beside = tuple(sorted({o.id for o in frame.left} - {landmark.id}))
         view = NextView(landmark.id, T_map_left, now_m, now_rad, distance, aside, beside, then_m, then_rad)
         if best is None or _cost(view) < _cost(best):
             best = view
@@ -151,8 +151,8 @@ def _view(landmarks: LandmarkMap, rig: StereoRig, T_map_left: Pose) -> StereoFra
     """Detections of both cameras from there, with the covariance that their size gives."""
     at_the_eye = replace(rig, T_base_left=Pose.identity("base", "left"))
     base = Pose("map", "base", T_map_left.R, T_map_left.t)
-    eyes = look(landmarks, at_the_eye, base, 1e-3, np.random.default_rng(0))
-    left, right = (tuple(o for o in map(_as_measured, eye) if o is not None) for eye in eyes)
+    cameras = look(landmarks, at_the_eye, base, 1e-3, np.random.default_rng(0))
+    left, right = (tuple(o for o in map(_as_measured, eye) if o is not None) for eye in cameras)
     return StereoFrame(0.0, left, right)
 
 
@@ -164,24 +164,24 @@ def _as_measured(seen: Detection) -> Detection | None:
 
 
 def _afterwards(
-    landmark: MappedLandmark, bundle: Bundle, rig: StereoRig, T_map_left: Pose, moment: StereoFrame
+    landmark: MappedLandmark, bundle: Bundle, rig: StereoRig, T_map_left: Pose, frame: StereoFrame
 ) -> tuple[float, float]:
     """The landmark's deviations once that view is added."""
-    ids = {o.id for o in (*moment.left, *moment.right)}
-    hung = list(bundle.landmarks)
-    rows = [k for k, m in enumerate(hung) if m.id in ids]
+    ids = {o.id for o in (*frame.left, *frame.right)}
+    mapped = list(bundle.landmarks)
+    rows = [k for k, m in enumerate(mapped) if m.id in ids]
     view = BundleProblem(
-        [moment],
+        [frame],
         rig,
         PoseArray.from_poses("map", "left", [T_map_left]),
-        LandmarkMap([replace(hung[k], covariance=None) for k in rows]),
+        LandmarkMap([replace(mapped[k], covariance=None) for k in rows]),
         {},
     )
     at = (6 * np.array(rows)[:, None] + np.arange(6)).ravel()
     C = bundle.joint[at[:, None], at[None]]
     # (C^-1 + I)^-1, for a C that may be singular.
     after = np.linalg.solve(np.eye(len(at)) + C @ view.landmark_information(), C)
-    first = 6 * rows.index(hung.index(landmark))
+    first = 6 * rows.index(mapped.index(landmark))
     own = slice(first, first + 6)
     return deviations(replace(landmark, covariance=(after[own, own] + after[own, own].T) / 2))
 

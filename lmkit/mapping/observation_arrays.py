@@ -24,7 +24,7 @@ class ObservationArrays:
     Attributes:
         at, of: (S,) frames and landmarks.
         rays, by_ray, whitener: (S,4,2), (S,4,2,2), (S,8,8) as of `CameraCorrespondences`.
-        eye_R, eye_t: (S,3,3), (S,3) from the rig's left camera into the camera.
+        camera_R, camera_t: (S,3,3), (S,3) from the rig's left camera into the camera.
     """
 
     at: IntArray
@@ -32,23 +32,23 @@ class ObservationArrays:
     rays: FloatArray
     by_ray: FloatArray
     whitener: FloatArray
-    eye_R: FloatArray
-    eye_t: FloatArray
+    camera_R: FloatArray
+    camera_t: FloatArray
 
     @classmethod
     def collect(
-        cls, moments: Sequence[StereoFrame], rig: StereoRig, landmarks: Sequence[MappedLandmark]
+        cls, frames: Sequence[StereoFrame], rig: StereoRig, landmarks: Sequence[MappedLandmark]
     ) -> ObservationArrays:
         """Observations of these landmarks as arrays; others are left out."""
         index = {m.id: k for k, m in enumerate(landmarks)}
         rows: list[tuple[int, int]] = []
         parts = []
         right = rig.T_right_left
-        eyes = (
-            ([moment.left for moment in moments], rig.left, np.eye(3), np.zeros(3)),
-            ([moment.right for moment in moments], rig.right, right.R, right.t),
+        cameras = (
+            ([frame.left for frame in frames], rig.left, np.eye(3), np.zeros(3)),
+            ([frame.right for frame in frames], rig.right, right.R, right.t),
         )
-        for observations, camera, R, t in eyes:
+        for observations, camera, R, t in cameras:
             listed = [(o, (k, index[o.id])) for k, some in enumerate(observations) for o in some if o.id in index]
             seen = through_lens([o for o, _ in listed], camera, CORNER_FLOOR_PX)
             rows += [listed[k][1] for k in seen.kept]
@@ -68,8 +68,8 @@ class ObservationArrays:
             self.rays,
             self.by_ray,
             self.whitener,
-            self.eye_R,
-            self.eye_t,
+            self.camera_R,
+            self.camera_t,
             poses.R,
             poses.t,
             landmarks.R,

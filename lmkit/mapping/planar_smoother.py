@@ -45,7 +45,7 @@ class PlanarTrack:
         parameters: (6,) as ``motion.PARAMETERS``.
         ids, places, place_covariances: (L), (L,2), (L,2,2) of the landmarks.
         weights: (R,) of the readings, 1 for those believed, near 0 for outliers.
-        squared, told: (R,) their squared errors in standard deviations, and how many numbers each is of.
+        squared, nis_dof: (R,) their squared errors in standard deviations, and how many numbers each is of.
         frames, landmarks: (R,) of the readings; landmarks as indices into ``ids``.
     """
 
@@ -58,8 +58,8 @@ class PlanarTrack:
     place_covariances: FloatArray
     weights: FloatArray
     squared: FloatArray
-    told: FloatArray
-    moments: IntArray
+    nis_dof: FloatArray
+    frames: IntArray
     landmarks: IntArray
 
 
@@ -67,14 +67,14 @@ class PlanarTrack:
 class _Readings:
     """Readings as arrays: frame and landmark of each, range and bearing, and their deviations."""
 
-    moments: IntArray
+    frames: IntArray
     landmarks: IntArray
     values: FloatArray  # (R,2) range, bearing
     sigmas: FloatArray
 
-    def first(self, moments: int) -> _Readings:
-        rows = self.moments < moments
-        return _Readings(self.moments[rows], self.landmarks[rows], self.values[rows], self.sigmas[rows])
+    def first(self, frames: int) -> _Readings:
+        rows = self.frames < frames
+        return _Readings(self.frames[rows], self.landmarks[rows], self.values[rows], self.sigmas[rows])
 
 
 def smooth_planar(
@@ -112,13 +112,13 @@ class _Problem:
     ) -> None:
         self.times, self.motion, self.noise = times_s, motion, noise
         self._readings_by_moment, self._map = readings, landmarks
-        ids = sorted({r.id for moment in readings for r in moment if landmarks is None or r.id in landmarks})
+        ids = sorted({r.id for frame in readings for r in frame if landmarks is None or r.id in landmarks})
         self.ids = ids
         index = {id_: k for k, id_ in enumerate(ids)}
         rows = [
             (k, index[r.id], r.range_m or np.nan, np.nan if r.bearing_rad is None else r.bearing_rad)
-            for k, moment in enumerate(readings)
-            for r in moment
+            for k, frame in enumerate(readings)
+            for r in frame
             if r.id in index
         ]
         table = np.array(rows, dtype=np.float64).reshape(-1, 4)
@@ -130,13 +130,13 @@ class _Problem:
         self.places = np.full((len(ids), 2), np.nan)
         # (L,2,2) what is known of them beforehand.
         self.known = np.zeros((len(ids), 2, 2))
-        hung = [] if landmarks is None else [m for m in map(landmarks.find, ids) if m is not None]
-        for k, m in enumerate(hung):
+        mapped = [] if landmarks is None else [m for m in map(landmarks.find, ids) if m is not None]
+        for k, m in enumerate(mapped):
             self.places[k] = m.T_map_landmark.t[:2]
             C = EXACT * np.eye(2) + (0.0 if m.covariance is None else m.covariance[:2, :2])
             self.known[k] = np.linalg.inv(C)
         self.mapped = self.places.copy()
-        self.moves = landmarks is None or any(m.covariance is not None for m in hung)
+        self.moves = landmarks is None or any(m.covariance is not None for m in mapped)
         self.parameters = np.array(NOMINAL)
         self.states: FloatArray = np.zeros((0, 3))
 
@@ -152,8 +152,8 @@ class _Problem:
     def _start(self) -> FloatArray:
         if self._map is None:
             return np.zeros(3)
-        for k, moment in enumerate(self._readings_by_moment):
-            found = locate_planar(moment, self._map, self.noise)
+        for k, frame in enumerate(self._readings_by_moment):
+            found = locate_planar(frame, self._map, self.noise)
             if found.status == PoseStatus.OK and found.pose is not None and found.pose.heading_rad is not None:
                 state = np.array([found.pose.x_m, found.pose.y_m, found.pose.heading_rad])
                 # Back along the motions to the first frame.
@@ -175,7 +175,7 @@ class _Problem:
             rows = full & (seen.landmarks == k)
             if not rows.any():
                 continue
-            at = self.states[seen.moments[rows]]
+            at = self.states[seen.frames[rows]]
             distance, bearing = seen.values[rows].T
             points = at[:, :2] + distance[:, None] * np.column_stack(
                 [np.cos(at[:, 2] + bearing), np.sin(at[:, 2] + bearing)]
@@ -215,7 +215,7 @@ class _Problem:
     def _errors(self) -> tuple[_Readings, FloatArray, FloatArray]:
         """Readings so far, their standardised errors (R,2), 0 where nothing was read, and where landmarks lie."""
         seen = self.readings.first(len(self.states))
-        at = self.states[seen.moments]
+        at = self.states[seen.frames]
         off = self.places[seen.landmarks] - at[:, :2]
         distance = np.hypot(off[:, 0], off[:, 1])
         direction = np.arctan2(off[:, 1], off[:, 0]) - at[:, 2]
@@ -238,10 +238,10 @@ class _Problem:
         J = _reading_jacobian(off, seen.sigmas) * root[..., None]
         J *= (errors != 0)[..., None]
         residuals = errors * root
-        equations.add_to_states(seen.moments, J, residuals)
+        equations.add_to_states(seen.frames, J, residuals)
         if self.moves:
             columns = OWN + 2 * seen.landmarks[:, None] + np.arange(2)
-            equations.add_shared(seen.moments, J, columns, -J[:, :, :2], residuals)
+            equations.add_shared(seen.frames, J, columns, -J[:, :, :2], residuals)
             unseen = np.isnan(self.places[:, 0]).repeat(2)
             equations.corner[OWN:, OWN:] += np.diag(np.where(unseen, 1.0, 1e-9))
             if self._map is None:
@@ -301,7 +301,7 @@ class _Problem:
             weights,
             (self._errors()[1] ** 2).sum(axis=1),
             np.isfinite(self.readings.values).sum(axis=1).astype(np.float64),
-            self.readings.moments,
+            self.readings.frames,
             self.readings.landmarks,
         )
 

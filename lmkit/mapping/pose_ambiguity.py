@@ -37,7 +37,7 @@ def resolve_pose_ambiguities(problem: BundleProblem) -> dict[int, FloatArray]:
         before, cost = problem.state(), problem.cost()
         off = _apart(R[k], p[k], before.lm_R[k], before.lm_p[k])
         problem.put(k, R[k], p[k])
-        there = problem.settle(SETTLING)
+        there = problem.optimize(SETTLING)
         settled = _apart(problem.lm_R[k], problem.lm_p[k], before.lm_R[k], before.lm_p[k])
         if np.linalg.norm(settled[3:]) < DIFFERENT_RAD:
             # Back where it was: what is left is how flat the way there is.
@@ -86,7 +86,7 @@ def _fitted_twins(problem: BundleProblem) -> tuple[FloatArray, FloatArray, Float
         R, p = rotation_exp(step[:, 3:]) @ R, p + step[:, :3]
     problem.restore(before)
     # Skip landmarks that are nearly symmetric, fixed, or have no inliers.
-    held = np.array([problem.is_held(k) for k in range(len(own))])
+    held = np.array([problem.is_fixed(k) for k in range(len(own))])
     seen = np.bincount(problem.seen.of, problem.used, len(own)) > 0
     best[(angle < DIFFERENT_RAD) | held | ~seen] = np.inf
     return own, best, best_R, best_p

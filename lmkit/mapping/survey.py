@@ -20,7 +20,7 @@ from lmkit.geometry.stereo_rig import StereoRig
 from lmkit.mapping.bundle_adjustment import Anchor, Bundle, BundleProblem
 from lmkit.mapping.initialization import Start, find_start
 from lmkit.mapping.pose_ambiguity import resolve_pose_ambiguities
-from lmkit.mapping.wall_constraints import Tie, strays
+from lmkit.mapping.wall_constraints import LandmarkConstraint, strays
 from lmkit.model.landmark_id import LandmarkId
 from lmkit.model.landmark_map import LandmarkMap, MappedLandmark
 from lmkit.model.recording import StereoFrame
@@ -81,61 +81,61 @@ class Survey:
     unplaced: tuple[LandmarkId, ...]
     dropped: int
     ambiguous: tuple[LandmarkId, ...] = ()
-    astray: tuple[tuple[LandmarkId, Tie, float], ...] = ()
+    astray: tuple[tuple[LandmarkId, LandmarkConstraint, float], ...] = ()
     warnings: tuple[str, ...] = ()
 
 
 def survey_frames(
-    moments: Sequence[StereoFrame],
+    frames: Sequence[StereoFrame],
     rig: StereoRig,
     sizes_m: Mapping[LandmarkId, float],
     anchors: Mapping[LandmarkId, Anchor],
     motion: Motion | None = None,
-    ties: Sequence[Tie] = (),
+    constraints: Sequence[LandmarkConstraint] = (),
 ) -> Survey:
     """Survey the landmarks and the poses of the rig.
 
     Args:
-        moments: frames in the order of time.
+        frames: frames in the order of time.
         sizes_m: printed sizes, by id.
         anchors: landmarks known beforehand, by id; with none, the best-observed landmark
             defines the origin, its normal is the x axis and it is upright; with wheel odometry it is above the
             origin, and the floor is z = 0.
         motion: odometry; of wheels it needs the rig's T_base_left.
-        ties: walls and heights that landmarks share.
+        constraints: walls and heights that landmarks share.
 
     Raises:
         InputError: nothing to start from, or odometry without T_base_left or of another time.
     """
-    start = find_start(moments, rig, sizes_m, anchors, motion)
-    problem = start.problem(moments, rig, motion, ties)
-    settle_all(problem)
+    start = find_start(frames, rig, sizes_m, anchors, motion)
+    problem = start.problem(frames, rig, motion, constraints)
+    optimize_all(problem)
     if start.unplaced or None in start.poses:
         # By the map as it is now more may be located and placed than while it grew.
-        again = find_start(moments, rig, sizes_m, _hung(start, problem), motion)
+        again = find_start(frames, rig, sizes_m, _hung(start, problem), motion)
         if len(again.rows) > len(start.rows) or len(again.unplaced) < len(start.unplaced):
             # What is known beforehand is still that alone.
             start = replace(again, anchors=start.anchors)
-            problem = start.problem(moments, rig, motion, ties)
-            settle_all(problem)
+            problem = start.problem(frames, rig, motion, constraints)
+            optimize_all(problem)
     if not anchors and motion is not None and motion.of_base:
         _lay_on_the_floor(problem)
     undecided = resolve_pose_ambiguities(problem)
     dropped = problem.drop_outliers(OUTLIER_SIGMA)
-    problem.settle(STEPS)
+    problem.optimize(STEPS)
     bundle = problem.answer(OUTLIER_SIGMA, undecided)
-    hung = {m.id for m in problem.hung}
+    mapped = {m.id for m in problem.mapped}
     # A landmark that is mounted where none of its observations has it was started wrong.
-    fitting = bundle.of[bundle.misfits < OUTLIER_SIGMA].tolist()
+    fitting = bundle.of[bundle.residuals < OUTLIER_SIGMA].tolist()
     believed = {bundle.ids[k] for k in fitting} | set(start.anchors)
     lost = [m for m in bundle.landmarks if m.id not in believed]
     bundle = _only(bundle, believed)
     unseen = [
-        replace(anchor.landmark, covariance=anchor.covariance) for key, anchor in anchors.items() if key not in hung
+        replace(anchor.landmark, covariance=anchor.covariance) for key, anchor in anchors.items() if key not in mapped
     ]
     landmarks = LandmarkMap([*bundle.landmarks, *unseen])
     unplaced = tuple(sorted([*start.unplaced, *(m.id for m in lost)]))
-    ambiguous = tuple(sorted({problem.hung[k].id for k in undecided} & believed))
+    ambiguous = tuple(sorted({problem.mapped[k].id for k in undecided} & believed))
     odd = tuple(odd for odd in contradicted_landmarks(bundle) if odd.id in believed)
     return Survey(
         bundle,
@@ -146,7 +146,7 @@ def survey_frames(
         unplaced,
         dropped,
         ambiguous,
-        _astray(ties, bundle.landmarks),
+        _astray(constraints, bundle.landmarks),
     )
 
 
@@ -164,19 +164,19 @@ def _hung(start: Start, problem: BundleProblem) -> dict[LandmarkId, Anchor]:
     return {key: Anchor(found.get(key, m), None) for key, m in start.placed.items()}
 
 
-def settle_all(problem: BundleProblem) -> None:
+def optimize_all(problem: BundleProblem) -> None:
     """Bundle adjustment to the end, observations that do not fit left out."""
     # Wheels rarely slip by much; were they allowed to at once, they would for a landmark that was moved.
     problem.may_slip = False
-    problem.settle(STEPS)
+    problem.optimize(STEPS)
     dropped = -1
     for round_ in range(ROUNDS):
         now = problem.drop_outliers(OUTLIER_SIGMA)
         problem.may_slip = True
-        problem.settle(STEPS)
+        problem.optimize(STEPS)
         if round_ < WEIGHINGS:
             problem.weigh_motion()
-            problem.settle(STEPS)
+            problem.optimize(STEPS)
         elif now == dropped:
             break
         dropped = now
@@ -187,9 +187,9 @@ def contradicted_landmarks(bundle: Bundle) -> tuple[ContradictedLandmark, ...]:
     odd = []
     for k in np.unique(bundle.of):
         mine = bundle.of == k
-        off = mine & (bundle.misfits > OUTLIER_SIGMA)
+        off = mine & (bundle.residuals > OUTLIER_SIGMA)
         if off.sum() >= max(LEAST_ODD, ODD_SHARE * mine.sum()):
-            times = bundle.times_s[bundle.moments[off]]
+            times = bundle.times_s[bundle.frames[off]]
             odd.append(
                 ContradictedLandmark(
                     bundle.ids[k], int(off.sum()), int(mine.sum()), float(times.min()), float(times.max())
@@ -201,9 +201,9 @@ def contradicted_landmarks(bundle: Bundle) -> tuple[ContradictedLandmark, ...]:
 def _only(bundle: Bundle, ids: set[LandmarkId]) -> Bundle:
     kept = [k for k, m in enumerate(bundle.landmarks) if m.id in ids]
     rows = (6 * np.array(kept, dtype=np.int64)[:, None] + np.arange(6)).ravel()
-    hung = list(bundle.landmarks)
+    mapped = list(bundle.landmarks)
     return replace(
-        bundle, landmarks=LandmarkMap([hung[k] for k in kept]), joint=bundle.joint[rows[:, None], rows[None]]
+        bundle, landmarks=LandmarkMap([mapped[k] for k in kept]), joint=bundle.joint[rows[:, None], rows[None]]
     )
 
 
@@ -216,18 +216,20 @@ def _weak(landmarks: LandmarkMap) -> tuple[tuple[LandmarkId, float, float], ...]
     return tuple(weak)
 
 
-def _astray(ties: Sequence[Tie], landmarks: LandmarkMap) -> tuple[tuple[LandmarkId, Tie, float], ...]:
-    hung = list(landmarks)
-    R, p = np.array([m.T_map_landmark.R for m in hung]), np.array([m.T_map_landmark.t for m in hung])
-    sigmas = np.array([deviations(m) for m in hung])
+def _astray(
+    constraints: Sequence[LandmarkConstraint], landmarks: LandmarkMap
+) -> tuple[tuple[LandmarkId, LandmarkConstraint, float], ...]:
+    mapped = list(landmarks)
+    R, p = np.array([m.T_map_landmark.R for m in mapped]), np.array([m.T_map_landmark.t for m in mapped])
+    sigmas = np.array([deviations(m) for m in mapped])
     found = []
-    for tie in ties:
-        members = [k for k, m in enumerate(hung) if m.id in tie.ids]
+    for constraint in constraints:
+        members = [k for k, m in enumerate(mapped) if m.id in constraint.ids]
         if len(members) < 3:
             continue  # of two nobody knows which is off
-        for k, off, standardised in zip(members, *strays(tie, members, R, p, sigmas), strict=True):
+        for k, off, standardised in zip(members, *strays(constraint, members, R, p, sigmas), strict=True):
             if standardised > ASTRAY_SIGMA:
-                found.append((hung[k].id, tie, float(off)))
+                found.append((mapped[k].id, constraint, float(off)))
     return tuple(found)
 
 

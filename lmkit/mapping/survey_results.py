@@ -13,14 +13,14 @@ from lmkit.geometry.pose import Pose
 from lmkit.geometry.stereo_rig import StereoRig
 from lmkit.mapping.bundle_adjustment import Bundle
 from lmkit.mapping.survey import Survey, deviations
-from lmkit.mapping.wall_constraints import Tie
+from lmkit.mapping.wall_constraints import LandmarkConstraint
 from lmkit.model.landmark_id import LandmarkId, ids_text
 from lmkit.model.recording import StereoFrame
 from lmkit.odometry.motion_model import Motion, describe_odometry
 
 
 def survey_warnings(
-    result: Survey, motion: Motion | None, ties: Sequence[Tie], advice: Mapping[LandmarkId, str]
+    result: Survey, motion: Motion | None, constraints: Sequence[LandmarkConstraint], advice: Mapping[LandmarkId, str]
 ) -> list[str]:
     """Warnings about what a user should check, one sentence each."""
     texts = [str(odd) for odd in result.odd]
@@ -34,13 +34,15 @@ def survey_warnings(
         )
     for code in result.ambiguous:
         texts.append(f"{code} has an ambiguous pose: it was seen from one side and from afar; look from another side")
-    for code, tie, metres in result.astray:
-        texts.append(f"{code} is {1000 * metres:.0f} mm off the {tie} of its constraint; check it in the room")
+    for code, constraint, metres in result.astray:
+        texts.append(f"{code} is {1000 * metres:.0f} mm off the {constraint} of its constraint; check it in the room")
     mapped = {m.id for m in result.bundle.landmarks}
-    for tie in ties:
-        missing = [id_ for id_ in tie.ids if id_ not in mapped]
+    for constraint in constraints:
+        missing = [id_ for id_ in constraint.ids if id_ not in mapped]
         if missing:
-            texts.append(f"the constraint '{tie}' names landmarks that are not in the map: {ids_text(missing)}")
+            texts.append(
+                f"the constraint '{constraint}' names landmarks that are not in the map: {ids_text(missing)}"
+            )
     for code in result.unplaced:
         texts.append(
             f"{code} is not placed: its observations are too few, or do not agree; drive past it again, and nearer"
@@ -89,7 +91,9 @@ def survey_dict(result: Survey, frames: Sequence[StereoFrame], motion: Motion | 
         "weak": [str(id_) for id_, _, _ in result.weak],
         "unplaced": [str(id_) for id_ in result.unplaced],
         "ambiguous": [str(id_) for id_ in result.ambiguous],
-        "astray": [{"id": str(id_), "of": str(tie), "metres": metres} for id_, tie, metres in result.astray],
+        "astray": [
+            {"id": str(id_), "of": str(constraint), "metres": metres} for id_, constraint, metres in result.astray
+        ],
         "odometry": {} if motion is None else dict(zip(motion.names, bundle.parameters.tolist(), strict=True)),
     }
 
@@ -102,7 +106,7 @@ def survey_lines(result: Survey, frames: int, output: Path) -> list[str]:
         mine = bundle.of == bundle.ids.index(m.id)
         place, turn = deviations(m)
         x, y, z = m.T_map_landmark.t
-        residual = float(np.median(bundle.misfits[mine])) if mine.any() else math.nan
+        residual = float(np.median(bundle.residuals[mine])) if mine.any() else math.nan
         lines.append(
             f"{m.id!s:8} {x:8.3f} {y:8.3f} {z:8.3f} {1000 * place:9.1f} {math.degrees(turn):8.2f} {mine.sum():8d}"
             f" {residual:9.2f}"

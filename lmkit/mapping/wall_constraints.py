@@ -20,7 +20,7 @@ BEND = 3.0  # of a landmark's own deviation, where the loss bends
 
 
 @dataclass(frozen=True)
-class Tie:
+class LandmarkConstraint:
     """Landmarks that share a wall or a height.
 
     Attributes:
@@ -61,7 +61,9 @@ class ConstraintRows:
         return float(BEND / np.sqrt(len(np.unique(self.pairs))))
 
 
-def constraint_rows(tie: Tie, members: Sequence[int], R: FloatArray, p: FloatArray) -> ConstraintRows:
+def constraint_rows(
+    constraint: LandmarkConstraint, members: Sequence[int], R: FloatArray, p: FloatArray
+) -> ConstraintRows:
     """Residual rows of a constraint for landmarks as they are mounted.
 
     Args:
@@ -78,11 +80,11 @@ def constraint_rows(tie: Tie, members: Sequence[int], R: FloatArray, p: FloatArr
         pairs.append((a, b))
 
     # Each pair both ways, at half the weight.
-    sigma_m, sigma_rad = tie.sigma_m * spread * np.sqrt(2), tie.sigma_rad * spread * np.sqrt(2)
+    sigma_m, sigma_rad = constraint.sigma_m * spread * np.sqrt(2), constraint.sigma_rad * spread * np.sqrt(2)
     none, up = np.zeros(3), np.array([0.0, 0.0, 1.0])
     for a, b in permutations(members, 2):
         away = p[b] - p[a]
-        if tie.kind == "height":
+        if constraint.kind == "height":
             say(a, b, away[2], np.concatenate([-up, none]), np.concatenate([up, none]), sigma_m)
             continue
         x, y, z = R[a].T
@@ -94,7 +96,7 @@ def constraint_rows(tie: Tie, members: Sequence[int], R: FloatArray, p: FloatArr
 
 
 def strays(
-    tie: Tie, members: Sequence[int], R: FloatArray, p: FloatArray, sigmas: FloatArray
+    constraint: LandmarkConstraint, members: Sequence[int], R: FloatArray, p: FloatArray, sigmas: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
     """How far each landmark is off what most of the others say: (n,) metres, and the same in standard deviations.
 
@@ -106,11 +108,11 @@ def strays(
         others = [m for m in members if m != member]
         away = p[member] - p[others]
         turned = np.zeros(len(others))
-        if tie.kind == "height":
+        if constraint.kind == "height":
             out = away[:, 2]
         else:
             out = np.einsum("ni,ni->n", R[others, :, 2], away)
-            turned = np.hypot(sigmas[others, 1], tie.sigma_rad) * np.linalg.norm(away, axis=1)
-        spread = np.sqrt(2 * tie.sigma_m**2 + sigmas[member, 0] ** 2 + sigmas[others, 0] ** 2 + turned**2)
+            turned = np.hypot(sigmas[others, 1], constraint.sigma_rad) * np.linalg.norm(away, axis=1)
+        spread = np.sqrt(2 * constraint.sigma_m**2 + sigmas[member, 0] ** 2 + sigmas[others, 0] ** 2 + turned**2)
         off[k], standardised[k] = np.median(np.abs(out)), np.median(np.abs(out) / spread)
     return off, standardised

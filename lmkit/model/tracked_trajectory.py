@@ -30,7 +30,7 @@ class TrackedTrajectory:
         parameters: what is wrong with the odometry, by name.
         of_base: the poses look along x, not along z.
         remarks: what a user should look after.
-        innovations: (N,2) of what was believed at every frame: the sum of its squared errors, in standard
+        nis: (N,2) of what was believed at every frame: the sum of its squared errors, in standard
             deviations, and how many numbers that is of.  Live they are those of the prediction, else what is left
             once the recording is solved.
     """
@@ -43,7 +43,7 @@ class TrackedTrajectory:
     parameters: dict[str, float] = field(default_factory=dict)
     of_base: bool = True
     remarks: tuple[str, ...] = ()
-    innovations: FloatArray = field(default_factory=lambda: np.zeros((0, 2)))
+    nis: FloatArray = field(default_factory=lambda: np.zeros((0, 2)))
 
     @property
     def positions(self) -> FloatArray:
@@ -95,7 +95,7 @@ def tracked_dict(drive: TrackedTrajectory, k: int) -> dict[str, Any]:
         "covariance": drive.covariances[k].tolist(),
         "outliers": [i.code for i in drive.outliers[k]],
         "outlier_ids": [str(i) for i in drive.outliers[k]],
-        "innovation": drive.innovations[k][0] / drive.innovations[k][1] if drive.innovations[k][1] else None,
+        "innovation": drive.nis[k][0] / drive.nis[k][1] if drive.nis[k][1] else None,
     }
 
 

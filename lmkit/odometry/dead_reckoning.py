@@ -19,7 +19,7 @@ STRAY_M, STRAY_RAD, STRAY_SHARE = 0.3, 0.15, 0.1
 
 
 @dataclass(frozen=True, eq=False)
-class Carried:
+class ReckonedPose:
     """A pose carried on by odometry, over so much of a way (turns count, too)."""
 
     pose: Pose
@@ -59,16 +59,16 @@ class OdometryPath:
         way = np.where(steps.known, np.linalg.norm(steps.t, axis=1) + angles, 0.0)
         return cls(R, t, np.append(0.0, np.cumsum(way)), np.append(0, np.cumsum(~steps.known)))
 
-    def carry(self, pose: Pose, at: int, to: int) -> Carried | None:
+    def reckon(self, pose: Pose, at: int, to: int) -> ReckonedPose | None:
         """The pose of one frame carried on to another; None over a gap."""
         if self.stretch[at] != self.stretch[to]:
             return None
         back = pose.R @ self.R[at].T
         T = Pose("map", "left", orthonormal(back @ self.R[to]), pose.t + back @ (self.t[to] - self.t[at]))
-        return Carried(T, abs(float(self.way_m[to] - self.way_m[at])))
+        return ReckonedPose(T, abs(float(self.way_m[to] - self.way_m[at])))
 
 
-class CarriedPoses:
+class ReckonedPoses:
     """Dead reckoning for every frame without a pose, from the nearest one that has a pose.
 
     Args:
@@ -97,7 +97,7 @@ class CarriedPoses:
         self.way_m[known] = np.inf
         self._nearest = np.where(np.isfinite(self.way_m), sides[np.argmin(ways, axis=0), rows], -1)
 
-    def __getitem__(self, k: int) -> Carried | None:
+    def __getitem__(self, k: int) -> ReckonedPose | None:
         at = int(self._nearest[k])
         pose = self._poses[at] if at >= 0 else None
-        return None if pose is None or self._path is None else self._path.carry(pose, at, k)
+        return None if pose is None or self._path is None else self._path.reckon(pose, at, k)

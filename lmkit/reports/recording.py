@@ -41,8 +41,8 @@ def survey_report(survey: Survey, motion: Motion | None, warnings: Sequence[str]
         warnings: as told to the user.
     """
     bundle = survey.bundle
-    believed = bundle.misfits < OUTLIER_SIGMA
-    times = bundle.times_s[bundle.moments]
+    believed = bundle.residuals < OUTLIER_SIGMA
+    times = bundle.times_s[bundle.frames]
     plan = draw_drive(
         bundle.landmarks,
         bundle.times_s,
@@ -68,8 +68,8 @@ def survey_report(survey: Survey, motion: Motion | None, warnings: Sequence[str]
                 (
                     _over_time(
                         [
-                            _Series(times[believed], bundle.misfits[believed], SEEN),
-                            _Series(times[~believed], bundle.misfits[~believed], LEFT_OUT),
+                            _Series(times[believed], bundle.residuals[believed], SEEN),
+                            _Series(times[~believed], bundle.residuals[~believed], LEFT_OUT),
                         ],
                         "residual of an observation, standard deviations",
                         log=True,
@@ -111,7 +111,7 @@ def track_report(drive: TrackedTrajectory, landmarks: LandmarkMap) -> str:
         "<h2>Drive</h2>",
         figure(plan, "The robot from above; 95 % ellipses. Grey: not sure."),
         "<h2>Innovations</h2>",
-        _innovations(drive),
+        _nis(drive),
         "<h2>How well the pose is known</h2>",
         grid(
             [
@@ -205,7 +205,7 @@ def _landmarks(survey: Survey, believed: BoolArray) -> str:
         mine = bundle.of == bundle.ids.index(m.id)
         place, turn = deviations(m)
         x, y, z = m.T_map_landmark.t
-        misfit = f"{np.median(bundle.misfits[mine]):.2f}" if mine.any() else ""
+        misfit = f"{np.median(bundle.residuals[mine]):.2f}" if mine.any() else ""
         rows.append(
             (str(m.id), f"{x:.3f}", f"{y:.3f}", f"{z:.3f}", f"± {1000 * place:.1f}", f"± {np.rad2deg(turn):.2f}",
              str(mine.sum()), str((mine & ~believed).sum()), misfit)
@@ -214,8 +214,8 @@ def _landmarks(survey: Survey, believed: BoolArray) -> str:
     return table(head, rows)
 
 
-def _innovations(drive: TrackedTrajectory) -> str:
-    squared, told = drive.innovations.T
+def _nis(drive: TrackedTrajectory) -> str:
+    squared, told = drive.nis.T
     some = told > 0
     if not some.any():
         return "<p class='note'>No landmark was seen.</p>"
@@ -237,7 +237,7 @@ def _innovations(drive: TrackedTrajectory) -> str:
 
 def _outside(drive: TrackedTrajectory) -> tuple[int, int]:
     """Frames above the band of their innovations, of those that saw something."""
-    squared, told = drive.innovations.T
+    squared, told = drive.nis.T
     some = told > 0
     return int((squared[some] > chi2.ppf(INSIDE, told[some])).sum()), int(some.sum())
 

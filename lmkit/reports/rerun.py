@@ -35,7 +35,7 @@ def require_rerun() -> None:
         raise InputError("no_rerun", "recordings need the package rerun-sdk", EXTRA.format("viewer"))
 
 
-def survey_recording(survey: Survey, rig: StereoRig, moments: Sequence[StereoFrame]) -> bytes:
+def survey_recording(survey: Survey, rig: StereoRig, frames: Sequence[StereoFrame]) -> bytes:
     """A surveyed recording, as the bytes of an .rrd file.
 
     Args:
@@ -47,16 +47,16 @@ def survey_recording(survey: Survey, rig: StereoRig, moments: Sequence[StereoFra
     for k, pose in enumerate(bundle.left_poses()):
         recording.at(bundle.times_s[k])
         recording.robot(pose, bundle.covariances[k], True)
-        recording.seen(moments[survey.rows[k]], rig, pose)
+        recording.seen(frames[survey.rows[k]], rig, pose)
         recording.value("sigma/place_mm", places[k])
-    for moment in np.unique(bundle.moments):
-        recording.at(bundle.times_s[moment])
-        recording.value("misfit", float(np.median(bundle.misfits[bundle.moments == moment])))
+    for frame in np.unique(bundle.frames):
+        recording.at(bundle.times_s[frame])
+        recording.value("misfit", float(np.median(bundle.residuals[bundle.frames == frame])))
     return recording.bytes()
 
 
 def track_recording(
-    drive: TrackedTrajectory, landmarks: LandmarkMap, rig: StereoRig | None, moments: Sequence[StereoFrame]
+    drive: TrackedTrajectory, landmarks: LandmarkMap, rig: StereoRig | None, frames: Sequence[StereoFrame]
 ) -> bytes:
     """A robot that was followed through a map, as the bytes of an .rrd file.
 
@@ -65,7 +65,7 @@ def track_recording(
     """
     recording = _Recording("lmkit track")
     recording.landmarks(landmarks)
-    seen = {moment.time_s: moment for moment in moments}
+    seen = {frame.time_s: frame for frame in frames}
     for k, time_s in enumerate(drive.times_s.tolist()):
         recording.at(time_s)
         C, looking = drive.covariances[k], drive.looking(k)
@@ -75,7 +75,7 @@ def track_recording(
             recording.seen(seen[time_s], rig, left)
         recording.value("sigma/place_mm", 1000 * np.sqrt(np.trace(C[:3, :3])))
         recording.value("sigma/heading_deg", np.rad2deg(np.sqrt(max(C[5, 5], 0.0))))
-        squared, told = drive.innovations[k]
+        squared, told = drive.nis[k]
         if told:
             recording.value("innovation", squared / told)
     return recording.bytes()
@@ -98,21 +98,21 @@ class _Recording:
 
     def landmarks(self, landmarks: LandmarkMap) -> None:
         """Each as a flat box with its code, and the ellipsoid that holds its place with 95 %."""
-        hung = list(landmarks)
+        mapped = list(landmarks)
         self._log(
             "map/landmarks",
             self._rerun.Boxes3D(
-                centers=[m.T_map_landmark.t for m in hung],
-                half_sizes=[[m.size_m / 2, m.size_m / 2, THICK_M / 2] for m in hung],
-                quaternions=[self._turn(m.T_map_landmark) for m in hung],
-                labels=[str(m.code) for m in hung],
-                colors=[SEEN] * len(hung),
+                centers=[m.T_map_landmark.t for m in mapped],
+                half_sizes=[[m.size_m / 2, m.size_m / 2, THICK_M / 2] for m in mapped],
+                quaternions=[self._turn(m.T_map_landmark) for m in mapped],
+                labels=[str(m.code) for m in mapped],
+                colors=[SEEN] * len(mapped),
             ),
             static=True,
         )
         self._ellipsoids(
             "map/landmarks/uncertainty",
-            [(m.T_map_landmark.t, m.covariance[:3, :3]) for m in hung if m.covariance is not None],
+            [(m.T_map_landmark.t, m.covariance[:3, :3]) for m in mapped if m.covariance is not None],
             static=True,
         )
 
@@ -125,11 +125,11 @@ class _Recording:
         )
         self._ellipsoids("map/robot/uncertainty", [(looking.t, covariance[:3, :3])], static=False)
 
-    def seen(self, moment: StereoFrame, rig: StereoRig, T_map_left: Pose) -> None:
+    def seen(self, frame: StereoFrame, rig: StereoRig, T_map_left: Pose) -> None:
         """The cameras, and the outlines of what they read in their images."""
         right = rig.T_map_right(T_map_left)
         for name, camera, pose, seen in zip(
-            EYES, (rig.left, rig.right), (T_map_left, right), (moment.left, moment.right), strict=True
+            EYES, (rig.left, rig.right), (T_map_left, right), (frame.left, frame.right), strict=True
         ):
             path = f"map/eyes/{name}"
             self._log(path, self._rerun.Transform3D(translation=pose.t, mat3x3=pose.R))

@@ -69,7 +69,7 @@ class Drive:
     rig: StereoRig
     times_s: FloatArray
     truth: FloatArray
-    moments: tuple[StereoFrame, ...]
+    frames: tuple[StereoFrame, ...]
     odometry: Odometry
     gyro: Gyro
 
@@ -104,16 +104,16 @@ class Drive:
         """Ranges and bearings to the landmarks seen, as of a planar sensor in the base's origin."""
         rng = np.random.default_rng([seed, 3])
         answers = []
-        for state, moment in zip(self.truth, self.moments, strict=True):
+        for state, frame in zip(self.truth, self.frames, strict=True):
             seen = []
-            for id_ in sorted({o.id for o in moment.left}):
+            for id_ in sorted({o.id for o in frame.left}):
                 landmark = self.landmarks.find(id_)
                 assert landmark is not None
                 off = landmark.T_map_landmark.t[:2] - state[:2]
                 distance = float(np.hypot(*off)) * (1 + range_share * rng.normal())
                 bearing = float(np.arctan2(off[1], off[0]) - state[2] + bearing_rad * rng.normal())
                 seen.append(RangeBearing(id_, distance, wrap_heading(bearing)))
-            answers.append((moment.time_s, seen))
+            answers.append((frame.time_s, seen))
         return answers
 
 
@@ -137,12 +137,12 @@ def make_drive(
     rows = np.arange(0, len(fine) - 1, round(1 / hz / STEP_S))
     # The first frames lie before the wheels' delay.
     rows = rows[fine[rows] > errors.delay_s]
-    moments = tuple(
+    frames = tuple(
         StereoFrame(float(fine[k]), *look(landmarks, rig, planar_pose(truth[k]), noise_px, rng), f"{fine[k]:.2f}")
         for k in rows
     )
     odometry, gyro = _wheels(rng, fine, truth, errors)
-    return Drive(landmarks, rig, fine[rows], truth[rows], moments, odometry, gyro)
+    return Drive(landmarks, rig, fine[rows], truth[rows], frames, odometry, gyro)
 
 
 def _round_trip(

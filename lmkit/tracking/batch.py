@@ -12,8 +12,8 @@ from lmkit.geometry.stereo_rig import StereoRig, at_base
 from lmkit.mapping.bundle_adjustment import Anchor
 from lmkit.mapping.initialization import find_start
 from lmkit.mapping.planar_smoother import smooth_planar
-from lmkit.mapping.range_bearing_survey import Moments
-from lmkit.mapping.survey import OUTLIER_SIGMA, contradicted_landmarks, settle_all
+from lmkit.mapping.range_bearing_survey import ReadingFrames
+from lmkit.mapping.survey import OUTLIER_SIGMA, contradicted_landmarks, optimize_all
 from lmkit.model.landmark_id import LandmarkId
 from lmkit.model.landmark_map import LandmarkMap
 from lmkit.model.pose_status import PoseStatus
@@ -27,15 +27,15 @@ OUTLIER_WEIGHT = 0.1
 
 
 def track_readings(
-    moments: Moments, odometry: Odometry, gyro: Gyro | None, landmarks: LandmarkMap
+    frames: ReadingFrames, odometry: Odometry, gyro: Gyro | None, landmarks: LandmarkMap
 ) -> TrackedTrajectory:
     """All of the recording at once, from ranges and bearings (`planar_smoother.py`)."""
-    times, motion = np.array([time_s for time_s, _ in moments]), MotionModel(odometry, gyro)
+    times, motion = np.array([time_s for time_s, _ in frames]), MotionModel(odometry, gyro)
     motion.require_overlap(times)
-    track = smooth_planar(times, [seen for _, seen in moments], motion, landmarks)
-    outliers: list[tuple[LandmarkId, ...]] = [() for _ in moments]
+    track = smooth_planar(times, [seen for _, seen in frames], motion, landmarks)
+    outliers: list[tuple[LandmarkId, ...]] = [() for _ in frames]
     for row in np.flatnonzero(track.weights < OUTLIER_WEIGHT):
-        outliers[track.moments[row]] += (track.ids[track.landmarks[row]],)
+        outliers[track.frames[row]] += (track.ids[track.landmarks[row]],)
     C = track.covariances
     lost = np.sqrt(np.linalg.eigvalsh(C[:, :2, :2])[:, -1]) > LOST_M
     return TrackedTrajectory(
@@ -46,18 +46,20 @@ def track_readings(
         outliers,
         dict(zip(PARAMETERS, track.parameters.tolist(), strict=True)),
         remarks=_doubts(motion, track.parameters),
-        innovations=_summed(len(times), track.moments, track.squared, track.told, track.weights > OUTLIER_WEIGHT),
+        nis=_summed(len(times), track.frames, track.squared, track.nis_dof, track.weights > OUTLIER_WEIGHT),
     )
 
 
-def _summed(count: int, moments: IntArray, squared: FloatArray, told: FloatArray, believed: BoolArray) -> FloatArray:
+def _summed(
+    count: int, frames: IntArray, squared: FloatArray, nis_dof: FloatArray, believed: BoolArray
+) -> FloatArray:
     """(N,2) sums by frame of (R,) squared errors and of how many numbers they are of."""
-    rows = moments[believed]
-    return np.column_stack([np.bincount(rows, values[believed], count) for values in (squared, told)])
+    rows = frames[believed]
+    return np.column_stack([np.bincount(rows, values[believed], count) for values in (squared, nis_dof)])
 
 
 def track_pictures(
-    moments: Sequence[StereoFrame],
+    frames: Sequence[StereoFrame],
     rig: StereoRig,
     landmarks: LandmarkMap,
     motion: Motion | None,
@@ -71,16 +73,16 @@ def track_pictures(
         InputError: no landmark of the map is in view, or odometry without T_base_left or of another time.
     """
     known = {m.id: Anchor(m, m.covariance) for m in landmarks}
-    start = find_start(moments, rig, {}, known, motion)
+    start = find_start(frames, rig, {}, known, motion)
     # Exactly known, they are held and need no unknowns of their own.
     exact = all(m.covariance is None for m in landmarks)
-    problem = start.problem(moments, rig, motion, frozen=exact)
-    settle_all(problem)
+    problem = start.problem(frames, rig, motion, landmarks_fixed=exact)
+    optimize_all(problem)
     bundle = problem.answer(OUTLIER_SIGMA)
     found, covariances = at_base(bundle.left_poses(), np.array(bundle.covariances), rig)
     outliers: list[tuple[LandmarkId, ...]] = [() for _ in start.rows]
-    for row in np.flatnonzero(bundle.misfits > OUTLIER_SIGMA):
-        outliers[bundle.moments[row]] += (bundle.ids[bundle.of[row]],)
+    for row in np.flatnonzero(bundle.residuals > OUTLIER_SIGMA):
+        outliers[bundle.frames[row]] += (bundle.ids[bundle.of[row]],)
     wide = np.sqrt(np.linalg.eigvalsh(covariances[:, :2, :2])[:, -1]) > LOST_M
     return TrackedTrajectory(
         bundle.times_s,
@@ -93,10 +95,10 @@ def track_pictures(
         (*map(str, contradicted_landmarks(bundle)), *_doubts(motion, bundle.parameters)),
         _summed(
             len(start.rows),
-            bundle.moments,
-            8 * bundle.misfits**2,
-            np.full(len(bundle.misfits), 8.0),
-            bundle.misfits < OUTLIER_SIGMA,
+            bundle.frames,
+            8 * bundle.residuals**2,
+            np.full(len(bundle.residuals), 8.0),
+            bundle.residuals < OUTLIER_SIGMA,
         ),
     )
 

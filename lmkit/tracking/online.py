@@ -11,7 +11,7 @@ from lmkit.arrays import FloatArray
 from lmkit.geometry.planar import planar_pose
 from lmkit.geometry.stereo_rig import StereoRig, at_base
 from lmkit.localization.absolute_pose import locate_rig
-from lmkit.mapping.range_bearing_survey import Moments
+from lmkit.mapping.range_bearing_survey import ReadingFrames
 from lmkit.model.landmark_map import LandmarkMap
 from lmkit.model.pose_status import PoseStatus
 from lmkit.model.recording import Gyro, Odometry, StereoFrame
@@ -27,16 +27,18 @@ from lmkit.tracking.spatial_stereo_filter import PoseFilter, SpacePose
 FLOOR_LOOKS, OFF_FLOOR_M = 5, 0.1
 
 
-def track_live(moments: Moments, odometry: Odometry, gyro: Gyro | None, landmarks: LandmarkMap) -> TrackedTrajectory:
+def track_live(
+    frames: ReadingFrames, odometry: Odometry, gyro: Gyro | None, landmarks: LandmarkMap
+) -> TrackedTrajectory:
     """Frame by frame, as while driving (`planar_filter.py`); frames before the first fix are left out."""
     filter_ = PlanarFilter(landmarks)
-    times = [time_s for time_s, _ in moments]
-    answers = _live(times, lambda k: filter_.observe(*moments[k]), filter_.wheels, odometry, gyro)
+    times = [time_s for time_s, _ in frames]
+    answers = _live(times, lambda k: filter_.observe(*frames[k]), filter_.wheels, odometry, gyro)
     return _tracked(answers, filter_.parameters)
 
 
 def track_pictures_live(
-    moments: Sequence[StereoFrame], rig: StereoRig, landmarks: LandmarkMap, odometry: Odometry, gyro: Gyro | None
+    frames: Sequence[StereoFrame], rig: StereoRig, landmarks: LandmarkMap, odometry: Odometry, gyro: Gyro | None
 ) -> TrackedTrajectory:
     """Frame by frame, from the corners that both cameras saw (`rig_filter.py`), on a level floor.
 
@@ -44,17 +46,17 @@ def track_pictures_live(
         InputError: the rig has no T_base_left, or odometry of another time.
     """
     filter_ = RigFilter(landmarks, rig)
-    times = [moment.time_s for moment in moments]
+    times = [frame.time_s for frame in frames]
 
     def observe(k: int) -> TrackedPose:
-        return filter_.observe(times[k], moments[k].left, moments[k].right)
+        return filter_.observe(times[k], frames[k].left, frames[k].right)
 
     tracked = _tracked(_live(times, observe, filter_.wheels, odometry, gyro), filter_.parameters)
-    return replace(tracked, remarks=(*_floor_doubt(moments, rig, landmarks), *tracked.remarks))
+    return replace(tracked, remarks=(*_floor_doubt(frames, rig, landmarks), *tracked.remarks))
 
 
 def track_poses_live(
-    moments: Sequence[StereoFrame], rig: StereoRig, landmarks: LandmarkMap, odometry: Trajectory
+    frames: Sequence[StereoFrame], rig: StereoRig, landmarks: LandmarkMap, odometry: Trajectory
 ) -> TrackedTrajectory:
     """Frame by frame through space, by corners and odometry's poses (`pose_filter.py`).
 
@@ -63,13 +65,13 @@ def track_poses_live(
     Raises:
         InputError: odometry of another time.
     """
-    PoseMotion(odometry).require_overlap(np.array([moment.time_s for moment in moments]))
+    PoseMotion(odometry).require_overlap(np.array([frame.time_s for frame in frames]))
     filter_, given, answers = PoseFilter(landmarks, rig), 0, []
-    for moment in moments:
-        while given < len(odometry) and odometry.times_s[given] <= moment.time_s:
+    for frame in frames:
+        while given < len(odometry) and odometry.times_s[given] <= frame.time_s:
             filter_.add_odometry(float(odometry.times_s[given]), odometry.pose(given, "odometry", "base"))
             given += 1
-        answer = filter_.observe(moment.time_s, moment.left, moment.right)
+        answer = filter_.observe(frame.time_s, frame.left, frame.right)
         if answer.T_map_left is not None:
             answers.append(answer)
     poses, covariances = at_base(
@@ -85,7 +87,7 @@ def track_poses_live(
         [answer.outliers for answer in answers],
         of_base=rig.T_base_left is not None,
         remarks=_carried_off(answers, "odometry says"),
-        innovations=_innovations(answers),
+        nis=_nis(answers),
     )
 
 
@@ -129,12 +131,12 @@ def _tracked(answers: Sequence[TrackedPose], parameters: FloatArray) -> TrackedT
         [answer.outliers for answer in answers],
         dict(zip(PARAMETERS, parameters.tolist(), strict=True)),
         remarks=_carried_off(answers, "its wheels say"),
-        innovations=_innovations(answers),
+        nis=_nis(answers),
     )
 
 
-def _innovations(answers: Sequence[TrackedPose] | Sequence[SpacePose]) -> FloatArray:
-    return np.array([(answer.innovation, answer.told) for answer in answers]).reshape(-1, 2)
+def _nis(answers: Sequence[TrackedPose] | Sequence[SpacePose]) -> FloatArray:
+    return np.array([(answer.nis, answer.nis_dof) for answer in answers]).reshape(-1, 2)
 
 
 def _carried_off(answers: Sequence[TrackedPose] | Sequence[SpacePose], but: str) -> tuple[str, ...]:
@@ -145,13 +147,13 @@ def _carried_off(answers: Sequence[TrackedPose] | Sequence[SpacePose], but: str)
     )
 
 
-def _floor_doubt(moments: Sequence[StereoFrame], rig: StereoRig, landmarks: LandmarkMap) -> tuple[str, ...]:
+def _floor_doubt(frames: Sequence[StereoFrame], rig: StereoRig, landmarks: LandmarkMap) -> tuple[str, ...]:
     """A sentence where the robot does not stand on the map's floor, as the frames that see most have it."""
     assert rig.T_base_left is not None
     base = rig.T_base_left.inverse().t  # in the left camera
     heights = []
-    for moment in sorted(moments, key=lambda moment: -len(moment.left) - len(moment.right))[:FLOOR_LOOKS]:
-        found = locate_rig(moment.left, moment.right, rig, landmarks)
+    for frame in sorted(frames, key=lambda frame: -len(frame.left) - len(frame.right))[:FLOOR_LOOKS]:
+        found = locate_rig(frame.left, frame.right, rig, landmarks)
         if found.status == PoseStatus.OK and found.T_map_camera is not None:
             heights.append(float((found.T_map_camera.t + found.T_map_camera.R @ base)[2]))
     if not heights or abs(np.median(heights)) < OFF_FLOOR_M:

@@ -89,17 +89,17 @@ class RigFilter:
             self._time = time_s
         seen = Correspondences.of_rig(left, right, self._rig, self._map, self._floor_px)
         outliers: tuple[LandmarkId, ...] = tuple(sorted(seen.twice))
-        innovation, told = 0.0, 0
+        nis, nis_dof = 0.0, 0
         if len(seen):
-            used, innovation = self._update(seen)
-            told = 8 * int(used.sum())
+            used, nis = self._update(seen)
+            nis_dof = 8 * int(used.sum())
             outliers = tuple(sorted({*outliers, *seen.ids_of(~used)}))
             self._doubts = 0 if used.any() else self._doubts + 1
             if self._doubts >= DOUBTS:
                 again = self._start(time_s, left, right)
                 if again.state is not None:
                     return again
-        return self._pose(time_s, outliers, False, innovation, told)
+        return self._pose(time_s, outliers, False, nis, nis_dof)
 
     def _start(self, time_s: float, left: Sequence[Detection], right: Sequence[Detection]) -> TrackedPose:
         options = LocateOptions(prior=self._prior, corner_floor_px=self._floor_px)
@@ -151,7 +151,7 @@ class RigFilter:
                 break
         poses, off = self._poses(state), state - start
         # What is left of the prediction's and the corners' errors together is the squared innovation.
-        cost = seen.misfits(poses)[0][used].sum() + off @ before @ off
+        cost = seen.chi2(poses)[0][used].sum() + off @ before @ off
         own, across = normal[:STATES, :STATES], normal[:STATES, STATES:]
         own = own - across @ np.linalg.solve(normal[STATES:, STATES:], across.T)
         return poses, (state[:STATES].copy(), own, float(cost))
@@ -175,12 +175,12 @@ class RigFilter:
         return PoseArray("map", "left", (turn @ self._T.R)[None], place[None])
 
     def _pose(
-        self, time_s: float, outliers: tuple[LandmarkId, ...], restarted: bool, innovation: float = 0.0, told: int = 0
+        self, time_s: float, outliers: tuple[LandmarkId, ...], restarted: bool, nis: float = 0.0, nis_dof: int = 0
     ) -> TrackedPose:
         P = self._P[:3, :3]
         lost = np.sqrt(np.linalg.eigvalsh(P[:2, :2])[-1]) > NOWHERE_M or self._doubts >= DOUBTS
         status = PoseStatus.LOST if lost else PoseStatus.OK
-        return TrackedPose(time_s, status, self._x[:3].copy(), P.copy(), outliers, restarted, innovation, told)
+        return TrackedPose(time_s, status, self._x[:3].copy(), P.copy(), outliers, restarted, nis, nis_dof)
 
 
 def _heading(x: FloatArray) -> FloatArray:
@@ -194,9 +194,9 @@ def believed(seen: Correspondences, fit: Callable[[BoolArray], tuple[PoseArray, 
     used = np.ones(len(seen), dtype=bool)
     while True:
         pose, fitted = fit(used)
-        misfits = np.where(used, seen.misfits(pose)[0], -1.0)
-        worst = int(np.argmax(misfits))
-        if misfits[worst] < 8 * OUTLIER_SIGMA**2:
+        chi2 = np.where(used, seen.chi2(pose)[0], -1.0)
+        worst = int(np.argmax(chi2))
+        if chi2[worst] < 8 * OUTLIER_SIGMA**2:
             return used, fitted
         # Both cameras' observations of a landmark stand and fall together.
         used = used & (seen.of != seen.of[worst])

@@ -48,7 +48,7 @@ class TrackedPose:
         covariance: (3,3).
         outliers: landmarks whose readings were rejected.
         restarted: True where the filter was put somewhere else: started, or carried off.
-        innovation, told: squared innovations of what was believed, in standard deviations, and how many numbers they
+        nis, nis_dof: squared innovations of what was believed, in standard deviations, and how many numbers they
             are of; on average the one is as large as the other.
     """
 
@@ -58,8 +58,8 @@ class TrackedPose:
     covariance: FloatArray | None
     outliers: tuple[LandmarkId, ...] = ()
     restarted: bool = False
-    innovation: float = 0.0
-    told: int = 0
+    nis: float = 0.0
+    nis_dof: int = 0
 
 
 @dataclass(eq=False)
@@ -71,8 +71,8 @@ class _Track:
     log_weight: float
     doubts: int = 0  # wrong readings in a row
     outliers: tuple[LandmarkId, ...] = ()
-    innovation: float = 0.0
-    told: int = 0
+    nis: float = 0.0
+    nis_dof: int = 0
 
 
 class PlanarFilter:
@@ -157,8 +157,8 @@ class PlanarFilter:
                     track.log_weight + math.log(WRONG_SHARE * WRONG_DENSITY),
                     track.doubts + 1,
                     (*track.outliers, reading.ids[0]),
-                    track.innovation,
-                    track.told,
+                    track.nis,
+                    track.nis_dof,
                 )
             )
             grown.append(_with_reading(track, reading, spread))
@@ -193,11 +193,11 @@ class PlanarFilter:
             best.P[:3, :3].copy(),
             best.outliers,
             restarted,
-            best.innovation,
-            best.told,
+            best.nis,
+            best.nis_dof,
         )
         for track in self._tracks:
-            track.outliers, track.innovation, track.told = (), 0.0, 0
+            track.outliers, track.nis, track.nis_dof = (), 0.0, 0
         return answer
 
 
@@ -224,8 +224,8 @@ def _with_reading(track: _Track, reading: Readings, spread: float) -> _Track:
         track.log_weight + log,
         0,
         track.outliers,
-        track.innovation + squared,
-        track.told + int(given.sum()),
+        track.nis + squared,
+        track.nis_dof + int(given.sum()),
     )
 
 

@@ -50,7 +50,7 @@ class SpacePose:
         covariance: (6,6) x y z (m), rotation about x y z of the map (rad).
         outliers: landmarks that were rejected.
         restarted: True where the filter was put somewhere else: started, or carried off.
-        innovation, told: as of `planar_filter.TrackedPose`.
+        nis, nis_dof: as of `planar_filter.TrackedPose`.
     """
 
     time_s: float
@@ -59,8 +59,8 @@ class SpacePose:
     covariance: FloatArray | None
     outliers: tuple[LandmarkId, ...] = ()
     restarted: bool = False
-    innovation: float = 0.0
-    told: int = 0
+    nis: float = 0.0
+    nis_dof: int = 0
 
 
 class PoseFilter:
@@ -101,21 +101,21 @@ class PoseFilter:
             self._predict(self._time, time_s)
             self._time = time_s
         seen = Correspondences.of_rig(left, right, self._rig, self._map, self._floor_px)
-        outliers, innovation, told = set(seen.twice), 0.0, 0
+        outliers, nis, nis_dof = set(seen.twice), 0.0, 0
         if len(seen):
             known = np.linalg.inv(self._P)
             used, fitted = believed(seen, lambda used: self._fit(seen, used, known))
             outliers |= seen.ids_of(~used)
             self._doubts = 0 if used.any() else self._doubts + 1
             if used.any():
-                self._R, self._p, normal, innovation = fitted
-                told = 8 * int(used.sum())
+                self._R, self._p, normal, nis = fitted
+                nis_dof = 8 * int(used.sum())
                 self._P = np.linalg.inv(normal)
             elif self._doubts >= DOUBTS:
                 again = self._start(time_s, left, right)
                 if again.T_map_left is not None:
                     return again
-        return self._pose(time_s, tuple(sorted(outliers)), False, innovation, told)
+        return self._pose(time_s, tuple(sorted(outliers)), False, nis, nis_dof)
 
     def _start(self, time_s: float, left: Sequence[Detection], right: Sequence[Detection]) -> SpacePose:
         found = locate_rig(left, right, self._rig, self._map, LocateOptions(corner_floor_px=self._floor_px))
@@ -163,7 +163,7 @@ class PoseFilter:
             if step @ normal @ step < CONVERGED:
                 break
         poses, off = PoseArray("map", "left", R[None], p[None]), self._off(R, p)
-        cost = seen.misfits(poses)[0][used].sum() + off @ known @ off
+        cost = seen.chi2(poses)[0][used].sum() + off @ known @ off
         return poses, (orthonormal(R), p, normal, float(cost))
 
     def _off(self, R: FloatArray, p: FloatArray) -> FloatArray:
@@ -171,12 +171,12 @@ class PoseFilter:
         return np.concatenate([self._p - p, rotation_log(self._R @ R.T)])
 
     def _pose(
-        self, time_s: float, outliers: tuple[LandmarkId, ...], restarted: bool, innovation: float = 0.0, told: int = 0
+        self, time_s: float, outliers: tuple[LandmarkId, ...], restarted: bool, nis: float = 0.0, nis_dof: int = 0
     ) -> SpacePose:
         lost = np.sqrt(np.linalg.eigvalsh(self._P[:3, :3])[-1]) > NOWHERE_M or self._doubts >= DOUBTS
         pose = Pose("map", "left", self._R, self._p)
         status = PoseStatus.LOST if lost else PoseStatus.OK
-        return SpacePose(time_s, status, pose, self._P.copy(), outliers, restarted, innovation, told)
+        return SpacePose(time_s, status, pose, self._P.copy(), outliers, restarted, nis, nis_dof)
 
 
 def ahead(poses: Trajectory, seconds: float) -> Trajectory:

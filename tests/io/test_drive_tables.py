@@ -15,9 +15,9 @@ def written(tmp_path, text):
 
 
 def test_detections_come_back(tmp_path):
-    moments = make_drive(0, seconds=5).moments
-    back = read_detections(written(tmp_path, detections_to_csv(moments)), ["lm8"])
-    seen = [moment for moment in moments if moment.left or moment.right]
+    frames = make_drive(0, seconds=5).frames
+    back = read_detections(written(tmp_path, detections_to_csv(frames)), ["lm8"])
+    seen = [frame for frame in frames if frame.left or frame.right]
     assert [m.time_s for m in back] == pytest.approx([m.time_s for m in seen], abs=1e-6)
     for a, b in zip(seen, back, strict=True):
         assert [o.code for o in a.left] == [o.code for o in b.left]

@@ -8,7 +8,7 @@ import pytest
 from lmkit.geometry.pose_array import PoseArray
 from lmkit.mapping.bundle_adjustment import Anchor, BundleProblem
 from lmkit.mapping.survey import survey_frames
-from lmkit.mapping.wall_constraints import Tie
+from lmkit.mapping.wall_constraints import LandmarkConstraint
 from lmkit.simulation.recording import make_drive
 
 
@@ -19,23 +19,23 @@ def true_poses(drive, rows):
 
 def test_without_odometry_a_moment_that_sees_nothing_lies_between_its_neighbours():
     drive = make_drive(2, seconds=10)
-    moments, start = drive.moments[:5], true_poses(drive, range(5))
-    moments = [*moments[:2], replace(moments[2], left=(), right=()), *moments[3:]]
+    frames, start = drive.frames[:5], true_poses(drive, range(5))
+    frames = [*frames[:2], replace(frames[2], left=(), right=()), *frames[3:]]
     away = start.t.copy()
     away[2] += [0.5, -0.3, 0.2]
     problem = BundleProblem(
-        moments, drive.rig, PoseArray("map", "left", start.R, away), drive.landmarks, {}, frozen=True
+        frames, drive.rig, PoseArray("map", "left", start.R, away), drive.landmarks, {}, landmarks_fixed=True
     )
-    problem.settle(30)
+    problem.optimize(30)
     assert problem.p[2] == pytest.approx((problem.p[1] + problem.p[3]) / 2, abs=0.02)
 
 
 @pytest.mark.parametrize(("seconds", "named"), [(1.4, True), (20.0, False)])
 def test_without_odometry_a_leap_over_a_time_without_views_is_named_where_no_robot_moves_so_far(seconds, named):
     drive = make_drive(2, seconds=40)
-    away = [np.linalg.norm(drive.pose(k).t - drive.pose(60).t) for k in range(len(drive.moments))]
+    away = [np.linalg.norm(drive.pose(k).t - drive.pose(60).t) for k in range(len(drive.frames))]
     far = int(np.argmax(away))
-    before, after = drive.moments[40:61], drive.moments[far : far + 20]
+    before, after = drive.frames[40:61], drive.frames[far : far + 20]
     late = [replace(m, time_s=m.time_s - after[0].time_s + before[-1].time_s + seconds) for m in after]
     known = {m.id: Anchor(m, None) for m in drive.landmarks}
     result = survey_frames([*before, *late], drive.rig, dict.fromkeys(known, 0.18), known)
@@ -46,13 +46,16 @@ def test_without_odometry_a_leap_over_a_time_without_views_is_named_where_no_rob
 def test_the_step_is_downhill_of_what_walls_and_heights_cost():
     """Cauchy's weights in the equations belong to the cost that steps are judged by."""
     drive = make_drive(2, seconds=4)
-    codes = tuple({o.id: None for moment in drive.moments for o in moment.left})[:3]
-    hung = type(drive.landmarks)([drive.landmarks.find(code) for code in codes])
-    rows = range(len(drive.moments))
+    codes = tuple({o.id: None for frame in drive.frames for o in frame.left})[:3]
+    mapped = type(drive.landmarks)([drive.landmarks.find(code) for code in codes])
+    rows = range(len(drive.frames))
     # A sightless recording: what is left are the ties, far from being kept to.
-    blind = [replace(m, left=(), right=()) for m in drive.moments]
-    ties = [Tie("height", tuple(codes), 0.02, 0.02), Tie("wall", tuple(codes), 0.5, 0.5)]
-    problem = BundleProblem(blind, drive.rig, true_poses(drive, rows), hung, {}, ties=ties)
+    blind = [replace(m, left=(), right=()) for m in drive.frames]
+    constraints = [
+        LandmarkConstraint("height", tuple(codes), 0.02, 0.02),
+        LandmarkConstraint("wall", tuple(codes), 0.5, 0.5),
+    ]
+    problem = BundleProblem(blind, drive.rig, true_poses(drive, rows), mapped, {}, constraints=constraints)
     problem.lm_p = problem.lm_p + np.random.default_rng(0).normal(size=(3, 3)) * 0.1
     equations, _ = problem._equations()
     for k in range(3):

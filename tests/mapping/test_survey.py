@@ -22,13 +22,13 @@ from lmkit.simulation.recording import WheelErrors, make_drive
 from lmkit.tracking.online import track_pictures_live
 
 
-def survey(drive, wheels=True, moments=None, anchors=1):
-    moments = drive.moments if moments is None else moments
+def survey(drive, wheels=True, frames=None, anchors=1):
+    frames = drive.frames if frames is None else frames
     sizes = {m.id: m.size_m for m in drive.landmarks}
-    seen = [o.id for moment in moments for o in moment.left]
+    seen = [o.id for frame in frames for o in frame.left]
     known = {code: Anchor(drive.landmarks.find(code), None) for code in list(dict.fromkeys(seen))[:anchors]}
     motion = MotionModel(drive.odometry, drive.gyro) if wheels else None
-    return survey_frames(moments, drive.rig, sizes, known, motion)
+    return survey_frames(frames, drive.rig, sizes, known, motion)
 
 
 def map_errors(drive, result):
@@ -68,14 +68,14 @@ def test_noise_gives_errors_as_the_covariance_says():
 def test_a_landmark_that_hangs_elsewhere_in_half_of_the_drive_is_named():
     drive = make_drive(2, seconds=60)
     count: dict[int, int] = {}
-    for moment in drive.moments:
-        for o in moment.left:
+    for frame in drive.frames:
+        for o in frame.left:
             count[o.id] = count.get(o.id, 0) + 1
-    anchor = next(o.id for moment in drive.moments for o in moment.left)
+    anchor = next(o.id for frame in drive.frames for o in frame.left)
     a, b = [code for code in sorted(count, key=lambda code: -count[code]) if code != anchor][:2]
-    late = drive.moments[len(drive.moments) // 2 :]
-    exchanged = [*drive.moments[: len(drive.moments) // 2], *(exchange(moment, a, b) for moment in late)]
-    result = survey(drive, moments=exchanged)
+    late = drive.frames[len(drive.frames) // 2 :]
+    exchanged = [*drive.frames[: len(drive.frames) // 2], *(exchange(frame, a, b) for frame in late)]
+    result = survey(drive, frames=exchanged)
     named = {odd.id for odd in result.odd} | set(result.unplaced)
     assert named & {a, b}
     errors = dict(zip([m.id for m in result.bundle.landmarks], map_errors(drive, result)[:, 0], strict=True))
@@ -84,9 +84,9 @@ def test_a_landmark_that_hangs_elsewhere_in_half_of_the_drive_is_named():
 
 def test_a_code_that_hangs_twice_is_named_and_does_not_bend_the_map():
     drive = make_drive(2, seconds=60)
-    first = drive.moments[: len(drive.moments) // 2]
-    early = {o.id for moment in first for o in moment.left}
-    anchor = next(o.id for moment in drive.moments for o in moment.left)
+    first = drive.frames[: len(drive.frames) // 2]
+    early = {o.id for frame in first for o in frame.left}
+    anchor = next(o.id for frame in drive.frames for o in frame.left)
     count = {code: sum(o.id == code for m in first for o in m.left) for code in early - {anchor}}
     a = max(count, key=lambda code: count[code])
     true = drive.landmarks.find(a).T_map_landmark
@@ -95,38 +95,38 @@ def test_a_code_that_hangs_twice_is_named_and_does_not_bend_the_map():
         (m for m in drive.landmarks if m.id != anchor),
         key=lambda m: np.linalg.norm(m.T_map_landmark.t - true.t),
     ).id
-    moments = [relabel(moment, b, a) for moment in drive.moments]
-    result = survey(drive, moments=moments)
+    frames = [relabel(frame, b, a) for frame in drive.frames]
+    result = survey(drive, frames=frames)
     assert a in {odd.id for odd in result.odd} | set(result.unplaced)
     errors = dict(zip([m.id for m in result.bundle.landmarks], map_errors(drive, result)[:, 0], strict=True))
     assert max(error for code, error in errors.items() if code != a) < 0.15
 
 
-def relabel(moment, old, new):
-    eyes = [tuple(replace(o, id=new) if o.id == old else o for o in seen) for seen in (moment.left, moment.right)]
-    return StereoFrame(moment.time_s, *eyes, moment.name)
+def relabel(frame, old, new):
+    eyes = [tuple(replace(o, id=new) if o.id == old else o for o in seen) for seen in (frame.left, frame.right)]
+    return StereoFrame(frame.time_s, *eyes, frame.name)
 
 
 def test_an_anchor_that_was_moved_shows_as_a_jump_of_the_robot():
     drive = make_drive(2, seconds=60)
-    anchor = next(o.id for moment in drive.moments for o in moment.left)
-    other = next(o.id for moment in drive.moments[150:] for o in moment.left if o.id != anchor)
-    half = len(drive.moments) // 2
-    moments = [*drive.moments[:half], *(exchange(moment, anchor, other) for moment in drive.moments[half:])]
-    result = survey(drive, moments=moments)
+    anchor = next(o.id for frame in drive.frames for o in frame.left)
+    other = next(o.id for frame in drive.frames[150:] for o in frame.left if o.id != anchor)
+    half = len(drive.frames) // 2
+    frames = [*drive.frames[:half], *(exchange(frame, anchor, other) for frame in drive.frames[half:])]
+    result = survey(drive, frames=frames)
     assert result.odd or result.bundle.jumps
 
 
-def exchange(moment, a, b):
+def exchange(frame, a, b):
     swap = {a: b, b: a}
-    eyes = [tuple(replace(o, id=swap.get(o.id, o.id)) for o in seen) for seen in (moment.left, moment.right)]
-    return StereoFrame(moment.time_s, *eyes, moment.name)
+    eyes = [tuple(replace(o, id=swap.get(o.id, o.id)) for o in seen) for seen in (frame.left, frame.right)]
+    return StereoFrame(frame.time_s, *eyes, frame.name)
 
 
 def test_without_landmarks_for_a_while_the_wheels_carry_on():
     drive = make_drive(4, seconds=45)
-    blind = [replace(moment, left=(), right=()) if 15 < moment.time_s < 20 else moment for moment in drive.moments]
-    result = survey(drive, moments=blind)
+    blind = [replace(frame, left=(), right=()) if 15 < frame.time_s < 20 else frame for frame in drive.frames]
+    result = survey(drive, frames=blind)
     assert len(result.rows) == len(blind)
     for k, R, p in zip(result.rows, result.bundle.poses.R, result.bundle.poses.t, strict=True):
         true = drive.pose(k) @ drive.rig.T_base_left
@@ -148,24 +148,24 @@ def test_with_nothing_known_and_wheels_the_floor_is_level_at_zero():
     drive = make_drive(3, seconds=30)
     # All landmarks are mounted with their heads 5 deg to the front, also the one that is taken to mount upright.
     leaning = Rotation.from_rotvec([np.deg2rad(5.0), 0.0, 0.0]).as_matrix()
-    hung = type(drive.landmarks)(
+    mapped = type(drive.landmarks)(
         [
             replace(m, T_map_landmark=Pose("map", "landmark", m.T_map_landmark.R @ leaning, m.T_map_landmark.t))
             for m in drive.landmarks
         ]
     )
     rng = np.random.default_rng(0)
-    moments = [
-        StereoFrame(m.time_s, *look(hung, drive.rig, drive.pose(k), 0.1, rng)) for k, m in enumerate(drive.moments)
+    frames = [
+        StereoFrame(m.time_s, *look(mapped, drive.rig, drive.pose(k), 0.1, rng)) for k, m in enumerate(drive.frames)
     ]
-    drive = replace(drive, landmarks=hung, moments=moments)
+    drive = replace(drive, landmarks=mapped, frames=frames)
     result = survey(drive, anchors=0)
     T_left_base = drive.rig.T_base_left.inverse()
     bases = [pose @ T_left_base for pose in result.bundle.left_poses()]
     assert max(abs(base.t[2]) for base in bases) < 0.03
     assert max(np.arccos(min(1.0, base.R[2, 2])) for base in bases) < np.deg2rad(1.0)
     # And live tracking finds its way by that map.
-    tracked = track_pictures_live(drive.moments, drive.rig, result.landmarks, drive.odometry, drive.gyro)
+    tracked = track_pictures_live(drive.frames, drive.rig, result.landmarks, drive.odometry, drive.gyro)
     assert not tracked.remarks
     assert np.mean([status == "ok" for status in tracked.statuses]) > 0.95
 
@@ -178,10 +178,10 @@ def test_a_map_whose_floor_is_elsewhere_is_named_when_tracking_live():
         )
         for m in drive.landmarks
     ]
-    hung = type(drive.landmarks)(raised)
-    tracked = track_pictures_live(drive.moments, drive.rig, hung, drive.odometry, drive.gyro)
+    mapped = type(drive.landmarks)(raised)
+    tracked = track_pictures_live(drive.frames, drive.rig, mapped, drive.odometry, drive.gyro)
     assert "z = 0.40 m" in tracked.remarks[0]
-    assert not track_pictures_live(drive.moments, drive.rig, drive.landmarks, drive.odometry, drive.gyro).remarks
+    assert not track_pictures_live(drive.frames, drive.rig, drive.landmarks, drive.odometry, drive.gyro).remarks
 
 
 def test_an_anchor_that_is_not_in_the_drive_is_refused():
@@ -190,14 +190,14 @@ def test_an_anchor_that_is_not_in_the_drive_is_refused():
     some = next(iter(drive.landmarks))
     known = {code: Anchor(replace(some, id=code), None)}
     with pytest.raises(InputError, match="none of the landmarks known"):
-        survey_frames(drive.moments, drive.rig, {some.id: 0.18}, known)
+        survey_frames(drive.frames, drive.rig, {some.id: 0.18}, known)
 
 
 def test_wheels_need_to_know_where_the_camera_sits():
     drive = make_drive(3, seconds=20)
     with pytest.raises(InputError, match="T_base_left"):
         survey_frames(
-            drive.moments,
+            drive.frames,
             replace(drive.rig, T_base_left=None),
             {m.id: 0.18 for m in drive.landmarks},
             {},
@@ -221,29 +221,29 @@ def test_without_wheels_a_twin_that_bends_the_map_shows_as_a_leap():
 
 def test_a_known_map_of_zero_covariance_is_exact():
     drive = make_drive(3, seconds=20)
-    seen = {o.id for moment in drive.moments for o in moment.left}
+    seen = {o.id for frame in drive.frames for o in frame.left}
     known = {code: Anchor(drive.landmarks.find(code), np.zeros((6, 6))) for code in seen}
-    result = survey_frames(drive.moments, drive.rig, dict.fromkeys(seen, 0.18), known)
+    result = survey_frames(drive.frames, drive.rig, dict.fromkeys(seen, 0.18), known)
     assert map_errors(drive, result).max() < 1e-4
 
 
 def test_landmarks_of_two_families_may_share_a_code():
     drive = make_drive(3, seconds=40)
-    seen = list(dict.fromkeys(o.id for moment in drive.moments for o in moment.left))
+    seen = list(dict.fromkeys(o.id for frame in drive.frames for o in frame.left))
     a, b = seen[:2]
 
     def renamed(observations):
         return tuple(replace(o, id=LandmarkId("lm12", a.code)) if o.id == b else o for o in observations)
 
-    moments = [StereoFrame(m.time_s, renamed(m.left), renamed(m.right)) for m in drive.moments]
-    hung = {
+    frames = [StereoFrame(m.time_s, renamed(m.left), renamed(m.right)) for m in drive.frames]
+    mapped = {
         a: drive.landmarks.find(a),
         LandmarkId("lm12", a.code): replace(drive.landmarks.find(b), id=LandmarkId("lm12", a.code)),
     }
-    known = {key: Anchor(landmark, None) for key, landmark in hung.items()}
-    sizes = {o.id: 0.18 for m in moments for o in m.left}
-    result = survey_frames(moments, drive.rig, sizes, known)
-    for key, landmark in hung.items():
+    known = {key: Anchor(landmark, None) for key, landmark in mapped.items()}
+    sizes = {o.id: 0.18 for m in frames for o in m.left}
+    result = survey_frames(frames, drive.rig, sizes, known)
+    for key, landmark in mapped.items():
         found = result.landmarks.find(key)
         assert np.linalg.norm(found.T_map_landmark.t - landmark.T_map_landmark.t) < 1e-4
 
@@ -262,6 +262,6 @@ def test_what_the_first_pass_leaves_out_is_taken_up_and_the_map_stays_uncertain(
     monkeypatch.setattr("lmkit.mapping.survey.find_start", forgetful)
     result = survey(drive)
     assert len(passes) == 2
-    assert len(result.rows) == len(drive.moments) > 80
+    assert len(result.rows) == len(drive.frames) > 80
     exact = [m.id for m in result.bundle.landmarks if m.covariance.max() < 1e-9]
     assert exact == list(passes[0].anchors)

@@ -10,13 +10,13 @@ from scipy.spatial.transform import Rotation
 from lmkit.geometry.pose import Pose
 from lmkit.mapping.bundle_adjustment import Anchor
 from lmkit.mapping.survey import survey_frames
-from lmkit.mapping.wall_constraints import Tie, constraint_rows, strays
+from lmkit.mapping.wall_constraints import LandmarkConstraint, constraint_rows, strays
 from lmkit.odometry.wheel_odometry import MotionModel
 from lmkit.simulation.observations import look
 from lmkit.simulation.recording import make_drive
 
-WALL = Tie("wall", tuple(map(lm8, (1, 2, 3))), 0.005, np.deg2rad(1.0))
-HEIGHT = Tie("height", tuple(map(lm8, (1, 2, 3))), 0.005, np.deg2rad(1.0))
+WALL = LandmarkConstraint("wall", tuple(map(lm8, (1, 2, 3))), 0.005, np.deg2rad(1.0))
+HEIGHT = LandmarkConstraint("height", tuple(map(lm8, (1, 2, 3))), 0.005, np.deg2rad(1.0))
 
 
 def crooked(seed=0):
@@ -25,10 +25,10 @@ def crooked(seed=0):
     return R, rng.normal(size=(3, 3))
 
 
-@pytest.mark.parametrize("tie", [WALL, HEIGHT])
-def test_derivatives_are_those_of_the_residuals(tie):
+@pytest.mark.parametrize("constraint", [WALL, HEIGHT])
+def test_derivatives_are_those_of_the_residuals(constraint):
     R, p = crooked()
-    here = constraint_rows(tie, [0, 1, 2], R, p)
+    here = constraint_rows(constraint, [0, 1, 2], R, p)
     for landmark in range(3):
         for axis in range(6):
             step = np.zeros(6)
@@ -36,7 +36,7 @@ def test_derivatives_are_those_of_the_residuals(tie):
             moved_p, moved_R = p.copy(), R.copy()
             moved_p[landmark] += step[:3]
             moved_R[landmark] = Rotation.from_rotvec(step[3:]).as_matrix() @ R[landmark]
-            there = constraint_rows(tie, [0, 1, 2], moved_R, moved_p)
+            there = constraint_rows(constraint, [0, 1, 2], moved_R, moved_p)
             by = sum(
                 np.where(here.pairs[:, side] == landmark, here.derivatives[:, 6 * side + axis], 0.0)
                 for side in (0, 1)
@@ -66,18 +66,18 @@ def test_one_off_the_plane_costs_what_its_deviation_says():
 
 def along_a_wall(drive):
     """Codes seen of the wall that has most: those that look the same way."""
-    walls, seen = {}, {o.id for moment in drive.moments for o in moment.left}
+    walls, seen = {}, {o.id for frame in drive.frames for o in frame.left}
     for m in drive.landmarks:
         if m.id in seen:
             walls.setdefault(tuple(np.round(m.T_map_landmark.R[:, 2], 1)), []).append(m.id)
     return tuple(max(walls.values(), key=len))
 
 
-def surveyed(drive, moments, ties):
-    seen = list(dict.fromkeys(o.id for moment in moments for o in moment.left))
+def surveyed(drive, frames, constraints):
+    seen = list(dict.fromkeys(o.id for frame in frames for o in frame.left))
     known = {seen[0]: Anchor(drive.landmarks.find(seen[0]), None)}
     sizes = {m.id: m.size_m for m in drive.landmarks}
-    return survey_frames(moments, drive.rig, sizes, known, MotionModel(drive.odometry, drive.gyro), ties)
+    return survey_frames(frames, drive.rig, sizes, known, MotionModel(drive.odometry, drive.gyro), constraints)
 
 
 def off_the_wall(drive, result, codes):
@@ -95,8 +95,8 @@ def test_a_declared_wall_makes_the_map_flatter():
     for seed in range(2):
         drive = make_drive(seed, seconds=15, noise_px=0.5)
         codes = along_a_wall(drive)
-        plain.append(off_the_wall(drive, surveyed(drive, drive.moments, ()), codes))
-        result = surveyed(drive, drive.moments, [Tie("wall", tuple(codes), 0.005, np.deg2rad(0.5))])
+        plain.append(off_the_wall(drive, surveyed(drive, drive.frames, ()), codes))
+        result = surveyed(drive, drive.frames, [LandmarkConstraint("wall", tuple(codes), 0.005, np.deg2rad(0.5))])
         assert not result.astray
         tied.append(off_the_wall(drive, result, codes))
     assert np.mean(tied, axis=0)[0] < 0.8 * np.mean(plain, axis=0)[0]
@@ -108,14 +108,16 @@ def test_who_does_not_hang_as_declared_is_named_and_bends_nothing():
     odd = codes[len(codes) // 2]
     T = drive.landmarks.find(odd).T_map_landmark
     out = Pose("map", "landmark", T.R, T.t + 0.1 * T.R[:, 2])
-    hung = type(drive.landmarks)([replace(m, T_map_landmark=out) if m.id == odd else m for m in drive.landmarks])
+    mapped = type(drive.landmarks)([replace(m, T_map_landmark=out) if m.id == odd else m for m in drive.landmarks])
     rng = np.random.default_rng(0)
-    moments = [
+    frames = [
         replace(m, left=left, right=right)
-        for k, m in enumerate(drive.moments)
-        for left, right in [look(hung, drive.rig, drive.pose(k), 0.1, rng)]
+        for k, m in enumerate(drive.frames)
+        for left, right in [look(mapped, drive.rig, drive.pose(k), 0.1, rng)]
     ]
-    result = surveyed(replace(drive, landmarks=hung), moments, [Tie("wall", tuple(codes), 0.003, np.deg2rad(0.5))])
+    result = surveyed(
+        replace(drive, landmarks=mapped), frames, [LandmarkConstraint("wall", tuple(codes), 0.003, np.deg2rad(0.5))]
+    )
     assert [code for code, _, _ in result.astray] == [odd]
     assert result.astray[0][2] == pytest.approx(0.1, abs=0.04)
     found = result.bundle.landmarks.find(odd).T_map_landmark.t

@@ -13,18 +13,18 @@ from lmkit.odometry.wheel_odometry import MotionModel
 from lmkit.simulation.recording import WheelErrors, make_drive
 
 
-def small_views(moment, largest_px):
+def small_views(frame, largest_px):
     def small(o):
         return np.linalg.norm(o.corners[0] - o.corners[1]) < largest_px
 
-    return replace(moment, left=tuple(filter(small, moment.left)), right=tuple(filter(small, moment.right)))
+    return replace(frame, left=tuple(filter(small, frame.left)), right=tuple(filter(small, frame.right)))
 
 
-def survey(drive, moments):
-    seen = list(dict.fromkeys(o.id for moment in moments for o in moment.left))
+def survey(drive, frames):
+    seen = list(dict.fromkeys(o.id for frame in frames for o in frame.left))
     known = {seen[0]: Anchor(drive.landmarks.find(seen[0]), None)}
     sizes = {m.id: m.size_m for m in drive.landmarks}
-    return survey_frames(moments, drive.rig, sizes, known, MotionModel(drive.odometry, drive.gyro))
+    return survey_frames(frames, drive.rig, sizes, known, MotionModel(drive.odometry, drive.gyro))
 
 
 def turned(drive, result):
@@ -39,7 +39,7 @@ def turned(drive, result):
 def test_landmarks_seen_from_afar_do_not_hang_turned(seed):
     """Without `twins.py` one landmark of each of these drives is found turned by 0.3 rad, and nothing says so."""
     drive = make_drive(seed, seconds=60, errors=WheelErrors(slips=1))
-    result = survey(drive, [small_views(moment, 30) for moment in drive.moments])
+    result = survey(drive, [small_views(frame, 30) for frame in drive.frames])
     assert len(result.bundle.landmarks) > 8
     assert max(turned(drive, result).values()) < 0.1
 
@@ -50,17 +50,17 @@ def test_a_landmark_of_which_one_far_view_is_all_is_right_or_said_to_be_ambiguou
     for seed in range(4):
         drive = make_drive(seed, seconds=25)
         views = {}
-        for k, moment in enumerate(drive.moments):
-            for o in moment.left:
+        for k, frame in enumerate(drive.frames):
+            for o in frame.left:
                 views.setdefault(o.id, []).append((np.linalg.norm(o.corners[0] - o.corners[1]), k))
-        first = drive.moments[0].left[0].id
+        first = drive.frames[0].left[0].id
         code, at = min(((c, min(v)[1]) for c, v in views.items() if c != first), key=lambda one: min(views[one[0]]))
 
         def once(seen, k, code=code, at=at):
             return seen if k == at else tuple(o for o in seen if o.id != code)
 
-        moments = [replace(m, left=once(m.left, k), right=once(m.right, k)) for k, m in enumerate(drive.moments)]
-        result = survey(drive, moments)
+        frames = [replace(m, left=once(m.left, k), right=once(m.right, k)) for k, m in enumerate(drive.frames)]
+        result = survey(drive, frames)
         off = turned(drive, result).get(code, 0.0)
         sigma = result.bundle.landmarks.find(code)
         wide = 0.0 if sigma is None else 4 * np.sqrt(np.linalg.eigvalsh(sigma.covariance[3:, 3:])[-1])
@@ -73,8 +73,8 @@ def test_a_landmark_of_which_one_far_view_is_all_is_right_or_said_to_be_ambiguou
 def test_small_and_square_on_a_landmark_s_stated_turn_holds(seed):
     """Its two poses are one flat valley; by the covariance where it settled one of these turns is 5 sigma off."""
     drive = make_drive(seed, seconds=40, hz=3, noise_px=None, errors=WheelErrors(slips=1))
-    moments = [replace(m, left=(), right=()) if 50 <= k < 74 else m for k, m in enumerate(drive.moments)]
-    result = survey(drive, moments)
+    frames = [replace(m, left=(), right=()) if 50 <= k < 74 else m for k, m in enumerate(drive.frames)]
+    result = survey(drive, frames)
     assert result.ambiguous
     for m in list(result.bundle.landmarks):
         if m.covariance[3:, 3:].max() < 1e-9:

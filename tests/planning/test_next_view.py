@@ -14,20 +14,20 @@ from lmkit.simulation.recording import make_drive
 
 
 def codes_seen(drive):
-    return list(dict.fromkeys(o.id for moment in drive.moments for o in moment.left))
+    return list(dict.fromkeys(o.id for frame in drive.frames for o in frame.left))
 
 
-def survey(drive, moments):
+def survey(drive, frames):
     sizes = {m.id: m.size_m for m in drive.landmarks}
     anchors = {code: Anchor(drive.landmarks.find(code), None) for code in codes_seen(drive)[:6]}
-    return survey_frames(moments, drive.rig, sizes, anchors)
+    return survey_frames(frames, drive.rig, sizes, anchors)
 
 
 def with_few_far_views_of(drive, code):
     """The recording, with but the two smallest views of a landmark."""
     sides = {}
-    for k, moment in enumerate(drive.moments):
-        for o in moment.left:
+    for k, frame in enumerate(drive.frames):
+        for o in frame.left:
             if o.id == code:
                 sides[k] = np.linalg.norm(o.corners[0] - o.corners[1])
     kept = sorted(sides, key=sides.get)[:2]
@@ -35,7 +35,7 @@ def with_few_far_views_of(drive, code):
     def without(seen, k):
         return seen if k in kept else tuple(o for o in seen if o.id != code)
 
-    return [replace(m, left=without(m.left, k), right=without(m.right, k)) for k, m in enumerate(drive.moments)]
+    return [replace(m, left=without(m.left, k), right=without(m.right, k)) for k, m in enumerate(drive.frames)]
 
 
 def test_the_view_that_is_proposed_does_what_it_promises():
@@ -43,8 +43,8 @@ def test_the_view_that_is_proposed_does_what_it_promises():
     for seed in (2, 3):
         drive = make_drive(seed, seconds=30)
         code = codes_seen(drive)[6]
-        moments = with_few_far_views_of(drive, code)
-        before = survey(drive, moments)
+        frames = with_few_far_views_of(drive, code)
+        before = survey(drive, frames)
         weak = before.bundle.landmarks.find(code)
         view = next_view(weak, before.bundle, drive.rig)
         assert view is not None
@@ -56,8 +56,8 @@ def test_the_view_that_is_proposed_does_what_it_promises():
             left, right = look(drive.landmarks, rig, Pose("map", "base", T.R, T.t), None, rng)
             if {o.id for o in left} >= {code, *view.beside}:
                 break
-        time = drive.moments[-1].time_s + 100.0
-        after = survey(drive, [*moments, StereoFrame(time, left, right)])
+        time = drive.frames[-1].time_s + 100.0
+        after = survey(drive, [*frames, StereoFrame(time, left, right)])
         place, turn = deviations(after.bundle.landmarks.find(code))
         promised.append(view.then_m + view.then_rad)
         kept.append(place + turn)
@@ -66,13 +66,13 @@ def test_the_view_that_is_proposed_does_what_it_promises():
 
 def test_no_view_is_proposed_where_the_whole_map_errs_alike():
     drive = make_drive(1, seconds=30)
-    bundle = survey(drive, drive.moments).bundle
+    bundle = survey(drive, drive.frames).bundle
     code = next(iter(bundle.landmarks)).id
     count = len(bundle.landmarks)
     # All of them are off by the same 0.1 m, and hardly by anything else.
     common = np.kron(np.ones((count, count)), np.diag([0.01, 0.01, 0.01, 0, 0, 0])) + 1e-8 * np.eye(6 * count)
-    hung = [replace(m, covariance=common[:6, :6]) for m in bundle.landmarks]
-    alike = replace(bundle, landmarks=type(bundle.landmarks)(hung), joint=common)
+    mapped = [replace(m, covariance=common[:6, :6]) for m in bundle.landmarks]
+    alike = replace(bundle, landmarks=type(bundle.landmarks)(mapped), joint=common)
     assert next_view(alike.landmarks.find(code), alike, drive.rig) is None
 
 

@@ -54,10 +54,10 @@ def test_poses_and_pictures_follow_the_eyes_while_they_move():
     squared, worst = [], []
     for seed in range(4):
         drive = make_drive(seed, seconds=30)
-        tracked = track_poses_live(drive.moments, drive.rig, drive.landmarks, drive.visual_odometry(seed))
-        assert len(tracked.poses) >= len(drive.moments) - 10
+        tracked = track_poses_live(drive.frames, drive.rig, drive.landmarks, drive.visual_odometry(seed))
+        assert len(tracked.poses) >= len(drive.frames) - 10
         assert not tracked.remarks
-        first = len(drive.moments) - len(tracked.poses)
+        first = len(drive.frames) - len(tracked.poses)
         for k, (pose, C) in enumerate(zip(tracked.poses, tracked.covariances, strict=True)):
             true = drive.pose(first + k)
             off = np.concatenate([pose.t - true.t, Rotation.from_matrix(pose.R @ true.R.T).as_rotvec()])
@@ -72,10 +72,10 @@ def test_odometry_carries_the_eyes_on_where_nothing_is_seen():
     blind = slice(60, 100)
     filter_ = PoseFilter(drive.landmarks, drive.rig)
     odometry, sigmas = drive.visual_odometry(1), []
-    for k, moment in enumerate(drive.moments):
+    for k, frame in enumerate(drive.frames):
         filter_.add_odometry(float(odometry.times_s[k]), odometry.pose(k, "odometry", "base"))
-        seen = ((), ()) if blind.start <= k < blind.stop else (moment.left, moment.right)
-        answer = filter_.observe(moment.time_s, *seen)
+        seen = ((), ()) if blind.start <= k < blind.stop else (frame.left, frame.right)
+        answer = filter_.observe(frame.time_s, *seen)
         if k == blind.stop - 1:
             off = answer.T_map_left.t - (drive.pose(k) @ drive.rig.T_base_left).t
             assert np.linalg.norm(off) < 3 * np.sqrt(np.trace(answer.covariance[:3, :3])) < 0.4
@@ -87,12 +87,12 @@ def test_eyes_that_were_carried_off_are_found_again():
     drive = make_drive(2, seconds=40)
     odometry = drive.visual_odometry(2)
     # From frame 80 on everything is 60 frames further, and odometry noticed nothing.
-    there = [*range(80), *range(140, len(drive.moments))]
+    there = [*range(80), *range(140, len(drive.frames))]
     filter_ = PoseFilter(drive.landmarks, drive.rig)
     restarts = []
     for n, k in enumerate(there):
         filter_.add_odometry(n / 5, odometry.pose(min(n, 79), "odometry", "base"))
-        answer = filter_.observe(n / 5, drive.moments[k].left, drive.moments[k].right)
+        answer = filter_.observe(n / 5, drive.frames[k].left, drive.frames[k].right)
         restarts.append(answer.restarted)
         if 80 <= n < 80 + 3:
             assert answer.outliers
@@ -103,7 +103,7 @@ def test_eyes_that_were_carried_off_are_found_again():
 def test_a_drive_is_smoothed_through_space(exact):
     drive = make_drive(3, seconds=30)
     odometry = drive.visual_odometry(3)
-    unseen = [m if not 40 <= k < 70 else type(m)(m.time_s, (), (), m.name) for k, m in enumerate(drive.moments)]
+    unseen = [m if not 40 <= k < 70 else type(m)(m.time_s, (), (), m.name) for k, m in enumerate(drive.frames)]
     if exact:
         tracked = track_pictures(unseen, drive.rig, drive.landmarks, PoseMotion(odometry))
         found = tracked.poses
@@ -134,13 +134,13 @@ def test_odometry_between_moments_loses_no_way():
         np.array([drive.pose(k).quaternion_xyzw for k in range(len(drive.times_s))]),
     )
     filter_ = PoseFilter(drive.landmarks, drive.rig)
-    for k, moment in enumerate(drive.moments[:90]):
+    for k, frame in enumerate(drive.frames[:90]):
         before = true.pose(max(k - 1, 0), "odometry", "base")
         half = Rotation.from_matrix([before.R, true.pose(k, "odometry", "base").R]).mean()
         place = (before.t + true.positions[k]) / 2
-        filter_.add_odometry(moment.time_s - 0.1, Pose("odometry", "base", half.as_matrix(), place))
-        seen = (moment.left, moment.right) if k < 60 else ((), ())
-        answer = filter_.observe(moment.time_s, *seen)
+        filter_.add_odometry(frame.time_s - 0.1, Pose("odometry", "base", half.as_matrix(), place))
+        seen = (frame.left, frame.right) if k < 60 else ((), ())
+        answer = filter_.observe(frame.time_s, *seen)
     # Six seconds blind, two metres: exact odometry leads there.
     off = np.linalg.norm(answer.T_map_left.t - (drive.pose(89) @ drive.rig.T_base_left).t)
     assert off < 0.06
@@ -151,10 +151,10 @@ def test_odometry_may_begin_after_the_eyes():
     drive = make_drive(1, seconds=30)
     odometry = drive.visual_odometry(1)
     filter_ = PoseFilter(drive.landmarks, drive.rig)
-    for k, moment in enumerate(drive.moments[:30]):
+    for k, frame in enumerate(drive.frames[:30]):
         if k >= 5:
             filter_.add_odometry(float(odometry.times_s[k]), odometry.pose(k, "odometry", "base"))
-        answer = filter_.observe(moment.time_s, moment.left, moment.right)
+        answer = filter_.observe(frame.time_s, frame.left, frame.right)
         assert not answer.restarted or k == 0
         assert not answer.outliers
 
@@ -165,8 +165,8 @@ def test_one_long_step_strays_as_many_short_ones_do():
     places = np.column_stack([0.3 * times, np.zeros((401, 2))])
     motion = PoseMotion(Trajectory(times, places, np.tile([0.0, 0.0, 0.0, 1.0], (401, 1))))
     sides = []
-    for moments in (times[[0, 400]], times[::4]):
-        steps = motion.steps(moments, motion.nominal)
+    for frames in (times[[0, 400]], times[::4]):
+        steps = motion.steps(frames, motion.nominal)
         P = np.zeros((2, 2))  # aside, turn
         for way, sigma in zip(steps.t[:, 0], steps.sigmas, strict=True):
             F = np.array([[1.0, way], [0.0, 1.0]])
@@ -178,9 +178,9 @@ def test_one_long_step_strays_as_many_short_ones_do():
 def test_eyes_that_see_nothing_and_have_no_odometry_are_lost():
     drive = make_drive(1, seconds=10)
     filter_ = PoseFilter(drive.landmarks, drive.rig)
-    for moment in drive.moments[:20]:
-        assert filter_.observe(moment.time_s, moment.left, moment.right).status == "ok"
-    for moment in drive.moments[20:40]:
-        answer = filter_.observe(moment.time_s, (), ())
+    for frame in drive.frames[:20]:
+        assert filter_.observe(frame.time_s, frame.left, frame.right).status == "ok"
+    for frame in drive.frames[20:40]:
+        answer = filter_.observe(frame.time_s, (), ())
     # A robot may go a metre a second, and nobody knows where to.
     assert answer.status == "lost"

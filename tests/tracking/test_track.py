@@ -55,9 +55,9 @@ def test_readings_and_wheels_follow_the_robot(follow):
 def test_corners_of_both_eyes_are_followed_live():
     for seed in (0, 3):
         drive = make_drive(seed, errors=WheelErrors(slips=1))
-        tracked = track_pictures_live(drive.moments, drive.rig, drive.landmarks, drive.odometry, drive.gyro)
+        tracked = track_pictures_live(drive.frames, drive.rig, drive.landmarks, drive.odometry, drive.gyro)
         off, C = planar_errors(drive, tracked)
-        assert len(off) > 0.8 * len(drive.moments)
+        assert len(off) > 0.8 * len(drive.frames)
         # A slip moves the robot by up to 10 cm and 6 deg until a landmark is seen again.
         assert np.median(np.hypot(off[:, 0], off[:, 1])) < 0.01
         assert rmse(off) < 0.06
@@ -68,9 +68,9 @@ def test_corners_of_both_eyes_are_followed_live():
 @pytest.mark.parametrize("count", [1, 15, 16, 60])
 def test_cameras_are_tracked_without_odometry(count):
     drive = make_drive(0, seconds=14)
-    tracked = track_pictures(drive.moments[:count], drive.rig, drive.landmarks, None)
+    tracked = track_pictures(drive.frames[:count], drive.rig, drive.landmarks, None)
     off, _ = planar_errors(drive, tracked)
-    assert len(off) >= 0.8 * min(count, len(drive.moments))
+    assert len(off) >= 0.8 * min(count, len(drive.frames))
     assert np.median(np.hypot(off[:, 0], off[:, 1])) < 0.05
 
 
@@ -92,13 +92,13 @@ def test_wrong_codes_do_not_pull_and_are_named():
     codes = [m.code for m in drive.landmarks]
     wrong, changed = [], {}
     for time, seen in drive.readings(1):
-        moment = []
+        frame = []
         for r in seen:
             id_ = lm8(int(rng.choice(codes))) if rng.random() < 0.1 else r.id
             if id_ != r.id:
                 changed.setdefault(time, set()).add(id_)
-            moment.append(type(r)(id_, r.range_m, r.bearing_rad))
-        wrong.append((time, moment))
+            frame.append(type(r)(id_, r.range_m, r.bearing_rad))
+        wrong.append((time, frame))
     for follow in (track_readings, track_live):
         tracked = follow(wrong, drive.odometry, None, drive.landmarks)
         off, _ = planar_errors(drive, tracked)
@@ -111,7 +111,7 @@ def test_wrong_codes_do_not_pull_and_are_named():
 def test_a_robot_carried_off_is_noticed_and_found_again():
     drive = make_drive(2)
     # From half way on it is where it will be 15 s later.
-    half = len(drive.moments) // 2
+    half = len(drive.frames) // 2
     readings = drive.readings(2)
     jump = 75
     moved = readings[:half] + [(readings[k][0], readings[k + jump][1]) for k in range(half, len(readings) - jump)]
@@ -128,8 +128,8 @@ def test_a_robot_carried_off_is_noticed_and_found_again():
 
 def test_pictures_and_wheels_follow_the_robot_in_space():
     drive = make_drive(6, seconds=40)
-    tracked = track_pictures(drive.moments, drive.rig, drive.landmarks, MotionModel(drive.odometry, drive.gyro))
-    assert len(tracked.poses) == len(drive.moments)
+    tracked = track_pictures(drive.frames, drive.rig, drive.landmarks, MotionModel(drive.odometry, drive.gyro))
+    assert len(tracked.poses) == len(drive.frames)
     off = [np.linalg.norm(pose.t - drive.pose(k).t) for k, pose in enumerate(tracked.poses)]
     assert max(off) < 0.03
     assert set(tracked.statuses) == {"ok"}
@@ -150,17 +150,17 @@ def test_the_delay_of_the_wheels_is_found_where_the_robot_turns_now_and_then():
     odometry = Odometry.from_velocities(times - 0.25, speed, rate)
     drive = make_drive(0)
     rng = np.random.default_rng(1)
-    moments = []
+    frames = []
     for k in range(50, len(times), 25):
         seen = []
         for m in drive.landmarks:
             off = m.T_map_landmark.t[:2] - [x[k], y[k]]
             bearing = np.arctan2(off[1], off[0]) - heading[k] + 0.005 * rng.normal()
             seen.append((m.id, float(np.hypot(*off) * (1 + 0.02 * rng.normal())), float(bearing)))
-        moments.append((float(times[k]), seen))
+        frames.append((float(times[k]), seen))
     from lmkit.model.observation import RangeBearing
 
-    readings = [(t, [RangeBearing(*reading) for reading in seen[:3]]) for t, seen in moments]
+    readings = [(t, [RangeBearing(*reading) for reading in seen[:3]]) for t, seen in frames]
     tracked = track_readings(readings, odometry, None, drive.landmarks)
     assert tracked.parameters["delay_s"] == pytest.approx(0.25, abs=0.05)
 
@@ -228,7 +228,7 @@ def test_what_the_map_leaves_open_enters_poses_and_covariance(follow):
 
 def innovation_ratio(tracked):
     """Mean square of what was not foreseen: 1 for a filter that knows how sure it is."""
-    squared, told = tracked.innovations.sum(axis=0)
+    squared, told = tracked.nis.sum(axis=0)
     return squared / told
 
 
@@ -247,6 +247,6 @@ def test_innovations_of_corners_are_as_large_as_expected():
     ratios = []
     for seed in range(3):
         drive = make_drive(seed)
-        tracked = track_pictures_live(drive.moments, drive.rig, drive.landmarks, drive.odometry, drive.gyro)
+        tracked = track_pictures_live(drive.frames, drive.rig, drive.landmarks, drive.odometry, drive.gyro)
         ratios.append(innovation_ratio(tracked))
     assert 0.5 < np.mean(ratios) < 1.2
