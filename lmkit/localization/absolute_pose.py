@@ -223,11 +223,11 @@ def _hypotheses(seen: Correspondences) -> tuple[PoseArray, IntArray]:
 
 
 def _covariance(seen: Correspondences, best: PoseArray, used: BoolArray, prior: PosePrior | None) -> FloatArray:
-    """(6,6) of the pose.
+    """(6,6) covariance of the pose.
 
-    A landmark seen head-on tells its tilt the worse the squarer it is, so that an estimate that has
-    strayed from the truth would claim too much: the mean is therefore taken over the places, too,
-    where the pose may as well be, one standard deviation along its least known direction.
+    A landmark seen head-on determines its tilt poorly, and linearization at an estimate that is off makes the
+    covariance too small.  The information is therefore averaged over poses one standard deviation away along the
+    least known direction.
     """
     here = np.linalg.inv(seen.equations(best, used, prior)[0][0])
     values, vectors = np.linalg.eigh(here)

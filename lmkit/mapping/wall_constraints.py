@@ -48,7 +48,7 @@ class ConstraintRows:
 
     @property
     def weights(self) -> FloatArray:
-        """(M,) Cauchy's: what does not be mounted as declared shall not bend the map."""
+        """(M,) Cauchy weights, so that a landmark off its constraint does not distort the map."""
         return cauchy_weight(self.residuals**2, self._bend)
 
     @property
