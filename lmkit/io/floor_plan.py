@@ -21,6 +21,7 @@ CELL_M = 0.05
 LARGEST_CELL_M = 0.25  # a robot has to find its way between cells
 MOST_CELLS = 16_000_000
 FREE_ABOVE = 0.86  # of white, in plain images: grey furniture and thin walls are not free
+UNKNOWN_GREY = 205.5 / 255  # map savers write unknown as 205, whatever the threshold; unknown is never free
 SHORTEST_WALL_M = 0.05
 BORDER = 4  # cells around lines
 LOOKS_IN = 0.1  # share of a line's side that must be free for it to be a wall
@@ -55,6 +56,7 @@ class _RosMap(BaseModel):
     origin: Annotated[list[float], Field(min_length=2, max_length=3)] = [0.0, 0.0, 0.0]
     negate: int = 0
     free_thresh: float = 0.196
+    mode: str = "trinary"
 
 
 def read_floor(path: Path, scale_m: float | None = None) -> FloorPlan:
@@ -148,11 +150,18 @@ def _read_ros(path: Path) -> FloorPlan:
         raise InputError(
             "bad_value", f"{path}: {where}: {problem}", "give a map of ROS or an lmkit-floor/1 file"
         ) from None
+    if data.mode != "trinary":
+        raise InputError("map_mode", f"{path}: mode {data.mode!r} is not read", "save the map with mode: trinary")
     if len(data.origin) > 2 and abs(data.origin[2]) > 1e-6:
         raise InputError("turned_map", f"{path}: origin: rotated maps are not supported", "rotate the image instead")
     origin = (data.origin[0], data.origin[1])
     return _from_picture(
-        path, path.parent / data.image, data.resolution, origin, 1 - data.free_thresh, bool(data.negate)
+        path,
+        path.parent / data.image,
+        data.resolution,
+        origin,
+        max(1 - data.free_thresh, UNKNOWN_GREY),
+        bool(data.negate),
     )
 
 
