@@ -29,13 +29,14 @@ def test_landmarks_are_found_around_where_they_are_expected(scene, profile):
     image, truth = scene
     options = DetectOptions(config=PROFILES[profile])
     whole = {d.code: d.corners for d in detect_landmarks(image, options)}
+    assert profile == "fast" or whole.keys() == truth.keys()  # fast may overlook the smallest
     for shift in (0.0, 0.05, 0.4):
         sides = np.array([np.linalg.norm(c[0] - c[1]) for c in truth.values()])
         expected = np.array(list(truth.values())) + shift * sides[:, None, None]
         found = {d.code: d.corners for d in detect_landmarks(image, options, expected)}
         assert found.keys() == truth.keys()
-        for code, corners in found.items():
-            assert np.abs(corners - whole[code]).max() < 0.1
+        for code, corners in whole.items():
+            assert np.abs(corners - found[code]).max() < 0.1
 
 
 def test_only_the_windows_are_searched(scene):

@@ -189,7 +189,7 @@ def test_an_anchor_that_is_not_in_the_drive_is_refused():
     code = next(lm8(code) for code in range(256) if lm8(code) not in drive.landmarks)
     some = next(iter(drive.landmarks))
     known = {code: Anchor(replace(some, id=code), None)}
-    with pytest.raises(InputError, match="none of the landmarks known"):
+    with pytest.raises(InputError, match="none of the known landmarks"):
         survey_frames(drive.frames, drive.rig, {some.id: 0.18}, known)
 
 
