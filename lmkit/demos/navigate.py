@@ -35,7 +35,7 @@ from lmkit.simulation.scene import Scene, floor_scene, make_rig
 from lmkit.tracking.range_bearing_filter import TrackedPose
 from lmkit.visualization.floor_layer import floor_underlay, wall_notes
 from lmkit.visualization.overlay import draw_landmarks, encode_jpeg
-from lmkit.visualization.plan_view import BLUE, GREEN, ORANGE, Note, Way, draw_plan
+from lmkit.visualization.plan_view import BLUE, GREEN, ORANGE, Note, Polyline, draw_plan
 
 FLOOR = """format: lmkit-floor/1
 walls:
@@ -192,9 +192,11 @@ def _photograph(
 def _draw(
     folder: Path, floor: FloorPlan, placement: Placement, truth: Sequence[FloatArray], believed: Sequence[TrackedPose]
 ) -> None:
-    ways = [
-        Way(np.array(truth)[:, :2], GREEN, "true path", 6),
-        Way(np.array([pose.state[:2] for pose in believed if pose.state is not None]), ORANGE, "believed path", 2),
+    polylines = [
+        Polyline(np.array(truth)[:, :2], GREEN, "true path", 6),
+        Polyline(
+            np.array([pose.state[:2] for pose in believed if pose.state is not None]), ORANGE, "believed path", 2
+        ),
     ]
     notes = [*wall_notes(floor), *(Note(name, (x, y - 0.25)) for name, (x, y, _) in floor.places.items())]
     notes.append(Note("box", BOX_AT))
@@ -203,7 +205,7 @@ def _draw(
         [],
         title="Driven by landmarks: true and believed path; the box is on no plan",
         underlay=floor_underlay(floor),
-        ways=[*ways, _circle(BOX_AT, BOX_RADIUS_M)],
+        polylines=[*polylines, _circle(BOX_AT, BOX_RADIUS_M)],
         notes=notes,
     )
     write_file(folder / "plan.png", plan, True)
@@ -211,6 +213,8 @@ def _draw(
     write_file(folder / "coverage.png", drawn, True)
 
 
-def _circle(at: tuple[float, float], radius_m: float) -> Way:
+def _circle(at: tuple[float, float], radius_m: float) -> Polyline:
     turns = np.linspace(0, 2 * np.pi, 48)
-    return Way(np.array(at) + radius_m * np.column_stack([np.cos(turns), np.sin(turns)]), BLUE, "box in the way", 3)
+    return Polyline(
+        np.array(at) + radius_m * np.column_stack([np.cos(turns), np.sin(turns)]), BLUE, "box in the way", 3
+    )

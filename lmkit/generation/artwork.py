@@ -35,7 +35,7 @@ def landmark_artwork(family: LandmarkFamily, code: int, margin: bool = True) -> 
         margin: with the white margin behind it.
 
     Returns:
-        Paths in the landmark's plane: mm at nominal size, origin in the middle, x right, y up.
+        Paths in the landmark's plane: mm at nominal size, origin at the center, x right, y up.
 
     Raises:
         InputError: the family has no such code.

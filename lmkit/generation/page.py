@@ -21,7 +21,7 @@ class Text:
     """A line of text; ``at`` is the baseline's start (or middle, or end, by ``anchor``).
 
     Attributes:
-        turn_deg: 0, 90 (upwards) or 180 (upside down), anticlockwise about ``at``.
+        rotation_deg: 0, 90 (upwards) or 180 (upside down), anticlockwise about ``at``.
     """
 
     at: Point
@@ -29,7 +29,7 @@ class Text:
     height_mm: float
     anchor: str = "start"
     color: Rgb = BLACK
-    turn_deg: int = 0
+    rotation_deg: int = 0
     bold: bool = False
 
 
@@ -70,13 +70,13 @@ class PrintedFace:
         cx, cy = self.centre_mm
         way = -1 if self.upside_down else 1
 
-        def placed(shape: FilledPath) -> FilledPath:
+        def moved(shape: FilledPath) -> FilledPath:
             def move(command: Command) -> Command:
                 return (command[0], *((cx + way * x * scale, cy - way * y * scale) for x, y in command[1:]))
 
             return FilledPath(shape.role, shape.color, tuple(move(c) for c in shape.commands))
 
-        return tuple(placed(shape) for shape in landmark_artwork(self.family, self.code, margin=False))
+        return tuple(moved(shape) for shape in landmark_artwork(self.family, self.code, margin=False))
 
 
 @dataclass(frozen=True)
@@ -156,8 +156,8 @@ def _text_box(text: Text) -> Box:
     # Baseline at 0: capitals reach 0.74 of the height above it, tails 0.21 below.
     left, top, right, bottom = start, -0.74 * text.height_mm, start + width, 0.21 * text.height_mm
     x, y = text.at
-    if text.turn_deg == 90:
+    if text.rotation_deg == 90:
         return (x + top, y - right, x + bottom, y - left)
-    if text.turn_deg == 180:
+    if text.rotation_deg == 180:
         return (x - right, y - bottom, x - left, y - top)
     return (x + left, y + top, x + right, y + bottom)

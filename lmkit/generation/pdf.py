@@ -107,7 +107,7 @@ def _draw_text(canvas: Canvas, text: Text, cmyk: bool) -> None:
     canvas.saveState()
     canvas.translate(*text.at)
     canvas.scale(1, -1)
-    canvas.rotate(text.turn_deg)
+    canvas.rotate(text.rotation_deg)
     _set_fill(canvas, text.color, cmyk)
     canvas.setFont("Helvetica-Bold" if text.bold else "Helvetica", text.height_mm)
     draw = {"start": canvas.drawString, "middle": canvas.drawCentredString, "end": canvas.drawRightString}

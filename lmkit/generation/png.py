@@ -24,7 +24,7 @@ def page_to_image(page: Page, dpi: float) -> Image.Image:
     width, height = (max(1, round(length / MM_PER_INCH * dpi)) for length in page.size_mm)
     if width * height > MAX_PIXELS:
         raise InputError(
-            "picture_too_large",
+            "image_too_large",
             f"{dpi:g} dpi would make an image of {width} x {height} pixels",
             "choose a lower --dpi, or write a PDF or SVG, which are exact at any size",
         )

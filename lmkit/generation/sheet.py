@@ -124,8 +124,8 @@ def _parts(faces: tuple[PrintedFace, ...], template: PageTemplate, wording: Word
         yield parts.straight_line(segment, dashed=True)
     for line in template.texts:
         if words := _filled_in(line, faces, wording, template.name):
-            turn = 180 if line.upside_down else 0
-            text = Text(line.at_mm, words, line.height_mm, line.anchor, turn_deg=turn, bold=line.bold)
+            rotation = 180 if line.upside_down else 0
+            text = Text(line.at_mm, words, line.height_mm, line.anchor, rotation_deg=rotation, bold=line.bold)
             yield Part(f"text {words!r}", (text,))
 
 

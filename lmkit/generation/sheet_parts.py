@@ -69,7 +69,7 @@ def ruler(start: Point, length_mm: int, vertical: bool, slim: bool = False) -> P
 
     def number(along: float, across: float, content: str, anchor: str = "middle") -> Text:
         if vertical:
-            return Text((x + across, y + along), content, letter, anchor, turn_deg=90)
+            return Text((x + across, y + along), content, letter, anchor, rotation_deg=90)
         return Text((x + along, y + across), content, letter, anchor)
 
     items.append(bar(0, 0, length_mm, LINE_MM))
@@ -151,7 +151,7 @@ def label(at: Point, face: PrintedFace, codes: str, ruler_mm: int | None) -> Par
 
 
 def caption(face: PrintedFace, below_mm: float, height_mm: float) -> Part:
-    """One line under a landmark (above, for one that stands on its head)."""
+    """One line under a landmark (above, for an upside-down landmark)."""
     x, y = face.centre_mm
     words = f"{face.family.name} v{face.family.version}, code {face.code}, {face.size_mm:g} mm"
     way = -1 if face.upside_down else 1

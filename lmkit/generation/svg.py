@@ -45,9 +45,9 @@ def _path(shape: FilledPath) -> str:
 
 def _text(text: Text) -> str:
     x, y = text.at
-    turn = f' transform="rotate({-text.turn_deg} {x:g} {y:g})"' if text.turn_deg else ""
+    rotation = f' transform="rotate({-text.rotation_deg} {x:g} {y:g})"' if text.rotation_deg else ""
     weight = ' font-weight="bold"' if text.bold else ""
     return (
         f'<text x="{x:g}" y="{y:g}" font-family="Helvetica, Arial, sans-serif" font-size="{text.height_mm:g}"'
-        f'{weight} text-anchor="{text.anchor}" fill="{_color(text.color)}"{turn}>{escape(text.content)}</text>'
+        f'{weight} text-anchor="{text.anchor}" fill="{_color(text.color)}"{rotation}>{escape(text.content)}</text>'
     )

@@ -105,7 +105,7 @@ def _sheet(face: PrintedFace, tiling: _Tiling, row: int, column: int) -> Page:
         for x in (left - TICK_MM - 0.5, right + 0.5):
             items.append(rectangle("mark", BLACK, x, y - THIN_MM / 2, TICK_MM, THIN_MM))
         if word:
-            items.append(Text((right + 2.6, y + 1), word, 2.2, "end", GREY, turn_deg=90))
+            items.append(Text((right + 2.6, y + 1), word, 2.2, "end", GREY, rotation_deg=90))
     words = f"sheet {name}: {_title(face)}; print at 100 %"
     items.append(Text((left + 12, bottom + FOOT_MM), words, 3.2, color=GREY))
     return Page(tiling.paper, tuple(items), f"{_title(face)}, sheet {name}", (here,), window, here.artwork)

@@ -1,4 +1,4 @@
-"""The calibration report: one HTML file with images, nothing fetched from anywhere."""
+"""The calibration report: one self-contained HTML file with its images."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from lmkit.calibration.view_coverage import TILTED_DEG
 from lmkit.geometry.rectification import rectification, rectify_pair, with_lines_across
 from lmkit.model.board import BoardSpec
 from lmkit.reports import calibration_plots as plots
-from lmkit.visualization.html import figure, grid, listed, page, verdict
+from lmkit.visualization.html import figure, grid, headline, listed, page
 
 GOOD_EPIPOLAR_PX = 0.2
 FAIR_EPIPOLAR_PX = 0.5
@@ -26,20 +26,20 @@ _DISTORTION = {
     "": ("k1", "k2", "p1", "p2", "k3", "k4", "k5", "k6", "s1", "s2", "s3", "s4", "τx", "τy"),
 }
 
-_STATISTICS = ("corners", "mean x", "mean y", "spread x", "spread y", "median", "95 %", "largest")
+_STATISTICS = ("corners", "mean x", "mean y", "std x", "std y", "median", "95 %", "largest")
 
 
 def calibration_report(
-    result: StereoCalibration, board: BoardSpec, pictures: Mapping[str, tuple[ByteArray, ByteArray]]
+    result: StereoCalibration, board: BoardSpec, images: Mapping[str, tuple[ByteArray, ByteArray]]
 ) -> str:
-    """The report.
+    """HTML report of a stereo calibration.
 
     Args:
         images: left and right image by pair name, of the pairs to show.
     """
     parts = [
         f"<p>{escape(str(board))}, {len(result.used)} pairs used, {len(result.rejected)} left out</p>",
-        verdict(*_verdict(result)),
+        headline(*_headline(result)),
         listed("Warnings", [w.message for w in result.warnings]),
         _figures(result),
         _depth(result),
@@ -50,48 +50,48 @@ def calibration_report(
         _space(result, board),
         _pair_table(result),
     ]
-    shown = [name for name in (view.name for view in result.used) if name in pictures]
+    shown = [name for name in (view.name for view in result.used) if name in images]
     if shown:
         parts.append("<h2>A rectified pair</h2>")
-        parts.append(_rectified(result, shown[0], pictures[shown[0]]))
+        parts.append(_rectified(result, shown[0], images[shown[0]]))
         parts.append("<h2>Corners as detected</h2><div class='grid'>")
-        parts += [_detections(result, name, pictures[name]) for name in shown]
+        parts += [_detections(result, name, images[name]) for name in shown]
         parts.append("</div>")
     return page("Stereo calibration", parts)
 
 
-def _verdict(result: StereoCalibration) -> tuple[str, str, str]:
+def _headline(result: StereoCalibration) -> tuple[str, str, str]:
     error = result.held_out_epipolar_px
     if error is None:
         return (
             "poor",
-            "Not enough pairs to tell.",
-            "A calibration is judged on pairs that it has not seen: too few for that. Take ten or more.",
+            "Too few pairs to judge the calibration.",
+            "The held-out error needs ten or more pairs. Take more pairs.",
         )
-    size = f"Rows of pairs that the fit had not seen match to {error:.3f} px on average"
+    size = f"Held-out epipolar error: {error:.3f} px (mean)"
     doubts = len(result.warnings)
     if error <= GOOD_EPIPOLAR_PX and not doubts:
-        return "good", "Good.", f"{size}, and nothing speaks against it."
+        return "good", "Good.", f"{size}. No warnings."
     if error <= GOOD_EPIPOLAR_PX:
-        some = "There is a warning" if doubts == 1 else f"There are {doubts} warnings"
-        return "fair", "Precise, with reservations.", f"{size}. {some} below; fix what you can and calibrate again."
+        count = "1 warning" if doubts == 1 else f"{doubts} warnings"
+        return "fair", f"Good fit, {count}.", f"{size}. Fix the causes of the warnings and calibrate again."
     if error <= FAIR_EPIPOLAR_PX:
         return (
             "fair",
             "Usable.",
-            f"{size}; below {GOOD_EPIPOLAR_PX} px is what sharp images of a flat board reach.",
+            f"{size}. Sharp images of a flat board reach less than {GOOD_EPIPOLAR_PX} px.",
         )
-    return "poor", "Poor.", f"{size}; expect wrong depth. See the warnings and the pairs with large errors."
+    return "poor", "Poor.", f"{size}. Depths are unreliable. See the warnings and the pairs with large errors."
 
 
 def _figures(result: StereoCalibration) -> str:
     held = result.held_out
     rows = [
         (
-            "Row error of pairs held out (five folds), mean",
+            "Held-out epipolar error (five folds), mean",
             "unknown" if held is None else f"{held.mean_epipolar_px:.3f} px",
         ),
-        ("Reprojection error of those, mean", "unknown" if held is None else f"{held.mean_reprojection_px:.3f} px"),
+        ("Held-out reprojection error, mean", "unknown" if held is None else f"{held.mean_reprojection_px:.3f} px"),
         ("Reprojection error of the fit, root mean square: both / left / right",
          f"{result.rms_px:.3f} / {result.rms_left_px:.3f} / {result.rms_right_px:.3f} px"),
         ("Baseline", f"{result.rig.baseline_m * 1000:.3f} ± {result.baseline_sigma_m * 1000:.3f} mm"),
@@ -122,10 +122,10 @@ def _coverage(result: StereoCalibration) -> str:
     c, size = result.coverage, result.rig.left.image_size
     figures = [
         (
-            plots.corner_cover(np.concatenate([getattr(v, eye) for v in result.used]), c.cells[k], size, color),
-            f"{eye.capitalize()} camera: all corners; red where none was. {100 * c.filled(k):.0f} % filled.",
+            plots.corner_cover(np.concatenate([getattr(v, side) for v in result.used]), c.cells[k], size, color),
+            f"{side.capitalize()} camera: all corners; red: empty cells. {100 * c.filled(k):.0f} % filled.",
         )
-        for k, (eye, color) in enumerate((("left", plots.LEFT), ("right", plots.RIGHT)))
+        for k, (side, color) in enumerate((("left", plots.LEFT), ("right", plots.RIGHT)))
     ]
     near, far = c.distances_m.min(), c.distances_m.max()
     figures.append(
@@ -136,8 +136,8 @@ def _coverage(result: StereoCalibration) -> str:
             "<p><b>Take these views next:</b></p><ul>" + "".join(f"<li>{escape(a)}</li>" for a in c.advice) + "</ul>"
         )
     else:
-        advice = "<p class='note'>The views cover what a calibration needs.</p>"
-    return f"<h2>ViewCoverage</h2>{advice}{grid(figures)}"
+        advice = "<p class='note'>The views cover the image, the tilts and the distances sufficiently.</p>"
+    return f"<h2>Coverage</h2>{advice}{grid(figures)}"
 
 
 def _uncertainty(result: StereoCalibration) -> str:
@@ -145,22 +145,22 @@ def _uncertainty(result: StereoCalibration) -> str:
     assert s.covariance is not None
     nl, nr = len(intrinsics_vector(s.left)), len(intrinsics_vector(s.right))
     maps = [
-        (eye, depth, camera, projection_uncertainty(camera, s.covariance[at : at + count, at : at + count], depth))
-        for eye, camera, at, count in (("Left", s.left, 0, nl), ("Right", s.right, nl, nr))
+        (side, depth, camera, projection_uncertainty(camera, s.covariance[at : at + count, at : at + count], depth))
+        for side, camera, at, count in (("Left", s.left, 0, nl), ("Right", s.right, nl, nr))
         for depth in (NEAR_M, None)
     ]
     largest = max(float(np.nanpercentile(values, 90)) for *_, values in maps)
     figures = [
         (
             plots.heat_map(values, camera.image_size, largest),
-            f"{eye} camera, {'far away' if depth is None else f'at {depth:g} m'}: "
+            f"{side} camera, {'far away' if depth is None else f'at {depth:g} m'}: "
             f"{np.nanmin(values):.3f} to {np.nanmax(values):.3f} px.",
         )
-        for eye, depth, camera, values in maps
+        for side, depth, camera, values in maps
     ]
     note = (
-        "Standard deviation of where a point projects, px, from what the images leave open of the intrinsics. "
-        "Where it is large, show the board; grey: no ray of the lens model ends there."
+        "Standard deviation of a projected point, px, from the covariance of the intrinsics. "
+        "Show the board where the value is large. Grey: the lens model is not valid there."
     )
     return f"<h2>Projection uncertainty</h2><p class='note'>{note}</p>{grid(figures, 'two')}"
 
@@ -184,13 +184,13 @@ def _cameras(result: StereoCalibration) -> str:
     head = f"<tr><th>{rig.left.model}</th><th class='n'>left</th><th></th><th class='n'>right</th><th></th></tr>"
     table = f"<h2>Cameras, pixels</h2><table>{head}{''.join(rows)}</table>"
     relation = np.zeros(6) if rig.covariance is None else np.sqrt(np.diag(rig.covariance))
-    shift, turn = rig.T_right_left.t * 1000, np.rad2deg(rig.T_right_left.rvec)
+    shift, rotation = rig.T_right_left.t * 1000, np.rad2deg(rig.T_right_left.rvec)
     lines = [
         (f"shift {axis}", f"{value:.3f}", f"± {sigma:.3f} mm")
         for axis, value, sigma in zip("xyz", shift, relation[:3] * 1000, strict=True)
     ] + [
-        (f"turn about {axis}", f"{value:.4f}", f"± {sigma:.4f} deg")
-        for axis, value, sigma in zip("xyz", turn, np.rad2deg(relation[3:]), strict=True)
+        (f"rotation about {axis}", f"{value:.4f}", f"± {sigma:.4f} deg")
+        for axis, value, sigma in zip("xyz", rotation, np.rad2deg(relation[3:]), strict=True)
     ]
     body = "".join(f"<tr><td>{a}</td><td class='n'>{b}</td><td class='n'>{c}</td></tr>" for a, b, c in lines)
     return f"{table}<h2>Left camera in the right camera's frame (T_right_left)</h2><table>{body}</table>"
@@ -202,15 +202,21 @@ def _residual_plots(result: StereoCalibration) -> str:
     at_left = np.concatenate([view.left for view in result.used])
     at_right = np.concatenate([view.right for view in result.used])
     size = result.rig.left.image_size
-    enlarged = f"Left camera, {plots.ENLARGED} times enlarged. Neighbours that agree: the lens model does not fit."
+    enlarged = f"{plots.ENLARGED} times enlarged. Neighbours of equal direction: the lens model does not fit."
     figures = [
         (plots.residual_scatter(left, right), "All residuals (left blue, right orange)."),
-        (plots.residual_histogram(left, right), "Their sizes; dashed: normal curves of the same middle spread."),
-        (plots.residual_arrows(at_left, left, size, plots.LEFT), enlarged),
-        (plots.residual_arrows(at_right, right, size, plots.RIGHT), "Right camera, the same."),
+        (
+            plots.residual_histogram(left, right),
+            "Histogram of both axes; dashed: normal curves of equal robust standard deviation.",
+        ),
+        (plots.residual_arrows(at_left, left, size, plots.LEFT), f"Left camera, {enlarged}"),
+        (
+            plots.residual_arrows(at_right, right, size, plots.RIGHT),
+            f"Right camera, {enlarged}",
+        ),
     ]
     rows = "".join(_statistics(name, values) for name, values in (("left", left), ("right", right)))
-    head = "<tr><th>eye</th>" + "".join(
+    head = "<tr><th>camera</th>" + "".join(
         f"<th class='n'>{name}</th>" for name in _STATISTICS
     ) + "</tr>"  # fmt: skip
     return f"<h2>Residuals</h2><table>{head}{rows}</table>{grid(figures, 'two')}"
@@ -249,12 +255,12 @@ def _pair_table(result: StereoCalibration) -> str:
     return f"<h2>Pairs</h2><table>{head}{''.join(rows)}</table>"
 
 
-def _detections(result: StereoCalibration, name: str, pictures: tuple[ByteArray, ByteArray]) -> str:
+def _detections(result: StereoCalibration, name: str, images: tuple[ByteArray, ByteArray]) -> str:
     view = next(v for v in result.used if v.name == name)
     marked = []
-    for image, points in zip(pictures, (view.left, view.right), strict=True):
+    for image, points in zip(images, (view.left, view.right), strict=True):
         canvas = image.copy()
-        # As large as is still seen when the image is made small.
+        # The circles stay visible after the image is scaled down to 560 px.
         radius, width = canvas.shape[1] / 110, max(1, round(canvas.shape[1] / 320))
         for k, (x, y) in enumerate(points):
             hue = int(150 * k / max(1, len(points) - 1))
@@ -265,8 +271,8 @@ def _detections(result: StereoCalibration, name: str, pictures: tuple[ByteArray,
     return figure(_img(np.hstack(marked), 560), escape(name))
 
 
-def _rectified(result: StereoCalibration, name: str, pictures: tuple[ByteArray, ByteArray]) -> str:
-    both = with_lines_across(*rectify_pair(result.rig, *pictures), rectification(result.rig).along)
+def _rectified(result: StereoCalibration, name: str, images: tuple[ByteArray, ByteArray]) -> str:
+    both = with_lines_across(*rectify_pair(result.rig, *images), rectification(result.rig).along)
     caption = f"Pair {escape(name)}, rectified: matching points lie on the same line."
     return figure(_img(both, 1100), caption)
 

@@ -46,7 +46,7 @@ def residual_arrows(at: FloatArray, residuals: FloatArray, size: tuple[int, int]
         f"M{x:.1f} {y:.1f}l{dx:.1f} {dy:.1f}"
         for (x, y), (dx, dy) in zip(at[::step], residuals[::step] * ENLARGED, strict=True)
     )
-    return _picture(
+    return _image(
         size, "residual field", f"<path d='{lines}' stroke='{color}' stroke-width='{size[0] / 450:.2f}' fill='none'/>"
     )
 
@@ -100,7 +100,7 @@ def heat_map(values: FloatArray, size: tuple[int, int], largest: float) -> str:
                     f"<text x='{x + width / columns / 2:.1f}' y='{y + height / rows * 0.75:.1f}' fill='{ink}' "
                     f"font-size='{width / 28:.0f}' text-anchor='middle'>{values[r, c]:.2f}</text>"
                 )
-    return _picture(size, "projection uncertainty", "".join(cells + figures))
+    return _image(size, "projection uncertainty", "".join(cells + figures))
 
 
 def corner_cover(points: FloatArray, cells: BoolArray, size: tuple[int, int], color: str) -> str:
@@ -119,7 +119,7 @@ def corner_cover(points: FloatArray, cells: BoolArray, size: tuple[int, int], co
         f"<circle cx='{x:.0f}' cy='{y:.0f}' r='{radius:.1f}' fill='{color}' fill-opacity='.6'/>"
         for x, y in points[::step]
     )
-    return _picture(size, "corners seen", "".join(marks) + dots)
+    return _image(size, "corners seen", "".join(marks) + dots)
 
 
 def tilt_plot(tilts_deg: FloatArray, tilted_deg: float) -> str:
@@ -156,10 +156,10 @@ def scene(
 ) -> str:
     """The two cameras and every board, (4,3) metres in the left camera, seen from above behind the cameras."""
     depth = max(float(np.median([outline[:, 2].mean() for outline in outlines])) / 4, float(np.linalg.norm(t)) / 2)
-    eyes = [(_frustum(left, depth), LEFT), ((_frustum(right, depth) - t) @ R, RIGHT)]
+    cameras = [(_frustum(left, depth), LEFT), ((_frustum(right, depth) - t) @ R, RIGHT)]
     # From behind, above and a little to the right.
     view = rotation_exp(np.array([0.5, 0.0, 0.0])) @ rotation_exp(np.array([0.0, -0.6, 0.0]))
-    flat = [(points @ view.T)[:, :2] for points in [*outlines, *(points for points, _ in eyes)]]
+    flat = [(points @ view.T)[:, :2] for points in [*outlines, *(points for points, _ in cameras)]]
     everything = np.concatenate(flat)
     low, high = everything.min(axis=0), everything.max(axis=0)
     scale = 1000 / float((high - low).max())
@@ -176,7 +176,7 @@ def scene(
             f"<path d='M{path}Z' fill='{GREY}' fill-opacity='.13' stroke='{GREY}' stroke-width='1.6'>"
             f"<title>{escape(name)}</title></path>"
         )
-    for (_, color), corners in zip(eyes, flat[len(outlines) :], strict=True):
+    for (_, color), corners in zip(cameras, flat[len(outlines) :], strict=True):
         apex, *rim = place(corners)
         rays = "".join(f"M{apex}L{corner}" for corner in rim)
         style = f"fill='{color}' fill-opacity='.15' stroke='{color}' stroke-width='2.5'"
@@ -204,7 +204,7 @@ def _color(share: float) -> str:
     return f"#{red:02x}{green:02x}{blue:02x}"
 
 
-def _picture(size: tuple[int, int], label: str, body: str) -> str:
+def _image(size: tuple[int, int], label: str, body: str) -> str:
     width, height = size
     frame = f"<rect width='{width}' height='{height}' fill='none' stroke='{GREY}' stroke-width='{width / 320:.1f}'/>"
     return svg((0, 0, width, height), 420, label, body + frame)

@@ -1,4 +1,4 @@
-"""One page of PDF a landmark: the image with the landmark marked, every line with its grade, the verdict first."""
+"""One page of PDF a landmark: the image with the landmark marked, every line with its grade, the headline first."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ COLOURS = {
     "F": (0.78, 0.1, 0.1),
     None: (0.5, 0.5, 0.5),
 }
-PICTURE_MM = 78.0
+IMAGE_MM = 78.0
 
 
 def certificate(prints: Sequence[PrintedLandmark]) -> bytes:
@@ -55,11 +55,11 @@ def _page(canvas: Canvas, item: PrintedLandmark) -> None:
     canvas.setFont("Helvetica", 10)
     canvas.drawString(56 * mm, 261 * mm, _shortened(canvas, item.source, 130 * mm))
     worst = [line.name for line in item.lines if line.grade == item.grade]
-    verdict = "every known line is A" if item.grade == "A" else f"decided by: {', '.join(worst)}"
-    canvas.drawString(56 * mm, 255 * mm, _shortened(canvas, verdict, 130 * mm))
+    headline = "every measured line is A" if item.grade == "A" else f"decided by: {', '.join(worst)}"
+    canvas.drawString(56 * mm, 255 * mm, _shortened(canvas, headline, 130 * mm))
     canvas.setFillColorRGB(0.4, 0.4, 0.4)
     canvas.drawString(56 * mm, 249 * mm, f"scale from: {item.scale_from or 'unknown'}")
-    _picture(canvas, item)
+    _draw_image(canvas, item)
     y = 154.0
     canvas.setStrokeColorRGB(0.8, 0.8, 0.8)
     for line in item.lines:
@@ -84,7 +84,7 @@ def _page(canvas: Canvas, item: PrintedLandmark) -> None:
     canvas.drawString(20 * mm, 16 * mm, words)
 
 
-def _picture(canvas: Canvas, item: PrintedLandmark) -> None:
+def _draw_image(canvas: Canvas, item: PrintedLandmark) -> None:
     """The surroundings of the landmark, with its corners marked."""
     mm = POINTS_PER_MM
     corners = item.observation.corners
@@ -95,13 +95,13 @@ def _picture(canvas: Canvas, item: PrintedLandmark) -> None:
     x1, y1 = min(int(high[0] + room), width), min(int(high[1] + room), height)
     shifted = replace(item.observation, corners=corners - [x0, y0])
     marked = draw_landmarks(np.ascontiguousarray(item.image[y0:y1, x0:x1]), [shifted])
-    picture = Image.fromarray(marked[:, :, ::-1].copy())
-    picture.thumbnail((900, 900))
+    image = Image.fromarray(marked[:, :, ::-1].copy())
+    image.thumbnail((900, 900))
     data = io.BytesIO()
-    picture.save(data, format="JPEG", quality=88)
+    image.save(data, format="JPEG", quality=88)
     data.seek(0)
-    scale = PICTURE_MM / max(picture.size)
-    size = (picture.width * scale * mm, picture.height * scale * mm)
+    scale = IMAGE_MM / max(image.size)
+    size = (image.width * scale * mm, image.height * scale * mm)
     canvas.drawImage(ImageReader(data), 20 * mm, 240 * mm - size[1], *size)
 
 

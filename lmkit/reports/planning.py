@@ -1,4 +1,4 @@
-"""Plans of a floor as images: the expected error, where landmarks are mounted, a way to drive."""
+"""Plans of a floor as images: the expected error, where landmarks are mounted, a route."""
 
 from __future__ import annotations
 
@@ -10,11 +10,11 @@ from lmkit.planning.mounting_plan import mounting_csv, sheets_to_print
 from lmkit.planning.placement import Placement
 from lmkit.planning.route import Route
 from lmkit.visualization.floor_layer import floor_underlay, wall_notes
-from lmkit.visualization.plan_view import BLUE, Note, Way, draw_plan
+from lmkit.visualization.plan_view import BLUE, Note, Polyline, draw_plan
 
 # Names of the files that `placement_files` may make.
 PLACEMENT_FILES = ("map.yaml", "mounting.csv", "plan.png", "coverage.png", "landmarks.pdf")
-BESIDE_M = 0.25  # so far off the end of a way its letter stands
+BESIDE_M = 0.25  # distance of the letters A and B from the ends of a route
 
 
 def draw_coverage(
@@ -34,14 +34,16 @@ def draw_placement(floor: FloorPlan, placement: Placement) -> bytes:
 
 
 def draw_route(floor: FloorPlan, landmarks: LandmarkMap, route: Route, kind: str = "png") -> bytes:
-    """The way from A to B."""
+    """Plan with the route from A to B, as PNG or SVG."""
     ends = [
         Note(word, (float(x), float(y) - BESIDE_M))
         for word, (x, y) in zip("AB", route.waypoints[[0, -1]], strict=True)
     ]
     title = f"{route.length_m:.2f} m; expected error at most {100 * route.error_m.max():.0f} cm"
-    way = Way(route.waypoints, BLUE, "the way to drive")
-    return draw_plan(landmarks, [], title=title, kind=kind, underlay=floor_underlay(floor), ways=[way], notes=ends)
+    path = Polyline(route.waypoints, BLUE, "route")
+    return draw_plan(
+        landmarks, [], title=title, kind=kind, underlay=floor_underlay(floor), polylines=[path], notes=ends
+    )
 
 
 def placement_files(

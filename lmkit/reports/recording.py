@@ -1,4 +1,4 @@
-"""Reports of drives: what a survey found and how well, and how a robot was followed through a map."""
+"""HTML reports of a surveyed recording and of a tracked trajectory."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from lmkit.model.landmark_map import LandmarkMap
 from lmkit.model.pose_status import PoseStatus
 from lmkit.model.tracked_trajectory import TrackedTrajectory
 from lmkit.odometry.motion_model import Motion
-from lmkit.visualization.html import GREY, figure, grid, listed, page, svg, svg_text, table, verdict
+from lmkit.visualization.html import GREY, figure, grid, headline, listed, page, svg, svg_text, table
 from lmkit.visualization.plan_view import Found, draw_plan
 
 MOST_DRAWN = 60  # poses of a plan
@@ -35,15 +35,15 @@ class _Series:
 
 
 def survey_report(survey: Survey, motion: Motion | None, warnings: Sequence[str]) -> str:
-    """The report of a survey, as HTML.
+    """HTML report of a survey.
 
     Args:
-        warnings: as told to the user.
+        warnings: the warnings that the command line printed.
     """
     bundle = survey.bundle
     believed = bundle.residuals < OUTLIER_SIGMA
     times = bundle.times_s[bundle.frames]
-    plan = draw_drive(
+    plan = draw_trajectory(
         bundle.landmarks,
         bundle.times_s,
         bundle.left_poses(),
@@ -51,14 +51,14 @@ def survey_report(survey: Survey, motion: Motion | None, warnings: Sequence[str]
         [True] * len(bundle.times_s),
         "svg",
     ).decode()
-    place_mm = 1000 * np.sqrt(np.einsum("nii->n", bundle.covariances[:, :3, :3]))
-    turn_deg = np.rad2deg(np.sqrt(np.linalg.eigvalsh(bundle.covariances[:, 3:, 3:])[:, -1]))
+    position_mm = 1000 * np.sqrt(np.einsum("nii->n", bundle.covariances[:, :3, :3]))
+    rotation_deg = np.rad2deg(np.sqrt(np.linalg.eigvalsh(bundle.covariances[:, 3:, 3:])[:, -1]))
     parts = [
         f"<p>{len(bundle.landmarks)} landmarks, {len(bundle.times_s)} frames, {len(bundle.of)} observations, "
         f"{survey.dropped} left out, {bundle.rms_px:.2f} px</p>",
-        verdict(*_survey_verdict(survey)),
+        headline(*_survey_headline(survey)),
         listed("Warnings", warnings),
-        "<h2>Map and drive</h2>",
+        "<h2>Map and trajectory</h2>",
         figure(plan, "Landmarks and the left camera from above; 95 % ellipses."),
         "<h2>Landmarks</h2>",
         _landmarks(survey, believed),
@@ -74,19 +74,20 @@ def survey_report(survey: Survey, motion: Motion | None, warnings: Sequence[str]
                         "residual of an observation, standard deviations",
                         log=True,
                     ),
-                    "Every observation; red: left out. Honest covariances make it 1 on average.",
+                    "Every observation; red: left out. Correct covariances give a mean of 1.",
                 ),
                 (
                     _over_time(
-                        [_Series(bundle.times_s, place_mm, SEEN, False)], "standard deviation of the place, mm"
+                        [_Series(bundle.times_s, position_mm, SEEN, False)], "standard deviation of the position, mm"
                     ),
-                    "How well the camera's place is known.",
+                    "Standard deviation of the left camera's position.",
                 ),
                 (
                     _over_time(
-                        [_Series(bundle.times_s, turn_deg, OTHER, False)], "standard deviation of the turn, deg"
+                        [_Series(bundle.times_s, rotation_deg, OTHER, False)],
+                        "standard deviation of the rotation, deg",
                     ),
-                    "How well its direction is known.",
+                    "Largest standard deviation of the left camera's rotation.",
                 ),
             ],
             "two",
@@ -97,40 +98,46 @@ def survey_report(survey: Survey, motion: Motion | None, warnings: Sequence[str]
     return page("Survey", parts)
 
 
-def track_report(drive: TrackedTrajectory, landmarks: LandmarkMap) -> str:
-    """The report of a robot that was followed through a map, as HTML."""
-    sure = [status == PoseStatus.OK for status in drive.statuses]
-    plan = draw_tracked(drive, landmarks, "svg").decode()
-    C = drive.covariances
-    place_mm = 1000 * np.sqrt(np.einsum("nii->n", C[:, :3, :3]))
+def track_report(tracked: TrackedTrajectory, landmarks: LandmarkMap) -> str:
+    """HTML report of a robot tracked through a map."""
+    sure = [status == PoseStatus.OK for status in tracked.statuses]
+    plan = draw_tracked(tracked, landmarks, "svg").decode()
+    C = tracked.covariances
+    position_mm = 1000 * np.sqrt(np.einsum("nii->n", C[:, :3, :3]))
     heading_deg = np.rad2deg(np.sqrt(np.maximum(C[:, 5, 5], 0.0)))
     parts = [
-        f"<p>{len(drive.times_s)} frames, {sum(sure)} of them sure</p>",
-        verdict(*_track_verdict(drive)),
-        listed("Warnings", drive.remarks),
-        "<h2>Drive</h2>",
-        figure(plan, "The robot from above; 95 % ellipses. Grey: not sure."),
+        f"<p>{len(tracked.times_s)} frames, {sum(sure)} located</p>",
+        headline(*_track_headline(tracked)),
+        listed("Warnings", tracked.remarks),
+        "<h2>Trajectory</h2>",
+        figure(plan, "The robot from above; 95 % ellipses. Grey: no reliable pose."),
         "<h2>Innovations</h2>",
-        _nis(drive),
-        "<h2>How well the pose is known</h2>",
+        _innovations(tracked),
+        "<h2>Uncertainty of the pose</h2>",
         grid(
             [
                 (
                     _over_time(
-                        [_Series(drive.times_s, place_mm, SEEN, False)], "standard deviation of the place, mm"
+                        [_Series(tracked.times_s, position_mm, SEEN, False)], "standard deviation of the position, mm"
                     ),
                     "",
                 ),
-                (_over_time([_Series(drive.times_s, heading_deg, OTHER, False)], "of the heading, deg"), ""),
+                (
+                    _over_time(
+                        [_Series(tracked.times_s, heading_deg, OTHER, False)],
+                        "standard deviation of the heading, deg",
+                    ),
+                    "",
+                ),
             ],
             "two",
         ),
-        _odometry(drive.parameters),
+        _odometry(tracked.parameters),
     ]
     return page("Track", parts)
 
 
-def draw_drive(
+def draw_trajectory(
     landmarks: LandmarkMap,
     times_s: FloatArray,
     looking: Sequence[Pose],
@@ -155,47 +162,60 @@ def draw_survey(survey: Survey, kind: str) -> bytes:
     """The map and some of the left camera's poses from above, as ``png`` or ``svg``."""
     bundle = survey.bundle
     sure = [True] * len(bundle.times_s)
-    return draw_drive(bundle.landmarks, bundle.times_s, bundle.left_poses(), bundle.covariances, sure, kind)
+    return draw_trajectory(bundle.landmarks, bundle.times_s, bundle.left_poses(), bundle.covariances, sure, kind)
 
 
-def draw_tracked(drive: TrackedTrajectory, landmarks: LandmarkMap, kind: str) -> bytes:
+def draw_tracked(tracked: TrackedTrajectory, landmarks: LandmarkMap, kind: str) -> bytes:
     """The map and some of the robot's poses from above, as ``png`` or ``svg``."""
-    looking = [drive.looking(k) for k in range(len(drive))]
-    sure = [status == PoseStatus.OK for status in drive.statuses]
-    return draw_drive(landmarks, drive.times_s, looking, drive.covariances, sure, kind)
+    looking = [tracked.looking(k) for k in range(len(tracked))]
+    sure = [status == PoseStatus.OK for status in tracked.statuses]
+    return draw_trajectory(landmarks, tracked.times_s, looking, tracked.covariances, sure, kind)
 
 
-def _survey_verdict(survey: Survey) -> tuple[str, str, str]:
+def _survey_headline(survey: Survey) -> tuple[str, str, str]:
     if survey.odd or survey.bundle.jumps:
-        return "poor", "The recording contradicts itself.", "See the warnings: something was moved, or is misread."
+        return "poor", _contradictions(survey), "The warnings name the observations and what to check in the room."
     if survey.unplaced or survey.weak or survey.ambiguous or survey.astray:
         return (
             "fair",
-            "A map with gaps.",
-            "Some landmarks are known badly or not at all; the warnings say what would help.",
+            "The map is incomplete.",
+            "Some landmarks are missing or poorly determined; the warnings name the views that would help.",
         )
     worst = max((deviations(m)[0] for m in survey.bundle.landmarks), default=0.0)
     return (
         "good",
-        "A good map.",
-        f"Every landmark is known to {1000 * worst:.0f} mm or better, and nothing contradicts it.",
+        f"{len(survey.bundle.landmarks)} landmarks mapped.",
+        f"Standard deviation of every position: {1000 * worst:.0f} mm or less. No observation contradicts the map.",
     )
 
 
-def _track_verdict(drive: TrackedTrajectory) -> tuple[str, str, str]:
-    unsure = sum(status != PoseStatus.OK for status in drive.statuses)
-    outside, counted = _outside(drive)
-    if drive.remarks:
-        return "poor", "Something is wrong.", "See the warnings."
+def _contradictions(survey: Survey) -> str:
+    """The headline of a survey whose observations contradict each other."""
+    parts = []
+    if names := [str(landmark.id) for landmark in survey.odd]:
+        subject = "1 landmark contradicts" if len(names) == 1 else f"{len(names)} landmarks contradict"
+        parts.append(f"{subject} the map: {', '.join(names)}")
+    if count := len(survey.bundle.jumps):
+        parts.append("1 jump of the trajectory" if count == 1 else f"{count} jumps of the trajectory")
+    return "; ".join(parts) + "."
+
+
+def _track_headline(tracked: TrackedTrajectory) -> tuple[str, str, str]:
+    unsure = sum(status != PoseStatus.OK for status in tracked.statuses)
+    outside, counted = _outside(tracked)
+    located = f"{len(tracked.statuses) - unsure} of {len(tracked.statuses)} frames located"
+    if tracked.remarks:
+        count = len(tracked.remarks)
+        return "poor", f"{located}; {count} warning{'s' if count > 1 else ''}.", "The warnings name the cause."
     if counted and outside > TOO_MANY_OUTSIDE * counted:
         return (
             "fair",
-            "The covariance claims too much.",
-            f"{outside} of {counted} frames lie above the {100 * INSIDE:.0f} % band of their innovations.",
+            f"{located}; the covariances are too small.",
+            f"Normalized innovations of {outside} of {counted} frames lie above the {100 * INSIDE:.0f} % bound.",
         )
     if unsure:
-        return "fair", "Followed with gaps.", f"{unsure} of {len(drive.statuses)} frames are not sure."
-    return "good", "Followed all the way.", "Every frame has a sure pose."
+        return "fair", f"{located}.", f"{unsure} frames have no reliable pose."
+    return "good", f"{located}.", "Every frame has a reliable pose."
 
 
 def _landmarks(survey: Survey, believed: BoolArray) -> str:
@@ -203,50 +223,50 @@ def _landmarks(survey: Survey, believed: BoolArray) -> str:
     rows = []
     for m in sorted(bundle.landmarks, key=lambda m: m.id):
         mine = bundle.of == bundle.ids.index(m.id)
-        place, turn = deviations(m)
+        position_m, rotation_rad = deviations(m)
         x, y, z = m.T_map_landmark.t
-        misfit = f"{np.median(bundle.residuals[mine]):.2f}" if mine.any() else ""
+        residual = f"{np.median(bundle.residuals[mine]):.2f}" if mine.any() else ""
         rows.append(
-            (str(m.id), f"{x:.3f}", f"{y:.3f}", f"{z:.3f}", f"± {1000 * place:.1f}", f"± {np.rad2deg(turn):.2f}",
-             str(mine.sum()), str((mine & ~believed).sum()), misfit)
+            (str(m.id), f"{x:.3f}", f"{y:.3f}", f"{z:.3f}", f"± {1000 * position_m:.1f}",
+             f"± {np.rad2deg(rotation_rad):.2f}", str(mine.sum()), str((mine & ~believed).sum()), residual)
         )  # fmt: skip
-    head = ("landmark", "x, m", "y, m", "z, m", "mm", "deg", "sightings", "left out", "residual, median")
+    head = ("landmark", "x, m", "y, m", "z, m", "mm", "deg", "observations", "left out", "residual, median")
     return table(head, rows)
 
 
-def _nis(drive: TrackedTrajectory) -> str:
-    squared, told = drive.nis.T
-    some = told > 0
+def _innovations(tracked: TrackedTrajectory) -> str:
+    squared, dof = tracked.nis.T
+    some = dof > 0
     if not some.any():
         return "<p class='note'>No landmark was seen.</p>"
-    ratio = squared[some] / told[some]
-    above = ratio > chi2.ppf(INSIDE, told[some]) / told[some]
-    times = drive.times_s[some]
-    outside, counted = _outside(drive)
+    ratio = squared[some] / dof[some]
+    above = ratio > chi2.ppf(INSIDE, dof[some]) / dof[some]
+    times = tracked.times_s[some]
+    outside, counted = _outside(tracked)
     plot = _over_time(
         [_Series(times[~above], ratio[~above], SEEN), _Series(times[above], ratio[above], LEFT_OUT)],
-        "squared innovation, 1 expected",
+        "normalized innovation squared over its degrees of freedom",
         log=True,
     )
     return figure(
         plot,
-        f"Mean {squared.sum() / told.sum():.2f} of an ideal 1. Red: above the {100 * INSIDE:.0f} % band of honest "
-        f"covariances, {outside} of {counted} frames.",
+        f"Mean {squared.sum() / dof.sum():.2f} (1 expected). Red: above the {100 * INSIDE:.0f} % bound, "
+        f"{outside} of {counted} frames.",
     )
 
 
-def _outside(drive: TrackedTrajectory) -> tuple[int, int]:
-    """Frames above the band of their innovations, of those that saw something."""
-    squared, told = drive.nis.T
-    some = told > 0
-    return int((squared[some] > chi2.ppf(INSIDE, told[some])).sum()), int(some.sum())
+def _outside(tracked: TrackedTrajectory) -> tuple[int, int]:
+    """(frames whose normalized innovation lies above the bound, frames with an observation)."""
+    squared, dof = tracked.nis.T
+    some = dof > 0
+    return int((squared[some] > chi2.ppf(INSIDE, dof[some])).sum()), int(some.sum())
 
 
 def _odometry(parameters: Mapping[str, float]) -> str:
     if not parameters:
         return ""
     rows = [(name.replace("_", " "), f"{value:.4f}") for name, value in parameters.items()]
-    return "<h2>What is wrong with the odometry</h2>" + table(("", ""), rows)
+    return "<h2>Odometry parameters</h2>" + table(("", ""), rows)
 
 
 def _over_time(series: Sequence[_Series], label: str, log: bool = False) -> str:

@@ -1,4 +1,4 @@
-"""Drives as recordings for the Rerun viewer: landmarks, the robot over time, what it saw, how sure it was."""
+"""Recordings for the Rerun viewer: landmarks, the trajectory, observations and 95 % ellipsoids."""
 
 from __future__ import annotations
 
@@ -18,11 +18,11 @@ from lmkit.model.landmark_map import LandmarkMap
 from lmkit.model.recording import StereoFrame
 from lmkit.model.tracked_trajectory import TrackedTrajectory
 
-TIMELINE = "drive"
+TIMELINE = "recording"
 THICK_M = 0.005
 SIGMAS_95 = 2.796  # radius of the 95 % ellipsoid, in standard deviations
 SEEN, SURE, UNSURE, UNCERTAIN = (237, 28, 36), (226, 120, 20), (140, 144, 150), (47, 111, 222, 60)
-EYES = ("left", "right")
+CAMERAS = ("left", "right")
 
 
 def require_rerun() -> None:
@@ -43,22 +43,22 @@ def survey_recording(survey: Survey, rig: StereoRig, frames: Sequence[StereoFram
     """
     bundle, recording = survey.bundle, _Recording("lmkit survey")
     recording.landmarks(survey.landmarks)
-    places = 1000 * np.sqrt(np.einsum("nii->n", bundle.covariances[:, :3, :3]))
+    positions_mm = 1000 * np.sqrt(np.einsum("nii->n", bundle.covariances[:, :3, :3]))
     for k, pose in enumerate(bundle.left_poses()):
         recording.at(bundle.times_s[k])
         recording.robot(pose, bundle.covariances[k], True)
         recording.seen(frames[survey.rows[k]], rig, pose)
-        recording.value("sigma/place_mm", places[k])
-    for frame in np.unique(bundle.frames):
-        recording.at(bundle.times_s[frame])
-        recording.value("misfit", float(np.median(bundle.residuals[bundle.frames == frame])))
+        recording.value("sigma/position_mm", positions_mm[k])
+    for row in np.unique(bundle.frames):
+        recording.at(bundle.times_s[row])
+        recording.value("residual", float(np.median(bundle.residuals[bundle.frames == row])))
     return recording.bytes()
 
 
 def track_recording(
-    drive: TrackedTrajectory, landmarks: LandmarkMap, rig: StereoRig | None, frames: Sequence[StereoFrame]
+    tracked: TrackedTrajectory, landmarks: LandmarkMap, rig: StereoRig | None, frames: Sequence[StereoFrame]
 ) -> bytes:
-    """A robot that was followed through a map, as the bytes of an .rrd file.
+    """A robot tracked through a map, as the bytes of an .rrd file.
 
     Args:
         rig, frames: that saw the landmarks; None and none where ranges and bearings were read.
@@ -66,18 +66,18 @@ def track_recording(
     recording = _Recording("lmkit track")
     recording.landmarks(landmarks)
     seen = {frame.time_s: frame for frame in frames}
-    for k, time_s in enumerate(drive.times_s.tolist()):
+    for k, time_s in enumerate(tracked.times_s.tolist()):
         recording.at(time_s)
-        C, looking = drive.covariances[k], drive.looking(k)
-        recording.robot(looking, C, drive.statuses[k] == "ok")
+        C, looking = tracked.covariances[k], tracked.looking(k)
+        recording.robot(looking, C, tracked.statuses[k] == "ok")
         if rig is not None and time_s in seen:
-            left = drive.poses[k] if rig.T_base_left is None else drive.poses[k] @ rig.T_base_left
+            left = tracked.poses[k] if rig.T_base_left is None else tracked.poses[k] @ rig.T_base_left
             recording.seen(seen[time_s], rig, left)
-        recording.value("sigma/place_mm", 1000 * np.sqrt(np.trace(C[:3, :3])))
+        recording.value("sigma/position_mm", 1000 * np.sqrt(np.trace(C[:3, :3])))
         recording.value("sigma/heading_deg", np.rad2deg(np.sqrt(max(C[5, 5], 0.0))))
-        squared, told = drive.nis[k]
-        if told:
-            recording.value("innovation", squared / told)
+        squared, dof = tracked.nis[k]
+        if dof:
+            recording.value("innovation", squared / dof)
     return recording.bytes()
 
 
@@ -89,7 +89,7 @@ class _Recording:
         self._rerun = rerun = import_module("rerun")
         self._to = rerun.RecordingStream(name)
         self._stream = self._to.binary_stream()
-        self._way: list[FloatArray] = []
+        self._trajectory: list[FloatArray] = []
         self._log("map", rerun.ViewCoordinates.RIGHT_HAND_Z_UP, static=True)
 
     def at(self, time_s: float) -> None:
@@ -98,28 +98,28 @@ class _Recording:
 
     def landmarks(self, landmarks: LandmarkMap) -> None:
         """Each as a flat box with its code, and the ellipsoid that holds its place with 95 %."""
-        mapped = list(landmarks)
+        mounted = list(landmarks)
         self._log(
             "map/landmarks",
             self._rerun.Boxes3D(
-                centers=[m.T_map_landmark.t for m in mapped],
-                half_sizes=[[m.size_m / 2, m.size_m / 2, THICK_M / 2] for m in mapped],
-                quaternions=[self._turn(m.T_map_landmark) for m in mapped],
-                labels=[str(m.code) for m in mapped],
-                colors=[SEEN] * len(mapped),
+                centers=[m.T_map_landmark.t for m in mounted],
+                half_sizes=[[m.size_m / 2, m.size_m / 2, THICK_M / 2] for m in mounted],
+                quaternions=[self._quaternion(m.T_map_landmark) for m in mounted],
+                labels=[str(m.code) for m in mounted],
+                colors=[SEEN] * len(mounted),
             ),
             static=True,
         )
         self._ellipsoids(
             "map/landmarks/uncertainty",
-            [(m.T_map_landmark.t, m.covariance[:3, :3]) for m in mapped if m.covariance is not None],
+            [(m.T_map_landmark.t, m.covariance[:3, :3]) for m in mounted if m.covariance is not None],
             static=True,
         )
 
     def robot(self, looking: Pose, covariance: FloatArray, sure: bool) -> None:
         """Position and direction (along the camera's z), and the ellipsoid."""
         color = SURE if sure else UNSURE
-        self._way.append(looking.t)
+        self._trajectory.append(looking.t)
         self._log(
             "map/robot", self._rerun.Arrows3D(origins=[looking.t], vectors=[0.4 * looking.R[:, 2]], colors=[color])
         )
@@ -129,9 +129,9 @@ class _Recording:
         """The cameras, and the outlines of what they read in their images."""
         right = rig.T_map_right(T_map_left)
         for name, camera, pose, seen in zip(
-            EYES, (rig.left, rig.right), (T_map_left, right), (frame.left, frame.right), strict=True
+            CAMERAS, (rig.left, rig.right), (T_map_left, right), (frame.left, frame.right), strict=True
         ):
-            path = f"map/eyes/{name}"
+            path = f"map/cameras/{name}"
             self._log(path, self._rerun.Transform3D(translation=pose.t, mat3x3=pose.R))
             self._log(
                 path,
@@ -149,7 +149,9 @@ class _Recording:
 
     def bytes(self) -> bytes:
         """Bytes of the file; the whole path is drawn last."""
-        self._log("map/way", self._rerun.LineStrips3D([np.array(self._way)], colors=[SURE]), static=True)
+        self._log(
+            "map/trajectory", self._rerun.LineStrips3D([np.array(self._trajectory)], colors=[SURE]), static=True
+        )
         return bytes(self._stream.read() or b"")
 
     def _ellipsoids(self, path: str, ones: Sequence[tuple[FloatArray, FloatArray]], static: bool) -> None:
@@ -162,13 +164,13 @@ class _Recording:
             self._rerun.Ellipsoids3D(
                 centers=[centre for centre, _ in ones],
                 half_sizes=[SIGMAS_95 * np.sqrt(np.maximum(v, 1e-10)) for v in values],
-                quaternions=[self._turn(Pose("map", "axes", V, np.zeros(3))) for V in turned],
+                quaternions=[self._quaternion(Pose("map", "axes", V, np.zeros(3))) for V in turned],
                 colors=[UNCERTAIN] * len(ones),
             ),
             static=static,
         )
 
-    def _turn(self, pose: Pose) -> Any:
+    def _quaternion(self, pose: Pose) -> Any:
         return self._rerun.Quaternion(xyzw=pose.quaternion_xyzw)
 
     def _log(self, path: str, what: Any, static: bool = False) -> None:

@@ -67,7 +67,9 @@ BLUE_COLOUR = _Scale("colour of blue", (12, 17, 24, 32), "check the printer's co
 EVENNESS = _Scale("evenness", (0.08, 0.14, 0.22, 0.35), "clean the print head; photograph without a screen's pattern")
 MARGIN = _Scale("white margin", (0.97, 0.93, 0.85, 0.7), "leave 10 mm of white (for 180 mm) around the red border")
 GLARE = _Scale("glare", (0.004, 0.015, 0.04, 0.1), "matt paper, or light from aside")
-STRAIGHTNESS = _Scale("border straightness", (0.002, 0.004, 0.008, 0.015), "mount it flat; a lens bends lines too")
+STRAIGHTNESS = _Scale(
+    "border straightness", (0.002, 0.004, 0.008, 0.015), "mount it flat; lens distortion curves lines too"
+)
 SHARPNESS = _Scale("sharpness", (0.009, 0.014, 0.022, 0.035), "focus, hold still, or print at a higher resolution")
 SCALE = _Scale("scale", (0.004, 0.008, 0.015, 0.025), "print at 100 %; or reprint with --compensate")
 ASPECT = _Scale("X to Y", (0.003, 0.006, 0.012, 0.02), "reprint with --compensate WIDTHxHEIGHT as measured")
@@ -80,7 +82,7 @@ NOT_MEASURED = (
 
 
 def grade_print(
-    attempt: Candidate,
+    candidate: Candidate,
     measures: PrintMeasures,
     side_mm: tuple[float, float] | None,
     skew_deg: float | None,
@@ -95,7 +97,7 @@ def grade_print(
         content_problem: why it is not what its label or manifest says; None where it is, or where
             neither says anything.
     """
-    m, rule, decoding = measures, AcceptanceRule(), attempt.decoding
+    m, rule, decoding = measures, AcceptanceRule(), candidate.decoding
     fine = m.side_px >= FINE_SIDE_PX
     unseen = f"take the image from nearer: {m.side_px:.0f} px a side, {FINE_SIDE_PX:.0f} are needed"
     if fine:
@@ -104,8 +106,8 @@ def grade_print(
     def optical(scale: _Scale, value: float | None, text: str) -> GradedLine:
         return scale.line(value if fine else None, text, unseen)
 
-    content = GradedLine(CONTENT, f"code {decoding.code} of {attempt.family.name}", "A", "")
-    if attempt.rejected is not None:
+    content = GradedLine(CONTENT, f"code {decoding.code} of {candidate.family.name}", "A", "")
+    if candidate.rejected is not None:
         content = GradedLine(CONTENT, "unknown", None, "the reader refuses it")
     elif content_problem is not None:
         content = GradedLine(CONTENT, content_problem, "F", "do not mount it; print again")

@@ -63,31 +63,31 @@ class PrintMeasures:
     blur: float
 
 
-def measure_print(image: ByteArray, attempt: Candidate) -> PrintMeasures:
+def measure_print(image: ByteArray, candidate: Candidate) -> PrintMeasures:
     """Measure a landmark that was read.
 
     Args:
         image: (H,W,3) BGR, 8 bit, with some room around the landmark.
     """
-    family = attempt.family
+    family = candidate.family
     reach = family.half_mm + family.margin_mm
-    H = homography_from_points(family.corners_mm, attempt.corners)
+    H = homography_from_points(family.corners_mm, candidate.corners)
     ticks = (np.arange(CELLS) + 0.5) / CELLS * 2 * reach - reach
     x, y = np.meshgrid(ticks, -ticks)
     points = np.column_stack([x.ravel(), y.ravel()])
-    side_px = float(np.linalg.norm(np.roll(attempt.corners, -1, axis=0) - attempt.corners, axis=1).mean())
+    side_px = float(np.linalg.norm(np.roll(candidate.corners, -1, axis=0) - candidate.corners, axis=1).mean())
     bow, blur = _edges(image, H, family.half_mm, side_px)
 
     colours = _sample(image, H, points, side_px)
     # Cells whose surroundings, as far as the blur reaches, are of one ink.
-    spread = (max(1.2, 1.3 * blur * family.side_mm)) ** 2
-    gaps = np.flatnonzero(family.gaps(attempt.decoding.code)).tolist()
-    spreads = np.tile([spread, 0.0, spread], (len(points), 1))
-    (inks,) = LandmarkPattern(family).inks(points, spreads, gaps, 0)
+    variance = (max(1.2, 1.3 * blur * family.side_mm)) ** 2
+    gaps = np.flatnonzero(family.gaps(candidate.decoding.code)).tolist()
+    covariances = np.tile([variance, 0.0, variance], (len(points), 1))
+    (inks,) = LandmarkPattern(family).inks(points, covariances, gaps, 0)
     square = np.abs(points).max(axis=1)
     on_face = square < family.half_mm
     margin = (square > family.half_mm + 0.15 * family.margin_mm) & (square < reach - 0.1 * family.margin_mm)
-    modulation = float(2 * np.abs(attempt.decoding.parts[2:] - 0.5).min())
+    modulation = float(2 * np.abs(candidate.decoding.parts[2:] - 0.5).min())
     white, red, blue = (_pure(inks[:, k], on_face) for k in range(3))
     if min(int(ink.sum()) for ink in (white, red, blue)) < LEAST_CELLS:
         return PrintMeasures(side_px, modulation, None, None, None, None, None, None, None, bow, blur)

@@ -153,7 +153,7 @@ def grade_sheet(
     # Whoever wrote the resolution into the file was a scanner or a rasteriser, not a camera with a lens.
     options = replace(options, families=families, config=LOOK_AT_ANY, rule=ANY, through_lens=dpi is None)
     chosen = _find(padded, options)
-    found = (_graded(source, padded, offset, attempt, dpi, stated) for attempt in chosen)
+    found = (_graded(source, padded, offset, candidate, dpi, stated) for candidate in chosen)
     return [replace(item, image=image) for item in found]
 
 
@@ -170,36 +170,36 @@ def _find(image: ByteArray, options: DetectOptions) -> list[Candidate]:
         if min(size) < LEAST_PX:
             break
         small = np.asarray(cv2.resize(image, size, interpolation=cv2.INTER_AREA), dtype=np.uint8)
-        attempts = [_enlarged(a, shrink) for a in candidates_of(small, options)]
-        if good := best_of_each_place([a for a in attempts if a.rejected is None]):
+        candidates = [_enlarged(a, shrink) for a in candidates_of(small, options)]
+        if good := best_of_each_place([a for a in candidates if a.rejected is None]):
             return good
-        likely += attempts
+        likely += candidates
         if shrink > 1:
             opened = cv2.morphologyEx(small, cv2.MORPH_OPEN, np.ones((OPENING_PX, OPENING_PX), np.uint8))
-            mended = candidates_of(np.asarray(opened, dtype=np.uint8), options)
-            again = (read_landmark_at(image, _enlarged(a, shrink).corners, a.family) for a in mended)
-            likely += [attempt for attempt in again if attempt is not None]
+            found = candidates_of(np.asarray(opened, dtype=np.uint8), options)
+            again = (read_landmark_at(image, _enlarged(a, shrink).corners, a.family) for a in found)
+            likely += [candidate for candidate in again if candidate is not None]
     return best_of_each_place([a for a in likely if a.rejected != "cut" and a.decoding.pattern > LIKELY])[:1]
 
 
-def _enlarged(attempt: Candidate, shrink: int) -> Candidate:
-    corners = (attempt.corners + 0.5) * shrink - 0.5
-    return replace(attempt, corners=corners, covariance=attempt.covariance * shrink**2)
+def _enlarged(candidate: Candidate, shrink: int) -> Candidate:
+    corners = (candidate.corners + 0.5) * shrink - 0.5
+    return replace(candidate, corners=corners, covariance=candidate.covariance * shrink**2)
 
 
 def _graded(
     source: str,
     image: ByteArray,
     offset: FloatArray,
-    attempt: Candidate,
+    candidate: Candidate,
     dpi: tuple[float, float] | None,
     of_sheet: tuple[Stated, ...],
 ) -> PrintedLandmark:
-    stated = _stated_for(attempt, of_sheet)
-    measures = measure_print(image, attempt)
+    stated = _stated_for(candidate, of_sheet)
+    measures = measure_print(image, candidate)
     side_mm = skew = scale_from = None
     if dpi is not None:
-        inches = attempt.corners / np.array(dpi)
+        inches = candidate.corners / np.array(dpi)
         edges = (np.roll(inches, -1, axis=0) - inches) * MM_PER_INCH
         sides = np.linalg.norm(edges, axis=1)
         side_mm = (float(sides[[0, 2]].mean()), float(sides[[1, 3]].mean()))
@@ -210,33 +210,33 @@ def _graded(
     elif stated.size_mm is not None and measures.side_px >= FINE_SIDE_PX:
         # A far landmark is a small thing in a room full of edges that could pass for its sheet's.
         papers = [stated.paper_mm] if stated.paper_mm is not None else []
-        reference = find_reference(image, attempt.corners, stated.size_mm, papers)
+        reference = find_reference(image, candidate.corners, stated.size_mm, papers)
         if reference is not None:
             side_mm = (stated.size_mm * reference.stretch[0], stated.size_mm * reference.stretch[1])
             scale_from = reference.name
-    rejected = attempt.decoding.reason_to_reject(AcceptanceRule()) or attempt.rejected
-    attempt = replace(attempt, rejected=rejected)
-    problem = _content_problem(attempt, of_sheet) if attempt.rejected is None else None
-    lines = grade_print(attempt, measures, side_mm, skew, stated.size_mm, problem)
-    if attempt.rejected is not None:
-        refused = GradedLine("reading", f"refused by the reader: {attempt.rejected}", "F", "see the lines below")
+    rejected = candidate.decoding.reason_to_reject(AcceptanceRule()) or candidate.rejected
+    candidate = replace(candidate, rejected=rejected)
+    problem = _content_problem(candidate, of_sheet) if candidate.rejected is None else None
+    lines = grade_print(candidate, measures, side_mm, skew, stated.size_mm, problem)
+    if candidate.rejected is not None:
+        refused = GradedLine("reading", f"refused by the reader: {candidate.rejected}", "F", "see the lines below")
         lines.insert(0, refused)
-    seen = attempt.observation
+    seen = candidate.observation
     moved = replace(seen, corners=seen.corners - offset)
     return PrintedLandmark(source, moved, side_mm, scale_from, stated.code, stated.size_mm, tuple(lines), image)
 
 
-def _stated_for(attempt: Candidate, stated: tuple[Stated, ...]) -> Stated:
+def _stated_for(candidate: Candidate, stated: tuple[Stated, ...]) -> Stated:
     """Statement about this landmark: by its code, or the only one; else what all statements share."""
-    same = [one for one in stated if one.code in (None, attempt.decoding.code)]
+    same = [one for one in stated if one.code in (None, candidate.decoding.code)]
     if len(stated) == 1 or same:
         return (same or list(stated))[0]
     sizes = {one.size_mm for one in stated}
     return Stated(None, None, sizes.pop() if len(sizes) == 1 else None)
 
 
-def _content_problem(attempt: Candidate, stated: tuple[Stated, ...]) -> str | None:
-    code, family = attempt.decoding.code, attempt.family
+def _content_problem(candidate: Candidate, stated: tuple[Stated, ...]) -> str | None:
+    code, family = candidate.decoding.code, candidate.family
     codes = [one.code for one in stated if one.code is not None]
     if len(codes) < len(stated) or not codes or code in codes:
         return None
@@ -291,9 +291,9 @@ def _resolution(data: bytes, trusted: bool) -> tuple[float, float] | None:
 
     Cameras write 72 or 96, or whatever they like, and how they exposed.
     """
-    with Image.open(io.BytesIO(data)) as picture:
-        dpi = picture.info.get("dpi")
-        exposed = EXPOSURE_TAGS & set(picture.getexif().get_ifd(EXIF_IFD))
+    with Image.open(io.BytesIO(data)) as opened_image:
+        dpi = opened_image.info.get("dpi")
+        exposed = EXPOSURE_TAGS & set(opened_image.getexif().get_ifd(EXIF_IFD))
     if dpi is None or exposed or min(dpi) < (1.0 if trusted else LEAST_SCAN_DPI):
         return None
     return float(dpi[0]), float(dpi[1])

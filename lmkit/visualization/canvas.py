@@ -30,7 +30,7 @@ class Canvas(Protocol):
     def line(self, points: Points, color: Rgb, width: float) -> None: ...
     def box(self, a: tuple[float, float], b: tuple[float, float], fill: Rgb) -> None: ...
     def text(self, at: tuple[float, float], text: str, size: float, color: Rgb, anchor: str) -> float: ...
-    def picture(self, a: tuple[float, float], b: tuple[float, float], rgb: ByteArray) -> None: ...
+    def image(self, a: tuple[float, float], b: tuple[float, float], rgb: ByteArray) -> None: ...
     def file(self) -> bytes: ...
 
 
@@ -56,7 +56,7 @@ class PngCanvas:
         self._draw.text(place, text, color, font, anchor={"start": "lm", "middle": "mm", "end": "rm"}[anchor])
         return float(self._draw.textlength(text, font)) / OVERSAMPLE
 
-    def picture(self, a: tuple[float, float], b: tuple[float, float], rgb: ByteArray) -> None:
+    def image(self, a: tuple[float, float], b: tuple[float, float], rgb: ByteArray) -> None:
         size = (round((b[0] - a[0]) * OVERSAMPLE), round((b[1] - a[1]) * OVERSAMPLE))
         drawn = Image.fromarray(rgb).resize(size, Image.Resampling.NEAREST)
         self._image.paste(drawn, (round(a[0] * OVERSAMPLE), round(a[1] * OVERSAMPLE)))
@@ -87,7 +87,7 @@ class SvgCanvas:
         self._parts.append(f'<text {place} fill="{hex_color(color)}">{escape(text)}</text>')
         return 0.52 * size * len(text)
 
-    def picture(self, a: tuple[float, float], b: tuple[float, float], rgb: ByteArray) -> None:
+    def image(self, a: tuple[float, float], b: tuple[float, float], rgb: ByteArray) -> None:
         buffer = io.BytesIO()
         Image.fromarray(rgb).save(buffer, format="PNG")
         data = base64.b64encode(buffer.getvalue()).decode()

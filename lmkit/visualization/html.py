@@ -10,8 +10,8 @@ _STYLE = """
 :root { color-scheme: light dark; --line: #8884; --good: #1a7f37; --fair: #9a6700; --poor: #cf222e; }
 body { font: 16px/1.5 system-ui, sans-serif; max-width: 66rem; margin: 2rem auto; padding: 0 1rem; }
 h1 { font-size: 1.5rem; margin-bottom: 0; } h2 { font-size: 1.15rem; margin-top: 2.4rem; margin-bottom: .4rem; }
-.verdict { border-left: 6px solid var(--tone); padding: .6rem 1rem; background: #8881; font-size: 1.1rem; }
-.verdict b { display: block; font-size: 1.25rem; } p.note { margin: .3rem 0; opacity: .8; max-width: 46rem; }
+.headline { border-left: 6px solid var(--tone); padding: .6rem 1rem; background: #8881; font-size: 1.1rem; }
+.headline b { display: block; font-size: 1.25rem; } p.note { margin: .3rem 0; opacity: .8; max-width: 46rem; }
 table { border-collapse: collapse; margin: .5rem 0; } td, th { padding: .25rem .9rem .25rem 0; text-align: left; }
 tr { border-bottom: 1px solid var(--line); } .n { text-align: right; font-variant-numeric: tabular-nums; }
 figure { margin: .6rem 0; } figcaption { font-size: .9rem; opacity: .8; }
@@ -31,9 +31,9 @@ def page(title: str, parts: Iterable[str]) -> str:
     return "\n".join([head, *parts, "</body></html>"])
 
 
-def verdict(tone: str, headline: str, reason: str) -> str:
+def headline(tone: str, headline: str, reason: str) -> str:
     """The one sentence to take away; ``tone`` is ``good``, ``fair`` or ``poor``."""
-    return f"<p class='verdict' style='--tone: var(--{tone})'><b>{escape(headline)}</b>{escape(reason)}</p>"
+    return f"<p class='headline' style='--tone: var(--{tone})'><b>{escape(headline)}</b>{escape(reason)}</p>"
 
 
 def listed(heading: str, texts: Sequence[str]) -> str:

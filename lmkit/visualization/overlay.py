@@ -68,8 +68,8 @@ def draw_located(
         faces = (landmark.T_map_landmark.R[:, 2] @ (estimate.T_map_camera.t - landmark.T_map_landmark.t)) > 0
         if not faces and landmark.id not in read:
             continue
-        odd = landmark.id in estimate.outliers
-        _polyline(canvas, (pixels + 0.5) * enlarge - 0.5, RED if odd else MAGENTA, closed=True)
+        is_outlier = landmark.id in estimate.outliers
+        _polyline(canvas, (pixels + 0.5) * enlarge - 0.5, RED if is_outlier else MAGENTA, closed=True)
         tips = landmark.size_m / 2 * np.array([[0, 0, 0], [1.0, 0, 0], [0, 1.0, 0], [0, 0, 1.0]])
         draw_axes(canvas, camera, T_camera_map.apply(landmark.T_map_landmark.apply(tips)), enlarge)
     x, y, z = estimate.T_map_camera.t

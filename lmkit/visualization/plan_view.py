@@ -64,13 +64,13 @@ class Underlay:
 
 
 @dataclass(frozen=True, eq=False)
-class Way:
+class Polyline:
     """A line to draw.
 
     Attributes:
         points: (N,2) metres.
         color, width: of the line.
-        legend: what it is.
+        legend: text beside the color in the legend.
     """
 
     points: FloatArray
@@ -95,7 +95,7 @@ def draw_plan(
     title: str = "",
     kind: str = "png",
     underlay: Underlay | None = None,
-    ways: Sequence[Way] = (),
+    polylines: Sequence[Polyline] = (),
     notes: Sequence[Note] = (),
 ) -> bytes:
     """The bytes of a PNG or SVG file.
@@ -105,7 +105,7 @@ def draw_plan(
         size_m: (x, y) extent of the room, whose corner is the map's origin; None: what is drawn, and some space.
         kind: ``png`` or ``svg``.
         underlay: the floor, which then gives the extent.
-        ways, notes: lines and words on top.
+        polylines, notes: lines and words on top.
     """
     if underlay is not None:
         low, high = underlay.low, underlay.high
@@ -119,8 +119,8 @@ def draw_plan(
     canvas: Canvas = SvgCanvas(size) if kind == "svg" else PngCanvas(size)
     plan = _Plan(canvas, low, high, scale)
     plan.room(size_m is not None, underlay)
-    for way in ways:
-        canvas.line([plan.at(point) for point in way.points], way.color, way.width)
+    for line in polylines:
+        canvas.line([plan.at(point) for point in line.points], line.color, line.width)
     known = [f.covariance for f in found if f.covariance is not None and f.sure]
     known += [landmark.covariance[:2, :2] for landmark in landmarks if landmark.covariance is not None]
     gain = _gain(known, scale)
@@ -146,7 +146,7 @@ def draw_plan(
             plan.ellipse(one.pose.t, one.covariance, gain)
     for note in notes:
         plan.note(note)
-    legend = [*(underlay.legend if underlay else ()), *((way.color, way.legend) for way in ways)]
+    legend = [*(underlay.legend if underlay else ()), *((line.color, line.legend) for line in polylines)]
     if found:
         enlarged = "" if gain == 1 else f" {gain:g} times enlarged"
         legend.append((ORANGE, f"found, 95 % ellipse{enlarged}"))
@@ -204,7 +204,7 @@ class _Plan:
         a, b = self.at(np.array([self.low[0], self.high[1]])), self.at(np.array([self.high[0], self.low[1]]))
         self.canvas.box(a, b, ROOM)
         if underlay is not None:
-            self.canvas.picture(a, b, underlay.rgb)
+            self.canvas.image(a, b, underlay.rgb)
         for axis in (0, 1):
             for metre in range(int(np.ceil(self.low[axis] + 1e-9)), int(np.ceil(self.high[axis]))):
                 ends = np.array([self.low, self.high])
@@ -236,9 +236,9 @@ class _Plan:
 
     def ellipse(self, centre: FloatArray, covariance: FloatArray, gain: float, color: Rgb = ORANGE) -> None:
         values, vectors = np.linalg.eigh(covariance)
-        turns = np.linspace(0, 2 * np.pi, 48)
+        angles = np.linspace(0, 2 * np.pi, 48)
         radii = np.sqrt(np.clip(values, 0, None) * CHI2_2D_95) * gain
-        points = centre[:2] + (np.column_stack([np.cos(turns), np.sin(turns)]) * radii) @ vectors.T
+        points = centre[:2] + (np.column_stack([np.cos(angles), np.sin(angles)]) * radii) @ vectors.T
         self.canvas.line([self.at(p) for p in points], color, 1)
 
     def note(self, note: Note) -> None:

@@ -1,4 +1,4 @@
-"""The report: one file, the verdict first, every section there, nothing fetched."""
+"""The report: one file, the headline first, every section there, nothing fetched."""
 
 from __future__ import annotations
 
@@ -42,14 +42,14 @@ class Balanced(HTMLParser):
         pass
 
 
-def test_it_stands_alone_and_says_the_verdict_first(result):
+def test_it_stands_alone_and_says_the_headline_first(result):
     html = calibration_report(result, BOARD, {"00": (GREY, GREY), "03": (GREY, GREY)})
     assert "http" not in html.replace("http-equiv", "")
     assert "nan" not in html.lower().replace("nano", "").replace("finance", "")
     assert html.count("data:image/jpeg;base64,") == 3
     headings = [part.split("</h2>")[0] for part in html.split("<h2>")[1:]]
     assert set(SECTIONS) <= set(headings)
-    assert html.index("class='verdict'") < html.index("<h2>")
+    assert html.index("class='headline'") < html.index("<h2>")
     assert f"{result.held_out_epipolar_px:.3f} px" in html[: html.index("<h2>")]
     parser = Balanced()
     parser.feed(html)

@@ -30,13 +30,19 @@ def test_a_tracked_drive_and_a_survey_are_recorded(tmp_path):
     tracked = track_pictures(drive.frames, drive.rig, drive.landmarks, motion)
     path = tmp_path / "t.rrd"
     path.write_bytes(track_recording(tracked, drive.landmarks, drive.rig, drive.frames))
-    assert entities(path) >= {"/map/landmarks", "/map/robot", "/map/way", "/map/eyes/left/read", "/innovation"}
+    assert entities(path) >= {
+        "/map/landmarks",
+        "/map/robot",
+        "/map/trajectory",
+        "/map/cameras/left/read",
+        "/innovation",
+    }
     first = drive.landmarks.find(drive.frames[0].left[0].id)
     sizes = {m.id: m.size_m for m in drive.landmarks}
     survey = survey_frames(drive.frames, drive.rig, sizes, {first.id: Anchor(first, None)}, motion)
     assert np.isfinite(survey.bundle.rms_px)
     path.write_bytes(survey_recording(survey, drive.rig, drive.frames))
-    assert entities(path) >= {"/map/landmarks", "/map/eyes/right", "/misfit", "/sigma/place_mm"}
+    assert entities(path) >= {"/map/landmarks", "/map/cameras/right", "/residual", "/sigma/position_mm"}
 
 
 def test_without_the_package_its_extra_is_named(monkeypatch):

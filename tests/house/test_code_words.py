@@ -1,0 +1,54 @@
+"""No retired word is left in the code of the folders listed (tests/house/retired_words.txt, allowed_words.txt)."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+import pytest
+from doc_pages import ROOT
+from test_documented_words import retired_words
+
+ALLOWED = ROOT / "tests/house/allowed_words.txt"
+# Folders whose sentences and names follow the list; the aim is the whole package.
+FOLDERS = ("generation", "reports", "verification", "visualization")
+# Names that other folders define.
+DEFINED_ELSEWHERE = re.compile(r"\.(misfits|moments|odd|astray|weak|sightings)\b")
+INVERTED = re.compile(r'"""(Of|The same|As|By|What|Where|Those)\b')
+FILES = [path for folder in FOLDERS for path in sorted((ROOT / "lmkit" / folder).glob("*.py"))]
+
+
+def words_of(source: str) -> str:
+    """The source with allowed uses removed and identifiers split into their words."""
+    for line in ALLOWED.read_text(encoding="utf-8").splitlines():
+        if line and not line.startswith("#"):
+            source = re.sub(line.split("\t")[0], " ", source, flags=re.IGNORECASE)
+    source = DEFINED_ELSEWHERE.sub(" ", source)
+    return re.sub(r"(?<=[a-z])(?=[A-Z])|_", " ", source)
+
+
+def found_in(source: str) -> list[str]:
+    """One sentence for each retired word and each inverted docstring."""
+    problems = [
+        f"line {number}: {match.group()!r}: write {instead}"
+        for number, line in enumerate(words_of(source).splitlines(), 1)
+        for word, instead in retired_words()
+        for match in word.finditer(line)
+    ]
+    return problems + [f"docstring starts with {m.group(1)!r}: subject first" for m in INVERTED.finditer(source)]
+
+
+@pytest.mark.parametrize("path", [pytest.param(p, id=str(p.relative_to(ROOT))) for p in FILES])
+def test_no_retired_word_in_code(path: Path) -> None:
+    found = found_in(path.read_text(encoding="utf-8"))
+    assert not found, "\n".join(found)
+
+
+@pytest.mark.parametrize("source", ["left_eye = 1", "class EyePair: ...", "# the picture", '"""Of the robot."""'])
+def test_a_retired_word_is_found(source: str) -> None:
+    assert found_in(source)
+
+
+@pytest.mark.parametrize("source", ["identity = np.eye(3)", "# filled by the even-odd rule", '"""Robot radius."""'])
+def test_a_legitimate_use_is_allowed(source: str) -> None:
+    assert not found_in(source)
