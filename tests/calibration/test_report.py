@@ -14,7 +14,7 @@ from lmkit.reports.calibration import calibration_report
 
 GREY = np.full((480, 640, 3), 128, np.uint8)
 SECTIONS = (
-    "Figures", "Depth error to expect", "ViewCoverage", "Residuals", "Projection uncertainty", "Cameras, pixels",
+    "Figures", "Depth error to expect", "Coverage", "Residuals", "Projection uncertainty", "Cameras, pixels",
     "Cameras and boards in space", "Pairs", "A rectified pair", "Corners as detected",
 )  # fmt: skip
 
