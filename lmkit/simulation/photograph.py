@@ -1,8 +1,8 @@
 """The imaging chain: lens, light, sensor and development between a rendered scene and its file.
 
 In the order of a real camera: point spread, defocus and motion; the colour and the unevenness of
-the light; electrons and their noise; the Bayer mosaic and its interpolation; white balance; the
-tone curve; sharpening; JPEG.  Each step is switched by one field, so that a test can ask for one
+the light; electrons and their noise; the color mosaic and its interpolation; white balance; the
+tone curve; noise reduction; sharpening; JPEG.  Each step is switched by one field, so that a test can ask for one
 fault at a time.
 """
 
@@ -19,11 +19,12 @@ from lmkit.geometry.camera import CameraModel
 from lmkit.geometry.pose import Pose
 from lmkit.kernels.ray_panels import box_mean
 from lmkit.model.palette import linear_to_srgb
+from lmkit.simulation.mosaic import check_mosaic, demosaic, mosaic_of
 from lmkit.simulation.render import OVERSAMPLE, render
 from lmkit.simulation.scene import Scene
 
 DAYLIGHT_K = 6500.0
-TONES = ("srgb", "gamma", "filmic", "linear")
+TONES = ("srgb", "gamma", "rec709", "filmic", "linear")
 CHROMAS = ("420", "444")
 
 
@@ -35,11 +36,16 @@ class Lens:
         blur_px: standard deviation of the point spread.
         defocus_px: radius of the disc that a point out of focus becomes.
         motion_px: (x, y) way of the image during the exposure.
+        corner_blur_px: standard deviation of the blur that the image's corners have beside it; it grows with the
+            square of the distance from the middle.
+        lateral_color: how much larger than green the red image is and smaller the blue one, relative.
     """
 
     blur_px: float = 0.6
     defocus_px: float = 0.0
     motion_px: tuple[float, float] = (0.0, 0.0)
+    corner_blur_px: float = 0.0
+    lateral_color: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -100,12 +106,19 @@ class Sensor:
     Attributes:
         full_well: electrons at full scale; fewer make more noise.
         read_noise: electrons.
-        bayer: one colour a pixel (RGGB) and interpolation, instead of three.
+        bayer: one colour a pixel and interpolation, instead of three.
+        pattern: of these colours: ``RGGB``, ``BGGR``, ``GRBG`` or ``GBRG``.
+        demosaic: ``bilinear``, ``malvar`` or ``edge_aware``.
     """
 
     full_well: float = 6000.0
     read_noise: float = 8.0
     bayer: bool = False
+    pattern: str = "RGGB"
+    demosaic: str = "bilinear"
+
+    def __post_init__(self) -> None:
+        check_mosaic(self.pattern, self.demosaic)
 
 
 @dataclass(frozen=True)
@@ -114,15 +127,21 @@ class Development:
 
     Attributes:
         balanced_for_k: colour of light that the white balance takes for white; None: the true one.
-        tone: ``srgb``, ``gamma`` (2.2), ``filmic`` (toe and shoulder) or ``linear``.
+        tone: ``srgb``, ``gamma`` (2.2), ``rec709``, ``filmic`` (toe and shoulder) or ``linear``.
+        contrast: exponent of a further S curve about middle grey in code values; 1 is none.
+        denoise: 0 to 1, how strongly colour is smoothed, and brightness where it is nearly even.
         sharpen: amount of the unsharp mask.
+        sharpen_px: standard deviation of its blur.
         jpeg_quality: 1 to 100, or None for a lossless file.
         chroma: ``420`` (colour at half resolution) or ``444``.
     """
 
     balanced_for_k: float | None = None
     tone: str = "srgb"
+    contrast: float = 1.0
+    denoise: float = 0.0
     sharpen: float = 0.0
+    sharpen_px: float = 1.0
     jpeg_quality: int | None = None
     chroma: str = "420"
 
@@ -166,7 +185,10 @@ def focus(radiance: Float32Array, lens: Lens) -> Float32Array:
     way = np.array(lens.motion_px) * OVERSAMPLE
     if np.hypot(*way) > 0.5:
         radiance = np.asarray(cv2.filter2D(radiance, -1, _motion_kernel(way)), dtype=np.float32)
-    return box_mean(radiance, OVERSAMPLE)
+    image = box_mean(radiance, OVERSAMPLE)
+    if lens.corner_blur_px > 0:
+        image = _blurred_in_corners(image, lens.corner_blur_px)
+    return image if lens.lateral_color == 0 else _with_lateral_color(image, lens.lateral_color)
 
 
 def light_up(picture: Float32Array, light: Light) -> FloatArray:
@@ -190,13 +212,7 @@ def light_up(picture: Float32Array, light: Light) -> FloatArray:
 def count_electrons(received: FloatArray, sensor: Sensor, rng: np.random.Generator) -> FloatArray:
     """(H,W,3) linear RGB as measured, clipped to 0..1."""
     if sensor.bayer:
-        mosaic = received[:, :, 1].copy()
-        mosaic[0::2, 0::2] = received[0::2, 0::2, 0]
-        mosaic[1::2, 1::2] = received[1::2, 1::2, 2]
-        measured = _measure(mosaic, sensor, rng)
-        raw = np.round(measured * 65535).astype(np.uint16)
-        # OpenCV names the pattern by the second row's second and third pixel: RGGB is BayerBG.
-        return np.asarray(cv2.cvtColor(raw, cv2.COLOR_BayerBG2RGB).astype(np.float64) / 65535)
+        return demosaic(_measure(mosaic_of(received, sensor.pattern), sensor, rng), sensor.pattern, sensor.demosaic)
     return _measure(received, sensor, rng)
 
 
@@ -204,9 +220,11 @@ def develop(measured: FloatArray, development: Development, light_k: float = DAY
     """(H,W,3) linear RGB -> (H,W,3) BGR code values, 8 bit."""
     assumed_k = light_k if development.balanced_for_k is None else development.balanced_for_k
     balanced = np.clip(measured / black_body_rgb(assumed_k), 0, 1)
-    tone = apply_tone(balanced, development.tone)
+    tone = _with_contrast(apply_tone(balanced, development.tone), development.contrast)
+    if development.denoise > 0:
+        tone = _denoised(tone, development.denoise)
     if development.sharpen > 0:
-        tone += development.sharpen * (tone - cv2.GaussianBlur(tone, (0, 0), 1.0))
+        tone += development.sharpen * (tone - cv2.GaussianBlur(tone, (0, 0), development.sharpen_px))
     image = np.ascontiguousarray(np.round(np.clip(tone, 0, 1) * 255).astype(np.uint8)[:, :, ::-1])
     if development.jpeg_quality is None:
         return image
@@ -226,6 +244,8 @@ def apply_tone(linear: FloatArray, tone: str) -> FloatArray:
         return np.asarray(linear ** (1 / 2.2))
     if tone == "srgb":
         return linear_to_srgb(linear)
+    if tone == "rec709":
+        return np.where(linear < 0.018, 4.5 * linear, 1.099 * np.maximum(linear, 0.018) ** 0.45 - 0.099)
     # A toe that deepens shadows and a shoulder that saves highlights: a sigmoid in log exposure,
     # scaled so that 0 stays 0 and 1 stays 1.
     contrast, middle = 1.35, 0.18
@@ -279,6 +299,44 @@ def _shade(shadow: Shadow, width: int, height: int) -> FloatArray:
     x, y = np.arange(width) - shadow.through_px[0], np.arange(height) - shadow.through_px[1]
     into = np.clip(np.cos(a) * x[None, :] + np.sin(a) * y[:, None] + 0.5, 0, 1)
     return np.asarray(1 - into * (1 - 1 / shadow.ratio))
+
+
+def _blurred_in_corners(image: Float32Array, sigma: float) -> Float32Array:
+    """An image mixed with its blur, the further from the middle the more of it: the variance grows as r^2."""
+    height, width = image.shape[:2]
+    x, y = np.arange(width) - (width - 1) / 2, np.arange(height) - (height - 1) / 2
+    r2 = (x[None, :] ** 2 + y[:, None] ** 2) / ((width**2 + height**2) / 4)
+    share = r2.astype(np.float32)[:, :, None]
+    return np.asarray(image + share * (cv2.GaussianBlur(image, (0, 0), sigma) - image), dtype=np.float32)
+
+
+def _with_lateral_color(image: Float32Array, factor: float) -> Float32Array:
+    """(H,W,3) RGB with red enlarged and blue shrunk about the middle."""
+    height, width = image.shape[:2]
+    middle = np.array([(width - 1) / 2, (height - 1) / 2])
+    channels = []
+    for channel, scale in zip(cv2.split(image), (1 + factor, 1.0, 1 - factor), strict=True):
+        warp = np.column_stack([scale * np.eye(2), (1 - scale) * middle])
+        channels.append(
+            cv2.warpAffine(channel, warp, (width, height), flags=cv2.INTER_CUBIC, borderMode=cv2.BORDER_REPLICATE)
+        )
+    return np.asarray(np.maximum(cv2.merge(channels), 0), dtype=np.float32)
+
+
+def _with_contrast(tone: FloatArray, exponent: float) -> FloatArray:
+    """Code values 0..1 through an S curve that keeps 0, 1/2 and 1."""
+    if exponent == 1.0:
+        return tone
+    high, low = tone**exponent, (1 - tone) ** exponent
+    return np.asarray(high / (high + low))
+
+
+def _denoised(tone: FloatArray, strength: float) -> FloatArray:
+    """(H,W,3) code values, colour smoothed and brightness smoothed by a bilateral filter."""
+    coded = cv2.cvtColor(np.ascontiguousarray(tone, dtype=np.float32), cv2.COLOR_RGB2YCrCb)
+    colour = cv2.GaussianBlur(coded[:, :, 1:], (0, 0), 0.4 + 1.6 * strength)
+    brightness = cv2.bilateralFilter(np.ascontiguousarray(coded[:, :, 0]), 5, 0.02 + 0.06 * strength, 1.5)
+    return np.asarray(cv2.cvtColor(np.dstack([brightness, colour]), cv2.COLOR_YCrCb2RGB), dtype=np.float64)
 
 
 def _disc_kernel(radius: float) -> Float32Array:
