@@ -20,6 +20,7 @@ COMMANDS = (
     "calibrate",
     "rectify",
     "convert",
+    "map",
     "locate",
     "survey",
     "track",

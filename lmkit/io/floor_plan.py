@@ -23,6 +23,7 @@ MOST_CELLS = 16_000_000
 FREE_ABOVE = 0.86  # of white, in plain images: grey furniture and thin walls are not free
 UNKNOWN_GREY = 205.5 / 255  # map savers write unknown as 205, whatever the threshold; unknown is never free
 SHORTEST_WALL_M = 0.05
+LONGEST_ROOM_M = 200.0
 BORDER = 4  # cells around lines
 LOOKS_IN = 0.1  # share of a line's side that must be free for it to be a wall
 
@@ -92,6 +93,27 @@ def read_floor(path: Path, scale_m: float | None = None) -> FloorPlan:
     return _from_picture(path, path, scale_m, (0.0, 0.0), FREE_ABOVE, False)
 
 
+def rectangular_room(width_m: float, depth_m: float) -> FloorPlan:
+    """A room with its south-west corner at the origin of the map, and walls north, east, south and west.
+
+    Args:
+        width_m: along x, from west to east.
+        depth_m: along y, from south to north.
+
+    Raises:
+        InputError: smaller than a robot or larger than a hall.
+    """
+    if not 0.5 <= min(width_m, depth_m) <= max(width_m, depth_m) <= LONGEST_ROOM_M:
+        raise InputError(
+            "bad_room",
+            f"a room of {width_m:g} x {depth_m:g} m is not plausible",
+            "give its inside, such as 6.00x4.00m",
+        )
+    corners = np.array([(0.0, 0.0), (0.0, depth_m), (width_m, depth_m), (width_m, 0.0), (0.0, 0.0)])
+    names = ("west", "north", "east", "south")
+    return _from_lines(Path("room"), [Wall(n, corners[k], corners[k + 1]) for k, n in enumerate(names)])
+
+
 def _read_ours(path: Path) -> FloorPlan:
     data = read_document(path, _FloorFile, "floor plan")
     lines = [
@@ -113,7 +135,8 @@ def _read_ours(path: Path) -> FloorPlan:
 def _from_lines(path: Path, lines: list[Wall]) -> FloorPlan:
     """Each line has two sides; those that look into free space are walls."""
     ends = np.array([end for line in lines for end in (line.left, line.right)])
-    low, high = ends.min(axis=0) - BORDER * CELL_M, ends.max(axis=0) + BORDER * CELL_M
+    # Half a cell more: lines on whole cells, such as those of a room from 0 to 6 m, block as much on either side.
+    low, high = ends.min(axis=0) - (BORDER + 0.5) * CELL_M, ends.max(axis=0) + (BORDER + 0.5) * CELL_M
     columns, rows = np.ceil((high - low) / CELL_M).astype(int).tolist()
     _check_size(path, rows, columns)
     drawn = np.zeros((rows, columns), dtype=np.uint8)

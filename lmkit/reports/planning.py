@@ -33,6 +33,14 @@ def draw_placement(floor: FloorPlan, placement: Placement) -> bytes:
     return draw_plan(placement.landmarks, [], title=title, underlay=floor_underlay(floor), notes=wall_notes(floor))
 
 
+def draw_map(landmarks: LandmarkMap, floor: FloorPlan | None, name: str, kind: str = "png") -> bytes:
+    """Plan of a map with its walls and their names, where a floor is given; the bytes of a PNG or SVG file."""
+    title = f"{name}: {len(landmarks)} landmarks"
+    if floor is None:
+        return draw_plan(landmarks, [], title=title, kind=kind)
+    return draw_plan(landmarks, [], title=title, kind=kind, underlay=floor_underlay(floor), notes=wall_notes(floor))
+
+
 def draw_route(floor: FloorPlan, landmarks: LandmarkMap, route: Route, kind: str = "png") -> bytes:
     """Plan with the route from A to B, as PNG or SVG."""
     ends = [

@@ -147,8 +147,10 @@ def draw_plan(
     for note in notes:
         plan.note(note)
     legend = [*(underlay.legend if underlay else ()), *((line.color, line.legend) for line in polylines)]
+    enlarged = "" if gain == 1 else f", {gain:g} times enlarged"
+    if any(landmark.covariance is not None for landmark in landmarks):
+        legend.append((FAINT, f"landmark's 95 % ellipse{enlarged}"))
     if found:
-        enlarged = "" if gain == 1 else f" {gain:g} times enlarged"
         legend.append((ORANGE, f"found, 95 % ellipse{enlarged}"))
     if truth:
         legend.append((GREEN, "true pose"))

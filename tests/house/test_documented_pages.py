@@ -8,10 +8,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-import yaml
 from doc_pages import NOTEBOOKS, PAGES, ROOT, blocks_of, text_of
 
 import lmkit
+from lmkit.io.floor_plan import rectangular_room
+from lmkit.io.measured_map import FormDefaults, read_measured_map
 
 ALL = [pytest.param(path, id=str(path.relative_to(ROOT))) for path in [*PAGES, *NOTEBOOKS]]
 
@@ -60,25 +61,21 @@ def test_every_decision_is_listed() -> None:
         assert f"({path.name})" in listed, f"{path.name} is not in the table of decisions"
 
 
-def test_the_map_of_the_tutorial_faces_into_the_room(tmp_path: Path) -> None:
-    (text,) = [code for language, code in blocks_of(ROOT / "docs/real-room.md") if language == "yaml"]
-    (tmp_path / "map.yaml").write_text(text, encoding="utf-8")
-    landmarks = list(lmkit.read_map(tmp_path / "map.yaml"))
+def test_the_form_of_the_tutorial_gives_the_map_that_it_shows(tmp_path: Path) -> None:
+    form, shown = [
+        code for language, code in blocks_of(ROOT / "docs/real-room.md") if language == "text" and "1.504" in code
+    ]
+    (tmp_path / "form.csv").write_text(form, encoding="utf-8")
+    landmarks = list(
+        read_measured_map(tmp_path / "form.csv", rectangular_room(6.0, 4.0).walls, FormDefaults(sigma=(0.01, 0.02)))
+    )
     assert len(landmarks) == 8
     for landmark in landmarks:
-        x, y, _ = landmark.T_map_landmark.t
-        inwards = [int(x == 0) - int(x == 6), int(y == 0) - int(y == 4), 0]
-        np.testing.assert_allclose(landmark.T_map_landmark.R[:, 2], inwards, atol=1e-3)
-        np.testing.assert_allclose(landmark.T_map_landmark.R[:, 1], [0, 0, 1], atol=1e-3)
-
-
-@pytest.mark.parametrize(("facing", "quaternion"), [(0, [0.5] * 4), (90, [0, 0.7071, 0.7071, 0])])
-def test_the_formula_of_the_tutorial(
-    facing: int, quaternion: list[float], capsys: pytest.CaptureFixture[str]
-) -> None:
-    (code,) = [code for language, code in blocks_of(ROOT / "docs/real-room.md") if language == "python"]
-    exec(code.replace("facing_deg = 225", f"facing_deg = {facing}"), {})
-    assert yaml.safe_load(capsys.readouterr().out) == pytest.approx(quaternion)
+        x, y, z = landmark.T_map_landmark.t
+        inwards = [int(x < 0.01) - int(x > 5.99), int(y < 0.01) - int(y > 3.99), 0]
+        np.testing.assert_allclose(landmark.T_map_landmark.R[:, 2], inwards, atol=1e-9)
+        line = f"{landmark.id}: x {x:.3f} y {y:.3f} z {z:.3f} m"
+        assert line in shown or landmark.code > 1
 
 
 def test_notebooks_are_stored_without_results() -> None:

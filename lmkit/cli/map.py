@@ -1,0 +1,100 @@
+"""`lmkit map`: a landmark map from tape measurements; checks and drawings of maps."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from lmkit.cli import options
+from lmkit.cli.output import check_outputs, image_kind, print_line, warn, write_outputs
+from lmkit.errors import InputError
+
+if TYPE_CHECKING:
+    from lmkit.model.floor_plan import FloorPlan
+    from lmkit.model.landmark_map import LandmarkMap
+
+
+def run(
+    source: Annotated[
+        Path, typer.Argument(help="CSV form with measurements, or a map of lmkit, WPILib or TagSLAM to check.")
+    ],
+    output: Annotated[Path | None, typer.Option("--output", "-o", help="Map file to write.")] = None,
+    room: Annotated[
+        str | None,
+        typer.Option(
+            "--room", help="Rectangular room with walls north, east, south, west; x by y, such as 6.00x4.00m."
+        ),
+    ] = None,
+    floor: Annotated[
+        Path | None, typer.Option("--floor", help="Floor plan with named walls (lmkit-floor/1), or PNG, PGM, SVG.")
+    ] = None,
+    scale: options.Scale = None,
+    size: options.Size = "180mm",
+    family: Annotated[str, typer.Option("--family", help="Landmark family of rows without one.")] = "lm8",
+    sigma: Annotated[
+        str | None,
+        typer.Option("--sigma", help="Standard deviation of the measurements, written as covariances: 10mm,1deg."),
+    ] = None,
+    plan: options.PlanOutput = None,
+    blank: Annotated[
+        str | None, typer.Option("--blank", help="Write an empty form for these codes, such as 0-7, to SOURCE.")
+    ] = None,
+    force: options.Force = False,
+) -> None:
+    """Make a landmark map from tape measurements; check and draw a map."""
+    from lmkit.io.measured_map import blank_form
+    from lmkit.model.codewords import parse_codes
+    from lmkit.model.landmark import family_named
+    from lmkit.model.map_checks import check_map
+    from lmkit.reports.planning import draw_map
+
+    if blank is not None:
+        check_outputs([source], None, force)
+        write_outputs({source: blank_form(parse_codes(blank, family_named(family).code_count))}, force)
+        print_line(f"wrote {source}")
+        return
+    check_outputs([output], plan, force)
+    ground = _read_room(room, floor, scale)
+    landmarks = _read(source, ground, size, family, sigma)
+    for text in check_map(landmarks, ground):
+        warn(text)
+    for landmark in landmarks:
+        x, y, z = landmark.T_map_landmark.t
+        print_line(f"{landmark.id}: x {x:.3f} y {y:.3f} z {z:.3f} m, {landmark.size_m * 1000:.0f} mm")
+    contents: dict[Path | None, bytes | str] = {}
+    if output is not None:
+        from lmkit.io.landmark_map import map_to_yaml
+
+        contents[output] = map_to_yaml(landmarks)
+    if plan is not None:
+        contents[plan] = draw_map(landmarks, ground, source.name, image_kind(plan))
+    for path in write_outputs(contents, force):
+        print_line(f"wrote {path}")
+
+
+def _read_room(room: str | None, floor: Path | None, scale: float | None) -> FloorPlan | None:
+    from lmkit.io.floor_plan import read_floor, rectangular_room
+    from lmkit.units import parse_size_mm
+
+    if room is not None and floor is not None:
+        raise InputError("not_together", "--room and --floor cannot be combined", "leave one of them out")
+    if room is not None:
+        width_mm, depth_mm = parse_size_mm(room, "--room")
+        return rectangular_room(width_mm / 1000, depth_mm / 1000)
+    return None if floor is None else read_floor(floor, scale)
+
+
+def _read(source: Path, ground: FloorPlan | None, size: str, family: str, sigma: str | None) -> LandmarkMap:
+    from lmkit.io.external_maps import read_any_map
+    from lmkit.io.measured_map import FormDefaults, read_measured_map
+    from lmkit.units import parse_length_mm, parse_sigma
+
+    if source.suffix.lower() not in (".csv", ".tsv"):
+        if sigma is not None:
+            raise InputError("not_together", f"--sigma is for forms, and {source} is a map", "leave --sigma out")
+        return read_any_map(source)
+    spread = None if sigma is None else parse_sigma(sigma, "--sigma", "give a length and an angle, such as 10mm,1deg")
+    defaults = FormDefaults(family, parse_length_mm(size, "--size") / 1000, spread)
+    return read_measured_map(source, () if ground is None else ground.walls, defaults)
