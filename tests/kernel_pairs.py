@@ -26,6 +26,13 @@ from lmkit.kernels.landmark_bundle import (
     bundle_misfits_numpy,
 )
 from lmkit.kernels.lens import Lens, corners_through_lens, corners_through_lens_numpy
+from lmkit.kernels.pose_search import (
+    Search,
+    pose_covariance,
+    pose_covariance_numpy,
+    search_poses,
+    search_poses_numpy,
+)
 from lmkit.kernels.reprojection import (
     NO_PRIOR,
     Corners,
@@ -126,6 +133,49 @@ def _refine_calls(rng: np.random.Generator) -> Iterator[tuple[Any, ...]]:
     R, p = small_rotations(rng, 2, 0.02), np.zeros((2, 3))
     yield corners_in_view(rng, 0, False), NO_PRIOR, R, p, np.ones((2, 0), dtype=bool), 5, 1e-2, 1e6
     yield corners_in_view(rng, 2, True), PRIOR, np.full_like(R, np.nan), p, np.ones((2, 2), dtype=bool), 9, 1e-2, 1e6
+
+
+SEARCH = Search(0.25, 8 * 4.5**2, 25.0, np.deg2rad(2.0), 0.05, 2, 8)
+
+
+def landmarks_in_view(rng: np.random.Generator, count: int, uncertain: bool, noise: float) -> Corners:
+    """Upright squares as both cameras of a rig see them, each twice."""
+    at, into = rng.normal(size=(count, 1, 3)) * [1, 0.5, 0.5] + np.array([0, 0, 3]), np.diag([1.0, -1, -1])
+    square = 0.09 * np.array([[-1, 1, 0], [1, 1, 0], [1, -1, 0], [-1, -1, 0]])
+    points = np.tile(square @ (small_rotations(rng, count, 0.4) @ into).transpose(0, 2, 1) + at, (2, 1, 1))
+    t = np.repeat([[0.0, 0, 0], [-0.12, 0, 0]], count, axis=0)
+    seen = points + t[:, None]
+    rays = seen[..., :2] / seen[..., 2:] + noise * rng.normal(size=(2 * count, 4, 2))
+    roots = 0.001 * rng.normal(size=(2 * count, 6, 6)) if uncertain else None
+    by_ray = np.broadcast_to(400 * np.eye(2), (2 * count, 4, 2, 2))
+    arms = points - points.mean(axis=1, keepdims=True)
+    return Corners(
+        points, rays, by_ray, np.broadcast_to(2000 * np.eye(8), (2 * count, 8, 8)),
+        np.broadcast_to(np.eye(3), (2 * count, 3, 3)), t, arms, roots, np.tile(np.arange(count), 2),
+    )  # fmt: skip
+
+
+def _search_calls(rng: np.random.Generator) -> Iterator[tuple[Any, ...]]:
+    for count in (1, 2, 5, 0):
+        of = np.tile(np.arange(count), 2)
+        for uncertain in (False, True):
+            for prior in (NO_PRIOR, PRIOR):
+                # Nothing, one and all of the landmarks where the map has them.
+                corners = landmarks_in_view(rng, count, uncertain, 5e-4)
+                if count > 2:
+                    corners.rays[[0, count]] += 0.05
+                yield corners, of, rng.uniform(20, 40, 2 * count), prior, SEARCH
+    lost = landmarks_in_view(rng, 2, False, 1e-3)
+    lost.rays[:] = np.nan
+    yield lost, np.array([0, 1, 0, 1]), np.full(4, 30.0), NO_PRIOR, SEARCH
+
+
+def _covariance_calls(rng: np.random.Generator) -> Iterator[tuple[Any, ...]]:
+    for count in (1, 4):
+        for uncertain in (False, True):
+            for prior in (NO_PRIOR, PRIOR):
+                corners, used = landmarks_in_view(rng, count, uncertain, 5e-4), np.ones(2 * count, dtype=bool)
+                yield corners, prior, small_rotations(rng, 1, 0.01)[0], 0.01 * rng.normal(size=3), used
 
 
 LENS_K = np.array([[460.0, 0, 322], [0, 458, 239], [0, 0, 1]])
@@ -234,6 +284,8 @@ PAIRS = [
     Pair(corner_misfits, corner_misfits_numpy, _misfit_calls),
     Pair(pose_equations, pose_equations_numpy, _equation_calls),
     Pair(refine_poses, refine_poses_numpy, _refine_calls, 1e-9),
+    Pair(search_poses, search_poses_numpy, _search_calls, 1e-8),
+    Pair(pose_covariance, pose_covariance_numpy, _covariance_calls, 1e-9),
     *[Pair(*call) for call in (*PATTERN_CALLS, *PLANNING_CALLS)],
 ]
 

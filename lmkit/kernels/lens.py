@@ -7,8 +7,10 @@ Lens models are OpenCV's: ``rational`` with up to 14 coefficients (pinhole is it
 from __future__ import annotations
 
 import ctypes
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import lru_cache
+from itertools import accumulate
 from typing import Any
 
 import numpy as np
@@ -79,21 +81,53 @@ def corners_through_lens(
         ValueError: a shape differs.
         numpy.linalg.LinAlgError: a covariance is not positive definite, even with the floor.
     """
-    corners = contiguous(corners, (-1, 4, 2))
+    return corners_through_lenses([lens], [len(corners)], corners, covariance, floor_px, reached_px)
+
+
+def corners_through_lenses(
+    lenses: Sequence[Lens],
+    counts: Sequence[int],
+    corners: Array,
+    covariance: Array | None,
+    floor_px: float,
+    reached_px: float,
+) -> tuple[Array, Array, Array, NDArray[np.bool_]]:
+    """Rays of corners in the images of several cameras, as of :func:`corners_through_lens`.
+
+    Args:
+        counts: how many of the N landmarks each camera sees; those of the first come first.
+
+    Raises:
+        ValueError: a shape differs.
+        numpy.linalg.LinAlgError: a covariance is not positive definite, even with the floor.
+    """
+    corners = contiguous(corners, (sum(counts), 4, 2))
     count = len(corners)
     if covariance is not None:
         covariance = contiguous(covariance, (count, 8, 8))
     kernel = _kernel()
+    ends = list(accumulate(counts, initial=0))
     if kernel is None:
-        return corners_through_lens_numpy(lens, corners, covariance, floor_px, reached_px)
+        parts = [
+            corners_through_lens_numpy(
+                lens, corners[a:b], None if covariance is None else covariance[a:b], floor_px, reached_px
+            )
+            for lens, a, b in zip(lenses, ends[:-1], ends[1:], strict=True)
+        ]
+        rays, by_ray, whitener, reached = (np.concatenate(column) for column in zip(*parts, strict=True))
+        return rays, by_ray, whitener, reached
     rays, by_ray, whitener = np.empty((count, 4, 2)), np.empty((count, 4, 2, 2)), np.empty((count, 8, 8))
     reached = np.empty(count, dtype=np.bool_)
-    status = kernel(
-        lens.struct, count, address(corners), None if covariance is None else address(covariance), floor_px,
-        reached_px, address(rays), address(by_ray), address(whitener), address(reached),
-    )  # fmt: skip
-    if status:
-        raise np.linalg.LinAlgError("a covariance of corners is not positive definite")
+    arrays = [(corners, 64), (rays, 64), (by_ray, 128), (whitener, 512), (reached, 1)]
+    into, *out = [(address(array), size) for array, size in arrays]
+    spread = 0 if covariance is None else address(covariance)
+    for lens, start, own in zip(lenses, ends, counts, strict=False):
+        status = kernel(
+            lens.struct, own, into[0] + into[1] * start, None if covariance is None else spread + 512 * start,
+            floor_px, reached_px, *[first + size * start for first, size in out],
+        )  # fmt: skip
+        if status:
+            raise np.linalg.LinAlgError("a covariance of corners is not positive definite")
     return rays, by_ray, whitener, reached
 
 

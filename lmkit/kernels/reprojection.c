@@ -1,34 +1,10 @@
 /* Whitened reprojection errors of landmark corners for many poses: misfits, normal equations, Levenberg-Marquardt.
  * reprojection.py holds the definition. */
-#include "reprojection.h"
+#include "pose_fit.h"
 
 #include <stddef.h>
 
-#include "kernels.h"
-
 #define PI 3.14159265358979323846
-
-/* All that does not depend on the pose; the fields are those of `Corners` in reprojection.py. */
-typedef struct {
-    int64_t count;
-    const double *points, *arms, *R_camera, *t_camera, *rays, *by_ray, *whitener;
-    const double *roots;          /* null where no landmark is uncertain */
-    const int64_t *group, *order; /* which sightings share a landmark's error (-1: none), and sightings by group */
-    double nearest, nowhere;
-} Corners;
-
-/* What is known of the pose: NaN where nothing is. */
-typedef struct {
-    double heading, heading_sigma, height, height_sigma, down[3], tilt_sigma;
-} Prior;
-
-LMKIT_EXPORT int lmkit_corner_misfits(const Corners *seen, int64_t poses, const double *R, const double *p,
-                                      double *misfits, double *pixels);
-LMKIT_EXPORT int lmkit_pose_equations(const Corners *seen, const Prior *prior, int64_t poses, const double *R,
-                                      const double *p, const uint8_t *used, double *normal, double *gradient,
-                                      double *squared);
-LMKIT_EXPORT int lmkit_refine_poses(const Corners *seen, const Prior *prior, int64_t poses, const uint8_t *used,
-                                    int64_t iterations, double converged, double most_damping, double *R, double *p);
 
 /* The whitened block of a sighting, and that of its landmark's error where it is uncertain (else null). */
 static void sighting(const Corners *seen, int64_t s, const double *R, const double *p, int derivatives, double *block,
@@ -118,6 +94,12 @@ static void add_prior(const Prior *prior, const double *R, const double *p, doub
         add_row(total, along_y);
         add_row(total, upside_down);
     }
+}
+
+double prior_cost(const Prior *prior, const double *R, const double *p) {
+    double total[64] = {0};
+    if (prior) add_prior(prior, R, p, total);
+    return total[WIDE * 6 + 6];
 }
 
 /* Products (8,8) of all sightings used and the prior: normal matrix, gradient, squared error. */

@@ -12,17 +12,19 @@ from lmkit.arrays import BoolArray, FloatArray, IntArray, covariance_root
 from lmkit.geometry.camera import CameraModel
 from lmkit.geometry.pose_array import PoseArray
 from lmkit.geometry.stereo_rig import StereoRig
+from lmkit.kernels.pose_search import CONVERGED, MOST_DAMPING, Search, pose_covariance, search_poses
 from lmkit.kernels.reprojection import NO_PRIOR, Corners, corner_misfits, pose_equations, refine_poses
 from lmkit.localization.pose_prior import PosePrior
-from lmkit.localization.reprojection import through_lens
+from lmkit.localization.reprojection import through_lenses
 from lmkit.model.landmark_id import LandmarkId
 from lmkit.model.landmark_map import LandmarkMap, MappedLandmark
 from lmkit.model.observation import Detection
 
 # Standard deviation added to every corner's own: what lenses, calibration and paper that is not flat leave open.
 CORNER_FLOOR_PX = 0.06
-CONVERGED = 1e-4  # of the chi2: a last step of a hundredth of a standard deviation
-MOST_DAMPING = 1e6
+# T_camera_left of the left camera itself.
+NO_TURN, NO_SHIFT = np.eye(3), np.zeros(3)
+NEXT = [1, 2, 3, 0]  # corner that follows
 
 
 @dataclass(frozen=True, eq=False)
@@ -56,44 +58,57 @@ class Correspondences:
         landmarks: LandmarkMap,
         corner_floor_px: float,
     ) -> None:
-        self.landmarks: list[MappedLandmark] = []
-        self.observations: list[Detection] = []
-        self.cameras: list[RigCamera] = []
         self.twice: set[LandmarkId] = set()
-        self.ids: tuple[LandmarkId, ...] = ()
-        parts = []
-        for observations, camera, R, t in cameras:
-            seen = Counter(o.id for o in observations)
-            start = len(self.landmarks)
-            listed: list[tuple[Detection, MappedLandmark]] = []
-            for o in observations:
-                landmark = landmarks.find(o.id)
-                if landmark is not None and seen[o.id] > 1:
-                    self.twice.add(o.id)
-                elif landmark is not None:
-                    listed.append((o, landmark))
-            looked = through_lens([o for o, _ in listed], camera, corner_floor_px)
-            for k in looked.kept:
-                self.observations.append(listed[k][0])
-                self.landmarks.append(listed[k][1])
-            turned, moved = np.repeat(R[None], len(looked.kept), axis=0), np.tile(t, (len(looked.kept), 1))
-            parts.append((looked.rays, looked.by_ray, looked.whitener, turned, moved))
-            self.cameras.append(RigCamera(camera, R, t, slice(start, len(self.landmarks))))
-        if not self.landmarks:
+        listed: list[tuple[Detection, MappedLandmark]] = []
+        counts = []
+        for observations, *_ in cameras:
+            before = len(listed)
+            listed += self._mapped(observations, landmarks)
+            counts.append(len(listed) - before)
+        looked = through_lenses(
+            [o for o, _ in listed], [camera for _, camera, *_ in cameras], counts, corner_floor_px
+        )
+        if len(looked.kept) < len(listed):
+            listed = [listed[k] for k in looked.kept]
+            counts = np.bincount(
+                np.repeat(np.arange(len(counts)), counts)[looked.kept], minlength=len(counts)
+            ).tolist()
+        self.observations = [o for o, _ in listed]
+        self.landmarks = [landmark for _, landmark in listed]
+        self.cameras: list[RigCamera] = []
+        end = 0
+        for (_, camera, R, t), count in zip(cameras, counts, strict=True):
+            self.cameras.append(RigCamera(camera, R, t, slice(end, end + count)))
+            end += count
+        self.ids: tuple[LandmarkId, ...] = tuple(sorted({landmark.id for landmark in self.landmarks}))
+        if not listed:
             return
-        self.ids = tuple(sorted({landmark.id for landmark in self.landmarks}))
         number = {id_: k for k, id_ in enumerate(self.ids)}
         self.of = np.array([number[landmark.id] for landmark in self.landmarks])
         self.points = np.array([landmark.corners_map for landmark in self.landmarks])
-        self.observed = np.array([o.corners for o in self.observations])
-        steps = np.roll(self.observed, -1, axis=1) - self.observed
-        self.side_px = np.sqrt((steps**2).sum(axis=2)).mean(axis=1)
-        self.rays, by_ray, whitener, self.camera_R, self.camera_t = (
-            np.concatenate(column) for column in zip(*parts, strict=True)
+        self.observed, self.rays = looked.corners, looked.rays
+        steps = self.observed[:, NEXT] - self.observed
+        self.side_px = np.sqrt((steps * steps).sum(axis=2)).sum(axis=1) / 4
+        self.camera_R, self.camera_t = (
+            np.concatenate([np.repeat(eye[part][None], n, axis=0) for eye, n in zip(cameras, counts, strict=True)])
+            for part in (2, 3)
         )
         uncertain = any(landmark.covariance is not None for landmark in self.landmarks)
         errors = self._landmark_errors() if uncertain else (None, None, None)
-        self._corners = Corners(self.points, self.rays, by_ray, whitener, self.camera_R, self.camera_t, *errors)
+        self._corners = Corners(
+            self.points, self.rays, looked.by_ray, looked.whitener, self.camera_R, self.camera_t, *errors
+        )
+
+    def _mapped(
+        self, observations: Sequence[Detection], landmarks: LandmarkMap
+    ) -> list[tuple[Detection, MappedLandmark]]:
+        """Observations of mapped landmarks; those that are in the image more than once go into ``twice``."""
+        found = [(o, m) for o in observations if (m := landmarks.find(o.id)) is not None]
+        if len({o.id for o, _ in found}) < len(found):
+            seen = Counter(o.id for o, _ in found)
+            self.twice |= {id_ for id_, count in seen.items() if count > 1}
+            found = [(o, m) for o, m in found if seen[o.id] == 1]
+        return found
 
     def _landmark_errors(self) -> tuple[FloatArray, FloatArray, IntArray]:
         """Arms, roots and groups as of `Corners`: observations of one landmark share the error of its place."""
@@ -115,7 +130,7 @@ class Correspondences:
     ) -> Correspondences:
         """Correspondences of both cameras of a rig."""
         cameras = [
-            (left, rig.left, np.eye(3), np.zeros(3)),
+            (left, rig.left, NO_TURN, NO_SHIFT),
             (right, rig.right, rig.T_right_left.R, rig.T_right_left.t),
         ]
         return cls(cameras, landmarks, corner_floor_px)
@@ -135,6 +150,15 @@ class Correspondences:
         """The chi2 (H,S), and root mean squares (H,S) of pixel coordinates; huge behind the camera."""
         chi2, pixels = corner_misfits(self._corners, poses.R, poses.t)
         return chi2, np.sqrt(pixels / 8)
+
+    def search(self, search: Search, prior: PosePrior | None) -> tuple[PoseArray, FloatArray, FloatArray]:
+        """Different poses, the likeliest first, the chi2 (K,S) of all observations, and costs (K,)."""
+        R, t, chi2, cost = search_poses(self._corners, self.of, self.side_px, _numbers(prior), search)
+        return PoseArray("map", "left", R, t), chi2, cost
+
+    def covariance(self, poses: PoseArray, used: BoolArray, prior: PosePrior | None) -> FloatArray:
+        """(6,6) covariance of the first pose, from the observations used (S,)."""
+        return pose_covariance(self._corners, _numbers(prior), poses.R[0], poses.t[0], used)
 
     def equations(
         self, poses: PoseArray, used: BoolArray, prior: PosePrior | None

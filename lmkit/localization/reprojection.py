@@ -14,7 +14,7 @@ import numpy as np
 
 from lmkit.arrays import FloatArray
 from lmkit.geometry.camera import REACHED_PX, CameraModel
-from lmkit.kernels.lens import Lens, corners_through_lens
+from lmkit.kernels.lens import Lens, corners_through_lenses
 from lmkit.model.observation import Detection
 
 UNKNOWN = np.zeros((8, 8))  # covariance of corners that come without
@@ -22,16 +22,18 @@ UNKNOWN = np.zeros((8, 8))  # covariance of corners that come without
 
 @dataclass(frozen=True, eq=False)
 class CameraCorrespondences:
-    """Observed corners of one camera as rays, without distortion.
+    """Observed corners as rays, without distortion.
 
     Attributes:
         kept: of the observations, those that the lens model reaches.
+        corners: (S,4,2) pixels.
         rays: (S,4,2) corners as x/z and y/z, without distortion.
         by_ray: (S,4,2,2) how pixels change with them.
         whitener: (S,8,8) from errors of rays to standard deviations of the corners.
     """
 
     kept: list[int]
+    corners: FloatArray
     rays: FloatArray
     by_ray: FloatArray
     whitener: FloatArray
@@ -40,19 +42,25 @@ class CameraCorrespondences:
 def through_lens(
     observations: Sequence[Detection], camera: CameraModel, corner_floor_px: float
 ) -> CameraCorrespondences:
-    """Corners as rays, each with its own covariance and that of the floor."""
-    if not observations:
-        return CameraCorrespondences([], np.zeros((0, 4, 2)), np.zeros((0, 4, 2, 2)), np.zeros((0, 8, 8)))
-    corners = np.array([o.corners for o in observations])
+    """Corners of one camera as rays, each with its own covariance and that of the floor."""
+    return through_lenses(observations, [camera], [len(observations)], corner_floor_px)
+
+
+def through_lenses(
+    observations: Sequence[Detection], cameras: Sequence[CameraModel], counts: Sequence[int], corner_floor_px: float
+) -> CameraCorrespondences:
+    """Corners of several cameras as rays: so many of the first, then so many of the second, and so on."""
+    corners = np.array([o.corners for o in observations]).reshape(-1, 4, 2)
     covariance = None
     if any(o.covariance is not None for o in observations):
         covariance = np.array([UNKNOWN if o.covariance is None else o.covariance for o in observations])
-    rays, by_ray, whitener, reached = corners_through_lens(
-        lens_of(camera), corners, covariance, corner_floor_px, REACHED_PX
+    rays, by_ray, whitener, reached = corners_through_lenses(
+        [lens_of(camera) for camera in cameras], counts, corners, covariance, corner_floor_px, REACHED_PX
     )
     if reached.all():
-        return CameraCorrespondences(list(range(len(corners))), rays, by_ray, whitener)
-    return CameraCorrespondences(np.flatnonzero(reached).tolist(), rays[reached], by_ray[reached], whitener[reached])
+        return CameraCorrespondences(list(range(len(corners))), corners, rays, by_ray, whitener)
+    kept = np.flatnonzero(reached)
+    return CameraCorrespondences(kept.tolist(), corners[kept], rays[kept], by_ray[kept], whitener[kept])
 
 
 @lru_cache(maxsize=16)
