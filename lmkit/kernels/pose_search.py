@@ -1,6 +1,6 @@
 """The poses that the corners of several landmarks allow, and the covariance of one of them.
 
-Every landmark alone gives two poses (square_pose.py).  Each is fitted to its own landmark, then to those that it comes
+Every landmark alone gives two poses (square_pose.py).  Each is fitted to its own landmark, then to all that it comes
 near to; those that are still different poses are refined on what they explain.
 """
 
