@@ -89,10 +89,9 @@ class Correspondences:
         self.observed, self.rays = looked.corners, looked.rays
         steps = self.observed[:, NEXT] - self.observed
         self.side_px = np.sqrt((steps * steps).sum(axis=2)).sum(axis=1) / 4
-        self.camera_R, self.camera_t = (
-            np.concatenate([np.repeat(eye[part][None], n, axis=0) for eye, n in zip(cameras, counts, strict=True)])
-            for part in (2, 3)
-        )
+        eye = np.repeat(np.arange(len(counts)), counts)
+        self.camera_R = np.array([R for _, _, R, _ in cameras])[eye]
+        self.camera_t = np.array([t for _, _, _, t in cameras])[eye]
         uncertain = any(landmark.covariance is not None for landmark in self.landmarks)
         errors = self._landmark_errors() if uncertain else (None, None, None)
         self._corners = Corners(
