@@ -16,7 +16,20 @@ from pattern_kernel_pairs import PATTERN_CALLS
 from planning_kernel_pairs import PLANNING_CALLS
 
 from lmkit.kernels import load
-from lmkit.kernels.block_chain import subtract_at, subtract_at_numpy
+from lmkit.kernels.block_chain import (
+    backward_chain,
+    backward_chain_numpy,
+    factor_chain,
+    factor_chain_numpy,
+    forward_chain,
+    forward_chain_numpy,
+    subtract_at,
+    subtract_at_numpy,
+    take_columns,
+    take_columns_numpy,
+    used_columns,
+    used_columns_numpy,
+)
 from lmkit.kernels.landmark_bundle import (
     Bundle,
     Sums,
@@ -267,6 +280,44 @@ def _subtract_calls(rng: np.random.Generator) -> Iterator[tuple[Any, ...]]:
             yield rng.normal(size=(wide, wide)), columns, values
 
 
+def _chain_calls(rng: np.random.Generator) -> Iterator[tuple[Any, ...]]:
+    for count, size in [(1, 1), (1, 6), (4, 6), (9, 3), (3, 2)]:
+        A, following = rng.normal(size=(count, size, size)), 0.2 * rng.normal(size=(count - 1, size, size))
+        yield A @ A.transpose(0, 2, 1) + 3 * np.eye(size), following
+
+
+def _substitution_calls(rng: np.random.Generator) -> Iterator[tuple[Any, ...]]:
+    for diagonal, following in _chain_calls(rng):
+        for wide in (0, 1, 17):
+            yield (
+                factor_chain_numpy(diagonal, following),
+                rng.normal(size=(diagonal.shape[0] * len(diagonal[0]), wide)),
+            )
+
+
+def _in_place(substitute: Callable[..., None]) -> Callable[..., Any]:
+    """What a function that changes its last argument makes of a copy of it."""
+
+    def run(*arguments: np.ndarray) -> np.ndarray:
+        after = arguments[-1].copy()
+        substitute(*arguments[:-1], after)
+        return after
+
+    run.__name__ = substitute.__name__
+    return run
+
+
+def _column_calls(rng: np.random.Generator) -> Iterator[tuple[Any, ...]]:
+    for rows, wide in [(1, 1), (12, 30), (0, 4), (3, 0)]:
+        yield (rng.normal(size=(rows, wide)) * (rng.uniform(size=wide) < 0.5),)
+
+
+def _take_calls(rng: np.random.Generator) -> Iterator[tuple[Any, ...]]:
+    for (matrix,) in _column_calls(rng):
+        columns = rng.permutation(matrix.shape[1])[:5]
+        yield matrix, columns, np.zeros((len(matrix), len(columns)))
+
+
 def _bundle_sum_calls(rng: np.random.Generator) -> Iterator[tuple[Any, ...]]:
     for (bundle,) in _bundle_calls(rng):
         used = rng.uniform(size=len(bundle.at)) < 0.8
@@ -277,6 +328,11 @@ def _bundle_sum_calls(rng: np.random.Generator) -> Iterator[tuple[Any, ...]]:
 
 PAIRS = [
     Pair(_subtracted(subtract_at), _subtracted(subtract_at_numpy), _subtract_calls),
+    Pair(factor_chain, factor_chain_numpy, _chain_calls, 1e-11),
+    Pair(_in_place(forward_chain), _in_place(forward_chain_numpy), _substitution_calls, 1e-11),
+    Pair(_in_place(backward_chain), _in_place(backward_chain_numpy), _substitution_calls, 1e-11),
+    Pair(used_columns, used_columns_numpy, _column_calls, 0),
+    Pair(_in_place(take_columns), _in_place(take_columns_numpy), _take_calls, 0),
     Pair(bundle_misfits, bundle_misfits_numpy, _bundle_calls),
     Pair(_bundle_sums(add_bundle_equations), _bundle_sums(add_bundle_equations_numpy), _bundle_sum_calls),
     Pair(corners_through_lens, corners_through_lens_numpy, _lens_calls, 1e-11),

@@ -8,7 +8,7 @@ see (landmarks, scales, biases).  The normal equations are block tridiagonal wit
 
 The chain is cut into pieces, and the states between two cuts are eliminated (nested dissection; George 1973): in a
 short piece few landmarks are seen, so that its border is narrow.  The cuts are a shorter chain of the same
-shape.  That one is eliminated as a whole with a banded Cholesky factor, and what is left is a dense matrix of the
+shape.  That one is eliminated as a whole, and what is left is a dense matrix of the
 border alone (the Schur complement; Triggs et al. 2000, section 6).  Work grows with N, not with its cube.
 """
 
@@ -17,10 +17,17 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.linalg import cho_factor, cho_solve, cho_solve_banded, cholesky, cholesky_banded, solve_triangular
+from scipy.linalg import cho_factor, cho_solve
 
 from lmkit.arrays import FloatArray, IntArray
-from lmkit.kernels.block_chain import subtract_at
+from lmkit.kernels.block_chain import (
+    backward_chain,
+    factor_chain,
+    forward_chain,
+    subtract_at,
+    take_columns,
+    used_columns,
+)
 
 PIECE = 15  # states between two cuts
 
@@ -128,25 +135,28 @@ class ChainEquations:
             self.gradient[at].copy(),
             self.shared_gradient.copy(),
         )
-        pieces = []
+        pieces, scratch = [], np.empty((2 * size + len(self.corner)) ** 2)
         for number, first in enumerate(range(0, count, PIECE + 1)):
             piece = _Piece.of(self, number, slice(first, min(first + PIECE, count)))
-            piece.take_from(cuts)
+            piece.take_from(cuts, scratch)
             pieces.append(piece)
         return pieces, cuts
 
     def _solve_whole(self) -> tuple[FloatArray, FloatArray]:
-        count, size, shared = self.border.shape
+        count, size, _ = self.border.shape
         if count == 0:
             return self.gradient, _solved(self.corner, self.shared_gradient)
-        factor = self._factor()
-        inner = cho_solve_banded(factor, self.gradient.reshape(-1)).reshape(count, size)
-        if shared == 0:
-            return inner, self.shared_gradient
-        W = cho_solve_banded(factor, self.border.reshape(count * size, shared))
-        S = self.corner - self.border.reshape(count * size, shared).T @ W
-        y = _solved(S, self.shared_gradient - np.einsum("ndm,nd->m", self.border, inner))
-        return inner - (W @ y).reshape(count, size), y
+        factor, half = self._eliminated()
+        S = self.corner - half[:, :-1].T @ half[:, :-1]
+        y = _solved(S, self.shared_gradient - half[:, :-1].T @ half[:, -1])
+        return _backward(factor, half[:, -1] - half[:, :-1] @ y).reshape(count, size), y
+
+    def _eliminated(self) -> tuple[FloatArray, FloatArray]:
+        """The factor L of all states, and the inverse of L on the border and the gradient (N d,m+1)."""
+        factor = factor_chain(self.diagonal, self.following)
+        half = np.column_stack([self.border.reshape(len(factor), self.border.shape[2]), self.gradient.reshape(-1)])
+        forward_chain(factor, half)
+        return factor, half
 
     def _covariances_whole(self) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
         """(N,d,d) of every state, (N-1,d,d) between each and the next, (N,d,m) and (m,m) with what is shared.
@@ -158,28 +168,13 @@ class ChainEquations:
         own, across = _blocks_of_inverse(self.diagonal, self.following)
         if shared == 0 or count == 0:
             return own, across, self.border, np.linalg.inv(self.corner)
-        W = cho_solve_banded(self._factor(), self.border.reshape(count * size, shared))
-        S = self.corner - self.border.reshape(count * size, shared).T @ W
-        C = np.linalg.inv(S)
+        factor, half = self._eliminated()
+        half = half[:, :-1]
+        C = np.linalg.inv(self.corner - half.T @ half)
         C = (C + C.T) / 2
-        W = W.reshape(count, size, shared)
+        W = _backward(factor, half).reshape(count, size, shared)
         back = W.transpose(0, 2, 1)
         return own + W @ C @ back, across + W[:-1] @ C @ back[1:], -W @ C, C
-
-    def _factor(self) -> tuple[FloatArray, bool]:
-        return cholesky_banded(self._band(), lower=True), True
-
-    def _band(self) -> FloatArray:
-        """(2d, N d) the block tridiagonal matrix as LAPACK's lower band."""
-        count, size, _ = self.diagonal.shape
-        band = np.zeros((2 * size, count, size))
-        for i in range(size):
-            for j in range(i + 1):
-                band[i - j, :, j] = self.diagonal[:, i, j]
-            for j in range(size):
-                # Row i of state k + 1 and column j of state k.
-                band[size + i - j, : count - 1, j] = self.following[:, j, i]
-        return band.reshape(2 * size, count * size)
 
 
 @dataclass(frozen=True, eq=False)
@@ -190,7 +185,7 @@ class _Piece:
         states: which.
         cuts: numbers of the cuts before and after, those that there are.
         columns: (c,) shared unknowns that the piece has to do with.
-        factor: (nd,nd) L.
+        factor: (nd,2d) L, as `factor_chain` stores it.
         half: (nd,ld+c) the inverse of L on E: l cuts, then the shared unknowns.
         half_gradient: (nd,) the inverse of L on the gradient.
     """
@@ -205,32 +200,36 @@ class _Piece:
     @classmethod
     def of(cls, chain: ChainEquations, number: int, states: slice) -> _Piece:
         """The piece of that number."""
-        count, size, _ = chain.border.shape
+        count, size, shared = chain.border.shape
         first, end = states.start, states.stop
-        length = end - first
-        A = np.zeros((length, size, length, size))
-        k = np.arange(length)
-        A[k, :, k] = chain.diagonal[states]
-        A[k[:-1], :, k[1:]] = chain.following[first : end - 1]
-        A[k[1:], :, k[:-1]] = chain.following[first : end - 1].transpose(0, 2, 1)
-        columns = np.flatnonzero((chain.border[states] != 0).any(axis=(0, 1)))
+        border = chain.border[states].reshape(size * (end - first), shared)
+        columns = used_columns(border)
         cuts = [cut for cut in (number - 1, number) if cut >= 0 and cut * (PIECE + 1) + PIECE < count]
-        E = np.zeros((length, size, size * len(cuts) + len(columns)))
+        # E, and the gradient as its last column.
+        inner = size * len(cuts)
+        half = np.empty((len(border), inner + len(columns) + 1))
+        half[:, :inner] = 0.0
         if number > 0:
-            E[0, :, :size] = chain.following[first - 1].T
+            half[:size, :size] = chain.following[first - 1].T
         if number in cuts:
-            E[-1, :, size * len(cuts) - size : size * len(cuts)] = chain.following[end - 1]
-        E[:, :, size * len(cuts) :] = chain.border[states][:, :, columns]
-        factor = cholesky(A.reshape(length * size, -1), lower=True, check_finite=False)
-        right = np.column_stack([E.reshape(length * size, -1), chain.gradient[states].ravel()])
-        half = solve_triangular(factor, right, lower=True, check_finite=False)
+            half[-size:, inner - size : inner] = chain.following[end - 1]
+        take_columns(border, columns, half[:, inner:-1])
+        half[:, -1] = chain.gradient[states].ravel()
+        factor = factor_chain(chain.diagonal[states], chain.following[first : end - 1])
+        forward_chain(factor, half)
         return cls(states, np.array(cuts, dtype=np.int64), columns, factor, half[:, :-1], half[:, -1])
 
-    def take_from(self, cuts: ChainEquations) -> None:
-        """Eliminate the piece from the equations of the cuts."""
-        size = cuts.diagonal.shape[1]
+    def take_from(self, cuts: ChainEquations, scratch: FloatArray) -> None:
+        """Eliminate the piece from the equations of the cuts.
+
+        Args:
+            scratch: as many numbers as the square of all columns; fresh memory for every piece costs more than the
+                product that goes there.
+        """
+        size, wide = cuts.diagonal.shape[1], self.half.shape[1]
         inner = size * len(self.cuts)
-        S, g = self.half.T @ self.half, self.half.T @ self.half_gradient
+        S = np.matmul(self.half.T, self.half, out=scratch[: wide * wide].reshape(wide, wide))
+        g = self.half.T @ self.half_gradient
         blocks = S[:inner, :inner].reshape(len(self.cuts), size, len(self.cuts), size)
         for row, cut in enumerate(self.cuts):
             cuts.diagonal[cut] -= blocks[row, :, row]
@@ -244,10 +243,7 @@ class _Piece:
     def solve(self, at_cuts: FloatArray, shared: FloatArray) -> FloatArray:
         """(n,d) steps of its states from those of all cuts and of all that is shared."""
         z = np.concatenate([at_cuts[self.cuts].ravel(), shared[self.columns]])
-        x = solve_triangular(
-            self.factor, self.half_gradient - self.half @ z, lower=True, trans="T", check_finite=False
-        )
-        return np.asarray(x.reshape(-1, at_cuts.shape[1]))
+        return _backward(self.factor, self.half_gradient - self.half @ z).reshape(-1, at_cuts.shape[1])
 
     def covariances(
         self,
@@ -269,7 +265,8 @@ class _Piece:
             blocks[0, :, 1], blocks[1, :, 0] = across[self.cuts[0]], across[self.cuts[0]].T
         C[:inner, inner:] = with_shared[self.cuts][:, :, self.columns].reshape(inner, len(self.columns))
         C[inner:, :inner] = C[:inner, inner:].T
-        inverse = solve_triangular(self.factor, np.eye(len(self.factor)), lower=True, check_finite=False)
+        inverse = np.eye(len(self.factor))
+        forward_chain(self.factor, inverse)
         F = inverse.T @ self.half
         FC = F @ C
         length = len(F) // size
@@ -286,7 +283,16 @@ class _Piece:
 
 
 def _solved(S: FloatArray, g: FloatArray) -> FloatArray:
-    return np.asarray(cho_solve(cho_factor(S), g)) if len(g) else g
+    if not len(g):
+        return g
+    return np.asarray(cho_solve(cho_factor(S, overwrite_a=True, check_finite=False), g, check_finite=False))
+
+
+def _backward(factor: FloatArray, right: FloatArray) -> FloatArray:
+    """The inverse of the transposed factor on ``right`` (N d,) or (N d,w)."""
+    solved = np.array(right, order="C").reshape(len(right), -1)
+    backward_chain(factor, solved)
+    return solved.reshape(right.shape)
 
 
 def _add_at(array: FloatArray, places: IntArray, values: FloatArray) -> None:
