@@ -79,6 +79,21 @@ def as_families(families: Families) -> tuple[LandmarkFamily, ...]:
     return tuple(dict.fromkeys(found))
 
 
+def family_names(families: Families, detected: bool) -> tuple[str, ...]:
+    """Names of families.
+
+    Args:
+        detected: lmkit is to find them in images, so that they must be its own; else they are of any markers.
+
+    Raises:
+        InputError: one cannot be detected.
+    """
+    if detected or isinstance(families, LandmarkFamily):
+        return tuple(family.name for family in as_families(families))
+    names = families.split(",") if isinstance(families, str) else list(families)
+    return tuple(name.name if isinstance(name, LandmarkFamily) else name.strip() for name in names)
+
+
 def as_metres(length: float | str, name: str) -> float:
     """Metres of a number of metres, or of text with a unit such as ``180mm``.
 

@@ -85,6 +85,7 @@ def locate(
     """
     from lmkit.localization.absolute_pose import locate_camera, locate_rig
     from lmkit.localization.base_pose import with_base
+    from lmkit.localization.contradiction import with_cause
 
     cameras, hung = as_rig(rig), as_map(landmarks)
     families = hung.families
@@ -96,5 +97,8 @@ def locate(
             image = Detector(families, camera=camera, profile=profile).detect(image)
         seen.append(image)
     if len(seen) == 1:
-        return with_base(locate_camera(seen[0], cameras.left, hung, options), cameras)
-    return with_base(locate_rig(seen[0], seen[1], cameras, hung, options), cameras)
+        estimate = locate_camera(seen[0], cameras.left, hung, options)
+    else:
+        estimate = locate_rig(seen[0], seen[1], cameras, hung, options)
+    others = seen[1] if len(seen) > 1 else ()
+    return with_base(with_cause(estimate, seen[0], others, cameras, hung), cameras)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 from typing import TYPE_CHECKING
 
-from lmkit.api.arguments import Families, PathLike, as_families, as_metres, as_path, as_rig
+from lmkit.api.arguments import Families, PathLike, as_metres, as_path, as_rig, family_names
 
 if TYPE_CHECKING:
     from lmkit.arrays import ByteArray
@@ -116,7 +116,8 @@ def read_recording(
         odometry: CSV of wheel odometry, or TUM poses of visual odometry.
         gyro: CSV of the yaw rate.
         wheel_track: distance between the wheels, metres or text with a unit.
-        families: landmark families to look for in images.
+        families: landmark families to look for in images; of detections and readings those of bare codes, of any
+            kind of marker.
         hz: image pairs a second, where file names hold no times.
 
     Raises:
@@ -138,7 +139,7 @@ def read_recording(
         odometry=None if odometry is None else as_path(odometry),
         gyro=None if gyro is None else as_path(gyro),
         wheel_track_m=None if wheel_track is None else as_metres(wheel_track, "wheel_track"),
-        families=as_families(families),
+        families=family_names(families, detected=left is not None),
         hz=hz,
     )
 

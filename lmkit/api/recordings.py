@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 
 from lmkit.api.arguments import PathLike, as_map, as_metres, as_path, as_rig
 from lmkit.errors import InputError
+from lmkit.model.corner_order import require_clockwise
 from lmkit.model.recording import Odometry, Recording
 from lmkit.model.trajectory import Trajectory
 
@@ -53,18 +54,28 @@ def survey(
         >>> len(survey.landmarks) > 5
         True
     """
+    from lmkit.localization.contradiction import find_cause
     from lmkit.mapping.next_view import advise
     from lmkit.mapping.survey import anchors_of, landmark_sizes, survey_frames
     from lmkit.mapping.survey_results import survey_warnings
 
     if not recording.frames:
         raise InputError("no_frames", "the recording has no frames", "give images or detections")
+    require_clockwise(o for frame in recording.frames for o in (*frame.left, *frame.right))
     cameras, motion = as_rig(rig), motion_of(recording)
     anchors = {} if known is None else anchors_of(as_map(known), known_sigma)
     frames = list(recording.frames)
     sizes = landmark_sizes(frames, as_metres(size, "size"), anchors)
-    result = survey_frames(frames, cameras, sizes, anchors, motion, constraints)
+    cause = None if known is None else find_cause(frames, cameras, as_map(known))
+    try:
+        result = survey_frames(frames, cameras, sizes, anchors, motion, constraints)
+    except InputError as error:
+        if cause is None or error.code != "nothing_located":
+            raise
+        raise InputError(cause.code, error.message, str(cause)) from None
     texts = survey_warnings(result, motion, list(constraints), advise(result, cameras))
+    if cause is not None:
+        texts.insert(0, f"the known landmarks contradict what was seen: {cause}")
     return replace(result, warnings=tuple(texts))
 
 
@@ -93,6 +104,8 @@ def track(
     from lmkit.tracking.online import track_live, track_pictures_live, track_poses_live
 
     hung, odometry = as_map(landmarks), recording.odometry
+    require_clockwise(o for frame in recording.frames for o in (*frame.left, *frame.right))
+    hung.require_any(recording.ids)
     if recording.readings:
         if not isinstance(odometry, Odometry):
             raise InputError("no_odometry", "readings need wheel odometry", "read the recording with odometry=...")

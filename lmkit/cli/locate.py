@@ -116,8 +116,7 @@ def run(
         more = f" (and {len(failed) - 1} more)" if len(failed) > 1 else ""
         raise InputError(failed[0].code, failed[0].message + more, failed[0].hint)
     if results.located == 0:
-        hint = "swap LEFT and RIGHT" if results.swapped else "check that landmarks of the map are in view"
-        raise NegativeAnswer("not_located", f"no pose from {len(results.answers)} images or pairs", hint)
+        raise NegativeAnswer("not_located", f"no pose from {len(results.answers)} images or pairs", results.advice)
 
 
 def _require_frame(frame: str, rig: StereoRig, path: Path) -> None:

@@ -47,5 +47,6 @@ def locate_readings(
         else:
             print_line(f"{time_s - time_offset:g} s: {planar_line(estimate)}")
     if located == 0:
+        landmarks.require_any(reading.id for seen in frames.values() for reading in seen)
         hint = "two landmarks of the map are needed at once"
         raise NegativeAnswer("not_located", f"no pose at any of {len(frames)} times of {path}", hint)

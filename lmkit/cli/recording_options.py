@@ -91,7 +91,7 @@ class RecordingOptions:
                 self.odometry,
                 self.gyro,
                 track_m,
-                [family_named(name.strip()) for name in families],
+                families if self.left is None else [family_named(name.strip()).name for name in families],
                 self.hz,
                 bars.counter("detecting landmarks"),
             )

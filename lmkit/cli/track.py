@@ -62,7 +62,10 @@ def run(
     recording = source.read(cameras, landmarks.families)
     drive = track(recording, cameras, landmarks, live=live)
     if not drive.sure:
-        raise NegativeAnswer("not_tracked", "no frame was located", "check that landmarks of the map are in view")
+        why = "check that landmarks of the map are in view"
+        raise NegativeAnswer(
+            "not_tracked", "no frame was located for sure", drive.remarks[0] if drive.remarks else why
+        )
     for text in drive.remarks:
         warn(text)
     write_outputs({tum: poses_to_tum(drive.sure), csv: tracked_csv(drive)}, force)

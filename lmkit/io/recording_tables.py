@@ -11,6 +11,7 @@ import numpy as np
 from lmkit.arrays import FloatArray
 from lmkit.errors import InputError
 from lmkit.io.tables import read_rows, to_number, to_seconds
+from lmkit.model.corner_order import require_clockwise
 from lmkit.model.landmark_id import LandmarkId
 from lmkit.model.observation import Detection
 from lmkit.model.recording import Gyro, Odometry, StereoFrame
@@ -114,6 +115,7 @@ def read_detections(path: Path, families: Sequence[str]) -> list[StereoFrame]:
         frames.setdefault(time, {"left": [], "right": []})[eye].append(observation)
     if not frames:
         raise InputError("no_detections", f"{path}: holds no detections", "write one detection a line")
+    require_clockwise((o for seen in frames.values() for some in seen.values() for o in some), str(path))
     return [
         StereoFrame(time, tuple(seen["left"]), tuple(seen["right"]), f"{time:.6f}")
         for time, seen in sorted(frames.items())

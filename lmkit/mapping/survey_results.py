@@ -90,6 +90,7 @@ def survey_dict(result: Survey, frames: Sequence[StereoFrame], motion: Motion | 
         "jumps": [{"from_s": a, "to_s": b, "metres": m} for a, b, m in result.bundle.jumps],
         "weak": [str(id_) for id_, _, _ in result.weak],
         "unplaced": [str(id_) for id_ in result.unplaced],
+        "warnings": list(result.warnings),
         "ambiguous": [str(id_) for id_ in result.ambiguous],
         "astray": [
             {"id": str(id_), "of": str(constraint), "metres": metres} for id_, constraint, metres in result.astray

@@ -28,6 +28,7 @@ class PoseEstimate:
         alternatives: other poses, best first, each with its log likelihood ratio to the answer.
         reprojection_error_px: root mean square over the corners of the inliers, both images.
         T_camera_base: the robot's base in the left camera's frame; None where the rig has no base.
+        warnings: why landmarks contradict the map, where a cause is recognised (`localization/contradiction.py`).
     """
 
     status: PoseStatus
@@ -38,6 +39,7 @@ class PoseEstimate:
     alternatives: tuple[tuple[Pose, float], ...] = ()
     reprojection_error_px: float | None = None
     T_camera_base: Pose | None = None
+    warnings: tuple[str, ...] = ()
 
     @property
     def T_map_base(self) -> Pose | None:
@@ -89,6 +91,7 @@ class PoseEstimate:
                 for other, ratio in others
             ],
             "reprojection_error_px": self.reprojection_error_px,
+            "warnings": list(self.warnings),
         }
 
     def _at_base(self, T_map_camera: Pose) -> Pose:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -13,6 +13,8 @@ from lmkit.errors import InputError
 from lmkit.geometry.pose import Pose
 from lmkit.model.landmark import square_corners
 from lmkit.model.landmark_id import LandmarkId
+
+NAMED = 4  # landmarks in an error message
 
 
 @dataclass(frozen=True, eq=False)
@@ -80,6 +82,24 @@ class LandmarkMap:
         """The landmark with this id, or None."""
         return self._by_id.get(id_)
 
+    def require_any(self, ids: Iterable[LandmarkId]) -> None:
+        """Refuse observations none of whose landmarks is in the map.
+
+        Raises:
+            InputError: ``no_landmarks``, naming some of both.
+        """
+        seen = sorted(set(ids))
+        if any(id_ in self._by_id for id_ in seen):
+            return
+        if not seen:
+            raise InputError("no_landmarks", "no landmark was seen", "check the images, and the landmarks' family")
+        raise InputError(
+            "no_landmarks",
+            f"none of the {len(seen)} landmarks seen ({_some(seen)}) is among the {len(self)} of the map "
+            f"({_some(sorted(self._by_id))})",
+            "give the map of this place, and check the landmarks' family",
+        )
+
     @property
     def families(self) -> tuple[str, ...]:
         """Names of the families in the map, in the order of their first landmarks."""
@@ -87,6 +107,10 @@ class LandmarkMap:
 
     def __repr__(self) -> str:
         return f"LandmarkMap({len(self)} landmarks: {', '.join(self.families) or 'empty'})"
+
+
+def _some(ids: Sequence[LandmarkId]) -> str:
+    return ", ".join([*map(str, ids[:NAMED]), *["..."][: len(ids) > NAMED]])
 
 
 def wall_pose(position: Sequence[float], facing_rad: float) -> Pose:

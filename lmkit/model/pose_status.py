@@ -17,7 +17,7 @@ class PoseStatus(StrEnum):
     NO_LANDMARKS = "no_landmarks"
     """Too few landmarks of the map were read."""
     INCONSISTENT = "inconsistent"
-    """Landmarks of the map were read, but no pose explains them."""
+    """Landmarks of the map were read, but no pose explains them; tracking: most of them contradict the pose given."""
     SWAPPED = "swapped"
     """The landmarks fit with left and right image swapped; no pose is given."""
     LOST = "lost"

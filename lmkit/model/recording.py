@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from lmkit.arrays import FloatArray, frozen
+from lmkit.model.landmark_id import LandmarkId
 from lmkit.model.observation import Detection, RangeBearing
 from lmkit.model.trajectory import Trajectory
 
@@ -125,6 +126,12 @@ class Recording:
         """(N,) times of the frames or readings, seconds."""
         times = [frame.time_s for frame in self.frames] or [time_s for time_s, _ in self.readings]
         return np.array(times, dtype=np.float64)
+
+    @property
+    def ids(self) -> set[LandmarkId]:
+        """Landmarks seen."""
+        detected = {o.id for frame in self.frames for o in (*frame.left, *frame.right)}
+        return detected | {reading.id for _, seen in self.readings for reading in seen}
 
     def __repr__(self) -> str:
         times = self.times_s

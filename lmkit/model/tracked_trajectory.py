@@ -25,7 +25,7 @@ class TrackedTrajectory:
         times_s: (N,).
         poses: of the base where there is one, else of the left camera.
         covariances: (N,6,6) x y z (m), rotation about x y z (rad), in the map.
-        statuses: ``ok``, ``ambiguous`` or ``lost``.
+        statuses: ``ok``, ``ambiguous``, ``inconsistent`` or ``lost``.
         outliers: landmarks that were rejected, of every pose.
         parameters: what is wrong with the odometry, by name.
         of_base: the poses look along x, not along z.
@@ -96,6 +96,7 @@ def tracked_dict(drive: TrackedTrajectory, k: int) -> dict[str, Any]:
         "outliers": [i.code for i in drive.outliers[k]],
         "outlier_ids": [str(i) for i in drive.outliers[k]],
         "innovation": drive.nis[k][0] / drive.nis[k][1] if drive.nis[k][1] else None,
+        "warnings": list(drive.remarks),
     }
 
 

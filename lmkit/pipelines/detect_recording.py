@@ -15,7 +15,7 @@ from lmkit.io.images import read_image
 from lmkit.io.readings import read_readings
 from lmkit.io.recording_tables import read_detections, read_gyro, read_odometry
 from lmkit.io.trajectory import read_trajectory
-from lmkit.model.landmark import LM8, LandmarkFamily
+from lmkit.model.landmark import LM8, LandmarkFamily, family_named
 from lmkit.model.recording import Odometry, Recording, StereoFrame
 from lmkit.model.trajectory import Trajectory
 from lmkit.parallel import map_in_processes
@@ -69,13 +69,14 @@ def read_recording(
     odometry: Path | None = None,
     gyro: Path | None = None,
     wheel_track_m: float | None = None,
-    families: Sequence[LandmarkFamily] = (LM8,),
+    families: Sequence[str] = (LM8.name,),
     hz: float | None = None,
     on_frame: Callable[[int, int], None] = lambda done, total: None,
 ) -> Recording:
     """A recording from its files: images, or saved detections, or readings; odometry and gyro.
 
     Args:
+        families: names; of images those that lmkit detects, of saved detections and readings any.
         on_frame: called with the number of image pairs done, and of how many.
 
     Raises:
@@ -98,7 +99,7 @@ def read_recording(
             "no_base", "wheel odometry needs the camera's pose on the robot, and the rig has no T_base_left",
             "add T_base_left to the rig file",
         )  # fmt: skip
-    names = [family.name for family in families]
+    names = [name.strip() for name in families]
     if readings is not None:
         seen = tuple((time_s, tuple(some)) for time_s, some in sorted(read_readings(readings, names).items()))
         return Recording(readings=seen, odometry=own, gyro=rate)
@@ -108,7 +109,7 @@ def read_recording(
         raise InputError("no_images", "images of both cameras and the rig are needed", "give left, right and rig")
     total = len(list_pairs(left, right))
     frames = []
-    for frame in see_drive(left, right, rig, families, hz):
+    for frame in see_drive(left, right, rig, [family_named(name) for name in names], hz):
         frames.append(frame)
         on_frame(len(frames), total)
     return Recording(tuple(frames), odometry=own, gyro=rate)

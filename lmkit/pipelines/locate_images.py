@@ -17,6 +17,7 @@ from lmkit.io.image_sources import Frame, are_moving, frames, list_pairs, list_p
 from lmkit.io.images import read_image
 from lmkit.localization.absolute_pose import LocateOptions, locate_camera, locate_rig
 from lmkit.localization.base_pose import with_base
+from lmkit.localization.contradiction import with_cause
 from lmkit.model.estimate import PoseEstimate
 from lmkit.model.landmark import family_named
 from lmkit.model.landmark_id import ids_text
@@ -104,6 +105,7 @@ def _locate_frames(
         estimate = locate_camera(seen[0], rig.left, landmarks, options)
     else:
         estimate = locate_rig(seen[0], seen[1], rig, landmarks, options)
+    estimate = with_cause(estimate, seen[0], seen[1] if right is not None else (), rig, landmarks)
     return Located(left, right, estimate, tuple(seen), moment[0].image, time_s=moment[0].time_s)
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Mapping
 from contextlib import ExitStack
 from dataclasses import dataclass, field, replace
@@ -68,6 +69,14 @@ class LocateResults:
     def swapped(self) -> bool:
         """Is there a pair whose left and right image are swapped?"""
         return any(a.estimate is not None and a.estimate.status == PoseStatus.SWAPPED for a in self.answers)
+
+    @property
+    def advice(self) -> str:
+        """What to do where there is no pose at all: undo the cause that most frames name."""
+        if self.swapped:
+            return "swap LEFT and RIGHT"
+        named = Counter(text for a in self.answers if a.estimate is not None for text in a.estimate.warnings)
+        return named.most_common(1)[0][0] if named else "check that landmarks of the map are in view"
 
     def tum(self) -> str:
         """Poses with status ``ok``; frame numbers take the place of times unless all times are known."""

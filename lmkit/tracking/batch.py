@@ -9,6 +9,7 @@ import numpy as np
 from lmkit.arrays import BoolArray, FloatArray, IntArray
 from lmkit.geometry.planar import planar_pose
 from lmkit.geometry.stereo_rig import StereoRig, at_base
+from lmkit.localization.contradiction import find_cause
 from lmkit.mapping.bundle_adjustment import Anchor
 from lmkit.mapping.initialization import find_start
 from lmkit.mapping.planar_smoother import smooth_planar
@@ -37,17 +38,40 @@ def track_readings(
     for row in np.flatnonzero(track.weights < OUTLIER_WEIGHT):
         outliers[track.frames[row]] += (track.ids[track.landmarks[row]],)
     C = track.covariances
-    lost = np.sqrt(np.linalg.eigvalsh(C[:, :2, :2])[:, -1]) > LOST_M
+    statuses = judged(C, track.frames, track.landmarks, track.weights > OUTLIER_WEIGHT)
     return TrackedTrajectory(
         times,
         [planar_pose(state) for state in track.states],
         _six(C),
-        [PoseStatus.LOST if far else PoseStatus.OK for far in lost],
+        statuses,
         outliers,
         dict(zip(PARAMETERS, track.parameters.tolist(), strict=True)),
         remarks=_doubts(motion, track.parameters),
         nis=_summed(len(times), track.frames, track.squared, track.nis_dof, track.weights > OUTLIER_WEIGHT),
     )
+
+
+def judged(covariances: FloatArray, frames: IntArray, landmarks: IntArray, believed: BoolArray) -> list[PoseStatus]:
+    """Status of every pose: what its frame saw must agree with it.
+
+    Where most of the frames that saw something contradict their poses, the others agree by chance.
+
+    Args:
+        covariances: (N,...) of the poses, x and y (m) first.
+        frames, landmarks, believed: (R,) frame and landmark of every observation, and whether it fits.
+    """
+    count = len(covariances)
+    pairs, of = np.unique(np.column_stack([frames, landmarks]), axis=0, return_inverse=True)
+    explained = np.bincount(of.ravel(), believed, len(pairs)) > 0
+    seen, fitting = (np.bincount(pairs[:, 0], weights, count) for weights in (None, explained))
+    contradicted = 2 * fitting < seen
+    if 2 * contradicted.sum() > (seen > 0).sum():
+        contradicted[:] = True
+    lost = np.sqrt(np.linalg.eigvalsh(covariances[:, :2, :2])[:, -1]) > LOST_M
+    return [
+        PoseStatus.LOST if far else PoseStatus.INCONSISTENT if off else PoseStatus.OK
+        for far, off in zip(lost, contradicted, strict=True)
+    ]
 
 
 def _summed(
@@ -83,16 +107,19 @@ def track_pictures(
     outliers: list[tuple[LandmarkId, ...]] = [() for _ in start.rows]
     for row in np.flatnonzero(bundle.residuals > OUTLIER_SIGMA):
         outliers[bundle.frames[row]] += (bundle.ids[bundle.of[row]],)
-    wide = np.sqrt(np.linalg.eigvalsh(covariances[:, :2, :2])[:, -1]) > LOST_M
+    statuses = judged(covariances, bundle.frames, bundle.of, bundle.residuals <= OUTLIER_SIGMA)
+    remarks = (*map(str, contradicted_landmarks(bundle)), *_doubts(motion, bundle.parameters))
+    if PoseStatus.OK not in statuses and (cause := find_cause(frames, rig, landmarks)) is not None:
+        remarks = (str(cause),)
     return TrackedTrajectory(
         bundle.times_s,
         found,
         covariances,
-        [PoseStatus.LOST if far else PoseStatus.OK for far in wide],
+        statuses,
         outliers,
         {} if motion is None else dict(zip(motion.names, bundle.parameters.tolist(), strict=True)),
         rig.T_base_left is not None,
-        (*map(str, contradicted_landmarks(bundle)), *_doubts(motion, bundle.parameters)),
+        remarks,
         _summed(
             len(start.rows),
             bundle.frames,

@@ -24,6 +24,7 @@ from lmkit.tracking.planar_stereo_filter import RigFilter
 from lmkit.tracking.range_bearing_filter import PlanarFilter, TrackedPose
 from lmkit.tracking.spatial_stereo_filter import PoseFilter, SpacePose
 
+CORNER_NUMBERS, READING_NUMBERS = 8, 2  # of one observation: corner coordinates; range and bearing
 FLOOR_LOOKS, OFF_FLOOR_M = 5, 0.1
 
 
@@ -34,7 +35,7 @@ def track_live(
     filter_ = PlanarFilter(landmarks)
     times = [time_s for time_s, _ in frames]
     answers = _live(times, lambda k: filter_.observe(*frames[k]), filter_.wheels, odometry, gyro)
-    return _tracked(answers, filter_.parameters)
+    return _tracked(answers, filter_.parameters, READING_NUMBERS)
 
 
 def track_pictures_live(
@@ -51,7 +52,8 @@ def track_pictures_live(
     def observe(k: int) -> TrackedPose:
         return filter_.observe(times[k], frames[k].left, frames[k].right)
 
-    tracked = _tracked(_live(times, observe, filter_.wheels, odometry, gyro), filter_.parameters)
+    answers = _live(times, observe, filter_.wheels, odometry, gyro)
+    tracked = _tracked(answers, filter_.parameters, CORNER_NUMBERS)
     return replace(tracked, remarks=(*_floor_doubt(frames, rig, landmarks), *tracked.remarks))
 
 
@@ -83,7 +85,7 @@ def track_poses_live(
         np.array([answer.time_s for answer in answers]),
         poses,
         covariances,
-        [answer.status for answer in answers],
+        [_status(answer, CORNER_NUMBERS) for answer in answers],
         [answer.outliers for answer in answers],
         of_base=rig.T_base_left is not None,
         remarks=_carried_off(answers, "odometry says"),
@@ -122,17 +124,27 @@ def _live(
     return answers
 
 
-def _tracked(answers: Sequence[TrackedPose], parameters: FloatArray) -> TrackedTrajectory:
+def _tracked(answers: Sequence[TrackedPose], parameters: FloatArray, numbers: int) -> TrackedTrajectory:
     return TrackedTrajectory(
         np.array([answer.time_s for answer in answers]),
         [planar_pose(answer.state) for answer in answers if answer.state is not None],
         _six(np.array([answer.covariance for answer in answers]).reshape(-1, 3, 3)),
-        [answer.status for answer in answers],
+        [_status(answer, numbers) for answer in answers],
         [answer.outliers for answer in answers],
         dict(zip(PARAMETERS, parameters.tolist(), strict=True)),
         remarks=_carried_off(answers, "its wheels say"),
         nis=_nis(answers),
     )
+
+
+def _status(answer: TrackedPose | SpacePose, numbers: int) -> PoseStatus:
+    """Status of a pose: one that most of what was seen contradicts is not ``ok``, however well it was predicted.
+
+    Args:
+        numbers: that one observation holds.
+    """
+    contradicted = len(answer.outliers) > answer.nis_dof / numbers
+    return PoseStatus.INCONSISTENT if contradicted and answer.status == PoseStatus.OK else answer.status
 
 
 def _nis(answers: Sequence[TrackedPose] | Sequence[SpacePose]) -> FloatArray:

@@ -1,0 +1,205 @@
+"""Why nearly everything that was seen contradicts the map: corner order, swapped cameras, units, another map.
+
+Each cause is undone, and the frames that see most are located again: the cause that makes them agree is named.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, replace
+from functools import partial
+from itertools import combinations
+
+import numpy as np
+
+from lmkit.geometry.pose import Pose
+from lmkit.geometry.stereo_rig import StereoRig
+from lmkit.kernels.square_pose import square_poses
+from lmkit.localization.absolute_pose import locate_camera, locate_rig
+from lmkit.localization.correspondences import CORNER_FLOOR_PX, Correspondences
+from lmkit.model.estimate import PoseEstimate
+from lmkit.model.landmark_map import LandmarkMap, MappedLandmark
+from lmkit.model.observation import Detection
+from lmkit.model.pose_status import PoseStatus
+from lmkit.model.recording import StereoFrame
+
+FRAMES = 8  # that are asked
+AGREES, CONTRADICTS = 0.6, 0.5  # shares of the landmarks seen that a pose explains
+OFF_SCALE, ALIKE = 0.12, 0.15  # logarithms of ratios: from 1, and among each other
+UNITS = {1000.0: "millimetres", 100.0: "centimetres", 39.37: "inches", 3.281: "feet"}
+
+
+@dataclass(frozen=True)
+class Cause:
+    """Cause of a contradiction between observations and map.
+
+    Attributes:
+        code: short stable name, e.g. ``corner_order``.
+        text: what is wrong, and what to do, in words.
+    """
+
+    code: str
+    text: str
+
+    def __str__(self) -> str:
+        return self.text
+
+
+Locate = Callable[[StereoFrame], PoseEstimate]
+
+
+def find_cause(frames: Sequence[StereoFrame], rig: StereoRig, landmarks: LandmarkMap) -> Cause | None:
+    """Cause of the contradiction, or None where the frames agree with the map, or see too little of it.
+
+    Args:
+        frames: of a recording, or of single stereo pairs; ``right`` is empty for single images.
+    """
+    some = _telling(frames, landmarks)
+    if not some:
+        return None
+    if _share(some, landmarks, lambda frame: _locate(frame, rig, landmarks)) > CONTRADICTS:
+        return None
+    for cause, locate in _variants(some, rig, landmarks):
+        if _share(some, landmarks, locate) > AGREES:
+            return cause
+    return Cause(
+        "another_map",
+        "the landmarks seen are in the map, but stand elsewhere: it is the map of another place, or they were moved, "
+        "or the map's axes or units are others",
+    )
+
+
+def with_cause(
+    estimate: PoseEstimate,
+    left: Sequence[Detection],
+    right: Sequence[Detection],
+    rig: StereoRig,
+    landmarks: LandmarkMap,
+) -> PoseEstimate:
+    """The estimate of one frame; where no pose explains the landmarks, its warnings name the cause."""
+    if estimate.status != PoseStatus.INCONSISTENT:
+        return estimate
+    cause = find_cause([StereoFrame(0.0, tuple(left), tuple(right))], rig, landmarks)
+    return estimate if cause is None else replace(estimate, warnings=(*estimate.warnings, str(cause)))
+
+
+def _telling(frames: Sequence[StereoFrame], landmarks: LandmarkMap) -> list[StereoFrame]:
+    """Frames that see two mapped landmarks and more, those that see most first; one landmark contradicts nothing."""
+    counts = [(len(_mapped(frame, landmarks)), -k) for k, frame in enumerate(frames)]
+    best = sorted((entry for entry in counts if entry[0] > 1), reverse=True)[:FRAMES]
+    return [frames[-k] for _, k in best]
+
+
+def _mapped(frame: StereoFrame, landmarks: LandmarkMap) -> set[object]:
+    return {o.id for o in (*frame.left, *frame.right) if o.id in landmarks}
+
+
+def _locate(frame: StereoFrame, rig: StereoRig, landmarks: LandmarkMap) -> PoseEstimate:
+    if not frame.right:
+        return locate_camera(frame.left, rig.left, landmarks)
+    return locate_rig(frame.left, frame.right, rig, landmarks)
+
+
+def _share(frames: Sequence[StereoFrame], landmarks: LandmarkMap, locate: Locate) -> float:
+    """Share of the mapped landmarks seen that the frames' poses explain."""
+    seen = sum(len(_mapped(frame, landmarks)) for frame in frames)
+    return sum(len(locate(frame).inliers) for frame in frames) / seen
+
+
+def _variants(
+    frames: Sequence[StereoFrame], rig: StereoRig, landmarks: LandmarkMap
+) -> Iterator[tuple[Cause, Locate]]:
+    """Causes, and how frames are located once each is undone."""
+    yield (
+        Cause("swapped_cameras", "left and right are swapped: give the left camera's images or detections first"),
+        lambda frame: locate_rig(frame.right, frame.left, rig, landmarks),
+    )
+    for order in ((3, 2, 1, 0), (2, 3, 0, 1), (1, 2, 3, 0), (3, 0, 1, 2), (0, 3, 2, 1), (2, 1, 0, 3), (1, 0, 3, 2)):
+        text = (
+            "the corners of the detections are in another order: write them from the landmark's top left corner "
+            f"clockwise, those of now in the order {', '.join(map(str, order))}"
+        )
+        yield Cause("corner_order", text), partial(_locate_reordered, order, rig, landmarks)
+    ratio = _map_ratio(frames, rig, landmarks)
+    if ratio is not None and abs(np.log(ratio)) > OFF_SCALE:
+        text = (
+            f"by their printed size landmarks stand {ratio:.3g} times as far apart as the map says: check the "
+            f"positions' units{_unit(1 / ratio)}"
+        )
+        yield Cause("map_units", text), partial(_locate_in, _positions_scaled(landmarks, ratio), rig)
+        text = f"the landmarks are {1 / ratio:.3g} times as large as the map says: check size_m{_unit(ratio)}"
+        yield Cause("map_sizes", text), partial(_locate_in, _sizes_scaled(landmarks, 1 / ratio), rig)
+    back = replace(
+        rig, T_right_left=Pose("right", "left", rig.T_right_left.R.T, -rig.T_right_left.R.T @ rig.T_right_left.t)
+    )
+    yield (
+        Cause(
+            "rig_inverted", "the rig's T_right_left is that of the left camera in the right one: write its inverse"
+        ),
+        lambda frame: _locate(frame, back, landmarks),
+    )
+    yield (
+        Cause(
+            "rig_contradicts",
+            "each camera alone agrees with the map, both together do not: check the rig's T_right_left "
+            "(metres, direction, order of the cameras)",
+        ),
+        lambda frame: locate_camera(frame.left, rig.left, landmarks),
+    )
+
+
+def _locate_reordered(
+    order: tuple[int, ...], rig: StereoRig, landmarks: LandmarkMap, frame: StereoFrame
+) -> PoseEstimate:
+    return _locate(_reordered(frame, order), rig, landmarks)
+
+
+def _reordered(frame: StereoFrame, order: tuple[int, ...]) -> StereoFrame:
+    rows = list(order)
+
+    def turned(detection: Detection) -> Detection:
+        return replace(detection, corners=detection.corners[rows], covariance=None)
+
+    return StereoFrame(frame.time_s, tuple(map(turned, frame.left)), tuple(map(turned, frame.right)), frame.name)
+
+
+def _map_ratio(frames: Sequence[StereoFrame], rig: StereoRig, landmarks: LandmarkMap) -> float | None:
+    """Distances between landmarks as their printed size has them, over those of the map; None where they differ."""
+    logs: list[float] = []
+    for frame in frames:
+        seen = Correspondences([(frame.left, rig.left, np.eye(3), np.zeros(3))], landmarks, CORNER_FLOOR_PX)
+        if len(seen) < 2:
+            continue
+        centers = square_poses(seen.rays, np.array([m.size_m for m in seen.landmarks]))[1][:, 0]
+        mapped = np.array([m.T_map_landmark.t for m in seen.landmarks])
+        for a, b in combinations(range(len(seen)), 2):
+            apart, known = (float(np.linalg.norm(points[a] - points[b])) for points in (centers, mapped))
+            if apart > 0 and known > 0:
+                logs.append(float(np.log(apart / known)))
+    if len(logs) < 3:
+        return None
+    low, middle, high = np.percentile(logs, [25, 50, 75])
+    return float(np.exp(middle)) if high - low < 2 * ALIKE else None
+
+
+def _locate_in(landmarks: LandmarkMap, rig: StereoRig, frame: StereoFrame) -> PoseEstimate:
+    return _locate(frame, rig, landmarks)
+
+
+def _positions_scaled(landmarks: LandmarkMap, factor: float) -> LandmarkMap:
+    def scaled(m: MappedLandmark) -> MappedLandmark:
+        T = m.T_map_landmark
+        return replace(m, T_map_landmark=Pose(T.to_frame, T.from_frame, T.R, factor * T.t), covariance=None)
+
+    return LandmarkMap([scaled(m) for m in landmarks])
+
+
+def _sizes_scaled(landmarks: LandmarkMap, factor: float) -> LandmarkMap:
+    return LandmarkMap([replace(m, size_m=factor * m.size_m, covariance=None) for m in landmarks])
+
+
+def _unit(ratio: float) -> str:
+    for factor, name in UNITS.items():
+        if abs(np.log(ratio / factor)) < OFF_SCALE:
+            return f" (is it in {name}?)"
+    return ""
