@@ -72,7 +72,7 @@ class LocateResults:
 
     @property
     def advice(self) -> str:
-        """What to do where there is no pose at all: undo the cause that most frames name."""
+        """Advice where there is no pose at all: undo the cause that most frames name."""
         if self.swapped:
             return "swap LEFT and RIGHT"
         named = Counter(text for a in self.answers if a.estimate is not None for text in a.estimate.warnings)
