@@ -103,6 +103,7 @@ class BundleProblem:
         anchors: what is known beforehand, by id.
         landmarks_fixed: no landmark moves.
         constraints: walls and heights that landmarks are declared to share.
+        seen: the observations, where they are known as arrays already; numbered as the frames and landmarks here.
     """
 
     def __init__(
@@ -115,6 +116,7 @@ class BundleProblem:
         motion: Motion | None = None,
         landmarks_fixed: bool = False,
         constraints: Sequence[LandmarkConstraint] = (),
+        seen: ObservationArrays | None = None,
     ) -> None:
         self.times = np.array([frame.time_s for frame in frames])
         self.motion: Motion = motion or BoundedMotion()
@@ -122,7 +124,7 @@ class BundleProblem:
         self.R, self.p = start.R.copy(), start.t.copy()
         self.mapped = list(landmarks)
         self.anchors, self.constraints = dict(anchors), constraints
-        self.seen = ObservationArrays.collect(frames, rig, self.mapped)
+        self.seen = seen or ObservationArrays.collect(frames, rig, [m.id for m in self.mapped])
         self.lm_R = np.array([m.T_map_landmark.R for m in self.mapped])
         self.lm_p = np.array([m.T_map_landmark.t for m in self.mapped])
         self.arms = np.array([(m.corners_map - m.T_map_landmark.t) @ m.T_map_landmark.R for m in self.mapped])
@@ -136,9 +138,14 @@ class BundleProblem:
         T_left_base = Pose.identity("left", "base") if T is None else T.inverse()
         self.base_R, self.base_t = T_left_base.R, T_left_base.t
 
-    def optimize(self, steps: int) -> float:
-        """Levenberg and Marquardt from the unknowns as they stand; the cost where it stops."""
-        end = minimize(self, self.state(), steps, CONVERGED, DAMPING)
+    def optimize(self, steps: int, least_share: float = 0.0) -> float:
+        """Levenberg and Marquardt from the unknowns as they stand; the cost where it stops.
+
+        Args:
+            steps: at most so many.
+            least_share: of the cost; a step that lowers it by less is the last one.
+        """
+        end = minimize(self, self.state(), steps, CONVERGED, DAMPING, least_share)
         self.restore(end.state)
         return end.cost
 

@@ -21,6 +21,7 @@ from lmkit.localization.absolute_pose import LocateOptions, locate_rig
 from lmkit.localization.correspondences import CORNER_FLOOR_PX, Correspondences
 from lmkit.mapping.bundle_adjustment import Anchor, BundleProblem
 from lmkit.mapping.landmark_initialization import CAP, SURE_RATIO, Placing
+from lmkit.mapping.observation_arrays import RecordedObservations
 from lmkit.mapping.wall_constraints import LandmarkConstraint
 from lmkit.model.landmark_id import LandmarkId
 from lmkit.model.landmark_map import LandmarkMap, MappedLandmark, wall_pose
@@ -30,6 +31,7 @@ from lmkit.odometry.dead_reckoning import STRAY_M, STRAY_RAD, OdometryPath, Reck
 from lmkit.odometry.motion_model import Motion
 
 SETTLING = 4  # steps of bundle adjustment after each round
+SETTLED_SHARE = 1e-3  # of the cost: the next round moves everything further than that
 RETRY = 1.5
 NEIGHBOUR_M = 0.5  # of odometry to a located neighbour, from which a frame is refined without looking further
 REFINING = 8
@@ -68,20 +70,23 @@ class Start:
         motion: Motion | None,
         constraints: Sequence[LandmarkConstraint] = (),
         landmarks_fixed: bool = False,
+        recorded: RecordedObservations | None = None,
     ) -> BundleProblem:
         """Bundle adjustment of the frames that have a pose, and of the landmarks that those see."""
         posed = [(k, pose) for k, pose in enumerate(self.poses) if pose is not None]
         some = [frames[k] for k, _ in posed]
         seen = {o.id for frame in some for o in (*frame.left, *frame.right)}
+        mapped = [m for key, m in self.placed.items() if key in seen]
         return BundleProblem(
             some,
             rig,
             PoseArray.from_poses("map", "left", [pose for _, pose in posed]),
-            LandmarkMap([m for key, m in self.placed.items() if key in seen]),
+            LandmarkMap(mapped),
             self.anchors,
             motion,
             landmarks_fixed,
             constraints,
+            None if recorded is None else recorded.only(self.rows, [m.id for m in mapped]),
         )
 
 
@@ -143,9 +148,11 @@ class _Search:
     motion: Motion | None
     poses: list[Pose | None] = field(init=False)
     placed: dict[LandmarkId, MappedLandmark] = field(init=False)
+    recorded: RecordedObservations = field(init=False)
     tries: dict[int, int] = field(default_factory=dict)  # of a frame: landmarks that it saw in vain
 
     def __post_init__(self) -> None:
+        self.recorded = RecordedObservations(self.frames, self.rig)
         self.poses = [None] * len(self.frames)
         self.placed = {key: anchor.landmark for key, anchor in self.anchors.items()}
         times = np.array([frame.time_s for frame in self.frames])
@@ -181,8 +188,8 @@ class _Search:
     def optimize(self) -> None:
         """A few steps of bundle adjustment, so that errors do not add up from round to round."""
         start = Start(self.poses, self.placed, self.anchors)
-        problem = start.problem(self.frames, self.rig, self.motion)
-        problem.optimize(SETTLING)
+        problem = start.problem(self.frames, self.rig, self.motion, recorded=self.recorded)
+        problem.optimize(SETTLING, SETTLED_SHARE)
         for k, R, p in zip(start.rows, problem.R, problem.p, strict=True):
             self.poses[k] = Pose("map", "left", orthonormal(R), p)
         self.placed.update({m.id: m for m in problem.landmarks()})

@@ -13,7 +13,7 @@ from lmkit.geometry.stereo_rig import StereoRig
 from lmkit.kernels.landmark_bundle import Bundle
 from lmkit.localization.correspondences import CORNER_FLOOR_PX
 from lmkit.localization.reprojection import through_lens
-from lmkit.model.landmark_map import MappedLandmark
+from lmkit.model.landmark_id import LandmarkId
 from lmkit.model.recording import StereoFrame
 
 
@@ -36,11 +36,9 @@ class ObservationArrays:
     camera_t: FloatArray
 
     @classmethod
-    def collect(
-        cls, frames: Sequence[StereoFrame], rig: StereoRig, landmarks: Sequence[MappedLandmark]
-    ) -> ObservationArrays:
+    def collect(cls, frames: Sequence[StereoFrame], rig: StereoRig, ids: Sequence[LandmarkId]) -> ObservationArrays:
         """Observations of these landmarks as arrays; others are left out."""
-        index = {m.id: k for k, m in enumerate(landmarks)}
+        index = {id_: k for k, id_ in enumerate(ids)}
         rows: list[tuple[int, int]] = []
         parts = []
         right = rig.T_right_left
@@ -55,7 +53,17 @@ class ObservationArrays:
             turned, moved = np.repeat(R[None], len(seen.kept), axis=0), np.tile(t, (len(seen.kept), 1))
             parts.append((seen.rays, seen.by_ray, seen.whitener, turned, moved))
         table = np.array(rows, dtype=np.int64).reshape(-1, 2)
-        return cls(table[:, 0], table[:, 1], *(np.concatenate(column) for column in zip(*parts, strict=True)))
+        # Frame by frame: sums over them then stay in the processor's cache.
+        order = np.argsort(table[:, 0], kind="stable")
+        columns = (np.concatenate(column)[order] for column in zip(*parts, strict=True))
+        return cls(table[order, 0], table[order, 1], *columns)
+
+    def only(self, frames: Sequence[int], landmarks: Sequence[int]) -> ObservationArrays:
+        """Observations in some frames of some landmarks, both numbered anew in the order given."""
+        at, of = (_renumbered(old, new) for old, new in ((self.at, frames), (self.of, landmarks)))
+        kept = np.flatnonzero((at >= 0) & (of >= 0))
+        rest = (self.rays, self.by_ray, self.whitener, self.camera_R, self.camera_t)
+        return ObservationArrays(at[kept], of[kept], *(column[kept] for column in rest))
 
     def __len__(self) -> int:
         return len(self.at)
@@ -76,3 +84,23 @@ class ObservationArrays:
             landmarks.t,
             arms,
         )
+
+
+class RecordedObservations:
+    """All observations of a recording, made arrays once; bundle adjustments of parts of it take theirs from here."""
+
+    def __init__(self, frames: Sequence[StereoFrame], rig: StereoRig) -> None:
+        ids = sorted({o.id for frame in frames for o in (*frame.left, *frame.right)})
+        self._number = {id_: k for k, id_ in enumerate(ids)}
+        self._all = ObservationArrays.collect(frames, rig, ids)
+
+    def only(self, frames: Sequence[int], ids: Sequence[LandmarkId]) -> ObservationArrays:
+        """Observations in these frames of these landmarks, which the recording has."""
+        return self._all.only(frames, [self._number[id_] for id_ in ids])
+
+
+def _renumbered(numbers: IntArray, kept: Sequence[int]) -> IntArray:
+    """Each number's place in ``kept``; -1 for those that are not there."""
+    table = np.full(max([-1, *kept, *numbers.max(initial=-1, keepdims=True).tolist()]) + 1, -1)
+    table[list(kept)] = np.arange(len(kept))
+    return np.asarray(table[numbers])

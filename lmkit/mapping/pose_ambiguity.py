@@ -31,10 +31,12 @@ def resolve_pose_ambiguities(problem: BundleProblem) -> dict[int, FloatArray]:
     undecided: dict[int, FloatArray] = {}
     own, twins, R, p = _fitted_twins(problem)
     worse = twins - own
+    cost: float | None = None
     for k in map(int, np.argsort(worse)[:MOST_TRIED]):
         if worse[k] > HOPEFUL:
             break
-        before, cost = problem.state(), problem.cost()
+        before = problem.state()
+        cost = problem.cost() if cost is None else cost
         off = _apart(R[k], p[k], before.lm_R[k], before.lm_p[k])
         problem.put(k, R[k], p[k])
         there = problem.optimize(SETTLING)
@@ -44,9 +46,11 @@ def resolve_pose_ambiguities(problem: BundleProblem) -> dict[int, FloatArray]:
             problem.restore(before)
             apart, worth = off, float(worse[k])
         else:
+            apart, worth = settled, abs(there - cost)
             if there >= cost:
                 problem.restore(before)
-            apart, worth = settled, abs(there - cost)
+            else:
+                cost = there
         if worth < SURE and np.linalg.norm(apart[3:]) > DIFFERENT_RAD:
             undecided[k] = _spread(apart, worth)
     return undecided
