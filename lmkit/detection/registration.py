@@ -31,10 +31,11 @@ BEND_PRIOR = 0.12  # standard deviation of the radial bend, relative at half the
 # What demosaicing, sharpening and JPEG do that no part of the model knows, per coordinate, whatever the landmark.
 MODEL_ERROR_PX = 0.035
 # The mosaic errs along edges, and few pixels of edge do not even that out: the variance that the residuals show is
-# too small by 1 + (this / side)^2.  From simulated images with sides of 16 to 100 px (benchmarks/corners.py), most
-# of them upright, where all of an edge meets the same colours; turned ones err less.  Without a mosaic, errors and
-# residuals both fall to a fifth.  Lenses and paper come on top (`CORNER_FLOOR_PX`).
-FEW_EDGES_PX = 27.0
+# too small by 1 + aligned (this / side)^2, where `aligned` says how far the sides follow rows and columns.  From
+# simulated images with sides of 14 to 70 px, turned by 0 to 45 deg (benchmarks/corners.py).  Without a mosaic, errors
+# and residuals both fall to a fifth.  Lenses and paper come on top (`CORNER_FLOOR_PX`).
+FEW_EDGES_PX = 30.0
+MOSAIC_PX = 2.0  # period of the colours: an edge that crosses several periods meets all of them
 MIXED_PIXEL_PRIOR = 0.1  # standard deviation of the mixed-pixel bias
 SHADING_PRIOR = 0.05  # standard deviation of the relative change of light over half the side
 LIMITS = Limits(least_spread=MIN_SPREAD, most_spread=64.0, bend=0.3, shading=0.6, bias=1.0)
@@ -66,6 +67,12 @@ class PatternRegistration:
     def corners(self) -> FloatArray:
         """(4,2) px of the image freed of distortion and bend."""
         return self.state[:8].reshape(4, 2)
+
+    @property
+    def blur_px(self) -> float:
+        """Standard deviation of the point spread, px: the geometric mean of its axes."""
+        xx, xy, yy = self.state[8:11].tolist()
+        return float(max(xx * yy - xy * xy, 1e-6) ** 0.25)
 
     @property
     def hypothesis(self) -> Hypothesis:
@@ -131,7 +138,8 @@ class PatternRegistration:
         inverse = np.linalg.inv(self._normal)
         corners, J = self._seen_corners(fit_bend)
         covariance = J @ inverse[:12, :12] @ J.T
-        covariance *= self._error * CORRELATED_PIXELS * (1 + (FEW_EDGES_PX / mean_side(corners)) ** 2)
+        few_edges = aligned_with_mosaic(corners) * (FEW_EDGES_PX / mean_side(corners)) ** 2
+        covariance *= self._error * CORRELATED_PIXELS * (1 + few_edges)
         return corners, covariance + MODEL_ERROR_PX**2 * np.eye(8)
 
     def _seen_corners(self, fit_bend: bool) -> tuple[FloatArray, FloatArray]:
@@ -158,3 +166,13 @@ class PatternRegistration:
     @property
     def _priors(self) -> Priors:
         return Priors(RIDGE, BEND_PRIOR, SHADING_PRIOR, MIXED_PIXEL_PRIOR, self.samples.prior_weight)
+
+
+def aligned_with_mosaic(corners: FloatArray) -> float:
+    """How far the sides of (4,2) corners follow rows and columns of pixels: 1 where they do, towards 0 where not.
+
+    The phase of the colour mosaic runs through one period on every `MOSAIC_PX` that a side moves across the rows or
+    columns it follows; the error of the side's place is the mean over those phases.
+    """
+    moved = np.abs(np.roll(corners, -1, axis=0) - corners).min(axis=1)
+    return float(np.mean(1 / (1 + (moved / MOSAIC_PX) ** 2)))

@@ -28,7 +28,7 @@ class CameraKind:
         tones: tone curves.
         blur_px, corner_blur_px, lateral_color: of the lens.
         full_well: electrons at full scale, drawn by its logarithm.
-        contrast, denoise, sharpen, sharpen_px: of the development.
+        saturation, contrast, denoise, sharpen, sharpen_px: of the development.
         jpeg_quality: of the file; None for lossless ones.
         chroma: color sampling of the file.
     """
@@ -40,6 +40,7 @@ class CameraKind:
     corner_blur_px: Range = (0.0, 0.0)
     lateral_color: Range = (0.0, 0.0)
     full_well: Range = (3000.0, 15000.0)
+    saturation: Range = (1.0, 1.0)
     contrast: Range = (1.0, 1.0)
     denoise: Range = (0.0, 0.0)
     sharpen: Range = (0.0, 0.0)
@@ -61,6 +62,7 @@ class CameraKind:
             sensor = replace(sensor, bayer=True, pattern=pattern, demosaic=how)
         development = Development(
             tone=str(rng.choice(self.tones)),
+            saturation=float(rng.uniform(*self.saturation)),
             contrast=float(rng.uniform(*self.contrast)),
             denoise=float(rng.uniform(*self.denoise)),
             sharpen=float(rng.uniform(*self.sharpen)),
@@ -80,18 +82,20 @@ WEBCAM = CameraKind(
     corner_blur_px=(0.0, 1.2),
     lateral_color=(-4e-4, 4e-4),
     full_well=(1500, 6000),
-    denoise=(0.2, 0.9),
-    sharpen=(0.2, 1.2),
+    saturation=(0.6, 1.1),
+    denoise=(0.0, 0.8),
+    sharpen=(0.2, 2.0),
     sharpen_px=(0.8, 1.5),
-    jpeg_quality=(60, 92),
+    jpeg_quality=(55, 92),
 )
 PHONE = CameraKind(
     "phone",
     ("malvar",),
     ("filmic", "srgb"),
+    saturation=(0.8, 1.3),
     contrast=(1.0, 1.25),
-    denoise=(0.2, 0.7),
-    sharpen=(0.3, 1.2),
+    denoise=(0.1, 0.7),
+    sharpen=(0.3, 1.8),
     sharpen_px=(0.6, 1.2),
     jpeg_quality=(80, 96),
 )
@@ -101,9 +105,10 @@ DASHCAM = CameraKind(
     ("rec709",),
     corner_blur_px=(0.3, 1.5),
     lateral_color=(-8e-4, 8e-4),
+    saturation=(0.7, 1.2),
     contrast=(1.0, 1.3),
-    denoise=(0.1, 0.6),
-    sharpen=(0.4, 1.5),
+    denoise=(0.0, 0.6),
+    sharpen=(0.4, 1.8),
     sharpen_px=(0.7, 1.3),
     jpeg_quality=(65, 90),
 )
@@ -118,7 +123,7 @@ DOORBELL = CameraKind(
     sharpen=(0.0, 0.8),
     jpeg_quality=(70, 90),
 )
-TRAINING_KINDS = (INDUSTRIAL, THREE_CHIP, WEBCAM, PHONE)
+TRAINING_KINDS = (INDUSTRIAL, THREE_CHIP, WEBCAM, WEBCAM, PHONE, PHONE)  # twice: as likely as two others
 HELD_OUT_KINDS = (DASHCAM, DOORBELL)
 
 

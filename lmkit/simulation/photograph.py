@@ -26,6 +26,7 @@ from lmkit.simulation.scene import Scene
 DAYLIGHT_K = 6500.0
 TONES = ("srgb", "gamma", "rec709", "filmic", "linear")
 CHROMAS = ("420", "444")
+LUMA = np.array([0.299, 0.587, 0.114])
 
 
 @dataclass(frozen=True)
@@ -128,6 +129,7 @@ class Development:
     Attributes:
         balanced_for_k: colour of light that the white balance takes for white; None: the true one.
         tone: ``srgb``, ``gamma`` (2.2), ``rec709``, ``filmic`` (toe and shoulder) or ``linear``.
+        saturation: factor of the distances from grey, in code values.
         contrast: exponent of a further S curve about middle grey in code values; 1 is none.
         denoise: 0 to 1, how strongly colour is smoothed, and brightness where it is nearly even.
         sharpen: amount of the unsharp mask.
@@ -138,6 +140,7 @@ class Development:
 
     balanced_for_k: float | None = None
     tone: str = "srgb"
+    saturation: float = 1.0
     contrast: float = 1.0
     denoise: float = 0.0
     sharpen: float = 0.0
@@ -221,6 +224,9 @@ def develop(measured: FloatArray, development: Development, light_k: float = DAY
     assumed_k = light_k if development.balanced_for_k is None else development.balanced_for_k
     balanced = np.clip(measured / black_body_rgb(assumed_k), 0, 1)
     tone = _with_contrast(apply_tone(balanced, development.tone), development.contrast)
+    if development.saturation != 1:
+        grey = tone @ LUMA
+        tone = np.clip(grey[:, :, None] + development.saturation * (tone - grey[:, :, None]), 0, 1)
     if development.denoise > 0:
         tone = _denoised(tone, development.denoise)
     if development.sharpen > 0:

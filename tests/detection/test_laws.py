@@ -14,6 +14,7 @@ from simulated import CAMERA, SIZE, shoot
 from lmkit.detection.config import ACCURATE, BALANCED, PROFILES, DetectOptions
 from lmkit.detection.detector import detect_landmarks, is_colourless
 from lmkit.detection.pattern_model import LandmarkPattern
+from lmkit.detection.registration import aligned_with_mosaic
 from lmkit.errors import InputError
 from lmkit.geometry.camera import CameraModel
 from lmkit.model.codewords import code_to_gaps
@@ -253,3 +254,10 @@ def test_scoreboard(name):
             wrong += any(d.code != code for d in detect_landmarks(image, DetectOptions(config=config)))
     assert wrong == 0
     assert read >= least, f"{name}: {read} of 24"
+
+
+@pytest.mark.parametrize(("turn_deg", "least", "most"), [(0.0, 0.99, 1.0), (20.0, 0.0, 0.1)])
+def test_turned_sides_cross_the_mosaic(turn_deg, least, most):
+    a = np.deg2rad(turn_deg) + np.pi / 4 + np.pi / 2 * np.arange(4)
+    corners = 30 * np.column_stack([np.cos(a), np.sin(a)])
+    assert least <= aligned_with_mosaic(corners) <= most

@@ -60,6 +60,12 @@ def test_contrast_keeps_black_middle_grey_and_white():
     assert image[0, :, 0].tolist() == [0, 128, 255]
 
 
+def test_saturation_zero_is_grey_and_keeps_brightness():
+    color = np.array([[[0.8, 0.3, 0.1]]])
+    image = develop(color, Development(tone="linear", saturation=0.0))
+    assert image[0, 0].tolist() == [round(255 * (0.8 * 0.299 + 0.3 * 0.587 + 0.1 * 0.114))] * 3
+
+
 def test_noise_reduction_takes_noise_and_leaves_edges():
     rng = np.random.default_rng(3)
     clean = np.full((40, 40, 3), 0.2)

@@ -1,0 +1,217 @@
+"""Scenes to train and to judge acceptance on: several landmarks and look-alikes before a photograph, by many cameras.
+
+Simulated.  Every image shows up to six sheets before a real photograph: landmarks, some of them partly hidden or on
+curled paper, and look-alikes (framed signs of other drawings).  The camera and its troubles are drawn from kinds of
+cameras (`lmkit.simulation.cameras`), so that a fit to some kinds can be judged on others.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import lru_cache
+
+import cv2
+import numpy as np
+from planar import FOCAL_PX, SIDE_M, SIZE, camera
+
+from lmkit.generation.page import bare_landmark_page
+from lmkit.generation.png import page_to_image
+from lmkit.geometry.pose import Pose
+from lmkit.model.landmark import family_named
+from lmkit.model.landmark_map import LandmarkMap
+from lmkit.model.palette import BLUE, RED, srgb_to_linear
+from lmkit.simulation.cameras import CameraKind, draw_chain
+from lmkit.simulation.inks import ALL_INKS, as_printed
+from lmkit.simulation.photograph import take_picture
+from lmkit.simulation.render import render
+from lmkit.simulation.scene import Panel, Scene
+
+COLUMNS, ROWS = 3, 2
+MARGIN_M, A4_MARGIN_M = 0.015, 0.0585  # white beside the face, and above and below it on a whole sheet of A4
+WHOLE_SHEET_SHARE = 0.7
+FACE_PX = 360
+LOOK_ALIKES, HIDDEN_SHARE, BENT_SHARE, EMPTY_SHARE = 0.2, 0.2, 0.1, 0.15
+
+
+@dataclass(frozen=True)
+class Shown:
+    """A landmark in an image.
+
+    Attributes:
+        code: its code.
+        corners: (4,2) px.
+        tilt_deg: between its normal and the line of sight.
+        is_hidden: something lies over a part of it.
+    """
+
+    code: int
+    corners: np.ndarray
+    tilt_deg: float
+    is_hidden: bool
+
+    @property
+    def side_px(self) -> float:
+        return float(np.linalg.norm(np.roll(self.corners, -1, axis=0) - self.corners, axis=1).mean())
+
+
+def draw_scene(
+    seed: Sequence[int],
+    background: np.ndarray,
+    kinds: Sequence[CameraKind],
+    sides_px: tuple[float, float] = (9.0, 60.0),
+    family: str = "lm8",
+    trouble: float = 0.3,
+    look_alikes: float = LOOK_ALIKES,
+) -> tuple[np.ndarray, list[Shown]]:
+    """One image, (480,640,3) BGR, 8 bit, and the landmarks in it.
+
+    Args:
+        background: (480,640,3) linear RGB.
+        sides_px: least and largest f * side / distance, drawn by the logarithm.
+        trouble: see :func:`lmkit.simulation.cameras.draw_chain`.
+        look_alikes: share of the sheets that show a look-alike.
+    """
+    rng = np.random.default_rng(seed)
+    panels, shown = [], []
+    for cell in range(COLUMNS * ROWS):
+        if rng.random() < EMPTY_SHARE:
+            continue
+        side = float(np.exp(rng.uniform(*np.log(sides_px))))
+        T, tilt = _place(cell, side, rng)
+        inks = ALL_INKS[str(rng.choice(list(ALL_INKS)))]
+        is_landmark = rng.random() >= look_alikes
+        if is_landmark:
+            code = int(rng.integers(family_named(family).code_count))
+            face = _face(family, code)
+        else:
+            face = look_alike(rng)
+        above = A4_MARGIN_M if rng.random() < WHOLE_SHEET_SHARE else MARGIN_M
+        texture, paper = _on_paper(face, above), (SIDE_M + 2 * MARGIN_M, SIDE_M + 2 * above)
+        bend = float(rng.uniform(-0.01, 0.01)) if rng.random() < BENT_SHARE else 0.0
+        panels.append(Panel(T, paper, as_printed(texture, inks), bend))
+        if not is_landmark:
+            continue
+        is_hidden = rng.random() < HIDDEN_SHARE
+        if is_hidden:
+            panels.append(_obstacle(T, rng))
+        corners = camera().project(T.apply(family_named(family).object_points(SIDE_M)))
+        shown.append(Shown(code, corners, tilt, is_hidden))
+    scene = Scene(tuple(panels), LandmarkMap([]), (1.0, 1.0, 1.0))
+    radiance = render(scene, camera(), Pose.identity("map", "camera"), background)
+    return take_picture(radiance, draw_chain(rng, kinds, trouble), rng), shown
+
+
+def _place(cell: int, side_px: float, rng: np.random.Generator) -> tuple[Pose, float]:
+    """Pose of a sheet in a cell of the image, and its tilt in degrees."""
+    width, height = SIZE[0] / COLUMNS, SIZE[1] / ROWS
+    middle = np.array([(cell % COLUMNS + 0.5) * width, (cell // COLUMNS + 0.5) * height])
+    room = np.maximum(np.array([width, height]) / 2 - 0.85 * side_px, 0)
+    at = middle + rng.uniform(-1, 1, 2) * room
+    distance = FOCAL_PX * SIDE_M / side_px
+    sight = np.array([*((at - (np.array(SIZE) - 1) / 2) / FOCAL_PX), 1.0]) * distance
+    z = sight / np.linalg.norm(sight)
+    x = np.cross([0.0, 1.0, 0.0], z)
+    x /= np.linalg.norm(x)
+    facing = np.column_stack([x, -np.cross(z, x), -z])
+    tilt = float(rng.uniform(0, 75)) if rng.random() < 0.7 else float(rng.uniform(0, 20))
+    axis = rng.uniform(0, 2 * np.pi)
+    roll = rng.uniform(-np.pi, np.pi) if rng.random() < 0.25 else rng.normal(0, 0.12)
+    lean = cv2.Rodrigues(np.deg2rad(tilt) * np.array([np.cos(axis), np.sin(axis), 0.0]))[0]
+    turn = cv2.Rodrigues(np.array([0.0, 0.0, roll]))[0]
+    return Pose("map", "sheet", facing @ lean @ turn, sight), tilt
+
+
+def _obstacle(T: Pose, rng: np.random.Generator) -> Panel:
+    """A bar or a patch that hides some of a sheet, a little in front of it."""
+    along = rng.uniform(-0.11, 0.11, 2)
+    wide = float(rng.uniform(0.01, 0.06))
+    size = (wide, 0.5) if rng.random() < 0.5 else (wide, float(rng.uniform(0.03, 0.1)))
+    color = np.full((2, 2, 3), rng.uniform(0.02, 0.8, 3), dtype=np.float32)
+    turn = cv2.Rodrigues(np.array([0.0, 0.0, rng.uniform(-np.pi, np.pi)]))[0]
+    offset = T.R @ np.array([*along, 0.004])
+    return Panel(Pose("map", "obstacle", T.R @ turn, T.t + offset), size, color)
+
+
+@lru_cache(maxsize=1024)
+def _face(family: str, code: int) -> np.ndarray:
+    """(h,h,3) sRGB of a landmark's face."""
+    page = bare_landmark_page(family_named(family), code, 180.0)
+    return np.asarray(page_to_image(page, FACE_PX / 180 * 25.4), dtype=np.uint8)
+
+
+def _on_paper(face: np.ndarray, above_m: float) -> np.ndarray:
+    """(h,w,3) linear RGB of a face on white paper."""
+    beside, above = (round(margin / SIDE_M * face.shape[0]) for margin in (MARGIN_M, above_m))
+    white = (255, 255, 255)
+    sheet = cv2.copyMakeBorder(face, above, above, beside, beside, cv2.BORDER_CONSTANT, value=white)
+    return srgb_to_linear(sheet / 255).astype(np.float32)
+
+
+def look_alike(rng: np.random.Generator) -> np.ndarray:
+    """(h,h,3) sRGB of a framed sign that is no landmark: frame, ground, and shapes on it."""
+    n = FACE_PX
+    red, blue = np.array(RED, dtype=np.float64), np.array(BLUE, dtype=np.float64)
+
+    def some_color() -> tuple[float, ...]:
+        return tuple(rng.uniform(0, 255, 3).tolist())
+
+    def like(ink: np.ndarray) -> np.ndarray:
+        return np.clip(ink + rng.normal(0, 20, 3), 0, 255) if rng.random() < 0.8 else np.array(some_color())
+
+    face = np.empty((n, n, 3), dtype=np.uint8)
+    face[:] = like(red)
+    border = int(n * rng.uniform(0.03, 0.1))
+    face[border : n - border, border : n - border] = like(blue)
+    for _ in range(int(rng.choice([1, 1, 1, 2]))):
+        ink = (255.0, 255.0, 255.0) if rng.random() < 0.8 else some_color()
+        _SHAPES[int(rng.integers(len(_SHAPES)))](face, ink, rng)
+    return face
+
+
+def _rings(face: np.ndarray, ink: tuple[float, ...], rng: np.random.Generator) -> None:
+    n = len(face)
+    for radius in rng.uniform(0.08, 0.42, int(rng.integers(1, 4))):
+        cv2.circle(face, (n // 2, n // 2), int(radius * n), ink, int(rng.choice([-1, n // 20, n // 12])))
+
+
+def _arcs(face: np.ndarray, ink: tuple[float, ...], rng: np.random.Generator) -> None:
+    n = len(face)
+    for radius in rng.uniform(0.1, 0.4, int(rng.integers(1, 4))):
+        start, length = rng.uniform(0, 360), rng.uniform(40, 300)
+        size = (int(radius * n), int(radius * n))
+        cv2.ellipse(face, (n // 2, n // 2), size, 0, start, start + length, ink, n // 18)
+
+
+def _blocks(face: np.ndarray, ink: tuple[float, ...], rng: np.random.Generator) -> None:
+    n, cells = len(face), int(rng.integers(3, 7))
+    step, low = 0.7 * n / cells, 0.15 * n
+    for row, column in np.argwhere(rng.integers(0, 2, (cells, cells))):
+        x, y = int(low + column * step), int(low + row * step)
+        cv2.rectangle(face, (x, y), (int(x + step), int(y + step)), ink, -1)
+
+
+def _letters(face: np.ndarray, ink: tuple[float, ...], rng: np.random.Generator) -> None:
+    n = len(face)
+    text = "".join(rng.choice(list("ABEHPRSXO03568i"), int(rng.integers(1, 3))))
+    scale = n / (30 * len(text)) * rng.uniform(0.6, 1.1)
+    (width, height), _ = cv2.getTextSize(text, 0, scale, 1)
+    at = (int((n - width) / 2), int((n + height) / 2))
+    cv2.putText(face, text, at, 0, scale, ink, int(rng.integers(n // 30, n // 9)))
+
+
+def _polygon(face: np.ndarray, ink: tuple[float, ...], rng: np.random.Generator) -> None:
+    n = len(face)
+    points = n / 2 + n * rng.uniform(-0.38, 0.38, (int(rng.integers(3, 6)), 2))
+    cv2.fillPoly(face, [points.astype(np.int32)], ink)
+
+
+def _bars(face: np.ndarray, ink: tuple[float, ...], rng: np.random.Generator) -> None:
+    n = len(face)
+    wide, long = int(rng.uniform(0.04, 0.12) * n), int(rng.uniform(0.15, 0.38) * n)
+    cv2.rectangle(face, (n // 2 - long, n // 2 - wide), (n // 2 + long, n // 2 + wide), ink, -1)
+    if rng.random() < 0.5:
+        cv2.rectangle(face, (n // 2 - wide, n // 2 - long), (n // 2 + wide, n // 2 + long), ink, -1)
+
+
+_SHAPES = (_rings, _arcs, _blocks, _letters, _polygon, _bars)
