@@ -96,7 +96,7 @@ def locate(s: Situation, eyes: Sequence[list[Detection]], options: LocateOptions
     landmarks = LandmarkMap(s.landmarks)
     if s.mono:
         return locate_camera(eyes[0], s.rig.left, landmarks, options)
-    return locate_rig(eyes[0], eyes[1], s.rig, landmarks, options)
+    return locate_rig(eyes, s.rig, landmarks, options)
 
 
 def bound(s: Situation) -> np.ndarray | None:

@@ -49,7 +49,7 @@ def main(folder: Path) -> None:
     hung = LandmarkMap([m for room in truth["maps"] for m in true_map(truth, int(room))])
     anchor = hung.find(LandmarkId("lm8", truth["anchor"]["id"]))
     assert anchor is not None
-    sizes = {o.id: 0.18 for m in frames for o in (*m.left, *m.right)}
+    sizes = {o.id: 0.18 for m in frames for o in m.detections}
     survey = survey_frames(frames, rig, sizes, {anchor.id: Anchor(anchor, None)}, MotionModel(*wheels))
     poses = []
     for pair in truth["pairs"]:

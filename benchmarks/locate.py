@@ -76,7 +76,7 @@ def locate(folder: Path, index: int) -> list[tuple[str, float, float, float, flo
     T = true_pose(pair)
     answers = []
     for floor_px in FLOORS_PX:
-        estimate = locate_rig(*seen, rig, true_map(truth, pair["room"]), LocateOptions(corner_floor_px=floor_px))
+        estimate = locate_rig(seen, rig, true_map(truth, pair["room"]), LocateOptions(corner_floor_px=floor_px))
         if estimate.status != "ok":
             answers.append((estimate.status, np.nan, np.nan, np.nan, np.nan))
             continue

@@ -27,7 +27,7 @@ from lmkit.mapping.survey import Survey, survey_frames
 from lmkit.model.landmark_id import LandmarkId
 from lmkit.model.landmark_map import LandmarkMap
 from lmkit.model.observation import Detection
-from lmkit.model.recording import Gyro, Odometry, StereoFrame
+from lmkit.model.recording import Gyro, Odometry, RigFrame
 from lmkit.odometry.wheel_odometry import MotionModel
 from lmkit.simulation.observations import look
 from lmkit.simulation.recording import Drive, WheelErrors, make_drive
@@ -43,20 +43,20 @@ Seen = tuple[Detection, ...]
 
 @dataclass(frozen=True)
 class Case:
-    frames: Sequence[StereoFrame]
+    frames: Sequence[RigFrame]
     odometry: Odometry
     gyro: Gyro | None
     touched: frozenset[int] = frozenset()
 
 
-def each_eye(frame: StereoFrame, change: Callable[[Seen], Seen]) -> StereoFrame:
-    return replace(frame, left=change(frame.left), right=change(frame.right))
+def each_eye(frame: RigFrame, change: Callable[[Seen], Seen]) -> RigFrame:
+    return replace(frame, seen=tuple(map(change, frame.seen)))
 
 
 def cases(drive: Drive, seed: int) -> list[Case]:
     """As in NAMES."""
     rng, half = np.random.default_rng(seed), len(drive.frames) // 2
-    codes = list(dict.fromkeys(o.code for frame in drive.frames for o in frame.left))[1:]
+    codes = list(dict.fromkeys(o.code for frame in drive.frames for o in frame.seen[0]))[1:]
     a, b, moved = (int(code) for code in rng.choice(codes, 3, replace=False))
     plain = Case(drive.frames, drive.odometry, drive.gyro)
 
@@ -68,9 +68,9 @@ def cases(drive: Drive, seed: int) -> list[Case]:
     across = Pose("map", "landmark", np.diag([-1.0, -1.0, 1.0]) @ T.R, place)
     mapped = LandmarkMap([replace(m, T_map_landmark=across) if m.code == moved else m for m in drive.landmarks])
 
-    def seen_again(k: int) -> StereoFrame:
+    def seen_again(k: int) -> RigFrame:
         left, right = look(mapped, drive.rig, drive.pose(k), NOISE_PX, rng)
-        return replace(drive.frames[k], left=left, right=right)
+        return replace(drive.frames[k], seen=(left, right))
 
     def small(seen: Seen) -> Seen:
         return tuple(o for o in seen if np.linalg.norm(o.corners[0] - o.corners[1]) < LARGEST_PX)
@@ -101,7 +101,7 @@ def cases(drive: Drive, seed: int) -> list[Case]:
 
 def outcome(drive: Drive, case: Case, wheels: bool) -> tuple[bool, bool]:
     """Bent, and named."""
-    seen = list(dict.fromkeys(o.code for frame in case.frames for o in frame.left))
+    seen = list(dict.fromkeys(o.code for frame in case.frames for o in frame.seen[0]))
     anchor = drive.landmarks.find(LandmarkId("lm8", next(code for code in seen if code not in case.touched)))
     sizes = {m.id: m.size_m for m in drive.landmarks}
     motion = MotionModel(case.odometry, case.gyro) if wheels else None

@@ -79,7 +79,7 @@ def simulated_error(floor: FloorPlan, landmarks: LandmarkMap, state: np.ndarray,
     prior = PosePrior(height_m=float(T_BASE_LEFT.t[2]), down=(0.0, 1.0, 0.0))
     off = []
     for _ in range(DRAWS):
-        found = locate_rig(*robot.look(), RIG, landmarks, LocateOptions(prior=prior, corner_floor_px=0.0))
+        found = locate_rig(robot.look(), RIG, landmarks, LocateOptions(prior=prior, corner_floor_px=0.0))
         if found.status == "ok" and found.T_map_camera is not None:
             base = found.T_map_camera.t - found.T_map_camera.R @ T_BASE_LEFT.R.T @ T_BASE_LEFT.t
             off.append(float(np.sum((base[:2] - state[:2]) ** 2)))

@@ -78,7 +78,7 @@ def locate_four() -> Iterator[float]:
         if all(len(side) == 4 for side in pair):
             seen.append(pair)
     for left, right in [*seen[:3], *seen]:
-        yield timed(lambda left=left, right=right: locate_rig(left, right, RIG, landmarks))
+        yield timed(lambda left=left, right=right: locate_rig((left, right), RIG, landmarks))
 
 
 def live_wheels() -> Iterator[float]:
@@ -92,7 +92,7 @@ def live_wheels() -> Iterator[float]:
                 float(odometry.times_s[rows]), float(odometry.forward_m[rows]), float(odometry.turn_rad[rows])
             )
             rows += 1
-        yield timed(lambda frame=frame: filter_.observe(frame.time_s, frame.left, frame.right))
+        yield timed(lambda frame=frame: filter_.observe(frame.time_s, frame.seen))
 
 
 def live_poses() -> Iterator[float]:
@@ -102,7 +102,7 @@ def live_poses() -> Iterator[float]:
     filter_ = PoseFilter(drive.landmarks, drive.rig)
     for k, frame in enumerate(drive.frames):
         filter_.add_odometry(float(odometry.times_s[k]), odometry.pose(k, "odometry", "base"))
-        yield timed(lambda frame=frame: filter_.observe(frame.time_s, frame.left, frame.right))
+        yield timed(lambda frame=frame: filter_.observe(frame.time_s, frame.seen))
 
 
 def survey() -> Iterator[float]:

@@ -93,7 +93,7 @@ def main() -> None:
     ]
     rig, hand = load_rig(folder), load_hand_measured(folder)
     covariance = np.diag([metres**2] * 3 + [np.deg2rad(degrees) ** 2] * 3)
-    seen = {o.id for m in frames for o in (*m.left, *m.right)}
+    seen = {o.id for m in frames for o in m.detections}
     anchors = {("tag36h11", code): Anchor(m, covariance) for code, m in hand.items()}
     sizes = {key: hand[key[1]].size_m if key[1] in hand else 0.15 for key in seen}
     poses = Path("/tmp/vio.tum")

@@ -40,6 +40,8 @@ if _TYPE_CHECKING:
     from lmkit.errors import NegativeAnswer as NegativeAnswer
     from lmkit.geometry.camera import CameraModel as CameraModel
     from lmkit.geometry.pose import Pose as Pose
+    from lmkit.geometry.rig import MountedCamera as MountedCamera
+    from lmkit.geometry.rig import Rig as Rig
     from lmkit.geometry.stereo_rig import StereoRig as StereoRig
     from lmkit.mapping.survey import Survey as Survey
     from lmkit.model.board import BoardSpec as BoardSpec
@@ -93,10 +95,12 @@ _HOMES = {
     "LandmarkId": "model.landmark_id",
     "LandmarkMap": "model.landmark_map",
     "MappedLandmark": "model.landmark_map",
+    "MountedCamera": "geometry.rig",
     "Pose": "geometry.pose",
     "PoseEstimate": "model.estimate",
     "PoseStatus": "model.pose_status",
     "Recording": "model.recording",
+    "Rig": "geometry.rig",
     "StereoCalibration": "calibration.stereo",
     "StereoRig": "geometry.stereo_rig",
     "Survey": "mapping.survey",

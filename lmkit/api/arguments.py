@@ -16,7 +16,7 @@ from lmkit.model.landmark import LandmarkFamily, family_named
 from lmkit.units import parse_length_mm
 
 if TYPE_CHECKING:
-    from lmkit.geometry.stereo_rig import StereoRig
+    from lmkit.geometry.rig import AnyRig
     from lmkit.model.landmark_map import LandmarkMap
 
 PathLike = str | os.PathLike[str]
@@ -107,12 +107,13 @@ def as_metres(length: float | str, name: str) -> float:
     return metres
 
 
-def as_rig(rig: StereoRig | PathLike) -> StereoRig:
+def as_rig(rig: AnyRig | PathLike) -> AnyRig:
     """A rig, or the rig of a file."""
+    from lmkit.geometry.rig import Rig
     from lmkit.geometry.stereo_rig import StereoRig
     from lmkit.io.any_rig import read_any_rig
 
-    if isinstance(rig, StereoRig):
+    if isinstance(rig, Rig | StereoRig):
         return rig
     return read_any_rig(as_path(rig))
 

@@ -8,11 +8,12 @@ from typing import TYPE_CHECKING
 
 from lmkit.api.arguments import ImageLike, PathLike, as_map, as_rig
 from lmkit.api.detecting import Detector
+from lmkit.errors import InputError
 from lmkit.model.detections import Detections
 
 if TYPE_CHECKING:
     from lmkit.calibration.stereo import StereoCalibration
-    from lmkit.geometry.stereo_rig import StereoRig
+    from lmkit.geometry.rig import AnyRig
     from lmkit.localization.absolute_pose import LocateOptions
     from lmkit.model.board import BoardSpec
     from lmkit.model.estimate import PoseEstimate
@@ -45,7 +46,7 @@ def calibrate(
         True
     """
     from lmkit.calibration.stereo import calibrate_stereo
-    from lmkit.io.image_sources import list_pairs
+    from lmkit.io.image_groups import list_pairs
     from lmkit.model.board import BoardSpec
     from lmkit.pipelines.board_views import find_board_pairs
 
@@ -55,25 +56,23 @@ def calibrate(
 
 
 def locate(
-    left: ImageLike | Detections,
-    right: ImageLike | Detections | None = None,
-    *,
-    rig: StereoRig | PathLike,
+    *images: ImageLike | Detections,
+    rig: AnyRig | PathLike,
     landmarks: LandmarkMap | PathLike,
     profile: str = "balanced",
     options: LocateOptions | None = None,
 ) -> PoseEstimate:
-    """Locate the rig in the map by a stereo pair, or by the left camera's image alone.
+    """Locate the rig in the map by an image of every camera, or by the first (left) camera's image alone.
 
     Args:
-        left, right: images, (H,W,3) BGR or paths, or detections made before.
+        images: (H,W,3) BGR or paths, or detections made before; one per camera, in the order of the rig.
         rig: the calibrated rig, or its file.
         landmarks: the landmark map, or its file.
         profile: of the detector; see `Detector`.
         options: thresholds of localization, a prior on the pose.
 
     Raises:
-        InputError: an image is not of the rig's size, or cannot be read.
+        InputError: as many images as cameras are not given, an image is not of the rig's size, or cannot be read.
 
     Examples:
         >>> import lmkit
@@ -83,22 +82,26 @@ def locate(
         >>> estimate.sigma_m < 0.02
         True
     """
+    from lmkit.geometry.rig import mounted_cameras
     from lmkit.localization.absolute_pose import locate_camera, locate_rig
     from lmkit.localization.base_pose import with_base
     from lmkit.localization.contradiction import with_cause
 
-    cameras, hung = as_rig(rig), as_map(landmarks)
-    families = hung.families
+    cameras, mapped = as_rig(rig), as_map(landmarks)
+    models = [camera.model for camera in mounted_cameras(cameras)]
+    if len(images) not in (1, len(models)):
+        raise InputError(
+            "wrong_image_count",
+            f"{len(images)} images for a rig of {len(models)} cameras",
+            "give one image per camera, in the order of the rig, or the first camera's alone",
+        )
     seen = []
-    for image, camera in ((left, cameras.left), (right, cameras.right)):
-        if image is None:
-            continue
+    for image, camera in zip(images, models, strict=False):
         if not isinstance(image, Detections):
-            image = Detector(families, camera=camera, profile=profile).detect(image)
+            image = Detector(mapped.families, camera=camera, profile=profile).detect(image)
         seen.append(image)
-    if len(seen) == 1:
-        estimate = locate_camera(seen[0], cameras.left, hung, options)
+    if len(seen) < len(models):
+        estimate = locate_camera(seen[0], models[0], mapped, options)
     else:
-        estimate = locate_rig(seen[0], seen[1], cameras, hung, options)
-    others = seen[1] if len(seen) > 1 else ()
-    return with_base(with_cause(estimate, seen[0], others, cameras, hung), cameras)
+        estimate = locate_rig(seen, cameras, mapped, options)
+    return with_base(with_cause(estimate, seen, cameras, mapped), cameras)

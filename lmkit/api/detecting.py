@@ -16,7 +16,7 @@ from lmkit.model.detections import Detections
 if TYPE_CHECKING:
     from lmkit.detection.config import DetectOptions
     from lmkit.geometry.camera import CameraModel
-    from lmkit.geometry.stereo_rig import StereoRig
+    from lmkit.geometry.rig import AnyRig
     from lmkit.model.estimate import PoseEstimate
     from lmkit.model.landmark_map import LandmarkMap
     from lmkit.model.observation import Detection
@@ -119,7 +119,7 @@ def draw(
     detections: Sequence[Detection] = (),
     estimate: PoseEstimate | None = None,
     *,
-    rig: StereoRig | None = None,
+    rig: AnyRig | None = None,
     landmarks: LandmarkMap | None = None,
     enlarge: int = 1,
 ) -> ByteArray:

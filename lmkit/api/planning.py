@@ -10,7 +10,7 @@ from lmkit.api.arguments import PathLike, as_families, as_map, as_metres, as_pat
 from lmkit.errors import InputError
 
 if TYPE_CHECKING:
-    from lmkit.geometry.stereo_rig import StereoRig
+    from lmkit.geometry.rig import AnyRig
     from lmkit.model.floor_plan import FloorPlan
     from lmkit.model.landmark import LandmarkFamily
     from lmkit.model.landmark_map import LandmarkMap
@@ -59,7 +59,7 @@ def print_landmarks(
 
 def place_landmarks(
     floor: FloorPlan | PathLike,
-    rig: StereoRig | PathLike,
+    rig: AnyRig | PathLike,
     *,
     demand: Demand | None = None,
     options: HangOptions | None = None,
@@ -99,7 +99,7 @@ def place_landmarks(
 
 def plan_route(
     floor: FloorPlan | PathLike,
-    rig: StereoRig | PathLike,
+    rig: AnyRig | PathLike,
     landmarks: LandmarkMap | PathLike,
     start: str | tuple[float, float],
     goal: str | tuple[float, float],
@@ -148,7 +148,7 @@ def _floor(floor: FloorPlan | PathLike) -> FloorPlan:
     return floor if isinstance(floor, FloorPlan) else read_floor(as_path(floor))
 
 
-def _mounted(rig: StereoRig | PathLike, height: float | str | None) -> StereoRig:
+def _mounted(rig: AnyRig | PathLike, height: float | str | None) -> AnyRig:
     """The rig with its place on the robot.
 
     Raises:

@@ -9,7 +9,7 @@ from lmkit.api.arguments import Families, PathLike, as_metres, as_path, as_rig, 
 
 if TYPE_CHECKING:
     from lmkit.arrays import ByteArray
-    from lmkit.geometry.stereo_rig import StereoRig
+    from lmkit.geometry.rig import AnyRig
     from lmkit.model.landmark_map import LandmarkMap
     from lmkit.model.recording import Recording
     from lmkit.model.tracked_trajectory import TrackedTrajectory
@@ -38,7 +38,7 @@ def read_image(path: PathLike) -> ByteArray:
     return read_image(as_path(path))
 
 
-def read_rig(path: PathLike) -> StereoRig:
+def read_rig(path: PathLike) -> AnyRig:
     """Read a calibrated camera rig: of lmkit, OpenCV, ROS or Kalibr.
 
     Args:
@@ -95,10 +95,8 @@ def read_trajectory(path: PathLike) -> Trajectory:
 
 
 def read_recording(
-    left: PathLike | None = None,
-    right: PathLike | None = None,
-    *,
-    rig: StereoRig | PathLike | None = None,
+    *images: PathLike,
+    rig: AnyRig | PathLike | None = None,
     detections: PathLike | None = None,
     readings: PathLike | None = None,
     odometry: PathLike | None = None,
@@ -107,10 +105,11 @@ def read_recording(
     families: Families = "lm8",
     hz: float | None = None,
 ) -> Recording:
-    """Read a recording: images of both cameras, or saved detections, or range and bearing readings, and odometry.
+    """Read a recording: images of all cameras, or saved detections, or range and bearing readings, and odometry.
 
     Args:
-        left, right: folders or globs of images, paired by sorted name; they need ``rig``.
+        images: one folder, glob or video per camera of ``rig``, grouped by sorted name.
+        rig: the rig, or its file; images need it, and detections of any other than a stereo pair.
         detections: CSV of detections, in place of images.
         readings: CSV of ranges and bearings, in place of images.
         odometry: CSV of wheel odometry, or TUM poses of visual odometry.
@@ -118,7 +117,7 @@ def read_recording(
         wheel_track: distance between the wheels, metres or text with a unit.
         families: landmark families to look for in images; of detections and readings those of bare codes, of any
             kind of marker.
-        hz: image pairs a second, where file names hold no times.
+        hz: frames a second, where file names hold no times.
 
     Raises:
         InputError: not readable, or a combination that does not fit.
@@ -131,20 +130,19 @@ def read_recording(
     from lmkit.pipelines.detect_recording import read_recording
 
     return read_recording(
-        None if left is None else os.fspath(left),
-        None if right is None else os.fspath(right),
+        [os.fspath(source) for source in images],
         rig=None if rig is None else as_rig(rig),
         detections=None if detections is None else as_path(detections),
         readings=None if readings is None else as_path(readings),
         odometry=None if odometry is None else as_path(odometry),
         gyro=None if gyro is None else as_path(gyro),
         wheel_track_m=None if wheel_track is None else as_metres(wheel_track, "wheel_track"),
-        families=family_names(families, detected=left is not None),
+        families=family_names(families, detected=bool(images)),
         hz=hz,
     )
 
 
-def write_rig(rig: StereoRig, path: PathLike, *, overwrite: bool = False) -> None:
+def write_rig(rig: AnyRig, path: PathLike, *, overwrite: bool = False) -> None:
     """Write a rig file (YAML, format ``lmkit-rig/1``), whole or not at all.
 
     Args:

@@ -14,7 +14,7 @@ from lmkit.model.trajectory import Trajectory
 
 if TYPE_CHECKING:
     from lmkit.evaluation.trajectory_error import TrajectoryError
-    from lmkit.geometry.stereo_rig import StereoRig
+    from lmkit.geometry.rig import AnyRig
     from lmkit.mapping.survey import Survey
     from lmkit.mapping.wall_constraints import LandmarkConstraint
     from lmkit.model.landmark_map import LandmarkMap
@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 
 def survey(
     recording: Recording,
-    rig: StereoRig | PathLike,
+    rig: AnyRig | PathLike,
     *,
     size: float | str = "180mm",
     known: LandmarkMap | PathLike | None = None,
@@ -61,7 +61,7 @@ def survey(
 
     if not recording.frames:
         raise InputError("no_frames", "the recording has no frames", "give images or detections")
-    require_clockwise(o for frame in recording.frames for o in (*frame.left, *frame.right))
+    require_clockwise(o for frame in recording.frames for o in frame.detections)
     cameras, motion = as_rig(rig), motion_of(recording)
     anchors = {} if known is None else anchors_of(as_map(known), known_sigma)
     frames = list(recording.frames)
@@ -80,7 +80,7 @@ def survey(
 
 
 def track(
-    recording: Recording, rig: StereoRig | PathLike | None, landmarks: LandmarkMap | PathLike, *, live: bool = False
+    recording: Recording, rig: AnyRig | PathLike | None, landmarks: LandmarkMap | PathLike, *, live: bool = False
 ) -> TrackedTrajectory:
     """Track the robot through a known map.
 
@@ -104,7 +104,7 @@ def track(
     from lmkit.tracking.online import track_live, track_pictures_live, track_poses_live
 
     hung, odometry = as_map(landmarks), recording.odometry
-    require_clockwise(o for frame in recording.frames for o in (*frame.left, *frame.right))
+    require_clockwise(o for frame in recording.frames for o in frame.detections)
     hung.require_any(recording.ids)
     if recording.readings:
         if not isinstance(odometry, Odometry):

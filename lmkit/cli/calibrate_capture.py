@@ -24,7 +24,8 @@ def capture_pairs(
     """
     from lmkit.io.board_corners import SavedCorners
     from lmkit.io.files import write_file
-    from lmkit.io.image_sources import are_moving, paired_frames
+    from lmkit.io.image_groups import SPLIT, frame_groups
+    from lmkit.io.image_sources import are_moving
     from lmkit.pipelines.capture_board import Found, look_at_frames
     from lmkit.visualization.overlay import encode_png
 
@@ -40,7 +41,9 @@ def capture_pairs(
     missing: tuple[str, ...] = ("the whole board in both cameras",)
     status = _StatusLine()
     try:
-        for looked in look_at_frames(paired_frames(left, right), spec, are_moving(left)):
+        sources = [f"{SPLIT}{left}"] if right is None else [left, right]
+        pairs = ((frames[0], frames[1]) for frames in frame_groups(sources))
+        for looked in look_at_frames(pairs, spec, are_moving(left)):
             if looked.judgement.kept:
                 found = looked.found
                 missing = looked.coverage.advice

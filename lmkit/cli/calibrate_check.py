@@ -15,12 +15,13 @@ if TYPE_CHECKING:
 def check_images(rig: Path, left: str, right: str, spec: BoardSpec | None, as_json: bool) -> None:
     """Compare a rig with new images, of a board or of landmarks."""
     from lmkit.calibration.rig_check import check_dict, check_lines, check_rig
+    from lmkit.geometry.rig import as_stereo
     from lmkit.io.any_rig import read_any_rig
-    from lmkit.io.image_sources import list_pairs
+    from lmkit.io.image_groups import list_pairs
     from lmkit.pipelines.board_views import find_board_pairs
     from lmkit.pipelines.landmark_views import find_landmark_pairs
 
-    old, files = read_any_rig(rig), list_pairs(left, right)
+    old, files = as_stereo(read_any_rig(rig), "--check"), list_pairs(left, right)
     with ProgressBars() as bars:
         on_pair = bars.counter("finding corners")
         if spec is None:

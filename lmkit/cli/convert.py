@@ -22,7 +22,9 @@ def run(
             "TagSLAM; TUM trajectory."
         ),
     ],
-    output: Annotated[Path, typer.Option("--output", "-o", help="File to write; a folder with --to ros.")],
+    output: Annotated[
+        Path, typer.Option("--output", "-o", help="File to write; a folder with --to ros of a stereo pair.")
+    ],
     to: Annotated[
         str,
         typer.Option(
@@ -33,12 +35,13 @@ def run(
     force: options.Force = False,
 ) -> None:
     """Convert rigs, maps and trajectories. Formats: OpenCV, ROS, Kalibr; WPILib, TagSLAM; ROS bag."""
+    from lmkit.geometry.rig import Rig, as_stereo
     from lmkit.io.any_rig import KINDS, read_any_rig
     from lmkit.io.files import check_writable, write_file
     from lmkit.io.kalibr import rig_to_camchain
-    from lmkit.io.opencv_rig import rig_to_opencv_yaml
+    from lmkit.io.opencv_rig import camera_to_opencv_yaml, rig_to_opencv_yaml
     from lmkit.io.rig import rig_to_yaml
-    from lmkit.io.ros_camera_info import FILES, rig_to_camera_infos
+    from lmkit.io.ros_camera_info import FILES, rig_to_camera_info, rig_to_camera_infos
 
     if to == "bag":
         from lmkit.io.bags import poses_to_bag
@@ -56,15 +59,17 @@ def run(
         raise InputError("bad_kind", f"--to {to} is unknown", f"choose {', '.join((*KINDS, *MAP_KINDS, 'bag'))}")
     read = read_any_rig(source)
     texts: dict[Path, str]
-    if to == "ros":
-        texts = dict(zip((output / name for name in FILES), rig_to_camera_infos(read), strict=True))
+    if isinstance(read, Rig) and len(read.cameras) == 1 and to in ("ros", "opencv"):
+        texts = {output: rig_to_camera_info(read) if to == "ros" else camera_to_opencv_yaml(read.left)}
+    elif to == "ros":
+        texts = dict(zip((output / name for name in FILES), rig_to_camera_infos(as_stereo(read, to)), strict=True))
     elif to == "kalibr":
         text, lens, error_px = rig_to_camchain(read)
         if error_px > 0:
             warn(f"Kalibr has no such lens model; the nearest one, {lens}, differs by up to {error_px:.3f} px")
         texts = {output: text}
     else:
-        texts = {output: rig_to_opencv_yaml(read) if to == "opencv" else rig_to_yaml(read)}
+        texts = {output: rig_to_opencv_yaml(as_stereo(read, to)) if to == "opencv" else rig_to_yaml(read)}
     if read.T_base_left is not None and to != "lmkit":
         warn(f"{to} files cannot hold T_base_left; it is omitted")
     for path in texts:

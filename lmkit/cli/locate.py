@@ -12,18 +12,18 @@ from lmkit.cli.output import check_outputs, print_json, print_line, progress, re
 from lmkit.errors import InputError, NegativeAnswer
 
 if TYPE_CHECKING:
-    from lmkit.geometry.stereo_rig import StereoRig
+    from lmkit.geometry.rig import AnyRig
 
 
 def run(
-    left: Annotated[str | None, typer.Argument(help="Left image, folder, glob, video or camera:0.")] = None,
-    right: Annotated[
-        str | None, typer.Argument(help="Right images, paired with the left ones by sorted name.")
+    images: Annotated[
+        list[str] | None,
+        typer.Argument(help="Image of each camera of the rig: file, folder, glob, video, split:VIDEO or camera:0."),
     ] = None,
     rig: options.OptionalRigFile = None,
     landmark_map: options.OptionalMapFile = None,
     mono: Annotated[
-        str | None, typer.Option("--mono", help="Image, folder, glob or video of the left camera alone.")
+        str | None, typer.Option("--mono", help="Image, folder, glob or video of the first (left) camera alone.")
     ] = None,
     readings: options.ReadingsFile = None,
     range_sigma: Annotated[
@@ -36,7 +36,8 @@ def run(
         float, typer.Option("--time-offset", help="Seconds by which the readings' clock is ahead.")
     ] = 0.0,
     frame: Annotated[
-        str | None, typer.Option("--frame", help="Pose of: camera (left) or base. Default: base if the rig has one.")
+        str | None,
+        typer.Option("--frame", help="Pose of: camera (the first) or base. Default: base if the rig has one."),
     ] = None,
     heading: Annotated[
         str | None,
@@ -50,7 +51,10 @@ def run(
     csv: options.CsvOutput = None,
     plan: options.PlanOutput = None,
     annotate: Annotated[
-        Path | None, typer.Option("--annotate", help="Folder for annotated left images, or for an annotated video.")
+        Path | None,
+        typer.Option(
+            "--annotate", help="Folder for annotated images of the first camera, or for an annotated video."
+        ),
     ] = None,
     jobs: options.Jobs = None,
     as_json: options.Json = False,
@@ -69,8 +73,8 @@ def run(
         "--range-sigma": range_sigma, "--bearing-sigma": bearing_sigma, "--time-offset": time_offset or None,
     }  # fmt: skip
     for_images = {
-        "LEFT": left, "--rig": rig, "--mono": mono, "--frame": frame, "--heading": heading, "--planar": planar,
-        "--tum": tum, "--csv": csv, "--plan": plan, "--annotate": annotate,
+        "images": images or None, "--rig": rig, "--mono": mono, "--frame": frame, "--heading": heading,
+        "--planar": planar, "--tum": tum, "--csv": csv, "--plan": plan, "--annotate": annotate,
     }  # fmt: skip
     if readings is not None:
         require_no("--readings", for_images)
@@ -83,12 +87,13 @@ def run(
     require_no("images", for_readings)
     if rig is None or landmark_map is None:
         raise InputError("no_rig_or_map", "locate needs a rig and a map", "give --rig rig.yaml --map map.yaml")
-    if mono is not None and left is not None:
-        more = " ".join(name for name in (left, right) if name is not None)
+    if mono is not None and images:
         hint = "quote a glob, such as --mono 'images/*.jpg', or give a folder"
-        raise InputError("extra_files", f"--mono takes one value, and {more} follows", hint)
-    if mono is None and (left is None or right is None):
-        raise InputError("no_images", "locate needs LEFT and RIGHT, or --mono", "see lmkit locate --help")
+        raise InputError("extra_files", f"--mono takes one value, and {' '.join(images)} follows", hint)
+    if mono is None and not images:
+        raise InputError(
+            "no_images", "locate needs images", "give one per camera, or --mono; see lmkit locate --help"
+        )
     if frame not in (None, "camera", "base"):
         raise InputError("bad_frame", f"--frame {frame} is unknown", "choose camera or base")
     choices = LocateOptions(prior=parse_prior(heading, planar))
@@ -96,11 +101,11 @@ def run(
     cameras, landmarks = read_any_rig(rig), read_any_map(landmark_map)
     frame = frame or ("camera" if cameras.T_base_left is None else "base")
     _require_frame(frame, cameras, rig)
-    source, other = (str(left), right) if mono is None else (mono, None)
+    groups = _groups(images or [], mono, cameras)
     failed = []
-    moments = locate_in_sources(source, other, cameras, landmarks, choices)
+    moments = (located for sources in groups for located in locate_in_sources(sources, cameras, landmarks, choices))
     with LocateResults(cameras, landmarks, frame, annotate, force) as results:
-        for moment in progress(moments, frame_count([source]), "locating"):
+        for moment in progress(moments, frame_count([sources[0] for sources in groups]), "locating"):
             results.add(moment)
             if moment.error is not None:
                 failed.append(moment.error)
@@ -116,9 +121,28 @@ def run(
         more = f" (and {len(failed) - 1} more)" if len(failed) > 1 else ""
         raise InputError(failed[0].code, failed[0].message + more, failed[0].hint)
     if results.located == 0:
-        raise NegativeAnswer("not_located", f"no pose from {len(results.answers)} images or pairs", results.advice)
+        raise NegativeAnswer("not_located", f"no pose from {len(results.answers)} frames", results.advice)
 
 
-def _require_frame(frame: str, rig: StereoRig, path: Path) -> None:
+def _groups(images: list[str], mono: str | None, rig: AnyRig) -> list[list[str]]:
+    """Sources that belong together: one per camera; with a rig of one camera every source stands for itself."""
+    from lmkit.geometry.rig import mounted_cameras
+    from lmkit.io.image_groups import image_count
+
+    if mono is not None:
+        return [[mono]]
+    names = [camera.name for camera in mounted_cameras(rig)]
+    if len(names) == 1:
+        return [[source] for source in images]
+    if image_count(images) != len(names):
+        raise InputError(
+            "wrong_image_count",
+            f"images of {image_count(images)} cameras for a rig of {len(names)} ({', '.join(names)})",
+            "give one image, folder or video per camera, in this order; --mono for the first camera alone",
+        )
+    return [images]
+
+
+def _require_frame(frame: str, rig: AnyRig, path: Path) -> None:
     if frame == "base" and rig.T_base_left is None:
         raise InputError("no_base", f"{path} has no T_base_left", "add it to the rig file, or give --frame camera")

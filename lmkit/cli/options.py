@@ -8,8 +8,12 @@ from typing import Annotated
 import typer
 
 # Images and recordings.
-LeftImages = Annotated[str | None, typer.Argument(help="Left images: folder or glob.")]
-RightImages = Annotated[str | None, typer.Argument(help="Right images, paired with the left ones by sorted name.")]
+Images = Annotated[
+    list[str] | None,
+    typer.Argument(
+        help="Images of each camera of the rig: folder, glob or video (split:VIDEO of both side by side)."
+    ),
+]
 DetectionsFile = Annotated[
     Path | None, typer.Option("--detections", help="CSV of saved detections, in place of images.")
 ]
@@ -22,10 +26,12 @@ OdometryFile = Annotated[
 ]
 GyroFile = Annotated[Path | None, typer.Option("--gyro", help="CSV of the gyro's yaw rate.")]
 WheelTrack = Annotated[str | None, typer.Option("--wheel-track", help="Distance between the wheels, such as 0.4m.")]
-Hz = Annotated[float | None, typer.Option("--hz", help="Image pairs per second, if file names hold no times.")]
+Hz = Annotated[float | None, typer.Option("--hz", help="Frames per second, if file names hold no times.")]
 
 # Rigs, maps, floors, robots.
-_RIG = typer.Option("--rig", help="Rig file of lmkit, OpenCV or Kalibr, or a folder with ROS camera_info files.")
+_RIG = typer.Option(
+    "--rig", help="Rig file of lmkit, OpenCV, Kalibr or ROS (camera_info; a folder for a stereo pair)."
+)
 RigFile = Annotated[Path, _RIG]
 OptionalRigFile = Annotated[Path | None, _RIG]
 _MAP = typer.Option("--map", help="Landmark map file.")

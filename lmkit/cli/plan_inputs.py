@@ -9,10 +9,10 @@ from typing import TYPE_CHECKING
 from lmkit.errors import InputError
 
 if TYPE_CHECKING:
-    from lmkit.geometry.stereo_rig import StereoRig
+    from lmkit.geometry.rig import AnyRig
 
 
-def read_mounted_rig(path: Path, camera_height: str | None) -> StereoRig:
+def read_mounted_rig(path: Path, camera_height: str | None) -> AnyRig:
     """Read a rig that has its pose on the robot.
 
     Raises:

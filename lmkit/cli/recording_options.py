@@ -11,7 +11,7 @@ from lmkit.cli.output import ProgressBars, require_no
 from lmkit.errors import InputError
 
 if TYPE_CHECKING:
-    from lmkit.geometry.stereo_rig import StereoRig
+    from lmkit.geometry.rig import AnyRig
     from lmkit.model.recording import Recording
 
 POSES = (".tum", ".txt")  # suffixes of visual odometry
@@ -21,8 +21,7 @@ POSES = (".tum", ".txt")  # suffixes of visual odometry
 class RecordingOptions:
     """Options that name a recording's files; `check` refuses combinations before any file is read."""
 
-    left: str | None
-    right: str | None
+    images: Sequence[str]
     detections: Path | None
     readings: Path | None
     odometry: Path | None
@@ -37,17 +36,17 @@ class RecordingOptions:
             InputError: not exactly one of images, detections and readings; options that do not fit together.
         """
         if self.readings is not None:
-            require_no("--readings", {"LEFT": self.left, "--detections": self.detections, "--hz": self.hz})
+            require_no(
+                "--readings", {"images": self.images or None, "--detections": self.detections, "--hz": self.hz}
+            )
         elif self.detections is not None:
-            require_no("--detections", {"LEFT": self.left, "--hz": self.hz})
-        elif self.left is None or self.right is None:
+            require_no("--detections", {"images": self.images or None, "--hz": self.hz})
+        elif not self.images:
             raise InputError(
-                "no_images", "no recording given", "give LEFT and RIGHT (two folders of images), or --detections FILE"
+                "no_images", "no recording given", "give one folder of images per camera, or --detections FILE"
             )
         if self.hz is not None and not 0 < self.hz < 1e4:
-            raise InputError(
-                "bad_rate", f"--hz {self.hz:g} is out of range", "give image pairs per second, such as 5"
-            )
+            raise InputError("bad_rate", f"--hz {self.hz:g} is out of range", "give frames per second, such as 5")
         self._check_odometry()
 
     def _check_odometry(self) -> None:
@@ -70,7 +69,7 @@ class RecordingOptions:
                     "give --odometry FILE.csv",
                 )
 
-    def read(self, rig: StereoRig | None, families: Sequence[str]) -> Recording:
+    def read(self, rig: AnyRig | None, families: Sequence[str]) -> Recording:
         """Read the files, and detect landmarks in images.
 
         Raises:
@@ -83,15 +82,14 @@ class RecordingOptions:
         track_m = None if self.wheel_track is None else parse_length_mm(self.wheel_track, "--wheel-track") / 1000
         with ProgressBars() as bars:
             return read_recording(
-                self.left,
-                self.right,
+                self.images,
                 rig,
                 self.detections,
                 self.readings,
                 self.odometry,
                 self.gyro,
                 track_m,
-                families if self.left is None else [family_named(name.strip()).name for name in families],
+                families if not self.images else [family_named(name.strip()).name for name in families],
                 self.hz,
                 bars.counter("detecting landmarks"),
             )

@@ -22,11 +22,12 @@ def run(
 ) -> None:
     """Rectify stereo pairs. Matching points then share a row, or a column if one camera is above the other."""
     from lmkit.geometry.rectification import rectification
+    from lmkit.geometry.rig import as_stereo
     from lmkit.io.any_rig import read_any_rig
-    from lmkit.io.image_sources import list_pairs
+    from lmkit.io.image_groups import list_pairs
     from lmkit.pipelines.rectify_images import rectified_names, rectify_files
 
-    cameras = read_any_rig(rig)
+    cameras = as_stereo(read_any_rig(rig), "rectify")
     pairs = list_pairs(left, right)
     count = len(rectified_names(pairs, output, lines))
     written = [

@@ -16,8 +16,7 @@ if TYPE_CHECKING:
 
 
 def run(
-    left: options.LeftImages = None,
-    right: options.RightImages = None,
+    images: options.Images = None,
     output: Annotated[Path, typer.Option("-o", "--output", help="Map file to write.")] = Path("map.yaml"),
     rig: options.OptionalRigFile = None,
     detections: options.DetectionsFile = None,
@@ -61,7 +60,7 @@ def run(
     """Build the landmark map from a recording."""
     from lmkit.cli.recording_options import RecordingOptions
 
-    source = RecordingOptions(left, right, detections, readings, odometry, gyro, wheel_track, hz)
+    source = RecordingOptions(images or [], detections, readings, odometry, gyro, wheel_track, hz)
     if readings is not None:
         for_images = {
             "--rig": rig, "--known": known, "--known-sigma": known_sigma, "--wall": wall or None,
@@ -74,6 +73,7 @@ def run(
         return
     from lmkit.api.recordings import motion_of, survey
     from lmkit.cli.parsing import parse_constraints
+    from lmkit.geometry.rig import mounted_cameras
     from lmkit.io.any_rig import read_any_rig
     from lmkit.io.external_maps import read_any_map
     from lmkit.io.landmark_map import map_to_yaml
@@ -99,8 +99,9 @@ def run(
     size_m, cameras = parse_length_mm(size, "--size") / 1000, read_any_rig(rig)
     anchors = None if known is None else read_any_map(known)
     recording = source.read(cameras, families)
+    names = [camera.name for camera in mounted_cameras(cameras)]
     # Written first: detection takes longest, and the survey itself may fail.
-    write_outputs({save_detections: detections_to_csv(recording.frames)}, force)
+    write_outputs({save_detections: detections_to_csv(recording.frames, names)}, force)
     result = survey(recording, cameras, size=size_m, known=anchors, known_sigma=sigma, constraints=constraints)
     for text in result.warnings:
         warn(text)

@@ -12,8 +12,7 @@ from lmkit.errors import InputError, NegativeAnswer
 
 
 def run(
-    left: options.LeftImages = None,
-    right: options.RightImages = None,
+    images: options.Images = None,
     landmark_map: options.OptionalMapFile = None,
     rig: options.OptionalRigFile = None,
     readings: options.ReadingsFile = None,
@@ -50,7 +49,7 @@ def run(
         require_no("--readings", {"--rig": rig})
     elif rig is None:
         raise InputError("no_rig", "images and detections need a rig", "give --rig rig.yaml")
-    source = RecordingOptions(left, right, detections, readings, odometry, gyro, wheel_track, hz)
+    source = RecordingOptions(images or [], detections, readings, odometry, gyro, wheel_track, hz)
     source.check()
     if live and odometry is None:
         raise InputError("no_odometry", "--live needs odometry", "add --odometry FILE, or use lmkit locate")

@@ -17,7 +17,7 @@ from lmkit.geometry.planar import wrap_heading
 from lmkit.geometry.pose import Pose
 from lmkit.geometry.rotations import rotation_angle
 from lmkit.io.files import write_file
-from lmkit.io.image_sources import list_pairs
+from lmkit.io.image_groups import list_pairs
 from lmkit.io.images import read_image
 from lmkit.io.landmark_map import map_to_yaml
 from lmkit.io.rig import rig_to_yaml
@@ -80,7 +80,7 @@ def run_demo(folder: Path, seed: int, pairs: int, boards: int, landmarks: int, p
     seen = _detect(folder, pairs, progress)
     truth, found = list(data.poses), []
     for index, (left, right) in enumerate(seen):
-        found.append(locate_rig(left, right, calibration.rig, data.scene.landmarks))
+        found.append(locate_rig((left, right), calibration.rig, data.scene.landmarks))
         _overlay(folder, index, left, found[-1], calibration, data.scene.landmarks)
         progress("locating", index + 1, pairs)
     stations = tuple(_station(k, pose, estimate) for k, (pose, estimate) in enumerate(zip(truth, found, strict=True)))

@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from lmkit.geometry.pose import Pose
+from lmkit.geometry.rig import as_stereo
 from lmkit.geometry.stereo_rig import StereoRig
 from lmkit.io.files import write_file
 from lmkit.io.landmark_map import map_to_yaml
@@ -59,6 +60,7 @@ def write_example_files(
         9
     """
     recording = make_drive(3, seconds, size_m=ROOM_M)
+    rig = as_stereo(recording.rig, "the example")
     rng = np.random.default_rng(3)
     room = furnish_room(rng, recording.landmarks, (*ROOM_M, HEIGHT_M))
     seen = max(range(len(recording.frames)), key=lambda k: _readable(recording, k))
@@ -72,11 +74,11 @@ def write_example_files(
         "gyro.csv": gyro_to_csv(recording.gyro),
         "truth.tum": poses_to_tum(truth),
     }
-    left, right = _photograph(room, recording.rig, recording.pose(seen) @ _base_left(recording.rig), rng)
+    left, right = _photograph(room, rig, recording.pose(seen) @ _base_left(rig), rng)
     files |= {"left.png": left, "right.png": right}
-    for k, pose in enumerate(board_poses(3, recording.rig, BOARD, board_pairs) if board_pairs else []):
+    for k, pose in enumerate(board_poses(3, rig, BOARD, board_pairs) if board_pairs else []):
         scene = studio([board_panel(BOARD, Pose("map", "board", pose.R, pose.t))])
-        left, right = _photograph(scene, recording.rig, Pose.identity("map", "left"), rng)
+        left, right = _photograph(scene, rig, Pose.identity("map", "left"), rng)
         files |= {f"boards/left/{k:02d}.png": left, f"boards/right/{k:02d}.png": right}
     written = []
     for name, data in files.items():
@@ -88,8 +90,8 @@ def write_example_files(
 def _readable(recording: Drive, k: int) -> tuple[int, float]:
     """Landmarks in view of both cameras in frame k, and the sum of their sizes."""
     frame = recording.frames[k]
-    both = {d.code for d in frame.left} & {d.code for d in frame.right}
-    return len(both), float(sum(np.ptp(d.corners, axis=0).max() for d in frame.left))
+    both = {d.code for d in frame.seen[0]} & {d.code for d in frame.seen[1]}
+    return len(both), float(sum(np.ptp(d.corners, axis=0).max() for d in frame.seen[0]))
 
 
 def _base_left(rig: StereoRig) -> Pose:

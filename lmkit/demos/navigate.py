@@ -177,11 +177,11 @@ def _photograph(
     for number, k in enumerate(rows):
         tell("photographing", number, PICTURES)
         T_map_base = planar_pose(truth[k])
-        picture, left, right = eyes.look(T_map_base)
-        found = locate_rig(left, right, rig, landmarks)
+        picture, seen = eyes.look(T_map_base)
+        found = locate_rig(seen, rig, landmarks)
         if found.status == PoseStatus.OK and found.T_map_camera is not None:
             off_mm.append(1000 * float(np.linalg.norm(found.T_map_camera.t - (T_map_base @ T_BASE_LEFT).t)))
-        frame = draw_landmarks(picture, left)
+        frame = draw_landmarks(picture, seen[0])
         scale = STRIP_WIDTH_PX / frame.shape[1]
         frames.append(cv2.resize(frame, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA))
     tell("photographing", PICTURES, PICTURES)

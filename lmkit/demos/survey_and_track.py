@@ -19,7 +19,7 @@ from lmkit.io.trajectory import poses_to_tum
 from lmkit.mapping.bundle_adjustment import Anchor
 from lmkit.mapping.survey import Survey, survey_frames
 from lmkit.model.landmark_map import LandmarkMap
-from lmkit.model.recording import StereoFrame
+from lmkit.model.recording import RigFrame
 from lmkit.model.tracked_trajectory import TrackedTrajectory
 from lmkit.odometry.wheel_odometry import MotionModel
 from lmkit.simulation.recording import Drive, WheelErrors, make_drive
@@ -88,10 +88,10 @@ def run_drive_demo(folder: Path, seed: int, count: int) -> DriveErrors:
     )
 
 
-def _survey(drive: Drive, frames: tuple[StereoFrame, ...]) -> Survey:
+def _survey(drive: Drive, frames: tuple[RigFrame, ...]) -> Survey:
     """The first landmark seen is the one whose place is known."""
     sizes = {m.id: m.size_m for m in drive.landmarks}
-    first = next((o for frame in frames for o in frame.left), None)
+    first = next((o for frame in frames for o in frame.seen[0]), None)
     if first is None:
         raise InputError(
             "nothing_seen",

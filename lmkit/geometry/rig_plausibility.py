@@ -5,14 +5,14 @@ from __future__ import annotations
 import numpy as np
 
 from lmkit.errors import InputError
-from lmkit.geometry.stereo_rig import StereoRig
+from lmkit.geometry.rig import AnyRig, Rig
 
 LONGEST_BASELINE_M = 10.0
 SHORTEST_BASELINE_M = 1e-3
 
 
-def require_plausible(rig: StereoRig, where: str) -> None:
-    """Refuse lengths that no stereo camera has.
+def require_plausible(rig: AnyRig, where: str) -> None:
+    """Refuse lengths that no rig has.
 
     Args:
         where: the file, named in errors.
@@ -20,6 +20,16 @@ def require_plausible(rig: StereoRig, where: str) -> None:
     Raises:
         InputError: ``implausible_baseline``.
     """
+    if isinstance(rig, Rig):
+        for camera in rig.cameras:
+            distance_m = float(np.linalg.norm(camera.T_camera_left.t))
+            if distance_m > LONGEST_BASELINE_M:
+                raise InputError(
+                    "implausible_baseline",
+                    f"{where}: camera {camera.name} is {distance_m:g} m from the first one: are these millimetres?",
+                    "write lengths in metres",
+                )
+        return
     baseline_m = rig.baseline_m
     if baseline_m > LONGEST_BASELINE_M:
         raise InputError(
@@ -35,8 +45,10 @@ def require_plausible(rig: StereoRig, where: str) -> None:
         )
 
 
-def rig_warnings(rig: StereoRig, where: str) -> tuple[str, ...]:
+def rig_warnings(rig: AnyRig, where: str) -> tuple[str, ...]:
     """Sentences about what is possible, but seldom meant."""
+    if isinstance(rig, Rig):
+        return ()
     x, y, z = (-rig.T_right_left.R.T @ rig.T_right_left.t).tolist()
     if x < 0 and abs(x) > max(abs(y), abs(z)):
         return (

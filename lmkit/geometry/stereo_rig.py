@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -10,7 +9,6 @@ import numpy as np
 from lmkit.arrays import FloatArray
 from lmkit.geometry.camera import CameraModel
 from lmkit.geometry.pose import Pose
-from lmkit.geometry.pose_array import moved_covariance
 
 
 def mounted_ahead(height_m: float) -> Pose:
@@ -59,13 +57,3 @@ def ahead_of(T_map_base: Pose) -> Pose:
     """The pose of a camera that looks where a robot's base does: along its x axis."""
     axes = np.array([[0.0, 0.0, 1.0], [-1.0, 0.0, 0.0], [0.0, -1.0, 0.0]])
     return Pose("map", "camera", T_map_base.R @ axes, T_map_base.t)
-
-
-def at_base(poses: Sequence[Pose], covariances: FloatArray, rig: StereoRig) -> tuple[list[Pose], FloatArray]:
-    """Poses of the left camera, with their covariances, as those of the robot's base where the rig names one."""
-    T = rig.T_base_left
-    if T is None:
-        return list(poses), covariances
-    T_left_base = T.inverse()
-    offsets = np.array([pose.R @ T_left_base.t for pose in poses]).reshape(-1, 3)
-    return [pose @ T_left_base for pose in poses], moved_covariance(covariances, offsets)

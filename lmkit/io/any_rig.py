@@ -5,9 +5,9 @@ from __future__ import annotations
 import warnings
 from pathlib import Path
 
-from lmkit.errors import InputError, InputWarning
+from lmkit.errors import InputWarning
+from lmkit.geometry.rig import AnyRig
 from lmkit.geometry.rig_plausibility import require_plausible, rig_warnings
-from lmkit.geometry.stereo_rig import StereoRig
 from lmkit.io.documents import is_folder, read_text
 from lmkit.io.rig import read_rig
 from lmkit.io.ros_camera_info import FILES
@@ -15,7 +15,7 @@ from lmkit.io.ros_camera_info import FILES
 KINDS = ("lmkit", "opencv", "ros", "kalibr")
 
 
-def read_any_rig(path: Path) -> StereoRig:
+def read_any_rig(path: Path) -> AnyRig:
     """A rig from a file, or from a folder with ROS's left.yaml and right.yaml.
 
     Raises:
@@ -31,7 +31,7 @@ def read_any_rig(path: Path) -> StereoRig:
     return rig
 
 
-def _read(path: Path) -> StereoRig:
+def _read(path: Path) -> AnyRig:
     if is_folder(path):
         from lmkit.io.ros_camera_info import read_camera_infos
 
@@ -48,9 +48,7 @@ def _read(path: Path) -> StereoRig:
 
         return read_camchain(path)
     if "camera_matrix:" in text:
-        raise InputError(
-            "single_camera_info",
-            f"{path}: one camera's camera_info alone",
-            f"give the folder with {' and '.join(FILES)}",
-        )
+        from lmkit.io.ros_camera_info import read_camera_info
+
+        return read_camera_info(path)
     return read_rig(path)

@@ -72,22 +72,6 @@ def list_pictures(where: str) -> list[Path]:
     return found
 
 
-def list_pairs(left: str, right: str) -> list[tuple[Path, Path]]:
-    """The image files of two folders or globs, paired by sorted name.
-
-    Raises:
-        InputError: there are none, or not as many on both sides.
-    """
-    lefts, rights = list_pictures(left), list_pictures(right)
-    if len(lefts) != len(rights):
-        raise InputError(
-            "unpaired",
-            f"{len(lefts)} left and {len(rights)} right images do not make pairs",
-            "give folders or globs with as many images each, with matching names",
-        )
-    return list(zip(lefts, rights, strict=True))
-
-
 def picture_files(sources: Sequence[str]) -> list[Path] | None:
     """All files of the sources, where every one of them is a single image; None where one is not."""
     if any(source.startswith(CAMERA) for source in sources):
@@ -107,7 +91,7 @@ def frames(sources: list[str]) -> Iterator[Frame]:
             yield _frame("-", sys.stdin.buffer.read())
             continue
         if source.startswith(CAMERA):
-            yield from _video_frames(source)
+            yield from video_frames(source)
             continue
         try:
             paths = list_pictures(source)
@@ -116,15 +100,20 @@ def frames(sources: list[str]) -> Iterator[Frame]:
             continue
         for path in paths:
             if path.suffix.lower() in VIDEO_SUFFIXES:
-                yield from _video_frames(str(path))
+                yield from video_frames(str(path))
                 continue
             try:
-                yield _file_frame(path)
+                yield file_frame(path)
             except InputError as error:
                 yield Frame(str(path), None, error)
 
 
-def _file_frame(path: Path) -> Frame:
+def file_frame(path: Path) -> Frame:
+    """The image of a file.
+
+    Raises:
+        InputError: it cannot be read.
+    """
     return Frame(str(path), read_image(path), None, time_of(path.name))
 
 
@@ -135,12 +124,12 @@ def _frame(name: str, data: bytes) -> Frame:
         return Frame(name, None, error)
 
 
-def _video_frames(source: str) -> Iterator[Frame]:
+def video_frames(source: str) -> Iterator[Frame]:
     """The frames of a video file, or of camera N for ``camera:N`` until it is unplugged or interrupted."""
     import cv2
 
     try:
-        video = cv2.VideoCapture(_camera_number(source) if source.startswith(CAMERA) else source)
+        video = cv2.VideoCapture(camera_number(source) if source.startswith(CAMERA) else source)
     except InputError as error:
         yield Frame(source, None, error)
         return
@@ -168,7 +157,12 @@ def _video_frames(source: str) -> Iterator[Frame]:
         )
 
 
-def _camera_number(source: str) -> int:
+def camera_number(source: str) -> int:
+    """N of ``camera:N``.
+
+    Raises:
+        InputError: it is not a number.
+    """
     number = source.removeprefix(CAMERA)
     if not number.isdecimal():
         raise InputError(
@@ -207,65 +201,6 @@ def frame_count(sources: Sequence[str]) -> int | None:
 def are_moving(source: str) -> bool:
     """Do the images of a source follow each other, as a video's or a camera's do?"""
     return source.startswith(CAMERA) or Path(source).suffix.lower() in VIDEO_SUFFIXES
-
-
-def paired_frames(left: str, right: str | None) -> Iterator[tuple[Frame, Frame]]:
-    """Both cameras' images, frame by frame.
-
-    Args:
-        left, right: cameras (``camera:0``), videos, folders or globs, alike; right is None where every
-            image of ``left`` shows both cameras side by side.
-
-    Raises:
-        InputError: the sources make no pairs, or a camera or video cannot be read.
-    """
-    if right is None:
-        for frame in frames([left]):
-            image = frame.picture
-            half = image.shape[1] // 2
-            yield Frame(frame.name, image[:, :half]), Frame(frame.name, image[:, half : 2 * half])
-        return
-    if left.startswith(CAMERA) and right.startswith(CAMERA):
-        yield from _camera_pairs(left, right)
-        return
-    videos = [Path(source).suffix.lower() in VIDEO_SUFFIXES for source in (left, right)]
-    if left.startswith(CAMERA) or right.startswith(CAMERA) or any(videos) != all(videos):
-        raise InputError("unpaired", f"{left} and {right} are different kinds of source", "give two of the same kind")
-    if not any(videos):
-        for left_file, right_file in list_pairs(left, right):
-            yield _file_frame(left_file), _file_frame(right_file)
-        return
-    # Of two videos of different length, the end of the longer one has no partner.
-    yield from zip(_video_frames(left), _video_frames(right), strict=False)
-
-
-def _camera_pairs(left: str, right: str) -> Iterator[tuple[Frame, Frame]]:
-    """Frames of two cameras, grabbed at once and decoded afterwards."""
-    import cv2
-
-    cameras = []
-    try:
-        for source in (left, right):
-            camera = cv2.VideoCapture(_camera_number(source))
-            # Without it, looking for longer than a frame lasts leads ever further into the past.
-            camera.set(cv2.CAP_PROP_BUFFERSIZE, 1)
-            cameras.append(camera)
-            if not camera.isOpened():
-                raise InputError(
-                    "bad_camera",
-                    f"{source}: no such camera, or it is in use",
-                    "check the number, such as camera:0, and close other programs",
-                )
-        count = 0
-        # Both, whatever the first one says, so that they stay abreast.
-        while min([camera.grab() for camera in cameras]):
-            (_, one), (_, other) = (camera.retrieve() for camera in cameras)
-            name = f"frame#{count}"
-            yield Frame(name, np.asarray(one, dtype=np.uint8)), Frame(name, np.asarray(other, dtype=np.uint8))
-            count += 1
-    finally:
-        for camera in cameras:
-            camera.release()
 
 
 def time_of(name: str) -> float | None:

@@ -1,4 +1,4 @@
-"""Rigs as a Kalibr camchain: cam0 is the left camera, cam1 the right one."""
+"""Rigs as a Kalibr camchain: cam0 is the first (left) camera, cam1 the second (right) one, and so on."""
 
 from __future__ import annotations
 
@@ -13,6 +13,7 @@ from lmkit.errors import InputError
 from lmkit.geometry.camera import CameraModel
 from lmkit.geometry.lens_conversion import with_four_coefficients
 from lmkit.geometry.pose import Pose
+from lmkit.geometry.rig import AnyRig, MountedCamera, Rig, mounted_cameras
 from lmkit.geometry.rotations import orthonormal
 from lmkit.geometry.stereo_rig import StereoRig
 from lmkit.io.documents import dump_yaml, first_problem, load_document, read_text
@@ -51,23 +52,17 @@ class _Camera(BaseModel):
         return None if self.T_imu_cam is None else np.linalg.inv(np.array(self.T_imu_cam))
 
 
-class _Camchain(BaseModel):
-    model_config = ConfigDict(extra="ignore", allow_inf_nan=False)
-    cam0: _Camera
-    cam1: _Camera
-
-
-def rig_to_camchain(rig: StereoRig) -> tuple[str, str, float]:
+def rig_to_camchain(rig: AnyRig) -> tuple[str, str, float]:
     """The text of the file, its distortion model, and by how many pixels at most its lenses differ from the rig's.
 
     Kalibr's lenses have four coefficients: radtan k1 k2 p1 p2, equidistant k1 k2 k3 k4.  Longer distortions are
-    replaced by the nearer of the two, the same for both cameras.
+    replaced by the nearer of the two, the same for all cameras.
 
     Raises:
         InputError: neither is near.
     """
-    eyes = (rig.left, rig.right)
-    made = {name: [with_four_coefficients(eye, model) for eye in eyes] for name, model in _MODELS.items()}
+    mounted = mounted_cameras(rig)
+    made = {name: [with_four_coefficients(c.model, model) for c in mounted] for name, model in _MODELS.items()}
     worst = {name: max(error_px for _, error_px in cameras) for name, cameras in made.items()}
     kind = min(worst, key=lambda name: worst[name])
     if worst[kind] > MOST_ERROR_PX:
@@ -85,45 +80,63 @@ def rig_to_camchain(rig: StereoRig) -> tuple[str, str, float]:
             "intrinsics": [float(v) for v in (K[0, 0], K[1, 1], K[0, 2], K[1, 2])],
             "distortion_coeffs": camera.distortion.tolist(),
             "resolution": list(camera.image_size),
-            "cam_overlaps": [1 - number],
-            "rostopic": f"/{('left', 'right')[number]}/image_raw",
+            "cam_overlaps": [other for other in range(len(mounted)) if other != number],
+            "rostopic": f"/{mounted[number].name}/image_raw",
         }
-    T = np.eye(4)
-    T[:3, :3], T[:3, 3] = rig.T_right_left.R, rig.T_right_left.t
-    cameras["cam1"] = {"T_cn_cnm1": T.tolist()} | cameras["cam1"]
+        if number > 0:
+            T = mounted[number].T_camera_left.matrix @ mounted[number - 1].T_camera_left.inverse().matrix
+            cameras[f"cam{number}"] = {"T_cn_cnm1": T.tolist()} | cameras[f"cam{number}"]
     return dump_yaml(cameras), kind, worst[kind]
 
 
-def read_camchain(path: Path) -> StereoRig:
-    """A rig from the first two cameras of a camchain.
+def read_camchain(path: Path) -> AnyRig:
+    """A rig from a camchain: a `StereoRig` of two cameras, else a `Rig` of cameras cam0, cam1, ...
 
     Raises:
-        InputError: not readable or not valid, or cam1 does not say how it stands to cam0.
+        InputError: not readable or not valid, or a camera does not say how it stands to the one before.
     """
-    hint = "give a camchain of a stereo pair as Kalibr writes it"
+    hint = "give a camchain as Kalibr writes it"
+    content = load_document(path, _text(path), finite=False)
+    content = content if isinstance(content, dict) else {}
+    names = [f"cam{k}" for k in range(max(1, sum(str(key).startswith("cam") for key in content)))]
+    chain = []
+    for name in names:
+        if name not in content:
+            raise InputError("bad_camchain", f"{path}: {name}: missing", hint)
+        try:
+            chain.append(_Camera.model_validate(content[name]))
+        except ValidationError as error:
+            where, problem = first_problem(error)
+            raise InputError("bad_camchain", f"{path}: {name}.{where}: {problem}", hint) from None
     try:
-        data = _Camchain.model_validate(load_document(path, _text(path), finite=False))
-    except ValidationError as error:
-        where, problem = first_problem(error)
-        raise InputError("bad_camchain", f"{path}: {where}: {problem}", hint) from None
-    try:
-        T = _between(data)
-        if T is None:
-            raise InputError("bad_camchain", f"{path}: cam1.T_cn_cnm1: missing (and no T_cam_imu of both)", hint)
-        if np.linalg.det(T[:3, :3]) < LEAST_DETERMINANT:
-            raise ValueError("cam1: its rotation to cam0 is not a rotation")
-        return StereoRig(
-            _camera(data.cam0), _camera(data.cam1), Pose("right", "left", orthonormal(T[:3, :3]), T[:3, 3])
-        )
+        T, poses = np.eye(4), [np.eye(4)]
+        for k in range(1, len(chain)):
+            between = _between(chain[k - 1], chain[k])
+            if between is None:
+                raise InputError(
+                    "bad_camchain", f"{path}: {names[k]}.T_cn_cnm1: missing (and no T_cam_imu of both)", hint
+                )
+            if np.linalg.det(between[:3, :3]) < LEAST_DETERMINANT:
+                raise ValueError(f"{names[k]}: its rotation to {names[k - 1]} is not a rotation")
+            T = between @ T
+            poses.append(T)
+        models = [_camera(camera) for camera in chain]
+        if len(chain) == 2:
+            return StereoRig(models[0], models[1], Pose("right", "left", orthonormal(T[:3, :3]), T[:3, 3]))
+        mounted = [
+            MountedCamera(name, model, Pose("camera", "left", orthonormal(T[:3, :3]) if k else np.eye(3), T[:3, 3]))
+            for k, (name, model, T) in enumerate(zip(names, models, poses, strict=True))
+        ]
+        return Rig(tuple(mounted))
     except ValueError as error:
         raise InputError("bad_camchain", f"{path}: {error}", hint) from None
 
 
-def _between(data: _Camchain) -> FloatArray | None:
-    """(4,4) from cam0 to cam1: as it stands, or through the IMU."""
-    if data.cam1.T_cn_cnm1 is not None:
-        return np.array(data.cam1.T_cn_cnm1)
-    left, right = data.cam0.T_camera_imu(), data.cam1.T_camera_imu()
+def _between(before: _Camera, camera: _Camera) -> FloatArray | None:
+    """(4,4) from one camera to the next: as it stands, or through the IMU."""
+    if camera.T_cn_cnm1 is not None:
+        return np.array(camera.T_cn_cnm1)
+    left, right = before.T_camera_imu(), camera.T_camera_imu()
     return None if left is None or right is None else right @ np.linalg.inv(left)
 
 

@@ -1,4 +1,4 @@
-"""Rigs as OpenCV's own YAML: M1 D1 M2 D2 R T R1 R2 P1 P2 Q, as its stereo_calib sample names them."""
+"""Rigs as OpenCV's own YAML: M1 D1 M2 D2 R T R1 R2 P1 P2 Q of a stereo pair, K and D of one camera."""
 
 from __future__ import annotations
 
@@ -17,6 +17,7 @@ from lmkit.errors import InputError
 from lmkit.geometry.camera import CameraModel
 from lmkit.geometry.pose import Pose
 from lmkit.geometry.rectification import rectification
+from lmkit.geometry.rig import AnyRig, Rig
 from lmkit.geometry.rotations import orthonormal
 from lmkit.geometry.stereo_rig import StereoRig
 from lmkit.io.documents import PlainLoader, first_problem, load_document, read_text
@@ -32,6 +33,12 @@ _NAMES = {
     "model": ("model",),
     "image_width": ("image_width", "width"),
     "image_height": ("image_height", "height"),
+}
+# One camera alone, as OpenCV's calibration sample writes it.
+_MONO_NAMES = {
+    "K": ("camera_matrix", "cameraMatrix", "K", "M", "mtx"),
+    "D": ("distortion_coefficients", "distCoeffs", "D", "dist"),
+    **{key: _NAMES[key] for key in ("model", "image_width", "image_height")},
 }
 ALMOST = 1e-3
 _MODEL_OF_COUNT = {0: "pinhole", 4: "pinhole", 5: "pinhole", 8: "rational", 12: "rational", 14: "rational"}
@@ -61,8 +68,19 @@ def rig_to_opencv_yaml(rig: StereoRig) -> str:
     return str(storage.releaseAndGetString())
 
 
-def read_opencv_rig(path: Path) -> StereoRig:
-    """A rig from OpenCV's YAML.
+def camera_to_opencv_yaml(camera: CameraModel) -> str:
+    """The text of the file of one camera, as OpenCV's calibration sample names its values."""
+    storage = cv2.FileStorage(".yml", cv2.FILE_STORAGE_WRITE | cv2.FILE_STORAGE_MEMORY)
+    storage.write("model", camera.model)
+    storage.write("image_width", camera.image_size[0])
+    storage.write("image_height", camera.image_size[1])
+    storage.write("camera_matrix", np.array(camera.K))
+    storage.write("distortion_coefficients", np.array(camera.distortion).reshape(1, -1))
+    return str(storage.releaseAndGetString())
+
+
+def read_opencv_rig(path: Path) -> AnyRig:
+    """A stereo rig, or a rig of one camera, from OpenCV's YAML or XML.
 
     Raises:
         InputError: not readable, a matrix or the image size is missing, or a matrix is of the wrong shape.
@@ -81,17 +99,12 @@ def read_opencv_rig(path: Path) -> StereoRig:
     if isinstance(size, list) and len(size) == 2:
         content = {"image_width": size[0], "image_height": size[1]} | content
     named = {field: content[name] for field, names in _NAMES.items() for name in names if name in content}
+    alone = {field: content[name] for field, names in _MONO_NAMES.items() for name in names if name in content}
     try:
+        if "K" in alone and not named.keys() & {"M1", "M2"}:
+            return Rig.of_one(_OpenCvCamera.model_validate(alone).camera())
         data = _OpenCvRig.model_validate(named)
-        cameras = [
-            CameraModel(
-                (data.image_width, data.image_height),
-                M.array(),
-                D.array().ravel(),
-                data.model or _MODEL_OF_COUNT.get(len(D.data), "?"),
-            )
-            for M, D in ((data.M1, data.D1), (data.M2, data.D2))
-        ]
+        cameras = [data.intrinsics(M, D) for M, D in ((data.M1, data.D1), (data.M2, data.D2))]
         R = data.R.array()
         # Files of few digits hold almost-rotations.
         R = orthonormal(R) if R.shape == (3, 3) and np.abs(R @ R.T - np.eye(3)).max() < ALMOST else R
@@ -145,12 +158,27 @@ class _Matrix(BaseModel):
         return np.array(self.data).reshape(self.rows, self.cols)
 
 
-class _OpenCvRig(BaseModel):
+class _Sized(BaseModel):
     # Whoever wrote the file may have added more.
     model_config = ConfigDict(extra="ignore")
     model: str = ""
     image_width: Annotated[int, Field(gt=0)]
     image_height: Annotated[int, Field(gt=0)]
+
+    def intrinsics(self, K: _Matrix, D: _Matrix) -> CameraModel:
+        model = self.model or _MODEL_OF_COUNT.get(len(D.data), "?")
+        return CameraModel((self.image_width, self.image_height), K.array(), D.array().ravel(), model)
+
+
+class _OpenCvCamera(_Sized):
+    K: _Matrix
+    D: _Matrix
+
+    def camera(self) -> CameraModel:
+        return self.intrinsics(self.K, self.D)
+
+
+class _OpenCvRig(_Sized):
     M1: _Matrix
     D1: _Matrix
     M2: _Matrix

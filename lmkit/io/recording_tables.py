@@ -14,7 +14,7 @@ from lmkit.io.tables import read_rows, to_number, to_seconds
 from lmkit.model.corner_order import require_clockwise
 from lmkit.model.landmark_id import LandmarkId
 from lmkit.model.observation import Detection
-from lmkit.model.recording import Gyro, Odometry, StereoFrame
+from lmkit.model.recording import Gyro, Odometry, RigFrame
 
 # Other names that columns go by.
 ALIASES = {
@@ -23,6 +23,7 @@ ALIASES = {
     "d_left_m": "left_m", "d_right_m": "right_m", "x": "x_m", "y": "y_m", "yaw": "heading_rad",
     "eye": "camera", "tag_id": "code",
 }  # fmt: skip
+PAIR = ("left", "right")  # cameras of a stereo rig
 CORNERS = ("x0", "y0", "x1", "y1", "x2", "y2", "x3", "y3")
 CORNER_SIGMA_PX = 0.3  # of corners that do not say how good they are: of a usual detector of markers
 DETECTION_COLUMNS = ("time_s", "camera", "code", *CORNERS)
@@ -73,17 +74,21 @@ def read_gyro(path: Path) -> Gyro:
     return Gyro(columns["time_s"], columns["rate_radps"])
 
 
-def read_detections(path: Path, families: Sequence[str]) -> list[StereoFrame]:
-    """Detections of both cameras: time_s, camera (left or right), code, x0 y0 ... x3 y3 (px); family, sigma_px.
+def read_detections(path: Path, families: Sequence[str], cameras: Sequence[str] = PAIR) -> list[RigFrame]:
+    """Detections of all cameras: time_s, camera (its name in the rig), code, x0 y0 ... x3 y3 (px); family, sigma_px.
 
     Args:
         families: families in play; without a family column there must be one (with ``tag_id`` it is tag36h11).
+        cameras: names of the rig's cameras; of a single camera the column may be left out.
 
     Raises:
         InputError: not readable, or a row is no detection; names the line; no family column and several families.
     """
     rows = read_rows(path, "detections file")
     header = _header(rows)
+    if len(cameras) == 1 and "camera" not in header:
+        header = [*header, "camera"]
+        rows = [rows[0], *([*row, cameras[0]] if row else row for row in rows[1:])]
     if not set(DETECTION_COLUMNS) <= set(header):
         raise InputError(
             "bad_header", f"{path}: line 1 is {','.join(header)}", f"write the columns {','.join(DETECTION_COLUMNS)}"
@@ -96,8 +101,8 @@ def read_detections(path: Path, families: Sequence[str]) -> list[StereoFrame]:
         try:
             cells = dict(zip(header, row, strict=True))
             eye, code = cells["camera"].strip(), cells["code"].strip()
-            if eye not in ("left", "right"):
-                raise ValueError(f"camera {eye!r} is neither left nor right")
+            if eye not in cameras:
+                raise ValueError(f"camera {eye!r} is not in the rig: {', '.join(cameras)}")
             corners = np.array([to_number(cells[name]) for name in CORNERS]).reshape(4, 2)
             id_ = LandmarkId.parse(f"{cells['family'].strip()}:{code}" if "family" in cells else code, known)
             sigma_px = to_number(cells["sigma_px"]) if "sigma_px" in cells else CORNER_SIGMA_PX
@@ -112,21 +117,25 @@ def read_detections(path: Path, families: Sequence[str]) -> list[StereoFrame]:
             raise InputError(
                 "bad_detection", f"{path}: line {number} is no detection ({error})", "see docs/formats.md"
             ) from None
-        frames.setdefault(time, {"left": [], "right": []})[eye].append(observation)
+        frames.setdefault(time, {name: [] for name in cameras})[eye].append(observation)
     if not frames:
         raise InputError("no_detections", f"{path}: holds no detections", "write one detection a line")
     require_clockwise((o for seen in frames.values() for some in seen.values() for o in some), str(path))
     return [
-        StereoFrame(time, tuple(seen["left"]), tuple(seen["right"]), f"{time:.6f}")
+        RigFrame(time, tuple(tuple(seen[name]) for name in cameras), f"{time:.6f}")
         for time, seen in sorted(frames.items())
     ]
 
 
-def detections_to_csv(frames: Sequence[StereoFrame]) -> str:
-    """The text of a detections file; frames at which nothing was seen are left out."""
+def detections_to_csv(frames: Sequence[RigFrame], cameras: Sequence[str] = PAIR) -> str:
+    """The text of a detections file; frames at which nothing was seen are left out.
+
+    Args:
+        cameras: names of the rig's cameras.
+    """
     lines = [",".join(("time_s", "camera", "family", "code", *CORNERS, "sigma_px"))]
     for frame in frames:
-        for eye, seen in (("left", frame.left), ("right", frame.right)):
+        for eye, seen in zip(cameras, frame.seen, strict=True):
             for o in seen:
                 numbers = ",".join(f"{v:.4f}" for v in o.corners.ravel())
                 C = o.covariance

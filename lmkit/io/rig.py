@@ -1,7 +1,8 @@
-"""Rig files: a calibrated stereo camera as YAML (docs/formats.md)."""
+"""Rig files: one or more calibrated cameras as YAML (docs/formats.md)."""
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -11,8 +12,9 @@ from pydantic import Field
 from lmkit.errors import InputError
 from lmkit.geometry.camera import CameraModel
 from lmkit.geometry.pose import Pose
+from lmkit.geometry.rig import AnyRig, MountedCamera, Rig
 from lmkit.geometry.stereo_rig import StereoRig
-from lmkit.io.documents import Document, dump_yaml, read_document
+from lmkit.io.documents import Document, dump_yaml, read_document, read_text
 
 Row = Annotated[list[float], Field(min_length=3, max_length=3)]
 Matrix3 = Annotated[list[Row], Field(min_length=3, max_length=3)]
@@ -38,6 +40,14 @@ class _Uncertainty(Document):
     right_sigma: list[float] | None = None
 
 
+class _MountedCamera(_Camera):
+    name: Annotated[str, Field(min_length=1)]
+    T_first_camera: _Transform | None = None
+    T_base_camera: _Transform | None = None
+    covariance: Matrix6 | None = None
+    sigma: list[float] | None = None
+
+
 class _RigFile(Document):
     format: str = "lmkit-rig/1"
     left: _Camera
@@ -47,12 +57,19 @@ class _RigFile(Document):
     uncertainty: _Uncertainty | None = None
 
 
-def read_rig(path: Path) -> StereoRig:
-    """A rig from its file.
+class _CamerasFile(Document):
+    format: str = "lmkit-rig/1"
+    cameras: Annotated[list[_MountedCamera], Field(min_length=1)]
+
+
+def read_rig(path: Path) -> AnyRig:
+    """A rig from its file: a `Rig` where the file lists ``cameras``, else a `StereoRig`.
 
     Raises:
         InputError: not readable or not valid; names the key.
     """
+    if _lists_cameras(path):
+        return _read_cameras(path)
     data = read_document(path, _RigFile, "rig file")
     covariance = sigma = None
     if data.uncertainty is not None:
@@ -70,22 +87,88 @@ def read_rig(path: Path) -> StereoRig:
     )
 
 
-def rig_to_yaml(rig: StereoRig) -> str:
+def rig_to_yaml(rig: AnyRig) -> str:
     """The text of a rig file."""
+    if isinstance(rig, Rig):
+        return _cameras_to_yaml(rig)
     data: dict[str, Any] = {
         "format": "lmkit-rig/1",
         "left": _camera_dict(rig.left),
         "right": _camera_dict(rig.right),
-        "T_right_left": {"R": rig.T_right_left.R.tolist(), "t": rig.T_right_left.t.tolist()},
+        "T_right_left": _pose_dict(rig.T_right_left),
     }
     if rig.T_base_left is not None:
-        data["T_base_left"] = {"R": rig.T_base_left.R.tolist(), "t": rig.T_base_left.t.tolist()}
+        data["T_base_left"] = _pose_dict(rig.T_base_left)
     if rig.covariance is not None:
         data["uncertainty"] = {"T_right_left": rig.covariance.tolist()}
         if rig.intrinsics_sigma is not None:
             for key, sigma in zip(("left_sigma", "right_sigma"), rig.intrinsics_sigma, strict=True):
                 data["uncertainty"][key] = sigma.tolist()
     return dump_yaml(data)
+
+
+def _lists_cameras(path: Path) -> bool:
+    return re.search(r"^\s*[\"']?cameras[\"']?\s*:", read_text(path, "rig file"), re.MULTILINE) is not None
+
+
+def _read_cameras(path: Path) -> Rig:
+    data = read_document(path, _CamerasFile, "rig file")
+    first = data.cameras[0]
+    if first.T_first_camera is not None:
+        raise InputError(
+            "bad_value", f"{path}: cameras[0].T_first_camera: the first camera is the origin", "remove the key"
+        )
+    base = first.T_base_camera
+    T_base_left = None if base is None else _pose(path, "cameras[0].T_base_camera", "base", "left", base)
+    cameras = []
+    for k, camera in enumerate(data.cameras):
+        model = _camera(path, f"cameras[{k}]", camera)
+        T = Pose.identity("camera", "left") if k == 0 else _from_first(path, k, camera, T_base_left)
+        covariance = None if camera.covariance is None else np.array(camera.covariance)
+        sigma = None if camera.sigma is None else np.array(camera.sigma)
+        cameras.append(MountedCamera(camera.name, model, T, covariance, sigma))
+    try:
+        return Rig(tuple(cameras), T_base_left)
+    except ValueError as error:
+        raise InputError("bad_value", f"{path}: cameras: {error}", "see docs/formats.md") from None
+
+
+def _from_first(path: Path, k: int, camera: _MountedCamera, T_base_left: Pose | None) -> Pose:
+    """T_camera_left of camera k, from whichever of its two keys is given."""
+    where = f"cameras[{k}]"
+    if (camera.T_first_camera is None) == (camera.T_base_camera is None):
+        raise InputError(
+            "bad_value", f"{path}: {where}: not exactly one of T_first_camera and T_base_camera", "give one of them"
+        )
+    if camera.T_first_camera is not None:
+        return _pose(path, f"{where}.T_first_camera", "left", "camera", camera.T_first_camera).inverse()
+    assert camera.T_base_camera is not None
+    if T_base_left is None:
+        raise InputError(
+            "bad_value", f"{path}: {where}.T_base_camera needs cameras[0].T_base_camera",
+            "give T_base_camera of the first camera as well, or T_first_camera",
+        )  # fmt: skip
+    return _pose(path, f"{where}.T_base_camera", "base", "camera", camera.T_base_camera).inverse() @ T_base_left
+
+
+def _cameras_to_yaml(rig: Rig) -> str:
+    cameras = []
+    for k, camera in enumerate(rig.cameras):
+        entry: dict[str, Any] = {"name": camera.name, **_camera_dict(camera.model)}
+        if k == 0 and rig.T_base_left is not None:
+            entry["T_base_camera"] = _pose_dict(rig.T_base_left)
+        elif k > 0:
+            entry["T_first_camera"] = _pose_dict(camera.T_camera_left.inverse())
+        if camera.covariance is not None:
+            entry["covariance"] = camera.covariance.tolist()
+        if camera.intrinsics_sigma is not None:
+            entry["sigma"] = camera.intrinsics_sigma.tolist()
+        cameras.append(entry)
+    return dump_yaml({"format": "lmkit-rig/1", "cameras": cameras})
+
+
+def _pose_dict(pose: Pose) -> dict[str, Any]:
+    return {"R": pose.R.tolist(), "t": pose.t.tolist()}
 
 
 def _camera(path: Path, key: str, data: _Camera) -> CameraModel:

@@ -13,6 +13,7 @@ from lmkit.errors import InputError
 from lmkit.geometry.camera import CameraModel
 from lmkit.geometry.pose import Pose
 from lmkit.geometry.rectification import rectification
+from lmkit.geometry.rig import Rig
 from lmkit.geometry.rotations import orthonormal
 from lmkit.geometry.stereo_rig import StereoRig
 from lmkit.io.documents import dump_yaml, first_problem, load_document, read_text
@@ -55,25 +56,26 @@ def rig_to_camera_infos(rig: StereoRig) -> tuple[str, str]:
     The relation of the cameras is in their rectification; T_base_left and uncertainties have no place there.
     """
     maps = rectification(rig)
+    left, right = rig.left, rig.right
+    return _text("left", left, maps.R_left, maps.P_left), _text("right", right, maps.R_right, maps.P_right)
 
-    def text(name: str, camera: CameraModel, R: FloatArray, P: FloatArray) -> str:
-        width, height = camera.image_size
-        count = max(_COUNTS[camera.model], len(camera.distortion))
-        distortion = np.pad(camera.distortion, (0, count - len(camera.distortion)))
-        return dump_yaml(
-            {
-                "image_width": width,
-                "image_height": height,
-                "camera_name": name,
-                "camera_matrix": _matrix(np.array(camera.K)),
-                "distortion_model": _TO_ROS[camera.model],
-                "distortion_coefficients": _matrix(distortion[None]),
-                "rectification_matrix": _matrix(R),
-                "projection_matrix": _matrix(P),
-            }
-        )
 
-    return text("left", rig.left, maps.R_left, maps.P_left), text("right", rig.right, maps.R_right, maps.P_right)
+def _text(name: str, camera: CameraModel, R: FloatArray, P: FloatArray) -> str:
+    width, height = camera.image_size
+    count = max(_COUNTS[camera.model], len(camera.distortion))
+    distortion = np.pad(camera.distortion, (0, count - len(camera.distortion)))
+    return dump_yaml(
+        {
+            "image_width": width,
+            "image_height": height,
+            "camera_name": name,
+            "camera_matrix": _matrix(np.array(camera.K)),
+            "distortion_model": _TO_ROS[camera.model],
+            "distortion_coefficients": _matrix(distortion[None]),
+            "rectification_matrix": _matrix(R),
+            "projection_matrix": _matrix(P),
+        }
+    )
 
 
 def read_camera_infos(left: Path, right: Path) -> StereoRig:
@@ -107,6 +109,23 @@ def read_camera_infos(left: Path, right: Path) -> StereoRig:
             "no_stereo", f"{right}: projection_matrix has no baseline: these are two single cameras", hint
         )
     return StereoRig(cameras[0], cameras[1], Pose("right", "left", R2.T @ R1, R2.T @ shift))
+
+
+def read_camera_info(path: Path) -> Rig:
+    """A rig of one camera from its camera_info file.
+
+    Raises:
+        InputError: not readable or not valid.
+    """
+    info = _read(path)
+    return Rig.of_one(_camera(path, info), name=info.camera_name or "camera")
+
+
+def rig_to_camera_info(rig: Rig) -> str:
+    """The text of a camera_info file of a rig of one camera."""
+    camera = rig.left
+    P = np.column_stack([np.array(camera.K), np.zeros(3)])
+    return _text(rig.cameras[0].name, camera, np.eye(3), P)
 
 
 def _shift(path: Path, P: FloatArray) -> FloatArray:

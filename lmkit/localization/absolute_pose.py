@@ -1,8 +1,8 @@
-"""`locate_rig`: the pose of a stereo camera, or of one camera, from all corners of all landmarks in view.
+"""`locate_rig`: the pose of a rig of one or more cameras from all corners of all landmarks in view.
 
 1. Every landmark alone gives two poses (a square seen by one camera has a second pose; IPPE, Collins and
    Bartoli 2014).  All of them, carried into the map, are hypotheses.
-2. Each hypothesis is fitted to its own landmark in both cameras, then to all landmarks that it comes
+2. Each hypothesis is fitted to its own landmark in all cameras, then to all landmarks that it comes
    near to, so one wrong code cannot capture the start.
 3. Those that are still different poses are refined on all corners of the landmarks they explain,
    weighted by the corners' own covariance (these three steps: `kernels/pose_search.py`).
@@ -14,14 +14,15 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 
 import numpy as np
 
 from lmkit.arrays import BoolArray, FloatArray
+from lmkit.errors import InputError
 from lmkit.geometry.camera import CameraModel
-from lmkit.geometry.stereo_rig import StereoRig
+from lmkit.geometry.rig import AnyRig, mounted_cameras
 from lmkit.kernels.pose_search import Search
 from lmkit.localization.correspondences import CORNER_FLOOR_PX, NO_SHIFT, NO_TURN, Correspondences
 from lmkit.localization.pose_prior import PosePrior
@@ -66,27 +67,48 @@ class LocateOptions:
 
 
 def locate_rig(
-    left: Sequence[Detection],
-    right: Sequence[Detection],
-    rig: StereoRig,
+    seen: Sequence[Sequence[Detection]],
+    rig: AnyRig,
     landmarks: LandmarkMap,
     options: LocateOptions | None = None,
 ) -> PoseEstimate:
-    """The pose of the rig's left camera in the map.
+    """The pose of the rig's first (left) camera in the map.
+
+    A camera that sees landmarks of the map, but none where it should, is not where the rig says.  With three or more
+    cameras those that agree give the pose, and the others are named in ``outlier_cameras``.
 
     Args:
-        left, right: detections in the two images, corners in pixels as delivered.
+        seen: detections in the image of every camera, corners in pixels as delivered.
+
+    Raises:
+        InputError: not as many lists of detections as the rig has cameras.
     """
-    cameras = [
-        (left, rig.left, NO_TURN, NO_SHIFT),
-        (right, rig.right, rig.T_right_left.R, rig.T_right_left.t),
-    ]
+    mounted = mounted_cameras(rig)
+    if len(seen) != len(mounted):
+        raise InputError(
+            "wrong_image_count",
+            f"detections of {len(seen)} images for a rig of {len(mounted)} cameras",
+            "give one list of detections per camera, in the order of the rig; a list may be empty",
+        )
     options = options or LocateOptions()
-    estimate = _locate(cameras, landmarks, options)
-    if estimate.status == PoseStatus.INCONSISTENT and left and right:
-        swapped = [(right, *cameras[0][1:]), (left, *cameras[1][1:])]
-        if _locate(swapped, landmarks, options).T_map_camera is not None:
+    cameras = [
+        (detections, camera.model, camera.T_camera_left.R, camera.T_camera_left.t)
+        for detections, camera in zip(seen, mounted, strict=True)
+    ]
+    estimate, blind = _locate(cameras, landmarks, options)
+    if estimate.status != PoseStatus.INCONSISTENT:
+        return estimate
+    if len(seen) == 2 and all(seen):
+        swapped = [(seen[1], *cameras[0][1:]), (seen[0], *cameras[1][1:])]
+        if _locate(swapped, landmarks, options)[0].T_map_camera is not None:
             return PoseEstimate(PoseStatus.SWAPPED, outliers=estimate.outliers)
+    if blind:
+        believed = [((), *camera[1:]) if k in blind else camera for k, camera in enumerate(cameras)]
+        again, _ = _locate(believed, landmarks, options)
+        doubted = {d.id for k in blind for d in seen[k] if landmarks.find(d.id) is not None}
+        outliers = tuple(sorted({*again.outliers, *(doubted - set(again.inliers))}))
+        if again.T_map_camera is not None:
+            return replace(again, outliers=outliers, outlier_cameras=tuple(mounted[k].name for k in sorted(blind)))
     return estimate
 
 
@@ -97,26 +119,31 @@ def locate_camera(
     options: LocateOptions | None = None,
 ) -> PoseEstimate:
     """The pose of a single camera in the map."""
-    return _locate([(observations, camera, NO_TURN, NO_SHIFT)], landmarks, options or LocateOptions())
+    return _locate([(observations, camera, NO_TURN, NO_SHIFT)], landmarks, options or LocateOptions())[0]
 
 
 _Eye = tuple[Sequence[Detection], CameraModel, FloatArray, FloatArray]
 
 
-def _locate(cameras: Sequence[_Eye], landmarks: LandmarkMap, options: LocateOptions) -> PoseEstimate:
+def _locate(
+    cameras: Sequence[_Eye], landmarks: LandmarkMap, options: LocateOptions
+) -> tuple[PoseEstimate, frozenset[int]]:
+    """The estimate, and the minority of cameras that see landmarks of the map, but none where they should."""
     seen = Correspondences(cameras, landmarks, options.corner_floor_px)
     if not len(seen):
-        return PoseEstimate(PoseStatus.NO_LANDMARKS, outliers=tuple(sorted(seen.twice)))
+        return PoseEstimate(PoseStatus.NO_LANDMARKS, outliers=tuple(sorted(seen.twice))), frozenset()
     search = _search(options.outlier_sigma, options.gate_share)
     poses, chi2, cost = seen.search(search, options.prior)
     if not len(poses):
-        return PoseEstimate(PoseStatus.INCONSISTENT, outliers=tuple(sorted({*seen.ids, *seen.twice})))
+        everything = tuple(sorted({*seen.ids, *seen.twice}))
+        return PoseEstimate(PoseStatus.INCONSISTENT, outliers=everything), frozenset()
     inliers: BoolArray = chi2[0] < search.limit
     ids, explained = set(seen.ids), seen.ids_of(inliers)
-    # A camera that sees landmarks of the map, but none where it should, is not where the rig says.
-    blind = any(eye.rows.stop > eye.rows.start and not inliers[eye.rows].any() for eye in seen.cameras)
+    looking = [k for k, camera in enumerate(seen.cameras) if camera.rows.stop > camera.rows.start]
+    blind = frozenset(k for k in looking if not inliers[seen.cameras[k].rows].any())
     if blind or 2 * len(explained) < len(ids) or (len(ids) > 1 and len(explained) < 2):
-        return PoseEstimate(PoseStatus.INCONSISTENT, outliers=tuple(sorted(ids | seen.twice)))
+        minority = blind if 2 * len(blind) < len(looking) else frozenset[int]()
+        return PoseEstimate(PoseStatus.INCONSISTENT, outliers=tuple(sorted(ids | seen.twice))), minority
     covariance = seen.covariance(poses, inliers, options.prior)
     # So far along its least known direction may a pose lie that explains the images almost as well.
     widest = np.linalg.eigvalsh(np.array([covariance[:3, :3], covariance[3:, 3:]]))[:, -1].tolist()
@@ -125,7 +152,7 @@ def _locate(cameras: Sequence[_Eye], landmarks: LandmarkMap, options: LocateOpti
     wide = reach_m > options.far_m or reach_rad > options.far_rad
     rivalled = len(ratios) > 1 and ratios[1] < options.ambiguous_below
     pixels = seen.chi2_and_pixels(poses.only(FIRST))[1][0][inliers]
-    return PoseEstimate(
+    estimate = PoseEstimate(
         status=PoseStatus.AMBIGUOUS if rivalled else PoseStatus.IMPRECISE if wide else PoseStatus.OK,
         T_map_camera=poses.pose(0),
         covariance=covariance,
@@ -138,6 +165,7 @@ def _locate(cameras: Sequence[_Eye], landmarks: LandmarkMap, options: LocateOpti
         ),
         reprojection_error_px=math.sqrt(2 * float(pixels @ pixels) / len(pixels)),
     )
+    return estimate, frozenset()
 
 
 @lru_cache(maxsize=8)

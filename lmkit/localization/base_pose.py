@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from lmkit.geometry.stereo_rig import StereoRig
+from lmkit.geometry.rig import AnyRig
 from lmkit.model.estimate import PoseEstimate
 
 
-def with_base(estimate: PoseEstimate, rig: StereoRig) -> PoseEstimate:
+def with_base(estimate: PoseEstimate, rig: AnyRig) -> PoseEstimate:
     """The estimate with the rig's T_camera_base; unchanged where the rig has no base."""
     if rig.T_base_left is None:
         return estimate

@@ -13,7 +13,7 @@ from itertools import combinations
 import numpy as np
 
 from lmkit.geometry.pose import Pose
-from lmkit.geometry.stereo_rig import StereoRig
+from lmkit.geometry.rig import AnyRig, as_stereo, mounted_cameras
 from lmkit.kernels.square_pose import square_poses
 from lmkit.localization.absolute_pose import locate_camera, locate_rig
 from lmkit.localization.correspondences import CORNER_FLOOR_PX, Correspondences
@@ -21,7 +21,7 @@ from lmkit.model.estimate import PoseEstimate
 from lmkit.model.landmark_map import LandmarkMap, MappedLandmark
 from lmkit.model.observation import Detection
 from lmkit.model.pose_status import PoseStatus
-from lmkit.model.recording import StereoFrame
+from lmkit.model.recording import RigFrame
 
 FRAMES = 8  # that are asked
 AGREES, CONTRADICTS = 0.6, 0.5  # shares of the landmarks seen that a pose explains
@@ -45,14 +45,14 @@ class Cause:
         return self.text
 
 
-Locate = Callable[[StereoFrame], PoseEstimate]
+Locate = Callable[[RigFrame], PoseEstimate]
 
 
-def find_cause(frames: Sequence[StereoFrame], rig: StereoRig, landmarks: LandmarkMap) -> Cause | None:
+def find_cause(frames: Sequence[RigFrame], rig: AnyRig, landmarks: LandmarkMap) -> Cause | None:
     """Cause of the contradiction, or None where the frames agree with the map, or see too little of it.
 
     Args:
-        frames: of a recording, or of single stereo pairs; ``right`` is empty for single images.
+        frames: of a recording, or of single frames; a frame may hold the first camera alone.
     """
     some = _telling(frames, landmarks)
     if not some:
@@ -71,49 +71,48 @@ def find_cause(frames: Sequence[StereoFrame], rig: StereoRig, landmarks: Landmar
 
 def with_cause(
     estimate: PoseEstimate,
-    left: Sequence[Detection],
-    right: Sequence[Detection],
-    rig: StereoRig,
+    seen: Sequence[Sequence[Detection]],
+    rig: AnyRig,
     landmarks: LandmarkMap,
 ) -> PoseEstimate:
     """The estimate of one frame; where no pose explains the landmarks, its warnings name the cause."""
     if estimate.status != PoseStatus.INCONSISTENT:
         return estimate
-    cause = find_cause([StereoFrame(0.0, tuple(left), tuple(right))], rig, landmarks)
+    cause = find_cause([RigFrame(0.0, tuple(map(tuple, seen)))], rig, landmarks)
     return estimate if cause is None else replace(estimate, warnings=(*estimate.warnings, str(cause)))
 
 
-def _telling(frames: Sequence[StereoFrame], landmarks: LandmarkMap) -> list[StereoFrame]:
+def _telling(frames: Sequence[RigFrame], landmarks: LandmarkMap) -> list[RigFrame]:
     """Frames that see two mapped landmarks and more, those that see most first; one landmark contradicts nothing."""
     counts = [(len(_mapped(frame, landmarks)), -k) for k, frame in enumerate(frames)]
     best = sorted((entry for entry in counts if entry[0] > 1), reverse=True)[:FRAMES]
     return [frames[-k] for _, k in best]
 
 
-def _mapped(frame: StereoFrame, landmarks: LandmarkMap) -> set[object]:
-    return {o.id for o in (*frame.left, *frame.right) if o.id in landmarks}
+def _mapped(frame: RigFrame, landmarks: LandmarkMap) -> set[object]:
+    return {o.id for o in frame.detections if o.id in landmarks}
 
 
-def _locate(frame: StereoFrame, rig: StereoRig, landmarks: LandmarkMap) -> PoseEstimate:
-    if not frame.right:
-        return locate_camera(frame.left, rig.left, landmarks)
-    return locate_rig(frame.left, frame.right, rig, landmarks)
+def _locate(frame: RigFrame, rig: AnyRig, landmarks: LandmarkMap) -> PoseEstimate:
+    if not any(frame.seen[1:]):
+        return locate_camera(frame.seen[0], rig.left, landmarks)
+    return locate_rig(frame.seen, rig, landmarks)
 
 
-def _share(frames: Sequence[StereoFrame], landmarks: LandmarkMap, locate: Locate) -> float:
+def _share(frames: Sequence[RigFrame], landmarks: LandmarkMap, locate: Locate) -> float:
     """Share of the mapped landmarks seen that the frames' poses explain."""
     seen = sum(len(_mapped(frame, landmarks)) for frame in frames)
     return sum(len(locate(frame).inliers) for frame in frames) / seen
 
 
-def _variants(
-    frames: Sequence[StereoFrame], rig: StereoRig, landmarks: LandmarkMap
-) -> Iterator[tuple[Cause, Locate]]:
+def _variants(frames: Sequence[RigFrame], rig: AnyRig, landmarks: LandmarkMap) -> Iterator[tuple[Cause, Locate]]:
     """Causes, and how frames are located once each is undone."""
-    yield (
-        Cause("swapped_cameras", "left and right are swapped: give the left camera's images or detections first"),
-        lambda frame: locate_rig(frame.right, frame.left, rig, landmarks),
-    )
+    cameras = len(mounted_cameras(rig))
+    if cameras == 2:
+        yield (
+            Cause("swapped_cameras", "left and right are swapped: give the left camera's images or detections first"),
+            lambda frame: locate_rig(frame.seen[::-1], rig, landmarks),
+        )
     for order in ((3, 2, 1, 0), (2, 3, 0, 1), (1, 2, 3, 0), (3, 0, 1, 2), (0, 3, 2, 1), (2, 1, 0, 3), (1, 0, 3, 2)):
         text = (
             "the corners of the detections are in another order: write them from the landmark's top left corner "
@@ -129,45 +128,47 @@ def _variants(
         yield Cause("map_units", text), partial(_locate_in, _positions_scaled(landmarks, ratio), rig)
         text = f"the landmarks are {1 / ratio:.3g} times as large as the map says: check size_m{_unit(ratio)}"
         yield Cause("map_sizes", text), partial(_locate_in, _sizes_scaled(landmarks, 1 / ratio), rig)
-    back = replace(
-        rig, T_right_left=Pose("right", "left", rig.T_right_left.R.T, -rig.T_right_left.R.T @ rig.T_right_left.t)
-    )
-    yield (
-        Cause(
-            "rig_inverted", "the rig's T_right_left is that of the left camera in the right one: write its inverse"
-        ),
-        lambda frame: _locate(frame, back, landmarks),
-    )
-    yield (
-        Cause(
-            "rig_contradicts",
-            "each camera alone agrees with the map, both together do not: check the rig's T_right_left "
-            "(metres, direction, order of the cameras)",
-        ),
-        lambda frame: locate_camera(frame.left, rig.left, landmarks),
-    )
+    if cameras == 2:
+        stereo = as_stereo(rig, "the rig")
+        T = stereo.T_right_left
+        back = replace(stereo, T_right_left=Pose("right", "left", T.R.T, -T.R.T @ T.t))
+        yield (
+            Cause(
+                "rig_inverted",
+                "the rig's T_right_left is that of the left camera in the right one: write its inverse",
+            ),
+            lambda frame: _locate(frame, back, landmarks),
+        )
+    if cameras > 1:
+        key, all_of_them = ("T_right_left", "both") if cameras == 2 else ("cameras", "all")
+        yield (
+            Cause(
+                "rig_contradicts",
+                f"each camera alone agrees with the map, {all_of_them} together do not: check the rig's {key} "
+                "(metres, direction, order of the cameras)",
+            ),
+            lambda frame: locate_camera(frame.seen[0], rig.left, landmarks),
+        )
 
 
-def _locate_reordered(
-    order: tuple[int, ...], rig: StereoRig, landmarks: LandmarkMap, frame: StereoFrame
-) -> PoseEstimate:
+def _locate_reordered(order: tuple[int, ...], rig: AnyRig, landmarks: LandmarkMap, frame: RigFrame) -> PoseEstimate:
     return _locate(_reordered(frame, order), rig, landmarks)
 
 
-def _reordered(frame: StereoFrame, order: tuple[int, ...]) -> StereoFrame:
+def _reordered(frame: RigFrame, order: tuple[int, ...]) -> RigFrame:
     rows = list(order)
 
     def turned(detection: Detection) -> Detection:
         return replace(detection, corners=detection.corners[rows], covariance=None)
 
-    return StereoFrame(frame.time_s, tuple(map(turned, frame.left)), tuple(map(turned, frame.right)), frame.name)
+    return RigFrame(frame.time_s, tuple(tuple(map(turned, camera)) for camera in frame.seen), frame.name)
 
 
-def _map_ratio(frames: Sequence[StereoFrame], rig: StereoRig, landmarks: LandmarkMap) -> float | None:
+def _map_ratio(frames: Sequence[RigFrame], rig: AnyRig, landmarks: LandmarkMap) -> float | None:
     """Distances between landmarks as their printed size has them, over those of the map; None where they differ."""
     logs: list[float] = []
     for frame in frames:
-        seen = Correspondences([(frame.left, rig.left, np.eye(3), np.zeros(3))], landmarks, CORNER_FLOOR_PX)
+        seen = Correspondences([(frame.seen[0], rig.left, np.eye(3), np.zeros(3))], landmarks, CORNER_FLOOR_PX)
         if len(seen) < 2:
             continue
         centers = square_poses(seen.rays, np.array([m.size_m for m in seen.landmarks]))[1][:, 0]
@@ -182,7 +183,7 @@ def _map_ratio(frames: Sequence[StereoFrame], rig: StereoRig, landmarks: Landmar
     return float(np.exp(middle)) if high - low < 2 * ALIKE else None
 
 
-def _locate_in(landmarks: LandmarkMap, rig: StereoRig, frame: StereoFrame) -> PoseEstimate:
+def _locate_in(landmarks: LandmarkMap, rig: AnyRig, frame: RigFrame) -> PoseEstimate:
     return _locate(frame, rig, landmarks)
 
 

@@ -11,7 +11,7 @@ import numpy as np
 from lmkit.arrays import BoolArray, FloatArray, IntArray, covariance_root
 from lmkit.geometry.camera import CameraModel
 from lmkit.geometry.pose_array import PoseArray
-from lmkit.geometry.stereo_rig import StereoRig
+from lmkit.geometry.rig import AnyRig, mounted_cameras
 from lmkit.kernels.pose_search import CONVERGED, MOST_DAMPING, Search, pose_covariance, search_poses
 from lmkit.kernels.reprojection import NO_PRIOR, Corners, corner_misfits, pose_equations, refine_poses
 from lmkit.localization.pose_prior import PosePrior
@@ -121,16 +121,15 @@ class Correspondences:
     @classmethod
     def of_rig(
         cls,
-        left: Sequence[Detection],
-        right: Sequence[Detection],
-        rig: StereoRig,
+        seen: Sequence[Sequence[Detection]],
+        rig: AnyRig,
         landmarks: LandmarkMap,
         corner_floor_px: float,
     ) -> Correspondences:
-        """Correspondences of both cameras of a rig."""
+        """Correspondences of all cameras of a rig, with the detections of each."""
         cameras = [
-            (left, rig.left, NO_TURN, NO_SHIFT),
-            (right, rig.right, rig.T_right_left.R, rig.T_right_left.t),
+            (detections, camera.model, camera.T_camera_left.R, camera.T_camera_left.t)
+            for detections, camera in zip(seen, mounted_cameras(rig), strict=True)
         ]
         return cls(cameras, landmarks, corner_floor_px)
 

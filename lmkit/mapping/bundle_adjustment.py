@@ -15,14 +15,14 @@ import numpy as np
 from lmkit.arrays import BoolArray, FloatArray, IntArray
 from lmkit.geometry.pose import Pose
 from lmkit.geometry.pose_array import PoseArray
+from lmkit.geometry.rig import AnyRig
 from lmkit.geometry.rotations import orthonormal, rotation_exp, rotation_log, skew
-from lmkit.geometry.stereo_rig import StereoRig
 from lmkit.kernels import landmark_bundle as kernel
 from lmkit.mapping.observation_arrays import ObservationArrays
 from lmkit.mapping.wall_constraints import LandmarkConstraint, constraint_rows
 from lmkit.model.landmark_id import LandmarkId
 from lmkit.model.landmark_map import LandmarkMap, MappedLandmark
-from lmkit.model.recording import StereoFrame
+from lmkit.model.recording import RigFrame
 from lmkit.odometry.motion_model import BoundedMotion, Motion
 from lmkit.optim.block_chain import ChainEquations
 from lmkit.optim.levenberg_marquardt import Damping, minimize
@@ -108,8 +108,8 @@ class BundleProblem:
 
     def __init__(
         self,
-        frames: Sequence[StereoFrame],
-        rig: StereoRig,
+        frames: Sequence[RigFrame],
+        rig: AnyRig,
         start: PoseArray,
         landmarks: LandmarkMap,
         anchors: Mapping[LandmarkId, Anchor],

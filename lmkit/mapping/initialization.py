@@ -15,8 +15,8 @@ import numpy as np
 from lmkit.errors import InputError
 from lmkit.geometry.pose import Pose
 from lmkit.geometry.pose_array import PoseArray
+from lmkit.geometry.rig import AnyRig
 from lmkit.geometry.rotations import orthonormal, rotation_angle
-from lmkit.geometry.stereo_rig import StereoRig
 from lmkit.localization.absolute_pose import LocateOptions, locate_rig
 from lmkit.localization.correspondences import CORNER_FLOOR_PX, Correspondences
 from lmkit.mapping.bundle_adjustment import Anchor, BundleProblem
@@ -26,7 +26,7 @@ from lmkit.mapping.wall_constraints import LandmarkConstraint
 from lmkit.model.landmark_id import LandmarkId
 from lmkit.model.landmark_map import LandmarkMap, MappedLandmark, wall_pose
 from lmkit.model.pose_status import PoseStatus
-from lmkit.model.recording import StereoFrame
+from lmkit.model.recording import RigFrame
 from lmkit.odometry.dead_reckoning import STRAY_M, STRAY_RAD, OdometryPath, ReckonedPose, ReckonedPoses
 from lmkit.odometry.motion_model import Motion
 
@@ -65,8 +65,8 @@ class Start:
 
     def problem(
         self,
-        frames: Sequence[StereoFrame],
-        rig: StereoRig,
+        frames: Sequence[RigFrame],
+        rig: AnyRig,
         motion: Motion | None,
         constraints: Sequence[LandmarkConstraint] = (),
         landmarks_fixed: bool = False,
@@ -75,7 +75,7 @@ class Start:
         """Bundle adjustment of the frames that have a pose, and of the landmarks that those see."""
         posed = [(k, pose) for k, pose in enumerate(self.poses) if pose is not None]
         some = [frames[k] for k, _ in posed]
-        seen = {o.id for frame in some for o in (*frame.left, *frame.right)}
+        seen = {o.id for frame in some for o in frame.detections}
         mapped = [m for key, m in self.placed.items() if key in seen]
         return BundleProblem(
             some,
@@ -91,8 +91,8 @@ class Start:
 
 
 def find_start(
-    frames: Sequence[StereoFrame],
-    rig: StereoRig,
+    frames: Sequence[RigFrame],
+    rig: AnyRig,
     sizes_m: Mapping[LandmarkId, float],
     anchors: Mapping[LandmarkId, Anchor],
     motion: Motion | None = None,
@@ -141,8 +141,8 @@ def find_start(
 class _Search:
     """Frames located and landmarks placed so far."""
 
-    frames: Sequence[StereoFrame]
-    rig: StereoRig
+    frames: Sequence[RigFrame]
+    rig: AnyRig
     anchors: Mapping[LandmarkId, Anchor]
     placing: Placing
     motion: Motion | None
@@ -205,7 +205,7 @@ class _Search:
         for k, frame in enumerate(self.frames):
             if self.poses[k] is not None:
                 continue
-            known = len({o.id for o in (*frame.left, *frame.right)} & self.placed.keys())
+            known = len({o.id for o in frame.detections} & self.placed.keys())
             # Again only when it sees a good deal more of what is placed.
             if known == 0 or known < RETRY * self.tries.get(k, 0):
                 continue
@@ -216,7 +216,7 @@ class _Search:
                 pose, sure = refined
                 self.poses[k] = pose if sure else None
             else:
-                found = locate_rig(frame.left, frame.right, self.rig, landmarks, PLACING)
+                found = locate_rig(frame.seen, self.rig, landmarks, PLACING)
                 at = reckoned[k]
                 if (
                     found.status == PoseStatus.OK
@@ -245,7 +245,7 @@ class _Search:
         for k, frame in enumerate(self.frames):
             if self.poses[k] is not None or reckoned[k] is not None:
                 continue
-            found = locate_rig(frame.left, frame.right, self.rig, landmarks)
+            found = locate_rig(frame.seen, self.rig, landmarks)
             if found.T_map_camera is None or found.covariance is None:
                 continue
             ratio = found.alternatives[0][1] if found.alternatives else SURE_RATIO
@@ -270,7 +270,7 @@ class _Search:
                 if self.poses[k] is not None or reckoned[k] is not None or before is None or seconds > NEIGHBOUR_S:
                     continue
                 if k not in allowed:
-                    found = locate_rig(frames[k].left, frames[k].right, self.rig, landmarks)
+                    found = locate_rig(frames[k].seen, self.rig, landmarks)
                     best = [] if found.T_map_camera is None else [found.T_map_camera]
                     allowed[k] = best + [pose for pose, _ in found.alternatives]
                 near = [
@@ -285,11 +285,9 @@ class _Search:
         return news
 
 
-def _refined(
-    guess: ReckonedPose, frame: StereoFrame, rig: StereoRig, landmarks: LandmarkMap
-) -> tuple[Pose, bool] | None:
+def _refined(guess: ReckonedPose, frame: RigFrame, rig: AnyRig, landmarks: LandmarkMap) -> tuple[Pose, bool] | None:
     """The pose near the guess that fits all that is seen, and whether that is sure; None where it does not fit."""
-    seen = Correspondences.of_rig(frame.left, frame.right, rig, landmarks, CORNER_FLOOR_PX)
+    seen = Correspondences.of_rig(frame.seen, rig, landmarks, CORNER_FLOOR_PX)
     if len(seen) == 0 or seen.twice:
         return None
     used = np.ones((1, len(seen)), dtype=bool)

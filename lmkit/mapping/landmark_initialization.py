@@ -14,14 +14,14 @@ from lmkit.arrays import FloatArray
 from lmkit.errors import InputError
 from lmkit.geometry.pose import Pose
 from lmkit.geometry.pose_array import PoseArray
+from lmkit.geometry.rig import AnyRig
 from lmkit.geometry.rotations import rotation_angle
-from lmkit.geometry.stereo_rig import StereoRig
 from lmkit.localization.absolute_pose import locate_rig
 from lmkit.localization.correspondences import Correspondences
 from lmkit.model.landmark_id import LandmarkId
 from lmkit.model.landmark_map import LandmarkMap, MappedLandmark
 from lmkit.model.observation import Detection
-from lmkit.model.recording import StereoFrame
+from lmkit.model.recording import RigFrame
 from lmkit.odometry.dead_reckoning import ReckonedPoses
 
 VIEWS = 8  # of a landmark that place it, the largest
@@ -32,7 +32,7 @@ LOCATED_PX, CARRIED_PX = 0.5, 12.0  # what a corner may be off, seen from where 
 CARRY_M = 6.0  # odometry is believed that far
 SAME_M, SAME_RAD = 0.3, 0.35
 
-View = tuple[tuple[Detection, ...], tuple[Detection, ...]]
+View = tuple[tuple[Detection, ...], ...]
 At = list[tuple[int, Pose, float]]  # frame, T_map_left, and what a corner may be off
 
 
@@ -43,7 +43,7 @@ class Placing:
         sizes_m: printed sizes of those that are to be placed.
     """
 
-    def __init__(self, frames: Sequence[StereoFrame], rig: StereoRig, sizes_m: Mapping[LandmarkId, float]) -> None:
+    def __init__(self, frames: Sequence[RigFrame], rig: AnyRig, sizes_m: Mapping[LandmarkId, float]) -> None:
         self._moments, self._rig, self._sizes_m = frames, rig, sizes_m
         self.views = _views(frames)
         self.wanted = {key for key in self.views if key in sizes_m}
@@ -105,7 +105,7 @@ class Placing:
     def _cameras(self, k: int, key: LandmarkId) -> list[Pose]:
         """T_camera_landmark as that view allows."""
         if (k, key) not in self._seen_from:
-            estimate = locate_rig(*_only(self._moments[k], key), self._rig, self._alone(key))
+            estimate = locate_rig(_only(self._moments[k], key), self._rig, self._alone(key))
             likeliest = [] if estimate.T_map_camera is None else [estimate.T_map_camera]
             self._seen_from[k, key] = [*likeliest, *(pose for pose, _ in estimate.alternatives)]
         return self._seen_from[k, key]
@@ -114,7 +114,7 @@ class Placing:
         """Possible camera poses of one frame in the landmark's frame."""
         if (k, key, floor_px) not in self._looked:
             self._looked[k, key, floor_px] = Correspondences.of_rig(
-                *_only(self._moments[k], key), self._rig, self._alone(key), floor_px
+                _only(self._moments[k], key), self._rig, self._alone(key), floor_px
             )
         return self._looked[k, key, floor_px]
 
@@ -136,10 +136,10 @@ class Placing:
         return chi2
 
 
-def _views(frames: Sequence[StereoFrame]) -> dict[LandmarkId, list[tuple[float, int]]]:
+def _views(frames: Sequence[RigFrame]) -> dict[LandmarkId, list[tuple[float, int]]]:
     """Views of every landmark: (side in px, frame), the largest first."""
     views: dict[LandmarkId, dict[int, float]] = {}
-    seen = [(k, o) for k, frame in enumerate(frames) for o in (*frame.left, *frame.right)]
+    seen = [(k, o) for k, frame in enumerate(frames) for o in frame.detections]
     if seen:
         corners = np.array([o.corners for _, o in seen])
         sides = np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2).mean(axis=1).tolist()
@@ -149,9 +149,8 @@ def _views(frames: Sequence[StereoFrame]) -> dict[LandmarkId, list[tuple[float, 
     return {key: sorted(((side, k) for k, side in at.items()), reverse=True) for key, at in views.items()}
 
 
-def _only(frame: StereoFrame, key: LandmarkId) -> View:
-    left = tuple(o for o in frame.left if o.id == key)
-    return left, tuple(o for o in frame.right if o.id == key)
+def _only(frame: RigFrame, key: LandmarkId) -> View:
+    return tuple(tuple(o for o in camera if o.id == key) for camera in frame.seen)
 
 
 def _same(a: Pose, b: Pose) -> bool:

@@ -16,14 +16,14 @@ import numpy as np
 from lmkit.arrays import BoolArray, FloatArray
 from lmkit.geometry.pose import Pose
 from lmkit.geometry.pose_array import PoseArray
-from lmkit.geometry.stereo_rig import StereoRig
+from lmkit.geometry.rig import AnyRig
 from lmkit.mapping.bundle_adjustment import Bundle, BundleProblem
 from lmkit.mapping.survey import Survey, deviations
 from lmkit.model.detector_model import corner_sigma_px, recognised
 from lmkit.model.landmark_id import LandmarkId, ids_text
 from lmkit.model.landmark_map import LandmarkMap, MappedLandmark
 from lmkit.model.observation import Detection
-from lmkit.model.recording import StereoFrame
+from lmkit.model.recording import RigFrame
 from lmkit.simulation.observations import look
 
 DISTANCES_M = (0.6, 1.0, 1.5, 2.2, 3.0)
@@ -76,7 +76,7 @@ class NextView:
         )
 
 
-def next_view(landmark: MappedLandmark, bundle: Bundle, rig: StereoRig) -> NextView | None:
+def next_view(landmark: MappedLandmark, bundle: Bundle, rig: AnyRig) -> NextView | None:
     """The view that leaves least open of a landmark of a survey; None where none leaves much less."""
     cameras = bundle.poses.t
     now_m, now_rad = deviations(landmark)
@@ -92,10 +92,10 @@ def next_view(landmark: MappedLandmark, bundle: Bundle, rig: StereoRig) -> NextV
             continue
         clear = _clear(at[:2], places, along)
         frame = _view(LandmarkMap([m for m, seen in zip(mapped, clear, strict=True) if seen]), rig, T_map_left)
-        if landmark.id not in {o.id for o in frame.left}:
+        if landmark.id not in {o.id for o in frame.seen[0]}:
             continue
         then_m, then_rad = _afterwards(landmark, bundle, rig, T_map_left, frame)
-        beside = tuple(sorted({o.id for o in frame.left} - {landmark.id}))
+        beside = tuple(sorted({o.id for o in frame.seen[0]} - {landmark.id}))
         view = NextView(landmark.id, T_map_left, now_m, now_rad, distance, aside, beside, then_m, then_rad)
         if best is None or _cost(view) < _cost(best):
             best = view
@@ -104,7 +104,7 @@ def next_view(landmark: MappedLandmark, bundle: Bundle, rig: StereoRig) -> NextV
     return best
 
 
-def advise(survey: Survey, rig: StereoRig) -> dict[LandmarkId, str]:
+def advise(survey: Survey, rig: AnyRig) -> dict[LandmarkId, str]:
     """Advice on the least certain landmarks of a survey, by id."""
     advice = {}
     for id_, _, _ in sorted(survey.weak, key=lambda one: -(one[1] + one[2]))[:MOST_ADVISED]:
@@ -147,13 +147,13 @@ def _clear(eye: FloatArray, places: FloatArray, along: FloatArray) -> BoolArray:
     return np.asarray(~hidden.any(axis=1))
 
 
-def _view(landmarks: LandmarkMap, rig: StereoRig, T_map_left: Pose) -> StereoFrame:
-    """Detections of both cameras from there, with the covariance that their size gives."""
+def _view(landmarks: LandmarkMap, rig: AnyRig, T_map_left: Pose) -> RigFrame:
+    """Detections of all cameras from there, with the covariance that their size gives."""
     at_the_eye = replace(rig, T_base_left=Pose.identity("base", "left"))
     base = Pose("map", "base", T_map_left.R, T_map_left.t)
     cameras = look(landmarks, at_the_eye, base, 1e-3, np.random.default_rng(0))
-    left, right = (tuple(o for o in map(_as_measured, eye) if o is not None) for eye in cameras)
-    return StereoFrame(0.0, left, right)
+    seen = tuple(tuple(o for o in map(_as_measured, camera) if o is not None) for camera in cameras)
+    return RigFrame(0.0, seen)
 
 
 def _as_measured(seen: Detection) -> Detection | None:
@@ -164,10 +164,10 @@ def _as_measured(seen: Detection) -> Detection | None:
 
 
 def _afterwards(
-    landmark: MappedLandmark, bundle: Bundle, rig: StereoRig, T_map_left: Pose, frame: StereoFrame
+    landmark: MappedLandmark, bundle: Bundle, rig: AnyRig, T_map_left: Pose, frame: RigFrame
 ) -> tuple[float, float]:
     """The landmark's deviations once that view is added."""
-    ids = {o.id for o in (*frame.left, *frame.right)}
+    ids = {o.id for o in frame.detections}
     mapped = list(bundle.landmarks)
     rows = [k for k, m in enumerate(mapped) if m.id in ids]
     view = BundleProblem(

@@ -9,17 +9,17 @@ import numpy as np
 
 from lmkit.arrays import FloatArray, IntArray
 from lmkit.geometry.pose_array import PoseArray
-from lmkit.geometry.stereo_rig import StereoRig
+from lmkit.geometry.rig import AnyRig, mounted_cameras
 from lmkit.kernels.landmark_bundle import Bundle
 from lmkit.localization.correspondences import CORNER_FLOOR_PX
 from lmkit.localization.reprojection import through_lens
 from lmkit.model.landmark_id import LandmarkId
-from lmkit.model.recording import StereoFrame
+from lmkit.model.recording import RigFrame
 
 
 @dataclass(frozen=True, eq=False)
 class ObservationArrays:
-    """Correspondences of landmarks by both cameras.
+    """Correspondences of landmarks by all cameras.
 
     Attributes:
         at, of: (S,) frames and landmarks.
@@ -36,19 +36,16 @@ class ObservationArrays:
     camera_t: FloatArray
 
     @classmethod
-    def collect(cls, frames: Sequence[StereoFrame], rig: StereoRig, ids: Sequence[LandmarkId]) -> ObservationArrays:
+    def collect(cls, frames: Sequence[RigFrame], rig: AnyRig, ids: Sequence[LandmarkId]) -> ObservationArrays:
         """Observations of these landmarks as arrays; others are left out."""
         index = {id_: k for k, id_ in enumerate(ids)}
         rows: list[tuple[int, int]] = []
         parts = []
-        right = rig.T_right_left
-        cameras = (
-            ([frame.left for frame in frames], rig.left, np.eye(3), np.zeros(3)),
-            ([frame.right for frame in frames], rig.right, right.R, right.t),
-        )
-        for observations, camera, R, t in cameras:
+        for which, camera in enumerate(mounted_cameras(rig)):
+            R, t = camera.T_camera_left.R, camera.T_camera_left.t
+            observations = [frame.seen[which] for frame in frames]
             listed = [(o, (k, index[o.id])) for k, some in enumerate(observations) for o in some if o.id in index]
-            seen = through_lens([o for o, _ in listed], camera, CORNER_FLOOR_PX)
+            seen = through_lens([o for o, _ in listed], camera.model, CORNER_FLOOR_PX)
             rows += [listed[k][1] for k in seen.kept]
             turned, moved = np.repeat(R[None], len(seen.kept), axis=0), np.tile(t, (len(seen.kept), 1))
             parts.append((seen.rays, seen.by_ray, seen.whitener, turned, moved))
@@ -89,8 +86,8 @@ class ObservationArrays:
 class RecordedObservations:
     """All observations of a recording, made arrays once; bundle adjustments of parts of it take theirs from here."""
 
-    def __init__(self, frames: Sequence[StereoFrame], rig: StereoRig) -> None:
-        ids = sorted({o.id for frame in frames for o in (*frame.left, *frame.right)})
+    def __init__(self, frames: Sequence[RigFrame], rig: AnyRig) -> None:
+        ids = sorted({o.id for frame in frames for o in frame.detections})
         self._number = {id_: k for k, id_ in enumerate(ids)}
         self._all = ObservationArrays.collect(frames, rig, ids)
 

@@ -16,14 +16,14 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from lmkit.geometry.stereo_rig import StereoRig
+from lmkit.geometry.rig import AnyRig
 from lmkit.mapping.bundle_adjustment import Anchor, Bundle, BundleProblem
 from lmkit.mapping.initialization import Start, find_start
 from lmkit.mapping.pose_ambiguity import resolve_pose_ambiguities
 from lmkit.mapping.wall_constraints import LandmarkConstraint, strays
 from lmkit.model.landmark_id import LandmarkId
 from lmkit.model.landmark_map import LandmarkMap, MappedLandmark
-from lmkit.model.recording import StereoFrame
+from lmkit.model.recording import RigFrame
 from lmkit.odometry.motion_model import Motion
 
 OUTLIER_SIGMA = 4.5  # root mean square over an observation's eight coordinates
@@ -86,8 +86,8 @@ class Survey:
 
 
 def survey_frames(
-    frames: Sequence[StereoFrame],
-    rig: StereoRig,
+    frames: Sequence[RigFrame],
+    rig: AnyRig,
     sizes_m: Mapping[LandmarkId, float],
     anchors: Mapping[LandmarkId, Anchor],
     motion: Motion | None = None,
@@ -243,10 +243,10 @@ def deviations(landmark: MappedLandmark) -> tuple[float, float]:
 
 
 def landmark_sizes(
-    frames: Sequence[StereoFrame], size_m: float, anchors: Mapping[LandmarkId, Anchor]
+    frames: Sequence[RigFrame], size_m: float, anchors: Mapping[LandmarkId, Anchor]
 ) -> dict[LandmarkId, float]:
     """Printed size of every landmark observed or known, metres: an anchor's own, else ``size_m``."""
-    sizes = {o.id: size_m for frame in frames for o in (*frame.left, *frame.right)}
+    sizes = {o.id: size_m for frame in frames for o in frame.detections}
     sizes.update({key: anchor.landmark.size_m for key, anchor in anchors.items()})
     return sizes
 

@@ -10,12 +10,12 @@ from typing import Any
 import numpy as np
 
 from lmkit.geometry.pose import Pose
-from lmkit.geometry.stereo_rig import StereoRig
+from lmkit.geometry.rig import AnyRig
 from lmkit.mapping.bundle_adjustment import Bundle
 from lmkit.mapping.survey import Survey, deviations
 from lmkit.mapping.wall_constraints import LandmarkConstraint
 from lmkit.model.landmark_id import LandmarkId, ids_text
-from lmkit.model.recording import StereoFrame
+from lmkit.model.recording import RigFrame
 from lmkit.odometry.motion_model import Motion, describe_odometry
 
 
@@ -53,7 +53,7 @@ def survey_warnings(
     return texts
 
 
-def survey_dict(result: Survey, frames: Sequence[StereoFrame], motion: Motion | None, output: Path) -> dict[str, Any]:
+def survey_dict(result: Survey, frames: Sequence[RigFrame], motion: Motion | None, output: Path) -> dict[str, Any]:
     """The result as docs/formats.md has it.
 
     Args:
@@ -119,7 +119,7 @@ def survey_lines(result: Survey, frames: int, output: Path) -> list[str]:
     return lines
 
 
-def base_poses(bundle: Bundle, rig: StereoRig) -> Iterator[tuple[float, Pose]]:
+def base_poses(bundle: Bundle, rig: AnyRig) -> Iterator[tuple[float, Pose]]:
     """Times and poses of the robot's base, or of the left camera if the rig has no T_base_left."""
     for time_s, pose in zip(bundle.times_s.tolist(), bundle.left_poses(), strict=True):
         yield time_s, pose if rig.T_base_left is None else pose @ rig.T_base_left.inverse()

@@ -26,9 +26,10 @@ class PoseEstimate:
         outliers: landmarks of the map that were read and that the pose does not explain, or that are in one image
             more than once.
         alternatives: other poses, best first, each with its log likelihood ratio to the answer.
-        reprojection_error_px: root mean square over the corners of the inliers, both images.
+        reprojection_error_px: root mean square over the corners of the inliers, all images.
         T_camera_base: the robot's base in the left camera's frame; None where the rig has no base.
         warnings: why landmarks contradict the map, where a cause is recognised (`localization/contradiction.py`).
+        outlier_cameras: names of the cameras that contradict the majority; the pose leaves their detections out.
     """
 
     status: PoseStatus
@@ -40,6 +41,7 @@ class PoseEstimate:
     reprojection_error_px: float | None = None
     T_camera_base: Pose | None = None
     warnings: tuple[str, ...] = ()
+    outlier_cameras: tuple[str, ...] = ()
 
     @property
     def T_map_base(self) -> Pose | None:
@@ -92,6 +94,7 @@ class PoseEstimate:
             ],
             "reprojection_error_px": self.reprojection_error_px,
             "warnings": list(self.warnings),
+            "outlier_cameras": list(self.outlier_cameras),
         }
 
     def _at_base(self, T_map_camera: Pose) -> Pose:

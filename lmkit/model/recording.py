@@ -81,19 +81,23 @@ def _freeze(record: Odometry | Gyro, *names: str) -> None:
 
 
 @dataclass(frozen=True, eq=False)
-class StereoFrame:
-    """Detections of both cameras in one frame.
+class RigFrame:
+    """Detections of all cameras of a rig in one frame.
 
     Attributes:
         time_s: seconds.
-        left, right: landmarks read in the two images.
-        name: of the frame, as of its left image.
+        seen: landmarks read in the image of every camera, in the order of the rig's cameras.
+        name: of the frame, as of its first image.
     """
 
     time_s: float
-    left: tuple[Detection, ...]
-    right: tuple[Detection, ...]
+    seen: tuple[tuple[Detection, ...], ...]
     name: str = ""
+
+    @property
+    def detections(self) -> tuple[Detection, ...]:
+        """The detections of all cameras."""
+        return tuple(detection for camera in self.seen for detection in camera)
 
 
 @dataclass(frozen=True, eq=False)
@@ -101,7 +105,7 @@ class Recording:
     """Everything that `survey` and `track` take: observations of landmarks, and odometry.
 
     Attributes:
-        frames: detections of both cameras, in the order of time.
+        frames: detections of all cameras, in the order of time.
         readings: (time, readings) of a range and bearing sensor, in the order of time; in place of frames.
         odometry: wheel odometry, or poses of visual odometry; None without odometry.
         gyro: yaw rate, beside wheel odometry.
@@ -110,7 +114,7 @@ class Recording:
         ValueError: both frames and readings, or a gyro without wheel odometry.
     """
 
-    frames: tuple[StereoFrame, ...] = ()
+    frames: tuple[RigFrame, ...] = ()
     readings: tuple[tuple[float, tuple[RangeBearing, ...]], ...] = ()
     odometry: Odometry | Trajectory | None = None
     gyro: Gyro | None = None
@@ -130,7 +134,7 @@ class Recording:
     @property
     def ids(self) -> set[LandmarkId]:
         """Landmarks seen."""
-        detected = {o.id for frame in self.frames for o in (*frame.left, *frame.right)}
+        detected = {o.id for frame in self.frames for o in frame.detections}
         return detected | {reading.id for _, seen in self.readings for reading in seen}
 
     def __repr__(self) -> str:

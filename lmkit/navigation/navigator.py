@@ -17,7 +17,7 @@ import numpy as np
 from lmkit.arrays import FloatArray
 from lmkit.errors import LmkitError
 from lmkit.geometry.planar import wrap_heading
-from lmkit.geometry.stereo_rig import StereoRig
+from lmkit.geometry.rig import AnyRig
 from lmkit.localization.correspondences import CORNER_FLOOR_PX
 from lmkit.model.floor_plan import FloorPlan
 from lmkit.model.landmark_map import LandmarkMap
@@ -67,8 +67,8 @@ class Robot(Protocol):
     def drive(self, forward_mps: float, turn_radps: float, seconds: float) -> list[tuple[float, float, float, float]]:
         """Keep to these velocities; rows of time, way, turn and the gyro's rate."""
 
-    def look(self) -> tuple[Sequence[Detection], Sequence[Detection]]:
-        """Detections of both cameras."""
+    def look(self) -> Sequence[Sequence[Detection]]:
+        """Detections of every camera of the rig."""
 
     def obstacle_ahead(self, reach_m: float) -> FloatArray | None:
         """(2,) nearest obstacle ahead, forward and left of the robot."""
@@ -88,7 +88,7 @@ class Site:
 
     floor: FloorPlan
     landmarks: LandmarkMap
-    rig: StereoRig
+    rig: AnyRig
     radius_m: float
     demand: Demand
     coverage: PoseCoverage
@@ -308,7 +308,7 @@ class _Navigator:
         for time_s, forward_m, turn_rad, rate in self.robot.drive(forward_mps, turn_radps, PERIOD_S):
             self.filter.wheels.add_odometry(time_s, forward_m, turn_rad)
             self.filter.wheels.add_gyro(time_s, rate)
-        self.pose = self.filter.observe(self.robot.time_s, *self.robot.look())
+        self.pose = self.filter.observe(self.robot.time_s, self.robot.look())
         self.journey.poses.append(self.pose)
         self.on_moment(self.pose)
 

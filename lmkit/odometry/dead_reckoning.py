@@ -9,8 +9,8 @@ import numpy as np
 
 from lmkit.arrays import FloatArray, IntArray
 from lmkit.geometry.pose import Pose
+from lmkit.geometry.rig import AnyRig
 from lmkit.geometry.rotations import orthonormal, rotation_angle
-from lmkit.geometry.stereo_rig import StereoRig
 from lmkit.odometry.motion_model import Motion
 
 # Odometry strays by so much, and by that share of the way; a frame located farther off saw a landmark that is mounted
@@ -48,7 +48,7 @@ class OdometryPath:
     stretch: IntArray
 
     @classmethod
-    def of(cls, times_s: FloatArray, rig: StereoRig, motion: Motion) -> OdometryPath:
+    def of(cls, times_s: FloatArray, rig: AnyRig, motion: Motion) -> OdometryPath:
         """Between frames (N,) of a recording."""
         steps = motion.steps(times_s, motion.nominal)
         R, t = np.repeat(np.eye(3)[None], len(times_s), axis=0), np.zeros((len(times_s), 3))

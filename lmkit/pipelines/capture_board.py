@@ -12,7 +12,8 @@ from lmkit.calibration.view_coverage import ViewCoverage
 from lmkit.detection.boards import detect_board
 from lmkit.errors import InputError
 from lmkit.io.board_corners import SavedCorners
-from lmkit.io.image_sources import Frame, list_pairs
+from lmkit.io.image_groups import list_pairs
+from lmkit.io.image_sources import Frame
 from lmkit.io.images import read_image
 from lmkit.model.board import BoardSpec
 from lmkit.model.observation import BoardObservation

@@ -1,4 +1,4 @@
-"""Recordings from files: detections of both cameras with their times, odometry and gyro."""
+"""Recordings from files: detections of all cameras with their times, odometry and gyro."""
 
 from __future__ import annotations
 
@@ -9,61 +9,84 @@ from pathlib import Path
 from lmkit.detection.config import DetectOptions
 from lmkit.detection.detector import detect_landmarks
 from lmkit.errors import InputError
-from lmkit.geometry.stereo_rig import StereoRig
-from lmkit.io.image_sources import list_pairs, time_of
+from lmkit.geometry.rig import AnyRig, mounted_cameras
+from lmkit.io.image_groups import are_files, frame_groups, image_count, list_groups
+from lmkit.io.image_sources import Frame, frame_count, time_of
 from lmkit.io.images import read_image
 from lmkit.io.readings import read_readings
-from lmkit.io.recording_tables import read_detections, read_gyro, read_odometry
+from lmkit.io.recording_tables import PAIR, read_detections, read_gyro, read_odometry
 from lmkit.io.trajectory import read_trajectory
 from lmkit.model.landmark import LM8, LandmarkFamily, family_named
-from lmkit.model.recording import Odometry, Recording, StereoFrame
+from lmkit.model.recording import Odometry, Recording, RigFrame
 from lmkit.model.trajectory import Trajectory
 from lmkit.parallel import map_in_processes
 
 
 def see_drive(
-    left: str, right: str, rig: StereoRig, families: Sequence[LandmarkFamily], hz: float | None
-) -> Iterator[StereoFrame]:
-    """Every pair of two folders or globs, in the order of their names.
+    sources: Sequence[str], rig: AnyRig, families: Sequence[LandmarkFamily], hz: float | None
+) -> Iterator[RigFrame]:
+    """Every frame of folders, globs or videos, one source per camera, in the order of their names.
 
     Args:
-        hz: pairs a second; None: the names end in seconds.
+        hz: frames a second; None: the names end in seconds, or the videos have times.
 
     Raises:
-        InputError: the sources make no pairs, an image cannot be read, or times are missing or do not increase.
+        InputError: the sources do not go together, an image cannot be read, or times are missing or do not increase.
     """
-    pairs = list_pairs(left, right)
+    cameras = len(mounted_cameras(rig))
+    if image_count(sources) != cameras:
+        raise InputError(
+            "wrong_image_count",
+            f"images of {image_count(sources)} cameras for a rig of {cameras}",
+            "give one folder, glob or video per camera, in the order of the rig",
+        )
+    if not are_files(sources):
+        last: float | None = None
+        for k, frames in enumerate(frame_groups(sources)):
+            last = _next_time(k, frames[0].name, frames[0].time_s, hz, last)
+            yield _detected(last, frames, rig, tuple(families))
+        return
     times: list[float] = []
-    for k, (a, _) in enumerate(pairs):
-        time = k / hz if hz else time_of(a.name)
-        if time is None:
-            raise InputError(
-                "no_times", f"{a} has no time in its name", "give the number of pairs per second, such as --hz 5"
-            )
-        if times and time <= times[-1]:
-            raise InputError("time_not_increasing", f"{a}: time does not increase", "name images in their order")
-        times.append(time)
+    groups = list_groups(sources)
+    for k, files in enumerate(groups):
+        times.append(_next_time(k, str(files[0]), time_of(files[0].name), hz, times[-1] if times else None))
     work = partial(_see, rig=rig, families=tuple(families))
-    yield from map_in_processes(work, [(time, str(a), str(b)) for time, (a, b) in zip(times, pairs, strict=True)])
+    yield from map_in_processes(
+        work, [(time, tuple(map(str, files))) for time, files in zip(times, groups, strict=True)]
+    )
 
 
-def _see(job: tuple[float, str, str], rig: StereoRig, families: tuple[LandmarkFamily, ...]) -> StereoFrame:
-    time_s, *names = job
+def _next_time(k: int, name: str, time_s: float | None, hz: float | None, last: float | None) -> float:
+    time = k / hz if hz else time_s
+    if time is None:
+        raise InputError(
+            "no_times", f"{name} has no time in its name", "give the number of frames per second, such as --hz 5"
+        )
+    if last is not None and time <= last:
+        raise InputError("time_not_increasing", f"{name}: time does not increase", "name images in their order")
+    return time
+
+
+def _see(job: tuple[float, tuple[str, ...]], rig: AnyRig, families: tuple[LandmarkFamily, ...]) -> RigFrame:
+    time_s, names = job
+    return _detected(time_s, [Frame(name, read_image(Path(name))) for name in names], rig, families)
+
+
+def _detected(time_s: float, frames: Sequence[Frame], rig: AnyRig, families: tuple[LandmarkFamily, ...]) -> RigFrame:
     seen = []
-    for name, camera in zip(names, (rig.left, rig.right), strict=True):
-        picture = read_image(Path(name))
-        camera.require_size(name, (picture.shape[1], picture.shape[0]))
-        seen.append(tuple(detect_landmarks(picture, DetectOptions(families, camera=camera))))
-    return StereoFrame(time_s, seen[0], seen[1], Path(names[0]).stem)
+    for frame, camera in zip(frames, mounted_cameras(rig), strict=True):
+        image = frame.picture
+        camera.model.require_size(frame.name, (image.shape[1], image.shape[0]))
+        seen.append(tuple(detect_landmarks(image, DetectOptions(families, camera=camera.model))))
+    return RigFrame(time_s, tuple(seen), Path(frames[0].name).stem)
 
 
 POSES = (".tum", ".txt")  # suffixes of odometry in space
 
 
 def read_recording(
-    left: str | None = None,
-    right: str | None = None,
-    rig: StereoRig | None = None,
+    sources: Sequence[str] = (),
+    rig: AnyRig | None = None,
     detections: Path | None = None,
     readings: Path | None = None,
     odometry: Path | None = None,
@@ -77,16 +100,18 @@ def read_recording(
 
     Args:
         families: names; of images those that lmkit detects, of saved detections and readings any.
-        on_frame: called with the number of image pairs done, and of how many.
+        on_frame: called with the number of frames done, and of how many.
 
     Raises:
         InputError: not exactly one of images, detections and readings is given; images without a rig; a gyro without
             wheel odometry; wheel odometry and a rig without T_base_left; a file cannot be read.
     """
-    given = [name for name, value in (("images", left), ("detections", detections), ("readings", readings)) if value]
+    given = [
+        name for name, value in (("images", sources), ("detections", detections), ("readings", readings)) if value
+    ]
     if len(given) != 1:
         what = " and ".join(given) or "none of images, detections and readings"
-        raise InputError("bad_recording", f"{what} given", "give one: left and right, or detections, or readings")
+        raise InputError("bad_recording", f"{what} given", "give one: images, or detections, or readings")
     own: Odometry | Trajectory | None = None
     if odometry is not None:
         poses = odometry.suffix.lower() in POSES
@@ -104,12 +129,13 @@ def read_recording(
         seen = tuple((time_s, tuple(some)) for time_s, some in sorted(read_readings(readings, names).items()))
         return Recording(readings=seen, odometry=own, gyro=rate)
     if detections is not None:
-        return Recording(tuple(read_detections(detections, names)), odometry=own, gyro=rate)
-    if left is None or right is None or rig is None:
-        raise InputError("no_images", "images of both cameras and the rig are needed", "give left, right and rig")
-    total = len(list_pairs(left, right))
+        cameras = PAIR if rig is None else [camera.name for camera in mounted_cameras(rig)]
+        return Recording(tuple(read_detections(detections, names, cameras)), odometry=own, gyro=rate)
+    if rig is None:
+        raise InputError("no_rig", "images need the rig that took them", "give rig")
+    total = frame_count(sources[:1]) or 0
     frames = []
-    for frame in see_drive(left, right, rig, [family_named(name) for name in names], hz):
+    for frame in see_drive(sources, rig, [family_named(name) for name in names], hz):
         frames.append(frame)
         on_frame(len(frames), total)
     return Recording(tuple(frames), odometry=own, gyro=rate)

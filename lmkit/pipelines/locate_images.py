@@ -1,4 +1,4 @@
-"""Poses of many stereo pairs or single images in a steady stream: files on all cores, videos frame by frame."""
+"""Poses of many frames of a rig in a steady stream: files on all cores, videos frame by frame."""
 
 from __future__ import annotations
 
@@ -12,8 +12,9 @@ from lmkit.arrays import ByteArray
 from lmkit.detection.config import DetectOptions
 from lmkit.detection.detector import detect_landmarks
 from lmkit.errors import InputError
-from lmkit.geometry.stereo_rig import StereoRig
-from lmkit.io.image_sources import Frame, are_moving, frames, list_pairs, list_pictures, paired_frames, time_of
+from lmkit.geometry.rig import AnyRig, mounted_cameras
+from lmkit.io.image_groups import are_files, frame_groups, image_count, list_groups
+from lmkit.io.image_sources import Frame, time_of
 from lmkit.io.images import read_image
 from lmkit.localization.absolute_pose import LocateOptions, locate_camera, locate_rig
 from lmkit.localization.base_pose import with_base
@@ -32,102 +33,103 @@ class Located:
     """One frame.
 
     Attributes:
-        left, right: names of the images; right is None of a single image.
+        names: of the images, in the order of the rig's cameras.
         estimate: the pose, or None where an image could not be read.
-        seen: landmarks of the left and of the right image.
-        image: the left image, of videos and cameras alone (files can be read again).
+        seen: landmarks of every image.
+        image: the first image, of videos and cameras alone (files can be read again).
         error: why there is no estimate.
-        time_s: time in the video, or the time that the left file's name ends in.
+        time_s: time in the video, or the time that the first file's name ends in.
     """
 
-    left: str
-    right: str | None
+    names: tuple[str, ...]
     estimate: PoseEstimate | None
     seen: tuple[tuple[Detection, ...], ...] = ()
     image: ByteArray | None = None
     error: InputError | None = None
     time_s: float | None = None
 
+    @property
+    def left(self) -> str:
+        """Name of the first image."""
+        return self.names[0]
+
 
 def locate_in_sources(
-    left: str, right: str | None, rig: StereoRig, landmarks: LandmarkMap, options: LocateOptions | None = None
+    sources: Sequence[str], rig: AnyRig, landmarks: LandmarkMap, options: LocateOptions | None = None
 ) -> Iterator[Located]:
-    """Every pair of two files, folders, globs, videos or cameras, or every image where right is None, in order.
+    """Every frame of the files, folders, globs, videos or cameras, in order.
+
+    Args:
+        sources: one per camera of the rig, or one alone: the first (left) camera's.
 
     Raises:
-        InputError: the sources make no pairs.
+        InputError: the sources do not go together, or are not as many as the rig has cameras.
     """
-    work = partial(_locate_files, rig=rig, landmarks=landmarks, options=options or LocateOptions())
-    if not are_moving(left):
-        jobs: Sequence[tuple[str, str | None]]
-        if right is None:
-            jobs = [(str(file), None) for file in list_pictures(left)]
-        else:
-            jobs = [(str(a), str(b)) for a, b in list_pairs(left, right)]
-        yield from map_in_processes(work, jobs)
+    count, cameras = image_count(sources), len(mounted_cameras(rig))
+    if count not in (1, cameras):
+        raise InputError(
+            "wrong_image_count",
+            f"images of {count} cameras for a rig of {cameras}",
+            "give one folder, file or video per camera, in the order of the rig",
+        )
+    options = options or LocateOptions()
+    if are_files(sources):
+        work = partial(_locate_files, rig=rig, landmarks=landmarks, options=options)
+        yield from map_in_processes(work, [tuple(map(str, files)) for files in list_groups(sources)])
         return
-    if right is None:
-        moments: Iterator[tuple[Frame, ...]] = ((frame,) for frame in frames([left]))
-    else:
-        moments = iter(paired_frames(left, right))
-    for moment in moments:
-        yield _locate_frames(moment, rig, landmarks, options or LocateOptions())
+    for frames in frame_groups(sources):
+        yield _locate_frames(frames, rig, landmarks, options)
 
 
-def _locate_files(
-    names: tuple[str, str | None], rig: StereoRig, landmarks: LandmarkMap, options: LocateOptions
-) -> Located:
-    left, right = names
-    moment = []
+def _locate_files(names: tuple[str, ...], rig: AnyRig, landmarks: LandmarkMap, options: LocateOptions) -> Located:
     try:
-        for name in names:
-            if name is not None:
-                moment.append(Frame(name, read_image(Path(name)), None, time_of(name)))
+        frames = [Frame(name, read_image(Path(name)), None, time_of(name)) for name in names]
     except InputError as error:
-        return Located(left, right, None, error=error)
-    located = _locate_frames(moment, rig, landmarks, options)
-    return replace(located, image=None)
+        return Located(names, None, error=error)
+    return replace(_locate_frames(frames, rig, landmarks, options), image=None)
 
 
-def _locate_frames(
-    moment: Sequence[Frame], rig: StereoRig, landmarks: LandmarkMap, options: LocateOptions
-) -> Located:
-    left, right = moment[0].name, moment[1].name if len(moment) > 1 else None
+def _locate_frames(frames: Sequence[Frame], rig: AnyRig, landmarks: LandmarkMap, options: LocateOptions) -> Located:
+    names = tuple(frame.name for frame in frames)
     families = tuple(dict.fromkeys(family_named(landmark.family) for landmark in landmarks))
+    models = [camera.model for camera in mounted_cameras(rig)]
     seen = []
     try:
-        for frame, camera in zip(moment, (rig.left, rig.right), strict=False):
-            camera.require_size(frame.name, (frame.picture.shape[1], frame.picture.shape[0]))
-            seen.append(tuple(detect_landmarks(frame.picture, DetectOptions(families, camera=camera))))
+        for frame, model in zip(frames, models, strict=False):
+            model.require_size(frame.name, (frame.picture.shape[1], frame.picture.shape[0]))
+            seen.append(tuple(detect_landmarks(frame.picture, DetectOptions(families, camera=model))))
     except InputError as error:
-        return Located(left, right, None, error=error)
-    if right is None:
-        estimate = locate_camera(seen[0], rig.left, landmarks, options)
+        return Located(names, None, error=error)
+    if len(seen) < len(models):
+        estimate = locate_camera(seen[0], models[0], landmarks, options)
     else:
-        estimate = locate_rig(seen[0], seen[1], rig, landmarks, options)
-    estimate = with_cause(estimate, seen[0], seen[1] if right is not None else (), rig, landmarks)
-    return Located(left, right, estimate, tuple(seen), moment[0].image, time_s=moment[0].time_s)
+        estimate = locate_rig(seen, rig, landmarks, options)
+    estimate = with_cause(estimate, seen, rig, landmarks)
+    return Located(names, estimate, tuple(seen), frames[0].image, time_s=frames[0].time_s)
 
 
-def located_dict(located: Located, rig: StereoRig, frame: str) -> dict[str, Any]:
+def located_dict(located: Located, rig: AnyRig, frame: str) -> dict[str, Any]:
     """One answer as docs/formats.md has it.
 
     Args:
-        frame: ``camera`` (the left one) or ``base``: whose pose is given.
+        frame: ``camera`` (the first one) or ``base``: whose pose is given.
     """
+    right = located.names[1] if len(located.names) == 2 else None
+    names = {"left": located.left, "right": right, "images": list(located.names)}
     if located.estimate is None:
         assert located.error is not None
-        return {"left": located.left, "right": located.right, "error": located.error.as_dict()}
-    answer = with_base(located.estimate, rig).to_dict(frame)
-    return {"left": located.left, "right": located.right, "time_s": located.time_s, **answer}
+        return {**names, "error": located.error.as_dict()}
+    return {**names, "time_s": located.time_s, **with_base(located.estimate, rig).to_dict(frame)}
 
 
-def located_line(located: Located, rig: StereoRig, frame: str) -> str:
+def located_line(located: Located, rig: AnyRig, frame: str) -> str:
     """One answer as a line of text."""
     assert located.estimate is not None
     estimate, name = located.estimate, Path(located.left).name
     answer = located_dict(located, rig, frame)
     outliers = f", outliers {ids_text(estimate.outliers)}" if estimate.outliers else ""
+    if estimate.outlier_cameras:
+        outliers += f", outlier cameras {', '.join(estimate.outlier_cameras)}"
     if answer["position"] is None:
         return f"{name}: {estimate.status}{outliers}"
     x, y, z = answer["position"]

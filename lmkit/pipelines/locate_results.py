@@ -10,7 +10,7 @@ from pathlib import Path
 from types import TracebackType
 
 from lmkit.geometry.pose import Pose
-from lmkit.geometry.stereo_rig import StereoRig
+from lmkit.geometry.rig import AnyRig
 from lmkit.io.images import read_image
 from lmkit.io.trajectory import poses_to_tum
 from lmkit.model.landmark_map import LandmarkMap
@@ -27,12 +27,12 @@ class LocateResults:
 
     Attributes:
         rig, landmarks: as located with.
-        frame: ``camera`` (the left one) or ``base``: whose poses are written.
+        frame: ``camera`` (the first one) or ``base``: whose poses are written.
         annotate: folder for annotated left images, or None.
         force: overwrite existing files.
     """
 
-    rig: StereoRig
+    rig: AnyRig
     landmarks: LandmarkMap
     frame: str
     annotate: Path | None = None

@@ -13,7 +13,7 @@ import numpy as np
 
 from lmkit.arrays import BoolArray, FloatArray, IntArray
 from lmkit.errors import InputError
-from lmkit.geometry.stereo_rig import StereoRig
+from lmkit.geometry.rig import AnyRig
 from lmkit.localization.absolute_pose import LocateOptions
 from lmkit.model.floor_plan import FloorPlan
 from lmkit.model.landmark_map import MappedLandmark
@@ -159,7 +159,7 @@ def all_states(places: FloatArray, count: int = HEADINGS) -> tuple[FloatArray, F
 def predict_coverage(
     floor: FloorPlan,
     landmarks: Sequence[MappedLandmark],
-    rig: StereoRig,
+    rig: AnyRig,
     radius_m: float,
     step_m: float | None = None,
 ) -> PoseCoverage:
@@ -178,7 +178,7 @@ def predict_coverage(
     )
 
 
-def expected_errors(sights: Sights, states: FloatArray, rig: StereoRig) -> tuple[FloatArray, FloatArray, IntArray]:
+def expected_errors(sights: Sights, states: FloatArray, rig: AnyRig) -> tuple[FloatArray, FloatArray, IntArray]:
     """(P,) errors of position (m) and heading (rad), infinite where blind, and landmarks in view, at (P,3) poses."""
     assert rig.T_base_left is not None
     C = planar_covariances(sights.information_at(len(states)), states, rig.T_base_left)
@@ -191,7 +191,7 @@ def expected_errors(sights: Sights, states: FloatArray, rig: StereoRig) -> tuple
     )
 
 
-def promised_errors(sights: Sights, states: FloatArray, rig: StereoRig) -> FloatArray:
+def promised_errors(sights: Sights, states: FloatArray, rig: AnyRig) -> FloatArray:
     """(P,) root mean square errors of the position (m) over what may be read; infinite where hardly anything is.
 
     Landmarks in view are drawn as often as they are read; draws that `locate` would call ambiguous are left out.  Not

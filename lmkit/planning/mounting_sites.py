@@ -9,7 +9,7 @@ import numpy as np
 
 from lmkit.arrays import BoolArray
 from lmkit.errors import InputError
-from lmkit.geometry.stereo_rig import StereoRig
+from lmkit.geometry.rig import AnyRig
 from lmkit.model.floor_plan import FloorPlan, Wall
 from lmkit.model.landmark_id import LandmarkId
 from lmkit.model.landmark_map import MappedLandmark, wall_pose
@@ -58,7 +58,7 @@ def crowded(landmarks: Sequence[MappedLandmark], others: Sequence[MappedLandmark
     return np.asarray(apart < (rooms[0][:, None] + rooms[1][None]) / 2 - 1e-9)
 
 
-def hanging_places(floor: FloorPlan, rig: StereoRig, options: HangOptions) -> list[Mount]:
+def hanging_places(floor: FloorPlan, rig: AnyRig, options: HangOptions) -> list[Mount]:
     """Sites for landmarks of the largest size that fits on the usable walls, without codes yet.
 
     Raises:

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from lmkit.errors import InputError
-from lmkit.geometry.stereo_rig import StereoRig
+from lmkit.geometry.rig import AnyRig
 from lmkit.model.floor_plan import FloorPlan
 from lmkit.model.landmark_map import LandmarkMap, MappedLandmark
 from lmkit.planning.code_assignment import assign_codes
@@ -66,7 +66,7 @@ class Placement:
 def place_landmarks(
     floor: FloorPlan,
     hung: Sequence[MappedLandmark],
-    rig: StereoRig,
+    rig: AnyRig,
     radius_m: float,
     demand: Demand,
     options: HangOptions | None = None,
@@ -116,7 +116,7 @@ def _finish(
     search: Search,
     floor: FloorPlan,
     hung: Sequence[MappedLandmark],
-    rig: StereoRig,
+    rig: AnyRig,
     radius_m: float,
     demand: Demand,
     options: HangOptions,

@@ -20,7 +20,7 @@ import numpy as np
 
 from lmkit.arrays import BoolArray, FloatArray, IntArray
 from lmkit.errors import NegativeAnswer
-from lmkit.geometry.stereo_rig import StereoRig
+from lmkit.geometry.rig import AnyRig
 from lmkit.kernels.pose_coverage import HELD, Coverage, change_coverage
 from lmkit.model.floor_plan import FloorPlan
 from lmkit.model.landmark_map import MappedLandmark
@@ -62,7 +62,7 @@ class Search:
         floor: FloorPlan,
         hung: Sequence[MappedLandmark],
         mounts: Sequence[Mount],
-        rig: StereoRig,
+        rig: AnyRig,
         radius_m: float,
         demand: Demand,
     ) -> None:

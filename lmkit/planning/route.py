@@ -25,7 +25,7 @@ from lmkit.arrays import BoolArray, FloatArray, IntArray
 from lmkit.errors import InputError, NegativeAnswer
 from lmkit.geometry.planar import planar_pose
 from lmkit.geometry.pose import Pose
-from lmkit.geometry.stereo_rig import StereoRig
+from lmkit.geometry.rig import AnyRig
 from lmkit.model.floor_plan import FloorPlan
 from lmkit.model.landmark_id import LandmarkId
 from lmkit.model.landmark_map import LandmarkMap, MappedLandmark
@@ -123,7 +123,7 @@ def find_goal(text: str, floor: FloorPlan, landmarks: LandmarkMap, radius_m: flo
 def plan_route(
     floor: FloorPlan,
     landmarks: LandmarkMap,
-    rig: StereoRig,
+    rig: AnyRig,
     radius_m: float,
     start: Goal,
     goal: Goal,
@@ -285,7 +285,7 @@ def _dense(waypoints: FloatArray) -> FloatArray:
     return np.concatenate(parts)
 
 
-def _carried(states: FloatArray, landmarks: Sequence[MappedLandmark], rig: StereoRig, floor: FloorPlan) -> FloatArray:
+def _carried(states: FloatArray, landmarks: Sequence[MappedLandmark], rig: AnyRig, floor: FloorPlan) -> FloatArray:
     """(M,3,3) covariances along the way."""
     assert rig.T_base_left is not None
     sights = find_sights(states, landmarks, rig, floor)

@@ -15,7 +15,7 @@ import numpy as np
 from lmkit.arrays import FloatArray, IntArray
 from lmkit.geometry.camera import CameraModel
 from lmkit.geometry.pose import Pose
-from lmkit.geometry.stereo_rig import StereoRig
+from lmkit.geometry.rig import AnyRig, mounted_cameras
 from lmkit.kernels import pose_coverage as kernel
 from lmkit.kernels.landmark_sights import Camera, Pairs, add_information, faced_landmarks, seen_sides
 from lmkit.localization.pose_prior import PosePrior
@@ -62,7 +62,7 @@ NOTHING_SEEN = Sights(np.zeros(0, int), np.zeros(0, int), np.zeros(0), np.zeros(
 
 
 def find_sights(
-    states: FloatArray, landmarks: Sequence[MappedLandmark], rig: StereoRig, floor: FloorPlan | None
+    states: FloatArray, landmarks: Sequence[MappedLandmark], rig: AnyRig, floor: FloorPlan | None
 ) -> Sights:
     """Landmarks visible from (P,3) x, y (m) and headings (rad) of the robot's base.
 
@@ -115,7 +115,7 @@ def planar_errors(covariances: FloatArray) -> tuple[FloatArray, FloatArray]:
 
 
 def _sights(
-    states: FloatArray, first: int, landmarks: Sequence[MappedLandmark], rig: StereoRig, floor: FloorPlan | None
+    states: FloatArray, first: int, landmarks: Sequence[MappedLandmark], rig: AnyRig, floor: FloorPlan | None
 ) -> Sights:
     T = rig.T_base_left
     assert T is not None
@@ -137,10 +137,8 @@ def _sights(
     way = middles[columns] - p[rows]
     facing = -np.einsum("nk,nk->n", way, normals[columns]) / np.maximum(np.linalg.norm(way, axis=1), 1e-9)
     tilt = np.arccos(facing.clip(-1, 1))
-    cameras, sides = [_camera(rig.left, np.eye(3), np.zeros(3))], []
-    cameras.append(_camera(rig.right, rig.T_right_left.R, rig.T_right_left.t))
-    for camera in cameras:
-        sides.append(seen_sides(camera, pairs))
+    cameras = [_camera(c.model, c.T_camera_left.R, c.T_camera_left.t) for c in mounted_cameras(rig)]
+    sides = [seen_sides(camera, pairs) for camera in cameras]
     probability = np.max([np.where(side > 0, recognised(side, tilt), 0.0) for side in sides], axis=0)
     kept = probability > 0
     pairs = Pairs(rows[kept], columns[kept], R, p, corners)

@@ -12,17 +12,16 @@ import numpy as np
 from lmkit.arrays import FloatArray
 from lmkit.errors import EXTRA, InputError
 from lmkit.geometry.pose import Pose
-from lmkit.geometry.stereo_rig import StereoRig
+from lmkit.geometry.rig import AnyRig, T_map_cameras, mounted_cameras
 from lmkit.mapping.survey import Survey
 from lmkit.model.landmark_map import LandmarkMap
-from lmkit.model.recording import StereoFrame
+from lmkit.model.recording import RigFrame
 from lmkit.model.tracked_trajectory import TrackedTrajectory
 
 TIMELINE = "recording"
 THICK_M = 0.005
 SIGMAS_95 = 2.796  # radius of the 95 % ellipsoid, in standard deviations
 SEEN, SURE, UNSURE, UNCERTAIN = (237, 28, 36), (226, 120, 20), (140, 144, 150), (47, 111, 222, 60)
-CAMERAS = ("left", "right")
 
 
 def require_rerun() -> None:
@@ -35,7 +34,7 @@ def require_rerun() -> None:
         raise InputError("no_rerun", "recordings need the package rerun-sdk", EXTRA.format("viewer"))
 
 
-def survey_recording(survey: Survey, rig: StereoRig, frames: Sequence[StereoFrame]) -> bytes:
+def survey_recording(survey: Survey, rig: AnyRig, frames: Sequence[RigFrame]) -> bytes:
     """A surveyed recording, as the bytes of an .rrd file.
 
     Args:
@@ -56,7 +55,7 @@ def survey_recording(survey: Survey, rig: StereoRig, frames: Sequence[StereoFram
 
 
 def track_recording(
-    tracked: TrackedTrajectory, landmarks: LandmarkMap, rig: StereoRig | None, frames: Sequence[StereoFrame]
+    tracked: TrackedTrajectory, landmarks: LandmarkMap, rig: AnyRig | None, frames: Sequence[RigFrame]
 ) -> bytes:
     """A robot tracked through a map, as the bytes of an .rrd file.
 
@@ -125,13 +124,11 @@ class _Recording:
         )
         self._ellipsoids("map/robot/uncertainty", [(looking.t, covariance[:3, :3])], static=False)
 
-    def seen(self, frame: StereoFrame, rig: StereoRig, T_map_left: Pose) -> None:
+    def seen(self, frame: RigFrame, rig: AnyRig, T_map_left: Pose) -> None:
         """The cameras, and the outlines of what they read in their images."""
-        right = rig.T_map_right(T_map_left)
-        for name, camera, pose, seen in zip(
-            CAMERAS, (rig.left, rig.right), (T_map_left, right), (frame.left, frame.right), strict=True
-        ):
-            path = f"map/cameras/{name}"
+        poses = T_map_cameras(rig, T_map_left)
+        for mounted, pose, seen in zip(mounted_cameras(rig), poses, frame.seen, strict=True):
+            path, camera = f"map/cameras/{mounted.name}", mounted.model
             self._log(path, self._rerun.Transform3D(translation=pose.t, mat3x3=pose.R))
             self._log(
                 path,

@@ -9,7 +9,7 @@ import numpy as np
 from lmkit.arrays import FloatArray
 from lmkit.geometry.camera import CameraModel
 from lmkit.geometry.pose import Pose
-from lmkit.geometry.stereo_rig import StereoRig
+from lmkit.geometry.rig import AnyRig, mounted_cameras
 from lmkit.model.detector_model import corner_sigma_px, recognised
 from lmkit.model.floor_plan import FloorPlan
 from lmkit.model.landmark_map import LandmarkMap, MappedLandmark
@@ -25,13 +25,13 @@ Seen = tuple[Detection, ...]
 
 def look(
     landmarks: LandmarkMap,
-    rig: StereoRig,
+    rig: AnyRig,
     T_map_base: Pose,
     noise_px: float | None,
     rng: np.random.Generator,
     floor: FloorPlan | None = None,
-) -> tuple[Seen, Seen]:
-    """Detections of the left and the right camera from a pose of the robot's base.
+) -> tuple[Seen, ...]:
+    """Detections of every camera from a pose of the robot's base.
 
     Args:
         rig: with its T_base_left.
@@ -42,14 +42,13 @@ def look(
     assert rig.T_base_left is not None
     T_map_left = T_map_base @ rig.T_base_left
     T_left = T_map_left.inverse()
-    T_right = Pose("right", "left", rig.T_right_left.R, rig.T_right_left.t) @ T_left
     eye = T_map_left.t[None, :2]
     shown = _shown(list(landmarks), eye, floor)
-    # Both cameras read a landmark, or neither.
+    # All cameras read a landmark, or none.
     luck = np.zeros(len(shown)) if noise_px is not None else rng.uniform(size=len(shown))
-    return (
-        tuple(_seen(shown, luck, rig.left, T_left, noise_px, rng)),
-        tuple(_seen(shown, luck, rig.right, T_right, noise_px, rng)),
+    return tuple(
+        tuple(_seen(shown, luck, camera.model, camera.T_camera_left @ T_left, noise_px, rng))
+        for camera in mounted_cameras(rig)
     )
 
 

@@ -14,10 +14,10 @@ import numpy as np
 from lmkit.arrays import FloatArray
 from lmkit.geometry.planar import planar_pose, wrap_heading
 from lmkit.geometry.pose import Pose
-from lmkit.geometry.stereo_rig import StereoRig
+from lmkit.geometry.rig import AnyRig
 from lmkit.model.landmark_map import LandmarkMap
 from lmkit.model.observation import RangeBearing
-from lmkit.model.recording import Gyro, Odometry, StereoFrame
+from lmkit.model.recording import Gyro, Odometry, RigFrame
 from lmkit.model.trajectory import Trajectory
 from lmkit.simulation.observations import look
 from lmkit.simulation.scene import hang_landmarks, make_rig
@@ -66,10 +66,10 @@ class Drive:
     """
 
     landmarks: LandmarkMap
-    rig: StereoRig
+    rig: AnyRig
     times_s: FloatArray
     truth: FloatArray
-    frames: tuple[StereoFrame, ...]
+    frames: tuple[RigFrame, ...]
     odometry: Odometry
     gyro: Gyro
 
@@ -106,7 +106,7 @@ class Drive:
         answers = []
         for state, frame in zip(self.truth, self.frames, strict=True):
             seen = []
-            for id_ in sorted({o.id for o in frame.left}):
+            for id_ in sorted({o.id for o in frame.seen[0]}):
                 landmark = self.landmarks.find(id_)
                 assert landmark is not None
                 off = landmark.T_map_landmark.t[:2] - state[:2]
@@ -125,20 +125,25 @@ def make_drive(
     size_m: tuple[float, float] = (8.0, 5.0),
     errors: WheelErrors | None = None,
     noise_px: float = 0.15,
+    rig: AnyRig | None = None,
 ) -> Drive:
-    """A recording in rounds through a room with ``count`` landmarks on its walls."""
+    """A recording in rounds through a room with ``count`` landmarks on its walls.
+
+    Args:
+        rig: the cameras, with T_base_left; None: a stereo pair that looks ahead.
+    """
     rng = np.random.default_rng([seed, 0])
     codes = [int(code) for code in rng.permutation(256)[:count]]
     landmarks = LandmarkMap(hang_landmarks(rng, codes, (*size_m, HEIGHT_M)))
     fine, truth = _round_trip(rng, seconds, size_m)
     errors = errors or WheelErrors()
     truth = _slip(rng, fine, truth, errors.slips)
-    rig = replace(make_rig(), T_base_left=T_BASE_LEFT)
+    rig = rig or replace(make_rig(), T_base_left=T_BASE_LEFT)
     rows = np.arange(0, len(fine) - 1, round(1 / hz / STEP_S))
     # The first frames lie before the wheels' delay.
     rows = rows[fine[rows] > errors.delay_s]
     frames = tuple(
-        StereoFrame(float(fine[k]), *look(landmarks, rig, planar_pose(truth[k]), noise_px, rng), f"{fine[k]:.2f}")
+        RigFrame(float(fine[k]), look(landmarks, rig, planar_pose(truth[k]), noise_px, rng), f"{fine[k]:.2f}")
         for k in rows
     )
     odometry, gyro = _wheels(rng, fine, truth, errors)

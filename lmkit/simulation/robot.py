@@ -10,13 +10,13 @@ import numpy as np
 from lmkit.arrays import FloatArray
 from lmkit.geometry.planar import planar_pose
 from lmkit.geometry.pose import Pose
-from lmkit.geometry.stereo_rig import StereoRig
+from lmkit.geometry.rig import AnyRig
 from lmkit.model.floor_plan import FloorPlan
 from lmkit.model.landmark_map import LandmarkMap
 from lmkit.simulation.observations import Seen, look
 from lmkit.simulation.recording import WheelErrors
 
-Eyes = Callable[[float, Pose], tuple[Seen, Seen]]
+Eyes = Callable[[float, Pose], tuple[Seen, ...]]
 STEP_S = 0.02
 SLIP_M, SLIP_RAD = 0.05, 0.08
 LEAN_RAD, LIFT_M = np.deg2rad(0.3), 0.004
@@ -40,7 +40,7 @@ class SimulatedRobot:
         self,
         floor: FloorPlan,
         landmarks: LandmarkMap,
-        rig: StereoRig,
+        rig: AnyRig,
         state: FloatArray,
         radius_m: float,
         errors: WheelErrors,
@@ -84,8 +84,8 @@ class SimulatedRobot:
         """(3,) where it was when its cameras saw what :meth:`look` gives now."""
         return self._late[0]
 
-    def look(self) -> tuple[Seen, Seen]:
-        """Detections of both cameras; images come ``delay_s`` late."""
+    def look(self) -> tuple[Seen, ...]:
+        """Detections of all cameras; images come ``delay_s`` late."""
         # No floor is quite level, and no robot stands still on its springs.
         turn = np.append(self._rng.normal(0, LEAN_RAD, 2), 0.0)
         lean = Pose.from_rvec("base", "base", turn, np.array([0.0, 0.0, self._rng.normal(0, LIFT_M)]))

@@ -8,7 +8,7 @@ import numpy as np
 
 from lmkit.arrays import BoolArray, FloatArray, IntArray
 from lmkit.geometry.planar import planar_pose
-from lmkit.geometry.stereo_rig import StereoRig, at_base
+from lmkit.geometry.rig import AnyRig, at_base
 from lmkit.localization.contradiction import find_cause
 from lmkit.mapping.bundle_adjustment import Anchor
 from lmkit.mapping.initialization import find_start
@@ -18,7 +18,7 @@ from lmkit.mapping.survey import OUTLIER_SIGMA, contradicted_landmarks, optimize
 from lmkit.model.landmark_id import LandmarkId
 from lmkit.model.landmark_map import LandmarkMap
 from lmkit.model.pose_status import PoseStatus
-from lmkit.model.recording import Gyro, Odometry, StereoFrame
+from lmkit.model.recording import Gyro, Odometry, RigFrame
 from lmkit.model.tracked_trajectory import TrackedTrajectory, _six
 from lmkit.odometry.motion_model import Motion, describe_odometry
 from lmkit.odometry.wheel_odometry import PARAMETERS, MotionModel
@@ -83,8 +83,8 @@ def _summed(
 
 
 def track_pictures(
-    frames: Sequence[StereoFrame],
-    rig: StereoRig,
+    frames: Sequence[RigFrame],
+    rig: AnyRig,
     landmarks: LandmarkMap,
     motion: Motion | None,
 ) -> TrackedTrajectory:

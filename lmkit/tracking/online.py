@@ -9,12 +9,12 @@ import numpy as np
 
 from lmkit.arrays import FloatArray
 from lmkit.geometry.planar import planar_pose
-from lmkit.geometry.stereo_rig import StereoRig, at_base
+from lmkit.geometry.rig import AnyRig, at_base
 from lmkit.localization.absolute_pose import locate_rig
 from lmkit.mapping.range_bearing_survey import ReadingFrames
 from lmkit.model.landmark_map import LandmarkMap
 from lmkit.model.pose_status import PoseStatus
-from lmkit.model.recording import Gyro, Odometry, StereoFrame
+from lmkit.model.recording import Gyro, Odometry, RigFrame
 from lmkit.model.tracked_trajectory import TrackedTrajectory, _six
 from lmkit.model.trajectory import Trajectory
 from lmkit.odometry.online_wheel_odometry import Wheels
@@ -39,7 +39,7 @@ def track_live(
 
 
 def track_pictures_live(
-    frames: Sequence[StereoFrame], rig: StereoRig, landmarks: LandmarkMap, odometry: Odometry, gyro: Gyro | None
+    frames: Sequence[RigFrame], rig: AnyRig, landmarks: LandmarkMap, odometry: Odometry, gyro: Gyro | None
 ) -> TrackedTrajectory:
     """Frame by frame, from the corners that both cameras saw (`rig_filter.py`), on a level floor.
 
@@ -50,7 +50,7 @@ def track_pictures_live(
     times = [frame.time_s for frame in frames]
 
     def observe(k: int) -> TrackedPose:
-        return filter_.observe(times[k], frames[k].left, frames[k].right)
+        return filter_.observe(times[k], frames[k].seen)
 
     answers = _live(times, observe, filter_.wheels, odometry, gyro)
     tracked = _tracked(answers, filter_.parameters, CORNER_NUMBERS)
@@ -58,7 +58,7 @@ def track_pictures_live(
 
 
 def track_poses_live(
-    frames: Sequence[StereoFrame], rig: StereoRig, landmarks: LandmarkMap, odometry: Trajectory
+    frames: Sequence[RigFrame], rig: AnyRig, landmarks: LandmarkMap, odometry: Trajectory
 ) -> TrackedTrajectory:
     """Frame by frame through space, by corners and odometry's poses (`pose_filter.py`).
 
@@ -73,7 +73,7 @@ def track_poses_live(
         while given < len(odometry) and odometry.times_s[given] <= frame.time_s:
             filter_.add_odometry(float(odometry.times_s[given]), odometry.pose(given, "odometry", "base"))
             given += 1
-        answer = filter_.observe(frame.time_s, frame.left, frame.right)
+        answer = filter_.observe(frame.time_s, frame.seen)
         if answer.T_map_left is not None:
             answers.append(answer)
     poses, covariances = at_base(
@@ -159,13 +159,13 @@ def _carried_off(answers: Sequence[TrackedPose] | Sequence[SpacePose], but: str)
     )
 
 
-def _floor_doubt(frames: Sequence[StereoFrame], rig: StereoRig, landmarks: LandmarkMap) -> tuple[str, ...]:
+def _floor_doubt(frames: Sequence[RigFrame], rig: AnyRig, landmarks: LandmarkMap) -> tuple[str, ...]:
     """A sentence where the robot does not stand on the map's floor, as the frames that see most have it."""
     assert rig.T_base_left is not None
     base = rig.T_base_left.inverse().t  # in the left camera
     heights = []
-    for frame in sorted(frames, key=lambda frame: -len(frame.left) - len(frame.right))[:FLOOR_LOOKS]:
-        found = locate_rig(frame.left, frame.right, rig, landmarks)
+    for frame in sorted(frames, key=lambda frame: -len(frame.detections))[:FLOOR_LOOKS]:
+        found = locate_rig(frame.seen, rig, landmarks)
         if found.status == PoseStatus.OK and found.T_map_camera is not None:
             heights.append(float((found.T_map_camera.t + found.T_map_camera.R @ base)[2]))
     if not heights or abs(np.median(heights)) < OFF_FLOOR_M:

@@ -17,8 +17,8 @@ import numpy as np
 from lmkit.arrays import BoolArray, FloatArray
 from lmkit.errors import InputError
 from lmkit.geometry.pose_array import PoseArray
+from lmkit.geometry.rig import AnyRig
 from lmkit.geometry.rotations import rotation_exp
-from lmkit.geometry.stereo_rig import StereoRig
 from lmkit.localization.absolute_pose import LocateOptions, locate_rig
 from lmkit.localization.correspondences import CORNER_FLOOR_PX, Correspondences
 from lmkit.localization.pose_prior import PosePrior
@@ -53,7 +53,7 @@ class RigFilter:
     def __init__(
         self,
         landmarks: LandmarkMap,
-        rig: StereoRig,
+        rig: AnyRig,
         motion_noise: MotionNoise | None = None,
         corner_floor_px: float = CORNER_FLOOR_PX,
     ) -> None:
@@ -79,15 +79,15 @@ class RigFilter:
         """(6,) what is wrong with the odometry, as `motion.PARAMETERS`."""
         return self._x[3:].copy() if self._time is not None else np.array(NOMINAL)
 
-    def observe(self, time_s: float, left: Sequence[Detection], right: Sequence[Detection]) -> TrackedPose:
-        """Pose at ``time_s``; both observation lists may be empty."""
+    def observe(self, time_s: float, detections: Sequence[Sequence[Detection]]) -> TrackedPose:
+        """Pose at ``time_s``; every list of detections may be empty."""
         if self._time is None:
-            return self._start(time_s, left, right)
+            return self._start(time_s, detections)
         if time_s > self._time:
             self.wheels.forget(self._time)
             self._x, self._P = self.wheels.predict(self._x, self._P, self._time, time_s)
             self._time = time_s
-        seen = Correspondences.of_rig(left, right, self._rig, self._map, self._floor_px)
+        seen = Correspondences.of_rig(detections, self._rig, self._map, self._floor_px)
         outliers: tuple[LandmarkId, ...] = tuple(sorted(seen.twice))
         nis, nis_dof = 0.0, 0
         if len(seen):
@@ -96,14 +96,14 @@ class RigFilter:
             outliers = tuple(sorted({*outliers, *seen.ids_of(~used)}))
             self._doubts = 0 if used.any() else self._doubts + 1
             if self._doubts >= DOUBTS:
-                again = self._start(time_s, left, right)
+                again = self._start(time_s, detections)
                 if again.state is not None:
                     return again
         return self._pose(time_s, outliers, False, nis, nis_dof)
 
-    def _start(self, time_s: float, left: Sequence[Detection], right: Sequence[Detection]) -> TrackedPose:
+    def _start(self, time_s: float, detections: Sequence[Sequence[Detection]]) -> TrackedPose:
         options = LocateOptions(prior=self._prior, corner_floor_px=self._floor_px)
-        found = locate_rig(left, right, self._rig, self._map, options)
+        found = locate_rig(detections, self._rig, self._map, options)
         C = found.covariance_at(self._T.inverse())
         if found.status != PoseStatus.OK or found.T_map_camera is None or C is None:
             return TrackedPose(time_s, PoseStatus.LOST, None, None)

@@ -16,6 +16,7 @@ import numpy as np
 from lmkit.arrays import BoolArray, FloatArray
 from lmkit.geometry.pose import Pose
 from lmkit.geometry.pose_array import PoseArray
+from lmkit.geometry.rig import AnyRig
 from lmkit.geometry.rotations import (
     matrix_to_quaternion,
     orthonormal,
@@ -24,7 +25,6 @@ from lmkit.geometry.rotations import (
     rotation_log,
     skew,
 )
-from lmkit.geometry.stereo_rig import StereoRig
 from lmkit.localization.absolute_pose import LocateOptions, locate_rig
 from lmkit.localization.correspondences import CORNER_FLOOR_PX, Correspondences
 from lmkit.model.landmark_id import LandmarkId
@@ -75,7 +75,7 @@ class PoseFilter:
     def __init__(
         self,
         landmarks: LandmarkMap,
-        rig: StereoRig,
+        rig: AnyRig,
         noise: PoseNoise | None = None,
         corner_floor_px: float = CORNER_FLOOR_PX,
     ) -> None:
@@ -93,14 +93,14 @@ class PoseFilter:
         """Add a pose of odometry, in its own frame that drifts."""
         self._rows.append((time_s, T_odometry_base.t, T_odometry_base.quaternion_xyzw))
 
-    def observe(self, time_s: float, left: Sequence[Detection], right: Sequence[Detection]) -> SpacePose:
-        """Pose of the left camera at ``time_s``; both observation lists may be empty."""
+    def observe(self, time_s: float, detections: Sequence[Sequence[Detection]]) -> SpacePose:
+        """Pose of the left camera at ``time_s``; every list of detections may be empty."""
         if self._time is None:
-            return self._start(time_s, left, right)
+            return self._start(time_s, detections)
         if time_s > self._time:
             self._predict(self._time, time_s)
             self._time = time_s
-        seen = Correspondences.of_rig(left, right, self._rig, self._map, self._floor_px)
+        seen = Correspondences.of_rig(detections, self._rig, self._map, self._floor_px)
         outliers, nis, nis_dof = set(seen.twice), 0.0, 0
         if len(seen):
             known = np.linalg.inv(self._P)
@@ -112,13 +112,13 @@ class PoseFilter:
                 nis_dof = 8 * int(used.sum())
                 self._P = np.linalg.inv(normal)
             elif self._doubts >= DOUBTS:
-                again = self._start(time_s, left, right)
+                again = self._start(time_s, detections)
                 if again.T_map_left is not None:
                     return again
         return self._pose(time_s, tuple(sorted(outliers)), False, nis, nis_dof)
 
-    def _start(self, time_s: float, left: Sequence[Detection], right: Sequence[Detection]) -> SpacePose:
-        found = locate_rig(left, right, self._rig, self._map, LocateOptions(corner_floor_px=self._floor_px))
+    def _start(self, time_s: float, detections: Sequence[Sequence[Detection]]) -> SpacePose:
+        found = locate_rig(detections, self._rig, self._map, LocateOptions(corner_floor_px=self._floor_px))
         if found.status != PoseStatus.OK or found.T_map_camera is None or found.covariance is None:
             return SpacePose(time_s, PoseStatus.LOST, None, None)
         self._R, self._p, self._P = found.T_map_camera.R, found.T_map_camera.t, found.covariance

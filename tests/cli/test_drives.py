@@ -103,7 +103,7 @@ def test_tracking_goes_by_poses_of_visual_odometry_as_well(demo, tmp_path, how):
     [
         (["survey"], "needs a rig"),
         (["track"], "needs a map"),
-        (["survey", "--rig", "RIG"], "LEFT and RIGHT"),
+        (["survey", "--rig", "RIG"], "one folder of images per camera"),
         (["survey", "--rig", "RIG", "--detections", "none.csv"], "none.csv"),
         (["survey", "--rig", "RIG", "--detections", "DET", "--gyro", "g.csv"], "--gyro needs wheel odometry"),
         (["survey", "--rig", "RIG", "--detections", "DET", "--known", "MAP", "--known-sigma", "5"], "valid angle"),

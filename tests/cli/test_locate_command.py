@@ -66,7 +66,7 @@ def test_a_trajectory_has_no_doubtful_poses(room, tmp_path):
     results = LocateResults(data.rig, data.scene.landmarks, "camera")
     for number, status in enumerate(("ok", "ambiguous", "no_landmarks", "ok")):
         pose = None if status == "no_landmarks" else data.poses[0]
-        results.add(Located(f"{number}.png", None, PoseEstimate(status, pose, 1e-4 * np.eye(6))))
+        results.add(Located((f"{number}.png",), PoseEstimate(status, pose, 1e-4 * np.eye(6))))
     (tmp_path / "t.txt").write_text(results.tum())
     assert read_trajectory(tmp_path / "t.txt").times_s.tolist() == [0, 3]
 
@@ -119,7 +119,7 @@ def test_a_film_is_located_frame_by_frame(lmkit, room, tmp_path):
         (["--planar", "0.4m,nan"], "not a valid tilt"),
         (["--plan", "p.pdf"], ".png or .svg"),
         (["--range-sigma", "0.1m"], "--range-sigma"),
-        (["--readings", "r.csv"], "--readings and LEFT"),
+        (["--readings", "r.csv"], "--readings and images"),
     ],
 )
 def test_wrong_options_are_told_in_one_line(lmkit, room, options, words):

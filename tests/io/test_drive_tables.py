@@ -17,11 +17,11 @@ def written(tmp_path, text):
 def test_detections_come_back(tmp_path):
     frames = make_drive(0, seconds=5).frames
     back = read_detections(written(tmp_path, detections_to_csv(frames)), ["lm8"])
-    seen = [frame for frame in frames if frame.left or frame.right]
+    seen = [frame for frame in frames if frame.detections]
     assert [m.time_s for m in back] == pytest.approx([m.time_s for m in seen], abs=1e-6)
     for a, b in zip(seen, back, strict=True):
-        assert [o.code for o in a.left] == [o.code for o in b.left]
-        for x, y in zip(a.right, b.right, strict=True):
+        assert [o.code for o in a.seen[0]] == [o.code for o in b.seen[0]]
+        for x, y in zip(a.seen[1], b.seen[1], strict=True):
             assert np.abs(x.corners - y.corners).max() < 1e-4
 
 
@@ -63,7 +63,7 @@ def test_a_gyro_file_needs_rates(tmp_path):
 @pytest.mark.parametrize(
     ("row", "says"),
     [
-        ("1.0,middle,7,0,0,1,0,1,1,0,1", "neither left nor right"),
+        ("1.0,middle,7,0,0,1,0,1,1,0,1", "not in the rig: left, right"),
         ("1.0,left,7,0,0,1,0,1,1,0", "line 2"),
         ("1.0,left,x,0,0,1,0,1,1,0,1", "line 2"),
         ("inf,left,7,0,0,1,0,1,1,0,1", "line 2"),
@@ -78,4 +78,4 @@ def test_bad_detections_are_refused_by_line(tmp_path, row, says):
 
 def test_tags_of_others_keep_their_family(tmp_path):
     text = "time_s,camera,tag_id,x0,y0,x1,y1,x2,y2,x3,y3\n1,left,400,0,0,1,0,1,1,0,1\n"
-    assert read_detections(written(tmp_path, text), ["lm8"])[0].left[0].family == "tag36h11"
+    assert read_detections(written(tmp_path, text), ["lm8"])[0].seen[0][0].family == "tag36h11"

@@ -201,5 +201,6 @@ def test_two_single_cameras_are_no_pair(tmp_path):
     (folder / "right.yaml").write_text((folder / "left.yaml").read_text())
     with pytest.raises(InputError, match="no baseline"):
         read_any_rig(folder)
-    with pytest.raises(InputError, match="one camera"):
-        read_any_rig(folder / "left.yaml")
+    alone = read_any_rig(folder / "left.yaml")
+    assert len(alone.cameras) == 1
+    assert np.array_equal(alone.left.K, rig().left.K)

@@ -13,7 +13,7 @@ from lmkit.localization.contradiction import find_cause
 from lmkit.model.landmark_id import LandmarkId
 from lmkit.model.landmark_map import LandmarkMap
 from lmkit.model.pose_status import PoseStatus
-from lmkit.model.recording import Recording, StereoFrame
+from lmkit.model.recording import Recording, RigFrame
 from lmkit.simulation.recording import make_drive
 
 
@@ -26,11 +26,11 @@ def reordered(frames, order):
     def turned(seen):
         return tuple(replace(o, corners=o.corners[list(order)], covariance=None) for o in seen)
 
-    return [StereoFrame(f.time_s, turned(f.left), turned(f.right)) for f in frames]
+    return [RigFrame(f.time_s, tuple(map(turned, f.seen))) for f in frames]
 
 
 def swapped(frames):
-    return [StereoFrame(f.time_s, f.right, f.left) for f in frames]
+    return [RigFrame(f.time_s, f.seen[::-1]) for f in frames]
 
 
 def scaled(landmarks, positions=1.0, sizes=1.0):

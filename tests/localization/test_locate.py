@@ -45,7 +45,7 @@ def see(T_map_camera: Pose, noise: float, rng, landmarks=LANDMARKS) -> tuple[lis
 
 
 def test_perfect_corners_give_the_pose_back():
-    estimate = locate_rig(*see(STATION, 0.0, np.random.default_rng(0)), RIG, MAP)
+    estimate = locate_rig(see(STATION, 0.0, np.random.default_rng(0)), RIG, MAP)
     assert estimate.status == "ok"
     assert np.allclose(estimate.T_map_camera.t, STATION.t, atol=1e-6)
     assert rotation_angle(estimate.T_map_camera.R @ STATION.R.T) < 1e-6
@@ -73,7 +73,7 @@ def test_the_covariance_is_true(count):
     station = looking(np.array([1.2, 1.2, 1.3]), -np.pi / 2 - 0.75, 0.02)
     for _ in range(draws):
         seen = see(station, 0.2, rng, LANDMARKS[:3][-count:])
-        estimate = locate_rig(*seen, RIG, MAP, options)
+        estimate = locate_rig(seen, RIG, MAP, options)
         error = np.concatenate(
             [estimate.T_map_camera.t - station.t, rotation_log(estimate.T_map_camera.R @ station.R.T)]
         )
@@ -108,7 +108,7 @@ def test_the_covariance_knows_what_the_map_does_not(count):
             hung.append(
                 replace(landmark, T_map_landmark=Pose("map", "landmark", rotation_exp(off[3:]) @ T.R, T.t + off[:3]))
             )
-        estimate = locate_rig(*see(station, 0.2, rng, hung), RIG, LandmarkMap(known), options)
+        estimate = locate_rig(see(station, 0.2, rng, hung), RIG, LandmarkMap(known), options)
         explained += len(estimate.inliers) == count
         error = np.concatenate(
             [estimate.T_map_camera.t - station.t, rotation_log(estimate.T_map_camera.R @ station.R.T)]
@@ -127,7 +127,7 @@ def test_a_place_known_in_some_directions_only():
     slid[0, 0] = 0.1**2
     seen = see(STATION, 0.1, np.random.default_rng(2), LANDMARKS[:1])
     loose, firm = (
-        locate_rig(*seen, RIG, LandmarkMap([replace(LANDMARKS[0], covariance=covariance)])).covariance
+        locate_rig(seen, RIG, LandmarkMap([replace(LANDMARKS[0], covariance=covariance)])).covariance
         for covariance in (slid, None)
     )
     assert loose[0, 0] - firm[0, 0] == pytest.approx(0.1**2, rel=0.03)
@@ -138,7 +138,7 @@ def test_a_wrong_code_is_named_and_does_not_capture_the_pose():
     left, right = see(STATION, 0.2, np.random.default_rng(1))
     for eye in (left, right):
         eye[0] = Detection(lm8(40), eye[0].corners, 0.99, 50.0, covariance=eye[0].covariance)
-    estimate = locate_rig(left, right, RIG, MAP)
+    estimate = locate_rig((left, right), RIG, MAP)
     assert estimate.status == "ok"
     assert estimate.outliers == tuple(map(lm8, (40,)))
     assert np.linalg.norm(estimate.T_map_camera.t - STATION.t) < 0.02
@@ -148,7 +148,7 @@ def test_two_landmarks_that_contradict_each_other_give_no_pose():
     left, right = see(STATION, 0.2, np.random.default_rng(1), LANDMARKS[:2])
     for eye in (left, right):
         eye[0] = Detection(lm8(40), eye[0].corners, 0.99, 50.0, covariance=eye[0].covariance)
-    estimate = locate_rig(left, right, RIG, MAP)
+    estimate = locate_rig((left, right), RIG, MAP)
     assert estimate.status == "inconsistent"
     assert estimate.T_map_camera is None
 
@@ -193,7 +193,7 @@ def test_a_level_floor_and_a_known_height_narrow_the_pose():
     for _ in range(40):
         left, right = see(station, 0.2, rng, LANDMARKS[1:2])
         for errors, options in ((free, None), (held, level)):
-            estimate = locate_rig(left, right, RIG, MAP, options)
+            estimate = locate_rig((left, right), RIG, MAP, options)
             errors.append(estimate.T_map_camera.t - station.t)
     assert np.linalg.norm(held, axis=1).mean() < 0.75 * np.linalg.norm(free, axis=1).mean()
     assert np.abs(np.array(held)[:, 2]).mean() < 0.005
@@ -204,7 +204,7 @@ def test_a_height_known_to_a_hair_is_the_height():
         looking(np.array([0.3, 3.5, 1.2]), -np.pi / 2, 0.0), 0.1, np.random.default_rng(6), LANDMARKS[1:2]
     )
     options = LocateOptions(prior=PosePrior(height_m=1.23, height_sigma=1e-4))
-    assert locate_rig(left, right, RIG, MAP, options).T_map_camera.t[2] == pytest.approx(1.23, abs=1e-3)
+    assert locate_rig((left, right), RIG, MAP, options).T_map_camera.t[2] == pytest.approx(1.23, abs=1e-3)
 
 
 def test_the_covariance_with_a_prior_is_true():
@@ -222,7 +222,7 @@ def test_the_covariance_with_a_prior_is_true():
             0.005,
         )
         left, right = see(station, 0.3, rng, LANDMARKS[1:3])
-        estimate = locate_rig(left, right, RIG, MAP, LocateOptions(prior=prior, corner_floor_px=0.0))
+        estimate = locate_rig((left, right), RIG, MAP, LocateOptions(prior=prior, corner_floor_px=0.0))
         off = estimate.T_map_camera.t - station.t
         total += off @ np.linalg.solve(estimate.covariance[:3, :3], off)
     low, high = chi2.ppf([0.0005, 0.9995], 3 * 150)
@@ -235,7 +235,7 @@ def test_far_and_small_landmarks_are_not_called_ok():
     rng = np.random.default_rng(8)
     for _ in range(20):
         left, right = see(station, 0.3, rng, LANDMARKS[:2])
-        estimate = locate_rig(left, right, RIG, MAP)
+        estimate = locate_rig((left, right), RIG, MAP)
         off = float(np.linalg.norm(estimate.T_map_camera.t - station.t))
         assert estimate.status in ("ambiguous", "imprecise") or off < 0.5
 
@@ -250,7 +250,7 @@ def test_a_landmark_hung_wrongly_is_the_odd_one_out(fault):
         wrong = Pose("map", "landmark", wrong.R @ np.diag([-1.0, -1.0, 1.0]), wrong.t)
     hung = [*LANDMARKS[:2], replace(LANDMARKS[2], T_map_landmark=wrong)]
     left, right = see(STATION, 0.15, rng, hung)
-    estimate = locate_rig(left, right, RIG, MAP)
+    estimate = locate_rig((left, right), RIG, MAP)
     assert estimate.status == "ok"
     assert estimate.outliers == tuple(map(lm8, (30,)))
     assert np.linalg.norm(estimate.T_map_camera.t - STATION.t) < 0.03
@@ -260,21 +260,21 @@ def test_a_landmark_hung_wrongly_is_the_odd_one_out(fault):
 def test_swapped_cameras_are_reported(distance):
     rng = np.random.default_rng(10)
     left, right = see(looking(np.array([0.2, distance, 1.2]), -np.pi / 2 + 0.1, 0.02), 0.15, rng)
-    assert locate_rig(right, left, RIG, MAP).status == "swapped"
-    assert locate_rig(left, right, RIG, MAP).status == "ok"
+    assert locate_rig((right, left), RIG, MAP).status == "swapped"
+    assert locate_rig((left, right), RIG, MAP).status == "ok"
 
 
 def test_codes_that_are_not_in_the_map_are_no_landmarks():
     left, _ = see(STATION, 0.0, np.random.default_rng(0))
     unknown = [Detection(lm8(200), o.corners, 0.9, 9.0) for o in left]
-    assert locate_rig(unknown, [], RIG, MAP).status == "no_landmarks"
-    assert locate_rig([], [], RIG, MAP).status == "no_landmarks"
+    assert locate_rig((unknown, []), RIG, MAP).status == "no_landmarks"
+    assert locate_rig(([], []), RIG, MAP).status == "no_landmarks"
 
 
 def test_the_same_code_twice_in_a_picture_is_not_used_and_named():
     left, right = see(STATION, 0.1, np.random.default_rng(2))
     left.append(Detection(lm8(10), left[1].corners + 40, 0.9, 9.0))
-    estimate = locate_rig(left, right, RIG, MAP)
+    estimate = locate_rig((left, right), RIG, MAP)
     assert estimate.status == "ok"
     assert estimate.outliers == tuple(map(lm8, (10,)))
     assert np.linalg.norm(estimate.T_map_camera.t - STATION.t) < 0.02
@@ -301,7 +301,7 @@ def test_exactly_square_on():
     """Where OpenCV's own solver for squares fails."""
     station = looking(np.array([0.1, 1.0, 1.5]), -np.pi / 2, 0.0)
     left, right = see(station, 0.0, np.random.default_rng(0), LANDMARKS[1:2])
-    estimate = locate_rig(left, right, RIG, MAP)
+    estimate = locate_rig((left, right), RIG, MAP)
     assert np.linalg.norm(estimate.T_map_camera.t - station.t) < 1e-4
 
 
@@ -314,6 +314,6 @@ def test_landmarks_of_two_families_with_the_same_code_are_two_landmarks():
     ]
     left, right = see(STATION, 0.1, np.random.default_rng(0), hung)
     before = replace(hung[0], T_map_landmark=wall_pose([-0.6, 0.0, 1.5], np.pi / 2))
-    estimate = locate_rig(left, right, RIG, LandmarkMap([before, *hung[1:]]))
+    estimate = locate_rig((left, right), RIG, LandmarkMap([before, *hung[1:]]))
     assert (estimate.status, estimate.outliers, estimate.inliers) == ("ok", (moved,), tuple(others))
     assert np.linalg.norm(estimate.T_map_camera.t - STATION.t) < 0.01

@@ -69,7 +69,7 @@ def test_landmarks_on_the_board_are_found_and_locate_the_rig(bouguet):
             seen.append(detect_landmarks(_painted(read_image(path), camera, T, code)))
         else:
             codes = [[d.code for d in found] for found in seen]
-            estimate = locate_rig(seen[0], seen[1], rig, LandmarkMap([landmark]))
+            estimate = locate_rig(seen, rig, LandmarkMap([landmark]))
             if codes == [[code], [code]] and estimate.T_map_camera is not None:
                 located += 1
                 expected = T_left_landmark.inverse()

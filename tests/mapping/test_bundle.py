@@ -20,7 +20,7 @@ def true_poses(drive, rows):
 def test_without_odometry_a_moment_that_sees_nothing_lies_between_its_neighbours():
     drive = make_drive(2, seconds=10)
     frames, start = drive.frames[:5], true_poses(drive, range(5))
-    frames = [*frames[:2], replace(frames[2], left=(), right=()), *frames[3:]]
+    frames = [*frames[:2], replace(frames[2], seen=((), ())), *frames[3:]]
     away = start.t.copy()
     away[2] += [0.5, -0.3, 0.2]
     problem = BundleProblem(
@@ -46,11 +46,11 @@ def test_without_odometry_a_leap_over_a_time_without_views_is_named_where_no_rob
 def test_the_step_is_downhill_of_what_walls_and_heights_cost():
     """Cauchy's weights in the equations belong to the cost that steps are judged by."""
     drive = make_drive(2, seconds=4)
-    codes = tuple({o.id: None for frame in drive.frames for o in frame.left})[:3]
+    codes = tuple({o.id: None for frame in drive.frames for o in frame.seen[0]})[:3]
     mapped = type(drive.landmarks)([drive.landmarks.find(code) for code in codes])
     rows = range(len(drive.frames))
     # A sightless recording: what is left are the ties, far from being kept to.
-    blind = [replace(m, left=(), right=()) for m in drive.frames]
+    blind = [replace(m, seen=((), ())) for m in drive.frames]
     constraints = [
         LandmarkConstraint("height", tuple(codes), 0.02, 0.02),
         LandmarkConstraint("wall", tuple(codes), 0.5, 0.5),

@@ -15,7 +15,7 @@ from lmkit.mapping.bundle_adjustment import Anchor
 from lmkit.mapping.initialization import find_start
 from lmkit.mapping.survey import survey_frames
 from lmkit.model.landmark_id import LandmarkId
-from lmkit.model.recording import StereoFrame
+from lmkit.model.recording import RigFrame
 from lmkit.odometry.wheel_odometry import MotionModel
 from lmkit.simulation.observations import look
 from lmkit.simulation.recording import WheelErrors, make_drive
@@ -25,7 +25,7 @@ from lmkit.tracking.online import track_pictures_live
 def survey(drive, wheels=True, frames=None, anchors=1):
     frames = drive.frames if frames is None else frames
     sizes = {m.id: m.size_m for m in drive.landmarks}
-    seen = [o.id for frame in frames for o in frame.left]
+    seen = [o.id for frame in frames for o in frame.seen[0]]
     known = {code: Anchor(drive.landmarks.find(code), None) for code in list(dict.fromkeys(seen))[:anchors]}
     motion = MotionModel(drive.odometry, drive.gyro) if wheels else None
     return survey_frames(frames, drive.rig, sizes, known, motion)
@@ -69,9 +69,9 @@ def test_a_landmark_that_hangs_elsewhere_in_half_of_the_drive_is_named():
     drive = make_drive(2, seconds=60)
     count: dict[int, int] = {}
     for frame in drive.frames:
-        for o in frame.left:
+        for o in frame.seen[0]:
             count[o.id] = count.get(o.id, 0) + 1
-    anchor = next(o.id for frame in drive.frames for o in frame.left)
+    anchor = next(o.id for frame in drive.frames for o in frame.seen[0])
     a, b = [code for code in sorted(count, key=lambda code: -count[code]) if code != anchor][:2]
     late = drive.frames[len(drive.frames) // 2 :]
     exchanged = [*drive.frames[: len(drive.frames) // 2], *(exchange(frame, a, b) for frame in late)]
@@ -85,9 +85,9 @@ def test_a_landmark_that_hangs_elsewhere_in_half_of_the_drive_is_named():
 def test_a_code_that_hangs_twice_is_named_and_does_not_bend_the_map():
     drive = make_drive(2, seconds=60)
     first = drive.frames[: len(drive.frames) // 2]
-    early = {o.id for frame in first for o in frame.left}
-    anchor = next(o.id for frame in drive.frames for o in frame.left)
-    count = {code: sum(o.id == code for m in first for o in m.left) for code in early - {anchor}}
+    early = {o.id for frame in first for o in frame.seen[0]}
+    anchor = next(o.id for frame in drive.frames for o in frame.seen[0])
+    count = {code: sum(o.id == code for m in first for o in m.seen[0]) for code in early - {anchor}}
     a = max(count, key=lambda code: count[code])
     true = drive.landmarks.find(a).T_map_landmark
     # The landmark farthest from it bears its code, too.
@@ -103,14 +103,14 @@ def test_a_code_that_hangs_twice_is_named_and_does_not_bend_the_map():
 
 
 def relabel(frame, old, new):
-    eyes = [tuple(replace(o, id=new) if o.id == old else o for o in seen) for seen in (frame.left, frame.right)]
-    return StereoFrame(frame.time_s, *eyes, frame.name)
+    eyes = [tuple(replace(o, id=new) if o.id == old else o for o in seen) for seen in frame.seen]
+    return RigFrame(frame.time_s, tuple(eyes), frame.name)
 
 
 def test_an_anchor_that_was_moved_shows_as_a_jump_of_the_robot():
     drive = make_drive(2, seconds=60)
-    anchor = next(o.id for frame in drive.frames for o in frame.left)
-    other = next(o.id for frame in drive.frames[150:] for o in frame.left if o.id != anchor)
+    anchor = next(o.id for frame in drive.frames for o in frame.seen[0])
+    other = next(o.id for frame in drive.frames[150:] for o in frame.seen[0] if o.id != anchor)
     half = len(drive.frames) // 2
     frames = [*drive.frames[:half], *(exchange(frame, anchor, other) for frame in drive.frames[half:])]
     result = survey(drive, frames=frames)
@@ -119,13 +119,13 @@ def test_an_anchor_that_was_moved_shows_as_a_jump_of_the_robot():
 
 def exchange(frame, a, b):
     swap = {a: b, b: a}
-    eyes = [tuple(replace(o, id=swap.get(o.id, o.id)) for o in seen) for seen in (frame.left, frame.right)]
-    return StereoFrame(frame.time_s, *eyes, frame.name)
+    eyes = [tuple(replace(o, id=swap.get(o.id, o.id)) for o in seen) for seen in frame.seen]
+    return RigFrame(frame.time_s, tuple(eyes), frame.name)
 
 
 def test_without_landmarks_for_a_while_the_wheels_carry_on():
     drive = make_drive(4, seconds=45)
-    blind = [replace(frame, left=(), right=()) if 15 < frame.time_s < 20 else frame for frame in drive.frames]
+    blind = [replace(frame, seen=((), ())) if 15 < frame.time_s < 20 else frame for frame in drive.frames]
     result = survey(drive, frames=blind)
     assert len(result.rows) == len(blind)
     for k, R, p in zip(result.rows, result.bundle.poses.R, result.bundle.poses.t, strict=True):
@@ -156,7 +156,7 @@ def test_with_nothing_known_and_wheels_the_floor_is_level_at_zero():
     )
     rng = np.random.default_rng(0)
     frames = [
-        StereoFrame(m.time_s, *look(mapped, drive.rig, drive.pose(k), 0.1, rng)) for k, m in enumerate(drive.frames)
+        RigFrame(m.time_s, look(mapped, drive.rig, drive.pose(k), 0.1, rng)) for k, m in enumerate(drive.frames)
     ]
     drive = replace(drive, landmarks=mapped, frames=frames)
     result = survey(drive, anchors=0)
@@ -221,7 +221,7 @@ def test_without_wheels_a_twin_that_bends_the_map_shows_as_a_leap():
 
 def test_a_known_map_of_zero_covariance_is_exact():
     drive = make_drive(3, seconds=20)
-    seen = {o.id for frame in drive.frames for o in frame.left}
+    seen = {o.id for frame in drive.frames for o in frame.seen[0]}
     known = {code: Anchor(drive.landmarks.find(code), np.zeros((6, 6))) for code in seen}
     result = survey_frames(drive.frames, drive.rig, dict.fromkeys(seen, 0.18), known)
     assert map_errors(drive, result).max() < 1e-4
@@ -229,19 +229,19 @@ def test_a_known_map_of_zero_covariance_is_exact():
 
 def test_landmarks_of_two_families_may_share_a_code():
     drive = make_drive(3, seconds=40)
-    seen = list(dict.fromkeys(o.id for frame in drive.frames for o in frame.left))
+    seen = list(dict.fromkeys(o.id for frame in drive.frames for o in frame.seen[0]))
     a, b = seen[:2]
 
     def renamed(observations):
         return tuple(replace(o, id=LandmarkId("lm12", a.code)) if o.id == b else o for o in observations)
 
-    frames = [StereoFrame(m.time_s, renamed(m.left), renamed(m.right)) for m in drive.frames]
+    frames = [RigFrame(m.time_s, tuple(map(renamed, m.seen))) for m in drive.frames]
     mapped = {
         a: drive.landmarks.find(a),
         LandmarkId("lm12", a.code): replace(drive.landmarks.find(b), id=LandmarkId("lm12", a.code)),
     }
     known = {key: Anchor(landmark, None) for key, landmark in mapped.items()}
-    sizes = {o.id: 0.18 for m in frames for o in m.left}
+    sizes = {o.id: 0.18 for m in frames for o in m.seen[0]}
     result = survey_frames(frames, drive.rig, sizes, known)
     for key, landmark in mapped.items():
         found = result.landmarks.find(key)

@@ -66,7 +66,7 @@ def test_one_off_the_plane_costs_what_its_deviation_says():
 
 def along_a_wall(drive):
     """Codes seen of the wall that has most: those that look the same way."""
-    walls, seen = {}, {o.id for frame in drive.frames for o in frame.left}
+    walls, seen = {}, {o.id for frame in drive.frames for o in frame.seen[0]}
     for m in drive.landmarks:
         if m.id in seen:
             walls.setdefault(tuple(np.round(m.T_map_landmark.R[:, 2], 1)), []).append(m.id)
@@ -74,7 +74,7 @@ def along_a_wall(drive):
 
 
 def surveyed(drive, frames, constraints):
-    seen = list(dict.fromkeys(o.id for frame in frames for o in frame.left))
+    seen = list(dict.fromkeys(o.id for frame in frames for o in frame.seen[0]))
     known = {seen[0]: Anchor(drive.landmarks.find(seen[0]), None)}
     sizes = {m.id: m.size_m for m in drive.landmarks}
     return survey_frames(frames, drive.rig, sizes, known, MotionModel(drive.odometry, drive.gyro), constraints)
@@ -111,7 +111,7 @@ def test_who_does_not_hang_as_declared_is_named_and_bends_nothing():
     mapped = type(drive.landmarks)([replace(m, T_map_landmark=out) if m.id == odd else m for m in drive.landmarks])
     rng = np.random.default_rng(0)
     frames = [
-        replace(m, left=left, right=right)
+        replace(m, seen=(left, right))
         for k, m in enumerate(drive.frames)
         for left, right in [look(mapped, drive.rig, drive.pose(k), 0.1, rng)]
     ]

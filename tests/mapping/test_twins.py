@@ -17,11 +17,11 @@ def small_views(frame, largest_px):
     def small(o):
         return np.linalg.norm(o.corners[0] - o.corners[1]) < largest_px
 
-    return replace(frame, left=tuple(filter(small, frame.left)), right=tuple(filter(small, frame.right)))
+    return replace(frame, seen=tuple(tuple(filter(small, some)) for some in frame.seen))
 
 
 def survey(drive, frames):
-    seen = list(dict.fromkeys(o.id for frame in frames for o in frame.left))
+    seen = list(dict.fromkeys(o.id for frame in frames for o in frame.seen[0]))
     known = {seen[0]: Anchor(drive.landmarks.find(seen[0]), None)}
     sizes = {m.id: m.size_m for m in drive.landmarks}
     return survey_frames(frames, drive.rig, sizes, known, MotionModel(drive.odometry, drive.gyro))
@@ -51,15 +51,15 @@ def test_a_landmark_of_which_one_far_view_is_all_is_right_or_said_to_be_ambiguou
         drive = make_drive(seed, seconds=25)
         views = {}
         for k, frame in enumerate(drive.frames):
-            for o in frame.left:
+            for o in frame.seen[0]:
                 views.setdefault(o.id, []).append((np.linalg.norm(o.corners[0] - o.corners[1]), k))
-        first = drive.frames[0].left[0].id
+        first = drive.frames[0].seen[0][0].id
         code, at = min(((c, min(v)[1]) for c, v in views.items() if c != first), key=lambda one: min(views[one[0]]))
 
         def once(seen, k, code=code, at=at):
             return seen if k == at else tuple(o for o in seen if o.id != code)
 
-        frames = [replace(m, left=once(m.left, k), right=once(m.right, k)) for k, m in enumerate(drive.frames)]
+        frames = [replace(m, seen=tuple(once(some, k) for some in m.seen)) for k, m in enumerate(drive.frames)]
         result = survey(drive, frames)
         off = turned(drive, result).get(code, 0.0)
         sigma = result.bundle.landmarks.find(code)
@@ -73,7 +73,7 @@ def test_a_landmark_of_which_one_far_view_is_all_is_right_or_said_to_be_ambiguou
 def test_small_and_square_on_a_landmark_s_stated_turn_holds(seed):
     """Its two poses are one flat valley; by the covariance where it settled one of these turns is 5 sigma off."""
     drive = make_drive(seed, seconds=40, hz=3, noise_px=None, errors=WheelErrors(slips=1))
-    frames = [replace(m, left=(), right=()) if 50 <= k < 74 else m for k, m in enumerate(drive.frames)]
+    frames = [replace(m, seen=((), ())) if 50 <= k < 74 else m for k, m in enumerate(drive.frames)]
     result = survey(drive, frames)
     assert result.ambiguous
     for m in list(result.bundle.landmarks):

@@ -114,7 +114,7 @@ def test_a_filter_that_is_carried_off_finds_itself_again(world):
         for time_s, forward_m, turn_rad, rate in robot.drive(0.0, 0.0, 0.2):
             tracker.wheels.add_odometry(time_s, forward_m, turn_rad)
             tracker.wheels.add_gyro(time_s, rate)
-        found.append(tracker.observe(robot.time_s, *robot.look()))
+        found.append(tracker.observe(robot.time_s, robot.look()))
     assert np.hypot(*(found[11].state[:2] - [1.2, 1.2])) < 0.03
     assert any(pose.status == "lost" or pose.outliers for pose in found[12:16])
     assert any(pose.restarted for pose in found[12:])
@@ -130,7 +130,7 @@ def test_a_landmark_that_was_moved_is_not_believed(world):
     tracker = RigFilter(wrong, RIG, corner_floor_px=0.0)
     for _ in range(8):
         robot.drive(0.0, 0.0, 0.2)
-        pose = tracker.observe(robot.time_s, *robot.look())
+        pose = tracker.observe(robot.time_s, robot.look())
     assert moved in pose.outliers
     assert np.hypot(*(pose.state[:2] - [1.6, 1.2])) < 0.03
 

@@ -8,13 +8,13 @@ from lmkit.geometry.pose import Pose
 from lmkit.mapping.bundle_adjustment import Anchor
 from lmkit.mapping.next_view import _clear, next_view
 from lmkit.mapping.survey import deviations, survey_frames
-from lmkit.model.recording import StereoFrame
+from lmkit.model.recording import RigFrame
 from lmkit.simulation.observations import look
 from lmkit.simulation.recording import make_drive
 
 
 def codes_seen(drive):
-    return list(dict.fromkeys(o.id for frame in drive.frames for o in frame.left))
+    return list(dict.fromkeys(o.id for frame in drive.frames for o in frame.seen[0]))
 
 
 def survey(drive, frames):
@@ -27,7 +27,7 @@ def with_few_far_views_of(drive, code):
     """The recording, with but the two smallest views of a landmark."""
     sides = {}
     for k, frame in enumerate(drive.frames):
-        for o in frame.left:
+        for o in frame.seen[0]:
             if o.id == code:
                 sides[k] = np.linalg.norm(o.corners[0] - o.corners[1])
     kept = sorted(sides, key=sides.get)[:2]
@@ -35,7 +35,7 @@ def with_few_far_views_of(drive, code):
     def without(seen, k):
         return seen if k in kept else tuple(o for o in seen if o.id != code)
 
-    return [replace(m, left=without(m.left, k), right=without(m.right, k)) for k, m in enumerate(drive.frames)]
+    return [replace(m, seen=tuple(without(some, k) for some in m.seen)) for k, m in enumerate(drive.frames)]
 
 
 def test_the_view_that_is_proposed_does_what_it_promises():
@@ -57,7 +57,7 @@ def test_the_view_that_is_proposed_does_what_it_promises():
             if {o.id for o in left} >= {code, *view.beside}:
                 break
         time = drive.frames[-1].time_s + 100.0
-        after = survey(drive, [*frames, StereoFrame(time, left, right)])
+        after = survey(drive, [*frames, RigFrame(time, (left, right))])
         place, turn = deviations(after.bundle.landmarks.find(code))
         promised.append(view.then_m + view.then_rad)
         kept.append(place + turn)

@@ -46,7 +46,7 @@ def simulated(floor, landmarks, state, seed, draws=10):
     robot = SimulatedRobot(floor, landmarks, RIG, state, RADIUS_M, WheelErrors(), seed)
     off = []
     for _ in range(draws):
-        found = locate_rig(*robot.look(), RIG, landmarks, LocateOptions(prior=PRIOR, corner_floor_px=0.0))
+        found = locate_rig(robot.look(), RIG, landmarks, LocateOptions(prior=PRIOR, corner_floor_px=0.0))
         if found.status == "ok":
             base = found.T_map_camera.t - found.T_map_camera.R @ RIG.T_base_left.R.T @ RIG.T_base_left.t
             off.append(float(np.hypot(*(base[:2] - state[:2]))))

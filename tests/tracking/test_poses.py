@@ -74,8 +74,8 @@ def test_odometry_carries_the_eyes_on_where_nothing_is_seen():
     odometry, sigmas = drive.visual_odometry(1), []
     for k, frame in enumerate(drive.frames):
         filter_.add_odometry(float(odometry.times_s[k]), odometry.pose(k, "odometry", "base"))
-        seen = ((), ()) if blind.start <= k < blind.stop else (frame.left, frame.right)
-        answer = filter_.observe(frame.time_s, *seen)
+        seen = ((), ()) if blind.start <= k < blind.stop else frame.seen
+        answer = filter_.observe(frame.time_s, seen)
         if k == blind.stop - 1:
             off = answer.T_map_left.t - (drive.pose(k) @ drive.rig.T_base_left).t
             assert np.linalg.norm(off) < 3 * np.sqrt(np.trace(answer.covariance[:3, :3])) < 0.4
@@ -92,7 +92,7 @@ def test_eyes_that_were_carried_off_are_found_again():
     restarts = []
     for n, k in enumerate(there):
         filter_.add_odometry(n / 5, odometry.pose(min(n, 79), "odometry", "base"))
-        answer = filter_.observe(n / 5, drive.frames[k].left, drive.frames[k].right)
+        answer = filter_.observe(n / 5, drive.frames[k].seen)
         restarts.append(answer.restarted)
         if 80 <= n < 80 + 3:
             assert answer.outliers
@@ -103,13 +103,13 @@ def test_eyes_that_were_carried_off_are_found_again():
 def test_a_drive_is_smoothed_through_space(exact):
     drive = make_drive(3, seconds=30)
     odometry = drive.visual_odometry(3)
-    unseen = [m if not 40 <= k < 70 else type(m)(m.time_s, (), (), m.name) for k, m in enumerate(drive.frames)]
+    unseen = [m if not 40 <= k < 70 else type(m)(m.time_s, ((), ()), m.name) for k, m in enumerate(drive.frames)]
     if exact:
         tracked = track_pictures(unseen, drive.rig, drive.landmarks, PoseMotion(odometry))
         found = tracked.poses
     else:
         sizes = {m.id: m.size_m for m in drive.landmarks}
-        seen = {o.code for m in unseen[:20] for o in m.left}
+        seen = {o.code for m in unseen[:20] for o in m.seen[0]}
         anchors = {m.id: Anchor(m, None) for m in drive.landmarks if m.code in seen}
         result = survey_frames(unseen, drive.rig, sizes, anchors, PoseMotion(odometry))
         assert result.rows == tuple(range(len(unseen)))
@@ -139,8 +139,8 @@ def test_odometry_between_moments_loses_no_way():
         half = Rotation.from_matrix([before.R, true.pose(k, "odometry", "base").R]).mean()
         place = (before.t + true.positions[k]) / 2
         filter_.add_odometry(frame.time_s - 0.1, Pose("odometry", "base", half.as_matrix(), place))
-        seen = (frame.left, frame.right) if k < 60 else ((), ())
-        answer = filter_.observe(frame.time_s, *seen)
+        seen = frame.seen if k < 60 else ((), ())
+        answer = filter_.observe(frame.time_s, seen)
     # Six seconds blind, two metres: exact odometry leads there.
     off = np.linalg.norm(answer.T_map_left.t - (drive.pose(89) @ drive.rig.T_base_left).t)
     assert off < 0.06
@@ -154,7 +154,7 @@ def test_odometry_may_begin_after_the_eyes():
     for k, frame in enumerate(drive.frames[:30]):
         if k >= 5:
             filter_.add_odometry(float(odometry.times_s[k]), odometry.pose(k, "odometry", "base"))
-        answer = filter_.observe(frame.time_s, frame.left, frame.right)
+        answer = filter_.observe(frame.time_s, frame.seen)
         assert not answer.restarted or k == 0
         assert not answer.outliers
 
@@ -179,8 +179,8 @@ def test_eyes_that_see_nothing_and_have_no_odometry_are_lost():
     drive = make_drive(1, seconds=10)
     filter_ = PoseFilter(drive.landmarks, drive.rig)
     for frame in drive.frames[:20]:
-        assert filter_.observe(frame.time_s, frame.left, frame.right).status == "ok"
+        assert filter_.observe(frame.time_s, frame.seen).status == "ok"
     for frame in drive.frames[20:40]:
-        answer = filter_.observe(frame.time_s, (), ())
+        answer = filter_.observe(frame.time_s, ((), ()))
     # A robot may go a metre a second, and nobody knows where to.
     assert answer.status == "lost"

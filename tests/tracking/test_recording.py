@@ -37,7 +37,7 @@ def test_a_tracked_drive_and_a_survey_are_recorded(tmp_path):
         "/map/cameras/left/read",
         "/innovation",
     }
-    first = drive.landmarks.find(drive.frames[0].left[0].id)
+    first = drive.landmarks.find(drive.frames[0].seen[0][0].id)
     sizes = {m.id: m.size_m for m in drive.landmarks}
     survey = survey_frames(drive.frames, drive.rig, sizes, {first.id: Anchor(first, None)}, motion)
     assert np.isfinite(survey.bundle.rms_px)

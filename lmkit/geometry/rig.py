@@ -1,0 +1,140 @@
+"""A rigid rig of one or more cameras; its own frame is the first camera's, which is named ``left`` in every rig."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import lru_cache
+
+import numpy as np
+
+from lmkit.arrays import FloatArray
+from lmkit.errors import InputError
+from lmkit.geometry.camera import CameraModel
+from lmkit.geometry.pose import Pose
+from lmkit.geometry.pose_array import moved_covariance
+from lmkit.geometry.stereo_rig import StereoRig
+
+
+@dataclass(frozen=True, eq=False)
+class MountedCamera:
+    """One camera of a rig.
+
+    Attributes:
+        name: in the rig, such as ``front``.
+        model: intrinsics.
+        T_camera_left: from the rig's first camera into this one: ``x_camera = R @ x_left + t``.
+        covariance: (6,6) of T_camera_left, if known: t (m), then a rotation vector applied on the left (rad).
+        intrinsics_sigma: standard deviations of fx fy cx cy and the distortion, if known.
+
+    Raises:
+        ValueError: T_camera_left joins other frames.
+    """
+
+    name: str
+    model: CameraModel
+    T_camera_left: Pose
+    covariance: FloatArray | None = None
+    intrinsics_sigma: FloatArray | None = None
+
+    def __post_init__(self) -> None:
+        if (self.T_camera_left.to_frame, self.T_camera_left.from_frame) != ("camera", "left"):
+            raise ValueError(f"T_camera_left joins the wrong frames: {self.T_camera_left!r}")
+
+
+@dataclass(frozen=True, eq=False)
+class Rig:
+    """One or more cameras and how they stand to each other.
+
+    Attributes:
+        cameras: the cameras; T_camera_left of the first one is the identity.
+        T_base_left: where the first camera sits on the robot's base, if known.
+
+    Raises:
+        ValueError: no camera, two of one name, or a first camera that is not at the rig's origin.
+    """
+
+    cameras: tuple[MountedCamera, ...]
+    T_base_left: Pose | None = None
+
+    def __post_init__(self) -> None:
+        if not self.cameras:
+            raise ValueError("a rig has at least one camera")
+        names = [camera.name for camera in self.cameras]
+        if len(set(names)) < len(names):
+            raise ValueError(f"two cameras have the same name: {', '.join(names)}")
+        first = self.cameras[0].T_camera_left
+        if not (np.array_equal(first.R, np.eye(3)) and not first.t.any()):
+            raise ValueError("T_camera_left of the first camera is not the identity")
+
+    @classmethod
+    def of_one(cls, model: CameraModel, T_base_left: Pose | None = None, name: str = "camera") -> Rig:
+        """A rig of a single camera."""
+        return cls((MountedCamera(name, model, Pose.identity("camera", "left")),), T_base_left)
+
+    @property
+    def left(self) -> CameraModel:
+        """The first camera."""
+        return self.cameras[0].model
+
+    def __repr__(self) -> str:
+        return f"Rig({', '.join(camera.name for camera in self.cameras)})"
+
+
+AnyRig = Rig | StereoRig
+
+
+@lru_cache(maxsize=16)
+def mounted_cameras(rig: AnyRig) -> tuple[MountedCamera, ...]:
+    """The cameras of a rig, the first (left) one first."""
+    if isinstance(rig, Rig):
+        return rig.cameras
+    right = rig.T_right_left
+    sigma = rig.intrinsics_sigma or (None, None)
+    return (
+        MountedCamera("left", rig.left, Pose.identity("camera", "left"), None, sigma[0]),
+        MountedCamera("right", rig.right, Pose("camera", "left", right.R, right.t), rig.covariance, sigma[1]),
+    )
+
+
+def as_stereo(rig: AnyRig, what: str) -> StereoRig:
+    """The rig as a stereo pair.
+
+    Args:
+        what: needs one; named in the error.
+
+    Raises:
+        InputError: it has one camera, or more than two.
+    """
+    if isinstance(rig, StereoRig):
+        return rig
+    if len(rig.cameras) != 2:
+        count = f"{len(rig.cameras)} camera{'s' if len(rig.cameras) > 1 else ''}"
+        raise InputError(
+            "not_stereo", f"{what} needs a stereo pair, and the rig has {count}", "give a rig of two cameras"
+        )
+    left, right = rig.cameras
+    sigmas = left.intrinsics_sigma, right.intrinsics_sigma
+    return StereoRig(
+        left.model,
+        right.model,
+        Pose("right", "left", right.T_camera_left.R, right.T_camera_left.t),
+        rig.T_base_left,
+        right.covariance,
+        None if sigmas[0] is None or sigmas[1] is None else (sigmas[0], sigmas[1]),
+    )
+
+
+def T_map_cameras(rig: AnyRig, T_map_left: Pose) -> list[Pose]:
+    """Pose in the map of every camera, for the pose of the first one."""
+    return [T_map_left @ camera.T_camera_left.inverse() for camera in mounted_cameras(rig)]
+
+
+def at_base(poses: Sequence[Pose], covariances: FloatArray, rig: AnyRig) -> tuple[list[Pose], FloatArray]:
+    """Poses of the first camera, with their covariances, as those of the robot's base where the rig names one."""
+    T = rig.T_base_left
+    if T is None:
+        return list(poses), covariances
+    T_left_base = T.inverse()
+    offsets = np.array([pose.R @ T_left_base.t for pose in poses]).reshape(-1, 3)
+    return [pose @ T_left_base for pose in poses], moved_covariance(covariances, offsets)

@@ -1,0 +1,132 @@
+"""Images of several cameras, frame by frame: folders, globs, videos or cameras in step, or one image split in two."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+
+import numpy as np
+
+from lmkit.errors import InputError
+from lmkit.io.image_sources import (
+    CAMERA,
+    VIDEO_SUFFIXES,
+    Frame,
+    camera_number,
+    file_frame,
+    frames,
+    list_pictures,
+    video_frames,
+)
+
+SPLIT = "split:"
+
+
+def image_count(sources: Sequence[str]) -> int:
+    """Number of cameras of the sources: ``split:SOURCE`` gives two, every other source one."""
+    return sum(2 if source.startswith(SPLIT) else 1 for source in sources)
+
+
+def are_files(sources: Sequence[str]) -> bool:
+    """Do the sources name image files that worker processes can read, and no videos or cameras?"""
+    return all(
+        not source.startswith((SPLIT, CAMERA)) and source != "-" and Path(source).suffix.lower() not in VIDEO_SUFFIXES
+        for source in sources
+    )
+
+
+def list_groups(sources: Sequence[str]) -> list[tuple[Path, ...]]:
+    """The image files of one or more folders or globs, grouped by sorted name.
+
+    Raises:
+        InputError: there are none, or not as many of every camera.
+    """
+    lists = [list_pictures(source) for source in sources]
+    counts = [len(files) for files in lists]
+    if len(set(counts)) > 1:
+        if len(counts) == 2:
+            text = f"{counts[0]} left and {counts[1]} right images do not make pairs"
+        else:
+            text = f"the cameras have {', '.join(map(str, counts))} images"
+        raise InputError("unpaired", text, "give folders or globs with as many images each, with matching names")
+    return list(zip(*lists, strict=True))
+
+
+def list_pairs(left: str, right: str) -> list[tuple[Path, Path]]:
+    """The image files of two folders or globs, paired by sorted name.
+
+    Raises:
+        InputError: there are none, or not as many on both sides.
+    """
+    return [(files[0], files[1]) for files in list_groups([left, right])]
+
+
+def frame_groups(sources: Sequence[str]) -> Iterator[tuple[Frame, ...]]:
+    """The images of all cameras, frame by frame.
+
+    Args:
+        sources: cameras (``camera:0``), videos, folders or globs, all of one kind; or one ``split:SOURCE`` whose
+            images show the left and the right camera side by side.
+
+    Raises:
+        InputError: the sources do not go together, or a camera or video cannot be read.
+    """
+    if any(source.startswith(SPLIT) for source in sources):
+        if len(sources) > 1:
+            raise InputError("unpaired", "split: gives the images of both cameras", "give it as the only source")
+        yield from _halves(sources[0].removeprefix(SPLIT))
+        return
+    if len(sources) == 1:
+        yield from ((frame,) for frame in frames(list(sources)))
+        return
+    live = [source.startswith(CAMERA) for source in sources]
+    videos = [Path(source).suffix.lower() in VIDEO_SUFFIXES for source in sources]
+    if all(live):
+        yield from _camera_groups(sources)
+    elif any(live) or any(videos) != all(videos):
+        names = " and ".join(sources)
+        raise InputError("unpaired", f"{names} are different kinds of source", "give sources of the same kind")
+    elif all(videos):
+        # Of videos of different length, the end of the longer one has no partner.
+        yield from zip(*(video_frames(source) for source in sources), strict=False)
+    else:
+        for files in list_groups(sources):
+            yield tuple(file_frame(file) for file in files)
+
+
+def _halves(source: str) -> Iterator[tuple[Frame, Frame]]:
+    for frame in frames([source]):
+        image = frame.picture
+        half = image.shape[1] // 2
+        yield (
+            Frame(frame.name, image[:, :half], None, frame.time_s),
+            Frame(frame.name, image[:, half : 2 * half], None, frame.time_s),
+        )
+
+
+def _camera_groups(sources: Sequence[str]) -> Iterator[tuple[Frame, ...]]:
+    """Frames of several cameras, grabbed at once and decoded afterwards."""
+    import cv2
+
+    cameras = []
+    try:
+        for source in sources:
+            camera = cv2.VideoCapture(camera_number(source))
+            # Buffer one frame; otherwise slow processing reads increasingly stale frames.
+            camera.set(cv2.CAP_PROP_BUFFERSIZE, 1)
+            cameras.append(camera)
+            if not camera.isOpened():
+                raise InputError(
+                    "bad_camera",
+                    f"{source}: no such camera, or it is in use",
+                    "check the number, such as camera:0, and close other programs",
+                )
+        count = 0
+        # Grab from every camera, whatever the first one says, so that they stay in step.
+        while min([camera.grab() for camera in cameras]):
+            images = [np.asarray(camera.retrieve()[1], dtype=np.uint8) for camera in cameras]
+            yield tuple(Frame(f"frame#{count}", image) for image in images)
+            count += 1
+    finally:
+        for camera in cameras:
+            camera.release()
