@@ -127,7 +127,7 @@ def test_known_landmarks_that_contradict_are_named(drive):
 
 
 def test_a_frame_whose_landmarks_contradict_is_inconsistent_alone(drive):
-    k = max(range(5, 30), key=lambda k: len(drive.frames[k].left))
+    k = max(range(5, 30), key=lambda k: len(drive.frames[k].seen[0]))
     frames = list(drive.frames)
     frames[k] = reordered(frames[k : k + 1], (1, 2, 3, 0))[0]
     tracked = track(Recording(tuple(frames), odometry=drive.odometry), drive.rig, drive.landmarks)
