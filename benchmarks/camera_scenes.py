@@ -18,7 +18,7 @@ from planar import FOCAL_PX, SIDE_M, SIZE, camera
 from lmkit.generation.page import bare_landmark_page
 from lmkit.generation.png import page_to_image
 from lmkit.geometry.pose import Pose
-from lmkit.model.landmark import family_named
+from lmkit.model.families import family_named
 from lmkit.model.landmark_map import LandmarkMap
 from lmkit.model.palette import BLUE, RED, srgb_to_linear
 from lmkit.simulation.cameras import CameraKind, draw_chain

@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from lmkit.kernels.grid_pattern import GridDrawing, jets_numpy
 from lmkit.kernels.hypotheses import DecodingRules, Words, decode, decode_numpy
 from lmkit.kernels.noise import noise, noise_numpy
 from lmkit.kernels.pattern import Drawing, coverage_columns_numpy
@@ -20,7 +21,6 @@ from lmkit.kernels.registration import (
     Samples,
     Steps,
     View,
-    ink_jets_numpy,
     linearise,
     linearise_numpy,
     plane_numpy,
@@ -58,14 +58,19 @@ LIMITS = Limits(0.04, 64.0, 0.3, 0.6, 1.0)
 
 
 def _landmark(rng: np.random.Generator, rings: int, count: int, wild: bool) -> tuple[Any, ...]:
-    """Drawing, pixels of a landmark that is drawn with it, a state near the truth, and the hypothesis."""
-    drawing, hypothesis = drawing_with(rings), Hypothesis(int(rng.integers(1 << (4 * rings))), int(rng.integers(4)))
+    """Drawing (a grid of -rings cells where negative), pixels drawn with it, a state near the truth, hypothesis."""
+    drawing: Drawing | GridDrawing
+    if rings < 0:
+        drawing, hypothesis = GridDrawing.of(110.0, 90.0, rng.random((-rings, -rings))), Hypothesis(0, 0)
+    else:
+        drawing = drawing_with(rings)
+        hypothesis = Hypothesis(int(rng.integers(1 << (4 * rings))), int(rng.integers(4)))
     corners = np.array([[-27, -25], [28, -27], [26, 30], [-29, 27.0]]) + VIEW.origin
     truth = np.concatenate([corners.ravel(), [0.8, 0.1, 0.9, 0.02, 0.05, -0.03, 0.1]])
     at = rng.integers(-33, 33, (2, count)).astype(np.float32)
     points, spread, _, _ = plane_numpy(VIEW, truth, at.T.astype(np.float64))
     inks = np.array([[0.8, 0.8, 0.7], [0.05, 0.06, 0.5], [0.4, 0.1, 0.05], [0.3, 0.3, 0.3]])
-    values = ink_jets_numpy(drawing, points, spread, *hypothesis, slopes=False)[0].T @ inks
+    values = jets_numpy(drawing, points, spread, *hypothesis, slopes=False)[0].T @ inks
     values = rng.random(values.shape) if wild else values + rng.normal(0, 0.01, values.shape)
     samples = Samples.of(at, values.T, 1e-4 * (1 + rng.random(count)))
     state = truth.copy()
@@ -74,22 +79,22 @@ def _landmark(rng: np.random.Generator, rings: int, count: int, wild: bool) -> t
 
 
 def _linearisations(rng: np.random.Generator) -> Iterator[tuple[Any, ...]]:
-    for rings, count, wild in [(2, 300, False), (2, 64, False), (1, 65, False), (3, 500, False), (0, 40, False)]:
-        drawing, samples, state, hypothesis = _landmark(rng, rings, count, wild)
+    for rings, count in [(2, 300), (2, 64), (1, 65), (3, 500), (0, 40), (-8, 400)]:
+        drawing, samples, state, hypothesis = _landmark(rng, rings, count, False)
         yield drawing, VIEW, samples, PRIORS, state, hypothesis, True
         state[14] = 0.0
         yield drawing, VIEW, samples, PRIORS, state, hypothesis, False
 
 
 def _registrations(rng: np.random.Generator) -> Iterator[tuple[Any, ...]]:
-    for rings, count in [(2, 400), (1, 300), (3, 600)]:
+    for rings, count in [(2, 400), (1, 300), (3, 600), (-6, 500)]:
         drawing, samples, state, hypothesis = _landmark(rng, rings, count, False)
         for rounds in (0, 2):
             yield drawing, VIEW, samples, PRIORS, LIMITS, state, hypothesis, Steps(rounds, 12, 1e-4, rings == 2)
 
 
 def _weightings(rng: np.random.Generator) -> Iterator[tuple[Any, ...]]:
-    for rings, count, wild in [(2, 300, False), (2, 127, True), (3, 64, False)]:
+    for rings, count, wild in [(2, 300, False), (2, 127, True), (3, 64, False), (-8, 300, False)]:
         drawing, samples, state, hypothesis = _landmark(rng, rings, count, wild)
         yield drawing, VIEW, samples, PRIORS, state, hypothesis
 
@@ -136,7 +141,7 @@ def _landmark_image(rng: np.random.Generator, rings: int) -> tuple[np.ndarray, n
     at = np.column_stack([x.ravel(), y.ravel()]).astype(np.float64)
     points, spread, _, _ = plane_numpy(view, np.concatenate([corners.ravel(), [1, 0, 1], np.zeros(4)]), at)
     inks = np.array([[200, 210, 205], [30, 40, 160], [120, 60, 20], [90, 80, 90.0]])
-    jets = ink_jets_numpy(drawing, points, spread, int(rng.integers(1 << (4 * rings))), 1, slopes=False)[0]
+    jets = jets_numpy(drawing, points, spread, int(rng.integers(1 << (4 * rings))), 1, slopes=False)[0]
     return (jets.T @ inks + rng.normal(0, 2, (len(at), 3))).clip(0, 255).round().reshape(96, 128, 3), corners
 
 

@@ -12,7 +12,9 @@ import numpy as np
 
 from lmkit.arrays import AnyArray, ByteArray
 from lmkit.errors import InputError
-from lmkit.model.landmark import LandmarkFamily, family_named
+from lmkit.model.families import MarkerFamily, family_named
+from lmkit.model.landmark import LandmarkFamily
+from lmkit.model.square_marker import SquareMarkerFamily
 from lmkit.units import parse_length_mm
 
 if TYPE_CHECKING:
@@ -21,7 +23,7 @@ if TYPE_CHECKING:
 
 PathLike = str | os.PathLike[str]
 ImageLike = PathLike | AnyArray
-Families = str | LandmarkFamily | Iterable[str | LandmarkFamily]
+Families = str | MarkerFamily | Iterable[str | MarkerFamily]
 
 
 class ImageWarning(UserWarning):
@@ -66,16 +68,16 @@ def as_image(image: ImageLike) -> ByteArray:
 GREY = "the image is grey: landmarks are recognized by red against blue; use a color camera"
 
 
-def as_families(families: Families) -> tuple[LandmarkFamily, ...]:
+def as_families(families: Families) -> tuple[MarkerFamily, ...]:
     """Families of names, of a list such as ``lm8,lm4``, or as they are.
 
     Raises:
         InputError: one does not exist.
     """
-    if isinstance(families, LandmarkFamily):
+    if isinstance(families, LandmarkFamily | SquareMarkerFamily):
         return (families,)
     names = families.split(",") if isinstance(families, str) else list(families)
-    found = (f if isinstance(f, LandmarkFamily) else family_named(str(f).strip()) for f in names)
+    found = (f if isinstance(f, LandmarkFamily | SquareMarkerFamily) else family_named(str(f).strip()) for f in names)
     return tuple(dict.fromkeys(found))
 
 
@@ -88,10 +90,12 @@ def family_names(families: Families, detected: bool) -> tuple[str, ...]:
     Raises:
         InputError: one cannot be detected.
     """
-    if detected or isinstance(families, LandmarkFamily):
+    if detected or isinstance(families, LandmarkFamily | SquareMarkerFamily):
         return tuple(family.name for family in as_families(families))
     names = families.split(",") if isinstance(families, str) else list(families)
-    return tuple(name.name if isinstance(name, LandmarkFamily) else name.strip() for name in names)
+    return tuple(
+        name.name if isinstance(name, LandmarkFamily | SquareMarkerFamily) else name.strip() for name in names
+    )
 
 
 def as_metres(length: float | str, name: str) -> float:

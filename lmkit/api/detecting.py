@@ -155,8 +155,11 @@ def draw(
 
 def _warn_of_colors(image: ByteArray, options: DetectOptions) -> bool:
     """Warn where an image without detections is grey, or has detections once red and blue are swapped."""
-    from lmkit.detection.detector import detect_landmarks, is_colourless
+    from lmkit.detection.detector import detect_landmarks
+    from lmkit.detection.windows import is_colourless
 
+    if is_colourless(image) and not options.ring_families:
+        return False
     if is_colourless(image):
         warnings.warn(ImageWarning(GREY), stacklevel=4)
         return True

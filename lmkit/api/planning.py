@@ -11,8 +11,8 @@ from lmkit.errors import InputError
 
 if TYPE_CHECKING:
     from lmkit.geometry.rig import AnyRig
+    from lmkit.model.families import MarkerFamily
     from lmkit.model.floor_plan import FloorPlan
-    from lmkit.model.landmark import LandmarkFamily
     from lmkit.model.landmark_map import LandmarkMap
     from lmkit.pipelines.prints import Prints
     from lmkit.planning.coverage import Demand
@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 def print_landmarks(
     codes: int | Iterable[int],
     *,
-    family: str | LandmarkFamily = "lm8",
+    family: str | MarkerFamily = "lm8",
     size: float | str | None = None,
     paper: str | None = None,
     template: str | None = None,

@@ -35,7 +35,7 @@ def run(
     from lmkit.detection.config import BALANCED, FAST, DetectOptions
     from lmkit.io.image_sources import frame_count
     from lmkit.io.images import read_image
-    from lmkit.model.landmark import families_named
+    from lmkit.model.families import families_named
     from lmkit.pipelines.annotated import AnnotatedFolder
     from lmkit.pipelines.detect_images import (
         DETECTION_COLUMNS,
@@ -57,8 +57,9 @@ def run(
         for answer in progress(answers, frame_count(sources), "detecting landmarks"):
             count += 1
             found += len(answer.landmarks)
-            colorless += answer.colourless
-            if answer.colourless and colorless == 1:
+            blind = answer.colourless and not choices.square_families
+            colorless += blind
+            if blind and colorless == 1:
                 warn(f"{answer.name} has no color; {COLORS_HINT}")
             if as_json:
                 print_json(detected_dict(answer))

@@ -47,7 +47,7 @@ def run(
     """Write printable landmarks, true to scale. Each is read back before the file is written."""
     from lmkit.cli.resize_map import write_measured_map
     from lmkit.model.codewords import format_codes, parse_codes
-    from lmkit.model.landmark import family_named
+    from lmkit.model.families import family_named
     from lmkit.pipelines.prints import PrintLayout, check_landmark_size, write_faces, write_prints
     from lmkit.units import parse_length_mm
 

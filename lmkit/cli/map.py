@@ -46,7 +46,7 @@ def run(
     """Make a landmark map from tape measurements; check and draw a map."""
     from lmkit.io.measured_map import blank_form
     from lmkit.model.codewords import parse_codes
-    from lmkit.model.landmark import family_named
+    from lmkit.model.families import family_named
     from lmkit.model.map_checks import check_map
     from lmkit.reports.planning import draw_map
 

@@ -75,7 +75,7 @@ class RecordingOptions:
         Raises:
             InputError: a file cannot be read, or the rig lacks what the odometry needs.
         """
-        from lmkit.model.landmark import family_named
+        from lmkit.model.families import family_named
         from lmkit.pipelines.detect_recording import read_recording
         from lmkit.units import parse_length_mm
 

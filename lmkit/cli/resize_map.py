@@ -9,14 +9,14 @@ from lmkit.cli.output import print_line, warn
 from lmkit.errors import InputError
 from lmkit.io.files import write_file
 from lmkit.io.landmark_map import map_to_yaml, read_map
-from lmkit.model.landmark import LandmarkFamily
+from lmkit.model.families import MarkerFamily
 from lmkit.model.landmark_id import LandmarkId
 from lmkit.model.landmark_map import LandmarkMap
 from lmkit.units import parse_two_lengths_mm
 
 
 def write_measured_map(
-    path: Path, family: LandmarkFamily, codes: list[int], measured: str, output: Path | None, force: bool
+    path: Path, family: MarkerFamily, codes: list[int], measured: str, output: Path | None, force: bool
 ) -> None:
     """Write the map with the measured size of these landmarks."""
     width, height = parse_two_lengths_mm(measured, "--measured")

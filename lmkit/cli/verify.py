@@ -38,7 +38,7 @@ def run(
     """Read prints back and grade them from A to F. Codes and sizes are compared with labels and manifests."""
     from lmkit.detection.config import DetectOptions
     from lmkit.io.manifest import read_manifest
-    from lmkit.model.landmark import families_named
+    from lmkit.model.families import families_named
     from lmkit.units import parse_length_mm
     from lmkit.verification.grade import GRADES
     from lmkit.verification.prints import Stated, stated_by_manifest, verify_print

@@ -8,7 +8,9 @@ from lmkit.detection.acceptance import AcceptanceRule
 from lmkit.detection.candidates import Source, WhereToLook
 from lmkit.detection.screening import ALIGNED_THRESHOLDS, ScreeningThresholds
 from lmkit.geometry.camera import CameraModel
+from lmkit.model.families import MarkerFamily
 from lmkit.model.landmark import LM8, LandmarkFamily
+from lmkit.model.square_marker import SquareMarkerFamily
 
 GREY = Source("grey", 1, 7, 0.04)
 COARSE = Source("grey", 2, 7, 0.04)  # where edges are blurred over many pixels
@@ -65,8 +67,18 @@ class DetectOptions:
             place of a guessed bend.
     """
 
-    families: tuple[LandmarkFamily, ...] = (LM8,)
+    families: tuple[MarkerFamily, ...] = (LM8,)
     config: DetectorConfig = BALANCED
     rule: AcceptanceRule = field(default_factory=AcceptanceRule)
     through_lens: bool = True
     camera: CameraModel | None = None
+
+    @property
+    def ring_families(self) -> tuple[LandmarkFamily, ...]:
+        """Families recognized by their colours."""
+        return tuple(family for family in self.families if isinstance(family, LandmarkFamily))
+
+    @property
+    def square_families(self) -> tuple[SquareMarkerFamily, ...]:
+        """Families of black and white cells; grey images do."""
+        return tuple(family for family in self.families if isinstance(family, SquareMarkerFamily))

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from dataclasses import replace
 from itertools import combinations
+from typing import TypeVar
 
 import numpy as np
 
@@ -16,14 +17,15 @@ from lmkit.detection.pixel_sampling import mean_side
 from lmkit.detection.register_and_decode import Candidate, register_and_decode
 from lmkit.detection.screening import Screened, screen_candidates
 from lmkit.detection.shadows import window_for
+from lmkit.detection.tag_detector import find_tags
+from lmkit.detection.tag_registration import TagCandidate
+from lmkit.detection.windows import LEAST_WINDOW_PX, clockwise, window_around
 from lmkit.errors import InputError
 from lmkit.kernels.screening import Pyramid
 from lmkit.model.landmark import LandmarkFamily
 from lmkit.model.observation import Detection
 
-WINDOW_ROOM = 0.5  # of the side, around a square that is expected
-LEAST_ROOM_PX = 16.0
-LEAST_WINDOW_PX = 24
+AnyCandidate = TypeVar("AnyCandidate", bound=Candidate | TagCandidate)
 SHADED_FACTOR = 1.5  # a shadow's edge has freedoms that fit other things too: margins must be so much larger
 
 
@@ -33,7 +35,7 @@ def detect_landmarks(
     """All landmarks of an image, largest first.
 
     Args:
-        image: (H,W,3) BGR, 8 bit, as `io.images.read_image` gives it.
+        image: (H,W,3) BGR, 8 bit, as `io.images.read_image` gives it; grey ones do for square markers.
         near: (N,4,2) where landmarks are expected, px, from any corner on; only windows around them are searched.
 
     Raises:
@@ -41,13 +43,17 @@ def detect_landmarks(
     """
     options = options or DetectOptions()
     _check_image(image, options)
-    found = candidates_of(image, options) if near is None else candidates_near(image, near, options)
+    found: list[Candidate | TagCandidate] = []
+    if options.ring_families:
+        found += candidates_of(image, options) if near is None else candidates_near(image, near, options)
+    if options.square_families:
+        found += find_tags(image, options, near)
     return [c.observation for c in best_of_each_place([c for c in found if c.rejected is None])]
 
 
-def best_of_each_place(attempts: list[Candidate]) -> list[Candidate]:
+def best_of_each_place(attempts: Sequence[AnyCandidate]) -> list[AnyCandidate]:
     """The surest reading of every place, largest first."""
-    kept: list[Candidate] = []
+    kept: list[AnyCandidate] = []
     for attempt in sorted(attempts, key=lambda a: (-a.decoding.margin, a.family.name, a.decoding.code)):
         middle = attempt.corners.mean(axis=0)
         apart = [np.linalg.norm(middle - k.corners.mean(axis=0)) > 0.5 * k.side_px for k in kept]
@@ -69,28 +75,20 @@ def candidates_near(image: ByteArray, near: FloatArray, options: DetectOptions) 
     near = np.asarray(near, dtype=np.float64).reshape(-1, 4, 2)
     found: list[Candidate] = []
     for quad in near[np.isfinite(near).all(axis=(1, 2))]:
-        side = mean_side(quad)
-        room = max(WINDOW_ROOM * side, LEAST_ROOM_PX)
-        low = np.maximum(np.floor(quad.min(axis=0) - room), 0).astype(int)
-        high = np.minimum(np.ceil(quad.max(axis=0) + room), [image.shape[1], image.shape[0]]).astype(int)
+        low, high = window_around(quad, image)
         if (high - low < LEAST_WINDOW_PX).any():
             continue
         window = LinearImage.of(np.ascontiguousarray(image[low[1] : high[1], low[0] : high[0]]))
         # The lens and its bend belong to the whole image.
         whole = LinearImage.of(image, options.camera, window.noise)
-        expected = (quad if _is_clockwise(quad) else quad[::-1])[None] - low
-        here = _candidates_among(expected, whole, window.pyramid, low, options)
+        expected = clockwise(quad)[None] - low
+        here = _candidates_among(expected, whole, window.pyramid, low.astype(np.float64), options)
         if not any(candidate.rejected is None for candidate in here):
             levels, config = window.pyramid.levels, options.config
             quads = find_candidates(levels, config.sources, config.where, window.noise)
-            here = _candidates_among(quads, whole, window.pyramid, low, options)
+            here = _candidates_among(quads, whole, window.pyramid, low.astype(np.float64), options)
         found += here
     return found
-
-
-def _is_clockwise(quad: FloatArray) -> bool:
-    x, y = quad.T
-    return bool(np.sum(x * np.roll(y, -1) - y * np.roll(x, -1)) > 0)
 
 
 def _candidates_among(
@@ -99,7 +97,7 @@ def _candidates_among(
     """Candidates among squares of a window of the image, whose pyramid it is and which begins at ``corner``."""
     config = options.config
     clear, possible = [], np.zeros(len(quads), dtype=bool)
-    for family in options.families:
+    for family in options.ring_families:
         found = screen_candidates(pyramid, quads, family)
         possible |= found.pattern >= 0
         likely = _likely_squares(pyramid, found, family, config) + corner
@@ -146,7 +144,7 @@ def _candidates_in_shadow(
     strict = replace(rule, turn_margin=SHADED_FACTOR * rule.turn_margin, code_margin=SHADED_FACTOR * rule.code_margin)
     options = replace(options, rule=strict)
     shaded = []
-    for family in options.families:
+    for family in options.ring_families:
         found = screen_candidates(pyramid, quads, family, in_shadow=True)
         likely = _likely_squares(pyramid, found, family, options.config, in_shadow=True) + corner
         squares = ((_shadow_normalized(image, quad), quad) for quad in likely)
@@ -183,7 +181,7 @@ def _check_image(image: ByteArray, options: DetectOptions) -> None:
             raise InputError(
                 "like_families",
                 f"families {one.name} and {other.name} share their drawing and cannot be told apart",
-                "look for one of them; mix families of different rings",
+                "look for one of them; mix families of different drawings",
             )
     size = (image.shape[1], image.shape[0])
     if options.camera is not None and options.camera.image_size != size:
@@ -192,8 +190,3 @@ def _check_image(image: ByteArray, options: DetectOptions) -> None:
             "the image is {}x{}, the camera {}x{}".format(*size, *options.camera.image_size),
             "use images of the calibrated size",
         )
-
-
-def is_colourless(image: ByteArray) -> bool:
-    """All three channels the same: a grey picture, in which red and blue cannot be told apart."""
-    return bool(np.array_equal(image[:, :, 0], image[:, :, 1]) and np.array_equal(image[:, :, 1], image[:, :, 2]))

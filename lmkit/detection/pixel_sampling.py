@@ -12,7 +12,8 @@ from lmkit.arrays import Float32Array, FloatArray
 from lmkit.detection.linear_image import LinearImage, rebend
 from lmkit.kernels.pixel_sampling import Edges, SamplingRules, sample
 from lmkit.kernels.registration import Samples, View, homography_numpy
-from lmkit.model.landmark import LandmarkFamily
+from lmkit.model.families import MarkerFamily
+from lmkit.model.square_marker import SquareMarkerFamily
 
 MAX_PIXELS = 1500
 EDGE_BAND_PX = 3.0
@@ -56,7 +57,7 @@ def sample_pixels(
     image: LinearImage,
     view: View,
     state: FloatArray,
-    family: LandmarkFamily,
+    family: MarkerFamily,
     at_most: int = MAX_PIXELS,
     near_edges: bool = True,
 ) -> PixelSamples | None:
@@ -109,6 +110,8 @@ def _bounding_box(
 
 
 @lru_cache(maxsize=16)
-def _edges(family: LandmarkFamily) -> Edges:
+def _edges(family: MarkerFamily) -> Edges:
+    if isinstance(family, SquareMarkerFamily):
+        return Edges((family.half_mm,), ())
     radii = tuple(radius for ring in family.rings for radius in (ring.inner_mm, ring.outer_mm))
     return Edges((family.half_mm, family.ground_half_mm), radii)

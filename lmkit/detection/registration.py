@@ -14,6 +14,8 @@ from lmkit.detection.decoding import CORRELATED_PIXELS, Decoding, decode_square,
 from lmkit.detection.hypotheses import RIDGE
 from lmkit.detection.linear_image import LinearImage, rebend
 from lmkit.detection.pixel_sampling import BEND, PixelSamples, mean_side, sample_pixels
+from lmkit.kernels.grid_pattern import GridDrawing
+from lmkit.kernels.pattern import Drawing
 from lmkit.kernels.registration import (
     STATE,
     Hypothesis,
@@ -24,6 +26,7 @@ from lmkit.kernels.registration import (
     register,
     robust_weights,
 )
+from lmkit.model.families import MarkerFamily
 from lmkit.model.landmark import LandmarkFamily
 
 MIN_SPREAD = 0.04  # px^2, for images sharper than any lens, such as rasterised pages
@@ -41,23 +44,33 @@ SHADING_PRIOR = 0.05  # standard deviation of the relative change of light over 
 LIMITS = Limits(least_spread=MIN_SPREAD, most_spread=64.0, bend=0.3, shading=0.6, bias=1.0)
 
 
-class PatternRegistration:
-    """The fit of one landmark's pattern: its state, the pixels it looks at, and what they decode to.
+class DrawingFit:
+    """The fit of one drawing to the image: its state and the pixels it looks at.
 
     Attributes:
         state: (15,) corners (px, freed of distortion and bend), point spread, bend, shading, mixed-pixel bias; see
             :mod:`lmkit.kernels.registration`.
         samples: pixels in use, with the weights of the last registration.
-        decoding: of the last :meth:`decode`.
+        drawing: what is fitted.
+        hypothesis: which of its parts are drawn.
+        channel_repeats: how often the three channels count the same light: 3 in grey images.
     """
 
     samples: PixelSamples
-    decoding: Decoding
 
-    def __init__(self, image: LinearImage, family: LandmarkFamily, corners: FloatArray, spread_px2: float) -> None:
+    def __init__(
+        self,
+        image: LinearImage,
+        family: MarkerFamily,
+        drawing: Drawing | GridDrawing,
+        corners: FloatArray,
+        spread_px2: float,
+    ) -> None:
         self.image = image
-        self.family = family
-        self.tables = tables_of(family)
+        self.outline = family
+        self.drawing: Drawing | GridDrawing = drawing
+        self.hypothesis = Hypothesis(0, 0)
+        self.channel_repeats = 1
         self.view = View(np.round(corners.mean(axis=0)), image.centre, image.half_width, family.half_mm)
         self.state: FloatArray = np.zeros(STATE)
         self.state[:8] = corners.ravel()
@@ -74,30 +87,12 @@ class PatternRegistration:
         xx, xy, yy = self.state[8:11].tolist()
         return float(max(xx * yy - xy * xy, 1e-6) ** 0.25)
 
-    @property
-    def hypothesis(self) -> Hypothesis:
-        """Gaps and triangle of the last decoding."""
-        quarter = self.decoding.quarter
-        return Hypothesis(int(self.tables.words.masks[quarter, self.decoding.code]), quarter)
-
     def sample(self, at_most: int, near_edges: bool) -> bool:
         """Take pixels where the pattern now lies; False where too little of it lies in the image."""
-        taken = sample_pixels(self.image, self.view, self.state, self.family, at_most, near_edges)
+        taken = sample_pixels(self.image, self.view, self.state, self.outline, at_most, near_edges)
         if taken is not None:
             self.samples = taken
         return taken is not None
-
-    def decode(self) -> Decoding:
-        """Score every code in every quarter turn, pixels weighted by the image's noise alone.
-
-        Discounting what does not fit the last decoding would make it confirm itself.
-        """
-        self.decoding = decode_square(self.tables, self.view, self.state, self.samples.plain)
-        return self.decoding
-
-    def decode_discounted(self) -> Decoding:
-        """A copy with robust weights; :attr:`decoding` stays."""
-        return decode_square(self.tables, self.view, self.state, self.samples.weighted)
 
     def discount(self) -> FloatArray:
         """Give less weight to pixels that the model does not fit: what hides or reflects there.
@@ -109,7 +104,7 @@ class PatternRegistration:
             (3,N) what the pixels would be.
         """
         weights = robust_weights(
-            self.tables.drawing, self.view, self.samples.plain, self._priors, self.state, self.hypothesis
+            self.drawing, self.view, self.samples.plain, self._priors, self.state, self.hypothesis
         )
         self.samples.variance, self.samples.prior_weight = weights.variance, weights.prior_weight
         return weights.drawn
@@ -117,7 +112,7 @@ class PatternRegistration:
     def register(self, steps: Steps) -> None:
         """Move to a smaller error, never to a larger one, discounting what does not fit."""
         found = register(
-            self.tables.drawing,
+            self.drawing,
             self.view,
             self.samples.plain,
             self._priors,
@@ -139,7 +134,7 @@ class PatternRegistration:
         corners, J = self._seen_corners(fit_bend)
         covariance = J @ inverse[:12, :12] @ J.T
         few_edges = aligned_with_mosaic(corners) * (FEW_EDGES_PX / mean_side(corners)) ** 2
-        covariance *= self._error * CORRELATED_PIXELS * (1 + few_edges)
+        covariance *= self._error * CORRELATED_PIXELS * self.channel_repeats * (1 + few_edges)
         return corners, covariance + MODEL_ERROR_PX**2 * np.eye(8)
 
     def _seen_corners(self, fit_bend: bool) -> tuple[FloatArray, FloatArray]:
@@ -166,6 +161,35 @@ class PatternRegistration:
     @property
     def _priors(self) -> Priors:
         return Priors(RIDGE, BEND_PRIOR, SHADING_PRIOR, MIXED_PIXEL_PRIOR, self.samples.prior_weight)
+
+
+class PatternRegistration(DrawingFit):
+    """The fit of one landmark's pattern, and what it decodes to.
+
+    Attributes:
+        decoding: of the last :meth:`decode`.
+    """
+
+    decoding: Decoding
+
+    def __init__(self, image: LinearImage, family: LandmarkFamily, corners: FloatArray, spread_px2: float) -> None:
+        self.family = family
+        self.tables = tables_of(family)
+        super().__init__(image, family, self.tables.drawing, corners, spread_px2)
+
+    def decode(self) -> Decoding:
+        """Score every code in every quarter turn, pixels weighted by the image's noise alone.
+
+        Discounting what does not fit the last decoding would make it confirm itself.
+        """
+        self.decoding = decode_square(self.tables, self.view, self.state, self.samples.plain)
+        code, quarter = self.decoding.code, self.decoding.quarter
+        self.hypothesis = Hypothesis(int(self.tables.words.masks[quarter, code]), quarter)
+        return self.decoding
+
+    def decode_discounted(self) -> Decoding:
+        """A copy with robust weights; :attr:`decoding` stays."""
+        return decode_square(self.tables, self.view, self.state, self.samples.weighted)
 
 
 def aligned_with_mosaic(corners: FloatArray) -> float:

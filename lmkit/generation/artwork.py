@@ -5,8 +5,10 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-from lmkit.model.landmark import LandmarkFamily, Ring
-from lmkit.model.palette import BLUE, RED, WHITE, Rgb
+from lmkit.model.families import MarkerFamily
+from lmkit.model.landmark import Ring
+from lmkit.model.palette import BLACK, BLUE, RED, WHITE, Rgb
+from lmkit.model.square_marker import SquareMarkerFamily
 
 Point = tuple[float, float]
 # A path command as in SVG: ("M", p), ("L", p), ("C", control, control, p) or ("Z",).
@@ -18,7 +20,7 @@ class FilledPath:
     """A shape filled by the even-odd rule.
 
     Attributes:
-        role: what it is: ``margin``, ``border``, ``ground``, ``ring``, ``triangle`` or ``mark``.
+        role: what it is: ``margin``, ``border``, ``ground``, ``ring``, ``triangle``, ``cell`` or ``mark``.
         color: sRGB fill.
         commands: closed subpaths, mm.
     """
@@ -28,7 +30,7 @@ class FilledPath:
     commands: tuple[Command, ...]
 
 
-def landmark_artwork(family: LandmarkFamily, code: int, margin: bool = True) -> tuple[FilledPath, ...]:
+def landmark_artwork(family: MarkerFamily, code: int, margin: bool = True) -> tuple[FilledPath, ...]:
     """The drawing of one landmark, back to front (docs/landmark.md, section 2).
 
     Args:
@@ -40,6 +42,8 @@ def landmark_artwork(family: LandmarkFamily, code: int, margin: bool = True) -> 
     Raises:
         InputError: the family has no such code.
     """
+    if isinstance(family, SquareMarkerFamily):
+        return _square_marker_artwork(family, code, margin)
     gaps = family.gaps(code)
     shapes = []
     if margin:
@@ -54,6 +58,23 @@ def landmark_artwork(family: LandmarkFamily, code: int, margin: bool = True) -> 
             shapes.append(FilledPath("ring", WHITE, commands))
     triangle = [(float(x), float(y)) for x, y in family.triangle_vertices_mm]
     shapes.append(FilledPath("triangle", WHITE, polygon_commands(triangle)))
+    return tuple(shapes)
+
+
+def _square_marker_artwork(family: SquareMarkerFamily, code: int, margin: bool) -> tuple[FilledPath, ...]:
+    """White margin, black square, and the white cells of each row in runs."""
+    shapes = [_square("margin", WHITE, family.half_mm + family.margin_mm)] if margin else []
+    shapes.append(_square("border", BLACK, family.half_mm))
+    commands: tuple[Command, ...] = ()
+    cell = family.cell_mm
+    for row, white in enumerate(family.darkness(code) == 0.0):
+        top = family.half_mm - row * cell
+        edges = [k for k in range(len(white)) if white[k] != (k > 0 and white[k - 1])]
+        for start, end in zip(edges[::2], edges[1::2], strict=True):
+            left, right = (k * cell - family.half_mm for k in (start, end))
+            commands += polygon_commands([(left, top), (right, top), (right, top - cell), (left, top - cell)])
+    if commands:
+        shapes.append(FilledPath("cell", WHITE, commands))
     return tuple(shapes)
 
 

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from functools import lru_cache
 
 from lmkit.generation.artwork import Command, FilledPath, Point, landmark_artwork, polygon_commands
-from lmkit.model.landmark import LandmarkFamily
+from lmkit.model.families import MarkerFamily
 from lmkit.model.palette import BLACK, Rgb
 
 GREY: Rgb = (90, 90, 90)
@@ -46,7 +46,7 @@ class PrintedFace:
         upside_down: turned by half.
     """
 
-    family: LandmarkFamily
+    family: MarkerFamily
     code: int
     size_mm: float
     centre_mm: Point
@@ -109,7 +109,7 @@ class Page:
         return width / 2 + (x - width / 2) * sx, height / 2 + (y - height / 2) * self.stretch[1]
 
 
-def bare_landmark_page(family: LandmarkFamily, code: int, size_mm: float) -> Page:
+def bare_landmark_page(family: MarkerFamily, code: int, size_mm: float) -> Page:
     """The face alone, its border at the very edge of the page."""
     face = PrintedFace(family, code, size_mm, (size_mm / 2, size_mm / 2))
     title = f"{family.name} v{family.version}, code {code}, {size_mm:g} mm"

@@ -14,7 +14,8 @@ from lmkit.generation.page import Box, Page, PrintedFace, Text, item_box, overla
 from lmkit.generation.sheet_parts import Part
 from lmkit.io.template import PageTemplate, TextLine
 from lmkit.model.codewords import format_codes
-from lmkit.model.landmark import LandmarkFamily
+from lmkit.model.families import MarkerFamily
+from lmkit.model.landmark import LM8
 
 CONTENTS_COLUMNS = 8
 
@@ -28,7 +29,7 @@ class Wording:
 
 
 def compose_sheets(
-    family: LandmarkFamily,
+    family: MarkerFamily,
     codes: Sequence[int],
     template: PageTemplate,
     size_mm: float | None = None,
@@ -47,7 +48,7 @@ def compose_sheets(
         InputError: a landmark does not fit, parts overlap or reach into the printer's margin, or a code
             is none of the family's.
     """
-    size = size_mm or template.size_mm
+    size = size_mm or usual_size_mm(family, template)
     mirrored = mirrored or template.mirrored
     places = template.all_places
     pages = []
@@ -64,7 +65,7 @@ def compose_sheets(
     return pages
 
 
-def compose_landmark_page(family: LandmarkFamily, code: int, size_mm: float, template: PageTemplate) -> Page:
+def compose_landmark_page(family: MarkerFamily, code: int, size_mm: float, template: PageTemplate) -> Page:
     """One landmark's sheet; see :func:`compose_sheets`."""
     return compose_sheets(family, [code], template, size_mm)[0]
 
@@ -147,7 +148,13 @@ def _filled_in(line: TextLine, faces: tuple[PrintedFace, ...], wording: Wording,
         ) from None
 
 
-def largest_mm(family: LandmarkFamily, template: PageTemplate) -> float:
+def usual_size_mm(family: MarkerFamily, template: PageTemplate) -> float:
+    """The template's own size, less for families whose white margin is wider than a ring landmark's."""
+    rings, own = (1 + 2 * f.margin_mm / f.side_mm for f in (LM8, family))
+    return template.size_mm if own <= rings else float(math.floor(template.size_mm * rings / own))
+
+
+def largest_mm(family: MarkerFamily, template: PageTemplate) -> float:
     """The largest landmark that fits on the template's places."""
     width, height = template.page_mm
     free = min(min(x, y, width - x, height - y) for x, y in (place.centre_mm for place in template.all_places))

@@ -10,7 +10,7 @@ from lmkit.generation.artwork import FilledPath
 from lmkit.generation.page import GREY, Box, Page, PrintedFace, Text, rectangle
 from lmkit.generation.sheet_parts import LINE_MM, THIN_MM, frame, ruler
 from lmkit.io.template import PAPERS_MM
-from lmkit.model.landmark import LandmarkFamily
+from lmkit.model.families import MarkerFamily
 from lmkit.model.palette import BLACK, WHITE
 
 EDGE_MM = 8.0  # around the image on every sheet: the printer's blank edge, and room for marks
@@ -46,7 +46,7 @@ class _Tiling:
         return x, y
 
 
-def compose_tiles(family: LandmarkFamily, code: int, size_mm: float, paper: str) -> list[Page]:
+def compose_tiles(family: MarkerFamily, code: int, size_mm: float, paper: str) -> list[Page]:
     """A plan, then the sheets row by row; upright or across, whichever takes fewer.
 
     Raises:

@@ -16,9 +16,10 @@ import numpy as np
 from lmkit.errors import InputError
 from lmkit.geometry.pose import Pose
 from lmkit.io.documents import dump_yaml, load_document, load_json, read_text
-from lmkit.io.landmark_map import FOREIGN_FAMILIES, read_map
+from lmkit.io.landmark_map import FOREIGN_FAMILY, read_map
 from lmkit.model.landmark_id import LandmarkId
 from lmkit.model.landmark_map import LandmarkMap, MappedLandmark
+from lmkit.model.square_marker import SQUARE_FAMILIES
 
 FIELD_TAG_M = 0.1651  # of every tag on a field, as its rules have it; the layout does not say
 # Columns: the field tag's x (out), y (left of one looking out: our x), z (up: our y), in our axes.
@@ -82,7 +83,7 @@ def _from_wpilib(path: Path, text: str) -> LandmarkMap:
         layout = load_json(path, text)
         # Fields of other seasons had other tags: a layout that names its own is believed.
         family, size_m = str(layout.get("family", FAMILY)), float(layout.get("size", FIELD_TAG_M))
-        if family not in FOREIGN_FAMILIES or not 0 < size_m < LARGEST_TAG_M:
+        if family not in (*SQUARE_FAMILIES, FOREIGN_FAMILY) or not 0 < size_m < LARGEST_TAG_M:
             raise ValueError(f"family {family!r} or size {size_m:g} m is unknown")
         for tag in layout["tags"]:
             place, turn = tag["pose"]["translation"], tag["pose"]["rotation"]["quaternion"]

@@ -13,12 +13,11 @@ from lmkit.errors import InputError
 from lmkit.geometry.pose import Pose
 from lmkit.io.documents import Document, dump_yaml, read_document
 from lmkit.io.rig import Matrix6, Row
-from lmkit.model.landmark import family_named
+from lmkit.model.families import family_named
 from lmkit.model.landmark_id import LandmarkId
 from lmkit.model.landmark_map import LandmarkMap, MappedLandmark
 
-# Square markers of others, which lmkit does not read, but whose recorded detections it surveys and locates by.
-FOREIGN_FAMILIES = ("tag36h11", "tag25h9", "tag16h5", "aruco")
+FOREIGN_FAMILY = "aruco"  # of any dictionary: not read in images, but its recorded detections are used
 
 
 class _Landmark(Document):
@@ -47,7 +46,7 @@ def read_map(path: Path) -> LandmarkMap:
     landmarks = []
     for index, item in enumerate(data.landmarks):
         where = f"{path}: landmarks[{index}]"
-        family = None if item.family in FOREIGN_FAMILIES else family_named(item.family)
+        family = None if item.family == FOREIGN_FAMILY else family_named(item.family)
         if family is not None and item.code >= family.code_count:
             raise InputError(
                 "code_range",

@@ -15,10 +15,10 @@ import numpy as np
 
 from lmkit.arrays import FloatArray
 from lmkit.errors import InputError
-from lmkit.io.landmark_map import FOREIGN_FAMILIES
+from lmkit.io.landmark_map import FOREIGN_FAMILY
 from lmkit.io.tables import read_rows, to_number
+from lmkit.model.families import family_named
 from lmkit.model.floor_plan import Wall
-from lmkit.model.landmark import family_named
 from lmkit.model.landmark_id import LandmarkId
 from lmkit.model.landmark_map import LandmarkMap, MappedLandmark, wall_pose
 
@@ -89,7 +89,7 @@ def read_measured_map(path: Path, walls: Sequence[Wall], defaults: FormDefaults)
 def _landmark(cells: Mapping[str, str], walls: Mapping[str, Wall], defaults: FormDefaults) -> MappedLandmark:
     try:
         id_ = LandmarkId.parse(cells.get("code", ""), [cells.get("family", defaults.family)])
-        if id_.family not in FOREIGN_FAMILIES and id_.code >= family_named(id_.family).code_count:
+        if id_.family != FOREIGN_FAMILY and id_.code >= family_named(id_.family).code_count:
             raise ValueError(f"family {id_.family} has no code {id_.code}")
     except InputError as error:
         raise ValueError(error.message) from None

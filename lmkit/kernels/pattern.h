@@ -6,7 +6,8 @@
  *
  * A drawing is a flat float array: ring count R, line count L, gap count G; half sides of paper, face, ground;
  * R x (inner, outer) radii; L x (nx, ny, offset); G x (ring, line, sign, line, sign); 4 x 3 x (line, sign) for the
- * triangle at four quarter turns.  `lmkit/kernels/pattern.py` builds and checks it.
+ * triangle at four quarter turns.  `lmkit/kernels/pattern.py` builds and checks it.  A grid of cells (`grid.h`) has
+ * minus its cells a side for a ring count, no lines and gaps, and (side + 1)^2 weights behind the half sides.
  */
 #ifndef LMKIT_PATTERN_H
 #define LMKIT_PATTERN_H
@@ -26,8 +27,8 @@
 typedef float block[BLOCK];
 
 typedef struct {
-    int rings, lines, gaps;
-    const float *squares, *radii, *line, *gap, *triangle;
+    int rings, lines, gaps, side;
+    const float *cells, *squares, *radii, *line, *gap, *triangle;
 } Drawing;
 
 /* One block of points of the landmark's plane: positions, mm, and covariance of the point spread, mm^2. */
@@ -43,7 +44,9 @@ typedef struct {
 static inline Drawing read_drawing(const float *flat)
 {
     Drawing d;
-    d.rings = (int)flat[0];
+    d.side = flat[0] < 0.0f ? (int)-flat[0] : 0;
+    d.cells = flat + 6;
+    d.rings = d.side ? 0 : (int)flat[0];
     d.lines = (int)flat[1];
     d.gaps = (int)flat[2];
     d.squares = flat + 3;
@@ -156,6 +159,44 @@ static inline void square_values(const Drawing *d, const Points *restrict at, bl
     }
 }
 
+#include "grid.h"
+
+/* White, nothing, black and surroundings of a grid: inks[INKS * k] for k < count, of values and slopes. */
+static inline void grid_inks(const Drawing *d, const Points *restrict at, int count, block *restrict inks)
+{
+    block black[JET], paper[JET], ix, iy;
+    grid_black(d, at, black);
+    float h = d->squares[0];
+    EACH {
+        ix[i] = 1.0f / sqrtf(at->sxx[i]);
+        iy[i] = 1.0f / sqrtf(at->syy[i]);
+    }
+    EACH {
+        float p0, p1, q = ix[i], d0 = at->x[i] + h, d1 = at->x[i] - h;
+        float across = normal_distribution(d0 * q, &p0) - normal_distribution(d1 * q, &p1);
+        float across_x = (p0 - p1) * q, across_xx = -0.5f * (p0 * d0 - p1 * d1) * q * q * q;
+        q = iy[i], d0 = at->y[i] + h, d1 = at->y[i] - h;
+        float along = normal_distribution(d0 * q, &p0) - normal_distribution(d1 * q, &p1);
+        float along_y = (p0 - p1) * q, along_yy = -0.5f * (p0 * d0 - p1 * d1) * q * q * q;
+        paper[0][i] = across * along;
+        paper[1][i] = across_x * along;
+        paper[2][i] = across * along_y;
+        paper[3][i] = across_xx * along;
+        paper[4][i] = 0.0f;
+        paper[5][i] = across * along_yy;
+    }
+    for (int k = 0; k < count; k++) {
+        float one = k == 0 ? 1.0f : 0.0f;
+        block *ink = inks + k * INKS;
+        EACH {
+            ink[0][i] = paper[k][i] - black[k][i];
+            ink[1][i] = 0.0f;
+            ink[2][i] = black[k][i];
+            ink[3][i] = one - paper[k][i];
+        }
+    }
+}
+
 /* Columns: frame by the four inks, closed rings, triangle at four quarter turns, gaps. */
 static inline void coverage_columns(const Drawing *d, const Points *restrict at, block *restrict columns)
 {
@@ -202,6 +243,10 @@ static inline void ink_values(const Drawing *d, const Points *restrict at, uint3
 {
     block squares[3], distance, inverse_s, white, sector, ring;
     Polar polar;
+    if (d->side) {
+        grid_inks(d, at, 1, inks);
+        return;
+    }
     square_values(d, at, squares);
     polar_geometry(at, &polar);
     const float *t = d->triangle + 6 * quarter;
@@ -288,6 +333,10 @@ static inline void ink_jets(const Drawing *d, const Points *restrict at, uint32_
     Edge a, b, c;
     Polar polar;
     block ix, iy;
+    if (d->side) {
+        grid_inks(d, at, JET, jets[0]);
+        return;
+    }
     EACH {
         ix[i] = 1.0f / sqrtf(at->sxx[i]);
         iy[i] = 1.0f / sqrtf(at->syy[i]);

@@ -13,8 +13,9 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from lmkit.kernels.grid_pattern import GridDrawing, jets_numpy
 from lmkit.kernels.load import addresses, contiguous, function
-from lmkit.kernels.pattern import INKS, JET, Drawing, ink_jets_numpy
+from lmkit.kernels.pattern import INKS, JET, Drawing
 
 FloatArray = NDArray[np.floating[Any]]
 Float32Array = NDArray[np.float32]
@@ -147,7 +148,7 @@ class Weights(NamedTuple):
 
 
 def linearise(
-    drawing: Drawing,
+    drawing: Drawing | GridDrawing,
     view: View,
     samples: Samples,
     priors: Priors,
@@ -170,7 +171,7 @@ def linearise(
 
 
 def register(
-    drawing: Drawing,
+    drawing: Drawing | GridDrawing,
     view: View,
     samples: Samples,
     priors: Priors,
@@ -198,7 +199,12 @@ def register(
 
 
 def robust_weights(
-    drawing: Drawing, view: View, samples: Samples, priors: Priors, state: FloatArray, hypothesis: Hypothesis
+    drawing: Drawing | GridDrawing,
+    view: View,
+    samples: Samples,
+    priors: Priors,
+    state: FloatArray,
+    hypothesis: Hypothesis,
 ) -> Weights:
     """Predicted pixel values, and Cauchy weights on the scatter of all of them."""
     kernel = _weights_kernel()
@@ -216,7 +222,7 @@ def robust_weights(
 
 
 def linearise_numpy(
-    drawing: Drawing,
+    drawing: Drawing | GridDrawing,
     view: View,
     samples: Samples,
     priors: Priors,
@@ -229,7 +235,7 @@ def linearise_numpy(
     n = len(at)
     points, spread, A, radial = plane_numpy(view, state, at)
     light = light_numpy(view, state, points)[:, None]
-    jets = ink_jets_numpy(drawing, points, spread, *hypothesis, slopes=True).transpose(0, 2, 1) * light
+    jets = jets_numpy(drawing, points, spread, *hypothesis, slopes=True).transpose(0, 2, 1) * light
     design = jets[0]
     root = 1 / np.sqrt(samples.variance.astype(np.float64))
     inks = inks_numpy(design, values, root, state[14], priors.ridge)
@@ -273,7 +279,7 @@ def linearise_numpy(
 
 
 def register_numpy(
-    drawing: Drawing,
+    drawing: Drawing | GridDrawing,
     view: View,
     samples: Samples,
     priors: Priors,
@@ -294,7 +300,7 @@ def register_numpy(
 
 
 def _gauss_newton(
-    drawing: Drawing,
+    drawing: Drawing | GridDrawing,
     view: View,
     samples: Samples,
     priors: Priors,
@@ -327,13 +333,18 @@ def _gauss_newton(
 
 
 def robust_weights_numpy(
-    drawing: Drawing, view: View, samples: Samples, priors: Priors, state: FloatArray, hypothesis: Hypothesis
+    drawing: Drawing | GridDrawing,
+    view: View,
+    samples: Samples,
+    priors: Priors,
+    state: FloatArray,
+    hypothesis: Hypothesis,
 ) -> Weights:
     """Definition of :func:`robust_weights`."""
     values, variance = samples.values.T.astype(np.float64), samples.variance.astype(np.float64)
     points, spread, _, _ = plane_numpy(view, state, samples.at.T.astype(np.float64))
     light = light_numpy(view, state, points)[:, None]
-    design = ink_jets_numpy(drawing, points, spread, *hypothesis, slopes=False)[0].T * light
+    design = jets_numpy(drawing, points, spread, *hypothesis, slopes=False)[0].T * light
     inks = inks_numpy(design, values, 1 / np.sqrt(variance), state[14], priors.ridge)
     drawn = design @ inks + state[14] * blending_numpy(design[None], inks)[0]
     misfit = np.mean((values - drawn) ** 2, axis=1) / variance

@@ -79,8 +79,8 @@ class LandmarkFamily:
         """The gaps of every code, as bits; code k is the k-th word."""
         return codewords(tuple(ring.gap_count for ring in self.rings), self.distance)
 
-    def gaps(self, code: int) -> tuple[bool, ...]:
-        """Which gap positions are open, from the outer ring inwards, clockwise from up.
+    def require_code(self, code: int) -> None:
+        """Check that a code is one of the family's.
 
         Raises:
             InputError: the family has no such code.
@@ -91,16 +91,22 @@ class LandmarkFamily:
                 f"code {code} is outside 0 to {self.code_count - 1} of family {self.name}",
                 f"choose a code from 0 to {self.code_count - 1}",
             )
+
+    def gaps(self, code: int) -> tuple[bool, ...]:
+        """Which gap positions are open, from the outer ring inwards, clockwise from up.
+
+        Raises:
+            InputError: the family has no such code.
+        """
+        self.require_code(code)
         return code_to_gaps(self.words[code], self.gap_count)
 
-    def is_drawn_like(self, other: LandmarkFamily) -> bool:
+    def is_drawn_like(self, other: object) -> bool:
         """True where two families share their drawing, so that a landmark of one is a landmark of the other."""
-        return self != other and (self.rings, self.triangle_mm, self.side_mm, self.border_mm) == (
-            other.rings,
-            other.triangle_mm,
-            other.side_mm,
-            other.border_mm,
-        )
+        if not isinstance(other, LandmarkFamily) or self == other:
+            return False
+        own, others = ((f.rings, f.triangle_mm, f.side_mm, f.border_mm) for f in (self, other))
+        return own == others
 
     @property
     def half_mm(self) -> float:
@@ -155,25 +161,3 @@ def square_corners(size_m: float) -> FloatArray:
     """
     h = size_m / 2
     return np.array([[-h, h, 0.0], [h, h, 0.0], [h, -h, 0.0], [-h, -h, 0.0]])
-
-
-def family_named(name: str) -> LandmarkFamily:
-    """The family called ``name``.
-
-    Raises:
-        InputError: there is none.
-    """
-    try:
-        return FAMILIES[name]
-    except KeyError:
-        hint = f"known: {', '.join(FAMILIES)}; of other markers lmkit survey and track take recorded detections"
-        raise InputError("unknown_family", f"there is no landmark family {name!r}", hint) from None
-
-
-def families_named(names: str) -> tuple[LandmarkFamily, ...]:
-    """The families of a list such as ``lm8,lm4``, in that order.
-
-    Raises:
-        InputError: one does not exist.
-    """
-    return tuple(dict.fromkeys(family_named(name.strip()) for name in names.split(",")))

@@ -9,7 +9,8 @@ from typing import Any
 
 from lmkit.arrays import ByteArray
 from lmkit.detection.config import DetectOptions
-from lmkit.detection.detector import detect_landmarks, is_colourless
+from lmkit.detection.detector import detect_landmarks
+from lmkit.detection.windows import is_colourless
 from lmkit.errors import InputError
 from lmkit.io.image_sources import Frame, frames, picture_files
 from lmkit.model.observation import Detection

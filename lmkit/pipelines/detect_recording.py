@@ -16,14 +16,15 @@ from lmkit.io.images import read_image
 from lmkit.io.readings import read_readings
 from lmkit.io.recording_tables import PAIR, read_detections, read_gyro, read_odometry
 from lmkit.io.trajectory import read_trajectory
-from lmkit.model.landmark import LM8, LandmarkFamily, family_named
+from lmkit.model.families import MarkerFamily, family_named
+from lmkit.model.landmark import LM8
 from lmkit.model.recording import Odometry, Recording, RigFrame
 from lmkit.model.trajectory import Trajectory
 from lmkit.parallel import map_in_processes
 
 
 def see_drive(
-    sources: Sequence[str], rig: AnyRig, families: Sequence[LandmarkFamily], hz: float | None
+    sources: Sequence[str], rig: AnyRig, families: Sequence[MarkerFamily], hz: float | None
 ) -> Iterator[RigFrame]:
     """Every frame of folders, globs or videos, one source per camera, in the order of their names.
 
@@ -67,12 +68,12 @@ def _next_time(k: int, name: str, time_s: float | None, hz: float | None, last: 
     return time
 
 
-def _see(job: tuple[float, tuple[str, ...]], rig: AnyRig, families: tuple[LandmarkFamily, ...]) -> RigFrame:
+def _see(job: tuple[float, tuple[str, ...]], rig: AnyRig, families: tuple[MarkerFamily, ...]) -> RigFrame:
     time_s, names = job
     return _detected(time_s, [Frame(name, read_image(Path(name))) for name in names], rig, families)
 
 
-def _detected(time_s: float, frames: Sequence[Frame], rig: AnyRig, families: tuple[LandmarkFamily, ...]) -> RigFrame:
+def _detected(time_s: float, frames: Sequence[Frame], rig: AnyRig, families: tuple[MarkerFamily, ...]) -> RigFrame:
     seen = []
     for frame, camera in zip(frames, mounted_cameras(rig), strict=True):
         image = frame.picture

@@ -16,7 +16,8 @@ from lmkit.detection.detector import detect_landmarks
 from lmkit.geometry.camera import CameraModel
 from lmkit.geometry.stereo_rig import StereoRig
 from lmkit.io.images import read_image
-from lmkit.model.landmark import LM8, LandmarkFamily
+from lmkit.model.families import MarkerFamily
+from lmkit.model.landmark import LM8
 from lmkit.model.observation import Detection, PairView
 from lmkit.parallel import map_in_processes
 
@@ -24,7 +25,7 @@ from lmkit.parallel import map_in_processes
 def find_landmark_pairs(
     files: Sequence[tuple[Path, Path]],
     rig: StereoRig,
-    family: LandmarkFamily = LM8,
+    family: MarkerFamily = LM8,
     on_pair: Callable[[int, int], None] = lambda done, total: None,
 ) -> tuple[FloatArray, list[PairView]]:
     """(4,3) corners of a landmark of its nominal size, and a view for each that both cameras of a pair read.
@@ -47,7 +48,7 @@ def find_landmark_pairs(
     return family.object_points(family.side_mm / 1000), views
 
 
-def _look(job: tuple[Path, CameraModel], family: LandmarkFamily) -> list[Detection]:
+def _look(job: tuple[Path, CameraModel], family: MarkerFamily) -> list[Detection]:
     file, camera = job
     return list(detect_landmarks(read_image(file), DetectOptions((family,), camera=camera)))
 

@@ -20,7 +20,7 @@ from lmkit.localization.absolute_pose import LocateOptions, locate_camera, locat
 from lmkit.localization.base_pose import with_base
 from lmkit.localization.contradiction import with_cause
 from lmkit.model.estimate import PoseEstimate
-from lmkit.model.landmark import family_named
+from lmkit.model.families import family_named
 from lmkit.model.landmark_id import ids_text
 from lmkit.model.landmark_map import LandmarkMap
 from lmkit.model.observation import Detection

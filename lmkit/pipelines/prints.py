@@ -13,12 +13,12 @@ from lmkit.generation.manifest import manifest_of
 from lmkit.generation.page import Page, bare_landmark_page
 from lmkit.generation.pdf import pages_to_pdf
 from lmkit.generation.png import page_to_png
-from lmkit.generation.sheet import Wording, compose_sheets, largest_mm
+from lmkit.generation.sheet import Wording, compose_sheets, largest_mm, usual_size_mm
 from lmkit.generation.tiles import compose_tiles
 from lmkit.io.files import check_writable, write_file
 from lmkit.io.manifest import manifest_path
 from lmkit.io.template import PageTemplate, load_template
-from lmkit.model.landmark import LandmarkFamily
+from lmkit.model.families import MarkerFamily
 from lmkit.units import parse_two_lengths_mm
 from lmkit.verification.proof import prove_pages
 
@@ -51,7 +51,7 @@ class PrintLayout:
         compensate: measured size of the last print, such as ``178.6x179.4``.
     """
 
-    family: LandmarkFamily
+    family: MarkerFamily
     template: str | None = None
     paper: str | None = None
     size_mm: float | None = None
@@ -103,7 +103,7 @@ class PrintLayout:
     def pages(self, codes: list[int]) -> list[Page]:
         """All pages for these codes."""
         sheet = self.sheet
-        stretch = self.stretch(self.size_mm or sheet.size_mm)
+        stretch = self.stretch(self.size_mm or usual_size_mm(self.family, sheet))
         if self.tiled and self.size_mm is not None:
             tiles = [page for code in codes for page in compose_tiles(self.family, code, self.size_mm, self._paper)]
             return [replace(page, mirrored=self.mirror, stretch=stretch) for page in tiles]
@@ -200,7 +200,7 @@ class Prints:
 
 
 def make_prints(
-    family: LandmarkFamily, codes: list[int], *, size_mm: float | None, paper: str | None, template: str | None
+    family: MarkerFamily, codes: list[int], *, size_mm: float | None, paper: str | None, template: str | None
 ) -> Prints:
     """Lay landmarks out, draw them, and read every one back.
 
@@ -209,7 +209,7 @@ def make_prints(
         LmkitError: a landmark does not read back.
     """
     for code in codes:
-        family.gaps(code)
+        family.require_code(code)
     layout = PrintLayout(family, template, paper, size_mm)
     pages = layout.pages(codes)
     pdf = pages_to_pdf(pages, print_title(pages), manifest_of(pages, layout.name).to_json())
@@ -267,7 +267,7 @@ def write_prints(
 
 
 def write_faces(
-    family: LandmarkFamily,
+    family: MarkerFamily,
     codes: Sequence[int],
     size_mm: float | None,
     output: Path,

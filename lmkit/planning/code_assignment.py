@@ -9,9 +9,10 @@ import numpy as np
 from lmkit.arrays import FloatArray, IntArray
 from lmkit.errors import InputError
 from lmkit.model.codewords import turned_word
-from lmkit.model.landmark import LandmarkFamily, family_named
+from lmkit.model.families import MarkerFamily, family_named
 from lmkit.model.landmark_id import LandmarkId
 from lmkit.model.landmark_map import MappedLandmark
+from lmkit.model.square_marker import SquareMarkerFamily
 
 CONFUSABLE = 1  # gaps
 APART_M = 1e6
@@ -47,8 +48,10 @@ def assign_codes(places: Sequence[FloatArray], hung: Sequence[MappedLandmark], f
     return [LandmarkId(family_name, code) for code in chosen]
 
 
-def confusable_codes(family: LandmarkFamily) -> IntArray:
-    """(C,C) True where one wrong gap, or a quarter turn with none, makes one code of the other."""
+def confusable_codes(family: MarkerFamily) -> IntArray:
+    """(C,C) True where one wrong gap or cell, or a quarter turn with none, makes one code of the other."""
+    if isinstance(family, SquareMarkerFamily):
+        return _close_codes(family)
     words = np.array(family.words)
     gap_counts = tuple(ring.gap_count for ring in family.rings)
     apart = np.bitwise_count(words[:, None] ^ words[None]) <= CONFUSABLE
@@ -57,3 +60,14 @@ def confusable_codes(family: LandmarkFamily) -> IntArray:
         apart |= words[:, None] == turned[None]
     np.fill_diagonal(apart, False)
     return np.asarray(apart | apart.T)
+
+
+def _close_codes(family: SquareMarkerFamily) -> IntArray:
+    """(C,C) True where at most ``CONFUSABLE`` cells differ, in any quarter turn."""
+    if family.distance > CONFUSABLE:
+        return np.zeros((family.code_count, family.code_count), dtype=bool)
+    cells = family.bits**2
+    signs = [2.0 * np.rot90(family.white, k, axes=(1, 2)).reshape(-1, cells) - 1 for k in range(4)]
+    apart = np.max([signs[0] @ turned.T for turned in signs], axis=0) >= cells - 2 * CONFUSABLE
+    np.fill_diagonal(apart, False)
+    return np.asarray(apart)

@@ -11,7 +11,7 @@ from lmkit.generation.pdf import pages_to_pdf
 from lmkit.generation.sheet import compose_sheets, largest_mm
 from lmkit.generation.tiles import compose_tiles
 from lmkit.io.template import load_template
-from lmkit.model.landmark import family_named
+from lmkit.model.families import family_named
 from lmkit.planning.coverage import Demand
 from lmkit.planning.placement import Placement
 from lmkit.verification.proof import prove_pages

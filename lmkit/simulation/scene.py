@@ -20,8 +20,8 @@ from lmkit.geometry.camera import CameraModel
 from lmkit.geometry.pose import Pose
 from lmkit.geometry.stereo_rig import StereoRig
 from lmkit.model.board import BoardSpec
+from lmkit.model.families import MarkerFamily, family_named
 from lmkit.model.floor_plan import FloorPlan
-from lmkit.model.landmark import LandmarkFamily, family_named
 from lmkit.model.landmark_id import LandmarkId
 from lmkit.model.landmark_map import LandmarkMap, MappedLandmark, wall_pose
 from lmkit.model.palette import srgb_to_linear
@@ -271,7 +271,7 @@ def _plaster(rng: np.random.Generator, tint: tuple[float, float, float]) -> Floa
 
 
 @lru_cache(maxsize=512)
-def _sheet_texture(family: LandmarkFamily, code: int) -> Float32Array:
+def _sheet_texture(family: MarkerFamily, code: int) -> Float32Array:
     """The face in the upper part of a white sheet, as printed."""
     face = _linear(bare_landmark_page(family, code, family.side_mm), SHEET_DPI)
     width = round(face.shape[1] * 210 / family.side_mm)

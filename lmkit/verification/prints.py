@@ -23,7 +23,8 @@ from lmkit.errors import InputError
 from lmkit.io.images import MAX_BYTES, decode_image
 from lmkit.io.manifest import MANIFEST, PrintManifest, parse_manifest, read_manifest_beside
 from lmkit.model.codewords import format_codes
-from lmkit.model.landmark import FAMILIES, LandmarkFamily
+from lmkit.model.families import ALL_FAMILIES, MarkerFamily
+from lmkit.model.landmark import LandmarkFamily
 from lmkit.model.observation import Detection
 from lmkit.units import MM_PER_INCH
 from lmkit.verification.grade import FINE_SIDE_PX, GradedLine, grade_print, overall_grade
@@ -53,7 +54,7 @@ class Stated:
     """Statements of a label or a manifest about a landmark; None where there is none."""
 
     code: int | None
-    family: LandmarkFamily | None
+    family: MarkerFamily | None
     size_mm: float | None
     paper_mm: tuple[float, float] | None = None
 
@@ -122,7 +123,7 @@ def stated_by_manifest(manifest: PrintManifest, page: int | None = None) -> tupl
     stated = (
         Stated(
             entry.code,
-            FAMILIES.get(entry.family),
+            ALL_FAMILIES.get(entry.family),
             entry.size_mm,
             papers[entry.page - 1] if entry.page <= len(papers) else None,
         )
@@ -243,7 +244,7 @@ def _content_problem(candidate: Candidate, stated: tuple[Stated, ...]) -> str | 
     if len(codes) > 1:
         return f"reads as code {code}, which is none of {format_codes(codes)}"
     problem = f"reads as code {code}, but its label says {codes[0]}"
-    if family.words[code] == mirrored_word(family, codes[0]):
+    if isinstance(family, LandmarkFamily) and family.words[code] == mirrored_word(family, codes[0]):
         problem += ", which it is mirrored"
     return problem
 
@@ -345,7 +346,7 @@ def _stated_by_text(text: str) -> tuple[Stated, ...]:
     codes, label = {int(match["code"]) for match in CODE.finditer(text)}, LABEL.search(text)
     if len(codes) != 1 or label is None:
         return ()
-    return (Stated(codes.pop(), FAMILIES.get(label["family"]), float(label["size"])),)
+    return (Stated(codes.pop(), ALL_FAMILIES.get(label["family"]), float(label["size"])),)
 
 
 def _with_margin(image: ByteArray) -> tuple[ByteArray, FloatArray]:

@@ -13,7 +13,7 @@ import numpy as np
 import pypdfium2
 
 from lmkit.arrays import ByteArray, FloatArray
-from lmkit.detection.register_and_decode import read_landmark_at
+from lmkit.detection.read_marker import read_marker_at
 from lmkit.errors import LmkitError
 from lmkit.generation.page import Page, PrintedFace
 from lmkit.parallel import map_in_processes
@@ -101,7 +101,7 @@ def _face_problem(image: ByteArray, per_mm: FloatArray, page: Page, face: Printe
     high = np.ceil(corners.max(axis=0) + 0.08 * side).astype(int) + pad
     part = np.ascontiguousarray(padded[low[1] : high[1], low[0] : high[0]])
     expected = corners + pad - low
-    seen = read_landmark_at(part, expected, face.family)
+    seen = read_marker_at(part, expected, face.family)
     name = f"code {face.code} of {face.family.name}"
     if seen is None or seen.rejected is not None:
         return f"{name} does not read ({'nothing there' if seen is None else seen.rejected})"
@@ -150,7 +150,7 @@ def _tiles_problem(document: pypdfium2.PdfDocument, job: _Job) -> str | None:
         canvas[np.ix_(rows, columns)] = image[np.ix_(from_y, from_x)]
     half = face.size_mm / 2
     corners = (np.array([[-half, -half], [half, -half], [half, half], [-half, half]]) + face.reach_mm) * scale - 0.5
-    seen = read_landmark_at(canvas, corners, face.family)
+    seen = read_marker_at(canvas, corners, face.family)
     if seen is None or seen.decoding.code != face.code:
         return f"the sheets of code {face.code}, laid together, do not read"
     # Each sheet is drawn with its own rounding, by up to a pixel.

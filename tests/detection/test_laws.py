@@ -12,9 +12,10 @@ from scenes import paste_landmark
 from simulated import CAMERA, SIZE, shoot
 
 from lmkit.detection.config import ACCURATE, BALANCED, PROFILES, DetectOptions
-from lmkit.detection.detector import detect_landmarks, is_colourless
+from lmkit.detection.detector import detect_landmarks
 from lmkit.detection.pattern_model import LandmarkPattern
 from lmkit.detection.registration import aligned_with_mosaic
+from lmkit.detection.windows import is_colourless
 from lmkit.errors import InputError
 from lmkit.geometry.camera import CameraModel
 from lmkit.model.codewords import code_to_gaps

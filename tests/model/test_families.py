@@ -11,7 +11,8 @@ from hypothesis import strategies as st
 
 from lmkit.errors import InputError
 from lmkit.model.codewords import TRIANGLE_BITS, turned_word
-from lmkit.model.landmark import FAMILIES, LM4, LM8, LM8P, LM12, LM12H4, families_named
+from lmkit.model.families import families_named
+from lmkit.model.landmark import FAMILIES, LM4, LM8, LM8P, LM12, LM12H4
 
 SUMS = {
     "lm4": "f564ce1656cb",

@@ -1,0 +1,92 @@
+"""Square markers of an image: candidates from brightness alone, so that grey cameras do."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from lmkit.arrays import ByteArray, FloatArray
+from lmkit.detection.candidates import WhereToLook, find_candidates
+from lmkit.detection.config import DetectOptions
+from lmkit.detection.linear_image import LinearImage
+from lmkit.detection.pixel_sampling import mean_side
+from lmkit.detection.tag_registration import TagCandidate, TagRule, register_and_decode_tag
+from lmkit.detection.windows import LEAST_WINDOW_PX, clockwise, is_colourless, window_around
+from lmkit.model.square_marker import SquareMarkerFamily
+
+ANYWHERE_IN_COLOUR = -1.0  # black and white have no colour to look for
+SAME = 0.08  # of the side: two squares are one
+
+
+def find_tags(image: ByteArray, options: DetectOptions, near: FloatArray | None) -> list[TagCandidate]:
+    """Square markers of (H,W,3) BGR, 8 bit, those that are rejected included.
+
+    Args:
+        near: (N,4,2) where they are expected, px; only windows around them are searched.
+    """
+    grey, families = is_colourless(image), options.square_families
+    if near is None:
+        return tag_candidates_of(LinearImage.of(image, options.camera), families, options, grey)
+    found: list[TagCandidate] = []
+    near = np.asarray(near, dtype=np.float64).reshape(-1, 4, 2)
+    for quad in near[np.isfinite(near).all(axis=(1, 2))]:
+        low, high = window_around(quad, image)
+        if (high - low < LEAST_WINDOW_PX).any():
+            continue
+        window = LinearImage.of(np.ascontiguousarray(image[low[1] : high[1], low[0] : high[0]]))
+        # The lens and its bend belong to the whole image.
+        whole = LinearImage.of(image, options.camera, window.noise)
+        here = _read_quads(whole, clockwise(quad)[None], families, options, grey)
+        if not any(candidate.rejected is None for candidate in here):
+            here = _read_quads(whole, _quads_of(window, options) + low, families, options, grey)
+        found += here
+    return found
+
+
+def tag_candidates_of(
+    image: LinearImage, families: Sequence[SquareMarkerFamily], options: DetectOptions, grey: bool
+) -> list[TagCandidate]:
+    """Every square that was registered and decoded, with the reasons of what was rejected."""
+    return _read_quads(image, _quads_of(image, options), families, options, grey)
+
+
+def _quads_of(image: LinearImage, options: DetectOptions) -> FloatArray:
+    config = options.config
+    where = WhereToLook(ANYWHERE_IN_COLOUR, config.where.luma, config.where.dilated)
+    return distinct(find_candidates(image.pyramid.levels, config.sources, where, image.noise))
+
+
+def _read_quads(
+    image: LinearImage,
+    quads: FloatArray,
+    families: Sequence[SquareMarkerFamily],
+    options: DetectOptions,
+    grey: bool,
+) -> list[TagCandidate]:
+    rule = TagRule()
+    found: list[TagCandidate] = []
+    for quad in quads:
+        if any(_is_in(quad, other) for other in found if other.rejected is None):
+            continue
+        candidate = register_and_decode_tag(image, quad, families, options, grey, rule)
+        if candidate is not None:
+            found.append(candidate)
+    return found
+
+
+def _is_in(quad: FloatArray, read: TagCandidate) -> bool:
+    """Is the middle of a square in a marker that was read, and the square no larger than that?"""
+    apart = float(np.linalg.norm(quad.mean(axis=0) - read.corners.mean(axis=0)))
+    return apart < 0.5 * read.side_px and mean_side(quad) < 1.5 * read.side_px
+
+
+def distinct(quads: FloatArray) -> FloatArray:
+    """(N,4,2) quads without those that have nearly the corners of an earlier one, from whichever corner on."""
+    kept: list[FloatArray] = []
+    for quad in quads:
+        close = SAME * mean_side(quad)
+        turned = [np.roll(quad, k, axis=0) for k in range(4)]
+        if not any(np.abs(t - other).max() < close for other in kept for t in turned):
+            kept.append(quad)
+    return np.array(kept).reshape(-1, 4, 2)

@@ -1,0 +1,202 @@
+"""One square marker: registered, decoded, registered again, until the code stands; then accepted or not."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from lmkit.arrays import ByteArray, FloatArray
+from lmkit.detection.config import DetectOptions
+from lmkit.detection.linear_image import LinearImage
+from lmkit.detection.pixel_sampling import mean_side
+from lmkit.detection.registration import DrawingFit
+from lmkit.detection.tag_decoding import TagDecoding, decode_tag, drawing_of_cells, tag_tables_of
+from lmkit.kernels.registration import Steps
+from lmkit.model.landmark_id import LandmarkId
+from lmkit.model.observation import Detection
+from lmkit.model.square_marker import SquareMarkerFamily
+
+READ_ROUNDS = 3
+SOFT = Steps(rounds=1, most=3, to_px=0.1)
+COARSE = Steps(rounds=1, most=3, to_px=0.1)
+FINE = Steps(rounds=2, most=3, to_px=0.02)
+SHARP = Steps(rounds=0, most=5, to_px=0.01)  # nothing hides a rasterised page
+FROM_FAR = Steps(rounds=0, most=10, to_px=0.05)
+COARSE_SIDE_PX = 100.0
+COARSE_PIXELS = 400
+BEND_SIDE_PX = 40.0
+FOUND_PATTERN, MOVED_PATTERN = 0.05, 0.1  # of a square as found, and once it was moved
+
+
+@dataclass(frozen=True)
+class TagRule:
+    """Thresholds for a decoded square to be called a marker.
+
+    Attributes:
+        margin: least log likelihood ratio against any other reading.
+        white_over_black: least ratio of brightness.
+        cell_error: most root mean square distance of the cells from the code's.
+        pattern: least share that the cells explain.
+    """
+
+    margin: float = 20.0
+    white_over_black: float = 1.8
+    cell_error: float = 0.36
+    pattern: float = 0.4
+
+
+@dataclass(frozen=True)
+class TagCandidate:
+    """One square that was registered and decoded, accepted or not.
+
+    Attributes:
+        family: what it was read as.
+        corners: (4,2) px of the image, in the marker's order.
+        covariance: (8,8) of the corners, px^2.
+        decoding: what it decodes to.
+        rejected: why it is no marker; None where it is one.
+    """
+
+    family: SquareMarkerFamily
+    corners: FloatArray
+    covariance: FloatArray
+    decoding: TagDecoding
+    rejected: str | None
+
+    @property
+    def side_px(self) -> float:
+        """Mean length of its sides."""
+        return mean_side(self.corners)
+
+    @property
+    def observation(self) -> Detection:
+        """The candidate as a detection."""
+        confidence = 1 / (1 + math.exp(min((9.5 - self.decoding.margin) / 4.6, 50.0)))
+        code = LandmarkId(self.family.name, self.decoding.code)
+        return Detection(code, self.corners, confidence, self.decoding.margin, self.covariance)
+
+
+class TagFit(DrawingFit):
+    """The fit of one square marker."""
+
+    decoding: TagDecoding
+
+    def __init__(
+        self, image: LinearImage, family: SquareMarkerFamily, corners: FloatArray, spread_px2: float, grey: bool
+    ) -> None:
+        self.family = family
+        super().__init__(image, family, tag_tables_of(family).empty, corners, spread_px2)
+        self.channel_repeats = 3 if grey else 1
+
+    def decode(self, least: float) -> bool:
+        """Score every code, and draw the likeliest one from now on; False where its cells explain less."""
+        found = decode_tag(self.family, self.view, self.state, self.samples.plain, self.channel_repeats)
+        if found is None or found.white < 1.3 * found.black or found.pattern < least:
+            return False
+        self.decoding = found
+        self.drawing = drawing_of_cells(self.family, self.decoding.expected.astype(np.float64))
+        return True
+
+    def draw_cells(self) -> None:
+        """Draw every cell as bright as it looks: the place does not depend on a code that may be wrong."""
+        self.drawing = drawing_of_cells(self.family, np.clip(self.decoding.cells, 0.0, 1.0))
+
+
+def register_and_decode_tag(
+    image: LinearImage,
+    quad: FloatArray,
+    families: Sequence[SquareMarkerFamily],
+    options: DetectOptions,
+    grey: bool,
+    rule: TagRule,
+) -> TagCandidate | None:
+    """The likeliest reading of a square among families; None where nothing is promising."""
+    found = [_read(image, quad, family, options, grey, rule) for family in families]
+    read = [candidate for candidate in found if candidate is not None]
+    return max(read, key=lambda c: (c.rejected is None, c.decoding.margin), default=None)
+
+
+def read_tag_at(image: ByteArray, corners: FloatArray, family: SquareMarkerFamily) -> TagCandidate | None:
+    """Read what stands at known corners of a sharp image, such as a rasterised page.
+
+    Args:
+        image: (H,W,3) BGR, 8 bit.
+        corners: (4,2) px, clockwise as seen, good to a few hundredths of the side.
+
+    Returns:
+        None where too little of it lies in the image, or nothing in it looks like cells.
+    """
+    fit = TagFit(LinearImage.of(image), family, corners, 0.3, grey=True)
+    if not fit.sample(COARSE_PIXELS, near_edges=True) or not fit.decode(FOUND_PATTERN):
+        return None
+    fit.register(SHARP)
+    return _candidate(fit, fit.decoding, TagRule(), fit_bend=False) if fit.decode(MOVED_PATTERN) else None
+
+
+def _read(
+    image: LinearImage,
+    quad: FloatArray,
+    family: SquareMarkerFamily,
+    options: DetectOptions,
+    grey: bool,
+    rule: TagRule,
+) -> TagCandidate | None:
+    quad = image.straightened(_coarse_corners(image, quad, family, grey))
+    side = mean_side(quad)
+    fit_bend = options.through_lens and options.camera is None and side > BEND_SIDE_PX
+    fit = TagFit(image, family, quad, max(0.8, 0.012 * min(side, COARSE_SIDE_PX)) ** 2, grey)
+    if not fit.sample(COARSE_PIXELS, near_edges=False) or not fit.decode(FOUND_PATTERN):
+        return None
+    fit.draw_cells()
+    fit.register(SOFT)
+    for _ in range(READ_ROUNDS):
+        before = fit.decoding
+        if not fit.sample(COARSE_PIXELS, near_edges=False) or not fit.decode(MOVED_PATTERN):
+            return None
+        if fit.decoding.is_same_code(before) and fit.decoding.cell_error < 0.2:
+            break
+        if fit.decoding.cell_error > 0.3:
+            fit.draw_cells()
+        fit.register(COARSE)
+    if not fit.sample(options.config.pixels, near_edges=True):
+        return None
+    fit.register(FINE._replace(fit_bend=fit_bend))
+    if not fit.decode(MOVED_PATTERN):
+        return None
+    return _candidate(fit, fit.decoding, rule, fit_bend)
+
+
+def _coarse_corners(image: LinearImage, quad: FloatArray, family: SquareMarkerFamily, grey: bool) -> FloatArray:
+    """Corners of a large quad, registered in a smaller image first; they are then good to a pixel or so."""
+    times = int(np.log2(max(mean_side(quad) / COARSE_SIDE_PX, 1.0)))
+    if times < 1:
+        return quad
+    scale = 2.0**times
+    fit = TagFit(image.halved(times), family, (quad + 0.5) / scale - 0.5, 2.0, grey)
+    if not fit.sample(COARSE_PIXELS, near_edges=True) or not fit.decode(FOUND_PATTERN):
+        return quad
+    fit.draw_cells()
+    fit.register(FROM_FAR)
+    return (fit.corners + 0.5) * scale - 0.5
+
+
+def _candidate(fit: TagFit, decoding: TagDecoding, rule: TagRule, fit_bend: bool) -> TagCandidate:
+    corners, covariance = fit.image_corners(fit_bend)
+    order = (np.arange(4) + decoding.quarter) % 4
+    rows = (2 * order[:, None] + np.arange(2)).ravel()
+    inside = bool(((corners >= -0.5) & (corners <= np.array(fit.image.size) - 0.5)).all())
+    rejected = _reason_to_reject(decoding, rule) if inside else "cut"
+    return TagCandidate(fit.family, corners[order], covariance[np.ix_(rows, rows)], decoding, rejected)
+
+
+def _reason_to_reject(decoding: TagDecoding, rule: TagRule) -> str | None:
+    checks = {
+        "contrast": decoding.white > rule.white_over_black * max(decoding.black, 1e-6),
+        "code": decoding.margin >= rule.margin,
+        "cells": decoding.cell_error <= rule.cell_error,
+        "pattern": decoding.pattern >= rule.pattern,
+    }
+    return next((name for name, passed in checks.items() if not passed), None)

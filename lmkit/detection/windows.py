@@ -1,0 +1,31 @@
+"""Windows of an image around squares that are expected, and images without colour."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from lmkit.arrays import ByteArray, FloatArray, IntArray
+from lmkit.detection.pixel_sampling import mean_side
+
+WINDOW_ROOM = 0.5  # of the side, around a square that is expected
+LEAST_ROOM_PX = 16.0
+LEAST_WINDOW_PX = 24
+
+
+def window_around(quad: FloatArray, image: ByteArray) -> tuple[IntArray, IntArray]:
+    """First pixel (x, y) and the one beyond the last of the window around a (4,2) square, within the image."""
+    room = max(WINDOW_ROOM * mean_side(quad), LEAST_ROOM_PX)
+    low = np.maximum(np.floor(quad.min(axis=0) - room), 0).astype(int)
+    high = np.minimum(np.ceil(quad.max(axis=0) + room), [image.shape[1], image.shape[0]]).astype(int)
+    return low, high
+
+
+def clockwise(quad: FloatArray) -> FloatArray:
+    """The (4,2) quad in the order that runs clockwise as seen."""
+    x, y = quad.T
+    return quad if bool(np.sum(x * np.roll(y, -1) - y * np.roll(x, -1)) > 0) else quad[::-1]
+
+
+def is_colourless(image: ByteArray) -> bool:
+    """All three channels the same: a grey image, in which red and blue cannot be told apart."""
+    return bool(np.array_equal(image[:, :, 0], image[:, :, 1]) and np.array_equal(image[:, :, 1], image[:, :, 2]))

@@ -1,0 +1,112 @@
+"""Square markers: AprilTag and ArUco families, in colour and grey, mixed with ring landmarks."""
+
+import cv2
+import numpy as np
+import pytest
+
+import lmkit
+from lmkit.detection.config import DetectOptions
+from lmkit.detection.detector import detect_landmarks
+from lmkit.errors import InputError
+from lmkit.generation.artwork import landmark_artwork
+from lmkit.generation.page import bare_landmark_page
+from lmkit.generation.png import page_to_image
+from lmkit.model.families import ALL_FAMILIES, families_named
+from lmkit.model.square_marker import SQUARE_FAMILIES
+
+CORNERS = np.array([[70.0, 60.0], [131.0, 66.0], [126.0, 128.0], [66.0, 119.0]])
+
+
+def photograph(family: str, code: int, corners: np.ndarray = CORNERS, turns: int = 0) -> np.ndarray:
+    """(200,220,3) a marker on white paper before grey, blurred, in code values."""
+    kind = ALL_FAMILIES[family]
+    face = np.asarray(page_to_image(bare_landmark_page(kind, code, 180.0), 120))[:, :, ::-1]
+    face = np.rot90(face, turns)
+    margin = round(len(face) * kind.margin_mm / kind.side_mm)
+    sheet = cv2.copyMakeBorder(face, *[margin] * 4, cv2.BORDER_CONSTANT, value=(255, 255, 255))
+    side = len(face)
+    source = np.array([[0, 0], [side, 0], [side, side], [0, side]], np.float32) + margin - 0.5
+    H = cv2.getPerspectiveTransform(source, 4 * corners.astype(np.float32) + 1.5)
+    linear = (np.asarray(sheet, np.float32) / 255) ** 2.2
+    large = cv2.warpPerspective(
+        linear, H, (880, 800), flags=cv2.INTER_AREA, borderMode=cv2.BORDER_CONSTANT, borderValue=(0.2, 0.2, 0.2)
+    )
+    small = cv2.resize(cv2.GaussianBlur(large, (0, 0), 3.0), (220, 200), interpolation=cv2.INTER_AREA)
+    noisy = 255 * small ** (1 / 2.2) + np.random.default_rng(1).normal(0, 1.5, small.shape)
+    return np.clip(np.round(noisy), 0, 255).astype(np.uint8)
+
+
+@pytest.mark.parametrize(
+    "family", ["tag16h5", "tag25h9", "tag36h11", "aruco4x4_50", "aruco6x6_250", "aruco_mip_36h12"]
+)
+def test_reads_code_and_corners(family: str) -> None:
+    found = lmkit.detect(photograph(family, 11), family)
+    assert [d.id for d in found] == [lmkit.LandmarkId(family, 11)]
+    assert np.abs(found[0].corners - CORNERS).max() < 0.15
+    assert found[0].covariance is not None
+    assert np.sqrt(np.diag(found[0].covariance)).max() < 0.3
+
+
+def test_grey_images_do() -> None:
+    grey = cv2.cvtColor(photograph("tag36h11", 3), cv2.COLOR_BGR2GRAY)
+    found = detect_landmarks(np.repeat(grey[:, :, None], 3, axis=2), DetectOptions(families_named("tag36h11")))
+    assert [d.code for d in found] == [3]
+    assert np.abs(found[0].corners - CORNERS).max() < 0.15
+
+
+@pytest.mark.parametrize("turns", [1, 2, 3])
+def test_first_corner_turns_with_the_marker(turns: int) -> None:
+    (found,) = lmkit.detect(photograph("tag36h11", 42, turns=turns), "tag36h11")
+    assert np.abs(found.corners - np.roll(CORNERS, turns, axis=0)).max() < 0.2
+
+
+def test_mixed_with_ring_landmarks() -> None:
+    both = np.hstack([photograph("lm8", 137), photograph("tag36h11", 5)])
+    assert sorted(str(d.id) for d in lmkit.detect(both, "lm8,tag36h11")) == ["lm8:137", "tag36h11:5"]
+    assert [str(d.id) for d in lmkit.detect(both, "lm8")] == ["lm8:137"]
+
+
+def test_another_family_is_not_read() -> None:
+    image = photograph("tag36h11", 5)
+    assert len(lmkit.detect(image, "aruco6x6_50")) == 0
+    assert len(lmkit.detect(image, "tag36h10")) == 0
+
+
+def test_nested_dictionaries_are_refused() -> None:
+    with pytest.raises(InputError, match="share their drawing"):
+        lmkit.detect(photograph("aruco4x4_50", 1), "aruco4x4_50,aruco4x4_250")
+
+
+def test_first_tag_stands_as_the_april_tag_project_prints_it() -> None:
+    # Word of id 0 in the AprilTag paper's table, row by row from the top left, 1 = white.
+    word = 0xD5D628584
+    bits = [word >> (35 - k) & 1 for k in range(36)]
+    assert (SQUARE_FAMILIES["tag36h11"].white[0].ravel() == np.array(bits, bool)).all()
+
+
+def test_opencv_reads_what_is_printed() -> None:
+    face = np.asarray(page_to_image(bare_landmark_page(SQUARE_FAMILIES["aruco5x5_100"], 17, 60.0), 150))
+    grey = cv2.copyMakeBorder(cv2.cvtColor(face, cv2.COLOR_RGB2GRAY), *[80] * 4, cv2.BORDER_CONSTANT, value=255)
+    reader = cv2.aruco.ArucoDetector(cv2.aruco.getPredefinedDictionary(cv2.aruco.DICT_5X5_100))
+    corners, codes, _ = reader.detectMarkers(grey)
+    assert codes.ravel().tolist() == [17]
+    first = corners[0][0][0]
+    assert np.abs(first - 80).max() < 2
+
+
+@pytest.mark.parametrize("name", list(SQUARE_FAMILIES))
+def test_codes_differ_by_the_stated_distance(name: str) -> None:
+    family = SQUARE_FAMILIES[name]
+    assert family.white.shape == (family.code_count, family.bits, family.bits)
+    some = np.random.default_rng(0).choice(family.code_count, min(family.code_count, 60), replace=False)
+    signs = [2.0 * np.rot90(family.white, k, axes=(1, 2)).reshape(family.code_count, -1) - 1 for k in range(4)]
+    for quarter, turned in enumerate(signs):
+        apart = (family.bits**2 - signs[0][some] @ turned.T) / 2
+        if quarter == 0:
+            apart[np.arange(len(some)), some] = family.bits**2
+        assert apart.min() >= family.distance
+
+
+def test_codes_outside_are_refused() -> None:
+    with pytest.raises(InputError, match="code 587 is outside 0 to 586"):
+        landmark_artwork(SQUARE_FAMILIES["tag36h11"], 587)
