@@ -1,0 +1,74 @@
+"""The same images give the same bytes of JSON: in two runs, and with every variant of the kernels."""
+
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+from scenes import paste_landmark
+
+from lmkit.kernels import build, load
+
+DETECT = "from lmkit.cli.main import main; main()"
+NUMPY_PX = 1e-4
+
+
+@pytest.fixture(scope="module")
+def folder(photographs, tmp_path_factory) -> Path:
+    """An image with five landmarks of different sizes."""
+    folder = tmp_path_factory.mktemp("scene")
+    image, rng = cv2.resize(photographs[0], (640, 480)), np.random.default_rng(3)
+    for code, centre, side, tilt in (
+        (3, (110, 130), 70, 30),
+        (52, (300, 130), 34, 20),
+        (137, (480, 130), 24, 10),
+        (9, (150, 350), 50, 55),
+        (240, (420, 350), 110, 5),
+    ):
+        image, _ = paste_landmark(image, code, centre, side, tilt, rng)
+    cv2.imwrite(str(folder / "scene.png"), image)
+    return folder
+
+
+def detect(folder: Path, kernels: str) -> str:
+    """What a fresh process writes to stdout."""
+    environment = {**os.environ, load.SWITCH: kernels, "PYTHONPATH": str(Path(load.__file__).parents[2])}
+    command = [sys.executable, "-c", DETECT, "detect", "scene.png", "--json"]
+    ended = subprocess.run(command, cwd=folder, env=environment, capture_output=True, text=True, check=False)
+    assert ended.returncode == 0, ended.stderr
+    return ended.stdout
+
+
+def corners(answer: str) -> dict[str, np.ndarray]:
+    return {found["id"]: np.array(found["corners"]) for found in json.loads(answer)["detections"]}
+
+
+def test_two_runs_write_the_same_bytes(folder):
+    first = detect(folder, "")
+    assert len(corners(first)) == 5
+    assert detect(folder, "") == first
+
+
+@pytest.mark.slow
+def test_numpy_alone_finds_the_same_corners(folder):
+    compiled, defined = corners(detect(folder, "")), corners(detect(folder, "numpy"))
+    assert compiled.keys() == defined.keys()
+    for key, found in compiled.items():
+        np.testing.assert_allclose(found, defined[key], rtol=0, atol=NUMPY_PX)
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(next(build.compilers(), None) is None, reason="no C compiler here")
+def test_variants_write_the_same_bytes(folder, tmp_path):
+    """Without fused multiply-add and with lanes of fixed width, registers of any width sum in the same order."""
+    answers = {}
+    for library in build.build_variants(tmp_path, build.this_target()):
+        if load._open(library, library.name).library is not None:
+            answers[library.name] = detect(folder, str(library))
+    assert len(set(answers.values())) == 1, sorted(answers)
