@@ -33,6 +33,7 @@ if _TYPE_CHECKING:
     from lmkit.api.recordings import evaluate as evaluate
     from lmkit.api.recordings import survey as survey
     from lmkit.api.recordings import track as track
+    from lmkit.calibration.mono import CameraCalibration as CameraCalibration
     from lmkit.calibration.stereo import StereoCalibration as StereoCalibration
     from lmkit.demos.example_files import write_example_files as write_example_files
     from lmkit.errors import InputError as InputError
@@ -86,6 +87,7 @@ _HOMES = {
     "InputError": "errors",
     "NegativeAnswer": "errors",
     "BoardSpec": "model.board",
+    "CameraCalibration": "calibration.mono",
     "CameraModel": "geometry.camera",
     "Demand": "planning.coverage",
     "Detection": "model.observation",

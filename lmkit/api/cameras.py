@@ -12,6 +12,7 @@ from lmkit.errors import InputError
 from lmkit.model.detections import Detections
 
 if TYPE_CHECKING:
+    from lmkit.calibration.mono import CameraCalibration
     from lmkit.calibration.stereo import StereoCalibration
     from lmkit.geometry.rig import AnyRig
     from lmkit.localization.absolute_pose import LocateOptions
@@ -22,19 +23,20 @@ if TYPE_CHECKING:
 
 def calibrate(
     left: PathLike,
-    right: PathLike,
-    board: str | BoardSpec,
+    right: PathLike | None = None,
+    board: str | BoardSpec = "",
     *,
     model: str = "auto",
     progress: Callable[[int, int], None] = lambda done, total: None,
-) -> StereoCalibration:
-    """Calibrate a stereo camera from pairs of images of a board.
+) -> StereoCalibration | CameraCalibration:
+    """Calibrate one camera from images of a board, or a stereo camera from pairs of images.
 
     Args:
-        left, right: folders or globs of images, paired by sorted name.
+        left: folder or glob of images; of one camera also a video.
+        right: the right camera's images, paired by sorted name; None for one camera.
         board: such as ``"chessboard:9x6:25mm"`` (inner corners).
         model: ``"pinhole"``, ``"rational"``, ``"fisheye"``, or ``"auto"``.
-        progress: called with the number of pairs done, and of how many.
+        progress: called with the number of images or pairs done, and of how many.
 
     Raises:
         InputError: no pairs, another board, or pairs that do not agree.
@@ -45,12 +47,17 @@ def calibrate(
         >>> 0.05 < result.rig.baseline_m < 0.5
         True
     """
+    from lmkit.calibration.mono import calibrate_camera
     from lmkit.calibration.stereo import calibrate_stereo
     from lmkit.io.image_groups import list_pairs
     from lmkit.model.board import BoardSpec
     from lmkit.pipelines.board_views import find_board_pairs
+    from lmkit.pipelines.camera_views import find_board_images
 
     spec = BoardSpec.parse(board) if isinstance(board, str) else board
+    if right is None:
+        found = find_board_images(os.fspath(left), spec, progress)
+        return calibrate_camera(found.views, found.board, found.image_size, model, found.rejected)
     pairs = find_board_pairs(list_pairs(os.fspath(left), os.fspath(right)), spec, progress)
     return calibrate_stereo(pairs.views, pairs.board, pairs.image_size, model, pairs.rejected)
 

@@ -138,6 +138,8 @@ class _Eye:
 class StereoProblem:
     """The pairs and the board; solves for everything else.
 
+    Views that the right camera never sees are those of one camera: then only the left one is fitted.
+
     Args:
         object_points: (N,3) corners of the board, metres.
         views: the pairs.
@@ -174,6 +176,9 @@ class StereoProblem:
         """Levenberg-Marquardt from ``start``; the result carries the covariance of what is shared."""
         prior = np.concatenate([intrinsics_prior(start.left), intrinsics_prior(start.right), np.zeros(POSE + WARP)])
         fitted = _fitted(start, options)
+        if not len(self.right.ids):
+            count = len(intrinsics_vector(start.left))
+            fitted[count : len(fitted) - WARP] = False
         current, damping = start, DAMPING.start
         scale = self._scale(current)
         for _ in range(options.iterations):
@@ -226,6 +231,8 @@ class StereoProblem:
         blocks.add(eye, shared, _by_pose(by_point, turned), eye.pixels - pixels, scale)
 
         eye = self.right
+        if not len(eye.ids):
+            return self._with_prior(blocks, s, scale, prior)
         board, turned = _board_and_turned(eye, s)
         in_right_turned = (turned + s.translations[eye.pair]) @ s.R.T
         pixels, by_point, by_camera = s.right.project_with_jacobian(in_right_turned + s.t)
@@ -236,6 +243,9 @@ class StereoProblem:
         shared[:, :, -WARP:] = (by_left_point @ s.rotations[eye.pair][:, :, 2:]) * eye.shapes[:, None]
         blocks.add(eye, shared, _by_pose(by_left_point, turned), eye.pixels - pixels, scale)
 
+        return self._with_prior(blocks, s, scale, prior)
+
+    def _with_prior(self, blocks: _Blocks, s: Solution, scale: float, prior: FloatArray) -> _Blocks:
         blocks.prior[:] = (prior * scale) ** 2
         blocks.prior_gradient[:] = -((prior * scale) ** 2) * _shared_vector(s)
         return blocks

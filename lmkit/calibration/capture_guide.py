@@ -107,6 +107,8 @@ class CaptureGuide:
             (before.ids_left, before.left, view.ids_left, view.left),
             (before.ids_right, before.right, view.ids_right, view.right),
         ):
+            if not len(ids_a) and not len(ids_b):
+                continue  # a rig of one camera
             _, in_a, in_b = np.intersect1d(ids_a, ids_b, return_indices=True)
             step = np.linalg.norm(a[in_a] - b[in_b], axis=1)
             steps.append(float(np.median(step)) if len(step) else np.inf)

@@ -127,7 +127,7 @@ def check_calibration(
         warnings.append(CalibrationWarning("loose", message))
     warnings += _check_scale(rig, baseline_sigma_m, declared)
     for name, camera, sigma in zip(("left", "right"), (rig.left, rig.right), rig.intrinsics_sigma or (), strict=True):
-        warnings += _check_camera(name, camera, sigma, declared.field_deg)
+        warnings += check_camera(name, camera, sigma, declared.field_deg)
     t = rig.T_right_left.t
     if abs(t[0]) > abs(t[1]) and t[0] > 0:
         message = "the right camera stands left of the left one: LEFT and RIGHT look swapped"
@@ -179,36 +179,44 @@ def _check_scale(rig: StereoRig, baseline_sigma_m: float, declared: Declared) ->
     return []
 
 
-def _check_camera(
+def check_camera(
     name: str, camera: CameraModel, sigma: FloatArray, field_deg: float | None
 ) -> list[CalibrationWarning]:
+    """Warnings about one camera.
+
+    Args:
+        name: of the camera, such as ``left``; empty for a single camera.
+        sigma: standard deviations of fx fy cx cy and the distortion.
+        field_deg: declared horizontal field of view.
+    """
+    which = f"the {name} camera" if name else "the camera"
     width, height = camera.image_size
     fx, fy, cx, cy = camera.K[0, 0], camera.K[1, 1], camera.K[0, 2], camera.K[1, 2]
     warnings = []
     field = horizontal_field_deg(camera)
     if field_deg is not None and field is not None and abs(field / field_deg - 1) > WRONG_FIELD:
         message = (
-            f"the {name} camera sees {field:.1f} deg across, {field_deg:g} were declared: "
+            f"{which} sees {field:.1f} deg across, {field_deg:g} were declared: "
             "images cropped or scaled, another lens, or a wrong calibration"
         )
         warnings.append(CalibrationWarning("field_of_view", message))
     if sigma[0] > WEAK_FOCAL * fx:
         message = (
-            f"the {name} camera's focal length is known to {100 * sigma[0] / fx:.1f} % only: "
+            f"{which}'s focal length is known to {100 * sigma[0] / fx:.1f} % only: "
             "take views with the board tilted by 30 to 45 deg, each edge nearer in turn"
         )
         warnings.append(CalibrationWarning("weak_focal", message))
     if abs(fx / fy - 1) > UNEQUAL_FOCALS:
-        message = f"focal lengths of the {name} camera differ by {100 * abs(fx / fy - 1):.1f} %: images stretched?"
+        message = f"focal lengths of {which} differ by {100 * abs(fx / fy - 1):.1f} %: images stretched?"
         warnings.append(CalibrationWarning("unequal_focals", message))
     if (beyond := _beyond_model(camera)) > BEYOND_MODEL:
         message = (
-            f"the {name} camera's lens model ends before its image does: {100 * beyond:.0f} % has no ray; "
+            f"{which}'s lens model ends before its image does: {100 * beyond:.0f} % has no ray; "
             "show the board in the corners, or try --model fisheye"
         )
         warnings.append(CalibrationWarning("lens_ends", message))
     if abs(cx - (width - 1) / 2) > CENTRE_SHARE * width or abs(cy - (height - 1) / 2) > CENTRE_SHARE * height:
-        message = f"the {name} camera's principal point ({cx:.0f}, {cy:.0f}) is far from its middle: cropped images?"
+        message = f"{which}'s principal point ({cx:.0f}, {cy:.0f}) is far from its middle: cropped images?"
         warnings.append(CalibrationWarning("principal_point", message))
     return warnings
 

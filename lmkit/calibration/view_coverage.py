@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -56,7 +56,9 @@ def coverage_of(
     normals = rotations[:, :, 2] * np.sign(rotations[:, 2, 2])[:, None]
     tilts = np.rad2deg(np.arctan2(normals[:, :2], normals[:, 2:]))
     both = (cells[0], cells[1])
-    return ViewCoverage(both, distances, tilts, tuple(_advice(both, distances, tilts)))
+    return ViewCoverage(
+        both, distances, tilts, tuple(_advice(dict(zip(("left ", "right "), both, strict=True)), distances, tilts))
+    )
 
 
 def filled_cells(points: FloatArray, image_size: tuple[int, int]) -> BoolArray:
@@ -67,20 +69,35 @@ def filled_cells(points: FloatArray, image_size: tuple[int, int]) -> BoolArray:
     return cells
 
 
-def _advice(cells: tuple[BoolArray, BoolArray], distances: FloatArray, tilts: FloatArray) -> list[str]:
+def _advice(cells: Mapping[str, BoolArray], distances: FloatArray, tilts: FloatArray) -> list[str]:
     advice = []
     for name, axis, towards in (("left", 0, -1), ("right", 0, 1), ("upper", 1, -1), ("lower", 1, 1)):
         count = int((towards * tilts[:, axis] > TILTED_DEG).sum())
         if count < LEAST_TILTED:
             advice.append(f"the board tilted by 30 to 45 deg, its {name} edge nearer")
-    for eye, seen in zip(("left", "right"), cells, strict=True):
+    for camera, seen in cells.items():
         if seen.mean() < ENOUGH_CELLS:
-            advice.append(f"the board in the {_emptiest(seen)} of the {eye} image")
+            advice.append(f"the board in the {_emptiest(seen)} of the {camera}image")
     if len(distances) and distances.max() < LEAST_NEARER * distances.min():
         advice.append("the board nearer, so that it fills the image, and twice as far")
     if len(distances) < LEAST_VIEWS:
         advice.append(f"{LEAST_VIEWS - len(distances)} more views")
     return advice
+
+
+def camera_coverage(
+    points: Sequence[FloatArray], rotations: FloatArray, translations: FloatArray, image_size: tuple[int, int]
+) -> tuple[BoolArray, tuple[str, ...]]:
+    """(5,5) cells of one camera's image in which corners were seen, and the views to take next.
+
+    Args:
+        points: corners of every view, pixels.
+        rotations, translations: (P,3,3), (P,3) of the board in the camera.
+    """
+    cells = filled_cells(np.concatenate([np.zeros((0, 2)), *points]), image_size)
+    normals = rotations[:, :, 2] * np.sign(rotations[:, 2, 2])[:, None]
+    tilts = np.rad2deg(np.arctan2(normals[:, :2], normals[:, 2:]))
+    return cells, tuple(_advice({"": cells}, np.linalg.norm(translations, axis=1), tilts))
 
 
 def _emptiest(seen: BoolArray) -> str:

@@ -1,4 +1,4 @@
-"""`lmkit calibrate`: a stereo camera from images of a board; checks of a calibration; guided capture."""
+"""`lmkit calibrate`: one camera or a stereo pair from images of a board; checks of a calibration; guided capture."""
 
 from __future__ import annotations
 
@@ -28,10 +28,14 @@ REPORT_IMAGES = 6
 
 def run(
     left: Annotated[
-        str | None, typer.Argument(help="Left images: folder or glob; with --capture also a video or camera:0.")
+        str | None,
+        typer.Argument(
+            help="Images of one camera, or left images: folder, glob or video; with --capture also camera:0."
+        ),
     ] = None,
     right: Annotated[
-        str | None, typer.Argument(help="Right images, paired with the left ones by sorted name.")
+        str | None,
+        typer.Argument(help="Right images, paired with the left ones by sorted name; none for one camera."),
     ] = None,
     board: Annotated[str | None, typer.Option("--board", help=BOARD_HELP)] = None,
     measured: Annotated[
@@ -75,10 +79,11 @@ def run(
     as_json: options.Json = False,
     force: options.Force = False,
 ) -> None:
-    """Calibrate a stereo camera from image pairs of a board."""
+    """Calibrate one camera from images of a board, or a stereo camera from image pairs."""
     from lmkit.calibration.stereo import MODELS, calibrate_stereo, calibration_lines
     from lmkit.cli.parsing import parse_board, parse_declared
     from lmkit.io.board_corners import corners_to_json
+    from lmkit.io.image_sources import are_moving
     from lmkit.io.rig import rig_to_yaml
     from lmkit.reports.calibration import calibration_report
 
@@ -104,7 +109,14 @@ def run(
         found_elsewhere = {"LEFT": left, "--board": board, "--measured": measured, "--capture": capture or None}
         require_no("--corners", found_elsewhere)
         found = _saved(corners)
-    elif capture:
+    elif left is not None and right is None and not capture:
+        from lmkit.cli.calibrate_mono import calibrate_images
+
+        for_pairs = {"--baseline": baseline, "--report": report, "--save-corners": save_corners}
+        require_no("images of one camera", for_pairs)
+        calibrate_images(left, parse_board(board, measured), model, declared, output, as_json, force)
+        return
+    elif capture or (left is not None and are_moving(left)):
         from lmkit.cli.calibrate_capture import capture_pairs
 
         found = capture_pairs(left, right, side_by_side, parse_board(board, measured), save_pairs, as_json)
@@ -127,7 +139,7 @@ def run(
 
 def _both(left: str | None, right: str | None) -> tuple[str, str]:
     if left is None or right is None:
-        raise InputError("no_images", "calibrate needs LEFT and RIGHT images", "see lmkit calibrate --help")
+        raise InputError("no_images", "LEFT and RIGHT images are needed", "see lmkit calibrate --help")
     if left == right:
         raise InputError("same_images", f"LEFT and RIGHT are both {left}", "give the right camera's images as RIGHT")
     return left, right

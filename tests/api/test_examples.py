@@ -36,6 +36,7 @@ FUNCTIONS = [
 ]
 CLASSES = [
     "BoardSpec",
+    "CameraCalibration",
     "CameraModel",
     "Demand",
     "Detection",
@@ -48,11 +49,13 @@ CLASSES = [
     "LandmarkMap",
     "LmkitError",
     "MappedLandmark",
+    "MountedCamera",
     "NegativeAnswer",
     "Pose",
     "PoseEstimate",
     "PoseStatus",
     "Recording",
+    "Rig",
     "StereoCalibration",
     "StereoRig",
     "Survey",

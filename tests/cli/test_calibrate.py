@@ -179,3 +179,25 @@ def test_wrong_use_is_told_in_one_line(lmkit, arguments, words):
     assert answer.code == 2, answer
     assert words in answer.err
     assert len(answer.err.strip().splitlines()) == 1
+
+
+def test_one_camera_is_calibrated_from_a_folder_and_from_a_video(lmkit, pairs, tmp_path):
+    left, _ = pairs
+    answer = lmkit("calibrate", left, "--board", SPEC, "--model", "pinhole", "-o", "rig.yaml", "--json")
+    assert answer.code == 0
+    row = json.loads(answer.out)
+    assert len(row["images_used"]) == 6
+    rig = read_rig(tmp_path / "rig.yaml")
+    assert len(rig.cameras) == 1
+    images = [cv2.imread(str(file)) for file in sorted(left.iterdir())]
+    size = (images[0].shape[1], images[0].shape[0])
+    video = cv2.VideoWriter(str(tmp_path / "v.avi"), cv2.VideoWriter_fourcc(*"MJPG"), 10, size)
+    # Held still for two frames in every place.
+    for image in images:
+        video.write(image)
+        video.write(image)
+    video.release()
+    answer = lmkit("calibrate", "v.avi", "--board", SPEC, "--model", "pinhole", "--json")
+    assert answer.code == 0
+    assert 4 <= len(json.loads(answer.out)["images_used"]) <= 6
+    assert lmkit("calibrate", left, "--board", SPEC, "--baseline", "120mm").code == 2

@@ -1,0 +1,262 @@
+"""`calibrate_camera`: from the corners of a board in images of one camera to a rig of one, and how good it is.
+
+The fit is that of a stereo pair (`bundle_adjustment.py`) whose right camera sees nothing.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from lmkit.arrays import BoolArray, FloatArray, IntArray
+from lmkit.calibration.bundle_adjustment import FitOptions, Solution, StereoProblem, intrinsics_vector
+from lmkit.calibration.cross_validation import FOLDS, HeldOut
+from lmkit.calibration.initialization import board_poses, start_camera
+from lmkit.calibration.sanity_checks import STRONG_WARP, CalibrationWarning, Declared, check_camera
+from lmkit.calibration.view_coverage import ENOUGH_CELLS, LEAST_VIEWS, camera_coverage
+from lmkit.errors import InputError
+from lmkit.geometry.pose import Pose
+from lmkit.geometry.rig import MountedCamera, Rig
+from lmkit.model.board import BoardSpec
+from lmkit.model.observation import BoardObservation, PairView
+
+MIN_VIEWS = 3
+BAD_RMS_RATIO = 4.0
+CANDIDATES = ("pinhole", "fisheye", "rational")
+POSES_ONLY = FitOptions(intrinsics=False, relation=False, warp=False)
+
+
+@dataclass(frozen=True, eq=False)
+class CameraCalibration:
+    """A calibrated camera and the evidence for it.
+
+    Attributes:
+        rig: a rig of this one camera, with the standard deviations of its intrinsics.
+        held_out_px: mean reprojection error on images that the fit had not seen; None with fewer than five images.
+        models: of every camera model tried, its held-out error, px.
+        rms_px: reprojection error of the fit.
+        used: names of the images of the fit.
+        rejected: (image, reason).
+        warnings: in order of weight.
+        coverage: (5,5) cells of the image in which corners were seen.
+        advice: views to take next.
+    """
+
+    rig: Rig
+    held_out_px: float | None
+    models: dict[str, float]
+    rms_px: float
+    used: tuple[str, ...]
+    rejected: tuple[tuple[str, str], ...]
+    warnings: tuple[CalibrationWarning, ...]
+    coverage: BoolArray
+    advice: tuple[str, ...]
+
+    def to_dict(self) -> dict[str, Any]:
+        """The result as JSON values; docs/formats.md lists the keys."""
+        return {
+            "rms_px": self.rms_px,
+            "held_out_reprojection_px": self.held_out_px,
+            "images_used": list(self.used),
+            "images_rejected": [{"image": name, "reason": reason} for name, reason in self.rejected],
+            "warnings": [{"code": w.code, "message": w.message, "images": list(w.pairs)} for w in self.warnings],
+            "model": self.rig.left.model,
+            "models": self.models,
+            "coverage": {"image": float(self.coverage.mean()), "next_views": list(self.advice)},
+        }
+
+
+@dataclass(frozen=True)
+class _Fit:
+    """One model, fitted to the images that agree on it."""
+
+    rows: list[int]
+    ratios: dict[int, float]  # of the other images: their error over the median's
+    rms_px: float
+    solution: Solution
+    held_out: HeldOut | None
+
+
+def calibrate_camera(
+    views: Sequence[tuple[str, BoardObservation]],
+    board: BoardSpec,
+    image_size: tuple[int, int],
+    model: str = "auto",
+    rejected: Sequence[tuple[str, str]] = (),
+    declared: Declared | None = None,
+) -> CameraCalibration:
+    """Calibrate one camera from all images that agree with each other.
+
+    Args:
+        views: names of images, and the board in them.
+        image_size: (width, height).
+        model: ``pinhole``, ``rational`` or ``fisheye``; ``auto`` takes the one that does best on images held out.
+        rejected: images lost before, with reasons; they are passed on.
+        declared: nominal field of view, to check against.
+
+    Raises:
+        InputError: too few images, or no camera explains them.
+    """
+    _require(len(views), rejected)
+    alone = [_alone(name, seen) for name, seen in views]
+    fits: dict[str, _Fit] = {}
+    failed: InputError | None = None
+    for name in CANDIDATES if model == "auto" else (model,):
+        try:
+            fits[name] = _fit(alone, board.object_points, image_size, name)
+        except InputError as error:
+            failed = failed or error
+        except np.linalg.LinAlgError:
+            continue
+    if not fits:
+        raise failed or InputError("no_fit", "no camera explains the images", "take other views")
+    best, *others = fits.values()
+    for other in others:
+        # A later model must do clearly better on images held out.
+        if best.held_out is not None and other.held_out is not None:
+            best = other if other.held_out.clearly_better_than(best.held_out) else best
+    bad = [
+        (
+            alone[k].name,
+            f"corners fit {ratio:.0f} times worse than in the median image: blurred, or the board is bent",
+        )
+        for k, ratio in best.ratios.items()
+    ]
+    _require(len(best.rows), [*rejected, *bad])
+    kept = [alone[k] for k in best.rows]
+    s = best.solution
+    cells, advice = camera_coverage([view.left for view in kept], s.rotations, s.translations, image_size)
+    assert s.covariance is not None
+    sigma = np.sqrt(np.diag(s.covariance))[: len(intrinsics_vector(s.left))]
+    mounted = MountedCamera("camera", s.left, Pose.identity("camera", "left"), None, sigma)
+    bow_share = float(np.abs(s.warp).max()) / (float(np.ptp(board.object_points[:, :2], axis=0).max()) / 2)
+    warnings = _warnings(mounted, bad, len(views), bow_share, cells, len(kept), declared or Declared())
+    return CameraCalibration(
+        rig=Rig((mounted,)),
+        held_out_px=None if best.held_out is None else best.held_out.mean_reprojection_px,
+        models={name: fit.held_out.mean_reprojection_px for name, fit in fits.items() if fit.held_out is not None},
+        rms_px=best.rms_px,
+        used=tuple(view.name for view in kept),
+        rejected=(*rejected, *bad),
+        warnings=tuple(warnings),
+        coverage=cells,
+        advice=advice,
+    )
+
+
+def _alone(name: str, seen: BoardObservation) -> PairView:
+    """A view that the right camera does not have."""
+    none: IntArray = np.zeros(0, dtype=np.int64)
+    return PairView(name, seen.ids, seen.image_points, none, np.zeros((0, 2)), seen.noise_px)
+
+
+def _fit(views: Sequence[PairView], object_points: FloatArray, image_size: tuple[int, int], model: str) -> _Fit:
+    camera = start_camera(object_points, [(v.ids_left, v.left) for v in views], image_size, model)
+    started = [board_poses(camera, object_points[v.ids_left], v.left)[:1] for v in views]
+    rows = [k for k, poses in enumerate(started) if poses]
+    _require(len(rows), ())
+    start = Solution(
+        camera,
+        camera,
+        np.eye(3),
+        np.zeros(3),
+        np.zeros(2),
+        np.array([started[k][0][0] for k in rows]),
+        np.array([started[k][0][1] for k in rows]),
+    )
+    problem = StereoProblem(object_points, [views[k] for k in rows])
+    solution = problem.solve(problem.solve(start, FitOptions(warp=False)), FitOptions())
+    rms = problem.rms(solution)
+    good = rms <= BAD_RMS_RATIO * np.median(rms)
+    ratios = {k: float(r / np.median(rms)) for k, r, ok in zip(rows, rms, good, strict=True) if not ok}
+    if ratios:
+        rows = [k for k, ok in zip(rows, good, strict=True) if ok]
+        problem = StereoProblem(object_points, [views[k] for k in rows])
+        solution = problem.solve(solution.with_poses(np.flatnonzero(good)), FitOptions())
+    left = np.concatenate([pair[0] for pair in problem.residuals(solution)])
+    rms_px = float(np.sqrt(np.mean(np.sum(left**2, axis=1))))
+    return _Fit(rows, ratios, rms_px, solution, _hold_out(object_points, [views[k] for k in rows], rows, solution))
+
+
+def _hold_out(
+    object_points: FloatArray, views: Sequence[PairView], rows: Sequence[int], solution: Solution
+) -> HeldOut | None:
+    """Errors on images held out, fold by fold; None with fewer than five images."""
+    count = len(views)
+    if count < FOLDS:
+        return None
+    fold, errors = np.arange(count) % FOLDS, np.zeros((count, 2))
+    for k in range(FOLDS):
+        seen, unseen = np.flatnonzero(fold != k), np.flatnonzero(fold == k)
+        fitted = StereoProblem(object_points, [views[int(i)] for i in seen]).solve(
+            solution.with_poses(seen), FitOptions()
+        )
+        problem = StereoProblem(object_points, [views[int(i)] for i in unseen])
+        there = solution.with_poses(unseen)
+        start = Solution(
+            fitted.left, fitted.right, fitted.R, fitted.t, fitted.warp, there.rotations, there.translations
+        )
+        placed = problem.solve(start, POSES_ONLY)
+        off = [np.linalg.norm(left, axis=1) for left, _ in problem.residuals(placed)]
+        errors[unseen] = [(values.mean(), len(values)) for values in off]
+    none = np.zeros(count)
+    return HeldOut(np.array(rows), none, errors[:, 0], none, errors[:, 1])
+
+
+def _warnings(
+    camera: MountedCamera,
+    bad: Sequence[tuple[str, str]],
+    total: int,
+    bow_share: float,
+    cells: BoolArray,
+    count: int,
+    declared: Declared,
+) -> list[CalibrationWarning]:
+    warnings = []
+    if bad:
+        message = f"{len(bad)} of {total} images do not fit the camera that the others show; take them again"
+        warnings.append(CalibrationWarning("images_disagree", message, tuple(name for name, _ in bad)))
+    assert camera.intrinsics_sigma is not None
+    warnings += check_camera("", camera.model, camera.intrinsics_sigma, declared.field_deg)
+    if bow_share > STRONG_WARP:
+        message = f"the board is bowed by {100 * bow_share:.1f} % of its half size: mount it on something flat"
+        warnings.append(CalibrationWarning("bowed_board", message))
+    if count < LEAST_VIEWS:
+        warnings.append(CalibrationWarning("few_images", f"only {count} images; take {LEAST_VIEWS} to 30"))
+    if cells.mean() < ENOUGH_CELLS:
+        message = f"the board covers {100 * cells.mean():.0f} % of the image; elsewhere its distortion is a guess"
+        warnings.append(CalibrationWarning("coverage", message))
+    return warnings
+
+
+def _require(count: int, rejected: Sequence[tuple[str, str]]) -> None:
+    if count >= MIN_VIEWS:
+        return
+    first = f"; first rejected: {rejected[0][0]}: {rejected[0][1]}" if rejected else ""
+    raise InputError(
+        "too_few_images",
+        f"only {count} usable images of {count + len(rejected)}, at least {MIN_VIEWS} are needed{first}",
+        "check the board specification, take 10 to 30 images with the whole board sharp",
+    )
+
+
+def camera_lines(result: CameraCalibration) -> list[str]:
+    """The result as lines of text."""
+    held = result.held_out_px
+    camera, sigma = result.rig.left, result.rig.cameras[0].intrinsics_sigma
+    assert sigma is not None
+    lines = [
+        f"images used            {len(result.used)}, rejected {len(result.rejected)}",
+        f"held-out error         {'unknown' if held is None else f'{held:.3f} px (mean)'}",
+        f"reprojection error     {result.rms_px:.3f} px",
+        f"camera model           {camera.model}",
+        f"focal length           {camera.K[0, 0]:.2f} ± {sigma[0]:.2f} px",
+    ]
+    lines += [f"rejected               {name}: {reason}" for name, reason in result.rejected]
+    for warning in result.warnings:
+        names = f" ({', '.join(warning.pairs)})" if warning.pairs else ""
+        lines.append(f"warning                {warning.message}{names}")
+    return [*lines, *(f"take next              {view}" for view in result.advice)]

@@ -1,0 +1,46 @@
+"""One camera from images of a board: the camera, its deviations, and images that do not belong."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from board_views import BOARD, views
+
+from lmkit.calibration.bundle_adjustment import intrinsics_vector
+from lmkit.calibration.mono import calibrate_camera
+from lmkit.errors import InputError
+from lmkit.model.observation import BoardObservation
+from lmkit.simulation.scene import make_rig
+
+CAMERA = make_rig().left
+
+
+def seen(count: int, noise: float, seed: int = 1):
+    return [(v.name, BoardObservation(v.ids_left, v.left)) for v in views(count, noise, seed)]
+
+
+def test_the_camera_comes_out_within_its_deviations():
+    off = []
+    for seed in range(3):
+        result = calibrate_camera(seen(14, 0.1, seed), BOARD, CAMERA.image_size, "pinhole")
+        sigma = result.rig.cameras[0].intrinsics_sigma
+        off.append(((intrinsics_vector(result.rig.left) - intrinsics_vector(CAMERA)) / sigma)[:4])
+    assert np.sqrt(np.mean(np.square(off))) < 2.0
+    assert result.held_out_px == pytest.approx(0.125, abs=0.03)
+    assert len(result.used) == 14
+
+
+def test_a_bad_image_is_named_and_left_out():
+    images = seen(12, 0.1)
+    name, board = images[4]
+    rng = np.random.default_rng(0)
+    images[4] = (name, BoardObservation(board.ids, board.image_points + rng.normal(0, 4, board.image_points.shape)))
+    result = calibrate_camera(images, BOARD, CAMERA.image_size, "pinhole")
+    assert [image for image, _ in result.rejected] == [name]
+    assert "images_disagree" in [w.code for w in result.warnings]
+    assert name not in result.to_dict()["images_used"]
+
+
+def test_two_images_are_too_few():
+    with pytest.raises(InputError, match="only 2 usable images"):
+        calibrate_camera(seen(2, 0.1), BOARD, CAMERA.image_size)
