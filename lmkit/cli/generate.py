@@ -23,7 +23,8 @@ def run(
     size: options.OptionalSize = None,
     dpi: options.Dpi = 300.0,
     paper: Annotated[
-        str | None, typer.Option("--paper", help="Paper without a template: a4, letter or a3. Default: a4.")
+        str | None,
+        typer.Option("--paper", help="Paper without a template: a4, letter, a3, a2, a1, a0 or tabloid. Default: a4."),
     ] = None,
     text: Annotated[str, typer.Option("--text", help="Line of text, for templates with a place for it.")] = "",
     map_name: Annotated[str, typer.Option("--map-name", help="Name of the map, for templates that show it.")] = "",

@@ -17,20 +17,23 @@ EDGE_MM = 8.0
 LABEL_MM = 9.0
 
 
-def compose_board_page(board: BoardSpec) -> Page:
+def compose_board_page(board: BoardSpec, paper: str = "a4") -> Page:
     """The board with a white rim and a label line.
 
-    The page is A4 (portrait or landscape) when the board fits on it, else as large as the board
+    The page is the paper, upright or across, if the board fits on it, else as large as the board
     needs, for a print shop.
+
+    Args:
+        paper: a key of ``PAPERS_MM``, upright.
 
     Raises:
         InputError: the board's markers cannot be made.
     """
     width, height = board.pattern_mm
     need = (width + 2 * EDGE_MM, height + 2 * EDGE_MM + LABEL_MM)
-    w, h = PAPERS_MM["a4"]
-    paper = next((p for p in ((w, h), (h, w)) if need[0] <= p[0] and need[1] <= p[1]), need)
-    x0, y0 = (paper[0] - width) / 2, (paper[1] - LABEL_MM - height) / 2
+    w, h = PAPERS_MM[paper]
+    page = next((p for p in ((w, h), (h, w)) if need[0] <= p[0] and need[1] <= p[1]), need)
+    x0, y0 = (page[0] - width) / 2, (page[1] - LABEL_MM - height) / 2
     faces: tuple[PrintedFace, ...] = ()
     if board.kind == "landmarks":
         faces = _landmark_faces(board, x0, y0)
@@ -40,8 +43,16 @@ def compose_board_page(board: BoardSpec) -> Page:
         items = _charuco_items(board, x0, y0) if board.kind == "charuco" else _chessboard_items(board, x0, y0)
         across = f"{board.squares[0]} squares across and {board.squares[1]} down"
     text = f"{board}, print at 100 %; {across} must measure {width:g} x {height:g} mm"
-    items.append(Text((paper[0] / 2, y0 + height + EDGE_MM + 2.5), text, min(3.6, width / 40), "middle", GREY))
-    return Page(paper, tuple(items), f"lmkit board {board}", faces)
+    items.append(Text((page[0] / 2, y0 + height + EDGE_MM + 2.5), text, min(3.6, width / 40), "middle", GREY))
+    return Page(page, tuple(items), f"lmkit board {board}", faces)
+
+
+def largest_square_mm(board: BoardSpec, paper: str) -> int:
+    """The largest square, whole mm, at which a board of these proportions fits on the paper; 0 if none does."""
+    width, height = board.pattern_mm
+    w, h = PAPERS_MM[paper]
+    scale = max(min((p[0] - 2 * EDGE_MM) / width, (p[1] - 2 * EDGE_MM - LABEL_MM) / height) for p in ((w, h), (h, w)))
+    return int(scale * board.square_mm + 1e-9)
 
 
 def _landmark_faces(board: BoardSpec, x0: float, y0: float) -> tuple[PrintedFace, ...]:

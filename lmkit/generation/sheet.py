@@ -18,6 +18,7 @@ from lmkit.model.families import MarkerFamily
 from lmkit.model.landmark import LM8
 
 CONTENTS_COLUMNS = 8
+FITTING = ("landmark_too_large", "overlap", "outside")  # errors that a smaller landmark may not have
 
 
 @dataclass(frozen=True)
@@ -58,7 +59,7 @@ def compose_sheets(
             PrintedFace(family, code, size, place.centre_mm, place.upside_down)
             for code, place in zip(some, places, strict=False)
         )
-        page = _compose(faces, template, wording or Wording())
+        page = _composed(faces, template, wording or Wording())
         pages.append(replace(page, mirrored=mirrored, stretch=stretch))
     if template.contents:
         pages[:0] = contents_pages(pages, template)
@@ -68,6 +69,17 @@ def compose_sheets(
 def compose_landmark_page(family: MarkerFamily, code: int, size_mm: float, template: PageTemplate) -> Page:
     """One landmark's sheet; see :func:`compose_sheets`."""
     return compose_sheets(family, [code], template, size_mm)[0]
+
+
+def _composed(faces: tuple[PrintedFace, ...], template: PageTemplate, wording: Wording) -> Page:
+    try:
+        return _compose(faces, template, wording)
+    except InputError as error:
+        largest = largest_fitting_mm(faces[0].family, template) if error.code in FITTING else 0
+        if not 0 < largest < faces[0].size_mm:
+            raise
+        hint = f"the largest that fits there is {largest} mm; leave --template out to have sheets made for the size"
+        raise InputError(error.code, error.message, hint) from None
 
 
 def _compose(faces: tuple[PrintedFace, ...], template: PageTemplate, wording: Wording) -> Page:
@@ -154,8 +166,25 @@ def usual_size_mm(family: MarkerFamily, template: PageTemplate) -> float:
     return template.size_mm if own <= rings else float(math.floor(template.size_mm * rings / own))
 
 
+def largest_fitting_mm(family: MarkerFamily, template: PageTemplate) -> int:
+    """The largest size, whole mm, at which landmarks and all parts of the sheet fit; 0 if none does."""
+    low, high = 0, math.floor(largest_mm(family, template))
+    while low < high:
+        size_mm = (low + high + 1) // 2
+        faces = tuple(
+            PrintedFace(family, 0, float(size_mm), place.centre_mm, place.upside_down)
+            for place in template.all_places
+        )
+        try:
+            _compose(faces, template, Wording())
+            low = size_mm
+        except InputError:
+            high = size_mm - 1
+    return low
+
+
 def largest_mm(family: MarkerFamily, template: PageTemplate) -> float:
-    """The largest landmark that fits on the template's places."""
+    """The largest landmark that fits between the template's places and the paper's edges."""
     width, height = template.page_mm
     free = min(min(x, y, width - x, height - y) for x, y in (place.centre_mm for place in template.all_places))
     # The white margin may lie where the printer cannot print: nothing is printed there.
@@ -169,8 +198,7 @@ def _check_faces(faces: tuple[PrintedFace, ...], template: PageTemplate) -> None
         raise InputError(
             "landmark_too_large",
             f"a landmark of {faces[0].size_mm:g} mm with its white margin does not fit on template {template.name}",
-            f"the largest that fits there is {math.floor(largest)} mm; choose a smaller --size, or leave --template "
-            "out to have it tiled over several sheets",
+            "choose a smaller --size, or leave --template out to have it tiled over several sheets",
         )
     for one, other in combinations(faces, 2):
         if overlap(one.margin_box, other.margin_box):

@@ -15,7 +15,15 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_valida
 from lmkit.errors import InputError
 from lmkit.io.documents import first_problem, read_text
 
-PAPERS_MM = {"a3": (297.0, 420.0), "a4": (210.0, 297.0), "letter": (215.9, 279.4)}
+PAPERS_MM = {
+    "a0": (841.0, 1189.0),
+    "a1": (594.0, 841.0),
+    "a2": (420.0, 594.0),
+    "a3": (297.0, 420.0),
+    "a4": (210.0, 297.0),
+    "letter": (215.9, 279.4),
+    "tabloid": (279.4, 431.8),
+}
 PAPERS_MM |= {f"{name}-landscape": (height, width) for name, (width, height) in PAPERS_MM.items()}
 
 Millimetres = Annotated[float, Field(ge=0, le=5000, allow_inf_nan=False)]

@@ -9,6 +9,7 @@ from functools import cached_property
 from pathlib import Path
 
 from lmkit.errors import InputError
+from lmkit.generation.grid_sheet import grid_template
 from lmkit.generation.manifest import manifest_of
 from lmkit.generation.page import Page, bare_landmark_page
 from lmkit.generation.pdf import pages_to_pdf
@@ -22,7 +23,7 @@ from lmkit.model.families import MarkerFamily
 from lmkit.units import parse_two_lengths_mm
 from lmkit.verification.proof import prove_pages
 
-PAPERS = ("a4", "letter", "a3")
+PAPERS = ("a4", "letter", "a3", "a2", "a1", "a0", "tabloid")
 DEFAULT_PAPER = "a4"
 SUFFIXES = (".pdf", ".png", ".svg")
 MOST_STRETCH = 0.05
@@ -95,14 +96,21 @@ class PrintLayout:
 
         return self.size_mm > largest_mm(self.family, self.sheet)
 
-    @property
-    def name(self) -> str:
-        """For the manifest."""
-        return "tiles" if self.tiled else self.sheet.name
+    def sheet_for(self, codes: Sequence[int]) -> PageTemplate:
+        """The template, or for several codes of a stated size a sheet that holds as many as fit."""
+        if self.template is None and self.size_mm is not None and len(codes) > 1:
+            grid = grid_template(self.family, self.sheet.name, self.size_mm)
+            if grid is not None and len(grid.all_places) > 1:
+                return grid
+        return self.sheet
 
-    def pages(self, codes: list[int]) -> list[Page]:
+    def name_for(self, codes: Sequence[int]) -> str:
+        """Name of the layout, for the manifest."""
+        return "tiles" if self.tiled else self.sheet_for(codes).name
+
+    def pages(self, codes: Sequence[int]) -> list[Page]:
         """All pages for these codes."""
-        sheet = self.sheet
+        sheet = self.sheet_for(codes)
         stretch = self.stretch(self.size_mm or usual_size_mm(self.family, sheet))
         if self.tiled and self.size_mm is not None:
             tiles = [page for code in codes for page in compose_tiles(self.family, code, self.size_mm, self._paper)]
@@ -212,9 +220,10 @@ def make_prints(
         family.require_code(code)
     layout = PrintLayout(family, template, paper, size_mm)
     pages = layout.pages(codes)
-    pdf = pages_to_pdf(pages, print_title(pages), manifest_of(pages, layout.name).to_json())
+    name = layout.name_for(codes)
+    pdf = pages_to_pdf(pages, print_title(pages), manifest_of(pages, name).to_json())
     prove_pages(pdf, pages)
-    return Prints(tuple(pages), layout.name, pdf)
+    return Prints(tuple(pages), name, pdf)
 
 
 def write_prints(
@@ -242,7 +251,8 @@ def write_prints(
         LmkitError: a landmark does not read back.
     """
     suffix = output.suffix.lower()
-    sets = [layout.pages(some) for some in ([[c] for c in codes] if each or suffix != ".pdf" else [list(codes)])]
+    groups = [[code] for code in codes] if each or suffix != ".pdf" else [list(codes)]
+    sets, name = [layout.pages(group) for group in groups], layout.name_for(groups[0])
     labeled: dict[str, list[Page]] = {}
     if suffix == ".pdf":
         labeled = dict(zip(map(str, codes), sets, strict=False))
@@ -252,9 +262,7 @@ def write_prints(
             labeled |= {f"{code}-{k}" if several else str(code): [page] for k, page in enumerate(pages, start=1)}
     files = {path: labeled[label] for label, path in output_names(output, list(labeled)).items()}
     _require_writable(files, overwrite)
-    pdfs = [
-        pages_to_pdf(pages, print_title(pages), manifest_of(pages, layout.name).to_json(), cmyk) for pages in sets
-    ]
+    pdfs = [pages_to_pdf(pages, print_title(pages), manifest_of(pages, name).to_json(), cmyk) for pages in sets]
     # Tiles are read as a whole, so pages of one landmark are proven together.
     for pdf, pages in zip(pdfs, sets, strict=True):
         prove_pages(pdf, pages)
@@ -262,7 +270,7 @@ def write_prints(
         path: (pdfs[k] if suffix == ".pdf" else encode_page(pages[0], path, dpi), pages)
         for k, (path, pages) in enumerate(files.items())
     }
-    _write_with_manifests(contents, layout.name, overwrite)
+    _write_with_manifests(contents, name, overwrite)
     return list(contents)
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+import json
 import re
 import shutil
 import subprocess
@@ -11,6 +12,7 @@ from xml.etree import ElementTree
 import numpy as np
 import pypdfium2
 import pytest
+from command_line import run_command
 from PIL import Image
 
 from lmkit.detection.pattern_model import LandmarkPattern
@@ -145,3 +147,24 @@ def test_boards_measure_what_they_say_and_are_found(spec, tmp_path):
     assert len(seen.ids) == len(board.object_points)
     steps = np.linalg.norm(np.diff(seen.image_points.reshape(*board.inner_corners[::-1], 2), axis=1), axis=2)
     assert steps.mean() / DPI * 25.4 == pytest.approx(board.square_mm, abs=0.02)
+
+
+def test_a_board_larger_than_its_paper_is_reported_with_what_fits(tmp_path):
+    answer = run_command("board", "chessboard:9x6:30mm", "-o", tmp_path / "board.pdf")
+    assert (answer.code, "squares of 26 mm would fit on a4" in answer.err) == (0, True)
+    assert (
+        "420 x 297 mm" in run_command("board", "chessboard:9x6:30mm", "--paper", "a3", "-o", tmp_path / "a3.pdf").out
+    )
+    assert run_command("board", "chessboard:9x6:26mm", "-o", tmp_path / "fits.pdf").err == ""
+    assert (
+        "choose a4, letter"
+        in run_command("board", "chessboard:9x6:26mm", "--paper", "a9", "-o", tmp_path / "x.pdf").err
+    )
+
+
+def test_several_codes_of_a_size_share_sheets_in_order(tmp_path):
+    run_command("generate", "--codes", "5,2-4", "--size", "60mm", "-o", tmp_path / "set.pdf")
+    manifest = json.loads((tmp_path / "set.pdf.json").read_text())
+    assert [(entry["code"], entry["page"]) for entry in manifest["landmarks"]] == [(5, 1), (2, 1), (3, 1), (4, 1)]
+    run_command("generate", "--codes", "2-3", "--size", "60mm", "--each", "-o", tmp_path / "each.pdf")
+    assert {path.name for path in tmp_path.glob("each*.pdf")} == {"each-2.pdf", "each-3.pdf"}
