@@ -8,7 +8,6 @@ from typing import TYPE_CHECKING
 
 from lmkit.api.arguments import PathLike, as_map, as_metres, as_path, as_rig
 from lmkit.errors import InputError
-from lmkit.model.corner_order import require_clockwise
 from lmkit.model.recording import Odometry, Recording
 from lmkit.model.trajectory import Trajectory
 
@@ -54,14 +53,18 @@ def survey(
         >>> len(survey.landmarks) > 5
         True
     """
+    import numpy as np
+
+    from lmkit.geometry.planar import planar_state
     from lmkit.localization.contradiction import find_cause
     from lmkit.mapping.next_view import advise
     from lmkit.mapping.survey import anchors_of, landmark_sizes, survey_frames
-    from lmkit.mapping.survey_results import survey_warnings
+    from lmkit.mapping.survey_results import base_poses, survey_warnings
+    from lmkit.pipelines.recording_checks import odometry_doubt, require_plausible_recording
 
     if not recording.frames:
         raise InputError("no_frames", "the recording has no frames", "give images or detections")
-    require_clockwise(o for frame in recording.frames for o in frame.detections)
+    require_plausible_recording(recording, as_rig(rig), None if known is None else as_map(known))
     cameras, motion = as_rig(rig), motion_of(recording)
     anchors = {} if known is None else anchors_of(as_map(known), known_sigma)
     frames = list(recording.frames)
@@ -74,6 +77,11 @@ def survey(
             raise
         raise InputError(cause.code, error.message, str(cause)) from None
     texts = survey_warnings(result, motion, list(constraints), advise(result, cameras))
+    if isinstance(recording.odometry, Odometry):
+        bundle = result.bundle
+        states = np.array([planar_state(pose) for _, pose in base_poses(bundle, cameras)])
+        doubt = odometry_doubt(recording.odometry, bundle.times_s, states)
+        texts = [*([doubt] if doubt else []), *texts]
     if cause is not None:
         texts.insert(0, f"the known landmarks contradict what was seen: {cause}")
     return replace(result, warnings=tuple(texts))
@@ -100,12 +108,13 @@ def track(
         >>> trajectory.positions.shape[1]
         3
     """
+    from lmkit.pipelines.recording_checks import require_plausible_recording
     from lmkit.tracking.batch import track_pictures, track_readings
     from lmkit.tracking.online import track_live, track_pictures_live, track_poses_live
 
     hung, odometry = as_map(landmarks), recording.odometry
-    require_clockwise(o for frame in recording.frames for o in frame.detections)
     hung.require_any(recording.ids)
+    require_plausible_recording(recording, None if rig is None else as_rig(rig), hung)
     if recording.readings:
         if not isinstance(odometry, Odometry):
             raise InputError("no_odometry", "readings need wheel odometry", "read the recording with odometry=...")

@@ -129,6 +129,7 @@ def _survey_readings(
     from lmkit.io.trajectory import poses_to_tum
     from lmkit.mapping.range_bearing_survey import planar_map_dict, planar_map_lines, survey_readings
     from lmkit.model.recording import Odometry
+    from lmkit.pipelines.recording_checks import require_plausible_recording
     from lmkit.units import parse_length_mm
 
     check_outputs((output, tum), None, force)
@@ -136,6 +137,7 @@ def _survey_readings(
     recording = source.read(None, family.split(","))
     odometry, count = recording.odometry, len(recording.readings)
     assert isinstance(odometry, Odometry)
+    require_plausible_recording(recording)
     landmarks, drive = survey_readings(recording.readings, odometry, recording.gyro, size_m)
     poses = zip(drive.times_s.tolist(), drive.poses, strict=True)
     write_outputs({output: map_to_yaml(landmarks), tum: poses_to_tum(poses)}, force)

@@ -15,6 +15,12 @@ def planar_pose(state: FloatArray) -> Pose:
     return Pose.from_rvec("map", "base", np.array([0.0, 0.0, state[2]]), np.array([state[0], state[1], 0.0]))
 
 
+def planar_state(T_map_base: Pose) -> FloatArray:
+    """(3,) x, y (m) and heading (rad) of a robot's pose."""
+    R, t = T_map_base.R, T_map_base.t
+    return np.array([t[0], t[1], math.atan2(R[1, 0], R[0, 0])])
+
+
 def follow(state: FloatArray, motions: FloatArray) -> FloatArray:
     """(K+1,3) x, y, heading: the state, and where each of (K,3) motions leads."""
     path = np.zeros((1 + len(motions), 3))

@@ -147,16 +147,16 @@ def test_odometry_of_another_clock_is_refused(demo, tmp_path):
     assert not (tmp_path / "m.yaml").exists()
 
 
-def test_odometry_that_does_not_agree_is_doubted_aloud(demo, tmp_path):
+def test_odometry_in_feet_is_refused_by_name(demo, tmp_path):
     header, *rows = (demo / "odometry.csv").read_text().splitlines()
     feet = tmp_path / "feet.csv"
     cells = [row.split(",") for row in rows]
     feet.write_text("\n".join([header, *(f"{t},{float(v) / 0.3048},{w}" for t, v, w in cells)]) + "\n")
     done = run(
         "track", "--detections", demo / "detections.csv", "--rig", demo / "rig.yaml",
-        "--map", demo / "true_map.yaml", "--odometry", feet,
+        "--map", demo / "true_map.yaml", "--odometry", feet, code=2,
     )  # fmt: skip
-    assert "forward_scale comes out as" in done.err
+    assert "are these feet?" in done.err
 
 
 def test_a_map_in_the_plane_from_readings(tmp_path):

@@ -1,0 +1,225 @@
+"""Whether odometry and gyro can be what their files say: units, signs, axes and clocks; one door for all commands.
+
+Both are compared with each other, and with poses from landmarks alone where there are some.  A contradiction that has
+a name is refused; small errors of scale and delay are left to the solvers, which estimate them.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from lmkit.arrays import FloatArray
+from lmkit.errors import InputError
+from lmkit.geometry.planar import between, follow
+from lmkit.model.recording import Gyro, Odometry
+from lmkit.model.trajectory import Trajectory
+
+WINDOW_S = 1.0  # over which speeds are taken
+FASTEST_MPS, FASTEST_RADPS = 40.0, 10.0  # of anything that drives past printed landmarks
+LEAST_PAIRS = 12
+LEAST_TURN_RAD, LEAST_WAY_M = 0.05, 0.05  # root mean squares below which nothing can be compared
+LIKE, LAGGED, UNLIKE, OPPOSITE = 0.8, 0.87, 0.4, -0.6  # correlations
+OFF_SCALE = 2.0
+LONGEST_LAG_S, LAG_STEP_S, LEAST_LAG_S = 60.0, 0.1, 0.5
+UNITS = {1000.0: "millimetres", 100.0: "centimetres", 39.37: "inches", 3.281: "feet", 0.001: "kilometres"}
+DEGREES = float(np.rad2deg(1.0))
+ALIKE = 0.25  # logarithm of a ratio to that of a unit
+
+Pairs = tuple[FloatArray, FloatArray]
+
+
+def require_plausible_odometry(odometry: Odometry | Trajectory) -> None:
+    """Refuse speeds of no robot.
+
+    Raises:
+        InputError: ``implausible_odometry``, naming the unit that is likely.
+    """
+    times = odometry.times_s
+    if len(times) < 2:
+        return
+    if isinstance(odometry, Trajectory):
+        way = np.linalg.norm(np.diff(odometry.positions, axis=0, prepend=odometry.positions[:1]), axis=1)
+        turn = np.zeros(len(times))
+    else:
+        way, turn = np.abs(odometry.forward_m), np.abs(odometry.turn_rad)
+    if (speed := _usual_rate(times, way)) > FASTEST_MPS:
+        raise _refused(
+            "implausible_odometry",
+            f"odometry moves at {speed:.3g} m/s: are its lengths in millimetres or centimetres?",
+        )
+    if (rate := _usual_rate(times, turn)) > FASTEST_RADPS:
+        raise _refused("implausible_odometry", f"odometry turns at {rate:.3g} rad/s: are its angles in degrees?")
+
+
+def require_plausible_gyro(gyro: Gyro, odometry: Odometry) -> None:
+    """Refuse a gyro in degrees, about another axis, of another sign or on another clock than the wheels.
+
+    Raises:
+        InputError: ``implausible_gyro`` or ``no_common_times``.
+    """
+    start, end = max(gyro.times_s[0], odometry.times_s[0]), min(gyro.times_s[-1], odometry.times_s[-1])
+    if start >= end:
+        raise _refused(
+            "no_common_times",
+            f"the gyro runs from {gyro.times_s[0]:.3f} to {gyro.times_s[-1]:.3f} s, odometry from "
+            f"{odometry.times_s[0]:.3f} to {odometry.times_s[-1]:.3f} s: they are on different clocks",
+            "give both in seconds of the same clock",
+        )
+    rate = float(np.percentile(np.abs(gyro.rate_radps), 95))
+    if rate > FASTEST_RADPS:
+        raise _refused("implausible_gyro", f"the gyro turns at {rate:.3g} rad/s: is it in degrees per second?")
+    times = np.arange(start, end, WINDOW_S)
+    if len(times) <= LEAST_PAIRS:
+        return
+    wheels = np.interp(times, odometry.times_s, np.cumsum(odometry.turn_rad))
+    own, theirs = np.diff(gyro.turned(times)), np.diff(wheels)
+    if _rms(theirs) < LEAST_TURN_RAD:
+        return
+    scale, like = _compared(own, theirs)
+    if like > LIKE and scale > OFF_SCALE:
+        unit = "it is in degrees per second" if _is(scale, DEGREES) else "check its unit"
+        raise _refused("implausible_gyro", f"the gyro turns {scale:.3g} times as fast as the wheels: {unit}")
+    if like < OPPOSITE:
+        raise _refused(
+            "implausible_gyro",
+            "the gyro turns the other way than the wheels: its z axis points down, or the sign is another",
+            "give the rate about the upward axis, positive to the left",
+        )
+    if like < UNLIKE and _rms(own - own.mean()) > 0.0:
+        lag = _best_lag(times, theirs, gyro.times_s, gyro.turned(gyro.times_s))
+        raise _refused(
+            "implausible_gyro",
+            "the gyro does not turn when the wheels do: "
+            + (f"its clock is {lag:+.1f} s off theirs" if lag is not None else "it is about another axis"),
+            "give the rate about the upward axis, positive to the left, in seconds of the odometry's clock; of an "
+            "IMU with the axes of an optical frame (z forward, y down) that is minus the rate about y",
+        )
+
+
+def require_agreement(odometry: Odometry, times_s: FloatArray, states: FloatArray) -> None:
+    """Refuse wheel odometry that poses from landmarks alone contradict in a way that has a name.
+
+    Args:
+        times_s: (K,) of the poses, increasing.
+        states: (K,3) x, y (m) and heading (rad), without any odometry.
+
+    Raises:
+        InputError: ``odometry_contradicts``: backwards, mirrored, another unit or another clock.
+    """
+    rows = _pairs(times_s)
+    if len(rows) < LEAST_PAIRS:
+        return
+    path = follow(
+        np.zeros(3), np.column_stack([odometry.forward_m, np.zeros(len(odometry.times_s)), odometry.turn_rad])
+    )
+    path = path[1:]
+    at = np.column_stack([np.interp(times_s, odometry.times_s, column) for column in path.T])
+    seen, said = (
+        np.array([between(poses[[a, b]])[0] for a, b in rows.tolist()]) for poses in (_unwrapped(states), at)
+    )
+    # At a gap or outside its times odometry says nothing.
+    inside = (times_s[rows] >= odometry.times_s[0]).all(axis=1) & (times_s[rows] <= odometry.times_s[-1]).all(axis=1)
+    seen, said, rows = seen[inside], said[inside], rows[inside]
+    if len(rows) < LEAST_PAIRS:
+        return
+    _judge_turns(seen[:, 2], said[:, 2], odometry, times_s[rows])
+    _judge_way(seen[:, 0], said[:, 0])
+
+
+def _judge_way(seen: FloatArray, said: FloatArray) -> None:
+    if _rms(seen) < LEAST_WAY_M or _rms(said) == 0.0:
+        return
+    scale, like = _compared(said, seen)
+    if like < OPPOSITE:
+        raise _refused(
+            "odometry_contradicts",
+            "odometry runs backwards: the robot moves the other way than it says",
+            "negate the way forward (x_m and y_m, forward_mps, left_m and right_m), or turn T_base_left by 180 deg",
+        )
+    if like > LIKE and not 1 / OFF_SCALE < scale < OFF_SCALE:
+        unit = next((f": are these {name}?" for factor, name in UNITS.items() if _is(scale, factor)), "")
+        raise _refused("odometry_contradicts", f"odometry moves {scale:.3g} times as far as the landmarks show{unit}")
+
+
+def _judge_turns(seen: FloatArray, said: FloatArray, odometry: Odometry, times_s: FloatArray) -> None:
+    if _rms(seen) < LEAST_TURN_RAD or _rms(said) == 0.0:
+        return
+    scale, like = _compared(said, seen)
+    if like < LIKE:
+        lag = _best_lag(times_s, seen, odometry.times_s, np.cumsum(odometry.turn_rad))
+        if lag is not None:
+            raise _refused(
+                "odometry_contradicts",
+                f"odometry fits what was seen once it is shifted by {-lag:+.1f} s: its clock is another",
+                "give both in seconds of the same clock",
+            )
+    if like < OPPOSITE:
+        raise _refused(
+            "odometry_contradicts",
+            "odometry turns the other way than the landmarks show",
+            "turns are positive to the left, counter-clockwise from above; check the order of the wheels",
+        )
+    if like > LIKE and scale > OFF_SCALE:
+        unit = "its angles are in degrees" if _is(scale, DEGREES) else "check the unit of its angles"
+        raise _refused(
+            "odometry_contradicts", f"odometry turns {scale:.3g} times as far as the landmarks show: {unit}"
+        )
+
+
+def _pairs(times_s: FloatArray) -> FloatArray:
+    """(P,2) rows that are between one and four windows apart."""
+    later = np.searchsorted(times_s, times_s + WINDOW_S)
+    rows = np.column_stack([np.arange(len(times_s)), later])[later < len(times_s)]
+    return np.asarray(rows[np.diff(times_s[rows], axis=1)[:, 0] < 4 * WINDOW_S])
+
+
+def _best_lag(times_s: FloatArray, turns: FloatArray, own_s: FloatArray, turned: FloatArray) -> float | None:
+    """Seconds by which a clock is ahead, where the turns fit only then; None where they never do.
+
+    Args:
+        times_s: (P+1,) or (P,2) between which ``turns`` (P,) happened.
+        own_s, turned: time and angle of the other sensor.
+    """
+    pairs = times_s if times_s.ndim == 2 else np.column_stack([times_s[:-1], times_s[1:]])
+    best: tuple[float, float] | None = None
+    for lag in np.arange(-LONGEST_LAG_S, LONGEST_LAG_S, LAG_STEP_S).tolist():
+        there = pairs + lag
+        inside = (there[:, 0] >= own_s[0]) & (there[:, 1] <= own_s[-1])
+        if inside.sum() < LEAST_PAIRS or _rms(turns[inside]) < LEAST_TURN_RAD:
+            continue
+        other = np.diff(np.interp(there[inside], own_s, turned), axis=1)[:, 0]
+        like = _compared(other, turns[inside])[1]
+        if best is None or like > best[0]:
+            best = like, lag
+    return best[1] if best is not None and best[0] > LAGGED and abs(best[1]) > LEAST_LAG_S else None
+
+
+def _compared(own: FloatArray, other: FloatArray) -> tuple[float, float]:
+    """Scale of one against the other, and their correlation, through the origin."""
+    a, b = _rms(own), _rms(other)
+    like = float(np.mean(own * other) / (a * b)) if a * b > 0 else 0.0
+    return a / b if b > 0 else 1.0, like
+
+
+def _unwrapped(states: FloatArray) -> FloatArray:
+    return np.column_stack([states[:, :2], np.unwrap(states[:, 2])])
+
+
+def _usual_rate(times_s: FloatArray, amounts: FloatArray) -> float:
+    """95 % of a recording's windows are slower."""
+    marks = np.arange(times_s[0], times_s[-1], WINDOW_S)
+    marks = np.append(marks, times_s[-1])
+    total = np.interp(marks, times_s, np.cumsum(amounts))
+    return float(np.percentile(np.diff(total) / np.diff(marks), 95))
+
+
+def _rms(values: FloatArray) -> float:
+    return float(np.sqrt(np.mean(values**2))) if len(values) else 0.0
+
+
+def _is(ratio: float, factor: float) -> bool:
+    return abs(float(np.log(ratio / factor))) < ALIKE
+
+
+def _refused(code: str, message: str, hint: str = "convert the file to seconds, metres and radians") -> InputError:
+    return InputError(code, message, hint)
