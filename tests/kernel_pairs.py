@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import cv2
@@ -46,6 +46,7 @@ from lmkit.kernels.pose_search import (
     search_poses,
     search_poses_numpy,
 )
+from lmkit.kernels.pose_update import Update, update_planar, update_planar_numpy, update_space, update_space_numpy
 from lmkit.kernels.reprojection import (
     NO_PRIOR,
     Corners,
@@ -189,6 +190,35 @@ def _covariance_calls(rng: np.random.Generator) -> Iterator[tuple[Any, ...]]:
             for prior in (NO_PRIOR, PRIOR):
                 corners, used = landmarks_in_view(rng, count, uncertain, 5e-4), np.ones(2 * count, dtype=bool)
                 yield corners, prior, small_rotations(rng, 1, 0.01)[0], 0.01 * rng.normal(size=3), used
+
+
+UPDATE = Update(1e-3, 8 * 4.5**2, 4)
+# The camera looks along the base's x axis, which is the landmarks' z axis in `landmarks_in_view`.
+BASE = np.array([[0.0, 0, 1], [-1, 0, 0], [0, -1, 0]])
+
+
+def _update_calls(rng: np.random.Generator) -> Iterator[tuple[Any, ...]]:
+    for count in (1, 3, 5):
+        for uncertain in (False, True):
+            corners = landmarks_in_view(rng, count, uncertain, 2e-4)
+            if count > 1:
+                corners.rays[[0, count]] += 0.05  # one landmark was moved
+            yield corners, np.tile(np.arange(count), 2)
+
+
+def _space_calls(rng: np.random.Generator) -> Iterator[tuple[Any, ...]]:
+    for corners, of in _update_calls(rng):
+        known = np.diag(rng.uniform(100, 1000, 6))
+        yield corners, of, known, small_rotations(rng, 1, 0.02)[0], 0.02 * rng.normal(size=3), UPDATE
+
+
+def _planar_calls(rng: np.random.Generator) -> Iterator[tuple[Any, ...]]:
+    for corners, of in _update_calls(rng):
+        for size in (6, 12):
+            before = np.diag([300.0, 300, 1000, *rng.uniform(10, 50, size - 6), 1e5, 1e5, 1e5])
+            into = replace(corners, points=corners.points @ BASE.T)
+            state = np.concatenate([0.02 * rng.normal(size=3), rng.normal(size=size - 6), np.zeros(3)])
+            yield into, of, before, BASE, np.zeros(3), state, UPDATE
 
 
 LENS_K = np.array([[460.0, 0, 322], [0, 458, 239], [0, 0, 1]])
@@ -341,6 +371,8 @@ PAIRS = [
     Pair(pose_equations, pose_equations_numpy, _equation_calls),
     Pair(refine_poses, refine_poses_numpy, _refine_calls, 1e-9),
     Pair(search_poses, search_poses_numpy, _search_calls, 1e-8),
+    Pair(update_space, update_space_numpy, _space_calls, 1e-8),
+    Pair(update_planar, update_planar_numpy, _planar_calls, 1e-8),
     Pair(pose_covariance, pose_covariance_numpy, _covariance_calls, 1e-9),
     *[Pair(*call) for call in (*PATTERN_CALLS, *PLANNING_CALLS)],
 ]

@@ -10,9 +10,11 @@ import numpy as np
 
 from lmkit.arrays import BoolArray, FloatArray, IntArray, covariance_root
 from lmkit.geometry.camera import CameraModel
+from lmkit.geometry.pose import Pose
 from lmkit.geometry.pose_array import PoseArray
 from lmkit.geometry.rig import AnyRig, mounted_cameras
 from lmkit.kernels.pose_search import CONVERGED, MOST_DAMPING, Search, pose_covariance, search_poses
+from lmkit.kernels.pose_update import Update, update_planar, update_space
 from lmkit.kernels.reprojection import NO_PRIOR, Corners, corner_misfits, pose_equations, refine_poses
 from lmkit.localization.pose_prior import PosePrior
 from lmkit.localization.reprojection import through_lenses
@@ -157,6 +159,18 @@ class Correspondences:
     def covariance(self, poses: PoseArray, used: BoolArray, prior: PosePrior | None) -> FloatArray:
         """(6,6) covariance of the first pose, from the observations used (S,)."""
         return pose_covariance(self._corners, _numbers(prior), poses.R[0], poses.t[0], used)
+
+    def update_space(
+        self, known: FloatArray, R: FloatArray, p: FloatArray, update: Update
+    ) -> tuple[BoolArray, FloatArray, FloatArray, FloatArray, float]:
+        """A foretold pose, of information ``known`` (6,6), updated by `pose_update.update_space`."""
+        return update_space(self._corners, self.of, known, R, p, update)
+
+    def update_planar(
+        self, before: FloatArray, T_base_left: Pose, state: FloatArray, update: Update
+    ) -> tuple[BoolArray, FloatArray, FloatArray, float]:
+        """A foretold state on a floor updated by `pose_update.update_planar`."""
+        return update_planar(self._corners, self.of, before, T_base_left.R, T_base_left.t, state, update)
 
     def equations(
         self, poses: PoseArray, used: BoolArray, prior: PosePrior | None

@@ -8,17 +8,14 @@ Landmarks that do not fit are left out; where none fits for a while, the robot i
 
 from __future__ import annotations
 
-import math
-from collections.abc import Callable, Sequence
-from typing import TypeVar
+from collections.abc import Sequence
 
 import numpy as np
 
 from lmkit.arrays import BoolArray, FloatArray
 from lmkit.errors import InputError
-from lmkit.geometry.pose_array import PoseArray
 from lmkit.geometry.rig import AnyRig
-from lmkit.geometry.rotations import rotation_exp
+from lmkit.kernels.pose_update import LEAN, Update
 from lmkit.localization.absolute_pose import LocateOptions, locate_rig
 from lmkit.localization.correspondences import CORNER_FLOOR_PX, Correspondences
 from lmkit.localization.pose_prior import PosePrior
@@ -30,11 +27,9 @@ from lmkit.odometry.online_wheel_odometry import AHEAD_S, LONGEST_DELAY_S, STATE
 from lmkit.odometry.wheel_odometry import NOMINAL, PARAMETERS, PRIOR_SIGMA, MotionNoise
 from lmkit.tracking.range_bearing_filter import NOWHERE_M, TrackedPose
 
-Fitted = TypeVar("Fitted")
-
-ITERATIONS = 4
-CONVERGED = 1e-3  # squared step, in standard deviations
 OUTLIER_SIGMA = 4.5
+# A last step of a squared length, in standard deviations; what does not fit; iterations.
+UPDATE = Update(converged=1e-3, limit=8 * OUTLIER_SIGMA**2, iterations=4)
 DELAY = 3 + PARAMETERS.index("delay_s")
 DOUBTS = 4  # frames at which nothing fits, before the robot may have been carried off
 
@@ -120,59 +115,21 @@ class RigFilter:
         return self._pose(time_s, found.outliers, True)
 
     def _update(self, seen: Correspondences) -> tuple[BoolArray, float]:
-        """Gauss-Newton on corners and the prediction; (S,) the inliers, and their innovation."""
-        known = np.linalg.inv(self._P)
-        used, (x, normal, cost) = believed(seen, lambda used: self._fit(seen, used, known))
+        """Gauss-Newton on corners and the prediction; (S,) the inliers, and their innovation.
+
+        How the robot lifts, rolls and pitches at that time is fitted beside the state; it is level of itself.
+        """
+        before = np.zeros((STATES + LEAN, STATES + LEAN))
+        before[:STATES, :STATES] = np.linalg.inv(self._P)
+        before[range(STATES, STATES + LEAN), range(STATES, STATES + LEAN)] = self._level
+        start = np.concatenate([self._x, np.zeros(LEAN)])
+        used, state, normal, cost = seen.update_planar(before, self._T, start, UPDATE)
         if used.any():
             # Beyond that no odometry is kept, and none is there yet.
-            x[DELAY] = np.clip(x[DELAY], -AHEAD_S, LONGEST_DELAY_S)
-            self._x, self._P = x, np.linalg.inv(normal)
+            state[DELAY] = min(max(state[DELAY], -AHEAD_S), LONGEST_DELAY_S)
+            # The inverse's own block is what is left once the lean is eliminated.
+            self._x, self._P = state[:STATES], np.linalg.inv(normal)[:STATES, :STATES]
         return used, cost
-
-    def _fit(
-        self, seen: Correspondences, used: BoolArray, known: FloatArray
-    ) -> tuple[PoseArray, tuple[FloatArray, FloatArray, float]]:
-        """The camera's pose, and the state with its normal matrix and cost, that agree best with what is known and
-        the observations used; how the robot lifts, rolls and pitches at that time is fitted beside them.
-        """
-        # The state, then how the robot lifts, rolls and pitches at that time; level of itself.
-        start = np.concatenate([self._x, np.zeros(3)])
-        before, state = np.zeros((STATES + 3, STATES + 3)), start
-        before[:STATES, :STATES] = known
-        before[range(STATES, STATES + 3), range(STATES, STATES + 3)] = self._level
-        normal = before
-        for _ in range(ITERATIONS):
-            N, g, _ = seen.equations(self._poses(state), used[None], None)
-            J = self._camera_by_state(state)
-            normal = before + J.T @ N[0] @ J
-            step = np.linalg.solve(normal, before @ (start - state) + J.T @ g[0])
-            state = state + step
-            if step @ normal @ step < CONVERGED:
-                break
-        poses, off = self._poses(state), state - start
-        # What is left of the prediction's and the corners' errors together is the squared innovation.
-        cost = seen.chi2(poses)[0][used].sum() + off @ before @ off
-        own, across = normal[:STATES, :STATES], normal[:STATES, STATES:]
-        own = own - across @ np.linalg.solve(normal[STATES:, STATES:], across.T)
-        return poses, (state[:STATES].copy(), own, float(cost))
-
-    def _camera_by_state(self, state: FloatArray) -> FloatArray:
-        """(6,12) derivatives of the camera's pose with the state, and with lift, roll and pitch."""
-        x, y, z = (_heading(state) @ self._T.t).tolist()
-        J = np.zeros((6, STATES + 3))
-        # x, y, heading of the base.
-        J[0, 0] = J[1, 1] = J[5, 2] = 1.0
-        J[0, 2], J[1, 2] = -y, x
-        # It leans about the floor, not about the camera.
-        J[:, STATES:] = [[0, 0, z], [0, -z, 0], [1, y, -x], [0, 1, 0], [0, 0, 1], [0, 0, 0]]
-        return J
-
-    def _poses(self, state: FloatArray) -> PoseArray:
-        """The camera's, for a state with lift, roll and pitch."""
-        lift, roll, pitch = state[STATES:].tolist()
-        turn = rotation_exp(np.array([roll, pitch, 0.0])) @ _heading(state)
-        place = np.array([state[0], state[1], lift]) + turn @ self._T.t
-        return PoseArray("map", "left", (turn @ self._T.R)[None], place[None])
 
     def _pose(
         self, time_s: float, outliers: tuple[LandmarkId, ...], restarted: bool, nis: float = 0.0, nis_dof: int = 0
@@ -181,22 +138,3 @@ class RigFilter:
         lost = np.sqrt(np.linalg.eigvalsh(P[:2, :2])[-1]) > NOWHERE_M or self._doubts >= DOUBTS
         status = PoseStatus.LOST if lost else PoseStatus.OK
         return TrackedPose(time_s, status, self._x[:3].copy(), P.copy(), outliers, restarted, nis, nis_dof)
-
-
-def _heading(x: FloatArray) -> FloatArray:
-    """(3,3) R_map_base of a robot on a level floor."""
-    c, s = math.cos(x[2]), math.sin(x[2])
-    return np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
-
-
-def believed(seen: Correspondences, fit: Callable[[BoolArray], tuple[PoseArray, Fitted]]) -> tuple[BoolArray, Fitted]:
-    """(S,) the observations that fit together, and their result; the worst one is removed, one after another."""
-    used = np.ones(len(seen), dtype=bool)
-    while True:
-        pose, fitted = fit(used)
-        chi2 = np.where(used, seen.chi2(pose)[0], -1.0)
-        worst = int(np.argmax(chi2))
-        if chi2[worst] < 8 * OUTLIER_SIGMA**2:
-            return used, fitted
-        # Both cameras' observations of a landmark stand and fall together.
-        used = used & (seen.of != seen.of[worst])

@@ -13,9 +13,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from lmkit.arrays import BoolArray, FloatArray
+from lmkit.arrays import FloatArray
 from lmkit.geometry.pose import Pose
-from lmkit.geometry.pose_array import PoseArray
 from lmkit.geometry.rig import AnyRig
 from lmkit.geometry.rotations import (
     matrix_to_quaternion,
@@ -34,7 +33,7 @@ from lmkit.model.pose_status import PoseStatus
 from lmkit.model.trajectory import Trajectory
 from lmkit.odometry.online_wheel_odometry import AHEAD_S
 from lmkit.odometry.pose_odometry import PoseMotion, PoseNoise
-from lmkit.tracking.planar_stereo_filter import CONVERGED, DOUBTS, ITERATIONS, believed
+from lmkit.tracking.planar_stereo_filter import DOUBTS, UPDATE
 from lmkit.tracking.range_bearing_filter import NOWHERE_M
 
 KEPT_S = 1.0  # odometry is kept for so long before the last frame
@@ -103,12 +102,11 @@ class PoseFilter:
         seen = Correspondences.of_rig(detections, self._rig, self._map, self._floor_px)
         outliers, nis, nis_dof = set(seen.twice), 0.0, 0
         if len(seen):
-            known = np.linalg.inv(self._P)
-            used, fitted = believed(seen, lambda used: self._fit(seen, used, known))
+            used, R, p, normal, cost = seen.update_space(np.linalg.inv(self._P), self._R, self._p, UPDATE)
             outliers |= seen.ids_of(~used)
             self._doubts = 0 if used.any() else self._doubts + 1
             if used.any():
-                self._R, self._p, normal, nis = fitted
+                self._R, self._p, nis = orthonormal(R), p, cost
                 nis_dof = 8 * int(used.sum())
                 self._P = np.linalg.inv(normal)
             elif self._doubts >= DOUBTS:
@@ -149,26 +147,6 @@ class PoseFilter:
         G[:3, :3], G[:3, 3:], G[3:, 3:] = base, -later @ skew(arm), later
         self._P = F @ self._P @ F.T + G @ np.diag(motion.sigmas(times)[0] ** 2) @ G.T
         self._R, self._p = orthonormal(later @ self._T.R), self._p + way
-
-    def _fit(
-        self, seen: Correspondences, used: BoolArray, known: FloatArray
-    ) -> tuple[PoseArray, tuple[FloatArray, FloatArray, FloatArray, float]]:
-        R, p, normal = self._R, self._p, known
-        for _ in range(ITERATIONS):
-            N, g, _ = seen.equations(PoseArray("map", "left", R[None], p[None]), used[None], None)
-            off = self._off(R, p)
-            normal = N[0] + known
-            step = np.linalg.solve(normal, g[0] + known @ off)
-            R, p = rotation_exp(step[3:]) @ R, p + step[:3]
-            if step @ normal @ step < CONVERGED:
-                break
-        poses, off = PoseArray("map", "left", R[None], p[None]), self._off(R, p)
-        cost = seen.chi2(poses)[0][used].sum() + off @ known @ off
-        return poses, (orthonormal(R), p, normal, float(cost))
-
-    def _off(self, R: FloatArray, p: FloatArray) -> FloatArray:
-        """(6,) from a pose to the one that was foretold."""
-        return np.concatenate([self._p - p, rotation_log(self._R @ R.T)])
 
     def _pose(
         self, time_s: float, outliers: tuple[LandmarkId, ...], restarted: bool, nis: float = 0.0, nis_dof: int = 0

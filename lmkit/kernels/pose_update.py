@@ -1,0 +1,230 @@
+"""Update of a filter's state with the corners of landmarks, as Gauss-Newton (Bell and Cathey 1993).
+
+What is known of the state and what is seen are fitted together; the landmark that fits worst is dropped, one after
+another, until all that are left fit.
+"""
+
+from __future__ import annotations
+
+import ctypes
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from functools import lru_cache
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lmkit.kernels.load import addresses, contiguous, function
+from lmkit.kernels.reprojection import (
+    NO_PRIOR,
+    Corners,
+    _CornersStruct,
+    corner_misfits_numpy,
+    pose_equations_numpy,
+    turns,
+)
+
+Array = NDArray[np.floating[Any]]
+Ints = NDArray[np.int64]
+Flags = NDArray[np.bool_]
+
+Fitted = tuple[Flags, Array, Array, Array, float]
+LEAN = 3  # unknowns at the end of a planar state: lift, roll, pitch
+MOST = 12  # unknowns of a planar state
+
+
+class _UpdateStruct(ctypes.Structure):
+    _fields_ = (("converged", ctypes.c_double), ("limit", ctypes.c_double), ("iterations", ctypes.c_int64))
+
+
+@dataclass(frozen=True)
+class Update:
+    """Settings of an update.
+
+    Attributes:
+        converged: a step whose square, in standard deviations, is smaller is the last one.
+        limit: chi2 of a sighting's eight coordinates beyond which it does not fit.
+        iterations: at most so many.
+    """
+
+    converged: float
+    limit: float
+    iterations: int
+    struct: _UpdateStruct = field(init=False, repr=False, compare=False)
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "struct", _UpdateStruct(self.converged, self.limit, self.iterations))
+
+
+def update_space(corners: Corners, of: Ints, known: Array, R: Array, p: Array, update: Update) -> Fitted:
+    """Update of the pose T_map_rig.
+
+    Args:
+        of: (S,) which landmark each sighting is of.
+        known: (6,6) information of the pose R (3,3), p (3,) foretold: shift, and turn about the map's axes.
+
+    Returns:
+        The sightings used (S,), R, p, the normal matrix (6,6), and the chi2 of corners and prediction together.
+
+    Raises:
+        ValueError: a shape differs.
+        numpy.linalg.LinAlgError: something is not determined at all.
+    """
+    S = len(corners)
+    of, known = contiguous(of, (S,), np.int64), contiguous(known, (6, 6))
+    R, p = contiguous(R, (3, 3)).copy(), contiguous(p, (3,)).copy()
+    kernels = _kernels()
+    if kernels is None:
+        return update_space_numpy(corners, of, known, R, p, update)
+    used, normal, numbers, cost = np.ones(S, dtype=np.bool_), np.empty((6, 6)), np.empty((2, S)), ctypes.c_double()
+    if kernels[0](
+        corners.struct, update.struct, *addresses(of, known, used, R, p, normal), cost, *addresses(*numbers)
+    ):
+        raise np.linalg.LinAlgError("the pose is not determined")
+    return used, R, p, normal, cost.value
+
+
+def update_space_numpy(corners: Corners, of: Ints, known: Array, R: Array, p: Array, update: Update) -> Fitted:
+    """Definition of :func:`update_space`."""
+
+    def fit(used: Flags) -> tuple[Array, Array, Array, Array]:
+        there, at, normal = R, p, known
+        for _ in range(update.iterations):
+            N, g, _ = pose_equations_numpy(corners, NO_PRIOR, there[None], at[None], used[None])
+            normal = N[0] + known
+            step = np.linalg.solve(normal, g[0] + known @ _off(R, p, there, at))
+            there, at = turns(step[None, 3:])[0] @ there, at + step[:3]
+            if step @ normal @ step < update.converged:
+                break
+        return there, at, normal, _off(R, p, there, at)
+
+    used, (there, at, normal, off), chi2 = _believed(corners, of, fit, lambda fitted: fitted[:2], update.limit)
+    return used, there, at, normal, float(chi2[used].sum() + off @ known @ off)
+
+
+def update_planar(
+    corners: Corners, of: Ints, before: Array, R_base: Array, t_base: Array, state: Array, update: Update
+) -> tuple[Flags, Array, Array, float]:
+    """Update of the state of a robot on a level floor: x, y, heading, what else it may be, lift, roll, pitch.
+
+    Args:
+        of: (S,) which landmark each sighting is of.
+        before: (N,N) information of the state foretold (N,), N at most 12.
+        R_base, t_base: (3,3), (3,) of the camera on the base.
+
+    Returns:
+        The sightings used (S,), the state, its normal matrix (N,N), and the chi2 of corners and prediction together.
+
+    Raises:
+        ValueError: a shape differs.
+        numpy.linalg.LinAlgError: something is not determined at all.
+    """
+    S, size = len(corners), len(state)
+    if not 6 <= size <= MOST:
+        raise ValueError(f"a state of {size} numbers, expected 6 to {MOST}")
+    of, before = contiguous(of, (S,), np.int64), contiguous(before, (size, size))
+    R_base, t_base, state = contiguous(R_base, (3, 3)), contiguous(t_base, (3,)), contiguous(state, (size,)).copy()
+    kernels = _kernels()
+    if kernels is None:
+        return update_planar_numpy(corners, of, before, R_base, t_base, state, update)
+    used, normal, numbers, cost = (
+        np.ones(S, dtype=np.bool_),
+        np.empty_like(before),
+        np.empty((2, S)),
+        ctypes.c_double(),
+    )
+    if kernels[1](
+        corners.struct, update.struct, *addresses(of), size, *addresses(before, R_base, t_base, used, state, normal),
+        cost, *addresses(*numbers),
+    ):  # fmt: skip
+        raise np.linalg.LinAlgError("the state is not determined")
+    return used, state, normal, cost.value
+
+
+def update_planar_numpy(
+    corners: Corners, of: Ints, before: Array, R_base: Array, t_base: Array, state: Array, update: Update
+) -> tuple[Flags, Array, Array, float]:
+    """Definition of :func:`update_planar`."""
+
+    def fit(used: Flags) -> tuple[Array, Array]:
+        there, normal = state, before
+        for _ in range(update.iterations):
+            R, p = _camera(there, R_base, t_base)
+            N, g, _ = pose_equations_numpy(corners, NO_PRIOR, R[None], p[None], used[None])
+            J = _camera_by_state(there, t_base)
+            normal = before + J.T @ N[0] @ J
+            step = np.linalg.solve(normal, before @ (state - there) + J.T @ g[0])
+            there = there + step
+            if step @ normal @ step < update.converged:
+                break
+        return there, normal
+
+    used, (there, normal), chi2 = _believed(
+        corners, of, fit, lambda fitted: _camera(fitted[0], R_base, t_base), update.limit
+    )
+    off = there - state
+    return used, there, normal, float(chi2[used].sum() + off @ before @ off)
+
+
+def _believed(
+    corners: Corners,
+    of: Ints,
+    fit: Callable[[Flags], Any],
+    pose_of: Callable[[Any], tuple[Array, Array]],
+    limit: float,
+) -> tuple[Flags, Any, Array]:
+    """The sightings that fit together (S,), their fit, and the chi2 (S,) of all."""
+    used = np.ones(len(corners), dtype=bool)
+    while True:
+        fitted = fit(used)
+        R, p = pose_of(fitted)
+        chi2 = corner_misfits_numpy(corners, R[None], p[None])[0][0]
+        if not used.any() or chi2[used].max() < limit:
+            return used, fitted, chi2
+        worst = int(np.argmax(np.where(used, chi2, -1.0)))
+        # Both cameras' observations of a landmark stand and fall together.
+        used = used & (of != of[worst])
+
+
+def _off(R_to: Array, p_to: Array, R: Array, p: Array) -> Array:
+    """(6,) from a pose to another one."""
+    turned = R_to @ R.T
+    w = np.array([turned[2, 1] - turned[1, 2], turned[0, 2] - turned[2, 0], turned[1, 0] - turned[0, 1]]) / 2
+    s, c = np.sqrt(w @ w), (np.trace(turned) - 1) / 2
+    return np.concatenate([p_to - p, w * (np.arctan2(s, c) / s if s > 1e-10 else 1.0)])
+
+
+def _heading(state: Array) -> Array:
+    c, s = np.cos(state[2]), np.sin(state[2])
+    return np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
+
+
+def _camera(state: Array, R_base: Array, t_base: Array) -> tuple[Array, Array]:
+    """T_map_camera for a state."""
+    lift, roll, pitch = state[-LEAN:]
+    turn = turns(np.array([[roll, pitch, 0.0]]))[0] @ _heading(state)
+    return turn @ R_base, np.array([state[0], state[1], lift]) + turn @ t_base
+
+
+def _camera_by_state(state: Array, t_base: Array) -> Array:
+    """(6,N) derivatives of the camera's pose with the state."""
+    x, y, z = (_heading(state) @ t_base).tolist()
+    J = np.zeros((6, len(state)))
+    # x, y, heading of the base.
+    J[0, 0] = J[1, 1] = J[5, 2] = 1.0
+    J[0, 2], J[1, 2] = -y, x
+    # It leans about the floor, not about the camera.
+    J[:, -LEAN:] = [[0, 0, z], [0, -z, 0], [1, y, -x], [0, 1, 0], [0, 0, 1], [0, 0, 0]]
+    return J
+
+
+@lru_cache(maxsize=1)
+def _kernels() -> tuple[Any, Any] | None:
+    corners, update, pointer = ctypes.POINTER(_CornersStruct), ctypes.POINTER(_UpdateStruct), ctypes.c_void_p
+    number = ctypes.POINTER(ctypes.c_double)
+    space = function("lmkit_update_space", corners, update, *[pointer] * 6, number, pointer, pointer)
+    planar = function(
+        "lmkit_update_planar", corners, update, pointer, ctypes.c_int64, *[pointer] * 6, number, pointer, pointer
+    )
+    return None if space is None else (space, planar)
