@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from lmkit.kernels.grid_moments import grid_moments, grid_moments_numpy
 from lmkit.kernels.grid_pattern import GridDrawing, jets_numpy
 from lmkit.kernels.hypotheses import DecodingRules, Words, decode, decode_numpy
 from lmkit.kernels.noise import noise, noise_numpy
@@ -109,6 +110,12 @@ def _decodings(rng: np.random.Generator) -> Iterator[tuple[Any, ...]]:
     ]:
         drawing, samples, state, _ = _landmark(rng, rings, count, wild)
         yield drawing, words_with(rng, rings, codes), VIEW, samples, state, rules
+
+
+def _moments(rng: np.random.Generator) -> Iterator[tuple[Any, ...]]:
+    for side, count in [(6, 300), (8, 64), (9, 65), (3, 40)]:
+        drawing, samples, state, _ = _landmark(rng, -side, count, False)
+        yield drawing, 1, VIEW, samples, state
 
 
 def _samplings(rng: np.random.Generator) -> Iterator[tuple[Any, ...]]:
@@ -229,6 +236,7 @@ def _tables(rng: np.random.Generator, rings: int) -> ScreenTables:
 PATTERN_CALLS = [
     (linearise, linearise_numpy, _linearisations, 1e-5),
     (register, register_numpy, _registrations, 5e-4),
+    (grid_moments, grid_moments_numpy, _moments, 1e-5),
     (robust_weights, robust_weights_numpy, _weightings, 1e-4),
     (decode, decode_numpy, _decodings, 1e-4),
     (sample, sample_numpy, _samplings, 1e-5),

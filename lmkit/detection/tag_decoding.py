@@ -15,8 +15,9 @@ import numpy as np
 
 from lmkit.arrays import BoolArray, Float32Array, FloatArray
 from lmkit.detection.decoding import CORRELATED_PIXELS
-from lmkit.kernels.grid_pattern import GridDrawing, cell_coverage_numpy
-from lmkit.kernels.registration import Samples, View, light_numpy, plane_numpy
+from lmkit.kernels.grid_moments import OTHERS, grid_moments
+from lmkit.kernels.grid_pattern import GridDrawing
+from lmkit.kernels.registration import Samples, View
 from lmkit.model.square_marker import SquareMarkerFamily
 
 CELL_RIDGE = 1e-3  # of the mean cell, so that cells smaller than the blur stay finite
@@ -138,24 +139,16 @@ class _Moments:
 def _moments(
     family: SquareMarkerFamily, empty: GridDrawing, view: View, state: FloatArray, samples: Samples
 ) -> _Moments:
-    points, spread, _, _ = plane_numpy(view, state, samples.at.T.astype(np.float64))
-    scale = (light_numpy(view, state, points) / np.sqrt(samples.variance)).astype(np.float32)
-    side, border = family.cells, family.border_cells
-    cells = cell_coverage_numpy(empty, points, spread)
-    paper = cell_coverage_numpy(GridDrawing(0.0, empty.paper, np.ones((1, 1))), points, spread)[0]
-    face = cells.sum(axis=0)
-    inside = cells.reshape(side, side, -1)[border:-border, border:-border].reshape(family.bits**2, -1)
-    columns = np.vstack([inside, face - inside.sum(axis=0), paper - face, 1 - paper]) * scale
-    values = samples.values / np.sqrt(samples.variance)
-    gram = (columns @ columns.T).astype(np.float64)
-    seen = (columns @ values.T).astype(np.float64)
-    energy = float(np.sum(values.astype(np.float64) ** 2))
+    moments = grid_moments(empty, family.border_cells, view, samples, state)
+    count = family.bits**2 + OTHERS
+    gram, seen = moments[:count, :count], moments[:count, count:]
+    energy, weight = float(np.trace(moments[count:, count:])), 3 * float(gram.sum())
     # Free the others of the surroundings, whatever their light.
     beyond, of_beyond = gram[-1] / max(gram[-1, -1], 1e-9), seen[-1]
     energy -= float(np.sum(of_beyond**2)) / max(gram[-1, -1], 1e-9)
     seen = seen - np.outer(beyond, of_beyond)
     gram = gram - np.outer(beyond, gram[-1])
-    return _Moments(gram[:-1, :-1], seen[:-1], energy, 3 * float(np.sum(scale**2)))
+    return _Moments(gram[:-1, :-1], seen[:-1], energy, weight)
 
 
 def _left(white: Float32Array, G: FloatArray, S: FloatArray, energy: float) -> tuple[FloatArray, FloatArray]:

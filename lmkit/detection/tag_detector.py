@@ -11,7 +11,7 @@ from lmkit.detection.candidates import WhereToLook, find_candidates
 from lmkit.detection.config import DetectOptions
 from lmkit.detection.linear_image import LinearImage
 from lmkit.detection.pixel_sampling import mean_side
-from lmkit.detection.tag_registration import TagCandidate, TagRule, register_and_decode_tag
+from lmkit.detection.tag_registration import TagCandidate, register_and_decode_tag
 from lmkit.detection.windows import LEAST_WINDOW_PX, clockwise, is_colourless, window_around
 from lmkit.model.square_marker import SquareMarkerFamily
 
@@ -64,12 +64,11 @@ def _read_quads(
     options: DetectOptions,
     grey: bool,
 ) -> list[TagCandidate]:
-    rule = TagRule()
     found: list[TagCandidate] = []
     for quad in quads:
         if any(_is_in(quad, other) for other in found if other.rejected is None):
             continue
-        candidate = register_and_decode_tag(image, quad, families, options, grey, rule)
+        candidate = register_and_decode_tag(image, quad, families, options, grey)
         if candidate is not None:
             found.append(candidate)
     return found

@@ -28,6 +28,7 @@ FROM_FAR = Steps(rounds=0, most=10, to_px=0.05)
 COARSE_SIDE_PX = 100.0
 COARSE_PIXELS = 400
 BEND_SIDE_PX = 40.0
+MANY_CELLS = 9  # a code distance that no square reaches by chance
 FOUND_PATTERN, MOVED_PATTERN = 0.05, 0.1  # of a square as found, and once it was moved
 
 
@@ -40,12 +41,20 @@ class TagRule:
         white_over_black: least ratio of brightness.
         cell_error: most root mean square distance of the cells from the code's.
         pattern: least share that the cells explain.
+
+    Codes that differ in few cells leave little that other squares could not show by chance: their cells must be
+    clearer.
     """
 
     margin: float = 20.0
     white_over_black: float = 1.8
     cell_error: float = 0.36
     pattern: float = 0.4
+
+    @classmethod
+    def of(cls, family: SquareMarkerFamily) -> TagRule:
+        """The rule of a family."""
+        return cls() if family.distance >= MANY_CELLS else cls(cell_error=0.24, pattern=0.55)
 
 
 @dataclass(frozen=True)
@@ -111,10 +120,9 @@ def register_and_decode_tag(
     families: Sequence[SquareMarkerFamily],
     options: DetectOptions,
     grey: bool,
-    rule: TagRule,
 ) -> TagCandidate | None:
     """The likeliest reading of a square among families; None where nothing is promising."""
-    found = [_read(image, quad, family, options, grey, rule) for family in families]
+    found = [_read(image, quad, family, options, grey) for family in families]
     read = [candidate for candidate in found if candidate is not None]
     return max(read, key=lambda c: (c.rejected is None, c.decoding.margin), default=None)
 
@@ -133,7 +141,7 @@ def read_tag_at(image: ByteArray, corners: FloatArray, family: SquareMarkerFamil
     if not fit.sample(COARSE_PIXELS, near_edges=True) or not fit.decode(FOUND_PATTERN):
         return None
     fit.register(SHARP)
-    return _candidate(fit, fit.decoding, TagRule(), fit_bend=False) if fit.decode(MOVED_PATTERN) else None
+    return _candidate(fit, fit.decoding, TagRule.of(family), fit_bend=False) if fit.decode(MOVED_PATTERN) else None
 
 
 def _read(
@@ -142,7 +150,6 @@ def _read(
     family: SquareMarkerFamily,
     options: DetectOptions,
     grey: bool,
-    rule: TagRule,
 ) -> TagCandidate | None:
     quad = image.straightened(_coarse_corners(image, quad, family, grey))
     side = mean_side(quad)
@@ -166,7 +173,7 @@ def _read(
     fit.register(FINE._replace(fit_bend=fit_bend))
     if not fit.decode(MOVED_PATTERN):
         return None
-    return _candidate(fit, fit.decoding, rule, fit_bend)
+    return _candidate(fit, fit.decoding, TagRule.of(family), fit_bend)
 
 
 def _coarse_corners(image: LinearImage, quad: FloatArray, family: SquareMarkerFamily, grey: bool) -> FloatArray:
