@@ -2,7 +2,7 @@
 
     uv run --extra benchmark python benchmarks/rooms.py ../shared/data/rooms [../shared/data/drive]
 
-lmkit stands there as it is, with ``--fast``, and with the camera's calibration given.  A recording has
+lmkit stands there as it is, with ``--fast``, with the camera's calibration given, and on the AprilTags.  A recording has
 landmarks only.
 
 Every scene exists twice, once with lm8 landmarks and once with AprilTag 36h11 of the same size in
@@ -24,6 +24,7 @@ from peers import READERS, wilson
 from lmkit.detection.config import ACCURATE, FAST, DetectOptions
 from lmkit.detection.detector import detect_landmarks
 from lmkit.geometry.camera import CameraModel
+from lmkit.model.families import families_named
 
 SIDES = (15, 20, 25, 30, 60, 1e9)
 TILTS = (0, 30, 60, 80)
@@ -46,6 +47,12 @@ def lmkit_readers(truth: dict) -> dict:
         name: lambda image, eye, way=way: [(d.code, d.corners) for d in detect_landmarks(image, way(eye))]
         for name, way in ways.items()
     }
+
+
+def read_tags(image: np.ndarray) -> list:
+    """lmkit on AprilTags, which the rooms show as OpenCV draws them: upside down."""
+    found = detect_landmarks(image, DetectOptions(families_named("tag36h11")))
+    return [(d.code, np.roll(d.corners, 2, axis=0)) for d in found]
 
 
 def score(folder: Path, detect) -> dict:
@@ -108,6 +115,7 @@ def main(rooms: Path, drive: Path | None) -> None:
     cv2.setNumThreads(1)
     truth = json.loads((rooms / "landmark" / "truth.json").read_text())
     results = {name: score(rooms / "landmark", detect) for name, detect in lmkit_readers(truth).items()}
+    results["lmkit on tag36h11"] = score(rooms / "tag36h11", lambda image, eye: read_tags(image))
     for name in ("AprilTag 3", "locus-tag"):
         peer = READERS[name].make()
         results[name] = score(rooms / "tag36h11", lambda image, eye, peer=peer: peer(image))

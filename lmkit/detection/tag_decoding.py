@@ -1,8 +1,8 @@
 """Decoding of a registered square marker: every code in every quarter turn, scored by likelihood.
 
 Black, white and surroundings are free for every hypothesis and channel; the score is what the pixels leave
-unexplained.  Cells that a code does not need to explain are fitted on their own too: a square with some other
-content fits them far better than any code does.
+unexplained.  The cells are fitted on their own too: in a square with some other content they are not those of any
+code.
 """
 
 from __future__ import annotations
@@ -20,7 +20,6 @@ from lmkit.kernels.grid_pattern import GridDrawing
 from lmkit.kernels.registration import Samples, View
 from lmkit.model.square_marker import SquareMarkerFamily
 
-CELL_RIDGE = 1e-3  # of the mean cell, so that cells smaller than the blur stay finite
 SHORTLIST = 64  # readings that are scored in full
 MODEL_SHARE = 0.02  # of the contrast, which no model of blur and print gets better
 
@@ -33,7 +32,6 @@ class TagDecoding:
         code, quarter: the likeliest reading.
         margin: log likelihood ratio (nats) against the likeliest other reading, of another code or quarter turn.
         pattern: share of what a border with a plain inside leaves unexplained that the code's cells explain.
-        misfit: nats per cell by which free cells explain the pixels better than the code does.
         white, black: linear light, mean over the channels.
         cells: (bits,bits) each cell fitted on its own: 0 black, 1 white; in the square's frame.
         expected: (bits,bits) what the code says of them, in the square's frame.
@@ -43,7 +41,6 @@ class TagDecoding:
     quarter: int
     margin: float
     pattern: float
-    misfit: float
     white: float
     black: float
     cells: FloatArray
@@ -112,13 +109,12 @@ def decode_tag(
     evidence = samples.values.size / CORRELATED_PIXELS / 2 / channel_repeats
     # No model explains print and blur to the last bit.
     floor = MODEL_SHARE**2 * float(np.mean((inks[first, 0] - inks[first, 1]) ** 2)) * moments.weight
-    least, free = (max(float(value), 1e-9) + floor for value in (left[first], _free_left(G, S, energy)))
+    least = max(float(left[first]), 1e-9) + floor
     return TagDecoding(
         code=best % family.code_count,
         quarter=best // family.code_count,
         margin=evidence * math.log(max((float(left[second]) + floor) / least, 1.0)),
         pattern=1 - float(left[first]) / max(float(plain[0]), 1e-9),
-        misfit=evidence * math.log(max(least / free, 1.0)) / bits,
         white=float(inks[first, 0].mean()),
         black=float(inks[first, 1].mean()),
         cells=_cells(G, S, inks[first]).reshape(family.bits, family.bits),
@@ -179,12 +175,6 @@ def _left(white: Float32Array, G: FloatArray, S: FloatArray, energy: float) -> t
     )
     left = energy - (inks[:, 0] * white_seen + inks[:, 1] * black_seen).sum(axis=1)
     return np.where(inks[:, 0].sum(axis=1) > inks[:, 1].sum(axis=1), left, np.inf), inks
-
-
-def _free_left(G: FloatArray, S: FloatArray, energy: float) -> FloatArray:
-    """Energy that cells of any brightness, border and margin leave unexplained."""
-    ridge = CELL_RIDGE * np.trace(G) / len(G) * np.eye(len(G))
-    return np.asarray(energy - np.sum(S * np.linalg.solve(G + ridge, S)))
 
 
 def _cells(G: FloatArray, S: FloatArray, inks: FloatArray) -> FloatArray:

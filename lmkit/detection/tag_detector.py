@@ -82,10 +82,10 @@ def _is_in(quad: FloatArray, read: TagCandidate) -> bool:
 
 def distinct(quads: FloatArray) -> FloatArray:
     """(N,4,2) quads without those that have nearly the corners of an earlier one, from whichever corner on."""
-    kept: list[FloatArray] = []
+    kept = np.zeros((0, 4, 2))
     for quad in quads:
-        close = SAME * mean_side(quad)
-        turned = [np.roll(quad, k, axis=0) for k in range(4)]
-        if not any(np.abs(t - other).max() < close for other in kept for t in turned):
-            kept.append(quad)
-    return np.array(kept).reshape(-1, 4, 2)
+        turned = np.stack([np.roll(quad, k, axis=0) for k in range(4)])
+        apart = np.abs(turned[:, None] - kept[None]).max(axis=(2, 3))
+        if not (apart < SAME * mean_side(quad)).any():
+            kept = np.concatenate([kept, quad[None]])
+    return kept

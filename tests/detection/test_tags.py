@@ -72,6 +72,16 @@ def test_another_family_is_not_read() -> None:
     assert len(lmkit.detect(image, "tag36h10")) == 0
 
 
+def test_only_around_what_is_expected() -> None:
+    image = photograph("tag36h11", 5)
+    detector = lmkit.Detector("tag36h11")
+    first = detector.detect(image)
+    again = detector.detect(image, near=first)
+    assert [d.id for d in again] == [d.id for d in first]
+    assert np.abs(again.corners - first.corners).max() < 0.02
+    assert len(detector.detect(image, near=first.corners + 90)) == 0
+
+
 def test_nested_dictionaries_are_refused() -> None:
     with pytest.raises(InputError, match="share their drawing"):
         lmkit.detect(photograph("aruco4x4_50", 1), "aruco4x4_50,aruco4x4_250")
