@@ -2,8 +2,8 @@
 
     uv run --extra benchmark python benchmarks/rooms.py ../shared/data/rooms [../shared/data/drive]
 
-lmkit stands there as it is, with ``--fast``, with the camera's calibration given, and on the AprilTags.  A recording has
-landmarks only.
+lmkit stands there as it is, with ``--fast``, with the camera's calibration given, and on the AprilTags.  A
+recording has landmarks only.
 
 Every scene exists twice, once with lm8 landmarks and once with AprilTag 36h11 of the same size in
 the same places (`landmark/` and `tag36h11/`, each with its `truth.json`).  A landmark counts when
