@@ -39,7 +39,7 @@ def list_groups(sources: Sequence[str]) -> list[tuple[Path, ...]]:
     """The image files of one or more folders or globs, grouped by sorted name.
 
     Raises:
-        InputError: there are none, or not as many of every camera.
+        InputError: there are none, not as many of every camera, or one file is of two cameras.
     """
     lists = [list_pictures(source) for source in sources]
     counts = [len(files) for files in lists]
@@ -49,14 +49,19 @@ def list_groups(sources: Sequence[str]) -> list[tuple[Path, ...]]:
         else:
             text = f"the cameras have {', '.join(map(str, counts))} images"
         raise InputError("unpaired", text, "give folders or globs with as many images each, with matching names")
-    return list(zip(*lists, strict=True))
+    groups = list(zip(*lists, strict=True))
+    for files in groups:
+        if len({file.resolve() for file in files}) < len(files):
+            hint = "give each camera its own folder"
+            raise InputError("same_images", f"{files[-1]} is given as the image of two cameras", hint)
+    return groups
 
 
 def list_pairs(left: str, right: str) -> list[tuple[Path, Path]]:
     """The image files of two folders or globs, paired by sorted name.
 
     Raises:
-        InputError: there are none, or not as many on both sides.
+        InputError: there are none, not as many on both sides, or the same files on both.
     """
     return [(files[0], files[1]) for files in list_groups([left, right])]
 

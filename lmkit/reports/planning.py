@@ -21,9 +21,11 @@ def draw_coverage(
     floor: FloorPlan, landmarks: LandmarkMap, coverage: PoseCoverage, demand: Demand, kind: str = "png"
 ) -> bytes:
     """The error to expect at every place, as colours; the bytes of a PNG or SVG file."""
-    share = coverage.covered(demand).mean()
-    title = f"Expected position error in the best {demand.headings:.0%} of headings; requirement met at {share:.0%}"
-    underlay = floor_underlay(floor, coverage.places, coverage.typical_error_m(demand.headings))
+    met = coverage.covered(demand)
+    title = (
+        f"Expected position error in the best {demand.headings:.0%} of headings; requirement met at {met.mean():.0%}"
+    )
+    underlay = floor_underlay(floor, coverage.places, coverage.typical_error_m(demand.headings), ~met)
     return draw_plan(landmarks, [], title=title, kind=kind, underlay=underlay)
 
 

@@ -8,13 +8,14 @@ import numpy as np
 from scipy.ndimage import distance_transform_edt, label
 from scipy.spatial import cKDTree
 
-from lmkit.arrays import FloatArray
+from lmkit.arrays import BoolArray, FloatArray
 from lmkit.model.floor_plan import FloorPlan
 from lmkit.visualization.canvas import Rgb
 from lmkit.visualization.plan_view import Note, Underlay
 
 FREE, WALL, BLIND, OUTSIDE = (255, 255, 255), (70, 74, 80), (222, 222, 226), (244, 244, 242)
 WALL_SHOWN_M = 0.15
+HATCH, HATCH_CELLS = (96, 60, 110), 5  # color of the lines, and distance between them
 LEAST_ROOM_M2 = 1.0
 NOTED_AT, NOTED_OFF_M = (0.5, 0.4, 0.6, 0.3, 0.7), 0.45  # the name of a wall: along it, and off it
 # From well known to badly known, evenly in brightness so that they print in grey, too.
@@ -29,8 +30,13 @@ COLORS: tuple[Rgb, ...] = (
 LEVELS_M = (0.01, 0.02, 0.05, 0.1, 0.3)
 
 
-def floor_underlay(floor: FloorPlan, places: FloatArray | None = None, error_m: FloatArray | None = None) -> Underlay:
-    """The walls, and for (N,2) places the (N,) errors to be expected there, where given."""
+def floor_underlay(
+    floor: FloorPlan,
+    places: FloatArray | None = None,
+    error_m: FloatArray | None = None,
+    fails: BoolArray | None = None,
+) -> Underlay:
+    """The walls; for (N,2) places, where given, the (N,) errors to be expected, hatched where (N,) fails is true."""
     rgb = np.where(floor.free[:, :, None], np.array(FREE), np.array(WALL)).astype(np.uint8)
     legend: tuple[tuple[Rgb, str], ...] = ()
     if places is not None and error_m is not None:
@@ -45,6 +51,10 @@ def floor_underlay(floor: FloorPlan, places: FloatArray | None = None, error_m: 
         words = [f"{100 * low:g} to {100 * high:g} cm" for low, high in pairwise(LEVELS_M)]
         names = [f"under {100 * LEVELS_M[0]:g} cm", *words, f"over {100 * LEVELS_M[-1]:g} cm", "blind"]
         legend = tuple(zip((*COLORS, BLIND), names, strict=True))
+        if fails is not None and fails.any():
+            hatched = near & fails[nearest] & ((rows + columns) % HATCH_CELLS == 0)
+            rgb[rows[hatched], columns[hatched]] = HATCH
+            legend = (*legend, (HATCH, "hatched: requirement not met"))
     low = floor.origin
     high = (low[0] + floor.size_m[0], low[1] + floor.size_m[1])
     # Far from free space there is nothing to show.

@@ -24,6 +24,7 @@ CHI2_2D_95 = 5.991
 OFF_WALL_PX = 9  # so far before its wall a landmark is drawn
 LABEL_PX = 48.0  # between labels, so that they can be read
 SAME_PLACE_M = 0.05
+UPRIGHT = 0.3  # length in the plan of the normal of a landmark on a wall; shorter on floors and ceilings
 
 ROOM, WALL, INK = (255, 255, 255), (70, 74, 80), (40, 42, 46)
 RED, BLUE, GREEN, ORANGE = (237, 28, 36), (0, 84, 166), (34, 139, 72), (226, 120, 20)
@@ -217,7 +218,11 @@ class _Plan:
 
     def landmark(self, pose: Pose, size_m: float) -> None:
         """A bar on the landmark's own side of its wall."""
-        along, middle = pose.R[:2, 0], pose.t[:2] + OFF_WALL_PX / self.scale * pose.R[:2, 2]
+        # Across the normal, so that a landmark that is rotated on its wall is as wide as any other.
+        across = np.array([-pose.R[1, 2], pose.R[0, 2]])
+        along = across if np.linalg.norm(across) > UPRIGHT else pose.R[:2, 0]
+        along = along / max(float(np.linalg.norm(along)), 1e-9)
+        middle = pose.t[:2] + OFF_WALL_PX / self.scale * pose.R[:2, 2]
         a, b = middle - along * size_m / 2, middle + along * size_m / 2
         self.canvas.line([self.at(a), self.at(b)], RED, 12)
         self.canvas.line([self.at(a + 0.02 * (b - a)), self.at(b - 0.02 * (b - a))], BLUE, 6)

@@ -29,7 +29,7 @@ from lmkit.planning.visibility import find_sights
 from lmkit.reports.planning import draw_coverage
 from lmkit.simulation.recording import WheelErrors
 from lmkit.simulation.robot import SimulatedRobot
-from lmkit.visualization.floor_layer import floor_underlay, wall_notes
+from lmkit.visualization.floor_layer import HATCH, floor_underlay, wall_notes
 from lmkit.visualization.plan_view import draw_plan
 
 RADIUS_M = 0.25
@@ -335,3 +335,13 @@ def test_labels_do_not_lie_over_each_other(tmp_path):
     assert ">7, 9<" in drawn
     assert ">11<" in drawn
     assert ">9<" not in drawn
+
+
+def test_failing_places_are_hatched_in_the_coverage_drawing(tmp_path):
+    floor = two_rooms(tmp_path)
+    coverage = predict_coverage(floor, list(hung_every(floor, 2.0)), RIG, RADIUS_M, 0.5)
+    for demand in (EASY, replace(EASY, error_m=1e-6)):
+        met = coverage.covered(demand)
+        layer = floor_underlay(floor, coverage.places, coverage.typical_error_m(demand.headings), ~met)
+        assert (layer.rgb == HATCH).all(axis=2).any() == (not met.all())
+    assert not met.any()
