@@ -1,0 +1,67 @@
+"""Three cameras in a row: neighbours see the board together, the outer ones never do."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from board_views import BOARD
+
+from lmkit.calibration.mono import calibrate_camera
+from lmkit.calibration.several_cameras import calibrate_rig
+from lmkit.errors import InputError
+from lmkit.geometry.pose import Pose
+from lmkit.geometry.rotations import rotation_log
+from lmkit.model.observation import BoardObservation, PairView
+from lmkit.simulation.scene import board_poses, make_rig
+
+STEREO = make_rig()
+CAMERA = STEREO.left
+IDS = np.arange(len(BOARD.object_points))
+STEP = Pose("camera", "camera", STEREO.T_right_left.R, STEREO.T_right_left.t)
+
+
+def simulated(seed: int, order=(0, 1, 2)):
+    """Corners of every camera by frame; the first frames are seen by cameras 0 and 1, the others by 1 and 2."""
+    rng = np.random.default_rng(seed)
+    seen = [{}, {}, {}]
+    for first in (0, 1):
+        for k, pose in enumerate(board_poses(seed + first, STEREO, BOARD, 20)):
+            points = pose.apply(BOARD.object_points)
+            for camera, there in ((first, points), (first + 1, STEP.apply(points))):
+                pixels = CAMERA.project(there) + rng.normal(0, 0.1, (len(points), 2))
+                seen[camera][f"{first}{k:02d}"] = BoardObservation(IDS, pixels)
+    return [seen[k] for k in order]
+
+
+def calibrated(seen):
+    cameras = [calibrate_camera(list(views.items()), BOARD, CAMERA.image_size, "pinhole") for views in seen]
+    pairs = {
+        (a, b): [
+            PairView(name, IDS, seen[a][name].image_points, IDS, seen[b][name].image_points)
+            for name in sorted(seen[a].keys() & seen[b].keys())
+        ]
+        for a, b in ((0, 1), (0, 2), (1, 2))
+    }
+    return calibrate_rig(["a", "b", "c"], cameras, pairs, BOARD)
+
+
+@pytest.mark.parametrize("order", [(0, 1, 2), (1, 0, 2), (2, 1, 0)])
+def test_cameras_that_share_no_view_are_tied_by_the_one_between(order):
+    result = calibrated(simulated(3, order))
+    T = [Pose.identity("camera", "camera"), STEP, STEP @ STEP]
+    for k, camera in enumerate(result.rig.cameras[1:], start=1):
+        true = T[order[k]] @ T[order[0]].inverse()
+        shift = np.linalg.norm(camera.T_camera_left.t - true.t)
+        turn = np.linalg.norm(rotation_log(camera.T_camera_left.R @ true.R.T))
+        sigma = np.sqrt(np.diag(camera.covariance))
+        print(shift, np.rad2deg(turn), sigma[:3], sigma[3:])
+        assert shift < min(0.004, 4 * np.linalg.norm(sigma[:3]))
+        assert turn < min(np.deg2rad(0.1), 4 * np.linalg.norm(sigma[3:]))
+    assert len(result.ties) == 2
+
+
+def test_a_camera_that_shares_nothing_is_named():
+    seen = simulated(3)
+    seen[2] = {f"z{name}": corners for name, corners in seen[2].items()}
+    with pytest.raises(InputError, match="cameras c share fewer than 3 views"):
+        calibrated(seen)
