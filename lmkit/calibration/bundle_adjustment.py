@@ -115,7 +115,7 @@ def intrinsics_prior(camera: CameraModel) -> FloatArray:
     return np.concatenate([np.zeros(4), effect / sigma])
 
 
-class _Eye:
+class CameraCorners:
     """Corners that one camera observed in all pairs, end to end."""
 
     def __init__(
@@ -154,8 +154,8 @@ class StereoProblem:
         # show comes from what no image tells, though: the lens model, the board, the light.
         relative = np.where(np.isfinite(noise), noise / max(middle, 1e-9), 1.0)
         relative = np.sqrt(OWN_NOISE * np.minimum(relative, MOST_NOISE) ** 2 + 1 - OWN_NOISE)
-        self.left = _Eye([(v.ids_left, v.left) for v in views], object_points, relative[:, 0])
-        self.right = _Eye([(v.ids_right, v.right) for v in views], object_points, relative[:, 1])
+        self.left = CameraCorners([(v.ids_left, v.left) for v in views], object_points, relative[:, 0])
+        self.right = CameraCorners([(v.ids_right, v.right) for v in views], object_points, relative[:, 1])
 
     def residuals(self, s: Solution) -> list[tuple[FloatArray, FloatArray]]:
         """Per pair, observed minus projected pixels of the left (N,2) and right (M,2) image."""
@@ -216,36 +216,36 @@ class StereoProblem:
         total = float(cauchy_cost(squared, 1.0).sum() + np.sum((prior * _shared_vector(s)) ** 2) / LOSS_WIDTH**2)
         return total if np.isfinite(total) else np.inf
 
-    def _normal_equations(self, s: Solution, scale: float, prior: FloatArray) -> _Blocks:
+    def _normal_equations(self, s: Solution, scale: float, prior: FloatArray) -> Blocks:
         nl, nr = len(intrinsics_vector(s.left)), len(intrinsics_vector(s.right))
         size = nl + nr + POSE + WARP
-        blocks = _Blocks.empty(size, self.count)
+        blocks = Blocks.empty(size, self.count)
 
         # Left camera: a pose step turns and shifts the board in the left camera's frame.
         eye = self.left
-        board, turned = _board_and_turned(eye, s)
+        board, turned = board_and_turned(eye, s.warp, s.rotations)
         pixels, by_point, by_camera = s.left.project_with_jacobian(turned + s.translations[eye.pair])
         shared = np.zeros((len(board), 2, size))
         shared[:, :, :nl] = by_camera
         shared[:, :, -WARP:] = (by_point @ s.rotations[eye.pair][:, :, 2:]) * eye.shapes[:, None]
-        blocks.add(eye, shared, _by_pose(by_point, turned), eye.pixels - pixels, scale)
+        blocks.add(eye, shared, derivatives_by_pose(by_point, turned), eye.pixels - pixels, scale)
 
         eye = self.right
         if not len(eye.ids):
             return self._with_prior(blocks, s, scale, prior)
-        board, turned = _board_and_turned(eye, s)
+        board, turned = board_and_turned(eye, s.warp, s.rotations)
         in_right_turned = (turned + s.translations[eye.pair]) @ s.R.T
         pixels, by_point, by_camera = s.right.project_with_jacobian(in_right_turned + s.t)
         by_left_point = by_point @ s.R
         shared = np.zeros((len(board), 2, size))
         shared[:, :, nl : nl + nr] = by_camera
-        shared[:, :, nl + nr : nl + nr + POSE] = _by_pose(by_point, in_right_turned)
+        shared[:, :, nl + nr : nl + nr + POSE] = derivatives_by_pose(by_point, in_right_turned)
         shared[:, :, -WARP:] = (by_left_point @ s.rotations[eye.pair][:, :, 2:]) * eye.shapes[:, None]
-        blocks.add(eye, shared, _by_pose(by_left_point, turned), eye.pixels - pixels, scale)
+        blocks.add(eye, shared, derivatives_by_pose(by_left_point, turned), eye.pixels - pixels, scale)
 
         return self._with_prior(blocks, s, scale, prior)
 
-    def _with_prior(self, blocks: _Blocks, s: Solution, scale: float, prior: FloatArray) -> _Blocks:
+    def _with_prior(self, blocks: Blocks, s: Solution, scale: float, prior: FloatArray) -> Blocks:
         blocks.prior[:] = (prior * scale) ** 2
         blocks.prior_gradient[:] = -((prior * scale) ** 2) * _shared_vector(s)
         return blocks
@@ -253,14 +253,14 @@ class StereoProblem:
     def _covariance(self, s: Solution, scale: float, prior: FloatArray, fitted: BoolArray) -> FloatArray:
         """(G,G) covariance of the shared unknowns; rows of what was not fitted are zero."""
         blocks = self._normal_equations(s, scale, prior)
-        reduced, _ = _reduced(blocks, fitted, 0.0)
+        reduced, _ = reduced_equations(blocks, fitted, 0.0)
         residuals = np.concatenate(self._whitened(s))
-        weight = _weight(residuals, scale)
+        weight = robust_weight(residuals, scale)
         degrees = max(2 * weight.sum() - fitted.sum() - POSE * self.count, 1.0)
         variance = float(np.sum(weight[:, None] * residuals**2) / degrees)
         covariance = np.linalg.pinv(reduced, hermitian=True) * variance
         full = np.zeros((len(fitted), len(fitted)))
-        full[np.ix_(fitted, fitted)] = covariance * _scatter_between_pairs(blocks, fitted, reduced, covariance)
+        full[np.ix_(fitted, fitted)] = covariance * scatter_between_pairs(blocks, fitted, reduced, covariance)
         return full
 
 
@@ -279,7 +279,7 @@ class _AtScale:
 
     def solve(self, equations: _Linearized, damping: float) -> tuple[FloatArray, FloatArray]:
         """Steps of what is shared and of the boards' poses."""
-        return _step(equations.blocks, self.fitted, damping)
+        return solve_step(equations.blocks, self.fitted, damping)
 
     def retract(self, state: Solution, step: tuple[FloatArray, FloatArray]) -> Solution:
         """The state moved by a step.
@@ -298,12 +298,12 @@ class _Linearized:
     state: Solution
 
     @cached_property
-    def blocks(self) -> _Blocks:
+    def blocks(self) -> Blocks:
         return self.at.problem._normal_equations(self.state, self.at.scale, self.at.prior)
 
 
 @dataclass(frozen=True, eq=False)
-class _Blocks:
+class Blocks:
     """Normal equations, pair by pair: shared (P,G,G), mixed (P,G,6), poses (P,6,6), and the gradients; the prior."""
 
     shared: FloatArray
@@ -315,13 +315,15 @@ class _Blocks:
     prior_gradient: FloatArray
 
     @classmethod
-    def empty(cls, size: int, count: int) -> _Blocks:
+    def empty(cls, size: int, count: int) -> Blocks:
         shapes = ((count, size, size), (count, size, POSE), (count, POSE, POSE), (count, size), (count, POSE))
         return cls(*(np.zeros(shape) for shape in (*shapes, (size,), (size,))))
 
-    def add(self, eye: _Eye, shared: FloatArray, pose: FloatArray, residual: FloatArray, scale: float) -> None:
+    def add(
+        self, eye: CameraCorners, shared: FloatArray, pose: FloatArray, residual: FloatArray, scale: float
+    ) -> None:
         """Add what one camera says: derivatives (N,2,G) and (N,2,6), residuals (N,2), px."""
-        weight = _weight(residual / eye.sigma, scale)[:, None] / eye.sigma**2
+        weight = robust_weight(residual / eye.sigma, scale)[:, None] / eye.sigma**2
         both = np.concatenate([shared, pose], axis=2)
         starts = np.concatenate([[0], eye.ends[:-1]])
         size = shared.shape[2]
@@ -341,7 +343,9 @@ def _fitted(s: Solution, options: FitOptions) -> BoolArray:
     return np.repeat([options.intrinsics, options.relation, options.warp], counts)
 
 
-def _reduced(blocks: _Blocks, fitted: BoolArray, damping: float) -> tuple[FloatArray, tuple[FloatArray, FloatArray]]:
+def reduced_equations(
+    blocks: Blocks, fitted: BoolArray, damping: float
+) -> tuple[FloatArray, tuple[FloatArray, FloatArray]]:
     """The normal matrix of the fitted shared unknowns with the poses eliminated, and what leads back to them."""
     eye = np.arange(POSE)
     poses = blocks.poses.copy()
@@ -355,9 +359,9 @@ def _reduced(blocks: _Blocks, fitted: BoolArray, damping: float) -> tuple[FloatA
     return shared - np.einsum("pgi,phi->gh", back, mixed), (inverse, back)
 
 
-def _step(blocks: _Blocks, fitted: BoolArray, damping: float) -> tuple[FloatArray, FloatArray]:
+def solve_step(blocks: Blocks, fitted: BoolArray, damping: float) -> tuple[FloatArray, FloatArray]:
     """The damped step of the shared unknowns (G,) and of the poses (P,6)."""
-    reduced, (inverse, back) = _reduced(blocks, fitted, damping)
+    reduced, (inverse, back) = reduced_equations(blocks, fitted, damping)
     gradient = (blocks.shared_gradient.sum(axis=0) + blocks.prior_gradient)[fitted]
     gradient = gradient - np.einsum("pgi,pi->g", back, blocks.pose_gradient)
     shared = np.zeros(len(fitted))
@@ -370,7 +374,7 @@ def _step(blocks: _Blocks, fitted: BoolArray, damping: float) -> tuple[FloatArra
     return shared, np.einsum("pij,pj->pi", inverse, remaining)
 
 
-def _scatter_between_pairs(blocks: _Blocks, fitted: BoolArray, reduced: FloatArray, covariance: FloatArray) -> float:
+def scatter_between_pairs(blocks: Blocks, fitted: BoolArray, reduced: FloatArray, covariance: FloatArray) -> float:
     """How many times larger the variances are when the pairs speak for themselves, at least 1.
 
     The corners of one image err together (light, focus, what the lens model leaves over), so that they count for
@@ -422,22 +426,23 @@ def _shared_vector(s: Solution) -> FloatArray:
     return np.concatenate([intrinsics_vector(s.left), intrinsics_vector(s.right), np.zeros(POSE), s.warp])
 
 
-def _weight(whitened: FloatArray, scale: float) -> FloatArray:
+def robust_weight(whitened: FloatArray, scale: float) -> FloatArray:
+    """(N,) Cauchy weights of residuals (N,2), px, at a robust scale."""
     return cauchy_weight(np.sum(whitened**2, axis=1), LOSS_WIDTH * scale)
 
 
-def _board_and_turned(eye: _Eye, s: Solution) -> tuple[FloatArray, FloatArray]:
+def board_and_turned(eye: CameraCorners, warp: FloatArray, rotations: FloatArray) -> tuple[FloatArray, FloatArray]:
     """(N,3) points of the bowed board, and the same turned by its pose."""
     board = eye.object_points.copy()
-    board[:, 2] += eye.shapes @ s.warp
-    return board, np.einsum("nij,nj->ni", s.rotations[eye.pair], board)
+    board[:, 2] += eye.shapes @ warp
+    return board, np.einsum("nij,nj->ni", rotations[eye.pair], board)
 
 
-def _to_left(eye: _Eye, s: Solution) -> FloatArray:
-    return np.asarray(_board_and_turned(eye, s)[1] + s.translations[eye.pair])
+def _to_left(eye: CameraCorners, s: Solution) -> FloatArray:
+    return np.asarray(board_and_turned(eye, s.warp, s.rotations)[1] + s.translations[eye.pair])
 
 
-def _by_pose(by_point: FloatArray, turned: FloatArray) -> FloatArray:
+def derivatives_by_pose(by_point: FloatArray, turned: FloatArray) -> FloatArray:
     """(N,2,6) derivative with a rotation vector applied on the left and with a shift."""
     # d(w x p)/dw = -skew(p), so that row v becomes p x v.
     return np.concatenate([np.cross(turned[:, None, :], by_point), by_point], axis=2)

@@ -1,29 +1,41 @@
 """`calibrate_rig`: three or more cameras, of which neighbours see the board together in turn.
 
-Every camera is calibrated on its own; the pairs of cameras that share most views, joined to a tree, give the rig.
+Every camera is calibrated on its own; the pairs of cameras that share most views, joined to a tree, give a first rig;
+one joint adjustment of all cameras and frames (`joint_cameras.py`) gives the result.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from itertools import combinations
 from typing import Any
 
 import numpy as np
 
 from lmkit.arrays import FloatArray
-from lmkit.calibration.bundle_adjustment import POSE, WARP, FitOptions, StereoProblem
-from lmkit.calibration.initialization import find_consensus, start_solution
+from lmkit.calibration.bundle_adjustment import (
+    POSE,
+    WARP,
+    CameraCorners,
+    FitOptions,
+    StereoProblem,
+    intrinsics_vector,
+)
+from lmkit.calibration.initialization import board_poses, find_consensus, start_solution
+from lmkit.calibration.joint_cameras import RigProblem, RigSolution
 from lmkit.calibration.mono import CameraCalibration
 from lmkit.errors import InputError
+from lmkit.geometry.camera import CameraModel
 from lmkit.geometry.pose import Pose
 from lmkit.geometry.rig import MountedCamera, Rig
-from lmkit.geometry.rotations import skew
+from lmkit.geometry.rotations import orthonormal
 from lmkit.model.board import BoardSpec
-from lmkit.model.observation import PairView
+from lmkit.model.observation import BoardObservation, PairView
 
 LEAST_COMMON = 3  # views that tie two cameras
 RELATION_ONLY = FitOptions(intrinsics=False, warp=False)
+Seen = Mapping[str, BoardObservation]  # of one camera, by frame
 Pairs = Mapping[tuple[int, int], Sequence[PairView]]
 
 
@@ -56,35 +68,93 @@ class RigCalibration:
 
 
 def calibrate_rig(
-    names: Sequence[str], cameras: Sequence[CameraCalibration], pairs: Pairs, board: BoardSpec
+    names: Sequence[str], cameras: Sequence[CameraCalibration], seen: Sequence[Seen], board: BoardSpec
 ) -> RigCalibration:
-    """Join calibrated cameras by the views that they share, two by two.
+    """Calibrate cameras jointly, of which each shares views with another one.
 
     Args:
         names: of the cameras.
-        pairs: for each (i, j), i < j, the views of the board that both cameras have.
+        cameras: every camera calibrated on its own.
+        seen: corners of every camera by frame; of a chessboard in the same order in all cameras.
 
     Raises:
         InputError: a camera shares fewer than three views with the others, or its views agree on no pose.
     """
-    known: dict[int, tuple[Pose, FloatArray]] = {0: (Pose.identity("camera", "left"), np.zeros((6, 6)))}
+    pairs = _pairs(seen)
+    known = {0: Pose.identity("camera", "left")}
     ties = []
     while len(known) < len(cameras):
         a, b = _widest_tie(pairs, set(known), len(cameras), names)
         parent, child = (a, b) if a in known else (b, a)
-        R, t, covariance, used, bad, rms = _relation(cameras, pairs, a, b, board)
-        if parent == b:  # the relation leads from a to b: turn it round
-            turn = np.block([[-R.T, R.T @ skew(t)], [np.zeros((3, 3)), -R.T]])
-            R, t, covariance = R.T, -R.T @ t, turn @ covariance @ turn.T
-        known[child] = _chained(R, t, covariance, *known[parent])
+        T, used, bad, rms = _relation(cameras, pairs, a, b, board)
+        known[child] = (T if parent == a else T.inverse()) @ known[parent]
         ties.append((names[parent], names[child], used, bad, rms))
-    mounted = tuple(
-        MountedCamera(
-            names[k], c.rig.left, known[k][0], known[k][1] if k else None, c.rig.cameras[0].intrinsics_sigma
+    solution = _adjusted([c.rig.left for c in cameras], [known[k] for k in range(len(cameras))], seen, board)
+    assert solution.covariance is not None
+    return RigCalibration(Rig(_mounted(names, solution)), tuple(cameras), tuple(ties))
+
+
+def _pairs(seen: Sequence[Seen]) -> Pairs:
+    return {
+        (a, b): [
+            PairView(
+                frame,
+                seen[a][frame].ids,
+                seen[a][frame].image_points,
+                seen[b][frame].ids,
+                seen[b][frame].image_points,
+            )
+            for frame in sorted(seen[a].keys() & seen[b].keys())
+        ]
+        for a, b in combinations(range(len(seen)), 2)
+    }
+
+
+def _adjusted(
+    models: Sequence[CameraModel], poses: Sequence[Pose], seen: Sequence[Seen], board: BoardSpec
+) -> RigSolution:
+    """The joint adjustment, from what single cameras and pairs say."""
+    frames: dict[str, tuple[FloatArray, FloatArray]] = {}
+    for frame in sorted(set().union(*seen)):
+        # The camera that sees most of the board says where it is.
+        k = max(range(len(seen)), key=lambda k: len(seen[k][frame].ids) if frame in seen[k] else 0)
+        found = board_poses(models[k], board.object_points[seen[k][frame].ids], seen[k][frame].image_points)
+        if found:
+            R, t, _ = found[0]
+            frames[frame] = poses[k].R.T @ R, poses[k].R.T @ (t - poses[k].t)
+    nothing = np.zeros(0, dtype=np.int64), np.zeros((0, 2))
+    corners = [
+        CameraCorners(
+            [(here[f].ids, here[f].image_points) if f in here else nothing for f in frames],
+            board.object_points,
+            np.ones(len(frames)),
         )
-        for k, c in enumerate(cameras)
+        for here in seen
+    ]
+    start = RigSolution(
+        tuple(models),
+        np.array([pose.R for pose in poses]),
+        np.array([pose.t for pose in poses]),
+        np.zeros(WARP),
+        np.array([R for R, _ in frames.values()]),
+        np.array([t for _, t in frames.values()]),
     )
-    return RigCalibration(Rig(mounted), tuple(cameras), tuple(ties))
+    return RigProblem(corners, len(frames)).solve(start)
+
+
+def _mounted(names: Sequence[str], s: RigSolution) -> tuple[MountedCamera, ...]:
+    assert s.covariance is not None
+    sigmas, at = np.sqrt(np.diag(s.covariance)), 0
+    first = sum(len(intrinsics_vector(model)) for model in s.models) - POSE
+    mounted = []
+    for k, (name, model) in enumerate(zip(names, s.models, strict=True)):
+        count = len(intrinsics_vector(model))
+        order = first + POSE * k + np.array([3, 4, 5, 0, 1, 2])  # shift, then rotation
+        T = Pose("camera", "left", orthonormal(s.R[k]) if k else np.eye(3), s.t[k])
+        covariance = s.covariance[np.ix_(order, order)] if k else None
+        mounted.append(MountedCamera(name, model, T, covariance, sigmas[at : at + count]))
+        at += count
+    return tuple(mounted)
 
 
 def _widest_tie(pairs: Pairs, known: set[int], count: int, names: Sequence[str]) -> tuple[int, int]:
@@ -103,31 +173,16 @@ def _widest_tie(pairs: Pairs, known: set[int], count: int, names: Sequence[str])
 
 def _relation(
     cameras: Sequence[CameraCalibration], pairs: Pairs, a: int, b: int, board: BoardSpec
-) -> tuple[FloatArray, FloatArray, FloatArray, int, tuple[str, ...], float]:
-    """R, t from camera a into b with their (6,6) covariance, views used, names of the others, rms in pixels."""
+) -> tuple[Pose, int, tuple[str, ...], float]:
+    """The pose from camera a into b, views used, names of the others, rms in pixels."""
     views, models = pairs[a, b], (cameras[a].rig.left, cameras[b].rig.left)
     consensus = find_consensus(board.object_points, views, *models)
     rows = np.flatnonzero(consensus.agrees)
     problem = StereoProblem(board.object_points, [views[int(k)] for k in rows])
     s = problem.solve(start_solution(consensus, rows, *models), RELATION_ONLY)
-    # The intrinsics are those of all images of a camera; what they leave open, only a fit of everything tells.
-    covariance = problem.solve(s, FitOptions()).covariance
-    assert covariance is not None
-    end = len(covariance) - WARP
-    order = end - POSE + np.array([3, 4, 5, 0, 1, 2])  # shift, then rotation
     bad = tuple(views[int(k)].name for k in np.flatnonzero(~consensus.agrees))
     off = np.concatenate([part for pair in problem.residuals(s) for part in pair])
-    return s.R, s.t, covariance[np.ix_(order, order)], len(rows), bad, float(np.sqrt((off**2).sum(axis=1).mean()))
-
-
-def _chained(
-    R: FloatArray, t: FloatArray, covariance: FloatArray, T_parent_left: Pose, parent_covariance: FloatArray
-) -> tuple[Pose, FloatArray]:
-    """T_child_left with its covariance (shift, then rotation applied on the left)."""
-    T = Pose("camera", "camera", R, t) @ T_parent_left
-    own, before = np.eye(6), np.kron(np.eye(2), R)
-    own[:3, 3:] = -skew(R @ T_parent_left.t)
-    return T, own @ covariance @ own.T + before @ parent_covariance @ before.T
+    return Pose("camera", "camera", s.R, s.t), len(rows), bad, float(np.sqrt((off**2).sum(axis=1).mean()))
 
 
 def rig_lines(result: RigCalibration) -> list[str]:

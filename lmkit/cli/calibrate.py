@@ -1,4 +1,4 @@
-"""`lmkit calibrate`: one camera or a stereo pair from images of a board; checks of a calibration; guided capture."""
+"""`lmkit calibrate`: one camera, a stereo pair or more cameras from images of a board; checks; guided capture."""
 
 from __future__ import annotations
 
@@ -27,15 +27,11 @@ REPORT_IMAGES = 6
 
 
 def run(
-    left: Annotated[
-        str | None,
+    images: Annotated[
+        list[str] | None,
         typer.Argument(
-            help="Images of one camera, or left images: folder, glob or video; with --capture also camera:0."
+            help="Images of each camera: folder or glob; of one camera also a video; camera:0 to capture."
         ),
-    ] = None,
-    right: Annotated[
-        str | None,
-        typer.Argument(help="Right images, paired with the left ones by sorted name; none for one camera."),
     ] = None,
     board: Annotated[str | None, typer.Option("--board", help=BOARD_HELP)] = None,
     measured: Annotated[
@@ -79,7 +75,7 @@ def run(
     as_json: options.Json = False,
     force: options.Force = False,
 ) -> None:
-    """Calibrate one camera from images of a board, or a stereo camera from image pairs."""
+    """Calibrate a camera, a stereo pair or a rig of more cameras from images of a board."""
     from lmkit.calibration.stereo import MODELS, calibrate_stereo, calibration_lines
     from lmkit.cli.parsing import parse_board, parse_declared
     from lmkit.io.board_corners import corners_to_json
@@ -91,7 +87,8 @@ def run(
         raise InputError("bad_model", f"--model {model} is unknown", f"choose {', '.join(MODELS)}")
     if not capture and (side_by_side or save_pairs is not None):
         raise InputError("only_capture", "--side-by-side and --save-pairs need --capture", "add --capture")
-    declared = parse_declared(baseline, fov)
+    sources, declared = images or [], parse_declared(baseline, fov)
+    left, right = (*sources, None, None)[:2]
     check_outputs((output, report, save_corners), None, force)
     if check is not None:
         from lmkit.cli.calibrate_check import check_images
@@ -106,15 +103,15 @@ def run(
         check_images(check, *_both(left, right), spec, as_json)
         return
     if corners is not None:
-        found_elsewhere = {"LEFT": left, "--board": board, "--measured": measured, "--capture": capture or None}
+        found_elsewhere = {"images": images, "--board": board, "--measured": measured, "--capture": capture or None}
         require_no("--corners", found_elsewhere)
         found = _saved(corners)
-    elif left is not None and right is None and not capture:
-        from lmkit.cli.calibrate_mono import calibrate_images
+    elif len(sources) not in (0, 2) and not capture:
+        from lmkit.cli.calibrate_cameras import calibrate_cameras
 
         for_pairs = {"--baseline": baseline, "--report": report, "--save-corners": save_corners}
-        require_no("images of one camera", for_pairs)
-        calibrate_images(left, parse_board(board, measured), model, declared, output, as_json, force)
+        require_no(f"images of {len(sources)} camera(s)", for_pairs)
+        calibrate_cameras(sources, parse_board(board, measured), model, declared, output, as_json, force)
         return
     elif capture or (left is not None and are_moving(left)):
         from lmkit.cli.calibrate_capture import capture_pairs
@@ -128,8 +125,8 @@ def run(
     result = calibrate_stereo(seen.views, seen.board, seen.image_size, model, seen.rejected, declared)
     written += write_outputs({output: rig_to_yaml(result.rig)}, force)
     if report is not None:
-        images = found.some_pictures([view.name for view in result.used], REPORT_IMAGES)
-        written += write_outputs({report: calibration_report(result, seen.board, images)}, force)
+        shown = found.some_pictures([view.name for view in result.used], REPORT_IMAGES)
+        written += write_outputs({report: calibration_report(result, seen.board, shown)}, force)
     if as_json:
         print_json(result.to_dict())
         return

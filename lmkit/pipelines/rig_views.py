@@ -4,15 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from functools import partial
-from itertools import combinations
 from pathlib import Path
 
 from lmkit.calibration.mono import calibrate_camera
 from lmkit.calibration.several_cameras import RigCalibration, calibrate_rig
+from lmkit.detection.boards import same_orientation
 from lmkit.io.image_groups import list_groups
 from lmkit.model.board import BoardSpec
-from lmkit.model.observation import BoardObservation, PairView
-from lmkit.pipelines.board_views import pair_view
+from lmkit.model.observation import BoardObservation
 from lmkit.pipelines.camera_views import find_board_images
 
 
@@ -32,23 +31,28 @@ def calibrate_sources(
         InputError: not as many images of every camera, too few views of a camera or of a pair of cameras.
     """
     groups = list_groups(sources)
-    seen: list[dict[int, BoardObservation]] = []
+    seen: list[dict[str, BoardObservation]] = []
     cameras = []
     for k, source in enumerate(sources):
         done = k * len(groups)
         found = find_board_images(source, board, partial(_count_on, on_image, done, len(sources) * len(groups)))
         board = found.board
-        number = {files[k].stem: row for row, files in enumerate(groups)}
-        seen.append({number[name]: corners for name, corners in found.views})
         cameras.append(calibrate_camera(found.views, board, found.image_size, model, found.rejected))
-    pairs: dict[tuple[int, int], list[PairView]] = {}
-    for a, b in combinations(range(len(sources)), 2):
-        views = [
-            pair_view(groups[row][a].stem, seen[a][row], seen[b][row], board)
-            for row in sorted(seen[a].keys() & seen[b].keys())
-        ]
-        pairs[a, b] = [view for view in views if isinstance(view, PairView)]
-    return calibrate_rig(_names(sources), cameras, pairs, board)
+        # A frame is named by its first image.
+        frame = {files[k].stem: files[0].stem for files in groups}
+        believed = set(cameras[-1].used)
+        seen.append({frame[name]: corners for name, corners in found.views if name in believed})
+    if board.kind == "chessboard":
+        seen = _oriented(seen)
+    return calibrate_rig(_names(sources), cameras, seen, board)
+
+
+def _oriented(seen: Sequence[dict[str, BoardObservation]]) -> list[dict[str, BoardObservation]]:
+    """The corners with those of every frame in the order of the first camera that sees the board."""
+    first: dict[str, BoardObservation] = {}
+    for camera in seen:
+        first = camera | first
+    return [{frame: same_orientation(first[frame], here) for frame, here in camera.items()} for camera in seen]
 
 
 def _count_on(on_image: Callable[[int, int], None], before: int, total: int, done: int, _: int) -> None:

@@ -165,7 +165,7 @@ def test_rectified_rows_match(lmkit, data, pairs, tmp_path):
         (["l", "r", "--board", SPEC, "--fov", "0"], "--fov 0"),
         (["l", "r", "--board", SPEC, "--baseline", "12"], "--baseline"),
         (["l", "r", "--board", SPEC, "--save-pairs", "x"], "--capture"),
-        (["l", "r", "--corners", "c.json"], "--corners and LEFT"),
+        (["l", "r", "--corners", "c.json"], "--corners and images"),
         (["l", "r", "--check", "rig.yaml", "--measured", "1x1mm"], "--board"),
         (["l", "r", "--check", "rig.yaml", "-o", "x.yaml"], "--check and -o"),
         (["l", "--capture", "--board", SPEC], "--side-by-side"),
