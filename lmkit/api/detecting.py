@@ -29,6 +29,7 @@ class Detector:
         families: names such as ``"lm8"``, ``"lm8,lm4"``, or a list of them.
         camera: the calibrated camera that took the images; its distortion then replaces a guess.
         profile: ``"accurate"``, ``"balanced"`` or ``"fast"``.
+        strictness: ``"strict"`` (fewer wrong codes), ``"default"`` or ``"eager"`` (more small landmarks).
 
     Examples:
         >>> import lmkit
@@ -38,9 +39,14 @@ class Detector:
     """
 
     def __init__(
-        self, families: Families = "lm8", *, camera: CameraModel | None = None, profile: str = "balanced"
+        self,
+        families: Families = "lm8",
+        *,
+        camera: CameraModel | None = None,
+        profile: str = "balanced",
+        strictness: str = "default",
     ) -> None:
-        self.options = detect_options(families, camera, profile)
+        self.options = detect_options(families, camera, profile, strictness)
         self._silent = False
 
     def detect(self, image: ImageLike, near: Sequence[Detection] | FloatArray | None = None) -> Detections:
@@ -65,13 +71,18 @@ class Detector:
 
 
 def detect(
-    image: ImageLike, families: Families = "lm8", *, camera: CameraModel | None = None, profile: str = "balanced"
+    image: ImageLike,
+    families: Families = "lm8",
+    *,
+    camera: CameraModel | None = None,
+    profile: str = "balanced",
+    strictness: str = "default",
 ) -> Detections:
     """Detect the landmarks of one image.
 
     Args:
         image: (H,W,3) BGR, 8 bit, or the path of an image file.
-        families, camera, profile: settings of the `Detector`, which is faster for many images.
+        families, camera, profile, strictness: settings of the `Detector`, which is faster for many images.
 
     Returns:
         Detections, largest first.
@@ -85,7 +96,7 @@ def detect(
         >>> detections.corners.shape[1:]
         (4, 2)
     """
-    return Detector(families, camera=camera, profile=profile).detect(image)
+    return Detector(families, camera=camera, profile=profile, strictness=strictness).detect(image)
 
 
 def _corners_of(near: Sequence[Detection] | FloatArray) -> FloatArray:
@@ -101,17 +112,23 @@ def _corners_of(near: Sequence[Detection] | FloatArray) -> FloatArray:
     return found.reshape(-1, 4, 2)
 
 
-def detect_options(families: Families, camera: CameraModel | None, profile: str) -> DetectOptions:
+def detect_options(
+    families: Families, camera: CameraModel | None, profile: str, strictness: str = "default"
+) -> DetectOptions:
     """Options of the detector.
 
     Raises:
-        InputError: an unknown family or profile.
+        InputError: an unknown family, profile or strictness.
     """
+    from lmkit.detection.acceptance import STRICTNESSES
     from lmkit.detection.config import PROFILES, DetectOptions
 
     if profile not in PROFILES:
         raise InputError("bad_profile", f"profile {profile!r} is unknown", f"choose {', '.join(PROFILES)}")
-    return DetectOptions(as_families(families), PROFILES[profile], camera=camera)
+    if strictness not in STRICTNESSES:
+        known = ", ".join(STRICTNESSES)
+        raise InputError("bad_strictness", f"strictness {strictness!r} is unknown", f"choose {known}")
+    return DetectOptions(as_families(families), PROFILES[profile], STRICTNESSES[strictness], camera=camera)
 
 
 def draw(

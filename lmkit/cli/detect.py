@@ -28,10 +28,17 @@ def run(
     fast: Annotated[
         bool, typer.Option("--fast", help="Faster; misses small landmarks and landmarks in shadow.")
     ] = False,
+    strict: Annotated[
+        bool, typer.Option("--strict", help="Fewer wrong codes; rejects more small and blurred landmarks.")
+    ] = False,
+    eager: Annotated[
+        bool, typer.Option("--eager", help="More small and blurred landmarks; more wrong codes.")
+    ] = False,
     jobs: options.Jobs = None,
     force: options.Force = False,
 ) -> None:
     """Find and read landmarks in images and videos."""
+    from lmkit.detection.acceptance import STRICTNESSES
     from lmkit.detection.config import BALANCED, FAST, DetectOptions
     from lmkit.io.image_sources import frame_count
     from lmkit.io.images import read_image
@@ -46,7 +53,10 @@ def run(
     )
     from lmkit.visualization.overlay import draw_landmarks
 
-    choices = DetectOptions(families_named(family), FAST if fast else BALANCED)
+    if strict and eager:
+        raise InputError("contradicting_options", "--strict and --eager exclude each other", "give one of them")
+    rule = STRICTNESSES["strict" if strict else "eager" if eager else "default"]
+    choices = DetectOptions(families_named(family), FAST if fast else BALANCED, rule)
     check_outputs((csv,), None, force)
     count = found = colorless = 0
     failed: list[InputError] = []

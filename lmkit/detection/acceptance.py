@@ -1,40 +1,123 @@
-"""Thresholds that decide whether a decoded square is a landmark."""
+"""Acceptance: is a decoded square a landmark, and is its code right?  One logistic score answers both.
+
+The score is a sum of terms, each a figure that the decoding shows times a weight: the log odds that a landmark is
+there and that its code is right.  `benchmarks/train_acceptance.py` fits the weights on simulated cameras and on
+photographs and prints the table below; docs/landmark.md, section 6, explains the terms.
+"""
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
+from functools import cached_property
+from types import MappingProxyType
+
+import numpy as np
+
+from lmkit.detection.decoding import Decoding
+
+
+@dataclass(frozen=True)
+class Term:
+    """One term of the score.
+
+    Attributes:
+        weight: what one unit of the figure adds to the log odds.
+        usual: median of the figure over landmarks that are read right.
+        reason: the word that a rejection gives where this term is the worst.
+    """
+
+    weight: float
+    usual: float
+    reason: str
+
+
+TURN_PER_CODE = 0.6  # a quarter turn changes more of the drawing than a code: its margin is so much easier to reach
+BIAS = -4.15
+TERMS: MappingProxyType[str, Term] = MappingProxyType(
+    {
+        "margin": Term(0.35, 3.79, "code"),
+        "parts residual": Term(-1.64, -0.96, "pattern"),
+        "parts residual, large": Term(-0.68, -0.16, "pattern"),
+        "gap residual": Term(-2.89, 0.00, "hidden"),
+        "contradicting part": Term(-5.01, 0.00, "pattern"),
+        "uncertain parts": Term(-1.22, -2.77, "unsure"),
+        "too uncertain parts": Term(-1.81, 0.00, "unsure"),
+        "little red": Term(-0.20, 0.00, "colour"),
+        "too red": Term(-2.90, 0.00, "colour"),
+        "too much contrast": Term(-0.39, 0.00, "contrast"),
+        "plain code": Term(-1.00, 0.00, "pattern"),
+        "blur": Term(-1.43, -3.50, "blur"),
+        "shadow": Term(-0.95, 0.00, "pattern"),
+    }
+)
 
 
 @dataclass(frozen=True)
 class AcceptanceRule:
-    """Thresholds for a square to be called a landmark; each figure is argued in docs/landmark.md, section 6.
+    """Least score of a landmark.
 
     Attributes:
-        turn_margin: least log likelihood ratio against any other quarter turn; 8 bits hold no
-            redundancy, so this is what tells a landmark from a square with something in it.
-        code_margin: least log likelihood ratio against any other code.
-        parts_misfit: most that triangle, rings and gaps may differ from the blue or white that the code
-            says, as a mean square in standard deviations.
-        red_over_blue: least colour difference of border and ground (log ratio).
-        white_over_ground: (least, most) ratio of brightness; no paint and paper exceed the latter.
-        part_deviation: most that the triangle's and the rings' white may differ from the margin's.
-        part_overshoot: no part may be darker than blue or brighter than white by more of their difference.
-        part_sigma: a part must be known at least this well.
-        hidden: most that the misfit around one gap position may exceed the usual one; beyond, something
-            lies over it.
-        plain_code_factor: codes that look alike in every quarter turn (rings all closed or all open)
-            are what road signs and logos resemble; they need this many times the turn margin.
-        plain_parts_misfit: most that the parts of such codes may differ.
+        least_log_odds: of being a landmark with the right code.
     """
 
-    turn_margin: float = 24.0
-    code_margin: float = 9.0
-    parts_misfit: float = 1.35
-    red_over_blue: float = 0.4
-    white_over_ground: tuple[float, float] = (2.2, 40.0)
-    part_deviation: float = 0.3
-    part_overshoot: float = 0.5
-    part_sigma: float = 0.25
-    hidden: float = 6.5
-    plain_code_factor: float = 2.0
-    plain_parts_misfit: float = 0.9
+    least_log_odds: float
+
+
+STRICT, DEFAULT, EAGER = AcceptanceRule(2.0), AcceptanceRule(0.5), AcceptanceRule(-1.0)
+STRICTNESSES = MappingProxyType({"strict": STRICT, "default": DEFAULT, "eager": EAGER})
+
+
+@dataclass(frozen=True, eq=False)
+class Sighting:
+    """Decoding of a square, and how it lies in the image.
+
+    Attributes:
+        decoding: the decoding.
+        side_px: mean side.
+        blur_px: standard deviation of the point spread, geometric mean of its axes.
+        is_shaded: read with a shadow taken out.
+    """
+
+    decoding: Decoding
+    side_px: float
+    blur_px: float
+    is_shaded: bool
+
+    @property
+    def figures(self) -> dict[str, float]:
+        """The figures of the terms, by name; each is finite whatever the image shows."""
+        d = self.decoding
+        white, red, sigma = max(d.white_over_ground, 0.1), d.red_over_blue, max(float(d.parts_sigma.max()), 0.01)
+        margin = max(min(d.code_margin, TURN_PER_CODE * d.turn_margin), 0.0)
+        misfit = math.log(max(d.parts_misfit + 0.1, 0.22))
+        return {
+            "margin": math.log1p(margin / 4),
+            "parts residual": misfit,
+            "parts residual, large": misfit * max(0.0, math.log(self.side_px / 20)),
+            "gap residual": max(0.0, math.log(max(d.gap_misfit, 1.5) / 1.5)),
+            "contradicting part": min(max(float(np.abs(d.parts - d.expected_parts).max()) - 0.3, 0.0), 1.0),
+            "uncertain parts": math.log(min(sigma, 3.0)),
+            "too uncertain parts": max(0.0, math.log(sigma / 0.2)),
+            "little red": max(0.0, 0.9 - red),
+            "too red": max(0.0, red - 4.5),
+            "too much contrast": max(0.0, math.log(white / 20)),
+            "plain code": float(d.plain),
+            "blur": math.log(max(self.blur_px / self.side_px, 1e-3)),
+            "shadow": float(self.is_shaded),
+        }
+
+    @cached_property
+    def log_odds(self) -> float:
+        """Score: log odds of being a landmark with the right code."""
+        figures = self.figures
+        return BIAS + sum(term.weight * figures[name] for name, term in TERMS.items())
+
+    def reason_to_reject(self, rule: AcceptanceRule) -> str | None:
+        """The worst term in one word where the score is too low; None where it is high enough."""
+        if self.log_odds >= rule.least_log_odds:
+            return None
+        figures = self.figures
+        # The term that takes the most from the score of a usual landmark.
+        worst = min(TERMS, key=lambda name: TERMS[name].weight * (figures[name] - TERMS[name].usual))
+        return TERMS[worst].reason

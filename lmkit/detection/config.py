@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 
-from lmkit.detection.acceptance import AcceptanceRule
+from lmkit.detection.acceptance import DEFAULT, AcceptanceRule
 from lmkit.detection.candidates import Source, WhereToLook
 from lmkit.detection.screening import ALIGNED_THRESHOLDS, ScreeningThresholds
 from lmkit.geometry.camera import CameraModel
@@ -40,7 +40,7 @@ class DetectorConfig:
     min_pattern: float = 0.04
     align_rounds: int = 5
     aligned: ScreeningThresholds = ALIGNED_THRESHOLDS
-    min_aligned_pattern: float = 0.15
+    min_aligned_pattern: float = 0.12
     pixels: int = 1000
     in_shadow: bool = True
 
@@ -60,7 +60,7 @@ class DetectOptions:
     Attributes:
         families: which landmarks to look for; no two may share a drawing.
         config: how hard to look; see :data:`PROFILES`.
-        rule: what a landmark must show.
+        rule: least score of a landmark; see :data:`lmkit.detection.acceptance.STRICTNESSES`.
         through_lens: the image comes through a lens, so straight edges may be bent; off for scans and
             rasterised pages.
         camera: the camera that took the image, if it is calibrated: its own distortion then takes the
@@ -69,7 +69,7 @@ class DetectOptions:
 
     families: tuple[MarkerFamily, ...] = (LM8,)
     config: DetectorConfig = BALANCED
-    rule: AcceptanceRule = field(default_factory=AcceptanceRule)
+    rule: AcceptanceRule = DEFAULT
     through_lens: bool = True
     camera: CameraModel | None = None
 

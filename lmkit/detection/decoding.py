@@ -9,7 +9,6 @@ from functools import lru_cache
 import numpy as np
 
 from lmkit.arrays import FloatArray
-from lmkit.detection.acceptance import AcceptanceRule
 from lmkit.detection.hypotheses import RIDGE, red_over_blue, words_of
 from lmkit.detection.pattern_model import INKS, drawing_of
 from lmkit.kernels.hypotheses import DecodingRules, Words, decode
@@ -17,9 +16,6 @@ from lmkit.kernels.pattern import Drawing
 from lmkit.kernels.registration import Samples, View
 from lmkit.model.landmark import LandmarkFamily
 
-# A logistic fit of right and wrong against the margin, on simulated pictures at the edge of what can
-# be read; benchmarks/confidence.py checks it on others.
-EVEN_MARGIN, MARGIN_SCALE = 9.5, 4.6
 RULES = DecodingRules(
     ridge=RIDGE,
     parts_ridge=1e-4,
@@ -28,6 +24,8 @@ RULES = DecodingRules(
     gap_pixels=8,  # fewer around a gap say nothing
     gap_reach_mm=20.0,
 )
+PROMISING_TURN_MARGIN, PROMISING_PATTERN = 5.0, 0.04
+PROMISING_RED_OVER_BLUE, PROMISING_CONTRAST = 0.2, (1.2, 60.0)
 CORRELATED_PIXELS = 3.0  # demosaicing and JPEG spread a pixel's error over so many
 PART_TOLERANCE = 0.08  # uneven print and light: a part may differ so much from white or blue
 
@@ -85,45 +83,16 @@ class Decoding:
         """Same code in the same quarter turn."""
         return (self.code, self.quarter) == (other.code, other.quarter)
 
-    def reason_to_reject(self, rule: AcceptanceRule) -> str | None:
-        """Why this is no landmark, in one word; None where it is one."""
-        low, high = rule.white_over_ground
-        turn_margin = rule.turn_margin * (rule.plain_code_factor if self.plain else 1.0)
-        parts_misfit = min(rule.parts_misfit, rule.plain_parts_misfit) if self.plain else rule.parts_misfit
-        checks = {
-            "colour": self.red_over_blue >= rule.red_over_blue,
-            "contrast": low <= self.white_over_ground <= high,
-            "turn": self.turn_margin >= turn_margin,
-            "code": self.code_margin >= rule.code_margin,
-            "hidden": self.gap_misfit <= rule.hidden,
-            "unsure": float(self.parts_sigma.max()) <= rule.part_sigma,
-            "pattern": float(np.abs(self.parts[:2] - 1).max()) <= rule.part_deviation
-            and self.parts_misfit <= parts_misfit
-            and float(np.abs(self.parts - 0.5).max()) <= 0.5 + rule.part_overshoot,
-        }
-        return next((name for name, passed in checks.items() if not passed), None)
-
-    def is_promising(self, rule: AcceptanceRule) -> bool:
-        """Worth registering: far looser than what is accepted in the end.
-
-        Of the development rooms' landmarks one in sixty fails, of the other squares nineteen in twenty.
-        """
-        low, high = rule.white_over_ground
-        return (
-            self.turn_margin > 8.0
-            and self.pattern > 0.04
-            and self.red_over_blue > 0.3
-            and 0.82 * low < self.white_over_ground < 1.5 * high
-        )
-
     @property
-    def confidence(self) -> float:
-        """Probability that the code is right, 0..1.
-
-        The margin is a log likelihood ratio, but neighbouring pixels repeat each other's errors
-        (demosaicing, JPEG) more than it allows for, so it is mapped to what it has been worth.
-        """
-        return float(1 / (1 + np.exp((EVEN_MARGIN - self.margin) / MARGIN_SCALE)))
+    def is_promising(self) -> bool:
+        """Worth registering: far looser than what is accepted in the end."""
+        low, high = PROMISING_CONTRAST
+        return (
+            self.turn_margin > PROMISING_TURN_MARGIN
+            and self.pattern > PROMISING_PATTERN
+            and self.red_over_blue > PROMISING_RED_OVER_BLUE
+            and low < self.white_over_ground < high
+        )
 
     @property
     def white_over_ground(self) -> float:

@@ -26,7 +26,7 @@ from lmkit.model.landmark import LandmarkFamily
 from lmkit.model.observation import Detection
 
 AnyCandidate = TypeVar("AnyCandidate", bound=Candidate | TagCandidate)
-SHADED_FACTOR = 1.5  # a shadow's edge has freedoms that fit other things too: margins must be so much larger
+SURE_LOG_ODDS = 3.0  # what is read less surely may lie in a shadow
 
 
 def detect_landmarks(
@@ -54,7 +54,7 @@ def detect_landmarks(
 def best_of_each_place(attempts: Sequence[AnyCandidate]) -> list[AnyCandidate]:
     """The surest reading of every place, largest first."""
     kept: list[AnyCandidate] = []
-    for attempt in sorted(attempts, key=lambda a: (-a.decoding.margin, a.family.name, a.decoding.code)):
+    for attempt in sorted(attempts, key=lambda a: (-a.log_odds, a.family.name, a.decoding.code)):
         middle = attempt.corners.mean(axis=0)
         apart = [np.linalg.norm(middle - k.corners.mean(axis=0)) > 0.5 * k.side_px for k in kept]
         if all(apart):
@@ -104,7 +104,7 @@ def _candidates_among(
         clear += _registered(((linear, quad) for quad in likely), family, options)
     if not config.in_shadow:
         return clear
-    read = [candidate.corners - corner for candidate in clear if candidate.rejected is None]
+    read = [candidate.corners - corner for candidate in clear if candidate.log_odds >= SURE_LOG_ODDS]
     shaded = _candidates_in_shadow(_elsewhere(quads[possible], read), linear, pyramid, corner, options)
     return clear + [_unless_contradicted(candidate, clear) for candidate in shaded]
 
@@ -121,7 +121,7 @@ def _unless_contradicted(shaded: Candidate, clear: list[Candidate]) -> Candidate
     for other in clear:
         apart = np.linalg.norm(shaded.corners.mean(axis=0) - other.corners.mean(axis=0))
         same = (other.family, other.decoding.code) == (shaded.family, shaded.decoding.code)
-        surer = other.decoding.margin > shaded.decoding.margin and not same
+        surer = other.log_odds > shaded.log_odds and not same
         if surer and apart < 0.5 * shaded.side_px:
             return replace(shaded, rejected=shaded.rejected or "contradicted")
     return shaded
@@ -140,9 +140,6 @@ def _candidates_in_shadow(
     quads: FloatArray, image: LinearImage, pyramid: Pyramid, corner: FloatArray, options: DetectOptions
 ) -> list[Candidate]:
     """The candidates on which a shadow may end, with the light taken out."""
-    rule = options.rule
-    strict = replace(rule, turn_margin=SHADED_FACTOR * rule.turn_margin, code_margin=SHADED_FACTOR * rule.code_margin)
-    options = replace(options, rule=strict)
     shaded = []
     for family in options.ring_families:
         found = screen_candidates(pyramid, quads, family, in_shadow=True)

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from lmkit.arrays import ByteArray, FloatArray
-from lmkit.detection.acceptance import AcceptanceRule
+from lmkit.detection.acceptance import DEFAULT, AcceptanceRule, Sighting
 from lmkit.detection.config import DetectOptions
 from lmkit.detection.decoding import Decoding
 from lmkit.detection.linear_image import LinearImage
@@ -38,15 +39,30 @@ class Candidate:
         family: what it was read as.
         corners: (4,2) px of the image, in the landmark's order.
         covariance: (8,8) of the corners, px^2.
-        decoding: what it decodes to.
+        sighting: what it decodes to, and its score.
         rejected: why it is no landmark; None where it is one.
     """
 
     family: LandmarkFamily
     corners: FloatArray
     covariance: FloatArray
-    decoding: Decoding
+    sighting: Sighting
     rejected: str | None
+
+    @property
+    def decoding(self) -> Decoding:
+        """What it decodes to."""
+        return self.sighting.decoding
+
+    @property
+    def log_odds(self) -> float:
+        """Score of being a landmark with this code."""
+        return self.sighting.log_odds
+
+    @property
+    def confidence(self) -> float:
+        """Probability that a landmark is here and the code right, 0..1."""
+        return 1 / (1 + math.exp(-min(max(self.log_odds, -30.0), 30.0)))
 
     @property
     def side_px(self) -> float:
@@ -59,7 +75,7 @@ class Candidate:
         return Detection(
             id=LandmarkId(self.family.name, self.decoding.code),
             corners=self.corners,
-            confidence=self.decoding.confidence,
+            confidence=self.confidence,
             margin=self.decoding.margin,
             covariance=self.covariance,
         )
@@ -75,7 +91,7 @@ def register_and_decode(
     fit_bend = options.through_lens and options.camera is None and side > BEND_SIDE_PX
     # The blur starts generous, so that a wrong corner still feels its edge.
     fit = PatternRegistration(image, family, quad, max(0.8, 0.012 * min(side, COARSE_SIDE_PX)) ** 2)
-    if not fit.sample(coarse, near_edges=False) or not fit.decode().is_promising(options.rule):
+    if not fit.sample(coarse, near_edges=False) or not fit.decode().is_promising:
         return None
     for _ in range(READ_ROUNDS):
         before = fit.decoding
@@ -84,7 +100,7 @@ def register_and_decode(
             return None
         if fit.decode().is_same_code(before):
             break
-    if not fit.decoding.is_promising(options.rule):
+    if not fit.decoding.is_promising:
         return None
     if image.white is not None:
         _sharpen_shadow(fit)
@@ -110,7 +126,7 @@ def read_landmark_at(image: ByteArray, corners: FloatArray, family: LandmarkFami
         return None
     fit.decode()
     fit.register(SHARP)
-    return _candidate(fit, fit.decode(), AcceptanceRule(), fit_bend=False)
+    return _candidate(fit, fit.decode(), DEFAULT, fit_bend=False)
 
 
 def _coarse_corners(
@@ -123,7 +139,7 @@ def _coarse_corners(
     scale = 2.0**times
     # Pixel k of the smaller image covers the span [k, k + 1) * scale of the larger one.
     fit = PatternRegistration(image.halved(times), family, (quad + 0.5) / scale - 0.5, 2.0)
-    if not fit.sample(COARSE_PIXELS, near_edges=True) or not fit.decode().is_promising(options.rule):
+    if not fit.sample(COARSE_PIXELS, near_edges=True) or not fit.decode().is_promising:
         return quad
     fit.register(FROM_FAR)
     return (fit.corners + 0.5) * scale - 0.5
@@ -151,8 +167,10 @@ def _candidate(fit: PatternRegistration, decoding: Decoding, rule: AcceptanceRul
     rows = (2 * order[:, None] + np.arange(2)).ravel()
     inside = bool(((corners >= -0.5) & (corners <= np.array(fit.image.size) - 0.5)).all())
     # A corner that is not in the image was not seen, and none is made up.
-    rejected = decoding.reason_to_reject(rule) if inside else "cut"
-    return Candidate(fit.family, corners[order], covariance[np.ix_(rows, rows)], decoding, rejected)
+    sighting = Sighting(decoding, mean_side(corners), fit.blur_px, is_shaded=fit.image.white is not None)
+    rejected = sighting.reason_to_reject(rule) if inside else "cut"
+    covariance = covariance[np.ix_(rows, rows)]
+    return Candidate(fit.family, corners[order], covariance, sighting, rejected)
 
 
 def _sharpen_shadow(fit: PatternRegistration) -> None:

@@ -61,8 +61,8 @@ class ScreeningThresholds:
 
 
 FOUND_THRESHOLDS = ScreeningThresholds()
-# Of the development rooms' landmarks none fails here, of the other aligned squares three in four.
-ALIGNED_THRESHOLDS = ScreeningThresholds(white_over_ground=1.8, red_over_blue=0.3, contrast=0.3, turn=0.03)
+# Veiled and dim landmarks show as little as this; what it lets through, the score of acceptance judges.
+ALIGNED_THRESHOLDS = ScreeningThresholds(white_over_ground=1.4, red_over_blue=0.25, contrast=0.15, turn=0.03)
 
 
 @dataclass(frozen=True)

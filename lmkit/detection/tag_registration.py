@@ -81,9 +81,14 @@ class TagCandidate:
         return mean_side(self.corners)
 
     @property
+    def log_odds(self) -> float:
+        """Log odds that the code is right."""
+        return (self.decoding.margin - 9.5) / 4.6
+
+    @property
     def observation(self) -> Detection:
         """The candidate as a detection."""
-        confidence = 1 / (1 + math.exp(min((9.5 - self.decoding.margin) / 4.6, 50.0)))
+        confidence = 1 / (1 + math.exp(min(-self.log_odds, 50.0)))
         code = LandmarkId(self.family.name, self.decoding.code)
         return Detection(code, self.corners, confidence, self.decoding.margin, self.covariance)
 

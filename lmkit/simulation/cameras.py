@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from lmkit.simulation.mosaic import PATTERNS
-from lmkit.simulation.photograph import Development, ImagingChain, Lens, Light, Sensor
+from lmkit.simulation.photograph import Development, ImagingChain, Lens, Light, Sensor, Shadow
 
 Range = tuple[float, float]
 BALANCE_LIMITS_K = (2500.0, 8000.0)
@@ -127,14 +127,21 @@ TRAINING_KINDS = (INDUSTRIAL, THREE_CHIP, WEBCAM, WEBCAM, PHONE, PHONE)  # twice
 HELD_OUT_KINDS = (DASHCAM, DOORBELL)
 
 
-def draw_chain(rng: np.random.Generator, kinds: Sequence[CameraKind], trouble: float = 0.5) -> ImagingChain:
+def draw_chain(
+    rng: np.random.Generator,
+    kinds: Sequence[CameraKind],
+    trouble: float = 0.5,
+    image_size: tuple[int, int] | None = None,
+) -> ImagingChain:
     """A camera of one of the kinds, in light and motion that trouble it.
 
     Args:
-        trouble: chance of each of: motion, defocus, dim light, light of another color, uneven light, a veil.
+        trouble: chance of each of: motion, defocus, dim light, light of another color, uneven light, a veil, a
+            hard shadow.
+        image_size: of the camera, for shadows; without it none falls.
     """
     chain = kinds[int(rng.integers(len(kinds)))].draw(rng)
-    motion, defocus, dim, warm, uneven, veiled = rng.random(6) < trouble
+    motion, defocus, dim, warm, uneven, veiled, shaded = rng.random(7) < trouble
     lens, light, development = chain.lens, chain.light, chain.development
     if motion:
         way = rng.normal(0, 1.5, 2)
@@ -152,4 +159,7 @@ def draw_chain(rng: np.random.Generator, kinds: Sequence[CameraKind], trouble: f
         light = replace(light, gradient=(float(slope[0]), float(slope[1])))
     if veiled:
         light = replace(light, veil=float(rng.uniform(0.0, 0.08)))
+    if shaded and image_size is not None:
+        x, y = (float(rng.uniform(0.2, 0.8) * length) for length in image_size)
+        light = replace(light, shadow=Shadow((x, y), float(rng.uniform(0, 360)), float(rng.uniform(1.5, 7))))
     return ImagingChain(lens, light, chain.sensor, development)

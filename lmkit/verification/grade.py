@@ -9,7 +9,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from lmkit.detection.acceptance import AcceptanceRule
 from lmkit.detection.register_and_decode import Candidate
 from lmkit.verification.measure import PrintMeasures
 
@@ -53,6 +52,8 @@ class _Scale:
         return GradedLine(self.name, text, grade, "" if grade in "AB" else self.advice)
 
 
+# Log likelihood ratios that a print must reach; grade A takes five times as much.
+NEEDED_CODE_MARGIN, NEEDED_TURN_MARGIN = 9.0, 24.0
 DECODABILITY = _Scale("decodability", (5, 3, 2, 1), "print larger or sharper; take the image from nearer")
 ROTATION = _Scale("rotation margin", (5, 3, 2, 1), "print larger or sharper; keep the triangle clean")
 MODULATION = _Scale(
@@ -97,7 +98,7 @@ def grade_print(
         content_problem: why it is not what its label or manifest says; None where it is, or where
             neither says anything.
     """
-    m, rule, decoding = measures, AcceptanceRule(), candidate.decoding
+    m, decoding = measures, candidate.decoding
     fine = m.side_px >= FINE_SIDE_PX
     unseen = f"take the image from nearer: {m.side_px:.0f} px a side, {FINE_SIDE_PX:.0f} are needed"
     if fine:
@@ -113,8 +114,8 @@ def grade_print(
         content = GradedLine(CONTENT, content_problem, "F", "do not mount it; print again")
     lines = [
         content,
-        DECODABILITY.line(decoding.code_margin / rule.code_margin, "{:.1f} times what is needed"),
-        ROTATION.line(decoding.turn_margin / rule.turn_margin, "{:.1f} times what is needed"),
+        DECODABILITY.line(decoding.code_margin / NEEDED_CODE_MARGIN, "{:.1f} times what is needed"),
+        ROTATION.line(decoding.turn_margin / NEEDED_TURN_MARGIN, "{:.1f} times what is needed"),
         MODULATION.line(m.modulation, "{:.2f}"),
         optical(RED_CONTRAST, m.red_contrast, "{:.2f}"),
         optical(BLUE_CONTRAST, m.blue_contrast, "{:.2f}"),

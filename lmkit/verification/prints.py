@@ -14,7 +14,6 @@ import pypdfium2
 from PIL import Image
 
 from lmkit.arrays import ByteArray, FloatArray
-from lmkit.detection.acceptance import AcceptanceRule
 from lmkit.detection.config import ACCURATE, DetectOptions
 from lmkit.detection.detector import best_of_each_place, candidates_of
 from lmkit.detection.register_and_decode import Candidate, read_landmark_at
@@ -42,7 +41,6 @@ SHRINKS = (2, 4, 8)
 LEAST_PX = 150  # of an image's shorter side
 OPENING_PX = 7
 # Poor prints are to be found too, and graded.
-ANY = AcceptanceRule(white_over_ground=(1.3, 100.0))
 LOOK_AT_ANY = replace(
     ACCURATE, aligned=ScreeningThresholds(white_over_ground=1.2, red_over_blue=0.2, contrast=0.1, turn=0.02)
 )
@@ -152,7 +150,7 @@ def grade_sheet(
     options = options or DetectOptions()
     families = tuple(dict.fromkeys(s.family for s in stated if s.family is not None)) or options.families
     # Whoever wrote the resolution into the file was a scanner or a rasteriser, not a camera with a lens.
-    options = replace(options, families=families, config=LOOK_AT_ANY, rule=ANY, through_lens=dpi is None)
+    options = replace(options, families=families, config=LOOK_AT_ANY, through_lens=dpi is None)
     chosen = _find(padded, options)
     found = (_graded(source, padded, offset, candidate, dpi, stated) for candidate in chosen)
     return [replace(item, image=image) for item in found]
@@ -215,8 +213,6 @@ def _graded(
         if reference is not None:
             side_mm = (stated.size_mm * reference.stretch[0], stated.size_mm * reference.stretch[1])
             scale_from = reference.name
-    rejected = candidate.decoding.reason_to_reject(AcceptanceRule()) or candidate.rejected
-    candidate = replace(candidate, rejected=rejected)
     problem = _content_problem(candidate, of_sheet) if candidate.rejected is None else None
     lines = grade_print(candidate, measures, side_mm, skew, stated.size_mm, problem)
     if candidate.rejected is not None:

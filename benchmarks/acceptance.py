@@ -1,0 +1,159 @@
+"""What is read, what is wrong, and whether a confidence of 0.9 is right nine times in ten, at every strictness.
+
+    uv run --extra benchmark python benchmarks/acceptance.py ../shared/data/photos [--images 200] [--plots FOLDER]
+
+Simulated cameras of `HELD_OUT_KINDS` before the second half of the photographs, with seeds that were not
+trained on (`train_acceptance.py`), and all photographs as they are and enlarged for false positives.  Intervals are
+Wilson's, 95 %.
+"""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Sequence
+from concurrent.futures import ProcessPoolExecutor
+from dataclasses import dataclass
+from functools import partial
+from itertools import pairwise
+from pathlib import Path
+
+import cv2
+import numpy as np
+from camera_scenes import draw_scene
+from peers import wilson
+from planar import background, backgrounds
+from train_acceptance import ANYTHING, RIGHT_CORNERS
+
+from lmkit.detection.acceptance import STRICTNESSES
+from lmkit.detection.config import BALANCED, DetectOptions
+from lmkit.detection.detector import best_of_each_place, candidates_of
+from lmkit.simulation.cameras import HELD_OUT_KINDS
+
+SIDES_PX = (12, 15, 20, 25, 30, 100)
+CONFIDENCES = (0.0, 0.1, 0.3, 0.5, 0.7, 0.88, 0.95, 0.99, 1.0001)
+
+
+@dataclass(frozen=True)
+class Result:
+    """Answers of one image.
+
+    Attributes:
+        answers: (log odds, right, on a landmark) of every place.
+        landmarks: (side in px, log odds of its right answer or -inf) of every landmark that nothing hides.
+    """
+
+    answers: tuple[tuple[float, bool, bool], ...]
+    landmarks: tuple[tuple[float, float], ...]
+
+
+def result_of(image: np.ndarray, shown: Sequence) -> Result:
+    places = best_of_each_place(
+        [c for c in candidates_of(image, DetectOptions(config=BALANCED, rule=ANYTHING)) if c.rejected != "cut"]
+    )
+    answers, read = [], {}
+    for place in places:
+        middle = place.corners.mean(axis=0)
+        near = [s for s in shown if np.linalg.norm(s.corners.mean(axis=0) - middle) < 0.5 * s.side_px]
+        right = [
+            k
+            for k, s in enumerate(shown)
+            if s.code == place.decoding.code
+            and np.linalg.norm(place.corners - s.corners, axis=1).max() < RIGHT_CORNERS * s.side_px
+        ]
+        read |= dict.fromkeys(right, place.log_odds)
+        answers.append((place.log_odds, bool(right), bool(near)))
+    landmarks = [(s.side_px, read.get(k, -np.inf)) for k, s in enumerate(shown) if not s.is_hidden]
+    return Result(tuple(answers), tuple(landmarks))
+
+
+def simulated(photos: Sequence[Path], seed: int, index: int) -> Result:
+    cv2.setNumThreads(1)
+    wall = background(photos[index % len(photos)])
+    return result_of(*draw_scene((seed, index), wall, HELD_OUT_KINDS, (12.0, 60.0)))
+
+
+def photographed(path: Path) -> list[Result]:
+    cv2.setNumThreads(1)
+    image = cv2.imread(str(path))
+    return [result_of(seen, ()) for seen in (image, cv2.resize(image, None, fx=2, fy=2))]
+
+
+def rate(hits: int, n: int, per: float = 100.0) -> str:
+    low, high = wilson(hits, max(n, 1))
+    return f"{per * hits / max(n, 1):.1f} of {n} ({per * low:.1f} to {per * high:.1f})"
+
+
+def print_rates(results: Sequence[Result], plain: Sequence[Result]) -> None:
+    print("| | " + " | ".join(STRICTNESSES) + " |\n|---|" + "---|" * len(STRICTNESSES))
+    levels = [rule.least_log_odds for rule in STRICTNESSES.values()]
+    landmarks = np.array([one for r in results for one in r.landmarks])
+    for low, high in pairwise(SIDES_PX):
+        here = landmarks[(landmarks[:, 0] >= low) & (landmarks[:, 0] < high), 1]
+        cells = [rate(int((here >= level).sum()), len(here)) for level in levels]
+        print(f"| read, %, side {low} to {high} px | " + " | ".join(cells) + " |")
+    answers = np.array([one for r in results for one in r.answers])
+    score, right, near = answers[:, 0], answers[:, 1] > 0, answers[:, 2] > 0
+    read = [(score >= level) & near for level in levels]
+    cells = [rate(int((r & ~right).sum()), int(r.sum()), 1000) for r in read]
+    print("| wrong codes in 1,000 that are read | " + " | ".join(cells) + " |")
+    cells = [rate(int(((score >= level) & ~near).sum()), len(results), 1000) for level in levels]
+    print("| look-alikes read, in 1,000 such images | " + " | ".join(cells) + " |")
+    false = [sum(a[0] >= level for r in plain for a in r.answers) for level in levels]
+    cells = [rate(count, len(plain), 1000) for count in false]
+    print("| false positives in 1,000 photographs | " + " | ".join(cells) + " |")
+
+
+def print_reliability(results: Sequence[Result]) -> list[tuple[float, float, float, float]]:
+    answers = np.array([one for r in results for one in r.answers])
+    said, right = 1 / (1 + np.exp(-answers[:, 0])), answers[:, 1] > 0
+    rows = []
+    print("\n| confidence said | mean | right |\n|---|---|---|")
+    for low, high in pairwise(CONFIDENCES):
+        chosen = (said >= low) & (said < high)
+        n, hits = int(chosen.sum()), int(right[chosen].sum())
+        if n:
+            a, b = wilson(hits, n)
+            rows.append((float(said[chosen].mean()), hits / n, a, b))
+            print(f"| {low:g} to {min(high, 1):g} | {rows[-1][0]:.3f} | {rate(hits, n)} % |")
+    return rows
+
+
+def plot(rows: list[tuple[float, float, float, float]], folder: Path) -> None:
+    import matplotlib
+
+    matplotlib.use("Agg")
+    import matplotlib.pyplot as plt
+
+    said, right, low, high = np.array(rows).T
+    figure, axis = plt.subplots(figsize=(4.6, 4.4), layout="constrained")
+    axis.plot([0, 1], [0, 1], color="0.6", linewidth=1)
+    axis.errorbar(said, right, yerr=[np.maximum(right - low, 0), np.maximum(high - right, 0)], fmt="o-", capsize=3)
+    axis.set_xlabel("confidence said")
+    axis.set_ylabel("share right (95 % interval)")
+    axis.grid(alpha=0.3)
+    axis.spines[["top", "right"]].set_visible(False)
+    folder.mkdir(parents=True, exist_ok=True)
+    figure.savefig(folder / "confidence.png", dpi=110)
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser()
+    parser.add_argument("photos", type=Path)
+    parser.add_argument("--images", type=int, default=200)
+    parser.add_argument("--seed", type=int, default=404)
+    parser.add_argument("--jobs", type=int, default=1)
+    parser.add_argument("--plots", type=Path)
+    options = parser.parse_args()
+    photos = backgrounds(options.photos)
+    unseen = photos[len(photos) // 2 :]
+    with ProcessPoolExecutor(options.jobs) as pool:
+        results = list(pool.map(partial(simulated, unseen, options.seed), range(options.images), chunksize=4))
+        plain = [one for some in pool.map(photographed, photos, chunksize=4) for one in some]
+    print_rates(results, plain)
+    rows = print_reliability(results)
+    if options.plots:
+        plot(rows, options.plots)
+
+
+if __name__ == "__main__":
+    main()

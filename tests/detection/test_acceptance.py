@@ -1,0 +1,101 @@
+"""The score of acceptance: what speaks for and against a landmark, strictness, and confidence."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from simulated import shoot
+
+from lmkit.detection.acceptance import DEFAULT, EAGER, STRICT, TERMS, AcceptanceRule, Sighting
+from lmkit.detection.config import DetectOptions
+from lmkit.detection.detector import candidates_of, detect_landmarks
+from lmkit.simulation.cameras import HELD_OUT_KINDS, draw_chain
+
+# (wrong code and false square, landmarks) that may be among so many images of cameras that nothing was trained on.
+IMAGES, MOST_WRONG, LEAST_READ = 24, 0, 20
+
+
+@pytest.fixture(scope="module")
+def sighting() -> Sighting:
+    image, _ = shoot(137, 30.0)
+    (candidate,) = [c for c in candidates_of(image, DetectOptions()) if c.rejected is None]
+    return candidate.sighting
+
+
+def changed(sighting: Sighting, **changes) -> Sighting:
+    return replace(sighting, decoding=replace(sighting.decoding, **changes))
+
+
+def test_every_figure_has_a_weight_and_every_weight_a_figure(sighting):
+    assert sighting.figures.keys() == TERMS.keys()
+
+
+def test_only_the_margin_speaks_for_a_landmark():
+    for name, term in TERMS.items():
+        assert term.weight >= 0 if name == "margin" else term.weight <= 0
+
+
+@pytest.mark.parametrize(
+    "changes",
+    [
+        {"code_margin": 1.0},
+        {"turn_margin": 1.0},
+        {"gap_misfit": 12.0},
+        {"parts_sigma": np.full(10, 0.5)},
+        {"parts": np.full(10, 0.5)},
+        {"plain": True},
+    ],
+    ids=["code", "turn", "hidden", "unsure", "parts", "plain"],
+)
+def test_what_looks_less_like_a_landmark_scores_less(sighting, changes):
+    assert changed(sighting, **changes).log_odds < sighting.log_odds - 0.5
+
+
+def test_shadow_and_blur_cost(sighting):
+    assert replace(sighting, is_shaded=True).log_odds <= sighting.log_odds
+    assert replace(sighting, blur_px=3 * sighting.blur_px).log_odds < sighting.log_odds
+
+
+def test_a_rejection_names_the_worst_term(sighting):
+    never = AcceptanceRule(1e9)
+    assert changed(sighting, gap_misfit=40.0).reason_to_reject(never) == "hidden"
+    assert changed(sighting, code_margin=0.0).reason_to_reject(never) == "code"
+    assert sighting.reason_to_reject(DEFAULT) is None
+
+
+def test_whatever_a_square_shows_its_score_is_finite(sighting):
+    nothing = changed(
+        sighting, inks=np.zeros((4, 3)), pattern=1.0, code_margin=-5.0, parts_sigma=np.zeros(10), gap_misfit=0.0
+    )
+    assert np.isfinite(list(replace(nothing, blur_px=0.0).figures.values())).all()
+    assert np.isfinite(nothing.log_odds)
+
+
+def test_the_stricter_the_fewer():
+    assert EAGER.least_log_odds < DEFAULT.least_log_odds < STRICT.least_log_odds
+    counts = []
+    for rule in (EAGER, DEFAULT, STRICT):
+        images = [shoot(40 + k, 12.0 + k)[0] for k in range(6)]
+        counts.append(sum(len(detect_landmarks(image, DetectOptions(rule=rule))) for image in images))
+    assert counts == sorted(counts, reverse=True)
+
+
+def test_confidence_is_the_logistic_of_the_score(sighting):
+    image, _ = shoot(137, 30.0)
+    (candidate,) = [c for c in candidates_of(image, DetectOptions()) if c.rejected is None]
+    assert candidate.observation.confidence == pytest.approx(1 / (1 + np.exp(-candidate.log_odds)))
+
+
+def test_cameras_that_nothing_was_trained_on_are_read_and_nothing_is_read_wrong():
+    read = wrong = 0
+    for seed in range(IMAGES):
+        chain = draw_chain(np.random.default_rng([11, seed]), HELD_OUT_KINDS, trouble=0.2)
+        image, corners = shoot(7 * seed + 3, 22.0 + seed, chain=chain)
+        for found in detect_landmarks(image):
+            near = np.abs(found.corners - corners).max() < 0.2 * (22.0 + seed)
+            read += near and found.code == 7 * seed + 3
+            wrong += not near or found.code != 7 * seed + 3
+    assert wrong <= MOST_WRONG
+    assert read >= LEAST_READ
