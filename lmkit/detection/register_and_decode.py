@@ -51,7 +51,7 @@ class Candidate:
 
     @property
     def decoding(self) -> Decoding:
-        """What it decodes to."""
+        """Decoding of the square."""
         return self.sighting.decoding
 
     @property
