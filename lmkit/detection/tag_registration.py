@@ -28,8 +28,9 @@ FROM_FAR = Steps(rounds=0, most=10, to_px=0.05)
 COARSE_SIDE_PX = 100.0
 COARSE_PIXELS = 400
 BEND_SIDE_PX = 40.0
+LEAST_CONTRAST = 1.6  # white over black of what is worth registering
 MANY_CELLS = 9  # a code distance that no square reaches by chance
-FOUND_PATTERN, MOVED_PATTERN = 0.05, 0.1  # of a square as found, and once it was moved
+FOUND_PATTERN, MOVED_PATTERN = 0.05, 0.25  # of a square as found, and once it was moved; markers reach 0.35 there
 
 
 @dataclass(frozen=True)
@@ -108,7 +109,7 @@ class TagFit(DrawingFit):
     def decode(self, least: float) -> bool:
         """Score every code, and draw the likeliest one from now on; False where its cells explain less."""
         found = decode_tag(self.family, self.view, self.state, self.samples.plain, self.channel_repeats)
-        if found is None or found.white < 1.3 * found.black or found.pattern < least:
+        if found is None or found.white < LEAST_CONTRAST * found.black or found.pattern < least:
             return False
         self.decoding = found
         self.drawing = drawing_of_cells(self.family, self.decoding.expected.astype(np.float64))

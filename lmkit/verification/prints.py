@@ -149,6 +149,12 @@ def grade_sheet(
     padded, offset = _with_margin(image)
     options = options or DetectOptions()
     families = tuple(dict.fromkeys(s.family for s in stated if s.family is not None)) or options.families
+    if not any(isinstance(family, LandmarkFamily) for family in families):
+        raise InputError(
+            "not_graded",
+            f"{source}: grades judge red and blue, and prints of {families[0].name} are black",
+            f"read it back with lmkit detect --family {families[0].name}",
+        )
     # Whoever wrote the resolution into the file was a scanner or a rasteriser, not a camera with a lens.
     options = replace(options, families=families, config=LOOK_AT_ANY, through_lens=dpi is None)
     chosen = _find(padded, options)
