@@ -185,7 +185,7 @@ def _judged(
     known = 3 if seen.turnable else 2
     J = seen.jacobian(state)[explained].reshape(-1, 3)[:, :known]
     normal = J.T @ J
-    if np.linalg.cond(normal) > 1e12:
+    if not np.isfinite(normal).all() or np.linalg.cond(normal) > 1e12:
         return PlanarEstimate(PoseStatus.INCONSISTENT, outliers=named)
     covariance = np.linalg.inv(normal)
     if known == 3:

@@ -16,6 +16,7 @@ from lmkit.model.trajectory import Trajectory
 
 WINDOW_S = 1.0  # over which speeds are taken
 FASTEST_MPS, FASTEST_RADPS = 40.0, 10.0  # of anything that drives past printed landmarks
+LARGEST_STEP = 1e4  # m and rad from one row to the next, and rad/s: no measurement
 LEAST_PAIRS = 12
 LEAST_TURN_RAD, LEAST_WAY_M = 0.05, 0.05  # root mean squares below which nothing can be compared
 LIKE, LAGGED, UNLIKE, OPPOSITE = 0.8, 0.87, 0.4, -0.6  # correlations
@@ -42,6 +43,13 @@ def require_plausible_odometry(odometry: Odometry | Trajectory) -> None:
         turn = np.zeros(len(times))
     else:
         way, turn = np.abs(odometry.forward_m), np.abs(odometry.turn_rad)
+    worst = int(np.argmax(way + turn))
+    if not way[worst] + turn[worst] < LARGEST_STEP:
+        raise _refused(
+            "implausible_odometry",
+            f"odometry moves by {way[worst]:.3g} m and {turn[worst]:.3g} rad at once, at {times[worst]:.3f} s",
+            "remove that row, or the fault of the sensor that wrote it",
+        )
     if (speed := _usual_rate(times, way)) > FASTEST_MPS:
         raise _refused(
             "implausible_odometry",
@@ -65,6 +73,8 @@ def require_plausible_gyro(gyro: Gyro, odometry: Odometry) -> None:
             f"{odometry.times_s[0]:.3f} to {odometry.times_s[-1]:.3f} s: they are on different clocks",
             "give both in seconds of the same clock",
         )
+    if not (fastest := float(np.abs(gyro.rate_radps).max())) < LARGEST_STEP:
+        raise _refused("implausible_gyro", f"the gyro turns at {fastest:.3g} rad/s", "remove that row")
     rate = float(np.percentile(np.abs(gyro.rate_radps), 95))
     if rate > FASTEST_RADPS:
         raise _refused("implausible_gyro", f"the gyro turns at {rate:.3g} rad/s: is it in degrees per second?")

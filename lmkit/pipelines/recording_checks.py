@@ -8,6 +8,7 @@ from lmkit.arrays import FloatArray
 from lmkit.errors import InputError
 from lmkit.geometry.planar import planar_state
 from lmkit.geometry.rig import AnyRig
+from lmkit.io.readings import FARTHEST_M, LARGEST_RAD
 from lmkit.localization.absolute_pose import locate_rig
 from lmkit.localization.range_bearing import locate_planar
 from lmkit.model.corner_order import require_clockwise
@@ -32,6 +33,7 @@ def require_plausible_recording(
         InputError: says the unit, the sign, the order or the clock that is likely wrong.
     """
     require_clockwise(o for frame in recording.frames for o in frame.detections)
+    _require_plausible_readings(recording)
     odometry = recording.odometry
     if odometry is None:
         return
@@ -43,6 +45,20 @@ def require_plausible_recording(
     if landmarks is not None:
         times_s, states = _located(recording, rig, landmarks)
         require_agreement(odometry, times_s, states)
+
+
+def _require_plausible_readings(recording: Recording) -> None:
+    for time_s, seen in recording.readings:
+        for reading in seen:
+            range_m, bearing_rad = reading.range_m, reading.bearing_rad
+            if range_m is not None and not 0 < range_m <= FARTHEST_M:
+                what = f"range of {range_m:g} m"
+            elif bearing_rad is not None and not abs(bearing_rad) <= LARGEST_RAD:
+                what = f"bearing of {bearing_rad:g} rad"
+            else:
+                continue
+            hint = "give ranges in metres and bearings in radians"
+            raise InputError("bad_reading", f"a {what} to {reading.id} at {time_s:g} s is not a reading", hint)
 
 
 def _located(recording: Recording, rig: AnyRig | None, landmarks: LandmarkMap) -> tuple[FloatArray, FloatArray]:

@@ -23,6 +23,7 @@ from lmkit.io.readings import read_readings
 from lmkit.io.recording_tables import read_detections, read_gyro, read_odometry
 from lmkit.io.rig import rig_to_yaml
 from lmkit.io.ros_camera_info import read_camera_infos, rig_to_camera_infos
+from lmkit.io.svg_lines import read_svg_lines
 from lmkit.io.template import load_template
 from lmkit.io.trajectory import read_trajectory
 from lmkit.simulation.recording import make_drive
@@ -113,7 +114,13 @@ def _seeds(folder: Path) -> dict[str, tuple[str, object]]:
     corners = "1,2,3,4,5,6,7,8"
     floor = "format: lmkit-floor/1\nwalls:\n- {from: [0, 0], to: [4, 0]}\n- {from: [4, 0], to: [0, 3]}\n"
     template = (Path(__file__).parents[2] / "templates" / "a4.toml").read_text()
+    drawing = (
+        '<svg xmlns="http://www.w3.org/2000/svg" width="400" height="300"><rect width="100%" height="100%"/>'
+        '<g transform="translate(1 2) rotate(90)"><line x1="0" y1="0" x2="9" y2="0"/><path d="M0 0h9v-3z"/>'
+        '<polygon points="0,0 4,0 4,3"/></g></svg>'
+    )
     return {
+        "floor.svg": (drawing, read_svg_lines),
         "rig.yaml": (rig_to_yaml(rig), read_any_rig),
         "opencv.yaml": (rig_to_opencv_yaml(rig), read_any_rig),
         "kalibr.yaml": (rig_to_camchain(rig)[0], read_any_rig),
@@ -183,3 +190,27 @@ def fuzz(folder: Path, count: int, seed: int) -> dict[str, int]:
 def test_harmed_files_are_read_or_refused(tmp_path):
     counts = fuzz(tmp_path, 2000, 1)
     assert min(counts.values()) > 100
+
+
+SVG = '<svg xmlns="http://www.w3.org/2000/svg">{}</svg>'
+
+
+@pytest.mark.parametrize(
+    ("body", "code"),
+    [
+        ("<g>" * 5000 + "</g>" * 5000, "svg_too_large"),
+        ('<path d="M0 0' + "h1v1" * 150_000 + '"/>', "svg_too_large"),
+        ('<line x1="1e400" x2="3"/>', "svg_too_large"),
+        ('<line x1="1e300" x2="3"/>', "svg_too_large"),
+        ('<rect width="100%" height="100%"/>', "no_walls"),
+        ('<g style="display:none"><line x2="3"/></g>', "no_walls"),
+        ('<g visibility="hidden"><line x2="3"/></g>', "no_walls"),
+    ],
+    ids=lambda value: str(value)[:24],
+)
+def test_drawings_that_hold_no_walls_or_too_many_are_refused(tmp_path, body, code):
+    path = tmp_path / "floor.svg"
+    path.write_text(SVG.format(body))
+    with pytest.raises(InputError) as caught:
+        read_svg_lines(path)
+    assert caught.value.code == code
