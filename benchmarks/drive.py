@@ -44,7 +44,9 @@ def main(folder: Path) -> None:
     T_base_left = Pose.from_quaternion("base", "left", body["position"], body["quaternion_xyzw"])
     rig = StereoRig(eyes.left, eyes.right, eyes.T_right_left, T_base_left)
     pictures = folder / "images"
-    frames = list(see_drive(f"{pictures}/*_L.jpg", f"{pictures}/*_R.jpg", rig, (LM8,), truth["timing"]["camera_hz"]))
+    frames = list(
+        see_drive([f"{pictures}/*_L.jpg", f"{pictures}/*_R.jpg"], rig, (LM8,), truth["timing"]["camera_hz"])
+    )
     wheels = read_odometry(folder / "odometry.csv"), read_gyro(folder / "gyro.csv")
     hung = LandmarkMap([m for room in truth["maps"] for m in true_map(truth, int(room))])
     anchor = hung.find(LandmarkId("lm8", truth["anchor"]["id"]))
