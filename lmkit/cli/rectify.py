@@ -7,7 +7,7 @@ from typing import Annotated
 import typer
 
 from lmkit.cli import options
-from lmkit.cli.output import print_line, progress
+from lmkit.cli.output import check_outputs, print_line, progress, write_outputs
 
 
 def run(
@@ -25,10 +25,12 @@ def run(
     from lmkit.geometry.rig import as_stereo
     from lmkit.io.any_rig import read_any_rig
     from lmkit.io.image_groups import list_pairs
-    from lmkit.pipelines.rectify_images import rectified_names, rectify_files
+    from lmkit.pipelines.rectify_images import rectified_calibration, rectified_names, rectify_files
 
     cameras = as_stereo(read_any_rig(rig), "rectify")
     pairs = list_pairs(left, right)
+    calibration = {} if lines else rectified_calibration(cameras, output)
+    check_outputs(list(calibration), None, force)
     count = len(rectified_names(pairs, output, lines))
     written = [
         path for paths in progress(rectify_files(pairs, cameras, output, lines, force), count, "rectifying")
@@ -37,5 +39,8 @@ def run(
     maps = rectification(cameras)
     depth = maps.P_left[0, 0] * cameras.baseline_m
     print_line(f"wrote {len(written)} images to {output}; depth = {depth:.4f} m px / disparity")
+    for path, text in calibration.items():
+        write_outputs({path: text}, force)
+        print_line(f"wrote {path}")
     if maps.along == 1:
         print_line("one camera is above the other: matching points share a column, not a row")

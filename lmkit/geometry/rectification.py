@@ -9,6 +9,7 @@ import numpy as np
 
 from lmkit.arrays import ByteArray, FloatArray
 from lmkit.geometry.camera import CameraModel
+from lmkit.geometry.pose import Pose
 from lmkit.geometry.rotations import rotation_exp
 from lmkit.geometry.stereo_rig import StereoRig
 
@@ -68,6 +69,17 @@ def _fisheye_rectification(rig: StereoRig) -> Rectification:
     P_right = P_left.copy()
     P_right[along, 3] = f * float(axis @ level @ t) * float(axis[along])
     return Rectification(level @ half.T, level @ half, P_left, P_right)
+
+
+def rectified_rig(rig: StereoRig) -> StereoRig:
+    """The rig that takes rectified images: no distortion, parallel cameras; its own rectification changes nothing."""
+    maps = rectification(rig)
+    left, right = (CameraModel(rig.left.image_size, P[:, :3], np.zeros(5)) for P in (maps.P_left, maps.P_right))
+    T_right_left = Pose("right", "left", np.eye(3), maps.P_right[:, 3] / maps.P_left[0, 0])
+    T_base_left = rig.T_base_left
+    if T_base_left is not None:
+        T_base_left = Pose("base", "left", T_base_left.R @ maps.R_left.T, T_base_left.t)
+    return StereoRig(left, right, T_right_left, T_base_left)
 
 
 def epipolar_errors(rig: StereoRig, left: FloatArray, right: FloatArray) -> FloatArray:

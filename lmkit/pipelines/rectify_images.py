@@ -5,10 +5,13 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 
-from lmkit.geometry.rectification import rectification, rectify_pair, with_lines_across
+from lmkit.geometry.rectification import rectification, rectified_rig, rectify_pair, with_lines_across
 from lmkit.geometry.stereo_rig import StereoRig
 from lmkit.io.files import check_writable, write_file
 from lmkit.io.images import read_image
+from lmkit.io.opencv_rig import rig_to_opencv_yaml
+from lmkit.io.rig import rig_to_yaml
+from lmkit.io.ros_camera_info import FILES, rig_to_camera_infos
 from lmkit.visualization.overlay import encode_png
 
 
@@ -17,6 +20,13 @@ def rectified_names(pairs: Sequence[tuple[Path, Path]], folder: Path, lines: boo
     if lines:
         return [(folder / f"{left.stem}_lines.png",) for left, _ in pairs]
     return [(folder / f"{left.stem}_left.png", folder / f"{right.stem}_right.png") for left, right in pairs]
+
+
+def rectified_calibration(rig: StereoRig, folder: Path) -> dict[Path, str]:
+    """Calibration of the rectified images by file: lmkit's rig, OpenCV's with P1, P2 and Q, and ROS camera_info."""
+    flat = rectified_rig(rig)
+    infos = dict(zip((folder / "camera_info" / name for name in FILES), rig_to_camera_infos(flat), strict=True))
+    return {folder / "rig.yaml": rig_to_yaml(flat), folder / "opencv.yml": rig_to_opencv_yaml(flat), **infos}
 
 
 def rectify_files(
