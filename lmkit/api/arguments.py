@@ -41,8 +41,11 @@ def as_path(path: PathLike) -> Path:
     return Path(path)
 
 
-def as_image(image: ImageLike) -> ByteArray:
-    """(H,W,3) BGR pixels of an array, or of the image file of that name; a grey array warns and gets three channels.
+def as_image(image: ImageLike, needs_colour: bool = True) -> ByteArray:
+    """(H,W,3) BGR pixels of an array, or of the image file of that name; a grey array gets three channels.
+
+    Args:
+        needs_colour: warn of a grey array.
 
     Raises:
         InputError: another type or shape; says what to convert.
@@ -57,7 +60,8 @@ def as_image(image: ImageLike) -> ByteArray:
         hint = "scale it to 0..255 and convert: image.astype(numpy.uint8)"
         raise InputError("bad_image", f"the image has type {image.dtype}, 8 bit is needed", hint)
     if image.ndim == 2:
-        warnings.warn(ImageWarning(GREY), stacklevel=4)
+        if needs_colour:
+            warnings.warn(ImageWarning(GREY), stacklevel=4)
         return np.repeat(image[:, :, None], 3, axis=2)
     if image.ndim != 3 or image.shape[2] != 3:
         hint = "give (height, width, 3) in BGR; of four channels take image[:, :, :3]"

@@ -53,7 +53,7 @@ class Detector:
         """Detections of one image, largest first.
 
         Args:
-            image: (H,W,3) BGR, 8 bit, or the path of an image file.
+            image: (H,W,3) BGR, 8 bit, (H,W) grey, or the path of an image file.
             near: where landmarks are expected: detections of the last image, or (N,4,2) corners in pixels.  Only
                 windows around them are searched, whatever the image's size.
 
@@ -62,7 +62,7 @@ class Detector:
         """
         from lmkit.detection.detector import detect_landmarks
 
-        pixels = as_image(image)
+        pixels = as_image(image, needs_colour=bool(self.options.ring_families))
         corners = None if near is None else _corners_of(near)
         found = detect_landmarks(pixels, self.options, corners)
         if not found and near is None and not self._silent:

@@ -1,5 +1,7 @@
 """Square markers: AprilTag and ArUco families, in colour and grey, mixed with ring landmarks."""
 
+import warnings
+
 import cv2
 import numpy as np
 import pytest
@@ -53,6 +55,9 @@ def test_grey_images_do() -> None:
     found = detect_landmarks(np.repeat(grey[:, :, None], 3, axis=2), DetectOptions(families_named("tag36h11")))
     assert [d.code for d in found] == [3]
     assert np.abs(found[0].corners - CORNERS).max() < 0.15
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        assert [d.code for d in lmkit.Detector("tag36h11").detect(grey)] == [3]
 
 
 @pytest.mark.parametrize("turns", [1, 2, 3])
