@@ -9,6 +9,7 @@ from lmkit.geometry.rig import AnyRig, Rig
 
 LONGEST_BASELINE_M = 10.0
 SHORTEST_BASELINE_M = 1e-3
+OPTICAL_RAD = 0.35
 
 
 def require_plausible(rig: AnyRig, where: str) -> None:
@@ -47,15 +48,30 @@ def require_plausible(rig: AnyRig, where: str) -> None:
 
 def rig_warnings(rig: AnyRig, where: str) -> tuple[str, ...]:
     """Sentences about what is possible, but seldom meant."""
+    base = base_warnings(rig, where)
     if isinstance(rig, Rig):
-        return ()
+        return base
     x, y, z = (-rig.T_right_left.R.T @ rig.T_right_left.t).tolist()
     if x < 0 and abs(x) > max(abs(y), abs(z)):
         return (
+            *base,
             f"{where}: the right camera is {-x:.3g} m to the left of the left one: "
             "are the cameras swapped, or is the sign of T or P[0][3] wrong?",
         )
     angle_deg = float(np.rad2deg(np.linalg.norm(rig.T_right_left.rvec)))
     if angle_deg > 90:
-        return (f"{where}: the cameras look {angle_deg:.0f} deg apart: is R the inverse, or of other axes?",)
-    return ()
+        return (
+            *base,
+            f"{where}: the cameras look {angle_deg:.0f} deg apart: is R the inverse, or of other axes?",
+        )
+    return base
+
+
+def base_warnings(rig: AnyRig, where: str) -> tuple[str, ...]:
+    """A sentence where T_base_left is given with the axes of an optical frame (z forward, y down)."""
+    if rig.T_base_left is None or np.linalg.norm(rig.T_base_left.rvec) > OPTICAL_RAD:
+        return ()
+    return (
+        f"{where}: T_base_left does not rotate, so the camera looks straight up: are the base's axes those of an "
+        "optical frame (z forward, y down)? The base has x forward, y left, z up",
+    )

@@ -12,6 +12,7 @@ import yaml
 
 from lmkit.errors import InputError, InputWarning
 from lmkit.geometry.pose import Pose
+from lmkit.geometry.rig_plausibility import rig_warnings
 from lmkit.io.any_rig import read_any_rig
 from lmkit.io.kalibr import rig_to_camchain
 from lmkit.io.opencv_rig import rig_to_opencv_yaml
@@ -134,3 +135,11 @@ def test_what_no_rig_can_be_is_refused_or_named_on_every_way_in(tmp_path, write)
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         read_any_rig(file(tmp_path, moved(t)))
+
+
+def test_a_base_with_the_axes_of_an_optical_frame_is_named():
+    rig = make_rig()
+    base = Pose("base", "left", np.eye(3), np.array([0.1, 0.0, 0.3]))
+    assert "optical frame" in rig_warnings(replace(rig, T_base_left=base), "rig.yaml")[0]
+    ahead = Pose("base", "left", np.array([[0.0, 0, 1], [-1, 0, 0], [0, -1, 0]]), np.zeros(3))
+    assert rig_warnings(replace(rig, T_base_left=ahead), "rig.yaml") == ()
