@@ -46,23 +46,24 @@ class RigCalibration:
     Attributes:
         rig: the cameras, with the covariances of their poses and intrinsics.
         cameras: the calibration of every camera on its own.
-        ties: (camera, camera, views used, views that disagree, rms px) of the pairs that give the rig.
+        ties: (camera, camera, views used, views that disagree) of the pairs that start the joint adjustment.
+        rms_px: reprojection error of every camera in the joint adjustment.
     """
 
     rig: Rig
     cameras: tuple[CameraCalibration, ...]
-    ties: tuple[tuple[str, str, int, tuple[str, ...], float], ...]
+    ties: tuple[tuple[str, str, int, tuple[str, ...]], ...]
+    rms_px: tuple[float, ...]
 
     def to_dict(self) -> dict[str, Any]:
         """The result as JSON values; docs/formats.md lists the keys."""
         return {
             "cameras": [
-                {"name": mounted.name, **camera.to_dict()}
-                for mounted, camera in zip(self.rig.cameras, self.cameras, strict=True)
+                {"name": mounted.name, **camera.to_dict(), "joint_rms_px": rms_px}
+                for mounted, camera, rms_px in zip(self.rig.cameras, self.cameras, self.rms_px, strict=True)
             ],
             "ties": [
-                {"cameras": [a, b], "views": count, "views_rejected": list(bad), "rms_px": rms}
-                for a, b, count, bad, rms in self.ties
+                {"cameras": [a, b], "views": count, "views_rejected": list(bad)} for a, b, count, bad in self.ties
             ],
         }
 
@@ -86,12 +87,12 @@ def calibrate_rig(
     while len(known) < len(cameras):
         a, b = _widest_tie(pairs, set(known), len(cameras), names)
         parent, child = (a, b) if a in known else (b, a)
-        T, used, bad, rms = _relation(cameras, pairs, a, b, board)
+        T, used, bad = _relation(cameras, pairs, a, b, board)
         known[child] = (T if parent == a else T.inverse()) @ known[parent]
-        ties.append((names[parent], names[child], used, bad, rms))
-    solution = _adjusted([c.rig.left for c in cameras], [known[k] for k in range(len(cameras))], seen, board)
+        ties.append((names[parent], names[child], used, bad))
+    solution, rms_px = _adjusted([c.rig.left for c in cameras], [known[k] for k in range(len(cameras))], seen, board)
     assert solution.covariance is not None
-    return RigCalibration(Rig(_mounted(names, solution)), tuple(cameras), tuple(ties))
+    return RigCalibration(Rig(_mounted(names, solution)), tuple(cameras), tuple(ties), rms_px)
 
 
 def _pairs(seen: Sequence[Seen]) -> Pairs:
@@ -112,8 +113,8 @@ def _pairs(seen: Sequence[Seen]) -> Pairs:
 
 def _adjusted(
     models: Sequence[CameraModel], poses: Sequence[Pose], seen: Sequence[Seen], board: BoardSpec
-) -> RigSolution:
-    """The joint adjustment, from what single cameras and pairs say."""
+) -> tuple[RigSolution, tuple[float, ...]]:
+    """The joint adjustment, from what single cameras and pairs say, and its error by camera, px."""
     frames: dict[str, tuple[FloatArray, FloatArray]] = {}
     for frame in sorted(set().union(*seen)):
         # The camera that sees most of the board says where it is.
@@ -139,7 +140,10 @@ def _adjusted(
         np.array([R for R, _ in frames.values()]),
         np.array([t for _, t in frames.values()]),
     )
-    return RigProblem(corners, len(frames)).solve(start)
+    problem = RigProblem(corners, len(frames))
+    solution = problem.solve(start)
+    off = problem.residuals(solution)
+    return solution, tuple(float(np.sqrt((values**2).sum(axis=1).mean())) for values in off)
 
 
 def _mounted(names: Sequence[str], s: RigSolution) -> tuple[MountedCamera, ...]:
@@ -173,24 +177,26 @@ def _widest_tie(pairs: Pairs, known: set[int], count: int, names: Sequence[str])
 
 def _relation(
     cameras: Sequence[CameraCalibration], pairs: Pairs, a: int, b: int, board: BoardSpec
-) -> tuple[Pose, int, tuple[str, ...], float]:
-    """The pose from camera a into b, views used, names of the others, rms in pixels."""
+) -> tuple[Pose, int, tuple[str, ...]]:
+    """The pose from camera a into b, views used, and names of the others."""
     views, models = pairs[a, b], (cameras[a].rig.left, cameras[b].rig.left)
     consensus = find_consensus(board.object_points, views, *models)
     rows = np.flatnonzero(consensus.agrees)
     problem = StereoProblem(board.object_points, [views[int(k)] for k in rows])
     s = problem.solve(start_solution(consensus, rows, *models), RELATION_ONLY)
     bad = tuple(views[int(k)].name for k in np.flatnonzero(~consensus.agrees))
-    off = np.concatenate([part for pair in problem.residuals(s) for part in pair])
-    return Pose("camera", "camera", s.R, s.t), len(rows), bad, float(np.sqrt((off**2).sum(axis=1).mean()))
+    return Pose("camera", "camera", s.R, s.t), len(rows), bad
 
 
 def rig_lines(result: RigCalibration) -> list[str]:
     """The result as lines of text."""
     lines = []
-    for mounted, camera in zip(result.rig.cameras, result.cameras, strict=True):
+    for mounted, camera, rms_px in zip(result.rig.cameras, result.cameras, result.rms_px, strict=True):
         held = "unknown" if camera.held_out_px is None else f"{camera.held_out_px:.3f} px"
-        lines.append(f"{mounted.name}: {mounted.model.model}, {len(camera.used)} images, held-out error {held}")
+        lines.append(
+            f"{mounted.name}: {mounted.model.model}, {len(camera.used)} images, held-out error {held}, "
+            f"reprojection error of all together {rms_px:.3f} px"
+        )
         lines += [f"{mounted.name}: rejected {name}: {reason}" for name, reason in camera.rejected]
         lines += [f"{mounted.name}: warning: {warning.message}" for warning in camera.warnings]
         if mounted.covariance is not None:
@@ -198,7 +204,7 @@ def rig_lines(result: RigCalibration) -> list[str]:
             away = np.linalg.norm(mounted.T_camera_left.t)
             mm, deg = 1000 * np.linalg.norm(sigma[:3]), np.rad2deg(np.linalg.norm(sigma[3:]))
             lines.append(f"{mounted.name}: {1000 * away:.1f} mm from the first camera (± {mm:.2f} mm, {deg:.3f} deg)")
-    for a, b, count, bad, rms in result.ties:
+    for a, b, count, bad in result.ties:
         others = f", rejected {', '.join(bad)}" if bad else ""
-        lines.append(f"{a} - {b}: {count} common views, {rms:.3f} px{others}")
+        lines.append(f"{a} - {b}: {count} common views{others}")
     return lines

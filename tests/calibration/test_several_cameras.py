@@ -50,6 +50,7 @@ def test_cameras_that_share_no_view_are_tied_by_the_one_between(order):
         assert shift < min(0.002, 4 * np.linalg.norm(sigma[:3]))
         assert turn < min(np.deg2rad(0.1), 4 * np.linalg.norm(sigma[3:]))
     assert len(result.ties) == 2
+    assert result.rms_px == pytest.approx((0.14,) * 3, abs=0.02)
 
 
 def test_a_camera_that_shares_nothing_is_named():
