@@ -46,6 +46,9 @@ def run(
         typer.Option("--patience", help="Time limit, seconds, of the step that replaces two landmarks by one."),
     ] = 2.5,
     prints: Annotated[bool, typer.Option("--prints/--no-prints", help="Write the landmarks to print.")] = True,
+    paper: Annotated[
+        str, typer.Option("--paper", help="Paper of the prints: a4, letter, a3, a2, a1, a0 or tabloid.")
+    ] = "a4",
     jobs: options.Jobs = None,
     as_json: options.Json = False,
     force: options.Force = False,
@@ -56,6 +59,7 @@ def run(
     from lmkit.io.external_maps import read_any_map
     from lmkit.io.floor_plan import read_floor
     from lmkit.model.landmark_map import LandmarkMap
+    from lmkit.pipelines.prints import PAPERS
     from lmkit.planning.mounting_plan import placement_lines
     from lmkit.planning.mounting_sites import HangOptions
     from lmkit.planning.placement import place_landmarks
@@ -66,6 +70,8 @@ def run(
         raise InputError(
             "out_of_range", f"--patience {patience:g} is outside 0 to {MOST_PATIENCE_S:g} s", "2.5 is usual"
         )
+    if paper not in PAPERS:
+        raise InputError("bad_paper", f"--paper {paper} is unknown", f"choose {', '.join(PAPERS)}")
     check_outputs([output / name for name in PLACEMENT_FILES], None, force)
     choices = HangOptions(
         sizes_m=tuple(parse_metres(text, "--size") for text in size or ["180mm"]),
@@ -82,7 +88,7 @@ def run(
             bars.update("placing landmarks", min(100, int(100 * covered / demand.share)), 100)
 
         placement = place_landmarks(ground, list(mounted), cameras, radius_m, demand, choices, on_step)
-    files = placement_files(ground, placement, demand, prints)
+    files = placement_files(ground, placement, demand, prints, paper)
     written = write_outputs({output / name: data for name, data in files.items()}, force)
     if as_json:
         print_json(placement.to_dict())

@@ -8,30 +8,22 @@ from pathlib import Path
 from lmkit.generation.manifest import manifest_of
 from lmkit.generation.page import Page
 from lmkit.generation.pdf import pages_to_pdf
-from lmkit.generation.sheet import compose_sheets, largest_mm
-from lmkit.generation.tiles import compose_tiles
-from lmkit.io.template import load_template
 from lmkit.model.families import family_named
+from lmkit.pipelines.prints import DEFAULT_PAPER, PrintLayout
 from lmkit.planning.coverage import Demand
 from lmkit.planning.placement import Placement
 from lmkit.verification.proof import prove_pages
 
-PAPER = "a4"
 MOST_NAMED = 8  # landmarks that a summary lists
 
 
-def sheets_to_print(placement: Placement) -> bytes:
-    """The new landmarks as a PDF that has been read back; those too large for A4 in tiles."""
-    sheet = load_template(PAPER)
+def sheets_to_print(placement: Placement, paper: str = DEFAULT_PAPER) -> bytes:
+    """The new landmarks as a PDF that has been read back, a sheet each; those too large for the paper in tiles."""
     pages: list[Page] = []
-    for mount in placement.mounts:
-        landmark = mount.landmark
-        family, size_mm = family_named(landmark.family), 1000 * landmark.size_m
-        if size_mm > largest_mm(family, sheet):
-            pages += compose_tiles(family, landmark.code, size_mm, PAPER)
-        else:
-            pages += compose_sheets(family, [landmark.code], sheet, size_mm)
-    pdf = pages_to_pdf(pages, "landmarks to mount", manifest_of(pages, PAPER).to_json())
+    for landmark in (mount.landmark for mount in placement.mounts):
+        layout = PrintLayout(family_named(landmark.family), None, paper, 1000 * landmark.size_m)
+        pages += layout.pages([landmark.code])
+    pdf = pages_to_pdf(pages, "landmarks to mount", manifest_of(pages, paper).to_json())
     prove_pages(pdf, pages)
     return pdf
 

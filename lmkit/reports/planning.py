@@ -57,7 +57,7 @@ def draw_route(floor: FloorPlan, landmarks: LandmarkMap, route: Route, kind: str
 
 
 def placement_files(
-    floor: FloorPlan, placement: Placement, demand: Demand, prints: bool = True
+    floor: FloorPlan, placement: Placement, demand: Demand, prints: bool = True, paper: str = "a4"
 ) -> dict[str, bytes | str]:
     """Contents by file name: map, mounting list, plan and coverage drawings, and the landmarks to print."""
     files: dict[str, bytes | str] = {
@@ -67,5 +67,5 @@ def placement_files(
         "coverage.png": draw_coverage(floor, placement.landmarks, placement.coverage, demand),
     }
     if prints and placement.mounts:
-        files["landmarks.pdf"] = sheets_to_print(placement)
+        files["landmarks.pdf"] = sheets_to_print(placement, paper)
     return files

@@ -22,7 +22,7 @@ def files(tmp_path):
 
 
 def test_place_writes_map_prints_list_and_plan(lmkit, files, tmp_path):
-    done = lmkit("plan", "place", *files, *EASY, "--patience", "0", "-o", "out")
+    done = lmkit("plan", "place", *files, *EASY, "--patience", "0", "--paper", "letter", "-o", "out")
     assert done.code == 0, done.err
     landmarks = list(read_map(tmp_path / "out" / "map.yaml"))
     rows = (tmp_path / "out" / "mounting.csv").read_text().splitlines()
@@ -33,6 +33,7 @@ def test_place_writes_map_prints_list_and_plan(lmkit, files, tmp_path):
         assert (tmp_path / "out" / name).read_bytes()[:4] == b"\x89PNG"
     codes = ",".join(str(m.code) for m in landmarks)
     assert lmkit("verify", "out/landmarks.pdf", "--json").code == 0, codes
+    assert "choose a4, letter" in lmkit("plan", "place", *files, *EASY, "-o", "other", "--paper", "a9").err
     again = lmkit("plan", "place", *files, *EASY, "-o", "out")
     assert (again.code, "--force" in again.err) == (2, True)
 
