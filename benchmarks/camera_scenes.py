@@ -23,7 +23,7 @@ from lmkit.model.landmark_map import LandmarkMap
 from lmkit.model.palette import BLUE, RED, srgb_to_linear
 from lmkit.simulation.cameras import CameraKind, draw_chain
 from lmkit.simulation.inks import ALL_INKS, as_printed
-from lmkit.simulation.photograph import take_picture
+from lmkit.simulation.photograph import expose
 from lmkit.simulation.render import render
 from lmkit.simulation.scene import Panel, Scene
 

@@ -3,7 +3,7 @@
     uv run python benchmarks/drive.py ../shared/data/drive
 
 Odometry is the file's own dead reckoning, with the gyro's turns.  One code is mounted twice there: it is left out of
-the true map, and `odd` shows whether the survey names it.
+the true map, and `contradicted` shows whether the survey names it.
 """
 
 from __future__ import annotations
@@ -25,8 +25,8 @@ from lmkit.model.landmark_id import LandmarkId
 from lmkit.model.landmark_map import LandmarkMap
 from lmkit.odometry.wheel_odometry import MotionModel
 from lmkit.pipelines.detect_recording import see_drive
-from lmkit.tracking.batch import track_pictures
-from lmkit.tracking.online import track_pictures_live
+from lmkit.tracking.batch import track_images
+from lmkit.tracking.online import track_images_live
 
 
 def rms(values: list[float]) -> float:
@@ -65,8 +65,8 @@ def main(folder: Path) -> None:
         f"  trajectory {rms([cm for cm, _ in trajectory]):.2f} cm, {rms([deg for _, deg in trajectory]):.2f} deg rmse"
     )
     print(f"  map        {rms([cm for cm, _ in places]):.2f} cm, {rms([deg for _, deg in places]):.2f} deg rmse")
-    print(f"  odd {[odd.id.code for odd in survey.odd]}, unplaced {survey.unplaced}")
-    drive = track_pictures(frames, rig, hung, MotionModel(*wheels))
+    print(f"  contradicted {[c.id.code for c in survey.contradicted]}, unplaced {survey.unplaced}")
+    drive = track_images(frames, rig, hung, MotionModel(*wheels))
     times = [frame.time_s for frame in frames]
     tracked = [
         off(pose, poses[times.index(time_s)] @ T_base_left.inverse())
@@ -74,7 +74,7 @@ def main(folder: Path) -> None:
     ]
     print(f"track by the true map: {len(tracked)} frames")
     print(f"  trajectory {rms([cm for cm, _ in tracked]):.2f} cm, {rms([deg for _, deg in tracked]):.2f} deg rmse")
-    live = track_pictures_live(frames, rig, hung, *wheels)
+    live = track_images_live(frames, rig, hung, *wheels)
     errors, nees = [], []
     for time_s, pose, C in zip(live.times_s.tolist(), live.poses, live.covariances, strict=True):
         true = poses[times.index(time_s)] @ T_base_left.inverse()

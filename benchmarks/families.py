@@ -30,7 +30,7 @@ from lmkit.model.landmark import FAMILIES
 from lmkit.model.landmark_map import LandmarkMap
 from lmkit.model.palette import srgb_to_linear
 from lmkit.simulation.inks import OFFSET, as_printed
-from lmkit.simulation.photograph import take_picture
+from lmkit.simulation.photograph import expose
 from lmkit.simulation.render import render
 from lmkit.simulation.scene import Panel, Scene
 
@@ -59,7 +59,7 @@ def attempt(photos: tuple[Path, ...], job: tuple[str, float, float, int]) -> dic
     panel = Panel(Pose("map", "marker", T.R, T.t), (paper, paper), texture(name, code))
     scene = Scene((panel,), LandmarkMap([]), (1.0, 1.0, 1.0))
     wall = background(photos[seed % len(photos)])
-    image = take_picture(render(scene, camera(), Pose.identity("map", "camera"), wall), BASE, rng)
+    image = expose(render(scene, camera(), Pose.identity("map", "camera"), wall), BASE, rng)
     attempts = candidates_of(image, DetectOptions((family,)))
     strict = best_of_each_place([a for a in attempts if a.rejected is None])
     loose = best_of_each_place([a for a in attempts if a.rejected != "cut" and a.log_odds >= LOOSE.least_log_odds])

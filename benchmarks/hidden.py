@@ -23,7 +23,7 @@ from lmkit.geometry.camera import CameraModel
 from lmkit.geometry.pose import Pose
 from lmkit.model.landmark import LM8
 from lmkit.model.landmark_map import LandmarkMap
-from lmkit.simulation.photograph import Development, ImagingChain, Lens, Light, Sensor, take_picture
+from lmkit.simulation.photograph import Development, ImagingChain, Lens, Light, Sensor, expose
 from lmkit.simulation.render import render
 from lmkit.simulation.scene import Panel, Scene
 
@@ -85,7 +85,7 @@ def attempt(job: tuple[str, int]) -> tuple[str, bool, bool, bool]:
     cover, corners = hiding_panel(kind, T, rng)
     scene = Scene((Panel(T, (0.2, 0.2), texture("lm8", code)), cover), LandmarkMap([]), (1, 1, 1))
     wall = np.full((180, 240, 3), rng.uniform(0.1, 0.5), dtype=np.float32)
-    image = take_picture(render(scene, CAMERA, Pose.identity("map", "camera"), wall), CHAIN, rng)
+    image = expose(render(scene, CAMERA, Pose.identity("map", "camera"), wall), CHAIN, rng)
     codes = [d.code for d in detect_landmarks(image)]
     return kind, gaps_clear(corners), code in codes, any(c != code for c in codes)
 

@@ -109,7 +109,7 @@ def outcome(drive: Drive, case: Case, wheels: bool) -> tuple[bool, bool]:
         survey = survey_frames(case.frames, drive.rig, sizes, {anchor.id: Anchor(anchor, None)}, motion)
     except LmkitError:
         return False, True
-    named = survey.odd or survey.bundle.jumps or survey.unplaced or survey.ambiguous
+    named = survey.contradicted or survey.bundle.jumps or survey.unplaced or survey.ambiguous
     return bent(drive, survey, case.touched), bool(named)
 
 

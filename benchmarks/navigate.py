@@ -26,7 +26,7 @@ from lmkit.localization.correspondences import CORNER_FLOOR_PX
 from lmkit.model.floor_plan import FloorPlan
 from lmkit.model.landmark_map import LandmarkMap
 from lmkit.navigation.navigator import Site, drive_to
-from lmkit.pipelines.rendered_cameras import PictureEyes
+from lmkit.pipelines.rendered_cameras import RenderedCameras
 from lmkit.planning.coverage import Demand, PoseCoverage, predict_coverage
 from lmkit.planning.placement import place_landmarks
 from lmkit.planning.route import Goal
@@ -80,7 +80,7 @@ def drive(seed: int, path: Path, half: bool, pictures: bool) -> Run:
     goals = np.argwhere(full.holds(Demand()) & clear[:, None])
     place, turn = goals[rng.integers(len(goals))]
     goal = Goal(*full.places[place].tolist(), float(full.headings[turn]))
-    eyes = PictureEyes(floor_scene(seed, floor, landmarks), RIG, seed) if pictures else None
+    eyes = RenderedCameras(floor_scene(seed, floor, landmarks), RIG, seed) if pictures else None
     robot = SimulatedRobot(floor, landmarks, RIG, start, RADIUS_M, WHEELS, seed, eyes)
     inside: list[bool] = []
 
@@ -92,7 +92,7 @@ def drive(seed: int, path: Path, half: bool, pictures: bool) -> Run:
     # Simulated corners have no lens and no paper that the floor could stand for.
     floor_px = CORNER_FLOOR_PX if pictures else 0.0
     site = Site(floor, landmarks, RIG, RADIUS_M, Demand(), coverage, corner_floor_px=floor_px)
-    journey = drive_to(robot, site, goal, on_moment=note)
+    journey = drive_to(robot, site, goal, on_pose=note)
     off = float(np.hypot(goal.x_m - robot.state[0], goal.y_m - robot.state[1]))
     off_deg = float(np.rad2deg(abs(wrapped(robot.state[2] - (goal.heading_rad or 0.0)))))
     return Run(journey.status, off, off_deg, robot.touched, tuple(inside), robot.time_s)

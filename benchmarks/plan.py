@@ -27,7 +27,7 @@ from lmkit.model.floor_plan import FloorPlan
 from lmkit.model.landmark_id import LandmarkId
 from lmkit.model.landmark_map import LandmarkMap, MappedLandmark, wall_pose
 from lmkit.planning.coverage import Demand, expected_errors, places_on, predict_coverage, promised_errors
-from lmkit.planning.mounting_sites import HangOptions, hanging_places
+from lmkit.planning.mounting_sites import MountingOptions, possible_mounts
 from lmkit.planning.placement import place_landmarks
 from lmkit.planning.visibility import find_sights
 from lmkit.simulation.recording import T_BASE_LEFT, WheelErrors
@@ -41,7 +41,7 @@ DRAWS = 8
 
 def evenly(floor: FloorPlan, spacing_m: float) -> list[MappedLandmark]:
     height = RIG.T_base_left.t[2] + 0.25
-    free = {(s.wall.name, round(s.along_m, 2)): s for s in hanging_places(floor, RIG, HangOptions())}
+    free = {(s.wall.name, round(s.along_m, 2)): s for s in possible_mounts(floor, RIG, MountingOptions())}
     by_wall: dict[str, list[float]] = {}
     for name, along in free:
         by_wall.setdefault(name, []).append(along)

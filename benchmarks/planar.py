@@ -23,7 +23,7 @@ from lmkit.model.landmark import LM8
 from lmkit.model.landmark_map import LandmarkMap
 from lmkit.model.palette import srgb_to_linear
 from lmkit.simulation.inks import OFFSET, as_printed
-from lmkit.simulation.photograph import ImagingChain, take_picture
+from lmkit.simulation.photograph import ImagingChain, expose
 from lmkit.simulation.render import render
 from lmkit.simulation.scene import Panel, Scene
 
@@ -93,7 +93,7 @@ def shoot(marker: str, view: View, background: np.ndarray, seed: int) -> Shot:
     cam = camera()
     radiance = render(scene, cam, Pose.identity("map", "camera"), background)
     corners = cam.project(T.apply(LM8.object_points(SIDE_M)))
-    return Shot(take_picture(radiance, view.chain, rng), code, corners, T)
+    return Shot(expose(radiance, view.chain, rng), code, corners, T)
 
 
 @lru_cache(maxsize=1024)

@@ -29,7 +29,7 @@ from lmkit.model.landmark import LM8
 from lmkit.model.landmark_map import LandmarkMap
 from lmkit.model.palette import linear_to_srgb, srgb_to_linear
 from lmkit.simulation.inks import INKJET, LASER, OFFSET, as_printed
-from lmkit.simulation.photograph import Development, Gloss, ImagingChain, Lens, Light, Sensor, take_picture
+from lmkit.simulation.photograph import Development, Gloss, ImagingChain, Lens, Light, Sensor, expose
 from lmkit.simulation.render import render
 from lmkit.simulation.scene import Panel, Scene
 from lmkit.verification.prints import PrintedLandmark, Stated, grade_sheet, mirrored_word
@@ -221,7 +221,7 @@ def photograph(sheet: Sheet, look: Viewing, rng: np.random.Generator) -> np.ndar
     tone = str(rng.choice(["srgb", "gamma"]))
     development = Development(tone=tone, sharpen=float(rng.uniform(0, 0.4)), jpeg_quality=int(rng.integers(85, 96)))
     chain = ImagingChain(Lens(float(rng.uniform(0.5, 0.9))), light, Sensor(9000, 6), development)
-    return take_picture(radiance, chain, rng)
+    return expose(radiance, chain, rng)
 
 
 def examine(job: tuple[str, int, bool]) -> tuple[str, bool, str, dict[str, str | None]]:

@@ -123,7 +123,7 @@ def main() -> None:
         f"{error.rotation_deg.median:.2f} deg median, {error.pairs} poses"
     )
     print("odometry:", result.bundle.parameters.round(4), "jumps:", len(result.bundle.jumps))
-    print("odd:", result.odd, "unplaced:", result.unplaced)
+    print("contradicted:", result.contradicted, "unplaced:", result.unplaced)
 
 
 if __name__ == "__main__":

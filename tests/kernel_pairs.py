@@ -35,8 +35,8 @@ from lmkit.kernels.landmark_bundle import (
     Sums,
     add_bundle_equations,
     add_bundle_equations_numpy,
-    bundle_misfits,
-    bundle_misfits_numpy,
+    bundle_chi2,
+    bundle_chi2_numpy,
 )
 from lmkit.kernels.lens import Lens, corners_through_lens, corners_through_lens_numpy
 from lmkit.kernels.pose_search import (
@@ -50,8 +50,8 @@ from lmkit.kernels.pose_update import Update, update_planar, update_planar_numpy
 from lmkit.kernels.reprojection import (
     NO_PRIOR,
     Corners,
-    corner_misfits,
-    corner_misfits_numpy,
+    corner_chi2,
+    corner_chi2_numpy,
     pose_equations,
     pose_equations_numpy,
     refine_poses,
@@ -115,34 +115,34 @@ def hostile_corners(rng: np.random.Generator, count: int) -> Corners:
     )  # fmt: skip
 
 
-def _misfit_calls(rng: np.random.Generator) -> Iterator[tuple[Any, ...]]:
-    for poses, sightings in [(1, 1), (7, 3), (5, 8), (0, 3), (3, 0), (0, 0)]:
+def _chi2_calls(rng: np.random.Generator) -> Iterator[tuple[Any, ...]]:
+    for poses, observations in [(1, 1), (7, 3), (5, 8), (0, 3), (3, 0), (0, 0)]:
         R, p = small_rotations(rng, poses, 0.02), 0.1 * rng.normal(size=(poses, 3))
         for uncertain in (False, True):
-            corners = corners_in_view(rng, sightings, uncertain)
+            corners = corners_in_view(rng, observations, uncertain)
             yield corners, R, p
             yield corners, np.full_like(R, np.nan), p
             # Fortran's order, single precision, every other row of a larger array.
             yield corners, np.asfortranarray(R), np.repeat(p, 2, axis=0)[::2]
             yield corners, R.astype(np.float32), p
-        yield hostile_corners(rng, sightings), rotations(rng, poses), p
+        yield hostile_corners(rng, observations), rotations(rng, poses), p
 
 
 def _equation_calls(rng: np.random.Generator) -> Iterator[tuple[Any, ...]]:
-    for corners, R, p in _misfit_calls(rng):
+    for corners, R, p in _chi2_calls(rng):
         used = rng.uniform(size=(len(R), len(corners))) < 0.8
         for prior in (NO_PRIOR, PRIOR, (*PRIOR[:4], *NO_PRIOR[4:])):
             yield corners, prior, R, p, used
 
 
 def _refine_calls(rng: np.random.Generator) -> Iterator[tuple[Any, ...]]:
-    for poses, sightings in [(1, 3), (7, 3), (5, 8), (0, 3)]:
+    for poses, observations in [(1, 3), (7, 3), (5, 8), (0, 3)]:
         R, p = small_rotations(rng, poses, 0.02), 0.1 * rng.normal(size=(poses, 3))
-        used = np.ones((poses, sightings), dtype=bool)
+        used = np.ones((poses, observations), dtype=bool)
         used[:, ::4] = False
         for uncertain in (False, True):
             for prior in (NO_PRIOR, PRIOR):
-                yield corners_in_view(rng, sightings, uncertain), prior, R, p, used, 5, 1e-2, 1e6
+                yield corners_in_view(rng, observations, uncertain), prior, R, p, used, 5, 1e-2, 1e6
     # Nothing seen, and not a number: the pose stays.
     R, p = small_rotations(rng, 2, 0.02), np.zeros((2, 3))
     yield corners_in_view(rng, 0, False), NO_PRIOR, R, p, np.ones((2, 0), dtype=bool), 5, 1e-2, 1e6
@@ -262,13 +262,14 @@ def _square_calls(rng: np.random.Generator) -> Iterator[tuple[Any, ...]]:
     yield np.full((1, 4, 2), np.nan), np.array([0.2])
 
 
-def bundle_in_view(rng: np.random.Generator, poses: int, landmarks: int, sightings: int, size: float) -> Bundle:
+def bundle_in_view(rng: np.random.Generator, poses: int, landmarks: int, observations: int, size: float) -> Bundle:
     """Rig poses near the origin and landmarks a few metres before them; with a large size in any order."""
     return Bundle(
-        rng.integers(poses, size=sightings), rng.integers(landmarks, size=sightings),
-        0.3 * rng.normal(size=(sightings, 4, 2)), 400 * rng.normal(size=(sightings, 4, 2, 2)),
-        20 * (np.eye(8) + 0.1 * rng.normal(size=(sightings, 8, 8))), small_rotations(rng, sightings, 0.01 * size),
-        0.05 * rng.normal(size=(sightings, 3)), small_rotations(rng, poses, 0.1 * size),
+        rng.integers(poses, size=observations), rng.integers(landmarks, size=observations),
+        0.3 * rng.normal(size=(observations, 4, 2)), 400 * rng.normal(size=(observations, 4, 2, 2)),
+        20 * (np.eye(8) + 0.1 * rng.normal(size=(observations, 8, 8))),
+        small_rotations(rng, observations, 0.01 * size),
+        0.05 * rng.normal(size=(observations, 3)), small_rotations(rng, poses, 0.1 * size),
         size * 0.1 * rng.normal(size=(poses, 3)), small_rotations(rng, landmarks, 0.3 * size),
         size * 0.3 * rng.normal(size=(landmarks, 3)) + np.array([0, 0, 4]),
         0.1 * rng.normal(size=(landmarks, 4, 3)),
@@ -363,11 +364,11 @@ PAIRS = [
     Pair(_in_place(backward_chain), _in_place(backward_chain_numpy), _substitution_calls, 1e-11),
     Pair(used_columns, used_columns_numpy, _column_calls, 0),
     Pair(_in_place(take_columns), _in_place(take_columns_numpy), _take_calls, 0),
-    Pair(bundle_misfits, bundle_misfits_numpy, _bundle_calls),
+    Pair(bundle_chi2, bundle_chi2_numpy, _bundle_calls),
     Pair(_bundle_sums(add_bundle_equations), _bundle_sums(add_bundle_equations_numpy), _bundle_sum_calls),
     Pair(corners_through_lens, corners_through_lens_numpy, _lens_calls, 1e-11),
     Pair(square_poses, square_poses_numpy, _square_calls, 1e-10),
-    Pair(corner_misfits, corner_misfits_numpy, _misfit_calls),
+    Pair(corner_chi2, corner_chi2_numpy, _chi2_calls),
     Pair(pose_equations, pose_equations_numpy, _equation_calls),
     Pair(refine_poses, refine_poses_numpy, _refine_calls, 1e-9),
     Pair(search_poses, search_poses_numpy, _search_calls, 1e-8),

@@ -13,7 +13,7 @@ from lmkit.model.landmark import LM8, LandmarkFamily
 from lmkit.model.landmark_map import LandmarkMap
 from lmkit.model.palette import srgb_to_linear
 from lmkit.simulation.inks import LASER, as_printed
-from lmkit.simulation.photograph import ImagingChain, take_picture
+from lmkit.simulation.photograph import ImagingChain, expose
 from lmkit.simulation.render import render
 from lmkit.simulation.scene import Panel, Scene
 
@@ -38,5 +38,5 @@ def shoot(code, side_px, turn_deg=0.0, tilt_deg=0.0, chain=None, seed=0, camera=
     wall = np.full((camera.image_size[1], camera.image_size[0], 3), 0.35, dtype=np.float32)
     scene = Scene((panel,), LandmarkMap([]), (1, 1, 1))
     radiance = render(scene, camera, Pose.identity("map", "camera"), wall)
-    image = take_picture(radiance, chain or ImagingChain(), np.random.default_rng(seed))
+    image = expose(radiance, chain or ImagingChain(), np.random.default_rng(seed))
     return image, camera.project(T.apply(family.object_points(0.18)))

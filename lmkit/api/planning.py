@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from lmkit.model.landmark_map import LandmarkMap
     from lmkit.pipelines.prints import Prints
     from lmkit.planning.coverage import Demand
-    from lmkit.planning.mounting_sites import HangOptions
+    from lmkit.planning.mounting_sites import MountingOptions
     from lmkit.planning.placement import Placement
     from lmkit.planning.route import Route
 
@@ -62,7 +62,7 @@ def place_landmarks(
     rig: AnyRig | PathLike,
     *,
     demand: Demand | None = None,
-    options: HangOptions | None = None,
+    options: MountingOptions | None = None,
     existing: LandmarkMap | PathLike | None = None,
     radius: float | str = 0.25,
     camera_height: float | str | None = None,
@@ -93,8 +93,8 @@ def place_landmarks(
     from lmkit.planning.placement import place_landmarks
 
     ground, cameras = _floor(floor), _mounted(rig, camera_height)
-    hung = [] if existing is None else list(as_map(existing))
-    return place_landmarks(ground, hung, cameras, as_metres(radius, "radius"), demand or Demand(), options)
+    mounted = [] if existing is None else list(as_map(existing))
+    return place_landmarks(ground, mounted, cameras, as_metres(radius, "radius"), demand or Demand(), options)
 
 
 def plan_route(
@@ -132,13 +132,13 @@ def plan_route(
     from lmkit.planning.coverage import Demand
     from lmkit.planning.route import Goal, find_goal, plan_route
 
-    ground, hung, metres = _floor(floor), as_map(landmarks), as_metres(radius, "radius")
+    ground, mapped, metres = _floor(floor), as_map(landmarks), as_metres(radius, "radius")
     ends = [
-        find_goal(end, ground, hung, metres) if isinstance(end, str) else Goal(float(end[0]), float(end[1]))
+        find_goal(end, ground, mapped, metres) if isinstance(end, str) else Goal(float(end[0]), float(end[1]))
         for end in (start, goal)
     ]
     demand = demand or Demand(in_view=1, share=1.0)
-    return plan_route(ground, hung, _mounted(rig, camera_height), metres, ends[0], ends[1], demand)
+    return plan_route(ground, mapped, _mounted(rig, camera_height), metres, ends[0], ends[1], demand)
 
 
 def _floor(floor: FloorPlan | PathLike) -> FloorPlan:

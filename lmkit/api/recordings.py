@@ -109,27 +109,27 @@ def track(
         3
     """
     from lmkit.pipelines.recording_checks import require_plausible_recording
-    from lmkit.tracking.batch import track_pictures, track_readings
-    from lmkit.tracking.online import track_live, track_pictures_live, track_poses_live
+    from lmkit.tracking.batch import track_images, track_readings
+    from lmkit.tracking.online import track_images_live, track_live, track_poses_live
 
-    hung, odometry = as_map(landmarks), recording.odometry
-    hung.require_any(recording.ids)
-    require_plausible_recording(recording, None if rig is None else as_rig(rig), hung)
+    mapped, odometry = as_map(landmarks), recording.odometry
+    mapped.require_any(recording.ids)
+    require_plausible_recording(recording, None if rig is None else as_rig(rig), mapped)
     if recording.readings:
         if not isinstance(odometry, Odometry):
             raise InputError("no_odometry", "readings need wheel odometry", "read the recording with odometry=...")
         work = track_live if live else track_readings
-        return work([(t, list(seen)) for t, seen in recording.readings], odometry, recording.gyro, hung)
+        return work([(t, list(seen)) for t, seen in recording.readings], odometry, recording.gyro, mapped)
     if rig is None:
         raise InputError("no_rig", "frames need a rig", "give the rig, or its file")
     cameras, frames = as_rig(rig), list(recording.frames)
     if not live:
-        return track_pictures(frames, cameras, hung, motion_of(recording))
+        return track_images(frames, cameras, mapped, motion_of(recording))
     if odometry is None:
         raise InputError("no_odometry", "live tracking needs odometry", "read the recording with odometry=...")
     if isinstance(odometry, Trajectory):
-        return track_poses_live(frames, cameras, hung, odometry)
-    return track_pictures_live(frames, cameras, hung, odometry, recording.gyro)
+        return track_poses_live(frames, cameras, mapped, odometry)
+    return track_images_live(frames, cameras, mapped, odometry, recording.gyro)
 
 
 def evaluate(

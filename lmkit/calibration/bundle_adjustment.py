@@ -29,7 +29,7 @@ DAMPING = Damping(start=1e-3, grow=10.0, first_grown=0.0)
 MOST_TRIED = 8  # steps with ever more damping, before it is called converged
 CONVERGED = 1e-7  # relative gain; of some thousand residuals, a thousandth of a standard deviation of anything
 LEAST_PAIRS = 8  # for the scatter between pairs to tell anything
-LOSS_WIDTH = 3.0  # standard deviations at which the Cauchy loss bends
+LOSS_WIDTH = 3.0  # standard deviations at which the Cauchy loss halves its weight
 # Standard deviations of what one coefficient does at the corner of the image, over its distance
 # from the middle, before anything was seen: wide for any lens, but it keeps coefficients that cancel
 # each other (Claus and Fitzgibbon 2005 on rational models) from running away together.
@@ -81,7 +81,7 @@ class FitOptions:
 
 
 def _warp_shapes(object_points: FloatArray) -> FloatArray:
-    """(N,2) how far a bow along each axis of the board lifts its points: parabolas, 1 in the middle, 0 at the rim."""
+    """(N,2) how far a bow along each axis of the board lifts its points: parabolas, 1 at the center, 0 at the rim."""
     middle = (object_points.max(axis=0) + object_points.min(axis=0)) / 2
     half = np.maximum((object_points.max(axis=0) - object_points.min(axis=0)) / 2, 1e-9)
     scaled = (object_points - middle)[:, :2] / half[:2]
@@ -168,7 +168,9 @@ class StereoProblem:
 
     def rms(self, s: Solution) -> FloatArray:
         """(P,) root mean square distance of each pair's corners, px, as if all images were equally sharp."""
-        left, right = (eye.per_pair(r) for eye, r in zip((self.left, self.right), self._whitened(s), strict=True))
+        left, right = (
+            camera.per_pair(r) for camera, r in zip((self.left, self.right), self._whitened(s), strict=True)
+        )
         both = [np.concatenate(pair) for pair in zip(left, right, strict=True)]
         return np.array([np.sqrt(np.mean(np.sum(r**2, axis=1))) for r in both])
 
@@ -230,8 +232,8 @@ class StereoProblem:
         shared[:, :, -WARP:] = (by_point @ s.rotations[eye.pair][:, :, 2:]) * eye.shapes[:, None]
         blocks.add(eye, shared, derivatives_by_pose(by_point, turned), eye.pixels - pixels, scale)
 
-        eye = self.right
-        if not len(eye.ids):
+        camera = self.right
+        if not len(camera.ids):
             return self._with_prior(blocks, s, scale, prior)
         board, turned = board_and_turned(eye, s.warp, s.rotations)
         in_right_turned = (turned + s.translations[eye.pair]) @ s.R.T
@@ -325,9 +327,9 @@ class Blocks:
         """Add what one camera says: derivatives (N,2,G) and (N,2,6), residuals (N,2), px."""
         weight = robust_weight(residual / eye.sigma, scale)[:, None] / eye.sigma**2
         both = np.concatenate([shared, pose], axis=2)
-        starts = np.concatenate([[0], eye.ends[:-1]])
+        starts = np.concatenate([[0], camera.ends[:-1]])
         size = shared.shape[2]
-        for p, (a, b) in enumerate(zip(starts, eye.ends, strict=True)):
+        for p, (a, b) in enumerate(zip(starts, camera.ends, strict=True)):
             J = both[a:b].reshape(-1, size + POSE)
             WJ = (weight[a:b, :, None] * both[a:b]).reshape(-1, size + POSE)
             normal, gradient = WJ.T @ J, WJ.T @ residual[a:b].ravel()
@@ -347,10 +349,10 @@ def reduced_equations(
     blocks: Blocks, fitted: BoolArray, damping: float
 ) -> tuple[FloatArray, tuple[FloatArray, FloatArray]]:
     """The normal matrix of the fitted shared unknowns with the poses eliminated, and what leads back to them."""
-    eye = np.arange(POSE)
+    camera = np.arange(POSE)
     poses = blocks.poses.copy()
-    poses[:, eye, eye] *= 1 + damping
-    poses[:, eye, eye] += 1e-12
+    poses[:, camera, camera] *= 1 + damping
+    poses[:, camera, camera] += 1e-12
     inverse = np.linalg.inv(poses)
     mixed = blocks.mixed[:, fitted]
     back = mixed @ inverse

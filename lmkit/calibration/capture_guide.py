@@ -55,7 +55,7 @@ class CaptureGuide:
     Args:
         object_points: (N,3) of the board.
         image_size: (width, height) of both cameras.
-        moving: frames follow each other, so that a board in motion can be told; False for single images.
+        moving: frames follow each other, so that a board in motion can be recognised; False for single images.
     """
 
     def __init__(self, object_points: FloatArray, image_size: tuple[int, int], moving: bool = True) -> None:
@@ -134,8 +134,8 @@ class CaptureGuide:
     def _fills_a_cell(self, view: PairView) -> bool:
         size = self._camera.image_size
         seen = [
-            filled_cells(np.concatenate([getattr(kept.view, eye) for kept in self._kept]), size)
-            for eye in ("left", "right")
+            filled_cells(np.concatenate([getattr(kept.view, side) for kept in self._kept]), size)
+            for side in ("left", "right")
         ]
         new = [filled_cells(points, size) for points in (view.left, view.right)]
         return any(bool((here & ~before).any()) for here, before in zip(new, seen, strict=True))

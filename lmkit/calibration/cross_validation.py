@@ -1,6 +1,6 @@
 """How a calibration does on pairs that it has not seen: k folds, every fold fitted without them.
 
-The error of the fit says nothing of what a model with more freedom has learnt by heart; only pairs
+The error of the fit says nothing of what a model with more freedom has fitted of the noise; only pairs
 kept back do (Stone 1974).
 """
 

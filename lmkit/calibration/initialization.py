@@ -188,13 +188,13 @@ def board_poses(camera: CameraModel, object_points: FloatArray, points: FloatArr
     rays = camera.unproject(points)
     if not np.isfinite(rays).all():
         return []
-    eye = np.eye(3)
-    _, rvecs, tvecs, _ = cv2.solvePnPGeneric(object_points, rays, eye, None, flags=cv2.SOLVEPNP_IPPE)
+    identity = np.eye(3)
+    _, rvecs, tvecs, _ = cv2.solvePnPGeneric(object_points, rays, identity, None, flags=cv2.SOLVEPNP_IPPE)
     poses: list[_BoardPose] = []
     for rvec, tvec in zip(rvecs, tvecs, strict=True):
         if not (np.isfinite(rvec).all() and np.isfinite(tvec).all()):
             continue
-        better = cv2.solvePnPRefineLM(object_points, rays, eye, None, rvec, tvec)
+        better = cv2.solvePnPRefineLM(object_points, rays, identity, None, rvec, tvec)
         rvec, tvec = (np.asarray(vector, dtype=np.float64).ravel() for vector in better)
         R = rotation_exp(rvec)
         left_over = points - camera.project(object_points @ R.T + tvec)

@@ -121,7 +121,7 @@ def calibrate_camera(
     bad = [
         (
             alone[k].name,
-            f"corners fit {ratio:.0f} times worse than in the median image: blurred, or the board is bent",
+            f"corners fit {ratio:.0f} times worse than in the median image: blurred, or the board is warped",
         )
         for k, ratio in best.ratios.items()
     ]

@@ -15,7 +15,7 @@ from lmkit.geometry.rotations import rotation_angle
 from lmkit.model.observation import PairView
 
 BLUR_RATIO = 4.0  # noise of an image's corners over the median's
-ONE_EYE_RATIO = 6.0  # a board's error in one camera alone over the median's
+ONE_CAMERA_RATIO = 6.0  # a board's error in one camera alone over the median's
 MATE_SHARE = 0.15  # of the board's size in the image: so near must a swapped image's corners lie
 LEAST_GROUP = 2
 MOST_TRIED = 12
@@ -30,7 +30,7 @@ class Disagreement:
 
     Attributes:
         pair: its name.
-        cause: ``swapped``, ``moved``, ``blur``, ``distorted``, ``misfit`` or ``other_moment``.
+        cause: ``swapped``, ``moved``, ``blur``, ``distorted``, ``residual`` or ``other_time``.
         reason: in words.
     """
 
@@ -44,7 +44,7 @@ def explain_disagreements(
     views: Sequence[PairView],
     agreement: Consensus,
     bad: Sequence[int],
-    misfits: Mapping[int, float],
+    residual_ratios: Mapping[int, float],
     solution: Solution,
     fair_px: float,
 ) -> list[Disagreement]:
@@ -68,27 +68,27 @@ def explain_disagreements(
         off = f"its cameras stand {degrees:.1f} deg and {shift * 1000:.0f} mm off the others'"
         noise = max(view.noise_left or 0.0, view.noise_right or 0.0)
         if k in mates:
-            told = ("swapped", f"its right image belongs to the left one of {views[mates[k]].name}: swapped")
+            cause = ("swapped", f"its right image belongs to the left one of {views[mates[k]].name}: swapped")
         elif k in moved:
             group, turned = moved[k]
             others = ", ".join(views[j].name for j in group if j != k)
-            told = ("moved", f"it and {others} agree on cameras turned by {turned:.1f} deg: the rig was moved")
+            cause = ("moved", f"it and {others} agree on cameras turned by {turned:.1f} deg: the rig was moved")
         elif noise > BLUR_RATIO * middle_noise:
-            told = (
+            cause = (
                 "blur",
                 f"its corners scatter by {noise:.2f} px, {noise / middle_noise:.0f} times the others': blurred",
             )
-        elif agreement.relations[k].rms_px > ONE_EYE_RATIO * middle_rms:
+        elif agreement.relations[k].rms_px > ONE_CAMERA_RATIO * middle_rms:
             rms = agreement.relations[k].rms_px
-            told = (
+            cause = (
                 "distorted",
-                f"one camera alone misses a flat board by {rms:.2f} px: a reflection, a bent or another board",
+                f"one camera alone misses a flat board by {rms:.2f} px: a reflection, a warped or another board",
             )
-        elif k in misfits:
-            told = ("misfit", f"its corners fit {misfits[k]:.0f} times worse than the others'")
+        elif k in residual_ratios:
+            cause = ("residual", f"its corners fit {residual_ratios[k]:.0f} times worse than the others'")
         else:
-            told = ("other_moment", f"{off}: its two images are taken at different times, or of a mirror image")
-        result.append(Disagreement(view.name, *told))
+            cause = ("other_time", f"{off}: its two images are taken at different times, or of a mirror image")
+        result.append(Disagreement(view.name, *cause))
     return result
 
 

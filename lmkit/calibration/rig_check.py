@@ -1,6 +1,6 @@
 """`check_rig`: is an old calibration still true for new images?
 
-Lenses get bumped and rigs bend in the heat.  New corners are explained by the rig as it is, and by
+Lenses get bumped and rigs deform in the heat.  New corners are explained by the rig as it is, and by
 rigs that were fitted to the other new pairs: first with the cameras moved to each other alone, then
 with other lenses too.  If a new fit does clearly better on pairs that it has not seen, and by more
 than a user would notice, the old rig is no longer true.
@@ -34,19 +34,19 @@ class RigCheck:
     """Result of checking an old rig by new images.
 
     Attributes:
-        verdict: ``true``, ``moved`` (the cameras stand differently to each other) or ``lenses`` (other
+        state: ``true``, ``moved`` (the cameras stand differently to each other) or ``lenses`` (other
             intrinsics, too).
         epipolar_px, reprojection_px: mean errors of the new corners in the old rig.
         moved_epipolar_px, moved_reprojection_px: on pairs held out, with the relation of the cameras fitted anew.
         lenses_reprojection_px: the same with the intrinsics fitted as well; None where the views cannot tell them.
         turn_deg, turn_sigma_deg: (3,) how far the right camera has turned about its own x, y and z axis.
         shift_mm, shift_sigma_mm: (3,) how far the left camera's centre has moved in the right camera's frame.
-        focal_change: relative change of the left and right focal length, where the verdict is ``lenses``.
+        focal_change: relative change of the left and right focal length, where the state is ``lenses``.
         used: pairs that were used.
-        odd: pairs whose corners fit neither rig.
+        contradicted: pairs whose corners fit neither rig.
     """
 
-    verdict: str
+    state: str
     epipolar_px: float
     reprojection_px: float
     moved_epipolar_px: float
@@ -58,17 +58,17 @@ class RigCheck:
     shift_sigma_mm: FloatArray
     focal_change: tuple[float, float] | None
     used: tuple[str, ...]
-    odd: tuple[str, ...]
+    contradicted: tuple[str, ...]
 
     @property
     def sentence(self) -> str:
-        """The verdict in words."""
-        if self.verdict == "true":
+        """The state in words."""
+        if self.state == "true":
             return "still true: no new fit does clearly better on pairs that it has not seen"
         axis = int(np.abs(self.turn_deg).argmax())
         motion = ("pitched", "yawed", "rolled")[axis]
         turned = f"the right camera has {motion} by {self.turn_deg[axis]:+.3f} ± {self.turn_sigma_deg[axis]:.3f} deg"
-        if self.verdict == "moved":
+        if self.state == "moved":
             return f"no longer true: {turned} to the left one; recalibrate"
         assert self.focal_change is not None
         left, right = (f"{100 * change:+.2f} %" for change in self.focal_change)
@@ -108,9 +108,9 @@ def check_rig(rig: StereoRig, object_points: FloatArray, views: Sequence[PairVie
     turned = FitOptions(intrinsics=False, warp=lenses)
     # Pairs taken at different times fit no rig at all; they must not speak for a moved one.
     moved = StereoProblem(object_points, kept).solve(old, turned)
-    misfit = StereoProblem(object_points, kept).rms(moved)
-    good = np.flatnonzero(misfit <= BAD_RATIO * np.median(misfit))
-    odd = [kept[int(k)].name for k in np.flatnonzero(misfit > BAD_RATIO * np.median(misfit))]
+    rms = StereoProblem(object_points, kept).rms(moved)
+    good = np.flatnonzero(rms <= BAD_RATIO * np.median(rms))
+    contradicted = [kept[int(k)].name for k in np.flatnonzero(rms > BAD_RATIO * np.median(rms))]
     kept = [kept[int(k)] for k in good]
     if len(kept) < LEAST_VIEWS:
         raise InputError(
@@ -123,21 +123,21 @@ def check_rig(rig: StereoRig, object_points: FloatArray, views: Sequence[PairVie
     fitted = hold_out(object_points, kept, rows, moved, turned)
     assert as_it_was is not None
     assert fitted is not None
-    verdict = "moved" if _worth(fitted, as_it_was) else "true"
+    state = "moved" if _worth(fitted, as_it_was) else "true"
     anew: HeldOut | None = None
     change: tuple[float, float] | None = None
     if lenses:
         everything = problem.solve(moved, FitOptions())
         anew = hold_out(object_points, kept, rows, everything, FitOptions())
         assert anew is not None
-        if _worth(anew, fitted if verdict == "moved" else as_it_was):
-            verdict = "lenses"
+        if _worth(anew, fitted if state == "moved" else as_it_was):
+            state = "lenses"
             change = _zoom(rig.left, everything.left), _zoom(rig.right, everything.right)
     assert moved.covariance is not None
     at = len(intrinsics_vector(rig.left)) + len(intrinsics_vector(rig.right))
     sigma = np.sqrt(np.diag(moved.covariance)[at : at + POSE])
     return RigCheck(
-        verdict=verdict,
+        state=state,
         epipolar_px=as_it_was.mean_epipolar_px,
         reprojection_px=as_it_was.mean_reprojection_px,
         moved_epipolar_px=fitted.mean_epipolar_px,
@@ -149,7 +149,7 @@ def check_rig(rig: StereoRig, object_points: FloatArray, views: Sequence[PairVie
         shift_sigma_mm=1000 * sigma[3:],
         focal_change=change,
         used=tuple(view.name for view in kept),
-        odd=tuple(odd),
+        contradicted=tuple(contradicted),
     )
 
 
@@ -178,7 +178,7 @@ def _start(rig: StereoRig, object_points: FloatArray, view: PairView) -> tuple[F
 def check_dict(checked: RigCheck) -> dict[str, Any]:
     """The answer as docs/formats.md has it."""
     return {
-        "verdict": checked.verdict,
+        "state": checked.state,
         "sentence": checked.sentence,
         "epipolar_px": checked.epipolar_px,
         "reprojection_px": checked.reprojection_px,
@@ -190,17 +190,21 @@ def check_dict(checked: RigCheck) -> dict[str, Any]:
         "shift_sigma_mm": checked.shift_sigma_mm.tolist(),
         "focal_change": None if checked.focal_change is None else list(checked.focal_change),
         "views_used": list(checked.used),
-        "views_odd": list(checked.odd),
+        "views_contradicted": list(checked.contradicted),
     }
 
 
 def check_lines(checked: RigCheck) -> list[str]:
-    """The result as lines of text, without the verdict."""
+    """The result as lines of text, without the state."""
     lines = []
     for name, old_px, new_px in (
         ("row error", checked.epipolar_px, checked.moved_epipolar_px),
         ("reprojection error", checked.reprojection_px, checked.moved_reprojection_px),
     ):
         lines.append(f"{name:<22} {old_px:.3f} px with this rig, {new_px:.3f} px with the cameras' relation refitted")
-    bad = f", {len(checked.odd)} match no rig ({', '.join(checked.odd)})" if checked.odd else ""
+    bad = (
+        f", {len(checked.contradicted)} match no rig ({', '.join(checked.contradicted)})"
+        if checked.contradicted
+        else ""
+    )
     return [*lines, f"views                  {len(checked.used)} used{bad}"]

@@ -24,9 +24,9 @@ WRONG_FIELD = 0.05
 UNEQUAL_FOCALS = 0.03
 CENTRE_SHARE = 0.15
 STRONG_WARP = 0.01  # bow over the board's half size
-WEAK_BASELINE = 0.005
+UNSURE_BASELINE = 0.005
 BEYOND_MODEL = 0.02
-WEAK_FOCAL = 0.005
+UNSURE_FOCAL = 0.005
 
 
 @dataclass(frozen=True)
@@ -131,7 +131,7 @@ def check_calibration(
     t = rig.T_right_left.t
     if abs(t[0]) > abs(t[1]) and t[0] > 0:
         message = "the right camera stands left of the left one: LEFT and RIGHT look swapped"
-        warnings.append(CalibrationWarning("exchanged", message))
+        warnings.append(CalibrationWarning("swapped", message))
     if bow_m > STRONG_WARP * board_half_m:
         message = f"the board is bowed by {bow_m * 1000:.1f} mm: mount it on something flat"
         warnings.append(CalibrationWarning("bowed_board", message))
@@ -154,8 +154,8 @@ def _cause_in_words(cause: str, bad: Sequence[Disagreement]) -> str:
         "moved": "the rig was moved",
         "blur": "blurred",
         "distorted": "no flat board in one camera",
-        "misfit": "corners that do not fit",
-        "other_moment": "images taken at different times",
+        "residual": "corners that do not fit",
+        "other_time": "images taken at different times",
     }
     return f"{words[cause]}: {names}"
 
@@ -170,12 +170,12 @@ def _check_scale(rig: StereoRig, baseline_sigma_m: float, declared: Declared) ->
                 f"{declared.baseline_m * 1000:g} mm declared, and all depths with it; measure the board (--measured)"
             )
             return [CalibrationWarning("scale", message)]
-    if baseline_sigma_m > WEAK_BASELINE * baseline:
+    if baseline_sigma_m > UNSURE_BASELINE * baseline:
         message = (
             f"the baseline, and with it every depth, is known to {100 * baseline_sigma_m / baseline:.1f} %; "
             "take nearer and more tilted views"
         )
-        return [CalibrationWarning("weak_baseline", message)]
+        return [CalibrationWarning("unsure_baseline", message)]
     return []
 
 
@@ -200,12 +200,12 @@ def check_camera(
             "images cropped or scaled, another lens, or a wrong calibration"
         )
         warnings.append(CalibrationWarning("field_of_view", message))
-    if sigma[0] > WEAK_FOCAL * fx:
+    if sigma[0] > UNSURE_FOCAL * fx:
         message = (
             f"{which}'s focal length is known to {100 * sigma[0] / fx:.1f} % only: "
             "take views with the board tilted by 30 to 45 deg, each edge nearer in turn"
         )
-        warnings.append(CalibrationWarning("weak_focal", message))
+        warnings.append(CalibrationWarning("unsure_focal", message))
     if abs(fx / fy - 1) > UNEQUAL_FOCALS:
         message = f"focal lengths of {which} differ by {100 * abs(fx / fy - 1):.1f} %: images stretched?"
         warnings.append(CalibrationWarning("unequal_focals", message))

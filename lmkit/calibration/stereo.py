@@ -151,7 +151,7 @@ def calibrate_stereo(
         half,
         declared or Declared(),
     )
-    left, right = (np.concatenate([pair[eye] for pair in residuals]) for eye in (0, 1))
+    left, right = (np.concatenate([pair[side] for pair in residuals]) for side in (0, 1))
     return StereoCalibration(
         rig=rig,
         solution=s,
@@ -240,8 +240,10 @@ def _fit(
     solution = problem.solve(solution, FitOptions())
     rms = problem.rms(solution)
     good = rms <= BAD_RMS_RATIO * np.median(rms)
-    misfits = {int(k): float(ratio) for k, ratio in zip(rows[~good], rms[~good] / np.median(rms), strict=True)}
-    if misfits:
+    residual_ratios = {
+        int(k): float(ratio) for k, ratio in zip(rows[~good], rms[~good] / np.median(rms), strict=True)
+    }
+    if residual_ratios:
         rows = rows[good]
         problem = StereoProblem(object_points, [views[int(k)] for k in rows])
         solution = problem.solve(solution.with_poses(np.flatnonzero(good)), FitOptions())
@@ -249,10 +251,10 @@ def _fit(
     bad = sorted(set(range(len(views))) - set(kept))
     agreement = agreement_with(object_points, views, solution, kept)
     fair = BAD_RMS_RATIO * float(np.median(problem.rms(solution)))
-    reasons = explain_disagreements(object_points, views, agreement, bad, misfits, solution, fair)
+    reasons = explain_disagreements(object_points, views, agreement, bad, residual_ratios, solution, fair)
     hopeless = problem.mean_error(solution) > to_beat_px
     held_out = None if hopeless else hold_out(object_points, views, kept, solution)
-    # Cameras of the cameras' own: those of the joint fit bend to make up for cameras that do not belong together.
+    # Cameras of the cameras' own: those of the joint fit change to make up for cameras that do not belong together.
     alone_px = float(np.median([consensus.relations[k].rms_px for k in kept]))
     return _Fit(kept, reasons, alone_px, solution, held_out)
 

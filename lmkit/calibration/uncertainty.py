@@ -18,7 +18,7 @@ MATCHING_PX = 0.1  # standard deviation of a matched corner, in each camera
 
 @dataclass(frozen=True)
 class DepthError:
-    """Standard deviations of the depth of a point in the middle of what both cameras see.
+    """Standard deviations of the depth of a point at the center of what both cameras see.
 
     Attributes:
         depth_m: of the point.
@@ -89,11 +89,11 @@ def depth_errors(s: Solution, depths_m: tuple[float, ...] = DEPTHS_M) -> tuple[D
 
 
 def _in_both_middles(s: Solution, depth: float) -> FloatArray:
-    """(3,) the point at this depth of the left camera, half way between what the two cameras have in the middle."""
+    """(3,) the point at this depth of the left camera, half way between what the two cameras have at the center."""
     width, height = s.left.image_size
     middle = np.array([[(width - 1) / 2, (height - 1) / 2]])
     left = np.append(s.left.unproject(middle)[0], 1.0) * depth
     ray = s.R.T @ np.append(s.right.unproject(middle)[0], 1.0)
-    eye = -s.R.T @ s.t
-    right = eye + ray * (depth - eye[2]) / ray[2] if ray[2] > 0.1 else left
+    right_center = -s.R.T @ s.t
+    right = right_center + ray * (depth - right_center[2]) / ray[2] if ray[2] > 0.1 else left
     return np.asarray((left + right) / 2)

@@ -38,9 +38,9 @@ class ViewCoverage:
     tilts_deg: FloatArray
     advice: tuple[str, ...]
 
-    def filled(self, eye: int) -> float:
+    def filled(self, side: int) -> float:
         """Share of the cells of one camera (0 left, 1 right) in which corners were seen."""
-        return float(self.cells[eye].mean())
+        return float(self.cells[side].mean())
 
 
 def coverage_of(
@@ -48,8 +48,8 @@ def coverage_of(
 ) -> ViewCoverage:
     """ViewCoverage of the pairs, with the board's poses (P,3,3), (P,3) in the left camera."""
     cells = tuple(
-        filled_cells(np.concatenate([np.zeros((0, 2)), *(getattr(view, eye) for view in views)]), camera.image_size)
-        for eye, camera in (("left", left), ("right", right))
+        filled_cells(np.concatenate([np.zeros((0, 2)), *(getattr(view, side) for view in views)]), camera.image_size)
+        for side, camera in (("left", left), ("right", right))
     )
     distances = np.linalg.norm(translations, axis=1)
     # The board's normal, turned so that it looks away from the camera.

@@ -37,5 +37,5 @@ def check_images(rig: Path, left: str, right: str, spec: BoardSpec | None, as_js
         print_line(f"{rig}: {checked.sentence}")
         for line in check_lines(checked):
             print_line(line)
-    if checked.verdict != "true":
+    if checked.state != "true":
         raise NegativeAnswer("no_longer_true", f"{rig} no longer holds", "recalibrate")

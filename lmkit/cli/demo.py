@@ -27,10 +27,12 @@ def run(
     navigate: Annotated[
         bool, typer.Option("--navigate", help="Instead: plan where to mount landmarks, then navigate by them.")
     ] = False,
-    pictures: Annotated[
+    images: Annotated[
         bool,
         typer.Option(
-            "--pictures", help="With --navigate: detect in rendered images, not simulated corners (minutes)."
+            "--images",
+            "--pictures",
+            help="With --navigate: detect in rendered images, not simulated corners (minutes).",
         ),
     ] = False,
     jobs: options.Jobs = None,
@@ -50,13 +52,13 @@ def run(
     check_writable(output / "errors.csv", force)
     if drive and navigate:
         raise InputError("not_together", "--drive and --navigate cannot be combined", "leave one of them out")
-    if pictures and not navigate:
-        raise InputError("no_navigate", "--pictures needs --navigate", "add --navigate")
+    if images and not navigate:
+        raise InputError("no_navigate", "--images needs --navigate", "add --navigate")
     if drive:
         _drive(output, seed, landmarks)
         return
     if navigate:
-        _navigate(output, seed, pictures)
+        _navigate(output, seed, images)
         return
     with ProgressBars() as bars:
         result = run_demo(output, seed, pairs, boards, landmarks, bars.update)
@@ -78,20 +80,20 @@ def _drive(folder: Path, seed: int, landmarks: int) -> None:
     print_line(f"see {folder / 'plan.png'}, {folder / 'map.yaml'}, {folder / 'trajectory.tum'}")
 
 
-def _navigate(folder: Path, seed: int, by_pictures: bool) -> None:
+def _navigate(folder: Path, seed: int, from_images: bool) -> None:
     from lmkit.demos.navigate import run_navigate_demo
 
     with ProgressBars() as bars:
-        answer = run_navigate_demo(folder, seed, by_pictures, bars.update)
+        answer = run_navigate_demo(folder, seed, from_images, bars.update)
     print_line(f"{answer.landmarks} landmarks placed; the requirement holds on {answer.share:.0%} of the floor")
-    print_line(f"simulated robot, {'images' if by_pictures else 'corners'}, wheels and gyro:")
+    print_line(f"simulated robot, {'images' if from_images else 'corners'}, wheels and gyro:")
     for leg in answer.legs:
         end = f"{leg.off_mm:5.1f} mm and {leg.off_deg:4.2f} deg from the goal" if leg.status == "arrived" else leg.why
         print_line(f"{leg.name:18s} {leg.status:8s} {leg.way_m:5.1f} m, {leg.seconds:3.0f} s: {end}")
     print_line(f"the true position was inside the 95 % ellipse {answer.inside:.0%} of the time")
     print_line(
-        f"simulated images at {answer.pictures} places on the route: located {answer.located}, "
-        + ("" if answer.picture_mm is None else f"median error {answer.picture_mm:.1f} mm")
+        f"simulated images at {answer.images} places on the route: located {answer.located}, "
+        + ("" if answer.image_error_mm is None else f"median error {answer.image_error_mm:.1f} mm")
     )
     names = ("plan.png", "strip.jpg", "coverage.png", "landmarks.pdf", "map.yaml", "believed.tum")
     print_line(f"see {', '.join(str(folder / name) for name in names)}")

@@ -55,10 +55,10 @@ def _version(name: str) -> str | None:
 
 
 def _opencv() -> Finding:
-    doubles = [name for name in OPENCV_OTHERS if _version(name) is not None]
-    hint = f"pip uninstall -y {' '.join(doubles)} {OPENCV_OURS} && pip install {OPENCV_OURS}"
-    if doubles:
-        return Finding(False, f"{', '.join(doubles)} overwrites the cv2 of {OPENCV_OURS}", hint)
+    others = [name for name in OPENCV_OTHERS if _version(name) is not None]
+    hint = f"pip uninstall -y {' '.join(others)} {OPENCV_OURS} && pip install {OPENCV_OURS}"
+    if others:
+        return Finding(False, f"{', '.join(others)} overwrites the cv2 of {OPENCV_OURS}", hint)
     try:
         import cv2
     except ImportError as error:

@@ -103,18 +103,18 @@ def run(
     _require_frame(frame, cameras, rig)
     groups = _groups(images or [], mono, cameras)
     failed = []
-    moments = (located for sources in groups for located in locate_in_sources(sources, cameras, landmarks, choices))
+    located = (located for sources in groups for located in locate_in_sources(sources, cameras, landmarks, choices))
     with LocateResults(cameras, landmarks, frame, annotate, force) as results:
-        for moment in progress(moments, frame_count([sources[0] for sources in groups]), "locating"):
-            results.add(moment)
-            if moment.error is not None:
-                failed.append(moment.error)
+        for frame_result in progress(located, frame_count([sources[0] for sources in groups]), "locating"):
+            results.add(frame_result)
+            if frame_result.error is not None:
+                failed.append(frame_result.error)
             if as_json:
-                print_json(located_dict(moment, cameras, frame))
-            elif moment.error is None:
-                print_line(located_line(moment, cameras, frame))
+                print_json(located_dict(frame_result, cameras, frame))
+            elif frame_result.error is None:
+                print_line(located_line(frame_result, cameras, frame))
             elif len(results.answers) > 1:
-                warn(str(moment.error))
+                warn(str(frame_result.error))
     for path in write_outputs(results.files(tum, csv, plan), force):
         warn(f"wrote {path}")
     if failed:

@@ -33,7 +33,7 @@ def run(
     from lmkit.cli.plan_inputs import read_mounted_rig
     from lmkit.io.external_maps import read_any_map
     from lmkit.io.floor_plan import read_floor
-    from lmkit.planning.coverage import coverage_dict, coverage_lines, predict_coverage, weak_places
+    from lmkit.planning.coverage import coverage_dict, coverage_lines, failing_places, predict_coverage
     from lmkit.reports.planning import draw_coverage
 
     demand, radius_m = parse_demand(error, heading, in_view, headings, 100.0), parse_metres(radius, "--radius")
@@ -41,11 +41,11 @@ def run(
     cameras, landmarks = read_mounted_rig(rig, camera_height), read_any_map(landmark_map)
     ground = read_floor(floor, scale)
     answer = predict_coverage(ground, list(landmarks), cameras, radius_m)
-    weak = weak_places(answer, demand)
+    failing = failing_places(answer, demand)
     write_outputs({plan: draw_coverage(ground, landmarks, answer, demand, image_kind(plan))}, force)
     if as_json:
-        print_json(coverage_dict(answer, demand, weak, plan))
+        print_json(coverage_dict(answer, demand, failing, plan))
         return
-    for line in coverage_lines(answer, demand, weak):
+    for line in coverage_lines(answer, demand, failing):
         print_line(line)
     print_line(f"wrote {plan}")

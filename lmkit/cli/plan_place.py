@@ -61,7 +61,7 @@ def run(
     from lmkit.model.landmark_map import LandmarkMap
     from lmkit.pipelines.prints import PAPERS
     from lmkit.planning.mounting_plan import placement_lines
-    from lmkit.planning.mounting_sites import HangOptions
+    from lmkit.planning.mounting_sites import MountingOptions
     from lmkit.planning.placement import place_landmarks
     from lmkit.reports.planning import PLACEMENT_FILES, placement_files
 
@@ -73,11 +73,11 @@ def run(
     if paper not in PAPERS:
         raise InputError("bad_paper", f"--paper {paper} is unknown", f"choose {', '.join(PAPERS)}")
     check_outputs([output / name for name in PLACEMENT_FILES], None, force)
-    choices = HangOptions(
+    choices = MountingOptions(
         sizes_m=tuple(parse_metres(text, "--size") for text in size or ["180mm"]),
         heights_m=tuple(parse_metres(text, "--height") for text in height or []),
         not_on=tuple(name.strip() for name in not_on.split(",") if name.strip()),
-        exchange_s=patience,
+        swap_s=patience,
     )
     cameras = read_mounted_rig(rig, camera_height)
     mounted = LandmarkMap([]) if landmark_map is None else read_any_map(landmark_map)

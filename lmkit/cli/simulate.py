@@ -31,12 +31,12 @@ def run(
             hint = f"give {low} to {high}"
             raise InputError("out_of_range", f"{name} {value} is outside {low} to {high}", hint)
     from lmkit.io.files import check_writable, write_file
-    from lmkit.simulation.dataset import description_files, make_dataset, take_pictures
+    from lmkit.simulation.dataset import description_files, make_dataset, render_images
     from lmkit.visualization.overlay import encode_png
 
     check_writable(output / "truth.json", force)
     data = make_dataset(seed, pairs, boards, landmarks)
-    for name, image in progress(take_pictures(data), 2 * (pairs + boards), "rendering"):
+    for name, image in progress(render_images(data), 2 * (pairs + boards), "rendering"):
         write_file(output / name, encode_png(image), force)
     for name, text in description_files(data).items():
         write_file(output / name, text, force)

@@ -31,11 +31,11 @@ from lmkit.model.observation import Detection
 from lmkit.model.pose_status import PoseStatus
 from lmkit.pipelines.board_views import find_board_pairs
 from lmkit.reports.calibration import calibration_report
-from lmkit.simulation.dataset import BOARD, Dataset, description_files, make_dataset, take_pictures
+from lmkit.simulation.dataset import BOARD, Dataset, description_files, make_dataset, render_images
 from lmkit.visualization.overlay import draw_axes, draw_landmarks, encode_jpeg, encode_png
 from lmkit.visualization.plan_view import Found, draw_plan
 
-REPORT_PICTURES = 4
+REPORT_IMAGES = 4
 
 Progress = Callable[[str, int, int], None]
 
@@ -70,7 +70,7 @@ def run_demo(folder: Path, seed: int, pairs: int, boards: int, landmarks: int, p
     """Run the loop and write everything into ``folder``.
 
     Args:
-        progress: told the step's name, how much of it is done, and of how much.
+        progress: called with the step's name, how much of it is done, and of how much.
     """
     data = make_dataset(seed, pairs, boards, landmarks)
     _print_sheets(folder, data)
@@ -110,7 +110,7 @@ def _print_sheets(folder: Path, data: Dataset) -> None:
 
 def _photograph(folder: Path, data: Dataset, progress: Progress) -> None:
     total = 2 * (len(data.poses) + len(data.boards))
-    for done, (name, image) in enumerate(take_pictures(data), start=1):
+    for done, (name, image) in enumerate(render_images(data), start=1):
         write_file(folder / name, encode_png(image), force=True)
         progress("photographing", done, total)
     files = description_files(data)
@@ -124,14 +124,14 @@ def _calibrate(folder: Path, progress: Progress) -> StereoCalibration:
     found = find_board_pairs(files, BOARD, lambda done, total: progress("calibrating", done, total))
     result = calibrate_stereo(found.views, BOARD, found.image_size, rejected=found.rejected)
     write_file(folder / "rig.yaml", rig_to_yaml(result.rig), force=True)
-    names = [view.name for view in result.used[:REPORT_PICTURES]]
-    pictures = {n: (read_image(found.files[n][0]), read_image(found.files[n][1])) for n in names}
-    write_file(folder / "calibration.html", calibration_report(result, BOARD, pictures), force=True)
+    names = [view.name for view in result.used[:REPORT_IMAGES]]
+    images = {n: (read_image(found.files[n][0]), read_image(found.files[n][1])) for n in names}
+    write_file(folder / "calibration.html", calibration_report(result, BOARD, images), force=True)
     return result
 
 
 def _detect(folder: Path, pairs: int, progress: Progress) -> list[tuple[list[Detection], list[Detection]]]:
-    files = [folder / "drive" / eye / f"{k:04d}.png" for k in range(pairs) for eye in ("left", "right")]
+    files = [folder / "drive" / side / f"{k:04d}.png" for k in range(pairs) for side in ("left", "right")]
     seen = []
     # An image takes less time than a worker process to start.
     for done, landmarks in enumerate(map(_detect_file, files), start=1):

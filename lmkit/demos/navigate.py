@@ -23,7 +23,7 @@ from lmkit.model.floor_plan import FloorPlan
 from lmkit.model.landmark_map import LandmarkMap
 from lmkit.model.pose_status import PoseStatus
 from lmkit.navigation.navigator import Journey, Site, drive_to
-from lmkit.pipelines.rendered_cameras import PictureEyes
+from lmkit.pipelines.rendered_cameras import RenderedCameras
 from lmkit.planning.coverage import Demand, predict_coverage
 from lmkit.planning.mounting_plan import mounting_csv, sheets_to_print
 from lmkit.planning.placement import Placement, place_landmarks
@@ -54,7 +54,7 @@ places:
 LEGS = (("dock", "bench"), ("bench", "shelf"), ("shelf", "dock"))
 RADIUS_M = 0.25
 BOX_AT, BOX_RADIUS_M = (5.0, 3.45), 0.2  # in the way of the second leg, and on no plan
-PICTURES = 6
+PLACES = 6
 STRIP_WIDTH_PX = 480
 
 Progress = Callable[[str, int, int], None]
@@ -80,23 +80,23 @@ class NavigateResult:
     Attributes:
         landmarks, share: placed, and the share of the floor at which the demand holds.
         inside: how often the claimed 95 % ellipse held the truth.
-        images, located, picture_mm: places photographed, located from detection, and their median error.
+        images, located, image_error_mm: places photographed, located from detection, and their median error.
     """
 
     landmarks: int
     share: float
     legs: tuple[Leg, ...]
     inside: float
-    pictures: int
+    images: int
     located: int
-    picture_mm: float | None
+    image_error_mm: float | None
 
 
-def run_navigate_demo(folder: Path, seed: int, by_pictures: bool, tell: Progress) -> NavigateResult:
+def run_navigate_demo(folder: Path, seed: int, from_images: bool, tell: Progress) -> NavigateResult:
     """Plan, print, drive three legs (a box stands in the way of the second), and write what happened.
 
     Args:
-        by_pictures: the robot's cameras take images, which the detector reads; else corners are simulated.
+        from_images: the robot's cameras take images, which the detector reads; else corners are simulated.
     """
     rig = replace(make_rig(), T_base_left=T_BASE_LEFT)
     write_file(folder / "floor.yaml", FLOOR, True)
@@ -110,7 +110,7 @@ def run_navigate_demo(folder: Path, seed: int, by_pictures: bool, tell: Progress
     write_file(folder / "mounting.csv", mounting_csv(placement), True)
     coverage = predict_coverage(floor, list(placement.landmarks), rig, RADIUS_M)
     # Simulated corners have no lens and no paper that the floor could stand for.
-    floor_px = CORNER_FLOOR_PX if by_pictures else 0.0
+    floor_px = CORNER_FLOOR_PX if from_images else 0.0
     scene = floor_scene(seed, floor, placement.landmarks)
     site = Site(floor, placement.landmarks, rig, RADIUS_M, demand, coverage, corner_floor_px=floor_px)
     boxed = floor.blocked(np.array([BOX_AT]), BOX_RADIUS_M)
@@ -124,8 +124,8 @@ def run_navigate_demo(folder: Path, seed: int, by_pictures: bool, tell: Progress
         tell("driving", number, len(LEGS))
         errors = WheelErrors(slips=2, delay_s=0.1)
         ground = boxed if number == 1 else floor
-        eyes = PictureEyes(scene, rig, seed + number) if by_pictures else None
-        robot = SimulatedRobot(ground, placement.landmarks, rig, start, RADIUS_M, errors, seed + number, eyes)
+        cameras = RenderedCameras(scene, rig, seed + number) if from_images else None
+        robot = SimulatedRobot(ground, placement.landmarks, rig, start, RADIUS_M, errors, seed + number, cameras)
 
         def note(pose: TrackedPose, robot: SimulatedRobot = robot) -> None:
             if pose.state is None or pose.covariance is None:
@@ -137,7 +137,7 @@ def run_navigate_demo(folder: Path, seed: int, by_pictures: bool, tell: Progress
 
         goal = find_goal(b, floor, placement.landmarks, RADIUS_M)
         first = len(truth)
-        journey = drive_to(robot, site, goal, on_moment=note)
+        journey = drive_to(robot, site, goal, on_pose=note)
         legs.append(_leg(f"{a} to {b}", journey, robot, goal, truth[first:]))
         start = robot.state
     tell("driving", len(LEGS), len(LEGS))
@@ -152,7 +152,7 @@ def run_navigate_demo(folder: Path, seed: int, by_pictures: bool, tell: Progress
         placement.share,
         tuple(legs),
         float(np.mean(inside)),
-        PICTURES,
+        PLACES,
         located,
         float(np.median(off_mm)) if off_mm else None,
     )
@@ -171,21 +171,21 @@ def _photograph(
     seed: int, scene: Scene, landmarks: LandmarkMap, rig: StereoRig, truth: Sequence[FloatArray], tell: Progress
 ) -> tuple[ByteArray, int, list[float]]:
     """Images along the way, read and located: the video strip, how many were located, and their errors in mm."""
-    eyes = PictureEyes(scene, rig, seed)
+    cameras = RenderedCameras(scene, rig, seed)
     frames, off_mm = [], []
-    rows = np.linspace(0, len(truth) - 1, PICTURES + 2).astype(int)[1:-1]
+    rows = np.linspace(0, len(truth) - 1, PLACES + 2).astype(int)[1:-1]
     for number, k in enumerate(rows):
-        tell("photographing", number, PICTURES)
+        tell("photographing", number, PLACES)
         T_map_base = planar_pose(truth[k])
-        picture, seen = eyes.look(T_map_base)
+        image, seen = cameras.look(T_map_base)
         found = locate_rig(seen, rig, landmarks)
         if found.status == PoseStatus.OK and found.T_map_camera is not None:
             off_mm.append(1000 * float(np.linalg.norm(found.T_map_camera.t - (T_map_base @ T_BASE_LEFT).t)))
-        frame = draw_landmarks(picture, seen[0])
+        frame = draw_landmarks(image, seen[0])
         scale = STRIP_WIDTH_PX / frame.shape[1]
         frames.append(cv2.resize(frame, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA))
-    tell("photographing", PICTURES, PICTURES)
-    upper, lower = np.hstack(frames[: PICTURES // 2]), np.hstack(frames[PICTURES // 2 :])
+    tell("photographing", PLACES, PLACES)
+    upper, lower = np.hstack(frames[: PLACES // 2]), np.hstack(frames[PLACES // 2 :])
     return np.asarray(np.vstack([upper, lower])), len(off_mm), off_mm
 
 

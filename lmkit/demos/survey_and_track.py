@@ -23,7 +23,7 @@ from lmkit.model.recording import RigFrame
 from lmkit.model.tracked_trajectory import TrackedTrajectory
 from lmkit.odometry.wheel_odometry import MotionModel
 from lmkit.simulation.recording import Drive, WheelErrors, make_drive
-from lmkit.tracking.batch import track_pictures
+from lmkit.tracking.batch import track_images
 from lmkit.tracking.online import track_live
 from lmkit.visualization.plan_view import Found, draw_plan
 
@@ -36,7 +36,7 @@ class DriveErrors:
     """Root mean squares.
 
     Attributes:
-        landmarks, odd: surveyed, and named as contradictory.
+        landmarks, contradicted: surveyed, and named as contradictory.
         map_mm, map_deg: of the surveyed landmarks.
         smooth_mm, smooth_deg: of the robot, followed by images after the recording.
         live_mm, live_deg: by ranges and bearings while driving, in the plane; None: never sure where.
@@ -44,7 +44,7 @@ class DriveErrors:
     """
 
     landmarks: int
-    odd: int
+    contradicted: int
     map_mm: float
     map_deg: float
     smooth_mm: float
@@ -60,7 +60,7 @@ def run_drive_demo(folder: Path, seed: int, count: int) -> DriveErrors:
     half = len(drive.frames) // 2
     survey = _survey(drive, drive.frames[:half])
     late = drive.frames[half:]
-    smooth = track_pictures(late, drive.rig, survey.landmarks, MotionModel(drive.odometry, drive.gyro))
+    smooth = track_images(late, drive.rig, survey.landmarks, MotionModel(drive.odometry, drive.gyro))
     live = track_live(drive.readings(seed)[half:], drive.odometry, drive.gyro, survey.landmarks)
     _write(folder, drive, survey, smooth)
     true = [m for found in survey.landmarks if (m := drive.landmarks.find(found.id)) is not None]
@@ -77,7 +77,7 @@ def run_drive_demo(folder: Path, seed: int, count: int) -> DriveErrors:
     smooth_off, live_off = _off(drive, smooth), _off(drive, live)
     return DriveErrors(
         len(survey.landmarks),
-        len(survey.odd),
+        len(survey.contradicted),
         1000 * _rms([place for place, _ in off]),
         float(np.rad2deg(_rms([turn for _, turn in off]))),
         1000 * _rms([place for place, _ in smooth_off]),

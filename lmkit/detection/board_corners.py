@@ -1,8 +1,8 @@
 """Corners where four squares meet, to a few hundredths of a pixel: three localisers, weighed against each other.
 
 The detector's own corners, OpenCV's gradient-based ones and the saddle of a fitted quadratic err differently.  A
-lens bends a flat board smoothly, so what is left of a localiser's corners after a homography and a
-low polynomial is its noise in this very picture; by that it is weighed
+lens distorts a flat board smoothly, so what is left of a localiser's corners after a homography and a
+low polynomial is its noise in this very image; by that it is weighed
 (docs/decisions/0005-board-corners.md).
 """
 
@@ -30,7 +30,7 @@ def refine_corners(
     """(N,2) corners refined, and the standard deviation of one coordinate, px.
 
     Args:
-        grey: (H,W) picture.
+        grey: (H,W) image.
         corners: (N,2) as detected, px.
         board_points: (N,2) the same on the board.
         square: side of the board's squares, in the unit of ``board_points``.
@@ -67,7 +67,7 @@ def corner_noise(corners: FloatArray, board_points: FloatArray) -> float:
 
 
 def _smallest_side(corners: FloatArray, board_points: FloatArray, square: float) -> float:
-    """The least distance in the picture of corners that are neighbours on the board, px."""
+    """The least distance in the image of corners that are neighbours on the board, px."""
     apart = np.linalg.norm(board_points[:, None] - board_points[None], axis=2)
     a, b = np.nonzero(np.triu(np.abs(apart / square - 1) < 0.01))
     return float(np.linalg.norm(corners[a] - corners[b], axis=1).min()) if len(a) else 0.0
@@ -85,7 +85,7 @@ def _by_gradients(grey: ByteArray, corners: FloatArray, half: int) -> FloatArray
 
 
 def _by_saddles(grey: ByteArray, corners: FloatArray, half: int) -> FloatArray:
-    """The saddle of the quadratic that fits the smoothed picture around each corner (Lucchese and Mitra 2002)."""
+    """The saddle of the quadratic that fits the smoothed image around each corner (Lucchese and Mitra 2002)."""
     smooth: Float32Array = cv2.GaussianBlur(grey.astype(np.float32), (0, 0), max(0.7, half / 3)).astype(np.float32)
     y, x = np.mgrid[-half : half + 1, -half : half + 1].reshape(2, -1)
     fit = _quadratic_fit(half)

@@ -1,4 +1,4 @@
-"""Calibration boards in pictures: chessboards, ChArUco boards, boards of landmarks."""
+"""Calibration boards in images: chessboards, ChArUco boards, boards of landmarks."""
 
 from __future__ import annotations
 
@@ -20,11 +20,11 @@ from lmkit.model.observation import BoardObservation
 
 MIN_CHARUCO_CORNERS = 6
 MIN_LANDMARKS = 2
-MIN_MARKERS = 4  # in every picture, for another dictionary to be named
+MIN_MARKERS = 4  # in every image, for another dictionary to be named
 
 
 def detect_board(image: ByteArray, board: BoardSpec) -> BoardObservation | None:
-    """The board in one picture, or None.
+    """The board in one image, or None.
 
     Args:
         image: (H,W,3) BGR, 8 bit.
@@ -39,7 +39,7 @@ def detect_board(image: ByteArray, board: BoardSpec) -> BoardObservation | None:
 
 
 def likelier_board(images: Sequence[ByteArray], board: BoardSpec) -> BoardSpec | None:
-    """Another board that fits the pictures better than ``board``, or None.
+    """Another board that fits the images better than ``board``, or None.
 
     A chessboard given too small is found inside the true one without complaint, so the squares are
     followed beyond the corners found; where none was found, neighbouring sizes are tried.  Of a
@@ -149,7 +149,7 @@ def same_orientation(left: BoardObservation, right: BoardObservation) -> BoardOb
     """``right`` with its corners in the order of ``left``.
 
     A chessboard looks alike when turned by half; the cameras of a rig see it the same way up, so
-    the order in which its first and last corner lie in the pictures decides.
+    the order in which its first and last corner lie in the images decides.
     """
     direction_left = left.image_points[-1] - left.image_points[0]
     direction_right = right.image_points[-1] - right.image_points[0]
@@ -161,7 +161,7 @@ def same_orientation(left: BoardObservation, right: BoardObservation) -> BoardOb
 def _find_chessboard(grey: ByteArray, size: tuple[int, int], thorough: bool = True) -> FloatArray | None:
     """(N,2) corners by the sector-based detector (Duda and Frese 2018), then by the classic one.
 
-    Evened brightness finds more boards, but its corners are twice as noisy: it comes second.
+    Shadow-normalized brightness finds more boards, but its corners are twice as noisy: it comes second.
     """
     looks = (
         cv2.CALIB_CB_ACCURACY | cv2.CALIB_CB_EXHAUSTIVE,

@@ -20,7 +20,7 @@ from lmkit.kernels.quads import CELL, QuadRules, dark_quads, where_to_look
 MIN_SIDE_PX = 8.0
 LEAST_SIDE_IN_LEVEL_PX = 4.0  # of a halved image
 COMPLETED_SIDE = 2.5  # times that, from which squares with a hidden part are completed
-STRAIGHT = 0.012  # of the outline's length, how far a straight stretch may bend
+STRAIGHT = 0.012  # of the outline's length, how far a straight stretch may deviate
 LONGEST = 8.0  # times height plus width: longer outlines are clutter
 OFFSET, OFFSET_PER_SIGMA = 6.0, 4.0  # added to code values before their logarithm, against noise
 GROUND_TO_FACE = 90 / 80  # what is dark in red is the ground; the face is so much larger

@@ -64,7 +64,7 @@ class DetectOptions:
         through_lens: the image comes through a lens, so straight edges may be bent; off for scans and
             rasterised pages.
         camera: the camera that took the image, if it is calibrated: its own distortion then takes the
-            place of a guessed bend.
+            place of a guessed distortion.
     """
 
     families: tuple[MarkerFamily, ...] = (LM8,)

@@ -20,7 +20,7 @@ RULES = DecodingRules(
     ridge=RIDGE,
     parts_ridge=1e-4,
     model_share=0.08,  # of the contrast, which no model of blur and print gets better
-    worst_misfit=40.0,  # one bright pixel is no hand
+    worst_residual=40.0,  # one bright pixel is no hand
     gap_pixels=8,  # fewer around a gap say nothing
     gap_reach_mm=20.0,
 )
@@ -36,7 +36,7 @@ class Decoding:
 
     Attributes:
         code, quarter: the likeliest reading.
-        code_margin: log likelihood ratio (nats) against the likeliest other code in the same turn.
+        code_margin: log likelihood ratio against the likeliest other code in the same turn.
         turn_margin: against the likeliest reading in any other quarter turn.
         pattern: share of what a plain framed square leaves unexplained that rings, gaps and
             triangle explain.
@@ -46,7 +46,7 @@ class Decoding:
             position, where 0 is the ground and 1 the white: each fitted on its own.
         parts_sigma: (2+G,) their standard deviations.
         expected_parts: (2+G,) what they are for this code: 1, or 0 for an open gap.
-        gap_misfit: the largest mean squared misfit around a gap position, over the usual one.
+        gap_residual: the largest mean squared residual around a gap position, over the usual one.
         plain: the code looks alike in every quarter turn.
     """
 
@@ -60,7 +60,7 @@ class Decoding:
     parts: FloatArray
     parts_sigma: FloatArray
     expected_parts: FloatArray
-    gap_misfit: float
+    gap_residual: float
     plain: bool
 
     @property
@@ -74,7 +74,7 @@ class Decoding:
         return red_over_blue(self.inks)
 
     @property
-    def parts_misfit(self) -> float:
+    def parts_residual(self) -> float:
         """Mean squared distance of the parts from what the code says of them, in standard deviations."""
         off = self.parts - self.expected_parts
         return float(np.mean(off**2 / (self.parts_sigma**2 + PART_TOLERANCE**2)))
@@ -145,7 +145,7 @@ def decode_square(tables: FamilyTables, view: View, state: FloatArray, samples: 
         parts=found.parts,
         parts_sigma=found.parts_sigma * math.sqrt(CORRELATED_PIXELS),
         expected_parts=np.array([1.0, 1.0, *gaps_closed]),
-        gap_misfit=found.gap_misfit,
+        gap_residual=found.gap_residual,
         plain=tables.plain[found.code],
     )
 
@@ -168,6 +168,6 @@ _NOTHING = Decoding(
     parts=np.full(2, 0.5),
     parts_sigma=np.ones(2),
     expected_parts=np.ones(2),
-    gap_misfit=0.0,
+    gap_residual=0.0,
     plain=True,
 )

@@ -51,14 +51,14 @@ def detect_landmarks(
     return [c.observation for c in best_of_each_place([c for c in found if c.rejected is None])]
 
 
-def best_of_each_place(attempts: Sequence[AnyCandidate]) -> list[AnyCandidate]:
+def best_of_each_place(candidates: Sequence[AnyCandidate]) -> list[AnyCandidate]:
     """The surest reading of every place, largest first."""
     kept: list[AnyCandidate] = []
     for attempt in sorted(attempts, key=lambda a: (-a.log_odds, a.family.name, a.decoding.code)):
         middle = attempt.corners.mean(axis=0)
         apart = [np.linalg.norm(middle - k.corners.mean(axis=0)) > 0.5 * k.side_px for k in kept]
         if all(apart):
-            kept.append(attempt)
+            kept.append(candidate)
     return sorted(kept, key=lambda a: -a.side_px)
 
 
@@ -71,7 +71,7 @@ def candidates_of(image: ByteArray, options: DetectOptions) -> list[Candidate]:
 
 
 def candidates_near(image: ByteArray, near: FloatArray, options: DetectOptions) -> list[Candidate]:
-    """The same, in windows around (N,4,2) squares; where a square itself fits, its window is not searched."""
+    """Landmarks in windows around (N,4,2) squares; where a square itself fits, its window is not searched."""
     near = np.asarray(near, dtype=np.float64).reshape(-1, 4, 2)
     found: list[Candidate] = []
     for quad in near[np.isfinite(near).all(axis=(1, 2))]:
@@ -79,7 +79,7 @@ def candidates_near(image: ByteArray, near: FloatArray, options: DetectOptions) 
         if (high - low < LEAST_WINDOW_PX).any():
             continue
         window = LinearImage.of(np.ascontiguousarray(image[low[1] : high[1], low[0] : high[0]]))
-        # The lens and its bend belong to the whole image.
+        # The lens and its distortion belong to the whole image.
         whole = LinearImage.of(image, options.camera, window.noise)
         expected = clockwise(quad)[None] - low
         here = _candidates_among(expected, whole, window.pyramid, low.astype(np.float64), options)
@@ -169,7 +169,7 @@ def _elsewhere(candidates: FloatArray, read: Sequence[FloatArray]) -> FloatArray
 def _check_image(image: ByteArray, options: DetectOptions) -> None:
     if image.ndim != 3 or image.shape[2] != 3 or image.dtype != np.uint8:
         raise InputError(
-            "bad_picture",
+            "bad_image",
             f"an image of shape {image.shape} and type {image.dtype} cannot be searched",
             "give (height, width, 3) BGR, 8 bit; lmkit.read_image reads any file so",
         )
@@ -177,7 +177,7 @@ def _check_image(image: ByteArray, options: DetectOptions) -> None:
         if one.is_drawn_like(other):
             raise InputError(
                 "like_families",
-                f"families {one.name} and {other.name} share their drawing and cannot be told apart",
+                f"families {one.name} and {other.name} share their drawing and cannot be distinguished",
                 "look for one of them; mix families of different drawings",
             )
     size = (image.shape[1], image.shape[0])

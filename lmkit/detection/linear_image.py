@@ -1,6 +1,6 @@
 """The image as registration sees it: linear light, its noise, and its lens, known or guessed.
 
-A known lens is undone exactly; for an unknown one a single radial bend about the image's centre
+A known lens is undone exactly; for an unknown one a single radial distortion about the image's centre
 is fitted, landmark by landmark.
 """
 
@@ -115,24 +115,24 @@ class LinearImage:
         return self.size[0] / 2
 
 
-def unbend(at: FloatArray, bend: float, centre: FloatArray, half_width: float) -> FloatArray:
-    """Pixels freed of a radial bend: ``c + (x - c) (1 + bend r^2)``, r = 1 at half the width."""
+def undistort_radial(at: FloatArray, distortion: float, centre: FloatArray, half_width: float) -> FloatArray:
+    """Pixels freed of a radial distortion: ``c + (x - c) (1 + distortion r^2)``, r = 1 at half the width."""
     offset = at - centre
     r2 = np.sum(offset**2, axis=-1, keepdims=True) / half_width**2
-    return np.asarray(centre + offset * (1 + bend * r2))
+    return np.asarray(centre + offset * (1 + distortion * r2))
 
 
-def rebend(at: FloatArray, bend: float, centre: FloatArray, half_width: float) -> FloatArray:
-    """The inverse of :func:`unbend`, where it has one (r up to where a barrel bend folds over)."""
-    if bend == 0.0:
+def distort_radial(at: FloatArray, distortion: float, centre: FloatArray, half_width: float) -> FloatArray:
+    """The inverse of :func:`undistort_radial`, where it has one (r up to where a barrel distortion folds over)."""
+    if distortion == 0.0:
         return at
     offset = at - centre
     target = np.linalg.norm(offset, axis=-1, keepdims=True) / half_width
-    fold = 1 / np.sqrt(3 * -bend) if bend < 0 else np.inf
+    fold = 1 / np.sqrt(3 * -distortion) if distortion < 0 else np.inf
     r = np.minimum(target, fold)
     for _ in range(8):
-        slope = np.maximum(1 + 3 * bend * r**2, 0.05)
-        r = np.clip(r - (r + bend * r**3 - target) / slope, 0, fold)
+        slope = np.maximum(1 + 3 * distortion * r**2, 0.05)
+        r = np.clip(r - (r + distortion * r**3 - target) / slope, 0, fold)
     return np.asarray(centre + offset * (r / np.maximum(target, 1e-12)))
 
 

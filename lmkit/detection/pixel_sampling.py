@@ -9,7 +9,7 @@ from functools import lru_cache
 import numpy as np
 
 from lmkit.arrays import Float32Array, FloatArray
-from lmkit.detection.linear_image import LinearImage, rebend
+from lmkit.detection.linear_image import LinearImage, distort_radial
 from lmkit.kernels.pixel_sampling import Edges, SamplingRules, sample
 from lmkit.kernels.registration import Samples, View, homography_numpy
 from lmkit.model.families import MarkerFamily
@@ -19,7 +19,7 @@ MAX_PIXELS = 1500
 EDGE_BAND_PX = 3.0
 NEAR_SHARE = 0.8  # of the pixels, where those near edges are preferred
 LEAST_PIXELS = 40
-BEND = 11  # its place in the state
+DISTORTION = 11  # its place in the state
 
 
 @dataclass
@@ -49,7 +49,7 @@ class PixelSamples:
 
     @property
     def weighted(self) -> Samples:
-        """With what does not fit discounted."""
+        """With what does not fit down-weighted."""
         return Samples(self.at, self.values, self.variance)
 
 
@@ -100,8 +100,8 @@ def _bounding_box(
         outline.append(((a * x + b * y + c) / w, (d * x + e * y + f) / w))
     if not all(abs(v) < 10 * max(height, width) for point in outline for v in point):
         return None
-    if image.camera is not None or state[BEND] != 0.0:
-        flat = rebend(np.array(outline), float(state[BEND]), image.centre, image.half_width)
+    if image.camera is not None or state[DISTORTION] != 0.0:
+        flat = distort_radial(np.array(outline), float(state[DISTORTION]), image.centre, image.half_width)
         outline = image.distorted(flat).tolist()
     xs, ys = zip(*outline, strict=True)
     x0, y0 = max(math.floor(min(xs)), 0), max(math.floor(min(ys)), 0)

@@ -28,7 +28,7 @@ FROM_FAR = Steps(rounds=0, most=10, to_px=0.05)
 COARSE_SIDE_PX = 100.0
 COARSE_PIXELS = 400  # enough to read and to find the place; the last steps take more
 SHADOW_ROOM_PX = 8  # around the pixels in use, since the fit still moves
-BEND_SIDE_PX = 40.0  # smaller landmarks do not show the lens's bend
+DISTORTION_SIDE_PX = 40.0  # smaller landmarks do not show the lens's distortion
 
 
 @dataclass(frozen=True)
@@ -88,7 +88,7 @@ def register_and_decode(
     coarse = min(COARSE_PIXELS, options.config.pixels)
     quad = image.straightened(_coarse_corners(image, quad, family, options))
     side = mean_side(quad)
-    fit_bend = options.through_lens and options.camera is None and side > BEND_SIDE_PX
+    fit_distortion = options.through_lens and options.camera is None and side > DISTORTION_SIDE_PX
     # The blur starts generous, so that a wrong corner still feels its edge.
     fit = PatternRegistration(image, family, quad, max(0.8, 0.012 * min(side, COARSE_SIDE_PX)) ** 2)
     if not fit.sample(coarse, near_edges=False) or not fit.decode().is_promising:
@@ -106,9 +106,9 @@ def register_and_decode(
         _sharpen_shadow(fit)
     if not fit.sample(options.config.pixels, near_edges=True):
         return None
-    fit.register(FINE._replace(fit_bend=fit_bend))
+    fit.register(FINE._replace(fit_distortion=fit_distortion))
     fit.decode()
-    return _candidate(fit, _smaller_margins(fit), options.rule, fit_bend)
+    return _candidate(fit, _smaller_margins(fit), options.rule, fit_distortion)
 
 
 def read_landmark_at(image: ByteArray, corners: FloatArray, family: LandmarkFamily) -> Candidate | None:
@@ -150,7 +150,7 @@ def _smaller_margins(fit: PatternRegistration) -> Decoding:
 
     A bit that only what hides the landmark speaks for loses its margin under the discount.
     """
-    plain, robust = fit.decoding, fit.decode_discounted()
+    plain, robust = fit.decoding, fit.decode_robust()
     if not robust.is_same_code(plain):
         return replace(plain, code_margin=0.0, turn_margin=0.0)
     return replace(
@@ -160,9 +160,9 @@ def _smaller_margins(fit: PatternRegistration) -> Decoding:
     )
 
 
-def _candidate(fit: PatternRegistration, decoding: Decoding, rule: AcceptanceRule, fit_bend: bool) -> Candidate:
+def _candidate(fit: PatternRegistration, decoding: Decoding, rule: AcceptanceRule, fit_distortion: bool) -> Candidate:
     """The candidate, its corners in the landmark's own order."""
-    corners, covariance = fit.image_corners(fit_bend)
+    corners, covariance = fit.image_corners(fit_distortion)
     order = (np.arange(4) + decoding.quarter) % 4
     rows = (2 * order[:, None] + np.arange(2)).ravel()
     inside = bool(((corners >= -0.5) & (corners <= np.array(fit.image.size) - 0.5)).all())

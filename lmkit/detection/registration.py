@@ -1,7 +1,7 @@
 """Sub-pixel registration: the whole pattern fitted to the image's own pixels, in linear light.
 
 Gauss-Newton over the four corners, the point spread (three numbers, so motion blur too) and, where
-the lens is not known, one radial bend about the image's centre.  The inks are eliminated
+the lens is not known, one radial distortion about the image's centre.  The inks are eliminated
 (variable projection), so white, red and blue are whatever the light makes them.
 """
 
@@ -12,8 +12,8 @@ import numpy as np
 from lmkit.arrays import FloatArray
 from lmkit.detection.decoding import CORRELATED_PIXELS, Decoding, decode_square, tables_of
 from lmkit.detection.hypotheses import RIDGE
-from lmkit.detection.linear_image import LinearImage, rebend
-from lmkit.detection.pixel_sampling import BEND, PixelSamples, mean_side, sample_pixels
+from lmkit.detection.linear_image import LinearImage, distort_radial
+from lmkit.detection.pixel_sampling import DISTORTION, PixelSamples, mean_side, sample_pixels
 from lmkit.kernels.grid_pattern import GridDrawing
 from lmkit.kernels.pattern import Drawing
 from lmkit.kernels.registration import (
@@ -30,7 +30,7 @@ from lmkit.model.families import MarkerFamily
 from lmkit.model.landmark import LandmarkFamily
 
 MIN_SPREAD = 0.04  # px^2, for images sharper than any lens, such as rasterised pages
-BEND_PRIOR = 0.12  # standard deviation of the radial bend, relative at half the image's width
+DISTORTION_PRIOR = 0.12  # standard deviation of the radial distortion, relative at half the image's width
 # What demosaicing, sharpening and JPEG do that no part of the model knows, per coordinate, whatever the landmark.
 MODEL_ERROR_PX = 0.035
 # The mosaic errs along edges, and few pixels of edge do not even that out: the variance that the residuals show is
@@ -41,14 +41,14 @@ FEW_EDGES_PX = 30.0
 MOSAIC_PX = 2.0  # period of the colours: an edge that crosses several periods meets all of them
 MIXED_PIXEL_PRIOR = 0.1  # standard deviation of the mixed-pixel bias
 SHADING_PRIOR = 0.05  # standard deviation of the relative change of light over half the side
-LIMITS = Limits(least_spread=MIN_SPREAD, most_spread=64.0, bend=0.3, shading=0.6, bias=1.0)
+LIMITS = Limits(least_spread=MIN_SPREAD, most_spread=64.0, distortion=0.3, shading=0.6, bias=1.0)
 
 
 class DrawingFit:
     """The fit of one drawing to the image: its state and the pixels it looks at.
 
     Attributes:
-        state: (15,) corners (px, freed of distortion and bend), point spread, bend, shading, mixed-pixel bias; see
+        state: (15,) corners (px, without distortion), point spread, distortion, shading, mixed-pixel bias; see
             :mod:`lmkit.kernels.registration`.
         samples: pixels in use, with the weights of the last registration.
         drawing: what is fitted.
@@ -78,7 +78,7 @@ class DrawingFit:
 
     @property
     def corners(self) -> FloatArray:
-        """(4,2) px of the image freed of distortion and bend."""
+        """(4,2) px of the image without distortion."""
         return self.state[:8].reshape(4, 2)
 
     @property
@@ -124,24 +124,24 @@ class DrawingFit:
         self.state, self._normal, self._error = found.state, found.normal, found.error
         self.samples.variance, self.samples.prior_weight = found.variance, found.prior_weight
 
-    def image_corners(self, fit_bend: bool) -> tuple[FloatArray, FloatArray]:
-        """(4,2) corners in the image as delivered, bend and all, and their (8,8) covariance.
+    def image_corners(self, fit_distortion: bool) -> tuple[FloatArray, FloatArray]:
+        """(4,2) corners in the image as delivered, distortion and all, and their (8,8) covariance.
 
         They are those of the last :meth:`register`.  The residuals' own scatter sets the scale; neighbouring pixels
         share their errors (demosaicing, JPEG), so they count as ``CORRELATED_PIXELS`` times fewer.
         """
         inverse = np.linalg.inv(self._normal)
-        corners, J = self._seen_corners(fit_bend)
+        corners, J = self._seen_corners(fit_distortion)
         covariance = J @ inverse[:12, :12] @ J.T
         few_edges = aligned_with_mosaic(corners) * (FEW_EDGES_PX / mean_side(corners)) ** 2
         covariance *= self._error * CORRELATED_PIXELS * self.channel_repeats * (1 + few_edges)
         return corners, covariance + MODEL_ERROR_PX**2 * np.eye(8)
 
-    def _seen_corners(self, fit_bend: bool) -> tuple[FloatArray, FloatArray]:
+    def _seen_corners(self, fit_distortion: bool) -> tuple[FloatArray, FloatArray]:
         """(4,2) corners in the image, and (8,12) their slopes with the beginning of the state."""
-        J = np.eye(8, BEND + 1)
-        bend = float(self.state[BEND])
-        if self.image.camera is None and not fit_bend and bend == 0.0:
+        J = np.eye(8, DISTORTION + 1)
+        distortion = float(self.state[DISTORTION])
+        if self.image.camera is None and not fit_distortion and distortion == 0.0:
             return self.corners.copy(), J
         if self.image.camera is not None:
             delta = 1e-4
@@ -149,18 +149,18 @@ class DrawingFit:
             seen = self.image.distorted((self.corners + steps).reshape(-1, 2)).reshape(-1, 8)
             J[:, :8] = (seen[1:] - seen[0]).T / delta
             return seen[0].reshape(4, 2), J
-        corners = rebend(self.corners, bend, self.image.centre, self.image.half_width)
+        corners = distort_radial(self.corners, distortion, self.image.centre, self.image.half_width)
         for k, offset in enumerate((corners - self.image.centre) / self.image.half_width):
             r2 = float(offset @ offset)
-            flat_by_seen = (1 + bend * r2) * np.eye(2) + 2 * bend * np.outer(offset, offset)
+            flat_by_seen = (1 + distortion * r2) * np.eye(2) + 2 * distortion * np.outer(offset, offset)
             inverse = np.linalg.inv(flat_by_seen)
             J[2 * k : 2 * k + 2, 2 * k : 2 * k + 2] = inverse
-            J[2 * k : 2 * k + 2, BEND] = -inverse @ offset * (r2 * self.image.half_width)
+            J[2 * k : 2 * k + 2, DISTORTION] = -inverse @ offset * (r2 * self.image.half_width)
         return corners, J
 
     @property
     def _priors(self) -> Priors:
-        return Priors(RIDGE, BEND_PRIOR, SHADING_PRIOR, MIXED_PIXEL_PRIOR, self.samples.prior_weight)
+        return Priors(RIDGE, DISTORTION_PRIOR, SHADING_PRIOR, MIXED_PIXEL_PRIOR, self.samples.prior_weight)
 
 
 class PatternRegistration(DrawingFit):
@@ -187,7 +187,7 @@ class PatternRegistration(DrawingFit):
         self.hypothesis = Hypothesis(int(self.tables.words.masks[quarter, code]), quarter)
         return self.decoding
 
-    def decode_discounted(self) -> Decoding:
+    def decode_robust(self) -> Decoding:
         """A copy with robust weights; :attr:`decoding` stays."""
         return decode_square(self.tables, self.view, self.state, self.samples.weighted)
 

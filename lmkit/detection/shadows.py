@@ -1,4 +1,4 @@
-"""Shadows that end on a landmark: the picture divided by its local white.
+"""Shadows that end on a landmark: the image divided by its local white.
 
 Half of a landmark in the sun and half in the shade is two landmarks to every threshold and every
 model of one light.  What is white nearby tells the light: a grey closing (the smallest of the
@@ -30,7 +30,7 @@ def window_for(side_px: float) -> int:
 
 
 def local_white(linear: Float32Array, window: int) -> Float32Array:
-    """(H,W) brightness of the white around every pixel of a picture in linear light."""
+    """(H,W) brightness of the white around every pixel of a image in linear light."""
     # A little smoothing, or the closing would return the noise's upper end.
     grey = cv2.blur(cv2.cvtColor(linear, cv2.COLOR_BGR2GRAY), (3, 3))
     closed = cv2.morphologyEx(grey, cv2.MORPH_CLOSE, np.ones((window, window), dtype=np.uint8))

@@ -30,7 +30,7 @@ class TagDecoding:
 
     Attributes:
         code, quarter: the likeliest reading.
-        margin: log likelihood ratio (nats) against the likeliest other reading, of another code or quarter turn.
+        margin: log likelihood ratio against the likeliest other reading, of another code or quarter turn.
         pattern: share of what a border with a plain inside leaves unexplained that the code's cells explain.
         white, black: linear light, mean over the channels.
         cells: (bits,bits) each cell fitted on its own: 0 black, 1 white; in the square's frame.
@@ -93,8 +93,8 @@ def decode_tag(
 ) -> TagDecoding | None:
     """Score every code in every quarter turn at this state of a registration; None where nothing looks like one."""
     tables = tag_tables_of(family)
-    moments = _moments(family, tables.empty, view, state, samples)
-    G, S, energy, bits = moments.gram, moments.seen, moments.energy, family.bits**2
+    sums = _sums(family, tables.empty, view, state, samples)
+    G, S, energy, bits = sums.gram, sums.seen, sums.energy, family.bits**2
     plain, grey = _left(np.full((1, bits), 0.5, np.float32), G, S, energy)
     if not np.isfinite(plain[0]):
         return None
@@ -108,7 +108,7 @@ def decode_tag(
     best = int(likely[first])
     evidence = samples.values.size / CORRELATED_PIXELS / 2 / channel_repeats
     # No model explains print and blur to the last bit.
-    floor = MODEL_SHARE**2 * float(np.mean((inks[first, 0] - inks[first, 1]) ** 2)) * moments.weight
+    floor = MODEL_SHARE**2 * float(np.mean((inks[first, 0] - inks[first, 1]) ** 2)) * sums.weight
     least = max(float(left[first]), 1e-9) + floor
     return TagDecoding(
         code=best % family.code_count,
@@ -123,7 +123,7 @@ def decode_tag(
 
 
 @dataclass(frozen=True)
-class _Moments:
+class _Sums:
     """Products of the columns (cells, border, margin), freed of the surroundings, and of them with the values."""
 
     gram: FloatArray
@@ -132,19 +132,17 @@ class _Moments:
     weight: float
 
 
-def _moments(
-    family: SquareMarkerFamily, empty: GridDrawing, view: View, state: FloatArray, samples: Samples
-) -> _Moments:
-    moments = grid_moments(empty, family.border_cells, view, samples, state)
+def _sums(family: SquareMarkerFamily, empty: GridDrawing, view: View, state: FloatArray, samples: Samples) -> _Sums:
+    sums = grid_moments(empty, family.border_cells, view, samples, state)
     count = family.bits**2 + OTHERS
-    gram, seen = moments[:count, :count], moments[:count, count:]
-    energy, weight = float(np.trace(moments[count:, count:])), 3 * float(gram.sum())
+    gram, seen = sums[:count, :count], sums[:count, count:]
+    energy, weight = float(np.trace(sums[count:, count:])), 3 * float(gram.sum())
     # Free the others of the surroundings, whatever their light.
     beyond, of_beyond = gram[-1] / max(gram[-1, -1], 1e-9), seen[-1]
     energy -= float(np.sum(of_beyond**2)) / max(gram[-1, -1], 1e-9)
     seen = seen - np.outer(beyond, of_beyond)
     gram = gram - np.outer(beyond, gram[-1])
-    return _Moments(gram[:-1, :-1], seen[:-1], energy, weight)
+    return _Sums(gram[:-1, :-1], seen[:-1], energy, weight)
 
 
 def _left(white: Float32Array, G: FloatArray, S: FloatArray, energy: float) -> tuple[FloatArray, FloatArray]:
@@ -152,7 +150,7 @@ def _left(white: Float32Array, G: FloatArray, S: FloatArray, energy: float) -> t
 
     Args:
         white: (M,K) cells.
-        G, S: moments of K cells, border and margin.
+        G, S: sums of K cells, border and margin.
     """
     k = white.shape[1]
     total = G[:, :k].sum(axis=1)  # of all cells with every column

@@ -35,7 +35,7 @@ def find_tags(image: ByteArray, options: DetectOptions, near: FloatArray | None)
         if (high - low < LEAST_WINDOW_PX).any():
             continue
         window = LinearImage.of(np.ascontiguousarray(image[low[1] : high[1], low[0] : high[0]]))
-        # The lens and its bend belong to the whole image.
+        # The lens and its distortion belong to the whole image.
         whole = LinearImage.of(image, options.camera, window.noise)
         here = _read_quads(whole, clockwise(quad)[None], families, options, grey)
         if not any(candidate.rejected is None for candidate in here):

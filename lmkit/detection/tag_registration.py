@@ -147,7 +147,9 @@ def read_tag_at(image: ByteArray, corners: FloatArray, family: SquareMarkerFamil
     if not fit.sample(COARSE_PIXELS, near_edges=True) or not fit.decode(FOUND_PATTERN):
         return None
     fit.register(SHARP)
-    return _candidate(fit, fit.decoding, TagRule.of(family), fit_bend=False) if fit.decode(MOVED_PATTERN) else None
+    return (
+        _candidate(fit, fit.decoding, TagRule.of(family), fit_distortion=False) if fit.decode(MOVED_PATTERN) else None
+    )
 
 
 def _read(
@@ -159,7 +161,7 @@ def _read(
 ) -> TagCandidate | None:
     quad = image.straightened(_coarse_corners(image, quad, family, grey))
     side = mean_side(quad)
-    fit_bend = options.through_lens and options.camera is None and side > BEND_SIDE_PX
+    fit_distortion = options.through_lens and options.camera is None and side > DISTORTION_SIDE_PX
     fit = TagFit(image, family, quad, max(0.8, 0.012 * min(side, COARSE_SIDE_PX)) ** 2, grey)
     if not fit.sample(COARSE_PIXELS, near_edges=False) or not fit.decode(FOUND_PATTERN):
         return None
@@ -176,10 +178,10 @@ def _read(
         fit.register(COARSE)
     if not fit.sample(options.config.pixels, near_edges=True):
         return None
-    fit.register(FINE._replace(fit_bend=fit_bend))
+    fit.register(FINE._replace(fit_distortion=fit_distortion))
     if not fit.decode(MOVED_PATTERN):
         return None
-    return _candidate(fit, fit.decoding, TagRule.of(family), fit_bend)
+    return _candidate(fit, fit.decoding, TagRule.of(family), fit_distortion)
 
 
 def _coarse_corners(image: LinearImage, quad: FloatArray, family: SquareMarkerFamily, grey: bool) -> FloatArray:
@@ -196,8 +198,8 @@ def _coarse_corners(image: LinearImage, quad: FloatArray, family: SquareMarkerFa
     return (fit.corners + 0.5) * scale - 0.5
 
 
-def _candidate(fit: TagFit, decoding: TagDecoding, rule: TagRule, fit_bend: bool) -> TagCandidate:
-    corners, covariance = fit.image_corners(fit_bend)
+def _candidate(fit: TagFit, decoding: TagDecoding, rule: TagRule, fit_distortion: bool) -> TagCandidate:
+    corners, covariance = fit.image_corners(fit_distortion)
     order = (np.arange(4) + decoding.quarter) % 4
     rows = (2 * order[:, None] + np.arange(2)).ravel()
     inside = bool(((corners >= -0.5) & (corners <= np.array(fit.image.size) - 0.5)).all())

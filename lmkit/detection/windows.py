@@ -27,5 +27,5 @@ def clockwise(quad: FloatArray) -> FloatArray:
 
 
 def is_colourless(image: ByteArray) -> bool:
-    """All three channels the same: a grey image, in which red and blue cannot be told apart."""
+    """All three channels the same: a grey image, in which red and blue cannot be distinguished."""
     return bool(np.array_equal(image[:, :, 0], image[:, :, 1]) and np.array_equal(image[:, :, 1], image[:, :, 2]))

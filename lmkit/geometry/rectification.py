@@ -108,15 +108,15 @@ def _about_baseline(rays: FloatArray, across: int) -> tuple[FloatArray, FloatArr
 def rectify_pair(rig: StereoRig, left: ByteArray, right: ByteArray) -> tuple[ByteArray, ByteArray]:
     """The two images resampled so that matching points share a row."""
     maps = rectification(rig)
-    pictures = []
+    images = []
     for camera, image, R, P in (
         (rig.left, left, maps.R_left, maps.P_left),
         (rig.right, right, maps.R_right, maps.P_right),
     ):
         make = cv2.fisheye.initUndistortRectifyMap if camera.model == "fisheye" else cv2.initUndistortRectifyMap
         x, y = make(camera.K, camera.distortion, R, P[:, :3], camera.image_size, cv2.CV_32FC1)
-        pictures.append(np.asarray(cv2.remap(image, x, y, cv2.INTER_LINEAR), dtype=np.uint8))
-    return pictures[0], pictures[1]
+        images.append(np.asarray(cv2.remap(image, x, y, cv2.INTER_LINEAR), dtype=np.uint8))
+    return images[0], images[1]
 
 
 def with_lines_across(left: ByteArray, right: ByteArray, along: int = 0, step_px: int = 40) -> ByteArray:

@@ -112,7 +112,7 @@ def find_topics(types: dict[str, str], wanted: dict[str, str | None], bag: Path)
     left, right = found["left"], found["right"]
     if left is None or right is None:
         raise InputError(
-            "no_pictures",
+            "no_images",
             f"{bag}: no topics of left and right images among {', '.join(sorted(types))}",
             "name them: --left TOPIC --right TOPIC",
         )
@@ -173,12 +173,12 @@ def _unpack(reader: Any, topics: Topics) -> Iterator[Unpacked]:
         role, message = roles[connection.topic], reader.deserialize(raw, connection.msgtype)
         time_s = message.header.stamp.sec + message.header.stamp.nanosec * 1e-9
         if role in ("left", "right"):
-            waiting[role].append((time_s, *_picture(message, connection.msgtype, connection.topic)))
+            waiting[role].append((time_s, *_image(message, connection.msgtype, connection.topic)))
             # A camera that sees alone for so long has lost its partner.
             del waiting[role][:-MOST_WAITING]
             for pair in _pairs(waiting):
-                for eye, (_, content, suffix) in pair.items():
-                    yield Unpacked(f"{eye}/{number:06d}_{pair['left'][0]:.6f}{suffix}", content)
+                for side, (_, content, suffix) in pair.items():
+                    yield Unpacked(f"{side}/{number:06d}_{pair['left'][0]:.6f}{suffix}", content)
                 number += 1
         elif role in ("left_info", "right_info"):
             if role not in infos:
@@ -218,7 +218,7 @@ def _pairs(waiting: dict[str, list[tuple[float, bytes, str]]]) -> Iterator[dict[
             right.pop(0)
 
 
-def _picture(message: Any, kind: str, topic: str) -> tuple[bytes, str]:
+def _image(message: Any, kind: str, topic: str) -> tuple[bytes, str]:
     """The bytes of an image file, and its suffix."""
     if kind == IMAGES[1]:
         suffix = ".png" if "png" in message.format.lower() else ".jpg"

@@ -21,7 +21,7 @@ Counted = Annotated[int, Field(ge=0)]
 _HINT = "write it with lmkit calibrate --save-corners"
 
 
-class _Eye(Document):
+class _Side(Document):
     noise_px: float | None = None
     ids: tuple[Counted, ...]
     points: tuple[tuple[float, float], ...]
@@ -29,8 +29,8 @@ class _Eye(Document):
 
 class _Pair(Document):
     pair: str
-    left: _Eye
-    right: _Eye
+    left: _Side
+    right: _Side
 
 
 class _Rejected(Document):
@@ -60,7 +60,7 @@ class SavedCorners:
 def corners_to_json(saved: SavedCorners) -> str:
     """The text of a corner file, one pair a line."""
 
-    def eye(ids: IntArray, points: FloatArray, noise: float | None) -> dict[str, object]:
+    def side(ids: IntArray, points: FloatArray, noise: float | None) -> dict[str, object]:
         known = noise if noise is not None and np.isfinite(noise) else None
         return {"noise_px": known, "ids": ids.tolist(), "points": np.round(points, 5).tolist()}
 
@@ -68,8 +68,8 @@ def corners_to_json(saved: SavedCorners) -> str:
         json.dumps(
             {
                 "pair": v.name,
-                "left": eye(v.ids_left, v.left, v.noise_left),
-                "right": eye(v.ids_right, v.right, v.noise_right),
+                "left": side(v.ids_left, v.left, v.noise_left),
+                "right": side(v.ids_right, v.right, v.noise_right),
             }
         )
         for v in saved.views
@@ -102,8 +102,8 @@ def read_corners(path: Path) -> SavedCorners:
 
 
 def _view(path: Path, k: int, pair: _Pair, count: int) -> PairView:
-    for name, eye in (("left", pair.left), ("right", pair.right)):
-        good = len(eye.ids) == len(eye.points) == len(set(eye.ids)) and all(i < count for i in eye.ids)
+    for name, side in (("left", pair.left), ("right", pair.right)):
+        good = len(side.ids) == len(side.points) == len(set(side.ids)) and all(i < count for i in side.ids)
         if not good:
             where = f"pairs[{k}].{name}"
             raise InputError("bad_corners", f"{path}: {where}: its ids and points are no corners of the board", _HINT)

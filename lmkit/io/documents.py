@@ -108,7 +108,7 @@ def read_text(path: Path, what: str) -> str:
 
 
 def is_folder(path: Path) -> bool:
-    """Whether a path is a folder; no path, however odd, is an error."""
+    """Whether a path is a folder; no path is an error."""
     return os.path.isdir(path)  # noqa: PTH112  (Path.is_dir raises for overlong names)
 
 

@@ -29,7 +29,7 @@ LARGEST_TAG_M = 10.0
 
 
 def read_any_map(path: Path) -> LandmarkMap:
-    """A map of lmkit's, of WPILib's or of TagSLAM's, told apart by content.
+    """A map of lmkit's, of WPILib's or of TagSLAM's, recognised by content.
 
     Raises:
         InputError: not readable, or none of them.
@@ -78,7 +78,7 @@ def map_to_tagslam(landmarks: LandmarkMap) -> str:
 
 
 def _from_wpilib(path: Path, text: str) -> LandmarkMap:
-    hung = []
+    mapped = []
     try:
         layout = load_json(path, text)
         # Fields of other seasons had other tags: a layout that names its own is believed.
@@ -91,16 +91,16 @@ def _from_wpilib(path: Path, text: str) -> LandmarkMap:
                 "map", "tag", [float(place[k]) for k in "xyz"], [float(turn[k]) for k in ("X", "Y", "Z", "W")]
             )
             T = Pose("map", "landmark", pose.R @ _R_OURS_FIELD.T, pose.t)
-            hung.append(MappedLandmark(LandmarkId(family, int(tag["ID"])), size_m, T))
+            mapped.append(MappedLandmark(LandmarkId(family, int(tag["ID"])), size_m, T))
     except (ValueError, KeyError, TypeError, OverflowError) as error:
         raise InputError(
             "bad_layout", f"{path}: not a WPILib field layout ({error})", "give tags with ID and pose"
         ) from None
-    return _map(path, hung)
+    return _map(path, mapped)
 
 
 def _from_tagslam(path: Path, text: str) -> LandmarkMap:
-    hung = []
+    mapped = []
     try:
         for body in load_document(path, text)["bodies"]:
             for values in body.values():
@@ -114,12 +114,12 @@ def _from_tagslam(path: Path, text: str) -> LandmarkMap:
                     T = _tagslam_pose("landmark", tag["pose"])
                     if T_map_body is not None:
                         T = Pose("map", "landmark", T_map_body.R @ T.R, T_map_body.R @ T.t + T_map_body.t)
-                    hung.append(MappedLandmark(LandmarkId(FAMILY, int(tag["id"])), size_m, T))
+                    mapped.append(MappedLandmark(LandmarkId(FAMILY, int(tag["id"])), size_m, T))
     except (ValueError, KeyError, TypeError, AttributeError, OverflowError) as error:
         raise InputError(
             "bad_tagslam", f"{path}: not a TagSLAM file with tags ({error})", "give tags with id, size and pose"
         ) from None
-    return _map(path, hung)
+    return _map(path, mapped)
 
 
 def _tagslam_pose(frame: str, values: dict[str, dict[str, float]]) -> Pose:
@@ -127,10 +127,10 @@ def _tagslam_pose(frame: str, values: dict[str, dict[str, float]]) -> Pose:
     return Pose.from_rvec("map", frame, turn, place)
 
 
-def _map(path: Path, hung: list[MappedLandmark]) -> LandmarkMap:
-    if not hung:
+def _map(path: Path, mapped: list[MappedLandmark]) -> LandmarkMap:
+    if not mapped:
         raise InputError("no_tags", f"{path}: holds no tags with a pose", "give at least one")
     try:
-        return LandmarkMap(hung)
+        return LandmarkMap(mapped)
     except InputError as error:
         raise InputError(error.code, f"{path}: {error.message}", error.hint) from None

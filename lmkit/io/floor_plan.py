@@ -90,7 +90,7 @@ def read_floor(path: Path, scale_m: float | None = None) -> FloorPlan:
     if has_scale:
         return _read_ours(path) if "lmkit-floor" in read_text(path, "floor plan") else _read_ros(path)
     assert scale_m is not None
-    return _from_picture(path, path, scale_m, (0.0, 0.0), FREE_ABOVE, False)
+    return _from_image(path, path, scale_m, (0.0, 0.0), FREE_ABOVE, False)
 
 
 def rectangular_room(width_m: float, depth_m: float) -> FloorPlan:
@@ -151,10 +151,10 @@ def _from_lines(path: Path, lines: list[Wall]) -> FloorPlan:
             steps = np.linspace(0.0, 1.0, max(3, int(wall.length_m / CELL_M)))[:, None]
             if floor.is_free(wall.left + steps * (wall.right - wall.left) + 2 * CELL_M * out).mean() > LOOKS_IN:
                 walls.append(wall)
-    return replace(floor, walls=_told_apart(walls))
+    return replace(floor, walls=_split_walls(walls))
 
 
-def _told_apart(walls: list[Wall]) -> list[Wall]:
+def _split_walls(walls: list[Wall]) -> list[Wall]:
     """Both sides of a wall inside a room have names of their own."""
     names = [wall.name for wall in walls]
     seen: dict[str, int] = {}
@@ -178,7 +178,7 @@ def _read_ros(path: Path) -> FloorPlan:
     if len(data.origin) > 2 and abs(data.origin[2]) > 1e-6:
         raise InputError("turned_map", f"{path}: origin: rotated maps are not supported", "rotate the image instead")
     origin = (data.origin[0], data.origin[1])
-    return _from_picture(
+    return _from_image(
         path,
         path.parent / data.image,
         data.resolution,
@@ -188,10 +188,10 @@ def _read_ros(path: Path) -> FloorPlan:
     )
 
 
-def _from_picture(
-    path: Path, picture: Path, scale_m: float, origin: tuple[float, float], free_above: float, negate: bool
+def _from_image(
+    path: Path, image: Path, scale_m: float, origin: tuple[float, float], free_above: float, negate: bool
 ) -> FloorPlan:
-    grey = read_image(picture).min(axis=2) / 255.0
+    grey = read_image(image).min(axis=2) / 255.0
     if negate:
         grey = 1 - grey
     free = (grey > free_above)[::-1]

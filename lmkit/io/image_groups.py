@@ -15,7 +15,7 @@ from lmkit.io.image_sources import (
     camera_number,
     file_frame,
     frames,
-    list_pictures,
+    list_images,
     video_frames,
 )
 
@@ -41,7 +41,7 @@ def list_groups(sources: Sequence[str]) -> list[tuple[Path, ...]]:
     Raises:
         InputError: there are none, not as many of every camera, or one file is of two cameras.
     """
-    lists = [list_pictures(source) for source in sources]
+    lists = [list_images(source) for source in sources]
     counts = [len(files) for files in lists]
     if len(set(counts)) > 1:
         if len(counts) == 2:
@@ -101,7 +101,7 @@ def frame_groups(sources: Sequence[str]) -> Iterator[tuple[Frame, ...]]:
 
 def _halves(source: str) -> Iterator[tuple[Frame, Frame]]:
     for frame in frames([source]):
-        image = frame.picture
+        image = frame.pixels
         half = image.shape[1] // 2
         yield (
             Frame(frame.name, image[:, :half], None, frame.time_s),

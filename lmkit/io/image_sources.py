@@ -38,7 +38,7 @@ class Frame:
     time_s: float | None = None
 
     @property
-    def picture(self) -> ByteArray:
+    def pixels(self) -> ByteArray:
         """The image.
 
         Raises:
@@ -50,7 +50,7 @@ class Frame:
         return self.image
 
 
-def list_pictures(where: str) -> list[Path]:
+def list_images(where: str) -> list[Path]:
     """The image files of a folder or glob, or the one file, sorted by name.
 
     Raises:
@@ -60,9 +60,7 @@ def list_pictures(where: str) -> list[Path]:
     if path.is_dir():
         found = sorted(p for p in path.iterdir() if p.suffix.lower() in SUFFIXES and not p.name.startswith("."))
         if not found:
-            raise InputError(
-                "no_pictures", f"folder {where} holds no images", f"kinds: {', '.join(sorted(SUFFIXES))}"
-            )
+            raise InputError("no_images", f"folder {where} holds no images", f"kinds: {', '.join(sorted(SUFFIXES))}")
         return found
     if path.exists():
         return [path]
@@ -72,16 +70,16 @@ def list_pictures(where: str) -> list[Path]:
     return found
 
 
-def picture_files(sources: Sequence[str]) -> list[Path] | None:
+def image_files(sources: Sequence[str]) -> list[Path] | None:
     """All files of the sources, where every one of them is a single image; None where one is not."""
     if any(source.startswith(CAMERA) for source in sources):
         return None
     try:
-        files = [path for source in sources if source != "-" for path in list_pictures(source)]
+        files = [path for source in sources if source != "-" for path in list_images(source)]
     except InputError:
         return None
-    only_pictures = "-" not in sources and all(path.suffix.lower() not in VIDEO_SUFFIXES for path in files)
-    return files if only_pictures else None
+    only_images = "-" not in sources and all(path.suffix.lower() not in VIDEO_SUFFIXES for path in files)
+    return files if only_images else None
 
 
 def frames(sources: list[str]) -> Iterator[Frame]:
@@ -94,7 +92,7 @@ def frames(sources: list[str]) -> Iterator[Frame]:
             yield from video_frames(source)
             continue
         try:
-            paths = list_pictures(source)
+            paths = list_images(source)
         except InputError as error:
             yield Frame(source, None, error)
             continue
@@ -182,7 +180,7 @@ def frame_count(sources: Sequence[str]) -> int | None:
         if source == "-" or source.startswith(CAMERA):
             return None
         try:
-            paths = list_pictures(source)
+            paths = list_images(source)
         except InputError:
             paths = [Path(source)]
         for path in paths:

@@ -61,14 +61,14 @@ def decode_image(data: bytes, name: str) -> ByteArray:
         with warnings.catch_warnings():
             # The size is judged right below, by our own cap.
             warnings.simplefilter("ignore", Image.DecompressionBombWarning)
-            picture: Image.Image = Image.open(io.BytesIO(data))
+            loaded: Image.Image = Image.open(io.BytesIO(data))
     except (UnidentifiedImageError, Image.DecompressionBombError, OSError, ValueError, SyntaxError):
         raise InputError(
             "not_an_image",
             f"{name}: not an image that can be read",
             "give PNG, JPEG, TIFF, BMP, WebP or PNM",
         ) from None
-    width, height = picture.size
+    width, height = loaded.size
     if width * height > MAX_PIXELS:
         raise InputError(
             "image_too_large",
@@ -78,9 +78,9 @@ def decode_image(data: bytes, name: str) -> ByteArray:
     if min(width, height) < MIN_SIDE:
         raise InputError("image_too_small", f"{name}: only {width} x {height} pixels", "give a larger image")
     try:
-        picture.load()
-        picture = ImageOps.exif_transpose(picture)
-        rgb = _to_rgb(picture)
+        loaded.load()
+        loaded = ImageOps.exif_transpose(loaded)
+        rgb = _to_rgb(loaded)
     except (OSError, ValueError, SyntaxError, EOFError, MemoryError) as error:
         raise InputError(
             "image_truncated", f"{name}: the image is cut off or damaged ({error})", "copy or take it again"
@@ -88,14 +88,14 @@ def decode_image(data: bytes, name: str) -> ByteArray:
     return np.ascontiguousarray(rgb[:, :, ::-1])
 
 
-def _to_rgb(picture: Image.Image) -> ByteArray:
-    if picture.mode.startswith(("I;16", "I", "F")):
-        return np.repeat(_grey_to_8_bit(np.asarray(picture))[:, :, None], 3, axis=2)
-    if picture.mode in ("RGBA", "LA", "PA", "La", "RGBa") or "transparency" in picture.info:
-        layers = picture.convert("RGBA")
+def _to_rgb(loaded: Image.Image) -> ByteArray:
+    if loaded.mode.startswith(("I;16", "I", "F")):
+        return np.repeat(_grey_to_8_bit(np.asarray(loaded))[:, :, None], 3, axis=2)
+    if loaded.mode in ("RGBA", "LA", "PA", "La", "RGBa") or "transparency" in loaded.info:
+        layers = loaded.convert("RGBA")
         white = Image.new("RGBA", layers.size, (255, 255, 255, 255))
-        picture = Image.alpha_composite(white, layers)
-    return np.asarray(picture.convert("RGB"), dtype=np.uint8)
+        loaded = Image.alpha_composite(white, layers)
+    return np.asarray(loaded.convert("RGB"), dtype=np.uint8)
 
 
 def _grey_to_8_bit(values: AnyArray) -> ByteArray:

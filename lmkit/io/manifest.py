@@ -62,7 +62,7 @@ class PrintManifest(Document):
     sha256: str | None = None
 
     def of_file(self, name: str, content: bytes) -> PrintManifest:
-        """The same, for the JSON beside the file."""
+        """Values of the JSON beside the file."""
         return self.model_copy(update={"file": name, "sha256": hashlib.sha256(content).hexdigest()})
 
     def to_json(self, indent: int | None = None) -> str:

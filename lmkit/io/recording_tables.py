@@ -21,7 +21,7 @@ ALIASES = {
     "t": "time_s", "time": "time_s", "timestamp": "time_s", "%time": "time_s", "#timestamp [ns]": "time_s",
     "v": "forward_mps", "w": "turn_radps", "wz": "rate_radps", "gyro_z": "rate_radps",
     "d_left_m": "left_m", "d_right_m": "right_m", "x": "x_m", "y": "y_m", "yaw": "heading_rad",
-    "eye": "camera", "tag_id": "code",
+    "side": "camera", "tag_id": "code",
 }  # fmt: skip
 PAIR = ("left", "right")  # cameras of a stereo rig
 CORNERS = ("x0", "y0", "x1", "y1", "x2", "y2", "x3", "y3")
@@ -100,9 +100,9 @@ def read_detections(path: Path, families: Sequence[str], cameras: Sequence[str] 
             continue
         try:
             cells = dict(zip(header, row, strict=True))
-            eye, code = cells["camera"].strip(), cells["code"].strip()
-            if eye not in cameras:
-                raise ValueError(f"camera {eye!r} is not in the rig: {', '.join(cameras)}")
+            side, code = cells["camera"].strip(), cells["code"].strip()
+            if side not in cameras:
+                raise ValueError(f"camera {side!r} is not in the rig: {', '.join(cameras)}")
             corners = np.array([to_number(cells[name]) for name in CORNERS]).reshape(4, 2)
             id_ = LandmarkId.parse(f"{cells['family'].strip()}:{code}" if "family" in cells else code, known)
             sigma_px = to_number(cells["sigma_px"]) if "sigma_px" in cells else CORNER_SIGMA_PX
@@ -117,7 +117,7 @@ def read_detections(path: Path, families: Sequence[str], cameras: Sequence[str] 
             raise InputError(
                 "bad_detection", f"{path}: line {number} is no detection ({error})", "see docs/formats.md"
             ) from None
-        frames.setdefault(time, {name: [] for name in cameras})[eye].append(observation)
+        frames.setdefault(time, {name: [] for name in cameras})[side].append(observation)
     if not frames:
         raise InputError("no_detections", f"{path}: holds no detections", "write one detection a line")
     require_clockwise((o for seen in frames.values() for some in seen.values() for o in some), str(path))
@@ -135,12 +135,12 @@ def detections_to_csv(frames: Sequence[RigFrame], cameras: Sequence[str] = PAIR)
     """
     lines = [",".join(("time_s", "camera", "family", "code", *CORNERS, "sigma_px"))]
     for frame in frames:
-        for eye, seen in zip(cameras, frame.seen, strict=True):
+        for side, seen in zip(cameras, frame.seen, strict=True):
             for o in seen:
                 numbers = ",".join(f"{v:.4f}" for v in o.corners.ravel())
                 C = o.covariance
                 sigma_px = CORNER_SIGMA_PX if C is None else math.sqrt(float(np.trace(C)) / 8)
-                lines.append(f"{frame.time_s:.6f},{eye},{o.family},{o.code},{numbers},{sigma_px:.4f}")
+                lines.append(f"{frame.time_s:.6f},{side},{o.family},{o.code},{numbers},{sigma_px:.4f}")
     return "\n".join(lines) + "\n"
 
 

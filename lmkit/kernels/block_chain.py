@@ -186,7 +186,7 @@ def _columns(columns: NDArray[np.int64], wide: int) -> NDArray[np.int64]:
 
 def _require(matrix: Array, shape: tuple[int, int]) -> None:
     if matrix.shape != shape or matrix.dtype != np.float64 or not matrix.flags.c_contiguous:
-        raise ValueError(f"a matrix of shape {matrix.shape}, expected contiguous doubles of shape {shape}")
+        raise ValueError(f"a matrix of shape {matrix.shape}, expected contiguous 64-bit floats of shape {shape}")
 
 
 @lru_cache(maxsize=1)

@@ -206,7 +206,7 @@ def _compile(
     if target.system != "windows":
         common.append("-fPIC")
     if compiler.is_zig:
-        # Zig adds undefined-behaviour traps by itself, and builds for this very processor unless told otherwise.
+        # Zig adds undefined-behaviour traps by itself, and builds for this very processor by default.
         common += ["-fno-sanitize=undefined", "-g0", *(["-target", target.zig] if target.zig else [])]
         flags = flags or ["-mcpu=baseline"]
     with tempfile.TemporaryDirectory(prefix="lmkit-kernels-") as name:

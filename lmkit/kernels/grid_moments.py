@@ -35,10 +35,10 @@ def grid_moments(
     flat, seen, state = drawing.flat, view.flat, contiguous(state, (STATE,))
     room = np.empty((rows * (rows + 1) // 2 + 1) * LANES, np.float32)
     start = -(room.ctypes.data // 4) % LANES
-    moments = np.empty((rows, rows))
-    arrays = addresses(seen, *samples, state, room[start:], moments)
+    sums = np.empty((rows, rows))
+    arrays = addresses(seen, *samples, state, room[start:], sums)
     kernel(len(samples.variance), *addresses(flat), border, *arrays)
-    return moments
+    return sums
 
 
 def grid_moments_numpy(

@@ -101,7 +101,7 @@ static inline float cosine(float a)
 }
 
 /* The largest mean squared misfit around a gap, over what is usual; misfits (two arrays of n) are scratch. */
-static double gap_misfit(int64_t n, int gaps, const float *at, const float *values, const float *variance, const Plane *plane, const double *rules, const float *sectors, const double *inks, int turn, uint32_t open, const float *columns, float *misfits)
+static double gap_residual(int64_t n, int gaps, const float *at, const float *values, const float *variance, const Plane *plane, const double *rules, const float *sectors, const double *inks, int turn, uint32_t open, const float *columns, float *misfits)
 {
     const int C = 9 + gaps;
     float *sorted = misfits + n;
@@ -249,7 +249,7 @@ int lmkit_decode(int64_t n, const float *drawing, const double *view, const floa
     out[3] = best.left_by_code;
     out[4] = best.left_by_turn;
     out[5] = best.left_by_frame;
-    out[HEAD] = gap_misfit(n, d.gaps, at, values, variance, &plane, rules, sectors, inks, best.turn, open, columns, columns + (n + BLOCK) * C);
+    out[HEAD] = gap_residual(n, d.gaps, at, values, variance, &plane, rules, sectors, inks, best.turn, open, columns, columns + (n + BLOCK) * C);
     double *parts = out + HEAD + 1;
     return !fit_parts(d.gaps, gram, seen, square, (double)n, best.turn, inks, rules[1], parts, parts + 2 + d.gaps);
 }

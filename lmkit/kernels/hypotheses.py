@@ -2,7 +2,7 @@
 
 The image of a landmark is linear in its inks.  A hypothesis h = (quarter turn, code) only says which columns of the
 coverage C are white and which are blue, so its design is C M_h with a matrix M_h of zeros and ones, and its residual
-sum of squares with the inks at their best follows from the moments C'C and C'Y alone.
+sum of squares with the inks at their best follows from the sums C'C and C'Y alone.
 """
 
 from __future__ import annotations
@@ -55,15 +55,15 @@ class DecodingRules(NamedTuple):
         ridge: of the inks, relative.
         parts_ridge: of the parts, relative.
         model_share: share of the contrast that no model of blur and print explains.
-        worst_misfit: a pixel's misfit counts up to this.
+        worst_residual: a pixel's chi2 counts up to this.
         gap_pixels: fewer pixels around a gap say nothing.
-        gap_reach_mm: how far around a gap the misfit is looked at.
+        gap_reach_mm: how far around a gap the chi2 is looked at.
     """
 
     ridge: float
     parts_ridge: float
     model_share: float
-    worst_misfit: float
+    worst_residual: float
     gap_pixels: float
     gap_reach_mm: float
 
@@ -76,7 +76,7 @@ class Decoded(NamedTuple):
         left: weighted energy that it leaves unexplained; ``left_by_code``, ``left_by_turn``, ``left_by_frame``: what
             another code in the same turn leaves, any code in another turn, a framed square without rings.
         inks: (4,3) linear-light BGR of white, red, blue, surroundings.
-        gap_misfit: the largest mean squared misfit around a gap, over the usual one.
+        gap_residual: the largest mean squared chi2 around a gap, over the usual one.
         parts, parts_sigma: (2+G,) brightness of triangle, fixed stretches of the rings and every gap, each fitted on
             its own; 0 is the ground, 1 the white; and their standard deviations.
     """
@@ -88,7 +88,7 @@ class Decoded(NamedTuple):
     left_by_turn: float
     left_by_frame: float
     inks: FloatArray
-    gap_misfit: float
+    gap_residual: float
     parts: FloatArray
     parts_sigma: FloatArray
 
@@ -146,7 +146,7 @@ def decode_numpy(
         left_by_turn=float(np.delete(left, turn, axis=0).min()),
         left_by_frame=energy - float(frame[0]),
         inks=inks,
-        gap_misfit=_gap_misfit(points, values - columns @ M @ inks, variance, inks, words, rules),
+        gap_residual=_gap_residual(points, values - columns @ M @ inks, variance, inks, words, rules),
         parts=parts,
         parts_sigma=sigmas,
     )
@@ -197,11 +197,11 @@ def _parts(
     A, b = M @ gram @ M.T, M @ seen @ along
     inverse = np.linalg.inv(A + rules.parts_ridge * np.trace(A) / len(A) * np.eye(len(A)))
     x = inverse @ b
-    misfit = max(float(along @ square @ along - 2 * x @ b + x @ A @ x), 0.0) / n
-    return x[: 2 + gaps], np.sqrt(np.diag(inverse)[: 2 + gaps] * misfit)
+    chi2 = max(float(along @ square @ along - 2 * x @ b + x @ A @ x), 0.0) / n
+    return x[: 2 + gaps], np.sqrt(np.diag(inverse)[: 2 + gaps] * chi2)
 
 
-def _gap_misfit(
+def _gap_residual(
     points: FloatArray, off: FloatArray, variance: FloatArray, inks: FloatArray, words: Words, rules: DecodingRules
 ) -> float:
     """An object that hides a gap reaches over the ring's edges from outside, so the surroundings show it,
@@ -211,7 +211,7 @@ def _gap_misfit(
     squared = np.mean(off**2, axis=1)
     median = float(np.median(squared / variance))
     usual = np.maximum(variance * max(median, 1.0), np.mean((rules.model_share * (inks[0] - inks[2])) ** 2))
-    misfit = np.minimum(squared / usual, rules.worst_misfit)
+    chi2 = np.minimum(squared / usual, rules.worst_residual)
     radius = np.maximum(np.hypot(points[:, 0], points[:, 1]), 1.0)
     worst = 0.0
     for middle, half_thickness, x, y, half_angle in words.sectors.astype(np.float64):
@@ -219,7 +219,7 @@ def _gap_misfit(
         angle = np.minimum(half_angle + rules.gap_reach_mm / radius, np.pi)
         around = near & (points @ np.array([x, y]) > radius * np.cos(angle))
         if around.sum() >= rules.gap_pixels:
-            worst = max(worst, float(misfit[around].mean()))
+            worst = max(worst, float(chi2[around].mean()))
     return worst
 
 

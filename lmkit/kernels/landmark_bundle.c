@@ -1,11 +1,11 @@
-/* Normal equations of rig poses and landmark poses from all sightings of a recording (bundle adjustment).
+/* Normal equations of rig poses and landmark poses from all observations of a recording (bundle adjustment).
  * landmark_bundle.py holds the definition. */
 #include <stddef.h>
 
 #include "kernels.h"
 #include "reprojection.h"
 
-/* Sightings and where everything stands; the fields are those of `Bundle` in landmark_bundle.py. */
+/* Observations and where everything stands; the fields are those of `Bundle` in landmark_bundle.py. */
 typedef struct {
     int64_t count;
     const int64_t *at, *of;
@@ -14,12 +14,12 @@ typedef struct {
     double nearest, nowhere;
 } Bundle;
 
-LMKIT_EXPORT int lmkit_bundle_misfits(const Bundle *bundle, double *misfits, double *pixels);
+LMKIT_EXPORT int lmkit_bundle_chi2(const Bundle *bundle, double *chi2, double *pixels);
 LMKIT_EXPORT int lmkit_bundle_equations(const Bundle *bundle, const uint8_t *used, double cauchy, int64_t own,
                                         int64_t shared, double *diagonal, double *gradient, double *border,
                                         double *corner, double *shared_gradient, double *cost);
 
-/* Errors of rays of one sighting, and derivatives with the rig and the landmark. */
+/* Errors of rays of one observation, and derivatives with the rig and the landmark. */
 static void errors_of(const Bundle *b, int64_t s, int derivatives, double *block, double *moved) {
     const int64_t pose = b->at[s], landmark = b->of[s];
     const double *L = b->R_landmark + 9 * landmark, *centre = b->p_landmark + 3 * landmark;
@@ -36,7 +36,7 @@ static void errors_of(const Bundle *b, int64_t s, int derivatives, double *block
                   derivatives, block, moved);
 }
 
-int lmkit_bundle_misfits(const Bundle *b, double *misfits, double *pixels) {
+int lmkit_bundle_chi2(const Bundle *b, double *chi2, double *pixels) {
     for (int64_t s = 0; s < b->count; s++) {
         double block[64];
         const double *W = b->whitener + 64 * s;
@@ -53,7 +53,7 @@ int lmkit_bundle_misfits(const Bundle *b, double *misfits, double *pixels) {
             const double x = B[0] * du + B[1] * dv, y = B[2] * du + B[3] * dv;
             off += x * x + y * y;
         }
-        misfits[s] = squared;
+        chi2[s] = squared;
         pixels[s] = off;
     }
     return 0;

@@ -1,7 +1,7 @@
-"""Normal equations of rig poses and landmark poses from all sightings of a recording (bundle adjustment).
+"""Normal equations of rig poses and landmark poses from all observations of a recording (bundle adjustment).
 
 Unknowns are those of a chain with a border (`optim/block_chain.py`): six numbers a rig pose, and, shared, six a
-landmark; each a shift and a turn about the map's axes.  Sightings are weighed down by Cauchy's loss.
+landmark; each a shift and a turn about the map's axes.  Observations are weighed down by Cauchy's loss.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ class _BundleStruct(ctypes.Structure):
 
 @dataclass(frozen=True, eq=False)
 class Bundle:
-    """S sightings of L landmarks from N rig poses, and where all stand.
+    """S observations of L landmarks from N rig poses, and where all stand.
 
     Attributes:
         at, of: (S,) rig poses and landmarks, by number.
@@ -87,7 +87,7 @@ class Bundle:
 class Sums:
     """Sums that are added to: diagonal (N,6,6), gradient (N,6), border (N,6,m), corner (m,m), shared_gradient (m,).
 
-    All are contiguous arrays of doubles; landmark k has the shared unknowns from own + 6 k.
+    All are contiguous arrays of 64-bit floats; landmark k has the shared unknowns from own + 6 k.
     """
 
     diagonal: Array
@@ -107,31 +107,31 @@ class Sums:
         if [array.shape for array in arrays] != list(shapes) or (moving and m < self.own + 6 * landmarks):
             raise ValueError(f"sums of shapes {[array.shape for array in arrays]}, expected {shapes}")
         if not all(array.flags.c_contiguous and array.dtype == np.float64 for array in arrays):
-            raise ValueError("sums are not contiguous doubles")
+            raise ValueError("sums are not contiguous 64-bit floats")
 
 
-def bundle_misfits(bundle: Bundle) -> tuple[Array, Array]:
+def bundle_chi2(bundle: Bundle) -> tuple[Array, Array]:
     """(S,) squared errors in standard deviations, and in pixels, summed over the eight coordinates."""
     kernels = _kernels()
     if kernels is None:
-        return bundle_misfits_numpy(bundle)
-    misfits, pixels = np.empty((2, len(bundle.at)))
-    kernels[0](bundle.struct, address(misfits), address(pixels))
-    return misfits, pixels
+        return bundle_chi2_numpy(bundle)
+    chi2, pixels = np.empty((2, len(bundle.at)))
+    kernels[0](bundle.struct, address(chi2), address(pixels))
+    return chi2, pixels
 
 
-def bundle_misfits_numpy(bundle: Bundle) -> tuple[Array, Array]:
-    """Definition of :func:`bundle_misfits`."""
+def bundle_chi2_numpy(bundle: Bundle) -> tuple[Array, Array]:
+    """Definition of :func:`bundle_chi2`."""
     errors = _errors(bundle)[0]
     pixels = (bundle.by_ray @ errors.reshape(-1, 4, 2, 1))[..., 0]
     return (_whitened(bundle, errors) ** 2).sum(axis=1), (pixels**2).sum(axis=(1, 2))
 
 
 def add_bundle_equations(bundle: Bundle, used: NDArray[np.bool_], cauchy: float, sums: Sums, moving: bool) -> float:
-    """Add normal equations of the sightings used (S,) to ``sums``, in place; their cost.
+    """Add normal equations of the observations used (S,) to ``sums``, in place; their cost.
 
     Args:
-        cauchy: standard deviations at which the loss bends, of the root mean square of eight coordinates.
+        cauchy: standard deviations at which the loss halves its weight, of the root mean square of eight coordinates.
         moving: landmarks are unknown, too.
 
     Raises:
@@ -198,9 +198,9 @@ def _errors(bundle: Bundle) -> tuple[Array, Array, Array]:
 @lru_cache(maxsize=1)
 def _kernels() -> tuple[Any, Any] | None:
     bundle, pointer, count = ctypes.POINTER(_BundleStruct), ctypes.c_void_p, ctypes.c_int64
-    misfits = function("lmkit_bundle_misfits", bundle, pointer, pointer)
+    chi2 = function("lmkit_bundle_chi2", bundle, pointer, pointer)
     equations = function(
         "lmkit_bundle_equations", bundle, pointer, ctypes.c_double, count, count, *[pointer] * 5,
         ctypes.POINTER(ctypes.c_double),
     )  # fmt: skip
-    return None if misfits is None else (misfits, equations)
+    return None if chi2 is None else (chi2, equations)

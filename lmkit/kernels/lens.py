@@ -172,7 +172,7 @@ def _project_rational(lens: Lens, rays: Array) -> tuple[Array, Array]:
     y = b * radial + k[2] * (r2 + 2 * b * b) + 2 * k[3] * a * b + r2 * (k[10] + r2 * k[11])
     prism_x, prism_y = k[8] + 2 * k[9] * r2, k[10] + 2 * k[11] * r2
     mixed = 2 * a * b * change + 2 * k[2] * a + 2 * k[3] * b
-    bent = _matrices(
+    distorted = _matrices(
         radial + 2 * a * a * change + 2 * k[2] * b + 6 * k[3] * a + 2 * a * prism_x,
         mixed + 2 * b * prism_x,
         mixed + 2 * a * prism_y,
@@ -182,14 +182,14 @@ def _project_rational(lens: Lens, rays: Array) -> tuple[Array, Array]:
     depth = np.where(tilted[:, 2:] == 0, 1.0, tilted[:, 2:])
     uv = tilted[:, :2] / depth
     by_tilt = (lens.tilt[:2, :2] - uv[:, :, None] * lens.tilt[2, :2]) / depth[:, :, None]
-    return np.asarray(uv * f + c), np.asarray(f[:, None] * (by_tilt @ bent))
+    return np.asarray(uv * f + c), np.asarray(f[:, None] * (by_tilt @ distorted))
 
 
 def _project_fisheye(lens: Lens, rays: Array) -> tuple[Array, Array]:
     (a, b), (f, c) = rays.T, _focal(lens)
     r = np.sqrt(a * a + b * b)
-    bent, slope = _equidistant(lens.k, np.arctan(r))
-    scale = np.where(r > 1e-8, bent / r, 1.0)
+    distorted, slope = _equidistant(lens.k, np.arctan(r))
+    scale = np.where(r > 1e-8, distorted / r, 1.0)
     change = np.where(r > 1e-8, (slope / (1 + r * r) - scale) / (r * r), 0.0)
     J = _matrices(scale + change * a * a, change * a * b, change * a * b, scale + change * b * b)
     return f * scale[:, None] * rays + c, f[:, None] * J
@@ -198,8 +198,8 @@ def _project_fisheye(lens: Lens, rays: Array) -> tuple[Array, Array]:
 def _equidistant(k: Array, theta: Array) -> tuple[Array, Array]:
     """How far from the axis an angle is seen, and the derivative."""
     t2 = theta * theta
-    bent = theta * (1 + t2 * (k[0] + t2 * (k[1] + t2 * (k[2] + t2 * k[3]))))
-    return bent, 1 + t2 * (3 * k[0] + t2 * (5 * k[1] + t2 * (7 * k[2] + t2 * 9 * k[3])))
+    distorted = theta * (1 + t2 * (k[0] + t2 * (k[1] + t2 * (k[2] + t2 * k[3]))))
+    return distorted, 1 + t2 * (3 * k[0] + t2 * (5 * k[1] + t2 * (7 * k[2] + t2 * 9 * k[3])))
 
 
 def _unproject_rational(lens: Lens, pixels: Array) -> Array:
@@ -227,16 +227,16 @@ def _unproject_rational(lens: Lens, pixels: Array) -> Array:
 def _unproject_fisheye(lens: Lens, pixels: Array) -> Array:
     f, c = _focal(lens)
     uv = (pixels - c) / f
-    bent = np.minimum(np.linalg.norm(uv, axis=1), np.pi / 2)
-    theta, converged = bent.copy(), bent <= 1e-8
+    distorted = np.minimum(np.linalg.norm(uv, axis=1), np.pi / 2)
+    theta, converged = distorted.copy(), distorted <= 1e-8
     for _ in range(ITERATIONS):
         value, slope = _equidistant(lens.k, theta)
-        step = np.where(converged, 0.0, (value - bent) / slope)
+        step = np.where(converged, 0.0, (value - distorted) / slope)
         theta = theta - step
         converged |= np.abs(step) < PRECISION
         if converged.all():
             break
-    scale = np.where(bent > 1e-8, np.tan(theta) / np.where(bent > 1e-8, bent, 1.0), 1.0)
+    scale = np.where(distorted > 1e-8, np.tan(theta) / np.where(distorted > 1e-8, distorted, 1.0), 1.0)
     return np.where((converged & (theta >= 0))[:, None], uv * scale[:, None], UNREACHED)
 
 

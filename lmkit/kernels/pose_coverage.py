@@ -128,13 +128,13 @@ def means_of_best(coverage: Coverage, scores: Array) -> Array:
 
 
 def change_coverage(
-    coverage: Coverage, rows: Ints, told: Array, shown: NDArray[np.bool_], sign: int, apply: bool
+    coverage: Coverage, rows: Ints, information: Array, shown: NDArray[np.bool_], sign: int, apply: bool
 ) -> tuple[float, int]:
     """Effect of a landmark that is added (sign 1) or removed (-1): the sum of ``held``, and how many places hold.
 
     Args:
         rows: (R,) poses that may read it, in rising order.
-        told: (R,6,6) the information that it adds there; ``shown``: (R,) whether it counts as in view.
+        information: (R,6,6) the information that it adds there; ``shown``: (R,) whether it counts as in view.
         apply: change the coverage, in place.
 
     Raises:
@@ -142,22 +142,22 @@ def change_coverage(
     """
     rows = contiguous(rows, (-1,), np.int64)
     count = len(rows)
-    told, shown = contiguous(told, (count, 6, 6)), contiguous(shown, (count,), np.bool_)
+    information, shown = contiguous(information, (count, 6, 6)), contiguous(shown, (count,), np.bool_)
     if count and (not 0 <= rows[0] <= rows[-1] < len(coverage.scores) or (rows[1:] <= rows[:-1]).any()):
         raise ValueError("rows are out of range or not in rising order")
     kernels = _kernels()
     if kernels is None:
-        return change_coverage_numpy(coverage, rows, told, shown, sign, apply)
+        return change_coverage_numpy(coverage, rows, information, shown, sign, apply)
     gain, newly = ctypes.c_double(), ctypes.c_int64()
-    kernels[1](coverage.struct, count, *addresses(rows, told, shown), sign, apply, gain, newly)
+    kernels[1](coverage.struct, count, *addresses(rows, information, shown), sign, apply, gain, newly)
     return gain.value, newly.value
 
 
 def change_coverage_numpy(
-    coverage: Coverage, rows: Ints, told: Array, shown: NDArray[np.bool_], sign: int, apply: bool
+    coverage: Coverage, rows: Ints, information: Array, shown: NDArray[np.bool_], sign: int, apply: bool
 ) -> tuple[float, int]:
     """Definition of :func:`change_coverage`."""
-    information, in_view = coverage.information[rows] + sign * told, coverage.in_view[rows] + sign * shown
+    information, in_view = coverage.information[rows] + sign * information, coverage.in_view[rows] + sign * shown
     scores = pose_scores(coverage, rows, information, in_view)
     places = np.unique(rows // coverage.headings)
     changed = coverage.scores.reshape(-1, coverage.headings)[places]

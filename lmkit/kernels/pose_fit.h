@@ -10,7 +10,7 @@ typedef struct {
     int64_t count;
     const double *points, *arms, *R_camera, *t_camera, *rays, *by_ray, *whitener;
     const double *roots;          /* null where no landmark is uncertain */
-    const int64_t *group, *order; /* which sightings share a landmark's error (-1: none), and sightings by group */
+    const int64_t *group, *order; /* which observations share a landmark's error (-1: none), and observations by group */
     double nearest, nowhere;
 } Corners;
 
@@ -19,7 +19,7 @@ typedef struct {
     double heading, heading_sigma, height, height_sigma, down[3], tilt_sigma;
 } Prior;
 
-LMKIT_EXPORT int lmkit_corner_misfits(const Corners *seen, int64_t poses, const double *R, const double *p,
+LMKIT_EXPORT int lmkit_corner_chi2(const Corners *seen, int64_t poses, const double *R, const double *p,
                                       double *misfits, double *pixels);
 LMKIT_EXPORT int lmkit_pose_equations(const Corners *seen, const Prior *prior, int64_t poses, const double *R,
                                       const double *p, const uint8_t *used, double *normal, double *gradient,

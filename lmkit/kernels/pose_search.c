@@ -27,7 +27,7 @@ LMKIT_EXPORT int lmkit_search_poses(const Corners *seen, const Prior *prior, con
 LMKIT_EXPORT int lmkit_pose_covariance(const Corners *seen, const Prior *prior, const double *R, const double *p,
                                        const uint8_t *used, double *covariance);
 
-/* T_map_rig (R, p) from T_camera_landmark, for the camera of a sighting and the landmark with these corners. */
+/* T_map_rig (R, p) from T_camera_landmark, for the camera of a observation and the landmark with these corners. */
 static void place_rig(const Corners *seen, int64_t s, double size, const double *R_eye, const double *t_eye,
                       double *R, double *p) {
     const double *P = seen->points + 12 * s, *C = seen->R_camera + 9 * s, *t = seen->t_camera + 3 * s;
@@ -90,7 +90,7 @@ static void judge(Race *race, int64_t h) {
 
 static void measure(Race *race, int64_t h) {
     const int64_t S = race->seen->count;
-    lmkit_corner_misfits(race->seen, 1, race->R + 9 * h, race->p + 3 * h, race->misfits + h * S,
+    lmkit_corner_chi2(race->seen, 1, race->R + 9 * h, race->p + 3 * h, race->misfits + h * S,
                          race->pixels + h * S);
 }
 

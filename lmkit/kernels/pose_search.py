@@ -19,7 +19,7 @@ from lmkit.kernels.reprojection import (
     Corners,
     _CornersStruct,
     _prior,
-    corner_misfits_numpy,
+    corner_chi2_numpy,
     pose_equations_numpy,
     prior_residuals,
     refine_poses_numpy,
@@ -50,11 +50,11 @@ class Search:
 
     Attributes:
         gate_share: corners within this share of the landmark's side are near.
-        limit: chi2 of a sighting's eight coordinates below which it is explained.
+        limit: chi2 of a observation's eight coordinates below which it is explained.
         listed_below: log likelihood ratio beyond which a pose cannot win any more.
         same_turn_rad, same_place_m: poses nearer than that are one pose.
         towards_near, to_the_end: iterations of the first fit and of the last ones.
-        rounds: how often the sightings explained are chosen anew.
+        rounds: how often the observations explained are chosen anew.
     """
 
     gate_share: float
@@ -83,10 +83,10 @@ class Search:
 def search_poses(
     corners: Corners, of: Ints, side_px: Array, prior: tuple[float, ...], search: Search
 ) -> tuple[Array, Array, Array, Array]:
-    """Different poses, the likeliest first: R (K,3,3), p (K,3), chi2 of every sighting (K,S), and costs (K,).
+    """Different poses, the likeliest first: R (K,3,3), p (K,3), chi2 of every observation (K,S), and costs (K,).
 
     Args:
-        corners: S sightings of square landmarks.
+        corners: S observations of square landmarks.
         of: (S,) which landmark each is of.
         side_px: (S,) sides in the image.
         prior: as of :func:`lmkit.kernels.reprojection.pose_equations`.
@@ -103,7 +103,7 @@ def search_poses(
     if kernels is None:
         return search_poses_numpy(corners, of, side_px, prior, search)
     H = 2 * S
-    # One array for all: R, p, cost, and chi2 and pixel errors of every sighting.
+    # One array for all: R, p, cost, and chi2 and pixel errors of every observation.
     numbers = np.empty(H * (13 + 2 * S))
     R, p, cost, chi2, pixels = np.split(numbers, [9 * H, 12 * H, 13 * H, (13 + S) * H])
     flags, slots = np.empty((2, H * S), dtype=np.bool_), np.empty((2, H), dtype=np.int64)
@@ -124,10 +124,10 @@ def search_poses_numpy(
     if not len(R):
         return R, p, np.zeros((0, len(corners))), np.zeros(0)
     gate_px = search.gate_share * side_px
-    near = (of == own[:, None]) | (np.sqrt(corner_misfits_numpy(corners, R, p)[1] / 8) < gate_px)
+    near = (of == own[:, None]) | (np.sqrt(corner_chi2_numpy(corners, R, p)[1] / 8) < gate_px)
     R, p = refine_poses_numpy(corners, prior, R, p, near, search.towards_near, CONVERGED, MOST_DAMPING)
     # What a pose does not even come near to it will not explain, however it is refined.
-    chi2, pixels = corner_misfits_numpy(corners, R, p)
+    chi2, pixels = corner_chi2_numpy(corners, R, p)
     near |= (np.sqrt(pixels / 8) < gate_px) | (chi2 < search.limit)
     least = (~near).sum(axis=1) * search.limit / 2
     cost = _costs(prior, R, p, chi2, search)
@@ -144,7 +144,7 @@ def search_poses_numpy(
             break
         used = inliers
         R, p = refine_poses_numpy(corners, prior, R, p, used, search.to_the_end, CONVERGED, MOST_DAMPING)
-        chi2 = corner_misfits_numpy(corners, R, p)[0]
+        chi2 = corner_chi2_numpy(corners, R, p)[0]
         cost = _costs(prior, R, p, chi2, search)
     rows = _distinct(R, p, cost, search)
     return R[rows], p[rows], chi2[rows], cost[rows]
@@ -162,11 +162,11 @@ def _hypotheses(corners: Corners, of: Ints, side_px: Array) -> tuple[Array, Arra
     size = np.linalg.norm(P[:, 1] - P[:, 0], axis=1)
     x, y = ((P[:, a] - P[:, b]) / size[:, None] for a, b in ((1, 0), (0, 3)))
     R_map, t_map = np.stack([x, y, np.cross(x, y)], axis=2)[:, None], P.mean(axis=1)[:, None]
-    R_eye, t_eye, _ = square_poses_numpy(corners.rays[rows], size)
-    # x_eye = R x_landmark + t, and x_eye = R_camera x_rig + t_camera.
+    R_landmark, t_landmark, _ = square_poses_numpy(corners.rays[rows], size)
+    # x_camera = R x_landmark + t, and x_camera = R_camera x_rig + t_camera.
     back = corners.R_camera[rows].transpose(0, 2, 1)[:, None]
-    t_rig = back @ (t_eye - corners.t_camera[rows][:, None])[..., None]
-    R = R_map @ (back @ R_eye).swapaxes(-1, -2)
+    t_rig = back @ (t_landmark - corners.t_camera[rows][:, None])[..., None]
+    R = R_map @ (back @ R_landmark).swapaxes(-1, -2)
     p = t_map - (R @ t_rig)[..., 0]
     finite = np.isfinite(p).all(axis=2).ravel()
     own = np.repeat(of[rows], 2)[finite]
@@ -192,7 +192,7 @@ def _distinct(R: Array, p: Array, cost: Array, search: Search) -> Ints:
 
 
 def pose_covariance(corners: Corners, prior: tuple[float, ...], R: Array, p: Array, used: Flags) -> Array:
-    """(6,6) covariance of the pose R (3,3), p (3,), from the sightings used (S,).
+    """(6,6) covariance of the pose R (3,3), p (3,), from the observations used (S,).
 
     A landmark seen head-on determines its tilt poorly, and linearization at an estimate that is off makes the
     covariance too small.  The covariance is therefore averaged over the pose and two poses one standard deviation

@@ -163,7 +163,7 @@ static int fit_state(Fit *fit, const uint8_t *used, double *misfits, double *pix
     }
     double off[MOST];
     offset(fit, off);
-    lmkit_corner_misfits(fit->seen, 1, fit->R, fit->p, misfits, pixels);
+    lmkit_corner_chi2(fit->seen, 1, fit->R, fit->p, misfits, pixels);
     fit->cost = 0;
     for (int64_t s = 0; s < fit->seen->count; s++)
         if (used[s]) fit->cost += misfits[s];

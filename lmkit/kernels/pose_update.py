@@ -20,7 +20,7 @@ from lmkit.kernels.reprojection import (
     NO_PRIOR,
     Corners,
     _CornersStruct,
-    corner_misfits_numpy,
+    corner_chi2_numpy,
     pose_equations_numpy,
     turns,
 )
@@ -44,7 +44,7 @@ class Update:
 
     Attributes:
         converged: a step whose square, in standard deviations, is smaller is the last one.
-        limit: chi2 of a sighting's eight coordinates beyond which it does not fit.
+        limit: chi2 of a observation's eight coordinates beyond which it does not fit.
         iterations: at most so many.
     """
 
@@ -61,11 +61,11 @@ def update_space(corners: Corners, of: Ints, known: Array, R: Array, p: Array, u
     """Update of the pose T_map_rig.
 
     Args:
-        of: (S,) which landmark each sighting is of.
+        of: (S,) which landmark each observation is of.
         known: (6,6) information of the pose R (3,3), p (3,) foretold: shift, and turn about the map's axes.
 
     Returns:
-        The sightings used (S,), R, p, the normal matrix (6,6), and the chi2 of corners and prediction together.
+        The observations used (S,), R, p, the normal matrix (6,6), and the chi2 of corners and prediction together.
 
     Raises:
         ValueError: a shape differs.
@@ -109,12 +109,12 @@ def update_planar(
     """Update of the state of a robot on a level floor: x, y, heading, what else it may be, lift, roll, pitch.
 
     Args:
-        of: (S,) which landmark each sighting is of.
+        of: (S,) which landmark each observation is of.
         before: (N,N) information of the state foretold (N,), N at most 12.
         R_base, t_base: (3,3), (3,) of the camera on the base.
 
     Returns:
-        The sightings used (S,), the state, its normal matrix (N,N), and the chi2 of corners and prediction together.
+        The observations used (S,), the state, its normal matrix (N,N), and the chi2 of corners and prediction.
 
     Raises:
         ValueError: a shape differs.
@@ -174,12 +174,12 @@ def _believed(
     pose_of: Callable[[Any], tuple[Array, Array]],
     limit: float,
 ) -> tuple[Flags, Any, Array]:
-    """The sightings that fit together (S,), their fit, and the chi2 (S,) of all."""
+    """The observations that fit together (S,), their fit, and the chi2 (S,) of all."""
     used = np.ones(len(corners), dtype=bool)
     while True:
         fitted = fit(used)
         R, p = pose_of(fitted)
-        chi2 = corner_misfits_numpy(corners, R[None], p[None])[0][0]
+        chi2 = corner_chi2_numpy(corners, R[None], p[None])[0][0]
         if not used.any() or chi2[used].max() < limit:
             return used, fitted, chi2
         worst = int(np.argmax(np.where(used, chi2, -1.0)))

@@ -19,7 +19,7 @@ Flags = NDArray[np.bool_]
 Window = tuple[slice, slice]
 
 NEAREST_M = 0.05
-BENT_STEPS = 3
+CURL_STEPS = 3
 
 
 def meet_panel(
@@ -27,33 +27,33 @@ def meet_panel(
     depth: Float32Array,
     window: Window,
     R: NDArray[Any],
-    eye: NDArray[Any],
+    origin: NDArray[Any],
     size_m: tuple[float, float],
-    bend_m: float,
+    curl_m: float,
 ) -> tuple[Float32Array, Float32Array, Float32Array, Flags]:
     """Intersections of the h x w rays in a window: u, v on the panel, depth, and visibility; all (h,w).
 
     Args:
         rays: (H,W,2) x/z, y/z in the camera; ``depth``: (H,W) of what is seen so far.
         window: rows and columns, without steps.
-        R, eye: (3,3) x_camera = R x_panel + t, and (3,) the camera's place in the panel's frame.
-        size_m: (width, height); ``bend_m``: how far the middle stands out of the panel's plane.
+        R, origin: (3,3) x_camera = R x_panel + t, and (3,) the camera's place in the panel's frame.
+        size_m: (width, height); ``curl_m``: how far the middle stands out of the panel's plane.
 
     Raises:
         ValueError: a shape differs.
     """
     rays, depth = contiguous(rays, (-1, -1, 2), np.float32), contiguous(depth, rays.shape[:2], np.float32)
-    R, eye = contiguous(R, (3, 3), np.float32), contiguous(eye, (3,), np.float32)
+    R, origin = contiguous(R, (3, 3), np.float32), contiguous(origin, (3,), np.float32)
     kernels = _kernels()
     if kernels is None:
-        return meet_panel_numpy(rays, depth, window, R, eye, size_m, bend_m)
+        return meet_panel_numpy(rays, depth, window, R, origin, size_m, curl_m)
     shape, offset = _place(window, depth)
     u, v, distance = np.empty((3, *shape), dtype=np.float32)
     hit = np.empty(shape, dtype=np.bool_)
     half = size_m[0] / 2, size_m[1] / 2
     kernels[0](
-        *shape, depth.shape[1], address(rays) + 8 * offset, address(depth) + 4 * offset, *addresses(R, eye),
-        bend_m, size_m[0], *half, *addresses(u, v, distance, hit),
+        *shape, depth.shape[1], address(rays) + 8 * offset, address(depth) + 4 * offset, *addresses(R, origin),
+        curl_m, size_m[0], *half, *addresses(u, v, distance, hit),
     )  # fmt: skip
     return u, v, distance, hit
 
@@ -63,22 +63,22 @@ def meet_panel_numpy(
     depth: Float32Array,
     window: Window,
     R: NDArray[Any],
-    eye: NDArray[Any],
+    origin: NDArray[Any],
     size_m: tuple[float, float],
-    bend_m: float,
+    curl_m: float,
 ) -> tuple[Float32Array, Float32Array, Float32Array, Flags]:
     """Definition of :func:`meet_panel`."""
-    R, eye = np.asarray(R, dtype=np.float32), np.asarray(eye, dtype=np.float32)
+    R, origin = np.asarray(R, dtype=np.float32), np.asarray(origin, dtype=np.float32)
     (x, y), width = np.moveaxis(rays[window], 2, 0), np.float32(size_m[0])
     dx, dy, dz = (R[0, k] * x + R[1, k] * y + R[2, k] for k in range(3))
     with np.errstate(all="ignore"):
-        distance = (np.float32(0) - eye[2]) / dz
-        u = eye[0] + distance * dx
-        for _ in range(BENT_STEPS if bend_m else 0):
-            lift = np.float32(bend_m) * np.clip(1 - (2 * u / width) ** 2, -1, 1)
-            distance = (lift - eye[2]) / dz
-            u = eye[0] + distance * dx
-        v = eye[1] + distance * dy
+        distance = (np.float32(0) - origin[2]) / dz
+        u = origin[0] + distance * dx
+        for _ in range(CURL_STEPS if curl_m else 0):
+            lift = np.float32(curl_m) * np.clip(1 - (2 * u / width) ** 2, -1, 1)
+            distance = (lift - origin[2]) / dz
+            u = origin[0] + distance * dx
+        v = origin[1] + distance * dy
         hit = (distance > np.float32(NEAREST_M)) & (distance < depth[window])
         hit &= (np.abs(u) < np.float32(size_m[0] / 2)) & (np.abs(v) < np.float32(size_m[1] / 2))
     return u, v, distance, hit

@@ -1,4 +1,4 @@
-/* Registration of a landmark's pattern: Gauss-Newton over corners, point spread, bend, shading and bleed, the inks
+/* Registration of a landmark's pattern: Gauss-Newton over corners, point spread, distortion, shading and bleed, the inks
  * eliminated (variable projection).  registration.py holds the definition. */
 #include <stddef.h>
 
@@ -11,24 +11,24 @@
 #define ROWS (STATE + 1 + INKS) /* slopes, residual, design */
 #define JETS (JET * INKS * BLOCK)
 
-/* What is fitted, and how strongly priors hold: ridge, bend prior, shading prior, bleed prior, prior weight. */
+/* What is fitted, and how strongly priors hold: ridge, distortion prior, shading prior, bleed prior, prior weight. */
 typedef struct {
     Drawing drawing;
     const double *view, *rules;
     const float *at, *values, *variance;
     int64_t n;
     uint32_t open_gaps;
-    int quarter, fit_bend;
+    int quarter, fit_distortion;
     float *scratch;
 } Problem;
 
 LMKIT_EXPORT int lmkit_linearise(int64_t n, const float *drawing, const double *view, const float *at,
                                  const float *values, const float *variance, const double *rules,
-                                 const double *state, int64_t open_gaps, int64_t quarter, int64_t fit_bend,
+                                 const double *state, int64_t open_gaps, int64_t quarter, int64_t fit_distortion,
                                  float *scratch, double *normal, double *gradient, double *error);
 LMKIT_EXPORT int lmkit_register(int64_t n, const float *drawing, const double *view, const float *at,
                                 const float *values, const float *variance, const double *rules,
-                                const double *limits, int64_t open_gaps, int64_t quarter, int64_t fit_bend,
+                                const double *limits, int64_t open_gaps, int64_t quarter, int64_t fit_distortion,
                                 int64_t rounds, int64_t iterations, double to_px, float *scratch, double *state,
                                 float *robust_variance, double *prior_weight, double *normal, double *error);
 LMKIT_EXPORT int lmkit_robust_weights(int64_t n, const float *drawing, const double *view, const float *at,
@@ -272,7 +272,7 @@ static int linearise(const Problem *p, const double *state, double *normal, doub
                 rows[8][i] = -(xx * a * a + xy * a * cc + yy * cc * cc) * q;
                 rows[9][i] = -(xx * 2.0f * a * bb + xy * (a * d + bb * cc) + yy * 2.0f * cc * d) * q;
                 rows[10][i] = -(xx * bb * bb + xy * bb * d + yy * d * d) * q;
-                rows[11][i] = p->fit_bend ? -(by_x[i] * J.radial_x[i] + by_y[i] * J.radial_y[i]) * q : 0.0f;
+                rows[11][i] = p->fit_distortion ? -(by_x[i] * J.radial_x[i] + by_y[i] * J.radial_y[i]) * q : 0.0f;
                 float lit = drawn[0][i] / light[i] * inverse_half * q;
                 rows[12][i] = -lit * points.x[i];
                 rows[13][i] = -lit * points.y[i];
@@ -305,11 +305,11 @@ static int linearise(const Problem *p, const double *state, double *normal, doub
     }
     for (int j = 0; j < STATE; j++)
         gradient[j] = total(&sums[STATE][j]);
-    double weight = p->rules[4], bend = 1.0 / (p->rules[1] * p->rules[1]);
+    double weight = p->rules[4], distortion = 1.0 / (p->rules[1] * p->rules[1]);
     double shading = 1.0 / (p->rules[2] * p->rules[2]), spill = 1.0 / (p->rules[3] * p->rules[3]);
-    if (p->fit_bend) {
-        normal[11 * STATE + 11] += weight * bend;
-        gradient[11] += weight * state[11] * bend;
+    if (p->fit_distortion) {
+        normal[11 * STATE + 11] += weight * distortion;
+        gradient[11] += weight * state[11] * distortion;
     } else
         normal[11 * STATE + 11] = 1e12;
     for (int k = 12; k < 14; k++) {
@@ -323,7 +323,7 @@ static int linearise(const Problem *p, const double *state, double *normal, doub
     for (int i = 0; i < STATE; i++)
         for (int j = 0; j < i; j++)
             normal[j * STATE + i] = normal[i * STATE + j];
-    double prior = state[11] * state[11] * bend + state[14] * state[14] * spill;
+    double prior = state[11] * state[11] * distortion + state[14] * state[14] * spill;
     prior += (state[12] * state[12] + state[13] * state[13]) * shading;
     *error = (total(&sums[STATE][STATE]) + weight * prior) / (3.0 * (double)p->n);
     return isfinite(*error);
@@ -370,7 +370,7 @@ static void clamp_spread(double *s, double low, double high)
     s[1] *= scale;
 }
 
-/* state + step, within limits: least and most eigenvalue of the spread, bend, shading, bleed. */
+/* state + step, within limits: least and most eigenvalue of the spread, distortion, shading, bleed. */
 static void move(const double *state, const double *step, const double *limits, double *out)
 {
     for (int i = 0; i < STATE; i++)
@@ -382,18 +382,18 @@ static void move(const double *state, const double *step, const double *limits, 
     out[14] = clamp(out[14], -limits[4], limits[4]);
 }
 
-static Problem problem_of(int64_t n, const float *drawing, const double *view, const float *at, const float *values, const float *variance, const double *rules, int64_t open_gaps, int64_t quarter, int64_t fit_bend, float *scratch)
+static Problem problem_of(int64_t n, const float *drawing, const double *view, const float *at, const float *values, const float *variance, const double *rules, int64_t open_gaps, int64_t quarter, int64_t fit_distortion, float *scratch)
 {
-    Problem p = {read_drawing(drawing), view, rules, at, values, variance, n, (uint32_t)open_gaps, (int)quarter, (int)fit_bend, scratch};
+    Problem p = {read_drawing(drawing), view, rules, at, values, variance, n, (uint32_t)open_gaps, (int)quarter, (int)fit_distortion, scratch};
     return p;
 }
 
 int lmkit_linearise(int64_t n, const float *drawing, const double *view, const float *at, const float *values,
                     const float *variance, const double *rules, const double *state, int64_t open_gaps,
-                    int64_t quarter, int64_t fit_bend, float *scratch, double *normal, double *gradient,
+                    int64_t quarter, int64_t fit_distortion, float *scratch, double *normal, double *gradient,
                     double *error)
 {
-    Problem p = problem_of(n, drawing, view, at, values, variance, rules, open_gaps, quarter, fit_bend, scratch);
+    Problem p = problem_of(n, drawing, view, at, values, variance, rules, open_gaps, quarter, fit_distortion, scratch);
     return !linearise(&p, state, normal, gradient, error);
 }
 
@@ -492,11 +492,11 @@ int lmkit_robust_weights(int64_t n, const float *drawing, const double *view, co
 
 int lmkit_register(int64_t n, const float *drawing, const double *view, const float *at, const float *values,
                    const float *variance, const double *rules, const double *limits, int64_t open_gaps,
-                   int64_t quarter, int64_t fit_bend, int64_t rounds, int64_t iterations, double to_px,
+                   int64_t quarter, int64_t fit_distortion, int64_t rounds, int64_t iterations, double to_px,
                    float *scratch, double *state, float *robust_variance, double *prior_weight, double *normal,
                    double *error)
 {
-    Problem plain = problem_of(n, drawing, view, at, values, variance, rules, open_gaps, quarter, fit_bend, scratch);
+    Problem plain = problem_of(n, drawing, view, at, values, variance, rules, open_gaps, quarter, fit_distortion, scratch);
     double weighted_rules[5];
     memcpy(weighted_rules, rules, sizeof weighted_rules);
     memcpy(robust_variance, variance, (size_t)n * sizeof *variance);

@@ -1,7 +1,7 @@
 """Registration of a landmark's pattern on pixels in linear light: Gauss-Newton with the inks eliminated.
 
-A state is (15,): four corners x0 y0 x1 y1 ... (px), covariance of the point spread xx xy yy (px^2), radial bend,
-relative change of the light from the middle to the right and to the upper edge, mixed-pixel bias.
+A state is (15,): four corners x0 y0 x1 y1 ... (px), covariance of the point spread xx xy yy (px^2), radial
+distortion, relative change of the light from the middle to the right and to the upper edge, mixed-pixel bias.
 """
 
 from __future__ import annotations
@@ -29,8 +29,8 @@ class _View(NamedTuple):
 
     Attributes:
         origin: (2,) px, whole numbers near the landmark; pixel positions are relative to it.
-        centre: (2,) px, about which the radial bend is.
-        half_width: px at which the bend counts in full.
+        centre: (2,) px, about which the radial distortion is.
+        half_width: px at which the distortion counts in full.
         half_mm: half side of the landmark's face.
         pixel_variance: of a pixel's box, px^2.
     """
@@ -86,21 +86,21 @@ class Hypothesis(NamedTuple):
 
 
 class Priors(NamedTuple):
-    """Standard deviations of bend, shading and bias, the relative ridge of the inks, and the priors' weight."""
+    """Standard deviations of distortion, shading and bias, the relative ridge of the inks, and the priors' weight."""
 
     ridge: float
-    bend: float
+    distortion: float
     shading: float
     bias: float
     weight: float
 
 
 class Limits(NamedTuple):
-    """Eigenvalues of the point spread (px^2), and the largest bend, shading and bias."""
+    """Eigenvalues of the point spread (px^2), and the largest distortion, shading and bias."""
 
     least_spread: float
     most_spread: float
-    bend: float
+    distortion: float
     shading: float
     bias: float
 
@@ -117,16 +117,16 @@ class Steps(NamedTuple):
     """How far a registration goes.
 
     Attributes:
-        rounds: how often what does not fit is discounted; 0 keeps the weights.
+        rounds: how often what does not fit is down-weighted; 0 keeps the weights.
         most: steps in a round.
         to_px: a round ends once no corner moves more.
-        fit_bend: also fit the radial bend.
+        fit_distortion: also fit the radial distortion.
     """
 
     rounds: int
     most: int
     to_px: float
-    fit_bend: bool = False
+    fit_distortion: bool = False
 
 
 class Registered(NamedTuple):
@@ -140,7 +140,7 @@ class Registered(NamedTuple):
 
 
 class Weights(NamedTuple):
-    """(3,N) modelled values, (N,) variance with what does not fit discounted (Cauchy), weight of the priors."""
+    """(3,N) modelled values, (N,) variance with what does not fit down-weighted (Cauchy), weight of the priors."""
 
     drawn: Float32Array
     variance: Float32Array
@@ -154,19 +154,19 @@ def linearise(
     priors: Priors,
     state: FloatArray,
     hypothesis: Hypothesis,
-    fit_bend: bool,
+    fit_distortion: bool,
 ) -> Linearisation:
     """Error of a state, and its slopes; an infinite error where the inks cannot be solved for."""
     kernel = _linearise_kernel()
     if kernel is None:
-        return linearise_numpy(drawing, view, samples, priors, state, hypothesis, fit_bend)
+        return linearise_numpy(drawing, view, samples, priors, state, hypothesis, fit_distortion)
     normal, gradient, error = np.empty((STATE, STATE)), np.empty(STATE), np.zeros(1)
     state = contiguous(state, (STATE,))
     flat, seen, rules = drawing.flat, view.flat, np.array(priors)
     scratch = _scratch(len(samples.variance))
     arrays = addresses(flat, seen, *samples, rules, state)
     ends = addresses(scratch, normal, gradient, error)
-    status = kernel(len(samples.variance), *arrays, *hypothesis, fit_bend, *ends)
+    status = kernel(len(samples.variance), *arrays, *hypothesis, fit_distortion, *ends)
     return Linearisation(normal, gradient, np.inf if status else float(error[0]))
 
 
@@ -182,8 +182,8 @@ def register(
 ) -> Registered:
     """State with a smaller error (never a larger one) after some steps of Gauss-Newton.
 
-    Where ``steps.rounds`` is 0 the samples keep their weights; otherwise what does not fit is discounted anew at the
-    beginning of every round.
+    Where ``steps.rounds`` is 0 the samples keep their weights; otherwise what does not fit is down-weighted anew at
+    the beginning of every round.
     """
     kernel = _register_kernel()
     if kernel is None:
@@ -194,7 +194,7 @@ def register(
     arrays = addresses(flat, seen, *samples, rules, bounds)
     scratch, normal = _scratch(n), np.empty((STATE, STATE))
     outs = addresses(scratch, state, variance, ends, normal, ends[1:])
-    kernel(n, *arrays, *hypothesis, steps.fit_bend, steps.rounds, steps.most, steps.to_px, *outs)
+    kernel(n, *arrays, *hypothesis, steps.fit_distortion, steps.rounds, steps.most, steps.to_px, *outs)
     return Registered(state, variance, float(ends[0]), normal, float(ends[1]))
 
 
@@ -228,7 +228,7 @@ def linearise_numpy(
     priors: Priors,
     state: FloatArray,
     hypothesis: Hypothesis,
-    fit_bend: bool,
+    fit_distortion: bool,
 ) -> Linearisation:
     """Definition of :func:`linearise`."""
     at, values = samples.at.T.astype(np.float64), samples.values.T.astype(np.float64)
@@ -244,7 +244,7 @@ def linearise_numpy(
     drawn = jets @ inks + state[14] * blends
     residual = (values - drawn[0]) * root[:, None]
 
-    # (N,3) d model / d pixel freed of the bend.
+    # (N,3) d model / d pixel freed of the distortion.
     by_pixel = [drawn[1] * A[:, 0, x, None] + drawn[2] * A[:, 1, x, None] for x in (0, 1)]
     moves = _moves(view, state, points)  # (8,2,N)
     J = np.zeros((STATE, n, 3))
@@ -253,7 +253,7 @@ def linearise_numpy(
     for k, unit in enumerate(np.eye(3)):
         by_unit = _in_plane(A, *unit)
         J[8 + k] = -sum(drawn[3 + m] * by_unit[:, m, None] for m in range(3))
-    if fit_bend:
+    if fit_distortion:
         J[11] = -(by_pixel[0] * radial[:, :1] + by_pixel[1] * radial[:, 1:])
     J[12:14] = -(drawn[0] / light) * (points.T[:, :, None] / view.half_mm)
     J[14] = -blends[0]
@@ -266,14 +266,14 @@ def linearise_numpy(
     by_inks = seen.reshape(INKS, STATE, 3).transpose(1, 0, 2).reshape(STATE, -1)
     normal = flat @ flat.T - by_inks @ by_inks.T
     gradient = flat @ residual.ravel()
-    precision = priors.weight / np.array([priors.bend, priors.shading, priors.shading, priors.bias]) ** 2
-    if not fit_bend:
+    precision = priors.weight / np.array([priors.distortion, priors.shading, priors.shading, priors.bias]) ** 2
+    if not fit_distortion:
         precision[0] = 0.0
         normal[11, 11] = 1e12
     normal[range(11, 15), range(11, 15)] += precision
     gradient[11:] += precision * state[11:]
     normal[range(11), range(11)] += np.repeat([1e-6, 1e-3], [8, 3])
-    prior = (state[11] / priors.bend) ** 2 + np.sum((state[12:14] / priors.shading) ** 2)
+    prior = (state[11] / priors.distortion) ** 2 + np.sum((state[12:14] / priors.shading) ** 2)
     prior += (state[14] / priors.bias) ** 2
     return Linearisation(normal, gradient, float((np.sum(residual**2) + priors.weight * prior) / residual.size))
 
@@ -309,7 +309,7 @@ def _gauss_newton(
     hypothesis: Hypothesis,
     steps: Steps,
 ) -> tuple[FloatArray, FloatArray, float]:
-    here = linearise_numpy(drawing, view, samples, priors, state, hypothesis, steps.fit_bend)
+    here = linearise_numpy(drawing, view, samples, priors, state, hypothesis, steps.fit_distortion)
     damping = 1e-3
     for _ in range(steps.most):
         for _ in range(4):
@@ -318,7 +318,7 @@ def _gauss_newton(
             step *= min(1.0, 0.25 * _mean_side(state) / max(np.abs(step[:8]).max(), 1e-9))
             trial = _moved(state, step, limits)
             if _is_sane(trial):
-                there = linearise_numpy(drawing, view, samples, priors, trial, hypothesis, steps.fit_bend)
+                there = linearise_numpy(drawing, view, samples, priors, trial, hypothesis, steps.fit_distortion)
                 if there.error < here.error:
                     break
             damping *= 10
@@ -347,10 +347,10 @@ def robust_weights_numpy(
     design = jets_numpy(drawing, points, spread, *hypothesis, slopes=False)[0].T * light
     inks = inks_numpy(design, values, 1 / np.sqrt(variance), state[14], priors.ridge)
     drawn = design @ inks + state[14] * blending_numpy(design[None], inks)[0]
-    misfit = np.mean((values - drawn) ** 2, axis=1) / variance
-    median = float(np.median(misfit))
+    chi2 = np.mean((values - drawn) ** 2, axis=1) / variance
+    median = float(np.median(chi2))
     scale = 2.5 * max(float(np.sqrt(median)), 1e-6)
-    variance = variance * (1 + misfit / scale**2)
+    variance = variance * (1 + chi2 / scale**2)
     return Weights(drawn.T.astype(np.float32), variance.astype(np.float32), median / 0.79)
 
 
@@ -368,8 +368,8 @@ def homography_numpy(corners: FloatArray, half: float) -> FloatArray:
 def plane_numpy(
     view: View, state: FloatArray, at: FloatArray
 ) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
-    """(N,2) positions in the landmark's plane, (N,3) point spread there, (N,2,2) d plane / d pixel, (N,2) bend's
-    direction, for (N,2) pixels relative to the view's origin."""
+    """(N,2) positions in the landmark's plane, (N,3) point spread there, (N,2,2) d plane / d pixel, (N,2)
+    distortion's direction, for (N,2) pixels relative to the view's origin."""
     inverse = np.linalg.inv(homography_numpy(state[:8].reshape(4, 2) - view.origin, view.half_mm))
     offset = at + (view.origin - view.centre)
     radial = offset * (np.sum(offset**2, axis=1, keepdims=True) / view.half_width**2)
@@ -445,7 +445,7 @@ def _moved(state: FloatArray, step: FloatArray, limits: Limits) -> FloatArray:
     values, vectors = np.linalg.eigh(np.array([[moved[8], moved[9]], [moved[9], moved[10]]]))
     S = vectors @ np.diag(np.clip(values, limits.least_spread, limits.most_spread)) @ vectors.T
     moved[8:11] = S[0, 0], S[0, 1], S[1, 1]
-    most = np.array([limits.bend, limits.shading, limits.shading, limits.bias])
+    most = np.array([limits.distortion, limits.shading, limits.shading, limits.bias])
     moved[11:] = np.clip(moved[11:], -most, most)
     return moved
 

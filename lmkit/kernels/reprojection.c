@@ -1,4 +1,4 @@
-/* Whitened reprojection errors of landmark corners for many poses: misfits, normal equations, Levenberg-Marquardt.
+/* Whitened reprojection errors of landmark corners for many poses: chi2, normal equations, Levenberg-Marquardt.
  * reprojection.py holds the definition. */
 #include "pose_fit.h"
 
@@ -6,8 +6,8 @@
 
 #define PI 3.14159265358979323846
 
-/* The whitened block of a sighting, and that of its landmark's error where it is uncertain (else null). */
-static void sighting(const Corners *seen, int64_t s, const double *R, const double *p, int derivatives, double *block,
+/* The whitened block of a observation, and that of its landmark's error where it is uncertain (else null). */
+static void observation(const Corners *seen, int64_t s, const double *R, const double *p, int derivatives, double *block,
                      double *moved) {
     double M[9], raw[64], raw_moved[64];
     map_to_camera(seen->R_camera + 9 * s, R, M);
@@ -27,13 +27,13 @@ static void identity(double *A) {
     for (int i = 0; i < 64; i++) A[i] = i % 9 == 0;
 }
 
-int lmkit_corner_misfits(const Corners *seen, int64_t poses, const double *R, const double *p, double *misfits,
+int lmkit_corner_chi2(const Corners *seen, int64_t poses, const double *R, const double *p, double *chi2,
                          double *pixels) {
     for (int64_t h = 0; h < poses; h++) {
         for (int64_t s = 0; s < seen->count; s++) {
             double block[64], moved[64], M[9], raw[64];
             const int uncertain = seen->roots && seen->group[s] >= 0;
-            sighting(seen, s, R + 9 * h, p + 3 * h, uncertain, block, uncertain ? moved : NULL);
+            observation(seen, s, R + 9 * h, p + 3 * h, uncertain, block, uncertain ? moved : NULL);
             double squared = 0, off = 0;
             for (int i = 0; i < 8; i++) squared += block[WIDE * i + 6] * block[WIDE * i + 6];
             if (uncertain) {
@@ -57,7 +57,7 @@ int lmkit_corner_misfits(const Corners *seen, int64_t poses, const double *R, co
                 const double x = B[0] * du + B[1] * dv, y = B[2] * du + B[3] * dv;
                 off += x * x + y * y;
             }
-            misfits[h * seen->count + s] = squared;
+            chi2[h * seen->count + s] = squared;
             pixels[h * seen->count + s] = off;
         }
     }
@@ -102,11 +102,11 @@ double prior_cost(const Prior *prior, const double *R, const double *p) {
     return total[WIDE * 6 + 6];
 }
 
-/* Products (8,8) of all sightings used and the prior: normal matrix, gradient, squared error. */
+/* Products (8,8) of all observations used and the prior: normal matrix, gradient, squared error. */
 static void pose_products(const Corners *seen, const Prior *prior, const double *R, const double *p,
                           const uint8_t *used, double *total) {
     double inner[64], across[64];
-    int64_t open = -1; /* the landmark whose sightings are being summed up */
+    int64_t open = -1; /* the landmark whose observations are being summed up */
     for (int i = 0; i < 64; i++) total[i] = 0;
     for (int64_t k = 0; k <= seen->count; k++) {
         const int64_t s = k == seen->count ? -1 : seen->order[k];
@@ -129,7 +129,7 @@ static void pose_products(const Corners *seen, const Prior *prior, const double 
         open = group;
         if (!used[s]) continue;
         double block[64], moved[64];
-        sighting(seen, s, R, p, 1, block, group >= 0 ? moved : NULL);
+        observation(seen, s, R, p, 1, block, group >= 0 ? moved : NULL);
         add_transposed8(block, block, total);
         if (group >= 0) {
             add_transposed8(moved, moved, inner);

@@ -1,4 +1,4 @@
-"""Whitened reprojection errors of landmark corners for many poses: misfits, normal equations, Levenberg-Marquardt.
+"""Whitened reprojection errors of landmark corners for many poses: chi2, normal equations, Levenberg-Marquardt.
 
 Corners are compared as rays x/z, y/z without distortion; ``whitener`` carries the lens and the corners' covariance.
 A pose is T_map_rig: R (3,3) and p (3,), moved by a shift and by a turn about the map's axes (6 numbers, m and rad).
@@ -46,7 +46,7 @@ class Corners:
         R_camera, t_camera: (S,3,3), (S,3): x_camera = R_camera x_rig + t_camera.
         arms: (S,4,3) from the landmark's centre to its corners, in the map; needed with ``roots`` only.
         roots: (S,6,6) roots of the landmarks' covariances (shift, turn), or None where all are certain.
-        group: (S,) sightings of one uncertain landmark share a number; -1 where it is certain.
+        group: (S,) observations of one uncertain landmark share a number; -1 where it is certain.
     """
 
     points: Array
@@ -88,8 +88,8 @@ class Corners:
         return len(self.points)
 
 
-def corner_misfits(corners: Corners, R: Array, p: Array) -> tuple[Array, Array]:
-    """(H,S) squared error of each sighting on its own, in standard deviations, summed over its eight coordinates;
+def corner_chi2(corners: Corners, R: Array, p: Array) -> tuple[Array, Array]:
+    """(H,S) squared error of each observation on its own, in standard deviations, summed over its eight coordinates;
     and (H,S) summed squares of its pixel errors.
 
     A landmark with a corner behind its camera has huge errors.  R is (H,3,3), p (H,3).
@@ -100,14 +100,14 @@ def corner_misfits(corners: Corners, R: Array, p: Array) -> tuple[Array, Array]:
     R, p = _poses(R, p)
     kernels = _kernels()
     if kernels is None:
-        return corner_misfits_numpy(corners, R, p)
-    misfits, pixels = np.empty((2, len(R), len(corners)))
-    kernels[0](corners.struct, len(R), address(R), address(p), address(misfits), address(pixels))
-    return misfits, pixels
+        return corner_chi2_numpy(corners, R, p)
+    chi2, pixels = np.empty((2, len(R), len(corners)))
+    kernels[0](corners.struct, len(R), address(R), address(p), address(chi2), address(pixels))
+    return chi2, pixels
 
 
-def corner_misfits_numpy(corners: Corners, R: Array, p: Array) -> tuple[Array, Array]:
-    """Definition of :func:`corner_misfits`."""
+def corner_chi2_numpy(corners: Corners, R: Array, p: Array) -> tuple[Array, Array]:
+    """Definition of :func:`corner_chi2`."""
     errors, r, _, K = _errors(corners, R, p)
     squared = (r**2).sum(axis=2)
     if K is not None:
@@ -122,7 +122,7 @@ def corner_misfits_numpy(corners: Corners, R: Array, p: Array) -> tuple[Array, A
 def pose_equations(
     corners: Corners, prior: tuple[float, ...], R: Array, p: Array, used: Flags
 ) -> tuple[Array, Array, Array]:
-    """Normal matrices (H,6,6), gradients (H,6) and squared errors (H,) of the sightings used (H,S) and the prior.
+    """Normal matrices (H,6,6), gradients (H,6) and squared errors (H,) of the observations used (H,S) and the prior.
 
     Args:
         prior: heading (rad, of the rig's z axis in the map's plane) and its sigma, height and its sigma, the map's
@@ -157,7 +157,7 @@ def pose_equations_numpy(
     squared = (rows**2).sum(axis=1)
     groups = np.asarray(corners.group)
     for number in np.unique(groups[groups >= 0]) if K is not None else ():
-        # The landmark's own error is eliminated: all of its sightings share it.
+        # The landmark's own error is eliminated: all of its observations share it.
         group = np.flatnonzero(groups == number)
         assert K is not None
         size = 8 * len(group)
@@ -185,7 +185,7 @@ def refine_poses(
     converged: float,
     most_damping: float,
 ) -> tuple[Array, Array]:
-    """Levenberg-Marquardt on the sightings used (H,S) and the prior, every pose on its own: R (H,3,3), p (H,3).
+    """Levenberg-Marquardt on the observations used (H,S) and the prior, every pose on its own: R (H,3,3), p (H,3).
 
     A pose is done when a step promises to lower the squared error by less than ``converged``, or when its damping
     exceeds ``most_damping``.
@@ -327,7 +327,7 @@ def _prior(prior: tuple[float, ...]) -> Any:
 @lru_cache(maxsize=1)
 def _kernels() -> tuple[Any, Any, Any] | None:
     corners, pointer, count, number = ctypes.POINTER(_CornersStruct), ctypes.c_void_p, ctypes.c_int64, ctypes.c_double
-    misfits = function("lmkit_corner_misfits", corners, count, *[pointer] * 4)
+    chi2 = function("lmkit_corner_chi2", corners, count, *[pointer] * 4)
     equations = function("lmkit_pose_equations", corners, pointer, count, *[pointer] * 6)
     refine = function("lmkit_refine_poses", corners, pointer, count, pointer, count, number, number, pointer, pointer)
-    return None if misfits is None else (misfits, equations, refine)
+    return None if chi2 is None else (chi2, equations, refine)

@@ -194,8 +194,8 @@ def screen_numpy(
     quads = contiguous(quads, (-1, 4, 2)).copy()
     pattern = np.zeros(len(quads))
     for k, quad in enumerate(quads):
-        is_twin = rounds == 0 and _has_twin(quads, k)
-        pattern[k] = -1.0 if is_twin else _screen_one(pyramid, tables, rules, quad, rounds, window)
+        is_duplicate = rounds == 0 and _has_duplicate(quads, k)
+        pattern[k] = -1.0 if is_duplicate else _screen_one(pyramid, tables, rules, quad, rounds, window)
     return Screened(quads, pattern)
 
 
@@ -240,7 +240,7 @@ def _screen_one(
     return pattern
 
 
-def _has_twin(quads: FloatArray, k: int) -> bool:
+def _has_duplicate(quads: FloatArray, k: int) -> bool:
     """Does an earlier square have the same corners, from whichever corner on?"""
     close = SAME * np.sqrt(abs(_area(quads[k])))
     turned = [np.roll(quads[:k], turn, axis=1) for turn in range(4)]

@@ -122,11 +122,11 @@ def locate_camera(
     return _locate([(observations, camera, NO_TURN, NO_SHIFT)], landmarks, options or LocateOptions())[0]
 
 
-_Eye = tuple[Sequence[Detection], CameraModel, FloatArray, FloatArray]
+_Camera = tuple[Sequence[Detection], CameraModel, FloatArray, FloatArray]
 
 
 def _locate(
-    cameras: Sequence[_Eye], landmarks: LandmarkMap, options: LocateOptions
+    cameras: Sequence[_Camera], landmarks: LandmarkMap, options: LocateOptions
 ) -> tuple[PoseEstimate, frozenset[int]]:
     """The estimate, and the minority of cameras that see landmarks of the map, but none where they should."""
     seen = Correspondences(cameras, landmarks, options.corner_floor_px)

@@ -15,7 +15,7 @@ from lmkit.geometry.pose_array import PoseArray
 from lmkit.geometry.rig import AnyRig, mounted_cameras
 from lmkit.kernels.pose_search import CONVERGED, MOST_DAMPING, Search, pose_covariance, search_poses
 from lmkit.kernels.pose_update import Update, update_planar, update_space
-from lmkit.kernels.reprojection import NO_PRIOR, Corners, corner_misfits, pose_equations, refine_poses
+from lmkit.kernels.reprojection import NO_PRIOR, Corners, corner_chi2, pose_equations, refine_poses
 from lmkit.localization.pose_prior import PosePrior
 from lmkit.localization.reprojection import through_lenses
 from lmkit.model.landmark_id import LandmarkId
@@ -51,7 +51,7 @@ class Correspondences:
         rays: (S,4,2) the corners as x/z and y/z, without distortion.
         camera_R, camera_t: (S,3,3), (S,3) from the left camera into the camera that saw it.
         cameras: the cameras.
-        twice: mapped landmarks that are in one image more than once: which one is the mapped one cannot be told.
+        twice: mapped landmarks that are in one image more than once: which one is the mapped one is unknown.
     """
 
     def __init__(
@@ -91,9 +91,9 @@ class Correspondences:
         self.observed, self.rays = looked.corners, looked.rays
         steps = self.observed[:, NEXT] - self.observed
         self.side_px = np.sqrt((steps * steps).sum(axis=2)).sum(axis=1) / 4
-        eye = np.repeat(np.arange(len(counts)), counts)
-        self.camera_R = np.array([R for _, _, R, _ in cameras])[eye]
-        self.camera_t = np.array([t for _, _, _, t in cameras])[eye]
+        side = np.repeat(np.arange(len(counts)), counts)
+        self.camera_R = np.array([R for _, _, R, _ in cameras])[side]
+        self.camera_t = np.array([t for _, _, _, t in cameras])[side]
         uncertain = any(landmark.covariance is not None for landmark in self.landmarks)
         errors = self._landmark_errors() if uncertain else (None, None, None)
         self._corners = Corners(
@@ -144,11 +144,11 @@ class Correspondences:
 
     def chi2(self, poses: PoseArray) -> FloatArray:
         """(H,S) squared error of each observation on its own, in standard deviations, over its eight coordinates."""
-        return corner_misfits(self._corners, poses.R, poses.t)[0]
+        return corner_chi2(self._corners, poses.R, poses.t)[0]
 
     def chi2_and_pixels(self, poses: PoseArray) -> tuple[FloatArray, FloatArray]:
         """The chi2 (H,S), and root mean squares (H,S) of pixel coordinates; huge behind the camera."""
-        chi2, pixels = corner_misfits(self._corners, poses.R, poses.t)
+        chi2, pixels = corner_chi2(self._corners, poses.R, poses.t)
         return chi2, np.sqrt(pixels / 8)
 
     def search(self, search: Search, prior: PosePrior | None) -> tuple[PoseArray, FloatArray, FloatArray]:

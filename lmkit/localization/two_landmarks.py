@@ -1,4 +1,4 @@
-"""The source paper's method: a planar pose from range and bearing to two landmarks, put right.
+"""The source paper's method: a planar pose from range and bearing to two landmarks, corrected.
 
 docs/two-landmarks.md derives it and lists what is wrong in print.
 """

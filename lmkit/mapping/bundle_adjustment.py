@@ -30,13 +30,13 @@ from lmkit.optim.robust_loss import CAUCHY_SCALE, cauchy_cost, cauchy_weight
 
 CONVERGED = 1e-2  # of the cost: a last step of a tenth of a standard deviation
 DAMPING = Damping(grow=50.0)
-SLIP_SIGMA, NEVER = 10.0, 1e6  # where the loss of motions bends
+SLIP_SIGMA, NEVER = 10.0, 1e6  # scale of the loss of motions
 LEAST_JUMP_M = 0.1
 # Without wheels: no rig jumps from one frame to the next.
-LEAST_MPS, FASTER, LEAP_SIGMA = 1.0, 4.0, 4.0
+LEAST_MPS, FASTER, JUMP_SIGMA = 1.0, 4.0, 4.0
 EXACT = 1e-12  # m^2, rad^2: what is known exactly
 LEAST_TO_WEIGH = 20  # motions
-TOLD_BELOW = 0.3  # share of a motion's variance that is left once the cameras have spoken
+KNOWN_BELOW = 0.3  # share of a motion's variance that is left once the cameras have spoken
 
 
 @dataclass(frozen=True, eq=False)
@@ -217,7 +217,7 @@ class BundleProblem:
         return np.asarray(np.linalg.solve(blocks, gradients[..., None])[..., 0])
 
     def seen_along(self) -> FloatArray:
-        """(L,3) unit vectors from landmarks to where they were seen from, in the middle."""
+        """(L,3) unit vectors from landmarks to where they were seen from, at the center."""
         away = self.p[self.seen.at] - self.lm_p[self.seen.of]
         away = away / np.linalg.norm(away, axis=1, keepdims=True) * self.used[:, None]
         total = np.zeros((len(self.mapped), 3))
@@ -242,7 +242,7 @@ class BundleProblem:
         own += (before @ across + after @ states[1:]) @ after.transpose(0, 2, 1)
         left = np.einsum("nii->ni", own)
         for k in range(6):
-            determined = left[:, k] < TOLD_BELOW
+            determined = left[:, k] < KNOWN_BELOW
             if determined.sum() >= LEAST_TO_WEIGH:
                 scale = np.sqrt(np.mean(np.minimum(r[determined, k] ** 2, SLIP_SIGMA**2) + left[determined, k]))
                 self.motion_scale[k] *= float(np.clip(scale, 0.3, 3.0))
@@ -259,14 +259,16 @@ class BundleProblem:
     def _poses(self) -> PoseArray:
         return PoseArray("map", "left", self.R, self.p)
 
-    def _sightings(self) -> kernel.Bundle:
+    def _correspondences(self) -> kernel.Bundle:
         return self.seen.bundle(self._poses(), PoseArray("map", "landmark", self.lm_R, self.lm_p), self.arms)
 
     def _equations(self) -> tuple[ChainEquations, float]:
         equations = ChainEquations.zeros(len(self.times), 6, self.shared)
         e = equations
         sums = kernel.Sums(e.diagonal, e.gradient, e.border, e.corner, e.shared_gradient, self.own)
-        cost = kernel.add_bundle_equations(self._sightings(), self.used, CAUCHY_SCALE, sums, not self.landmarks_fixed)
+        cost = kernel.add_bundle_equations(
+            self._correspondences(), self.used, CAUCHY_SCALE, sums, not self.landmarks_fixed
+        )
         if not self.landmarks_fixed:
             cost += self._add_anchors(equations) + self._add_constraints(equations)
         if len(self.times) > 1:
@@ -315,8 +317,8 @@ class BundleProblem:
     def _add_motion(self, equations: ChainEquations) -> float:
         before, after, r, K = self._motion_rows()
         squared = (r**2).sum(axis=1) / 6
-        bend = SLIP_SIGMA if self.may_slip else NEVER
-        root = np.sqrt(cauchy_weight(squared, bend))
+        scale = SLIP_SIGMA if self.may_slip else NEVER
+        root = np.sqrt(cauchy_weight(squared, scale))
         before, after, K = (values * root[:, None, None] for values in (before, after, K))
         r = r * root[:, None]
         equations.add_between(before, after, r)
@@ -327,7 +329,7 @@ class BundleProblem:
         off = (self.motion.nominal - self.parameters) / self.motion.prior_sigma
         equations.corner[own, own] += np.diag(self.motion.prior_sigma**-2)
         equations.shared_gradient[own] += off / self.motion.prior_sigma
-        return float(6 * cauchy_cost(squared, bend).sum() + (off**2).sum())
+        return float(6 * cauchy_cost(squared, scale).sum() + (off**2).sum())
 
     def _rows_of(self, landmark: int) -> slice:
         return slice(self.own + 6 * landmark, self.own + 6 * landmark + 6)
@@ -361,7 +363,7 @@ class BundleProblem:
 
     def residuals(self) -> FloatArray:
         """(S,) root mean square of each observation's eight standardised coordinates."""
-        return np.asarray(np.sqrt(kernel.bundle_misfits(self._sightings())[0] / 8))
+        return np.asarray(np.sqrt(kernel.bundle_chi2(self._correspondences())[0] / 8))
 
     def landmarks(self, covariance: FloatArray | None = None) -> LandmarkMap:
         """The map as it stands."""
@@ -388,7 +390,7 @@ class BundleProblem:
             shared[self._rows_of(k), self._rows_of(k)] += more
         residuals = self.residuals()
         believed: BoolArray = residuals < believed_below
-        pixels = kernel.bundle_misfits(self._sightings())[1][believed]
+        pixels = kernel.bundle_chi2(self._correspondences())[1][believed]
         rms = float(np.sqrt(pixels.mean() / 4)) if believed.any() else float("nan")
         return Bundle(
             self.times,
@@ -416,11 +418,11 @@ class BundleProblem:
             off = moved - fastest * seconds
             # A pose that is hardly known jumps for that alone.
             variance = np.einsum("nii->n", covariances[:, :3, :3])
-            sure = off > LEAP_SIGMA * np.sqrt(np.abs(variance[1:] + variance[:-1]))
-            leaps = np.flatnonzero((off > LEAST_JUMP_M) & sure)
+            sure = off > JUMP_SIGMA * np.sqrt(np.abs(variance[1:] + variance[:-1]))
+            jumps = np.flatnonzero((off > LEAST_JUMP_M) & sure)
         else:
             r = self._motion_rows()[2]
             sigmas = self.motion.steps(self.times, self.parameters).sigmas * self.motion_scale
             off = np.linalg.norm((r * sigmas)[:, :3], axis=1)
-            leaps = np.flatnonzero((np.sqrt((r**2).mean(axis=1)) > SLIP_SIGMA) & (off > LEAST_JUMP_M))
-        return tuple((float(self.times[k]), float(self.times[k + 1]), float(off[k])) for k in leaps)
+            jumps = np.flatnonzero((np.sqrt((r**2).mean(axis=1)) > SLIP_SIGMA) & (off > LEAST_JUMP_M))
+        return tuple((float(self.times[k]), float(self.times[k + 1]), float(off[k])) for k in jumps)

@@ -44,7 +44,7 @@ class Placing:
     """
 
     def __init__(self, frames: Sequence[RigFrame], rig: AnyRig, sizes_m: Mapping[LandmarkId, float]) -> None:
-        self._moments, self._rig, self._sizes_m = frames, rig, sizes_m
+        self._frames, self._rig, self._sizes_m = frames, rig, sizes_m
         self.views = _views(frames)
         self.wanted = {key for key in self.views if key in sizes_m}
         # Of a frame and a landmark: where the camera may be in the landmark's frame.
@@ -105,16 +105,16 @@ class Placing:
     def _cameras(self, k: int, key: LandmarkId) -> list[Pose]:
         """T_camera_landmark as that view allows."""
         if (k, key) not in self._seen_from:
-            estimate = locate_rig(_only(self._moments[k], key), self._rig, self._alone(key))
+            estimate = locate_rig(_only(self._frames[k], key), self._rig, self._alone(key))
             likeliest = [] if estimate.T_map_camera is None else [estimate.T_map_camera]
             self._seen_from[k, key] = [*likeliest, *(pose for pose, _ in estimate.alternatives)]
         return self._seen_from[k, key]
 
-    def _sightings(self, k: int, key: LandmarkId, floor_px: float) -> Correspondences:
+    def _correspondences(self, k: int, key: LandmarkId, floor_px: float) -> Correspondences:
         """Possible camera poses of one frame in the landmark's frame."""
         if (k, key, floor_px) not in self._looked:
             self._looked[k, key, floor_px] = Correspondences.of_rig(
-                _only(self._moments[k], key), self._rig, self._alone(key), floor_px
+                _only(self._frames[k], key), self._rig, self._alone(key), floor_px
             )
         return self._looked[k, key, floor_px]
 
@@ -130,7 +130,7 @@ class Placing:
         T_landmark_map = PoseArray.from_poses("map", "landmark", candidates).inverse()
         chi2 = np.full((len(candidates), len(at)), CAP)
         for column, (k, pose, floor_px) in enumerate(at):
-            seen = self._sightings(k, key, floor_px)
+            seen = self._correspondences(k, key, floor_px)
             if len(seen):
                 chi2[:, column] = np.minimum(CAP, seen.chi2(T_landmark_map @ pose).mean(axis=1))
         return chi2

@@ -107,7 +107,7 @@ def next_view(landmark: MappedLandmark, bundle: Bundle, rig: AnyRig) -> NextView
 def advise(survey: Survey, rig: AnyRig) -> dict[LandmarkId, str]:
     """Advice on the least certain landmarks of a survey, by id."""
     advice = {}
-    for id_, _, _ in sorted(survey.weak, key=lambda one: -(one[1] + one[2]))[:MOST_ADVISED]:
+    for id_, _, _ in sorted(survey.poorly_determined, key=lambda one: -(one[1] + one[2]))[:MOST_ADVISED]:
         landmark = survey.bundle.landmarks.find(id_)
         assert landmark is not None
         advice[id_] = str(next_view(landmark, survey.bundle, rig) or ALIKE)
@@ -130,13 +130,13 @@ def _looking(landmark: MappedLandmark, distance: float, aside_deg: float, pan_de
     return Pose("map", "left", R, np.array([*(T.t[:2] + distance * towards), height]))
 
 
-def _clear(eye: FloatArray, places: FloatArray, along: FloatArray) -> BoolArray:
+def _clear(side: FloatArray, places: FloatArray, along: FloatArray) -> BoolArray:
     """(L,) True where no other landmark's piece of wall lies between the camera and a landmark.
 
     Args:
         places, along: (L,2) of the landmarks, and unit vectors along their walls.
     """
-    way, off = places - eye, places - eye
+    way, off = places - side, places - side
     # camera + share way = place + aside along, for every way (rows) and wall (columns).
     det = along[None, :, 0] * way[:, None, 1] - along[None, :, 1] * way[:, None, 0]
     det = np.where(np.abs(det) < 1e-9, np.inf, det)
@@ -149,9 +149,9 @@ def _clear(eye: FloatArray, places: FloatArray, along: FloatArray) -> BoolArray:
 
 def _view(landmarks: LandmarkMap, rig: AnyRig, T_map_left: Pose) -> RigFrame:
     """Detections of all cameras from there, with the covariance that their size gives."""
-    at_the_eye = replace(rig, T_base_left=Pose.identity("base", "left"))
+    at_the_camera = replace(rig, T_base_left=Pose.identity("base", "left"))
     base = Pose("map", "base", T_map_left.R, T_map_left.t)
-    cameras = look(landmarks, at_the_eye, base, 1e-3, np.random.default_rng(0))
+    cameras = look(landmarks, at_the_camera, base, 1e-3, np.random.default_rng(0))
     seen = tuple(tuple(o for o in map(_as_measured, camera) if o is not None) for camera in cameras)
     return RigFrame(0.0, seen)
 

@@ -26,7 +26,7 @@ from lmkit.optim.levenberg_marquardt import Damping, minimize
 from lmkit.optim.robust_loss import cauchy_cost, cauchy_weight
 
 DAMPING = Damping(most=1e6)
-SLIP_SIGMA = 10.0  # where the loss of motions bends: wheels err steadily, and rarely slip
+SLIP_SIGMA = 10.0  # scale of the loss of motions: wheels err steadily, and rarely slip
 PIECE = 400  # frames taken up at once
 STEPS_A_PIECE, STEPS_AT_END = 4, 40
 CONVERGED = 1e-4
@@ -111,7 +111,7 @@ class _Problem:
         noise: ReadingNoise,
     ) -> None:
         self.times, self.motion, self.noise = times_s, motion, noise
-        self._readings_by_moment, self._map = readings, landmarks
+        self._readings_by_frame, self._map = readings, landmarks
         ids = sorted({r.id for frame in readings for r in frame if landmarks is None or r.id in landmarks})
         self.ids = ids
         index = {id_: k for k, id_ in enumerate(ids)}
@@ -152,7 +152,7 @@ class _Problem:
     def _start(self) -> FloatArray:
         if self._map is None:
             return np.zeros(3)
-        for k, frame in enumerate(self._readings_by_moment):
+        for k, frame in enumerate(self._readings_by_frame):
             found = locate_planar(frame, self._map, self.noise)
             if found.status == PoseStatus.OK and found.pose is not None and found.pose.heading_rad is not None:
                 state = np.array([found.pose.x_m, found.pose.y_m, found.pose.heading_rad])

@@ -3,7 +3,7 @@
 Each landmark is turned over its viewing direction and fitted to its observations again, with the rig held fixed.  If
 the second pose explains them nearly as well, the whole recording is solved with it, and the better one stays.  If
 neither is clearly better, the ambiguity is reported, and the distance of the two enters the landmark's covariance.
-Seen nearly head-on, the two poses are the ends of one flat valley, in which the solution stops in the middle or at
+Seen nearly head-on, the two poses are the ends of one flat valley, in which the solution stops between them or at
 either end: that is ambiguous as well.
 """
 
@@ -26,11 +26,11 @@ def resolve_pose_ambiguities(problem: BundleProblem) -> dict[int, FloatArray]:
     """Put second poses in place that explain the recording better.
 
     Returns:
-        By row, (6,6) what is to be added to the covariance of landmarks of which it cannot be told.
+        By row, (6,6) what is to be added to the covariance of landmarks whose ambiguity is not resolved.
     """
     undecided: dict[int, FloatArray] = {}
-    own, twins, R, p = _fitted_twins(problem)
-    worse = twins - own
+    own, alternatives, R, p = _fitted_alternatives(problem)
+    worse = alternatives - own
     cost: float | None = None
     for k in map(int, np.argsort(worse)[:MOST_TRIED]):
         if worse[k] > HOPEFUL:
@@ -67,7 +67,7 @@ def _spread(apart: FloatArray, worse: float) -> FloatArray:
     return np.asarray(share * np.outer(apart, apart))
 
 
-def _fitted_twins(problem: BundleProblem) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
+def _fitted_alternatives(problem: BundleProblem) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
     """(L,) costs of landmarks and of their second poses, and the second poses' (L,3,3) and (L,3)."""
     own, before = problem.landmark_costs(), problem.state()
     towards = problem.seen_along()

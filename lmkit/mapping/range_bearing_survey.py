@@ -71,7 +71,7 @@ def planar_map_dict(landmarks: LandmarkMap, frames: int, output: Path) -> dict[s
         }
         for m in landmarks
     ]
-    return {"map": str(output), "landmarks": entries, "moments": frames}
+    return {"map": str(output), "landmarks": entries, "frames": frames}
 
 
 def planar_map_lines(landmarks: LandmarkMap, frames: int, output: Path) -> list[str]:

@@ -29,9 +29,12 @@ from lmkit.odometry.motion_model import Motion
 OUTLIER_SIGMA = 4.5  # root mean square over an observation's eight coordinates
 ROUNDS, STEPS = 4, 30
 WEIGHINGS = 2
-ODD_SHARE, LEAST_ODD = 0.1, 3  # observations of a landmark that do not fit, before it is called odd
-ASTRAY_SIGMA = 4.0
-WEAK_M, WEAK_RAD = 0.03, np.deg2rad(2.0)
+CONTRADICTED_SHARE, LEAST_CONTRADICTED = (
+    0.1,
+    3,
+)  # observations that do not fit
+OFF_CONSTRAINT_SIGMA = 4.0
+POOR_M, POOR_RAD = 0.03, np.deg2rad(2.0)
 
 
 @dataclass(frozen=True)
@@ -39,19 +42,20 @@ class ContradictedLandmark:
     """A landmark that part of its observations contradict.
 
     Attributes:
-        off, sightings: how many of its observations do not fit.
+        off, observations: how many of its observations do not fit.
         from_s, to_s: when those were.
     """
 
     id: LandmarkId
     off: int
-    sightings: int
+    observations: int
     from_s: float
     to_s: float
 
     def __str__(self) -> str:
         return (
-            f"{self.off} of {self.sightings} observations of {self.id}, from {self.from_s:.2f} to {self.to_s:.2f} s, "
+            f"{self.off} of {self.observations} observations of {self.id}, "
+            f"from {self.from_s:.2f} to {self.to_s:.2f} s, "
             "contradict its pose: it was moved, its code appears twice, or it was misread; check it in the room"
         )
 
@@ -64,24 +68,24 @@ class Survey:
         bundle: poses, landmarks seen, parameters.
         landmarks: those, and known ones that the recording did not see, as they were.
         rows: (N,) which of the frames given have a pose.
-        odd: landmarks contradicted by part of their observations.
-        weak: landmarks determined to no better than 3 cm or 2 deg, with both deviations (m, rad).
+        contradicted: landmarks contradicted by part of their observations.
+        poorly_determined: landmarks determined to no better than 3 cm or 2 deg, with both deviations (m, rad).
         unplaced: landmarks that were seen, but not well enough to be placed.
         dropped: observations left out.
         ambiguous: landmarks whose two poses explain the observations almost equally well.
-        astray: landmarks off their constraints, with the constraint and the distance (m).
+        off_constraint: landmarks off their constraints, with the constraint and the distance (m).
         warnings: what a user should check, in words.
     """
 
     bundle: Bundle
     landmarks: LandmarkMap
     rows: tuple[int, ...]
-    odd: tuple[ContradictedLandmark, ...]
-    weak: tuple[tuple[LandmarkId, float, float], ...]
+    contradicted: tuple[ContradictedLandmark, ...]
+    poorly_determined: tuple[tuple[LandmarkId, float, float], ...]
     unplaced: tuple[LandmarkId, ...]
     dropped: int
     ambiguous: tuple[LandmarkId, ...] = ()
-    astray: tuple[tuple[LandmarkId, LandmarkConstraint, float], ...] = ()
+    off_constraint: tuple[tuple[LandmarkId, LandmarkConstraint, float], ...] = ()
     warnings: tuple[str, ...] = ()
 
 
@@ -112,7 +116,7 @@ def survey_frames(
     optimize_all(problem)
     if start.unplaced or None in start.poses:
         # By the map as it is now more may be located and placed than while it grew.
-        again = find_start(frames, rig, sizes_m, _hung(start, problem), motion)
+        again = find_start(frames, rig, sizes_m, _start_anchors(start, problem), motion)
         if len(again.rows) > len(start.rows) or len(again.unplaced) < len(start.unplaced):
             # What is known beforehand is still that alone.
             start = replace(again, anchors=start.anchors)
@@ -136,17 +140,19 @@ def survey_frames(
     landmarks = LandmarkMap([*bundle.landmarks, *unseen])
     unplaced = tuple(sorted([*start.unplaced, *(m.id for m in lost)]))
     ambiguous = tuple(sorted({problem.mapped[k].id for k in undecided} & believed))
-    odd = tuple(odd for odd in contradicted_landmarks(bundle) if odd.id in believed)
+    contradicted = tuple(
+        contradicted for contradicted in contradicted_landmarks(bundle) if contradicted.id in believed
+    )
     return Survey(
         bundle,
         landmarks,
         start.rows,
-        odd,
-        _weak(bundle.landmarks),
+        contradicted,
+        _poorly_determined(bundle.landmarks),
         unplaced,
         dropped,
         ambiguous,
-        _astray(constraints, bundle.landmarks),
+        _off_constraint(constraints, bundle.landmarks),
     )
 
 
@@ -158,7 +164,7 @@ def _lay_on_the_floor(problem: BundleProblem) -> None:
     problem.lay(turn, np.array([0.0, 0.0, -float(np.median(p @ turn[2]))]))
 
 
-def _hung(start: Start, problem: BundleProblem) -> dict[LandmarkId, Anchor]:
+def _start_anchors(start: Start, problem: BundleProblem) -> dict[LandmarkId, Anchor]:
     """Landmarks as they are known now, those that nothing saw among them."""
     found = {m.id: m for m in problem.landmarks()}
     return {key: Anchor(found.get(key, m), None) for key, m in start.placed.items()}
@@ -184,18 +190,18 @@ def optimize_all(problem: BundleProblem) -> None:
 
 def contradicted_landmarks(bundle: Bundle) -> tuple[ContradictedLandmark, ...]:
     """Landmarks with more contradicting observations than chance explains."""
-    odd = []
+    contradicted = []
     for k in np.unique(bundle.of):
         mine = bundle.of == k
         off = mine & (bundle.residuals > OUTLIER_SIGMA)
-        if off.sum() >= max(LEAST_ODD, ODD_SHARE * mine.sum()):
+        if off.sum() >= max(LEAST_CONTRADICTED, CONTRADICTED_SHARE * mine.sum()):
             times = bundle.times_s[bundle.frames[off]]
-            odd.append(
+            contradicted.append(
                 ContradictedLandmark(
                     bundle.ids[k], int(off.sum()), int(mine.sum()), float(times.min()), float(times.max())
                 )
             )
-    return tuple(odd)
+    return tuple(contradicted)
 
 
 def _only(bundle: Bundle, ids: set[LandmarkId]) -> Bundle:
@@ -207,16 +213,16 @@ def _only(bundle: Bundle, ids: set[LandmarkId]) -> Bundle:
     )
 
 
-def _weak(landmarks: LandmarkMap) -> tuple[tuple[LandmarkId, float, float], ...]:
-    weak = []
+def _poorly_determined(landmarks: LandmarkMap) -> tuple[tuple[LandmarkId, float, float], ...]:
+    poorly_determined = []
     for m in landmarks:
         place, turn = deviations(m)
-        if place > WEAK_M or turn > WEAK_RAD:
-            weak.append((m.id, place, turn))
-    return tuple(weak)
+        if place > POOR_M or turn > POOR_RAD:
+            poorly_determined.append((m.id, place, turn))
+    return tuple(poorly_determined)
 
 
-def _astray(
+def _off_constraint(
     constraints: Sequence[LandmarkConstraint], landmarks: LandmarkMap
 ) -> tuple[tuple[LandmarkId, LandmarkConstraint, float], ...]:
     mapped = list(landmarks)
@@ -228,7 +234,7 @@ def _astray(
         if len(members) < 3:
             continue  # of two nobody knows which is off
         for k, off, standardised in zip(members, *strays(constraint, members, R, p, sigmas), strict=True):
-            if standardised > ASTRAY_SIGMA:
+            if standardised > OFF_CONSTRAINT_SIGMA:
                 found.append((mapped[k].id, constraint, float(off)))
     return tuple(found)
 

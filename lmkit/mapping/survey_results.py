@@ -23,7 +23,7 @@ def survey_warnings(
     result: Survey, motion: Motion | None, constraints: Sequence[LandmarkConstraint], advice: Mapping[LandmarkId, str]
 ) -> list[str]:
     """Warnings about what a user should check, one sentence each."""
-    texts = [str(odd) for odd in result.odd]
+    texts = [str(contradicted) for contradicted in result.contradicted]
     doubt = None if motion is None else describe_odometry(motion, result.bundle.parameters)
     if doubt is not None:
         texts.append(doubt)
@@ -34,7 +34,7 @@ def survey_warnings(
         )
     for code in result.ambiguous:
         texts.append(f"{code} has an ambiguous pose: it was seen from one side and from afar; look from another side")
-    for code, constraint, metres in result.astray:
+    for code, constraint, metres in result.off_constraint:
         texts.append(f"{code} is {1000 * metres:.0f} mm off the {constraint} of its constraint; check it in the room")
     mapped = {m.id for m in result.bundle.landmarks}
     for constraint in constraints:
@@ -47,7 +47,7 @@ def survey_warnings(
         texts.append(
             f"{code} is not placed: its observations are too few, or do not agree; drive past it again, and nearer"
         )
-    for code, place, turn in result.weak:
+    for code, place, turn in result.poorly_determined:
         known = f"{code} is known to {1000 * place:.0f} mm and {math.degrees(turn):.1f} deg only"
         texts.append(f"{known}: {advice[code]}" if code in advice else known)
     return texts
@@ -61,7 +61,7 @@ def survey_dict(result: Survey, frames: Sequence[RigFrame], motion: Motion | Non
         output: the map file.
     """
     bundle = result.bundle
-    sightings = dict(zip(bundle.ids, np.bincount(bundle.of, minlength=len(bundle.ids)).tolist(), strict=True))
+    observations = dict(zip(bundle.ids, np.bincount(bundle.of, minlength=len(bundle.ids)).tolist(), strict=True))
     entries = []
     for m in bundle.landmarks:
         place, turn = deviations(m)
@@ -73,27 +73,35 @@ def survey_dict(result: Survey, frames: Sequence[RigFrame], motion: Motion | Non
                 "quaternion": m.T_map_landmark.quaternion_xyzw.tolist(),
                 "sigma_m": place,
                 "sigma_rad": turn,
-                "sightings": sightings[m.id],
+                "observations": observations[m.id],
             }
         )
     return {
         "map": str(output),
         "landmarks": entries,
-        "moments": len(frames),
+        "frames": len(frames),
         "located": len(result.rows),
         "dropped": result.dropped,
         "reprojection_error_px": bundle.rms_px if math.isfinite(bundle.rms_px) else None,
-        "odd": [
-            {"id": str(o.id), "code": o.id.code, "off": o.off, "of": o.sightings, "from_s": o.from_s, "to_s": o.to_s}
-            for o in result.odd
+        "contradicted": [
+            {
+                "id": str(o.id),
+                "code": o.id.code,
+                "off": o.off,
+                "of": o.observations,
+                "from_s": o.from_s,
+                "to_s": o.to_s,
+            }
+            for o in result.contradicted
         ],
         "jumps": [{"from_s": a, "to_s": b, "metres": m} for a, b, m in result.bundle.jumps],
-        "weak": [str(id_) for id_, _, _ in result.weak],
+        "poorly_determined": [str(id_) for id_, _, _ in result.poorly_determined],
         "unplaced": [str(id_) for id_ in result.unplaced],
         "warnings": list(result.warnings),
         "ambiguous": [str(id_) for id_ in result.ambiguous],
-        "astray": [
-            {"id": str(id_), "of": str(constraint), "metres": metres} for id_, constraint, metres in result.astray
+        "off_constraint": [
+            {"id": str(id_), "of": str(constraint), "metres": metres}
+            for id_, constraint, metres in result.off_constraint
         ],
         "odometry": {} if motion is None else dict(zip(motion.names, bundle.parameters.tolist(), strict=True)),
     }
@@ -102,7 +110,7 @@ def survey_dict(result: Survey, frames: Sequence[RigFrame], motion: Motion | Non
 def survey_lines(result: Survey, frames: int, output: Path) -> list[str]:
     """A table of the landmarks, and a summary, as lines of text."""
     bundle = result.bundle
-    lines = ["landmark   x m      y m      z m      +- mm   +- deg  sightings  residual"]
+    lines = ["landmark   x m      y m      z m      +- mm   +- deg  observations  residual"]
     for m in sorted(bundle.landmarks, key=lambda m: m.id):
         mine = bundle.of == bundle.ids.index(m.id)
         place, turn = deviations(m)
@@ -114,7 +122,7 @@ def survey_lines(result: Survey, frames: int, output: Path) -> list[str]:
         )
     lines.append(
         f"{len(bundle.landmarks)} landmarks, {len(result.rows)} of {frames} frames located, "
-        f"{result.dropped} sightings rejected, {bundle.rms_px:.2f} px -> {output}"
+        f"{result.dropped} observations rejected, {bundle.rms_px:.2f} px -> {output}"
     )
     return lines
 

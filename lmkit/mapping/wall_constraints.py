@@ -16,7 +16,7 @@ from lmkit.arrays import FloatArray, IntArray
 from lmkit.model.landmark_id import LandmarkId, ids_text
 from lmkit.optim.robust_loss import cauchy_cost, cauchy_weight
 
-BEND = 3.0  # of a landmark's own deviation, where the loss bends
+LOSS_SCALE = 3.0  # of a landmark's own deviation, scale of the loss of motions
 
 
 @dataclass(frozen=True)
@@ -49,16 +49,16 @@ class ConstraintRows:
     @property
     def weights(self) -> FloatArray:
         """(M,) Cauchy weights, so that a landmark off its constraint does not distort the map."""
-        return cauchy_weight(self.residuals**2, self._bend)
+        return cauchy_weight(self.residuals**2, self._loss_scale)
 
     @property
     def cost(self) -> float:
         """Cauchy's loss of all of them."""
-        return float(cauchy_cost(self.residuals**2, self._bend).sum())
+        return float(cauchy_cost(self.residuals**2, self._loss_scale).sum())
 
     @property
-    def _bend(self) -> float:
-        return float(BEND / np.sqrt(len(np.unique(self.pairs))))
+    def _loss_scale(self) -> float:
+        return float(LOSS_SCALE / np.sqrt(len(np.unique(self.pairs))))
 
 
 def constraint_rows(
@@ -79,7 +79,7 @@ def constraint_rows(
         derivatives.append(np.concatenate([by_a, by_b]) / sigma)
         pairs.append((a, b))
 
-    # Each pair both ways, at half the weight.
+    # Each pair in both orders, at half the weight.
     sigma_m, sigma_rad = constraint.sigma_m * spread * np.sqrt(2), constraint.sigma_rad * spread * np.sqrt(2)
     none, up = np.zeros(3), np.array([0.0, 0.0, 1.0])
     for a, b in permutations(members, 2):

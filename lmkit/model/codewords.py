@@ -1,4 +1,4 @@
-"""Code <-> gaps, both ways (docs/landmark.md, section 3).
+"""Code <-> gaps (docs/landmark.md, section 3).
 
 A word is an integer whose bits, most significant first, say for each gap position of the family
 (outer ring first, then inwards; clockwise from the triangle's apex) whether the ring is broken

@@ -100,10 +100,10 @@ class FloorPlan:
         far = self.clearance_m[rows.clip(0, self.free.shape[0] - 1), columns.clip(0, self.free.shape[1] - 1)]
         return np.asarray(np.where(self.is_free(points), far, 0.0))
 
-    def sees(self, eyes: FloatArray, points: FloatArray) -> BoolArray:
+    def sees(self, origins: FloatArray, points: FloatArray) -> BoolArray:
         """(N,) True where the straight line from (N,2) cameras to (N,2) points on walls runs through free cells."""
         near_m = NEAR_CELLS * self.cell_m  # just before the wall
-        return clear_lines(self.free, self.cell_m, self.origin, near_m, eyes, points)
+        return clear_lines(self.free, self.cell_m, self.origin, near_m, origins, points)
 
     def blocked(self, points: FloatArray, radius_m: float) -> FloorPlan:
         """A copy of the floor with discs around (N,2) points blocked."""

@@ -1,6 +1,6 @@
 """The geometry of the landmark: the one source that printing and reading share.
 
-Numbers as in docs/landmark.md, section 2.  The landmark's plane has its origin in the middle, x to
+Numbers as in docs/landmark.md, section 2.  The landmark's plane has its origin at the center, x to
 the right, y up, z towards the viewer; angles run clockwise as seen, from the triangle's apex (up).
 Lengths of the drawing are millimetres at the nominal size of 180 mm and scale with the print.
 """

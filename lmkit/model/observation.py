@@ -18,7 +18,7 @@ class Detection:
         corners: (4,2) outer corners of the red border, pixels of the image as delivered; the
             landmark's top left first, then clockwise as the landmark stands.
         confidence: probability that the code is right, 0..1.
-        margin: log likelihood ratio (nats) of this code in this rotation against the runner-up.
+        margin: log likelihood ratio of this code in this rotation against the runner-up.
         covariance: (8,8) of the corners x0 y0 x1 y1 ..., pixels squared, if estimated.
     """
 

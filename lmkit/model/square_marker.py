@@ -2,7 +2,7 @@
 
 A marker is a square of cells: a black border one cell wide, the code's cells inside, white paper around.  Its size is
 the outer edge of the BLACK BORDER, as for `cv2.aruco` and for the AprilTag project's ``tag size``, not of the white
-paper.  The frame is a landmark's: origin in the middle, x to the right, y up, z towards the viewer.
+paper.  The frame is a landmark's: origin at the center, x to the right, y up, z towards the viewer.
 
 OpenCV draws AprilTags upside down.  Here they stand as the AprilTag project prints them, so maps of WPILib and
 apriltag_ros hold as they are.

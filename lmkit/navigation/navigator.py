@@ -83,7 +83,7 @@ class Site:
         landmarks, rig: the map, and the cameras with their T_base_left.
         radius_m: of the robot.
         demand, coverage: how well it should know where it is, and how well it will, everywhere.
-        corner_floor_px: as of `LocateOptions`; 0 for simulated corners, which no lens has bent.
+        corner_floor_px: as of `LocateOptions`; 0 for simulated corners, which no lens has distorted.
     """
 
     floor: FloorPlan
@@ -126,10 +126,10 @@ def drive_to(
     site: Site,
     goal: Goal,
     tolerance: Tolerance | None = None,
-    on_moment: Callable[[TrackedPose], None] = lambda pose: None,
+    on_pose: Callable[[TrackedPose], None] = lambda pose: None,
 ) -> Journey:
-    """Drive until it has arrived, or cannot go on; ``on_moment`` is told every pose believed."""
-    return _Navigator(robot, site, goal, tolerance or Tolerance(), on_moment).run()
+    """Drive until it has arrived, or cannot go on; ``on_pose`` is called with every pose believed."""
+    return _Navigator(robot, site, goal, tolerance or Tolerance(), on_pose).run()
 
 
 def surely_there(pose: TrackedPose, goal: Goal, tolerance: Tolerance) -> bool:
@@ -154,10 +154,10 @@ class _Navigator:
         site: Site,
         goal: Goal,
         tolerance: Tolerance,
-        on_moment: Callable[[TrackedPose], None],
+        on_pose: Callable[[TrackedPose], None],
     ) -> None:
         self.robot, self.site, self.goal, self.tolerance = robot, site, goal, tolerance
-        self.on_moment = on_moment
+        self.on_pose = on_pose
         self.filter = RigFilter(site.landmarks, site.rig, WITH_GYRO, site.corner_floor_px)
         self.journey = Journey()
         self.obstacles: list[FloatArray] = []
@@ -178,7 +178,7 @@ class _Navigator:
             self.journey.routes.append(route)
             outcome = self.follow(route.waypoints)
             if outcome == "there":
-                outcome = self.settle()
+                outcome = self.wait_until_known()
             if outcome == "arrived":
                 return self.stop("arrived", "")
             if outcome == "lost":
@@ -234,7 +234,7 @@ class _Navigator:
             self.step(speed, float(np.clip(1.6 * off, -FASTEST_RADPS, FASTEST_RADPS)))
         return "late"
 
-    def settle(self) -> str:
+    def wait_until_known(self) -> str:
         """The last steps: to the point, then to the heading, until surely within tolerance."""
         end = np.array([self.goal.x_m, self.goal.y_m])
         for _ in range(MOST_GOES):
@@ -310,7 +310,7 @@ class _Navigator:
             self.filter.wheels.add_gyro(time_s, rate)
         self.pose = self.filter.observe(self.robot.time_s, self.robot.look())
         self.journey.poses.append(self.pose)
-        self.on_moment(self.pose)
+        self.on_pose(self.pose)
 
     @property
     def state(self) -> FloatArray:

@@ -88,14 +88,14 @@ class ReckonedPoses:
             return
         rows = np.arange(len(poses))
         after = np.searchsorted(known, rows)
-        ways = []
+        distances = []
         sides = np.array([known[np.clip(after - 1, 0, None)], known[np.clip(after, None, len(known) - 1)]])
         for side in sides:
             way = np.abs(path.way_m - path.way_m[side])
-            ways.append(np.where(path.stretch == path.stretch[side], way, np.inf))
-        self.way_m = np.min(ways, axis=0)
+            distances.append(np.where(path.stretch == path.stretch[side], way, np.inf))
+        self.way_m = np.min(distances, axis=0)
         self.way_m[known] = np.inf
-        self._nearest = np.where(np.isfinite(self.way_m), sides[np.argmin(ways, axis=0), rows], -1)
+        self._nearest = np.where(np.isfinite(self.way_m), sides[np.argmin(distances, axis=0), rows], -1)
 
     def __getitem__(self, k: int) -> ReckonedPose | None:
         at = int(self._nearest[k])

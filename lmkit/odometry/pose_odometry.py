@@ -81,7 +81,7 @@ class PoseMotion:
         )
 
     def sigmas(self, own_s: FloatArray) -> FloatArray:
-        """(K-1,6) standard deviations of ways (m) and turns (rad) between times of the odometry's clock (K,)."""
+        """(K-1,6) standard deviations of distances (m) and turns (rad) between times of the odometry's clock (K,)."""
         n, seconds, gap = self.noise, np.diff(own_s), self._gaps(own_s)
         way, turned = (np.diff(np.interp(own_s, self._times, total)) for total in self._totals.T[:2])
         place = n.place_per_root_m**2 * way + n.place_per_root_s**2 * seconds + (n.unknown_mps * gap) ** 2

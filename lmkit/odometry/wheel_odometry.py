@@ -2,8 +2,8 @@
 
 Six numbers say what is wrong (:data:`PARAMETERS`): the scale of the way, the scale of the turns, a turn that grows
 with time (the gyro's bias) or with the way (wheels of unequal size), how much of the way is lost while turning
-(wheels that cannot do both as told: MRCLAM's robots lose 30 to 40 % at 0.4 rad/s), and by how many seconds the robot
-lags behind what its sensors report.
+(wheels that cannot do both as commanded: MRCLAM's robots lose 30 to 40 % at 0.4 rad/s), and by how many seconds the
+robot lags behind what its sensors report.
 """
 
 from __future__ import annotations

@@ -18,7 +18,7 @@ from lmkit.model.board import BoardSpec
 from lmkit.model.observation import BoardObservation, PairView
 from lmkit.parallel import map_in_processes
 
-SPEC_CHECK_PICTURES = 3
+SPEC_CHECK_IMAGES = 3
 MIN_COMMON_CORNERS = 6
 
 
@@ -50,7 +50,7 @@ def find_board_pairs(
 
     Args:
         files: left and right image of every pair.
-        on_pair: told after every pair how many are done, of how many.
+        on_pair: called after every pair how many are done, of how many.
 
     Raises:
         InputError: different sizes, an unreadable image, or another board than the one specified.
@@ -58,7 +58,7 @@ def find_board_pairs(
     views: list[PairView] = []
     rejected: list[tuple[str, str]] = []
     size: tuple[int, int] | None = None
-    board = checked_board([read_image(left) for left, _ in files[:SPEC_CHECK_PICTURES]], board)
+    board = checked_board([read_image(left) for left, _ in files[:SPEC_CHECK_IMAGES]], board)
     both = [file for pair in files for file in pair]
     with closing(map_in_processes(partial(_look, board=board), both)) as looked:
         for done, (left_file, right_file) in enumerate(files, start=1):

@@ -15,12 +15,12 @@ from lmkit.calibration.capture_guide import CaptureGuide
 from lmkit.detection.boards import detect_board
 from lmkit.errors import InputError
 from lmkit.io.image_groups import are_files
-from lmkit.io.image_sources import frame_count, frames, list_pictures
+from lmkit.io.image_sources import frame_count, frames, list_images
 from lmkit.io.images import read_image
 from lmkit.model.board import BoardSpec
 from lmkit.model.observation import BoardObservation, PairView
 from lmkit.parallel import map_in_processes
-from lmkit.pipelines.board_views import SPEC_CHECK_PICTURES, checked_board
+from lmkit.pipelines.board_views import SPEC_CHECK_IMAGES, checked_board
 
 VIDEO_CHECK_FRAMES = 20  # of a video, looked at for another board than the one specified
 
@@ -48,15 +48,15 @@ def find_board_images(
     """Find the board in a folder, glob or video of one camera.
 
     Args:
-        on_image: told after every image how many are done, of how many (0: unknown).
+        on_image: called after every image how many are done, of how many (0: unknown).
 
     Raises:
         InputError: no images, images of different sizes, an unreadable image, or another board than specified.
     """
     if not are_files([source]):
         return _in_video(source, board, on_image)
-    files = list_pictures(source)
-    board = checked_board([read_image(file) for file in files[:SPEC_CHECK_PICTURES]], board)
+    files = list_images(source)
+    board = checked_board([read_image(file) for file in files[:SPEC_CHECK_IMAGES]], board)
     views, rejected = [], []
     size: tuple[int, int] | None = None
     with closing(map_in_processes(partial(_look, board=board), files)) as looked:
@@ -77,7 +77,7 @@ def _in_video(source: str, board: BoardSpec, on_image: Callable[[int, int], None
     checked: list[ByteArray] | None = []  # frames to tell the board by; None once that is done
     kept: list[tuple[str, BoardObservation]] = []
     for done, frame in enumerate(frames([source]), start=1):
-        image = frame.picture
+        image = frame.pixels
         size = _same_size(frame.name, (image.shape[1], image.shape[0]), size)
         guide = guide or CaptureGuide(board.object_points, size)
         seen = detect_board(image, board)

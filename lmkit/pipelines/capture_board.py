@@ -20,7 +20,7 @@ from lmkit.model.observation import BoardObservation
 from lmkit.pipelines.board_views import checked_board, find_board_pairs, pair_view
 
 LONG_IN_VAIN = 50  # frames without the board, before another one is thought of
-PairOfPictures = tuple[ByteArray, ByteArray]
+ImagePair = tuple[ByteArray, ByteArray]
 
 
 @dataclass(frozen=True, eq=False)
@@ -33,18 +33,18 @@ class Found:
     """
 
     corners: SavedCorners
-    pictures: Mapping[str, PairOfPictures | tuple[Path, Path]]
+    images: Mapping[str, ImagePair | tuple[Path, Path]]
 
-    def picture(self, name: str) -> PairOfPictures:
+    def pixels(self, name: str) -> ImagePair:
         """Left and right image of a pair."""
-        left, right = (read_image(eye) if isinstance(eye, Path) else eye for eye in self.pictures[name])
+        left, right = (read_image(side) if isinstance(side, Path) else side for side in self.images[name])
         return left, right
 
-    def some_pictures(self, names: Sequence[str], most: int) -> dict[str, PairOfPictures]:
+    def some_images(self, names: Sequence[str], most: int) -> dict[str, ImagePair]:
         """Images of at most ``most`` of these pairs, evenly spread, by name."""
-        known = [name for name in names if name in self.pictures]
+        known = [name for name in names if name in self.images]
         step = max(1, len(known) // most)
-        return {name: self.picture(name) for name in known[::step][:most]}
+        return {name: self.pixels(name) for name in known[::step][:most]}
 
 
 @dataclass(frozen=True, eq=False)
@@ -76,10 +76,10 @@ def look_at_frames(pairs: Iterable[tuple[Frame, Frame]], board: BoardSpec, movin
     """
     looking = _SpecCheck(board)
     guide: CaptureGuide | None = None
-    pictures: dict[str, PairOfPictures] = {}
+    images: dict[str, ImagePair] = {}
     size = (0, 0)
     for one, other in pairs:
-        left, right = one.picture, other.picture
+        left, right = one.pixels, other.pixels
         if guide is None:
             size = (left.shape[1], left.shape[0])
             guide = CaptureGuide(board.object_points, size, moving)
@@ -98,9 +98,9 @@ def look_at_frames(pairs: Iterable[tuple[Frame, Frame]], board: BoardSpec, movin
         view = pair_view(name, in_left, in_right, board)
         judgement = guide.judge(None if isinstance(view, str) else view)
         if judgement.kept:
-            pictures[name] = (left, right)
+            images[name] = (left, right)
         coverage = guide.coverage
-        yield Looked(judgement, left, right, Found(SavedCorners(board, size, guide.views, ()), pictures), coverage)
+        yield Looked(judgement, left, right, Found(SavedCorners(board, size, guide.views, ()), images), coverage)
         if not coverage.advice:
             return
     looking.end()

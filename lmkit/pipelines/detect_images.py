@@ -12,7 +12,7 @@ from lmkit.detection.config import DetectOptions
 from lmkit.detection.detector import detect_landmarks
 from lmkit.detection.windows import is_colourless
 from lmkit.errors import InputError
-from lmkit.io.image_sources import Frame, frames, picture_files
+from lmkit.io.image_sources import Frame, frames, image_files
 from lmkit.model.observation import Detection
 from lmkit.parallel import map_in_processes
 
@@ -24,7 +24,7 @@ class Detected:
     Attributes:
         name: path, or ``VIDEO#N`` for frame N of a video.
         size: (width, height), or None where it could not be read.
-        colourless: a grey image; landmarks are told from other squares by their colours.
+        colourless: a grey image; landmarks are distinguished from other squares by their colours.
         image: the pixels, of video frames and of ``-``, where they were asked for.
         time_s: time in its video, or the time that its file name ends in.
     """
@@ -47,7 +47,7 @@ def detect_in_sources(
         with_images: keep the pixels of video frames and of ``-`` beside their detections (files can be read again).
     """
     options = options or DetectOptions()
-    files = picture_files(sources)
+    files = image_files(sources)
     if files is not None:
         for answers in map_in_processes(partial(_detect_file, options), [str(file) for file in files]):
             yield from answers

@@ -76,7 +76,7 @@ def _see(job: tuple[float, tuple[str, ...]], rig: AnyRig, families: tuple[Marker
 def _detected(time_s: float, frames: Sequence[Frame], rig: AnyRig, families: tuple[MarkerFamily, ...]) -> RigFrame:
     seen = []
     for frame, camera in zip(frames, mounted_cameras(rig), strict=True):
-        image = frame.picture
+        image = frame.pixels
         camera.model.require_size(frame.name, (image.shape[1], image.shape[0]))
         seen.append(tuple(detect_landmarks(image, DetectOptions(families, camera=camera.model))))
     return RigFrame(time_s, tuple(seen), Path(frames[0].name).stem)

@@ -96,8 +96,8 @@ def _locate_frames(frames: Sequence[Frame], rig: AnyRig, landmarks: LandmarkMap,
     seen = []
     try:
         for frame, model in zip(frames, models, strict=False):
-            model.require_size(frame.name, (frame.picture.shape[1], frame.picture.shape[0]))
-            seen.append(tuple(detect_landmarks(frame.picture, DetectOptions(families, camera=model))))
+            model.require_size(frame.name, (frame.pixels.shape[1], frame.pixels.shape[0]))
+            seen.append(tuple(detect_landmarks(frame.pixels, DetectOptions(families, camera=model))))
     except InputError as error:
         return Located(names, None, error=error)
     if len(seen) < len(models):

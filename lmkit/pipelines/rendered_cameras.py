@@ -17,7 +17,7 @@ Seen = tuple[Detection, ...]
 CHAIN = ImagingChain(sensor=Sensor(6000.0, 8.0, bayer=True))
 
 
-class PictureEyes:
+class RenderedCameras:
     """Detections in the rendered images of a scene at intervals; none between them.
 
     Args:
@@ -40,9 +40,9 @@ class PictureEyes:
         """The left image (BGR), and what is read in all images."""
         assert self._rig.T_base_left is not None
         T_map_left = T_map_base @ self._rig.T_base_left
-        pictures, read = [], []
+        images, read = [], []
         for camera, T in zip(mounted_cameras(self._rig), T_map_cameras(self._rig, T_map_left), strict=True):
-            picture = photograph(self._scene, camera.model, T, CHAIN, self._rng)
-            pictures.append(picture)
-            read.append(tuple(detect_landmarks(picture, DetectOptions(camera=camera.model))))
-        return pictures[0], tuple(read)
+            image = photograph(self._scene, camera.model, T, CHAIN, self._rng)
+            images.append(image)
+            read.append(tuple(detect_landmarks(image, DetectOptions(camera=camera.model))))
+        return images[0], tuple(read)

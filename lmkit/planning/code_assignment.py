@@ -18,7 +18,9 @@ CONFUSABLE = 1  # gaps
 APART_M = 1e6
 
 
-def assign_codes(places: Sequence[FloatArray], hung: Sequence[MappedLandmark], family_name: str) -> list[LandmarkId]:
+def assign_codes(
+    places: Sequence[FloatArray], existing: Sequence[MappedLandmark], family_name: str
+) -> list[LandmarkId]:
     """An id for each of (N) places (3,), none of which is mounted already.
 
     In turn each place takes the code whose nearest confusable landmark is mounted the farthest.
@@ -27,7 +29,7 @@ def assign_codes(places: Sequence[FloatArray], hung: Sequence[MappedLandmark], f
         InputError: the family has too few codes.
     """
     family = family_named(family_name)
-    used = [(m.code, m.T_map_landmark.t) for m in hung if m.family == family_name]
+    used = [(m.code, m.T_map_landmark.t) for m in existing if m.family == family_name]
     if len(used) + len(places) > family.code_count:
         raise InputError(
             "too_few_codes",

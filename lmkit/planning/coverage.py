@@ -26,8 +26,8 @@ PROMISE_DRAWS = 32
 HEADINGS = 16
 MOST_PLACES = 4000
 FINEST_M, COARSEST_M = 0.25, 2.0
-LEAST_WEAK_M2 = 0.5
-MOST_NAMED = 8  # weak places that a summary lists
+LEAST_FAILING_M2 = 0.5
+MOST_NAMED = 8  # failing places that a summary lists
 
 
 @dataclass(frozen=True)
@@ -99,7 +99,7 @@ class PoseCoverage:
 
 
 @dataclass(frozen=True)
-class WeakPlace:
+class FailingPlace:
     """A region where the demand does not hold.
 
     Attributes:
@@ -195,7 +195,7 @@ def promised_errors(sights: Sights, states: FloatArray, rig: AnyRig) -> FloatArr
     """(P,) root mean square errors of the position (m) over what may be read; infinite where hardly anything is.
 
     Landmarks in view are drawn as often as they are read; draws that `locate` would call ambiguous are left out.  Not
-    what the search looks at: a landmark missed now and then, whose loss costs ten times the error, doubles the mean.
+    what the search looks at: a landmark missed now and then, whose loss costs ten times the error, raises the mean.
     """
     assert rig.T_base_left is not None
     rng = np.random.default_rng(0)
@@ -212,12 +212,12 @@ def promised_errors(sights: Sights, states: FloatArray, rig: AnyRig) -> FloatArr
         return np.asarray(np.where(count >= PROMISE_DRAWS / 4, np.sqrt(total / count), np.inf))
 
 
-def weak_places(coverage: PoseCoverage, demand: Demand) -> list[WeakPlace]:
+def failing_places(coverage: PoseCoverage, demand: Demand) -> list[FailingPlace]:
     """Connected regions that are not covered, the largest first."""
-    weak = ~coverage.covered(demand)
+    failing = ~coverage.covered(demand)
     at = np.round((coverage.places - coverage.places.min(axis=0)) / coverage.step_m).astype(int)
     raster = np.zeros(at.max(axis=0)[::-1] + 3, dtype=np.uint8)
-    raster[at[:, 1] + 1, at[:, 0] + 1] = weak
+    raster[at[:, 1] + 1, at[:, 0] + 1] = failing
     count, labels = cv2.connectedComponents(raster, connectivity=4)
     depth = cv2.distanceTransform(raster, cv2.DIST_L2, cv2.DIST_MASK_PRECISE)
     label = labels[at[:, 1] + 1, at[:, 0] + 1]
@@ -228,17 +228,19 @@ def weak_places(coverage: PoseCoverage, demand: Demand) -> list[WeakPlace]:
         rows = np.flatnonzero(label == number)
         deepest = rows[np.argmax(depth[rows])]
         area = len(rows) * coverage.step_m**2
-        if area >= LEAST_WEAK_M2:
+        if area >= LEAST_FAILING_M2:
             x, y = coverage.places[deepest].tolist()
-            found.append(WeakPlace((x, y), area, int(in_view[deepest]), float(error_m[deepest])))
+            found.append(FailingPlace((x, y), area, int(in_view[deepest]), float(error_m[deepest])))
     return sorted(found, key=lambda place: -place.area_m2)
 
 
-def coverage_dict(coverage: PoseCoverage, demand: Demand, weak: Sequence[WeakPlace], plan: Path) -> dict[str, Any]:
+def coverage_dict(
+    coverage: PoseCoverage, demand: Demand, failing: Sequence[FailingPlace], plan: Path
+) -> dict[str, Any]:
     """The result as docs/formats.md has it.
 
     Args:
-        weak: from `weak_places`.
+        failing: from `failing_places`.
         plan: the heat map's file.
     """
     places = [
@@ -248,17 +250,17 @@ def coverage_dict(coverage: PoseCoverage, demand: Demand, weak: Sequence[WeakPla
             "in_view": place.in_view,
             "error_m": None if math.isinf(place.error_m) else place.error_m,
         }
-        for place in weak
+        for place in failing
     ]
     share = float(coverage.covered(demand).mean())
-    return {"share": share, "places": len(coverage.places), "weak": places, "plan": str(plan)}
+    return {"share": share, "places": len(coverage.places), "failing": places, "plan": str(plan)}
 
 
-def coverage_lines(coverage: PoseCoverage, demand: Demand, weak: Sequence[WeakPlace]) -> list[str]:
-    """A summary, and the largest weak places, as lines of text."""
+def coverage_lines(coverage: PoseCoverage, demand: Demand, failing: Sequence[FailingPlace]) -> list[str]:
+    """A summary, and the largest failing places, as lines of text."""
     share = float(coverage.covered(demand).mean())
     lines = [f"{share:.0%} of {len(coverage.places)} places meet the requirement: {demand}"]
-    lines += [f"weak: {place}" for place in weak[:MOST_NAMED]]
-    if len(weak) > MOST_NAMED:
-        lines.append(f"and {len(weak) - MOST_NAMED} smaller ones")
+    lines += [f"failing: {place}" for place in failing[:MOST_NAMED]]
+    if len(failing) > MOST_NAMED:
+        lines.append(f"and {len(failing) - MOST_NAMED} smaller ones")
     return lines

@@ -19,7 +19,7 @@ EDGE_M = 0.08  # of free wall beside a landmark's face
 
 
 @dataclass(frozen=True)
-class HangOptions:
+class MountingOptions:
     """How landmarks may be mounted.
 
     Attributes:
@@ -27,14 +27,14 @@ class HangOptions:
         heights_m: of their middles, to choose from; none: a little above the camera.
         family: of all of them.
         not_on: names of walls that stay bare, beside those that the floor plan says.
-        exchange_s: how long to look for two landmarks that one can do for.
+        swap_s: how long to look for two landmarks that one can do for.
     """
 
     sizes_m: tuple[float, ...] = (0.18,)
     heights_m: tuple[float, ...] = ()
     family: str = "lm8"
     not_on: tuple[str, ...] = ()
-    exchange_s: float = 2.5
+    swap_s: float = 2.5
 
 
 @dataclass(frozen=True, eq=False)
@@ -58,7 +58,7 @@ def crowded(landmarks: Sequence[MappedLandmark], others: Sequence[MappedLandmark
     return np.asarray(apart < (rooms[0][:, None] + rooms[1][None]) / 2 - 1e-9)
 
 
-def hanging_places(floor: FloorPlan, rig: AnyRig, options: HangOptions) -> list[Mount]:
+def possible_mounts(floor: FloorPlan, rig: AnyRig, options: MountingOptions) -> list[Mount]:
     """Sites for landmarks of the largest size that fits on the usable walls, without codes yet.
 
     Raises:

@@ -19,7 +19,7 @@ from lmkit.model.floor_plan import FloorPlan
 from lmkit.model.landmark_map import LandmarkMap, MappedLandmark
 from lmkit.planning.code_assignment import assign_codes
 from lmkit.planning.coverage import Demand, PoseCoverage, all_states, predict_coverage, promised_errors
-from lmkit.planning.mounting_sites import HangOptions, Mount, crowded, hanging_places
+from lmkit.planning.mounting_sites import Mount, MountingOptions, crowded, possible_mounts
 from lmkit.planning.placement_search import Search
 from lmkit.planning.visibility import find_sights
 
@@ -65,69 +65,69 @@ class Placement:
 
 def place_landmarks(
     floor: FloorPlan,
-    hung: Sequence[MappedLandmark],
+    existing: Sequence[MappedLandmark],
     rig: AnyRig,
     radius_m: float,
     demand: Demand,
-    options: HangOptions | None = None,
+    options: MountingOptions | None = None,
     on_step: Callable[[int, float], None] = lambda count, share: None,
 ) -> Placement:
     """The fewest landmarks found that hold the demand, none larger than it has to be.
 
     Args:
         mounted: landmarks that are mounted already and stay.
-        on_step: told the number of landmarks and the share covered so far.
+        on_step: called with the number of landmarks and the share covered so far.
 
     Raises:
         InputError: no wall to mount anything on, or the robot fits nowhere.
         NegativeAnswer: no number of landmarks holds the demand; says what is possible.
     """
-    options = options or HangOptions()
-    mounts = hanging_places(floor, rig, options)
-    taken = crowded([mount.landmark for mount in mounts], hung)
+    options = options or MountingOptions()
+    mounts = possible_mounts(floor, rig, options)
+    taken = crowded([mount.landmark for mount in mounts], existing)
     mounts = [mount for mount, there in zip(mounts, taken, strict=True) if not there.any()]
     if not mounts:
         raise InputError("no_wall", "no wall that a landmark fits on", "check --scale, --not-on and --size")
-    search = Search(floor, hung, mounts, rig, radius_m, demand)
+    search = Search(floor, existing, mounts, rig, radius_m, demand)
     search.require_possible()
     target = min(demand.share + MARGIN, 1.0)
     for _ in range(REMEDIES):
         search.fill(target, on_step)
         search.prune(target)
-        placement = _finish(search, floor, hung, rig, radius_m, demand, options)
+        placement = _finish(search, floor, existing, rig, radius_m, demand, options)
         if placement.share >= demand.share or target >= search.possible:
             break
         target = min(target + demand.share - placement.share + MARGIN, search.possible)
-    improvements = [partial(search.exchange, target, options.exchange_s)]
+    improvements = [partial(search.swap, target, options.swap_s)]
     if len(set(options.sizes_m)) > 1:
         improvements.append(partial(search.shrink, target, options.sizes_m))
     for improve in improvements:
-        before = search.hung_now()
+        before = search.mounted_now()
         improve()
-        improved = _finish(search, floor, hung, rig, radius_m, demand, options)
+        improved = _finish(search, floor, existing, rig, radius_m, demand, options)
         if improved.share >= min(placement.share, demand.share):
             placement = improved
         else:
-            search.hang(before)
+            search.mount(before)
     return placement
 
 
 def _finish(
     search: Search,
     floor: FloorPlan,
-    hung: Sequence[MappedLandmark],
+    existing: Sequence[MappedLandmark],
     rig: AnyRig,
     radius_m: float,
     demand: Demand,
-    options: HangOptions,
+    options: MountingOptions,
 ) -> Placement:
     """Codes, and what holds at places that the search did not look at."""
     chosen = [search.spots[k].mount for k in sorted(search.chosen)]
-    ids = assign_codes([mount.landmark.T_map_landmark.t for mount in chosen], hung, options.family)
+    ids = assign_codes([mount.landmark.T_map_landmark.t for mount in chosen], existing, options.family)
     mounts = tuple(
         replace(mount, landmark=replace(mount.landmark, id=id_)) for mount, id_ in zip(chosen, ids, strict=True)
     )
-    landmarks = LandmarkMap([*hung, *(mount.landmark for mount in mounts)])
+    landmarks = LandmarkMap([*existing, *(mount.landmark for mount in mounts)])
     coverage = predict_coverage(floor, list(landmarks), rig, radius_m, search.step_m * CHECKED_STEP)
     holds = coverage.holds(demand)
     states, _ = all_states(coverage.places)

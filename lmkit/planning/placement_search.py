@@ -1,4 +1,4 @@
-"""Which of many landmarks to mount: greedy, with exchange.
+"""Which of many landmarks to mount: greedy, with swap.
 
 1. What each candidate would tell every pose is worked out once (`sight.py`).
 2. Greedy: the candidate is added that brings places nearest to the demand, until enough of them are covered.  For a
@@ -46,7 +46,7 @@ class Site:
 
     mount: Mount
     rows: IntArray
-    told: FloatArray
+    information: FloatArray
     shown: BoolArray
 
 
@@ -60,7 +60,7 @@ class Search:
     def __init__(
         self,
         floor: FloorPlan,
-        hung: Sequence[MappedLandmark],
+        existing: Sequence[MappedLandmark],
         mounts: Sequence[Mount],
         rig: AnyRig,
         radius_m: float,
@@ -74,7 +74,7 @@ class Search:
         self.states, headings = all_states(places)
         self.step_m, self.turns = step_m, len(headings)
         self.enough = max(1, int(np.ceil(demand.headings * self.turns - 1e-9)))
-        known = find_sights(self.states, hung, rig, floor)
+        known = find_sights(self.states, existing, rig, floor)
         self.coverage = Coverage(
             known.information_at(len(self.states)),
             known.in_view_at(len(self.states)),
@@ -87,12 +87,14 @@ class Search:
             demand.heading_rad,
             BLIND_M,
         )
-        self.spots = [Site(mount, *told) for mount, told in zip(mounts, self._told(mounts), strict=True)]
+        self.spots = [
+            Site(mount, *information) for mount, information in zip(mounts, self._sights_of(mounts), strict=True)
+        ]
         landmarks = [mount.landmark for mount in mounts]
         self.crowds = crowded(landmarks, landmarks)
         self.chosen: list[int] = []
 
-    def _told(self, mounts: Sequence[Mount]) -> list[tuple[IntArray, FloatArray, BoolArray]]:
+    def _sights_of(self, mounts: Sequence[Mount]) -> list[tuple[IntArray, FloatArray, BoolArray]]:
         """For each candidate: the poses that may read it, its information there, and whether it counts as in view."""
         sights = find_sights(self.states, [mount.landmark for mount in mounts], self.rig, self.floor)
         order = np.argsort(sights.landmarks, kind="stable")
@@ -157,7 +159,7 @@ class Search:
             self.put(best[1])
             on_step(len(self.chosen), self.share)
 
-    def exchange(self, target: float, seconds: float) -> None:
+    def swap(self, target: float, seconds: float) -> None:
         """Two for one, while time lasts."""
         until = time.monotonic() + seconds
         target = min(target, self.share)
@@ -205,7 +207,7 @@ class Search:
     def _change(self, k: int, sign: int, apply: bool) -> tuple[float, int]:
         """Effect of one landmark more or less: the sum of the places' scores, and the number of places that hold."""
         spot = self.spots[k]
-        return change_coverage(self.coverage, spot.rows, spot.told, spot.shown, sign, apply)
+        return change_coverage(self.coverage, spot.rows, spot.information, spot.shown, sign, apply)
 
     def _loss(self, k: int) -> float:
         return -self._change(k, -1, apply=False)[0]
@@ -227,9 +229,9 @@ class Search:
         for k in sorted(self.chosen, key=self._loss):
             was = self.spots[k]
             smaller = [_resized(was.mount, size) for size in sorted(sizes_m) if size < was.mount.landmark.size_m]
-            for mount, told in zip(smaller, self._told(smaller), strict=True):
+            for mount, information in zip(smaller, self._sights_of(smaller), strict=True):
                 self.take(k)
-                self.spots[k] = Site(mount, *told)
+                self.spots[k] = Site(mount, *information)
                 self.put(k)
                 if self.share >= target:
                     break
@@ -237,11 +239,11 @@ class Search:
                 self.spots[k] = was
                 self.put(k)
 
-    def hung_now(self) -> dict[int, Site]:
+    def mounted_now(self) -> dict[int, Site]:
         """Mounted landmarks, by candidate."""
         return {k: self.spots[k] for k in self.chosen}
 
-    def hang(self, spots: Mapping[int, Site]) -> None:
+    def mount(self, spots: Mapping[int, Site]) -> None:
         """That, and nothing else."""
         for k in list(self.chosen):
             self.take(k)

@@ -1,4 +1,4 @@
-"""The way to a goal on which the pose stays known: the shortest path, where blind ways count as longer ones.
+"""The way to a goal on which the pose stays known: the shortest path, where blind edges count as longer ones.
 
 1. Cells that leave the robot its radius are joined to their eight neighbours.  A step costs its length, more where
    the pose is less known than demanded while looking along it, or where walls are close.  (Dijkstra by scipy: costs
@@ -221,8 +221,8 @@ class _Grid:
             stops.append(to[near])
             weights.append(self.cell_m * np.hypot(down, right) * factors[direction, near])
         count = len(self.rows)
-        ways = (np.concatenate(weights), (np.concatenate(starts), np.concatenate(stops)))
-        _, before = dijkstra(coo_array(ways, (count, count)).tocsr(), indices=ends[0], return_predecessors=True)
+        edges = (np.concatenate(weights), (np.concatenate(starts), np.concatenate(stops)))
+        _, before = dijkstra(coo_array(edges, (count, count)).tocsr(), indices=ends[0], return_predecessors=True)
         path = [ends[1]]
         while path[-1] != ends[0]:
             path.append(int(before[path[-1]]))
@@ -289,8 +289,8 @@ def _carried(states: FloatArray, landmarks: Sequence[MappedLandmark], rig: AnyRi
     """(M,3,3) covariances along the way."""
     assert rig.T_base_left is not None
     sights = find_sights(states, landmarks, rig, floor)
-    told = planar_covariances(sights.information_at(len(states)), states, rig.T_base_left)
-    known = np.linalg.inv(told)
+    information = planar_covariances(sights.information_at(len(states)), states, rig.T_base_left)
+    known = np.linalg.inv(information)
     noise = MotionNoise()
     P = np.diag(np.square(START_SIGMA))
     answer = []

@@ -173,9 +173,9 @@ def draw_tracked(tracked: TrackedTrajectory, landmarks: LandmarkMap, kind: str) 
 
 
 def _survey_headline(survey: Survey) -> tuple[str, str, str]:
-    if survey.odd or survey.bundle.jumps:
+    if survey.contradicted or survey.bundle.jumps:
         return "poor", _contradictions(survey), "The warnings name the observations and what to check in the room."
-    if survey.unplaced or survey.weak or survey.ambiguous or survey.astray:
+    if survey.unplaced or survey.poorly_determined or survey.ambiguous or survey.off_constraint:
         return (
             "fair",
             "The map is incomplete.",
@@ -192,7 +192,7 @@ def _survey_headline(survey: Survey) -> tuple[str, str, str]:
 def _contradictions(survey: Survey) -> str:
     """The headline of a survey whose observations contradict each other."""
     parts = []
-    if names := [str(landmark.id) for landmark in survey.odd]:
+    if names := [str(landmark.id) for landmark in survey.contradicted]:
         subject = "1 landmark contradicts" if len(names) == 1 else f"{len(names)} landmarks contradict"
         parts.append(f"{subject} the map: {', '.join(names)}")
     if count := len(survey.bundle.jumps):

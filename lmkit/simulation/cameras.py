@@ -24,7 +24,7 @@ class CameraKind:
 
     Attributes:
         name: of the kind.
-        demosaics: ways of interpolation; empty for a sensor that sees three colors in every pixel.
+        demosaics: methods of interpolation; empty for a sensor that sees three colors in every pixel.
         tones: tone curves.
         blur_px, corner_blur_px, lateral_color: of the lens.
         full_well: electrons at full scale, drawn by its logarithm.

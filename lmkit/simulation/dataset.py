@@ -48,29 +48,29 @@ def make_dataset(seed: int, pairs: int, boards: int, landmarks: int) -> Dataset:
     return Dataset(seed, scene, rig, tuple(drive(seed, scene, pairs)), tuple(placed), ImagingChain())
 
 
-def take_pictures(data: Dataset) -> Iterator[tuple[str, ByteArray]]:
+def render_images(data: Dataset) -> Iterator[tuple[str, ByteArray]]:
     """(relative file name, BGR image) of all pairs, on as many processes as there are cores."""
-    jobs = [("drive", k, eye) for k in range(len(data.poses)) for eye in ("left", "right")]
-    jobs += [("boards", k, eye) for k in range(len(data.boards)) for eye in ("left", "right")]
+    jobs = [("drive", k, side) for k in range(len(data.poses)) for side in ("left", "right")]
+    jobs += [("boards", k, side) for k in range(len(data.boards)) for side in ("left", "right")]
     yield from map_sharing(_take, data, jobs)
 
 
 def _take(data: Dataset, job: tuple[str, int, str]) -> tuple[str, ByteArray]:
-    what, index, eye = job
-    camera, T_eye_left = _eye(data.rig, eye)
-    rng = np.random.default_rng([data.seed, index, int(eye == "right"), int(what == "boards")])
+    what, index, side = job
+    camera, T_camera_left = _camera_of(data.rig, side)
+    rng = np.random.default_rng([data.seed, index, int(side == "right"), int(what == "boards")])
     if what == "drive":
         scene, T_map_left = data.scene, data.poses[index]
     else:
         pose = data.boards[index]
         scene = studio([board_panel(BOARD, Pose("map", "board", pose.R, pose.t))])
         T_map_left = Pose.identity("map", "camera")
-    T_map_eye = T_map_left @ Pose("camera", "camera", T_eye_left.R, T_eye_left.t).inverse()
-    return f"{what}/{eye}/{index:04d}.png", photograph(scene, camera, T_map_eye, data.chain, rng)
+    T_map_camera = T_map_left @ Pose("camera", "camera", T_camera_left.R, T_camera_left.t).inverse()
+    return f"{what}/{side}/{index:04d}.png", photograph(scene, camera, T_map_camera, data.chain, rng)
 
 
-def _eye(rig: StereoRig, eye: str) -> tuple[CameraModel, Pose]:
-    if eye == "left":
+def _camera_of(rig: StereoRig, side: str) -> tuple[CameraModel, Pose]:
+    if side == "left":
         return rig.left, Pose.identity("camera", "left")
     return rig.right, rig.T_right_left
 
@@ -88,7 +88,7 @@ def truth(data: Dataset) -> dict[str, Any]:
     """Every pose, and in every image every landmark whose four corners are in it."""
     pairs = []
     for index, pose in enumerate(data.poses):
-        images = {eye: _visible(data, pose, eye) for eye in ("left", "right")}
+        images = {side: _visible(data, pose, side) for side in ("left", "right")}
         pairs.append(
             {
                 "pair": f"{index:04d}",
@@ -108,14 +108,14 @@ def truth(data: Dataset) -> dict[str, Any]:
     }
 
 
-def _visible(data: Dataset, T_map_left: Pose, eye: str) -> list[dict[str, Any]]:
-    camera, T_eye_left = _eye(data.rig, eye)
+def _visible(data: Dataset, T_map_left: Pose, side: str) -> list[dict[str, Any]]:
+    camera, T_camera_left = _camera_of(data.rig, side)
     seen = []
     for landmark in data.scene.landmarks:
         in_left = T_map_left.inverse().apply(landmark.corners_map)
-        corners = in_left @ T_eye_left.R.T + T_eye_left.t
+        corners = in_left @ T_camera_left.R.T + T_camera_left.t
         centre = corners.mean(axis=0)
-        normal = T_eye_left.R @ T_map_left.R.T @ landmark.T_map_landmark.R[:, 2]
+        normal = T_camera_left.R @ T_map_left.R.T @ landmark.T_map_landmark.R[:, 2]
         if corners[:, 2].min() < 0.1 or normal @ centre > 0 or not _in_front(camera, corners):
             continue
         pixels = camera.project(corners)

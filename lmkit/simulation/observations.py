@@ -42,8 +42,8 @@ def look(
     assert rig.T_base_left is not None
     T_map_left = T_map_base @ rig.T_base_left
     T_left = T_map_left.inverse()
-    eye = T_map_left.t[None, :2]
-    shown = _shown(list(landmarks), eye, floor)
+    origin = T_map_left.t[None, :2]
+    shown = _shown(list(landmarks), origin, floor)
     # All cameras read a landmark, or none.
     luck = np.zeros(len(shown)) if noise_px is not None else rng.uniform(size=len(shown))
     return tuple(
@@ -52,14 +52,14 @@ def look(
     )
 
 
-def _shown(landmarks: list[MappedLandmark], eye: FloatArray, floor: FloorPlan | None) -> list[MappedLandmark]:
+def _shown(landmarks: list[MappedLandmark], origin: FloatArray, floor: FloorPlan | None) -> list[MappedLandmark]:
     """Landmarks that no wall hides."""
     if floor is None or not landmarks:
         return landmarks
     places = np.array([m.T_map_landmark.t[:2] for m in landmarks])
     sizes = np.array([m.size_m for m in landmarks])
-    near = np.flatnonzero(np.linalg.norm(places - eye, axis=1) < FARTHEST_SIZES * sizes)
-    clear = floor.sees(np.repeat(eye, len(near), axis=0), places[near])
+    near = np.flatnonzero(np.linalg.norm(places - origin, axis=1) < FARTHEST_SIZES * sizes)
+    clear = floor.sees(np.repeat(origin, len(near), axis=0), places[near])
     return [landmarks[k] for k in near[clear]]
 
 

@@ -71,7 +71,7 @@ class Gloss:
     Attributes:
         at_px: its middle.
         radius_px: where it has fallen to 60 %.
-        strength: light it adds in the middle, share of full scale.
+        strength: light it adds at the center, share of full scale.
     """
 
     at_px: tuple[float, float]
@@ -168,10 +168,10 @@ def photograph(
     scene: Scene, camera: CameraModel, T_map_camera: Pose, chain: ImagingChain, rng: np.random.Generator
 ) -> ByteArray:
     """One image of the scene: (H,W,3) BGR, 8 bit."""
-    return take_picture(render(scene, camera, T_map_camera), chain, rng)
+    return expose(render(scene, camera, T_map_camera), chain, rng)
 
 
-def take_picture(radiance: Float32Array, chain: ImagingChain, rng: np.random.Generator) -> ByteArray:
+def expose(radiance: Float32Array, chain: ImagingChain, rng: np.random.Generator) -> ByteArray:
     """(H*S,W*S,3) linear RGB reflectance under white light, S = OVERSAMPLE -> (H,W,3) BGR, 8 bit."""
     received = light_up(focus(radiance, chain.lens), chain.light)
     return develop(count_electrons(received, chain.sensor, rng), chain.development, chain.light.temperature_k)
@@ -194,16 +194,16 @@ def focus(radiance: Float32Array, lens: Lens) -> Float32Array:
     return image if lens.lateral_color == 0 else _with_lateral_color(image, lens.lateral_color)
 
 
-def light_up(picture: Float32Array, light: Light) -> FloatArray:
+def light_up(image: Float32Array, light: Light) -> FloatArray:
     """(H,W,3) linear RGB under this light."""
-    height, width = picture.shape[:2]
+    height, width = image.shape[:2]
     x = (np.arange(width) - (width - 1) / 2) / (width / 2)
     y = (np.arange(height) - (height - 1) / 2) / (height / 2)
     strength = np.maximum(1 + light.gradient[0] * x[None, :] + light.gradient[1] * y[:, None], 0.0)
     if light.shadow is not None:
         strength = strength * _shade(light.shadow, width, height)
     colour = black_body_rgb(light.temperature_k)
-    lit = picture * strength[:, :, None] * (light.brightness * colour) + light.veil
+    lit = image * strength[:, :, None] * (light.brightness * colour) + light.veil
     if light.gloss is not None:
         offset = np.array(light.gloss.at_px)
         across = (np.arange(width) - offset[0])[None, :] ** 2 + (np.arange(height) - offset[1])[:, None] ** 2

@@ -20,7 +20,7 @@ from lmkit.model.observation import RangeBearing
 from lmkit.model.recording import Gyro, Odometry, RigFrame
 from lmkit.model.trajectory import Trajectory
 from lmkit.simulation.observations import look
-from lmkit.simulation.scene import hang_landmarks, make_rig
+from lmkit.simulation.scene import make_rig, mount_landmarks
 
 STEP_S = 0.02
 HEIGHT_M = 2.6
@@ -88,13 +88,13 @@ class Drive:
         for before, after in pairwise(true):
             step = before.inverse() @ after
             root = np.sqrt(np.linalg.norm(step.t))
-            astray = Pose.from_rvec(
+            drift = Pose.from_rvec(
                 "base",
                 "base",
                 turn_per_root_m * root * rng.normal(size=3),
                 place_per_root_m * root * rng.normal(size=3),
             )
-            T = T @ Pose("base", "base", step.R, step.t) @ astray
+            T = T @ Pose("base", "base", step.R, step.t) @ drift
             poses.append(T)
         return Trajectory(self.times_s, np.array([T.t for T in poses]), np.array([T.quaternion_xyzw for T in poses]))
 
@@ -134,7 +134,7 @@ def make_drive(
     """
     rng = np.random.default_rng([seed, 0])
     codes = [int(code) for code in rng.permutation(256)[:count]]
-    landmarks = LandmarkMap(hang_landmarks(rng, codes, (*size_m, HEIGHT_M)))
+    landmarks = LandmarkMap(mount_landmarks(rng, codes, (*size_m, HEIGHT_M)))
     fine, truth = _round_trip(rng, seconds, size_m)
     errors = errors or WheelErrors()
     truth = _slip(rng, fine, truth, errors.slips)

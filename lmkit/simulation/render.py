@@ -1,6 +1,6 @@
 """Rendering: the light a camera receives from a scene; rays with lens distortion to the nearest panel.
 
-Pixels are oversampled; each ray meets every panel in closed form, bent ones in a few steps.  Light
+Pixels are oversampled; each ray meets every panel in closed form, curled ones in a few steps.  Light
 falls off towards the image's corners as in a lens.
 """
 
@@ -30,15 +30,13 @@ def render(
     """
     rays, falloff = _rays(camera.image_size, camera.K.tobytes(), camera.distortion.tobytes(), camera.model)
     height, width = rays.shape[:2]
-    picture = np.zeros((height, width, 3), dtype=np.float32)
+    image = np.zeros((height, width, 3), dtype=np.float32)
     if background is not None:
-        picture = np.asarray(
-            cv2.resize(background, (width, height), interpolation=cv2.INTER_LINEAR), dtype=np.float32
-        )
+        image = np.asarray(cv2.resize(background, (width, height), interpolation=cv2.INTER_LINEAR), dtype=np.float32)
     depth = np.full((height, width), np.inf, dtype=np.float32)
     for panel in scene.panels:
-        _paint(picture, depth, rays, panel, T_map_camera)
-    return np.asarray(picture * falloff[:, :, None])
+        _paint(image, depth, rays, panel, T_map_camera)
+    return np.asarray(image * falloff[:, :, None])
 
 
 @lru_cache(maxsize=4)
@@ -54,7 +52,7 @@ def _rays(image_size: tuple[int, int], K: bytes, distortion: bytes, model: str) 
     return rays, falloff.astype(np.float32)
 
 
-def _paint(picture: Float32Array, depth: Float32Array, rays: Float32Array, panel: Panel, T_map_camera: Pose) -> None:
+def _paint(image: Float32Array, depth: Float32Array, rays: Float32Array, panel: Panel, T_map_camera: Pose) -> None:
     """Paint one panel over what is further away, in place."""
     T = T_map_camera.inverse() @ panel.T_map_panel
     if T.R[:, 2] @ T.t >= 0:  # seen from behind
@@ -63,8 +61,8 @@ def _paint(picture: Float32Array, depth: Float32Array, rays: Float32Array, panel
     if window is None:
         return
     width, height = panel.size_m
-    eye = -(T.R.T @ T.t)
-    u, v, distance, hit = meet_panel(rays, depth, window, T.R, eye, panel.size_m, panel.bend_m)
+    origin = -(T.R.T @ T.t)
+    u, v, distance, hit = meet_panel(rays, depth, window, T.R, origin, panel.size_m, panel.curl_m)
     if not hit.any():
         return
     texture = _fitting_detail(panel, float(np.median(distance[hit][::16])), rays)
@@ -73,7 +71,7 @@ def _paint(picture: Float32Array, depth: Float32Array, rays: Float32Array, panel
     map_x = np.clip((u / width + 0.5) * tw - 0.5, -0.5, tw - 0.5).astype(np.float32)
     map_y = np.clip((0.5 - v / height) * th - 0.5, -0.5, th - 0.5).astype(np.float32)
     colour = cv2.remap(texture, map_x, map_y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
-    paint_panel(picture, depth, window, hit, np.asarray(colour, dtype=np.float32), distance)
+    paint_panel(image, depth, window, hit, np.asarray(colour, dtype=np.float32), distance)
 
 
 def _fitting_detail(panel: Panel, distance: float, rays: Float32Array) -> Float32Array:
@@ -91,7 +89,7 @@ def _fitting_detail(panel: Panel, distance: float, rays: Float32Array) -> Float3
 
 def _window(T_camera_panel: Pose, size_m: tuple[float, float], rays: Float32Array) -> tuple[slice, slice] | None:
     """Rows and columns that can see a small panel; everything for one that reaches behind the camera."""
-    w, h = 0.55 * size_m[0], 0.55 * size_m[1]  # a bent panel reaches a little over its plane's outline
+    w, h = 0.55 * size_m[0], 0.55 * size_m[1]  # a curled panel reaches a little over its plane's outline
     corners = T_camera_panel.apply(np.array([[-w, h, 0], [w, h, 0], [w, -h, 0], [-w, -h, 0]]))
     everything = (slice(0, rays.shape[0]), slice(0, rays.shape[1]))
     if corners[:, 2].max() <= 0.05:

@@ -16,7 +16,7 @@ from lmkit.model.landmark_map import LandmarkMap
 from lmkit.simulation.observations import Seen, look
 from lmkit.simulation.recording import WheelErrors
 
-Eyes = Callable[[float, Pose], tuple[Seen, ...]]
+Cameras = Callable[[float, Pose], tuple[Seen, ...]]
 STEP_S = 0.02
 SLIP_M, SLIP_RAD = 0.05, 0.08
 LEAN_RAD, LIFT_M = np.deg2rad(0.3), 0.004
@@ -45,13 +45,13 @@ class SimulatedRobot:
         radius_m: float,
         errors: WheelErrors,
         seed: int,
-        eyes: Eyes | None = None,
+        cameras: Cameras | None = None,
     ) -> None:
         self.floor, self.landmarks, self.rig, self.radius_m, self.errors = floor, landmarks, rig, radius_m, errors
         self.state = np.array(state, dtype=np.float64)
         self.time_s = 0.0
         self.touched = False
-        self._eyes = eyes
+        self._cameras = cameras
         self._rng = np.random.default_rng([seed, 5])
         self._late = deque([self.state], maxlen=1 + round(errors.delay_s / STEP_S))
         self._slip_at = np.sort(self._rng.uniform(2.0, 60.0, errors.slips)).tolist()
@@ -90,8 +90,8 @@ class SimulatedRobot:
         turn = np.append(self._rng.normal(0, LEAN_RAD, 2), 0.0)
         lean = Pose.from_rvec("base", "base", turn, np.array([0.0, 0.0, self._rng.normal(0, LIFT_M)]))
         T_map_base = planar_pose(self.seen_from) @ lean
-        if self._eyes is not None:
-            return self._eyes(self.time_s, T_map_base)
+        if self._cameras is not None:
+            return self._cameras(self.time_s, T_map_base)
         return look(self.landmarks, self.rig, T_map_base, None, self._rng, self.floor)
 
     def obstacle_ahead(self, reach_m: float) -> FloatArray | None:

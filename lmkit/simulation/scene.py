@@ -40,13 +40,13 @@ class Panel:
         T_map_panel: its pose; x right, y up on its face, z towards the viewer.
         size_m: (width, height).
         texture: (h,w,3) linear RGB, 0..1, upright as seen.
-        bend_m: how far the middle stands before the left and right edge, as of curled paper.
+        curl_m: how far the middle stands before the left and right edge, as of curled paper.
     """
 
     T_map_panel: Pose
     size_m: tuple[float, float]
     texture: Float32Array
-    bend_m: float = 0.0
+    curl_m: float = 0.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -96,7 +96,7 @@ def make_room(
     family = family_named("lm8")
     if codes is None:
         codes = [int(c) for c in rng.choice(family.code_count, size=count, replace=False)]
-    return furnish_room(rng, LandmarkMap(hang_landmarks(rng, codes, size_m)), size_m)
+    return furnish_room(rng, LandmarkMap(mount_landmarks(rng, codes, size_m)), size_m)
 
 
 def furnish_room(rng: np.random.Generator, landmarks: LandmarkMap, size_m: tuple[float, float, float]) -> Scene:
@@ -127,18 +127,20 @@ def _moved_out(T: Pose) -> Pose:
     return Pose("map", T.from_frame, T.R, T.t + PAPER_M * T.R[:, 2])
 
 
-def hang_landmarks(
+def mount_landmarks(
     rng: np.random.Generator, codes: Sequence[int], size_m: tuple[float, float, float]
 ) -> list[MappedLandmark]:
     """Landmarks on the four walls of a room at camera height, spread without overlap."""
     family = family_named("lm8")
-    hung = []
+    mounted = []
     for code, (wall, along, height) in zip(codes, _wall_places(rng, len(codes), size_m), strict=True):
         position, facing = _on_wall(wall, along, height, size_m[0], size_m[1])
         # Paper stands a little off its wall.
         position = [position[0] + PAPER_M * np.cos(facing), position[1] + PAPER_M * np.sin(facing), height]
-        hung.append(MappedLandmark(LandmarkId(family.name, code), family.side_mm / 1000, wall_pose(position, facing)))
-    return hung
+        mounted.append(
+            MappedLandmark(LandmarkId(family.name, code), family.side_mm / 1000, wall_pose(position, facing))
+        )
+    return mounted
 
 
 def landmark_sheet(landmark: MappedLandmark) -> Panel:

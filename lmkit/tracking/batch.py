@@ -82,7 +82,7 @@ def _summed(
     return np.column_stack([np.bincount(rows, values[believed], count) for values in (squared, nis_dof)])
 
 
-def track_pictures(
+def track_images(
     frames: Sequence[RigFrame],
     rig: AnyRig,
     landmarks: LandmarkMap,

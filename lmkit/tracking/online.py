@@ -38,7 +38,7 @@ def track_live(
     return _tracked(answers, filter_.parameters, READING_NUMBERS)
 
 
-def track_pictures_live(
+def track_images_live(
     frames: Sequence[RigFrame], rig: AnyRig, landmarks: LandmarkMap, odometry: Odometry, gyro: Gyro | None
 ) -> TrackedTrajectory:
     """Frame by frame, from the corners that both cameras saw (`rig_filter.py`), on a level floor.

@@ -48,8 +48,8 @@ def landmarks(rig: StereoRig, count: int = 25, noise: float = 0.15) -> list[Pair
 @pytest.mark.parametrize("seed", range(8))
 def test_a_rig_left_alone_is_still_true(seed):
     checked = check_rig(make_rig(), BOARD.object_points, views(10, 0.15, seed))
-    assert checked.verdict == "true"
-    assert checked.odd == ()
+    assert checked.state == "true"
+    assert checked.contradicted == ()
 
 
 @pytest.mark.parametrize("axis", [0, 1, 2])
@@ -57,14 +57,14 @@ def test_a_bump_is_found_with_its_size(axis):
     turn = np.zeros(3)
     turn[axis] = 0.3
     checked = check_rig(make_rig(), BOARD.object_points, views(12, 0.1, 1, bumped(tuple(turn))))
-    assert checked.verdict == "moved"
+    assert checked.state == "moved"
     assert np.allclose(checked.turn_deg, turn, atol=5 * checked.turn_sigma_deg.max() + 0.01)
     assert ("pitched", "yawed", "rolled")[axis] in checked.sentence
 
 
 def test_a_turned_lens_is_found():
     checked = check_rig(make_rig(), BOARD.object_points, views(15, 0.1, 1, bumped(focal=1.02)))
-    assert checked.verdict == "lenses"
+    assert checked.state == "lenses"
     assert checked.focal_change[0] == pytest.approx(0.02, abs=0.003)
     assert abs(checked.focal_change[1]) < 0.003
     assert "focal" in checked.sentence
@@ -73,9 +73,9 @@ def test_a_turned_lens_is_found():
 def test_landmarks_of_an_ordinary_drive_tell_a_bump():
     points = LM8.object_points(0.18)
     still = check_rig(make_rig(), points, landmarks(make_rig()), lenses=False)
-    assert still.verdict == "true"
+    assert still.state == "true"
     pitched = check_rig(make_rig(), points, landmarks(bumped((0.3, 0, 0))), lenses=False)
-    assert pitched.verdict == "moved"
+    assert pitched.state == "moved"
     assert pitched.turn_deg[0] == pytest.approx(0.3, abs=0.05)
 
 
@@ -83,8 +83,8 @@ def test_a_pair_of_different_moments_does_not_speak_for_a_moved_rig():
     seen = views(12, 0.1)
     seen[4] = replace(seen[4], right=seen[5].right)
     checked = check_rig(make_rig(), BOARD.object_points, seen)
-    assert checked.verdict == "true"
-    assert checked.odd == ("04",)
+    assert checked.state == "true"
+    assert checked.contradicted == ("04",)
 
 
 def test_three_views_are_too_few():

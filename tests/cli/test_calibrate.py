@@ -83,7 +83,7 @@ def test_check_says_true_of_its_own_rig_and_moved_of_another(lmkit, pairs, tmp_p
     (tmp_path / "other.yaml").write_text(rig_to_yaml(make_rig()))
     bad = lmkit("calibrate", "--check", "other.yaml", left, right, "--board", SPEC, "--json")
     assert bad.code == 1
-    assert json.loads(bad.out)["verdict"] in ("moved", "lenses")
+    assert json.loads(bad.out)["state"] in ("moved", "lenses")
     assert "no longer true" in bad.err
 
 

@@ -16,7 +16,7 @@ from lmkit.io.trajectory import read_trajectory
 from lmkit.model.estimate import PoseEstimate
 from lmkit.pipelines.locate_images import Located
 from lmkit.pipelines.locate_results import LocateResults
-from lmkit.simulation.dataset import make_dataset, take_pictures
+from lmkit.simulation.dataset import make_dataset, render_images
 
 
 @pytest.fixture(scope="module")
@@ -24,7 +24,7 @@ def room(tmp_path_factory):
     """Two simulated pairs, the rig, the map and the truth."""
     folder = tmp_path_factory.mktemp("room")
     data = make_dataset(1, pairs=2, boards=0, landmarks=12)
-    for name, image in take_pictures(data):
+    for name, image in render_images(data):
         path = folder / name.removeprefix("drive/")
         path.parent.mkdir(parents=True, exist_ok=True)
         cv2.imwrite(str(path), image)

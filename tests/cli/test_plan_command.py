@@ -74,7 +74,7 @@ def test_coverage_prints_weak_places_and_draws(lmkit, files, tmp_path):
     assert done.code == 0, done.err
     answer = json.loads(done.out)
     assert 0 < answer["share"] <= 1
-    assert all(len(place["position"]) == 2 for place in answer["weak"])
+    assert all(len(place["position"]) == 2 for place in answer["failing"])
     assert (tmp_path / "heat.svg").read_text().startswith("<svg")
 
 

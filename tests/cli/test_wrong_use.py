@@ -30,7 +30,7 @@ def files(folder: Path) -> set[str]:
     return {str(p.relative_to(folder)) for p in folder.rglob("*")}
 
 
-def picture(path: Path, size=(64, 48)) -> Path:
+def saved_image(path: Path, size=(64, 48)) -> Path:
     path.parent.mkdir(parents=True, exist_ok=True)
     noise = np.random.default_rng(1).integers(0, 255, (size[1], size[0], 3), dtype=np.uint8)
     cv2.imwrite(str(path), noise)
@@ -133,9 +133,9 @@ def test_detect_names_a_missing_file(lmkit):
 
 
 def test_detect_names_half_a_jpeg_and_goes_on(lmkit, tmp_path):
-    whole = picture(tmp_path / "a.jpg")
+    whole = saved_image(tmp_path / "a.jpg")
     (tmp_path / "b.jpg").write_bytes(whole.read_bytes()[:900])
-    picture(tmp_path / "c.jpg")
+    saved_image(tmp_path / "c.jpg")
     answer = lmkit("detect", tmp_path / "*.jpg", "--json")
     assert answer.code == 2
     lines = answer.out.strip().splitlines()
@@ -146,11 +146,11 @@ def test_detect_names_half_a_jpeg_and_goes_on(lmkit, tmp_path):
 
 
 def test_detect_says_no_when_there_is_nothing(lmkit, tmp_path):
-    assert_refused(lmkit("detect", picture(tmp_path / "a.png")), "no landmark", code=1)
+    assert_refused(lmkit("detect", saved_image(tmp_path / "a.png")), "no landmark", code=1)
 
 
 def test_verify_says_no_when_there_is_nothing(lmkit, tmp_path):
-    assert_refused(lmkit("verify", picture(tmp_path / "a.png")), "a.png", code=1)
+    assert_refused(lmkit("verify", saved_image(tmp_path / "a.png")), "a.png", code=1)
 
 
 def test_verify_refuses_a_broken_pdf(lmkit, tmp_path):
@@ -176,16 +176,16 @@ def test_calibrate_names_the_board_that_is_there(lmkit, data, tmp_path):
 
 def test_calibrate_refuses_pairs_of_different_size(lmkit, tmp_path):
     for k in range(3):
-        picture(tmp_path / "l" / f"{k}.png")
-        picture(tmp_path / "r" / f"{k}.png", (80, 48))
+        saved_image(tmp_path / "l" / f"{k}.png")
+        saved_image(tmp_path / "r" / f"{k}.png", (80, 48))
     answer = lmkit("calibrate", "l", "r", "--board", "chessboard:9x6:30mm")
     assert_refused(answer, "80 x 48", "64 x 48")
 
 
 def test_calibrate_refuses_what_does_not_pair(lmkit, tmp_path):
-    picture(tmp_path / "l" / "0.png")
-    picture(tmp_path / "r" / "0.png")
-    picture(tmp_path / "r" / "1.png")
+    saved_image(tmp_path / "l" / "0.png")
+    saved_image(tmp_path / "r" / "0.png")
+    saved_image(tmp_path / "r" / "1.png")
     assert_refused(lmkit("calibrate", "l", "r", "--board", "chessboard:9x6:30mm"), "1 left", "2 right")
 
 
@@ -195,14 +195,14 @@ def test_calibrate_refuses_an_empty_folder(lmkit, tmp_path):
 
 
 def test_calibrate_refuses_one_folder_for_both_cameras(lmkit, tmp_path):
-    picture(tmp_path / "l" / "0.png")
+    saved_image(tmp_path / "l" / "0.png")
     assert_refused(lmkit("calibrate", "l", "l", "--board", "chessboard:9x6:30mm"), "both l")
 
 
 def test_calibrate_says_when_no_board_is_found(lmkit, tmp_path):
     for k in range(3):
-        picture(tmp_path / "l" / f"{k}.png")
-        picture(tmp_path / "r" / f"{k}.png")
+        saved_image(tmp_path / "l" / f"{k}.png")
+        saved_image(tmp_path / "r" / f"{k}.png")
     assert_refused(lmkit("calibrate", "l", "r", "--board", "chessboard:9x6:30mm"), "0 usable pairs")
 
 
@@ -216,7 +216,7 @@ def test_calibrate_says_when_no_board_is_found(lmkit, tmp_path):
 )
 def test_locate_names_what_is_wrong_in_the_rig(lmkit, tmp_path, rig, landmark_map, old, new, word):
     rig.write_text(rig.read_text().replace(old, new, 1))
-    image = picture(tmp_path / "a.png", (640, 480))
+    image = saved_image(tmp_path / "a.png", (640, 480))
     assert_refused(lmkit("locate", image, image, "--rig", rig, "--map", landmark_map), "rig.yaml", word)
 
 
@@ -224,7 +224,7 @@ def test_locate_refuses_a_code_twice(lmkit, tmp_path, rig, landmark_map):
     text = landmark_map.read_text()
     entry = text[text.index("- code") :]
     landmark_map.write_text(text + entry)
-    image = picture(tmp_path / "a.png", (640, 480))
+    image = saved_image(tmp_path / "a.png", (640, 480))
     assert_refused(lmkit("locate", image, image, "--rig", rig, "--map", landmark_map), "map.yaml", "lm8:3", "twice")
 
 

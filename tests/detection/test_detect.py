@@ -9,7 +9,7 @@ from scenes import paste_landmark
 
 from lmkit.detection.detector import detect_landmarks
 from lmkit.detection.hypotheses import words_of
-from lmkit.detection.linear_image import rebend, unbend
+from lmkit.detection.linear_image import distort_radial, undistort_radial
 from lmkit.detection.pattern_model import LandmarkPattern
 from lmkit.generation.page import bare_landmark_page
 from lmkit.generation.png import page_to_image
@@ -150,5 +150,5 @@ def test_turning_a_landmark_permutes_its_gaps():
 def test_bending_is_undone(bend):
     at = np.random.default_rng(3).uniform([0, 0], [640, 480], (50, 2))
     centre = np.array([319.5, 239.5])
-    flat = unbend(at, bend, centre, 320.0)
-    assert np.allclose(rebend(flat, bend, centre, 320.0), at, atol=1e-4)
+    flat = undistort_radial(at, bend, centre, 320.0)
+    assert np.allclose(distort_radial(flat, bend, centre, 320.0), at, atol=1e-4)

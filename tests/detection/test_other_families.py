@@ -47,5 +47,5 @@ def test_a_word_that_is_no_code_is_refused():
 
 
 def test_families_of_one_drawing_are_not_looked_for_together():
-    with pytest.raises(InputError, match="cannot be told apart"):
+    with pytest.raises(InputError, match="cannot be distinguished"):
         detect_landmarks(np.zeros((80, 80, 3), np.uint8), DetectOptions((LM8, LM8P)))

@@ -1,4 +1,4 @@
-"""No retired word is left in the code of the folders listed (tests/house/retired_words.txt, allowed_words.txt)."""
+"""No retired word is left in the code (tests/house/retired_words.txt, allowed_words.txt)."""
 
 from __future__ import annotations
 
@@ -10,12 +10,8 @@ from doc_pages import ROOT
 from test_documented_words import retired_words
 
 ALLOWED = ROOT / "tests/house/allowed_words.txt"
-# Folders whose sentences and names follow the list; the aim is the whole package.
-FOLDERS = ("generation", "reports", "verification", "visualization")
-# Names that other folders define.
-DEFINED_ELSEWHERE = re.compile(r"\.(misfits|moments|odd|astray|weak|sightings)\b")
 INVERTED = re.compile(r'"""(Of|The same|As|By|What|Where|Those)\b')
-FILES = [path for folder in FOLDERS for path in sorted((ROOT / "lmkit" / folder).glob("*.py"))]
+FILES = sorted((ROOT / "lmkit").rglob("*.py"))
 
 
 def words_of(source: str) -> str:
@@ -23,7 +19,6 @@ def words_of(source: str) -> str:
     for line in ALLOWED.read_text(encoding="utf-8").splitlines():
         if line and not line.startswith("#"):
             source = re.sub(line.split("\t")[0], " ", source, flags=re.IGNORECASE)
-    source = DEFINED_ELSEWHERE.sub(" ", source)
     return re.sub(r"(?<=[a-z])(?=[A-Z])|_", " ", source)
 
 

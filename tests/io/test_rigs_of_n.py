@@ -132,8 +132,8 @@ def test_images_are_grouped_by_name_and_split_in_halves(tmp_path):
     assert [[p.name for p in files] for files in list_groups(sources)] == [["0.png"] * 3, ["1.png"] * 3]
     halves = list(frame_groups([f"split:{sources[0]}"]))
     assert [len(frames) for frames in halves] == [2, 2]
-    assert (halves[1][0].picture == 10).all()
-    assert (halves[1][1].picture == 200).all()
+    assert (halves[1][0].pixels == 10).all()
+    assert (halves[1][1].pixels == 200).all()
     (tmp_path / "c" / "1.png").unlink()
     with pytest.raises(InputError, match="2, 2, 1 images"):
         list_groups(sources)

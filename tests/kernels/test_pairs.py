@@ -14,7 +14,7 @@ from lmkit.kernels import load
 from lmkit.kernels.lens import corners_through_lens, corners_through_lens_numpy
 from lmkit.kernels.reprojection import (
     NO_PRIOR,
-    corner_misfits,
+    corner_chi2,
     pose_equations,
     pose_equations_numpy,
     refine_poses,
@@ -144,7 +144,7 @@ def test_one_of_both_poses_of_a_square_is_the_true_one(both):
 def test_other_shapes_are_refused():
     corners = corners_in_view(np.random.default_rng(0), 2, True)
     with pytest.raises(ValueError, match="shape"):
-        corner_misfits(corners, np.eye(3), np.zeros((1, 3)))
+        corner_chi2(corners, np.eye(3), np.zeros((1, 3)))
     with pytest.raises(ValueError, match="shape"):
         pose_equations(corners, NO_PRIOR, np.eye(3)[None], np.zeros((1, 3)), np.ones((1, 3), dtype=bool))
     with pytest.raises(ValueError, match="arms"):

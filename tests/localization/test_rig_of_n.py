@@ -18,8 +18,8 @@ from lmkit.odometry.wheel_odometry import MotionModel
 from lmkit.simulation.observations import look
 from lmkit.simulation.recording import make_drive
 from lmkit.simulation.scene import make_rig
-from lmkit.tracking.batch import track_pictures
-from lmkit.tracking.online import track_pictures_live
+from lmkit.tracking.batch import track_images
+from lmkit.tracking.online import track_images_live
 
 CAMERA = make_rig().left
 AROUND = LandmarkMap(
@@ -110,8 +110,8 @@ def test_survey_and_track_with_one_camera_and_with_three(count):
     assert len(off) > 8
     assert np.median(off) < 0.06
     for tracked in (
-        track_pictures(frames, drive.rig, drive.landmarks, motion),
-        track_pictures_live(frames, drive.rig, drive.landmarks, drive.odometry, drive.gyro),
+        track_images(frames, drive.rig, drive.landmarks, motion),
+        track_images_live(frames, drive.rig, drive.landmarks, drive.odometry, drive.gyro),
     ):
         rows = np.searchsorted(drive.times_s, tracked.times_s)
         truth = np.array([drive.pose(int(k)).t for k in rows])

@@ -19,7 +19,7 @@ from lmkit.model.recording import RigFrame
 from lmkit.odometry.wheel_odometry import MotionModel
 from lmkit.simulation.observations import look
 from lmkit.simulation.recording import WheelErrors, make_drive
-from lmkit.tracking.online import track_pictures_live
+from lmkit.tracking.online import track_images_live
 
 
 def survey(drive, wheels=True, frames=None, anchors=1):
@@ -47,7 +47,7 @@ def test_exact_corners_give_the_exact_map(wheels):
     result = survey(drive, wheels)
     assert len(result.bundle.landmarks) == len(drive.landmarks)
     assert map_errors(drive, result).max() < 2e-3
-    assert not result.odd
+    assert not result.contradicted
     assert not result.unplaced
 
 
@@ -76,7 +76,7 @@ def test_a_landmark_that_hangs_elsewhere_in_half_of_the_drive_is_named():
     late = drive.frames[len(drive.frames) // 2 :]
     exchanged = [*drive.frames[: len(drive.frames) // 2], *(exchange(frame, a, b) for frame in late)]
     result = survey(drive, frames=exchanged)
-    named = {odd.id for odd in result.odd} | set(result.unplaced)
+    named = {odd.id for odd in result.contradicted} | set(result.unplaced)
     assert named & {a, b}
     errors = dict(zip([m.id for m in result.bundle.landmarks], map_errors(drive, result)[:, 0], strict=True))
     assert max(error for code, error in errors.items() if code not in named) < 0.15
@@ -97,7 +97,7 @@ def test_a_code_that_hangs_twice_is_named_and_does_not_bend_the_map():
     ).id
     frames = [relabel(frame, b, a) for frame in drive.frames]
     result = survey(drive, frames=frames)
-    assert a in {odd.id for odd in result.odd} | set(result.unplaced)
+    assert a in {odd.id for odd in result.contradicted} | set(result.unplaced)
     errors = dict(zip([m.id for m in result.bundle.landmarks], map_errors(drive, result)[:, 0], strict=True))
     assert max(error for code, error in errors.items() if code != a) < 0.15
 
@@ -114,7 +114,7 @@ def test_an_anchor_that_was_moved_shows_as_a_jump_of_the_robot():
     half = len(drive.frames) // 2
     frames = [*drive.frames[:half], *(exchange(frame, anchor, other) for frame in drive.frames[half:])]
     result = survey(drive, frames=frames)
-    assert result.odd or result.bundle.jumps
+    assert result.contradicted or result.bundle.jumps
 
 
 def exchange(frame, a, b):
@@ -165,7 +165,7 @@ def test_with_nothing_known_and_wheels_the_floor_is_level_at_zero():
     assert max(abs(base.t[2]) for base in bases) < 0.03
     assert max(np.arccos(min(1.0, base.R[2, 2])) for base in bases) < np.deg2rad(1.0)
     # And live tracking finds its way by that map.
-    tracked = track_pictures_live(drive.frames, drive.rig, result.landmarks, drive.odometry, drive.gyro)
+    tracked = track_images_live(drive.frames, drive.rig, result.landmarks, drive.odometry, drive.gyro)
     assert not tracked.remarks
     assert np.mean([status == "ok" for status in tracked.statuses]) > 0.95
 
@@ -179,9 +179,9 @@ def test_a_map_whose_floor_is_elsewhere_is_named_when_tracking_live():
         for m in drive.landmarks
     ]
     mapped = type(drive.landmarks)(raised)
-    tracked = track_pictures_live(drive.frames, drive.rig, mapped, drive.odometry, drive.gyro)
+    tracked = track_images_live(drive.frames, drive.rig, mapped, drive.odometry, drive.gyro)
     assert "z = 0.40 m" in tracked.remarks[0]
-    assert not track_pictures_live(drive.frames, drive.rig, drive.landmarks, drive.odometry, drive.gyro).remarks
+    assert not track_images_live(drive.frames, drive.rig, drive.landmarks, drive.odometry, drive.gyro).remarks
 
 
 def test_an_anchor_that_is_not_in_the_drive_is_refused():

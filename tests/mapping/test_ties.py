@@ -97,7 +97,7 @@ def test_a_declared_wall_makes_the_map_flatter():
         codes = along_a_wall(drive)
         plain.append(off_the_wall(drive, surveyed(drive, drive.frames, ()), codes))
         result = surveyed(drive, drive.frames, [LandmarkConstraint("wall", tuple(codes), 0.005, np.deg2rad(0.5))])
-        assert not result.astray
+        assert not result.off_constraint
         tied.append(off_the_wall(drive, result, codes))
     assert np.mean(tied, axis=0)[0] < 0.8 * np.mean(plain, axis=0)[0]
 
@@ -118,7 +118,7 @@ def test_who_does_not_hang_as_declared_is_named_and_bends_nothing():
     result = surveyed(
         replace(drive, landmarks=mapped), frames, [LandmarkConstraint("wall", tuple(codes), 0.003, np.deg2rad(0.5))]
     )
-    assert [code for code, _, _ in result.astray] == [odd]
-    assert result.astray[0][2] == pytest.approx(0.1, abs=0.04)
+    assert [code for code, _, _ in result.off_constraint] == [odd]
+    assert result.off_constraint[0][2] == pytest.approx(0.1, abs=0.04)
     found = result.bundle.landmarks.find(odd).T_map_landmark.t
     assert np.linalg.norm(found - out.t) < 0.03

@@ -41,7 +41,7 @@ def go(world, seed, ground=None, landmarks=None, start=(1.0, 1.0, 0.3)):
 
     known = hung if landmarks is None else landmarks
     site = Site(floor, known, RIG, RADIUS_M, Demand(), coverage, corner_floor_px=0.0)
-    journey = drive_to(robot, site, GOAL, on_moment=note)
+    journey = drive_to(robot, site, GOAL, on_pose=note)
     return journey, robot, inside
 
 

@@ -20,8 +20,15 @@ from lmkit.model.floor_plan import FloorPlan, Wall
 from lmkit.model.landmark import LM8
 from lmkit.model.landmark_map import LandmarkMap, MappedLandmark, wall_pose
 from lmkit.planning.code_assignment import assign_codes, confusable_codes
-from lmkit.planning.coverage import Demand, expected_errors, places_on, predict_coverage, promised_errors, weak_places
-from lmkit.planning.mounting_sites import HangOptions, hanging_places
+from lmkit.planning.coverage import (
+    Demand,
+    expected_errors,
+    failing_places,
+    places_on,
+    predict_coverage,
+    promised_errors,
+)
+from lmkit.planning.mounting_sites import MountingOptions, possible_mounts
 from lmkit.planning.placement import place_landmarks
 from lmkit.planning.placement_search import Search
 from lmkit.planning.route import Goal, find_goal, plan_route
@@ -122,13 +129,13 @@ def test_a_floor_without_landmarks_is_blind_and_one_weak_place(tmp_path):
     floor = two_rooms(tmp_path)
     coverage = predict_coverage(floor, [], RIG, RADIUS_M)
     assert np.isinf(coverage.error_m).all()
-    weak = weak_places(coverage, EASY)
+    weak = failing_places(coverage, EASY)
     assert len(weak) == 1
     assert weak[0].area_m2 > 10
     assert "blind, 0 landmarks in view" in str(weak[0])
     # Weak is what the demand asks for in vain: here a second landmark.
     one = [on_wall(floor.walls[0], 1.0, 9)]
-    weak = weak_places(predict_coverage(floor, one, RIG, RADIUS_M), replace(EASY, in_view=2))
+    weak = failing_places(predict_coverage(floor, one, RIG, RADIUS_M), replace(EASY, in_view=2))
     assert sum(place.area_m2 for place in weak) > 10
     assert all(place.in_view < 2 for place in weak)
 
@@ -136,7 +143,7 @@ def test_a_floor_without_landmarks_is_blind_and_one_weak_place(tmp_path):
 def test_what_is_placed_holds_the_demand_and_no_wall_that_must_stay_bare(tmp_path):
     floor = two_rooms(tmp_path)
     hung = [on_wall(floor.walls[0], 1.0, 9)]
-    options = HangOptions(not_on=("A",), exchange_s=0.0)
+    options = MountingOptions(not_on=("A",), swap_s=0.0)
     placed = place_landmarks(floor, hung, RIG, RADIUS_M, EASY, options)
     assert {m.wall.name for m in placed.mounts}.isdisjoint({"A", "glass"})
     # Measured anew, on other places.
@@ -155,7 +162,7 @@ def test_what_is_placed_holds_the_demand_and_no_wall_that_must_stay_bare(tmp_pat
 
 def test_of_several_sizes_and_heights_none_is_larger_than_it_has_to_be(tmp_path):
     floor, sizes, heights = two_rooms(tmp_path), (0.12, 0.18, 0.3), (1.0, 1.6)
-    options = HangOptions(sizes, heights, exchange_s=0.0)
+    options = MountingOptions(sizes, heights, swap_s=0.0)
     placed = place_landmarks(floor, [], RIG, RADIUS_M, EASY, options)
     assert placed.share >= EASY.share
     hung = [m.landmark for m in placed.mounts]
@@ -168,21 +175,21 @@ def test_of_several_sizes_and_heights_none_is_larger_than_it_has_to_be(tmp_path)
             others = [replace(one, size_m=smaller) if one is m else one for one in hung]
             assert predict_coverage(floor, others, RIG, RADIUS_M).covered(EASY).mean() < EASY.share + 0.04
     # Larger ones from which to choose need no more than one size alone.
-    alone = place_landmarks(floor, [], RIG, RADIUS_M, EASY, HangOptions((0.12,), heights, exchange_s=0.0))
+    alone = place_landmarks(floor, [], RIG, RADIUS_M, EASY, MountingOptions((0.12,), heights, swap_s=0.0))
     assert len(hung) < len(alone.mounts)
     for a, b in combinations(hung, 2):
         assert np.linalg.norm(a.T_map_landmark.t - b.T_map_landmark.t) > (a.size_m + b.size_m) / 2
 
 
 def test_large_landmarks_do_not_hang_over_each_other(tmp_path):
-    placed = place_landmarks(two_rooms(tmp_path), [], RIG, RADIUS_M, EASY, HangOptions((0.7,), exchange_s=0.0))
+    placed = place_landmarks(two_rooms(tmp_path), [], RIG, RADIUS_M, EASY, MountingOptions((0.7,), swap_s=0.0))
     for a, b in combinations((m.landmark for m in placed.mounts), 2):
         assert np.linalg.norm(a.T_map_landmark.t - b.T_map_landmark.t) > 0.7
 
 
 def test_what_hangs_for_nothing_is_taken_down_again(tmp_path):
     floor = two_rooms(tmp_path)
-    search = Search(floor, [], hanging_places(floor, RIG, HangOptions()), RIG, RADIUS_M, EASY)
+    search = Search(floor, [], possible_mounts(floor, RIG, MountingOptions()), RIG, RADIUS_M, EASY)
     search.fill(EASY.share, lambda count, share: None)
     enough = set(search.chosen)
     idle = [k for k in range(len(search.spots)) if k not in enough][::9][:4]
@@ -202,7 +209,7 @@ def test_what_no_landmarks_can_hold_is_refused_with_what_they_can(tmp_path):
         place_landmarks(two_rooms(tmp_path), [], RIG, RADIUS_M, replace(EASY, error_m=1e-5))
     assert "possible" in refused.value.hint
     with pytest.raises(InputError, match="no wall 'Q'"):
-        place_landmarks(two_rooms(tmp_path), [], RIG, RADIUS_M, EASY, HangOptions(not_on=("Q",)))
+        place_landmarks(two_rooms(tmp_path), [], RIG, RADIUS_M, EASY, MountingOptions(not_on=("Q",)))
 
 
 def test_confusable_codes_hang_far_apart():

@@ -23,9 +23,9 @@ from lmkit.simulation.photograph import (
     black_body_rgb,
     count_electrons,
     develop,
+    expose,
     focus,
     light_up,
-    take_picture,
 )
 from lmkit.simulation.render import OVERSAMPLE, render
 from lmkit.simulation.scene import Panel, Scene, make_rig, studio
@@ -90,10 +90,10 @@ def test_warm_light_is_warm_and_balanced_away():
     assert green == 1
     assert blue < 0.45
     chain = ImagingChain(light=Light(brightness=0.5, temperature_k=2700), sensor=Sensor(1e7, 0.0))
-    image = take_picture(grey(), chain, np.random.default_rng(0))
+    image = expose(grey(), chain, np.random.default_rng(0))
     assert np.ptp(image[30, 40].astype(int)) <= 1
     wrong = ImagingChain(chain.lens, chain.light, chain.sensor, Development(balanced_for_k=6500))
-    b, g, r = take_picture(grey(), wrong, np.random.default_rng(0))[30, 40].astype(int)
+    b, g, r = expose(grey(), wrong, np.random.default_rng(0))[30, 40].astype(int)
     assert r > g + 20 > b + 40
     with pytest.raises(InputError):
         black_body_rgb(500)

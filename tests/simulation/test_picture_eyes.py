@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from lmkit.geometry.pose import Pose
-from lmkit.pipelines.rendered_cameras import PictureEyes
+from lmkit.pipelines.rendered_cameras import RenderedCameras
 from lmkit.simulation.observations import look
 from lmkit.simulation.scene import make_rig, make_room
 
@@ -26,7 +26,7 @@ def test_pictures_show_what_hangs_there_now_and_then():
     rig = replace(make_rig(), T_base_left=Pose("base", "left", ahead, np.zeros(3)))
     landmark = next(iter(scene.landmarks))
     T = standing_before(landmark, 1.2)
-    eyes = PictureEyes(scene, rig, 1, every_s=0.6)
+    eyes = RenderedCameras(scene, rig, 1, every_s=0.6)
     exact = look(scene.landmarks, rig, T, None, np.random.default_rng(0))
     for seen, true in zip(eyes(10.0, T), exact, strict=True):
         found = next(o for o in seen if o.code == landmark.code)

@@ -11,7 +11,7 @@ from lmkit.mapping.survey import survey_frames
 from lmkit.model.trajectory import Trajectory
 from lmkit.odometry.pose_odometry import PoseMotion
 from lmkit.simulation.recording import make_drive
-from lmkit.tracking.batch import track_pictures
+from lmkit.tracking.batch import track_images
 from lmkit.tracking.online import track_poses_live
 from lmkit.tracking.spatial_stereo_filter import PoseFilter
 
@@ -105,7 +105,7 @@ def test_a_drive_is_smoothed_through_space(exact):
     odometry = drive.visual_odometry(3)
     unseen = [m if not 40 <= k < 70 else type(m)(m.time_s, ((), ()), m.name) for k, m in enumerate(drive.frames)]
     if exact:
-        tracked = track_pictures(unseen, drive.rig, drive.landmarks, PoseMotion(odometry))
+        tracked = track_images(unseen, drive.rig, drive.landmarks, PoseMotion(odometry))
         found = tracked.poses
     else:
         sizes = {m.id: m.size_m for m in drive.landmarks}

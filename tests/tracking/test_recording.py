@@ -13,7 +13,7 @@ from lmkit.mapping.survey import survey_frames
 from lmkit.odometry.wheel_odometry import MotionModel
 from lmkit.reports.rerun import require_rerun, survey_recording, track_recording
 from lmkit.simulation.recording import make_drive
-from lmkit.tracking.batch import track_pictures
+from lmkit.tracking.batch import track_images
 
 
 def entities(path):
@@ -27,7 +27,7 @@ def test_a_tracked_drive_and_a_survey_are_recorded(tmp_path):
     pytest.importorskip("rerun", reason="the extra viewer is not installed")
     drive = make_drive(1, seconds=8)
     motion = MotionModel(drive.odometry, drive.gyro)
-    tracked = track_pictures(drive.frames, drive.rig, drive.landmarks, motion)
+    tracked = track_images(drive.frames, drive.rig, drive.landmarks, motion)
     path = tmp_path / "t.rrd"
     path.write_bytes(track_recording(tracked, drive.landmarks, drive.rig, drive.frames))
     assert entities(path) >= {

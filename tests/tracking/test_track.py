@@ -15,8 +15,8 @@ from lmkit.odometry.online_wheel_odometry import Wheels
 from lmkit.odometry.wheel_odometry import NOMINAL, MotionModel
 from lmkit.simulation.recording import WheelErrors, make_drive
 from lmkit.tracking import range_bearing_filter as planar_filter
-from lmkit.tracking.batch import track_pictures, track_readings
-from lmkit.tracking.online import track_live, track_pictures_live
+from lmkit.tracking.batch import track_images, track_readings
+from lmkit.tracking.online import track_images_live, track_live
 from lmkit.tracking.range_bearing_filter import PlanarFilter
 
 
@@ -55,7 +55,7 @@ def test_readings_and_wheels_follow_the_robot(follow):
 def test_corners_of_both_eyes_are_followed_live():
     for seed in (0, 3):
         drive = make_drive(seed, errors=WheelErrors(slips=1))
-        tracked = track_pictures_live(drive.frames, drive.rig, drive.landmarks, drive.odometry, drive.gyro)
+        tracked = track_images_live(drive.frames, drive.rig, drive.landmarks, drive.odometry, drive.gyro)
         off, C = planar_errors(drive, tracked)
         assert len(off) > 0.8 * len(drive.frames)
         # A slip moves the robot by up to 10 cm and 6 deg until a landmark is seen again.
@@ -68,7 +68,7 @@ def test_corners_of_both_eyes_are_followed_live():
 @pytest.mark.parametrize("count", [1, 15, 16, 60])
 def test_cameras_are_tracked_without_odometry(count):
     drive = make_drive(0, seconds=14)
-    tracked = track_pictures(drive.frames[:count], drive.rig, drive.landmarks, None)
+    tracked = track_images(drive.frames[:count], drive.rig, drive.landmarks, None)
     off, _ = planar_errors(drive, tracked)
     assert len(off) >= 0.8 * min(count, len(drive.frames))
     assert np.median(np.hypot(off[:, 0], off[:, 1])) < 0.05
@@ -128,7 +128,7 @@ def test_a_robot_carried_off_is_noticed_and_found_again():
 
 def test_pictures_and_wheels_follow_the_robot_in_space():
     drive = make_drive(6, seconds=40)
-    tracked = track_pictures(drive.frames, drive.rig, drive.landmarks, MotionModel(drive.odometry, drive.gyro))
+    tracked = track_images(drive.frames, drive.rig, drive.landmarks, MotionModel(drive.odometry, drive.gyro))
     assert len(tracked.poses) == len(drive.frames)
     off = [np.linalg.norm(pose.t - drive.pose(k).t) for k, pose in enumerate(tracked.poses)]
     assert max(off) < 0.03
@@ -247,6 +247,6 @@ def test_innovations_of_corners_are_as_large_as_expected():
     ratios = []
     for seed in range(3):
         drive = make_drive(seed)
-        tracked = track_pictures_live(drive.frames, drive.rig, drive.landmarks, drive.odometry, drive.gyro)
+        tracked = track_images_live(drive.frames, drive.rig, drive.landmarks, drive.odometry, drive.gyro)
         ratios.append(innovation_ratio(tracked))
     assert 0.5 < np.mean(ratios) < 1.2
