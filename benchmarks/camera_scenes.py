@@ -99,7 +99,7 @@ def draw_scene(
         shown.append(Shown(code, corners, tilt, is_hidden))
     scene = Scene(tuple(panels), LandmarkMap([]), (1.0, 1.0, 1.0))
     radiance = render(scene, camera(), Pose.identity("map", "camera"), background)
-    return take_picture(radiance, draw_chain(rng, kinds, trouble, SIZE), rng), shown
+    return expose(radiance, draw_chain(rng, kinds, trouble, SIZE), rng), shown
 
 
 def _place(cell: int, side_px: float, rng: np.random.Generator) -> tuple[Pose, float]:

@@ -25,7 +25,7 @@ from camera_scenes import LOOK_ALIKES, Shown, draw_scene
 from planar import background, backgrounds
 from scipy.optimize import minimize
 
-from lmkit.detection.acceptance import AcceptanceRule, Sighting
+from lmkit.detection.acceptance import AcceptanceRule, ScoredReading
 from lmkit.detection.config import ACCURATE, DetectOptions
 from lmkit.detection.detector import candidates_of
 from lmkit.model.landmark import LM8, LM8P
@@ -51,9 +51,9 @@ REASONS = {
 
 @dataclass(frozen=True, eq=False)
 class Example:
-    """A square that was registered: its sighting, and whether a landmark with this code is there."""
+    """A square that was registered: its reading, and whether a landmark with this code is there."""
 
-    sighting: Sighting
+    reading: ScoredReading
     is_landmark: bool
     is_right: bool
 
@@ -71,7 +71,7 @@ def examples_of(image: np.ndarray, shown: Sequence[Shown], options: DetectOption
             and np.linalg.norm(found.corners - s.corners, axis=1).max() < RIGHT_CORNERS * s.side_px
             for s in near
         )
-        examples.append(Example(found.sighting, bool(near), is_right))
+        examples.append(Example(found.reading, bool(near), is_right))
     return examples
 
 
@@ -115,8 +115,8 @@ def photographed(path: Path) -> list[Example]:
 
 def fit(examples: Sequence[Example]) -> tuple[float, dict[str, float]]:
     """Bias and weights, by logistic regression with signs; ridge on standardized figures."""
-    names = list(examples[0].sighting.figures)
-    X = np.array([list(e.sighting.figures.values()) for e in examples])
+    names = list(examples[0].reading.figures)
+    X = np.array([list(e.reading.figures.values()) for e in examples])
     y = np.array([e.is_right for e in examples], dtype=np.float64)
     weight = np.where([e.is_landmark for e in examples], 1.0, FALSE_WEIGHT)
     middle, scale = X.mean(axis=0), X.std(axis=0) + 1e-9
@@ -136,7 +136,7 @@ def fit(examples: Sequence[Example]) -> tuple[float, dict[str, float]]:
 
 
 def print_table(examples: Sequence[Example], bias: float, weights: dict[str, float]) -> None:
-    right = [e.sighting.figures for e in examples if e.is_right]
+    right = [e.reading.figures for e in examples if e.is_right]
     print(f"BIAS = {bias:.2f}\nTERMS = MappingProxyType(\n    {{")
     for name, weight in weights.items():
         usual = np.median([figures[name] for figures in right])

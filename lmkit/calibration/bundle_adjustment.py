@@ -224,26 +224,26 @@ class StereoProblem:
         blocks = Blocks.empty(size, self.count)
 
         # Left camera: a pose step turns and shifts the board in the left camera's frame.
-        eye = self.left
-        board, turned = board_and_turned(eye, s.warp, s.rotations)
-        pixels, by_point, by_camera = s.left.project_with_jacobian(turned + s.translations[eye.pair])
+        camera = self.left
+        board, turned = board_and_turned(camera, s.warp, s.rotations)
+        pixels, by_point, by_camera = s.left.project_with_jacobian(turned + s.translations[camera.pair])
         shared = np.zeros((len(board), 2, size))
         shared[:, :, :nl] = by_camera
-        shared[:, :, -WARP:] = (by_point @ s.rotations[eye.pair][:, :, 2:]) * eye.shapes[:, None]
-        blocks.add(eye, shared, derivatives_by_pose(by_point, turned), eye.pixels - pixels, scale)
+        shared[:, :, -WARP:] = (by_point @ s.rotations[camera.pair][:, :, 2:]) * camera.shapes[:, None]
+        blocks.add(camera, shared, derivatives_by_pose(by_point, turned), camera.pixels - pixels, scale)
 
         camera = self.right
         if not len(camera.ids):
             return self._with_prior(blocks, s, scale, prior)
-        board, turned = board_and_turned(eye, s.warp, s.rotations)
-        in_right_turned = (turned + s.translations[eye.pair]) @ s.R.T
+        board, turned = board_and_turned(camera, s.warp, s.rotations)
+        in_right_turned = (turned + s.translations[camera.pair]) @ s.R.T
         pixels, by_point, by_camera = s.right.project_with_jacobian(in_right_turned + s.t)
         by_left_point = by_point @ s.R
         shared = np.zeros((len(board), 2, size))
         shared[:, :, nl : nl + nr] = by_camera
         shared[:, :, nl + nr : nl + nr + POSE] = derivatives_by_pose(by_point, in_right_turned)
-        shared[:, :, -WARP:] = (by_left_point @ s.rotations[eye.pair][:, :, 2:]) * eye.shapes[:, None]
-        blocks.add(eye, shared, derivatives_by_pose(by_left_point, turned), eye.pixels - pixels, scale)
+        shared[:, :, -WARP:] = (by_left_point @ s.rotations[camera.pair][:, :, 2:]) * camera.shapes[:, None]
+        blocks.add(camera, shared, derivatives_by_pose(by_left_point, turned), camera.pixels - pixels, scale)
 
         return self._with_prior(blocks, s, scale, prior)
 
@@ -322,10 +322,10 @@ class Blocks:
         return cls(*(np.zeros(shape) for shape in (*shapes, (size,), (size,))))
 
     def add(
-        self, eye: CameraCorners, shared: FloatArray, pose: FloatArray, residual: FloatArray, scale: float
+        self, camera: CameraCorners, shared: FloatArray, pose: FloatArray, residual: FloatArray, scale: float
     ) -> None:
         """Add what one camera says: derivatives (N,2,G) and (N,2,6), residuals (N,2), px."""
-        weight = robust_weight(residual / eye.sigma, scale)[:, None] / eye.sigma**2
+        weight = robust_weight(residual / camera.sigma, scale)[:, None] / camera.sigma**2
         both = np.concatenate([shared, pose], axis=2)
         starts = np.concatenate([[0], camera.ends[:-1]])
         size = shared.shape[2]
@@ -433,15 +433,15 @@ def robust_weight(whitened: FloatArray, scale: float) -> FloatArray:
     return cauchy_weight(np.sum(whitened**2, axis=1), LOSS_WIDTH * scale)
 
 
-def board_and_turned(eye: CameraCorners, warp: FloatArray, rotations: FloatArray) -> tuple[FloatArray, FloatArray]:
+def board_and_turned(camera: CameraCorners, warp: FloatArray, rotations: FloatArray) -> tuple[FloatArray, FloatArray]:
     """(N,3) points of the bowed board, and the same turned by its pose."""
-    board = eye.object_points.copy()
-    board[:, 2] += eye.shapes @ warp
-    return board, np.einsum("nij,nj->ni", rotations[eye.pair], board)
+    board = camera.object_points.copy()
+    board[:, 2] += camera.shapes @ warp
+    return board, np.einsum("nij,nj->ni", rotations[camera.pair], board)
 
 
-def _to_left(eye: CameraCorners, s: Solution) -> FloatArray:
-    return np.asarray(board_and_turned(eye, s.warp, s.rotations)[1] + s.translations[eye.pair])
+def _to_left(camera: CameraCorners, s: Solution) -> FloatArray:
+    return np.asarray(board_and_turned(camera, s.warp, s.rotations)[1] + s.translations[camera.pair])
 
 
 def derivatives_by_pose(by_point: FloatArray, turned: FloatArray) -> FloatArray:

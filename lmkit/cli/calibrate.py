@@ -125,7 +125,7 @@ def run(
     result = calibrate_stereo(seen.views, seen.board, seen.image_size, model, seen.rejected, declared)
     written += write_outputs({output: rig_to_yaml(result.rig)}, force)
     if report is not None:
-        shown = found.some_pictures([view.name for view in result.used], REPORT_IMAGES)
+        shown = found.some_images([view.name for view in result.used], REPORT_IMAGES)
         written += write_outputs({report: calibration_report(result, seen.board, shown)}, force)
     if as_json:
         print_json(result.to_dict())

@@ -69,7 +69,7 @@ STRICTNESSES = MappingProxyType({"strict": STRICT, "default": DEFAULT, "eager": 
 
 
 @dataclass(frozen=True, eq=False)
-class Sighting:
+class ScoredReading:
     """Decoding of a square, and how it lies in the image.
 
     Attributes:
@@ -90,12 +90,12 @@ class Sighting:
         d = self.decoding
         white, red, sigma = max(d.white_over_ground, 0.1), d.red_over_blue, max(float(d.parts_sigma.max()), 0.01)
         margin = max(min(d.code_margin, TURN_PER_CODE * d.turn_margin), 0.0)
-        misfit = math.log(max(d.parts_misfit + 0.1, 0.22))
+        residual = math.log(max(d.parts_residual + 0.1, 0.22))
         return {
             "margin": math.log1p(margin / 4),
-            "parts residual": misfit,
-            "parts residual, large": misfit * max(0.0, math.log(self.side_px / 20)),
-            "gap residual": max(0.0, math.log(max(d.gap_misfit, 1.5) / 1.5)),
+            "parts residual": residual,
+            "parts residual, large": residual * max(0.0, math.log(self.side_px / 20)),
+            "gap residual": max(0.0, math.log(max(d.gap_residual, 1.5) / 1.5)),
             "contradicting part": min(max(float(np.abs(d.parts - d.expected_parts).max()) - 0.3, 0.0), 1.0),
             "uncertain parts": math.log(min(sigma, 3.0)),
             "too uncertain parts": max(0.0, math.log(sigma / 0.2)),

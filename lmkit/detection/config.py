@@ -61,7 +61,7 @@ class DetectOptions:
         families: which landmarks to look for; no two may share a drawing.
         config: how hard to look; see :data:`PROFILES`.
         rule: least score of a landmark; see :data:`lmkit.detection.acceptance.STRICTNESSES`.
-        through_lens: the image comes through a lens, so straight edges may be bent; off for scans and
+        through_lens: the image comes through a lens, so straight edges may be curved; off for scans and
             rasterised pages.
         camera: the camera that took the image, if it is calibrated: its own distortion then takes the
             place of a guessed distortion.

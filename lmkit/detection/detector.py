@@ -54,8 +54,8 @@ def detect_landmarks(
 def best_of_each_place(candidates: Sequence[AnyCandidate]) -> list[AnyCandidate]:
     """The surest reading of every place, largest first."""
     kept: list[AnyCandidate] = []
-    for attempt in sorted(attempts, key=lambda a: (-a.log_odds, a.family.name, a.decoding.code)):
-        middle = attempt.corners.mean(axis=0)
+    for candidate in sorted(candidates, key=lambda a: (-a.log_odds, a.family.name, a.decoding.code)):
+        middle = candidate.corners.mean(axis=0)
         apart = [np.linalg.norm(middle - k.corners.mean(axis=0)) > 0.5 * k.side_px for k in kept]
         if all(apart):
             kept.append(candidate)

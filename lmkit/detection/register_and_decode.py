@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from lmkit.arrays import ByteArray, FloatArray
-from lmkit.detection.acceptance import DEFAULT, AcceptanceRule, Sighting
+from lmkit.detection.acceptance import DEFAULT, AcceptanceRule, ScoredReading
 from lmkit.detection.config import DetectOptions
 from lmkit.detection.decoding import Decoding
 from lmkit.detection.linear_image import LinearImage
@@ -39,25 +39,25 @@ class Candidate:
         family: what it was read as.
         corners: (4,2) px of the image, in the landmark's order.
         covariance: (8,8) of the corners, px^2.
-        sighting: what it decodes to, and its score.
+        reading: what it decodes to, and its score.
         rejected: why it is no landmark; None where it is one.
     """
 
     family: LandmarkFamily
     corners: FloatArray
     covariance: FloatArray
-    sighting: Sighting
+    reading: ScoredReading
     rejected: str | None
 
     @property
     def decoding(self) -> Decoding:
         """Decoding of the square."""
-        return self.sighting.decoding
+        return self.reading.decoding
 
     @property
     def log_odds(self) -> float:
         """Score of being a landmark with this code."""
-        return self.sighting.log_odds
+        return self.reading.log_odds
 
     @property
     def confidence(self) -> float:
@@ -126,7 +126,7 @@ def read_landmark_at(image: ByteArray, corners: FloatArray, family: LandmarkFami
         return None
     fit.decode()
     fit.register(SHARP)
-    return _candidate(fit, fit.decode(), DEFAULT, fit_bend=False)
+    return _candidate(fit, fit.decode(), DEFAULT, fit_distortion=False)
 
 
 def _coarse_corners(
@@ -167,10 +167,10 @@ def _candidate(fit: PatternRegistration, decoding: Decoding, rule: AcceptanceRul
     rows = (2 * order[:, None] + np.arange(2)).ravel()
     inside = bool(((corners >= -0.5) & (corners <= np.array(fit.image.size) - 0.5)).all())
     # A corner that is not in the image was not seen, and none is made up.
-    sighting = Sighting(decoding, mean_side(corners), fit.blur_px, is_shaded=fit.image.white is not None)
-    rejected = sighting.reason_to_reject(rule) if inside else "cut"
+    reading = ScoredReading(decoding, mean_side(corners), fit.blur_px, is_shaded=fit.image.white is not None)
+    rejected = reading.reason_to_reject(rule) if inside else "cut"
     covariance = covariance[np.ix_(rows, rows)]
-    return Candidate(fit.family, corners[order], covariance, sighting, rejected)
+    return Candidate(fit.family, corners[order], covariance, reading, rejected)
 
 
 def _sharpen_shadow(fit: PatternRegistration) -> None:

@@ -27,7 +27,7 @@ SHARP = Steps(rounds=0, most=5, to_px=0.01)  # nothing hides a rasterised page
 FROM_FAR = Steps(rounds=0, most=10, to_px=0.05)
 COARSE_SIDE_PX = 100.0
 COARSE_PIXELS = 400
-BEND_SIDE_PX = 40.0
+DISTORTION_SIDE_PX = 40.0
 LEAST_CONTRAST = 1.6  # white over black of what is worth registering
 MANY_CELLS = 9  # a code distance that no square reaches by chance
 FOUND_PATTERN, MOVED_PATTERN = 0.05, 0.25  # of a square as found, and once it was moved; markers reach 0.35 there

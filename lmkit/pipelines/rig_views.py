@@ -25,7 +25,7 @@ def calibrate_sources(
 
     Args:
         sources: one per camera; the board need not be in every image.
-        on_image: told after every image how many are done, of how many.
+        on_image: called after every image how many are done, of how many.
 
     Raises:
         InputError: not as many images of every camera, too few views of a camera or of a pair of cameras.

@@ -229,12 +229,12 @@ def test_locate_refuses_a_code_twice(lmkit, tmp_path, rig, landmark_map):
 
 
 def test_locate_refuses_pictures_of_another_size(lmkit, tmp_path, rig, landmark_map):
-    image, other = picture(tmp_path / "a.png"), picture(tmp_path / "b.png")
+    image, other = saved_image(tmp_path / "a.png"), saved_image(tmp_path / "b.png")
     assert_refused(lmkit("locate", image, other, "--rig", rig, "--map", landmark_map), "64 x 48", "640 x 480")
 
 
 def test_locate_says_no_when_it_sees_no_landmark(lmkit, tmp_path, rig, landmark_map):
-    image, other = (picture(tmp_path / name, (640, 480)) for name in ("a.png", "b.png"))
+    image, other = (saved_image(tmp_path / name, (640, 480)) for name in ("a.png", "b.png"))
     answer = lmkit("locate", image, other, "--rig", rig, "--map", landmark_map, "--json")
     assert_refused(answer, "no pose", code=1)
     assert '"status": "no_landmarks"' in answer.out

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from simulated import shoot
 
-from lmkit.detection.acceptance import DEFAULT, EAGER, STRICT, TERMS, AcceptanceRule, Sighting
+from lmkit.detection.acceptance import DEFAULT, EAGER, STRICT, TERMS, AcceptanceRule, ScoredReading
 from lmkit.detection.config import DetectOptions
 from lmkit.detection.detector import candidates_of, detect_landmarks
 from lmkit.simulation.cameras import HELD_OUT_KINDS, draw_chain
@@ -18,18 +18,18 @@ IMAGES, MOST_WRONG, LEAST_READ = 24, 0, 20
 
 
 @pytest.fixture(scope="module")
-def sighting() -> Sighting:
+def reading() -> ScoredReading:
     image, _ = shoot(137, 30.0)
     (candidate,) = [c for c in candidates_of(image, DetectOptions()) if c.rejected is None]
-    return candidate.sighting
+    return candidate.reading
 
 
-def changed(sighting: Sighting, **changes) -> Sighting:
-    return replace(sighting, decoding=replace(sighting.decoding, **changes))
+def changed(reading: ScoredReading, **changes) -> ScoredReading:
+    return replace(reading, decoding=replace(reading.decoding, **changes))
 
 
-def test_every_figure_has_a_weight_and_every_weight_a_figure(sighting):
-    assert sighting.figures.keys() == TERMS.keys()
+def test_every_figure_has_a_weight_and_every_weight_a_figure(reading):
+    assert reading.figures.keys() == TERMS.keys()
 
 
 def test_only_the_margin_speaks_for_a_landmark():
@@ -42,32 +42,32 @@ def test_only_the_margin_speaks_for_a_landmark():
     [
         {"code_margin": 1.0},
         {"turn_margin": 1.0},
-        {"gap_misfit": 12.0},
+        {"gap_residual": 12.0},
         {"parts_sigma": np.full(10, 0.5)},
         {"parts": np.full(10, 0.5)},
         {"plain": True},
     ],
     ids=["code", "turn", "hidden", "unsure", "parts", "plain"],
 )
-def test_what_looks_less_like_a_landmark_scores_less(sighting, changes):
-    assert changed(sighting, **changes).log_odds < sighting.log_odds - 0.5
+def test_what_looks_less_like_a_landmark_scores_less(reading, changes):
+    assert changed(reading, **changes).log_odds < reading.log_odds - 0.5
 
 
-def test_shadow_and_blur_cost(sighting):
-    assert replace(sighting, is_shaded=True).log_odds <= sighting.log_odds
-    assert replace(sighting, blur_px=3 * sighting.blur_px).log_odds < sighting.log_odds
+def test_shadow_and_blur_cost(reading):
+    assert replace(reading, is_shaded=True).log_odds <= reading.log_odds
+    assert replace(reading, blur_px=3 * reading.blur_px).log_odds < reading.log_odds
 
 
-def test_a_rejection_names_the_worst_term(sighting):
+def test_a_rejection_names_the_worst_term(reading):
     never = AcceptanceRule(1e9)
-    assert changed(sighting, gap_misfit=40.0).reason_to_reject(never) == "hidden"
-    assert changed(sighting, code_margin=0.0).reason_to_reject(never) == "code"
-    assert sighting.reason_to_reject(DEFAULT) is None
+    assert changed(reading, gap_residual=40.0).reason_to_reject(never) == "hidden"
+    assert changed(reading, code_margin=0.0).reason_to_reject(never) == "code"
+    assert reading.reason_to_reject(DEFAULT) is None
 
 
-def test_whatever_a_square_shows_its_score_is_finite(sighting):
+def test_whatever_a_square_shows_its_score_is_finite(reading):
     nothing = changed(
-        sighting, inks=np.zeros((4, 3)), pattern=1.0, code_margin=-5.0, parts_sigma=np.zeros(10), gap_misfit=0.0
+        reading, inks=np.zeros((4, 3)), pattern=1.0, code_margin=-5.0, parts_sigma=np.zeros(10), gap_residual=0.0
     )
     assert np.isfinite(list(replace(nothing, blur_px=0.0).figures.values())).all()
     assert np.isfinite(nothing.log_odds)
@@ -82,7 +82,7 @@ def test_the_stricter_the_fewer():
     assert counts == sorted(counts, reverse=True)
 
 
-def test_confidence_is_the_logistic_of_the_score(sighting):
+def test_confidence_is_the_logistic_of_the_score(reading):
     image, _ = shoot(137, 30.0)
     (candidate,) = [c for c in candidates_of(image, DetectOptions()) if c.rejected is None]
     assert candidate.observation.confidence == pytest.approx(1 / (1 + np.exp(-candidate.log_odds)))
