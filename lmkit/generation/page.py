@@ -41,7 +41,7 @@ class PrintedFace:
     """One landmark on a page.
 
     Attributes:
-        size_mm: over the red border's outer edges, as it should measure.
+        size_mm: over the border's outer edges, as it should measure.
         centre_mm: its middle on the page.
         upside_down: turned by half.
     """

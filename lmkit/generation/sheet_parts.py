@@ -116,7 +116,7 @@ def patch_strip(at: Point) -> Part:
     items: list[Item] = [
         rectangle("patch", color, x + k * (PATCH_MM + 1), y, PATCH_MM, PATCH_MM) for k, color in enumerate(PATCHES)
     ]
-    items.append(Text((x, y + PATCH_MM + 3), "Print in colour: without red and blue the landmark is not read.", 2.4))
+    items.append(Text((x, y + PATCH_MM + 3), "Print in color: without red and blue the landmark is not read.", 2.4))
     return Part("patch strip", tuple(items))
 
 
@@ -134,14 +134,14 @@ def label(at: Point, face: PrintedFace, codes: str, ruler_mm: int | None) -> Par
     """``codes``, family, size, and how to print and mount."""
     x, y = at
     family = face.family
-    span = f"{face.size_mm:g} mm over the red border's outer edges"
+    span = f"{face.size_mm:g} mm over the {family.border_color} border's outer edges"
     scale = "Print at 100 %, without fitting to the page"
     check = f"{scale}: both rulers must measure {ruler_mm} mm." if ruler_mm is not None else f"{scale}."
     lines = (
         (codes, 9.0, BLACK, True),
         (f"lmkit {family.name} v{family.version}, {span}", 4.2, BLACK, False),
         (check, 3.6, GREY, False),
-        ("Print in colour. Keep the white margin. Mount flat, with the triangle pointing up.", 3.6, GREY, False),
+        (family.print_hint, 3.6, GREY, False),
     )
     items = []
     for content, height, color, bold in lines:

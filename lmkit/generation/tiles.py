@@ -161,7 +161,8 @@ def _plan(face: PrintedFace, tiling: _Tiling, paper: str, names: Mapping[tuple[i
         "2. Cut every sheet along the ticks marked cut, on its left and upper side.",
         f"3. Glue row by row, from left to right: each sheet lies {OVERLAP_MM:g} mm over the one before, its edge",
         "    on the ticks marked glue; then the rows from top to bottom. Flat, on something stiff.",
-        f"4. Measure the red border's outer edges: {face.size_mm:g} mm. Write what you measure into the map.",
+        f"4. Measure the {face.family.border_color} border's outer edges: {face.size_mm:g} mm."
+        " Write what you measure into the map.",
         f"5. Leave {face.reach_mm - face.size_mm / 2:.0f} mm of white around the border.",
     )
     y = 34 + tall * scale + 10

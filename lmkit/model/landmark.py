@@ -109,6 +109,16 @@ class LandmarkFamily:
         return own == others
 
     @property
+    def border_color(self) -> str:
+        """The color of the border, whose outer edges are the size."""
+        return "red"
+
+    @property
+    def print_hint(self) -> str:
+        """How to print and mount, for the sheet."""
+        return "Print in color. Keep the white margin. Mount flat, with the triangle pointing up."
+
+    @property
     def half_mm(self) -> float:
         """Half of the side."""
         return self.side_mm / 2

@@ -68,6 +68,16 @@ class SquareMarkerFamily:
         return self.margin_cells * self.cell_mm
 
     @property
+    def border_color(self) -> str:
+        """The color of the border, whose outer edges are the size."""
+        return "black"
+
+    @property
+    def print_hint(self) -> str:
+        """How to print and mount, for the sheet."""
+        return "Keep the white margin. Mount flat, upright as on this page."
+
+    @property
     def half_mm(self) -> float:
         """Half of the side."""
         return self.side_mm / 2
