@@ -75,7 +75,7 @@ def run(
     as_json: options.Json = False,
     force: options.Force = False,
 ) -> None:
-    """Calibrate a camera, a stereo pair or a rig of more cameras from images of a board."""
+    """Calibrate cameras from images of a board."""
     from lmkit.calibration.stereo import MODELS, calibrate_stereo, calibration_lines
     from lmkit.cli.parsing import parse_board, parse_declared
     from lmkit.io.board_corners import corners_to_json
@@ -136,7 +136,7 @@ def run(
 
 def _both(left: str | None, right: str | None) -> tuple[str, str]:
     if left is None or right is None:
-        raise InputError("no_images", "LEFT and RIGHT images are needed", "see lmkit calibrate --help")
+        raise InputError("no_images", "images of a board are needed", "see lmkit calibrate --help")
     if left == right:
         raise InputError("same_images", f"LEFT and RIGHT are both {left}", "give the right camera's images as RIGHT")
     return left, right

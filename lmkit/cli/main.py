@@ -68,10 +68,17 @@ def guarded(run: Callable[[], Any], debug: bool) -> int:
     except Exception as error:
         usage = getattr(error, "format_message", None)
         if usage is not None:
-            return _report(usage().rstrip("."), "see lmkit --help", int(getattr(error, "exit_code", 2)), debug)
+            return _report(
+                usage().rstrip("."), f"see {_command_of(error)} --help", int(getattr(error, "exit_code", 2)), debug
+            )
         return _report(
             f"internal error (please report): {type(error).__name__}: {error}", _FAULT_HINT, EXIT_FAULT, debug
         )
+
+
+def _command_of(error: Exception) -> str:
+    """The command that a usage error is about, such as ``lmkit plan coverage``."""
+    return str(getattr(getattr(error, "ctx", None), "command_path", "lmkit"))
 
 
 _FORMAT = warnings.formatwarning

@@ -43,7 +43,7 @@ def run(
     ] = None,
     force: options.Force = False,
 ) -> None:
-    """Make a landmark map from tape measurements; check and draw a map."""
+    """Make a map from tape measurements; check and draw it."""
     from lmkit.io.measured_map import blank_form
     from lmkit.model.codewords import parse_codes
     from lmkit.model.families import family_named

@@ -159,7 +159,7 @@ def test_rectified_rows_match(lmkit, data, pairs, tmp_path):
     ("arguments", "words"),
     [
         (["l", "r"], "--board"),
-        (["--board", SPEC], "LEFT and RIGHT"),
+        (["--board", SPEC], "images of a board"),
         (["l", "r", "--board", SPEC, "--measured", "10mm"], "WIDTHxHEIGHT"),
         (["l", "r", "--board", SPEC, "--measured", "400x300mm"], "the pattern of"),
         (["l", "r", "--board", SPEC, "--fov", "0"], "--fov 0"),
