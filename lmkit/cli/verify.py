@@ -39,6 +39,7 @@ def run(
     from lmkit.detection.config import DetectOptions
     from lmkit.io.manifest import read_manifest
     from lmkit.model.families import families_named
+    from lmkit.pipelines.annotated import require_folder_name
     from lmkit.units import parse_length_mm
     from lmkit.verification.grade import GRADES
     from lmkit.verification.prints import Stated, stated_by_manifest, verify_print
@@ -49,6 +50,8 @@ def run(
     if size is not None and manifest is not None:
         raise InputError("size_twice", "--size and --manifest both state the size", "give one of them")
     check_outputs((certificate,), None, force)
+    if annotate is not None:
+        require_folder_name(annotate)
     stated: tuple[Stated, ...] = ()
     if size is not None:
         stated = (Stated(None, None, parse_length_mm(size, "--size")),)

@@ -13,9 +13,24 @@ from lmkit.arrays import ByteArray
 from lmkit.errors import InputError
 from lmkit.io.files import check_writable, write_file
 from lmkit.io.image_sources import VIDEO_SUFFIXES
+from lmkit.io.images import SUFFIXES
 from lmkit.visualization.overlay import encode_jpeg
 
 FPS = 15.0  # of videos that do not state their rate
+
+
+def require_folder_name(folder: Path) -> None:
+    """Refuse a folder that is named as a file.
+
+    Raises:
+        InputError: it has the suffix of an image or a video.
+    """
+    if folder.suffix.lower() in SUFFIXES | VIDEO_SUFFIXES and not folder.is_dir():
+        raise InputError(
+            "not_a_folder",
+            f"--annotate {folder} is named as a file, and a folder is needed",
+            f"give --annotate {folder.with_suffix('')}; files in it are named after the images",
+        )
 
 
 class AnnotatedFolder:
@@ -29,6 +44,7 @@ class AnnotatedFolder:
     """
 
     def __init__(self, folder: Path, force: bool) -> None:
+        require_folder_name(folder)
         self._folder, self._force = folder, force
         self._written: list[Path] = []
         self._video: cv2.VideoWriter | None = None

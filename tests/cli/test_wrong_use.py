@@ -311,3 +311,16 @@ def test_nothing_is_written_where_one_print_does_not_read(lmkit, tmp_path, monke
     monkeypatch.setattr(prints, "prove_pages", refuse_code_2)
     assert_refused(lmkit("generate", "--codes", "1-3", "-o", "x.svg"), "code 2", code=70)
     assert files(tmp_path) == set()
+
+
+@pytest.mark.parametrize("command", [("map",), ("plan", "coverage")])
+def test_a_usage_error_names_the_help_of_its_command(lmkit, command):
+    assert_refused(lmkit(*command), f"see lmkit {' '.join(command)} --help")
+
+
+@pytest.mark.parametrize("command", ["detect", "verify"])
+@pytest.mark.parametrize("name", ["out.png", "out.mp4"])
+def test_a_folder_for_annotations_named_as_a_file_is_refused(lmkit, tmp_path, command, name):
+    image = saved_image(tmp_path / "a.png")
+    assert_refused(lmkit(command, image, "--annotate", name), f"--annotate {name}", "folder")
+    assert not (tmp_path / name).exists()
