@@ -15,7 +15,7 @@ from lmkit.arrays import BoolArray, FloatArray, IntArray
 from lmkit.calibration.bundle_adjustment import FitOptions, Solution, StereoProblem, intrinsics_vector
 from lmkit.calibration.cross_validation import FOLDS, HeldOut
 from lmkit.calibration.initialization import board_poses, start_camera
-from lmkit.calibration.sanity_checks import STRONG_WARP, CalibrationWarning, Declared, check_camera
+from lmkit.calibration.sanity_checks import STRONG_WARP, CalibrationWarning, Declared, check_camera, require_views
 from lmkit.calibration.view_coverage import ENOUGH_CELLS, LEAST_VIEWS, camera_coverage
 from lmkit.errors import InputError
 from lmkit.geometry.pose import Pose
@@ -100,7 +100,7 @@ def calibrate_camera(
     Raises:
         InputError: too few images, or no camera explains them.
     """
-    _require(len(views), rejected)
+    require_views(len(views), rejected, MIN_VIEWS, "images")
     alone = [_alone(name, seen) for name, seen in views]
     fits: dict[str, _Fit] = {}
     failed: InputError | None = None
@@ -125,7 +125,7 @@ def calibrate_camera(
         )
         for k, ratio in best.ratios.items()
     ]
-    _require(len(best.rows), [*rejected, *bad])
+    require_views(len(best.rows), [*rejected, *bad], MIN_VIEWS, "images")
     kept = [alone[k] for k in best.rows]
     s = best.solution
     cells, advice = camera_coverage([view.left for view in kept], s.rotations, s.translations, image_size)
@@ -157,7 +157,7 @@ def _fit(views: Sequence[PairView], object_points: FloatArray, image_size: tuple
     camera = start_camera(object_points, [(v.ids_left, v.left) for v in views], image_size, model)
     started = [board_poses(camera, object_points[v.ids_left], v.left)[:1] for v in views]
     rows = [k for k, poses in enumerate(started) if poses]
-    _require(len(rows), ())
+    require_views(len(rows), (), MIN_VIEWS, "images")
     start = Solution(
         camera,
         camera,
@@ -230,17 +230,6 @@ def _warnings(
         message = f"the board covers {100 * cells.mean():.0f} % of the image; elsewhere its distortion is a guess"
         warnings.append(CalibrationWarning("coverage", message))
     return warnings
-
-
-def _require(count: int, rejected: Sequence[tuple[str, str]]) -> None:
-    if count >= MIN_VIEWS:
-        return
-    first = f"; first rejected: {rejected[0][0]}: {rejected[0][1]}" if rejected else ""
-    raise InputError(
-        "too_few_images",
-        f"only {count} usable images of {count + len(rejected)}, at least {MIN_VIEWS} are needed{first}",
-        "check the board specification, take 10 to 30 images with the whole board sharp",
-    )
 
 
 def camera_lines(result: CameraCalibration) -> list[str]:

@@ -236,3 +236,25 @@ def horizontal_field_deg(camera: CameraModel) -> float | None:
     if not np.isfinite(x).all() or not x[0] < 0 < x[1]:
         return None
     return float(np.rad2deg(np.arctan(x[1]) - np.arctan(x[0])))
+
+
+def require_views(count: int, rejected: Sequence[tuple[str, str]], least: int, what: str) -> None:
+    """Refuse too few usable views.
+
+    Args:
+        count: usable ones.
+        rejected: names and reasons of the others.
+        least: how many are needed.
+        what: ``images`` or ``pairs``.
+
+    Raises:
+        InputError: there are fewer; the first rejected one is named.
+    """
+    if count >= least:
+        return
+    first = f"; first rejected: {rejected[0][0]}: {rejected[0][1]}" if rejected else ""
+    raise InputError(
+        f"too_few_{what}",
+        f"only {count} usable {what} of {count + len(rejected)}, at least {least} are needed{first}",
+        f"check the board specification, take 10 to 30 {what} with the whole board sharp",
+    )

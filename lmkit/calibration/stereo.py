@@ -19,6 +19,7 @@ from lmkit.calibration.sanity_checks import (
     check_calibration,
     require_majority,
     require_rigid,
+    require_views,
 )
 from lmkit.calibration.uncertainty import DepthError, depth_errors
 from lmkit.calibration.view_coverage import ViewCoverage, coverage_of
@@ -122,14 +123,14 @@ def calibrate_stereo(
     Raises:
         InputError: too few pairs, they do not agree on any rig, or the two cameras are no rigid pair.
     """
-    _require(views, rejected)
+    require_views(len(views), rejected, MIN_PAIRS, "pairs")
     object_points = board.object_points
     fits = _fits(views, object_points, image_size, CANDIDATES if model == AUTO else (model,), rejected)
     best = _best(fits)
     kept = [views[k] for k in best.rows]
     turned_away = [*rejected, *((d.pair, d.reason) for d in best.bad)]
     require_majority(best.bad, len(views))
-    _require(kept, turned_away)
+    require_views(len(kept), turned_away, MIN_PAIRS, "pairs")
 
     s = best.solution
     residuals = StereoProblem(object_points, kept).residuals(s)
@@ -234,7 +235,7 @@ def _fit(
     right = start_camera(object_points, [(v.ids_right, v.right) for v in views], image_size, model)
     consensus = find_consensus(object_points, views, left, right)
     rows = np.flatnonzero(consensus.agrees)
-    _require([views[int(k)] for k in rows], rejected)
+    require_views(len(rows), rejected, MIN_PAIRS, "pairs")
     problem = StereoProblem(object_points, [views[int(k)] for k in rows])
     solution = problem.solve(start_solution(consensus, rows, left, right), FitOptions(warp=False))
     solution = problem.solve(solution, FitOptions())
@@ -282,17 +283,6 @@ def _rig_of(s: Solution) -> tuple[StereoRig, float]:
 def _rms(residuals: FloatArray) -> float:
     """Root mean square distance over points, as OpenCV reports it."""
     return float(np.sqrt(np.mean(np.sum(residuals**2, axis=1))))
-
-
-def _require(views: Sequence[PairView], rejected: Sequence[tuple[str, str]]) -> None:
-    if len(views) >= MIN_PAIRS:
-        return
-    first = f"; first rejected: {rejected[0][0]}: {rejected[0][1]}" if rejected else ""
-    raise InputError(
-        "too_few_pairs",
-        f"only {len(views)} usable pairs of {len(views) + len(rejected)}, at least {MIN_PAIRS} are needed{first}",
-        "check the board specification, take 10 to 30 pairs with the whole board sharp in both cameras",
-    )
 
 
 def calibration_lines(result: StereoCalibration) -> list[str]:

@@ -127,19 +127,14 @@ def run(
 def _groups(images: list[str], mono: str | None, rig: AnyRig) -> list[list[str]]:
     """Sources that belong together: one per camera; with a rig of one camera every source stands for itself."""
     from lmkit.geometry.rig import mounted_cameras
-    from lmkit.io.image_groups import image_count
+    from lmkit.io.image_groups import require_image_of_each
 
     if mono is not None:
         return [[mono]]
     names = [camera.name for camera in mounted_cameras(rig)]
     if len(names) == 1:
         return [[source] for source in images]
-    if image_count(images) != len(names):
-        raise InputError(
-            "wrong_image_count",
-            f"images of {image_count(images)} cameras for a rig of {len(names)} ({', '.join(names)})",
-            "give one image, folder or video per camera, in this order; --mono for the first camera alone",
-        )
+    require_image_of_each(names, images, "; --mono for the first camera alone")
     return [images]
 
 

@@ -22,6 +22,25 @@ from lmkit.io.image_sources import (
 SPLIT = "split:"
 
 
+def require_image_of_each(cameras: Sequence[str], sources: Sequence[str], hint: str = "") -> None:
+    """Refuse sources that are not one per camera.
+
+    Args:
+        cameras: names of the rig's cameras, in order.
+        hint: another way out.
+
+    Raises:
+        InputError: there are more or fewer.
+    """
+    count = image_count(sources)
+    if count != len(cameras):
+        raise InputError(
+            "wrong_image_count",
+            f"{count} source{'s' * (count != 1)} of images for a rig of {len(cameras)} ({', '.join(cameras)})",
+            f"give one image, folder or video per camera, in this order{hint}",
+        )
+
+
 def image_count(sources: Sequence[str]) -> int:
     """Number of cameras of the sources: ``split:SOURCE`` gives two, every other source one."""
     return sum(2 if source.startswith(SPLIT) else 1 for source in sources)

@@ -10,7 +10,7 @@ from lmkit.detection.config import DetectOptions
 from lmkit.detection.detector import detect_landmarks
 from lmkit.errors import InputError
 from lmkit.geometry.rig import AnyRig, mounted_cameras
-from lmkit.io.image_groups import are_files, frame_groups, image_count, list_groups
+from lmkit.io.image_groups import are_files, frame_groups, list_groups, require_image_of_each
 from lmkit.io.image_sources import Frame, frame_count, time_of
 from lmkit.io.images import read_image
 from lmkit.io.readings import read_readings
@@ -34,13 +34,7 @@ def see_drive(
     Raises:
         InputError: the sources do not go together, an image cannot be read, or times are missing or do not increase.
     """
-    cameras = len(mounted_cameras(rig))
-    if image_count(sources) != cameras:
-        raise InputError(
-            "wrong_image_count",
-            f"images of {image_count(sources)} cameras for a rig of {cameras}",
-            "give one folder, glob or video per camera, in the order of the rig",
-        )
+    require_image_of_each([camera.name for camera in mounted_cameras(rig)], sources)
     if not are_files(sources):
         last: float | None = None
         for k, frames in enumerate(frame_groups(sources)):

@@ -13,7 +13,7 @@ from lmkit.detection.config import DetectOptions
 from lmkit.detection.detector import detect_landmarks
 from lmkit.errors import InputError
 from lmkit.geometry.rig import AnyRig, mounted_cameras
-from lmkit.io.image_groups import are_files, frame_groups, image_count, list_groups
+from lmkit.io.image_groups import are_files, frame_groups, image_count, list_groups, require_image_of_each
 from lmkit.io.image_sources import Frame, time_of
 from lmkit.io.images import read_image
 from lmkit.localization.absolute_pose import LocateOptions, locate_camera, locate_rig
@@ -65,13 +65,8 @@ def locate_in_sources(
     Raises:
         InputError: the sources do not go together, or are not as many as the rig has cameras.
     """
-    count, cameras = image_count(sources), len(mounted_cameras(rig))
-    if count not in (1, cameras):
-        raise InputError(
-            "wrong_image_count",
-            f"images of {count} cameras for a rig of {cameras}",
-            "give one folder, file or video per camera, in the order of the rig",
-        )
+    if image_count(sources) != 1:
+        require_image_of_each([camera.name for camera in mounted_cameras(rig)], sources)
     options = options or LocateOptions()
     if are_files(sources):
         work = partial(_locate_files, rig=rig, landmarks=landmarks, options=options)
