@@ -69,7 +69,7 @@ def as_image(image: ImageLike, needs_colour: bool = True) -> ByteArray:
     return np.ascontiguousarray(image)
 
 
-GREY = "the image is grey: landmarks are recognized by red against blue; use a color camera"
+GREY = "the image is grey: landmarks are recognized by red against blue; use a color camera, or AprilTags"
 
 
 def as_families(families: Families) -> tuple[MarkerFamily, ...]:

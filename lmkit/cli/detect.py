@@ -12,7 +12,7 @@ from lmkit.cli import options
 from lmkit.cli.output import check_outputs, print_json, print_line, progress, warn, write_outputs
 from lmkit.errors import InputError, NegativeAnswer
 
-COLORS_HINT = "landmarks are recognized by red against blue; use a color camera"
+COLORS_HINT = "landmarks are recognized by red against blue; use a color camera, or AprilTags (--family tag36h11)"
 
 
 def run(
