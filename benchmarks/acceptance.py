@@ -1,4 +1,4 @@
-"""What is read, what is wrong, and whether a confidence of 0.9 is right nine times in ten, at every strictness.
+"""Shares of landmarks read and of wrong codes, and the reliability of the confidence, at every strictness.
 
     uv run --extra benchmark python benchmarks/acceptance.py ../shared/data/photos [--images 200] [--plots FOLDER]
 

@@ -1,4 +1,4 @@
-"""What accuracy to expect, and whether `lmkit locate` reaches it and says so: what docs/accuracy.md shows.
+"""Accuracy of `lmkit locate` in simulation, expected, stated and reached: the tables of docs/accuracy.md.
 
     uv run python benchmarks/accuracy.py [--draws 1000] [--plot docs/accuracy.svg] [--images 200]
 
@@ -46,7 +46,7 @@ PLACES = ((0.0, 1.3), (-APART_M, 1.1), (APART_M, 1.5))
 
 @dataclass(frozen=True)
 class Situation:
-    """Where the camera stands before the wall (y = 0), and with what."""
+    """Camera and its place before the wall (y = 0)."""
 
     count: int
     distance_m: float

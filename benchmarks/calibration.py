@@ -164,7 +164,7 @@ def _opencv_rig(found: Sequence[np.ndarray], size: tuple[int, int], model: str) 
 
 
 def lmkit(views: Sequence[PairView], board: BoardSpec, size: tuple[int, int]) -> StereoRig:
-    """As `lmkit calibrate` does it."""
+    """Calibration as `lmkit calibrate` does it."""
     return calibrate_stereo(views, board, size).rig
 
 

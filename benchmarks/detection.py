@@ -148,7 +148,7 @@ def _judge(found: list, shot) -> dict:
 
 
 def crossing(rungs: np.ndarray, hits: np.ndarray, n: np.ndarray, level: float) -> float:
-    """Where a monotone fit of the rates passes a level; nan where it does not within the ladder.
+    """Side at which a monotone fit of the rates passes a level; nan where it does not within the ladder.
 
     Rates that rise with the rung, or fall: the fit follows the ends.
     """
@@ -264,7 +264,7 @@ def print_times(photos: list[Path], names: list[str]) -> None:
 
 
 def print_profile(photos: list[Path]) -> None:
-    """Where lmkit's time goes: cumulative share by step, on twelve of the scenes."""
+    """Cumulative share of lmkit's time by step, on twelve of the scenes."""
     import cProfile
     import pstats
 

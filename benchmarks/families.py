@@ -1,4 +1,4 @@
-"""What a family costs in distance and gains in safety: side at 50 and 95 % recognition, wrong codes.
+"""Costs of a family in distance, and gains in safety: side at 50 and 95 % recognition, wrong codes.
 
     uv run --extra benchmark python benchmarks/families.py ../shared/data/photos [--n 24] [--plots docs/benchmarks]
 

@@ -33,7 +33,7 @@ KINDS = ("pole across", "bar from one side", "corner")
 
 
 def hiding_panel(kind: str, T: Pose, rng: np.random.Generator) -> tuple[Panel, np.ndarray]:
-    """What hides, 5 mm before the landmark, and its corners (4,2) in the landmark's plane, m."""
+    """Occluder, 5 mm before the landmark, and its corners (4,2) in the landmark's plane, m."""
     angle = rng.uniform(0, 2 * np.pi)
     if kind == "corner":
         angle = np.pi / 4 + np.pi / 2 * rng.integers(4)

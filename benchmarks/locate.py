@@ -1,4 +1,4 @@
-"""Where `lmkit locate` puts the camera in rendered rooms, and whether its covariance can be trusted.
+"""Errors of `lmkit locate` in rendered rooms, and whether its covariance can be trusted.
 
     uv run --extra benchmark python benchmarks/locate.py ../shared/data/rooms
 

@@ -1,4 +1,4 @@
-"""What goes wrong in real surveys, simulated: is it fixed, or at least named, or does the map bend in silence?
+"""Mishaps of real surveys, simulated: each is fixed, named, or distorts the map in silence.
 
     uv run python benchmarks/mishaps.py [--seeds 10] [--first 0]
 
@@ -54,7 +54,7 @@ def each_eye(frame: RigFrame, change: Callable[[Seen], Seen]) -> RigFrame:
 
 
 def cases(drive: Drive, seed: int) -> list[Case]:
-    """As in NAMES."""
+    """Mishap of this name; see NAMES."""
     rng, half = np.random.default_rng(seed), len(drive.frames) // 2
     codes = list(dict.fromkeys(o.code for frame in drive.frames for o in frame.seen[0]))[1:]
     a, b, moved = (int(code) for code in rng.choice(codes, 3, replace=False))

@@ -37,7 +37,7 @@ SIZE = (640, 480)
 
 @dataclass(frozen=True)
 class View:
-    """Where the marker is and how it is taken.
+    """Place of the marker and the way its image is taken.
 
     Attributes:
         side_px: f * side / distance of its middle.

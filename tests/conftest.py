@@ -1,4 +1,4 @@
-"""What the tests share: the folder of real data, real photographs, and the command line in process."""
+"""Fixtures that the tests share: the folder of real data, real photographs, and the command line in process."""
 
 from __future__ import annotations
 

@@ -283,7 +283,7 @@ def _bundle_calls(rng: np.random.Generator) -> Iterator[tuple[Any, ...]]:
 
 
 def _bundle_sums(add: Callable[..., float]) -> Callable[..., Any]:
-    """What a function that adds in place does to zeros, as a tuple."""
+    """Result of a function that adds in place, on zeros, as a tuple."""
 
     def run(bundle: Bundle, used: np.ndarray, own: int, moving: bool) -> tuple[Any, ...]:
         N, m = len(bundle.p), own + (6 * len(bundle.p_landmark) if moving else 0)
@@ -327,7 +327,7 @@ def _substitution_calls(rng: np.random.Generator) -> Iterator[tuple[Any, ...]]:
 
 
 def _in_place(substitute: Callable[..., None]) -> Callable[..., Any]:
-    """What a function that changes its last argument makes of a copy of it."""
+    """Result of a function that changes its last argument, on a copy of it."""
 
     def run(*arguments: np.ndarray) -> np.ndarray:
         after = arguments[-1].copy()

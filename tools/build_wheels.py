@@ -50,7 +50,7 @@ def build_wheel(platform: str, folder: Path) -> Path:
 
 
 def check_library(data: bytes, platform: str) -> list[str]:
-    """What is wrong with a library; empty when nothing is."""
+    """Faults of a library; empty when there is none."""
     system, _, machine = platform.partition("-")
     binary = lief.parse(list(data))
     if binary is None or binary.format != FORMATS[system]:
@@ -79,7 +79,7 @@ def exports(binary: lief.Binary) -> list[lief.Symbol]:
 
 
 def check_wheel(wheel: Path, platform: str) -> list[str]:
-    """What is wrong with the libraries of a wheel; empty when nothing is."""
+    """Faults of the libraries of a wheel; empty when there is none."""
     target, wrong = build.TARGETS[platform], []
     with zipfile.ZipFile(wheel) as archive:
         for variant in target.variants:

@@ -47,11 +47,6 @@ class TagDecoding:
     expected: BoolArray
 
     @property
-    def wrong_cells(self) -> int:
-        """Cells that look more like the other colour."""
-        return int(((self.cells > 0.5) != self.expected).sum())
-
-    @property
     def cell_error(self) -> float:
         """Root mean square distance of the cells from what the code says of them; 0.5 is nothing."""
         return float(np.sqrt(np.mean((np.clip(self.cells, -0.5, 1.5) - self.expected) ** 2)))

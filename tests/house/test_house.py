@@ -73,6 +73,9 @@ def test_no_text_asks_to_install_the_package_of_another_project():
 
 
 def test_docstrings_start_with_their_subject():
-    for path in MODULES:
-        found = re.search(r'"""(Of|The same|As|By|Those|What|Where) [^\n]*', path.read_text(encoding="utf-8"))
+    folders = ("benchmarks", "tests", "tools")
+    for path in [*MODULES, *(p for folder in folders for p in (ROOT / folder).rglob("*.py"))]:
+        found = re.search(
+            r'^\s*"""(Of|The same|As|By|Those|What|Where) [^\n]*', path.read_text(encoding="utf-8"), re.MULTILINE
+        )
         assert found is None, f"{path.relative_to(ROOT)}: {found and found.group()}"

@@ -17,7 +17,7 @@ SVG = (
 
 
 def drawn() -> np.ndarray:
-    """The same two rooms at 2 cm a pixel, paper around them."""
+    """Image of the two rooms at 2 cm a pixel, paper around them."""
     picture = np.full((260, 360), 255, dtype=np.uint8)
     cv2.rectangle(picture, (30, 30), (330, 230), 0, 2)
     cv2.line(picture, (180, 230), (180, 100), 0, 2)

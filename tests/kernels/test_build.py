@@ -19,7 +19,7 @@ has_compiler = pytest.mark.skipif(next(build.compilers(), None) is None, reason=
 
 
 def kernels_copy(folder: Path) -> Path:
-    """What every library has, without the kernels: quickly built."""
+    """Parts that every library has, without the kernels: quickly built."""
     copy = folder / "kernels"
     copy.mkdir()
     for name in ("build.py", "cpu.c", "built.c", "cpu_features.h", "kernels.h"):
@@ -28,7 +28,7 @@ def kernels_copy(folder: Path) -> Path:
 
 
 def describe(monkeypatch, folder: Path, wanted: str = "") -> load.Loaded:
-    """What a fresh process would load from this folder."""
+    """Variant that a fresh process would load from this folder."""
     monkeypatch.setattr(load, "HERE", folder)
     monkeypatch.setattr(load, "digest", lambda: build.digest(folder))
     monkeypatch.setenv(load.SWITCH, wanted)

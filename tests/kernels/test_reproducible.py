@@ -1,4 +1,4 @@
-"""The same images give the same bytes of JSON: in two runs, and with every variant of the kernels."""
+"""Equal images give equal bytes of JSON: in two runs, and with every variant of the kernels."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ def folder(photographs, tmp_path_factory) -> Path:
 
 
 def detect(folder: Path, kernels: str) -> str:
-    """What a fresh process writes to stdout."""
+    """Standard output of a fresh process."""
     environment = {**os.environ, load.SWITCH: kernels, "PYTHONPATH": str(Path(load.__file__).parents[2])}
     command = [sys.executable, "-c", DETECT, "detect", "scene.png", "--json"]
     ended = subprocess.run(command, cwd=folder, env=environment, capture_output=True, text=True, check=False)

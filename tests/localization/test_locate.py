@@ -298,7 +298,7 @@ def test_the_covariance_of_the_base_is_that_of_draws():
 
 
 def test_exactly_square_on():
-    """Where OpenCV's own solver for squares fails."""
+    """Landmarks seen head-on, where OpenCV's own solver for squares fails."""
     station = looking(np.array([0.1, 1.0, 1.5]), -np.pi / 2, 0.0)
     left, right = see(station, 0.0, np.random.default_rng(0), LANDMARKS[1:2])
     estimate = locate_rig((left, right), RIG, MAP)

@@ -1,4 +1,4 @@
-"""What ties the frames of a recording to each other, and what is said where they fall apart."""
+"""Constraints between the frames of a recording, and the messages where frames are not connected."""
 
 from dataclasses import replace
 

@@ -7,7 +7,7 @@ from lmkit.optim.block_chain import ChainEquations
 
 
 def random_problem(count, size, shared, seed):
-    """The same equations as a chain and as a dense matrix."""
+    """Equations as a chain and as a dense matrix."""
     rng = np.random.default_rng(seed)
     total = count * size + shared
     chain = ChainEquations.zeros(count, size, shared)

@@ -28,7 +28,7 @@ def survey(drive, frames):
 
 
 def turned(drive, result):
-    """By code, how far landmarks were found turned off the truth, rad."""
+    """Rotation errors of landmarks, rad, by code."""
     return {
         m.id: float(rotation_angle(m.T_map_landmark.R.T @ drive.landmarks.find(m.id).T_map_landmark.R))
         for m in result.bundle.landmarks

@@ -84,7 +84,7 @@ def test_what_is_promised_allows_for_a_missed_landmark(tmp_path):
 
 
 def test_what_is_promised_is_kept_in_simulation(tmp_path):
-    """Where landmarks are at the edge of being read, too: some draws miss one, some two."""
+    """Landmarks at the edge of being read count too: some draws miss one, some two."""
     floor = two_rooms(tmp_path)
     landmarks = LandmarkMap([replace(m, size_m=0.1) for m in hung_every(floor, 0.8)])
     rng = np.random.default_rng(5)

@@ -160,7 +160,7 @@ def test_odometry_may_begin_after_the_eyes():
 
 
 def test_one_long_step_strays_as_many_short_ones_do():
-    """What it turns wrongly early on leads the rest of the way aside, however the way is cut."""
+    """An early rotation error displaces the rest of the trajectory, however the trajectory is cut."""
     times = np.linspace(0.0, 20.0, 401)
     places = np.column_stack([0.3 * times, np.zeros((401, 2))])
     motion = PoseMotion(Trajectory(times, places, np.tile([0.0, 0.0, 0.0, 1.0], (401, 1))))
