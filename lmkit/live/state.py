@@ -1,0 +1,153 @@
+"""The result of one step of the live loop, as every output, listener and page gets it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+from lmkit.arrays import ByteArray, FloatArray
+from lmkit.geometry.pose import Pose
+from lmkit.model.landmark_id import LandmarkId
+from lmkit.model.observation import Detection
+from lmkit.model.pose_status import PoseStatus
+
+
+@dataclass(frozen=True)
+class Event:
+    """One thing that happened to a source, an output or the robot, named for machines and for people.
+
+    Attributes:
+        code: short stable name, such as ``camera_lost``.
+        message: one line.
+        time_s: of the loop's clock.
+    """
+
+    code: str
+    message: str
+    time_s: float = 0.0
+
+    def to_dict(self) -> dict[str, object]:
+        """The event as JSON values."""
+        return {"code": self.code, "message": self.message, "time_s": self.time_s}
+
+
+@dataclass(frozen=True)
+class Health:
+    """Condition of a source or an output.
+
+    Attributes:
+        name: as given, such as ``camera:0`` or ``mavlink:udpout:127.0.0.1:14550``.
+        good: it works now.
+        rate_hz: images or messages a second.
+        count: images or messages so far.
+        lost: of them, dropped.
+        problem: why it does not work; empty if it does.
+    """
+
+    name: str
+    good: bool
+    rate_hz: float = 0.0
+    count: int = 0
+    lost: int = 0
+    problem: str = ""
+
+    def to_dict(self) -> dict[str, object]:
+        """The condition as JSON values."""
+        return dict(vars(self))
+
+
+@dataclass(frozen=True, eq=False)
+class CameraView:
+    """What one camera contributed to a step.
+
+    Attributes:
+        name: of the camera in the rig.
+        image: (H,W,3) BGR, which nobody changes; None where the camera gave none.
+        time_s: stamp of the image.
+        detections: what was read in it.
+        expected: corners (4,2), px, by landmark, where the pose puts the map's landmarks.
+        search: ``whole``, ``near`` (windows around predictions), or ``none``.
+    """
+
+    name: str
+    image: ByteArray | None
+    time_s: float
+    detections: tuple[Detection, ...] = ()
+    expected: Mapping[LandmarkId, FloatArray] = field(default_factory=dict)
+    search: str = "none"
+
+
+@dataclass(frozen=True, eq=False)
+class LiveState:
+    """One step of the live loop.
+
+    Attributes:
+        number: of the step, from 0.
+        time_s: stamp of the images, seconds of Unix time (of a recording: its own time).
+        status: what the pose is worth.
+        T_map_base: pose of the robot's base (of the first camera where the rig names no base); None unless the status
+            is ``ok``.
+        covariance: (6,6) x y z (m), rotation about x y z (rad) of the map; None without a pose.
+        views: of every camera, in the order of the rig.
+        ids: landmarks that the pose agrees with.
+        outliers: landmarks that it does not.
+        restarted: True where the robot was located anew: at the start, or after it was lost or carried off.
+        resets: how often that happened so far.
+        nis, nis_dof: squared innovations in standard deviations, and how many numbers they are of.
+        latency_s: from the stamp of the images to the end of the step; None of a recording.
+        rate_hz: poses a second, of the last seconds.
+        profile: of the detector in this step.
+        reason: one sentence about the status.
+        T_map_odometry: frame of the odometry in the map, where odometry has poses.
+        events: what happened since the step before.
+        sources, outputs: their condition.
+        truth: true pose of the base, of a simulation only.
+    """
+
+    number: int
+    time_s: float
+    status: PoseStatus
+    T_map_base: Pose | None
+    covariance: FloatArray | None
+    views: tuple[CameraView, ...]
+    ids: tuple[LandmarkId, ...] = ()
+    outliers: tuple[LandmarkId, ...] = ()
+    restarted: bool = False
+    resets: int = 0
+    nis: float = 0.0
+    nis_dof: int = 0
+    latency_s: float | None = None
+    rate_hz: float = 0.0
+    profile: str = "balanced"
+    reason: str = ""
+    T_map_odometry: Pose | None = None
+    events: tuple[Event, ...] = ()
+    sources: tuple[Health, ...] = ()
+    outputs: tuple[Health, ...] = ()
+    truth: Pose | None = None
+
+    def to_dict(self) -> dict[str, Any]:
+        """The step as JSON values, as standard output and WebSocket give it (docs/live.md); without images."""
+        pose, C = self.T_map_base, self.covariance
+        return {
+            "number": self.number,
+            "time_s": self.time_s,
+            "status": str(self.status),
+            "position": None if pose is None else pose.t.tolist(),
+            "quaternion": None if pose is None else pose.quaternion_xyzw.tolist(),
+            "covariance": None if C is None else C.tolist(),
+            "frame": "map",
+            "codes": [i.code for i in self.ids],
+            "ids": [str(i) for i in self.ids],
+            "outliers": [i.code for i in self.outliers],
+            "outlier_ids": [str(i) for i in self.outliers],
+            "innovation": self.nis / self.nis_dof if self.nis_dof else None,
+            "restarted": self.restarted,
+            "resets": self.resets,
+            "latency_ms": None if self.latency_s is None else 1000 * self.latency_s,
+            "rate_hz": self.rate_hz,
+            "profile": self.profile,
+            "reason": self.reason,
+            "events": [event.to_dict() for event in self.events],
+        }
