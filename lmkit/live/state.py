@@ -59,7 +59,7 @@ class Health:
 
 @dataclass(frozen=True, eq=False)
 class CameraView:
-    """What one camera contributed to a step.
+    """One camera's part in a step.
 
     Attributes:
         name: of the camera in the rig.
@@ -128,7 +128,7 @@ class LiveState:
     truth: Pose | None = None
 
     def to_dict(self) -> dict[str, Any]:
-        """The step as JSON values, as standard output and WebSocket give it (docs/live.md); without images."""
+        """The step as JSON values, as standard output and WebSocket give it; without images."""
         pose, C = self.T_map_base, self.covariance
         return {
             "number": self.number,
