@@ -23,7 +23,8 @@ from lmkit.errors import LmkitError
 from lmkit.geometry.pose import Pose
 from lmkit.geometry.rotations import rotation_angle
 from lmkit.mapping.bundle_adjustment import Anchor
-from lmkit.mapping.survey import Survey, survey_frames
+from lmkit.mapping.survey import survey_frames
+from lmkit.mapping.survey_results import Survey
 from lmkit.model.landmark_id import LandmarkId
 from lmkit.model.landmark_map import LandmarkMap
 from lmkit.model.observation import Detection

@@ -36,15 +36,17 @@ if _TYPE_CHECKING:
     from lmkit.calibration.mono import CameraCalibration as CameraCalibration
     from lmkit.calibration.stereo import StereoCalibration as StereoCalibration
     from lmkit.demos.example_files import write_example_files as write_example_files
+    from lmkit.detection.config import DetectorConfig as DetectorConfig
     from lmkit.errors import InputError as InputError
     from lmkit.errors import LmkitError as LmkitError
     from lmkit.errors import NegativeAnswer as NegativeAnswer
     from lmkit.geometry.camera import CameraModel as CameraModel
     from lmkit.geometry.pose import Pose as Pose
+    from lmkit.geometry.pose_array import PoseArray as PoseArray
     from lmkit.geometry.rig import MountedCamera as MountedCamera
     from lmkit.geometry.rig import Rig as Rig
     from lmkit.geometry.stereo_rig import StereoRig as StereoRig
-    from lmkit.mapping.survey import Survey as Survey
+    from lmkit.mapping.survey_results import Survey as Survey
     from lmkit.model.board import BoardSpec as BoardSpec
     from lmkit.model.detections import Detections as Detections
     from lmkit.model.estimate import PoseEstimate as PoseEstimate
@@ -92,6 +94,7 @@ _HOMES = {
     "Demand": "planning.coverage",
     "Detection": "model.observation",
     "Detections": "model.detections",
+    "DetectorConfig": "detection.config",
     "LM8": "model.landmark",
     "LandmarkFamily": "model.landmark",
     "LandmarkId": "model.landmark_id",
@@ -99,13 +102,14 @@ _HOMES = {
     "MappedLandmark": "model.landmark_map",
     "MountedCamera": "geometry.rig",
     "Pose": "geometry.pose",
+    "PoseArray": "geometry.pose_array",
     "PoseEstimate": "model.estimate",
     "PoseStatus": "model.pose_status",
     "Recording": "model.recording",
     "Rig": "geometry.rig",
     "StereoCalibration": "calibration.stereo",
     "StereoRig": "geometry.stereo_rig",
-    "Survey": "mapping.survey",
+    "Survey": "mapping.survey_results",
     "TrackedTrajectory": "model.tracked_trajectory",
     "Trajectory": "model.trajectory",
 }

@@ -14,7 +14,7 @@ from lmkit.errors import InputError
 from lmkit.model.detections import Detections
 
 if TYPE_CHECKING:
-    from lmkit.detection.config import DetectOptions
+    from lmkit.detection.config import DetectOptions, DetectorConfig
     from lmkit.geometry.camera import CameraModel
     from lmkit.geometry.rig import AnyRig
     from lmkit.model.estimate import PoseEstimate
@@ -28,7 +28,7 @@ class Detector:
     Args:
         families: names such as ``"lm8"``, ``"lm8,lm4"``, or a list of them.
         camera: the calibrated camera that took the images; its distortion then replaces a guess.
-        profile: ``"accurate"``, ``"balanced"`` or ``"fast"``.
+        profile: ``"accurate"``, ``"balanced"``, ``"fast"`` or a :class:`DetectorConfig`.
         strictness: ``"strict"`` (fewer wrong codes), ``"default"`` or ``"eager"`` (more small landmarks).
 
     Examples:
@@ -43,7 +43,7 @@ class Detector:
         families: Families = "lm8",
         *,
         camera: CameraModel | None = None,
-        profile: str = "balanced",
+        profile: str | DetectorConfig = "balanced",
         strictness: str = "default",
     ) -> None:
         self.options = detect_options(families, camera, profile, strictness)
@@ -75,7 +75,7 @@ def detect(
     families: Families = "lm8",
     *,
     camera: CameraModel | None = None,
-    profile: str = "balanced",
+    profile: str | DetectorConfig = "balanced",
     strictness: str = "default",
 ) -> Detections:
     """Detect the landmarks of one image.
@@ -113,7 +113,7 @@ def _corners_of(near: Sequence[Detection] | FloatArray) -> FloatArray:
 
 
 def detect_options(
-    families: Families, camera: CameraModel | None, profile: str, strictness: str = "default"
+    families: Families, camera: CameraModel | None, profile: str | DetectorConfig, strictness: str = "default"
 ) -> DetectOptions:
     """Options of the detector.
 
@@ -121,14 +121,15 @@ def detect_options(
         InputError: an unknown family, profile or strictness.
     """
     from lmkit.detection.acceptance import STRICTNESSES
-    from lmkit.detection.config import PROFILES, DetectOptions
+    from lmkit.detection.config import PROFILES, DetectOptions, DetectorConfig
 
-    if profile not in PROFILES:
+    config = profile if isinstance(profile, DetectorConfig) else PROFILES.get(profile)
+    if config is None:
         raise InputError("bad_profile", f"profile {profile!r} is unknown", f"choose {', '.join(PROFILES)}")
     if strictness not in STRICTNESSES:
         known = ", ".join(STRICTNESSES)
         raise InputError("bad_strictness", f"strictness {strictness!r} is unknown", f"choose {known}")
-    return DetectOptions(as_families(families), PROFILES[profile], STRICTNESSES[strictness], camera=camera)
+    return DetectOptions(as_families(families), config, STRICTNESSES[strictness], camera=camera)
 
 
 def draw(

@@ -185,11 +185,12 @@ def write_map(landmarks: LandmarkMap, path: PathLike, *, overwrite: bool = False
 
 
 def write_trajectory(trajectory: Trajectory | TrackedTrajectory, path: PathLike, *, overwrite: bool = False) -> None:
-    """Write a trajectory in TUM's format; of a tracked one the poses with status ``ok``.
+    """Write a trajectory.
 
     Args:
         trajectory: poses with times.
-        path: the file to write.
+        path: the file to write.  ``.csv`` of a tracked trajectory: every frame, with status and standard deviations
+            (docs/formats.md).  Any other name: TUM's format; of a tracked trajectory, the poses with status ``ok``.
         overwrite: replace an existing file.
 
     Raises:
@@ -201,10 +202,15 @@ def write_trajectory(trajectory: Trajectory | TrackedTrajectory, path: PathLike,
     """
     from lmkit.io.files import write_file
     from lmkit.io.trajectory import poses_to_tum
+    from lmkit.model.tracked_trajectory import tracked_csv
     from lmkit.model.trajectory import Trajectory
 
+    file = as_path(path)
     if isinstance(trajectory, Trajectory):
         poses = [(float(t), trajectory.pose(k, "map", "base")) for k, t in enumerate(trajectory.times_s)]
+    elif file.suffix.lower() == ".csv":
+        write_file(file, tracked_csv(trajectory), overwrite)
+        return
     else:
         poses = trajectory.sure
-    write_file(as_path(path), poses_to_tum(poses), overwrite)
+    write_file(file, poses_to_tum(poses), overwrite)

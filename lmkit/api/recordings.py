@@ -14,7 +14,7 @@ from lmkit.model.trajectory import Trajectory
 if TYPE_CHECKING:
     from lmkit.evaluation.trajectory_error import TrajectoryError
     from lmkit.geometry.rig import AnyRig
-    from lmkit.mapping.survey import Survey
+    from lmkit.mapping.survey_results import Survey
     from lmkit.mapping.wall_constraints import LandmarkConstraint
     from lmkit.model.landmark_map import LandmarkMap
     from lmkit.model.tracked_trajectory import TrackedTrajectory

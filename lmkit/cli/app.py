@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import importlib
-from collections.abc import Sequence
+from collections.abc import Iterable
 
 import typer
 
@@ -11,33 +11,34 @@ from lmkit.version import __version__
 
 HELP = "Printed landmarks for robots: from print to pose."
 
-# Each is a module of this folder with a function `run`, or a typer app for a group of commands.
-COMMANDS = (
-    "generate",
-    "board",
-    "verify",
-    "detect",
-    "calibrate",
-    "rectify",
-    "convert",
-    "map",
-    "locate",
-    "survey",
-    "track",
-    "plan",
-    "evaluate",
-    "unbag",
-    "simulate",
-    "demo",
-    "doctor",
-)
+# Each is a module of this folder with a function `run`, or a typer app for a group of commands.  The summaries stand
+# here as well as in the modules, so that the list of commands imports none of them; a test compares both.
+COMMANDS = {
+    "generate": "Write printable landmarks, true to scale.",
+    "board": "Write a calibration board, true to scale.",
+    "verify": "Read prints back and grade them from A to F.",
+    "detect": "Find and read landmarks in images and videos.",
+    "calibrate": "Calibrate cameras from images of a board.",
+    "rectify": "Rectify stereo pairs.",
+    "convert": "Convert rigs, maps and trajectories.",
+    "map": "Make a map from tape measurements; check and draw it.",
+    "locate": "Locate the camera, or the robot, in the map.",
+    "survey": "Build the landmark map from a recording.",
+    "track": "Track the robot through a known map.",
+    "plan": "Plan landmark positions, accuracy and routes.",
+    "evaluate": "Compute the errors of a trajectory, as evo does.",
+    "unbag": "Extract stereo images, rig, odometry and gyro from a ROS bag.",
+    "simulate": "Simulate a room and a stereo camera.",
+    "demo": "Run all steps in a simulated room.",
+    "doctor": "Check the installation.",
+}
 
 
-def build_app(names: Sequence[str] = COMMANDS, listing: bool = False) -> typer.Typer:
-    """The command line with some of its commands, whose modules are imported.
+def build_app(names: Iterable[str] = COMMANDS, listing: bool = False) -> typer.Typer:
+    """The command line with some of its commands.
 
     Args:
-        listing: only names and descriptions, for the list of commands; options take time to build.
+        listing: only names and summaries, for the list of commands; modules take time to import.
     """
     app = typer.Typer(
         name="lmkit",
@@ -49,11 +50,12 @@ def build_app(names: Sequence[str] = COMMANDS, listing: bool = False) -> typer.T
     )
     app.callback(invoke_without_command=True)(_options)
     for name in names:
+        if listing:
+            app.command(name, help=COMMANDS[name])(_listed)
+            continue
         module = importlib.import_module(f"lmkit.cli.{name}")
         group = getattr(module, "app", None)
-        if listing:
-            app.command(name, help=module.HELP if group else module.run.__doc__)(_listed)
-        elif group:
+        if group:
             app.add_typer(group, name=name)
         else:
             app.command(name)(module.run)

@@ -79,7 +79,7 @@ def run(
     from lmkit.io.landmark_map import map_to_yaml
     from lmkit.io.recording_tables import detections_to_csv
     from lmkit.io.trajectory import poses_to_tum
-    from lmkit.mapping.survey_results import base_poses, survey_dict, survey_lines
+    from lmkit.mapping.survey_results import base_poses, survey_lines
     from lmkit.reports.recording import draw_survey, survey_report
     from lmkit.reports.rerun import require_rerun, survey_recording
     from lmkit.units import parse_length_mm, parse_sigma
@@ -116,7 +116,7 @@ def run(
     if rerun is not None:
         write_outputs({rerun: survey_recording(result, cameras, recording.frames)}, force)
     if as_json:
-        print_json(survey_dict(result, recording.frames, motion, output))
+        print_json({"map": str(output), **result.to_dict()})
         return
     for line in survey_lines(result, len(recording.frames), output):
         print_line(line)

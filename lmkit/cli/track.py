@@ -39,7 +39,7 @@ def run(
     from lmkit.io.any_rig import read_any_rig
     from lmkit.io.external_maps import read_any_map
     from lmkit.io.trajectory import poses_to_tum
-    from lmkit.model.tracked_trajectory import tracked_csv, tracked_dict, tracked_lines
+    from lmkit.model.tracked_trajectory import tracked_csv, tracked_lines
     from lmkit.reports.recording import draw_tracked, track_report
     from lmkit.reports.rerun import require_rerun, track_recording
 
@@ -76,7 +76,7 @@ def run(
         write_outputs({rerun: track_recording(drive, landmarks, cameras, recording.frames)}, force)
     if as_json:
         for k in range(len(drive)):
-            print_json(tracked_dict(drive, k))
+            print_json(drive.to_dict(k))
         return
     for line in tracked_lines(drive):
         print_line(line)

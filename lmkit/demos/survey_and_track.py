@@ -17,7 +17,8 @@ from lmkit.io.recording_tables import detections_to_csv, gyro_to_csv, odometry_t
 from lmkit.io.rig import rig_to_yaml
 from lmkit.io.trajectory import poses_to_tum
 from lmkit.mapping.bundle_adjustment import Anchor
-from lmkit.mapping.survey import Survey, survey_frames
+from lmkit.mapping.survey import survey_frames
+from lmkit.mapping.survey_results import Survey
 from lmkit.model.landmark_map import LandmarkMap
 from lmkit.model.recording import RigFrame
 from lmkit.model.tracked_trajectory import TrackedTrajectory

@@ -22,17 +22,25 @@ WIDE = Source("grey", 0, 15, 0.10)
 
 @dataclass(frozen=True)
 class DetectorConfig:
-    """How hard to look.
+    """How hard to look; the profiles ``fast``, ``balanced`` and ``accurate`` are such configurations.
 
     Attributes:
-        sources: where squares come from.
+        sources: images in which squares are searched; each costs a pass over the image, and more find more
+            blurred, small or faded landmarks.
         where: which parts of the image are searched.
-        min_pattern: candidates whose pattern explains less than this share are not aligned.
-        align_rounds: steps of the alignment.
-        aligned: what a candidate must show once aligned.
-        min_aligned_pattern: those that explain less than this once aligned are not registered.
-        pixels: of one landmark that are registered; more bring better corners.
-        in_shadow: look again, with the light taken out, where a shadow may end on a landmark.
+        min_pattern: share of the brightness that the pattern must explain before a candidate is aligned.
+        align_rounds: steps of the alignment of one candidate.
+        aligned: thresholds of an aligned candidate.
+        min_aligned_pattern: share that the pattern must explain before a candidate is registered.
+        pixels: pixels of one landmark that are registered; time grows with them, and corners become better.
+        in_shadow: search again, with the light taken out, where a shadow may end on a landmark.
+
+    Examples:
+        >>> from dataclasses import replace
+        >>> import lmkit
+        >>> config = replace(lmkit.DetectorConfig(), pixels=2000, in_shadow=False)
+        >>> [d.id for d in lmkit.Detector(profile=config).detect("left.png")][:1]
+        [LandmarkId('lm8', ...)]
     """
 
     sources: tuple[Source, ...] = (GREY, COARSE, FINE)

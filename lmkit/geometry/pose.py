@@ -1,4 +1,4 @@
-"""Rigid transforms whose names and ends chain by camera: ``T_map_camera @ T_camera_landmark``."""
+"""Rigid transforms; neighbouring frame names must agree: ``T_map_camera @ T_camera_landmark``."""
 
 from __future__ import annotations
 

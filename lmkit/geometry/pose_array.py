@@ -22,6 +22,12 @@ class PoseArray:
         to_frame, from_frame: names of the two frames.
         R: (N,3,3) rotations.
         t: (N,3) positions of from_frame's origin in to_frame, metres.
+
+    Examples:
+        >>> import lmkit
+        >>> poses = lmkit.PoseArray.from_poses("map", "base", [lmkit.Pose.identity("map", "base")] * 3)
+        >>> len(poses), poses.inverse().to_frame
+        (3, 'base')
     """
 
     to_frame: str

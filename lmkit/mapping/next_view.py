@@ -18,7 +18,7 @@ from lmkit.geometry.pose import Pose
 from lmkit.geometry.pose_array import PoseArray
 from lmkit.geometry.rig import AnyRig
 from lmkit.mapping.bundle_adjustment import Bundle, BundleProblem
-from lmkit.mapping.survey import Survey, deviations
+from lmkit.mapping.survey_results import Survey, deviations
 from lmkit.model.detector_model import corner_sigma_px, recognised
 from lmkit.model.landmark_id import LandmarkId, ids_text
 from lmkit.model.landmark_map import LandmarkMap, MappedLandmark

@@ -11,7 +11,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -20,73 +20,19 @@ from lmkit.geometry.rig import AnyRig
 from lmkit.mapping.bundle_adjustment import Anchor, Bundle, BundleProblem
 from lmkit.mapping.initialization import Start, find_start
 from lmkit.mapping.pose_ambiguity import resolve_pose_ambiguities
+from lmkit.mapping.survey_results import ContradictedLandmark, Survey, deviations
 from lmkit.mapping.wall_constraints import LandmarkConstraint, strays
 from lmkit.model.landmark_id import LandmarkId
-from lmkit.model.landmark_map import LandmarkMap, MappedLandmark
+from lmkit.model.landmark_map import LandmarkMap
 from lmkit.model.recording import RigFrame
 from lmkit.odometry.motion_model import Motion
 
 OUTLIER_SIGMA = 4.5  # root mean square over an observation's eight coordinates
 ROUNDS, STEPS = 4, 30
 WEIGHINGS = 2
-CONTRADICTED_SHARE, LEAST_CONTRADICTED = (
-    0.1,
-    3,
-)  # observations that do not fit
+CONTRADICTED_SHARE, LEAST_CONTRADICTED = 0.1, 3  # observations that do not fit
 OFF_CONSTRAINT_SIGMA = 4.0
 POOR_M, POOR_RAD = 0.03, np.deg2rad(2.0)
-
-
-@dataclass(frozen=True)
-class ContradictedLandmark:
-    """A landmark that part of its observations contradict.
-
-    Attributes:
-        off, observations: how many of its observations do not fit.
-        from_s, to_s: when those were.
-    """
-
-    id: LandmarkId
-    off: int
-    observations: int
-    from_s: float
-    to_s: float
-
-    def __str__(self) -> str:
-        return (
-            f"{self.off} of {self.observations} observations of {self.id}, "
-            f"from {self.from_s:.2f} to {self.to_s:.2f} s, "
-            "contradict its pose: it was moved, its code appears twice, or it was misread; check it in the room"
-        )
-
-
-@dataclass(frozen=True, eq=False)
-class Survey:
-    """A surveyed recording.
-
-    Attributes:
-        bundle: poses, landmarks seen, parameters.
-        landmarks: those, and known ones that the recording did not see, as they were.
-        rows: (N,) which of the frames given have a pose.
-        contradicted: landmarks contradicted by part of their observations.
-        poorly_determined: landmarks determined to no better than 3 cm or 2 deg, with both deviations (m, rad).
-        unplaced: landmarks that were seen, but not well enough to be placed.
-        dropped: observations left out.
-        ambiguous: landmarks whose two poses explain the observations almost equally well.
-        off_constraint: landmarks off their constraints, with the constraint and the distance (m).
-        warnings: what a user should check, in words.
-    """
-
-    bundle: Bundle
-    landmarks: LandmarkMap
-    rows: tuple[int, ...]
-    contradicted: tuple[ContradictedLandmark, ...]
-    poorly_determined: tuple[tuple[LandmarkId, float, float], ...]
-    unplaced: tuple[LandmarkId, ...]
-    dropped: int
-    ambiguous: tuple[LandmarkId, ...] = ()
-    off_constraint: tuple[tuple[LandmarkId, LandmarkConstraint, float], ...] = ()
-    warnings: tuple[str, ...] = ()
 
 
 def survey_frames(
@@ -153,6 +99,8 @@ def survey_frames(
         dropped,
         ambiguous,
         _off_constraint(constraints, bundle.landmarks),
+        frames=len(frames),
+        odometry={} if motion is None else dict(zip(motion.names, bundle.parameters.tolist(), strict=True)),
     )
 
 
@@ -237,15 +185,6 @@ def _off_constraint(
             if standardised > OFF_CONSTRAINT_SIGMA:
                 found.append((mapped[k].id, constraint, float(off)))
     return tuple(found)
-
-
-def deviations(landmark: MappedLandmark) -> tuple[float, float]:
-    """Standard deviation of a landmark's place (m, all axes together) and of its worst turn (rad)."""
-    C = landmark.covariance
-    if C is None:
-        return 0.0, 0.0
-    # What is not determined at all may come out negative; its size is as telling.
-    return float(np.sqrt(abs(np.trace(C[:3, :3])))), float(np.sqrt(abs(np.linalg.eigvalsh(C[3:, 3:])[-1])))
 
 
 def landmark_sizes(

@@ -1,9 +1,10 @@
-"""Results of a survey in words, as JSON, as a table, as a trajectory."""
+"""Survey: the result of a survey, in words, as JSON, as a table, as a trajectory."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -12,11 +13,122 @@ import numpy as np
 from lmkit.geometry.pose import Pose
 from lmkit.geometry.rig import AnyRig
 from lmkit.mapping.bundle_adjustment import Bundle
-from lmkit.mapping.survey import Survey, deviations
 from lmkit.mapping.wall_constraints import LandmarkConstraint
 from lmkit.model.landmark_id import LandmarkId, ids_text
-from lmkit.model.recording import RigFrame
+from lmkit.model.landmark_map import LandmarkMap, MappedLandmark
 from lmkit.odometry.motion_model import Motion, describe_odometry
+
+
+@dataclass(frozen=True)
+class ContradictedLandmark:
+    """A landmark that part of its observations contradict.
+
+    Attributes:
+        off, observations: how many of its observations do not fit.
+        from_s, to_s: when those were.
+    """
+
+    id: LandmarkId
+    off: int
+    observations: int
+    from_s: float
+    to_s: float
+
+    def __str__(self) -> str:
+        return (
+            f"{self.off} of {self.observations} observations of {self.id}, "
+            f"from {self.from_s:.2f} to {self.to_s:.2f} s, "
+            "contradict its pose: it was moved, its code appears twice, or it was misread; check it in the room"
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class Survey:
+    """A surveyed recording.
+
+    Attributes:
+        bundle: poses, landmarks seen, parameters.
+        landmarks: those, and known ones that the recording did not see, as they were.
+        rows: (N,) which of the frames given have a pose.
+        contradicted: landmarks contradicted by part of their observations.
+        poorly_determined: landmarks determined to no better than 3 cm or 2 deg, with both deviations (m, rad).
+        unplaced: landmarks that were seen, but not well enough to be placed.
+        dropped: observations left out.
+        ambiguous: landmarks whose two poses explain the observations almost equally well.
+        off_constraint: landmarks off their constraints, with the constraint and the distance (m).
+        warnings: what a user should check, in words.
+        frames: how many frames were given.
+        odometry: errors of the odometry and gyro that were solved for, by name.
+    """
+
+    bundle: Bundle
+    landmarks: LandmarkMap
+    rows: tuple[int, ...]
+    contradicted: tuple[ContradictedLandmark, ...]
+    poorly_determined: tuple[tuple[LandmarkId, float, float], ...]
+    unplaced: tuple[LandmarkId, ...]
+    dropped: int
+    ambiguous: tuple[LandmarkId, ...] = ()
+    off_constraint: tuple[tuple[LandmarkId, LandmarkConstraint, float], ...] = ()
+    warnings: tuple[str, ...] = ()
+    frames: int = 0
+    odometry: Mapping[str, float] = field(default_factory=dict)
+
+    def to_dict(self) -> dict[str, Any]:
+        """JSON of ``lmkit survey`` (docs/formats.md), without the file that the command wrote."""
+        bundle = self.bundle
+        observations = dict(zip(bundle.ids, np.bincount(bundle.of, minlength=len(bundle.ids)).tolist(), strict=True))
+        return {
+            "landmarks": [_landmark_dict(m, observations[m.id]) for m in bundle.landmarks],
+            "frames": self.frames,
+            "located": len(self.rows),
+            "dropped": self.dropped,
+            "reprojection_error_px": bundle.rms_px if math.isfinite(bundle.rms_px) else None,
+            "contradicted": [_contradicted_dict(c) for c in self.contradicted],
+            "jumps": [{"from_s": a, "to_s": b, "metres": m} for a, b, m in bundle.jumps],
+            "poorly_determined": [str(id_) for id_, _, _ in self.poorly_determined],
+            "unplaced": [str(id_) for id_ in self.unplaced],
+            "warnings": list(self.warnings),
+            "ambiguous": [str(id_) for id_ in self.ambiguous],
+            "off_constraint": [
+                {"id": str(id_), "of": str(constraint), "metres": metres}
+                for id_, constraint, metres in self.off_constraint
+            ],
+            "odometry": dict(self.odometry),
+        }
+
+
+def _landmark_dict(m: MappedLandmark, observations: int) -> dict[str, Any]:
+    place, turn = deviations(m)
+    return {
+        "id": str(m.id),
+        "code": m.code,
+        "position": m.T_map_landmark.t.tolist(),
+        "quaternion": m.T_map_landmark.quaternion_xyzw.tolist(),
+        "sigma_m": place,
+        "sigma_rad": turn,
+        "observations": observations,
+    }
+
+
+def _contradicted_dict(c: ContradictedLandmark) -> dict[str, Any]:
+    return {
+        "id": str(c.id),
+        "code": c.id.code,
+        "off": c.off,
+        "of": c.observations,
+        "from_s": c.from_s,
+        "to_s": c.to_s,
+    }
+
+
+def deviations(landmark: MappedLandmark) -> tuple[float, float]:
+    """Standard deviation of a landmark's place (m, all axes together) and of its worst turn (rad)."""
+    C = landmark.covariance
+    if C is None:
+        return 0.0, 0.0
+    # What is not determined at all may come out negative; its size is as telling.
+    return float(np.sqrt(abs(np.trace(C[:3, :3])))), float(np.sqrt(abs(np.linalg.eigvalsh(C[3:, 3:])[-1])))
 
 
 def survey_warnings(
@@ -51,60 +163,6 @@ def survey_warnings(
         known = f"{code} is known to {1000 * place:.0f} mm and {math.degrees(turn):.1f} deg only"
         texts.append(f"{known}: {advice[code]}" if code in advice else known)
     return texts
-
-
-def survey_dict(result: Survey, frames: Sequence[RigFrame], motion: Motion | None, output: Path) -> dict[str, Any]:
-    """The result as docs/formats.md has it.
-
-    Args:
-        frames: as surveyed.
-        output: the map file.
-    """
-    bundle = result.bundle
-    observations = dict(zip(bundle.ids, np.bincount(bundle.of, minlength=len(bundle.ids)).tolist(), strict=True))
-    entries = []
-    for m in bundle.landmarks:
-        place, turn = deviations(m)
-        entries.append(
-            {
-                "id": str(m.id),
-                "code": m.code,
-                "position": m.T_map_landmark.t.tolist(),
-                "quaternion": m.T_map_landmark.quaternion_xyzw.tolist(),
-                "sigma_m": place,
-                "sigma_rad": turn,
-                "observations": observations[m.id],
-            }
-        )
-    return {
-        "map": str(output),
-        "landmarks": entries,
-        "frames": len(frames),
-        "located": len(result.rows),
-        "dropped": result.dropped,
-        "reprojection_error_px": bundle.rms_px if math.isfinite(bundle.rms_px) else None,
-        "contradicted": [
-            {
-                "id": str(o.id),
-                "code": o.id.code,
-                "off": o.off,
-                "of": o.observations,
-                "from_s": o.from_s,
-                "to_s": o.to_s,
-            }
-            for o in result.contradicted
-        ],
-        "jumps": [{"from_s": a, "to_s": b, "metres": m} for a, b, m in result.bundle.jumps],
-        "poorly_determined": [str(id_) for id_, _, _ in result.poorly_determined],
-        "unplaced": [str(id_) for id_ in result.unplaced],
-        "warnings": list(result.warnings),
-        "ambiguous": [str(id_) for id_ in result.ambiguous],
-        "off_constraint": [
-            {"id": str(id_), "of": str(constraint), "metres": metres}
-            for id_, constraint, metres in result.off_constraint
-        ],
-        "odometry": {} if motion is None else dict(zip(motion.names, bundle.parameters.tolist(), strict=True)),
-    }
 
 
 def survey_lines(result: Survey, frames: int, output: Path) -> list[str]:

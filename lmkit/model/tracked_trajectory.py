@@ -63,6 +63,20 @@ class TrackedTrajectory:
         rows = zip(self.times_s.tolist(), self.poses, self.statuses, strict=True)
         return [(time_s, pose) for time_s, pose, status in rows if status == PoseStatus.OK]
 
+    def to_dict(self, k: int) -> dict[str, Any]:
+        """JSON of frame ``k``: one line of ``lmkit track --json`` (docs/formats.md)."""
+        return {
+            "time_s": float(self.times_s[k]),
+            "status": self.statuses[k],
+            "position": self.poses[k].t.tolist(),
+            "quaternion": self.poses[k].quaternion_xyzw.tolist(),
+            "covariance": self.covariances[k].tolist(),
+            "outliers": [i.code for i in self.outliers[k]],
+            "outlier_ids": [str(i) for i in self.outliers[k]],
+            "innovation": self.nis[k][0] / self.nis[k][1] if self.nis[k][1] else None,
+            "warnings": list(self.remarks),
+        }
+
     def looking(self, k: int) -> Pose:
         """Pose of a camera that looks where the robot does, for drawing."""
         return ahead_of(self.poses[k]) if self.of_base else self.poses[k]
@@ -83,21 +97,6 @@ def tracked_lines(drive: TrackedTrajectory) -> list[str]:
     if drive.parameters:
         lines.append("odometry: " + ", ".join(f"{name} {value:.4g}" for name, value in drive.parameters.items()))
     return lines
-
-
-def tracked_dict(drive: TrackedTrajectory, k: int) -> dict[str, Any]:
-    """Pose ``k`` as docs/formats.md has it."""
-    return {
-        "time_s": float(drive.times_s[k]),
-        "status": drive.statuses[k],
-        "position": drive.poses[k].t.tolist(),
-        "quaternion": drive.poses[k].quaternion_xyzw.tolist(),
-        "covariance": drive.covariances[k].tolist(),
-        "outliers": [i.code for i in drive.outliers[k]],
-        "outlier_ids": [str(i) for i in drive.outliers[k]],
-        "innovation": drive.nis[k][0] / drive.nis[k][1] if drive.nis[k][1] else None,
-        "warnings": list(drive.remarks),
-    }
 
 
 def tracked_csv(drive: TrackedTrajectory) -> str:

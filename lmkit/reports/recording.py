@@ -10,7 +10,8 @@ from scipy.stats import chi2
 
 from lmkit.arrays import BoolArray, FloatArray
 from lmkit.geometry.pose import Pose
-from lmkit.mapping.survey import OUTLIER_SIGMA, Survey, deviations
+from lmkit.mapping.survey import OUTLIER_SIGMA
+from lmkit.mapping.survey_results import Survey, deviations
 from lmkit.model.landmark_map import LandmarkMap
 from lmkit.model.pose_status import PoseStatus
 from lmkit.model.tracked_trajectory import TrackedTrajectory

@@ -13,7 +13,7 @@ from lmkit.arrays import FloatArray
 from lmkit.errors import EXTRA, InputError
 from lmkit.geometry.pose import Pose
 from lmkit.geometry.rig import AnyRig, T_map_cameras, mounted_cameras
-from lmkit.mapping.survey import Survey
+from lmkit.mapping.survey_results import Survey
 from lmkit.model.landmark_map import LandmarkMap
 from lmkit.model.recording import RigFrame
 from lmkit.model.tracked_trajectory import TrackedTrajectory

@@ -42,3 +42,20 @@ def test_results_become_json(files: Path, monkeypatch: pytest.MonkeyPatch) -> No
     assert json.loads(json.dumps(error, allow_nan=False))["pairs"] > 10
     found = lmkit.detect("left.png").to_dict()
     assert json.loads(json.dumps(found, allow_nan=False))["width"] == 640
+
+
+def test_recordings_become_json(files: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(files)
+    recording = lmkit.read_recording(detections="detections.csv", odometry="odometry.csv", gyro="gyro.csv")
+    survey = lmkit.survey(recording, "rig.yaml")
+    told = json.loads(json.dumps(survey.to_dict(), allow_nan=False))
+    assert told["frames"] == len(recording.frames) >= told["located"] > 10
+    assert [entry["id"] for entry in told["landmarks"]] == [str(m.id) for m in survey.bundle.landmarks]
+    assert all(isinstance(value, float) for value in told["odometry"].values()) and told["odometry"]
+    tracked = lmkit.track(recording, "rig.yaml", survey.landmarks)
+    first = json.loads(json.dumps(tracked.to_dict(0), allow_nan=False))
+    assert first["position"] == tracked.poses[0].t.tolist()
+    lmkit.write_trajectory(tracked, tmp_path / "poses.csv")
+    lmkit.write_trajectory(tracked, tmp_path / "poses.tum")
+    assert len((tmp_path / "poses.csv").read_text().splitlines()) == len(tracked) + 1
+    assert len((tmp_path / "poses.tum").read_text().splitlines()) == len(tracked.sure)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib
 import re
 import subprocess
 import sys
@@ -10,7 +11,7 @@ from pathlib import Path
 import pytest
 
 import lmkit
-from lmkit.cli.app import public_commands
+from lmkit.cli.app import COMMANDS, public_commands
 
 ROOT = Path(__file__).resolve().parents[2]
 PACKAGE = ROOT / "lmkit"
@@ -40,6 +41,13 @@ def test_every_command_is_in_the_readme():
     readme = (ROOT / "README.md").read_text(encoding="utf-8")
     for name in public_commands():
         assert f"lmkit {name}" in readme
+
+
+@pytest.mark.parametrize("name", COMMANDS)
+def test_the_list_of_commands_says_what_the_command_says(name):
+    module = importlib.import_module(f"lmkit.cli.{name}")
+    said = getattr(module, "HELP", None) or module.run.__doc__
+    assert said.split("\n\n")[0].split(". ")[0].rstrip(".") == COMMANDS[name].rstrip(".")
 
 
 def test_code_cites_pages_that_exist():

@@ -7,7 +7,8 @@ import numpy as np
 from lmkit.geometry.pose import Pose
 from lmkit.mapping.bundle_adjustment import Anchor
 from lmkit.mapping.next_view import _clear, next_view
-from lmkit.mapping.survey import deviations, survey_frames
+from lmkit.mapping.survey import survey_frames
+from lmkit.mapping.survey_results import deviations
 from lmkit.model.recording import RigFrame
 from lmkit.simulation.observations import look
 from lmkit.simulation.recording import make_drive
