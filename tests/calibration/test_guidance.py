@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
+import pytest
 from board_views import BOARD, views
 
 from lmkit.calibration.capture_guide import CaptureGuide
@@ -69,6 +70,7 @@ def test_it_asks_for_what_is_missing_and_ends_when_nothing_is():
     assert not [w for w in kept.warnings if w.code in ("coverage", "few_pairs")]
 
 
+@pytest.mark.slow
 def test_tilts_are_named_from_the_side_that_is_nearer():
     g = guide()
     for view in views(60, 0.0, 7):

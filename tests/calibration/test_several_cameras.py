@@ -38,7 +38,9 @@ def calibrated(seen):
     return calibrate_rig(["a", "b", "c"], cameras, seen, BOARD)
 
 
-@pytest.mark.parametrize("order", [(0, 1, 2), (1, 0, 2), (2, 1, 0)])
+@pytest.mark.parametrize(
+    "order", [(1, 0, 2), *(pytest.param(o, marks=pytest.mark.slow) for o in ((0, 1, 2), (2, 1, 0)))]
+)
 def test_cameras_that_share_no_view_are_tied_by_the_one_between(order):
     result = calibrated(simulated(3, order))
     T = [Pose.identity("camera", "camera"), STEP, STEP @ STEP]

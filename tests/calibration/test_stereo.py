@@ -77,6 +77,7 @@ def test_a_rig_that_moved_is_warned_of_with_the_pairs_named(data):
     assert {"001", "002", "003"} <= warned
 
 
+@pytest.mark.slow
 def test_corners_that_err_together_widen_the_intervals(monkeypatch):
     """A bend of its own in every image counts by the image; noise of single corners changes nothing."""
 
@@ -109,7 +110,7 @@ def test_what_a_turn_of_the_camera_makes_up_for_is_no_uncertainty():
     assert np.nanmax(uncertain(4)[:, [0, -1]]) > 0.3
 
 
-@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize("seed", [0, *(pytest.param(k, marks=pytest.mark.slow) for k in (1, 2))])
 def test_eyes_of_different_moments_are_refused_with_the_reason(seed):
     """The board moved by some 6 px between the left and the right image of every pair."""
     rng = np.random.default_rng(seed)

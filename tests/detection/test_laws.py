@@ -177,7 +177,9 @@ def test_odd_sizes_are_searched(size):
     assert detect_landmarks(image, DetectOptions(config=ACCURATE)) == []
 
 
-@pytest.mark.parametrize("profile", PROFILES)
+@pytest.mark.parametrize(
+    "profile", ["balanced", *(pytest.param(p, marks=pytest.mark.slow) for p in ("fast", "accurate"))]
+)
 def test_all_that_are_in_view_are_read(profile, photographs):
     """No cap: 64 landmarks of 30 px in one image."""
     rng = np.random.default_rng(0)

@@ -49,6 +49,7 @@ def corners(answer: str) -> dict[str, np.ndarray]:
     return {found["id"]: np.array(found["corners"]) for found in json.loads(answer)["detections"]}
 
 
+@pytest.mark.slow
 def test_two_runs_write_the_same_bytes(folder):
     first = detect(folder, "")
     assert len(corners(first)) == 5

@@ -95,6 +95,7 @@ def test_exact_readings_of_four_landmarks():
     assert estimate.pose.heading_rad == pytest.approx(HEADING, abs=1e-6)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("codes", [(1, 2), (1, 2, 3, 4)])
 def test_the_covariance_is_true(codes):
     """Summed squared normalised errors of 400 draws against the 99.9 % chi-square band."""

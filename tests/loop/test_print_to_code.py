@@ -12,7 +12,7 @@ from scenes import DPI, all_codes_pdf, paste_landmark, sheet_by_pdfium
 
 from lmkit.detection.detector import detect_landmarks
 
-GROUPS = 16
+GROUPS = 32
 
 
 @pytest.mark.parametrize("group", [0, *(pytest.param(k, marks=pytest.mark.slow) for k in range(1, GROUPS))])

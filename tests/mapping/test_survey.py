@@ -107,6 +107,7 @@ def relabel(frame, old, new):
     return RigFrame(frame.time_s, tuple(eyes), frame.name)
 
 
+@pytest.mark.slow
 def test_an_anchor_that_was_moved_shows_as_a_jump_of_the_robot():
     drive = make_drive(2, seconds=60)
     anchor = next(o.id for frame in drive.frames for o in frame.seen[0])

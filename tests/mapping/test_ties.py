@@ -90,6 +90,7 @@ def off_the_wall(drive, result, codes):
     return float(np.std(off)), float(np.sqrt(np.mean(np.square(turned))))
 
 
+@pytest.mark.slow
 def test_a_declared_wall_makes_the_map_flatter():
     plain, tied = [], []
     for seed in range(2):

@@ -35,7 +35,7 @@ def turned(drive, result):
     }
 
 
-@pytest.mark.parametrize("seed", [3, 7])
+@pytest.mark.parametrize("seed", [3, pytest.param(7, marks=pytest.mark.slow)])
 def test_landmarks_seen_from_afar_do_not_hang_turned(seed):
     """Without `twins.py` one landmark of each of these drives is found turned by 0.3 rad, and nothing says so."""
     drive = make_drive(seed, seconds=60, errors=WheelErrors(slips=1))

@@ -50,6 +50,7 @@ def test_beyond_its_ends_odometry_says_nothing():
     assert steps.sigmas[1, 0] > 1.0 > 10 * steps.sigmas[0, 0]
 
 
+@pytest.mark.slow
 def test_poses_and_pictures_follow_the_eyes_while_they_move():
     squared, worst = [], []
     for seed in range(4):

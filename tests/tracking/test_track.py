@@ -232,6 +232,7 @@ def innovation_ratio(tracked):
     return squared / told
 
 
+@pytest.mark.slow
 def test_innovations_are_as_large_as_expected_where_readings_scatter_as_told(monkeypatch):
     # As simulated: independent of each other, and no worse than that.  Wheels are better than they are taken to be.
     monkeypatch.setattr(planar_filter, "RELATED_S", 0.0)
