@@ -124,13 +124,21 @@ def grown(quads: FloatArray, factor: float) -> FloatArray:
 
 def _cells_of(cells: ByteArray, halvings: int, shape: tuple[int, ...]) -> ByteArray:
     """Cells of one level of the pyramid as cells of an image of ``shape``, so many halvings away."""
-    want = [-(-length // CELL) for length in shape]
+    down, across = (-(-length // CELL) for length in shape[:2])
+    if halvings == 0 and cells.shape == (down, across):
+        return cells
     if halvings < 0:
-        cells = np.repeat(np.repeat(cells, 2**-halvings, axis=0), 2**-halvings, axis=1)
+        cells = cells.repeat(2**-halvings, axis=0).repeat(2**-halvings, axis=1)
     elif halvings > 0:
         size = 2**halvings
-        padded = np.pad(cells, [(0, -length % size) for length in cells.shape])
-        cells = padded.reshape(padded.shape[0] // size, size, -1, size).max(axis=(1, 3))
+        cells = _as_large(cells, -(-cells.shape[0] // size) * size, -(-cells.shape[1] // size) * size)
+        cells = cells.reshape(cells.shape[0] // size, size, -1, size).max(axis=(1, 3))
     # Halving leaves out the last row and column of odd sizes.
-    missing = [(0, max(length - have, 0)) for length, have in zip(want, cells.shape, strict=True)]
-    return np.ascontiguousarray(np.pad(cells, missing, mode="edge")[: want[0], : want[1]])
+    return np.ascontiguousarray(_as_large(cells, down, across))
+
+
+def _as_large(cells: ByteArray, down: int, across: int) -> ByteArray:
+    """Cells cut to a size, the last row and column repeated where they are too few."""
+    rows = np.minimum(np.arange(down), cells.shape[0] - 1)
+    columns = np.minimum(np.arange(across), cells.shape[1] - 1)
+    return cells if cells.shape == (down, across) else cells[rows[:, None], columns]

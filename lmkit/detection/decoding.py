@@ -11,7 +11,7 @@ import numpy as np
 from lmkit.arrays import FloatArray
 from lmkit.detection.hypotheses import RIDGE, red_over_blue, words_of
 from lmkit.detection.pattern_model import INKS, drawing_of
-from lmkit.kernels.hypotheses import DecodingRules, Words, decode
+from lmkit.kernels.hypotheses import Decoded, DecodingRules, Words, decode
 from lmkit.kernels.pattern import Drawing
 from lmkit.kernels.registration import Samples, View
 from lmkit.model.landmark import LandmarkFamily
@@ -126,10 +126,16 @@ def tables_of(family: LandmarkFamily) -> FamilyTables:
 
 def decode_square(tables: FamilyTables, view: View, state: FloatArray, samples: Samples) -> Decoding:
     """Score every code in every quarter turn at this state of a registration."""
-    found = decode(tables.drawing, tables.words, view, samples, state, RULES)
+    return decoding_of(
+        tables, decode(tables.drawing, tables.words, view, samples, state, RULES), len(samples.variance)
+    )
+
+
+def decoding_of(tables: FamilyTables, found: Decoded | None, pixels: int) -> Decoding:
+    """Decoding with its margins, from what a kernel decoded from so many pixels."""
     if found is None:
         return _NOTHING
-    count = 3 * len(samples.variance)
+    count = 3 * pixels
     evidence = count / CORRELATED_PIXELS / 2
     left = max(found.left, 1e-9)
     mask = int(tables.words.masks[found.turn, found.code])

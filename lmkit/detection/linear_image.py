@@ -6,8 +6,9 @@ is fitted, landmark by landmark.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property, lru_cache
+from typing import Any
 
 import cv2
 import numpy as np
@@ -15,6 +16,8 @@ import numpy as np
 from lmkit.arrays import ByteArray, Float32Array, FloatArray
 from lmkit.detection.shadows import local_white
 from lmkit.geometry.camera import CameraModel
+from lmkit.kernels.landmark_fit import LandmarkFit
+from lmkit.kernels.lens import Lens
 from lmkit.kernels.noise import noise
 from lmkit.kernels.pixel_sampling import Source
 from lmkit.kernels.screening import Pyramid
@@ -32,11 +35,13 @@ class LinearImage:
         source: code values, and what they are divided by where shadows are taken out.
         noise: standard deviation of the image's noise in code values over 255.
         camera: the camera that took it, where its lens is known.
+        fits: how landmarks are fitted in it, by family and settings; filled when they are first needed.
     """
 
     source: Source
     noise: float
     camera: CameraModel | None = None
+    fits: dict[Any, LandmarkFit] = field(default_factory=dict, init=False, repr=False, compare=False)
 
     @classmethod
     def of(
@@ -104,6 +109,16 @@ class LinearImage:
         return self.camera.project(np.column_stack([rays, np.ones(len(rays))]))
 
     @property
+    def lens(self) -> Lens | None:
+        """The camera's lens; None where it is not known."""
+        return None if self.camera is None else _lens(_LensKey(self.camera))
+
+    @property
+    def skew(self) -> float:
+        """Skew of the camera matrix, px; lenses leave it out."""
+        return 0.0 if self.camera is None else float(self.camera.K[0, 1])
+
+    @property
     def centre(self) -> FloatArray:
         """(2,) the middle of the image, px."""
         width, height = self.size
@@ -152,6 +167,11 @@ class _LensKey:
 
     def __eq__(self, other: object) -> bool:
         return isinstance(other, _LensKey) and self.numbers == other.numbers
+
+
+@lru_cache(maxsize=4)
+def _lens(key: _LensKey) -> Lens:
+    return Lens(key.camera.K, key.camera.distortion, key.camera.model == "fisheye")
 
 
 @lru_cache(maxsize=4)

@@ -67,13 +67,13 @@ def sample_pixels(
 
     None when too little of the landmark lies inside the image.
     """
-    reach = family.half_mm + 0.7 * family.margin_mm
+    reach = reach_of(family)
     box = _bounding_box(image, state, reach / family.half_mm, view.half_mm)
     if box is None:
         return None
     band = EDGE_BAND_PX * family.side_mm / mean_side(state[:8].reshape(4, 2))
     rules = SamplingRules(reach, band, at_most, NEAR_SHARE if near_edges else 0.0, image.noise)
-    taken = sample(image.source, view, state, box, _edges(family), rules)
+    taken = sample(image.source, view, state, box, edges_of(family), rules)
     if taken.at.shape[1] < LEAST_PIXELS:
         return None
     return PixelSamples(*taken, variance=taken.variance)
@@ -109,8 +109,14 @@ def _bounding_box(
     return (x0, y0, x1, y1) if x1 - x0 >= 6 and y1 - y0 >= 6 else None
 
 
+def reach_of(family: MarkerFamily) -> float:
+    """Half side of the square that pixels are taken from, mm."""
+    return family.half_mm + 0.7 * family.margin_mm
+
+
 @lru_cache(maxsize=16)
-def _edges(family: MarkerFamily) -> Edges:
+def edges_of(family: MarkerFamily) -> Edges:
+    """Edges of a family's drawing."""
     if isinstance(family, SquareMarkerFamily):
         return Edges((family.half_mm,), ())
     radii = tuple(radius for ring in family.rings for radius in (ring.inner_mm, ring.outer_mm))

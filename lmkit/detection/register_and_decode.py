@@ -11,6 +11,7 @@ from lmkit.arrays import ByteArray, FloatArray
 from lmkit.detection.acceptance import DEFAULT, AcceptanceRule, ScoredReading
 from lmkit.detection.config import DetectOptions
 from lmkit.detection.decoding import Decoding
+from lmkit.detection.fit_steps import COARSE_PIXELS, FitSteps
 from lmkit.detection.linear_image import LinearImage
 from lmkit.detection.pixel_sampling import mean_side
 from lmkit.detection.registration import PatternRegistration
@@ -20,13 +21,9 @@ from lmkit.model.landmark import LandmarkFamily
 from lmkit.model.landmark_id import LandmarkId
 from lmkit.model.observation import Detection
 
-READ_ROUNDS = 3
-COARSE = Steps(rounds=1, most=3, to_px=0.1)
-FINE = Steps(rounds=2, most=3, to_px=0.02)
 SHARP = Steps(rounds=0, most=5, to_px=0.01)  # nothing hides a rasterised page
 FROM_FAR = Steps(rounds=0, most=10, to_px=0.05)
 COARSE_SIDE_PX = 100.0
-COARSE_PIXELS = 400  # enough to read and to find the place; the last steps take more
 SHADOW_ROOM_PX = 8  # around the pixels in use, since the fit still moves
 DISTORTION_SIDE_PX = 40.0  # smaller landmarks do not show the lens's distortion
 
@@ -85,30 +82,19 @@ def register_and_decode(
     image: LinearImage, quad: FloatArray, family: LandmarkFamily, options: DetectOptions
 ) -> Candidate | None:
     """Register what a candidate decodes to, decode again, until the code stands; None where nothing does."""
-    coarse = min(COARSE_PIXELS, options.config.pixels)
     quad = image.straightened(_coarse_corners(image, quad, family, options))
     side = mean_side(quad)
     fit_distortion = options.through_lens and options.camera is None and side > DISTORTION_SIDE_PX
     # The blur starts generous, so that a wrong corner still feels its edge.
     fit = PatternRegistration(image, family, quad, max(0.8, 0.012 * min(side, COARSE_SIDE_PX)) ** 2)
-    if not fit.sample(coarse, near_edges=False) or not fit.decode().is_promising:
-        return None
-    for _ in range(READ_ROUNDS):
-        before = fit.decoding
-        fit.register(COARSE)
-        if not fit.sample(coarse, near_edges=False):
-            return None
-        if fit.decode().is_same_code(before):
-            break
-    if not fit.decoding.is_promising:
+    steps = FitSteps(options.config.pixels, fit_distortion)
+    if not steps.read(fit):
         return None
     if image.white is not None:
         _sharpen_shadow(fit)
-    if not fit.sample(options.config.pixels, near_edges=True):
+    if not steps.finish(fit):
         return None
-    fit.register(FINE._replace(fit_distortion=fit_distortion))
-    fit.decode()
-    return _candidate(fit, _smaller_margins(fit), options.rule, fit_distortion)
+    return _candidate(fit, _smaller_margins(fit.decoding, fit.robust_decoding), options.rule, fit_distortion)
 
 
 def read_landmark_at(image: ByteArray, corners: FloatArray, family: LandmarkFamily) -> Candidate | None:
@@ -145,12 +131,11 @@ def _coarse_corners(
     return (fit.corners + 0.5) * scale - 0.5
 
 
-def _smaller_margins(fit: PatternRegistration) -> Decoding:
+def _smaller_margins(plain: Decoding, robust: Decoding) -> Decoding:
     """The decoding with the smaller of plain and robust margins.
 
     A bit that only what hides the landmark speaks for loses its margin under the discount.
     """
-    plain, robust = fit.decoding, fit.decode_robust()
     if not robust.is_same_code(plain):
         return replace(plain, code_margin=0.0, turn_margin=0.0)
     return replace(
@@ -175,6 +160,8 @@ def _candidate(fit: PatternRegistration, decoding: Decoding, rule: AcceptanceRul
 
 def _sharpen_shadow(fit: PatternRegistration) -> None:
     """Take the shadow out by one straight edge, now that the drawing is known."""
+    if not fit.sample(COARSE_PIXELS, near_edges=False):
+        return
     bright = np.maximum(fit.discount().mean(axis=0), 1e-3).astype(np.float64)
     light = np.maximum(fit.samples.values.mean(axis=0), 1e-3) / bright * fit.samples.light
     at = fit.image.distorted(fit.samples.at.T + fit.view.origin)

@@ -10,11 +10,12 @@ from __future__ import annotations
 import numpy as np
 
 from lmkit.arrays import FloatArray
-from lmkit.detection.decoding import CORRELATED_PIXELS, Decoding, decode_square, tables_of
+from lmkit.detection.decoding import CORRELATED_PIXELS, Decoding, decode_square, decoding_of, tables_of
 from lmkit.detection.hypotheses import RIDGE
 from lmkit.detection.linear_image import LinearImage, distort_radial
 from lmkit.detection.pixel_sampling import DISTORTION, PixelSamples, mean_side, sample_pixels
 from lmkit.kernels.grid_pattern import GridDrawing
+from lmkit.kernels.landmark_fit import Fitted
 from lmkit.kernels.pattern import Drawing
 from lmkit.kernels.registration import (
     STATE,
@@ -150,12 +151,18 @@ class DrawingFit:
             J[:, :8] = (seen[1:] - seen[0]).T / delta
             return seen[0].reshape(4, 2), J
         corners = distort_radial(self.corners, distortion, self.image.centre, self.image.half_width)
-        for k, offset in enumerate((corners - self.image.centre) / self.image.half_width):
-            r2 = float(offset @ offset)
-            flat_by_seen = (1 + distortion * r2) * np.eye(2) + 2 * distortion * np.outer(offset, offset)
-            inverse = np.linalg.inv(flat_by_seen)
-            J[2 * k : 2 * k + 2, 2 * k : 2 * k + 2] = inverse
-            J[2 * k : 2 * k + 2, DISTORTION] = -inverse @ offset * (r2 * self.image.half_width)
+        offsets = (corners - self.image.centre) / self.image.half_width
+        for k, (x, y) in enumerate(offsets.tolist()):
+            # d flat / d seen = along 1 + 2 distortion o o', whose inverse is (1 - outwards o o') / along.
+            r2 = x * x + y * y
+            along = 1 + distortion * r2
+            outwards = 2 * distortion / (along + 2 * distortion * r2)
+            rows = ((1 - outwards * x * x) / along, -outwards * x * y / along, (1 - outwards * y * y) / along)
+            J[2 * k, 2 * k], J[2 * k, 2 * k + 1] = rows[0], rows[1]
+            J[2 * k + 1, 2 * k], J[2 * k + 1, 2 * k + 1] = rows[1], rows[2]
+            far = r2 * self.image.half_width
+            J[2 * k, DISTORTION] = -(rows[0] * x + rows[1] * y) * far
+            J[2 * k + 1, DISTORTION] = -(rows[1] * x + rows[2] * y) * far
         return corners, J
 
     @property
@@ -168,9 +175,11 @@ class PatternRegistration(DrawingFit):
 
     Attributes:
         decoding: of the last :meth:`decode`.
+        robust_decoding: of the last :meth:`decode_robust`.
     """
 
     decoding: Decoding
+    robust_decoding: Decoding
 
     def __init__(self, image: LinearImage, family: LandmarkFamily, corners: FloatArray, spread_px2: float) -> None:
         self.family = family
@@ -182,14 +191,24 @@ class PatternRegistration(DrawingFit):
 
         Discounting what does not fit the last decoding would make it confirm itself.
         """
-        self.decoding = decode_square(self.tables, self.view, self.state, self.samples.plain)
-        code, quarter = self.decoding.code, self.decoding.quarter
-        self.hypothesis = Hypothesis(int(self.tables.words.masks[quarter, code]), quarter)
-        return self.decoding
+        return self._believe(decode_square(self.tables, self.view, self.state, self.samples.plain))
 
     def decode_robust(self) -> Decoding:
         """A copy with robust weights; :attr:`decoding` stays."""
-        return decode_square(self.tables, self.view, self.state, self.samples.weighted)
+        self.robust_decoding = decode_square(self.tables, self.view, self.state, self.samples.weighted)
+        return self.robust_decoding
+
+    def take_over(self, found: Fitted) -> None:
+        """Go on from where a compiled fit ended; its pixels are not kept."""
+        self.state, self._normal, self._error = found.state, found.normal, found.error
+        self._believe(decoding_of(self.tables, found.plain, found.pixels))
+        self.robust_decoding = decoding_of(self.tables, found.robust, found.pixels)
+
+    def _believe(self, decoding: Decoding) -> Decoding:
+        self.decoding = decoding
+        open_gaps = int(self.tables.words.masks[decoding.quarter, decoding.code])
+        self.hypothesis = Hypothesis(open_gaps, decoding.quarter)
+        return decoding
 
 
 def aligned_with_mosaic(corners: FloatArray) -> float:
@@ -198,5 +217,7 @@ def aligned_with_mosaic(corners: FloatArray) -> float:
     The phase of the colour mosaic runs through one period on every `MOSAIC_PX` that a side moves across the rows or
     columns it follows; the error of the side's place is the mean over those phases.
     """
-    moved = np.abs(np.roll(corners, -1, axis=0) - corners).min(axis=1)
-    return float(np.mean(1 / (1 + (moved / MOSAIC_PX) ** 2)))
+    points = corners.tolist()
+    sides = zip(points, points[1:] + points[:1], strict=True)
+    moved = [min(abs(x - u), abs(y - v)) for (x, y), (u, v) in sides]
+    return float(sum(1 / (1 + (far / MOSAIC_PX) ** 2) for far in moved) / 4)

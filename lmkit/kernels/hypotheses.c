@@ -4,6 +4,7 @@
 
 #include "hypotheses.h"
 #include "kernels.h"
+#include "landmark_fit.h"
 #include "lanes.h"
 #include "plane.h"
 #include "select.h"
@@ -13,10 +14,6 @@
 
 /* rules: ridge, ridge of the parts, share of the contrast, worst misfit, least pixels around a gap, reach (mm).
  * sectors (G,5): radius of the ring's middle, half its thickness, unit vector to the gap's middle, half its angle. */
-LMKIT_EXPORT int lmkit_decode(int64_t n, const float *drawing, const double *view, const float *at,
-                              const float *values, const float *variance, const double *state,
-                              const int32_t *masks, int64_t codes, const double *rules, const float *sectors,
-                              float *columns, double *subsets, double *out);
 
 static int fit_parts(int gaps, const double *gram, const double *seen, const double *square, double n, int turn, const double *inks, double ridge, double *parts, double *sigmas)
 {

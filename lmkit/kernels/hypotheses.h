@@ -207,4 +207,18 @@ static inline int hypothesis_inks(int gaps, const double *gram, const double *se
     return 1;
 }
 
+static inline double log_ratio(double red, double blue, double white_red, double white_blue)
+{
+    double r = red / (white_red > 1e-3 ? white_red : 1e-3), b = blue / (white_blue > 1e-3 ? white_blue : 1e-3);
+    r = r < 0.0 ? 0.0 : r > 1.5 ? 1.5 : r;
+    b = b < 0.0 ? 0.0 : b > 1.5 ? 1.5 : b;
+    return log((r + 0.03) / (b + 0.03));
+}
+
+/* How much redder the border is than the ground, relative to the white; inks (.,3) BGR of white, red, blue. */
+static inline double red_over_blue(const double *inks)
+{
+    return log_ratio(inks[5], inks[3], inks[2], inks[0]) - log_ratio(inks[8], inks[6], inks[2], inks[0]);
+}
+
 #endif

@@ -3,6 +3,7 @@
 #include <stddef.h>
 
 #include "kernels.h"
+#include "landmark_fit.h"
 #include "plane.h"
 #include "select.h"
 
@@ -12,12 +13,6 @@
 
 /* box: x0, y0, x1, y1, step.  rules: reach (mm), band (mm), pixels at most, share near edges (0: no preference), noise
  * (code value over 255), floor of the variance.  white and shift may be null.  out_at, values: planes of `capacity`. */
-LMKIT_EXPORT int lmkit_sample_pixels(int64_t height, int64_t width, const uint8_t *image, const float *linear,
-                                     const float *white, const float *shift, const double *view,
-                                     const double *state, const int64_t *box, const float *edges,
-                                     int64_t squares, int64_t circles, const double *rules, uint8_t *kinds,
-                                     int64_t capacity, float *out_at, float *values, float *light,
-                                     float *variance, float *scratch, int64_t *count);
 
 /* x^p for 0 < x <= 1 and p > 0, to 1e-6. */
 static inline float power(float x, float p)

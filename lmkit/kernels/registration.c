@@ -3,6 +3,7 @@
 #include <stddef.h>
 
 #include "kernels.h"
+#include "landmark_fit.h"
 #include "lanes.h"
 #include "linear.h"
 #include "plane.h"
@@ -26,11 +27,6 @@ LMKIT_EXPORT int lmkit_linearise(int64_t n, const float *drawing, const double *
                                  const float *values, const float *variance, const double *rules,
                                  const double *state, int64_t open_gaps, int64_t quarter, int64_t fit_distortion,
                                  float *scratch, double *normal, double *gradient, double *error);
-LMKIT_EXPORT int lmkit_register(int64_t n, const float *drawing, const double *view, const float *at,
-                                const float *values, const float *variance, const double *rules,
-                                const double *limits, int64_t open_gaps, int64_t quarter, int64_t fit_distortion,
-                                int64_t rounds, int64_t iterations, double to_px, float *scratch, double *state,
-                                float *robust_variance, double *prior_weight, double *normal, double *error);
 LMKIT_EXPORT int lmkit_robust_weights(int64_t n, const float *drawing, const double *view, const float *at,
                                       const float *values, const float *variance, const double *rules,
                                       const double *state, int64_t open_gaps, int64_t quarter, float *scratch,

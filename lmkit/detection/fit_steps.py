@@ -1,0 +1,115 @@
+"""The steps of a landmark's fit: register what it decodes to, decode again, until the code stands; then all pixels.
+
+Compiled, each step is one call (:mod:`lmkit.kernels.landmark_fit`); the definition stands beside it.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+from lmkit.detection import decoding
+from lmkit.detection.hypotheses import RIDGE
+from lmkit.detection.linear_image import LinearImage
+from lmkit.detection.pixel_sampling import EDGE_BAND_PX, LEAST_PIXELS, NEAR_SHARE, edges_of, reach_of
+from lmkit.detection.registration import (
+    DISTORTION_PRIOR,
+    LIMITS,
+    MIXED_PIXEL_PRIOR,
+    SHADING_PRIOR,
+    PatternRegistration,
+)
+from lmkit.kernels.landmark_fit import FINISH, READ, FitRules, Fitted, LandmarkFit, Promising, is_compiled
+from lmkit.kernels.registration import Priors, Steps
+from lmkit.model.landmark import LandmarkFamily
+
+READ_ROUNDS = 3
+COARSE = Steps(rounds=1, most=3, to_px=0.1)
+FINE = Steps(rounds=2, most=3, to_px=0.02)
+COARSE_PIXELS = 400  # enough to read and to find the place; the last steps take more
+
+
+@dataclass
+class FitSteps:
+    """Both steps of a fit.
+
+    Attributes:
+        pixels: of the landmark in the end.
+        fit_distortion: also fit the lens's distortion in the end.
+    """
+
+    pixels: int
+    fit_distortion: bool
+    _read: Fitted | None = field(default=None, init=False)
+
+    def read(self, fit: PatternRegistration) -> bool:
+        """Register and decode until the code stands; False where nothing promising does."""
+        if is_compiled():
+            self._read = self._run(fit, READ)
+            return self._read is not None
+        coarse = min(COARSE_PIXELS, self.pixels)
+        if not fit.sample(coarse, near_edges=False) or not fit.decode().is_promising:
+            return False
+        for _ in range(READ_ROUNDS):
+            before = fit.decoding
+            fit.register(COARSE)
+            if not fit.sample(coarse, near_edges=False):
+                return False
+            if fit.decode().is_same_code(before):
+                break
+        return fit.decoding.is_promising
+
+    def finish(self, fit: PatternRegistration) -> bool:
+        """Register with all pixels, and decode by plain and by robust weights; False where it left the image."""
+        if is_compiled():
+            return self._run(fit, FINISH) is not None
+        if not fit.sample(self.pixels, near_edges=True):
+            return False
+        fit.register(FINE._replace(fit_distortion=self.fit_distortion))
+        fit.decode()
+        fit.decode_robust()
+        return True
+
+    def _run(self, fit: PatternRegistration, phase: int) -> Fitted | None:
+        compiled = _compiled_fit(fit.image, fit.family, self.pixels)
+        found = compiled.run(fit.view, fit.state, self.fit_distortion, phase, self._read)
+        if found is not None:
+            fit.take_over(found)
+        return found
+
+
+def _compiled_fit(image: LinearImage, family: LandmarkFamily, pixels: int) -> LandmarkFit:
+    known = image.fits.get((family, pixels))
+    if known is None:
+        tables = decoding.tables_of(family)
+        edges, rules = edges_of(family), _rules(family, pixels)
+        known = LandmarkFit(
+            image.source, image.lens, image.skew, image.noise, tables.drawing, tables.words, edges, rules
+        )
+        image.fits[family, pixels] = known
+    return known
+
+
+def _rules(family: LandmarkFamily, pixels: int) -> FitRules:
+    promising = Promising(
+        decoding.CORRELATED_PIXELS,
+        decoding.PROMISING_TURN_MARGIN,
+        decoding.PROMISING_PATTERN,
+        decoding.PROMISING_RED_OVER_BLUE,
+        *decoding.PROMISING_CONTRAST,
+    )
+    priors = Priors(RIDGE, DISTORTION_PRIOR, SHADING_PRIOR, MIXED_PIXEL_PRIOR, 10.0)
+    return FitRules(
+        reach_of(family),
+        EDGE_BAND_PX * family.side_mm,
+        NEAR_SHARE,
+        LEAST_PIXELS,
+        min(COARSE_PIXELS, pixels),
+        pixels,
+        READ_ROUNDS,
+        COARSE,
+        FINE,
+        decoding.RULES,
+        priors,
+        LIMITS,
+        promising,
+    )

@@ -1,0 +1,191 @@
+/* The whole fit of one landmark in one call: sampled, decoded, registered, until the code stands; then registered and
+ * decoded with all pixels.  detection/register_and_decode.py holds the definition. */
+#include <math.h>
+#include <stddef.h>
+#include <string.h>
+
+#include "hypotheses.h"
+#include "kernels.h"
+#include "landmark_fit.h"
+#include "lens.h"
+#include "plane.h"
+
+#define HEAD 18 /* of a decoding: turn, code, four energies left, inks */
+#define PRIORS 5
+#define READ 1   /* phases */
+#define FINISH 2
+
+/* Steps of a registration. */
+typedef struct {
+    int64_t rounds, most;
+    double to_px;
+} Steps;
+
+/* What stays the same for all landmarks of an image; the fields are those of `_Fit` in landmark_fit.py. */
+typedef struct {
+    int64_t height, width;
+    const uint8_t *image;
+    const float *linear, *white, *shift;
+    const Lens *lens;
+    const float *drawing, *edges, *sectors;
+    const int32_t *masks;
+    int64_t squares, circles, codes, gaps;
+    int64_t visited, least_pixels, coarse_pixels, pixels, read_rounds;
+    Steps coarse, fine;
+    double skew, reach, band, near_share, noise, floor;
+    double decoding[6], priors[PRIORS], limits[5];
+    double correlated, turn_margin, pattern, red_over_blue, least_contrast, most_contrast;
+} Fit;
+
+/* Pixels in use, planes of n values, and room for the kernels. */
+typedef struct {
+    float *at, *values, *light, *variance, *robust, *work;
+    uint8_t *kinds;
+    double *subsets;
+    int64_t n, capacity;
+} Pixels;
+
+/* state (15) moves; out: pixels, error and weight of the priors, (15,15) normal matrix, decoding by the plain weights
+ * and by the robust ones; a decoding whose turn is -1 failed.  Returns 1 where nothing is there. */
+LMKIT_EXPORT int lmkit_fit_landmark(const Fit *fit, const double *view, int64_t phases, int64_t fit_distortion,
+                                    int64_t capacity, float *planes, float *work, uint8_t *kinds, double *subsets,
+                                    double *state, double *out);
+
+static double side_of(const double *c)
+{
+    double sum = 0.0;
+    for (int i = 0; i < 4; i++)
+        sum += hypot(c[(2 * i + 2) % 8] - c[2 * i], c[(2 * i + 3) % 8] - c[2 * i + 1]);
+    return sum / 4.0;
+}
+
+/* A pixel without distortion as the guessed lens shows it: the inverse of c + (x - c) (1 + distortion r^2). */
+static void distort(const double *view, double distortion, double *at)
+{
+    double x = at[0] - view[2], y = at[1] - view[3], target = hypot(x, y) / view[4];
+    double fold = distortion < 0.0 ? 1.0 / sqrt(-3.0 * distortion) : INFINITY, r = target < fold ? target : fold;
+    for (int k = 0; k < 8; k++) {
+        double slope = 1.0 + 3.0 * distortion * r * r;
+        r -= (r + distortion * r * r * r - target) / (slope > 0.05 ? slope : 0.05);
+        r = r < 0.0 ? 0.0 : r > fold ? fold : r;
+    }
+    double scale = r / (target > 1e-12 ? target : 1e-12);
+    at[0] = view[2] + x * scale;
+    at[1] = view[3] + y * scale;
+}
+
+/* First and last pixels of the landmark and its margin, within the image; 0 where it is not there. */
+static int bounding_box(const Fit *f, const double *view, const double *state, int64_t *box)
+{
+    double H[9], x0 = 1e30, x1 = -1e30, y0 = 1e30, y1 = -1e30;
+    const double far = f->reach, larger = 10.0 * (double)(f->height > f->width ? f->height : f->width);
+    homography(state, view[5], H);
+    for (int k = 0; k < 4; k++) {
+        double x = k == 0 || k == 3 ? -far : far, y = k < 2 ? far : -far, w = H[6] * x + H[7] * y + H[8];
+        if (!(w > 0.0))
+            return 0;
+        double at[2] = {(H[0] * x + H[1] * y + H[2]) / w, (H[3] * x + H[4] * y + H[5]) / w};
+        if (!(fabs(at[0]) < larger && fabs(at[1]) < larger))
+            return 0;
+        if (state[11] != 0.0)
+            distort(view, state[11], at);
+        if (f->lens) {
+            double J[4], b = (at[1] - f->lens->cy) / f->lens->fy;
+            project_ray(f->lens, (at[0] - f->lens->cx - f->skew * b) / f->lens->fx, b, at, J);
+            if (!(fabs(at[0]) < larger && fabs(at[1]) < larger))
+                return 0;
+        }
+        x0 = at[0] < x0 ? at[0] : x0, x1 = at[0] > x1 ? at[0] : x1;
+        y0 = at[1] < y0 ? at[1] : y0, y1 = at[1] > y1 ? at[1] : y1;
+    }
+    const double ends[4] = {floor(x0), floor(y0), ceil(x1) + 1.0, ceil(y1) + 1.0};
+    for (int k = 0; k < 2; k++) {
+        int64_t size = k == 0 ? f->width : f->height;
+        box[k] = ends[k] > 0.0 ? (int64_t)ends[k] : 0;
+        box[2 + k] = ends[2 + k] < (double)size ? (int64_t)ends[2 + k] : size;
+    }
+    return box[2] - box[0] >= 6 && box[3] - box[1] >= 6;
+}
+
+/* Pixels where the pattern now lies; 0 where too little of it lies in the image. */
+static int take(const Fit *f, const double *view, const double *state, int64_t at_most, double near_share, Pixels *p)
+{
+    int64_t box[5];
+    if (!bounding_box(f, view, state, box))
+        return 0;
+    int64_t step = (box[2] - box[0]) * (box[3] - box[1]) / (f->visited * at_most);
+    box[4] = step > 1 ? step : 1;
+    const double rules[6] = {f->reach, f->band / side_of(state), (double)at_most, near_share, f->noise, f->floor};
+    const int64_t room = at_most + at_most / 5 + 64, c = room < p->capacity ? room : p->capacity;
+    float *planes = p->at;
+    if (lmkit_sample_pixels(f->height, f->width, f->image, f->linear, f->white, f->shift, view, state, box, f->edges, f->squares, f->circles, rules, p->kinds, c, planes, planes + 2 * c, planes + 5 * c, planes + 6 * c, planes + 7 * c, &p->n))
+        return 0;
+    const int64_t n = p->n;
+    for (int64_t k = 1; k < 7; k++)
+        memmove(planes + k * n, planes + k * c, (size_t)n * sizeof *planes);
+    p->values = planes + 2 * n;
+    p->light = planes + 5 * n;
+    p->variance = planes + 6 * n;
+    return n >= f->least_pixels;
+}
+
+/* Decodes into out; its turn is -1 where the pixels do not determine the inks. */
+static void read_code(const Fit *f, const double *view, const double *state, const Pixels *p, const float *variance, double *out)
+{
+    if (lmkit_decode(p->n, f->drawing, view, p->at, p->values, variance, state, f->masks, f->codes, f->decoding, f->sectors, p->work, p->subsets, out))
+        out[0] = -1.0;
+}
+
+/* Worth going on: far looser than what is accepted in the end. */
+static int is_promising(const Fit *f, const double *decoded, int64_t n)
+{
+    if (decoded[0] < 0.0)
+        return 0;
+    const double *inks = decoded + 6;
+    double left = decoded[2] > 1e-9 ? decoded[2] : 1e-9, by_turn = decoded[4] > left ? decoded[4] : left;
+    double frame = decoded[5] > 1e-9 ? decoded[5] : 1e-9;
+    double evidence = 3.0 * (double)n / f->correlated / 2.0;
+    if (!(evidence * log(by_turn / left) > f->turn_margin && 1.0 - left / frame > f->pattern))
+        return 0;
+    double white = inks[0] + inks[1] + inks[2], ground = inks[6] + inks[7] + inks[8];
+    double contrast = white / (ground > 1e-6 ? ground : 1e-6);
+    return red_over_blue(inks) > f->red_over_blue && f->least_contrast < contrast && contrast < f->most_contrast;
+}
+
+static int fit_step(const Fit *f, const double *view, const Steps *steps, int64_t fit_distortion, const double *decoded, const Pixels *p, double *state, double *out)
+{
+    int64_t turn = (int64_t)decoded[0], code = (int64_t)decoded[1], open = f->masks[turn * f->codes + code];
+    return !lmkit_register(p->n, f->drawing, view, p->at, p->values, p->variance, f->priors, f->limits, open, turn, fit_distortion, steps->rounds, steps->most, steps->to_px, p->work, state, p->robust, out + 2, out + 3, out + 1);
+}
+
+int lmkit_fit_landmark(const Fit *f, const double *view, int64_t phases, int64_t fit_distortion, int64_t capacity,
+                       float *planes, float *work, uint8_t *kinds, double *subsets, double *state, double *out)
+{
+    Pixels p = {planes, NULL, NULL, NULL, planes + 8 * capacity, work, kinds, subsets, 0, capacity};
+    double *plain = out + 3 + STATE * STATE, *robust = plain + HEAD + 1 + 2 * (2 + f->gaps);
+    if (phases & READ) {
+        if (!take(f, view, state, f->coarse_pixels, 0.0, &p))
+            return 1;
+        read_code(f, view, state, &p, p.variance, plain);
+        if (!is_promising(f, plain, p.n))
+            return 1;
+        for (int64_t k = 0; k < f->read_rounds && plain[0] >= 0.0; k++) {
+            const double turn = plain[0], code = plain[1];
+            if (!fit_step(f, view, &f->coarse, 0, plain, &p, state, out) || !take(f, view, state, f->coarse_pixels, 0.0, &p))
+                return 1;
+            read_code(f, view, state, &p, p.variance, plain);
+            if (plain[0] == turn && plain[1] == code)
+                break;
+        }
+        if (!is_promising(f, plain, p.n))
+            return 1;
+    }
+    if (phases & FINISH) {
+        if (!take(f, view, state, f->pixels, f->near_share, &p) || !fit_step(f, view, &f->fine, fit_distortion, plain, &p, state, out))
+            return 1;
+        read_code(f, view, state, &p, p.variance, plain);
+        read_code(f, view, state, &p, p.robust, robust);
+    }
+    out[0] = (double)p.n;
+    return 0;
+}

@@ -1,0 +1,25 @@
+/* Kernels that the fit of one landmark calls, declared once; their own files say what they take. */
+#ifndef LMKIT_LANDMARK_FIT_H
+#define LMKIT_LANDMARK_FIT_H
+
+#include "kernels.h"
+
+LMKIT_EXPORT int lmkit_sample_pixels(int64_t height, int64_t width, const uint8_t *image, const float *linear,
+                                     const float *white, const float *shift, const double *view,
+                                     const double *state, const int64_t *box, const float *edges,
+                                     int64_t squares, int64_t circles, const double *rules, uint8_t *kinds,
+                                     int64_t capacity, float *out_at, float *values, float *light,
+                                     float *variance, float *scratch, int64_t *count);
+
+LMKIT_EXPORT int lmkit_decode(int64_t n, const float *drawing, const double *view, const float *at,
+                              const float *values, const float *variance, const double *state,
+                              const int32_t *masks, int64_t codes, const double *rules, const float *sectors,
+                              float *columns, double *subsets, double *out);
+
+LMKIT_EXPORT int lmkit_register(int64_t n, const float *drawing, const double *view, const float *at,
+                                const float *values, const float *variance, const double *rules,
+                                const double *limits, int64_t open_gaps, int64_t quarter, int64_t fit_distortion,
+                                int64_t rounds, int64_t iterations, double to_px, float *scratch, double *state,
+                                float *robust_variance, double *prior_weight, double *normal, double *error);
+
+#endif

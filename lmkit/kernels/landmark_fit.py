@@ -1,0 +1,220 @@
+"""The whole fit of one landmark in one call: sampled, decoded, registered, until the code stands.
+
+`lmkit.detection.register_and_decode` holds the definition, step by step, with the kernels that this one calls.
+"""
+
+from __future__ import annotations
+
+import ctypes
+from collections.abc import Sequence
+from functools import lru_cache
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lmkit.kernels.hypotheses import HEAD, Decoded, DecodingRules, Words
+from lmkit.kernels.lens import Lens
+from lmkit.kernels.load import address, addresses, function
+from lmkit.kernels.pattern import INKS, JET, Drawing
+from lmkit.kernels.pixel_sampling import VISITED, Edges, Source
+from lmkit.kernels.registration import BLOCK, STATE, Limits, Priors, Steps, View
+from lmkit.kernels.workspace import Workspace
+
+FloatArray = NDArray[np.floating[Any]]
+
+READ, FINISH = 1, 2  # phases
+NORMAL = 3  # its place in the results
+
+
+class Promising(NamedTuple):
+    """Least margins and colours of a decoding that is worth registering."""
+
+    correlated_pixels: float
+    turn_margin: float
+    pattern: float
+    red_over_blue: float
+    least_contrast: float
+    most_contrast: float
+
+
+class FitRules(NamedTuple):
+    """How a landmark is fitted.
+
+    Attributes:
+        reach: half side of the square that pixels are taken from, mm.
+        band: distance from an edge within which a pixel is near it, px, times the side of the face, mm.
+        near_share: share of pixels near edges in the end; at first they are thinned evenly.
+        least_pixels: fewer are not read.
+        coarse_pixels, pixels: at first, and in the end.
+        read_rounds: how often the code may change.
+        coarse, fine: registration at first, and in the end.
+    """
+
+    reach: float
+    band: float
+    near_share: float
+    least_pixels: int
+    coarse_pixels: int
+    pixels: int
+    read_rounds: int
+    coarse: Steps
+    fine: Steps
+    decoding: DecodingRules
+    priors: Priors
+    limits: Limits
+    promising: Promising
+    floor: float = 1e-8
+
+
+class Fitted(NamedTuple):
+    """Result of a fit.
+
+    Attributes:
+        state: (15,) where it ended.
+        pixels: number of them.
+        error: per value; ``normal``: (15,15) J'WJ; both of the last registration.
+        plain, robust: decodings with the pixels' own weights and with what does not fit down-weighted; None where
+            the pixels do not determine the inks.
+    """
+
+    state: FloatArray
+    pixels: int
+    error: float
+    normal: FloatArray
+    plain: Decoded | None
+    robust: Decoded | None
+
+
+class _Steps(ctypes.Structure):
+    _fields_ = (("rounds", ctypes.c_int64), ("most", ctypes.c_int64), ("to_px", ctypes.c_double))
+
+
+class _Fit(ctypes.Structure):
+    _fields_ = (
+        *((name, ctypes.c_int64) for name in ("height", "width")),
+        *((name, ctypes.c_void_p) for name in ("image", "linear", "white", "shift", "lens")),
+        *((name, ctypes.c_void_p) for name in ("drawing", "edges", "sectors", "masks")),
+        *((name, ctypes.c_int64) for name in ("squares", "circles", "codes", "gaps")),
+        *((name, ctypes.c_int64) for name in ("visited", "least_pixels", "coarse_pixels", "pixels", "read_rounds")),
+        ("coarse", _Steps),
+        ("fine", _Steps),
+        *((name, ctypes.c_double) for name in ("skew", "reach", "band", "near_share", "noise", "floor")),
+        ("decoding", ctypes.c_double * 6),
+        ("priors", ctypes.c_double * 5),
+        ("limits", ctypes.c_double * 5),
+        ("promising", ctypes.c_double * 6),
+    )
+
+
+class LandmarkFit:
+    """Fits landmarks of one drawing in one image.
+
+    Attributes:
+        rules: how.
+    """
+
+    def __init__(
+        self,
+        source: Source,
+        lens: Lens | None,
+        skew: float,
+        noise: float,
+        drawing: Drawing,
+        words: Words,
+        edges: Edges,
+        rules: FitRules,
+    ) -> None:
+        self.rules = rules
+        known = np.array([*edges.squares, *edges.circles], np.float32)
+        height, width = source.image.shape[:2]
+        self._gaps = len(drawing.gaps)
+        self._columns = drawing.column_count
+        arrays = (drawing.flat, known, words.sectors, words.masks)
+        struct = None if lens is None else lens.struct
+        self._kept = (source, struct, arrays)  # their addresses stay good as long as they are held
+        self._task = _Fit(
+            height,
+            width,
+            *addresses(*source),
+            None if struct is None else ctypes.addressof(struct),
+            *addresses(*arrays),
+            *(len(edges.squares), len(edges.circles), words.masks.shape[1], self._gaps),
+            *(VISITED, rules.least_pixels, rules.coarse_pixels, rules.pixels, rules.read_rounds),
+            *(_Steps(steps.rounds, steps.most, steps.to_px) for steps in (rules.coarse, rules.fine)),
+            *(skew, rules.reach, rules.band, rules.near_share, noise, rules.floor),
+            *(_numbers(part) for part in (rules.decoding, rules.priors, rules.limits, rules.promising)),
+        )
+
+    def run(
+        self,
+        view: View,
+        state: FloatArray,
+        fit_distortion: bool,
+        phases: int = READ | FINISH,
+        so_far: Fitted | None = None,
+    ) -> Fitted | None:
+        """Fit from a (15,) state on; None where no landmark is, or too little of it.
+
+        Args:
+            phases: ``READ`` until the code stands, ``FINISH`` with all pixels, or both.
+            so_far: what ``READ`` left, where only ``FINISH`` is wanted.
+        """
+        kernel = _kernel()
+        assert kernel is not None
+        most = max(self.rules.pixels, self.rules.coarse_pixels)
+        capacity = most + most // 5 + 64
+        blocks = (capacity + BLOCK - 1) // BLOCK
+        work = max(blocks * BLOCK * INKS * JET, (capacity + BLOCK) * self._columns + 2 * capacity)
+        planes = WORKSPACE.floats("planes", 9 * capacity)
+        head = HEAD + 1 + 2 * (2 + self._gaps)
+        out = np.zeros(NORMAL + STATE * STATE + 2 * head)
+        if so_far is not None and so_far.plain is not None:
+            out[NORMAL + STATE * STATE :][:2] = so_far.plain.turn, so_far.plain.code
+        moved = np.array(state, dtype=np.float64)
+        status = kernel(
+            ctypes.addressof(self._task),
+            address(view.flat),
+            phases,
+            fit_distortion,
+            capacity,
+            planes,
+            WORKSPACE.floats("work", work),
+            WORKSPACE.floats("kinds", VISITED * most // 2 + (self._task.height + 8) // 2),
+            WORKSPACE.floats("subsets", 2 * (7 << self._gaps)),
+            address(moved),
+            address(out),
+        )
+        if status:
+            return None
+        decodings = out[NORMAL + STATE * STATE :].reshape(2, head)
+        plain, robust = (_decoded(part) for part in decodings)
+        normal = out[NORMAL : NORMAL + STATE * STATE].reshape(STATE, STATE)
+        return Fitted(moved, int(out[0]), float(out[1]), normal, plain, robust)
+
+
+WORKSPACE = Workspace()
+
+
+def is_compiled() -> bool:
+    """True where the kernel is there; without it, callers take the steps one by one."""
+    return _kernel() is not None
+
+
+def _decoded(out: FloatArray) -> Decoded | None:
+    if out[0] < 0:
+        return None
+    parts = out[HEAD + 1 :].reshape(2, -1)
+    turn, code, left, by_code, by_turn, by_frame = out[:6].tolist()
+    inks = out[6:HEAD].reshape(INKS, 3)
+    return Decoded(int(turn), int(code), left, by_code, by_turn, by_frame, inks, float(out[HEAD]), parts[0], parts[1])
+
+
+def _numbers(numbers: Sequence[float]) -> Any:
+    return (ctypes.c_double * len(numbers))(*numbers)
+
+
+@lru_cache(maxsize=1)
+def _kernel() -> Any:
+    p, n = ctypes.c_void_p, ctypes.c_int64
+    return function("lmkit_fit_landmark", p, p, n, n, n, *[p] * 6)

@@ -1,0 +1,42 @@
+"""The compiled fit of a landmark is the one that is written down step by step."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from simulated import CAMERA, shoot
+
+from lmkit.detection import fit_steps
+from lmkit.detection.config import DetectOptions
+from lmkit.detection.detector import candidates_of
+from lmkit.kernels import load
+from lmkit.model.families import family_named
+
+needs_library = pytest.mark.skipif(load.library() is None, reason=load.describe())
+
+
+@needs_library
+@pytest.mark.parametrize("side", [25, 60, 110])
+@pytest.mark.parametrize("lens", ["guessed", "known"])
+@pytest.mark.parametrize("shade", [1.0, 0.4])
+@pytest.mark.parametrize("family", ["lm8", "lm12"])
+def test_the_compiled_fit_takes_the_steps_of_the_definition(monkeypatch, side, lens, shade, family):
+    family = family_named(family)
+    image = shoot(77, side, turn_deg=20, tilt_deg=35, seed=side, family=family)[0]
+    rows = image.shape[0] // 2
+    image[:rows] = (image[:rows] * shade**0.45).astype(np.uint8)  # a shadow ends on the landmark
+    camera = replace(CAMERA, distortion=np.array([-0.2, 0.05, 1e-3, -1e-3, 0.0])) if lens == "known" else None
+    options = DetectOptions((family,), camera=camera)
+    compiled = candidates_of(image, options)
+    monkeypatch.setattr(fit_steps, "is_compiled", lambda: False)
+    defined = candidates_of(image, options)
+    assert compiled
+    assert len(compiled) == len(defined)
+    for ours, theirs in zip(compiled, defined, strict=True):
+        assert ours.decoding.code == theirs.decoding.code
+        assert ours.rejected == theirs.rejected
+        np.testing.assert_allclose(ours.corners, theirs.corners, atol=1e-4)
+        np.testing.assert_allclose(ours.covariance, theirs.covariance, rtol=1e-3, atol=1e-9)
+        assert ours.log_odds == pytest.approx(theirs.log_odds, abs=1e-3)
