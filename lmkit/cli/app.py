@@ -28,6 +28,7 @@ COMMANDS = {
     "plan": "Plan landmark positions, accuracy and routes.",
     "evaluate": "Compute the errors of a trajectory, as evo does.",
     "unbag": "Extract stereo images, rig, odometry and gyro from a ROS bag.",
+    "web": "Serve a page in the browser.",
     "simulate": "Simulate a room and a stereo camera.",
     "demo": "Run all steps in a simulated room.",
     "doctor": "Check the installation.",

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import json
+import os
 import sys
+import time
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any, TypeVar
@@ -34,12 +36,19 @@ def warn(text: str) -> None:
     sys.stderr.write(f"lmkit: {' '.join(text.split())}\n")
 
 
+# With LMKIT_PROGRESS=lines, progress is written as JSON lines that begin so; `lmkit web` reads them.
+PROGRESS_LINE = "\x1eprogress "
+LEAST_APART_S = 0.1
+
+
 class ProgressBars:
     """Progress bars with the time left, one per step, on stderr if that is a terminal."""
 
     def __init__(self) -> None:
         self._progress: Any = None
         self._tasks: dict[str, Any] = {}
+        self._lines = os.environ.get("LMKIT_PROGRESS") == "lines"
+        self._written_s = 0.0
 
     def __enter__(self) -> ProgressBars:
         if sys.stderr.isatty():
@@ -58,6 +67,10 @@ class ProgressBars:
 
     def update(self, step: str, done: int, total: int | None) -> None:
         """Show how many of a step's items are done; ``total`` is None if it is not known."""
+        if self._lines and (done in (0, total) or time.monotonic() - self._written_s > LEAST_APART_S):
+            self._written_s = time.monotonic()
+            sys.stderr.write(f"{PROGRESS_LINE}{json.dumps({'step': step, 'done': done, 'total': total})}\n")
+            sys.stderr.flush()
         if self._progress is None:
             return
         if step not in self._tasks:

@@ -65,11 +65,14 @@ class Looked:
     coverage: ViewCoverage
 
 
-def look_at_frames(pairs: Iterable[tuple[Frame, Frame]], board: BoardSpec, moving: bool) -> Iterator[Looked]:
+def look_at_frames(
+    pairs: Iterable[tuple[Frame, Frame]], board: BoardSpec, moving: bool, until_complete: bool = True
+) -> Iterator[Looked]:
     """Judge pair after pair until the views are complete.
 
     Args:
         moving: see :class:`lmkit.calibration.capture_guide.CaptureGuide`.
+        until_complete: end when the views are complete; False for a caller that has a condition of its own.
 
     Raises:
         InputError: an image that cannot be read, images of different sizes, or of another board.
@@ -101,7 +104,7 @@ def look_at_frames(pairs: Iterable[tuple[Frame, Frame]], board: BoardSpec, movin
             images[name] = (left, right)
         coverage = guide.coverage
         yield Looked(judgement, left, right, Found(SavedCorners(board, size, guide.views, ()), images), coverage)
-        if not coverage.advice:
+        if until_complete and not coverage.advice:
             return
     looking.end()
 

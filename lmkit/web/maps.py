@@ -1,0 +1,163 @@
+"""Page 5, the map: landmarks with their uncertainty, what a survey doubts, edits with undo."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from dataclasses import replace
+from pathlib import Path
+from typing import Annotated, Any
+
+import numpy as np
+from pydantic import Field
+from starlette.requests import Request
+from starlette.responses import Response
+
+import lmkit as lm
+from lmkit.arrays import FloatArray
+from lmkit.errors import InputError
+from lmkit.web.answers import Body, answer, read_body
+from lmkit.web.project import Project
+from lmkit.web.state import State, state_of
+from lmkit.web.versions import count_versions, keep_version, restore_version
+
+MAP = "map.yaml"
+Metres = Annotated[float, Field(ge=-10_000, le=10_000)]
+
+
+class Edit(Body):
+    """Change of one landmark; None leaves a value as it is."""
+
+    id: Annotated[str, Field(max_length=40)]
+    name: Annotated[str, Field(max_length=60)] | None = None
+    position: tuple[Metres, Metres, Metres] | None = None
+    facing_deg: Annotated[float, Field(ge=-360, le=360)] | None = None
+    size_m: Annotated[float, Field(gt=0, le=10)] | None = None
+    remove: bool = False
+
+
+class EditBody(Body):
+    """Changes to the version of the map that the browser has."""
+
+    version: Annotated[str, Field(max_length=64)]
+    edits: Annotated[list[Edit], Field(min_length=1, max_length=500)]
+
+
+async def show(request: Request) -> Response:
+    """The map as the page draws it."""
+    return answer(await _shown(state_of(request)))
+
+
+async def edit(request: Request) -> Response:
+    """Change landmarks; the map before is kept for undo."""
+    state, body = state_of(request), await read_body(request, EditBody)
+    path = state.project.path(MAP)
+    if not path.is_file():
+        raise InputError("no_file", "the project has no map.yaml", "survey a recording first")
+    if body.version != _version(path):
+        raise InputError("changed", "map.yaml has changed meanwhile", "look at the new map, then edit again")
+    landmarks = await state.workers.run(edited, str(path), body)
+    keep_version(state.project, MAP)
+    lm.write_map(landmarks, path, overwrite=True)
+    return answer(await _shown(state))
+
+
+async def undo(request: Request) -> Response:
+    """Go back by one change."""
+    state = state_of(request)
+    restore_version(state.project, MAP)
+    return answer(await _shown(state))
+
+
+def edited(path: str, body: EditBody) -> lm.LandmarkMap:
+    """The map of a file with these changes."""
+    landmarks = {str(landmark.id): landmark for landmark in lm.read_map(path)}
+    for change in body.edits:
+        if change.id not in landmarks:
+            raise InputError("no_landmark", f"there is no landmark {change.id} in the map", "reload the page")
+        if change.remove:
+            del landmarks[change.id]
+            continue
+        landmarks[change.id] = _changed(landmarks[change.id], change)
+    if not landmarks:
+        raise InputError("empty_map", "a map needs one landmark at least", "keep one")
+    return lm.LandmarkMap(list(landmarks.values()))
+
+
+def _changed(landmark: lm.MappedLandmark, change: Edit) -> lm.MappedLandmark:
+    pose, covariance = landmark.T_map_landmark, landmark.covariance
+    t = pose.t if change.position is None else np.array(change.position)
+    R = pose.R
+    if change.facing_deg is not None:
+        turn = np.radians(change.facing_deg - facing_deg(R))
+        c, s = np.cos(turn), np.sin(turn)
+        R = np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]]) @ R
+    if change.position is not None or change.facing_deg is not None:
+        covariance = None  # it was the survey's, of another pose
+        pose = lm.Pose("map", "landmark", R, t)
+    name = landmark.name if change.name is None else change.name.strip() or None
+    size_m = landmark.size_m if change.size_m is None else change.size_m
+    return replace(landmark, T_map_landmark=pose, covariance=covariance, name=name, size_m=size_m)
+
+
+def facing_deg(R: FloatArray) -> float:
+    """Direction in which the landmark's face looks in the plan, degrees."""
+    return float(np.degrees(np.arctan2(R[1, 2], R[0, 2])))
+
+
+def describe_map(path: str) -> list[dict[str, Any]]:
+    """Landmarks of a map file as the page draws them."""
+    entries = []
+    for landmark in lm.read_map(path):
+        pose, C = landmark.T_map_landmark, landmark.covariance
+        entries.append(
+            {
+                "id": str(landmark.id),
+                "code": landmark.code,
+                "family": landmark.family,
+                "size_m": landmark.size_m,
+                "position": pose.t.tolist(),
+                "facing_deg": facing_deg(pose.R),
+                "name": landmark.name,
+                "ellipse": None if C is None else [float(C[0, 0]), float(C[0, 1]), float(C[1, 1])],
+                "sigma_m": None if C is None else float(np.sqrt(np.trace(C[:3, :3]))),
+            }
+        )
+    return entries
+
+
+async def _shown(state: State) -> dict[str, Any]:
+    project = state.project
+    path = project.path(MAP)
+    if not path.is_file():
+        return {"landmarks": [], "version": None, "undo": count_versions(project, MAP), "doubts": {}, "warnings": []}
+    doubts, warnings = _doubts(project)
+    return {
+        "landmarks": await state.workers.run(describe_map, str(path)),
+        "version": _version(path),
+        "undo": count_versions(project, MAP),
+        "doubts": doubts,
+        "warnings": warnings,
+        "command": f"lmkit map {MAP}",
+    }
+
+
+def _version(path: Path) -> str:
+    return hashlib.sha256(path.read_bytes()).hexdigest()[:16]
+
+
+def _doubts(project: Project) -> tuple[dict[str, str], list[str]]:
+    """Sentences of the newest survey: by the landmark that it contradicts, and all."""
+    folder = project.root / "reports"
+    tables = sorted(folder.glob("*-survey.json"), key=lambda p: p.stat().st_mtime) if folder.is_dir() else []
+    if not tables:
+        return {}, []
+    try:
+        data = json.loads(tables[-1].read_text(encoding="utf-8"))
+        doubts = {
+            entry["id"]: f"{entry['off']} of {entry['of']} observations contradict its place"
+            for entry in data["contradicted"]
+        }
+        return doubts, [str(text) for text in data["warnings"]]
+    except (ValueError, KeyError, TypeError):
+        return {}, []

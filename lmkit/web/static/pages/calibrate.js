@@ -1,0 +1,53 @@
+import { api, choice, empty, field, h, heading, jobView, mm, note, s, toast, trouble } from "../lib.js";
+
+export async function show(stage) {
+  const project = await api("project");
+  const sources = [...project.pairs.map((p) => [p.name, `${p.name} (${p.count} pairs)`]), ...project.films.map((f) => [f.name, `${f.name} (film, side by side)`])];
+  stage.append(...heading("Calibrate", "Show the board at many places and tilts. It stops when the depth error is as small as you ask for, not at a count."));
+  if (!sources.length) {
+    stage.append(empty("No images of a board yet", "Print a board (lmkit board chessboard:9x6:25mm), photograph it with both cameras into pairs/left and pairs/right of the project, or put a side-by-side film into the project. Without cameras, write the example on the overview.", h("a", { class: "button primary", href: "#/" }, "To the overview")));
+    return undefined;
+  }
+  const boards = sources.find(([name]) => /board/.test(name)) ?? sources[0];
+  const source = choice(sources, boards[0]);
+  const board = h("input", { value: "chessboard:9x6:25mm", required: true, spellcheck: "false", autocomplete: "off" });
+  const until = h("input", { value: "5", inputmode: "decimal" });
+  const at = choice([["1", "1 m"], ["2", "2 m"], ["4", "4 m"], ["8", "8 m"]], "2");
+  const live = h("div"), jobs = h("div");
+  const start = (verb) => async (event) => {
+    event.preventDefault();
+    live.replaceChildren();
+    try {
+      const body = { source: source.value, board: board.value, until_mm: Number(until.value) || 5, at_m: Number(at.value) };
+      jobs.replaceChildren(h("section", { class: "card" }, jobView(await api(`jobs/${verb}`, { method: "POST", body }), { progress: (j) => verb === "guide" && draw(j), done: (j) => j.state === "done" && toast("rig.yaml is written") })));
+    } catch (error) { jobs.replaceChildren(trouble(error)); }
+  };
+  function draw(job) {
+    const p = job.progress;
+    if (p.kept === undefined) return;
+    const here = p.depth.find((d) => d.at_m === p.at_m);
+    live.replaceChildren(h("section", { class: "card", "aria-label": "Guidance" },
+      p.reached ? note("good", `good to ${mm(here.error_m)} at ${p.at_m} m`, `${p.kept} pairs were enough`)
+        : job.state === "done" ? note("warn", `the source ended at ${here ? mm(here.error_m) : "an unknown error"} for ${mm(p.until_m)} at ${p.at_m} m`, "add more pairs, nearer and tilted, and run it again")
+        : note("", p.words ?? "looking", p.advice?.length ? `next: ${p.advice[0]}` : ""),
+      p.image ? h("img", { class: "plan", src: p.image, alt: "Newest pair, left and right camera" }) : null,
+      h("dl", { class: "figures" }, fact(p.kept, "pairs kept"), p.depth.filter((d) => [1, 2, 4, 8].includes(d.at_m)).map((d) => fact(`± ${mm(d.error_m)}`, `expected at ${d.at_m} m`)), p.held_out_px ? fact(`${p.held_out_px.toFixed(3)} px`, "row error on pairs held out") : null),
+      p.coverage ? h("div", { class: "cover" }, p.coverage.map((cells, k) => h("figure", null, s("svg", { viewBox: "0 0 5 3.6", role: "img", "aria-label": `Coverage of the ${k ? "right" : "left"} image: ${cells.flat().filter(Boolean).length} of 25 cells` }, cells.map((row, r) => row.map((yes, c) => s("rect", { class: yes ? "yes" : "no", x: c, y: r * 0.72, width: 1, height: 0.72 })))), h("figcaption", null, `${k ? "right" : "left"} image: where the board has been`)))) : null,
+      p.curve.length > 1 ? curve(p) : null));
+  }
+  const fact = (value, label) => h("div", null, h("dt", null, label), h("dd", null, value));
+  stage.append(h("div", { class: "two" }, h("form", { class: "card stack", onsubmit: start("guide") }, field("Camera", source, "a folder with left/ and right/, or a film"), field("Board", board, "inner corners and side of a square; or charuco:…, landmarks:…"),
+    h("div", { class: "pairfields" }, field("Good to, mm", until), field("at", at)),
+    h("div", { class: "row" }, h("button", { class: "primary", type: "submit" }, "Calibrate with guidance"), h("button", { type: "button", onclick: start("calibrate") }, "Use all pairs"))), h("div", null, live, jobs)));
+  if (project.has.rig) stage.append(note("good", "rig.yaml is there", "a new calibration replaces it"));
+  return undefined;
+}
+
+function curve(p) {
+  const points = p.curve.filter(([, e]) => e !== null), [w, hh] = [480, 160];
+  const top = Math.max(...points.map(([, e]) => e), p.until_m) * 1.1, first = points[0][0], last = Math.max(points.at(-1)[0], first + 1);
+  const x = (n) => 46 + (w - 60) * (n - first) / (last - first), y = (e) => hh - 24 - (hh - 40) * e / top;
+  return h("figure", null, s("svg", { class: "curve", viewBox: `0 0 ${w} ${hh}`, role: "img", "aria-label": `Expected depth error at ${p.at_m} m, from ${mm(points[0][1])} to ${mm(points.at(-1)[1])}` },
+    s("line", { class: "axis", x1: 46, x2: w - 14, y1: y(0), y2: y(0) }), s("line", { class: "goal", x1: 46, x2: w - 14, y1: y(p.until_m), y2: y(p.until_m) }), s("text", { x: 0, y: y(p.until_m) + 4 }, mm(p.until_m)), s("text", { x: 0, y: 14 }, mm(top)),
+    s("path", { d: points.map(([n, e], k) => `${k ? "L" : "M"}${x(n).toFixed(1)},${y(e).toFixed(1)}`).join("") }), s("text", { x: x(first), y: hh - 6 }, `${first} pairs`), s("text", { x: w - 14, y: hh - 6, "text-anchor": "end" }, `${points.at(-1)[0]} pairs`)), h("figcaption", null, `Expected depth error at ${p.at_m} m`));
+}

@@ -1,0 +1,27 @@
+import { api, h, heading, jobView, toast } from "../lib.js";
+
+const step = (number, done, next, title, text, href, action) =>
+  h("li", { class: `step ${done ? "done" : next ? "next" : ""}` }, h("span", { class: "mark", "aria-hidden": "true" }, done ? "✓" : number),
+    h("h2", null, title), h("p", null, text), h("a", { href }, action));
+
+export async function show(stage) {
+  const p = await api("project");
+  const job = h("div");
+  const steps = [
+    [p.prints.length > 0, "Print landmarks", p.prints.length ? `${p.prints.length} files in prints/` : "Choose codes and a size; the file is read back before you get it.", "#/prints", "Prints"],
+    [p.photos.length > 0, "Check a print", p.photos.length ? `${p.photos.length} photographs checked` : "Photograph one sheet. Scale, colors and sharpness are graded.", "#/check", "Check a print"],
+    [p.has.rig, "Calibrate the cameras", p.has.rig ? "rig.yaml is there" : "From photographs or a film of a board.", "#/calibrate", "Calibrate"],
+    [p.has.map, "Build the map", p.has.map ? "map.yaml is there" : "Survey a recording: the map comes with its uncertainty.", "#/recordings", "Recordings"],
+    [p.reports.length > 0, "Track the robot", p.reports.length ? `${p.reports.length} reports in reports/` : "A trajectory through the map, with a report.", "#/recordings", "Recordings"],
+  ];
+  const next = steps.findIndex(([done]) => !done);
+  const start = h("button", { type: "button", onclick: async () => {
+    start.disabled = true;
+    try { job.replaceChildren(jobView(await api("jobs/example", { method: "POST", body: {} }), { done: (j) => { start.disabled = false; if (j.state === "done") toast("The example is in drives/example: calibrate from its boards, survey its recording."); } })); }
+    catch (error) { start.disabled = false; toast(error.message, "bad"); }
+  } }, "Write the example");
+  stage.append(...heading("From print to pose", "Five steps; each writes files into the project's folder, and says the command that does the same."),
+    h("ol", { class: "card stack", role: "list" }, steps.map(([done, title, text, href, action], k) => step(k + 1, done, k === next, title, text, href, action))),
+    h("section", { class: "card" }, h("h2", null, "No cameras at hand?"), h("p", null, "A simulated room as files: calibration boards, a recording with odometry, a rig and a map. It goes into drives/example and takes about a minute."), start, job),
+    p.address ? h("section", { class: "card" }, h("h2", null, "On the phone"), h("p", null, "Scan to open this page on the phone, and photograph prints with it."), h("img", { class: "qr", src: "/api/phone.png", alt: "QR code of this page's address" })) : "");
+}

@@ -1,0 +1,27 @@
+import { api, choice, empty, field, file, h, heading, jobView, toast, trouble } from "../lib.js";
+
+export async function show(stage) {
+  const [project, { jobs }] = await Promise.all([api("project"), api("jobs")]);
+  const list = h("div");
+  const size = h("input", { value: "180mm" });
+  const none = h("p", { class: "soft" }, "Nothing has run yet.");
+  list.append(...(jobs.length ? jobs.map((j) => jobView(j)) : [none]));
+  async function start(verb, source, extra) {
+    try { const job = await api(`jobs/${verb}`, { method: "POST", body: { source, ...extra } }); none.remove(); list.prepend(jobView(job, { done: (j) => j.state === "done" && toast(`${j.title}: done`) })); list.closest("section").scrollIntoView({ block: "nearest" }); }
+    catch (error) { list.prepend(trouble(error)); }
+  }
+  const what = (r) => [r.images ? "images of both cameras" : "saved detections", r.odometry ? "odometry" : null, r.gyro ? "gyro" : null].filter(Boolean).join(", ");
+  stage.append(...heading("Recordings", "Survey a recording to build the map; track one to get the robot's trajectory. Jobs run in processes of their own."));
+  if (project.recordings.length) {
+    stage.append(h("section", { class: "card stack" }, h("div", { class: "pairfields" }, field("Landmark size", size, "outer side of the red border")),
+      project.recordings.map((r) => h("div", { class: "job" }, h("h2", null, r.name || "(project folder)"), h("p", { class: "soft small" }, `${what(r)}${r.own_rig ? ", its own rig" : project.has.rig ? ", rig.yaml of the project" : ", no rig yet"}`),
+        h("div", { class: "row" }, h("button", { class: "primary", type: "button", onclick: () => start("survey", r.name, { size: size.value }) }, "Survey: build the map"),
+          h("button", { type: "button", onclick: () => start("track", r.name) }, "Track"), r.odometry ? h("button", { type: "button", onclick: () => start("track", r.name, { live: true }) }, "Track as if live") : null)))));
+  } else {
+    stage.append(empty("No recording yet", "Put a folder with left/ and right/ images (and odometry.csv if you have it), or a detections.csv, into drives/ of the project. A bag becomes such a folder with lmkit unbag. Without cameras, write the example on the overview.", h("a", { class: "button primary", href: "#/" }, "To the overview")));
+  }
+  if (project.bags.length) stage.append(h("section", { class: "card" }, h("h2", null, "Bags"), h("p", null, "Unpack a bag once, then it is listed here:"), h("ul", null, project.bags.map((b) => h("li", null, h("code", null, `lmkit unbag ${b.name} -o drives/NAME`))))));
+  stage.append(h("section", { class: "card" }, h("h2", null, "Jobs"), list));
+  const reports = project.reports.filter((r) => r.name.endsWith(".html"));
+  if (reports.length) stage.append(h("section", { class: "card" }, h("h2", null, "Reports"), h("ul", null, reports.map((r) => h("li", null, h("a", { href: file(r.name), target: "_blank", rel: "noopener" }, r.name))))));
+}

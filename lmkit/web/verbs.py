@@ -1,0 +1,204 @@
+"""Jobs by verb: each is a command line of lmkit over files of the project."""
+
+from __future__ import annotations
+
+import json
+import re
+import shlex
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated, Any
+
+from pydantic import Field
+from starlette.requests import Request
+from starlette.responses import Response
+
+from lmkit.errors import InputError
+from lmkit.web.answers import Body, answer, read_body
+from lmkit.web.project import FILMS, Project, listing
+from lmkit.web.state import state_of
+from lmkit.web.versions import keep_version
+
+EXAMPLE = "drives/example"
+DEPTHS = (1.0, 2.0, 4.0, 8.0)
+Name = Annotated[str, Field(max_length=300)]
+Short = Annotated[str, Field(max_length=80)]
+
+
+class JobBody(Body):
+    """Choices of all verbs; each takes its own."""
+
+    source: Name = ""
+    board: Short = ""
+    size: Short = "180mm"
+    anchor: bool = True
+    live: bool = False
+    until_mm: Annotated[float, Field(gt=0, le=1000)] = 5.0
+    at_m: float = 2.0
+
+
+@dataclass(frozen=True)
+class Plan:
+    """Commands of a job, and the files that it writes and replaces."""
+
+    title: str
+    steps: tuple[tuple[str, ...], ...]
+    command: str
+    outputs: tuple[str, ...] = ()
+    save_json: str | None = None
+    replaces: tuple[str, ...] = ()
+
+
+async def start(request: Request) -> Response:
+    """Start a job."""
+    state, body, verb = state_of(request), await read_body(request, JobBody), request.path_params["verb"]
+    if verb not in VERBS:
+        raise InputError("no_job", f"there is no job {verb[:20]!r}", f"known: {', '.join(VERBS)}")
+    plan = VERBS[verb](state.project, body)
+    for name in plan.replaces:
+        keep_version(state.project, name)
+    for name in plan.outputs:
+        state.project.path(name).parent.mkdir(parents=True, exist_ok=True)
+    saved = None if plan.save_json is None else state.project.path(plan.save_json)
+    job = state.jobs.start(verb, plan.title, plan.steps, plan.command, plan.outputs, saved)
+    return answer(job.as_dict())
+
+
+def plan_example(project: Project, body: JobBody) -> Plan:
+    """A simulated room as files, to try every page."""
+    code = f"import lmkit; lmkit.write_example_files({EXAMPLE!r}, board_pairs=12, overwrite=True)"
+    return Plan("Write the example", (("-c", code),), f"python -c {shlex.quote(code)}")
+
+
+def plan_survey(project: Project, body: JobBody) -> Plan:
+    """The map from a recording."""
+    found = _recording(project, body.source)
+    stem = _stem(body.source)
+    words = ["survey", *_images(found), "--rig", _of(project, found, "rig")]
+    anchor = "map.yaml" if (project.root / "map.yaml").is_file() else f"{body.source}/map.yaml"
+    if body.anchor and project.path(anchor).is_file():
+        words += ["--known", anchor, "--known-sigma", "20mm,2deg"]
+    words += [*_motion(found), "--size", body.size]
+    html, plan, table = (f"reports/{stem}-survey.{kind}" for kind in ("html", "svg", "json"))
+    words += ["-o", "map.yaml", "--report", html, "--plan", plan, "--json", "--force"]
+    command = f"{shlex.join(['lmkit', *words])} > {shlex.quote(table)}"
+    return Plan(f"Survey {body.source}", (_lmkit(words),), command, (html, plan, table), table, ("map.yaml",))
+
+
+def plan_track(project: Project, body: JobBody) -> Plan:
+    """The robot's trajectory from a recording."""
+    found = _recording(project, body.source)
+    stem = _stem(body.source)
+    words = ["track", *_images(found), "--rig", _of(project, found, "rig"), "--map", _of(project, found, "map")]
+    html, plan, tum = (f"reports/{stem}-track.{kind}" for kind in ("html", "svg", "tum"))
+    words += [*_motion(found), *(["--live"] if body.live else []), "--tum", tum, "--plan", plan, "--report", html]
+    words.append("--force")
+    return Plan(f"Track {body.source}", (_lmkit(words),), shlex.join(["lmkit", *words]), (html, plan, tum))
+
+
+def plan_calibrate(project: Project, body: JobBody) -> Plan:
+    """The rig from a folder of pairs."""
+    _board(body)
+    if not any(pairs["name"] == body.source for pairs in listing(project)["pairs"]):
+        raise InputError("no_pairs", f"{body.source[:80]!r} holds no folders left and right", "choose another folder")
+    words, report = _calibration(body.source, body.board)
+    return Plan(
+        f"Calibrate from {body.source}",
+        (_lmkit(words),),
+        shlex.join(["lmkit", *words]),
+        (report,),
+        None,
+        ("rig.yaml",),
+    )
+
+
+def plan_guide(project: Project, body: JobBody) -> Plan:
+    """Guided calibration with a film or a folder of pairs as the camera, until a stated depth error."""
+    _board(body)
+    if body.at_m not in DEPTHS:
+        raise InputError("bad_value", f"at_m: {body.at_m:g} m is not shown", "choose 1, 2, 4 or 8 m")
+    source = project.path(body.source)
+    is_film = source.is_file() and source.suffix.lower() in FILMS
+    if not is_film and not ((source / "left").is_dir() and (source / "right").is_dir()):
+        raise InputError(
+            "no_source",
+            f"{body.source[:80]!r} is no film and has no folders left and right",
+            "put a side-by-side film, or folders left and right, into the project",
+        )
+    cameras = [body.source] if is_film else [f"{body.source}/left", f"{body.source}/right"]
+    folder = project.unused("pairs", _stem(body.source), "")
+    words, report = _calibration(folder, body.board)
+    task = json.dumps(
+        {
+            "cameras": cameras, "board": body.board, "folder": folder, "at_m": body.at_m,
+            "until_m": body.until_mm / 1000,
+        }
+    )  # fmt: skip
+    shown = ["lmkit", "calibrate", *cameras, "--board", body.board, "--capture"]
+    shown += [*(["--side-by-side"] if is_film else []), "--save-pairs", folder, *words[words.index("-o") :]]
+    steps = (("-m", "lmkit.web.guided", task), _lmkit(words))
+    title = f"Calibrate with {body.source}"
+    return Plan(title, steps, shlex.join(shown), (report,), None, ("rig.yaml",))
+
+
+VERBS = {
+    "example": plan_example,
+    "survey": plan_survey,
+    "track": plan_track,
+    "calibrate": plan_calibrate,
+    "guide": plan_guide,
+}
+
+
+def _lmkit(words: list[str]) -> tuple[str, ...]:
+    return ("-m", "lmkit", *words)
+
+
+def _calibration(source: str, board: str) -> tuple[list[str], str]:
+    """Words of the command, and its report."""
+    report = f"reports/{_stem(source)}-calibration.html"
+    sides = [f"{source}/left", f"{source}/right"]
+    return ["calibrate", *sides, "--board", board, "-o", "rig.yaml", "--report", report, "--force"], report
+
+
+def _board(body: JobBody) -> None:
+    from lmkit.model.board import BoardSpec
+
+    BoardSpec.parse(body.board)
+
+
+def _recording(project: Project, name: str) -> dict[str, Any]:
+    for found in listing(project)["recordings"]:
+        if found["name"] == name:
+            return dict(found)
+    hint = "put a folder with left and right images, or detections.csv, into drives/"
+    raise InputError("no_recording", f"there is no recording {name[:80]!r}", hint)
+
+
+def _images(found: dict[str, Any]) -> list[str]:
+    name = found["name"]
+    prefix = f"{name}/" if name else ""
+    if found["detections"]:
+        return ["--detections", f"{prefix}{found['detections']}"]
+    return [f"{prefix}left", f"{prefix}right"]
+
+
+def _motion(found: dict[str, Any]) -> list[str]:
+    if not found["odometry"]:
+        return []
+    words = ["--odometry", f"{found['name']}/odometry.csv"]
+    return [*words, *(["--gyro", f"{found['name']}/gyro.csv"] if found["gyro"] else [])]
+
+
+def _of(project: Project, found: dict[str, Any], what: str) -> str:
+    """The project's rig or map, or else the recording's own."""
+    if found[f"own_{what}"] and (what == "rig" or not (project.root / "map.yaml").is_file()):
+        return f"{found['name']}/{what}.yaml"
+    if (project.root / f"{what}.yaml").is_file():
+        return f"{what}.yaml"
+    hint = "calibrate first" if what == "rig" else "survey a recording first, or write map.yaml"
+    raise InputError(f"no_{what}", f"the project has no {what}.yaml", hint)
+
+
+def _stem(name: str) -> str:
+    return re.sub(r"[^A-Za-z0-9_-]+", "-", Path(name).with_suffix("").as_posix()).strip("-")[:60] or "recording"

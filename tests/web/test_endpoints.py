@@ -1,0 +1,326 @@
+"""Every endpoint: good, wrong and hostile requests."""
+
+from __future__ import annotations
+
+import io
+import json
+import struct
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+from PIL import Image
+from starlette.testclient import TestClient
+from starlette.websockets import WebSocketDisconnect
+
+import lmkit
+from lmkit.errors import InputError
+from lmkit.geometry.pose import Pose
+from lmkit.model.landmark_id import LandmarkId
+from lmkit.model.landmark_map import LandmarkMap, MappedLandmark, wall_pose
+from lmkit.web.answers import MAX_JSON
+from lmkit.web.app import build_app, state_of_app
+from lmkit.web.live import LiveHub
+from lmkit.web.project import open_project
+from lmkit.web.workers import Workers
+
+HOSTILE = [
+    "../secret", "..%2fsecret", "%2e%2e/secret", "/etc/passwd", "prints/../../secret", "prints\\..\\secret",
+    ".lmkit-undo/x", "prints/.hidden", "prints/a%00b", "reports/" + "a" * 300, "map.yaml", "photos/link/secret",
+]  # fmt: skip
+
+
+@pytest.fixture(scope="module")
+def printed(client):
+    return client.post("/api/prints/pdf", json={"codes": "3,7", "size": "60mm"}).json()
+
+
+@pytest.fixture
+def mapped(tmp_path):
+    """A page over a project with a map of three landmarks."""
+    places = [(1.0, 0.0, 1.2), (3.0, 0.0, 1.2), (4.0, 2.0, 1.3)]
+    landmarks = [
+        MappedLandmark(LandmarkId("lm8", 5 + k), 0.18, wall_pose(p, np.radians(90 + 45 * k)), 1e-6 * np.eye(6))
+        for k, p in enumerate(places)
+    ]
+    lmkit.write_map(LandmarkMap(landmarks), tmp_path / "map.yaml")
+    with TestClient(build_app(open_project(tmp_path), workers=Workers(0)), base_url="http://localhost:8600") as page:
+        yield page, tmp_path
+
+
+def test_a_print_is_previewed_and_its_command_parses(client):
+    p = client.post("/api/prints/preview", json={"codes": "0-11", "size": "180mm", "paper": "a4"}).json()
+    assert (p["landmarks"], p["count"], len(p["pages"])) == (12, 12, 6)
+    assert p["pages"][0]["svg"].startswith("<?xml") and p["command"].startswith("lmkit generate --codes 0-11")
+    assert p["reads_from_m"] == pytest.approx(0.18 * 600 / 17.5)
+
+
+def test_the_pdf_is_proven_and_can_be_fetched(client, printed, folder):
+    assert printed["landmarks"] == 2
+    reply = client.get(f"/api/files/{printed['file']}?download")
+    assert reply.content[:4] == b"%PDF" and "sandbox" in reply.headers["content-security-policy"]
+    assert reply.headers["content-disposition"].startswith("attachment")
+    assert (folder / f"{printed['file']}.json").is_file()
+
+
+@pytest.mark.parametrize(
+    ("body", "code"),
+    [
+        ({"codes": "0-99999"}, None),
+        ({"codes": "x"}, None),
+        ({"codes": "1", "size": "-4mm"}, None),
+        ({"codes": "1", "template": "../../etc/passwd"}, "unknown_template"),
+        ({"codes": "1", "family": "nope"}, "unknown_family"),
+        ({"codes": "1", "else": 1}, "bad_value"),
+        ({}, "bad_value"),
+    ],
+)
+def test_a_wrong_print_is_refused_with_a_hint(client, body, code):
+    for end in ("preview", "pdf"):
+        reply = client.post(f"/api/prints/{end}", json=body)
+        assert reply.status_code == 400 and reply.json()["hint"]
+        assert code is None or reply.json()["code"] == code
+
+
+def test_bodies_are_bounded_and_must_be_json(client):
+    assert client.post("/api/prints/preview", content=b"{" * (MAX_JSON + 2)).status_code == 413
+    assert client.post("/api/prints/preview", content=b"\xff{").status_code == 400
+    assert client.put("/api/prints/preview", json={}).status_code == 405
+
+
+def test_the_check_of_a_print_finds_what_is_printed(client, printed, folder):
+    data = (folder / printed["file"]).read_bytes()
+    name = client.put("/api/photos/scan.pdf", content=data).json()["name"]
+    checked = client.post(f"/api/photos/{name}/check", json={"print": printed["file"]}).json()
+    assert sorted(r["code"] for r in checked["results"]) == [3, 7]
+    assert all(r["grade"] == "A" for r in checked["results"])
+    assert checked["results"][0]["image"].startswith("data:image/jpeg;base64,")
+    assert len(checked["history"]["lm8:3"]) == 1
+    made = client.post(f"/api/photos/{name}/certificate", json={}).json()
+    assert client.get(f"/api/files/{made['file']}").content[:4] == b"%PDF"
+
+
+def test_an_image_without_a_landmark_says_what_to_do(client):
+    image = io.BytesIO()
+    Image.fromarray(np.full((200, 300, 3), 160, np.uint8)).save(image, "PNG")
+    name = client.put("/api/photos/plain.png", content=image.getvalue()).json()["name"]
+    reply = client.post(f"/api/photos/{name}/check", json={"size": "180mm"})
+    assert reply.status_code == 400 and "fill" in reply.json()["hint"]
+
+
+@pytest.mark.parametrize(
+    ("name", "data"),
+    [
+        ("a.png", b"no image"), ("a.png", b""), ("a.svg", b"<svg onload='alert(1)'/>"), ("a.html", b"<script>"),
+        ("a.png", b"%PDF-1.7"), ("a.pdf", b"GIF89a"), ("a.png", b"\x89PNG\r\n\x1a\n" + b"\xff" * 99),
+    ],
+)  # fmt: skip
+def test_what_is_no_image_is_not_stored(client, folder, name, data):
+    before = set((folder / "photos").glob("*")) if (folder / "photos").exists() else set()
+    assert client.put(f"/api/photos/{name}", content=data).status_code == 400
+    assert (set((folder / "photos").glob("*")) if (folder / "photos").exists() else set()) == before
+
+
+@pytest.mark.parametrize("name", HOSTILE)
+def test_no_path_leads_out_of_the_project(client, folder, name):
+    (folder.parent / "secret").write_text("TOP SECRET")
+    (folder / "map.yaml").touch()
+    (folder / "photos").mkdir(exist_ok=True)
+    link = folder / "photos" / "link"
+    if not link.is_symlink():
+        link.symlink_to(folder.parent)
+    try:
+        reply = client.get(f"/api/files/{name}")
+        assert reply.status_code in (400, 404) and "TOP" not in reply.text
+        with pytest.raises(InputError):
+            open_project(folder).public(name)
+        assert client.get(f"/static/{name}").status_code in (404, 405)
+        body = {"source": name, "board": "chessboard:9x6:25mm"}
+        for verb in ("survey", "track", "calibrate", "guide"):
+            assert client.post(f"/api/jobs/{verb}", json=body).status_code == 400
+    finally:
+        link.unlink()
+        (folder / "map.yaml").unlink()
+
+
+def test_foreign_sites_are_refused(client):
+    assert client.get("/api/project", headers={"host": "evil.example"}).status_code == 403
+    for headers in ({"origin": "http://evil.example"}, {"origin": "null"}, {"sec-fetch-site": "cross-site"}):
+        assert client.post("/api/jobs/example", json={}, headers=headers).status_code == 403
+    assert client.post(
+        "/api/prints/preview", json={"codes": "1"}, headers={"origin": "http://127.0.0.1:8600"}
+    ).is_success
+    foreign = {"host": "127.0.0.1:8600", "origin": "http://evil.example"}
+    with pytest.raises(WebSocketDisconnect), client.websocket_connect("/api/live", headers=foreign):
+        pass
+
+
+def test_with_a_host_every_request_needs_the_token(tmp_path):
+    app = build_app(open_project(tmp_path), "sesame", "http://10.0.0.2:8600/?token=sesame", Workers(0))
+    with TestClient(app, base_url="http://10.0.0.2:8600") as page:
+        for path in ("/", "/static/app.js", "/api/project", "/?token=wrong", "/api/phone.png"):
+            assert page.get(path).status_code == 403
+        with pytest.raises(WebSocketDisconnect), page.websocket_connect("/api/live"):
+            pass
+        first = page.get("/?token=sesame", follow_redirects=False)
+        assert first.status_code == 303 and first.headers["location"] == "/"
+        assert "HttpOnly" in first.headers["set-cookie"] and "samesite=strict" in first.headers["set-cookie"].lower()
+        assert page.get("/api/project").json()["address"].endswith("sesame")
+        assert page.get("/api/phone.png").content[:4] == b"\x89PNG"
+
+
+def test_the_page_asks_for_nothing_from_elsewhere(client):
+    reply = client.get("/")
+    assert "default-src 'none'" in reply.headers["content-security-policy"]
+    static = Path(lmkit.__file__).parent / "web/static"
+    for path in static.rglob("*.*"):
+        text = path.read_text(encoding="utf-8").replace("http://www.w3.org/2000/svg", "")
+        assert "http://" not in text and "https://" not in text and "innerHTML" not in text, path.name
+    assert sum(path.stat().st_size for path in static.rglob("*.*")) < 500_000
+
+
+def test_the_map_is_edited_and_undone(mapped):
+    page, folder = mapped
+    before = page.get("/api/map").json()
+    assert [m["id"] for m in before["landmarks"]] == ["lm8:5", "lm8:6", "lm8:7"]
+    change = {"id": "lm8:6", "position": [3.5, 0.0, 1.4], "facing_deg": 80.0, "name": "dock"}
+    after = page.put("/api/map", json={"version": before["version"], "edits": [change]}).json()
+    moved = lmkit.read_map(folder / "map.yaml").find(LandmarkId("lm8", 6))
+    assert moved.T_map_landmark.t.tolist() == [3.5, 0.0, 1.4] and moved.covariance is None and moved.name == "dock"
+    assert after["landmarks"][1]["facing_deg"] == pytest.approx(80) and after["landmarks"][0]["sigma_m"] is not None
+    stale = page.put("/api/map", json={"version": before["version"], "edits": [{"id": "lm8:5", "remove": True}]})
+    assert stale.status_code == 409
+    gone = page.put("/api/map", json={"version": after["version"], "edits": [{"id": "lm8:5", "remove": True}]}).json()
+    assert len(gone["landmarks"]) == 2 and gone["undo"] == 2
+    assert page.post("/api/map/undo").json()["version"] == after["version"]
+    assert page.post("/api/map/undo").json()["landmarks"] == before["landmarks"]
+    assert page.post("/api/map/undo").status_code == 400
+
+
+def test_turning_a_landmark_keeps_its_tilt(tmp_path):
+    from lmkit.web.maps import Edit, _changed, facing_deg
+
+    tilt = Pose("map", "landmark", wall_pose((0, 0, 1), 0.3).R @ _about_x(0.2), np.zeros(3))
+    turned = _changed(
+        MappedLandmark(LandmarkId("lm8", 1), 0.18, tilt), Edit(id="lm8:1", facing_deg=120)
+    ).T_map_landmark
+    assert facing_deg(turned.R) == pytest.approx(120) and turned.R[2] == pytest.approx(tilt.R[2])
+
+
+def _about_x(angle):
+    c, s = np.cos(angle), np.sin(angle)
+    return np.array([[1, 0, 0], [0, c, -s], [0, s, c]])
+
+
+@pytest.mark.parametrize(
+    "edits",
+    [
+        [{"id": "lm8:99", "name": "x"}], [{"id": "lm8:5", "position": [1, 2]}], [{"id": "lm8:5", "size_m": -1}], [],
+        [{"id": f"lm8:{k}", "remove": True} for k in (5, 6, 7)], [{"id": "lm8:5", "position": [1e300, 0, 0]}],
+    ],
+)  # fmt: skip
+def test_wrong_edits_change_nothing(mapped, edits):
+    page, folder = mapped
+    text = (folder / "map.yaml").read_text()
+    version = page.get("/api/map").json()["version"]
+    assert page.put("/api/map", json={"version": version, "edits": edits}).status_code == 400
+    assert (folder / "map.yaml").read_text() == text and page.get("/api/map").json()["undo"] == 0
+
+
+@pytest.mark.slow
+def test_a_survey_and_a_track_run_as_jobs_with_their_reports(tmp_path):
+    lmkit.write_example_files(tmp_path / "drives/a", board_pairs=0, seconds=8)
+    with TestClient(build_app(open_project(tmp_path), workers=Workers(0)), base_url="http://127.0.0.1:8600") as page:
+        survey = _ended(page, page.post("/api/jobs/survey", json={"source": "drives/a"}).json())
+        assert survey["state"] == "done", survey
+        assert survey["command"].startswith("lmkit survey --detections drives/a/detections.csv")
+        assert len(lmkit.read_map(tmp_path / "map.yaml")) > 3 and page.get("/api/map").json()["landmarks"]
+        report = page.get(f"/api/files/{survey['outputs'][0]}")
+        assert "<html" in report.text and "sandbox" in report.headers["content-security-policy"]
+        track = _ended(page, page.post("/api/jobs/track", json={"source": "drives/a"}).json())
+        assert track["state"] == "done" and (tmp_path / "reports/drives-a-track.tum").is_file()
+        assert [job["verb"] for job in page.get("/api/jobs").json()["jobs"]] == ["track", "survey"]
+
+
+def test_a_job_is_cancelled_and_another_follows(tmp_path):
+    with TestClient(build_app(open_project(tmp_path), workers=Workers(0)), base_url="http://127.0.0.1:8600") as page:
+        first = page.post("/api/jobs/example", json={}).json()
+        time.sleep(0.5)
+        page.post(f"/api/jobs/{first['id']}/cancel")
+        ended = _ended(page, first)
+        assert ended["state"] == "cancelled" and ended["seconds"] < 20
+        assert page.get("/api/jobs/99").status_code == 404
+        assert page.post("/api/jobs/format-disk", json={}).status_code == 404
+
+
+@pytest.mark.slow
+def test_a_job_that_fails_says_why(tmp_path):
+    lmkit.write_example_files(tmp_path / "drives/a", board_pairs=0, seconds=2)
+    (tmp_path / "drives/a/detections.csv").write_text("nonsense\n")
+    with TestClient(build_app(open_project(tmp_path), workers=Workers(0)), base_url="http://127.0.0.1:8600") as page:
+        job = _ended(page, page.post("/api/jobs/survey", json={"source": "drives/a"}).json())
+        assert job["state"] == "failed" and "detections.csv" in job["error"] and not (tmp_path / "map.yaml").exists()
+
+
+def _ended(page, job):
+    for _ in range(600):
+        job = page.get(f"/api/jobs/{job['id']}").json()
+        if job["state"] not in ("waiting", "running"):
+            return job
+        time.sleep(0.1)
+    raise AssertionError(f"still {job['state']}")
+
+
+def test_live_states_arrive_with_their_image(tmp_path):
+    app = build_app(open_project(tmp_path), workers=Workers(0))
+    hub = state_of_app(app).live
+    with TestClient(app, base_url="http://127.0.0.1:8600") as page:
+        hub.publish({"status": "ok", "number": 1}, b"jpeg")
+        with page.websocket_connect("/api/live", headers={"host": "127.0.0.1:8600"}) as socket:
+            data = socket.receive_bytes()
+            length = struct.unpack("<I", data[:4])[0]
+            assert json.loads(data[4 : 4 + length])["number"] == 1 and data[4 + length :] == b"jpeg"
+            assert hub.watched
+            hub.publish({"status": "lost", "number": 2})
+            assert b'"number":2' in socket.receive_bytes()
+        for _ in range(50):
+            if not hub.watched:
+                break
+            time.sleep(0.05)
+        assert not hub.watched
+
+
+def test_a_slow_watcher_misses_states_and_holds_one():
+    import asyncio
+
+    async def watch():
+        hub = LiveHub()
+        queues = [hub.watch() for _ in range(9)]
+        assert queues[-1] is None and all(queues[:-1])
+        for number in range(100):
+            hub.publish({"number": number})
+        await asyncio.sleep(0)
+        assert queues[0].qsize() == 1 and b"99" in queues[0].get_nowait()
+
+    asyncio.run(watch())
+
+
+def test_work_in_processes_ends_when_it_takes_too_long():
+    import asyncio
+    import os
+
+    async def try_all():
+        workers = Workers(1, longest_s=60)
+        try:
+            assert await workers.run(abs, -3) == 3
+            with pytest.raises(InputError, match="broke off"):
+                await workers.run(os._exit, 3)
+            assert await workers.run(abs, -4) == 4
+            workers._longest_s = 0.2
+            with pytest.raises(InputError, match="not done"):
+                await workers.run(time.sleep, 60)
+        finally:
+            workers.close()
+
+    asyncio.run(try_all())
