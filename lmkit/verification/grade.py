@@ -77,6 +77,7 @@ ASPECT = _Scale("X to Y", (0.003, 0.006, 0.012, 0.02), "reprint with --compensat
 SKEW = _Scale("skew", (0.15, 0.3, 0.6, 1.2), "feed the paper straight; scan flat")
 CONTENT = "content"
 UNMEASURED = "C"  # of a print whose size is stated and could not be measured
+UNSTATED = "B"  # of a print of which nobody says how large it should be
 NOT_MEASURED = (
     "measure the border with a ruler, scan it with its dpi, or photograph it with the whole sheet or a bank card"
 )
@@ -138,6 +139,8 @@ def grade_print(
     if off is None and stated_mm is not None:
         # The commonest fault is "fit to page": nobody may rely on a size that was not measured.
         lines.append(GradedLine(SCALE.name, f"not measured, {stated_mm:g} mm stated", UNMEASURED, NOT_MEASURED))
+    elif off is None:
+        lines.append(GradedLine(SCALE.name, "unknown", UNSTATED, no_scale))
     else:
         lines.append(SCALE.line(off, f"{measured} for {stated_mm or 0:g} mm", no_scale))
     lines.append(ASPECT.line(aspect, "{:.2%} apart", no_scale))

@@ -7,19 +7,24 @@ from dataclasses import dataclass
 
 import cv2
 import numpy as np
+from scipy.ndimage import gaussian_filter1d
 
 from lmkit.arrays import ByteArray, FloatArray
 from lmkit.geometry.homography import homography_from_points, transform_points
 from lmkit.io.template import PAPERS_MM
 from lmkit.model.palette import SRGB_TO_LINEAR
+from lmkit.verification.sheet_edges import is_sheet, sheet_quads
 
 CARD_MM = (85.60, 53.98)  # ISO/IEC 7810, ID-1
 REFERENCES_MM = {"bank card": CARD_MM} | {name: size for name, size in PAPERS_MM.items() if "-" not in name}
 NEAR = 0.105  # prints further from their scale than this are not recognized; papers of one shape differ by 1.41
 UNEQUAL = 0.03  # and its x and y do not differ by more
 CROOKED_DEG = 1.0
-REACH_PX = 5  # on both sides of an outline, in which its edge is looked for
+REACH_PX = 5.0  # on both sides of an outline, in which its edge is looked for
+SURE_REACH_PX = 3.0  # where the edges of a sheet were gathered
 PROFILES = 60  # along each side
+NEAR_PX = 0.7  # of a line, to lie on it
+AGREED = 0.5  # share of a side's profiles
 
 
 @dataclass(frozen=True)
@@ -51,8 +56,16 @@ def find_reference(
     to_mm = np.linalg.inv(homography_from_points(face, corners))
     side_px = float(np.linalg.norm(np.roll(corners, -1, axis=0) - corners, axis=1).mean())
     known = {**REFERENCES_MM, **{f"sheet of {w:g} x {h:g} mm": (w, h) for w, h in papers_mm}}
+    outlines = _quads(image, 0.2 * side_px)
+    light = SRGB_TO_LINEAR[cv2.GaussianBlur(cv2.cvtColor(image, cv2.COLOR_BGR2GRAY), (3, 3), 0)]
+    to_px, sheets = np.linalg.inv(to_mm), [size for name, size in known.items() if name != "bank card"]
+    sheets += [(h, w) for w, h in sheets]
+    for quad in sheet_quads(light, to_px, half, sheets, NEAR):
+        fitted = _fitted(light, quad, SURE_REACH_PX)
+        if fitted is not None and is_sheet(light, to_px, half, fitted):
+            outlines.append(fitted)
     best: tuple[float, Reference] | None = None
-    for quad in _quads(image, 0.2 * side_px):
+    for quad in outlines:
         mm = transform_points(to_mm, quad)
         for name, (long_mm, short_mm) in known.items():
             found = _match(mm, (short_mm, long_mm)) or _match(mm, (long_mm, short_mm))
@@ -62,7 +75,7 @@ def find_reference(
 
 
 def _match(mm: FloatArray, size: tuple[float, float]) -> tuple[float, tuple[float, float]] | None:
-    """(how crooked, stretch) where the quad, in the landmark's own mm, is a rectangle of about this size."""
+    """(how crooked and unequal, stretch) where the quad, in the landmark's mm, is a rectangle of about this size."""
     mm = np.roll(mm, -int(np.argmin(mm @ [1.0, -1.0])), axis=0)  # from the top left one
     edges = np.roll(mm, -1, axis=0) - mm
     lengths = np.linalg.norm(edges, axis=1)
@@ -83,7 +96,8 @@ def _match(mm: FloatArray, size: tuple[float, float]) -> tuple[float, tuple[floa
     if turned > 3.0:
         mean = (stretch[0] + stretch[1]) / 2
         stretch = (mean, mean)
-    return crooked + 100 * uneven, stretch
+    # Of two outlines that share sides, the one that stretches x and y alike is the sheet's.
+    return crooked + 100 * uneven + 50 * abs(stretch[0] / stretch[1] - 1), stretch
 
 
 def _quads(image: ByteArray, least_px: float) -> list[FloatArray]:
@@ -112,13 +126,16 @@ def _quads(image: ByteArray, least_px: float) -> list[FloatArray]:
     return [quad for quad in found if quad is not None]
 
 
-def _fitted(light: FloatArray, quad: FloatArray) -> FloatArray | None:
-    """The quad with its sides moved to where brightness passes half way, in linear light."""
+def _fitted(light: FloatArray, quad: FloatArray, reach: float = REACH_PX) -> FloatArray | None:
+    """The quad with its sides moved to where brightness changes most, in linear light; None where it does not.
+
+    What lies behind a sheet does not move its edge: each side is the line that most profiles agree on.
+    """
     x, y = quad.T
     if np.sum(x * np.roll(y, -1) - y * np.roll(x, -1)) < 0:
         quad = quad[::-1]
-    across = np.linspace(-REACH_PX, REACH_PX, 8 * REACH_PX + 1)
-    shares = np.linspace(0.06, 0.94, PROFILES)
+    across = np.linspace(-reach, reach, round(8 * reach) + 1)
+    shares = np.linspace(0.04, 0.96, PROFILES)
     lines = []
     for a, b in zip(quad, np.roll(quad, -1, axis=0), strict=True):
         along = (b - a) / np.linalg.norm(b - a)
@@ -126,16 +143,11 @@ def _fitted(light: FloatArray, quad: FloatArray) -> FloatArray | None:
         starts = a + shares[:, None] * (b - a)
         at = (starts[:, None] + across[None, :, None] * outwards).astype(np.float32)
         seen = cv2.remap(light, at[:, :, 0], at[:, :, 1], cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
-        inside, outside = seen[:, : len(across) // 4].mean(axis=1), seen[:, -len(across) // 4 :].mean(axis=1)
-        step = outside - inside
-        fair = np.abs(step) > 0.5 * np.median(np.abs(step))
-        shown = np.clip((seen - inside[:, None]) / np.where(fair, step, 1)[:, None], 0, 1)
-        place = across[-1] - shown.mean(axis=1) * (across[-1] - across[0])
-        for _ in range(3):
-            if fair.sum() < PROFILES // 3:
-                return None
-            slope, offset = np.polyfit(shares[fair], place[fair], 1)
-            fair &= np.abs(place - slope * shares - offset) < 1.0
+        place, step = _steepest(gaussian_filter1d(seen, 4.0, axis=1), across)
+        line = _agreed_line(shares, place, step)
+        if line is None:
+            return None
+        slope, offset = line
         ends = [a + offset * outwards, b + (slope + offset) * outwards]
         normal = np.array([ends[1][1] - ends[0][1], ends[0][0] - ends[1][0]])
         lines.append((normal, float(normal @ ends[0])))
@@ -145,3 +157,31 @@ def _fitted(light: FloatArray, quad: FloatArray) -> FloatArray | None:
             return None
         corners.append(np.linalg.solve([n1, n2], [d1, d2]))
     return np.array(corners)
+
+
+def _steepest(seen: FloatArray, across: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """(place, steepness) of every profile's steepest change, between samples by a parabola."""
+    steep = np.abs(np.gradient(seen, axis=1))
+    k = np.clip(np.argmax(steep, axis=1), 1, steep.shape[1] - 2)
+    rows = np.arange(len(seen))
+    before, here, after = (steep[rows, k + d] for d in (-1, 0, 1))
+    second = before - 2 * here + after
+    shift = np.where(second < 0, 0.5 * (before - after) / np.where(second < 0, second, 1.0), 0.0)
+    return across[k] + np.clip(shift, -1, 1) * (across[1] - across[0]), here
+
+
+def _agreed_line(shares: FloatArray, place: FloatArray, step: FloatArray) -> tuple[float, float] | None:
+    """(slope, offset) of the line on which most of the profiles' edges lie, or None where few do."""
+    clear = step > 0.25 * np.quantile(step, 0.75)
+    i, j = np.triu_indices(len(shares), len(shares) // 3)
+    slopes = (place[j] - place[i]) / (shares[j] - shares[i])
+    offsets = place[i] - slopes * shares[i]
+    near = np.abs(place - slopes[:, None] * shares - offsets[:, None]) < NEAR_PX
+    best = int(np.argmax((near & clear).sum(axis=1)))
+    kept = near[best] & clear
+    for _ in range(3):
+        if kept.mean() < AGREED:
+            return None
+        slope, offset = np.polyfit(shares[kept], place[kept], 1)
+        kept = clear & (np.abs(place - slope * shares - offset) < NEAR_PX)
+    return float(slope), float(offset)

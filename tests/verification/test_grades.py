@@ -296,3 +296,25 @@ def test_a_print_fitted_to_the_page_is_found_in_a_photograph(stretch):
     assert found.scale_from == "a4"
     assert found.side_mm == pytest.approx((180 * stretch, 180 * stretch), rel=0.003)
     assert grade_of(found, "scale") == "F"
+
+
+@pytest.mark.parametrize("shrink", [0.93, 1.0])
+def test_a_sheet_on_a_cluttered_table_gives_the_scale(shrink):
+    """Patches of the table are as bright as the paper, so that no threshold takes the sheet out."""
+    rng = np.random.default_rng(8)
+    patches = rng.uniform(0, 1, (24, 18, 3)).astype(np.float32)
+    table = cv2.resize(patches, (1120, 1440), interpolation=cv2.INTER_NEAREST)
+    print_ = shrunk(shrink, shrink)
+    table[130 : 130 + print_.shape[0], 140 : 140 + print_.shape[1]] = 0.95 * print_
+    found = graded(table, scanned=False)
+    assert found.scale_from == "a4"
+    assert found.side_mm == pytest.approx((180 * shrink, 180 * shrink), rel=0.004)
+
+
+def test_a_print_of_no_stated_size_is_no_a():
+    rng = np.random.default_rng(1)
+    scan = cv2.GaussianBlur(photograph(1.0), (0, 0), 0.6) * 250 + rng.normal(0, 1.5, photograph(1.0).shape)
+    image = np.clip(np.round(scan), 0, 255).astype(np.uint8)[:, :, ::-1].copy()
+    (found,) = grade_sheet("photo", image, None, ())
+    assert found.side_mm is None
+    assert found.grade == "B"
