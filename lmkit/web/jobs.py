@@ -11,7 +11,7 @@ import signal
 import sys
 import time
 from collections import deque
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -37,6 +37,7 @@ class Job:
         steps: words after ``python`` of one command after the other.
         outputs: files it writes, relative to the project.
         save_json: file for its standard output, or None.
+        on_line: is given every line of standard output instead of the log.
         state: ``waiting``, ``running``, ``done``, ``failed`` or ``cancelled``.
     """
 
@@ -47,6 +48,7 @@ class Job:
     steps: tuple[tuple[str, ...], ...]
     outputs: tuple[str, ...] = ()
     save_json: Path | None = None
+    on_line: Callable[[bytes], None] | None = None
     state: str = "waiting"
     started: float | None = None
     ended: float | None = None
@@ -88,6 +90,7 @@ class Jobs:
         command: str,
         outputs: Sequence[str] = (),
         save_json: Path | None = None,
+        on_line: Callable[[bytes], None] | None = None,
     ) -> Job:
         """Start a job, or let it wait for its turn.
 
@@ -96,7 +99,16 @@ class Jobs:
         """
         if sum(job.state == "waiting" for job in self._jobs.values()) >= WAITING:
             raise InputError("busy", f"{WAITING} jobs are waiting", "wait, or cancel some of them")
-        job = Job(f"{next(self._numbers)}", verb, title, command, tuple(map(tuple, steps)), tuple(outputs), save_json)
+        job = Job(
+            f"{next(self._numbers)}",
+            verb,
+            title,
+            command,
+            tuple(map(tuple, steps)),
+            tuple(outputs),
+            save_json,
+            on_line,
+        )
         self._jobs[job.id] = job
         for old in [j for j in self._jobs.values() if j.ended is not None][: max(0, len(self._jobs) - KEPT)]:
             del self._jobs[old.id]
@@ -172,7 +184,9 @@ class Jobs:
     async def _results(self, job: Job, stream: asyncio.StreamReader) -> None:
         kept: list[bytes] = []
         async for line in stream:
-            if job.save_json is None:
+            if job.on_line is not None:
+                job.on_line(line)
+            elif job.save_json is None:
                 job.log.append(line.decode(errors="replace").rstrip()[:2000])
             elif sum(map(len, kept)) < LINE_BYTES:
                 kept.append(line)

@@ -8,7 +8,12 @@ import struct
 from collections.abc import Mapping
 from typing import Any
 
+import numpy as np
+
+from lmkit.live.state import LiveState
+
 WATCHERS = 8  # browsers at once
+SHOWN_PX = 480  # width of each camera's image
 
 
 def pack_message(state: Mapping[str, Any], jpeg: bytes = b"") -> bytes:
@@ -32,6 +37,10 @@ class LiveHub:
         self._queues: dict[asyncio.Queue[bytes], asyncio.AbstractEventLoop] = {}
         self._last: bytes | None = None
 
+    def __call__(self, state: LiveState) -> None:
+        """Publish a step of the live loop; its images only while someone looks."""
+        self.publish(state.to_dict(), image_of(state) if self.watched else b"")
+
     @property
     def watched(self) -> bool:
         """Whether someone looks."""
@@ -42,6 +51,15 @@ class LiveHub:
         self._last = message = pack_message(state, jpeg)
         for queue, loop in list(self._queues.items()):
             loop.call_soon_threadsafe(_put_newest, queue, message)
+
+    def publish_line(self, line: bytes) -> None:
+        """Publish a step that a run wrote as one line of JSON; other lines are passed over."""
+        try:
+            state = json.loads(line)
+        except ValueError:
+            return
+        if isinstance(state, dict) and "status" in state:
+            self.publish(state)
 
     def watch(self) -> asyncio.Queue[bytes] | None:
         """A queue of one message, the newest; None when too many watch."""
@@ -56,6 +74,26 @@ class LiveHub:
     def leave(self, queue: asyncio.Queue[bytes]) -> None:
         """End a watch."""
         self._queues.pop(queue, None)
+
+
+def image_of(state: LiveState) -> bytes:
+    """Images of all cameras side by side with the landmarks outlined, as JPEG; empty without an image."""
+    import cv2
+
+    from lmkit.visualization.overlay import draw_landmarks, encode_jpeg
+
+    shown = []
+    for view in state.views:
+        if view.image is None:
+            continue
+        drawn = draw_landmarks(view.image, view.detections, enlarge=1)
+        size = (SHOWN_PX, round(SHOWN_PX * drawn.shape[0] / drawn.shape[1]))
+        shown.append(cv2.resize(drawn, size, interpolation=cv2.INTER_AREA))
+    if not shown:
+        return b""
+    height = max(image.shape[0] for image in shown)
+    padded = [np.pad(image, ((0, height - image.shape[0]), (0, 0), (0, 0))) for image in shown]
+    return encode_jpeg(np.asarray(np.hstack(padded), dtype=np.uint8), 75)
 
 
 def _put_newest(queue: asyncio.Queue[bytes], message: bytes) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib.util
 import json
 import re
 import shlex
@@ -47,6 +48,7 @@ class Plan:
     outputs: tuple[str, ...] = ()
     save_json: str | None = None
     replaces: tuple[str, ...] = ()
+    is_live: bool = False
 
 
 async def start(request: Request) -> Response:
@@ -60,7 +62,8 @@ async def start(request: Request) -> Response:
     for name in plan.outputs:
         state.project.path(name).parent.mkdir(parents=True, exist_ok=True)
     saved = None if plan.save_json is None else state.project.path(plan.save_json)
-    job = state.jobs.start(verb, plan.title, plan.steps, plan.command, plan.outputs, saved)
+    on_line = state.live.publish_line if plan.is_live else None
+    job = state.jobs.start(verb, plan.title, plan.steps, plan.command, plan.outputs, saved, on_line)
     return answer(job.as_dict())
 
 
@@ -141,12 +144,33 @@ def plan_guide(project: Project, body: JobBody) -> Plan:
     return Plan(title, steps, shlex.join(shown), (report,), None, ("rig.yaml",))
 
 
+def plan_run(project: Project, body: JobBody) -> Plan:
+    """A live run whose steps the page shows: a recording, ``run.yaml``, or ``sim:``, a simulated robot."""
+    if importlib.util.find_spec("lmkit.cli.run") is None:
+        raise InputError("no_run", "this lmkit has no command run", "track the recording instead")
+    if body.source == "sim:":
+        words = ["run", "sim:"]
+    elif body.source == "run.yaml":
+        words = ["run", "run.yaml"]
+    else:
+        found = _recording(project, body.source)
+        if not found["images"]:
+            raise InputError("no_images", f"{body.source} holds no images", "track its saved detections instead")
+        name = found["name"]
+        words = ["run", f"{name}/left", f"{name}/right", *_motion(found)]
+        words += ["--rig", _of(project, found, "rig"), "--map", _of(project, found, "map")]
+    words.append("--json")
+    title = "Simulated robot" if body.source == "sim:" else f"Run {body.source}"
+    return Plan(title, (_lmkit(words),), shlex.join(["lmkit", *words]), is_live=True)
+
+
 VERBS = {
     "example": plan_example,
     "survey": plan_survey,
     "track": plan_track,
     "calibrate": plan_calibrate,
     "guide": plan_guide,
+    "run": plan_run,
 }
 
 

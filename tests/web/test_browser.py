@@ -137,7 +137,7 @@ def test_an_errand_from_print_to_map(furnished, open_page, project):
 
     page.goto(page.url.split("#")[0] + "#/recordings")
     page.get_by_role("button", name="Survey: build the map").click()
-    page.get_by_role("link", name="Open the report").wait_for(timeout=200_000)
+    _until((project / "map.yaml").exists)
 
     page.goto(page.url.split("#")[0] + "#/map")
     page.get_by_role("button", name="Edit landmark").first.click()

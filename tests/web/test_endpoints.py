@@ -21,7 +21,7 @@ from lmkit.model.landmark_id import LandmarkId
 from lmkit.model.landmark_map import LandmarkMap, MappedLandmark, wall_pose
 from lmkit.web.answers import MAX_JSON
 from lmkit.web.app import build_app, state_of_app
-from lmkit.web.live import LiveHub
+from lmkit.web.live import LiveHub, image_of
 from lmkit.web.project import open_project
 from lmkit.web.workers import Workers
 
@@ -289,6 +289,24 @@ def test_live_states_arrive_with_their_image(tmp_path):
                 break
             time.sleep(0.05)
         assert not hub.watched
+
+
+def test_a_step_of_the_live_loop_is_published_with_its_images():
+    from lmkit.live.state import CameraView, LiveState
+    from lmkit.model.pose_status import PoseStatus
+
+    image = np.full((120, 160, 3), 90, np.uint8)
+    views = (CameraView("left", image, 0.0), CameraView("right", image, 0.0), CameraView("rear", None, 0.0))
+    step = LiveState(4, 1.5, PoseStatus.OK, None, None, views)
+    jpeg = image_of(step)
+    assert Image.open(io.BytesIO(jpeg)).size == (960, 360)
+    hub = LiveHub()
+    hub(step)
+    hub.publish_line(b"no json\n")
+    hub.publish_line(b'{"other": 1}\n')
+    assert hub._last is not None and b'"number":4' in hub._last and not hub._last.endswith(jpeg)
+    hub.publish_line(b'{"status": "lost", "number": 5}\n')
+    assert b'"number":5' in hub._last
 
 
 def test_a_slow_watcher_misses_states_and_holds_one():

@@ -14,6 +14,8 @@ function build(element, attributes, children) {
 export const h = (tag, attributes, ...children) => build(document.createElement(tag), attributes, children);
 export const s = (tag, attributes, ...children) => build(document.createElementNS(SVG, tag), attributes, children);
 
+export const fill = (element, ...children) => element.replaceChildren(...children.filter((c) => c !== null && c !== undefined && c !== false));
+
 export class Problem extends Error {
   constructor(code, message, hint) { super(message); this.code = code; this.hint = hint; }
 }
@@ -81,7 +83,7 @@ export function jobView(job, { done, progress } = {}) {
     const going = j.state === "running" || j.state === "waiting";
     const open = box.querySelector("details")?.open;
     const focused = box.contains(document.activeElement) ? document.activeElement.dataset?.key : null;
-    box.replaceChildren(
+    fill(box,
       h("div", { class: "row" }, h("h3", null, j.title), h("span", { class: `state ${j.state}` }, j.state),
         j.seconds !== null ? h("span", { class: "soft small" }, `${j.seconds.toFixed(0)} s`) : null,
         going ? h("button", { class: "danger", "data-key": "cancel", type: "button", onclick: () => api(`jobs/${j.id}/cancel`, { method: "POST" }).then(draw).catch((e) => toast(e.message, "bad")) }, "Cancel") : null),

@@ -1,4 +1,4 @@
-import { api, empty, h, heading, mm, s } from "../lib.js";
+import { api, empty, h, heading, jobView, mm, s, trouble } from "../lib.js";
 import { planOf } from "../plan.js";
 
 const KEPT = 600; // states of the last minute
@@ -39,7 +39,17 @@ export async function show(stage) {
     if (states.length > KEPT) { states.shift(); if (back !== null && back > 0) back -= 1; }
     if (!waiting) { waiting = true; requestAnimationFrame(draw); }
   };
-  box.append(empty("Nothing runs live", "A live run that is connected to this page appears here: image with overlay, the robot on the plan with its trail, and why a pose is or is not sure.", h("a", { class: "button", href: "#/recordings" }, "Track a recording instead")));
-  stage.append(...heading("Live", "The pose while it happens, and the last minute to look back at."), box);
+  const project = await api("project");
+  const runs = h("div");
+  const start = (source) => async () => {
+    try { states = []; back = null; runs.replaceChildren(jobView(await api("jobs/run", { method: "POST", body: { source } }))); } catch (error) { runs.replaceChildren(trouble(error)); }
+  };
+  const buttons = [
+    project.has.run ? h("button", { class: "primary", type: "button", onclick: start("run.yaml") }, "Start run.yaml") : null,
+    project.recordings.filter((r) => r.images).slice(0, 4).map((r) => h("button", { type: "button", onclick: start(r.name) }, `Replay ${r.name}`)),
+    h("button", { type: "button", onclick: start("sim:") }, "Watch a simulated robot"),
+  ];
+  box.append(empty("Nothing runs live", "Start a run, or replay a recording: the robot appears on the plan with its trail, and you see why a pose is or is not sure."));
+  stage.append(...heading("Live", "The pose while it happens, and the last minute to look back at."), box, h("section", { class: "card stack" }, h("h2", null, "Runs"), h("div", { class: "row" }, buttons), runs));
   return () => { socket.close(); if (url) URL.revokeObjectURL(url); };
 }

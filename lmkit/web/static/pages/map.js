@@ -44,10 +44,16 @@ export async function show(stage) {
       h("section", { class: "card" }, h("h2", null, "Landmarks"), h("div", { class: "scroll", tabindex: "0", role: "region", "aria-label": "Landmarks" }, h("table", null,
         h("thead", null, h("tr", null, ["Landmark", "Name", "x m", "y m", "z m", "faces", "known to"].map((t, k) => h("th", { scope: "col", class: k > 1 ? "n" : null }, t)))),
         h("tbody", null, map.landmarks.map((l) => h("tr", { "aria-selected": l.id === chosen ? "true" : null }, h("td", null, h("button", { class: `plain ${map.doubts[l.id] ? "danger" : ""}`, type: "button", onclick: () => choose(l.id), "aria-label": `Edit landmark ${l.id}` }, l.id)), h("td", null, l.name ?? ""),
-          l.position.map((v) => h("td", { class: "n" }, v.toFixed(3))), h("td", { class: "n" }, `${l.facing_deg.toFixed(0)}°`), h("td", { class: "n" }, l.sigma_m === null ? "–" : mm(l.sigma_m)))))))),
+          l.position.map((v) => h("td", { class: "n" }, v.toFixed(3))), h("td", { class: "n" }, `${Math.round(l.facing_deg + 360) % 360}°`), h("td", { class: "n" }, l.sigma_m === null ? "–" : mm(l.sigma_m)))))))),
       h("section", { class: "card" }, command(map.command)));
   }
+  // A survey may end while the page is open.
+  const poll = setInterval(async () => {
+    if (document.hidden || box.contains(document.activeElement)) return;
+    const now = await api("map").catch(() => map);
+    if (now.version !== map.version) { map = now; draw(); }
+  }, 4000);
   draw();
   stage.append(...heading("Map", "Where every landmark is mounted, seen from above. Changes are saved at once and can be undone."), box);
-  return () => removeEventListener("keydown", key);
+  return () => { clearInterval(poll); removeEventListener("keydown", key); };
 }
