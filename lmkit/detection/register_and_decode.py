@@ -24,6 +24,7 @@ from lmkit.model.observation import Detection
 SHARP = Steps(rounds=0, most=5, to_px=0.01)  # nothing hides a rasterised page
 FROM_FAR = Steps(rounds=0, most=10, to_px=0.05)
 COARSE_SIDE_PX = 100.0
+HOPELESS = 4.0  # log odds under the rule's from which no shadow's edge lifts a reading
 SHADOW_ROOM_PX = 8  # around the pixels in use, since the fit still moves
 DISTORTION_SIDE_PX = 40.0  # smaller landmarks do not show the lens's distortion
 
@@ -91,6 +92,8 @@ def register_and_decode(
     if not steps.read(fit):
         return None
     if image.white is not None:
+        if _reading(fit, fit.decoding, fit.corners).log_odds < options.rule.least_log_odds - HOPELESS:
+            return None
         _sharpen_shadow(fit)
     if not steps.finish(fit):
         return None
@@ -152,10 +155,14 @@ def _candidate(fit: PatternRegistration, decoding: Decoding, rule: AcceptanceRul
     rows = (2 * order[:, None] + np.arange(2)).ravel()
     inside = bool(((corners >= -0.5) & (corners <= np.array(fit.image.size) - 0.5)).all())
     # A corner that is not in the image was not seen, and none is made up.
-    reading = ScoredReading(decoding, mean_side(corners), fit.blur_px, is_shaded=fit.image.white is not None)
+    reading = _reading(fit, decoding, corners)
     rejected = reading.reason_to_reject(rule) if inside else "cut"
     covariance = covariance[np.ix_(rows, rows)]
     return Candidate(fit.family, corners[order], covariance, reading, rejected)
+
+
+def _reading(fit: PatternRegistration, decoding: Decoding, corners: FloatArray) -> ScoredReading:
+    return ScoredReading(decoding, mean_side(corners), fit.blur_px, is_shaded=fit.image.white is not None)
 
 
 def _sharpen_shadow(fit: PatternRegistration) -> None:

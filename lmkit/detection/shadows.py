@@ -60,25 +60,19 @@ class ShadowEdge:
             light: (N,) what was seen over what the drawing alone would show, positive.
             weights: (N,).
         """
-        height = np.log(light)
-        best, edge = -np.inf, None
-        for angle in np.arange(EDGE_DIRECTIONS) * (np.pi / EDGE_DIRECTIONS):
-            normal = np.array([np.cos(angle), np.sin(angle)])
-            along = at @ normal
-            order = np.argsort(along)
-            weight = np.cumsum(weights[order])
-            total = np.cumsum((weights * height)[order])
-            before, behind = weight[:-1], weight[-1] - weight[:-1]
-            # Between-class variance, up to what no split changes (Otsu 1979).
-            between = total[:-1] ** 2 / before + (total[-1] - total[:-1]) ** 2 / behind
-            k = int(between.argmax())
-            if between[k] > best:
-                best = float(between[k])
-                means = total[k] / before[k], (total[-1] - total[k]) / behind[k]
-                middle = along[order[k : k + 2]].mean()
-                edge = cls(normal, float(middle), (float(np.exp(means[0])), float(np.exp(means[1]))))
-        assert edge is not None
-        return edge
+        angles = np.arange(EDGE_DIRECTIONS) * (np.pi / EDGE_DIRECTIONS)
+        normals = np.array([np.cos(angles), np.sin(angles)])
+        along = (at @ normals).T
+        order = along.argsort(axis=1)
+        weight = weights[order].cumsum(axis=1)
+        total = (weights * np.log(light))[order].cumsum(axis=1)
+        before, behind = weight[:, :-1], weight[:, -1:] - weight[:, :-1]
+        # Between-class variance, up to what no split changes (Otsu 1979).
+        between = total[:, :-1] ** 2 / before + (total[:, -1:] - total[:, :-1]) ** 2 / behind
+        n, k = divmod(int(between.argmax()), between.shape[1])
+        means = total[n, k] / before[n, k], (total[n, -1] - total[n, k]) / behind[n, k]
+        middle = along[n, order[n, k : k + 2]].mean()
+        return cls(normals[:, n], float(middle), (float(np.exp(means[0])), float(np.exp(means[1]))))
 
     def light(self, box: tuple[int, int, int, int]) -> Float32Array:
         """(y1 - y0, x1 - x0) light of an image's pixels in a box x0, y0, x1, y1; its edge is as soft as a pixel."""

@@ -16,9 +16,9 @@ from numpy.typing import NDArray
 from lmkit.kernels.hypotheses import HEAD, Decoded, DecodingRules, Words
 from lmkit.kernels.lens import Lens
 from lmkit.kernels.load import address, addresses, function
-from lmkit.kernels.pattern import INKS, JET, Drawing
+from lmkit.kernels.pattern import INKS, Drawing
 from lmkit.kernels.pixel_sampling import VISITED, Edges, Source
-from lmkit.kernels.registration import BLOCK, STATE, Limits, Priors, Steps, View
+from lmkit.kernels.registration import BLOCK, STATE, Limits, Priors, Steps, View, scratch_floats
 from lmkit.kernels.workspace import Workspace
 
 FloatArray = NDArray[np.floating[Any]]
@@ -164,8 +164,7 @@ class LandmarkFit:
         assert kernel is not None
         most = max(self.rules.pixels, self.rules.coarse_pixels)
         capacity = most + most // 5 + 64
-        blocks = (capacity + BLOCK - 1) // BLOCK
-        work = max(blocks * BLOCK * INKS * JET, (capacity + BLOCK) * self._columns + 2 * capacity)
+        work = max(scratch_floats(capacity), (capacity + BLOCK) * self._columns + 2 * capacity)
         planes = WORKSPACE.floats("planes", 9 * capacity)
         head = HEAD + 1 + 2 * (2 + self._gaps)
         out = np.zeros(NORMAL + STATE * STATE + 2 * head)

@@ -8,6 +8,7 @@
 #include "plane.h"
 
 #define CELL 4
+#define SHORT 15 /* largest window whose sum fits into 16 bits */
 #define STRETCHES 16 /* a polygon of more sides is no square with a hidden part */
 #define LONGEST 6
 #define ROUND 0.003 /* least area over the squared number of pixel sides: 1/16 for a square */
@@ -55,18 +56,41 @@ static void local_field(int64_t height, int64_t width, const uint8_t *plane, int
                 sums[x] = (uint16_t)(sums[x] - plane[(y - half - 1) * width + x]);
         int64_t top = y - half > 0 ? y - half : 0, bottom = y + half < height - 1 ? y + half : height - 1;
         int64_t rows = bottom - top + 1;
-        /* Sums from the row's beginning: the mean of a window is a difference of two, and vectorises. */
+        /* Sums from the row's beginning: the mean of a window is a difference of two. */
         int32_t sum = 0;
-        for (int64_t x = 0; x < width; x++) {
-            prefix[x] = sum;
-            sum += sums[x];
-        }
+        if (window > SHORT || width <= 2 * window)
+            for (int64_t x = 0; x < width; x++) {
+                prefix[x] = sum;
+                sum += sums[x];
+            }
         prefix[width] = sum;
         const float scale = (float)(64.0 * (1.0 - darker) / (double)rows);
         const float inner = scale / (float)window;
         const uint8_t *restrict row = plane + y * width;
         int16_t *restrict out = field + (y + 1) * stride + 1;
         out[-1] = out[width] = 1;
+        if (window <= SHORT && width > 2 * window) {
+            /* Short windows are added up column by column, which vectorises; they fit into 16 bits. */
+            uint16_t *restrict wide = (uint16_t *)prefix;
+            const int64_t n = width - 2 * half;
+            for (int64_t x = 0; x < n; x++)
+                wide[x] = sums[x];
+            for (int64_t k = 1; k < window; k++) {
+                const uint16_t *restrict from = sums + k;
+                for (int64_t x = 0; x < n; x++)
+                    wide[x] = (uint16_t)(wide[x] + from[x]);
+            }
+            for (int64_t x = 0; x < n; x++)
+                out[x + half] = (int16_t)(64 * row[x + half] + 32 - (int32_t)((float)wide[x] * inner));
+            for (int64_t e = 0; e < 2 * half; e++) {
+                int64_t x = e < half ? e : width - 2 * half + e, total = 0;
+                int64_t left = x - half > 0 ? x - half : 0, right = x + half < width - 1 ? x + half : width - 1;
+                for (int64_t k = left; k <= right; k++)
+                    total += sums[k];
+                out[x] = (int16_t)(64 * row[x] + 32 - (int32_t)((float)total * (scale / (float)(right - left + 1))));
+            }
+            continue;
+        }
         for (int64_t x = half; x < width - half; x++)
             out[x] = (int16_t)(64 * row[x] + 32 - (int32_t)((float)(prefix[x + half + 1] - prefix[x - half]) * inner));
         for (int64_t x = 0; x < width; x++) {
@@ -80,18 +104,22 @@ static void local_field(int64_t height, int64_t width, const uint8_t *plane, int
 }
 
 /* Follows the edge of a dark region clockwise from the left side of a pixel: code = 4 x place + side (0 right, 1 down,
- * 2 left, 3 up).  Returns how many sides there are; those beyond `longest` are not written. */
-static int64_t follow(const int16_t *field, uint8_t *visited, int64_t stride, int64_t start, int64_t longest, int32_t *codes)
+ * 2 left, 3 up).  Returns how many sides there are; those beyond `longest` are not written.  area: pixels within, since
+ * every row has as many right sides as left ones. */
+static int64_t follow(const int16_t *field, uint8_t *visited, int64_t stride, int64_t start, int64_t longest, int32_t *codes, int64_t *area)
 {
     const int64_t step[4] = {1, stride, -1, -stride};
-    int64_t at = start, n = 0;
+    int64_t at = start, n = 0, within = 0;
     int d = 2;
     do {
         if (n < longest)
             codes[n] = (int32_t)(4 * at + d);
         n++;
-        if (d == 2)
+        if (d == 2) {
             visited[at] = 1;
+            within -= at;
+        } else if (d == 0)
+            within += at + 1;
         int m = (d + 1) & 3;
         int64_t ahead = at + step[m], beyond = ahead + step[d];
         if (field[beyond] < 0) {
@@ -102,6 +130,7 @@ static int64_t follow(const int16_t *field, uint8_t *visited, int64_t stride, in
         else
             d = m;
     } while (at != start || d != 2);
+    *area = within;
     return n;
 }
 
@@ -111,8 +140,12 @@ static double crossings(const int16_t *field, int64_t stride, const int32_t *cod
     const int32_t step[4] = {1, (int32_t)stride, -1, -(int32_t)stride};
     const float step_x[4] = {1, 0, -1, 0}, step_y[4] = {0, 1, 0, -1};
     double twice = 0.0;
+    int32_t y = (codes[0] >> 2) / (int32_t)stride;
     for (int64_t i = 0; i < n; i++) {
-        int32_t at = codes[i] >> 2, d = codes[i] & 3, y = at / (int32_t)stride, x = at - y * (int32_t)stride;
+        int32_t at = codes[i] >> 2, d = codes[i] & 3, from = at - y * (int32_t)stride;
+        /* Neighbouring sides are at most one row apart. */
+        y += (from >= (int32_t)stride) - (from < 0);
+        int32_t x = at - y * (int32_t)stride;
         float inside = field[at], t = inside / (inside - (float)field[at + step[d]]);
         out[i].x = (float)(x - 1) + t * step_x[d];
         out[i].y = (float)(y - 1) + t * step_y[d];
@@ -423,8 +456,11 @@ int lmkit_dark_quads(int64_t height, int64_t width, const uint8_t *plane, const 
                 int64_t at = (y + 1) * stride + x + 1;
                 if (field[at] >= 0 || visited[at] || field[at - 1] < 0)
                     continue;
-                int64_t n = follow(field, visited, stride, at, rules.longest, codes);
+                int64_t area, n = follow(field, visited, stride, at, rules.longest, codes, &area);
                 if (n > rules.longest || (double)n < 3.2 * rules.least_side)
+                    continue;
+                /* No crossing lies further than half a pixel from its side. */
+                if ((double)area + 0.5 * (double)n <= ROUND * (double)n * (double)n)
                     continue;
                 /* Bright regions run the other way around; what winds encloses little for its length. */
                 if (crossings(field, stride, codes, n, contour) <= ROUND * (double)n * (double)n)

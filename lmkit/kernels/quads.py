@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from lmkit.kernels.load import addresses, contiguous, function
 from lmkit.kernels.quads_numpy import dark_quads_numpy, where_to_look_numpy
+from lmkit.kernels.workspace import Workspace
 
 FloatArray = NDArray[np.floating[Any]]
 ByteArray = NDArray[np.uint8]
@@ -40,6 +41,9 @@ class QuadRules(NamedTuple):
     straight: float
 
 
+_WORKSPACE = Workspace()
+
+
 def where_to_look(image: ByteArray, offset: float, least_ratio: float, least_luma: float, dilate: bool) -> ByteArray:
     """(h,w) 1 for cells of 4 x 4 pixels with enough contrast around them, both in red over blue and in brightness.
 
@@ -55,12 +59,9 @@ def where_to_look(image: ByteArray, offset: float, least_ratio: float, least_lum
         return where_to_look_numpy(image, offset, least_ratio, least_luma, dilate)
     height, width = image.shape[:2]
     shape = ((height + CELL - 1) // CELL, (width + CELL - 1) // CELL)
-    rows, cells, where = (
-        np.empty((4, width), np.float32),
-        np.empty((8, *shape), np.float32),
-        np.empty(shape, np.uint8),
-    )
-    kernel(height, width, *addresses(image), offset, least_ratio, least_luma, dilate, *addresses(rows, cells, where))
+    where = np.empty(shape, np.uint8)
+    rows, cells = _WORKSPACE.floats("rows", 4 * width), _WORKSPACE.floats("cells", 8 * shape[0] * shape[1])
+    kernel(height, width, *addresses(image), offset, least_ratio, least_luma, dilate, rows, cells, *addresses(where))
     return where
 
 
@@ -81,15 +82,20 @@ def dark_quads(plane: ByteArray, where: ByteArray | None, window: int, rules: Qu
     kernel = _quads_kernel()
     if kernel is None:
         return dark_quads_numpy(plane, where, window, rules)
-    border = (height + 2, width + 2)
-    field, visited = np.empty(border, np.int16), np.empty(border, np.uint8)
-    sums, prefix = np.empty(width, np.uint16), np.empty(width + 1, np.int32)
-    points, numbers, count = np.empty(4 * rules.longest + 8, np.float32), np.array(rules), np.zeros(1, np.int64)
+    pixels = (height + 2) * (width + 2)
+    scratch = (
+        _WORKSPACE.floats("field", pixels // 2 + 1),
+        _WORKSPACE.floats("visited", pixels // 4 + 1),
+        _WORKSPACE.floats("sums", width // 2 + 1),
+        _WORKSPACE.floats("prefix", width + 1),
+        _WORKSPACE.floats("points", 4 * rules.longest + 8),
+    )
+    numbers, count = np.array(rules), np.zeros(1, np.int64)
     capacity = 1024
     while True:
         quads = np.empty((capacity, 4, 2), np.float32)
-        arrays = addresses(numbers, field, visited, sums, prefix, points)
-        status = kernel(height, width, *addresses(plane, where), window, *arrays, capacity, *addresses(quads, count))
+        arrays = (*addresses(plane, where), window, *addresses(numbers), *scratch)
+        status = kernel(height, width, *arrays, capacity, *addresses(quads, count))
         if status == 0:
             return quads[: int(count[0])].astype(np.float64)
         capacity *= 4

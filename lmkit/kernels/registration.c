@@ -186,7 +186,8 @@ static void homography_slopes(const double *view, const double *state, float (*d
     }
 }
 
-static int linearise(const Problem *p, const double *state, double *normal, double *gradient, double *error)
+/* Coverage and slopes of every block into scratch, light included. */
+static void draw_jets(const Problem *p, const double *state)
 {
     Plane plane = plane_of(p->view, state);
     for (int64_t b = 0; b < blocks_of(p->n); b++) {
@@ -203,6 +204,12 @@ static int linearise(const Problem *p, const double *state, double *normal, doub
             for (int j = 0; j < INKS; j++)
                 EACH jets[k][j][i] *= light[i];
     }
+}
+
+/* Error of a state whose jets are in scratch, and its slopes. */
+static int assemble(const Problem *p, const double *state, double *normal, double *gradient, double *error)
+{
+    Plane plane = plane_of(p->view, state);
     float inks[3 * INKS], inverse_white[3], H[9], dH[8][9];
     if (!best_inks(p, state, JETS, inks))
         return 0;
@@ -325,6 +332,12 @@ static int linearise(const Problem *p, const double *state, double *normal, doub
     return isfinite(*error);
 }
 
+static int linearise(const Problem *p, const double *state, double *normal, double *gradient, double *error)
+{
+    draw_jets(p, state);
+    return assemble(p, state, normal, gradient, error);
+}
+
 static double mean_side(const double *c)
 {
     double sum = 0.0;
@@ -393,11 +406,15 @@ int lmkit_linearise(int64_t n, const float *drawing, const double *view, const f
     return !linearise(&p, state, normal, gradient, error);
 }
 
-static int gauss_newton(const Problem *p, const double *limits, int64_t iterations, double to_px, double *state, double *normal, double *error)
+/* *drawn: 1 where the jets in scratch are those of the state; before and behind. */
+static int gauss_newton(const Problem *p, const double *limits, int64_t iterations, double to_px, double *state, double *normal, double *error, int *drawn)
 {
     double gradient[STATE], trial_normal[STATE * STATE], trial_gradient[STATE];
     double damping = 1e-3;
-    if (!linearise(p, state, normal, gradient, error))
+    if (!*drawn)
+        draw_jets(p, state);
+    *drawn = 1;
+    if (!assemble(p, state, normal, gradient, error))
         return 0;
     for (int64_t k = 0; k < iterations; k++) {
         double step[STATE], trial[STATE], trial_error = 0.0, most = 0.0;
@@ -415,6 +432,9 @@ static int gauss_newton(const Problem *p, const double *limits, int64_t iteratio
                 most = 1e-9;
                 for (int i = 0; i < 8; i++)
                     most = fabs(step[i]) > most ? fabs(step[i]) : most;
+                /* A step so small that did not help leads nowhere by being smaller still. */
+                if (most < to_px && attempt > 0)
+                    return 1;
                 /* No corner moves further than a quarter of the side at once. */
                 double shorter = 0.25 * mean_side(state) / most;
                 if (shorter < 1.0) {
@@ -423,7 +443,10 @@ static int gauss_newton(const Problem *p, const double *limits, int64_t iteratio
                     most *= shorter;
                 }
                 move(state, step, limits, trial);
-                better = is_sane(trial) && linearise(p, trial, trial_normal, trial_gradient, &trial_error) && trial_error < *error;
+                if (is_sane(trial)) {
+                    *drawn = 0;
+                    better = linearise(p, trial, trial_normal, trial_gradient, &trial_error) && trial_error < *error;
+                }
             }
             if (!better)
                 damping *= 10.0;
@@ -435,6 +458,7 @@ static int gauss_newton(const Problem *p, const double *limits, int64_t iteratio
         memcpy(normal, trial_normal, sizeof trial_normal);
         memcpy(gradient, trial_gradient, sizeof gradient);
         *error = trial_error;
+        *drawn = 1;
         damping = damping * 0.1 > 1e-6 ? damping * 0.1 : 1e-6;
         if (most < to_px || gain < 1e-5)
             break;
@@ -442,19 +466,17 @@ static int gauss_newton(const Problem *p, const double *limits, int64_t iteratio
     return 1;
 }
 
-static int robust_weights(const Problem *p, const double *state, float *drawn, float *robust_variance, double *prior_weight)
+/* Weights from designs in scratch, one every `stride` floats; misfit is room for n floats behind them. */
+static int weigh(const Problem *p, const double *state, int64_t stride, float *misfit, float *drawn, float *robust_variance, double *prior_weight)
 {
-    Plane plane = plane_of(p->view, state);
     const int64_t n = p->n;
     float inks[3 * INKS], inverse_white[3], bleed = (float)state[14];
-    fill_designs(p, &plane, INKS * BLOCK);
-    if (!best_inks(p, state, INKS * BLOCK, inks))
+    if (!best_inks(p, state, stride, inks))
         return 0;
     white_inverses(inks, inverse_white);
-    float *misfit = p->scratch + blocks_of(n) * INKS * BLOCK;
     for (int64_t b = 0; b < blocks_of(n); b++) {
         block model[3], blend[3];
-        draw_values((const block *)(p->scratch + b * INKS * BLOCK), inks, inverse_white, bleed, model, blend);
+        draw_values((const block *)(p->scratch + b * stride), inks, inverse_white, bleed, model, blend);
         for (int i = 0; i < in_block(p, b); i++) {
             int64_t k = b * BLOCK + i;
             float sum = 0.0f;
@@ -483,7 +505,10 @@ int lmkit_robust_weights(int64_t n, const float *drawing, const double *view, co
                          double *prior_weight)
 {
     Problem p = problem_of(n, drawing, view, at, values, variance, rules, open_gaps, quarter, 0, scratch);
-    return !robust_weights(&p, state, drawn, robust_variance, prior_weight);
+    Plane plane = plane_of(view, state);
+    fill_designs(&p, &plane, INKS * BLOCK);
+    float *misfit = scratch + blocks_of(n) * INKS * BLOCK;
+    return !weigh(&p, state, INKS * BLOCK, misfit, drawn, robust_variance, prior_weight);
 }
 
 int lmkit_register(int64_t n, const float *drawing, const double *view, const float *at, const float *values,
@@ -496,13 +521,20 @@ int lmkit_register(int64_t n, const float *drawing, const double *view, const fl
     double weighted_rules[5];
     memcpy(weighted_rules, rules, sizeof weighted_rules);
     memcpy(robust_variance, variance, (size_t)n * sizeof *variance);
+    float *misfit = scratch + blocks_of(n) * JETS;
+    int drawn = 0;
     for (int64_t round = 0; round < (rounds > 0 ? rounds : 1); round++) {
-        if (rounds > 0 && !robust_weights(&plain, state, NULL, robust_variance, weighted_rules + 4))
-            return 1;
+        if (rounds > 0) {
+            if (!drawn)
+                draw_jets(&plain, state);
+            drawn = 1;
+            if (!weigh(&plain, state, JETS, misfit, NULL, robust_variance, weighted_rules + 4))
+                return 1;
+        }
         Problem weighted = plain;
         weighted.variance = robust_variance;
         weighted.rules = weighted_rules;
-        if (!gauss_newton(&weighted, limits, iterations, to_px, state, normal, error))
+        if (!gauss_newton(&weighted, limits, iterations, to_px, state, normal, error, &drawn))
             return 1;
     }
     *prior_weight = weighted_rules[4];

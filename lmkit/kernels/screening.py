@@ -17,6 +17,7 @@ from lmkit.kernels.hypotheses import Words, explained_energy_numpy, selection_ma
 from lmkit.kernels.load import addresses, contiguous, function
 from lmkit.kernels.pattern import INKS, QUARTERS
 from lmkit.kernels.registration import homography_numpy
+from lmkit.kernels.workspace import Workspace
 
 FloatArray = NDArray[np.floating[Any]]
 Float32Array = NDArray[np.float32]
@@ -140,6 +141,9 @@ class Screened(NamedTuple):
     pattern: FloatArray
 
 
+_WORKSPACE = Workspace()
+
+
 def screen(
     pyramid: Pyramid,
     tables: ScreenTables,
@@ -161,7 +165,7 @@ def screen(
     levels = np.array([[*level.shape[:2], *addresses(level)] for level in pyramid.levels], dtype=np.int64)
     gaps = len(tables.words.sectors)
     numbers = np.array([tables.half, *rules[:-2], *rules.first, *rules.moved])
-    subsets = np.empty(7 << gaps)
+    subsets = _WORKSPACE.floats("subsets", 2 * (7 << gaps))
     kernel(
         len(quads),
         *addresses(quads, levels),
@@ -177,7 +181,8 @@ def screen(
         *addresses(numbers),
         rounds,
         window,
-        *addresses(subsets, pattern),
+        subsets,
+        *addresses(pattern),
     )
     return Screened(quads, pattern)
 
