@@ -16,7 +16,7 @@ from starlette.websockets import WebSocket, WebSocketDisconnect
 
 from lmkit.errors import InputError
 from lmkit.version import __version__
-from lmkit.web import maps, photos, prints, verbs
+from lmkit.web import cameras, maps, photos, prints, verbs
 from lmkit.web.answers import Handler, answer, guarded
 from lmkit.web.jobs import Jobs
 from lmkit.web.project import Project, listing
@@ -86,6 +86,8 @@ def _routes() -> list[BaseRoute]:
         route("/api/photos/{name}", photos.upload, "PUT"),
         route("/api/photos/{name}/check", photos.check, "POST"),
         route("/api/photos/{name}/certificate", photos.certify, "POST"),
+        route("/api/cameras", cameras.sources),
+        route("/api/cameras/look", cameras.look, "POST"),
         route("/api/map", maps.show),
         route("/api/map", maps.edit, "PUT"),
         route("/api/map/undo", maps.undo, "POST"),

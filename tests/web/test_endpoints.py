@@ -342,3 +342,28 @@ def test_work_in_processes_ends_when_it_takes_too_long():
             workers.close()
 
     asyncio.run(try_all())
+
+
+@pytest.mark.slow
+def test_a_look_through_the_cameras_names_what_is_wrong(tmp_path):
+    lmkit.write_example_files(tmp_path / "room", board_pairs=0, seconds=1)
+    for kind in ("good", "swapped", "gray"):
+        for side, other in (("left", "right"), ("right", "left")):
+            image = Image.open(tmp_path / "room" / f"{other if kind == 'swapped' else side}.png")
+            image = image.convert("L") if kind == "gray" else image
+            (tmp_path / f"drives/{kind}/{side}").mkdir(parents=True)
+            image.save(tmp_path / f"drives/{kind}/{side}/1.png")
+    with TestClient(build_app(open_project(tmp_path), workers=Workers(0)), base_url="http://127.0.0.1:8600") as page:
+        assert "drives/good" in page.get("/api/cameras").json()["stand_ins"]
+        good, swapped, gray = (
+            page.post("/api/cameras/look", json={"sources": [f"drives/{kind}"]}).json()
+            for kind in ("good", "swapped", "gray")
+        )
+        assert [v["faults"] for v in good["views"]] == [[], []] and not good["problems"]
+        assert len(good["views"][0]["landmarks"]) > 1 and "drives/good/left" in good["command"]
+        assert "swapped" in swapped["problems"][0]
+        assert "gray" in gray["views"][0]["faults"][0]
+        missing = page.post("/api/cameras/look", json={"sources": ["camera:63"]}).json()
+        assert "camera:63" in missing["views"][0]["error"]
+        for hostile in ("camera:x", "../room", "/dev/zero", "rtsp://e.x", "room", ""):
+            assert page.post("/api/cameras/look", json={"sources": [hostile]}).status_code == 400

@@ -1,7 +1,33 @@
-import { command, h, heading } from "../lib.js";
+import { api, choice, command, empty, field, fill, h, heading, note, trouble } from "../lib.js";
 
 export async function show(stage) {
-  stage.append(...heading("Cameras", "Cameras on this machine are looked at from the terminal; the page shows what a run sends it."),
-    h("section", { class: "card stack" }, h("h2", null, "See what the cameras see"), h("p", null, "Detect landmarks in the first camera, image by image. A gray camera and exchanged colors are reported."), command("lmkit detect camera:0 --json")),
-    h("section", { class: "card stack" }, h("h2", null, "Calibrate them"), h("p", null, "Guided capture keeps sharp and new pairs, and names the view to show next."), command("lmkit calibrate camera:0 camera:2 --board chessboard:9x6:25mm --capture --save-pairs pairs/today -o rig.yaml"), h("p", null, "Pairs saved under pairs/ appear on the page ", h("a", { href: "#/calibrate" }, "Calibrate"), ".")));
+  const { cameras, stand_ins } = await api("cameras");
+  const all = [...cameras, ...stand_ins];
+  stage.append(...heading("Cameras", "One look through every camera, side by side: exposure, color, sharpness, and whether left and right are swapped."));
+  const results = h("div", { "aria-live": "polite" });
+  if (!all.length) {
+    stage.append(empty("No camera found", "Plug a color camera in and reload; folders of pairs and films in the project can stand for one. Without cameras, write the example on the overview.", h("a", { class: "button primary", href: "#/" }, "To the overview")));
+  } else {
+    const none = [["", "none"]], options = all.map((name) => [name, name]);
+    const first = choice(options, all[0]), second = choice([...none, ...options], cameras[1] ?? "");
+    const button = h("button", { class: "primary", type: "submit" }, "Look");
+    stage.append(h("form", { class: "card stack", onsubmit: async (event) => {
+      event.preventDefault();
+      button.disabled = true;
+      results.replaceChildren(h("p", null, "Looking …"));
+      try { draw(await api("cameras/look", { method: "POST", body: { sources: [first.value, second.value].filter(Boolean) } })); }
+      catch (error) { results.replaceChildren(trouble(error)); }
+      button.disabled = false;
+    } }, h("div", { class: "pairfields" }, field("Camera", first, "the left one; a folder has both"), field("Second camera", second)), h("div", { class: "row" }, button)), results);
+  }
+  function draw({ views, problems, command: words }) {
+    fill(results, ...problems.map((p) => note("bad", p, "give them in the other order, or exchange the cables")),
+      h("div", { class: views.length > 1 ? "grid wide" : "" }, views.map((v) => h("section", { class: "card stack" }, h("h2", null, v.name),
+        v.error ? note("bad", v.error) : [h("img", { class: "plan", src: v.image, alt: `Image of ${v.name}`, width: v.width, height: v.height }),
+          v.faults.length ? v.faults.map((f) => note("warn", f)) : note("good", "exposure and color are good"),
+          h("dl", { class: "figures" }, fact(`${v.width} × ${v.height}`, "pixels"), fact(`${Math.round(100 * v.sharpness)} %`, "sharpness"), fact(v.landmarks.length, v.landmarks.length === 1 ? "landmark read" : "landmarks read"))]))),
+      h("section", { class: "card" }, command(words)));
+  }
+  const fact = (value, label) => h("div", null, h("dt", null, label), h("dd", null, value));
+  stage.append(h("section", { class: "card stack" }, h("h2", null, "Calibrate them"), h("p", null, "Guided capture keeps sharp and new pairs, and names the view to show next. Pairs saved under pairs/ appear on the page ", h("a", { href: "#/calibrate" }, "Calibrate"), "."), command("lmkit calibrate camera:0 camera:2 --board chessboard:9x6:25mm --capture --save-pairs pairs/today -o rig.yaml")));
 }
