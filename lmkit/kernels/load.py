@@ -145,7 +145,7 @@ def _open(path: Path, variant: str) -> Loaded:
 
 
 def _why_none() -> str:
-    """Why no library fits; an outdated one is reported aloud, since it is easily overlooked."""
+    """Why no library fits; an outdated or missing one is reported aloud, since slow looks like working."""
     if any(HERE.glob("_kernels-*-*.*")):
         reason = f"the compiled kernels are older than their sources; {REBUILD}"
         warnings.warn(reason, RuntimeWarning, stacklevel=2)
@@ -154,4 +154,8 @@ def _why_none() -> str:
         logged = (HERE / LOG).read_text(encoding="utf-8").strip()
     except OSError:
         logged = ""
-    return f"{logged or 'no library was built'}; {REBUILD}"
+    reason = f"{logged or 'no library was built'}; {REBUILD}"
+    if not logged:
+        # A checkout that was cleaned: installers do not notice that what they built is gone.
+        warnings.warn(f"no compiled kernels, numpy is many times slower: {reason}", RuntimeWarning, stacklevel=2)
+    return reason

@@ -63,6 +63,12 @@ def test_a_build_is_loaded_until_a_source_changes(tmp_path, monkeypatch):
     assert describe(monkeypatch, folder).variant == "native"
 
 
+def test_a_library_that_is_gone_is_reported_aloud(tmp_path, monkeypatch):
+    folder = kernels_copy(tmp_path)
+    with pytest.warns(RuntimeWarning, match=r"no compiled kernels.*python -m lmkit\.kernels\.build"):
+        assert describe(monkeypatch, folder).library is None
+
+
 def test_without_a_compiler_numpy_computes_and_the_reason_is_told(tmp_path, monkeypatch):
     folder = kernels_copy(tmp_path)
     monkeypatch.setattr(build, "compilers", lambda: iter(()))
