@@ -107,7 +107,7 @@ async def _index(request: Request) -> Response:
 async def _project(request: Request) -> Response:
     state = state_of(request)
     facts = listing(state.project)
-    return answer(facts | {"version": __version__, "address": state.address})
+    return answer(facts | {"version": __version__, "can_run": verbs.can_run(), "address": state.address})
 
 
 async def _phone(request: Request) -> Response:

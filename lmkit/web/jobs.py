@@ -66,7 +66,10 @@ class Job:
             "progress": self.progress, "error": self.error, "outputs": list(self.outputs),
             "seconds": None if seconds is None else round(seconds, 1),
         }  # fmt: skip
-        return shown | ({"log": list(self.log)} if with_log else {})
+        if with_log:
+            return shown | {"log": list(self.log)}
+        # A list of jobs goes without their newest images.
+        return shown | {"progress": self.progress and {k: v for k, v in self.progress.items() if k != "image"}}
 
 
 class Jobs:

@@ -75,6 +75,9 @@ def plan_example(project: Project, body: JobBody) -> Plan:
 
 def plan_survey(project: Project, body: JobBody) -> Plan:
     """The map from a recording."""
+    from lmkit.units import parse_length_mm
+
+    parse_length_mm(body.size, "size")
     found = _recording(project, body.source)
     stem = _stem(body.source)
     words = ["survey", *_images(found), "--rig", _of(project, found, "rig")]
@@ -146,7 +149,7 @@ def plan_guide(project: Project, body: JobBody) -> Plan:
 
 def plan_run(project: Project, body: JobBody) -> Plan:
     """A live run whose steps the page shows: a recording, ``run.yaml``, or ``sim:``, a simulated robot."""
-    if importlib.util.find_spec("lmkit.cli.run") is None:
+    if not can_run():
         raise InputError("no_run", "this lmkit has no command run", "track the recording instead")
     if body.source == "sim:":
         words = ["run", "sim:"]
@@ -162,6 +165,11 @@ def plan_run(project: Project, body: JobBody) -> Plan:
     words.append("--json")
     title = "Simulated robot" if body.source == "sim:" else f"Run {body.source}"
     return Plan(title, (_lmkit(words),), shlex.join(["lmkit", *words]), is_live=True)
+
+
+def can_run() -> bool:
+    """Whether this lmkit has the command for live runs."""
+    return importlib.util.find_spec("lmkit.cli.run") is not None
 
 
 VERBS = {

@@ -243,6 +243,16 @@ def test_a_survey_and_a_track_run_as_jobs_with_their_reports(tmp_path):
         assert [job["verb"] for job in page.get("/api/jobs").json()["jobs"]] == ["track", "survey"]
 
 
+@pytest.mark.parametrize("size", ["--force", "0", "180 parsecs", ""])
+def test_a_survey_of_a_wrong_size_is_not_started(tmp_path, size):
+    (tmp_path / "drives/a").mkdir(parents=True)
+    (tmp_path / "drives/a/detections.csv").touch()
+    (tmp_path / "rig.yaml").touch()
+    with TestClient(build_app(open_project(tmp_path), workers=Workers(0)), base_url="http://127.0.0.1:8600") as page:
+        assert page.post("/api/jobs/survey", json={"source": "drives/a", "size": size}).status_code == 400
+        assert page.get("/api/jobs").json()["jobs"] == []
+
+
 def test_a_job_is_cancelled_and_another_follows(tmp_path):
     with TestClient(build_app(open_project(tmp_path), workers=Workers(0)), base_url="http://127.0.0.1:8600") as page:
         first = page.post("/api/jobs/example", json={}).json()

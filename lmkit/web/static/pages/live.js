@@ -44,12 +44,12 @@ export async function show(stage) {
   const start = (source) => async () => {
     try { states = []; back = null; runs.replaceChildren(jobView(await api("jobs/run", { method: "POST", body: { source } }))); } catch (error) { runs.replaceChildren(trouble(error)); }
   };
-  const buttons = [
+  const buttons = !project.can_run ? [h("a", { class: "button primary", href: "#/recordings" }, "Track a recording")] : [
     project.has.run ? h("button", { class: "primary", type: "button", onclick: start("run.yaml") }, "Start run.yaml") : null,
     project.recordings.filter((r) => r.images).slice(0, 4).map((r) => h("button", { type: "button", onclick: start(r.name) }, `Replay ${r.name}`)),
     h("button", { type: "button", onclick: start("sim:") }, "Watch a simulated robot"),
   ];
-  box.append(empty("Nothing runs live", "Start a run, or replay a recording: the robot appears on the plan with its trail, and you see why a pose is or is not sure."));
+  box.append(empty("Nothing runs live", `${project.can_run ? "Start a run, or replay a recording" : "Connect a run to this page"}: the robot appears on the plan with its trail, and you see why a pose is or is not sure.`));
   stage.append(...heading("Live", "The pose while it happens, and the last minute to look back at."), box, h("section", { class: "card stack" }, h("h2", null, "Runs"), h("div", { class: "row" }, buttons), runs));
   return () => { socket.close(); if (url) URL.revokeObjectURL(url); };
 }
