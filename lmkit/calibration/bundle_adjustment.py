@@ -262,7 +262,7 @@ class StereoProblem:
         variance = float(np.sum(weight[:, None] * residuals**2) / degrees)
         covariance = np.linalg.pinv(reduced, hermitian=True) * variance
         full = np.zeros((len(fitted), len(fitted)))
-        full[np.ix_(fitted, fitted)] = covariance * scatter_between_pairs(blocks, fitted, reduced, covariance)
+        full[np.ix_(fitted, fitted)] = widened(covariance, scatter_between_pairs(blocks, fitted, reduced, covariance))
         return full
 
 
@@ -376,15 +376,19 @@ def solve_step(blocks: Blocks, fitted: BoolArray, damping: float) -> tuple[Float
     return shared, np.einsum("pij,pj->pi", inverse, remaining)
 
 
-def scatter_between_pairs(blocks: Blocks, fitted: BoolArray, reduced: FloatArray, covariance: FloatArray) -> float:
-    """How many times larger the variances are when the pairs speak for themselves, at least 1.
+def scatter_between_pairs(
+    blocks: Blocks, fitted: BoolArray, reduced: FloatArray, covariance: FloatArray
+) -> FloatArray:
+    """(F,) how many times larger each variance is when the pairs speak for themselves, at least 1.
 
     The corners of one image err together (light, focus, what the lens model leaves over), so that they count for
     less than as many independent ones.  The pairs are independent: what the solution does when each of them is left
     out (the jackknife, as Bell and McCaffrey 2002 have it for clustered data), over what the corners alone promise.
+    A single number's ratio is noisy, so none counts for less than the median of all.
     """
-    if blocks.poses.shape[0] < LEAST_PAIRS or not fitted.any():
-        return 1.0
+    count = int(fitted.sum())
+    if blocks.poses.shape[0] < LEAST_PAIRS or not count:
+        return np.ones(count)
     inverse = np.linalg.inv(blocks.poses + 1e-12 * np.eye(POSE))
     back = blocks.mixed[:, fitted] @ inverse
     own = blocks.shared[:, fitted][:, :, fitted] - back @ blocks.mixed[:, fitted].transpose(0, 2, 1)
@@ -392,10 +396,18 @@ def scatter_between_pairs(blocks: Blocks, fitted: BoolArray, reduced: FloatArray
     try:
         moved = np.linalg.solve(reduced - own, pull[:, :, None])[:, :, 0]
     except np.linalg.LinAlgError:
-        return 1.0
+        return np.ones(count)
     pairs = len(moved)
-    variance = (moved**2).sum(axis=0) * (pairs - 1) / pairs
-    return max(1.0, float(np.median(variance / np.maximum(np.diag(covariance), 1e-300))))
+    # So few of them have the tails of Student's distribution: its variance, in place of the normal one's.
+    variance = (moved**2).sum(axis=0) * (pairs - 1) / pairs * (pairs - 1) / (pairs - 3)
+    ratios = variance / np.maximum(np.diag(covariance), 1e-300)
+    return np.asarray(np.maximum(ratios, max(1.0, float(np.median(ratios)))))
+
+
+def widened(covariance: FloatArray, factors: FloatArray) -> FloatArray:
+    """The covariance with its variances multiplied, its correlations kept."""
+    root = np.sqrt(factors)
+    return np.asarray(covariance * root[:, None] * root)
 
 
 def _moved(s: Solution, shared: FloatArray, poses: FloatArray) -> Solution:

@@ -29,6 +29,7 @@ from lmkit.calibration.bundle_adjustment import (
     robust_weight,
     scatter_between_pairs,
     solve_step,
+    widened,
     with_intrinsics,
 )
 from lmkit.geometry.camera import CameraModel
@@ -108,7 +109,7 @@ class RigProblem:
         weight = robust_weight(off, scale)
         degrees = max(2 * weight.sum() - len(fitted) - POSE * self.frames, 1.0)
         covariance = np.linalg.pinv(reduced, hermitian=True) * float((weight[:, None] * off**2).sum() / degrees)
-        covariance = covariance * scatter_between_pairs(blocks, fitted, reduced, covariance)
+        covariance = widened(covariance, scatter_between_pairs(blocks, fitted, reduced, covariance))
         return replace(current, covariance=covariance)
 
     def _poses(self, s: RigSolution) -> int:

@@ -27,6 +27,9 @@ STRONG_WARP = 0.01  # bow over the board's half size
 UNSURE_BASELINE = 0.005
 BEYOND_MODEL = 0.02
 UNSURE_FOCAL = 0.005
+UNSURE_ROTATION_DEG = 0.2  # as much as 3 px of disparity at a focal length of 900 px
+UNSURE_CENTRE = 0.005  # of the image's width
+UNDETERMINED = ("unsure_rotation", "unsure_principal_point", "unsure_focal", "unsure_baseline")
 
 
 @dataclass(frozen=True)
@@ -51,10 +54,12 @@ class Declared:
     Attributes:
         baseline_m: distance of the cameras.
         field_deg: horizontal field of view, of one camera.
+        cameras: left and right camera with known intrinsics, which are kept as they are.
     """
 
     baseline_m: float | None = None
     field_deg: float | None = None
+    cameras: tuple[CameraModel, CameraModel] | None = None
 
 
 def require_rigid(together_px: float, alone_px: float, row_error_px: float | None) -> None:
@@ -125,6 +130,7 @@ def check_calibration(
             "the cameras are not quite synchronous, or the board moved in one camera"
         )
         warnings.append(CalibrationWarning("loose", message))
+    warnings += _check_rotation(rig)
     warnings += _check_scale(rig, baseline_sigma_m, declared)
     for name, camera, sigma in zip(("left", "right"), (rig.left, rig.right), rig.intrinsics_sigma or (), strict=True):
         warnings += check_camera(name, camera, sigma, declared.field_deg)
@@ -179,6 +185,19 @@ def _check_scale(rig: StereoRig, baseline_sigma_m: float, declared: Declared) ->
     return []
 
 
+def _check_rotation(rig: StereoRig) -> list[CalibrationWarning]:
+    if rig.covariance is None:
+        return []
+    sigma_deg = float(np.rad2deg(np.sqrt(np.diag(rig.covariance)[3:].max())))
+    if sigma_deg <= UNSURE_ROTATION_DEG:
+        return []
+    message = (
+        f"the rotation between the cameras is known to {sigma_deg:.1f} deg only (standard deviation): take views of "
+        "the whole board at several distances and tilts, or calibrate each camera alone and give --intrinsics"
+    )
+    return [CalibrationWarning("unsure_rotation", message)]
+
+
 def check_camera(
     name: str, camera: CameraModel, sigma: FloatArray, field_deg: float | None
 ) -> list[CalibrationWarning]:
@@ -206,6 +225,12 @@ def check_camera(
             "take views with the board tilted by 30 to 45 deg, each edge nearer in turn"
         )
         warnings.append(CalibrationWarning("unsure_focal", message))
+    if max(sigma[2:4]) > UNSURE_CENTRE * width:
+        message = (
+            f"{which}'s principal point is known to {max(sigma[2:4]):.0f} px only (standard deviation): "
+            "take views of the whole board, tilted in both directions, at several distances"
+        )
+        warnings.append(CalibrationWarning("unsure_principal_point", message))
     if abs(fx / fy - 1) > UNEQUAL_FOCALS:
         message = f"focal lengths of {which} differ by {100 * abs(fx / fy - 1):.1f} %: images stretched?"
         warnings.append(CalibrationWarning("unequal_focals", message))

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -24,6 +24,7 @@ from lmkit.calibration.sanity_checks import (
 from lmkit.calibration.uncertainty import DepthError, depth_errors
 from lmkit.calibration.view_coverage import ViewCoverage, coverage_of
 from lmkit.errors import InputError
+from lmkit.geometry.camera import CameraModel
 from lmkit.geometry.pose import Pose
 from lmkit.geometry.stereo_rig import StereoRig
 from lmkit.model.board import BoardSpec
@@ -35,6 +36,7 @@ AUTO = "auto"
 # In this order: a later one must do clearly better on pairs held out.
 CANDIDATES = ("pinhole", "fisheye", "rational")
 MODELS = (AUTO, *CANDIDATES)
+CAMERAS_KEPT = FitOptions(intrinsics=False)
 
 
 @dataclass(frozen=True, eq=False)
@@ -118,14 +120,19 @@ def calibrate_stereo(
         image_size: (width, height), the same for both cameras.
         model: ``pinhole``, ``rational`` or ``fisheye``; ``auto`` takes the one that does best on pairs held out.
         rejected: pairs lost before, with reasons; they are passed on.
-        declared: what is known beforehand, to check against.
+        declared: what is known beforehand, to check against; its cameras are kept as they are.
 
     Raises:
         InputError: too few pairs, they do not agree on any rig, or the two cameras are no rigid pair.
     """
     require_views(len(views), rejected, MIN_PAIRS, "pairs")
     object_points = board.object_points
-    fits = _fits(views, object_points, image_size, CANDIDATES if model == AUTO else (model,), rejected)
+    known = declared.cameras if declared is not None else None
+    if known is None:
+        fits = _fits(views, object_points, image_size, CANDIDATES if model == AUTO else (model,), rejected)
+    else:
+        _require_size(known, image_size)
+        fits = {known[0].model: _fit(views, object_points, known, rejected, np.inf, CAMERAS_KEPT)}
     best = _best(fits)
     kept = [views[k] for k in best.rows]
     turned_away = [*rejected, *((d.pair, d.reason) for d in best.bad)]
@@ -171,6 +178,17 @@ def calibrate_stereo(
     )
 
 
+def _require_size(cameras: tuple[CameraModel, CameraModel], image_size: tuple[int, int]) -> None:
+    for name, camera in zip(("left", "right"), cameras, strict=True):
+        if tuple(camera.image_size) != tuple(image_size):
+            (width, height), (w, h) = image_size, camera.image_size
+            raise InputError(
+                "other_image_size",
+                f"the {name} camera of --intrinsics has images of {w} x {h}, these are {width} x {height}",
+                "give the intrinsics of this image size",
+            )
+
+
 @dataclass(frozen=True)
 class _Fit:
     """One model fitted to the pairs that agree on it; ``alone_px`` is the median error of the single cameras."""
@@ -201,7 +219,9 @@ def _fits(
             to_beat = min(
                 (fit.held_out.mean_reprojection_px for fit in fits.values() if fit.held_out), default=np.inf
             )
-            fits[model] = _fit(views, object_points, image_size, model, rejected, to_beat)
+            left = start_camera(object_points, [(v.ids_left, v.left) for v in views], image_size, model)
+            right = start_camera(object_points, [(v.ids_right, v.right) for v in views], image_size, model)
+            fits[model] = _fit(views, object_points, (left, right), rejected, to_beat, FitOptions())
         except InputError as error:
             failed = failed or error
         except np.linalg.LinAlgError:
@@ -222,23 +242,22 @@ def _best(fits: dict[str, _Fit]) -> _Fit:
 def _fit(
     views: Sequence[PairView],
     object_points: FloatArray,
-    image_size: tuple[int, int],
-    model: str,
+    cameras: tuple[CameraModel, CameraModel],
     rejected: Sequence[tuple[str, str]],
     to_beat_px: float,
+    options: FitOptions,
 ) -> _Fit:
     """One model, fitted to the pairs that agree.
 
     It is not tried on pairs held out where it does worse on those that it has seen than another on unseen ones.
     """
-    left = start_camera(object_points, [(v.ids_left, v.left) for v in views], image_size, model)
-    right = start_camera(object_points, [(v.ids_right, v.right) for v in views], image_size, model)
+    left, right = cameras
     consensus = find_consensus(object_points, views, left, right)
     rows = np.flatnonzero(consensus.agrees)
     require_views(len(rows), rejected, MIN_PAIRS, "pairs")
     problem = StereoProblem(object_points, [views[int(k)] for k in rows])
-    solution = problem.solve(start_solution(consensus, rows, left, right), FitOptions(warp=False))
-    solution = problem.solve(solution, FitOptions())
+    solution = problem.solve(start_solution(consensus, rows, left, right), replace(options, warp=False))
+    solution = problem.solve(solution, options)
     rms = problem.rms(solution)
     good = rms <= BAD_RMS_RATIO * np.median(rms)
     residual_ratios = {
@@ -247,14 +266,14 @@ def _fit(
     if residual_ratios:
         rows = rows[good]
         problem = StereoProblem(object_points, [views[int(k)] for k in rows])
-        solution = problem.solve(solution.with_poses(np.flatnonzero(good)), FitOptions())
+        solution = problem.solve(solution.with_poses(np.flatnonzero(good)), options)
     kept = rows.tolist()
     bad = sorted(set(range(len(views))) - set(kept))
     agreement = agreement_with(object_points, views, solution, kept)
     fair = BAD_RMS_RATIO * float(np.median(problem.rms(solution)))
     reasons = explain_disagreements(object_points, views, agreement, bad, residual_ratios, solution, fair)
     hopeless = problem.mean_error(solution) > to_beat_px
-    held_out = None if hopeless else hold_out(object_points, views, kept, solution)
+    held_out = None if hopeless else hold_out(object_points, views, kept, solution, options)
     # Cameras of the cameras' own: those of the joint fit change to make up for cameras that do not belong together.
     alone_px = float(np.median([consensus.relations[k].rms_px for k in kept]))
     return _Fit(kept, reasons, alone_px, solution, held_out)

@@ -52,6 +52,7 @@ def run(
         float | None,
         typer.Option("--fov", help="Nominal horizontal field of view, degrees; the result is checked against it."),
     ] = None,
+    intrinsics: options.Intrinsics = None,
     save_corners: Annotated[
         Path | None, typer.Option("--save-corners", help="File for the corners found, for a repeated run.")
     ] = None,
@@ -87,7 +88,7 @@ def run(
         raise InputError("bad_model", f"--model {model} is unknown", f"choose {', '.join(MODELS)}")
     if not capture and (side_by_side or save_pairs is not None):
         raise InputError("only_capture", "--side-by-side and --save-pairs need --capture", "add --capture")
-    sources, declared = images or [], parse_declared(baseline, fov)
+    sources, declared = images or [], parse_declared(baseline, fov, intrinsics)
     left, right = (*sources, None, None)[:2]
     check_outputs((output, report, save_corners), None, force)
     if check is not None:
@@ -95,7 +96,7 @@ def run(
 
         for_calibration = {
             "-o": output, "--report": report, "--corners": corners, "--capture": capture or None,
-            "--baseline": baseline, "--fov": fov, "--save-corners": save_corners,
+            "--baseline": baseline, "--fov": fov, "--save-corners": save_corners, "--intrinsics": intrinsics or None,
         }  # fmt: skip
         require_no("--check", for_calibration)
         # Without a board, landmarks are looked for; a measured size alone is refused.
@@ -109,7 +110,10 @@ def run(
     elif len(sources) not in (0, 2) and not capture:
         from lmkit.cli.calibrate_cameras import calibrate_cameras
 
-        for_pairs = {"--baseline": baseline, "--report": report, "--save-corners": save_corners}
+        for_pairs = {
+            "--baseline": baseline, "--report": report, "--save-corners": save_corners,
+            "--intrinsics": intrinsics or None,
+        }  # fmt: skip
         require_no(f"images of {len(sources)} camera(s)", for_pairs)
         calibrate_cameras(sources, parse_board(board, measured), model, declared, output, as_json, force)
         return

@@ -102,3 +102,9 @@ Jobs = Annotated[
         help="Largest number of worker processes. Default: one per CPU core.",
     ),
 ]
+Intrinsics = Annotated[
+    list[Path] | None,
+    typer.Option(
+        "--intrinsics", help="Known lenses, kept as they are: a rig file, or the left's file, then the right's."
+    ),
+]

@@ -11,6 +11,7 @@ import numpy as np
 
 from lmkit.arrays import ByteArray, FloatArray
 from lmkit.calibration.bundle_adjustment import intrinsics_vector
+from lmkit.calibration.sanity_checks import UNDETERMINED
 from lmkit.calibration.stereo import StereoCalibration
 from lmkit.calibration.uncertainty import MATCHING_PX, NEAR_M, projection_uncertainty
 from lmkit.calibration.view_coverage import TILTED_DEG
@@ -69,6 +70,10 @@ def _headline(result: StereoCalibration) -> tuple[str, str, str]:
             "The held-out error needs ten or more pairs. Take more pairs.",
         )
     size = f"Held-out epipolar error: {error:.3f} px (mean)"
+    loose = [warning.message for warning in result.warnings if warning.code in UNDETERMINED]
+    if loose:
+        # A small error of the fit says nothing of what these views leave open.
+        return "poor", "Not determined by these views.", f"{size}, but {loose[0]}."
     doubts = len(result.warnings)
     if error <= GOOD_EPIPOLAR_PX and not doubts:
         return "good", "Good.", f"{size}. No warnings."

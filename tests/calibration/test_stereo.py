@@ -10,12 +10,16 @@ from board_views import BOARD, views
 
 from lmkit.calibration import bundle_adjustment as problem
 from lmkit.calibration.bundle_adjustment import Solution, StereoProblem, _moved
+from lmkit.calibration.sanity_checks import CalibrationWarning, Declared
 from lmkit.calibration.stereo import calibrate_stereo
 from lmkit.calibration.uncertainty import projection_uncertainty
 from lmkit.errors import InputError
 from lmkit.geometry.camera import CameraModel
+from lmkit.geometry.rotations import rotation_angle
 from lmkit.geometry.stereo_rig import StereoRig
 from lmkit.model.board import BoardSpec
+from lmkit.model.observation import PairView
+from lmkit.reports.calibration import _headline
 from lmkit.simulation.scene import board_poses, make_rig
 
 
@@ -149,3 +153,29 @@ def test_the_derivatives_are_those_of_finite_differences():
             cost.append(sum(float((r**2).sum()) for pair in problem.residuals(moved) for r in pair) / 2)
         slope = (cost[1] - cost[0]) / 2e-6
         assert gradient[k] == pytest.approx(slope, rel=1e-3, abs=1e-2 * max(1, abs(slope)))
+
+
+def test_known_intrinsics_are_kept_and_the_rotation_is_surer():
+    """Half boards at one distance leave lenses and rotation open together; known lenses close that."""
+    rig = make_rig()
+    half = [PairView(v.name, v.ids_left[:30], v.left[:30], v.ids_right[:30], v.right[:30]) for v in views(8, 0.1)]
+    free = calibrate_stereo(half, BOARD, rig.left.image_size, "pinhole")
+    kept = calibrate_stereo(half, BOARD, rig.left.image_size, declared=Declared(cameras=(rig.left, rig.right)))
+    assert np.array_equal(kept.rig.left.K, rig.left.K)
+    assert np.array_equal(kept.rig.right.distortion, rig.right.distortion)
+
+    def sigma(found):
+        return float(np.sqrt(np.diag(found.rig.covariance)[3:].max()))
+
+    assert sigma(kept) < 0.5 * sigma(free)
+    turned = np.rad2deg(rotation_angle(kept.rig.T_right_left.R @ rig.T_right_left.R.T))
+    assert turned < 4 * np.rad2deg(sigma(kept)) * np.sqrt(3)
+
+
+def test_the_verdict_follows_the_intervals():
+    result = calibrate_stereo(views(12, 0.1), BOARD, make_rig().left.image_size, "pinhole")
+    loose = CalibrationWarning("unsure_rotation", "the rotation between the cameras is known to 0.4 deg only")
+    assert _headline(replace(result, warnings=()))[0] == "good"
+    kind, title, text = _headline(replace(result, warnings=(loose,)))
+    assert (kind, title) == ("poor", "Not determined by these views.")
+    assert "0.4 deg" in text
