@@ -27,6 +27,7 @@ PAPERS = ("a4", "letter", "a3", "a2", "a1", "a0", "tabloid")
 DEFAULT_PAPER = "a4"
 SUFFIXES = (".pdf", ".png", ".svg")
 MOST_STRETCH = 0.05
+FONT_LETTERS = "cp1252"  # of Helvetica in a PDF, as WinAnsiEncoding has them
 LEAST_SIZE_MM = 5.0  # no printer draws smaller ones cleanly
 READABLE_MM = 30.0  # smaller ones are read from a meter at most with a focal length of 600 px
 READ_FROM_PX = 17.5  # side at which 95 of 100 are read, docs/printing.md
@@ -122,6 +123,7 @@ class PrintLayout:
                     f"template {sheet.name} has no place for {option}",
                     f"use a4-door, or a template of your own with a text of {placeholder}",
                 )
+            _require_drawable(value, option)
         wording = Wording(self.text, self.map_name)
         return compose_sheets(self.family, codes, sheet, self.size_mm, wording, self.mirror, stretch)
 
@@ -138,6 +140,21 @@ class PrintLayout:
                 "print at 100 % without fitting to the page, and measure the red border's outer edges in mm",
             )
         return factors
+
+
+def _require_drawable(text: str, option: str) -> None:
+    """Refuse letters that the standard fonts of PDF do not have: viewers print black boxes for them.
+
+    Raises:
+        InputError: the letters are named.
+    """
+    missing = "".join(dict.fromkeys(letter for letter in text if not letter.encode(FONT_LETTERS, "ignore")))
+    if missing:
+        raise InputError(
+            "no_letters",
+            f"{option}: the print font has no {missing}",
+            "write it in Latin letters, or write on the print by hand",
+        )
 
 
 def print_title(pages: list[Page]) -> str:

@@ -16,6 +16,7 @@ from command_line import run_command
 from PIL import Image
 
 from lmkit.detection.pattern_model import LandmarkPattern
+from lmkit.errors import InputError
 from lmkit.generation.board import compose_board_page
 from lmkit.generation.page import bare_landmark_page
 from lmkit.generation.pdf import pages_to_pdf
@@ -27,6 +28,7 @@ from lmkit.model.board import BoardSpec
 from lmkit.model.codewords import code_to_gaps
 from lmkit.model.landmark import LM8
 from lmkit.model.palette import BLUE, RED, WHITE
+from lmkit.pipelines.prints import PrintLayout
 
 DPI = 300
 
@@ -168,3 +170,14 @@ def test_several_codes_of_a_size_share_sheets_in_order(tmp_path):
     assert [(entry["code"], entry["page"]) for entry in manifest["landmarks"]] == [(5, 1), (2, 1), (3, 1), (4, 1)]
     run_command("generate", "--codes", "2-3", "--size", "60mm", "--each", "-o", tmp_path / "each.pdf")
     assert {path.name for path in tmp_path.glob("each*.pdf")} == {"each-2.pdf", "each-3.pdf"}
+
+
+@pytest.mark.parametrize(("text", "missing"), [("Λαβ 3", "Λαβ"), ("入口", "入口")])
+def test_letters_that_the_font_lacks_are_refused(text, missing):
+    layout = PrintLayout(LM8, template="a4-door", text=text)
+    with pytest.raises(InputError, match=f"no {missing}"):
+        layout.pages([5])
+
+
+def test_letters_of_western_europe_are_printed():
+    assert PrintLayout(LM8, template="a4-door", text="Büro Ångström, café").pages([5])
