@@ -234,7 +234,7 @@ def check_camera(
     if abs(fx / fy - 1) > UNEQUAL_FOCALS:
         message = f"focal lengths of {which} differ by {100 * abs(fx / fy - 1):.1f} %: images stretched?"
         warnings.append(CalibrationWarning("unequal_focals", message))
-    if (beyond := _beyond_model(camera)) > BEYOND_MODEL:
+    if (beyond := beyond_model(camera)) > BEYOND_MODEL:
         message = (
             f"{which}'s lens model ends before its image does: {100 * beyond:.0f} % has no ray; "
             "show the board in the corners, or try --model fisheye"
@@ -246,8 +246,8 @@ def check_camera(
     return warnings
 
 
-def _beyond_model(camera: CameraModel) -> float:
-    """Share of the image in which the distortion has turned back."""
+def beyond_model(camera: CameraModel) -> float:
+    """Share of the image, 0..1, in which the distortion has turned back."""
     width, height = camera.image_size
     u, v = np.meshgrid(np.linspace(0, width - 1, 24), np.linspace(0, height - 1, 18))
     return float(1 - camera.reaches(np.column_stack([u.ravel(), v.ravel()])).mean())

@@ -7,7 +7,7 @@ from typing import Annotated
 import typer
 
 from lmkit.cli import options
-from lmkit.cli.output import check_outputs, print_line, progress, write_outputs
+from lmkit.cli.output import check_outputs, print_line, progress, warn, write_outputs
 
 
 def run(
@@ -21,6 +21,7 @@ def run(
     force: options.Force = False,
 ) -> None:
     """Rectify stereo pairs. Matching points then share a row, or a column if one camera is above the other."""
+    from lmkit.calibration.sanity_checks import BEYOND_MODEL, beyond_model
     from lmkit.geometry.rectification import rectification
     from lmkit.geometry.rig import as_stereo
     from lmkit.io.any_rig import read_any_rig
@@ -28,6 +29,12 @@ def run(
     from lmkit.pipelines.rectify_images import rectified_calibration, rectified_names, rectify_files
 
     cameras = as_stereo(read_any_rig(rig), "rectify")
+    for name, camera in (("left", cameras.left), ("right", cameras.right)):
+        if (share := beyond_model(camera)) > BEYOND_MODEL:
+            warn(
+                f"the {name} camera's distortion model is not valid over {share:.0%} of the image "
+                "(it folds back there): calibrate again with the board in the image's corners, or by --model fisheye"
+            )
     pairs = list_pairs(left, right)
     calibration = {} if lines else rectified_calibration(cameras, output)
     check_outputs(list(calibration), None, force)
