@@ -32,6 +32,7 @@ if _TYPE_CHECKING:
     from lmkit.api.reading import write_trajectory as write_trajectory
     from lmkit.api.recordings import evaluate as evaluate
     from lmkit.api.recordings import survey as survey
+    from lmkit.api.recordings import survey_recordings as survey_recordings
     from lmkit.api.recordings import track as track
     from lmkit.calibration.mono import CameraCalibration as CameraCalibration
     from lmkit.calibration.stereo import StereoCalibration as StereoCalibration
@@ -46,6 +47,7 @@ if _TYPE_CHECKING:
     from lmkit.geometry.rig import MountedCamera as MountedCamera
     from lmkit.geometry.rig import Rig as Rig
     from lmkit.geometry.stereo_rig import StereoRig as StereoRig
+    from lmkit.mapping.several_recordings import JointSurvey as JointSurvey
     from lmkit.mapping.survey_results import Survey as Survey
     from lmkit.model.board import BoardSpec as BoardSpec
     from lmkit.model.detections import Detections as Detections
@@ -78,6 +80,7 @@ _HOMES = {
     "calibrate": "api.cameras",
     "locate": "api.cameras",
     "survey": "api.recordings",
+    "survey_recordings": "api.recordings",
     "track": "api.recordings",
     "evaluate": "api.recordings",
     "print_landmarks": "api.planning",
@@ -109,6 +112,7 @@ _HOMES = {
     "Rig": "geometry.rig",
     "StereoCalibration": "calibration.stereo",
     "StereoRig": "geometry.stereo_rig",
+    "JointSurvey": "mapping.several_recordings",
     "Survey": "mapping.survey_results",
     "TrackedTrajectory": "model.tracked_trajectory",
     "Trajectory": "model.trajectory",

@@ -1,8 +1,8 @@
-"""`lmkit.survey`, `lmkit.track` and `lmkit.evaluate`."""
+"""`lmkit.survey`, `lmkit.survey_recordings`, `lmkit.track` and `lmkit.evaluate`."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
@@ -14,6 +14,7 @@ from lmkit.model.trajectory import Trajectory
 if TYPE_CHECKING:
     from lmkit.evaluation.trajectory_error import TrajectoryError
     from lmkit.geometry.rig import AnyRig
+    from lmkit.mapping.several_recordings import JointSurvey
     from lmkit.mapping.survey_results import Survey
     from lmkit.mapping.wall_constraints import LandmarkConstraint
     from lmkit.model.landmark_map import LandmarkMap
@@ -85,6 +86,79 @@ def survey(
     if cause is not None:
         texts.insert(0, f"the known landmarks contradict what was seen: {cause}")
     return replace(result, warnings=tuple(texts))
+
+
+def survey_recordings(
+    recordings: Mapping[str, Recording],
+    rig: AnyRig | PathLike | Mapping[str, AnyRig],
+    *,
+    size: float | str = "180mm",
+    known: LandmarkMap | PathLike | None = None,
+    known_sigma: tuple[float, float] | None = None,
+    constraints: Sequence[LandmarkConstraint] = (),
+) -> JointSurvey:
+    """Build one landmark map from several recordings of one place.
+
+    Each recording is surveyed alone; recordings are joined by the landmarks that they share, and adjusted jointly.
+    A recording that does not fit is left out and named; a landmark that was moved between recordings becomes two.
+
+    Args:
+        recordings: by name, from the earliest to the latest.
+        rig: the calibrated rig, or its file; or a rig for each name.
+        size, known, known_sigma, constraints: as of :func:`survey`.
+
+    Returns:
+        The map with covariances, the survey of each recording, ``left_out``, ``moved``, and ``warnings`` in words.
+
+    Raises:
+        InputError: no recordings, or none of them can be surveyed.
+
+    Examples:
+        >>> import lmkit
+        >>> recording = lmkit.read_recording(detections="detections.csv", odometry="odometry.csv", gyro="gyro.csv")
+        >>> halves = [lmkit.Recording(frames, (), recording.odometry, recording.gyro)
+        ...           for frames in (recording.frames[:75], recording.frames[75:])]
+        >>> joint = lmkit.survey_recordings(dict(zip(["monday", "tuesday"], halves)), "rig.yaml")
+        >>> joint.names
+        ('monday', 'tuesday')
+    """
+    from lmkit.mapping.several_recordings import NamedRecording
+    from lmkit.mapping.several_recordings import survey_recordings as survey_together
+    from lmkit.mapping.survey import anchors_of, landmark_sizes
+    from lmkit.pipelines.recording_checks import require_plausible_recording
+
+    if not recordings:
+        raise InputError("no_recordings", "no recordings are given", "give at least one, by its name")
+    anchors = {} if known is None else anchors_of(as_map(known), known_sigma)
+    rigs = rig if isinstance(rig, Mapping) else dict.fromkeys(recordings, as_rig(rig))
+    for name, recording in recordings.items():
+        require_plausible_recording(recording, rigs[name], None if known is None else as_map(known))
+    frames = [frame for recording in recordings.values() for frame in recording.frames]
+    named = [
+        NamedRecording(name, recording.frames, rigs[name], motion_of(recording))
+        for name, recording in recordings.items()
+    ]
+    sizes = landmark_sizes(frames, as_metres(size, "size"), anchors)
+    result = survey_together(named, sizes, anchors, constraints)
+    return replace(result, warnings=joint_warnings(result))
+
+
+def joint_warnings(result: JointSurvey) -> tuple[str, ...]:
+    """What a user should check, one sentence each."""
+    texts = [str(moved) for moved in result.moved]
+    texts += [f"recording '{name}' is left out: {reason}" for name, reason in result.left_out.items()]
+    texts += [
+        f"recording '{name}': {contradicted}"
+        for name, survey in zip(result.names, result.surveys, strict=True)
+        for contradicted in survey.contradicted
+    ]
+    texts += [f"{id_} has an ambiguous pose; look from another side" for id_ in result.ambiguous]
+    texts += [
+        f"{id_} is {1000 * metres:.0f} mm off the {constraint} of its constraint; check it in the room"
+        for id_, constraint, metres in result.off_constraint
+    ]
+    texts += [f"{id_} is not placed: its observations are too few, or do not agree" for id_ in result.unplaced]
+    return tuple(texts)
 
 
 def track(

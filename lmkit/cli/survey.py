@@ -73,6 +73,7 @@ def run(
         return
     from lmkit.api.recordings import motion_of, survey
     from lmkit.cli.parsing import parse_constraints
+    from lmkit.cli.survey_recordings import are_recordings, survey_several
     from lmkit.geometry.rig import mounted_cameras
     from lmkit.io.any_rig import read_any_rig
     from lmkit.io.external_maps import read_any_map
@@ -98,6 +99,17 @@ def run(
         require_rerun()
     size_m, cameras = parse_length_mm(size, "--size") / 1000, read_any_rig(rig)
     anchors = None if known is None else read_any_map(known)
+    if are_recordings(source.images, cameras):
+        refused = {
+            "--odometry": odometry, "--gyro": gyro, "--wheel-track": wheel_track, "--plan": plan, "--report": report,
+            "--rerun": rerun, "--save-detections": save_detections,
+        }  # fmt: skip
+        require_no("several recordings", refused)
+        outputs = {"map": output, "tum": tum}
+        survey_several(
+            source.images, cameras, size_m, anchors, sigma, constraints, families, hz, outputs, force, as_json
+        )
+        return
     recording = source.read(cameras, families)
     names = [camera.name for camera in mounted_cameras(cameras)]
     # Written first: detection takes longest, and the survey itself may fail.

@@ -28,6 +28,8 @@ class _Landmark(Document):
     quaternion: Annotated[list[float], Field(min_length=4, max_length=4)]
     covariance: Matrix6 | None = None
     name: str | None = None
+    valid_from: float | None = None
+    valid_to: float | None = None
 
 
 class _MapFile(Document):
@@ -64,7 +66,10 @@ def read_map(path: Path) -> LandmarkMap:
                 f"{where}.covariance: not symmetric, or negative in some direction",
                 "write the 6x6 covariance of x y z (m) and rotation (rad), or leave it out",
             )
-        landmarks.append(MappedLandmark(LandmarkId(item.family, item.code), item.size_m, pose, covariance, item.name))
+        id_, valid = LandmarkId(item.family, item.code), (item.valid_from, item.valid_to)
+        if item.valid_from is not None and item.valid_to is not None and item.valid_to < item.valid_from:
+            raise InputError("bad_value", f"{where}.valid_to: before valid_from", "write seconds of one clock")
+        landmarks.append(MappedLandmark(id_, item.size_m, pose, covariance, item.name, *valid))
     try:
         return LandmarkMap(landmarks)
     except InputError as error:
@@ -74,7 +79,7 @@ def read_map(path: Path) -> LandmarkMap:
 def map_to_yaml(landmarks: LandmarkMap) -> str:
     """The text of a map file."""
     entries: list[dict[str, Any]] = []
-    for landmark in landmarks:
+    for landmark in (*landmarks, *landmarks.past):
         entry: dict[str, Any] = {
             "code": landmark.code,
             "family": landmark.family,
@@ -86,5 +91,8 @@ def map_to_yaml(landmarks: LandmarkMap) -> str:
             entry["covariance"] = landmark.covariance.tolist()
         if landmark.name is not None:
             entry["name"] = landmark.name
+        for key, time_s in (("valid_from", landmark.valid_from_s), ("valid_to", landmark.valid_to_s)):
+            if time_s is not None:
+                entry[key] = time_s
         entries.append(entry)
     return dump_yaml({"format": "lmkit-map/1", "frame": "map", "landmarks": entries})

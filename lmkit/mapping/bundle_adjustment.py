@@ -173,6 +173,40 @@ class BundleProblem:
         self.R, self.p, self.lm_R, self.lm_p = state.R, state.p, state.lm_R, state.lm_p
         self.parameters = state.parameters
 
+    @property
+    def size(self) -> int:
+        """Unknowns of one landmark."""
+        return 6
+
+    @property
+    def landmark_ids(self) -> tuple[LandmarkId, ...]:
+        """Ids in the order of the unknowns."""
+        return tuple(m.id for m in self.mapped)
+
+    def own_state(self) -> tuple[FloatArray, ...]:
+        """Poses and the odometry's errors as they stand."""
+        return self.R, self.p, self.parameters
+
+    def restore_own(self, state: tuple[FloatArray, ...]) -> None:
+        """Put poses and the odometry's errors back."""
+        self.R, self.p, self.parameters = state
+
+    def own_moved(self, states: FloatArray, own: FloatArray) -> tuple[FloatArray, ...]:
+        """Poses and the odometry's errors moved by a step."""
+        return rotation_exp(states[:, 3:]) @ self.R, self.p + states[:, :3], self.parameters + own
+
+    def landmark_poses(self) -> tuple[FloatArray, FloatArray]:
+        """(L,3,3), (L,3) T_map_landmark."""
+        return self.lm_R, self.lm_p
+
+    def put_landmarks(self, R: FloatArray, p: FloatArray) -> None:
+        """Mount all landmarks elsewhere."""
+        self.lm_R, self.lm_p = R, p
+
+    def equations(self) -> tuple[ChainEquations, float]:
+        """Normal equations and cost of the unknowns as they stand."""
+        return self._equations()
+
     def cost(self) -> float:
         """Cost of the unknowns as they stand."""
         return self._equations()[1]
@@ -377,14 +411,22 @@ class BundleProblem:
             mapped.append(replace(m, T_map_landmark=T, covariance=m.covariance if self.landmarks_fixed else C))
         return LandmarkMap(mapped)
 
-    def answer(self, believed_below: float, spread: Mapping[int, FloatArray] | None = None) -> Bundle:
+    def answer(
+        self,
+        believed_below: float,
+        spread: Mapping[int, FloatArray] | None = None,
+        known: FloatArray | None = None,
+    ) -> Bundle:
         """Everything, with covariances.
 
         Args:
             believed_below: of an observation's residual.
             spread: by row, (6,6) to be added to the covariance of landmarks.
+            known: (6L,6L) information on the landmarks from elsewhere.
         """
         equations, _ = self._equations()
+        if known is not None:
+            equations.corner[self.own :, self.own :] += known
         states, _, shared = equations.covariances()
         for k, more in (spread or {}).items():
             shared[self._rows_of(k), self._rows_of(k)] += more

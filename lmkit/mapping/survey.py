@@ -11,11 +11,12 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from lmkit.arrays import FloatArray
 from lmkit.geometry.rig import AnyRig
 from lmkit.mapping.bundle_adjustment import Anchor, Bundle, BundleProblem
 from lmkit.mapping.initialization import Start, find_start
@@ -57,6 +58,38 @@ def survey_frames(
     Raises:
         InputError: nothing to start from, or odometry without T_base_left or of another time.
     """
+    solved = solve_recording(frames, rig, sizes_m, anchors, motion, constraints)
+    return survey_of(solved, anchors, constraints)
+
+
+@dataclass(frozen=True, eq=False)
+class SolvedRecording:
+    """A recording after bundle adjustment.
+
+    Attributes:
+        start: frames and landmarks that take part.
+        problem: the observations, and the unknowns at their optimum.
+        undecided: by row, (6,6) to be added to the covariance of landmarks whose pose is ambiguous.
+        frames: how many were given.
+        odometry: names of the odometry's errors that are solved for.
+    """
+
+    start: Start
+    problem: BundleProblem
+    undecided: Mapping[int, FloatArray]
+    frames: int
+    odometry: tuple[str, ...] = ()
+
+
+def solve_recording(
+    frames: Sequence[RigFrame],
+    rig: AnyRig,
+    sizes_m: Mapping[LandmarkId, float],
+    anchors: Mapping[LandmarkId, Anchor],
+    motion: Motion | None = None,
+    constraints: Sequence[LandmarkConstraint] = (),
+) -> SolvedRecording:
+    """Initialization, bundle adjustment, and the second poses; arguments and errors as of :func:`survey_frames`."""
     start = find_start(frames, rig, sizes_m, anchors, motion)
     problem = start.problem(frames, rig, motion, constraints)
     optimize_all(problem)
@@ -71,9 +104,26 @@ def survey_frames(
     if not anchors and motion is not None and motion.of_base:
         _lay_on_the_floor(problem)
     undecided = resolve_pose_ambiguities(problem)
-    dropped = problem.drop_outliers(OUTLIER_SIGMA)
+    problem.drop_outliers(OUTLIER_SIGMA)
     problem.optimize(STEPS)
-    bundle = problem.answer(OUTLIER_SIGMA, undecided)
+    names = () if motion is None else tuple(motion.names)
+    return SolvedRecording(start, problem, undecided, len(frames), names)
+
+
+def survey_of(
+    solved: SolvedRecording,
+    anchors: Mapping[LandmarkId, Anchor],
+    constraints: Sequence[LandmarkConstraint] = (),
+    known: FloatArray | None = None,
+) -> Survey:
+    """The results of a solved recording.
+
+    Args:
+        anchors: landmarks known beforehand; those that the recording did not see stay in the map as they were.
+        known: (6L,6L) information on the landmarks from elsewhere, such as other recordings.
+    """
+    start, problem = solved.start, solved.problem
+    bundle = problem.answer(OUTLIER_SIGMA, solved.undecided, known)
     mapped = {m.id for m in problem.mapped}
     # A landmark that is mounted where none of its observations has it was started wrong.
     fitting = bundle.of[bundle.residuals < OUTLIER_SIGMA].tolist()
@@ -85,7 +135,7 @@ def survey_frames(
     ]
     landmarks = LandmarkMap([*bundle.landmarks, *unseen])
     unplaced = tuple(sorted([*start.unplaced, *(m.id for m in lost)]))
-    ambiguous = tuple(sorted({problem.mapped[k].id for k in undecided} & believed))
+    ambiguous = tuple(sorted({problem.mapped[k].id for k in solved.undecided} & believed))
     contradicted = tuple(
         contradicted for contradicted in contradicted_landmarks(bundle) if contradicted.id in believed
     )
@@ -94,13 +144,13 @@ def survey_frames(
         landmarks,
         start.rows,
         contradicted,
-        _poorly_determined(bundle.landmarks),
+        poorly_determined_landmarks(bundle.landmarks),
         unplaced,
-        dropped,
+        int((~problem.used).sum()),
         ambiguous,
-        _off_constraint(constraints, bundle.landmarks),
-        frames=len(frames),
-        odometry={} if motion is None else dict(zip(motion.names, bundle.parameters.tolist(), strict=True)),
+        landmarks_off_constraint(constraints, bundle.landmarks),
+        frames=solved.frames,
+        odometry=dict(zip(solved.odometry, bundle.parameters.tolist(), strict=True)),
     )
 
 
@@ -161,7 +211,8 @@ def _only(bundle: Bundle, ids: set[LandmarkId]) -> Bundle:
     )
 
 
-def _poorly_determined(landmarks: LandmarkMap) -> tuple[tuple[LandmarkId, float, float], ...]:
+def poorly_determined_landmarks(landmarks: LandmarkMap) -> tuple[tuple[LandmarkId, float, float], ...]:
+    """Landmarks determined to no better than 3 cm or 2 deg, with both deviations (m, rad)."""
     poorly_determined = []
     for m in landmarks:
         place, turn = deviations(m)
@@ -170,9 +221,10 @@ def _poorly_determined(landmarks: LandmarkMap) -> tuple[tuple[LandmarkId, float,
     return tuple(poorly_determined)
 
 
-def _off_constraint(
+def landmarks_off_constraint(
     constraints: Sequence[LandmarkConstraint], landmarks: LandmarkMap
 ) -> tuple[tuple[LandmarkId, LandmarkConstraint, float], ...]:
+    """Landmarks off their constraints, with the constraint and the distance (m)."""
     mapped = list(landmarks)
     R, p = np.array([m.T_map_landmark.R for m in mapped]), np.array([m.T_map_landmark.t for m in mapped])
     sigmas = np.array([deviations(m) for m in mapped])

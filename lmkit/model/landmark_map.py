@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -15,6 +15,7 @@ from lmkit.model.landmark import square_corners
 from lmkit.model.landmark_id import LandmarkId
 
 NAMED = 4  # landmarks in an error message
+CALENDAR_S = 1e8  # clocks beyond count from 1970, clocks below from when they were started
 
 
 @dataclass(frozen=True, eq=False)
@@ -27,6 +28,8 @@ class MappedLandmark:
         T_map_landmark: its pose.
         covariance: (6,6) of that pose in the map frame (x y z m, rotation x y z rad), if known.
         name: of the place it marks, for `lmkit plan route`.
+        valid_from_s, valid_to_s: when it was first seen there after it was moved, and last seen there before, seconds
+            of the recordings' clock; None: as far as anyone knows, always and still.
     """
 
     id: LandmarkId
@@ -34,6 +37,8 @@ class MappedLandmark:
     T_map_landmark: Pose
     covariance: FloatArray | None = None
     name: str | None = None
+    valid_from_s: float | None = None
+    valid_to_s: float | None = None
 
     @property
     def code(self) -> int:
@@ -54,13 +59,21 @@ class MappedLandmark:
 class LandmarkMap:
     """An ordered set of landmarks, looked up by their id.
 
+    Landmarks with a `valid_to_s` are history: they are kept in `past`, and take no part in anything else.
+
+    Attributes:
+        past: landmarks as they were mounted before they were moved or taken away.
+
     Raises:
-        InputError: two landmarks have the same id.
+        InputError: two landmarks that are valid now have the same id.
     """
 
     def __init__(self, landmarks: Sequence[MappedLandmark]) -> None:
         self._by_id: dict[LandmarkId, MappedLandmark] = {}
+        self.past = tuple(landmark for landmark in landmarks if landmark.valid_to_s is not None)
         for index, landmark in enumerate(landmarks):
+            if landmark.valid_to_s is not None:
+                continue
             if landmark.id in self._by_id:
                 raise InputError(
                     "duplicate_code",
@@ -81,6 +94,34 @@ class LandmarkMap:
     def find(self, id_: LandmarkId) -> MappedLandmark | None:
         """The landmark with this id, or None."""
         return self._by_id.get(id_)
+
+    def at(self, time_s: float) -> LandmarkMap:
+        """The map as it was at a time: every landmark where it was mounted then.
+
+        A time of another clock, such as seconds since a recording began where the map has seconds since 1970, gives
+        the map as it is now.
+        """
+        dated = [t for m in (*self, *self.past) for t in (m.valid_from_s, m.valid_to_s) if t is not None]
+        if not dated or (min(dated) > CALENDAR_S) != (time_s > CALENDAR_S):
+            return self
+        then: dict[LandmarkId, MappedLandmark] = {}
+        for m in sorted((*self.past, *self), key=_last_valid, reverse=True):
+            if time_s <= _last_valid(m):
+                then[m.id] = m
+        # Between two poses, and before the first one, nobody knows when it was moved: the nearer in time holds.
+        kept = [self._dated(m, time_s) for m in then.values()]
+        return LandmarkMap([replace(m, valid_from_s=None, valid_to_s=None) for m in kept])
+
+    def _dated(self, later: MappedLandmark, time_s: float) -> MappedLandmark:
+        """The pose that holds at a time at or before the later one's end."""
+        since = later.valid_from_s
+        if since is None or time_s >= since:
+            return later
+        earlier = [m for m in self.past if m.id == later.id and _last_valid(m) < time_s]
+        if not earlier:
+            return later
+        last = max(earlier, key=_last_valid)
+        return last if time_s - _last_valid(last) < since - time_s else later
 
     def require_any(self, ids: Iterable[LandmarkId]) -> None:
         """Refuse observations none of whose landmarks is in the map.
@@ -107,6 +148,10 @@ class LandmarkMap:
 
     def __repr__(self) -> str:
         return f"LandmarkMap({len(self)} landmarks: {', '.join(self.families) or 'empty'})"
+
+
+def _last_valid(landmark: MappedLandmark) -> float:
+    return float("inf") if landmark.valid_to_s is None else landmark.valid_to_s
 
 
 def _some(ids: Sequence[LandmarkId]) -> str:

@@ -106,6 +106,19 @@ class ChainEquations:
             states[piece.states] = piece.solve(at_cuts, y)
         return states, y
 
+    def eliminate(self, own: int, damping: float = 0.0) -> EliminatedChain:
+        """What is left of the equations for the shared unknowns after the first ``own`` of them.
+
+        Args:
+            own: shared unknowns that are eliminated together with the states.
+            damping: as for :meth:`solve`.
+
+        Raises:
+            numpy.linalg.LinAlgError: a state, or one of the first unknowns, is not determined at all.
+        """
+        pieces, cuts = self._damped(damping)._without_pieces()
+        return EliminatedChain(self.gradient.shape, pieces, cuts, own)
+
     def covariances(self) -> tuple[FloatArray, FloatArray, FloatArray]:
         """(N,d,d) of every state, (N-1,d,d) between each and the next, and (m,m) of the shared unknowns."""
         pieces, cuts = self._without_pieces()
@@ -175,6 +188,40 @@ class ChainEquations:
         W = _backward(factor, half).reshape(count, size, shared)
         back = W.transpose(0, 2, 1)
         return own + W @ C @ back, across + W[:-1] @ C @ back[1:], -W @ C, C
+
+
+class EliminatedChain:
+    """A chain whose states, and whose first shared unknowns, are eliminated (Schur complement).
+
+    Attributes:
+        information: (k,k) of the remaining shared unknowns.
+        gradient: (k,) of those.
+    """
+
+    def __init__(self, shape: tuple[int, ...], pieces: list[_Piece], cuts: ChainEquations, own: int) -> None:
+        self._shape, self._pieces, self._cuts, self._own = shape, pieces, cuts, own
+        S, g = cuts.corner, cuts.shared_gradient
+        if len(cuts.diagonal):
+            self._factor, self._half = cuts._eliminated()
+            S, g = S - self._half[:, :-1].T @ self._half[:, :-1], g - self._half[:, :-1].T @ self._half[:, -1]
+        across = np.column_stack([S[:own, own:], g[:own]])
+        solved = cho_solve(cho_factor(S[:own, :own]), across) if own else across
+        self._own_by_kept, self._own_alone = solved[:, :-1], solved[:, -1]
+        self.information: FloatArray = S[own:, own:] - S[own:, :own] @ self._own_by_kept
+        self.gradient: FloatArray = g[own:] - S[own:, :own] @ self._own_alone
+
+    def solve(self, kept: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Steps (N,d) of the states and (m,) of all shared unknowns, from those (k,) of the remaining ones."""
+        shared = np.concatenate([self._own_alone - self._own_by_kept @ kept, kept])
+        states, size = np.empty(self._shape), self._shape[1]
+        at_cuts: FloatArray = np.empty((len(self._cuts.diagonal), size))
+        if len(at_cuts):
+            right = self._half[:, -1] - self._half[:, :-1] @ shared
+            at_cuts = _backward(self._factor, right).reshape(-1, size)
+            states[PIECE :: PIECE + 1] = at_cuts
+        for piece in self._pieces:
+            states[piece.states] = piece.solve(at_cuts, shared)
+        return states, shared
 
 
 @dataclass(frozen=True, eq=False)

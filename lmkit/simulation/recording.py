@@ -126,15 +126,17 @@ def make_drive(
     errors: WheelErrors | None = None,
     noise_px: float = 0.15,
     rig: AnyRig | None = None,
+    landmarks: LandmarkMap | None = None,
 ) -> Drive:
     """A recording in rounds through a room with ``count`` landmarks on its walls.
 
     Args:
+        landmarks: those of another recording, to drive through the same room again; None: mounted anew.
         rig: the cameras, with T_base_left; None: a stereo pair that looks ahead.
     """
     rng = np.random.default_rng([seed, 0])
     codes = [int(code) for code in rng.permutation(256)[:count]]
-    landmarks = LandmarkMap(mount_landmarks(rng, codes, (*size_m, HEIGHT_M)))
+    landmarks = landmarks or LandmarkMap(mount_landmarks(rng, codes, (*size_m, HEIGHT_M)))
     fine, truth = _round_trip(rng, seconds, size_m)
     errors = errors or WheelErrors()
     truth = _slip(rng, fine, truth, errors.slips)

@@ -1,0 +1,85 @@
+"""`lmkit survey` of several recordings of one place: one map."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from lmkit.cli.output import check_outputs, print_json, print_line, progress, warn, write_outputs
+
+if TYPE_CHECKING:
+    from lmkit.geometry.rig import AnyRig
+    from lmkit.mapping.several_recordings import JointSurvey
+    from lmkit.mapping.wall_constraints import LandmarkConstraint
+    from lmkit.model.landmark_map import LandmarkMap
+
+
+def are_recordings(sources: Sequence[str], rig: AnyRig) -> bool:
+    """The sources are two or more recording folders, not the images of each camera."""
+    from lmkit.geometry.rig import mounted_cameras
+    from lmkit.pipelines.recording_folder import is_recording_folder
+
+    names = [camera.name for camera in mounted_cameras(rig)]
+    return len(sources) > 1 and all(is_recording_folder(Path(source), names) for source in sources)
+
+
+def survey_several(
+    folders: Sequence[str],
+    rig: AnyRig,
+    size_m: float,
+    known: LandmarkMap | None,
+    known_sigma: tuple[float, float] | None,
+    constraints: Sequence[LandmarkConstraint],
+    families: Sequence[str],
+    hz: float | None,
+    outputs: Mapping[str, Path | None],
+    force: bool,
+    as_json: bool,
+) -> None:
+    """Read the folders, survey them together, write and print.
+
+    Args:
+        outputs: ``map`` and ``tum``, a trajectory of each recording beside that name.
+    """
+    from lmkit.api.recordings import survey_recordings
+    from lmkit.io.landmark_map import map_to_yaml
+    from lmkit.io.trajectory import poses_to_tum
+    from lmkit.mapping.survey_results import base_poses
+    from lmkit.pipelines.recording_folder import read_recording_folder
+
+    names = recording_names(folders)
+    output, tum = outputs["map"], outputs["tum"]
+    tums = {name: None if tum is None else tum.with_stem(f"{tum.stem}-{name.replace('/', '-')}") for name in names}
+    check_outputs((output, *tums.values()), None, force)
+    read = progress(zip(names, folders, strict=True), len(names), "reading recordings")
+    recordings = {name: read_recording_folder(Path(folder), rig, families, hz) for name, folder in read}
+    result = survey_recordings(
+        recordings, rig, size=size_m, known=known, known_sigma=known_sigma, constraints=constraints
+    )
+    for text in result.warnings:
+        warn(text)
+    write_outputs({output: map_to_yaml(result.landmarks)}, force)
+    for name, survey in zip(result.names, result.surveys, strict=True):
+        write_outputs({tums[name]: poses_to_tum(base_poses(survey.bundle, rig))}, force)
+    if as_json:
+        print_json({"map": str(output), **result.to_dict()})
+        return
+    for line in joint_lines(result):
+        print_line(line)
+    print_line(f"{len(result.landmarks)} landmarks from {len(result.names)} of {len(names)} recordings -> {output}")
+
+
+def recording_names(folders: Sequence[str]) -> list[str]:
+    """Names of recordings: the last part of their paths, or the whole path where two would have the same name."""
+    last = [Path(folder).name for folder in folders]
+    return last if len(set(last)) == len(last) else [str(Path(folder)) for folder in folders]
+
+
+def joint_lines(result: JointSurvey) -> list[str]:
+    """One line per recording."""
+    return [
+        f"{name}: {len(survey.rows)} of {survey.frames} frames located, {len(survey.bundle.landmarks)} landmarks, "
+        f"{survey.bundle.rms_px:.2f} px"
+        for name, survey in zip(result.names, result.surveys, strict=True)
+    ]

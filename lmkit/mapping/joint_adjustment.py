@@ -1,0 +1,174 @@
+"""Joint adjustment of several recordings of one place, without ever writing down the one big problem.
+
+Every recording eliminates its own poses and its odometry's errors, and gives what is left, information on landmarks;
+the sums of those are solved for the landmarks, and every recording follows.  That is the step of Levenberg and
+Marquardt on the one big problem, not an approximation of it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+
+from lmkit.arrays import FloatArray, IntArray
+from lmkit.geometry.rotations import rotation_exp
+from lmkit.model.landmark_id import LandmarkId
+from lmkit.model.landmark_information import InformationSum, LandmarkInformation
+from lmkit.optim.block_chain import ChainEquations, EliminatedChain
+from lmkit.optim.levenberg_marquardt import Damping, minimize
+
+CONVERGED = 1e-2  # of the cost
+DAMPING = Damping(grow=50.0)
+
+
+class RecordingProblem(Protocol):
+    """One recording: a chain of poses, and shared unknowns of which all but the first ``own`` are its landmarks'.
+
+    Attributes:
+        own: of the shared unknowns, before the landmarks.
+        size: unknowns of one landmark: 6 in space, 2 in the plane.
+        landmark_ids: (L) in the order of its unknowns.
+    """
+
+    own: int
+
+    @property
+    def size(self) -> int: ...
+    @property
+    def landmark_ids(self) -> tuple[LandmarkId, ...]: ...
+
+    def own_state(self) -> tuple[FloatArray, ...]:
+        """Everything unknown but the landmarks, as it stands."""
+
+    def restore_own(self, state: tuple[FloatArray, ...]) -> None:
+        """Put that back."""
+
+    def own_moved(self, states: FloatArray, own: FloatArray) -> tuple[FloatArray, ...]:
+        """Everything but the landmarks moved by a step of the poses and of its own shared unknowns."""
+
+    def landmark_poses(self) -> tuple[FloatArray, FloatArray]:
+        """(L,3,3), (L,3) of its landmarks."""
+
+    def put_landmarks(self, R: FloatArray, p: FloatArray) -> None:
+        """Mount its landmarks elsewhere."""
+
+    def equations(self) -> tuple[ChainEquations, float]:
+        """Normal equations and cost as all stands."""
+
+
+def recording_information(problem: RecordingProblem) -> LandmarkInformation:
+    """What a recording tells of its landmarks, as it stands."""
+    equations, cost = problem.equations()
+    left = equations.eliminate(problem.own)
+    R, p = problem.landmark_poses()
+    return LandmarkInformation(problem.landmark_ids, R.copy(), p.copy(), left.information, left.gradient, cost)
+
+
+@dataclass(frozen=True, eq=False)
+class JointState:
+    """Landmarks (C,3,3), (C,3), and what each recording has to itself."""
+
+    R: FloatArray
+    p: FloatArray
+    recordings: tuple[tuple[FloatArray, ...], ...]
+
+
+class JointProblem:
+    """Several recordings, and the landmarks that they share.
+
+    Args:
+        problems: the recordings.
+        rows: (L,) of each: which of the joint landmarks its landmarks are.
+        R, p: (C,3,3), (C,3) where those are mounted.
+    """
+
+    def __init__(
+        self, problems: Sequence[RecordingProblem], rows: Sequence[IntArray], R: FloatArray, p: FloatArray
+    ) -> None:
+        self.problems, self.rows = list(problems), list(rows)
+        self.R, self.p, self.size = R, p, problems[0].size
+        self._put()
+
+    def optimize(self, steps: int, least_gain: float = CONVERGED) -> float:
+        """Levenberg and Marquardt from the unknowns as they stand; the cost where it stops.
+
+        Args:
+            steps: at most so many.
+            least_gain: of the cost; a step that lowers it by less is the last one.
+        """
+        end = minimize(self, self.state(), steps, least_gain, DAMPING)
+        self.restore(end.state)
+        return end.cost
+
+    def state(self) -> JointState:
+        """The unknowns as they stand."""
+        return JointState(self.R, self.p, tuple(problem.own_state() for problem in self.problems))
+
+    def restore(self, state: JointState) -> None:
+        """Back to where they stood."""
+        self.R, self.p = state.R, state.p
+        for problem, own in zip(self.problems, state.recordings, strict=True):
+            problem.restore_own(own)
+        self._put()
+
+    def linearize(self, state: JointState) -> tuple[list[ChainEquations], float]:
+        """Normal equations of all recordings, and the cost of all, at a state."""
+        self.restore(state)
+        parts = [problem.equations() for problem in self.problems]
+        return [equations for equations, _ in parts], sum(cost for _, cost in parts)
+
+    def solve(
+        self, equations: list[ChainEquations], damping: float
+    ) -> tuple[FloatArray, list[tuple[FloatArray, FloatArray]]]:
+        """Steps of the landmarks (dC,), and of each recording's states and shared unknowns."""
+        left = self._eliminated(equations, damping)
+        step = self.sum_of(left).solve()
+        columns = self._columns()
+        return step, [part.solve(step[mine]) for part, mine in zip(left, columns, strict=True)]
+
+    def retract(self, state: JointState, step: tuple[FloatArray, list[tuple[FloatArray, FloatArray]]]) -> JointState:
+        """The state moved by a step."""
+        self.restore(state)
+        moved = step[0].reshape(-1, self.size)
+        R, p = state.R, state.p.copy()
+        p[:, : min(self.size, 3)] += moved[:, :3]
+        if self.size == 6:
+            R = rotation_exp(moved[:, 3:]) @ R
+        own = [
+            problem.own_moved(states, shared[: problem.own])
+            for problem, (states, shared) in zip(self.problems, step[1], strict=True)
+        ]
+        return JointState(R, p, tuple(own))
+
+    def information(self) -> list[LandmarkInformation]:
+        """What each recording tells, at the landmarks as they stand."""
+        return [recording_information(problem) for problem in self.problems]
+
+    def covariance(self) -> FloatArray:
+        """(dC,dC) joint covariance of all landmarks.
+
+        Raises:
+            numpy.linalg.LinAlgError: something is not determined at all.
+        """
+        return self.sum_of(self._eliminated([problem.equations()[0] for problem in self.problems])).covariance()
+
+    def sum_of(self, parts: Sequence[EliminatedChain]) -> InformationSum:
+        """The recordings' information, summed."""
+        total = InformationSum(len(self.p), self.size)
+        for rows, part in zip(self.rows, parts, strict=True):
+            total.add(rows, part.information, part.gradient)
+        return total
+
+    def _eliminated(self, equations: Sequence[ChainEquations], damping: float = 0.0) -> list[EliminatedChain]:
+        pairs = zip(self.problems, equations, strict=True)
+        return [part.eliminate(problem.own, damping) for problem, part in pairs]
+
+    def _columns(self) -> list[IntArray]:
+        return [(self.size * rows[:, None] + np.arange(self.size)).ravel() for rows in self.rows]
+
+    def _put(self) -> None:
+        for problem, rows in zip(self.problems, self.rows, strict=True):
+            problem.put_landmarks(self.R[rows], self.p[rows])

@@ -1,0 +1,204 @@
+"""Recordings that are joined into one map: which landmark of which recording is which landmark of the map."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from lmkit.arrays import FloatArray, IntArray
+from lmkit.geometry.rig import AnyRig
+from lmkit.mapping.map_joining import LoneMap, Placement, place_map
+from lmkit.mapping.survey import SolvedRecording
+from lmkit.mapping.survey_results import Survey
+from lmkit.model.landmark_id import LandmarkId
+
+ALWAYS = 10.0  # m, rad: deviations of what a recording does not determine at all
+Member = tuple[int, int]  # recording, and row among its landmarks
+
+
+@dataclass(frozen=True, eq=False)
+class LoneSurvey:
+    """One recording, surveyed alone.
+
+    Attributes:
+        name: of the recording.
+        rig: that took it.
+        solved: its bundle adjustment.
+        survey: the results of that.
+        anchored: it saw landmarks that were known beforehand, so that it lies in the map's frame already.
+    """
+
+    name: str
+    rig: AnyRig
+    solved: SolvedRecording
+    survey: Survey
+    anchored: bool
+
+    def lone_map(self) -> tuple[LoneMap, IntArray]:
+        """Its landmarks that are believed, and their rows in the bundle adjustment."""
+        problem = self.solved.problem
+        number = {id_: row for row, id_ in enumerate(problem.landmark_ids)}
+        mapped = list(self.survey.bundle.landmarks)
+        rows = np.array([number[m.id] for m in mapped], dtype=np.int64)
+        C = np.array([np.zeros((6, 6)) if m.covariance is None else m.covariance for m in mapped])
+        values, axes = np.linalg.eigh(C)
+        C = (axes * np.clip(values, 0.0, ALWAYS**2)[:, None]) @ axes.transpose(0, 2, 1)
+        ambiguous = np.array([row in self.solved.undecided for row in rows.tolist()], dtype=bool)
+        ids = tuple(m.id for m in mapped)
+        return LoneMap(ids, problem.lm_R[rows], problem.lm_p[rows], C, ambiguous), rows
+
+
+@dataclass(eq=False)
+class Version:
+    """A landmark of the joint map: one code, as mounted for a while.
+
+    Attributes:
+        id: family and code; several versions may have the same.
+        members: the recordings that saw it so.
+        R, p: its pose.
+    """
+
+    id: LandmarkId
+    members: list[Member]
+    R: FloatArray
+    p: FloatArray
+
+    @property
+    def recordings(self) -> list[int]:
+        """Numbers of the recordings that saw it."""
+        return sorted(recording for recording, _ in self.members)
+
+
+@dataclass(eq=False)
+class RecordingGroup:
+    """Recordings laid into one frame, and the landmarks that they share.
+
+    Attributes:
+        lone: the recordings.
+        versions: the landmarks of the joint map.
+        turned: numbers of versions that recordings see in one place, but turned.
+        left_out: names of recordings that do not fit, and why.
+    """
+
+    lone: list[LoneSurvey]
+    versions: list[Version]
+    turned: set[int] = field(default_factory=set)
+    left_out: dict[str, str] = field(default_factory=dict)
+
+    def rows(self) -> list[IntArray]:
+        """(L,) of every recording: the versions that its landmarks are."""
+        rows = [np.full(len(lone.solved.problem.mapped), -1) for lone in self.lone]
+        for number, version in enumerate(self.versions):
+            for recording, row in version.members:
+                rows[recording][row] = number
+        return rows
+
+
+def join_recordings(lone: Sequence[LoneSurvey]) -> RecordingGroup:
+    """Lay recordings into the frame of one of them, so that most of them fit.
+
+    Recordings that lie in the frame of known landmarks are the first.  The poses and landmarks of the others' bundle
+    adjustments are moved.
+    """
+    anchored = [k for k, one in enumerate(lone) if one.anchored]
+    best: tuple[dict[int, _Laid], dict[int, str]] | None = None
+    for first in [anchored] if anchored else [[k] for k in range(len(lone))]:
+        laid, reasons = _grow(lone, first)
+        if best is None or len(laid) > len(best[0]):
+            best = laid, reasons
+        if 2 * len(laid) > len(lone):
+            break
+    assert best is not None
+    return _grouped(lone, *best)
+
+
+@dataclass(frozen=True, eq=False)
+class _Laid:
+    """How a recording lies, and which of the landmarks there its own ones are."""
+
+    R: FloatArray
+    t: FloatArray
+    same: Mapping[int, int]
+    turned: tuple[int, ...]
+
+
+def _grow(lone: Sequence[LoneSurvey], first: Sequence[int]) -> tuple[dict[int, _Laid], dict[int, str]]:
+    """Recordings laid one after another, the best connected first, and reasons for those that are not."""
+    maps = [one.lone_map()[0] for one in lone]
+    together, none = _subset(maps[first[0]], []), np.zeros((6, 6))
+    laid: dict[int, _Laid] = {}
+    todo = list(range(len(lone)))
+
+    def add(
+        k: int, R: FloatArray, t: FloatArray, covariance: FloatArray, same: dict[int, int], turned: list[int]
+    ) -> None:
+        nonlocal together
+        new = [row for row in range(len(maps[k].ids)) if row not in same]
+        count = len(together.ids)
+        together = together.with_more(maps[k].laid(R, t, covariance), new)
+        laid[k] = _Laid(R, t, {**same, **{row: count + i for i, row in enumerate(new)}}, tuple(turned))
+        todo.remove(k)
+
+    for k in first:
+        answer = place_map(together, maps[k]) if laid else None
+        same, turned = _same(answer) if isinstance(answer, Placement) else ({}, [])
+        add(k, np.eye(3), np.zeros(3), none, same, turned)
+    answers: dict[int, Placement | str] = {}
+    while todo:
+        answers = {k: place_map(together, maps[k]) for k in todo}
+        joined = {k: answer for k, answer in answers.items() if isinstance(answer, Placement)}
+        if not joined:
+            break
+        k = max(joined, key=lambda k: joined[k].agreeing)
+        add(k, joined[k].R, joined[k].t, joined[k].covariance, *_same(joined[k]))
+    return laid, {k: str(answers[k]) for k in todo}
+
+
+def _same(placement: Placement) -> tuple[dict[int, int], list[int]]:
+    """Row in the laid map -> row in the fixed one, and rows in the fixed one of those that are turned."""
+    same = {int(b): int(a) for (a, b), fits in zip(placement.pairs, placement.fits, strict=True) if fits}
+    return same, [int(a) for (a, _), turned in zip(placement.pairs, placement.turned, strict=True) if turned]
+
+
+def _subset(lone: LoneMap, rows: list[int]) -> LoneMap:
+    ids = tuple(lone.ids[k] for k in rows)
+    index = np.array(rows, dtype=np.int64)
+    return LoneMap(ids, lone.R[index], lone.p[index], lone.covariances[index], lone.ambiguous[index])
+
+
+def _grouped(lone: Sequence[LoneSurvey], laid: Mapping[int, _Laid], reasons: Mapping[int, str]) -> RecordingGroup:
+    kept = sorted(laid)
+    number = {k: new for new, k in enumerate(kept)}
+    versions: dict[int, Version] = {}
+    turned: set[int] = set()
+    for k in laid:  # in the order in which they were laid: who came first says where a landmark starts
+        problem = lone[k].solved.problem
+        problem.lay(laid[k].R, laid[k].t)
+        _, rows = lone[k].lone_map()
+        for own, where in laid[k].same.items():
+            row = int(rows[own])
+            if where not in versions:
+                versions[where] = Version(problem.mapped[row].id, [], problem.lm_R[row], problem.lm_p[row])
+            versions[where].members.append((number[k], row))
+        turned |= set(laid[k].turned)
+    order = list(versions)
+    group = RecordingGroup([lone[k] for k in kept], [versions[where] for where in order])
+    group.turned = {order.index(where) for where in turned}
+    group.left_out = {lone[k].name: reason for k, reason in reasons.items()}
+    _place_the_rest(group)
+    return group
+
+
+def _place_the_rest(group: RecordingGroup) -> None:
+    """Landmarks that a recording saw but does not believe are those of the others, or their own."""
+    for recording, rows in enumerate(group.rows()):
+        problem = group.lone[recording].solved.problem
+        for row in np.flatnonzero(rows < 0).tolist():
+            id_ = problem.mapped[row].id
+            same = [version for version in group.versions if version.id == id_]
+            if not same:
+                same = [Version(id_, [], problem.lm_R[row], problem.lm_p[row])]
+                group.versions += same
+            same[-1].members.append((recording, row))

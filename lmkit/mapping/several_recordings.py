@@ -1,0 +1,505 @@
+"""`survey_recordings`: one map from several recordings of one place.
+
+1. Each recording is surveyed alone (`survey.py`), and laid over the others by shared landmarks
+   (`recording_group.py`).
+2. Joint adjustment of all by summed information (`joint_adjustment.py`).
+3. A landmark that most of one recording's observations contradict, though they agree among themselves, was moved
+   between recordings: it becomes two.  Two that stand in one place, as far as the joint covariance tells, are one.
+4. A recording in which most shared landmarks stand elsewhere does not fit: it is left out, and all is done again.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+
+from lmkit.arrays import FloatArray, IntArray
+from lmkit.errors import InputError
+from lmkit.geometry.pose import Pose
+from lmkit.geometry.pose_array import PoseArray
+from lmkit.geometry.rig import AnyRig
+from lmkit.geometry.rotations import orthonormal, rotation_log
+from lmkit.mapping.bundle_adjustment import Anchor, BundleProblem
+from lmkit.mapping.joint_adjustment import JointProblem, recording_information
+from lmkit.mapping.recording_group import LoneSurvey, RecordingGroup, Version, join_recordings
+from lmkit.mapping.survey import (
+    LEAST_CONTRADICTED,
+    OUTLIER_SIGMA,
+    STEPS,
+    landmarks_off_constraint,
+    poorly_determined_landmarks,
+    solve_recording,
+    survey_of,
+)
+from lmkit.mapping.survey_results import Survey, deviations
+from lmkit.mapping.wall_constraints import LandmarkConstraint
+from lmkit.model.landmark_id import LandmarkId
+from lmkit.model.landmark_information import LandmarkInformation, unknowns_of
+from lmkit.model.landmark_map import CALENDAR_S, LandmarkMap, MappedLandmark
+from lmkit.model.recording import RigFrame
+from lmkit.odometry.motion_model import Motion
+from lmkit.parallel import map_sharing
+
+ROUNDS = 4  # of leaving out observations that do not fit
+OF_RECORDING = ("frames", "located", "dropped", "reprojection_error_px", "jumps", "odometry")
+CHANGES = 12  # rounds of splitting and merging landmarks, one at a time
+MOVED_SHARE = 0.5  # of a recording's observations of a landmark
+SAME_M, SAME_RAD = 0.002, np.deg2rad(0.3)  # how still a landmark hangs that nobody moved
+SAME_CHI2 = 34.0  # of six numbers: chance exceeds it once in 150,000
+
+
+@dataclass(frozen=True, eq=False)
+class NamedRecording:
+    """A recording to survey with others.
+
+    Attributes:
+        name: what messages call it.
+        frames: in the order of time.
+        rig: that took them.
+        motion: its odometry, if any.
+    """
+
+    name: str
+    frames: tuple[RigFrame, ...]
+    rig: AnyRig
+    motion: Motion | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class MovedLandmark:
+    """A landmark that was moved between recordings.
+
+    Attributes:
+        before, after: as it was mounted; `valid_to_s` and `valid_from_s` where the recordings' clocks tell.
+        seen_before, seen_after: names of recordings.
+    """
+
+    before: MappedLandmark
+    after: MappedLandmark
+    seen_before: tuple[str, ...]
+    seen_after: tuple[str, ...]
+
+    @property
+    def metres(self) -> float:
+        """How far its middle was moved."""
+        return float(np.linalg.norm(self.after.T_map_landmark.t - self.before.T_map_landmark.t))
+
+    @property
+    def radians(self) -> float:
+        """How far it was turned."""
+        return float(np.linalg.norm(rotation_log(self.after.T_map_landmark.R @ self.before.T_map_landmark.R.T)))
+
+    def __str__(self) -> str:
+        text = (
+            f"{self.before.id} was moved by {self.metres:.2f} m and {np.rad2deg(self.radians):.0f} deg between "
+            f"{', '.join(self.seen_before)} and {', '.join(self.seen_after)}"
+        )
+        if self.before.valid_to_s is None:
+            text += "; their clocks overlap, so that the map has its pose in the recording given last"
+        return text
+
+
+@dataclass(frozen=True, eq=False)
+class JointSurvey:
+    """Several surveyed recordings.
+
+    Attributes:
+        landmarks: the map; `past` has landmarks as they were before they were moved.
+        joint: (6L,6L) covariance of all landmarks valid now, in the map's order.
+        names, surveys: of the recordings that fit: poses and landmarks as all recordings together have them.
+        left_out: names of recordings that do not fit or cannot be surveyed, and why.
+        moved: landmarks that were moved between recordings.
+        information: what each recording that fits tells of its landmarks.
+        poorly_determined, unplaced, ambiguous, off_constraint: as of a `Survey`, by all recordings.
+        warnings: what a user should check, in words.
+    """
+
+    landmarks: LandmarkMap
+    joint: FloatArray
+    names: tuple[str, ...]
+    surveys: tuple[Survey, ...]
+    left_out: Mapping[str, str]
+    moved: tuple[MovedLandmark, ...]
+    information: tuple[LandmarkInformation, ...]
+    poorly_determined: tuple[tuple[LandmarkId, float, float], ...] = ()
+    unplaced: tuple[LandmarkId, ...] = ()
+    ambiguous: tuple[LandmarkId, ...] = ()
+    off_constraint: tuple[tuple[LandmarkId, LandmarkConstraint, float], ...] = ()
+    warnings: tuple[str, ...] = ()
+
+    def to_dict(self) -> dict[str, Any]:
+        """JSON of ``lmkit survey`` with several recordings (docs/formats.md), without the file written."""
+        return {
+            "recordings": [
+                {"name": name, **{key: value for key, value in survey.to_dict().items() if key in OF_RECORDING}}
+                for name, survey in zip(self.names, self.surveys, strict=True)
+            ],
+            "left_out": dict(self.left_out),
+            "landmarks": [
+                {
+                    "id": str(m.id),
+                    "code": m.code,
+                    "position": m.T_map_landmark.t.tolist(),
+                    "quaternion": m.T_map_landmark.quaternion_xyzw.tolist(),
+                    "valid_from_s": m.valid_from_s,
+                    **dict(zip(("sigma_m", "sigma_rad"), deviations(m), strict=True)),
+                }
+                for m in self.landmarks
+            ],
+            "moved": [
+                {
+                    "id": str(one.before.id),
+                    "metres": one.metres,
+                    "radians": one.radians,
+                    "before": list(one.seen_before),
+                    "after": list(one.seen_after),
+                }
+                for one in self.moved
+            ],
+            "poorly_determined": [str(id_) for id_, _, _ in self.poorly_determined],
+            "unplaced": [str(id_) for id_ in self.unplaced],
+            "ambiguous": [str(id_) for id_ in self.ambiguous],
+            "warnings": list(self.warnings),
+        }
+
+
+@dataclass(frozen=True, eq=False)
+class _Beforehand:
+    """What is known before any recording: sizes, landmarks, walls."""
+
+    sizes_m: Mapping[LandmarkId, float]
+    anchors: Mapping[LandmarkId, Anchor]
+    constraints: Sequence[LandmarkConstraint]
+
+
+def survey_recordings(
+    recordings: Sequence[NamedRecording],
+    sizes_m: Mapping[LandmarkId, float],
+    anchors: Mapping[LandmarkId, Anchor],
+    constraints: Sequence[LandmarkConstraint] = (),
+) -> JointSurvey:
+    """Survey several recordings of one place into one map.
+
+    Args:
+        recordings: in any order; where their clocks overlap, from the earliest to the latest.
+        sizes_m, anchors, constraints: as of `survey_frames`.
+
+    Raises:
+        InputError: no recording can be surveyed.
+    """
+    known = _Beforehand(sizes_m, anchors, constraints)
+    answers = list(map_sharing(_survey_alone, known, recordings))
+    lone = [answer for answer in answers if isinstance(answer, LoneSurvey)]
+    left_out = {r.name: a for r, a in zip(recordings, answers, strict=True) if isinstance(a, str)}
+    if not lone:
+        name, reason = next(iter(left_out.items()))
+        raise InputError(
+            "nothing_surveyed", f"no recording can be surveyed; {name}: {reason}", "check each one alone"
+        )
+    while True:
+        group = join_recordings(lone)
+        left_out |= group.left_out
+        joint = _Joint(group, known)
+        joint.solve()
+        odd = joint.odd_recordings()
+        if not odd:
+            return joint.results(left_out)
+        left_out |= odd
+        lone = [one for one in group.lone if one.name not in odd]
+
+
+def _survey_alone(known: _Beforehand, recording: NamedRecording) -> LoneSurvey | str:
+    seen = {o.id for frame in recording.frames for o in frame.detections}
+    mine = {id_: anchor for id_, anchor in known.anchors.items() if id_ in seen}
+    try:
+        solved = solve_recording(
+            recording.frames, recording.rig, known.sizes_m, mine, recording.motion, known.constraints
+        )
+    except InputError as error:
+        return str(error)
+    return LoneSurvey(recording.name, recording.rig, solved, survey_of(solved, mine, known.constraints), bool(mine))
+
+
+class _Joint:
+    """The joint adjustment of a group, with landmarks split and merged as it tells."""
+
+    def __init__(self, group: RecordingGroup, known: _Beforehand) -> None:
+        self.group, self.known = group, known
+        self.problems = [one.solved.problem for one in group.lone]
+        self.lone_used = [problem.used.copy() for problem in self.problems]
+        self.lone_poses = [(problem.lm_R.copy(), problem.lm_p.copy()) for problem in self.problems]
+        self.anchors = dict(known.anchors) or dict(self.problems[0].anchors)
+        for problem in self.problems:
+            problem.anchors, problem.constraints = {}, ()
+
+    def solve(self) -> None:
+        """Adjust, split and merge until nothing changes."""
+        self._choose_starts()
+        self._adjust()
+        for _ in range(CHANGES):
+            if not (self._split() | self._merge()):
+                break
+            self._adjust()
+
+    def odd_recordings(self) -> dict[str, str]:
+        """Names of recordings in which most shared landmarks stand elsewhere, and a clause for each."""
+        odd = {}
+        for recording, one in enumerate(self.group.lone):
+            mine = [v for v in self.group.versions if recording in v.recordings]
+            others = {v.id for v in self.group.versions if set(v.recordings) - {recording}}
+            shared = [v for v in mine if v.id in others]
+            alone = sum(v.recordings == [recording] for v in shared)
+            if not one.anchored and len(self.problems) > 2 and 2 * alone > len(shared):
+                odd[one.name] = f"{alone} of its {len(shared)} shared landmarks stand elsewhere than in the others"
+        return odd
+
+    def _choose_starts(self) -> None:
+        """Of landmarks that recordings see turned: the direction that all of them explain best."""
+        for number in self.group.turned:
+            version = self.group.versions[number]
+            candidates = [(self.lone_poses[r][0][row], self.lone_poses[r][1][row]) for r, row in version.members]
+            costs = [self._cost(version, R, p) for R, p in candidates]
+            version.R, version.p = candidates[int(np.argmin(costs))]
+
+    def _cost(self, version: Version, R: FloatArray, p: FloatArray) -> float:
+        cost = 0.0
+        for recording, row in version.members:
+            problem = self.problems[recording]
+            before = problem.state()
+            problem.put(row, R, p)
+            cost += float(problem.landmark_costs()[row])
+            problem.restore(before)
+        return cost
+
+    def _adjust(self) -> None:
+        """Adjust jointly, observations that do not fit left out."""
+        versions = self.group.versions
+        R, p = np.array([v.R for v in versions]), np.array([v.p for v in versions])
+        rows = [*self.group.rows(), np.arange(len(versions))]
+        self.joint = JointProblem([*self.problems, self._knowledge(R, p)], rows, R, p)
+        for problem, used in zip(self.problems, self.lone_used, strict=True):
+            problem.used = used.copy()
+        dropped = -1
+        for _ in range(ROUNDS):
+            self.joint.optimize(STEPS)
+            now = sum(problem.drop_outliers(OUTLIER_SIGMA) for problem in self.problems)
+            if now == dropped:
+                break
+            dropped = now
+        for version, R_now, p_now in zip(versions, self.joint.R, self.joint.p, strict=True):
+            version.R, version.p = R_now, p_now
+
+    def _knowledge(self, R: FloatArray, p: FloatArray) -> BundleProblem:
+        """What is known beforehand, as a recording without frames that has all landmarks.
+
+        Of several versions of a landmark the known one is the nearest, and the one on a declared wall the last.
+        """
+        last = self._last_versions()
+        mapped = []
+        for number, version in enumerate(self.group.versions):
+            anchor = self.anchors.get(version.id)
+            if anchor is None:
+                named = last[version.id] == number
+            else:
+                t = anchor.landmark.T_map_landmark.t
+                same = [v for v in self.group.versions if v.id == version.id]
+                named = min(same, key=lambda v: float(np.linalg.norm(v.p - t))) is version
+            id_ = version.id if named else LandmarkId("", number)
+            T = Pose("map", "landmark", orthonormal(R[number]), p[number])
+            mapped.append(MappedLandmark(id_, 1.0, T))
+        nowhere = PoseArray("map", "left", np.zeros((0, 3, 3)), np.zeros((0, 3)))
+        rig, constraints = self.group.lone[0].rig, self.known.constraints
+        return BundleProblem((), rig, nowhere, LandmarkMap(mapped), self.anchors, constraints=constraints)
+
+    def _last_versions(self) -> dict[LandmarkId, int]:
+        """Of every landmark the version that holds now."""
+        last: dict[LandmarkId, int] = {}
+        for number, version in enumerate(self.group.versions):
+            best = last.get(version.id)
+            if best is None or self._when(version) > self._when(self.group.versions[best]):
+                last[version.id] = number
+        return last
+
+    def _when(self, version: Version) -> tuple[float, int]:
+        """Order in time: by clock where that tells, else by the order of the recordings."""
+        return (self.span(version)[1] if self.dated([version]) else 0.0), version.recordings[-1]
+
+    def dated(self, versions: Sequence[Version]) -> bool:
+        """Do clocks tell which of these came first?"""
+        spans = sorted((problem.times[0], problem.times[-1]) for problem in self.problems)
+        if all(before[1] <= after[0] for before, after in pairwise(spans)):
+            return True
+        seen = sorted(self.span(version) for version in versions)
+        return spans[0][0] > CALENDAR_S and all(before[1] <= after[0] for before, after in pairwise(seen))
+
+    def span(self, version: Version) -> tuple[float, float]:
+        """First and last time at which observations have it there."""
+        times = []
+        for recording, row in version.members:
+            problem = self.problems[recording]
+            at = problem.seen.at[(problem.seen.of == row) & problem.used]
+            times += problem.times[at].tolist()
+        return (min(times), max(times)) if times else (0.0, 0.0)
+
+    def _split(self) -> bool:
+        """The landmark that whole recordings contradict most, though their observations agree among themselves.
+
+        One at a time: a moved landmark pulls its recording, and with it landmarks that nobody moved.
+        """
+        worst: tuple[float, Version, list[tuple[int, int]]] | None = None
+        for version in self.group.versions:
+            if len(version.members) < 2:
+                continue
+            off = [member for member in version.members if self._contradicted(*member)]
+            if off:
+                chi2 = sum(self._member_chi2(*member) for member in version.members)
+                if worst is None or chi2 > worst[0]:
+                    worst = chi2, version, off
+        if worst is None:
+            return False
+        _, version, off = worst
+        if len(off) == len(version.members):
+            off = off[1:]
+        for recording, row in off:
+            version.members.remove((recording, row))
+            R, p = (poses[row] for poses in self.lone_poses[recording])
+            self.group.versions.append(Version(version.id, [(recording, row)], R, p))
+        return True
+
+    def _member_chi2(self, recording: int, row: int) -> float:
+        """Mean squared residual of a recording's observations of a landmark, standard deviations."""
+        problem = self.problems[recording]
+        mine = (problem.seen.of == row) & self.lone_used[recording]
+        return float(np.mean(np.square(problem.residuals()[mine]))) if mine.any() else 0.0
+
+    def _contradicted(self, recording: int, row: int) -> bool:
+        problem = self.problems[recording]
+        mine = (problem.seen.of == row) & self.lone_used[recording]
+        off = int((problem.residuals()[mine] > OUTLIER_SIGMA).sum())
+        return off >= LEAST_CONTRADICTED and off > MOVED_SHARE * int(mine.sum())
+
+    def _merge(self) -> bool:
+        """Versions of a landmark that stand in one place, as far as the joint covariance tells, are one."""
+        numbers: dict[LandmarkId, list[int]] = {}
+        for number, version in enumerate(self.group.versions[: len(self.joint.p)]):
+            numbers.setdefault(version.id, []).append(number)
+        several = [same for same in numbers.values() if len(same) > 1]
+        if not several:
+            return False
+        C = self.joint.covariance()
+        gone: set[int] = set()
+        for same in several:
+            for i, a in enumerate(same):
+                for b in same[i + 1 :]:
+                    if a in gone or b in gone or self._apart_chi2(a, b, C) > SAME_CHI2:
+                        continue
+                    self.group.versions[a].members += self.group.versions[b].members
+                    gone.add(b)
+        self.group.versions = [v for k, v in enumerate(self.group.versions) if k not in gone]
+        return bool(gone)
+
+    def _apart_chi2(self, a: int, b: int, C: FloatArray) -> float:
+        """Squared distance of two versions in standard deviations."""
+        va, vb = self.group.versions[a], self.group.versions[b]
+        if set(va.recordings) & set(vb.recordings):
+            return np.inf
+        d = np.concatenate([va.p - vb.p, rotation_log(va.R @ vb.R.T)])
+        ra, rb = unknowns_of([a], 6), unknowns_of([b], 6)
+        both = C[np.ix_(ra, ra)] + C[np.ix_(rb, rb)] - C[np.ix_(ra, rb)] - C[np.ix_(rb, ra)]
+        still = np.diag([SAME_M**2] * 3 + [SAME_RAD**2] * 3)
+        return float(d @ np.linalg.solve(both + still, d))
+
+    def results(self, left_out: Mapping[str, str]) -> JointSurvey:
+        """Map, recordings and what to check."""
+        C, spreads = self.joint.covariance(), self._spreads()
+        surveys, information = [], []
+        for one, rows in zip(self.group.lone, self.group.rows(), strict=True):
+            own = recording_information(one.solved.problem)
+            known = _elsewhere(C, unknowns_of(rows, 6), own.H)
+            undecided = {k: spreads[v] for k, v in enumerate(rows.tolist()) if v in spreads}
+            surveys.append(survey_of(replace(one.solved, undecided=undecided), {}, (), known))
+            information.append(own)
+        for number, spread in spreads.items():
+            rows = unknowns_of([number], 6)
+            C[np.ix_(rows, rows)] += spread
+        current, moved, order = self._mapped(C)
+        unseen = [
+            replace(anchor.landmark, covariance=anchor.covariance)
+            for id_, anchor in self.known.anchors.items()
+            if all(m.id != id_ for m in current)
+        ]
+        past = [m.before for m in moved if m.before.valid_to_s is not None]
+        landmarks = LandmarkMap([*current, *unseen, *past])
+        columns = unknowns_of(order, 6)
+        return JointSurvey(
+            landmarks,
+            C[np.ix_(columns, columns)],
+            tuple(one.name for one in self.group.lone),
+            tuple(surveys),
+            dict(left_out),
+            tuple(moved),
+            tuple(information),
+            poorly_determined_landmarks(LandmarkMap(current)),
+            tuple(sorted({id_ for survey in surveys for id_ in survey.unplaced if id_ not in landmarks})),
+            tuple(sorted({v.id for k, v in enumerate(self.group.versions) if k in spreads and k in order})),
+            landmarks_off_constraint(self.known.constraints, LandmarkMap(current)),
+        )
+
+    def _mapped(self, C: FloatArray) -> tuple[list[MappedLandmark], list[MovedLandmark], list[int]]:
+        """Landmarks that are valid now, those that were moved, and the versions of the former."""
+        numbers: dict[LandmarkId, list[int]] = {}
+        for number, version in enumerate(self.group.versions):
+            if self._supported(version):
+                numbers.setdefault(version.id, []).append(number)
+        current, moved, order = [], [], []
+        for _, same in sorted(numbers.items()):
+            same.sort(key=lambda number: self._when(self.group.versions[number]))
+            dated = self.dated([self.group.versions[number] for number in same])
+            chain = []
+            for k, number in enumerate(same):
+                since, until = self.span(self.group.versions[number])
+                valid_from = since if dated and k > 0 else None
+                valid_to = until if dated and k < len(same) - 1 else None
+                chain.append(replace(self._landmark(number, C), valid_from_s=valid_from, valid_to_s=valid_to))
+            for (a, before), (b, after) in pairwise(zip(same, chain, strict=True)):
+                moved.append(MovedLandmark(before, after, self._names(a), self._names(b)))
+            current.append(chain[-1])
+            order.append(same[-1])
+        return current, moved, order
+
+    def _supported(self, version: Version) -> bool:
+        """Does any observation have it there, or is it known beforehand?"""
+        pairs = [(self.problems[recording], row) for recording, row in version.members]
+        seen = any(((problem.seen.of == row) & problem.used).any() for problem, row in pairs)
+        return seen or version.id in self.anchors
+
+    def _landmark(self, number: int, C: FloatArray) -> MappedLandmark:
+        version, rows = self.group.versions[number], unknowns_of([number], 6)
+        recording, row = version.members[0]
+        T = Pose("map", "landmark", orthonormal(version.R), version.p)
+        return replace(self.problems[recording].mapped[row], T_map_landmark=T, covariance=C[np.ix_(rows, rows)])
+
+    def _names(self, number: int) -> tuple[str, ...]:
+        return tuple(self.group.lone[recording].name for recording in self.group.versions[number].recordings)
+
+    def _spreads(self) -> dict[int, FloatArray]:
+        """(6,6) by version: landmarks whose pose is ambiguous in every recording that saw them."""
+        spreads = {}
+        for number, version in enumerate(self.group.versions):
+            mine = [self.group.lone[r].solved.undecided.get(row) for r, row in version.members]
+            known = [spread for spread in mine if spread is not None]
+            if mine and len(known) == len(mine):
+                spreads[number] = min(known, key=np.trace)
+        return spreads
+
+
+def _elsewhere(C: FloatArray, rows: IntArray, own: FloatArray) -> FloatArray:
+    """Information on some unknowns beside one's own, from the joint covariance of all."""
+    mine = C[np.ix_(rows, rows)]
+    # Landmarks that are known exactly stand beside others that are hardly known.
+    scale = 1 / np.sqrt(np.diag(mine))
+    return np.asarray(np.linalg.inv(mine * scale[:, None] * scale) * scale[:, None] * scale - own)

@@ -1,0 +1,72 @@
+"""Recording folder: one recording's files under fixed names, so that a folder is all that a command needs.
+
+``detections.csv``, or a folder or video per camera of the rig (``left/``, ``left.mp4``); and, where there are any,
+``odometry.csv`` (wheels) or ``odometry.tum`` (visual odometry), and ``gyro.csv``.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+from lmkit.errors import InputError
+from lmkit.geometry.rig import AnyRig, mounted_cameras
+from lmkit.model.landmark import LM8
+from lmkit.model.recording import Recording
+from lmkit.pipelines.detect_recording import POSES, read_recording
+
+DETECTIONS, GYRO = "detections.csv", "gyro.csv"
+VIDEOS = (".mp4", ".avi", ".mkv", ".mov", ".m4v", ".webm")
+
+
+def is_recording_folder(path: Path, cameras: Sequence[str]) -> bool:
+    """The folder holds a recording of a rig whose cameras have these names."""
+    return path.is_dir() and (
+        (path / DETECTIONS).is_file() or all(_camera_source(path, camera) is not None for camera in cameras)
+    )
+
+
+def read_recording_folder(
+    path: Path,
+    rig: AnyRig,
+    families: Sequence[str] = (LM8.name,),
+    hz: float | None = None,
+    wheel_track_m: float | None = None,
+) -> Recording:
+    """The recording of a folder.
+
+    Args:
+        families, hz, wheel_track_m: as of `read_recording`.
+
+    Raises:
+        InputError: the folder holds no recording of this rig, or a file cannot be read.
+    """
+    names = [camera.name for camera in mounted_cameras(rig)]
+    if not is_recording_folder(path, names):
+        missing = next((name for name in names if _camera_source(path, name) is None), names[0])
+        raise InputError(
+            "no_recording",
+            f"{path} holds no recording: neither {DETECTIONS}, nor a folder or video of camera '{missing}'",
+            f"name the camera's images {missing}/, or its video {missing}.mp4",
+        )
+    detections = path / DETECTIONS
+    sources = [] if detections.is_file() else [str(_camera_source(path, name)) for name in names]
+    odometry = next((p for p in (path / f"odometry{end}" for end in (".csv", *POSES)) if p.is_file()), None)
+    return read_recording(
+        sources,
+        rig,
+        detections if detections.is_file() else None,
+        None,
+        odometry,
+        path / GYRO if (path / GYRO).is_file() else None,
+        wheel_track_m,
+        families,
+        hz,
+    )
+
+
+def _camera_source(folder: Path, camera: str) -> Path | None:
+    if (folder / camera).is_dir():
+        return folder / camera
+    videos = [path for path in sorted(folder.glob(f"{camera}.*")) if path.suffix.lower() in VIDEOS]
+    return videos[0] if len(videos) == 1 else None

@@ -1,0 +1,39 @@
+"""`lmkit survey` with several recording folders."""
+
+from __future__ import annotations
+
+import json
+
+import pytest
+from fleet_site import map_error_m, write_site
+
+from lmkit.io.external_maps import read_any_map
+
+
+@pytest.fixture(scope="module")
+def days(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("days")
+    site = write_site(folder, halls=1, days=2, seconds=20.0, moved=False)
+    return folder, sorted(str(path.parent) for path in folder.glob("logs/*/*/*/detections.csv")), site
+
+
+def test_two_days_make_one_map(lmkit, days, tmp_path):
+    folder, recordings, site = days
+    rig = next((folder / "rigs").iterdir())
+    answer = lmkit("survey", *recordings, "--rig", str(rig), "-o", "map.yaml", "--tum", "poses.tum", "--json")
+    assert answer.code == 0, answer.err
+    summary = json.loads(answer.out)
+    assert [r["name"] for r in summary["recordings"]] == ["day0", "day1"]
+    assert summary["left_out"] == {} and summary["moved"] == []
+    assert all(r["located"] > 0.9 * r["frames"] for r in summary["recordings"])
+    found = read_any_map(tmp_path / "map.yaml")
+    assert map_error_m(found, site.maps["hall0"]) < 0.03
+    assert (tmp_path / "poses-day0.tum").exists() and (tmp_path / "poses-day1.tum").exists()
+
+
+def test_options_of_single_recordings_are_refused(lmkit, days):
+    folder, recordings, _ = days
+    rig = next((folder / "rigs").iterdir())
+    answer = lmkit("survey", *recordings, "--rig", str(rig), "-o", "m.yaml", "--report", "r.html")
+    assert answer.code == 2
+    assert "--report" in answer.err and "several recordings" in answer.err
