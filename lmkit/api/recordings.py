@@ -144,7 +144,7 @@ def survey_recordings(
 
 
 def joint_warnings(result: JointSurvey) -> tuple[str, ...]:
-    """What a user should check, one sentence each."""
+    """Warnings about what a user should check, one sentence each."""
     texts = [str(moved) for moved in result.moved]
     texts += [f"recording '{name}' is left out: {reason}" for name, reason in result.left_out.items()]
     texts += [

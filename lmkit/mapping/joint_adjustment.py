@@ -60,7 +60,7 @@ class RecordingProblem(Protocol):
 
 
 def recording_information(problem: RecordingProblem) -> LandmarkInformation:
-    """What a recording tells of its landmarks, as it stands."""
+    """Information of a recording on its landmarks, at its current state."""
     equations, cost = problem.equations()
     left = equations.eliminate(problem.own)
     R, p = problem.landmark_poses()
@@ -144,7 +144,7 @@ class JointProblem:
         return JointState(R, p, tuple(own))
 
     def information(self) -> list[LandmarkInformation]:
-        """What each recording tells, at the landmarks as they stand."""
+        """Information of each recording, at the current landmarks."""
         return [recording_information(problem) for problem in self.problems]
 
     def covariance(self) -> FloatArray:

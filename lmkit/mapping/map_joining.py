@@ -92,7 +92,7 @@ class Placement:
 
 
 def place_map(fixed: LoneMap, other: LoneMap) -> Placement | str:
-    """How ``other`` lies in ``fixed``; a clause that says why not where that cannot be told."""
+    """Placement of ``other`` in ``fixed``, or a clause that says why there is none."""
     where = {id_: [k for k, i in enumerate(fixed.ids) if i == id_] for id_ in set(fixed.ids) & set(other.ids)}
     pairs = np.array([(k, row) for row, id_ in enumerate(other.ids) for k in where.get(id_, ())]).reshape(-1, 2)
     if not len(pairs):

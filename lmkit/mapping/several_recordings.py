@@ -48,7 +48,7 @@ ROUNDS = 4  # of leaving out observations that do not fit
 OF_RECORDING = ("frames", "located", "dropped", "reprojection_error_px", "jumps", "odometry")
 CHANGES = 12  # rounds of splitting and merging landmarks, one at a time
 MOVED_SHARE = 0.5  # of a recording's observations of a landmark
-SAME_M, SAME_RAD = 0.002, np.deg2rad(0.3)  # how still a landmark hangs that nobody moved
+SAME_M, SAME_RAD = 0.002, np.deg2rad(0.3)  # how still a landmark is that nobody moved
 SAME_CHI2 = 34.0  # of six numbers: chance exceeds it once in 150,000
 
 
@@ -169,7 +169,7 @@ class JointSurvey:
 
 @dataclass(frozen=True, eq=False)
 class _Beforehand:
-    """What is known before any recording: sizes, landmarks, walls."""
+    """Knowledge before any recording: sizes, landmarks, walls."""
 
     sizes_m: Mapping[LandmarkId, float]
     anchors: Mapping[LandmarkId, Anchor]
@@ -205,11 +205,11 @@ def survey_recordings(
         left_out |= group.left_out
         joint = _Joint(group, known)
         joint.solve()
-        odd = joint.odd_recordings()
-        if not odd:
+        contradicted = joint.contradicted_recordings()
+        if not contradicted:
             return joint.results(left_out)
-        left_out |= odd
-        lone = [one for one in group.lone if one.name not in odd]
+        left_out |= contradicted
+        lone = [one for one in group.lone if one.name not in contradicted]
 
 
 def _survey_alone(known: _Beforehand, recording: NamedRecording) -> LoneSurvey | str:
@@ -245,20 +245,22 @@ class _Joint:
                 break
             self._adjust()
 
-    def odd_recordings(self) -> dict[str, str]:
+    def contradicted_recordings(self) -> dict[str, str]:
         """Names of recordings in which most shared landmarks stand elsewhere, and a clause for each."""
-        odd = {}
+        contradicted = {}
         for recording, one in enumerate(self.group.lone):
             mine = [v for v in self.group.versions if recording in v.recordings]
             others = {v.id for v in self.group.versions if set(v.recordings) - {recording}}
             shared = [v for v in mine if v.id in others]
             alone = sum(v.recordings == [recording] for v in shared)
             if not one.anchored and len(self.problems) > 2 and 2 * alone > len(shared):
-                odd[one.name] = f"{alone} of its {len(shared)} shared landmarks stand elsewhere than in the others"
-        return odd
+                contradicted[one.name] = (
+                    f"{alone} of its {len(shared)} shared landmarks stand elsewhere than in the others"
+                )
+        return contradicted
 
     def _choose_starts(self) -> None:
-        """Of landmarks that recordings see turned: the direction that all of them explain best."""
+        """Choose, for landmarks that recordings see turned, the direction that explains all of them best."""
         for number in self.group.turned:
             version = self.group.versions[number]
             candidates = [(self.lone_poses[r][0][row], self.lone_poses[r][1][row]) for r, row in version.members]
@@ -294,7 +296,7 @@ class _Joint:
             version.R, version.p = R_now, p_now
 
     def _knowledge(self, R: FloatArray, p: FloatArray) -> BundleProblem:
-        """What is known beforehand, as a recording without frames that has all landmarks.
+        """Prior knowledge, as a recording without frames that has all landmarks.
 
         Of several versions of a landmark the known one is the nearest, and the one on a declared wall the last.
         """
@@ -316,7 +318,7 @@ class _Joint:
         return BundleProblem((), rig, nowhere, LandmarkMap(mapped), self.anchors, constraints=constraints)
 
     def _last_versions(self) -> dict[LandmarkId, int]:
-        """Of every landmark the version that holds now."""
+        """Current version of each landmark."""
         last: dict[LandmarkId, int] = {}
         for number, version in enumerate(self.group.versions):
             best = last.get(version.id)

@@ -53,7 +53,7 @@ class LandmarkInformation:
         return len(self.b) // max(len(self.ids), 1)
 
     def about(self, R: FloatArray, p: FloatArray) -> LandmarkInformation:
-        """The same quadratic cost about another linearization, (L,3,3) and (L,3).
+        """Quadratic cost about another linearization, (L,3,3) and (L,3).
 
         Exact in shifts; in turns to first order, so the two should not differ by more than a few degrees.
         """

@@ -107,7 +107,7 @@ class ChainEquations:
         return states, y
 
     def eliminate(self, own: int, damping: float = 0.0) -> EliminatedChain:
-        """What is left of the equations for the shared unknowns after the first ``own`` of them.
+        """Equations of the shared unknowns that remain after the first ``own`` of them are eliminated.
 
         Args:
             own: shared unknowns that are eliminated together with the states.
