@@ -25,6 +25,7 @@ COMMANDS = {
     "locate": "Locate the camera, or the robot, in the map.",
     "survey": "Build the landmark map from a recording.",
     "track": "Track the robot through a known map.",
+    "run": "Publish the pose of a robot while it drives.",
     "plan": "Plan landmark positions, accuracy and routes.",
     "evaluate": "Compute the errors of a trajectory, as evo does.",
     "unbag": "Extract stereo images, rig, odometry and gyro from a ROS bag.",

@@ -4,20 +4,37 @@ from __future__ import annotations
 
 import platform
 from dataclasses import dataclass
+from typing import Annotated
+
+import typer
 
 from lmkit.cli.output import print_line
 from lmkit.errors import NegativeAnswer
 
 
-def run() -> None:
+def run(
+    cameras: Annotated[bool, typer.Option("--cameras", help="List the cameras of this machine instead.")] = False,
+) -> None:
     """Check the installation."""
-
+    if cameras:
+        _cameras()
+        return
     findings = check_installation()
     for finding in findings:
         print_line(f"{'ok  ' if finding.good else 'BAD '} {finding.text}")
     bad = [finding for finding in findings if not finding.good]
     if bad:
         raise NegativeAnswer("unsound", f"{len(bad)} of {len(findings)} checks fail", bad[0].hint)
+
+
+def _cameras() -> None:
+    from lmkit.live.captures import list_cameras
+
+    found = list_cameras()
+    for address, text in found:
+        print_line(f"{address}  {text}")
+    if not any("image" in text and "no image" not in text for _, text in found):
+        raise NegativeAnswer("no_cameras", "no camera gives images", "plug one in, and close other programs")
 
 
 OPENCV_OURS = "opencv-contrib-python-headless"

@@ -14,6 +14,8 @@ import numpy as np
 
 from lmkit.arrays import BoolArray, FloatArray
 from lmkit.errors import InputError
+from lmkit.geometry.planar import planar_pose
+from lmkit.geometry.pose import Pose
 from lmkit.geometry.rig import AnyRig
 from lmkit.kernels.pose_update import LEAN, Update
 from lmkit.localization.absolute_pose import LocateOptions, locate_rig
@@ -73,6 +75,15 @@ class RigFilter:
     def parameters(self) -> FloatArray:
         """(6,) what is wrong with the odometry, as `motion.PARAMETERS`."""
         return self._x[3:].copy() if self._time is not None else np.array(NOMINAL)
+
+    def foretell(self, time_s: float) -> Pose | None:
+        """T_map_left at ``time_s`` by the odometry given so far; None before the first fix.  Changes nothing."""
+        if self._time is None:
+            return None
+        x = self._x
+        if time_s > self._time:
+            x, _ = self.wheels.predict(self._x, self._P, self._time, time_s)
+        return planar_pose(x[:3]) @ self._T
 
     def observe(self, time_s: float, detections: Sequence[Sequence[Detection]]) -> TrackedPose:
         """Pose at ``time_s``; every list of detections may be empty."""

@@ -62,6 +62,17 @@ class SpacePose:
     nis_dof: int = 0
 
 
+@dataclass(frozen=True, eq=False)
+class _Step:
+    """How the robot moved between two times: its base before, turn and way (of the camera, in the map)."""
+
+    base: FloatArray
+    turned: FloatArray
+    way: FloatArray
+    sigmas: FloatArray
+    taken: tuple[FloatArray, FloatArray] | None
+
+
 class PoseFilter:
     """Feed poses of odometry, and what both cameras saw, in the order of time; every frame gives a pose.
 
@@ -123,9 +134,29 @@ class PoseFilter:
         self._time, self._doubts = time_s, 0
         return self._pose(time_s, found.outliers, True)
 
+    def foretell(self, time_s: float) -> Pose | None:
+        """T_map_left at ``time_s`` by the odometry given so far; None before the first fix.  Changes nothing."""
+        if self._time is None:
+            return None
+        if time_s <= self._time:
+            return Pose("map", "left", self._R, self._p)
+        step = self._step(self._time, time_s)
+        return Pose("map", "left", orthonormal(step.base @ step.turned @ self._T.R), self._p + step.way)
+
     def _predict(self, before_s: float, time_s: float) -> None:
         while len(self._rows) > 2 and self._rows[1][0] < before_s - KEPT_S:
             self._rows.popleft()
+        step = self._step(before_s, time_s)
+        self._taken = step.taken
+        arm, later = self._T.t, step.base @ step.turned
+        F, G = np.eye(6), np.zeros((6, 6))
+        F[:3, 3:] = -skew(step.way)
+        G[:3, :3], G[:3, 3:], G[3:, 3:] = step.base, -later @ skew(arm), later
+        self._P = F @ self._P @ F.T + G @ np.diag(step.sigmas**2) @ G.T
+        self._R, self._p = orthonormal(later @ self._T.R), self._p + step.way
+
+    def _step(self, before_s: float, time_s: float) -> _Step:
+        """Motion between two times, as odometry has it."""
         rows = list(self._rows)
         unknown = len(rows) < 2
         if unknown:  # nothing is known of how it moved
@@ -136,17 +167,12 @@ class PoseFilter:
         R, p = motion.at(times)
         if self._taken is not None:
             R[0], p[0] = self._taken
-        self._taken = None if unknown else (R[1], p[1])
+        taken = None if unknown else (R[1], p[1])
         turned, moved = R[0].T @ R[1], (p[1] - p[0]) @ R[0]
         # Of the camera: T_left_base T_base_base' T_base_left.
         base, arm = self._R @ self._T.R.T, self._T.t
         way = base @ (moved + turned @ arm - arm)
-        later = base @ turned
-        F, G = np.eye(6), np.zeros((6, 6))
-        F[:3, 3:] = -skew(way)
-        G[:3, :3], G[:3, 3:], G[3:, 3:] = base, -later @ skew(arm), later
-        self._P = F @ self._P @ F.T + G @ np.diag(motion.sigmas(times)[0] ** 2) @ G.T
-        self._R, self._p = orthonormal(later @ self._T.R), self._p + way
+        return _Step(base, turned, way, motion.sigmas(times)[0], taken)
 
     def _pose(
         self, time_s: float, outliers: tuple[LandmarkId, ...], restarted: bool, nis: float = 0.0, nis_dof: int = 0

@@ -1,0 +1,114 @@
+"""`lmkit run`: from cameras to a pose on the robot's bus."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from lmkit.cli import options
+from lmkit.cli.output import print_line
+from lmkit.errors import InputError, NegativeAnswer
+
+if TYPE_CHECKING:
+    from lmkit.live.live_run import RunSummary
+    from lmkit.live.run_settings import RunSettings
+
+Sources = Annotated[
+    list[str],
+    typer.Argument(
+        help="One source per camera: camera:0, split:camera:0, pipe:COMMAND, rtsp://..., a video, a folder, "
+        "or sim: (a simulated robot); or a run file (lmkit-run/1)."
+    ),
+]
+
+
+def run(
+    sources: Sources,
+    rig: options.OptionalRigFile = None,
+    landmark_map: options.OptionalMapFile = None,
+    odometry: Annotated[
+        str | None,
+        typer.Option("--odometry", help="Odometry file beside recorded images: CSV of wheels, or TUM poses."),
+    ] = None,
+    odometry_kind: Annotated[
+        str | None, typer.Option("--odometry-kind", help="wheels (on a floor), or poses (through space).")
+    ] = None,
+    gyro: Annotated[str | None, typer.Option("--gyro", help="Gyro file.")] = None,
+    to: Annotated[
+        list[str] | None,
+        typer.Option("--to", help="Output: stdout, ws[:PORT]; may be repeated."),
+    ] = None,
+    rate: Annotated[float | None, typer.Option("--rate", help="Most poses a second.")] = None,
+    hz: options.Hz = None,
+    profile: Annotated[str | None, typer.Option("--profile", help="fast, balanced or accurate.")] = None,
+    budget: Annotated[str | None, typer.Option("--budget", help="Latency that is kept, such as 50ms.")] = None,
+    coast: Annotated[str | None, typer.Option("--coast", help="Longest time by odometry alone, such as 1s.")] = None,
+    confirm: Annotated[
+        int | None, typer.Option("--confirm", help="Different landmarks that a new start must agree with.")
+    ] = None,
+    health: Annotated[str | None, typer.Option("--health", help="HOST:PORT of the health page.")] = None,
+    as_json: options.Json = False,
+    seconds: Annotated[float | None, typer.Option("--seconds", help="End after so long.")] = None,
+    check: Annotated[bool, typer.Option("--check", help="Check the settings and end.")] = False,
+) -> None:
+    """Publish the pose of a robot while it drives. Reads cameras, gives poses with covariance; ends with Ctrl-C."""
+    from lmkit.live.open_run import open_run
+    from lmkit.live.source_address import parse_seconds
+
+    given = {
+        "rig": rig,
+        "map": landmark_map,
+        "odometry": odometry,
+        "odometry_kind": odometry_kind,
+        "gyro": gyro,
+        "to": [*(to or []), *(["stdout"] if as_json else [])] or None,
+        "rate": rate,
+        "hz": hz,
+        "profile": profile,
+        "budget_ms": None if budget is None else 1000 * parse_seconds(budget, "--budget"),
+        "coast_s": None if coast is None else parse_seconds(coast, "--coast"),
+        "confirm": confirm,
+        "health": health,
+    }
+    settings = _settings(sources, {name: value for name, value in given.items() if value is not None})
+    if check:
+        _ = settings.sources
+        print_line("the settings are valid")
+        return
+    live = open_run(settings)
+    from lmkit.live.service import run_until_stopped
+
+    summary = run_until_stopped(live, settings, seconds)
+    if not as_json and "stdout" not in settings.values.to:
+        _print(summary)
+    if not summary.statuses.get("ok"):
+        raise NegativeAnswer("not_located", "no pose was published", _why(summary))
+
+
+def _settings(sources: list[str], given: dict[str, Any]) -> RunSettings:
+    from lmkit.live.run_settings import RunSettings, read_run_file, settings_of
+
+    if Path(sources[0]).suffix.lower() not in (".yaml", ".yml", ".json"):
+        return settings_of({"sources": sources, **given}, Path())
+    if len(sources) > 1:
+        raise InputError("not_together", "a run file and sources cannot be combined", "leave one of them out")
+    filed = read_run_file(Path(sources[0]))
+    # Paths of options start here, those of the file beside it.
+    here = {k: str(Path(str(v)).resolve()) if k in ("rig", "map") else v for k, v in given.items()}
+    return RunSettings(settings_of({**filed.values.model_dump(), **here}, filed.folder).values, filed.folder)
+
+
+def _print(summary: RunSummary) -> None:
+    counts = ", ".join(f"{count} {status}" for status, count in summary.statuses.most_common())
+    print_line(f"{summary.steps} steps in {summary.seconds:.1f} s: {counts or 'no images'}")
+    events = {code: count for code, count in summary.events.items() if not code.startswith("status_")}
+    if events:
+        print_line("events: " + ", ".join(f"{count} {code}" for code, count in sorted(events.items())))
+
+
+def _why(summary: RunSummary) -> str:
+    if not summary.steps:
+        return "no image came: check the sources with lmkit doctor --cameras"
+    return "check that landmarks of the map are in view: lmkit detect IMAGE, lmkit locate"

@@ -1,0 +1,60 @@
+"""The latency budget of a live run: over it the detector's profile is ``fast``, then every other image is left."""
+
+from __future__ import annotations
+
+from collections import deque
+
+import numpy as np
+
+STEPS = 45  # that are looked at
+CALM_STEPS = 150  # within the budget before more is tried again
+EASY = 0.5  # share of the budget below which more is tried
+
+
+class LatencyBudget:
+    """Keeps the 95 % latency under a bound by doing less.
+
+    Attributes:
+        level: 0 as asked for, 1 ``fast``, 2 ``fast`` and every other image.
+    """
+
+    def __init__(self, budget_s: float, profile: str) -> None:
+        self._budget_s, self._profile = budget_s, profile
+        self._latencies: deque[float] = deque(maxlen=STEPS)
+        self._steps = 0
+        self.level = 0
+
+    @property
+    def profile(self) -> str:
+        """The detector's profile now."""
+        return self._profile if self.level == 0 else "fast"
+
+    @property
+    def every(self) -> int:
+        """Every how many images one is searched."""
+        return 2 if self.level == 2 else 1
+
+    def p95_s(self) -> float:
+        """The 95 % latency of the last steps."""
+        return float(np.percentile(self._latencies, 95)) if self._latencies else 0.0
+
+    def add(self, latency_s: float) -> str | None:
+        """Take the latency of a step; a sentence where that changes what is done."""
+        self._latencies.append(latency_s)
+        self._steps += 1
+        if len(self._latencies) < STEPS:
+            return None
+        p95 = self.p95_s()
+        if p95 > self._budget_s and self.level < 2:
+            self._change(+1)
+            what = "profile fast" if self.level == 1 else "every other image"
+            return f"95 % latency is {1000 * p95:.0f} ms, over {1000 * self._budget_s:.0f} ms: {what}"
+        if p95 < EASY * self._budget_s and self.level > 0 and self._steps > CALM_STEPS:
+            self._change(-1)
+            return f"95 % latency is {1000 * p95:.0f} ms: back to {self.profile}, every {self.every}. image"
+        return None
+
+    def _change(self, by: int) -> None:
+        self.level += by
+        self._steps = 0
+        self._latencies.clear()

@@ -1,0 +1,203 @@
+"""The filter of a live run: by wheels on a floor, by poses of odometry through space, or by the images alone."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+
+from lmkit.arrays import FloatArray
+from lmkit.geometry.planar import planar_pose
+from lmkit.geometry.pose import Pose
+from lmkit.geometry.rig import AnyRig, at_base
+from lmkit.geometry.rotations import rotation_exp, rotation_log
+from lmkit.live.motion import GYRO, POSE, WHEELS, MotionRow
+from lmkit.localization.absolute_pose import locate_rig
+from lmkit.localization.pose_prior import PosePrior
+from lmkit.model.landmark_id import LandmarkId
+from lmkit.model.landmark_map import LandmarkMap
+from lmkit.model.observation import Detection
+from lmkit.model.pose_status import PoseStatus
+from lmkit.tracking.planar_stereo_filter import RigFilter
+from lmkit.tracking.spatial_stereo_filter import PoseFilter
+
+Seen = Sequence[Sequence[Detection]]
+CORNER_NUMBERS = 8  # of one observation
+MOST_STEADY_S = 0.3  # two poses further apart foretell nothing
+_FLOOR = PosePrior()
+
+
+@dataclass(frozen=True, eq=False)
+class Estimate:
+    """Pose of the base, or why there is none.
+
+    Attributes:
+        status: of the filter.
+        T_map_base, covariance: as of `LiveState`; None where nothing is known.
+        inliers, outliers: landmarks that the pose agrees with, and that it does not.
+        restarted: the robot was located anew.
+        nis, nis_dof: as of `LiveState`.
+    """
+
+    status: PoseStatus
+    T_map_base: Pose | None = None
+    covariance: FloatArray | None = None
+    inliers: tuple[LandmarkId, ...] = ()
+    outliers: tuple[LandmarkId, ...] = ()
+    restarted: bool = False
+    nis: float = 0.0
+    nis_dof: int = 0
+
+
+class Estimator(Protocol):
+    """Interface of the filters."""
+
+    def add(self, row: MotionRow) -> None:
+        """Take a row of odometry or gyro."""
+
+    def foretell(self, time_s: float) -> Pose | None:
+        """T_map_left at a time, before its images are seen."""
+
+    def observe(self, time_s: float, seen: Seen) -> Estimate:
+        """Estimate at ``time_s``."""
+
+
+def make_estimator(kind: str, rig: AnyRig, landmarks: LandmarkMap) -> Estimator:
+    """A filter.
+
+    Args:
+        kind: ``wheels``, ``pose``, or ``none`` (images alone).
+
+    Raises:
+        InputError: wheels, and the rig has no T_base_left.
+    """
+    if kind == WHEELS:
+        return WheelEstimator(rig, landmarks)
+    return PoseEstimator(rig, landmarks) if kind == POSE else ImageEstimator(rig, landmarks)
+
+
+class WheelEstimator:
+    """Wheels and gyro on a level floor (`tracking/planar_stereo_filter.py`)."""
+
+    def __init__(self, rig: AnyRig, landmarks: LandmarkMap) -> None:
+        self._rig, self._landmarks = rig, landmarks
+        self._filter = RigFilter(landmarks, rig)
+
+    def add(self, row: MotionRow) -> None:
+        """See `Estimator`."""
+        if row.kind == WHEELS:
+            self._filter.wheels.add_odometry(row.time_s, *row.values)
+        elif row.kind == GYRO:
+            self._filter.wheels.add_gyro(row.time_s, *row.values)
+
+    def foretell(self, time_s: float) -> Pose | None:
+        """See `Estimator`."""
+        return self._filter.foretell(time_s)
+
+    def observe(self, time_s: float, seen: Seen) -> Estimate:
+        """See `Estimator`."""
+        answer = self._filter.observe(time_s, seen)
+        if answer.state is None or answer.covariance is None:
+            return _not_found(seen, self._rig, self._landmarks)
+        status = _contradicted(answer.status, len(answer.outliers), answer.nis_dof)
+        inliers = _mapped(seen, self._landmarks, answer.outliers)
+        return Estimate(
+            status, planar_pose(answer.state), floor_covariance(answer.covariance), inliers, answer.outliers,
+            answer.restarted, answer.nis, answer.nis_dof,
+        )  # fmt: skip
+
+
+class PoseEstimator:
+    """Poses of visual odometry, through space (`tracking/spatial_stereo_filter.py`)."""
+
+    def __init__(self, rig: AnyRig, landmarks: LandmarkMap) -> None:
+        self._rig, self._landmarks = rig, landmarks
+        self._filter = PoseFilter(landmarks, rig)
+
+    def add(self, row: MotionRow) -> None:
+        """See `Estimator`."""
+        if row.T_odometry_base is not None:
+            self._filter.add_odometry(row.time_s, row.T_odometry_base)
+
+    def foretell(self, time_s: float) -> Pose | None:
+        """See `Estimator`."""
+        return self._filter.foretell(time_s)
+
+    def observe(self, time_s: float, seen: Seen) -> Estimate:
+        """See `Estimator`."""
+        answer = self._filter.observe(time_s, seen)
+        if answer.T_map_left is None or answer.covariance is None:
+            return _not_found(seen, self._rig, self._landmarks)
+        poses, covariances = at_base([answer.T_map_left], answer.covariance[None], self._rig)
+        status = _contradicted(answer.status, len(answer.outliers), answer.nis_dof)
+        inliers = _mapped(seen, self._landmarks, answer.outliers)
+        return Estimate(
+            status, poses[0], covariances[0], inliers, answer.outliers, answer.restarted, answer.nis, answer.nis_dof
+        )
+
+
+class ImageEstimator:
+    """The images of each step alone; what moves between two steps goes on so."""
+
+    def __init__(self, rig: AnyRig, landmarks: LandmarkMap) -> None:
+        self._rig, self._landmarks = rig, landmarks
+        self._last: list[tuple[float, Pose]] = []
+
+    def add(self, row: MotionRow) -> None:
+        """See `Estimator`: not used."""
+
+    def foretell(self, time_s: float) -> Pose | None:
+        """See `Estimator`."""
+        if not self._last or time_s - self._last[-1][0] > MOST_STEADY_S:
+            return None
+        time, pose = self._last[-1]
+        if len(self._last) < 2 or time - self._last[0][0] > MOST_STEADY_S:
+            return pose
+        before, other = self._last[0]
+        share = (time_s - time) / (time - before)
+        turn = rotation_exp(share * rotation_log(pose.R @ other.R.T))
+        return Pose("map", pose.from_frame, turn @ pose.R, pose.t + share * (pose.t - other.t))
+
+    def observe(self, time_s: float, seen: Seen) -> Estimate:
+        """See `Estimator`."""
+        found = locate_rig(seen, self._rig, self._landmarks)
+        if found.T_map_camera is None or found.covariance is None:
+            return Estimate(found.status, outliers=found.outliers)
+        poses, covariances = at_base([found.T_map_camera], found.covariance[None], self._rig)
+        anew = not self._last or time_s - self._last[-1][0] > MOST_STEADY_S
+        if found.status == PoseStatus.OK:
+            left = Pose("map", "left", found.T_map_camera.R, found.T_map_camera.t)
+            self._last = [*self._last[-1:], (time_s, left)]
+        return Estimate(found.status, poses[0], covariances[0], found.inliers, found.outliers, anew)
+
+
+def floor_covariance(C: FloatArray) -> FloatArray:
+    """(6,6) of (3,3) of x, y, heading; height and level are known as of a robot on wheels."""
+    six = np.diag([0.0, 0.0, _FLOOR.height_sigma**2, _FLOOR.tilt_sigma**2, _FLOOR.tilt_sigma**2, 0.0])
+    places = np.array([0, 1, 5])
+    six[places[:, None], places[None]] = C
+    return six
+
+
+def largest_sigma_m(C: FloatArray) -> float:
+    """Standard deviation along the least known direction, metres, of a (6,6) covariance."""
+    return math.sqrt(max(float(np.linalg.eigvalsh(C[:3, :3])[-1]), 0.0))
+
+
+def _contradicted(status: PoseStatus, outliers: int, nis_dof: int) -> PoseStatus:
+    return PoseStatus.INCONSISTENT if status == PoseStatus.OK and outliers > nis_dof / CORNER_NUMBERS else status
+
+
+def _mapped(seen: Seen, landmarks: LandmarkMap, outliers: tuple[LandmarkId, ...]) -> tuple[LandmarkId, ...]:
+    ids = {d.id for detections in seen for d in detections if d.id in landmarks}
+    return tuple(sorted(ids - set(outliers)))
+
+
+def _not_found(seen: Seen, rig: AnyRig, landmarks: LandmarkMap) -> Estimate:
+    """The reason why the filter has not started."""
+    found = locate_rig(seen, rig, landmarks)
+    status = PoseStatus.LOST if found.status == PoseStatus.OK else found.status
+    return Estimate(status, outliers=found.outliers)

@@ -1,0 +1,65 @@
+"""Images of all cameras at one time, with the motion rows up to it; and the interface of what gives them."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Protocol
+
+from lmkit.arrays import ByteArray
+from lmkit.geometry.pose import Pose
+from lmkit.live.motion import MotionRow
+from lmkit.live.state import Event, Health
+from lmkit.model.observation import Detection
+
+
+class EndOfFeed(Exception):
+    """A recording has ended."""
+
+
+@dataclass(frozen=True, eq=False)
+class FrameGroup:
+    """Input of one step of the loop.
+
+    Attributes:
+        time_s: of the step, in the loop's time.
+        images: (H,W,3) BGR of every camera, in the order of the rig; None where a camera gave none.
+        stamps_s: of the images.
+        motion: rows since the group before.
+        seen: detections made before, in place of images.
+        profile: of the detector, where a recording says which was used.
+        truth: true pose of the base, of a simulation.
+        events: what happened to the sources.
+    """
+
+    time_s: float
+    images: tuple[ByteArray | None, ...]
+    stamps_s: tuple[float, ...]
+    motion: tuple[MotionRow, ...] = ()
+    seen: tuple[Sequence[Detection], ...] | None = None
+    profile: str | None = None
+    truth: Pose | None = None
+    events: tuple[Event, ...] = ()
+
+
+class Feed(Protocol):
+    """Interface of what gives the loop its frames.
+
+    Attributes:
+        is_live: images come by themselves and age; else each is kept until it is asked for.
+    """
+
+    is_live: bool
+
+    def next(self, timeout_s: float) -> FrameGroup | None:
+        """The newest (live) or the next (recorded) group; None if there is none in time.
+
+        Raises:
+            EndOfFeed: there will be no more.
+        """
+
+    def health(self) -> tuple[Health, ...]:
+        """Condition of every source."""
+
+    def close(self) -> None:
+        """End threads and processes."""

@@ -1,0 +1,228 @@
+"""One step of a live run: search, filter, decide; everything else (threads, outputs) is around it."""
+
+from __future__ import annotations
+
+import time
+from collections import deque
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from lmkit.detection.windows import is_colourless
+from lmkit.geometry.pose import Pose
+from lmkit.geometry.rig import AnyRig, mounted_cameras
+from lmkit.geometry.rotations import quaternion_to_matrix
+from lmkit.live.budget import LatencyBudget
+from lmkit.live.estimators import Estimate, make_estimator
+from lmkit.live.frame_group import FrameGroup
+from lmkit.live.motion import MotionRow
+from lmkit.live.publication import Publication, PublicationRule
+from lmkit.live.reader import Rate
+from lmkit.live.search import ExpectedLandmarks, Search
+from lmkit.live.state import CameraView, Event, LiveState
+from lmkit.model.families import family_named
+from lmkit.model.landmark import LandmarkFamily
+from lmkit.model.landmark_id import LandmarkId
+from lmkit.model.landmark_map import LandmarkMap
+from lmkit.model.pose_status import PoseStatus
+
+WHOLE_EVERY_S = 1.0  # a whole image of one camera in turn
+POSES_KEPT = 400  # of odometry, for its frame in the map
+SILENT_S = 1.0  # odometry that comes no more is named
+
+
+@dataclass(frozen=True)
+class LoopSettings:
+    """Settings of the loop.
+
+    Attributes:
+        motion: ``wheels``, ``pose`` or ``none``: what moves the filter between images.
+        profile: of the detector.
+        budget_s: of the latency; 0: none.
+        rule: what a pose must show to be published.
+    """
+
+    motion: str = "none"
+    profile: str = "balanced"
+    budget_s: float = 0.05
+    rule: PublicationRule = field(default_factory=PublicationRule)
+
+
+class LiveLoop:
+    """The loop's state; `step` takes the images of one time.
+
+    Args:
+        now: the loop's time, for latencies.
+
+    Raises:
+        InputError: wheels, and the rig has no T_base_left.
+    """
+
+    def __init__(
+        self,
+        rig: AnyRig,
+        landmarks: LandmarkMap,
+        settings: LoopSettings | None = None,
+        now: Callable[[], float] = time.time,
+    ) -> None:
+        self.rig, self.landmarks, self.settings = rig, landmarks, settings or LoopSettings()
+        self._now = now
+        self._expected = ExpectedLandmarks(rig, landmarks)
+        self._search = Search(rig, landmarks, self._expected)
+        self._estimator = make_estimator(self.settings.motion, rig, landmarks)
+        rule = self.settings.rule
+        self._publication = Publication(replace(rule, confirm=min(rule.confirm, max(len(landmarks), 1))))
+        self._budget = LatencyBudget(self.settings.budget_s or 1e9, self.settings.profile)
+        self._names = [camera.name for camera in mounted_cameras(rig)]
+        self._needs_color = any(isinstance(family_named(n), LandmarkFamily) for n in landmarks.families)
+        self._grey: set[int] = set()
+        self._rate, self._number, self._groups = Rate(), 0, 0
+        self._status = PoseStatus.LOST
+        self._whole_at, self._turn = float("-inf"), 0
+        self._odometry: deque[tuple[float, Pose]] = deque(maxlen=POSES_KEPT)
+        self._motion_at: float | None = None
+        self._silent = False
+
+    @property
+    def latency_p95_s(self) -> float:
+        """The 95 % latency of the last steps."""
+        return self._budget.p95_s()
+
+    def step(self, group: FrameGroup, is_live: bool = False) -> LiveState | None:
+        """The state after the images of one time; None where the latency budget leaves them out.
+
+        Args:
+            is_live: the images age while they are searched.
+        """
+        events = [*group.events]
+        for row in group.motion:
+            self._take(row)
+        self._groups += 1
+        if is_live and self._groups % self._budget.every:
+            return None
+        profile = group.profile or self._budget.profile
+        views = self._views(group, profile)
+        events += self._color_events(group, views)
+        events += self._odometry_events(group.time_s)
+        estimate = self._estimator.observe(group.time_s, [view.detections for view in views])
+        views, missing = self._with_expected(views, estimate)
+        decision = self._publication.decide(group.time_s, estimate, missing)
+        ok = decision.status == PoseStatus.OK
+        if decision.status != self._status:
+            text = f"{self._status} -> {decision.status}" + (f": {decision.reason}" if decision.reason else "")
+            events.append(Event(f"status_{decision.status}", text, group.time_s))
+        self._status = decision.status
+        latency = self._now() - group.time_s if is_live else None
+        if latency is not None and (changed := self._budget.add(latency)):
+            events.append(Event("latency_budget", changed, group.time_s))
+        if ok:
+            self._rate.add(self._now() if is_live else group.time_s)
+        state = LiveState(
+            number=self._number,
+            time_s=group.time_s,
+            status=decision.status,
+            T_map_base=estimate.T_map_base if ok else None,
+            covariance=estimate.covariance if ok else None,
+            views=views,
+            ids=estimate.inliers,
+            outliers=estimate.outliers,
+            restarted=estimate.restarted,
+            resets=self._publication.resets,
+            nis=estimate.nis,
+            nis_dof=estimate.nis_dof,
+            latency_s=latency,
+            rate_hz=self._rate.value(self._now() if is_live else group.time_s),
+            profile=profile,
+            reason=decision.reason,
+            T_map_odometry=self._odometry_frame(group.time_s, estimate) if ok else None,
+            events=tuple(events),
+            truth=group.truth,
+        )
+        self._number += 1
+        return state
+
+    def _take(self, row: MotionRow) -> None:
+        self._estimator.add(row)
+        self._motion_at = row.time_s
+        if row.T_odometry_base is not None:
+            self._odometry.append((row.time_s, row.T_odometry_base))
+
+    def _views(self, group: FrameGroup, profile: str) -> tuple[CameraView, ...]:
+        if group.seen is not None:
+            return tuple(
+                CameraView(name, image, stamp, tuple(seen), search="whole")
+                for name, image, stamp, seen in zip(
+                    self._names, group.images, group.stamps_s, group.seen, strict=True
+                )
+            )
+        sure = self._status == PoseStatus.OK
+        foretold = self._estimator.foretell(group.time_s) if sure else None
+        whole: frozenset[int] = frozenset()
+        if foretold is None:
+            self._whole_at = group.time_s
+        elif group.time_s - self._whole_at >= WHOLE_EVERY_S / len(self._names):
+            whole, self._whole_at = frozenset([self._turn % len(self._names)]), group.time_s
+            self._turn += 1
+        return self._search.views(group.images, group.stamps_s, foretold, whole, profile)
+
+    def _with_expected(
+        self, views: tuple[CameraView, ...], estimate: Estimate
+    ) -> tuple[tuple[CameraView, ...], tuple[LandmarkId, ...]]:
+        """The views with the map's landmarks where the pose puts them; and what is plainly in view but not read."""
+        if estimate.T_map_base is None:
+            return views, ()
+        T_base_left = self.rig.T_base_left
+        T = estimate.T_map_base if T_base_left is None else estimate.T_map_base @ T_base_left
+        T_map_left = Pose("map", "left", T.R, T.t)
+        drawn, missing = [], []
+        for k, view in enumerate(views):
+            expected, plain = self._expected.in_camera(k, T_map_left)
+            drawn.append(replace(view, expected=expected))
+            if view.search != "none":
+                read = {d.id for d in view.detections}
+                missing += [id_ for id_ in plain if id_ not in read]
+        return tuple(drawn), tuple(dict.fromkeys(missing))
+
+    def _color_events(self, group: FrameGroup, views: tuple[CameraView, ...]) -> list[Event]:
+        """Names grey cameras, once, where landmarks are recognized by their color."""
+        events = []
+        for k, view in enumerate(views):
+            if view.image is None or not self._needs_color or k in self._grey or self._number > 0:
+                continue
+            if is_colourless(view.image) and view.image.any():
+                self._grey.add(k)
+                text = (
+                    f"camera {view.name} is grey: landmarks are recognized by color; use a color camera or AprilTags"
+                )
+                events.append(Event("camera_grey", text, group.time_s))
+        return events
+
+    def _odometry_events(self, time_s: float) -> list[Event]:
+        if self._motion_at is None or self.settings.motion == "none":
+            return []
+        silent = time_s - self._motion_at > SILENT_S
+        if silent == self._silent:
+            return []
+        self._silent = silent
+        if silent:
+            return [Event("odometry_lost", f"no odometry for {time_s - self._motion_at:.1f} s", time_s)]
+        return [Event("odometry_back", "odometry comes again", time_s)]
+
+    def _odometry_frame(self, time_s: float, estimate: Estimate) -> Pose | None:
+        """T_map_odometry by the odometry's pose at that time."""
+        if not self._odometry or estimate.T_map_base is None:
+            return None
+        k = int(np.searchsorted([t for t, _ in self._odometry], time_s))
+        if k == 0 or k == len(self._odometry):
+            T = self._odometry[min(k, len(self._odometry) - 1)][1]
+        else:
+            (before, a), (after, b) = self._odometry[k - 1], self._odometry[k]
+            share = (time_s - before) / max(after - before, 1e-9)
+            q = (1 - share) * a.quaternion_xyzw + share * np.sign(a.quaternion_xyzw @ b.quaternion_xyzw or 1.0) * (
+                b.quaternion_xyzw
+            )
+            R = quaternion_to_matrix(q / np.linalg.norm(q))
+            T = Pose(a.to_frame, a.from_frame, R, (1 - share) * a.t + share * b.t)
+        T_map_base = Pose("map", T.from_frame, estimate.T_map_base.R, estimate.T_map_base.t)
+        return T_map_base @ T.inverse()

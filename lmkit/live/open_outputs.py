@@ -1,0 +1,56 @@
+"""Outputs by their address, such as ``ws:9000`` or ``mavlink:udpout:127.0.0.1:14550``."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import partial
+
+from lmkit.errors import InputError
+from lmkit.geometry.rig import AnyRig
+from lmkit.live.clock import LoopClock
+from lmkit.live.outputs.base import Output, OutputRunner
+from lmkit.live.outputs.extras import require
+from lmkit.live.outputs.json_lines import JsonLines
+from lmkit.live.outputs.websocket import PORT, WebSocketServer
+from lmkit.live.run_settings import RunSettings
+from lmkit.model.landmark_map import LandmarkMap
+
+KINDS = "stdout, ws"
+
+
+def open_outputs(settings: RunSettings, rig: AnyRig, landmarks: LandmarkMap, clock: LoopClock) -> list[OutputRunner]:
+    """Runners of all outputs of a run.
+
+    Raises:
+        InputError: an unknown output, or one whose extra is not installed.
+    """
+    return [OutputRunner(text, opener(text, settings, rig, landmarks), clock.now) for text in settings.values.to]
+
+
+def opener(text: str, settings: RunSettings, rig: AnyRig, landmarks: LandmarkMap) -> Callable[[], Output]:
+    """A function that opens an output.
+
+    Raises:
+        InputError: an unknown output, or one whose extra is not installed.
+    """
+    kind, _, rest = text.partition(":")
+    if kind == "stdout" and not rest:
+        return JsonLines
+    if kind == "ws":
+        require("websockets", "WebSocket", "web")
+        return partial(WebSocketServer, *host_and_port(rest, PORT, text))
+    raise InputError("bad_output", f"{text}: unknown output", f"known: {KINDS}")
+
+
+def host_and_port(text: str, default: int, what: str) -> tuple[str, int]:
+    """Host and port of ``HOST:PORT``, ``PORT`` or nothing; the host is 127.0.0.1 unless given.
+
+    Raises:
+        InputError: the port is not a number from 0 to 65535.
+    """
+    host, _, port = text.rpartition(":")
+    if not port:
+        return host or "127.0.0.1", default
+    if not port.isdecimal() or not 0 <= int(port) <= 65535:
+        raise InputError("bad_output", f"{what}: {port!r} is not a port", "write HOST:PORT, such as 127.0.0.1:8765")
+    return host or "127.0.0.1", int(port)

@@ -1,0 +1,101 @@
+"""The decision whether a pose is published: only what a second landmark has confirmed, and what was seen lately."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from lmkit.live.estimators import Estimate, largest_sigma_m
+from lmkit.model.landmark_id import LandmarkId
+from lmkit.model.pose_status import PoseStatus
+
+SURPRISE = 5.0  # squared innovation over how many numbers it is of; on average 1
+
+
+@dataclass(frozen=True)
+class PublicationRule:
+    """Requirements of a published pose.
+
+    Attributes:
+        confirm: different landmarks that a new start must agree with.
+        coast_s: longest time by odometry alone.
+        most_sigma_m: largest standard deviation of the position.
+    """
+
+    confirm: int = 2
+    coast_s: float = 1.0
+    most_sigma_m: float = 0.15
+
+
+@dataclass(frozen=True)
+class Decision:
+    """Status to publish, with its reason; a pose goes out only with ``ok``."""
+
+    status: PoseStatus
+    reason: str
+
+
+class Publication:
+    """Decides step by step; see `PublicationRule`."""
+
+    def __init__(self, rule: PublicationRule) -> None:
+        self._rule = rule
+        self._confirmed: set[LandmarkId] | None = None  # since the last start; None once they are enough
+        self._last_s = float("-inf")  # something agreed with the pose
+        self.resets = 0
+
+    def decide(self, time_s: float, estimate: Estimate, missing: Sequence[LandmarkId]) -> Decision:
+        """Status of a step.
+
+        Args:
+            missing: landmarks that the pose puts plainly in view, and that were not read.
+        """
+        if estimate.restarted:
+            self._confirmed = set()
+            self.resets += 1
+        elif estimate.nis > SURPRISE * max(estimate.nis_dof, 1):
+            # The pose was pulled far: by a landmark that was moved, or away from one.
+            self._confirmed = set()
+        if estimate.inliers:
+            self._last_s = time_s
+            if self._confirmed is not None:
+                self._confirmed |= set(estimate.inliers)
+        if estimate.T_map_base is None or estimate.covariance is None:
+            return Decision(estimate.status, _WHY.get(estimate.status, "not located yet"))
+        if estimate.status != PoseStatus.OK:
+            return Decision(estimate.status, _WHY[estimate.status])
+        if estimate.outliers and len(estimate.outliers) >= len(estimate.inliers):
+            return Decision(PoseStatus.INCONSISTENT, _WHY[PoseStatus.INCONSISTENT])
+        if not estimate.inliers and missing:
+            names = ", ".join(map(str, missing[:3]))
+            return Decision(PoseStatus.LOST, f"{names} should be in view and {_are(missing)} not read")
+        since = time_s - self._last_s
+        if since > self._rule.coast_s:
+            return Decision(PoseStatus.LOST, f"no landmark for {since:.1f} s")
+        if self._confirmed is not None:
+            if len(self._confirmed) < self._rule.confirm:
+                names = ", ".join(map(str, sorted(self._confirmed))) or "nothing"
+                return Decision(
+                    PoseStatus.AMBIGUOUS, f"located by {names} alone: waiting for {self._rule.confirm} landmarks"
+                )
+            self._confirmed = None
+        sigma = largest_sigma_m(estimate.covariance)
+        if sigma > self._rule.most_sigma_m:
+            return Decision(PoseStatus.IMPRECISE, f"known to {sigma:.2f} m only")
+        if estimate.inliers:
+            return Decision(PoseStatus.OK, "")
+        return Decision(PoseStatus.OK, f"by odometry for {since:.1f} s")
+
+
+def _are(names: Sequence[LandmarkId]) -> str:
+    return "is" if len(names) == 1 else "are"
+
+
+_WHY = {
+    PoseStatus.LOST: "not located yet",
+    PoseStatus.NO_LANDMARKS: "no landmark of the map is in view",
+    PoseStatus.AMBIGUOUS: "another pose explains the images as well",
+    PoseStatus.IMPRECISE: "the landmarks in view leave the pose open",
+    PoseStatus.INCONSISTENT: "the landmarks in view contradict the map or the pose",
+    PoseStatus.SWAPPED: "left and right camera are swapped",
+}

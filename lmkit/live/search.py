@@ -1,0 +1,116 @@
+"""Search for landmarks in live images: whole images until located, then windows where the filter foretells them."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from lmkit.arrays import ByteArray, FloatArray
+from lmkit.detection.config import PROFILES, DetectOptions
+from lmkit.detection.detector import detect_landmarks
+from lmkit.geometry.pose import Pose
+from lmkit.geometry.rig import AnyRig, mounted_cameras
+from lmkit.live.state import CameraView
+from lmkit.model.families import family_named
+from lmkit.model.landmark_id import LandmarkId
+from lmkit.model.landmark_map import LandmarkMap
+
+LEAST_SIDE_PX = 10.0  # of a window that is searched
+PLAIN_SIDE_PX = 32.0  # a landmark that cannot be overlooked
+PLAIN_FACING = 0.6
+BORDER_PX = 12.0
+MOST_WINDOWS = 10
+NEAREST_M = 0.15
+
+Expected = dict[LandmarkId, FloatArray]
+
+
+class ExpectedLandmarks:
+    """Landmarks of the map as a pose puts them into the images."""
+
+    def __init__(self, rig: AnyRig, landmarks: LandmarkMap) -> None:
+        self._cameras = mounted_cameras(rig)
+        self._ids = [m.id for m in landmarks]
+        self._corners = np.array([m.corners_map for m in landmarks]).reshape(-1, 4, 3)
+        self._normals = np.array([m.T_map_landmark.R[:, 2] for m in landmarks]).reshape(-1, 3)
+
+    def in_camera(self, index: int, T_map_left: Pose) -> tuple[Expected, tuple[LandmarkId, ...]]:
+        """Corners (4,2), px, of all landmarks in the image, largest first; and those that are plainly in view."""
+        if not len(self._ids):
+            return {}, ()
+        camera = self._cameras[index]
+        T = camera.T_camera_left @ T_map_left.inverse()
+        points = T.apply(self._corners)
+        middle = points.mean(axis=1)
+        distance = np.linalg.norm(middle, axis=1)
+        facing = -np.einsum("ij,ij->i", self._normals @ T.R.T, middle) / np.maximum(distance, 1e-9)
+        # Far outside the image the distortion folds back into it.
+        limit = np.array(camera.model.image_size) / camera.model.K[[0, 1], [0, 1]]
+        ahead = points[:, :, 2].min(axis=1) > NEAREST_M
+        flat = points[:, :, :2] / np.maximum(points[:, :, 2:], NEAREST_M)
+        candidates = np.flatnonzero(ahead & (facing > 0.1) & (np.abs(flat) < 0.75 * limit).all(axis=(1, 2)))
+        if not len(candidates):
+            return {}, ()
+        pixels = camera.model.project(points[candidates].reshape(-1, 3)).reshape(-1, 4, 2)
+        sides = np.linalg.norm(pixels - np.roll(pixels, 1, axis=1), axis=2).mean(axis=1)
+        inside = camera.model.contains(pixels.reshape(-1, 2)).reshape(-1, 4)
+        within = camera.model.contains(pixels.reshape(-1, 2), BORDER_PX).reshape(-1, 4)
+        well_inside = np.asarray(within.all(axis=1)).reshape(-1)
+        found: Expected = {}
+        plain = []
+        for k in np.argsort(-sides):
+            if sides[k] < LEAST_SIDE_PX or not inside[k].any():
+                continue
+            id_ = self._ids[candidates[k]]
+            found[id_] = pixels[k]
+            if sides[k] > PLAIN_SIDE_PX and facing[candidates[k]] > PLAIN_FACING and bool(well_inside[k]):
+                plain.append(id_)
+        return found, tuple(plain)
+
+
+class Search:
+    """Finds landmarks of the map's families in the images of every camera.
+
+    Args:
+        profile: of the detector; the latency budget may choose another for a step.
+    """
+
+    def __init__(self, rig: AnyRig, landmarks: LandmarkMap, expected: ExpectedLandmarks) -> None:
+        self._cameras = mounted_cameras(rig)
+        self._expected = expected
+        families = tuple(family_named(name) for name in landmarks.families)
+        self._options = {
+            name: [DetectOptions(families, config, camera=c.model) for c in self._cameras]
+            for name, config in PROFILES.items()
+        }
+
+    def views(
+        self,
+        images: Sequence[ByteArray | None],
+        stamps_s: Sequence[float],
+        T_map_left: Pose | None,
+        whole: frozenset[int],
+        profile: str,
+    ) -> tuple[CameraView, ...]:
+        """Detections of every camera.
+
+        Args:
+            T_map_left: foretold; None: everything is searched.
+            whole: cameras whose whole image is searched whatever is foretold.
+        """
+        views = []
+        for k, (image, stamp, camera) in enumerate(zip(images, stamps_s, self._cameras, strict=True)):
+            if image is None:
+                views.append(CameraView(camera.name, None, stamp))
+                continue
+            options = self._options[profile][k]
+            if T_map_left is None or k in whole:
+                found = detect_landmarks(image, options)
+                views.append(CameraView(camera.name, image, stamp, tuple(found), search="whole"))
+                continue
+            expected, _ = self._expected.in_camera(k, T_map_left)
+            near = np.array(list(expected.values())[:MOST_WINDOWS]).reshape(-1, 4, 2)
+            found = detect_landmarks(image, options, near) if len(near) else []
+            views.append(CameraView(camera.name, image, stamp, tuple(found), search="near"))
+        return tuple(views)

@@ -1,0 +1,136 @@
+"""Addresses of image sources, such as ``camera:0?size=1280x720&fps=30``."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass, field
+from pathlib import Path
+from urllib.parse import parse_qsl
+
+from lmkit.errors import InputError
+from lmkit.io.image_sources import VIDEO_SUFFIXES
+
+STREAMS = ("rtsp", "rtsps", "http", "https", "udp", "tcp")
+LIVE_KINDS = ("camera", "pipe", "stream", "sim")
+CAMERA_OPTIONS = ("size", "fps", "fourcc", "exposure", "latency")
+SIM_OPTIONS = (
+    "size", "fps", "seed", "seconds", "landmarks", "speed", "images", "cameras", "latency", "slips",
+)  # fmt: skip
+_SECONDS = re.compile(r"(\d+(?:\.\d+)?)\s*(ms|s)")
+_HINT = "such as camera:0, split:camera:0, pipe:COMMAND, rtsp://HOST/PATH, sim:, a video or a folder"
+
+
+@dataclass(frozen=True)
+class SourceAddress:
+    """An image source.
+
+    Attributes:
+        kind: ``camera``, ``pipe``, ``stream``, ``sim``, ``film`` or ``folder``.
+        target: number, device, command, URL or path.
+        options: after the question mark.
+        split: the image shows the left and the right camera side by side.
+        text: as it was given.
+    """
+
+    kind: str
+    target: str
+    options: dict[str, str] = field(default_factory=dict)
+    split: bool = False
+    text: str = ""
+
+    @property
+    def is_live(self) -> bool:
+        """Images come by themselves."""
+        return self.kind in LIVE_KINDS and not (self.kind == "sim" and self.options.get("speed") == "max")
+
+    @property
+    def size(self) -> tuple[int, int] | None:
+        """(width, height) asked for."""
+        return None if "size" not in self.options else parse_size(self.options["size"], self.text)
+
+    def number(self, name: str, default: float) -> float:
+        """Value of an option that is a number.
+
+        Raises:
+            InputError: it is no number above zero.
+        """
+        text = self.options.get(name)
+        if text is None:
+            return default
+        try:
+            value = float(text)
+        except ValueError:
+            value = -1.0
+        if not 0 <= value < 1e9:
+            raise InputError("bad_source", f"{self.text}: {name}={text} is not a number", f"write such as {name}=30")
+        return value
+
+    @property
+    def latency_s(self) -> float:
+        """From exposure to arrival, where the driver has no stamps."""
+        return parse_seconds(self.options["latency"], f"{self.text}: latency") if "latency" in self.options else 0.0
+
+
+def parse_source(text: str) -> SourceAddress:
+    """The address in a text.
+
+    Raises:
+        InputError: an unknown kind or option.
+    """
+    if text.startswith("split:"):
+        inner = parse_source(text.removeprefix("split:"))
+        return SourceAddress(inner.kind, inner.target, inner.options, True, text)
+    scheme, colon, rest = text.partition(":")
+    if colon and scheme.lower() in STREAMS and rest.startswith("//"):
+        url, _, options = text.partition("#")
+        return SourceAddress("stream", url, _options(options, text, CAMERA_OPTIONS), text=text)
+    if scheme == "pipe" and colon:
+        if not rest.strip():
+            raise InputError("bad_source", f"{text}: no command", "give such as 'pipe:rpicam-vid --codec mjpeg -o -'")
+        return SourceAddress("pipe", rest, text=text)
+    if scheme in ("camera", "sim") and colon:
+        target, _, options = rest.partition("?")
+        known = SIM_OPTIONS if scheme == "sim" else CAMERA_OPTIONS
+        if scheme == "camera" and not (target.isdecimal() or target.startswith("/dev/")):
+            raise InputError(
+                "bad_source", f"{text}: no camera number or device", "write camera:0 or camera:/dev/video0"
+            )
+        return SourceAddress(scheme, target, _options(options, text, known), text=text)
+    path = Path(text)
+    if path.suffix.lower() in VIDEO_SUFFIXES:
+        return SourceAddress("film", text, text=text)
+    if path.exists() or "*" in text:
+        return SourceAddress("folder", text, text=text)
+    raise InputError("bad_source", f"{text}: no such file, and no known kind of source", _HINT)
+
+
+def _options(text: str, source: str, known: tuple[str, ...]) -> dict[str, str]:
+    found = dict(parse_qsl(text, keep_blank_values=True))
+    for name in found:
+        if name not in known:
+            raise InputError("bad_source", f"{source}: unknown option {name}", f"known: {', '.join(known)}")
+    return found
+
+
+def parse_size(text: str, what: str) -> tuple[int, int]:
+    """(width, height) of ``1280x720``.
+
+    Raises:
+        InputError: not such a size.
+    """
+    match = re.fullmatch(r"(\d{2,5})x(\d{2,5})", text)
+    if match is None:
+        raise InputError("bad_source", f"{what}: size {text!r} is not WIDTHxHEIGHT", "write such as size=1280x720")
+    return int(match[1]), int(match[2])
+
+
+def parse_seconds(text: str, what: str) -> float:
+    """Seconds of ``80ms`` or ``0.1s``.
+
+    Raises:
+        InputError: no number with one of both units.
+    """
+    match = _SECONDS.fullmatch(text.strip())
+    if match is None:
+        raise InputError("bad_duration", f"{what} {text!r} is not a time", "write such as 80ms or 1.5s")
+    return float(match[1]) / (1000 if match[2] == "ms" else 1)
