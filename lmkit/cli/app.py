@@ -30,6 +30,7 @@ COMMANDS = {
     "evaluate": "Compute the errors of a trajectory, as evo does.",
     "unbag": "Extract stereo images, rig, odometry and gyro from a ROS bag.",
     "web": "Serve a page in the browser.",
+    "fleet": "Map a site from the recordings of many robots.",
     "simulate": "Simulate a room and a stereo camera.",
     "demo": "Run all steps in a simulated room.",
     "doctor": "Check the installation.",

@@ -1,0 +1,107 @@
+"""`lmkit fleet survey`, `lmkit fleet track` and `lmkit fleet report`."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+from lmkit.cli import options
+from lmkit.cli.fleet_recordings import Engine, Family, Hz, Retry, Shard, StoreUri, detect_options, show_outcomes
+from lmkit.cli.output import check_outputs, print_json, print_line, write_outputs
+from lmkit.errors import InputError
+
+
+def survey(
+    store: StoreUri,
+    output: Annotated[Path, typer.Option("-o", "--output", help="Map file; with several sites, map-SITE.yaml each.")],
+    size: Annotated[str, typer.Option("--size", help="Side of the landmarks.")] = "180mm",
+    known: Annotated[
+        Path | None, typer.Option("--known", help="Map of known landmarks; it defines the frame.")
+    ] = None,
+    family: Family = "lm8",
+    hz: Hz = None,
+    as_json: options.Json = False,
+    force: options.Force = False,
+) -> None:
+    """Build the landmark map of every site from all of its recordings."""
+    from lmkit.fleet.mapping import detected_by_site, survey_site, write_site
+    from lmkit.fleet.store import Store
+    from lmkit.io.external_maps import read_any_map
+    from lmkit.units import parse_length_mm
+
+    place, size_m = Store(store), parse_length_mm(size, "--size") / 1000
+    anchors = None if known is None else read_any_map(known)
+    sites = detected_by_site(place, detect_options(family, hz))
+    if not sites:
+        raise InputError(
+            "nothing_detected", "no recording was detected with these options", "run lmkit fleet detect with them"
+        )
+    outputs = {
+        site: output if len(sites) == 1 else output.with_stem(f"{output.stem}-{site or 'site'}") for site in sites
+    }
+    check_outputs(tuple(outputs.values()), None, force)
+    for site, detected in sites.items():
+        surveyed = survey_site(site, detected, size_m, anchors)
+        write_outputs({outputs[site]: write_site(place, surveyed)}, force)
+        told = surveyed.to_dict()
+        if as_json:
+            print_json({"map": str(outputs[site]), **told})
+            continue
+        for text in (
+            *told["moved"],
+            *(f"{name}: {why}" for name, why in told["left_out"].items()),
+            *told["warnings"],
+        ):
+            print_line(text)
+        joined = f"{told['joined']} of {told['recordings']} recordings"
+        print_line(f"{told['landmarks']} landmarks from {joined} -> {outputs[site]}")
+
+
+def track(
+    store: StoreUri,
+    engine: Engine = "local",
+    shard: Shard = None,
+    family: Family = "lm8",
+    hz: Hz = None,
+    retry: Retry = False,
+    jobs: options.Jobs = None,
+    as_json: options.Json = False,
+) -> None:
+    """Track every recording through the map of its site."""
+    from lmkit.fleet.jobs import run_stage
+    from lmkit.fleet.store import Store
+    from lmkit.fleet.tracking import STAGE, track_recording
+
+    place = Store(store)
+    chosen = _track_options(place, family, hz)
+    show_outcomes(run_stage(place, STAGE, track_recording, chosen, engine, shard, retry), "tracking", as_json)
+
+
+def report(
+    store: StoreUri,
+    output: Annotated[Path, typer.Option("-o", "--output", help="HTML file.")],
+    family: Family = "lm8",
+    hz: Hz = None,
+    force: options.Force = False,
+) -> None:
+    """Write one HTML page about recordings, robots, landmarks and faults."""
+    from lmkit.fleet.mapping import stored_sites
+    from lmkit.fleet.report import fleet_report
+    from lmkit.fleet.store import Store
+
+    check_outputs((output,), None, force)
+    place = Store(store)
+    tracked = _track_options(place, family, hz) if stored_sites(place) else None
+    write_outputs({output: fleet_report(place, detect_options(family, hz), tracked)}, force)
+    print_line(str(output))
+
+
+def _track_options(store: Any, family: str, hz: float | None) -> dict[str, Any]:
+    from lmkit.fleet.mapping import stored_map, stored_sites
+
+    sites = stored_sites(store)
+    if not sites:
+        raise InputError("no_map", "the store holds no map", "run lmkit fleet survey first")
+    return {"maps": {site: stored_map(store, site) for site in sites}, "detect": detect_options(family, hz)}

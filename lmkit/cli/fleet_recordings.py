@@ -1,0 +1,94 @@
+"""`lmkit fleet scan` and `lmkit fleet detect`."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from lmkit.cli import options
+from lmkit.cli.output import print_json, print_line, progress
+
+if TYPE_CHECKING:
+    from lmkit.fleet.jobs import Outcome
+
+StoreUri = Annotated[str, typer.Option("--store", help="Folder or URI (s3://, gs://) of the results.")]
+Engine = Annotated[str, typer.Option("--engine", help="local, or dask:tcp://HOST:8786.")]
+Shard = Annotated[
+    str | None, typer.Option("--shard", help="K/N: every N-th job from the K-th on, for a batch system.")
+]
+Retry = Annotated[bool, typer.Option("--retry", help="Run failed jobs again.")]
+Family = Annotated[str, typer.Option("--family", help="Landmark families to detect, such as lm8,tag36h11.")]
+Hz = Annotated[float | None, typer.Option("--hz", help="Frames per second, if file names hold no times.")]
+
+
+def scan(
+    pattern: Annotated[
+        str, typer.Argument(help="Quoted path of the recordings, such as 'logs/{site}/{robot}/*.mcap'.")
+    ],
+    store: StoreUri,
+    rig: Annotated[str, typer.Option("--rig", help="Path of the rig files, such as 'rigs/{robot}.yaml'.")] = "",
+    as_json: options.Json = False,
+) -> None:
+    """List the recordings of a fleet in its store."""
+    from lmkit.fleet.recordings import add_recordings, find_recordings
+    from lmkit.fleet.store import Store, require_arrow
+
+    require_arrow()
+    found = find_recordings(pattern, rig)
+    changed, total = add_recordings(Store(store), found)
+    if as_json:
+        print_json({"found": len(found), "changed": changed, "recordings": total})
+        return
+    print_line(f"{len(found)} recordings found, {changed} new or changed; {total} in {store}")
+
+
+def detect(
+    store: StoreUri,
+    engine: Engine = "local",
+    shard: Shard = None,
+    family: Family = "lm8",
+    hz: Hz = None,
+    max_bytes: Annotated[
+        int | None, typer.Option("--max-bytes", help="Refuse recordings that are larger, in bytes.")
+    ] = None,
+    retry: Retry = False,
+    jobs: options.Jobs = None,
+    as_json: options.Json = False,
+) -> None:
+    """Detect the landmarks of every recording that was not done yet."""
+    from lmkit.fleet.detection import STAGE, detect_recording
+    from lmkit.fleet.jobs import run_stage
+    from lmkit.fleet.store import Store
+
+    chosen = detect_options(family, hz, max_bytes)
+    show_outcomes(
+        run_stage(Store(store), STAGE, detect_recording, chosen, engine, shard, retry), "detecting", as_json
+    )
+
+
+def detect_options(family: str, hz: float | None, max_bytes: int | None = None) -> dict[str, Any]:
+    """Everything that detections depend on.
+
+    Raises:
+        InputError: an unknown family.
+    """
+    from lmkit.model.families import family_named
+
+    chosen: dict[str, Any] = {"families": [family_named(name.strip()).name for name in family.split(",")], "hz": hz}
+    return chosen if max_bytes is None else {**chosen, "max_bytes": max_bytes}
+
+
+def show_outcomes(outcomes: Iterable[Outcome], step: str, as_json: bool) -> None:
+    """One line per failure and a summary, or one JSON object per job."""
+    done = failed = 0
+    for outcome in progress(outcomes, None, step):
+        done, failed = done + outcome.ok, failed + (not outcome.ok)
+        if as_json:
+            told = {"recording": outcome.recording, "failure": outcome.failure or None, "seconds": outcome.seconds}
+            print_json({**told, **outcome.facts})
+        elif not outcome.ok:
+            print_line(f"{outcome.recording}: {outcome.failure}")
+    if not as_json:
+        print_line(f"{done} done, {failed} failed")

@@ -1,0 +1,1 @@
+"""Thousands of recordings of one site: detected once, surveyed into maps, tracked, reported."""

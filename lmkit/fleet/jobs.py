@@ -1,0 +1,140 @@
+"""Stages: one job a recording, whose result or failure is one row of the store."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+from lmkit.errors import LmkitError
+from lmkit.fleet.engines import run_jobs, share_of
+from lmkit.fleet.recordings import FleetRecording, stored_recordings
+from lmkit.fleet.store import Store
+
+DIED = "the worker process died each time: out of memory, or killed; try --jobs 1, or a larger machine"
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """Result of one job.
+
+    Attributes:
+        recording: the recording's name.
+        failure: why it failed, in one sentence; empty: it did not.
+        seconds: of the job.
+        facts: numbers and texts for the report.
+    """
+
+    recording: str
+    failure: str = ""
+    seconds: float = 0.0
+    facts: Mapping[str, Any] = field(default_factory=dict)
+
+    @property
+    def ok(self) -> bool:
+        """The job succeeded."""
+        return not self.failure
+
+
+@dataclass(frozen=True)
+class StageJob:
+    """What a worker gets."""
+
+    store: Store
+    recording: FleetRecording
+    stage: str
+    key: str
+    options: Mapping[str, Any]
+
+
+StageWork = Callable[[StageJob], dict[str, Any]]
+
+
+@dataclass(frozen=True)
+class Guarded:
+    """Work whose exceptions become failures, written to the store where it ran."""
+
+    work: StageWork
+
+    def __call__(self, job: StageJob) -> Outcome:
+        """The outcome, after it is in the store."""
+        start = time.perf_counter()
+        facts: dict[str, Any] = {}
+        failure = ""
+        try:
+            facts = self.work(job)
+        except LmkitError as error:
+            failure = f"{error.message}; {error.hint}"
+        except MemoryError:
+            failure = "not enough memory; give the job a larger machine, or split the recording"
+        except Exception as error:
+            failure = f"internal error (please report): {type(error).__name__}: {error}"
+        outcome = Outcome(job.recording.name, failure, time.perf_counter() - start, facts)
+        write_outcome(job, outcome)
+        return outcome
+
+
+def write_outcome(job: StageJob, outcome: Outcome) -> None:
+    """The row of a job's outcome; last of what the job writes, so that a row stands for whole results."""
+    about = {"facts": dict(outcome.facts), "source": job.recording.source}
+    row: dict[str, list[Any]] = {
+        "recording": [outcome.recording],
+        "failure": [outcome.failure],
+        "seconds": [outcome.seconds],
+    }
+    job.store.write_table(_row(job.stage, job.key), row, about)
+
+
+def read_outcome(store: Store, stage: str, key: str) -> Outcome | None:
+    """Outcome of a job; None: it was not run."""
+    if not store.exists(_row(stage, key)):
+        return None
+    columns, about = store.read_table(_row(stage, key))
+    return Outcome(columns["recording"][0], columns["failure"][0], columns["seconds"][0], about["facts"])
+
+
+def _row(stage: str, key: str) -> str:
+    return f"{stage}/{key}.row.parquet"
+
+
+def run_stage(
+    store: Store,
+    stage: str,
+    work: StageWork,
+    options: Mapping[str, Any],
+    engine: str = "local",
+    shard: str | None = None,
+    retry: bool = False,
+) -> Iterator[Outcome]:
+    """Outcomes of the jobs that were still to do, as they end.
+
+    Args:
+        options: everything beside the recording that the results depend on.
+        retry: run failed jobs again.
+
+    Raises:
+        InputError: nothing was scanned, or the engine cannot be had.
+    """
+    jobs = []
+    for recording in share_of(stored_recordings(store), shard):
+        job = StageJob(store, recording, stage, recording.key(stage, options), options)
+        before = read_outcome(store, stage, job.key)
+        if before is None or (retry and not before.ok):
+            jobs.append(job)
+    for job, outcome in run_jobs(Guarded(work), jobs, engine):
+        if outcome is None:
+            outcome = Outcome(job.recording.name, DIED)
+            write_outcome(job, outcome)
+        yield outcome
+
+
+def done_jobs(store: Store, stage: str, options: Mapping[str, Any]) -> list[tuple[FleetRecording, str, Outcome]]:
+    """Recordings, keys and outcomes of a stage that was run with these options."""
+    rows = []
+    for recording in stored_recordings(store):
+        key = recording.key(stage, options)
+        outcome = read_outcome(store, stage, key)
+        if outcome is not None:
+            rows.append((recording, key, outcome))
+    return rows

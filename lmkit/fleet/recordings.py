@@ -1,0 +1,166 @@
+"""Recordings of a fleet: found by a pattern, kept in one table of the store."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import re
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, fields
+from pathlib import Path
+from typing import Any
+
+from lmkit.errors import InputError
+from lmkit.fleet.store import Store, open_uri
+from lmkit.version import __version__
+
+TABLE = "recordings.parquet"
+BAGS = (".mcap", ".bag", ".db3")
+FOLDER_HAS = ("detections.csv",)  # or folders or videos of the rig's cameras
+PLACEHOLDER = re.compile(r"\{(\w+)\}")
+KNOWN = ("site", "robot", "recording")
+
+
+@dataclass(frozen=True)
+class FleetRecording:
+    """One recording, as `lmkit fleet scan` found it.
+
+    Attributes:
+        source: path or URI of a bag or of a folder with the recording's files.
+        site: hall or building; each has a map of its own.  Empty: there is one.
+        robot: name of the robot.
+        rig: path of the rig file; empty: ``rig.yaml`` in the recording's folder, or camera_info in the bag.
+        bytes, modified_s: size and latest change of the source; another size or time is another recording.
+    """
+
+    source: str
+    site: str
+    robot: str
+    rig: str
+    bytes: int
+    modified_s: float
+
+    @property
+    def name(self) -> str:
+        """Name in messages and reports."""
+        return "/".join(part for part in (self.site, self.robot, Path(self.source).name) if part)
+
+    def key(self, stage: str, options: Mapping[str, Any]) -> str:
+        """Name of a stage's results: what was computed with the same version and options is not computed again."""
+        rig = Path(self.rig)
+        content = rig.read_bytes() if self.rig and rig.is_file() else b""
+        identity = [__version__, stage, asdict(self), hashlib.sha256(content).hexdigest(), dict(options)]
+        return hashlib.sha256(json.dumps(identity, sort_keys=True).encode()).hexdigest()[:20]
+
+
+def find_recordings(pattern: str, rig: str = "") -> list[FleetRecording]:
+    """Recordings whose paths fit a pattern.
+
+    Args:
+        pattern: path or URI with ``*``, ``**`` and the names ``{site}``, ``{robot}``, ``{recording}``, each of which
+            stands for one part of the path: ``logs/{site}/{robot}/*.mcap``.
+        rig: path of the rig files, with the same names: ``rigs/{robot}.yaml``.
+
+    Raises:
+        InputError: an unknown name, a rig's name that the pattern lacks, or nothing fits.
+    """
+    from pyarrow import fs
+
+    names = PLACEHOLDER.findall(pattern)
+    unknown = [n for n in names if n not in KNOWN] + [n for n in PLACEHOLDER.findall(rig) if n not in names]
+    if unknown:
+        raise InputError(
+            "bad_pattern", f"{{{unknown[0]}}} is not in the pattern's names", f"use {', '.join(KNOWN)} in the pattern"
+        )
+    scheme, separator, path = pattern.rpartition("://")
+    fixed = re.split(r"[*{\[?]", path, maxsplit=1)[0].rpartition("/")[0]
+    files, root = open_uri(f"{scheme}{separator}{fixed}" if fixed else ".")
+    expression = re.compile(_expression(path[len(fixed) :].lstrip("/")))
+    found = []
+    for info in files.get_file_info(fs.FileSelector(root, recursive=True, allow_not_found=True)):
+        place = info.path[len(root) :].lstrip("/")
+        matched = expression.fullmatch(place)
+        if matched is None or any(part.startswith(".") for part in place.split("/")):
+            continue
+        parts = {name: matched.groupdict().get(name, "") for name in KNOWN}
+        size, modified = _extent(files, info)
+        if size is None:
+            continue
+        source = f"{scheme}{separator}{info.path}" if separator else info.path
+        mine = PLACEHOLDER.sub(lambda m: str(matched[m[1]]), rig)  # noqa: B023
+        found.append(FleetRecording(source, parts["site"], parts["robot"], mine, size, modified))
+    if not found:
+        raise InputError(
+            "no_recordings",
+            f"no recording fits {pattern}",
+            f"a recording is a bag ({', '.join(BAGS)}) or a folder with detections.csv or images; quote the pattern",
+        )
+    return sorted(found, key=lambda r: r.source)
+
+
+def _expression(pattern: str) -> str:
+    """Regular expression of a pattern below its fixed part."""
+    seen: set[str] = set()
+    out = []
+    for part in re.split(r"(\*\*/|\*\*|\*|\?|\{\w+\})", pattern):
+        if part == "**/":
+            out.append(r"(?:[^/]+/)*")
+        elif part == "**":
+            out.append(r".*")
+        elif part in ("*", "?"):
+            out.append("[^/]" + ("*" if part == "*" else ""))
+        elif PLACEHOLDER.fullmatch(part):
+            name = part[1:-1]
+            out.append(f"(?P={name})" if name in seen else rf"(?P<{name}>[^/]+)")
+            seen.add(name)
+        else:
+            out.append(re.escape(part))
+    return "".join(out)
+
+
+def _extent(files: Any, info: Any) -> tuple[int | None, float]:
+    """Bytes and time of the latest change of a recording; None bytes of what is none."""
+    from pyarrow import fs
+
+    if info.type == fs.FileType.File:
+        return (info.size, _seconds(info)) if Path(info.path).suffix.lower() in BAGS else (None, 0.0)
+    inside = files.get_file_info(fs.FileSelector(info.path, recursive=True))
+    names = {i.path[len(info.path) :].lstrip("/") for i in inside if i.type == fs.FileType.File}
+    videos_or_images = any(Path(n).suffix.lower() in IMAGES for n in names if n.count("/") <= 1)
+    if not (names & set(FOLDER_HAS) or "metadata.yaml" in names or videos_or_images):
+        return None, 0.0
+    held = [i for i in inside if i.type == fs.FileType.File]
+    return sum(i.size for i in held), max(_seconds(i) for i in held)
+
+
+IMAGES = (".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff", ".webp", ".mp4", ".avi", ".mkv", ".mov")
+
+
+def _seconds(info: Any) -> float:
+    return float(info.mtime.timestamp()) if info.mtime is not None else 0.0
+
+
+def add_recordings(store: Store, found: list[FleetRecording]) -> tuple[int, int]:
+    """Add recordings to the store's table; those with the same source are replaced.
+
+    Returns:
+        How many are new or changed, and how many there are in all.
+    """
+    known = {r.source: r for r in stored_recordings(store)} if store.exists(TABLE) else {}
+    changed = sum(known.get(r.source) != r for r in found)
+    known |= {r.source: r for r in found}
+    rows = sorted(known.values(), key=lambda r: r.source)
+    store.write_table(TABLE, {f.name: [getattr(r, f.name) for r in rows] for f in fields(FleetRecording)})
+    return changed, len(rows)
+
+
+def stored_recordings(store: Store) -> list[FleetRecording]:
+    """The store's table of recordings.
+
+    Raises:
+        InputError: nothing was scanned into the store.
+    """
+    if not store.exists(TABLE):
+        raise InputError("no_scan", f"{store.uri} holds no recordings", "run lmkit fleet scan first")
+    columns, _ = store.read_table(TABLE)
+    return [FleetRecording(**dict(zip(columns, row, strict=True))) for row in zip(*columns.values(), strict=True)]

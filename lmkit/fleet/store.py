@@ -1,0 +1,153 @@
+"""Store: Parquet tables and files under one URI, a local folder or a bucket."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+from uuid import uuid4
+
+from lmkit.errors import InputError
+
+EXTRA = "in a checkout of lmkit: uv sync --extra fleet, or pip install '.[fleet]'"
+ROWS_KEY = b"lmkit"  # key of the JSON in a table's metadata
+
+
+def require_arrow() -> None:
+    """Refuse to go on without pyarrow.
+
+    Raises:
+        InputError: pyarrow is not installed.
+    """
+    try:
+        import pyarrow  # noqa: F401
+    except ImportError:
+        raise InputError("no_pyarrow", "lmkit fleet needs pyarrow", EXTRA) from None
+
+
+@dataclass(frozen=True)
+class Store:
+    """Tables and files by name below a URI; pickles, so that workers can open it.
+
+    Attributes:
+        uri: a folder, or a URI that pyarrow reads: ``s3://bucket/site``, ``gs://``, ``abfs://``, ``file://``.
+    """
+
+    uri: str
+
+    def __getstate__(self) -> dict[str, Any]:
+        return {"uri": self.uri}
+
+    @cached_property
+    def _place(self) -> tuple[Any, str]:
+        require_arrow()
+        return open_uri(self.uri)
+
+    def exists(self, name: str) -> bool:
+        """A file of that name is there."""
+        from pyarrow import fs
+
+        files, root = self._place
+        return bool(files.get_file_info(f"{root}/{name}").type == fs.FileType.File)
+
+    def names(self, folder: str) -> list[str]:
+        """Names of the files in a folder, without those half written; none where there is no such folder."""
+        from pyarrow import fs
+
+        files, root = self._place
+        selector = fs.FileSelector(f"{root}/{folder}", allow_not_found=True)
+        found = [info.base_name for info in files.get_file_info(selector) if info.type == fs.FileType.File]
+        return sorted(name for name in found if not name.startswith("."))
+
+    def read(self, name: str) -> bytes:
+        """Content of a file.
+
+        Raises:
+            InputError: it cannot be read.
+        """
+        files, root = self._place
+        try:
+            with files.open_input_stream(f"{root}/{name}") as stream:
+                return bytes(stream.read())
+        except OSError as error:
+            raise InputError("store_unreadable", f"{self.uri}: cannot read {name} ({error})", _HINT) from None
+
+    def write(self, name: str, content: bytes | str) -> None:
+        """Write a file, whole or not at all; an existing one is replaced.
+
+        Raises:
+            InputError: it cannot be written.
+        """
+        from pyarrow import fs
+
+        files, root = self._place
+        data = content.encode() if isinstance(content, str) else content
+        folder, _, last = name.rpartition("/")
+        where, target = f"{root}/{folder}".rstrip("/"), f"{root}/{name}"
+        # Objects in a bucket appear when they are closed; files appear under another name and are moved.
+        local = isinstance(files, fs.LocalFileSystem)
+        written = f"{where}/.{last}.{uuid4().hex}" if local else target
+        try:
+            if local:
+                files.create_dir(where, recursive=True)
+            with files.open_output_stream(written) as stream:
+                stream.write(data)
+            if local:
+                files.move(written, target)
+        except OSError as error:
+            raise InputError("store_unwritable", f"{self.uri}: cannot write {name} ({error})", _HINT) from None
+
+    def read_table(self, name: str) -> tuple[dict[str, list[Any]], dict[str, Any]]:
+        """Columns of a Parquet file, and the JSON object written with it.
+
+        Raises:
+            InputError: it cannot be read, or is no such file.
+        """
+        import pyarrow as pa
+        from pyarrow import parquet
+
+        try:
+            table = parquet.read_table(pa.BufferReader(self.read(name)))
+        except (pa.ArrowException, OSError) as error:
+            raise InputError("store_damaged", f"{self.uri}: {name} is damaged ({error})", "delete it") from None
+        about = json.loads((table.schema.metadata or {}).get(ROWS_KEY, b"{}"))
+        return {column: table[column].to_pylist() for column in table.column_names}, about
+
+    def write_table(
+        self, name: str, columns: Mapping[str, Sequence[Any]], about: Mapping[str, Any] | None = None
+    ) -> None:
+        """Write columns as a Parquet file, with a JSON object in its metadata."""
+        import pyarrow as pa
+        from pyarrow import parquet
+
+        table = pa.table({key: list(values) for key, values in columns.items()})
+        table = table.replace_schema_metadata({ROWS_KEY: json.dumps(dict(about or {})).encode()})
+        buffer = pa.BufferOutputStream()
+        parquet.write_table(table, buffer, compression="zstd")
+        self.write(name, buffer.getvalue().to_pybytes())
+
+
+_HINT = "check the store's URI, the permissions and the space left"
+
+
+def open_uri(uri: str) -> tuple[Any, str]:
+    """File system and path of a folder or URI.
+
+    Raises:
+        InputError: no such kind of URI.
+    """
+    import pyarrow as pa
+    from pyarrow import fs
+
+    if "://" not in uri:
+        return fs.LocalFileSystem(), str(Path(uri).absolute())
+    try:
+        files, path = fs.FileSystem.from_uri(uri)
+    except (pa.ArrowException, ValueError, OSError) as error:
+        raise InputError(
+            "bad_uri", f"cannot open {uri} ({error})", "give a folder, or s3://, gs:// or file://"
+        ) from None
+    return files, path.rstrip("/")

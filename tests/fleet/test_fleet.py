@@ -1,0 +1,211 @@
+"""A fleet from scan to report, here and on a Dask cluster on loopback."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+import pytest
+from fleet_site import MONDAY_S, Site, map_error_m, write_site
+
+pytest.importorskip("pyarrow")
+
+from lmkit.errors import InputError
+from lmkit.fleet.detection import STAGE, detect_recording, read_detected
+from lmkit.fleet.engines import run_jobs, share_of
+from lmkit.fleet.jobs import done_jobs, run_stage
+from lmkit.fleet.recordings import add_recordings, find_recordings, stored_recordings
+from lmkit.fleet.store import Store
+from lmkit.io.external_maps import read_any_map
+
+OPTIONS = {"families": ["lm8"], "hz": None}
+
+
+@pytest.fixture(scope="module")
+def small(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("small")
+    write_site(folder, halls=1, days=2, seconds=15.0)
+    return folder
+
+
+@pytest.fixture(scope="module")
+def written(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Site]:
+    folder = tmp_path_factory.mktemp("site")
+    site = write_site(folder, halls=2, days=3)
+    damaged = folder / "logs" / "hall0" / "robot1" / "damaged"
+    damaged.mkdir()
+    (damaged / "detections.csv").write_text("time_s,camera,code\n1,left,7\n")
+    return folder, site
+
+
+def answers(lmkit, *arguments: str) -> list[dict]:
+    answer = lmkit("fleet", *arguments, "--json")
+    assert answer.code == 0, answer.err
+    return [json.loads(line) for line in answer.out.splitlines()]
+
+
+def test_from_scan_to_report(lmkit, small, tmp_path):
+    pattern = f"{small}/logs/{{site}}/{{robot}}/*"
+    told = answers(lmkit, "scan", pattern, "--rig", f"{small}/rigs/{{robot}}.yaml", "--store", "store")
+    assert told == [{"found": 2, "changed": 2, "recordings": 2}]
+    assert [row["failure"] for row in answers(lmkit, "detect", "--store", "store", "--jobs", "1")] == [None, None]
+    # What is done is not done again.
+    assert answers(lmkit, "detect", "--store", "store") == []
+    [row] = answers(lmkit, "survey", "--store", "store", "-o", "map.yaml")
+    assert row["map"] == "map.yaml" and row["joined"] == 2
+    assert len(read_any_map(tmp_path / "map.yaml")) == row["landmarks"] > 5
+    tracked = answers(lmkit, "track", "--store", "store", "--jobs", "1")
+    assert min(row["ok"] / row["frames"] for row in tracked) > 0.9
+    assert lmkit("fleet", "report", "--store", "store", "-o", "fleet.html").code == 0
+    assert "hall0/robot0/day0" in (tmp_path / "fleet.html").read_text()
+
+
+@pytest.mark.slow
+def test_planted_faults_are_found(lmkit, written, tmp_path):
+    folder, site = written
+    pattern = f"{folder}/logs/{{site}}/{{robot}}/*"
+    told = answers(lmkit, "scan", pattern, "--rig", f"{folder}/rigs/{{robot}}.yaml", "--store", "store")
+    assert told == [{"found": 7, "changed": 7, "recordings": 7}]
+    detected = answers(lmkit, "detect", "--store", "store", "--jobs", "1")
+    assert sum(row["failure"] is None for row in detected) == 6
+    failure = next(row["failure"] for row in detected if row["failure"])
+    assert "detections.csv" in failure and "columns" in failure
+    # What is done is not done again.
+    assert answers(lmkit, "detect", "--store", "store") == []
+    surveyed = {row["site"]: row for row in answers(lmkit, "survey", "--store", "store", "-o", "map.yaml")}
+    assert set(surveyed) == {"hall0", "hall1"}
+    for name, row in surveyed.items():
+        assert row["joined"] == row["recordings"] == 3, row
+        assert [text.split()[0] for text in row["moved"]] == [str(site.moved[name].id)]
+        true = site.maps[name]
+        found = read_any_map(tmp_path / row["map"])
+        still = type(found)([m for m in found if m.id != site.moved[name].id])
+        assert map_error_m(still, true) < 0.02
+    tracked = answers(lmkit, "track", "--store", "store")
+    ok = [row for row in tracked if row["failure"] is None]
+    assert len(ok) == 6
+    assert min(row["ok"] / row["frames"] for row in ok) > 0.9
+    assert lmkit("fleet", "report", "--store", "store", "-o", "fleet.html").code == 0
+    page = (tmp_path / "fleet.html").read_text()
+    assert str(site.moved["hall0"].id) in page
+    assert "damaged" in page
+    assert time.strftime("%Y-%m-%d", time.gmtime(MONDAY_S)) in page
+
+
+def test_stored_detections_read_back_exactly(small, tmp_path):
+    from lmkit.io.any_rig import read_any_rig
+    from lmkit.pipelines.detect_recording import read_recording
+
+    folder = small
+    store = Store(str(tmp_path / "store"))
+    add_recordings(store, find_recordings(f"{folder}/logs/hall0/{{robot}}/day0", f"{folder}/rigs/{{robot}}.yaml"))
+    list(run_stage(store, STAGE, detect_recording, OPTIONS))
+    [(recording, key, outcome)] = done_jobs(store, STAGE, OPTIONS)
+    back = read_detected(store, recording.name, key)
+    source = Path(recording.source)
+    first = read_recording(
+        rig=read_any_rig(Path(recording.rig)), detections=source / "detections.csv",
+        odometry=source / "odometry.csv", gyro=source / "gyro.csv",
+    )  # fmt: skip
+    assert outcome.facts["frames"] == len(first.frames) == len(back.recording.frames)
+    for a, b in zip(first.frames, back.recording.frames, strict=True):
+        assert a.time_s == b.time_s
+        assert [d.id for d in a.detections] == [d.id for d in b.detections]
+        assert all(np.array_equal(x.corners, y.corners) for x, y in zip(a.detections, b.detections, strict=True))
+    assert np.array_equal(first.odometry.turn_rad, back.recording.odometry.turn_rad)
+    assert np.array_equal(first.gyro.rate_radps, back.recording.gyro.rate_radps)
+
+
+def test_another_option_or_file_is_another_result(small, tmp_path):
+    folder = small
+    found = find_recordings(f"{folder}/logs/*/{{robot}}/day*")
+    keys = {r.key(STAGE, OPTIONS) for r in found} | {r.key(STAGE, {**OPTIONS, "hz": 5.0}) for r in found}
+    assert len(keys) == 2 * len(found) == 4
+
+
+@pytest.mark.parametrize(
+    ("pattern", "rig", "word"),
+    [("logs/{hall}/*", "", "hall"), ("logs/*", "rigs/{robot}.yaml", "robot"), ("nothing/*", "", "no recording")],
+)
+def test_wrong_patterns_are_named(pattern, rig, word):
+    with pytest.raises(InputError, match=word):
+        find_recordings(pattern, rig)
+
+
+def test_shards_share_all_jobs():
+    jobs = list(range(11))
+    assert sorted(j for k in range(1, 5) for j in share_of(jobs, f"{k}/4")) == jobs
+    for text in ("0/4", "5/4", "x", "1/0", "-1/4"):
+        with pytest.raises(InputError, match="shard"):
+            share_of(jobs, text)
+
+
+def square(number: int) -> int:
+    if number == 3 and os.environ.get("LMKIT_TEST_PARENT") != str(os.getpid()):
+        os.kill(os.getpid(), signal.SIGKILL)
+    return number**2
+
+
+@pytest.mark.slow
+def test_a_job_that_kills_its_worker_takes_no_other_with_it(monkeypatch):
+    monkeypatch.setenv("LMKIT_TEST_PARENT", str(os.getpid()))
+    monkeypatch.setenv("LMKIT_JOBS", "2")
+    assert dict(run_jobs(square, range(6))) == {0: 0, 1: 1, 2: 4, 3: None, 4: 16, 5: 25}
+
+
+@pytest.fixture
+def cluster() -> Iterator[tuple[str, list[subprocess.Popen]]]:
+    pytest.importorskip("distributed")
+    environment = {**os.environ, "PYTHONPATH": os.pathsep.join(sys.path)}
+    command = [sys.executable, "-m", "distributed.cli.dask_scheduler", "--host", "127.0.0.1", "--port", "0",
+               "--no-dashboard", "--scheduler-file"]  # fmt: skip
+    import tempfile
+
+    with tempfile.TemporaryDirectory() as scratch:
+        told = Path(scratch) / "scheduler.json"
+        processes = [subprocess.Popen([*command, str(told)], env=environment)]
+        deadline = time.monotonic() + 60
+        while not told.exists() and time.monotonic() < deadline:
+            time.sleep(0.1)
+        address = json.loads(told.read_text())["address"]
+        worker = [sys.executable, "-m", "distributed.cli.dask_worker", address, "--nthreads", "1", "--no-dashboard",
+                  "--no-nanny"]  # fmt: skip
+        processes += [subprocess.Popen(worker, env=environment) for _ in range(2)]
+        yield address, processes
+        for process in processes[::-1]:
+            process.kill()
+            process.wait()
+
+
+@pytest.mark.slow
+def test_a_cluster_gives_the_same_map_though_a_worker_dies(lmkit, written, tmp_path, cluster):
+    folder, _ = written
+    address, processes = cluster
+    scanned = (f"{folder}/logs/{{site}}/{{robot}}/day*", "--rig", f"{folder}/rigs/{{robot}}.yaml")
+    maps = []
+    for store, engine in (("here", "local"), ("there", f"dask:{address}")):
+        answers(lmkit, "scan", *scanned, "--store", store)
+        if store == "there":
+            processes[1].kill()
+        assert len(answers(lmkit, "detect", "--store", store, "--engine", engine)) == 6
+        rows = answers(lmkit, "survey", "--store", store, "-o", f"{store}.yaml")
+        maps.append([read_any_map(tmp_path / row["map"]) for row in rows])
+    for a, b in zip(*maps, strict=True):
+        assert [m.id for m in a] == [m.id for m in b]
+        for x, y in zip(a, b, strict=True):
+            assert np.abs(x.T_map_landmark.matrix - y.T_map_landmark.matrix).max() < 1e-9
+
+
+def test_the_table_keeps_what_is_known(small, tmp_path):
+    folder = small
+    store = Store(str(tmp_path / "store"))
+    assert add_recordings(store, find_recordings(f"{folder}/logs/{{site}}/{{robot}}/day0")) == (1, 1)
+    assert add_recordings(store, find_recordings(f"{folder}/logs/{{site}}/{{robot}}/day*")) == (1, 2)
+    assert {r.site for r in stored_recordings(store)} == {"hall0"}
