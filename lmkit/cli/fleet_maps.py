@@ -70,13 +70,16 @@ def track(
     as_json: options.Json = False,
 ) -> None:
     """Track every recording through the map of its site."""
-    from lmkit.fleet.jobs import run_stage
+    from lmkit.fleet.detection import STAGE as DETECT
+    from lmkit.fleet.jobs import done_jobs, run_stage
     from lmkit.fleet.store import Store
     from lmkit.fleet.tracking import STAGE, track_recording
 
     place = Store(store)
     chosen = _track_options(place, family, hz)
-    show_outcomes(run_stage(place, STAGE, track_recording, chosen, engine, shard, retry), "tracking", as_json)
+    detected = [recording for recording, _, outcome in done_jobs(place, DETECT, chosen["detect"]) if outcome.ok]
+    outcomes = run_stage(place, STAGE, track_recording, chosen, engine, shard, retry, detected)
+    show_outcomes(outcomes, "tracking", as_json)
 
 
 def report(

@@ -136,11 +136,8 @@ def write_recording(store: Store, folder: str, recording: Recording, rig: AnyRig
                 for column, value in zip(rows.values(), values, strict=True):
                     column.append(value)
     store.write_table(f"{folder}/detections.parquet", rows)
-    frames: dict[str, list[Any]] = {
-        "time_s": [f.time_s for f in recording.frames],
-        "name": [f.name for f in recording.frames],
-    }
-    store.write_table(f"{folder}/frames.parquet", frames)
+    times, names = [f.time_s for f in recording.frames], [f.name for f in recording.frames]
+    store.write_table(f"{folder}/frames.parquet", {"time_s": times, "name": names})
     odometry, gyro = recording.odometry, recording.gyro
     if isinstance(odometry, Odometry):
         columns = {name: getattr(odometry, name).tolist() for name in ("times_s", "forward_m", "turn_rad")}

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -78,11 +78,8 @@ class Guarded:
 def write_outcome(job: StageJob, outcome: Outcome) -> None:
     """The row of a job's outcome; last of what the job writes, so that a row stands for whole results."""
     about = {"facts": dict(outcome.facts), "source": job.recording.source}
-    row: dict[str, list[Any]] = {
-        "recording": [outcome.recording],
-        "failure": [outcome.failure],
-        "seconds": [outcome.seconds],
-    }
+    values = {"recording": outcome.recording, "failure": outcome.failure, "seconds": outcome.seconds}
+    row = {name: [value] for name, value in values.items()}
     job.store.write_table(_row(job.stage, job.key), row, about)
 
 
@@ -106,18 +103,20 @@ def run_stage(
     engine: str = "local",
     shard: str | None = None,
     retry: bool = False,
+    recordings: Sequence[FleetRecording] | None = None,
 ) -> Iterator[Outcome]:
     """Outcomes of the jobs that were still to do, as they end.
 
     Args:
         options: everything beside the recording that the results depend on.
+        recordings: those to work on; None: all.
         retry: run failed jobs again.
 
     Raises:
         InputError: nothing was scanned, or the engine cannot be had.
     """
     jobs = []
-    for recording in share_of(stored_recordings(store), shard):
+    for recording in share_of(stored_recordings(store) if recordings is None else recordings, shard):
         job = StageJob(store, recording, stage, recording.key(stage, options), options)
         before = read_outcome(store, stage, job.key)
         if before is None or (retry and not before.ok):

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from datetime import UTC, datetime
 from typing import Any
 
 from lmkit.api.recordings import motion_of
@@ -12,10 +13,10 @@ from lmkit.fleet.detection import Detected, read_detected
 from lmkit.fleet.jobs import done_jobs
 from lmkit.fleet.store import Store
 from lmkit.io.landmark_map import map_to_yaml
-from lmkit.mapping.several_recordings import JointSurvey, NamedRecording, survey_recordings
+from lmkit.mapping.several_recordings import JointSurvey, MovedLandmark, NamedRecording, survey_recordings
 from lmkit.mapping.survey import anchors_of, landmark_sizes
 from lmkit.mapping.wall_constraints import LandmarkConstraint
-from lmkit.model.landmark_map import LandmarkMap
+from lmkit.model.landmark_map import CALENDAR_S, LandmarkMap
 
 STAGE = "survey"
 
@@ -42,9 +43,18 @@ class SiteSurvey:
             "joined": len(self.joint.names),
             "landmarks": len(self.joint.landmarks),
             "left_out": dict(self.joint.left_out),
-            "moved": [str(moved) for moved in self.joint.moved],
+            "moved": [_moved(moved) for moved in self.joint.moved],
             "warnings": list(self.joint.warnings),
         }
+
+
+def _moved(moved: MovedLandmark) -> str:
+    """The sentence about a moved landmark, with days where the recordings' clocks count from 1970."""
+    last, first = moved.before.valid_to_s, moved.after.valid_from_s
+    if last is None or first is None or last < CALENDAR_S:
+        return str(moved)
+    days = [datetime.fromtimestamp(t, UTC).strftime("%Y-%m-%d") for t in (last, first)]
+    return f"{moved} (last seen there {days[0]}, seen elsewhere from {days[1]})"
 
 
 def detected_by_site(store: Store, options: Mapping[str, Any]) -> dict[str, list[Detected]]:

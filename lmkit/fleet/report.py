@@ -37,7 +37,7 @@ def fleet_report(store: Store, detect: Mapping[str, Any], track: Mapping[str, An
     parts = [
         html.headline(
             "good" if not todo else "fair",
-            f"{len(todo)} things to do" if todo else "Nothing to do",
+            f"{len(todo)} thing{'s' * (len(todo) > 1)} to do" if todo else "Nothing to do",
             f"{total} recordings, {sum(o.ok for _, _, o in detected)} detected, "
             f"{sum(o.ok for _, _, o in tracked)} tracked, {len(sites)} sites with a map.",
         ),
