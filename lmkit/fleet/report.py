@@ -43,17 +43,19 @@ def fleet_report(store: Store, detect: Mapping[str, Any], track: Mapping[str, An
         ),
         html.listed("To do", todo),
     ]
-    for site, facts in sites.items():
-        landmarks = map_of(stored_map(store, site))
-        drawing = base64.b64encode(draw_plan(landmarks, (), title=site, kind="svg")).decode()
-        image = f"<img alt='map of {escape(site)}' src='data:image/svg+xml;base64,{drawing}'>"
-        caption = (
-            f"{facts['landmarks']} landmarks from {facts['joined']} of {facts['recordings']} recordings, "
-            f"{len(facts['moved'])} moved"
-        )
-        parts += [f"<h2>Map{': ' + escape(site) if site else ''}</h2>", html.figure(image, caption)]
+    figures = [_map_figure(store, site, facts) for site, facts in sites.items()]
+    parts += ["<h2>Maps</h2>", html.grid(figures, "two")] if figures else []
     parts += ["<h2>Robots</h2>", _robots(detected, tracked), "<h2>Recordings</h2>", _recordings(detected, tracked)]
     return html.page("lmkit fleet", parts)
+
+
+def _map_figure(store: Store, site: str, facts: Mapping[str, Any]) -> tuple[str, str]:
+    """Drawing of a site's map, and its caption."""
+    landmarks = map_of(stored_map(store, site))
+    drawing = base64.b64encode(draw_plan(landmarks, (), title=site, kind="svg")).decode()
+    image = f"<img alt='map of {escape(site or 'the site')}' src='data:image/svg+xml;base64,{drawing}'>"
+    joined = f"{facts['joined']} of {facts['recordings']} recordings"
+    return image, f"{facts['landmarks']} landmarks from {joined}, {len(facts['moved'])} moved"
 
 
 def things_to_do(sites: Mapping[str, Mapping[str, Any]], detected: Rows, tracked: Rows) -> list[str]:
