@@ -45,18 +45,18 @@ def survey(
     for site, detected in sites.items():
         surveyed = survey_site(site, detected, size_m, anchors)
         write_outputs({outputs[site]: write_site(place, surveyed)}, force)
-        told = surveyed.to_dict()
+        summary = surveyed.to_dict()
         if as_json:
-            print_json({"map": str(outputs[site]), **told})
+            print_json({"map": str(outputs[site]), **summary})
             continue
         for text in (
-            *told["moved"],
-            *(f"{name}: {why}" for name, why in told["left_out"].items()),
-            *told["warnings"],
+            *summary["moved"],
+            *(f"{name}: {why}" for name, why in summary["left_out"].items()),
+            *summary["warnings"],
         ):
             print_line(text)
-        joined = f"{told['joined']} of {told['recordings']} recordings"
-        print_line(f"{told['landmarks']} landmarks from {joined} -> {outputs[site]}")
+        joined = f"{summary['joined']} of {summary['recordings']} recordings"
+        print_line(f"{summary['landmarks']} landmarks from {joined} -> {outputs[site]}")
 
 
 def track(

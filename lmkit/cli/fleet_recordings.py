@@ -86,8 +86,8 @@ def show_outcomes(outcomes: Iterable[Outcome], step: str, as_json: bool) -> None
     for outcome in progress(outcomes, None, step):
         done, failed = done + outcome.ok, failed + (not outcome.ok)
         if as_json:
-            told = {"recording": outcome.recording, "failure": outcome.failure or None, "seconds": outcome.seconds}
-            print_json({**told, **outcome.facts})
+            summary = {"recording": outcome.recording, "failure": outcome.failure or None, "seconds": outcome.seconds}
+            print_json({**summary, **outcome.facts})
         elif not outcome.ok:
             print_line(f"{outcome.recording}: {outcome.failure}")
     if not as_json:

@@ -39,7 +39,7 @@ class Outcome:
 
 @dataclass(frozen=True)
 class StageJob:
-    """What a worker gets."""
+    """One job, as a worker gets it."""
 
     store: Store
     recording: FleetRecording

@@ -84,8 +84,8 @@ def things_to_do(sites: Mapping[str, Mapping[str, Any]], detected: Rows, tracked
 def day_of(recording: FleetRecording, outcome: Outcome) -> str:
     """Day of a recording by its own clock where that counts from 1970, else by its files."""
     start = outcome.facts.get("from_s")
-    moment = start if start is not None and start > CALENDAR_S else recording.modified_s
-    return datetime.fromtimestamp(moment, UTC).strftime("%Y-%m-%d")
+    time_s = start if start is not None and start > CALENDAR_S else recording.modified_s
+    return datetime.fromtimestamp(time_s, UTC).strftime("%Y-%m-%d")
 
 
 def _robots(detected: Rows, tracked: Rows) -> str:
