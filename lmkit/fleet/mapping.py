@@ -86,7 +86,7 @@ def survey_site(
     anchors = {} if known is None else anchors_of(known)
     frames = [frame for one in detected for frame in one.recording.frames]
     named = [NamedRecording(d.name, d.recording.frames, d.rig, motion_of(d.recording)) for d in detected]
-    joint = survey_recordings(named, landmark_sizes(frames, size_m, anchors), anchors, constraints)
+    joint = survey_recordings(named, landmark_sizes(frames, size_m, anchors), anchors, constraints, True)
     return SiteSurvey(site, joint, tuple(d.name for d in detected))
 
 

@@ -29,6 +29,8 @@ def track_recording(job: StageJob) -> dict[str, Any]:
         raise InputError("no_map", f"site '{job.recording.site}' has no map", "run lmkit fleet survey")
     detected = read_detected(job.store, job.recording.name, job.recording.key(DETECT, job.options["detect"]))
     landmarks = map_of(maps[job.recording.site])
+    if detected.recording.frames:
+        landmarks = landmarks.at(detected.recording.frames[0].time_s)
     tracked = track(detected.recording, detected.rig, landmarks)
     job.store.write_table(f"{STAGE}/{job.key}.parquet", _columns(tracked))
     counts = Counter(map(str, tracked.statuses))

@@ -181,18 +181,22 @@ def survey_recordings(
     sizes_m: Mapping[LandmarkId, float],
     anchors: Mapping[LandmarkId, Anchor],
     constraints: Sequence[LandmarkConstraint] = (),
+    in_processes: bool = False,
 ) -> JointSurvey:
     """Survey several recordings of one place into one map.
 
     Args:
         recordings: in any order; where their clocks overlap, from the earliest to the latest.
         sizes_m, anchors, constraints: as of `survey_frames`.
+        in_processes: survey single recordings in worker processes; a script that asks for them needs the guard
+            ``if __name__ == "__main__"``, since workers import it.
 
     Raises:
         InputError: no recording can be surveyed.
     """
     known = _Beforehand(sizes_m, anchors, constraints)
-    answers = list(map_sharing(_survey_alone, known, recordings))
+    alone = map_sharing(_survey_alone, known, recordings)
+    answers = list(alone if in_processes else (_survey_alone(known, recording) for recording in recordings))
     lone = [answer for answer in answers if isinstance(answer, LoneSurvey)]
     left_out = {r.name: a for r, a in zip(recordings, answers, strict=True) if isinstance(a, str)}
     if not lone:
