@@ -18,19 +18,21 @@ from planar import FOCAL_PX, SIDE_M, SIZE, camera
 from lmkit.generation.page import bare_landmark_page
 from lmkit.generation.png import page_to_image
 from lmkit.geometry.pose import Pose
-from lmkit.model.families import family_named
+from lmkit.model.families import MarkerFamily, family_named
+from lmkit.model.landmark import LandmarkFamily
 from lmkit.model.landmark_map import LandmarkMap
 from lmkit.model.palette import BLUE, RED, srgb_to_linear
 from lmkit.simulation.cameras import CameraKind, draw_chain
 from lmkit.simulation.inks import ALL_INKS, as_printed
-from lmkit.simulation.photograph import expose
+from lmkit.simulation.photograph import ImagingChain, expose
 from lmkit.simulation.render import render
 from lmkit.simulation.scene import Panel, Scene
 
 COLUMNS, ROWS = 3, 2
-MARGIN_M, A4_MARGIN_M = 0.015, 0.0585  # white beside the face, and above and below it on a whole sheet of A4
+MARGIN_M, A4_MARGIN_M = 0.015, 0.0585  # white beside the face, at least; above and below it on a whole sheet of A4
 WHOLE_SHEET_SHARE = 0.7
 FACE_PX = 360
+BLACK = (20.0, 20.0, 20.0)
 LOOK_ALIKES, HIDDEN_SHARE, BENT_SHARE, EMPTY_SHARE = 0.2, 0.2, 0.1, 0.15
 
 
@@ -43,12 +45,14 @@ class Shown:
         corners: (4,2) px.
         tilt_deg: between its normal and the line of sight.
         is_hidden: something lies over a part of it.
+        T_camera_marker: its pose.
     """
 
     code: int
     corners: np.ndarray
     tilt_deg: float
     is_hidden: bool
+    T_camera_marker: Pose
 
     @property
     def side_px(self) -> float:
@@ -64,7 +68,22 @@ def draw_scene(
     trouble: float = 0.3,
     look_alikes: float = LOOK_ALIKES,
 ) -> tuple[np.ndarray, list[Shown]]:
-    """One image, (480,640,3) BGR, 8 bit, and the landmarks in it.
+    """One image, (480,640,3) BGR, 8 bit, and the landmarks in it."""
+    return draw_photograph(seed, background, kinds, sides_px, family, trouble, look_alikes)[:2]
+
+
+def draw_photograph(
+    seed: Sequence[int],
+    background: np.ndarray,
+    kinds: Sequence[CameraKind],
+    sides_px: tuple[float, float] = (9.0, 60.0),
+    family: str = "lm8",
+    trouble: float = 0.3,
+    look_alikes: float = LOOK_ALIKES,
+) -> tuple[np.ndarray, list[Shown], ImagingChain]:
+    """One image, (480,640,3) BGR, 8 bit, the landmarks in it and how it was taken.
+
+    Places, light and camera depend on the seed alone, whatever the family.
 
     Args:
         background: (480,640,3) linear RGB.
@@ -73,7 +92,7 @@ def draw_scene(
         look_alikes: share of the sheets that show a look-alike.
     """
     rng = np.random.default_rng(seed)
-    panels, shown = [], []
+    panels, shown, marker = [], [], family_named(family)
     for cell in range(COLUMNS * ROWS):
         if rng.random() < EMPTY_SHARE:
             continue
@@ -82,12 +101,13 @@ def draw_scene(
         inks = ALL_INKS[str(rng.choice(list(ALL_INKS)))]
         is_landmark = rng.random() >= look_alikes
         if is_landmark:
-            code = int(rng.integers(family_named(family).code_count))
+            code = int(rng.integers(marker.code_count))
             face = _face(family, code)
         else:
-            face = look_alike(rng)
-        above = A4_MARGIN_M if rng.random() < WHOLE_SHEET_SHARE else MARGIN_M
-        texture, paper = _on_paper(face, above), (SIDE_M + 2 * MARGIN_M, SIDE_M + 2 * above)
+            face = look_alike(rng, *_inks_of(marker))
+        beside = max(MARGIN_M, marker.margin_mm / marker.side_mm * SIDE_M)
+        above = A4_MARGIN_M if rng.random() < WHOLE_SHEET_SHARE else beside
+        texture, paper = _on_paper(face, above, beside), (SIDE_M + 2 * beside, SIDE_M + 2 * above)
         bend = float(rng.uniform(-0.01, 0.01)) if rng.random() < BENT_SHARE else 0.0
         panels.append(Panel(T, paper, as_printed(texture, inks), bend))
         if not is_landmark:
@@ -95,11 +115,12 @@ def draw_scene(
         is_hidden = rng.random() < HIDDEN_SHARE
         if is_hidden:
             panels.append(_obstacle(T, rng))
-        corners = camera().project(T.apply(family_named(family).object_points(SIDE_M)))
-        shown.append(Shown(code, corners, tilt, is_hidden))
+        corners = camera().project(T.apply(marker.object_points(SIDE_M)))
+        shown.append(Shown(code, corners, tilt, is_hidden, Pose("camera", "marker", T.R, T.t)))
     scene = Scene(tuple(panels), LandmarkMap([]), (1.0, 1.0, 1.0))
     radiance = render(scene, camera(), Pose.identity("map", "camera"), background)
-    return expose(radiance, draw_chain(rng, kinds, trouble, SIZE), rng), shown
+    chain = draw_chain(rng, kinds, trouble, SIZE)
+    return expose(radiance, chain, rng), shown, chain
 
 
 def _place(cell: int, side_px: float, rng: np.random.Generator) -> tuple[Pose, float]:
@@ -140,18 +161,25 @@ def _face(family: str, code: int) -> np.ndarray:
     return np.asarray(page_to_image(page, FACE_PX / 180 * 25.4), dtype=np.uint8)
 
 
-def _on_paper(face: np.ndarray, above_m: float) -> np.ndarray:
+def _on_paper(face: np.ndarray, above_m: float, beside_m: float) -> np.ndarray:
     """(h,w,3) linear RGB of a face on white paper."""
-    beside, above = (round(margin / SIDE_M * face.shape[0]) for margin in (MARGIN_M, above_m))
+    beside, above = (round(margin / SIDE_M * face.shape[0]) for margin in (beside_m, above_m))
     white = (255, 255, 255)
     sheet = cv2.copyMakeBorder(face, above, above, beside, beside, cv2.BORDER_CONSTANT, value=white)
     return srgb_to_linear(sheet / 255).astype(np.float32)
 
 
-def look_alike(rng: np.random.Generator) -> np.ndarray:
+def _inks_of(family: MarkerFamily) -> tuple[tuple[float, ...], tuple[float, ...]]:
+    """sRGB of the border and of what lies inside it."""
+    return (RED, BLUE) if isinstance(family, LandmarkFamily) else (BLACK, BLACK)
+
+
+def look_alike(
+    rng: np.random.Generator, frame: tuple[float, ...] = RED, ground: tuple[float, ...] = BLUE
+) -> np.ndarray:
     """(h,h,3) sRGB of a framed sign that is no landmark: frame, ground, and shapes on it."""
     n = FACE_PX
-    red, blue = np.array(RED, dtype=np.float64), np.array(BLUE, dtype=np.float64)
+    red, blue = np.array(frame, dtype=np.float64), np.array(ground, dtype=np.float64)
 
     def some_color() -> tuple[float, ...]:
         return tuple(rng.uniform(0, 255, 3).tolist())

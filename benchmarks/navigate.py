@@ -28,6 +28,7 @@ from lmkit.model.landmark_map import LandmarkMap
 from lmkit.navigation.navigator import Site, drive_to
 from lmkit.pipelines.rendered_cameras import RenderedCameras
 from lmkit.planning.coverage import Demand, PoseCoverage, predict_coverage
+from lmkit.planning.mounting_sites import MountingOptions
 from lmkit.planning.placement import place_landmarks
 from lmkit.planning.route import Goal
 from lmkit.simulation.recording import T_BASE_LEFT, WheelErrors
@@ -60,7 +61,7 @@ class Run:
 @lru_cache(maxsize=1)
 def prepared(path: Path, half: bool) -> tuple[FloorPlan, LandmarkMap, PoseCoverage, PoseCoverage]:
     floor = read_floor(path)
-    placed = place_landmarks(floor, [], RIG, RADIUS_M, Demand())
+    placed = place_landmarks(floor, [], RIG, RADIUS_M, Demand(), MountingOptions("lm8"))
     full = predict_coverage(floor, list(placed.landmarks), RIG, RADIUS_M)
     if not half:
         return floor, placed.landmarks, full, full

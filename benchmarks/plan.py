@@ -41,7 +41,7 @@ DRAWS = 8
 
 def evenly(floor: FloorPlan, spacing_m: float) -> list[MappedLandmark]:
     height = RIG.T_base_left.t[2] + 0.25
-    free = {(s.wall.name, round(s.along_m, 2)): s for s in possible_mounts(floor, RIG, MountingOptions())}
+    free = {(s.wall.name, round(s.along_m, 2)): s for s in possible_mounts(floor, RIG, MountingOptions("lm8"))}
     by_wall: dict[str, list[float]] = {}
     for name, along in free:
         by_wall.setdefault(name, []).append(along)
@@ -89,7 +89,7 @@ def simulated_error(floor: FloorPlan, landmarks: LandmarkMap, state: np.ndarray,
 def study(path: Path) -> str:
     floor, demand = read_floor(path), Demand()
     before = time.perf_counter()
-    placed = place_landmarks(floor, [], RIG, RADIUS_M, demand)
+    placed = place_landmarks(floor, [], RIG, RADIUS_M, demand, MountingOptions("lm8"))
     took = time.perf_counter() - before
     even = fewest_even(floor, replace(demand, share=min(demand.share, placed.share)), placed.coverage.step_m)
     rng = np.random.default_rng(3)

@@ -38,6 +38,7 @@ from lmkit.model.landmark_id import LandmarkId
 from lmkit.model.landmark_map import LandmarkMap, MappedLandmark, wall_pose
 from lmkit.model.observation import PairView
 from lmkit.planning.coverage import Demand
+from lmkit.planning.mounting_sites import MountingOptions
 from lmkit.planning.placement import place_landmarks
 from lmkit.simulation.observations import look
 from lmkit.simulation.recording import T_BASE_LEFT, make_drive
@@ -130,7 +131,7 @@ def calibrate() -> Iterator[float]:
 def place() -> Iterator[float]:
     """Landmarks placed on the office floor, 30 x 20 m, as `lmkit plan place` does by default."""
     floor = read_floor(HERE / "floors" / "office.yaml")
-    yield timed(lambda: place_landmarks(floor, [], RIG, 0.25, Demand()))
+    yield timed(lambda: place_landmarks(floor, [], RIG, 0.25, Demand(), MountingOptions("lm8")))
 
 
 def command(*arguments: str, cwd: str) -> float:

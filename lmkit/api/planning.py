@@ -73,7 +73,7 @@ def place_landmarks(
         floor: the floor plan, or its file (YAML, SVG, image, ROS map).
         rig: the rig, or its file; it needs T_base_left or ``camera_height``.
         demand: required accuracy: position, heading, and where it must hold.
-        options: sizes, heights and walls to choose from.
+        options: family, sizes, heights and walls to choose from; None: ``lm8`` of 180 mm on any wall.
         existing: landmarks that are mounted already and stay.
         radius: radius of the robot, metres or text with a unit.
         camera_height: height of the left camera above the floor, where the rig has no T_base_left.
@@ -89,12 +89,15 @@ def place_landmarks(
         >>> placement.share >= 0.5
         True
     """
+    from lmkit.model.landmark import LM8
     from lmkit.planning.coverage import Demand
+    from lmkit.planning.mounting_sites import MountingOptions
     from lmkit.planning.placement import place_landmarks
 
     ground, cameras = _floor(floor), _mounted(rig, camera_height)
     mounted = [] if existing is None else list(as_map(existing))
-    return place_landmarks(ground, mounted, cameras, as_metres(radius, "radius"), demand or Demand(), options)
+    choices = options or MountingOptions(LM8.name)
+    return place_landmarks(ground, mounted, cameras, as_metres(radius, "radius"), demand or Demand(), choices)
 
 
 def plan_route(

@@ -63,6 +63,7 @@ def run(
         Path | None,
         typer.Option("--check", help="Rig file to check against LEFT and RIGHT, by landmarks or by --board."),
     ] = None,
+    family: options.OneFamily = "lm8",
     capture: Annotated[
         bool, typer.Option("--capture", help="Guided capture: suggest the next view, keep sharp and new pairs.")
     ] = False,
@@ -101,7 +102,7 @@ def run(
         require_no("--check", for_calibration)
         # Without a board, landmarks are looked for; a measured size alone is refused.
         spec = None if board is None and measured is None else parse_board(board, measured)
-        check_images(check, *_both(left, right), spec, as_json)
+        check_images(check, *_both(left, right), spec, family, as_json)
         return
     if corners is not None:
         found_elsewhere = {"images": images, "--board": board, "--measured": measured, "--capture": capture or None}

@@ -12,12 +12,13 @@ if TYPE_CHECKING:
     from lmkit.model.board import BoardSpec
 
 
-def check_images(rig: Path, left: str, right: str, spec: BoardSpec | None, as_json: bool) -> None:
+def check_images(rig: Path, left: str, right: str, spec: BoardSpec | None, family: str, as_json: bool) -> None:
     """Compare a rig with new images, of a board or of landmarks."""
     from lmkit.calibration.rig_check import check_dict, check_lines, check_rig
     from lmkit.geometry.rig import as_stereo
     from lmkit.io.any_rig import read_any_rig
     from lmkit.io.image_groups import list_pairs
+    from lmkit.model.families import family_named
     from lmkit.pipelines.board_views import find_board_pairs
     from lmkit.pipelines.landmark_views import find_landmark_pairs
 
@@ -25,7 +26,7 @@ def check_images(rig: Path, left: str, right: str, spec: BoardSpec | None, as_js
     with ProgressBars() as bars:
         on_pair = bars.counter("finding corners")
         if spec is None:
-            points, views = find_landmark_pairs(files, old, on_pair=on_pair)
+            points, views = find_landmark_pairs(files, old, family_named(family), on_pair)
             checked = check_rig(old, points, views, lenses=False)
         else:
             found = find_board_pairs(files, spec, on_pair)

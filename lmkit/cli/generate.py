@@ -18,7 +18,7 @@ def run(
     output: Annotated[
         Path | None, typer.Option("--output", "-o", help="File to write: .pdf, .png or .svg. Default: by code.")
     ] = None,
-    family: Annotated[str, typer.Option("--family", help="Landmark family: lm8, lm4, lm8p, lm12 or lm12h4.")] = "lm8",
+    family: options.OneFamily = "lm8",
     template: Annotated[str | None, typer.Option("--template", help="Page template: a name or a .toml file.")] = None,
     size: options.OptionalSize = None,
     dpi: options.Dpi = 300.0,

@@ -54,7 +54,8 @@ Radius = Annotated[str, typer.Option("--radius", help="Robot radius.")]
 
 # Landmarks.
 Family = Annotated[str, typer.Option("--family", help="Landmark families to look for, such as lm8,lm12.")]
-_SIZE = typer.Option("--size", help="Landmark size, outer edge to outer edge of the red border, such as 180mm.")
+OneFamily = Annotated[str, typer.Option("--family", help="Landmark family, such as lm8, tag36h11 or aruco4x4_50.")]
+_SIZE = typer.Option("--size", help="Landmark size, outer edge to outer edge of the border, such as 180mm.")
 Size = Annotated[str, _SIZE]
 OptionalSize = Annotated[str | None, _SIZE]
 

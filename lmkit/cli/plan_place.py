@@ -31,6 +31,7 @@ def run(
     share: Annotated[
         float, typer.Option("--share", help="Percentage of the floor on which the requirement must hold.")
     ] = 90.0,
+    family: options.OneFamily = "lm8",
     size: Annotated[
         list[str] | None, typer.Option("--size", help="Landmark size to choose from; repeatable. Default: 180mm.")
     ] = None,
@@ -58,6 +59,7 @@ def run(
     from lmkit.cli.plan_inputs import read_mounted_rig
     from lmkit.io.external_maps import read_any_map
     from lmkit.io.floor_plan import read_floor
+    from lmkit.model.families import family_named
     from lmkit.model.landmark_map import LandmarkMap
     from lmkit.pipelines.prints import PAPERS
     from lmkit.planning.mounting_plan import placement_lines
@@ -74,6 +76,7 @@ def run(
         raise InputError("bad_paper", f"--paper {paper} is unknown", f"choose {', '.join(PAPERS)}")
     check_outputs([output / name for name in PLACEMENT_FILES], None, force)
     choices = MountingOptions(
+        family=family_named(family).name,
         sizes_m=tuple(parse_metres(text, "--size") for text in size or ["180mm"]),
         heights_m=tuple(parse_metres(text, "--height") for text in height or []),
         not_on=tuple(name.strip() for name in not_on.split(",") if name.strip()),

@@ -17,6 +17,7 @@ def run(
     pairs: Annotated[int, typer.Option("--pairs", help="Number of stereo pairs of the room.")] = 8,
     boards: Annotated[int, typer.Option("--boards", help="Number of stereo pairs of a calibration board.")] = 0,
     landmarks: Annotated[int, typer.Option("--landmarks", help="Number of landmarks on the walls.")] = 12,
+    family: options.OneFamily = "lm8",
     jobs: options.Jobs = None,
     force: options.Force = False,
 ) -> None:
@@ -30,12 +31,21 @@ def run(
         if not low <= value <= high:
             hint = f"give {low} to {high}"
             raise InputError("out_of_range", f"{name} {value} is outside {low} to {high}", hint)
+    from lmkit.model.families import family_named
+
+    kind = family_named(family)
+    if landmarks > kind.code_count:
+        raise InputError(
+            "too_few_codes",
+            f"--landmarks {landmarks}, but {family} has {kind.code_count} codes",
+            f"give up to {kind.code_count}, or another --family",
+        )
     from lmkit.io.files import check_writable, write_file
     from lmkit.simulation.dataset import description_files, make_dataset, render_images
     from lmkit.visualization.overlay import encode_png
 
     check_writable(output / "truth.json", force)
-    data = make_dataset(seed, pairs, boards, landmarks)
+    data = make_dataset(seed, pairs, boards, landmarks, kind)
     for name, image in progress(render_images(data), 2 * (pairs + boards), "rendering"):
         write_file(output / name, encode_png(image), force)
     for name, text in description_files(data).items():

@@ -72,7 +72,7 @@ def run_demo(folder: Path, seed: int, pairs: int, boards: int, landmarks: int, p
     Args:
         progress: called with the step's name, how much of it is done, and of how much.
     """
-    data = make_dataset(seed, pairs, boards, landmarks)
+    data = make_dataset(seed, pairs, boards, landmarks, LM8)
     _print_sheets(folder, data)
     progress("printing", 1, 1)
     _photograph(folder, data, progress)

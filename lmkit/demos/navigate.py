@@ -20,12 +20,14 @@ from lmkit.io.trajectory import poses_to_tum
 from lmkit.localization.absolute_pose import locate_rig
 from lmkit.localization.correspondences import CORNER_FLOOR_PX
 from lmkit.model.floor_plan import FloorPlan
+from lmkit.model.landmark import LM8
 from lmkit.model.landmark_map import LandmarkMap
 from lmkit.model.pose_status import PoseStatus
 from lmkit.navigation.navigator import Journey, Site, drive_to
 from lmkit.pipelines.rendered_cameras import RenderedCameras
 from lmkit.planning.coverage import Demand, predict_coverage
 from lmkit.planning.mounting_plan import mounting_csv, sheets_to_print
+from lmkit.planning.mounting_sites import MountingOptions
 from lmkit.planning.placement import Placement, place_landmarks
 from lmkit.planning.route import Goal, find_goal
 from lmkit.reports.planning import draw_coverage
@@ -103,7 +105,7 @@ def run_navigate_demo(folder: Path, seed: int, from_images: bool, tell: Progress
     write_file(folder / "rig.yaml", rig_to_yaml(rig), True)
     floor, demand = read_floor(folder / "floor.yaml"), Demand()
     tell("placing", 0, 1)
-    placement = place_landmarks(floor, [], rig, RADIUS_M, demand)
+    placement = place_landmarks(floor, [], rig, RADIUS_M, demand, MountingOptions(LM8.name))
     tell("placing", 1, 1)
     write_file(folder / "landmarks.pdf", sheets_to_print(placement), True)
     write_file(folder / "map.yaml", map_to_yaml(placement.landmarks), True)

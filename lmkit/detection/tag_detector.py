@@ -12,6 +12,7 @@ from lmkit.detection.config import DetectOptions
 from lmkit.detection.linear_image import LinearImage
 from lmkit.detection.pixel_sampling import mean_side
 from lmkit.detection.tag_registration import TagCandidate, register_and_decode_tag
+from lmkit.detection.tag_screening import promising
 from lmkit.detection.windows import LEAST_WINDOW_PX, clockwise, is_colourless, window_around
 from lmkit.model.square_marker import SquareMarkerFamily
 
@@ -54,7 +55,7 @@ def tag_candidates_of(
 def _quads_of(image: LinearImage, options: DetectOptions) -> FloatArray:
     config = options.config
     where = WhereToLook(ANYWHERE_IN_COLOUR, config.where.luma, config.where.dilated)
-    return distinct(find_candidates(image.pyramid.levels, config.sources, where, image.noise))
+    return find_candidates(image.pyramid.levels, config.sources, where, image.noise)
 
 
 def _read_quads(
@@ -65,10 +66,14 @@ def _read_quads(
     grey: bool,
 ) -> list[TagCandidate]:
     found: list[TagCandidate] = []
-    for quad in quads:
+    clear = np.array([promising(image.pyramid.levels, quads, family) for family in families])
+    some = np.flatnonzero(clear.any(axis=0))
+    for row in some[distinct(quads[some])].tolist():
+        quad = quads[row]
         if any(_is_in(quad, other) for other in found if other.rejected is None):
             continue
-        candidate = register_and_decode_tag(image, quad, families, options, grey)
+        chosen = [family for family, is_likely in zip(families, clear[:, row], strict=True) if is_likely]
+        candidate = register_and_decode_tag(image, quad, chosen, options, grey)
         if candidate is not None:
             found.append(candidate)
     return found
@@ -80,12 +85,11 @@ def _is_in(quad: FloatArray, read: TagCandidate) -> bool:
     return apart < 0.5 * read.side_px and mean_side(quad) < 1.5 * read.side_px
 
 
-def distinct(quads: FloatArray) -> FloatArray:
-    """(N,4,2) quads without those that have nearly the corners of an earlier one, from whichever corner on."""
-    kept = np.zeros((0, 4, 2))
-    for quad in quads:
-        turned = np.stack([np.roll(quad, k, axis=0) for k in range(4)])
-        apart = np.abs(turned[:, None] - kept[None]).max(axis=(2, 3))
-        if not (apart < SAME * mean_side(quad)).any():
-            kept = np.concatenate([kept, quad[None]])
+def distinct(quads: FloatArray) -> list[int]:
+    """Rows of (N,4,2) quads that have not nearly the corners of an earlier one, from whichever corner on."""
+    kept: list[int] = []
+    turned = np.stack([np.roll(quads, k, axis=1) for k in range(4)], axis=1)
+    for row, quad in enumerate(quads):
+        if not kept or np.abs(turned[kept] - quad).max(axis=(2, 3)).min() >= SAME * mean_side(quad):
+            kept.append(row)
     return kept

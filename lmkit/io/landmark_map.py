@@ -22,7 +22,7 @@ FOREIGN_FAMILY = "aruco"  # of any dictionary: not read in images, but its recor
 
 class _Landmark(Document):
     code: Annotated[int, Field(ge=0, strict=True)]
-    family: str = "lm8"
+    family: str
     size_m: Annotated[float, Field(gt=0)]
     position: Row
     quaternion: Annotated[list[float], Field(min_length=4, max_length=4)]

@@ -38,7 +38,7 @@ class FormDefaults:
         sigma: standard deviations of a position (m, each axis) and an orientation (rad, each axis), if known.
     """
 
-    family: str = "lm8"
+    family: str
     size_m: float = 0.18
     sigma: tuple[float, float] | None = None
 

@@ -17,7 +17,6 @@ from lmkit.io.readings import read_readings
 from lmkit.io.recording_tables import PAIR, read_detections, read_gyro, read_odometry
 from lmkit.io.trajectory import read_trajectory
 from lmkit.model.families import MarkerFamily, family_named
-from lmkit.model.landmark import LM8
 from lmkit.model.recording import Odometry, Recording, RigFrame
 from lmkit.model.trajectory import Trajectory
 from lmkit.parallel import map_in_processes
@@ -87,7 +86,7 @@ def read_recording(
     odometry: Path | None = None,
     gyro: Path | None = None,
     wheel_track_m: float | None = None,
-    families: Sequence[str] = (LM8.name,),
+    families: Sequence[str] = (),
     hz: float | None = None,
     on_frame: Callable[[int, int], None] = lambda done, total: None,
 ) -> Recording:

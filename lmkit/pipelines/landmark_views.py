@@ -17,7 +17,6 @@ from lmkit.geometry.camera import CameraModel
 from lmkit.geometry.stereo_rig import StereoRig
 from lmkit.io.images import read_image
 from lmkit.model.families import MarkerFamily
-from lmkit.model.landmark import LM8
 from lmkit.model.observation import Detection, PairView
 from lmkit.parallel import map_in_processes
 
@@ -25,7 +24,7 @@ from lmkit.parallel import map_in_processes
 def find_landmark_pairs(
     files: Sequence[tuple[Path, Path]],
     rig: StereoRig,
-    family: MarkerFamily = LM8,
+    family: MarkerFamily,
     on_pair: Callable[[int, int], None] = lambda done, total: None,
 ) -> tuple[FloatArray, list[PairView]]:
     """(4,3) corners of a landmark of its nominal size, and a view for each that both cameras of a pair read.

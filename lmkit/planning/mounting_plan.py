@@ -30,13 +30,13 @@ def sheets_to_print(placement: Placement, paper: str = DEFAULT_PAPER) -> bytes:
 
 def mounting_csv(placement: Placement) -> str:
     """A line for each new landmark: which wall, place, height, size, and the same in the map."""
-    rows = ["code,wall,from_left_end_m,height_m,size_mm,x_m,y_m,facing_deg\n"]
+    rows = ["code,wall,from_left_end_m,height_m,size_mm,x_m,y_m,facing_deg,family\n"]
     for mount in placement.mounts:
         x, y, z = mount.landmark.T_map_landmark.t
         facing = math.degrees(mount.wall.facing_rad) % 360
         rows.append(
             f"{mount.landmark.code},{mount.wall.name},{mount.along_m:.3f},{z:.3f},"
-            f"{1000 * mount.landmark.size_m:.0f},{x:.3f},{y:.3f},{facing:.1f}\n"
+            f"{1000 * mount.landmark.size_m:.0f},{x:.3f},{y:.3f},{facing:.1f},{mount.landmark.family}\n"
         )
     return "".join(rows)
 

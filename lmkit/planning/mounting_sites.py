@@ -23,16 +23,16 @@ class MountingOptions:
     """How landmarks may be mounted.
 
     Attributes:
+        family: of all of them.
         sizes_m: to choose from.
         heights_m: of their middles, to choose from; none: a little above the camera.
-        family: of all of them.
         not_on: names of walls that stay bare, beside those that the floor plan says.
         swap_s: how long to look for two landmarks that one can do for.
     """
 
+    family: str
     sizes_m: tuple[float, ...] = (0.18,)
     heights_m: tuple[float, ...] = ()
-    family: str = "lm8"
     not_on: tuple[str, ...] = ()
     swap_s: float = 2.5
 

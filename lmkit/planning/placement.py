@@ -52,6 +52,7 @@ class Placement:
         mounts = [
             {
                 "id": str(mount.landmark.id),
+                "family": mount.landmark.family,
                 "code": mount.landmark.code,
                 "wall": mount.wall.name,
                 "along_m": mount.along_m,
@@ -69,7 +70,7 @@ def place_landmarks(
     rig: AnyRig,
     radius_m: float,
     demand: Demand,
-    options: MountingOptions | None = None,
+    options: MountingOptions,
     on_step: Callable[[int, float], None] = lambda count, share: None,
 ) -> Placement:
     """The fewest landmarks found that hold the demand, none larger than it has to be.
@@ -82,7 +83,6 @@ def place_landmarks(
         InputError: no wall to mount anything on, or the robot fits nowhere.
         NegativeAnswer: no number of landmarks holds the demand; says what is possible.
     """
-    options = options or MountingOptions()
     mounts = possible_mounts(floor, rig, options)
     taken = crowded([mount.landmark for mount in mounts], existing)
     mounts = [mount for mount, there in zip(mounts, taken, strict=True) if not there.any()]

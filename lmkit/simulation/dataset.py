@@ -16,6 +16,7 @@ from lmkit.geometry.stereo_rig import StereoRig
 from lmkit.io.landmark_map import map_to_yaml
 from lmkit.io.rig import rig_to_yaml
 from lmkit.model.board import BoardSpec
+from lmkit.model.families import MarkerFamily
 from lmkit.parallel import map_sharing
 from lmkit.simulation.photograph import ImagingChain, photograph
 from lmkit.simulation.scene import Scene, board_panel, board_poses, drive, make_rig, make_room, studio
@@ -40,10 +41,10 @@ class Dataset:
     chain: ImagingChain
 
 
-def make_dataset(seed: int, pairs: int, boards: int, landmarks: int) -> Dataset:
+def make_dataset(seed: int, pairs: int, boards: int, landmarks: int, family: MarkerFamily) -> Dataset:
     """A room with a recording through it, everything drawn from the seed."""
     rig = make_rig()
-    scene = make_room(seed, landmarks)
+    scene = make_room(seed, family, landmarks)
     placed = board_poses(seed, rig, BOARD, boards) if boards else []
     return Dataset(seed, scene, rig, tuple(drive(seed, scene, pairs)), tuple(placed), ImagingChain())
 
@@ -125,6 +126,8 @@ def _visible(data: Dataset, T_map_left: Pose, side: str) -> list[dict[str, Any]]
         tilt = np.rad2deg(np.arccos(-normal @ centre / np.linalg.norm(centre)))
         seen.append(
             {
+                "id": str(landmark.id),
+                "family": landmark.family,
                 "code": landmark.code,
                 "corners": pixels.tolist(),
                 "side_px": float(sides.mean()),

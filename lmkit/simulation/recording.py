@@ -15,6 +15,8 @@ from lmkit.arrays import FloatArray
 from lmkit.geometry.planar import planar_pose, wrap_heading
 from lmkit.geometry.pose import Pose
 from lmkit.geometry.rig import AnyRig
+from lmkit.model.families import MarkerFamily
+from lmkit.model.landmark import LM8
 from lmkit.model.landmark_map import LandmarkMap
 from lmkit.model.observation import RangeBearing
 from lmkit.model.recording import Gyro, Odometry, RigFrame
@@ -127,16 +129,18 @@ def make_drive(
     noise_px: float = 0.15,
     rig: AnyRig | None = None,
     landmarks: LandmarkMap | None = None,
+    family: MarkerFamily = LM8,
 ) -> Drive:
     """A recording in rounds through a room with ``count`` landmarks on its walls.
 
     Args:
         landmarks: those of another recording, to drive through the same room again; None: mounted anew.
         rig: the cameras, with T_base_left; None: a stereo pair that looks ahead.
+        family: of the landmarks.
     """
     rng = np.random.default_rng([seed, 0])
-    codes = [int(code) for code in rng.permutation(256)[:count]]
-    landmarks = landmarks or LandmarkMap(mount_landmarks(rng, codes, (*size_m, HEIGHT_M)))
+    codes = [int(code) for code in rng.permutation(family.code_count)[:count]]
+    landmarks = landmarks or LandmarkMap(mount_landmarks(rng, family, codes, (*size_m, HEIGHT_M)))
     fine, truth = _round_trip(rng, seconds, size_m)
     errors = errors or WheelErrors()
     truth = _slip(rng, fine, truth, errors.slips)

@@ -87,16 +87,16 @@ def make_rig(
 
 def make_room(
     seed: int,
+    family: MarkerFamily,
     count: int = 10,
     size_m: tuple[float, float, float] = (6.0, 4.5, 2.6),
     codes: Sequence[int] | None = None,
 ) -> Scene:
-    """A room with ``count`` landmarks on its walls at camera height, their codes drawn from the seed."""
+    """A room with ``count`` landmarks of a family on its walls at camera height, their codes drawn from the seed."""
     rng = np.random.default_rng(seed)
-    family = family_named("lm8")
     if codes is None:
         codes = [int(c) for c in rng.choice(family.code_count, size=count, replace=False)]
-    return furnish_room(rng, LandmarkMap(mount_landmarks(rng, codes, size_m)), size_m)
+    return furnish_room(rng, LandmarkMap(mount_landmarks(rng, family, codes, size_m)), size_m)
 
 
 def furnish_room(rng: np.random.Generator, landmarks: LandmarkMap, size_m: tuple[float, float, float]) -> Scene:
@@ -128,10 +128,9 @@ def _moved_out(T: Pose) -> Pose:
 
 
 def mount_landmarks(
-    rng: np.random.Generator, codes: Sequence[int], size_m: tuple[float, float, float]
+    rng: np.random.Generator, family: MarkerFamily, codes: Sequence[int], size_m: tuple[float, float, float]
 ) -> list[MappedLandmark]:
     """Landmarks on the four walls of a room at camera height, spread without overlap."""
-    family = family_named("lm8")
     mounted = []
     for code, (wall, along, height) in zip(codes, _wall_places(rng, len(codes), size_m), strict=True):
         position, facing = _on_wall(wall, along, height, size_m[0], size_m[1])

@@ -21,6 +21,7 @@ def print_dict(item: PrintedLandmark, passes: bool) -> dict[str, Any]:
     }
     return {
         "source": item.source,
+        "id": str(seen.id),
         "code": seen.code,
         "family": seen.family,
         "corners": seen.corners.tolist(),

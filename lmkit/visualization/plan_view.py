@@ -9,7 +9,9 @@ import numpy as np
 
 from lmkit.arrays import ByteArray, FloatArray
 from lmkit.geometry.pose import Pose
-from lmkit.model.landmark_map import LandmarkMap
+from lmkit.model.landmark import FAMILIES
+from lmkit.model.landmark_id import LandmarkId
+from lmkit.model.landmark_map import LandmarkMap, MappedLandmark
 from lmkit.visualization.canvas import Canvas, PngCanvas, Rgb, SvgCanvas
 
 MOST_PIXELS_PER_M = 150.0
@@ -125,12 +127,14 @@ def draw_plan(
     known = [f.covariance for f in found if f.covariance is not None and f.sure]
     known += [landmark.covariance[:2, :2] for landmark in landmarks if landmark.covariance is not None]
     gain = _gain(known, scale)
+    families = {landmark.family for landmark in landmarks}
+    several = len(families) > 1
     for landmark in landmarks:
         if landmark.covariance is not None:
             plan.ellipse(landmark.T_map_landmark.t, landmark.covariance[:2, :2], gain, FAINT)
-        plan.landmark(landmark.T_map_landmark, landmark.size_m)
-    for pose, codes in _over_each_other(landmarks):
-        plan.codes(pose, ", ".join(map(str, codes)))
+        plan.landmark(landmark)
+    for pose, ids in _over_each_other(landmarks):
+        plan.codes(pose, ", ".join(str(id_) if several else str(id_.code) for id_ in ids))
     for true in truth:
         plan.camera(true, GREEN, 3, None)
     for one in found:
@@ -157,21 +161,23 @@ def draw_plan(
         legend.append((GREEN, "true pose"))
     if not all(f.sure for f in found):
         legend.append((FAINT, "ambiguous"))
-    plan.words(title, [*legend, (RED, "landmark and its code")])
+    ink = RED if families & FAMILIES.keys() or not families else INK
+    of_family = f" ({families.pop()})" if ink == INK and not several else ""
+    plan.words(title, [*legend, (ink, f"landmark and its {'id' if several else 'code'}{of_family}")])
     return canvas.file()
 
 
-def _over_each_other(landmarks: LandmarkMap) -> list[tuple[Pose, list[int]]]:
-    """Landmarks that are mounted at one place of the plan, as one pose and the codes."""
-    places: list[tuple[Pose, list[int]]] = []
+def _over_each_other(landmarks: LandmarkMap) -> list[tuple[Pose, list[LandmarkId]]]:
+    """Landmarks that are mounted at one place of the plan, as one pose and their ids."""
+    places: list[tuple[Pose, list[LandmarkId]]] = []
     for landmark in landmarks:
         here = landmark.T_map_landmark
-        for there, codes in places:
+        for there, ids in places:
             if np.linalg.norm(here.t[:2] - there.t[:2]) < SAME_PLACE_M and here.R[:, 2] @ there.R[:, 2] > 0:
-                codes.append(landmark.code)
+                ids.append(landmark.id)
                 break
         else:
-            places.append((here, [landmark.code]))
+            places.append((here, [landmark.id]))
     return places
 
 
@@ -216,16 +222,19 @@ class _Plan:
         rim = [a, (b[0], a[1]), b, (a[0], b[1]), a, (b[0], a[1])]
         self.canvas.line(rim, WALL if walls else GRID, 5 if walls else 1)
 
-    def landmark(self, pose: Pose, size_m: float) -> None:
-        """A bar on the landmark's own side of its wall."""
+    def landmark(self, landmark: MappedLandmark) -> None:
+        """A bar on the landmark's own side of its wall, in the colors of its family."""
+        pose, size_m = landmark.T_map_landmark, landmark.size_m
+        border, ground = (RED, BLUE) if landmark.family in FAMILIES else (INK, ROOM)
         # Across the normal, so that a landmark that is rotated on its wall is as wide as any other.
         across = np.array([-pose.R[1, 2], pose.R[0, 2]])
         along = across if np.linalg.norm(across) > UPRIGHT else pose.R[:2, 0]
         along = along / max(float(np.linalg.norm(along)), 1e-9)
+        inset = 0.02 if landmark.family in FAMILIES else 0.2
         middle = pose.t[:2] + OFF_WALL_PX / self.scale * pose.R[:2, 2]
         a, b = middle - along * size_m / 2, middle + along * size_m / 2
-        self.canvas.line([self.at(a), self.at(b)], RED, 12)
-        self.canvas.line([self.at(a + 0.02 * (b - a)), self.at(b - 0.02 * (b - a))], BLUE, 6)
+        self.canvas.line([self.at(a), self.at(b)], border, 12)
+        self.canvas.line([self.at(a + inset * (b - a)), self.at(b - inset * (b - a))], ground, 6)
 
     def codes(self, pose: Pose, label: str) -> None:
         """Codes beside the landmark, on the side from which it is seen."""

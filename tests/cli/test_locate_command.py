@@ -14,6 +14,7 @@ from lmkit.io.landmark_map import map_to_yaml
 from lmkit.io.rig import rig_to_yaml
 from lmkit.io.trajectory import read_trajectory
 from lmkit.model.estimate import PoseEstimate
+from lmkit.model.landmark import LM8
 from lmkit.pipelines.locate_images import Located
 from lmkit.pipelines.locate_results import LocateResults
 from lmkit.simulation.dataset import make_dataset, render_images
@@ -23,7 +24,7 @@ from lmkit.simulation.dataset import make_dataset, render_images
 def room(tmp_path_factory):
     """Two simulated pairs, the rig, the map and the truth."""
     folder = tmp_path_factory.mktemp("room")
-    data = make_dataset(1, pairs=2, boards=0, landmarks=12)
+    data = make_dataset(1, pairs=2, boards=0, landmarks=12, family=LM8)
     for name, image in render_images(data):
         path = folder / name.removeprefix("drive/")
         path.parent.mkdir(parents=True, exist_ok=True)

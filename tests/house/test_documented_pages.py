@@ -67,7 +67,9 @@ def test_the_form_of_the_tutorial_gives_the_map_that_it_shows(tmp_path: Path) ->
     ]
     (tmp_path / "form.csv").write_text(form, encoding="utf-8")
     landmarks = list(
-        read_measured_map(tmp_path / "form.csv", rectangular_room(6.0, 4.0).walls, FormDefaults(sigma=(0.01, 0.02)))
+        read_measured_map(
+            tmp_path / "form.csv", rectangular_room(6.0, 4.0).walls, FormDefaults("lm8", sigma=(0.01, 0.02))
+        )
     )
     assert len(landmarks) == 8
     for landmark in landmarks:

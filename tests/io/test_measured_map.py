@@ -19,7 +19,7 @@ from lmkit.model.map_checks import check_map
 ROOM = rectangular_room(6.0, 4.0)
 
 
-def read(folder: Path, text: str, defaults: FormDefaults = FormDefaults()) -> LandmarkMap:
+def read(folder: Path, text: str, defaults: FormDefaults = FormDefaults("lm8")) -> LandmarkMap:
     path = folder / "form.csv"
     path.write_text(text)
     return read_measured_map(path, ROOM.walls, defaults)
@@ -57,7 +57,7 @@ def test_sizes_families_names_and_sigma_of_a_row_are_kept(tmp_path: Path) -> Non
     text = (
         "id;wall;from_left_end_m;z_m;size_mm;name\nlm12:5;north;1,50;1,20;;dock\n6;north;3,5;1,2;100;\n7;north;;;;\n"
     )
-    first, second = read(tmp_path, text, FormDefaults(sigma=(0.01, 0.02)))
+    first, second = read(tmp_path, text, FormDefaults("lm8", sigma=(0.01, 0.02)))
     assert (str(first.id), first.size_m, first.name) == ("lm12:5", 0.18, "dock")
     assert (str(second.id), second.size_m, second.name) == ("lm8:6", 0.1, None)
     assert first.covariance is not None

@@ -14,10 +14,12 @@ from scipy.stats import spearmanr
 
 from lmkit.errors import InputError, NegativeAnswer
 from lmkit.io.floor_plan import read_floor
+from lmkit.io.measured_map import FormDefaults, read_measured_map
 from lmkit.localization.absolute_pose import LocateOptions, locate_rig
 from lmkit.localization.pose_prior import PosePrior
 from lmkit.model.floor_plan import FloorPlan, Wall
 from lmkit.model.landmark import LM8
+from lmkit.model.landmark_id import LandmarkId
 from lmkit.model.landmark_map import LandmarkMap, MappedLandmark, wall_pose
 from lmkit.planning.code_assignment import assign_codes, confusable_codes
 from lmkit.planning.coverage import (
@@ -28,6 +30,7 @@ from lmkit.planning.coverage import (
     predict_coverage,
     promised_errors,
 )
+from lmkit.planning.mounting_plan import mounting_csv
 from lmkit.planning.mounting_sites import MountingOptions, possible_mounts
 from lmkit.planning.placement import place_landmarks
 from lmkit.planning.placement_search import Search
@@ -143,7 +146,7 @@ def test_a_floor_without_landmarks_is_blind_and_one_weak_place(tmp_path):
 def test_what_is_placed_holds_the_demand_and_no_wall_that_must_stay_bare(tmp_path):
     floor = two_rooms(tmp_path)
     hung = [on_wall(floor.walls[0], 1.0, 9)]
-    options = MountingOptions(not_on=("A",), swap_s=0.0)
+    options = MountingOptions("lm8", not_on=("A",), swap_s=0.0)
     placed = place_landmarks(floor, hung, RIG, RADIUS_M, EASY, options)
     assert {m.wall.name for m in placed.mounts}.isdisjoint({"A", "glass"})
     # Measured anew, on other places.
@@ -162,7 +165,7 @@ def test_what_is_placed_holds_the_demand_and_no_wall_that_must_stay_bare(tmp_pat
 
 def test_of_several_sizes_and_heights_none_is_larger_than_it_has_to_be(tmp_path):
     floor, sizes, heights = two_rooms(tmp_path), (0.12, 0.18, 0.3), (1.0, 1.6)
-    options = MountingOptions(sizes, heights, swap_s=0.0)
+    options = MountingOptions("lm8", sizes, heights, swap_s=0.0)
     placed = place_landmarks(floor, [], RIG, RADIUS_M, EASY, options)
     assert placed.share >= EASY.share
     hung = [m.landmark for m in placed.mounts]
@@ -175,21 +178,21 @@ def test_of_several_sizes_and_heights_none_is_larger_than_it_has_to_be(tmp_path)
             others = [replace(one, size_m=smaller) if one is m else one for one in hung]
             assert predict_coverage(floor, others, RIG, RADIUS_M).covered(EASY).mean() < EASY.share + 0.04
     # Larger ones from which to choose need no more than one size alone.
-    alone = place_landmarks(floor, [], RIG, RADIUS_M, EASY, MountingOptions((0.12,), heights, swap_s=0.0))
+    alone = place_landmarks(floor, [], RIG, RADIUS_M, EASY, MountingOptions("lm8", (0.12,), heights, swap_s=0.0))
     assert len(hung) < len(alone.mounts)
     for a, b in combinations(hung, 2):
         assert np.linalg.norm(a.T_map_landmark.t - b.T_map_landmark.t) > (a.size_m + b.size_m) / 2
 
 
 def test_large_landmarks_do_not_hang_over_each_other(tmp_path):
-    placed = place_landmarks(two_rooms(tmp_path), [], RIG, RADIUS_M, EASY, MountingOptions((0.7,), swap_s=0.0))
+    placed = place_landmarks(two_rooms(tmp_path), [], RIG, RADIUS_M, EASY, MountingOptions("lm8", (0.7,), swap_s=0.0))
     for a, b in combinations((m.landmark for m in placed.mounts), 2):
         assert np.linalg.norm(a.T_map_landmark.t - b.T_map_landmark.t) > 0.7
 
 
 def test_what_hangs_for_nothing_is_taken_down_again(tmp_path):
     floor = two_rooms(tmp_path)
-    search = Search(floor, [], possible_mounts(floor, RIG, MountingOptions()), RIG, RADIUS_M, EASY)
+    search = Search(floor, [], possible_mounts(floor, RIG, MountingOptions("lm8")), RIG, RADIUS_M, EASY)
     search.fill(EASY.share, lambda count, share: None)
     enough = set(search.chosen)
     idle = [k for k in range(len(search.spots)) if k not in enough][::9][:4]
@@ -206,10 +209,10 @@ def test_what_hangs_for_nothing_is_taken_down_again(tmp_path):
 
 def test_what_no_landmarks_can_hold_is_refused_with_what_they_can(tmp_path):
     with pytest.raises(NegativeAnswer, match="required") as refused:
-        place_landmarks(two_rooms(tmp_path), [], RIG, RADIUS_M, replace(EASY, error_m=1e-5))
+        place_landmarks(two_rooms(tmp_path), [], RIG, RADIUS_M, replace(EASY, error_m=1e-5), MountingOptions("lm8"))
     assert "possible" in refused.value.hint
     with pytest.raises(InputError, match="no wall 'Q'"):
-        place_landmarks(two_rooms(tmp_path), [], RIG, RADIUS_M, EASY, MountingOptions(not_on=("Q",)))
+        place_landmarks(two_rooms(tmp_path), [], RIG, RADIUS_M, EASY, MountingOptions("lm8", not_on=("Q",)))
 
 
 def test_confusable_codes_hang_far_apart():
@@ -342,6 +345,20 @@ def test_labels_do_not_lie_over_each_other(tmp_path):
     assert ">7, 9<" in drawn
     assert ">11<" in drawn
     assert ">9<" not in drawn
+    tag = replace(on_wall(wall, 2.0, 7), id=LandmarkId("tag36h11", 7))
+    mixed = draw_plan(LandmarkMap([on_wall(wall, 1.0, 7), tag]), [], kind="svg").decode()
+    assert ">lm8:7<" in mixed
+    assert ">tag36h11:7<" in mixed
+
+
+def test_any_family_is_placed(tmp_path):
+    options = MountingOptions("tag36h11", swap_s=0.0)
+    placed = place_landmarks(two_rooms(tmp_path), [], RIG, RADIUS_M, EASY, options)
+    assert {one["id"].split(":")[0] for one in placed.to_dict()["landmarks"]} == {"tag36h11"}
+    (tmp_path / "mounting.csv").write_text(mounting_csv(placed))
+    walls, defaults = two_rooms(tmp_path).walls, FormDefaults("lm8")
+    again = read_measured_map(tmp_path / "mounting.csv", walls, defaults)
+    assert {landmark.id for landmark in again} == {mount.landmark.id for mount in placed.mounts}
 
 
 def test_failing_places_are_hatched_in_the_coverage_drawing(tmp_path):

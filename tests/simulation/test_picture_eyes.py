@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from lmkit.geometry.pose import Pose
+from lmkit.model.landmark import LM8
 from lmkit.pipelines.rendered_cameras import RenderedCameras
 from lmkit.simulation.observations import look
 from lmkit.simulation.scene import make_rig, make_room
@@ -21,7 +22,7 @@ def standing_before(landmark, distance_m):
 
 @pytest.mark.slow
 def test_pictures_show_what_hangs_there_now_and_then():
-    scene = make_room(3, count=6)
+    scene = make_room(3, LM8, count=6)
     ahead = np.array([[0.0, 0, 1], [-1, 0, 0], [0, -1, 0]])
     rig = replace(make_rig(), T_base_left=Pose("base", "left", ahead, np.zeros(3)))
     landmark = next(iter(scene.landmarks))

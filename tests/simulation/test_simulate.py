@@ -7,8 +7,12 @@ import json
 import cv2
 import numpy as np
 
+from lmkit.detection.config import DetectOptions
+from lmkit.detection.detector import detect_landmarks
 from lmkit.io.landmark_map import read_map
 from lmkit.io.rig import read_rig
+from lmkit.model.landmark import LM8
+from lmkit.model.square_marker import SQUARE_FAMILIES
 from lmkit.simulation.dataset import description_files, make_dataset, truth
 from lmkit.simulation.photograph import ImagingChain, Lens, Sensor, focus, photograph
 from lmkit.simulation.render import render
@@ -19,14 +23,14 @@ def test_the_same_seed_gives_the_same_room_and_picture():
     rig = make_rig((160, 120), 115.0)
     pictures = []
     for _ in range(2):
-        data = make_dataset(4, 2, 0, 6)
+        data = make_dataset(4, 2, 0, 6, family=LM8)
         pictures.append(photograph(data.scene, rig.left, data.poses[0], ImagingChain(), np.random.default_rng(1)))
     assert np.array_equal(*pictures)
 
 
 def test_the_truth_stands_where_the_picture_is_red():
     """The true corners against the image itself: red just inside each, no red just outside."""
-    data = make_dataset(12, 4, 0, 12)
+    data = make_dataset(12, 4, 0, 12, family=LM8)
     checked = 0
     for index, pair in enumerate(truth(data)["pairs"]):
         image = focus(render(data.scene, data.rig.left, data.poses[index]), Lens(blur_px=0.0))
@@ -47,7 +51,7 @@ def test_the_truth_stands_where_the_picture_is_red():
 
 
 def test_files_can_be_read_back(tmp_path):
-    data = make_dataset(3, 2, 1, 5)
+    data = make_dataset(3, 2, 1, 5, family=LM8)
     for name, text in description_files(data).items():
         (tmp_path / name).write_text(text)
     assert len(read_map(tmp_path / "map.yaml")) == 5
@@ -58,12 +62,26 @@ def test_files_can_be_read_back(tmp_path):
 
 
 def test_noise_grows_with_less_light():
-    scene = make_room(1, 4)
+    scene = make_room(1, LM8, 4)
     rig = make_rig((80, 60), 57.0)
-    pose = make_dataset(1, 1, 0, 4).poses[0]
+    pose = make_dataset(1, 1, 0, 4, family=LM8).poses[0]
     spreads = []
     for full_well in (20000.0, 500.0):
         chain = ImagingChain(sensor=Sensor(full_well=full_well))
         shots = [photograph(scene, rig.left, pose, chain, np.random.default_rng(k)).astype(float) for k in range(6)]
         spreads.append(np.std(shots, axis=0).mean())
     assert spreads[1] > 3 * spreads[0]
+
+
+def test_rooms_hang_any_family():
+    data = make_dataset(3, 2, 0, 6, SQUARE_FAMILIES["tag36h11"])
+    assert {landmark.family for landmark in data.scene.landmarks} == {"tag36h11"}
+    seen = [one for pair in truth(data)["pairs"] for one in pair["landmarks"]["left"]]
+    assert seen
+    assert all(one["id"] == f"tag36h11:{one['code']}" for one in seen)
+    image = photograph(data.scene, data.rig.left, data.poses[0], ImagingChain(), np.random.default_rng(1))
+    found = detect_landmarks(image, DetectOptions((SQUARE_FAMILIES["tag36h11"],), camera=data.rig.left))
+    true = {one["code"]: np.array(one["corners"]) for one in truth(data)["pairs"][0]["landmarks"]["left"]}
+    assert found
+    for one in found:
+        assert np.abs(one.corners - true[one.code]).max() < 0.5

@@ -217,7 +217,7 @@ def test_a_compensated_print_is_measured_as_it_will_come_out(lmkit, tmp_path):
 
 
 def test_measured_sizes_go_into_the_map(lmkit, tmp_path):
-    entry = "  - {code: 3, size_m: 0.18, position: [0, 0, 1], quaternion: [0, 0, 0, 1]}\n"
+    entry = "  - {code: 3, family: lm8, size_m: 0.18, position: [0, 0, 1], quaternion: [0, 0, 0, 1]}\n"
     (tmp_path / "map.yaml").write_text(f"format: lmkit-map/1\nframe: map\nlandmarks:\n{entry}")
     answer = lmkit("generate", "--code", 3, "--measured", "179.2x179.0", "--map", "map.yaml")
     assert answer.code == 2

@@ -1,0 +1,80 @@
+"""A quick look at squares before any is registered: is there white outside of a dark border, most of the way around?
+
+Twenty pairs of points, one in the white margin and one in the border beside it, are compared in linear light.  A pair
+is near enough that light falls on both alike, so a shadow across the marker spoils the few pairs on its edge only.
+"""
+
+from __future__ import annotations
+
+import cv2
+import numpy as np
+
+from lmkit.arrays import BoolArray, ByteArray, FloatArray
+from lmkit.geometry.homography import homographies_from_points
+from lmkit.model.palette import SRGB_TO_LINEAR
+from lmkit.model.square_marker import SquareMarkerFamily
+
+ALONG = (-0.8, -0.4, 0.0, 0.4, 0.8)  # of half a side
+FULL_DETAIL_SIDE_PX = 40.0  # one halving for every doubling of the side beyond this
+FLOOR = 0.005  # of full scale, added to dark values against their noise
+# Chosen on the kinds of cameras and the photographs of training (benchmarks/camera_scenes.py): of squares that read,
+# one in a hundred shows less.
+LEAST_MEDIAN, PAIR, LEAST_SHARE = 0.3, 0.15, 0.7  # log ratios, and share of the pairs
+LEAST_SIDE_PX, LEAST_SINE = 8.0, 0.05  # of the angles at corners
+AT_ONCE = 30_000  # rows that OpenCV's remap takes
+
+
+def promising(levels: tuple[ByteArray, ...], quads: FloatArray, family: SquareMarkerFamily) -> BoolArray:
+    """(N,) True of (N,4,2) px where white surrounds a dark border.
+
+    Args:
+        levels: (H,W,3) BGR, 8 bit: the image and its halvings.
+    """
+    clear = _well_shaped(quads) & (_sides(quads) > LEAST_SIDE_PX)
+    if not clear.any():
+        return clear
+    seen = _light(levels, quads[clear], family)
+    count = seen.shape[1] // 2
+    ratio = np.log((seen[:, :count] + FLOOR) / (seen[:, count:] + FLOOR))
+    clear[clear] = (np.median(ratio, axis=1) > LEAST_MEDIAN) & ((ratio > PAIR).mean(axis=1) >= LEAST_SHARE)
+    return clear
+
+
+def _sides(quads: FloatArray) -> FloatArray:
+    return np.asarray(np.linalg.norm(np.roll(quads, -1, axis=1) - quads, axis=2).mean(axis=1))
+
+
+def _well_shaped(quads: FloatArray) -> BoolArray:
+    """(N,) True of convex quads whose corners run clockwise and are no needles."""
+    edges = np.roll(quads, -1, axis=1) - quads
+    after = np.roll(edges, -1, axis=1)
+    turn = edges[:, :, 0] * after[:, :, 1] - edges[:, :, 1] * after[:, :, 0]
+    length = np.linalg.norm(edges, axis=2)
+    return np.asarray((turn > LEAST_SINE * length * np.linalg.norm(after, axis=2)).all(axis=1))
+
+
+def _pairs(family: SquareMarkerFamily) -> FloatArray:
+    """(40,2) mm: twenty points half a cell outside of the border's outer edge, then as many as far inside."""
+    points = []
+    for reach in (family.half_mm + family.cell_mm / 2, family.half_mm - family.cell_mm / 2):
+        along = np.array(ALONG) * family.half_mm
+        for side in (-reach, reach):
+            points += [(side, a) for a in along] + [(a, side) for a in along]
+    return np.array(points)
+
+
+def _light(levels: tuple[ByteArray, ...], quads: FloatArray, family: SquareMarkerFamily) -> FloatArray:
+    """(N,40) linear light at the points of the pairs, from an image in which the square is not large."""
+    points = _pairs(family)
+    H = homographies_from_points(family.corners_mm, quads)
+    mapped = np.einsum("nij,kj->nki", H, np.column_stack([points, np.ones(len(points))]))
+    at = mapped[:, :, :2] / mapped[:, :, 2:]
+    halvings = np.log2(np.maximum(_sides(quads) / FULL_DETAIL_SIDE_PX, 1.0)).astype(int).clip(0, len(levels) - 1)
+    seen = np.zeros(at.shape[:2])
+    for level in np.unique(halvings):
+        light = SRGB_TO_LINEAR[cv2.cvtColor(levels[level], cv2.COLOR_BGR2GRAY)].astype(np.float32)
+        for rows in np.array_split(np.flatnonzero(halvings == level), 1 + len(quads) // AT_ONCE):
+            where = ((at[rows] + 0.5) / 2.0**level - 0.5).astype(np.float32)
+            x, y = np.ascontiguousarray(where[:, :, 0]), np.ascontiguousarray(where[:, :, 1])
+            seen[rows] = cv2.remap(light, x, y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
+    return seen

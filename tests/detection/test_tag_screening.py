@@ -1,0 +1,36 @@
+"""A quick look at squares: white around a dark border, in light and in shadow."""
+
+import cv2
+import numpy as np
+
+from lmkit.detection.tag_screening import promising
+from lmkit.model.square_marker import SQUARE_FAMILIES
+
+TAG = SQUARE_FAMILIES["tag36h11"]
+QUAD = np.array([[60.0, 60.0], [123.0, 60.0], [123.0, 123.0], [60.0, 123.0]])
+
+
+def square(border: int, margin: int) -> np.ndarray:
+    image = np.full((200, 200, 3), margin, dtype=np.uint8)
+    cv2.rectangle(image, (60, 60), (123, 123), (border,) * 3, -1)
+    cv2.rectangle(image, (75, 75), (108, 108), (160,) * 3, -1)
+    return image
+
+
+def test_white_around_a_dark_border_is_promising() -> None:
+    assert promising((square(30, 220),), QUAD[None], TAG).all()
+    assert promising((square(30, 220),), QUAD[None] / 4 + 100, TAG).tolist() == [False]
+
+
+def test_a_shadow_across_does_not_hide_a_marker() -> None:
+    image = square(60, 220)
+    image[:, :95] //= 3
+    assert promising((image,), QUAD[None], TAG).all()
+
+
+def test_bright_borders_and_misshapen_squares_are_not() -> None:
+    assert not promising((square(220, 30),), QUAD[None], TAG).any()
+    folded = QUAD[[0, 2, 1, 3]]
+    line = np.column_stack([np.arange(4.0) * 20 + 20, np.full(4, 50.0)])
+    assert not promising((square(30, 220),), np.stack([folded, line, QUAD[::-1]]), TAG).any()
+    assert promising((square(30, 220),), np.zeros((0, 4, 2)), TAG).shape == (0,)
