@@ -34,10 +34,7 @@ def run(
         ),
     ] = None,
     board: Annotated[str | None, typer.Option("--board", help=BOARD_HELP)] = None,
-    measured: Annotated[
-        str | None,
-        typer.Option("--measured", help="Measured size of the printed pattern, outer edges, such as 249.1x174.4mm."),
-    ] = None,
+    measured: options.MeasuredPattern = None,
     output: Annotated[Path | None, typer.Option("--output", "-o", help="Rig file to write (YAML).")] = None,
     report: options.ReportOutput = None,
     model: Annotated[

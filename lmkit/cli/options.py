@@ -103,6 +103,10 @@ Jobs = Annotated[
         help="Largest number of worker processes. Default: one per CPU core.",
     ),
 ]
+MeasuredPattern = Annotated[
+    str | None,
+    typer.Option("--measured", help="Measured size of the printed pattern, outer edges, such as 249.1x174.4mm."),
+]
 Intrinsics = Annotated[
     list[Path] | None,
     typer.Option(
