@@ -31,8 +31,14 @@ def run(
         Path | None, typer.Option("--floor", help="Floor plan with named walls (lmkit-floor/1), or PNG, PGM, SVG.")
     ] = None,
     scale: options.Scale = None,
-    size: options.Size = "180mm",
-    family: Annotated[str, typer.Option("--family", help="Landmark family of rows without one.")] = "lm8",
+    size: Annotated[
+        str | None,
+        typer.Option("--size", help="Size of landmarks that the file gives none. Default for forms: 180mm."),
+    ] = None,
+    family: Annotated[
+        str | None,
+        typer.Option("--family", help="Family of landmarks that the file gives none. Default for forms: lm8."),
+    ] = None,
     sigma: Annotated[
         str | None,
         typer.Option("--sigma", help="Standard deviation of the measurements, written as covariances: 10mm,1deg."),
@@ -52,7 +58,7 @@ def run(
 
     if blank is not None:
         check_outputs([source], None, force)
-        write_outputs({source: blank_form(parse_codes(blank, family_named(family).code_count))}, force)
+        write_outputs({source: blank_form(parse_codes(blank, family_named(family or "lm8").code_count))}, force)
         print_line(f"wrote {source}")
         return
     check_outputs([output], plan, force)
@@ -86,15 +92,20 @@ def _read_room(room: str | None, floor: Path | None, scale: float | None) -> Flo
     return None if floor is None else read_floor(floor, scale)
 
 
-def _read(source: Path, ground: FloorPlan | None, size: str, family: str, sigma: str | None) -> LandmarkMap:
+def _read(
+    source: Path, ground: FloorPlan | None, size: str | None, family: str | None, sigma: str | None
+) -> LandmarkMap:
     from lmkit.io.external_maps import read_any_map
+    from lmkit.io.marker_maps import MarkerDefaults
     from lmkit.io.measured_map import FormDefaults, read_measured_map
+    from lmkit.model.families import family_named
     from lmkit.units import parse_length_mm, parse_sigma
 
+    size_m = None if size is None else parse_length_mm(size, "--size") / 1000
     if source.suffix.lower() not in (".csv", ".tsv"):
         if sigma is not None:
             raise InputError("not_together", f"--sigma is for forms, and {source} is a map", "leave --sigma out")
-        return read_any_map(source)
+        return read_any_map(source, MarkerDefaults(family and family_named(family).name, size_m))
     spread = None if sigma is None else parse_sigma(sigma, "--sigma", "give a length and an angle, such as 10mm,1deg")
-    defaults = FormDefaults(family, parse_length_mm(size, "--size") / 1000, spread)
+    defaults = FormDefaults(family or "lm8", size_m or 0.18, spread)
     return read_measured_map(source, () if ground is None else ground.walls, defaults)

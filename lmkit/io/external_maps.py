@@ -1,5 +1,7 @@
 """Maps of other systems: WPILib's AprilTag field layout (JSON) and TagSLAM's static bodies (YAML), in and out.
 
+What is read alone is in `marker_maps`.
+
 WPILib (FIRST robotics, PhotonVision): metres, quaternions W X Y Z; a tag's x axis points out of its face, y to the
 left of one who looks out from it, z up, while ours are x right and y up for one who looks at it, and z out of it.
 TagSLAM: rotation vectors; a tag's axes are ours.
@@ -17,19 +19,29 @@ from lmkit.errors import InputError
 from lmkit.geometry.pose import Pose
 from lmkit.io.documents import dump_yaml, load_document, load_json, read_text
 from lmkit.io.landmark_map import FOREIGN_FAMILY, read_map
+from lmkit.io.marker_maps import (
+    R_OURS_FIELD,
+    MarkerDefaults,
+    is_fiducial_slam,
+    read_apriltag_ros,
+    read_fiducial_slam,
+    read_limelight,
+    read_marker_mapper,
+)
 from lmkit.model.landmark_id import LandmarkId
 from lmkit.model.landmark_map import LandmarkMap, MappedLandmark
 from lmkit.model.square_marker import SQUARE_FAMILIES
 
 FIELD_TAG_M = 0.1651  # of every tag on a field, as its rules have it; the layout does not say
-# Columns: the field tag's x (out), y (left of one looking out: our x), z (up: our y), in our axes.
-_R_OURS_FIELD = np.array([[0.0, 1.0, 0.0], [0.0, 0.0, 1.0], [1.0, 0.0, 0.0]])
 FAMILY = "tag36h11"
 LARGEST_TAG_M = 10.0
 
 
-def read_any_map(path: Path) -> LandmarkMap:
-    """A map of lmkit's, of WPILib's or of TagSLAM's, recognised by content.
+def read_any_map(path: Path, defaults: MarkerDefaults | None = None) -> LandmarkMap:
+    """A map of lmkit's or of another system, recognised by content.
+
+    Args:
+        defaults: family and size of markers in files that do not say them.
 
     Raises:
         InputError: not readable, or none of them.
@@ -39,8 +51,17 @@ def read_any_map(path: Path) -> LandmarkMap:
         return read_map(path)
     if "bodies:" in text or '"bodies"' in text:
         return _from_tagslam(path, text)
+    defaults = defaults or MarkerDefaults()
+    if '"fiducials"' in text:
+        return _map(path, read_limelight(path, text))
+    if "tag_bundles:" in text or "standalone_tags:" in text:
+        return _map(path, read_apriltag_ros(path, text, defaults))
+    if "aruco_bc_markers" in text:
+        return _map(path, read_marker_mapper(path, text, defaults))
+    if is_fiducial_slam(text):
+        return _map(path, read_fiducial_slam(path, text, defaults))
     if text.lstrip().startswith("{"):
-        return _from_wpilib(path, text)
+        return _from_wpilib(path, text, defaults)
     return read_map(path)
 
 
@@ -53,7 +74,7 @@ def map_to_wpilib(landmarks: LandmarkMap, size_m: tuple[float, float]) -> str:
     tags = []
     for m in landmarks:
         T = m.T_map_landmark
-        x, y, z, w = Pose("map", "tag", T.R @ _R_OURS_FIELD, T.t).quaternion_xyzw.tolist()
+        x, y, z, w = Pose("map", "tag", T.R @ R_OURS_FIELD, T.t).quaternion_xyzw.tolist()
         place = dict(zip("xyz", T.t.tolist(), strict=True))
         turn = {"quaternion": {"W": w, "X": x, "Y": y, "Z": z}}
         tags.append({"ID": m.code, "pose": {"translation": place, "rotation": turn}})
@@ -77,12 +98,13 @@ def map_to_tagslam(landmarks: LandmarkMap) -> str:
     return dump_yaml({"bodies": [{"map": {"is_static": True, "type": "simple", "tags": tags}}]})
 
 
-def _from_wpilib(path: Path, text: str) -> LandmarkMap:
+def _from_wpilib(path: Path, text: str, defaults: MarkerDefaults) -> LandmarkMap:
     mapped = []
     try:
         layout = load_json(path, text)
         # Fields of other seasons had other tags: a layout that names its own is believed.
-        family, size_m = str(layout.get("family", FAMILY)), float(layout.get("size", FIELD_TAG_M))
+        family = defaults.family or str(layout.get("family", FAMILY))
+        size_m = defaults.size_m or float(layout.get("size", FIELD_TAG_M))
         if family not in (*SQUARE_FAMILIES, FOREIGN_FAMILY) or not 0 < size_m < LARGEST_TAG_M:
             raise ValueError(f"family {family!r} or size {size_m:g} m is unknown")
         for tag in layout["tags"]:
@@ -90,7 +112,7 @@ def _from_wpilib(path: Path, text: str) -> LandmarkMap:
             pose = Pose.from_quaternion(
                 "map", "tag", [float(place[k]) for k in "xyz"], [float(turn[k]) for k in ("X", "Y", "Z", "W")]
             )
-            T = Pose("map", "landmark", pose.R @ _R_OURS_FIELD.T, pose.t)
+            T = Pose("map", "landmark", pose.R @ R_OURS_FIELD.T, pose.t)
             mapped.append(MappedLandmark(LandmarkId(family, int(tag["ID"])), size_m, T))
     except (ValueError, KeyError, TypeError, OverflowError) as error:
         raise InputError(

@@ -1,0 +1,183 @@
+"""Maps of square markers that other programs write: fiducial_slam, apriltag_ros, Limelight and marker_mapper.
+
+fiducial_slam (map.txt): lines of id, x y z (m), roll pitch yaw (deg), variance, count, neighbours.
+apriltag_ros (tags.yaml): bundles of tags, metres, with a quaternion; the bundle's frame becomes the map's.
+Limelight (.fmap, JSON): 4x4 transforms, metres, from the center of the field; sizes in mm; axes as in WPILib.
+marker_mapper (YAML of OpenCV): corners of every marker, metres, top left first, then clockwise.
+Axes of a marker are ours (x right, y up, z out of it), except Limelight's.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from lmkit.arrays import FloatArray
+from lmkit.errors import InputError
+from lmkit.geometry.pose import Pose
+from lmkit.geometry.rotations import orthonormal
+from lmkit.io.documents import load_document, load_json
+from lmkit.model.landmark_id import LandmarkId
+from lmkit.model.landmark_map import MappedLandmark
+
+# Columns: the field tag's x (out), y (left of one looking out: our x), z (up: our y), in our axes.
+R_OURS_FIELD = np.array([[0.0, 1.0, 0.0], [0.0, 0.0, 1.0], [1.0, 0.0, 0.0]])
+APRILTAG = "tag36h11"
+NOT_A_ROTATION = 0.02
+_FIDUCIALS = re.compile(r"^\s*\d+(?:\s+[-+]?[\d.]+(?:[eE][-+]?\d+)?){7}(?:\s+\d+)+\s*$")
+_LIMELIGHT = re.compile(r"(?:apriltag\d?_)?(\d+h\d+)(?:_classic)?$")
+_UNSPACED = re.compile(r"\b(id|corners):(?=[\[\d-])")  # OpenCV writes {id:0, which is another key in YAML
+
+
+@dataclass(frozen=True)
+class MarkerDefaults:
+    """Family and size of markers, for files that do not give them.
+
+    Attributes:
+        family: name, or None where it was not given.
+        size_m: outer edge of the black border, or None.
+    """
+
+    family: str | None = None
+    size_m: float | None = None
+
+    def require(self, path: Path, what: str) -> tuple[str, float]:
+        """Family and size.
+
+        Raises:
+            InputError: one of them was not given.
+        """
+        if self.family is None or self.size_m is None:
+            raise InputError(
+                "no_family_or_size",
+                f"{path}: {what} says neither the markers' family nor their size",
+                "convert it first: lmkit map FILE -o map.yaml --family aruco5x5_1000 --size 140mm",
+            )
+        return self.family, self.size_m
+
+
+def is_fiducial_slam(text: str) -> bool:
+    """Whether the first line is one of fiducial_slam's map.txt."""
+    return _FIDUCIALS.match(next((line for line in text.splitlines() if line.strip()), "")) is not None
+
+
+def read_fiducial_slam(path: Path, text: str, defaults: MarkerDefaults) -> list[MappedLandmark]:
+    """The markers of a map.txt; variances are not read.
+
+    Raises:
+        InputError: a line is no marker, or family and size were not given.
+    """
+    family, size_m = defaults.require(path, "a map of fiducial_slam")
+    markers = []
+    for number, line in enumerate(text.splitlines(), start=1):
+        words = line.split()
+        if not words:
+            continue
+        if _FIDUCIALS.match(line) is None:
+            raise InputError("bad_map", f"{path}: line {number} is no marker", "give map.txt of fiducial_slam")
+        x, y, z, *angles = (float(word) for word in words[1:7])
+        roll, pitch, yaw = (math.radians(angle) for angle in angles)
+        R = _about(2, yaw) @ _about(1, pitch) @ _about(0, roll)
+        T = Pose("map", "landmark", R, np.array([x, y, z]))
+        markers.append(MappedLandmark(LandmarkId(family, int(words[0])), size_m, T))
+    return markers
+
+
+def read_apriltag_ros(path: Path, text: str, defaults: MarkerDefaults) -> list[MappedLandmark]:
+    """The tags of the one bundle of a tags.yaml.
+
+    Raises:
+        InputError: no bundle, or several, whose poses to each other the file does not hold.
+    """
+    with _named(path, "bad_map", "a tags.yaml of apriltag_ros", "give id, size, x y z, qw qx qy qz of every tag"):
+        data = load_document(path, text)
+        bundles = data.get("tag_bundles") or []
+        if len(bundles) != 1:
+            held = f"{len(bundles)} bundles, and not their poses in one frame" if bundles else "no tag with a pose"
+            raise InputError("bad_map", f"{path}: tags.yaml of apriltag_ros holds {held}", "keep one of tag_bundles")
+        markers = []
+        for tag in bundles[0]["layout"]:
+            place = [float(tag.get(key, 0.0)) for key in "xyz"]
+            turn = [float(tag.get(key, key == "qw")) for key in ("qx", "qy", "qz", "qw")]
+            id_ = LandmarkId(defaults.family or APRILTAG, int(tag["id"]))
+            T = Pose.from_quaternion("map", "landmark", place, turn)
+            markers.append(MappedLandmark(id_, _size(tag["size"]), T))
+        return markers
+
+
+def read_limelight(path: Path, text: str) -> list[MappedLandmark]:
+    """The tags of a .fmap.
+
+    Raises:
+        InputError: a tag lacks its transform, or is of another family.
+    """
+    with _named(path, "bad_map", "a field map of Limelight", "give id, family, size (mm) and transform of every tag"):
+        markers = []
+        for tag in load_json(path, text)["fiducials"]:
+            found = _LIMELIGHT.fullmatch(str(tag["family"]))
+            if found is None:
+                raise ValueError(f"family {tag['family']!r} is unknown")
+            T = np.array(tag["transform"], dtype=np.float64).reshape(4, 4)
+            pose = Pose("map", "landmark", _rotation(T[:3, :3]) @ R_OURS_FIELD.T, T[:3, 3])
+            id_ = LandmarkId(f"tag{found[1]}", int(tag["id"]))
+            markers.append(MappedLandmark(id_, _size(tag["size"]) / 1000, pose))
+        return markers
+
+
+def read_marker_mapper(path: Path, text: str, defaults: MarkerDefaults) -> list[MappedLandmark]:
+    """The markers of a map of ArUco's marker_mapper.
+
+    Raises:
+        InputError: corners in pixels, or of no square.
+    """
+    with _named(path, "bad_map", "a map of marker_mapper", "give id and four corners of every marker, in metres"):
+        data = load_document(path, _UNSPACED.sub(r"\1: ", text.removeprefix("%YAML:1.0")))
+        if int(data.get("aruco_bc_mInfoType", 1)) != 1:
+            raise ValueError("its corners are in pixels (aruco_bc_mInfoType), not in metres")
+        family = defaults.family or str(data.get("aruco_bc_dict", "")).lower()
+        markers = []
+        for marker in data["aruco_bc_markers"]:
+            corners = np.array(marker["corners"], dtype=np.float64).reshape(4, 3)
+            right = corners[1] + corners[2] - corners[0] - corners[3]
+            up = corners[0] + corners[1] - corners[2] - corners[3]
+            size_m = _size(float(np.linalg.norm(right) + np.linalg.norm(up)) / 4)
+            axes = np.column_stack([right, up, np.cross(right, up) / (2 * size_m)]) / (2 * size_m)
+            T = Pose("map", "landmark", _rotation(axes), corners.mean(axis=0))
+            markers.append(MappedLandmark(LandmarkId(family, int(marker["id"])), size_m, T))
+        return markers
+
+
+class _named:  # noqa: N801  (used as a function)
+    """Errors of reading become one that says what the file was taken for."""
+
+    def __init__(self, path: Path, code: str, what: str, hint: str) -> None:
+        self.parts = path, code, what, hint
+
+    def __enter__(self) -> None: ...
+
+    def __exit__(self, kind: Any, error: BaseException | None, at: Any) -> None:
+        if isinstance(error, ValueError | KeyError | TypeError | AttributeError | IndexError | OverflowError):
+            path, code, what, hint = self.parts
+            raise InputError(code, f"{path}: not {what} ({error})", hint) from None
+
+
+def _about(axis: int, angle: float) -> FloatArray:
+    return Pose.from_rvec("map", "map", angle * np.eye(3)[axis], np.zeros(3)).R
+
+
+def _rotation(R: FloatArray) -> FloatArray:
+    if not np.abs(R @ R.T - np.eye(3)).max() < NOT_A_ROTATION or np.linalg.det(R) < 0:
+        raise ValueError("its rotation is not a rotation")
+    return orthonormal(R)
+
+
+def _size(value: Any) -> float:
+    size = float(value)
+    if not 0 < size < 1e5:
+        raise ValueError(f"a size of {size:g}")
+    return size
