@@ -77,4 +77,4 @@ def test_good_data_are_called_good_and_bad_data_poor():
     assert not good.warnings
     assert "<b>Good.</b>" in calibration_report(good, BOARD, {})
     poor = calibrate_stereo(views(14, 1.2, 3), BOARD, (640, 480))
-    assert "<b>Poor.</b>" in calibration_report(poor, BOARD, {})
+    assert "<b>Not determined by these views.</b>" in calibration_report(poor, BOARD, {})
