@@ -47,7 +47,7 @@ if _TYPE_CHECKING:
     from lmkit.geometry.rig import MountedCamera as MountedCamera
     from lmkit.geometry.rig import Rig as Rig
     from lmkit.geometry.stereo_rig import StereoRig as StereoRig
-    from lmkit.mapping.several_recordings import JointSurvey as JointSurvey
+    from lmkit.mapping.joint_survey import JointSurvey as JointSurvey
     from lmkit.mapping.survey_results import Survey as Survey
     from lmkit.model.board import BoardSpec as BoardSpec
     from lmkit.model.detections import Detections as Detections
@@ -112,7 +112,7 @@ _HOMES = {
     "Rig": "geometry.rig",
     "StereoCalibration": "calibration.stereo",
     "StereoRig": "geometry.stereo_rig",
-    "JointSurvey": "mapping.several_recordings",
+    "JointSurvey": "mapping.joint_survey",
     "Survey": "mapping.survey_results",
     "TrackedTrajectory": "model.tracked_trajectory",
     "Trajectory": "model.trajectory",

@@ -14,7 +14,7 @@ from lmkit.model.trajectory import Trajectory
 if TYPE_CHECKING:
     from lmkit.evaluation.trajectory_error import TrajectoryError
     from lmkit.geometry.rig import AnyRig
-    from lmkit.mapping.several_recordings import JointSurvey
+    from lmkit.mapping.joint_survey import JointSurvey
     from lmkit.mapping.survey_results import Survey
     from lmkit.mapping.wall_constraints import LandmarkConstraint
     from lmkit.model.landmark_map import LandmarkMap
@@ -122,6 +122,7 @@ def survey_recordings(
         >>> joint.names
         ('monday', 'tuesday')
     """
+    from lmkit.mapping.joint_survey import joint_warnings
     from lmkit.mapping.several_recordings import NamedRecording
     from lmkit.mapping.several_recordings import survey_recordings as survey_together
     from lmkit.mapping.survey import anchors_of, landmark_sizes
@@ -141,24 +142,6 @@ def survey_recordings(
     sizes = landmark_sizes(frames, as_metres(size, "size"), anchors)
     result = survey_together(named, sizes, anchors, constraints)
     return replace(result, warnings=joint_warnings(result))
-
-
-def joint_warnings(result: JointSurvey) -> tuple[str, ...]:
-    """Warnings about what a user should check, one sentence each."""
-    texts = [str(moved) for moved in result.moved]
-    texts += [f"recording '{name}' is left out: {reason}" for name, reason in result.left_out.items()]
-    texts += [
-        f"recording '{name}': {contradicted}"
-        for name, survey in zip(result.names, result.surveys, strict=True)
-        for contradicted in survey.contradicted
-    ]
-    texts += [f"{id_} has an ambiguous pose; look from another side" for id_ in result.ambiguous]
-    texts += [
-        f"{id_} is {1000 * metres:.0f} mm off the {constraint} of its constraint; check it in the room"
-        for id_, constraint, metres in result.off_constraint
-    ]
-    texts += [f"{id_} is not placed: its observations are too few, or do not agree" for id_ in result.unplaced]
-    return tuple(texts)
 
 
 def track(

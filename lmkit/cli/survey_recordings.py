@@ -10,7 +10,6 @@ from lmkit.cli.output import check_outputs, print_json, print_line, progress, wa
 
 if TYPE_CHECKING:
     from lmkit.geometry.rig import AnyRig
-    from lmkit.mapping.several_recordings import JointSurvey
     from lmkit.mapping.wall_constraints import LandmarkConstraint
     from lmkit.model.landmark_map import LandmarkMap
 
@@ -45,6 +44,7 @@ def survey_several(
     from lmkit.api.recordings import survey_recordings
     from lmkit.io.landmark_map import map_to_yaml
     from lmkit.io.trajectory import poses_to_tum
+    from lmkit.mapping.joint_survey import joint_lines
     from lmkit.mapping.survey_results import base_poses
     from lmkit.pipelines.recording_folder import read_recording_folder
 
@@ -74,12 +74,3 @@ def recording_names(folders: Sequence[str]) -> list[str]:
     """Names of recordings: the last part of their paths, or the whole path where two would have the same name."""
     last = [Path(folder).name for folder in folders]
     return last if len(set(last)) == len(last) else [str(Path(folder)) for folder in folders]
-
-
-def joint_lines(result: JointSurvey) -> list[str]:
-    """One line per recording."""
-    return [
-        f"{name}: {len(survey.rows)} of {survey.frames} frames located, {len(survey.bundle.landmarks)} landmarks, "
-        f"{survey.bundle.rms_px:.2f} px"
-        for name, survey in zip(result.names, result.surveys, strict=True)
-    ]

@@ -11,7 +11,7 @@ import numpy as np
 
 from lmkit.errors import InputError
 from lmkit.fleet.jobs import StageJob
-from lmkit.fleet.recordings import BAGS, IMAGES
+from lmkit.fleet.recordings import BAG_FOLDER_HAS, BAGS
 from lmkit.fleet.store import Store, open_uri
 from lmkit.geometry.rig import AnyRig, mounted_cameras
 from lmkit.io.any_rig import read_any_rig
@@ -20,8 +20,8 @@ from lmkit.model.landmark_id import LandmarkId
 from lmkit.model.observation import Detection
 from lmkit.model.recording import Gyro, Odometry, Recording, RigFrame
 from lmkit.model.trajectory import Trajectory
-from lmkit.pipelines.detect_recording import POSES, read_recording
 from lmkit.pipelines.recording_checks import require_plausible_recording
+from lmkit.pipelines.recording_folder import read_recording_folder
 
 STAGE = "detect"
 
@@ -40,12 +40,9 @@ def detect_recording(job: StageJob) -> dict[str, Any]:
     with tempfile.TemporaryDirectory(prefix="lmkit-") as scratch:
         folder = _fetched(job, Path(scratch))
         rig = _rig_of(job, folder)
-        recording = read_recording(
-            rig=rig,
-            families=job.options["families"],
-            hz=job.options.get("hz"),
-            wheel_track_m=job.options.get("wheel_track_m"),
-            **_files(folder, rig),
+        options = job.options
+        recording = read_recording_folder(
+            folder, rig, options["families"], options.get("hz"), options.get("wheel_track_m")
         )
     require_plausible_recording(recording, rig)
     write_recording(job.store, f"{STAGE}/{job.key}", recording, rig)
@@ -76,7 +73,7 @@ def _fetched(job: StageJob, scratch: Path) -> Path:
         files, inside = open_uri(source)
         path = scratch / Path(inside).name
         fs.copy_files(inside, str(path), source_filesystem=files, destination_filesystem=fs.LocalFileSystem())
-    is_bag = path.suffix.lower() in BAGS or (path.is_dir() and (path / "metadata.yaml").exists())
+    is_bag = path.suffix.lower() in BAGS or (path.is_dir() and (path / BAG_FOLDER_HAS).exists())
     if not is_bag:
         if not path.is_dir():
             raise InputError("file_missing", f"{source} is not there any more", "scan again")
@@ -96,31 +93,6 @@ def _rig_of(job: StageJob, folder: Path) -> AnyRig:
         hint = "give --rig to lmkit fleet scan, or put rig.yaml into the recording's folder"
         raise InputError("no_rig", f"no rig of {job.recording.name}: {rig} is not there", hint)
     return read_any_rig(rig)
-
-
-def _files(folder: Path, rig: AnyRig) -> dict[str, Any]:
-    """Arguments of `read_recording`."""
-    found: dict[str, Any] = {}
-    if (folder / "detections.csv").is_file():
-        found["detections"] = folder / "detections.csv"
-    else:
-        found["sources"] = [_camera_source(folder, camera.name) for camera in mounted_cameras(rig)]
-    odometry = [folder / f"odometry{suffix}" for suffix in (".csv", *POSES)]
-    found["odometry"] = next((path for path in odometry if path.is_file()), None)
-    gyro = folder / "gyro.csv"
-    found["gyro"] = gyro if gyro.is_file() else None
-    return found
-
-
-def _camera_source(folder: Path, camera: str) -> str:
-    if (folder / camera).is_dir():
-        return str(folder / camera)
-    videos = [path for path in sorted(folder.glob(f"{camera}.*")) if path.suffix.lower() in IMAGES]
-    if len(videos) != 1:
-        raise InputError(
-            "no_images", f"{folder} has no folder or video of camera '{camera}'", f"name it {camera}/ or {camera}.mp4"
-        )
-    return str(videos[0])
 
 
 def write_recording(store: Store, folder: str, recording: Recording, rig: AnyRig) -> None:

@@ -13,7 +13,8 @@ from lmkit.fleet.detection import Detected, read_detected
 from lmkit.fleet.jobs import done_jobs
 from lmkit.fleet.store import Store
 from lmkit.io.landmark_map import map_to_yaml
-from lmkit.mapping.several_recordings import JointSurvey, MovedLandmark, NamedRecording, survey_recordings
+from lmkit.mapping.joint_survey import JointSurvey, MovedLandmark
+from lmkit.mapping.several_recordings import NamedRecording, survey_recordings
 from lmkit.mapping.survey import anchors_of, landmark_sizes
 from lmkit.mapping.wall_constraints import LandmarkConstraint
 from lmkit.model.landmark_map import CALENDAR_S, LandmarkMap

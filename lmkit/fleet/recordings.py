@@ -12,11 +12,13 @@ from typing import Any
 
 from lmkit.errors import InputError
 from lmkit.fleet.store import Store, open_uri
+from lmkit.pipelines.recording_folder import DETECTIONS, VIDEOS
 from lmkit.version import __version__
 
 TABLE = "recordings.parquet"
 BAGS = (".mcap", ".bag", ".db3")
-FOLDER_HAS = ("detections.csv",)  # or folders or videos of the rig's cameras
+BAG_FOLDER_HAS = "metadata.yaml"  # of a ROS 2 bag
+IMAGES = (".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff", ".webp")
 PLACEHOLDER = re.compile(r"\{(\w+)\}")
 KNOWN = ("site", "robot", "recording")
 
@@ -87,7 +89,7 @@ def find_recordings(pattern: str, rig: str = "") -> list[FleetRecording]:
         if size is None:
             continue
         source = f"{scheme}{separator}{info.path}" if separator else info.path
-        mine = PLACEHOLDER.sub(lambda m: str(matched[m[1]]), rig)  # noqa: B023
+        mine = _filled(rig, matched.groupdict())
         found.append(FleetRecording(source, parts["site"], parts["robot"], mine, size, modified))
     if not found:
         raise InputError(
@@ -96,6 +98,11 @@ def find_recordings(pattern: str, rig: str = "") -> list[FleetRecording]:
             f"a recording is a bag ({', '.join(BAGS)}) or a folder with detections.csv or images; quote the pattern",
         )
     return sorted(found, key=lambda r: r.source)
+
+
+def _filled(template: str, parts: Mapping[str, str]) -> str:
+    """The template with its names replaced by parts of a path."""
+    return PLACEHOLDER.sub(lambda name: parts[name[1]], template)
 
 
 def _expression(pattern: str) -> str:
@@ -126,14 +133,11 @@ def _extent(files: Any, info: Any) -> tuple[int | None, float]:
         return (info.size, _seconds(info)) if Path(info.path).suffix.lower() in BAGS else (None, 0.0)
     inside = files.get_file_info(fs.FileSelector(info.path, recursive=True))
     names = {i.path[len(info.path) :].lstrip("/") for i in inside if i.type == fs.FileType.File}
-    videos_or_images = any(Path(n).suffix.lower() in IMAGES for n in names if n.count("/") <= 1)
-    if not (names & set(FOLDER_HAS) or "metadata.yaml" in names or videos_or_images):
+    images = any(Path(n).suffix.lower() in (*IMAGES, *VIDEOS) for n in names if n.count("/") <= 1)
+    if not (names & {DETECTIONS, BAG_FOLDER_HAS} or images):
         return None, 0.0
     held = [i for i in inside if i.type == fs.FileType.File]
     return sum(i.size for i in held), max(_seconds(i) for i in held)
-
-
-IMAGES = (".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff", ".webp", ".mp4", ".avi", ".mkv", ".mov")
 
 
 def _seconds(info: Any) -> float:

@@ -13,7 +13,6 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
-from typing import Any
 
 import numpy as np
 
@@ -25,6 +24,7 @@ from lmkit.geometry.rig import AnyRig
 from lmkit.geometry.rotations import orthonormal, rotation_log
 from lmkit.mapping.bundle_adjustment import Anchor, BundleProblem
 from lmkit.mapping.joint_adjustment import JointProblem, recording_information
+from lmkit.mapping.joint_survey import JointSurvey, MovedLandmark
 from lmkit.mapping.recording_group import LoneSurvey, RecordingGroup, Version, join_recordings
 from lmkit.mapping.survey import (
     LEAST_CONTRADICTED,
@@ -35,17 +35,15 @@ from lmkit.mapping.survey import (
     solve_recording,
     survey_of,
 )
-from lmkit.mapping.survey_results import Survey, deviations
 from lmkit.mapping.wall_constraints import LandmarkConstraint
 from lmkit.model.landmark_id import LandmarkId
-from lmkit.model.landmark_information import LandmarkInformation, unknowns_of
+from lmkit.model.landmark_information import unknowns_of
 from lmkit.model.landmark_map import CALENDAR_S, LandmarkMap, MappedLandmark
 from lmkit.model.recording import RigFrame
 from lmkit.odometry.motion_model import Motion
 from lmkit.parallel import map_sharing
 
 ROUNDS = 4  # of leaving out observations that do not fit
-OF_RECORDING = ("frames", "located", "dropped", "reprojection_error_px", "jumps", "odometry")
 CHANGES = 12  # rounds of splitting and merging landmarks, one at a time
 MOVED_SHARE = 0.5  # of a recording's observations of a landmark
 SAME_M, SAME_RAD = 0.002, np.deg2rad(0.3)  # how still a landmark is that nobody moved
@@ -67,104 +65,6 @@ class NamedRecording:
     frames: tuple[RigFrame, ...]
     rig: AnyRig
     motion: Motion | None = None
-
-
-@dataclass(frozen=True, eq=False)
-class MovedLandmark:
-    """A landmark that was moved between recordings.
-
-    Attributes:
-        before, after: as it was mounted; `valid_to_s` and `valid_from_s` where the recordings' clocks tell.
-        seen_before, seen_after: names of recordings.
-    """
-
-    before: MappedLandmark
-    after: MappedLandmark
-    seen_before: tuple[str, ...]
-    seen_after: tuple[str, ...]
-
-    @property
-    def metres(self) -> float:
-        """How far its middle was moved."""
-        return float(np.linalg.norm(self.after.T_map_landmark.t - self.before.T_map_landmark.t))
-
-    @property
-    def radians(self) -> float:
-        """How far it was turned."""
-        return float(np.linalg.norm(rotation_log(self.after.T_map_landmark.R @ self.before.T_map_landmark.R.T)))
-
-    def __str__(self) -> str:
-        text = (
-            f"{self.before.id} was moved by {self.metres:.2f} m and {np.rad2deg(self.radians):.0f} deg between "
-            f"{', '.join(self.seen_before)} and {', '.join(self.seen_after)}"
-        )
-        if self.before.valid_to_s is None:
-            text += "; their clocks overlap, so that the map has its pose in the recording given last"
-        return text
-
-
-@dataclass(frozen=True, eq=False)
-class JointSurvey:
-    """Several surveyed recordings.
-
-    Attributes:
-        landmarks: the map; `past` has landmarks as they were before they were moved.
-        joint: (6L,6L) covariance of all landmarks valid now, in the map's order.
-        names, surveys: of the recordings that fit: poses and landmarks as all recordings together have them.
-        left_out: names of recordings that do not fit or cannot be surveyed, and why.
-        moved: landmarks that were moved between recordings.
-        information: what each recording that fits tells of its landmarks.
-        poorly_determined, unplaced, ambiguous, off_constraint: as of a `Survey`, by all recordings.
-        warnings: what a user should check, in words.
-    """
-
-    landmarks: LandmarkMap
-    joint: FloatArray
-    names: tuple[str, ...]
-    surveys: tuple[Survey, ...]
-    left_out: Mapping[str, str]
-    moved: tuple[MovedLandmark, ...]
-    information: tuple[LandmarkInformation, ...]
-    poorly_determined: tuple[tuple[LandmarkId, float, float], ...] = ()
-    unplaced: tuple[LandmarkId, ...] = ()
-    ambiguous: tuple[LandmarkId, ...] = ()
-    off_constraint: tuple[tuple[LandmarkId, LandmarkConstraint, float], ...] = ()
-    warnings: tuple[str, ...] = ()
-
-    def to_dict(self) -> dict[str, Any]:
-        """JSON of ``lmkit survey`` with several recordings (docs/formats.md), without the file written."""
-        return {
-            "recordings": [
-                {"name": name, **{key: value for key, value in survey.to_dict().items() if key in OF_RECORDING}}
-                for name, survey in zip(self.names, self.surveys, strict=True)
-            ],
-            "left_out": dict(self.left_out),
-            "landmarks": [
-                {
-                    "id": str(m.id),
-                    "code": m.code,
-                    "position": m.T_map_landmark.t.tolist(),
-                    "quaternion": m.T_map_landmark.quaternion_xyzw.tolist(),
-                    "valid_from_s": m.valid_from_s,
-                    **dict(zip(("sigma_m", "sigma_rad"), deviations(m), strict=True)),
-                }
-                for m in self.landmarks
-            ],
-            "moved": [
-                {
-                    "id": str(one.before.id),
-                    "metres": one.metres,
-                    "radians": one.radians,
-                    "before": list(one.seen_before),
-                    "after": list(one.seen_after),
-                }
-                for one in self.moved
-            ],
-            "poorly_determined": [str(id_) for id_, _, _ in self.poorly_determined],
-            "unplaced": [str(id_) for id_ in self.unplaced],
-            "ambiguous": [str(id_) for id_ in self.ambiguous],
-            "warnings": list(self.warnings),
-        }
 
 
 @dataclass(frozen=True, eq=False)

@@ -79,7 +79,7 @@ class Survey:
         bundle = self.bundle
         observations = dict(zip(bundle.ids, np.bincount(bundle.of, minlength=len(bundle.ids)).tolist(), strict=True))
         return {
-            "landmarks": [_landmark_dict(m, observations[m.id]) for m in bundle.landmarks],
+            "landmarks": [{**landmark_dict(m), "observations": observations[m.id]} for m in bundle.landmarks],
             "frames": self.frames,
             "located": len(self.rows),
             "dropped": self.dropped,
@@ -98,7 +98,8 @@ class Survey:
         }
 
 
-def _landmark_dict(m: MappedLandmark, observations: int) -> dict[str, Any]:
+def landmark_dict(m: MappedLandmark) -> dict[str, Any]:
+    """JSON of a surveyed landmark."""
     place, turn = deviations(m)
     return {
         "id": str(m.id),
@@ -107,7 +108,6 @@ def _landmark_dict(m: MappedLandmark, observations: int) -> dict[str, Any]:
         "quaternion": m.T_map_landmark.quaternion_xyzw.tolist(),
         "sigma_m": place,
         "sigma_rad": turn,
-        "observations": observations,
     }
 
 
