@@ -432,9 +432,6 @@ static int gauss_newton(const Problem *p, const double *limits, int64_t iteratio
                 most = 1e-9;
                 for (int i = 0; i < 8; i++)
                     most = fabs(step[i]) > most ? fabs(step[i]) : most;
-                /* A step so small that did not help leads nowhere by being smaller still. */
-                if (most < to_px && attempt > 0)
-                    return 1;
                 /* No corner moves further than a quarter of the side at once. */
                 double shorter = 0.25 * mean_side(state) / most;
                 if (shorter < 1.0) {

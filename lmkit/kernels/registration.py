@@ -312,11 +312,8 @@ def _gauss_newton(
     here = linearise_numpy(drawing, view, samples, priors, state, hypothesis, steps.fit_distortion)
     damping = 1e-3
     for _ in range(steps.most):
-        for trials in range(4):
+        for _ in range(4):
             step = -np.linalg.solve(here.normal + damping * np.diag(np.diag(here.normal)), here.gradient)
-            # A step so small that did not help leads nowhere by being smaller still.
-            if np.abs(step[:8]).max() < steps.to_px and trials > 0:
-                return state, here.normal, here.error
             # No corner moves further than a quarter of the side at once.
             step *= min(1.0, 0.25 * _mean_side(state) / max(np.abs(step[:8]).max(), 1e-9))
             trial = _moved(state, step, limits)

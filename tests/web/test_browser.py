@@ -168,7 +168,7 @@ def test_a_minute_of_live_states_holds_memory(browser, tmp_path):
         port = server.stdout.readline().strip()
         page = browser.new_page()
         page.goto(f"http://127.0.0.1:{port}/#/live")
-        page.get_by_text("The last minute").wait_for(timeout=30_000)
+        page.get_by_text("The last minute", exact=True).wait_for(timeout=30_000)
         sizes = []
         for _ in range(6):
             page.wait_for_timeout(10_000)
