@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from lmkit.cli.output import check_outputs, print_json, print_line, progress, warn, write_outputs
+from lmkit.errors import InputError
 
 if TYPE_CHECKING:
     from lmkit.geometry.rig import AnyRig
@@ -15,12 +16,23 @@ if TYPE_CHECKING:
 
 
 def are_recordings(sources: Sequence[str], rig: AnyRig) -> bool:
-    """The sources are two or more recording folders, not the images of each camera."""
+    """The sources are two or more recording folders, not the images of each camera.
+
+    Raises:
+        InputError: some are, and others are not.
+    """
     from lmkit.geometry.rig import mounted_cameras
     from lmkit.pipelines.recording_folder import is_recording_folder
 
     names = [camera.name for camera in mounted_cameras(rig)]
-    return len(sources) > 1 and all(is_recording_folder(Path(source), names) for source in sources)
+    others = [source for source in sources if not is_recording_folder(Path(source), names)]
+    if others and len(others) < len(sources):
+        raise InputError(
+            "no_recording",
+            f"{others[0]} holds no recording, as the other folders do",
+            f"put detections.csv into it, or a folder or video of each camera ({', '.join(names)})",
+        )
+    return len(sources) > 1 and not others
 
 
 def survey_several(

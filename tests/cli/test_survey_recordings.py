@@ -37,3 +37,12 @@ def test_options_of_single_recordings_are_refused(lmkit, days):
     answer = lmkit("survey", *recordings, "--rig", str(rig), "-o", "m.yaml", "--report", "r.html")
     assert answer.code == 2
     assert "--report" in answer.err and "several recordings" in answer.err
+
+
+def test_a_folder_without_a_recording_is_named(lmkit, days, tmp_path):
+    folder, recordings, _ = days
+    (tmp_path / "empty").mkdir()
+    rig = next((folder / "rigs").iterdir())
+    answer = lmkit("survey", *recordings, "empty", "--rig", str(rig), "-o", "m.yaml")
+    assert answer.code == 2
+    assert "empty holds no recording" in answer.err and "left, right" in answer.err
