@@ -9,8 +9,7 @@ from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
 from typing import Any, TypeVar
 
-from lmkit.errors import InputError
-from lmkit.fleet.store import EXTRA
+from lmkit.errors import EXTRA, InputError
 from lmkit.parallel import job_limit
 
 Job = TypeVar("Job")
@@ -112,7 +111,7 @@ def _client(address: str) -> Any:
     try:
         from distributed import Client
     except ImportError:
-        raise InputError("no_dask", "the engine dask needs distributed", EXTRA) from None
+        raise InputError("no_dask", "the engine dask needs distributed", EXTRA.format("fleet")) from None
     try:
         return Client(address, timeout=10)  # type: ignore[no-untyped-call]
     except (OSError, ValueError, TimeoutError) as error:

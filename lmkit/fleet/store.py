@@ -10,9 +10,8 @@ from pathlib import Path
 from typing import Any
 from uuid import uuid4
 
-from lmkit.errors import InputError
+from lmkit.errors import EXTRA, InputError
 
-EXTRA = "in a checkout of lmkit: uv sync --extra fleet, or pip install '.[fleet]'"
 ROWS_KEY = b"lmkit"  # key of the JSON in a table's metadata
 
 
@@ -25,7 +24,7 @@ def require_arrow() -> None:
     try:
         import pyarrow  # noqa: F401
     except ImportError:
-        raise InputError("no_pyarrow", "lmkit fleet needs pyarrow", EXTRA) from None
+        raise InputError("no_pyarrow", "lmkit fleet needs pyarrow", EXTRA.format("fleet")) from None
 
 
 @dataclass(frozen=True)

@@ -51,7 +51,7 @@ def test_the_list_of_commands_says_what_the_command_says(name):
 
 
 def test_code_cites_pages_that_exist():
-    for path in MODULES:
+    for path in (*MODULES, ROOT / "pyproject.toml"):
         for page in re.findall(r"docs/[\w/.-]+\.md", path.read_text(encoding="utf-8")):
             assert (ROOT / page).is_file(), f"{path.name} cites {page}"
 
