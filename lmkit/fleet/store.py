@@ -47,16 +47,16 @@ class Store:
 
     def exists(self, name: str) -> bool:
         """A file of that name is there."""
+        files, root = self._place
         from pyarrow import fs
 
-        files, root = self._place
         return bool(files.get_file_info(f"{root}/{name}").type == fs.FileType.File)
 
     def names(self, folder: str) -> list[str]:
         """Names of the files in a folder, without those half written; none where there is no such folder."""
+        files, root = self._place
         from pyarrow import fs
 
-        files, root = self._place
         selector = fs.FileSelector(f"{root}/{folder}", allow_not_found=True)
         found = [info.base_name for info in files.get_file_info(selector) if info.type == fs.FileType.File]
         return sorted(name for name in found if not name.startswith("."))
@@ -80,9 +80,9 @@ class Store:
         Raises:
             InputError: it cannot be written.
         """
+        files, root = self._place
         from pyarrow import fs
 
-        files, root = self._place
         data = content.encode() if isinstance(content, str) else content
         folder, _, last = name.rpartition("/")
         where, target = f"{root}/{folder}".rstrip("/"), f"{root}/{name}"
@@ -105,6 +105,7 @@ class Store:
         Raises:
             InputError: it cannot be read, or is no such file.
         """
+        require_arrow()
         import pyarrow as pa
         from pyarrow import parquet
 
@@ -119,6 +120,7 @@ class Store:
         self, name: str, columns: Mapping[str, Sequence[Any]], about: Mapping[str, Any] | None = None
     ) -> None:
         """Write columns as a Parquet file, with a JSON object in its metadata."""
+        require_arrow()
         import pyarrow as pa
         from pyarrow import parquet
 
