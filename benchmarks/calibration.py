@@ -71,8 +71,8 @@ def load(folder: Path) -> Case:
     corners = {"fused": {view.name: view for view in pairs.views}}
     if board.kind == "chessboard":
         files = list(zip(left, right, strict=True))
-        corners["SB"] = _pairs(files, lambda grey: _sb(grey, board))
-        corners["classic"] = _pairs(files, lambda grey: _classic(grey, board))
+        corners["SB"] = _pairs(files, lambda gray: _sb(gray, board))
+        corners["classic"] = _pairs(files, lambda gray: _classic(gray, board))
     return Case(folder.name, board, pairs.image_size, corners)
 
 
@@ -88,19 +88,19 @@ def _pairs(files: list[tuple[Path, Path]], find: Callable[[np.ndarray], np.ndarr
     return views
 
 
-def _sb(grey: np.ndarray, board: BoardSpec) -> np.ndarray | None:
-    found, corners = cv2.findChessboardCornersSB(grey, board.inner_corners, flags=SB_FLAGS)
+def _sb(gray: np.ndarray, board: BoardSpec) -> np.ndarray | None:
+    found, corners = cv2.findChessboardCornersSB(gray, board.inner_corners, flags=SB_FLAGS)
     return corners.reshape(-1, 2).astype(np.float64) if found else None
 
 
-def _classic(grey: np.ndarray, board: BoardSpec) -> np.ndarray | None:
+def _classic(gray: np.ndarray, board: BoardSpec) -> np.ndarray | None:
     for scale in (1, 2):
-        larger = grey if scale == 1 else cv2.resize(grey, None, fx=2, fy=2, interpolation=cv2.INTER_LINEAR_EXACT)
+        larger = gray if scale == 1 else cv2.resize(gray, None, fx=2, fy=2, interpolation=cv2.INTER_LINEAR_EXACT)
         flags = cv2.CALIB_CB_ADAPTIVE_THRESH | cv2.CALIB_CB_NORMALIZE_IMAGE
         found, corners = cv2.findChessboardCorners(larger, board.inner_corners, flags=flags)
         if found:
             corners = np.ascontiguousarray(corners / scale, dtype=np.float32)
-            cv2.cornerSubPix(grey, corners, (11, 11), (-1, -1), (3, 30, 0.01))
+            cv2.cornerSubPix(gray, corners, (11, 11), (-1, -1), (3, 30, 0.01))
             return corners.reshape(-1, 2).astype(np.float64)
     return None
 

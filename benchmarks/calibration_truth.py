@@ -49,14 +49,14 @@ def rendered(folder: Path) -> None:
         ]
         found = find_board_pairs(files, spec)
         result = calibrate_stereo(found.views, found.board, found.image_size, rejected=found.rejected)
-        focal, centre = 0.0, 0.0
+        focal, center = 0.0, 0.0
         for made, true in ((result.rig.left, rig.left), (result.rig.right, rig.right)):
             focal = max(focal, *(abs(made.K[k, k] / true.K[k, k] - 1) for k in (0, 1)))
-            centre = max(centre, *(abs(made.K[k, 2] - true.K[k, 2]) for k in (0, 1)))
+            center = max(center, *(abs(made.K[k, 2] - true.K[k, 2]) for k in (0, 1)))
         turned = np.rad2deg(np.linalg.norm(rotation_log(result.rig.T_right_left.R @ rig.T_right_left.R.T)))
-        worst = max(map(abs, standardised(result, rig).values()))
+        worst = max(map(abs, standardized(result, rig).values()))
         print(
-            f"| {case.name} | {len(result.used)} of {len(files)} | {100 * focal:.3f} % | {centre:.2f} px "
+            f"| {case.name} | {len(result.used)} of {len(files)} | {100 * focal:.3f} % | {center:.2f} px "
             f"| {1000 * (result.rig.baseline_m - rig.baseline_m):+.3f} mm | {turned:.4f} deg "
             f"| {worst:.1f} sigma | {result.held_out_epipolar_px:.3f} px |"
         )
@@ -88,10 +88,10 @@ def simulated(seed: int, count: int = 20) -> tuple[StereoCalibration, StereoRig]
 def deviations(seed: int) -> dict[str, float]:
     """Error over stated standard deviation, of every parameter; none where another model was chosen."""
     result, truth = simulated(seed)
-    return standardised(result, truth) if result.rig.left.model == "pinhole" else {}
+    return standardized(result, truth) if result.rig.left.model == "pinhole" else {}
 
 
-def standardised(result: StereoCalibration, truth: StereoRig) -> dict[str, float]:
+def standardized(result: StereoCalibration, truth: StereoRig) -> dict[str, float]:
     """Error over stated standard deviation, of every parameter."""
     made = result.rig
     assert made.intrinsics_sigma is not None

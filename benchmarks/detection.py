@@ -106,7 +106,7 @@ def attempt(photos: tuple[Path, ...], only: tuple[str, ...], job: tuple[str, flo
         line = {"ladder": ladder, "rung": rung, "seed": seed, "reader": name} | _judge(detect(shot.image), shot)
         if ladder in ("corners", "distance") and name in LINEARISED:
             linear = np.round(srgb_to_linear(shot.image / 255) * 255).astype(np.uint8)
-            line["linearised"] = _judge(detect(linear), shot)
+            line["linearized"] = _judge(detect(linear), shot)
         lines.append(line)
     return lines
 
@@ -194,9 +194,9 @@ def rate(lines: list[dict]) -> str:
 
 def median_of(key: str, digits: int, lines: list[dict]) -> str:
     plain = [line[key] for line in lines if key in line]
-    linear = [line["linearised"][key] for line in lines if key in line.get("linearised", {})]
+    linear = [line["linearized"][key] for line in lines if key in line.get("linearized", {})]
     text = f"{np.median(plain):.{digits}f}" if plain else "none read"
-    return text + (f" (linearised {np.median(linear):.{digits}f})" if linear else "")
+    return text + (f" (linearized {np.median(linear):.{digits}f})" if linear else "")
 
 
 ROWS = (

@@ -34,7 +34,7 @@ def rms(values: list[float]) -> float:
 
 
 def off(found: Pose, true: Pose) -> tuple[float, float]:
-    """Centimetres and degrees."""
+    """Centimeters and degrees."""
     return 100 * float(np.linalg.norm(found.t - true.t)), float(np.rad2deg(rotation_angle(found.R.T @ true.R)))
 
 

@@ -2,7 +2,7 @@
 
     uv run --extra benchmark python benchmarks/hidden.py [--n 120]
 
-Simulated: sides of 30 to 90 px, tilts to 40 degrees, Bayer, filmic tone, JPEG 85.  What hides is dark, grey
+Simulated: sides of 30 to 90 px, tilts to 40 degrees, Bayer, filmic tone, JPEG 85.  What hides is dark, gray
 or bright.  "Gaps clear": nothing lies over a gap position, so that the code is there to be read.
 """
 
@@ -49,11 +49,11 @@ def hiding_panel(kind: str, T: Pose, rng: np.random.Generator) -> tuple[Panel, n
         "corner": (0.2, 0.1, way * rng.uniform(0.145, 0.17)),
     }[kind]
     R = np.column_stack([np.append(across, 0), np.append(-way, 0), [0, 0, 1.0]])
-    colour = rng.choice([0.02, 0.05, 0.15, 0.4, 0.8]) * np.array(
+    color = rng.choice([0.02, 0.05, 0.15, 0.4, 0.8]) * np.array(
         [rng.uniform(0.5, 1), rng.uniform(0.6, 1), rng.uniform(0.4, 1)]
     )
     t = T.R @ np.array([*middle, 0.005]) + T.t
-    panel = Panel(Pose("map", "cover", T.R @ R, t), (width, length), np.tile(colour.astype(np.float32), (8, 8, 1)))
+    panel = Panel(Pose("map", "cover", T.R @ R, t), (width, length), np.tile(color.astype(np.float32), (8, 8, 1)))
     corners = [
         middle + sx * width / 2 * across + sy * length / 2 * way for sx, sy in ((-1, -1), (1, -1), (1, 1), (-1, 1))
     ]

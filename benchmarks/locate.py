@@ -65,7 +65,7 @@ def true_map(truth: dict, room: int) -> LandmarkMap:
 
 
 def locate(folder: Path, index: int) -> list[tuple[str, float, float, float, float]]:
-    """For each floor: status, errors of position (m) and heading (deg), and both parts' squared normalised error."""
+    """For each floor: status, errors of position (m) and heading (deg), and both parts' squared normalized error."""
     cv2.setNumThreads(1)
     truth = read_truth(folder)
     pair, rig = truth["pairs"][index], true_rig(truth)

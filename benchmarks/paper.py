@@ -2,11 +2,11 @@
 
     uv run --extra benchmark python benchmarks/paper.py ../shared/data/photos [--n 400]
 
-The recipe, as far as the paper tells it: colour segmentation after RGB to HSI, the structure of the
-contours (red around blue), four vertexes by linear approximation, the centre from the diagonals,
+The recipe, as far as the paper tells it: color segmentation after RGB to HSI, the structure of the
+contours (red around blue), four vertexes by linear approximation, the center from the diagonals,
 gap positions by the invariance of cross ratios from the real sizes, each gap judged by the share of
 dark pixels in a window that grows with the region.  What the paper leaves open (thresholds, sizes
-of windows) is chosen here to favour it: by its best rate on a separate set of seeds.
+of windows) is chosen here to favor it: by its best rate on a separate set of seeds.
 
 The images are simulated (`planar.py`): sides of 30 to 150 px, tilts to 50 deg, light from 2700 to
 6500 K balanced to within 15 %, half of them blurred or dim.  The paper's own images are not to be had.
@@ -48,9 +48,9 @@ def read_as_the_paper(
 ) -> list[tuple[int, np.ndarray]]:
     """(code, (4,2) corners) of every landmark the recipe finds."""
     hue, saturation, intensity = rgb_to_hsi(image)
-    coloured = saturation > saturation_least
-    red = (((hue < 30) | (hue > 330)) & coloured).astype(np.uint8)
-    blue = ((hue > 180) & (hue < 260) & coloured).astype(np.uint8)
+    colored = saturation > saturation_least
+    red = (((hue < 30) | (hue > 330)) & colored).astype(np.uint8)
+    blue = ((hue > 180) & (hue < 260) & colored).astype(np.uint8)
     contours, _ = cv2.findContours(red, cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)
     found = []
     for contour in contours:
@@ -91,7 +91,7 @@ def _read_quad(
     places = []
     for ring in LM8.rings:
         radius = (ring.inner_mm + ring.outer_mm) / 2
-        a = np.radians(ring.gap_centres_deg)
+        a = np.radians(ring.gap_centers_deg)
         places.append(radius * np.column_stack([np.sin(a), np.cos(a)]))
     gaps = look(np.concatenate(places), H) > 0.5
     return gaps_to_code(gaps.tolist()), transform_points(H, LM8.corners_mm)
@@ -148,7 +148,7 @@ def main() -> None:
     hits = {name: sum(r) for name, r in read.items()}
     rates = {n: (100 * h / options.n, *(100 * x for x in wilson(h, options.n))) for n, h in hits.items()}
     print(
-        f"| recognised of {options.n} | "
+        f"| recognized of {options.n} | "
         + " | ".join(f"{r:.1f} % ({a:.0f} to {b:.0f})" for r, a, b in rates.values())
         + " |"
     )

@@ -1,6 +1,6 @@
 """lmkit and its peers behind one face: an image in, (code, corners) out.
 
-Corners are (4,2), top left first, then clockwise, pixel centres at whole numbers.
+Corners are (4,2), top left first, then clockwise, pixel centers at whole numbers.
 """
 
 from __future__ import annotations
@@ -40,7 +40,7 @@ def with_apriltag() -> Callable[[np.ndarray], Found]:
 
     def detect(image: np.ndarray) -> Found:
         found = detector.detect(cv2.cvtColor(image, cv2.COLOR_BGR2GRAY))
-        # Its corners start top right and run against the clock; its pixel centres lie at halves.
+        # Its corners start top right and run against the clock; its pixel centers lie at halves.
         return [
             (d.tag_id, d.corners[[1, 0, 3, 2]] - 0.5) for d in found if d.hamming <= 1 and d.decision_margin >= 20
         ]
@@ -68,7 +68,7 @@ def with_locus() -> Callable[[np.ndarray], Found]:
 
     def detect(image: np.ndarray) -> Found:
         found = detector.detect(cv2.cvtColor(image, cv2.COLOR_BGR2GRAY))
-        # Its pixel centres lie at halves.
+        # Its pixel centers lie at halves.
         return [(int(i), c - 0.5) for i, c in zip(found.ids, found.corners, strict=True)]
 
     return detect
@@ -85,6 +85,6 @@ READERS = {
 def wilson(hits: int, n: int) -> tuple[float, float]:
     """95 % interval of a rate."""
     z = 1.96
-    centre = (hits + z * z / 2) / (n + z * z)
+    center = (hits + z * z / 2) / (n + z * z)
     half = z * np.sqrt(hits * (n - hits) / n + z * z / 4) / (n + z * z)
-    return centre - half, centre + half
+    return center - half, center + half

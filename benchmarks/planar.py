@@ -1,6 +1,6 @@
 """Scenes of one 18 cm marker before a real photograph, the same for every kind of marker.
 
-Simulated: the marker is drawn by a PDF rasteriser (lm8) or by OpenCV (AprilTag 36h11, ArUco 4x4),
+Simulated: the marker is drawn by a PDF rasterizer (lm8) or by OpenCV (AprilTag 36h11, ArUco 4x4),
 put on white paper, seen by a camera of f = 600 px and 640x480 pixels and taken by
 `lmkit.simulation.photograph`; the background is a real photograph.
 """

@@ -36,11 +36,11 @@ def chart() -> None:
     figure, axis = plt.subplots(figsize=(8, 4.5))
     sizes = np.linspace(0.03, 0.6, 100)
     cameras = (("f = 450 px (VGA, wide)", 450), ("f = 600 px (VGA)", 600), ("f = 1200 px (720p)", 1200))
-    for (name, focal), colour in zip(cameras, ("#b5442e", "#00549f", "#2b7a3d"), strict=True):
-        axis.plot(1000 * sizes, focal * sizes / FRONTAL_PX, color=colour, label=f"{name}, seen from the front")
-        axis.plot(1000 * sizes, focal * sizes / TILTED_PX, color=colour, ls="--", label="    tilted by 45 deg")
-    axis.axvline(180, color="grey", lw=0.8)
-    axis.annotate("180 mm", (184, 0.7), color="grey")
+    for (name, focal), color in zip(cameras, ("#b5442e", "#00549f", "#2b7a3d"), strict=True):
+        axis.plot(1000 * sizes, focal * sizes / FRONTAL_PX, color=color, label=f"{name}, seen from the front")
+        axis.plot(1000 * sizes, focal * sizes / TILTED_PX, color=color, ls="--", label="    tilted by 45 deg")
+    axis.axvline(180, color="gray", lw=0.8)
+    axis.annotate("180 mm", (184, 0.7), color="gray")
     axis.set_xlabel("size: outer edge to outer edge of the red border, mm")
     axis.set_ylabel("distance at which 95 of 100 are read, m")
     axis.set_ylim(0, 25)
@@ -70,7 +70,7 @@ def mosaic(boxes: list[Image.Image], columns: int, path: Path) -> None:
 
 
 def raster(pages: list, number: int) -> np.ndarray:
-    """A page with a thin grey edge, RGB."""
+    """A page with a thin gray edge, RGB."""
     rgb = np.asarray(pypdfium2.PdfDocument(pages_to_pdf(pages, ""))[number].render(scale=0.7).to_pil().convert("RGB"))
     return cv2.copyMakeBorder(rgb, 1, 1, 1, 1, cv2.BORDER_CONSTANT, value=(150, 150, 150))
 

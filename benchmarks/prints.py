@@ -62,7 +62,7 @@ Defect = Callable[[Sheet, Viewing, np.random.Generator], tuple[Sheet, Viewing]]
 
 
 def inked(texture: np.ndarray) -> np.ndarray:
-    """(h,w) 0 on paper, 1 on solid ink, of a file's colours."""
+    """(h,w) 0 on paper, 1 on solid ink, of a file's colors."""
     return 1 - np.clip(texture.min(axis=2), 0, 1)
 
 
@@ -147,8 +147,8 @@ def _mirrored(sheet, look, rng):
 DEFECTS: dict[str, tuple[Defect, tuple[str, ...], str]] = {
     "scale 0.97": (_scaled, ("scale",), "DF"),
     "X and Y 2 % apart": (_unequal, ("X to Y",), "DF"),
-    "faded blue": (_faded_blue, ("contrast of blue", "colour of blue"), "CDF"),
-    "magenta cast": (_magenta, ("colour of blue",), "CDF"),
+    "faded blue": (_faded_blue, ("contrast of blue", "color of blue"), "CDF"),
+    "magenta cast": (_magenta, ("color of blue",), "CDF"),
     "streaks": (_streaks, ("evenness",), "CDF"),
     "margin cut": (_cut_margin, ("white margin",), "CDF"),
     "glare spot": (_glare, ("glare",), "CDF"),
@@ -172,7 +172,7 @@ def drawn(code: int) -> np.ndarray:
 
 
 def scan(sheet: Sheet, look: Viewing, rng: np.random.Generator) -> np.ndarray:
-    """A flatbed: even light, a little blur, noise and turn; the bed's lid is grey."""
+    """A flatbed: even light, a little blur, noise and turn; the bed's lid is gray."""
     height, width = sheet.texture.shape[:2]
     turn = np.deg2rad(rng.uniform(-0.1, 0.1))
     c, s = np.cos(turn), np.sin(turn)

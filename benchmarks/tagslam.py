@@ -77,9 +77,9 @@ def main() -> None:
     parser.add_argument("folder", type=Path)
     parser.add_argument("--every", type=int, default=5)
     parser.add_argument("--no-odometry", action="store_true")
-    parser.add_argument("--sigma", default="0.05,2", help="of the hand measurements: metres, degrees")
+    parser.add_argument("--sigma", default="0.05,2", help="of the hand measurements: meters, degrees")
     arguments = parser.parse_args()
-    folder, (metres, degrees) = arguments.folder, map(float, arguments.sigma.split(","))
+    folder, (meters, degrees) = arguments.folder, map(float, arguments.sigma.split(","))
     unpacked = Path("/tmp/tag_detections.csv")
     unpacked.write_bytes(gzip.decompress((folder / "tag_detections.csv.gz").read_bytes()))
     frames = read_detections(unpacked, ["lm8"])[:: arguments.every]
@@ -92,7 +92,7 @@ def main() -> None:
         for m in frames
     ]
     rig, hand = load_rig(folder), load_hand_measured(folder)
-    covariance = np.diag([metres**2] * 3 + [np.deg2rad(degrees) ** 2] * 3)
+    covariance = np.diag([meters**2] * 3 + [np.deg2rad(degrees) ** 2] * 3)
     seen = {o.id for m in frames for o in m.detections}
     anchors = {("tag36h11", code): Anchor(m, covariance) for code, m in hand.items()}
     sizes = {key: hand[key[1]].size_m if key[1] in hand else 0.15 for key in seen}

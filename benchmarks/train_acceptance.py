@@ -42,8 +42,8 @@ REASONS = {
     "gap residual": "hidden",
     "uncertain parts": "unsure",
     "too uncertain parts": "unsure",
-    "little red": "colour",
-    "too red": "colour",
+    "little red": "color",
+    "too red": "color",
     "too much contrast": "contrast",
     "blur": "blur",
 }

@@ -15,7 +15,7 @@ _LENGTH = re.compile(r"\s*([0-9]+(?:\.[0-9]*)?|\.[0-9]+)\s*([a-z]*)\s*", re.IGNO
 
 
 def parse_length_mm(text: str, what: str = "length") -> float:
-    """Read a positive length such as ``180mm``, ``18 cm``, ``7.09in``; returns millimetres.
+    """Read a positive length such as ``180mm``, ``18 cm``, ``7.09in``; returns millimeters.
 
     Args:
         text: number and unit; the unit is required, since a bare number is how prints come out
@@ -40,7 +40,7 @@ def parse_length_mm(text: str, what: str = "length") -> float:
 
 
 def parse_size_mm(text: str, what: str = "size") -> tuple[float, float]:
-    """Read a width and a height such as ``249.1x174.4mm``; returns millimetres.
+    """Read a width and a height such as ``249.1x174.4mm``; returns millimeters.
 
     Raises:
         InputError: not two lengths; the unit may follow the height alone.
@@ -55,7 +55,7 @@ def parse_size_mm(text: str, what: str = "size") -> tuple[float, float]:
 
 
 def parse_sigma(text: str, name: str, hint: str) -> tuple[float, float]:
-    """Metres and rad of a length and an angle."""
+    """Meters and rad of a length and an angle."""
     from lmkit.units import parse_length_mm
 
     length, _, angle = text.partition(",")
@@ -63,14 +63,14 @@ def parse_sigma(text: str, name: str, hint: str) -> tuple[float, float]:
         degrees = float(angle.strip().removesuffix("deg"))
     except ValueError:
         raise InputError("bad_sigma", f"{name} {text} has no valid angle", hint) from None
-    metres = parse_length_mm(length.strip(), name) / 1000
-    if not (metres > 0 and 0 < degrees < 180):
+    meters = parse_length_mm(length.strip(), name) / 1000
+    if not (meters > 0 and 0 < degrees < 180):
         raise InputError("bad_sigma", f"{name} {text} is not positive", hint)
-    return metres, math.radians(degrees)
+    return meters, math.radians(degrees)
 
 
 def parse_two_lengths_mm(text: str, what: str) -> tuple[float, float]:
-    """``178.6x179.4``, or one number for both; millimetres unless a unit says otherwise."""
+    """``178.6x179.4``, or one number for both; millimeters unless a unit says otherwise."""
     from lmkit.units import parse_length_mm
 
     pieces = text.lower().split("x")

@@ -64,7 +64,7 @@ def most_seen(frames: tuple[RigFrame, ...], landmarks: LandmarkMap) -> MappedLan
 
 
 def map_error_m(found: LandmarkMap, true: LandmarkMap) -> float:
-    """Root mean square of the landmarks' places after the best rigid alignment, metres."""
+    """Root mean square of the landmarks' places after the best rigid alignment, meters."""
     both = [(m.T_map_landmark.t, t.T_map_landmark.t) for m in found if (t := true.find(m.id)) is not None]
     a, b = (np.array(points) for points in zip(*both, strict=True))
     U, _, Vt = np.linalg.svd((a - a.mean(0)).T @ (b - b.mean(0)))

@@ -92,15 +92,15 @@ PRIOR = (0.3, 0.1, 0.1, 0.05, 0.1, 0.99, 0.1, 0.02)
 
 
 def corners_in_view(rng: np.random.Generator, count: int, uncertain: bool, noise: float = 1e-3) -> Corners:
-    """Landmarks a few metres before a rig near the origin that looks along z, as it would see them."""
-    centre = rng.normal(size=(count, 1, 3)) * [1, 0.5, 0.5] + np.array([0, 0, 4])
+    """Landmarks a few meters before a rig near the origin that looks along z, as it would see them."""
+    center = rng.normal(size=(count, 1, 3)) * [1, 0.5, 0.5] + np.array([0, 0, 4])
     arms = 0.1 * np.array([[-1, -1, 0], [1, -1, 0], [1, 1, 0], [-1, 1, 0]]) @ small_rotations(rng, count, 0.5)
     R, t = small_rotations(rng, count, 0.01), 0.05 * rng.normal(size=(count, 3))
-    seen = np.einsum("sij,scj->sci", R, centre + arms) + t[:, None]
+    seen = np.einsum("sij,scj->sci", R, center + arms) + t[:, None]
     rays = seen[..., :2] / seen[..., 2:] + noise * rng.normal(size=(count, 4, 2))
     roots = 0.001 * rng.normal(size=(count, 6, 6)) if uncertain else None
     return Corners(
-        centre + arms, rays, 400 * small_rotations(rng, 4 * count, 0.1)[:, :2, :2].reshape(count, 4, 2, 2),
+        center + arms, rays, 400 * small_rotations(rng, 4 * count, 0.1)[:, :2, :2].reshape(count, 4, 2, 2),
         2000 * (np.eye(8) + 0.1 * rng.normal(size=(count, 8, 8))), R, t, arms, roots,
         np.arange(count) // 2 - 1,
     )  # fmt: skip
@@ -244,7 +244,7 @@ def _lens_calls(rng: np.random.Generator) -> Iterator[tuple[Any, ...]]:
             corners = rng.uniform(0, [640, 480], (count, 4, 2))
             yield lens, corners, A @ A.transpose(0, 2, 1), 0.06, 0.5
             yield lens, corners, None, 0.06, 0.5
-        # The centre itself; far outside the image; not a number.
+        # The center itself; far outside the image; not a number.
         yield lens, np.broadcast_to([322.0, 239.0], (2, 4, 2)), None, 0.06, 0.5
         yield lens, np.full((1, 4, 2), np.nan), None, 0.06, 0.5
 
@@ -263,7 +263,7 @@ def _square_calls(rng: np.random.Generator) -> Iterator[tuple[Any, ...]]:
 
 
 def bundle_in_view(rng: np.random.Generator, poses: int, landmarks: int, observations: int, size: float) -> Bundle:
-    """Rig poses near the origin and landmarks a few metres before them; with a large size in any order."""
+    """Rig poses near the origin and landmarks a few meters before them; with a large size in any order."""
     return Bundle(
         rng.integers(poses, size=observations), rng.integers(landmarks, size=observations),
         0.3 * rng.normal(size=(observations, 4, 2)), 400 * rng.normal(size=(observations, 4, 2, 2)),

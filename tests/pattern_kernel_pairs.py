@@ -22,8 +22,8 @@ from lmkit.kernels.registration import (
     Samples,
     Steps,
     View,
-    linearise,
-    linearise_numpy,
+    linearize,
+    linearize_numpy,
     plane_numpy,
     register,
     register_numpy,
@@ -79,7 +79,7 @@ def _landmark(rng: np.random.Generator, rings: int, count: int, wild: bool) -> t
     return drawing, samples, state, hypothesis
 
 
-def _linearisations(rng: np.random.Generator) -> Iterator[tuple[Any, ...]]:
+def _linearizations(rng: np.random.Generator) -> Iterator[tuple[Any, ...]]:
     for rings, count in [(2, 300), (2, 64), (1, 65), (3, 500), (0, 40), (-8, 400)]:
         drawing, samples, state, hypothesis = _landmark(rng, rings, count, False)
         yield drawing, VIEW, samples, PRIORS, state, hypothesis, True
@@ -234,7 +234,7 @@ def _tables(rng: np.random.Generator, rings: int) -> ScreenTables:
 
 # Kernel, definition, arguments, tolerance.
 PATTERN_CALLS = [
-    (linearise, linearise_numpy, _linearisations, 1e-5),
+    (linearize, linearize_numpy, _linearizations, 1e-5),
     (register, register_numpy, _registrations, 5e-4),
     (grid_moments, grid_moments_numpy, _moments, 1e-5),
     (robust_weights, robust_weights_numpy, _weightings, 1e-4),

@@ -62,19 +62,19 @@ def looking_along_x(rng: np.random.Generator, count: int) -> np.ndarray:
 
 
 def _landmarks(rng: np.random.Generator, count: int) -> tuple[np.ndarray, np.ndarray]:
-    """Centres and corners of squares on a wall a few metres away."""
-    centres = np.column_stack([rng.uniform(2, 5, count), rng.normal(size=count), rng.uniform(0.5, 1.5, count)])
+    """Centers and corners of squares on a wall a few meters away."""
+    centers = np.column_stack([rng.uniform(2, 5, count), rng.normal(size=count), rng.uniform(0.5, 1.5, count)])
     square = 0.09 * np.array([[0, 1, 1], [0, -1, 1], [0, -1, -1], [0, 1, -1]])
-    return centres, centres[:, None] + square
+    return centers, centers[:, None] + square
 
 
 def facing_calls(rng: np.random.Generator) -> Calls:
     for poses, landmarks in [(1, 1), (30, 20), (0, 3), (3, 0)]:
-        centres, _ = _landmarks(rng, landmarks)
+        centers, _ = _landmarks(rng, landmarks)
         normals = np.tile([-1.0, 0.0, 0.0], (landmarks, 1)) + 0.3 * rng.normal(size=(landmarks, 3))
         p = rng.normal(size=(poses, 3))
         reach = rng.uniform(2, 6, landmarks)
-        yield looking_along_x(rng, poses), p, centres, normals, reach, (0.1, 0.3, 0.6)
+        yield looking_along_x(rng, poses), p, centers, normals, reach, (0.1, 0.3, 0.6)
 
 
 def _sight_pairs(rng: np.random.Generator) -> Iterator[tuple[Camera, Pairs]]:
@@ -162,8 +162,8 @@ def paint_calls(rng: np.random.Generator) -> Calls:
     for window in ((slice(0, 9), slice(0, 8)), (slice(2, 5), slice(3, 8))):
         shape = (window[0].stop - window[0].start, window[1].stop - window[1].start)
         image, depth = rng.random((9, 8, 3), dtype=np.float32), rng.random((9, 8), dtype=np.float32)
-        colour, far = rng.random((*shape, 3), dtype=np.float32), rng.random(shape, dtype=np.float32)
-        yield image, depth, window, rng.uniform(size=shape) < 0.5, colour, far
+        color, far = rng.random((*shape, 3), dtype=np.float32), rng.random(shape, dtype=np.float32)
+        yield image, depth, window, rng.uniform(size=shape) < 0.5, color, far
 
 
 def painted(paint: Callable[..., None]) -> Callable[..., Any]:

@@ -1,4 +1,4 @@
-"""Printed landmarks put into real photographs: rasterised by a foreign renderer, warped, blurred, noised.
+"""Printed landmarks put into real photographs: rasterized by a foreign renderer, warped, blurred, noised.
 
 Nothing here comes from lmkit's own imaging model: the print is a PDF drawn by pypdfium2 or
 pdftoppm, the image is a real photograph, the warp is OpenCV's on an oversampled grid.
@@ -45,7 +45,7 @@ def to_code_values(linear: np.ndarray) -> np.ndarray:
     return np.round(np.clip(linear, 0, 1) ** (1 / 2.2) * 255).astype(np.uint8)
 
 
-def tilted_square(centre, side_px: float, tilt_deg: float, rng: np.random.Generator) -> np.ndarray:
+def tilted_square(center, side_px: float, tilt_deg: float, rng: np.random.Generator) -> np.ndarray:
     """(4,2) corners of a square tilted about a random axis, seen in perspective from five sides away."""
     axis, roll = rng.uniform(0, 2 * np.pi, 2)
     t = np.deg2rad(tilt_deg)
@@ -56,13 +56,13 @@ def tilted_square(centre, side_px: float, tilt_deg: float, rng: np.random.Genera
     turn = np.array([[np.cos(roll), -np.sin(roll), 0], [np.sin(roll), np.cos(roll), 0], [0, 0, 1]])
     square = np.array([[-0.5, -0.5, 0], [0.5, -0.5, 0], [0.5, 0.5, 0], [-0.5, 0.5, 0]])
     points = square @ (tilt @ turn).T
-    return np.asarray(centre) + side_px * points[:, :2] * 5 / (5 + points[:, 2:])
+    return np.asarray(center) + side_px * points[:, :2] * 5 / (5 + points[:, 2:])
 
 
 def paste_landmark(
     photograph: np.ndarray,
     code: int,
-    centre,
+    center,
     side_px: float,
     tilt_deg: float,
     rng: np.random.Generator,
@@ -71,7 +71,7 @@ def paste_landmark(
     sheet: Callable[[int], np.ndarray] = sheet_by_pdfium,
 ) -> tuple[np.ndarray, np.ndarray]:
     """The photograph with the sheet in it, and the (4,2) true outer corners of its red border."""
-    corners = tilted_square(centre, side_px, tilt_deg, rng)
+    corners = tilted_square(center, side_px, tilt_deg, rng)
     face = np.array(load_template("a4").centre_mm) + 90.0 * np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]])
     return put_sheet(photograph, to_linear(sheet(code)), face, corners, rng, blur_px, noise), corners
 

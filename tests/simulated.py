@@ -1,4 +1,4 @@
-"""One landmark on a grey wall, drawn by pypdfium2, taken with `simulate.photograph`."""
+"""One landmark on a gray wall, drawn by pypdfium2, taken with `simulate.photograph`."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ def sheet(code: int, family: LandmarkFamily) -> np.ndarray:
 
 
 def shoot(code, side_px, turn_deg=0.0, tilt_deg=0.0, chain=None, seed=0, camera=CAMERA, family=LM8):
-    """An image of one landmark on a grey wall, and its true corners."""
+    """An image of one landmark on a gray wall, and its true corners."""
     distance = camera.K[0, 0] * 0.18 / side_px
     roll = cv2.Rodrigues(np.array([0.0, 0.0, np.deg2rad(turn_deg)]))[0]
     tilt = cv2.Rodrigues(np.array([0.0, np.deg2rad(tilt_deg), 0.0]))[0]

@@ -1,4 +1,4 @@
-"""Held-out row error with each localiser of board corners alone, and with all of them weighed, on real stereo sets.
+"""Held-out row error with each localizer of board corners alone, and with all of them weighed, on real stereo sets.
 
 python docs/decisions/0005-board-corners.py ../shared/data/stereo
 """
@@ -14,27 +14,27 @@ from lmkit.model.board import BoardSpec
 from lmkit.pipelines.board_views import _look, pair_view
 
 
-def only(localise):
-    """A refinement by one localiser."""
+def only(localize):
+    """A refinement by one localizer."""
 
-    def refine(grey, found, board_points, square, clear=0.5):
+    def refine(gray, found, board_points, square, clear=0.5):
         side = corners._smallest_side(found, board_points, square)
-        refined = localise(grey, found, min(clear, 1.0) * side)
+        refined = localize(gray, found, min(clear, 1.0) * side)
         return refined, corners.corner_noise(refined, board_points)
 
     return refine
 
 
 WAYS = {
-    "SB": only(lambda grey, found, side: found),
+    "SB": only(lambda gray, found, side: found),
     "gradient": only(
-        lambda grey, found, side: corners._by_gradients(
-            grey, found, corners._half_window(corners.GRADIENT_WINDOW / 0.5 * side)
+        lambda gray, found, side: corners._by_gradients(
+            gray, found, corners._half_window(corners.GRADIENT_WINDOW / 0.5 * side)
         )
     ),
     "saddle": only(
-        lambda grey, found, side: corners._by_saddles(
-            grey, found, corners._half_window(corners.SADDLE_WINDOW / 0.5 * side)
+        lambda gray, found, side: corners._by_saddles(
+            gray, found, corners._half_window(corners.SADDLE_WINDOW / 0.5 * side)
         )
     ),
     "weighed": corners.refine_corners,

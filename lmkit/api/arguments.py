@@ -27,7 +27,7 @@ Families = str | MarkerFamily | Iterable[str | MarkerFamily]
 
 
 class ImageWarning(UserWarning):
-    """An image in which landmarks cannot be found as it stands: grey, or with red and blue swapped."""
+    """An image in which landmarks cannot be found as it stands: gray, or with red and blue swapped."""
 
 
 def as_path(path: PathLike) -> Path:
@@ -41,11 +41,11 @@ def as_path(path: PathLike) -> Path:
     return Path(path)
 
 
-def as_image(image: ImageLike, needs_colour: bool = True) -> ByteArray:
-    """(H,W,3) BGR pixels of an array, or of the image file of that name; a grey array gets three channels.
+def as_image(image: ImageLike, needs_color: bool = True) -> ByteArray:
+    """(H,W,3) BGR pixels of an array, or of the image file of that name; a gray array gets three channels.
 
     Args:
-        needs_colour: warn of a grey array.
+        needs_color: warn of a gray array.
 
     Raises:
         InputError: another type or shape; says what to convert.
@@ -60,8 +60,8 @@ def as_image(image: ImageLike, needs_colour: bool = True) -> ByteArray:
         hint = "scale it to 0..255 and convert: image.astype(numpy.uint8)"
         raise InputError("bad_image", f"the image has type {image.dtype}, 8 bit is needed", hint)
     if image.ndim == 2:
-        if needs_colour:
-            warnings.warn(ImageWarning(GREY), stacklevel=4)
+        if needs_color:
+            warnings.warn(ImageWarning(GRAY), stacklevel=4)
         return np.repeat(image[:, :, None], 3, axis=2)
     if image.ndim != 3 or image.shape[2] != 3:
         hint = "give (height, width, 3) in BGR; of four channels take image[:, :, :3]"
@@ -69,7 +69,7 @@ def as_image(image: ImageLike, needs_colour: bool = True) -> ByteArray:
     return np.ascontiguousarray(image)
 
 
-GREY = "the image is grey: landmarks are recognized by red against blue; use a color camera, or AprilTags"
+GRAY = "the image is gray: landmarks are recognized by red against blue; use a color camera, or AprilTags"
 
 
 def as_families(families: Families) -> tuple[MarkerFamily, ...]:
@@ -102,17 +102,17 @@ def family_names(families: Families, detected: bool) -> tuple[str, ...]:
     )
 
 
-def as_metres(length: float | str, name: str) -> float:
-    """Metres of a number of metres, or of text with a unit such as ``180mm``.
+def as_meters(length: float | str, name: str) -> float:
+    """Meters of a number of meters, or of text with a unit such as ``180mm``.
 
     Raises:
-        InputError: not a positive length, or so large that millimetres must be meant.
+        InputError: not a positive length, or so large that millimeters must be meant.
     """
-    metres = parse_length_mm(length, name) / 1000 if isinstance(length, str) else float(length)
-    if not 0 < metres < 50:
-        hint = 'give metres, such as 0.18, or text with a unit, such as "180mm"'
+    meters = parse_length_mm(length, name) / 1000 if isinstance(length, str) else float(length)
+    if not 0 < meters < 50:
+        hint = 'give meters, such as 0.18, or text with a unit, such as "180mm"'
         raise InputError("bad_length", f"{name}: {length!r} m is out of range", hint)
-    return metres
+    return meters
 
 
 def as_rig(rig: AnyRig | PathLike) -> AnyRig:

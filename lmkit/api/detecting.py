@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from lmkit.api.arguments import GREY, Families, ImageLike, ImageWarning, as_families, as_image
+from lmkit.api.arguments import GRAY, Families, ImageLike, ImageWarning, as_families, as_image
 from lmkit.arrays import ByteArray, FloatArray
 from lmkit.errors import InputError
 from lmkit.model.detections import Detections
@@ -53,7 +53,7 @@ class Detector:
         """Detections of one image, largest first.
 
         Args:
-            image: (H,W,3) BGR, 8 bit, (H,W) grey, or the path of an image file.
+            image: (H,W,3) BGR, 8 bit, (H,W) gray, or the path of an image file.
             near: where landmarks are expected: detections of the last image, or (N,4,2) corners in pixels.  Only
                 windows around them are searched, whatever the image's size.
 
@@ -62,7 +62,7 @@ class Detector:
         """
         from lmkit.detection.detector import detect_landmarks
 
-        pixels = as_image(image, needs_colour=bool(self.options.ring_families))
+        pixels = as_image(image, needs_color=bool(self.options.ring_families))
         corners = None if near is None else _corners_of(near)
         found = detect_landmarks(pixels, self.options, corners)
         if not found and near is None and not self._silent:
@@ -172,14 +172,14 @@ def draw(
 
 
 def _warn_of_colors(image: ByteArray, options: DetectOptions) -> bool:
-    """Warn where an image without detections is grey, or has detections once red and blue are swapped."""
+    """Warn where an image without detections is gray, or has detections once red and blue are swapped."""
     from lmkit.detection.detector import detect_landmarks
-    from lmkit.detection.windows import is_colourless
+    from lmkit.detection.windows import is_colorless
 
-    if is_colourless(image) and not options.ring_families:
+    if is_colorless(image) and not options.ring_families:
         return False
-    if is_colourless(image):
-        warnings.warn(ImageWarning(GREY), stacklevel=4)
+    if is_colorless(image):
+        warnings.warn(ImageWarning(GRAY), stacklevel=4)
         return True
     if detect_landmarks(np.ascontiguousarray(image[:, :, ::-1]), options):
         text = "landmarks are found once red and blue are swapped: give BGR, such as image[:, :, ::-1] of RGB"

@@ -6,7 +6,7 @@ from collections.abc import Iterable
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
-from lmkit.api.arguments import PathLike, as_families, as_map, as_metres, as_path, as_rig
+from lmkit.api.arguments import PathLike, as_families, as_map, as_meters, as_path, as_rig
 from lmkit.errors import InputError
 
 if TYPE_CHECKING:
@@ -34,7 +34,7 @@ def print_landmarks(
     Args:
         codes: one code, or several.
         family: the landmark family, or its name.
-        size: side of the landmarks, metres or text with a unit; the template's own size if None.
+        size: side of the landmarks, meters or text with a unit; the template's own size if None.
         paper: ``"a4"``, ``"letter"`` or ``"a3"``; None for the template's own, or A4.
         template: name of a shipped template, or a TOML file.
 
@@ -53,7 +53,7 @@ def print_landmarks(
     from lmkit.pipelines.prints import make_prints
 
     wanted = [codes] if isinstance(codes, int) else list(codes)
-    size_mm = None if size is None else 1000 * as_metres(size, "size")
+    size_mm = None if size is None else 1000 * as_meters(size, "size")
     return make_prints(as_families(family)[0], wanted, size_mm=size_mm, paper=paper, template=template)
 
 
@@ -75,7 +75,7 @@ def place_landmarks(
         demand: required accuracy: position, heading, and where it must hold.
         options: family, sizes, heights and walls to choose from; None: ``lm8`` of 180 mm on any wall.
         existing: landmarks that are mounted already and stay.
-        radius: radius of the robot, metres or text with a unit.
+        radius: radius of the robot, meters or text with a unit.
         camera_height: height of the left camera above the floor, where the rig has no T_base_left.
 
     Raises:
@@ -97,7 +97,7 @@ def place_landmarks(
     ground, cameras = _floor(floor), _mounted(rig, camera_height)
     mounted = [] if existing is None else list(as_map(existing))
     choices = options or MountingOptions(LM8.name)
-    return place_landmarks(ground, mounted, cameras, as_metres(radius, "radius"), demand or Demand(), choices)
+    return place_landmarks(ground, mounted, cameras, as_meters(radius, "radius"), demand or Demand(), choices)
 
 
 def plan_route(
@@ -117,8 +117,8 @@ def plan_route(
         floor: the floor plan, or its file (YAML, SVG, image, ROS map).
         rig: the rig, or its file; it needs T_base_left or ``camera_height``.
         landmarks: the landmark map, or its file.
-        start, goal: (x, y) in metres, or text such as ``"2.5,1,90"`` (heading in degrees) or a place's name.
-        radius: radius of the robot, metres or text with a unit.
+        start, goal: (x, y) in meters, or text such as ``"2.5,1,90"`` (heading in degrees) or a place's name.
+        radius: radius of the robot, meters or text with a unit.
         camera_height: height of the left camera above the floor.
         demand: required accuracy; routes avoid places where it does not hold.
 
@@ -135,13 +135,13 @@ def plan_route(
     from lmkit.planning.coverage import Demand
     from lmkit.planning.route import Goal, find_goal, plan_route
 
-    ground, mapped, metres = _floor(floor), as_map(landmarks), as_metres(radius, "radius")
+    ground, mapped, meters = _floor(floor), as_map(landmarks), as_meters(radius, "radius")
     ends = [
-        find_goal(end, ground, mapped, metres) if isinstance(end, str) else Goal(float(end[0]), float(end[1]))
+        find_goal(end, ground, mapped, meters) if isinstance(end, str) else Goal(float(end[0]), float(end[1]))
         for end in (start, goal)
     ]
     demand = demand or Demand(in_view=1, share=1.0)
-    return plan_route(ground, mapped, _mounted(rig, camera_height), metres, ends[0], ends[1], demand)
+    return plan_route(ground, mapped, _mounted(rig, camera_height), meters, ends[0], ends[1], demand)
 
 
 def _floor(floor: FloorPlan | PathLike) -> FloorPlan:
@@ -161,7 +161,7 @@ def _mounted(rig: AnyRig | PathLike, height: float | str | None) -> AnyRig:
 
     cameras = as_rig(rig)
     if height is not None:
-        return replace(cameras, T_base_left=mounted_ahead(as_metres(height, "camera_height")))
+        return replace(cameras, T_base_left=mounted_ahead(as_meters(height, "camera_height")))
     if cameras.T_base_left is None:
         raise InputError("no_base", "the rig has no T_base_left", "add it, or give camera_height=0.85")
     return cameras

@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 from typing import TYPE_CHECKING
 
-from lmkit.api.arguments import Families, PathLike, as_metres, as_path, as_rig, family_names
+from lmkit.api.arguments import Families, PathLike, as_meters, as_path, as_rig, family_names
 
 if TYPE_CHECKING:
     from lmkit.arrays import ByteArray
@@ -79,7 +79,7 @@ def read_map(path: PathLike) -> LandmarkMap:
 
 
 def read_trajectory(path: PathLike) -> Trajectory:
-    """Read a trajectory in TUM's format: ``time x y z qx qy qz qw`` a line, seconds and metres.
+    """Read a trajectory in TUM's format: ``time x y z qx qy qz qw`` a line, seconds and meters.
 
     Args:
         path: text file.
@@ -114,7 +114,7 @@ def read_recording(
         readings: CSV of ranges and bearings, in place of images.
         odometry: CSV of wheel odometry, or TUM poses of visual odometry.
         gyro: CSV of the yaw rate.
-        wheel_track: distance between the wheels, metres or text with a unit.
+        wheel_track: distance between the wheels, meters or text with a unit.
         families: landmark families to look for in images; of detections and readings those of bare codes, of any
             kind of marker.
         hz: frames a second, where file names hold no times.
@@ -136,7 +136,7 @@ def read_recording(
         readings=None if readings is None else as_path(readings),
         odometry=None if odometry is None else as_path(odometry),
         gyro=None if gyro is None else as_path(gyro),
-        wheel_track_m=None if wheel_track is None else as_metres(wheel_track, "wheel_track"),
+        wheel_track_m=None if wheel_track is None else as_meters(wheel_track, "wheel_track"),
         families=family_names(families, detected=bool(images)),
         hz=hz,
     )

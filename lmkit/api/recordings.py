@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
-from lmkit.api.arguments import PathLike, as_map, as_metres, as_path, as_rig
+from lmkit.api.arguments import PathLike, as_map, as_meters, as_path, as_rig
 from lmkit.errors import InputError
 from lmkit.model.recording import Odometry, Recording
 from lmkit.model.trajectory import Trajectory
@@ -36,7 +36,7 @@ def survey(
     Args:
         recording: frames of both cameras, with or without odometry.
         rig: the calibrated rig, or its file.
-        size: side of the landmarks, metres or text with a unit; landmarks in ``known`` have their own.
+        size: side of the landmarks, meters or text with a unit; landmarks in ``known`` have their own.
         known: landmarks with known poses, such as one anchor; it defines the map frame.
         known_sigma: standard deviation of their positions (m) and rotations (rad); None: as the map states.
         constraints: walls and heights that landmarks share.
@@ -69,7 +69,7 @@ def survey(
     cameras, motion = as_rig(rig), motion_of(recording)
     anchors = {} if known is None else anchors_of(as_map(known), known_sigma)
     frames = list(recording.frames)
-    sizes = landmark_sizes(frames, as_metres(size, "size"), anchors)
+    sizes = landmark_sizes(frames, as_meters(size, "size"), anchors)
     cause = None if known is None else find_cause(frames, cameras, as_map(known))
     try:
         result = survey_frames(frames, cameras, sizes, anchors, motion, constraints)
@@ -139,7 +139,7 @@ def survey_recordings(
         NamedRecording(name, recording.frames, rigs[name], motion_of(recording))
         for name, recording in recordings.items()
     ]
-    sizes = landmark_sizes(frames, as_metres(size, "size"), anchors)
+    sizes = landmark_sizes(frames, as_meters(size, "size"), anchors)
     result = survey_together(named, sizes, anchors, constraints)
     return replace(result, warnings=joint_warnings(result))
 

@@ -44,7 +44,7 @@ class Solution:
     Attributes:
         left, right: cameras.
         R, t: of T_right_left.
-        warp: (2,) bow of the board along x and y at its middle, metres.
+        warp: (2,) bow of the board along x and y at its middle, meters.
         rotations, translations: (P,3,3), (P,3) T_left_board of every pair.
         covariance: (G,G) of left, right intrinsics, T_right_left and warp, or None.
     """
@@ -141,7 +141,7 @@ class StereoProblem:
     Views that the right camera never sees are those of one camera: then only the left one is fitted.
 
     Args:
-        object_points: (N,3) corners of the board, metres.
+        object_points: (N,3) corners of the board, meters.
         views: the pairs.
     """
 

@@ -28,7 +28,7 @@ OWN_CAMERA_FROM = 6  # views, before which the focal length is a guess
 
 
 @dataclass(frozen=True)
-class Judgement:
+class Judgment:
     """Decision about one pair of frames.
 
     Attributes:
@@ -55,7 +55,7 @@ class CaptureGuide:
     Args:
         object_points: (N,3) of the board.
         image_size: (width, height) of both cameras.
-        moving: frames follow each other, so that a board in motion can be recognised; False for single images.
+        moving: frames follow each other, so that a board in motion can be recognized; False for single images.
     """
 
     def __init__(self, object_points: FloatArray, image_size: tuple[int, int], moving: bool = True) -> None:
@@ -80,25 +80,25 @@ class CaptureGuide:
         translations = np.array([kept.t for kept in self._kept]).reshape(-1, 3)
         return coverage_of(self.views, rotations, translations, self._camera, self._camera)
 
-    def judge(self, view: PairView | None) -> Judgement:
+    def judge(self, view: PairView | None) -> Judgment:
         """Judge one pair of frames; None where a camera does not see the board."""
         before, self._before = self._before, view
         if view is None:
-            return Judgement(False, "no board", "show the whole board to both cameras")
+            return Judgment(False, "no board", "show the whole board to both cameras")
         if self._moving and (before is None or self._motion(before, view) > STILL_SHARE):
-            return Judgement(False, "moving", "hold still")
+            return Judgment(False, "moving", "hold still")
         if not self._sharp(view):
-            return Judgement(False, "blurred", "blurred: hold still, more light, or focus")
+            return Judgment(False, "blurred", "blurred: hold still, more light, or focus")
         poses = board_poses(self._camera, self._object_points[view.ids_left], view.left)
         if not poses:
-            return Judgement(False, "no board", "show the whole board to both cameras")
+            return Judgment(False, "no board", "show the whole board to both cameras")
         R, t, _ = poses[0]
         if not self._is_new(view, R, t):
-            return Judgement(False, "not new", "move the board on")
+            return Judgment(False, "not new", "move the board on")
         self._kept.append(_Kept(view, R, t))
         if len(self._kept) >= OWN_CAMERA_FROM:
             self._learn_camera()
-        return Judgement(True, "kept", f"kept {view.name}")
+        return Judgment(True, "kept", f"kept {view.name}")
 
     def _motion(self, before: PairView, view: PairView) -> float:
         """Speed of the median corner in the faster camera, over the image's width."""

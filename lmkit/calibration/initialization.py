@@ -28,7 +28,7 @@ class Relation:
     """T_right_left as one pair alone shows it.
 
     Attributes:
-        R, t: rotation (3,3) and shift (3,), metres.
+        R, t: rotation (3,3) and shift (3,), meters.
         board: R, t of T_left_board behind it.
         rms_px: how well each camera alone explains its corners, the worse one.
     """
@@ -57,7 +57,7 @@ class Consensus:
     limit_deg: float
 
     def off(self, k: int) -> tuple[float, float]:
-        """Degrees and metres of pair k from the middle."""
+        """Degrees and meters of pair k from the middle."""
         relation = self.relations[k]
         turned = float(np.rad2deg(rotation_angle(relation.R @ self.R.T)))
         return turned, float(np.linalg.norm(relation.t - self.t))

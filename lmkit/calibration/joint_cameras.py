@@ -47,7 +47,7 @@ class RigSolution:
     Attributes:
         models: the cameras.
         R, t: (C,3,3), (C,3) of T_camera_left; those of the first camera are the identity.
-        warp: (2,) bow of the board, metres.
+        warp: (2,) bow of the board, meters.
         rotations, translations: (P,3,3), (P,3) T_left_board of every frame.
         covariance: (G,G) of what all frames share, or None.
     """

@@ -40,7 +40,7 @@ class RigCheck:
         moved_epipolar_px, moved_reprojection_px: on pairs held out, with the relation of the cameras fitted anew.
         lenses_reprojection_px: the same with the intrinsics fitted as well; None where the views cannot tell them.
         turn_deg, turn_sigma_deg: (3,) how far the right camera has turned about its own x, y and z axis.
-        shift_mm, shift_sigma_mm: (3,) how far the left camera's centre has moved in the right camera's frame.
+        shift_mm, shift_sigma_mm: (3,) how far the left camera's center has moved in the right camera's frame.
         focal_change: relative change of the left and right focal length, where the state is ``lenses``.
         used: pairs that were used.
         contradicted: pairs whose corners fit neither rig.
@@ -79,7 +79,7 @@ def check_rig(rig: StereoRig, object_points: FloatArray, views: Sequence[PairVie
     """Compare a rig with new images of a board, or of landmarks.
 
     Args:
-        object_points: (N,3) of the board, metres; of landmarks, the four corners of each size in use.
+        object_points: (N,3) of the board, meters; of landmarks, the four corners of each size in use.
         views: board or landmark in both cameras, each with a pose of its own.
         lenses: whether the views can tell the intrinsics and the board's bow (a board's can, landmarks' cannot).
 

@@ -1,4 +1,4 @@
-"""`calibrate_rig`: three or more cameras, of which neighbours see the board together in turn.
+"""`calibrate_rig`: three or more cameras, of which neighbors see the board together in turn.
 
 Every camera is calibrated on its own; the pairs of cameras that share most views, joined to a tree, give a first rig;
 one joint adjustment of all cameras and frames (`joint_cameras.py`) gives the result.
@@ -170,7 +170,7 @@ def _widest_tie(pairs: Pairs, known: set[int], count: int, names: Sequence[str])
         raise InputError(
             "no_common_views",
             f"cameras {lost} share fewer than {LEAST_COMMON} views of the board with the others",
-            "show the board to two neighbouring cameras at a time, ten times for every pair of neighbours",
+            "show the board to two neighboring cameras at a time, ten times for every pair of neighbors",
         )
     return best
 

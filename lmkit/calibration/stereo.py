@@ -280,7 +280,7 @@ def _fit(
 
 
 def _rig_of(s: Solution) -> tuple[StereoRig, float]:
-    """The rig with its covariances, and the standard deviation of the baseline, metres."""
+    """The rig with its covariances, and the standard deviation of the baseline, meters."""
     assert s.covariance is not None
     nl, nr = len(intrinsics_vector(s.left)), len(intrinsics_vector(s.right))
     relation = s.covariance[nl + nr : nl + nr + POSE, nl + nr : nl + nr + POSE]

@@ -71,8 +71,8 @@ def filled_cells(points: FloatArray, image_size: tuple[int, int]) -> BoolArray:
 
 def _advice(cells: Mapping[str, BoolArray], distances: FloatArray, tilts: FloatArray) -> list[str]:
     advice = []
-    for name, axis, towards in (("left", 0, -1), ("right", 0, 1), ("upper", 1, -1), ("lower", 1, 1)):
-        count = int((towards * tilts[:, axis] > TILTED_DEG).sum())
+    for name, axis, toward in (("left", 0, -1), ("right", 0, 1), ("upper", 1, -1), ("lower", 1, 1)):
+        count = int((toward * tilts[:, axis] > TILTED_DEG).sum())
         if count < LEAST_TILTED:
             advice.append(f"the board tilted by 30 to 45 deg, its {name} edge nearer")
     for camera, seen in cells.items():

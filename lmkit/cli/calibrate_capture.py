@@ -44,7 +44,7 @@ def capture_pairs(
         sources = [f"{SPLIT}{left}"] if right is None else [left, right]
         pairs = ((frames[0], frames[1]) for frames in frame_groups(sources))
         for looked in look_at_frames(pairs, spec, are_moving(left)):
-            if looked.judgement.kept:
+            if looked.judgment.kept:
                 found = looked.found
                 missing = looked.coverage.advice
                 name = found.corners.views[-1].name
@@ -55,9 +55,7 @@ def capture_pairs(
                 if not quiet:
                     count = len(found.corners.views)
                     print_line(f"kept {name} ({count}); next: {missing[0] if missing else 'complete'}")
-            status.show(
-                f"{len(found.corners.views)} kept | {looked.judgement.words} | next: {', '.join(missing[:1])}"
-            )
+            status.show(f"{len(found.corners.views)} kept | {looked.judgment.words} | next: {', '.join(missing[:1])}")
     except KeyboardInterrupt:
         pass  # the user ends the capture; what was kept is calibrated
     status.clear()

@@ -67,7 +67,7 @@ def run(
         for answer in progress(answers, frame_count(sources), "detecting landmarks"):
             count += 1
             found += len(answer.landmarks)
-            blind = answer.colourless and not choices.square_families
+            blind = answer.colorless and not choices.square_families
             colorless += blind
             if blind and colorless == 1:
                 warn(f"{answer.name} has no color; {COLORS_HINT}")

@@ -41,7 +41,7 @@ def run(
     ] = None,
     heading: Annotated[
         str | None,
-        typer.Option("--heading", help="Prior on the viewing direction, such as 90+-3; degrees from x towards y."),
+        typer.Option("--heading", help="Prior on the viewing direction, such as 90+-3; degrees from x toward y."),
     ] = None,
     planar: Annotated[
         str | None,

@@ -36,7 +36,7 @@ def parse_noise(range_sigma: str | None, bearing_sigma: float | None) -> Reading
     if range_sigma is not None and range_sigma.endswith("%"):
         noise = replace(noise, range_m=0.0, range_share=_share(range_sigma))
     elif range_sigma is not None:
-        noise = replace(noise, range_m=parse_metres(range_sigma, "--range-sigma"), range_share=0.0)
+        noise = replace(noise, range_m=parse_meters(range_sigma, "--range-sigma"), range_share=0.0)
     return noise if bearing_sigma is None else replace(noise, bearing_rad=math.radians(bearing_sigma))
 
 
@@ -68,7 +68,7 @@ def parse_prior(heading: str | None, planar: str | None) -> PosePrior | None:
     if planar is not None:
         height, _, tilt = planar.partition(",")
         down = _tilt(planar, tilt)
-        height_m = parse_metres(height, "height of --planar")
+        height_m = parse_meters(height, "height of --planar")
         prior = replace(prior, height_m=height_m, down=(0.0, math.cos(down), math.sin(down)))
     return prior
 
@@ -128,7 +128,7 @@ def parse_declared(baseline: str | None, fov: float | None, intrinsics: list[Pat
             "bad_fov", f"--fov {fov:g} is out of range", "give the horizontal angle in degrees, such as 69"
         )
     cameras = read_two_cameras(intrinsics) if intrinsics else None
-    return Declared(None if baseline is None else parse_metres(baseline, "--baseline"), fov, cameras)
+    return Declared(None if baseline is None else parse_meters(baseline, "--baseline"), fov, cameras)
 
 
 def parse_demand(error: str, heading: float, in_view: int, headings: float, share: float) -> Demand:
@@ -142,10 +142,10 @@ def parse_demand(error: str, heading: float, in_view: int, headings: float, shar
         raise InputError("out_of_range", f"--heading {heading:g} is outside 0 to 180 deg", "give degrees, such as 2")
     if not 0 <= in_view <= 20:
         raise InputError("out_of_range", f"--in-view {in_view} is outside 0 to 20", "2 is usual")
-    return Demand(parse_metres(error, "--error"), math.radians(heading), in_view, headings / 100, share / 100)
+    return Demand(parse_meters(error, "--error"), math.radians(heading), in_view, headings / 100, share / 100)
 
 
-def parse_metres(text: str, name: str) -> float:
+def parse_meters(text: str, name: str) -> float:
     """Meters of a length with a unit."""
     from lmkit.units import parse_length_mm
 

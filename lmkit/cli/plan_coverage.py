@@ -29,14 +29,14 @@ def run(
     force: options.Force = False,
 ) -> None:
     """Predict the pose error at every place. Places that fail the requirement are listed."""
-    from lmkit.cli.parsing import parse_demand, parse_metres
+    from lmkit.cli.parsing import parse_demand, parse_meters
     from lmkit.cli.plan_inputs import read_mounted_rig
     from lmkit.io.external_maps import read_any_map
     from lmkit.io.floor_plan import read_floor
     from lmkit.planning.coverage import coverage_dict, coverage_lines, failing_places, predict_coverage
     from lmkit.reports.planning import draw_coverage
 
-    demand, radius_m = parse_demand(error, heading, in_view, headings, 100.0), parse_metres(radius, "--radius")
+    demand, radius_m = parse_demand(error, heading, in_view, headings, 100.0), parse_meters(radius, "--radius")
     check_outputs((), plan, force)
     cameras, landmarks = read_mounted_rig(rig, camera_height), read_any_map(landmark_map)
     ground = read_floor(floor, scale)

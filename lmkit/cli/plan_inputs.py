@@ -18,11 +18,11 @@ def read_mounted_rig(path: Path, camera_height: str | None) -> AnyRig:
     Raises:
         InputError: neither the file nor the option says how high the camera is.
     """
-    from lmkit.cli.parsing import parse_metres
+    from lmkit.cli.parsing import parse_meters
     from lmkit.geometry.stereo_rig import mounted_ahead
     from lmkit.io.any_rig import read_any_rig
 
-    height_m = None if camera_height is None else parse_metres(camera_height, "--camera-height")
+    height_m = None if camera_height is None else parse_meters(camera_height, "--camera-height")
     rig = read_any_rig(path)
     if height_m is not None:
         return replace(rig, T_base_left=mounted_ahead(height_m))

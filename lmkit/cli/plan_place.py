@@ -55,7 +55,7 @@ def run(
     force: options.Force = False,
 ) -> None:
     """Place as few landmarks as possible. Writes map, prints, mounting list and drawings."""
-    from lmkit.cli.parsing import parse_demand, parse_metres
+    from lmkit.cli.parsing import parse_demand, parse_meters
     from lmkit.cli.plan_inputs import read_mounted_rig
     from lmkit.io.external_maps import read_any_map
     from lmkit.io.floor_plan import read_floor
@@ -67,7 +67,7 @@ def run(
     from lmkit.planning.placement import place_landmarks
     from lmkit.reports.planning import PLACEMENT_FILES, placement_files
 
-    demand, radius_m = parse_demand(error, heading, in_view, headings, share), parse_metres(radius, "--radius")
+    demand, radius_m = parse_demand(error, heading, in_view, headings, share), parse_meters(radius, "--radius")
     if not 0 <= patience <= MOST_PATIENCE_S:
         raise InputError(
             "out_of_range", f"--patience {patience:g} is outside 0 to {MOST_PATIENCE_S:g} s", "2.5 is usual"
@@ -77,8 +77,8 @@ def run(
     check_outputs([output / name for name in PLACEMENT_FILES], None, force)
     choices = MountingOptions(
         family=family_named(family).name,
-        sizes_m=tuple(parse_metres(text, "--size") for text in size or ["180mm"]),
-        heights_m=tuple(parse_metres(text, "--height") for text in height or []),
+        sizes_m=tuple(parse_meters(text, "--size") for text in size or ["180mm"]),
+        heights_m=tuple(parse_meters(text, "--height") for text in height or []),
         not_on=tuple(name.strip() for name in not_on.split(",") if name.strip()),
         swap_s=patience,
     )

@@ -34,7 +34,7 @@ def run(
     force: options.Force = False,
 ) -> None:
     """Plan the shortest safe route on which the pose stays known."""
-    from lmkit.cli.parsing import parse_demand, parse_metres
+    from lmkit.cli.parsing import parse_demand, parse_meters
     from lmkit.cli.plan_inputs import read_mounted_rig
     from lmkit.io.external_maps import read_any_map
     from lmkit.io.floor_plan import read_floor
@@ -49,7 +49,7 @@ def run(
     )
     from lmkit.reports.planning import draw_route
 
-    demand, radius_m = parse_demand(error, 2.0, 1, 25.0, 100.0), parse_metres(radius, "--radius")
+    demand, radius_m = parse_demand(error, 2.0, 1, 25.0, 100.0), parse_meters(radius, "--radius")
     check_outputs((csv, tum), plan, force)
     cameras, landmarks = read_mounted_rig(rig, camera_height), read_any_map(landmark_map)
     ground = read_floor(floor, scale)

@@ -106,7 +106,7 @@ def _survey(drive: Drive, frames: tuple[RigFrame, ...]) -> Survey:
 
 
 def _off(drive: Drive, tracked: TrackedTrajectory) -> list[tuple[float, float]]:
-    """Metres and rad in the plane, of every pose."""
+    """Meters and rad in the plane, of every pose."""
     answers = []
     for time_s, pose in zip(tracked.times_s, tracked.poses, strict=True):
         true = drive.pose(int(np.argmin(np.abs(drive.times_s - time_s))))

@@ -1,7 +1,7 @@
-"""Corners where four squares meet, to a few hundredths of a pixel: three localisers, weighed against each other.
+"""Corners where four squares meet, to a few hundredths of a pixel: three localizers, weighed against each other.
 
 The detector's own corners, OpenCV's gradient-based ones and the saddle of a fitted quadratic err differently.  A
-lens distorts a flat board smoothly, so what is left of a localiser's corners after a homography and a
+lens distorts a flat board smoothly, so what is left of a localizer's corners after a homography and a
 low polynomial is its noise in this very image; by that it is weighed
 (docs/decisions/0005-board-corners.md).
 """
@@ -20,25 +20,25 @@ GRADIENT_WINDOW = 0.4  # half width of the windows, in sides of the smallest squ
 SADDLE_WINDOW = 0.3
 HALF_PX = (2, 12)
 SADDLE_STEPS = 8
-SLIP = 0.15  # of a square (and half a pixel): further off, a localiser has slipped to something else
+SLIP = 0.15  # of a square (and half a pixel): further off, a localizer has slipped to something else
 _GRADIENT_STOP = (cv2.TERM_CRITERIA_EPS + cv2.TERM_CRITERIA_COUNT, 60, 1e-4)
 
 
 def refine_corners(
-    grey: ByteArray, corners: FloatArray, board_points: FloatArray, square: float, clear: float = 0.5
+    gray: ByteArray, corners: FloatArray, board_points: FloatArray, square: float, clear: float = 0.5
 ) -> tuple[FloatArray, float]:
     """(N,2) corners refined, and the standard deviation of one coordinate, px.
 
     Args:
-        grey: (H,W) image.
+        gray: (H,W) image.
         corners: (N,2) as detected, px.
         board_points: (N,2) the same on the board.
         square: side of the board's squares, in the unit of ``board_points``.
         clear: how far around a corner nothing but its four squares is drawn, in sides of a square.
     """
     side_px = _smallest_side(corners, board_points, square)
-    gradient = _by_gradients(grey, corners, _half_window(min(GRADIENT_WINDOW, clear) * side_px))
-    saddle = _by_saddles(grey, corners, _half_window(min(SADDLE_WINDOW, clear) * side_px))
+    gradient = _by_gradients(gray, corners, _half_window(min(GRADIENT_WINDOW, clear) * side_px))
+    saddle = _by_saddles(gray, corners, _half_window(min(SADDLE_WINDOW, clear) * side_px))
     seen = [corners]
     for other in (gradient, saddle):
         slipped = np.linalg.norm(other - corners, axis=1, keepdims=True) > SLIP * side_px + 0.5
@@ -67,7 +67,7 @@ def corner_noise(corners: FloatArray, board_points: FloatArray) -> float:
 
 
 def _smallest_side(corners: FloatArray, board_points: FloatArray, square: float) -> float:
-    """The least distance in the image of corners that are neighbours on the board, px."""
+    """The least distance in the image of corners that are neighbors on the board, px."""
     apart = np.linalg.norm(board_points[:, None] - board_points[None], axis=2)
     a, b = np.nonzero(np.triu(np.abs(apart / square - 1) < 0.01))
     return float(np.linalg.norm(corners[a] - corners[b], axis=1).min()) if len(a) else 0.0
@@ -77,16 +77,16 @@ def _half_window(px: float) -> int:
     return int(np.clip(px, *HALF_PX))
 
 
-def _by_gradients(grey: ByteArray, corners: FloatArray, half: int) -> FloatArray:
+def _by_gradients(gray: ByteArray, corners: FloatArray, half: int) -> FloatArray:
     """The point that every gradient around it points past at right angles (Foerstner and Guelch 1987)."""
     refined = np.ascontiguousarray(corners, dtype=np.float32).reshape(-1, 1, 2)
-    cv2.cornerSubPix(grey, refined, (half, half), (-1, -1), _GRADIENT_STOP)
+    cv2.cornerSubPix(gray, refined, (half, half), (-1, -1), _GRADIENT_STOP)
     return refined.reshape(-1, 2).astype(np.float64)
 
 
-def _by_saddles(grey: ByteArray, corners: FloatArray, half: int) -> FloatArray:
+def _by_saddles(gray: ByteArray, corners: FloatArray, half: int) -> FloatArray:
     """The saddle of the quadratic that fits the smoothed image around each corner (Lucchese and Mitra 2002)."""
-    smooth: Float32Array = cv2.GaussianBlur(grey.astype(np.float32), (0, 0), max(0.7, half / 3)).astype(np.float32)
+    smooth: Float32Array = cv2.GaussianBlur(gray.astype(np.float32), (0, 0), max(0.7, half / 3)).astype(np.float32)
     y, x = np.mgrid[-half : half + 1, -half : half + 1].reshape(2, -1)
     fit = _quadratic_fit(half)
     points = corners.copy()

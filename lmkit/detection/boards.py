@@ -31,31 +31,31 @@ def detect_board(image: ByteArray, board: BoardSpec) -> BoardObservation | None:
     """
     if board.kind == "landmarks":
         return _detect_landmark_board(image, board)
-    grey = np.asarray(cv2.cvtColor(image, cv2.COLOR_BGR2GRAY), dtype=np.uint8)
+    gray = np.asarray(cv2.cvtColor(image, cv2.COLOR_BGR2GRAY), dtype=np.uint8)
     if board.kind == "charuco":
-        return _detect_charuco(grey, board)
-    corners = _find_chessboard(grey, board.inner_corners)
-    return None if corners is None else _refined(grey, np.arange(len(corners)), corners, board)
+        return _detect_charuco(gray, board)
+    corners = _find_chessboard(gray, board.inner_corners)
+    return None if corners is None else _refined(gray, np.arange(len(corners)), corners, board)
 
 
 def likelier_board(images: Sequence[ByteArray], board: BoardSpec) -> BoardSpec | None:
     """Another board that fits the images better than ``board``, or None.
 
     A chessboard given too small is found inside the true one without complaint, so the squares are
-    followed beyond the corners found; where none was found, neighbouring sizes are tried.  Of a
+    followed beyond the corners found; where none was found, neighboring sizes are tried.  Of a
     ChArUco board the other layout, a turned one and the other dictionaries are tried.
     """
-    greys = [np.asarray(cv2.cvtColor(image, cv2.COLOR_BGR2GRAY), dtype=np.uint8) for image in images]
+    grays = [np.asarray(cv2.cvtColor(image, cv2.COLOR_BGR2GRAY), dtype=np.uint8) for image in images]
     if board.kind == "charuco":
-        return _likelier_charuco(greys, board)
+        return _likelier_charuco(grays, board)
     if board.kind == "landmarks":
         return None
     columns, rows = board.inner_corners
     grown: list[tuple[int, int]] = []
-    for grey in greys:
-        corners = _find_chessboard(grey, (columns, rows), thorough=False)
+    for gray in grays:
+        corners = _find_chessboard(gray, (columns, rows), thorough=False)
         if corners is not None:
-            more_columns, more_rows = _squares_beyond(grey, corners.reshape(rows, columns, 2))
+            more_columns, more_rows = _squares_beyond(gray, corners.reshape(rows, columns, 2))
             grown.append((columns + more_columns, rows + more_rows))
     if grown:
         size = Counter(grown).most_common(1)[0][0]
@@ -64,16 +64,16 @@ def likelier_board(images: Sequence[ByteArray], board: BoardSpec) -> BoardSpec |
     # Larger sizes first: a smaller board hides in a larger one, never the other way round.
     for size in sorted(near, key=lambda s: -s[0] * s[1]):
         smaller = size[0] * size[1] < columns * rows
-        if smaller and any(_find_chessboard(grey, (columns, rows)) is not None for grey in greys):
+        if smaller and any(_find_chessboard(gray, (columns, rows)) is not None for gray in grays):
             return None
-        if min(size) >= 3 and any(_find_chessboard(grey, size, thorough=False) is not None for grey in greys):
+        if min(size) >= 3 and any(_find_chessboard(gray, size, thorough=False) is not None for gray in grays):
             return _resized(board, size)
     return None
 
 
-def _likelier_charuco(greys: Sequence[ByteArray], board: BoardSpec) -> BoardSpec | None:
+def _likelier_charuco(grays: Sequence[ByteArray], board: BoardSpec) -> BoardSpec | None:
     def corners_of(spec: BoardSpec) -> int:
-        seen = [_charuco_corners(grey, spec) for grey in greys]
+        seen = [_charuco_corners(gray, spec) for gray in grays]
         return sum(len(found[0]) for found in seen if found is not None)
 
     as_given = corners_of(board)
@@ -86,9 +86,9 @@ def _likelier_charuco(greys: Sequence[ByteArray], board: BoardSpec) -> BoardSpec
         return None
     # Markers of another dictionary: the one of which most are seen; small ones first, they hide in large ones.
     names = sorted((n for n in dir(cv2.aruco) if re.fullmatch(r"DICT_\dX\d_\d+", n)), key=_dictionary_size)
-    counts = {name: _markers_seen(greys, name) for name in names if name != board.dictionary}
+    counts = {name: _markers_seen(grays, name) for name in names if name != board.dictionary}
     name = max(names, key=lambda n: counts.get(n, 0))
-    return replace(board, dictionary=name) if counts[name] >= MIN_MARKERS * len(greys) else None
+    return replace(board, dictionary=name) if counts[name] >= MIN_MARKERS * len(grays) else None
 
 
 def _dictionary_size(name: str) -> tuple[str, int]:
@@ -96,16 +96,16 @@ def _dictionary_size(name: str) -> tuple[str, int]:
     return cells, int(count)
 
 
-def _markers_seen(greys: Sequence[ByteArray], name: str) -> int:
+def _markers_seen(grays: Sequence[ByteArray], name: str) -> int:
     detector = cv2.aruco.ArucoDetector(cv2.aruco.getPredefinedDictionary(getattr(cv2.aruco, name)))
-    return sum(0 if (ids := detector.detectMarkers(grey)[1]) is None else len(ids) for grey in greys)
+    return sum(0 if (ids := detector.detectMarkers(gray)[1]) is None else len(ids) for gray in grays)
 
 
 def _resized(board: BoardSpec, size: tuple[int, int]) -> BoardSpec:
     return BoardSpec(board.kind, size[0], size[1], board.square_mm)
 
 
-def _squares_beyond(grey: ByteArray, grid: FloatArray) -> tuple[int, int]:
+def _squares_beyond(gray: ByteArray, grid: FloatArray) -> tuple[int, int]:
     """How many more columns and rows of inner corners lie around the (R,C,2) grid found."""
     beyond = [0, 0]
     for axis in (0, 1):
@@ -115,14 +115,14 @@ def _squares_beyond(grey: ByteArray, grid: FloatArray) -> tuple[int, int]:
             while beyond[1 - axis] < 8:
                 # The next line of corners, where the last three lead to (equal steps, slowly changing).
                 following = 3 * lines[0] - 3 * lines[1] + lines[2]
-                if not _are_saddles(grey, following, lines[0], lines[1]):
+                if not _are_saddles(gray, following, lines[0], lines[1]):
                     break
                 beyond[1 - axis] += 1
                 lines = np.concatenate([following[None], lines])
     return beyond[0], beyond[1]
 
 
-def _are_saddles(grey: ByteArray, points: FloatArray, near: FloatArray, nearer: FloatArray) -> bool:
+def _are_saddles(gray: ByteArray, points: FloatArray, near: FloatArray, nearer: FloatArray) -> bool:
     """Do four squares meet at most of ``points``, as they do at the corners of the line before?"""
 
     def saddle(at: FloatArray, step: FloatArray) -> FloatArray:
@@ -130,12 +130,12 @@ def _are_saddles(grey: ByteArray, points: FloatArray, near: FloatArray, nearer: 
         quadrants = [at + 0.3 * (u * along + v * step) for u, v in ((1, 1), (-1, 1), (-1, -1), (1, -1))]
         maps = np.array(quadrants, dtype=np.float32)
         a, b, c, d = cv2.remap(
-            grey, maps[:, :, 0], maps[:, :, 1], cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE
+            gray, maps[:, :, 0], maps[:, :, 1], cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE
         ).astype(np.float64)
-        # Opposite quadrants alike, neighbours unlike.
+        # Opposite quadrants alike, neighbors unlike.
         return np.asarray((a + c - b - d) / 2 - np.maximum(np.abs(a - c), np.abs(b - d)) * np.sign(a + c - b - d) / 2)
 
-    height, width = grey.shape
+    height, width = gray.shape
     if ((points < 2) | (points > np.array([width, height]) - 3)).any():
         return False
     known = saddle(near, near - nearer)
@@ -158,7 +158,7 @@ def same_orientation(left: BoardObservation, right: BoardObservation) -> BoardOb
     return BoardObservation(right.ids, right.image_points[::-1].copy(), right.noise_px)
 
 
-def _find_chessboard(grey: ByteArray, size: tuple[int, int], thorough: bool = True) -> FloatArray | None:
+def _find_chessboard(gray: ByteArray, size: tuple[int, int], thorough: bool = True) -> FloatArray | None:
     """(N,2) corners by the sector-based detector (Duda and Frese 2018), then by the classic one.
 
     Shadow-normalized brightness finds more boards, but its corners are twice as noisy: it comes second.
@@ -169,11 +169,11 @@ def _find_chessboard(grey: ByteArray, size: tuple[int, int], thorough: bool = Tr
         0,
     )
     for flags in looks if thorough else looks[1:2]:
-        found, corners = cv2.findChessboardCornersSB(grey, size, flags=flags)
+        found, corners = cv2.findChessboardCornersSB(gray, size, flags=flags)
         if found and corners is not None:
             return np.asarray(corners, dtype=np.float64).reshape(-1, 2)
     for scale in (1, 2) if thorough else ():
-        larger = cv2.resize(grey, None, fx=scale, fy=scale, interpolation=cv2.INTER_LINEAR_EXACT)
+        larger = cv2.resize(gray, None, fx=scale, fy=scale, interpolation=cv2.INTER_LINEAR_EXACT)
         flags = cv2.CALIB_CB_ADAPTIVE_THRESH | cv2.CALIB_CB_NORMALIZE_IMAGE | cv2.CALIB_CB_FAST_CHECK
         found, corners = cv2.findChessboardCorners(larger, size, flags=flags)
         if found and corners is not None:
@@ -181,16 +181,16 @@ def _find_chessboard(grey: ByteArray, size: tuple[int, int], thorough: bool = Tr
     return None
 
 
-def _refined(grey: ByteArray, ids: IntArray, corners: FloatArray, board: BoardSpec) -> BoardObservation:
+def _refined(gray: ByteArray, ids: IntArray, corners: FloatArray, board: BoardSpec) -> BoardObservation:
     on_board, square = board.object_points[ids, :2], board.square_mm / 1000
     # The white around a marker is the least that surrounds a corner of a ChArUco board.
     clear = (1 - board.marker_mm / board.square_mm) / 2
-    points, noise_px = refine_corners(grey, corners, on_board, square, clear)
+    points, noise_px = refine_corners(gray, corners, on_board, square, clear)
     return BoardObservation(ids, points, noise_px)
 
 
-def _detect_charuco(grey: ByteArray, board: BoardSpec) -> BoardObservation | None:
-    found = _charuco_corners(grey, board)
+def _detect_charuco(gray: ByteArray, board: BoardSpec) -> BoardObservation | None:
+    found = _charuco_corners(gray, board)
     if found is None:
         return None
     numbers, points = found
@@ -198,15 +198,15 @@ def _detect_charuco(grey: ByteArray, board: BoardSpec) -> BoardObservation | Non
     plane = board.object_points[numbers, :2]
     if np.linalg.matrix_rank(plane - plane.mean(axis=0), tol=1e-6) < 2:
         return None
-    return _refined(grey, numbers, points, board)
+    return _refined(gray, numbers, points, board)
 
 
-def _charuco_corners(grey: ByteArray, board: BoardSpec) -> tuple[IntArray, FloatArray] | None:
+def _charuco_corners(gray: ByteArray, board: BoardSpec) -> tuple[IntArray, FloatArray] | None:
     """Numbers (N,) and pixels (N,2) of the corners, or None where there are too few."""
     parameters = cv2.aruco.DetectorParameters()
     parameters.cornerRefinementMethod = cv2.aruco.CORNER_REFINE_NONE
     detector = cv2.aruco.CharucoDetector(charuco_board(board), cv2.aruco.CharucoParameters(), parameters)
-    corners, ids, _, _ = detector.detectBoard(grey)
+    corners, ids, _, _ = detector.detectBoard(gray)
     if ids is None or len(ids) < MIN_CHARUCO_CORNERS:
         return None
     return np.asarray(ids, dtype=np.int64).ravel(), np.asarray(corners, dtype=np.float64).reshape(-1, 2)

@@ -1,8 +1,8 @@
 """Candidates: dark squares on white, found in several channels of the halved image.
 
-Colour alone loses dim, warm and noisy images (docs/landmark.md, section 6), so the squares come
+Color alone loses dim, warm and noisy images (docs/landmark.md, section 6), so the squares come
 from brightness (white margin against red and blue), from red (white and red against blue) and from
-the darkest channel (white against any colour), each with a local threshold.  What is found is only a
+the darkest channel (white against any color), each with a local threshold.  What is found is only a
 place to look: loose tests here, strict ones after decoding.
 """
 
@@ -31,10 +31,10 @@ class Source:
     """One way of making a binary image.
 
     Attributes:
-        channel: ``grey``, ``darkest`` (of red, green, blue) or ``red``.
+        channel: ``gray``, ``darkest`` (of red, green, blue) or ``red``.
         halvings: how often the image is halved before.
         window: side of the window for the local mean, pixels of that image.
-        darker: share by which a pixel must lie under its local mean.  A ratio and not grey levels,
+        darker: share by which a pixel must lie under its local mean.  A ratio and not gray levels,
             so that dim and bright rooms are treated alike.
     """
 
@@ -88,8 +88,8 @@ def find_candidates(
 
 
 def channel_of(image: ByteArray, channel: str) -> ByteArray:
-    """(H,W) grey, red or the darkest channel of (H,W,3) BGR."""
-    if channel == "grey":
+    """(H,W) gray, red or the darkest channel of (H,W,3) BGR."""
+    if channel == "gray":
         return np.asarray(cv2.cvtColor(image, cv2.COLOR_BGR2GRAY), dtype=np.uint8)
     if channel == "red":
         return np.asarray(cv2.extractChannel(image, 2), dtype=np.uint8)

@@ -12,12 +12,12 @@ from lmkit.model.families import MarkerFamily
 from lmkit.model.landmark import LM8, LandmarkFamily
 from lmkit.model.square_marker import SquareMarkerFamily
 
-GREY = Source("grey", 1, 7, 0.04)
-COARSE = Source("grey", 2, 7, 0.04)  # where edges are blurred over many pixels
+GRAY = Source("gray", 1, 7, 0.04)
+COARSE = Source("gray", 2, 7, 0.04)  # where edges are blurred over many pixels
 RED = Source("red", 1, 7, 0.04)
 DARKEST = Source("darkest", 1, 7, 0.04)
-FINE = Source("grey", 0, 7, 0.04)
-WIDE = Source("grey", 0, 15, 0.10)
+FINE = Source("gray", 0, 7, 0.04)
+WIDE = Source("gray", 0, 15, 0.10)
 
 
 @dataclass(frozen=True)
@@ -43,7 +43,7 @@ class DetectorConfig:
         [LandmarkId('lm8', ...)]
     """
 
-    sources: tuple[Source, ...] = (GREY, COARSE, FINE)
+    sources: tuple[Source, ...] = (GRAY, COARSE, FINE)
     where: WhereToLook = field(default_factory=lambda: WhereToLook(ratio=0.3, luma=0.4))
     min_pattern: float = 0.04
     align_rounds: int = 5
@@ -55,9 +55,9 @@ class DetectorConfig:
 
 BALANCED = DetectorConfig()
 ACCURATE = DetectorConfig(
-    sources=(GREY, COARSE, RED, DARKEST, FINE, WIDE), where=WhereToLook(dilated=True), pixels=1500
+    sources=(GRAY, COARSE, RED, DARKEST, FINE, WIDE), where=WhereToLook(dilated=True), pixels=1500
 )
-FAST = DetectorConfig(sources=(GREY, COARSE), align_rounds=3, pixels=600, in_shadow=False)
+FAST = DetectorConfig(sources=(GRAY, COARSE), align_rounds=3, pixels=600, in_shadow=False)
 PROFILES = {"fast": FAST, "balanced": BALANCED, "accurate": ACCURATE}
 
 
@@ -70,7 +70,7 @@ class DetectOptions:
         config: how hard to look; see :data:`PROFILES`.
         rule: least score of a landmark; see :data:`lmkit.detection.acceptance.STRICTNESSES`.
         through_lens: the image comes through a lens, so straight edges may be curved; off for scans and
-            rasterised pages.
+            rasterized pages.
         camera: the camera that took the image, if it is calibrated: its own distortion then takes the
             place of a guessed distortion.
     """
@@ -83,10 +83,10 @@ class DetectOptions:
 
     @property
     def ring_families(self) -> tuple[LandmarkFamily, ...]:
-        """Families recognized by their colours."""
+        """Families recognized by their colors."""
         return tuple(family for family in self.families if isinstance(family, LandmarkFamily))
 
     @property
     def square_families(self) -> tuple[SquareMarkerFamily, ...]:
-        """Families of black and white cells; grey images do."""
+        """Families of black and white cells; gray images do."""
         return tuple(family for family in self.families if isinstance(family, SquareMarkerFamily))

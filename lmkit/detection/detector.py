@@ -35,7 +35,7 @@ def detect_landmarks(
     """All landmarks of an image, largest first.
 
     Args:
-        image: (H,W,3) BGR, 8 bit, as `io.images.read_image` gives it; grey ones do for square markers.
+        image: (H,W,3) BGR, 8 bit, as `io.images.read_image` gives it; gray ones do for square markers.
         near: (N,4,2) where landmarks are expected, px, from any corner on; only windows around them are searched.
 
     Raises:

@@ -42,11 +42,11 @@ def words_of(family: LandmarkFamily) -> Words:
         (
             (ring.inner_mm + ring.outer_mm) / 2,
             (ring.outer_mm - ring.inner_mm) / 2,
-            math.sin(math.radians(centre)),
-            math.cos(math.radians(centre)),
+            math.sin(math.radians(center)),
+            math.cos(math.radians(center)),
             math.radians(ring.gap_width_deg / 2),
         )
         for ring in family.rings
-        for centre in ring.gap_centres_deg
+        for center in ring.gap_centers_deg
     ]
     return Words.of(masks, np.array(sectors))

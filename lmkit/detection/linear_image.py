@@ -1,6 +1,6 @@
 """The image as registration sees it: linear light, its noise, and its lens, known or guessed.
 
-A known lens is undone exactly; for an unknown one a single radial distortion about the image's centre
+A known lens is undone exactly; for an unknown one a single radial distortion about the image's center
 is fitted, landmark by landmark.
 """
 
@@ -119,7 +119,7 @@ class LinearImage:
         return 0.0 if self.camera is None else float(self.camera.K[0, 1])
 
     @property
-    def centre(self) -> FloatArray:
+    def center(self) -> FloatArray:
         """(2,) the middle of the image, px."""
         width, height = self.size
         return np.array([(width - 1) / 2, (height - 1) / 2])
@@ -130,25 +130,25 @@ class LinearImage:
         return self.size[0] / 2
 
 
-def undistort_radial(at: FloatArray, distortion: float, centre: FloatArray, half_width: float) -> FloatArray:
+def undistort_radial(at: FloatArray, distortion: float, center: FloatArray, half_width: float) -> FloatArray:
     """Pixels freed of a radial distortion: ``c + (x - c) (1 + distortion r^2)``, r = 1 at half the width."""
-    offset = at - centre
+    offset = at - center
     r2 = np.sum(offset**2, axis=-1, keepdims=True) / half_width**2
-    return np.asarray(centre + offset * (1 + distortion * r2))
+    return np.asarray(center + offset * (1 + distortion * r2))
 
 
-def distort_radial(at: FloatArray, distortion: float, centre: FloatArray, half_width: float) -> FloatArray:
+def distort_radial(at: FloatArray, distortion: float, center: FloatArray, half_width: float) -> FloatArray:
     """The inverse of :func:`undistort_radial`, where it has one (r up to where a barrel distortion folds over)."""
     if distortion == 0.0:
         return at
-    offset = at - centre
+    offset = at - center
     target = np.linalg.norm(offset, axis=-1, keepdims=True) / half_width
     fold = 1 / np.sqrt(3 * -distortion) if distortion < 0 else np.inf
     r = np.minimum(target, fold)
     for _ in range(8):
         slope = np.maximum(1 + 3 * distortion * r**2, 0.05)
         r = np.clip(r - (r + distortion * r**3 - target) / slope, 0, fold)
-    return np.asarray(centre + offset * (r / np.maximum(target, 1e-12)))
+    return np.asarray(center + offset * (r / np.maximum(target, 1e-12)))
 
 
 def _straightened(camera: CameraModel, at: FloatArray) -> FloatArray:

@@ -97,8 +97,8 @@ def drawing_of(family: LandmarkFamily) -> Drawing:
     lines = _Lines()
     gaps = []
     for number, ring in enumerate(family.rings):
-        for centre in ring.gap_centres_deg:
-            start, end = (math.radians(centre + s * ring.gap_width_deg / 2) for s in (-1, 1))
+        for center in ring.gap_centers_deg:
+            start, end = (math.radians(center + s * ring.gap_width_deg / 2) for s in (-1, 1))
             after = lines.add(math.cos(start), -math.sin(start), 0.0)
             before = lines.add(-math.cos(end), math.sin(end), 0.0)
             gaps.append((number, *after, *before))

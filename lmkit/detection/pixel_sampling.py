@@ -101,7 +101,7 @@ def _bounding_box(
     if not all(abs(v) < 10 * max(height, width) for point in outline for v in point):
         return None
     if image.camera is not None or state[DISTORTION] != 0.0:
-        flat = distort_radial(np.array(outline), float(state[DISTORTION]), image.centre, image.half_width)
+        flat = distort_radial(np.array(outline), float(state[DISTORTION]), image.center, image.half_width)
         outline = image.distorted(flat).tolist()
     xs, ys = zip(*outline, strict=True)
     x0, y0 = max(math.floor(min(xs)), 0), max(math.floor(min(ys)), 0)

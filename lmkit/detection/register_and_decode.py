@@ -21,7 +21,7 @@ from lmkit.model.landmark import LandmarkFamily
 from lmkit.model.landmark_id import LandmarkId
 from lmkit.model.observation import Detection
 
-SHARP = Steps(rounds=0, most=5, to_px=0.01)  # nothing hides a rasterised page
+SHARP = Steps(rounds=0, most=5, to_px=0.01)  # nothing hides a rasterized page
 FROM_FAR = Steps(rounds=0, most=10, to_px=0.05)
 COARSE_SIDE_PX = 100.0
 HOPELESS = 4.0  # log odds under the rule's from which no shadow's edge lifts a reading
@@ -101,7 +101,7 @@ def register_and_decode(
 
 
 def read_landmark_at(image: ByteArray, corners: FloatArray, family: LandmarkFamily) -> Candidate | None:
-    """Read what stands at known corners of a sharp image, such as a rasterised page.
+    """Read what stands at known corners of a sharp image, such as a rasterized page.
 
     Args:
         image: (H,W,3) BGR, 8 bit.

@@ -1,7 +1,7 @@
 """Sub-pixel registration: the whole pattern fitted to the image's own pixels, in linear light.
 
 Gauss-Newton over the four corners, the point spread (three numbers, so motion blur too) and, where
-the lens is not known, one radial distortion about the image's centre.  The inks are eliminated
+the lens is not known, one radial distortion about the image's center.  The inks are eliminated
 (variable projection), so white, red and blue are whatever the light makes them.
 """
 
@@ -30,7 +30,7 @@ from lmkit.kernels.registration import (
 from lmkit.model.families import MarkerFamily
 from lmkit.model.landmark import LandmarkFamily
 
-MIN_SPREAD = 0.04  # px^2, for images sharper than any lens, such as rasterised pages
+MIN_SPREAD = 0.04  # px^2, for images sharper than any lens, such as rasterized pages
 DISTORTION_PRIOR = 0.12  # standard deviation of the radial distortion, relative at half the image's width
 # What demosaicing, sharpening and JPEG do that no part of the model knows, per coordinate, whatever the landmark.
 MODEL_ERROR_PX = 0.035
@@ -39,7 +39,7 @@ MODEL_ERROR_PX = 0.035
 # simulated images with sides of 14 to 70 px, turned by 0 to 45 deg (benchmarks/corners.py).  Without a mosaic, errors
 # and residuals both fall to a fifth.  Lenses and paper come on top (`CORNER_FLOOR_PX`).
 FEW_EDGES_PX = 30.0
-MOSAIC_PX = 2.0  # period of the colours: an edge that crosses several periods meets all of them
+MOSAIC_PX = 2.0  # period of the colors: an edge that crosses several periods meets all of them
 MIXED_PIXEL_PRIOR = 0.1  # standard deviation of the mixed-pixel bias
 SHADING_PRIOR = 0.05  # standard deviation of the relative change of light over half the side
 LIMITS = Limits(least_spread=MIN_SPREAD, most_spread=64.0, distortion=0.3, shading=0.6, bias=1.0)
@@ -54,7 +54,7 @@ class DrawingFit:
         samples: pixels in use, with the weights of the last registration.
         drawing: what is fitted.
         hypothesis: which of its parts are drawn.
-        channel_repeats: how often the three channels count the same light: 3 in grey images.
+        channel_repeats: how often the three channels count the same light: 3 in gray images.
     """
 
     samples: PixelSamples
@@ -72,7 +72,7 @@ class DrawingFit:
         self.drawing: Drawing | GridDrawing = drawing
         self.hypothesis = Hypothesis(0, 0)
         self.channel_repeats = 1
-        self.view = View(np.round(corners.mean(axis=0)), image.centre, image.half_width, family.half_mm)
+        self.view = View(np.round(corners.mean(axis=0)), image.center, image.half_width, family.half_mm)
         self.state: FloatArray = np.zeros(STATE)
         self.state[:8] = corners.ravel()
         self.state[8] = self.state[10] = spread_px2
@@ -128,7 +128,7 @@ class DrawingFit:
     def image_corners(self, fit_distortion: bool) -> tuple[FloatArray, FloatArray]:
         """(4,2) corners in the image as delivered, distortion and all, and their (8,8) covariance.
 
-        They are those of the last :meth:`register`.  The residuals' own scatter sets the scale; neighbouring pixels
+        They are those of the last :meth:`register`.  The residuals' own scatter sets the scale; neighboring pixels
         share their errors (demosaicing, JPEG), so they count as ``CORRELATED_PIXELS`` times fewer.
         """
         inverse = np.linalg.inv(self._normal)
@@ -150,14 +150,14 @@ class DrawingFit:
             seen = self.image.distorted((self.corners + steps).reshape(-1, 2)).reshape(-1, 8)
             J[:, :8] = (seen[1:] - seen[0]).T / delta
             return seen[0].reshape(4, 2), J
-        corners = distort_radial(self.corners, distortion, self.image.centre, self.image.half_width)
-        offsets = (corners - self.image.centre) / self.image.half_width
+        corners = distort_radial(self.corners, distortion, self.image.center, self.image.half_width)
+        offsets = (corners - self.image.center) / self.image.half_width
         for k, (x, y) in enumerate(offsets.tolist()):
-            # d flat / d seen = along 1 + 2 distortion o o', whose inverse is (1 - outwards o o') / along.
+            # d flat / d seen = along 1 + 2 distortion o o', whose inverse is (1 - outward o o') / along.
             r2 = x * x + y * y
             along = 1 + distortion * r2
-            outwards = 2 * distortion / (along + 2 * distortion * r2)
-            rows = ((1 - outwards * x * x) / along, -outwards * x * y / along, (1 - outwards * y * y) / along)
+            outward = 2 * distortion / (along + 2 * distortion * r2)
+            rows = ((1 - outward * x * x) / along, -outward * x * y / along, (1 - outward * y * y) / along)
             J[2 * k, 2 * k], J[2 * k, 2 * k + 1] = rows[0], rows[1]
             J[2 * k + 1, 2 * k], J[2 * k + 1, 2 * k + 1] = rows[1], rows[2]
             far = r2 * self.image.half_width
@@ -212,9 +212,9 @@ class PatternRegistration(DrawingFit):
 
 
 def aligned_with_mosaic(corners: FloatArray) -> float:
-    """How far the sides of (4,2) corners follow rows and columns of pixels: 1 where they do, towards 0 where not.
+    """How far the sides of (4,2) corners follow rows and columns of pixels: 1 where they do, toward 0 where not.
 
-    The phase of the colour mosaic runs through one period on every `MOSAIC_PX` that a side moves across the rows or
+    The phase of the color mosaic runs through one period on every `MOSAIC_PX` that a side moves across the rows or
     columns it follows; the error of the side's place is the mean over those phases.
     """
     points = corners.tolist()

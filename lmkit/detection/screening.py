@@ -104,7 +104,7 @@ def screen_candidates(
     aligned: ScreeningThresholds = ALIGNED_THRESHOLDS,
     in_shadow: bool = False,
 ) -> Screened:
-    """Move the corners of all candidates ``rounds`` times towards a better fit, and score them.
+    """Move the corners of all candidates ``rounds`` times toward a better fit, and score them.
 
     Args:
         quads: (N,4,2) corners, px, clockwise; misshapen ones score 0.

@@ -1,7 +1,7 @@
 """Shadows that end on a landmark: the image divided by its local white.
 
 Half of a landmark in the sun and half in the shade is two landmarks to every threshold and every
-model of one light.  What is white nearby tells the light: a grey closing (the smallest of the
+model of one light.  What is white nearby tells the light: a gray closing (the smallest of the
 largest values around) keeps the shadow's edge where it is, which a mean would smear, and bridges
 the dark parts, as long as its window is wider than those.  Once the landmark is read, the drawing
 itself says how bright every pixel would be, and one straight edge between two lights is fitted.
@@ -32,8 +32,8 @@ def window_for(side_px: float) -> int:
 def local_white(linear: Float32Array, window: int) -> Float32Array:
     """(H,W) brightness of the white around every pixel of a image in linear light."""
     # A little smoothing, or the closing would return the noise's upper end.
-    grey = cv2.blur(cv2.cvtColor(linear, cv2.COLOR_BGR2GRAY), (3, 3))
-    closed = cv2.morphologyEx(grey, cv2.MORPH_CLOSE, np.ones((window, window), dtype=np.uint8))
+    gray = cv2.blur(cv2.cvtColor(linear, cv2.COLOR_BGR2GRAY), (3, 3))
+    closed = cv2.morphologyEx(gray, cv2.MORPH_CLOSE, np.ones((window, window), dtype=np.uint8))
     return np.asarray(np.maximum(closed, DARKEST), dtype=np.float32)
 
 
@@ -42,7 +42,7 @@ class ShadowEdge:
     """A straight edge between two lights.
 
     Attributes:
-        normal: (2,) unit vector across it, towards the second light.
+        normal: (2,) unit vector across it, toward the second light.
         offset: px along the normal.
         lights: light before and behind the edge.
     """

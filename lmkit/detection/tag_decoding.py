@@ -90,11 +90,11 @@ def decode_tag(
     tables = tag_tables_of(family)
     sums = _sums(family, tables.empty, view, state, samples)
     G, S, energy, bits = sums.gram, sums.seen, sums.energy, family.bits**2
-    plain, grey = _left(np.full((1, bits), 0.5, np.float32), G, S, energy)
+    plain, gray = _left(np.full((1, bits), 0.5, np.float32), G, S, energy)
     if not np.isfinite(plain[0]):
         return None
     # The likeliest two are among those that look most like the cells as they appear.
-    alike = tables.white @ (_cells(G, S, grey[0]) - 0.5).astype(np.float32)
+    alike = tables.white @ (_cells(G, S, gray[0]) - 0.5).astype(np.float32)
     likely = np.argpartition(-alike, SHORTLIST)[:SHORTLIST]
     left, inks = _left(tables.white[likely], G, S, energy)
     first, second = np.argsort(left)[:2].tolist()
@@ -171,7 +171,7 @@ def _left(white: Float32Array, G: FloatArray, S: FloatArray, energy: float) -> t
 
 
 def _cells(G: FloatArray, S: FloatArray, inks: FloatArray) -> FloatArray:
-    """(K,) every cell on its own, 0 black to 1 white, pulled weakly towards grey."""
+    """(K,) every cell on its own, 0 black to 1 white, pulled weakly toward gray."""
     k = len(G) - 2
     contrast, black = (inks[0] - inks[1]).mean(), inks[1].mean()
     light = S.mean(axis=1) - black * G.sum(axis=1)

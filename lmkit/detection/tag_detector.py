@@ -1,4 +1,4 @@
-"""Square markers of an image: candidates from brightness alone, so that grey cameras do."""
+"""Square markers of an image: candidates from brightness alone, so that gray cameras do."""
 
 from __future__ import annotations
 
@@ -13,10 +13,10 @@ from lmkit.detection.linear_image import LinearImage
 from lmkit.detection.pixel_sampling import mean_side
 from lmkit.detection.tag_registration import TagCandidate, register_and_decode_tag
 from lmkit.detection.tag_screening import promising
-from lmkit.detection.windows import LEAST_WINDOW_PX, clockwise, is_colourless, window_around
+from lmkit.detection.windows import LEAST_WINDOW_PX, clockwise, is_colorless, window_around
 from lmkit.model.square_marker import SquareMarkerFamily
 
-ANYWHERE_IN_COLOUR = -1.0  # black and white have no colour to look for
+ANYWHERE_IN_COLOR = -1.0  # black and white have no color to look for
 SAME = 0.08  # of the side: two squares are one
 
 
@@ -26,9 +26,9 @@ def find_tags(image: ByteArray, options: DetectOptions, near: FloatArray | None)
     Args:
         near: (N,4,2) where they are expected, px; only windows around them are searched.
     """
-    grey, families = is_colourless(image), options.square_families
+    gray, families = is_colorless(image), options.square_families
     if near is None:
-        return tag_candidates_of(LinearImage.of(image, options.camera), families, options, grey)
+        return tag_candidates_of(LinearImage.of(image, options.camera), families, options, gray)
     found: list[TagCandidate] = []
     near = np.asarray(near, dtype=np.float64).reshape(-1, 4, 2)
     for quad in near[np.isfinite(near).all(axis=(1, 2))]:
@@ -38,23 +38,23 @@ def find_tags(image: ByteArray, options: DetectOptions, near: FloatArray | None)
         window = LinearImage.of(np.ascontiguousarray(image[low[1] : high[1], low[0] : high[0]]))
         # The lens and its distortion belong to the whole image.
         whole = LinearImage.of(image, options.camera, window.noise)
-        here = _read_quads(whole, clockwise(quad)[None], families, options, grey)
+        here = _read_quads(whole, clockwise(quad)[None], families, options, gray)
         if not any(candidate.rejected is None for candidate in here):
-            here = _read_quads(whole, _quads_of(window, options) + low, families, options, grey)
+            here = _read_quads(whole, _quads_of(window, options) + low, families, options, gray)
         found += here
     return found
 
 
 def tag_candidates_of(
-    image: LinearImage, families: Sequence[SquareMarkerFamily], options: DetectOptions, grey: bool
+    image: LinearImage, families: Sequence[SquareMarkerFamily], options: DetectOptions, gray: bool
 ) -> list[TagCandidate]:
     """Every square that was registered and decoded, with the reasons of what was rejected."""
-    return _read_quads(image, _quads_of(image, options), families, options, grey)
+    return _read_quads(image, _quads_of(image, options), families, options, gray)
 
 
 def _quads_of(image: LinearImage, options: DetectOptions) -> FloatArray:
     config = options.config
-    where = WhereToLook(ANYWHERE_IN_COLOUR, config.where.luma, config.where.dilated)
+    where = WhereToLook(ANYWHERE_IN_COLOR, config.where.luma, config.where.dilated)
     return find_candidates(image.pyramid.levels, config.sources, where, image.noise)
 
 
@@ -63,7 +63,7 @@ def _read_quads(
     quads: FloatArray,
     families: Sequence[SquareMarkerFamily],
     options: DetectOptions,
-    grey: bool,
+    gray: bool,
 ) -> list[TagCandidate]:
     found: list[TagCandidate] = []
     clear = np.array([promising(image.pyramid.levels, quads, family) for family in families])
@@ -73,7 +73,7 @@ def _read_quads(
         if any(_is_in(quad, other) for other in found if other.rejected is None):
             continue
         chosen = [family for family, is_likely in zip(families, clear[:, row], strict=True) if is_likely]
-        candidate = register_and_decode_tag(image, quad, chosen, options, grey)
+        candidate = register_and_decode_tag(image, quad, chosen, options, gray)
         if candidate is not None:
             found.append(candidate)
     return found

@@ -23,7 +23,7 @@ READ_ROUNDS = 3
 SOFT = Steps(rounds=1, most=3, to_px=0.1)
 COARSE = Steps(rounds=1, most=3, to_px=0.1)
 FINE = Steps(rounds=2, most=3, to_px=0.02)
-SHARP = Steps(rounds=0, most=5, to_px=0.01)  # nothing hides a rasterised page
+SHARP = Steps(rounds=0, most=5, to_px=0.01)  # nothing hides a rasterized page
 FROM_FAR = Steps(rounds=0, most=10, to_px=0.05)
 COARSE_SIDE_PX = 100.0
 COARSE_PIXELS = 400
@@ -100,11 +100,11 @@ class TagFit(DrawingFit):
     decoding: TagDecoding
 
     def __init__(
-        self, image: LinearImage, family: SquareMarkerFamily, corners: FloatArray, spread_px2: float, grey: bool
+        self, image: LinearImage, family: SquareMarkerFamily, corners: FloatArray, spread_px2: float, gray: bool
     ) -> None:
         self.family = family
         super().__init__(image, family, tag_tables_of(family).empty, corners, spread_px2)
-        self.channel_repeats = 3 if grey else 1
+        self.channel_repeats = 3 if gray else 1
 
     def decode(self, least: float) -> bool:
         """Score every code, and draw the likeliest one from now on; False where its cells explain less."""
@@ -125,16 +125,16 @@ def register_and_decode_tag(
     quad: FloatArray,
     families: Sequence[SquareMarkerFamily],
     options: DetectOptions,
-    grey: bool,
+    gray: bool,
 ) -> TagCandidate | None:
     """The likeliest reading of a square among families; None where nothing is promising."""
-    found = [_read(image, quad, family, options, grey) for family in families]
+    found = [_read(image, quad, family, options, gray) for family in families]
     read = [candidate for candidate in found if candidate is not None]
     return max(read, key=lambda c: (c.rejected is None, c.decoding.margin), default=None)
 
 
 def read_tag_at(image: ByteArray, corners: FloatArray, family: SquareMarkerFamily) -> TagCandidate | None:
-    """Read what stands at known corners of a sharp image, such as a rasterised page.
+    """Read what stands at known corners of a sharp image, such as a rasterized page.
 
     Args:
         image: (H,W,3) BGR, 8 bit.
@@ -143,7 +143,7 @@ def read_tag_at(image: ByteArray, corners: FloatArray, family: SquareMarkerFamil
     Returns:
         None where too little of it lies in the image, or nothing in it looks like cells.
     """
-    fit = TagFit(LinearImage.of(image), family, corners, 0.3, grey=True)
+    fit = TagFit(LinearImage.of(image), family, corners, 0.3, gray=True)
     if not fit.sample(COARSE_PIXELS, near_edges=True) or not fit.decode(FOUND_PATTERN):
         return None
     fit.register(SHARP)
@@ -157,12 +157,12 @@ def _read(
     quad: FloatArray,
     family: SquareMarkerFamily,
     options: DetectOptions,
-    grey: bool,
+    gray: bool,
 ) -> TagCandidate | None:
-    quad = image.straightened(_coarse_corners(image, quad, family, grey))
+    quad = image.straightened(_coarse_corners(image, quad, family, gray))
     side = mean_side(quad)
     fit_distortion = options.through_lens and options.camera is None and side > DISTORTION_SIDE_PX
-    fit = TagFit(image, family, quad, max(0.8, 0.012 * min(side, COARSE_SIDE_PX)) ** 2, grey)
+    fit = TagFit(image, family, quad, max(0.8, 0.012 * min(side, COARSE_SIDE_PX)) ** 2, gray)
     if not fit.sample(COARSE_PIXELS, near_edges=False) or not fit.decode(FOUND_PATTERN):
         return None
     fit.draw_cells()
@@ -184,13 +184,13 @@ def _read(
     return _candidate(fit, fit.decoding, TagRule.of(family), fit_distortion)
 
 
-def _coarse_corners(image: LinearImage, quad: FloatArray, family: SquareMarkerFamily, grey: bool) -> FloatArray:
+def _coarse_corners(image: LinearImage, quad: FloatArray, family: SquareMarkerFamily, gray: bool) -> FloatArray:
     """Corners of a large quad, registered in a smaller image first; they are then good to a pixel or so."""
     times = int(np.log2(max(mean_side(quad) / COARSE_SIDE_PX, 1.0)))
     if times < 1:
         return quad
     scale = 2.0**times
-    fit = TagFit(image.halved(times), family, (quad + 0.5) / scale - 0.5, 2.0, grey)
+    fit = TagFit(image.halved(times), family, (quad + 0.5) / scale - 0.5, 2.0, gray)
     if not fit.sample(COARSE_PIXELS, near_edges=True) or not fit.decode(FOUND_PATTERN):
         return quad
     fit.draw_cells()

@@ -1,4 +1,4 @@
-"""Windows of an image around squares that are expected, and images without colour."""
+"""Windows of an image around squares that are expected, and images without color."""
 
 from __future__ import annotations
 
@@ -26,6 +26,6 @@ def clockwise(quad: FloatArray) -> FloatArray:
     return quad if bool(np.sum(x * np.roll(y, -1) - y * np.roll(x, -1)) > 0) else quad[::-1]
 
 
-def is_colourless(image: ByteArray) -> bool:
-    """All three channels the same: a grey image, in which red and blue cannot be distinguished."""
+def is_colorless(image: ByteArray) -> bool:
+    """All three channels the same: a gray image, in which red and blue cannot be distinguished."""
     return bool(np.array_equal(image[:, :, 0], image[:, :, 1]) and np.array_equal(image[:, :, 1], image[:, :, 2]))

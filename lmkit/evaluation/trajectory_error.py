@@ -175,7 +175,7 @@ def umeyama(source: FloatArray, target: FloatArray, with_scale: bool) -> tuple[F
 
 
 def _relative(true: Trajectory, found: Trajectory, delta: int) -> tuple[FloatArray, FloatArray] | None:
-    """(M,) metres and rad that the motion from pose to pose, ``delta`` apart, is off."""
+    """(M,) meters and rad that the motion from pose to pose, ``delta`` apart, is off."""
     rows = np.arange(0, len(true), delta)
     if len(rows) < 2:
         return None

@@ -78,7 +78,7 @@ def survey_site(
     """Survey the recordings of one site into one map.
 
     Args:
-        size_m: side of the landmarks, metres; landmarks in ``known`` have their own.
+        size_m: side of the landmarks, meters; landmarks in ``known`` have their own.
         known: landmarks with known poses, such as yesterday's map; it defines the map frame.
 
     Raises:

@@ -1,4 +1,4 @@
-"""Family + code -> filled paths in millimetres, the drawing that every output format shares."""
+"""Family + code -> filled paths in millimeters, the drawing that every output format shares."""
 
 from __future__ import annotations
 
@@ -83,9 +83,9 @@ def polygon_commands(points: list[Point]) -> tuple[Command, ...]:
     return (("M", points[0]), *(("L", p) for p in points[1:]), ("Z",))
 
 
-def circle_commands(centre: Point, radius: float) -> tuple[Command, ...]:
+def circle_commands(center: Point, radius: float) -> tuple[Command, ...]:
     """A closed circle."""
-    x, y = centre
+    x, y = center
     commands: list[Command] = [("M", (x, y + radius))]
     for name, *points in _arc(radius, 0.0, 360.0):
         commands.append((name, *((x + px, y + py) for px, py in points)))
@@ -99,15 +99,15 @@ def _square(role: str, color: Rgb, half: float) -> FilledPath:
 
 def _ring_commands(ring: Ring, gaps: tuple[bool, ...]) -> tuple[Command, ...]:
     half_gap = ring.gap_width_deg / 2
-    open_centres = [c for c, gap in zip(ring.gap_centres_deg, gaps, strict=True) if gap]
-    if not open_centres:
+    open_centers = [c for c, gap in zip(ring.gap_centers_deg, gaps, strict=True) if gap]
+    if not open_centers:
         circles: tuple[Command, ...] = ()
         for radius in (ring.outer_mm, ring.inner_mm):
             circles += (("M", _on_circle(radius, 0.0)), *_arc(radius, 0.0, 360.0), ("Z",))
         return circles
     commands: tuple[Command, ...] = ()
-    for centre, following in zip(open_centres, [*open_centres[1:], open_centres[0] + 360.0], strict=True):
-        start, end = centre + half_gap, following - half_gap
+    for center, following in zip(open_centers, [*open_centers[1:], open_centers[0] + 360.0], strict=True):
+        start, end = center + half_gap, following - half_gap
         commands += (
             ("M", _on_circle(ring.outer_mm, start)),
             *_arc(ring.outer_mm, start, end),

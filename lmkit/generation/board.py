@@ -6,7 +6,7 @@ import cv2
 import numpy as np
 
 from lmkit.generation.artwork import FilledPath
-from lmkit.generation.page import GREY, Page, PrintedFace, Text, rectangle
+from lmkit.generation.page import GRAY, Page, PrintedFace, Text, rectangle
 from lmkit.io.template import PAPERS_MM
 from lmkit.model.board import BoardSpec
 from lmkit.model.charuco import charuco_board, charuco_dictionary
@@ -43,7 +43,7 @@ def compose_board_page(board: BoardSpec, paper: str = "a4") -> Page:
         items = _charuco_items(board, x0, y0) if board.kind == "charuco" else _chessboard_items(board, x0, y0)
         across = f"{board.squares[0]} squares across and {board.squares[1]} down"
     text = f"{board}, print at 100 %; {across} must measure {width:g} x {height:g} mm"
-    items.append(Text((page[0] / 2, y0 + height + EDGE_MM + 2.5), text, min(3.6, width / 40), "middle", GREY))
+    items.append(Text((page[0] / 2, y0 + height + EDGE_MM + 2.5), text, min(3.6, width / 40), "middle", GRAY))
     return Page(page, tuple(items), f"lmkit board {board}", faces)
 
 

@@ -1,6 +1,6 @@
 """A true-scale sheet: paths and texts on paper, and where its landmarks stand.
 
-Page coordinates are millimetres from the top left corner of the paper, x right, y down.
+Page coordinates are millimeters from the top left corner of the paper, x right, y down.
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ from lmkit.generation.artwork import Command, FilledPath, Point, landmark_artwor
 from lmkit.model.families import MarkerFamily
 from lmkit.model.palette import BLACK, Rgb
 
-GREY: Rgb = (90, 90, 90)
+GRAY: Rgb = (90, 90, 90)
 Box = tuple[float, float, float, float]  # left, top, right, bottom
 
 

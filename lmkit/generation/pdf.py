@@ -19,7 +19,7 @@ from lmkit.version import __version__
 
 rl_config.useA85 = 0  # pages as they are compressed: a fifth smaller than as text, and reportlab encodes slowly
 
-# The usual process recipes of the two inks; other colours are converted plainly.
+# The usual process recipes of the two inks; other colors are converted plainly.
 CMYK = {RED: (0.0, 1.0, 1.0, 0.0), BLUE: (1.0, 0.75, 0.0, 0.0), BLACK: (0.0, 0.0, 0.0, 1.0)}
 CUT_CONTOUR = CMYKColorSep(0, 1, 0, 0, spotName="CutContour", density=1)
 
@@ -31,7 +31,7 @@ def pages_to_pdf(pages: Iterable[Page], title: str, keywords: str = "", cmyk: bo
 
     Args:
         keywords: written into the document's metadata.
-        cmyk: inks as process colours instead of RGB.
+        cmyk: inks as process colors instead of RGB.
     """
     buffer = io.BytesIO()
     canvas = Canvas(buffer, invariant=1, pageCompression=1, initialFontName="Helvetica")

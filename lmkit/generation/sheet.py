@@ -219,14 +219,14 @@ def _check_parts(around: list[Part], faces: tuple[PrintedFace, ...], template: P
                 "outside",
                 f"template {template.name}: the {part.name} reaches into the {edge:g} mm at the paper's edge "
                 "that printers leave blank",
-                "move it inwards, or lower printer_margin_mm if your printer can do more",
+                "move it inward, or lower printer_margin_mm if your printer can do more",
             )
         # A frame around the margin covers it only as a box.
         if part.name != "cut contour" and any(_touches(part, face.margin_box) for face in faces):
             raise InputError(
                 "overlap",
                 f"template {template.name}: the {part.name} stands in a landmark's white margin",
-                "move it outwards, or choose a smaller --size",
+                "move it outward, or choose a smaller --size",
             )
     for one, other in combinations([part for part in around if part.alone], 2):
         if overlap(one.box, other.box):

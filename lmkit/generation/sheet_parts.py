@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from functools import cached_property, lru_cache
 
 from lmkit.generation.artwork import Command, FilledPath, Point, circle_commands, polygon_commands
-from lmkit.generation.page import GREY, Box, Item, PrintedFace, Text, box_of, rectangle
+from lmkit.generation.page import GRAY, Box, Item, PrintedFace, Text, box_of, rectangle
 from lmkit.model.palette import BLACK, BLUE, RED, Rgb
 from lmkit.units import MM_PER_INCH
 
@@ -16,7 +16,7 @@ CHECK_SQUARE_MM = 2 * MM_PER_INCH  # two inches: whole in one unit, and 50.8 in 
 MARK_LENGTH_MM = 4.0
 MARK_GAP_MM = 0.8  # between a white margin and the marks around it
 PATCH_MM = 9.0
-# The landmark's own inks, the printer's primaries, and greys.
+# The landmark's own inks, the printer's primaries, and grays.
 PATCHES: tuple[Rgb, ...] = (
     RED,
     BLUE,
@@ -50,7 +50,7 @@ class Part:
 
 @lru_cache(maxsize=64)
 def ruler(start: Point, length_mm: int, vertical: bool, slim: bool = False) -> Part:
-    """Millimetres on one side of the line, inches on the other.
+    """Millimeters on one side of the line, inches on the other.
 
     The outer edges of its end ticks mark exactly 0 and ``length_mm``.
 
@@ -111,7 +111,7 @@ def check_square(at: Point) -> Part:
 
 @lru_cache(maxsize=64)
 def patch_strip(at: Point) -> Part:
-    """Nine patches: both inks of the landmark, black and greys, the printer's primaries."""
+    """Nine patches: both inks of the landmark, black and grays, the printer's primaries."""
     x, y = at
     items: list[Item] = [
         rectangle("patch", color, x + k * (PATCH_MM + 1), y, PATCH_MM, PATCH_MM) for k, color in enumerate(PATCHES)
@@ -140,8 +140,8 @@ def label(at: Point, face: PrintedFace, codes: str, ruler_mm: int | None) -> Par
     lines = (
         (codes, 9.0, BLACK, True),
         (f"lmkit {family.name} v{family.version}, {span}", 4.2, BLACK, False),
-        (check, 3.6, GREY, False),
-        (family.print_hint, 3.6, GREY, False),
+        (check, 3.6, GRAY, False),
+        (family.print_hint, 3.6, GRAY, False),
     )
     items = []
     for content, height, color, bold in lines:
@@ -156,7 +156,7 @@ def caption(face: PrintedFace, below_mm: float, height_mm: float) -> Part:
     words = f"{face.family.name} v{face.family.version}, code {face.code}, {face.size_mm:g} mm"
     way = -1 if face.upside_down else 1
     at = (x, y + way * (face.reach_mm + below_mm + 0.74 * height_mm))
-    text = Text(at, words, height_mm, "middle", GREY, 180 if face.upside_down else 0)
+    text = Text(at, words, height_mm, "middle", GRAY, 180 if face.upside_down else 0)
     return Part(f"caption of code {face.code}", (text,))
 
 
@@ -169,15 +169,15 @@ def dimension(face: PrintedFace) -> Part:
     items: list[Item] = []
     for side in (-1, 1):
         edge = x + side * half
-        items.append(rectangle("mark", GREY, edge - (THIN_MM if side > 0 else 0), top, THIN_MM, 4))
+        items.append(rectangle("mark", GRAY, edge - (THIN_MM if side > 0 else 0), top, THIN_MM, 4))
         tip: list[Point] = [(edge, line), (edge - side * 3, line - 0.8), (edge - side * 3, line + 0.8)]
-        items.append(FilledPath("mark", GREY, polygon_commands(tip)))
+        items.append(FilledPath("mark", GRAY, polygon_commands(tip)))
     words = f"{face.size_mm:g} mm: red edge to red edge"
     height = min(3.2, face.size_mm / 18)
-    text = Text((x, line + 0.35 * height), words, height, "middle", GREY)
+    text = Text((x, line + 0.35 * height), words, height, "middle", GRAY)
     left, _, right, _ = box_of((text,))
     for a, b in ((x - half, left - 2), (right + 2, x + half)):
-        items.append(rectangle("mark", GREY, a, line - THIN_MM / 2, b - a, THIN_MM))
+        items.append(rectangle("mark", GRAY, a, line - THIN_MM / 2, b - a, THIN_MM))
     return Part("dimension", (*items, text))
 
 
@@ -201,12 +201,12 @@ def centre_marks(face: PrintedFace) -> Part:
     left, top, right, bottom = face.margin_box
     gap, length = MARK_GAP_MM, 3.0
     items = (
-        rectangle("mark", GREY, x - THIN_MM / 2, top - gap - length, THIN_MM, length),
-        rectangle("mark", GREY, x - THIN_MM / 2, bottom + gap, THIN_MM, length),
-        rectangle("mark", GREY, left - gap - length, y - THIN_MM / 2, length, THIN_MM),
-        rectangle("mark", GREY, right + gap, y - THIN_MM / 2, length, THIN_MM),
+        rectangle("mark", GRAY, x - THIN_MM / 2, top - gap - length, THIN_MM, length),
+        rectangle("mark", GRAY, x - THIN_MM / 2, bottom + gap, THIN_MM, length),
+        rectangle("mark", GRAY, left - gap - length, y - THIN_MM / 2, length, THIN_MM),
+        rectangle("mark", GRAY, right + gap, y - THIN_MM / 2, length, THIN_MM),
     )
-    return Part("centre marks", items, alone=False)
+    return Part("center marks", items, alone=False)
 
 
 def cut_contour(face: PrintedFace) -> Part:
@@ -220,9 +220,9 @@ def hole(at: Point, diameter_mm: float) -> Part:
     x, y = at
     outline = (*circle_commands(at, diameter_mm / 2), *circle_commands(at, diameter_mm / 2 - THIN_MM))
     items = (
-        FilledPath("mark", GREY, outline),
-        rectangle("mark", GREY, x - 1, y - THIN_MM / 2, 2, THIN_MM),
-        rectangle("mark", GREY, x - THIN_MM / 2, y - 1, THIN_MM, 2),
+        FilledPath("mark", GRAY, outline),
+        rectangle("mark", GRAY, x - 1, y - THIN_MM / 2, 2, THIN_MM),
+        rectangle("mark", GRAY, x - THIN_MM / 2, y - 1, THIN_MM, 2),
     )
     return Part("mounting hole", items)
 
@@ -238,9 +238,9 @@ def straight_line(segment: tuple[float, float, float, float], dashed: bool) -> P
     while along < length - 1e-9:
         piece = min(dash, length - along)
         if y0 == y1:
-            items.append(rectangle("mark", GREY, x + along, y - THIN_MM / 2, piece, THIN_MM))
+            items.append(rectangle("mark", GRAY, x + along, y - THIN_MM / 2, piece, THIN_MM))
         else:
-            items.append(rectangle("mark", GREY, x - THIN_MM / 2, y + along, THIN_MM, piece))
+            items.append(rectangle("mark", GRAY, x - THIN_MM / 2, y + along, THIN_MM, piece))
         along += step
     return Part("fold line" if dashed else "cut line", tuple(items), alone=False)
 

@@ -1,4 +1,4 @@
-"""A page -> SVG of exact size, in millimetres."""
+"""A page -> SVG of exact size, in millimeters."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from lmkit.generation.page import Page, Text
 
 
 def page_to_svg(page: Page) -> str:
-    """An SVG document; one user unit is one millimetre."""
+    """An SVG document; one user unit is one millimeter."""
     width, height = page.size_mm
     lines = [
         '<?xml version="1.0" encoding="UTF-8"?>',

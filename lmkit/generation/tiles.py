@@ -10,7 +10,7 @@ import numpy as np
 
 from lmkit.errors import InputError
 from lmkit.generation.artwork import FilledPath
-from lmkit.generation.page import GREY, Box, Page, PrintedFace, Text, bare_landmark_page, rectangle
+from lmkit.generation.page import GRAY, Box, Page, PrintedFace, Text, bare_landmark_page, rectangle
 from lmkit.generation.png import page_to_image
 from lmkit.generation.sheet_parts import LINE_MM, THIN_MM, frame, ruler
 from lmkit.io.template import PAPERS_MM
@@ -47,7 +47,7 @@ class _Tiling:
     width: float
     height: float
 
-    def centre_on(self, row: int, column: int) -> tuple[float, float]:
+    def center_on(self, row: int, column: int) -> tuple[float, float]:
         """Position of the landmark's center on a sheet, mm from its top left corner."""
         x = EDGE_MM - (self.left + column * (self.width - OVERLAP_MM))
         y = EDGE_MM - (self.top + row * (self.height - OVERLAP_MM))
@@ -83,7 +83,7 @@ def _sheet_names(face: PrintedFace, tiling: _Tiling) -> dict[tuple[int, int], st
     names: dict[tuple[int, int], str] = {}
     for row in range(tiling.rows):
         for column in range(tiling.columns):
-            x, y = tiling.centre_on(row, column)
+            x, y = tiling.center_on(row, column)
             left, top = (LOOK_MM / 2 + (EDGE_MM - at) * scale for at in (x, y))
             columns = slice(max(0, math.floor(left)), max(0, math.ceil(left + tiling.width * scale)))
             rows = slice(max(0, math.floor(top)), max(0, math.ceil(top + tiling.height * scale)))
@@ -101,11 +101,11 @@ def _tiling(face: PrintedFace, paper: tuple[float, float]) -> _Tiling:
 
 
 def _sheet(face: PrintedFace, tiling: _Tiling, row: int, column: int, name: str) -> Page:
-    here = replace(face, centre_mm=tiling.centre_on(row, column))
+    here = replace(face, centre_mm=tiling.center_on(row, column))
     window: Box = (EDGE_MM, EDGE_MM, EDGE_MM + tiling.width, EDGE_MM + tiling.height)
     left, top, right, bottom = window
     items: list[FilledPath | Text] = []
-    # Where to cut (left and top, the sheet lies on its neighbours) and where the next sheet's edge comes.
+    # Where to cut (left and top, the sheet lies on its neighbors) and where the next sheet's edge comes.
     across = [(left, "cut" if column else "")]
     down = [(top, "cut" if row else "")]
     if column + 1 < tiling.columns:
@@ -123,7 +123,7 @@ def _sheet(face: PrintedFace, tiling: _Tiling, row: int, column: int, name: str)
         if word:
             items.append(Text((right + 3.2, y + 1), word, WORD_MM, "end", rotation_deg=90, bold=True))
     words = f"sheet {name}: {_title(face)}; print at 100 %"
-    items.append(Text((left + 12, bottom + FOOT_MM), words, 3.2, color=GREY))
+    items.append(Text((left + 12, bottom + FOOT_MM), words, 3.2, color=GRAY))
     return Page(tiling.paper, tuple(items), f"{_title(face)}, sheet {name}", (here,), window, here.artwork)
 
 
@@ -137,15 +137,15 @@ def _plan(face: PrintedFace, tiling: _Tiling, paper: str, names: Mapping[tuple[i
     whole = tiling.columns * (tiling.width - OVERLAP_MM) + OVERLAP_MM
     tall = tiling.rows * (tiling.height - OVERLAP_MM) + OVERLAP_MM
     scale = min((width - 40) / whole, (height - 110) / tall)
-    centre = (width / 2, 34 + tall * scale / 2)
+    center = (width / 2, 34 + tall * scale / 2)
     items: list[FilledPath | Text] = [
         Text((20, 22), f"{_title(face)}: {len(names)} sheets, {tiling.columns} across and {tiling.rows} down", 6.0)
     ]
-    items += replace(face, size_mm=face.size_mm * scale, centre_mm=centre).artwork
+    items += replace(face, size_mm=face.size_mm * scale, centre_mm=center).artwork
     for row in range(tiling.rows):
         for column in range(tiling.columns):
-            x, y = tiling.centre_on(row, column)
-            left, top = centre[0] + (EDGE_MM - x) * scale, centre[1] + (EDGE_MM - y) * scale
+            x, y = tiling.center_on(row, column)
+            left, top = center[0] + (EDGE_MM - x) * scale, center[1] + (EDGE_MM - y) * scale
             box = (left, top, left + tiling.width * scale, top + tiling.height * scale)
             items.append(frame("mark", BLACK, box, LINE_MM))
             name = names.get((row, column), "blank")

@@ -1,6 +1,6 @@
 """A calibrated camera: intrinsics and lens distortion, in OpenCV's terms.
 
-Pixel (0, 0) is the centre of the top-left pixel; the camera looks along z, x right, y down.
+Pixel (0, 0) is the center of the top-left pixel; the camera looks along z, x right, y down.
 """
 
 from __future__ import annotations
@@ -58,7 +58,7 @@ class CameraModel:
         object.__setattr__(self, "distortion", distortion)
 
     def project(self, points: FloatArray) -> FloatArray:
-        """(N,3) points in the camera frame, metres -> (N,2) pixels.
+        """(N,3) points in the camera frame, meters -> (N,2) pixels.
 
         The same function as ``cv2.projectPoints`` at the identity pose; points behind the camera
         give values without meaning.
@@ -90,7 +90,7 @@ class CameraModel:
         return np.asarray(pixels, dtype=np.float64).reshape(-1, 2), J[:, :, 3:6], J[:, :, 6 : 10 + count]
 
     def unproject(self, pixels: FloatArray) -> FloatArray:
-        """(N,2) pixels -> (N,2) normalised coordinates x/z, y/z of the rays, without distortion."""
+        """(N,2) pixels -> (N,2) normalized coordinates x/z, y/z of the rays, without distortion."""
         uv = np.asarray(pixels, dtype=np.float64).reshape(-1, 1, 2)
         if len(uv) == 0:
             return np.zeros((0, 2))

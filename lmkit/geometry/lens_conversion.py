@@ -13,7 +13,7 @@ GRID = (24, 18)
 def with_four_coefficients(camera: CameraModel, model: str) -> tuple[CameraModel, float]:
     """A camera with four coefficients that sees nearly the same, and by how many px at most it errs.
 
-    Focal lengths and centre move with the coefficients, so that the images agree where there is an image.
+    Focal lengths and center move with the coefficients, so that the images agree where there is an image.
 
     Args:
         model: ``pinhole`` (k1 k2 p1 p2) or ``fisheye`` (k1 k2 k3 k4).

@@ -11,7 +11,7 @@ from lmkit.geometry.pose import Pose
 
 
 def planar_pose(state: FloatArray) -> Pose:
-    """T_map_base of a robot on a level floor, of its x, y (m) and heading (rad, from x towards y)."""
+    """T_map_base of a robot on a level floor, of its x, y (m) and heading (rad, from x toward y)."""
     return Pose.from_rvec("map", "base", np.array([0.0, 0.0, state[2]]), np.array([state[0], state[1], 0.0]))
 
 

@@ -1,4 +1,4 @@
-"""Rigid transforms; neighbouring frame names must agree: ``T_map_camera @ T_camera_landmark``."""
+"""Rigid transforms; neighboring frame names must agree: ``T_map_camera @ T_camera_landmark``."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ class Pose:
     Attributes:
         to_frame, from_frame: names of the two frames.
         R: (3,3) rotation.
-        t: (3,) position of from_frame's origin in to_frame, metres.
+        t: (3,) position of from_frame's origin in to_frame, meters.
 
     Raises:
         ValueError: R is no rotation (to 1e-6), or a shape is wrong.
@@ -72,7 +72,7 @@ class Pose:
     def from_quaternion(
         cls, to_frame: str, from_frame: str, position: Sequence[float], quaternion_xyzw: Sequence[float]
     ) -> Pose:
-        """From a position in metres and a quaternion x y z w, normalised here.
+        """From a position in meters and a quaternion x y z w, normalized here.
 
         Raises:
             ValueError: the quaternion is further than 1e-2 from unit length.
@@ -85,7 +85,7 @@ class Pose:
 
     @classmethod
     def from_rvec(cls, to_frame: str, from_frame: str, rvec: FloatArray, t: FloatArray) -> Pose:
-        """From a rotation vector (axis times angle, rad) and a translation in metres."""
+        """From a rotation vector (axis times angle, rad) and a translation in meters."""
         return cls(to_frame, from_frame, rotation_exp(np.ravel(rvec)), np.ravel(t))
 
     @property
@@ -103,7 +103,7 @@ class Pose:
         return Pose(self.from_frame, self.to_frame, self.R.T, -self.R.T @ self.t)
 
     def apply(self, points: FloatArray) -> FloatArray:
-        """(..., 3) points of from_frame, in to_frame; metres."""
+        """(..., 3) points of from_frame, in to_frame; meters."""
         return np.asarray(points @ self.R.T + self.t)
 
     def __matmul__(self, other: Pose) -> Pose:

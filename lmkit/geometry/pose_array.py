@@ -21,7 +21,7 @@ class PoseArray:
     Attributes:
         to_frame, from_frame: names of the two frames.
         R: (N,3,3) rotations.
-        t: (N,3) positions of from_frame's origin in to_frame, metres.
+        t: (N,3) positions of from_frame's origin in to_frame, meters.
 
     Examples:
         >>> import lmkit
@@ -66,7 +66,7 @@ class PoseArray:
         return PoseArray(self.from_frame, self.to_frame, back, -(back @ self.t[..., None])[..., 0])
 
     def apply(self, points: FloatArray) -> FloatArray:
-        """(N,K,3) points of from_frame, given as (K,3) or (N,K,3), in to_frame; metres."""
+        """(N,K,3) points of from_frame, given as (K,3) or (N,K,3), in to_frame; meters."""
         return np.asarray(points @ self.R.swapaxes(-1, -2) + self.t[:, None])
 
     def __matmul__(self, other: Pose | PoseArray) -> PoseArray:
@@ -92,7 +92,7 @@ def moved_covariance(covariance: FloatArray, offset: FloatArray) -> FloatArray:
 
     Args:
         covariance: (...,6,6) x y z (m), then rotation about x y z (rad).
-        offset: (...,3) from the point it is of to the point wanted, in the axes of the covariance, metres.
+        offset: (...,3) from the point it is of to the point wanted, in the axes of the covariance, meters.
     """
     J = np.zeros((*np.shape(offset)[:-1], 6, 6))
     J[...] = np.eye(6)

@@ -86,7 +86,7 @@ def epipolar_errors(rig: StereoRig, left: FloatArray, right: FloatArray) -> Floa
     """(N,) row differences, px, of matching points (N,2) after rectification.
 
     Columns instead of rows for cameras that stand above each other.  Of fisheye cameras, whose rectified
-    images are stretched without bound towards their edges, the angle between the two points' epipolar
+    images are stretched without bound toward their edges, the angle between the two points' epipolar
     planes instead, in pixels of the images as taken.
     """
     maps = rectification(rig)

@@ -27,22 +27,22 @@ def require_plausible(rig: AnyRig, where: str) -> None:
             if distance_m > LONGEST_BASELINE_M:
                 raise InputError(
                     "implausible_baseline",
-                    f"{where}: camera {camera.name} is {distance_m:g} m from the first one: are these millimetres?",
-                    "write lengths in metres",
+                    f"{where}: camera {camera.name} is {distance_m:g} m from the first one: are these millimeters?",
+                    "write lengths in meters",
                 )
         return
     baseline_m = rig.baseline_m
     if baseline_m > LONGEST_BASELINE_M:
         raise InputError(
             "implausible_baseline",
-            f"{where}: a baseline of {baseline_m:g} m: are these millimetres ({baseline_m:g} mm)?",
-            "write lengths in metres; calibrations with boards in millimetres give millimetres",
+            f"{where}: a baseline of {baseline_m:g} m: are these millimeters ({baseline_m:g} mm)?",
+            "write lengths in meters; calibrations with boards in millimeters give millimeters",
         )
     if baseline_m < SHORTEST_BASELINE_M:
         raise InputError(
             "implausible_baseline",
             f"{where}: a baseline of {baseline_m:g} m: the cameras stand at the same place",
-            "give the file of a stereo pair, with lengths in metres",
+            "give the file of a stereo pair, with lengths in meters",
         )
 
 

@@ -92,7 +92,7 @@ def rotation_angle(R: FloatArray) -> float:
 
 
 def quaternion_to_matrix(q: FloatArray) -> FloatArray:
-    """(...,3,3) rotations of quaternions (...,4) x y z w, normalised here."""
+    """(...,3,3) rotations of quaternions (...,4) x y z w, normalized here."""
     x, y, z, w = np.moveaxis(q / np.linalg.norm(q, axis=-1, keepdims=True), -1, 0)
     rows = [
         *(1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)),

@@ -49,7 +49,7 @@ class StereoRig:
 
     @property
     def baseline_m(self) -> float:
-        """Distance between the two optical centres, metres."""
+        """Distance between the two optical centers, meters."""
         return float(np.linalg.norm(self.T_right_left.t))
 
 

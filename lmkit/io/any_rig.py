@@ -1,4 +1,4 @@
-"""Rigs in whatever form they come: lmkit's own, OpenCV's, ROS's or Kalibr's, recognised by their content."""
+"""Rigs in whatever form they come: lmkit's own, OpenCV's, ROS's or Kalibr's, recognized by their content."""
 
 from __future__ import annotations
 

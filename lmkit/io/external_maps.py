@@ -2,7 +2,7 @@
 
 What is read alone is in `marker_maps`.
 
-WPILib (FIRST robotics, PhotonVision): metres, quaternions W X Y Z; a tag's x axis points out of its face, y to the
+WPILib (FIRST robotics, PhotonVision): meters, quaternions W X Y Z; a tag's x axis points out of its face, y to the
 left of one who looks out from it, z up, while ours are x right and y up for one who looks at it, and z out of it.
 TagSLAM: rotation vectors; a tag's axes are ours.
 """
@@ -38,7 +38,7 @@ LARGEST_TAG_M = 10.0
 
 
 def read_any_map(path: Path, defaults: MarkerDefaults | None = None) -> LandmarkMap:
-    """A map of lmkit's or of another system, recognised by content.
+    """A map of lmkit's or of another system, recognized by content.
 
     Args:
         defaults: family and size of markers in files that do not say them.

@@ -20,8 +20,8 @@ from lmkit.model.floor_plan import FloorPlan, Wall, wall_name, walls_of
 CELL_M = 0.05
 LARGEST_CELL_M = 0.25  # a robot has to find its way between cells
 MOST_CELLS = 16_000_000
-FREE_ABOVE = 0.86  # of white, in plain images: grey furniture and thin walls are not free
-UNKNOWN_GREY = 205.5 / 255  # map savers write unknown as 205, whatever the threshold; unknown is never free
+FREE_ABOVE = 0.86  # of white, in plain images: gray furniture and thin walls are not free
+UNKNOWN_GRAY = 205.5 / 255  # map savers write unknown as 205, whatever the threshold; unknown is never free
 SHORTEST_WALL_M = 0.05
 LONGEST_ROOM_M = 200.0
 BORDER = 4  # cells around lines
@@ -64,7 +64,7 @@ def read_floor(path: Path, scale_m: float | None = None) -> FloorPlan:
     """A floor plan from a file of any kind.
 
     Args:
-        scale_m: metres a pixel of an image, or a user unit of an SVG file; needed for those, and only those.
+        scale_m: meters a pixel of an image, or a user unit of an SVG file; needed for those, and only those.
 
     Raises:
         InputError: not readable, no scale or one too many, nothing free in it.
@@ -123,7 +123,7 @@ def _read_ours(path: Path) -> FloorPlan:
     for index, line in enumerate(lines):
         if line.length_m < SHORTEST_WALL_M:
             raise InputError(
-                "short_wall", f"{path}: walls[{index}]: shorter than {SHORTEST_WALL_M} m", "write metres"
+                "short_wall", f"{path}: walls[{index}]: shorter than {SHORTEST_WALL_M} m", "write meters"
             )
     places = {
         name: (place.position[0], place.position[1], float(np.deg2rad(place.heading_deg)))
@@ -183,7 +183,7 @@ def _read_ros(path: Path) -> FloorPlan:
         path.parent / data.image,
         data.resolution,
         origin,
-        max(1 - data.free_thresh, UNKNOWN_GREY),
+        max(1 - data.free_thresh, UNKNOWN_GRAY),
         bool(data.negate),
     )
 
@@ -191,10 +191,10 @@ def _read_ros(path: Path) -> FloorPlan:
 def _from_image(
     path: Path, image: Path, scale_m: float, origin: tuple[float, float], free_above: float, negate: bool
 ) -> FloorPlan:
-    grey = read_image(image).min(axis=2) / 255.0
+    gray = read_image(image).min(axis=2) / 255.0
     if negate:
-        grey = 1 - grey
-    free = (grey > free_above)[::-1]
+        gray = 1 - gray
+    free = (gray > free_above)[::-1]
     if scale_m > LARGEST_CELL_M:
         raise InputError(
             "coarse_plan", f"{path}: a pixel of {scale_m:g} m is too coarse", f"draw it {LARGEST_CELL_M} m fine"

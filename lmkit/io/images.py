@@ -1,7 +1,7 @@
 """The one door for pixels: every image comes in here and is 8 bit BGR afterwards.
 
 Policy: files over ``MAX_BYTES`` or ``MAX_PIXELS`` and files that end early are refused; 16 bit is
-scaled to 8; transparency lies on white; grey becomes three equal channels; CMYK is converted; the
+scaled to 8; transparency lies on white; gray becomes three equal channels; CMYK is converted; the
 EXIF orientation is applied, so that pixels are where a viewer shows them.
 """
 
@@ -90,7 +90,7 @@ def decode_image(data: bytes, name: str) -> ByteArray:
 
 def _to_rgb(loaded: Image.Image) -> ByteArray:
     if loaded.mode.startswith(("I;16", "I", "F")):
-        return np.repeat(_grey_to_8_bit(np.asarray(loaded))[:, :, None], 3, axis=2)
+        return np.repeat(_gray_to_8_bit(np.asarray(loaded))[:, :, None], 3, axis=2)
     if loaded.mode in ("RGBA", "LA", "PA", "La", "RGBa") or "transparency" in loaded.info:
         layers = loaded.convert("RGBA")
         white = Image.new("RGBA", layers.size, (255, 255, 255, 255))
@@ -98,8 +98,8 @@ def _to_rgb(loaded: Image.Image) -> ByteArray:
     return np.asarray(loaded.convert("RGB"), dtype=np.uint8)
 
 
-def _grey_to_8_bit(values: AnyArray) -> ByteArray:
-    """16 bit and float greys: full scale 65535, or 1.0 for floats up to 1, or 255 for those above."""
+def _gray_to_8_bit(values: AnyArray) -> ByteArray:
+    """16 bit and float grays: full scale 65535, or 1.0 for floats up to 1, or 255 for those above."""
     wide = values.astype(np.float64)
     top = 65535.0
     if values.dtype.kind == "f":

@@ -1,9 +1,9 @@
 """Maps of square markers that other programs write: fiducial_slam, apriltag_ros, Limelight and marker_mapper.
 
-fiducial_slam (map.txt): lines of id, x y z (m), roll pitch yaw (deg), variance, count, neighbours.
-apriltag_ros (tags.yaml): bundles of tags, metres, with a quaternion; the bundle's frame becomes the map's.
-Limelight (.fmap, JSON): 4x4 transforms, metres, from the center of the field; sizes in mm; axes as in WPILib.
-marker_mapper (YAML of OpenCV): corners of every marker, metres, top left first, then clockwise.
+fiducial_slam (map.txt): lines of id, x y z (m), roll pitch yaw (deg), variance, count, neighbors.
+apriltag_ros (tags.yaml): bundles of tags, meters, with a quaternion; the bundle's frame becomes the map's.
+Limelight (.fmap, JSON): 4x4 transforms, meters, from the center of the field; sizes in mm; axes as in WPILib.
+marker_mapper (YAML of OpenCV): corners of every marker, meters, top left first, then clockwise.
 Axes of a marker are ours (x right, y up, z out of it), except Limelight's.
 """
 
@@ -135,10 +135,10 @@ def read_marker_mapper(path: Path, text: str, defaults: MarkerDefaults) -> list[
     Raises:
         InputError: corners in pixels, or of no square.
     """
-    with _named(path, "bad_map", "a map of marker_mapper", "give id and four corners of every marker, in metres"):
+    with _named(path, "bad_map", "a map of marker_mapper", "give id and four corners of every marker, in meters"):
         data = load_document(path, _UNSPACED.sub(r"\1: ", text.removeprefix("%YAML:1.0")))
         if int(data.get("aruco_bc_mInfoType", 1)) != 1:
-            raise ValueError("its corners are in pixels (aruco_bc_mInfoType), not in metres")
+            raise ValueError("its corners are in pixels (aruco_bc_mInfoType), not in meters")
         family = defaults.family or str(data.get("aruco_bc_dict", "")).lower()
         markers = []
         for marker in data["aruco_bc_markers"]:

@@ -45,7 +45,7 @@ _MODEL_OF_COUNT = {0: "pinhole", 4: "pinhole", 5: "pinhole", 8: "rational", 12: 
 
 
 def rig_to_opencv_yaml(rig: StereoRig) -> str:
-    """The text of the file; lengths in metres.  ``model`` is there since fisheye has four coefficients as well."""
+    """The text of the file; lengths in meters.  ``model`` is there since fisheye has four coefficients as well."""
     maps = rectification(rig)
     storage = cv2.FileStorage(".yml", cv2.FILE_STORAGE_WRITE | cv2.FILE_STORAGE_MEMORY)
     storage.write("model", rig.left.model)

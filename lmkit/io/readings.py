@@ -12,7 +12,7 @@ from lmkit.model.observation import RangeBearing
 
 COLUMNS = ("time_s", "code", "range_m", "bearing_rad")
 FAMILY = "family"  # a fifth column, where landmarks are of several families
-FARTHEST_M, LARGEST_RAD = 500.0, 6.4  # beyond, a range is in millimetres and a bearing in degrees
+FARTHEST_M, LARGEST_RAD = 500.0, 6.4  # beyond, a range is in millimeters and a bearing in degrees
 
 
 def read_readings(path: Path, families: Sequence[str]) -> dict[float, list[RangeBearing]]:
@@ -44,7 +44,7 @@ def read_readings(path: Path, families: Sequence[str]) -> dict[float, list[Range
             if distance is not None and distance <= 0:
                 raise ValueError("a range that is not positive")
             if distance is not None and distance > FARTHEST_M:
-                raise ValueError(f"a range of {distance:g} m: millimetres?")
+                raise ValueError(f"a range of {distance:g} m: millimeters?")
             if bearing is not None and abs(bearing) > LARGEST_RAD:
                 raise ValueError(f"a bearing of {bearing:g} rad: degrees?")
         except ValueError as error:

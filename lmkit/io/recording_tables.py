@@ -148,7 +148,7 @@ def odometry_to_csv(odometry: Odometry) -> str:
     """Velocities of wheel odometry, as :func:`read_odometry` reads them; each holds until the next row."""
     times = odometry.times_s
     seconds = np.diff(times, append=2 * times[-1] - times[-2])
-    # The distance of a row was travelled before it, at the velocity of the row before.
+    # The distance of a row was traveled before it, at the velocity of the row before.
     forward, turn = (np.append(values[1:], 0.0) / seconds for values in (odometry.forward_m, odometry.turn_rad))
     rows = zip(times, forward, turn, strict=True)
     return "time_s,forward_mps,turn_radps\n" + "".join(f"{t:.6f},{v:.6f},{w:.6f}\n" for t, v, w in rows)

@@ -137,8 +137,8 @@ def _transform(path: Path, text: str) -> FloatArray:
         elif name == "rotate" and len(v) in (1, 3):
             c, s = np.cos(np.deg2rad(v[0])), np.sin(np.deg2rad(v[0]))
             step[:2, :2] = [[c, -s], [s, c]]
-            centre = np.array(v[1:]) if len(v) == 3 else np.zeros(2)
-            step[:2, 2] = centre - step[:2, :2] @ centre
+            center = np.array(v[1:]) if len(v) == 3 else np.zeros(2)
+            step[:2, 2] = center - step[:2, :2] @ center
         else:
             raise InputError("svg_transform", f"{path}: transform {name!r} is not read", "save it as plain SVG")
         answer = answer @ step

@@ -49,7 +49,7 @@ def to_number(cell: str) -> float:
 
 
 def to_seconds(cell: str) -> float:
-    """A time stamp in seconds; integer nanoseconds since 1970 are recognised by their size.
+    """A time stamp in seconds; integer nanoseconds since 1970 are recognized by their size.
 
     Raises:
         ValueError: no number, not finite, or too large.

@@ -1,7 +1,7 @@
 """Page templates: TOML files that say what stands where on the paper.
 
 Shipped ones live in ``templates/`` of the project; users bring their own by path.  All lengths are
-millimetres; places count from the paper's top left corner, x right, y down.
+millimeters; places count from the paper's top left corner, x right, y down.
 """
 
 from __future__ import annotations
@@ -26,10 +26,10 @@ PAPERS_MM = {
 }
 PAPERS_MM |= {f"{name}-landscape": (height, width) for name, (width, height) in PAPERS_MM.items()}
 
-Millimetres = Annotated[float, Field(ge=0, le=5000, allow_inf_nan=False)]
+Millimeters = Annotated[float, Field(ge=0, le=5000, allow_inf_nan=False)]
 Length = Annotated[float, Field(gt=0, le=5000, allow_inf_nan=False)]
-PointMm = tuple[Millimetres, Millimetres]
-SegmentMm = tuple[Millimetres, Millimetres, Millimetres, Millimetres]
+PointMm = tuple[Millimeters, Millimeters]
+SegmentMm = tuple[Millimeters, Millimeters, Millimeters, Millimeters]
 
 
 class _Part(BaseModel):
@@ -70,7 +70,7 @@ class LabelPlace(_Part):
 class Caption(_Part):
     """A line under each landmark, ``below_mm`` under its white margin."""
 
-    below_mm: Millimetres = 1.0
+    below_mm: Millimeters = 1.0
     height_mm: Length = 2.8
 
 
@@ -109,15 +109,15 @@ class PageTemplate(_Part):
         size_mm: of the landmarks, where ``--size`` does not say otherwise.
         centre_mm, grid, places: where the landmarks stand; one of the three.
         repeat: the same code in all places; otherwise the codes follow each other.
-        rulers, check_square: to measure the print's scale by; in millimetres and inches.
+        rulers, check_square: to measure the print's scale by; in millimeters and inches.
         label, caption, texts: what is written.
-        patches: colours that a photograph can be compared with.
+        patches: colors that a photograph can be compared with.
         dimension: a drawing of what the size spans.
         arrow: an arrow "this side up".
         holes: for mounting.
         crop_marks: where to cut, at the corners of each white margin.
         bleed_mm: how far outside the cut the crop marks keep.
-        cut_contour: the cut as a line of the spot colour ``CutContour``, for cutting plotters.
+        cut_contour: the cut as a line of the spot color ``CutContour``, for cutting plotters.
         centre_marks: ticks around each landmark that point at its middle.
         cut_lines, fold_lines: x0, y0, x1, y1, along the paper's edges; cut solid, fold dashed.
         mirrored: for video that is stuck to the inside of a window.
@@ -129,7 +129,7 @@ class PageTemplate(_Part):
     description: str = ""
     paper: str | None = None
     paper_mm: tuple[Length, Length] | None = None
-    printer_margin_mm: Millimetres = 5.0
+    printer_margin_mm: Millimeters = 5.0
     size_mm: Length = 180.0
     centre_mm: PointMm | None = None
     grid: Grid | None = None
@@ -145,7 +145,7 @@ class PageTemplate(_Part):
     arrow: TemplateSlot | None = None
     holes: Holes | None = None
     crop_marks: bool = False
-    bleed_mm: Millimetres = 0.0
+    bleed_mm: Millimeters = 0.0
     cut_contour: bool = False
     centre_marks: bool = False
     cut_lines: tuple[SegmentMm, ...] = ()

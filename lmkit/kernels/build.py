@@ -24,7 +24,7 @@ ZIGLANG_MACHINES = {"x86_64", "amd64", "arm64", "aarch64"}
 # No -ffast-math: NaN must stay NaN, and a sum keeps its order, so that a library gives the same bits in every run.
 # errno and floating-point traps are not used; without them sqrt, floor and selections become vector instructions.
 # No contraction to fused multiply-add, which not every processor has: variants give the same bits, for 5 % more time.
-# -fopenmp-simd vectorises the loops marked `#pragma omp simd`; no OpenMP runtime is linked and no thread started.
+# -fopenmp-simd vectorizes the loops marked `#pragma omp simd`; no OpenMP runtime is linked and no thread started.
 FLAGS = ["-std=c11", "-O3", "-fno-math-errno", "-fno-trapping-math", "-ffp-contract=off", "-fopenmp-simd"]
 _X86_V2 = ["-mssse3", "-msse4.1", "-msse4.2", "-mpopcnt", "-mcx16"]
 _X86_V3 = [*_X86_V2, "-mavx", "-mavx2", "-mfma", "-mf16c", "-mbmi", "-mbmi2", "-mlzcnt", "-mmovbe"]
@@ -206,7 +206,7 @@ def _compile(
     if target.system != "windows":
         common.append("-fPIC")
     if compiler.is_zig:
-        # Zig adds undefined-behaviour traps by itself, and builds for this very processor by default.
+        # Zig adds undefined-behavior traps by itself, and builds for this very processor by default.
         common += ["-fno-sanitize=undefined", "-g0", *(["-target", target.zig] if target.zig else [])]
         flags = flags or ["-mcpu=baseline"]
     with tempfile.TemporaryDirectory(prefix="lmkit-kernels-") as name:

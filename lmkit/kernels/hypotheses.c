@@ -102,16 +102,16 @@ static double gap_residual(int64_t n, int gaps, const float *at, const float *va
 {
     const int C = 9 + gaps;
     float *sorted = misfits + n;
-    float colour[MAX_COLUMNS][3];
+    float color[MAX_COLUMNS][3];
     for (int c = 0; c < 3; c++) {
         float white = (float)inks[c], blue = (float)inks[6 + c];
         for (int k = 0; k < INKS; k++)
-            colour[k][c] = (float)inks[3 * k + c];
-        colour[4][c] = white - blue;
+            color[k][c] = (float)inks[3 * k + c];
+        color[4][c] = white - blue;
         for (int t = 0; t < TURNS; t++)
-            colour[5 + t][c] = t == turn ? white - blue : 0.0f;
+            color[5 + t][c] = t == turn ? white - blue : 0.0f;
         for (int g = 0; g < gaps; g++)
-            colour[9 + g][c] = open >> g & 1 ? blue - white : 0.0f;
+            color[9 + g][c] = open >> g & 1 ? blue - white : 0.0f;
     }
     for (int64_t start = 0; start < n; start += BLOCK) {
         int count = n - start < BLOCK ? (int)(n - start) : BLOCK;
@@ -121,7 +121,7 @@ static double gap_residual(int64_t n, int gaps, const float *at, const float *va
         for (int c = 0; c < 3; c++) {
             load_block(values + c * n + start, count, value);
             for (int k = 0; k < C; k++) {
-                float ink = colour[k][c];
+                float ink = color[k][c];
                 EACH value[i] -= ink * column[k][i];
             }
             EACH sum[i] += value[i] * value[i];

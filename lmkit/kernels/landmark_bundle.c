@@ -22,13 +22,13 @@ LMKIT_EXPORT int lmkit_bundle_equations(const Bundle *bundle, const uint8_t *use
 /* Errors of rays of one observation, and derivatives with the rig and the landmark. */
 static void errors_of(const Bundle *b, int64_t s, int derivatives, double *block, double *moved) {
     const int64_t pose = b->at[s], landmark = b->of[s];
-    const double *L = b->R_landmark + 9 * landmark, *centre = b->p_landmark + 3 * landmark;
+    const double *L = b->R_landmark + 9 * landmark, *center = b->p_landmark + 3 * landmark;
     double M[9], arms[12], points[12];
     for (int c = 0; c < 4; c++) {
         const double *arm = b->arms + 12 * landmark + 3 * c;
         for (int i = 0; i < 3; i++) {
             arms[3 * c + i] = L[3 * i] * arm[0] + L[3 * i + 1] * arm[1] + L[3 * i + 2] * arm[2];
-            points[3 * c + i] = centre[i] + arms[3 * c + i];
+            points[3 * c + i] = center[i] + arms[3 * c + i];
         }
     }
     map_to_camera(b->R_camera + 9 * s, b->R + 9 * pose, M);

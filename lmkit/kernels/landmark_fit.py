@@ -28,7 +28,7 @@ NORMAL = 3  # its place in the results
 
 
 class Promising(NamedTuple):
-    """Least margins and colours of a decoding that is worth registering."""
+    """Least margins and colors of a decoding that is worth registering."""
 
     correlated_pixels: float
     turn_margin: float

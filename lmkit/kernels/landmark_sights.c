@@ -11,7 +11,7 @@ typedef struct {
 } Camera;
 
 LMKIT_EXPORT int lmkit_faced_landmarks(int64_t poses, int64_t landmarks, const double *R, const double *p,
-                                       const double *centres, const double *normals, const double *reach,
+                                       const double *centers, const double *normals, const double *reach,
                                        double steepest, double nearest, double widest, uint8_t *faced);
 LMKIT_EXPORT int lmkit_seen_sides(const Camera *camera, int64_t count, const int64_t *at, const int64_t *of,
                                   const double *R, const double *p, const double *corners, double *sides);
@@ -19,13 +19,13 @@ LMKIT_EXPORT int lmkit_add_information(const Camera *camera, int64_t count, cons
                                        const double *R, const double *p, const double *corners,
                                        const double *weights, double *information);
 
-int lmkit_faced_landmarks(int64_t poses, int64_t landmarks, const double *R, const double *p, const double *centres,
+int lmkit_faced_landmarks(int64_t poses, int64_t landmarks, const double *R, const double *p, const double *centers,
                           const double *normals, const double *reach, double steepest, double nearest, double widest,
                           uint8_t *faced) {
     for (int64_t h = 0; h < poses; h++) {
         const double *Rh = R + 9 * h, *ph = p + 3 * h;
         for (int64_t k = 0; k < landmarks; k++) {
-            const double *c = centres + 3 * k, *n = normals + 3 * k;
+            const double *c = centers + 3 * k, *n = normals + 3 * k;
             const double x = c[0] - ph[0], y = c[1] - ph[1], z = c[2] - ph[2];
             const double distance = sqrt(x * x + y * y + z * z);
             const double facing = -(x * n[0] + y * n[1] + z * n[2]) / fmax(distance, 1e-9);

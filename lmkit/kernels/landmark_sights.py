@@ -89,13 +89,13 @@ class Pairs:
 
 
 def faced_landmarks(
-    R: Array, p: Array, centres: Array, normals: Array, reach: Array, limits: tuple[float, float, float]
+    R: Array, p: Array, centers: Array, normals: Array, reach: Array, limits: tuple[float, float, float]
 ) -> NDArray[np.bool_]:
     """(H,L) True where a landmark is near enough, faces the camera and lies before it.
 
     Args:
         R, p: (H,3,3), (H,3) T_map_camera.
-        centres, normals: (L,3) of landmarks in the map; ``reach``: (L,) metres within which they are read.
+        centers, normals: (L,3) of landmarks in the map; ``reach``: (L,) meters within which they are read.
         limits: least cosine of the tilt, least depth (m), largest sideways distance over depth.
 
     Raises:
@@ -103,22 +103,22 @@ def faced_landmarks(
     """
     R = contiguous(R, (-1, 3, 3))
     p = contiguous(p, (len(R), 3))
-    centres = contiguous(centres, (-1, 3))
-    normals, reach = contiguous(normals, centres.shape), contiguous(reach, centres.shape[:1])
+    centers = contiguous(centers, (-1, 3))
+    normals, reach = contiguous(normals, centers.shape), contiguous(reach, centers.shape[:1])
     kernels = _kernels()
     if kernels is None:
-        return faced_landmarks_numpy(R, p, centres, normals, reach, limits)
-    faced = np.empty((len(R), len(centres)), dtype=np.bool_)
-    kernels[0](*faced.shape, *addresses(R, p, centres, normals, reach), *limits, address(faced))
+        return faced_landmarks_numpy(R, p, centers, normals, reach, limits)
+    faced = np.empty((len(R), len(centers)), dtype=np.bool_)
+    kernels[0](*faced.shape, *addresses(R, p, centers, normals, reach), *limits, address(faced))
     return faced
 
 
 def faced_landmarks_numpy(
-    R: Array, p: Array, centres: Array, normals: Array, reach: Array, limits: tuple[float, float, float]
+    R: Array, p: Array, centers: Array, normals: Array, reach: Array, limits: tuple[float, float, float]
 ) -> NDArray[np.bool_]:
     """Definition of :func:`faced_landmarks`."""
     steepest, nearest, widest = limits
-    way = centres[None] - p[:, None]
+    way = centers[None] - p[:, None]
     distance = np.linalg.norm(way, axis=2)
     facing = -np.einsum("plk,lk->pl", way, normals) / np.maximum(distance, 1e-9)
     ahead, aside = np.einsum("plk,pk->pl", way, R[:, :, 2]), np.einsum("plk,pk->pl", way, R[:, :, 0])

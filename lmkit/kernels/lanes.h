@@ -1,4 +1,4 @@
-/* Dot products of blocks, kept as LANES partial sums so that they vectorise and keep their order. */
+/* Dot products of blocks, kept as LANES partial sums so that they vectorize and keep their order. */
 #ifndef LMKIT_LANES_H
 #define LMKIT_LANES_H
 

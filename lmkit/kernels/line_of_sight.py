@@ -22,7 +22,7 @@ def clear_lines(
 
     Args:
         free: (rows, columns), row 0 at the lowest y; outside nothing is free.
-        origin: lower left corner of the first cell, metres.
+        origin: lower left corner of the first cell, meters.
 
     Raises:
         ValueError: a shape differs.

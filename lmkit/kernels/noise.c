@@ -4,7 +4,7 @@
 
 #include "kernels.h"
 
-/* rows (R): first rows of bands of three.  histogram (1025): counts of the absolute response in grey, scratch. */
+/* rows (R): first rows of bands of three.  histogram (1025): counts of the absolute response in gray, scratch. */
 LMKIT_EXPORT int lmkit_noise(int64_t width, const uint8_t *image, int64_t bands, const int64_t *rows, uint16_t *column,
                              int32_t *histogram, int64_t *median);
 

@@ -15,7 +15,7 @@ ByteArray = NDArray[np.uint8]
 
 BANDS = 24  # of three rows each
 MOST = 4096  # larger responses count as this
-# Median of a normal distribution's absolute value; norm of the filter; of the grey (B + 2 G + R) / 4.
+# Median of a normal distribution's absolute value; norm of the filter; of the gray (B + 2 G + R) / 4.
 SCALE = 0.6745 * 6 * 4
 
 
@@ -35,9 +35,9 @@ def noise_numpy(image: ByteArray) -> float:
     """Definition of :func:`noise`."""
     if min(image.shape[:2]) < 3:
         return 0.0
-    grey = image.astype(np.int64) @ np.array([1, 2, 1])
+    gray = image.astype(np.int64) @ np.array([1, 2, 1])
     rows = _rows(len(image))
-    across = grey[rows] - 2 * grey[rows + 1] + grey[rows + 2]
+    across = gray[rows] - 2 * gray[rows + 1] + gray[rows + 2]
     response = np.abs(across[:, :-2] - 2 * across[:, 1:-1] + across[:, 2:]).ravel()
     counts = np.bincount(np.minimum(response, MOST)).cumsum()
     return float(np.searchsorted(counts, (counts[-1] + 1) // 2)) / SCALE

@@ -2,7 +2,7 @@
  *
  * A half plane at signed distance d covers a point by Phi(d / s), s^2 the variance of the point spread across the
  * edge; parts bounded by several edges multiply.  All loops run over blocks of BLOCK points without a branch or a
- * library call, so that compilers vectorise them.
+ * library call, so that compilers vectorize them.
  *
  * A drawing is a flat float array: ring count R, line count L, gap count G; half sides of paper, face, ground;
  * R x (inner, outer) radii; L x (nx, ny, offset); G x (ring, line, sign, line, sign); 4 x 3 x (line, sign) for the
@@ -65,7 +65,7 @@ static inline float exp_negative(float x)
         float f;
     } power;
     float t = x * 1.44269504f;
-    /* Not the plain constant: compilers then branch on it, and the loop around no longer vectorises. */
+    /* Not the plain constant: compilers then branch on it, and the loop around no longer vectorizes. */
     float lowest = 0.0f * x - 120.0f;
     t = t < lowest ? lowest : t;
     int32_t n = (int32_t)(t - 0.5f);
@@ -114,9 +114,9 @@ static inline void line_geometry(const float *line, const Points *restrict at, f
     }
 }
 
-/* What rings need of a block: direction, radius pushed outwards by the blur along the circle, variances. */
+/* What rings need of a block: direction, radius pushed outward by the blur along the circle, variances. */
 typedef struct {
-    block nx, ny, radius, inverse_s, variance, pushed, outwards;
+    block nx, ny, radius, inverse_s, variance, pushed, outward;
 } Polar;
 
 static inline void polar_geometry(const Points *restrict at, Polar *restrict p)
@@ -128,15 +128,15 @@ static inline void polar_geometry(const Points *restrict at, Polar *restrict p)
         float nx = x / r, ny = y / r, sum = at->sxx[i] + at->syy[i];
         float variance = nx * nx * at->sxx[i] + 2.0f * nx * ny * at->sxy[i] + ny * ny * at->syy[i];
         variance = variance > 0.01f * sum ? variance : 0.01f * sum;
-        float outwards = (sum - variance) / (2.0f * r), most = 0.3f * r;
-        outwards = outwards < most ? outwards : most;
+        float outward = (sum - variance) / (2.0f * r), most = 0.3f * r;
+        outward = outward < most ? outward : most;
         p->nx[i] = nx;
         p->ny[i] = ny;
         p->radius[i] = r;
         p->variance[i] = variance;
         p->inverse_s[i] = 1.0f / sqrtf(variance);
-        p->outwards[i] = outwards;
-        p->pushed[i] = r + outwards;
+        p->outward[i] = outward;
+        p->pushed[i] = r + outward;
     }
 }
 
@@ -316,7 +316,7 @@ static inline void ring_jets(const Points *restrict at, const Polar *restrict po
         float nx = polar->nx[i], ny = polar->ny[i], r = polar->radius[i], variance = polar->variance[i];
         float tx = (at->sxx[i] * nx + at->sxy[i] * ny - variance * nx) * (2.0f / r);
         float ty = (at->sxy[i] * nx + at->syy[i] * ny - variance * ny) * (2.0f / r);
-        float stretch = 1.0f - polar->outwards[i] / r, aside = by_distance / (2.0f * r), turning = by_variance - aside;
+        float stretch = 1.0f - polar->outward[i] / r, aside = by_distance / (2.0f * r), turning = by_variance - aside;
         jet[0][i] = v;
         jet[1][i] = by_distance * nx * stretch + turning * tx;
         jet[2][i] = by_distance * ny * stretch + turning * ty;

@@ -161,11 +161,11 @@ class _Jets:
     def rings(self, drawing: Drawing) -> Float32Array:
         """(J,R,N) the closed rings.
 
-        A step aside by t leads outwards by t^2 / 2r, so with the variance T along the circle the point
+        A step aside by t leads outward by t^2 / 2r, so with the variance T along the circle the point
         sees its surroundings, in the mean, from T / 2r further out: blur makes rings smaller.
         """
         x, y = self.points
-        # At the very centre there is no direction; no ring reaches there.
+        # At the very center there is no direction; no ring reaches there.
         radius = np.maximum(np.hypot(x, y), np.float32(1.0))
         nx, ny = x / radius, y / radius
         sxx, sxy, syy = self.spread
@@ -173,17 +173,17 @@ class _Jets:
         along = np.stack([ny * ny, -2 * nx * ny, nx * nx])
         variance = np.maximum((across * self.spread).sum(axis=0), 0.01 * (sxx + syy))
         # Not where the blur is as wide as the circle, and the series ends.
-        outwards = np.minimum((sxx + syy - variance) / (2 * radius), 0.3 * radius)
+        outward = np.minimum((sxx + syy - variance) / (2 * radius), 0.3 * radius)
         # d(n'Sn)/dp = 2 (S n - (n'Sn) n) / r: both variances turn with the point.
         turning = np.stack([sxx * nx + sxy * ny - variance * nx, sxy * nx + syy * ny - variance * ny]) * (2 / radius)
 
         def outside(radii: FloatArray) -> Float32Array:
-            distance = radius + outwards - radii.astype(np.float32)[:, None]
+            distance = radius + outward - radii.astype(np.float32)[:, None]
             jets = self._edges(distance, variance, np.stack([nx, ny])[:, None], across[:, None])
             if self.slopes:
                 by_variance = jets[3] + jets[5]  # nx^2 + ny^2 = 1
                 by_distance = jets[1] * nx + jets[2] * ny
-                jets[1:3] *= 1 - outwards / radius
+                jets[1:3] *= 1 - outward / radius
                 jets[1:3] += (by_variance - by_distance / (2 * radius)) * turning[:, None]
                 jets[3:] += by_distance / (2 * radius) * along[:, None]
             return jets

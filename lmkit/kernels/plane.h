@@ -10,12 +10,12 @@
 /* State of a registration: corners 0..7 (px), point spread 8..10 (px^2), bend 11, shading 12..13, bleed 14. */
 #define STATE 15
 
-/* View: origin x, y (px; pixel coordinates are relative to it), centre x, y (px), half width (px), half side (mm),
+/* View: origin x, y (px; pixel coordinates are relative to it), center x, y (px), half width (px), half side (mm),
  * variance of a pixel's box (px^2). */
 #define VIEW 7
 
 typedef struct {
-    float inverse[9], bend, to_centre_x, to_centre_y, inverse_half_width2, xx, xy, yy, shade_x, shade_y;
+    float inverse[9], bend, to_center_x, to_center_y, inverse_half_width2, xx, xy, yy, shade_x, shade_y;
 } Plane;
 
 /* Row-major homography from the landmark's plane to four corners given as x0 y0 x1 y1 ... (Heckbert 1989). */
@@ -59,8 +59,8 @@ static inline Plane plane_of(const double *view, const double *state)
     for (int i = 0; i < 9; i++)
         p.inverse[i] = (float)inverse[i];
     p.bend = (float)state[11];
-    p.to_centre_x = (float)(view[0] - view[2]);
-    p.to_centre_y = (float)(view[1] - view[3]);
+    p.to_center_x = (float)(view[0] - view[2]);
+    p.to_center_y = (float)(view[1] - view[3]);
     p.inverse_half_width2 = (float)(1.0 / (view[4] * view[4]));
     p.xx = (float)(state[8] + view[6]);
     p.xy = (float)state[9];
@@ -79,7 +79,7 @@ static inline void map_block(const Plane *p, const float *restrict x, const floa
 {
     const float *m = p->inverse;
     EACH {
-        float ox = x[i] + p->to_centre_x, oy = y[i] + p->to_centre_y;
+        float ox = x[i] + p->to_center_x, oy = y[i] + p->to_center_y;
         float r2 = (ox * ox + oy * oy) * p->inverse_half_width2;
         float rx = ox * r2, ry = oy * r2;
         float fx = x[i] + p->bend * rx, fy = y[i] + p->bend * ry;

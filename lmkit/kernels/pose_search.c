@@ -127,7 +127,7 @@ static void keep_distinct(Race *race) {
     race->count = kept;
 }
 
-/* Towards its own landmark and all that it comes near to; what cannot win is dropped. */
+/* Toward its own landmark and all that it comes near to; what cannot win is dropped. */
 static void approach(Race *race, const int64_t *of, const double *side_px, const int64_t *own) {
     const int64_t S = race->seen->count;
     const Search *search = race->search;

@@ -124,7 +124,7 @@ static int solve(const double *A, int64_t n, double *b) {
 }
 
 /* Normal matrix of what is known and what is seen, and its gradient. */
-static void linearise(Fit *fit, const uint8_t *used, double *gradient) {
+static void linearize(Fit *fit, const uint8_t *used, double *gradient) {
     const int64_t n = fit->size;
     double N[36], g[6], squared, J[6 * MOST], NJ[6 * MOST], off[MOST];
     lmkit_pose_equations(fit->seen, NULL, 1, fit->R, fit->p, used, N, g, &squared);
@@ -154,7 +154,7 @@ static int fit_state(Fit *fit, const uint8_t *used, double *misfits, double *pix
     const int64_t n = fit->size;
     for (int64_t k = 0; k < fit->update->iterations; k++) {
         double step[MOST], gradient[MOST], promised = 0;
-        linearise(fit, used, gradient);
+        linearize(fit, used, gradient);
         memcpy(step, gradient, sizeof step);
         if (!solve(fit->normal, n, step)) return 0;
         for (int64_t i = 0; i < n; i++) promised += step[i] * gradient[i];

@@ -70,7 +70,7 @@ static void local_field(int64_t height, int64_t width, const uint8_t *plane, int
         int16_t *restrict out = field + (y + 1) * stride + 1;
         out[-1] = out[width] = 1;
         if (window <= SHORT && width > 2 * window) {
-            /* Short windows are added up column by column, which vectorises; they fit into 16 bits. */
+            /* Short windows are added up column by column, which vectorizes; they fit into 16 bits. */
             uint16_t *restrict wide = (uint16_t *)prefix;
             const int64_t n = width - 2 * half;
             for (int64_t x = 0; x < n; x++)
@@ -143,7 +143,7 @@ static double crossings(const int16_t *field, int64_t stride, const int32_t *cod
     int32_t y = (codes[0] >> 2) / (int32_t)stride;
     for (int64_t i = 0; i < n; i++) {
         int32_t at = codes[i] >> 2, d = codes[i] & 3, from = at - y * (int32_t)stride;
-        /* Neighbouring sides are at most one row apart. */
+        /* Neighboring sides are at most one row apart. */
         y += (from >= (int32_t)stride) - (from < 0);
         int32_t x = at - y * (int32_t)stride;
         float inside = field[at], t = inside / (inside - (float)field[at + step[d]]);
@@ -481,7 +481,7 @@ static void take_larger(float *restrict into, const float *restrict other, int64
         into[i] = other[i] > into[i] ? other[i] : into[i];
 }
 
-/* Largest of every three neighbours in a row; `out` is another row. */
+/* Largest of every three neighbors in a row; `out` is another row. */
 static void largest_of_three(const float *restrict row, float *restrict out, int64_t n)
 {
     for (int64_t i = 0; i < n; i++)

@@ -29,13 +29,11 @@ def where_to_look_numpy(
     o = np.float32(offset)
     luma = np.float32(0.25) * (blue + 2 * green + red) + o
     # The range of a logarithm is the ratio of the largest and the smallest value.
-    most = [
-        _over_neighbours(_over_cells(v)) for v in ((red + o) / (blue + o), (blue + o) / (red + o), luma, 1 / luma)
-    ]
+    most = [_over_neighbors(_over_cells(v)) for v in ((red + o) / (blue + o), (blue + o) / (red + o), luma, 1 / luma)]
     where = (most[0] * most[1] > np.float32(np.exp(least_ratio))) & (
         most[2] * most[3] > np.float32(np.exp(least_luma))
     )
-    return (_over_neighbours(where.astype(np.float64)) > 0 if dilate else where).astype(np.uint8)
+    return (_over_neighbors(where.astype(np.float64)) > 0 if dilate else where).astype(np.uint8)
 
 
 def _over_cells(values: FloatArray) -> FloatArray:
@@ -45,7 +43,7 @@ def _over_cells(values: FloatArray) -> FloatArray:
     return np.asarray(padded.reshape(height, CELL, width, CELL).max(axis=(1, 3)))
 
 
-def _over_neighbours(cells: FloatArray) -> FloatArray:
+def _over_neighbors(cells: FloatArray) -> FloatArray:
     padded = np.pad(cells, 1, constant_values=-np.inf)
     height, width = cells.shape
     shifted = [padded[y : y + height, x : x + width] for y in range(3) for x in range(3)]
@@ -118,7 +116,7 @@ def _follow(dark: NDArray[np.bool_], visited: set[tuple[int, int]], y: int, x: i
 
 
 def _crossings(field: Field, sides: NDArray[np.int64]) -> FloatArray:
-    """(N,2) x, y where the field crosses zero between a pixel and its neighbour."""
+    """(N,2) x, y where the field crosses zero between a pixel and its neighbor."""
     y, x, side = sides.T
     steps = np.array(_STEPS)[side]
     inside = field[y, x].astype(np.float64)
@@ -200,7 +198,7 @@ def _fit_line(outline: FloatArray, start: int, end: int) -> FloatArray:
 
 
 def _quad_of(lines: list[FloatArray], least: float) -> FloatArray | None:
-    """(4,2) where neighbouring lines meet; None unless that is a fair square."""
+    """(4,2) where neighboring lines meet; None unless that is a fair square."""
     quad = np.empty((4, 2))
     for k in range(4):
         a, b = lines[k - 1], lines[k]

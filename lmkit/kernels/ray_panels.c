@@ -9,7 +9,7 @@ LMKIT_EXPORT int lmkit_meet_panel(int64_t rows, int64_t columns, int64_t stride,
                                   float half_width, float half_height, float *u, float *v, float *distance,
                                   uint8_t *hit);
 LMKIT_EXPORT int lmkit_paint_panel(int64_t rows, int64_t columns, int64_t stride, const uint8_t *hit,
-                                   const float *colour, const float *distance, float *image, float *depth);
+                                   const float *color, const float *distance, float *image, float *depth);
 LMKIT_EXPORT int lmkit_box_mean(int64_t rows, int64_t columns, int64_t size, const float *image, float *mean);
 
 int lmkit_meet_panel(int64_t rows, int64_t columns, int64_t stride, const float *restrict rays,
@@ -41,13 +41,13 @@ int lmkit_meet_panel(int64_t rows, int64_t columns, int64_t stride, const float 
     return 0;
 }
 
-int lmkit_paint_panel(int64_t rows, int64_t columns, int64_t stride, const uint8_t *hit, const float *colour,
+int lmkit_paint_panel(int64_t rows, int64_t columns, int64_t stride, const uint8_t *hit, const float *color,
                       const float *distance, float *image, float *depth) {
     for (int64_t row = 0; row < rows; row++)
         for (int64_t k = 0; k < columns; k++) {
             const int64_t from = columns * row + k, to = stride * row + k;
             if (!hit[from]) continue;
-            for (int c = 0; c < 3; c++) image[3 * to + c] = colour[3 * from + c];
+            for (int c = 0; c < 3; c++) image[3 * to + c] = color[3 * from + c];
             depth[to] = distance[from];
         }
     return 0;

@@ -85,9 +85,9 @@ def meet_panel_numpy(
 
 
 def paint_panel(
-    image: Float32Array, depth: Float32Array, window: Window, hit: Flags, colour: Float32Array, distance: Float32Array
+    image: Float32Array, depth: Float32Array, window: Window, hit: Flags, color: Float32Array, distance: Float32Array
 ) -> None:
-    """Put ``colour`` (h,w,3) and ``distance`` (h,w) where ``hit`` into a window of image (H,W,3) and depth, in place.
+    """Put ``color`` (h,w,3) and ``distance`` (h,w) where ``hit`` into a window of image (H,W,3) and depth, in place.
 
     Raises:
         ValueError: a shape or kind differs.
@@ -96,22 +96,22 @@ def paint_panel(
         raise ValueError("image and depth are not contiguous arrays of single precision")
     shape, offset = _place(window, depth)
     hit, distance = contiguous(hit, shape, np.bool_), contiguous(distance, shape, np.float32)
-    colour = contiguous(colour, (*shape, 3), np.float32)
+    color = contiguous(color, (*shape, 3), np.float32)
     if image.shape != (*depth.shape, 3):
         raise ValueError(f"an image of shape {image.shape}, expected {(*depth.shape, 3)}")
     kernels = _kernels()
     if kernels is None:
-        return paint_panel_numpy(image, depth, window, hit, colour, distance)
-    arrays = addresses(hit, colour, distance)
+        return paint_panel_numpy(image, depth, window, hit, color, distance)
+    arrays = addresses(hit, color, distance)
     kernels[1](*shape, depth.shape[1], *arrays, address(image) + 12 * offset, address(depth) + 4 * offset)
     return None
 
 
 def paint_panel_numpy(
-    image: Float32Array, depth: Float32Array, window: Window, hit: Flags, colour: Float32Array, distance: Float32Array
+    image: Float32Array, depth: Float32Array, window: Window, hit: Flags, color: Float32Array, distance: Float32Array
 ) -> None:
     """Definition of :func:`paint_panel`."""
-    image[window][hit] = colour[hit]
+    image[window][hit] = color[hit]
     depth[window][hit] = distance[hit]
 
 

@@ -23,7 +23,7 @@ typedef struct {
     float *scratch;
 } Problem;
 
-LMKIT_EXPORT int lmkit_linearise(int64_t n, const float *drawing, const double *view, const float *at,
+LMKIT_EXPORT int lmkit_linearize(int64_t n, const float *drawing, const double *view, const float *at,
                                  const float *values, const float *variance, const double *rules,
                                  const double *state, int64_t open_gaps, int64_t quarter, int64_t fit_distortion,
                                  float *scratch, double *normal, double *gradient, double *error);
@@ -332,7 +332,7 @@ static int assemble(const Problem *p, const double *state, double *normal, doubl
     return isfinite(*error);
 }
 
-static int linearise(const Problem *p, const double *state, double *normal, double *gradient, double *error)
+static int linearize(const Problem *p, const double *state, double *normal, double *gradient, double *error)
 {
     draw_jets(p, state);
     return assemble(p, state, normal, gradient, error);
@@ -397,13 +397,13 @@ static Problem problem_of(int64_t n, const float *drawing, const double *view, c
     return p;
 }
 
-int lmkit_linearise(int64_t n, const float *drawing, const double *view, const float *at, const float *values,
+int lmkit_linearize(int64_t n, const float *drawing, const double *view, const float *at, const float *values,
                     const float *variance, const double *rules, const double *state, int64_t open_gaps,
                     int64_t quarter, int64_t fit_distortion, float *scratch, double *normal, double *gradient,
                     double *error)
 {
     Problem p = problem_of(n, drawing, view, at, values, variance, rules, open_gaps, quarter, fit_distortion, scratch);
-    return !linearise(&p, state, normal, gradient, error);
+    return !linearize(&p, state, normal, gradient, error);
 }
 
 /* *drawn: 1 where the jets in scratch are those of the state; before and behind. */
@@ -442,7 +442,7 @@ static int gauss_newton(const Problem *p, const double *limits, int64_t iteratio
                 move(state, step, limits, trial);
                 if (is_sane(trial)) {
                     *drawn = 0;
-                    better = linearise(p, trial, trial_normal, trial_gradient, &trial_error) && trial_error < *error;
+                    better = linearize(p, trial, trial_normal, trial_gradient, &trial_error) && trial_error < *error;
                 }
             }
             if (!better)

@@ -29,26 +29,26 @@ class _View(NamedTuple):
 
     Attributes:
         origin: (2,) px, whole numbers near the landmark; pixel positions are relative to it.
-        centre: (2,) px, about which the radial distortion is.
+        center: (2,) px, about which the radial distortion is.
         half_width: px at which the distortion counts in full.
         half_mm: half side of the landmark's face.
         pixel_variance: of a pixel's box, px^2.
     """
 
     origin: FloatArray
-    centre: FloatArray
+    center: FloatArray
     half_width: float
     half_mm: float
     pixel_variance: float = 1 / 12
 
 
 class View(_View):
-    """The image as a registration sees it: origin, centre, half width, half side and pixel, as in `_View`."""
+    """The image as a registration sees it: origin, center, half width, half side and pixel, as in `_View`."""
 
     @cached_property
     def flat(self) -> FloatArray:
         """All of it in the order of `plane.h`."""
-        return np.array([*self.origin, *self.centre, self.half_width, self.half_mm, self.pixel_variance])
+        return np.array([*self.origin, *self.center, self.half_width, self.half_mm, self.pixel_variance])
 
 
 class Samples(NamedTuple):
@@ -105,7 +105,7 @@ class Limits(NamedTuple):
     bias: float
 
 
-class Linearisation(NamedTuple):
+class Linearization(NamedTuple):
     """(15,15) J'WJ and (15,) J'Wr without what the inks explain, and the error per value, priors included."""
 
     normal: FloatArray
@@ -140,14 +140,14 @@ class Registered(NamedTuple):
 
 
 class Weights(NamedTuple):
-    """(3,N) modelled values, (N,) variance with what does not fit down-weighted (Cauchy), weight of the priors."""
+    """(3,N) modeled values, (N,) variance with what does not fit down-weighted (Cauchy), weight of the priors."""
 
     drawn: Float32Array
     variance: Float32Array
     prior_weight: float
 
 
-def linearise(
+def linearize(
     drawing: Drawing | GridDrawing,
     view: View,
     samples: Samples,
@@ -155,11 +155,11 @@ def linearise(
     state: FloatArray,
     hypothesis: Hypothesis,
     fit_distortion: bool,
-) -> Linearisation:
+) -> Linearization:
     """Error of a state, and its slopes; an infinite error where the inks cannot be solved for."""
-    kernel = _linearise_kernel()
+    kernel = _linearize_kernel()
     if kernel is None:
-        return linearise_numpy(drawing, view, samples, priors, state, hypothesis, fit_distortion)
+        return linearize_numpy(drawing, view, samples, priors, state, hypothesis, fit_distortion)
     normal, gradient, error = np.empty((STATE, STATE)), np.empty(STATE), np.zeros(1)
     state = contiguous(state, (STATE,))
     flat, seen, rules = drawing.flat, view.flat, np.array(priors)
@@ -167,7 +167,7 @@ def linearise(
     arrays = addresses(flat, seen, *samples, rules, state)
     ends = addresses(scratch, normal, gradient, error)
     status = kernel(len(samples.variance), *arrays, *hypothesis, fit_distortion, *ends)
-    return Linearisation(normal, gradient, np.inf if status else float(error[0]))
+    return Linearization(normal, gradient, np.inf if status else float(error[0]))
 
 
 def register(
@@ -221,7 +221,7 @@ def robust_weights(
     return Weights(drawn, variance, float(weight[0]))
 
 
-def linearise_numpy(
+def linearize_numpy(
     drawing: Drawing | GridDrawing,
     view: View,
     samples: Samples,
@@ -229,8 +229,8 @@ def linearise_numpy(
     state: FloatArray,
     hypothesis: Hypothesis,
     fit_distortion: bool,
-) -> Linearisation:
-    """Definition of :func:`linearise`."""
+) -> Linearization:
+    """Definition of :func:`linearize`."""
     at, values = samples.at.T.astype(np.float64), samples.values.T.astype(np.float64)
     n = len(at)
     points, spread, A, radial = plane_numpy(view, state, at)
@@ -240,7 +240,7 @@ def linearise_numpy(
     root = 1 / np.sqrt(samples.variance.astype(np.float64))
     inks = inks_numpy(design, values, root, state[14], priors.ridge)
     blends = blending_numpy(jets, inks)
-    # (6,N,3) colours and their slopes in the plane.
+    # (6,N,3) colors and their slopes in the plane.
     drawn = jets @ inks + state[14] * blends
     residual = (values - drawn[0]) * root[:, None]
 
@@ -275,7 +275,7 @@ def linearise_numpy(
     normal[range(11), range(11)] += np.repeat([1e-6, 1e-3], [8, 3])
     prior = (state[11] / priors.distortion) ** 2 + np.sum((state[12:14] / priors.shading) ** 2)
     prior += (state[14] / priors.bias) ** 2
-    return Linearisation(normal, gradient, float((np.sum(residual**2) + priors.weight * prior) / residual.size))
+    return Linearization(normal, gradient, float((np.sum(residual**2) + priors.weight * prior) / residual.size))
 
 
 def register_numpy(
@@ -309,7 +309,7 @@ def _gauss_newton(
     hypothesis: Hypothesis,
     steps: Steps,
 ) -> tuple[FloatArray, FloatArray, float]:
-    here = linearise_numpy(drawing, view, samples, priors, state, hypothesis, steps.fit_distortion)
+    here = linearize_numpy(drawing, view, samples, priors, state, hypothesis, steps.fit_distortion)
     damping = 1e-3
     for _ in range(steps.most):
         for _ in range(4):
@@ -318,7 +318,7 @@ def _gauss_newton(
             step *= min(1.0, 0.25 * _mean_side(state) / max(np.abs(step[:8]).max(), 1e-9))
             trial = _moved(state, step, limits)
             if _is_sane(trial):
-                there = linearise_numpy(drawing, view, samples, priors, trial, hypothesis, steps.fit_distortion)
+                there = linearize_numpy(drawing, view, samples, priors, trial, hypothesis, steps.fit_distortion)
                 if there.error < here.error:
                     break
             damping *= 10
@@ -371,7 +371,7 @@ def plane_numpy(
     """(N,2) positions in the landmark's plane, (N,3) point spread there, (N,2,2) d plane / d pixel, (N,2)
     distortion's direction, for (N,2) pixels relative to the view's origin."""
     inverse = np.linalg.inv(homography_numpy(state[:8].reshape(4, 2) - view.origin, view.half_mm))
-    offset = at + (view.origin - view.centre)
+    offset = at + (view.origin - view.center)
     radial = offset * (np.sum(offset**2, axis=1, keepdims=True) / view.half_width**2)
     h = (at + state[11] * radial) @ inverse[:, :2].T + inverse[:, 2]
     points = h[:, :2] / h[:, 2:]
@@ -481,8 +481,8 @@ _POINTER, _COUNT, _NUMBER = ctypes.c_void_p, ctypes.c_int64, ctypes.c_double
 
 
 @lru_cache(maxsize=1)
-def _linearise_kernel() -> Any:
-    return function("lmkit_linearise", _COUNT, *[_POINTER] * 7, *[_COUNT] * 3, *[_POINTER] * 4)
+def _linearize_kernel() -> Any:
+    return function("lmkit_linearize", _COUNT, *[_POINTER] * 7, *[_COUNT] * 3, *[_POINTER] * 4)
 
 
 @lru_cache(maxsize=1)

@@ -39,12 +39,12 @@ class Corners:
     """S observed landmarks, whatever the pose.
 
     Attributes:
-        points: (S,4,3) corners in the map, metres.
+        points: (S,4,3) corners in the map, meters.
         rays: (S,4,2) observed corners as x/z, y/z in the camera that saw them.
         by_ray: (S,4,2,2) derivatives of pixels with rays.
         whitener: (S,8,8) from errors of rays to standard deviations.
         R_camera, t_camera: (S,3,3), (S,3): x_camera = R_camera x_rig + t_camera.
-        arms: (S,4,3) from the landmark's centre to its corners, in the map; needed with ``roots`` only.
+        arms: (S,4,3) from the landmark's center to its corners, in the map; needed with ``roots`` only.
         roots: (S,6,6) roots of the landmarks' covariances (shift, turn), or None where all are certain.
         group: (S,) observations of one uncertain landmark share a number; -1 where it is certain.
     """
@@ -289,7 +289,7 @@ def turns(vectors: NDArray[Any]) -> Array:
 
 def _errors(corners: Corners, R: Array, p: Array) -> tuple[Array, Array, Array, Array | None]:
     """Errors of H poses: of rays (H,S,8), whitened ones, and their derivatives (H,S,8,6) with the pose and with the
-    standardised error of the landmark (None where all are certain)."""
+    standardized error of the landmark (None where all are certain)."""
     offset = corners.points - p[:, None, None]
     R_camera_map = corners.R_camera @ R.transpose(0, 2, 1)[:, None]
     seen = offset @ R_camera_map.swapaxes(-1, -2) + corners.t_camera[:, None]

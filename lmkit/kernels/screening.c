@@ -49,7 +49,7 @@ LMKIT_EXPORT int lmkit_screen(int64_t count, double *quads, const int64_t *level
                               const double *rules, int64_t rounds, int64_t window, double *subsets,
                               double *pattern);
 
-/* Colours of a level at points of the landmark's plane, bilinear, in linear light: out (3,n). */
+/* Colors of a level at points of the landmark's plane, bilinear, in linear light: out (3,n). */
 static void sample_grid(const Screen *s, const Level *level, int64_t scale, const double *H, const float *grid, int64_t stride, int64_t n, float *out, int64_t out_stride)
 {
     float m[9];
@@ -88,9 +88,9 @@ static void sample_grid(const Screen *s, const Level *level, int64_t scale, cons
 static void take_shadow_out(const Screen *s, float *samples)
 {
     const int64_t side = s->side, reach = s->window / 2, K = s->points;
-    float grey[MAX_GRID], across[MAX_GRID];
+    float gray[MAX_GRID], across[MAX_GRID];
     for (int64_t i = 0; i < side * side; i++)
-        grey[i] = (samples[i] + samples[K + i] + samples[2 * K + i]) * (1.0f / 3.0f);
+        gray[i] = (samples[i] + samples[K + i] + samples[2 * K + i]) * (1.0f / 3.0f);
     for (int pass = 0; pass < 2; pass++) {
         const float sign = pass == 0 ? 1.0f : -1.0f;
         for (int64_t i = 0; i < side; i++)
@@ -98,14 +98,14 @@ static void take_shadow_out(const Screen *s, float *samples)
                 int64_t low = j > reach ? j - reach : 0, high = j + reach < side ? j + reach : side - 1;
                 float most = -1e30f;
                 for (int64_t k = low; k <= high; k++) {
-                    float v = sign * grey[i * side + k];
+                    float v = sign * gray[i * side + k];
                     most = v > most ? v : most;
                 }
                 across[i * side + j] = most;
             }
         for (int64_t i = 0; i < side; i++) {
             int64_t low = i > reach ? i - reach : 0, high = i + reach < side ? i + reach : side - 1;
-            float *row = grey + i * side;
+            float *row = gray + i * side;
             for (int64_t j = 0; j < side; j++)
                 row[j] = -1e30f;
             for (int64_t k = low; k <= high; k++)
@@ -116,9 +116,9 @@ static void take_shadow_out(const Screen *s, float *samples)
         }
     }
     for (int64_t i = 0; i < side * side; i++) {
-        grey[i] = grey[i] > 1e-3f ? grey[i] : 1e-3f;
+        gray[i] = gray[i] > 1e-3f ? gray[i] : 1e-3f;
         for (int c = 0; c < 3; c++)
-            samples[c * K + i] /= grey[i];
+            samples[c * K + i] /= gray[i];
     }
 }
 
@@ -234,16 +234,16 @@ static int align(const Screen *s, const Look *l, const float *samples, const dou
 {
     const int C = 9 + s->gaps;
     const int64_t K = s->points;
-    float colour[MAX_COLUMNS][3];
+    float color[MAX_COLUMNS][3];
     for (int c = 0; c < 3; c++) {
         float white = (float)l->inks[c], blue = (float)l->inks[6 + c];
         for (int k = 0; k < INKS; k++)
-            colour[k][c] = (float)l->inks[3 * k + c];
-        colour[4][c] = white - blue;
+            color[k][c] = (float)l->inks[3 * k + c];
+        color[4][c] = white - blue;
         for (int t = 0; t < TURNS; t++)
-            colour[5 + t][c] = t == l->turn ? white - blue : 0.0f;
+            color[5 + t][c] = t == l->turn ? white - blue : 0.0f;
         for (int g = 0; g < s->gaps; g++)
-            colour[9 + g][c] = l->open >> g & 1 ? blue - white : 0.0f;
+            color[9 + g][c] = l->open >> g & 1 ? blue - white : 0.0f;
     }
     lanes sums[9 * 10 / 2];
     memset(sums, 0, sizeof sums);
@@ -256,7 +256,7 @@ static int align(const Screen *s, const Look *l, const float *samples, const dou
                 by_x[i] = by_y[i] = 0.0f;
             }
             for (int k = 0; k < C; k++) {
-                float ink = colour[k][c];
+                float ink = color[k][c];
                 if (ink == 0.0f)
                     continue;
                 const float *column = l->design->columns + k * K + start;

@@ -231,13 +231,13 @@ def _screen_one(
             white = _local_white(samples[:used].mean(axis=1).reshape(tables.side, tables.side), window)
             samples[:used] /= white.reshape(-1, 1)
         last = turn == rounds or still
-        pattern, colours = _look(samples, tables, design, rules, rules.moved if rounds > 0 and last else rules.first)
+        pattern, colors = _look(samples, tables, design, rules, rules.moved if rounds > 0 and last else rules.first)
         if last:
             break
         if turn == 0 and pattern < rules.least_pattern:
             return 0.0
         before = quad.copy()
-        quad[:] = _aligned(samples, colours, tables, design, rules, H)
+        quad[:] = _aligned(samples, colors, tables, design, rules, H)
         if not _well_shaped(quad):
             return 0.0
         # Where it hardly moves, one more look scores it.
@@ -255,7 +255,7 @@ def _has_duplicate(quads: FloatArray, k: int) -> bool:
 def _look(
     samples: FloatArray, tables: ScreenTables, design: int, rules: ScreenRules, thresholds: Thresholds
 ) -> tuple[float, FloatArray]:
-    """Pattern, and (C,3) colours of the columns under the best hypothesis."""
+    """Pattern, and (C,3) colors of the columns under the best hypothesis."""
     columns, gram = tables.columns[design, 0].astype(np.float64), tables.grams[design]
     seen, energy = columns @ samples, float((samples**2).sum())
     ridge = rules.ridge * np.trace(gram[:INKS, :INKS]) / INKS * np.eye(INKS)
@@ -280,9 +280,9 @@ def _look(
 
 
 def _aligned(
-    samples: FloatArray, colours: FloatArray, tables: ScreenTables, design: int, rules: ScreenRules, H: FloatArray
+    samples: FloatArray, colors: FloatArray, tables: ScreenTables, design: int, rules: ScreenRules, H: FloatArray
 ) -> FloatArray:
-    value, by_x, by_y = np.einsum("jck,cb->jkb", tables.columns[design].astype(np.float64), colours)
+    value, by_x, by_y = np.einsum("jck,cb->jkb", tables.columns[design].astype(np.float64), colors)
     moves = tables.moves.astype(np.float64)
     J = moves[0, :, :, None] * by_x + moves[1, :, :, None] * by_y  # (8,K,3)
     flat = J.reshape(8, -1)
@@ -297,7 +297,7 @@ def _aligned(
 
 
 def _sample(pyramid: Pyramid, level: int, H: FloatArray, grid: FloatArray) -> FloatArray:
-    """(K,3) colours in linear light, bilinear."""
+    """(K,3) colors in linear light, bilinear."""
     image = pyramid.levels[level]
     mapped = H @ np.vstack([grid, np.ones(grid.shape[1])])
     x, y = (mapped[:2] / mapped[2] + 0.5) / 2**level - 0.5
@@ -313,14 +313,14 @@ def _sample(pyramid: Pyramid, level: int, H: FloatArray, grid: FloatArray) -> Fl
     return np.asarray(top * (1 - fy) + (at(y1, x0) * (1 - fx) + at(y1, x1) * fx) * fy)
 
 
-def _local_white(grey: FloatArray, window: int) -> FloatArray:
+def _local_white(gray: FloatArray, window: int) -> FloatArray:
     """The least of the largest values around every point."""
     for sign in (1, -1):
         for axis in (0, 1):
             ends = [(window // 2, window // 2) if k == axis else (0, 0) for k in range(2)]
-            padded = np.pad(sign * grey, ends, constant_values=-np.inf)
-            grey = sign * np.lib.stride_tricks.sliding_window_view(padded, window, axis=axis).max(axis=-1)
-    return np.maximum(grey, 1e-3)
+            padded = np.pad(sign * gray, ends, constant_values=-np.inf)
+            gray = sign * np.lib.stride_tricks.sliding_window_view(padded, window, axis=axis).max(axis=-1)
+    return np.maximum(gray, 1e-3)
 
 
 def _gate(seen: FloatArray, rules: ScreenRules, window: int) -> float:

@@ -37,7 +37,7 @@ static double root(double value) { return value > 0 ? sqrt(value) : 0; }
 
 static void square_poses(const double *rays, double size, double *R, double *t, double *errors) {
     const double half = size / 2;
-    /* Homography of the unit square (Heckbert 1989), and its value and derivative in the centre. */
+    /* Homography of the unit square (Heckbert 1989), and its value and derivative in the center. */
     const double x0 = rays[0], y0 = rays[1], x1 = rays[2], y1 = rays[3];
     const double x2 = rays[4], y2 = rays[5], x3 = rays[6], y3 = rays[7];
     const double dx1 = x1 - x2, dx2 = x3 - x2, dy1 = y1 - y2, dy2 = y3 - y2;
@@ -48,7 +48,7 @@ static void square_poses(const double *rays, double size, double *R, double *t, 
     const double p = (xu / 2 + xv / 2 + x0) / w, q = (yu / 2 + yv / 2 + y0) / w;
     const double J[4] = {(xu - p * g) / w / size, -(xv - p * h) / w / size, (yu - q * g) / w / size,
                          -(yv - q * h) / w / size};
-    /* Rotation from the optical axis to the ray of the centre. */
+    /* Rotation from the optical axis to the ray of the center. */
     const double n = sqrt(p * p + q * q + 1), x = p / n, y = q / n, z = 1 / n, k = 1 / (1 + z);
     const double V[9] = {1 - x * x * k, -x * y * k, x, -x * y * k, 1 - y * y * k, y, -x, -y, z};
     const double b[4] = {V[0] - p * V[6], V[1] - p * V[7], V[3] - q * V[6], V[4] - q * V[7]};

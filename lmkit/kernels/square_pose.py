@@ -1,6 +1,6 @@
 """Both poses of a square seen by one camera, in closed form.
 
-Collins and Bartoli, "Infinitesimal plane-based pose estimation", IJCV 2014: the homography near the square's centre
+Collins and Bartoli, "Infinitesimal plane-based pose estimation", IJCV 2014: the homography near the square's center
 gives its rotation up to a reflection.
 """
 
@@ -23,7 +23,7 @@ def square_poses(rays: Array, sizes: Array) -> tuple[Array, Array, Array]:
 
     Args:
         rays: (N,4,2) corners as x/z, y/z: top left, then clockwise as the square stands.
-        sizes: (N,) sides, metres.
+        sizes: (N,) sides, meters.
 
     Returns:
         x_camera = R x_square + t, with the corners in the square's frame at (-s/2, s/2, 0), (s/2, s/2, 0), ...
@@ -45,9 +45,9 @@ def square_poses(rays: Array, sizes: Array) -> tuple[Array, Array, Array]:
 def square_poses_numpy(rays: Array, sizes: Array) -> tuple[Array, Array, Array]:
     """Definition of :func:`square_poses`."""
     with np.errstate(all="ignore"):
-        centre, J = _centre(rays, sizes)
-        V = _to_ray(centre)
-        B = V[:, :2, :2] - centre[:, :, None] * V[:, None, 2, :2]
+        center, J = _center(rays, sizes)
+        V = _to_ray(center)
+        B = V[:, :2, :2] - center[:, :, None] * V[:, None, 2, :2]
         determinant = B[:, 0, 0] * B[:, 1, 1] - B[:, 0, 1] * B[:, 1, 0]
         back = np.stack([B[:, 1, 1], -B[:, 0, 1], -B[:, 1, 0], B[:, 0, 0]], axis=1) / determinant[:, None]
         A = back.reshape(-1, 2, 2) @ J
@@ -69,23 +69,23 @@ def square_poses_numpy(rays: Array, sizes: Array) -> tuple[Array, Array, Array]:
     return R[rows, order], t[rows, order], errors[rows, order]
 
 
-def _centre(rays: Array, sizes: Array) -> tuple[Array, Array]:
-    """(N,2) ray of the square's centre, and (N,2,2) its derivative with a place on the square (Heckbert 1989)."""
+def _center(rays: Array, sizes: Array) -> tuple[Array, Array]:
+    """(N,2) ray of the square's center, and (N,2,2) its derivative with a place on the square (Heckbert 1989)."""
     q0, q1, q2, q3 = rays.transpose(1, 0, 2)
     d1, d2, s = q1 - q2, q3 - q2, q0 - q1 + q2 - q3
     determinant = d1[:, 0] * d2[:, 1] - d2[:, 0] * d1[:, 1]
     g = ((s[:, 0] * d2[:, 1] - d2[:, 0] * s[:, 1]) / determinant)[:, None]
     h = ((d1[:, 0] * s[:, 1] - s[:, 0] * d1[:, 1]) / determinant)[:, None]
     by_u, by_v, w = q1 - q0 + g * q1, q3 - q0 + h * q3, 1 + (g + h) / 2
-    centre = (by_u / 2 + by_v / 2 + q0) / w
-    J = np.stack([(by_u - centre * g) / w, -(by_v - centre * h) / w], axis=2) / sizes[:, None, None]
-    return centre, J
+    center = (by_u / 2 + by_v / 2 + q0) / w
+    J = np.stack([(by_u - center * g) / w, -(by_v - center * h) / w], axis=2) / sizes[:, None, None]
+    return center, J
 
 
-def _to_ray(centre: Array) -> Array:
+def _to_ray(center: Array) -> Array:
     """(N,3,3) rotations from the optical axis to rays."""
-    n = np.sqrt((centre**2).sum(axis=1) + 1)
-    x, y, z = centre[:, 0] / n, centre[:, 1] / n, 1 / n
+    n = np.sqrt((center**2).sum(axis=1) + 1)
+    x, y, z = center[:, 0] / n, center[:, 1] / n, 1 / n
     k = 1 / (1 + z)
     return np.stack([1 - x * x * k, -x * y * k, x, -x * y * k, 1 - y * y * k, y, -x, -y, z], axis=1).reshape(-1, 3, 3)
 

@@ -183,7 +183,7 @@ def floor_covariance(C: FloatArray) -> FloatArray:
 
 
 def largest_sigma_m(C: FloatArray) -> float:
-    """Standard deviation along the least known direction, metres, of a (6,6) covariance."""
+    """Standard deviation along the least known direction, meters, of a (6,6) covariance."""
     return math.sqrt(max(float(np.linalg.eigvalsh(C[:3, :3])[-1]), 0.0))
 
 

@@ -9,7 +9,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from lmkit.detection.windows import is_colourless
+from lmkit.detection.windows import is_colorless
 from lmkit.geometry.pose import Pose
 from lmkit.geometry.rig import AnyRig, mounted_cameras
 from lmkit.geometry.rotations import quaternion_to_matrix
@@ -76,7 +76,7 @@ class LiveLoop:
         self._budget = LatencyBudget(self.settings.budget_s or 1e9, self.settings.profile)
         self._names = [camera.name for camera in mounted_cameras(rig)]
         self._needs_color = any(isinstance(family_named(n), LandmarkFamily) for n in landmarks.families)
-        self._grey: set[int] = set()
+        self._gray: set[int] = set()
         self._rate, self._number, self._groups = Rate(), 0, 0
         self._status = PoseStatus.LOST
         self._whole_at, self._turn = float("-inf"), 0
@@ -185,17 +185,17 @@ class LiveLoop:
         return tuple(drawn), tuple(dict.fromkeys(missing))
 
     def _color_events(self, group: FrameGroup, views: tuple[CameraView, ...]) -> list[Event]:
-        """Names grey cameras, once, where landmarks are recognized by their color."""
+        """Names gray cameras, once, where landmarks are recognized by their color."""
         events = []
         for k, view in enumerate(views):
-            if view.image is None or not self._needs_color or k in self._grey or self._number > 0:
+            if view.image is None or not self._needs_color or k in self._gray or self._number > 0:
                 continue
-            if is_colourless(view.image) and view.image.any():
-                self._grey.add(k)
+            if is_colorless(view.image) and view.image.any():
+                self._gray.add(k)
                 text = (
-                    f"camera {view.name} is grey: landmarks are recognized by color; use a color camera or AprilTags"
+                    f"camera {view.name} is gray: landmarks are recognized by color; use a color camera or AprilTags"
                 )
-                events.append(Event("camera_grey", text, group.time_s))
+                events.append(Event("camera_gray", text, group.time_s))
         return events
 
     def _odometry_events(self, time_s: float) -> list[Event]:

@@ -35,7 +35,7 @@ SAME_TURN_RAD = np.deg2rad(2.0)
 SAME_PLACE_M = 0.05
 LISTED_BELOW = 25.0  # log likelihood ratio of alternatives that are listed
 MOST_LISTED = 3
-# Iterations: towards its own landmark, towards all it comes near to, and to the end.
+# Iterations: toward its own landmark, toward all it comes near to, and to the end.
 TOWARDS_NEAR, TO_THE_END = 2, 8
 FIRST = np.zeros(1, dtype=np.int64)
 
@@ -150,10 +150,10 @@ def _locate(
     reach_m, reach_rad = (math.sqrt(2 * options.ambiguous_below * max(value, 0.0)) for value in widest)
     ratios = (cost - cost[0]).tolist()
     wide = reach_m > options.far_m or reach_rad > options.far_rad
-    rivalled = len(ratios) > 1 and ratios[1] < options.ambiguous_below
+    rivaled = len(ratios) > 1 and ratios[1] < options.ambiguous_below
     pixels = seen.chi2_and_pixels(poses.only(FIRST))[1][0][inliers]
     estimate = PoseEstimate(
-        status=PoseStatus.AMBIGUOUS if rivalled else PoseStatus.IMPRECISE if wide else PoseStatus.OK,
+        status=PoseStatus.AMBIGUOUS if rivaled else PoseStatus.IMPRECISE if wide else PoseStatus.OK,
         T_map_camera=poses.pose(0),
         covariance=covariance,
         inliers=tuple(sorted(explained)),

@@ -26,7 +26,7 @@ from lmkit.model.recording import RigFrame
 FRAMES = 8  # that are asked
 AGREES, CONTRADICTS = 0.6, 0.5  # shares of the landmarks seen that a pose explains
 OFF_SCALE, ALIKE = 0.12, 0.15  # logarithms of ratios: from 1, and among each other
-UNITS = {1000.0: "millimetres", 100.0: "centimetres", 39.37: "inches", 3.281: "feet"}
+UNITS = {1000.0: "millimeters", 100.0: "centimeters", 39.37: "inches", 3.281: "feet"}
 
 
 @dataclass(frozen=True)
@@ -145,7 +145,7 @@ def _variants(frames: Sequence[RigFrame], rig: AnyRig, landmarks: LandmarkMap) -
             Cause(
                 "rig_contradicts",
                 f"each camera alone agrees with the map, {all_of_them} together do not: check the rig's {key} "
-                "(metres, direction, order of the cameras)",
+                "(meters, direction, order of the cameras)",
             ),
             lambda frame: locate_camera(frame.seen[0], rig.left, landmarks),
         )

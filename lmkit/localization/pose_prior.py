@@ -18,7 +18,7 @@ class PosePrior:
 
     Attributes:
         heading_rad, heading_sigma: where the camera's optical axis points, seen from above, from the map's x
-            towards its y.
+            toward its y.
         height_m, height_sigma: of the camera.
         down: (3,) the map's -z axis in the camera, as the camera is mounted: (0, 1, 0) when it looks level.
         tilt_sigma: rad, by which the floor and the mounting may lean.

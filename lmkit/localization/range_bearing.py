@@ -69,8 +69,8 @@ class Readings:
 
     Attributes:
         ids: (N) the landmarks.
-        places: (N,2) of the landmarks, metres.
-        ranges, bearings: (N,) metres, rad.
+        places: (N,2) of the landmarks, meters.
+        ranges, bearings: (N,) meters, rad.
         range_sigma, bearing_sigma: (N,) their standard deviations, and what the map leaves open of the landmarks.
     """
 
@@ -113,7 +113,7 @@ class Readings:
         """Is there a bearing, so that the heading can be known?"""
         return bool(np.isfinite(self.bearings).any())
 
-    def standardised(self, states: FloatArray) -> FloatArray:
+    def standardized(self, states: FloatArray) -> FloatArray:
         """(S,N,2) measured minus expected range and bearing of (S,3) states, in standard deviations; 0 where none."""
         off = self.places - states[:, None, :2]
         ranges = (self.ranges - np.hypot(off[..., 0], off[..., 1])) / self.range_sigma
@@ -213,7 +213,7 @@ class _PlanarProblem:
     seen: Readings
 
     def linearize(self, state: FloatArray) -> tuple[tuple[FloatArray, FloatArray], float]:
-        errors = self.seen.standardised(state[None])[0]
+        errors = self.seen.standardized(state[None])[0]
         squared = (errors**2).sum(axis=1)
         J = self.seen.jacobian(state)
         weighted = cauchy_weight(squared)[:, None, None] * J
@@ -240,7 +240,7 @@ def _loss(seen: Readings, state: FloatArray) -> float:
 
 def _squared(seen: Readings, states: FloatArray) -> FloatArray:
     """(S,N) of every reading of every state: squared error in standard deviations, range and bearing together."""
-    return np.asarray((seen.standardised(states) ** 2).sum(axis=2))
+    return np.asarray((seen.standardized(states) ** 2).sum(axis=2))
 
 
 def _enough(seen: Readings) -> bool:

@@ -35,7 +35,7 @@ class ReadingNoise:
     outlier_sigma: float = 4.0
 
     def range_sigma(self, range_m: FloatArray) -> FloatArray:
-        """Standard deviations of ranges, metres."""
+        """Standard deviations of ranges, meters."""
         return np.asarray(np.hypot(self.range_m, self.range_share * range_m))
 
 

@@ -15,7 +15,7 @@ from lmkit.arrays import FloatArray
 
 @dataclass(frozen=True)
 class PlanarPose:
-    """Position and heading in the map's plane: metres, rad (from x towards y); None where the heading is unknown."""
+    """Position and heading in the map's plane: meters, rad (from x toward y); None where the heading is unknown."""
 
     x_m: float
     y_m: float
@@ -36,10 +36,10 @@ def locate_by_two(
     The two circles around A and B meet in two points; the order of the bearings tells which one.
 
     Args:
-        A, B: (2,) landmarks in the map, metres, not the same point.
-        range_a, range_b: distances to them, metres.
+        A, B: (2,) landmarks in the map, meters, not the same point.
+        range_a, range_b: distances to them, meters.
         bearing_a, bearing_b: directions, rad, positive to the left.
-        sensor: where the sensor sits on the robot, metres.
+        sensor: where the sensor sits on the robot, meters.
 
     Raises:
         ValueError: A and B coincide.

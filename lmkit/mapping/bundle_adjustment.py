@@ -57,11 +57,11 @@ class Bundle:
         landmarks: with their covariances.
         joint: (6L,6L) covariance of all landmarks, in their order: they err alike.
         parameters: (P,) what is wrong with the odometry, as its `names`; none without.
-        residuals: (S,) root mean square of each observation's eight standardised corner coordinates.
+        residuals: (S,) root mean square of each observation's eight standardized corner coordinates.
         ids: (L) of the landmarks.
         of, frames: (S,) of the observations: index into ``ids``, and frame.
         rms_px: of the corners of observations that are believed.
-        jumps: (from_s, to_s, metres) between which the rig moved otherwise than the wheels say, or jumped.
+        jumps: (from_s, to_s, meters) between which the rig moved otherwise than the wheels say, or jumped.
     """
 
     times_s: FloatArray
@@ -264,7 +264,7 @@ class BundleProblem:
         return int((~self.used).sum())
 
     def weigh_motion(self) -> None:
-        """How well the wheels count, from how they agree with what was seen (one step of expectation maximisation).
+        """How well the wheels count, from how they agree with what was seen (one step of expectation maximization).
 
         Where the cameras say little, motion agrees with itself; only frames at which they say more are asked.
         """
@@ -396,7 +396,7 @@ class BundleProblem:
         return np.asarray(e.corner[self.own :, self.own :] - determined)
 
     def residuals(self) -> FloatArray:
-        """(S,) root mean square of each observation's eight standardised coordinates."""
+        """(S,) root mean square of each observation's eight standardized coordinates."""
         return np.asarray(np.sqrt(kernel.bundle_chi2(self._correspondences())[0] / 8))
 
     def landmarks(self, covariance: FloatArray | None = None) -> LandmarkMap:

@@ -33,12 +33,12 @@ from lmkit.odometry.motion_model import Motion
 SETTLING = 4  # steps of bundle adjustment after each round
 SETTLED_SHARE = 1e-3  # of the cost: the next round moves everything further than that
 RETRY = 1.5
-NEIGHBOUR_M = 0.5  # of odometry to a located neighbour, from which a frame is refined without looking further
+NEIGHBOUR_M = 0.5  # of odometry to a located neighbor, from which a frame is refined without looking further
 REFINING = 8
-# Without odometry: neighbours in time are so near to each other.
+# Without odometry: neighbors in time are so near to each other.
 NEIGHBOUR_S, NEIGHBOUR_MPS, NEIGHBOUR_RADPS = 1.0, 1.0, 1.5
 LEAST_VIEWS = 2  # frames that agree on a landmark's place; one alone may have misread its code
-# Single landmarks leave valleys of poses; a view that is known to a metre places nothing.
+# Single landmarks leave valleys of poses; a view that is known to a meter places nothing.
 PLACING = LocateOptions(far_m=0.25, far_rad=np.deg2rad(8.0))
 
 
@@ -168,7 +168,7 @@ class _Search:
             # What one frame alone saw is placed last, and only where nothing contradicts.
             stuck = news == 0 and least == 1
             if stuck:
-                news = self.locate_by_neighbours(reckoned) if any(self.poses) else self.locate_likeliest(reckoned)
+                news = self.locate_by_neighbors(reckoned) if any(self.poses) else self.locate_likeliest(reckoned)
                 if news == 0:
                     return
             least = LEAST_VIEWS if news else 1
@@ -210,7 +210,7 @@ class _Search:
             if known == 0 or known < RETRY * self.tries.get(k, 0):
                 continue
             self.tries[k] = known
-            guess = self.beside_a_neighbour(k)
+            guess = self.beside_a_neighbor(k)
             refined = None if guess is None else _refined(guess, frame, self.rig, landmarks)
             if refined is not None:
                 pose, sure = refined
@@ -227,7 +227,7 @@ class _Search:
             news += self.poses[k] is not None
         return news
 
-    def beside_a_neighbour(self, k: int) -> ReckonedPose | None:
+    def beside_a_neighbor(self, k: int) -> ReckonedPose | None:
         """Pose by odometry from a located neighbor in time; None if none is near."""
         if self.path is None:
             return None
@@ -258,7 +258,7 @@ class _Search:
         self.poses[best[1]] = best[2]
         return 1
 
-    def locate_by_neighbours(self, reckoned: ReckonedPoses) -> int:
+    def locate_by_neighbors(self, reckoned: ReckonedPoses) -> int:
         """Frames that allow several poses, or a valley of them: the one near where the rig was just before."""
         landmarks, frames = self.map_so_far(), self.frames
         allowed: dict[int, list[Pose]] = {}
@@ -300,5 +300,5 @@ def _refined(guess: ReckonedPose, frame: RigFrame, rig: AnyRig, landmarks: Landm
 
 
 def _apart(a: Pose, b: Pose) -> float:
-    """Metres, a radian as much as a metre."""
+    """Meters, a radian as much as a meter."""
     return float(np.linalg.norm(a.t - b.t)) + rotation_angle(a.R.T @ b.R)

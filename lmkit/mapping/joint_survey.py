@@ -34,7 +34,7 @@ class MovedLandmark:
     seen_after: tuple[str, ...]
 
     @property
-    def metres(self) -> float:
+    def meters(self) -> float:
         """How far its middle was moved."""
         return float(np.linalg.norm(self.after.T_map_landmark.t - self.before.T_map_landmark.t))
 
@@ -45,7 +45,7 @@ class MovedLandmark:
 
     def __str__(self) -> str:
         text = (
-            f"{self.before.id} was moved by {self.metres:.2f} m and {np.rad2deg(self.radians):.0f} deg between "
+            f"{self.before.id} was moved by {self.meters:.2f} m and {np.rad2deg(self.radians):.0f} deg between "
             f"{', '.join(self.seen_before)} and {', '.join(self.seen_after)}"
         )
         if self.before.valid_to_s is None:
@@ -93,7 +93,7 @@ class JointSurvey:
             "moved": [
                 {
                     "id": str(one.before.id),
-                    "metres": one.metres,
+                    "metres": one.meters,
                     "radians": one.radians,
                     "before": list(one.seen_before),
                     "after": list(one.seen_after),
@@ -118,8 +118,8 @@ def joint_warnings(result: JointSurvey) -> tuple[str, ...]:
     ]
     texts += [f"{id_} has an ambiguous pose; look from another side" for id_ in result.ambiguous]
     texts += [
-        f"{id_} is {1000 * metres:.0f} mm off the {constraint} of its constraint; check it in the room"
-        for id_, constraint, metres in result.off_constraint
+        f"{id_} is {1000 * meters:.0f} mm off the {constraint} of its constraint; check it in the room"
+        for id_, constraint, meters in result.off_constraint
     ]
     texts += [f"{id_} is not placed: its observations are too few, or do not agree" for id_ in result.unplaced]
     return tuple(texts)

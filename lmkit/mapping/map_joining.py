@@ -109,7 +109,7 @@ def place_map(fixed: LoneMap, other: LoneMap) -> Placement | str:
         (
             c - cost
             for c, R_other, t_other in found[1:]
-            if np.linalg.norm(match.centre @ (R_other - R).T + t_other - t) > DIFFERENT_M
+            if np.linalg.norm(match.center @ (R_other - R).T + t_other - t) > DIFFERENT_M
             or np.linalg.norm(rotation_log(R_other @ R.T)) > DIFFERENT_RAD
         ),
         default=float("inf"),
@@ -131,7 +131,7 @@ class _Match:
         a, b = pairs.T
         self.R_fixed, self.p_fixed, self.C_fixed = fixed.R[a], fixed.p[a], fixed.covariances[a]
         self.R, self.p, self.C = other.R[b], other.p[b], other.covariances[b]
-        self.centre = self.p.mean(axis=0)
+        self.center = self.p.mean(axis=0)
 
     def spread(self) -> FloatArray:
         """(S,) how badly each landmark alone tells the placement."""
@@ -155,12 +155,12 @@ class _Match:
         return self._equations(R, t)[2], R, t
 
     def placement(self, R: FloatArray, t: FloatArray, lead: float) -> Placement:
-        place, turn = self._standardised(R, t)[:2]
+        place, turn = self._standardized(R, t)[:2]
         fits = np.sqrt((place**2).mean(axis=1)) < FITS_SIGMA
         turned = fits & (np.sqrt((turn**2).mean(axis=1)) > FITS_SIGMA)
         return Placement(R, t, np.linalg.inv(self._equations(R, t)[0]), self.pairs, fits, turned, lead)
 
-    def _standardised(self, R: FloatArray, t: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
+    def _standardized(self, R: FloatArray, t: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
         """(S,3) errors of places and of turns, and their (S,3,3) whiteners."""
         C_place = self.C_fixed[:, :3, :3] + R @ self.C[:, :3, :3] @ R.T + PLACE_FLOOR_M**2 * np.eye(3)
         C_turn = self.C_fixed[:, 3:, 3:] + R @ self.C[:, 3:, 3:] @ R.T + TURN_FLOOR_RAD**2 * np.eye(3)
@@ -170,7 +170,7 @@ class _Match:
         return _times(W_place, place), _times(W_turn, turn), W_place, W_turn
 
     def _equations(self, R: FloatArray, t: FloatArray) -> tuple[FloatArray, FloatArray, float]:
-        place, turn, W_place, W_turn = self._standardised(R, t)
+        place, turn, W_place, W_turn = self._standardized(R, t)
         J = np.concatenate([np.tile(np.eye(3), (len(place), 1, 1)), -skew(self.p @ R.T)], axis=2)
         K = np.concatenate([np.zeros_like(W_turn), np.tile(np.eye(3), (len(place), 1, 1))], axis=2)
         H, g, cost = 1e-9 * np.eye(6), np.zeros(6), 0.0

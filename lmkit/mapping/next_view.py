@@ -1,6 +1,6 @@
 """Which extra view of a weakly determined landmark would tell most of it.
 
-Every candidate is a stereo view from where the robot may stand: the landmark and its neighbours in view, with corners
+Every candidate is a stereo view from where the robot may stand: the landmark and its neighbors in view, with corners
 as good as measured ones of their size.  What that view tells, with what is known of the map, says how well the
 landmark would be known afterwards (the greedy choice of active vision; Davison and Murray 2002).
 """
@@ -19,7 +19,7 @@ from lmkit.geometry.pose_array import PoseArray
 from lmkit.geometry.rig import AnyRig
 from lmkit.mapping.bundle_adjustment import Bundle, BundleProblem
 from lmkit.mapping.survey_results import Survey, deviations
-from lmkit.model.detector_model import corner_sigma_px, recognised
+from lmkit.model.detector_model import corner_sigma_px, recognized
 from lmkit.model.landmark_id import LandmarkId, ids_text
 from lmkit.model.landmark_map import LandmarkMap, MappedLandmark
 from lmkit.model.observation import Detection
@@ -115,19 +115,19 @@ def advise(survey: Survey, rig: AnyRig) -> dict[LandmarkId, str]:
 
 
 def _cost(view: NextView) -> tuple[bool, float]:
-    # With a single neighbour the view itself may stay ambiguous.  A radian counts as much as a metre.
+    # With a single neighbor the view itself may stay ambiguous.  A radian counts as much as a meter.
     return len(view.beside) < LEAST_BESIDE, view.then_m + view.then_rad
 
 
 def _looking(landmark: MappedLandmark, distance: float, aside_deg: float, pan_deg: float, height: float) -> Pose:
     """T_map_left of a level camera at that place, panned off the landmark."""
     T, aside = landmark.T_map_landmark, np.deg2rad(aside_deg)
-    towards = np.cos(aside) * T.R[:2, 2] + np.sin(aside) * T.R[:2, 0]
-    towards = towards / max(float(np.linalg.norm(towards)), 1e-9)
-    heading = np.arctan2(-towards[1], -towards[0]) + np.deg2rad(pan_deg)
+    toward = np.cos(aside) * T.R[:2, 2] + np.sin(aside) * T.R[:2, 0]
+    toward = toward / max(float(np.linalg.norm(toward)), 1e-9)
+    heading = np.arctan2(-toward[1], -toward[0]) + np.deg2rad(pan_deg)
     c, s = np.cos(heading), np.sin(heading)
     R = np.array([[s, 0.0, c], [-c, 0.0, s], [0.0, -1.0, 0.0]])
-    return Pose("map", "left", R, np.array([*(T.t[:2] + distance * towards), height]))
+    return Pose("map", "left", R, np.array([*(T.t[:2] + distance * toward), height]))
 
 
 def _clear(side: FloatArray, places: FloatArray, along: FloatArray) -> BoolArray:
@@ -158,7 +158,7 @@ def _view(landmarks: LandmarkMap, rig: AnyRig, T_map_left: Pose) -> RigFrame:
 
 def _as_measured(seen: Detection) -> Detection | None:
     side = np.linalg.norm(seen.corners - np.roll(seen.corners, 1, axis=0), axis=1).mean()
-    if recognised(side, np.zeros(())) < LEAST_READ:
+    if recognized(side, np.zeros(())) < LEAST_READ:
         return None
     return replace(seen, covariance=corner_sigma_px(side) ** 2 * np.eye(8))
 

@@ -213,7 +213,7 @@ class _Problem:
             self.places = self.places + shared[OWN:].reshape(-1, 2)
 
     def _errors(self) -> tuple[_Readings, FloatArray, FloatArray]:
-        """Readings so far, their standardised errors (R,2), 0 where nothing was read, and where landmarks lie."""
+        """Readings so far, their standardized errors (R,2), 0 where nothing was read, and where landmarks lie."""
         seen = self.readings.first(len(self.states))
         at = self.states[seen.frames]
         off = self.places[seen.landmarks] - at[:, :2]
@@ -224,7 +224,7 @@ class _Problem:
         return seen, np.nan_to_num(np.column_stack([ranges, bearings])), off
 
     def _motion_errors(self) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """(N-1,3) standardised, their deviations, and derivatives of the motions with the parameters."""
+        """(N-1,3) standardized, their deviations, and derivatives of the motions with the parameters."""
         motions = self.motion.increments(self.times[: len(self.states)], self.parameters)
         return (motions.motions - between(self.states)) / motions.sigmas, motions.sigmas, motions.by_parameters
 
@@ -328,7 +328,7 @@ def _reading_jacobian(off: FloatArray, sigmas: FloatArray) -> FloatArray:
 
 
 def _between_jacobians(states: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """(N-1,3,3) of the motion between neighbours with the earlier and the later state."""
+    """(N-1,3,3) of the motion between neighbors with the earlier and the later state."""
     d = np.diff(states, axis=0)
     c, s = np.cos(states[:-1, 2]), np.sin(states[:-1, 2])
     zero, one = np.zeros_like(c), np.ones_like(c)

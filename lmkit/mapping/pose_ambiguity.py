@@ -70,9 +70,9 @@ def _spread(apart: FloatArray, worse: float) -> FloatArray:
 def _fitted_alternatives(problem: BundleProblem) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
     """(L,) costs of landmarks and of their second poses, and the second poses' (L,3,3) and (L,3)."""
     own, before = problem.landmark_costs(), problem.state()
-    towards = problem.seen_along()
+    toward = problem.seen_along()
     normals = problem.lm_R[:, :, 2]
-    flipped = 2 * np.einsum("li,li->l", towards, normals)[:, None] * towards - normals
+    flipped = 2 * np.einsum("li,li->l", toward, normals)[:, None] * toward - normals
     axis = np.cross(normals, flipped)
     sine = np.linalg.norm(axis, axis=1, keepdims=True)
     angle = np.arctan2(sine[:, 0], np.einsum("li,li->l", normals, flipped))

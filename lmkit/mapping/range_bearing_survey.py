@@ -40,10 +40,10 @@ def survey_readings(
     for id_, place, C in zip(track.ids, track.places, track.place_covariances, strict=True):
         if not np.isfinite(place).all():
             continue
-        towards = middle - place
+        toward = middle - place
         covariance = np.diag([0.0, 0.0, UNSEEN_M**2, *[UNSEEN_RAD**2] * 3])
         covariance[:2, :2] = C
-        T = wall_pose([*place, 0.0], float(np.arctan2(towards[1], towards[0])))
+        T = wall_pose([*place, 0.0], float(np.arctan2(toward[1], toward[0])))
         mapped.append(MappedLandmark(id_, size_m, T, covariance))
     drive = TrackedTrajectory(
         times,

@@ -233,8 +233,8 @@ def landmarks_off_constraint(
         members = [k for k, m in enumerate(mapped) if m.id in constraint.ids]
         if len(members) < 3:
             continue  # of two nobody knows which is off
-        for k, off, standardised in zip(members, *strays(constraint, members, R, p, sigmas), strict=True):
-            if standardised > OFF_CONSTRAINT_SIGMA:
+        for k, off, standardized in zip(members, *strays(constraint, members, R, p, sigmas), strict=True):
+            if standardized > OFF_CONSTRAINT_SIGMA:
                 found.append((mapped[k].id, constraint, float(off)))
     return tuple(found)
 
@@ -242,7 +242,7 @@ def landmarks_off_constraint(
 def landmark_sizes(
     frames: Sequence[RigFrame], size_m: float, anchors: Mapping[LandmarkId, Anchor]
 ) -> dict[LandmarkId, float]:
-    """Printed size of every landmark observed or known, metres: an anchor's own, else ``size_m``."""
+    """Printed size of every landmark observed or known, meters: an anchor's own, else ``size_m``."""
     sizes = {o.id: size_m for frame in frames for o in frame.detections}
     sizes.update({key: anchor.landmark.size_m for key, anchor in anchors.items()})
     return sizes

@@ -91,8 +91,8 @@ class Survey:
             "warnings": list(self.warnings),
             "ambiguous": [str(id_) for id_ in self.ambiguous],
             "off_constraint": [
-                {"id": str(id_), "of": str(constraint), "metres": metres}
-                for id_, constraint, metres in self.off_constraint
+                {"id": str(id_), "of": str(constraint), "metres": meters}
+                for id_, constraint, meters in self.off_constraint
             ],
             "odometry": dict(self.odometry),
         }
@@ -139,15 +139,15 @@ def survey_warnings(
     doubt = None if motion is None else describe_odometry(motion, result.bundle.parameters)
     if doubt is not None:
         texts.append(doubt)
-    for from_s, to_s, metres in result.bundle.jumps:
+    for from_s, to_s, meters in result.bundle.jumps:
         texts.append(
-            f"between {from_s:.2f} and {to_s:.2f} s the rig jumps by {metres:.2f} m: it slid or was carried, or a "
+            f"between {from_s:.2f} and {to_s:.2f} s the rig jumps by {meters:.2f} m: it slid or was carried, or a "
             "landmark seen there was moved, or is placed by the wrong one of its two poses; look from another side"
         )
     for code in result.ambiguous:
         texts.append(f"{code} has an ambiguous pose: it was seen from one side and from afar; look from another side")
-    for code, constraint, metres in result.off_constraint:
-        texts.append(f"{code} is {1000 * metres:.0f} mm off the {constraint} of its constraint; check it in the room")
+    for code, constraint, meters in result.off_constraint:
+        texts.append(f"{code} is {1000 * meters:.0f} mm off the {constraint} of its constraint; check it in the room")
     mapped = {m.id for m in result.bundle.landmarks}
     for constraint in constraints:
         missing = [id_ for id_ in constraint.ids if id_ not in mapped]

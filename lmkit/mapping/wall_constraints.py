@@ -40,7 +40,7 @@ class LandmarkConstraint:
 
 @dataclass(frozen=True, eq=False)
 class ConstraintRows:
-    """Standardised residuals (M,) of pairs of landmarks, derivatives (M,12) with both, and which they are (M,2)."""
+    """Standardized residuals (M,) of pairs of landmarks, derivatives (M,12) with both, and which they are (M,2)."""
 
     residuals: FloatArray
     derivatives: FloatArray
@@ -98,12 +98,12 @@ def constraint_rows(
 def strays(
     constraint: LandmarkConstraint, members: Sequence[int], R: FloatArray, p: FloatArray, sigmas: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
-    """How far each landmark is off what most of the others say: (n,) metres, and the same in standard deviations.
+    """How far each landmark is off what most of the others say: (n,) meters, and the same in standard deviations.
 
     Args:
         sigmas: (L,2) standard deviations of places (m) and turns (rad), of all landmarks.
     """
-    off, standardised = np.zeros(len(members)), np.zeros(len(members))
+    off, standardized = np.zeros(len(members)), np.zeros(len(members))
     for k, member in enumerate(members):
         others = [m for m in members if m != member]
         away = p[member] - p[others]
@@ -114,5 +114,5 @@ def strays(
             out = np.einsum("ni,ni->n", R[others, :, 2], away)
             turned = np.hypot(sigmas[others, 1], constraint.sigma_rad) * np.linalg.norm(away, axis=1)
         spread = np.sqrt(2 * constraint.sigma_m**2 + sigmas[member, 0] ** 2 + sigmas[others, 0] ** 2 + turned**2)
-        off[k], standardised[k] = np.median(np.abs(out)), np.median(np.abs(out) / spread)
-    return off, standardised
+        off[k], standardized[k] = np.median(np.abs(out)), np.median(np.abs(out) / spread)
+    return off, standardized

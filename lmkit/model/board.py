@@ -13,7 +13,7 @@ from lmkit.units import parse_length_mm
 
 KINDS = ("chessboard", "charuco", "landmarks")
 MOST_STRETCH = 0.1
-LEAST_GAP = 1 / 9  # of a landmark's side: the white that two neighbours need between them
+LEAST_GAP = 1 / 9  # of a landmark's side: the white that two neighbors need between them
 _HINT = (
     "write chessboard:9x6:30mm (inner corners and square), "
     "charuco:8x6:30mm:22mm:DICT_5X5_100 (squares, square, marker, dictionary; :legacy may follow) or "
@@ -141,7 +141,7 @@ class BoardSpec:
 
     @property
     def object_points(self) -> FloatArray:
-        """(N,3) metres; x along a row, y down the rows, z = 0.
+        """(N,3) meters; x along a row, y down the rows, z = 0.
 
         Inner corners row by row; of landmarks, row by row, the four corners of each: top left first,
         then clockwise.

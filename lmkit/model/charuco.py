@@ -24,7 +24,7 @@ def charuco_dictionary(board: BoardSpec) -> cv2.aruco.Dictionary:
 
 
 def charuco_board(board: BoardSpec) -> cv2.aruco.CharucoBoard:
-    """The board itself, lengths in metres.
+    """The board itself, lengths in meters.
 
     Raises:
         InputError: the dictionary is unknown or has too few markers.

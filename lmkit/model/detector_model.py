@@ -17,7 +17,7 @@ CORNER_PX, CORNER_PX3 = 0.09, 45.0
 SMALLEST_PX = 10.0  # below this nothing is read
 
 
-def recognised(side_px: FloatArray, tilt_rad: FloatArray) -> FloatArray:
+def recognized(side_px: FloatArray, tilt_rad: FloatArray) -> FloatArray:
     """Probability that a landmark wholly in the image is read.
 
     Args:

@@ -28,7 +28,7 @@ class PoseEstimate:
         alternatives: other poses, best first, each with its log likelihood ratio to the answer.
         reprojection_error_px: root mean square over the corners of the inliers, all images.
         T_camera_base: the robot's base in the left camera's frame; None where the rig has no base.
-        warnings: why landmarks contradict the map, where a cause is recognised (`localization/contradiction.py`).
+        warnings: why landmarks contradict the map, where a cause is recognized (`localization/contradiction.py`).
         outlier_cameras: names of the cameras that contradict the majority; the pose leaves their detections out.
     """
 
@@ -55,7 +55,7 @@ class PoseEstimate:
 
     @property
     def sigma_m(self) -> float | None:
-        """Standard deviation of the base's position, metres: root of the sum of its three variances."""
+        """Standard deviation of the base's position, meters: root of the sum of its three variances."""
         C = self.covariance_base
         return None if C is None else float(np.sqrt(np.trace(C[:3, :3])))
 

@@ -23,7 +23,7 @@ class Wall:
 
     Attributes:
         name: ``A``, ``B``, ...
-        left, right: (2,) its ends, metres in the map, as someone sees them who faces it.
+        left, right: (2,) its ends, meters in the map, as someone sees them who faces it.
         usable: landmarks may be mounted here.
     """
 
@@ -55,9 +55,9 @@ class FloorPlan:
     Attributes:
         free: (rows, columns), row 0 at the lowest y.
         cell_m: side of a cell.
-        origin: (x, y) of the lower left corner of the first cell, metres in the map.
+        origin: (x, y) of the lower left corner of the first cell, meters in the map.
         walls: those that can be seen from free space.
-        places: named poses (x, y, heading; metres and rad).
+        places: named poses (x, y, heading; meters and rad).
     """
 
     free: BoolArray
@@ -85,7 +85,7 @@ class FloorPlan:
         return at[..., 1], at[..., 0]
 
     def middles(self, rows: IntArray, columns: IntArray) -> FloatArray:
-        """(N,2) middles of cells, metres."""
+        """(N,2) middles of cells, meters."""
         return np.asarray(np.column_stack([columns, rows]) * self.cell_m + self.cell_m / 2 + np.array(self.origin))
 
     def is_free(self, points: FloatArray) -> BoolArray:
@@ -95,7 +95,7 @@ class FloorPlan:
         return np.asarray(inside & self.free[np.where(inside, rows, 0), np.where(inside, columns, 0)])
 
     def clearance_at(self, points: FloatArray) -> FloatArray:
-        """(...) metres to the nearest cell that is not free; 0 outside."""
+        """(...) meters to the nearest cell that is not free; 0 outside."""
         rows, columns = self.cells(points)
         far = self.clearance_m[rows.clip(0, self.free.shape[0] - 1), columns.clip(0, self.free.shape[1] - 1)]
         return np.asarray(np.where(self.is_free(points), far, 0.0))

@@ -1,8 +1,8 @@
 """The geometry of the landmark: the one source that printing and reading share.
 
 Numbers as in docs/landmark.md, section 2.  The landmark's plane has its origin at the center, x to
-the right, y up, z towards the viewer; angles run clockwise as seen, from the triangle's apex (up).
-Lengths of the drawing are millimetres at the nominal size of 180 mm and scale with the print.
+the right, y up, z toward the viewer; angles run clockwise as seen, from the triangle's apex (up).
+Lengths of the drawing are millimeters at the nominal size of 180 mm and scale with the print.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ class Ring:
 
     Attributes:
         inner_mm, outer_mm: radii.
-        first_gap_deg: centre of the first gap, clockwise from up.
+        first_gap_deg: center of the first gap, clockwise from up.
         gap_width_deg: angular width of every gap.
         gap_count: number of gap positions.
     """
@@ -35,8 +35,8 @@ class Ring:
     gap_count: int = 4
 
     @property
-    def gap_centres_deg(self) -> tuple[float, ...]:
-        """Centres of the gap positions, clockwise from up."""
+    def gap_centers_deg(self) -> tuple[float, ...]:
+        """Centers of the gap positions, clockwise from up."""
         return tuple(self.first_gap_deg + 360.0 / self.gap_count * k for k in range(self.gap_count))
 
 
@@ -50,7 +50,7 @@ class LandmarkFamily:
         border_mm: width of the red border.
         margin_mm: least width of white around the border.
         rings: from the outside in.
-        triangle_mm: height of the triangle above the centre and half of its base.
+        triangle_mm: height of the triangle above the center and half of its base.
         distance: gap positions in which any two codes differ at least, in any quarter turn, where the
             triangle counts for two; 1 uses every word, more leaves some out so that misreadings show.
     """
@@ -93,7 +93,7 @@ class LandmarkFamily:
             )
 
     def gaps(self, code: int) -> tuple[bool, ...]:
-        """Which gap positions are open, from the outer ring inwards, clockwise from up.
+        """Which gap positions are open, from the outer ring inward, clockwise from up.
 
         Raises:
             InputError: the family has no such code.
@@ -141,7 +141,7 @@ class LandmarkFamily:
         return np.array([[-h, h], [h, h], [h, -h], [-h, -h]])
 
     def object_points(self, size_m: float) -> FloatArray:
-        """(4,3) the outer corners in the landmark frame, metres, for a print of side ``size_m``."""
+        """(4,3) the outer corners in the landmark frame, meters, for a print of side ``size_m``."""
         return square_corners(size_m)
 
 
@@ -165,7 +165,7 @@ FAMILIES = {family.name: family for family in (LM4, LM8, LM8P, LM12, LM12H4)}
 
 
 def square_corners(size_m: float) -> FloatArray:
-    """(4,3) corners of any square landmark in its own frame, metres: top left, then clockwise as it stands.
+    """(4,3) corners of any square landmark in its own frame, meters: top left, then clockwise as it stands.
 
     The order is the one ``cv2.SOLVEPNP_IPPE_SQUARE`` wants.
     """

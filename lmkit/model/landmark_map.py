@@ -24,7 +24,7 @@ class MappedLandmark:
 
     Attributes:
         id: family and code, as printed.
-        size_m: outer edge to outer edge of the red border, metres.
+        size_m: outer edge to outer edge of the red border, meters.
         T_map_landmark: its pose.
         covariance: (6,6) of that pose in the map frame (x y z m, rotation x y z rad), if known.
         name: of the place it marks, for `lmkit plan route`.
@@ -52,7 +52,7 @@ class MappedLandmark:
 
     @cached_property
     def corners_map(self) -> FloatArray:
-        """(4,3) outer corners in the map, metres; top left, then clockwise as the landmark stands."""
+        """(4,3) outer corners in the map, meters; top left, then clockwise as the landmark stands."""
         return self.T_map_landmark.apply(square_corners(self.size_m))
 
 
@@ -162,10 +162,10 @@ def wall_pose(position: Sequence[float], facing_rad: float) -> Pose:
     """T_map_landmark of a landmark that is mounted upright on a wall.
 
     Args:
-        position: its middle in the map, metres.
-        facing_rad: direction in the map's xy plane in which its face looks (towards the viewer).
+        position: its middle in the map, meters.
+        facing_rad: direction in the map's xy plane in which its face looks (toward the viewer).
     """
     c, s = np.cos(facing_rad), np.sin(facing_rad)
-    # Columns: the landmark's x (viewer's right), y (up), z (towards the viewer) in the map.
+    # Columns: the landmark's x (viewer's right), y (up), z (toward the viewer) in the map.
     R = np.array([[-s, 0.0, c], [c, 0.0, s], [0.0, 1.0, 0.0]])
     return Pose("map", "landmark", R, np.asarray(position, dtype=np.float64))

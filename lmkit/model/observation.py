@@ -102,7 +102,7 @@ class RangeBearing:
 
     Attributes:
         id: the landmark.
-        range_m: distance, metres; None where not measured.
+        range_m: distance, meters; None where not measured.
         bearing_rad: direction, rad, positive to the left of straight ahead; None where not measured.
         time_s: when, seconds.
     """

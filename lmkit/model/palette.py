@@ -1,4 +1,4 @@
-"""The landmark's colours (docs/landmark.md, section 2), and the one sRGB transfer curve."""
+"""The landmark's colors (docs/landmark.md, section 2), and the one sRGB transfer curve."""
 
 from __future__ import annotations
 

@@ -18,7 +18,7 @@ class Odometry:
 
     Attributes:
         times_s: (N,) seconds, increasing.
-        forward_m: (N,) travelled since the row before; backwards is negative.
+        forward_m: (N,) traveled since the row before; backwards is negative.
         turn_rad: (N,) turned since the row before, positive to the left.
     """
 
@@ -38,7 +38,7 @@ class Odometry:
 
     @classmethod
     def from_wheels(cls, times_s: FloatArray, left_m: FloatArray, right_m: FloatArray, track_m: float) -> Odometry:
-        """From what each wheel travelled since the row before; ``track_m`` is the distance of the wheels."""
+        """From what each wheel traveled since the row before; ``track_m`` is the distance of the wheels."""
         return cls(times_s, (left_m + right_m) / 2, (right_m - left_m) / track_m)
 
     @classmethod

@@ -2,7 +2,7 @@
 
 A marker is a square of cells: a black border one cell wide, the code's cells inside, white paper around.  Its size is
 the outer edge of the BLACK BORDER, as for `cv2.aruco` and for the AprilTag project's ``tag size``, not of the white
-paper.  The frame is a landmark's: origin at the center, x to the right, y up, z towards the viewer.
+paper.  The frame is a landmark's: origin at the center, x to the right, y up, z toward the viewer.
 
 OpenCV draws AprilTags upside down.  Here they stand as the AprilTag project prints them, so maps of WPILib and
 apriltag_ros hold as they are.
@@ -128,7 +128,7 @@ class SquareMarkerFamily:
         return np.pad(1.0 - self.white[code], self.border_cells, constant_values=1.0)
 
     def object_points(self, size_m: float) -> FloatArray:
-        """(4,3) outer corners of the black border in the marker's frame, metres, for a side of ``size_m``."""
+        """(4,3) outer corners of the black border in the marker's frame, meters, for a side of ``size_m``."""
         return np.column_stack([self.corners_mm * (size_m / self.side_mm), np.zeros(4)])
 
     def is_drawn_like(self, other: object) -> bool:

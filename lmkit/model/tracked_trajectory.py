@@ -47,7 +47,7 @@ class TrackedTrajectory:
 
     @property
     def positions(self) -> FloatArray:
-        """(N,3) metres, in the map."""
+        """(N,3) meters, in the map."""
         return np.array([pose.t for pose in self.poses]).reshape(-1, 3)
 
     def __len__(self) -> int:

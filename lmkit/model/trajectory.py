@@ -15,7 +15,7 @@ class Trajectory:
 
     Attributes:
         times_s: (N,) seconds, increasing.
-        positions: (N,3) metres.
+        positions: (N,3) meters.
         quaternions: (N,4) x y z w of unit length.
     """
 

@@ -38,7 +38,7 @@ class OdometryPath:
 
     Attributes:
         R, t: (N,3,3), (N,3) T_left(0)_left(k).
-        way_m: (N,) travelled up to each frame, turns counted, too.
+        way_m: (N,) traveled up to each frame, turns counted, too.
         stretch: (N,) how many gaps of odometry lie before it.
     """
 

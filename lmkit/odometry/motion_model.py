@@ -27,7 +27,7 @@ class Steps:
     """Motions in space between consecutive times, in the frame of the earlier pose of the robot's base.
 
     Attributes:
-        R, t: (K-1,3,3), (K-1,3) metres.
+        R, t: (K-1,3,3), (K-1,3) meters.
         by_parameters: (K-1,6,P) derivatives of the way and of the turn, a rotation vector in the later frame.
         sigmas: (K-1,6) standard deviations.
         known: (K-1,) False where there is a gap.

@@ -22,7 +22,7 @@ LEAST_TURN_RAD, LEAST_WAY_M = 0.05, 0.05  # root mean squares below which nothin
 LIKE, LAGGED, UNLIKE, OPPOSITE = 0.8, 0.87, 0.4, -0.6  # correlations
 OFF_SCALE = 2.0
 LONGEST_LAG_S, LAG_STEP_S, LEAST_LAG_S = 60.0, 0.1, 0.5
-UNITS = {1000.0: "millimetres", 100.0: "centimetres", 39.37: "inches", 3.281: "feet", 0.001: "kilometres"}
+UNITS = {1000.0: "millimeters", 100.0: "centimeters", 39.37: "inches", 3.281: "feet", 0.001: "kilometers"}
 DEGREES = float(np.rad2deg(1.0))
 ALIKE = 0.25  # logarithm of a ratio to that of a unit
 
@@ -53,7 +53,7 @@ def require_plausible_odometry(odometry: Odometry | Trajectory) -> None:
     if (speed := _usual_rate(times, way)) > FASTEST_MPS:
         raise _refused(
             "implausible_odometry",
-            f"odometry moves at {speed:.3g} m/s: are its lengths in millimetres or centimetres?",
+            f"odometry moves at {speed:.3g} m/s: are its lengths in millimeters or centimeters?",
         )
     if (rate := _usual_rate(times, turn)) > FASTEST_RADPS:
         raise _refused("implausible_odometry", f"odometry turns at {rate:.3g} rad/s: are its angles in degrees?")
@@ -231,5 +231,5 @@ def _is(ratio: float, factor: float) -> bool:
     return abs(float(np.log(ratio / factor))) < ALIKE
 
 
-def _refused(code: str, message: str, hint: str = "convert the file to seconds, metres and radians") -> InputError:
+def _refused(code: str, message: str, hint: str = "convert the file to seconds, meters and radians") -> InputError:
     return InputError(code, message, hint)

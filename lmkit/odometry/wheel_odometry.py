@@ -32,9 +32,9 @@ class MotionNoise:
     """How far motion strays from odometry, as standard deviations that grow with the root of way, turn or time.
 
     Attributes:
-        along_per_root_m: along the way, metres per root of a metre.
+        along_per_root_m: along the way, meters per root of a meter.
         across_per_root_m: across it.
-        turn_per_root_m, turn_per_root_rad: of the heading, rad per root of a metre and of a radian.
+        turn_per_root_m, turn_per_root_rad: of the heading, rad per root of a meter and of a radian.
         turn_per_root_s, place_per_root_s: what grows with time alone.
         unknown_mps, unknown_radps: how fast the robot may move where odometry has a gap.
     """
@@ -81,7 +81,7 @@ class MotionModel:
             turn = np.where(inside, np.diff(turned, prepend=turned[:1]), turn)
         seconds = np.diff(self._times, prepend=self._times[:1])
         gap = seconds > LONGEST_STEP_S
-        # A row after a gap tells what was travelled in it, but not when.
+        # A row after a gap tells what was traveled in it, but not when.
         self._seconds, self._forward, self._turn = seconds, odometry.forward_m, turn
         self._rate = np.abs(turn) / np.maximum(seconds, 1e-9)
         self._rate[seconds <= 0] = 0.0

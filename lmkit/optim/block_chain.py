@@ -1,6 +1,6 @@
 """Least squares over a chain of states that share some more unknowns: the shape of every recording.
 
-Unknowns are N states of d numbers each, tied to their neighbours alone (by motion), and m numbers that many states
+Unknowns are N states of d numbers each, tied to their neighbors alone (by motion), and m numbers that many states
 see (landmarks, scales, biases).  The normal equations are block tridiagonal with a border,
 
     [ T  B ] [x]   [g]
@@ -71,7 +71,7 @@ class ChainEquations:
         np.add.at(self.gradient, states, (Jt @ r[..., None])[..., 0])
 
     def add_between(self, J_before: FloatArray, J_after: FloatArray, r: FloatArray) -> None:
-        """Residuals r (N-1,k) of every two neighbours."""
+        """Residuals r (N-1,k) of every two neighbors."""
         before, after = J_before.transpose(0, 2, 1), J_after.transpose(0, 2, 1)
         self.diagonal[:-1] += before @ J_before
         self.diagonal[1:] += after @ J_after

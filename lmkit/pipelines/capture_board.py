@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from lmkit.arrays import ByteArray
-from lmkit.calibration.capture_guide import CaptureGuide, Judgement
+from lmkit.calibration.capture_guide import CaptureGuide, Judgment
 from lmkit.calibration.view_coverage import ViewCoverage
 from lmkit.detection.boards import detect_board
 from lmkit.errors import InputError
@@ -52,13 +52,13 @@ class Looked:
     """One pair of frames, judged.
 
     Attributes:
-        judgement: what became of it.
+        judgment: what became of it.
         left, right: the images.
         found: all that is kept so far.
         coverage: what that shows, and what is missing.
     """
 
-    judgement: Judgement
+    judgment: Judgment
     left: ByteArray
     right: ByteArray
     found: Found
@@ -99,11 +99,11 @@ def look_at_frames(
         # A camera that sees no board saves the other the trouble.
         in_right = None if in_left is None else detect_board(right, board)
         view = pair_view(name, in_left, in_right, board)
-        judgement = guide.judge(None if isinstance(view, str) else view)
-        if judgement.kept:
+        judgment = guide.judge(None if isinstance(view, str) else view)
+        if judgment.kept:
             images[name] = (left, right)
         coverage = guide.coverage
-        yield Looked(judgement, left, right, Found(SavedCorners(board, size, guide.views, ()), images), coverage)
+        yield Looked(judgment, left, right, Found(SavedCorners(board, size, guide.views, ()), images), coverage)
         if until_complete and not coverage.advice:
             return
     looking.end()

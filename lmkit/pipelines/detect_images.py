@@ -10,7 +10,7 @@ from typing import Any
 from lmkit.arrays import ByteArray
 from lmkit.detection.config import DetectOptions
 from lmkit.detection.detector import detect_landmarks
-from lmkit.detection.windows import is_colourless
+from lmkit.detection.windows import is_colorless
 from lmkit.errors import InputError
 from lmkit.io.image_sources import Frame, frames, image_files
 from lmkit.model.observation import Detection
@@ -24,7 +24,7 @@ class Detected:
     Attributes:
         name: path, or ``VIDEO#N`` for frame N of a video.
         size: (width, height), or None where it could not be read.
-        colourless: a grey image; landmarks are distinguished from other squares by their colours.
+        colorless: a gray image; landmarks are distinguished from other squares by their colors.
         image: the pixels, of video frames and of ``-``, where they were asked for.
         time_s: time in its video, or the time that its file name ends in.
     """
@@ -33,7 +33,7 @@ class Detected:
     size: tuple[int, int] | None
     landmarks: tuple[Detection, ...] = ()
     error: InputError | None = None
-    colourless: bool = False
+    colorless: bool = False
     image: ByteArray | None = None
     time_s: float | None = None
 
@@ -67,7 +67,7 @@ def _detect_frame(options: DetectOptions, with_images: bool, frame: Frame) -> De
         frame.name,
         (width, height),
         tuple(detect_landmarks(frame.image, options)),
-        colourless=is_colourless(frame.image),
+        colorless=is_colorless(frame.image),
         image=frame.image if with_images else None,
         time_s=frame.time_s,
     )

@@ -57,7 +57,7 @@ def _require_plausible_readings(recording: Recording) -> None:
                 what = f"bearing of {bearing_rad:g} rad"
             else:
                 continue
-            hint = "give ranges in metres and bearings in radians"
+            hint = "give ranges in meters and bearings in radians"
             raise InputError("bad_reading", f"a {what} to {reading.id} at {time_s:g} s is not a reading", hint)
 
 

@@ -60,7 +60,7 @@ class PoseCoverage:
     """Places on a raster over the floor, and what is to be expected in every direction.
 
     Attributes:
-        places: (N,2) metres.
+        places: (N,2) meters.
         step_m: between places.
         headings: (H,) rad.
         error_m, heading_rad: (N,H) expected errors, infinite where nothing is known.
@@ -103,7 +103,7 @@ class FailingPlace:
     """A region where the demand does not hold.
 
     Attributes:
-        middle: (x, y) of the place deepest inside it, metres.
+        middle: (x, y) of the place deepest inside it, meters.
         area_m2: how large it is.
         in_view, error_m: landmarks in view there and the error to be expected, infinite where nothing is known, at
             the edge of the directions in which the demand should hold.

@@ -39,7 +39,7 @@ class MountingOptions:
 
 @dataclass(frozen=True, eq=False)
 class Mount:
-    """A landmark to mount up: on which wall, how far from its left end, how high; metres to its middle."""
+    """A landmark to mount up: on which wall, how far from its left end, how high; meters to its middle."""
 
     landmark: MappedLandmark
     wall: Wall

@@ -167,7 +167,7 @@ class Search:
         while better and time.monotonic() < until:
             better = False
             for k in sorted(self.chosen, key=self._loss):
-                near = self._neighbours(k)
+                near = self._neighbors(k)
                 self.take(k)
                 # What helps most in its place: does another one become needless then?
                 gains = sorted(((self.gain(j), j) for j in near), reverse=True)[:3]
@@ -255,7 +255,7 @@ class Search:
         """Does something are mounted there already?"""
         return bool(self.crowds[k, self.chosen].any())
 
-    def _neighbours(self, k: int) -> list[int]:
+    def _neighbors(self, k: int) -> list[int]:
         """Candidates near one that is to be replaced, where there is room without it."""
         here = self.spots[k].mount.landmark.T_map_landmark.t
         others = [i for i in self.chosen if i != k]

@@ -1,6 +1,6 @@
 """The way to a goal on which the pose stays known: the shortest path, where blind edges count as longer ones.
 
-1. Cells that leave the robot its radius are joined to their eight neighbours.  A step costs its length, more where
+1. Cells that leave the robot its radius are joined to their eight neighbors.  A step costs its length, more where
    the pose is less known than demanded while looking along it, or where walls are close.  (Dijkstra by scipy: costs
    that depend on the direction are beyond skimage.graph; docs/decisions/0011-planning.md.)
 2. Corners that a straight line spares at no higher cost are left out.
@@ -34,7 +34,7 @@ from lmkit.planning.coverage import Demand, PoseCoverage, predict_coverage
 from lmkit.planning.visibility import find_sights, planar_covariances, planar_errors
 
 CELL_M = 0.1
-BLIND_FACTOR = 3.0  # a blind metre counts as much more
+BLIND_FACTOR = 3.0  # a blind meter counts as much more
 BLIND_TIMES = 20.0  # an error so many times the demanded one is as bad as any
 CLOSE_FACTOR = 1.0
 COMFORT_M = 0.2  # of clearance beyond the radius
@@ -50,7 +50,7 @@ class Route:
     """A way to drive.
 
     Attributes:
-        waypoints: (N,2) metres, straight lines between them.
+        waypoints: (N,2) meters, straight lines between them.
         heading_rad: to turn to at the goal, or None.
         states: (M,3) x, y, heading along the way, dense.
         error_m, heading_sigma_rad: (M,) expected there.
@@ -64,7 +64,7 @@ class Route:
 
     @property
     def length_m(self) -> float:
-        """Length of the route, metres."""
+        """Length of the route, meters."""
         return float(np.linalg.norm(np.diff(self.waypoints, axis=0), axis=1).sum())
 
     def to_dict(self) -> dict[str, Any]:
@@ -82,7 +82,7 @@ class Route:
 
 @dataclass(frozen=True)
 class Goal:
-    """A goal to drive to: metres, and a heading in rad or None."""
+    """A goal to drive to: meters, and a heading in rad or None."""
 
     x_m: float
     y_m: float
@@ -230,7 +230,7 @@ class _Grid:
 
 
 def _factor(error_m: FloatArray, spare_m: FloatArray, demand: Demand) -> FloatArray:
-    """How much longer a metre counts where the pose is known to that error, and walls leave that much to spare."""
+    """How much longer a meter counts where the pose is known to that error, and walls leave that much to spare."""
     times = np.minimum(error_m / demand.error_m, BLIND_TIMES)
     blind = np.log(np.maximum(times, 1.0)) / np.log(BLIND_TIMES)
     close = np.clip(1 - spare_m / COMFORT_M, 0, 1)

@@ -165,7 +165,7 @@ def _uncertainty(result: StereoCalibration) -> str:
     ]
     note = (
         "Standard deviation of a projected point, px, from the covariance of the intrinsics. "
-        "Show the board where the value is large. Grey: the lens model is not valid there."
+        "Show the board where the value is large. Gray: the lens model is not valid there."
     )
     return f"<h2>Projection uncertainty</h2><p class='note'>{note}</p>{grid(figures, 'two')}"
 
@@ -207,7 +207,7 @@ def _residual_plots(result: StereoCalibration) -> str:
     at_left = np.concatenate([view.left for view in result.used])
     at_right = np.concatenate([view.right for view in result.used])
     size = result.rig.left.image_size
-    enlarged = f"{plots.ENLARGED} times enlarged. Neighbours of equal direction: the lens model does not fit."
+    enlarged = f"{plots.ENLARGED} times enlarged. Neighbors of equal direction: the lens model does not fit."
     figures = [
         (plots.residual_scatter(left, right), "All residuals (left blue, right orange)."),
         (
@@ -270,8 +270,8 @@ def _detections(result: StereoCalibration, name: str, images: tuple[ByteArray, B
         for k, (x, y) in enumerate(points):
             hue = int(150 * k / max(1, len(points) - 1))
             color = cv2.cvtColor(np.array([[[hue, 255, 255]]], dtype=np.uint8), cv2.COLOR_HSV2BGR)[0, 0]
-            centre = (round(float(x) * 16), round(float(y) * 16))
-            cv2.circle(canvas, centre, round(radius * 16), tuple(int(c) for c in color), width, cv2.LINE_AA, 4)
+            center = (round(float(x) * 16), round(float(y) * 16))
+            cv2.circle(canvas, center, round(radius * 16), tuple(int(c) for c in color), width, cv2.LINE_AA, 4)
         marked.append(canvas)
     return figure(_img(np.hstack(marked), 560), escape(name))
 

@@ -11,11 +11,11 @@ from lmkit.arrays import BoolArray, FloatArray
 from lmkit.calibration.view_coverage import CELLS
 from lmkit.geometry.camera import CameraModel
 from lmkit.geometry.rotations import rotation_exp
-from lmkit.visualization.html import GREY, svg, svg_text
+from lmkit.visualization.html import GRAY, svg, svg_text
 
 LEFT, RIGHT = "#2f6fde", "#e8833a"
 ENLARGED = 100  # residual arrows
-# Light to dark; readable in print and by the colour-blind (a viridis of seven stops).
+# Light to dark; readable in print and by the color-blind (a viridis of seven stops).
 _RAMP = np.array(
     [[253, 231, 37], [144, 215, 67], [53, 183, 121], [33, 145, 140], [49, 104, 142], [68, 57, 131], [68, 1, 84]]
 )
@@ -33,7 +33,7 @@ def residual_scatter(left: FloatArray, right: FloatArray) -> str:
         (-100, -100, 200, 200),
         320,
         "residuals",
-        f"<path d='M-95 0H95M0-95V95' stroke='{GREY}' stroke-width='.4'/>"
+        f"<path d='M-95 0H95M0-95V95' stroke='{GRAY}' stroke-width='.4'/>"
         + svg_text(94, -3, f"{reach:.2f} px", 7, "end")
         + "".join(dots),
     )
@@ -71,7 +71,7 @@ def residual_histogram(left: FloatArray, right: FloatArray) -> str:
         curve = "L".join(f"{x / reach * 95:.1f} {-h / peak * 90:.1f}" for x, h in zip(at, normal, strict=True))
         parts.append(f"<path d='M{outline}' fill='none' stroke='{color}'/>")
         parts.append(f"<path d='M{curve}' fill='none' stroke='{color}' stroke-width='.6' stroke-dasharray='2 2'/>")
-    axis = f"<path d='M-95 0H95M0 0v-92' stroke='{GREY}' stroke-width='.4'/>"
+    axis = f"<path d='M-95 0H95M0 0v-92' stroke='{GRAY}' stroke-width='.4'/>"
     labels = (
         svg_text(-95, 8, f"-{reach:.2f}", 7)
         + svg_text(95, 8, f"{reach:.2f} px", 7, "end")
@@ -81,7 +81,7 @@ def residual_histogram(left: FloatArray, right: FloatArray) -> str:
 
 
 def heat_map(values: FloatArray, size: tuple[int, int], largest: float) -> str:
-    """(R,C) values over the image as colours from 0 to ``largest``, with some of them in figures."""
+    """(R,C) values over the image as colors from 0 to ``largest``, with some of them in figures."""
     rows, columns = values.shape
     width, height = size
     cells, figures = [], []
@@ -92,7 +92,7 @@ def heat_map(values: FloatArray, size: tuple[int, int], largest: float) -> str:
             x, y = c * width / columns, r * height / rows
             cells.append(
                 f"<rect x='{x:.1f}' y='{y:.1f}' width='{width / columns + 0.6:.1f}' "
-                f"height='{height / rows + 0.6:.1f}' fill='{_color(share) if known else GREY}'/>"
+                f"height='{height / rows + 0.6:.1f}' fill='{_color(share) if known else GRAY}'/>"
             )
             if r % 4 == 1 and c % 5 == 2 and known:
                 ink = "#000" if share < 0.55 else "#fff"
@@ -132,9 +132,9 @@ def tilt_plot(tilts_deg: FloatArray, tilted_deg: float) -> str:
         for x, y in tilts_deg
     )
     frame = (
-        f"<path d='M-95 0H95M0-95V95' stroke='{GREY}' stroke-width='.4'/>"
+        f"<path d='M-95 0H95M0-95V95' stroke='{GRAY}' stroke-width='.4'/>"
         f"<rect x='{-inner:.1f}' y='{-inner:.1f}' width='{2 * inner:.1f}' height='{2 * inner:.1f}' fill='none' "
-        f"stroke='{GREY}' stroke-dasharray='3 3' stroke-width='.7'/>"
+        f"stroke='{GRAY}' stroke-dasharray='3 3' stroke-width='.7'/>"
     )
     words = (
         svg_text(94, -3, "right edge nearer", 7, "end")
@@ -154,7 +154,7 @@ def scene(
     outlines: Sequence[FloatArray],
     names: Sequence[str],
 ) -> str:
-    """The two cameras and every board, (4,3) metres in the left camera, seen from above behind the cameras."""
+    """The two cameras and every board, (4,3) meters in the left camera, seen from above behind the cameras."""
     depth = max(float(np.median([outline[:, 2].mean() for outline in outlines])) / 4, float(np.linalg.norm(t)) / 2)
     cameras = [(_frustum(left, depth), LEFT), ((_frustum(right, depth) - t) @ R, RIGHT)]
     # From behind, above and a little to the right.
@@ -173,7 +173,7 @@ def scene(
     for corners, name in ((flat[k], names[k]) for k in farthest_first):
         path = "L".join(place(corners))
         parts.append(
-            f"<path d='M{path}Z' fill='{GREY}' fill-opacity='.13' stroke='{GREY}' stroke-width='1.6'>"
+            f"<path d='M{path}Z' fill='{GRAY}' fill-opacity='.13' stroke='{GRAY}' stroke-width='1.6'>"
             f"<title>{escape(name)}</title></path>"
         )
     for (_, color), corners in zip(cameras, flat[len(outlines) :], strict=True):
@@ -206,5 +206,5 @@ def _color(share: float) -> str:
 
 def _image(size: tuple[int, int], label: str, body: str) -> str:
     width, height = size
-    frame = f"<rect width='{width}' height='{height}' fill='none' stroke='{GREY}' stroke-width='{width / 320:.1f}'/>"
+    frame = f"<rect width='{width}' height='{height}' fill='none' stroke='{GRAY}' stroke-width='{width / 320:.1f}'/>"
     return svg((0, 0, width, height), 420, label, body + frame)

@@ -17,7 +17,7 @@ from lmkit.version import __version__
 from lmkit.visualization.overlay import draw_landmarks
 
 WIDTH, HEIGHT = 210 * POINTS_PER_MM, 297 * POINTS_PER_MM
-COLOURS = {
+COLORS = {
     "A": (0.12, 0.53, 0.24),
     "B": (0.38, 0.6, 0.13),
     "C": (0.8, 0.6, 0.0),
@@ -43,7 +43,7 @@ def certificate(prints: Sequence[PrintedLandmark]) -> bytes:
 
 def _page(canvas: Canvas, item: PrintedLandmark) -> None:
     mm = POINTS_PER_MM
-    canvas.setFillColorRGB(*COLOURS[item.grade])
+    canvas.setFillColorRGB(*COLORS[item.grade])
     canvas.roundRect(20 * mm, 247 * mm, 30 * mm, 30 * mm, 3 * mm, stroke=0, fill=1)
     canvas.setFillColorRGB(1, 1, 1)
     canvas.setFont("Helvetica-Bold", 64)
@@ -63,7 +63,7 @@ def _page(canvas: Canvas, item: PrintedLandmark) -> None:
     y = 154.0
     canvas.setStrokeColorRGB(0.8, 0.8, 0.8)
     for line in item.lines:
-        canvas.setFillColorRGB(*COLOURS[line.grade])
+        canvas.setFillColorRGB(*COLORS[line.grade])
         canvas.setFont("Helvetica-Bold", 11)
         canvas.drawString(20 * mm, y * mm, line.grade or "-")
         canvas.setFillColorRGB(0, 0, 0)

@@ -20,7 +20,7 @@ BESIDE_M = 0.25  # distance of the letters A and B from the ends of a route
 def draw_coverage(
     floor: FloorPlan, landmarks: LandmarkMap, coverage: PoseCoverage, demand: Demand, kind: str = "png"
 ) -> bytes:
-    """The error to expect at every place, as colours; the bytes of a PNG or SVG file."""
+    """The error to expect at every place, as colors; the bytes of a PNG or SVG file."""
     met = coverage.covered(demand)
     title = (
         f"Expected position error in the best {demand.headings:.0%} of headings; requirement met at {met.mean():.0%}"

@@ -16,7 +16,7 @@ from lmkit.model.landmark_map import LandmarkMap
 from lmkit.model.pose_status import PoseStatus
 from lmkit.model.tracked_trajectory import TrackedTrajectory
 from lmkit.odometry.motion_model import Motion
-from lmkit.visualization.html import GREY, figure, grid, headline, listed, page, svg, svg_text, table
+from lmkit.visualization.html import GRAY, figure, grid, headline, listed, page, svg, svg_text, table
 from lmkit.visualization.plan_view import Found, draw_plan
 
 MOST_DRAWN = 60  # poses of a plan
@@ -111,7 +111,7 @@ def track_report(tracked: TrackedTrajectory, landmarks: LandmarkMap) -> str:
         headline(*_track_headline(tracked)),
         listed("Warnings", tracked.remarks),
         "<h2>Trajectory</h2>",
-        figure(plan, "The robot from above; 95 % ellipses. Grey: no reliable pose."),
+        figure(plan, "The robot from above; 95 % ellipses. Gray: no reliable pose."),
         "<h2>Innovations</h2>",
         _innovations(tracked),
         "<h2>Uncertainty of the pose</h2>",
@@ -293,7 +293,7 @@ def _over_time(series: Sequence[_Series], label: str, log: bool = False) -> str:
     parts = []
     for tick in ticks:
         level = float(up(np.array(tick)))
-        parts.append(f"<path d='M0 {level:.1f}H{WIDTH:g}' stroke='{GREY}' stroke-opacity='.35'/>")
+        parts.append(f"<path d='M0 {level:.1f}H{WIDTH:g}' stroke='{GRAY}' stroke-opacity='.35'/>")
         parts.append(svg_text(-6, level + 4, f"{tick:g}", 12, "end"))
     for one in series:
         x, y = along(one.times_s), up(one.values)

@@ -159,7 +159,7 @@ class _Recording:
         self._log(
             path,
             self._rerun.Ellipsoids3D(
-                centers=[centre for centre, _ in ones],
+                centers=[center for center, _ in ones],
                 half_sizes=[SIGMAS_95 * np.sqrt(np.maximum(v, 1e-10)) for v in values],
                 quaternions=[self._quaternion(Pose("map", "axes", V, np.zeros(3))) for V in turned],
                 colors=[UNCERTAIN] * len(ones),

@@ -115,15 +115,15 @@ def _visible(data: Dataset, T_map_left: Pose, side: str) -> list[dict[str, Any]]
     for landmark in data.scene.landmarks:
         in_left = T_map_left.inverse().apply(landmark.corners_map)
         corners = in_left @ T_camera_left.R.T + T_camera_left.t
-        centre = corners.mean(axis=0)
+        center = corners.mean(axis=0)
         normal = T_camera_left.R @ T_map_left.R.T @ landmark.T_map_landmark.R[:, 2]
-        if corners[:, 2].min() < 0.1 or normal @ centre > 0 or not _in_front(camera, corners):
+        if corners[:, 2].min() < 0.1 or normal @ center > 0 or not _in_front(camera, corners):
             continue
         pixels = camera.project(corners)
         if not camera.contains(pixels).all():
             continue
         sides = np.linalg.norm(np.roll(pixels, -1, axis=0) - pixels, axis=1)
-        tilt = np.rad2deg(np.arccos(-normal @ centre / np.linalg.norm(centre)))
+        tilt = np.rad2deg(np.arccos(-normal @ center / np.linalg.norm(center)))
         seen.append(
             {
                 "id": str(landmark.id),

@@ -19,7 +19,7 @@ Lab = tuple[float, float, float]
 
 @dataclass(frozen=True)
 class PrintedInks:
-    """CIELAB colours of a print's four solid colours."""
+    """CIELAB colors of a print's four solid colors."""
 
     paper: Lab
     red: Lab
@@ -42,7 +42,7 @@ ALL_INKS = {"offset": OFFSET, "inkjet": INKJET, "laser": LASER, "faded": FADED}
 
 
 def as_printed(texture: Float32Array, inks: PrintedInks) -> Float32Array:
-    """A texture in the file's colours, (h,w,3) linear RGB, in those of a print.
+    """A texture in the file's colors, (h,w,3) linear RGB, in those of a print.
 
     White, red, blue and black go to the print's reflectances; blends between them, at edges, go
     along: four points fix one affine map.

@@ -10,7 +10,7 @@ from lmkit.arrays import FloatArray
 from lmkit.geometry.camera import CameraModel
 from lmkit.geometry.pose import Pose
 from lmkit.geometry.rig import AnyRig, mounted_cameras
-from lmkit.model.detector_model import corner_sigma_px, recognised
+from lmkit.model.detector_model import corner_sigma_px, recognized
 from lmkit.model.floor_plan import FloorPlan
 from lmkit.model.landmark_map import LandmarkMap, MappedLandmark
 from lmkit.model.observation import Detection
@@ -74,14 +74,14 @@ def _seen(
     for landmark, chance in zip(landmarks, luck, strict=True):
         points = T.apply(landmark.corners_map)
         corners = _project(points, camera)
-        centre = points.mean(axis=0)
-        facing = float(-(T.R @ landmark.T_map_landmark.R[:, 2]) @ centre / np.linalg.norm(centre))
+        center = points.mean(axis=0)
+        facing = float(-(T.R @ landmark.T_map_landmark.R[:, 2]) @ center / np.linalg.norm(center))
         if corners is None or facing <= 0:
             continue
         sides = np.linalg.norm(corners - np.roll(corners, 1, axis=0), axis=1)
         if noise_px is None:
             side = np.array(sides.mean())
-            if chance >= recognised(side, np.arccos(facing)):
+            if chance >= recognized(side, np.arccos(facing)):
                 continue
             sigma = float(corner_sigma_px(side))
         elif facing < MOST_TILT or sides.min() < LEAST_SIDE_PX:

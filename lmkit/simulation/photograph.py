@@ -1,6 +1,6 @@
 """The imaging chain: lens, light, sensor and development between a rendered scene and its file.
 
-In the order of a real camera: point spread, defocus and motion; the colour and the unevenness of
+In the order of a real camera: point spread, defocus and motion; the color and the unevenness of
 the light; electrons and their noise; the color mosaic and its interpolation; white balance; the
 tone curve; noise reduction; sharpening; JPEG.  Each step is switched by one field, so that a test can ask for one
 fault at a time.
@@ -55,7 +55,7 @@ class Shadow:
 
     Attributes:
         through_px: a point of its edge.
-        towards_deg: direction into the dark, from x (right) towards y (down).
+        towards_deg: direction into the dark, from x (right) toward y (down).
         ratio: how many times darker it is there.
     """
 
@@ -85,7 +85,7 @@ class Light:
 
     Attributes:
         brightness: what a surface of reflectance 1 makes of full scale.
-        temperature_k: colour of the light, as of a black body.
+        temperature_k: color of the light, as of a black body.
         gradient: (x, y) relative change from the middle of the image to its right and lower edge.
         shadow: a hard one, or none.
         gloss: a lamp mirrored, or none.
@@ -107,8 +107,8 @@ class Sensor:
     Attributes:
         full_well: electrons at full scale; fewer make more noise.
         read_noise: electrons.
-        bayer: one colour a pixel and interpolation, instead of three.
-        pattern: of these colours: ``RGGB``, ``BGGR``, ``GRBG`` or ``GBRG``.
+        bayer: one color a pixel and interpolation, instead of three.
+        pattern: of these colors: ``RGGB``, ``BGGR``, ``GRBG`` or ``GBRG``.
         demosaic: ``bilinear``, ``malvar`` or ``edge_aware``.
     """
 
@@ -127,15 +127,15 @@ class Development:
     """The development of raw values into an image file.
 
     Attributes:
-        balanced_for_k: colour of light that the white balance takes for white; None: the true one.
+        balanced_for_k: color of light that the white balance takes for white; None: the true one.
         tone: ``srgb``, ``gamma`` (2.2), ``rec709``, ``filmic`` (toe and shoulder) or ``linear``.
-        saturation: factor of the distances from grey, in code values.
-        contrast: exponent of a further S curve about middle grey in code values; 1 is none.
-        denoise: 0 to 1, how strongly colour is smoothed, and brightness where it is nearly even.
+        saturation: factor of the distances from gray, in code values.
+        contrast: exponent of a further S curve about middle gray in code values; 1 is none.
+        denoise: 0 to 1, how strongly color is smoothed, and brightness where it is nearly even.
         sharpen: amount of the unsharp mask.
         sharpen_px: standard deviation of its blur.
         jpeg_quality: 1 to 100, or None for a lossless file.
-        chroma: ``420`` (colour at half resolution) or ``444``.
+        chroma: ``420`` (color at half resolution) or ``444``.
     """
 
     balanced_for_k: float | None = None
@@ -202,13 +202,13 @@ def light_up(image: Float32Array, light: Light) -> FloatArray:
     strength = np.maximum(1 + light.gradient[0] * x[None, :] + light.gradient[1] * y[:, None], 0.0)
     if light.shadow is not None:
         strength = strength * _shade(light.shadow, width, height)
-    colour = black_body_rgb(light.temperature_k)
-    lit = image * strength[:, :, None] * (light.brightness * colour) + light.veil
+    color = black_body_rgb(light.temperature_k)
+    lit = image * strength[:, :, None] * (light.brightness * color) + light.veil
     if light.gloss is not None:
         offset = np.array(light.gloss.at_px)
         across = (np.arange(width) - offset[0])[None, :] ** 2 + (np.arange(height) - offset[1])[:, None] ** 2
         shine = light.gloss.strength * np.exp(-across / (2 * light.gloss.radius_px**2))
-        lit = lit + shine[:, :, None] * colour
+        lit = lit + shine[:, :, None] * color
     return np.asarray(lit)
 
 
@@ -225,8 +225,8 @@ def develop(measured: FloatArray, development: Development, light_k: float = DAY
     balanced = np.clip(measured / black_body_rgb(assumed_k), 0, 1)
     tone = _with_contrast(apply_tone(balanced, development.tone), development.contrast)
     if development.saturation != 1:
-        grey = tone @ LUMA
-        tone = np.clip(grey[:, :, None] + development.saturation * (tone - grey[:, :, None]), 0, 1)
+        gray = tone @ LUMA
+        tone = np.clip(gray[:, :, None] + development.saturation * (tone - gray[:, :, None]), 0, 1)
     if development.denoise > 0:
         tone = _denoised(tone, development.denoise)
     if development.sharpen > 0:
@@ -269,8 +269,8 @@ def black_body_rgb(temperature_k: float) -> FloatArray:
     """
     if not 1667 <= temperature_k <= 25000:
         raise InputError("bad_temperature", f"{temperature_k} K is outside 1667 to 25000 K", "choose one inside")
-    colour: FloatArray = _planckian_rgb(temperature_k) / _planckian_rgb(DAYLIGHT_K)
-    return colour / float(colour[1])
+    color: FloatArray = _planckian_rgb(temperature_k) / _planckian_rgb(DAYLIGHT_K)
+    return color / float(color[1])
 
 
 def _planckian_rgb(T: float) -> FloatArray:
@@ -338,11 +338,11 @@ def _with_contrast(tone: FloatArray, exponent: float) -> FloatArray:
 
 
 def _denoised(tone: FloatArray, strength: float) -> FloatArray:
-    """(H,W,3) code values, colour smoothed and brightness smoothed by a bilateral filter."""
+    """(H,W,3) code values, color smoothed and brightness smoothed by a bilateral filter."""
     coded = cv2.cvtColor(np.ascontiguousarray(tone, dtype=np.float32), cv2.COLOR_RGB2YCrCb)
-    colour = cv2.GaussianBlur(coded[:, :, 1:], (0, 0), 0.4 + 1.6 * strength)
+    color = cv2.GaussianBlur(coded[:, :, 1:], (0, 0), 0.4 + 1.6 * strength)
     brightness = cv2.bilateralFilter(np.ascontiguousarray(coded[:, :, 0]), 5, 0.02 + 0.06 * strength, 1.5)
-    return np.asarray(cv2.cvtColor(np.dstack([brightness, colour]), cv2.COLOR_YCrCb2RGB), dtype=np.float64)
+    return np.asarray(cv2.cvtColor(np.dstack([brightness, color]), cv2.COLOR_YCrCb2RGB), dtype=np.float64)
 
 
 def _disc_kernel(radius: float) -> Float32Array:

@@ -18,7 +18,7 @@ from lmkit.simulation.scene import CEILING, FLOOR, WALL_TINTS, Panel, Scene, lan
 OVERSAMPLE = 2
 COARSE = 4  # pixels of one background sample
 BLUR_PX = 0.55
-NOISE, NOISES = 2.0, 8  # grey levels; different noise images
+NOISE, NOISES = 2.0, 8  # gray levels; different noise images
 LEVELS = 4096
 BRIGHTNESS = 0.75
 BORDER_PX = 4

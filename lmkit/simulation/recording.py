@@ -39,7 +39,7 @@ class WheelErrors:
     Attributes:
         forward_scale, turn_scale: true over reported.
         delay_s: the robot lags behind what its wheels report.
-        noise_per_root_m, turn_noise_per_root_m: what strays at random, metres and rad per root of a metre.
+        noise_per_root_m, turn_noise_per_root_m: what strays at random, meters and rad per root of a meter.
         slips: times at which the robot turns or slides unnoticed, by up to 0.1 m and 0.1 rad.
         gyro_bias, gyro_noise: rad/s.
     """

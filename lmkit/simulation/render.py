@@ -1,7 +1,7 @@
 """Rendering: the light a camera receives from a scene; rays with lens distortion to the nearest panel.
 
 Pixels are oversampled; each ray meets every panel in closed form, curled ones in a few steps.  Light
-falls off towards the image's corners as in a lens.
+falls off toward the image's corners as in a lens.
 """
 
 from __future__ import annotations
@@ -41,7 +41,7 @@ def render(
 
 @lru_cache(maxsize=4)
 def _rays(image_size: tuple[int, int], K: bytes, distortion: bytes, model: str) -> tuple[Float32Array, Float32Array]:
-    """(H*S,W*S,2) normalised coordinates of every sub-pixel's ray, and (H*S,W*S) the share of light that arrives."""
+    """(H*S,W*S,2) normalized coordinates of every sub-pixel's ray, and (H*S,W*S) the share of light that arrives."""
     camera = CameraModel(image_size, np.frombuffer(K).reshape(3, 3), np.frombuffer(distortion), model)
     width, height = image_size
     steps = (np.arange(OVERSAMPLE) + 0.5) / OVERSAMPLE - 0.5
@@ -70,8 +70,8 @@ def _paint(image: Float32Array, depth: Float32Array, rays: Float32Array, panel: 
     # Texture pixel k covers the span [k, k + 1) of the texture's width.
     map_x = np.clip((u / width + 0.5) * tw - 0.5, -0.5, tw - 0.5).astype(np.float32)
     map_y = np.clip((0.5 - v / height) * th - 0.5, -0.5, th - 0.5).astype(np.float32)
-    colour = cv2.remap(texture, map_x, map_y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
-    paint_panel(image, depth, window, hit, np.asarray(colour, dtype=np.float32), distance)
+    color = cv2.remap(texture, map_x, map_y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
+    paint_panel(image, depth, window, hit, np.asarray(color, dtype=np.float32), distance)
 
 
 def _fitting_detail(panel: Panel, distance: float, rays: Float32Array) -> Float32Array:

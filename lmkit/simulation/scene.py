@@ -37,7 +37,7 @@ class Panel:
     """A flat textured rectangle in the map.
 
     Attributes:
-        T_map_panel: its pose; x right, y up on its face, z towards the viewer.
+        T_map_panel: its pose; x right, y up on its face, z toward the viewer.
         size_m: (width, height).
         texture: (h,w,3) linear RGB, 0..1, upright as seen.
         curl_m: how far the middle stands before the left and right edge, as of curled paper.
@@ -113,9 +113,9 @@ def floor_scene(seed: int, floor: FloorPlan, landmarks: LandmarkMap, height_m: f
         tint = WALL_TINTS[int(rng.integers(len(WALL_TINTS)))]
         panels.append(Panel(wall_pose(middle, wall.facing_rad), (wall.length_m, height_m), _plaster(rng, tint)))
     sx, sy = floor.size_m
-    centre = np.array([floor.origin[0] + sx / 2, floor.origin[1] + sy / 2, 0.0])
-    panels.append(Panel(Pose("map", "floor", np.eye(3), centre), (sx, sy), _plaster(rng, FLOOR)))
-    above = centre + np.array([0.0, 0.0, height_m])
+    center = np.array([floor.origin[0] + sx / 2, floor.origin[1] + sy / 2, 0.0])
+    panels.append(Panel(Pose("map", "floor", np.eye(3), center), (sx, sy), _plaster(rng, FLOOR)))
+    above = center + np.array([0.0, 0.0, height_m])
     panels.append(Panel(Pose("map", "ceiling", np.diag([1.0, -1, -1]), above), (sx, sy), _plaster(rng, CEILING)))
     # Paper stands a little off its wall.
     sheets = [landmark_sheet(landmark) for landmark in landmarks]
@@ -184,7 +184,7 @@ def drive(seed: int, scene: Scene, steps: int, height_m: float = 1.15) -> list[P
 
 
 def looking(position: FloatArray, heading_rad: float, pitch: float = 0.0) -> Pose:
-    """T_map_camera of a level camera that looks along a heading (from x towards y), ``pitch`` up."""
+    """T_map_camera of a level camera that looks along a heading (from x toward y), ``pitch`` up."""
     forward = np.array([np.cos(heading_rad) * np.cos(pitch), np.sin(heading_rad) * np.cos(pitch), np.sin(pitch)])
     right = np.array([np.sin(heading_rad), -np.cos(heading_rad), 0.0])
     down = np.cross(forward, right)
@@ -291,8 +291,8 @@ def _board_texture(board: BoardSpec) -> tuple[Float32Array, tuple[float, float]]
     marks = [item for item in page.items if isinstance(item, FilledPath)]
     points = [point for mark in marks for command in mark.commands for point in command[1:]]
     left, top = (min(point[axis] for point in points) for axis in (0, 1))
-    inwards = 0.0 if board.kind == "landmarks" else board.square_mm
-    return texture, (left + inwards, top + inwards)
+    inward = 0.0 if board.kind == "landmarks" else board.square_mm
+    return texture, (left + inward, top + inward)
 
 
 def _linear(page: Page, dpi: float) -> Float32Array:

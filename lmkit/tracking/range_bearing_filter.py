@@ -43,7 +43,7 @@ class TrackedPose:
     """Pose of the robot at one time.
 
     Attributes:
-        status: ``ok``; ``ambiguous`` (another place may be it); ``lost`` (not yet found, or known to a metre only).
+        status: ``ok``; ``ambiguous`` (another place may be it); ``lost`` (not yet found, or known to a meter only).
         state: (3,) x, y (m), heading (rad); None before the first fix.
         covariance: (3,3).
         outliers: landmarks whose readings were rejected.
@@ -206,7 +206,7 @@ def _with_reading(track: _Track, reading: Readings, spread: float) -> _Track:
     given = np.array([np.isfinite(reading.ranges[0]), np.isfinite(reading.bearings[0])])
     H = np.zeros((2, STATES))
     H[:, :3] = reading.jacobian(track.x[:3])[0] / spread
-    r = reading.standardised(track.x[None, :3])[0, 0] / spread
+    r = reading.standardized(track.x[None, :3])[0, 0] / spread
     PH = track.P @ H.T
     S = H @ PH + np.eye(2)
     inverse = np.linalg.inv(S)

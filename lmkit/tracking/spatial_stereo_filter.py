@@ -44,7 +44,7 @@ class SpacePose:
     """Pose of the cameras at one time.
 
     Attributes:
-        status: ``ok``, or ``lost`` (not yet found, or known to a metre only).
+        status: ``ok``, or ``lost`` (not yet found, or known to a meter only).
         T_map_left: None before the first fix.
         covariance: (6,6) x y z (m), rotation about x y z of the map (rad).
         outliers: landmarks that were rejected.

@@ -63,8 +63,8 @@ RED_CONTRAST = _Scale("contrast of red", (0.68, 0.6, 0.5, 0.35), "more ink: norm
 BLUE_CONTRAST = _Scale(
     "contrast of blue", (0.78, 0.68, 0.55, 0.35), "more ink: normal or best quality, fresh cartridge"
 )
-RED_COLOUR = _Scale("colour of red", (12, 17, 24, 32), "check the printer's colour settings and cartridges")
-BLUE_COLOUR = _Scale("colour of blue", (12, 17, 24, 32), "check the printer's colour settings and cartridges")
+RED_COLOR = _Scale("color of red", (12, 17, 24, 32), "check the printer's color settings and cartridges")
+BLUE_COLOR = _Scale("color of blue", (12, 17, 24, 32), "check the printer's color settings and cartridges")
 EVENNESS = _Scale("evenness", (0.08, 0.14, 0.22, 0.35), "clean the print head; photograph without a screen's pattern")
 MARGIN = _Scale("white margin", (0.97, 0.93, 0.85, 0.7), "leave 10 mm of white (for 180 mm) around the red border")
 GLARE = _Scale("glare", (0.004, 0.015, 0.04, 0.1), "matt paper, or light from aside")
@@ -120,8 +120,8 @@ def grade_print(
         MODULATION.line(m.modulation, "{:.2f}"),
         optical(RED_CONTRAST, m.red_contrast, "{:.2f}"),
         optical(BLUE_CONTRAST, m.blue_contrast, "{:.2f}"),
-        optical(RED_COLOUR, m.red_distance, "dE00 {:.0f}"),
-        optical(BLUE_COLOUR, m.blue_distance, "dE00 {:.0f}"),
+        optical(RED_COLOR, m.red_distance, "dE00 {:.0f}"),
+        optical(BLUE_COLOR, m.blue_distance, "dE00 {:.0f}"),
         optical(EVENNESS, m.unevenness, "{:.2f}"),
         optical(MARGIN, m.margin_share, "{:.0%} white"),
         optical(GLARE, m.glare_share, "{:.1%} of the inks"),

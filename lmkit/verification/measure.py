@@ -78,7 +78,7 @@ def measure_print(image: ByteArray, candidate: Candidate) -> PrintMeasures:
     side_px = float(np.linalg.norm(np.roll(candidate.corners, -1, axis=0) - candidate.corners, axis=1).mean())
     bow, blur = _edges(image, H, family.half_mm, side_px)
 
-    colours = _sample(image, H, points, side_px)
+    colors = _sample(image, H, points, side_px)
     # Cells whose surroundings, as far as the blur reaches, are of one ink.
     variance = (max(1.2, 1.3 * blur * family.side_mm)) ** 2
     gaps = np.flatnonzero(family.gaps(candidate.decoding.code)).tolist()
@@ -91,7 +91,7 @@ def measure_print(image: ByteArray, candidate: Candidate) -> PrintMeasures:
     white, red, blue = (_pure(inks[:, k], on_face) for k in range(3))
     if min(int(ink.sum()) for ink in (white, red, blue)) < LEAST_CELLS:
         return PrintMeasures(side_px, modulation, None, None, None, None, None, None, None, bow, blur)
-    relative = colours / _light(points, colours, white)
+    relative = colors / _light(points, colors, white)
     return PrintMeasures(
         side_px=side_px,
         modulation=modulation,
@@ -125,26 +125,26 @@ def _pure(coverage: FloatArray, on_face: BoolArray) -> BoolArray:
     return pure if pure.sum() >= LEAST_CELLS else np.asarray(on_face & (coverage > NEARLY_PURE))
 
 
-def _light(points: FloatArray, colours: FloatArray, white: BoolArray) -> FloatArray:
+def _light(points: FloatArray, colors: FloatArray, white: BoolArray) -> FloatArray:
     """(N,3) what white would look like everywhere: a curved surface through the white cells of the face."""
     x, y = points.T / 90
     terms = np.column_stack([np.ones_like(x), x, y, x * x, x * y, y * y])
     weights = white.astype(np.float64)
-    fitted = np.zeros_like(colours)
+    fitted = np.zeros_like(colors)
     for _ in range(4):
         root = np.sqrt(weights)[:, None]
-        coefficients = np.linalg.lstsq(terms * root, colours * root, rcond=None)[0]
+        coefficients = np.linalg.lstsq(terms * root, colors * root, rcond=None)[0]
         fitted = terms @ coefficients
-        off = np.abs(colours - fitted).mean(axis=1) / np.maximum(fitted.mean(axis=1), 1e-3)
+        off = np.abs(colors - fitted).mean(axis=1) / np.maximum(fitted.mean(axis=1), 1e-3)
         # Shine and dirt do not tell the light.
         weights = white / (1 + (off / 0.05) ** 2)
     # Where blur leaves white only in the rings, the surface runs wild beyond them.
-    low, high = np.percentile(colours[white], [5, 95], axis=0)
+    low, high = np.percentile(colors[white], [5, 95], axis=0)
     return np.clip(fitted, np.maximum(low / BEYOND, 1e-3), high * BEYOND)
 
 
-def _brightness(colours: FloatArray) -> FloatArray:
-    return np.asarray(colours @ np.array([0.2126, 0.7152, 0.0722]))
+def _brightness(colors: FloatArray) -> FloatArray:
+    return np.asarray(colors @ np.array([0.2126, 0.7152, 0.0722]))
 
 
 def _contrast(relative: FloatArray, ink: BoolArray) -> float:
@@ -152,12 +152,12 @@ def _contrast(relative: FloatArray, ink: BoolArray) -> float:
 
 
 def _distance(relative: FloatArray, ink: BoolArray, rgb: tuple[int, int, int]) -> float:
-    """CIEDE2000 of the median colour, its white taken as D65's, to the file's."""
+    """CIEDE2000 of the median color, its white taken as D65's, to the file's."""
     from skimage.color import deltaE_ciede2000, xyz2lab
 
     seen = np.median(relative[ink], axis=0)
     wanted = srgb_to_linear(np.array(rgb) / 255)
-    a, b = (xyz2lab((RGB_TO_XYZ @ colour)[None, None])[0, 0] for colour in (np.clip(seen, 0, 1), wanted))
+    a, b = (xyz2lab((RGB_TO_XYZ @ color)[None, None])[0, 0] for color in (np.clip(seen, 0, 1), wanted))
     return float(deltaE_ciede2000(a, b))
 
 

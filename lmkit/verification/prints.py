@@ -1,4 +1,4 @@
-"""The round trip: rasterise or open what was printed, read it, measure it, grade it."""
+"""The round trip: rasterize or open what was printed, read it, measure it, grade it."""
 
 from __future__ import annotations
 
@@ -155,7 +155,7 @@ def grade_sheet(
             f"{source}: grades judge red and blue, and prints of {families[0].name} are black",
             f"read it back with lmkit detect --family {families[0].name}",
         )
-    # Whoever wrote the resolution into the file was a scanner or a rasteriser, not a camera with a lens.
+    # Whoever wrote the resolution into the file was a scanner or a rasterizer, not a camera with a lens.
     options = replace(options, families=families, config=LOOK_AT_ANY, through_lens=dpi is None)
     chosen = _find(padded, options)
     found = (_graded(source, padded, offset, candidate, dpi, stated) for candidate in chosen)
@@ -257,8 +257,8 @@ def mirrored_word(family: LandmarkFamily, code: int) -> int:
     bits: list[bool] = []
     for ring in family.rings:
         own, gaps = gaps[: ring.gap_count], gaps[ring.gap_count :]
-        centres = [round(centre) % 360 for centre in ring.gap_centres_deg]
-        bits += [own[centres.index(-centre % 360)] for centre in centres]
+        centers = [round(center) % 360 for center in ring.gap_centers_deg]
+        bits += [own[centers.index(-center % 360)] for center in centers]
     return int("".join(str(int(bit)) for bit in bits), 2)
 
 
@@ -290,7 +290,7 @@ def _sheets(path: Path) -> list[Sheet]:
 
 
 def _resolution(data: bytes, trusted: bool) -> tuple[float, float] | None:
-    """Dots per inch of a scan or rasterised page; None of a photograph, whatever its file claims.
+    """Dots per inch of a scan or rasterized page; None of a photograph, whatever its file claims.
 
     Cameras write 72 or 96, or whatever they like, and how they exposed.
     """

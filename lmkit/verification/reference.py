@@ -103,11 +103,11 @@ def _match(mm: FloatArray, size: tuple[float, float]) -> tuple[float, tuple[floa
 def _quads(image: ByteArray, least_px: float) -> list[FloatArray]:
     """Outlines that are nearly quadrilaterals, brighter or darker than around them, clockwise."""
     found = []
-    grey = cv2.GaussianBlur(cv2.cvtColor(image, cv2.COLOR_BGR2GRAY), (3, 3), 0)
-    light = SRGB_TO_LINEAR[grey]
-    level, bright = cv2.threshold(grey, 0, 255, cv2.THRESH_BINARY | cv2.THRESH_OTSU)
+    gray = cv2.GaussianBlur(cv2.cvtColor(image, cv2.COLOR_BGR2GRAY), (3, 3), 0)
+    light = SRGB_TO_LINEAR[gray]
+    level, bright = cv2.threshold(gray, 0, 255, cv2.THRESH_BINARY | cv2.THRESH_OTSU)
     masks = [bright]
-    masks += [cv2.inRange(grey, np.array(level * share), np.array(255.0)) for share in (0.6, 0.8, 1.2, 1.5)]
+    masks += [cv2.inRange(gray, np.array(level * share), np.array(255.0)) for share in (0.6, 0.8, 1.2, 1.5)]
     masks += [cv2.bitwise_not(mask) for mask in masks]
     for mask in masks:
         contours, tree = cv2.findContours(mask, cv2.RETR_CCOMP, cv2.CHAIN_APPROX_NONE)
@@ -139,16 +139,16 @@ def _fitted(light: FloatArray, quad: FloatArray, reach: float = REACH_PX) -> Flo
     lines = []
     for a, b in zip(quad, np.roll(quad, -1, axis=0), strict=True):
         along = (b - a) / np.linalg.norm(b - a)
-        outwards = np.array([along[1], -along[0]])
+        outward = np.array([along[1], -along[0]])
         starts = a + shares[:, None] * (b - a)
-        at = (starts[:, None] + across[None, :, None] * outwards).astype(np.float32)
+        at = (starts[:, None] + across[None, :, None] * outward).astype(np.float32)
         seen = cv2.remap(light, at[:, :, 0], at[:, :, 1], cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
         place, step = _steepest(gaussian_filter1d(seen, 4.0, axis=1), across)
         line = _agreed_line(shares, place, step)
         if line is None:
             return None
         slope, offset = line
-        ends = [a + offset * outwards, b + (slope + offset) * outwards]
+        ends = [a + offset * outward, b + (slope + offset) * outward]
         normal = np.array([ends[1][1] - ends[0][1], ends[0][0] - ends[1][0]])
         lines.append((normal, float(normal @ ends[0])))
     corners = []

@@ -77,9 +77,9 @@ def is_sheet(light: FloatArray, to_px: FloatArray, half_mm: float, quad: FloatAr
     white = _white(light, to_px, half_mm)
     along = np.linspace(0.04, 0.96, 80)[:, None]
     for a, b in zip(quad, np.roll(quad, -1, axis=0), strict=True):
-        side, inwards = a + along * (b - a), np.array([a[1] - b[1], b[0] - a[0]]) / np.linalg.norm(b - a)
+        side, inward = a + along * (b - a), np.array([a[1] - b[1], b[0] - a[0]]) / np.linalg.norm(b - a)
         inside, outside = (
-            np.median([_sample(light, side + sign * s * inwards) for s in RIM_PX], axis=0) for sign in (1, -1)
+            np.median([_sample(light, side + sign * s * inward) for s in RIM_PX], axis=0) for sign in (1, -1)
         )
         if np.mean((inside > WHITE[0] * white) & (inside < WHITE[1] * white)) < WHITE_SHARE:
             return False
@@ -107,7 +107,7 @@ def _white(light: FloatArray, to_px: FloatArray, half_mm: float) -> float:
 
 
 def _edges(light: FloatArray, to_px: FloatArray, half: float, n: FloatArray, white: float) -> list[_Edge]:
-    """Steps outwards of one side of the landmark, best first."""
+    """Steps outward of one side of the landmark, best first."""
     t = np.array([-n[1], n[0]])
     rim = transform_points(to_px, np.array([n * half, n * half * 1.02]))
     per_mm = float(np.linalg.norm(rim[1] - rim[0])) / (0.02 * half)

@@ -1,4 +1,4 @@
-"""A floor from above, as the underlay of a plan: walls, and how well a pose is known, as colours."""
+"""A floor from above, as the underlay of a plan: walls, and how well a pose is known, as colors."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ WALL_SHOWN_M = 0.15
 HATCH, HATCH_CELLS = (96, 60, 110), 5  # color of the lines, and distance between them
 LEAST_ROOM_M2 = 1.0
 NOTED_AT, NOTED_OFF_M = (0.5, 0.4, 0.6, 0.3, 0.7), 0.45  # the name of a wall: along it, and off it
-# From well known to badly known, evenly in brightness so that they print in grey, too.
+# From well known to badly known, evenly in brightness so that they print in gray, too.
 COLORS: tuple[Rgb, ...] = (
     (26, 122, 73),
     (120, 190, 90),

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from html import escape
 
-GREY = "#888"
+GRAY = "#888"
 _STYLE = """
 :root { color-scheme: light dark; --line: #8884; --good: #1a7f37; --fair: #9a6700; --poor: #cf222e; }
 body { font: 16px/1.5 system-ui, sans-serif; max-width: 66rem; margin: 2rem auto; padding: 0 1rem; }
@@ -72,9 +72,9 @@ def svg(box: tuple[float, float, float, float], width: int, label: str, body: st
 
 
 def svg_text(x: float, y: float, text: str, size: float, anchor: str = "start") -> str:
-    """Grey words in a drawing."""
+    """Gray words in a drawing."""
     place = f"x='{x:.1f}' y='{y:.1f}' font-size='{size:g}' text-anchor='{anchor}'"
-    return f"<text {place} fill='{GREY}'>{escape(text)}</text>"
+    return f"<text {place} fill='{GRAY}'>{escape(text)}</text>"
 
 
 def _right(column: int) -> str:

@@ -56,8 +56,8 @@ class Underlay:
 
     Attributes:
         rgb: (h,w,3) 0..255, its first row at the highest y.
-        low, high: (x, y) of its corners, metres.
-        legend: what its colours mean.
+        low, high: (x, y) of its corners, meters.
+        legend: what its colors mean.
     """
 
     rgb: ByteArray
@@ -71,7 +71,7 @@ class Polyline:
     """A line to draw.
 
     Attributes:
-        points: (N,2) metres.
+        points: (N,2) meters.
         color, width: of the line.
         legend: text beside the color in the legend.
     """
@@ -84,7 +84,7 @@ class Polyline:
 
 @dataclass(frozen=True)
 class Note:
-    """A word at a place of the map, metres."""
+    """A word at a place of the map, meters."""
 
     text: str
     at: tuple[float, float]
@@ -140,12 +140,12 @@ def draw_plan(
     for one in found:
         if not one.sure:
             plan.camera(one.pose, FAINT, 1, None)
-    labelled: list[FloatArray] = []
+    labeled: list[FloatArray] = []
     for one in (f for f in found if f.sure):
         here = np.array(plan.at(one.pose.t[:2]))
-        clear = all(np.abs(here - other).max() > LABEL_PX for other in labelled)
+        clear = all(np.abs(here - other).max() > LABEL_PX for other in labeled)
         if clear:
-            labelled.append(here)
+            labeled.append(here)
         plan.camera(one.pose, ORANGE, 2, one.label if clear else None)
         if one.covariance is not None:
             plan.ellipse(one.pose.t, one.covariance, gain)
@@ -200,7 +200,7 @@ def _gain(covariances: Sequence[FloatArray], scale: float) -> float:
 
 
 class _Plan:
-    """Metres on paper: x to the right, y up."""
+    """Meters on paper: x to the right, y up."""
 
     def __init__(self, canvas: Canvas, low: tuple[float, float], high: tuple[float, float], scale: float) -> None:
         self.canvas, self.low, self.high, self.scale = canvas, low, high, scale
@@ -215,9 +215,9 @@ class _Plan:
         if underlay is not None:
             self.canvas.image(a, b, underlay.rgb)
         for axis in (0, 1):
-            for metre in range(int(np.ceil(self.low[axis] + 1e-9)), int(np.ceil(self.high[axis]))):
+            for meter in range(int(np.ceil(self.low[axis] + 1e-9)), int(np.ceil(self.high[axis]))):
                 ends = np.array([self.low, self.high])
-                ends[:, axis] = metre
+                ends[:, axis] = meter
                 self.canvas.line([self.at(end) for end in ends], GRID, 1)
         rim = [a, (b[0], a[1]), b, (a[0], b[1]), a, (b[0], a[1])]
         self.canvas.line(rim, WALL if walls else GRID, 5 if walls else 1)
@@ -250,11 +250,11 @@ class _Plan:
         if label is not None:
             self.canvas.text(self.at(pose.t[:2] - unit * forward), label, 14, INK, "middle")
 
-    def ellipse(self, centre: FloatArray, covariance: FloatArray, gain: float, color: Rgb = ORANGE) -> None:
+    def ellipse(self, center: FloatArray, covariance: FloatArray, gain: float, color: Rgb = ORANGE) -> None:
         values, vectors = np.linalg.eigh(covariance)
         angles = np.linspace(0, 2 * np.pi, 48)
         radii = np.sqrt(np.clip(values, 0, None) * CHI2_2D_95) * gain
-        points = centre[:2] + (np.column_stack([np.cos(angles), np.sin(angles)]) * radii) @ vectors.T
+        points = center[:2] + (np.column_stack([np.cos(angles), np.sin(angles)]) * radii) @ vectors.T
         self.canvas.line([self.at(p) for p in points], color, 1)
 
     def note(self, note: Note) -> None:

@@ -48,8 +48,8 @@ def guide(task: dict[str, Any], tell: Callable[[dict[str, Any]], None]) -> dict[
     state |= {"until_m": task["until_m"], "at_m": task["at_m"]}
     sent_s = 0.0
     for count, looked in enumerate(look_at_frames(pairs, board, are_moving(cameras[0]), until_complete=False), 1):
-        state |= {"done": count, "total": None, "words": looked.judgement.words, "reason": looked.judgement.reason}
-        if not looked.judgement.kept:
+        state |= {"done": count, "total": None, "words": looked.judgment.words, "reason": looked.judgment.reason}
+        if not looked.judgment.kept:
             if time.monotonic() - sent_s > LEAST_APART_S:
                 sent_s = time.monotonic()
                 tell(state | {"image": _thumb(looked)})

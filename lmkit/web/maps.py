@@ -22,7 +22,7 @@ from lmkit.web.state import State, state_of
 from lmkit.web.versions import count_versions, keep_version, restore_version
 
 MAP = "map.yaml"
-Metres = Annotated[float, Field(ge=-10_000, le=10_000)]
+Meters = Annotated[float, Field(ge=-10_000, le=10_000)]
 
 
 class Edit(Body):
@@ -30,7 +30,7 @@ class Edit(Body):
 
     id: Annotated[str, Field(max_length=40)]
     name: Annotated[str, Field(max_length=60)] | None = None
-    position: tuple[Metres, Metres, Metres] | None = None
+    position: tuple[Meters, Meters, Meters] | None = None
     facing_deg: Annotated[float, Field(ge=-360, le=360)] | None = None
     size_m: Annotated[float, Field(gt=0, le=10)] | None = None
     remove: bool = False

@@ -12,7 +12,7 @@ from board_views import BOARD, views
 from lmkit.calibration.stereo import StereoCalibration, calibrate_stereo
 from lmkit.reports.calibration import calibration_report
 
-GREY = np.full((480, 640, 3), 128, np.uint8)
+GRAY = np.full((480, 640, 3), 128, np.uint8)
 SECTIONS = (
     "Figures", "Depth error to expect", "Coverage", "Residuals", "Projection uncertainty", "Cameras, pixels",
     "Cameras and boards in space", "Pairs", "A rectified pair", "Corners as detected",
@@ -43,7 +43,7 @@ class Balanced(HTMLParser):
 
 
 def test_it_stands_alone_and_says_the_headline_first(result):
-    html = calibration_report(result, BOARD, {"00": (GREY, GREY), "03": (GREY, GREY)})
+    html = calibration_report(result, BOARD, {"00": (GRAY, GRAY), "03": (GRAY, GRAY)})
     assert "http" not in html.replace("http-equiv", "")
     assert "nan" not in html.lower().replace("nano", "").replace("finance", "")
     assert html.count("data:image/jpeg;base64,") == 3

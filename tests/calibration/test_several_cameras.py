@@ -1,4 +1,4 @@
-"""Three cameras in a row: neighbours see the board together, the outer ones never do."""
+"""Three cameras in a row: neighbors see the board together, the outer ones never do."""
 
 from __future__ import annotations
 

@@ -83,7 +83,7 @@ def landmark_map(tmp_path) -> Path:
         (["--code", "1", "--dpi", "0", "-o", "x.png"], ["--dpi"]),
         (["--code", "1", "--dpi", "4800", "-o", "x.png"], ["4800", "--dpi"]),
         (["--code", "one"], ["--code"]),
-        (["--colour", "red"], ["--colour"]),
+        (["--color", "red"], ["--color"]),
     ],
 )
 def test_generate(lmkit, tmp_path, arguments, words):
@@ -285,8 +285,8 @@ def test_detect_a_camera_without_a_number(lmkit, source):
     assert_refused(lmkit("detect", source), source, "camera:0")
 
 
-def test_detect_says_when_there_is_no_colour(lmkit, tmp_path):
-    path = tmp_path / "grey.png"
+def test_detect_says_when_there_is_no_color(lmkit, tmp_path):
+    path = tmp_path / "gray.png"
     cv2.imwrite(str(path), np.full((60, 80), 90, dtype=np.uint8))
     answer = lmkit("detect", str(path))
     assert answer.code == 1

@@ -23,8 +23,8 @@ def scene(photographs):
     rng = np.random.default_rng(5)
     image = cv2.resize(photographs[0], (420, 320))
     truth = {}
-    for code, centre, side, tilt in ((137, (110, 150), 60, 30), (52, (300, 160), 34, 20)):
-        image, truth[code] = paste_landmark(image, code, centre, side, tilt, rng)
+    for code, center, side, tilt in ((137, (110, 150), 60, 30), (52, (300, 160), 34, 20)):
+        image, truth[code] = paste_landmark(image, code, center, side, tilt, rng)
     return image, truth
 
 
@@ -78,9 +78,9 @@ def mirrored(code):
     return (a, d, c, b, h, g, f, e)
 
 
-def test_a_grey_picture_holds_no_landmark(scene):
-    grey = cv2.cvtColor(cv2.cvtColor(scene[0], cv2.COLOR_BGR2GRAY), cv2.COLOR_GRAY2BGR)
-    assert detect_landmarks(grey) == []
+def test_a_gray_picture_holds_no_landmark(scene):
+    gray = cv2.cvtColor(cv2.cvtColor(scene[0], cv2.COLOR_BGR2GRAY), cv2.COLOR_GRAY2BGR)
+    assert detect_landmarks(gray) == []
 
 
 def test_a_landmark_cut_by_the_edge_is_not_returned_with_invented_corners(scene):
@@ -116,7 +116,7 @@ def test_extreme_pictures_hold_nothing_and_break_nothing(image):
 
 
 def test_covariance_is_as_large_as_the_errors(photographs):
-    """Normalised squared errors of the corners over many draws average to their number, within a factor."""
+    """Normalized squared errors of the corners over many draws average to their number, within a factor."""
     ratios = []
     for seed in range(12):
         rng = np.random.default_rng(100 + seed)
@@ -133,8 +133,8 @@ def test_turning_a_landmark_permutes_its_gaps():
     """The reader's hypotheses against the drawing itself, turned by the image library."""
     size = 180
     pattern = LandmarkPattern(LM8)
-    centres = (np.arange(size) + 0.5) / size * 180 - 90
-    x, y = np.meshgrid(centres, -centres)
+    centers = (np.arange(size) + 0.5) / size * 180 - 90
+    x, y = np.meshgrid(centers, -centers)
     points = np.column_stack([x.ravel(), y.ravel()])
     spread = np.tile([0.3, 0.0, 0.3], (len(points), 1))
     masks = words_of(LM8).masks
@@ -149,6 +149,6 @@ def test_turning_a_landmark_permutes_its_gaps():
 @pytest.mark.parametrize("bend", [-0.2, -0.05, 0.0, 0.1, 0.3])
 def test_bending_is_undone(bend):
     at = np.random.default_rng(3).uniform([0, 0], [640, 480], (50, 2))
-    centre = np.array([319.5, 239.5])
-    flat = undistort_radial(at, bend, centre, 320.0)
-    assert np.allclose(distort_radial(flat, bend, centre, 320.0), at, atol=1e-4)
+    center = np.array([319.5, 239.5])
+    flat = undistort_radial(at, bend, center, 320.0)
+    assert np.allclose(distort_radial(flat, bend, center, 320.0), at, atol=1e-4)

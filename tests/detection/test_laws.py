@@ -1,4 +1,4 @@
-"""Laws that detection must obey whatever the image: turned, cropped, enlarged, recoloured, malformed."""
+"""Laws that detection must obey whatever the image: turned, cropped, enlarged, recolored, malformed."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from lmkit.detection.config import ACCURATE, BALANCED, PROFILES, DetectOptions
 from lmkit.detection.detector import detect_landmarks
 from lmkit.detection.pattern_model import LandmarkPattern
 from lmkit.detection.registration import aligned_with_mosaic
-from lmkit.detection.windows import is_colourless
+from lmkit.detection.windows import is_colorless
 from lmkit.errors import InputError
 from lmkit.geometry.camera import CameraModel
 from lmkit.model.codewords import code_to_gaps
@@ -51,7 +51,7 @@ def test_small_landmarks_do_not_shrink():
 
 @pytest.mark.parametrize(("side_px", "bayer"), [(18.0, True), (50.0, True), (18.0, False)])
 def test_upright_corners_err_as_they_say(side_px, bayer):
-    """A colour mosaic spoils small upright landmarks far more than noise does; without one they say so, too."""
+    """A color mosaic spoils small upright landmarks far more than noise does; without one they say so, too."""
     squared, stated = [], []
     for k in range(12):
         chain = ImagingChain(Lens(0.7), sensor=Sensor(6000, 8, bayer=bayer))
@@ -105,12 +105,12 @@ def test_red_and_blue_swapped_is_no_landmark(code):
     assert detect_landmarks(np.ascontiguousarray(image[:, :, ::-1])) == []
 
 
-def test_grey_pictures_hold_none_and_are_known_as_such():
+def test_gray_pictures_hold_none_and_are_known_as_such():
     image, _ = shoot(7, 60.0)
-    grey = cv2.cvtColor(cv2.cvtColor(image, cv2.COLOR_BGR2GRAY), cv2.COLOR_GRAY2BGR)
-    assert detect_landmarks(grey) == []
-    assert is_colourless(grey)
-    assert not is_colourless(image)
+    gray = cv2.cvtColor(cv2.cvtColor(image, cv2.COLOR_BGR2GRAY), cv2.COLOR_GRAY2BGR)
+    assert detect_landmarks(gray) == []
+    assert is_colorless(gray)
+    assert not is_colorless(image)
 
 
 def test_mirrored_landmarks_are_not_read_as_themselves():

@@ -19,8 +19,8 @@ def scene(photographs):
     rng = np.random.default_rng(11)
     image = cv2.resize(photographs[1], (640, 480), interpolation=cv2.INTER_CUBIC)
     truth = {}
-    for code, centre, side in ((137, (150, 150), 60), (52, (420, 300), 34), (9, (560, 90), 26)):
-        image, truth[code] = paste_landmark(image, code, centre, side, 20, rng)
+    for code, center, side in ((137, (150, 150), 60), (52, (420, 300), 34), (9, (560, 90), 26)):
+        image, truth[code] = paste_landmark(image, code, center, side, 20, rng)
     return image, truth
 
 

@@ -1,4 +1,4 @@
-"""Square markers: AprilTag and ArUco families, in colour and grey, mixed with ring landmarks."""
+"""Square markers: AprilTag and ArUco families, in color and gray, mixed with ring landmarks."""
 
 import warnings
 
@@ -21,7 +21,7 @@ CORNERS = np.array([[70.0, 60.0], [131.0, 66.0], [126.0, 128.0], [66.0, 119.0]])
 
 
 def photograph(family: str, code: int, corners: np.ndarray = CORNERS, turns: int = 0) -> np.ndarray:
-    """(200,220,3) a marker on white paper before grey, blurred, in code values."""
+    """(200,220,3) a marker on white paper before gray, blurred, in code values."""
     kind = ALL_FAMILIES[family]
     face = np.asarray(page_to_image(bare_landmark_page(kind, code, 180.0), 120))[:, :, ::-1]
     face = np.rot90(face, turns)
@@ -50,14 +50,14 @@ def test_reads_code_and_corners(family: str) -> None:
     assert np.sqrt(np.diag(found[0].covariance)).max() < 0.3
 
 
-def test_grey_images_do() -> None:
-    grey = cv2.cvtColor(photograph("tag36h11", 3), cv2.COLOR_BGR2GRAY)
-    found = detect_landmarks(np.repeat(grey[:, :, None], 3, axis=2), DetectOptions(families_named("tag36h11")))
+def test_gray_images_do() -> None:
+    gray = cv2.cvtColor(photograph("tag36h11", 3), cv2.COLOR_BGR2GRAY)
+    found = detect_landmarks(np.repeat(gray[:, :, None], 3, axis=2), DetectOptions(families_named("tag36h11")))
     assert [d.code for d in found] == [3]
     assert np.abs(found[0].corners - CORNERS).max() < 0.15
     with warnings.catch_warnings():
         warnings.simplefilter("error")
-        assert [d.code for d in lmkit.Detector("tag36h11").detect(grey)] == [3]
+        assert [d.code for d in lmkit.Detector("tag36h11").detect(gray)] == [3]
 
 
 @pytest.mark.parametrize("turns", [1, 2, 3])
@@ -102,9 +102,9 @@ def test_first_tag_stands_as_the_april_tag_project_prints_it() -> None:
 
 def test_opencv_reads_what_is_printed() -> None:
     face = np.asarray(page_to_image(bare_landmark_page(SQUARE_FAMILIES["aruco5x5_100"], 17, 60.0), 150))
-    grey = cv2.copyMakeBorder(cv2.cvtColor(face, cv2.COLOR_RGB2GRAY), *[80] * 4, cv2.BORDER_CONSTANT, value=255)
+    gray = cv2.copyMakeBorder(cv2.cvtColor(face, cv2.COLOR_RGB2GRAY), *[80] * 4, cv2.BORDER_CONSTANT, value=255)
     reader = cv2.aruco.ArucoDetector(cv2.aruco.getPredefinedDictionary(cv2.aruco.DICT_5X5_100))
-    corners, codes, _ = reader.detectMarkers(grey)
+    corners, codes, _ = reader.detectMarkers(gray)
     assert codes.ravel().tolist() == [17]
     first = corners[0][0][0]
     assert np.abs(first - 80).max() < 2
@@ -123,7 +123,7 @@ def test_codes_differ_by_the_stated_distance(name: str) -> None:
         assert apart.min() >= family.distance
 
 
-def test_prints_are_not_graded_by_colour() -> None:
+def test_prints_are_not_graded_by_color() -> None:
     with pytest.raises(InputError, match="prints of tag36h11 are black"):
         grade_sheet("sheet.png", photograph("tag36h11", 5), None, (), DetectOptions(families_named("tag36h11")))
 

@@ -1,4 +1,4 @@
-"""Printed sheets measured by two foreign rasterisers, and the drawing against the reader's model."""
+"""Printed sheets measured by two foreign rasterizers, and the drawing against the reader's model."""
 
 from __future__ import annotations
 
@@ -109,8 +109,8 @@ def test_the_drawing_is_what_the_reader_expects(code):
     """Printing and reading were written apart (paths against formulas); here they must agree."""
     size = 720
     rgb = np.asarray(page_to_image(bare_landmark_page(LM8, code, 180.0), size / 180 * 25.4), dtype=float)
-    centres = (np.arange(size) + 0.5) / size * 180 - 90
-    x, y = np.meshgrid(centres, -centres)
+    centers = (np.arange(size) + 0.5) / size * 180 - 90
+    x, y = np.meshgrid(centers, -centers)
     points = np.column_stack([x.ravel(), y.ravel()])
     spread = np.tile([0.01, 0.0, 0.01], (len(points), 1))
     open_gaps = np.flatnonzero(code_to_gaps(code, 8))

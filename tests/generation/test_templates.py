@@ -1,4 +1,4 @@
-"""Every shipped template, measured by two foreign rasterisers; tiles laid together; templates that are wrong."""
+"""Every shipped template, measured by two foreign rasterizers; tiles laid together; templates that are wrong."""
 
 from __future__ import annotations
 
@@ -208,7 +208,7 @@ def test_the_manifest_says_what_is_printed():
     inside = pypdfium2.PdfDocument(pdf).get_metadata_dict()["Keywords"]
     assert parse_manifest(inside, "x") == manifest
     with pytest.raises(InputError, match="unknown key"):
-        parse_manifest(json.dumps(json.loads(text) | {"colour": 3}), "x")
+        parse_manifest(json.dumps(json.loads(text) | {"color": 3}), "x")
 
 
 WRONG = {

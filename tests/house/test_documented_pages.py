@@ -74,8 +74,8 @@ def test_the_form_of_the_tutorial_gives_the_map_that_it_shows(tmp_path: Path) ->
     assert len(landmarks) == 8
     for landmark in landmarks:
         x, y, z = landmark.T_map_landmark.t
-        inwards = [int(x < 0.01) - int(x > 5.99), int(y < 0.01) - int(y > 3.99), 0]
-        np.testing.assert_allclose(landmark.T_map_landmark.R[:, 2], inwards, atol=1e-9)
+        inward = [int(x < 0.01) - int(x > 5.99), int(y < 0.01) - int(y > 3.99), 0]
+        np.testing.assert_allclose(landmark.T_map_landmark.R[:, 2], inward, atol=1e-9)
         line = f"{landmark.id}: x {x:.3f} y {y:.3f} z {z:.3f} m"
         assert line in shown or landmark.code > 1
 

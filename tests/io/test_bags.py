@@ -17,7 +17,7 @@ pytest.importorskip("rosbags", reason="the extra bags is not installed")
 
 
 def write_bag(folder, rig, pairs=3, encoding="rgb8", late=0.0):
-    """Stereo images of one colour each, camera_info, odometry along x, and a gyro."""
+    """Stereo images of one color each, camera_info, odometry along x, and a gyro."""
     import yaml
     from rosbags.rosbag2 import Writer
     from rosbags.typesys import Stores, get_typestore
@@ -42,9 +42,9 @@ def write_bag(folder, rig, pairs=3, encoding="rgb8", late=0.0):
         for k in range(pairs):
             for eye, text in zip(("left", "right"), rig_to_camera_infos(rig), strict=True):
                 time = 100.0 + k / 4 + (late if eye == "right" else 0.002 * (eye == "right"))
-                colour = np.full((height, width, 3), (10 + k, 100, 200), np.uint8)
+                color = np.full((height, width, 3), (10 + k, 100, 200), np.uint8)
                 picture = make["sensor_msgs/msg/Image"](
-                    header(time), height, width, encoding, 0, 3 * width, colour.ravel()
+                    header(time), height, width, encoding, 0, 3 * width, color.ravel()
                 )
                 say(f"/cam/{eye}/image_raw", "sensor_msgs/msg/Image", time, picture)
                 info = yaml.safe_load(text)

@@ -77,7 +77,7 @@ def test_what_is_wrong_in_a_rig_file_is_named(old, new, named, tmp_path):
         ("code: 9", "code: -1", "landmarks[1].code"),
         ("size_m: 0.09", "size_m: 0", "landmarks[1].size_m"),
         ("size_m: 0.09", "size_m: .nan", "landmarks[1].size_m is nan"),
-        ("size_m: 0.09", "size_m: 0.09\n  colour: red", "landmarks[1].colour: unknown key"),
+        ("size_m: 0.09", "size_m: 0.09\n  color: red", "landmarks[1].color: unknown key"),
         ("quaternion: [", "quaternion: [5, ", "landmarks[0].quaternion"),
         ("frame: map", "frame: odom", "frame"),
     ],

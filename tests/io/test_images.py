@@ -27,7 +27,7 @@ def plain(mode: str, color) -> Image.Image:
     return Image.new(mode, (20, 10), color)
 
 
-def test_colours_come_as_bgr():
+def test_colors_come_as_bgr():
     assert tuple(decode_image(encoded(plain("RGB", RED_RGB)), "x")[0, 0]) == RED_RGB[::-1]
 
 
@@ -42,7 +42,7 @@ def test_colours_come_as_bgr():
         (plain("P", 0), (0, 0, 0)),
         (Image.fromarray(np.full((10, 20), 257 * 90, np.uint16)), (90, 90, 90)),
     ],
-    ids=["grey", "transparent", "opaque", "grey alpha", "bilevel", "palette", "16 bit"],
+    ids=["gray", "transparent", "opaque", "gray alpha", "bilevel", "palette", "16 bit"],
 )
 def test_every_kind_becomes_8_bit_bgr(picture, expected):
     image = decode_image(encoded(picture), "x")

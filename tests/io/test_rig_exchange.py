@@ -118,7 +118,7 @@ def test_what_ros_tools_look_for_is_there():
     left, right = (yaml.safe_load(text) for text in rig_to_camera_infos(rig()))
     assert left["distortion_model"] == "plumb_bob"
     P = np.array(right["projection_matrix"]["data"]).reshape(3, 4)
-    # sensor_msgs/CameraInfo: Tx = -fx' * baseline, metres.
+    # sensor_msgs/CameraInfo: Tx = -fx' * baseline, meters.
     assert P[0, 3] == pytest.approx(-P[0, 0] * rig().baseline_m)
 
 

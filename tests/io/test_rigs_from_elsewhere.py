@@ -128,7 +128,7 @@ def test_what_no_rig_can_be_is_refused_or_named_on_every_way_in(tmp_path, write)
         return write(replace(RIG, T_right_left=Pose("right", "left", RIG.T_right_left.R, t)))
 
     t = np.array(RIG.T_right_left.t)
-    with pytest.raises(InputError, match="millimetres"):
+    with pytest.raises(InputError, match="millimeters"):
         read_any_rig(file(tmp_path, moved(1000 * t)))
     with pytest.warns(InputWarning, match="are the cameras swapped"):
         read_any_rig(file(tmp_path, moved(-t)))

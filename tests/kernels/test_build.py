@@ -126,7 +126,7 @@ def run_with(library: Path, arguments: list[str], **variables: str) -> subproces
 @pytest.mark.slow
 @pytest.mark.skipif(sys.platform != "linux", reason="the address sanitizer is preloaded on Linux only")
 def test_sanitizers_find_nothing(tmp_path):
-    """A library built with address and undefined-behaviour checks runs every kernel on every hostile shape."""
+    """A library built with address and undefined-behavior checks runs every kernel on every hostile shape."""
     gcc = shutil.which("gcc")
     if gcc is None:
         pytest.skip("no gcc here")

@@ -24,14 +24,14 @@ def folder(photographs, tmp_path_factory) -> Path:
     """An image with five landmarks of different sizes."""
     folder = tmp_path_factory.mktemp("scene")
     image, rng = cv2.resize(photographs[0], (640, 480)), np.random.default_rng(3)
-    for code, centre, side, tilt in (
+    for code, center, side, tilt in (
         (3, (110, 130), 70, 30),
         (52, (300, 130), 34, 20),
         (137, (480, 130), 24, 10),
         (9, (150, 350), 50, 55),
         (240, (420, 350), 110, 5),
     ):
-        image, _ = paste_landmark(image, code, centre, side, tilt, rng)
+        image, _ = paste_landmark(image, code, center, side, tilt, rng)
     cv2.imwrite(str(folder / "scene.png"), image)
     return folder
 

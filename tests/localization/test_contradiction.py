@@ -61,7 +61,7 @@ def test_swapped_cameras_are_named(drive):
     assert find_cause(swapped(drive.frames), drive.rig, drive.landmarks).code == "swapped_cameras"
 
 
-@pytest.mark.parametrize(("positions", "unit"), [(1000.0, "millimetres"), (39.37, "inches"), (1.5, "units")])
+@pytest.mark.parametrize(("positions", "unit"), [(1000.0, "millimeters"), (39.37, "inches"), (1.5, "units")])
 def test_units_of_the_map_are_named(drive, positions, unit):
     cause = find_cause(drive.frames, drive.rig, scaled(drive.landmarks, positions))
     assert cause.code == "map_units" and unit in cause.text

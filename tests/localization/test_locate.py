@@ -1,4 +1,4 @@
-"""Localisation on known truth: perfect, then seeded noise (is the covariance true?), then planted faults."""
+"""Localization on known truth: perfect, then seeded noise (is the covariance true?), then planted faults."""
 
 from __future__ import annotations
 
@@ -61,7 +61,7 @@ def test_one_eye_is_enough():
 
 @pytest.mark.parametrize("count", [1, 2, 3])
 def test_the_covariance_is_true(count):
-    """Mean normalised squared error over 300 draws lies within the 99.9 % chi-square band around six."""
+    """Mean normalized squared error over 300 draws lies within the 99.9 % chi-square band around six."""
     from scipy.stats import chi2
 
     from lmkit.localization.absolute_pose import LocateOptions
@@ -230,7 +230,7 @@ def test_the_covariance_with_a_prior_is_true():
 
 
 def test_far_and_small_landmarks_are_not_called_ok():
-    """Two landmarks near each other, 8 m away: the covariance holds poses over half a metre off."""
+    """Two landmarks near each other, 8 m away: the covariance holds poses over half a meter off."""
     station = looking(np.array([0.1, 8.0, 1.4]), -np.pi / 2, 0.0)
     rng = np.random.default_rng(8)
     for _ in range(20):

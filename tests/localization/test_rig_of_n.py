@@ -33,7 +33,7 @@ AROUND = LandmarkMap(
 
 
 def ring(count: int) -> Rig:
-    """Cameras that look outwards all around; of five no two share a view of 60 deg."""
+    """Cameras that look outward all around; of five no two share a view of 60 deg."""
     out = Pose("base", "base", np.eye(3), np.array([0.2, 0.0, 0.0])) @ mounted_ahead(0.9)
     turns = [np.array([0, 0, 2 * np.pi * k / count]) for k in range(count)]
     places = [Pose.from_rvec("base", "base", turn, np.zeros(3)) @ out for turn in turns]

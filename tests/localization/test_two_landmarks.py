@@ -98,7 +98,7 @@ def test_exact_readings_of_four_landmarks():
 @pytest.mark.slow
 @pytest.mark.parametrize("codes", [(1, 2), (1, 2, 3, 4)])
 def test_the_covariance_is_true(codes):
-    """Summed squared normalised errors of 400 draws against the 99.9 % chi-square band."""
+    """Summed squared normalized errors of 400 draws against the 99.9 % chi-square band."""
     rng = np.random.default_rng(len(codes))
     wide = ReadingNoise(range_share=0.01, common_bearing_rad=0.0, outlier_sigma=8.0)
     total = 0.0
@@ -156,11 +156,11 @@ def test_bearings_alone_give_the_pose(x, y, heading):
     places = {c: LANDMARKS.find(lm8(c)).T_map_landmark.t[:2] for c in (1, 2, 3)}
     one, two, three = places.values()
     D = 2 * np.linalg.det([two - one, three - one])
-    centre = one + np.linalg.solve(
+    center = one + np.linalg.solve(
         2 * np.array([two - one, three - one]), [(p - one) @ (p - one) for p in (two, three)]
     )
     assert abs(D) > 1
-    assume(abs(np.hypot(x - centre[0], y - centre[1]) - np.hypot(*(one - centre))) > 0.4)
+    assume(abs(np.hypot(x - center[0], y - center[1]) - np.hypot(*(one - center))) > 0.4)
     assume(all(np.hypot(*(p - [x, y])) > 0.4 for p in places.values()))
     seen = [RangeBearing(lm8(c), None, measure((x, y), heading, p)[1]) for c, p in places.items()]
     estimate = locate_planar(seen, LANDMARKS)

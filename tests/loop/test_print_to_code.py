@@ -1,4 +1,4 @@
-"""Every code, from the PDF through a foreign rasteriser into a real photograph, and read back."""
+"""Every code, from the PDF through a foreign rasterizer into a real photograph, and read back."""
 
 from __future__ import annotations
 
@@ -52,7 +52,7 @@ def _scene(code, photographs, sheet):
     side = float(np.exp(rng.uniform(np.log(40), np.log(200))))
     image = photographs[code % len(photographs)]
     image = cv2.resize(image, (420, 320))
-    centre = np.array([210, 160]) + rng.uniform(-20, 20, 2)
+    center = np.array([210, 160]) + rng.uniform(-20, 20, 2)
     return paste_landmark(
-        image, code, centre, side, rng.uniform(0, 50), rng, rng.uniform(0.5, 1.2), rng.uniform(1, 5), sheet
+        image, code, center, side, rng.uniform(0, 50), rng, rng.uniform(0.5, 1.2), rng.uniform(1, 5), sheet
     )

@@ -49,7 +49,7 @@ def test_landmarks_on_the_board_are_found_and_locate_the_rig(bouguet):
     pairs, result = bouguet
     rig = result.rig
     middle = BOARD.object_points.mean(axis=0)
-    # The landmark lies in the board's plane (x right, y down there), its z towards the viewer.
+    # The landmark lies in the board's plane (x right, y down there), its z toward the viewer.
     T_board_landmark = Pose("board", "landmark", np.diag([1.0, -1.0, -1.0]), middle)
     located, positions, angles, left_out = 0, [], [], []
     for index, view in enumerate(result.used):

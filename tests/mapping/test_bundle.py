@@ -17,7 +17,7 @@ def true_poses(drive, rows):
     return PoseArray.from_poses("map", "left", poses)
 
 
-def test_without_odometry_a_moment_that_sees_nothing_lies_between_its_neighbours():
+def test_without_odometry_a_moment_that_sees_nothing_lies_between_its_neighbors():
     drive = make_drive(2, seconds=10)
     frames, start = drive.frames[:5], true_poses(drive, range(5))
     frames = [*frames[:2], replace(frames[2], seen=((), ())), *frames[3:]]

@@ -35,14 +35,14 @@ def recording(made, name, offset_s=0.0):
     return NamedRecording(name, frames, made.rig, MotionModel(odometry, None))
 
 
-def moved_by(landmarks, chosen, metres, degrees=0.0):
+def moved_by(landmarks, chosen, meters, degrees=0.0):
     """The room with one landmark hung elsewhere along its wall."""
     changed = []
     for m in landmarks:
         T = m.T_map_landmark
         if m.id == chosen:
             turn = Rotation.from_rotvec(np.deg2rad(degrees) * np.array([0, 0, 1.0])).as_matrix()
-            T = Pose("map", "landmark", turn @ T.R, T.t + metres * T.R[:, 0])
+            T = Pose("map", "landmark", turn @ T.R, T.t + meters * T.R[:, 0])
         changed.append(replace(m, T_map_landmark=T))
     return LandmarkMap(changed)
 
@@ -193,10 +193,10 @@ def test_recordings_together_know_the_room_better_than_one_alone():
         assert np.median([np.linalg.norm(T.t[:2] - true[:2]) for T, true in zip(off, one.truth, strict=True)]) < 0.01
 
 
-@pytest.mark.parametrize(("metres", "degrees"), [(0.5, 0.0), pytest.param(0.0, 20.0, marks=pytest.mark.slow)])
-def test_a_moved_landmark_becomes_two_with_dates(metres, degrees):
+@pytest.mark.parametrize(("meters", "degrees"), [(0.5, 0.0), pytest.param(0.0, 20.0, marks=pytest.mark.slow)])
+def test_a_moved_landmark_becomes_two_with_dates(meters, degrees):
     chosen = often_seen(drive(12), 1)
-    later = moved_by(ROOM, chosen, metres, degrees)
+    later = moved_by(ROOM, chosen, meters, degrees)
     recordings = [
         recording(drive(11), "monday"),
         recording(drive(12), "tuesday", DAY_S),
@@ -207,7 +207,7 @@ def test_a_moved_landmark_becomes_two_with_dates(metres, degrees):
     result = survey_recordings(recordings, SIZES, known(number=anchor))
     assert [m.before.id for m in result.moved] == [chosen]
     moved = result.moved[0]
-    assert moved.metres == pytest.approx(metres, abs=0.02)
+    assert moved.meters == pytest.approx(meters, abs=0.02)
     assert np.rad2deg(moved.radians) == pytest.approx(degrees, abs=2.0)
     assert (moved.seen_before, moved.seen_after) == (("monday", "tuesday"), ("thursday", "friday"))
     assert DAY_S < moved.before.valid_to_s < DAY_S + 30 < 3 * DAY_S < moved.after.valid_from_s < 3 * DAY_S + 30

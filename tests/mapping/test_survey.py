@@ -32,7 +32,7 @@ def survey(drive, wheels=True, frames=None, anchors=1):
 
 
 def map_errors(drive, result):
-    """Metres and rad of every landmark."""
+    """Meters and rad of every landmark."""
     errors = []
     for m in result.bundle.landmarks:
         true = drive.landmarks.find(m.id).T_map_landmark

@@ -25,8 +25,8 @@ def test_codes_and_gaps_are_the_same_thing(code):
 
 def test_the_first_bit_is_the_outer_ring_at_the_top():
     assert code_to_gaps(0b10000000, 8) == (True, *[False] * 7)
-    assert LM8.rings[0].gap_centres_deg == (0, 90, 180, 270)
-    assert LM8.rings[1].gap_centres_deg == (45, 135, 225, 315)
+    assert LM8.rings[0].gap_centers_deg == (0, 90, 180, 270)
+    assert LM8.rings[1].gap_centers_deg == (45, 135, 225, 315)
 
 
 @given(st.lists(st.integers(0, 255), min_size=1, unique=True))

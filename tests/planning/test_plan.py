@@ -272,7 +272,7 @@ def test_a_way_past_landmarks_is_worth_a_detour(tmp_path):
 
 
 def test_no_straight_line_leads_through_a_wall(ground):
-    """One metre as the crow flies, over four around the wall."""
+    """One meter as the crow flies, over four around the wall."""
     route = plan_route(ground, LandmarkMap([]), RIG, RADIUS_M, Goal(2.5, 0.6), Goal(3.5, 0.6), EASY)
     assert route.length_m > 4
     assert route.waypoints[:, 1].max() > 2.6 + RADIUS_M - 0.06

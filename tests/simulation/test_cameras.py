@@ -33,7 +33,7 @@ def test_a_shifted_scene_seen_by_the_shifted_pattern_is_the_shifted_image(how):
     assert np.abs(whole[:, 1:] - shifted)[INSIDE].max() < 1e-9
 
 
-def test_malvar_leaves_less_error_on_grey_detail_than_bilinear():
+def test_malvar_leaves_less_error_on_gray_detail_than_bilinear():
     stripes = 0.5 + 0.3 * np.sin(np.arange(40) * 2 * np.pi / 7)
     image = np.broadcast_to(stripes[None, :, None], (20, 40, 3)).copy()
     off = {how: np.abs(demosaic(mosaic_of(image, "RGGB"), "RGGB", how) - image)[INSIDE].mean() for how in DEMOSAICERS}
@@ -54,13 +54,13 @@ def test_tone_curves_rise_from_0_to_1(tone):
     assert np.allclose(values[[0, -1]], [0, 1], atol=1e-3)
 
 
-def test_contrast_keeps_black_middle_grey_and_white():
-    grey = np.array([0.0, 0.5, 1.0])[None, :, None].repeat(3, axis=2)
-    image = develop(grey, Development(tone="linear", contrast=1.4))
+def test_contrast_keeps_black_middle_gray_and_white():
+    gray = np.array([0.0, 0.5, 1.0])[None, :, None].repeat(3, axis=2)
+    image = develop(gray, Development(tone="linear", contrast=1.4))
     assert image[0, :, 0].tolist() == [0, 128, 255]
 
 
-def test_saturation_zero_is_grey_and_keeps_brightness():
+def test_saturation_zero_is_gray_and_keeps_brightness():
     color = np.array([[[0.8, 0.3, 0.1]]])
     image = develop(color, Development(tone="linear", saturation=0.0))
     assert image[0, 0].tolist() == [round(255 * (0.8 * 0.299 + 0.3 * 0.587 + 0.1 * 0.114))] * 3

@@ -31,12 +31,12 @@ from lmkit.simulation.render import OVERSAMPLE, render
 from lmkit.simulation.scene import Panel, Scene, make_rig, studio
 
 
-def grey(height=60, width=80, value=0.5):
+def gray(height=60, width=80, value=0.5):
     return np.full((height * OVERSAMPLE, width * OVERSAMPLE, 3), value, dtype=np.float32)
 
 
 def point():
-    picture = grey(41, 41, 0.0)
+    picture = gray(41, 41, 0.0)
     middle = 20 * OVERSAMPLE + OVERSAMPLE // 2
     picture[middle, middle] = OVERSAMPLE**2
     return picture
@@ -71,14 +71,14 @@ def test_no_blur_loses_light():
 
 
 def test_shadow_and_gradient():
-    lit = light_up(focus(grey(), Lens()), Light(brightness=1.0, shadow=Shadow((40, 30), 0.0, 8.0)))
+    lit = light_up(focus(gray(), Lens()), Light(brightness=1.0, shadow=Shadow((40, 30), 0.0, 8.0)))
     assert lit[30, 70, 0] == pytest.approx(lit[30, 10, 0] / 8, rel=1e-3)
-    slope = light_up(focus(grey(), Lens()), Light(brightness=1.0, gradient=(0.5, 0.0)))
+    slope = light_up(focus(gray(), Lens()), Light(brightness=1.0, gradient=(0.5, 0.0)))
     assert slope[0, -1, 0] / slope[0, 0, 0] == pytest.approx(3.0, rel=0.05)
 
 
 def test_gloss_adds_light_where_it_is():
-    lit = light_up(focus(grey(), Lens()), Light(brightness=1.0, gloss=Gloss((40, 30), 5.0, 0.3)))
+    lit = light_up(focus(gray(), Lens()), Light(brightness=1.0, gloss=Gloss((40, 30), 5.0, 0.3)))
     assert lit[30, 40, 1] == pytest.approx(0.8, abs=1e-3)
     assert lit[5, 5, 1] == pytest.approx(0.5, abs=1e-3)
 
@@ -90,10 +90,10 @@ def test_warm_light_is_warm_and_balanced_away():
     assert green == 1
     assert blue < 0.45
     chain = ImagingChain(light=Light(brightness=0.5, temperature_k=2700), sensor=Sensor(1e7, 0.0))
-    image = expose(grey(), chain, np.random.default_rng(0))
+    image = expose(gray(), chain, np.random.default_rng(0))
     assert np.ptp(image[30, 40].astype(int)) <= 1
     wrong = ImagingChain(chain.lens, chain.light, chain.sensor, Development(balanced_for_k=6500))
-    b, g, r = expose(grey(), wrong, np.random.default_rng(0))[30, 40].astype(int)
+    b, g, r = expose(gray(), wrong, np.random.default_rng(0))[30, 40].astype(int)
     assert r > g + 20 > b + 40
     with pytest.raises(InputError):
         black_body_rgb(500)
@@ -106,12 +106,12 @@ def test_noise_is_poisson_plus_reading():
     assert measured.var() == pytest.approx(400 + 100, rel=0.03)
 
 
-def test_mosaic_keeps_colours_in_their_places():
-    colours = np.zeros((64, 64, 3))
-    colours[:, :32], colours[:, 32:] = (0.6, 0.2, 0.1), (0.1, 0.2, 0.7)
-    seen = count_electrons(colours, Sensor(1e8, 0.0, bayer=True), np.random.default_rng(0))
-    assert np.allclose(seen[:, 4:28], colours[:, 4:28], atol=2e-3)
-    assert np.allclose(seen[:, 36:60], colours[:, 36:60], atol=2e-3)
+def test_mosaic_keeps_colors_in_their_places():
+    colors = np.zeros((64, 64, 3))
+    colors[:, :32], colors[:, 32:] = (0.6, 0.2, 0.1), (0.1, 0.2, 0.7)
+    seen = count_electrons(colors, Sensor(1e8, 0.0, bayer=True), np.random.default_rng(0))
+    assert np.allclose(seen[:, 4:28], colors[:, 4:28], atol=2e-3)
+    assert np.allclose(seen[:, 36:60], colors[:, 36:60], atol=2e-3)
 
 
 @pytest.mark.parametrize("tone", TONES)
@@ -122,7 +122,7 @@ def test_tones_rise_from_black_to_white(tone):
     assert curve[-1] == pytest.approx(1)
 
 
-def test_chroma_at_half_resolution_smears_colour():
+def test_chroma_at_half_resolution_smears_color():
     stripes = np.zeros((64, 64, 3))
     stripes[:, ::2], stripes[:, 1::2] = (0.8, 0.1, 0.1), (0.1, 0.1, 0.8)
     spread = {}
@@ -146,7 +146,7 @@ def test_unknown_tone_is_refused():
 
 
 @pytest.mark.parametrize("name", ALL_INKS)
-def test_inks_take_the_place_of_the_files_colours(name):
+def test_inks_take_the_place_of_the_files_colors(name):
     inks = ALL_INKS[name]
     paper, red, blue, black = inks.reflectance
     assert paper.min() > 0.65

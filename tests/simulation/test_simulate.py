@@ -42,8 +42,8 @@ def test_the_truth_stands_where_the_picture_is_red():
             for corner in corners:
                 inside, outside = (corner + share * (middle - corner) for share in (0.055, -0.06))
                 places = np.array([[inside, outside]], dtype=np.float32)
-                (colours,) = cv2.remap(image.astype(np.float32), places[..., 0], places[..., 1], cv2.INTER_LINEAR)
-                redness = colours[:, 0] / colours.sum(axis=1)
+                (colors,) = cv2.remap(image.astype(np.float32), places[..., 0], places[..., 1], cv2.INTER_LINEAR)
+                redness = colors[:, 0] / colors.sum(axis=1)
                 assert redness[0] > 0.55
                 assert redness[1] < 0.5
                 checked += 1

@@ -28,8 +28,8 @@ def gyro(drive, shift=0.0, scale=1.0, rate=None):
 
 
 FAULTS = {
-    "millimetres": lambda d: (odometry(d, way=1000.0), None),
-    "centimetres": lambda d: (odometry(d, way=100.0), None),
+    "millimeters": lambda d: (odometry(d, way=1000.0), None),
+    "centimeters": lambda d: (odometry(d, way=100.0), None),
     "degrees": lambda d: (odometry(d, turn=57.3), None),
     "backwards": lambda d: (odometry(d, way=-1.0), None),
     "other way than the landmarks": lambda d: (odometry(d, turn=-1.0), None),
@@ -64,7 +64,7 @@ def test_a_fault_is_refused_by_name(drive, word, make, live):
     assert word in str(told.value)
 
 
-@pytest.mark.parametrize("word", ["millimetres", "degrees per second", "other way than the wheels", "clocks"])
+@pytest.mark.parametrize("word", ["millimeters", "degrees per second", "other way than the wheels", "clocks"])
 def test_survey_refuses_what_track_refuses(drive, word):
     with pytest.raises(InputError) as told:
         survey(of_frames(drive, *FAULTS[word](drive)), drive.rig)
@@ -84,7 +84,7 @@ def test_honest_recordings_pass(seed):
         track(of_readings(drive, own, rate), None, drive.landmarks)
 
 
-@pytest.mark.parametrize(("row", "word"), [("0.1,3,2150.0,0.1", "millimetres"), ("0.1,3,2.1,35.0", "degrees")])
+@pytest.mark.parametrize(("row", "word"), [("0.1,3,2150.0,0.1", "millimeters"), ("0.1,3,2.1,35.0", "degrees")])
 def test_readings_in_other_units_are_refused(tmp_path, row, word):
     path = tmp_path / "readings.csv"
     path.write_text("time_s,code,range_m,bearing_rad\n" + row + "\n")

@@ -127,7 +127,7 @@ def test_odometry_of_one_pose_is_refused():
 
 
 def test_odometry_between_moments_loses_no_way():
-    """Its rows lie half a period before the frames: what was travelled since the last row counts as well."""
+    """Its rows lie half a period before the frames: what was traveled since the last row counts as well."""
     drive = make_drive(1, seconds=30)
     true = Trajectory(
         drive.times_s,
@@ -142,7 +142,7 @@ def test_odometry_between_moments_loses_no_way():
         filter_.add_odometry(frame.time_s - 0.1, Pose("odometry", "base", half.as_matrix(), place))
         seen = frame.seen if k < 60 else ((), ())
         answer = filter_.observe(frame.time_s, seen)
-    # Six seconds blind, two metres: exact odometry leads there.
+    # Six seconds blind, two meters: exact odometry leads there.
     off = np.linalg.norm(answer.T_map_left.t - (drive.pose(89) @ drive.rig.T_base_left).t)
     assert off < 0.06
     assert np.sqrt(np.trace(answer.covariance[:3, :3])) < 0.15
@@ -183,5 +183,5 @@ def test_eyes_that_see_nothing_and_have_no_odometry_are_lost():
         assert filter_.observe(frame.time_s, frame.seen).status == "ok"
     for frame in drive.frames[20:40]:
         answer = filter_.observe(frame.time_s, ((), ()))
-    # A robot may go a metre a second, and nobody knows where to.
+    # A robot may go a meter a second, and nobody knows where to.
     assert answer.status == "lost"

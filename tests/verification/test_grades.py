@@ -54,7 +54,7 @@ def shrunk(sx: float, sy: float) -> np.ndarray:
 
 
 def paled(share: float, channel: int) -> np.ndarray:
-    """Ink of a colour (0 red, 2 blue) blended with white."""
+    """Ink of a color (0 red, 2 blue) blended with white."""
     picture = sheet(CODE)
     ink = np.clip(picture[:, :, channel] - picture[:, :, 2 - channel], 0, 1)[:, :, None]
     return picture + share * np.clip(2 * ink, 0, 1) * (1 - picture)
@@ -81,7 +81,7 @@ PLANTED = {
     "scale": (lambda: shrunk(0.97, 0.97), "DF"),
     "X to Y": (lambda: shrunk(1.0, 0.98), "DF"),
     "contrast of blue": (lambda: paled(0.6, 2), "CDF"),
-    "colour of red": (lambda: paled(0.5, 0), "CDF"),
+    "color of red": (lambda: paled(0.5, 0), "CDF"),
     "glare": (blotched, "CDF"),
     "white margin": (cut, "CDF"),
     "evenness": (striped, "CDF"),
@@ -278,7 +278,7 @@ def test_a_blurred_landmark_says_what_it_is_too_blurred_to_tell():
     """The blur is wider than the bars of the drawing: no cell shows one ink alone."""
     found = graded(cv2.GaussianBlur(photograph(1.0), (0, 0), 14), scanned=False)
     for line in found.lines:
-        if line.name.startswith(("contrast", "colour")):
+        if line.name.startswith(("contrast", "color")):
             assert line.grade is None
             assert "blurred" in line.advice
 

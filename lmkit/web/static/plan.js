@@ -1,4 +1,4 @@
-// The plan view that Map and Live share: x to the right, y up, metres.
+// The plan view that Map and Live share: x to the right, y up, meters.
 import { s } from "./lib.js";
 
 export function planOf(landmarks, { doubts = {}, chosen = null, choose = null, extra = [] } = {}) {

@@ -2,8 +2,8 @@ import { api, choice, command, field, file, grade, h, heading, s, toast, trouble
 
 // Where on the landmark each line is measured, in its own square (0 to 1): bands and disks.
 const WHERE = {
-  "white margin": "margin", "border straightness": "border", "contrast of red": "border", "colour of red": "border", "evenness": "all", "glare": "all",
-  "ring and gap modulation": "rings", "contrast of blue": "rings", "colour of blue": "rings", "decodability": "rings", "rotation margin": "rings", "sharpness": "all", "scale": "border", "X to Y": "border", "skew": "border",
+  "white margin": "margin", "border straightness": "border", "contrast of red": "border", "color of red": "border", "evenness": "all", "glare": "all",
+  "ring and gap modulation": "rings", "contrast of blue": "rings", "color of blue": "rings", "decodability": "rings", "rotation margin": "rings", "sharpness": "all", "scale": "border", "X to Y": "border", "skew": "border",
 };
 
 export async function show(stage) {
