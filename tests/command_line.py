@@ -23,5 +23,5 @@ def run_command(*arguments: object) -> Answer:
     words = [str(a) for a in arguments]
     out, err = io.StringIO(), io.StringIO()
     with contextlib.redirect_stdout(out), contextlib.redirect_stderr(err):
-        code = main.guarded(lambda: main.app(words, prog_name="lmkit", standalone_mode=False), debug=False)
+        code = main.guarded(lambda: main.run_arguments(words), debug=False)
     return Answer(code, out.getvalue(), err.getvalue())

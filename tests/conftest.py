@@ -52,7 +52,7 @@ def lmkit(
 
     def run(*arguments: object) -> Answer:
         words = [str(a) for a in arguments]
-        code = main.guarded(lambda: main.app(words, prog_name="lmkit", standalone_mode=False), debug=False)
+        code = main.guarded(lambda: main.run_arguments(words), debug=False)
         printed = capfd.readouterr()
         return Answer(code, printed.out, printed.err)
 

@@ -6,7 +6,7 @@ import os
 import sys
 import traceback
 import warnings
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any
 
 # Small matrices many times over: threads of the linear algebra library cost more than they bring.
@@ -38,11 +38,14 @@ def main() -> None:
     debug = "--debug" in sys.argv
     # `--debug` may stand anywhere.
     arguments = [a for a in sys.argv[1:] if a != "--debug"]
+    sys.exit(guarded(lambda: run_arguments(arguments), debug))
+
+
+def run_arguments(arguments: Sequence[str]) -> Any:
+    """Parse and run one command line; only the module of its command is imported."""
     command = next((a for a in arguments if not a.startswith("-")), None)
     names = (command,) if command in COMMANDS else COMMANDS
-    sys.exit(
-        guarded(lambda: build_app(names, command is None)(arguments, prog_name="lmkit", standalone_mode=False), debug)
-    )
+    return build_app(names, command is None)(arguments, prog_name="lmkit", standalone_mode=False)
 
 
 def guarded(run: Callable[[], Any], debug: bool) -> int:

@@ -5,9 +5,11 @@ from __future__ import annotations
 import numpy as np
 
 from lmkit.arrays import FloatArray
+from lmkit.errors import InputError
 from lmkit.geometry.camera import CameraModel
 
 GRID = (24, 18)
+LEAST_PIXELS = 40  # of the grid, within which the distortion holds
 
 
 def with_four_coefficients(camera: CameraModel, model: str) -> tuple[CameraModel, float]:
@@ -17,6 +19,9 @@ def with_four_coefficients(camera: CameraModel, model: str) -> tuple[CameraModel
 
     Args:
         model: ``pinhole`` (k1 k2 p1 p2) or ``fisheye`` (k1 k2 k3 k4).
+
+    Raises:
+        InputError: no such camera is near.
     """
     from scipy.optimize import least_squares  # takes a quarter of a second to load; few need it
 
@@ -37,6 +42,14 @@ def with_four_coefficients(camera: CameraModel, model: str) -> tuple[CameraModel
     K = camera.K
     lens = np.pad(D[:4], (0, max(0, 4 - len(D)))) if model == "pinhole" else np.zeros(4)
     start = np.array([K[0, 0], K[1, 1], K[0, 2], K[1, 2], *lens])
-    found = least_squares(lambda x: (made(x).project(points) - seen).ravel(), start, x_scale=[100] * 4 + [0.1] * 4)
-    nearest = made(np.asarray(found.x))
+    try:
+        if len(pixels) < LEAST_PIXELS:
+            raise ValueError("the distortion holds nowhere in the image")
+        scale = [100] * 4 + [0.1] * 4
+        found = least_squares(lambda x: (made(x).project(points) - seen).ravel(), start, x_scale=scale)
+        nearest = made(np.asarray(found.x))
+    except ValueError as error:
+        raise InputError(
+            "no_such_lens", f"no {model} camera with four coefficients is near this one ({error})", "calibrate anew"
+        ) from None
     return nearest, float(np.linalg.norm(nearest.project(points) - seen, axis=1).max())

@@ -68,18 +68,18 @@ def unpack_bag(bag: Path, wanted: dict[str, str | None]) -> Iterator[Unpacked]:
         InputError: rosbags is not installed, the bag cannot be read, or it holds no stereo images.
     """
     _require_rosbags()
-    from rosbags.highlevel import AnyReader, AnyReaderError
-    from rosbags.rosbag1 import ReaderError as Ros1Error
-    from rosbags.rosbag2 import ReaderError as Ros2Error
-    from rosbags.serde import SerdeError
-    from rosbags.typesys import Stores, TypesysError, get_typestore
+    from rosbags.highlevel import AnyReader
+    from rosbags.typesys import Stores, get_typestore
 
     try:
         with AnyReader([bag], default_typestore=get_typestore(Stores.ROS2_HUMBLE)) as reader:
             topics = find_topics({c.topic: c.msgtype for c in reader.connections}, wanted, bag)
             yield from _unpack(reader, topics)
-    except (AnyReaderError, Ros1Error, Ros2Error, SerdeError, TypesysError, OSError) as error:
-        raise InputError("bad_bag", f"cannot read {bag} ({error})", "give a ROS 1 or ROS 2 bag or MCAP") from None
+    except InputError:
+        raise
+    except Exception as error:  # damaged bags end in every kind of exception in rosbags
+        problem = str(error) or type(error).__name__
+        raise InputError("bad_bag", f"cannot read {bag} ({problem})", "give a ROS 1 or ROS 2 bag or MCAP") from None
 
 
 def find_topics(types: dict[str, str], wanted: dict[str, str | None], bag: Path) -> Topics:

@@ -264,6 +264,8 @@ def first_problem(error: ValidationError) -> tuple[str, str]:
     for part in detail["loc"]:
         where += f"[{part}]" if isinstance(part, int) else f".{part}" if where else str(part)
     messages = {"extra_forbidden": "unknown key", "missing": "missing"}
+    if not detail["input"] and detail["type"] == "too_short":
+        messages["too_short"] = "holds nothing"
     problem = messages.get(detail["type"], detail["msg"].removeprefix("Value error, "))
     return where or "the file", problem
 

@@ -30,6 +30,7 @@ SLIP_SIGMA = 10.0  # scale of the loss of motions: wheels err steadily, and rare
 PIECE = 400  # frames taken up at once
 STEPS_A_PIECE, STEPS_AT_END = 4, 40
 CONVERGED = 1e-4
+ANYWHERE = 1e-3  # information of the first pose, 1/m^2 and 1/rad^2, where readings leave it open
 EXACT = 1e-12  # m^2: a landmark whose place is known exactly
 OWN = len(PARAMETERS)  # of the shared unknowns, before the landmarks
 
@@ -236,7 +237,7 @@ class _Problem:
         weights = cauchy_weight(squared)
         root = np.sqrt(weights)[:, None]
         J = _reading_jacobian(off, seen.sigmas) * root[..., None]
-        J *= (errors != 0)[..., None]
+        J = np.where(np.isfinite(seen.values)[..., None] & np.isfinite(off[:, :1, None]), J, 0.0)
         residuals = errors * root
         equations.add_to_states(seen.frames, J, residuals)
         if self.moves:
@@ -249,6 +250,8 @@ class _Problem:
                 equations.diagonal[0] += 1e9 * np.eye(3)
             else:
                 self._add_map(equations)
+        # Readings of a single landmark leave the recording free to rotate about it.
+        equations.diagonal[0] += ANYWHERE * np.eye(3)
         cost = cauchy_cost(squared).sum()
         if count > 1:
             cost += self._add_motion(equations)

@@ -97,7 +97,11 @@ class RigFilter:
         outliers: tuple[LandmarkId, ...] = tuple(sorted(seen.twice))
         nis, nis_dof = 0.0, 0
         if len(seen):
-            used, nis = self._update(seen)
+            try:
+                used, nis = self._update(seen)
+            except np.linalg.LinAlgError:
+                # Corners or a covariance beyond all measure: nothing fits.
+                used = np.zeros(len(seen), dtype=bool)
             nis_dof = 8 * int(used.sum())
             outliers = tuple(sorted({*outliers, *seen.ids_of(~used)}))
             self._doubts = 0 if used.any() else self._doubts + 1

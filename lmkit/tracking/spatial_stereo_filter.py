@@ -13,7 +13,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from lmkit.arrays import FloatArray
+from lmkit.arrays import BoolArray, FloatArray
 from lmkit.geometry.pose import Pose
 from lmkit.geometry.rig import AnyRig
 from lmkit.geometry.rotations import (
@@ -113,18 +113,27 @@ class PoseFilter:
         seen = Correspondences.of_rig(detections, self._rig, self._map, self._floor_px)
         outliers, nis, nis_dof = set(seen.twice), 0.0, 0
         if len(seen):
-            used, R, p, normal, cost = seen.update_space(np.linalg.inv(self._P), self._R, self._p, UPDATE)
+            used, cost = self._update(seen)
             outliers |= seen.ids_of(~used)
             self._doubts = 0 if used.any() else self._doubts + 1
             if used.any():
-                self._R, self._p, nis = orthonormal(R), p, cost
-                nis_dof = 8 * int(used.sum())
-                self._P = np.linalg.inv(normal)
+                nis, nis_dof = cost, 8 * int(used.sum())
             elif self._doubts >= DOUBTS:
                 again = self._start(time_s, detections)
                 if again.T_map_left is not None:
                     return again
         return self._pose(time_s, tuple(sorted(outliers)), False, nis, nis_dof)
+
+    def _update(self, seen: Correspondences) -> tuple[BoolArray, float]:
+        """(S,) the inliers of the update with the corners, and their innovation."""
+        try:
+            used, R, p, normal, cost = seen.update_space(np.linalg.inv(self._P), self._R, self._p, UPDATE)
+            if used.any():
+                self._R, self._p, self._P = orthonormal(R), p, np.linalg.inv(normal)
+        except np.linalg.LinAlgError:
+            # Corners or a covariance beyond all measure: nothing fits.
+            return np.zeros(len(seen), dtype=bool), 0.0
+        return used, cost
 
     def _start(self, time_s: float, detections: Sequence[Sequence[Detection]]) -> SpacePose:
         found = locate_rig(detections, self._rig, self._map, LocateOptions(corner_floor_px=self._floor_px))

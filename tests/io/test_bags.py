@@ -3,80 +3,17 @@
 import cv2
 import numpy as np
 import pytest
+from bag_files import write_bag
 
 from lmkit.errors import InputError
 from lmkit.io.any_rig import read_any_rig
 from lmkit.io.bags import find_topics, poses_to_bag, unpack_bag
 from lmkit.io.recording_tables import read_gyro, read_odometry
-from lmkit.io.ros_camera_info import rig_to_camera_infos
 from lmkit.io.trajectory import read_trajectory
 from lmkit.model.trajectory import Trajectory
 from lmkit.simulation.scene import make_rig
 
 pytest.importorskip("rosbags", reason="the extra bags is not installed")
-
-
-def write_bag(folder, rig, pairs=3, encoding="rgb8", late=0.0):
-    """Stereo images of one color each, camera_info, odometry along x, and a gyro."""
-    import yaml
-    from rosbags.rosbag2 import Writer
-    from rosbags.typesys import Stores, get_typestore
-
-    store = get_typestore(Stores.ROS2_HUMBLE)
-    make = store.types
-
-    def header(time):
-        return make["std_msgs/msg/Header"](
-            make["builtin_interfaces/msg/Time"](int(time), round(time % 1 * 1e9)), "eye"
-        )
-
-    with Writer(folder, version=8) as writer:
-
-        def say(topic, kind, time, message):
-            if topic not in said:
-                said[topic] = writer.add_connection(topic, kind, typestore=store)
-            writer.write(said[topic], round(time * 1e9), store.serialize_cdr(message, kind))
-
-        said = {}
-        width, height = rig.left.image_size
-        for k in range(pairs):
-            for eye, text in zip(("left", "right"), rig_to_camera_infos(rig), strict=True):
-                time = 100.0 + k / 4 + (late if eye == "right" else 0.002 * (eye == "right"))
-                color = np.full((height, width, 3), (10 + k, 100, 200), np.uint8)
-                picture = make["sensor_msgs/msg/Image"](
-                    header(time), height, width, encoding, 0, 3 * width, color.ravel()
-                )
-                say(f"/cam/{eye}/image_raw", "sensor_msgs/msg/Image", time, picture)
-                info = yaml.safe_load(text)
-                roi = make["sensor_msgs/msg/RegionOfInterest"](0, 0, 0, 0, False)
-                arrays = [
-                    np.array(info[name]["data"], dtype=np.float64)
-                    for name in (
-                        "distortion_coefficients", "camera_matrix", "rectification_matrix", "projection_matrix"
-                    )
-                ]  # fmt: skip
-                message = make["sensor_msgs/msg/CameraInfo"](
-                    header(time), height, width, info["distortion_model"], *arrays, 0, 0, roi
-                )
-                say(f"/cam/{eye}/camera_info", "sensor_msgs/msg/CameraInfo", time, message)
-        vector, zero = make["geometry_msgs/msg/Vector3"], make["geometry_msgs/msg/Vector3"](0.0, 0.0, 0.0)
-        quaternion = make["geometry_msgs/msg/Quaternion"](0.0, 0.0, np.sin(0.1), np.cos(0.1))
-        for k in range(10):
-            time = 100.0 + k / 10
-            pose = make["geometry_msgs/msg/Pose"](make["geometry_msgs/msg/Point"](0.1 * k, 0.0, 0.0), quaternion)
-            odometry = make["nav_msgs/msg/Odometry"](
-                header(time),
-                "base",
-                make["geometry_msgs/msg/PoseWithCovariance"](pose, np.zeros(36)),
-                make["geometry_msgs/msg/TwistWithCovariance"](
-                    make["geometry_msgs/msg/Twist"](zero, zero), np.zeros(36)
-                ),
-            )
-            say("/odom", "nav_msgs/msg/Odometry", time, odometry)
-            imu = make["sensor_msgs/msg/Imu"](
-                header(time), quaternion, np.zeros(9), vector(0.0, 0.0, 0.3), np.zeros(9), zero, np.zeros(9)
-            )
-            say("/imu", "sensor_msgs/msg/Imu", time, imu)
 
 
 def test_a_drive_comes_out_of_a_bag(tmp_path, lmkit):

@@ -7,6 +7,7 @@ import random
 from pathlib import Path
 
 import pytest
+from harmed_files import harm_text
 
 from lmkit.errors import InputError
 from lmkit.geometry.stereo_rig import StereoRig
@@ -146,22 +147,6 @@ def _seeds(folder: Path) -> dict[str, tuple[str, object]]:
     }  # fmt: skip
 
 
-_PIECES = (
-    ".nan", ".inf", "1e308", "-1e308", "nan", "9" * 400, "-1", "0", "''", "[]", "{}", "null", "~", "!!int x",
-    "&a", "*a", "<<: *a", "---\n", "\0", "\ufeff", "\t", ";", ",", ":", "\"", "'", "\ud7ff", "é", "2020-01-01",
-    "1:2:3", "{", "}", "[", "]", "\n", "#", "%YAML:1.0", "- ", "? ", "!!python/name:os.system", "lmkit-map/1",
-)  # fmt: skip
-
-
-def _harm(text: str, rng: random.Random) -> str:
-    """A text with one to three things changed."""
-    for _ in range(rng.randint(1, 3)):
-        at, until = sorted(rng.randrange(len(text) + 1) for _ in range(2))
-        until = min(until, at + rng.choice((0, 1, 4, 20, 400)))
-        text = text[:at] + rng.choice((rng.choice(_PIECES), "", text[at:until] * 2)) + text[until:]
-    return text
-
-
 def fuzz(folder: Path, count: int, seed: int) -> dict[str, int]:
     """Harm texts ``count`` times and read them; whatever else than an answer or InputError is raised goes through.
 
@@ -175,7 +160,7 @@ def fuzz(folder: Path, count: int, seed: int) -> dict[str, int]:
         name = rng.choice(sorted(seeds))
         text, read = seeds[name]
         path = folder / name
-        path.write_bytes(_harm(text, rng).encode("utf-8", "surrogatepass"))
+        path.write_bytes(harm_text(text, rng).encode("utf-8", "surrogatepass"))
         try:
             read(path)
             counts["read"] += 1
