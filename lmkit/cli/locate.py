@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from lmkit.cli import options
+from lmkit.cli import options, scan_options
 from lmkit.cli.output import check_outputs, print_json, print_line, progress, require_no, warn, write_outputs
 from lmkit.errors import InputError, NegativeAnswer
 
@@ -35,6 +35,11 @@ def run(
     time_offset: Annotated[
         float, typer.Option("--time-offset", help="Seconds by which the readings' clock is ahead.")
     ] = 0.0,
+    scans: scan_options.ScansFile = None,
+    scan_topic: scan_options.ScanTopic = None,
+    scanner: scan_options.Scanner = None,
+    near: scan_options.Near = None,
+    bright: scan_options.Bright = None,
     frame: Annotated[
         str | None,
         typer.Option("--frame", help="Pose of: camera (the first) or base. Default: base if the rig has one."),
@@ -69,22 +74,33 @@ def run(
     from lmkit.pipelines.locate_images import locate_in_sources, located_dict, located_line
     from lmkit.pipelines.locate_results import LocateResults
 
-    for_readings = {
-        "--range-sigma": range_sigma, "--bearing-sigma": bearing_sigma, "--time-offset": time_offset or None,
-    }  # fmt: skip
+    for_readings: dict[str, object] = {"--bearing-sigma": bearing_sigma, "--time-offset": time_offset or None}
+    for_scans: dict[str, object] = {
+        "--scan-topic": scan_topic,
+        "--scanner": scanner,
+        "--near": near,
+        "--bright": bright,
+    }
     for_images = {
         "images": images or None, "--rig": rig, "--mono": mono, "--frame": frame, "--heading": heading,
         "--planar": planar, "--tum": tum, "--csv": csv, "--plan": plan, "--annotate": annotate,
     }  # fmt: skip
-    if readings is not None:
-        require_no("--readings", for_images)
+    if readings is not None or scans is not None:
+        name = "--scans" if readings is None else "--readings"
+        require_no(name, for_images)
+        require_no(name, for_readings if readings is None else for_scans | {"--scans": scans})
         if landmark_map is None:
-            raise InputError("no_map", "--readings needs a map", "add --map MAP")
-        from lmkit.cli.locate_readings import locate_readings
+            raise InputError("no_map", f"{name} needs a map", "add --map MAP")
+        from lmkit.cli.locate_readings import locate_readings, locate_scans
 
-        locate_readings(readings, read_any_map(landmark_map), as_json, range_sigma, bearing_sigma, time_offset)
+        if readings is not None:
+            locate_readings(readings, read_any_map(landmark_map), as_json, range_sigma, bearing_sigma, time_offset)
+        elif scans is not None:
+            settings = scan_options.scan_settings(scanner, near, bright, range_sigma)
+            locate_scans(scans, scan_topic, read_any_map(landmark_map), settings, as_json)
         return
-    require_no("images", for_readings)
+    require_no("images", for_readings | {"--range-sigma": range_sigma})
+    require_no("images", for_scans)
     if rig is None or landmark_map is None:
         raise InputError("no_rig_or_map", "locate needs a rig and a map", "give --rig rig.yaml --map map.yaml")
     if mono is not None and images:

@@ -1,4 +1,4 @@
-"""`lmkit locate --readings`: planar poses from range and bearing readings."""
+"""`lmkit locate --readings` and `--scans`: planar poses from ranges and bearings, and from poles in laser scans."""
 
 from __future__ import annotations
 
@@ -11,6 +11,7 @@ from lmkit.errors import InputError, NegativeAnswer
 
 if TYPE_CHECKING:
     from lmkit.model.landmark_map import LandmarkMap
+    from lmkit.pipelines.locate_scans import ScanSettings
 
 
 def locate_readings(
@@ -50,3 +51,30 @@ def locate_readings(
         landmarks.require_any(reading.id for seen in frames.values() for reading in seen)
         hint = "two landmarks of the map are needed at once"
         raise NegativeAnswer("not_located", f"no pose at any of {len(frames)} times of {path}", hint)
+
+
+def locate_scans(
+    path: Path, topic: str | None, landmarks: LandmarkMap, settings: ScanSettings, as_json: bool
+) -> None:
+    """Locate the robot in every scan of the file.
+
+    Raises:
+        NegativeAnswer: there is no pose in any scan.
+    """
+    from lmkit.io.scans import read_scans
+    from lmkit.localization.range_bearing import planar_dict, planar_line
+    from lmkit.pipelines.locate_scans import locate_in_scans
+
+    scans = read_scans(path, topic)
+    located = most = 0
+    for scan, found in zip(scans, locate_in_scans(scans, landmarks, settings), strict=True):
+        located += found.estimate.pose is not None
+        most = max(most, found.scanned)
+        if as_json:
+            print_json(planar_dict(found.estimate, path, scan.time_s, "scans") | {"poles_scanned": found.scanned})
+        else:
+            print_line(f"{scan.time_s:g} s: {planar_line(found.estimate)} ({found.scanned} like poles)")
+    if located == 0:
+        hint = "give a rough pose with --near, or check the diameters (size_m) and --range-sigma"
+        what = f"at most {most} objects of the poles' size in any of {len(scans)} scans of {path}"
+        raise NegativeAnswer("not_located", f"no pose: {what}", hint)

@@ -19,11 +19,13 @@ from lmkit.arrays import AnyArray
 from lmkit.errors import EXTRA, InputError
 from lmkit.io.documents import dump_yaml
 from lmkit.io.ros_camera_info import FILES
+from lmkit.model.scan import LaserScan
 from lmkit.model.trajectory import Trajectory
 
 APART_S = 0.01  # images of one frame
 MOST_WAITING = 100
 IMAGES = ("sensor_msgs/msg/Image", "sensor_msgs/msg/CompressedImage")
+LASER = "sensor_msgs/msg/LaserScan"
 INFO, ODOMETRY, IMU = "sensor_msgs/msg/CameraInfo", "nav_msgs/msg/Odometry", "sensor_msgs/msg/Imu"
 _TO_BGR = {
     "rgb8": cv2.COLOR_RGB2BGR,
@@ -80,6 +82,58 @@ def unpack_bag(bag: Path, wanted: dict[str, str | None]) -> Iterator[Unpacked]:
     except Exception as error:  # damaged bags end in every kind of exception in rosbags
         problem = str(error) or type(error).__name__
         raise InputError("bad_bag", f"cannot read {bag} ({problem})", "give a ROS 1 or ROS 2 bag or MCAP") from None
+
+
+def read_laser_messages(bag: Path, topic: str | None = None) -> list[LaserScan]:
+    """All LaserScan messages of one topic.
+
+    Raises:
+        InputError: rosbags is not installed, the bag cannot be read, or no topic or more than one fits.
+    """
+    _require_rosbags()
+    from rosbags.highlevel import AnyReader, AnyReaderError
+    from rosbags.rosbag1 import ReaderError as Ros1Error
+    from rosbags.rosbag2 import ReaderError as Ros2Error
+    from rosbags.serde import SerdeError
+    from rosbags.typesys import Stores, TypesysError, get_typestore
+
+    try:
+        with AnyReader([bag], default_typestore=get_typestore(Stores.ROS2_HUMBLE)) as reader:
+            wanted = _scan_topic({c.topic: c.msgtype for c in reader.connections}, topic, bag)
+            connections = [c for c in reader.connections if c.topic == wanted]
+            return [
+                _laser_scan(reader.deserialize(raw, connection.msgtype))
+                for connection, _, raw in reader.messages(connections=connections)
+            ]
+    except (AnyReaderError, Ros1Error, Ros2Error, SerdeError, TypesysError, OSError) as error:
+        raise InputError("bad_bag", f"cannot read {bag} ({error})", "give a ROS 1 or ROS 2 bag or MCAP") from None
+
+
+def _scan_topic(types: dict[str, str], asked: str | None, bag: Path) -> str:
+    fitting = sorted(topic for topic, kind in types.items() if kind == LASER)
+    if asked is not None and asked in fitting:
+        return asked
+    if asked is None and len(fitting) == 1:
+        return fitting[0]
+    holds = ", ".join(fitting) if fitting else "none"
+    hint = "name one with --scan-topic" if fitting else "record the scanner's topic"
+    what = f"no topic {asked}" if asked is not None else "not one topic"
+    raise InputError("no_topic", f"{bag}: {what} of {LASER} (it holds {holds})", hint)
+
+
+def _laser_scan(message: Any) -> LaserScan:
+    ranges = np.array(message.ranges, dtype=np.float64)
+    low, high = float(message.range_min), float(message.range_max)
+    seen = (ranges >= low) & (ranges <= (high if high > 0 else np.inf))
+    intensities = np.array(message.intensities, dtype=np.float64)
+    return LaserScan(
+        message.header.stamp.sec + message.header.stamp.nanosec * 1e-9,
+        float(message.angle_min),
+        float(message.angle_increment),
+        np.where(seen, ranges, np.nan),
+        np.nan_to_num(intensities) if len(intensities) == len(ranges) else None,
+        float(message.time_increment),
+    )
 
 
 def find_topics(types: dict[str, str], wanted: dict[str, str | None], bag: Path) -> Topics:

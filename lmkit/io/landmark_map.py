@@ -16,8 +16,10 @@ from lmkit.io.rig import Matrix6, Row
 from lmkit.model.families import family_named
 from lmkit.model.landmark_id import LandmarkId
 from lmkit.model.landmark_map import LandmarkMap, MappedLandmark
+from lmkit.model.scan import POLE
 
 FOREIGN_FAMILY = "aruco"  # of any dictionary: not read in images, but its recorded detections are used
+UPRIGHT = (0.5, 0.5, 0.5, 0.5)  # of poles, which face nowhere: y of the landmark up, its z along x of the map
 
 
 class _Landmark(Document):
@@ -25,7 +27,7 @@ class _Landmark(Document):
     family: str
     size_m: Annotated[float, Field(gt=0)]
     position: Row
-    quaternion: Annotated[list[float], Field(min_length=4, max_length=4)]
+    quaternion: Annotated[list[float], Field(min_length=4, max_length=4)] | None = None
     covariance: Matrix6 | None = None
     name: str | None = None
     valid_from: float | None = None
@@ -48,15 +50,18 @@ def read_map(path: Path) -> LandmarkMap:
     landmarks = []
     for index, item in enumerate(data.landmarks):
         where = f"{path}: landmarks[{index}]"
-        family = None if item.family == FOREIGN_FAMILY else family_named(item.family)
+        family = None if item.family in (FOREIGN_FAMILY, POLE) else family_named(item.family)
         if family is not None and item.code >= family.code_count:
             raise InputError(
                 "code_range",
                 f"{where}.code: {item.code} is outside 0 to {family.code_count - 1}",
                 f"write a code of family {family.name}",
             )
+        quaternion = UPRIGHT if item.quaternion is None and item.family == POLE else item.quaternion
+        if quaternion is None:
+            raise InputError("missing_key", f"{where}.quaternion: missing", "write a unit quaternion x y z w")
         try:
-            pose = Pose.from_quaternion("map", "landmark", item.position, item.quaternion)
+            pose = Pose.from_quaternion("map", "landmark", item.position, quaternion)
         except ValueError as error:
             raise InputError("bad_value", f"{where}.quaternion: {error}", "write a unit quaternion x y z w") from None
         covariance = None if item.covariance is None else np.array(item.covariance)

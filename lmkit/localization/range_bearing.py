@@ -92,14 +92,15 @@ class Readings:
         open_m = np.array(
             [0.0 if m.covariance is None else math.sqrt(np.trace(m.covariance[:2, :2]) / 2) for _, m in known]
         )
+        range_sigma, bearing_sigma = noise.sigmas([r for r, _ in known])
         aside = open_m / np.where(np.isfinite(ranges), ranges, BEARING_ALONE_M)
         return cls(
             tuple(r.id for r, _ in known),
             places,
             ranges,
             bearings,
-            np.hypot(noise.range_sigma(ranges), open_m),
-            np.hypot(noise.bearing_rad, aside),
+            np.hypot(range_sigma, open_m),
+            np.hypot(bearing_sigma, aside),
         )
 
     def only(self, rows: BoolArray) -> Readings:
@@ -323,11 +324,15 @@ def _pose(state: FloatArray, seen: Readings) -> PlanarPose:
     return PlanarPose(float(state[0]), float(state[1]), float(state[2]) if seen.turnable else None)
 
 
-def planar_dict(estimate: PlanarEstimate, path: Path, time_s: float) -> dict[str, Any]:
-    """One planar answer as docs/formats.md has it."""
+def planar_dict(estimate: PlanarEstimate, path: Path, time_s: float, source: str = "readings") -> dict[str, Any]:
+    """One planar answer as docs/formats.md has it.
+
+    Args:
+        source: key of the path.
+    """
     pose, covariance = estimate.pose, estimate.covariance
     result: dict[str, Any] = {
-        "readings": str(path),
+        source: str(path),
         "time_s": time_s,
         "status": estimate.status,
         "position": None,

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from lmkit.arrays import FloatArray
+from lmkit.model.observation import RangeBearing
 
 # Readings of one landmark within that time err alike (its place, the light, the view change slowly) and count as one.
 # On MRCLAM set 6 errors stay alike for ten seconds and more; taken as independent, they make the covariance of a
@@ -25,6 +27,7 @@ class ReadingNoise:
         common_bearing_rad: of what turns all bearings of a frame alike (mounting, time): it cannot be
             seen in one frame's readings, and is added to the heading's deviation.
         outlier_sigma: a reading farther off than that is named an outlier.
+        related_s: readings of one landmark within that time err alike, and count as one.
     """
 
     range_m: float = 0.02
@@ -33,6 +36,15 @@ class ReadingNoise:
     bearing_rad: float = math.radians(0.4)
     common_bearing_rad: float = math.radians(0.5)
     outlier_sigma: float = 4.0
+    related_s: float = RELATED_S
+
+    def sigmas(self, readings: Sequence[RangeBearing]) -> tuple[FloatArray, FloatArray]:
+        """(N,), (N,) of ranges (m) and bearings (rad): as each reading states, or as usual for the sensor."""
+        ranges = self.range_sigma(np.array([np.nan if r.range_m is None else r.range_m for r in readings]))
+        stated = [r.range_sigma_m for r in readings]
+        bearings = [self.bearing_rad if r.bearing_sigma_rad is None else r.bearing_sigma_rad for r in readings]
+        given = np.array([np.nan if value is None else value for value in stated], dtype=np.float64)
+        return np.where(np.isfinite(given), given, ranges), np.array(bearings, dtype=np.float64)
 
     def range_sigma(self, range_m: FloatArray) -> FloatArray:
         """Standard deviations of ranges, meters."""
@@ -41,3 +53,5 @@ class ReadingNoise:
 
 # A camera on a robot that moves while it looks; worse than what a standing one reaches.
 DRIVE_NOISE = ReadingNoise(0.14, 0.042, math.radians(0.56), math.radians(0.42))
+# Poles in a laser scan state their own deviations; what the map and a moving robot add is common to a short while.
+SCAN_NOISE = ReadingNoise(0.01, 0.002, math.radians(0.2), math.radians(0.05), related_s=0.5)

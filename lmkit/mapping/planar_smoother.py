@@ -15,7 +15,7 @@ import numpy as np
 from lmkit.arrays import FloatArray, IntArray
 from lmkit.geometry.planar import between, follow, wrap_angle
 from lmkit.localization.range_bearing import locate_planar
-from lmkit.localization.range_bearing_noise import DRIVE_NOISE, RELATED_S, ReadingNoise
+from lmkit.localization.range_bearing_noise import DRIVE_NOISE, ReadingNoise
 from lmkit.model.landmark_id import LandmarkId
 from lmkit.model.landmark_map import LandmarkMap
 from lmkit.model.observation import RangeBearing
@@ -123,10 +123,10 @@ class _Problem:
             if r.id in index
         ]
         table = np.array(rows, dtype=np.float64).reshape(-1, 4)
-        ranges = noise.range_sigma(table[:, 2])
-        bearing = np.hypot(noise.bearing_rad, noise.common_bearing_rad)
-        sigmas = np.column_stack([ranges, np.full(len(table), bearing)])
-        sigmas *= np.sqrt(_related(times_s[table[:, 0].astype(np.int64)], table[:, 1]))[:, None]
+        ranges, bearings = noise.sigmas([r for frame in readings for r in frame if r.id in index])
+        sigmas = np.column_stack([ranges, np.hypot(bearings, noise.common_bearing_rad)])
+        at = times_s[table[:, 0].astype(np.int64)]
+        sigmas *= np.sqrt(_related(at, table[:, 1], noise.related_s))[:, None]
         self.readings = _Readings(table[:, 0].astype(np.int64), table[:, 1].astype(np.int64), table[:, 2:], sigmas)
         self.places = np.full((len(ids), 2), np.nan)
         # (L,2,2) what is known of them beforehand.
@@ -309,13 +309,13 @@ class _Problem:
         )
 
 
-def _related(times_s: FloatArray, landmarks: FloatArray) -> FloatArray:
+def _related(times_s: FloatArray, landmarks: FloatArray, related_s: float) -> FloatArray:
     """(R,) how many readings of the same landmark lie around each: they err alike, and count as one."""
     like = np.ones(len(times_s))
     for landmark in np.unique(landmarks):
         rows = np.flatnonzero(landmarks == landmark)
         at = times_s[rows]
-        like[rows] = np.searchsorted(at, at + RELATED_S / 2) - np.searchsorted(at, at - RELATED_S / 2)
+        like[rows] = np.searchsorted(at, at + related_s / 2) - np.searchsorted(at, at - related_s / 2)
     return np.maximum(like, 1.0)
 
 

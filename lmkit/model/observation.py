@@ -105,9 +105,12 @@ class RangeBearing:
         range_m: distance, meters; None where not measured.
         bearing_rad: direction, rad, positive to the left of straight ahead; None where not measured.
         time_s: when, seconds.
+        range_sigma_m, bearing_sigma_rad: standard deviations, where the sensor states them for each reading.
     """
 
     id: LandmarkId
     range_m: float | None
     bearing_rad: float | None
     time_s: float = 0.0
+    range_sigma_m: float | None = None
+    bearing_sigma_rad: float | None = None

@@ -18,7 +18,7 @@ import numpy as np
 from lmkit.arrays import FloatArray
 from lmkit.geometry.planar import wrap_heading
 from lmkit.localization.range_bearing import Readings, locate_planar
-from lmkit.localization.range_bearing_noise import DRIVE_NOISE, RELATED_S, ReadingNoise
+from lmkit.localization.range_bearing_noise import DRIVE_NOISE, ReadingNoise
 from lmkit.model.landmark_id import LandmarkId
 from lmkit.model.landmark_map import LandmarkMap
 from lmkit.model.observation import RangeBearing
@@ -92,6 +92,14 @@ class PlanarFilter:
         """(6,) what is wrong with the odometry, as `motion.PARAMETERS`."""
         return self._tracks[0].x[3:].copy() if self._tracks else np.array(NOMINAL)
 
+    def predicted(self, time_s: float) -> tuple[FloatArray, FloatArray] | None:
+        """Most probable state (3,) before the readings of ``time_s``, and its (3,3) covariance; None if unknown."""
+        if not self._tracks:
+            return None
+        self._predict(time_s)
+        best = max(self._tracks, key=lambda track: track.log_weight)
+        return best.x[:3].copy(), best.P[:3, :3].copy()
+
     def observe(self, time_s: float, readings: Sequence[RangeBearing]) -> TrackedPose:
         """Pose at ``time_s``; the list of readings may be empty."""
         if not self._tracks:
@@ -140,7 +148,7 @@ class PlanarFilter:
         spread = []
         for id_ in ids:
             times = self._seen.setdefault(id_, deque())
-            while times and times[0] < time_s - RELATED_S:
+            while times and times[0] < time_s - self._noise.related_s:
                 times.popleft()
             times.append(time_s)
             spread.append(math.sqrt(len(times)))

@@ -1,0 +1,113 @@
+"""Options of laser scanners, shared by `lmkit locate` and `lmkit track`."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from lmkit.errors import InputError
+
+if TYPE_CHECKING:
+    from lmkit.localization.pole_association import PosePriorPlanar
+    from lmkit.model.scan import ScannerMount
+    from lmkit.pipelines.locate_scans import ScanSettings
+
+ScansFile = Annotated[
+    Path | None,
+    typer.Option("--scans", help="Laser scans, in place of images: CSV, ROS bag or MCAP. The map has poles."),
+]
+ScanTopic = Annotated[str | None, typer.Option("--scan-topic", help="Topic of the scans in a bag.")]
+Scanner = Annotated[
+    str | None,
+    typer.Option("--scanner", help="Scanner on the robot: forward, left, degrees to the left; such as 0.16m,7mm,0."),
+]
+Near = Annotated[
+    str | None,
+    typer.Option("--near", help="Rough pose of the robot: x, y, degrees, and if wanted their deviations (0.5m,15)."),
+]
+Bright = Annotated[
+    float | None, typer.Option("--bright", help="Intensity from which an echo comes from a reflector.")
+]
+NEAR_M, NEAR_DEG = 0.5, 15.0
+
+
+def scan_settings(
+    scanner: str | None, near: str | None, bright: float | None, range_sigma: str | None
+) -> ScanSettings:
+    """The settings as given on the command line.
+
+    Raises:
+        InputError: an option's value is not valid.
+    """
+    from dataclasses import replace
+
+    from lmkit.cli.parsing import parse_meters
+    from lmkit.detection.scan_poles import ScanNoise
+    from lmkit.pipelines.locate_scans import ScanSettings
+
+    noise = ScanNoise(bright_from=bright)
+    if range_sigma is not None:
+        noise = replace(noise, range_m=parse_meters(range_sigma, "--range-sigma"))
+        if not 0 < noise.range_m < 1:
+            raise InputError(
+                "bad_sigma", f"--range-sigma {range_sigma} is out of range", "give a length, such as 10mm"
+            )
+    settings = ScanSettings(noise=noise)
+    if scanner is not None:
+        settings = replace(settings, mount=_mount(scanner))
+    return settings if near is None else replace(settings, rough=_rough(near))
+
+
+def _mount(text: str) -> ScannerMount:
+    from lmkit.model.scan import ScannerMount
+
+    words = [word.strip() for word in text.split(",")]
+    hint = "give forward, left and degrees to the left, such as 0.16m,7mm,0"
+    if len(words) not in (2, 3):
+        raise InputError("bad_scanner", f"--scanner {text!r} has {len(words)} values", hint)
+    x_m, y_m = (_coordinate(word, "--scanner") for word in words[:2])
+    return ScannerMount(x_m, y_m, _angle(words[2] if len(words) > 2 else "0", "--scanner", hint))
+
+
+def _rough(text: str) -> PosePriorPlanar:
+    import numpy as np
+
+    from lmkit.cli.parsing import parse_meters
+    from lmkit.localization.pole_association import PosePriorPlanar
+
+    words = [word.strip() for word in text.split(",")]
+    hint = "give x, y, degrees, such as 1.2m,-0.5m,90, and if wanted deviations: 1.2m,-0.5m,90,0.5m,15"
+    if len(words) not in (3, 5):
+        raise InputError("bad_near", f"--near {text!r} has {len(words)} values", hint)
+    x_m, y_m = (_coordinate(word, "--near") for word in words[:2])
+    sigma_m, sigma_rad = NEAR_M, math.radians(NEAR_DEG)
+    if len(words) == 5:
+        sigma_m, sigma_rad = parse_meters(words[3], "--near"), _angle(words[4], "--near", hint)
+    if sigma_m <= 0 or sigma_rad <= 0:
+        raise InputError("bad_near", f"--near {text!r}: deviations are positive", hint)
+    return PosePriorPlanar(
+        np.array([x_m, y_m, _angle(words[2], "--near", hint)]), np.diag([sigma_m, sigma_m, sigma_rad]) ** 2
+    )
+
+
+def _coordinate(word: str, name: str) -> float:
+    """Meters of a length with a sign; zero needs no unit."""
+    from lmkit.cli.parsing import parse_meters
+
+    digits = word.lstrip("+-")
+    if not digits.strip("0.mc ") and "0" in digits:
+        return 0.0
+    return math.copysign(parse_meters(digits, name), -1.0 if word.startswith("-") else 1.0)
+
+
+def _angle(word: str, name: str, hint: str) -> float:
+    try:
+        degrees = float(word)
+    except ValueError:
+        degrees = math.nan
+    if not abs(degrees) <= 360:
+        raise InputError("bad_angle", f"{name}: {word!r} is not an angle in degrees", hint)
+    return math.radians(degrees)
