@@ -9,17 +9,20 @@ from __future__ import annotations
 
 import io
 import warnings
+from collections.abc import Callable
 from pathlib import Path
+from typing import TypeVar
 
 import numpy as np
 from PIL import Image, ImageOps, UnidentifiedImageError
 
-from lmkit.arrays import AnyArray, ByteArray
+from lmkit.arrays import AnyArray, BoolArray, ByteArray, FloatArray
 from lmkit.errors import InputError
 
 MAX_BYTES = 256 * 1024 * 1024
 MAX_PIXELS = 100_000_000
 MIN_SIDE = 8
+Pixels = TypeVar("Pixels")
 SUFFIXES = frozenset({".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff", ".webp", ".pgm", ".ppm"})
 
 
@@ -29,6 +32,19 @@ def read_image(path: Path) -> ByteArray:
     Raises:
         InputError: no such file, too large, not an image, or cut off.
     """
+    return decode_image(_bytes(path), str(path))
+
+
+def read_gray(path: Path) -> tuple[FloatArray, BoolArray]:
+    """Mean of the color channels of an image, 0 black to 1 white, and whether each pixel is opaque; (H,W) both.
+
+    Raises:
+        InputError: as for :func:`read_image`.
+    """
+    return _loaded(_bytes(path), str(path), _to_gray)
+
+
+def _bytes(path: Path) -> bytes:
     try:
         if path.is_dir():
             raise InputError("is_folder", f"{path} is a folder, not an image", "give an image file")
@@ -39,14 +55,13 @@ def read_image(path: Path) -> ByteArray:
                 f"{path}: {size >> 20} MiB, more than the {MAX_BYTES >> 20} MiB that are read",
                 "store it smaller",
             )
-        data = path.read_bytes()
+        return path.read_bytes()
     except OSError as error:
         raise InputError(
             "file_unreadable",
             f"cannot read image {path}: {error.strerror}",
             "check the path and its permissions",
         ) from None
-    return decode_image(data, str(path))
 
 
 def decode_image(data: bytes, name: str) -> ByteArray:
@@ -55,6 +70,11 @@ def decode_image(data: bytes, name: str) -> ByteArray:
     Args:
         name: what to call it in errors.
     """
+    return np.ascontiguousarray(_loaded(data, name, _to_rgb)[:, :, ::-1])
+
+
+def _loaded(data: bytes, name: str, convert: Callable[[Image.Image], Pixels]) -> Pixels:
+    """An upright image of bounded size, converted."""
     if not data:
         raise InputError("image_empty", f"{name}: the file is empty", "copy or take the image again")
     try:
@@ -79,13 +99,11 @@ def decode_image(data: bytes, name: str) -> ByteArray:
         raise InputError("image_too_small", f"{name}: only {width} x {height} pixels", "give a larger image")
     try:
         loaded.load()
-        loaded = ImageOps.exif_transpose(loaded)
-        rgb = _to_rgb(loaded)
+        return convert(ImageOps.exif_transpose(loaded))
     except (OSError, ValueError, SyntaxError, EOFError, MemoryError) as error:
         raise InputError(
             "image_truncated", f"{name}: the image is cut off or damaged ({error})", "copy or take it again"
         ) from None
-    return np.ascontiguousarray(rgb[:, :, ::-1])
 
 
 def _to_rgb(loaded: Image.Image) -> ByteArray:
@@ -96,6 +114,14 @@ def _to_rgb(loaded: Image.Image) -> ByteArray:
         white = Image.new("RGBA", layers.size, (255, 255, 255, 255))
         loaded = Image.alpha_composite(white, layers)
     return np.asarray(loaded.convert("RGB"), dtype=np.uint8)
+
+
+def _to_gray(loaded: Image.Image) -> tuple[FloatArray, BoolArray]:
+    if loaded.mode.startswith(("I;16", "I", "F")):
+        gray = _gray_to_8_bit(np.asarray(loaded)) / 255.0
+        return gray, np.ones(gray.shape, dtype=bool)
+    layers = np.asarray(loaded.convert("RGBA"), dtype=np.uint8)
+    return layers[:, :, :3].mean(axis=2) / 255.0, layers[:, :, 3] == 255
 
 
 def _gray_to_8_bit(values: AnyArray) -> ByteArray:

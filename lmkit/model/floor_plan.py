@@ -15,6 +15,7 @@ from lmkit.kernels.line_of_sight import clear_lines
 NEAR_CELLS = 1.5  # so far off a wall a line of sight to it ends
 STRAIGHT_CELLS = 1.2  # by so much an outline may stray from a straight wall
 SHORTEST_M = 0.3
+BEHIND_CELLS = (0.5, 1.5, 2.5)  # so far behind an outline a wall for certain is looked for
 
 
 @dataclass(frozen=True, eq=False)
@@ -115,8 +116,14 @@ class FloorPlan:
         return replace(self, free=free)
 
 
-def walls_of(free: BoolArray, cell_m: float, origin: tuple[float, float]) -> list[Wall]:
-    """Straight walls around the free cells of a grid, along its outlines; the longest first."""
+def walls_of(
+    free: BoolArray, cell_m: float, origin: tuple[float, float], solid: BoolArray | None = None
+) -> list[Wall]:
+    """Straight walls around the free cells of a grid, along its outlines; the longest first.
+
+    Args:
+        solid: cells that are walls for certain; parts of outlines with none behind them are left out.
+    """
     # Outlines through the corners of cells, so that straight walls are straight.
     large = np.kron(np.pad(free, 1), np.ones((2, 2), dtype=bool)).astype(np.uint8)
     outlines, _ = cv2.findContours(large, cv2.RETR_CCOMP, cv2.CHAIN_APPROX_NONE)
@@ -132,8 +139,10 @@ def walls_of(free: BoolArray, cell_m: float, origin: tuple[float, float]) -> lis
                 continue
             # Someone who faces it sees the left end on the left; the wall stands a quarter cell outside the outline.
             left, right, normal = (a, b, normal) if inside[0] else (b, a, -normal)
-            ends = [np.array(origin) + (end - 0.25 * normal) * cell_m for end in (left, right)]
-            found.append((float(np.linalg.norm(b - a)), ends[0], ends[1]))
+            for start, end in [(left, right)] if solid is None else _solid_parts(solid, left, right, -normal):
+                ends = [np.array(origin) + (point - 0.25 * normal) * cell_m for point in (start, end)]
+                if np.linalg.norm(end - start) * cell_m >= SHORTEST_M:
+                    found.append((float(np.linalg.norm(end - start)), ends[0], ends[1]))
     found.sort(key=lambda wall: (-round(wall[0], 6), *wall[1].tolist()))
     return [Wall(wall_name(k), left, right) for k, (_, left, right) in enumerate(found)]
 
@@ -151,6 +160,21 @@ def _straight_parts(outline: IntArray) -> list[tuple[FloatArray, FloatArray]]:
         a, b = (middle + along * ((end - middle) @ along) for end in (points[0], points[-1]))
         parts.append((a, b))
     return parts
+
+
+def _solid_parts(
+    solid: BoolArray, start: FloatArray, end: FloatArray, outward: FloatArray
+) -> list[tuple[FloatArray, FloatArray]]:
+    """Parts of a line (in cells) that have solid cells just behind them."""
+    steps = np.linspace(0.0, 1.0, 1 + int(np.ceil(2 * np.linalg.norm(end - start))))
+    points = start + steps[:, None] * (end - start)
+    behind = np.zeros(len(points), dtype=bool)
+    for depth in BEHIND_CELLS:
+        at = np.floor(points + depth * outward).astype(np.int64)
+        inside = (at >= 0).all(axis=1) & (at[:, 0] < solid.shape[1]) & (at[:, 1] < solid.shape[0])
+        behind |= inside & solid[np.where(inside, at[:, 1], 0), np.where(inside, at[:, 0], 0)]
+    changes = np.flatnonzero(np.diff(np.concatenate([[False], behind, [False]]).astype(np.int8)))
+    return [(points[first], points[after - 1]) for first, after in changes.reshape(-1, 2).tolist()]
 
 
 def wall_name(index: int) -> str:

@@ -89,7 +89,6 @@ def test_clearance_is_the_distance_to_the_nearest_wall(tmp_path):
         ("f.yaml", TWO_ROOMS.replace("walls:", "doors: 3\nwalls:"), None, "bad_value"),
         ("f.yaml", TWO_ROOMS.replace("to: [6, 0]", "to: [0.001, 0]"), None, "short_wall"),
         ("f.yaml", "image: nowhere.png\nresolution: 0.05\n", None, "file_unreadable"),
-        ("f.yaml", "image: f.png\nresolution: 0.05\norigin: [0, 0, 1.5]\n", None, "turned_map"),
         ("f.svg", SVG.replace("h30", "c1 2 3 4 5 6"), 0.1, "svg_curve"),
         ("f.svg", SVG.replace("scale(2)", "skewX(9)"), 0.1, "svg_transform"),
         ("f.svg", "<svg", 0.1, "not_svg"),
@@ -109,19 +108,3 @@ def test_a_black_picture_has_no_floor(tmp_path):
     cv2.imwrite(str(tmp_path / "f.png"), np.zeros((50, 50), np.uint8))
     with pytest.raises(InputError, match="no free floor"):
         read_floor(tmp_path / "f.png", 0.05)
-
-
-def test_unknown_cells_of_a_ros_map_are_never_free(tmp_path):
-    picture = drawn()
-    picture[picture == 255] = 254
-    picture[40:120, 40:100] = 205
-    cv2.imwrite(str(tmp_path / "floor.png"), picture)
-    text = "image: floor.png\nresolution: 0.02\norigin: [0, 0, 0]\nfree_thresh: "
-    areas = []
-    for threshold in ("0.196", "0.25"):
-        (tmp_path / "ros.yaml").write_text(text + threshold)
-        areas.append(read_floor(tmp_path / "ros.yaml").free.sum())
-    assert areas[0] == areas[1]
-    (tmp_path / "ros.yaml").write_text(text + "0.196\nmode: raw\n")
-    with pytest.raises(InputError, match="raw"):
-        read_floor(tmp_path / "ros.yaml")

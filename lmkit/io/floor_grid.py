@@ -1,0 +1,126 @@
+"""Floor plans from grids of cells: coarsening, the outside of a building, and maps with a rotated origin."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import cv2
+import numpy as np
+
+from lmkit.arrays import BoolArray, FloatArray
+from lmkit.errors import InputError
+from lmkit.model.floor_plan import FloorPlan, walls_of
+
+CELL_M = 0.05
+LARGEST_CELL_M = 0.25  # a robot has to find its way between cells
+MOST_CELLS = 16_000_000
+LEAST_ROTATION_RAD = 1e-6
+PROBES = (-0.45, 0.0, 0.45)  # of a cell, per axis: a rotated cell is free only if all of it is
+
+
+def floor_of_grid(
+    path: Path,
+    free: BoolArray,
+    scale_m: float,
+    origin: tuple[float, float] = (0.0, 0.0),
+    rotation_rad: float = 0.0,
+    solid: BoolArray | None = None,
+) -> FloorPlan:
+    """A floor plan of a grid.
+
+    Args:
+        path: named in errors.
+        free: (rows, columns), row 0 at the lowest y.
+        scale_m: side of a cell.
+        origin: lower left corner of the grid in the map, meters.
+        rotation_rad: rotation of the grid about that corner, counter-clockwise.
+        solid: cells that are walls for certain; None: every cell that is not free.
+
+    Raises:
+        InputError: cells too coarse or too many, or nothing is free.
+    """
+    if scale_m > LARGEST_CELL_M:
+        raise InputError(
+            "coarse_plan", f"{path}: a pixel of {scale_m:g} m is too coarse", f"draw it {LARGEST_CELL_M} m fine"
+        )
+    # Cells that hold any wall are not free.
+    times = max(1, round(CELL_M / scale_m))
+    if times > 1:
+        free = np.asarray(_blocks(free, times).all(axis=(1, 3)))
+        solid = None if solid is None else np.asarray(_blocks(solid, times).any(axis=(1, 3)))
+    check_size(path, *free.shape)
+    free = inside_of(path, free)
+    cell_m = scale_m * times
+    if abs(rotation_rad) < LEAST_ROTATION_RAD:
+        return FloorPlan(free, cell_m, origin, walls_of(free, cell_m, origin, solid))
+    return _rotated(path, free, cell_m, origin, rotation_rad, solid)
+
+
+def check_size(path: Path, rows: int, columns: int) -> None:
+    """Refuse grids of too many cells.
+
+    Raises:
+        InputError: ``floor_too_large``.
+    """
+    if rows * columns > MOST_CELLS:
+        raise InputError(
+            "floor_too_large",
+            f"{path}: {columns} x {rows} cells of {CELL_M} m, more than {MOST_CELLS // 1_000_000} million",
+            "check the scale, or cut the plan into parts",
+        )
+
+
+def inside_of(path: Path, free: BoolArray) -> BoolArray:
+    """Free cells that are not connected with the rim of the grid, or all of them where none are left then.
+
+    Raises:
+        InputError: no cell is free.
+    """
+    padded = np.pad(free, 1, constant_values=True).astype(np.uint8)
+    _, parts = cv2.connectedComponents(padded, connectivity=4)
+    inside = (free & (parts[1:-1, 1:-1] != parts[0, 0])) if padded[0, 0] else free
+    answer = inside if inside.any() else free
+    if not answer.any():
+        raise InputError("nothing_free", f"{path}: no free floor", "white is free, dark is not; check --scale")
+    return np.asarray(answer)
+
+
+def _blocks(cells: BoolArray, times: int) -> BoolArray:
+    """(rows, times, columns, times) of a grid, padded with False."""
+    rows, columns = (-(-n // times) * times for n in cells.shape)
+    padded = np.zeros((rows, columns), dtype=bool)
+    padded[: cells.shape[0], : cells.shape[1]] = cells
+    return padded.reshape(rows // times, times, columns // times, times)
+
+
+def _rotated(
+    path: Path,
+    free: BoolArray,
+    cell_m: float,
+    origin: tuple[float, float],
+    rotation_rad: float,
+    solid: BoolArray | None,
+) -> FloorPlan:
+    """The floor on a grid along the map's axes; its walls are rotated exactly."""
+    c, s = np.cos(rotation_rad), np.sin(rotation_rad)
+    R, start = np.array([[c, -s], [s, c]]), np.array(origin)
+    rows, columns = free.shape
+    corners = np.array([(0, 0), (columns, 0), (columns, rows), (0, rows)]) * cell_m @ R.T
+    low = corners.min(axis=0)
+    width, height = np.ceil((corners.max(axis=0) - low) / cell_m).astype(int).tolist()
+    check_size(path, height, width)
+    grid = FloorPlan(free, cell_m, (0.0, 0.0))
+    lower_left = (float(start[0] + low[0]), float(start[1] + low[1]))
+    turned = FloorPlan(np.ones((height, width), dtype=bool), cell_m, lower_left)
+    all_rows, all_columns = np.indices((height, width))
+    middles: FloatArray = turned.middles(all_rows.ravel(), all_columns.ravel()) - start
+    still = np.ones(height * width, dtype=bool)
+    for dx in PROBES:
+        for dy in PROBES:
+            still &= grid.is_free((middles + np.array([dx, dy]) * cell_m) @ R)
+    walls = [
+        replace(wall, left=R @ wall.left + start, right=R @ wall.right + start)
+        for wall in walls_of(free, cell_m, (0.0, 0.0), solid)
+    ]
+    return replace(turned, free=still.reshape(height, width), walls=walls)
