@@ -8,14 +8,16 @@ from functools import partial
 from lmkit.errors import InputError
 from lmkit.geometry.rig import AnyRig
 from lmkit.live.clock import LoopClock
+from lmkit.live.mavlink_link import parse_mavlink
 from lmkit.live.outputs.base import Output, OutputRunner
 from lmkit.live.outputs.extras import require
 from lmkit.live.outputs.json_lines import JsonLines
+from lmkit.live.outputs.mavlink import MavlinkOutput
 from lmkit.live.outputs.websocket import PORT, WebSocketServer
 from lmkit.live.run_settings import RunSettings
 from lmkit.model.landmark_map import LandmarkMap
 
-KINDS = "stdout, ws"
+KINDS = "stdout, ws, mavlink:CONNECTION"
 
 
 def open_outputs(settings: RunSettings, rig: AnyRig, landmarks: LandmarkMap, clock: LoopClock) -> list[OutputRunner]:
@@ -39,6 +41,10 @@ def opener(text: str, settings: RunSettings, rig: AnyRig, landmarks: LandmarkMap
     if kind == "ws":
         require("websockets", "WebSocket", "web")
         return partial(WebSocketServer, *host_and_port(rest, PORT, text))
+    if kind == "mavlink":
+        address = parse_mavlink(rest)
+        require("pymavlink", "MAVLink", "mavlink")
+        return partial(MavlinkOutput, address)
     raise InputError("bad_output", f"{text}: unknown output", f"known: {KINDS}")
 
 
