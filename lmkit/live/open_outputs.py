@@ -6,18 +6,21 @@ from collections.abc import Callable
 from functools import partial
 
 from lmkit.errors import InputError
-from lmkit.geometry.rig import AnyRig
+from lmkit.geometry.rig import AnyRig, mounted_cameras
 from lmkit.live.clock import LoopClock
 from lmkit.live.mavlink_link import parse_mavlink
 from lmkit.live.outputs.base import Output, OutputRunner
 from lmkit.live.outputs.extras import require
 from lmkit.live.outputs.json_lines import JsonLines
 from lmkit.live.outputs.mavlink import MavlinkOutput
+from lmkit.live.outputs.ros import RosOutput
 from lmkit.live.outputs.websocket import PORT, WebSocketServer
+from lmkit.live.ros.address import parse_ros
+from lmkit.live.ros.transport import choose
 from lmkit.live.run_settings import RunSettings
 from lmkit.model.landmark_map import LandmarkMap
 
-KINDS = "stdout, ws, mavlink:CONNECTION"
+KINDS = "stdout, ws, mavlink:CONNECTION, ros2"
 
 
 def open_outputs(settings: RunSettings, rig: AnyRig, landmarks: LandmarkMap, clock: LoopClock) -> list[OutputRunner]:
@@ -42,9 +45,13 @@ def opener(text: str, settings: RunSettings, rig: AnyRig, landmarks: LandmarkMap
         require("websockets", "WebSocket", "web")
         return partial(WebSocketServer, *host_and_port(rest, PORT, text))
     if kind == "mavlink":
-        address = parse_mavlink(rest)
+        connection = parse_mavlink(rest)
         require("pymavlink", "MAVLink", "mavlink")
-        return partial(MavlinkOutput, address)
+        return partial(MavlinkOutput, connection)
+    if text == "ros2" or text.startswith("ros2?"):
+        address = parse_ros(text.removeprefix("ros2"))
+        names = [camera.name for camera in mounted_cameras(rig)]
+        return partial(RosOutput, address, choose(address), landmarks, names)
     raise InputError("bad_output", f"{text}: unknown output", f"known: {KINDS}")
 
 

@@ -38,7 +38,7 @@ def roll_pitch_yaw(R: FloatArray) -> FloatArray:
 
 
 def ned_covariance(C: FloatArray, rpy: FloatArray) -> FloatArray:
-    """(6,6) of north, east, down (m), roll, pitch, yaw (rad); ``C`` is of x y z and rotations about the map's axes."""
+    """(6,6) of north, east, down (m), roll, pitch, yaw (rad), from x y z and rotations about axes of the map."""
     pitch, yaw = float(rpy[1]), float(rpy[2])
     # Columns: turns about the axes of NED by a change of roll, pitch and yaw.
     axes = np.array(
