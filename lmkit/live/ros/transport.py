@@ -1,4 +1,4 @@
-"""Interface of the ways to ROS 2, and the choice among them."""
+"""Interface of the transports to ROS 2, and the choice among them."""
 
 from __future__ import annotations
 
