@@ -14,7 +14,7 @@ from lmkit.detection.candidates import find_candidates
 from lmkit.detection.config import DetectOptions, DetectorConfig
 from lmkit.detection.linear_image import LinearImage
 from lmkit.detection.pixel_sampling import mean_side
-from lmkit.detection.register_and_decode import Candidate, register_and_decode
+from lmkit.detection.register_and_decode import Candidate, register_all, register_and_decode
 from lmkit.detection.screening import Screened, screen_candidates
 from lmkit.detection.shadows import window_for
 from lmkit.detection.tag_detector import find_tags
@@ -101,7 +101,7 @@ def _candidates_among(
         found = screen_candidates(pyramid, quads, family)
         possible |= found.pattern >= 0
         likely = _likely_squares(pyramid, found, family, config) + corner
-        clear += _registered(((linear, quad) for quad in likely), family, options)
+        clear += register_all(linear, likely, family, options)
     if not config.in_shadow:
         return clear
     read = [candidate.corners - corner for candidate in clear if candidate.log_odds >= SURE_LOG_ODDS]

@@ -13,18 +13,34 @@ from lmkit.detection.linear_image import LinearImage
 from lmkit.detection.pixel_sampling import EDGE_BAND_PX, LEAST_PIXELS, NEAR_SHARE, edges_of, reach_of
 from lmkit.detection.registration import (
     DISTORTION_PRIOR,
+    FEW_EDGES_PX,
     LIMITS,
     MIXED_PIXEL_PRIOR,
+    MODEL_ERROR_PX,
+    MOSAIC_PX,
     SHADING_PRIOR,
     PatternRegistration,
 )
-from lmkit.kernels.landmark_fit import FINISH, READ, FitRules, Fitted, LandmarkFit, Promising, is_compiled
+from lmkit.kernels.landmark_fit import (
+    FINISH,
+    READ,
+    CornerErrors,
+    FitRules,
+    Fitted,
+    LandmarkFit,
+    Promising,
+    Start,
+    is_compiled,
+)
 from lmkit.kernels.registration import Priors, Steps
 from lmkit.model.landmark import LandmarkFamily
 
 READ_ROUNDS = 3
 COARSE = Steps(rounds=1, most=3, to_px=0.1)
 FINE = Steps(rounds=2, most=3, to_px=0.02)
+# The blur starts generous, so that a wrong corner still feels its edge.
+COARSE_SIDE_PX = 100.0
+START = Start(least_blur=0.8, blur_share=0.012, blurred_side=COARSE_SIDE_PX)
 COARSE_PIXELS = 400  # enough to read and to find the place; the last steps take more
 
 
@@ -70,14 +86,15 @@ class FitSteps:
         return True
 
     def _run(self, fit: PatternRegistration, phase: int) -> Fitted | None:
-        compiled = _compiled_fit(fit.image, fit.family, self.pixels)
+        compiled = compiled_fit(fit.image, fit.family, self.pixels)
         found = compiled.run(fit.view, fit.state, self.fit_distortion, phase, self._read)
         if found is not None:
             fit.take_over(found)
         return found
 
 
-def _compiled_fit(image: LinearImage, family: LandmarkFamily, pixels: int) -> LandmarkFit:
+def compiled_fit(image: LinearImage, family: LandmarkFamily, pixels: int) -> LandmarkFit:
+    """The compiled steps for landmarks of a family in this image."""
     known = image.fits.get((family, pixels))
     if known is None:
         tables = decoding.tables_of(family)
@@ -112,4 +129,6 @@ def _rules(family: LandmarkFamily, pixels: int) -> FitRules:
         priors,
         LIMITS,
         promising,
+        START,
+        CornerErrors(MODEL_ERROR_PX, FEW_EDGES_PX, MOSAIC_PX),
     )

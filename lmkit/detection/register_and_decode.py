@@ -8,25 +8,29 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from lmkit.arrays import ByteArray, FloatArray
+from lmkit.detection import fit_steps
 from lmkit.detection.acceptance import DEFAULT, AcceptanceRule, ScoredReading
 from lmkit.detection.config import DetectOptions
-from lmkit.detection.decoding import Decoding
-from lmkit.detection.fit_steps import COARSE_PIXELS, FitSteps
+from lmkit.detection.decoding import Decoding, decoding_of, tables_of
+from lmkit.detection.fit_steps import COARSE_PIXELS, COARSE_SIDE_PX, START, FitSteps, compiled_fit
 from lmkit.detection.linear_image import LinearImage
 from lmkit.detection.pixel_sampling import mean_side
-from lmkit.detection.registration import PatternRegistration
+from lmkit.detection.registration import PatternRegistration, blur_of
 from lmkit.detection.shadows import ShadowEdge
-from lmkit.kernels.registration import Steps
+from lmkit.kernels.landmark_fit import Fitted
+from lmkit.kernels.registration import Steps, View
 from lmkit.model.landmark import LandmarkFamily
 from lmkit.model.landmark_id import LandmarkId
 from lmkit.model.observation import Detection
 
 SHARP = Steps(rounds=0, most=5, to_px=0.01)  # nothing hides a rasterized page
 FROM_FAR = Steps(rounds=0, most=10, to_px=0.05)
-COARSE_SIDE_PX = 100.0
 HOPELESS = 4.0  # log odds under the rule's from which no shadow's edge lifts a reading
 SHADOW_ROOM_PX = 8  # around the pixels in use, since the fit still moves
 DISTORTION_SIDE_PX = 40.0  # smaller landmarks do not show the lens's distortion
+# For every quarter turn, the corners in the landmark's own order, and rows and columns of their covariance.
+_ORDER = tuple((np.arange(4) + quarter) % 4 for quarter in range(4))
+_ROWS = tuple(np.ix_(rows, rows) for rows in ((2 * order[:, None] + np.arange(2)).ravel() for order in _ORDER))
 
 
 @dataclass(frozen=True)
@@ -79,6 +83,24 @@ class Candidate:
         )
 
 
+def register_all(
+    image: LinearImage, quads: FloatArray, family: LandmarkFamily, options: DetectOptions
+) -> list[Candidate]:
+    """Candidates of (N,4,2) squares, each as :func:`register_and_decode` makes it, without those of nothing."""
+    if image.white is not None or not fit_steps.is_compiled():
+        found = (register_and_decode(image, quad, family, options) for quad in quads)
+        return [candidate for candidate in found if candidate is not None]
+    if len(quads) == 0:
+        return []
+    coarse = np.array([_coarse_corners(image, quad, family, options) for quad in quads])
+    quads = image.straightened(coarse.reshape(-1, 2)).reshape(-1, 4, 2)
+    fits_distortion = options.through_lens and options.camera is None
+    view = View(np.zeros(2), image.center, image.half_width, family.half_mm).flat
+    fit = compiled_fit(image, family, options.config.pixels)
+    fitted = fit.run_all(view, quads, DISTORTION_SIDE_PX if fits_distortion else math.inf)
+    return [_candidate_of(image, one, family, options.rule) for one in fitted]
+
+
 def register_and_decode(
     image: LinearImage, quad: FloatArray, family: LandmarkFamily, options: DetectOptions
 ) -> Candidate | None:
@@ -86,8 +108,8 @@ def register_and_decode(
     quad = image.straightened(_coarse_corners(image, quad, family, options))
     side = mean_side(quad)
     fit_distortion = options.through_lens and options.camera is None and side > DISTORTION_SIDE_PX
-    # The blur starts generous, so that a wrong corner still feels its edge.
-    fit = PatternRegistration(image, family, quad, max(0.8, 0.012 * min(side, COARSE_SIDE_PX)) ** 2)
+    blur = max(START.least_blur, START.blur_share * min(side, START.blurred_side))
+    fit = PatternRegistration(image, family, quad, blur**2)
     steps = FitSteps(options.config.pixels, fit_distortion)
     if not steps.read(fit):
         return None
@@ -149,16 +171,33 @@ def _smaller_margins(plain: Decoding, robust: Decoding) -> Decoding:
 
 
 def _candidate(fit: PatternRegistration, decoding: Decoding, rule: AcceptanceRule, fit_distortion: bool) -> Candidate:
-    """The candidate, its corners in the landmark's own order."""
     corners, covariance = fit.image_corners(fit_distortion)
-    order = (np.arange(4) + decoding.quarter) % 4
-    rows = (2 * order[:, None] + np.arange(2)).ravel()
-    inside = bool(((corners >= -0.5) & (corners <= np.array(fit.image.size) - 0.5)).all())
-    # A corner that is not in the image was not seen, and none is made up.
     reading = _reading(fit, decoding, corners)
+    return _in_own_order(fit.image, fit.family, corners, covariance, reading, rule)
+
+
+def _candidate_of(image: LinearImage, found: Fitted, family: LandmarkFamily, rule: AcceptanceRule) -> Candidate:
+    tables = tables_of(family)
+    plain, robust = (decoding_of(tables, decoded, found.pixels) for decoded in (found.plain, found.robust))
+    decoding, side = _smaller_margins(plain, robust), mean_side(found.corners)
+    reading = ScoredReading(decoding, side, blur_of(found.state), is_shaded=False)
+    return _in_own_order(image, family, found.corners, found.covariance, reading, rule)
+
+
+def _in_own_order(
+    image: LinearImage,
+    family: LandmarkFamily,
+    corners: FloatArray,
+    covariance: FloatArray,
+    reading: ScoredReading,
+    rule: AcceptanceRule,
+) -> Candidate:
+    """The candidate, its corners in the landmark's own order."""
+    quarter, (width, height) = reading.decoding.quarter, image.size
+    inside = all(-0.5 <= x <= width - 0.5 and -0.5 <= y <= height - 0.5 for x, y in corners.tolist())
+    # A corner that is not in the image was not seen, and none is made up.
     rejected = reading.reason_to_reject(rule) if inside else "cut"
-    covariance = covariance[np.ix_(rows, rows)]
-    return Candidate(fit.family, corners[order], covariance, reading, rejected)
+    return Candidate(family, corners[_ORDER[quarter]], covariance[_ROWS[quarter]], reading, rejected)
 
 
 def _reading(fit: PatternRegistration, decoding: Decoding, corners: FloatArray) -> ScoredReading:

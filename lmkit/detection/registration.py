@@ -85,8 +85,7 @@ class DrawingFit:
     @property
     def blur_px(self) -> float:
         """Standard deviation of the point spread, px: the geometric mean of its axes."""
-        xx, xy, yy = self.state[8:11].tolist()
-        return float(max(xx * yy - xy * xy, 1e-6) ** 0.25)
+        return blur_of(self.state)
 
     def sample(self, at_most: int, near_edges: bool) -> bool:
         """Take pixels where the pattern now lies; False where too little of it lies in the image."""
@@ -170,6 +169,12 @@ class DrawingFit:
         return Priors(RIDGE, DISTORTION_PRIOR, SHADING_PRIOR, MIXED_PIXEL_PRIOR, self.samples.prior_weight)
 
 
+def blur_of(state: FloatArray) -> float:
+    """Standard deviation of a state's point spread, px: the geometric mean of its axes."""
+    xx, xy, yy = state[8:11].tolist()
+    return float(max(xx * yy - xy * xy, 1e-6) ** 0.25)
+
+
 class PatternRegistration(DrawingFit):
     """The fit of one landmark's pattern, and what it decodes to.
 
@@ -185,6 +190,11 @@ class PatternRegistration(DrawingFit):
         self.family = family
         self.tables = tables_of(family)
         super().__init__(image, family, self.tables.drawing, corners, spread_px2)
+        self._seen: tuple[FloatArray, FloatArray] | None = None  # what a compiled fit says of the corners
+
+    def image_corners(self, fit_distortion: bool) -> tuple[FloatArray, FloatArray]:
+        """(4,2) corners in the image as delivered and their (8,8) covariance, after :meth:`take_over` its own."""
+        return super().image_corners(fit_distortion) if self._seen is None else self._seen
 
     def decode(self) -> Decoding:
         """Score every code in every quarter turn, pixels weighted by the image's noise alone.
@@ -201,6 +211,7 @@ class PatternRegistration(DrawingFit):
     def take_over(self, found: Fitted) -> None:
         """Go on from where a compiled fit ended; its pixels are not kept."""
         self.state, self._normal, self._error = found.state, found.normal, found.error
+        self._seen = found.corners, found.covariance
         self._believe(decoding_of(self.tables, found.plain, found.pixels))
         self.robust_decoding = decoding_of(self.tables, found.robust, found.pixels)
 

@@ -8,12 +8,14 @@
 #include "kernels.h"
 #include "landmark_fit.h"
 #include "lens.h"
+#include "linear.h"
 #include "plane.h"
 
 #define HEAD 18 /* of a decoding: turn, code, four energies left, inks */
 #define PRIORS 5
 #define READ 1   /* phases */
 #define FINISH 2
+#define CORNERS 8
 
 /* Steps of a registration. */
 typedef struct {
@@ -35,6 +37,8 @@ typedef struct {
     double skew, reach, band, near_share, noise, floor;
     double decoding[6], priors[PRIORS], limits[5];
     double correlated, turn_margin, pattern, red_over_blue, least_contrast, most_contrast;
+    double least_blur, blur_share, blurred_side; /* where a fit begins */
+    double model_error, few_edges, mosaic;       /* of the corners, px */
 } Fit;
 
 /* Pixels in use, planes of n values, and room for the kernels. */
@@ -46,10 +50,18 @@ typedef struct {
 } Pixels;
 
 /* state (15) moves; out: pixels, error and weight of the priors, (15,15) normal matrix, decoding by the plain weights
- * and by the robust ones; a decoding whose turn is -1 failed.  Returns 1 where nothing is there. */
+ * and by the robust ones, corners in the image and their (8,8) covariance; a decoding whose turn is -1 failed.  Returns
+ * 1 where nothing is there. */
 LMKIT_EXPORT int lmkit_fit_landmark(const Fit *fit, const double *view, int64_t phases, int64_t fit_distortion,
                                     int64_t capacity, float *planes, float *work, uint8_t *kinds, double *subsets,
                                     double *state, double *out);
+
+/* Both phases for `count` squares (count,8); the distortion is fitted where the side is larger than `distortion_side`.
+ * The view's origin is set for every square.  rows (count, width): 1 where a landmark may be, else 0; the state; and
+ * what `lmkit_fit_landmark` gives. */
+LMKIT_EXPORT int lmkit_fit_landmarks(const Fit *fit, const double *view, int64_t count, const double *quads,
+                                     double distortion_side, int64_t capacity, float *planes, float *work,
+                                     uint8_t *kinds, double *subsets, int64_t width, double *rows);
 
 static double side_of(const double *c)
 {
@@ -158,11 +170,76 @@ static int fit_step(const Fit *f, const double *view, const Steps *steps, int64_
     return !lmkit_register(p->n, f->drawing, view, p->at, p->values, p->variance, f->priors, f->limits, open, turn, fit_distortion, steps->rounds, steps->most, steps->to_px, p->work, state, p->robust, out + 2, out + 3, out + 1);
 }
 
+/* Corners as the image shows them, and their (8,12) slopes with the beginning of the state. */
+static void seen_corners(const Fit *f, const double *view, const double *state, int64_t fit_distortion, double *corners, double (*J)[12])
+{
+    const double distortion = state[11];
+    for (int i = 0; i < CORNERS; i++)
+        for (int j = 0; j < 12; j++)
+            J[i][j] = i == j ? 1.0 : 0.0;
+    memcpy(corners, state, CORNERS * sizeof *corners);
+    for (int i = 0; i < CORNERS; i += 2) {
+        double *at = corners + i;
+        if (f->lens) {
+            const Lens *lens = f->lens;
+            double slopes[4], b = (at[1] - lens->cy) / lens->fy, a = (at[0] - lens->cx - f->skew * b) / lens->fx;
+            project_ray(lens, a, b, at, slopes);
+            for (int r = 0; r < 2; r++) {
+                J[i + r][i] = slopes[2 * r] / lens->fx;
+                J[i + r][i + 1] = (slopes[2 * r + 1] - slopes[2 * r] * f->skew / lens->fx) / lens->fy;
+            }
+            continue;
+        }
+        if (!fit_distortion)
+            continue;
+        if (distortion != 0.0)
+            distort(view, distortion, at);
+        /* d flat / d seen = along 1 + 2 distortion o o', whose inverse is (1 - outward o o') / along. */
+        const double x = (at[0] - view[2]) / view[4], y = (at[1] - view[3]) / view[4], r2 = x * x + y * y;
+        const double along = 1.0 + distortion * r2, outward = 2.0 * distortion / (along + 2.0 * distortion * r2);
+        J[i][i] = (1.0 - outward * x * x) / along;
+        J[i][i + 1] = J[i + 1][i] = -outward * x * y / along;
+        J[i + 1][i + 1] = (1.0 - outward * y * y) / along;
+        for (int r = 0; r < 2; r++)
+            J[i + r][11] = -(J[i + r][i] * x + J[i + r][i + 1] * y) * r2 * view[4];
+    }
+}
+
+/* Corners in the image and their (8,8) covariance; 0 where the normal matrix is singular. */
+static int place_corners(const Fit *f, const double *view, const double *state, const double *normal, double error, int64_t fit_distortion, double *corners, double *covariance)
+{
+    double J[CORNERS][12], L[STATE * STATE], half[CORNERS][STATE], aligned = 0.0;
+    seen_corners(f, view, state, fit_distortion, corners, J);
+    memcpy(L, normal, sizeof L);
+    if (!factor(L, STATE))
+        return 0;
+    for (int i = 0; i < CORNERS; i++) {
+        for (int j = 0; j < STATE; j++)
+            half[i][j] = j < 12 ? J[i][j] : 0.0;
+        solve_lower(L, STATE, half[i]);
+    }
+    for (int i = 0; i < CORNERS; i += 2) {
+        double dx = fabs(corners[(i + 2) % CORNERS] - corners[i]), dy = fabs(corners[(i + 3) % CORNERS] - corners[i + 1]);
+        double far = (dx < dy ? dx : dy) / f->mosaic;
+        aligned += 0.25 / (1.0 + far * far);
+    }
+    const double few = f->few_edges / side_of(corners), scale = error * f->correlated * (1.0 + aligned * few * few);
+    for (int i = 0; i < CORNERS; i++)
+        for (int j = 0; j < CORNERS; j++) {
+            double sum = 0.0;
+            for (int k = 0; k < STATE; k++)
+                sum += half[i][k] * half[j][k];
+            covariance[CORNERS * i + j] = scale * sum + (i == j ? f->model_error * f->model_error : 0.0);
+        }
+    return 1;
+}
+
 int lmkit_fit_landmark(const Fit *f, const double *view, int64_t phases, int64_t fit_distortion, int64_t capacity,
                        float *planes, float *work, uint8_t *kinds, double *subsets, double *state, double *out)
 {
     Pixels p = {planes, NULL, NULL, NULL, planes + 8 * capacity, work, kinds, subsets, 0, capacity};
-    double *plain = out + 3 + STATE * STATE, *robust = plain + HEAD + 1 + 2 * (2 + f->gaps);
+    const int64_t decoding = HEAD + 1 + 2 * (2 + f->gaps);
+    double *plain = out + 3 + STATE * STATE, *robust = plain + decoding, *corners = robust + decoding;
     if (phases & READ) {
         if (!take(f, view, state, f->coarse_pixels, 0.0, &p))
             return 1;
@@ -185,7 +262,31 @@ int lmkit_fit_landmark(const Fit *f, const double *view, int64_t phases, int64_t
             return 1;
         read_code(f, view, state, &p, p.variance, plain);
         read_code(f, view, state, &p, p.robust, robust);
+        if (!place_corners(f, view, state, out + 3, out[1], fit_distortion, corners, corners + CORNERS))
+            return 1;
     }
     out[0] = (double)p.n;
+    return 0;
+}
+
+int lmkit_fit_landmarks(const Fit *f, const double *view, int64_t count, const double *quads, double distortion_side,
+                        int64_t capacity, float *planes, float *work, uint8_t *kinds, double *subsets, int64_t width,
+                        double *rows)
+{
+    double here[VIEW];
+    memcpy(here, view, sizeof here);
+    for (int64_t k = 0; k < count; k++) {
+        const double *quad = quads + CORNERS * k;
+        double *row = rows + width * k, *state = row + 1, side = side_of(quad);
+        for (int i = 0; i < STATE; i++)
+            state[i] = i < CORNERS ? quad[i] : 0.0;
+        for (int i = 0; i < 2; i++)
+            here[i] = nearbyint(0.25 * (quad[i] + quad[2 + i] + quad[4 + i] + quad[6 + i]));
+        /* The blur starts generous, so that a wrong corner still feels its edge. */
+        double blur = f->blur_share * (side < f->blurred_side ? side : f->blurred_side);
+        blur = blur > f->least_blur ? blur : f->least_blur;
+        state[8] = state[10] = blur * blur;
+        row[0] = !lmkit_fit_landmark(f, here, READ | FINISH, side > distortion_side, capacity, planes, work, kinds, subsets, state, state + STATE);
+    }
     return 0;
 }

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from lmkit.kernels.hypotheses import HEAD, Decoded, DecodingRules, Words
 from lmkit.kernels.lens import Lens
-from lmkit.kernels.load import address, addresses, function
+from lmkit.kernels.load import address, addresses, contiguous, function
 from lmkit.kernels.pattern import INKS, Drawing
 from lmkit.kernels.pixel_sampling import VISITED, Edges, Source
 from lmkit.kernels.registration import BLOCK, STATE, Limits, Priors, Steps, View, scratch_floats
@@ -36,6 +36,23 @@ class Promising(NamedTuple):
     red_over_blue: float
     least_contrast: float
     most_contrast: float
+
+
+class Start(NamedTuple):
+    """Blur where a fit begins: at least so many px, or this share of the side, which counts up to so many px."""
+
+    least_blur: float
+    blur_share: float
+    blurred_side: float
+
+
+class CornerErrors(NamedTuple):
+    """Errors of corners that residuals do not show, px: what no model knows, side at which few edges count as much as
+    all else, period of the color mosaic."""
+
+    model: float
+    few_edges: float
+    mosaic: float
 
 
 class FitRules(NamedTuple):
@@ -64,6 +81,8 @@ class FitRules(NamedTuple):
     priors: Priors
     limits: Limits
     promising: Promising
+    start: Start
+    errors: CornerErrors
     floor: float = 1e-8
 
 
@@ -76,6 +95,7 @@ class Fitted(NamedTuple):
         error: per value; ``normal``: (15,15) J'WJ; both of the last registration.
         plain, robust: decodings with the pixels' own weights and with what does not fit down-weighted; None where
             the pixels do not determine the inks.
+        corners: (4,2) in the image, distortion and all; ``covariance``: (8,8) px^2.  Both once all pixels are used.
     """
 
     state: FloatArray
@@ -84,6 +104,8 @@ class Fitted(NamedTuple):
     normal: FloatArray
     plain: Decoded | None
     robust: Decoded | None
+    corners: FloatArray
+    covariance: FloatArray
 
 
 class _Steps(ctypes.Structure):
@@ -104,6 +126,8 @@ class _Fit(ctypes.Structure):
         ("priors", ctypes.c_double * 5),
         ("limits", ctypes.c_double * 5),
         ("promising", ctypes.c_double * 6),
+        ("start", ctypes.c_double * 3),
+        ("errors", ctypes.c_double * 3),
     )
 
 
@@ -143,7 +167,17 @@ class LandmarkFit:
             *(VISITED, rules.least_pixels, rules.coarse_pixels, rules.pixels, rules.read_rounds),
             *(_Steps(steps.rounds, steps.most, steps.to_px) for steps in (rules.coarse, rules.fine)),
             *(skew, rules.reach, rules.band, rules.near_share, noise, rules.floor),
-            *(_numbers(part) for part in (rules.decoding, rules.priors, rules.limits, rules.promising)),
+            *map(_numbers, (rules.decoding, rules.priors, rules.limits, rules.promising, rules.start, rules.errors)),
+        )
+        most = max(rules.pixels, rules.coarse_pixels)
+        self._capacity = capacity = most + most // 5 + 64
+        self._decoding = HEAD + 1 + 2 * (2 + self._gaps)
+        self._width = NORMAL + STATE * STATE + 2 * self._decoding + 8 + 64
+        self._room = (
+            ("planes", 9 * capacity),
+            ("work", max(scratch_floats(capacity), (capacity + BLOCK) * self._columns + 2 * capacity)),
+            ("kinds", VISITED * most // 2 + (height + 8) // 2),
+            ("subsets", 2 * (7 << self._gaps)),
         )
 
     def run(
@@ -162,34 +196,40 @@ class LandmarkFit:
         """
         kernel = _kernel()
         assert kernel is not None
-        most = max(self.rules.pixels, self.rules.coarse_pixels)
-        capacity = most + most // 5 + 64
-        work = max(scratch_floats(capacity), (capacity + BLOCK) * self._columns + 2 * capacity)
-        planes = WORKSPACE.floats("planes", 9 * capacity)
-        head = HEAD + 1 + 2 * (2 + self._gaps)
-        out = np.zeros(NORMAL + STATE * STATE + 2 * head)
+        out = np.zeros(self._width)
         if so_far is not None and so_far.plain is not None:
             out[NORMAL + STATE * STATE :][:2] = so_far.plain.turn, so_far.plain.code
         moved = np.array(state, dtype=np.float64)
+        rooms = [WORKSPACE.floats(*room) for room in self._room]
+        task = ctypes.addressof(self._task)
         status = kernel(
-            ctypes.addressof(self._task),
-            address(view.flat),
-            phases,
-            fit_distortion,
-            capacity,
-            planes,
-            WORKSPACE.floats("work", work),
-            WORKSPACE.floats("kinds", VISITED * most // 2 + (self._task.height + 8) // 2),
-            WORKSPACE.floats("subsets", 2 * (7 << self._gaps)),
-            address(moved),
-            address(out),
+            task, address(view.flat), phases, fit_distortion, self._capacity, *rooms, address(moved), address(out)
         )
-        if status:
-            return None
-        decodings = out[NORMAL + STATE * STATE :].reshape(2, head)
-        plain, robust = (_decoded(part) for part in decodings)
-        normal = out[NORMAL : NORMAL + STATE * STATE].reshape(STATE, STATE)
-        return Fitted(moved, int(out[0]), float(out[1]), normal, plain, robust)
+        return None if status else self._fitted(moved, out)
+
+    def run_all(self, view: FloatArray, quads: FloatArray, distortion_side: float) -> list[Fitted]:
+        """Fit from every square of (N,4,2) on; those where no landmark is are left out.
+
+        Args:
+            view: the flat `View` of the image; its origin does not matter.
+            distortion_side: squares of a larger side also fit the distortion.
+        """
+        kernel = _all_kernel()
+        assert kernel is not None
+        quads, width = contiguous(quads, (-1, 4, 2)), 1 + STATE + self._width
+        rows = np.empty((len(quads), width))
+        rooms = [WORKSPACE.floats(*room) for room in self._room]
+        task, first = ctypes.addressof(self._task), address(rows)
+        kernel(task, address(view), len(quads), address(quads), distortion_side, self._capacity, *rooms, width, first)
+        return [self._fitted(row[1 : 1 + STATE], row[1 + STATE :]) for row in rows if row[0]]
+
+    def _fitted(self, state: FloatArray, out: FloatArray) -> Fitted:
+        first = NORMAL + STATE * STATE
+        second, end = first + self._decoding, first + 2 * self._decoding
+        plain, robust = _decoded(out[first:second]), _decoded(out[second:end])
+        normal, corners = out[NORMAL:first].reshape(STATE, STATE), out[end : end + 8].reshape(4, 2)
+        covariance = out[end + 8 :].reshape(8, 8)
+        return Fitted(state, int(out[0]), float(out[1]), normal, plain, robust, corners, covariance)
 
 
 WORKSPACE = Workspace()
@@ -217,3 +257,9 @@ def _numbers(numbers: Sequence[float]) -> Any:
 def _kernel() -> Any:
     p, n = ctypes.c_void_p, ctypes.c_int64
     return function("lmkit_fit_landmark", p, p, n, n, n, *[p] * 6)
+
+
+@lru_cache(maxsize=1)
+def _all_kernel() -> Any:
+    p, n, d = ctypes.c_void_p, ctypes.c_int64, ctypes.c_double
+    return function("lmkit_fit_landmarks", p, p, n, p, d, n, *[p] * 4, n, p)
