@@ -21,6 +21,7 @@ from lmkit.detection.registration import (
     SHADING_PRIOR,
     PatternRegistration,
 )
+from lmkit.kernels import landmark_fit
 from lmkit.kernels.landmark_fit import (
     FINISH,
     READ,
@@ -30,7 +31,6 @@ from lmkit.kernels.landmark_fit import (
     LandmarkFit,
     Promising,
     Start,
-    is_compiled,
 )
 from lmkit.kernels.registration import Priors, Steps
 from lmkit.model.landmark import LandmarkFamily
@@ -59,7 +59,7 @@ class FitSteps:
 
     def read(self, fit: PatternRegistration) -> bool:
         """Register and decode until the code stands; False where nothing promising does."""
-        if is_compiled():
+        if landmark_fit.is_compiled():
             self._read = self._run(fit, READ)
             return self._read is not None
         coarse = min(COARSE_PIXELS, self.pixels)
@@ -76,7 +76,7 @@ class FitSteps:
 
     def finish(self, fit: PatternRegistration) -> bool:
         """Register with all pixels, and decode by plain and by robust weights; False where it left the image."""
-        if is_compiled():
+        if landmark_fit.is_compiled():
             return self._run(fit, FINISH) is not None
         if not fit.sample(self.pixels, near_edges=True):
             return False

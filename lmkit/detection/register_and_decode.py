@@ -8,7 +8,6 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from lmkit.arrays import ByteArray, FloatArray
-from lmkit.detection import fit_steps
 from lmkit.detection.acceptance import DEFAULT, AcceptanceRule, ScoredReading
 from lmkit.detection.config import DetectOptions
 from lmkit.detection.decoding import Decoding, decoding_of, tables_of
@@ -17,6 +16,7 @@ from lmkit.detection.linear_image import LinearImage
 from lmkit.detection.pixel_sampling import mean_side
 from lmkit.detection.registration import PatternRegistration, blur_of
 from lmkit.detection.shadows import ShadowEdge
+from lmkit.kernels import landmark_fit
 from lmkit.kernels.landmark_fit import Fitted
 from lmkit.kernels.registration import Steps, View
 from lmkit.model.landmark import LandmarkFamily
@@ -87,7 +87,7 @@ def register_all(
     image: LinearImage, quads: FloatArray, family: LandmarkFamily, options: DetectOptions
 ) -> list[Candidate]:
     """Candidates of (N,4,2) squares, each as :func:`register_and_decode` makes it, without those of nothing."""
-    if image.white is not None or not fit_steps.is_compiled():
+    if image.white is not None or not landmark_fit.is_compiled():
         found = (register_and_decode(image, quad, family, options) for quad in quads)
         return [candidate for candidate in found if candidate is not None]
     if len(quads) == 0:

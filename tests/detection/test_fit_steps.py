@@ -8,10 +8,9 @@ import numpy as np
 import pytest
 from simulated import CAMERA, shoot
 
-from lmkit.detection import fit_steps
 from lmkit.detection.config import DetectOptions
 from lmkit.detection.detector import candidates_of
-from lmkit.kernels import load
+from lmkit.kernels import landmark_fit, load
 from lmkit.model.families import family_named
 
 needs_library = pytest.mark.skipif(load.library() is None, reason=load.describe())
@@ -30,7 +29,7 @@ def test_the_compiled_fit_takes_the_steps_of_the_definition(monkeypatch, side, l
     camera = replace(CAMERA, distortion=np.array([-0.2, 0.05, 1e-3, -1e-3, 0.0])) if lens == "known" else None
     options = DetectOptions((family,), camera=camera)
     compiled = candidates_of(image, options)
-    monkeypatch.setattr(fit_steps, "is_compiled", lambda: False)
+    monkeypatch.setattr(landmark_fit, "is_compiled", lambda: False)
     defined = candidates_of(image, options)
     assert compiled
     assert len(compiled) == len(defined)
