@@ -80,6 +80,7 @@ def draw_photograph(
     family: str = "lm8",
     trouble: float = 0.3,
     look_alikes: float = LOOK_ALIKES,
+    cells: tuple[int, int] = (COLUMNS, ROWS),
 ) -> tuple[np.ndarray, list[Shown], ImagingChain]:
     """One image, (480,640,3) BGR, 8 bit, the landmarks in it and how it was taken.
 
@@ -90,14 +91,15 @@ def draw_photograph(
         sides_px: least and largest f * side / distance, drawn by the logarithm.
         trouble: see :func:`lmkit.simulation.cameras.draw_chain`.
         look_alikes: share of the sheets that show a look-alike.
+        cells: columns and rows of sheets; more of them for smaller landmarks, since the time goes by pixels.
     """
     rng = np.random.default_rng(seed)
     panels, shown, marker = [], [], family_named(family)
-    for cell in range(COLUMNS * ROWS):
+    for cell in range(cells[0] * cells[1]):
         if rng.random() < EMPTY_SHARE:
             continue
         side = float(np.exp(rng.uniform(*np.log(sides_px))))
-        T, tilt = _place(cell, side, rng)
+        T, tilt = _place(cell, cells, side, rng)
         inks = ALL_INKS[str(rng.choice(list(ALL_INKS)))]
         is_landmark = rng.random() >= look_alikes
         if is_landmark:
@@ -123,10 +125,10 @@ def draw_photograph(
     return expose(radiance, chain, rng), shown, chain
 
 
-def _place(cell: int, side_px: float, rng: np.random.Generator) -> tuple[Pose, float]:
+def _place(cell: int, cells: tuple[int, int], side_px: float, rng: np.random.Generator) -> tuple[Pose, float]:
     """Pose of a sheet in a cell of the image, and its tilt in degrees."""
-    width, height = SIZE[0] / COLUMNS, SIZE[1] / ROWS
-    middle = np.array([(cell % COLUMNS + 0.5) * width, (cell // COLUMNS + 0.5) * height])
+    width, height = SIZE[0] / cells[0], SIZE[1] / cells[1]
+    middle = np.array([(cell % cells[0] + 0.5) * width, (cell // cells[0] + 0.5) * height])
     room = np.maximum(np.array([width, height]) / 2 - 0.85 * side_px, 0)
     at = middle + rng.uniform(-1, 1, 2) * room
     distance = FOCAL_PX * SIDE_M / side_px
