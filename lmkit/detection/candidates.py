@@ -53,8 +53,8 @@ class WhereToLook:
         dilated: also the cells beside those.
     """
 
-    ratio: float = 0.2
-    luma: float = 0.3
+    ratio: float = 0.15
+    luma: float = 0.2
     dilated: bool = False
 
 

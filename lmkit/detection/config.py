@@ -12,11 +12,11 @@ from lmkit.model.families import MarkerFamily
 from lmkit.model.landmark import LM8, LandmarkFamily
 from lmkit.model.square_marker import SquareMarkerFamily
 
-GRAY = Source("gray", 1, 7, 0.04)
-COARSE = Source("gray", 2, 7, 0.04)  # where edges are blurred over many pixels
-RED = Source("red", 1, 7, 0.04)
-DARKEST = Source("darkest", 1, 7, 0.04)
-FINE = Source("gray", 0, 7, 0.04)
+GRAY = Source("gray", 1, 5, 0.01)
+COARSE = Source("gray", 2, 5, 0.01)  # where edges are blurred over many pixels
+RED = Source("red", 1, 5, 0.01)
+DARKEST = Source("darkest", 1, 5, 0.01)
+FINE = Source("gray", 0, 5, 0.01)
 WIDE = Source("gray", 0, 15, 0.10)
 
 
@@ -44,7 +44,7 @@ class DetectorConfig:
     """
 
     sources: tuple[Source, ...] = (GRAY, COARSE, FINE)
-    where: WhereToLook = field(default_factory=lambda: WhereToLook(ratio=0.3, luma=0.4))
+    where: WhereToLook = field(default_factory=WhereToLook)
     min_pattern: float = 0.04
     align_rounds: int = 5
     aligned: ScreeningThresholds = ALIGNED_THRESHOLDS
@@ -54,9 +54,7 @@ class DetectorConfig:
 
 
 BALANCED = DetectorConfig()
-ACCURATE = DetectorConfig(
-    sources=(GRAY, COARSE, RED, DARKEST, FINE, WIDE), where=WhereToLook(dilated=True), pixels=1500
-)
+ACCURATE = DetectorConfig(sources=(GRAY, COARSE, RED, DARKEST, FINE, WIDE), pixels=1500)
 FAST = DetectorConfig(sources=(GRAY, COARSE), align_rounds=3, pixels=600, in_shadow=False)
 PROFILES = {"fast": FAST, "balanced": BALANCED, "accurate": ACCURATE}
 
