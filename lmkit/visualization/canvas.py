@@ -14,6 +14,7 @@ from lmkit.arrays import ByteArray
 
 PAPER = (252, 252, 250)
 OVERSAMPLE = 2
+HALO, HALO_PX = (255, 255, 255), 3  # around words, so that they can be read on lines and colors
 
 
 Rgb = tuple[int, int, int]
@@ -29,7 +30,9 @@ class Canvas(Protocol):
 
     def line(self, points: Points, color: Rgb, width: float) -> None: ...
     def box(self, a: tuple[float, float], b: tuple[float, float], fill: Rgb) -> None: ...
-    def text(self, at: tuple[float, float], text: str, size: float, color: Rgb, anchor: str) -> float: ...
+    def text(
+        self, at: tuple[float, float], text: str, size: float, color: Rgb, anchor: str, halo: bool = False
+    ) -> float: ...
     def image(self, a: tuple[float, float], b: tuple[float, float], rgb: ByteArray) -> None: ...
     def file(self) -> bytes: ...
 
@@ -50,10 +53,16 @@ class PngCanvas:
         corners = [v * OVERSAMPLE for v in (*a, *b)]
         self._draw.rectangle(corners, fill=fill)
 
-    def text(self, at: tuple[float, float], text: str, size: float, color: Rgb, anchor: str) -> float:
+    def text(
+        self, at: tuple[float, float], text: str, size: float, color: Rgb, anchor: str, halo: bool = False
+    ) -> float:
         font = ImageFont.load_default(size * OVERSAMPLE)
         place = (at[0] * OVERSAMPLE, at[1] * OVERSAMPLE)
-        self._draw.text(place, text, color, font, anchor={"start": "lm", "middle": "mm", "end": "rm"}[anchor])
+        around = HALO_PX * OVERSAMPLE
+        place_of = {"start": "lm", "middle": "mm", "end": "rm"}[anchor]
+        if halo:
+            self._draw.text(place, text, HALO, font, anchor=place_of, stroke_width=around, stroke_fill=HALO)
+        self._draw.text(place, text, color, font, anchor=place_of)
         return float(self._draw.textlength(text, font)) / OVERSAMPLE
 
     def image(self, a: tuple[float, float], b: tuple[float, float], rgb: ByteArray) -> None:
@@ -82,9 +91,13 @@ class SvgCanvas:
         place = f'x="{a[0]:.1f}" y="{a[1]:.1f}" width="{b[0] - a[0]:.1f}" height="{b[1] - a[1]:.1f}"'
         self._parts.append(f'<rect {place} fill="{hex_color(fill)}"/>')
 
-    def text(self, at: tuple[float, float], text: str, size: float, color: Rgb, anchor: str) -> float:
+    def text(
+        self, at: tuple[float, float], text: str, size: float, color: Rgb, anchor: str, halo: bool = False
+    ) -> float:
         place = f'x="{at[0]:.1f}" y="{at[1] + size * 0.35:.1f}" font-size="{size:g}" text-anchor="{anchor}"'
-        self._parts.append(f'<text {place} fill="{hex_color(color)}">{escape(text)}</text>')
+        around = f'stroke="{hex_color(HALO)}" stroke-width="{2 * HALO_PX}" stroke-linejoin="round" ' if halo else ""
+        order = 'paint-order="stroke" ' if halo else ""
+        self._parts.append(f'<text {place} {around}{order}fill="{hex_color(color)}">{escape(text)}</text>')
         return 0.52 * size * len(text)
 
     def image(self, a: tuple[float, float], b: tuple[float, float], rgb: ByteArray) -> None:

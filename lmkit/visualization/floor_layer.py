@@ -15,7 +15,7 @@ from lmkit.visualization.plan_view import Note, Underlay
 
 FREE, WALL, BLIND, OUTSIDE = (255, 255, 255), (70, 74, 80), (222, 222, 226), (244, 244, 242)
 WALL_SHOWN_M = 0.15
-HATCH, HATCH_CELLS = (96, 60, 110), 5  # color of the lines, and distance between them
+HATCH, HATCH_CELLS = (60, 20, 80), 5  # color of the lines, and distance between them
 LEAST_ROOM_M2 = 1.0
 NOTED_AT, NOTED_OFF_M = (0.5, 0.4, 0.6, 0.3, 0.7), 0.45  # the name of a wall: along it, and off it
 # From well known to badly known, evenly in brightness so that they print in gray, too.
@@ -46,7 +46,9 @@ def floor_underlay(
         step = np.sqrt(floor.free.sum() * floor.cell_m**2 / len(places))
         level = np.searchsorted(LEVELS_M, error_m)
         colors = np.array([*COLORS, BLIND])[np.where(np.isinf(error_m), len(COLORS), level)]
-        near = distance < 1.2 * step
+        # As far as the places reach, without the steps of their grid.
+        reached = floor.clearance_at(middles) >= floor.clearance_at(places).min() - floor.cell_m / 2
+        near = reached & (distance < 1.6 * step)
         rgb[rows[near], columns[near]] = colors[nearest[near]]
         words = [f"{100 * low:g} to {100 * high:g} cm" for low, high in pairwise(LEVELS_M)]
         names = [f"under {100 * LEVELS_M[0]:g} cm", *words, f"over {100 * LEVELS_M[-1]:g} cm", "blind"]
@@ -59,7 +61,7 @@ def floor_underlay(
     high = (low[0] + floor.size_m[0], low[1] + floor.size_m[1])
     # Far from free space there is nothing to show.
     rgb[distance_transform_edt(~floor.free) * floor.cell_m > WALL_SHOWN_M] = OUTSIDE
-    return Underlay(np.ascontiguousarray(rgb[::-1]), low, high, legend)
+    return Underlay(np.ascontiguousarray(rgb[::-1]), low, high, legend, np.ascontiguousarray(floor.free[::-1]))
 
 
 def wall_notes(floor: FloorPlan) -> list[Note]:

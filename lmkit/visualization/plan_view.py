@@ -7,12 +7,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from lmkit.arrays import ByteArray, FloatArray
+from lmkit.arrays import BoolArray, ByteArray, FloatArray
 from lmkit.geometry.pose import Pose
 from lmkit.model.landmark import FAMILIES
 from lmkit.model.landmark_id import LandmarkId
 from lmkit.model.landmark_map import LandmarkMap, MappedLandmark
 from lmkit.visualization.canvas import Canvas, PngCanvas, Rgb, SvgCanvas
+from lmkit.visualization.labels import LabelPlacer, line_parts_inside, text_width
 
 MOST_PIXELS_PER_M = 150.0
 LARGEST_PX = 1500.0
@@ -24,7 +25,10 @@ LARGEST_SEEN_PX = 120.0
 GAINS = (1.0, 10.0, 100.0)
 CHI2_2D_95 = 5.991
 OFF_WALL_PX = 9  # so far before its wall a landmark is drawn
-LABEL_PX = 48.0  # between labels, so that they can be read
+CODE_PX, BEYOND_PX = 15.0, 20.0  # height of codes, and their distance from the wall
+ASIDE_PX, FARTHER_PX = (0.0, 14.0, -14.0, 28.0, -28.0), (0.0, 10.0, 22.0, 36.0)  # other places for a label
+LEGEND_PX, LEGEND_ROW_PX, UNDER_PX = 78, 26, 34  # below the plan, between rows, below the last row
+TITLE_PX = 19.0
 SAME_PLACE_M = 0.05
 UPRIGHT = 0.3  # length in the plan of the normal of a landmark on a wall; shorter on floors and ceilings
 
@@ -58,12 +62,14 @@ class Underlay:
         rgb: (h,w,3) 0..255, its first row at the highest y.
         low, high: (x, y) of its corners, meters.
         legend: what its colors mean.
+        gridded: (h,w) where the grid is drawn over it; None: everywhere.
     """
 
     rgb: ByteArray
     low: tuple[float, float]
     high: tuple[float, float]
     legend: tuple[tuple[Rgb, str], ...] = ()
+    gridded: BoolArray | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -118,40 +124,51 @@ def draw_plan(
         )
     scale = min(MOST_PIXELS_PER_M, LARGEST_PX / max(high[0] - low[0], high[1] - low[1]))
     width, height = (round((high[axis] - low[axis]) * scale) + 2 * MARGIN_PX for axis in (0, 1))
-    size = (max(width, LEAST_WIDTH_PX), height)
+    width = max(width, LEAST_WIDTH_PX)
+    known = [f.covariance for f in found if f.covariance is not None and f.sure]
+    known += [landmark.covariance[:2, :2] for landmark in landmarks if landmark.covariance is not None]
+    gain = _gain(known, scale)
+    colors = [*(underlay.legend if underlay else ()), *((line.color, line.legend) for line in polylines)]
+    rows = _legend_rows([*colors, *_legend(landmarks, found, truth, gain)], width)
+    size = (width, height - MARGIN_PX + LEGEND_PX + LEGEND_ROW_PX * (len(rows) - 1) + UNDER_PX)
     canvas: Canvas = SvgCanvas(size) if kind == "svg" else PngCanvas(size)
     plan = _Plan(canvas, low, high, scale)
     plan.room(size_m is not None, underlay)
     for line in polylines:
-        canvas.line([plan.at(point) for point in line.points], line.color, line.width)
-    known = [f.covariance for f in found if f.covariance is not None and f.sure]
-    known += [landmark.covariance[:2, :2] for landmark in landmarks if landmark.covariance is not None]
-    gain = _gain(known, scale)
-    families = {landmark.family for landmark in landmarks}
-    several = len(families) > 1
+        plan.line([plan.at(point) for point in line.points], line.color, line.width)
     for landmark in landmarks:
         if landmark.covariance is not None:
             plan.ellipse(landmark.T_map_landmark.t, landmark.covariance[:2, :2], gain, FAINT)
         plan.landmark(landmark)
-    for pose, ids in _over_each_other(landmarks):
-        plan.codes(pose, ", ".join(str(id_) if several else str(id_.code) for id_ in ids))
     for true in truth:
-        plan.camera(true, GREEN, 3, None)
+        plan.camera(true, GREEN, 3)
     for one in found:
         if not one.sure:
-            plan.camera(one.pose, FAINT, 1, None)
-    labeled: list[FloatArray] = []
-    for one in (f for f in found if f.sure):
-        here = np.array(plan.at(one.pose.t[:2]))
-        clear = all(np.abs(here - other).max() > LABEL_PX for other in labeled)
-        if clear:
-            labeled.append(here)
-        plan.camera(one.pose, ORANGE, 2, one.label if clear else None)
-        if one.covariance is not None:
-            plan.ellipse(one.pose.t, one.covariance, gain)
+            plan.camera(one.pose, FAINT, 1)
+    for one in found:
+        if one.sure:
+            plan.camera(one.pose, ORANGE, 2)
+            if one.covariance is not None:
+                plan.ellipse(one.pose.t, one.covariance, gain)
+    # Words come last: they evade what is drawn.
+    several = len({landmark.family for landmark in landmarks}) > 1
+    for pose, ids in _over_each_other(landmarks):
+        plan.codes(pose, ", ".join(str(id_) if several else str(id_.code) for id_ in ids))
     for note in notes:
         plan.note(note)
-    legend = [*(underlay.legend if underlay else ()), *((line.color, line.legend) for line in polylines)]
+    for one in found:
+        if one.sure:
+            plan.pose_label(one)
+    plan.words(title, rows)
+    return canvas.file()
+
+
+def _legend(
+    landmarks: LandmarkMap, found: Sequence[Found], truth: Sequence[Pose], gain: float
+) -> list[tuple[Rgb, str]]:
+    """Colors of landmarks and poses, and what they mean."""
+    families = {landmark.family for landmark in landmarks}
+    legend: list[tuple[Rgb, str]] = []
     enlarged = "" if gain == 1 else f", {gain:g} times enlarged"
     if any(landmark.covariance is not None for landmark in landmarks):
         legend.append((FAINT, f"landmark's 95 % ellipse{enlarged}"))
@@ -162,9 +179,22 @@ def draw_plan(
     if not all(f.sure for f in found):
         legend.append((FAINT, "ambiguous"))
     ink = RED if families & FAMILIES.keys() or not families else INK
-    of_family = f" ({families.pop()})" if ink == INK and not several else ""
-    plan.words(title, [*legend, (ink, f"landmark and its {'id' if several else 'code'}{of_family}")])
-    return canvas.file()
+    of_family = f" ({next(iter(families))})" if ink == INK and len(families) == 1 else ""
+    return [*legend, (ink, f"landmark and its {'id' if len(families) > 1 else 'code'}{of_family}")]
+
+
+def _legend_rows(legend: Sequence[tuple[Rgb, str]], width: int) -> list[list[tuple[float, Rgb, str]]]:
+    """Rows of the legend: where each entry starts, pixels from the left, its color and its words."""
+    rows: list[list[tuple[float, Rgb, str]]] = [[]]
+    x = float(MARGIN_PX)
+    for color, text in legend:
+        needed = 34 + text_width(text, CODE_PX)
+        if rows[-1] and x + needed > width - MARGIN_PX / 2:
+            rows.append([])
+            x = float(MARGIN_PX)
+        rows[-1].append((x, color, text))
+        x += needed + 22
+    return rows
 
 
 def _over_each_other(landmarks: LandmarkMap) -> list[tuple[Pose, list[LandmarkId]]]:
@@ -204,10 +234,17 @@ class _Plan:
 
     def __init__(self, canvas: Canvas, low: tuple[float, float], high: tuple[float, float], scale: float) -> None:
         self.canvas, self.low, self.high, self.scale = canvas, low, high, scale
+        self.bottom = MARGIN_PX + round((high[1] - low[1]) * scale)
+        self.labels = LabelPlacer()
 
     def at(self, xy: FloatArray) -> tuple[float, float]:
         x = MARGIN_PX + (float(xy[0]) - self.low[0]) * self.scale
-        return x, self.canvas.size[1] - MARGIN_PX - (float(xy[1]) - self.low[1]) * self.scale
+        return x, self.bottom - (float(xy[1]) - self.low[1]) * self.scale
+
+    def line(self, points: Sequence[tuple[float, float]], color: Rgb, width: float) -> None:
+        """A line that labels evade."""
+        self.canvas.line(points, color, width)
+        self.labels.keep_line(points)
 
     def room(self, walls: bool, underlay: Underlay | None) -> None:
         a, b = self.at(np.array([self.low[0], self.high[1]])), self.at(np.array([self.high[0], self.low[1]]))
@@ -216,11 +253,25 @@ class _Plan:
             self.canvas.image(a, b, underlay.rgb)
         for axis in (0, 1):
             for meter in range(int(np.ceil(self.low[axis] + 1e-9)), int(np.ceil(self.high[axis]))):
-                ends = np.array([self.low, self.high])
-                ends[:, axis] = meter
-                self.canvas.line([self.at(end) for end in ends], GRID, 1)
+                self._grid_line(axis, meter, underlay)
         rim = [a, (b[0], a[1]), b, (a[0], b[1]), a, (b[0], a[1])]
         self.canvas.line(rim, WALL if walls else GRID, 5 if walls else 1)
+
+    def _grid_line(self, axis: int, meter: int, underlay: Underlay | None) -> None:
+        """A line of the grid, left out where the underlay says so."""
+        ends = np.array([self.low, self.high])
+        ends[:, axis] = meter
+        if underlay is None or underlay.gridded is None:
+            self.canvas.line([self.at(end) for end in ends], GRID, 1)
+            return
+        gridded = underlay.gridded[::-1]
+        cell = (self.high[0] - self.low[0]) / gridded.shape[1]
+        across = min(int((meter - self.low[axis]) / cell), gridded.shape[1 - axis] - 1)
+        shown = gridded[:, across] if axis == 0 else gridded[across]
+        edges = np.flatnonzero(np.diff(np.concatenate([[0], shown.astype(np.int8), [0]])))
+        for start, stop in zip(edges[::2], edges[1::2], strict=True):
+            ends[:, 1 - axis] = self.low[1 - axis] + np.array([start, stop]) * cell
+            self.canvas.line([self.at(end) for end in ends], GRID, 1)
 
     def landmark(self, landmark: MappedLandmark) -> None:
         """A bar on the landmark's own side of its wall, in the colors of its family."""
@@ -233,40 +284,66 @@ class _Plan:
         inset = 0.02 if landmark.family in FAMILIES else 0.2
         middle = pose.t[:2] + OFF_WALL_PX / self.scale * pose.R[:2, 2]
         a, b = middle - along * size_m / 2, middle + along * size_m / 2
-        self.canvas.line([self.at(a), self.at(b)], border, 12)
+        self.line([self.at(a), self.at(b)], border, 12)
+        self.labels.keep_box(self.at(middle), 14, 14)
         self.canvas.line([self.at(a + inset * (b - a)), self.at(b - inset * (b - a))], ground, 6)
 
     def codes(self, pose: Pose, label: str) -> None:
         """Codes beside the landmark, on the side from which it is seen."""
-        self.canvas.text(self.at(pose.t[:2] + 34 / self.scale * pose.R[:2, 2]), label, 15, INK, "middle")
+        x, y = self.at(pose.t[:2])
+        out = np.array([pose.R[0, 2], -pose.R[1, 2]])  # in the drawing, y down
+        out = out / np.linalg.norm(out) if np.linalg.norm(out) > UPRIGHT else np.array([0.0, -1.0])
+        half = abs(out[0]) * text_width(label, CODE_PX) / 2 + abs(out[1]) * CODE_PX / 2
+        across = np.array([-out[1], out[0]])
+        steps = [(far, aside) for far in FARTHER_PX for aside in ASIDE_PX]
+        places = [np.array([x, y]) + (BEYOND_PX + half + far) * out + aside * across for far, aside in steps]
+        candidates = [(float(place[0]), float(place[1])) for place in places]
+        self._word(label, CODE_PX, candidates, True)
 
-    def camera(self, pose: Pose, color: Rgb, width: float, label: str | None) -> None:
+    def pose_label(self, found: Found) -> None:
+        """The name of a pose beside it, where there is room."""
+        x, y = self.at(found.pose.t[:2])
+        back = np.array([-found.pose.R[0, 2], found.pose.R[1, 2]])
+        wide = text_width(found.label, 14) / 2 + 16
+        around = [(x + 30 * back[0], y + 30 * back[1]), (x, y - 26), (x, y + 26), (x + wide, y), (x - wide, y)]
+        around += [(x, y - 38), (x, y + 38), (x + wide + 14, y), (x - wide - 14, y)]
+        self._word(found.label, 14, around, False)
+
+    def _word(self, text: str, size: float, candidates: Sequence[tuple[float, float]], needed: bool) -> None:
+        place, clear = self.labels.place(text, size, candidates)
+        if needed or clear:
+            self.canvas.text(place, text, size, INK, "middle", True)
+
+    def camera(self, pose: Pose, color: Rgb, width: float) -> None:
         """An arrow head at the pose that points where the camera looks."""
         unit = 30 / self.scale
         forward, right = pose.R[:2, 2], pose.R[:2, 0]
         tip, notch = pose.t[:2] + 0.9 * unit * forward, pose.t[:2] - 0.2 * unit * forward
         tails = [pose.t[:2] - 0.5 * unit * forward + side * 0.5 * unit * right for side in (-1, 1)]
-        self.canvas.line([self.at(point) for point in (tip, tails[0], notch, tails[1], tip, tails[0])], color, width)
-        if label is not None:
-            self.canvas.text(self.at(pose.t[:2] - unit * forward), label, 14, INK, "middle")
+        self.line([self.at(point) for point in (tip, tails[0], notch, tails[1], tip, tails[0])], color, width)
 
     def ellipse(self, center: FloatArray, covariance: FloatArray, gain: float, color: Rgb = ORANGE) -> None:
         values, vectors = np.linalg.eigh(covariance)
         angles = np.linspace(0, 2 * np.pi, 48)
         radii = np.sqrt(np.clip(values, 0, None) * CHI2_2D_95) * gain
         points = center[:2] + (np.column_stack([np.cos(angles), np.sin(angles)]) * radii) @ vectors.T
-        self.canvas.line([self.at(p) for p in points], color, 1)
+        low, high = self.at(np.array([self.low[0], self.high[1]])), self.at(np.array([self.high[0], self.low[1]]))
+        for part in line_parts_inside([self.at(p) for p in points], low, high):
+            self.line(part, color, 1)
 
     def note(self, note: Note) -> None:
-        self.canvas.text(self.at(np.array(note.at)), note.text, 16, INK, "middle")
+        x, y = self.at(np.array(note.at))
+        around = [(x + dx, y + dy) for dy in (0.0, 18.0, -18.0) for dx in (0.0, 24.0, -24.0, 48.0, -48.0)]
+        self._word(note.text, 16, around, True)
 
-    def words(self, title: str, legend: Sequence[tuple[Rgb, str]]) -> None:
-        self.canvas.text((MARGIN_PX, MARGIN_PX * 0.28), title, 19, INK, "start")
-        x, y = float(MARGIN_PX), self.canvas.size[1] - MARGIN_PX * 0.6
-        for color, text in legend:
-            width = 60 + 8.5 * len(text)
-            if x > MARGIN_PX and x + width > self.canvas.size[0] - MARGIN_PX / 2:
-                x, y = float(MARGIN_PX), y + 26
-            self.canvas.line([(x, y), (x + 26, y)], color, 5)
-            x += 60 + self.canvas.text((x + 34, y), text, 15, INK, "start")
+    def words(self, title: str, rows: Sequence[Sequence[tuple[float, Rgb, str]]]) -> None:
+        """Title above the plan, legend below it."""
+        room = self.canvas.size[0] - 1.5 * MARGIN_PX
+        size = min(TITLE_PX, TITLE_PX * room / max(text_width(title, TITLE_PX), 1.0))
+        self.canvas.text((MARGIN_PX, MARGIN_PX * 0.28), title, size, INK, "start")
+        for row, entries in enumerate(rows):
+            y = float(self.bottom + LEGEND_PX + LEGEND_ROW_PX * row)
+            for x, color, text in entries:
+                self.canvas.line([(x, y), (x + 26, y)], color, 5)
+                self.canvas.text((x + 34, y), text, CODE_PX, INK, "start")
         self.canvas.text((self.canvas.size[0] - MARGIN_PX, MARGIN_PX * 0.7), "grid 1 m", 14, FAINT, "end")
