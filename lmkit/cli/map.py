@@ -50,6 +50,7 @@ def run(
     force: options.Force = False,
 ) -> None:
     """Make a map from tape measurements; check and draw it."""
+    from lmkit.cli.plan_inputs import read_room
     from lmkit.io.measured_map import blank_form
     from lmkit.model.codewords import parse_codes
     from lmkit.model.families import family_named
@@ -62,7 +63,7 @@ def run(
         print_line(f"wrote {source}")
         return
     check_outputs([output], plan, force)
-    ground = _read_room(room, floor, scale)
+    ground = read_room(room, floor, scale)
     landmarks = _read(source, ground, size, family, sigma)
     for text in check_map(landmarks, ground):
         warn(text)
@@ -78,18 +79,6 @@ def run(
         contents[plan] = draw_map(landmarks, ground, source.name, image_kind(plan))
     for path in write_outputs(contents, force):
         print_line(f"wrote {path}")
-
-
-def _read_room(room: str | None, floor: Path | None, scale: float | None) -> FloorPlan | None:
-    from lmkit.io.floor_plan import read_floor, rectangular_room
-    from lmkit.units import parse_size_mm
-
-    if room is not None and floor is not None:
-        raise InputError("not_together", "--room and --floor cannot be combined", "leave one of them out")
-    if room is not None:
-        width_mm, depth_mm = parse_size_mm(room, "--room")
-        return rectangular_room(width_mm / 1000, depth_mm / 1000)
-    return None if floor is None else read_floor(floor, scale)
 
 
 def _read(

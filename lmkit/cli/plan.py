@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import typer
 
-from lmkit.cli import plan_coverage, plan_place, plan_route
+from lmkit.cli import plan_coverage, plan_place, plan_route, plan_sheet
 
 HELP = "Plan landmark positions, accuracy and routes."
 
@@ -21,3 +21,4 @@ def _without_command(context: typer.Context) -> None:
 app.command("coverage")(plan_coverage.run)
 app.command("place")(plan_place.run)
 app.command("route")(plan_route.run)
+app.command("sheet")(plan_sheet.run)

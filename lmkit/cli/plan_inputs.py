@@ -10,6 +10,7 @@ from lmkit.errors import InputError
 
 if TYPE_CHECKING:
     from lmkit.geometry.rig import AnyRig
+    from lmkit.model.floor_plan import FloorPlan
 
 
 def read_mounted_rig(path: Path, camera_height: str | None) -> AnyRig:
@@ -29,3 +30,20 @@ def read_mounted_rig(path: Path, camera_height: str | None) -> AnyRig:
     if rig.T_base_left is None:
         raise InputError("no_base", f"{path} has no T_base_left", "add it, or give --camera-height 0.85m")
     return rig
+
+
+def read_room(room: str | None, floor: Path | None, scale: float | None) -> FloorPlan | None:
+    """Read the floor of --room or --floor; None without either.
+
+    Raises:
+        InputError: both are given, or one of them is not valid.
+    """
+    from lmkit.io.floor_plan import read_floor, rectangular_room
+    from lmkit.units import parse_size_mm
+
+    if room is not None and floor is not None:
+        raise InputError("not_together", "--room and --floor cannot be combined", "leave one of them out")
+    if room is not None:
+        width_mm, depth_mm = parse_size_mm(room, "--room")
+        return rectangular_room(width_mm / 1000, depth_mm / 1000)
+    return None if floor is None else read_floor(floor, scale)

@@ -48,7 +48,8 @@ def run(
     ] = 2.5,
     prints: Annotated[bool, typer.Option("--prints/--no-prints", help="Write the landmarks to print.")] = True,
     paper: Annotated[
-        str, typer.Option("--paper", help="Paper of the prints: a4, letter, a3, a2, a1, a0 or tabloid.")
+        str,
+        typer.Option("--paper", help="Paper of prints and mounting sheets: a4, letter, a3, a2, a1, a0 or tabloid."),
     ] = "a4",
     jobs: options.Jobs = None,
     as_json: options.Json = False,

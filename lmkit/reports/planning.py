@@ -9,11 +9,12 @@ from lmkit.planning.coverage import Demand, PoseCoverage
 from lmkit.planning.mounting_plan import mounting_csv, sheets_to_print
 from lmkit.planning.placement import Placement
 from lmkit.planning.route import Route
+from lmkit.reports.mounting_sheet import mounting_sheets
 from lmkit.visualization.floor_layer import floor_underlay, wall_notes
 from lmkit.visualization.plan_view import BLUE, Note, Polyline, draw_plan
 
 # Names of the files that `placement_files` may make.
-PLACEMENT_FILES = ("map.yaml", "mounting.csv", "plan.png", "coverage.png", "landmarks.pdf")
+PLACEMENT_FILES = ("map.yaml", "mounting.csv", "mounting.pdf", "plan.png", "coverage.png", "landmarks.pdf")
 BESIDE_M = 0.25  # distance of the letters A and B from the ends of a route
 
 
@@ -59,10 +60,11 @@ def draw_route(floor: FloorPlan, landmarks: LandmarkMap, route: Route, kind: str
 def placement_files(
     floor: FloorPlan, placement: Placement, demand: Demand, prints: bool = True, paper: str = "a4"
 ) -> dict[str, bytes | str]:
-    """Contents by file name: map, mounting list, plan and coverage drawings, and the landmarks to print."""
+    """Contents by file name: map, mounting list and sheets, drawings, and the landmarks to print."""
     files: dict[str, bytes | str] = {
         "map.yaml": map_to_yaml(placement.landmarks),
         "mounting.csv": mounting_csv(placement),
+        "mounting.pdf": mounting_sheets(placement.landmarks, floor, "map.yaml", paper),
         "plan.png": draw_placement(floor, placement),
         "coverage.png": draw_coverage(floor, placement.landmarks, placement.coverage, demand),
     }

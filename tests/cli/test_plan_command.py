@@ -58,6 +58,7 @@ def test_what_hangs_already_may_be_enough(lmkit, files, tmp_path):
         "coverage.png",
         "map.yaml",
         "mounting.csv",
+        "mounting.pdf",
         "plan.png",
     ]
     assert len(list(read_map(tmp_path / "out" / "map.yaml"))) == len(list(read_map(tmp_path / "map.yaml")))

@@ -1,0 +1,42 @@
+"""`lmkit plan sheet`: printable sheets for mounting, a room each."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from lmkit.cli import options
+from lmkit.cli.output import check_outputs, print_line, write_outputs
+from lmkit.errors import InputError
+
+
+def run(
+    landmark_map: options.MapFile,
+    floor: Annotated[
+        Path | None,
+        typer.Option("--floor", help="Floor plan, as for lmkit plan place. Default: positions in the map."),
+    ] = None,
+    scale: options.Scale = None,
+    room: Annotated[
+        str | None, typer.Option("--room", help="Rectangular room in place of a floor plan, such as 6.00x4.00m.")
+    ] = None,
+    output: Annotated[Path, typer.Option("--output", "-o", help="PDF file to write.")] = Path("mounting.pdf"),
+    paper: Annotated[str, typer.Option("--paper", help="a4, letter, a3, a2, a1, a0 or tabloid.")] = "a4",
+    force: options.Force = False,
+) -> None:
+    """Write mounting sheets: each room with distances from corners that a tape measure reaches."""
+    from lmkit.cli.plan_inputs import read_room
+    from lmkit.io.external_maps import read_any_map
+    from lmkit.pipelines.prints import PAPERS
+    from lmkit.reports.mounting_sheet import mounting_sheets
+
+    if paper not in PAPERS:
+        raise InputError("bad_paper", f"--paper {paper} is unknown", f"choose {', '.join(PAPERS)}")
+    if output.suffix.lower() != ".pdf":
+        raise InputError("bad_output", f"{output} is not a PDF file", "name it with .pdf")
+    check_outputs([output], None, force)
+    landmarks, ground = read_any_map(landmark_map), read_room(room, floor, scale)
+    write_outputs({output: mounting_sheets(landmarks, ground, landmark_map.name, paper)}, force)
+    print_line(f"wrote {output}")
