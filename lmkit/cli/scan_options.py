@@ -12,7 +12,9 @@ from lmkit.errors import InputError
 
 if TYPE_CHECKING:
     from lmkit.localization.pole_association import PosePriorPlanar
+    from lmkit.model.landmark_map import LandmarkMap
     from lmkit.model.scan import ScannerMount
+    from lmkit.model.tracked_trajectory import TrackedTrajectory
     from lmkit.pipelines.locate_scans import ScanSettings
 
 ScansFile = Annotated[
@@ -30,6 +32,9 @@ Near = Annotated[
 ]
 Bright = Annotated[
     float | None, typer.Option("--bright", help="Intensity from which an echo comes from a reflector.")
+]
+ScanSigma = Annotated[
+    str | None, typer.Option("--range-sigma", help="Standard deviation of the scanner's ranges. Default: 10mm.")
 ]
 NEAR_M, NEAR_DEG = 0.5, 15.0
 
@@ -111,3 +116,32 @@ def _angle(word: str, name: str, hint: str) -> float:
     if not abs(degrees) <= 360:
         raise InputError("bad_angle", f"{name}: {word!r} is not an angle in degrees", hint)
     return math.radians(degrees)
+
+
+def track_scan_file(
+    scans: Path,
+    topic: str | None,
+    settings: ScanSettings,
+    landmarks: LandmarkMap,
+    odometry: Path | None,
+    gyro: Path | None,
+    wheel_track: str | None,
+    live: bool,
+) -> TrackedTrajectory:
+    """Trajectory by the scans of a file and wheel odometry.
+
+    Raises:
+        InputError: there is no wheel odometry, or a file cannot be read.
+    """
+    from lmkit.cli.parsing import parse_metres
+    from lmkit.io.recording_tables import read_gyro, read_odometry
+    from lmkit.io.scans import read_scans
+    from lmkit.tracking.laser_scans import track_scans
+
+    if odometry is None or odometry.suffix.lower() in (".tum", ".txt"):
+        hint = "add --odometry FILE.csv; for single poses use lmkit locate --scans"
+        raise InputError("no_odometry", "--scans needs wheel odometry", hint)
+    track_m = None if wheel_track is None else parse_metres(wheel_track, "--wheel-track")
+    rate = None if gyro is None else read_gyro(gyro)
+    own = read_odometry(odometry, track_m)
+    return track_scans(read_scans(scans, topic), own, rate, landmarks, settings, live)

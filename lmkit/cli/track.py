@@ -6,7 +6,7 @@ from typing import Annotated
 
 import typer
 
-from lmkit.cli import options
+from lmkit.cli import options, scan_options
 from lmkit.cli.output import check_outputs, image_kind, print_json, print_line, require_no, warn, write_outputs
 from lmkit.errors import InputError, NegativeAnswer
 
@@ -24,6 +24,12 @@ def run(
         bool, typer.Option("--live", help="Causal filtering: each pose uses only data up to its time.")
     ] = False,
     hz: options.Hz = None,
+    scans: scan_options.ScansFile = None,
+    scan_topic: scan_options.ScanTopic = None,
+    scanner: scan_options.Scanner = None,
+    near: scan_options.Near = None,
+    bright: scan_options.Bright = None,
+    range_sigma: scan_options.ScanSigma = None,
     tum: options.TumOutput = None,
     csv: options.CsvOutput = None,
     plan: options.PlanOutput = None,
@@ -45,12 +51,21 @@ def run(
 
     if landmark_map is None:
         raise InputError("no_map", "track needs a map", "give --map map.yaml")
-    if readings is not None:
-        require_no("--readings", {"--rig": rig})
-    elif rig is None:
-        raise InputError("no_rig", "images and detections need a rig", "give --rig rig.yaml")
+    for_scans = {
+        "--scan-topic": scan_topic, "--scanner": scanner, "--near": near, "--bright": bright,
+        "--range-sigma": range_sigma,
+    }  # fmt: skip
     source = RecordingOptions(images or [], detections, readings, odometry, gyro, wheel_track, hz)
-    source.check()
+    if scans is not None:
+        others = {"images": images or None, "--detections": detections, "--readings": readings}
+        require_no("--scans", {**others, "--rig": rig, "--hz": hz})
+    else:
+        require_no("recordings without --scans", for_scans)
+        if readings is not None:
+            require_no("--readings", {"--rig": rig})
+        elif rig is None:
+            raise InputError("no_rig", "images and detections need a rig", "give --rig rig.yaml")
+        source.check()
     if live and odometry is None:
         raise InputError("no_odometry", "--live needs odometry", "add --odometry FILE, or use lmkit locate")
     check_outputs((tum, csv, report, rerun), plan, force)
@@ -58,8 +73,14 @@ def run(
         require_rerun()
     landmarks = read_any_map(landmark_map)
     cameras = None if rig is None else read_any_rig(rig)
-    recording = source.read(cameras, landmarks.families)
-    drive = track(recording, cameras, landmarks, live=live)
+    recording = None if scans is not None else source.read(cameras, landmarks.families)
+    if recording is not None:
+        drive = track(recording, cameras, landmarks, live=live)
+    elif scans is not None:
+        settings = scan_options.scan_settings(scanner, near, bright, range_sigma)
+        drive = scan_options.track_scan_file(
+            scans, scan_topic, settings, landmarks, odometry, gyro, wheel_track, live
+        )
     if not drive.sure:
         why = "check that landmarks of the map are in view"
         raise NegativeAnswer(
@@ -73,7 +94,8 @@ def run(
     if report is not None:
         write_outputs({report: track_report(drive, landmarks)}, force)
     if rerun is not None:
-        write_outputs({rerun: track_recording(drive, landmarks, cameras, recording.frames)}, force)
+        frames = () if recording is None else recording.frames
+        write_outputs({rerun: track_recording(drive, landmarks, cameras, frames)}, force)
     if as_json:
         for k in range(len(drive)):
             print_json(drive.to_dict(k))

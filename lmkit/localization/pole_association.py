@@ -74,13 +74,13 @@ def associate_poles(
     """Identify the poles of one scan, and locate the robot by them.
 
     Args:
-        poles: as :func:`lmkit.detection.scan_poles.find_poles` gives them, in the scanner's frame.
+        poles: in the frame of the robot's base (:meth:`ScannedPole.seen_from_base`).
         rough: pose of the base before the scan; None: nothing is known.
         scan, mount: the scan itself shows where beams passed through the place of a pole; None: not considered.
         farthest_m: range of the scanner.
     """
     mount = mount or ScannerMount()
-    problem = _Association([pole.seen_from_base(mount) for pole in poles], landmarks, rough, scan, mount, farthest_m)
+    problem = _Association(list(poles), landmarks, rough, scan, mount, farthest_m)
     return problem.answer()
 
 

@@ -274,7 +274,7 @@ class _Problem:
         errors, sigmas, by_parameters = self._motion_errors()
         squared = (errors**2).sum(axis=1)
         root = np.sqrt(cauchy_weight(squared, SLIP_SIGMA))[:, None]
-        before, after = _between_jacobians(self.states)
+        before, after = between_jacobians(self.states)
         scale = (root / sigmas)[..., None]
         before, after, K = before * scale, after * scale, -by_parameters * scale
         residuals = errors * root
@@ -330,7 +330,7 @@ def _reading_jacobian(off: FloatArray, sigmas: FloatArray) -> FloatArray:
     return J / sigmas[..., None]
 
 
-def _between_jacobians(states: FloatArray) -> tuple[FloatArray, FloatArray]:
+def between_jacobians(states: FloatArray) -> tuple[FloatArray, FloatArray]:
     """(N-1,3,3) of the motion between neighbors with the earlier and the later state."""
     d = np.diff(states, axis=0)
     c, s = np.cos(states[:-1, 2]), np.sin(states[:-1, 2])

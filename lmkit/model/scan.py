@@ -47,6 +47,11 @@ class LaserScan:
         return self.start_rad + self.step_rad * np.arange(len(self.ranges_m))
 
     @property
+    def end_s(self) -> float:
+        """Time of the last beam, seconds."""
+        return self.time_s + self.beam_s * max(len(self.ranges_m) - 1, 0)
+
+    @property
     def is_closed(self) -> bool:
         """The last beam is the neighbor of the first one: the scanner looks all around."""
         return abs(abs(self.step_rad) * len(self.ranges_m) - 2 * math.pi) < 1.5 * abs(self.step_rad)
@@ -94,6 +99,13 @@ class ScannedPole:
     def point(self) -> FloatArray:
         """(2,) the center, meters forward and left."""
         return self.range_m * np.array([math.cos(self.bearing_rad), math.sin(self.bearing_rad)])
+
+    def carried(self, motion: FloatArray) -> ScannedPole:
+        """The pole as seen after (3,) forward, left (m) and turn (rad) of whoever sees it."""
+        c, s = math.cos(motion[2]), math.sin(motion[2])
+        x, y = self.point - motion[:2]
+        point = np.array([c * x + s * y, -s * x + c * y])
+        return replace(self, range_m=float(np.hypot(*point)), bearing_rad=math.atan2(point[1], point[0]))
 
     def seen_from_base(self, mount: ScannerMount) -> ScannedPole:
         """The pole in the frame of the robot that carries the scanner."""

@@ -38,7 +38,7 @@ def locate_in_scans(
     settings = settings or ScanSettings()
     radii = require_poles(landmarks)
     for scan in scans:
-        poles = find_poles(scan, radii, settings.noise)
+        poles = [pole.seen_from_base(settings.mount) for pole in find_poles(scan, radii, settings.noise)]
         yield associate_poles(poles, landmarks, settings.rough, scan, settings.mount)
 
 

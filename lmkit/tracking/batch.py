@@ -10,6 +10,7 @@ from lmkit.arrays import BoolArray, FloatArray, IntArray
 from lmkit.geometry.planar import planar_pose
 from lmkit.geometry.rig import AnyRig, at_base
 from lmkit.localization.contradiction import find_cause
+from lmkit.localization.range_bearing_noise import ReadingNoise
 from lmkit.mapping.bundle_adjustment import Anchor
 from lmkit.mapping.initialization import find_start
 from lmkit.mapping.planar_smoother import smooth_planar
@@ -28,12 +29,16 @@ OUTLIER_WEIGHT = 0.1
 
 
 def track_readings(
-    frames: ReadingFrames, odometry: Odometry, gyro: Gyro | None, landmarks: LandmarkMap
+    frames: ReadingFrames,
+    odometry: Odometry,
+    gyro: Gyro | None,
+    landmarks: LandmarkMap,
+    noise: ReadingNoise | None = None,
 ) -> TrackedTrajectory:
     """All of the recording at once, from ranges and bearings (`planar_smoother.py`)."""
     times, motion = np.array([time_s for time_s, _ in frames]), MotionModel(odometry, gyro)
     motion.require_overlap(times)
-    track = smooth_planar(times, [seen for _, seen in frames], motion, landmarks)
+    track = smooth_planar(times, [seen for _, seen in frames], motion, landmarks, noise)
     outliers: list[tuple[LandmarkId, ...]] = [() for _ in frames]
     for row in np.flatnonzero(track.weights < OUTLIER_WEIGHT):
         outliers[track.frames[row]] += (track.ids[track.landmarks[row]],)

@@ -34,8 +34,8 @@ def track_live(
     """Frame by frame, as while driving (`planar_filter.py`); frames before the first fix are left out."""
     filter_ = PlanarFilter(landmarks)
     times = [time_s for time_s, _ in frames]
-    answers = _live(times, lambda k: filter_.observe(*frames[k]), filter_.wheels, odometry, gyro)
-    return _tracked(answers, filter_.parameters, READING_NUMBERS)
+    answers = run_live(times, lambda k: filter_.observe(*frames[k]), filter_.wheels, odometry, gyro)
+    return tracked_planar(answers, filter_.parameters, READING_NUMBERS)
 
 
 def track_images_live(
@@ -52,8 +52,8 @@ def track_images_live(
     def observe(k: int) -> TrackedPose:
         return filter_.observe(times[k], frames[k].seen)
 
-    answers = _live(times, observe, filter_.wheels, odometry, gyro)
-    tracked = _tracked(answers, filter_.parameters, CORNER_NUMBERS)
+    answers = run_live(times, observe, filter_.wheels, odometry, gyro)
+    tracked = tracked_planar(answers, filter_.parameters, CORNER_NUMBERS)
     return replace(tracked, remarks=(*_floor_doubt(frames, rig, landmarks), *tracked.remarks))
 
 
@@ -93,7 +93,7 @@ def track_poses_live(
     )
 
 
-def _live(
+def run_live(
     times_s: Sequence[float],
     observe: Callable[[int], TrackedPose],
     wheels: Wheels,
@@ -124,7 +124,13 @@ def _live(
     return answers
 
 
-def _tracked(answers: Sequence[TrackedPose], parameters: FloatArray, numbers: int) -> TrackedTrajectory:
+def tracked_planar(answers: Sequence[TrackedPose], parameters: FloatArray, numbers: int) -> TrackedTrajectory:
+    """Trajectory of planar answers.
+
+    Args:
+        parameters: errors of the odometry.
+        numbers: that one observation holds.
+    """
     return TrackedTrajectory(
         np.array([answer.time_s for answer in answers]),
         [planar_pose(answer.state) for answer in answers if answer.state is not None],

@@ -20,8 +20,11 @@ from lmkit.localization.pole_association import PosePriorPlanar, associate_poles
 from lmkit.model.landmark_id import LandmarkId
 from lmkit.model.landmark_map import LandmarkMap, MappedLandmark, wall_pose
 from lmkit.model.pose_status import PoseStatus
-from lmkit.model.scan import POLE, LaserScan, ScannerMount
+from lmkit.model.scan import POLE, LaserScan, ScannedPole, ScannerMount
+from lmkit.pipelines.locate_scans import ScanSettings
+from lmkit.simulation.recording import WheelErrors, make_drive
 from lmkit.simulation.scanner import ScannedScene, ScannerModel, room_walls, scatter_clutter
+from lmkit.tracking.laser_scans import track_scans
 
 PAPER_POLES, PAPER_SCANNER = ((4.0, 2.0), (4.0, -1.0)), ScannerMount(0.160, 0.007)
 FIVE = ((1.0, 1.0), (9.0, 1.5), (8.0, 6.5), (2.0, 5.5), (5.0, 7.0))
@@ -32,6 +35,10 @@ def poles(places: tuple[tuple[float, float], ...], diameter_m: float = 0.11) -> 
     return LandmarkMap(
         [MappedLandmark(LandmarkId(POLE, k), diameter_m, wall_pose([*p, 0.0], 0.0)) for k, p in enumerate(places)]
     )
+
+
+def at_base(scan: LaserScan) -> list[ScannedPole]:
+    return [pole.seen_from_base(PAPER_SCANNER) for pole in find_poles(scan, [0.055])]
 
 
 def test_a_pole_is_found_where_it_is_at_every_step_and_across_the_seam() -> None:
@@ -64,7 +71,7 @@ def test_poles_are_identified_by_their_distances_among_legs(tables: int) -> None
         scene = ScannedScene.of(landmarks, room_walls(ROOM), scatter_clutter(rng, tables, ROOM))
         state = np.array([rng.uniform(3, 7), rng.uniform(2, 5), rng.uniform(-3, 3)])
         scan = scene.scan(state, ScannerModel(), rng, PAPER_SCANNER)
-        found = associate_poles(find_poles(scan, [0.055]), landmarks, None, scan, PAPER_SCANNER).estimate
+        found = associate_poles(at_base(scan), landmarks, None, scan, PAPER_SCANNER).estimate
         if found.status == PoseStatus.OK:
             assert found.pose is not None
             assert np.hypot(found.pose.x_m - state[0], found.pose.y_m - state[1]) < 0.05
@@ -77,7 +84,7 @@ def test_two_poles_alike_are_ambiguous_until_the_pose_is_roughly_known() -> None
     scene = ScannedScene.of(landmarks, room_walls((8, 8), (-2, -4)))
     state = np.array([1.0, 0.5, 0.1])
     scan = scene.scan(state, ScannerModel(), rng, PAPER_SCANNER)
-    found = find_poles(scan, [0.055])
+    found = at_base(scan)
     assert associate_poles(found, landmarks, None, None, PAPER_SCANNER).estimate.status != PoseStatus.OK
     rough = PosePriorPlanar(state + np.array([0.3, -0.3, 0.1]), np.diag([0.5, 0.5, 0.3]) ** 2)
     answer = associate_poles(found, landmarks, rough, scan, PAPER_SCANNER).estimate
@@ -154,3 +161,46 @@ def test_beams_of_a_direction() -> None:
     assert scan.beam_at(0.0) == 180 and clockwise.beam_at(0.0) == 180
     assert scan.beam_at(math.radians(190)) == 10 and clockwise.beam_at(math.radians(90)) == 90
     assert LaserScan(0.0, -0.5, 0.01, np.ones(101)).beam_at(1.0) is None
+
+
+@pytest.mark.parametrize("live", [False, True])
+def test_a_robot_is_tracked_while_its_scanner_rotates(tmp_path: Path, live: bool) -> None:
+    made = make_drive(5, seconds=25, errors=WheelErrors(noise_per_root_m=0.01))
+    landmarks, rng, model = poles(FIVE), np.random.default_rng(7), ScannerModel(math.radians(0.5))
+    scene = ScannedScene.of(landmarks, room_walls(ROOM), np.array([[4.0, 2.5, 0.055], [3.0, 3.5, 0.05]]))
+    scans = [scene.scan(s, model, rng, PAPER_SCANNER, t) for s, t in zip(made.truth, made.times_s, strict=True)]
+    found = track_scans(scans, made.odometry, made.gyro, landmarks, ScanSettings(mount=PAPER_SCANNER), live=live)
+    truth = dict(zip(made.times_s.tolist(), made.truth, strict=True))
+    off = [np.hypot(*(T.t[:2] - truth[t][:2])) for t, T in zip(found.times_s.tolist(), found.poses, strict=True)]
+    assert len(off) > 0.9 * len(scans)
+    assert np.sqrt(np.mean(np.square(off))) < (0.03 if live else 0.02)
+
+
+def test_poles_are_carried_to_the_end_of_a_slow_scan() -> None:
+    motion, pole = np.array([0.1, 0.0, 0.2]), ScannedPole(3.0, 0.1, np.eye(2), 0.05, 3, 0, 0.0)
+    moved = pole.carried(motion)
+    c, s = math.cos(0.2), math.sin(0.2)
+    assert np.array([[c, -s], [s, c]]) @ moved.point + motion[:2] == pytest.approx(pole.point)
+
+
+def test_scans_come_out_of_a_bag(tmp_path: Path) -> None:
+    pytest.importorskip("rosbags")
+    from rosbags.rosbag2 import Writer
+    from rosbags.typesys import Stores, get_typestore
+
+    store = get_typestore(Stores.ROS2_HUMBLE)
+    kind, types = "sensor_msgs/msg/LaserScan", store.types
+    with Writer(tmp_path / "bag", version=8) as writer:
+        topic = writer.add_connection("/scan", kind, typestore=store)
+        for k in range(2):
+            header = types["std_msgs/msg/Header"](types["builtin_interfaces/msg/Time"](k, 500_000_000), "laser")
+            ranges = np.array([0.05, 1.0, 2.0, np.inf, 40.0], dtype=np.float32)
+            message = types[kind](
+                header, -0.2, 0.2, 0.1, 0.001, 0.1, 0.1, 30.0, ranges, np.zeros(0, dtype=np.float32)
+            )
+            writer.write(topic, k, store.serialize_cdr(message, kind))
+    scans = read_scans(tmp_path / "bag")
+    assert [scan.time_s for scan in scans] == [0.5, 1.5] and scans[0].end_s == pytest.approx(0.504)
+    assert np.isfinite(scans[0].ranges_m).tolist() == [False, True, True, False, False]
+    with pytest.raises(InputError):
+        read_scans(tmp_path / "bag", "/other")
