@@ -133,7 +133,7 @@ def track_scan_file(
     Raises:
         InputError: there is no wheel odometry, or a file cannot be read.
     """
-    from lmkit.cli.parsing import parse_metres
+    from lmkit.cli.parsing import parse_meters
     from lmkit.io.recording_tables import read_gyro, read_odometry
     from lmkit.io.scans import read_scans
     from lmkit.tracking.laser_scans import track_scans
@@ -141,7 +141,7 @@ def track_scan_file(
     if odometry is None or odometry.suffix.lower() in (".tum", ".txt"):
         hint = "add --odometry FILE.csv; for single poses use lmkit locate --scans"
         raise InputError("no_odometry", "--scans needs wheel odometry", hint)
-    track_m = None if wheel_track is None else parse_metres(wheel_track, "--wheel-track")
+    track_m = None if wheel_track is None else parse_meters(wheel_track, "--wheel-track")
     rate = None if gyro is None else read_gyro(gyro)
     own = read_odometry(odometry, track_m)
     return track_scans(read_scans(scans, topic), own, rate, landmarks, settings, live)
