@@ -1,10 +1,12 @@
-"""Straight lines out of an SVG drawing: lines, polylines, polygons, rectangles, and paths without curves."""
+"""Lines of an SVG drawing as a browser draws it (docs/decisions/0026-svg.md).
+
+Units, transforms, nested drawings with their view boxes, symbols and <use>, hidden layers and style sheets count;
+curves become short lines.  Clip paths and masks are not applied, text is no wall.
+"""
 
 from __future__ import annotations
 
-import re
-from collections.abc import Iterator
-from itertools import islice
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from xml.etree import ElementTree
 
@@ -13,133 +15,214 @@ import numpy as np
 from lmkit.arrays import FloatArray
 from lmkit.errors import InputError
 from lmkit.io.documents import read_text
+from lmkit.io.svg_path import ellipse_points, path_polylines
+from lmkit.io.svg_values import (
+    PAINT,
+    StyleSheet,
+    Viewport,
+    fit_view_box,
+    is_background,
+    is_drawn,
+    is_visible,
+    numbers,
+    transform_of,
+    view_box,
+)
 from lmkit.io.tables import LARGEST
 
-_NUMBER = re.compile(r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?")
-_COMMAND = re.compile(r"([A-Za-z])([^A-Za-z]*(?:[eE][-+]?\d[^A-Za-z]*)*)")
-_TRANSFORM = re.compile(r"(\w+)\s*\(([^)]*)\)")
-_SKIPPED = ("defs", "clipPath", "mask", "pattern", "symbol", "marker")
-MAX_LINES, MAX_DEPTH = 200_000, 100
+MAX_LINES, MAX_DEPTH, MAX_ELEMENTS = 200_000, 100, 100_000
 SHORTEST = 1e-9  # user units
-_HIDDEN = re.compile(r"display\s*:\s*none|visibility\s*:\s*(?:hidden|collapse)")
-_HINT = "draw the walls as straight lines, rectangles or polygons"
+PAGE = 0.99  # share of the page that a shape without outline covers to be its background
+PAGE_UNITS = (300.0, 150.0)  # of a drawing that gives no size
+_SKIPPED = ("defs", "clipPath", "mask", "pattern", "symbol", "marker", "text", "style", "metadata", "foreignObject")
+_HINT = "draw the walls as lines, curves or polygons, and save as plain SVG"
+_HREF = ("href", "{http://www.w3.org/1999/xlink}href")
 
 
 def read_svg_lines(path: Path) -> list[tuple[FloatArray, FloatArray]]:
-    """(2,) ends of all lines, y up, the lowest and leftmost at 0; in the file's user units.
+    """(2,) ends of all lines, y up, the lowest and leftmost at 0; in user units of the drawing's viewBox.
 
     Raises:
-        InputError: not SVG, no line in it, or a curve.
+        InputError: not SVG, no line in it, too large, or a part that cannot be drawn: an image, a reference to
+            another file, lengths in units of a font.
     """
     text = read_text(path, "floor plan")
     if "<!ENTITY" in text:
         raise InputError("not_svg", f"{path}: holds entities, which are not read", "save it as plain SVG")
     try:
         root = ElementTree.fromstring(text)
-    except ElementTree.ParseError as error:
+    except (ElementTree.ParseError, ValueError) as error:
         raise InputError("not_svg", f"{path}: not SVG ({error})", "save the drawing as plain SVG") from None
-    lines = list(islice(_lines(path, root, np.eye(3)), MAX_LINES + 1))
-    if len(lines) > MAX_LINES:
-        raise InputError("svg_too_large", f"{path}: more than {MAX_LINES} lines", _HINT)
-    if lines and not np.abs(np.array(lines)).max() < LARGEST:
-        raise InputError("svg_too_large", f"{path}: coordinates that are not finite, or beyond {LARGEST:g}", _HINT)
-    if not lines:
+    try:
+        ends = _Drawing(root).lines()
+    except ValueError as error:
+        raise InputError("bad_svg", f"{path}: {error} is not read", _HINT) from None
+    except OverflowError as error:
+        raise InputError("svg_too_large", f"{path}: {error}", _HINT) from None
+    if not len(ends):
         raise InputError("no_walls", f"{path}: no line in it", _HINT)
-    ends = np.array(lines)
+    if not np.abs(ends).max() < LARGEST:
+        raise InputError("svg_too_large", f"{path}: coordinates that are not finite, or beyond {LARGEST:g}", _HINT)
     low, high = ends.reshape(-1, 2).min(axis=0), ends.reshape(-1, 2).max(axis=0)
     ends[..., 0] -= low[0]
     ends[..., 1] = high[1] - ends[..., 1]
     return [(a, b) for a, b in ends]
 
 
-def _lines(path: Path, element: ElementTree.Element, outer: FloatArray, depth: int = 0) -> Iterator[FloatArray]:
-    kind = element.tag.rpartition("}")[2]
-    if kind in _SKIPPED or _is_hidden(element):
-        return
-    if depth > MAX_DEPTH:
-        raise InputError("svg_too_large", f"{path}: nested more than {MAX_DEPTH} deep", _HINT)
-    transform = outer @ _transform(path, element.get("transform", ""))
-    for points, closed in _shapes(path, kind, element):
-        with np.errstate(invalid="ignore", over="ignore"):
-            placed = points @ transform[:2, :2].T + transform[:2, 2]
-        ends = np.stack([placed, np.roll(placed, -1, axis=0)], axis=1)[: None if closed else -1]
-        yield from ends[~(np.abs(ends[:, 0] - ends[:, 1]).max(axis=1, initial=0.0) <= SHORTEST)]
-    for child in element:
-        yield from _lines(path, child, transform, depth + 1)
+class _Drawing:
+    def __init__(self, root: ElementTree.Element) -> None:
+        self.root = root
+        self.named = {name: element for element in root.iter() if (name := element.get("id")) is not None}
+        self.sheet = StyleSheet(element.text or "" for element in root.iter() if _kind(element) == "style")
+        self.visited = self.count = 0
+        self.found: list[FloatArray] = []
+        box = view_box(root)
+        width, height = box[2:] if box else PAGE_UNITS
+        page = Viewport(width, height)
+        self.page = (
+            page
+            if box
+            else Viewport(page.length(root.get("width"), "x", width), page.length(root.get("height"), "y", height))
+        )
+
+    def lines(self) -> FloatArray:
+        """(N,2,2) ends of every line, in units of the root."""
+        self._children(self.root, self.sheet.style(self.root, "svg", {}), np.eye(3), self.page, 0)
+        return np.vstack(self.found) if self.found else np.empty((0, 2, 2))
+
+    def _children(
+        self, element: ElementTree.Element, style: Mapping[str, str], T: FloatArray, view: Viewport, depth: int
+    ) -> None:
+        if len(element) and is_drawn(style):
+            passed = {key: style[key] for key in PAINT if key in style}
+            for child in element:
+                self._add(child, passed, T, view, depth + 1)
+
+    def _add(
+        self,
+        element: ElementTree.Element,
+        inherited: Mapping[str, str],
+        T: FloatArray,
+        view: Viewport,
+        depth: int,
+    ) -> None:
+        kind = _kind(element)
+        self.visited += 1
+        if depth > MAX_DEPTH or self.visited > MAX_ELEMENTS:
+            raise OverflowError(f"nested more than {MAX_DEPTH} deep, or more than {MAX_ELEMENTS} elements")
+        if kind in _SKIPPED:
+            return
+        style = self.sheet.style(element, kind, inherited)
+        if not is_drawn(style):
+            return
+        if "transform" in element.attrib:
+            T = T @ transform_of(element.attrib["transform"])
+        if kind == "use":
+            self._use(element, style, T, view, depth)
+        elif kind == "svg":
+            self._nest(element, element, style, _shifted(T, element, view), view, depth)
+        elif kind == "image":
+            raise ValueError("an image, which has no lines,")
+        else:
+            if is_visible(style):
+                self._draw(kind, element, style, T, view)
+            self._children(element, style, T, view, depth)
+
+    def _draw(
+        self, kind: str, element: ElementTree.Element, style: Mapping[str, str], T: FloatArray, view: Viewport
+    ) -> None:
+        for points, closed in _shape(kind, element, view):
+            if closed and (is_background(style) or self._is_page(points, T, style)):
+                continue
+            ends = _placed(points, closed, T)
+            self.found.append(ends)
+            self.count += len(ends)
+            if self.count > MAX_LINES:
+                raise OverflowError(f"more than {MAX_LINES} lines")
+
+    def _use(
+        self, use: ElementTree.Element, style: Mapping[str, str], T: FloatArray, view: Viewport, depth: int
+    ) -> None:
+        reference = next((use.attrib[name] for name in _HREF if name in use.attrib), "")
+        target = self.named.get(reference.removeprefix("#"))
+        if target is None or not reference.startswith("#"):
+            raise ValueError(f"a reference to {reference[:40]!r}, which this file does not hold,")
+        passed = {key: style[key] for key in PAINT if key in style}
+        moved = _shifted(T, use, view)
+        if _kind(target) in ("symbol", "svg"):
+            self._nest(target, use, self.sheet.style(target, _kind(target), passed), moved, view, depth + 1)
+        else:
+            self._add(target, passed, moved, view, depth + 1)
+
+    def _nest(
+        self,
+        drawing: ElementTree.Element,
+        sized: ElementTree.Element,
+        style: Mapping[str, str],
+        T: FloatArray,
+        view: Viewport,
+        depth: int,
+    ) -> None:
+        """Add a drawing in the drawing, or a symbol; ``sized`` says how large it is."""
+
+        def size(key: str, axis: str, whole: float) -> float:
+            return view.length(sized.get(key), axis, view.length(drawing.get(key), axis, whole))
+
+        width, height = size("width", "x", view.width), size("height", "y", view.height)
+        if min(width, height) <= 0:
+            return
+        box = view_box(drawing)
+        if box is not None:
+            T = T @ fit_view_box(box, width, height, drawing.get("preserveAspectRatio"))
+            width, height = box[2:]
+        self._children(drawing, style, T, Viewport(width, height), depth)
+
+    def _is_page(self, points: FloatArray, T: FloatArray, style: Mapping[str, str]) -> bool:
+        """Whether a filled shape without outline covers the page."""
+        if style.get("stroke", "none") != "none" or style.get("fill") == "none":
+            return False
+        ends = points @ T[:2, :2].T + T[:2, 2]
+        return bool((np.ptp(ends, axis=0) >= PAGE * np.array([self.page.width, self.page.height])).all())
 
 
-def _is_hidden(element: ElementTree.Element) -> bool:
-    """Whether an element is not drawn: layers that are switched off."""
-    hidden = element.get("display") == "none" or element.get("visibility") in ("hidden", "collapse")
-    return hidden or _HIDDEN.search(element.get("style", "")) is not None
+def _shifted(T: FloatArray, element: ElementTree.Element, view: Viewport) -> FloatArray:
+    """T after the x and y of a nested drawing or of a <use>."""
+    answer = T.copy()
+    answer[:2, 2] += T[:2, :2] @ [view.length(element.get("x"), "x"), view.length(element.get("y"), "y")]
+    return answer
 
 
-def _shapes(path: Path, kind: str, element: ElementTree.Element) -> Iterator[tuple[FloatArray, bool]]:
+def _kind(element: ElementTree.Element) -> str:
+    return str(element.tag).rpartition("}")[2]
+
+
+def _placed(points: FloatArray, closed: bool, T: FloatArray) -> FloatArray:
+    """(N,2,2) ends of the lines between points, without those of no length."""
+    with np.errstate(invalid="ignore", over="ignore"):
+        at = points @ T[:2, :2].T + T[:2, 2]
+        ends = np.stack([at, np.roll(at, -1, axis=0)], axis=1)[: None if closed else -1]
+        return np.asarray(ends[~(np.abs(ends[:, 0] - ends[:, 1]).max(axis=1, initial=0.0) <= SHORTEST)])
+
+
+def _shape(kind: str, element: ElementTree.Element, view: Viewport) -> Iterator[tuple[FloatArray, bool]]:
     """(N,2) points of each line of an element, and whether it closes."""
 
-    def number(name: str) -> float:
-        found = _NUMBER.match(element.get(name, "0").strip())
-        return float(found.group()) if found else 0.0
+    def along(axis: str, *names: str) -> list[float]:
+        return [view.length(element.get(name), axis) for name in names]
 
     if kind == "line":
-        yield np.array([[number("x1"), number("y1")], [number("x2"), number("y2")]]), False
+        yield np.column_stack([along("x", "x1", "x2"), along("y", "y1", "y2")]), False
     elif kind in ("polyline", "polygon"):
-        values = [float(v) for v in _NUMBER.findall(element.get("points", ""))]
+        values = numbers(element.get("points"))
         yield np.array(values[: len(values) // 2 * 2]).reshape(-1, 2), kind == "polygon"
-    elif kind == "rect" and "%" in element.get("width", "") + element.get("height", ""):
-        return  # a background, as large as the page
     elif kind == "rect":
-        x, y, w, h = (number(name) for name in ("x", "y", "width", "height"))
-        yield np.array([[x, y], [x + w, y], [x + w, y + h], [x, y + h]]), True
+        (x, w), (y, h) = along("x", "x", "width"), along("y", "y", "height")
+        if min(w, h) > 0:
+            yield np.array([[x, y], [x + w, y], [x + w, y + h], [x, y + h]]), True
+    elif kind in ("circle", "ellipse"):
+        rx, ry = along("r", "r", "r") if kind == "circle" else (*along("x", "rx"), *along("y", "ry"))
+        if min(rx, ry) > 0:
+            (cx,), (cy,) = along("x", "cx"), along("y", "cy")
+            yield ellipse_points((cx, cy), (rx, ry)), True
     elif kind == "path":
-        yield from _path(path, element.get("d", ""))
-    elif kind in ("circle", "ellipse", "image"):
-        raise InputError("svg_curve", f"{path}: a {kind}, which cannot be a wall", _HINT)
-
-
-def _path(path: Path, commands: str) -> Iterator[tuple[FloatArray, bool]]:
-    x = y = 0.0
-    points: list[tuple[float, float]] = []
-    for letter, rest in _COMMAND.findall(commands):
-        values = [float(v) for v in _NUMBER.findall(rest)]
-        kind, relative = letter.upper(), letter.islower()
-        if kind not in "MLHVZ":
-            raise InputError("svg_curve", f"{path}: a curved path ({letter})", _HINT)
-        if kind in "MZ" and points:
-            yield np.array(points), kind == "Z"
-            (x, y), points = points[0] if kind == "Z" else (x, y), []
-        if kind not in "MZ" and not points:
-            points = [(x, y)]
-        own_x, own_y = (0.0, 0.0) if relative else (x, y)  # of the coordinate that H and V leave out
-        steps = [(v, own_y) for v in values] if kind == "H" else [(own_x, v) for v in values]
-        for dx, dy in steps if kind in "HV" else zip(values[::2], values[1::2], strict=False):
-            if relative:
-                x, y = x + dx, y + dy
-            else:
-                x, y = dx, dy
-            points.append((x, y))
-    if points:
-        yield np.array(points), False
-
-
-def _transform(path: Path, text: str) -> FloatArray:
-    """(3,3) of an element's transform attribute."""
-    answer = np.eye(3)
-    for name, inside in _TRANSFORM.findall(text):
-        v = [float(number) for number in _NUMBER.findall(inside)]
-        step = np.eye(3)
-        if name == "translate" and len(v) in (1, 2):
-            step[:2, 2] = [v[0], v[1] if len(v) > 1 else 0.0]
-        elif name == "scale" and len(v) in (1, 2):
-            step[0, 0], step[1, 1] = v[0], v[-1]
-        elif name == "matrix" and len(v) == 6:
-            step[:2] = np.array(v).reshape(3, 2).T
-        elif name == "rotate" and len(v) in (1, 3):
-            c, s = np.cos(np.deg2rad(v[0])), np.sin(np.deg2rad(v[0]))
-            step[:2, :2] = [[c, -s], [s, c]]
-            center = np.array(v[1:]) if len(v) == 3 else np.zeros(2)
-            step[:2, 2] = center - step[:2, :2] @ center
-        else:
-            raise InputError("svg_transform", f"{path}: transform {name!r} is not read", "save it as plain SVG")
-        answer = answer @ step
-    return answer
+        yield from path_polylines(element.get("d", ""))
