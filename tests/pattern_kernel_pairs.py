@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from lmkit.kernels.cell_codes import cell_codes, cell_codes_numpy
 from lmkit.kernels.grid_moments import grid_moments, grid_moments_numpy
 from lmkit.kernels.grid_pattern import GridDrawing, jets_numpy
 from lmkit.kernels.hypotheses import DecodingRules, Words, decode, decode_numpy
@@ -116,6 +117,19 @@ def _moments(rng: np.random.Generator) -> Iterator[tuple[Any, ...]]:
     for side, count in [(6, 300), (8, 64), (9, 65), (3, 40)]:
         drawing, samples, state, _ = _landmark(rng, -side, count, False)
         yield drawing, 1, VIEW, samples, state
+
+
+def _codes(rng: np.random.Generator) -> Iterator[tuple[Any, ...]]:
+    for cells, count in ((16, 200), (36, 2348), (49, 40), (64, 300)):
+        words = rng.integers(0, 1 << 63, count, dtype=np.uint64) >> np.uint64(64 - cells)
+        white = ((words[count // 3] >> np.arange(cells, dtype=np.uint64)) & np.uint64(1)).astype(np.float64)
+        columns = np.abs(rng.normal(0, 1, (cells + 3, 8 * cells))) ** 4  # most pixels lie in one cell
+        for error in (0.02, 0.3, 3.0):
+            light = 0.8 * white @ columns[:-3] + 0.1 * (1 - white) @ columns[:-3] + 0.1 * columns[-3]
+            values = light + 0.8 * columns[-2] + 0.4 * columns[-1] + rng.normal(0, error, (3, columns.shape[1]))
+            rows = np.vstack([columns, values])
+            yield words, rows @ rows.T
+    yield words, np.zeros((70, 70))
 
 
 def _samplings(rng: np.random.Generator) -> Iterator[tuple[Any, ...]]:
@@ -237,6 +251,7 @@ PATTERN_CALLS = [
     (linearize, linearize_numpy, _linearizations, 1e-5),
     (register, register_numpy, _registrations, 5e-4),
     (grid_moments, grid_moments_numpy, _moments, 1e-5),
+    (cell_codes, cell_codes_numpy, _codes, 1e-6),
     (robust_weights, robust_weights_numpy, _weightings, 1e-4),
     (decode, decode_numpy, _decodings, 1e-4),
     (sample, sample_numpy, _samplings, 1e-5),

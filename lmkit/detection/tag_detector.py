@@ -7,8 +7,8 @@ from collections.abc import Sequence
 import numpy as np
 
 from lmkit.arrays import ByteArray, FloatArray
-from lmkit.detection.candidates import WhereToLook, find_candidates
-from lmkit.detection.config import DetectOptions
+from lmkit.detection.candidates import Source, WhereToLook, find_candidates
+from lmkit.detection.config import COARSE, FINE, DetectOptions
 from lmkit.detection.linear_image import LinearImage
 from lmkit.detection.pixel_sampling import mean_side
 from lmkit.detection.tag_registration import TagCandidate, register_and_decode_tag
@@ -17,6 +17,10 @@ from lmkit.detection.windows import LEAST_WINDOW_PX, clockwise, is_colorless, wi
 from lmkit.model.square_marker import SquareMarkerFamily
 
 ANYWHERE_IN_COLOR = -1.0  # black and white have no color to look for
+LEAST_LUMA = 0.3
+# Borders are a sixth to a ninth of the side wide, twice to three times as wide as a ring landmark's: a wider window
+# finds in one pass what takes those two.
+DETAILED = Source("gray", 0, 11, 0.05)
 SAME = 0.08  # of the side: two squares are one
 
 
@@ -54,8 +58,9 @@ def tag_candidates_of(
 
 def _quads_of(image: LinearImage, options: DetectOptions) -> FloatArray:
     config = options.config
-    where = WhereToLook(ANYWHERE_IN_COLOR, config.where.luma, config.where.dilated)
-    return find_candidates(image.pyramid.levels, config.sources, where, image.noise)
+    where = WhereToLook(ANYWHERE_IN_COLOR, min(config.where.luma, LEAST_LUMA), config.where.dilated)
+    sources = (*(source for source in config.sources if source not in (COARSE, FINE)), DETAILED)
+    return find_candidates(image.pyramid.levels, sources, where, image.noise)
 
 
 def _read_quads(

@@ -21,6 +21,7 @@ FLOOR = 0.005  # of full scale, added to dark values against their noise
 # one in a hundred shows less.
 LEAST_MEDIAN, PAIR, LEAST_SHARE = 0.3, 0.15, 0.7  # log ratios, and share of the pairs
 LEAST_SIDE_PX, LEAST_SINE = 8.0, 0.05  # of the angles at corners
+LINEAR = SRGB_TO_LINEAR.astype(np.float32)
 AT_ONCE = 30_000  # rows that OpenCV's remap takes
 
 
@@ -72,7 +73,7 @@ def _light(levels: tuple[ByteArray, ...], quads: FloatArray, family: SquareMarke
     halvings = np.log2(np.maximum(_sides(quads) / FULL_DETAIL_SIDE_PX, 1.0)).astype(int).clip(0, len(levels) - 1)
     seen = np.zeros(at.shape[:2])
     for level in np.unique(halvings):
-        light = SRGB_TO_LINEAR[cv2.cvtColor(levels[level], cv2.COLOR_BGR2GRAY)].astype(np.float32)
+        light = cv2.LUT(cv2.cvtColor(levels[level], cv2.COLOR_BGR2GRAY), LINEAR)
         for rows in np.array_split(np.flatnonzero(halvings == level), 1 + len(quads) // AT_ONCE):
             where = ((at[rows] + 0.5) / 2.0**level - 0.5).astype(np.float32)
             x, y = np.ascontiguousarray(where[:, :, 0]), np.ascontiguousarray(where[:, :, 1])

@@ -51,13 +51,20 @@ class GridDrawing(_Grid):
     @property
     def weights(self) -> FloatArray:
         """(n+1,n+1) mixed second difference of the darkness."""
-        return np.asarray(np.diff(np.diff(np.pad(self.darkness, 1), axis=0), axis=1))
+        n = len(self.darkness)
+        padded = np.zeros((n + 2, n + 2))
+        padded[1:-1, 1:-1] = self.darkness
+        across = padded[:, 1:] - padded[:, :-1]
+        return np.asarray(across[1:] - across[:-1])
 
     @cached_property
     def flat(self) -> Float32Array:
         """All of it in the order of `pattern.h`."""
-        head = [-float(len(self.darkness)), 0.0, 0.0, self.paper, self.half, 0.0]
-        return np.concatenate([head, self.weights.ravel()]).astype(np.float32)
+        n = len(self.darkness)
+        flat = np.empty(6 + (n + 1) ** 2, np.float32)
+        flat[:6] = -n, 0, 0, self.paper, self.half, 0
+        flat[6:] = self.weights.ravel()
+        return flat
 
 
 def jets_numpy(
