@@ -19,10 +19,12 @@ from pathlib import Path
 
 import cv2
 import numpy as np
+import peers
 from camera_scenes import Shown, draw_photograph
 from detection_speed import timed
 from peers import wilson
 from planar import SIDE_M, background, backgrounds, camera
+from scipy.optimize import minimize
 
 from lmkit.detection.config import DetectOptions
 from lmkit.detection.detector import detect_landmarks
@@ -34,6 +36,7 @@ from lmkit.simulation.photograph import ImagingChain
 ALL_KINDS = (INDUSTRIAL, THREE_CHIP, WEBCAM, PHONE, DASHCAM, DOORBELL)
 SIDES = (10.0, 15.0, 20.0, 25.0, 30.0, 70.0)
 TILTS = (0.0, 30.0, 60.0, 75.0)
+LITTLE_TILT_DEG = 45.0
 ARUCO = "aruco4x4_250"
 Found = list[tuple[int, np.ndarray]]
 Detect = Callable[[np.ndarray], Found]
@@ -59,6 +62,12 @@ def with_apriltag() -> Detect:
     return detect
 
 
+def with_locus() -> Detect:
+    find = peers.with_locus()
+    # Its corners start where OpenCV draws an AprilTag's.
+    return lambda image: [(code, np.roll(corners, 2, axis=0)) for code, corners in find(image)]
+
+
 def with_aruco(dictionary: int, turned: int) -> Detect:
     parameters = cv2.aruco.DetectorParameters()
     parameters.cornerRefinementMethod = cv2.aruco.CORNER_REFINE_SUBPIX
@@ -77,6 +86,7 @@ def with_aruco(dictionary: int, turned: int) -> Detect:
 READERS: dict[str, tuple[str, Callable[[], Detect]]] = {
     "lmkit, tag36h11": ("tag36h11", lambda: with_lmkit("tag36h11")),
     "AprilTag 3, tag36h11": ("tag36h11", with_apriltag),
+    "locus-tag, tag36h11": ("tag36h11", with_locus),
     "OpenCV, tag36h11": ("tag36h11", lambda: with_aruco(cv2.aruco.DICT_APRILTAG_36h11, 2)),
     "lmkit, ArUco 4x4": (ARUCO, lambda: with_lmkit(ARUCO)),
     "OpenCV, ArUco 4x4": (ARUCO, lambda: with_aruco(cv2.aruco.DICT_4X4_250, 0)),
@@ -114,7 +124,7 @@ def judge(found: Found, shown: list[Shown], chain: ImagingChain) -> dict:
     markers = []
     for k, one in enumerate(shown):
         if not one.is_hidden:
-            marker = {"groups": groups_of(one, chain), "read": k in hits, "side": one.side_px}
+            marker = {"groups": groups_of(one, chain), "read": k in hits, "side": one.side_px, "tilt": one.tilt_deg}
             markers.append(marker | (errors_of(hits[k], one) if k in hits else {}))
     return {"markers": markers, "wrong": wrong, "false": false}
 
@@ -131,7 +141,9 @@ def errors_of(corners: np.ndarray, one: Shown) -> dict:
     }
 
 
-def run(photos: list[Path], count: int, seed: int, names: list[str]) -> dict[str, list[dict]]:
+def run(
+    photos: list[Path], count: int, seed: int, names: list[str], sides: tuple[float, float] = (10.0, 70.0)
+) -> dict[str, list[dict]]:
     detectors = {name: READERS[name][1]() for name in names}
     results: dict[str, list[dict]] = {name: [] for name in names}
     for index in range(count):
@@ -139,7 +151,7 @@ def run(photos: list[Path], count: int, seed: int, names: list[str]) -> dict[str
         for name in names:
             marker = READERS[name][0]
             if marker not in shots:
-                shots[marker] = draw_photograph((seed, index), wall, ALL_KINDS, (10.0, 70.0), marker)
+                shots[marker] = draw_photograph((seed, index), wall, ALL_KINDS, sides, marker)
             image, shown, chain = shots[marker]
             seconds, found = timed(lambda name=name, image=image: detectors[name](image))
             results[name].append(judge(found, shown, chain) | {"seconds": seconds})
@@ -178,6 +190,28 @@ def print_table(results: dict[str, list[dict]]) -> None:
     print(f"| time, ratio to {base} ({1000 * mean[base]:.1f} ms) | " + " | ".join(cells) + " |")
 
 
+def print_law(results: dict[str, list[dict]]) -> None:
+    """Side in cells at which half are read, and how steeply that rises, by maximum likelihood; little tilt only.
+
+    The share that is read of the largest is free, as in `lmkit.model.detector_model`.
+    """
+    print("\n| | markers | half read at, px a cell | rise over, px | read at best |\n|---|---|---|---|---|")
+    for name, lines in results.items():
+        family = families_named(READERS[name][0])[0]
+        markers = [m for line in lines for m in line["markers"] if m["tilt"] < LITTLE_TILT_DEG]
+        side, read = (np.array([m[key] for m in markers]) for key in ("side", "read"))
+
+        def misses(law: np.ndarray, side: np.ndarray = side, read: np.ndarray = read) -> float:
+            half, rise, best = law
+            share = np.clip(best / (1 + np.exp(-(side - half) / rise)), 1e-6, 1 - 1e-6)
+            return float(-np.where(read, np.log(share), np.log(1 - share)).sum())
+
+        half, rise, best = minimize(misses, (15.0, 2.0, 0.97), bounds=((5, 40), (0.3, 10), (0.5, 0.999))).x
+        cells = getattr(family, "cells", None)
+        each = f"{half / cells:.2f} ({half:.1f} px a side)" if cells else f"{half:.1f} px a side"
+        print(f"| {name} | {len(markers)} | {each} | {rise:.2f} | {100 * best:.1f} % |")
+
+
 def print_photographs(photos: list[Path], names: list[str]) -> None:
     """False positives on photographs, as they are and enlarged twice."""
     detectors = {name: READERS[name][1]() for name in names}
@@ -197,15 +231,19 @@ def main() -> None:
     parser.add_argument("photos", type=Path)
     parser.add_argument("--n", type=int, default=300, help="scenes")
     parser.add_argument("--seed", type=int, default=7)
+    parser.add_argument("--law", action="store_true", help="smaller markers: size at which half are read")
     parser.add_argument("--readers", nargs="*", default=list(READERS))
     parser.add_argument("--lines", type=Path, help="write every image as a JSON line")
     options = parser.parse_args()
     cv2.setNumThreads(1)
     photos = backgrounds(options.photos)
-    results = run(photos, options.n, options.seed, options.readers)
+    results = run(photos, options.n, options.seed, options.readers, (6.0, 45.0) if options.law else (10.0, 70.0))
     if options.lines:
         text = (json.dumps({"reader": name} | line) + "\n" for name, lines in results.items() for line in lines)
         options.lines.write_text("".join(text))
+    if options.law:
+        print_law(results)
+        return
     print_table(results)
     print_photographs(photos, options.readers)
 

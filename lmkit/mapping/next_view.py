@@ -19,7 +19,7 @@ from lmkit.geometry.pose_array import PoseArray
 from lmkit.geometry.rig import AnyRig
 from lmkit.mapping.bundle_adjustment import Bundle, BundleProblem
 from lmkit.mapping.survey_results import Survey, deviations
-from lmkit.model.detector_model import corner_sigma_px, recognized
+from lmkit.model.detector_model import corner_sigma_px, half_read_px, recognized
 from lmkit.model.landmark_id import LandmarkId, ids_text
 from lmkit.model.landmark_map import LandmarkMap, MappedLandmark
 from lmkit.model.observation import Detection
@@ -158,7 +158,7 @@ def _view(landmarks: LandmarkMap, rig: AnyRig, T_map_left: Pose) -> RigFrame:
 
 def _as_measured(seen: Detection) -> Detection | None:
     side = np.linalg.norm(seen.corners - np.roll(seen.corners, 1, axis=0), axis=1).mean()
-    if recognized(side, np.zeros(())) < LEAST_READ:
+    if recognized(side, np.zeros(()), half_read_px(seen.id.family)) < LEAST_READ:
         return None
     return replace(seen, covariance=corner_sigma_px(side) ** 2 * np.eye(8))
 

@@ -20,7 +20,7 @@ from lmkit.kernels import pose_coverage as kernel
 from lmkit.kernels.landmark_sights import Camera, Pairs, add_information, faced_landmarks, seen_sides
 from lmkit.localization.pose_prior import PosePrior
 from lmkit.localization.reprojection import lens_of
-from lmkit.model.detector_model import SMALLEST_PX, corner_sigma_px, recognized
+from lmkit.model.detector_model import SMALLEST_PX, corner_sigma_px, half_read_px, recognized
 from lmkit.model.floor_plan import FloorPlan
 from lmkit.model.landmark_map import MappedLandmark
 
@@ -139,7 +139,8 @@ def _sights(
     tilt = np.arccos(facing.clip(-1, 1))
     cameras = [_camera(c.model, c.T_camera_left.R, c.T_camera_left.t) for c in mounted_cameras(rig)]
     sides = [seen_sides(camera, pairs) for camera in cameras]
-    probability = np.max([np.where(side > 0, recognized(side, tilt), 0.0) for side in sides], axis=0)
+    half = np.array([half_read_px(m.id.family) for m in landmarks])[columns]
+    probability = np.max([np.where(side > 0, recognized(side, tilt, half), 0.0) for side in sides], axis=0)
     kept = probability > 0
     pairs = Pairs(rows[kept], columns[kept], R, p, corners)
     information = np.zeros((len(pairs.at), 6, 6))

@@ -10,7 +10,7 @@ from lmkit.arrays import FloatArray
 from lmkit.geometry.camera import CameraModel
 from lmkit.geometry.pose import Pose
 from lmkit.geometry.rig import AnyRig, mounted_cameras
-from lmkit.model.detector_model import corner_sigma_px, recognized
+from lmkit.model.detector_model import corner_sigma_px, half_read_px, recognized
 from lmkit.model.floor_plan import FloorPlan
 from lmkit.model.landmark_map import LandmarkMap, MappedLandmark
 from lmkit.model.observation import Detection
@@ -81,7 +81,7 @@ def _seen(
         sides = np.linalg.norm(corners - np.roll(corners, 1, axis=0), axis=1)
         if noise_px is None:
             side = np.array(sides.mean())
-            if chance >= recognized(side, np.arccos(facing)):
+            if chance >= recognized(side, np.arccos(facing), half_read_px(landmark.id.family)):
                 continue
             sigma = float(corner_sigma_px(side))
         elif facing < MOST_TILT or sides.min() < LEAST_SIDE_PX:
