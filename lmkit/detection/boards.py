@@ -1,4 +1,4 @@
-"""Calibration boards in images: chessboards, ChArUco boards, boards of landmarks."""
+"""Calibration boards in images: chessboards, ChArUco boards, boards of landmarks, AprilGrids."""
 
 from __future__ import annotations
 
@@ -11,6 +11,7 @@ import cv2
 import numpy as np
 
 from lmkit.arrays import ByteArray, FloatArray, IntArray
+from lmkit.detection.april_grids import detect_april_grid
 from lmkit.detection.board_corners import refine_corners
 from lmkit.detection.config import ACCURATE, DetectOptions
 from lmkit.detection.detector import detect_landmarks
@@ -31,6 +32,8 @@ def detect_board(image: ByteArray, board: BoardSpec) -> BoardObservation | None:
     """
     if board.kind == "landmarks":
         return _detect_landmark_board(image, board)
+    if board.kind == "aprilgrid":
+        return detect_april_grid(image, board)
     gray = np.asarray(cv2.cvtColor(image, cv2.COLOR_BGR2GRAY), dtype=np.uint8)
     if board.kind == "charuco":
         return _detect_charuco(gray, board)
@@ -48,7 +51,7 @@ def likelier_board(images: Sequence[ByteArray], board: BoardSpec) -> BoardSpec |
     grays = [np.asarray(cv2.cvtColor(image, cv2.COLOR_BGR2GRAY), dtype=np.uint8) for image in images]
     if board.kind == "charuco":
         return _likelier_charuco(grays, board)
-    if board.kind == "landmarks":
+    if board.is_grid:
         return None
     columns, rows = board.inner_corners
     grown: list[tuple[int, int]] = []

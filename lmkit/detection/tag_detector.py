@@ -21,6 +21,7 @@ LEAST_LUMA = 0.3
 # Borders are a sixth to a ninth of the side wide, twice to three times as wide as a ring landmark's: a wider window
 # finds in one pass what takes those two.
 DETAILED = Source("gray", 0, 11, 0.05)
+TAGS_WHERE = WhereToLook(ANYWHERE_IN_COLOR, LEAST_LUMA, True)
 SAME = 0.08  # of the side: two squares are one
 
 
@@ -54,6 +55,12 @@ def tag_candidates_of(
 ) -> list[TagCandidate]:
     """Every square that was registered and decoded, with the reasons of what was rejected."""
     return _read_quads(image, _quads_of(image, options), families, options, gray)
+
+
+def read_tags(image: LinearImage, quads: FloatArray, options: DetectOptions, gray: bool) -> list[TagCandidate]:
+    """Square markers among (N,4,2) quads that were found by other means, px; only those that are accepted."""
+    found = _read_quads(image, quads, options.square_families, options, gray)
+    return [candidate for candidate in found if candidate.rejected is None]
 
 
 def _quads_of(image: LinearImage, options: DetectOptions) -> FloatArray:

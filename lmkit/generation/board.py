@@ -30,7 +30,8 @@ def compose_board_page(board: BoardSpec, paper: str = "a4") -> Page:
         InputError: the board's markers cannot be made.
     """
     width, height = board.pattern_mm
-    need = (width + 2 * EDGE_MM, height + 2 * EDGE_MM + LABEL_MM)
+    edge = _edge_mm(board)
+    need = (width + 2 * edge, height + 2 * edge + LABEL_MM)
     w, h = PAPERS_MM[paper]
     page = next((p for p in ((w, h), (h, w)) if need[0] <= p[0] and need[1] <= p[1]), need)
     x0, y0 = (page[0] - width) / 2, (page[1] - LABEL_MM - height) / 2
@@ -39,11 +40,14 @@ def compose_board_page(board: BoardSpec, paper: str = "a4") -> Page:
         faces = _landmark_faces(board, x0, y0)
         items: list[FilledPath | Text] = [path for face in faces for path in face.artwork]
         across = "outer border to outer border"
+    elif board.kind == "aprilgrid":
+        items = _april_grid_items(board, x0, y0)
+        across = "tags, without the small squares around them,"
     else:
         items = _charuco_items(board, x0, y0) if board.kind == "charuco" else _chessboard_items(board, x0, y0)
         across = f"{board.squares[0]} squares across and {board.squares[1]} down"
     text = f"{board}, print at 100 %; {across} must measure {width:g} x {height:g} mm"
-    items.append(Text((page[0] / 2, y0 + height + EDGE_MM + 2.5), text, min(3.6, width / 40), "middle", GRAY))
+    items.append(Text((page[0] / 2, y0 + height + edge + 2.5), text, min(3.6, width / 40), "middle", GRAY))
     return Page(page, tuple(items), f"lmkit board {board}", faces)
 
 
@@ -51,8 +55,27 @@ def largest_square_mm(board: BoardSpec, paper: str) -> int:
     """The largest square, whole mm, at which a board of these proportions fits on the paper; 0 if none does."""
     width, height = board.pattern_mm
     w, h = PAPERS_MM[paper]
-    scale = max(min((p[0] - 2 * EDGE_MM) / width, (p[1] - 2 * EDGE_MM - LABEL_MM) / height) for p in ((w, h), (h, w)))
+    edge = _edge_mm(board)
+    scale = max(min((p[0] - 2 * edge) / width, (p[1] - 2 * edge - LABEL_MM) / height) for p in ((w, h), (h, w)))
     return int(scale * board.square_mm + 1e-9)
+
+
+def _edge_mm(board: BoardSpec) -> float:
+    """From the pattern to the paper's edge, at least; small squares stand around an AprilGrid's tags."""
+    return EDGE_MM + (board.gap_mm if board.kind == "aprilgrid" else 0.0)
+
+
+def _april_grid_items(board: BoardSpec, x0: float, y0: float) -> list[FilledPath | Text]:
+    """Tags with id 0 at the bottom left, and black squares between their corners, as Kalibr draws them."""
+    gap, middle = board.gap_mm, board.marker_mm / 2
+    items: list[FilledPath | Text] = []
+    for code, (row, column) in zip(board.codes, np.ndindex(board.rows, board.columns), strict=True):
+        at = (x0 + middle + column * board.square_mm, y0 + middle + row * board.square_mm)
+        items += PrintedFace(board.tag_family, code, board.marker_mm, at).artwork
+    for row, column in np.ndindex(board.rows + 1, board.columns + 1):
+        x, y = x0 + column * board.square_mm - gap, y0 + row * board.square_mm - gap
+        items.append(rectangle("mark", BLACK, x, y, gap, gap))
+    return items
 
 
 def _landmark_faces(board: BoardSpec, x0: float, y0: float) -> tuple[PrintedFace, ...]:

@@ -100,8 +100,7 @@ class SquareMarkerFamily:
 
         number = getattr(cv2.aruco, f"DICT_{self.dictionary}")
         dictionary = cv2.aruco.getPredefinedDictionary(number)
-        side = self.cells
-        drawn = [cv2.aruco.generateImageMarker(dictionary, code, side) for code in range(self.code_count)]
+        drawn = [cv2.aruco.generateImageMarker(dictionary, code, self.bits + 2) for code in range(self.code_count)]
         table = np.asarray(drawn)[:, 1:-1, 1:-1] > 127
         return np.rot90(table, TURNED_BY_OPENCV, axes=(1, 2)) if self.is_apriltag else table
 

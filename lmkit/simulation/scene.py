@@ -291,7 +291,7 @@ def _board_texture(board: BoardSpec) -> tuple[Float32Array, tuple[float, float]]
     marks = [item for item in page.items if isinstance(item, FilledPath)]
     points = [point for mark in marks for command in mark.commands for point in command[1:]]
     left, top = (min(point[axis] for point in points) for axis in (0, 1))
-    inward = 0.0 if board.kind == "landmarks" else board.square_mm
+    inward = 0.0 if board.kind == "landmarks" else board.gap_mm if board.kind == "aprilgrid" else board.square_mm
     return texture, (left + inward, top + inward)
 
 
