@@ -58,14 +58,16 @@ def read_rig(path: PathLike) -> AnyRig:
     return read_any_rig(as_path(path))
 
 
-def read_map(path: PathLike) -> LandmarkMap:
-    """Read a landmark map: of lmkit, WPILib or TagSLAM.
+def read_map(path: PathLike, *, family: str | None = None, size: float | str | None = None) -> LandmarkMap:
+    """Read a landmark map: of lmkit or of another program (docs/formats.md lists them).
 
     Args:
-        path: YAML or JSON file.
+        path: YAML, JSON or text file.
+        family: family of the markers, where the file does not say it, such as ``"tag16h5"``.
+        size: size of the markers, where the file does not say it: meters, or text with a unit.
 
     Raises:
-        InputError: not readable, or not a map.
+        InputError: not readable, not a map, or a map that says another family or size.
 
     Examples:
         >>> import lmkit
@@ -74,8 +76,9 @@ def read_map(path: PathLike) -> LandmarkMap:
         14
     """
     from lmkit.io.external_maps import read_any_map
+    from lmkit.io.marker_maps import MarkerDefaults
 
-    return read_any_map(as_path(path))
+    return read_any_map(as_path(path), MarkerDefaults(family, None if size is None else as_meters(size, "size")))
 
 
 def read_trajectory(path: PathLike) -> Trajectory:

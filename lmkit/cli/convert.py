@@ -3,13 +3,17 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from lmkit.cli import options
+from lmkit.cli import map_options, options
+from lmkit.cli.map_options import read_map_file
 from lmkit.cli.output import print_line, warn
 from lmkit.errors import InputError
+
+if TYPE_CHECKING:
+    from lmkit.model.landmark_map import LandmarkMap
 
 MAP_KINDS = ("map", "wpilib", "tagslam")
 
@@ -32,6 +36,8 @@ def run(
             help="Output format: lmkit, opencv, ros or kalibr (rig); map, wpilib or tagslam (map); bag (poses).",
         ),
     ],
+    marker_family: map_options.MarkerFamily = None,
+    marker_size: map_options.MarkerSize = None,
     force: options.Force = False,
 ) -> None:
     """Convert rigs, maps and trajectories. Formats: OpenCV, ROS, Kalibr; WPILib, TagSLAM; ROS bag."""
@@ -52,9 +58,11 @@ def run(
         return
     if to in MAP_KINDS:
         check_writable(output, force)
-        write_file(output, _map_text(source, to), force)
+        write_file(output, _map_text(read_map_file(source, marker_family, marker_size), to), force)
         print_line(f"wrote {output}")
         return
+    if marker_family is not None or marker_size is not None:
+        raise InputError("not_together", f"--family and --size are for maps, not for --to {to}", "leave them out")
     if to not in KINDS:
         raise InputError("bad_kind", f"--to {to} is unknown", f"choose {', '.join((*KINDS, *MAP_KINDS, 'bag'))}")
     read = read_any_rig(source)
@@ -79,11 +87,10 @@ def run(
         print_line(f"wrote {path}")
 
 
-def _map_text(source: Path, to: str) -> str:
-    from lmkit.io.external_maps import map_to_tagslam, map_to_wpilib, read_any_map
+def _map_text(landmarks: LandmarkMap, to: str) -> str:
+    from lmkit.io.external_maps import map_to_tagslam, map_to_wpilib
     from lmkit.io.landmark_map import map_to_yaml
 
-    landmarks = read_any_map(source)
     if to == "map":
         return map_to_yaml(landmarks)
     if to == "tagslam":

@@ -7,7 +7,8 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from lmkit.cli import options, scan_options
+from lmkit.cli import map_options, options, scan_options
+from lmkit.cli.map_options import read_map_file
 from lmkit.cli.output import check_outputs, print_json, print_line, progress, require_no, warn, write_outputs
 from lmkit.errors import InputError, NegativeAnswer
 
@@ -22,6 +23,8 @@ def run(
     ] = None,
     rig: options.OptionalRigFile = None,
     landmark_map: options.OptionalMapFile = None,
+    marker_family: map_options.MarkerFamily = None,
+    marker_size: map_options.MarkerSize = None,
     mono: Annotated[
         str | None, typer.Option("--mono", help="Image, folder, glob or video of the first (left) camera alone.")
     ] = None,
@@ -68,7 +71,6 @@ def run(
     """Locate the camera, or the robot, in the map."""
     from lmkit.cli.parsing import parse_prior
     from lmkit.io.any_rig import read_any_rig
-    from lmkit.io.external_maps import read_any_map
     from lmkit.io.image_sources import frame_count
     from lmkit.localization.absolute_pose import LocateOptions
     from lmkit.pipelines.locate_images import locate_in_sources, located_dict, located_line
@@ -93,28 +95,27 @@ def run(
             raise InputError("no_map", f"{name} needs a map", "add --map MAP")
         from lmkit.cli.locate_readings import locate_readings, locate_scans
 
+        landmarks = read_map_file(landmark_map, marker_family, marker_size)
         if readings is not None:
-            locate_readings(readings, read_any_map(landmark_map), as_json, range_sigma, bearing_sigma, time_offset)
+            locate_readings(readings, landmarks, as_json, range_sigma, bearing_sigma, time_offset)
         elif scans is not None:
             settings = scan_options.scan_settings(scanner, near, bright, range_sigma)
-            locate_scans(scans, scan_topic, read_any_map(landmark_map), settings, as_json)
+            locate_scans(scans, scan_topic, landmarks, settings, as_json)
         return
     require_no("images", for_readings | {"--range-sigma": range_sigma})
     require_no("images", for_scans)
     if rig is None or landmark_map is None:
         raise InputError("no_rig_or_map", "locate needs a rig and a map", "give --rig rig.yaml --map map.yaml")
     if mono is not None and images:
-        hint = "quote a glob, such as --mono 'images/*.jpg', or give a folder"
-        raise InputError("extra_files", f"--mono takes one value, and {' '.join(images)} follows", hint)
+        problem = f"--mono takes one value, and {' '.join(images)} follows"
+        raise InputError("extra_files", problem, "quote a glob, such as --mono 'images/*.jpg', or give a folder")
     if mono is None and not images:
-        raise InputError(
-            "no_images", "locate needs images", "give one per camera, or --mono; see lmkit locate --help"
-        )
+        raise InputError("no_images", "locate needs images", "give one per camera, or --mono IMAGE")
     if frame not in (None, "camera", "base"):
         raise InputError("bad_frame", f"--frame {frame} is unknown", "choose camera or base")
     choices = LocateOptions(prior=parse_prior(heading, planar))
     check_outputs((tum, csv), plan, force)
-    cameras, landmarks = read_any_rig(rig), read_any_map(landmark_map)
+    cameras, landmarks = read_any_rig(rig), read_map_file(landmark_map, marker_family, marker_size)
     frame = frame or ("camera" if cameras.T_base_left is None else "base")
     _require_frame(frame, cameras, rig)
     groups = _groups(images or [], mono, cameras)

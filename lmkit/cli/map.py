@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from lmkit.cli import options
+from lmkit.cli.map_options import read_map_file
 from lmkit.cli.output import check_outputs, image_kind, print_line, warn, write_outputs
 from lmkit.errors import InputError
 
@@ -84,17 +85,14 @@ def run(
 def _read(
     source: Path, ground: FloorPlan | None, size: str | None, family: str | None, sigma: str | None
 ) -> LandmarkMap:
-    from lmkit.io.external_maps import read_any_map
-    from lmkit.io.marker_maps import MarkerDefaults
     from lmkit.io.measured_map import FormDefaults, read_measured_map
-    from lmkit.model.families import family_named
     from lmkit.units import parse_length_mm, parse_sigma
 
     size_m = None if size is None else parse_length_mm(size, "--size") / 1000
     if source.suffix.lower() not in (".csv", ".tsv"):
         if sigma is not None:
             raise InputError("not_together", f"--sigma is for forms, and {source} is a map", "leave --sigma out")
-        return read_any_map(source, MarkerDefaults(family and family_named(family).name, size_m))
+        return read_map_file(source, family, size)
     spread = None if sigma is None else parse_sigma(sigma, "--sigma", "give a length and an angle, such as 10mm,1deg")
     defaults = FormDefaults(family or "lm8", size_m or 0.18, spread)
     return read_measured_map(source, () if ground is None else ground.walls, defaults)

@@ -7,7 +7,8 @@ from typing import Annotated
 
 import typer
 
-from lmkit.cli import options
+from lmkit.cli import map_options, options
+from lmkit.cli.map_options import read_map_file
 from lmkit.cli.output import check_outputs, image_kind, print_json, print_line, write_outputs
 
 
@@ -17,6 +18,8 @@ def run(
     rig: options.MountedRigFile,
     scale: options.Scale = None,
     camera_height: options.CameraHeight = None,
+    marker_family: map_options.MarkerFamily = None,
+    marker_size: map_options.MarkerSize = None,
     radius: options.Radius = "0.25m",
     error: options.PositionError = "5cm",
     heading: options.HeadingError = 2.0,
@@ -31,14 +34,14 @@ def run(
     """Predict the pose error at every place. Places that fail the requirement are listed."""
     from lmkit.cli.parsing import parse_demand, parse_meters
     from lmkit.cli.plan_inputs import read_mounted_rig
-    from lmkit.io.external_maps import read_any_map
     from lmkit.io.floor_plan import read_floor
     from lmkit.planning.coverage import coverage_dict, coverage_lines, failing_places, predict_coverage
     from lmkit.reports.planning import draw_coverage
 
     demand, radius_m = parse_demand(error, heading, in_view, headings, 100.0), parse_meters(radius, "--radius")
     check_outputs((), plan, force)
-    cameras, landmarks = read_mounted_rig(rig, camera_height), read_any_map(landmark_map)
+    cameras = read_mounted_rig(rig, camera_height)
+    landmarks = read_map_file(landmark_map, marker_family, marker_size)
     ground = read_floor(floor, scale)
     answer = predict_coverage(ground, list(landmarks), cameras, radius_m)
     failing = failing_places(answer, demand)

@@ -7,7 +7,8 @@ from typing import Annotated
 
 import typer
 
-from lmkit.cli import options
+from lmkit.cli import map_options, options
+from lmkit.cli.map_options import read_map_file
 from lmkit.cli.output import check_outputs, image_kind, print_json, print_line, warn, write_outputs
 
 
@@ -21,6 +22,8 @@ def run(
     rig: options.MountedRigFile,
     scale: options.Scale = None,
     camera_height: options.CameraHeight = None,
+    marker_family: map_options.MarkerFamily = None,
+    marker_size: map_options.MarkerSize = None,
     radius: options.Radius = "0.25m",
     error: options.PositionError = "5cm",
     plan: options.PlanOutput = None,
@@ -36,7 +39,6 @@ def run(
     """Plan the shortest safe route on which the pose stays known."""
     from lmkit.cli.parsing import parse_demand, parse_meters
     from lmkit.cli.plan_inputs import read_mounted_rig
-    from lmkit.io.external_maps import read_any_map
     from lmkit.io.floor_plan import read_floor
     from lmkit.io.trajectory import poses_to_tum
     from lmkit.planning.route import (
@@ -51,7 +53,8 @@ def run(
 
     demand, radius_m = parse_demand(error, 2.0, 1, 25.0, 100.0), parse_meters(radius, "--radius")
     check_outputs((csv, tum), plan, force)
-    cameras, landmarks = read_mounted_rig(rig, camera_height), read_any_map(landmark_map)
+    cameras = read_mounted_rig(rig, camera_height)
+    landmarks = read_map_file(landmark_map, marker_family, marker_size)
     ground = read_floor(floor, scale)
     ends = [find_goal(text, ground, landmarks, radius_m) for text in (start, goal)]
     found = plan_route(ground, landmarks, cameras, radius_m, ends[0], ends[1], demand)

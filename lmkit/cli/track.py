@@ -6,7 +6,8 @@ from typing import Annotated
 
 import typer
 
-from lmkit.cli import options, scan_options
+from lmkit.cli import map_options, options, scan_options
+from lmkit.cli.map_options import read_map_file
 from lmkit.cli.output import check_outputs, image_kind, print_json, print_line, require_no, warn, write_outputs
 from lmkit.errors import InputError, NegativeAnswer
 
@@ -14,6 +15,8 @@ from lmkit.errors import InputError, NegativeAnswer
 def run(
     images: options.Images = None,
     landmark_map: options.OptionalMapFile = None,
+    marker_family: map_options.MarkerFamily = None,
+    marker_size: map_options.MarkerSize = None,
     rig: options.OptionalRigFile = None,
     readings: options.ReadingsFile = None,
     detections: options.DetectionsFile = None,
@@ -43,7 +46,6 @@ def run(
     from lmkit.api.recordings import track
     from lmkit.cli.recording_options import RecordingOptions
     from lmkit.io.any_rig import read_any_rig
-    from lmkit.io.external_maps import read_any_map
     from lmkit.io.trajectory import poses_to_tum
     from lmkit.model.tracked_trajectory import tracked_csv, tracked_lines
     from lmkit.reports.recording import draw_tracked, track_report
@@ -71,7 +73,7 @@ def run(
     check_outputs((tum, csv, report, rerun), plan, force)
     if rerun is not None:
         require_rerun()
-    landmarks = read_any_map(landmark_map)
+    landmarks = read_map_file(landmark_map, marker_family, marker_size)
     cameras = None if rig is None else read_any_rig(rig)
     recording = None if scans is not None else source.read(cameras, landmarks.families)
     if recording is not None:

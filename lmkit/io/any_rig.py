@@ -8,10 +8,14 @@ from pathlib import Path
 from lmkit.errors import InputWarning
 from lmkit.geometry.rig import AnyRig
 from lmkit.geometry.rig_plausibility import require_plausible, rig_warnings
+from lmkit.io.document_head import head_of
 from lmkit.io.documents import is_folder, read_text
 from lmkit.io.rig import read_rig
 from lmkit.io.ros_camera_info import FILES
 
+# Keys that only camera_info has, and keys that only files of OpenCV have.
+ROS_KEYS = frozenset({"distortion_model", "camera_model", "rectification_matrix", "projection_matrix"})
+OPENCV_KEYS = frozenset({"M1", "K1", "cameraMatrix1", "cameraMatrixL", "camera_matrix_left", "camera_matrix"})
 KINDS = ("lmkit", "opencv", "ros", "kalibr")
 
 
@@ -37,18 +41,19 @@ def _read(path: Path) -> AnyRig:
 
         return read_camera_infos(path / FILES[0], path / FILES[1])
     text = read_text(path, "rig file")
-    if "lmkit-rig/" in text:
+    head = head_of(text)
+    if head.format.startswith("lmkit-"):
         return read_rig(path)
-    if text.lstrip().startswith(("%YAML", "<?xml", "<opencv_storage")) and "cam0:" not in text:
-        from lmkit.io.opencv_rig import read_opencv_rig
-
-        return read_opencv_rig(path)
-    if "cam0:" in text:
+    if "cam0" in head.keys:
         from lmkit.io.kalibr import read_camchain
 
         return read_camchain(path)
-    if "camera_matrix:" in text:
+    if head.keys & ROS_KEYS and head.keys & {"camera_matrix", "K", "k"}:
         from lmkit.io.ros_camera_info import read_camera_info
 
         return read_camera_info(path)
+    if text.lstrip().startswith(("%YAML", "<?xml", "<opencv_storage")) or head.keys & OPENCV_KEYS:
+        from lmkit.io.opencv_rig import read_opencv_rig
+
+        return read_opencv_rig(path)
     return read_rig(path)

@@ -17,9 +17,11 @@ import numpy as np
 
 from lmkit.errors import InputError
 from lmkit.geometry.pose import Pose
+from lmkit.io.document_head import head_of
 from lmkit.io.documents import dump_yaml, load_document, load_json, read_text
 from lmkit.io.landmark_map import FOREIGN_FAMILY, read_map
 from lmkit.io.marker_maps import (
+    APRILTAG,
     R_OURS_FIELD,
     MarkerDefaults,
     is_fiducial_slam,
@@ -28,12 +30,12 @@ from lmkit.io.marker_maps import (
     read_limelight,
     read_marker_mapper,
 )
+from lmkit.model.families import ALL_FAMILIES
 from lmkit.model.landmark_id import LandmarkId
 from lmkit.model.landmark_map import LandmarkMap, MappedLandmark
 from lmkit.model.square_marker import SQUARE_FAMILIES
 
 FIELD_TAG_M = 0.1651  # of every tag on a field, as its rules have it; the layout does not say
-FAMILY = "tag36h11"
 LARGEST_TAG_M = 10.0
 
 
@@ -44,23 +46,28 @@ def read_any_map(path: Path, defaults: MarkerDefaults | None = None) -> Landmark
         defaults: family and size of markers in files that do not say them.
 
     Raises:
-        InputError: not readable, or none of them.
+        InputError: not readable, or none of them; the file says another family or size than ``defaults``.
+
+    Warns:
+        InputWarning: a family or size that neither the file nor ``defaults`` says is assumed.
     """
-    text = read_text(path, "map file")
-    if "lmkit-map/" in text:
+    text, defaults = read_text(path, "map file"), defaults or MarkerDefaults()
+    head = head_of(text)
+    if head.format.startswith("lmkit-"):
+        defaults.require_none(path)
         return read_map(path)
-    if "bodies:" in text or '"bodies"' in text:
-        return _from_tagslam(path, text)
-    defaults = defaults or MarkerDefaults()
-    if '"fiducials"' in text:
+    if "bodies" in head.keys:
+        return _from_tagslam(path, text, defaults)
+    if "fiducials" in head.keys:
+        defaults.require_none(path)
         return _map(path, read_limelight(path, text))
-    if "tag_bundles:" in text or "standalone_tags:" in text:
+    if head.keys & {"tag_bundles", "standalone_tags"}:
         return _map(path, read_apriltag_ros(path, text, defaults))
-    if "aruco_bc_markers" in text:
+    if "aruco_bc_markers" in head.keys:
         return _map(path, read_marker_mapper(path, text, defaults))
     if is_fiducial_slam(text):
         return _map(path, read_fiducial_slam(path, text, defaults))
-    if text.lstrip().startswith("{"):
+    if "tags" in head.keys or text.lstrip().startswith("{"):
         return _from_wpilib(path, text, defaults)
     return read_map(path)
 
@@ -103,8 +110,9 @@ def _from_wpilib(path: Path, text: str, defaults: MarkerDefaults) -> LandmarkMap
     try:
         layout = load_json(path, text)
         # Fields of other seasons had other tags: a layout that names its own is believed.
-        family = defaults.family or str(layout.get("family", FAMILY))
-        size_m = defaults.size_m or float(layout.get("size", FIELD_TAG_M))
+        stated = layout.get("family"), layout.get("size")
+        family = defaults.family_of(path, None if stated[0] is None else str(stated[0]), APRILTAG)
+        size_m = defaults.size_of(path, None if stated[1] is None else float(stated[1]), FIELD_TAG_M)
         if family not in (*SQUARE_FAMILIES, FOREIGN_FAMILY) or not 0 < size_m < LARGEST_TAG_M:
             raise ValueError(f"family {family!r} or size {size_m:g} m is unknown")
         for tag in layout["tags"]:
@@ -121,8 +129,9 @@ def _from_wpilib(path: Path, text: str, defaults: MarkerDefaults) -> LandmarkMap
     return _map(path, mapped)
 
 
-def _from_tagslam(path: Path, text: str) -> LandmarkMap:
+def _from_tagslam(path: Path, text: str, defaults: MarkerDefaults) -> LandmarkMap:
     mapped = []
+    family = defaults.family_of(path, None, APRILTAG)
     try:
         for body in load_document(path, text)["bodies"]:
             for values in body.values():
@@ -130,13 +139,14 @@ def _from_tagslam(path: Path, text: str) -> LandmarkMap:
                 for tag in values.get("tags", []) if values.get("is_static") else []:
                     if "pose" not in tag:
                         continue
-                    size_m = float(tag.get("size", values.get("default_tag_size", 0.0)))
+                    stated = tag.get("size", values.get("default_tag_size"))
+                    size_m = defaults.size_of(path, None if stated is None else float(stated))
                     if size_m <= 0:
                         raise ValueError(f"tag {tag['id']} has no size")
                     T = _tagslam_pose("landmark", tag["pose"])
                     if T_map_body is not None:
                         T = Pose("map", "landmark", T_map_body.R @ T.R, T_map_body.R @ T.t + T_map_body.t)
-                    mapped.append(MappedLandmark(LandmarkId(FAMILY, int(tag["id"])), size_m, T))
+                    mapped.append(MappedLandmark(LandmarkId(family, int(tag["id"])), size_m, T))
     except (ValueError, KeyError, TypeError, AttributeError, OverflowError) as error:
         raise InputError(
             "bad_tagslam", f"{path}: not a TagSLAM file with tags ({error})", "give tags with id, size and pose"
@@ -152,6 +162,14 @@ def _tagslam_pose(frame: str, values: dict[str, dict[str, float]]) -> Pose:
 def _map(path: Path, mapped: list[MappedLandmark]) -> LandmarkMap:
     if not mapped:
         raise InputError("no_tags", f"{path}: holds no tags with a pose", "give at least one")
+    for marker in mapped:
+        family = ALL_FAMILIES.get(marker.family)
+        if family is not None and not 0 <= marker.code < family.code_count:
+            raise InputError(
+                "code_range",
+                f"{path}: tag {marker.code} is outside 0 to {family.code_count - 1} of {marker.family}",
+                "check the family (--family)",
+            )
     try:
         return LandmarkMap(mapped)
     except InputError as error:

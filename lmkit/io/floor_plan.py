@@ -11,6 +11,7 @@ import numpy as np
 from pydantic import Field
 
 from lmkit.errors import InputError
+from lmkit.io.document_head import head_of
 from lmkit.io.documents import Document, read_document, read_text
 from lmkit.io.floor_grid import CELL_M, check_size, floor_of_grid, inside_of
 from lmkit.io.images import read_image
@@ -74,7 +75,7 @@ def read_floor(path: Path, scale_m: float | None = None) -> FloorPlan:
         return _from_lines(path, [Wall(wall_name(k), a * scale_m, b * scale_m) for k, (a, b) in drawn])
     if has_scale:
         text = read_text(path, "floor plan")
-        return _read_ours(path) if "lmkit-floor" in text else read_ros_map(path, text)
+        return _read_ours(path) if head_of(text).format.startswith("lmkit-") else read_ros_map(path, text)
     assert scale_m is not None
     return _from_image(path, scale_m)
 

@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import math
 import re
+import warnings
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -18,7 +19,7 @@ from typing import Any
 import numpy as np
 
 from lmkit.arrays import FloatArray
-from lmkit.errors import InputError
+from lmkit.errors import InputError, InputWarning
 from lmkit.geometry.pose import Pose
 from lmkit.geometry.rotations import orthonormal
 from lmkit.io.documents import load_document, load_json
@@ -28,6 +29,7 @@ from lmkit.model.landmark_map import MappedLandmark
 # Columns: the field tag's x (out), y (left of one looking out: our x), z (up: our y), in our axes.
 R_OURS_FIELD = np.array([[0.0, 1.0, 0.0], [0.0, 0.0, 1.0], [1.0, 0.0, 0.0]])
 APRILTAG = "tag36h11"
+FOREIGN_ARUCO = "aruco"  # of an unknown dictionary
 NOT_A_ROTATION = 0.02
 _FIDUCIALS = re.compile(r"^\s*\d+(?:\s+[-+]?[\d.]+(?:[eE][-+]?\d+)?){7}(?:\s+\d+)+\s*$")
 _LIMELIGHT = re.compile(r"(?:apriltag\d?_)?(\d+h\d+)(?:_classic)?$")
@@ -56,9 +58,54 @@ class MarkerDefaults:
             raise InputError(
                 "no_family_or_size",
                 f"{path}: {what} says neither the markers' family nor their size",
-                "convert it first: lmkit map FILE -o map.yaml --family aruco5x5_1000 --size 140mm",
+                "give both, such as --family aruco5x5_1000 --size 140mm",
             )
         return self.family, self.size_m
+
+    def require_none(self, path: Path) -> None:
+        """Refuse values for a file that has its own.
+
+        Raises:
+            InputError: family or size was given.
+        """
+        if self.family is not None or self.size_m is not None:
+            hint = "leave --family and --size out"
+            raise InputError("not_together", f"{path} says the family and the size of each landmark", hint)
+
+    def family_of(self, path: Path, stated: str | None, assumed: str) -> str:
+        """Family of a file's markers: as the file states, as given, or assumed with a warning.
+
+        Raises:
+            InputError: the file states another one than was given.
+        """
+        if stated is not None and self.family is not None and stated != self.family:
+            raise InputError(
+                "not_together", f"{path}: its markers are {stated}, not {self.family}", "leave --family out"
+            )
+        if stated is None and self.family is None:
+            _warn(f"{path} does not say the markers' family: {assumed} is assumed; give --family for another one")
+        return stated or self.family or assumed
+
+    def size_of(self, path: Path, stated: float | None, assumed: float | None = None) -> float:
+        """Size of a file's markers in meters, likewise; 0 where nothing is assumed.
+
+        Raises:
+            InputError: the file states another one than was given.
+        """
+        if stated is not None and self.size_m is not None and not math.isclose(stated, self.size_m, rel_tol=1e-3):
+            raise InputError(
+                "not_together",
+                f"{path}: its markers are {stated * 1000:g} mm, not {self.size_m * 1000:g} mm",
+                "leave --size out, or correct the file",
+            )
+        if stated is None and self.size_m is None and assumed is not None:
+            millimeters = f"{assumed * 1000:g} mm"
+            _warn(f"{path} does not say the markers' size: {millimeters} is assumed; give --size for another one")
+        return stated or self.size_m or assumed or 0.0
+
+
+def _warn(sentence: str) -> None:
+    warnings.warn(InputWarning(sentence), stacklevel=4)
 
 
 def is_fiducial_slam(text: str) -> bool:
@@ -101,12 +148,13 @@ def read_apriltag_ros(path: Path, text: str, defaults: MarkerDefaults) -> list[M
             held = f"{len(bundles)} bundles, and not their poses in one frame" if bundles else "no tag with a pose"
             raise InputError("bad_map", f"{path}: tags.yaml of apriltag_ros holds {held}", "keep one of tag_bundles")
         markers = []
+        family = defaults.family_of(path, None, APRILTAG)
         for tag in bundles[0]["layout"]:
             place = [float(tag.get(key, 0.0)) for key in "xyz"]
             turn = [float(tag.get(key, key == "qw")) for key in ("qx", "qy", "qz", "qw")]
-            id_ = LandmarkId(defaults.family or APRILTAG, int(tag["id"]))
+            id_ = LandmarkId(family, int(tag["id"]))
             T = Pose.from_quaternion("map", "landmark", place, turn)
-            markers.append(MappedLandmark(id_, _size(tag["size"]), T))
+            markers.append(MappedLandmark(id_, defaults.size_of(path, _size(tag["size"])), T))
         return markers
 
 
@@ -139,7 +187,8 @@ def read_marker_mapper(path: Path, text: str, defaults: MarkerDefaults) -> list[
         data = load_document(path, _UNSPACED.sub(r"\1: ", text.removeprefix("%YAML:1.0")))
         if int(data.get("aruco_bc_mInfoType", 1)) != 1:
             raise ValueError("its corners are in pixels (aruco_bc_mInfoType), not in meters")
-        family = defaults.family or str(data.get("aruco_bc_dict", "")).lower()
+        stated = str(data.get("aruco_bc_dict", "")).lower() or None
+        family = defaults.family_of(path, stated, FOREIGN_ARUCO)
         markers = []
         for marker in data["aruco_bc_markers"]:
             corners = np.array(marker["corners"], dtype=np.float64).reshape(4, 3)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -14,6 +13,7 @@ from lmkit.geometry.camera import CameraModel
 from lmkit.geometry.pose import Pose
 from lmkit.geometry.rig import AnyRig, MountedCamera, Rig
 from lmkit.geometry.stereo_rig import StereoRig
+from lmkit.io.document_head import head_of
 from lmkit.io.documents import Document, dump_yaml, read_document, read_text
 
 Row = Annotated[list[float], Field(min_length=3, max_length=3)]
@@ -108,7 +108,7 @@ def rig_to_yaml(rig: AnyRig) -> str:
 
 
 def _lists_cameras(path: Path) -> bool:
-    return re.search(r"^\s*[\"']?cameras[\"']?\s*:", read_text(path, "rig file"), re.MULTILINE) is not None
+    return "cameras" in head_of(read_text(path, "rig file")).keys
 
 
 def _read_cameras(path: Path) -> Rig:

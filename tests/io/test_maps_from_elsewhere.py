@@ -3,13 +3,17 @@
 from __future__ import annotations
 
 import json
+import warnings
 
 import pytest
 import yaml
+from command_line import run_command
 
-from lmkit.errors import InputError
+import lmkit
+from lmkit.errors import InputError, InputWarning
 from lmkit.io.external_maps import map_to_wpilib, read_any_map
 from lmkit.io.landmark_map import map_to_yaml
+from lmkit.io.marker_maps import MarkerDefaults
 from lmkit.model.landmark_id import LandmarkId
 from lmkit.simulation.recording import make_drive
 
@@ -31,8 +35,8 @@ def test_the_format_key_decides_before_anything_else(tmp_path):
 def test_a_layout_that_names_its_tags_is_believed(tmp_path):
     layout = json.loads(map_to_wpilib(LANDMARKS, (8.0, 5.0)))
     code = layout["tags"][0]["ID"]
-    found = read_any_map(file(tmp_path, layout | {"family": "tag16h5", "size": 0.1524}))
-    assert found.find(LandmarkId("tag16h5", code)).size_m == 0.1524
+    found = read_any_map(file(tmp_path, layout | {"family": "aruco5x5_1000", "size": 0.1524}))
+    assert found.find(LandmarkId("aruco5x5_1000", code)).size_m == 0.1524
     for wrong in ({"family": "qr"}, {"size": -1}, {"size": 152.4}):
         with pytest.raises(InputError, match="unknown"):
             read_any_map(file(tmp_path, layout | wrong))
@@ -47,3 +51,54 @@ def test_a_tagslam_bodys_own_pose_is_applied(tmp_path):
     T = found.find(LandmarkId("tag36h11", 4)).T_map_landmark
     assert T.t == pytest.approx([4.0, 2.0, 1.5])
     assert T.R[:, 0] == pytest.approx([0, 1, 0])
+
+
+def test_the_format_key_is_parsed_not_searched_for(tmp_path):
+    """A file that only mentions a format, or gives it last, is what its own key says."""
+    ours = yaml.safe_load(map_to_yaml(LANDMARKS))
+    path = file(tmp_path, {key: ours[key] for key in ("landmarks", "frame", "format")} | {"bodies": []})
+    with pytest.raises(InputError, match="bodies: unknown key"):
+        read_any_map(path)
+    layout = json.loads(map_to_wpilib(LANDMARKS, (8.0, 5.0)))
+    found = read_any_map(file(tmp_path, layout | {"name": "lmkit-map/1 of TagSLAM bodies: fiducials"}))
+    assert len(found) == len(LANDMARKS)
+    with pytest.raises(InputError, match="format is 'lmkit-rig/1', expected 'lmkit-map/1'"):
+        read_any_map(file(tmp_path, layout | {"format": "lmkit-rig/1"}))
+
+
+def test_family_and_size_are_given_or_assumed_aloud(tmp_path):
+    layout = json.loads(map_to_wpilib(LANDMARKS, (8.0, 5.0)))
+    with pytest.warns(InputWarning) as said:
+        read_any_map(file(tmp_path, layout))
+    assert ["tag36h11 is assumed" in str(said[0].message), "165.1 mm is assumed" in str(said[1].message)] == [
+        True
+    ] * 2
+    given = MarkerDefaults("aruco5x5_1000", 0.1524)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        found = read_any_map(file(tmp_path, layout), given)
+        read_any_map(file(tmp_path, layout | {"family": "aruco5x5_1000", "size": 0.1524}), given)
+    assert {(m.family, m.size_m) for m in found} == {("aruco5x5_1000", 0.1524)}
+    for stated in ({"family": "tag36h11"}, {"size": 0.1651}):
+        with pytest.raises(InputError, match="its markers are"):
+            read_any_map(file(tmp_path, layout | stated), given)
+    with pytest.raises(InputError, match="outside 0 to 29 of tag16h5"):
+        read_any_map(file(tmp_path, layout), MarkerDefaults("tag16h5"))
+    with pytest.raises(InputError, match="says the family and the size"):
+        read_any_map(file(tmp_path, yaml.safe_load(map_to_yaml(LANDMARKS))), given)
+
+
+def test_family_and_size_on_the_command_line_and_in_python(tmp_path):
+    source = file(tmp_path, json.loads(map_to_wpilib(LANDMARKS, (8.0, 5.0))))
+    options = ["--family", "aruco5x5_1000", "--size", "152.4mm"]
+    done = run_command("convert", str(source), "--to", "map", "-o", str(tmp_path / "map.yaml"), *options)
+    assert done.code == 0, done.err
+    assert {(m.family, m.size_m) for m in lmkit.read_map(tmp_path / "map.yaml")} == {("aruco5x5_1000", 0.1524)}
+    assert {m.family for m in lmkit.read_map(source, family="aruco5x5_1000", size="152.4mm")} == {"aruco5x5_1000"}
+    (tmp_path / "readings.csv").write_text("time_s,code,range_m,bearing_rad\n0,1,2.0,0.1\n")
+    done = run_command(
+        "locate", "--readings", str(tmp_path / "readings.csv"), "--map", str(source), *options, "--json"
+    )
+    assert "assumed" not in done.err, done.err
+    done = run_command("convert", str(source), "--to", "opencv", "-o", str(tmp_path / "rig.yml"), *options)
+    assert (done.code, "for maps" in done.err) == (2, True)

@@ -76,5 +76,5 @@ def test_a_map_of_marker_mapper(tmp_path):
 def test_family_and_size_that_are_told_hold_for_a_field_layout(tmp_path):
     landmarks = make_drive(0, seconds=3).landmarks
     path = written(tmp_path, map_to_wpilib(landmarks, (8.0, 5.0)))
-    found = read_any_map(path, MarkerDefaults("tag16h5", 0.1524))
-    assert {(m.family, m.size_m) for m in found} == {("tag16h5", 0.1524)}
+    found = read_any_map(path, MarkerDefaults("aruco5x5_1000", 0.1524))
+    assert {(m.family, m.size_m) for m in found} == {("aruco5x5_1000", 0.1524)}

@@ -1,0 +1,36 @@
+"""Family and size of markers in maps of other programs, for every command with --map."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+if TYPE_CHECKING:
+    from lmkit.model.landmark_map import LandmarkMap
+
+MarkerFamily = Annotated[
+    str | None,
+    typer.Option("--family", help="Family of the map's markers, if its file does not say it, such as tag16h5."),
+]
+MarkerSize = Annotated[
+    str | None,
+    typer.Option("--size", help="Size of the map's markers, if its file does not say it, such as 152.4mm."),
+]
+
+
+def read_map_file(path: Path, family: str | None, size: str | None) -> LandmarkMap:
+    """The map of a file of lmkit or another program.
+
+    Raises:
+        InputError: not readable, or family or size are given and the file says them otherwise.
+    """
+    from lmkit.io.external_maps import read_any_map
+    from lmkit.io.marker_maps import MarkerDefaults
+    from lmkit.model.families import family_named
+    from lmkit.units import parse_length_mm
+
+    name = None if family is None else family_named(family).name
+    size_m = None if size is None else parse_length_mm(size, "--size") / 1000
+    return read_any_map(path, MarkerDefaults(name, size_m))
