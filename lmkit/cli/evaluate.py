@@ -13,8 +13,8 @@ from lmkit.errors import InputError
 
 
 def run(
-    truth: Annotated[Path, typer.Argument(help="True trajectory (TUM: time x y z qx qy qz qw).")],
-    estimate: Annotated[Path, typer.Argument(help="Estimated trajectory (TUM).")],
+    truth: Annotated[Path, typer.Argument(help="True trajectory: TUM, EuRoC or TUM-VI CSV, or KITTI poses.")],
+    estimate: Annotated[Path, typer.Argument(help="Estimated trajectory, likewise.")],
     align: Annotated[
         str,
         typer.Option("--align", help="Alignment to the truth: none, rigid, or scale (rigid with scale)."),
@@ -25,11 +25,14 @@ def run(
     max_apart: Annotated[
         float, typer.Option("--max-apart", help="Largest difference of matching times, seconds.")
     ] = 0.01,
+    time_offset: Annotated[
+        float, typer.Option("--time-offset", help="Seconds to add to the times of the estimate.")
+    ] = 0.0,
     as_json: options.Json = False,
 ) -> None:
     """Compute the errors of a trajectory, as evo does. Absolute, relative and heading errors."""
     from lmkit.evaluation.trajectory_error import ALIGNMENTS, compare_trajectories, error_lines
-    from lmkit.io.trajectory import read_trajectory
+    from lmkit.io.trajectory import read_two_trajectories
 
     if align not in ALIGNMENTS:
         raise InputError("bad_align", f"--align {align} is unknown", f"choose {', '.join(ALIGNMENTS)}")
@@ -37,7 +40,10 @@ def run(
         raise InputError("bad_option", f"--delta {delta} is out of range", "give 1 or more")
     if not max_apart >= 0:
         raise InputError("bad_option", f"--max-apart {max_apart:g} is out of range", "give seconds, 0 or more")
-    error = compare_trajectories(read_trajectory(truth), read_trajectory(estimate), align, delta, max_apart)
+    if not abs(time_offset) < 1e12:
+        raise InputError("bad_option", f"--time-offset {time_offset:g} is out of range", "give seconds")
+    true, found = read_two_trajectories(truth, estimate)
+    error = compare_trajectories(true, found.shifted(time_offset), align, delta, max_apart)
     if as_json:
         print_json(error.to_dict())
         return

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 import numpy as np
 
-from lmkit.errors import InputError
+from lmkit.errors import InputError, InputWarning
+from lmkit.io.image_names import matched
 from lmkit.io.image_sources import (
     CAMERA,
     VIDEO_SUFFIXES,
@@ -55,20 +57,28 @@ def are_files(sources: Sequence[str]) -> bool:
 
 
 def list_groups(sources: Sequence[str]) -> list[tuple[Path, ...]]:
-    """The image files of one or more folders or globs, grouped by sorted name.
+    """The image files of one or more folders or globs, grouped by name where names tell, else in their order.
 
     Raises:
-        InputError: there are none, not as many of every camera, or one file is of two cameras.
+        InputError: there are none; names do not tell, and there are not as many of every camera; one file is of two
+            cameras.
+
+    Warns:
+        InputWarning: images without a partner are left out.
     """
     lists = [list_images(source) for source in sources]
     counts = [len(files) for files in lists]
-    if len(set(counts)) > 1:
+    groups = matched(lists) if len(lists) > 1 and max(counts) > 1 else None
+    if groups is not None:
+        _name_left_out(lists, groups)
+    elif len(set(counts)) == 1:
+        groups = list(zip(*lists, strict=True))
+    else:
         if len(counts) == 2:
             text = f"{counts[0]} left and {counts[1]} right images do not make pairs"
         else:
             text = f"the cameras have {', '.join(map(str, counts))} images"
         raise InputError("unpaired", text, "give folders or globs with as many images each, with matching names")
-    groups = list(zip(*lists, strict=True))
     for files in groups:
         if len({file.resolve() for file in files}) < len(files):
             hint = "give each camera its own folder"
@@ -76,8 +86,16 @@ def list_groups(sources: Sequence[str]) -> list[tuple[Path, ...]]:
     return groups
 
 
+def _name_left_out(lists: Sequence[Sequence[Path]], groups: Sequence[tuple[Path, ...]]) -> None:
+    used = {file for files in groups for file in files}
+    alone = [file for files in lists for file in files if file not in used]
+    if alone:
+        names = ", ".join(map(str, alone[:3])) + (", ..." if len(alone) > 3 else "")
+        warnings.warn(InputWarning(f"images without a partner are left out: {len(alone)} ({names})"), stacklevel=3)
+
+
 def list_pairs(left: str, right: str) -> list[tuple[Path, Path]]:
-    """The image files of two folders or globs, paired by sorted name.
+    """The image files of two folders or globs, paired as in `list_groups`.
 
     Raises:
         InputError: there are none, not as many on both sides, or the same files on both.

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import glob
 import math
-import re
 import sys
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
@@ -14,11 +13,11 @@ import numpy as np
 
 from lmkit.arrays import ByteArray
 from lmkit.errors import InputError
+from lmkit.io.image_names import in_order, time_of
 from lmkit.io.images import SUFFIXES, decode_image, read_image
 
 CAMERA = "camera:"
 VIDEO_SUFFIXES = frozenset({".mp4", ".avi", ".mov", ".mkv", ".webm", ".m4v"})
-_TIME = re.compile(r"(\d{9,}\.\d+|\d+\.\d+)$")
 
 
 @dataclass(frozen=True)
@@ -58,13 +57,13 @@ def list_images(where: str) -> list[Path]:
     """
     path = Path(where)
     if path.is_dir():
-        found = sorted(p for p in path.iterdir() if p.suffix.lower() in SUFFIXES and not p.name.startswith("."))
+        found = in_order([p for p in path.iterdir() if p.suffix.lower() in SUFFIXES and not p.name.startswith(".")])
         if not found:
             raise InputError("no_images", f"folder {where} holds no images", f"kinds: {', '.join(sorted(SUFFIXES))}")
         return found
     if path.exists():
         return [path]
-    found = sorted(Path(p) for p in glob.glob(where, recursive=True) if Path(p).is_file())
+    found = in_order([Path(p) for p in glob.glob(where, recursive=True) if Path(p).is_file()])
     if not found:
         raise InputError("no_such_file", f"no file, folder or match for {where}", "check the path")
     return found
@@ -199,9 +198,3 @@ def frame_count(sources: Sequence[str]) -> int | None:
 def are_moving(source: str) -> bool:
     """Do the images of a source follow each other, as a video's or a camera's do?"""
     return source.startswith(CAMERA) or Path(source).suffix.lower() in VIDEO_SUFFIXES
-
-
-def time_of(name: str) -> float | None:
-    """Seconds, of a file name that ends in a decimal number of them."""
-    found = _TIME.search(Path(name).stem)
-    return float(found[1]) if found else None

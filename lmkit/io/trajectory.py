@@ -11,11 +11,13 @@ import numpy as np
 
 from lmkit.errors import InputError
 from lmkit.geometry.pose import Pose
+from lmkit.geometry.rotations import orthonormal
 from lmkit.io.documents import read_text
 from lmkit.io.tables import to_number, to_seconds
 from lmkit.model.trajectory import Trajectory
 
 UNIT = 1e-2
+KITTI_COUNT = 12  # numbers a row: R and t, without a time
 _TUM = (0, 1, 2, 3, 4, 5, 6, 7)
 _EUROC = (0, 1, 2, 3, 5, 6, 7, 4)  # EuRoC writes w first, and velocities and biases after it
 _HINT = "write lines of time x y z qx qy qz qw, separated by spaces; # starts a comment"
@@ -44,6 +46,9 @@ def read_trajectory(path: Path) -> Trajectory:
         if not rows and _names_w_first(line):
             order = _EUROC
         words = line.split("#", 1)[0].replace(",", " ").split()
+        if not rows and order is _TUM and len(words) == KITTI_COUNT:
+            hint = "give times as TUM lines; lmkit evaluate compares two such files row by row"
+            raise InputError("no_times", f"{path}: KITTI poses, which have no times", hint)
         if not words or (not rows and words[0].lower().startswith("time")):
             continue
         try:
@@ -64,6 +69,47 @@ def read_trajectory(path: Path) -> Trajectory:
         rows.append(row)
     if not rows:
         raise InputError("bad_trajectory", f"{path}: holds no poses", _HINT)
+    return _trajectory(rows)
+
+
+def read_two_trajectories(truth: Path, estimate: Path) -> tuple[Trajectory, Trajectory]:
+    """Two trajectories to compare: with times, or both as KITTI poses, which belong together row by row.
+
+    Raises:
+        InputError: as for :func:`read_trajectory`; KITTI poses of different number, or beside a file with times.
+    """
+    tables = [_kitti_rows(path) for path in (truth, estimate)]
+    if tables[0] is None or tables[1] is None:
+        return read_trajectory(truth), read_trajectory(estimate)
+    if len(tables[0]) != len(tables[1]):
+        raise InputError(
+            "unlike_trajectories",
+            f"{truth} holds {len(tables[0])} KITTI poses, {estimate} {len(tables[1])}",
+            "give as many rows in both; they have no times to match by",
+        )
+    return _of_kitti(truth, tables[0]), _of_kitti(estimate, tables[1])
+
+
+def _kitti_rows(path: Path) -> list[str] | None:
+    """Lines of a file of KITTI poses, or None."""
+    lines = [line for line in read_text(path, "trajectory").splitlines() if line.split("#", 1)[0].strip()]
+    return lines if lines and len(lines[0].split("#", 1)[0].split()) == KITTI_COUNT else None
+
+
+def _of_kitti(path: Path, lines: Sequence[str]) -> Trajectory:
+    """Trajectory whose times are the numbers of the rows."""
+    rows = []
+    for number, line in enumerate(lines):
+        try:
+            T = np.array([to_number(word) for word in line.split("#", 1)[0].split()]).reshape(3, 4)
+            if np.abs(T[:, :3] @ T[:, :3].T - np.eye(3)).max() > UNIT or np.linalg.det(T[:, :3]) < 0:
+                raise ValueError("its rotation is not a rotation")
+        except ValueError as error:
+            raise InputError(
+                "bad_trajectory", f"{path}: pose {number + 1}: {error}", "write rows r11 r12 r13 tx r21 ... tz"
+            ) from None
+        pose = Pose("map", "base", orthonormal(T[:, :3]), T[:, 3])
+        rows.append([float(number), *pose.t, *pose.quaternion_xyzw])
     return _trajectory(rows)
 
 

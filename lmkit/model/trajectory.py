@@ -46,6 +46,10 @@ class Trajectory:
         """Some of the poses."""
         return Trajectory(self.times_s[rows], self.positions[rows], self.quaternions[rows])
 
+    def shifted(self, seconds: float) -> Trajectory:
+        """Poses whose times are those of another clock."""
+        return Trajectory(self.times_s + seconds, self.positions, self.quaternions)
+
     def moved(self, R: FloatArray, t: FloatArray, scale: float = 1.0) -> Trajectory:
         """In another frame: x -> scale R x + t."""
         from scipy.spatial.transform import Rotation  # takes a quarter of a second to load

@@ -11,7 +11,8 @@ from lmkit.detection.detector import detect_landmarks
 from lmkit.errors import InputError
 from lmkit.geometry.rig import AnyRig, mounted_cameras
 from lmkit.io.image_groups import are_files, frame_groups, list_groups, require_image_of_each
-from lmkit.io.image_sources import Frame, frame_count, time_of
+from lmkit.io.image_names import time_of
+from lmkit.io.image_sources import Frame, frame_count
 from lmkit.io.images import read_image
 from lmkit.io.readings import read_readings
 from lmkit.io.recording_tables import PAIR, read_detections, read_gyro, read_odometry

@@ -14,7 +14,8 @@ from lmkit.detection.detector import detect_landmarks
 from lmkit.errors import InputError
 from lmkit.geometry.rig import AnyRig, mounted_cameras
 from lmkit.io.image_groups import are_files, frame_groups, image_count, list_groups, require_image_of_each
-from lmkit.io.image_sources import Frame, time_of
+from lmkit.io.image_names import time_of
+from lmkit.io.image_sources import Frame
 from lmkit.io.images import read_image
 from lmkit.localization.absolute_pose import LocateOptions, locate_camera, locate_rig
 from lmkit.localization.base_pose import with_base
