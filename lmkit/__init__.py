@@ -15,6 +15,7 @@ from lmkit.version import __version__
 if _TYPE_CHECKING:
     from lmkit.api.arguments import ImageWarning as ImageWarning
     from lmkit.api.cameras import calibrate as calibrate
+    from lmkit.api.cameras import calibrate_base as calibrate_base
     from lmkit.api.cameras import locate as locate
     from lmkit.api.detecting import Detector as Detector
     from lmkit.api.detecting import detect as detect
@@ -47,6 +48,7 @@ if _TYPE_CHECKING:
     from lmkit.geometry.rig import MountedCamera as MountedCamera
     from lmkit.geometry.rig import Rig as Rig
     from lmkit.geometry.stereo_rig import StereoRig as StereoRig
+    from lmkit.mapping.base_mounting import BaseMounting as BaseMounting
     from lmkit.mapping.joint_survey import JointSurvey as JointSurvey
     from lmkit.mapping.survey_results import Survey as Survey
     from lmkit.model.board import BoardSpec as BoardSpec
@@ -78,6 +80,7 @@ _HOMES = {
     "Detector": "api.detecting",
     "draw": "api.detecting",
     "calibrate": "api.cameras",
+    "calibrate_base": "api.cameras",
     "locate": "api.cameras",
     "survey": "api.recordings",
     "survey_recordings": "api.recordings",
@@ -91,6 +94,7 @@ _HOMES = {
     "LmkitError": "errors",
     "InputError": "errors",
     "NegativeAnswer": "errors",
+    "BaseMounting": "mapping.base_mounting",
     "BoardSpec": "model.board",
     "CameraCalibration": "calibration.mono",
     "CameraModel": "geometry.camera",

@@ -1,4 +1,4 @@
-"""`lmkit.calibrate` and `lmkit.locate`."""
+"""`lmkit.calibrate`, `lmkit.calibrate_base` and `lmkit.locate`."""
 
 from __future__ import annotations
 
@@ -6,19 +6,22 @@ import os
 from collections.abc import Callable
 from typing import TYPE_CHECKING
 
-from lmkit.api.arguments import ImageLike, PathLike, as_map, as_rig
+from lmkit.api.arguments import ImageLike, PathLike, as_map, as_meters, as_rig
 from lmkit.api.detecting import Detector
 from lmkit.errors import InputError
 from lmkit.model.detections import Detections
+from lmkit.model.recording import Odometry
 
 if TYPE_CHECKING:
     from lmkit.calibration.mono import CameraCalibration
     from lmkit.calibration.stereo import StereoCalibration
     from lmkit.geometry.rig import AnyRig
     from lmkit.localization.absolute_pose import LocateOptions
+    from lmkit.mapping.base_mounting import BaseMounting
     from lmkit.model.board import BoardSpec
     from lmkit.model.estimate import PoseEstimate
     from lmkit.model.landmark_map import LandmarkMap
+    from lmkit.model.recording import Recording
 
 
 def calibrate(
@@ -60,6 +63,46 @@ def calibrate(
         return calibrate_camera(found.views, found.board, found.image_size, model, found.rejected)
     pairs = find_board_pairs(list_pairs(os.fspath(left), os.fspath(right)), spec, progress)
     return calibrate_stereo(pairs.views, pairs.board, pairs.image_size, model, pairs.rejected)
+
+
+def calibrate_base(
+    recording: Recording,
+    rig: AnyRig | PathLike,
+    landmarks: LandmarkMap | PathLike,
+    *,
+    height: float | str | None = None,
+) -> BaseMounting:
+    """Find the place of every camera on the robot, from a recording with wheel odometry in a mapped room.
+
+    Args:
+        recording: frames of the cameras, and wheel odometry.
+        rig: the cameras, or their file; places in it are not used, but for the baseline of a stereo pair.
+        landmarks: the landmark map, or its file.
+        height: of the first camera above the base's origin, meters or text with a unit; None: the base lies at z = 0.
+
+    Returns:
+        The rig with its places, and for each camera the covariance and what the recording does not show.
+
+    Raises:
+        InputError: a camera sees too little of the map, or the robot stands still.
+
+    Examples:
+        >>> import lmkit
+        >>> recording = lmkit.read_recording(detections="detections.csv", odometry="odometry.csv", gyro="gyro.csv")
+        >>> found = lmkit.calibrate_base(recording, "rig.yaml", "map.yaml")
+        >>> found.cameras[0].name
+        'left'
+    """
+    from lmkit.mapping.base_mounting import find_base_mounting
+    from lmkit.odometry.wheel_odometry import MotionModel
+
+    if not recording.frames:
+        raise InputError("no_frames", "the recording has no frames", "give images or detections")
+    if not isinstance(recording.odometry, Odometry):
+        raise InputError("no_odometry", "places on the robot need wheel odometry", "read the recording with odometry")
+    height_m = None if height is None else as_meters(height, "height")
+    motion = MotionModel(recording.odometry, recording.gyro)
+    return find_base_mounting(recording.frames, as_rig(rig), as_map(landmarks), motion, height_m)
 
 
 def locate(

@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import typer
 
-from lmkit.cli import options
+from lmkit.cli import base_options, options
 from lmkit.cli.output import (
     BOARD_HELP,
-    ProgressBars,
     check_outputs,
     print_json,
     print_line,
@@ -18,10 +17,6 @@ from lmkit.cli.output import (
     write_outputs,
 )
 from lmkit.errors import InputError
-
-if TYPE_CHECKING:
-    from lmkit.model.board import BoardSpec
-    from lmkit.pipelines.capture_board import Found
 
 REPORT_IMAGES = 6
 
@@ -70,12 +65,17 @@ def run(
     save_pairs: Annotated[
         Path | None, typer.Option("--save-pairs", help="With --capture: folder for the pairs kept.")
     ] = None,
+    base: base_options.Base = None,
+    rig: base_options.RigToMount = None,
+    landmark_map: options.OptionalMapFile = None,
+    height: base_options.Height = None,
     jobs: options.Jobs = None,
     as_json: options.Json = False,
     force: options.Force = False,
 ) -> None:
     """Calibrate cameras from images of a board."""
     from lmkit.calibration.stereo import MODELS, calibrate_stereo, calibration_lines
+    from lmkit.cli.calibrate_pairs import both_sources, find_pairs, saved_corners
     from lmkit.cli.parsing import parse_board, parse_declared
     from lmkit.io.board_corners import corners_to_json
     from lmkit.io.image_sources import are_moving
@@ -89,6 +89,13 @@ def run(
     sources, declared = images or [], parse_declared(baseline, fov, intrinsics)
     left, right = (*sources, None, None)[:2]
     check_outputs((output, report, save_corners), None, force)
+    for_base = {"--rig": rig, "--map": landmark_map, "--height": height}
+    if base is not None:
+        for_board = {"images": images, "--board": board, "--report": report, "--check": check, "--corners": corners}
+        require_no("--base", {**for_board, "--capture": capture or None})
+        base_options.calibrate_base(base, rig, landmark_map, height, family, output, as_json, force)
+        return
+    require_no("calibration without --base", for_base)
     if check is not None:
         from lmkit.cli.calibrate_check import check_images
 
@@ -99,12 +106,12 @@ def run(
         require_no("--check", for_calibration)
         # Without a board, landmarks are looked for; a measured size alone is refused.
         spec = None if board is None and measured is None else parse_board(board, measured)
-        check_images(check, *_both(left, right), spec, family, as_json)
+        check_images(check, *both_sources(left, right), spec, family, as_json)
         return
     if corners is not None:
         found_elsewhere = {"images": images, "--board": board, "--measured": measured, "--capture": capture or None}
         require_no("--corners", found_elsewhere)
-        found = _saved(corners)
+        found = saved_corners(corners)
     elif len(sources) not in (0, 2) and not capture:
         from lmkit.cli.calibrate_cameras import calibrate_cameras
 
@@ -120,7 +127,7 @@ def run(
 
         found = capture_pairs(left, right, side_by_side, parse_board(board, measured), save_pairs, as_json)
     else:
-        found = _find(*_both(left, right), parse_board(board, measured))
+        found = find_pairs(*both_sources(left, right), parse_board(board, measured))
     seen = found.corners
     # Written first: the calibration itself may fail.
     written = write_outputs({save_corners: corners_to_json(seen)}, force)
@@ -134,25 +141,3 @@ def run(
         return
     for line in (*calibration_lines(result), *(f"wrote                  {path}" for path in written)):
         print_line(line)
-
-
-def _both(left: str | None, right: str | None) -> tuple[str, str]:
-    if left is None or right is None:
-        raise InputError("no_images", "images of a board are needed", "see lmkit calibrate --help")
-    if left == right:
-        raise InputError("same_images", f"LEFT and RIGHT are both {left}", "give the right camera's images as RIGHT")
-    return left, right
-
-
-def _saved(path: Path) -> Found:
-    from lmkit.io.board_corners import read_corners
-    from lmkit.pipelines.capture_board import Found
-
-    return Found(read_corners(path), {})
-
-
-def _find(left: str, right: str, spec: BoardSpec) -> Found:
-    from lmkit.pipelines.capture_board import find_in_files
-
-    with ProgressBars() as bars:
-        return find_in_files(left, right, spec, bars.counter("finding the board"))

@@ -130,6 +130,7 @@ def make_drive(
     rig: AnyRig | None = None,
     landmarks: LandmarkMap | None = None,
     family: MarkerFamily = LM8,
+    eights: bool = False,
 ) -> Drive:
     """A recording in rounds through a room with ``count`` landmarks on its walls.
 
@@ -137,11 +138,12 @@ def make_drive(
         landmarks: those of another recording, to drive through the same room again; None: mounted anew.
         rig: the cameras, with T_base_left; None: a stereo pair that looks ahead.
         family: of the landmarks.
+        eights: figures of eight in place of rounds: curves to both sides.
     """
     rng = np.random.default_rng([seed, 0])
     codes = [int(code) for code in rng.permutation(family.code_count)[:count]]
     landmarks = landmarks or LandmarkMap(mount_landmarks(rng, family, codes, (*size_m, HEIGHT_M)))
-    fine, truth = _round_trip(rng, seconds, size_m)
+    fine, truth = (_figure_eight if eights else _round_trip)(rng, seconds, size_m)
     errors = errors or WheelErrors()
     truth = _slip(rng, fine, truth, errors.slips)
     rig = rig or replace(make_rig(), T_base_left=T_BASE_LEFT)
@@ -167,6 +169,18 @@ def _round_trip(
     a = phase + speed * times
     swing = 1 + 0.12 * np.sin(3 * a + wave)
     x, y = size_m[0] / 2 + rx * swing * np.cos(a), size_m[1] / 2 + ry * swing * np.sin(a)
+    heading = np.unwrap(np.arctan2(np.gradient(y), np.gradient(x)))
+    return times, np.column_stack([x, y, heading])
+
+
+def _figure_eight(
+    rng: np.random.Generator, seconds: float, size_m: tuple[float, float]
+) -> tuple[FloatArray, FloatArray]:
+    """Times, and x, y, heading along figures of eight (Gerono's lemniscate) at about 0.35 m/s."""
+    times = np.arange(0, seconds, STEP_S)
+    rx, ry = 0.3 * size_m[0], 0.28 * size_m[1]
+    a = rng.uniform(0, 2 * np.pi) + 0.35 / max(rx, ry) * times
+    x, y = size_m[0] / 2 + rx * np.sin(a), size_m[1] / 2 + ry * np.sin(2 * a)
     heading = np.unwrap(np.arctan2(np.gradient(y), np.gradient(x)))
     return times, np.column_stack([x, y, heading])
 

@@ -24,6 +24,7 @@ FUNCTIONS = [
     "write_trajectory",
     "detect",
     "calibrate",
+    "calibrate_base",
     "locate",
     "survey",
     "survey_recordings",
@@ -36,6 +37,7 @@ FUNCTIONS = [
     "write_example_files",
 ]
 CLASSES = [
+    "BaseMounting",
     "BoardSpec",
     "CameraCalibration",
     "CameraModel",

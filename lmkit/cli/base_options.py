@@ -1,0 +1,62 @@
+"""`lmkit calibrate --base`: the place of every camera on the robot."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from lmkit.cli.output import print_json, print_line, write_outputs
+from lmkit.errors import InputError
+
+Base = Annotated[
+    Path | None,
+    typer.Option("--base", help="Recording folder with odometry, to find the cameras' places on the robot."),
+]
+RigToMount = Annotated[Path | None, typer.Option("--rig", help="With --base: rig file of the cameras.")]
+Height = Annotated[
+    str | None, typer.Option("--height", help="With --base: height of the first camera above the base's origin.")
+]
+
+
+def calibrate_base(
+    folder: Path,
+    rig: Path | None,
+    landmark_map: Path | None,
+    height: str | None,
+    family: str,
+    output: Path | None,
+    as_json: bool,
+    force: bool,
+) -> None:
+    """Find the cameras' places by a recording in a mapped room; write the rig and print.
+
+    Raises:
+        InputError: rig or map is missing, or the recording does not show the places.
+    """
+    from dataclasses import replace
+
+    from lmkit.api.cameras import calibrate_base as find
+    from lmkit.cli.parsing import parse_meters
+    from lmkit.geometry.pose import Pose
+    from lmkit.io.any_rig import read_any_rig
+    from lmkit.io.external_maps import read_any_map
+    from lmkit.io.rig import rig_to_yaml
+    from lmkit.mapping.base_mounting_results import mounting_dict, mounting_lines
+    from lmkit.pipelines.recording_folder import read_recording_folder
+
+    if rig is None or landmark_map is None:
+        raise InputError("no_rig_or_map", "--base needs a rig and a map", "give --rig rig.yaml --map map.yaml")
+    height_m = None if height is None else parse_meters(height, "--height")
+    cameras, landmarks = read_any_rig(rig), read_any_map(landmark_map)
+    # The place is to be found; to read wheel odometry any will do.
+    anywhere = replace(cameras, T_base_left=Pose.identity("base", "left"))
+    recording = read_recording_folder(folder, anywhere, landmarks.families or (family,))
+    found = find(recording, cameras, landmarks, height=height_m)
+    written = write_outputs({output: rig_to_yaml(found.rig)}, force)
+    if as_json:
+        print_json(mounting_dict(found))
+        return
+    for line in (*mounting_lines(found), *(f"wrote {path}" for path in written)):
+        print_line(line)

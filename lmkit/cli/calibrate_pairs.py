@@ -1,0 +1,42 @@
+"""Pairs of board images for `lmkit calibrate`: found in files, or saved before."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from lmkit.cli.output import ProgressBars
+from lmkit.errors import InputError
+
+if TYPE_CHECKING:
+    from lmkit.model.board import BoardSpec
+    from lmkit.pipelines.capture_board import Found
+
+
+def both_sources(left: str | None, right: str | None) -> tuple[str, str]:
+    """Two sources of images.
+
+    Raises:
+        InputError: one is missing, or both are the same.
+    """
+    if left is None or right is None:
+        raise InputError("no_images", "images of a board are needed", "see lmkit calibrate --help")
+    if left == right:
+        raise InputError("same_images", f"LEFT and RIGHT are both {left}", "give the right camera's images as RIGHT")
+    return left, right
+
+
+def saved_corners(path: Path) -> Found:
+    """Corners of a file."""
+    from lmkit.io.board_corners import read_corners
+    from lmkit.pipelines.capture_board import Found
+
+    return Found(read_corners(path), {})
+
+
+def find_pairs(left: str, right: str, spec: BoardSpec) -> Found:
+    """Corners of the board in pairs of images."""
+    from lmkit.pipelines.capture_board import find_in_files
+
+    with ProgressBars() as bars:
+        return find_in_files(left, right, spec, bars.counter("finding the board"))

@@ -1,0 +1,57 @@
+"""Places of cameras on a robot, as JSON and in words."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from lmkit.mapping.base_mounting import BaseMounting, CameraOnBase
+from lmkit.odometry.wheel_odometry import PARAMETERS
+
+
+def mounting_dict(found: BaseMounting) -> dict[str, Any]:
+    """JSON of ``lmkit calibrate --base`` (docs/formats.md)."""
+    return {
+        "cameras": [
+            {
+                "name": camera.name,
+                "T_base_camera": {"R": camera.T_base_camera.R.tolist(), "t": camera.T_base_camera.t.tolist()},
+                "covariance": camera.covariance.tolist(),
+                "frames": camera.frames,
+                "unobserved": list(camera.unobserved),
+            }
+            for camera in found.cameras
+        ],
+        "floor": {"tilt_rad": found.floor[:2].tolist(), "height_m": float(found.floor[2])},
+        "odometry": dict(zip(PARAMETERS, found.parameters.tolist(), strict=True)),
+        "rms_px": found.rms_px,
+        "outliers": found.outliers,
+    }
+
+
+def mounting_lines(found: BaseMounting) -> list[str]:
+    """Two lines for each camera, then what it does not show and a summary."""
+    lines = []
+    for camera in found.cameras:
+        lines += _camera_lines(camera)
+    tilt = np.rad2deg(float(np.hypot(*found.floor[:2])))
+    odometry = ", ".join(
+        f"{name} {value:.3f}" for name, value in zip(PARAMETERS, found.parameters.tolist(), strict=True)
+    )
+    lines.append(f"floor tilted by {tilt:.2f} deg in the map; {found.rms_px:.2f} px, {found.outliers} outliers")
+    return [*lines, f"odometry: {odometry}"]
+
+
+def _camera_lines(camera: CameraOnBase) -> list[str]:
+    x, y, z = camera.T_base_camera.t
+    forward = camera.T_base_camera.R[:, 2]
+    yaw, down = np.rad2deg([np.arctan2(forward[1], forward[0]), -np.arcsin(np.clip(forward[2], -1, 1))])
+    sigma = np.sqrt(np.diag(camera.covariance))
+    mm, deg = 1000 * sigma[:3], np.rad2deg(sigma[3:])
+    lines = [
+        f"{camera.name}: x {x:.4f} y {y:.4f} z {z:.4f} m, looks {yaw:.2f} deg to the left and {down:.2f} deg down",
+        f"  +- {mm[0]:.1f} {mm[1]:.1f} {mm[2]:.1f} mm, {deg[0]:.2f} {deg[1]:.2f} {deg[2]:.2f} deg about x y z; "
+        f"{camera.frames} frames",
+    ]
+    return [*lines, *(f"  not shown by this recording: {text}" for text in camera.unobserved)]

@@ -1,0 +1,172 @@
+"""Start of `base_mounting`: rough places of cameras on the robot, in closed form, and the robot's path.
+
+Each camera's poses in the map, by the landmarks it sees, and the odometry between them give its place: the way it
+moved, in its own heading, is the robot's turned by the camera's yaw, and what the turning adds at the end of its arm
+(planar calibration of a camera against wheels; linear in the yaw's cosine and sine and in the arm).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from lmkit.arrays import FloatArray, IntArray
+from lmkit.errors import InputError
+from lmkit.geometry.planar import follow, wrap_angle
+from lmkit.geometry.rig import AnyRig
+from lmkit.geometry.rotations import rotation_exp
+from lmkit.localization.absolute_pose import locate_rig
+from lmkit.model.landmark_map import LandmarkMap
+from lmkit.model.pose_status import PoseStatus
+from lmkit.model.recording import RigFrame
+from lmkit.odometry.wheel_odometry import NOMINAL, MotionModel
+from lmkit.optim.robust_loss import cauchy_weight
+
+LEAST_LOCATED = 10
+LEAST_WAY_M, LEAST_TURN_RAD = 0.3, 0.3  # of the recording
+APART_S = (0.5, 1.0, 2.0, 4.0)  # between two poses of a pair
+PAIR_SIGMA_M = 0.05
+ROUNDS = 10
+
+
+@dataclass(frozen=True, eq=False)
+class MountingStart:
+    """Rough answers.
+
+    Attributes:
+        path: (N,3) x, y (m), heading (rad) of the base.
+        mount_R, mount_t: (C,3,3), (C,3) T_base_camera.
+    """
+
+    path: FloatArray
+    mount_R: FloatArray
+    mount_t: FloatArray
+
+
+def find_mounting_start(
+    frames: Sequence[RigFrame],
+    groups: Sequence[tuple[str, AnyRig, list[int]]],
+    landmarks: LandmarkMap,
+    motion: MotionModel,
+) -> MountingStart:
+    """Rough places and path.
+
+    Raises:
+        InputError: a camera was located too rarely, or the robot did not move.
+    """
+    times = np.array([frame.time_s for frame in frames])
+    motions = motion.increments(times, np.array(NOMINAL)).motions
+    way, turn = float(np.hypot(*motions[:, :2].T).sum()), float(np.abs(motions[:, 2]).sum())
+    if way < LEAST_WAY_M and turn < LEAST_TURN_RAD:
+        raise InputError(
+            "stands_still",
+            f"the odometry says that the robot moved {way:.2f} m and turned {np.rad2deg(turn):.0f} deg",
+            "drive curves, so that every camera sees landmarks of the map from different headings",
+        )  # fmt: skip
+    path = follow(np.zeros(3), motions)
+    mounts, guesses = [], []
+    for name, rig, which in groups:
+        rows, R, p = _located(frames, rig, which, landmarks)
+        if len(rows) < LEAST_LOCATED:
+            raise InputError(
+                "too_few_frames",
+                f"camera '{name}' was located by landmarks of the map in {len(rows)} frames only",
+                f"drive so that it sees two or more landmarks at once in at least {LEAST_LOCATED} frames",
+            )
+        headings = _headings(R)
+        yaw, arm = _yaw_and_arm(times[rows], path[rows], headings, p)
+        base_headings = wrap_angle(headings - yaw)
+        c, s = np.cos(base_headings), np.sin(base_headings)
+        base_p = p[:, :2] - np.column_stack([c * arm[0] - s * arm[1], s * arm[0] + c * arm[1]])
+        back = rotation_exp(np.column_stack([np.zeros((len(rows), 2)), -base_headings]))
+        mounts.append((_mean_rotation(back @ R), np.array([*arm, float(np.median(p[:, 2]))])))
+        guesses.append((rows, np.column_stack([base_p, base_headings])))
+    return MountingStart(
+        _path(len(frames), guesses, motions), np.array([R for R, _ in mounts]), np.array([t for _, t in mounts])
+    )
+
+
+def _located(
+    frames: Sequence[RigFrame], rig: AnyRig, which: Sequence[int], landmarks: LandmarkMap
+) -> tuple[IntArray, FloatArray, FloatArray]:
+    """Frames in which a camera is located for sure, and its (K,3,3), (K,3) poses in the map."""
+    rows, poses = [], []
+    for k, frame in enumerate(frames):
+        seen = [frame.seen[c] for c in which]
+        if not any(seen):
+            continue
+        found = locate_rig(seen, rig, landmarks)
+        if found.status == PoseStatus.OK and found.T_map_camera is not None:
+            rows.append(k)
+            poses.append(found.T_map_camera)
+    R = np.array([T.R for T in poses]).reshape(-1, 3, 3)
+    return np.array(rows, dtype=np.int64), R, np.array([T.t for T in poses]).reshape(-1, 3)
+
+
+def _headings(R: FloatArray) -> FloatArray:
+    """(K,) rotations about the map's z axis since the first pose, rad."""
+    turned = R @ R[0].T
+    return np.unwrap(np.arctan2(turned[:, 1, 0] - turned[:, 0, 1], turned[:, 0, 0] + turned[:, 1, 1]))
+
+
+def _yaw_and_arm(
+    times: FloatArray, path: FloatArray, headings: FloatArray, p: FloatArray
+) -> tuple[float, FloatArray]:
+    """Yaw of the camera's zero heading in the base, and the arm (2,) from base to camera in the base's frame."""
+    rows, values = [], []
+    for apart in APART_S:
+        after = np.searchsorted(times, times + apart)
+        i = np.flatnonzero(after < len(times))
+        j = after[i]
+        near = times[j] - times[i] < 2 * apart
+        i, j = i[near], j[near]
+        q = _turned(p[j, :2] - p[i, :2], -headings[i])
+        d = _turned(path[j, :2] - path[i, :2], -path[i, 2])
+        turn = headings[j] - headings[i]
+        c, s = np.cos(turn) - 1, np.sin(turn)
+        # q = R(-yaw) d + (R(turn) - 1) arm', with R(-yaw) d = cos d + sin (dy, -dx)
+        rows.append(
+            np.stack([np.column_stack([d[:, 0], d[:, 1], c, -s]), np.column_stack([d[:, 1], -d[:, 0], s, c])], 1)
+        )
+        values.append(q)
+    A, b = np.concatenate(rows), np.concatenate(values)
+    weights = np.ones(len(A))
+    x = np.array([1.0, 0.0, 0.0, 0.0])
+    for _ in range(ROUNDS):
+        normal = np.einsum("k,kia,kib->ab", weights, A, A) + 1e-6 * np.eye(4)
+        x = np.linalg.solve(normal, np.einsum("k,kia,ki->a", weights, A, b))
+        errors = ((b - A @ x) ** 2).sum(axis=1) / PAIR_SIGMA_M**2
+        weights = cauchy_weight(errors)
+    yaw = float(np.arctan2(x[1], x[0]))
+    return yaw, _turned(x[None, 2:], np.array([yaw]))[0]
+
+
+def _turned(points: FloatArray, angles: FloatArray) -> FloatArray:
+    c, s = np.cos(angles), np.sin(angles)
+    return np.column_stack([c * points[:, 0] - s * points[:, 1], s * points[:, 0] + c * points[:, 1]])
+
+
+def _mean_rotation(R: FloatArray) -> FloatArray:
+    """Rotation nearest to the sum of several."""
+    U, _, Vt = np.linalg.svd(R.sum(axis=0))
+    return np.asarray(U @ np.diag([1.0, 1.0, np.linalg.det(U @ Vt)]) @ Vt)
+
+
+def _path(count: int, guesses: Sequence[tuple[IntArray, FloatArray]], motions: FloatArray) -> FloatArray:
+    """(N,3) states by the cameras where they were located, else by odometry from the frame before."""
+    path = np.full((count, 3), np.nan)
+    for rows, states in reversed(guesses):
+        path[rows] = states
+    first = int(np.flatnonzero(np.isfinite(path[:, 0]))[0])
+    for k in range(first + 1, count):
+        if np.isnan(path[k, 0]):
+            path[k] = follow(path[k - 1], motions[k - 1 : k])[-1]
+    for k in range(first - 1, -1, -1):
+        step = motions[k]
+        heading = path[k + 1, 2] - step[2]
+        c, s = np.cos(heading), np.sin(heading)
+        path[k] = [path[k + 1, 0] - c * step[0] + s * step[1], path[k + 1, 1] - s * step[0] - c * step[1], heading]
+    path[:, 2] = np.unwrap(path[:, 2])
+    return path
