@@ -370,7 +370,7 @@ def _unobserved(C: FloatArray, height_is_assumed: bool) -> tuple[str, ...]:
         words.append("place along x (turn more)")
     if sigma[1] > KNOWN_M:
         words.append(
-            "place along y (drive curves to both sides: in one direction it cannot be told from odometry's scale)"
+            "place along y (drive curves to both sides: one direction alone leaves it mixed with odometry's scale)"
         )
     if sigma[5] > KNOWN_RAD:
         words.append("direction (drive farther)")
