@@ -132,8 +132,8 @@ def _yaw_and_arm(
         )
         values.append(q)
     A, b = np.concatenate(rows), np.concatenate(values)
-    weights = np.ones(len(A))
-    x = np.array([1.0, 0.0, 0.0, 0.0])
+    weights: FloatArray = np.ones(len(A))
+    x: FloatArray = np.array([1.0, 0.0, 0.0, 0.0])
     for _ in range(ROUNDS):
         normal = np.einsum("k,kia,kib->ab", weights, A, A) + 1e-6 * np.eye(4)
         x = np.linalg.solve(normal, np.einsum("k,kia,ki->a", weights, A, b))
