@@ -97,11 +97,30 @@ def _relabel(T: Pose) -> Pose:
 
 def _painted(image, camera, T_camera_landmark, code):
     """The sheet painted into the image, every sub-pixel by its own distorted ray."""
+    x0, y0, x1, y1 = _window(image, camera, T_camera_landmark)
+    painted = image.copy()
+    painted[y0:y1, x0:x1] = _painted_window(image, camera, T_camera_landmark, code, (x0, y0, x1, y1))
+    return painted
+
+
+def _window(image, camera, T_camera_landmark) -> tuple[int, int, int, int]:
+    """Box around the sheet in the image with room for the blur: x0, y0, x1, y1."""
+    reach = SIDE_M / 0.18 * 0.105
+    square = reach * np.array([[-1.0, 1, 0], [1, 1, 0], [1, -1, 0], [-1, -1, 0]])
+    corners = camera.project(T_camera_landmark.apply(square))
+    limits = np.array(image.shape[1::-1])
+    low = np.clip(np.floor(corners.min(axis=0)).astype(int) - 12, 0, limits)
+    high = np.clip(np.ceil(corners.max(axis=0)).astype(int) + 12, 0, limits)
+    return int(low[0]), int(low[1]), int(high[0]), int(high[1])
+
+
+def _painted_window(image, camera, T_camera_landmark, code, window):
+    x0, y0, x1, y1 = window
     sheet = to_linear(sheet_by_pdfium(code))
-    height, width = image.shape[:2]
+    height, width = y1 - y0, x1 - x0
     steps = (np.arange(S) + 0.5) / S - 0.5
-    x = (np.arange(width)[:, None] + steps).ravel()
-    y = (np.arange(height)[:, None] + steps).ravel()
+    x = (np.arange(x0, x1)[:, None] + steps).ravel()
+    y = (np.arange(y0, y1)[:, None] + steps).ravel()
     pixels = np.stack(np.meshgrid(x, y), axis=-1).reshape(-1, 2)
     rays = np.column_stack([camera.unproject(pixels), np.ones(len(pixels))])
     T = T_camera_landmark
@@ -119,11 +138,12 @@ def _painted(image, camera, T_camera_landmark, code):
     layer = cv2.GaussianBlur(layer, (0, 0), 0.8 * S).reshape(height, S, width, S, 3).mean(axis=(1, 3))
     alpha = cv2.GaussianBlur(face, (0, 0), 0.8 * S).reshape(height, S, width, S).mean(axis=(1, 3))[:, :, None]
     light = to_linear(np.percentile(image, 97) * np.ones(1))[0]
-    painted = to_code_values(layer * light + to_linear(image) * (1 - alpha)).astype(np.float32)
+    under = image[y0:y1, x0:x1]
+    painted = to_code_values(layer * light + to_linear(under) * (1 - alpha)).astype(np.float32)
     # The photograph's own noise, taken from its own pixels.
     noise = image.astype(np.float32) - cv2.GaussianBlur(image, (0, 0), 1.0)
-    shifted = np.roll(np.clip(noise, -4, 4), (17, 31), axis=(0, 1))
-    return np.where(alpha > 1e-3, np.clip(np.round(painted + shifted * alpha), 0, 255), image).astype(np.uint8)
+    shifted = np.roll(np.clip(noise, -4, 4), (17, 31), axis=(0, 1))[y0:y1, x0:x1]
+    return np.where(alpha > 1e-3, np.clip(np.round(painted + shifted * alpha), 0, 255), under).astype(np.uint8)
 
 
 assert DPI == 150  # MM above is the sheet's own scale
