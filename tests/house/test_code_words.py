@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from functools import cache
 from pathlib import Path
 
 import pytest
@@ -14,21 +15,27 @@ INVERTED = re.compile(r'"""(Of|The same|As|By|What|Where|Those)\b')
 FILES = sorted((ROOT / "lmkit").rglob("*.py"))
 
 
+@cache
+def allowed_uses() -> tuple[re.Pattern[str], ...]:
+    lines = ALLOWED.read_text(encoding="utf-8").splitlines()
+    return tuple(re.compile(line.split("\t")[0], re.IGNORECASE) for line in lines if line and line[0] != "#")
+
+
 def words_of(source: str) -> str:
     """The source with allowed uses removed and identifiers split into their words."""
-    for line in ALLOWED.read_text(encoding="utf-8").splitlines():
-        if line and not line.startswith("#"):
-            source = re.sub(line.split("\t")[0], " ", source, flags=re.IGNORECASE)
+    for allowed in allowed_uses():
+        source = allowed.sub(" ", source)
     return re.sub(r"(?<=[a-z])(?=[A-Z])|_", " ", source)
 
 
 def found_in(source: str) -> list[str]:
     """One sentence for each retired word and each inverted docstring."""
+    words = words_of(source)
+    matches = [(m, instead) for word, instead in retired_words() for m in word.finditer(words)]
+    lines = [1 + words[: match.start()].count("\n") for match, _ in matches]
     problems = [
-        f"line {number}: {match.group()!r}: write {instead}"
-        for number, line in enumerate(words_of(source).splitlines(), 1)
-        for word, instead in retired_words()
-        for match in word.finditer(line)
+        f"line {line}: {match.group()!r}: write {instead}"
+        for line, (match, instead) in zip(lines, matches, strict=True)
     ]
     return problems + [f"docstring starts with {m.group(1)!r}: subject first" for m in INVERTED.finditer(source)]
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from functools import cache
 from pathlib import Path
 
 import pytest
@@ -11,6 +12,7 @@ from doc_pages import NOTEBOOKS, PAGES, ROOT, prose_of
 LIST = ROOT / "tests/house/retired_words.txt"
 
 
+@cache
 def retired_words() -> list[tuple[re.Pattern[str], str]]:
     """(expression, what to write instead) of every line."""
     lines = [line for line in LIST.read_text(encoding="utf-8").splitlines() if line and not line.startswith("#")]
