@@ -247,7 +247,7 @@ def test_innovations_are_as_large_as_expected_where_readings_scatter_as_told(mon
 def test_innovations_of_corners_are_as_large_as_expected():
     ratios = []
     for seed in range(3):
-        drive = make_drive(seed)
+        drive = make_drive(seed, seconds=20)
         tracked = track_images_live(drive.frames, drive.rig, drive.landmarks, drive.odometry, drive.gyro)
         ratios.append(innovation_ratio(tracked))
     assert 0.5 < np.mean(ratios) < 1.2

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import json
 import os
 import re
@@ -19,7 +20,10 @@ PAGES = ("", "prints", "check", "cameras", "calibrate", "map", "live", "recordin
 CHROMIUM = next((p for name in ("chromium", "chromium-browser", "google-chrome") if (p := shutil.which(name))), None)
 MOST_BYTES = 500_000
 FIRST_PAINT_MS = 1000
-pytestmark = pytest.mark.skipif(CHROMIUM is None, reason="no Chromium here (apt-get install chromium)")
+pytestmark = [
+    pytest.mark.slow,
+    pytest.mark.skipif(CHROMIUM is None, reason="no Chromium here (apt-get install chromium)"),
+]
 
 
 @pytest.fixture(scope="module")
@@ -98,23 +102,23 @@ def test_the_overview_paints_within_a_second(open_page):
     assert 0 < page.evaluate(loaded) < MOST_BYTES
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("size", [(1280, 800), (390, 844)], ids=["desktop", "phone"])
-@pytest.mark.parametrize("scheme", ["light", "dark"])
 @pytest.mark.parametrize("name", PAGES)
-def test_every_page_is_accessible_and_fits_its_window(furnished, open_page, name, scheme, size):
+def test_every_page_is_accessible_and_fits_its_window(furnished, open_page, name):
     axe = pytest.importorskip(
         "axe_playwright_python.sync_playwright", reason="axe-playwright-python is not installed"
     )
-    page = open_page(name, scheme, size)
-    # The policy of the page lets no script in but its own; the rules come through the driver's own world.
-    found = axe.Axe().run(page).response["violations"]
-    serious = [(v["id"], v["nodes"][0]["html"][:120]) for v in found if v["impact"] in ("serious", "critical")]
-    assert not serious, json.dumps(serious, indent=1)
-    assert page.evaluate("document.documentElement.scrollWidth - innerWidth") <= 0
+    page = open_page(name)
+    for scheme, (width, height) in itertools.product(("light", "dark"), ((1280, 800), (390, 844))):
+        page.emulate_media(color_scheme=scheme)
+        page.set_viewport_size({"width": width, "height": height})
+        page.wait_for_timeout(250)  # transitions of colors end
+        # The policy of the page lets no script in but its own; the rules come through the driver's own world.
+        found = axe.Axe().run(page).response["violations"]
+        serious = [(v["id"], v["nodes"][0]["html"][:120]) for v in found if v["impact"] in ("serious", "critical")]
+        assert not serious, f"{scheme}, {width} px wide: {json.dumps(serious, indent=1)}"
+        assert page.evaluate("document.documentElement.scrollWidth - innerWidth") <= 0, f"{width} px wide"
 
 
-@pytest.mark.slow
 def test_an_errand_from_print_to_map(furnished, open_page, project):
     """Print twelve landmarks, check one, calibrate to a stated error, survey, edit the map and undo."""
     page = open_page("prints")
@@ -157,7 +161,6 @@ def _until(holds) -> None:
     raise AssertionError("nothing happened within two minutes")
 
 
-@pytest.mark.slow
 def test_a_minute_of_live_states_holds_memory(browser, tmp_path):
     """Ten states a second for a minute, with images: neither page nor server grows without bound."""
     script = tmp_path / "feed.py"
