@@ -11,6 +11,9 @@ MM_PER_UNIT = {"mm": 1.0, "cm": 10.0, "m": 1000.0, "in": 25.4, "pt": 25.4 / 72.0
 POINTS_PER_MM = 72.0 / 25.4
 MM_PER_INCH = 25.4
 
+UNITS_PER_METER = {1000.0: "millimeters", 100.0: "centimeters", 39.37: "inches", 3.281: "feet"}
+LIKE_UNIT = 0.12  # logarithm of a ratio to that of a unit
+
 _LENGTH = re.compile(r"\s*([0-9]+(?:\.[0-9]*)?|\.[0-9]+)\s*([a-z]*)\s*", re.IGNORECASE)
 
 
@@ -78,3 +81,11 @@ def parse_two_lengths_mm(text: str, what: str) -> tuple[float, float]:
         raise InputError("bad_length", f"{what} {text!r} is not WIDTHxHEIGHT", "write such as 178.6x179.4 (mm)")
     lengths = [parse_length_mm(p if p.strip()[-1:].isalpha() else f"{p}mm", what) for p in pieces]
     return lengths[0], lengths[-1]
+
+
+def unit_of_ratio(ratio: float) -> str:
+    """Question that names the unit in which a length is that many times too large; empty where none is."""
+    for factor, name in UNITS_PER_METER.items():
+        if abs(math.log(ratio / factor)) < LIKE_UNIT:
+            return f" (is it in {name}?)"
+    return ""

@@ -116,12 +116,18 @@ def as_meters(length: float | str, name: str) -> float:
 
 
 def as_rig(rig: AnyRig | PathLike) -> AnyRig:
-    """A rig, or the rig of a file."""
+    """A rig, or the rig of a file.
+
+    Raises:
+        InputError: lengths that no rig has, such as millimeters.
+    """
     from lmkit.geometry.rig import Rig
+    from lmkit.geometry.rig_plausibility import require_plausible
     from lmkit.geometry.stereo_rig import StereoRig
     from lmkit.io.any_rig import read_any_rig
 
     if isinstance(rig, Rig | StereoRig):
+        require_plausible(rig, "the rig")
         return rig
     return read_any_rig(as_path(rig))
 

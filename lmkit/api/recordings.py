@@ -57,6 +57,7 @@ def survey(
     import numpy as np
 
     from lmkit.geometry.planar import planar_state
+    from lmkit.geometry.rig_plausibility import rig_warnings
     from lmkit.localization.contradiction import find_cause
     from lmkit.mapping.next_view import advise
     from lmkit.mapping.survey import anchors_of, landmark_sizes, survey_frames
@@ -65,11 +66,11 @@ def survey(
 
     if not recording.frames:
         raise InputError("no_frames", "the recording has no frames", "give images or detections")
-    require_plausible_recording(recording, as_rig(rig), None if known is None else as_map(known))
-    cameras, motion = as_rig(rig), motion_of(recording)
+    cameras, motion, size_m = as_rig(rig), motion_of(recording), as_meters(size, "size")
+    require_plausible_recording(recording, cameras, None if known is None else as_map(known), size_m)
     anchors = {} if known is None else anchors_of(as_map(known), known_sigma)
     frames = list(recording.frames)
-    sizes = landmark_sizes(frames, as_meters(size, "size"), anchors)
+    sizes = landmark_sizes(frames, size_m, anchors)
     cause = None if known is None else find_cause(frames, cameras, as_map(known))
     try:
         result = survey_frames(frames, cameras, sizes, anchors, motion, constraints)
@@ -85,6 +86,7 @@ def survey(
         texts = [*([doubt] if doubt else []), *texts]
     if cause is not None:
         texts.insert(0, f"the known landmarks contradict what was seen: {cause}")
+    texts = [*rig_warnings(cameras, "the rig"), *texts]
     return replace(result, warnings=tuple(texts))
 
 
@@ -130,16 +132,16 @@ def survey_recordings(
 
     if not recordings:
         raise InputError("no_recordings", "no recordings are given", "give at least one, by its name")
-    anchors = {} if known is None else anchors_of(as_map(known), known_sigma)
+    anchors, size_m = {} if known is None else anchors_of(as_map(known), known_sigma), as_meters(size, "size")
     rigs = rig if isinstance(rig, Mapping) else dict.fromkeys(recordings, as_rig(rig))
     for name, recording in recordings.items():
-        require_plausible_recording(recording, rigs[name], None if known is None else as_map(known))
+        require_plausible_recording(recording, rigs[name], None if known is None else as_map(known), size_m)
     frames = [frame for recording in recordings.values() for frame in recording.frames]
     named = [
         NamedRecording(name, recording.frames, rigs[name], motion_of(recording))
         for name, recording in recordings.items()
     ]
-    sizes = landmark_sizes(frames, as_meters(size, "size"), anchors)
+    sizes = landmark_sizes(frames, size_m, anchors)
     result = survey_together(named, sizes, anchors, constraints)
     return replace(result, warnings=joint_warnings(result))
 
@@ -165,28 +167,57 @@ def track(
         >>> trajectory.positions.shape[1]
         3
     """
+    from lmkit.geometry.rig_plausibility import rig_warnings
+    from lmkit.localization.contradiction import find_cause
     from lmkit.pipelines.recording_checks import require_plausible_recording
-    from lmkit.tracking.batch import track_images, track_readings
-    from lmkit.tracking.online import track_images_live, track_live, track_poses_live
 
-    mapped, odometry = as_map(landmarks), recording.odometry
+    mapped = as_map(landmarks)
     mapped.require_any(recording.ids)
     require_plausible_recording(recording, None if rig is None else as_rig(rig), mapped)
     if recording.readings:
-        if not isinstance(odometry, Odometry):
-            raise InputError("no_odometry", "readings need wheel odometry", "read the recording with odometry=...")
-        work = track_live if live else track_readings
-        return work([(t, list(seen)) for t, seen in recording.readings], odometry, recording.gyro, mapped)
+        return _track_readings(recording, mapped, live)
     if rig is None:
         raise InputError("no_rig", "frames need a rig", "give the rig, or its file")
     cameras, frames = as_rig(rig), list(recording.frames)
+    try:
+        tracked = _track_frames(recording, cameras, mapped, live)
+    except InputError as error:
+        if error.code != "nothing_located" or (cause := find_cause(frames, cameras, mapped)) is None:
+            raise
+        raise InputError(cause.code, error.message, str(cause)) from None
+    remarks = tracked.remarks
+    if live and not tracked.sure and (cause := find_cause(frames, cameras, mapped)) is not None:
+        remarks = (str(cause), *remarks)
+    return replace(tracked, remarks=(*rig_warnings(cameras, "the rig"), *remarks))
+
+
+def _track_readings(recording: Recording, landmarks: LandmarkMap, live: bool) -> TrackedTrajectory:
+    from lmkit.localization.range_bearing_noise import DRIVE_NOISE
+    from lmkit.localization.readings_contradiction import find_readings_cause
+    from lmkit.tracking.batch import track_readings
+    from lmkit.tracking.online import track_live
+
+    odometry = recording.odometry
+    if not isinstance(odometry, Odometry):
+        raise InputError("no_odometry", "readings need wheel odometry", "read the recording with odometry=...")
+    frames = [(time_s, list(seen)) for time_s, seen in recording.readings]
+    tracked = (track_live if live else track_readings)(frames, odometry, recording.gyro, landmarks)
+    cause = find_readings_cause([seen for _, seen in frames], landmarks, DRIVE_NOISE)
+    return tracked if cause is None else replace(tracked, remarks=(str(cause), *tracked.remarks))
+
+
+def _track_frames(recording: Recording, rig: AnyRig, landmarks: LandmarkMap, live: bool) -> TrackedTrajectory:
+    from lmkit.tracking.batch import track_images
+    from lmkit.tracking.online import track_images_live, track_poses_live
+
+    frames, odometry = list(recording.frames), recording.odometry
     if not live:
-        return track_images(frames, cameras, mapped, motion_of(recording))
+        return track_images(frames, rig, landmarks, motion_of(recording))
     if odometry is None:
         raise InputError("no_odometry", "live tracking needs odometry", "read the recording with odometry=...")
     if isinstance(odometry, Trajectory):
-        return track_poses_live(frames, cameras, mapped, odometry)
-    return track_images_live(frames, cameras, mapped, odometry, recording.gyro)
+        return track_poses_live(frames, rig, landmarks, odometry)
+    return track_images_live(frames, rig, landmarks, odometry, recording.gyro)
 
 
 def evaluate(

@@ -6,7 +6,7 @@ import json
 import os
 import sys
 import time
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -34,6 +34,13 @@ def print_line(text: str = "") -> None:
 def warn(text: str) -> None:
     """Print a warning on stderr."""
     sys.stderr.write(f"lmkit: {' '.join(text.split())}\n")
+
+
+def warn_all(texts: Iterable[str], spared: Collection[str] = ()) -> None:
+    """Print warnings on stderr, but for those that were printed before."""
+    for text in texts:
+        if text not in spared:
+            warn(text)
 
 
 # With LMKIT_PROGRESS=lines, progress is written as JSON lines that begin so; `lmkit web` reads them.

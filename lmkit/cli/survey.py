@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from lmkit.cli import options
-from lmkit.cli.output import check_outputs, image_kind, print_json, print_line, require_no, warn, write_outputs
+from lmkit.cli.output import check_outputs, image_kind, print_json, print_line, require_no, warn_all, write_outputs
 from lmkit.errors import InputError
 
 if TYPE_CHECKING:
@@ -75,6 +75,7 @@ def run(
     from lmkit.cli.parsing import parse_constraints
     from lmkit.cli.survey_recordings import are_recordings, survey_several
     from lmkit.geometry.rig import mounted_cameras
+    from lmkit.geometry.rig_plausibility import rig_warnings
     from lmkit.io.any_rig import read_any_rig
     from lmkit.io.external_maps import read_any_map
     from lmkit.io.landmark_map import map_to_yaml
@@ -115,8 +116,7 @@ def run(
     # Written first: detection takes longest, and the survey itself may fail.
     write_outputs({save_detections: detections_to_csv(recording.frames, names)}, force)
     result = survey(recording, cameras, size=size_m, known=anchors, known_sigma=sigma, constraints=constraints)
-    for text in result.warnings:
-        warn(text)
+    warn_all(result.warnings, rig_warnings(cameras, "the rig"))
     motion = motion_of(recording)
     write_outputs({output: map_to_yaml(result.landmarks)}, force)
     if tum is not None:

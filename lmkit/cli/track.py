@@ -8,7 +8,7 @@ import typer
 
 from lmkit.cli import map_options, options, scan_options
 from lmkit.cli.map_options import read_map_file
-from lmkit.cli.output import check_outputs, image_kind, print_json, print_line, require_no, warn, write_outputs
+from lmkit.cli.output import check_outputs, image_kind, print_json, print_line, require_no, warn_all, write_outputs
 from lmkit.errors import InputError, NegativeAnswer
 
 
@@ -45,6 +45,7 @@ def run(
     """Track the robot through a known map. Odometry and gyro are used if given."""
     from lmkit.api.recordings import track
     from lmkit.cli.recording_options import RecordingOptions
+    from lmkit.geometry.rig_plausibility import rig_warnings
     from lmkit.io.any_rig import read_any_rig
     from lmkit.io.trajectory import poses_to_tum
     from lmkit.model.tracked_trajectory import tracked_csv, tracked_lines
@@ -88,8 +89,7 @@ def run(
         raise NegativeAnswer(
             "not_tracked", "no frame was located for sure", drive.remarks[0] if drive.remarks else why
         )
-    for text in drive.remarks:
-        warn(text)
+    warn_all(drive.remarks, () if cameras is None else rig_warnings(cameras, "the rig"))
     write_outputs({tum: poses_to_tum(drive.sure), csv: tracked_csv(drive)}, force)
     if plan is not None:
         write_outputs({plan: draw_tracked(drive, landmarks, image_kind(plan))}, force)

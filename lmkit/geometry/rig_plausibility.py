@@ -5,11 +5,14 @@ from __future__ import annotations
 import numpy as np
 
 from lmkit.errors import InputError
-from lmkit.geometry.rig import AnyRig, Rig
+from lmkit.geometry.rig import AnyRig, Rig, mounted_cameras
 
 LONGEST_BASELINE_M = 10.0
 SHORTEST_BASELINE_M = 1e-3
 OPTICAL_RAD = 0.35
+LARGEST_BASE_M = 10.0
+UPRIGHT, ASIDE = 0.8, 0.5  # downward parts of an image's y axis
+OFF_CENTER = 0.3  # of the image's width or height, between principal point and center
 
 
 def require_plausible(rig: AnyRig, where: str) -> None:
@@ -19,8 +22,15 @@ def require_plausible(rig: AnyRig, where: str) -> None:
         where: the file, named in errors.
 
     Raises:
-        InputError: ``implausible_baseline``.
+        InputError: ``implausible_baseline`` or ``implausible_base``.
     """
+    base = rig.T_base_left
+    if base is not None and not (distance_m := float(np.linalg.norm(base.t))) < LARGEST_BASE_M:
+        raise InputError(
+            "implausible_base",
+            f"{where}: the camera is {distance_m:g} m from the robot's base (T_base_left): are these millimeters?",
+            "write lengths in meters",
+        )
     if isinstance(rig, Rig):
         for camera in rig.cameras:
             distance_m = float(np.linalg.norm(camera.T_camera_left.t))
@@ -48,7 +58,7 @@ def require_plausible(rig: AnyRig, where: str) -> None:
 
 def rig_warnings(rig: AnyRig, where: str) -> tuple[str, ...]:
     """Sentences about what is possible, but seldom meant."""
-    base = base_warnings(rig, where)
+    base = (*_lens_warnings(rig, where), *base_warnings(rig, where))
     if isinstance(rig, Rig):
         return base
     x, y, z = (-rig.T_right_left.R.T @ rig.T_right_left.t).tolist()
@@ -67,11 +77,34 @@ def rig_warnings(rig: AnyRig, where: str) -> tuple[str, ...]:
     return base
 
 
+def _lens_warnings(rig: AnyRig, where: str) -> tuple[str, ...]:
+    """Sentences about principal points far from the center: of K for another image size."""
+    texts = []
+    for camera in mounted_cameras(rig):
+        (width, height), K = camera.model.image_size, camera.model.K
+        off = abs(K[0, 2] / width - 0.5), abs(K[1, 2] / height - 0.5)
+        if max(off) > OFF_CENTER or min(off) > OFF_CENTER / 2:
+            texts.append(
+                f"{where}: the principal point of camera {camera.name} is ({K[0, 2]:.0f}, {K[1, 2]:.0f}) in "
+                f"images of {width} x {height}: is its K of another image size?"
+            )
+    return tuple(texts)
+
+
 def base_warnings(rig: AnyRig, where: str) -> tuple[str, ...]:
-    """A sentence where T_base_left is given with the axes of an optical frame (z forward, y down)."""
-    if rig.T_base_left is None or np.linalg.norm(rig.T_base_left.rvec) > OPTICAL_RAD:
+    """A sentence where T_base_left is given with the axes of an optical frame (z forward, y down), or inverted."""
+    if rig.T_base_left is None:
         return ()
-    return (
-        f"{where}: T_base_left does not rotate, so the camera looks straight up: are the base's axes those of an "
-        "optical frame (z forward, y down)? The base has x forward, y left, z up",
-    )
+    R = rig.T_base_left.R
+    if np.linalg.norm(rig.T_base_left.rvec) <= OPTICAL_RAD:
+        return (
+            f"{where}: T_base_left does not rotate, so the camera looks straight up: are the base's axes those of an "
+            "optical frame (z forward, y down)? The base has x forward, y left, z up",
+        )
+    # The image's y axis points down, in an upright camera, or up, in one that is upside down.
+    if abs(R[2, 1]) < ASIDE and R[1, 2] < -UPRIGHT:
+        return (
+            f"{where}: by T_base_left the camera lies on its side, and its inverse is upright: is it the pose of the "
+            "base in the camera? It takes points of the left camera to the base",
+        )
+    return ()

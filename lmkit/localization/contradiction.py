@@ -6,7 +6,7 @@ Each cause is undone, and the frames that see most are located again: the cause 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import partial
 from itertools import combinations
 
@@ -14,35 +14,21 @@ import numpy as np
 
 from lmkit.geometry.pose import Pose
 from lmkit.geometry.rig import AnyRig, as_stereo, mounted_cameras
+from lmkit.geometry.rig_plausibility import rig_warnings
 from lmkit.kernels.square_pose import square_poses
 from lmkit.localization.absolute_pose import locate_camera, locate_rig
 from lmkit.localization.correspondences import CORNER_FLOOR_PX, Correspondences
+from lmkit.localization.rig_contradiction import Cause, find_rig_cause
 from lmkit.model.estimate import PoseEstimate
 from lmkit.model.landmark_map import LandmarkMap, MappedLandmark
 from lmkit.model.observation import Detection
 from lmkit.model.pose_status import PoseStatus
 from lmkit.model.recording import RigFrame
+from lmkit.units import unit_of_ratio
 
 FRAMES = 8  # that are asked
 AGREES, CONTRADICTS = 0.6, 0.5  # shares of the landmarks seen that a pose explains
 OFF_SCALE, ALIKE = 0.12, 0.15  # logarithms of ratios: from 1, and among each other
-UNITS = {1000.0: "millimeters", 100.0: "centimeters", 39.37: "inches", 3.281: "feet"}
-
-
-@dataclass(frozen=True)
-class Cause:
-    """Cause of a contradiction between observations and map.
-
-    Attributes:
-        code: short stable name, e.g. ``corner_order``.
-        text: what is wrong, and what to do, in words.
-    """
-
-    code: str
-    text: str
-
-    def __str__(self) -> str:
-        return self.text
 
 
 Locate = Callable[[RigFrame], PoseEstimate]
@@ -59,6 +45,9 @@ def find_cause(frames: Sequence[RigFrame], rig: AnyRig, landmarks: LandmarkMap) 
         return None
     if _share(some, landmarks, lambda frame: _locate(frame, rig, landmarks)) > CONTRADICTS:
         return None
+    of_rig = find_rig_cause(frames, rig, {m.id: m.size_m for m in landmarks})
+    if of_rig is not None:
+        return of_rig
     for cause, locate in _variants(some, rig, landmarks):
         if _share(some, landmarks, locate) > AGREES:
             return cause
@@ -75,11 +64,12 @@ def with_cause(
     rig: AnyRig,
     landmarks: LandmarkMap,
 ) -> PoseEstimate:
-    """The estimate of one frame; where no pose explains the landmarks, its warnings name the cause."""
-    if estimate.status != PoseStatus.INCONSISTENT:
-        return estimate
-    cause = find_cause([RigFrame(0.0, tuple(map(tuple, seen)))], rig, landmarks)
-    return estimate if cause is None else replace(estimate, warnings=(*estimate.warnings, str(cause)))
+    """The estimate of one frame; warnings name what is unusual in the rig, and why no pose explains the landmarks."""
+    texts = rig_warnings(rig, "the rig")
+    if estimate.status == PoseStatus.INCONSISTENT:
+        cause = find_cause([RigFrame(0.0, tuple(map(tuple, seen)))], rig, landmarks)
+        texts = texts if cause is None else (str(cause), *texts)
+    return replace(estimate, warnings=(*estimate.warnings, *texts)) if texts else estimate
 
 
 def _telling(frames: Sequence[RigFrame], landmarks: LandmarkMap) -> list[RigFrame]:
@@ -123,10 +113,10 @@ def _variants(frames: Sequence[RigFrame], rig: AnyRig, landmarks: LandmarkMap) -
     if ratio is not None and abs(np.log(ratio)) > OFF_SCALE:
         text = (
             f"by their printed size landmarks stand {ratio:.3g} times as far apart as the map says: check the "
-            f"positions' units{_unit(1 / ratio)}"
+            f"positions' units{unit_of_ratio(1 / ratio)}"
         )
         yield Cause("map_units", text), partial(_locate_in, _positions_scaled(landmarks, ratio), rig)
-        text = f"the landmarks are {1 / ratio:.3g} times as large as the map says: check size_m{_unit(ratio)}"
+        text = f"the landmarks are {1 / ratio:.3g} times as large as the map says: check size_m{unit_of_ratio(ratio)}"
         yield Cause("map_sizes", text), partial(_locate_in, _sizes_scaled(landmarks, 1 / ratio), rig)
     if cameras == 2:
         stereo = as_stereo(rig, "the rig")
@@ -197,10 +187,3 @@ def _positions_scaled(landmarks: LandmarkMap, factor: float) -> LandmarkMap:
 
 def _sizes_scaled(landmarks: LandmarkMap, factor: float) -> LandmarkMap:
     return LandmarkMap([replace(m, size_m=factor * m.size_m, covariance=None) for m in landmarks])
-
-
-def _unit(ratio: float) -> str:
-    for factor, name in UNITS.items():
-        if abs(np.log(ratio / factor)) < OFF_SCALE:
-            return f" (is it in {name}?)"
-    return ""

@@ -21,6 +21,9 @@ LEAST_PAIRS = 12
 LEAST_TURN_RAD, LEAST_WAY_M = 0.05, 0.05  # root mean squares below which nothing can be compared
 LIKE, LAGGED, UNLIKE, OPPOSITE = 0.8, 0.87, 0.4, -0.6  # correlations
 OFF_SCALE = 2.0
+STILL = 1e-4  # odometry that moves by less than this share of the way stands still
+SLOWEST_STEP_S = 1.5  # between rows of a sensor whose stamps are seconds
+CLOCKS = {1e3: "milliseconds", 1e6: "microseconds", 1e9: "nanoseconds"}
 LONGEST_LAG_S, LAG_STEP_S, LEAST_LAG_S = 60.0, 0.1, 0.5
 UNITS = {1000.0: "millimeters", 100.0: "centimeters", 39.37: "inches", 3.281: "feet", 0.001: "kilometers"}
 DEGREES = float(np.rad2deg(1.0))
@@ -78,6 +81,7 @@ def require_plausible_gyro(gyro: Gyro, odometry: Odometry) -> None:
     rate = float(np.percentile(np.abs(gyro.rate_radps), 95))
     if rate > FASTEST_RADPS:
         raise _refused("implausible_gyro", f"the gyro turns at {rate:.3g} rad/s: is it in degrees per second?")
+    require_one_clock(gyro.times_s, odometry.times_s, "the gyro", "odometry")
     times = np.arange(start, end, WINDOW_S)
     if len(times) <= LEAST_PAIRS:
         return
@@ -95,7 +99,7 @@ def require_plausible_gyro(gyro: Gyro, odometry: Odometry) -> None:
             "the gyro turns the other way than the wheels: its z axis points down, or the sign is another",
             "give the rate about the upward axis, positive to the left",
         )
-    if like < UNLIKE and _rms(own - own.mean()) > 0.0:
+    if like < UNLIKE:
         lag = _best_lag(times, theirs, gyro.times_s, gyro.turned(gyro.times_s))
         raise _refused(
             "implausible_gyro",
@@ -136,9 +140,40 @@ def require_agreement(odometry: Odometry, times_s: FloatArray, states: FloatArra
     _judge_way(seen[:, 0], said[:, 0])
 
 
-def _judge_way(seen: FloatArray, said: FloatArray) -> None:
-    if _rms(seen) < LEAST_WAY_M or _rms(said) == 0.0:
+def require_one_clock(own_s: FloatArray, other_s: FloatArray, own: str, other: str) -> None:
+    """Refuse time stamps in another unit than those of another sensor of the same recording.
+
+    Args:
+        own, other: the two sensors in words.
+
+    Raises:
+        InputError: ``clock_unit``, naming the unit.
+    """
+    spans = [float(times[-1] - times[0]) for times in (own_s, other_s)]
+    if min(spans) <= 0:
         return
+    both = ((own, other, own_s, spans[0] / spans[1]), (other, own, other_s, spans[1] / spans[0]))
+    for longer, shorter, times, ratio in both:
+        if np.median(np.diff(times)) < SLOWEST_STEP_S:
+            continue
+        unit = next((name for factor, name in CLOCKS.items() if abs(float(np.log(ratio / factor))) < ALIKE), None)
+        if unit is not None:
+            raise _refused(
+                "clock_unit",
+                f"the times of {longer} span {ratio:.4g} times those of {shorter}: are they in {unit}?",
+                "give both in seconds of the same clock",
+            )
+
+
+def _judge_way(seen: FloatArray, said: FloatArray) -> None:
+    if _rms(seen) < LEAST_WAY_M:
+        return
+    if _rms(said) < STILL * _rms(seen):
+        raise _refused(
+            "odometry_contradicts",
+            "odometry stands still while the landmarks show that the robot moves",
+            "give the columns that move, in meters; leave odometry out if the wheels are not measured",
+        )
     scale, like = _compared(said, seen)
     if like < OPPOSITE:
         raise _refused(
@@ -167,7 +202,7 @@ def _judge_turns(seen: FloatArray, said: FloatArray, odometry: Odometry, times_s
         raise _refused(
             "odometry_contradicts",
             "odometry turns the other way than the landmarks show",
-            "turns are positive to the left, counter-clockwise from above; check the order of the wheels",
+            "turns and bearings are positive to the left (counter-clockwise from above); check the wheels' order",
         )
     if like > LIKE and scale > OFF_SCALE:
         unit = "its angles are in degrees" if _is(scale, DEGREES) else "check the unit of its angles"
@@ -195,7 +230,8 @@ def _best_lag(times_s: FloatArray, turns: FloatArray, own_s: FloatArray, turned:
     for lag in np.arange(-LONGEST_LAG_S, LONGEST_LAG_S, LAG_STEP_S).tolist():
         there = pairs + lag
         inside = (there[:, 0] >= own_s[0]) & (there[:, 1] <= own_s[-1])
-        if inside.sum() < LEAST_PAIRS or _rms(turns[inside]) < LEAST_TURN_RAD:
+        # Turns of a few seconds resemble others by chance.
+        if inside.sum() < max(LEAST_PAIRS, len(turns) / 2) or _rms(turns[inside]) < LEAST_TURN_RAD:
             continue
         other = np.diff(np.interp(there[inside], own_s, turned), axis=1)[:, 0]
         like = _compared(other, turns[inside])[1]

@@ -8,35 +8,57 @@ from lmkit.arrays import FloatArray
 from lmkit.errors import InputError
 from lmkit.geometry.planar import planar_state
 from lmkit.geometry.rig import AnyRig
+from lmkit.geometry.rig_plausibility import require_plausible
 from lmkit.io.readings import FARTHEST_M, LARGEST_RAD
 from lmkit.localization.absolute_pose import locate_rig
 from lmkit.localization.range_bearing import locate_planar
+from lmkit.localization.rig_contradiction import find_rig_cause
 from lmkit.model.corner_order import require_clockwise
 from lmkit.model.landmark_map import LandmarkMap
 from lmkit.model.pose_status import PoseStatus
 from lmkit.model.recording import Odometry, Recording
-from lmkit.odometry.plausibility import require_agreement, require_plausible_gyro, require_plausible_odometry
+from lmkit.odometry.plausibility import (
+    require_agreement,
+    require_one_clock,
+    require_plausible_gyro,
+    require_plausible_odometry,
+)
 
 MOST_LOCATED = 80
 
 
 def require_plausible_recording(
-    recording: Recording, rig: AnyRig | None = None, landmarks: LandmarkMap | None = None
+    recording: Recording,
+    rig: AnyRig | None = None,
+    landmarks: LandmarkMap | None = None,
+    size_m: float | None = None,
 ) -> None:
     """Refuse a recording that contradicts itself, or the map, in a way that has a name.
 
     Args:
         rig: of frames; its T_base_left compares odometry with them.
         landmarks: known ones, if any.
+        size_m: side of those that are not known; None: they are left out.
 
     Raises:
         InputError: says the unit, the sign, the order or the clock that is likely wrong.
     """
     require_clockwise(o for frame in recording.frames for o in frame.detections)
     _require_plausible_readings(recording)
+    if rig is not None:
+        require_plausible(rig, "the rig")
+        sizes = {} if size_m is None else dict.fromkeys(recording.ids, size_m)
+        sizes |= {} if landmarks is None else {m.id: m.size_m for m in landmarks}
+        if (cause := find_rig_cause(recording.frames, rig, sizes)) is not None:
+            what, _, hint = str(cause).partition(": ")
+            raise InputError(cause.code, f"the two cameras contradict each other: {what}", hint)
     odometry = recording.odometry
     if odometry is None:
         return
+    times_s = recording.times_s
+    if len(times_s) > 1 and len(odometry.times_s) > 1:
+        what = "the readings" if recording.readings else "the images"
+        require_one_clock(odometry.times_s, times_s, "odometry", what)
     require_plausible_odometry(odometry)
     if not isinstance(odometry, Odometry):
         return

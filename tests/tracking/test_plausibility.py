@@ -39,6 +39,9 @@ FAULTS = {
     "other way than the wheels": lambda d: (odometry(d), gyro(d, scale=-1.0)),
     "clocks": lambda d: (odometry(d), gyro(d, shift=1.7e9)),
     "its clock is": lambda d: (odometry(d), gyro(d, shift=6.0)),
+    "stands still": lambda d: (odometry(d, way=0.0), None),
+    "milliseconds": lambda d: (odometry(d), Gyro(1000 * d.gyro.times_s, d.gyro.rate_radps)),
+    "about another axis": lambda d: (odometry(d), gyro(d, scale=0.0)),
     "another axis": lambda d: (
         odometry(d),
         gyro(d, rate=np.random.default_rng(0).normal(0.0, 0.2, len(d.gyro.times_s))),

@@ -1,0 +1,102 @@
+"""Why ranges and bearings contradict the map: units, sign of the bearings, or another map.
+
+Each cause is undone, and the frames that see most are located again: the cause that makes them agree is named.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import replace
+from itertools import combinations
+
+import numpy as np
+
+from lmkit.localization.range_bearing import locate_planar
+from lmkit.localization.range_bearing_noise import ReadingNoise
+from lmkit.localization.rig_contradiction import Cause
+from lmkit.model.landmark_map import LandmarkMap
+from lmkit.model.observation import RangeBearing
+from lmkit.units import unit_of_ratio
+
+FRAMES = 20  # that are asked
+LEAST_LANDMARKS = 3  # in a frame: two agree with nearly everything
+AGREES, CONTRADICTS = 0.6, 0.5  # shares of the readings that poses explain
+OFF_SCALE, ALIKE = 0.12, 0.15  # logarithms of ratios: from 1, and among each other
+
+Frame = Sequence[RangeBearing]
+
+
+def find_readings_cause(frames: Sequence[Frame], landmarks: LandmarkMap, noise: ReadingNoise) -> Cause | None:
+    """Cause of the contradiction, or None where the readings agree with the map, or see too little of it.
+
+    Args:
+        frames: readings by frame.
+    """
+    mapped = [[r for r in seen if r.id in landmarks] for seen in frames]
+    some = sorted(mapped, key=lambda seen: len({r.id for r in seen}), reverse=True)[:FRAMES]
+    some = [seen for seen in some if len({r.id for r in seen}) >= LEAST_LANDMARKS]
+    if not some or _share(some, landmarks, noise) > CONTRADICTS:
+        return None
+    for cause, change in _variants(some, landmarks):
+        if _share([[change(r) for r in seen] for seen in some], landmarks, noise) > AGREES:
+            return cause
+    return Cause(
+        "another_map",
+        "the landmarks read are in the map, but stand elsewhere: it is the map of another place, or they were moved, "
+        "or the map's axes or units are others",
+    )
+
+
+def _share(frames: Sequence[Frame], landmarks: LandmarkMap, noise: ReadingNoise) -> float:
+    """Share of the landmarks read that the frames' poses explain."""
+    read = sum(len({r.id for r in seen}) for seen in frames)
+    return sum(len(locate_planar(seen, landmarks, noise).inliers) for seen in frames) / read
+
+
+def _variants(
+    frames: Sequence[Frame], landmarks: LandmarkMap
+) -> Iterator[tuple[Cause, Callable[[RangeBearing], RangeBearing]]]:
+    """Causes, and how readings are changed once each is undone."""
+    ratio = _ratio(frames, landmarks)
+    if ratio is not None and abs(np.log(ratio)) > OFF_SCALE:
+        unit = unit_of_ratio(ratio) or unit_of_ratio(1 / ratio)
+        text = f"ranges are {ratio:.3g} times as long as the map says: check the units of ranges and map{unit}"
+        yield Cause("range_unit", text), lambda r: _scaled(r, 1 / ratio)
+    yield (
+        Cause("bearing_sign", "bearings have the other sign: write them positive to the left, in radians"),
+        lambda r: _turned(r, -1.0),
+    )
+    for sign in (1.0, -1.0):
+        text = "bearings are in degrees" + ("" if sign > 0 else ", of the other sign")
+        yield (
+            Cause("bearing_unit", f"{text}: write radians, positive to the left"),
+            lambda r, factor=float(np.deg2rad(sign)): _turned(r, factor),  # type: ignore[misc]
+        )
+
+
+def _turned(reading: RangeBearing, factor: float) -> RangeBearing:
+    bearing = reading.bearing_rad
+    return replace(reading, bearing_rad=None if bearing is None else factor * bearing)
+
+
+def _scaled(reading: RangeBearing, factor: float) -> RangeBearing:
+    return replace(reading, range_m=None if reading.range_m is None else factor * reading.range_m)
+
+
+def _ratio(frames: Sequence[Frame], landmarks: LandmarkMap) -> float | None:
+    """Distances between landmarks as the readings have them, over those of the map; None where they differ."""
+    logs = []
+    for seen in frames:
+        full = [
+            (r.range_m * np.exp(1j * r.bearing_rad), m.T_map_landmark.t[:2])
+            for r in seen
+            if r.range_m is not None and r.bearing_rad is not None and (m := landmarks.find(r.id)) is not None
+        ]
+        for (a, place_a), (b, place_b) in combinations(full[:8], 2):
+            apart, known = abs(a - b), float(np.linalg.norm(place_a - place_b))
+            if apart > 0 and known > 0:
+                logs.append(float(np.log(apart / known)))
+    if len(logs) < LEAST_LANDMARKS:
+        return None
+    low, middle, high = np.percentile(logs, [25, 50, 75])
+    return float(np.exp(middle)) if high - low < 2 * ALIKE else None

@@ -1,0 +1,187 @@
+"""Why the two cameras of a pair contradict each other, from landmarks that both see; no map is needed.
+
+Each camera alone sees where a landmark stands by its printed size.  The right camera's image of it is predicted from
+the left camera's place; where it misses, each cause is undone, and the one with which it fits is named.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from lmkit.arrays import FloatArray
+from lmkit.geometry.camera import CameraModel
+from lmkit.geometry.pose import Pose
+from lmkit.geometry.rectification import rectified_rig
+from lmkit.geometry.rig import AnyRig, as_stereo, mounted_cameras
+from lmkit.geometry.stereo_rig import StereoRig
+from lmkit.kernels.square_pose import square_poses
+from lmkit.model.landmark_id import LandmarkId
+from lmkit.model.observation import Detection
+from lmkit.model.recording import RigFrame
+from lmkit.units import unit_of_ratio
+
+LEAST_PAIRS = 4  # landmarks seen in both cameras, over all frames
+MOST_FRAMES = 60
+OFF = 0.01  # of the image's diagonal: a prediction that misses by more
+CONTRADICTS, AGREES = 0.5, 0.8  # shares of predictions that fit
+OFF_SCALE = 0.15  # logarithm of a ratio
+
+
+@dataclass(frozen=True)
+class Cause:
+    """Why cameras contradict each other, or a map.
+
+    Attributes:
+        code: short stable name, e.g. ``corner_order``.
+        text: what is wrong, and what to do, in words.
+    """
+
+    code: str
+    text: str
+
+    def __str__(self) -> str:
+        return self.text
+
+
+@dataclass(frozen=True, eq=False)
+class _Seen:
+    """Corners (N,4,2) of landmarks in both images, and their sizes (N,)."""
+
+    left: FloatArray
+    right: FloatArray
+    sizes: FloatArray
+
+    @property
+    def swapped(self) -> _Seen:
+        return _Seen(self.right, self.left, self.sizes)
+
+
+def find_rig_cause(frames: Sequence[RigFrame], rig: AnyRig, sizes: Mapping[LandmarkId, float]) -> Cause | None:
+    """Cause of the contradiction, or None where the cameras agree, see too little in common, or nothing explains it.
+
+    Args:
+        frames: of a recording, or of single frames, in the order of time.
+        sizes: sides of the landmarks, meters; others are left out.
+    """
+    if len(mounted_cameras(rig)) != 2:
+        return None
+    stereo = as_stereo(rig, "the rig")
+    some = frames[:: 1 + len(frames) // MOST_FRAMES]
+    seen = _seen([(frame.seen[0], frame.seen[1]) for frame in some if len(frame.seen) > 1], sizes)
+    if len(seen.sizes) < LEAST_PAIRS:
+        return None
+    share = _share(seen, stereo)
+    if share < CONTRADICTS:
+        for cause, other, with_rig in _variants(seen, stereo):
+            if _share(other, with_rig) > AGREES:
+                return cause
+    return _shifted(frames, stereo, sizes, share)
+
+
+def _shifted(
+    frames: Sequence[RigFrame], rig: StereoRig, sizes: Mapping[LandmarkId, float], share: float
+) -> Cause | None:
+    """The cause that each left image is paired with the right one of another frame."""
+    if share > AGREES or len(frames) < 2 * LEAST_PAIRS:
+        return None
+    for by, other in ((1, "next"), (-1, "previous")):
+        first, second = (frames[:-by], frames[by:]) if by > 0 else (frames[-by:], frames[:by])
+        pairs = [(a.seen[0], b.seen[1]) for a, b in zip(first, second, strict=True) if len(a.seen) > 1]
+        seen = _seen(pairs[:: 1 + len(pairs) // MOST_FRAMES], sizes)
+        if len(seen.sizes) >= LEAST_PAIRS and _share(seen, rig) > max(AGREES, share + 0.2):
+            return Cause(
+                "shifted_pairs",
+                f"left images fit the right images of the {other} frame: the pairs are shifted by one; pair images "
+                "of the same time",
+            )
+    return None
+
+
+def _seen(
+    pairs: Sequence[tuple[Sequence[Detection], Sequence[Detection]]], sizes: Mapping[LandmarkId, float]
+) -> _Seen:
+    rows = []
+    for left, right in pairs:
+        others = {d.id: d for d in right}
+        for d in left:
+            if d.id in others and d.id in sizes:
+                rows.append((d.corners, others[d.id].corners, sizes[d.id]))
+    return _Seen(
+        np.array([row[0] for row in rows]).reshape(-1, 4, 2),
+        np.array([row[1] for row in rows]).reshape(-1, 4, 2),
+        np.array([row[2] for row in rows], dtype=np.float64),
+    )
+
+
+def _places(corners: FloatArray, sizes: FloatArray, camera: CameraModel) -> FloatArray:
+    """(N,3) centers in the camera's frame, by the printed size."""
+    rays = camera.unproject(corners.reshape(-1, 2)).reshape(-1, 4, 2)
+    with np.errstate(all="ignore"):
+        return np.asarray(square_poses(rays, sizes)[1][:, 0])
+
+
+def _share(seen: _Seen, rig: StereoRig) -> float:
+    """Share of the landmarks that the right camera sees where the left one says."""
+    places = rig.T_right_left.apply(_places(seen.left, seen.sizes, rig.left))
+    ahead = np.isfinite(places).all(axis=1) & (places[:, 2] > 0)
+    predicted = rig.right.project(np.where(ahead[:, None], places, (0.0, 0.0, 1.0)))
+    with np.errstate(all="ignore"):
+        off = np.linalg.norm(predicted - seen.right.mean(axis=1), axis=1)
+    return float(np.mean(ahead & (off < OFF * np.hypot(*rig.right.image_size))))
+
+
+def _variants(seen: _Seen, rig: StereoRig) -> Iterator[tuple[Cause, _Seen, StereoRig]]:
+    """Causes, and what is seen and the rig once each is undone."""
+    yield (
+        Cause("swapped_cameras", "left and right are swapped: give the left camera's images or detections first"),
+        seen.swapped,
+        rig,
+    )
+    T = rig.T_right_left
+    yield (
+        Cause("rig_inverted", "T_right_left of the rig is its inverse, the right camera's pose: invert it"),
+        seen,
+        replace(rig, T_right_left=Pose("right", "left", T.R.T, -T.R.T @ T.t)),
+    )
+    yield (
+        Cause("rig_sign", "t of the rig's T_right_left has the wrong sign: of a right camera its x is negative"),
+        seen,
+        replace(rig, T_right_left=Pose("right", "left", T.R, -T.t)),
+    )
+    yield Cause(
+        "rectified_images",
+        "the images are rectified, and the rig is that of the images as taken: give the rig of the rectified images "
+        "(lmkit rectify writes it), or the images as taken",
+    ), seen, rectified_rig(rig)  # fmt: skip
+    yield from _rescaled(seen, rig)
+
+
+def _rescaled(seen: _Seen, rig: StereoRig) -> Iterator[tuple[Cause, _Seen, StereoRig]]:
+    """The baseline that the printed sizes ask for."""
+    T = rig.T_right_left
+    left, right = (_places(c, seen.sizes, m) for c, m in ((seen.left, rig.left), (seen.right, rig.right)))
+    between = right - left @ T.R.T
+    with np.errstate(all="ignore"):
+        ratio = float(np.median(between @ T.t) / (T.t @ T.t))
+    if not np.isfinite(ratio) or ratio <= 0 or abs(np.log(ratio)) < OFF_SCALE:
+        return
+    unit, scaled = unit_of_ratio(1 / ratio), replace(rig, T_right_left=Pose("right", "left", T.R, ratio * T.t))
+    if not unit and _is_rectified(rig):
+        yield Cause(
+            "rectified_rig",
+            "the rig is that of rectified images, and the images are as taken: rectify them, or give the rig of the "
+            "images as taken",
+        ), seen, scaled  # fmt: skip
+    text = (
+        f"by the printed size of the landmarks the baseline is {1000 * ratio * rig.baseline_m:.3g} mm, the rig says "
+        f"{1000 * rig.baseline_m:.6g} mm{unit}: check the rig's t (meters) and the landmarks' size"
+    )
+    yield Cause("rig_units", text), seen, scaled
+
+
+def _is_rectified(rig: StereoRig) -> bool:
+    plain = not (rig.left.distortion.any() or rig.right.distortion.any())
+    return plain and bool(np.allclose(rig.T_right_left.R, np.eye(3), atol=1e-6))
