@@ -50,6 +50,20 @@ FloorFile = Annotated[
     Path, typer.Option("--floor", help="Floor plan: lmkit-floor/1 or ROS map YAML, or PNG, PGM or SVG with --scale.")
 ]
 Scale = Annotated[float | None, typer.Option("--scale", help="Meters per pixel, or per SVG unit.")]
+Islands = Annotated[
+    str,
+    typer.Option(
+        "--islands",
+        help="Small islands of drawings, such as text: obstacles, ignore or walls; by number: ignore:1-4,walls:5.",
+    ),
+]
+ThinLines = Annotated[
+    str | None,
+    typer.Option("--thin-lines", help="Leave out lines of images that are thinner, such as 6cm: door arcs, text."),
+]
+Curves = Annotated[
+    bool, typer.Option("--curves/--no-curves", help="Curves of SVG are walls; --no-curves leaves out door arcs.")
+]
 Radius = Annotated[str, typer.Option("--radius", help="Robot radius.")]
 
 # Landmarks.

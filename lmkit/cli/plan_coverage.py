@@ -17,6 +17,9 @@ def run(
     landmark_map: options.MapFile,
     rig: options.MountedRigFile,
     scale: options.Scale = None,
+    islands: options.Islands = "obstacles",
+    thin_lines: options.ThinLines = None,
+    curves: options.Curves = True,
     camera_height: options.CameraHeight = None,
     marker_family: map_options.MarkerFamily = None,
     marker_size: map_options.MarkerSize = None,
@@ -33,8 +36,7 @@ def run(
 ) -> None:
     """Predict the pose error at every place. Places that fail the requirement are listed."""
     from lmkit.cli.parsing import parse_demand, parse_meters
-    from lmkit.cli.plan_inputs import read_mounted_rig
-    from lmkit.io.floor_plan import read_floor
+    from lmkit.cli.plan_inputs import read_ground, read_mounted_rig
     from lmkit.planning.coverage import coverage_dict, coverage_lines, failing_places, predict_coverage
     from lmkit.reports.planning import draw_coverage
 
@@ -42,7 +44,7 @@ def run(
     check_outputs((), plan, force)
     cameras = read_mounted_rig(rig, camera_height)
     landmarks = read_map_file(landmark_map, marker_family, marker_size)
-    ground = read_floor(floor, scale)
+    ground = read_ground(floor, scale, islands, thin_lines, curves)
     answer = predict_coverage(ground, list(landmarks), cameras, radius_m)
     failing = failing_places(answer, demand)
     write_outputs({plan: draw_coverage(ground, landmarks, answer, demand, image_kind(plan))}, force)

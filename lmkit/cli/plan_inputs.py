@@ -32,13 +32,33 @@ def read_mounted_rig(path: Path, camera_height: str | None) -> AnyRig:
     return rig
 
 
+def read_ground(
+    path: Path, scale: float | None, islands: str = "", thin_lines: str | None = None, curves: bool = True
+) -> FloorPlan:
+    """Read a floor plan; warn of islands, and of parts that no opening connects.
+
+    Raises:
+        InputError: not readable, or an option is not valid.
+    """
+    from lmkit.cli.output import warn
+    from lmkit.cli.parsing import parse_meters
+    from lmkit.io.floor_islands import DrawingOptions, drawing_warnings, parse_island_rules
+    from lmkit.io.floor_plan import read_floor
+
+    thin_m = 0.0 if thin_lines is None else parse_meters(thin_lines, "--thin-lines")
+    floor = read_floor(path, scale, DrawingOptions(*parse_island_rules(islands), thin_m, curves))
+    for text in drawing_warnings(floor.islands, floor.free, floor.cell_m):
+        warn(text)
+    return floor
+
+
 def read_room(room: str | None, floor: Path | None, scale: float | None) -> FloorPlan | None:
     """Read the floor of --room or --floor; None without either.
 
     Raises:
         InputError: both are given, or one of them is not valid.
     """
-    from lmkit.io.floor_plan import read_floor, rectangular_room
+    from lmkit.io.floor_plan import rectangular_room
     from lmkit.units import parse_size_mm
 
     if room is not None and floor is not None:
@@ -46,4 +66,4 @@ def read_room(room: str | None, floor: Path | None, scale: float | None) -> Floo
     if room is not None:
         width_mm, depth_mm = parse_size_mm(room, "--room")
         return rectangular_room(width_mm / 1000, depth_mm / 1000)
-    return None if floor is None else read_floor(floor, scale)
+    return None if floor is None else read_ground(floor, scale)

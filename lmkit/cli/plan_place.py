@@ -22,6 +22,9 @@ def run(
         Path | None, typer.Option("--map", help="Map of landmarks that are already mounted and stay.")
     ] = None,
     scale: options.Scale = None,
+    islands: options.Islands = "obstacles",
+    thin_lines: options.ThinLines = None,
+    curves: options.Curves = True,
     camera_height: options.CameraHeight = None,
     radius: options.Radius = "0.25m",
     error: options.PositionError = "5cm",
@@ -57,9 +60,8 @@ def run(
 ) -> None:
     """Place as few landmarks as possible. Writes map, prints, mounting list and drawings."""
     from lmkit.cli.parsing import parse_demand, parse_meters
-    from lmkit.cli.plan_inputs import read_mounted_rig
+    from lmkit.cli.plan_inputs import read_ground, read_mounted_rig
     from lmkit.io.external_maps import read_any_map
-    from lmkit.io.floor_plan import read_floor
     from lmkit.model.families import family_named
     from lmkit.model.landmark_map import LandmarkMap
     from lmkit.pipelines.prints import PAPERS
@@ -85,7 +87,7 @@ def run(
     )
     cameras = read_mounted_rig(rig, camera_height)
     mounted = LandmarkMap([]) if landmark_map is None else read_any_map(landmark_map)
-    ground = read_floor(floor, scale)
+    ground = read_ground(floor, scale, islands, thin_lines, curves)
     with ProgressBars() as bars:
 
         def on_step(_: int, covered: float) -> None:

@@ -21,6 +21,9 @@ def run(
     landmark_map: options.MapFile,
     rig: options.MountedRigFile,
     scale: options.Scale = None,
+    islands: options.Islands = "obstacles",
+    thin_lines: options.ThinLines = None,
+    curves: options.Curves = True,
     camera_height: options.CameraHeight = None,
     marker_family: map_options.MarkerFamily = None,
     marker_size: map_options.MarkerSize = None,
@@ -38,8 +41,7 @@ def run(
 ) -> None:
     """Plan the shortest safe route on which the pose stays known."""
     from lmkit.cli.parsing import parse_demand, parse_meters
-    from lmkit.cli.plan_inputs import read_mounted_rig
-    from lmkit.io.floor_plan import read_floor
+    from lmkit.cli.plan_inputs import read_ground, read_mounted_rig
     from lmkit.io.trajectory import poses_to_tum
     from lmkit.planning.route import (
         find_goal,
@@ -55,7 +57,7 @@ def run(
     check_outputs((csv, tum), plan, force)
     cameras = read_mounted_rig(rig, camera_height)
     landmarks = read_map_file(landmark_map, marker_family, marker_size)
-    ground = read_floor(floor, scale)
+    ground = read_ground(floor, scale, islands, thin_lines, curves)
     ends = [find_goal(text, ground, landmarks, radius_m) for text in (start, goal)]
     found = plan_route(ground, landmarks, cameras, radius_m, ends[0], ends[1], demand)
     write_outputs({csv: route_csv(found), tum: poses_to_tum(route_poses(found))}, force)

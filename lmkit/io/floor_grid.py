@@ -10,7 +10,15 @@ import numpy as np
 
 from lmkit.arrays import BoolArray, FloatArray
 from lmkit.errors import InputError
-from lmkit.model.floor_plan import FloorPlan, walls_of
+from lmkit.io.floor_islands import (
+    PLAIN_DRAWING,
+    DrawingOptions,
+    behind_wall,
+    island_use,
+    with_islands,
+    without_thin_lines,
+)
+from lmkit.model.floor_plan import FloorPlan, wall_name, walls_of
 
 CELL_M = 0.05
 LARGEST_CELL_M = 0.25  # a robot has to find its way between cells
@@ -26,6 +34,7 @@ def floor_of_grid(
     origin: tuple[float, float] = (0.0, 0.0),
     rotation_rad: float = 0.0,
     solid: BoolArray | None = None,
+    drawing: DrawingOptions = PLAIN_DRAWING,
 ) -> FloorPlan:
     """A floor plan of a grid.
 
@@ -36,6 +45,7 @@ def floor_of_grid(
         origin: lower left corner of the grid in the map, meters.
         rotation_rad: rotation of the grid about that corner, counter-clockwise.
         solid: cells that are walls for certain; None: every cell that is not free.
+        drawing: what becomes of islands and thin lines.
 
     Raises:
         InputError: cells too coarse or too many, or nothing is free.
@@ -44,6 +54,8 @@ def floor_of_grid(
         raise InputError(
             "coarse_plan", f"{path}: a pixel of {scale_m:g} m is too coarse", f"draw it {LARGEST_CELL_M} m fine"
         )
+    if drawing.thin_m > 0:
+        free = ~without_thin_lines(~free, drawing.thin_m, scale_m)
     # Cells that hold any wall are not free.
     times = max(1, round(CELL_M / scale_m))
     if times > 1:
@@ -53,8 +65,19 @@ def floor_of_grid(
     free = inside_of(path, free)
     cell_m = scale_m * times
     if abs(rotation_rad) < LEAST_ROTATION_RAD:
-        return FloorPlan(free, cell_m, origin, walls_of(free, cell_m, origin, solid))
-    return _rotated(path, free, cell_m, origin, rotation_rad, solid)
+        return _with_walls(with_islands(FloorPlan(free, cell_m, origin), drawing), solid)
+    plain = _with_walls(with_islands(FloorPlan(free, cell_m, (0.0, 0.0)), drawing), solid)
+    return _rotated(path, plain, origin, rotation_rad)
+
+
+def _with_walls(floor: FloorPlan, solid: BoolArray | None) -> FloorPlan:
+    """Walls along the outlines, but for those of islands that are no walls."""
+    walls = [
+        wall
+        for wall in walls_of(floor.free, floor.cell_m, floor.origin, solid)
+        if island_use(floor, behind_wall(wall, floor.cell_m)) == "wall"
+    ]
+    return replace(floor, walls=[replace(wall, name=wall_name(k)) for k, wall in enumerate(walls)])
 
 
 def check_size(path: Path, rows: int, columns: int) -> None:
@@ -94,23 +117,16 @@ def _blocks(cells: BoolArray, times: int) -> BoolArray:
     return padded.reshape(rows // times, times, columns // times, times)
 
 
-def _rotated(
-    path: Path,
-    free: BoolArray,
-    cell_m: float,
-    origin: tuple[float, float],
-    rotation_rad: float,
-    solid: BoolArray | None,
-) -> FloorPlan:
-    """The floor on a grid along the map's axes; its walls are rotated exactly."""
+def _rotated(path: Path, grid: FloorPlan, origin: tuple[float, float], rotation_rad: float) -> FloorPlan:
+    """The floor on a grid along the map's axes; its walls are rotated exactly, extents of islands enclose them."""
     c, s = np.cos(rotation_rad), np.sin(rotation_rad)
     R, start = np.array([[c, -s], [s, c]]), np.array(origin)
-    rows, columns = free.shape
+    cell_m = grid.cell_m
+    rows, columns = grid.free.shape
     corners = np.array([(0, 0), (columns, 0), (columns, rows), (0, rows)]) * cell_m @ R.T
     low = corners.min(axis=0)
     width, height = np.ceil((corners.max(axis=0) - low) / cell_m).astype(int).tolist()
     check_size(path, height, width)
-    grid = FloorPlan(free, cell_m, (0.0, 0.0))
     lower_left = (float(start[0] + low[0]), float(start[1] + low[1]))
     turned = FloorPlan(np.ones((height, width), dtype=bool), cell_m, lower_left)
     all_rows, all_columns = np.indices((height, width))
@@ -119,8 +135,10 @@ def _rotated(
     for dx in PROBES:
         for dy in PROBES:
             still &= grid.is_free((middles + np.array([dx, dy]) * cell_m) @ R)
-    walls = [
-        replace(wall, left=R @ wall.left + start, right=R @ wall.right + start)
-        for wall in walls_of(free, cell_m, (0.0, 0.0), solid)
-    ]
-    return replace(turned, free=still.reshape(height, width), walls=walls)
+    walls = [replace(wall, left=R @ wall.left + start, right=R @ wall.right + start) for wall in grid.walls]
+    islands = []
+    for island in grid.islands:
+        (x0, y0), (x1, y1) = island.low, island.high
+        ends = np.array([(x0, y0), (x1, y0), (x1, y1), (x0, y1)]) @ R.T + start
+        islands.append(replace(island, low=ends.min(axis=0), high=ends.max(axis=0)))
+    return replace(turned, free=still.reshape(height, width), walls=walls, islands=islands)

@@ -14,6 +14,7 @@ from lmkit.errors import InputError
 from lmkit.io.document_head import head_of
 from lmkit.io.documents import Document, read_document, read_text
 from lmkit.io.floor_grid import CELL_M, check_size, floor_of_grid, inside_of
+from lmkit.io.floor_islands import PLAIN_DRAWING, DrawingOptions, island_use, with_islands
 from lmkit.io.images import read_image
 from lmkit.io.ros_map import read_ros_map
 from lmkit.io.svg_lines import read_svg_lines
@@ -46,11 +47,12 @@ class _FloorFile(Document):
     places: dict[str, _Place] = Field(default_factory=dict)
 
 
-def read_floor(path: Path, scale_m: float | None = None) -> FloorPlan:
+def read_floor(path: Path, scale_m: float | None = None, drawing: DrawingOptions = PLAIN_DRAWING) -> FloorPlan:
     """A floor plan from a file of any kind.
 
     Args:
         scale_m: meters a pixel of an image, or a user unit of an SVG file; needed for those, and only those.
+        drawing: what becomes of islands, thin lines and curves of images and SVG files.
 
     Raises:
         InputError: not readable, no scale or one too many, nothing free in it.
@@ -71,13 +73,13 @@ def read_floor(path: Path, scale_m: float | None = None) -> FloorPlan:
         )
     if suffix == ".svg":
         assert scale_m is not None
-        drawn = enumerate(read_svg_lines(path))
-        return _from_lines(path, [Wall(wall_name(k), a * scale_m, b * scale_m) for k, (a, b) in drawn])
+        drawn = enumerate(read_svg_lines(path, drawing.curves))
+        return _from_lines(path, [Wall(wall_name(k), a * scale_m, b * scale_m) for k, (a, b) in drawn], drawing)
     if has_scale:
         text = read_text(path, "floor plan")
-        return _read_ours(path) if head_of(text).format.startswith("lmkit-") else read_ros_map(path, text)
+        return _read_ours(path) if head_of(text).format.startswith("lmkit-") else read_ros_map(path, text, drawing)
     assert scale_m is not None
-    return _from_image(path, scale_m)
+    return _from_image(path, scale_m, drawing)
 
 
 def rectangular_room(width_m: float, depth_m: float) -> FloorPlan:
@@ -119,8 +121,12 @@ def _read_ours(path: Path) -> FloorPlan:
     return replace(_from_lines(path, lines), places=places)
 
 
-def _from_lines(path: Path, lines: list[Wall]) -> FloorPlan:
-    """Each line has two sides; those that look into free space are walls."""
+def _from_lines(path: Path, lines: list[Wall], drawing: DrawingOptions | None = None) -> FloorPlan:
+    """Each line has two sides; those that look into free space are walls.
+
+    Args:
+        drawing: for drawings, whose islands may be text or furniture.
+    """
     ends = np.array([end for line in lines for end in (line.left, line.right)])
     # Half a cell more: lines on whole cells, such as those of a room from 0 to 6 m, block as much on either side.
     low, high = ends.min(axis=0) - (BORDER + 0.5) * CELL_M, ends.max(axis=0) + (BORDER + 0.5) * CELL_M
@@ -131,6 +137,9 @@ def _from_lines(path: Path, lines: list[Wall]) -> FloorPlan:
         start, end = (np.round((p - low) / CELL_M * 16 - 8).astype(int).tolist() for p in (line.left, line.right))
         cv2.line(drawn, start, end, 255, 1, cv2.LINE_8, 4)
     floor = FloorPlan(inside_of(path, drawn == 0), CELL_M, (float(low[0]), float(low[1])))
+    if drawing is not None:
+        floor = with_islands(floor, drawing)
+        lines = [line for line in lines if island_use(floor, (line.left + line.right) / 2) == "wall"]
     walls = []
     for line in lines:
         for wall in (line, replace(line, left=line.right, right=line.left)):
@@ -152,6 +161,6 @@ def _split_walls(walls: list[Wall]) -> list[Wall]:
     return answer
 
 
-def _from_image(path: Path, scale_m: float) -> FloorPlan:
+def _from_image(path: Path, scale_m: float, drawing: DrawingOptions) -> FloorPlan:
     free = read_image(path).min(axis=2) / 255.0 > FREE_ABOVE
-    return floor_of_grid(path, free[::-1], scale_m)
+    return floor_of_grid(path, free[::-1], scale_m, drawing=drawing)

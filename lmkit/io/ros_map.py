@@ -18,6 +18,7 @@ from lmkit.arrays import BoolArray
 from lmkit.errors import InputError
 from lmkit.io.documents import first_problem, load_document
 from lmkit.io.floor_grid import floor_of_grid
+from lmkit.io.floor_islands import PLAIN_DRAWING, DrawingOptions
 from lmkit.io.images import read_gray
 from lmkit.model.floor_plan import FloorPlan
 
@@ -38,7 +39,7 @@ class _RosMap(BaseModel):
     mode: Literal["trinary", "scale", "raw"] = "trinary"
 
 
-def read_ros_map(path: Path, text: str) -> FloorPlan:
+def read_ros_map(path: Path, text: str, drawing: DrawingOptions = PLAIN_DRAWING) -> FloorPlan:
     """A floor plan of a map's YAML and its image.
 
     Raises:
@@ -65,7 +66,7 @@ def read_ros_map(path: Path, text: str) -> FloorPlan:
     free, solid = _cells(path.parent / data.image, data)
     rotation = data.origin[2] if len(data.origin) > 2 else 0.0
     origin = (data.origin[0], data.origin[1])
-    return floor_of_grid(path, free[::-1], data.resolution, origin, rotation, solid[::-1])
+    return floor_of_grid(path, free[::-1], data.resolution, origin, rotation, solid[::-1], drawing)
 
 
 def _cells(image: Path, data: _RosMap) -> tuple[BoolArray, BoolArray]:

@@ -39,8 +39,11 @@ _HINT = "draw the walls as lines, curves or polygons, and save as plain SVG"
 _HREF = ("href", "{http://www.w3.org/1999/xlink}href")
 
 
-def read_svg_lines(path: Path) -> list[tuple[FloatArray, FloatArray]]:
+def read_svg_lines(path: Path, curves: bool = True) -> list[tuple[FloatArray, FloatArray]]:
     """(2,) ends of all lines, y up, the lowest and leftmost at 0; in user units of the drawing's viewBox.
+
+    Args:
+        curves: False leaves out circles, ellipses and curved parts of paths.
 
     Raises:
         InputError: not SVG, no line in it, too large, or a part that cannot be drawn: an image, a reference to
@@ -54,7 +57,7 @@ def read_svg_lines(path: Path) -> list[tuple[FloatArray, FloatArray]]:
     except (ElementTree.ParseError, ValueError) as error:
         raise InputError("not_svg", f"{path}: not SVG ({error})", "save the drawing as plain SVG") from None
     try:
-        ends = _Drawing(root).lines()
+        ends = _Drawing(root, curves).lines()
     except ValueError as error:
         raise InputError("bad_svg", f"{path}: {error} is not read", _HINT) from None
     except OverflowError as error:
@@ -70,8 +73,8 @@ def read_svg_lines(path: Path) -> list[tuple[FloatArray, FloatArray]]:
 
 
 class _Drawing:
-    def __init__(self, root: ElementTree.Element) -> None:
-        self.root = root
+    def __init__(self, root: ElementTree.Element, curves: bool) -> None:
+        self.root, self.curves = root, curves
         self.named = {name: element for element in root.iter() if (name := element.get("id")) is not None}
         self.sheet = StyleSheet(element.text or "" for element in root.iter() if _kind(element) == "style")
         self.visited = self.count = 0
@@ -131,7 +134,7 @@ class _Drawing:
     def _draw(
         self, kind: str, element: ElementTree.Element, style: Mapping[str, str], T: FloatArray, view: Viewport
     ) -> None:
-        for points, closed in _shape(kind, element, view):
+        for points, closed in _shape(kind, element, view, self.curves):
             if closed and (is_background(style) or self._is_page(points, T, style)):
                 continue
             ends = _placed(points, closed, T)
@@ -204,7 +207,9 @@ def _placed(points: FloatArray, closed: bool, T: FloatArray) -> FloatArray:
         return np.asarray(ends[~(np.abs(ends[:, 0] - ends[:, 1]).max(axis=1, initial=0.0) <= SHORTEST)])
 
 
-def _shape(kind: str, element: ElementTree.Element, view: Viewport) -> Iterator[tuple[FloatArray, bool]]:
+def _shape(
+    kind: str, element: ElementTree.Element, view: Viewport, curves: bool
+) -> Iterator[tuple[FloatArray, bool]]:
     """(N,2) points of each line of an element, and whether it closes."""
 
     def along(axis: str, *names: str) -> list[float]:
@@ -219,10 +224,12 @@ def _shape(kind: str, element: ElementTree.Element, view: Viewport) -> Iterator[
         (x, w), (y, h) = along("x", "x", "width"), along("y", "y", "height")
         if min(w, h) > 0:
             yield np.array([[x, y], [x + w, y], [x + w, y + h], [x, y + h]]), True
+    elif kind in ("circle", "ellipse") and not curves:
+        return
     elif kind in ("circle", "ellipse"):
         rx, ry = along("r", "r", "r") if kind == "circle" else (*along("x", "rx"), *along("y", "ry"))
         if min(rx, ry) > 0:
             (cx,), (cy,) = along("x", "cx"), along("y", "cy")
             yield ellipse_points((cx, cy), (rx, ry)), True
     elif kind == "path":
-        yield from path_polylines(element.get("d", ""))
+        yield from path_polylines(element.get("d", ""), curves)

@@ -17,11 +17,15 @@ MOST_POINTS = 200_000
 _SPACE = re.compile(r"[\s,]*")
 _NUMBER = re.compile(r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?")
 _COUNTS = {"M": 2, "L": 2, "H": 1, "V": 1, "C": 6, "S": 4, "Q": 4, "T": 2, "A": 7, "Z": 0}
+CURVES = "CSQTA"
 _FLAGS = (3, 4)  # arguments of A that are one digit, which nothing need separate
 
 
-def path_polylines(data: str) -> Iterator[tuple[FloatArray, bool]]:
+def path_polylines(data: str, curves: bool = True) -> Iterator[tuple[FloatArray, bool]]:
     """(N,2) points of every part of a path, and whether it closes.
+
+    Args:
+        curves: False leaves curved parts out.
 
     Raises:
         ValueError: not path data.
@@ -33,11 +37,16 @@ def path_polylines(data: str) -> Iterator[tuple[FloatArray, bool]]:
     """
     start = at = handle = (0.0, 0.0)
     points: list[tuple[float, float]] = []
-    before, count = "", 0
+    before, count, broken = "", 0, False
     for letter, values in _commands(data):
         kind = letter.upper()
         if not before and kind != "M":
             raise ValueError(f"a path that begins with {letter}")
+        if kind == "Z" and broken:  # the line that closes the path stays
+            yield np.array([*(points or [at]), start]), False
+            points = []
+        if kind in "MZ":
+            broken = False
         if kind in "MZ" and points:
             yield np.array(points), kind == "Z"
             points = []
@@ -52,8 +61,12 @@ def path_polylines(data: str) -> Iterator[tuple[FloatArray, bool]]:
             new, handle = _segment(
                 kind, _absolute(kind, values, at) if letter.islower() else values, at, handle, before
             )
-            points.extend(new)
-            at = points[-1]
+            if kind in CURVES and not curves:
+                yield np.array(points), False
+                points, broken, at = [], True, new[-1]
+            else:
+                points.extend(new)
+                at = points[-1]
         before, count = kind, count + 1
         if len(points) + count > MOST_POINTS:
             raise OverflowError(f"a path of more than {MOST_POINTS} points")

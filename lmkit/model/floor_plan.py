@@ -50,6 +50,26 @@ class Wall:
 
 
 @dataclass(frozen=True, eq=False)
+class Island:
+    """A drawn object that nothing connects with the outer walls: a pillar, furniture, text.
+
+    Attributes:
+        number: from top to bottom of the plan.
+        low, high: (2,) its extent in the map, meters.
+        use: ``obstacle`` (blocks the robot, holds no landmarks), ``wall``, or ``ignore`` (counts as free floor).
+    """
+
+    number: int
+    low: FloatArray
+    high: FloatArray
+    use: str
+
+    def __str__(self) -> str:
+        (width, depth), (x, y) = self.high - self.low, (self.low + self.high) / 2
+        return f"({self.number}) {width:.1f} x {depth:.1f} m at {x:.2f}, {y:.2f}"
+
+
+@dataclass(frozen=True, eq=False)
 class FloorPlan:
     """An occupancy grid with its walls.
 
@@ -59,6 +79,8 @@ class FloorPlan:
         origin: (x, y) of the lower left corner of the first cell, meters in the map.
         walls: those that can be seen from free space.
         places: named poses (x, y, heading; meters and rad).
+        islands: drawn objects inside the rooms, where the plan comes from a drawing.
+        island_cells: (rows, columns) number of the island at each cell, 0 elsewhere; None without islands.
     """
 
     free: BoolArray
@@ -66,6 +88,8 @@ class FloorPlan:
     origin: tuple[float, float]
     walls: Sequence[Wall] = ()
     places: Mapping[str, tuple[float, float, float]] = field(default_factory=dict)
+    islands: Sequence[Island] = ()
+    island_cells: IntArray | None = None
 
     @property
     def size_m(self) -> tuple[float, float]:

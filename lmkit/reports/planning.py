@@ -10,7 +10,7 @@ from lmkit.planning.mounting_plan import mounting_csv, sheets_to_print
 from lmkit.planning.placement import Placement
 from lmkit.planning.route import Route
 from lmkit.reports.mounting_sheet import mounting_sheets
-from lmkit.visualization.floor_layer import floor_underlay, wall_notes
+from lmkit.visualization.floor_layer import floor_underlay, island_notes, wall_notes
 from lmkit.visualization.plan_view import BLUE, Note, Polyline, draw_plan
 
 # Names of the files that `placement_files` may make.
@@ -27,13 +27,19 @@ def draw_coverage(
         f"Expected position error in the best {demand.headings:.0%} of headings; requirement met at {met.mean():.0%}"
     )
     underlay = floor_underlay(floor, coverage.places, coverage.typical_error_m(demand.headings), ~met)
-    return draw_plan(landmarks, [], title=title, kind=kind, underlay=underlay)
+    return draw_plan(landmarks, [], title=title, kind=kind, underlay=underlay, notes=island_notes(floor))
 
 
 def draw_placement(floor: FloorPlan, placement: Placement) -> bytes:
     """Plan of the landmarks to mount, with the names of the walls; PNG."""
     title = f"{len(placement.mounts)} landmarks to mount; walls by letter, distances in mounting.csv"
-    return draw_plan(placement.landmarks, [], title=title, underlay=floor_underlay(floor), notes=wall_notes(floor))
+    return draw_plan(
+        placement.landmarks,
+        [],
+        title=title,
+        underlay=floor_underlay(floor),
+        notes=[*wall_notes(floor), *island_notes(floor)],
+    )
 
 
 def draw_map(landmarks: LandmarkMap, floor: FloorPlan | None, name: str, kind: str = "png") -> bytes:
@@ -41,7 +47,14 @@ def draw_map(landmarks: LandmarkMap, floor: FloorPlan | None, name: str, kind: s
     title = f"{name}: {len(landmarks)} landmarks"
     if floor is None:
         return draw_plan(landmarks, [], title=title, kind=kind)
-    return draw_plan(landmarks, [], title=title, kind=kind, underlay=floor_underlay(floor), notes=wall_notes(floor))
+    return draw_plan(
+        landmarks,
+        [],
+        title=title,
+        kind=kind,
+        underlay=floor_underlay(floor),
+        notes=[*wall_notes(floor), *island_notes(floor)],
+    )
 
 
 def draw_route(floor: FloorPlan, landmarks: LandmarkMap, route: Route, kind: str = "png") -> bytes:

@@ -8,7 +8,7 @@ import numpy as np
 from scipy.ndimage import distance_transform_edt, label
 from scipy.spatial import cKDTree
 
-from lmkit.arrays import BoolArray, FloatArray
+from lmkit.arrays import BoolArray, ByteArray, FloatArray
 from lmkit.model.floor_plan import FloorPlan
 from lmkit.visualization.canvas import Rgb
 from lmkit.visualization.plan_view import Note, Underlay
@@ -16,6 +16,7 @@ from lmkit.visualization.plan_view import Note, Underlay
 FREE, WALL, BLIND, OUTSIDE = (255, 255, 255), (70, 74, 80), (222, 222, 226), (244, 244, 242)
 WALL_SHOWN_M = 0.15
 HATCH, HATCH_CELLS = (60, 20, 80), 5  # color of the lines, and distance between them
+OBSTACLE, IGNORED = (150, 118, 84), (236, 226, 214)  # islands of drawings
 LEAST_ROOM_M2 = 1.0
 NOTED_AT, NOTED_OFF_M = (0.5, 0.4, 0.6, 0.3, 0.7), 0.45  # the name of a wall: along it, and off it
 # From well known to badly known, evenly in brightness so that they print in gray, too.
@@ -57,11 +58,33 @@ def floor_underlay(
             hatched = near & fails[nearest] & ((rows + columns) % HATCH_CELLS == 0)
             rgb[rows[hatched], columns[hatched]] = HATCH
             legend = (*legend, (HATCH, "hatched: requirement not met"))
+    legend = (*legend, *_draw_islands(rgb, floor))
     low = floor.origin
     high = (low[0] + floor.size_m[0], low[1] + floor.size_m[1])
     # Far from free space there is nothing to show.
     rgb[distance_transform_edt(~floor.free) * floor.cell_m > WALL_SHOWN_M] = OUTSIDE
     return Underlay(np.ascontiguousarray(rgb[::-1]), low, high, legend, np.ascontiguousarray(floor.free[::-1]))
+
+
+def _draw_islands(rgb: ByteArray, floor: FloorPlan) -> list[tuple[Rgb, str]]:
+    """Islands that are not walls in colors of their own; their entries of the legend."""
+    legend: list[tuple[Rgb, str]] = []
+    words = {"obstacle": (OBSTACLE, "island: obstacle, no landmarks"), "ignore": (IGNORED, "island: left out")}
+    for use, (color, text) in words.items():
+        numbers = [island.number for island in floor.islands if island.use == use]
+        if numbers and floor.island_cells is not None:
+            rgb[np.isin(floor.island_cells, numbers)] = color
+            legend.append((color, text))
+    return legend
+
+
+def island_notes(floor: FloorPlan) -> list[Note]:
+    """The numbers of islands, in brackets, beside them."""
+    notes = []
+    for island in floor.islands:
+        x, y = (island.low + island.high) / 2
+        notes.append(Note(f"({island.number})", (float(x), float(y))))
+    return notes
 
 
 def wall_notes(floor: FloorPlan) -> list[Note]:

@@ -8,7 +8,9 @@ import pytest
 from floors import TWO_ROOMS, two_rooms
 
 from lmkit.errors import InputError
+from lmkit.io.floor_islands import DrawingOptions, drawing_warnings, parse_island_rules
 from lmkit.io.floor_plan import read_floor
+from lmkit.visualization.floor_layer import OBSTACLE, floor_underlay, island_notes
 
 SVG = (
     '<svg xmlns="http://www.w3.org/2000/svg"><g transform="translate(7,9) scale(2)">'
@@ -107,3 +109,76 @@ def test_a_black_picture_has_no_floor(tmp_path):
     cv2.imwrite(str(tmp_path / "f.png"), np.zeros((50, 50), np.uint8))
     with pytest.raises(InputError, match="no free floor"):
         read_floor(tmp_path / "f.png", 0.05)
+
+
+def furnished(path):
+    """The two rooms with a word, a table and a long wall inside, and a thin line that closes the door."""
+    image = drawn()
+    cv2.putText(image, "8.0 m", (60, 80), cv2.FONT_HERSHEY_SIMPLEX, 0.5, 0, 2)
+    cv2.rectangle(image, (220, 180), (260, 200), 0, 1)
+    cv2.rectangle(image, (190, 60), (320, 66), 0, -1)
+    cv2.line(image, (180, 30), (180, 100), 0, 1)
+    cv2.imwrite(str(path), image)
+    return path
+
+
+def test_small_islands_block_the_robot_and_hold_no_landmarks(tmp_path):
+    floor = read_floor(furnished(tmp_path / "f.png"), 0.02)
+    small = [island for island in floor.islands if island.use == "obstacle"]
+    assert small and all((island.high - island.low < 2.5).all() for island in small)
+    table = np.array([1.0 + 0.02 * 210, 0.02 * (260 - 190)])
+    assert not floor.is_free(table - [0.4, 0.0]), "the inside of a table is no floor"
+    for wall in floor.walls:
+        middle = (wall.left + wall.right) / 2
+        assert not any((middle > island.low - 0.1).all() and (middle < island.high + 0.1).all() for island in small)
+    assert [wall.name for wall in floor.walls[:3]] == ["A", "B", "C"]
+    shown = floor_underlay(floor)
+    assert (shown.rgb == OBSTACLE).all(axis=2).any() and len(island_notes(floor)) == len(floor.islands)
+    assert any("hold no landmarks: (" in text for text in drawing_warnings(floor.islands, floor.free, floor.cell_m))
+
+
+def test_islands_are_left_out_or_used_as_walls_where_asked_for(tmp_path):
+    path = furnished(tmp_path / "f.png")
+    plain = read_floor(path, 0.02)
+    without = read_floor(path, 0.02, DrawingOptions("ignore"))
+    assert without.free.sum() > plain.free.sum()
+    assert {island.use for island in without.islands} <= {"ignore", "wall"}
+    number = next(island.number for island in plain.islands if island.use == "obstacle" and island.low[0] > 4)
+    one = read_floor(path, 0.02, DrawingOptions(*parse_island_rules(f"walls:{number}")))
+    assert len(one.walls) >= len(plain.walls) + 2
+    with pytest.raises(InputError, match="no island 99"):
+        read_floor(path, 0.02, DrawingOptions(by_number={99: "wall"}))
+
+
+def test_thin_lines_are_left_out_where_asked_for(tmp_path):
+    path = furnished(tmp_path / "f.png")
+    floor = read_floor(path, 0.02)
+    assert any("no opening" in text for text in drawing_warnings(floor.islands, floor.free, floor.cell_m))
+    thick = cv2.erode(drawn(), np.ones((5, 5), np.uint8))
+    thick[98:103, 170:190] = 255  # an opening above the wall between the rooms
+    outline = thick.copy()
+    cv2.line(outline, (180, 30), (180, 100), 0, 2)  # closed by a thin line
+    cv2.imwrite(str(path), outline)
+    closed, opened = (read_floor(path, 0.02, DrawingOptions(thin_m=m)) for m in (0.0, 0.08))
+    warned = [drawing_warnings(floor.islands, floor.free, floor.cell_m) for floor in (closed, opened)]
+    assert any("no opening" in text for text in warned[0]) and not warned[1]
+    assert sides(opened)[:2] == [(2.5, 0), (2.5, 180)], "the thick wall keeps its length"
+    with pytest.raises(InputError, match="2 pixels"):
+        read_floor(path, 0.02, DrawingOptions(thin_m=0.02))
+
+
+def test_curves_of_svg_are_left_out_where_asked_for(tmp_path):
+    """A door in the opening between the rooms: its leaf and arc close it; the straight leaf stays."""
+    path = tmp_path / "floor.svg"
+    door = '<path d="M15 7 h7 a7 7 0 0 0 -7 -7 z"/><circle cx="8" cy="8" r="2"/>'
+    path.write_text(SVG.replace("</g>", door + "</g>"))
+    whole, straight = (read_floor(path, 0.1, DrawingOptions(curves=curves)) for curves in (True, False))
+    assert len(whole.walls) > len(straight.walls)
+    assert len(whole.islands) == 1 and not straight.islands
+    assert not whole.is_free(np.array([2 * 0.8 - 0.4, 0.2 * (20 - 8)])) and straight.is_free(np.array([1.2, 2.4]))
+
+
+@pytest.mark.parametrize("text", ["walls:x", "drop", "ignore:1-"])
+def test_rules_for_islands_that_cannot_be_read(text):
+    with pytest.raises(InputError, match="--islands"):
+        parse_island_rules(text)
