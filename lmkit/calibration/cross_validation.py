@@ -6,7 +6,7 @@ kept back do (Stone 1974).
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -67,6 +67,7 @@ def hold_out(
     rows: Sequence[int],
     solution: Solution,
     options: FitOptions | None = None,
+    on_fold: Callable[[int], None] = lambda fold: None,
 ) -> HeldOut | None:
     """The errors of the solution's kind of rig on pairs held out; None with fewer than five pairs.
 
@@ -75,6 +76,7 @@ def hold_out(
         rows: those that are used.
         solution: fitted to these; the folds start from it.
         options: what each fold fits; everything by default.
+        on_fold: called with the number of folds done.
     """
     views = [views[k] for k in rows]
     count = len(views)
@@ -90,6 +92,7 @@ def hold_out(
         errors[unseen] = errors_on(
             object_points, [views[int(i)] for i in unseen], fitted, solution.with_poses(unseen)
         )
+        on_fold(k + 1)
     return HeldOut(np.array(rows), *errors.T)
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -10,7 +10,7 @@ import numpy as np
 
 from lmkit.arrays import FloatArray
 from lmkit.calibration.bundle_adjustment import POSE, FitOptions, Solution, StereoProblem, intrinsics_vector
-from lmkit.calibration.cross_validation import HeldOut, hold_out
+from lmkit.calibration.cross_validation import FOLDS, HeldOut, hold_out
 from lmkit.calibration.initialization import agreement_with, find_consensus, start_camera, start_solution
 from lmkit.calibration.outlier_pairs import Disagreement, explain_disagreements
 from lmkit.calibration.sanity_checks import (
@@ -37,6 +37,11 @@ AUTO = "auto"
 CANDIDATES = ("pinhole", "fisheye", "rational")
 MODELS = (AUTO, *CANDIDATES)
 CAMERAS_KEPT = FitOptions(intrinsics=False)
+FITS = 3 + FOLDS  # of a model at most: consensus, first fit, final fit, and one without each fold
+
+
+def ignore_steps(done: int, total: int) -> None:
+    """Progress that nobody asked for."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -112,6 +117,7 @@ def calibrate_stereo(
     model: str = AUTO,
     rejected: Sequence[tuple[str, str]] = (),
     declared: Declared | None = None,
+    on_step: Callable[[int, int], None] = ignore_steps,
 ) -> StereoCalibration:
     """Calibrate a rig jointly from all pairs that agree with each other.
 
@@ -121,6 +127,7 @@ def calibrate_stereo(
         model: ``pinhole``, ``rational`` or ``fisheye``; ``auto`` takes the one that does best on pairs held out.
         rejected: pairs lost before, with reasons; they are passed on.
         declared: what is known beforehand, to check against; its cameras are kept as they are.
+        on_step: called with the number of fits done and their largest number.
 
     Raises:
         InputError: too few pairs, they do not agree on any rig, or the two cameras are no rigid pair.
@@ -129,10 +136,10 @@ def calibrate_stereo(
     object_points = board.object_points
     known = declared.cameras if declared is not None else None
     if known is None:
-        fits = _fits(views, object_points, image_size, CANDIDATES if model == AUTO else (model,), rejected)
+        fits = _fits(views, object_points, image_size, CANDIDATES if model == AUTO else (model,), rejected, on_step)
     else:
         _require_size(known, image_size)
-        fits = {known[0].model: _fit(views, object_points, known, rejected, np.inf, CAMERAS_KEPT)}
+        fits = {known[0].model: _fit(views, object_points, known, rejected, np.inf, CAMERAS_KEPT, on_step)}
     best = _best(fits)
     kept = [views[k] for k in best.rows]
     turned_away = [*rejected, *((d.pair, d.reason) for d in best.bad)]
@@ -206,6 +213,7 @@ def _fits(
     image_size: tuple[int, int],
     models: Sequence[str],
     rejected: Sequence[tuple[str, str]],
+    on_step: Callable[[int, int], None],
 ) -> dict[str, _Fit]:
     """Every model that can be fitted.
 
@@ -214,14 +222,18 @@ def _fits(
     """
     fits: dict[str, _Fit] = {}
     failed: InputError | None = None
-    for model in models:
+    for index, model in enumerate(models):
+
+        def on_fit(done: int, _: int, before: int = index) -> None:
+            on_step(before * FITS + done, FITS * len(models))
+
         try:
             to_beat = min(
                 (fit.held_out.mean_reprojection_px for fit in fits.values() if fit.held_out), default=np.inf
             )
             left = start_camera(object_points, [(v.ids_left, v.left) for v in views], image_size, model)
             right = start_camera(object_points, [(v.ids_right, v.right) for v in views], image_size, model)
-            fits[model] = _fit(views, object_points, (left, right), rejected, to_beat, FitOptions())
+            fits[model] = _fit(views, object_points, (left, right), rejected, to_beat, FitOptions(), on_fit)
         except InputError as error:
             failed = failed or error
         except np.linalg.LinAlgError:
@@ -246,16 +258,19 @@ def _fit(
     rejected: Sequence[tuple[str, str]],
     to_beat_px: float,
     options: FitOptions,
+    on_step: Callable[[int, int], None],
 ) -> _Fit:
     """One model, fitted to the pairs that agree.
 
     It is not tried on pairs held out where it does worse on those that it has seen than another on unseen ones.
     """
     left, right = cameras
+    on_step(0, FITS)
     consensus = find_consensus(object_points, views, left, right)
     rows = np.flatnonzero(consensus.agrees)
     require_views(len(rows), rejected, MIN_PAIRS, "pairs")
     problem = StereoProblem(object_points, [views[int(k)] for k in rows])
+    on_step(1, FITS)
     solution = problem.solve(start_solution(consensus, rows, left, right), replace(options, warp=False))
     solution = problem.solve(solution, options)
     rms = problem.rms(solution)
@@ -273,7 +288,13 @@ def _fit(
     fair = BAD_RMS_RATIO * float(np.median(problem.rms(solution)))
     reasons = explain_disagreements(object_points, views, agreement, bad, residual_ratios, solution, fair)
     hopeless = problem.mean_error(solution) > to_beat_px
-    held_out = None if hopeless else hold_out(object_points, views, kept, solution, options)
+    on_step(FITS - FOLDS, FITS)
+    held_out = None
+    if not hopeless:
+        held_out = hold_out(
+            object_points, views, kept, solution, options, lambda fold: on_step(FITS - FOLDS + fold, FITS)
+        )
+    on_step(FITS, FITS)
     # Cameras of the cameras' own: those of the joint fit change to make up for cameras that do not belong together.
     alone_px = float(np.median([consensus.relations[k].rms_px for k in kept]))
     return _Fit(kept, reasons, alone_px, solution, held_out)

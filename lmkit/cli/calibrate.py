@@ -131,7 +131,9 @@ def run(
     seen = found.corners
     # Written first: the calibration itself may fail.
     written = write_outputs({save_corners: corners_to_json(seen)}, force)
-    result = calibrate_stereo(seen.views, seen.board, seen.image_size, model, seen.rejected, declared)
+    with ProgressBars() as bars:
+        fitting = bars.counter("fitting lenses and rig")
+        result = calibrate_stereo(seen.views, seen.board, seen.image_size, model, seen.rejected, declared, fitting)
     written += write_outputs({output: rig_to_yaml(result.rig)}, force)
     if report is not None:
         shown = found.some_images([view.name for view in result.used], REPORT_IMAGES)
