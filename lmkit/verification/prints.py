@@ -137,7 +137,7 @@ def grade_sheet(
     stated: tuple[Stated, ...],
     options: DetectOptions | None = None,
 ) -> list[PrintedLandmark]:
-    """Grade the landmarks of one image.
+    """Grade the landmarks of one image, in the order of their codes.
 
     Args:
         source: its name.
@@ -159,7 +159,8 @@ def grade_sheet(
     options = replace(options, families=families, config=LOOK_AT_ANY, through_lens=dpi is None)
     chosen = _find(padded, options)
     found = (_graded(source, padded, offset, candidate, dpi, stated) for candidate in chosen)
-    return [replace(item, image=image) for item in found]
+    in_order = sorted(found, key=lambda item: item.observation.code)
+    return [replace(item, image=image) for item in in_order]
 
 
 def _find(image: ByteArray, options: DetectOptions) -> list[Candidate]:

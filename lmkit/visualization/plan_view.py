@@ -10,7 +10,6 @@ import numpy as np
 from lmkit.arrays import BoolArray, ByteArray, FloatArray
 from lmkit.geometry.pose import Pose
 from lmkit.model.landmark import FAMILIES
-from lmkit.model.landmark_id import LandmarkId
 from lmkit.model.landmark_map import LandmarkMap, MappedLandmark
 from lmkit.visualization.canvas import Canvas, PngCanvas, Rgb, SvgCanvas
 from lmkit.visualization.labels import LabelPlacer, line_parts_inside, text_width
@@ -151,9 +150,8 @@ def draw_plan(
             if one.covariance is not None:
                 plan.ellipse(one.pose.t, one.covariance, gain)
     # Words come last: they evade what is drawn.
-    several = len({landmark.family for landmark in landmarks}) > 1
-    for pose, ids in _over_each_other(landmarks):
-        plan.codes(pose, ", ".join(str(id_) if several else str(id_.code) for id_ in ids))
+    for pose, some in _over_each_other(landmarks):
+        plan.codes(pose, _codes(some, landmarks))
     for note in notes:
         plan.note(note)
     for one in found:
@@ -180,7 +178,8 @@ def _legend(
         legend.append((FAINT, "ambiguous"))
     ink = RED if families & FAMILIES.keys() or not families else INK
     of_family = f" ({next(iter(families))})" if ink == INK and len(families) == 1 else ""
-    return [*legend, (ink, f"landmark and its {'id' if len(families) > 1 else 'code'}{of_family}")]
+    sizes = " (size)" if len({round(1000 * landmark.size_m) for landmark in landmarks}) > 1 else ""
+    return [*legend, (ink, f"landmark and its {'id' if len(families) > 1 else 'code'}{sizes}{of_family}")]
 
 
 def _legend_rows(legend: Sequence[tuple[Rgb, str]], width: int) -> list[list[tuple[float, Rgb, str]]]:
@@ -197,18 +196,29 @@ def _legend_rows(legend: Sequence[tuple[Rgb, str]], width: int) -> list[list[tup
     return rows
 
 
-def _over_each_other(landmarks: LandmarkMap) -> list[tuple[Pose, list[LandmarkId]]]:
-    """Landmarks that are mounted at one place of the plan, as one pose and their ids."""
-    places: list[tuple[Pose, list[LandmarkId]]] = []
+def _over_each_other(landmarks: LandmarkMap) -> list[tuple[Pose, list[MappedLandmark]]]:
+    """Landmarks that are mounted at one place of the plan, with one pose for all."""
+    places: list[tuple[Pose, list[MappedLandmark]]] = []
     for landmark in landmarks:
         here = landmark.T_map_landmark
-        for there, ids in places:
+        for there, some in places:
             if np.linalg.norm(here.t[:2] - there.t[:2]) < SAME_PLACE_M and here.R[:, 2] @ there.R[:, 2] > 0:
-                ids.append(landmark.id)
+                some.append(landmark)
                 break
         else:
-            places.append((here, [landmark.id]))
+            places.append((here, [landmark]))
     return places
+
+
+def _codes(some: Sequence[MappedLandmark], landmarks: LandmarkMap) -> str:
+    """Codes, with the family or the size where landmarks of the map differ in it."""
+    several = len({landmark.family for landmark in landmarks}) > 1
+    sizes = len({round(1000 * landmark.size_m) for landmark in landmarks}) > 1
+    words = []
+    for landmark in some:
+        size = f" ({1000 * landmark.size_m:.0f} mm)" if sizes else ""
+        words.append(f"{landmark.id if several else landmark.code}{size}")
+    return ", ".join(words)
 
 
 def _extent(landmarks: LandmarkMap, poses: Sequence[Pose]) -> tuple[tuple[float, float], tuple[float, float]]:

@@ -48,3 +48,15 @@ def test_codes_stay_on_their_side_and_clear_of_the_legend():
     for a, b in combinations(codes, 2):
         wide = 0.55 * a[2] * (len(a[3]) + len(b[3])) / 2
         assert abs(a[0] - b[0]) > wide or abs(a[1] - b[1]) > 0.9 * a[2], (a, b)
+
+
+def test_sizes_stand_beside_codes_where_they_differ():
+    def drawn(*sizes):
+        some = [
+            MappedLandmark(LandmarkId("lm8", k), size, wall_pose([k, 0.0, 1.0], np.pi / 2))
+            for k, size in enumerate(sizes)
+        ]
+        return {word for *_, word in TEXT.findall(draw_plan(LandmarkMap(some), [], kind="svg").decode())}
+
+    assert {"0", "1"} <= drawn(0.18, 0.18)
+    assert {"0 (180 mm)", "1 (120 mm)"} <= drawn(0.18, 0.12)
