@@ -121,7 +121,7 @@ class PrintLayout:
                 raise InputError(
                     "no_room",
                     f"template {sheet.name} has no place for {option}",
-                    f"use a4-door, or a template of your own with a text of {placeholder}",
+                    f"use a4-door or letter-door, or a template of your own with a text of {placeholder}",
                 )
             _require_drawable(value, option)
         wording = Wording(self.text, self.map_name)
