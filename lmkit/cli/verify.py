@@ -17,6 +17,9 @@ if TYPE_CHECKING:
     from lmkit.verification.prints import PrintedLandmark
 
 
+MOST_IN_FULL = 4  # landmarks of a file that are listed with every line
+
+
 def run(
     files: Annotated[list[Path], typer.Argument(help="PDF files, PNG files, scans or photographs of prints.")],
     family: options.Family = "lm8",
@@ -78,7 +81,7 @@ def run(
             if as_json:
                 print_json(print_dict(item, passes))
                 continue
-            for line in print_lines(item, in_full=len(found) == 1 or not passes, color=color):
+            for line in print_lines(item, in_full=len(found) <= MOST_IN_FULL or not passes, color=color):
                 print_line(line)
         if annotate is not None:
             write_outputs({annotate / name: data for name, data in annotated_prints(found).items()}, force)

@@ -19,6 +19,10 @@ YELLOW: Bgr = (0, 210, 255)
 MAGENTA: Bgr = (220, 60, 200)
 RED: Bgr = (40, 40, 230)
 INK: Bgr = (30, 30, 30)
+USUAL_PX = 1400.0  # longer side of an image up to which lines and words have their usual size
+EXPECTED = "magenta: expected by the map"
+UNSEEN = "thin: in the map, not detected"
+OUTLIER = "red: contradicts the pose"
 SHIFT = 4  # sub-pixel bits of OpenCV's drawing
 
 
@@ -57,7 +61,7 @@ def draw_located(
         draw_label(canvas, estimate.status, np.array([8.0, 24.0]))
         return canvas
     T_camera_map = estimate.T_map_camera.inverse()
-    read = {o.id for o in seen}
+    read, shown = {o.id for o in seen}, {"green: detected"} if seen else set[str]()
     for landmark in landmarks:
         corners = T_camera_map.apply(landmark.corners_map)
         if corners[:, 2].min() < 0.05:
@@ -68,22 +72,32 @@ def draw_located(
         faces = (landmark.T_map_landmark.R[:, 2] @ (estimate.T_map_camera.t - landmark.T_map_landmark.t)) > 0
         if not faces and landmark.id not in read:
             continue
+        outline = (pixels + 0.5) * enlarge - 0.5
+        if landmark.id not in read:
+            # A wall or a person may hide it: no more than where it would be.
+            _polyline(canvas, outline, MAGENTA, closed=True, width=1)
+            shown.add(UNSEEN)
+            continue
         is_outlier = landmark.id in estimate.outliers
-        _polyline(canvas, (pixels + 0.5) * enlarge - 0.5, RED if is_outlier else MAGENTA, closed=True)
+        shown.add(OUTLIER if is_outlier else EXPECTED)
+        _polyline(canvas, outline, RED if is_outlier else MAGENTA, closed=True)
         tips = landmark.size_m / 2 * np.array([[0, 0, 0], [1.0, 0, 0], [0, 1.0, 0], [0, 0, 1.0]])
         draw_axes(canvas, camera, T_camera_map.apply(landmark.T_map_landmark.apply(tips)), enlarge)
     x, y, z = estimate.T_map_camera.t
     draw_label(canvas, f"{estimate.status}: x {x:.3f} y {y:.3f} z {z:.3f} m", np.array([8.0, 24.0]))
+    draw_label(canvas, "; ".join(sorted(shown)), np.array([8.0, canvas.shape[0] - 8.0]))
     return canvas
 
 
 def draw_label(canvas: ByteArray, text: str, at: FloatArray, scale: float = 0.6) -> None:
-    """A line of text on a plate, in place, kept inside the image."""
-    (width, height), base = cv2.getTextSize(text, cv2.FONT_HERSHEY_SIMPLEX, scale, 1)
+    """A line of text on a plate, in place, kept inside the image; larger in large images."""
+    grown = _grown(canvas)
+    scale, thick = scale * grown, round(grown)
+    (width, height), base = cv2.getTextSize(text, cv2.FONT_HERSHEY_SIMPLEX, scale, thick)
     x = int(np.clip(at[0], 2, max(2, canvas.shape[1] - width - 4)))
     y = int(np.clip(at[1], height + 4, canvas.shape[0] - base - 2))
     cv2.rectangle(canvas, (x - 3, y - height - 4), (x + width + 3, y + base), INK, cv2.FILLED)
-    cv2.putText(canvas, text, (x, y), cv2.FONT_HERSHEY_SIMPLEX, scale, (255, 255, 255), 1, cv2.LINE_AA)
+    cv2.putText(canvas, text, (x, y), cv2.FONT_HERSHEY_SIMPLEX, scale, (255, 255, 255), thick, cv2.LINE_AA)
 
 
 def encode_jpeg(image: ByteArray, quality: int = 92) -> bytes:
@@ -103,7 +117,13 @@ def _enlarged(image: ByteArray, factor: int) -> ByteArray:
     return np.asarray(cv2.resize(image, size, interpolation=cv2.INTER_CUBIC), dtype=np.uint8)
 
 
-def _polyline(canvas: ByteArray, points: FloatArray, color: Bgr, closed: bool) -> None:
+def _grown(canvas: ByteArray) -> float:
+    """Size of lines and words, relative to the usual one."""
+    return max(1.0, float(max(canvas.shape[:2])) / USUAL_PX)
+
+
+def _polyline(canvas: ByteArray, points: FloatArray, color: Bgr, closed: bool, width: int = 2) -> None:
     fixed = np.round(points * (1 << SHIFT)).astype(np.int32).reshape(-1, 1, 2)
-    cv2.polylines(canvas, [fixed], closed, INK, 4, cv2.LINE_AA, SHIFT)
-    cv2.polylines(canvas, [fixed], closed, color, 2, cv2.LINE_AA, SHIFT)
+    thick = round(width * _grown(canvas))
+    cv2.polylines(canvas, [fixed], closed, INK, 2 * thick, cv2.LINE_AA, SHIFT)
+    cv2.polylines(canvas, [fixed], closed, color, thick, cv2.LINE_AA, SHIFT)
