@@ -86,9 +86,11 @@ def run(
         if annotate is not None:
             write_outputs({annotate / name: data for name, data in annotated_prints(found).items()}, force)
     if certificate is not None and prints:
+        from datetime import date
+
         from lmkit.reports.certificate import certificate as certificate_of
 
-        write_outputs({certificate: certificate_of(prints)}, force)
+        write_outputs({certificate: certificate_of(prints, date.today())}, force)
     if bad:
         hint = "print again at 100 %, in color"
         raise NegativeAnswer("print_fails", f"{len(bad)} of the prints fail, the first is {bad[0]}", hint)

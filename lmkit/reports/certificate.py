@@ -5,6 +5,7 @@ from __future__ import annotations
 import io
 from collections.abc import Sequence
 from dataclasses import replace
+from datetime import date
 
 import numpy as np
 from PIL import Image
@@ -28,20 +29,24 @@ COLORS = {
 IMAGE_MM = 78.0
 
 
-def certificate(prints: Sequence[PrintedLandmark]) -> bytes:
-    """The PDF's bytes, the same every time."""
+def certificate(prints: Sequence[PrintedLandmark], graded_on: date | None = None) -> bytes:
+    """The PDF's bytes, the same every time.
+
+    Args:
+        graded_on: written on each page; None: no date.
+    """
     buffer = io.BytesIO()
     canvas = Canvas(buffer, pagesize=(WIDTH, HEIGHT), invariant=1, pageCompression=1)
     canvas.setTitle("lmkit verify")
     canvas.setCreator(f"lmkit {__version__}")
     for item in prints:
-        _page(canvas, item)
+        _page(canvas, item, graded_on)
         canvas.showPage()
     canvas.save()
     return buffer.getvalue()
 
 
-def _page(canvas: Canvas, item: PrintedLandmark) -> None:
+def _page(canvas: Canvas, item: PrintedLandmark, graded_on: date | None) -> None:
     mm = POINTS_PER_MM
     canvas.setFillColorRGB(*COLORS[item.grade])
     canvas.roundRect(20 * mm, 247 * mm, 30 * mm, 30 * mm, 3 * mm, stroke=0, fill=1)
@@ -59,6 +64,8 @@ def _page(canvas: Canvas, item: PrintedLandmark) -> None:
     canvas.drawString(56 * mm, 255 * mm, _shortened(canvas, headline, 130 * mm))
     canvas.setFillColorRGB(0.4, 0.4, 0.4)
     canvas.drawString(56 * mm, 249 * mm, f"scale from: {item.scale_from or 'unknown'}")
+    if graded_on is not None:
+        canvas.drawRightString(190 * mm, 249 * mm, f"graded on {graded_on.isoformat()}")
     _draw_image(canvas, item)
     y = 154.0
     canvas.setStrokeColorRGB(0.8, 0.8, 0.8)

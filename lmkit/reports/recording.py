@@ -266,7 +266,7 @@ def _outside(tracked: TrackedTrajectory) -> tuple[int, int]:
 def _odometry(parameters: Mapping[str, float]) -> str:
     if not parameters:
         return ""
-    rows = [(name.replace("_", " "), f"{value:.4f}") for name, value in parameters.items()]
+    rows = [(name.replace("_", " "), f"{round(value, 4) + 0.0:.4f}") for name, value in parameters.items()]
     return "<h2>Odometry parameters</h2>" + table(("", ""), rows)
 
 

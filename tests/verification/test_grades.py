@@ -6,6 +6,7 @@ Simulated: pypdfium2 draws the sheet, OpenCV spoils and scans it; benchmarks/pri
 from __future__ import annotations
 
 import json
+from datetime import date
 from functools import lru_cache
 
 import cv2
@@ -186,12 +187,14 @@ def test_without_anything_of_known_size_the_scale_is_unknown():
 
 
 def test_the_certificate_is_a_page_each(tmp_path):
-    pdf = certificate([graded(sheet(CODE)), graded(striped())])
-    assert pdf == certificate([graded(sheet(CODE)), graded(striped())])
+    items = [graded(sheet(CODE)), graded(striped())]
+    pdf = certificate(items, date(2026, 5, 17))
+    assert pdf == certificate(items, date(2026, 5, 17))
     document = pypdfium2.PdfDocument(pdf)
     assert len(document) == 2
     text = document[1].get_textpage().get_text_bounded()
     assert "evenness" in text
+    assert "graded on 2026-05-17" in text
     assert "without a claim of compliance" in text
 
 
