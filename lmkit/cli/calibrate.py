@@ -10,6 +10,7 @@ import typer
 from lmkit.cli import base_options, options
 from lmkit.cli.output import (
     BOARD_HELP,
+    ProgressBars,
     check_outputs,
     print_json,
     print_line,
