@@ -10,6 +10,7 @@ apriltag_ros hold as they are.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -103,6 +104,11 @@ class SquareMarkerFamily:
         drawn = [cv2.aruco.generateImageMarker(dictionary, code, self.bits + 2) for code in range(self.code_count)]
         table = np.asarray(drawn)[:, 1:-1, 1:-1] > 127
         return np.rot90(table, TURNED_BY_OPENCV, axes=(1, 2)) if self.is_apriltag else table
+
+    def chance(self, wrong_cells: int) -> float:
+        """Share of random insides that differ from some code, in some quarter turn, by so many cells at most."""
+        near = sum(math.comb(self.bits**2, wrong) for wrong in range(wrong_cells + 1))
+        return min(4 * self.code_count * near / 2.0 ** (self.bits**2), 1.0)
 
     def require_code(self, code: int) -> None:
         """Check that a code is one of the family's.

@@ -11,14 +11,15 @@ from lmkit.generation.page import Text
 from lmkit.generation.png import page_to_image
 from lmkit.model.board import BoardSpec
 
-DPI = 110
+DPI = 254  # ten pixels a millimeter: every edge of these boards lies between two pixels
 FIRST_OF_36H11 = 0xD5D628584  # the AprilTag project's code 0, row by row from the top left
 
 
 def seen_at(board, H, size, rng):
     """A view of the board's page: (H,W,3) BGR, light blurred before it is encoded."""
     page = np.asarray(page_to_image(compose_board_page(board), DPI))[:, :, ::-1]
-    light = cv2.warpPerspective((page / 255.0) ** 2.2, H, size, flags=cv2.INTER_AREA, borderValue=(0.2, 0.2, 0.2))
+    linear = ((np.arange(256) / 255) ** 2.2).astype(np.float32)
+    light = cv2.warpPerspective(linear[page], H, size, flags=cv2.INTER_LINEAR, borderValue=(0.2, 0.2, 0.2))
     light = np.clip(cv2.GaussianBlur(light, (0, 0), 0.8) + rng.normal(0, 0.004, light.shape), 0, 1)
     return (255 * light ** (1 / 2.2)).round().astype(np.uint8)
 

@@ -9,6 +9,7 @@ import pytest
 import lmkit
 from lmkit.detection.config import DetectOptions
 from lmkit.detection.detector import detect_landmarks
+from lmkit.detection.tag_registration import TagRule
 from lmkit.errors import InputError
 from lmkit.generation.artwork import landmark_artwork
 from lmkit.generation.page import bare_landmark_page
@@ -131,3 +132,19 @@ def test_prints_are_not_graded_by_color() -> None:
 def test_codes_outside_are_refused() -> None:
     with pytest.raises(InputError, match="code 587 is outside 0 to 586"):
         landmark_artwork(SQUARE_FAMILIES["tag36h11"], 587)
+
+
+def test_the_stated_chance_is_that_of_random_insides() -> None:
+    family = SQUARE_FAMILIES["aruco4x4_1000"]
+    insides = np.random.default_rng(0).random((20_000, 16)) < 0.5
+    codes = np.concatenate([np.rot90(family.white, k, axes=(1, 2)) for k in range(4)]).reshape(-1, 16)
+    is_code = np.isin(insides @ (1 << np.arange(16)), codes @ (1 << np.arange(16)))
+    assert is_code.mean() == pytest.approx(family.chance(0), abs=0.006)
+    assert family.chance(0) < family.chance(1) < family.chance(2)
+
+
+def test_families_that_resemble_more_must_be_clearer() -> None:
+    rules = {name: TagRule.of(SQUARE_FAMILIES[name]) for name in SQUARE_FAMILIES}
+    assert all(rule.false_rate < 1e-3 for name, rule in rules.items() if name != "aruco4x4_1000")
+    errors = [rules[f"aruco4x4_{count}"].clearness.cell_error for count in (50, 250)]
+    assert errors[1] < errors[0] < rules["tag36h11"].clearness.cell_error
