@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from functools import lru_cache
+from functools import cached_property, lru_cache
 
 import numpy as np
 
@@ -46,10 +46,11 @@ class TagDecoding:
     cells: FloatArray
     expected: BoolArray
 
-    @property
+    @cached_property
     def cell_error(self) -> float:
         """Root mean square distance of the cells from what the code says of them; 0.5 is nothing."""
-        return float(np.sqrt(np.mean((np.clip(self.cells, -0.5, 1.5) - self.expected) ** 2)))
+        off = (np.minimum(np.maximum(self.cells, -0.5), 1.5) - self.expected).ravel()
+        return math.sqrt(float(off @ off) / len(off))
 
     def is_same_code(self, other: TagDecoding) -> bool:
         """Same code in the same quarter turn."""

@@ -15,7 +15,7 @@ from lmkit.model.families import ALL_FAMILIES
 from lmkit.model.square_marker import SquareMarkerFamily
 
 HALF_READ_PX, PER_PX = 16.5, 1 / 2.2  # side at which half are read, and how steeply that rises
-HALF_READ_CELL_PX = 1.9  # the same of a square marker's cells
+HALF_READ_CELL_PX = 1.75  # the same of a square marker's cells
 BEST = 0.98
 HALF_READ_TILT, PER_TILT = np.deg2rad(79.0), 1 / np.deg2rad(3.0)
 CORNER_PX, CORNER_PX3 = 0.09, 45.0

@@ -182,3 +182,22 @@ def test_a_map_in_the_plane_from_readings(tmp_path):
         np.linalg.norm(found[a] - found[b]) - np.linalg.norm(true[a] - true[b]) for a in found for b in found if a < b
     ]
     assert np.sqrt(np.mean(np.square(off))) < 0.15
+
+
+def test_april_tags_are_surveyed_and_tracked_as_landmarks_are(demo, tmp_path):
+    files = {
+        name: (demo / name).read_text().replace("lm8", "tag36h11") for name in ("true_map.yaml", "detections.csv")
+    }
+    for name, text in files.items():
+        (tmp_path / name).write_text(text)
+    head, *entries = files["true_map.yaml"].split("- code:")
+    (tmp_path / "known.yaml").write_text(head + "- code:" + "- code:".join(entries[:3]))
+    given = (
+        "--detections", tmp_path / "detections.csv", "--rig", demo / "rig.yaml",
+        "--odometry", demo / "odometry.csv", "--gyro", demo / "gyro.csv",
+    )  # fmt: skip
+    run("survey", *given, "--known", tmp_path / "known.yaml", "-o", tmp_path / "map.yaml")
+    assert "family: tag36h11" in (tmp_path / "map.yaml").read_text()
+    run("track", *given, "--map", tmp_path / "map.yaml", "--tum", tmp_path / "tracked.tum")
+    done = run("evaluate", demo / "truth.tum", tmp_path / "tracked.tum", "--json")
+    assert json.loads(done.out)["position_m"]["rmse"] < 0.1

@@ -17,6 +17,7 @@ from lmkit.io.floor_plan import read_floor
 from lmkit.io.measured_map import FormDefaults, read_measured_map
 from lmkit.localization.absolute_pose import LocateOptions, locate_rig
 from lmkit.localization.pose_prior import PosePrior
+from lmkit.model.detector_model import HALF_READ_PX, half_read_px, recognized
 from lmkit.model.floor_plan import FloorPlan, Wall
 from lmkit.model.landmark import LM8
 from lmkit.model.landmark_id import LandmarkId
@@ -369,3 +370,10 @@ def test_failing_places_are_hatched_in_the_coverage_drawing(tmp_path):
         layer = floor_underlay(floor, coverage.places, coverage.typical_error_m(demand.headings), ~met)
         assert (layer.rgb == HATCH).all(axis=2).any() == (not met.all())
     assert not met.any()
+
+
+def test_square_markers_are_read_by_the_size_of_their_cells():
+    side = np.array([9.0, 14.0, 25.0])
+    few, many = (recognized(side, np.zeros(3), half_read_px(name)) for name in ("aruco4x4_50", "tag36h11"))
+    assert (few > many)[:2].all() and many[2] > 0.9
+    assert half_read_px("lm8") == half_read_px("unknown") == HALF_READ_PX
