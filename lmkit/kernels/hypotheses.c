@@ -186,9 +186,9 @@ static double gap_residual(int64_t n, int gaps, const float *at, const float *va
     return most;
 }
 
-int lmkit_decode(int64_t n, const float *drawing, const double *view, const float *at, const float *values,
-                 const float *variance, const double *state, const int32_t *masks, int64_t codes,
-                 const double *rules, const float *sectors, float *columns, double *subsets, double *out)
+int decode_pixels(int64_t n, const float *drawing, const double *view, const float *at, const float *values,
+                  const float *variance, const double *state, const int32_t *masks, int64_t codes,
+                  const double *rules, const float *sectors, int wanted, float *columns, double *subsets, double *out)
 {
     Drawing d = read_drawing(drawing);
     Plane plane = plane_of(view, state);
@@ -200,17 +200,18 @@ int lmkit_decode(int64_t n, const float *drawing, const double *view, const floa
         block x, y, light, root, rows[MAX_ROWS];
         Points points;
         Jacobian J;
-        load_block(at + start, count, x);
-        load_block(at + n + start, count, y);
-        map_block(&plane, x, y, &points, &J, light);
         load_root(variance + start, count, root);
         block *column = (block *)(columns + start * C);
-        coverage_columns(&d, &points, column);
+        if (!(wanted & SAME_COLUMNS)) {
+            load_block(at + start, count, x);
+            load_block(at + n + start, count, y);
+            map_block(&plane, x, y, &points, &J, light);
+            coverage_columns(&d, &points, column);
+            for (int k = 0; k < C; k++)
+                EACH column[k][i] *= light[i];
+        }
         for (int k = 0; k < C; k++)
-            EACH {
-                column[k][i] *= light[i];
-                rows[k][i] = column[k][i] * root[i];
-            }
+            EACH rows[k][i] = column[k][i] * root[i];
         for (int c = 0; c < 3; c++) {
             load_block(values + c * n + start, count, rows[C + c]);
             EACH rows[C + c][i] *= root[i];
@@ -246,7 +247,16 @@ int lmkit_decode(int64_t n, const float *drawing, const double *view, const floa
     out[3] = best.left_by_code;
     out[4] = best.left_by_turn;
     out[5] = best.left_by_frame;
+    if (!(wanted & PARTS))
+        return 0;
     out[HEAD] = gap_residual(n, d.gaps, at, values, variance, &plane, rules, sectors, inks, best.turn, open, columns, columns + (n + BLOCK) * C);
     double *parts = out + HEAD + 1;
     return !fit_parts(d.gaps, gram, seen, square, (double)n, best.turn, inks, rules[1], parts, parts + 2 + d.gaps);
+}
+
+int lmkit_decode(int64_t n, const float *drawing, const double *view, const float *at, const float *values,
+                 const float *variance, const double *state, const int32_t *masks, int64_t codes,
+                 const double *rules, const float *sectors, float *columns, double *subsets, double *out)
+{
+    return decode_pixels(n, drawing, view, at, values, variance, state, masks, codes, rules, sectors, PARTS, columns, subsets, out);
 }

@@ -142,9 +142,9 @@ static int take(const Fit *f, const double *view, const double *state, int64_t a
 }
 
 /* Decodes into out; its turn is -1 where the pixels do not determine the inks. */
-static void read_code(const Fit *f, const double *view, const double *state, const Pixels *p, const float *variance, double *out)
+static void read_code(const Fit *f, const double *view, const double *state, const Pixels *p, const float *variance, int wanted, double *out)
 {
-    if (lmkit_decode(p->n, f->drawing, view, p->at, p->values, variance, state, f->masks, f->codes, f->decoding, f->sectors, p->work, p->subsets, out))
+    if (decode_pixels(p->n, f->drawing, view, p->at, p->values, variance, state, f->masks, f->codes, f->decoding, f->sectors, wanted, p->work, p->subsets, out))
         out[0] = -1.0;
 }
 
@@ -240,17 +240,19 @@ int lmkit_fit_landmark(const Fit *f, const double *view, int64_t phases, int64_t
     Pixels p = {planes, NULL, NULL, NULL, planes + 8 * capacity, work, kinds, subsets, 0, capacity};
     const int64_t decoding = HEAD + 1 + 2 * (2 + f->gaps);
     double *plain = out + 3 + STATE * STATE, *robust = plain + decoding, *corners = robust + decoding;
+    /* While the code may still change, its parts are of no use. */
+    const int at_first = phases & FINISH ? 0 : PARTS;
     if (phases & READ) {
         if (!take(f, view, state, f->coarse_pixels, 0.0, &p))
             return 1;
-        read_code(f, view, state, &p, p.variance, plain);
+        read_code(f, view, state, &p, p.variance, at_first, plain);
         if (!is_promising(f, plain, p.n))
             return 1;
         for (int64_t k = 0; k < f->read_rounds && plain[0] >= 0.0; k++) {
             const double turn = plain[0], code = plain[1];
             if (!fit_step(f, view, &f->coarse, 0, plain, &p, state, out) || !take(f, view, state, f->coarse_pixels, 0.0, &p))
                 return 1;
-            read_code(f, view, state, &p, p.variance, plain);
+            read_code(f, view, state, &p, p.variance, at_first, plain);
             if (plain[0] == turn && plain[1] == code)
                 break;
         }
@@ -260,8 +262,9 @@ int lmkit_fit_landmark(const Fit *f, const double *view, int64_t phases, int64_t
     if (phases & FINISH) {
         if (!take(f, view, state, f->pixels, f->near_share, &p) || !fit_step(f, view, &f->fine, fit_distortion, plain, &p, state, out))
             return 1;
-        read_code(f, view, state, &p, p.variance, plain);
-        read_code(f, view, state, &p, p.robust, robust);
+        read_code(f, view, state, &p, p.variance, PARTS, plain);
+        /* Only its margins count. */
+        read_code(f, view, state, &p, p.robust, SAME_COLUMNS, robust);
         if (!place_corners(f, view, state, out + 3, out[1], fit_distortion, corners, corners + CORNERS))
             return 1;
     }

@@ -16,6 +16,15 @@ LMKIT_EXPORT int lmkit_decode(int64_t n, const float *drawing, const double *vie
                               const int32_t *masks, int64_t codes, const double *rules, const float *sectors,
                               float *columns, double *subsets, double *out);
 
+/* A decoding may leave out the parts and what surrounds the gaps, or go on with the columns of the last one. */
+#define PARTS 1
+#define SAME_COLUMNS 2
+
+int decode_pixels(int64_t n, const float *drawing, const double *view, const float *at, const float *values,
+                  const float *variance, const double *state, const int32_t *masks, int64_t codes,
+                  const double *rules, const float *sectors, int wanted, float *columns, double *subsets,
+                  double *out);
+
 LMKIT_EXPORT int lmkit_register(int64_t n, const float *drawing, const double *view, const float *at,
                                 const float *values, const float *variance, const double *rules,
                                 const double *limits, int64_t open_gaps, int64_t quarter, int64_t fit_distortion,

@@ -93,8 +93,8 @@ class Fitted(NamedTuple):
         state: (15,) where it ended.
         pixels: number of them.
         error: per value; ``normal``: (15,15) J'WJ; both of the last registration.
-        plain, robust: decodings with the pixels' own weights and with what does not fit down-weighted; None where
-            the pixels do not determine the inks.
+        plain, robust: decodings with the pixels' own weights and with what does not fit down-weighted, without its
+            parts; None where the pixels do not determine the inks.
         corners: (4,2) in the image, distortion and all; ``covariance``: (8,8) px^2.  Both once all pixels are used.
     """
 
@@ -217,7 +217,7 @@ class LandmarkFit:
         kernel = _all_kernel()
         assert kernel is not None
         quads, width = contiguous(quads, (-1, 4, 2)), 1 + STATE + self._width
-        rows = np.empty((len(quads), width))
+        rows = np.zeros((len(quads), width))
         rooms = [WORKSPACE.floats(*room) for room in self._room]
         task, first = ctypes.addressof(self._task), address(rows)
         kernel(task, address(view), len(quads), address(quads), distortion_side, self._capacity, *rooms, width, first)

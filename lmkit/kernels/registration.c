@@ -206,6 +206,14 @@ static void draw_jets(const Problem *p, const double *state)
     }
 }
 
+/* How far distortion, shading and bleed are from what is likely, in squared standard deviations. */
+static double prior_of(const Problem *p, const double *state)
+{
+    const double distortion = state[11] / p->rules[1], bleed = state[14] / p->rules[3];
+    const double across = state[12] / p->rules[2], along = state[13] / p->rules[2];
+    return distortion * distortion + across * across + along * along + bleed * bleed;
+}
+
 /* Error of a state whose jets are in scratch, and its slopes. */
 static int assemble(const Problem *p, const double *state, double *normal, double *gradient, double *error)
 {
@@ -326,9 +334,7 @@ static int assemble(const Problem *p, const double *state, double *normal, doubl
     for (int i = 0; i < STATE; i++)
         for (int j = 0; j < i; j++)
             normal[j * STATE + i] = normal[i * STATE + j];
-    double prior = state[11] * state[11] * distortion + state[14] * state[14] * spill;
-    prior += (state[12] * state[12] + state[13] * state[13]) * shading;
-    *error = (total(&sums[STATE][STATE]) + weight * prior) / (3.0 * (double)p->n);
+    *error = (total(&sums[STATE][STATE]) + weight * prior_of(p, state)) / (3.0 * (double)p->n);
     return isfinite(*error);
 }
 
@@ -406,6 +412,32 @@ int lmkit_linearize(int64_t n, const float *drawing, const double *view, const f
     return !linearize(&p, state, normal, gradient, error);
 }
 
+/* Error of a state alone, for a quarter of what its slopes cost; the designs in scratch take the place of jets. */
+static int error_of(const Problem *p, const double *state, double *error)
+{
+    Plane plane = plane_of(p->view, state);
+    float inks[3 * INKS], inverse_white[3], bleed = (float)state[14];
+    fill_designs(p, &plane, INKS * BLOCK);
+    if (!best_inks(p, state, INKS * BLOCK, inks))
+        return 0;
+    white_inverses(inks, inverse_white);
+    lanes sum;
+    memset(&sum, 0, sizeof sum);
+    for (int64_t b = 0; b < blocks_of(p->n); b++) {
+        block root, value, drawn[3], blend[3];
+        int count = in_block(p, b);
+        load_root(p->variance + b * BLOCK, count, root);
+        draw_values((const block *)(p->scratch + b * INKS * BLOCK), inks, inverse_white, bleed, drawn, blend);
+        for (int c = 0; c < 3; c++) {
+            load_block(p->values + c * p->n + b * BLOCK, count, value);
+            EACH value[i] = (value[i] - drawn[c][i]) * root[i];
+            add_dot(&sum, value, value);
+        }
+    }
+    *error = (total(&sum) + p->rules[4] * prior_of(p, state)) / (3.0 * (double)p->n);
+    return isfinite(*error);
+}
+
 /* *drawn: 1 where the jets in scratch are those of the state; before and behind. */
 static int gauss_newton(const Problem *p, const double *limits, int64_t iterations, double to_px, double *state, double *normal, double *error, int *drawn)
 {
@@ -442,7 +474,9 @@ static int gauss_newton(const Problem *p, const double *limits, int64_t iteratio
                 move(state, step, limits, trial);
                 if (is_sane(trial)) {
                     *drawn = 0;
-                    better = linearize(p, trial, trial_normal, trial_gradient, &trial_error) && trial_error < *error;
+                    /* Shorter steps often fail as the first one did, and then need no slopes. */
+                    better = attempt == 0 || (error_of(p, trial, &trial_error) && trial_error < *error);
+                    better = better && linearize(p, trial, trial_normal, trial_gradient, &trial_error) && trial_error < *error;
                 }
             }
             if (!better)
