@@ -12,8 +12,6 @@ from dataclasses import dataclass
 from functools import cached_property
 from types import MappingProxyType
 
-import numpy as np
-
 from lmkit.detection.decoding import Decoding
 
 
@@ -84,19 +82,20 @@ class ScoredReading:
     blur_px: float
     is_shaded: bool
 
-    @property
+    @cached_property
     def figures(self) -> dict[str, float]:
         """The figures of the terms, by name; each is finite whatever the image shows."""
         d = self.decoding
-        white, red, sigma = max(d.white_over_ground, 0.1), d.red_over_blue, max(float(d.parts_sigma.max()), 0.01)
+        white, red, sigma = max(d.white_over_ground, 0.1), d.red_over_blue, max(*d.parts_sigma.tolist(), 0.01)
         margin = max(min(d.code_margin, TURN_PER_CODE * d.turn_margin), 0.0)
         residual = math.log(max(d.parts_residual + 0.1, 0.22))
+        off = max(abs(a - b) for a, b in zip(d.parts.tolist(), d.expected_parts.tolist(), strict=True))
         return {
             "margin": math.log1p(margin / 4),
             "parts residual": residual,
             "parts residual, large": residual * max(0.0, math.log(self.side_px / 20)),
             "gap residual": max(0.0, math.log(max(d.gap_residual, 1.5) / 1.5)),
-            "contradicting part": min(max(float(np.abs(d.parts - d.expected_parts).max()) - 0.3, 0.0), 1.0),
+            "contradicting part": min(max(off - 0.3, 0.0), 1.0),
             "uncertain parts": math.log(min(sigma, 3.0)),
             "too uncertain parts": max(0.0, math.log(sigma / 0.2)),
             "little red": max(0.0, 0.9 - red),

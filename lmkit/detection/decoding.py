@@ -76,8 +76,13 @@ class Decoding:
     @property
     def parts_residual(self) -> float:
         """Mean squared distance of the parts from what the code says of them, in standard deviations."""
-        off = self.parts - self.expected_parts
-        return float(np.mean(off**2 / (self.parts_sigma**2 + PART_TOLERANCE**2)))
+        terms = [
+            (part - expected) ** 2 / (sigma**2 + PART_TOLERANCE**2)
+            for part, expected, sigma in zip(
+                self.parts.tolist(), self.expected_parts.tolist(), self.parts_sigma.tolist(), strict=True
+            )
+        ]
+        return sum(terms) / len(terms)
 
     def is_same_code(self, other: Decoding) -> bool:
         """Same code in the same quarter turn."""
@@ -97,7 +102,8 @@ class Decoding:
     @property
     def white_over_ground(self) -> float:
         """How much brighter white is than the ground, as a ratio."""
-        return float(self.inks[0].sum() / max(float(self.inks[2].sum()), 1e-6))
+        white, _, ground, _ = self.inks.tolist()
+        return float(sum(white) / max(sum(ground), 1e-6))
 
 
 @dataclass(frozen=True, eq=False)

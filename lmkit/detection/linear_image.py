@@ -72,7 +72,8 @@ class LinearImage:
         """The image divided by this light of a box x0, y0, x1, y1, and by no other."""
         x0, y0, x1, y1 = self._within(box)
         width, height = self.size
-        white = np.ones((height, width), dtype=np.float32)
+        # Where it is 0 nothing is divided; pages that nothing is written to cost nothing.
+        white = np.zeros((height, width), dtype=np.float32)
         white[y0:y1, x0:x1] = light
         return replace(self, source=self.source._replace(white=white))
 

@@ -83,8 +83,8 @@ class Screened:
         order = sorted((k for k, score in enumerate(scores) if score >= at_least), key=lambda k: -scores[k])
         kept: list[tuple[float, float, float]] = []
         chosen: list[int] = []
-        for k in order:
-            (ax, ay), (bx, by), (cx, cy), (dx, dy) = self.quads[k].tolist()
+        for k, corners in zip(order, self.quads[order].tolist(), strict=True):
+            (ax, ay), (bx, by), (cx, cy), (dx, dy) = corners
             x, y = (ax + bx + cx + dx) / 4, (ay + by + cy + dy) / 4
             side = math.sqrt(abs((cx - ax) * (dy - by) - (cy - ay) * (dx - bx)) / 2)
             same = (

@@ -43,6 +43,7 @@ def noise_numpy(image: ByteArray) -> float:
     return float(np.searchsorted(counts, (counts[-1] + 1) // 2)) / SCALE
 
 
+@lru_cache(maxsize=64)
 def _rows(height: int) -> NDArray[np.int64]:
     return np.unique(np.linspace(0, height - 3, min(BANDS, height - 2)).astype(np.int64))
 

@@ -127,7 +127,7 @@ int lmkit_sample_pixels(int64_t height, int64_t width, const uint8_t *image, con
                 out_at[n] += shift[2 * pixel];
                 out_at[capacity + n] += shift[2 * pixel + 1];
             }
-            float lit = white ? white[pixel] : 1.0f, inverse = 1.0f / lit;
+            float lit = white && white[pixel] > 0.0f ? white[pixel] : 1.0f, inverse = 1.0f / lit;
             for (int c = 0; c < 3; c++)
                 values[c * capacity + n] = linear[image[3 * pixel + c]] * inverse;
             light[n] = lit;

@@ -26,7 +26,7 @@ class Source(NamedTuple):
     Attributes:
         image: (H,W,3) BGR, 8 bit.
         linear: (256,) linear light of the code values.
-        white: (H,W) that values are divided by, or None.
+        white: (H,W) that values are divided by where it is positive, or None.
         shift: (H,W,2) from a pixel to where it lies without the lens's distortion, px, or None.
     """
 
@@ -147,7 +147,8 @@ def sample_numpy(
     else:
         chosen = inside & _evenly(x, y, rules.at_most / max(total, 1))
     x, y, at = x[chosen], y[chosen], at[chosen]
-    light = np.ones(len(x)) if source.white is None else source.white[y, x].astype(np.float64)
+    light = np.zeros(len(x)) if source.white is None else source.white[y, x].astype(np.float64)
+    light[light <= 0] = 1.0
     values = source.linear[source.image[y, x]] / light[:, None]
     variance = value_variance(values, light, rules)
     return Taken(*(np.ascontiguousarray(a, np.float32) for a in (at.T, values.T, light, variance)))

@@ -9,6 +9,8 @@
 
 #define CELL 4
 #define SHORT 15 /* largest window whose sum fits into 16 bits */
+#define DARK 1 /* flags of a pixel */
+#define VISITED 2
 #define STRETCHES 16 /* a polygon of more sides is no square with a hidden part */
 #define LONGEST 6
 #define ROUND 0.003 /* least area over the squared number of pixel sides: 1/16 for a square */
@@ -30,19 +32,27 @@ static double length_of(double x, double y)
 }
 
 LMKIT_EXPORT int lmkit_dark_quads(int64_t height, int64_t width, const uint8_t *plane, const uint8_t *where,
-                                  int64_t window, const double *rules, int16_t *field, uint8_t *visited,
+                                  int64_t window, const double *rules, int16_t *field, uint8_t *flags,
                                   uint16_t *sums, int32_t *prefix, float *points, int64_t capacity, float *quads, int64_t *count);
 LMKIT_EXPORT int lmkit_where_to_look(int64_t height, int64_t width, const uint8_t *image, double offset,
                                      double least_ratio, double least_luma, int64_t dilate, float *rows,
                                      float *cells, uint8_t *where);
 
+static void mark_dark(const int16_t *restrict field, int64_t n, uint8_t *restrict flags)
+{
+    for (int64_t x = 0; x < n; x++)
+        flags[x] = field[x] < 0 ? DARK : 0;
+}
+
 /* field = 64 (plane - (1 - darker) mean + 0.5), the mean over a window cut off at the image's edges, with a border of
- * one pixel that is not dark. */
-static void local_field(int64_t height, int64_t width, const uint8_t *plane, int64_t window, double darker, uint16_t *restrict sums, int32_t *restrict prefix, int16_t *field)
+ * one pixel that is not dark.  flags: DARK where the field is negative. */
+static void local_field(int64_t height, int64_t width, const uint8_t *plane, int64_t window, double darker, uint16_t *restrict sums, int32_t *restrict prefix, int16_t *field, uint8_t *flags)
 {
     const int64_t half = window / 2, stride = width + 2;
     for (int64_t x = 0; x < stride; x++)
         field[x] = field[(height + 1) * stride + x] = 1;
+    mark_dark(field, stride, flags);
+    mark_dark(field + (height + 1) * stride, stride, flags + (height + 1) * stride);
     memset(sums, 0, (size_t)width * sizeof *sums);
     for (int64_t y = 0; y < half && y < height; y++)
         for (int64_t x = 0; x < width; x++)
@@ -89,6 +99,7 @@ static void local_field(int64_t height, int64_t width, const uint8_t *plane, int
                     total += sums[k];
                 out[x] = (int16_t)(64 * row[x] + 32 - (int32_t)((float)total * (scale / (float)(right - left + 1))));
             }
+            mark_dark(out - 1, stride, flags + (y + 1) * stride);
             continue;
         }
         for (int64_t x = half; x < width - half; x++)
@@ -100,13 +111,14 @@ static void local_field(int64_t height, int64_t width, const uint8_t *plane, int
             float part = scale / (float)(right - left + 1);
             out[x] = (int16_t)(64 * row[x] + 32 - (int32_t)((float)(prefix[right + 1] - prefix[left]) * part));
         }
+        mark_dark(out - 1, stride, flags + (y + 1) * stride);
     }
 }
 
 /* Follows the edge of a dark region clockwise from the left side of a pixel: code = 4 x place + side (0 right, 1 down,
  * 2 left, 3 up).  Returns how many sides there are; those beyond `longest` are not written.  area: pixels within, since
  * every row has as many right sides as left ones. */
-static int64_t follow(const int16_t *field, uint8_t *visited, int64_t stride, int64_t start, int64_t longest, int32_t *codes, int64_t *area)
+static int64_t follow(uint8_t *flags, int64_t stride, int64_t start, int64_t longest, int32_t *codes, int64_t *area)
 {
     const int64_t step[4] = {1, stride, -1, -stride};
     int64_t at = start, n = 0, within = 0;
@@ -116,16 +128,16 @@ static int64_t follow(const int16_t *field, uint8_t *visited, int64_t stride, in
             codes[n] = (int32_t)(4 * at + d);
         n++;
         if (d == 2) {
-            visited[at] = 1;
+            flags[at] |= VISITED;
             within -= at;
         } else if (d == 0)
             within += at + 1;
         int m = (d + 1) & 3;
         int64_t ahead = at + step[m], beyond = ahead + step[d];
-        if (field[beyond] < 0) {
+        if (flags[beyond] & DARK) {
             at = beyond;
             d = (d + 3) & 3;
-        } else if (field[ahead] < 0)
+        } else if (flags[ahead] & DARK)
             at = ahead;
         else
             d = m;
@@ -436,15 +448,14 @@ static int64_t contour_quads(const Point *p, int64_t n, int32_t *deque, const Qu
 }
 
 int lmkit_dark_quads(int64_t height, int64_t width, const uint8_t *plane, const uint8_t *where, int64_t window,
-                     const double *numbers, int16_t *field, uint8_t *visited, uint16_t *sums, int32_t *prefix, float *points,
+                     const double *numbers, int16_t *field, uint8_t *flags, uint16_t *sums, int32_t *prefix, float *points,
                      int64_t capacity, float *quads, int64_t *count)
 {
     const QuadRules rules = {numbers[0], numbers[1], numbers[3], numbers[4], (int64_t)numbers[2]};
     const int64_t across = (width + CELL - 1) / CELL, stride = width + 2;
     Point *contour = (Point *)points;
     int32_t *deque = (int32_t *)(points + 2 * rules.longest), *codes = deque;
-    local_field(height, width, plane, window, rules.darker, sums, prefix, field);
-    memset(visited, 0, (size_t)((height + 2) * stride));
+    local_field(height, width, plane, window, rules.darker, sums, prefix, field, flags);
     int64_t found = 0;
     *count = 0;
     for (int64_t y = 0; y < height; y++)
@@ -452,11 +463,20 @@ int lmkit_dark_quads(int64_t height, int64_t width, const uint8_t *plane, const 
             if (where && !where[y / CELL * across + cell])
                 continue;
             int64_t end = (cell + 1) * CELL < width ? (cell + 1) * CELL : width;
+            const uint8_t *first = flags + (y + 1) * stride + cell * CELL;
+            if (cell * CELL + CELL <= width) {
+                /* All pixels of a cell at once: dark ones whose left neighbor is not. */
+                uint32_t left, here;
+                memcpy(&left, first, sizeof left);
+                memcpy(&here, first + 1, sizeof here);
+                if (!(here & ~left & (DARK * 0x01010101u)))
+                    continue;
+            }
             for (int64_t x = cell * CELL; x < end; x++) {
                 int64_t at = (y + 1) * stride + x + 1;
-                if (field[at] >= 0 || visited[at] || field[at - 1] < 0)
+                if (flags[at] != DARK || flags[at - 1] & DARK)
                     continue;
-                int64_t area, n = follow(field, visited, stride, at, rules.longest, codes, &area);
+                int64_t area, n = follow(flags, stride, at, rules.longest, codes, &area);
                 if (n > rules.longest || (double)n < 3.2 * rules.least_side)
                     continue;
                 /* No crossing lies further than half a pixel from its side. */

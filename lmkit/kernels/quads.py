@@ -85,7 +85,7 @@ def dark_quads(plane: ByteArray, where: ByteArray | None, window: int, rules: Qu
     pixels = (height + 2) * (width + 2)
     scratch = (
         _WORKSPACE.floats("field", pixels // 2 + 1),
-        _WORKSPACE.floats("visited", pixels // 4 + 1),
+        _WORKSPACE.floats("flags", pixels // 4 + 1),
         _WORKSPACE.floats("sums", width // 2 + 1),
         _WORKSPACE.floats("prefix", width + 1),
         _WORKSPACE.floats("points", 4 * rules.longest + 8),
