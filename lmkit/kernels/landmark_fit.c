@@ -35,7 +35,7 @@ typedef struct {
     int64_t visited, least_pixels, coarse_pixels, pixels, read_rounds;
     Steps coarse, fine;
     double skew, reach, band, near_share, noise, floor;
-    double decoding[6], priors[PRIORS], limits[5];
+    double decoding[6], priors[PRIORS], limits[6];
     double correlated, turn_margin, pattern, red_over_blue, least_contrast, most_contrast;
     double least_blur, blur_share, blurred_side; /* where a fit begins */
     double model_error, few_edges, mosaic;       /* of the corners, px */

@@ -124,7 +124,7 @@ class _Fit(ctypes.Structure):
         *((name, ctypes.c_double) for name in ("skew", "reach", "band", "near_share", "noise", "floor")),
         ("decoding", ctypes.c_double * 6),
         ("priors", ctypes.c_double * 5),
-        ("limits", ctypes.c_double * 5),
+        ("limits", ctypes.c_double * 6),
         ("promising", ctypes.c_double * 6),
         ("start", ctypes.c_double * 3),
         ("errors", ctypes.c_double * 3),

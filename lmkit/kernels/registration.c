@@ -385,7 +385,8 @@ static void clamp_spread(double *s, double low, double high)
     s[1] *= scale;
 }
 
-/* state + step, within limits: least and most eigenvalue of the spread, distortion, shading, bleed. */
+/* state + step, within limits: least and most eigenvalue of the spread, distortion, shading, bleed; then the
+ * fall of chi2 below which a step is not looked at. */
 static void move(const double *state, const double *step, const double *limits, double *out)
 {
     for (int i = 0; i < STATE; i++)
@@ -474,6 +475,14 @@ static int gauss_newton(const Problem *p, const double *limits, int64_t iteratio
                 move(state, step, limits, trial);
                 if (is_sane(trial)) {
                     *drawn = 0;
+                    double fall = 0.0;
+                    for (int i = 0; i < STATE; i++)
+                        fall -= gradient[i] * step[i];
+                    /* A last step whose gain is smaller than the noise is taken without another look. */
+                    if (attempt == 0 && fall < limits[5] * *error) {
+                        memcpy(state, trial, sizeof trial);
+                        return 1;
+                    }
                     /* Shorter steps often fail as the first one did, and then need no slopes. */
                     better = attempt == 0 || (error_of(p, trial, &trial_error) && trial_error < *error);
                     better = better && linearize(p, trial, trial_normal, trial_gradient, &trial_error) && trial_error < *error;

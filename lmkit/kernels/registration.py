@@ -96,13 +96,15 @@ class Priors(NamedTuple):
 
 
 class Limits(NamedTuple):
-    """Eigenvalues of the point spread (px^2), and the largest distortion, shading and bias."""
+    """Eigenvalues of the point spread (px^2), the largest distortion, shading and bias, and the fall of chi2 that is
+    negligible: a step that promises less is the last one, and is taken without another look."""
 
     least_spread: float
     most_spread: float
     distortion: float
     shading: float
     bias: float
+    negligible: float = 1.0
 
 
 class Linearization(NamedTuple):
@@ -180,7 +182,8 @@ def register(
     hypothesis: Hypothesis,
     steps: Steps,
 ) -> Registered:
-    """State with a smaller error (never a larger one) after some steps of Gauss-Newton.
+    """State with a smaller error after some steps of Gauss-Newton; normal matrix and error are those before the last
+    step where that is negligible.
 
     Where ``steps.rounds`` is 0 the samples keep their weights; otherwise what does not fit is down-weighted anew at
     the beginning of every round.
@@ -312,12 +315,14 @@ def _gauss_newton(
     here = linearize_numpy(drawing, view, samples, priors, state, hypothesis, steps.fit_distortion)
     damping = 1e-3
     for _ in range(steps.most):
-        for _ in range(4):
+        for times in range(4):
             step = -np.linalg.solve(here.normal + damping * np.diag(np.diag(here.normal)), here.gradient)
             # No corner moves further than a quarter of the side at once.
             step *= min(1.0, 0.25 * _mean_side(state) / max(np.abs(step[:8]).max(), 1e-9))
             trial = _moved(state, step, limits)
             if _is_sane(trial):
+                if times == 0 and -here.gradient @ step < limits.negligible * here.error:
+                    return trial, here.normal, here.error
                 there = linearize_numpy(drawing, view, samples, priors, trial, hypothesis, steps.fit_distortion)
                 if there.error < here.error:
                     break
