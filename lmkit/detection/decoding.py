@@ -82,7 +82,7 @@ class Decoding:
                 self.parts.tolist(), self.expected_parts.tolist(), self.parts_sigma.tolist(), strict=True
             )
         ]
-        return sum(terms) / len(terms)
+        return float(sum(terms)) / len(terms)
 
     def is_same_code(self, other: Decoding) -> bool:
         """Same code in the same quarter turn."""
@@ -103,7 +103,7 @@ class Decoding:
     def white_over_ground(self) -> float:
         """How much brighter white is than the ground, as a ratio."""
         white, _, ground, _ = self.inks.tolist()
-        return float(sum(white) / max(sum(ground), 1e-6))
+        return float(sum(white)) / max(float(sum(ground)), 1e-6)
 
 
 @dataclass(frozen=True, eq=False)
