@@ -36,12 +36,14 @@ class Source:
         window: side of the window for the local mean, pixels of that image.
         darker: share by which a pixel must lie under its local mean.  A ratio and not gray levels,
             so that dim and bright rooms are treated alike.
+        least_px: images whose shorter side, halved, is smaller are not searched: the source finds nothing there.
     """
 
     channel: str
     halvings: int
     window: int
     darker: float
+    least_px: int = 0
 
 
 @dataclass(frozen=True)
@@ -76,6 +78,8 @@ def find_candidates(
     found = []
     for source in sources:
         level = min(source.halvings, len(levels) - 1)
+        if min(levels[level].shape[:2]) < source.least_px:
+            continue
         plane = channel_of(levels[level], source.channel)
         least = max(MIN_SIDE_PX / 2**level, LEAST_SIDE_IN_LEVEL_PX)
         rules = QuadRules(least, source.darker, int(LONGEST * sum(plane.shape)), COMPLETED_SIDE * least, STRAIGHT)

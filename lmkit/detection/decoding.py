@@ -24,8 +24,8 @@ RULES = DecodingRules(
     gap_pixels=8,  # fewer around a gap say nothing
     gap_reach_mm=20.0,
 )
-PROMISING_TURN_MARGIN, PROMISING_PATTERN = 5.0, 0.04
-PROMISING_RED_OVER_BLUE, PROMISING_CONTRAST = 0.2, (1.2, 60.0)
+PROMISING_TURN_MARGIN, PROMISING_PATTERN = 2.0, 0.02
+PROMISING_RED_OVER_BLUE, PROMISING_CONTRAST = 0.1, (1.1, 100.0)
 CORRELATED_PIXELS = 3.0  # demosaicing and JPEG spread a pixel's error over so many
 PART_TOLERANCE = 0.08  # uneven print and light: a part may differ so much from white or blue
 

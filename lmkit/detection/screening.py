@@ -33,7 +33,7 @@ FURTHEST_MOVE = 0.12  # of the side
 DAMPING = 0.02
 # The gate's points: every landmark has white, red and ground there, whatever its family and code.
 GATE_MARGIN_MM, GATE_GROUND = 5.0, (0.82, 0.75)  # beyond the border; shares of the ground's half side
-GATE_WHITE_OVER_GROUND, GATE_RED_OVER_BLUE = 1.3, -0.2  # small landmarks mix red and ground
+GATE_WHITE_OVER_GROUND, GATE_RED_OVER_BLUE = 1.12, -0.3  # small landmarks mix red and ground, a veil whitens both
 
 
 @dataclass(frozen=True)
@@ -62,7 +62,7 @@ class ScreeningThresholds:
 
 FOUND_THRESHOLDS = ScreeningThresholds()
 # Veiled and dim landmarks show as little as this; what it lets through, the score of acceptance judges.
-ALIGNED_THRESHOLDS = ScreeningThresholds(white_over_ground=1.4, red_over_blue=0.25, contrast=0.15, turn=0.03)
+ALIGNED_THRESHOLDS = ScreeningThresholds(turn=0.02)
 
 
 @dataclass(frozen=True)
