@@ -147,6 +147,15 @@ class JointProblem:
         """Information of each recording, at the current landmarks."""
         return [recording_information(problem) for problem in self.problems]
 
+    def sum_of_information(self, parts: Sequence[LandmarkInformation]) -> tuple[FloatArray, FloatArray]:
+        """(dC,dC), (dC,) dense sums of the information of all recordings."""
+        count = self.size * len(self.p)
+        H, b = np.zeros((count, count)), np.zeros(count)
+        for columns, part in zip(self._columns(), parts, strict=True):
+            H[columns[:, None], columns] += part.H
+            b[columns] += part.b
+        return H, b
+
     def covariance(self) -> FloatArray:
         """(dC,dC) joint covariance of all landmarks.
 

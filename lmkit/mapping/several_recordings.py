@@ -3,13 +3,14 @@
 1. Each recording is surveyed alone (`survey.py`), and laid over the others by shared landmarks
    (`recording_group.py`).
 2. Joint adjustment of all by summed information (`joint_adjustment.py`).
-3. A landmark that most of one recording's observations contradict, though they agree among themselves, was moved
-   between recordings: it becomes two.  Two that stand in one place, as far as the joint covariance tells, are one.
+3. A landmark that two poses explain better than one, by more than chance (`moved_landmarks.py`), was moved between
+   recordings: it becomes two.  Two that stand in one place, as far as the joint covariance tells, are one.
 4. A recording in which most shared landmarks stand elsewhere does not fit: it is left out, and all is done again.
 """
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
@@ -25,9 +26,9 @@ from lmkit.geometry.rotations import orthonormal, rotation_log
 from lmkit.mapping.bundle_adjustment import Anchor, BundleProblem
 from lmkit.mapping.joint_adjustment import JointProblem, recording_information
 from lmkit.mapping.joint_survey import JointSurvey, MovedLandmark
+from lmkit.mapping.moved_landmarks import moved_threshold, noise_factor, split_tests, still
 from lmkit.mapping.recording_group import LoneSurvey, RecordingGroup, Version, join_recordings
 from lmkit.mapping.survey import (
-    LEAST_CONTRADICTED,
     OUTLIER_SIGMA,
     STEPS,
     landmarks_off_constraint,
@@ -44,10 +45,8 @@ from lmkit.odometry.motion_model import Motion
 from lmkit.parallel import map_sharing
 
 ROUNDS = 4  # of leaving out observations that do not fit
+MOST_MERGES = 2  # times that a recording's view of a landmark is merged again; then it stays
 CHANGES = 12  # rounds of splitting and merging landmarks, one at a time
-MOVED_SHARE = 0.5  # of a recording's observations of a landmark
-SAME_M, SAME_RAD = 0.002, np.deg2rad(0.3)  # how still a landmark is that nobody moved
-SAME_CHI2 = 34.0  # of six numbers: chance exceeds it once in 150,000
 
 
 @dataclass(frozen=True, eq=False)
@@ -137,6 +136,9 @@ class _Joint:
         self.lone_used = [problem.used.copy() for problem in self.problems]
         self.lone_poses = [(problem.lm_R.copy(), problem.lm_p.copy()) for problem in self.problems]
         self.anchors = dict(known.anchors) or dict(self.problems[0].anchors)
+        self.threshold = moved_threshold(sum(len(problem.mapped) for problem in self.problems))
+        self.noise = 1.0
+        self.merged_back: Counter[tuple[int, int]] = Counter()
         for problem in self.problems:
             problem.anchors, problem.constraints = {}, ()
 
@@ -252,22 +254,18 @@ class _Joint:
         return (min(times), max(times)) if times else (0.0, 0.0)
 
     def _split(self) -> bool:
-        """The landmark that whole recordings contradict most, though their observations agree among themselves.
+        """The landmark that two poses explain best of all, if by more than chance (`moved_landmarks.py`).
 
         One at a time: a moved landmark pulls its recording, and with it landmarks that nobody moved.
         """
-        worst: tuple[float, Version, list[tuple[int, int]]] | None = None
-        for version in self.group.versions:
-            if len(version.members) < 2:
-                continue
-            off = [member for member in version.members if self._contradicted(*member)]
-            if off:
-                chi2 = sum(self._member_chi2(*member) for member in version.members)
-                if worst is None or chi2 > worst[0]:
-                    worst = chi2, version, off
-        if worst is None:
+        self.noise = noise_factor(self.problems)
+        tests = split_tests(self.joint, self.problems, self.group.versions, self.lone_used, self.noise)
+        self.threshold = moved_threshold(len(tests))
+        over = [t for t in tests if t.chi2 > self.threshold and self.merged_back[t.member] < MOST_MERGES]
+        if not over:
             return False
-        _, version, off = worst
+        version = self.group.versions[max(over, key=lambda t: t.chi2).version]
+        off = [t.member for t in over if t.member in version.members]
         if len(off) == len(version.members):
             off = off[1:]
         for recording, row in off:
@@ -275,18 +273,6 @@ class _Joint:
             R, p = (poses[row] for poses in self.lone_poses[recording])
             self.group.versions.append(Version(version.id, [(recording, row)], R, p))
         return True
-
-    def _member_chi2(self, recording: int, row: int) -> float:
-        """Mean squared residual of a recording's observations of a landmark, standard deviations."""
-        problem = self.problems[recording]
-        mine = (problem.seen.of == row) & self.lone_used[recording]
-        return float(np.mean(np.square(problem.residuals()[mine]))) if mine.any() else 0.0
-
-    def _contradicted(self, recording: int, row: int) -> bool:
-        problem = self.problems[recording]
-        mine = (problem.seen.of == row) & self.lone_used[recording]
-        off = int((problem.residuals()[mine] > OUTLIER_SIGMA).sum())
-        return off >= LEAST_CONTRADICTED and off > MOVED_SHARE * int(mine.sum())
 
     def _merge(self) -> bool:
         """Versions of a landmark that stand in one place, as far as the joint covariance tells, are one."""
@@ -301,8 +287,9 @@ class _Joint:
         for same in several:
             for i, a in enumerate(same):
                 for b in same[i + 1 :]:
-                    if a in gone or b in gone or self._apart_chi2(a, b, C) > SAME_CHI2:
+                    if a in gone or b in gone or self._apart_chi2(a, b, C) > self.threshold:
                         continue
+                    self.merged_back.update(self.group.versions[b].members)
                     self.group.versions[a].members += self.group.versions[b].members
                     gone.add(b)
         self.group.versions = [v for k, v in enumerate(self.group.versions) if k not in gone]
@@ -316,8 +303,7 @@ class _Joint:
         d = np.concatenate([va.p - vb.p, rotation_log(va.R @ vb.R.T)])
         ra, rb = unknowns_of([a], 6), unknowns_of([b], 6)
         both = C[np.ix_(ra, ra)] + C[np.ix_(rb, rb)] - C[np.ix_(ra, rb)] - C[np.ix_(rb, ra)]
-        still = np.diag([SAME_M**2] * 3 + [SAME_RAD**2] * 3)
-        return float(d @ np.linalg.solve(both + still, d))
+        return float(d @ np.linalg.solve(self.noise * both + still(), d))
 
     def results(self, left_out: Mapping[str, str]) -> JointSurvey:
         """Map, recordings and what to check."""
