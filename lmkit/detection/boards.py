@@ -21,6 +21,8 @@ from lmkit.model.observation import BoardObservation
 
 MIN_CHARUCO_CORNERS = 6
 MIN_LANDMARKS = 2
+SIZE_CHECK_PX = 1200  # the longer side of images in which the size of a chessboard is looked for
+LEAST_LINES = 3  # of inner corners
 MIN_MARKERS = 4  # in every image, for another dictionary to be named
 
 
@@ -38,40 +40,54 @@ def detect_board(image: ByteArray, board: BoardSpec) -> BoardObservation | None:
     if board.kind == "charuco":
         return _detect_charuco(gray, board)
     corners = _find_chessboard(gray, board.inner_corners)
-    return None if corners is None else _refined(gray, np.arange(len(corners)), corners, board)
+    if corners is None:
+        return None
+    return _refined(gray, np.arange(len(corners)), _dark_first(gray, corners, board.inner_corners), board)
 
 
 def likelier_board(images: Sequence[ByteArray], board: BoardSpec) -> BoardSpec | None:
     """Another board that fits the images better than ``board``, or None.
 
-    A chessboard given too small is found inside the true one without complaint, so the squares are
-    followed beyond the corners found; where none was found, neighboring sizes are tried.  Of a
-    ChArUco board the other layout, a turned one and the other dictionaries are tried.
+    A chessboard given too small is found inside the true one without complaint, so the whole board is looked for,
+    whatever its size.  Of a ChArUco board the other layout, a turned one, another first id and the other dictionaries
+    are tried.
     """
     grays = [np.asarray(cv2.cvtColor(image, cv2.COLOR_BGR2GRAY), dtype=np.uint8) for image in images]
     if board.kind == "charuco":
         return _likelier_charuco(grays, board)
     if board.is_grid:
         return None
-    columns, rows = board.inner_corners
-    grown: list[tuple[int, int]] = []
-    for gray in grays:
-        corners = _find_chessboard(gray, (columns, rows), thorough=False)
-        if corners is not None:
-            more_columns, more_rows = _squares_beyond(gray, corners.reshape(rows, columns, 2))
-            grown.append((columns + more_columns, rows + more_rows))
-    if grown:
-        size = Counter(grown).most_common(1)[0][0]
-        return None if size == (columns, rows) else _resized(board, size)
-    near = [(columns + dc, rows + dr) for dc in range(2, -3, -1) for dr in range(2, -3, -1) if (dc, dr) != (0, 0)]
-    # Larger sizes first: a smaller board hides in a larger one, never the other way round.
-    for size in sorted(near, key=lambda s: -s[0] * s[1]):
-        smaller = size[0] * size[1] < columns * rows
-        if smaller and any(_find_chessboard(gray, (columns, rows)) is not None for gray in grays):
-            return None
-        if min(size) >= 3 and any(_find_chessboard(gray, size, thorough=False) is not None for gray in grays):
-            return _resized(board, size)
-    return None
+    sizes = Counter(size for gray in grays if (size := grid_size(gray)) is not None)
+    given = min(board.inner_corners), max(board.inner_corners)
+    if not sizes or sizes[given] == max(sizes.values()):
+        return None
+    size = sizes.most_common(1)[0][0]
+    hides_given = size[0] >= given[0] and size[1] >= given[1]
+    if not hides_given and any(
+        _find_chessboard(gray, board.inner_corners, thorough=False) is not None for gray in grays
+    ):
+        return None  # the given board, partly covered in some images
+    return _resized(board, size if board.columns < board.rows else (size[1], size[0]))
+
+
+def grid_size(gray: ByteArray) -> tuple[int, int] | None:
+    """Inner corners of the chessboard in an image, the smaller number first, or None.
+
+    Lines of corners at which no four squares meet, as on a white rim, are not counted.
+    """
+    scale = min(1.0, SIZE_CHECK_PX / max(gray.shape))
+    small = np.asarray(cv2.resize(gray, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA), dtype=np.uint8)
+    flags = cv2.CALIB_CB_NORMALIZE_IMAGE | cv2.CALIB_CB_EXHAUSTIVE | cv2.CALIB_CB_LARGER
+    found, corners, meta = cv2.findChessboardCornersSBWithMeta(small, (LEAST_LINES, LEAST_LINES), flags)
+    if not found or corners is None or meta is None:
+        return None
+    grid = np.asarray(corners, dtype=np.float64).reshape(*meta.shape, 2)
+    for _ in range(4):  # each side in turn
+        while len(grid) > LEAST_LINES and not _are_saddles(small, grid[0], grid[1], grid[2]):
+            grid = grid[1:]
+        grid = np.rot90(grid)
+    rows, columns = grid.shape[:2]
+    return (min(rows, columns), max(rows, columns)) if rows * columns > LEAST_LINES**2 else None
 
 
 def _likelier_charuco(grays: Sequence[ByteArray], board: BoardSpec) -> BoardSpec | None:
@@ -87,6 +103,9 @@ def _likelier_charuco(grays: Sequence[ByteArray], board: BoardSpec) -> BoardSpec
         return best
     if as_given:
         return None
+    first = min(Counter(_marker_ids(grays, board.dictionary)), default=0)
+    if first and corners_of(other := replace(board, first_code=first)):
+        return other
     # Markers of another dictionary: the one of which most are seen; small ones first, they hide in large ones.
     names = sorted((n for n in dir(cv2.aruco) if re.fullmatch(r"DICT_\dX\d_\d+", n)), key=_dictionary_size)
     counts = {name: _markers_seen(grays, name) for name in names if name != board.dictionary}
@@ -100,29 +119,18 @@ def _dictionary_size(name: str) -> tuple[str, int]:
 
 
 def _markers_seen(grays: Sequence[ByteArray], name: str) -> int:
+    return len(_marker_ids(grays, name))
+
+
+def _marker_ids(grays: Sequence[ByteArray], name: str) -> list[int]:
+    """Ids of the markers of a dictionary in all images."""
     detector = cv2.aruco.ArucoDetector(cv2.aruco.getPredefinedDictionary(getattr(cv2.aruco, name)))
-    return sum(0 if (ids := detector.detectMarkers(gray)[1]) is None else len(ids) for gray in grays)
+    found = [detector.detectMarkers(gray)[1] for gray in grays]
+    return [int(number) for ids in found if ids is not None for number in np.ravel(ids)]
 
 
 def _resized(board: BoardSpec, size: tuple[int, int]) -> BoardSpec:
     return BoardSpec(board.kind, size[0], size[1], board.square_mm)
-
-
-def _squares_beyond(gray: ByteArray, grid: FloatArray) -> tuple[int, int]:
-    """How many more columns and rows of inner corners lie around the (R,C,2) grid found."""
-    beyond = [0, 0]
-    for axis in (0, 1):
-        for side in (False, True):
-            lines = grid if axis == 0 else grid.transpose(1, 0, 2)
-            lines = lines[::-1] if side else lines
-            while beyond[1 - axis] < 8:
-                # The next line of corners, where the last three lead to (equal steps, slowly changing).
-                following = 3 * lines[0] - 3 * lines[1] + lines[2]
-                if not _are_saddles(gray, following, lines[0], lines[1]):
-                    break
-                beyond[1 - axis] += 1
-                lines = np.concatenate([following[None], lines])
-    return beyond[0], beyond[1]
 
 
 def _are_saddles(gray: ByteArray, points: FloatArray, near: FloatArray, nearer: FloatArray) -> bool:
@@ -148,17 +156,33 @@ def _are_saddles(gray: ByteArray, points: FloatArray, near: FloatArray, nearer: 
     return bool(strong.mean() > 0.8 and alternating.mean() > 0.8)
 
 
-def same_orientation(left: BoardObservation, right: BoardObservation) -> BoardObservation:
+def same_orientation(left: BoardObservation, right: BoardObservation, board: BoardSpec) -> BoardObservation:
     """``right`` with its corners in the order of ``left``.
 
-    A chessboard looks alike when turned by half; the cameras of a rig see it the same way up, so
-    the order in which its first and last corner lie in the images decides.
+    A chessboard of as many rows as columns, up to an even number, looks alike when turned by half, and its corners
+    when turned by a quarter.  The cameras of a rig see it nearly the same way up, so that order is taken in which the
+    corners lie as those of ``left`` do.  Other chessboards tell by their colors (:func:`detect_board`).
     """
-    direction_left = left.image_points[-1] - left.image_points[0]
-    direction_right = right.image_points[-1] - right.image_points[0]
-    if float(direction_left @ direction_right) >= 0:
+    columns, rows = board.inner_corners
+    if (columns + rows) % 2:
         return right
-    return BoardObservation(right.ids, right.image_points[::-1].copy(), right.noise_px)
+    grid = right.image_points.reshape(rows, columns, 2)
+    turns = (0, 1, 2, 3) if rows == columns else (0, 2)
+    orders = [np.rot90(grid, k).reshape(-1, 2) for k in turns]
+    centered = left.image_points - left.image_points.mean(axis=0)
+    best = max(orders, key=lambda points: float((centered * (points - points.mean(axis=0))).sum()))
+    return BoardObservation(right.ids, best.copy(), right.noise_px)
+
+
+def _dark_first(gray: ByteArray, corners: FloatArray, size: tuple[int, int]) -> FloatArray:
+    """Corners from that end of a chessboard whose first square is dark, where its colors tell the ends apart."""
+    columns, rows = size
+    if (columns + rows) % 2 == 0 or min(size) < 2:
+        return corners
+    grid = corners.reshape(rows, columns, 2)
+    ends = [cell.reshape(-1, 2).mean(axis=0) for cell in (grid[:2, :2], grid[-2:, -2:])]
+    first, last = (float(cv2.getRectSubPix(gray, (3, 3), (float(x), float(y))).mean()) for x, y in ends)
+    return corners if first <= last else corners[::-1].copy()
 
 
 def _find_chessboard(gray: ByteArray, size: tuple[int, int], thorough: bool = True) -> FloatArray | None:

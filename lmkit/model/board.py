@@ -19,7 +19,7 @@ MOST_STRETCH = 0.1
 LEAST_GAP = 1 / 9  # of a landmark's side: the white that two neighbors need between them
 _HINT = (
     "write chessboard:9x6:30mm (inner corners and square), "
-    "charuco:8x6:30mm:22mm:DICT_5X5_100 (squares, square, marker, dictionary; :legacy may follow), "
+    "charuco:8x6:30mm:22mm:DICT_5X5_100 (squares, square, marker, dictionary; :legacy and the first id may follow), "
     "landmarks:4x3:60mm:48mm (landmarks, middle to middle, side; the first code may follow) or "
     "aprilgrid:6x6:24mm:0.3 (tags, side, gap over side, as in Kalibr; a family may follow)"
 )
@@ -36,7 +36,7 @@ class BoardSpec:
         marker_mm: side of a marker (charuco) or landmark (landmarks, aprilgrid).
         dictionary: name of the marker dictionary (charuco) or of the family (aprilgrid).
         legacy: the marker layout of OpenCV before 4.6 (charuco with an even number of rows).
-        first_code: of the landmark at the top left; the others follow row by row (landmarks).
+        first_code: of the landmark or marker at the top left; the others follow row by row (landmarks, charuco).
         stretch: what the print measures in x and y, over what it should.
     """
 
@@ -58,8 +58,8 @@ class BoardSpec:
             InputError: the text is not such a specification.
         """
         kind, *parts = text.strip().split(":")
-        counts = {"chessboard": (2,), "charuco": (4, 5), "landmarks": (3, 4), "aprilgrid": (3, 4)}.get(kind)
-        if counts is None or len(parts) not in counts or (len(parts) == 5 and parts[4] != "legacy"):
+        counts = {"chessboard": (2,), "charuco": (4, 5, 6), "landmarks": (3, 4), "aprilgrid": (3, 4)}.get(kind)
+        if counts is None or len(parts) not in counts:
             raise InputError("bad_board", f"board {text!r} is not a board specification", _HINT)
         least = 1 if kind in ("landmarks", "aprilgrid") else 2
         columns, _, rows = parts[0].lower().partition("x")
@@ -77,7 +77,11 @@ class BoardSpec:
                 raise InputError(
                     "bad_board", f"marker {parts[2]} of board {text!r} is not smaller than its square", _HINT
                 )
-            return cls(kind, *size, square_mm, marker_mm, parts[3].upper(), len(parts) == 5)
+            more = parts[4:]
+            firsts = [int(word) for word in more if word.isdecimal() and len(word) < 6]
+            if len(more) != len(firsts) + more.count("legacy") or max(len(firsts), more.count("legacy")) > 1:
+                raise InputError("bad_board", f"board {text!r} is not a board specification", _HINT)
+            return cls(kind, *size, square_mm, marker_mm, parts[3].upper(), "legacy" in more, sum(firsts))
         if square_mm < marker_mm * (1 + LEAST_GAP):
             raise InputError(
                 "bad_board",
@@ -103,6 +107,7 @@ class BoardSpec:
         text = f"{self.kind}:{self.columns}x{self.rows}:{self.square_mm:g}mm"
         if self.kind == "charuco":
             text += f":{self.marker_mm:g}mm:{self.dictionary}" + (":legacy" if self.legacy else "")
+            text += f":{self.first_code}" if self.first_code else ""
         if self.kind == "landmarks":
             text += f":{self.marker_mm:g}mm" + (f":{self.first_code}" if self.first_code else "")
         return text

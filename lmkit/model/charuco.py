@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import cv2
+import numpy as np
 
 from lmkit.errors import InputError
 from lmkit.model.board import BoardSpec
@@ -30,7 +31,7 @@ def charuco_board(board: BoardSpec) -> cv2.aruco.CharucoBoard:
         InputError: the dictionary is unknown or has too few markers.
     """
     dictionary = charuco_dictionary(board)
-    needed = board.columns * board.rows // 2
+    needed = board.first_code + board.columns * board.rows // 2
     if needed > len(dictionary.bytesList):
         raise InputError(
             "dictionary_too_small",
@@ -38,7 +39,8 @@ def charuco_board(board: BoardSpec) -> cv2.aruco.CharucoBoard:
             "take a larger dictionary, such as DICT_5X5_1000",
         )
     result = cv2.aruco.CharucoBoard(
-        (board.columns, board.rows), board.square_mm / 1000, board.marker_mm / 1000, dictionary
-    )
+        (board.columns, board.rows), board.square_mm / 1000, board.marker_mm / 1000, dictionary,
+        np.arange(board.first_code, needed, dtype=np.int32),
+    )  # fmt: skip
     result.setLegacyPattern(board.legacy)
     return result

@@ -11,6 +11,7 @@ from pathlib import Path
 import numpy as np
 
 from lmkit.arrays import ByteArray
+from lmkit.detection.board_kinds import shown_instead
 from lmkit.detection.boards import detect_board, likelier_board, same_orientation
 from lmkit.errors import InputError
 from lmkit.io.images import read_image
@@ -91,6 +92,9 @@ def checked_board(images: Sequence[ByteArray], board: BoardSpec) -> BoardSpec:
     """
     other = likelier_board(images, board)
     if other is None:
+        shown = None if board.is_grid else shown_instead(images)
+        if shown is not None and not any(detect_board(image, board) for image in images):
+            raise InputError("wrong_board", f"the images show {shown[0]}, not {board}", shown[1])
         return board
     if other == replace(board, legacy=not board.legacy):
         return other
@@ -112,7 +116,7 @@ def pair_view(
             where = "left and the right image"
         return f"board not found in the {where}"
     if board.kind == "chessboard":
-        right = same_orientation(left, right)
+        right = same_orientation(left, right, board)
     if len(np.intersect1d(left.ids, right.ids)) < MIN_COMMON_CORNERS:
         return f"fewer than {MIN_COMMON_CORNERS} corners seen by both cameras"
     return PairView(name, left.ids, left.image_points, right.ids, right.image_points, left.noise_px, right.noise_px)

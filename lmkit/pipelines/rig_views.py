@@ -21,7 +21,7 @@ def calibrate_sources(
     model: str = "auto",
     on_image: Callable[[int, int], None] = lambda done, total: None,
 ) -> RigCalibration:
-    """Calibrate a rig of three or more cameras from folders or globs, whose images belong together by sorted name.
+    """Calibrate a rig of three or more cameras from folders or globs, whose images belong together by name.
 
     Args:
         sources: one per camera; the board need not be in every image.
@@ -43,16 +43,16 @@ def calibrate_sources(
         believed = set(cameras[-1].used)
         seen.append({frame[name]: corners for name, corners in found.views if name in believed})
     if board.kind == "chessboard":
-        seen = _oriented(seen)
+        seen = _oriented(seen, board)
     return calibrate_rig(_names(sources), cameras, seen, board)
 
 
-def _oriented(seen: Sequence[dict[str, BoardObservation]]) -> list[dict[str, BoardObservation]]:
+def _oriented(seen: Sequence[dict[str, BoardObservation]], board: BoardSpec) -> list[dict[str, BoardObservation]]:
     """The corners with those of every frame in the order of the first camera that sees the board."""
     first: dict[str, BoardObservation] = {}
     for camera in seen:
         first = camera | first
-    return [{frame: same_orientation(first[frame], here) for frame, here in camera.items()} for camera in seen]
+    return [{frame: same_orientation(first[frame], here, board) for frame, here in camera.items()} for camera in seen]
 
 
 def _count_on(on_image: Callable[[int, int], None], before: int, total: int, done: int, _: int) -> None:
