@@ -184,6 +184,7 @@ def test_a_map_in_the_plane_from_readings(tmp_path):
     assert np.sqrt(np.mean(np.square(off))) < 0.15
 
 
+@pytest.mark.slow
 def test_april_tags_are_surveyed_and_tracked_as_landmarks_are(demo, tmp_path):
     files = {
         name: (demo / name).read_text().replace("lm8", "tag36h11") for name in ("true_map.yaml", "detections.csv")

@@ -373,7 +373,7 @@ def test_failing_places_are_hatched_in_the_coverage_drawing(tmp_path):
 
 
 def test_square_markers_are_read_by_the_size_of_their_cells():
-    side = np.array([9.0, 14.0, 25.0])
+    side = np.array([11.0, 14.0, 25.0])
     few, many = (recognized(side, np.zeros(3), half_read_px(name)) for name in ("aruco4x4_50", "tag36h11"))
     assert (few > many)[:2].all() and many[2] > 0.9
     assert half_read_px("lm8") == half_read_px("unknown") == HALF_READ_PX
