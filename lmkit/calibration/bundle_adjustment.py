@@ -15,6 +15,7 @@ from functools import cached_property
 import numpy as np
 
 from lmkit.arrays import BoolArray, FloatArray, IntArray
+from lmkit.errors import InputError
 from lmkit.geometry.camera import CameraModel
 from lmkit.geometry.rotations import rotation_exp
 from lmkit.model.observation import PairView
@@ -255,7 +256,14 @@ class StereoProblem:
     def _covariance(self, s: Solution, scale: float, prior: FloatArray, fitted: BoolArray) -> FloatArray:
         """(G,G) covariance of the shared unknowns; rows of what was not fitted are zero."""
         blocks = self._normal_equations(s, scale, prior)
-        reduced, _ = reduced_equations(blocks, fitted, 0.0)
+        try:
+            reduced, _ = reduced_equations(blocks, fitted, 0.0)
+        except np.linalg.LinAlgError:
+            raise InputError(
+                "not_determined",
+                "no fit near this rig explains the pairs",
+                "check the rig's numbers, or calibrate anew",
+            ) from None
         residuals = np.concatenate(self._whitened(s))
         weight = robust_weight(residuals, scale)
         degrees = max(2 * weight.sum() - fitted.sum() - POSE * self.count, 1.0)

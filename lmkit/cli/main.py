@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import contextlib
+import errno
 import os
+import signal
 import sys
 import traceback
 import warnings
@@ -21,7 +24,11 @@ import typer
 from lmkit.cli.app import COMMANDS, build_app
 from lmkit.errors import InputWarning, LmkitError
 
+EXIT_WRONG_USE = 2
 EXIT_FAULT = 70
+# A full disk, a quota, too many open files: not errors of lmkit.
+SYSTEM_LIMITS = {errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EMFILE, errno.ENFILE, errno.EROFS, errno.EIO}
+_SYSTEM_HINT = "free space, or raise the limit of the system"
 EXIT_INTERRUPTED = 130
 
 
@@ -35,10 +42,29 @@ def __getattr__(name: str) -> typer.Typer:
 
 def main() -> None:
     """Run the command line: every failure is one line on stderr and an exit code."""
+    open_standard_streams()
+    signal.signal(signal.SIGTERM, _terminate)
     debug = "--debug" in sys.argv
     # `--debug` may stand anywhere.
     arguments = [a for a in sys.argv[1:] if a != "--debug"]
     sys.exit(guarded(lambda: run_arguments(arguments), debug))
+
+
+def _terminate(*_: object) -> None:
+    """End on SIGTERM as on Ctrl-C, so that partial files and workers do not stay behind."""
+    raise KeyboardInterrupt
+
+
+def open_standard_streams() -> None:
+    """Stand-ins for standard streams that are closed: the next file opened would take their place."""
+    for number in range(3):
+        try:
+            os.fstat(number)
+        except OSError:
+            os.open(os.devnull, os.O_RDWR)
+    for name in ("stdout", "stderr"):
+        if getattr(sys, name) is None:
+            setattr(sys, name, open(os.devnull, "w"))  # noqa: SIM115, PTH123
 
 
 def run_arguments(arguments: Sequence[str]) -> Any:
@@ -64,11 +90,24 @@ def guarded(run: Callable[[], Any], debug: bool) -> int:
         return _report("interrupted", "", EXIT_INTERRUPTED, False)
     except BrokenPipeError:
         # The reader of our output has closed it, as `head` does.
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        _forget_output()
         return 0
+    except SystemExit as stop:
+        # Typer ends so where the reader of our output has closed it.
+        if type(sys.stdout).__name__ != "PacifyFlushWrapper":
+            raise
+        _forget_output()
+        return 0 if stop.code == 1 else int(stop.code or 0)
+    except MemoryError:
+        return _report("out of memory", "give smaller inputs, or fewer processes (--jobs)", EXIT_WRONG_USE, debug)
     except typer.Exit as stop:
         return stop.exit_code
     except Exception as error:
+        if isinstance(error, OSError) and error.errno in SYSTEM_LIMITS:
+            if error.filename is None:
+                _forget_output()
+            where = error.filename or "standard output or a file"
+            return _report(f"cannot write or open {where}: {error.strerror}", _SYSTEM_HINT, EXIT_WRONG_USE, debug)
         usage = getattr(error, "format_message", None)
         if usage is not None:
             return _report(
@@ -77,6 +116,12 @@ def guarded(run: Callable[[], Any], debug: bool) -> int:
         return _report(
             f"internal error (please report): {type(error).__name__}: {error}", _FAULT_HINT, EXIT_FAULT, debug
         )
+
+
+def _forget_output() -> None:
+    """Send what is still buffered for standard output nowhere, so that the interpreter's end says nothing of it."""
+    with contextlib.suppress(OSError, ValueError):
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
 
 
 def _command_of(error: Exception) -> str:

@@ -6,6 +6,8 @@ Everything else in lmkit reads files, so a bag is unpacked once: stereo images n
 
 from __future__ import annotations
 
+import shutil
+import sqlite3
 from collections.abc import Iterator
 from dataclasses import dataclass
 from importlib.util import find_spec
@@ -177,7 +179,7 @@ def poses_to_bag(folder: Path, trajectory: Trajectory, frame: str = "map") -> No
     """A ROS 2 bag (sqlite3): nav_msgs/Path of all poses on /lmkit/path, then each as PoseStamped on /lmkit/pose.
 
     Raises:
-        InputError: rosbags is not installed, or the folder exists.
+        InputError: rosbags is not installed, the folder exists, or it cannot be written.
     """
     _require_rosbags()
     from rosbags.rosbag2 import Writer
@@ -200,14 +202,26 @@ def poses_to_bag(folder: Path, trajectory: Trajectory, frame: str = "map") -> No
             ),
         )
         poses.append((nanoseconds, message))
-    with Writer(folder, version=8) as writer:
-        first: Any = poses[0][1]
-        whole = types[path](first.header, [message for _, message in poses])
-        on_path = writer.add_connection("/lmkit/path", path, typestore=store)
-        writer.write(on_path, poses[0][0], store.serialize_cdr(whole, path))
-        on_pose = writer.add_connection("/lmkit/pose", stamped, typestore=store)
-        for nanoseconds, message in poses:
-            writer.write(on_pose, nanoseconds, store.serialize_cdr(message, stamped))
+    # Written under another name first, so that no half bag stays behind.
+    partial = folder.with_name(f".{folder.name}.partial")
+    try:
+        shutil.rmtree(partial, ignore_errors=True)
+        folder.parent.mkdir(parents=True, exist_ok=True)
+        with Writer(partial, version=8) as writer:
+            first: Any = poses[0][1]
+            whole = types[path](first.header, [message for _, message in poses])
+            on_path = writer.add_connection("/lmkit/path", path, typestore=store)
+            writer.write(on_path, poses[0][0], store.serialize_cdr(whole, path))
+            on_pose = writer.add_connection("/lmkit/pose", stamped, typestore=store)
+            for nanoseconds, message in poses:
+                writer.write(on_pose, nanoseconds, store.serialize_cdr(message, stamped))
+        partial.rename(folder)
+    except (OSError, sqlite3.Error) as error:
+        raise InputError(
+            "not_writable", f"cannot write {folder}: {error}", "choose a folder with space left"
+        ) from None
+    finally:
+        shutil.rmtree(partial, ignore_errors=True)
 
 
 def _require_rosbags() -> None:
