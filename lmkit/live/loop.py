@@ -169,8 +169,11 @@ class LiveLoop:
     def _with_expected(
         self, views: tuple[CameraView, ...], estimate: Estimate
     ) -> tuple[tuple[CameraView, ...], tuple[LandmarkId, ...]]:
-        """The views with the map's landmarks where the pose puts them; and what is plainly in view but not read."""
-        if estimate.T_map_base is None:
+        """The views with the map's landmarks where the pose puts them; and what is plainly in view but not read.
+
+        Predictions stay where landmarks confirmed the pose.
+        """
+        if estimate.T_map_base is None or (estimate.inliers and all(view.expected for view in views)):
             return views, ()
         T_base_left = self.rig.T_base_left
         T = estimate.T_map_base if T_base_left is None else estimate.T_map_base @ T_base_left

@@ -22,6 +22,7 @@ PLAIN_FACING = 0.6
 BORDER_PX = 12.0
 MOST_WINDOWS = 10
 NEAREST_M = 0.15
+SLACK_PX = 4.0  # a prediction may be so far off
 
 Expected = dict[LandmarkId, FloatArray]
 
@@ -110,7 +111,14 @@ class Search:
                 views.append(CameraView(camera.name, image, stamp, tuple(found), search="whole"))
                 continue
             expected, _ = self._expected.in_camera(k, T_map_left)
-            near = np.array(list(expected.values())[:MOST_WINDOWS]).reshape(-1, 4, 2)
+            near = _wholly_inside(list(expected.values()), camera.model.image_size)
             found = detect_landmarks(image, options, near) if len(near) else []
-            views.append(CameraView(camera.name, image, stamp, tuple(found), search="near"))
+            views.append(CameraView(camera.name, image, stamp, tuple(found), expected, "near"))
         return tuple(views)
+
+
+def _wholly_inside(quads: Sequence[FloatArray], size: tuple[int, int]) -> FloatArray:
+    """(N,4,2) the first squares that the image does not cut: no other is read."""
+    corners = np.array(quads).reshape(-1, 4, 2)
+    inside = (corners >= -SLACK_PX) & (corners <= np.array(size) - 1 + SLACK_PX)
+    return corners[inside.all(axis=(1, 2))][:MOST_WINDOWS]

@@ -29,14 +29,17 @@ class Wheels:
         self._noise = noise
         self._rows: deque[tuple[float, float, float]] = deque()
         self._gyro: deque[tuple[float, float]] = deque()
+        self._known: tuple[float, float, tuple[float, ...], Increments] | None = None  # of the rows so far
 
     def add_odometry(self, time_s: float, forward_m: float, turn_rad: float) -> None:
         """Add the distance and the turn since the previous row."""
         self._rows.append((time_s, forward_m, turn_rad))
+        self._known = None
 
     def add_gyro(self, time_s: float, rate_radps: float) -> None:
         """The rate of turn."""
         self._gyro.append((time_s, rate_radps))
+        self._known = None
 
     def forget(self, before_s: float) -> None:
         """Drop rows that no delay needs any more."""
@@ -62,6 +65,13 @@ class Wheels:
         return later, P
 
     def _increments(self, before_s: float, time_s: float, parameters: FloatArray) -> Increments:
+        """The motion between two times; asked twice for the same, it is computed once."""
+        asked = (before_s, time_s, tuple(parameters.tolist()))
+        if self._known is None or self._known[:3] != asked:
+            self._known = (*asked, self._computed(before_s, time_s, parameters))
+        return self._known[3]
+
+    def _computed(self, before_s: float, time_s: float, parameters: FloatArray) -> Increments:
         times = np.array([before_s, time_s])
         rows = np.array(self._rows).reshape(-1, 3)
         if len(rows) < 2:

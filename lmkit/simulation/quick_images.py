@@ -22,6 +22,7 @@ NOISE, NOISES = 2.0, 8  # gray levels; different noise images
 LEVELS = 4096
 BRIGHTNESS = 0.75
 BORDER_PX = 4
+_FACES = np.array([[3, 1], [0, 2], [4, 5]])  # by the axis that a ray meets first, and whether it goes up along it
 
 
 class QuickCamera:
@@ -42,13 +43,15 @@ class QuickCamera:
         coarse = camera.unproject_grid(
             np.arange(0, width + COARSE, COARSE, dtype=float), np.arange(0, height + COARSE, COARSE, dtype=float)
         )
-        self._coarse = np.concatenate([coarse, np.ones((*coarse.shape[:2], 1))], axis=2)
+        self._coarse = np.concatenate([coarse, np.ones((*coarse.shape[:2], 1))], axis=2).astype(np.float32)
+        self._faces = np.array([*WALL_TINTS, FLOOR, CEILING], dtype=np.float32)
         rng = np.random.default_rng([seed, 11])
         noise = rng.normal(0, NOISE, (NOISES, height, width, 3))
         self._noise = np.round(noise).astype(np.int16)
         self._rng = rng
         codes = linear_to_srgb(np.arange(LEVELS) / (LEVELS - 1))
         self._tone = np.round(255 * codes).astype(np.uint8)
+        self._linear = (np.searchsorted(codes, np.arange(256) / 255) / (BRIGHTNESS * (LEVELS - 1))).astype(np.float32)
 
     def __call__(self, T_map_camera: Pose, light: float = 1.0) -> ByteArray:
         """(H,W,3) BGR, 8 bit.
@@ -57,32 +60,36 @@ class QuickCamera:
             light: share of the usual light; 0 is darkness.
         """
         width, height = self._camera.image_size
-        linear = cv2.resize(self._walls(T_map_camera), None, fx=COARSE, fy=COARSE, interpolation=cv2.INTER_LINEAR)[
-            :height, :width
-        ]
-        image = np.ascontiguousarray(linear, dtype=np.float32)
+        walls = self._coded(self._walls(T_map_camera) * light)
+        image = np.ascontiguousarray(
+            cv2.resize(walls, None, fx=COARSE, fy=COARSE, interpolation=cv2.INTER_LINEAR)[:height, :width]
+        )
         for sheet, details in zip(self._sheets, self._details, strict=True):
-            self._paint(image, sheet, details, T_map_camera)
-        coded = self._tone[np.clip(image * (BRIGHTNESS * light * (LEVELS - 1)), 0, LEVELS - 1).astype(np.uint16)]
+            self._paint(image, sheet, details, T_map_camera, light)
         noise = self._noise[int(self._rng.integers(NOISES))]
-        noisy = cv2.add(coded[:, :, ::-1].astype(np.int16), noise)
-        return np.asarray(np.clip(noisy, 0, 255), dtype=np.uint8)
+        return np.asarray(cv2.add(image, noise, dtype=cv2.CV_8U), dtype=np.uint8)
+
+    def _coded(self, linear: Float32Array) -> ByteArray:
+        """BGR code values of red, green and blue light."""
+        places = np.clip(linear * (BRIGHTNESS * (LEVELS - 1)), 0, LEVELS - 1).astype(np.uint16)
+        return np.asarray(self._tone[places[:, :, ::-1]], dtype=np.uint8)
 
     def _walls(self, T: Pose) -> Float32Array:
         """(h,w,3) linear light of walls, floor and ceiling, coarsely: the nearest face of the room's box."""
-        rays = self._coarse @ T.R.T
+        R, t, size = T.R.astype(np.float32), T.t.astype(np.float32), self._size_m.astype(np.float32)
+        rays = self._coarse @ R.T
+        ahead = rays > 0
         with np.errstate(divide="ignore", invalid="ignore"):
-            lengths = np.where(rays > 0, (self._size_m - T.t) / rays, np.where(rays < 0, -T.t / rays, np.inf))
+            lengths = (np.where(ahead, size, np.float32(0)) - t) / rays
         axis = np.argmin(lengths, axis=2)
-        distance = np.take_along_axis(lengths, axis[:, :, None], axis=2)
-        far_side = np.take_along_axis(rays, axis[:, :, None], axis=2)[:, :, 0] > 0
-        at = T.t + distance * rays
-        colors = np.array([*WALL_TINTS, FLOOR, CEILING])
-        face = np.select([axis == 0, axis == 1], [np.where(far_side, 1, 3), np.where(far_side, 2, 0)], 4 + far_side)
+        at = t + np.take_along_axis(lengths, axis[:, :, None], axis=2) * rays
+        face = _FACES[axis, np.take_along_axis(ahead, axis[:, :, None], axis=2)[:, :, 0].astype(np.intp)]
         uneven = 1 + 0.15 * np.sin(2.1 * at.sum(axis=2)) + 0.05 * np.sin(9.0 * at[:, :, 0] + 7.0 * at[:, :, 1])
-        return np.asarray(colors[face] * uneven[:, :, None], dtype=np.float32)
+        return np.asarray(self._faces[face] * uneven[:, :, None], dtype=np.float32)
 
-    def _paint(self, image: Float32Array, sheet: Panel, details: list[Float32Array], T_map_camera: Pose) -> None:
+    def _paint(
+        self, image: ByteArray, sheet: Panel, details: list[Float32Array], T_map_camera: Pose, lit: float
+    ) -> None:
         """One sheet over the walls, in place; sheets are never in front of each other."""
         T = T_map_camera.inverse() @ sheet.T_map_panel
         if T.R[:, 2] @ T.t >= 0:  # seen from behind
@@ -110,8 +117,8 @@ class QuickCamera:
         size = (columns.stop - columns.start, rows.stop - rows.start)
         share = cv2.resize(on, size, interpolation=cv2.INTER_AREA)[:, :, None]
         light = cv2.resize(color * on, size, interpolation=cv2.INTER_AREA)
-        whole = image[rows, columns] * (1 - share) + light
-        image[rows, columns] = cv2.GaussianBlur(whole, (0, 0), BLUR_PX)
+        whole = self._linear[image[rows, columns][:, :, ::-1]] * (1 - share) + lit * light
+        image[rows, columns] = self._coded(cv2.GaussianBlur(whole, (0, 0), BLUR_PX))
 
     def _window(self, corners: FloatArray) -> tuple[slice, slice] | None:
         pixels = self._camera.project(corners)
