@@ -30,12 +30,14 @@ def run(
     landmark_map: options.OptionalMapFile = None,
     odometry: Annotated[
         str | None,
-        typer.Option("--odometry", help="Odometry file beside recorded images: CSV of wheels, or TUM poses."),
+        typer.Option(
+            "--odometry", help="Odometry: ros2:TOPIC, mavlink:CONNECTION or ws:PORT; beside recorded images a file."
+        ),
     ] = None,
     odometry_kind: Annotated[
         str | None, typer.Option("--odometry-kind", help="wheels (on a floor), or poses (through space).")
     ] = None,
-    gyro: Annotated[str | None, typer.Option("--gyro", help="Gyro file.")] = None,
+    gyro: Annotated[str | None, typer.Option("--gyro", help="Gyro, in the same way.")] = None,
     to: Annotated[
         list[str] | None,
         typer.Option("--to", help="Output: stdout, ws[:PORT], mavlink:CONNECTION, ros2; may be repeated."),

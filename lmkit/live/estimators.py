@@ -119,8 +119,9 @@ class PoseEstimator:
 
     def add(self, row: MotionRow) -> None:
         """See `Estimator`."""
-        if row.T_odometry_base is not None:
-            self._filter.add_odometry(row.time_s, row.T_odometry_base)
+        pose = row.T_smooth_base or row.T_odometry_base
+        if pose is not None:
+            self._filter.add_odometry(row.time_s, pose)
 
     def foretell(self, time_s: float) -> Pose | None:
         """See `Estimator`."""

@@ -9,6 +9,7 @@ from collections.abc import Callable, Sequence
 from lmkit.arrays import ByteArray
 from lmkit.live.captures import Capture
 from lmkit.live.frame_group import FrameGroup
+from lmkit.live.inputs.base import InputRunner
 from lmkit.live.motion import MotionInbox
 from lmkit.live.reader import Reader
 from lmkit.live.state import Event, Health
@@ -23,7 +24,7 @@ class LiveFeed:
     Args:
         sources: name of each, how it is opened, and how many cameras it gives.
         inbox: of odometry and gyro.
-        clock_events: gives what happened to the clock.
+        inputs: of odometry and gyro, which write into the inbox.
     """
 
     is_live = True
@@ -33,11 +34,11 @@ class LiveFeed:
         sources: Sequence[tuple[str, Callable[[], Capture], int]],
         inbox: MotionInbox,
         now: Callable[[], float],
-        clock_events: Callable[[], Sequence[Event]] = tuple,
+        inputs: Sequence[InputRunner] = (),
     ) -> None:
         self._news = threading.Condition()
         self._counts = [count for *_, count in sources]
-        self._inbox, self._now, self._clock_events = inbox, now, clock_events
+        self._inbox, self._now, self._inputs = inbox, now, tuple(inputs)
         self._last = float("-inf")
         self._dead: Event | None = None
         self._readers = [Reader(name, open_, now, self._news) for name, open_, _ in sources]
@@ -74,7 +75,7 @@ class LiveFeed:
         newest = max(stamp for reader in self._readers if (stamp := reader.peek()) is not None)
         images: list[ByteArray | None] = []
         stamps: list[float] = []
-        events: list[Event] = [*self._clock_events()]
+        events: list[Event] = [event for source in self._inputs for event in source.events()]
         for reader, count in zip(self._readers, self._counts, strict=True):
             taken = reader.take()
             events += reader.events()
@@ -100,9 +101,11 @@ class LiveFeed:
 
     def health(self) -> tuple[Health, ...]:
         """See `Feed`."""
-        return tuple(reader.health() for reader in self._readers)
+        return tuple([reader.health() for reader in self._readers] + [source.health() for source in self._inputs])
 
     def close(self) -> None:
         """See `Feed`."""
         for reader in self._readers:
             reader.close()
+        for source in self._inputs:
+            source.close()

@@ -202,8 +202,10 @@ class LiveLoop:
         return events
 
     def _odometry_events(self, time_s: float) -> list[Event]:
-        if self._motion_at is None or self.settings.motion == "none":
+        if self.settings.motion == "none":
             return []
+        if self._motion_at is None:
+            self._motion_at = time_s
         silent = time_s - self._motion_at > SILENT_S
         if silent == self._silent:
             return []

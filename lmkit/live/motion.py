@@ -7,8 +7,11 @@ import threading
 from collections import deque
 from dataclasses import dataclass
 
+import numpy as np
+
 from lmkit.geometry.planar import wrap_heading
 from lmkit.geometry.pose import Pose
+from lmkit.geometry.rotations import rotation_angle
 from lmkit.live.state import Event
 
 MOST_WAITING = 5000
@@ -26,12 +29,14 @@ class MotionRow:
         time_s: in the loop's time.
         values: of a wheels' or gyro's row.
         T_odometry_base: pose in the odometry's own frame, where it has one.
+        T_smooth_base: that pose in a frame of which no jump is left, for the filter.
     """
 
     kind: str
     time_s: float
     values: tuple[float, ...] = ()
     T_odometry_base: Pose | None = None
+    T_smooth_base: Pose | None = None
 
 
 class MotionInbox:
@@ -43,6 +48,7 @@ class MotionInbox:
         self._named: dict[str, float] = {}
         self._last: dict[str, float] = {}
         self._place: tuple[float, float, float, float] | None = None
+        self._pose: tuple[float, Pose, Pose] | None = None  # time, as it came, and smooth
         self._lock = threading.Lock()
 
     def add(self, row: MotionRow) -> None:
@@ -71,6 +77,26 @@ class MotionInbox:
         middle = before[3] + turn / 2
         forward = (x - before[1]) * math.cos(middle) + (y - before[2]) * math.sin(middle)
         self.add(MotionRow(WHEELS, time_s, (forward, turn), pose))
+
+    def add_pose(self, time_s: float, T_odometry_base: Pose) -> None:
+        """Take a pose of odometry through space; where it jumps, the robot is taken to have stood."""
+        before = self._pose
+        smooth = T_odometry_base
+        if before is not None:
+            moved = before[1].inverse() @ T_odometry_base
+            seconds = max(time_s - before[0], 1e-3)
+            far = float(np.linalg.norm(moved.t))
+            if time_s > before[0] and (
+                far > FASTEST_MPS * seconds + 0.1 or rotation_angle(moved.R) > FASTEST_RADPS * seconds + 0.1
+            ):
+                message = f"odometry jumped by {far:.2f} m in {seconds:.2f} s: taken as standing"
+                with self._lock:
+                    self._events.append(Event("pose_jump", message, time_s))
+                smooth = before[2]
+            else:
+                smooth = before[2] @ moved
+        self._pose = (time_s, T_odometry_base, smooth)
+        self.add(MotionRow(POSE, time_s, (), T_odometry_base, smooth))
 
     def _problem(self, row: MotionRow) -> tuple[str, str] | None:
         if not all(map(math.isfinite, (row.time_s, *row.values))):

@@ -19,6 +19,7 @@ from lmkit.live.live_feed import LiveFeed
 from lmkit.live.live_run import LiveRun
 from lmkit.live.loop import LiveLoop
 from lmkit.live.motion import MotionInbox
+from lmkit.live.open_inputs import is_live_input, open_inputs
 from lmkit.live.open_outputs import open_outputs
 from lmkit.live.recorded_feed import POSE_SUFFIXES, StepFeed, file_groups, motion_rows
 from lmkit.live.run_settings import RunSettings
@@ -43,15 +44,18 @@ def open_run(settings: RunSettings, dry: bool = False) -> LiveRun:
     live = address.is_live
     inbox = MotionInbox()
     motion = _motion_kind(settings)
-    if live and motion != "none":
-        raise InputError("no_live_odometry", "live cameras take no odometry yet", "leave --odometry and --gyro out")
     loop = LiveLoop(rig, landmarks, settings.loop(motion), clock.now)
     feed: Feed
     if live:
         sources = [(a.text, partial(open_capture, a, clock), 2 if a.split else 1) for a in settings.sources]
         _require_cameras(rig, sum(count for *_, count in sources))
-        feed = LiveFeed(sources, inbox, clock.now)
+        inputs = open_inputs(settings.values, inbox, clock, motion)
+        feed = LiveFeed(sources, inbox, clock.now, inputs)
     else:
+        if is_live_input(settings.values.odometry) or is_live_input(settings.values.gyro):
+            raise InputError(
+                "live_odometry", "recorded images take odometry from files", "such as --odometry odometry.csv"
+            )
         texts = [a.text for a in settings.sources]
         require_image_of_each([camera.name for camera in mounted_cameras(rig)], texts)
         rows = motion_rows(settings.path(settings.values.odometry), settings.path(settings.values.gyro))

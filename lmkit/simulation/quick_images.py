@@ -62,7 +62,8 @@ class QuickCamera:
         width, height = self._camera.image_size
         walls = self._coded(self._walls(T_map_camera) * light)
         image = np.ascontiguousarray(
-            cv2.resize(walls, None, fx=COARSE, fy=COARSE, interpolation=cv2.INTER_LINEAR)[:height, :width]
+            cv2.resize(walls, None, fx=COARSE, fy=COARSE, interpolation=cv2.INTER_LINEAR)[:height, :width],
+            dtype=np.uint8,
         )
         for sheet, details in zip(self._sheets, self._details, strict=True):
             self._paint(image, sheet, details, T_map_camera, light)
@@ -118,7 +119,7 @@ class QuickCamera:
         share = cv2.resize(on, size, interpolation=cv2.INTER_AREA)[:, :, None]
         light = cv2.resize(color * on, size, interpolation=cv2.INTER_AREA)
         whole = self._linear[image[rows, columns][:, :, ::-1]] * (1 - share) + lit * light
-        image[rows, columns] = self._coded(cv2.GaussianBlur(whole, (0, 0), BLUR_PX))
+        image[rows, columns] = self._coded(np.asarray(cv2.GaussianBlur(whole, (0, 0), BLUR_PX), dtype=np.float32))
 
     def _window(self, corners: FloatArray) -> tuple[slice, slice] | None:
         pixels = self._camera.project(corners)
