@@ -19,7 +19,7 @@ Sources = Annotated[
     list[str],
     typer.Argument(
         help="One source per camera: camera:0, split:camera:0, pipe:COMMAND, rtsp://..., a video, a folder, "
-        "or sim: (a simulated robot); or a run file (lmkit-run/1)."
+        "replay:FILE.mcap, or sim: (a simulated robot); or a run file (lmkit-run/1)."
     ),
 ]
 
@@ -51,6 +51,9 @@ def run(
         int | None, typer.Option("--confirm", help="Different landmarks that a new start must agree with.")
     ] = None,
     health: Annotated[str | None, typer.Option("--health", help="HOST:PORT of the health page.")] = None,
+    record: Annotated[
+        Path | None, typer.Option("--record", help="MCAP file of the whole run, for replay:FILE.mcap and viewers.")
+    ] = None,
     as_json: options.Json = False,
     seconds: Annotated[float | None, typer.Option("--seconds", help="End after so long.")] = None,
     check: Annotated[bool, typer.Option("--check", help="Check the settings and end.")] = False,
@@ -73,6 +76,7 @@ def run(
         "coast_s": None if coast is None else parse_seconds(coast, "--coast"),
         "confirm": confirm,
         "health": health,
+        "record": record,
     }
     settings = _settings(sources, {name: value for name, value in given.items() if value is not None})
     if check:
@@ -98,7 +102,7 @@ def _settings(sources: list[str], given: dict[str, Any]) -> RunSettings:
         raise InputError("not_together", "a run file and sources cannot be combined", "leave one of them out")
     filed = read_run_file(Path(sources[0]))
     # Paths of options start here, those of the file beside it.
-    here = {k: str(Path(str(v)).resolve()) if k in ("rig", "map") else v for k, v in given.items()}
+    here = {k: str(Path(str(v)).resolve()) if k in ("rig", "map", "record") else v for k, v in given.items()}
     return RunSettings(settings_of({**filed.values.model_dump(), **here}, filed.folder).values, filed.folder)
 
 

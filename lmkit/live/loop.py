@@ -83,6 +83,7 @@ class LiveLoop:
         self._odometry: deque[tuple[float, Pose]] = deque(maxlen=POSES_KEPT)
         self._motion_at: float | None = None
         self._silent = False
+        self._waiting: tuple[MotionRow, ...] = ()  # rows of steps that the budget left out
 
     @property
     def latency_p95_s(self) -> float:
@@ -100,6 +101,7 @@ class LiveLoop:
             self._take(row)
         self._groups += 1
         if is_live and self._groups % self._budget.every:
+            self._waiting = (*self._waiting, *group.motion)
             return None
         profile = group.profile or self._budget.profile
         views = self._views(group, profile)
@@ -138,7 +140,9 @@ class LiveLoop:
             T_map_odometry=self._odometry_frame(group.time_s, estimate) if ok else None,
             events=tuple(events),
             truth=group.truth,
+            group=replace(group, motion=(*self._waiting, *group.motion)),
         )
+        self._waiting = ()
         self._number += 1
         return state
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from functools import partial
+from pathlib import Path
 
 from lmkit.errors import InputError
 from lmkit.geometry.rig import AnyRig, mounted_cameras
@@ -13,26 +14,52 @@ from lmkit.live.outputs.base import Output, OutputRunner
 from lmkit.live.outputs.extras import require
 from lmkit.live.outputs.json_lines import JsonLines
 from lmkit.live.outputs.mavlink import MavlinkOutput
+from lmkit.live.outputs.recorder import Recorder, attached_files
 from lmkit.live.outputs.ros import RosOutput
 from lmkit.live.outputs.websocket import PORT, WebSocketServer
 from lmkit.live.ros.address import parse_ros
+from lmkit.live.ros.messages import StepMessages
 from lmkit.live.ros.transport import choose
-from lmkit.live.run_settings import RunSettings
+from lmkit.live.run_settings import LOOP_KEYS, RunSettings
 from lmkit.model.landmark_map import LandmarkMap
 
 KINDS = "stdout, ws, mavlink:CONNECTION, ros2"
 
 
-def open_outputs(settings: RunSettings, rig: AnyRig, landmarks: LandmarkMap, clock: LoopClock) -> list[OutputRunner]:
-    """Runners of all outputs of a run.
+def open_outputs(
+    settings: RunSettings, rig: AnyRig, landmarks: LandmarkMap, clock: LoopClock, motion: str
+) -> list[OutputRunner]:
+    """Runners of all outputs of a run, the recording among them.
+
+    Args:
+        motion: what moves the filter, for the recording.
 
     Raises:
         InputError: an unknown output, or one whose extra is not installed.
     """
-    return [OutputRunner(text, opener(text, settings, rig, landmarks), clock.now) for text in settings.values.to]
+    runners = [OutputRunner(text, opener(text, rig, landmarks), clock.now) for text in settings.values.to]
+    if settings.values.record is not None:
+        record = _recorder(settings, rig, landmarks, motion)
+        runners.append(OutputRunner(f"record {settings.values.record}", record, clock.now, keeps_all=True))
+    return runners
 
 
-def opener(text: str, settings: RunSettings, rig: AnyRig, landmarks: LandmarkMap) -> Callable[[], Output]:
+def _recorder(settings: RunSettings, rig: AnyRig, landmarks: LandmarkMap, motion: str) -> Callable[[], Output]:
+    values = settings.values
+    path = Path(str(values.record))
+    if path.suffix.lower() != ".mcap":
+        raise InputError("bad_output", f"--record {path}: not an MCAP file", "write such as --record drive.mcap")
+    if path.exists():
+        raise InputError("exists", f"{path} exists", "choose another name, or remove it")
+    require("mcap", "--record", "bags")
+    require("rosbags", "--record", "bags")
+    kept = {**values.model_dump(include=set(LOOP_KEYS)), "motion": motion}
+    attached = attached_files(settings.path(values.rig), settings.path(values.map), rig, landmarks)
+    names = [camera.name for camera in mounted_cameras(rig)]
+    return partial(Recorder, path, attached, kept, StepMessages(parse_ros("?odometry=yes"), landmarks), names)
+
+
+def opener(text: str, rig: AnyRig, landmarks: LandmarkMap) -> Callable[[], Output]:
     """A function that opens an output.
 
     Raises:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from functools import partial
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any
 
 from lmkit.errors import InputError
@@ -22,7 +23,8 @@ from lmkit.live.motion import MotionInbox
 from lmkit.live.open_inputs import is_live_input, open_inputs
 from lmkit.live.open_outputs import open_outputs
 from lmkit.live.recorded_feed import POSE_SUFFIXES, StepFeed, file_groups, motion_rows
-from lmkit.live.run_settings import RunSettings
+from lmkit.live.recording_file import RunRecording
+from lmkit.live.run_settings import LOOP_KEYS, RunSettings
 from lmkit.live.simulated_source import SimulatedCapture, SimulatedRun
 from lmkit.model.landmark_map import LandmarkMap
 
@@ -40,6 +42,8 @@ def open_run(settings: RunSettings, dry: bool = False) -> LiveRun:
     address = settings.sources[0]
     if address.kind == "sim":
         return _simulated_run(settings, clock, dry)
+    if address.kind == "replay":
+        return _replayed_run(settings, clock, dry)
     rig, landmarks = _rig(settings), _landmarks(settings)
     live = address.is_live
     inbox = MotionInbox()
@@ -60,8 +64,26 @@ def open_run(settings: RunSettings, dry: bool = False) -> LiveRun:
         require_image_of_each([camera.name for camera in mounted_cameras(rig)], texts)
         rows = motion_rows(settings.path(settings.values.odometry), settings.path(settings.values.gyro))
         feed = StepFeed(" ".join(texts), file_groups(texts, settings.values.hz, rows))
-    outputs = [] if dry else open_outputs(settings, rig, landmarks, clock)
+    outputs = [] if dry else open_outputs(settings, rig, landmarks, clock, motion)
     return LiveRun(loop, feed, outputs, clock, settings.values.rate)
+
+
+def _replayed_run(settings: RunSettings, clock: LoopClock, dry: bool) -> LiveRun:
+    """The run of a recording: its settings, rig and map, unless a rig or a map is given."""
+    address = settings.sources[0]
+    recording = RunRecording(Path(address.target))
+    kept = {k: v for k, v in recording.settings.items() if k in LOOP_KEYS}
+    values = settings.values.model_copy(update=kept)
+    with TemporaryDirectory() as folder:
+        for name, data in recording.attached.items():
+            (Path(folder) / Path(name).name).write_bytes(data)
+        found = {path.stem: path for path in Path(folder).iterdir()}
+        rig = read_any_rig(found["rig"]) if values.rig is None and "rig" in found else _rig(settings)
+        landmarks = read_any_map(found["map"]) if values.map is None and "map" in found else _landmarks(settings)
+    motion = str(recording.settings["motion"])
+    loop = LiveLoop(rig, landmarks, RunSettings(values).loop(motion), clock.now)
+    outputs = [] if dry else open_outputs(settings, rig, landmarks, clock, motion)
+    return LiveRun(loop, StepFeed(address.text, recording.groups()), outputs, clock, settings.values.rate)
 
 
 def _simulated_run(settings: RunSettings, clock: LoopClock, dry: bool) -> LiveRun:
@@ -73,7 +95,7 @@ def _simulated_run(settings: RunSettings, clock: LoopClock, dry: bool) -> LiveRu
     rig = course.rig if settings.values.rig is None else _rig(settings)
     landmarks = course.landmarks if settings.values.map is None else _landmarks(settings)
     loop = LiveLoop(rig, landmarks, settings.loop("wheels"), clock.now)
-    outputs = [] if dry else open_outputs(settings, rig, landmarks, clock)
+    outputs = [] if dry else open_outputs(settings, rig, landmarks, clock, "wheels")
     if not address.is_live:
         return LiveRun(loop, StepFeed(address.text, simulated.groups()), outputs, clock, settings.values.rate)
     inbox, first = MotionInbox(), list[float]()

@@ -15,6 +15,8 @@ from lmkit.live.loop import LoopSettings
 from lmkit.live.publication import PublicationRule
 from lmkit.live.source_address import SourceAddress, parse_source
 
+LOOP_KEYS = ("profile", "budget_ms", "coast_s", "confirm", "most_sigma_m")  # what poses follow from, beside images
+
 
 class RunFile(Document):
     """Layout of a run file."""
@@ -35,6 +37,7 @@ class RunFile(Document):
     confirm: int = Field(2, ge=1, le=10)
     most_sigma_m: float = Field(0.15, gt=0, le=10)
     health: str | None = None
+    record: str | None = None
 
 
 @dataclass(frozen=True)
@@ -64,14 +67,14 @@ class RunSettings:
         kinds = {address.is_live for address in found}
         if len(kinds) > 1:
             raise InputError("mixed_sources", "recorded and live sources are mixed", "give sources of one kind")
-        alone = [a for a in found if a.kind == "sim"]
+        alone = [a for a in found if a.kind in ("sim", "replay")]
         if alone and len(found) > 1:
             raise InputError("mixed_sources", f"{alone[0].text} gives the images of all cameras", "give it alone")
         return found
 
     def _placed(self, text: str) -> str:
         """A source with its path relative to the run file."""
-        prefix = "split:" if text.startswith("split:") else ""
+        prefix = next((p for p in ("split:", "replay:") if text.startswith(p)), "")
         path = self.folder / text.removeprefix(prefix)
         return prefix + str(path) if self.folder != Path() and path.exists() else text
 

@@ -17,7 +17,9 @@ SIM_OPTIONS = (
     "size", "fps", "seed", "seconds", "landmarks", "speed", "images", "cameras", "latency", "slips",
 )  # fmt: skip
 _SECONDS = re.compile(r"(\d+(?:\.\d+)?)\s*(ms|s)")
-_HINT = "such as camera:0, split:camera:0, pipe:COMMAND, rtsp://HOST/PATH, sim:, a video or a folder"
+_HINT = (
+    "such as camera:0, split:camera:0, pipe:COMMAND, rtsp://HOST/PATH, sim:, replay:FILE.mcap, a video or a folder"
+)
 
 
 @dataclass(frozen=True)
@@ -25,7 +27,7 @@ class SourceAddress:
     """An image source.
 
     Attributes:
-        kind: ``camera``, ``pipe``, ``stream``, ``sim``, ``film`` or ``folder``.
+        kind: ``camera``, ``pipe``, ``stream``, ``sim``, ``replay``, ``film`` or ``folder``.
         target: number, device, command, URL or path.
         options: after the question mark.
         split: the image shows the left and the right camera side by side.
@@ -96,7 +98,10 @@ def parse_source(text: str) -> SourceAddress:
                 "bad_source", f"{text}: no camera number or device", "write camera:0 or camera:/dev/video0"
             )
         return SourceAddress(scheme, target, _options(options, text, known), text=text)
-    path = Path(text)
+    if scheme == "replay" and colon and Path(rest).suffix.lower() == ".mcap":
+        return SourceAddress("replay", rest, text=text)
+    path = Path(text.removeprefix("replay:"))
+    text = str(path)
     if path.suffix.lower() in VIDEO_SUFFIXES:
         return SourceAddress("film", text, text=text)
     if path.exists() or "*" in text:

@@ -4,13 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from lmkit.arrays import ByteArray, FloatArray
 from lmkit.geometry.pose import Pose
 from lmkit.model.landmark_id import LandmarkId
 from lmkit.model.observation import Detection
 from lmkit.model.pose_status import PoseStatus
+
+if TYPE_CHECKING:
+    from lmkit.live.frame_group import FrameGroup
 
 
 @dataclass(frozen=True)
@@ -103,6 +106,7 @@ class LiveState:
         events: what happened since the step before.
         sources, outputs: their condition.
         truth: true pose of the base, of a simulation only.
+        group: what the loop was given; None where no image came.
     """
 
     number: int
@@ -126,6 +130,7 @@ class LiveState:
     sources: tuple[Health, ...] = ()
     outputs: tuple[Health, ...] = ()
     truth: Pose | None = None
+    group: FrameGroup | None = None
 
     def to_dict(self) -> dict[str, Any]:
         """The step as JSON values, as standard output and WebSocket give it; without images."""

@@ -32,6 +32,14 @@ class Cdr:
         values: Values = _plain(self._store.deserialize_cdr(data, type_name))
         return values
 
+    def decode_arrays(self, type_name: str, data: bytes) -> Any:
+        """The message as rosbags has it, arrays left as arrays."""
+        return self._store.deserialize_cdr(data, type_name)
+
+    def definition(self, type_name: str) -> str:
+        """Definition of a type, with those of the types within."""
+        return str(self._store.generate_msgdef(type_name, ros_version=2)[0])
+
     def type_hash(self, type_name: str) -> str:
         """Hash of a type, as ROS 2 has it from Iron on: ``RIHS01_...``."""
         return str(self._store.hash_rihs01(type_name))

@@ -24,6 +24,7 @@ TRANSFORMS = "tf2_msgs/msg/TFMessage"
 DETECTIONS = "apriltag_msgs/msg/AprilTagDetectionArray"
 DOCK = "geometry_msgs/msg/PoseStamped"
 DIAGNOSTICS = "diagnostic_msgs/msg/DiagnosticArray"
+IMAGE = "sensor_msgs/msg/CompressedImage"
 IMU = "sensor_msgs/msg/Imu"
 
 # Types that ROS 2's own packages do not hold; as the package apriltag_msgs defines them.
