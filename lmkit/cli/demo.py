@@ -9,7 +9,7 @@ import typer
 
 from lmkit.cli import options
 from lmkit.cli.output import ProgressBars, print_line
-from lmkit.errors import InputError
+from lmkit.errors import InputError, NegativeAnswer
 
 if TYPE_CHECKING:
     from lmkit.demos.calibrate_and_locate import DemoResult
@@ -27,6 +27,10 @@ def run(
     navigate: Annotated[
         bool, typer.Option("--navigate", help="Instead: plan where to mount landmarks, then navigate by them.")
     ] = False,
+    live: Annotated[
+        bool, typer.Option("--run", help="Instead: the live loop for 20 seconds, against the truth.")
+    ] = False,
+    seconds: Annotated[float, typer.Option("--seconds", help="With --run: how long.")] = 20.0,
     images: Annotated[
         bool,
         typer.Option(
@@ -50,10 +54,13 @@ def run(
     if output.is_dir() and any(output.iterdir()) and not force:
         raise InputError("file_exists", f"folder {output} is not empty", "add --force, or choose another with -o")
     check_writable(output / "errors.csv", force)
-    if drive and navigate:
-        raise InputError("not_together", "--drive and --navigate cannot be combined", "leave one of them out")
+    if drive + navigate + live > 1:
+        raise InputError("not_together", "--drive, --navigate and --run cannot be combined", "give one of them")
     if images and not navigate:
         raise InputError("no_navigate", "--images needs --navigate", "add --navigate")
+    if live:
+        _live(output, seconds, seed)
+        return
     if drive:
         _drive(output, seed, landmarks)
         return
@@ -78,6 +85,28 @@ def _drive(folder: Path, seed: int, landmarks: int) -> None:
         print_line(f"track    ranges and bearings, live   {e.live_mm:8.1f} mm  {e.live_deg:5.2f} deg")
     print_line(f"wheels and gyro alone end {e.wheels_mm:.0f} mm off")
     print_line(f"see {folder / 'plan.png'}, {folder / 'map.yaml'}, {folder / 'trajectory.tum'}")
+
+
+def _live(folder: Path, seconds: float, seed: int) -> None:
+    from lmkit.demos.live_run import run_live_demo
+
+    if not 2 <= seconds <= 3600:
+        raise InputError("out_of_range", f"--seconds {seconds:g} is outside 2 to 3600", "give 2 to 3600")
+    r = run_live_demo(folder, seconds, seed)
+    if r is None:
+        raise NegativeAnswer("not_located", "no pose was published", "give more seconds, or another --seed")
+    print_line(
+        "simulated robot, two cameras of 640x480, six landmarks, wheels and gyro; images rendered beside the loop:"
+    )
+    print_line(f"poses         {r.poses} in {r.steps} steps, {r.rate_hz:.1f} a second")
+    print_line(f"latency       {r.latency_ms[0]:.0f} ms (50 %), {r.latency_ms[1]:.0f} ms (95 %)")
+    print_line(f"processor     {r.cpu_ms:.1f} ms a step, rendering included")
+    print_line(f"position      {r.error_mm[0]:.1f} mm (root mean square), {r.error_mm[1]:.1f} mm (largest)")
+    print_line(f"heading       {r.error_deg:.2f} deg (root mean square)")
+    print_line(
+        f"NEES / 3      {r.nees:.2f}; 1 if stated and true errors agree, less if errors are smaller than stated"
+    )
+    print_line(f"see {folder / 'plan.png'}")
 
 
 def _navigate(folder: Path, seed: int, from_images: bool) -> None:

@@ -39,8 +39,9 @@ def open_outputs(
     """
     runners = [OutputRunner(text, opener(text, rig, landmarks), clock.now) for text in settings.values.to]
     if settings.values.record is not None:
+        live = settings.sources[0].is_live
         record = _recorder(settings, rig, landmarks, motion)
-        runners.append(OutputRunner(f"record {settings.values.record}", record, clock.now, keeps_all=True))
+        runners.append(OutputRunner(f"record {settings.values.record}", record, clock.now, keeps_all=not live))
     return runners
 
 

@@ -7,6 +7,8 @@ import time
 from collections import deque
 from collections.abc import Callable
 
+import numpy as np
+
 from lmkit.arrays import ByteArray
 from lmkit.live.captures import Capture, SourceLost
 from lmkit.live.state import Event, Health
@@ -14,6 +16,8 @@ from lmkit.live.state import Event, Health
 FIRST_WAIT_S, LONGEST_WAIT_S = 0.5, 5.0
 STALLS_S = 4.0
 RATE_S = 3.0
+FROZEN_S = 0.5  # no camera gives the same noise for so long
+SPARSE = 7  # pixels of one that is compared
 MOST_ABANDONED = 3
 
 
@@ -59,6 +63,8 @@ class Reader:
         self._events: deque[Event] = deque(maxlen=50)
         self._stop = threading.Event()
         self._abandoned: list[threading.Thread] = []
+        self._shown: ByteArray | None = None  # some pixels of the last image, and when they changed
+        self._changed = time.monotonic()
         self._thread = self._start()
 
     def _start(self) -> threading.Thread:
@@ -91,15 +97,31 @@ class Reader:
         with self._news:
             if generation != self._generation:
                 return
+            self._last = time.monotonic()
+            if self._is_frozen(images):
+                return
             if self._lost:
                 self._events.append(Event("camera_back", f"{self.name} gives images again", self._now()))
             self._lost, self._problem = False, ""
             self._dropped += self._newest is not None
             self._newest = (stamp, images)
             self._count += 1
-            self._last = time.monotonic()
             self._rate.add(self._last)
             self._news.notify_all()
+
+    def _is_frozen(self, images: tuple[ByteArray, ...]) -> bool:
+        """The same image for long: a driver that repeats its last one; named once.  Darkness is no image either."""
+        shown = images[0][::SPARSE, ::SPARSE]
+        if self._shown is None or not np.array_equal(shown, self._shown) or not shown.any():
+            self._shown, self._changed = shown.copy(), self._last
+        if self._last - self._changed < FROZEN_S:
+            return False
+        self._problem = f"the same image for {FROZEN_S:g} s"
+        if not self._lost:
+            self._lost = True
+            self._events.append(Event("camera_frozen", f"{self.name}: {self._problem}; not used", self._now()))
+        self._news.notify_all()
+        return True
 
     def _fail(self, generation: int, problem: str) -> None:
         with self._news:

@@ -13,6 +13,7 @@ from lmkit.live.state import Event, Health, LiveState
 
 FIRST_WAIT_S, LONGEST_WAIT_S = 0.5, 5.0
 LONGEST_QUEUE = 32
+LONGEST_HOLD_S = 60.0  # for a recording of what does not age
 
 
 class OutputLost(Exception):
@@ -39,7 +40,7 @@ class OutputRunner:
     Args:
         name: of the output in messages.
         open_: opens it; raises `OutputLost`.
-        keeps_all: wait a little for a full queue instead of dropping the oldest step (recordings).
+        keeps_all: hold the loop up instead of leaving steps out, where images do not age.
     """
 
     def __init__(
@@ -51,7 +52,7 @@ class OutputRunner:
         self._stop = False
         self._count = self._dropped = 0
         self._problem = "not open yet"
-        self._failed = False
+        self._failed = self._behind = False
         self._rate = Rate()
         self._events: deque[Event] = deque(maxlen=50)
         self._thread = threading.Thread(target=self._run, name=f"lmkit-{name[:20]}", daemon=True)
@@ -60,11 +61,16 @@ class OutputRunner:
     def put(self, state: LiveState) -> None:
         """Hand over a step."""
         with self._ready:
-            if self._keeps_all and len(self._queue) >= LONGEST_QUEUE and not self._failed:
-                self._ready.wait_for(lambda: len(self._queue) < LONGEST_QUEUE or self._failed, 1.0)
+            if self._keeps_all:
+                self._ready.wait_for(lambda: len(self._queue) < LONGEST_QUEUE or self._failed, LONGEST_HOLD_S)
             if len(self._queue) >= LONGEST_QUEUE:
                 self._queue.popleft()
                 self._dropped += 1
+                if not self._failed and not self._behind:
+                    self._behind = True
+                    self._events.append(
+                        Event("output_behind", f"{self.name} is slow: steps are left out", self._now())
+                    )
             self._queue.append(state)
             self._ready.notify_all()
 
