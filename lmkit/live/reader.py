@@ -110,7 +110,7 @@ class Reader:
             self._news.notify_all()
 
     def _is_frozen(self, images: tuple[ByteArray, ...]) -> bool:
-        """The same image for long: a driver that repeats its last one; named once.  Darkness is no image either."""
+        """Whether a driver repeats its last image for long; named once.  A black image is no repetition."""
         shown = images[0][::SPARSE, ::SPARSE]
         if self._shown is None or not np.array_equal(shown, self._shown) or not shown.any():
             self._shown, self._changed = shown.copy(), self._last
