@@ -13,6 +13,7 @@ from lmkit.live.clock import LoopClock
 from lmkit.live.frame_group import FrameGroup
 from lmkit.live.motion import GYRO, WHEELS, MotionInbox, MotionRow
 from lmkit.live.source_address import SourceAddress, parse_size
+from lmkit.model.families import family_named
 from lmkit.simulation.recording import WheelErrors
 from lmkit.simulation.robot_course import RobotCourse
 
@@ -44,7 +45,8 @@ class SimulatedRun:
             )
         errors = WheelErrors(slips=int(address.number("slips", 0)))
         seed = int(address.number("seed", 1))
-        self.course = RobotCourse(seed, seconds + FIRST_S, count, size, cameras, errors)
+        family = family_named(address.options.get("family", "lm8"))
+        self.course = RobotCourse(seed, seconds + FIRST_S, count, size, cameras, errors, family)
         self.shift_s = 0.0
 
     @property

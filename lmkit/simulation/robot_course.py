@@ -11,6 +11,7 @@ from lmkit.arrays import ByteArray, FloatArray
 from lmkit.geometry.planar import planar_pose
 from lmkit.geometry.pose import Pose
 from lmkit.geometry.rig import AnyRig, Rig, T_map_cameras, mounted_cameras
+from lmkit.model.families import MarkerFamily
 from lmkit.model.landmark import LM8
 from lmkit.model.landmark_map import LandmarkMap
 from lmkit.model.observation import Detection
@@ -43,11 +44,12 @@ class RobotCourse:
         image_size: tuple[int, int] = (640, 480),
         cameras: int = 2,
         errors: WheelErrors | None = None,
+        family: MarkerFamily = LM8,
     ) -> None:
         rng = np.random.default_rng([seed, 12])
-        codes = [int(code) for code in rng.permutation(256)[:landmarks]]
+        codes = [int(code) for code in rng.permutation(min(family.code_count, 256))[:landmarks]]
         size_m = (*ROOM_M, HEIGHT_M)
-        self.landmarks = LandmarkMap(mount_landmarks(rng, LM8, codes, size_m))
+        self.landmarks = LandmarkMap(mount_landmarks(rng, family, codes, size_m))
         self._scene = furnish_room(rng, self.landmarks, size_m)
         stereo = replace(make_rig(image_size, FOCAL_SHARE * image_size[0]), T_base_left=T_BASE_LEFT)
         self.rig: AnyRig = stereo if cameras == 2 else Rig.of_one(stereo.left, T_BASE_LEFT)
