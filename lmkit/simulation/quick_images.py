@@ -81,7 +81,7 @@ class QuickCamera:
         rays = self._coarse @ R.T
         ahead = rays > 0
         with np.errstate(divide="ignore", invalid="ignore"):
-            lengths = (np.where(ahead, size, np.float32(0)) - t) / rays
+            lengths = np.where(rays == 0, np.float32(np.inf), (np.where(ahead, size, np.float32(0)) - t) / rays)
         axis = np.argmin(lengths, axis=2)
         at = t + np.take_along_axis(lengths, axis[:, :, None], axis=2) * rays
         face = _FACES[axis, np.take_along_axis(ahead, axis[:, :, None], axis=2)[:, :, 0].astype(np.intp)]
