@@ -34,9 +34,10 @@ def red_over_blue(inks: FloatArray) -> float:
 def words_of(family: LandmarkFamily) -> Words:
     """Open gaps of every code in every quarter turn, and where the gaps are."""
     masks = np.zeros((QUARTERS, family.code_count), dtype=np.int32)
-    for quarter, columns in enumerate(LandmarkPattern(family).gap_turns):
-        for code in range(family.code_count):
-            gaps = family.gaps(code)
+    turns = LandmarkPattern(family).gap_turns
+    for code in range(family.code_count):
+        gaps = family.gaps(code)
+        for quarter, columns in enumerate(turns):
             masks[quarter, code] = sum(1 << column for column, gap in zip(columns, gaps, strict=True) if gap)
     sectors = [
         (

@@ -117,9 +117,9 @@ class _Lines:
     def add(self, nx: float, ny: float, offset: float) -> tuple[int, int]:
         """Number of the line, and 1, or -1 where its other side is meant."""
         for sign in (1, -1):
-            line = np.array([sign * nx, sign * ny, sign * offset])
+            line = (sign * nx, sign * ny, sign * offset)
             for number, known in enumerate(self.found):
-                if np.allclose(line, known, atol=1e-9):
+                if all(abs(a - b) <= 1e-9 + 1e-5 * abs(b) for a, b in zip(line, known, strict=True)):
                     return number, sign
         self.found.append((nx, ny, offset))
         return len(self.found) - 1, 1

@@ -45,7 +45,8 @@ def noise_numpy(image: ByteArray) -> float:
 
 @lru_cache(maxsize=64)
 def _rows(height: int) -> NDArray[np.int64]:
-    return np.unique(np.linspace(0, height - 3, min(BANDS, height - 2)).astype(np.int64))
+    # Not np.unique, which would load numpy.ma.
+    return np.array(sorted(set(np.linspace(0, height - 3, min(BANDS, height - 2)).astype(np.int64).tolist())))
 
 
 @lru_cache(maxsize=1)
