@@ -12,7 +12,6 @@ import argparse
 import gzip
 import json
 import time
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -81,16 +80,10 @@ def main() -> None:
     arguments = parser.parse_args()
     folder, (meters, degrees) = arguments.folder, map(float, arguments.sigma.split(","))
     unpacked = Path("/tmp/tag_detections.csv")
-    unpacked.write_bytes(gzip.decompress((folder / "tag_detections.csv.gz").read_bytes()))
-    frames = read_detections(unpacked, ["lm8"])[:: arguments.every]
-    # The detector's corners run against the clock from bottom left.
-    frames = [
-        replace(
-            m,
-            **{eye: tuple(replace(o, corners=o.corners[::-1]) for o in getattr(m, eye)) for eye in ("left", "right")},
-        )
-        for m in frames
-    ]
+    _, rows = gzip.decompress((folder / "tag_detections.csv.gz").read_bytes()).split(b"\n", 1)
+    # The detector's corners run against the clock from bottom left: columns are read by their names.
+    unpacked.write_bytes(b"time_s,camera,tag_id,x3,y3,x2,y2,x1,y1,x0,y0\n" + rows)
+    frames = read_detections(unpacked, ["tag36h11"])[:: arguments.every]
     rig, hand = load_rig(folder), load_hand_measured(folder)
     covariance = np.diag([meters**2] * 3 + [np.deg2rad(degrees) ** 2] * 3)
     seen = {o.id for m in frames for o in m.detections}
