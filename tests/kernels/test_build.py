@@ -106,24 +106,6 @@ def test_a_broken_library_is_reported_not_raised(tmp_path, monkeypatch):
 
 
 @pytest.mark.slow
-@has_compiler
-def test_the_baseline_variant_agrees(tmp_path):
-    """The variant for every processor of this kind passes the tests of the native library; it differs from it most."""
-    target = build.this_target()
-    out = tmp_path / build.library_name(target.variants[0], target.system, build.digest())
-    build.compile_library(build.HERE, out, target.variants[0], target)
-    assert load._open(out, out.name).library is not None
-    ended = run_with(out, [str(ROOT / "tests" / "kernels" / "test_pairs.py"), "-n", "0", "-q", "-k", "compiled"])
-    assert ended.returncode == 0, ended.stdout + ended.stderr
-
-
-def run_with(library: Path, arguments: list[str], **variables: str) -> subprocess.CompletedProcess[str]:
-    environment = {**os.environ, load.SWITCH: str(library), **variables}
-    command = [sys.executable, "-m", "pytest", *arguments]
-    return subprocess.run(command, env=environment, cwd=ROOT, capture_output=True, text=True, check=False)
-
-
-@pytest.mark.slow
 @pytest.mark.skipif(sys.platform != "linux", reason="the address sanitizer is preloaded on Linux only")
 def test_sanitizers_find_nothing(tmp_path):
     """A library built with address and undefined-behavior checks runs every kernel on every hostile shape."""
