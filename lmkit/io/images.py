@@ -8,6 +8,7 @@ EXIF orientation is applied, so that pixels are where a viewer shows them.
 from __future__ import annotations
 
 import io
+import re
 import warnings
 from collections.abc import Callable
 from pathlib import Path
@@ -17,13 +18,14 @@ import numpy as np
 from PIL import Image, ImageOps, UnidentifiedImageError
 
 from lmkit.arrays import AnyArray, BoolArray, ByteArray, FloatArray
-from lmkit.errors import InputError
+from lmkit.errors import EXTRA, InputError
 
 MAX_BYTES = 256 * 1024 * 1024
 MAX_PIXELS = 100_000_000
 MIN_SIDE = 8
 Pixels = TypeVar("Pixels")
-SUFFIXES = frozenset({".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff", ".webp", ".pgm", ".ppm"})
+SUFFIXES = frozenset({".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff", ".webp", ".pgm", ".ppm", ".heic", ".heif"})
+_HEIF = re.compile(rb"....ftyp(?:hei[cxms]|hev[cxms]|mif1|msf1)", re.DOTALL)
 
 
 def read_image(path: Path) -> ByteArray:
@@ -77,6 +79,8 @@ def _loaded(data: bytes, name: str, convert: Callable[[Image.Image], Pixels]) ->
     """An upright image of bounded size, converted."""
     if not data:
         raise InputError("image_empty", f"{name}: the file is empty", "copy or take the image again")
+    if _HEIF.match(data):
+        _open_heif(name)
     try:
         with warnings.catch_warnings():
             # The size is judged right below, by our own cap.
@@ -104,6 +108,17 @@ def _loaded(data: bytes, name: str, convert: Callable[[Image.Image], Pixels]) ->
         raise InputError(
             "image_truncated", f"{name}: the image is cut off or damaged ({error})", "copy or take it again"
         ) from None
+
+
+def _open_heif(name: str) -> None:
+    """Let Pillow open HEIC."""
+    try:
+        from pillow_heif import register_heif_opener
+    except ImportError:
+        raise InputError(
+            "extra_missing", f"{name}: HEIC needs the package pillow-heif", EXTRA.format("heic")
+        ) from None
+    register_heif_opener()
 
 
 def _to_rgb(loaded: Image.Image) -> ByteArray:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+import sys
 
 import numpy as np
 import pytest
@@ -107,3 +108,17 @@ def test_paths_of_any_script_are_read(tmp_path):
     path = tmp_path / "объект-図-ü.png"
     path.write_bytes(encoded(plain("RGB", RED_RGB)))
     assert read_image(path).shape == (10, 20, 3)
+
+
+def test_photographs_in_heic_are_read_or_their_extra_is_named(tmp_path, monkeypatch):
+    pillow_heif = pytest.importorskip("pillow_heif")
+    shown = np.zeros((64, 80, 3), np.uint8)
+    shown[:, 40:] = (30, 200, 90)
+    path = tmp_path / "photo.heic"
+    pillow_heif.from_pillow(Image.fromarray(shown)).save(path, quality=95)
+    found = read_image(path)
+    assert found.shape == (64, 80, 3)
+    assert np.abs(found[:, [10, 70]].astype(int) - shown[:, [10, 70], ::-1]).max() < 12
+    monkeypatch.setitem(sys.modules, "pillow_heif", None)
+    with pytest.raises(InputError, match="pillow-heif"):
+        read_image(path)
