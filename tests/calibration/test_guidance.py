@@ -53,6 +53,7 @@ def test_a_blurred_view_is_not_kept():
     assert g.judge(replace(second, noise_left=0.05, noise_right=0.6)).reason == "blurred"
 
 
+@pytest.mark.slow
 def test_it_asks_for_what_is_missing_and_ends_when_nothing_is():
     g = guide()
     asked: list[str] = []

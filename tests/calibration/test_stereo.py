@@ -56,6 +56,7 @@ def test_noise_gives_errors_of_the_stated_size():
     assert 0.6 < np.sqrt(np.mean(np.square(z))) < 1.6
 
 
+@pytest.mark.slow
 def test_swapped_pictures_are_named_and_do_no_harm():
     clean = calibrate_stereo(views(14, 0.1), BOARD, (640, 480))
     planted = views(14, 0.1)
@@ -114,7 +115,8 @@ def test_what_a_turn_of_the_camera_makes_up_for_is_no_uncertainty():
     assert np.nanmax(uncertain(4)[:, [0, -1]]) > 0.3
 
 
-@pytest.mark.parametrize("seed", [0, *(pytest.param(k, marks=pytest.mark.slow) for k in (1, 2))])
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", range(3))
 def test_eyes_of_different_moments_are_refused_with_the_reason(seed):
     """The board moved by some 6 px between the left and the right image of every pair."""
     rng = np.random.default_rng(seed)

@@ -48,6 +48,7 @@ def test_corners_saved_before_calibrate_without_pictures(lmkit, corners, tmp_pat
     assert (tmp_path / "r.html").read_text().startswith("<!doctype html>")
 
 
+@pytest.mark.slow
 def test_a_wrong_square_is_noticed_by_the_declared_baseline(lmkit, corners):
     right = lmkit("calibrate", "--corners", corners, "--json", "--baseline", "120mm")
     wrong = lmkit("calibrate", "--corners", corners, "--json", "--baseline", "100mm", "--fov", "30")

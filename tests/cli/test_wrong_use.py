@@ -183,7 +183,7 @@ def test_calibrate_refuses_pairs_of_different_size(lmkit, tmp_path):
 
 
 def test_calibrate_refuses_what_does_not_pair(lmkit, tmp_path):
-    saved_image(tmp_path / "l" / "0.png")
+    saved_image(tmp_path / "l" / "door.png")
     saved_image(tmp_path / "r" / "0.png")
     saved_image(tmp_path / "r" / "1.png")
     assert_refused(lmkit("calibrate", "l", "r", "--board", "chessboard:9x6:30mm"), "1 left", "2 right")

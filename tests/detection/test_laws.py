@@ -177,9 +177,8 @@ def test_odd_sizes_are_searched(size):
     assert detect_landmarks(image, DetectOptions(config=ACCURATE)) == []
 
 
-@pytest.mark.parametrize(
-    "profile", ["balanced", *(pytest.param(p, marks=pytest.mark.slow) for p in ("fast", "accurate"))]
-)
+@pytest.mark.slow
+@pytest.mark.parametrize("profile", PROFILES)
 def test_all_that_are_in_view_are_read(profile, photographs):
     """No cap: 64 landmarks of 30 px in one image."""
     rng = np.random.default_rng(0)
@@ -243,6 +242,7 @@ SCOREBOARD = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", SCOREBOARD)
 def test_scoreboard(name):
     side_px, tilt_deg, chain, least = SCOREBOARD[name]

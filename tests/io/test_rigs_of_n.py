@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 import yaml
 
-from lmkit.errors import InputError
+from lmkit.errors import InputError, InputWarning
 from lmkit.geometry.pose import Pose
 from lmkit.geometry.rig import MountedCamera, Rig, as_stereo, mounted_cameras
 from lmkit.geometry.stereo_rig import StereoRig, mounted_ahead
@@ -135,5 +135,8 @@ def test_images_are_grouped_by_name_and_split_in_halves(tmp_path):
     assert (halves[1][0].pixels == 10).all()
     assert (halves[1][1].pixels == 200).all()
     (tmp_path / "c" / "1.png").unlink()
+    with pytest.warns(InputWarning, match="without a partner are left out"):
+        assert [[p.name for p in files] for files in list_groups(sources)] == [["0.png"] * 3]
+    (tmp_path / "c" / "0.png").rename(tmp_path / "c" / "front.png")
     with pytest.raises(InputError, match="2, 2, 1 images"):
         list_groups(sources)

@@ -82,7 +82,7 @@ def test_the_covariance_is_true(count):
     assert low < total < high
 
 
-@pytest.mark.parametrize("count", [1, 3])
+@pytest.mark.parametrize("count", [1, pytest.param(3, marks=pytest.mark.slow)])
 def test_the_covariance_knows_what_the_map_does_not(count):
     """Landmarks are mounted off their mapped places by draws of the map's covariance, a different one each."""
     from dataclasses import replace

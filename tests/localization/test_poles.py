@@ -163,6 +163,7 @@ def test_beams_of_a_direction() -> None:
     assert LaserScan(0.0, -0.5, 0.01, np.ones(101)).beam_at(1.0) is None
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("live", [False, True])
 def test_a_robot_is_tracked_while_its_scanner_rotates(tmp_path: Path, live: bool) -> None:
     made = make_drive(5, seconds=25, errors=WheelErrors(noise_per_root_m=0.01))

@@ -180,6 +180,7 @@ def test_many_landmarks_are_summed_sparsely_to_the_same_answer():
     assert np.abs(sums[0].covariance() - sums[1].covariance()).max() < 1e-9
 
 
+@pytest.mark.slow
 def test_recordings_together_know_the_room_better_than_one_alone():
     made = [drive(seed) for seed in (11, 12, 13)]
     recordings = [recording(one, f"day{k}") for k, one in enumerate(made)]

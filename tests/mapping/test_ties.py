@@ -103,6 +103,7 @@ def test_a_declared_wall_makes_the_map_flatter():
     assert np.mean(tied, axis=0)[0] < 0.8 * np.mean(plain, axis=0)[0]
 
 
+@pytest.mark.slow
 def test_who_does_not_hang_as_declared_is_named_and_bends_nothing():
     drive = make_drive(0, seconds=40, noise_px=0.1)
     codes = along_a_wall(drive)

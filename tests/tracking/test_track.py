@@ -203,6 +203,7 @@ def test_a_robot_that_runs_ahead_of_its_odometry_is_not_lost(delay_s):
     assert np.sqrt(P[0, 0]) < 0.03
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("follow", [track_readings, track_live])
 def test_what_the_map_leaves_open_enters_poses_and_covariance(follow):
     """Landmarks measured to 0.1 m: said so, poses are better and their covariance holds."""
