@@ -26,7 +26,8 @@ LONGEST_ROOM_M = 200.0
 BORDER = 4  # cells around lines
 LOOKS_IN = 0.1  # share of a line's side that must be free for it to be a wall
 
-Point = Annotated[list[float], Field(min_length=2, max_length=2)]
+Meters = Annotated[float, Field(ge=-1e8, le=1e8)]  # coordinates of a country's grid reach 1e7
+Point = Annotated[list[Meters], Field(min_length=2, max_length=2)]
 
 
 class _Wall(Document):

@@ -90,6 +90,7 @@ def test_clearance_is_the_distance_to_the_nearest_wall(tmp_path):
         ("f.yaml", TWO_ROOMS, 0.05, "two_scales"),
         ("f.yaml", TWO_ROOMS.replace("walls:", "doors: 3\nwalls:"), None, "bad_value"),
         ("f.yaml", TWO_ROOMS.replace("to: [6, 0]", "to: [0.001, 0]"), None, "short_wall"),
+        ("f.yaml", TWO_ROOMS.replace("to: [6, 0]", "to: [1.0e+308, 0]"), None, "bad_value"),
         ("f.yaml", "image: nowhere.png\nresolution: 0.05\n", None, "file_unreadable"),
         ("f.svg", SVG.replace("scale(2)", "warp(9)"), 0.1, "bad_svg"),
         ("f.svg", "<svg", 0.1, "not_svg"),
