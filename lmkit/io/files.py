@@ -15,9 +15,13 @@ def check_writable(path: Path, force: bool) -> None:
     Raises:
         InputError: the file exists and ``force`` is off, or its folder cannot be written to.
     """
-    if path.is_dir():
+    try:
+        is_folder, exists = path.is_dir(), path.exists()
+    except OSError as error:  # a name that is too long
+        raise InputError("not_writable", f"cannot write {path}: {error.strerror or error}", _HINT) from None
+    if is_folder:
         raise InputError("is_folder", f"{path} is a folder, not a file", "give a file name")
-    if path.exists() and not force:
+    if exists and not force:
         raise InputError("file_exists", f"{path} exists already", "add --force to overwrite it")
     folder = path.parent
     while not folder.exists():

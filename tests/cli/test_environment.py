@@ -53,3 +53,8 @@ def test_standard_output_that_is_full_or_closed(folder, stdout, code, lines):
     command = f"{sys.executable} -m lmkit map map.yaml {stdout}"
     done = subprocess.run(["bash", "-c", command], cwd=folder, capture_output=True, text=True, check=False)
     assert (done.returncode, len(done.stderr.splitlines())) == (code, lines), done.stderr
+
+
+def test_a_name_that_is_too_long_is_refused_before_work_begins(lmkit, folder):
+    answer = lmkit("convert", folder / "map.yaml", "--to", "wpilib", "-o", "9" * 400 + ".json")
+    assert (answer.code, "File name too long" in answer.err) == (2, True)
