@@ -236,8 +236,8 @@ def innovation_ratio(tracked):
 @pytest.mark.slow
 def test_innovations_are_as_large_as_expected_where_readings_scatter_as_told(monkeypatch):
     # As simulated: independent of each other, and no worse than that.  Wheels are better than they are taken to be.
-    monkeypatch.setattr(planar_filter, "RELATED_S", 0.0)
-    monkeypatch.setattr(planar_filter, "DRIVE_NOISE", ReadingNoise(1e-3, 0.03, 0.01, 1e-4))
+    independent = ReadingNoise(1e-3, 0.03, 0.01, 1e-4, related_s=0.0)
+    monkeypatch.setattr(planar_filter, "DRIVE_NOISE", independent)
     ratios = []
     for seed in range(4):
         drive = make_drive(seed)
