@@ -12,6 +12,7 @@ from __future__ import annotations
 import argparse
 import time
 from collections.abc import Callable
+from functools import partial
 
 import cv2
 import numpy as np
@@ -60,6 +61,12 @@ class Peer:
         return Pose("map", "base", T.R @ base.R, T.R @ base.t + T.t) if done else None
 
 
+def step_of(loop: LiveLoop, group: FrameGroup) -> Pose | None:
+    """T_map_base that lmkit publishes for a step."""
+    state = loop.step(group)
+    return state.T_map_base if state else None
+
+
 def measured(groups: list[FrameGroup], step: Callable[[FrameGroup], Pose | None]) -> tuple[np.ndarray, np.ndarray]:
     """Milliseconds of every step, and errors (m) of the poses."""
     times, errors = [], []
@@ -98,8 +105,7 @@ def main() -> None:
             simulated = SimulatedRun(parse_source(address))
             course, groups = simulated.course, list(simulated.groups())
             loop = LiveLoop(course.rig, course.landmarks, LoopSettings("wheels", rule=PublicationRule(confirm=1)))
-            step = lambda group, loop=loop: state.T_map_base if (state := loop.step(group)) else None  # noqa: E731
-            all_.setdefault(f"lmkit, {family}", []).append(measured(groups, step))
+            all_.setdefault(f"lmkit, {family}", []).append(measured(groups, partial(step_of, loop)))
             if family == PEER:
                 all_.setdefault(f"ArUco and PnP, {family}", []).append(measured(groups, Peer(course)))
     print(f"{arguments.size}, two cameras, {arguments.seeds} runs\n")

@@ -3,15 +3,14 @@
 from __future__ import annotations
 
 import json
-import queue
 import threading
 from collections.abc import Sequence
 from typing import Any
 
 from lmkit.live.inputs.base import InputLost, Reading
+from lmkit.live.inputs.waiting import WaitingReadings
 from lmkit.live.motion import GYRO, POSE, WHEELS
 
-MOST_WAITING = 1000
 MOST_BYTES = 1 << 16
 PORT = 8766
 
@@ -26,7 +25,7 @@ class JsonInput:
     def __init__(self, host: str = "127.0.0.1", port: int = PORT) -> None:
         from websockets.sync.server import serve
 
-        self._queue: queue.Queue[Reading] = queue.Queue(MOST_WAITING)
+        self._waiting = WaitingReadings()
         try:
             self._server: Any = serve(self._welcome, host, port, compression=None, max_size=MOST_BYTES)
         except OSError as error:
@@ -38,18 +37,12 @@ class JsonInput:
         for text in peer:
             for line in text.splitlines():
                 reading = reading_of(line)
-                if reading is not None and not self._queue.full():
-                    self._queue.put_nowait(reading)
+                if reading is not None:
+                    self._waiting.put(reading)
 
     def read(self, timeout_s: float) -> Sequence[Reading]:
         """See `MotionInput`."""
-        try:
-            found = [self._queue.get(timeout=timeout_s)]
-        except queue.Empty:
-            return ()
-        while not self._queue.empty():
-            found.append(self._queue.get_nowait())
-        return found
+        return self._waiting.take(timeout_s)
 
     def close(self) -> None:
         """See `MotionInput`."""

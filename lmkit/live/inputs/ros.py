@@ -2,16 +2,14 @@
 
 from __future__ import annotations
 
-import queue
 from collections.abc import Sequence
 
 from lmkit.live.inputs.base import InputLost, Reading
+from lmkit.live.inputs.waiting import WaitingReadings
 from lmkit.live.motion import GYRO, POSE
 from lmkit.live.ros.address import RosAddress
 from lmkit.live.ros.messages import IMU, ODOMETRY, Values, time_of
 from lmkit.live.ros.transport import TransportLost, connect
-
-MOST_WAITING = 1000
 
 
 class RosInput:
@@ -26,7 +24,7 @@ class RosInput:
     """
 
     def __init__(self, address: RosAddress, transport: str, is_gyro: bool) -> None:
-        self._queue: queue.Queue[Reading] = queue.Queue(MOST_WAITING)
+        self._waiting = WaitingReadings()
         self._read = gyro_reading if is_gyro else odometry_reading
         try:
             self._transport = connect(address, transport)
@@ -35,8 +33,7 @@ class RosInput:
             raise InputLost(str(lost)) from None
 
     def _heard(self, values: Values) -> None:
-        if not self._queue.full():
-            self._queue.put_nowait(self._read(values))
+        self._waiting.put(self._read(values))
 
     def read(self, timeout_s: float) -> Sequence[Reading]:
         """See `MotionInput`."""
@@ -44,13 +41,7 @@ class RosInput:
             self._transport.check()
         except TransportLost as lost:
             raise InputLost(str(lost)) from None
-        try:
-            found = [self._queue.get(timeout=timeout_s)]
-        except queue.Empty:
-            return ()
-        while not self._queue.empty():
-            found.append(self._queue.get_nowait())
-        return found
+        return self._waiting.take(timeout_s)
 
     def close(self) -> None:
         """See `MotionInput`."""
