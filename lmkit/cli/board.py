@@ -23,7 +23,7 @@ def run(
     force: options.Force = False,
 ) -> None:
     """Write a calibration board, true to scale."""
-    from lmkit.generation.board import compose_board_page, largest_square_mm
+    from lmkit.generation.board import compose_board_page, largest_that_fits
     from lmkit.io.template import PAPERS_MM
     from lmkit.model.board import BoardSpec
     from lmkit.pipelines.prints import PAPERS, SUFFIXES, encode_page
@@ -41,6 +41,6 @@ def run(
     if sorted(page.size_mm) != sorted(PAPERS_MM[paper]):
         warn(
             f"the board is larger than {paper}: its page is {width:g} x {height:g} mm, for a print shop; "
-            f"squares of {largest_square_mm(board, paper)} mm would fit on {paper}"
+            f"{largest_that_fits(board, paper)} would fit on {paper}"
         )
     print_line(f"{output}: {board} on {width:g} x {height:g} mm")

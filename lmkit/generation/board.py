@@ -30,7 +30,7 @@ def compose_board_page(board: BoardSpec, paper: str = "a4") -> Page:
         InputError: the board's markers cannot be made.
     """
     width, height = board.pattern_mm
-    edge = _edge_mm(board)
+    edge = EDGE_MM + _rim_mm(board)
     need = (width + 2 * edge, height + 2 * edge + LABEL_MM)
     w, h = PAPERS_MM[paper]
     page = next((p for p in ((w, h), (h, w)) if need[0] <= p[0] and need[1] <= p[1]), need)
@@ -51,18 +51,26 @@ def compose_board_page(board: BoardSpec, paper: str = "a4") -> Page:
     return Page(page, tuple(items), f"lmkit board {board}", faces)
 
 
-def largest_square_mm(board: BoardSpec, paper: str) -> int:
-    """The largest square, whole mm, at which a board of these proportions fits on the paper; 0 if none does."""
-    width, height = board.pattern_mm
+def largest_that_fits(board: BoardSpec, paper: str) -> str:
+    """The largest squares, whole mm, at which a board of these proportions fits on the paper; tags of an AprilGrid.
+
+    Examples:
+        >>> largest_that_fits(BoardSpec.parse("chessboard:9x6:30mm"), "a4")
+        'squares of 26 mm'
+        >>> largest_that_fits(BoardSpec.parse("aprilgrid:6x6:24mm:0.3"), "a4")
+        'tags of 23 mm'
+    """
+    gap = _rim_mm(board)
+    width, height = (side + 2 * gap for side in board.pattern_mm)
     w, h = PAPERS_MM[paper]
-    edge = _edge_mm(board)
-    scale = max(min((p[0] - 2 * edge) / width, (p[1] - 2 * edge - LABEL_MM) / height) for p in ((w, h), (h, w)))
-    return int(scale * board.square_mm + 1e-9)
+    scale = max(min((x - 2 * EDGE_MM) / width, (y - 2 * EDGE_MM - LABEL_MM) / height) for x, y in ((w, h), (h, w)))
+    word, side = ("tags", board.marker_mm) if board.kind == "aprilgrid" else ("squares", board.square_mm)
+    return f"{word} of {int(scale * side + 1e-9)} mm"
 
 
-def _edge_mm(board: BoardSpec) -> float:
-    """From the pattern to the paper's edge, at least; small squares stand around an AprilGrid's tags."""
-    return EDGE_MM + (board.gap_mm if board.kind == "aprilgrid" else 0.0)
+def _rim_mm(board: BoardSpec) -> float:
+    """Width of the small squares that stand around an AprilGrid's tags."""
+    return board.gap_mm if board.kind == "aprilgrid" else 0.0
 
 
 def _april_grid_items(board: BoardSpec, x0: float, y0: float) -> list[FilledPath | Text]:

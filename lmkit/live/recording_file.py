@@ -121,7 +121,11 @@ class RunRecording:
                 yield from StreamReader(file).records
         except (EndOfFile, struct.error):  # within a record
             return
-        except (OSError, McapError) as error:
+        except OSError as error:
+            raise InputError(
+                "file_unreadable", f"cannot read {self.path}: {error.strerror or error}", _HINT
+            ) from None
+        except McapError as error:
             raise InputError("bad_recording", f"{self.path}: {error}", _HINT) from None
 
     def groups(self) -> Iterator[FrameGroup]:

@@ -16,7 +16,7 @@ from rasters import BOTH, by_pdfium
 
 from lmkit.detection.pattern_model import LandmarkPattern
 from lmkit.errors import InputError
-from lmkit.generation.board import compose_board_page
+from lmkit.generation.board import compose_board_page, largest_that_fits
 from lmkit.generation.page import bare_landmark_page
 from lmkit.generation.pdf import pages_to_pdf
 from lmkit.generation.png import page_to_image, page_to_png
@@ -134,6 +134,14 @@ def test_a_board_larger_than_its_paper_is_reported_with_what_fits(tmp_path):
         "choose a4, letter"
         in run_command("board", "chessboard:9x6:26mm", "--paper", "a9", "-o", tmp_path / "x.pdf").err
     )
+
+
+def test_the_tags_that_are_said_to_fit_do_and_larger_ones_do_not():
+    said = largest_that_fits(BoardSpec.parse("aprilgrid:6x6:40mm:0.3"), "a4")
+    fits = int(said.split()[2])
+    for tag_mm, on_paper in ((fits, True), (fits + 1, False)):
+        page = compose_board_page(BoardSpec.parse(f"aprilgrid:6x6:{tag_mm}mm:0.3"), "a4")
+        assert (sorted(page.size_mm) == [210, 297]) == on_paper
 
 
 def test_several_codes_of_a_size_share_sheets_in_order(tmp_path):
