@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 
 from lmkit.arrays import ByteArray
 from lmkit.errors import InputError
@@ -112,8 +112,3 @@ class SimulatedCapture:
 
     def close(self) -> None:
         """See `Capture`."""
-
-
-def truth_at(run: SimulatedRun) -> Callable[[float], object]:
-    """A function that gives the true pose at a time of the loop."""
-    return lambda time_s: run.course.T_map_base(time_s - run.shift_s)

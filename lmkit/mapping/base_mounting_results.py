@@ -50,7 +50,8 @@ def _camera_lines(camera: CameraOnBase) -> list[str]:
     sigma = np.sqrt(np.diag(camera.covariance))
     mm, deg = 1000 * sigma[:3], np.rad2deg(sigma[3:])
     lines = [
-        f"{camera.name}: x {x:.4f} y {y:.4f} z {z:.4f} m, looks {yaw:.2f} deg to the left and {down:.2f} deg down",
+        f"{camera.name}: x {x:z.4f} y {y:z.4f} z {z:z.4f} m, "
+        f"looks {yaw:z.2f} deg to the left and {down:z.2f} deg down",
         f"  +- {mm[0]:.1f} {mm[1]:.1f} {mm[2]:.1f} mm, {deg[0]:.2f} {deg[1]:.2f} {deg[2]:.2f} deg about x y z; "
         f"{camera.frames} frames",
     ]

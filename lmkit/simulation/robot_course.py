@@ -17,7 +17,7 @@ from lmkit.model.landmark_map import LandmarkMap
 from lmkit.model.observation import Detection
 from lmkit.simulation.observations import look
 from lmkit.simulation.quick_images import QuickCamera
-from lmkit.simulation.recording import HEIGHT_M, STEP_S, T_BASE_LEFT, WheelErrors, _round_trip, _slip, _wheels
+from lmkit.simulation.recording import HEIGHT_M, T_BASE_LEFT, WheelErrors, _round_trip, _slip, _wheels
 from lmkit.simulation.scene import furnish_room, make_rig, mount_landmarks
 
 ROOM_M = (6.0, 4.5)
@@ -90,8 +90,3 @@ class RobotCourse:
             table[np.searchsorted(table[:, 0], after_s, "right") : np.searchsorted(table[:, 0], until_s, "right")]
             for table in (self.wheels, self.gyro)
         )
-
-    @property
-    def step_s(self) -> float:
-        """Time between two rows of odometry."""
-        return STEP_S
