@@ -18,6 +18,7 @@ WINDOW_S = 1.0  # over which speeds are taken
 FASTEST_MPS, FASTEST_RADPS = 40.0, 10.0  # of anything that drives past printed landmarks
 LARGEST_STEP = 1e4  # m and rad from one row to the next, and rad/s: no measurement
 LEAST_PAIRS = 12
+LEAST_IN_DEGREES = 4  # a ratio of 57 is no accident
 LEAST_TURN_RAD, LEAST_WAY_M = 0.05, 0.05  # root mean squares below which nothing can be compared
 LIKE, LAGGED, UNLIKE, OPPOSITE = 0.8, 0.87, 0.4, -0.6  # correlations
 OFF_SCALE = 2.0
@@ -83,13 +84,15 @@ def require_plausible_gyro(gyro: Gyro, odometry: Odometry) -> None:
         raise _refused("implausible_gyro", f"the gyro turns at {rate:.3g} rad/s: is it in degrees per second?")
     require_one_clock(gyro.times_s, odometry.times_s, "the gyro", "odometry")
     times = np.arange(start, end, WINDOW_S)
-    if len(times) <= LEAST_PAIRS:
+    if len(times) <= LEAST_IN_DEGREES:
         return
     wheels = np.interp(times, odometry.times_s, np.cumsum(odometry.turn_rad))
     own, theirs = np.diff(gyro.turned(times)), np.diff(wheels)
     if _rms(theirs) < LEAST_TURN_RAD:
         return
     scale, like = _compared(own, theirs)
+    if len(times) <= LEAST_PAIRS and not _is(scale, DEGREES):
+        return
     if like > LIKE and scale > OFF_SCALE:
         unit = "it is in degrees per second" if _is(scale, DEGREES) else "check its unit"
         raise _refused("implausible_gyro", f"the gyro turns {scale:.3g} times as fast as the wheels: {unit}")

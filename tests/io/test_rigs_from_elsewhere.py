@@ -122,19 +122,48 @@ def test_another_camera_model_is_named(tmp_path):
         read_any_rig(file(tmp_path, text))
 
 
-@pytest.mark.parametrize("write", [rig_to_yaml, rig_to_opencv_yaml, lambda rig: rig_to_camchain(rig)[0]])
+def ros_files(folder, rig):
+    for name, text in zip(FILES, rig_to_camera_infos(rig), strict=True):
+        (folder / name).write_text(text)
+    return folder
+
+
+@pytest.mark.parametrize(
+    "write",
+    [
+        lambda folder, rig: file(folder, rig_to_yaml(rig)),
+        lambda folder, rig: file(folder, rig_to_opencv_yaml(rig)),
+        lambda folder, rig: file(folder, rig_to_camchain(rig)[0]),
+        ros_files,
+    ],
+    ids=["lmkit", "opencv", "kalibr", "ros"],
+)
 def test_what_no_rig_can_be_is_refused_or_named_on_every_way_in(tmp_path, write):
-    def moved(t) -> str:
-        return write(replace(RIG, T_right_left=Pose("right", "left", RIG.T_right_left.R, t)))
+    def moved(t):
+        return write(tmp_path, replace(RIG, T_right_left=Pose("right", "left", RIG.T_right_left.R, t)))
 
     t = np.array(RIG.T_right_left.t)
     with pytest.raises(InputError, match="millimeters"):
-        read_any_rig(file(tmp_path, moved(1000 * t)))
+        read_any_rig(moved(1000 * t))
     with pytest.warns(InputWarning, match="are the cameras swapped"):
-        read_any_rig(file(tmp_path, moved(-t)))
+        read_any_rig(moved(-t))
     with warnings.catch_warnings():
         warnings.simplefilter("error")
-        read_any_rig(file(tmp_path, moved(t)))
+        read_any_rig(moved(t))
+
+
+@pytest.mark.parametrize("fault", ["exchanged files", "sign of Tx"])
+def test_camera_infos_of_swapped_cameras_are_named(tmp_path, fault):
+    left, right = map(yaml.safe_load, rig_to_camera_infos(RIG))
+    if fault == "sign of Tx":
+        data = right["projection_matrix"]["data"]
+        data[3] = -data[3]
+    else:
+        left, right = right, left
+    for name, info in zip(FILES, (left, right), strict=True):
+        (tmp_path / name).write_text(yaml.safe_dump(info))
+    with pytest.warns(InputWarning, match="are the cameras swapped"):
+        read_any_rig(tmp_path)
 
 
 def test_a_base_with_the_axes_of_an_optical_frame_is_named():
