@@ -172,8 +172,8 @@ def track(
     from lmkit.pipelines.recording_checks import require_plausible_recording
 
     mapped = as_map(landmarks)
-    mapped.require_any(recording.ids)
     require_plausible_recording(recording, None if rig is None else as_rig(rig), mapped)
+    mapped.require_any(recording.ids)
     if recording.readings:
         return _track_readings(recording, mapped, live)
     if rig is None:

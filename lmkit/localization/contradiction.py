@@ -18,8 +18,10 @@ from lmkit.geometry.rig_plausibility import rig_warnings
 from lmkit.kernels.square_pose import square_poses
 from lmkit.localization.absolute_pose import locate_camera, locate_rig
 from lmkit.localization.correspondences import CORNER_FLOOR_PX, Correspondences
+from lmkit.localization.mirror import find_mirror
 from lmkit.localization.rig_contradiction import Cause, find_rig_cause
 from lmkit.model.estimate import PoseEstimate
+from lmkit.model.landmark_id import LandmarkId
 from lmkit.model.landmark_map import LandmarkMap, MappedLandmark
 from lmkit.model.observation import Detection
 from lmkit.model.pose_status import PoseStatus
@@ -64,10 +66,19 @@ def with_cause(
     rig: AnyRig,
     landmarks: LandmarkMap,
 ) -> PoseEstimate:
-    """The estimate of one frame; warnings name what is unusual in the rig, and why no pose explains the landmarks."""
+    """The estimate of one frame; warnings name what is unusual in the rig, and why no pose explains the landmarks.
+
+    Mirrored images give no pose: what their landmarks read as may stand in the map, too.
+    """
     texts = rig_warnings(rig, "the rig")
+    frame = RigFrame(0.0, tuple(map(tuple, seen)))
+    if 2 * len(estimate.inliers) < len({d.id for d in frame.detections}):
+        mirror = find_mirror([frame], rig, landmarks)
+        if mirror is not None:
+            read = tuple(sorted(_mapped(frame, landmarks)))
+            return PoseEstimate(PoseStatus.INCONSISTENT, outliers=read, warnings=(str(mirror), *texts))
     if estimate.status == PoseStatus.INCONSISTENT:
-        cause = find_cause([RigFrame(0.0, tuple(map(tuple, seen)))], rig, landmarks)
+        cause = find_cause([frame], rig, landmarks)
         texts = texts if cause is None else (str(cause), *texts)
     return replace(estimate, warnings=(*estimate.warnings, *texts)) if texts else estimate
 
@@ -79,7 +90,7 @@ def _telling(frames: Sequence[RigFrame], landmarks: LandmarkMap) -> list[RigFram
     return [frames[-k] for _, k in best]
 
 
-def _mapped(frame: RigFrame, landmarks: LandmarkMap) -> set[object]:
+def _mapped(frame: RigFrame, landmarks: LandmarkMap) -> set[LandmarkId]:
     return {o.id for o in frame.detections if o.id in landmarks}
 
 

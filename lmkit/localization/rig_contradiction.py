@@ -136,7 +136,11 @@ def _share(seen: _Seen, rig: StereoRig) -> float:
 def _variants(seen: _Seen, rig: StereoRig) -> Iterator[tuple[Cause, _Seen, StereoRig]]:
     """Causes, and what is seen and the rig once each is undone."""
     yield (
-        Cause("swapped_cameras", "left and right are swapped: give the left camera's images or detections first"),
+        Cause(
+            "swapped_cameras",
+            "left and right are swapped: give the left camera's images or detections first; if they are first, both "
+            "cameras' images are mirrored",
+        ),
         seen.swapped,
         rig,
     )

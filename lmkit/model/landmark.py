@@ -14,7 +14,7 @@ import numpy as np
 
 from lmkit.arrays import FloatArray
 from lmkit.errors import InputError
-from lmkit.model.codewords import code_to_gaps, codewords
+from lmkit.model.codewords import code_to_gaps, codewords, gaps_to_code
 
 
 @dataclass(frozen=True)
@@ -100,6 +100,24 @@ class LandmarkFamily:
         """
         self.require_code(code)
         return code_to_gaps(self.words[code], self.gap_count)
+
+    def mirrored_code(self, code: int) -> int | None:
+        """The code that a landmark reads as in a mirrored image; None where the family has no such code.
+
+        The triangle is symmetric, and each ring's gaps run the other way.  In an image that is upside down besides,
+        the landmark reads as the same code.
+
+        Raises:
+            InputError: the family has no such code.
+        """
+        gaps = self.gaps(code)
+        mirrored: list[bool] = []
+        for ring in self.rings:
+            own, gaps = gaps[: ring.gap_count], gaps[ring.gap_count :]
+            centers = [round(center) % 360 for center in ring.gap_centers_deg]
+            mirrored += [own[centers.index(-center % 360)] for center in centers]
+        word = gaps_to_code(mirrored)
+        return self.words.index(word) if word in self.words else None
 
     def is_drawn_like(self, other: object) -> bool:
         """True where two families share their drawing, so that a landmark of one is a landmark of the other."""

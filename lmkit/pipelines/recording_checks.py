@@ -11,6 +11,7 @@ from lmkit.geometry.rig import AnyRig
 from lmkit.geometry.rig_plausibility import require_plausible
 from lmkit.io.readings import FARTHEST_M, LARGEST_RAD
 from lmkit.localization.absolute_pose import locate_rig
+from lmkit.localization.mirror import find_mirror
 from lmkit.localization.range_bearing import locate_planar
 from lmkit.localization.rig_contradiction import find_rig_cause
 from lmkit.model.corner_order import require_clockwise
@@ -47,6 +48,9 @@ def require_plausible_recording(
     _require_plausible_readings(recording)
     if rig is not None:
         require_plausible(rig, "the rig")
+        if landmarks is not None and (cause := find_mirror(recording.frames, rig, landmarks)) is not None:
+            what, _, hint = str(cause).partition(": ")
+            raise InputError(cause.code, what, hint)
         sizes = {} if size_m is None else dict.fromkeys(recording.ids, size_m)
         sizes |= {} if landmarks is None else {m.id: m.size_m for m in landmarks}
         if (cause := find_rig_cause(recording.frames, rig, sizes)) is not None:

@@ -244,23 +244,12 @@ def _content_problem(candidate: Candidate, stated: tuple[Stated, ...]) -> str | 
     codes = [one.code for one in stated if one.code is not None]
     if len(codes) < len(stated) or not codes or code in codes:
         return None
+    mirrored = family.mirrored_code(code) if isinstance(family, LandmarkFamily) else None
     if len(codes) > 1:
-        return f"reads as code {code}, which is none of {format_codes(codes)}"
+        problem = f"reads as code {code}, which is none of {format_codes(codes)}"
+        return problem + (f"; {mirrored} mirrored reads so" if mirrored in codes else "")
     problem = f"reads as code {code}, but its label says {codes[0]}"
-    if isinstance(family, LandmarkFamily) and family.words[code] == mirrored_word(family, codes[0]):
-        problem += ", which it is mirrored"
-    return problem
-
-
-def mirrored_word(family: LandmarkFamily, code: int) -> int:
-    """The word that a landmark shows when it is printed mirrored about its upright axis."""
-    gaps = list(family.gaps(code))
-    bits: list[bool] = []
-    for ring in family.rings:
-        own, gaps = gaps[: ring.gap_count], gaps[ring.gap_count :]
-        centers = [round(center) % 360 for center in ring.gap_centers_deg]
-        bits += [own[centers.index(-center % 360)] for center in centers]
-    return int("".join(str(int(bit)) for bit in bits), 2)
+    return problem + (", which it is mirrored" if mirrored == codes[0] else "")
 
 
 def _sheets(path: Path) -> list[Sheet]:

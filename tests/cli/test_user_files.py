@@ -107,7 +107,7 @@ def drive():
 
 
 def of_family(landmarks: LandmarkMap, family: str) -> LandmarkMap:
-    """The same places, with codes of another family."""
+    """Landmarks at the places of others, with codes of another family."""
     from dataclasses import replace
 
     return LandmarkMap([replace(m, id=LandmarkId(family, k)) for k, m in enumerate(landmarks)])
