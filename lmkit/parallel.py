@@ -8,6 +8,7 @@ import os
 import time
 from collections.abc import Callable, Generator, Iterable
 from concurrent.futures import ProcessPoolExecutor
+from concurrent.futures.process import BrokenProcessPool
 from functools import partial
 from typing import Any, TypeVar
 
@@ -87,7 +88,14 @@ def _map(
         return
     context = multiprocessing.get_context("spawn")
     with ProcessPoolExecutor(limit, mp_context=context, initializer=_start_worker, initargs=(shared,)) as pool:
-        yield from pool.map(in_worker, rest)
+        try:
+            yield from pool.map(in_worker, rest)
+        except BrokenProcessPool:
+            raise InputError(
+                "worker_ended",
+                "a worker process ended before its work was done, most likely for want of memory",
+                "work in fewer processes: --jobs 1",
+            ) from None
 
 
 def _start_worker(shared: Any) -> None:

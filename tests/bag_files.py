@@ -7,7 +7,7 @@ import numpy as np
 from lmkit.io.ros_camera_info import rig_to_camera_infos
 
 
-def write_bag(folder, rig, pairs=3, encoding="rgb8", late=0.0):
+def write_bag(folder, rig, pairs=3, encoding="rgb8", late=0.0, rate=(0.0, 0.0, 0.3), gravity=(0.0, 0.0, 0.0)):
     """Stereo images of one color each, camera_info, odometry along x, and a gyro."""
     import yaml
     from rosbags.rosbag2 import Writer
@@ -65,6 +65,6 @@ def write_bag(folder, rig, pairs=3, encoding="rgb8", late=0.0):
             )
             say("/odom", "nav_msgs/msg/Odometry", time, odometry)
             imu = make["sensor_msgs/msg/Imu"](
-                header(time), quaternion, np.zeros(9), vector(0.0, 0.0, 0.3), np.zeros(9), zero, np.zeros(9)
+                header(time), quaternion, np.zeros(9), vector(*rate), np.zeros(9), vector(*gravity), np.zeros(9)
             )
             say("/imu", "sensor_msgs/msg/Imu", time, imu)

@@ -194,6 +194,22 @@ def harmed(name: str, data: bytes, rng: random.Random, others: Mapping[str, byte
     return harm_text(text, rng).encode("utf-8", "surrogatepass")
 
 
+def run_unharmed(case: Case, folder: Path, inputs: Mapping[str, bytes]) -> Answer:
+    """Run a case as it is in its folder, the working folder; its files are restored, others removed."""
+    before = set(folder.iterdir())
+    try:
+        return run_command(*case.words.split())
+    finally:
+        _restore(case, folder, inputs, before)
+
+
+def _restore(case: Case, folder: Path, inputs: Mapping[str, bytes], before: set[Path]) -> None:
+    for name in case.files:
+        (folder / name).write_bytes(inputs[name])
+    for path in set(folder.iterdir()) - before:
+        shutil.rmtree(path) if path.is_dir() else path.unlink()
+
+
 def run_harmed(case: Case, folder: Path, inputs: Mapping[str, bytes], rng: random.Random) -> tuple[Answer, str]:
     """Run a case with one or two of its files harmed, or with a harmed option; the files are restored.
 
@@ -221,7 +237,4 @@ def run_harmed(case: Case, folder: Path, inputs: Mapping[str, bytes], rng: rando
         if keep.is_dir():  # the tool keeps the files of the last case
             for name in case.files:
                 shutil.copy(folder / name, keep / Path(name).name)
-        for name in case.files:
-            (folder / name).write_bytes(inputs[name])
-        for path in set(folder.iterdir()) - before:
-            shutil.rmtree(path) if path.is_dir() else path.unlink()
+        _restore(case, folder, inputs, before)

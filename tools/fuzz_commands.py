@@ -1,5 +1,7 @@
 """Run every command on harmed files and options; prints each internal error, the slowest case and the largest memory.
 
+Each case is run unharmed first, and must succeed.
+
 Usage: ``python tools/fuzz_commands.py COUNT [SEED] [WORDS OF THE COMMAND]``.
 """
 
@@ -18,7 +20,7 @@ from pathlib import Path
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "tests"))
 
-from command_cases import CASES, run_harmed, write_inputs
+from command_cases import CASES, run_harmed, run_unharmed, write_inputs
 
 MOST_SHOWN = 40
 
@@ -45,6 +47,11 @@ def main() -> int:
         kept = Path(os.environ.get("FUZZ_KEEP", root + "/kept"))
         (Path(root) / "failed").mkdir()
         os.chdir(folder)
+        for case in cases:
+            answer = run_unharmed(case, folder, inputs)
+            if answer.code != 0:
+                print(f"UNHARMED {case.words}\n   {answer.code} {answer.err[-400:]}")
+                return 1
         for _ in range(count):
             case = rng.choices(cases, [c.weight for c in cases])[0]
             start = time.thread_time()

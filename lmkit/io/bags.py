@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import shutil
 import sqlite3
+import warnings
 from collections.abc import Iterator
 from dataclasses import dataclass
 from importlib.util import find_spec
@@ -18,7 +19,8 @@ import cv2
 import numpy as np
 
 from lmkit.arrays import AnyArray
-from lmkit.errors import EXTRA, InputError
+from lmkit.errors import EXTRA, InputError, InputWarning
+from lmkit.geometry.imu_axes import upward_rates
 from lmkit.io.documents import dump_yaml
 from lmkit.io.ros_camera_info import FILES
 from lmkit.model.scan import LaserScan
@@ -232,7 +234,8 @@ def _require_rosbags() -> None:
 def _unpack(reader: Any, topics: Topics) -> Iterator[Unpacked]:
     waiting: dict[str, list[tuple[float, bytes, str]]] = {"left": [], "right": []}
     roles = {topic: role for role, topic in vars(topics).items() if topic is not None}
-    odometry, poses, gyro = ["time_s,x_m,y_m,heading_rad"], ["# time x y z qx qy qz qw"], ["time_s,rate_radps"]
+    odometry, poses = ["time_s,x_m,y_m,heading_rad"], ["# time x y z qx qy qz qw"]
+    inertial: list[tuple[float, ...]] = []
     last = {"odometry": -np.inf, "imu": -np.inf}
     infos: set[str] = set()
     number = 0
@@ -261,16 +264,27 @@ def _unpack(reader: Any, topics: Topics) -> Iterator[Unpacked]:
                 numbers = " ".join(f"{v:.9f}" for v in (p.x, p.y, p.z, q.x, q.y, q.z, q.w))
                 poses.append(f"{time_s:.6f} {numbers}")
             else:
-                gyro.append(f"{time_s:.6f},{message.angular_velocity.z:.6f}")
+                measured = message.angular_velocity, message.linear_acceleration
+                inertial.append((time_s, *(v for m in measured for v in (m.x, m.y, m.z))))
     if number == 0:
         raise InputError(
             "no_pairs",
             f"no images of {topics.left} and {topics.right} within {1000 * APART_S:g} ms of each other",
             "check that both cameras were recorded, with stamps of one clock",
         )
-    for name, lines in (("odometry.csv", odometry), ("odometry.tum", poses), ("gyro.csv", gyro)):
+    for name, lines in (("odometry.csv", odometry), ("odometry.tum", poses), ("gyro.csv", _gyro_lines(inertial))):
         if len(lines) > 2:
             yield Unpacked(name, ("\n".join(lines) + "\n").encode())
+
+
+def _gyro_lines(inertial: list[tuple[float, ...]]) -> list[str]:
+    """Lines of a gyro table from time, angular velocity and linear acceleration of each message."""
+    table = np.array(inertial, dtype=np.float64).reshape(-1, 7)
+    rates, sentence = upward_rates(table[:, 1:4], table[:, 4:])
+    if sentence is not None:
+        warnings.warn(InputWarning(sentence), stacklevel=3)
+    rows = zip(table[:, 0].tolist(), rates.tolist(), strict=True)
+    return ["time_s,rate_radps", *(f"{time_s:.6f},{rate:.6f}" for time_s, rate in rows)]
 
 
 def _pairs(waiting: dict[str, list[tuple[float, bytes, str]]]) -> Iterator[dict[str, tuple[float, bytes, str]]]:

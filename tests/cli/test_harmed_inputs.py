@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 import yaml
-from command_cases import CASES, run_harmed, write_inputs
+from command_cases import CASES, run_harmed, run_unharmed, write_inputs
 from command_line import run_command
 
 QUICK = [case for case in CASES if case.files and not any(name.endswith((".png", ".pdf")) for name in case.files)]
@@ -56,6 +56,14 @@ def assert_clean(answer, what):
     if "--json" in what:
         for line in answer.out.splitlines():
             json.loads(line, parse_constant=pytest.fail)
+
+
+@pytest.mark.slow
+def test_unharmed_inputs_succeed(runnable, inputs):
+    """Otherwise the answers to harmed ones say nothing."""
+    for case in runnable:
+        answer = run_unharmed(case, *inputs)
+        assert answer.code == 0, (case.words, answer.err)
 
 
 @pytest.mark.slow

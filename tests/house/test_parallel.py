@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import multiprocessing
 import os
 import time
 
@@ -60,3 +61,16 @@ def test_a_bad_bound_is_refused(monkeypatch, text):
     monkeypatch.setenv(parallel.VARIABLE, text)
     with pytest.raises(InputError, match=text):
         parallel.job_limit()
+
+
+def end_abruptly(job):
+    if multiprocessing.parent_process() is not None:
+        os._exit(1)
+    return job
+
+
+def test_a_worker_that_ends_abruptly_is_named(monkeypatch):
+    monkeypatch.setattr(parallel, "WORTH_WORKERS_S", 0.0)
+    parallel.set_jobs(2)
+    with pytest.raises(InputError, match="want of memory"):
+        list(parallel.map_in_processes(end_abruptly, range(6)))

@@ -86,3 +86,23 @@ def test_poses_go_into_a_bag(tmp_path):
     assert read[1][1].pose.orientation.x == 1.0
     with pytest.raises(InputError, match="exists"):
         poses_to_bag(tmp_path / "out", track)
+
+
+@pytest.mark.parametrize(
+    ("gravity", "rate", "word"),
+    [
+        ((0.1, -0.2, 9.8), (5.0, 5.0, 0.3), ""),
+        ((0.2, -9.8, 0.3), (5.0, -0.3, 5.0), "minus y axis points up (axes of an optical frame)"),
+        ((0.0, 0.1, -1.0), (5.0, 5.0, -0.3), "minus z axis points up"),
+        ((0.6, 0.0, 0.8), (0.18, 5.0, 0.24), "37 deg from the vertical"),
+        ((np.nan, 0.0, 0.0), (5.0, 5.0, 0.3), ""),
+    ],
+)
+def test_the_vertical_axis_of_an_imu_is_recognized_by_gravity(tmp_path, recwarn, gravity, rate, word):
+    write_bag(tmp_path / "bag", make_rig(image_size=(64, 48)), pairs=1, rate=rate, gravity=gravity)
+    (table,) = [file.content for file in unpack_bag(tmp_path / "bag", {}) if file.name == "gyro.csv"]
+    (tmp_path / "gyro.csv").write_bytes(table)
+    assert read_gyro(tmp_path / "gyro.csv").rate_radps == pytest.approx(0.3)
+    said = [str(warning.message) for warning in recwarn]
+    assert len(said) == bool(word)
+    assert word in "".join(said)

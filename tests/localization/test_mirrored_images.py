@@ -20,6 +20,7 @@ from lmkit.model.landmark import LM8, LM8P
 from lmkit.model.landmark_map import LandmarkMap
 from lmkit.model.pose_status import PoseStatus
 from lmkit.model.recording import Recording, RigFrame
+from lmkit.model.square_marker import SQUARE_FAMILIES
 from lmkit.simulation.recording import make_drive
 
 AXES = {"left to right": 0, "upside down": 1}
@@ -58,6 +59,17 @@ def test_an_image_that_is_mirrored_reads_as_the_mirrored_code(way, family):
 def test_most_codes_of_lm8_read_as_another_when_mirrored():
     assert sum(LM8.mirrored_code(c) == c for c in range(256)) == 32
     assert all(LM8P.mirrored_code(c) is not None for c in range(LM8P.code_count))
+
+
+@pytest.mark.parametrize(("name", "nearest", "codes"), [("tag36h11", 4, 0), ("aruco4x4_250", 0, 14)])
+def test_cells_of_mirrored_square_markers(name, nearest, codes):
+    """Least number of cells by which a mirrored marker differs from any code, and markers that are another code."""
+    family = SQUARE_FAMILIES[name]
+    white = 2 * family.white.astype(int) - 1
+    turns = [np.rot90(white[:, :, ::-1], k, axes=(1, 2)).reshape(len(white), -1) for k in range(4)]
+    alike = np.max([turn @ white.reshape(len(white), -1).T for turn in turns], axis=(0, 2))
+    differing = (family.bits**2 - alike) // 2
+    assert (differing.min(), (differing == 0).sum()) == (nearest, codes)
 
 
 @pytest.mark.parametrize("way", AXES)
