@@ -105,14 +105,10 @@ def intrinsics_prior(camera: CameraModel) -> FloatArray:
     """(4+D,) 1 / standard deviation of every intrinsic number before anything was seen; 0 for none."""
     width, height = camera.image_size
     reach = float(np.hypot(width / camera.K[0, 0], height / camera.K[1, 1])) / 2
-    if camera.model == "fisheye":
-        effect = np.arctan(reach) ** np.array([2, 4, 6, 8])
-    else:
-        powers = np.array([2, 4, 1, 1, 6, 2, 4, 6, 2, 4, 2, 4, 0, 0])[: len(camera.distortion)]
-        effect = reach**powers
-    sigma = np.full(len(effect), RADIAL_PRIOR)
-    if camera.model != "fisheye":
-        sigma[2:4] = TANGENTIAL_PRIOR
+    lens, count = camera.lens, len(camera.distortion)
+    effect = (np.arctan(reach) if lens.is_equidistant else reach) ** np.array(lens.powers[:count])
+    tangential = np.array([name.startswith("p") for name in lens.coefficients[:count]], dtype=bool)
+    sigma = np.where(tangential, TANGENTIAL_PRIOR, RADIAL_PRIOR)
     return np.concatenate([np.zeros(4), effect / sigma])
 
 

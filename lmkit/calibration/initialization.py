@@ -12,11 +12,10 @@ from lmkit.arrays import BoolArray, FloatArray, IntArray
 from lmkit.calibration.bundle_adjustment import Solution
 from lmkit.errors import InputError
 from lmkit.geometry.camera import CameraModel
+from lmkit.geometry.lens_models import LENS_MODELS
 from lmkit.geometry.rotations import rotation_angle, rotation_exp, rotation_log
 from lmkit.model.observation import PairView
 
-# Coefficients that are fitted, of each model.
-DISTORTION_COUNT = {"pinhole": 5, "rational": 8, "fisheye": 4}
 # A pair's own relation of the cameras may differ from the others' by this much before the fit.
 CONSENSUS_DEG = 1.0
 CONSENSUS_SIGMA = 6.0
@@ -75,7 +74,7 @@ def start_camera(
     images = [points.astype(np.float32) for _, points in seen]
     width, height = image_size
     try:
-        if model == "fisheye":
+        if LENS_MODELS[model].is_equidistant:
             f = width / 4
             K = np.array([[f, 0, (width - 1) / 2], [0, f, (height - 1) / 2], [0, 0, 1.0]])
             flags = 0
@@ -92,7 +91,7 @@ def start_camera(
             return CameraModel(image_size, _plain(K), np.asarray(D, dtype=np.float64).ravel(), model)
         _, K, D, _, _ = cv2.calibrateCamera(objects, images, image_size, None, None, flags=cv2.CALIB_FIX_K3)
         distortion = np.asarray(D, dtype=np.float64).ravel()[:5]
-        padded = np.pad(distortion, (0, DISTORTION_COUNT[model] - len(distortion)))
+        padded = np.pad(distortion, (0, LENS_MODELS[model].fitted - len(distortion)))
         return CameraModel(image_size, _plain(K), padded, model)
     except (cv2.error, ValueError):
         raise _no_start(model) from None

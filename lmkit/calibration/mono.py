@@ -18,6 +18,7 @@ from lmkit.calibration.initialization import board_poses, start_camera
 from lmkit.calibration.sanity_checks import STRONG_WARP, CalibrationWarning, Declared, check_camera, require_views
 from lmkit.calibration.view_coverage import ENOUGH_CELLS, LEAST_VIEWS, camera_coverage
 from lmkit.errors import InputError
+from lmkit.geometry.lens_models import LENS_MODELS
 from lmkit.geometry.pose import Pose
 from lmkit.geometry.rig import MountedCamera, Rig
 from lmkit.model.board import BoardSpec
@@ -25,7 +26,6 @@ from lmkit.model.observation import BoardObservation, PairView
 
 MIN_VIEWS = 3
 BAD_RMS_RATIO = 4.0
-CANDIDATES = ("pinhole", "fisheye", "rational")
 POSES_ONLY = FitOptions(intrinsics=False, relation=False, warp=False)
 
 
@@ -104,7 +104,7 @@ def calibrate_camera(
     alone = [_alone(name, seen) for name, seen in views]
     fits: dict[str, _Fit] = {}
     failed: InputError | None = None
-    for name in CANDIDATES if model == "auto" else (model,):
+    for name in LENS_MODELS if model == "auto" else (model,):
         try:
             fits[name] = _fit(alone, board.object_points, image_size, name)
         except InputError as error:

@@ -25,6 +25,7 @@ from lmkit.calibration.uncertainty import DepthError, depth_errors
 from lmkit.calibration.view_coverage import ViewCoverage, coverage_of
 from lmkit.errors import InputError
 from lmkit.geometry.camera import CameraModel
+from lmkit.geometry.lens_models import LENS_MODELS
 from lmkit.geometry.pose import Pose
 from lmkit.geometry.stereo_rig import StereoRig
 from lmkit.model.board import BoardSpec
@@ -33,9 +34,7 @@ from lmkit.model.observation import PairView
 MIN_PAIRS = 3
 BAD_RMS_RATIO = 4.0
 AUTO = "auto"
-# In this order: a later one must do clearly better on pairs held out.
-CANDIDATES = ("pinhole", "fisheye", "rational")
-MODELS = (AUTO, *CANDIDATES)
+MODELS = (AUTO, *LENS_MODELS)
 CAMERAS_KEPT = FitOptions(intrinsics=False)
 FITS = 3 + FOLDS  # of a model at most: consensus, first fit, final fit, and one without each fold
 
@@ -136,7 +135,9 @@ def calibrate_stereo(
     object_points = board.object_points
     known = declared.cameras if declared is not None else None
     if known is None:
-        fits = _fits(views, object_points, image_size, CANDIDATES if model == AUTO else (model,), rejected, on_step)
+        fits = _fits(
+            views, object_points, image_size, tuple(LENS_MODELS) if model == AUTO else (model,), rejected, on_step
+        )
     else:
         _require_size(known, image_size)
         fits = {known[0].model: _fit(views, object_points, known, rejected, np.inf, CAMERAS_KEPT, on_step)}

@@ -172,7 +172,7 @@ class _LensKey:
 
 @lru_cache(maxsize=4)
 def _lens(key: _LensKey) -> Lens:
-    return Lens(key.camera.K, key.camera.distortion, key.camera.model == "fisheye")
+    return Lens(key.camera.K, key.camera.distortion, key.camera.lens.is_equidistant)
 
 
 @lru_cache(maxsize=4)

@@ -7,15 +7,13 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-import cv2
 import numpy as np
 
-from lmkit.arrays import AnyArray, BoolArray, FloatArray, frozen
+from lmkit.arrays import BoolArray, FloatArray, frozen
 from lmkit.errors import InputError
+from lmkit.geometry.lens_models import LENS_MODELS, LensModel
 
 REACHED_PX = 0.5  # how well a ray must lead back to its pixel
-# Numbers of distortion coefficients that each model may have, in OpenCV's order.
-DISTORTION_COUNTS = {"pinhole": (0, 4, 5), "rational": (8, 12, 14), "fisheye": (4,)}
 
 
 @dataclass(frozen=True, eq=False)
@@ -25,7 +23,7 @@ class CameraModel:
     Attributes:
         image_size: (width, height), pixels.
         K: (3,3) camera matrix, pixels.
-        distortion: coefficients in OpenCV's order, their number as in ``DISTORTION_COUNTS``.
+        distortion: coefficients in OpenCV's order, their number as in ``LENS_MODELS``.
         model: ``pinhole`` (k1 k2 p1 p2 k3), ``rational`` (adds k4 k5 k6 ...) or ``fisheye``
             (equidistant, k1 k2 k3 k4).
 
@@ -39,10 +37,10 @@ class CameraModel:
     model: str = "pinhole"
 
     def __post_init__(self) -> None:
-        if self.model not in DISTORTION_COUNTS:
-            raise ValueError(f"unknown camera model {self.model!r}; known: {', '.join(DISTORTION_COUNTS)}")
+        if self.model not in LENS_MODELS:
+            raise ValueError(f"unknown camera model {self.model!r}; known: {', '.join(LENS_MODELS)}")
         distortion = frozen(np.ravel(self.distortion), (-1,), "distortion")
-        counts = DISTORTION_COUNTS[self.model]
+        counts = self.lens.counts
         if len(distortion) not in counts:
             raise ValueError(
                 f"{len(distortion)} distortion coefficients for a {self.model} camera, "
@@ -57,6 +55,11 @@ class CameraModel:
         object.__setattr__(self, "K", K)
         object.__setattr__(self, "distortion", distortion)
 
+    @property
+    def lens(self) -> LensModel:
+        """The lens model, with its formulas."""
+        return LENS_MODELS[self.model]
+
     def project(self, points: FloatArray) -> FloatArray:
         """(N,3) points in the camera frame, meters -> (N,2) pixels.
 
@@ -66,40 +69,22 @@ class CameraModel:
         xyz = np.asarray(points, dtype=np.float64).reshape(-1, 1, 3)
         if len(xyz) == 0:
             return np.zeros((0, 2))
-        zero = np.zeros(3)
-        if self.model == "fisheye":
-            pixels, _ = cv2.fisheye.projectPoints(xyz, zero, zero, self.K, self.distortion)
-        else:
-            pixels, _ = cv2.projectPoints(xyz, zero, zero, self.K, self.distortion)
-        return np.asarray(pixels, dtype=np.float64).reshape(-1, 2)
+        return np.asarray(self.lens.project(xyz, self.K, self.distortion), dtype=np.float64).reshape(-1, 2)
 
     def project_with_jacobian(self, points: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """PixelSamples (N,2), their derivative with the point (N,2,3), and with the intrinsics (N,2,4+D).
+        """Pixels (N,2), their derivatives with the point (N,2,3), and with the intrinsics (N,2,4+D).
 
         Points are (N,3) in the camera frame; the intrinsics are fx fy cx cy, then the distortion.
         """
         xyz = np.ascontiguousarray(points, dtype=np.float64).reshape(-1, 1, 3)
-        zero = np.zeros(3)
-        count = len(self.distortion)
-        if self.model == "fisheye":
-            pixels, jacobian = cv2.fisheye.projectPoints(xyz, zero, zero, self.K, self.distortion)
-            J = np.asarray(jacobian, dtype=np.float64).reshape(-1, 2, 15)
-            return np.asarray(pixels, dtype=np.float64).reshape(-1, 2), J[:, :, 11:14], J[:, :, :8]
-        pixels, jacobian = cv2.projectPoints(xyz, zero, zero, self.K, self.distortion)
-        J = np.asarray(jacobian, dtype=np.float64).reshape(len(xyz), 2, -1)
-        return np.asarray(pixels, dtype=np.float64).reshape(-1, 2), J[:, :, 3:6], J[:, :, 6 : 10 + count]
+        return self.lens.differentiate(xyz, self.K, self.distortion)
 
     def unproject(self, pixels: FloatArray) -> FloatArray:
         """(N,2) pixels -> (N,2) normalized coordinates x/z, y/z of the rays, without distortion."""
         uv = np.asarray(pixels, dtype=np.float64).reshape(-1, 1, 2)
         if len(uv) == 0:
             return np.zeros((0, 2))
-        criteria = (cv2.TERM_CRITERIA_EPS + cv2.TERM_CRITERIA_COUNT, 100, 1e-12)
-        if self.model == "fisheye":
-            rays = cv2.fisheye.undistortPoints(uv, self.K, self.distortion, criteria=criteria)
-        else:
-            rays = _undistort(uv, self.K, self.distortion, criteria)
-        return np.asarray(rays, dtype=np.float64).reshape(-1, 2)
+        return np.asarray(self.lens.unproject(uv, self.K, self.distortion), dtype=np.float64).reshape(-1, 2)
 
     def unproject_grid(self, x: FloatArray, y: FloatArray, step_px: float = 4.0) -> FloatArray:
         """(H,W,2) rays as of :meth:`unproject` of all pixels with rising x (W,) and y (H,).
@@ -156,11 +141,3 @@ def _cubic_weights(at: FloatArray, step: float) -> tuple[FloatArray, FloatArray]
     weights = np.zeros((len(at), int(first[-1]) + 4))
     weights[np.arange(len(at))[:, None], first[:, None] + np.arange(4)] = lagrange
     return start + step * np.arange(weights.shape[1]), weights
-
-
-def _undistort(pixels: AnyArray, K: FloatArray, distortion: FloatArray, criteria: tuple[int, int, float]) -> AnyArray:
-    """``cv2.undistortPoints`` to full precision; OpenCV 4 has another name for that than OpenCV 5."""
-    to_precision = getattr(cv2, "undistortPointsIter", None)
-    if to_precision is not None:
-        return np.asarray(to_precision(pixels, K, distortion, np.eye(3), np.eye(3), criteria))
-    return np.asarray(cv2.undistortPoints(pixels, K, distortion, criteria=criteria))

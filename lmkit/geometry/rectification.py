@@ -42,7 +42,7 @@ class Rectification:
 def rectification(rig: StereoRig) -> Rectification:
     """The rectification of a rig (Bouguet's): rows match, or columns where the cameras stand above each other."""
     left, right = rig.left, rig.right
-    if left.model == "fisheye":
+    if left.lens.is_equidistant:
         return _fisheye_rectification(rig)
     t = rig.T_right_left.t.reshape(3, 1)
     R1, R2, P1, P2, *_ = cv2.stereoRectify(
@@ -92,7 +92,7 @@ def epipolar_errors(rig: StereoRig, left: FloatArray, right: FloatArray) -> Floa
     maps = rectification(rig)
     across = 1 - maps.along
     ray_left, ray_right = _rays(rig.left, left) @ maps.R_left.T, _rays(rig.right, right) @ maps.R_right.T
-    if rig.left.model == "fisheye":
+    if rig.left.lens.is_equidistant:
         planes, reaches = zip(*(_about_baseline(ray, across) for ray in (ray_left, ray_right)), strict=True)
         return np.asarray((planes[0] - planes[1]) * np.sqrt(reaches[0] * reaches[1]) * maps.P_left[0, 0])
     flat_left, flat_right = ray_left @ maps.P_left[:, :3].T, ray_right @ maps.P_right[:, :3].T
@@ -113,8 +113,7 @@ def rectify_pair(rig: StereoRig, left: ByteArray, right: ByteArray) -> tuple[Byt
         (rig.left, left, maps.R_left, maps.P_left),
         (rig.right, right, maps.R_right, maps.P_right),
     ):
-        make = cv2.fisheye.initUndistortRectifyMap if camera.model == "fisheye" else cv2.initUndistortRectifyMap
-        x, y = make(camera.K, camera.distortion, R, P[:, :3], camera.image_size, cv2.CV_32FC1)
+        x, y = camera.lens.maps(camera.K, camera.distortion, R, P[:, :3], camera.image_size, cv2.CV_32FC1)
         images.append(np.asarray(cv2.remap(image, x, y, cv2.INTER_LINEAR), dtype=np.uint8))
     return images[0], images[1]
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any
 
 import numpy as np
 from pydantic import Field
@@ -24,7 +24,7 @@ Matrix6 = Annotated[list[Row6], Field(min_length=6, max_length=6)]
 
 class _Camera(Document):
     image_size: tuple[int, int]
-    model: Literal["pinhole", "rational", "fisheye"]
+    model: str
     K: Matrix3
     distortion: list[float]
 

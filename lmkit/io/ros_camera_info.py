@@ -11,6 +11,7 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError
 from lmkit.arrays import FloatArray
 from lmkit.errors import InputError
 from lmkit.geometry.camera import CameraModel
+from lmkit.geometry.lens_models import LENS_MODELS
 from lmkit.geometry.pose import Pose
 from lmkit.geometry.rectification import rectification
 from lmkit.geometry.rig import Rig
@@ -19,15 +20,13 @@ from lmkit.geometry.stereo_rig import StereoRig
 from lmkit.io.documents import dump_yaml, first_problem, load_document, read_text
 
 FILES = ("left.yaml", "right.yaml")
-_TO_ROS = {"pinhole": "plumb_bob", "rational": "rational_polynomial", "fisheye": "equidistant"}
-_FROM_ROS = {name: model for model, name in _TO_ROS.items()} | {"fisheye": "fisheye"}
+_FROM_ROS = {lens.ros_name: name for name, lens in LENS_MODELS.items()} | {"fisheye": "fisheye"}
 _MESSAGE_KEYS = {
     "width": "image_width", "height": "image_height",
     "K": "camera_matrix", "D": "distortion_coefficients", "R": "rectification_matrix", "P": "projection_matrix",
     "k": "camera_matrix", "d": "distortion_coefficients", "r": "rectification_matrix", "p": "projection_matrix",
 }  # fmt: skip
 _ROWS = {"camera_matrix": 3, "distortion_coefficients": 1, "rectification_matrix": 3, "projection_matrix": 3}
-_COUNTS = {"pinhole": 5, "rational": 8, "fisheye": 4}
 
 
 class _Matrix(BaseModel):
@@ -62,7 +61,7 @@ def rig_to_camera_infos(rig: StereoRig) -> tuple[str, str]:
 
 def _text(name: str, camera: CameraModel, R: FloatArray, P: FloatArray) -> str:
     width, height = camera.image_size
-    count = max(_COUNTS[camera.model], len(camera.distortion))
+    count = max(camera.lens.fitted, len(camera.distortion))
     distortion = np.pad(camera.distortion, (0, count - len(camera.distortion)))
     return dump_yaml(
         {
@@ -70,7 +69,7 @@ def _text(name: str, camera: CameraModel, R: FloatArray, P: FloatArray) -> str:
             "image_height": height,
             "camera_name": name,
             "camera_matrix": _matrix(np.array(camera.K)),
-            "distortion_model": _TO_ROS[camera.model],
+            "distortion_model": camera.lens.ros_name,
             "distortion_coefficients": _matrix(distortion[None]),
             "rectification_matrix": _matrix(R),
             "projection_matrix": _matrix(P),

@@ -66,4 +66,4 @@ def through_lenses(
 @lru_cache(maxsize=16)
 def lens_of(camera: CameraModel) -> Lens:
     """The camera's intrinsics as the kernels take them."""
-    return Lens(camera.K, camera.distortion, camera.model == "fisheye")
+    return Lens(camera.K, camera.distortion, camera.lens.is_equidistant)

@@ -22,10 +22,6 @@ from lmkit.visualization.html import figure, grid, headline, listed, page
 
 GOOD_EPIPOLAR_PX = 0.2
 FAIR_EPIPOLAR_PX = 0.5
-_DISTORTION = {
-    "fisheye": ("k1", "k2", "k3", "k4"),
-    "": ("k1", "k2", "p1", "p2", "k3", "k4", "k5", "k6", "s1", "s2", "s3", "s4", "τx", "τy"),
-}
 
 _STATISTICS = ("corners", "mean x", "mean y", "std x", "std y", "median", "95 %", "largest")
 
@@ -173,7 +169,7 @@ def _uncertainty(result: StereoCalibration) -> str:
 def _cameras(result: StereoCalibration) -> str:
     rig = result.rig
     assert rig.intrinsics_sigma is not None
-    names = ("fx", "fy", "cx", "cy", *_DISTORTION.get(rig.left.model, _DISTORTION[""]))
+    names = ("fx", "fy", "cx", "cy", *rig.left.lens.coefficients)
     columns = [
         (intrinsics_vector(camera), sigma)
         for camera, sigma in zip((rig.left, rig.right), rig.intrinsics_sigma, strict=True)

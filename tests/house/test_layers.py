@@ -66,3 +66,11 @@ def test_simulation_never_uses_detection() -> None:
 @pytest.mark.parametrize("path", sorted((PACKAGE / "cli").glob("*.py")), ids=lambda p: p.name)
 def test_commands_hold_no_product_logic(path: Path) -> None:
     assert len(path.read_text(encoding="utf-8").splitlines()) <= CLI_LINES
+
+
+def test_the_architecture_page_names_what_exists() -> None:
+    page = (ROOT / "docs/architecture.md").read_text(encoding="utf-8")
+    named = re.findall(r"`([\w/]+(?:\.py|\.c|/))`", page.split("## Where to find things")[1])
+    assert named
+    folders = [ROOT, PACKAGE, PACKAGE / "api"]
+    assert not [name for name in named if not any((folder / name).exists() for folder in folders)]
