@@ -42,7 +42,7 @@ def run(
     from lmkit.detection.config import DetectOptions
     from lmkit.io.manifest import read_manifest
     from lmkit.model.families import families_named
-    from lmkit.pipelines.annotated import require_folder_name
+    from lmkit.pipelines.annotated import AnnotatedFolder
     from lmkit.units import parse_length_mm
     from lmkit.verification.grade import GRADES
     from lmkit.verification.prints import Stated, stated_by_manifest, verify_print
@@ -53,8 +53,7 @@ def run(
     if size is not None and manifest is not None:
         raise InputError("size_twice", "--size and --manifest both state the size", "give one of them")
     check_outputs((certificate,), None, force)
-    if annotate is not None:
-        require_folder_name(annotate)
+    folder = None if annotate is None else AnnotatedFolder(annotate, force)
     stated: tuple[Stated, ...] = ()
     if size is not None:
         stated = (Stated(None, None, parse_length_mm(size, "--size")),)
@@ -83,8 +82,9 @@ def run(
                 continue
             for line in print_lines(item, in_full=len(found) <= MOST_IN_FULL or not passes, color=color):
                 print_line(line)
-        if annotate is not None:
-            write_outputs({annotate / name: data for name, data in annotated_prints(found).items()}, force)
+        if folder is not None:
+            for name, image in annotated_prints(found):
+                folder.add(name, image)
     if certificate is not None and prints:
         from datetime import date
 
@@ -93,4 +93,5 @@ def run(
         write_outputs({certificate: certificate_of(prints, date.today())}, force)
     if bad:
         hint = "print again at 100 %, in color"
-        raise NegativeAnswer("print_fails", f"{len(bad)} of the prints fail, the first is {bad[0]}", hint)
+        fail = "1 print fails" if len(bad) == 1 else f"{len(bad)} prints fail, the first"
+        raise NegativeAnswer("print_fails", f"{fail}: {bad[0]}", hint)

@@ -75,6 +75,12 @@ class AnnotatedFolder:
         target = self._folder / f"{path.name if mark or not path.suffix else path.stem}.jpg"
         if target in self._written:
             target = self._folder / f"{path.name}.jpg"
+        if path.exists() and target.exists() and target.samefile(path):
+            raise InputError(
+                "would_overwrite_source",
+                f"--annotate {self._folder}: {target.name} would replace the image itself",
+                "give another folder",
+            )
         write_file(target, encode_jpeg(image), self._force)
         self._written.append(target)
 

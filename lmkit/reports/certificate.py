@@ -9,7 +9,7 @@ from datetime import date
 
 import numpy as np
 from PIL import Image
-from reportlab.lib.utils import ImageReader
+from reportlab.lib.utils import ImageReader, simpleSplit
 from reportlab.pdfgen.canvas import Canvas
 
 from lmkit.units import POINTS_PER_MM
@@ -27,6 +27,7 @@ COLORS = {
     None: (0.5, 0.5, 0.5),
 }
 IMAGE_MM = 78.0
+ADVICE_PT = 7.5
 
 
 def certificate(prints: Sequence[PrintedLandmark], graded_on: date | None = None) -> bytes:
@@ -77,9 +78,11 @@ def _page(canvas: Canvas, item: PrintedLandmark, graded_on: date | None) -> None
         canvas.setFont("Helvetica", 9.5)
         canvas.drawString(28 * mm, y * mm, line.name)
         canvas.drawString(72 * mm, y * mm, _shortened(canvas, line.value, 50 * mm))
-        canvas.setFont("Helvetica", 8)
         canvas.setFillColorRGB(0.35, 0.35, 0.35)
-        canvas.drawString(124 * mm, y * mm, _shortened(canvas, line.advice, 70 * mm, 8))
+        advice = simpleSplit(line.advice, "Helvetica", ADVICE_PT, 66 * mm)
+        canvas.setFont("Helvetica", ADVICE_PT)
+        for row, words in enumerate(advice):
+            canvas.drawString(124 * mm, (y + 1.4 * (len(advice) - 1)) * mm - row * 1.1 * ADVICE_PT, words)
         canvas.line(20 * mm, (y - 2.2) * mm, 190 * mm, (y - 2.2) * mm)
         y -= 7.0
     canvas.setFont("Helvetica", 7.5)

@@ -78,9 +78,9 @@ SKEW = _Scale("skew", (0.15, 0.3, 0.6, 1.2), "feed the paper straight; scan flat
 CONTENT = "content"
 UNMEASURED = "C"  # of a print whose size is stated and could not be measured
 UNSTATED = "B"  # of a print of which nobody says how large it should be
-NOT_MEASURED = (
-    "measure the border with a ruler, scan it with its dpi, or photograph it with the whole sheet or a bank card"
-)
+NOT_MEASURED = "measure with a ruler, or photograph the whole sheet (own paper size: --manifest) or a bank card"
+NOT_STATED = "say how large it should be: --size 180mm, or --manifest FILE"
+NOT_SCANNED = "a photograph does not show it; scan the sheet"
 
 
 def grade_print(
@@ -128,9 +128,7 @@ def grade_print(
         optical(STRAIGHTNESS, m.bow, "{:.2%} of the side"),
         optical(SHARPNESS, m.blur, "blur {:.2%} of the side"),
     ]
-    no_scale = (
-        NOT_MEASURED if stated_mm is not None else "say how large it should be: --size 180mm, or --manifest FILE"
-    )
+    no_scale = NOT_MEASURED if stated_mm is not None else NOT_STATED
     off = aspect = None
     if side_mm is not None:
         aspect = abs(side_mm[0] / side_mm[1] - 1)
@@ -143,8 +141,8 @@ def grade_print(
         lines.append(GradedLine(SCALE.name, "unknown", UNSTATED, no_scale))
     else:
         lines.append(SCALE.line(off, f"{measured} for {stated_mm or 0:g} mm", no_scale))
-    lines.append(ASPECT.line(aspect, "{:.2%} apart", no_scale))
-    lines.append(SKEW.line(skew_deg, "{:.2f} deg", no_scale))
+    lines.append(ASPECT.line(aspect, "{:.2%} apart", "known once the scale is"))
+    lines.append(SKEW.line(skew_deg, "{:.2f} deg", NOT_SCANNED))
     return lines
 
 

@@ -26,15 +26,27 @@ OUTLIER = "red: contradicts the pose"
 SHIFT = 4  # sub-pixel bits of OpenCV's drawing
 
 
-def draw_landmarks(image: ByteArray, landmarks: Sequence[Detection], enlarge: int = 2) -> ByteArray:
-    """A copy, ``enlarge`` times larger, with each landmark's outline, top edge and code."""
+def draw_landmarks(
+    image: ByteArray,
+    landmarks: Sequence[Detection],
+    enlarge: int = 2,
+    labels: Sequence[str] | None = None,
+    outlines: Sequence[Bgr] | None = None,
+) -> ByteArray:
+    """A copy, ``enlarge`` times larger, with each landmark's outline, top edge and label.
+
+    Args:
+        labels: text beside each landmark; None: the codes.
+        outlines: color of each outline; None: green, with a yellow top edge.
+    """
     canvas = _enlarged(image, enlarge)
-    for landmark in landmarks:
+    for number, landmark in enumerate(landmarks):
         corners = (landmark.corners + 0.5) * enlarge - 0.5
-        _polyline(canvas, corners, GREEN, closed=True)
-        _polyline(canvas, corners[:2], YELLOW, closed=False)
+        _polyline(canvas, corners, outlines[number] if outlines else GREEN, closed=True)
+        if outlines is None:
+            _polyline(canvas, corners[:2], YELLOW, closed=False)
         label_at = corners.min(axis=0) - [0, 6]
-        draw_label(canvas, str(landmark.code), label_at)
+        draw_label(canvas, labels[number] if labels else str(landmark.code), label_at)
     return canvas
 
 

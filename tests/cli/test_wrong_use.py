@@ -247,6 +247,17 @@ def test_locate_refuses_files_after_mono(lmkit, rig, landmark_map):
         assert_refused(answer, more[-1])
 
 
+def test_an_annotated_copy_never_replaces_the_image_itself(tmp_path):
+    from lmkit.errors import InputError
+    from lmkit.pipelines.annotated import AnnotatedFolder
+
+    photo = tmp_path / "photo.jpg"
+    photo.write_bytes(b"the only copy")
+    with pytest.raises(InputError, match="replace the image itself"):
+        AnnotatedFolder(tmp_path, force=True).add(str(photo), np.zeros((8, 8, 3), np.uint8))
+    assert photo.read_bytes() == b"the only copy"
+
+
 def test_an_annotated_video_appears_whole_or_not_at_all(tmp_path):
     from lmkit.errors import InputError
     from lmkit.pipelines.annotated import AnnotatedFolder
