@@ -16,7 +16,8 @@ from concurrent.futures import ProcessPoolExecutor
 import cv2
 import numpy as np
 
-from lmkit.calibration.bundle_adjustment import POSE, FitOptions, Solution, StereoProblem, intrinsics_vector
+from lmkit.calibration.bundle_adjustment import POSE, FitOptions, Solution, StereoProblem
+from lmkit.calibration.intrinsics import intrinsics_vector
 from lmkit.geometry.rotations import rotation_log
 from lmkit.model.board import BoardSpec
 from lmkit.model.observation import PairView

@@ -17,7 +17,7 @@ from pathlib import Path
 
 import numpy as np
 
-from lmkit.calibration.bundle_adjustment import intrinsics_vector
+from lmkit.calibration.intrinsics import intrinsics_vector
 from lmkit.calibration.stereo import StereoCalibration, calibrate_stereo
 from lmkit.geometry.camera import CameraModel
 from lmkit.geometry.pose import Pose

@@ -165,23 +165,26 @@ def examine(job: tuple[str, float, bool, Path | None, int]) -> Answer:
     return *names, item.grade, error, item.scale_from
 
 
-def table(answers: list[Answer]) -> None:
+def head() -> None:
     print(
         "| sheet | background | view | n | found | unknown | wrong | error, median (max) of found | "
         "A while unknown | A or B at 2 % off and more |"
     )
-    print("|---|---|---|---|---|---|---|---|---|---|")
-    for group in dict.fromkeys(answer[:3] for answer in answers):
-        some = [answer for answer in answers if answer[:3] == group]
-        known = [abs(a[5]) for a in some if a[5] is not None]
-        found = [error for error in known if error <= FOUND]
-        unknown = [a for a in some if a[5] is None]
-        harmful = sum(a[4] in "AB" and abs(a[3] - 1) >= HARMFUL - 1e-9 for a in some)
-        told = f"{np.median(found):.2%} ({max(found):.2%})" if found else "-"
-        print(
-            f"| {' | '.join(group)} | {len(some)} | {len(found)} | {len(unknown)} | {len(known) - len(found)} "
-            f"| {told} | {sum(a[4] == 'A' for a in unknown)} | {harmful} |"
-        )
+    print("|---|---|---|---|---|---|---|---|---|---|", flush=True)
+
+
+def row(some: list[Answer]) -> None:
+    """The row of the answers of one kind of sheet, background and view, printed as soon as they are there."""
+    known = [abs(a[5]) for a in some if a[5] is not None]
+    found = [error for error in known if error <= FOUND]
+    unknown = [a for a in some if a[5] is None]
+    harmful = sum(a[4] in "AB" and abs(a[3] - 1) >= HARMFUL - 1e-9 for a in some)
+    told = f"{np.median(found):.2%} ({max(found):.2%})" if found else "-"
+    print(
+        f"| {' | '.join(some[0][:3])} | {len(some)} | {len(found)} | {len(unknown)} | {len(known) - len(found)} "
+        f"| {told} | {sum(a[4] == 'A' for a in unknown)} | {harmful} |",
+        flush=True,
+    )
 
 
 def main() -> None:
@@ -203,9 +206,16 @@ def main() -> None:
                     for k in range(options.n):
                         photo = photos[(len(jobs) * 7 + k) % len(photos)] if cluttered else None
                         jobs.append((kind, scale, keystoned, photo, options.seed + number + k))
+    head()
+    answers: list[Answer] = []
+    some: list[Answer] = []
     with ProcessPoolExecutor(options.workers) as pool:
-        answers = list(pool.map(examine, jobs, chunksize=2))
-    table(answers)
+        for answer in pool.map(examine, jobs, chunksize=2):
+            some.append(answer)
+            if len(some) == options.n * len(SCALES[:: options.every]):
+                row(some)
+                answers += some
+                some = []
     wrong = [a for a in answers if a[5] is not None and abs(a[5]) > FOUND]
     for kind, behind, view, scale, grade, error, source in wrong:
         print(f"wrong: {kind}, {behind}, {view}, planted {scale}: off by {error:+.2%} from {source}, grade {grade}")

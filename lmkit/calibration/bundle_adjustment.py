@@ -15,6 +15,7 @@ from functools import cached_property
 import numpy as np
 
 from lmkit.arrays import BoolArray, FloatArray, IntArray
+from lmkit.calibration.intrinsics import KnownIntrinsics, intrinsics_prior, intrinsics_vector, with_intrinsics
 from lmkit.errors import InputError
 from lmkit.geometry.camera import CameraModel
 from lmkit.geometry.rotations import rotation_exp
@@ -31,11 +32,6 @@ MOST_TRIED = 8  # steps with ever more damping, before it is called converged
 CONVERGED = 1e-7  # relative gain; of some thousand residuals, a thousandth of a standard deviation of anything
 LEAST_PAIRS = 8  # for the scatter between pairs to tell anything
 LOSS_WIDTH = 3.0  # standard deviations at which the Cauchy loss halves its weight
-# Standard deviations of what one coefficient does at the corner of the image, over its distance
-# from the middle, before anything was seen: wide for any lens, but it keeps coefficients that cancel
-# each other (Claus and Fitzgibbon 2005 on rational models) from running away together.
-RADIAL_PRIOR = 0.3
-TANGENTIAL_PRIOR = 0.05
 
 
 @dataclass(frozen=True)
@@ -73,12 +69,14 @@ class FitOptions:
         relation: T_right_left.
         warp: the board's bow.
         iterations: at most.
+        known: a prior of the intrinsics, in place of the wide one for any lens.
     """
 
     intrinsics: bool = True
     relation: bool = True
     warp: bool = True
     iterations: int = 40
+    known: KnownIntrinsics | None = None
 
 
 def _warp_shapes(object_points: FloatArray) -> FloatArray:
@@ -87,29 +85,6 @@ def _warp_shapes(object_points: FloatArray) -> FloatArray:
     half = np.maximum((object_points.max(axis=0) - object_points.min(axis=0)) / 2, 1e-9)
     scaled = (object_points - middle)[:, :2] / half[:2]
     return np.asarray(1 - scaled**2)
-
-
-def intrinsics_vector(camera: CameraModel) -> FloatArray:
-    """fx fy cx cy, then the distortion."""
-    K = camera.K
-    return np.concatenate([[K[0, 0], K[1, 1], K[0, 2], K[1, 2]], camera.distortion])
-
-
-def with_intrinsics(camera: CameraModel, vector: FloatArray) -> CameraModel:
-    """The camera with other intrinsics, see :func:`intrinsics_vector`."""
-    K = np.array([[vector[0], 0, vector[2]], [0, vector[1], vector[3]], [0, 0, 1.0]])
-    return CameraModel(camera.image_size, K, vector[4:], camera.model)
-
-
-def intrinsics_prior(camera: CameraModel) -> FloatArray:
-    """(4+D,) 1 / standard deviation of every intrinsic number before anything was seen; 0 for none."""
-    width, height = camera.image_size
-    reach = float(np.hypot(width / camera.K[0, 0], height / camera.K[1, 1])) / 2
-    lens, count = camera.lens, len(camera.distortion)
-    effect = (np.arctan(reach) if lens.is_equidistant else reach) ** np.array(lens.powers[:count])
-    tangential = np.array([name.startswith("p") for name in lens.coefficients[:count]], dtype=bool)
-    sigma = np.where(tangential, TANGENTIAL_PRIOR, RADIAL_PRIOR)
-    return np.concatenate([np.zeros(4), effect / sigma])
 
 
 class CameraCorners:
@@ -173,7 +148,7 @@ class StereoProblem:
 
     def solve(self, start: Solution, options: FitOptions) -> Solution:
         """Levenberg-Marquardt from ``start``; the result carries the covariance of what is shared."""
-        prior = np.concatenate([intrinsics_prior(start.left), intrinsics_prior(start.right), np.zeros(POSE + WARP)])
+        prior = _Prior.of(start, options.known)
         fitted = _fitted(start, options)
         if not len(self.right.ids):
             count = len(intrinsics_vector(start.left))
@@ -210,12 +185,12 @@ class StereoProblem:
         """Robust standard deviation of one pixel coordinate of the middle image."""
         return max(float(np.median(np.abs(np.concatenate(self._whitened(s))))) / 0.6745, 1e-6)
 
-    def _cost(self, s: Solution, scale: float, prior: FloatArray) -> float:
+    def _cost(self, s: Solution, scale: float, prior: _Prior) -> float:
         squared = np.sum(np.concatenate(self._whitened(s)) ** 2, axis=1) / (LOSS_WIDTH * scale) ** 2
-        total = float(cauchy_cost(squared, 1.0).sum() + np.sum((prior * _shared_vector(s)) ** 2) / LOSS_WIDTH**2)
+        total = float(cauchy_cost(squared, 1.0).sum() + np.sum(prior.pull(s) ** 2) / LOSS_WIDTH**2)
         return total if np.isfinite(total) else np.inf
 
-    def _normal_equations(self, s: Solution, scale: float, prior: FloatArray) -> Blocks:
+    def _normal_equations(self, s: Solution, scale: float, prior: _Prior) -> Blocks:
         nl, nr = len(intrinsics_vector(s.left)), len(intrinsics_vector(s.right))
         size = nl + nr + POSE + WARP
         blocks = Blocks.empty(size, self.count)
@@ -244,12 +219,12 @@ class StereoProblem:
 
         return self._with_prior(blocks, s, scale, prior)
 
-    def _with_prior(self, blocks: Blocks, s: Solution, scale: float, prior: FloatArray) -> Blocks:
-        blocks.prior[:] = (prior * scale) ** 2
-        blocks.prior_gradient[:] = -((prior * scale) ** 2) * _shared_vector(s)
+    def _with_prior(self, blocks: Blocks, s: Solution, scale: float, prior: _Prior) -> Blocks:
+        blocks.prior[:] = (prior.weight * scale) ** 2
+        blocks.prior_gradient[:] = -prior.weight * scale**2 * prior.pull(s)
         return blocks
 
-    def _covariance(self, s: Solution, scale: float, prior: FloatArray, fitted: BoolArray) -> FloatArray:
+    def _covariance(self, s: Solution, scale: float, prior: _Prior, fitted: BoolArray) -> FloatArray:
         """(G,G) covariance of the shared unknowns; rows of what was not fitted are zero."""
         blocks = self._normal_equations(s, scale, prior)
         try:
@@ -266,8 +241,38 @@ class StereoProblem:
         variance = float(np.sum(weight[:, None] * residuals**2) / degrees)
         covariance = np.linalg.pinv(reduced, hermitian=True) * variance
         full = np.zeros((len(fitted), len(fitted)))
-        full[np.ix_(fitted, fitted)] = widened(covariance, scatter_between_pairs(blocks, fitted, reduced, covariance))
+        factors = scatter_between_pairs(blocks, fitted, reduced, covariance)
+        factors = np.minimum(factors, prior.most_widened(fitted, covariance))
+        full[np.ix_(fitted, fitted)] = widened(covariance, factors)
         return full
+
+
+@dataclass(frozen=True, eq=False)
+class _Prior:
+    """What is known of the shared unknowns before anything was seen: (G,) values and 1 / standard deviation."""
+
+    mean: FloatArray
+    weight: FloatArray
+    is_stated: bool = False
+
+    @classmethod
+    def of(cls, s: Solution, known: KnownIntrinsics | None) -> _Prior:
+        others = np.zeros(POSE + WARP)
+        if known is not None:
+            return cls(np.concatenate([known.mean, others]), np.concatenate([1 / known.sigma, others]), True)
+        weight = np.concatenate([intrinsics_prior(s.left), intrinsics_prior(s.right), others])
+        return cls(np.zeros(len(weight)), weight)
+
+    def pull(self, s: Solution) -> FloatArray:
+        """(G,) distances from the values, in standard deviations."""
+        return self.weight * (_shared_vector(s) - self.mean)
+
+    def most_widened(self, fitted: BoolArray, covariance: FloatArray) -> FloatArray:
+        """(F,) largest factors of the variances: nothing is known worse than was stated before."""
+        if not self.is_stated:
+            return np.full(int(fitted.sum()), np.inf)
+        before = 1 / np.maximum(self.weight[fitted], 1e-12) ** 2
+        return np.asarray(np.maximum(before / np.diag(covariance), 1.0))
 
 
 @dataclass(frozen=True, eq=False)
@@ -276,7 +281,7 @@ class _AtScale:
 
     problem: StereoProblem
     scale: float
-    prior: FloatArray
+    prior: _Prior
     fitted: BoolArray
 
     def linearize(self, state: Solution) -> tuple[_Linearized, float]:

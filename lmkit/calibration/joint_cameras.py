@@ -23,15 +23,13 @@ from lmkit.calibration.bundle_adjustment import (
     CameraCorners,
     board_and_turned,
     derivatives_by_pose,
-    intrinsics_prior,
-    intrinsics_vector,
     reduced_equations,
     robust_weight,
     scatter_between_pairs,
     solve_step,
     widened,
-    with_intrinsics,
 )
+from lmkit.calibration.intrinsics import intrinsics_prior, intrinsics_vector, with_intrinsics
 from lmkit.geometry.camera import CameraModel
 from lmkit.geometry.rotations import rotation_exp
 from lmkit.optim.robust_loss import cauchy_cost

@@ -12,9 +12,10 @@ from typing import Any
 import numpy as np
 
 from lmkit.arrays import BoolArray, FloatArray, IntArray
-from lmkit.calibration.bundle_adjustment import FitOptions, Solution, StereoProblem, intrinsics_vector
+from lmkit.calibration.bundle_adjustment import FitOptions, Solution, StereoProblem
 from lmkit.calibration.cross_validation import FOLDS, HeldOut
 from lmkit.calibration.initialization import board_poses, start_camera
+from lmkit.calibration.intrinsics import intrinsics_vector
 from lmkit.calibration.sanity_checks import STRONG_WARP, CalibrationWarning, Declared, check_camera, require_views
 from lmkit.calibration.view_coverage import ENOUGH_CELLS, LEAST_VIEWS, camera_coverage
 from lmkit.errors import InputError

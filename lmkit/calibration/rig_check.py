@@ -15,9 +15,10 @@ from typing import Any
 import numpy as np
 
 from lmkit.arrays import FloatArray
-from lmkit.calibration.bundle_adjustment import POSE, FitOptions, Solution, StereoProblem, intrinsics_vector
+from lmkit.calibration.bundle_adjustment import POSE, FitOptions, Solution, StereoProblem
 from lmkit.calibration.cross_validation import HeldOut, hold_out
 from lmkit.calibration.initialization import board_poses
+from lmkit.calibration.intrinsics import intrinsics_vector
 from lmkit.errors import InputError
 from lmkit.geometry.camera import CameraModel
 from lmkit.geometry.rotations import rotation_log

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from lmkit.arrays import FloatArray
+from lmkit.calibration.intrinsics import intrinsics_vector
 from lmkit.calibration.outlier_pairs import Disagreement
 from lmkit.calibration.view_coverage import ENOUGH_CELLS, LEAST_VIEWS, ViewCoverage
 from lmkit.errors import InputError
@@ -28,6 +29,7 @@ UNSURE_BASELINE = 0.005
 BEYOND_MODEL = 0.02
 UNSURE_FOCAL = 0.005
 UNSURE_ROTATION_DEG = 0.2  # as much as 3 px of disparity at a focal length of 900 px
+CONTRADICTED_SIGMAS = 4.0
 UNSURE_CENTRE = 0.005  # of the image's width
 UNDETERMINED = ("unsure_rotation", "unsure_principal_point", "unsure_focal", "unsure_baseline")
 
@@ -55,11 +57,13 @@ class Declared:
         baseline_m: distance of the cameras.
         field_deg: horizontal field of view, of one camera.
         cameras: left and right camera with known intrinsics, which are kept as they are.
+        sigmas: of fx fy cx cy and the distortion of both cameras; then they are a prior, and fitted as well.
     """
 
     baseline_m: float | None = None
     field_deg: float | None = None
     cameras: tuple[CameraModel, CameraModel] | None = None
+    sigmas: tuple[FloatArray, FloatArray] | None = None
 
 
 def require_rigid(together_px: float, alone_px: float, row_error_px: float | None) -> None:
@@ -130,6 +134,7 @@ def check_calibration(
             "the cameras are not quite synchronous, or the board moved in one camera"
         )
         warnings.append(CalibrationWarning("loose", message))
+    warnings += _check_known(rig, declared)
     warnings += _check_rotation(rig)
     warnings += _check_scale(rig, baseline_sigma_m, declared)
     for name, camera, sigma in zip(("left", "right"), (rig.left, rig.right), rig.intrinsics_sigma or (), strict=True):
@@ -185,6 +190,25 @@ def _check_scale(rig: StereoRig, baseline_sigma_m: float, declared: Declared) ->
     return []
 
 
+def _check_known(rig: StereoRig, declared: Declared) -> list[CalibrationWarning]:
+    """Known lenses that the images contradict."""
+    if declared.cameras is None or declared.sigmas is None:
+        return []
+    warnings = []
+    sides = zip(("left", "right"), (rig.left, rig.right), declared.cameras, declared.sigmas, strict=True)
+    for name, found, known, sigma in sides:
+        off = np.abs(intrinsics_vector(found) - intrinsics_vector(known)) / sigma
+        worst = int(np.argmax(off))
+        if off[worst] > CONTRADICTED_SIGMAS:
+            number = ("fx", "fy", "cx", "cy")[worst] if worst < 4 else f"distortion coefficient {worst - 3}"
+            message = (
+                f"the images contradict the {name} camera of --intrinsics: {number} comes out "
+                f"{off[worst]:.1f} standard deviations away; is it the same lens, focus and image size?"
+            )
+            warnings.append(CalibrationWarning("intrinsics_contradicted", message))
+    return warnings
+
+
 def _check_rotation(rig: StereoRig) -> list[CalibrationWarning]:
     if rig.covariance is None:
         return []
@@ -236,7 +260,7 @@ def check_camera(
         warnings.append(CalibrationWarning("unequal_focals", message))
     if (beyond := beyond_model(camera)) > BEYOND_MODEL:
         message = (
-            f"{which}'s lens model ends before its image does: {100 * beyond:.0f} % has no ray; "
+            f"{which}'s distortion model is not valid over {100 * beyond:.0f} % of the image (it folds back there): "
             "show the board in the corners, or try --model fisheye"
         )
         warnings.append(CalibrationWarning("lens_ends", message))

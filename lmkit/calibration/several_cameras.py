@@ -14,15 +14,9 @@ from typing import Any
 import numpy as np
 
 from lmkit.arrays import FloatArray
-from lmkit.calibration.bundle_adjustment import (
-    POSE,
-    WARP,
-    CameraCorners,
-    FitOptions,
-    StereoProblem,
-    intrinsics_vector,
-)
+from lmkit.calibration.bundle_adjustment import POSE, WARP, CameraCorners, FitOptions, StereoProblem
 from lmkit.calibration.initialization import board_poses, find_consensus, start_solution
+from lmkit.calibration.intrinsics import intrinsics_vector
 from lmkit.calibration.joint_cameras import RigProblem, RigSolution
 from lmkit.calibration.mono import CameraCalibration
 from lmkit.errors import InputError

@@ -9,9 +9,10 @@ from typing import Any
 import numpy as np
 
 from lmkit.arrays import FloatArray
-from lmkit.calibration.bundle_adjustment import POSE, FitOptions, Solution, StereoProblem, intrinsics_vector
+from lmkit.calibration.bundle_adjustment import POSE, FitOptions, Solution, StereoProblem
 from lmkit.calibration.cross_validation import FOLDS, HeldOut, hold_out
 from lmkit.calibration.initialization import agreement_with, find_consensus, start_camera, start_solution
+from lmkit.calibration.intrinsics import KnownIntrinsics, intrinsics_vector
 from lmkit.calibration.outlier_pairs import Disagreement, explain_disagreements
 from lmkit.calibration.sanity_checks import (
     CalibrationWarning,
@@ -125,7 +126,7 @@ def calibrate_stereo(
         image_size: (width, height), the same for both cameras.
         model: ``pinhole``, ``rational`` or ``fisheye``; ``auto`` takes the one that does best on pairs held out.
         rejected: pairs lost before, with reasons; they are passed on.
-        declared: what is known beforehand, to check against; its cameras are kept as they are.
+        declared: what is known beforehand, to check against; its cameras are kept, or are a prior with its sigmas.
         on_step: called with the number of fits done and their largest number.
 
     Raises:
@@ -140,7 +141,8 @@ def calibrate_stereo(
         )
     else:
         _require_size(known, image_size)
-        fits = {known[0].model: _fit(views, object_points, known, rejected, np.inf, CAMERAS_KEPT, on_step)}
+        options = _known_lenses(known, declared.sigmas if declared is not None else None)
+        fits = {known[0].model: _fit(views, object_points, known, rejected, np.inf, options, on_step)}
     best = _best(fits)
     kept = [views[k] for k in best.rows]
     turned_away = [*rejected, *((d.pair, d.reason) for d in best.bad)]
@@ -184,6 +186,16 @@ def calibrate_stereo(
         depth_errors=depth_errors(s),
         coverage=coverage,
     )
+
+
+def _known_lenses(
+    cameras: tuple[CameraModel, CameraModel], sigmas: tuple[FloatArray, FloatArray] | None
+) -> FitOptions:
+    """Cameras kept as they are, or as a prior with standard deviations."""
+    if sigmas is None:
+        return CAMERAS_KEPT
+    mean = np.concatenate([intrinsics_vector(camera) for camera in cameras])
+    return FitOptions(known=KnownIntrinsics(mean, np.concatenate(sigmas)))
 
 
 def _require_size(cameras: tuple[CameraModel, CameraModel], image_size: tuple[int, int]) -> None:

@@ -46,6 +46,7 @@ def run(
         typer.Option("--fov", help="Nominal horizontal field of view, degrees; the result is checked against it."),
     ] = None,
     intrinsics: options.Intrinsics = None,
+    intrinsics_sigma: options.IntrinsicsSigma = None,
     save_corners: Annotated[
         Path | None, typer.Option("--save-corners", help="File for the corners found, for a repeated run.")
     ] = None,
@@ -77,7 +78,8 @@ def run(
     """Calibrate cameras from images of a board."""
     from lmkit.calibration.stereo import MODELS, calibrate_stereo, calibration_lines
     from lmkit.cli.calibrate_pairs import both_sources, find_pairs, saved_corners
-    from lmkit.cli.parsing import parse_board, parse_declared
+    from lmkit.cli.known_lenses import parse_declared
+    from lmkit.cli.parsing import parse_board
     from lmkit.io.board_corners import corners_to_json
     from lmkit.io.image_sources import are_moving
     from lmkit.io.rig import rig_to_yaml
@@ -87,7 +89,7 @@ def run(
         raise InputError("bad_model", f"--model {model} is unknown", f"choose {', '.join(MODELS)}")
     if not capture and (side_by_side or save_pairs is not None):
         raise InputError("only_capture", "--side-by-side and --save-pairs need --capture", "add --capture")
-    sources, declared = images or [], parse_declared(baseline, fov, intrinsics)
+    sources, declared = images or [], parse_declared(baseline, fov, intrinsics, intrinsics_sigma)
     left, right = (*sources, None, None)[:2]
     check_outputs((output, report, save_corners), None, force)
     for_base = {"--rig": rig, "--map": landmark_map, "--height": height}

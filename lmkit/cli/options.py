@@ -127,3 +127,10 @@ Intrinsics = Annotated[
         "--intrinsics", help="Known lenses, kept as they are: a rig file, or the left's file, then the right's."
     ),
 ]
+IntrinsicsSigma = Annotated[
+    str | None,
+    typer.Option(
+        "--intrinsics-sigma",
+        help="How well --intrinsics are known; then they are fitted as well: 'stated' in the file, or such as 2px.",
+    ),
+]

@@ -6,14 +6,12 @@ import math
 import re
 from collections.abc import Sequence
 from dataclasses import replace
-from pathlib import Path
 from typing import TYPE_CHECKING
 
 from lmkit.cli.output import BOARD_HELP
 from lmkit.errors import InputError
 
 if TYPE_CHECKING:
-    from lmkit.calibration.sanity_checks import Declared
     from lmkit.localization.pose_prior import PosePrior
     from lmkit.localization.range_bearing_noise import ReadingNoise
     from lmkit.mapping.wall_constraints import LandmarkConstraint
@@ -116,19 +114,6 @@ def parse_board(board: str | None, measured: str | None) -> BoardSpec:
         raise InputError("no_board", "no board given", f"add --board. {BOARD_HELP}")
     spec = BoardSpec.parse(board)
     return spec if measured is None else spec.measured(*parse_size_mm(measured, "--measured"))
-
-
-def parse_declared(baseline: str | None, fov: float | None, intrinsics: list[Path] | None = None) -> Declared:
-    """Nominal baseline and field of view, to check a calibration against, and known cameras of one or two files."""
-    from lmkit.calibration.sanity_checks import Declared
-    from lmkit.io.known_cameras import read_two_cameras
-
-    if fov is not None and not 0 < fov < 360:
-        raise InputError(
-            "bad_fov", f"--fov {fov:g} is out of range", "give the horizontal angle in degrees, such as 69"
-        )
-    cameras = read_two_cameras(intrinsics) if intrinsics else None
-    return Declared(None if baseline is None else parse_meters(baseline, "--baseline"), fov, cameras)
 
 
 def parse_demand(error: str, heading: float, in_view: int, headings: float, share: float) -> Demand:

@@ -6,18 +6,17 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from lmkit.errors import InputError
-from lmkit.geometry.camera import CameraModel
-from lmkit.geometry.rig import mounted_cameras
+from lmkit.geometry.rig import MountedCamera, mounted_cameras
 from lmkit.io.any_rig import read_any_rig
 
 
-def read_two_cameras(paths: Sequence[Path]) -> tuple[CameraModel, CameraModel]:
+def read_two_cameras(paths: Sequence[Path]) -> tuple[MountedCamera, MountedCamera]:
     """The left and the right camera; what the files say of their relation is not used.
 
     Raises:
         InputError: a file cannot be read, or together they do not hold two cameras of one lens model.
     """
-    cameras = [camera.model for path in paths for camera in mounted_cameras(read_any_rig(path))]
+    cameras = [camera for path in paths for camera in mounted_cameras(read_any_rig(path))]
     names = ", ".join(str(path) for path in paths)
     if len(cameras) != 2:
         raise InputError(
@@ -26,10 +25,10 @@ def read_two_cameras(paths: Sequence[Path]) -> tuple[CameraModel, CameraModel]:
             "give the file of a stereo rig, or --intrinsics LEFT --intrinsics RIGHT",
         )
     left, right = cameras
-    if left.model != right.model:
+    if left.model.model != right.model.model:
         raise InputError(
             "unlike_models",
-            f"{names}: the left lens is {left.model}, the right one {right.model}",
+            f"{names}: the left lens is {left.model.model}, the right one {right.model.model}",
             "calibrate both cameras with the same --model",
         )
     return left, right

@@ -10,7 +10,7 @@ import cv2
 import numpy as np
 
 from lmkit.arrays import ByteArray, FloatArray
-from lmkit.calibration.bundle_adjustment import intrinsics_vector
+from lmkit.calibration.intrinsics import intrinsics_vector
 from lmkit.calibration.sanity_checks import UNDETERMINED
 from lmkit.calibration.stereo import StereoCalibration
 from lmkit.calibration.uncertainty import MATCHING_PX, NEAR_M, projection_uncertainty

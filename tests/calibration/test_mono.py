@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from board_views import BOARD, views
 
-from lmkit.calibration.bundle_adjustment import intrinsics_vector
+from lmkit.calibration.intrinsics import intrinsics_vector
 from lmkit.calibration.mono import calibrate_camera
 from lmkit.errors import InputError
 from lmkit.model.observation import BoardObservation

@@ -9,7 +9,8 @@ import pytest
 from board_views import BOARD, views
 
 from lmkit.calibration import bundle_adjustment as problem
-from lmkit.calibration.bundle_adjustment import Solution, StereoProblem, _moved
+from lmkit.calibration.bundle_adjustment import FitOptions, Solution, StereoProblem, _moved, _Prior
+from lmkit.calibration.intrinsics import KnownIntrinsics, intrinsics_vector, sigma_of_pixels
 from lmkit.calibration.sanity_checks import CalibrationWarning, Declared
 from lmkit.calibration.stereo import calibrate_stereo
 from lmkit.calibration.uncertainty import projection_uncertainty
@@ -144,7 +145,9 @@ def test_the_derivatives_are_those_of_finite_differences():
         np.array([p.R for p in pose]),
         np.array([p.t for p in pose]),
     )
-    blocks = problem._normal_equations(s, 1e9, np.zeros(26))  # so wide a loss is plain least squares
+    blocks = problem._normal_equations(
+        s, 1e9, _Prior(np.zeros(26), np.zeros(26))
+    )  # so wide a loss is plain least squares
     gradient = np.concatenate([blocks.shared_gradient.sum(axis=0), blocks.pose_gradient.ravel()])
     for k in range(len(gradient)):
         step = np.zeros(len(gradient))
@@ -172,6 +175,32 @@ def test_known_intrinsics_are_kept_and_the_rotation_is_surer():
     assert sigma(kept) < 0.5 * sigma(free)
     turned = np.rad2deg(rotation_angle(kept.rig.T_right_left.R @ rig.T_right_left.R.T))
     assert turned < 4 * np.rad2deg(sigma(kept)) * np.sqrt(3)
+
+
+def test_lenses_known_within_stated_deviations_are_fitted_too():
+    """A narrow prior is the fixed lens, a wide one the free fit; a lens stated 2 sigma off is corrected."""
+    rig = make_rig()
+    problem = StereoProblem(BOARD.object_points, views(6, 0.05))
+    poses = board_poses(1, rig, BOARD, 6)
+    R, t = rig.T_right_left.R, rig.T_right_left.t
+    boards = np.array([p.R for p in poses]), np.array([p.t for p in poses])
+    start = Solution(rig.left, rig.right, R, t, np.zeros(2), *boards)
+    mean = np.concatenate([intrinsics_vector(rig.left), intrinsics_vector(rig.right)])
+    off = mean.copy()
+    off[2] += 4.0  # cx of the left camera
+
+    def fitted(sigma_px, mean=mean):
+        sigma = np.concatenate([sigma_of_pixels(camera, sigma_px) for camera in (rig.left, rig.right)])
+        return problem.solve(start, FitOptions(known=KnownIntrinsics(mean, sigma), warp=False))
+
+    fixed, free = (problem.solve(start, FitOptions(intrinsics=i, warp=False)) for i in (False, True))
+    narrow, wide, moved = fitted(1e-4), fitted(1e3), fitted(2.0, off)
+    assert np.allclose(narrow.R, fixed.R, atol=1e-7)
+    assert np.allclose(intrinsics_vector(wide.left)[:4], intrinsics_vector(free.left)[:4], atol=0.3)
+    at = np.sqrt(moved.covariance[2, 2])
+    assert at <= 2.0
+    assert abs(intrinsics_vector(moved.left)[2] - mean[2]) < 3 * at < 3.0
+    assert np.sqrt(narrow.covariance[2, 2]) <= 1e-4 * (1 + 1e-9)
 
 
 def test_the_verdict_follows_the_intervals():

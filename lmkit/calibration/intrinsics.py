@@ -1,0 +1,70 @@
+"""Intrinsics of a camera as one vector, and what is known of them before an image was seen."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from lmkit.arrays import FloatArray
+from lmkit.geometry.camera import CameraModel
+
+# Standard deviations of what one coefficient does at the corner of the image, over its distance
+# from the middle, before anything was seen: wide for any lens, but it keeps coefficients that cancel
+# each other (Claus and Fitzgibbon 2005 on rational models) from running away together.
+RADIAL_PRIOR = 0.3
+TANGENTIAL_PRIOR = 0.05
+LEAST_PX, LEAST_COEFFICIENT = 1e-3, 1e-6  # deviations below which no lens is known
+
+
+@dataclass(frozen=True, eq=False)
+class KnownIntrinsics:
+    """Intrinsics known beforehand: (K,) values and standard deviations of the left, then the right camera.
+
+    Order as in :func:`intrinsics_vector`; the numbers are taken as independent.
+    """
+
+    mean: FloatArray
+    sigma: FloatArray
+
+
+def intrinsics_vector(camera: CameraModel) -> FloatArray:
+    """fx fy cx cy, then the distortion."""
+    K = camera.K
+    return np.concatenate([[K[0, 0], K[1, 1], K[0, 2], K[1, 2]], camera.distortion])
+
+
+def with_intrinsics(camera: CameraModel, vector: FloatArray) -> CameraModel:
+    """The camera with other intrinsics, see :func:`intrinsics_vector`."""
+    K = np.array([[vector[0], 0, vector[2]], [0, vector[1], vector[3]], [0, 0, 1.0]])
+    return CameraModel(camera.image_size, K, vector[4:], camera.model)
+
+
+def distortion_effect(camera: CameraModel) -> tuple[FloatArray, float]:
+    """(D,) what each coefficient of 1 does at the image's corner, over the corner's distance; that distance."""
+    width, height = camera.image_size
+    reach = float(np.hypot(width / camera.K[0, 0], height / camera.K[1, 1])) / 2
+    lens, count = camera.lens, len(camera.distortion)
+    effect = (np.arctan(reach) if lens.is_equidistant else reach) ** np.array(lens.powers[:count])
+    return np.asarray(effect), reach
+
+
+def intrinsics_prior(camera: CameraModel) -> FloatArray:
+    """(4+D,) 1 / standard deviation of every intrinsic number before anything was seen; 0 for none."""
+    effect, _ = distortion_effect(camera)
+    names = camera.lens.coefficients[: len(camera.distortion)]
+    tangential = np.array([name.startswith("p") for name in names], dtype=bool)
+    sigma = np.where(tangential, TANGENTIAL_PRIOR, RADIAL_PRIOR)
+    return np.concatenate([np.zeros(4), effect / sigma])
+
+
+def sigma_of_pixels(camera: CameraModel, pixels: float) -> FloatArray:
+    """(4+D,) deviations of focal lengths and principal point, and of what each coefficient does at the corner."""
+    effect, reach = distortion_effect(camera)
+    focal = float(np.sqrt(camera.K[0, 0] * camera.K[1, 1]))
+    return np.concatenate([np.full(4, pixels), pixels / (focal * reach * effect)])
+
+
+def stated_sigma(sigma: FloatArray) -> FloatArray:
+    """(4+D,) deviations of a file; what its calibration kept fixed is kept nearly so."""
+    return np.maximum(sigma, np.where(np.arange(len(sigma)) < 4, LEAST_PX, LEAST_COEFFICIENT))
