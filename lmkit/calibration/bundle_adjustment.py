@@ -249,7 +249,7 @@ class StereoProblem:
 
 @dataclass(frozen=True, eq=False)
 class _Prior:
-    """What is known of the shared unknowns before anything was seen: (G,) values and 1 / standard deviation."""
+    """Shared unknowns as known before anything was seen: (G,) values and 1 / standard deviation."""
 
     mean: FloatArray
     weight: FloatArray

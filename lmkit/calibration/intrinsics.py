@@ -41,7 +41,7 @@ def with_intrinsics(camera: CameraModel, vector: FloatArray) -> CameraModel:
 
 
 def distortion_effect(camera: CameraModel) -> tuple[FloatArray, float]:
-    """(D,) what each coefficient of 1 does at the image's corner, over the corner's distance; that distance."""
+    """(D,) displacement by each coefficient of 1 at the image's corner, over the corner's distance; that distance."""
     width, height = camera.image_size
     reach = float(np.hypot(width / camera.K[0, 0], height / camera.K[1, 1])) / 2
     lens, count = camera.lens, len(camera.distortion)
