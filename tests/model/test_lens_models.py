@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from lmkit.calibration.bundle_adjustment import intrinsics_prior, intrinsics_vector, with_intrinsics
+from lmkit.calibration.intrinsics import intrinsics_prior, intrinsics_vector, with_intrinsics
 from lmkit.calibration.stereo import MODELS
 from lmkit.geometry.camera import CameraModel
 from lmkit.geometry.lens_models import LENS_MODELS
