@@ -8,7 +8,7 @@ from typing import Annotated
 import typer
 
 from lmkit.cli import options
-from lmkit.cli.output import print_json, print_line
+from lmkit.cli.output import check_outputs, print_json, print_line, write_outputs
 from lmkit.errors import InputError
 
 
@@ -28,7 +28,9 @@ def run(
     time_offset: Annotated[
         float, typer.Option("--time-offset", help="Seconds to add to the times of the estimate.")
     ] = 0.0,
+    report: options.ReportOutput = None,
     as_json: options.Json = False,
+    force: options.Force = False,
 ) -> None:
     """Compute the errors of a trajectory, as evo does. Absolute, relative and heading errors."""
     from lmkit.evaluation.trajectory_error import ALIGNMENTS, compare_trajectories, error_lines
@@ -42,8 +44,13 @@ def run(
         raise InputError("bad_option", f"--max-apart {max_apart:g} is out of range", "give seconds, 0 or more")
     if not abs(time_offset) < 1e12:
         raise InputError("bad_option", f"--time-offset {time_offset:g} is out of range", "give seconds")
+    check_outputs((report,), None, force)
     true, found = read_two_trajectories(truth, estimate)
     error = compare_trajectories(true, found.shifted(time_offset), align, delta, max_apart)
+    if report is not None:
+        from lmkit.reports.trajectory_error import evaluation_report
+
+        write_outputs({report: evaluation_report(error, (truth.name, estimate.name))}, force)
     if as_json:
         print_json(error.to_dict())
         return

@@ -75,6 +75,17 @@ class TrajectoryError:
     truth: Trajectory
     estimate: Trajectory
 
+    def rows(self) -> list[tuple[str, Spread, float]]:
+        """Name with its unit, statistics, and factor to that unit, of each kind of error."""
+        rows = (
+            ("position, mm", self.position_m, 1000.0),
+            ("rotation, deg", self.rotation_deg, 1.0),
+            ("heading, deg", self.heading_deg, 1.0),
+            ("relative position, mm", self.relative_position_m, 1000.0),
+            ("relative rotation, deg", self.relative_rotation_deg, 1.0),
+        )
+        return [(name, spread, unit) for name, spread, unit in rows if spread is not None]
+
     def to_dict(self) -> dict[str, Any]:
         """The result as JSON values; docs/formats.md lists the keys."""
 
@@ -121,15 +132,14 @@ def compare_trajectories(
     if align != "none":
         R, t, scale = umeyama(found.positions, true.positions, align == "scale")
         found = found.moved(R, t, scale)
-    # R_true' R_found of every pose.
-    off = (Rotation.from_quat(true.quaternions).inv() * Rotation.from_quat(found.quaternions)).magnitude()
+    off_m, off_rad = pose_errors(true, found)
     heading = np.abs(wrap_angle(_headings(found) - _headings(true)))
     relative = _relative(true, found, delta)
     return TrajectoryError(
         pairs=len(true),
         missing=missing,
-        position_m=Spread.of(np.linalg.norm(found.positions - true.positions, axis=1)),
-        rotation_deg=Spread.of(np.rad2deg(off)),
+        position_m=Spread.of(off_m),
+        rotation_deg=Spread.of(np.rad2deg(off_rad)),
         heading_deg=Spread.of(np.rad2deg(heading)),
         relative_position_m=None if relative is None else Spread.of(relative[0]),
         relative_rotation_deg=None if relative is None else Spread.of(np.rad2deg(relative[1])),
@@ -138,6 +148,12 @@ def compare_trajectories(
         truth=true,
         estimate=found,
     )
+
+
+def pose_errors(true: Trajectory, found: Trajectory) -> tuple[FloatArray, FloatArray]:
+    """(N,) meters and rad between the poses of two trajectories, row by row."""
+    turned = Rotation.from_quat(true.quaternions).inv() * Rotation.from_quat(found.quaternions)
+    return np.linalg.norm(found.positions - true.positions, axis=1), turned.magnitude()
 
 
 def associate(times_a: FloatArray, times_b: FloatArray, max_apart_s: float) -> tuple[IntArray, IntArray]:
@@ -213,16 +229,9 @@ def error_lines(error: TrajectoryError) -> list[str]:
         f"poses compared         {error.pairs}; true poses without an estimate: {error.missing}",
         f"{'':<22} {'rmse':>9} {'mean':>9} {'median':>9} {'95 %':>9} {'largest':>9}",
     ]
-    for name, spread, unit in (
-        ("position, mm", error.position_m, 1000.0),
-        ("rotation, deg", error.rotation_deg, 1.0),
-        ("heading, deg", error.heading_deg, 1.0),
-        ("relative position, mm", error.relative_position_m, 1000.0),
-        ("relative rotation, deg", error.relative_rotation_deg, 1.0),
-    ):
-        if spread is not None:
-            figures = (spread.rmse, spread.mean, spread.median, spread.p95, spread.max)
-            lines.append(f"{name:<22} " + " ".join(f"{unit * v:9.3f}" for v in figures))
+    for name, spread, unit in error.rows():
+        figures = (spread.rmse, spread.mean, spread.median, spread.p95, spread.max)
+        lines.append(f"{name:<22} " + " ".join(f"{unit * v:9.3f}" for v in figures))
     if error.percent is not None:
         lines.append(f"percentage error       {error.percent:.3f} % of the distance from the start")
     return lines

@@ -57,6 +57,7 @@ class Bundle:
         landmarks: with their covariances.
         joint: (6L,6L) covariance of all landmarks, in their order: they err alike.
         parameters: (P,) what is wrong with the odometry, as its `names`; none without.
+        parameter_sigmas: (P,) their standard deviations.
         residuals: (S,) root mean square of each observation's eight standardized corner coordinates.
         ids: (L) of the landmarks.
         of, frames: (S,) of the observations: index into ``ids``, and frame.
@@ -70,6 +71,7 @@ class Bundle:
     landmarks: LandmarkMap
     joint: FloatArray
     parameters: FloatArray
+    parameter_sigmas: FloatArray
     residuals: FloatArray
     ids: tuple[LandmarkId, ...]
     of: IntArray
@@ -441,6 +443,7 @@ class BundleProblem:
             self.landmarks(shared),
             shared[self.own :, self.own :],
             self.parameters,
+            np.sqrt(np.maximum(np.diag(shared)[: self.own], 0.0)),
             residuals,
             tuple(m.id for m in self.mapped),
             self.seen.of,

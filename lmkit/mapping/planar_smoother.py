@@ -43,7 +43,7 @@ class PlanarTrack:
         times_s: (N,) of the frames.
         states: (N,3) x, y (m), heading (rad).
         covariances: (N,3,3).
-        parameters: (6,) as ``motion.PARAMETERS``.
+        parameters, parameter_sigmas: (6,) as ``motion.PARAMETERS``, and standard deviations.
         ids, places, place_covariances: (L), (L,2), (L,2,2) of the landmarks.
         weights: (R,) of the readings, 1 for those believed, near 0 for outliers.
         squared, nis_dof: (R,) their squared errors in standard deviations, and how many numbers each is of.
@@ -54,6 +54,7 @@ class PlanarTrack:
     states: FloatArray
     covariances: FloatArray
     parameters: FloatArray
+    parameter_sigmas: FloatArray
     ids: tuple[LandmarkId, ...]
     places: FloatArray
     place_covariances: FloatArray
@@ -298,6 +299,7 @@ class _Problem:
             self.states,
             covariances,
             self.parameters,
+            np.sqrt(np.maximum(np.diag(shared)[:OWN], 0.0)),
             tuple(self.ids),
             self.places,
             places,

@@ -151,6 +151,7 @@ def survey_of(
         landmarks_off_constraint(constraints, bundle.landmarks),
         frames=solved.frames,
         odometry=dict(zip(solved.odometry, bundle.parameters.tolist(), strict=True)),
+        odometry_sigmas=dict(zip(solved.odometry, bundle.parameter_sigmas.tolist(), strict=True)),
     )
 
 

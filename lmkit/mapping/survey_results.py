@@ -58,7 +58,8 @@ class Survey:
         off_constraint: landmarks off their constraints, with the constraint and the distance (m).
         warnings: what a user should check, in words.
         frames: how many frames were given.
-        odometry: errors of the odometry and gyro that were solved for, by name.
+        odometry, odometry_sigmas: errors of the odometry and gyro that were solved for, by name, and their
+            standard deviations.
     """
 
     bundle: Bundle
@@ -73,6 +74,7 @@ class Survey:
     warnings: tuple[str, ...] = ()
     frames: int = 0
     odometry: Mapping[str, float] = field(default_factory=dict)
+    odometry_sigmas: Mapping[str, float] = field(default_factory=dict)
 
     def to_dict(self) -> dict[str, Any]:
         """JSON of ``lmkit survey`` (docs/formats.md), without the file that the command wrote."""
@@ -95,6 +97,7 @@ class Survey:
                 for id_, constraint, meters in self.off_constraint
             ],
             "odometry": dict(self.odometry),
+            "odometry_sigma": dict(self.odometry_sigmas),
         }
 
 

@@ -33,6 +33,7 @@ class TrackedTrajectory:
         nis: (N,2) of what was believed at every frame: the sum of its squared errors, in standard
             deviations, and how many numbers that is of.  Live they are those of the prediction, else what is left
             once the recording is solved.
+        parameter_sigmas: standard deviations of the parameters, by name; none where they are not computed.
     """
 
     times_s: FloatArray
@@ -44,6 +45,7 @@ class TrackedTrajectory:
     of_base: bool = True
     remarks: tuple[str, ...] = ()
     nis: FloatArray = field(default_factory=lambda: np.zeros((0, 2)))
+    parameter_sigmas: dict[str, float] = field(default_factory=dict)
 
     @property
     def positions(self) -> FloatArray:
@@ -95,7 +97,9 @@ def tracked_lines(drive: TrackedTrajectory) -> list[str]:
     counts = ", ".join(f"{count} {status}" for status, count in Counter(map(str, drive.statuses)).items())
     lines = [f"{len(drive)} frames: {counts}"]
     if drive.parameters:
-        lines.append("odometry: " + ", ".join(f"{name} {value:.4g}" for name, value in drive.parameters.items()))
+        sigmas = {name: f" ± {sigma:.2g}" for name, sigma in drive.parameter_sigmas.items()}
+        values = (f"{name} {value:.4g}{sigmas.get(name, '')}" for name, value in drive.parameters.items())
+        lines.append("odometry: " + ", ".join(values))
     return lines
 
 

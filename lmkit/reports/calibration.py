@@ -163,7 +163,9 @@ def _uncertainty(result: StereoCalibration) -> str:
         "Standard deviation of a projected point, px, from the covariance of the intrinsics. "
         "Show the board where the value is large. Gray: the lens model is not valid there."
     )
-    return f"<h2>Projection uncertainty</h2><p class='note'>{note}</p>{grid(figures, 'two')}"
+    return (
+        f"<h2>Projection uncertainty</h2><p class='note'>{note}</p>{plots.color_bar(largest)}{grid(figures, 'two')}"
+    )
 
 
 def _cameras(result: StereoCalibration) -> str:
@@ -205,7 +207,10 @@ def _residual_plots(result: StereoCalibration) -> str:
     size = result.rig.left.image_size
     enlarged = f"{plots.ENLARGED} times enlarged. Neighbors of equal direction: the lens model does not fit."
     figures = [
-        (plots.residual_scatter(left, right), "All residuals (left blue, right orange)."),
+        (
+            plots.residual_scatter(left, right),
+            "All residuals: left blue, right orange; half lie in the circle.",
+        ),
         (
             plots.residual_histogram(left, right),
             "Histogram of both axes; dashed: normal curves of equal robust standard deviation.",

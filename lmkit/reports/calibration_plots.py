@@ -22,21 +22,24 @@ _RAMP = np.array(
 
 
 def residual_scatter(left: FloatArray, right: FloatArray) -> str:
-    """(N,2) and (M,2) residuals of the two cameras as dots, with a circle at their scale."""
+    """(N,2) and (M,2) residuals of the two cameras as dots; half of them lie in the circle."""
     reach = max(0.2, float(np.percentile(np.abs(np.concatenate([left, right])), 99.5)))
     dots = []
     for points, color in ((left, LEFT), (right, RIGHT)):
         step = max(1, len(points) // 2000)
         for x, y in np.clip(points[::step] / reach, -1, 1) * 95:
             dots.append(f"<circle cx='{x:.1f}' cy='{y:.1f}' r='.9' fill='{color}' fill-opacity='.55'/>")
-    return svg(
-        (-100, -100, 200, 200),
-        320,
-        "residuals",
-        f"<path d='M-95 0H95M0-95V95' stroke='{GRAY}' stroke-width='.4'/>"
-        + svg_text(94, -3, f"{reach:.2f} px", 7, "end")
-        + "".join(dots),
+    half = float(np.median(np.linalg.norm(np.concatenate([left, right]), axis=1)))
+    radius = half / reach * 95
+    ring = f"<circle r='{radius:.1f}' fill='none' stroke='{GRAY}' stroke-width='.8'/>"
+    words = (
+        svg_text(94, -3, f"x {reach:.2f} px", 7, "end")
+        + svg_text(3, -90, f"y -{reach:.2f} px", 7)
+        + svg_text(3, 95, f"y {reach:.2f} px", 7)
+        + svg_text(-94, 95, f"circle: {half:.2f} px", 7)
     )
+    axes = f"<path d='M-95 0H95M0-95V95' stroke='{GRAY}' stroke-width='.4'/>"
+    return svg((-100, -100, 200, 200), 320, "residuals", axes + "".join(dots) + ring + words)
 
 
 def residual_arrows(at: FloatArray, residuals: FloatArray, size: tuple[int, int], color: str) -> str:
@@ -98,9 +101,19 @@ def heat_map(values: FloatArray, size: tuple[int, int], largest: float) -> str:
                 ink = "#000" if share < 0.55 else "#fff"
                 figures.append(
                     f"<text x='{x + width / columns / 2:.1f}' y='{y + height / rows * 0.75:.1f}' fill='{ink}' "
-                    f"font-size='{width / 28:.0f}' text-anchor='middle'>{values[r, c]:.2f}</text>"
+                    f"font-size='{width / 36:.0f}' text-anchor='middle'>{values[r, c]:.2f}</text>"
                 )
     return _image(size, "projection uncertainty", "".join(cells + figures))
+
+
+def color_bar(largest: float) -> str:
+    """Colors of `heat_map` from 0 to ``largest``, pixels."""
+    steps = 70
+    cells = "".join(
+        f"<rect x='{3 * k}' y='0' width='3.3' height='12' fill='{_color(k / (steps - 1))}'/>" for k in range(steps)
+    )
+    words = svg_text(0, 24, "0 px", 10) + svg_text(3 * steps, 24, f"{largest:.2g} px and more", 10, "end")
+    return svg((-2, -2, 3 * steps + 4, 30), 320, "colors", cells + words)
 
 
 def corner_cover(points: FloatArray, cells: BoolArray, size: tuple[int, int], color: str) -> str:

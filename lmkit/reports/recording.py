@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 
 import numpy as np
 from scipy.stats import chi2
@@ -16,23 +15,22 @@ from lmkit.model.landmark_map import LandmarkMap
 from lmkit.model.pose_status import PoseStatus
 from lmkit.model.tracked_trajectory import TrackedTrajectory
 from lmkit.odometry.motion_model import Motion
-from lmkit.visualization.html import GRAY, figure, grid, headline, listed, page, svg, svg_text, table
+from lmkit.reports.time_plots import LEFT_OUT, OTHER, SEEN, Series, over_time
+from lmkit.visualization.html import figure, grid, headline, listed, page, table
 from lmkit.visualization.plan_view import Found, draw_plan
 
 MOST_DRAWN = 60  # poses of a plan
-MOST_DOTS = 3000
-SEEN, LEFT_OUT, OTHER = "#2f6fde", "#cf222e", "#e8833a"
-WIDTH, HEIGHT, ASIDE, BELOW = 640.0, 200.0, 52.0, 24.0
+MEANINGS = {
+    "forward_scale": "true over measured distance",
+    "turn_scale": "true over measured rotation",
+    "turn_per_s": "rotation that is not measured, rad/s",
+    "turn_per_m": "rotation that is not measured, rad/m",
+    "slowing_s": "share of the distance lost per rad/s of rotation, s",
+    "delay_s": "delay of the images behind the odometry, s",
+    "scale": "true over measured distance",
+}
 INSIDE = 0.95
 TOO_MANY_OUTSIDE = 0.15  # of frames beyond the band: the covariance claims too much
-
-
-@dataclass(frozen=True, eq=False)
-class _Series:
-    times_s: FloatArray
-    values: FloatArray
-    color: str
-    dots: bool = True
 
 
 def survey_report(survey: Survey, motion: Motion | None, warnings: Sequence[str]) -> str:
@@ -67,10 +65,10 @@ def survey_report(survey: Survey, motion: Motion | None, warnings: Sequence[str]
         grid(
             [
                 (
-                    _over_time(
+                    over_time(
                         [
-                            _Series(times[believed], bundle.residuals[believed], SEEN),
-                            _Series(times[~believed], bundle.residuals[~believed], LEFT_OUT),
+                            Series(times[believed], bundle.residuals[believed], SEEN),
+                            Series(times[~believed], bundle.residuals[~believed], LEFT_OUT),
                         ],
                         "residual of an observation, standard deviations",
                         log=True,
@@ -78,14 +76,14 @@ def survey_report(survey: Survey, motion: Motion | None, warnings: Sequence[str]
                     "Every observation; red: left out. Correct covariances give a mean of 1.",
                 ),
                 (
-                    _over_time(
-                        [_Series(bundle.times_s, position_mm, SEEN, False)], "standard deviation of the position, mm"
+                    over_time(
+                        [Series(bundle.times_s, position_mm, SEEN, False)], "standard deviation of the position, mm"
                     ),
                     "Standard deviation of the left camera's position.",
                 ),
                 (
-                    _over_time(
-                        [_Series(bundle.times_s, rotation_deg, OTHER, False)],
+                    over_time(
+                        [Series(bundle.times_s, rotation_deg, OTHER, False)],
                         "standard deviation of the rotation, deg",
                     ),
                     "Largest standard deviation of the left camera's rotation.",
@@ -95,7 +93,7 @@ def survey_report(survey: Survey, motion: Motion | None, warnings: Sequence[str]
         ),
     ]
     if motion is not None:
-        parts.append(_odometry(dict(zip(motion.names, bundle.parameters.tolist(), strict=True))))
+        parts.append(_odometry(survey.odometry, survey.odometry_sigmas))
     return page("Survey", parts)
 
 
@@ -118,14 +116,14 @@ def track_report(tracked: TrackedTrajectory, landmarks: LandmarkMap) -> str:
         grid(
             [
                 (
-                    _over_time(
-                        [_Series(tracked.times_s, position_mm, SEEN, False)], "standard deviation of the position, mm"
+                    over_time(
+                        [Series(tracked.times_s, position_mm, SEEN, False)], "standard deviation of the position, mm"
                     ),
                     "",
                 ),
                 (
-                    _over_time(
-                        [_Series(tracked.times_s, heading_deg, OTHER, False)],
+                    over_time(
+                        [Series(tracked.times_s, heading_deg, OTHER, False)],
                         "standard deviation of the heading, deg",
                     ),
                     "",
@@ -133,7 +131,7 @@ def track_report(tracked: TrackedTrajectory, landmarks: LandmarkMap) -> str:
             ],
             "two",
         ),
-        _odometry(tracked.parameters),
+        _odometry(tracked.parameters, tracked.parameter_sigmas),
     ]
     return page("Track", parts)
 
@@ -225,7 +223,7 @@ def _landmarks(survey: Survey, believed: BoolArray) -> str:
     for m in sorted(bundle.landmarks, key=lambda m: m.id):
         mine = bundle.of == bundle.ids.index(m.id)
         position_m, rotation_rad = deviations(m)
-        x, y, z = m.T_map_landmark.t
+        x, y, z = np.round(m.T_map_landmark.t, 3) + 0.0
         residual = f"{np.median(bundle.residuals[mine]):.2f}" if mine.any() else ""
         rows.append(
             (str(m.id), f"{x:.3f}", f"{y:.3f}", f"{z:.3f}", f"± {1000 * position_m:.1f}",
@@ -244,8 +242,8 @@ def _innovations(tracked: TrackedTrajectory) -> str:
     above = ratio > chi2.ppf(INSIDE, dof[some]) / dof[some]
     times = tracked.times_s[some]
     outside, counted = _outside(tracked)
-    plot = _over_time(
-        [_Series(times[~above], ratio[~above], SEEN), _Series(times[above], ratio[above], LEFT_OUT)],
+    plot = over_time(
+        [Series(times[~above], ratio[~above], SEEN), Series(times[above], ratio[above], LEFT_OUT)],
         "normalized innovation squared over its degrees of freedom",
         log=True,
     )
@@ -263,57 +261,15 @@ def _outside(tracked: TrackedTrajectory) -> tuple[int, int]:
     return int((squared[some] > chi2.ppf(INSIDE, dof[some])).sum()), int(some.sum())
 
 
-def _odometry(parameters: Mapping[str, float]) -> str:
+def _odometry(parameters: Mapping[str, float], sigmas: Mapping[str, float]) -> str:
     if not parameters:
         return ""
-    rows = [(name.replace("_", " "), f"{round(value, 4) + 0.0:.4f}") for name, value in parameters.items()]
-    return "<h2>Odometry parameters</h2>" + table(("", ""), rows)
-
-
-def _over_time(series: Sequence[_Series], label: str, log: bool = False) -> str:
-    """Values over time, linear from 0 or logarithmic."""
-    times = np.concatenate([s.times_s for s in series])
-    values = np.concatenate([s.values for s in series])
-    first, last = float(times.min()), max(float(times.max()), float(times.min()) + 1e-9)
-    if log:
-        low = 10 ** np.floor(np.log10(max(float(np.percentile(values, 1)), 1e-2)))
-        high = 10 ** np.ceil(np.log10(max(float(values.max()), 10 * low)))
-        ticks = [float(10**power) for power in range(round(np.log10(low)), round(np.log10(high)) + 1)]
-    else:
-        high = _round_up(float(values.max()))
-        low, ticks = 0.0, [0.0, high / 2, high]
-
-    def up(value: FloatArray) -> FloatArray:
-        share = np.log(np.clip(value, low, high) / low) / np.log(high / low) if log else value / high
-        return np.asarray(HEIGHT * (1 - share))
-
-    def along(times_s: FloatArray) -> FloatArray:
-        return np.asarray((times_s - first) / (last - first) * WIDTH)
-
-    parts = []
-    for tick in ticks:
-        level = float(up(np.array(tick)))
-        parts.append(f"<path d='M0 {level:.1f}H{WIDTH:g}' stroke='{GRAY}' stroke-opacity='.35'/>")
-        parts.append(svg_text(-6, level + 4, f"{tick:g}", 12, "end"))
-    for one in series:
-        x, y = along(one.times_s), up(one.values)
-        if one.dots:
-            step = 1 + len(x) // MOST_DOTS
-            parts += [
-                f"<circle cx='{a:.1f}' cy='{b:.1f}' r='2' fill='{one.color}' fill-opacity='.6'/>"
-                for a, b in zip(x[::step], y[::step], strict=True)
-            ]
-        else:
-            path = "L".join(f"{a:.1f} {b:.1f}" for a, b in zip(x, y, strict=True))
-            parts.append(f"<path d='M{path}' fill='none' stroke='{one.color}' stroke-width='1.6'/>")
-    parts.append(svg_text(0, -8, label, 13))
-    parts.append(svg_text(0, HEIGHT + 18, f"{first:.1f} s", 12))
-    parts.append(svg_text(WIDTH, HEIGHT + 18, f"{last:.1f} s", 12, "end"))
-    box = (-ASIDE, -BELOW, WIDTH + ASIDE + 12, HEIGHT + 2 * BELOW)
-    return svg(box, 640, label, "".join(parts))
-
-
-def _round_up(value: float) -> float:
-    """The next of 1, 2, 5, 10, ..."""
-    power = 10 ** np.floor(np.log10(max(value, 1e-9)))
-    return float(next(step * power for step in (1, 2, 5, 10) if step * power >= value * (1 - 1e-9)))
+    rows = [
+        (
+            MEANINGS.get(name, name.replace("_", " ")),
+            f"{round(value, 4) + 0.0:.4f}",
+            f"± {sigmas[name]:.4f}" if name in sigmas else "",
+        )
+        for name, value in parameters.items()
+    ]
+    return "<h2>Errors of the odometry</h2>" + table(("", "estimate", "standard deviation"), rows)

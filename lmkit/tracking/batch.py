@@ -52,6 +52,7 @@ def track_readings(
         outliers,
         dict(zip(PARAMETERS, track.parameters.tolist(), strict=True)),
         remarks=_doubts(motion, track.parameters),
+        parameter_sigmas=dict(zip(PARAMETERS, track.parameter_sigmas.tolist(), strict=True)),
         nis=_summed(len(times), track.frames, track.squared, track.nis_dof, track.weights > OUTLIER_WEIGHT),
     )
 
@@ -132,6 +133,7 @@ def track_images(
             np.full(len(bundle.residuals), 8.0),
             bundle.residuals < OUTLIER_SIGMA,
         ),
+        {} if motion is None else dict(zip(motion.names, bundle.parameter_sigmas.tolist(), strict=True)),
     )
 
 

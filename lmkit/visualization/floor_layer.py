@@ -19,14 +19,14 @@ HATCH, HATCH_CELLS = (60, 20, 80), 5  # color of the lines, and distance between
 OBSTACLE, IGNORED = (150, 118, 84), (236, 226, 214)  # islands of drawings
 LEAST_ROOM_M2 = 1.0
 NOTED_AT, NOTED_OFF_M = (0.5, 0.4, 0.6, 0.3, 0.7), 0.45  # the name of a wall: along it, and off it
-# From well known to badly known, evenly in brightness so that they print in gray, too.
+# From well known to badly known, none of them the red of landmarks.
 COLORS: tuple[Rgb, ...] = (
     (26, 122, 73),
     (120, 190, 90),
     (205, 222, 110),
     (250, 220, 120),
     (240, 150, 70),
-    (205, 70, 60),
+    (150, 80, 150),
 )
 LEVELS_M = (0.01, 0.02, 0.05, 0.1, 0.3)
 

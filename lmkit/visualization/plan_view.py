@@ -119,7 +119,9 @@ def draw_plan(
         low, high = underlay.low, underlay.high
     else:
         low, high = (
-            _extent(landmarks, [f.pose for f in found] + list(truth)) if size_m is None else ((0.0, 0.0), size_m)
+            _extent(landmarks, [f.pose for f in found] + list(truth), polylines)
+            if size_m is None
+            else ((0.0, 0.0), size_m)
         )
     scale = min(MOST_PIXELS_PER_M, LARGEST_PX / max(high[0] - low[0], high[1] - low[1]))
     width, height = (round((high[axis] - low[axis]) * scale) + 2 * MARGIN_PX for axis in (0, 1))
@@ -176,7 +178,9 @@ def _legend(
         legend.append((GREEN, "true pose"))
     if not all(f.sure for f in found):
         legend.append((FAINT, "ambiguous"))
-    ink = RED if families & FAMILIES.keys() or not families else INK
+    if not families:
+        return legend
+    ink = RED if families & FAMILIES.keys() else INK
     of_family = f" ({next(iter(families))})" if ink == INK and len(families) == 1 else ""
     sizes = " (size)" if len({round(1000 * landmark.size_m) for landmark in landmarks}) > 1 else ""
     return [*legend, (ink, f"landmark and its {'id' if len(families) > 1 else 'code'}{sizes}{of_family}")]
@@ -221,8 +225,11 @@ def _codes(some: Sequence[MappedLandmark], landmarks: LandmarkMap) -> str:
     return ", ".join(words)
 
 
-def _extent(landmarks: LandmarkMap, poses: Sequence[Pose]) -> tuple[tuple[float, float], tuple[float, float]]:
-    points = np.array([landmark.T_map_landmark.t[:2] for landmark in landmarks] + [pose.t[:2] for pose in poses])
+def _extent(
+    landmarks: LandmarkMap, poses: Sequence[Pose], polylines: Sequence[Polyline]
+) -> tuple[tuple[float, float], tuple[float, float]]:
+    places = [landmark.T_map_landmark.t[:2] for landmark in landmarks] + [pose.t[:2] for pose in poses]
+    points = np.array([*places, *(point[:2] for line in polylines for point in line.points)])
     low, high = points.min(axis=0) - AROUND_M, points.max(axis=0) + AROUND_M
     return (float(low[0]), float(low[1])), (float(high[0]), float(high[1]))
 

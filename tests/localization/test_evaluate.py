@@ -118,3 +118,18 @@ def test_bad_trajectories_are_refused(lmkit, tmp_path, text, words):
     answer = lmkit("evaluate", "t.txt", "e.txt")
     assert answer.code == 2
     assert words in answer.err
+
+
+def test_the_report_shows_both_paths_and_the_time_of_the_largest_error(lmkit, tmp_path):
+    truth = wander(3)
+    positions = truth.positions.copy()
+    positions[17] += [0.0, 0.3, 0.0]
+    (tmp_path / "truth.tum").write_text(tum(truth))
+    (tmp_path / "found.tum").write_text(tum(Trajectory(truth.times_s, positions, truth.quaternions)))
+    answer = lmkit("evaluate", "truth.tum", "found.tum", "--report", "errors.html")
+    assert answer.code == 0
+    text = (tmp_path / "errors.html").read_text()
+    assert "truth: truth.tum" in text
+    assert "estimate: found.tum" in text
+    assert "<td>1.70</td><td class='n'>300.0</td>" in text
+    assert lmkit("evaluate", "truth.tum", "found.tum", "--report", "errors.html").code == 2

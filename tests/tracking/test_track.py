@@ -163,6 +163,9 @@ def test_the_delay_of_the_wheels_is_found_where_the_robot_turns_now_and_then():
     readings = [(t, [RangeBearing(*reading) for reading in seen[:3]]) for t, seen in frames]
     tracked = track_readings(readings, odometry, None, drive.landmarks)
     assert tracked.parameters["delay_s"] == pytest.approx(0.25, abs=0.05)
+    sigma = tracked.parameter_sigmas["delay_s"]
+    assert 0.001 < sigma < 0.05
+    assert abs(tracked.parameters["delay_s"] - 0.25) < 4 * sigma
 
 
 def test_a_gyro_takes_the_place_of_the_wheels_turns():
