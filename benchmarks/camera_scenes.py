@@ -8,7 +8,7 @@ cameras (`lmkit.simulation.cameras`), so that a fit to some kinds can be judged 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 
 import cv2
@@ -81,6 +81,7 @@ def draw_photograph(
     trouble: float = 0.3,
     look_alikes: float = LOOK_ALIKES,
     cells: tuple[int, int] = (COLUMNS, ROWS),
+    is_dim: bool = False,
 ) -> tuple[np.ndarray, list[Shown], ImagingChain]:
     """One image, (480,640,3) BGR, 8 bit, the landmarks in it and how it was taken.
 
@@ -92,6 +93,7 @@ def draw_photograph(
         trouble: see :func:`lmkit.simulation.cameras.draw_chain`.
         look_alikes: share of the sheets that show a look-alike.
         cells: columns and rows of sheets; more of them for smaller landmarks, since the time goes by pixels.
+        is_dim: so little light that noise is plain to see, see :func:`dimmed`.
     """
     rng = np.random.default_rng(seed)
     panels, shown, marker = [], [], family_named(family)
@@ -122,7 +124,19 @@ def draw_photograph(
     scene = Scene(tuple(panels), LandmarkMap([]), (1.0, 1.0, 1.0))
     radiance = render(scene, camera(), Pose.identity("map", "camera"), background)
     chain = draw_chain(rng, kinds, trouble, SIZE)
+    if is_dim:
+        chain = dimmed(chain, rng)
     return expose(radiance, chain, rng), shown, chain
+
+
+def dimmed(chain: ImagingChain, rng: np.random.Generator) -> ImagingChain:
+    """A camera in a dim room: it raises its gain, so that few electrons make full scale and noise shows."""
+    full_well, brightness = np.exp(rng.uniform(*np.log([(80.0, 0.1), (800.0, 0.5)])))
+    return replace(
+        chain,
+        light=replace(chain.light, brightness=float(brightness)),
+        sensor=replace(chain.sensor, full_well=float(full_well), read_noise=float(rng.uniform(1, 4))),
+    )
 
 
 def _place(cell: int, cells: tuple[int, int], side_px: float, rng: np.random.Generator) -> tuple[Pose, float]:

@@ -142,7 +142,12 @@ def errors_of(corners: np.ndarray, one: Shown) -> dict:
 
 
 def run(
-    photos: list[Path], count: int, seed: int, names: list[str], sides: tuple[float, float] = (10.0, 70.0)
+    photos: list[Path],
+    count: int,
+    seed: int,
+    names: list[str],
+    sides: tuple[float, float] = (10.0, 70.0),
+    is_dim: bool = False,
 ) -> dict[str, list[dict]]:
     detectors = {name: READERS[name][1]() for name in names}
     results: dict[str, list[dict]] = {name: [] for name in names}
@@ -151,7 +156,7 @@ def run(
         for name in names:
             marker = READERS[name][0]
             if marker not in shots:
-                shots[marker] = draw_photograph((seed, index), wall, ALL_KINDS, sides, marker)
+                shots[marker] = draw_photograph((seed, index), wall, ALL_KINDS, sides, marker, is_dim=is_dim)
             image, shown, chain = shots[marker]
             seconds, found = timed(lambda name=name, image=image: detectors[name](image))
             results[name].append(judge(found, shown, chain) | {"seconds": seconds})
@@ -232,12 +237,14 @@ def main() -> None:
     parser.add_argument("--n", type=int, default=300, help="scenes")
     parser.add_argument("--seed", type=int, default=7)
     parser.add_argument("--law", action="store_true", help="smaller markers: size at which half are read")
+    parser.add_argument("--dim", action="store_true", help="dim rooms: full scale is 80 to 800 electrons")
     parser.add_argument("--readers", nargs="*", default=list(READERS))
     parser.add_argument("--lines", type=Path, help="write every image as a JSON line")
     options = parser.parse_args()
     cv2.setNumThreads(1)
     photos = backgrounds(options.photos)
-    results = run(photos, options.n, options.seed, options.readers, (6.0, 45.0) if options.law else (10.0, 70.0))
+    sides = (6.0, 45.0) if options.law else (10.0, 70.0)
+    results = run(photos, options.n, options.seed, options.readers, sides, options.dim)
     if options.lines:
         text = (json.dumps({"reader": name} | line) + "\n" for name, lines in results.items() for line in lines)
         options.lines.write_text("".join(text))
@@ -245,6 +252,8 @@ def main() -> None:
         print_law(results)
         return
     print_table(results)
+    if options.dim:
+        return
     print_photographs(photos, options.readers)
 
 

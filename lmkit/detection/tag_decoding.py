@@ -15,7 +15,7 @@ import numpy as np
 
 from lmkit.arrays import BoolArray, FloatArray
 from lmkit.detection.decoding import CORRELATED_PIXELS
-from lmkit.kernels.cell_codes import Words, cell_codes, packed
+from lmkit.kernels.cell_codes import Words, cell_codes, packed, single_cells
 from lmkit.kernels.grid_moments import grid_moments
 from lmkit.kernels.grid_pattern import GridDrawing
 from lmkit.kernels.registration import Samples, View
@@ -33,6 +33,7 @@ class TagDecoding:
         margin: log likelihood ratio against the likeliest other reading, of another code or quarter turn.
         pattern: share of what a border with a plain inside leaves unexplained that the code's cells explain.
         white, black: linear light, mean over the channels.
+        inks: (2,3) white and black, linear-light BGR.
         cells: (bits,bits) each cell fitted on its own: 0 black, 1 white; in the square's frame.
         expected: (bits,bits) what the code says of them, in the square's frame.
     """
@@ -43,14 +44,14 @@ class TagDecoding:
     pattern: float
     white: float
     black: float
+    inks: FloatArray
     cells: FloatArray
     expected: BoolArray
 
     @cached_property
     def cell_error(self) -> float:
         """Root mean square distance of the cells from what the code says of them; 0.5 is nothing."""
-        off = (np.minimum(np.maximum(self.cells, -0.5), 1.5) - self.expected).ravel()
-        return math.sqrt(float(off @ off) / len(off))
+        return _root_mean_square(self.cells, self.expected)
 
     def is_same_code(self, other: TagDecoding) -> bool:
         """Same code in the same quarter turn."""
@@ -110,6 +111,27 @@ def decode_tag(
         pattern=1 - found.left / max(found.plain_left, 1e-9),
         white=white,
         black=black,
+        inks=found.inks,
         cells=found.cells.reshape(family.bits, family.bits),
         expected=tables.white[found.row],
     )
+
+
+def border_error_of(
+    family: SquareMarkerFamily, view: View, state: FloatArray, samples: Samples, decoding: TagDecoding
+) -> float:
+    """Root mean square distance of the border's cells, each fitted on its own, from black.
+
+    Windows, tiles and letters often have an inside like a code's; hardly any has twenty dark cells around it.
+    """
+    products = grid_moments(tag_tables_of(family).empty, 0, view, samples, state)
+    cells = single_cells(products, decoding.inks).reshape(family.cells, family.cells)
+    in_border = np.ones(cells.shape, dtype=bool)
+    inside = slice(family.border_cells, family.cells - family.border_cells)
+    in_border[inside, inside] = False
+    return _root_mean_square(cells[in_border], np.zeros(1))
+
+
+def _root_mean_square(cells: FloatArray, expected: FloatArray | BoolArray) -> float:
+    off = (np.minimum(np.maximum(cells, -0.5), 1.5) - expected).ravel()
+    return math.sqrt(float(off @ off) / len(off))

@@ -82,15 +82,9 @@ def cell_codes(words: Words, products: FloatArray) -> CellCodes | None:
 
 def cell_codes_numpy(words: Words, products: FloatArray) -> CellCodes | None:
     """Definition of :func:`cell_codes`."""
-    count = len(products) - 3
-    k = count - OTHERS
-    gram, seen = products[:count, :count], products[:count, count:]
-    weight = 3 * float(gram.sum())
-    # Free the others of the surroundings, whatever their light.
-    own, beyond = max(gram[-1, -1], 1e-9), seen[-1]
-    energy = float(np.trace(products[count:, count:]) - np.sum(beyond**2) / own)
-    S = (seen - np.outer(gram[-1], beyond) / own)[:-1]
-    G = (gram - np.outer(gram[-1], gram[-1]) / own)[:-1, :-1]
+    k = len(products) - 3 - OTHERS
+    weight = 3 * float(products[:-3, :-3].sum())
+    G, S, energy = _without_surroundings(products)
     plain, gray = _left_numpy(np.full((1, k), 0.5), G, S, energy)
     if not np.isfinite(plain[0]):
         return None
@@ -104,6 +98,27 @@ def cell_codes_numpy(words: Words, products: FloatArray) -> CellCodes | None:
     cells = _cells_numpy(G, S, inks[first])
     unexplained = (float(left[first]), float(left[second]), float(plain[0]))
     return CellCodes(int(likely[first]), *unexplained, weight, inks[first], cells)
+
+
+def single_cells(products: FloatArray, inks: FloatArray) -> NDArray[np.float64]:
+    """(K,) every cell on its own, 0 black to 1 white, for (2,3) white and black.
+
+    Args:
+        products: (K+6,K+6) from :func:`lmkit.kernels.grid_moments.grid_moments`.
+    """
+    G, S, _ = _without_surroundings(products)
+    return _cells_numpy(G, S, inks)
+
+
+def _without_surroundings(products: FloatArray) -> tuple[FloatArray, FloatArray, float]:
+    """Products of cells, border and margin with each other and with the values, whatever light the surroundings have;
+    and the sum of squares of the values."""
+    count = len(products) - 3
+    gram, seen = products[:count, :count], products[:count, count:]
+    own, beyond = max(gram[-1, -1], 1e-9), seen[-1]
+    energy = float(np.trace(products[count:, count:]) - np.sum(beyond**2) / own)
+    S = (seen - np.outer(gram[-1], beyond) / own)[:-1]
+    return (gram - np.outer(gram[-1], gram[-1]) / own)[:-1, :-1], S, energy
 
 
 def _left_numpy(
