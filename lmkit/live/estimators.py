@@ -13,7 +13,7 @@ from lmkit.arrays import FloatArray
 from lmkit.geometry.planar import planar_pose
 from lmkit.geometry.pose import Pose
 from lmkit.geometry.rig import AnyRig, at_base
-from lmkit.geometry.rotations import rotation_exp, rotation_log
+from lmkit.geometry.rotations import rotation_angle, rotation_exp, rotation_log
 from lmkit.live.motion import GYRO, POSE, WHEELS, MotionRow
 from lmkit.localization.absolute_pose import locate_rig
 from lmkit.localization.pose_prior import PosePrior
@@ -21,12 +21,16 @@ from lmkit.model.landmark_id import LandmarkId
 from lmkit.model.landmark_map import LandmarkMap
 from lmkit.model.observation import Detection
 from lmkit.model.pose_status import PoseStatus
+from lmkit.odometry.wheel_odometry import PARAMETERS
 from lmkit.tracking.planar_stereo_filter import RigFilter
 from lmkit.tracking.spatial_stereo_filter import PoseFilter
 
 Seen = Sequence[Sequence[Detection]]
 CORNER_NUMBERS = 8  # of one observation
+DELAY = PARAMETERS.index("delay_s")
 MOST_STEADY_S = 0.3  # two poses further apart foretell nothing
+MOST_MPS, MOST_RADPS = 5.0, 6.0  # of a robot without odometry
+SLACK_M, SLACK_RAD = 0.2, 0.2
 _FLOOR = PosePrior()
 
 
@@ -54,6 +58,10 @@ class Estimate:
 
 class Estimator(Protocol):
     """Interface of the filters."""
+
+    @property
+    def delay_s(self) -> float:
+        """Delay of the images against odometry, as far as it is known."""
 
     def add(self, row: MotionRow) -> None:
         """Take a row of odometry or gyro."""
@@ -86,6 +94,11 @@ class WheelEstimator:
         self._rig, self._landmarks = rig, landmarks
         self._filter = RigFilter(landmarks, rig)
 
+    @property
+    def delay_s(self) -> float:
+        """See `Estimator`."""
+        return float(self._filter.parameters[DELAY])
+
     def add(self, row: MotionRow) -> None:
         """See `Estimator`."""
         if row.kind == WHEELS:
@@ -117,6 +130,11 @@ class PoseEstimator:
         self._rig, self._landmarks = rig, landmarks
         self._filter = PoseFilter(landmarks, rig)
 
+    @property
+    def delay_s(self) -> float:
+        """See `Estimator`: not estimated."""
+        return 0.0
+
     def add(self, row: MotionRow) -> None:
         """See `Estimator`."""
         pose = row.T_smooth_base or row.T_odometry_base
@@ -147,6 +165,11 @@ class ImageEstimator:
         self._rig, self._landmarks = rig, landmarks
         self._last: list[tuple[float, Pose]] = []
 
+    @property
+    def delay_s(self) -> float:
+        """See `Estimator`: there is no odometry."""
+        return 0.0
+
     def add(self, row: MotionRow) -> None:
         """See `Estimator`: not used."""
 
@@ -168,11 +191,22 @@ class ImageEstimator:
         if found.T_map_camera is None or found.covariance is None:
             return Estimate(found.status, outliers=found.outliers)
         poses, covariances = at_base([found.T_map_camera], found.covariance[None], self._rig)
+        if found.status == PoseStatus.OK and self._jumps(time_s, found.T_map_camera):
+            return Estimate(PoseStatus.INCONSISTENT, poses[0], covariances[0], outliers=found.inliers)
         anew = not self._last or time_s - self._last[-1][0] > MOST_STEADY_S
         if found.status == PoseStatus.OK:
             left = Pose("map", "left", found.T_map_camera.R, found.T_map_camera.t)
             self._last = [*self._last[-1:], (time_s, left)]
         return Estimate(found.status, poses[0], covariances[0], found.inliers, found.outliers, anew)
+
+    def _jumps(self, time_s: float, T_map_left: Pose) -> bool:
+        """Whether no robot gets there so fast; after `MOST_STEADY_S` it was carried, and is believed."""
+        if not self._last or time_s - self._last[-1][0] > MOST_STEADY_S:
+            return False
+        before, last = self._last[-1]
+        seconds = time_s - before
+        far, turn = float(np.linalg.norm(T_map_left.t - last.t)), rotation_angle(T_map_left.R @ last.R.T)
+        return far > MOST_MPS * seconds + SLACK_M or turn > MOST_RADPS * seconds + SLACK_RAD
 
 
 def floor_covariance(C: FloatArray) -> FloatArray:

@@ -20,6 +20,7 @@ from lmkit.live.motion import MotionRow
 from lmkit.live.publication import Publication, PublicationRule
 from lmkit.live.reader import Rate
 from lmkit.live.search import ExpectedLandmarks, Search
+from lmkit.live.stale_images import StaleImages
 from lmkit.live.state import CameraView, Event, LiveState
 from lmkit.model.families import family_named
 from lmkit.model.landmark import LandmarkFamily
@@ -71,6 +72,7 @@ class LiveLoop:
         self._expected = ExpectedLandmarks(rig, landmarks)
         self._search = Search(rig, landmarks, self._expected)
         self._estimator = make_estimator(self.settings.motion, rig, landmarks)
+        self._stale = StaleImages(rig, landmarks, self.settings.motion != "none")
         rule = self.settings.rule
         self._publication = Publication(replace(rule, confirm=min(rule.confirm, max(len(landmarks), 1))))
         self._budget = LatencyBudget(self.settings.budget_s or 1e9, self.settings.profile)
@@ -107,9 +109,14 @@ class LiveLoop:
         views = self._views(group, profile)
         events += self._color_events(group, views)
         events += self._odometry_events(group.time_s)
-        estimate = self._estimator.observe(group.time_s, [view.detections for view in views])
-        views, missing = self._with_expected(views, estimate)
-        decision = self._publication.decide(group.time_s, estimate, missing)
+        seen = [view.detections for view in views]
+        stale, named = self._stale.withheld(group.time_s, seen, self._estimator.delay_s)
+        events += named
+        estimate = self._estimator.observe(group.time_s, [() if k in stale else s for k, s in enumerate(seen)])
+        if estimate.restarted:
+            self._stale.start()
+        views, missing = self._with_expected(views, estimate, stale)
+        decision = self._publication.decide(group.time_s, estimate, missing, self._stale.doubt(group.time_s))
         ok = decision.status == PoseStatus.OK
         if decision.status != self._status:
             text = f"{self._status} -> {decision.status}" + (f": {decision.reason}" if decision.reason else "")
@@ -148,6 +155,7 @@ class LiveLoop:
 
     def _take(self, row: MotionRow) -> None:
         self._estimator.add(row)
+        self._stale.add(row)
         self._motion_at = row.time_s
         if row.T_odometry_base is not None:
             self._odometry.append((row.time_s, row.T_odometry_base))
@@ -171,7 +179,7 @@ class LiveLoop:
         return self._search.views(group.images, group.stamps_s, foretold, whole, profile)
 
     def _with_expected(
-        self, views: tuple[CameraView, ...], estimate: Estimate
+        self, views: tuple[CameraView, ...], estimate: Estimate, stale: frozenset[int]
     ) -> tuple[tuple[CameraView, ...], tuple[LandmarkId, ...]]:
         """The views with the map's landmarks where the pose puts them; and what is plainly in view but not read.
 
@@ -186,7 +194,7 @@ class LiveLoop:
         for k, view in enumerate(views):
             expected, plain = self._expected.in_camera(k, T_map_left)
             drawn.append(replace(view, expected=expected))
-            if view.search != "none":
+            if view.search != "none" and k not in stale:
                 read = {d.id for d in view.detections}
                 missing += [id_ for id_ in plain if id_ not in read]
         return tuple(drawn), tuple(dict.fromkeys(missing))

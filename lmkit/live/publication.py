@@ -44,11 +44,12 @@ class Publication:
         self._last_s = float("-inf")  # something agreed with the pose
         self.resets = 0
 
-    def decide(self, time_s: float, estimate: Estimate, missing: Sequence[LandmarkId]) -> Decision:
+    def decide(self, time_s: float, estimate: Estimate, missing: Sequence[LandmarkId], doubt: str = "") -> Decision:
         """Status of a step.
 
         Args:
             missing: landmarks that the pose puts plainly in view, and that were not read.
+            doubt: why the images may be old.
         """
         if estimate.restarted:
             self._confirmed = set()
@@ -64,6 +65,8 @@ class Publication:
             return Decision(estimate.status, _WHY.get(estimate.status, "not located yet"))
         if estimate.status != PoseStatus.OK:
             return Decision(estimate.status, _WHY[estimate.status])
+        if doubt:
+            return Decision(PoseStatus.INCONSISTENT, doubt)
         if estimate.outliers and len(estimate.outliers) >= len(estimate.inliers):
             return Decision(PoseStatus.INCONSISTENT, _WHY[PoseStatus.INCONSISTENT])
         if not estimate.inliers and missing:

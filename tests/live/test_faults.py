@@ -20,7 +20,7 @@ from lmkit.live.motion import GYRO, MotionInbox
 from lmkit.live.outputs.base import OutputLost, OutputRunner
 from lmkit.live.reader import Reader
 from lmkit.live.recorded_feed import StepFeed
-from lmkit.live.simulated_source import SimulatedRun
+from lmkit.live.simulated_source import FIRST_S, SimulatedRun
 from lmkit.live.source_address import parse_source
 from lmkit.live.state import LiveState
 from lmkit.model.landmark_map import LandmarkMap
@@ -30,6 +30,7 @@ from lmkit.model.pose_status import PoseStatus
 WRONG_M = 0.5
 FPS = 15
 FROM, UNTIL = 60, 120  # frames of the fault
+OLDER = 45
 
 Frames = Iterator[FrameGroup]
 
@@ -108,7 +109,19 @@ def blurred_corners(_: SimulatedRun, group: FrameGroup) -> FrameGroup:
     return replace(group, seen=tuple([noisy(d) for d in seen] for seen in group.seen))
 
 
+def frozen_view(simulated: SimulatedRun, group: FrameGroup) -> FrameGroup:
+    """The view of the fault's first frame again and again, encoded anew: with other noise."""
+    return replace(group, seen=simulated.course.corners(simulated.course.T_map_base(FIRST_S + FROM / FPS)))
+
+
+def older_view(simulated: SimulatedRun, group: FrameGroup) -> FrameGroup:
+    """A view of before, from another place."""
+    return replace(group, seen=simulated.course.corners(simulated.course.T_map_base(FIRST_S + OLDER / FPS)))
+
+
 FAULTS = {
+    frozen_view: "camera_stale",
+    older_view: "camera_stale",
     blind_left: "",
     dark: "status_lost",
     no_odometry: "",
