@@ -77,6 +77,7 @@ class StaleImages:
         self._odometry = DeadReckoning()
         self._followed = not by_odometry
         self._starts = 0
+        self._views: list[_View] = []
         self._stood_since: float | None = None
 
     def add(self, row: MotionRow) -> None:
@@ -96,6 +97,7 @@ class StaleImages:
         if not self._by_odometry:
             for view in views:
                 view.together = views
+        self._views = views
         stale, events = set(), []
         for k, (camera, view) in enumerate(zip(self._cameras, views, strict=True)):
             if self._doubtful(k, view):
@@ -122,8 +124,8 @@ class StaleImages:
         self._starts += 1
         self._followed = not self._by_odometry
         self._stood_since = None
-        for camera in self._cameras:
-            camera.anchor = None
+        for camera, view in zip(self._cameras, self._views, strict=True):
+            camera.anchor = view if view.corners else None
 
     def doubt(self, time_s: float) -> str:
         """Why the pose of a step is not to be believed; empty where nothing speaks against it."""
@@ -260,7 +262,9 @@ class StaleImages:
                 continue
             moved, expected = self._shifts(camera, camera.anchor, view, ids)
             if _length(expected) > MOVED_PX:
-                self._followed = _length(moved - expected) < FOLLOWS * _length(expected)
+                # At first only an image that stands still is feared: the odometry's delay is not known yet.
+                first = self._starts < 2 and _length(moved) > MOVED_PX
+                self._followed = first or _length(moved - expected) < FOLLOWS * _length(expected)
                 self._stood_since = None
                 if self._followed:
                     return
