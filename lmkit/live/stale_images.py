@@ -51,7 +51,7 @@ class _View:
 
 @dataclass
 class _Camera:
-    """What is remembered of one camera."""
+    """Memory of one camera."""
 
     mounted: MountedCamera
     reference: _View | None = None  # since then its corners have stood still
