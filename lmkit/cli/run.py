@@ -40,7 +40,7 @@ def run(
     gyro: Annotated[str | None, typer.Option("--gyro", help="Gyro, in the same way.")] = None,
     to: Annotated[
         list[str] | None,
-        typer.Option("--to", help="Output: stdout, ws[:PORT], mavlink:CONNECTION, ros2; may be repeated."),
+        typer.Option("--to", help="Output: stdout, ws[:PORT], mavlink:CONNECTION, nt:HOST, ros2; may be repeated."),
     ] = None,
     rate: Annotated[float | None, typer.Option("--rate", help="Most poses a second.")] = None,
     hz: options.Hz = None,

@@ -14,6 +14,7 @@ from lmkit.live.outputs.base import Output, OutputRunner
 from lmkit.live.outputs.extras import require
 from lmkit.live.outputs.json_lines import JsonLines
 from lmkit.live.outputs.mavlink import MavlinkOutput
+from lmkit.live.outputs.networktables import NetworkTablesOutput, parse_networktables
 from lmkit.live.outputs.recorder import Recorder, attached_files
 from lmkit.live.outputs.ros import RosOutput
 from lmkit.live.outputs.websocket import PORT, WebSocketServer
@@ -23,7 +24,7 @@ from lmkit.live.ros.transport import choose
 from lmkit.live.run_settings import LOOP_KEYS, RunSettings
 from lmkit.model.landmark_map import LandmarkMap
 
-KINDS = "stdout, ws, mavlink:CONNECTION, ros2"
+KINDS = "stdout, ws, mavlink:CONNECTION, nt:HOST, ros2"
 
 
 def open_outputs(
@@ -76,6 +77,10 @@ def opener(text: str, rig: AnyRig, landmarks: LandmarkMap) -> Callable[[], Outpu
         connection = parse_mavlink(rest)
         require("pymavlink", "MAVLink", "mavlink")
         return partial(MavlinkOutput, connection)
+    if kind == "nt":
+        host, port = parse_networktables(rest)
+        require("ntcore", "NetworkTables", "nt")
+        return partial(NetworkTablesOutput, host, port, rig, landmarks)
     if text == "ros2" or text.startswith("ros2?"):
         address = parse_ros(text.removeprefix("ros2"))
         names = [camera.name for camera in mounted_cameras(rig)]
