@@ -1,4 +1,4 @@
-"""Worker processes for many independent jobs."""
+"""Worker processes for many independent jobs, and the memory that this one may take."""
 
 from __future__ import annotations
 
@@ -19,6 +19,7 @@ Job = TypeVar("Job")
 Answer = TypeVar("Answer")
 
 VARIABLE = "LMKIT_JOBS"
+LEAST_BYTES = 1 << 30
 # Work that takes less than this in one process is done there: starting workers costs about as much.
 WORTH_WORKERS_S = 2.0
 
@@ -46,6 +47,27 @@ def job_limit() -> int:
     if not text.isdecimal() or int(text) < 1:
         raise InputError("bad_jobs", f"{VARIABLE}={text} is not a number of processes", "set 1 or more")
     return int(text)
+
+
+def require_address_space(what: str) -> None:
+    """Refuse work for which the process's limit of address space (``ulimit -v``) is too small.
+
+    With less than 0.9 GB OpenCV finds no board, or ends the process in its linear algebra, without a word.
+
+    Raises:
+        InputError: ``little_memory``.
+    """
+    try:
+        import resource
+    except ImportError:  # Windows has no such limit
+        return
+    limit = resource.getrlimit(resource.RLIMIT_AS)[0]
+    if 0 <= limit < LEAST_BYTES:
+        raise InputError(
+            "little_memory",
+            f"{what} needs {LEAST_BYTES >> 20} MiB of address space, and this process may have {limit >> 20} MiB",
+            "raise the limit (ulimit -v unlimited)",
+        )
 
 
 def map_in_processes(work: Callable[[Job], Answer], jobs: Iterable[Job]) -> Generator[Answer, None, None]:

@@ -1,6 +1,6 @@
 """Run every command on harmed files and options; prints each internal error, the slowest case and the largest memory.
 
-Each case is run unharmed first, and must succeed.
+Each case is run unharmed first, and must succeed.  SIGTERM ends the run early, with its counts.
 
 Usage: ``python tools/fuzz_commands.py COUNT [SEED] [WORDS OF THE COMMAND]``.
 """
@@ -12,6 +12,7 @@ import os
 import random
 import resource
 import shutil
+import signal
 import sys
 import tempfile
 import time
@@ -34,6 +35,9 @@ def main() -> int:
     faults: collections.Counter[str] = collections.Counter()
     slowest: list[tuple[float, str]] = []
     warnings.simplefilter("ignore", RuntimeWarning)
+    os.environ.setdefault("LMKIT_JOBS", "1")
+    stopped: list[int] = []
+    signal.signal(signal.SIGTERM, lambda number, _: stopped.append(number))
     with tempfile.TemporaryDirectory() as root:
         folder = Path(root) / "inputs"
         ready = os.environ.get("FUZZ_INPUTS")
@@ -52,7 +56,9 @@ def main() -> int:
             if answer.code != 0:
                 print(f"UNHARMED {case.words}\n   {answer.code} {answer.err[-400:]}")
                 return 1
-        for _ in range(count):
+        done = 0
+        while done < count and not stopped:
+            done += 1
             case = rng.choices(cases, [c.weight for c in cases])[0]
             start = time.thread_time()
             answer, what = run_harmed(case, folder, inputs, rng)
@@ -72,7 +78,7 @@ def main() -> int:
     for (_, code), n in codes.items():
         total[code] += n
     memory = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss // 1024
-    print(f"{count} cases, exit codes {dict(total)}, {sum(faults.values())} faults, at most {memory} MiB")
+    print(f"{done} cases, exit codes {dict(total)}, {sum(faults.values())} faults, at most {memory} MiB")
     for seconds, what in slowest:
         print(f"{seconds:6.2f} s  {what[:160]}")
     return 1 if faults else 0

@@ -83,12 +83,14 @@ def run(
     from lmkit.io.board_corners import corners_to_json
     from lmkit.io.image_sources import are_moving
     from lmkit.io.rig import rig_to_yaml
+    from lmkit.parallel import require_address_space
     from lmkit.reports.calibration import calibration_report
 
     if model not in MODELS:
         raise InputError("bad_model", f"--model {model} is unknown", f"choose {', '.join(MODELS)}")
     if not capture and (side_by_side or save_pairs is not None):
         raise InputError("only_capture", "--side-by-side and --save-pairs need --capture", "add --capture")
+    require_address_space("calibration")
     sources, declared = images or [], parse_declared(baseline, fov, intrinsics, intrinsics_sigma)
     left, right = (*sources, None, None)[:2]
     check_outputs((output, report, save_corners), None, force)

@@ -28,6 +28,8 @@ EXIT_WRONG_USE = 2
 EXIT_FAULT = 70
 # A full disk, a quota, too many open files: not errors of lmkit.
 SYSTEM_LIMITS = {errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EMFILE, errno.ENFILE, errno.EROFS, errno.EIO}
+_MEMORY_HINT = "give smaller inputs, or fewer processes (--jobs)"
+OPENCV_NO_MEMORY = -4
 _SYSTEM_HINT = "free space, or raise the limit of the system"
 EXIT_INTERRUPTED = 130
 
@@ -99,10 +101,12 @@ def guarded(run: Callable[[], Any], debug: bool) -> int:
         _forget_output()
         return 0 if stop.code == 1 else int(stop.code or 0)
     except MemoryError:
-        return _report("out of memory", "give smaller inputs, or fewer processes (--jobs)", EXIT_WRONG_USE, debug)
+        return _report("out of memory", _MEMORY_HINT, EXIT_WRONG_USE, debug)
     except typer.Exit as stop:
         return stop.exit_code
     except Exception as error:
+        if type(error).__module__.startswith("cv2") and getattr(error, "code", 0) == OPENCV_NO_MEMORY:
+            return _report("out of memory", _MEMORY_HINT, EXIT_WRONG_USE, debug)
         if isinstance(error, OSError) and error.errno in SYSTEM_LIMITS:
             if error.filename is None:
                 _forget_output()

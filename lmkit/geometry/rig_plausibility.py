@@ -7,6 +7,8 @@ import numpy as np
 from lmkit.errors import InputError
 from lmkit.geometry.rig import AnyRig, Rig, mounted_cameras
 
+LARGEST_SIDE_PX = 65535  # of an image
+LARGEST_FOCAL_PX, LARGEST_COEFFICIENT = 1e6, 1e6  # of a lens; rational ones reach hundreds
 LONGEST_BASELINE_M = 10.0
 SHORTEST_BASELINE_M = 1e-3
 OPTICAL_RAD = 0.35
@@ -16,14 +18,31 @@ OFF_CENTER = 0.3  # of the image's width or height, between principal point and 
 
 
 def require_plausible(rig: AnyRig, where: str) -> None:
-    """Refuse lengths that no rig has.
+    """Refuse lengths that no rig has, and image sizes and lenses that no camera has.
 
     Args:
         where: the file, named in errors.
 
     Raises:
-        InputError: ``implausible_baseline`` or ``implausible_base``.
+        InputError: ``implausible_`` and what it is of: ``image_size``, ``lens``, ``baseline`` or ``base``.
     """
+    for mounted in mounted_cameras(rig):
+        width, height = mounted.model.image_size
+        if max(width, height) > LARGEST_SIDE_PX:
+            raise InputError(
+                "implausible_image_size",
+                f"{where}: images of camera {mounted.name} are {width} x {height} pixels",
+                "write the image size in pixels",
+            )
+        focal_px = float(np.abs(mounted.model.K).max())
+        coefficient = float(np.abs(mounted.model.distortion).max(initial=0.0))
+        if focal_px > LARGEST_FOCAL_PX or coefficient > LARGEST_COEFFICIENT:
+            raise InputError(
+                "implausible_lens",
+                f"{where}: the lens of camera {mounted.name} has an entry of K of {focal_px:g} px and a distortion "
+                f"coefficient of {coefficient:g}",
+                "write K in pixels, and the distortion in OpenCV's order",
+            )
     base = rig.T_base_left
     if base is not None and not (distance_m := float(np.linalg.norm(base.t))) < LARGEST_BASE_M:
         raise InputError(

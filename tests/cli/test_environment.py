@@ -1,17 +1,37 @@
-"""Full disks, closed streams and signals: one line or a clean end, and nothing half written."""
+"""Full disks, read-only folders, closed streams, signals and little memory: one line or a clean end, no half file."""
 
 from __future__ import annotations
 
+import os
 import resource
+import shutil
+import signal
 import subprocess
 import sys
+import time
+from pathlib import Path
 
 import pytest
+from command_cases import write_inputs
 
 from lmkit.io.landmark_map import map_to_yaml
 from lmkit.simulation.recording import make_drive
 
 RUN = [sys.executable, "-m", "lmkit"]
+MOVED = "--detections detections.csv --rig rig.yaml --odometry odometry.csv"
+# Every command that writes a file, with its cheapest input.
+WRITERS = {
+    "generate": "generate --code 3 -o out.pdf",
+    "board": "board chessboard:9x6:20mm -o out.pdf",
+    "track": f"track {MOVED} --map map.yaml --tum out.tum",
+    "survey": f"survey {MOVED} -o out.yaml",
+    "map": "map form.csv --room 8x5m -o out.yaml",
+    "plan coverage": "plan coverage --floor floor.yaml --map map.yaml --rig rig.yaml --plan out.png",
+    "plan route": "plan route 1,1 6,3 --floor floor.yaml --map map.yaml --rig rig.yaml --csv out.csv",
+    "convert": "convert rig.yaml --to kalibr -o out.yaml",
+    "simulate": "simulate --pairs 1 --boards 0 --landmarks 3 -o out",
+}
+SOON_S = 60.0  # on a busy machine
 
 
 @pytest.fixture(scope="module")
@@ -22,26 +42,131 @@ def folder(tmp_path_factory):
     return folder
 
 
+@pytest.fixture(scope="module")
+def inputs(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("inputs")
+    write_inputs(folder, images=False)
+    return folder
+
+
+@pytest.fixture
+def copied(inputs, tmp_path):
+    """The input files in a folder of their own."""
+    return Path(shutil.copytree(inputs, tmp_path / "work"))
+
+
+def run(words, folder, **how):
+    return subprocess.run([*RUN, *words.split()], cwd=folder, capture_output=True, text=True, check=False, **how)
+
+
+def names(folder):
+    return {path.name for path in folder.iterdir()}
+
+
+def assert_one_line(done, code):
+    assert done.returncode == code, done.stderr
+    lines = [line for line in done.stderr.splitlines() if "warning" not in line and "may be lost" not in line]
+    assert lines[-1].startswith("lmkit: "), done.stderr
+    assert "Traceback" not in done.stderr and "internal error" not in done.stderr
+
+
 def small_files():
     resource.setrlimit(resource.RLIMIT_FSIZE, (2048, 2048))
 
 
+def no_space():
+    resource.setrlimit(resource.RLIMIT_FSIZE, (0, 0))
+
+
+def few_handles():
+    resource.setrlimit(resource.RLIMIT_NOFILE, (8, 8))
+
+
+def sizes(folder, before):
+    """Bytes of each new file, names that begin with a dot left out: what is not finished has such a name."""
+    found = {str(p.relative_to(folder)): p.stat().st_size for p in folder.rglob("*") if p.is_file()}
+    return {name: size for name, size in found.items() if Path(name).parts[0] not in before and name[0] != "."}
+
+
 @pytest.mark.slow
-@pytest.mark.parametrize(
-    ("words", "output"),
-    [("map map.yaml --plan out.png", "out.png"), ("convert poses.tum --to bag -o drive", "drive")],
-)
-def test_a_full_disk_leaves_nothing(folder, words, output):
-    if "bag" in words:
-        pytest.importorskip("rosbags", reason="the extra bags is not installed")
-    before = set(folder.iterdir())
-    done = subprocess.run(
-        [*RUN, *words.split()], cwd=folder, preexec_fn=small_files, capture_output=True, text=True, check=False
-    )
-    assert done.returncode == 2
-    assert output in done.stderr
-    assert len(done.stderr.splitlines()) == 1
-    assert set(folder.iterdir()) == before
+def test_a_bag_on_a_full_disk_leaves_nothing(folder):
+    pytest.importorskip("rosbags", reason="the extra bags is not installed")
+    before = names(folder)
+    done = run("convert poses.tum --to bag -o drive", folder, preexec_fn=small_files)
+    assert_one_line(done, 2)
+    assert "drive" in done.stderr
+    assert names(folder) == before
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("command", WRITERS)
+def test_a_full_disk_leaves_nothing(copied, command):
+    before = names(copied)
+    assert_one_line(run(WRITERS[command], copied, preexec_fn=no_space), 2)
+    assert sizes(copied, before) == {}
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("command", ["track", "convert"])
+def test_few_file_handles_are_enough_or_end_in_one_line(copied, command):
+    before = names(copied)
+    done = run(WRITERS[command], copied, preexec_fn=few_handles)
+    if done.returncode:
+        assert_one_line(done, 2)
+        assert names(copied) == before
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("command", ["board", "track", "simulate"])
+def test_signals_leave_all_or_nothing(copied, command):
+    before = names(copied)
+    start = time.monotonic()
+    assert run(WRITERS[command], copied).returncode == 0
+    seconds, whole = time.monotonic() - start, sizes(copied, before)
+    for number, part in ((signal.SIGTERM, 0.7), (signal.SIGINT, 0.5), (signal.SIGKILL, 0.8)):
+        for name in names(copied) - before:
+            path = copied / name
+            shutil.rmtree(path) if path.is_dir() else path.unlink()
+        process = subprocess.Popen(
+            [*RUN, *WRITERS[command].split()], cwd=copied, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE,
+            text=True, start_new_session=True,
+        )  # fmt: skip
+        time.sleep(part * seconds)
+        process.send_signal(number)
+        _, told = process.communicate(timeout=SOON_S)
+        # Before its first and after its last line Python leaves signals to the system.
+        assert process.returncode in (0, 130, -number, -signal.SIGINT), told
+        assert "internal error" not in told
+        # A folder of many files that is cut short holds whole ones only.
+        left = sizes(copied, before)
+        assert left.items() <= whole.items()
+        assert command == "simulate" or left in ({}, whole)
+        with pytest.raises(ProcessLookupError):
+            os.killpg(process.pid, 0)
+
+
+@pytest.mark.slow
+def test_no_home_and_two_runs_on_one_output(copied):
+    words = [*RUN, *WRITERS["convert"].split()]
+    both = [
+        subprocess.Popen(words, cwd=copied, env={"PATH": os.environ["PATH"]}, stderr=subprocess.PIPE, text=True)
+        for _ in range(2)
+    ]
+    told = [process.communicate(timeout=SOON_S)[1] for process in both]
+    assert sorted({process.returncode for process in both}) in ([0], [0, 2]), told
+    assert not any("Traceback" in text for text in told)
+    assert not [name for name in names(copied) if name.startswith(".")]
+
+
+@pytest.mark.slow
+def test_calibration_with_little_memory_is_refused(folder):
+    limit = 500 << 20
+    done = run(
+        "calibrate --corners none.json", folder,
+        preexec_fn=lambda: resource.setrlimit(resource.RLIMIT_AS, (limit, limit)),
+    )  # fmt: skip
+    assert_one_line(done, 2)
+    assert "1024 MiB of address space" in done.stderr
 
 
 @pytest.mark.slow

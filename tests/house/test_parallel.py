@@ -69,6 +69,7 @@ def end_abruptly(job):
     return job
 
 
+@pytest.mark.slow
 def test_a_worker_that_ends_abruptly_is_named(monkeypatch):
     monkeypatch.setattr(parallel, "WORTH_WORKERS_S", 0.0)
     parallel.set_jobs(2)

@@ -152,6 +152,19 @@ def test_what_no_rig_can_be_is_refused_or_named_on_every_way_in(tmp_path, write)
         read_any_rig(moved(t))
 
 
+def test_image_sizes_that_no_image_has_are_refused(tmp_path):
+    large = replace(RIG, left=replace(RIG.left, image_size=(640 * 10**9, 480)))
+    for text in (rig_to_yaml(large), rig_to_camchain(large)[0]):
+        with pytest.raises(InputError, match="640000000000 x 480 pixels"):
+            read_any_rig(file(tmp_path, text))
+
+
+def test_lenses_that_no_camera_has_are_refused(tmp_path):
+    for change in ({"K": np.diag([1e300, 460.0, 1.0])}, {"distortion": np.array([0.0, 0, 0, 6e304, 0])}):
+        with pytest.raises(InputError, match="lens of camera left"):
+            read_any_rig(file(tmp_path, rig_to_yaml(replace(RIG, left=replace(RIG.left, **change)))))
+
+
 @pytest.mark.parametrize("fault", ["exchanged files", "sign of Tx"])
 def test_camera_infos_of_swapped_cameras_are_named(tmp_path, fault):
     left, right = map(yaml.safe_load, rig_to_camera_infos(RIG))
