@@ -8,6 +8,7 @@ import typer
 
 from lmkit.cli import options
 from lmkit.cli.output import check_outputs, print_line, progress, warn, write_outputs
+from lmkit.errors import InputError
 
 
 def run(
@@ -26,6 +27,7 @@ def run(
     from lmkit.geometry.rig import as_stereo
     from lmkit.io.any_rig import read_any_rig
     from lmkit.io.image_groups import list_pairs
+    from lmkit.io.image_sources import are_moving
     from lmkit.pipelines.rectify_images import rectified_calibration, rectified_names, rectify_files
 
     cameras = as_stereo(read_any_rig(rig), "rectify")
@@ -35,6 +37,10 @@ def run(
                 f"the {name} camera's distortion model is not valid over {share:.0%} of the image "
                 "(it folds back there): calibrate again with the board in the image's corners, or by --model fisheye"
             )
+    for source in (left, right):
+        if are_moving(source):
+            hint = "write its frames as images first: ffmpeg -i left.mp4 left/%06d.png"
+            raise InputError("no_video", f"{source}: videos are not rectified", hint)
     pairs = list_pairs(left, right)
     calibration = {} if lines else rectified_calibration(cameras, output)
     check_outputs(list(calibration), None, force)

@@ -136,6 +136,7 @@ def track_scan_file(
     from lmkit.cli.parsing import parse_meters
     from lmkit.io.recording_tables import read_gyro, read_odometry
     from lmkit.io.scans import read_scans
+    from lmkit.odometry.plausibility import require_plausible_gyro, require_plausible_odometry
     from lmkit.tracking.laser_scans import track_scans
 
     if odometry is None or odometry.suffix.lower() in (".tum", ".txt"):
@@ -144,4 +145,7 @@ def track_scan_file(
     track_m = None if wheel_track is None else parse_meters(wheel_track, "--wheel-track")
     rate = None if gyro is None else read_gyro(gyro)
     own = read_odometry(odometry, track_m)
+    require_plausible_odometry(own)
+    if rate is not None:
+        require_plausible_gyro(rate, own)
     return track_scans(read_scans(scans, topic), own, rate, landmarks, settings, live)

@@ -15,6 +15,7 @@ from lmkit.live.frame_group import EndOfFeed, FrameGroup
 from lmkit.live.motion import GYRO, POSE, WHEELS, MotionRow
 from lmkit.live.reader import Rate
 from lmkit.live.state import Health
+from lmkit.odometry.plausibility import require_plausible_gyro, require_plausible_odometry
 
 POSE_SUFFIXES = (".tum", ".txt")
 
@@ -91,15 +92,18 @@ def motion_rows(odometry: Path | None, gyro: Path | None) -> list[MotionRow]:
     """Rows of odometry (CSV of wheels, or TUM poses) and gyro files, in the order of time.
 
     Raises:
-        InputError: a file cannot be read.
+        InputError: a file cannot be read, or cannot be what it says: another unit, sign, axis or clock.
     """
     rows: list[MotionRow] = []
+    table = None
     if odometry is not None and odometry.suffix.lower() in POSE_SUFFIXES:
         poses = read_trajectory(odometry)
+        require_plausible_odometry(poses)
         for k, time_s in enumerate(poses.times_s.tolist()):
             rows.append(MotionRow(POSE, time_s, (), poses.pose(k, "odometry", "base")))
     elif odometry is not None:
         table = read_odometry(odometry, None)
+        require_plausible_odometry(table)
         rows += [
             MotionRow(WHEELS, *row)
             for row in zip(
@@ -110,6 +114,8 @@ def motion_rows(odometry: Path | None, gyro: Path | None) -> list[MotionRow]:
         ]
     if gyro is not None:
         rates = read_gyro(gyro)
+        if table is not None:
+            require_plausible_gyro(rates, table)
         rows += [
             MotionRow(GYRO, t, (rate,))
             for t, rate in zip(rates.times_s.tolist(), rates.rate_radps.tolist(), strict=True)

@@ -71,7 +71,8 @@ def find_board_pairs(
                     raise InputError(
                         "sizes_differ",
                         f"{file} is {here[0]} x {here[1]} pixels, the images before it {size[0]} x {size[1]}",
-                        "all images of both cameras must have the same size",
+                        "all images of both cameras must have the same size: scale those of the larger camera, or "
+                        "calibrate each camera alone",
                     )
             on_pair(done, len(files))
             view = pair_view(name, seen_left, seen_right, board)

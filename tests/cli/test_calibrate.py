@@ -182,6 +182,12 @@ def test_wrong_use_is_told_in_one_line(lmkit, arguments, words):
     assert len(answer.err.strip().splitlines()) == 1
 
 
+def test_rectify_names_a_video(lmkit, tmp_path):
+    (tmp_path / "rig.yaml").write_text(rig_to_yaml(make_rig()))
+    answer = lmkit("rectify", "left.mp4", "right.mp4", "--rig", "rig.yaml", "-o", "flat")
+    assert (answer.code, "videos are not rectified" in answer.err) == (2, True)
+
+
 def test_one_camera_is_calibrated_from_a_folder_and_from_a_video(lmkit, pairs, tmp_path):
     left, _ = pairs
     answer = lmkit("calibrate", left, "--board", SPEC, "--model", "pinhole", "-o", "rig.yaml", "--json")

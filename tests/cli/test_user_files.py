@@ -14,6 +14,7 @@ import pytest
 from command_line import Answer, run_command
 
 from lmkit.demos.example_files import FLOOR
+from lmkit.errors import InputError
 from lmkit.io.landmark_map import map_to_yaml
 from lmkit.io.recording_tables import detections_to_csv, gyro_to_csv, odometry_to_csv
 from lmkit.io.rig import rig_to_yaml
@@ -46,7 +47,7 @@ ROWS = {
         f"{RIGS}::test_a_camera_info_without_stereo_calibration_is_refused",
     ),
     "rigs of OpenCV, Kalibr and OpenVINS": (
-        f"{RIGS}::test_file_storage_in_xml",
+        f"{RIGS}::test_file_storage_in_xml_and_json",
         f"{RIGS}::test_opencv_matrices_by_other_names_and_a_byte_order_mark",
         f"{RIGS}::test_cameras_related_through_an_imu",
         f"{RIGS}::test_another_camera_model_is_named",
@@ -235,6 +236,11 @@ def test_tables_in_other_units_and_clocks_are_refused_by_track(folder, name, col
     (folder / f"{name}.csv").write_text("\n".join([head, *map(",".join, cells)]) + "\n")
     moved = "--odometry odometry.csv --gyro gyro.csv"
     assert word in run(f"track --readings readings.csv --map {lm8_map(folder)} {moved}", 2).err
+    if name == "gyro" or word == "millimeters":
+        from lmkit.live.recorded_feed import motion_rows
+
+        with pytest.raises(InputError, match=word):
+            motion_rows(folder / "odometry.csv", folder / "gyro.csv")
 
 
 def lm8_map(folder: Path) -> str:

@@ -74,8 +74,9 @@ def test_a_camera_info_without_stereo_calibration_is_refused(tmp_path):
         read_any_rig(camera_infos(tmp_path, zero))
 
 
-def test_file_storage_in_xml(tmp_path):
-    storage = cv2.FileStorage(".xml", cv2.FILE_STORAGE_WRITE | cv2.FILE_STORAGE_MEMORY)
+@pytest.mark.parametrize("suffix", [".xml", ".json"])
+def test_file_storage_in_xml_and_json(tmp_path, suffix):
+    storage = cv2.FileStorage(suffix, cv2.FILE_STORAGE_WRITE | cv2.FILE_STORAGE_MEMORY)
     for name, camera in (("1", RIG.left), ("2", RIG.right)):
         storage.write(f"M{name}", np.array(camera.K))
         storage.write(f"D{name}", np.array(camera.distortion).reshape(1, -1))
@@ -85,6 +86,8 @@ def test_file_storage_in_xml(tmp_path):
     storage.write("image_height", RIG.left.image_size[1])
     text = str(storage.releaseAndGetString())
     assert_is_the_rig(read_any_rig(file(tmp_path, text)))
+    if suffix != ".xml":
+        return
     with pytest.raises(InputError, match="declarations"):
         read_any_rig(
             file(tmp_path, text.replace("<opencv_storage>", '<!DOCTYPE a [<!ENTITY b "b">]><opencv_storage>'))
