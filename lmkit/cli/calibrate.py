@@ -84,7 +84,7 @@ def run(
     from lmkit.io.image_sources import are_moving
     from lmkit.io.rig import rig_to_yaml
     from lmkit.parallel import require_address_space
-    from lmkit.reports.calibration import calibration_report
+    from lmkit.reports.calibration import calibration_report, calibration_verdict
 
     if model not in MODELS:
         raise InputError("bad_model", f"--model {model} is unknown", f"choose {', '.join(MODELS)}")
@@ -146,5 +146,6 @@ def run(
     if as_json:
         print_json(result.to_dict())
         return
+    print_line(f"verdict                {calibration_verdict(result)[1]}")
     for line in (*calibration_lines(result), *(f"wrote                  {path}" for path in written)):
         print_line(line)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import typer
 
@@ -11,9 +11,6 @@ from lmkit.cli import map_options, options, scan_options
 from lmkit.cli.map_options import read_map_file
 from lmkit.cli.output import check_outputs, print_json, print_line, progress, require_no, warn, write_outputs
 from lmkit.errors import InputError, NegativeAnswer
-
-if TYPE_CHECKING:
-    from lmkit.geometry.rig import AnyRig
 
 
 def run(
@@ -55,6 +52,7 @@ def run(
         str | None,
         typer.Option("--planar", help="Prior of a level floor: camera height and downward tilt, such as 0.42m,10."),
     ] = None,
+    hz: options.Hz = None,
     tum: options.TumOutput = None,
     csv: options.CsvOutput = None,
     plan: options.PlanOutput = None,
@@ -69,11 +67,12 @@ def run(
     force: options.Force = False,
 ) -> None:
     """Locate the camera, or the robot, in the map."""
-    from lmkit.cli.parsing import parse_prior
+    from lmkit.cli.locate_sources import require_frame, source_groups
+    from lmkit.cli.parsing import parse_prior, require_rate
     from lmkit.io.any_rig import read_any_rig
     from lmkit.io.image_sources import frame_count
     from lmkit.localization.absolute_pose import LocateOptions
-    from lmkit.pipelines.locate_images import locate_in_sources, located_dict, located_line
+    from lmkit.pipelines.locate_images import locate_in_sources, located_dict, located_line, with_times
     from lmkit.pipelines.locate_results import LocateResults
 
     for_readings: dict[str, object] = {"--bearing-sigma": bearing_sigma, "--time-offset": time_offset or None}
@@ -85,7 +84,7 @@ def run(
     }
     for_images = {
         "images": images or None, "--rig": rig, "--mono": mono, "--frame": frame, "--heading": heading,
-        "--planar": planar, "--tum": tum, "--csv": csv, "--plan": plan, "--annotate": annotate,
+        "--planar": planar, "--hz": hz, "--tum": tum, "--csv": csv, "--plan": plan, "--annotate": annotate,
     }  # fmt: skip
     if readings is not None or scans is not None:
         name = "--scans" if readings is None else "--readings"
@@ -114,13 +113,15 @@ def run(
     if frame not in (None, "camera", "base"):
         raise InputError("bad_frame", f"--frame {frame} is unknown", "choose camera or base")
     choices = LocateOptions(prior=parse_prior(heading, planar))
+    require_rate(hz)
     check_outputs((tum, csv), plan, force)
     cameras, landmarks = read_any_rig(rig), read_map_file(landmark_map, marker_family, marker_size)
     frame = frame or ("camera" if cameras.T_base_left is None else "base")
-    _require_frame(frame, cameras, rig)
-    groups = _groups(images or [], mono, cameras)
+    require_frame(frame, cameras, rig)
+    groups = source_groups(images or [], mono, cameras)
     failed = []
-    located = (located for sources in groups for located in locate_in_sources(sources, cameras, landmarks, choices))
+    answers = (answer for sources in groups for answer in locate_in_sources(sources, cameras, landmarks, choices))
+    located = with_times(answers, hz)
     with LocateResults(cameras, landmarks, frame, annotate, force) as results:
         for frame_result in progress(located, frame_count([sources[0] for sources in groups]), "locating"):
             results.add(frame_result)
@@ -132,6 +133,8 @@ def run(
                 print_line(located_line(frame_result, cameras, frame))
             elif len(results.answers) > 1:
                 warn(str(frame_result.error))
+    if tum is not None and not results.timed:
+        warn("the images have no times: frame numbers stand for seconds in the trajectory; give --hz")
     for path in write_outputs(results.files(tum, csv, plan), force):
         warn(f"wrote {path}")
     if failed:
@@ -139,22 +142,3 @@ def run(
         raise InputError(failed[0].code, failed[0].message + more, failed[0].hint)
     if results.located == 0:
         raise NegativeAnswer("not_located", f"no pose from {len(results.answers)} frames", results.advice)
-
-
-def _groups(images: list[str], mono: str | None, rig: AnyRig) -> list[list[str]]:
-    """Sources that belong together: one per camera; with a rig of one camera every source stands for itself."""
-    from lmkit.geometry.rig import mounted_cameras
-    from lmkit.io.image_groups import require_image_of_each
-
-    if mono is not None:
-        return [[mono]]
-    names = [camera.name for camera in mounted_cameras(rig)]
-    if len(names) == 1:
-        return [[source] for source in images]
-    require_image_of_each(names, images, "; --mono for the first camera alone")
-    return [images]
-
-
-def _require_frame(frame: str, rig: AnyRig, path: Path) -> None:
-    if frame == "base" and rig.T_base_left is None:
-        raise InputError("no_base", f"{path} has no T_base_left", "add it to the rig file, or give --frame camera")

@@ -135,3 +135,13 @@ def parse_meters(text: str, name: str) -> float:
     from lmkit.units import parse_length_mm
 
     return parse_length_mm(text, name) / 1000
+
+
+def require_rate(hz: float | None) -> None:
+    """Refuse a rate of frames that no camera has.
+
+    Raises:
+        InputError: it is not positive, or beyond 10 kHz.
+    """
+    if hz is not None and not 0 < hz < 1e4:
+        raise InputError("bad_rate", f"--hz {hz:g} is out of range", "give frames per second, such as 5")

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from lmkit.cli.output import ProgressBars, require_no
+from lmkit.cli.parsing import require_rate
 from lmkit.errors import InputError
 
 if TYPE_CHECKING:
@@ -45,8 +46,7 @@ class RecordingOptions:
             raise InputError(
                 "no_images", "no recording given", "give one folder of images per camera, or --detections FILE"
             )
-        if self.hz is not None and not 0 < self.hz < 1e4:
-            raise InputError("bad_rate", f"--hz {self.hz:g} is out of range", "give frames per second, such as 5")
+        require_rate(self.hz)
         self._check_odometry()
 
     def _check_odometry(self) -> None:

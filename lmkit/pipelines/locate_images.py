@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
@@ -53,6 +53,12 @@ class Located:
     def left(self) -> str:
         """Name of the first image."""
         return self.names[0]
+
+
+def with_times(frames: Iterable[Located], hz: float | None) -> Iterator[Located]:
+    """The frames; those without a time get the one that a steady rate gives, from 0 on."""
+    for number, frame in enumerate(frames):
+        yield frame if hz is None or frame.time_s is not None else replace(frame, time_s=number / hz)
 
 
 def locate_in_sources(

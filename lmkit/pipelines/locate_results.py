@@ -66,6 +66,11 @@ class LocateResults:
         return sum(a.estimate is not None and a.estimate.T_map_camera is not None for a in self.answers)
 
     @property
+    def timed(self) -> bool:
+        """Is the time of every frame known?"""
+        return all(a.time_s is not None for a in self.answers if a.estimate is not None)
+
+    @property
     def swapped(self) -> bool:
         """Is there a pair whose left and right image are swapped?"""
         return any(a.estimate is not None and a.estimate.status == PoseStatus.SWAPPED for a in self.answers)
@@ -85,10 +90,9 @@ class LocateResults:
             for number, answer in enumerate(self.answers)
             if answer.estimate is not None
         ]
-        timed = all(row["time_s"] is not None for _, row in rows)
         poses = [
             (
-                row["time_s"] if timed else float(number),
+                row["time_s"] if self.timed else float(number),
                 Pose.from_quaternion("map", self.frame, row["position"], row["quaternion"]),
             )
             for number, row in rows

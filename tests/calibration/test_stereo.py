@@ -20,7 +20,7 @@ from lmkit.geometry.rotations import rotation_angle
 from lmkit.geometry.stereo_rig import StereoRig
 from lmkit.model.board import BoardSpec
 from lmkit.model.observation import PairView
-from lmkit.reports.calibration import _headline
+from lmkit.reports.calibration import calibration_verdict
 from lmkit.simulation.scene import board_poses, make_rig
 
 
@@ -206,7 +206,7 @@ def test_lenses_known_within_stated_deviations_are_fitted_too():
 def test_the_verdict_follows_the_intervals():
     result = calibrate_stereo(views(12, 0.1), BOARD, make_rig().left.image_size, "pinhole")
     loose = CalibrationWarning("unsure_rotation", "the rotation between the cameras is known to 0.4 deg only")
-    assert _headline(replace(result, warnings=()))[0] == "good"
-    kind, title, text = _headline(replace(result, warnings=(loose,)))
+    assert calibration_verdict(replace(result, warnings=()))[0] == "good"
+    kind, title, text = calibration_verdict(replace(result, warnings=(loose,)))
     assert (kind, title) == ("poor", "Not determined by these views.")
     assert "0.4 deg" in text

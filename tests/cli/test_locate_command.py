@@ -160,3 +160,12 @@ def test_wrong_options_of_readings_are_told_in_one_line(lmkit, room, tmp_path, o
     assert answer.code == 2
     assert words in answer.err
     assert len(answer.err.strip().splitlines()) == 1
+
+
+def test_frames_without_a_time_get_that_of_a_steady_rate():
+    from lmkit.pipelines.locate_images import Located, with_times
+
+    named = (("a.png", None), ("7.5.png", 7.5), ("c.png", None))
+    frames = [Located((name,), None, time_s=time_s) for name, time_s in named]
+    assert [frame.time_s for frame in with_times(frames, 4.0)] == [0.0, 7.5, 0.5]
+    assert [frame.time_s for frame in with_times(frames, None)] == [None, 7.5, None]

@@ -1,0 +1,35 @@
+"""Images and frame that `lmkit locate` was asked for."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from lmkit.errors import InputError
+
+if TYPE_CHECKING:
+    from lmkit.geometry.rig import AnyRig
+
+
+def source_groups(images: list[str], mono: str | None, rig: AnyRig) -> list[list[str]]:
+    """Sources that belong together: one per camera; with a rig of one camera every source stands for itself."""
+    from lmkit.geometry.rig import mounted_cameras
+    from lmkit.io.image_groups import require_image_of_each
+
+    if mono is not None:
+        return [[mono]]
+    names = [camera.name for camera in mounted_cameras(rig)]
+    if len(names) == 1:
+        return [[source] for source in images]
+    require_image_of_each(names, images, "; --mono for the first camera alone")
+    return [images]
+
+
+def require_frame(frame: str, rig: AnyRig, path: Path) -> None:
+    """Refuse the base's pose from a rig file without a base.
+
+    Raises:
+        InputError: it has none.
+    """
+    if frame == "base" and rig.T_base_left is None:
+        raise InputError("no_base", f"{path} has no T_base_left", "add it to the rig file, or give --frame camera")
