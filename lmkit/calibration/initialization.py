@@ -12,7 +12,7 @@ from lmkit.arrays import BoolArray, FloatArray, IntArray
 from lmkit.calibration.bundle_adjustment import Solution
 from lmkit.errors import InputError
 from lmkit.geometry.camera import CameraModel
-from lmkit.geometry.lens_models import LENS_MODELS
+from lmkit.geometry.lens_models import LENS_MODELS, PINHOLE
 from lmkit.geometry.rotations import rotation_angle, rotation_exp, rotation_log
 from lmkit.model.observation import PairView
 
@@ -62,10 +62,16 @@ class Consensus:
         return turned, float(np.linalg.norm(relation.t - self.t))
 
 
+RADTAN = "radtan"  # Kalibr's name of k1 k2 p1 p2; asked for by name, never chosen
+
+
 def start_camera(
     object_points: FloatArray, seen: Sequence[tuple[IntArray, FloatArray]], image_size: tuple[int, int], model: str
 ) -> CameraModel:
     """One camera on its own, by OpenCV.
+
+    Args:
+        model: a lens model, or `RADTAN`: ``pinhole`` with the four coefficients k1 k2 p1 p2 alone.
 
     Raises:
         InputError: no such camera explains the corners.
@@ -74,7 +80,7 @@ def start_camera(
     images = [points.astype(np.float32) for _, points in seen]
     width, height = image_size
     try:
-        if LENS_MODELS[model].is_equidistant:
+        if model != RADTAN and LENS_MODELS[model].is_equidistant:
             f = width / 4
             K = np.array([[f, 0, (width - 1) / 2], [0, f, (height - 1) / 2], [0, 0, 1.0]])
             flags = 0
@@ -91,6 +97,8 @@ def start_camera(
             return CameraModel(image_size, _plain(K), np.asarray(D, dtype=np.float64).ravel(), model)
         _, K, D, _, _ = cv2.calibrateCamera(objects, images, image_size, None, None, flags=cv2.CALIB_FIX_K3)
         distortion = np.asarray(D, dtype=np.float64).ravel()[:5]
+        if model == RADTAN:
+            return CameraModel(image_size, _plain(K), distortion[:4], PINHOLE.name)
         padded = np.pad(distortion, (0, LENS_MODELS[model].fitted - len(distortion)))
         return CameraModel(image_size, _plain(K), padded, model)
     except (cv2.error, ValueError):

@@ -11,7 +11,7 @@ import numpy as np
 from lmkit.arrays import FloatArray
 from lmkit.calibration.bundle_adjustment import POSE, FitOptions, Solution, StereoProblem
 from lmkit.calibration.cross_validation import FOLDS, HeldOut, hold_out
-from lmkit.calibration.initialization import agreement_with, find_consensus, start_camera, start_solution
+from lmkit.calibration.initialization import RADTAN, agreement_with, find_consensus, start_camera, start_solution
 from lmkit.calibration.intrinsics import KnownIntrinsics, intrinsics_vector
 from lmkit.calibration.outlier_pairs import Disagreement, explain_disagreements
 from lmkit.calibration.sanity_checks import (
@@ -35,7 +35,7 @@ from lmkit.model.observation import PairView
 MIN_PAIRS = 3
 BAD_RMS_RATIO = 4.0
 AUTO = "auto"
-MODELS = (AUTO, *LENS_MODELS)
+MODELS = (AUTO, *LENS_MODELS, RADTAN)
 CAMERAS_KEPT = FitOptions(intrinsics=False)
 FITS = 3 + FOLDS  # of a model at most: consensus, first fit, final fit, and one without each fold
 
@@ -124,7 +124,8 @@ def calibrate_stereo(
     Args:
         views: pairs in which both cameras see the board.
         image_size: (width, height), the same for both cameras.
-        model: ``pinhole``, ``rational`` or ``fisheye``; ``auto`` takes the one that does best on pairs held out.
+        model: ``pinhole``, ``rational``, ``fisheye`` or ``radtan``; ``auto`` takes one of the first three,
+            by pairs held out.
         rejected: pairs lost before, with reasons; they are passed on.
         declared: what is known beforehand, to check against; its cameras are kept, or are a prior with its sigmas.
         on_step: called with the number of fits done and their largest number.

@@ -35,7 +35,9 @@ def run(
     report: options.ReportOutput = None,
     model: Annotated[
         str,
-        typer.Option("--model", help="Camera model: pinhole, rational or fisheye; auto chooses by held-out pairs."),
+        typer.Option(
+            "--model", help="Camera model: pinhole, rational, fisheye or radtan (Kalibr's); auto: by held-out pairs."
+        ),
     ] = "auto",
     baseline: Annotated[
         str | None,
@@ -84,7 +86,7 @@ def run(
     from lmkit.io.image_sources import are_moving
     from lmkit.io.rig import rig_to_yaml
     from lmkit.parallel import require_address_space
-    from lmkit.reports.calibration import calibration_report, calibration_verdict
+    from lmkit.reports.calibration import calibration_report, calibration_summary
 
     if model not in MODELS:
         raise InputError("bad_model", f"--model {model} is unknown", f"choose {', '.join(MODELS)}")
@@ -146,6 +148,6 @@ def run(
     if as_json:
         print_json(result.to_dict())
         return
-    print_line(f"verdict                {calibration_verdict(result)[1]}")
+    print_line(f"result                 {calibration_summary(result)[1]}")
     for line in (*calibration_lines(result), *(f"wrote                  {path}" for path in written)):
         print_line(line)

@@ -69,7 +69,7 @@ def rig_to_camchain(rig: AnyRig) -> tuple[str, str, float]:
         raise InputError(
             "no_kalibr_lens",
             f"Kalibr's lenses of four coefficients miss this rig's by {worst[kind]:.2f} px or more",
-            "calibrate with --model fisheye, or write opencv or ros instead",
+            "calibrate with --model radtan (wide lenses: fisheye), or write opencv or ros instead",
         )
     cameras: dict[str, Any] = {}
     for number, (camera, _) in enumerate(made[kind]):

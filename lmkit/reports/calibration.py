@@ -36,7 +36,7 @@ def calibration_report(
     """
     parts = [
         f"<p>{escape(str(board))}, {len(result.used)} pairs used, {len(result.rejected)} left out</p>",
-        headline(*calibration_verdict(result)),
+        headline(*calibration_summary(result)),
         listed("Warnings", [w.message for w in result.warnings]),
         _figures(result),
         _depth(result),
@@ -57,7 +57,7 @@ def calibration_report(
     return page("Stereo calibration", parts)
 
 
-def calibration_verdict(result: StereoCalibration) -> tuple[str, str, str]:
+def calibration_summary(result: StereoCalibration) -> tuple[str, str, str]:
     """Tone (``good``, ``fair``, ``poor``), headline and its reason; it follows the intervals, not the fit."""
     error = result.held_out_epipolar_px
     if error is None:

@@ -10,6 +10,7 @@ from board_views import BOARD, views
 
 from lmkit.calibration import bundle_adjustment as problem
 from lmkit.calibration.bundle_adjustment import FitOptions, Solution, StereoProblem, _moved, _Prior
+from lmkit.calibration.initialization import RADTAN, start_camera
 from lmkit.calibration.intrinsics import KnownIntrinsics, intrinsics_vector, sigma_of_pixels
 from lmkit.calibration.sanity_checks import CalibrationWarning, Declared
 from lmkit.calibration.stereo import calibrate_stereo
@@ -18,9 +19,10 @@ from lmkit.errors import InputError
 from lmkit.geometry.camera import CameraModel
 from lmkit.geometry.rotations import rotation_angle
 from lmkit.geometry.stereo_rig import StereoRig
+from lmkit.io.kalibr import rig_to_camchain
 from lmkit.model.board import BoardSpec
 from lmkit.model.observation import PairView
-from lmkit.reports.calibration import calibration_verdict
+from lmkit.reports.calibration import calibration_summary
 from lmkit.simulation.scene import board_poses, make_rig
 
 
@@ -203,10 +205,21 @@ def test_lenses_known_within_stated_deviations_are_fitted_too():
     assert np.sqrt(narrow.covariance[2, 2]) <= 1e-4 * (1 + 1e-9)
 
 
+def test_radtan_starts_with_four_coefficients_and_is_written_for_kalibr_exactly():
+    K = np.array([[420.0, 0, 322.0], [0, 421.0, 241.0], [0, 0, 1]])
+    truth = CameraModel((640, 480), K, np.array([-0.2, 0.05, 0.001, -0.002]))
+    seen = [(v.ids_left, v.left) for v in views(6, 0.0, rig=StereoRig(truth, truth, make_rig().T_right_left))]
+    camera = start_camera(BOARD.object_points, seen, (640, 480), RADTAN)
+    assert (camera.model, camera.distortion.shape) == ("pinhole", (4,))
+    assert np.allclose(camera.distortion, truth.distortion, atol=2e-4)
+    _, lens, error_px = rig_to_camchain(StereoRig(camera, camera, make_rig().T_right_left))
+    assert (lens, error_px) == ("radtan", 0.0)
+
+
 def test_the_verdict_follows_the_intervals():
     result = calibrate_stereo(views(12, 0.1), BOARD, make_rig().left.image_size, "pinhole")
     loose = CalibrationWarning("unsure_rotation", "the rotation between the cameras is known to 0.4 deg only")
-    assert calibration_verdict(replace(result, warnings=()))[0] == "good"
-    kind, title, text = calibration_verdict(replace(result, warnings=(loose,)))
+    assert calibration_summary(replace(result, warnings=()))[0] == "good"
+    kind, title, text = calibration_summary(replace(result, warnings=(loose,)))
     assert (kind, title) == ("poor", "Not determined by these views.")
     assert "0.4 deg" in text
