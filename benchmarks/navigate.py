@@ -6,7 +6,7 @@ In each of the plans in benchmarks/floors, landmarks as `lmkit plan place` place
 walls, any heading) and goals (where the placement holds its demand); wheels that report 8 % too much way and 10 % too
 much turn, three slips of up to 5 cm and 5 deg, a gyro with bias and noise, images 0.1 s late, a robot that leans by
 0.3 deg, corners and recognition as measured.  ``--every-second`` takes half of the landmarks off walls and map;
-``--pictures`` photographs the room and reads the images, end to end (minutes a recording).
+``--images`` photographs the room and reads the images, end to end (minutes a recording).
 Arrived means: within 5 cm and 3 deg of the goal, in truth, without touching a wall.
 """
 
@@ -73,7 +73,7 @@ def wrapped(angle: float) -> float:
     return float(np.arctan2(np.sin(angle), np.cos(angle)))
 
 
-def drive(seed: int, path: Path, half: bool, pictures: bool) -> Run:
+def drive(seed: int, path: Path, half: bool, images: bool) -> Run:
     floor, landmarks, coverage, full = prepared(path, half)
     rng = np.random.default_rng(seed)
     clear = floor.clearance_at(full.places) > CLEAR_M
@@ -81,7 +81,7 @@ def drive(seed: int, path: Path, half: bool, pictures: bool) -> Run:
     goals = np.argwhere(full.holds(Demand()) & clear[:, None])
     place, turn = goals[rng.integers(len(goals))]
     goal = Goal(*full.places[place].tolist(), float(full.headings[turn]))
-    eyes = RenderedCameras(floor_scene(seed, floor, landmarks), RIG, seed) if pictures else None
+    eyes = RenderedCameras(floor_scene(seed, floor, landmarks), RIG, seed) if images else None
     robot = SimulatedRobot(floor, landmarks, RIG, start, RADIUS_M, WHEELS, seed, eyes)
     inside: list[bool] = []
 
@@ -91,7 +91,7 @@ def drive(seed: int, path: Path, half: bool, pictures: bool) -> Run:
             inside.append(bool(off @ np.linalg.solve(pose.covariance[:2, :2], off) < 5.991))
 
     # Simulated corners have no lens and no paper that the floor could stand for.
-    floor_px = CORNER_FLOOR_PX if pictures else 0.0
+    floor_px = CORNER_FLOOR_PX if images else 0.0
     site = Site(floor, landmarks, RIG, RADIUS_M, Demand(), coverage, corner_floor_px=floor_px)
     journey = drive_to(robot, site, goal, on_pose=note)
     off = float(np.hypot(goal.x_m - robot.state[0], goal.y_m - robot.state[1]))
@@ -116,7 +116,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--runs", type=int, default=20)
     parser.add_argument("--every-second", action="store_true")
-    parser.add_argument("--pictures", action="store_true")
+    parser.add_argument("--images", action="store_true")
     parser.add_argument("floors", type=Path, nargs="*")
     arguments = parser.parse_args()
     floors = arguments.floors or sorted(Path(__file__).parent.glob("floors/*.yaml"))
@@ -125,7 +125,7 @@ def main() -> None:
     everything: list[Run] = []
     for path in floors:
         with ProcessPoolExecutor() as pool:
-            job = partial(drive, path=path, half=arguments.every_second, pictures=arguments.pictures)
+            job = partial(drive, path=path, half=arguments.every_second, images=arguments.images)
             runs = list(pool.map(job, range(arguments.runs), chunksize=(arguments.runs + 1) // 2))
         print(row(path.stem, runs), flush=True)
         everything += runs

@@ -49,8 +49,9 @@ class Demand:
     share: float = 0.9
 
     def __str__(self) -> str:
+        landmarks = "1 landmark" if self.in_view == 1 else f"{self.in_view} landmarks"
         return (
-            f"{100 * self.error_m:g} cm and {math.degrees(self.heading_rad):g} deg with {self.in_view} landmarks "
+            f"{100 * self.error_m:g} cm and {math.degrees(self.heading_rad):g} deg with {landmarks} "
             f"in view for {self.headings:.0%} of the headings"
         )
 
