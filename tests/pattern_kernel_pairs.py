@@ -197,6 +197,9 @@ def _quads(rng: np.random.Generator) -> Iterator[tuple[Any, ...]]:
         for window in (7, 15, 255):
             yield plane.round().astype(np.uint8), None, window, rules
             yield plane.round().astype(np.uint8), where, window, rules
+        from_steps = rules._replace(darker=0.01, step_per_change=3.0, least_step=2.0, most_step=12.0)
+        yield plane.round().astype(np.uint8), None, 5, from_steps
+        yield (plane + rng.normal(0, 3, plane.shape)).clip(0, 255).astype(np.uint8), None, 5, from_steps
     yield np.zeros((1, 1), np.uint8), None, 7, rules
     yield np.full((3, 200), 9, np.uint8), None, 7, rules
     yield (np.indices((40, 40)).sum(axis=0) % 2 * 255).astype(np.uint8), None, 7, rules

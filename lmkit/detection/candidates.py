@@ -21,6 +21,7 @@ MIN_SIDE_PX = 8.0
 LEAST_SIDE_IN_LEVEL_PX = 4.0  # of a halved image
 COMPLETED_SIDE = 2.5  # times that, from which squares with a hidden part are completed
 STRAIGHT = 0.012  # of the outline's length, how far a straight stretch may deviate
+STEP_PER_CHANGE, STEP_LIMITS = 3.0, (2.0, 12.0)  # usual change between neighbors; gray levels: outlines begin there
 LONGEST = 8.0  # times height plus width: longer outlines are clutter
 OFFSET, OFFSET_PER_SIGMA = 6.0, 4.0  # added to code values before their logarithm, against noise
 GROUND_TO_FACE = 90 / 80  # what is dark in red is the ground; the face is so much larger
@@ -82,7 +83,9 @@ def find_candidates(
             continue
         plane = channel_of(levels[level], source.channel)
         least = max(MIN_SIDE_PX / 2**level, LEAST_SIDE_IN_LEVEL_PX)
-        rules = QuadRules(least, source.darker, int(LONGEST * sum(plane.shape)), COMPLETED_SIDE * least, STRAIGHT)
+        longest = int(LONGEST * sum(plane.shape))
+        completed = COMPLETED_SIDE * least
+        rules = QuadRules(least, source.darker, longest, completed, STRAIGHT, STEP_PER_CHANGE, *STEP_LIMITS)
         quads = dark_quads(plane, _cells_of(cells, level - half, plane.shape), source.window, rules)
         if source.channel == "red":
             quads = np.concatenate([quads, grown(quads, GROUND_TO_FACE)])

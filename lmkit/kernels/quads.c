@@ -11,14 +11,17 @@
 #define SHORT 15 /* largest window whose sum fits into 16 bits */
 #define DARK 1 /* flags of a pixel */
 #define VISITED 2
+#define BEGINS 4 /* dark, its left neighbor is not, and the step between them is large */
+#define BANDS 24 /* rows from which an image's changes are known */
 #define STRETCHES 16 /* a polygon of more sides is no square with a hidden part */
 #define LONGEST 6
 #define ROUND 0.003 /* least area over the squared number of pixel sides: 1/16 for a square */
 
 /* rules: least side (px), darker (share of the local mean), longest contour, side from which hidden parts are completed
- * (px), how far a straight stretch may bend (share of the outline). */
+ * (px), how far a straight stretch may bend (share of the outline); the step at which an outline begins: so many times the
+ * usual change between neighbors, but at least and at most so many gray levels. */
 typedef struct {
-    double least_side, darker, completed_side, straight;
+    double least_side, darker, completed_side, straight, step_per_change, least_step, most_step;
     int64_t longest;
 } QuadRules;
 
@@ -38,21 +41,50 @@ LMKIT_EXPORT int lmkit_where_to_look(int64_t height, int64_t width, const uint8_
                                      double least_ratio, double least_luma, int64_t dilate, float *rows,
                                      float *cells, uint8_t *where);
 
-static void mark_dark(const int16_t *restrict field, int64_t n, uint8_t *restrict flags)
+/* Median change between horizontal neighbors, in gray levels. */
+static int usual_change(const uint8_t *plane, int64_t height, int64_t width)
 {
-    for (int64_t x = 0; x < n; x++)
-        flags[x] = field[x] < 0 ? DARK : 0;
+    int32_t counts[256] = {0};
+    int64_t bands = height < BANDS ? height : BANDS, below = 0, half = (bands * (width - 1) + 1) / 2;
+    for (int64_t b = 0; b < bands; b++) {
+        const uint8_t *row = plane + (2 * b + 1) * height / (2 * bands) * width;
+        for (int64_t x = 1; x < width; x++)
+            counts[row[x] > row[x - 1] ? row[x] - row[x - 1] : row[x - 1] - row[x]]++;
+    }
+    int change = 0;
+    for (below = counts[0]; below < half; below += counts[change])
+        change++;
+    return change;
+}
+
+static double step_to_begin(const uint8_t *plane, int64_t height, int64_t width, const QuadRules *rules)
+{
+    double step = rules->step_per_change * usual_change(plane, height, width);
+    step = step > rules->least_step ? step : rules->least_step;
+    return step < rules->most_step ? step : rules->most_step;
+}
+
+/* Flags of a row of n pixels; step: of the field. */
+static void mark_dark(const int16_t *restrict field, int64_t n, int16_t step, uint8_t *restrict flags)
+{
+    flags[0] = field[0] < 0 ? DARK : 0;
+    for (int64_t x = 1; x < n; x++) {
+        int16_t here = field[x], left = field[x - 1];
+        uint8_t dark = here < 0 ? DARK : 0, begins = (here < 0) & (left >= 0) & (left >= step + here) ? BEGINS : 0;
+        flags[x] = dark | begins;
+    }
 }
 
 /* field = 64 (plane - (1 - darker) mean + 0.5), the mean over a window cut off at the image's edges, with a border of
- * one pixel that is not dark.  flags: DARK where the field is negative. */
-static void local_field(int64_t height, int64_t width, const uint8_t *plane, int64_t window, double darker, uint16_t *restrict sums, int32_t *restrict prefix, int16_t *field, uint8_t *flags)
+ * one pixel that is not dark.  flags: DARK where the field is negative, BEGINS where it falls by `step` gray levels. */
+static void local_field(int64_t height, int64_t width, const uint8_t *plane, int64_t window, double darker, double least_step, uint16_t *restrict sums, int32_t *restrict prefix, int16_t *field, uint8_t *flags)
 {
     const int64_t half = window / 2, stride = width + 2;
+    const int16_t step = (int16_t)(64.0 * least_step);
     for (int64_t x = 0; x < stride; x++)
         field[x] = field[(height + 1) * stride + x] = 1;
-    mark_dark(field, stride, flags);
-    mark_dark(field + (height + 1) * stride, stride, flags + (height + 1) * stride);
+    mark_dark(field, stride, step, flags);
+    mark_dark(field + (height + 1) * stride, stride, step, flags + (height + 1) * stride);
     memset(sums, 0, (size_t)width * sizeof *sums);
     for (int64_t y = 0; y < half && y < height; y++)
         for (int64_t x = 0; x < width; x++)
@@ -99,7 +131,7 @@ static void local_field(int64_t height, int64_t width, const uint8_t *plane, int
                     total += sums[k];
                 out[x] = (int16_t)(64 * row[x] + 32 - (int32_t)((float)total * (scale / (float)(right - left + 1))));
             }
-            mark_dark(out - 1, stride, flags + (y + 1) * stride);
+            mark_dark(out - 1, stride, step, flags + (y + 1) * stride);
             continue;
         }
         for (int64_t x = half; x < width - half; x++)
@@ -111,7 +143,7 @@ static void local_field(int64_t height, int64_t width, const uint8_t *plane, int
             float part = scale / (float)(right - left + 1);
             out[x] = (int16_t)(64 * row[x] + 32 - (int32_t)((float)(prefix[right + 1] - prefix[left]) * part));
         }
-        mark_dark(out - 1, stride, flags + (y + 1) * stride);
+        mark_dark(out - 1, stride, step, flags + (y + 1) * stride);
     }
 }
 
@@ -451,11 +483,11 @@ int lmkit_dark_quads(int64_t height, int64_t width, const uint8_t *plane, const 
                      const double *numbers, int16_t *field, uint8_t *flags, uint16_t *sums, int32_t *prefix, float *points,
                      int64_t capacity, float *quads, int64_t *count)
 {
-    const QuadRules rules = {numbers[0], numbers[1], numbers[3], numbers[4], (int64_t)numbers[2]};
+    const QuadRules rules = {numbers[0], numbers[1], numbers[3], numbers[4], numbers[5], numbers[6], numbers[7], (int64_t)numbers[2]};
     const int64_t across = (width + CELL - 1) / CELL, stride = width + 2;
     Point *contour = (Point *)points;
     int32_t *deque = (int32_t *)(points + 2 * rules.longest), *codes = deque;
-    local_field(height, width, plane, window, rules.darker, sums, prefix, field, flags);
+    local_field(height, width, plane, window, rules.darker, step_to_begin(plane, height, width, &rules), sums, prefix, field, flags);
     int64_t found = 0;
     *count = 0;
     for (int64_t y = 0; y < height; y++)
@@ -465,16 +497,15 @@ int lmkit_dark_quads(int64_t height, int64_t width, const uint8_t *plane, const 
             int64_t end = (cell + 1) * CELL < width ? (cell + 1) * CELL : width;
             const uint8_t *first = flags + (y + 1) * stride + cell * CELL;
             if (cell * CELL + CELL <= width) {
-                /* All pixels of a cell at once: dark ones whose left neighbor is not. */
-                uint32_t left, here;
-                memcpy(&left, first, sizeof left);
+                /* All pixels of a cell at once. */
+                uint32_t here;
                 memcpy(&here, first + 1, sizeof here);
-                if (!(here & ~left & (DARK * 0x01010101u)))
+                if (!(here & (BEGINS * 0x01010101u)))
                     continue;
             }
             for (int64_t x = cell * CELL; x < end; x++) {
                 int64_t at = (y + 1) * stride + x + 1;
-                if (flags[at] != DARK || flags[at - 1] & DARK)
+                if ((flags[at] & (BEGINS | VISITED)) != BEGINS)
                     continue;
                 int64_t area, n = follow(flags, stride, at, rules.longest, codes, &area);
                 if (n > rules.longest || (double)n < 3.2 * rules.least_side)

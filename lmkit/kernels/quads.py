@@ -32,6 +32,9 @@ class QuadRules(NamedTuple):
         longest: outlines of more pixel sides are left out.
         completed_side: side from which squares with a hidden part are completed, px.
         straight: share of the outline's length by which a straight stretch may deviate.
+        step_per_change, least_step, most_step: an outline begins only where the plane falls, beside its local mean,
+            by so many times the median change between neighbors, but at least and at most so many gray levels.
+            Outlines of noise then begin nowhere, and those of edges are followed into low contrast.
     """
 
     least_side: float
@@ -39,6 +42,9 @@ class QuadRules(NamedTuple):
     longest: int
     completed_side: float
     straight: float
+    step_per_change: float = 0.0
+    least_step: float = 0.0
+    most_step: float = 255.0
 
 
 _WORKSPACE = Workspace()

@@ -16,6 +16,7 @@ ByteArray = NDArray[np.uint8]
 Field = NDArray[np.int16]
 
 CELL = 4
+BANDS = 24  # rows from which an image's changes are known
 STRETCHES = 16  # a polygon of more sides is no square with a hidden part
 LONGEST = 6
 ROUND = 0.003  # least area over the squared number of pixel sides: 1/16 for a square
@@ -58,7 +59,8 @@ def dark_quads_numpy(plane: ByteArray, where: ByteArray | None, window: int, rul
         looked = np.repeat(np.repeat(where > 0, CELL, axis=0), CELL, axis=1)[: plane.shape[0], : plane.shape[1]]
     dark = field < 0
     # Pixels with a left side on an outline, in the order in which outlines are begun.
-    begins = np.argwhere(dark[1:-1, 1:-1] & ~dark[1:-1, :-2] & looked)
+    falls = field[1:-1, :-2].astype(np.int64) - field[1:-1, 1:-1] >= int(64 * _step_to_begin(plane, rules))
+    begins = np.argwhere(dark[1:-1, 1:-1] & ~dark[1:-1, :-2] & falls & looked)
     visited: set[tuple[int, int]] = set()
     found: list[FloatArray] = []
     for y, x in begins.tolist():
@@ -72,6 +74,15 @@ def dark_quads_numpy(plane: ByteArray, where: ByteArray | None, window: int, rul
         if _area(outline) > ROUND * len(sides) ** 2:
             found += _outline_quads(outline, rules)
     return np.array(found) if found else np.zeros((0, 4, 2))
+
+
+def _step_to_begin(plane: ByteArray, rules: QuadRules) -> float:
+    height = len(plane)
+    bands = min(BANDS, height)
+    changes = np.abs(np.diff(plane[(2 * np.arange(bands) + 1) * height // (2 * bands)].astype(np.int64), axis=1))
+    counts = np.bincount(changes.ravel(), minlength=1).cumsum()
+    usual = int(np.searchsorted(counts, (changes.size + 1) // 2))
+    return min(max(rules.step_per_change * usual, rules.least_step), rules.most_step)
 
 
 def local_field(plane: ByteArray, window: int, darker: float) -> Field:
