@@ -16,7 +16,7 @@ from lmkit.geometry.rotations import quaternion_to_matrix
 from lmkit.live.budget import LatencyBudget
 from lmkit.live.estimators import Estimate, make_estimator
 from lmkit.live.frame_group import FrameGroup
-from lmkit.live.motion import MotionRow
+from lmkit.live.motion import GYRO, MotionRow
 from lmkit.live.publication import Publication, PublicationRule
 from lmkit.live.reader import Rate
 from lmkit.live.search import ExpectedLandmarks, Search
@@ -83,8 +83,8 @@ class LiveLoop:
         self._status = PoseStatus.LOST
         self._whole_at, self._turn = float("-inf"), 0
         self._odometry: deque[tuple[float, Pose]] = deque(maxlen=POSES_KEPT)
-        self._motion_at: float | None = None
-        self._silent = False
+        self._motion_at: dict[str, float] = {}  # last row of odometry and of the gyro
+        self._silent: set[str] = set()
         self._waiting: tuple[MotionRow, ...] = ()  # rows of steps that the budget left out
 
     @property
@@ -156,7 +156,7 @@ class LiveLoop:
     def _take(self, row: MotionRow) -> None:
         self._estimator.add(row)
         self._stale.add(row)
-        self._motion_at = row.time_s
+        self._motion_at["gyro" if row.kind == GYRO else "odometry"] = row.time_s
         if row.T_odometry_base is not None:
             self._odometry.append((row.time_s, row.T_odometry_base))
 
@@ -214,17 +214,20 @@ class LiveLoop:
         return events
 
     def _odometry_events(self, time_s: float) -> list[Event]:
+        """Names odometry, and a gyro that once came, when they are silent and when they come again."""
         if self.settings.motion == "none":
             return []
-        if self._motion_at is None:
-            self._motion_at = time_s
-        silent = time_s - self._motion_at > SILENT_S
-        if silent == self._silent:
-            return []
-        self._silent = silent
-        if silent:
-            return [Event("odometry_lost", f"no odometry for {time_s - self._motion_at:.1f} s", time_s)]
-        return [Event("odometry_back", "odometry comes again", time_s)]
+        self._motion_at.setdefault("odometry", time_s)
+        events = []
+        for name, last_s in self._motion_at.items():
+            silent = time_s - last_s > SILENT_S
+            if silent and name not in self._silent:
+                self._silent.add(name)
+                events.append(Event(f"{name}_lost", f"no {name} for {time_s - last_s:.1f} s", time_s))
+            elif not silent and name in self._silent:
+                self._silent.discard(name)
+                events.append(Event(f"{name}_back", f"{name} comes again", time_s))
+        return events
 
     def _odometry_frame(self, time_s: float, estimate: Estimate) -> Pose | None:
         """T_map_odometry by the odometry's pose at that time."""

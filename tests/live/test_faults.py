@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import errno
+import re
 import threading
 import time
 from collections.abc import Callable, Iterator
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -124,8 +126,8 @@ FAULTS = {
     older_view: "camera_stale",
     blind_left: "",
     dark: "status_lost",
-    no_odometry: "",
-    no_gyro: "",
+    no_odometry: "odometry_lost",
+    no_gyro: "gyro_lost",
     nan_odometry: "wheels_not_finite",
     wild_odometry: "wheels_jump",
     spinning_wheels: "",
@@ -183,6 +185,17 @@ def test_a_map_of_another_place_publishes_nothing_wrong(share):
 
     for seed in (1, 2):
         assert off_m(run_of(seed, lambda _, group: group, moved)) < WRONG_M
+
+
+def test_every_fault_of_the_documentation_has_its_test():
+    page = Path(__file__).parents[2] / "docs" / "live.md"
+    if not page.exists():
+        pytest.skip("the documentation is not installed")
+    table = page.read_text(encoding="utf-8").split("## What goes wrong")[1].split("\n## ")[0]
+    named = re.findall(r"\| `(\w+)` \|$", table, re.MULTILINE)
+    sources = "".join(path.read_text(encoding="utf-8") for path in Path(__file__).parent.glob("test_*.py"))
+    assert len(named) >= 20
+    assert [name for name in named if f"def {name}(" not in sources] == []
 
 
 class FullDisk:
