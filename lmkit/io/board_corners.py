@@ -62,7 +62,7 @@ def corners_to_json(saved: SavedCorners) -> str:
 
     def side(ids: IntArray, points: FloatArray, noise: float | None) -> dict[str, object]:
         known = noise if noise is not None and np.isfinite(noise) else None
-        return {"noise_px": known, "ids": ids.tolist(), "points": np.round(points, 5).tolist()}
+        return {"noise_px": known, "ids": ids.tolist(), "points": points.tolist()}
 
     lines = [
         json.dumps(
