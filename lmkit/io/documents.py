@@ -79,8 +79,8 @@ class _UniqueKeyLoader(PlainLoader):
         return super().construct_mapping(node, deep)
 
 
-def read_text(path: Path, what: str) -> str:
-    """Text of a regular file: UTF-8, or UTF-16 with a byte order mark; line ends become ``\\n``.
+def read_text(path: Path, what: str, most: int = MAX_BYTES) -> str:
+    """Text of a regular file of ``most`` bytes: UTF-8, or UTF-16 with a byte order mark; line ends become ``\\n``.
 
     Raises:
         InputError: no such file, not a regular one, not readable, too large, or not text.
@@ -89,14 +89,14 @@ def read_text(path: Path, what: str) -> str:
         if not stat.S_ISREG(path.stat().st_mode):
             raise InputError("not_a_file", f"{path}: not a regular file", f"give a {what} as a file")
         with path.open("rb") as stream:
-            data = stream.read(MAX_BYTES + 1)
+            data = stream.read(most + 1)
     except (OSError, ValueError) as error:
         problem = getattr(error, "strerror", None) or error
         raise InputError(
             "file_unreadable", f"cannot read {what} {path}: {problem}", "check the path and its permissions"
         ) from None
-    if len(data) > MAX_BYTES:
-        raise InputError("file_too_large", f"{path}: larger than {MAX_BYTES >> 20} MiB, no {what}", f"give a {what}")
+    if len(data) > most:
+        raise InputError("file_too_large", f"{path}: larger than {most >> 20} MiB, no {what}", f"give a {what}")
     encoding = next((name for mark, name in _BOMS if data.startswith(mark)), "utf-8")
     try:
         text = data.decode(encoding)

@@ -199,3 +199,11 @@ def test_drawings_that_hold_no_walls_or_too_many_are_refused(tmp_path, body, cod
     with pytest.raises(InputError) as caught:
         read_svg_lines(path)
     assert caught.value.code == code
+
+
+def test_a_template_of_more_than_a_megabyte_is_refused(tmp_path):
+    from lmkit.io.template import load_template
+
+    (tmp_path / "big.toml").write_text('format = "lmkit-template/1"\n' + "[[texts]]\n" * 120_000)
+    with pytest.raises(InputError, match="larger than 1 MiB"):
+        load_template(str(tmp_path / "big.toml"))
