@@ -115,8 +115,8 @@ def _map(
         except BrokenProcessPool:
             raise InputError(
                 "worker_ended",
-                "a worker process ended before its work was done, most likely for want of memory",
-                "work in fewer processes: --jobs 1",
+                "a worker process ended before its work was done, most likely because memory ran out",
+                "use fewer processes: --jobs 1",
             ) from None
 
 

@@ -50,7 +50,7 @@ def parse_size_mm(text: str, what: str = "size") -> tuple[float, float]:
     """
     width, separator, height = text.lower().partition("x")
     if not separator:
-        raise InputError("bad_size", f"{what} {text!r} is not WIDTHxHEIGHT", "write such as 249.1x174.4mm")
+        raise InputError("bad_size", f"{what} {text!r} is not WIDTHxHEIGHT", "write for example 249.1x174.4mm")
     unit = height.strip().lstrip("0123456789. ")
     if not width.strip().endswith(tuple(MM_PER_UNIT)):
         width += unit
@@ -78,7 +78,7 @@ def parse_two_lengths_mm(text: str, what: str) -> tuple[float, float]:
 
     pieces = text.lower().split("x")
     if len(pieces) not in (1, 2):
-        raise InputError("bad_length", f"{what} {text!r} is not WIDTHxHEIGHT", "write such as 178.6x179.4 (mm)")
+        raise InputError("bad_length", f"{what} {text!r} is not WIDTHxHEIGHT", "write for example 178.6x179.4 (mm)")
     lengths = [parse_length_mm(p if p.strip()[-1:].isalpha() else f"{p}mm", what) for p in pieces]
     return lengths[0], lengths[-1]
 

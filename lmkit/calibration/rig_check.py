@@ -93,7 +93,7 @@ def check_rig(rig: StereoRig, object_points: FloatArray, views: Sequence[PairVie
         raise InputError(
             "too_few_views",
             f"{len(known)} views seen by both cameras, at least {LEAST_VIEWS} are needed to check a rig",
-            "give more pairs of images; of a board, say which with --board",
+            "give more image pairs; for images of a board, add --board",
         )
     kept = [view for view, _ in known]
     old = Solution(

@@ -7,42 +7,12 @@ from collections.abc import Iterable
 
 import typer
 
+from lmkit.cli.commands import COMMANDS, DEBUG_HELP, HELP, VERSION_HELP
 from lmkit.version import __version__
 
-HELP = "Printed landmarks for robots: from print to pose."
 
-# Each is a module of this folder with a function `run`, or a typer app for a group of commands.  The summaries stand
-# here as well as in the modules, so that the list of commands imports none of them; a test compares both.
-COMMANDS = {
-    "generate": "Write printable landmarks, true to scale.",
-    "board": "Write a calibration board, true to scale.",
-    "verify": "Read prints back and grade them from A to F.",
-    "detect": "Find and read landmarks in images and videos.",
-    "calibrate": "Calibrate cameras from images of a board.",
-    "rectify": "Rectify stereo pairs.",
-    "convert": "Convert rigs, maps and trajectories.",
-    "map": "Make a map from tape measurements; check and draw it.",
-    "locate": "Locate the camera, or the robot, in the map.",
-    "survey": "Build the landmark map from a recording.",
-    "track": "Track the robot through a known map.",
-    "run": "Publish the pose of a robot while it drives.",
-    "plan": "Plan landmark positions, accuracy and routes.",
-    "evaluate": "Compute the errors of a trajectory, as evo does.",
-    "unbag": "Extract stereo images, rig, odometry and gyro from a ROS bag.",
-    "web": "Serve a page in the browser.",
-    "fleet": "Map a site from the recordings of many robots.",
-    "simulate": "Simulate a room and a stereo camera.",
-    "demo": "Run all steps in a simulated room.",
-    "doctor": "Check the installation.",
-}
-
-
-def build_app(names: Iterable[str] = COMMANDS, listing: bool = False) -> typer.Typer:
-    """The command line with some of its commands.
-
-    Args:
-        listing: only names and summaries, for the list of commands; modules take time to import.
-    """
+def build_app(names: Iterable[str] = COMMANDS) -> typer.Typer:
+    """The command line with some of its commands; each name imports its module."""
     app = typer.Typer(
         name="lmkit",
         help=HELP,
@@ -53,9 +23,6 @@ def build_app(names: Iterable[str] = COMMANDS, listing: bool = False) -> typer.T
     )
     app.callback(invoke_without_command=True)(_options)
     for name in names:
-        if listing:
-            app.command(name, help=COMMANDS[name])(_listed)
-            continue
         module = importlib.import_module(f"lmkit.cli.{name}")
         group = getattr(module, "app", None)
         if group:
@@ -63,10 +30,6 @@ def build_app(names: Iterable[str] = COMMANDS, listing: bool = False) -> typer.T
         else:
             app.command(name)(module.run)
     return app
-
-
-def _listed() -> None:
-    """Stands for a command in the list of commands."""
 
 
 def _show_version(wanted: bool) -> None:
@@ -77,10 +40,8 @@ def _show_version(wanted: bool) -> None:
 
 def _options(
     context: typer.Context,
-    version: bool = typer.Option(
-        False, "--version", callback=_show_version, is_eager=True, help="Print the version and exit."
-    ),
-    debug: bool = typer.Option(False, "--debug", help="Print a traceback on errors."),
+    version: bool = typer.Option(False, "--version", callback=_show_version, is_eager=True, help=VERSION_HELP),
+    debug: bool = typer.Option(False, "--debug", help=DEBUG_HELP),
 ) -> None:
     if context.invoked_subcommand is None:
         typer.echo(context.get_help())

@@ -12,11 +12,14 @@ from lmkit.errors import InputError
 
 Base = Annotated[
     Path | None,
-    typer.Option("--base", help="Recording folder with odometry, to find the cameras' places on the robot."),
+    typer.Option("--base", help="Recording folder with odometry: computes the poses of the cameras on the robot."),
 ]
 RigToMount = Annotated[Path | None, typer.Option("--rig", help="With --base: rig file of the cameras.")]
 Height = Annotated[
-    str | None, typer.Option("--height", help="With --base: height of the first camera above the base's origin.")
+    str | None,
+    typer.Option(
+        "--height", help="With --base: height of the first camera above the origin of the base, such as 0.42m."
+    ),
 ]
 
 

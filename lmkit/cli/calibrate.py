@@ -26,7 +26,7 @@ def run(
     images: Annotated[
         list[str] | None,
         typer.Argument(
-            help="Images of each camera: folder or glob; of one camera also a video; camera:0 to capture."
+            help="Images: one folder or glob per camera; also a video for one camera, or camera:0 with --capture."
         ),
     ] = None,
     board: Annotated[str | None, typer.Option("--board", help=BOARD_HELP)] = None,
@@ -36,7 +36,8 @@ def run(
     model: Annotated[
         str,
         typer.Option(
-            "--model", help="Camera model: pinhole, rational, fisheye or radtan (Kalibr's); auto: by held-out pairs."
+            "--model",
+            help="Camera model: pinhole, rational, fisheye or radtan (Kalibr's); auto compares on held-out images.",
         ),
     ] = "auto",
     baseline: Annotated[
@@ -50,24 +51,28 @@ def run(
     intrinsics: options.Intrinsics = None,
     intrinsics_sigma: options.IntrinsicsSigma = None,
     save_corners: Annotated[
-        Path | None, typer.Option("--save-corners", help="File for the corners found, for a repeated run.")
+        Path | None,
+        typer.Option("--save-corners", help="File of detected corners to write, for a later run with --corners."),
     ] = None,
     corners: Annotated[
-        Path | None, typer.Option("--corners", help="Saved corners, in place of LEFT, RIGHT and --board.")
+        Path | None, typer.Option("--corners", help="File of saved corners, instead of images and --board.")
     ] = None,
     check: Annotated[
         Path | None,
-        typer.Option("--check", help="Rig file to check against LEFT and RIGHT, by landmarks or by --board."),
+        typer.Option("--check", help="Rig file to check against the images, by landmarks or by --board."),
     ] = None,
     family: options.OneFamily = "lm8",
     capture: Annotated[
-        bool, typer.Option("--capture", help="Guided capture: suggest the next view, keep sharp and new pairs.")
+        bool,
+        typer.Option(
+            "--capture", help="Guided capture from cameras: suggests the next view, keeps sharp and new pairs."
+        ),
     ] = False,
     side_by_side: Annotated[
-        bool, typer.Option("--side-by-side", help="With --capture: each image of LEFT shows both cameras' images.")
+        bool, typer.Option("--side-by-side", help="With --capture: one source delivers both images side by side.")
     ] = False,
     save_pairs: Annotated[
-        Path | None, typer.Option("--save-pairs", help="With --capture: folder for the pairs kept.")
+        Path | None, typer.Option("--save-pairs", help="With --capture: folder for the pairs that are kept.")
     ] = None,
     base: base_options.Base = None,
     rig: base_options.RigToMount = None,

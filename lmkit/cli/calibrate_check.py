@@ -39,4 +39,4 @@ def check_images(rig: Path, left: str, right: str, spec: BoardSpec | None, famil
         for line in check_lines(checked):
             print_line(line)
     if checked.state != "true":
-        raise NegativeAnswer("no_longer_true", f"{rig} no longer holds", "recalibrate")
+        raise NegativeAnswer("no_longer_true", f"{rig} is no longer valid", "recalibrate")

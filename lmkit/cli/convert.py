@@ -22,12 +22,12 @@ def run(
     source: Annotated[
         Path,
         typer.Argument(
-            help="Rig of lmkit, OpenCV or Kalibr, or a folder with ROS camera_info files; map of lmkit, WPILib or "
-            "TagSLAM; TUM trajectory."
+            help="Rig (lmkit, OpenCV, Kalibr, or a folder with ROS camera_info files), map (lmkit, WPILib, "
+            "TagSLAM and others) or TUM trajectory."
         ),
     ],
     output: Annotated[
-        Path, typer.Option("--output", "-o", help="File to write; a folder with --to ros of a stereo pair.")
+        Path, typer.Option("--output", "-o", help="File to write. For a stereo pair with --to ros, a folder.")
     ],
     to: Annotated[
         str,

@@ -30,7 +30,7 @@ def run(
     live: Annotated[
         bool, typer.Option("--run", help="Instead: the live loop for 20 seconds, against the truth.")
     ] = False,
-    seconds: Annotated[float, typer.Option("--seconds", help="With --run: how long.")] = 20.0,
+    seconds: Annotated[float, typer.Option("--seconds", help="With --run: duration, seconds.")] = 20.0,
     images: Annotated[
         bool,
         typer.Option(

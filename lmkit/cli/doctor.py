@@ -13,7 +13,9 @@ from lmkit.errors import NegativeAnswer
 
 
 def run(
-    cameras: Annotated[bool, typer.Option("--cameras", help="List the cameras of this machine instead.")] = False,
+    cameras: Annotated[
+        bool, typer.Option("--cameras", help="List the cameras of this machine, and check nothing else.")
+    ] = False,
 ) -> None:
     """Check the installation."""
     if cameras:

@@ -14,16 +14,18 @@ from lmkit.errors import InputError
 
 def run(
     truth: Annotated[Path, typer.Argument(help="True trajectory: TUM, EuRoC or TUM-VI CSV, or KITTI poses.")],
-    estimate: Annotated[Path, typer.Argument(help="Estimated trajectory, likewise.")],
+    estimate: Annotated[Path, typer.Argument(help="Estimated trajectory, in one of the same formats.")],
     align: Annotated[
         str,
-        typer.Option("--align", help="Alignment to the truth: none, rigid, or scale (rigid with scale)."),
+        typer.Option(
+            "--align", help="Alignment to the truth: none, rigid (rotation and shift) or scale (rigid with scale)."
+        ),
     ] = "none",
     delta: Annotated[
-        int, typer.Option("--delta", help="Number of poses between which relative errors are taken.")
+        int, typer.Option("--delta", help="Relative errors are taken between poses this many apart.")
     ] = 1,
     max_apart: Annotated[
-        float, typer.Option("--max-apart", help="Largest difference of matching times, seconds.")
+        float, typer.Option("--max-apart", help="Largest time difference of matching poses, seconds.")
     ] = 0.01,
     time_offset: Annotated[
         float, typer.Option("--time-offset", help="Seconds to add to the times of the estimate.")

@@ -15,10 +15,15 @@ from lmkit.errors import InputError
 
 def survey(
     store: StoreUri,
-    output: Annotated[Path, typer.Option("-o", "--output", help="Map file; with several sites, map-SITE.yaml each.")],
-    size: Annotated[str, typer.Option("--size", help="Side of the landmarks.")] = "180mm",
+    output: Annotated[
+        Path,
+        typer.Option("-o", "--output", help="Map file to write. With several sites, one file map-SITE.yaml each."),
+    ],
+    size: Annotated[
+        str, typer.Option("--size", help="Landmark size, outer edge to outer edge of the border, such as 180mm.")
+    ] = "180mm",
     known: Annotated[
-        Path | None, typer.Option("--known", help="Map of known landmarks; it defines the frame.")
+        Path | None, typer.Option("--known", help="Map of landmarks with known poses; it defines the frame.")
     ] = None,
     family: Family = "lm8",
     hz: Hz = None,
@@ -84,12 +89,12 @@ def track(
 
 def report(
     store: StoreUri,
-    output: Annotated[Path, typer.Option("-o", "--output", help="HTML file.")],
+    output: Annotated[Path, typer.Option("-o", "--output", help="HTML file to write.")],
     family: Family = "lm8",
     hz: Hz = None,
     force: options.Force = False,
 ) -> None:
-    """Write one HTML page about recordings, robots, landmarks and faults."""
+    """Write one HTML page about recordings, robots, landmarks and errors."""
     from lmkit.fleet.mapping import stored_sites
     from lmkit.fleet.report import fleet_report
     from lmkit.fleet.store import Store

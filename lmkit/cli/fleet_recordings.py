@@ -13,10 +13,13 @@ from lmkit.cli.output import print_json, print_line, progress
 if TYPE_CHECKING:
     from lmkit.fleet.jobs import Outcome
 
-StoreUri = Annotated[str, typer.Option("--store", help="Folder or URI (s3://, gs://) of the results.")]
-Engine = Annotated[str, typer.Option("--engine", help="local, or dask:tcp://HOST:8786.")]
+StoreUri = Annotated[
+    str, typer.Option("--store", help="Folder or URI (s3://, gs://) for the results of all fleet commands.")
+]
+Engine = Annotated[str, typer.Option("--engine", help="Where jobs run: local, or dask:tcp://HOST:8786.")]
 Shard = Annotated[
-    str | None, typer.Option("--shard", help="K/N: every N-th job from the K-th on, for a batch system.")
+    str | None,
+    typer.Option("--shard", help="Share of the jobs, for batch systems: K/N runs every N-th job from the K-th on."),
 ]
 Retry = Annotated[bool, typer.Option("--retry", help="Run failed jobs again.")]
 Family = Annotated[str, typer.Option("--family", help="Landmark families to detect, such as lm8,tag36h11.")]
@@ -25,10 +28,12 @@ Hz = Annotated[float | None, typer.Option("--hz", help="Frames per second, if fi
 
 def scan(
     pattern: Annotated[
-        str, typer.Argument(help="Quoted path of the recordings, such as 'logs/{site}/{robot}/*.mcap'.")
+        str, typer.Argument(help="Path pattern of the recordings, in quotes, such as 'logs/{site}/{robot}/*.mcap'.")
     ],
     store: StoreUri,
-    rig: Annotated[str, typer.Option("--rig", help="Path of the rig files, such as 'rigs/{robot}.yaml'.")] = "",
+    rig: Annotated[
+        str, typer.Option("--rig", help="Path pattern of the rig files, in quotes, such as 'rigs/{robot}.yaml'.")
+    ] = "",
     as_json: options.Json = False,
 ) -> None:
     """List the recordings of a fleet in its store."""
@@ -51,13 +56,13 @@ def detect(
     family: Family = "lm8",
     hz: Hz = None,
     max_bytes: Annotated[
-        int | None, typer.Option("--max-bytes", help="Refuse recordings that are larger, in bytes.")
+        int | None, typer.Option("--max-bytes", help="Largest size of a recording, bytes; larger ones are refused.")
     ] = None,
     retry: Retry = False,
     jobs: options.Jobs = None,
     as_json: options.Json = False,
 ) -> None:
-    """Detect the landmarks of every recording that was not done yet."""
+    """Detect landmarks in every recording that is not yet done."""
     from lmkit.fleet.detection import STAGE, detect_recording
     from lmkit.fleet.jobs import run_stage
     from lmkit.fleet.store import Store

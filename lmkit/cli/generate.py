@@ -16,7 +16,8 @@ def run(
     code: Annotated[int | None, typer.Option("--code", help="One code, such as 137.")] = None,
     codes: Annotated[str | None, typer.Option("--codes", help="Several codes, such as 0-15,42.")] = None,
     output: Annotated[
-        Path | None, typer.Option("--output", "-o", help="File to write: .pdf, .png or .svg. Default: by code.")
+        Path | None,
+        typer.Option("--output", "-o", help="File to write: .pdf, .png or .svg. Default: landmark-CODE.pdf."),
     ] = None,
     family: options.OneFamily = "lm8",
     template: Annotated[str | None, typer.Option("--template", help="Page template: a name or a .toml file.")] = None,
@@ -24,23 +25,38 @@ def run(
     dpi: options.Dpi = 300.0,
     paper: Annotated[
         str | None,
-        typer.Option("--paper", help="Paper without a template: a4, letter, a3, a2, a1, a0 or tabloid. Default: a4."),
+        typer.Option(
+            "--paper", help="Paper, if there is no --template: a4, letter, a3, a2, a1, a0 or tabloid. Default: a4."
+        ),
     ] = None,
-    text: Annotated[str, typer.Option("--text", help="Line of text, for templates with a place for it.")] = "",
-    map_name: Annotated[str, typer.Option("--map-name", help="Name of the map, for templates that show it.")] = "",
+    text: Annotated[str, typer.Option("--text", help="Line of text to print, in templates with a text field.")] = "",
+    map_name: Annotated[
+        str, typer.Option("--map-name", help="Name of the map to print, in templates with a map field.")
+    ] = "",
     compensate: Annotated[
         str | None,
-        typer.Option("--compensate", help="Measured size of the last print, mm, such as 178.6x179.4; corrects it."),
+        typer.Option(
+            "--compensate",
+            help="Measured size of the last print, mm, such as 178.6x179.4. The new print is scaled to correct it.",
+        ),
     ] = None,
-    cmyk: Annotated[bool, typer.Option("--cmyk", help="Process colors in place of RGB (PDF).")] = False,
-    mirror: Annotated[bool, typer.Option("--mirror", help="Mirrored, for the inside of glass.")] = False,
-    bare: Annotated[bool, typer.Option("--bare", help="The landmark alone, without a sheet (PNG, SVG).")] = False,
-    each: Annotated[bool, typer.Option("--each", help="One PDF per code (PNG and SVG always are).")] = False,
+    cmyk: Annotated[bool, typer.Option("--cmyk", help="Use process colors (CMYK) instead of RGB (PDF).")] = False,
+    mirror: Annotated[bool, typer.Option("--mirror", help="Print mirrored, to be read through glass.")] = False,
+    bare: Annotated[
+        bool, typer.Option("--bare", help="Write the landmark alone, without a sheet (PNG, SVG).")
+    ] = False,
+    each: Annotated[
+        bool, typer.Option("--each", help="Write one PDF per code. PNG and SVG always have one file per code.")
+    ] = False,
     measured: Annotated[
         str | None,
-        typer.Option("--measured", help="Print nothing; write this measured size, such as 179.2x179.0, into --map."),
+        typer.Option(
+            "--measured", help="Write this measured size, such as 179.2x179.0, into --map, and print nothing."
+        ),
     ] = None,
-    landmark_map: Annotated[Path | None, typer.Option("--map", help="Map that --measured corrects.")] = None,
+    landmark_map: Annotated[
+        Path | None, typer.Option("--map", help="Map file in which --measured corrects the size.")
+    ] = None,
     list_templates: Annotated[bool, typer.Option("--list-templates", help="List the templates and exit.")] = False,
     jobs: options.Jobs = None,
     force: options.Force = False,

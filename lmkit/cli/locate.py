@@ -16,7 +16,7 @@ from lmkit.errors import InputError, NegativeAnswer
 def run(
     images: Annotated[
         list[str] | None,
-        typer.Argument(help="Image of each camera of the rig: file, folder, glob, video, split:VIDEO or camera:0."),
+        typer.Argument(help="Images of each camera: file, folder, glob, video, split:VIDEO or camera:0."),
     ] = None,
     rig: options.OptionalRigFile = None,
     landmark_map: options.OptionalMapFile = None,
@@ -33,7 +33,7 @@ def run(
         float | None, typer.Option("--bearing-sigma", help="Standard deviation of bearings, degrees.")
     ] = None,
     time_offset: Annotated[
-        float, typer.Option("--time-offset", help="Seconds by which the readings' clock is ahead.")
+        float, typer.Option("--time-offset", help="Seconds by which the clock of the readings is ahead.")
     ] = 0.0,
     scans: scan_options.ScansFile = None,
     scan_topic: scan_options.ScanTopic = None,
@@ -42,7 +42,9 @@ def run(
     bright: scan_options.Bright = None,
     frame: Annotated[
         str | None,
-        typer.Option("--frame", help="Pose of: camera (the first) or base. Default: base if the rig has one."),
+        typer.Option(
+            "--frame", help="Frame to locate: camera (the first) or base. Default: base if the rig has one."
+        ),
     ] = None,
     heading: Annotated[
         str | None,
@@ -58,9 +60,7 @@ def run(
     plan: options.PlanOutput = None,
     annotate: Annotated[
         Path | None,
-        typer.Option(
-            "--annotate", help="Folder for annotated images of the first camera, or for an annotated video."
-        ),
+        typer.Option("--annotate", help="Folder for annotated images, or an annotated video, of the first camera."),
     ] = None,
     jobs: options.Jobs = None,
     as_json: options.Json = False,

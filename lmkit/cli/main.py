@@ -7,10 +7,9 @@ import errno
 import os
 import signal
 import sys
-import traceback
 import warnings
 from collections.abc import Callable, Sequence
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 # Small matrices many times over: threads of the linear algebra library cost more than they bring.
 for _variable in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"):
@@ -19,25 +18,27 @@ for _variable in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"):
 os.environ.setdefault("OPENCV_LOG_LEVEL", "SILENT")
 os.environ.setdefault("OPENCV_FFMPEG_LOGLEVEL", "-8")
 
-import typer
-
-from lmkit.cli.app import COMMANDS, build_app
+from lmkit.cli.commands import COMMANDS, list_of_commands
 from lmkit.errors import InputWarning, LmkitError
+from lmkit.version import __version__
 
-EXIT_WRONG_USE = 2
-EXIT_FAULT = 70
+if TYPE_CHECKING:
+    import typer
+
+EXIT_WRONG_USE, EXIT_FAULT, EXIT_INTERRUPTED = 2, 70, 130
 # A full disk, a quota, too many open files: not errors of lmkit.
 SYSTEM_LIMITS = {errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EMFILE, errno.ENFILE, errno.EROFS, errno.EIO}
 _MEMORY_HINT = "give smaller inputs, or fewer processes (--jobs)"
 OPENCV_NO_MEMORY = -4
 _SYSTEM_HINT = "free space, or raise the limit of the system"
-EXIT_INTERRUPTED = 130
 
 
 def __getattr__(name: str) -> typer.Typer:
     """``app``, the whole command line, built when it is asked for."""
     if name != "app":
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    from lmkit.cli.app import build_app
+
     globals()["app"] = app = build_app()
     return app
 
@@ -71,9 +72,20 @@ def open_standard_streams() -> None:
 
 def run_arguments(arguments: Sequence[str]) -> Any:
     """Parse and run one command line; only the module of its command is imported."""
+    first = arguments[0] if arguments else "--help"
+    if first in ("-h", "--help", "--version"):
+        sys.stdout.write(f"lmkit {__version__}\n" if first == "--version" else list_of_commands() + "\n")
+        return 0 if arguments else EXIT_WRONG_USE
+    import typer
+
+    from lmkit.cli.app import build_app
+
     command = next((a for a in arguments if not a.startswith("-")), None)
     names = (command,) if command in COMMANDS else COMMANDS
-    return build_app(names, command is None)(arguments, prog_name="lmkit", standalone_mode=False)
+    try:
+        return build_app(names)(arguments, prog_name="lmkit", standalone_mode=False)
+    except typer.Abort:
+        raise KeyboardInterrupt from None
 
 
 def guarded(run: Callable[[], Any], debug: bool) -> int:
@@ -88,7 +100,7 @@ def guarded(run: Callable[[], Any], debug: bool) -> int:
         return result if isinstance(result, int) else 0
     except LmkitError as error:
         return _report(error.message, error.hint, error.exit_code, debug)
-    except (KeyboardInterrupt, typer.Abort):
+    except KeyboardInterrupt:
         return _report("interrupted", "", EXIT_INTERRUPTED, False)
     except BrokenPipeError:
         # The reader of our output has closed it, as `head` does.
@@ -102,8 +114,6 @@ def guarded(run: Callable[[], Any], debug: bool) -> int:
         return 0 if stop.code == 1 else int(stop.code or 0)
     except MemoryError:
         return _report("out of memory", _MEMORY_HINT, EXIT_WRONG_USE, debug)
-    except typer.Exit as stop:
-        return stop.exit_code
     except Exception as error:
         if type(error).__module__.startswith("cv2") and getattr(error, "code", 0) == OPENCV_NO_MEMORY:
             return _report("out of memory", _MEMORY_HINT, EXIT_WRONG_USE, debug)
@@ -114,9 +124,8 @@ def guarded(run: Callable[[], Any], debug: bool) -> int:
             return _report(f"cannot write or open {where}: {error.strerror}", _SYSTEM_HINT, EXIT_WRONG_USE, debug)
         usage = getattr(error, "format_message", None)
         if usage is not None:
-            return _report(
-                usage().rstrip("."), f"see {_command_of(error)} --help", int(getattr(error, "exit_code", 2)), debug
-            )
+            command = getattr(getattr(error, "ctx", None), "command_path", "lmkit")
+            return _report(usage().rstrip("."), f"see {command} --help", int(getattr(error, "exit_code", 2)), debug)
         return _report(
             f"internal error (please report): {type(error).__name__}: {error}", _FAULT_HINT, EXIT_FAULT, debug
         )
@@ -126,11 +135,6 @@ def _forget_output() -> None:
     """Send what is still buffered for standard output nowhere, so that the interpreter's end says nothing of it."""
     with contextlib.suppress(OSError, ValueError):
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-
-
-def _command_of(error: Exception) -> str:
-    """The command that a usage error is about, such as ``lmkit plan coverage``."""
-    return str(getattr(getattr(error, "ctx", None), "command_path", "lmkit"))
 
 
 _FORMAT = warnings.formatwarning
@@ -145,6 +149,8 @@ _FAULT_HINT = "run again with --debug for the traceback"
 
 def _report(message: str, hint: str, code: int, debug: bool) -> int:
     if debug:
+        import traceback
+
         traceback.print_exc()
     line = " ".join(f"{message}; {hint}".split()) if hint else message
     sys.stderr.write(f"lmkit: {line}\n")

@@ -19,13 +19,14 @@ if TYPE_CHECKING:
 
 def run(
     source: Annotated[
-        Path, typer.Argument(help="CSV form with measurements, or a map of lmkit, WPILib or TagSLAM to check.")
+        Path,
+        typer.Argument(help="CSV form with measurements, or a map to check (lmkit, WPILib, TagSLAM and others)."),
     ],
     output: Annotated[Path | None, typer.Option("--output", "-o", help="Map file to write.")] = None,
     room: Annotated[
         str | None,
         typer.Option(
-            "--room", help="Rectangular room with walls north, east, south, west; x by y, such as 6.00x4.00m."
+            "--room", help="Rectangular room, x by y, such as 6.00x4.00m. Its walls are north, east, south and west."
         ),
     ] = None,
     floor: Annotated[
@@ -34,15 +35,18 @@ def run(
     scale: options.Scale = None,
     size: Annotated[
         str | None,
-        typer.Option("--size", help="Size of landmarks that the file gives none. Default for forms: 180mm."),
+        typer.Option("--size", help="Size of landmarks for which the file gives none. Default for forms: 180mm."),
     ] = None,
     family: Annotated[
         str | None,
-        typer.Option("--family", help="Family of landmarks that the file gives none. Default for forms: lm8."),
+        typer.Option("--family", help="Family of landmarks for which the file gives none. Default for forms: lm8."),
     ] = None,
     sigma: Annotated[
         str | None,
-        typer.Option("--sigma", help="Standard deviation of the measurements, written as covariances: 10mm,1deg."),
+        typer.Option(
+            "--sigma",
+            help="Standard deviation of the measurements, such as 10mm,1deg, for the covariances in the map.",
+        ),
     ] = None,
     plan: options.PlanOutput = None,
     blank: Annotated[

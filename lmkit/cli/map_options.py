@@ -12,11 +12,11 @@ if TYPE_CHECKING:
 
 MarkerFamily = Annotated[
     str | None,
-    typer.Option("--family", help="Family of the map's markers, if its file does not say it, such as tag16h5."),
+    typer.Option("--family", help="Family of the map's markers, such as tag16h5, if the map file does not name one."),
 ]
 MarkerSize = Annotated[
     str | None,
-    typer.Option("--size", help="Size of the map's markers, if its file does not say it, such as 152.4mm."),
+    typer.Option("--size", help="Size of the map's markers, such as 152.4mm, if the map file does not give one."),
 ]
 
 

@@ -15,22 +15,23 @@ Images = Annotated[
     ),
 ]
 DetectionsFile = Annotated[
-    Path | None, typer.Option("--detections", help="CSV of saved detections, in place of images.")
+    Path | None, typer.Option("--detections", help="CSV file of saved detections, instead of images.")
 ]
 ReadingsFile = Annotated[
-    Path | None, typer.Option("--readings", help="CSV of range and bearing readings, in place of images.")
+    Path | None, typer.Option("--readings", help="CSV file of range and bearing readings, instead of images.")
 ]
 OdometryFile = Annotated[
     Path | None,
-    typer.Option("--odometry", help="CSV of wheel odometry, or a TUM file (.tum, .txt) of visual odometry poses."),
+    typer.Option("--odometry", help="CSV file of wheel odometry, or TUM file (.tum, .txt) of visual odometry."),
 ]
-GyroFile = Annotated[Path | None, typer.Option("--gyro", help="CSV of the gyro's yaw rate.")]
+GyroFile = Annotated[Path | None, typer.Option("--gyro", help="CSV file of the gyro's yaw rate.")]
 WheelTrack = Annotated[str | None, typer.Option("--wheel-track", help="Distance between the wheels, such as 0.4m.")]
 Hz = Annotated[float | None, typer.Option("--hz", help="Frames per second, if file names hold no times.")]
 
 # Rigs, maps, floors, robots.
 _RIG = typer.Option(
-    "--rig", help="Rig file of lmkit, OpenCV, Kalibr or ROS (camera_info; a folder for a stereo pair)."
+    "--rig",
+    help="Rig file of lmkit, OpenCV, Kalibr or ROS (a folder with left.yaml and right.yaml).",
 )
 RigFile = Annotated[Path, _RIG]
 OptionalRigFile = Annotated[Path | None, _RIG]
@@ -38,7 +39,7 @@ _MAP = typer.Option("--map", help="Landmark map file.")
 MapFile = Annotated[Path, _MAP]
 OptionalMapFile = Annotated[Path | None, _MAP]
 MountedRigFile = Annotated[
-    Path, typer.Option("--rig", help="Rig file; it needs T_base_left, or give --camera-height.")
+    Path, typer.Option("--rig", help="Rig file with T_base_left. Without T_base_left, give --camera-height.")
 ]
 CameraHeight = Annotated[
     str | None,
@@ -49,20 +50,27 @@ CameraHeight = Annotated[
 FloorFile = Annotated[
     Path, typer.Option("--floor", help="Floor plan: lmkit-floor/1 or ROS map YAML, or PNG, PGM or SVG with --scale.")
 ]
-Scale = Annotated[float | None, typer.Option("--scale", help="Meters per pixel, or per SVG unit.")]
+Scale = Annotated[
+    float | None, typer.Option("--scale", help="Scale of the floor plan: meters per pixel, or per SVG unit.")
+]
 Islands = Annotated[
     str,
     typer.Option(
         "--islands",
-        help="Small islands of drawings, such as text: obstacles, ignore or walls; by number: ignore:1-4,walls:5.",
+        help="Small closed shapes, such as text, are obstacles, ignore or walls. By number: ignore:1-4,walls:5.",
     ),
 ]
 ThinLines = Annotated[
     str | None,
-    typer.Option("--thin-lines", help="Leave out lines of images that are thinner, such as 6cm: door arcs, text."),
+    typer.Option(
+        "--thin-lines", help="Ignore lines in images that are thinner than this, such as 6cm (door arcs, text)."
+    ),
 ]
 Curves = Annotated[
-    bool, typer.Option("--curves/--no-curves", help="Curves of SVG are walls; --no-curves leaves out door arcs.")
+    bool,
+    typer.Option(
+        "--curves/--no-curves", help="Treat curves of SVG files as walls. --no-curves ignores them (door arcs)."
+    ),
 ]
 Radius = Annotated[str, typer.Option("--radius", help="Robot radius.")]
 
@@ -75,7 +83,7 @@ OptionalSize = Annotated[str | None, _SIZE]
 
 # Required accuracy.
 PositionError = Annotated[str, typer.Option("--error", help="Required position error (root mean square).")]
-HeadingError = Annotated[float, typer.Option("--heading", help="Required heading error, degrees.")]
+HeadingError = Annotated[float, typer.Option("--heading", help="Required heading error (root mean square), degrees.")]
 InView = Annotated[int, typer.Option("--in-view", help="Number of landmarks that must be in view at once.")]
 Headings = Annotated[
     float, typer.Option("--headings", help="Percentage of headings for which the requirement must hold at a place.")
@@ -90,7 +98,7 @@ PlanOutput = Annotated[
 ReportOutput = Annotated[Path | None, typer.Option("--report", help="HTML report to write.")]
 RerunOutput = Annotated[
     Path | None,
-    typer.Option("--rerun", help="Recording for the Rerun viewer to write (.rrd; needs the extra viewer)."),
+    typer.Option("--rerun", help="Recording for the Rerun viewer to write (.rrd). Needs the extra viewer."),
 ]
 OutputFolder = Annotated[Path, typer.Option("--output", "-o", help="Folder to write.")]
 Dpi = Annotated[float, typer.Option("--dpi", help="Resolution of PNG files, dots per inch.")]
@@ -124,13 +132,14 @@ MeasuredPattern = Annotated[
 Intrinsics = Annotated[
     list[Path] | None,
     typer.Option(
-        "--intrinsics", help="Known lenses, kept as they are: a rig file, or the left's file, then the right's."
+        "--intrinsics",
+        help="Rig file with known intrinsics, which stay unchanged. Repeat it for a left and a right file.",
     ),
 ]
 IntrinsicsSigma = Annotated[
     str | None,
     typer.Option(
         "--intrinsics-sigma",
-        help="How well --intrinsics are known; then they are fitted as well: 'stated' in the file, or such as 2px.",
+        help="Standard deviation of --intrinsics, which are then fitted too: stated (in the file) or such as 2px.",
     ),
 ]

@@ -19,7 +19,7 @@ def run(
     rig: options.MountedRigFile,
     output: options.OutputFolder = Path("lmkit-plan"),
     landmark_map: Annotated[
-        Path | None, typer.Option("--map", help="Map of landmarks that are already mounted and stay.")
+        Path | None, typer.Option("--map", help="Map of landmarks that are already mounted and stay where they are.")
     ] = None,
     scale: options.Scale = None,
     islands: options.Islands = "obstacles",
@@ -36,20 +36,20 @@ def run(
     ] = 90.0,
     family: options.OneFamily = "lm8",
     size: Annotated[
-        list[str] | None, typer.Option("--size", help="Landmark size to choose from; repeatable. Default: 180mm.")
+        list[str] | None, typer.Option("--size", help="Allowed landmark size; repeatable. Default: 180mm.")
     ] = None,
     height: Annotated[
         list[str] | None,
-        typer.Option(
-            "--height", help="Height of landmark centers to choose from; repeatable. Default: above the camera."
-        ),
+        typer.Option("--height", help="Allowed height of landmark centers; repeatable. Default: above the camera."),
     ] = None,
-    not_on: Annotated[str, typer.Option("--not-on", help="Walls to leave free, such as A,C.")] = "",
+    not_on: Annotated[str, typer.Option("--not-on", help="Walls without landmarks, such as A,C.")] = "",
     patience: Annotated[
         float,
         typer.Option("--patience", help="Time limit, seconds, of the step that replaces two landmarks by one."),
     ] = 2.5,
-    prints: Annotated[bool, typer.Option("--prints/--no-prints", help="Write the landmarks to print.")] = True,
+    prints: Annotated[
+        bool, typer.Option("--prints/--no-prints", help="Write the landmarks as files to print.")
+    ] = True,
     paper: Annotated[
         str,
         typer.Option("--paper", help="Paper of prints and mounting sheets: a4, letter, a3, a2, a1, a0 or tabloid."),

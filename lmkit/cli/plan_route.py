@@ -16,7 +16,9 @@ def run(
     start: Annotated[
         str, typer.Argument(help="Start: x,y in meters, a place of the floor plan, or a landmark's code.")
     ],
-    goal: Annotated[str, typer.Argument(help="Goal: as the start, or x,y,heading with the heading in degrees.")],
+    goal: Annotated[
+        str, typer.Argument(help="Goal: written as the start, or x,y,heading with the heading in degrees.")
+    ],
     floor: options.FloorFile,
     landmark_map: options.MapFile,
     rig: options.MountedRigFile,
@@ -34,7 +36,8 @@ def run(
         Path | None, typer.Option("--csv", help="CSV file to write: poses along the route with expected errors.")
     ] = None,
     tum: Annotated[
-        Path | None, typer.Option("--tum", help="TUM file to write: numbered poses (for lmkit convert --to bag).")
+        Path | None,
+        typer.Option("--tum", help="TUM file to write: poses with their number as time, for lmkit convert --to bag."),
     ] = None,
     as_json: options.Json = False,
     force: options.Force = False,

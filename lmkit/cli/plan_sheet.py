@@ -16,14 +16,17 @@ def run(
     landmark_map: options.MapFile,
     floor: Annotated[
         Path | None,
-        typer.Option("--floor", help="Floor plan, as for lmkit plan place. Default: positions in the map."),
+        typer.Option(
+            "--floor",
+            help="Floor plan, as for lmkit plan place. Without it, the sheet gives the positions in the map.",
+        ),
     ] = None,
     scale: options.Scale = None,
     room: Annotated[
-        str | None, typer.Option("--room", help="Rectangular room in place of a floor plan, such as 6.00x4.00m.")
+        str | None, typer.Option("--room", help="Rectangular room, such as 6.00x4.00m, instead of a floor plan.")
     ] = None,
     output: Annotated[Path, typer.Option("--output", "-o", help="PDF file to write.")] = Path("mounting.pdf"),
-    paper: Annotated[str, typer.Option("--paper", help="a4, letter, a3, a2, a1, a0 or tabloid.")] = "a4",
+    paper: Annotated[str, typer.Option("--paper", help="Paper: a4, letter, a3, a2, a1, a0 or tabloid.")] = "a4",
     force: options.Force = False,
 ) -> None:
     """Write mounting sheets: each room with distances from corners that a tape measure reaches."""

@@ -13,7 +13,7 @@ from lmkit.errors import InputError
 
 def run(
     left: Annotated[str, typer.Argument(help="Left image, folder or glob.")],
-    right: Annotated[str, typer.Argument(help="Right images, paired with the left ones by sorted name.")],
+    right: Annotated[str, typer.Argument(help="Right image, folder or glob; images are paired by file name.")],
     rig: options.RigFile,
     output: options.OutputFolder,
     lines: Annotated[

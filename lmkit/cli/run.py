@@ -31,32 +31,47 @@ def run(
     odometry: Annotated[
         str | None,
         typer.Option(
-            "--odometry", help="Odometry: ros2:TOPIC, mavlink:CONNECTION or ws:PORT; beside recorded images a file."
+            "--odometry", help="Odometry: ros2:TOPIC, mavlink:CONNECTION or ws:PORT. For recorded images, a file."
         ),
     ] = None,
     odometry_kind: Annotated[
-        str | None, typer.Option("--odometry-kind", help="wheels (on a floor), or poses (through space).")
+        str | None, typer.Option("--odometry-kind", help="Kind of odometry: wheels (on a floor) or poses (in space).")
     ] = None,
-    gyro: Annotated[str | None, typer.Option("--gyro", help="Gyro, in the same way.")] = None,
+    gyro: Annotated[
+        str | None,
+        typer.Option("--gyro", help="Gyro: ros2:TOPIC, mavlink:CONNECTION or ws:PORT. For recorded images, a file."),
+    ] = None,
     to: Annotated[
         list[str] | None,
-        typer.Option("--to", help="Output: stdout, ws[:PORT], mavlink:CONNECTION, nt:HOST, ros2; may be repeated."),
+        typer.Option("--to", help="Output: stdout, ws[:PORT], mavlink:CONNECTION, nt:HOST or ros2; repeatable."),
     ] = None,
-    rate: Annotated[float | None, typer.Option("--rate", help="Most poses a second.")] = None,
+    rate: Annotated[float | None, typer.Option("--rate", help="Largest number of poses per second.")] = None,
     hz: options.Hz = None,
-    profile: Annotated[str | None, typer.Option("--profile", help="fast, balanced or accurate.")] = None,
-    budget: Annotated[str | None, typer.Option("--budget", help="Latency that is kept, such as 50ms.")] = None,
-    coast: Annotated[str | None, typer.Option("--coast", help="Longest time by odometry alone, such as 1s.")] = None,
-    confirm: Annotated[
-        int | None, typer.Option("--confirm", help="Different landmarks that a new start must agree with.")
+    profile: Annotated[
+        str | None, typer.Option("--profile", help="Detector profile: fast, balanced or accurate.")
     ] = None,
-    health: Annotated[str | None, typer.Option("--health", help="HOST:PORT of the health page.")] = None,
+    budget: Annotated[
+        str | None,
+        typer.Option(
+            "--budget",
+            help="Latency to keep, such as 50ms. Above it, detection becomes faster and then skips images.",
+        ),
+    ] = None,
+    coast: Annotated[
+        str | None, typer.Option("--coast", help="Longest time to publish poses from odometry alone, such as 1s.")
+    ] = None,
+    confirm: Annotated[
+        int | None,
+        typer.Option("--confirm", help="Number of different landmarks that must confirm a pose after each start."),
+    ] = None,
+    health: Annotated[str | None, typer.Option("--health", help="Serve a health page at HOST:PORT.")] = None,
     record: Annotated[
-        Path | None, typer.Option("--record", help="MCAP file of the whole run, for replay:FILE.mcap and viewers.")
+        Path | None,
+        typer.Option("--record", help="MCAP file of the whole run to write, for replay:FILE.mcap and viewers."),
     ] = None,
     as_json: options.Json = False,
-    seconds: Annotated[float | None, typer.Option("--seconds", help="End after so long.")] = None,
-    check: Annotated[bool, typer.Option("--check", help="Check the settings and end.")] = False,
+    seconds: Annotated[float | None, typer.Option("--seconds", help="Stop after this many seconds.")] = None,
+    check: Annotated[bool, typer.Option("--check", help="Check the settings and exit.")] = False,
 ) -> None:
     """Publish the pose of a robot while it drives. Reads cameras, gives poses with covariance; ends with Ctrl-C."""
     from lmkit.live.open_run import open_run

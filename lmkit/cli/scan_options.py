@@ -19,20 +19,26 @@ if TYPE_CHECKING:
 
 ScansFile = Annotated[
     Path | None,
-    typer.Option("--scans", help="Laser scans, in place of images: CSV, ROS bag or MCAP. The map has poles."),
+    typer.Option("--scans", help="Laser scans, instead of images: CSV, ROS bag or MCAP. Needs a map of poles."),
 ]
-ScanTopic = Annotated[str | None, typer.Option("--scan-topic", help="Topic of the scans in a bag.")]
+ScanTopic = Annotated[
+    str | None, typer.Option("--scan-topic", help="Topic of the scans in a bag, if it has several.")
+]
 Scanner = Annotated[
     str | None,
-    typer.Option("--scanner", help="Scanner on the robot: forward, left, degrees to the left; such as 0.16m,7mm,0."),
+    typer.Option(
+        "--scanner",
+        help="Pose of the scanner on the robot: forward, left and degrees to the left, such as 0.16m,7mm,0.",
+    ),
 ]
 Near = Annotated[
     str | None,
-    typer.Option("--near", help="Rough pose of the robot: x, y, degrees, and if wanted their deviations (0.5m,15)."),
+    typer.Option(
+        "--near",
+        help="Rough pose of the robot: x,y,degrees, or with standard deviations, such as 1.2m,0.5m,90,0.5m,15.",
+    ),
 ]
-Bright = Annotated[
-    float | None, typer.Option("--bright", help="Intensity from which an echo comes from a reflector.")
-]
+Bright = Annotated[float | None, typer.Option("--bright", help="Least intensity of the echo of a reflector.")]
 ScanSigma = Annotated[
     str | None, typer.Option("--range-sigma", help="Standard deviation of the scanner's ranges. Default: 10mm.")
 ]
@@ -69,12 +75,9 @@ def scan_settings(
 def _mount(text: str) -> ScannerMount:
     from lmkit.model.scan import ScannerMount
 
-    words = [word.strip() for word in text.split(",")]
     hint = "give forward, left and degrees to the left, such as 0.16m,7mm,0"
-    if len(words) not in (2, 3):
-        raise InputError("bad_scanner", f"--scanner {text!r} has {len(words)} values", hint)
-    x_m, y_m = (_coordinate(word, "--scanner") for word in words[:2])
-    return ScannerMount(x_m, y_m, _angle(words[2] if len(words) > 2 else "0", "--scanner", hint))
+    (x_m, y_m, angle), _ = _planar_pose(text, "--scanner", (2, 3), hint)
+    return ScannerMount(x_m, y_m, angle)
 
 
 def _rough(text: str) -> PosePriorPlanar:
@@ -83,19 +86,25 @@ def _rough(text: str) -> PosePriorPlanar:
     from lmkit.cli.parsing import parse_meters
     from lmkit.localization.pole_association import PosePriorPlanar
 
-    words = [word.strip() for word in text.split(",")]
-    hint = "give x, y, degrees, such as 1.2m,-0.5m,90, and if wanted deviations: 1.2m,-0.5m,90,0.5m,15"
-    if len(words) not in (3, 5):
-        raise InputError("bad_near", f"--near {text!r} has {len(words)} values", hint)
-    x_m, y_m = (_coordinate(word, "--near") for word in words[:2])
+    hint = "give x, y, degrees, and optionally standard deviations: 1.2m,-0.5m,90,0.5m,15"
+    pose, deviations = _planar_pose(text, "--near", (3, 5), hint)
     sigma_m, sigma_rad = NEAR_M, math.radians(NEAR_DEG)
-    if len(words) == 5:
-        sigma_m, sigma_rad = parse_meters(words[3], "--near"), _angle(words[4], "--near", hint)
+    if deviations:
+        sigma_m, sigma_rad = parse_meters(deviations[0], "--near"), _angle(deviations[1], "--near", hint)
     if sigma_m <= 0 or sigma_rad <= 0:
-        raise InputError("bad_near", f"--near {text!r}: deviations are positive", hint)
-    return PosePriorPlanar(
-        np.array([x_m, y_m, _angle(words[2], "--near", hint)]), np.diag([sigma_m, sigma_m, sigma_rad]) ** 2
-    )
+        raise InputError("bad_near", f"--near {text!r}: standard deviations must be positive", hint)
+    return PosePriorPlanar(np.array(pose), np.diag([sigma_m, sigma_m, sigma_rad]) ** 2)
+
+
+def _planar_pose(
+    text: str, name: str, counts: tuple[int, ...], hint: str
+) -> tuple[tuple[float, float, float], list[str]]:
+    """x, y (meters) and angle (radians, 0 if not given) of a list of values, and the values after them."""
+    words = [word.strip() for word in text.split(",")]
+    if len(words) not in counts:
+        raise InputError(f"bad_{name[2:]}", f"{name} {text!r} has the wrong number of values: {len(words)}", hint)
+    x_m, y_m = (_coordinate(word, name) for word in words[:2])
+    return (x_m, y_m, _angle(words[2] if len(words) > 2 else "0", name, hint)), words[3:]
 
 
 def _coordinate(word: str, name: str) -> float:

@@ -23,12 +23,12 @@ def run(
     readings: options.ReadingsFile = None,
     size: options.Size = "180mm",
     known: Annotated[
-        Path | None, typer.Option("--known", help="Map of landmarks with known poses; one suffices.")
+        Path | None, typer.Option("--known", help="Map of landmarks with known poses (at least one).")
     ] = None,
     known_sigma: Annotated[
         str | None,
         typer.Option(
-            "--known-sigma", help="Standard deviation of known poses, such as 50mm,3deg. Default: the file's."
+            "--known-sigma", help="Standard deviation of known poses, such as 50mm,3deg. Default: as in the file."
         ),
     ] = None,
     wall: Annotated[
@@ -39,7 +39,7 @@ def run(
     ] = None,
     wall_sigma: Annotated[
         str | None,
-        typer.Option("--wall-sigma", help="Standard deviation from the walls and heights. Default: 5mm,1deg."),
+        typer.Option("--wall-sigma", help="Standard deviation from the wall or height. Default: 5mm,1deg."),
     ] = None,
     odometry: options.OdometryFile = None,
     gyro: options.GyroFile = None,
@@ -51,7 +51,7 @@ def run(
     report: options.ReportOutput = None,
     rerun: options.RerunOutput = None,
     save_detections: Annotated[
-        Path | None, typer.Option("--save-detections", help="CSV of detections to write, for a repeated run.")
+        Path | None, typer.Option("--save-detections", help="CSV file of detections to write, for --detections.")
     ] = None,
     jobs: options.Jobs = None,
     as_json: options.Json = False,

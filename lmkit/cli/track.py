@@ -87,7 +87,7 @@ def run(
     if not drive.sure:
         why = "check that landmarks of the map are in view"
         raise NegativeAnswer(
-            "not_tracked", "no frame was located for sure", drive.remarks[0] if drive.remarks else why
+            "not_tracked", "no frame was located reliably", drive.remarks[0] if drive.remarks else why
         )
     warn_all(drive.remarks, () if cameras is None else rig_warnings(cameras, "the rig"))
     write_outputs({tum: poses_to_tum(drive.sure), csv: tracked_csv(drive)}, force)

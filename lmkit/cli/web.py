@@ -12,14 +12,15 @@ from lmkit.errors import InputError
 
 
 def run(
-    folder: Annotated[Path, typer.Argument(help="Project folder; it is made where it is missing.")] = Path(),
+    folder: Annotated[Path, typer.Argument(help="Project folder; created if missing.")] = Path(),
     host: Annotated[
-        str, typer.Option("--host", help="Address to listen on; 0.0.0.0 for phones, with a token.")
+        str,
+        typer.Option("--host", help="Address to listen on. 0.0.0.0 admits phones in the same network, by a token."),
     ] = "127.0.0.1",
     port: Annotated[int | None, typer.Option("--port", help="Port. Default: the first free one from 8600.")] = None,
     browser: Annotated[bool, typer.Option("--open", help="Open the page in the browser.")] = False,
 ) -> None:
-    """Serve a page in the browser. Print, check prints, calibrate, survey, and look at the map."""
+    """Serve lmkit as a page in the browser. Print, check prints, calibrate, survey, and look at the map."""
     if port is not None and not 0 <= port <= 65535:
         raise InputError("out_of_range", f"--port {port} is outside 0 to 65535", "leave it out for a free one")
     from lmkit.web.server import serve

@@ -1,8 +1,10 @@
-"""Acceptance: is a decoded square a landmark, and is its code right?  One logistic score answers both.
+"""Acceptance of a decoded square as a landmark with the right code, by one logistic score.
 
-The score is a sum of terms, each a figure that the decoding shows times a weight: the log odds that a landmark is
+The score is a sum of terms, each a figure of the decoding times a weight: the log odds that a landmark is
 there and that its code is right.  `benchmarks/train_acceptance.py` fits the weights on simulated cameras and on
 photographs and prints the table below; docs/landmark.md, section 6, explains the terms.
+
+AprilTag and ArUco markers have another rule: `TagRule` in `tag_registration`.
 """
 
 from __future__ import annotations

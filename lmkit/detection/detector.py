@@ -171,7 +171,7 @@ def _check_image(image: ByteArray, options: DetectOptions) -> None:
         raise InputError(
             "bad_image",
             f"an image of shape {image.shape} and type {image.dtype} cannot be searched",
-            "give (height, width, 3) BGR, 8 bit; lmkit.read_image reads any file so",
+            "give (height, width, 3) BGR, 8 bit; read files with lmkit.read_image",
         )
     for one, other in combinations(options.families, 2):
         if one.is_drawn_like(other):

@@ -76,7 +76,7 @@ def _fetched(job: StageJob, scratch: Path) -> Path:
     is_bag = path.suffix.lower() in BAGS or (path.is_dir() and (path / BAG_FOLDER_HAS).exists())
     if not is_bag:
         if not path.is_dir():
-            raise InputError("file_missing", f"{source} is not there any more", "scan again")
+            raise InputError("file_missing", f"{source} no longer exists", "scan again")
         return path
     from lmkit.io.bags import unpack_bag
     from lmkit.io.files import write_file
@@ -91,7 +91,7 @@ def _rig_of(job: StageJob, folder: Path) -> AnyRig:
     rig = Path(job.recording.rig) if job.recording.rig else folder / "rig.yaml"
     if not rig.is_file():
         hint = "give --rig to lmkit fleet scan, or put rig.yaml into the recording's folder"
-        raise InputError("no_rig", f"no rig of {job.recording.name}: {rig} is not there", hint)
+        raise InputError("no_rig", f"{rig}, the rig of {job.recording.name}, does not exist", hint)
     return read_any_rig(rig)
 
 

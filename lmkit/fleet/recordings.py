@@ -72,7 +72,9 @@ def find_recordings(pattern: str, rig: str = "") -> list[FleetRecording]:
     unknown = [n for n in names if n not in KNOWN] + [n for n in PLACEHOLDER.findall(rig) if n not in names]
     if unknown:
         raise InputError(
-            "bad_pattern", f"{{{unknown[0]}}} is not in the pattern's names", f"use {', '.join(KNOWN)} in the pattern"
+            "bad_pattern",
+            f"{{{unknown[0]}}} is not a placeholder of the pattern",
+            f"use {', '.join(KNOWN)} in the pattern",
         )
     scheme, separator, path = pattern.rpartition("://")
     fixed = re.split(r"[*{\[?]", path, maxsplit=1)[0].rpartition("/")[0]
@@ -94,7 +96,7 @@ def find_recordings(pattern: str, rig: str = "") -> list[FleetRecording]:
     if not found:
         raise InputError(
             "no_recordings",
-            f"no recording fits {pattern}",
+            f"no recording matches {pattern}",
             f"a recording is a bag ({', '.join(BAGS)}) or a folder with detections.csv or images; quote the pattern",
         )
     return sorted(found, key=lambda r: r.source)

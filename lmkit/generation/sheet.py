@@ -225,7 +225,7 @@ def _check_parts(around: list[Part], faces: tuple[PrintedFace, ...], template: P
         if part.name != "cut contour" and any(_touches(part, face.margin_box) for face in faces):
             raise InputError(
                 "overlap",
-                f"template {template.name}: the {part.name} stands in a landmark's white margin",
+                f"template {template.name}: the {part.name} overlaps a landmark's white margin",
                 "move it outward, or choose a smaller --size",
             )
     for one, other in combinations([part for part in around if part.alone], 2):

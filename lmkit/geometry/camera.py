@@ -114,7 +114,7 @@ class CameraModel:
                 "sizes_differ",
                 f"{name} is {size[0]} x {size[1]} pixels, the rig's camera "
                 f"{self.image_size[0]} x {self.image_size[1]}",
-                "give images as they were calibrated",
+                "give images of the calibrated size",
             )
 
     def contains(self, pixels: FloatArray, border_px: float = 0.0) -> BoolArray:

@@ -44,7 +44,7 @@ def with_four_coefficients(camera: CameraModel, model: str) -> tuple[CameraModel
     start = np.array([K[0, 0], K[1, 1], K[0, 2], K[1, 2], *lens])
     try:
         if len(pixels) < LEAST_PIXELS:
-            raise ValueError("the distortion holds nowhere in the image")
+            raise ValueError("the distortion is not valid anywhere in the image")
         scale = [100] * 4 + [0.1] * 4
         found = least_squares(lambda x: (made(x).project(points) - seen).ravel(), start, x_scale=scale)
         nearest = made(np.asarray(found.x))

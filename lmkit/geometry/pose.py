@@ -58,7 +58,7 @@ class Pose:
         """
         T = frozen(matrix, (4, 4), "matrix")
         if np.abs(T[3] - [0.0, 0.0, 0.0, 1.0]).max() > 1e-9:
-            raise ValueError("the last row of a homogeneous matrix is 0 0 0 1")
+            raise ValueError("the last row of a homogeneous matrix must be 0 0 0 1")
         return cls(to_frame, from_frame, T[:3, :3], T[:3, 3])
 
     @property

@@ -59,7 +59,7 @@ class Rig:
 
     def __post_init__(self) -> None:
         if not self.cameras:
-            raise ValueError("a rig has at least one camera")
+            raise ValueError("a rig needs at least one camera")
         names = [camera.name for camera in self.cameras]
         if len(set(names)) < len(names):
             raise ValueError(f"two cameras have the same name: {', '.join(names)}")

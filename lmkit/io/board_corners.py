@@ -106,7 +106,9 @@ def _view(path: Path, k: int, pair: _Pair, count: int) -> PairView:
         good = len(side.ids) == len(side.points) == len(set(side.ids)) and all(i < count for i in side.ids)
         if not good:
             where = f"pairs[{k}].{name}"
-            raise InputError("bad_corners", f"{path}: {where}: its ids and points are no corners of the board", _HINT)
+            raise InputError(
+                "bad_corners", f"{path}: {where}: its ids and points are not corners of the board", _HINT
+            )
     return PairView(
         pair.pair,
         np.array(pair.left.ids, dtype=np.int64),

@@ -184,7 +184,9 @@ def _check_bounds(path: Path, text: str) -> None:
     for event in yaml.parse(text, Loader=_BaseLoader):
         if isinstance(event, yaml.AliasEvent):
             if event.anchor not in sizes:
-                raise InputError("bad_yaml", f"{path}: alias *{event.anchor} holds itself or nothing", "remove it")
+                raise InputError(
+                    "bad_yaml", f"{path}: alias *{event.anchor} refers to itself or to nothing", "remove it"
+                )
             count += sizes[event.anchor]
         elif isinstance(event, yaml.ScalarEvent):
             count += 1
@@ -215,7 +217,7 @@ def _check_values(path: Path, data: object, finite: bool) -> None:
         if isinstance(value, int) and abs(value) >= MAX_INTEGER:
             raise InputError("bad_value", f"{path}: {where}: an integer beyond 64 bits", "write a smaller number")
         if isinstance(value, str) and any("\ud800" <= letter <= "\udfff" for letter in value):
-            raise InputError("bad_value", f"{path}: {where}: half a character (surrogate)", "write plain text")
+            raise InputError("bad_value", f"{path}: {where}: an incomplete character (surrogate)", "write plain text")
 
 
 def _leaves(value: object, where: str) -> Iterator[tuple[str, object]]:

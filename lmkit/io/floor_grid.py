@@ -52,7 +52,9 @@ def floor_of_grid(
     """
     if scale_m > LARGEST_CELL_M:
         raise InputError(
-            "coarse_plan", f"{path}: a pixel of {scale_m:g} m is too coarse", f"draw it {LARGEST_CELL_M} m fine"
+            "coarse_plan",
+            f"{path}: a pixel of {scale_m:g} m is too coarse",
+            f"draw it with pixels of {LARGEST_CELL_M} m or less",
         )
     if drawing.thin_m > 0:
         free = ~without_thin_lines(~free, drawing.thin_m, scale_m)

@@ -42,7 +42,7 @@ class _Camera(BaseModel):
     @classmethod
     def _is_pinhole(cls, name: str) -> str:
         if name != "pinhole":
-            raise ValueError(f"{name!r} is not read, only pinhole; calibrate again with pinhole-equi")
+            raise ValueError(f"{name!r} is not supported, only pinhole; calibrate again with pinhole-equi")
         return name
 
     def T_camera_imu(self) -> FloatArray | None:
@@ -68,7 +68,7 @@ def rig_to_camchain(rig: AnyRig) -> tuple[str, str, float]:
     if worst[kind] > MOST_ERROR_PX:
         raise InputError(
             "no_kalibr_lens",
-            f"Kalibr's lenses of four coefficients miss this rig's by {worst[kind]:.2f} px or more",
+            f"Kalibr's lens models (four coefficients) differ from this rig's by {worst[kind]:.2f} px or more",
             "calibrate with --model radtan (wide lenses: fisheye), or write opencv or ros instead",
         )
     cameras: dict[str, Any] = {}
@@ -117,7 +117,7 @@ def read_camchain(path: Path) -> AnyRig:
                     "bad_camchain", f"{path}: {names[k]}.T_cn_cnm1: missing (and no T_cam_imu of both)", hint
                 )
             if np.linalg.det(between[:3, :3]) < LEAST_DETERMINANT:
-                raise ValueError(f"{names[k]}: its rotation to {names[k - 1]} is not a rotation")
+                raise ValueError(f"{names[k]}: the rotation to {names[k - 1]} is not a rotation")
             T = between @ T
             poses.append(T)
         models = [_camera(camera) for camera in chain]

@@ -73,7 +73,9 @@ def read_map(path: Path) -> LandmarkMap:
             )
         id_, valid = LandmarkId(item.family, item.code), (item.valid_from, item.valid_to)
         if item.valid_from is not None and item.valid_to is not None and item.valid_to < item.valid_from:
-            raise InputError("bad_value", f"{where}.valid_to: before valid_from", "write seconds of one clock")
+            raise InputError(
+                "bad_value", f"{where}.valid_to: earlier than valid_from", "write both in seconds of the same clock"
+            )
         landmarks.append(MappedLandmark(id_, item.size_m, pose, covariance, item.name, *valid))
     try:
         return LandmarkMap(landmarks)

@@ -126,7 +126,7 @@ def read_fiducial_slam(path: Path, text: str, defaults: MarkerDefaults) -> list[
         if not words:
             continue
         if _FIDUCIALS.match(line) is None:
-            raise InputError("bad_map", f"{path}: line {number} is no marker", "give map.txt of fiducial_slam")
+            raise InputError("bad_map", f"{path}: line {number} is not a marker", "give map.txt of fiducial_slam")
         x, y, z, *angles = (float(word) for word in words[1:7])
         roll, pitch, yaw = (math.radians(angle) for angle in angles)
         R = _about(2, yaw) @ _about(1, pitch) @ _about(0, roll)
@@ -221,12 +221,12 @@ def _about(axis: int, angle: float) -> FloatArray:
 
 def _rotation(R: FloatArray) -> FloatArray:
     if not np.abs(R @ R.T - np.eye(3)).max() < NOT_A_ROTATION or np.linalg.det(R) < 0:
-        raise ValueError("its rotation is not a rotation")
+        raise ValueError("its rotation matrix is not a rotation")
     return orthonormal(R)
 
 
 def _size(value: Any) -> float:
     size = float(value)
     if not 0 < size < 1e5:
-        raise ValueError(f"a size of {size:g}")
+        raise ValueError(f"size {size:g} is out of range")
     return size

@@ -131,7 +131,7 @@ _Loader.add_constructor("tag:yaml.org,2002:opencv-nd-matrix", _read_matrix)
 def _from_xml(path: Path, text: str) -> dict[str, Any]:
     """Values of cv2.FileStorage's XML: matrices, and text of anything else that has no children."""
     if "<!" in text.replace("<!--", ""):
-        raise InputError("bad_opencv", f"{path}: holds declarations (<!), which are not read", "remove them")
+        raise InputError("bad_opencv", f"{path}: contains declarations (<!), which are not supported", "remove them")
     try:
         root = ElementTree.fromstring(text)
     except (ElementTree.ParseError, ValueError) as error:

@@ -56,7 +56,9 @@ def read_odometry(path: Path, track_m: float | None = None) -> Odometry:
     if kind == _KINDS[1]:
         if track_m is None:
             raise InputError(
-                "no_track", f"{path} counts wheels", "give the distance of the wheels: --wheel-track 0.4m"
+                "no_track",
+                f"{path} holds distances of wheels",
+                "give the distance between the wheels: --wheel-track 0.4m",
             )
         return Odometry.from_wheels(times, values[0], values[1], track_m)
     return Odometry.from_velocities(times, *values)
@@ -115,7 +117,7 @@ def read_detections(path: Path, families: Sequence[str], cameras: Sequence[str] 
             raise InputError(error.code, f"{path}: line {number}: {error.message}", error.hint) from None
         except ValueError as error:
             raise InputError(
-                "bad_detection", f"{path}: line {number} is no detection ({error})", "see docs/formats.md"
+                "bad_detection", f"{path}: line {number} is not a detection ({error})", "see docs/formats.md"
             ) from None
         frames.setdefault(time, {name: [] for name in cameras})[side].append(observation)
     if not frames:
@@ -169,7 +171,7 @@ def _read_numbers(path: Path, what: str) -> dict[str, FloatArray]:
     rows = read_rows(path, what)
     header = _header(rows)
     if len(set(header)) < len(header):
-        raise InputError("bad_header", f"{path}: line 1 names a column twice", "keep one of them")
+        raise InputError("bad_header", f"{path}: line 1 has a column twice", "keep one of them")
     if "time_s" not in header:
         raise InputError("bad_header", f"{path}: line 1 has no column time_s", "write a header such as time_s,...")
     # Columns of text or of other things (rostopic's header.frame_id) are left alone, not converted.

@@ -6,16 +6,25 @@ from pathlib import Path
 from typing import Annotated, Any
 
 import numpy as np
-from pydantic import Field
+from pydantic import AfterValidator, Field
 
 from lmkit.errors import InputError
 from lmkit.geometry.camera import CameraModel
+from lmkit.geometry.lens_models import LENS_MODELS
 from lmkit.geometry.pose import Pose
 from lmkit.geometry.rig import AnyRig, MountedCamera, Rig
 from lmkit.geometry.stereo_rig import StereoRig
 from lmkit.io.document_head import head_of
 from lmkit.io.documents import Document, dump_yaml, read_document, read_text
 
+
+def _known_lens(name: str) -> str:
+    if name not in LENS_MODELS:
+        raise ValueError(f"{name!r} is not a lens model; known: {', '.join(LENS_MODELS)}")
+    return name
+
+
+LensName = Annotated[str, AfterValidator(_known_lens)]
 Row = Annotated[list[float], Field(min_length=3, max_length=3)]
 Matrix3 = Annotated[list[Row], Field(min_length=3, max_length=3)]
 Row6 = Annotated[list[float], Field(min_length=6, max_length=6)]
@@ -24,7 +33,7 @@ Matrix6 = Annotated[list[Row6], Field(min_length=6, max_length=6)]
 
 class _Camera(Document):
     image_size: tuple[int, int]
-    model: str
+    model: LensName
     K: Matrix3
     distortion: list[float]
 

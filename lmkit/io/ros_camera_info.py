@@ -129,7 +129,9 @@ def rig_to_camera_info(rig: Rig) -> str:
 
 def _shift(path: Path, P: FloatArray) -> FloatArray:
     if np.linalg.cond(P[:, :3]) > 1e12:
-        raise InputError("no_stereo", f"{path}: projection_matrix is singular", "give what stereo calibration wrote")
+        raise InputError(
+            "no_stereo", f"{path}: projection_matrix is singular", "give the files that stereo calibration wrote"
+        )
     return np.asarray(np.linalg.solve(P[:, :3], P[:, 3]))
 
 

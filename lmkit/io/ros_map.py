@@ -61,7 +61,7 @@ def read_ros_map(path: Path, text: str, drawing: DrawingOptions = PLAIN_DRAWING)
         )
     if data.mode == "raw" and data.negate:
         raise InputError(
-            "map_mode", f"{path}: negate in mode raw means nothing in nav2", "save the map without negate"
+            "map_mode", f"{path}: negate has no meaning in mode raw (nav2)", "save the map without negate"
         )
     free, solid = _cells(path.parent / data.image, data)
     rotation = data.origin[2] if len(data.origin) > 2 else 0.0

@@ -51,7 +51,7 @@ def read_svg_lines(path: Path, curves: bool = True) -> list[tuple[FloatArray, Fl
     """
     text = read_text(path, "floor plan")
     if "<!ENTITY" in text:
-        raise InputError("not_svg", f"{path}: holds entities, which are not read", "save it as plain SVG")
+        raise InputError("not_svg", f"{path}: contains entities, which are not supported", "save it as plain SVG")
     try:
         root = ElementTree.fromstring(text)
     except (ElementTree.ParseError, ValueError) as error:
@@ -63,7 +63,7 @@ def read_svg_lines(path: Path, curves: bool = True) -> list[tuple[FloatArray, Fl
     except OverflowError as error:
         raise InputError("svg_too_large", f"{path}: {error}", _HINT) from None
     if not len(ends):
-        raise InputError("no_walls", f"{path}: no line in it", _HINT)
+        raise InputError("no_walls", f"{path}: it contains no line", _HINT)
     if not np.abs(ends).max() < LARGEST:
         raise InputError("svg_too_large", f"{path}: coordinates that are not finite, or beyond {LARGEST:g}", _HINT)
     low, high = ends.reshape(-1, 2).min(axis=0), ends.reshape(-1, 2).max(axis=0)

@@ -157,11 +157,11 @@ class PageTemplate(_Part):
     @model_validator(mode="after")
     def _is_whole(self) -> PageTemplate:
         if (self.paper is None) == (self.paper_mm is None):
-            raise ValueError("give one of paper and paper_mm")
+            raise ValueError("give either paper or paper_mm")
         if self.paper is not None and self.paper not in PAPERS_MM:
             raise ValueError(f"paper {self.paper!r} is unknown; known: {', '.join(PAPERS_MM)}; or give paper_mm")
         if [self.centre_mm is None, self.grid is None, not self.places].count(False) != 1:
-            raise ValueError("give one of centre_mm, grid and places")
+            raise ValueError("give exactly one of centre_mm, grid and places")
         for line in (*self.cut_lines, *self.fold_lines):
             if (line[0] != line[2]) == (line[1] != line[3]):
                 raise ValueError(f"line {list(line)} must run along one of the paper's edges")

@@ -85,7 +85,7 @@ def read_two_trajectories(truth: Path, estimate: Path) -> tuple[Trajectory, Traj
         raise InputError(
             "unlike_trajectories",
             f"{truth} holds {len(tables[0])} KITTI poses, {estimate} {len(tables[1])}",
-            "give as many rows in both; they have no times to match by",
+            "give files with the same number of rows: KITTI poses have no times",
         )
     return _of_kitti(truth, tables[0]), _of_kitti(estimate, tables[1])
 
@@ -103,7 +103,7 @@ def _of_kitti(path: Path, lines: Sequence[str]) -> Trajectory:
         try:
             T = np.array([to_number(word) for word in line.split("#", 1)[0].split()]).reshape(3, 4)
             if np.abs(T[:, :3] @ T[:, :3].T - np.eye(3)).max() > UNIT or np.linalg.det(T[:, :3]) < 0:
-                raise ValueError("its rotation is not a rotation")
+                raise ValueError("its rotation matrix is not a rotation")
         except ValueError as error:
             raise InputError(
                 "bad_trajectory", f"{path}: pose {number + 1}: {error}", "write rows r11 r12 r13 tx r21 ... tz"

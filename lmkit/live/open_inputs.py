@@ -39,7 +39,9 @@ def open_inputs(values: RunFile, inbox: MotionInbox, clock: LoopClock, motion: s
         kinds = frozenset(kind for kind, other in given.items() if other == text)
         if not is_live_input(text):
             raise InputError(
-                "no_live_odometry", f"{text}: live images take no file", "such as ros2:/odom, mavlink:..., ws:8766"
+                "no_live_odometry",
+                f"{text}: live images need a live input, not a file",
+                "give for example ros2:/odom, mavlink:... or ws:8766",
             )
         if text.startswith("mavlink:") and text in values.to:
             raise InputError(
@@ -62,6 +64,6 @@ def _opener(text: str, kinds: frozenset[str]) -> Callable[[], MotionInput]:
     address = parse_ros(":" + rest)
     if not address.topic or len(kinds) > 1:
         raise InputError(
-            "bad_ros", f"{text}: one topic is needed for each of odometry and gyro", "such as ros2:/odom"
+            "bad_ros", f"{text}: one topic is needed for each of odometry and gyro", "give for example ros2:/odom"
         )
     return partial(RosInput, address, choose(address), kinds == {"gyro"})

@@ -50,7 +50,7 @@ def _recorder(settings: RunSettings, rig: AnyRig, landmarks: LandmarkMap, motion
     values = settings.values
     path = Path(str(values.record))
     if path.suffix.lower() != ".mcap":
-        raise InputError("bad_output", f"--record {path}: not an MCAP file", "write such as --record drive.mcap")
+        raise InputError("bad_output", f"--record {path}: not an MCAP file", "write for example --record drive.mcap")
     if path.exists():
         raise InputError("exists", f"{path} exists", "choose another name, or remove it")
     require("mcap", "--record", "bags")

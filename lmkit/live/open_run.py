@@ -58,7 +58,9 @@ def open_run(settings: RunSettings, dry: bool = False) -> LiveRun:
     else:
         if is_live_input(settings.values.odometry) or is_live_input(settings.values.gyro):
             raise InputError(
-                "live_odometry", "recorded images take odometry from files", "such as --odometry odometry.csv"
+                "live_odometry",
+                "recorded images need odometry from a file",
+                "give for example --odometry odometry.csv",
             )
         texts = [a.text for a in settings.sources]
         require_image_of_each([camera.name for camera in mounted_cameras(rig)], texts)
@@ -110,9 +112,7 @@ def _simulated_run(settings: RunSettings, clock: LoopClock, dry: bool) -> LiveRu
 def _rig(settings: RunSettings) -> AnyRig:
     path = settings.path(settings.values.rig)
     if path is None:
-        raise InputError(
-            "no_rig", "images need the rig that takes them", "give --rig rig.yaml, or rig: in the run file"
-        )
+        raise InputError("no_rig", "images need a rig", "give --rig rig.yaml, or rig: in the run file")
     return read_any_rig(path)
 
 

@@ -64,7 +64,9 @@ class SourceAddress:
         except ValueError:
             value = -1.0
         if not 0 <= value < 1e9:
-            raise InputError("bad_source", f"{self.text}: {name}={text} is not a number", f"write such as {name}=30")
+            raise InputError(
+                "bad_source", f"{self.text}: {name}={text} is not a number", f"write for example {name}=30"
+            )
         return value
 
     @property
@@ -88,7 +90,9 @@ def parse_source(text: str) -> SourceAddress:
         return SourceAddress("stream", url, _options(options, text, CAMERA_OPTIONS), text=text)
     if scheme == "pipe" and colon:
         if not rest.strip():
-            raise InputError("bad_source", f"{text}: no command", "give such as 'pipe:rpicam-vid --codec mjpeg -o -'")
+            raise InputError(
+                "bad_source", f"{text}: no command", "give for example 'pipe:rpicam-vid --codec mjpeg -o -'"
+            )
         return SourceAddress("pipe", rest, text=text)
     if scheme in ("camera", "sim") and colon:
         target, _, options = rest.partition("?")
@@ -125,7 +129,9 @@ def parse_size(text: str, what: str) -> tuple[int, int]:
     """
     match = re.fullmatch(r"(\d{2,5})x(\d{2,5})", text)
     if match is None:
-        raise InputError("bad_source", f"{what}: size {text!r} is not WIDTHxHEIGHT", "write such as size=1280x720")
+        raise InputError(
+            "bad_source", f"{what}: size {text!r} is not WIDTHxHEIGHT", "write for example size=1280x720"
+        )
     return int(match[1]), int(match[2])
 
 
@@ -137,5 +143,5 @@ def parse_seconds(text: str, what: str) -> float:
     """
     match = _SECONDS.fullmatch(text.strip())
     if match is None:
-        raise InputError("bad_duration", f"{what} {text!r} is not a time", "write such as 80ms or 1.5s")
+        raise InputError("bad_duration", f"{what} {text!r} is not a time", "write for example 80ms or 1.5s")
     return float(match[1]) / (1000 if match[2] == "ms" else 1)

@@ -42,7 +42,7 @@ FIRST = np.zeros(1, dtype=np.int64)
 
 @dataclass(frozen=True)
 class LocateOptions:
-    """The few dials of locating.
+    """Options of `locate_rig` and `locate_camera`.
 
     Attributes:
         corner_floor_px: standard deviation added to every corner's own: what calibration and flat
@@ -52,7 +52,7 @@ class LocateOptions:
             landmarks leave a valley of poses rather than two.
         outlier_sigma: a landmark is explained when the root mean square of its eight corner
             coordinates stays under this many standard deviations.
-        gate_share: before refinement, a landmark is explained when its corners lie within this
+        gate_share: before refinement, a landmark is explained when its corners are projected to within this
             share of its side.
         prior: what is known of the pose beforehand.
     """
@@ -72,10 +72,10 @@ def locate_rig(
     landmarks: LandmarkMap,
     options: LocateOptions | None = None,
 ) -> PoseEstimate:
-    """The pose of the rig's first (left) camera in the map.
+    """Pose of the rig's first (left) camera in the map; `PoseEstimate.T_map_base` gives the pose of the robot.
 
-    A camera that sees landmarks of the map, but none where it should, is not where the rig says.  With three or more
-    cameras those that agree give the pose, and the others are named in ``outlier_cameras``.
+    If all mapped landmarks in one camera are outliers, the rig's extrinsics do not hold.  With three or more cameras,
+    the cameras that agree give the pose, and ``outlier_cameras`` names the others.
 
     Args:
         seen: detections in the image of every camera, corners in pixels as delivered.
@@ -128,7 +128,7 @@ _Camera = tuple[Sequence[Detection], CameraModel, FloatArray, FloatArray]
 def _locate(
     cameras: Sequence[_Camera], landmarks: LandmarkMap, options: LocateOptions
 ) -> tuple[PoseEstimate, frozenset[int]]:
-    """The estimate, and the minority of cameras that see landmarks of the map, but none where they should."""
+    """The estimate, and the minority of cameras in which every mapped landmark is an outlier."""
     seen = Correspondences(cameras, landmarks, options.corner_floor_px)
     if not len(seen):
         return PoseEstimate(PoseStatus.NO_LANDMARKS, outliers=tuple(sorted(seen.twice))), frozenset()
@@ -145,7 +145,7 @@ def _locate(
         minority = blind if 2 * len(blind) < len(looking) else frozenset[int]()
         return PoseEstimate(PoseStatus.INCONSISTENT, outliers=tuple(sorted(ids | seen.twice))), minority
     covariance = seen.covariance(poses, inliers, options.prior)
-    # So far along its least known direction may a pose lie that explains the images almost as well.
+    # Largest distance of a pose that explains the images almost as well: along the direction known least.
     widest = np.linalg.eigvalsh(np.array([covariance[:3, :3], covariance[3:, 3:]]))[:, -1].tolist()
     reach_m, reach_rad = (math.sqrt(2 * options.ambiguous_below * max(value, 0.0)) for value in widest)
     ratios = (cost - cost[0]).tolist()

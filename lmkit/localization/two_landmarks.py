@@ -46,7 +46,7 @@ def locate_by_two(
     """
     d = float(np.hypot(*(B - A)))
     if d == 0:
-        raise ValueError("the two landmarks stand in the same place")
+        raise ValueError("the two landmarks have the same position")
     u = (B - A) / d
     n = np.array([-u[1], u[0]])
     s = (range_a**2 - range_b**2 + d**2) / (2 * d)

@@ -92,7 +92,7 @@ class BoardSpec:
         if not first.isdecimal() or int(first) + size[0] * size[1] > LM8.code_count:
             raise InputError(
                 "bad_board",
-                f"first code {first!r} of board {text!r}: {size[0] * size[1]} codes from it are not in 0 to "
+                f"first code {first!r} of board {text!r}: the board needs {size[0] * size[1]} codes in 0 to "
                 f"{LM8.code_count - 1}",
                 _HINT,
             )

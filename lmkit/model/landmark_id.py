@@ -50,7 +50,7 @@ class LandmarkId(NamedTuple):
             several = ", ".join(f"{name}:{code}" for name in known) or f"lm8:{code}"
             raise InputError(
                 "no_family",
-                f"code {code} has no family",
+                f"code {code} is without its family",
                 f"write it with its family: {several}",
             )
         return cls(known[0], int(code))

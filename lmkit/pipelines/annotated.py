@@ -28,7 +28,7 @@ def require_folder_name(folder: Path) -> None:
     if folder.suffix.lower() in SUFFIXES | VIDEO_SUFFIXES and not folder.is_dir():
         raise InputError(
             "not_a_folder",
-            f"--annotate {folder} is named as a file, and a folder is needed",
+            f"--annotate {folder} must name a folder, not a file",
             f"give --annotate {folder.with_suffix('')}; files in it are named after the images",
         )
 

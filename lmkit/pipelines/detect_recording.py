@@ -127,7 +127,7 @@ def read_recording(
         cameras = PAIR if rig is None else [camera.name for camera in mounted_cameras(rig)]
         return Recording(tuple(read_detections(detections, names, cameras)), odometry=own, gyro=rate)
     if rig is None:
-        raise InputError("no_rig", "images need the rig that took them", "give rig")
+        raise InputError("no_rig", "images need a rig", "give rig")
     total = frame_count(sources[:1]) or 0
     frames = []
     for frame in see_drive(sources, rig, [family_named(name) for name in names], hz):

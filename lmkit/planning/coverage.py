@@ -135,7 +135,8 @@ def places_on(floor: FloorPlan, radius_m: float, step_m: float | None = None) ->
     if not free.any():
         raise InputError(
             "no_room",
-            f"a robot of radius {radius_m:g} m fits nowhere: the widest place has {floor.clearance_m.max():.2f} m",
+            f"a robot of radius {radius_m:g} m fits nowhere: "
+            f"the largest radius that fits is {floor.clearance_m.max():.2f} m",
             "check --scale and --radius",
         )
     if step_m is None:

@@ -134,8 +134,8 @@ class Search:
         or_else = f", or {1000 * error:.2g} mm over {self.demand.share:.0%}" if error < BLIND_M else ""
         raise NegativeAnswer(
             "impossible_demand",
-            f"with a landmark wherever one fits, the requirement holds on {self.possible:.0%} of the floor, "
-            f"{self.demand.share:.0%} are required",
+            f"even with a landmark at every possible place, the requirement holds on {self.possible:.0%} of the "
+            f"floor, {self.demand.share:.0%} are required",
             f"possible: {np.floor(100 * self.possible):.0f} %{or_else}; larger landmarks (--size), fewer directions "
             "(--headings) or one landmark in view (--in-view 1) ask less",
         )

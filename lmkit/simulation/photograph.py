@@ -268,7 +268,9 @@ def black_body_rgb(temperature_k: float) -> FloatArray:
         InputError: outside that range.
     """
     if not 1667 <= temperature_k <= 25000:
-        raise InputError("bad_temperature", f"{temperature_k} K is outside 1667 to 25000 K", "choose one inside")
+        raise InputError(
+            "bad_temperature", f"{temperature_k} K is outside 1667 to 25000 K", "choose a value in this range"
+        )
     color: FloatArray = _planckian_rgb(temperature_k) / _planckian_rgb(DAYLIGHT_K)
     return color / float(color[1])
 

@@ -53,7 +53,7 @@ def track_scans(
     answers = run_live(times, identified.observe, identified.filter.wheels, odometry, gyro)
     if not answers:
         raise NegativeAnswer(
-            "not_located", f"none of {len(scans)} scans shows for sure where the robot is",
+            "not_located", f"none of {len(scans)} scans determines the pose of the robot",
             "give its rough pose at the first scan (--near), or check the poles' diameters in the map",
         )  # fmt: skip
     if live:

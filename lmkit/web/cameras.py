@@ -143,7 +143,7 @@ def _require_source(project: Project, source: str) -> None:
     """Refuse what is no camera, film or folder of pairs.
 
     Raises:
-        InputError: it is none, or leads out of the project.
+        InputError: it is none, or is outside the project.
     """
     if CAMERA.fullmatch(source):
         return

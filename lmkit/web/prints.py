@@ -144,7 +144,7 @@ def _layout(body: PrintBody) -> tuple[Any, list[int]]:
         raise InputError("too_many", f"{len(codes)} codes", hint)
     # A template may be a file on the command line; here it is one of those shipped.
     if body.template and body.template not in shipped_templates():
-        raise InputError("unknown_template", f"there is no template {body.template!r}", "choose one of the list")
+        raise InputError("unknown_template", f"there is no template {body.template!r}", "choose one from the list")
     size_mm = parse_length_mm(body.size, "size") if body.size else None
     if size_mm is not None:
         check_landmark_size(size_mm)

@@ -47,7 +47,7 @@ class Project:
         path = self.root.joinpath(*parts)
         # A symbolic link may lead anywhere.
         if not path.resolve().is_relative_to(self.root):
-            raise InputError("bad_name", f"{name[:80]!r} leads out of the project", "keep the files in the folder")
+            raise InputError("bad_name", f"{name[:80]!r} is outside the project", "keep the files in the folder")
         return path
 
     def public(self, name: str) -> Path:

@@ -128,8 +128,8 @@ def plan_guide(project: Project, body: JobBody) -> Plan:
     if not is_film and not ((source / "left").is_dir() and (source / "right").is_dir()):
         raise InputError(
             "no_source",
-            f"{body.source[:80]!r} is no film and has no folders left and right",
-            "put a side-by-side film, or folders left and right, into the project",
+            f"{body.source[:80]!r} is not a video and has no folders left and right",
+            "put a side-by-side video, or folders left and right, into the project",
         )
     cameras = [body.source] if is_film else [f"{body.source}/left", f"{body.source}/right"]
     folder = project.unused("pairs", _stem(body.source), "")

@@ -38,7 +38,7 @@ class Workers:
             InputError: too many calls at once, too slow, or the process died over it.
         """
         if self._waiting >= WAITING:
-            raise InputError("busy", "too much at once", "wait for what is running")
+            raise InputError("busy", "too many requests at once", "wait until the running ones end")
         if self._processes == 0:
             return await asyncio.to_thread(work, *args, **kwargs)
         self._waiting += 1
@@ -52,7 +52,7 @@ class Workers:
             raise InputError("too_slow", problem, "give a smaller file, or use the command line") from None
         except BrokenProcessPool:
             self._drop(pool)
-            raise InputError("broken", "the reader of this file broke off", "give another file") from None
+            raise InputError("broken", "reading this file failed", "give another file") from None
         finally:
             self._waiting -= 1
 

@@ -85,7 +85,7 @@ def test_check_says_true_of_its_own_rig_and_moved_of_another(lmkit, pairs, tmp_p
     bad = lmkit("calibrate", "--check", "other.yaml", left, right, "--board", SPEC, "--json")
     assert bad.code == 1
     assert json.loads(bad.out)["state"] in ("moved", "lenses")
-    assert "no longer holds" in bad.err
+    assert "no longer valid" in bad.err
 
 
 @pytest.mark.slow

@@ -209,7 +209,7 @@ def test_the_manifest_says_what_is_printed():
 
 WRONG = {
     "unknown key": ({"margin": 3}, "margin"),
-    "two papers": ({"paper_mm": [100, 100]}, "one of paper and paper_mm"),
+    "two papers": ({"paper_mm": [100, 100]}, "either paper or paper_mm"),
     "no such paper": ({"paper": "a7"}, "a7"),
     "no place": ({"centre_mm": None}, "one of centre_mm, grid and places"),
     "slanted line": ({"cut_lines": [[0, 0, 10, 10]]}, "along one of the paper's edges"),

@@ -9,9 +9,12 @@ import sys
 from pathlib import Path
 
 import pytest
+import typer
 
 import lmkit
-from lmkit.cli.app import COMMANDS, public_commands
+from lmkit.cli.app import public_commands
+from lmkit.cli.commands import COMMANDS, list_of_commands
+from lmkit.cli.main import app
 
 ROOT = Path(__file__).resolve().parents[2]
 PACKAGE = ROOT / "lmkit"
@@ -30,6 +33,23 @@ def test_help_loads_nothing_heavy(arguments):
     )
     ended = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
     assert ended.returncode == 0, ended.stderr
+
+
+def test_the_list_of_commands_loads_no_typer():
+    code = (
+        "import sys\nfrom lmkit.cli import main\n"
+        "assert main.run_arguments(['--help']) == 0\n"
+        "sys.exit(sorted({'typer', 'numpy', 'traceback', 'inspect'} & set(sys.modules)) or 0)\n"
+    )
+    ended = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
+    assert ended.returncode == 0, ended.stderr
+
+
+def test_the_list_of_commands_is_what_typer_would_print():
+    command = typer.main.get_command(app)
+    context = command.context_class(command, info_name="lmkit", **command.context_settings)
+    # Typer lists groups last.
+    assert sorted(list_of_commands().splitlines()) == sorted(command.get_help(context).splitlines())
 
 
 def test_public_names_exist():

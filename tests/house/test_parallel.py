@@ -73,5 +73,5 @@ def end_abruptly(job):
 def test_a_worker_that_ends_abruptly_is_named(monkeypatch):
     monkeypatch.setattr(parallel, "WORTH_WORKERS_S", 0.0)
     parallel.set_jobs(2)
-    with pytest.raises(InputError, match="want of memory"):
+    with pytest.raises(InputError, match="memory ran out"):
         list(parallel.map_in_processes(end_abruptly, range(6)))

@@ -151,7 +151,7 @@ def test_a_barrel_that_radtan_cannot_hold_becomes_equidistant(tmp_path):
 
 def test_a_lens_that_kalibr_cannot_hold_is_refused():
     odd = CameraModel((640, 480), make_rig().left.K, np.array([-0.42, 0.25, 0, 0, -0.1]))
-    with pytest.raises(InputError, match="Kalibr's lenses"):
+    with pytest.raises(InputError, match="Kalibr's lens models"):
         rig_to_camchain(replace(rig(), left=odd))
 
 

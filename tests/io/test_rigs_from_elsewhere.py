@@ -121,7 +121,7 @@ def test_cameras_related_through_an_imu(tmp_path, inverse):
 
 def test_another_camera_model_is_named(tmp_path):
     text = rig_to_camchain(RIG)[0].replace("camera_model: pinhole", "camera_model: omni")
-    with pytest.raises(InputError, match="'omni' is not read"):
+    with pytest.raises(InputError, match="'omni' is not supported"):
         read_any_rig(file(tmp_path, text))
 
 

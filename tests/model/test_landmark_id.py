@@ -25,7 +25,7 @@ def test_a_bare_code_is_of_the_only_family(id_):
 
 @pytest.mark.parametrize("families", [(), ("lm8", "lm12")])
 def test_a_bare_code_needs_one_family(families):
-    with pytest.raises(InputError, match="has no family"):
+    with pytest.raises(InputError, match="without its family"):
         LandmarkId.parse("5", families)
 
 

@@ -61,7 +61,7 @@ def parse_ros(text: str) -> RosAddress:
     given = dict(parse_qsl(query, keep_blank_values=True))
     topic = place.removeprefix(":")
     if topic and not _NAME.fullmatch(topic):
-        raise InputError("bad_ros", f"ros2{text}: {topic!r} is not a topic", "write such as ros2:/odom")
+        raise InputError("bad_ros", f"ros2{text}: {topic!r} is not a topic", "write for example ros2:/odom")
     take = given.pop
     transport, tf, domain = take("transport", "auto"), take("tf", "auto"), take("domain", "0")
     odometry, hashes, dock = take("odometry", "no"), take("hashes", "yes"), take("dock", "")
