@@ -218,17 +218,21 @@ def print_law(results: dict[str, list[dict]]) -> None:
 
 
 def print_photographs(photos: list[Path], names: list[str]) -> None:
-    """False positives on photographs, as they are and enlarged twice."""
+    """False positives and time on photographs, as they are and enlarged twice."""
     detectors = {name: READERS[name][1]() for name in names}
+    base = next((name for name in names if name.startswith("AprilTag")), names[0])
     for times in (1, 2):
         images = (cv2.resize(cv2.imread(str(p)), None, fx=times, fy=times) for p in photos)
-        found = dict.fromkeys(names, 0)
+        found, seconds = dict.fromkeys(names, 0), dict.fromkeys(names, 0.0)
         for image in images:
             for name in names:
-                found[name] += len(detectors[name](image))
-        print(
-            f"| false positives, {len(photos)} photographs x {times} | " + " | ".join(map(str, found.values())) + " |"
-        )
+                took, markers = timed(lambda name=name, image=image: detectors[name](image))
+                found[name] += len(markers)
+                seconds[name] += took
+        what = f"{len(photos)} photographs x {times}"
+        ratios = (f"{seconds[name] / seconds[base]:.2f}" for name in names)
+        print(f"| false positives, {what} | " + " | ".join(map(str, found.values())) + " |")
+        print(f"| time, {what}, ratio to {base} | " + " | ".join(ratios) + " |")
 
 
 def main() -> None:

@@ -39,7 +39,7 @@ class Promise(NamedTuple):
     Attributes:
         pattern: least share that the cells explain; noise lowers it, so that it says little in dim light.
         cell_error: most root mean square distance of the cells from the code's.
-        margin: least log likelihood ratio against any other reading, for each cell in which codes differ.
+        margin: least log likelihood ratio against any other reading.
     """
 
     pattern: float
@@ -49,7 +49,7 @@ class Promise(NamedTuple):
 
 # Chosen on simulated scenes (benchmarks/tags.py, another seed than is reported): of squares that are read in the end,
 # one in a hundred has less as it is found, none once it was moved.
-FOUND, MOVED = Promise(0.05, 0.8, 0.1), Promise(0.12, 0.56, 0.5)
+FOUND, MOVED = Promise(0.05, 0.8, 4.0), Promise(0.12, 0.56, 6.0)
 ANY = Promise(0.0, 1.5, 0.0)
 
 
@@ -171,7 +171,7 @@ class TagFit(DrawingFit):
         found = decode_tag(self.family, self.view, self.state, self.samples.plain, self.channel_repeats)
         if found is None or found.white < LEAST_CONTRAST * found.black or found.pattern < least.pattern:
             return False
-        if found.margin < least.margin * self.family.distance or found.cell_error > least.cell_error:
+        if found.margin < least.margin or found.cell_error > least.cell_error:
             return False
         self.decoding = found
         self.drawing = drawing_of_cells(self.family, self.decoding.expected.astype(np.float64))

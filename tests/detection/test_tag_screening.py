@@ -34,3 +34,10 @@ def test_bright_borders_and_misshapen_squares_are_not() -> None:
     line = np.column_stack([np.arange(4.0) * 20 + 20, np.full(4, 50.0)])
     assert not promising((square(30, 220),), np.stack([folded, line, QUAD[::-1]]), TAG).any()
     assert promising((square(30, 220),), np.zeros((0, 4, 2)), TAG).shape == (0,)
+
+
+def test_a_border_that_is_not_dark_all_around_is_not_promising() -> None:
+    image = square(30, 220)
+    for x, y in ((66, 92), (117, 92), (92, 66)):
+        cv2.circle(image, (x, y), 15, (200,) * 3, -1)
+    assert not promising((image,), QUAD[None], TAG).any()
