@@ -6,7 +6,7 @@ Simulated corners (no images): landmarks of 18 cm on a wall 0.8 m apart, 640 x 4
 every corner off by 0.15 px (standard deviation; what the detector shows in rendered rooms).  Bound: the Cramer-Rao
 bound, the inverse of the information at the true pose.
 
-``--pictures N``: the same situations photographed N times (simulated images, `lmkit/simulation/photograph.py`), each
+``--images N``: the same situations photographed N times (simulated images, `lmkit/simulation/photograph.py`), each
 from a place moved by up to 3 cm and 1 deg so that pixels fall elsewhere, and read by `lmkit detect`: the detector's
 own corners with the covariance that it states.
 """
@@ -77,7 +77,7 @@ class Situation:
 
 def see(s: Situation, rng: np.random.Generator | None) -> list[list[Detection]]:
     rig, T = s.rig, s.station.inverse()
-    eyes = []
+    cameras = []
     for camera, R, t in (
         (rig.left, np.eye(3), np.zeros(3)),
         (rig.right, rig.T_right_left.R, rig.T_right_left.t),
@@ -88,26 +88,26 @@ def see(s: Situation, rng: np.random.Generator | None) -> list[list[Detection]]:
             if camera.contains(corners).all():
                 noise = 0.0 if rng is None else rng.normal(0, NOISE_PX, (4, 2))
                 seen.append(Detection(landmark.id, corners + noise, 0.99, 50.0, covariance=NOISE_PX**2 * np.eye(8)))
-        eyes.append(seen)
-    return eyes
+        cameras.append(seen)
+    return cameras
 
 
-def locate(s: Situation, eyes: Sequence[list[Detection]], options: LocateOptions) -> PoseEstimate:
+def locate(s: Situation, cameras: Sequence[list[Detection]], options: LocateOptions) -> PoseEstimate:
     landmarks = LandmarkMap(s.landmarks)
     if s.mono:
-        return locate_camera(eyes[0], s.rig.left, landmarks, options)
-    return locate_rig(eyes, s.rig, landmarks, options)
+        return locate_camera(cameras[0], s.rig.left, landmarks, options)
+    return locate_rig(cameras, s.rig, landmarks, options)
 
 
 def bound(s: Situation) -> np.ndarray | None:
     """(6,6) the Cramer-Rao bound, or None where not all landmarks are in view."""
-    eyes = see(s, None)
-    if any(len(seen) < s.count for seen in eyes):
+    cameras = see(s, None)
+    if any(len(seen) < s.count for seen in cameras):
         return None
     rig, T = s.rig, s.station
     placed = [
-        (eyes[0], rig.left, np.eye(3), np.zeros(3)),
-        *([] if s.mono else [(eyes[1], rig.right, rig.T_right_left.R, rig.T_right_left.t)]),
+        (cameras[0], rig.left, np.eye(3), np.zeros(3)),
+        *([] if s.mono else [(cameras[1], rig.right, rig.T_right_left.R, rig.T_right_left.t)]),
     ]
     seen = Correspondences(placed, LandmarkMap(s.landmarks), 0.0)
     normal = seen.equations(
@@ -147,7 +147,7 @@ def study(job: tuple[Situation, int]) -> tuple[Situation, float, float, float] |
     return s, len(errors) / draws, float(np.mean(squared)) / 6, float(rmse / np.sqrt(np.trace(C[:3, :3])))
 
 
-def study_pictures(job: tuple[Situation, int]) -> tuple[Situation, float, float, float] | None:
+def study_images(job: tuple[Situation, int]) -> tuple[Situation, float, float, float] | None:
     """Share called ok, mean NEES / 6 and median position error (mm) of those called ok."""
     s, draws = job
     if bound(s) is None:
@@ -161,14 +161,14 @@ def study_pictures(job: tuple[Situation, int]) -> tuple[Situation, float, float,
         T = Pose("map", "camera", turn @ s.station.R, s.station.t + moved)
         light = Light(float(rng.uniform(0.3, 0.9)), temperature_k=float(rng.uniform(3500, 6500)))
         chain = ImagingChain(Lens(float(rng.uniform(0.5, 0.9))), light, Sensor(6000.0, 8.0, bayer=True))
-        eyes = []
-        for camera, T_eye_left in (
+        cameras = []
+        for camera, T_camera_left in (
             (s.rig.left, Pose.identity("camera", "camera")),
             (s.rig.right, Pose("camera", "camera", s.rig.T_right_left.R, s.rig.T_right_left.t)),
         ):
-            picture = photograph(scene, camera, T @ T_eye_left.inverse(), chain, rng)
-            eyes.append(detect_landmarks(picture, DetectOptions(camera=camera)))
-        estimate = locate(s, eyes, LocateOptions())
+            image = photograph(scene, camera, T @ T_camera_left.inverse(), chain, rng)
+            cameras.append(detect_landmarks(image, DetectOptions(camera=camera)))
+        estimate = locate(s, cameras, LocateOptions())
         if estimate.status != "ok":
             continue
         off = np.concatenate([estimate.T_map_camera.t - T.t, rotation_log(estimate.T_map_camera.R @ T.R.T)])
@@ -242,13 +242,13 @@ def plot(results: list[tuple[Situation, float, float, float]], draws: int, path:
     )
 
 
-def pictures(draws: int) -> None:
+def images(draws: int) -> None:
     jobs = [
         (Situation(count, float(d), angle), draws)
         for count, angle, d in product((1, 2, 3), (0.0, 50.0), (1, 2, 3, 4, 6))
     ]
     with ProcessPoolExecutor() as pool:
-        results = [result for result in pool.map(study_pictures, jobs) if result is not None]
+        results = [result for result in pool.map(study_images, jobs) if result is not None]
     low, high = chi2.ppf([0.025, 0.975], 6 * draws) / (6 * draws)
     print(f"\n95 % band of NEES / 6 over {draws} pairs of images: {low:.3f} to {high:.3f}\n")
     print("| landmarks | angle | distance | called ok | NEES / 6 | median error |\n|---|---|---|---|---|---|")
@@ -261,10 +261,10 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--draws", type=int, default=1000)
     parser.add_argument("--plot", type=Path)
-    parser.add_argument("--pictures", type=int, default=0)
+    parser.add_argument("--images", type=int, default=0)
     arguments = parser.parse_args()
-    if arguments.pictures:
-        pictures(arguments.pictures)
+    if arguments.images:
+        images(arguments.images)
         return
     tables()
     jobs = [

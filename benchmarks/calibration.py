@@ -66,7 +66,7 @@ def load(folder: Path) -> Case:
         columns, rows = about["inner_corners"]
         spec = f"chessboard:{columns}x{rows}:{about['square_mm']}mm"
     board = BoardSpec.parse(spec)
-    left, right = (sorted((folder / eye).iterdir()) for eye in ("left", "right"))
+    left, right = (sorted((folder / side).iterdir()) for side in ("left", "right"))
     pairs = find_board_pairs(list(zip(left, right, strict=True)), board)
     corners = {"fused": {view.name: view for view in pairs.views}}
     if board.kind == "chessboard":
@@ -159,8 +159,8 @@ def _opencv_rig(found: Sequence[np.ndarray], size: tuple[int, int], model: str) 
     """A rig of K1, D1, K2, D2, R, T as stereoCalibrate gives them."""
     K1, D1, K2, D2, R, T = found
     count = 8 if model == "rational" else 5
-    eyes = [CameraModel(size, K, np.ravel(D)[:count], model) for K, D in ((K1, D1), (K2, D2))]
-    return StereoRig(eyes[0], eyes[1], Pose("right", "left", R, np.ravel(T)))
+    sides = [CameraModel(size, K, np.ravel(D)[:count], model) for K, D in ((K1, D1), (K2, D2))]
+    return StereoRig(sides[0], sides[1], Pose("right", "left", R, np.ravel(T)))
 
 
 def lmkit(views: Sequence[PairView], board: BoardSpec, size: tuple[int, int]) -> StereoRig:
@@ -174,11 +174,11 @@ def mrcal(views: Sequence[PairView], board: BoardSpec, size: tuple[int, int]) ->
     with tempfile.TemporaryDirectory() as folder:
         lines = ["# filename x y weight"]
         for k, view in enumerate(views):
-            for eye, ids, points in (("left", view.ids_left, view.left), ("right", view.ids_right, view.right)):
+            for side, ids, points in (("left", view.ids_left, view.left), ("right", view.ids_right, view.right)):
                 at = {int(i): p for i, p in zip(ids, points, strict=True)}
                 for i in range(columns * rows):
                     x, y = at.get(i, (-1.0, -1.0))
-                    lines.append(f"{eye}-{k:04d}.png {x:.6f} {y:.6f} {1 if i in at else '-'}")
+                    lines.append(f"{side}-{k:04d}.png {x:.6f} {y:.6f} {1 if i in at else '-'}")
         (Path(folder) / "corners.vnl").write_text("\n".join(lines) + "\n")
         objects, left, _ = _opencv_lists(views, board)
         focal = float(cv2.initCameraMatrix2D(objects, left, size)[0, 0])
@@ -189,14 +189,14 @@ def mrcal(views: Sequence[PairView], board: BoardSpec, size: tuple[int, int]) ->
         subprocess.run(command, cwd=folder, check=True, capture_output=True)
         cameras = [_read_cameramodel((Path(folder) / f"camera-{k}.cameramodel").read_text()) for k in (0, 1)]
     (left_numbers, left_pose), (right_numbers, right_pose) = cameras
-    eyes = [
+    sides = [
         CameraModel(size, np.array([[n[0], 0, n[2]], [0, n[1], n[3]], [0, 0, 1.0]]), n[4:9])
         for n in (left_numbers, right_numbers)
     ]
     T_left, T_right = (
-        Pose.from_rvec(eye, "ref", rt[:3], rt[3:]) for eye, rt in (("left", left_pose), ("right", right_pose))
+        Pose.from_rvec(side, "ref", rt[:3], rt[3:]) for side, rt in (("left", left_pose), ("right", right_pose))
     )
-    return StereoRig(eyes[0], eyes[1], T_right @ T_left.inverse())
+    return StereoRig(sides[0], sides[1], T_right @ T_left.inverse())
 
 
 def _read_cameramodel(text: str) -> tuple[np.ndarray, np.ndarray]:

@@ -1,11 +1,11 @@
-"""Stated intervals of a stereo calibration on weak data: how often do 95 % intervals hold the truth?
+"""Stated intervals of a stereo calibration on uncertain data: how often do 95 % intervals hold the truth?
 
     uv run python benchmarks/calibration_intervals.py [--n 60] [--seed 4000]
 
 Simulated corners of a 9 x 6 board in a known rig, fitted from the truth (so that only the intervals are judged).
 Kinds: good views; "partial": half of the board's columns, as a hand or the image's edge leaves them; "one distance":
-all boards within 5 % of one distance and 12 deg of square on; "correlated": the corners of one image share a smooth
-shift (a random quadratic field of 0.15 px beside independent 0.08 px); "weak": all three.  15 pairs each.
+all boards within 5 % of one distance and 12 deg of head-on; "correlated": the corners of one image share a smooth
+shift (a random quadratic field of 0.15 px beside independent 0.08 px); "uncertain": all three.  15 pairs each.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ from lmkit.simulation.scene import make_rig
 
 BOARD = BoardSpec("chessboard", 9, 6, 25.0)
 PAIRS = 15
-KINDS = ("good", "partial", "one distance", "correlated", "weak")
+KINDS = ("good", "partial", "one distance", "correlated", "uncertain")
 INDEPENDENT_PX, SMOOTH_PX = 0.08, 0.15
 Z95 = 1.96
 NAMES = ("focal length", "principal point", "rotation", "baseline")
@@ -43,7 +43,7 @@ def board_pose(flat: bool, rng: np.random.Generator) -> tuple[np.ndarray, np.nda
 def shifts(kind: str, pixels: np.ndarray, rng: np.random.Generator) -> np.ndarray:
     """(N,2) errors of one image's corners."""
     errors = rng.normal(0, INDEPENDENT_PX, pixels.shape)
-    if kind in ("correlated", "weak"):
+    if kind in ("correlated", "uncertain"):
         x, y = ((pixels - pixels.mean(axis=0)) / np.ptp(pixels, axis=0).max() * 2).T
         terms = np.column_stack([np.ones_like(x), x, y, x * x, x * y, y * y])
         field = terms @ rng.normal(0, 1, (6, 2))
@@ -55,9 +55,9 @@ def views(kind: str, rng: np.random.Generator) -> tuple[list[PairView], np.ndarr
     """Pairs with their true board poses."""
     rig, result, rotations, translations = make_rig(), [], [], []
     while len(result) < PAIRS:
-        R, t = board_pose(kind in ("one distance", "weak"), rng)
+        R, t = board_pose(kind in ("one distance", "uncertain"), rng)
         ids = np.arange(len(BOARD.object_points))
-        if kind in ("partial", "weak"):
+        if kind in ("partial", "uncertain"):
             column = ids % 9
             ids = ids[column < 5] if rng.random() < 0.5 else ids[column > 3]
         left = BOARD.object_points[ids] @ R.T + t
@@ -111,12 +111,12 @@ def main() -> None:
     print("|---|---|" + "---|" * (len(NAMES) + 1))
     for kind in KINDS:
         some = [entry for name, entries in answers if name == kind for entry in entries]
-        told = []
+        answer = []
         for which in NAMES:
             ratios = np.array([abs(error) / sigma for name, error, sigma in some if name == which])
-            told.append(f"{np.mean(ratios < Z95):.1%} (n = {len(ratios)})")
+            answer.append(f"{np.mean(ratios < Z95):.1%} (n = {len(ratios)})")
         worst = max(abs(error) / sigma for _, error, sigma in some)
-        print(f"| {kind} | {options.n} | {' | '.join(told)} | {worst:.1f} |")
+        print(f"| {kind} | {options.n} | {' | '.join(answer)} | {worst:.1f} |")
 
 
 if __name__ == "__main__":

@@ -63,7 +63,7 @@ def rendered(folder: Path) -> None:
 
 
 def _rig(rig: dict) -> StereoRig:
-    left, right = (CameraModel(tuple(rig["size"]), rig[eye]["K"], rig[eye]["dist"]) for eye in ("left", "right"))
+    left, right = (CameraModel(tuple(rig["size"]), rig[side]["K"], rig[side]["dist"]) for side in ("left", "right"))
     return StereoRig(left, right, Pose("right", "left", np.array(rig["R"]), np.array(rig["t"])))
 
 
@@ -97,11 +97,11 @@ def standardized(result: StereoCalibration, truth: StereoRig) -> dict[str, float
     assert made.intrinsics_sigma is not None
     assert made.covariance is not None
     z = {}
-    eyes = (("left", made.left, truth.left), ("right", made.right, truth.right))
-    for (eye, own, true), sigma in zip(eyes, made.intrinsics_sigma, strict=True):
+    cameras = (("left", made.left, truth.left), ("right", made.right, truth.right))
+    for (side, own, true), sigma in zip(cameras, made.intrinsics_sigma, strict=True):
         want = intrinsics_vector(true)
         want = np.pad(want, (0, len(NAMES) - len(want)))
-        z |= {f"{eye} {n}": v for n, v in zip(NAMES, (intrinsics_vector(own) - want) / sigma, strict=True)}
+        z |= {f"{side} {n}": v for n, v in zip(NAMES, (intrinsics_vector(own) - want) / sigma, strict=True)}
     off = np.concatenate(
         [
             made.T_right_left.t - truth.T_right_left.t,

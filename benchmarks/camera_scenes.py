@@ -33,7 +33,7 @@ MARGIN_M, A4_MARGIN_M = 0.015, 0.0585  # white beside the face, at least; above 
 WHOLE_SHEET_SHARE = 0.7
 FACE_PX = 360
 BLACK = (20.0, 20.0, 20.0)
-LOOK_ALIKES, HIDDEN_SHARE, BENT_SHARE, EMPTY_SHARE = 0.2, 0.2, 0.1, 0.15
+LOOK_ALIKES, HIDDEN_SHARE, BOWED_SHARE, EMPTY_SHARE = 0.2, 0.2, 0.1, 0.15
 
 
 @dataclass(frozen=True)
@@ -112,8 +112,8 @@ def draw_photograph(
         beside = max(MARGIN_M, marker.margin_mm / marker.side_mm * SIDE_M)
         above = A4_MARGIN_M if rng.random() < WHOLE_SHEET_SHARE else beside
         texture, paper = _on_paper(face, above, beside), (SIDE_M + 2 * beside, SIDE_M + 2 * above)
-        bend = float(rng.uniform(-0.01, 0.01)) if rng.random() < BENT_SHARE else 0.0
-        panels.append(Panel(T, paper, as_printed(texture, inks), bend))
+        bow = float(rng.uniform(-0.01, 0.01)) if rng.random() < BOWED_SHARE else 0.0
+        panels.append(Panel(T, paper, as_printed(texture, inks), bow))
         if not is_landmark:
             continue
         is_hidden = rng.random() < HIDDEN_SHARE

@@ -44,9 +44,9 @@ class Corner:
     covariance: np.ndarray
 
 
-def compare(picture: np.ndarray, camera: CameraModel, T_camera_map: Pose, landmarks: LandmarkMap) -> list[Corner]:
+def compare(photo: np.ndarray, camera: CameraModel, T_camera_map: Pose, landmarks: LandmarkMap) -> list[Corner]:
     corners = []
-    for o in detect_landmarks(picture, DetectOptions(camera=camera)):
+    for o in detect_landmarks(photo, DetectOptions(camera=camera)):
         landmark = landmarks.find(o.id)
         if landmark is None:
             continue
@@ -68,8 +68,8 @@ def simulated(job: tuple[Situation, int]) -> list[Corner]:
         T = Pose("map", "camera", turn @ s.station.R, s.station.t + rng.uniform(-0.03, 0.03, 3))
         light = Light(float(rng.uniform(0.3, 0.9)), temperature_k=float(rng.uniform(3500, 6500)))
         chain = ImagingChain(Lens(float(rng.uniform(0.5, 0.9))), light, Sensor(6000.0, 8.0, bayer=True))
-        picture = photograph(scene, s.rig.left, T, chain, rng)
-        corners += compare(picture, s.rig.left, T.inverse(), LandmarkMap(s.landmarks))
+        photo = photograph(scene, s.rig.left, T, chain, rng)
+        corners += compare(photo, s.rig.left, T.inverse(), LandmarkMap(s.landmarks))
     return corners
 
 
@@ -80,12 +80,12 @@ def rendered(job: tuple[Path, int]) -> list[Corner]:
     pair, rig = truth["pairs"][index], true_rig(truth)
     T_left_map = true_pose(pair).inverse()
     corners = []
-    for picture, eye, to_eye in zip(
+    for photo, which, to_camera in zip(
         pair["images"], (rig.left, rig.right), (Pose.identity("camera", "camera"), rig.T_right_left), strict=True
     ):
-        T = Pose("camera", "camera", to_eye.R, to_eye.t) @ T_left_map
-        image = cv2.imread(str(folder / "images" / picture["image"]))
-        corners += compare(image, eye, T, true_map(truth, pair["room"]))
+        T = Pose("camera", "camera", to_camera.R, to_camera.t) @ T_left_map
+        image = cv2.imread(str(folder / "images" / photo["image"]))
+        corners += compare(image, which, T, true_map(truth, pair["room"]))
     return corners
 
 

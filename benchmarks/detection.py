@@ -88,7 +88,7 @@ def readers() -> dict:
     return {name: reader.make() for name, reader in READERS.items()}
 
 
-def attempt(photos: tuple[Path, ...], only: tuple[str, ...], job: tuple[str, float, int]) -> list[dict]:
+def trial(photos: tuple[Path, ...], only: tuple[str, ...], job: tuple[str, float, int]) -> list[dict]:
     """All readers on one scene."""
     ladder, rung, seed = job
     trial = Trial(ladder, rung)
@@ -337,7 +337,7 @@ def main() -> None:
         for rung in LADDERS[ladder]
         for k in range(options.n)
     ]
-    work = partial(attempt, tuple(photos), tuple(options.readers))
+    work = partial(trial, tuple(photos), tuple(options.readers))
     # Spawned, not forked: OpenCV's threads do not survive a fork.
     with ProcessPoolExecutor(mp_context=multiprocessing.get_context("spawn")) as pool:
         lines = [line for some in pool.map(work, jobs, chunksize=8) for line in some]

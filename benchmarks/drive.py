@@ -40,16 +40,14 @@ def off(found: Pose, true: Pose) -> tuple[float, float]:
 
 def main(folder: Path) -> None:
     truth = read_truth(folder)
-    body, eyes = truth["body_T_left"], true_rig(truth)
+    body, cameras = truth["body_T_left"], true_rig(truth)
     T_base_left = Pose.from_quaternion("base", "left", body["position"], body["quaternion_xyzw"])
-    rig = StereoRig(eyes.left, eyes.right, eyes.T_right_left, T_base_left)
-    pictures = folder / "images"
-    frames = list(
-        see_drive([f"{pictures}/*_L.jpg", f"{pictures}/*_R.jpg"], rig, (LM8,), truth["timing"]["camera_hz"])
-    )
+    rig = StereoRig(cameras.left, cameras.right, cameras.T_right_left, T_base_left)
+    images = folder / "images"
+    frames = list(see_drive([f"{images}/*_L.jpg", f"{images}/*_R.jpg"], rig, (LM8,), truth["timing"]["camera_hz"]))
     wheels = read_odometry(folder / "odometry.csv"), read_gyro(folder / "gyro.csv")
-    hung = LandmarkMap([m for room in truth["maps"] for m in true_map(truth, int(room))])
-    anchor = hung.find(LandmarkId("lm8", truth["anchor"]["id"]))
+    mounted = LandmarkMap([m for room in truth["maps"] for m in true_map(truth, int(room))])
+    anchor = mounted.find(LandmarkId("lm8", truth["anchor"]["id"]))
     assert anchor is not None
     sizes = {o.id: 0.18 for m in frames for o in m.detections}
     survey = survey_frames(frames, rig, sizes, {anchor.id: Anchor(anchor, None)}, MotionModel(*wheels))
@@ -58,7 +56,7 @@ def main(folder: Path) -> None:
         world = pair["T_world_left"]
         poses.append(Pose.from_quaternion("map", "left", world["position"], world["quaternion_xyzw"]))
     trajectory = [off(found, poses[k]) for k, found in zip(survey.rows, survey.bundle.left_poses(), strict=True)]
-    known = [(m, true) for m in survey.landmarks if (true := hung.find(m.id)) is not None]
+    known = [(m, true) for m in survey.landmarks if (true := mounted.find(m.id)) is not None]
     places = [off(m.T_map_landmark, true.T_map_landmark) for m, true in known]
     print(f"survey: {len(survey.rows)} of {len(frames)} frames, {len(survey.landmarks)} landmarks")
     print(
@@ -66,7 +64,7 @@ def main(folder: Path) -> None:
     )
     print(f"  map        {rms([cm for cm, _ in places]):.2f} cm, {rms([deg for _, deg in places]):.2f} deg rmse")
     print(f"  contradicted {[c.id.code for c in survey.contradicted]}, unplaced {survey.unplaced}")
-    drive = track_images(frames, rig, hung, MotionModel(*wheels))
+    drive = track_images(frames, rig, mounted, MotionModel(*wheels))
     times = [frame.time_s for frame in frames]
     tracked = [
         off(pose, poses[times.index(time_s)] @ T_base_left.inverse())
@@ -74,7 +72,7 @@ def main(folder: Path) -> None:
     ]
     print(f"track by the true map: {len(tracked)} frames")
     print(f"  trajectory {rms([cm for cm, _ in tracked]):.2f} cm, {rms([deg for _, deg in tracked]):.2f} deg rmse")
-    live = track_images_live(frames, rig, hung, *wheels)
+    live = track_images_live(frames, rig, mounted, *wheels)
     errors, nees = [], []
     for time_s, pose, C in zip(live.times_s.tolist(), live.poses, live.covariances, strict=True):
         true = poses[times.index(time_s)] @ T_base_left.inverse()

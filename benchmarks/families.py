@@ -47,7 +47,7 @@ def texture(family: str, code: int) -> np.ndarray:
     return as_printed(srgb_to_linear(sheet / 255).astype(np.float32), OFFSET)
 
 
-def attempt(photos: tuple[Path, ...], job: tuple[str, float, float, int]) -> dict:
+def trial(photos: tuple[Path, ...], job: tuple[str, float, float, int]) -> dict:
     """One landmark before one photograph: read? wrong? wrong under the loose rule?"""
     name, side_px, tilt_deg, seed = job
     cv2.setNumThreads(1)
@@ -60,9 +60,9 @@ def attempt(photos: tuple[Path, ...], job: tuple[str, float, float, int]) -> dic
     scene = Scene((panel,), LandmarkMap([]), (1.0, 1.0, 1.0))
     wall = background(photos[seed % len(photos)])
     image = expose(render(scene, camera(), Pose.identity("map", "camera"), wall), BASE, rng)
-    attempts = candidates_of(image, DetectOptions((family,)))
-    strict = best_of_each_place([a for a in attempts if a.rejected is None])
-    loose = best_of_each_place([a for a in attempts if a.rejected != "cut" and a.log_odds >= LOOSE.least_log_odds])
+    trials = candidates_of(image, DetectOptions((family,)))
+    strict = best_of_each_place([a for a in trials if a.rejected is None])
+    loose = best_of_each_place([a for a in trials if a.rejected != "cut" and a.log_odds >= LOOSE.least_log_odds])
     return {
         "family": name,
         "side": side_px,
@@ -90,7 +90,7 @@ def main() -> None:
         for k in range(options.n)
     ]
     with ProcessPoolExecutor(mp_context=multiprocessing.get_context("spawn")) as pool:
-        lines = list(pool.map(partial(attempt, photos), jobs, chunksize=8))
+        lines = list(pool.map(partial(trial, photos), jobs, chunksize=8))
     print(
         "| family | codes | distance | side at 50 / 95 %, px | at 45 deg | wrong codes | wrong with no code margin |"
     )
@@ -111,8 +111,8 @@ def main() -> None:
         answers = sum(line["loose"] or line["loose_wrong"] for line in own)
         low, high = wilson(loose, max(answers, 1))
         rate = f"{loose} of {answers} ({100 * low:.1f} to {100 * high:.1f} %)"
-        told = [name, family.code_count, family.distance, *cells, f"{wrong} of {len(own)}", rate]
-        print("| " + " | ".join(map(str, told)) + " |")
+        answer = [name, family.code_count, family.distance, *cells, f"{wrong} of {len(own)}", rate]
+        print("| " + " | ".join(map(str, answer)) + " |")
     if options.plots is not None:
         draw(options.plots, curves, options.n)
 

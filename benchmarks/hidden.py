@@ -74,7 +74,7 @@ def gaps_clear(cover_m: np.ndarray) -> bool:
     return not hidden.any() or bool(LandmarkPattern(LM8).coverage(points[hidden], spread).gaps.max() < 0.2)
 
 
-def attempt(job: tuple[str, int]) -> tuple[str, bool, bool, bool]:
+def trial(job: tuple[str, int]) -> tuple[str, bool, bool, bool]:
     """(kind, gaps clear, read, wrong)."""
     kind, seed = job
     cv2.setNumThreads(1)
@@ -97,7 +97,7 @@ def main() -> None:
     options = parser.parse_args()
     jobs = [(kind, options.seed + k) for kind in KINDS for k in range(options.n)]
     with ProcessPoolExecutor(mp_context=multiprocessing.get_context("spawn")) as pool:
-        answers = list(pool.map(attempt, jobs, chunksize=8))
+        answers = list(pool.map(trial, jobs, chunksize=8))
     print("| hidden by | gaps | n | read | wrong |")
     print("|---|---|---|---|---|")
     for kind in KINDS:

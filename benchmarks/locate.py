@@ -43,18 +43,18 @@ def read_truth(folder: Path) -> dict:
 def true_rig(truth: dict) -> StereoRig:
     rig = truth["rig"]
     left, right = (
-        CameraModel((640, 480), np.array(rig[eye]["K"]), np.array([*rig[eye]["dist"], 0.0]))
-        for eye in ("left", "right")
+        CameraModel((640, 480), np.array(rig[side]["K"]), np.array([*rig[side]["dist"], 0.0]))
+        for side in ("left", "right")
     )
     return StereoRig(left, right, Pose("right", "left", np.array(rig["R"]), np.array(rig["t"]).ravel()))
 
 
 def true_map(truth: dict, room: int) -> LandmarkMap:
-    hung = truth["maps"][str(room)]
-    hung = hung if isinstance(hung, list) else hung["landmarks"]
-    times = Counter(landmark["id"] for landmark in hung)
+    mounted = truth["maps"][str(room)]
+    mounted = mounted if isinstance(mounted, list) else mounted["landmarks"]
+    times = Counter(landmark["id"] for landmark in mounted)
     mapped = []
-    for landmark in (landmark for landmark in hung if times[landmark["id"]] == 1):
+    for landmark in (landmark for landmark in mounted if times[landmark["id"]] == 1):
         place = landmark["T_world_landmark"]
         if isinstance(place, dict):
             R, t = np.array(place["R"]), np.array(place["t"]).ravel()
@@ -70,8 +70,8 @@ def locate(folder: Path, index: int) -> list[tuple[str, float, float, float, flo
     truth = read_truth(folder)
     pair, rig = truth["pairs"][index], true_rig(truth)
     seen = [
-        detect_landmarks(cv2.imread(str(folder / "images" / picture["image"])), DetectOptions(camera=eye))
-        for picture, eye in zip(pair["images"], (rig.left, rig.right), strict=True)
+        detect_landmarks(cv2.imread(str(folder / "images" / photo["image"])), DetectOptions(camera=side))
+        for photo, side in zip(pair["images"], (rig.left, rig.right), strict=True)
     ]
     T = true_pose(pair)
     answers = []

@@ -4,9 +4,9 @@
 
 Recordings of a minute with one anchor (`simulation/recording.py`: simulated corners, wheels and gyro).  From half way
 on two landmarks are swapped, or one is mounted on the wall across; odometry stops for 10 s, or its clock jumps by 2 s
-(without the gyro); no landmark larger than 30 px is seen.  Bent: a landmark that was not touched is off by more than
-5 cm or 0.15 rad and four standard deviations.  Named: the survey reports a contradiction, an ambiguity, or a landmark
-that it could not place.
+(without the gyro); no landmark larger than 30 px is seen.  Distorted: a landmark that was not touched is off by more
+than 5 cm or 0.15 rad and four standard deviations.  Named: the survey reports a contradiction, an ambiguity, or a
+landmark that it could not place.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ from lmkit.simulation.recording import Drive, WheelErrors, make_drive
 
 SECONDS, NOISE_PX, LARGEST_PX = 60.0, 0.15, 30.0
 ROOM_M = (8.0, 5.0)
-BENT_M, BENT_RAD, BENT_SIGMA = 0.05, 0.15, 4.0
+DISTORTED_M, DISTORTED_RAD, DISTORTED_SIGMA = 0.05, 0.15, 4.0
 NAMES = ("nothing", "two swapped", "one moved", "odometry stops", "clock jumps", "all seen from afar")
 WITHOUT_ODOMETRY = (0, 1, 2, 5)
 
@@ -50,7 +50,7 @@ class Case:
     touched: frozenset[int] = frozenset()
 
 
-def each_eye(frame: RigFrame, change: Callable[[Seen], Seen]) -> RigFrame:
+def each_camera(frame: RigFrame, change: Callable[[Seen], Seen]) -> RigFrame:
     return replace(frame, seen=tuple(map(change, frame.seen)))
 
 
@@ -61,7 +61,7 @@ def cases(drive: Drive, seed: int) -> list[Case]:
     a, b, moved = (int(code) for code in rng.choice(codes, 3, replace=False))
     plain = Case(drive.frames, drive.odometry, drive.gyro)
 
-    def exchanged(seen: Seen) -> Seen:
+    def swapped(seen: Seen) -> Seen:
         return tuple(replace(o, id=LandmarkId("lm8", {a: b, b: a}.get(o.code, o.code))) for o in seen)
 
     T = drive.landmarks.find(LandmarkId("lm8", moved)).T_map_landmark
@@ -82,7 +82,7 @@ def cases(drive: Drive, seed: int) -> list[Case]:
         plain,
         replace(
             plain,
-            frames=[m if k < half else each_eye(m, exchanged) for k, m in enumerate(drive.frames)],
+            frames=[m if k < half else each_camera(m, swapped) for k, m in enumerate(drive.frames)],
             touched=frozenset({a, b}),
         ),
         replace(
@@ -96,12 +96,12 @@ def cases(drive: Drive, seed: int) -> list[Case]:
             odometry=Odometry(np.where(o.times_s > 30, o.times_s + 2.0, o.times_s), o.forward_m, o.turn_rad),
             gyro=None,
         ),
-        replace(plain, frames=[each_eye(m, small) for m in drive.frames]),
+        replace(plain, frames=[each_camera(m, small) for m in drive.frames]),
     ]
 
 
 def outcome(drive: Drive, case: Case, wheels: bool) -> tuple[bool, bool]:
-    """Bent, and named."""
+    """Distorted, and named."""
     seen = list(dict.fromkeys(o.code for frame in case.frames for o in frame.seen[0]))
     anchor = drive.landmarks.find(LandmarkId("lm8", next(code for code in seen if code not in case.touched)))
     sizes = {m.id: m.size_m for m in drive.landmarks}
@@ -111,16 +111,17 @@ def outcome(drive: Drive, case: Case, wheels: bool) -> tuple[bool, bool]:
     except LmkitError:
         return False, True
     named = survey.contradicted or survey.bundle.jumps or survey.unplaced or survey.ambiguous
-    return bent(drive, survey, case.touched), bool(named)
+    return distorted(drive, survey, case.touched), bool(named)
 
 
-def bent(drive: Drive, survey: Survey, touched: frozenset[int]) -> bool:
+def distorted(drive: Drive, survey: Survey, touched: frozenset[int]) -> bool:
     for m in survey.bundle.landmarks:
         true, C = drive.landmarks.find(m.id).T_map_landmark, m.covariance
         off = float(np.linalg.norm(m.T_map_landmark.t - true.t))
         turned = float(rotation_angle(m.T_map_landmark.R.T @ true.R))
         place, turn = (np.sqrt(abs(np.linalg.eigvalsh(C[part, part])[-1])) for part in (slice(0, 3), slice(3, 6)))
-        if m.code not in touched and (off > BENT_M + BENT_SIGMA * place or turned > BENT_RAD + BENT_SIGMA * turn):
+        far = off > DISTORTED_M + DISTORTED_SIGMA * place
+        if m.code not in touched and (far or turned > DISTORTED_RAD + DISTORTED_SIGMA * turn):
             return True
     return False
 
@@ -137,16 +138,16 @@ def main() -> None:
     parser.add_argument("--first", type=int, default=0)
     arguments = parser.parse_args()
     seeds = range(arguments.first, arguments.first + arguments.seeds)
-    print("| odometry | mishap | drives | map bent | and not named | named |")
+    print("| odometry | mishap | drives | map distorted | and not named | named |")
     print("|---|---|---|---|---|---|")
     for wheels in (True, False):
         with ProcessPoolExecutor() as pool:
             results = list(pool.map(partial(outcomes, wheels=wheels), seeds))
         names = NAMES if wheels else [NAMES[k] for k in WITHOUT_ODOMETRY]
         for name, runs in zip(names, zip(*results, strict=True), strict=True):
-            silent = sum(bent and not named for bent, named in runs)
+            silent = sum(distorted and not named for distorted, named in runs)
             print(
-                f"| {'yes' if wheels else 'no'} | {name} | {len(runs)} | {sum(bent for bent, _ in runs)} "
+                f"| {'yes' if wheels else 'no'} | {name} | {len(runs)} | {sum(distorted for distorted, _ in runs)} "
                 f"| {silent} | {sum(named for _, named in runs)} |",
                 flush=True,
             )

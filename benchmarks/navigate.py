@@ -81,8 +81,8 @@ def drive(seed: int, path: Path, half: bool, images: bool) -> Run:
     goals = np.argwhere(full.holds(Demand()) & clear[:, None])
     place, turn = goals[rng.integers(len(goals))]
     goal = Goal(*full.places[place].tolist(), float(full.headings[turn]))
-    eyes = RenderedCameras(floor_scene(seed, floor, landmarks), RIG, seed) if images else None
-    robot = SimulatedRobot(floor, landmarks, RIG, start, RADIUS_M, WHEELS, seed, eyes)
+    cameras = RenderedCameras(floor_scene(seed, floor, landmarks), RIG, seed) if images else None
+    robot = SimulatedRobot(floor, landmarks, RIG, start, RADIUS_M, WHEELS, seed, cameras)
     inside: list[bool] = []
 
     def note(pose: TrackedPose) -> None:

@@ -119,12 +119,12 @@ def main() -> None:
     cv2.setNumThreads(1)
     photos = backgrounds(options.photos)
 
-    def pictures(first: int, count: int):
+    def images(first: int, count: int):
         for k in range(first, first + count):
             yield shoot("lm8", view(k), background(photos[k % len(photos)]), k)
 
     grid = [(s, w) for s in (0.05, 0.1, 0.15, 0.2, 0.3) for w in (0.01, 0.02, 0.04, 0.06)]
-    tuning = list(pictures(TUNING_SEED, 60))
+    tuning = list(images(TUNING_SEED, 60))
     best = max(
         grid,
         key=lambda g: sum(any(c == s.code for c, _ in read_as_the_paper(s.image, *g)) for s in tuning),
@@ -134,7 +134,7 @@ def main() -> None:
         "lmkit": READERS["lmkit"].make(),
     }
     read, other, errors, seconds = ({name: [] for name in readers} for _ in range(4))
-    for shot in pictures(SEED, options.n):
+    for shot in images(SEED, options.n):
         for name, reader in readers.items():
             start = time.perf_counter()
             found = reader(shot.image)

@@ -45,15 +45,16 @@ def evenly(floor: FloorPlan, spacing_m: float) -> list[MappedLandmark]:
     by_wall: dict[str, list[float]] = {}
     for name, along in free:
         by_wall.setdefault(name, []).append(along)
-    hung = []
+    mounted = []
     for wall in floor.walls:
         count = round(wall.length_m / spacing_m)
         for k in range(count):
             wanted = (k + 0.5) * wall.length_m / count
             if by_wall.get(wall.name) and min(abs(np.array(by_wall[wall.name]) - wanted)) < 0.4:
                 place = [*(wall.left + wanted * wall.along), height]
-                hung.append(MappedLandmark(LandmarkId("lm8", len(hung)), 0.18, wall_pose(place, wall.facing_rad)))
-    return hung
+                pose = wall_pose(place, wall.facing_rad)
+                mounted.append(MappedLandmark(LandmarkId("lm8", len(mounted)), 0.18, pose))
+    return mounted
 
 
 def fewest_even(floor: FloorPlan, demand: Demand, step_m: float) -> int | None:
@@ -61,8 +62,8 @@ def fewest_even(floor: FloorPlan, demand: Demand, step_m: float) -> int | None:
     spacings = np.geomspace(6.0, 0.35, 60)
 
     def holds(k: int) -> bool:
-        hung = evenly(floor, spacings[k])
-        return bool(predict_coverage(floor, hung, RIG, RADIUS_M, step_m).covered(demand).mean() >= demand.share)
+        mounted = evenly(floor, spacings[k])
+        return bool(predict_coverage(floor, mounted, RIG, RADIUS_M, step_m).covered(demand).mean() >= demand.share)
 
     low, high = 0, len(spacings) - 1
     if not holds(high):

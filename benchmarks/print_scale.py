@@ -5,7 +5,7 @@
 Scales from 0.90 to 1.10 in steps of 1 %, as "fit to page" plants them: the drawing is smaller or larger about the
 middle of the same paper.  Sheets: A4 and Letter (180 mm), the sticker (100 mm on its own sheet, with a manifest)
 and a poster (540 mm on a sheet of 600 x 640 mm, with a manifest); backgrounds: plain walls, and photographs of the
-half that is not tuned on; square on (within 3 deg) or keystoned (20 to 35 deg).  "sticker, cut" is cut at its
+half that is not tuned on; head-on (within 3 deg) or keystoned (20 to 35 deg).  "sticker, cut" is cut at its
 drawn contour, just outside its white margin, which shrinks with it, so that only a bank card beside it can tell;
 one lies there in every other image.  Found: within 0.5 % of the truth.  Wrong: a size is said that is further off.
 The grade must not be A while the scale is unknown, nor B or better where the size is off by 2 % or more.
@@ -57,12 +57,12 @@ FILL = 0.62  # of the image's height, by the sheet
 
 @dataclass(frozen=True)
 class Kind:
-    """A sheet: its size, the landmark on it, what verify is told, and whether it is cut at its drawing."""
+    """A sheet: its size, the landmark on it, what verify knows, and whether it is cut at its drawing."""
 
     paper_mm: tuple[float, float]
     size_mm: float
     template: str | None
-    told_paper: bool
+    stated_paper: bool
     cut: bool = False
 
 
@@ -155,7 +155,7 @@ def examine(job: tuple[str, float, bool, Path | None, int]) -> Answer:
     rng = np.random.default_rng([seed, round(100 * scale), list(KINDS).index(kind), keystoned, photo is None])
     k = KINDS[kind]
     image, code = photograph(kind, scale, keystoned, wall_of(photo, rng), k.cut and seed % 2 == 1, rng)
-    stated = Stated(code, LM8, k.size_mm, k.paper_mm if k.told_paper else None)
+    stated = Stated(code, LM8, k.size_mm, k.paper_mm if k.stated_paper else None)
     found = [item for item in grade_sheet("", image, None, (stated,)) if item.observation.code == code]
     names = (kind, "plain" if photo is None else "cluttered", "keystoned" if keystoned else "square", scale)
     if not found:
@@ -179,10 +179,10 @@ def row(some: list[Answer]) -> None:
     found = [error for error in known if error <= FOUND]
     unknown = [a for a in some if a[5] is None]
     harmful = sum(a[4] in "AB" and abs(a[3] - 1) >= HARMFUL - 1e-9 for a in some)
-    told = f"{np.median(found):.2%} ({max(found):.2%})" if found else "-"
+    said = f"{np.median(found):.2%} ({max(found):.2%})" if found else "-"
     print(
         f"| {' | '.join(some[0][:3])} | {len(some)} | {len(found)} | {len(unknown)} | {len(known) - len(found)} "
-        f"| {told} | {sum(a[4] == 'A' for a in unknown)} | {harmful} |",
+        f"| {said} | {sum(a[4] == 'A' for a in unknown)} | {harmful} |",
         flush=True,
     )
 

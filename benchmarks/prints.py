@@ -177,18 +177,16 @@ def scan(sheet: Sheet, look: Viewing, rng: np.random.Generator) -> np.ndarray:
     turn = np.deg2rad(rng.uniform(-0.1, 0.1))
     c, s = np.cos(turn), np.sin(turn)
     A = np.array([[c, -s, 4.0 + rng.uniform(0, 4)], [s, c, 4.0 + rng.uniform(0, 4)]])
-    picture = cv2.warpAffine(
-        sheet.texture, A, (width + 16, height + 16), flags=cv2.INTER_CUBIC, borderValue=(0.6,) * 3
-    )
+    image = cv2.warpAffine(sheet.texture, A, (width + 16, height + 16), flags=cv2.INTER_CUBIC, borderValue=(0.6,) * 3)
     if look.gloss:
-        y, x = np.mgrid[: picture.shape[0], : picture.shape[1]]
+        y, x = np.mgrid[: image.shape[0], : image.shape[1]]
         at = (np.array(CENTRE_MM) + rng.uniform(-50, 50, 2)) * PX_PER_MM
-        picture = (
-            picture
+        image = (
+            image
             + (look.gloss * np.exp(-(np.hypot(x - at[0], y - at[1]) ** 2) / 2 / (12 * PX_PER_MM) ** 2))[:, :, None]
         )
-    picture = cv2.GaussianBlur(picture, (0, 0), look.blur_px)
-    code = linear_to_srgb(np.clip(picture * 0.97, 0, 1)) * 255 + rng.normal(0, 1.2, picture.shape)
+    image = cv2.GaussianBlur(image, (0, 0), look.blur_px)
+    code = linear_to_srgb(np.clip(image * 0.97, 0, 1)) * 255 + rng.normal(0, 1.2, image.shape)
     return np.clip(np.round(code), 0, 255).astype(np.uint8)[:, :, ::-1].copy()
 
 
@@ -236,8 +234,8 @@ def examine(job: tuple[str, int, bool]) -> tuple[str, bool, str, dict[str, str |
         sheet, look = DEFECTS[defect][0](sheet, look, rng)
     printer = PRINTERS[int(rng.integers(len(PRINTERS)))]
     sheet = replace(sheet, texture=as_printed(sheet.texture.astype(np.float32), printer))
-    picture = scan(sheet, look, rng) if scanned else photograph(sheet, look, rng)
-    found = grade_sheet("", picture, (DPI, DPI) if scanned else None, (Stated(sheet.code, LM8, 180.0),))
+    image = scan(sheet, look, rng) if scanned else photograph(sheet, look, rng)
+    found = grade_sheet("", image, (DPI, DPI) if scanned else None, (Stated(sheet.code, LM8, 180.0),))
     if not found:
         return defect, scanned, "unread", {}
     item: PrintedLandmark = max(found, key=lambda p: np.ptp(p.observation.corners))
@@ -268,7 +266,7 @@ def main() -> None:
             if not some:
                 continue
             grades = Counter(grade for _, _, grade, _ in some)
-            told = ", ".join(f"{grade} {count}" for grade, count in sorted(grades.items()))
+            answer = ", ".join(f"{grade} {count}" for grade, count in sorted(grades.items()))
             if name == "none":
                 right, expected = sum(grade in "AB" for _, _, grade, _ in some), ()
             else:
@@ -281,7 +279,7 @@ def main() -> None:
                 if (grade or "A") in "CDF" and line not in expected
             )
             listed = ", ".join(f"{line} {count}" for line, count in others.most_common(6)) or "none"
-            print(f"| {name} | {'scan' if scanned else 'photograph'} | {len(some)} | {right} | {told} | {listed} |")
+            print(f"| {name} | {'scan' if scanned else 'photograph'} | {len(some)} | {right} | {answer} | {listed} |")
 
 
 if __name__ == "__main__":

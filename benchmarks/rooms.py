@@ -31,21 +31,21 @@ TILTS = (0, 30, 60, 80)
 
 
 def lmkit_readers(truth: dict) -> dict:
-    """lmkit's ways of reading, each a function of an image and which camera took it."""
+    """lmkit's methods of reading, each a function of an image and which camera took it."""
     rig = truth["rig"]
-    eyes = {
-        eye[0].upper(): CameraModel((640, 480), np.array(rig[eye]["K"]), np.array([*rig[eye]["dist"], 0.0]))
-        for eye in ("left", "right")
+    cameras = {
+        side[0].upper(): CameraModel((640, 480), np.array(rig[side]["K"]), np.array([*rig[side]["dist"], 0.0]))
+        for side in ("left", "right")
     }
-    ways = {
-        "lmkit": lambda eye: DetectOptions(),
-        "lmkit, fast": lambda eye: DetectOptions(config=FAST),
-        "lmkit, accurate": lambda eye: DetectOptions(config=ACCURATE),
-        "lmkit, camera given": lambda eye: DetectOptions(camera=eyes[eye]),
+    methods = {
+        "lmkit": lambda side: DetectOptions(),
+        "lmkit, fast": lambda side: DetectOptions(config=FAST),
+        "lmkit, accurate": lambda side: DetectOptions(config=ACCURATE),
+        "lmkit, camera given": lambda side: DetectOptions(camera=cameras[side]),
     }
     return {
-        name: lambda image, eye, way=way: [(d.code, d.corners) for d in detect_landmarks(image, way(eye))]
-        for name, way in ways.items()
+        name: lambda image, side, way=way: [(d.code, d.corners) for d in detect_landmarks(image, way(side))]
+        for name, way in methods.items()
     }
 
 
@@ -59,17 +59,17 @@ def score(folder: Path, detect) -> dict:
     truth = json.loads((folder / "truth.json").read_text())
     seen, groups, read, wrong, false, errors, seconds = [], [], [], 0, 0, [], []
     for pair in truth["pairs"]:
-        for picture in pair["images"]:
-            image = cv2.imread(str(folder / "images" / picture["image"]))
+        for photo in pair["images"]:
+            image = cv2.imread(str(folder / "images" / photo["image"]))
             start = time.perf_counter()
-            found = detect(image, picture["side"])
+            found = detect(image, photo["side"])
             seconds.append(time.perf_counter() - start)
             hits = set()
             for code, corners in found:
                 middle = corners.mean(axis=0)
                 near = [
                     entry
-                    for entry in picture["landmarks"]
+                    for entry in photo["landmarks"]
                     if np.linalg.norm(np.mean(entry["corners"], axis=0) - middle) < 0.6 * entry["side_px"]
                 ]
                 if not near:
@@ -83,7 +83,7 @@ def score(folder: Path, detect) -> dict:
                 if is_counted(entry):
                     off = np.linalg.norm(corners - np.array(entry["corners"]), axis=1)
                     errors.append(float(np.sqrt(np.mean(off**2))))
-            for entry in picture["landmarks"]:
+            for entry in photo["landmarks"]:
                 if is_counted(entry):
                     seen.append(entry["side_px"])
                     groups.append(groups_of(entry, pair["conditions"]))
@@ -115,10 +115,10 @@ def main(rooms: Path, drive: Path | None) -> None:
     cv2.setNumThreads(1)
     truth = json.loads((rooms / "landmark" / "truth.json").read_text())
     results = {name: score(rooms / "landmark", detect) for name, detect in lmkit_readers(truth).items()}
-    results["lmkit on tag36h11"] = score(rooms / "tag36h11", lambda image, eye: read_tags(image))
+    results["lmkit on tag36h11"] = score(rooms / "tag36h11", lambda image, side: read_tags(image))
     for name in ("AprilTag 3", "locus-tag"):
         peer = READERS[name].make()
-        results[name] = score(rooms / "tag36h11", lambda image, eye, peer=peer: peer(image))
+        results[name] = score(rooms / "tag36h11", lambda image, side, peer=peer: peer(image))
     print_table(results, "AprilTag 3")
     if drive is not None:
         truth = json.loads((drive / "truth.json").read_text())

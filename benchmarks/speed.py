@@ -69,10 +69,10 @@ def timed(work: Callable[[], object], clock: Callable[[], float] = time.process_
 
 def locate_four() -> Iterator[float]:
     """Four landmarks around a robot's view, 50 poses, corners with noise."""
-    hung = [
+    mounted = [
         MappedLandmark(LandmarkId("lm8", k), 0.18, wall_pose([4.0, 0.7 * k - 1.05, 1.2], np.pi)) for k in range(4)
     ]
-    landmarks, rng, seen = LandmarkMap(hung), np.random.default_rng(1), []
+    landmarks, rng, seen = LandmarkMap(mounted), np.random.default_rng(1), []
     while len(seen) < 50:
         state = np.array([rng.uniform(0.5, 1.5), rng.uniform(-0.4, 0.4), rng.uniform(-0.1, 0.1)])
         pair = look(landmarks, RIG, planar_pose(state), NOISE_PX, rng)
@@ -177,8 +177,8 @@ def locate_command() -> Iterator[float]:
 def write_inputs(folder: Path) -> None:
     """A rig, a map, and a pair of noisy images without landmarks: what is timed is mostly loading."""
     (folder / "rig.yaml").write_text(rig_to_yaml(RIG))
-    hung = MappedLandmark(LandmarkId("lm8", 1), 0.18, wall_pose([4.0, 0.0, 1.2], np.pi))
-    (folder / "map.yaml").write_text(map_to_yaml(LandmarkMap([hung])))
+    mounted = MappedLandmark(LandmarkId("lm8", 1), 0.18, wall_pose([4.0, 0.0, 1.2], np.pi))
+    (folder / "map.yaml").write_text(map_to_yaml(LandmarkMap([mounted])))
     image = np.random.default_rng(0).integers(90, 160, (480, 640, 3)).astype(np.uint8)
     image = cv2.GaussianBlur(image, (0, 0), 2.0)
     for name in ("left.png", "right.png"):
@@ -199,7 +199,7 @@ ROWS = {
 }
 
 
-def told(seconds: float) -> str:
+def answer(seconds: float) -> str:
     return f"{seconds:.2f} s" if seconds >= 1 else f"{1000 * seconds:.2f} ms"
 
 
@@ -211,7 +211,7 @@ def main(names: list[str]) -> None:
         row = ROWS[name]
         runs = np.array(list(row.run()))
         low, high = np.percentile(runs, [10, 90])
-        now, spread = told(float(np.median(runs))), f"{told(low)} to {told(high)}"
+        now, spread = answer(float(np.median(runs))), f"{answer(low)} to {answer(high)}"
         print(f"| {row.name} | {row.before} | {now} | {spread} | {len(runs)} |", flush=True)
 
 

@@ -34,12 +34,12 @@ from lmkit.odometry.pose_odometry import PoseMotion
 def load_rig(folder: Path) -> StereoRig:
     cameras = yaml.safe_load((folder / "cameras.yaml").read_text())
     poses = yaml.safe_load((folder / "camera_poses.yaml").read_text())
-    eyes, T = [], []
+    sides, T = [], []
     for name in ("cam0", "cam1"):
         fx, fy, cx, cy = cameras[name]["intrinsics"]
         K = np.array([[fx, 0, cx], [0, fy, cy], [0, 0, 1.0]])
         size = tuple(cameras[name]["resolution"])
-        eyes.append(CameraModel(size, K, np.array(cameras[name]["distortion_coeffs"]), "fisheye"))
+        sides.append(CameraModel(size, K, np.array(cameras[name]["distortion_coeffs"]), "fisheye"))
         place, turn = (np.array([poses[name]["pose"][part][k] for k in "xyz"]) for part in ("position", "rotation"))
         T.append(Pose.from_rvec("rig", name, turn, place))
     right_left = T[1].inverse() @ T[0]
@@ -47,8 +47,8 @@ def load_rig(folder: Path) -> StereoRig:
     place, turn = (np.array([odometry[part][k] for k in "xyz"]) for part in ("position", "rotation"))
     base_left = (T[0].inverse() @ Pose.from_rvec("rig", "base", turn, place)).inverse()
     return StereoRig(
-        eyes[0],
-        eyes[1],
+        sides[0],
+        sides[1],
         Pose("right", "left", right_left.R, right_left.t),
         T_base_left=Pose("base", "left", base_left.R, base_left.t),
     )
@@ -57,7 +57,7 @@ def load_rig(folder: Path) -> StereoRig:
 def load_hand_measured(folder: Path) -> dict[int, MappedLandmark]:
     """Tags of the static body, by code."""
     data = yaml.safe_load((folder / "tagslam.yaml").read_text())
-    hung = {}
+    mounted = {}
     for body in data["bodies"]:
         for values in body.values():
             if not values.get("is_static"):
@@ -67,8 +67,8 @@ def load_hand_measured(folder: Path) -> dict[int, MappedLandmark]:
                     continue
                 place, turn = (np.array([tag["pose"][part][k] for k in "xyz"]) for part in ("position", "rotation"))
                 T = Pose.from_rvec("map", "landmark", turn, place)
-                hung[tag["id"]] = MappedLandmark(LandmarkId("tag36h11", tag["id"]), tag.get("size", 0.15), T)
-    return hung
+                mounted[tag["id"]] = MappedLandmark(LandmarkId("tag36h11", tag["id"]), tag.get("size", 0.15), T)
+    return mounted
 
 
 def main() -> None:

@@ -44,12 +44,12 @@ def load(
         if seen in places and truth[0, 0] < time_s < truth[-1, 0]:
             frames.setdefault(time_s, []).append(RangeBearing(LandmarkId("lm8", seen), distance, bearing, time_s))
     odometry = odometry[np.diff(odometry[:, 0], prepend=-1.0) > 0]
-    hung = [
+    mounted = [
         MappedLandmark(LandmarkId("lm8", k), 0.18, Pose("map", "landmark", np.eye(3), np.array([*place, 0.0])))
         for k, place in places.items()
     ]
     wheels = Odometry.from_velocities(odometry[:, 0], odometry[:, 1], odometry[:, 2])
-    return sorted(frames.items()), wheels, LandmarkMap(hung), truth
+    return sorted(frames.items()), wheels, LandmarkMap(mounted), truth
 
 
 def errors(drive: TrackedTrajectory, truth: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -102,8 +102,8 @@ def simulated(photos: Sequence[Path], look_alikes: float, seed: int) -> list[Exa
 def no_words(image: np.ndarray, shown: Sequence[Shown]) -> list[Example]:
     """Landmarks of odd parity, which are no code of lm8p, taken for the nearest one."""
     words = {tuple(LM8P.gaps(code)) for code in range(LM8P.code_count)}
-    odd = [replace(s, code=-1) for s in shown if tuple(LM8.gaps(s.code)) not in words]
-    examples = examples_of(image, odd, DetectOptions((LM8P,), ACCURATE, ANYTHING))
+    other = [replace(s, code=-1) for s in shown if tuple(LM8.gaps(s.code)) not in words]
+    examples = examples_of(image, other, DetectOptions((LM8P,), ACCURATE, ANYTHING))
     return [e for e in examples if e.is_landmark]
 
 

@@ -69,7 +69,7 @@ def main() -> None:
     parser.add_argument("--draws", type=int, default=4000)
     draws = parser.parse_args().draws
     print(f"Printed: X {PRINTED[0]} %, Y {PRINTED[1]} %.  {draws} draws a row, X / Y in %.\n")
-    print("| range noise | paper's formulas | put right | lmkit, 2 landmarks | lmkit, 3 | lmkit, 4 |")
+    print("| range noise | paper's formulas | corrected | lmkit, 2 landmarks | lmkit, 3 | lmkit, 4 |")
     print("|---|---|---|---|---|---|")
     for share in (0.005, 0.01, 0.0125, 0.015, 0.02, 0.03, 0.05):
         two = percent(share, draws, 2)

@@ -18,7 +18,7 @@ def write_bag(folder, rig, pairs=3, encoding="rgb8", late=0.0, rate=(0.0, 0.0, 0
 
     def header(time):
         return make["std_msgs/msg/Header"](
-            make["builtin_interfaces/msg/Time"](int(time), round(time % 1 * 1e9)), "eye"
+            make["builtin_interfaces/msg/Time"](int(time), round(time % 1 * 1e9)), "side"
         )
 
     with Writer(folder, version=8) as writer:
@@ -31,13 +31,13 @@ def write_bag(folder, rig, pairs=3, encoding="rgb8", late=0.0, rate=(0.0, 0.0, 0
         said = {}
         width, height = rig.left.image_size
         for k in range(pairs):
-            for eye, text in zip(("left", "right"), rig_to_camera_infos(rig), strict=True):
-                time = 100.0 + k / 4 + (late if eye == "right" else 0.002 * (eye == "right"))
+            for side, text in zip(("left", "right"), rig_to_camera_infos(rig), strict=True):
+                time = 100.0 + k / 4 + (late if side == "right" else 0.002 * (side == "right"))
                 color = np.full((height, width, 3), (10 + k, 100, 200), np.uint8)
-                picture = make["sensor_msgs/msg/Image"](
+                image = make["sensor_msgs/msg/Image"](
                     header(time), height, width, encoding, 0, 3 * width, color.ravel()
                 )
-                say(f"/cam/{eye}/image_raw", "sensor_msgs/msg/Image", time, picture)
+                say(f"/cam/{side}/image_raw", "sensor_msgs/msg/Image", time, image)
                 info = yaml.safe_load(text)
                 roi = make["sensor_msgs/msg/RegionOfInterest"](0, 0, 0, 0, False)
                 arrays = [
@@ -49,7 +49,7 @@ def write_bag(folder, rig, pairs=3, encoding="rgb8", late=0.0, rate=(0.0, 0.0, 0
                 message = make["sensor_msgs/msg/CameraInfo"](
                     header(time), height, width, info["distortion_model"], *arrays, 0, 0, roi
                 )
-                say(f"/cam/{eye}/camera_info", "sensor_msgs/msg/CameraInfo", time, message)
+                say(f"/cam/{side}/camera_info", "sensor_msgs/msg/CameraInfo", time, message)
         vector, zero = make["geometry_msgs/msg/Vector3"], make["geometry_msgs/msg/Vector3"](0.0, 0.0, 0.0)
         quaternion = make["geometry_msgs/msg/Quaternion"](0.0, 0.0, np.sin(0.1), np.cos(0.1))
         for k in range(10):

@@ -36,11 +36,11 @@ def write_site(
         first = make_drive(100 + hall, seconds, count=count)
         name = f"hall{hall}"
         maps[name] = first.landmarks
-        odd = most_seen(first.frames, first.landmarks)
-        T = odd.T_map_landmark
-        away = replace(odd, T_map_landmark=Pose("map", "landmark", T.R, T.t + SHIFT_M * T.R[:, 0]))
+        other = most_seen(first.frames, first.landmarks)
+        T = other.T_map_landmark
+        away = replace(other, T_map_landmark=Pose("map", "landmark", T.R, T.t + SHIFT_M * T.R[:, 0]))
         away_by_hall[name] = away
-        later = LandmarkMap([away if m.id == odd.id else m for m in first.landmarks])
+        later = LandmarkMap([away if m.id == other.id else m for m in first.landmarks])
         for day in range(days):
             landmarks = later if moved and day == days - 1 > 0 else first.landmarks
             drive = make_drive(1000 * hall + day, seconds, count=count, landmarks=landmarks)

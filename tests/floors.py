@@ -34,13 +34,13 @@ def two_rooms(folder: Path) -> FloorPlan:
     return read_floor(path)
 
 
-def hung_every(floor: FloorPlan, spacing_m: float, first_code: int = 0) -> LandmarkMap:
+def mounted_every(floor: FloorPlan, spacing_m: float, first_code: int = 0) -> LandmarkMap:
     """Landmarks along all walls."""
-    hung: list[MappedLandmark] = []
+    mounted: list[MappedLandmark] = []
     for wall in floor.walls:
         for along in np.arange(0.4, wall.length_m - 0.3, spacing_m):
-            hung.append(on_wall(wall, float(along), first_code + len(hung)))
-    return LandmarkMap(hung)
+            mounted.append(on_wall(wall, float(along), first_code + len(mounted)))
+    return LandmarkMap(mounted)
 
 
 def on_wall(wall: Wall, along_m: float, code: int, height_m: float = 1.1) -> MappedLandmark:

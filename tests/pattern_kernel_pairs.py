@@ -113,7 +113,7 @@ def _decodings(rng: np.random.Generator) -> Iterator[tuple[Any, ...]]:
         yield drawing, words_with(rng, rings, codes), VIEW, samples, state, rules
 
 
-def _moments(rng: np.random.Generator) -> Iterator[tuple[Any, ...]]:
+def _grids(rng: np.random.Generator) -> Iterator[tuple[Any, ...]]:
     for side, count in [(6, 300), (8, 64), (9, 65), (3, 40)]:
         drawing, samples, state, _ = _landmark(rng, -side, count, False)
         yield drawing, 1, VIEW, samples, state
@@ -253,7 +253,7 @@ def _tables(rng: np.random.Generator, rings: int) -> ScreenTables:
 PATTERN_CALLS = [
     (linearize, linearize_numpy, _linearizations, 1e-5),
     (register, register_numpy, _registrations, 5e-4),
-    (grid_moments, grid_moments_numpy, _moments, 1e-5),
+    (grid_moments, grid_moments_numpy, _grids, 1e-5),
     (cell_codes, cell_codes_numpy, _codes, 1e-6),
     (robust_weights, robust_weights_numpy, _weightings, 1e-4),
     (decode, decode_numpy, _decodings, 1e-4),

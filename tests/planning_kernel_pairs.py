@@ -120,7 +120,7 @@ def change_calls(rng: np.random.Generator) -> Calls:
     for places, headings, enough, asked in [(1, 1, 1, 0), (6, 8, 2, 2), (4, 24, 24, 1)]:
         count = places * headings
         for rows in (np.arange(count), np.arange(0, count, 3), np.zeros(0, dtype=int)):
-            told = _information(rng, len(rows))
+            answer = _information(rng, len(rows))
             shown = rng.uniform(size=len(rows)) < 0.5
             start = (
                 _information(rng, count) * rng.uniform(0, 100, (count, 1, 1)), rng.integers(0, 3, count),
@@ -128,18 +128,18 @@ def change_calls(rng: np.random.Generator) -> Calls:
                 0.01, 0.005, 10.0,
             )  # fmt: skip
             for apply in (False, True):
-                yield start, rows, told, shown, 1, apply
+                yield start, rows, answer, shown, 1, apply
 
 
 def changed_coverage(change: Callable[..., Any]) -> Callable[..., Any]:
     """Gain of a change, and all arrays afterwards; it comes and goes again."""
 
-    def run(start: tuple[Any, ...], rows: np.ndarray, told: np.ndarray, shown: np.ndarray, sign: int, apply: bool):
+    def run(start: tuple[Any, ...], rows: np.ndarray, answer: np.ndarray, shown: np.ndarray, sign: int, apply: bool):
         coverage = Coverage(start[0].copy(), start[1].copy(), *start[2:])
-        gains = change(coverage, rows, told, shown, sign, apply)
+        gains = change(coverage, rows, answer, shown, sign, apply)
         after = [getattr(coverage, name).copy() for name in ("information", "in_view", "scores", "held")]
         if apply:
-            change(coverage, rows, told, shown, -sign, apply)
+            change(coverage, rows, answer, shown, -sign, apply)
         return (*gains, *after, coverage.held)
 
     run.__name__ = "change_coverage"
@@ -152,10 +152,10 @@ def panel_calls(rng: np.random.Generator) -> Calls:
     depth = rng.uniform(0.5, 5, (37, 53)).astype(np.float32)
     depth[::2] = np.inf
     for window in ((slice(0, 37), slice(0, 53)), (slice(4, 20), slice(9, 60)), (slice(5, 5), slice(0, 3))):
-        for bend in (0.0, 0.05):
+        for distortion in (0.0, 0.05):
             R = looking_along_x(rng, 1)[0].T
-            yield rays, depth, window, R, np.array([0.3, -0.2, -2.0]), (1.5, 0.8), bend
-            yield rays, depth, window, np.eye(3), np.array([0.1, 0.1, 0.0]), (1.5, 0.8), bend
+            yield rays, depth, window, R, np.array([0.3, -0.2, -2.0]), (1.5, 0.8), distortion
+            yield rays, depth, window, np.eye(3), np.array([0.1, 0.1, 0.0]), (1.5, 0.8), distortion
 
 
 def paint_calls(rng: np.random.Generator) -> Calls:

@@ -109,7 +109,7 @@ def main() -> int:
                 stderr=subprocess.PIPE, text=True,
             )  # fmt: skip
             assert process.stderr is not None
-            told = process.stderr.read().strip()
+            answer = process.stderr.read().strip()
             _, status, used = os.wait4(process.pid, 0)
             seconds, memory, code = (
                 used.ru_utime + used.ru_stime,
@@ -117,7 +117,7 @@ def main() -> int:
                 os.waitstatus_to_exitcode(status),
             )
             worst |= (code == 2 and seconds > MOST_S) or memory > MOST_MIB or code not in (0, 1, 2)
-            print(f"{title:12s} {code:3d} {seconds:6.2f} s {memory:5d} MiB  {told[-110:]}", flush=True)
+            print(f"{title:12s} {code:3d} {seconds:6.2f} s {memory:5d} MiB  {answer[-110:]}", flush=True)
             (folder / name).write_bytes(before)
     return int(worst)
 

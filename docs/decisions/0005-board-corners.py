@@ -25,7 +25,7 @@ def only(localize):
     return refine
 
 
-WAYS = {
+METHODS = {
     "SB": only(lambda gray, found, side: found),
     "gradient": only(
         lambda gray, found, side: corners._by_gradients(
@@ -52,15 +52,15 @@ def held_out(root: Path, board: BoardSpec) -> float | None:
 
 
 if __name__ == "__main__":
-    print("| set | " + " | ".join(WAYS) + " |")
-    print("|---|" + "---|" * len(WAYS))
+    print("| set | " + " | ".join(METHODS) + " |")
+    print("|---|" + "---|" * len(METHODS))
     for name in ("opencv_bouguet", "aliyasin", "stereopi"):
         root = Path(sys.argv[1]) / name
         meta = json.loads((root / "board.json").read_text())
         columns, rows = meta["inner_corners"]
         board = BoardSpec("chessboard", columns, rows, meta["square_mm"])
         row = []
-        for way in WAYS.values():
+        for way in METHODS.values():
             boards.refine_corners = way
             row.append(f"{held_out(root, board):.4f}")
         print(f"| {name} | " + " | ".join(row) + " |", flush=True)

@@ -32,12 +32,12 @@ def test_the_lines_of_the_readme_run(
 def test_results_become_json(files: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(files)
     estimate = lmkit.locate("left.png", "right.png", rig="rig.yaml", landmarks="map.yaml")
-    told = json.loads(json.dumps(estimate.to_dict(), allow_nan=False))
-    assert told["status"] == "ok"
-    assert told["ids"] == [f"lm8:{code}" for code in told["codes"]]
+    answer = json.loads(json.dumps(estimate.to_dict(), allow_nan=False))
+    assert answer["status"] == "ok"
+    assert answer["ids"] == [f"lm8:{code}" for code in answer["codes"]]
     assert estimate.T_map_base is not None
-    assert told["position"] == estimate.T_map_base.t.tolist()
-    assert told["position"] != estimate.to_dict("camera")["position"]
+    assert answer["position"] == estimate.T_map_base.t.tolist()
+    assert answer["position"] != estimate.to_dict("camera")["position"]
     error = lmkit.evaluate("truth.tum", "truth.tum").to_dict()
     assert json.loads(json.dumps(error, allow_nan=False))["pairs"] > 10
     found = lmkit.detect("left.png").to_dict()
@@ -48,10 +48,10 @@ def test_recordings_become_json(files: Path, tmp_path: Path, monkeypatch: pytest
     monkeypatch.chdir(files)
     recording = lmkit.read_recording(detections="detections.csv", odometry="odometry.csv", gyro="gyro.csv")
     survey = lmkit.survey(recording, "rig.yaml")
-    told = json.loads(json.dumps(survey.to_dict(), allow_nan=False))
-    assert told["frames"] == len(recording.frames) >= told["located"] > 10
-    assert [entry["id"] for entry in told["landmarks"]] == [str(m.id) for m in survey.bundle.landmarks]
-    assert all(isinstance(value, float) for value in told["odometry"].values()) and told["odometry"]
+    answer = json.loads(json.dumps(survey.to_dict(), allow_nan=False))
+    assert answer["frames"] == len(recording.frames) >= answer["located"] > 10
+    assert [entry["id"] for entry in answer["landmarks"]] == [str(m.id) for m in survey.bundle.landmarks]
+    assert all(isinstance(value, float) for value in answer["odometry"].values()) and answer["odometry"]
     tracked = lmkit.track(recording, "rig.yaml", survey.landmarks)
     first = json.loads(json.dumps(tracked.to_dict(0), allow_nan=False))
     assert first["position"] == tracked.poses[0].t.tolist()

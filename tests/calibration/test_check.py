@@ -80,7 +80,7 @@ def test_landmarks_of_an_ordinary_drive_tell_a_bump():
 
 
 @pytest.mark.slow
-def test_a_pair_of_different_moments_does_not_speak_for_a_moved_rig():
+def test_a_pair_of_different_times_does_not_speak_for_a_moved_rig():
     seen = views(12, 0.1)
     seen[4] = replace(seen[4], right=seen[5].right)
     checked = check_rig(make_rig(), BOARD.object_points, seen)

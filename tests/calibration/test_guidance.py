@@ -38,7 +38,7 @@ def test_a_moving_board_waits():
     assert g.judge(shifted(view, 0.5)).reason == "kept"
 
 
-def test_a_moment_without_the_board_starts_anew():
+def test_a_frame_without_the_board_starts_anew():
     g = guide(moving=True)
     view = views(1, 0.05)[0]
     g.judge(view)

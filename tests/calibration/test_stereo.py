@@ -60,7 +60,7 @@ def test_noise_gives_errors_of_the_stated_size():
 
 
 @pytest.mark.slow
-def test_swapped_pictures_are_named_and_do_no_harm():
+def test_swapped_images_are_named_and_do_no_harm():
     clean = calibrate_stereo(views(14, 0.1), BOARD, (640, 480))
     planted = views(14, 0.1)
     for a, b in ((2, 3), (7, 8)):
@@ -78,7 +78,7 @@ def test_a_rig_that_moved_is_warned_of_with_the_pairs_named(data):
 
     root = data / "stereo" / "ricsar"
     board = BoardSpec.parse("chessboard:9x6:24mm")
-    left, right = (sorted((root / eye).iterdir()) for eye in ("left", "right"))
+    left, right = (sorted((root / side).iterdir()) for side in ("left", "right"))
     pairs = find_board_pairs(list(zip(left, right, strict=True)), board)
     result = calibrate_stereo(pairs.views, board, pairs.image_size, rejected=pairs.rejected)
     warned = {name for w in result.warnings if w.code == "pairs_disagree" for name in w.pairs}
@@ -87,7 +87,7 @@ def test_a_rig_that_moved_is_warned_of_with_the_pairs_named(data):
 
 @pytest.mark.slow
 def test_corners_that_err_together_widen_the_intervals(monkeypatch):
-    """A bend of its own in every image counts by the image; noise of single corners changes nothing."""
+    """A distortion of its own in every image counts by the image; noise of single corners changes nothing."""
 
     def widened(seen):
         sigma = calibrate_stereo(seen, BOARD, (640, 480), "pinhole").baseline_sigma_m
@@ -97,12 +97,12 @@ def test_corners_that_err_together_widen_the_intervals(monkeypatch):
 
     assert widened(views(16, 0.1, 3)) < 1.15
     rng = np.random.default_rng(3)
-    bent = []
+    distorted = []
     for view in views(16, 0.02, 3):
         x, y = ((view.left - [320, 240]) / 240).T
-        bend = np.column_stack([x * y, x**2, y**2]) @ rng.normal(0, 0.2, (3, 2))
-        bent.append(replace(view, left=view.left + bend))
-    assert widened(bent) > 1.5
+        distortion_px = np.column_stack([x * y, x**2, y**2]) @ rng.normal(0, 0.2, (3, 2))
+        distorted.append(replace(view, left=view.left + distortion_px))
+    assert widened(distorted) > 1.5
 
 
 def test_what_a_turn_of_the_camera_makes_up_for_is_no_uncertainty():
@@ -120,7 +120,7 @@ def test_what_a_turn_of_the_camera_makes_up_for_is_no_uncertainty():
 
 @pytest.mark.slow
 @pytest.mark.parametrize("seed", range(3))
-def test_eyes_of_different_moments_are_refused_with_the_reason(seed):
+def test_cameras_of_different_times_are_refused_with_the_reason(seed):
     """The board moved by some 6 px between the left and the right image of every pair."""
     rng = np.random.default_rng(seed)
     apart = [replace(view, right=view.right + rng.normal(0, 6, 2)) for view in views(12, 0.1, seed)]
@@ -216,7 +216,7 @@ def test_radtan_starts_with_four_coefficients_and_is_written_for_kalibr_exactly(
     assert (lens, error_px) == ("radtan", 0.0)
 
 
-def test_the_verdict_follows_the_intervals():
+def test_the_result_follows_the_intervals():
     result = calibrate_stereo(views(12, 0.1), BOARD, make_rig().left.image_size, "pinhole")
     loose = CalibrationWarning("unsure_rotation", "the rotation between the cameras is known to 0.4 deg only")
     assert calibration_summary(replace(result, warnings=()))[0] == "good"

@@ -29,14 +29,14 @@ def corners(tmp_path) -> Path:
 def pairs(data, tmp_path) -> tuple[Path, Path]:
     """Six rendered pairs in two folders."""
     folders = tmp_path / "left", tmp_path / "right"
-    for folder, eye in zip(folders, "LR", strict=True):
+    for folder, side in zip(folders, "LR", strict=True):
         folder.mkdir()
         for k in (2, 3, 4, 5, 7, 8):
-            shutil.copy(data / f"boards/chessboard/images/p{k:02d}_{eye}.jpg", folder / f"{k:02d}.jpg")
+            shutil.copy(data / f"boards/chessboard/images/p{k:02d}_{side}.jpg", folder / f"{k:02d}.jpg")
     return folders
 
 
-def test_corners_saved_before_calibrate_without_pictures(lmkit, corners, tmp_path):
+def test_corners_saved_before_calibrate_without_images(lmkit, corners, tmp_path):
     answer = lmkit("calibrate", "--corners", corners, "-o", "rig.yaml", "--report", "r.html", "--json")
     assert answer.code == 0
     row = json.loads(answer.out)
@@ -56,7 +56,7 @@ def test_a_wrong_square_is_noticed_by_the_declared_baseline(lmkit, corners):
     assert {"scale", "field_of_view"} <= {w["code"] for w in json.loads(wrong.out)["warnings"]}
 
 
-def test_pictures_calibrate_are_saved_and_repeat(lmkit, pairs, tmp_path):
+def test_images_calibrate_are_saved_and_repeat(lmkit, pairs, tmp_path):
     left, right = pairs
     first = lmkit("calibrate", left, right, "--board", SPEC, "--json", "--save-corners", "c.json")
     again = lmkit("calibrate", "--corners", "c.json", "--json")
@@ -109,7 +109,7 @@ def test_capture_keeps_new_sharp_still_views_of_films(lmkit, pairs, tmp_path):
     assert read_rig(tmp_path / "rig.yaml").baseline_m == pytest.approx(0.12, abs=0.001)
 
 
-def test_capture_reads_both_eyes_side_by_side(lmkit, pairs, tmp_path):
+def test_capture_reads_both_cameras_side_by_side(lmkit, pairs, tmp_path):
     (tmp_path / "both").mkdir()
     for a, b in zip(*(sorted(folder.iterdir()) for folder in pairs), strict=True):
         cv2.imwrite(str(tmp_path / "both" / a.name), np.hstack([cv2.imread(str(a)), cv2.imread(str(b))]))
@@ -151,7 +151,7 @@ def test_rectified_rows_match(lmkit, data, pairs, tmp_path):
     assert lmkit("calibrate", left, right, "--board", SPEC, "-o", "rig.yaml").code == 0
     assert lmkit("rectify", left / "03.jpg", right / "03.jpg", "--rig", "rig.yaml", "-o", "flat").code == 0
     board = BoardSpec.parse(SPEC)
-    seen = [detect_board(cv2.imread(str(tmp_path / "flat" / f"03_{eye}.png")), board) for eye in ("left", "right")]
+    seen = [detect_board(cv2.imread(str(tmp_path / "flat" / f"03_{side}.png")), board) for side in ("left", "right")]
     rows = seen[0].image_points[:, 1] - seen[1].image_points[:, 1]
     assert np.abs(rows).mean() < 0.15
 
@@ -175,7 +175,7 @@ def test_rectified_rows_match(lmkit, data, pairs, tmp_path):
         (["--corners", "missing.json"], "missing.json"),
     ],
 )
-def test_wrong_use_is_told_in_one_line(lmkit, arguments, words):
+def test_wrong_use_is_explained_in_one_line(lmkit, arguments, words):
     answer = lmkit("calibrate", *arguments)
     assert answer.code == 2, answer
     assert words in answer.err

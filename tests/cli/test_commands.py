@@ -31,8 +31,8 @@ def test_verify_notices_a_wrong_label_and_a_wrong_size(lmkit, tmp_path):
     from PIL import Image
 
     assert lmkit("generate", "--code", "7", "-o", "x.png", "--dpi", "150").code == 0
-    picture = Image.open(tmp_path / "x.png")
-    picture.save(tmp_path / "small.png", dpi=(160, 160))  # claims more dots per inch than it has
+    photo = Image.open(tmp_path / "x.png")
+    photo.save(tmp_path / "small.png", dpi=(160, 160))  # claims more dots per inch than it has
     answer = lmkit("verify", "small.png", "--json")
     assert json.loads(answer.out)["side_mm"] == pytest.approx([180 * 150 / 160] * 2, abs=0.2)
 
@@ -52,7 +52,7 @@ def test_verify_notices_a_wrong_label_and_a_wrong_size(lmkit, tmp_path):
 
 
 @pytest.mark.parametrize("suffix", ["png", "svg"])
-def test_several_codes_make_several_pictures(lmkit, tmp_path, suffix):
+def test_several_codes_make_several_images(lmkit, tmp_path, suffix):
     answer = lmkit("generate", "--codes", "1-2", "--bare", "--dpi", "50", "-o", f"x.{suffix}")
     assert answer.out.split() == [f"x-1.{suffix}", f"x-2.{suffix}"]
     assert sorted(p.name for p in tmp_path.iterdir()) == answer.out.split()
@@ -212,7 +212,7 @@ def test_python_m_is_the_command():
 
 @pytest.mark.skipif(sys.platform == "win32", reason="no pseudo terminals")
 def test_stdout_stays_stdout_beside_a_progress_bar(tmp_path):
-    """Rich moves stdout to its own console, which is stderr, unless told not to."""
+    """Rich moves stdout to its own console, which is stderr, unless asked not to."""
     import pty
 
     (tmp_path / "a.png").write_bytes(b"nothing")

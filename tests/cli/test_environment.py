@@ -133,10 +133,10 @@ def test_signals_leave_all_or_nothing(copied, command):
         )  # fmt: skip
         time.sleep(part * seconds)
         process.send_signal(number)
-        _, told = process.communicate(timeout=SOON_S)
+        _, stated = process.communicate(timeout=SOON_S)
         # Before its first and after its last line Python leaves signals to the system.
-        assert process.returncode in (0, 130, -number, -signal.SIGINT), told
-        assert "internal error" not in told
+        assert process.returncode in (0, 130, -number, -signal.SIGINT), stated
+        assert "internal error" not in stated
         # A folder of many files that is cut short holds whole ones only.
         left = sizes(copied, before)
         assert left.items() <= whole.items()
@@ -152,9 +152,9 @@ def test_no_home_and_two_runs_on_one_output(copied):
         subprocess.Popen(words, cwd=copied, env={"PATH": os.environ["PATH"]}, stderr=subprocess.PIPE, text=True)
         for _ in range(2)
     ]
-    told = [process.communicate(timeout=SOON_S)[1] for process in both]
-    assert sorted({process.returncode for process in both}) in ([0], [0, 2]), told
-    assert not any("Traceback" in text for text in told)
+    stated = [process.communicate(timeout=SOON_S)[1] for process in both]
+    assert sorted({process.returncode for process in both}) in ([0], [0, 2]), stated
+    assert not any("Traceback" in text for text in stated)
     assert not [name for name in names(copied) if name.startswith(".")]
 
 

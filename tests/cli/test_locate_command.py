@@ -79,13 +79,13 @@ def test_nothing_is_overwritten(lmkit, room, tmp_path):
     assert (tmp_path / "t.txt").read_text() == "mine"
 
 
-def test_pictures_named_by_time_keep_their_names_apart(lmkit, room, tmp_path):
+def test_images_named_by_time_keep_their_names_apart(lmkit, room, tmp_path):
     """`12.25.png` and `12.75.png` are two frames: in the trajectory, and as images."""
     folder, _ = room
-    for eye in ("left", "right"):
-        (tmp_path / eye).mkdir()
-        for k, file in enumerate(sorted((folder / eye).iterdir())):
-            (tmp_path / eye / f"12.{25 + 50 * k}.png").write_bytes(file.read_bytes())
+    for side in ("left", "right"):
+        (tmp_path / side).mkdir()
+        for k, file in enumerate(sorted((folder / side).iterdir())):
+            (tmp_path / side / f"12.{25 + 50 * k}.png").write_bytes(file.read_bytes())
     answer = lmkit("locate", "left", "right", *given(room)[2:], "--json", "--tum", "t.txt", "--annotate", "shown")
     assert answer.code == 0, answer.err
     rows = [json.loads(line) for line in answer.out.splitlines()]
@@ -98,10 +98,10 @@ def test_pictures_named_by_time_keep_their_names_apart(lmkit, room, tmp_path):
 def test_a_film_is_located_frame_by_frame(lmkit, room, tmp_path):
     folder, _ = room
     films = []
-    for eye in ("left", "right"):
-        films.append(tmp_path / f"{eye}.avi")
+    for side in ("left", "right"):
+        films.append(tmp_path / f"{side}.avi")
         writer = cv2.VideoWriter(str(films[-1]), cv2.VideoWriter.fourcc(*"MJPG"), 5, (640, 480))
-        for file in sorted((folder / eye).iterdir()):
+        for file in sorted((folder / side).iterdir()):
             writer.write(cv2.imread(str(file)))
         writer.release()
     answer = lmkit("locate", *films, *given(room)[2:], "--json")
@@ -123,7 +123,7 @@ def test_a_film_is_located_frame_by_frame(lmkit, room, tmp_path):
         (["--readings", "r.csv"], "--readings and images"),
     ],
 )
-def test_wrong_options_are_told_in_one_line(lmkit, room, options, words):
+def test_wrong_options_are_explained_in_one_line(lmkit, room, options, words):
     answer = lmkit("locate", *given(room), *options)
     assert answer.code == 2
     assert words in answer.err
@@ -153,7 +153,7 @@ def test_priors_are_taken(lmkit, room):
         (["--map", "m.yaml", "--bearing-sigma", "0"], "--bearing-sigma"),
     ],
 )
-def test_wrong_options_of_readings_are_told_in_one_line(lmkit, room, tmp_path, options, words):
+def test_wrong_options_of_readings_are_explained_in_one_line(lmkit, room, tmp_path, options, words):
     (tmp_path / "m.yaml").write_text((room[0] / "map.yaml").read_text())
     (tmp_path / "r.csv").write_text("time_s,code,range_m,bearing_rad\n0,1,1,\n")
     answer = lmkit("locate", "--readings", "r.csv", *options)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 
 import pytest
-from floors import RIG, hung_every, two_rooms
+from floors import RIG, mounted_every, two_rooms
 
 from lmkit.io.landmark_map import map_to_yaml, read_map
 from lmkit.io.rig import rig_to_yaml
@@ -17,7 +17,7 @@ EASY = ("--in-view", "1", "--headings", "20", "--share", "70")
 def files(tmp_path):
     floor = two_rooms(tmp_path)
     (tmp_path / "rig.yaml").write_text(rig_to_yaml(RIG))
-    (tmp_path / "map.yaml").write_text(map_to_yaml(hung_every(floor, 1.0)))
+    (tmp_path / "map.yaml").write_text(map_to_yaml(mounted_every(floor, 1.0)))
     return ("--floor", "floor.yaml", "--rig", "rig.yaml")
 
 
@@ -49,7 +49,7 @@ def test_sizes_and_heights_may_be_chosen_from(lmkit, files, tmp_path):
     assert [int(row.split(",")[4]) for row in rows] == [round(1000 * one["size_m"]) for one in listed]
 
 
-def test_what_hangs_already_may_be_enough(lmkit, files, tmp_path):
+def test_landmarks_already_mounted_may_be_enough(lmkit, files, tmp_path):
     asks = ("--in-view", "0", "--headings", "20", "--share", "50", "--patience", "0")
     done = lmkit("plan", "place", *files, *asks, "--map", "map.yaml", "-o", "out")
     assert done.code == 0, done.err
@@ -70,7 +70,7 @@ def test_without_a_command_there_is_help(lmkit):
     assert all(name in done.out for name in ("coverage", "place", "route"))
 
 
-def test_coverage_prints_weak_places_and_draws(lmkit, files, tmp_path):
+def test_coverage_prints_uncertain_places_and_draws(lmkit, files, tmp_path):
     done = lmkit("plan", "coverage", *files, "--map", "map.yaml", "-o", "heat.svg", "--json")
     assert done.code == 0, done.err
     answer = json.loads(done.out)
@@ -121,6 +121,6 @@ def test_a_rig_without_base_asks_for_the_camera_s_height(lmkit, files, tmp_path)
     assert lmkit("plan", "coverage", *files, "--map", "map.yaml", "--camera-height", "0.85m").code == 0
 
 
-def test_a_picture_needs_a_scale(lmkit, files):
+def test_an_image_needs_a_scale(lmkit, files):
     done = lmkit("plan", "coverage", "--floor", "f.png", "--rig", "rig.yaml", "--map", "map.yaml")
     assert (done.code, "--scale" in done.err) == (2, True)

@@ -116,7 +116,7 @@ def of_family(landmarks: LandmarkMap, family: str) -> LandmarkMap:
 
 @pytest.fixture
 def folder(tmp_path, drive, monkeypatch) -> Path:
-    """Files of a recorded drive, in the working folder."""
+    """Files of a recording, in the working folder."""
     readings = [(t, r) for t, seen in drive.readings(3) for r in seen]
     codes = {m.id: k for k, m in enumerate(drive.landmarks)}
     rows = [f"{t:.3f},{codes[r.id]},{r.range_m:.4f},{r.bearing_rad:.5f}" for t, r in readings]

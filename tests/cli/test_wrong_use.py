@@ -228,7 +228,7 @@ def test_locate_refuses_a_code_twice(lmkit, tmp_path, rig, landmark_map):
     assert_refused(lmkit("locate", image, image, "--rig", rig, "--map", landmark_map), "map.yaml", "lm8:3", "twice")
 
 
-def test_locate_refuses_pictures_of_another_size(lmkit, tmp_path, rig, landmark_map):
+def test_locate_refuses_images_of_another_size(lmkit, tmp_path, rig, landmark_map):
     image, other = saved_image(tmp_path / "a.png"), saved_image(tmp_path / "b.png")
     assert_refused(lmkit("locate", image, other, "--rig", rig, "--map", landmark_map), "64 x 48", "640 x 480")
 

@@ -40,7 +40,7 @@ def test_landmarks_are_found_where_they_are(scene):
         assert np.abs(found[code] - corners).max() < 0.5
 
 
-def test_a_quarter_turn_of_the_picture_turns_the_corners_along(scene):
+def test_a_quarter_turn_of_the_image_turns_the_corners_along(scene):
     image, truth = scene
     turned = corners_by_code(np.ascontiguousarray(np.rot90(image)))  # counter-clockwise
     assert turned.keys() == truth.keys()
@@ -63,7 +63,7 @@ def test_enlarging_scales_the_corners(scene):
         assert np.abs((large[code] + 0.5) / 2 - 0.5 - corners).max() < 0.6
 
 
-def test_red_and_blue_exchanged_is_no_landmark(scene):
+def test_red_and_blue_swapped_is_no_landmark(scene):
     assert detect_landmarks(np.ascontiguousarray(scene[0][:, :, ::-1])) == []
 
 
@@ -78,7 +78,7 @@ def mirrored(code):
     return (a, d, c, b, h, g, f, e)
 
 
-def test_a_gray_picture_holds_no_landmark(scene):
+def test_a_gray_image_holds_no_landmark(scene):
     gray = cv2.cvtColor(cv2.cvtColor(scene[0], cv2.COLOR_BGR2GRAY), cv2.COLOR_GRAY2BGR)
     assert detect_landmarks(gray) == []
 
@@ -111,7 +111,7 @@ def test_a_pole_over_one_side_does_not_move_the_other_corners(scene):
     ],
     ids=["black", "white strip", "noise", "finest checks"],
 )
-def test_extreme_pictures_hold_nothing_and_break_nothing(image):
+def test_extreme_images_hold_nothing_and_break_nothing(image):
     assert detect_landmarks(image) == []
 
 
@@ -146,9 +146,9 @@ def test_turning_a_landmark_permutes_its_gaps():
         assert np.corrcoef(white.ravel(), (turned[:, :, 1] > 170).ravel())[0, 1] > 0.98
 
 
-@pytest.mark.parametrize("bend", [-0.2, -0.05, 0.0, 0.1, 0.3])
-def test_bending_is_undone(bend):
+@pytest.mark.parametrize("distortion", [-0.2, -0.05, 0.0, 0.1, 0.3])
+def test_distortion_is_undone(distortion):
     at = np.random.default_rng(3).uniform([0, 0], [640, 480], (50, 2))
     center = np.array([319.5, 239.5])
-    flat = undistort_radial(at, bend, center, 320.0)
-    assert np.allclose(distort_radial(flat, bend, center, 320.0), at, atol=1e-4)
+    flat = undistort_radial(at, distortion, center, 320.0)
+    assert np.allclose(distort_radial(flat, distortion, center, 320.0), at, atol=1e-4)

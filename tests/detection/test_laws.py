@@ -68,7 +68,7 @@ def test_upright_corners_err_as_they_say(side_px, bayer):
 @pytest.mark.slow
 @LAWS
 @given(st.integers(0, 255), st.floats(20, 100), st.integers(1, 3))
-def test_turning_the_picture_turns_the_answer(code, side_px, quarters):
+def test_turning_the_image_turns_the_answer(code, side_px, quarters):
     image, _ = shoot(code, side_px, 7.0, 20.0)
     (upright,) = detect_landmarks(image)
     (turned,) = detect_landmarks(np.ascontiguousarray(np.rot90(image, quarters)))
@@ -105,7 +105,7 @@ def test_red_and_blue_swapped_is_no_landmark(code):
     assert detect_landmarks(np.ascontiguousarray(image[:, :, ::-1])) == []
 
 
-def test_gray_pictures_hold_none_and_are_known_as_such():
+def test_gray_images_hold_none_and_are_known_as_such():
     image, _ = shoot(7, 60.0)
     gray = cv2.cvtColor(cv2.cvtColor(image, cv2.COLOR_BGR2GRAY), cv2.COLOR_GRAY2BGR)
     assert detect_landmarks(gray) == []
@@ -121,9 +121,9 @@ def test_mirrored_landmarks_are_not_read_as_themselves():
 
 
 def test_a_known_lens_straightens_the_edges():
-    bent = CameraModel(SIZE, CAMERA.K, np.array([-0.4, 0.12, 0.0, 0.0, 0.0]))
-    image, corners = shoot(77, 110.0, 10.0, 30.0, camera=bent)
-    (found,) = detect_landmarks(image, DetectOptions(camera=bent))
+    distorted = CameraModel(SIZE, CAMERA.K, np.array([-0.4, 0.12, 0.0, 0.0, 0.0]))
+    image, corners = shoot(77, 110.0, 10.0, 30.0, camera=distorted)
+    (found,) = detect_landmarks(image, DetectOptions(camera=distorted))
     assert worst(found, corners) < 0.15
     straight = CameraModel(SIZE, CAMERA.K, np.zeros(5))
     wrong = detect_landmarks(image, DetectOptions(camera=straight))
@@ -139,7 +139,7 @@ def test_a_known_lens_straightens_the_edges():
         np.zeros((40, 40, 3), np.uint16),
     ],
 )
-def test_what_is_no_picture_is_refused_by_name(image):
+def test_what_is_no_image_is_refused_by_name(image):
     with pytest.raises(InputError, match="shape"):
         detect_landmarks(image)
 

@@ -15,10 +15,10 @@ from lmkit.simulation.photograph import ImagingChain, Light, Shadow
 
 
 def test_the_local_white_bridges_the_dark_and_keeps_a_step():
-    picture = np.full((60, 90, 3), 0.8, np.float32)
-    picture[20:30, 10:80] = 0.05
-    picture[:, 45:] *= 0.25
-    white = local_white(picture, window_for(40))
+    photo = np.full((60, 90, 3), 0.8, np.float32)
+    photo[20:30, 10:80] = 0.05
+    photo[:, 45:] *= 0.25
+    white = local_white(photo, window_for(40))
     assert np.allclose(white[24, [20, 40]], 0.8, atol=0.01)
     assert np.allclose(white[24, [50, 70]], 0.2, atol=0.01)
 

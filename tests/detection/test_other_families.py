@@ -32,7 +32,7 @@ def test_no_family_is_read_as_one_of_other_rings(drawn):
         assert detect_landmarks(image, DetectOptions(others)) == []
 
 
-def test_two_families_in_one_picture():
+def test_two_families_in_one_image():
     images = [shoot(9, 60, family=family, seed=k)[0] for k, family in enumerate((LM8, LM4))]
     found = detect_landmarks(np.hstack(images), DetectOptions((LM4, LM8)))
     assert sorted((d.family, d.code) for d in found) == [("lm4", 9), ("lm8", 9)]

@@ -53,8 +53,8 @@ def answers(lmkit, *arguments: str) -> list[dict]:
 
 def test_from_scan_to_report(lmkit, small, tmp_path):
     pattern = f"{small}/logs/{{site}}/{{robot}}/*"
-    told = answers(lmkit, "scan", pattern, "--rig", f"{small}/rigs/{{robot}}.yaml", "--store", "store")
-    assert told == [{"found": 2, "changed": 2, "recordings": 2}]
+    stated = answers(lmkit, "scan", pattern, "--rig", f"{small}/rigs/{{robot}}.yaml", "--store", "store")
+    assert stated == [{"found": 2, "changed": 2, "recordings": 2}]
     assert [row["failure"] for row in answers(lmkit, "detect", "--store", "store", "--jobs", "1")] == [None, None]
     # What is done is not done again.
     assert answers(lmkit, "detect", "--store", "store") == []
@@ -71,8 +71,8 @@ def test_from_scan_to_report(lmkit, small, tmp_path):
 def test_planted_faults_are_found(lmkit, written, tmp_path):
     folder, site = written
     pattern = f"{folder}/logs/{{site}}/{{robot}}/*"
-    told = answers(lmkit, "scan", pattern, "--rig", f"{folder}/rigs/{{robot}}.yaml", "--store", "store")
-    assert told == [{"found": 7, "changed": 7, "recordings": 7}]
+    stated = answers(lmkit, "scan", pattern, "--rig", f"{folder}/rigs/{{robot}}.yaml", "--store", "store")
+    assert stated == [{"found": 7, "changed": 7, "recordings": 7}]
     detected = answers(lmkit, "detect", "--store", "store", "--jobs", "1")
     assert sum(row["failure"] is None for row in detected) == 6
     failure = next(row["failure"] for row in detected if row["failure"])
@@ -172,12 +172,12 @@ def cluster() -> Iterator[tuple[str, list[subprocess.Popen]]]:
     import tempfile
 
     with tempfile.TemporaryDirectory() as scratch:
-        told = Path(scratch) / "scheduler.json"
-        processes = [subprocess.Popen([*command, str(told)], env=environment)]
+        stated = Path(scratch) / "scheduler.json"
+        processes = [subprocess.Popen([*command, str(stated)], env=environment)]
         deadline = time.monotonic() + 60
-        while not told.exists() and time.monotonic() < deadline:
+        while not stated.exists() and time.monotonic() < deadline:
             time.sleep(0.1)
-        address = json.loads(told.read_text())["address"]
+        address = json.loads(stated.read_text())["address"]
         worker = [sys.executable, "-m", "distributed.cli.dask_worker", address, "--nthreads", "1", "--no-dashboard",
                   "--no-nanny"]  # fmt: skip
         processes += [subprocess.Popen(worker, env=environment) for _ in range(2)]

@@ -88,7 +88,7 @@ def test_the_drawing_is_what_the_reader_expects(code):
     open_gaps = np.flatnonzero(code_to_gaps(code, 8))
     (inks,) = LandmarkPattern(LM8).inks(points, spread, open_gaps, 0)
     expected = (inks @ np.array([WHITE, RED, BLUE, WHITE], dtype=float)).reshape(size, size, 3)
-    # Over cells of 1 mm, so that two ways of smoothing edges do not count.
+    # Over cells of 1 mm, so that two methods of smoothing edges do not count.
     off = np.abs((rgb - expected).reshape(180, 4, 180, 4, 3).mean(axis=(1, 3)))
     off = off[1:-1, 1:-1]  # at its very edge the page ends, the model's paper does not
     assert off.max() < 25
@@ -104,9 +104,9 @@ def test_svg_is_true_to_scale_and_well_formed():
 
 
 def test_png_carries_its_resolution():
-    picture = Image.open(io.BytesIO(page_to_png(bare_landmark_page(LM8, 137, 180.0), 254)))
-    assert picture.size == (1800, 1800)
-    assert picture.info["dpi"][0] == pytest.approx(254, abs=0.1)
+    image = Image.open(io.BytesIO(page_to_png(bare_landmark_page(LM8, 137, 180.0), 254)))
+    assert image.size == (1800, 1800)
+    assert image.info["dpi"][0] == pytest.approx(254, abs=0.1)
 
 
 @pytest.mark.parametrize("spec", ["chessboard:9x6:25mm", "charuco:7x5:30mm:22mm:DICT_4X4_50"])

@@ -16,15 +16,15 @@ from lmkit.simulation.scene import make_rig
 pytest.importorskip("rosbags", reason="the extra bags is not installed")
 
 
-def test_a_drive_comes_out_of_a_bag(tmp_path, lmkit):
+def test_a_recording_comes_out_of_a_bag(tmp_path, lmkit):
     rig = make_rig()
     write_bag(tmp_path / "bag", rig)
     answer = lmkit("unbag", tmp_path / "bag", "-o", tmp_path / "out")
     assert answer.code == 0, answer.err
-    pictures = sorted((tmp_path / "out" / "left").iterdir())
-    assert [p.name for p in pictures] == [f"{k:06d}_{100 + k / 4:.6f}.png" for k in range(3)]
+    images = sorted((tmp_path / "out" / "left").iterdir())
+    assert [p.name for p in images] == [f"{k:06d}_{100 + k / 4:.6f}.png" for k in range(3)]
     # Red first in the bag, blue first in OpenCV.
-    assert cv2.imread(str(pictures[2]))[0, 0].tolist() == [200, 100, 12]
+    assert cv2.imread(str(images[2]))[0, 0].tolist() == [200, 100, 12]
     back = read_any_rig(tmp_path / "out" / "rig")
     assert back.T_right_left.t == pytest.approx(rig.T_right_left.t, abs=1e-6)
     odometry = read_odometry(tmp_path / "out" / "odometry.csv")
@@ -35,7 +35,7 @@ def test_a_drive_comes_out_of_a_bag(tmp_path, lmkit):
     assert read_gyro(tmp_path / "out" / "gyro.csv").rate_radps == pytest.approx(0.3)
 
 
-def test_pictures_of_different_moments_make_no_pairs(tmp_path):
+def test_images_of_different_times_make_no_pairs(tmp_path):
     write_bag(tmp_path / "bag", make_rig(), late=0.1)
     with pytest.raises(InputError, match="within 10 ms"):
         list(unpack_bag(tmp_path / "bag", {}))

@@ -20,10 +20,10 @@ SVG = (
 
 def drawn() -> np.ndarray:
     """Image of the two rooms at 2 cm a pixel, paper around them."""
-    picture = np.full((260, 360), 255, dtype=np.uint8)
-    cv2.rectangle(picture, (30, 30), (330, 230), 0, 2)
-    cv2.line(picture, (180, 230), (180, 100), 0, 2)
-    return picture
+    photo = np.full((260, 360), 255, dtype=np.uint8)
+    cv2.rectangle(photo, (30, 30), (330, 230), 0, 2)
+    cv2.line(photo, (180, 230), (180, 100), 0, 2)
+    return photo
 
 
 def sides(floor):
@@ -55,15 +55,15 @@ def test_an_svg_drawing_is_the_same_floor(tmp_path):
     assert sides(read_floor(path, 0.1)) == WALLS
 
 
-def test_a_picture_and_a_ros_map_are_the_same_floor(tmp_path):
+def test_an_image_and_a_ros_map_are_the_same_floor(tmp_path):
     cv2.imwrite(str(tmp_path / "floor.png"), drawn())
-    picture = read_floor(tmp_path / "floor.png", 0.02)
+    photo = read_floor(tmp_path / "floor.png", 0.02)
     (tmp_path / "ros.yaml").write_text("image: floor.png\nresolution: 0.02\norigin: [-1.0, 2.0, 0.0]\nnegate: 0\n")
     ros = read_floor(tmp_path / "ros.yaml")
     assert ros.origin == (-1.0, 2.0)
     # In an image the inner wall ends the southern one; lines are as thick as they are drawn.
     parts = sorted([wall for wall in WALLS if wall != (6.0, 90)] + [(3.0, 90), (3.0, 90)])
-    for floor in (picture, ros):
+    for floor in (photo, ros):
         found = sorted((round(w.length_m), round(np.rad2deg(w.facing_rad)) % 360, w.length_m) for w in floor.walls)
         assert [turn for _, turn, _ in found] == [turn for _, turn in sorted((round(m), turn) for m, turn in parts)]
         assert np.allclose(sorted(w[2] for w in found), sorted(m for m, _ in parts), atol=0.15)
@@ -72,9 +72,9 @@ def test_a_picture_and_a_ros_map_are_the_same_floor(tmp_path):
 
 def test_walls_hide_and_doors_show(tmp_path):
     floor = two_rooms(tmp_path)
-    eyes = np.array([[1.5, 1.0], [1.5, 1.0], [2.0, 3.3]])
+    cameras = np.array([[1.5, 1.0], [1.5, 1.0], [2.0, 3.3]])
     points = np.array([[6.0, 1.0], [0.0, 2.0], [6.0, 3.0]])
-    assert floor.sees(eyes, points).tolist() == [False, True, True]
+    assert floor.sees(cameras, points).tolist() == [False, True, True]
 
 
 def test_clearance_is_the_distance_to_the_nearest_wall(tmp_path):
@@ -106,7 +106,7 @@ def test_what_is_wrong_is_named(tmp_path, name, text, scale, code):
     assert refused.value.code == code
 
 
-def test_a_black_picture_has_no_floor(tmp_path):
+def test_a_black_image_has_no_floor(tmp_path):
     cv2.imwrite(str(tmp_path / "f.png"), np.zeros((50, 50), np.uint8))
     with pytest.raises(InputError, match="no free floor"):
         read_floor(tmp_path / "f.png", 0.05)

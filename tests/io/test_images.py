@@ -18,9 +18,9 @@ from lmkit.io.images import decode_image, read_image
 RED_RGB = (200, 30, 40)
 
 
-def encoded(picture: Image.Image, kind: str = "PNG", **options) -> bytes:
+def encoded(photo: Image.Image, kind: str = "PNG", **options) -> bytes:
     buffer = io.BytesIO()
-    picture.save(buffer, format=kind, **options)
+    photo.save(buffer, format=kind, **options)
     return buffer.getvalue()
 
 
@@ -33,7 +33,7 @@ def test_colors_come_as_bgr():
 
 
 @pytest.mark.parametrize(
-    ("picture", "expected"),
+    ("photo", "expected"),
     [
         (plain("L", 77), (77, 77, 77)),
         (plain("RGBA", (0, 0, 0, 0)), (255, 255, 255)),
@@ -45,8 +45,8 @@ def test_colors_come_as_bgr():
     ],
     ids=["gray", "transparent", "opaque", "gray alpha", "bilevel", "palette", "16 bit"],
 )
-def test_every_kind_becomes_8_bit_bgr(picture, expected):
-    image = decode_image(encoded(picture), "x")
+def test_every_kind_becomes_8_bit_bgr(photo, expected):
+    image = decode_image(encoded(photo), "x")
     assert image.shape == (10, 20, 3)
     assert image.dtype == np.uint8
     assert tuple(int(v) for v in image[5, 5]) == expected
@@ -59,10 +59,10 @@ def test_cmyk_is_converted():
 
 
 def test_exif_orientation_is_applied():
-    picture = plain("RGB", RED_RGB)
-    exif = picture.getexif()
+    photo = plain("RGB", RED_RGB)
+    exif = photo.getexif()
     exif[0x0112] = 6  # turn by a quarter
-    assert decode_image(encoded(picture, "JPEG", exif=exif), "x").shape == (20, 10, 3)
+    assert decode_image(encoded(photo, "JPEG", exif=exif), "x").shape == (20, 10, 3)
 
 
 @pytest.mark.parametrize("kind", ["JPEG", "PNG"])
@@ -76,7 +76,7 @@ def test_half_a_file_is_refused(kind):
 
 
 @pytest.mark.parametrize(("data", "code"), [(b"", "image_empty"), (b"hello", "not_an_image")])
-def test_what_is_no_picture_is_refused(data, code):
+def test_what_is_no_image_is_refused(data, code):
     with pytest.raises(InputError) as caught:
         decode_image(data, "x")
     assert caught.value.code == code

@@ -13,7 +13,7 @@ from lmkit.io.marker_maps import MarkerDefaults
 from lmkit.model.landmark_id import LandmarkId
 from lmkit.simulation.recording import make_drive
 
-TOLD = MarkerDefaults("aruco5x5_1000", 0.14)
+ANSWER = MarkerDefaults("aruco5x5_1000", 0.14)
 
 
 def written(folder, text: str):
@@ -23,9 +23,9 @@ def written(folder, text: str):
 
 
 def test_fiducial_slam(tmp_path):
-    """Roll, pitch and yaw about fixed axes; family and size have to be told."""
+    """Roll, pitch and yaw about fixed axes; family and size must be given."""
     path = written(tmp_path, "11 -0.5 0.8 2.0 180.0 -0.0 0.0 0.001 10\n12 1 2 3 90 0 90 0.001 10 11\n")
-    found = read_any_map(path, TOLD)
+    found = read_any_map(path, ANSWER)
     ceiling = found.find(LandmarkId("aruco5x5_1000", 11)).T_map_landmark
     assert pytest.approx(np.diag([1.0, -1.0, -1.0])) == ceiling.R
     wall = found.find(LandmarkId("aruco5x5_1000", 12)).T_map_landmark
@@ -73,7 +73,7 @@ def test_a_map_of_marker_mapper(tmp_path):
         read_any_map(written(tmp_path, text.replace("mInfoType: 1", "mInfoType: 0")))
 
 
-def test_family_and_size_that_are_told_hold_for_a_field_layout(tmp_path):
+def test_family_and_size_that_are_stated_hold_for_a_field_layout(tmp_path):
     landmarks = make_drive(0, seconds=3).landmarks
     path = written(tmp_path, map_to_wpilib(landmarks, (8.0, 5.0)))
     found = read_any_map(path, MarkerDefaults("aruco5x5_1000", 0.1524))

@@ -79,7 +79,7 @@ def test_a_rig_comes_back_from_kalibr(model, tmp_path):
     turn=st.tuples(*[st.floats(-0.3, 0.3)] * 3),
     shift=st.tuples(st.floats(-0.5, -0.03), st.floats(-0.01, 0.01), st.floats(-0.01, 0.01)),
 )
-def test_ros_files_hold_any_relation_of_the_eyes(turn, shift, tmp_path_factory):
+def test_ros_files_hold_any_relation_of_the_cameras(turn, shift, tmp_path_factory):
     """They have no place for it: it is worked out of the rectification."""
     made = replace(rig(), T_right_left=Pose.from_rvec("right", "left", np.array(turn), np.array(shift)))
     assert_same(
@@ -87,7 +87,7 @@ def test_ros_files_hold_any_relation_of_the_eyes(turn, shift, tmp_path_factory):
     )  # OpenCV drops turns of 1e-5
 
 
-def test_eyes_above_each_other_survive_ros(tmp_path):
+def test_cameras_above_each_other_survive_ros(tmp_path):
     made = replace(
         rig(),
         T_right_left=Pose.from_rvec("right", "left", np.array([0.01, 0.0, 0.02]), np.array([0.002, -0.1, 0.001])),
@@ -150,9 +150,9 @@ def test_a_barrel_that_radtan_cannot_hold_becomes_equidistant(tmp_path):
 
 
 def test_a_lens_that_kalibr_cannot_hold_is_refused():
-    odd = CameraModel((640, 480), make_rig().left.K, np.array([-0.42, 0.25, 0, 0, -0.1]))
+    outlier = CameraModel((640, 480), make_rig().left.K, np.array([-0.42, 0.25, 0, 0, -0.1]))
     with pytest.raises(InputError, match="Kalibr's lens models"):
-        rig_to_camchain(replace(rig(), left=odd))
+        rig_to_camchain(replace(rig(), left=outlier))
 
 
 @pytest.mark.parametrize(

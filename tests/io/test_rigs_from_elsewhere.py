@@ -168,7 +168,7 @@ def test_lenses_that_no_camera_has_are_refused(tmp_path):
             read_any_rig(file(tmp_path, rig_to_yaml(replace(RIG, left=replace(RIG.left, **change)))))
 
 
-@pytest.mark.parametrize("fault", ["exchanged files", "sign of Tx"])
+@pytest.mark.parametrize("fault", ["swapped files", "sign of Tx"])
 def test_camera_infos_of_swapped_cameras_are_named(tmp_path, fault):
     left, right = map(yaml.safe_load, rig_to_camera_infos(RIG))
     if fault == "sign of Tx":

@@ -70,7 +70,7 @@ def test_a_library_that_is_gone_is_reported_aloud(tmp_path, monkeypatch):
         assert describe(monkeypatch, folder).library is None
 
 
-def test_without_a_compiler_numpy_computes_and_the_reason_is_told(tmp_path, monkeypatch):
+def test_without_a_compiler_numpy_computes_and_the_reason_is_stated(tmp_path, monkeypatch):
     folder = kernels_copy(tmp_path)
     monkeypatch.setattr(build, "compilers", lambda: iter(()))
     with pytest.raises(build.BuildError, match="no compiler found"):

@@ -31,7 +31,7 @@ def arrays(result: Any) -> list[np.ndarray]:
 
 
 def doubled(argument: Any) -> Any:
-    """Wrappers convert single precision, definitions take doubles."""
+    """Wrappers convert single precision, definitions take double precision."""
     single = isinstance(argument, np.ndarray) and argument.dtype == np.float32
     return argument.astype(np.float64) if single else argument
 

@@ -105,16 +105,16 @@ def test_no_tracked_pose_is_ok_where_nearly_everything_contradicts(drive, fault,
 def test_apriltags_corner_order_is_refused_by_name(drive):
     recording = Recording(tuple(reordered(drive.frames, (3, 2, 1, 0))))
     for work in (lambda: track(recording, drive.rig, drive.landmarks), lambda: survey(recording, drive.rig)):
-        with pytest.raises(InputError, match="corner") as told:
+        with pytest.raises(InputError, match="corner") as raised:
             work()
-        assert told.value.code == "corner_order"
+        assert raised.value.code == "corner_order"
 
 
 def test_a_map_of_which_nothing_is_seen_is_refused_by_name(drive):
     others = LandmarkMap([replace(m, id=LandmarkId("lm12", m.id.code)) for m in drive.landmarks])
-    with pytest.raises(InputError, match="none of the") as told:
+    with pytest.raises(InputError, match="none of the") as raised:
         track(Recording(tuple(drive.frames)), drive.rig, others)
-    assert told.value.code == "no_landmarks"
+    assert raised.value.code == "no_landmarks"
 
 
 def test_known_landmarks_that_contradict_are_named(drive):

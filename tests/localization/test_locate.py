@@ -28,7 +28,7 @@ STATION = looking(np.array([0.2, 2.4, 1.2]), -np.pi / 2 + 0.1, 0.02)
 
 
 def see(T_map_camera: Pose, noise: float, rng, landmarks=LANDMARKS) -> tuple[list, list]:
-    eyes = []
+    cameras = []
     for camera, R, t in (
         (RIG.left, np.eye(3), np.zeros(3)),
         (RIG.right, RIG.T_right_left.R, RIG.T_right_left.t),
@@ -40,8 +40,8 @@ def see(T_map_camera: Pose, noise: float, rng, landmarks=LANDMARKS) -> tuple[lis
                 noisy = pixels + rng.normal(0, noise, (4, 2))
                 covariance = max(noise, 1e-3) ** 2 * np.eye(8)
                 seen.append(Detection(landmark.id, noisy, 0.99, 50.0, covariance=covariance))
-        eyes.append(seen)
-    return eyes[0], eyes[1]
+        cameras.append(seen)
+    return cameras[0], cameras[1]
 
 
 def test_perfect_corners_give_the_pose_back():
@@ -52,7 +52,7 @@ def test_perfect_corners_give_the_pose_back():
     assert estimate.inliers == tuple(map(lm8, (10, 20, 30)))
 
 
-def test_one_eye_is_enough():
+def test_one_camera_is_enough():
     left, _ = see(STATION, 0.0, np.random.default_rng(0))
     estimate = locate_camera(left, RIG.left, MAP)
     assert estimate.status == "ok"
@@ -101,14 +101,14 @@ def test_the_covariance_knows_what_the_map_does_not(count):
     ][-count:]
     draws, total, explained = 300, 0.0, 0
     for _ in range(draws):
-        hung = []
+        mounted = []
         for landmark in known:
             off = rng.multivariate_normal(np.zeros(6), landmark.covariance)
             T = landmark.T_map_landmark
-            hung.append(
+            mounted.append(
                 replace(landmark, T_map_landmark=Pose("map", "landmark", rotation_exp(off[3:]) @ T.R, T.t + off[:3]))
             )
-        estimate = locate_rig(see(station, 0.2, rng, hung), RIG, LandmarkMap(known), options)
+        estimate = locate_rig(see(station, 0.2, rng, mounted), RIG, LandmarkMap(known), options)
         explained += len(estimate.inliers) == count
         error = np.concatenate(
             [estimate.T_map_camera.t - station.t, rotation_log(estimate.T_map_camera.R @ station.R.T)]
@@ -136,8 +136,8 @@ def test_a_place_known_in_some_directions_only():
 
 def test_a_wrong_code_is_named_and_does_not_capture_the_pose():
     left, right = see(STATION, 0.2, np.random.default_rng(1))
-    for eye in (left, right):
-        eye[0] = Detection(lm8(40), eye[0].corners, 0.99, 50.0, covariance=eye[0].covariance)
+    for side in (left, right):
+        side[0] = Detection(lm8(40), side[0].corners, 0.99, 50.0, covariance=side[0].covariance)
     estimate = locate_rig((left, right), RIG, MAP)
     assert estimate.status == "ok"
     assert estimate.outliers == tuple(map(lm8, (40,)))
@@ -146,14 +146,14 @@ def test_a_wrong_code_is_named_and_does_not_capture_the_pose():
 
 def test_two_landmarks_that_contradict_each_other_give_no_pose():
     left, right = see(STATION, 0.2, np.random.default_rng(1), LANDMARKS[:2])
-    for eye in (left, right):
-        eye[0] = Detection(lm8(40), eye[0].corners, 0.99, 50.0, covariance=eye[0].covariance)
+    for side in (left, right):
+        side[0] = Detection(lm8(40), side[0].corners, 0.99, 50.0, covariance=side[0].covariance)
     estimate = locate_rig((left, right), RIG, MAP)
     assert estimate.status == "inconsistent"
     assert estimate.T_map_camera is None
 
 
-def test_a_far_landmark_alone_in_one_eye_is_called_ambiguous():
+def test_a_far_landmark_alone_in_one_camera_is_called_ambiguous():
     rng = np.random.default_rng(3)
     station = looking(np.array([0.1, 5.5, 1.45]), -np.pi / 2, 0.0)
     statuses = []
@@ -167,7 +167,7 @@ def test_a_far_landmark_alone_in_one_eye_is_called_ambiguous():
     assert statuses.count("ambiguous") > 10
 
 
-def test_a_heading_settles_what_one_far_landmark_leaves_open():
+def test_a_heading_resolves_what_one_far_landmark_leaves_open():
     """From 4 m, head-on, one camera: two poses.  A gyro and a level floor tell which; no wrong one is called ok."""
     rng = np.random.default_rng(5)
     station = looking(np.array([-1.2, 3.6, 1.45]), -np.pi / 2 + 0.4, 0.0)
@@ -241,15 +241,15 @@ def test_far_and_small_landmarks_are_not_called_ok():
 
 
 @pytest.mark.parametrize("fault", ["upside down", "moved"])
-def test_a_landmark_hung_wrongly_is_the_odd_one_out(fault):
+def test_a_wrongly_mounted_landmark_is_the_outlier(fault):
     rng = np.random.default_rng(9)
     wrong = LANDMARKS[2].T_map_landmark
     if fault == "moved":
         wrong = Pose("map", "landmark", wrong.R, wrong.t + np.array([0.3, 0, 0]))
     else:
         wrong = Pose("map", "landmark", wrong.R @ np.diag([-1.0, -1.0, 1.0]), wrong.t)
-    hung = [*LANDMARKS[:2], replace(LANDMARKS[2], T_map_landmark=wrong)]
-    left, right = see(STATION, 0.15, rng, hung)
+    mounted = [*LANDMARKS[:2], replace(LANDMARKS[2], T_map_landmark=wrong)]
+    left, right = see(STATION, 0.15, rng, mounted)
     estimate = locate_rig((left, right), RIG, MAP)
     assert estimate.status == "ok"
     assert estimate.outliers == tuple(map(lm8, (30,)))
@@ -271,7 +271,7 @@ def test_codes_that_are_not_in_the_map_are_no_landmarks():
     assert locate_rig(([], []), RIG, MAP).status == "no_landmarks"
 
 
-def test_the_same_code_twice_in_a_picture_is_not_used_and_named():
+def test_the_same_code_twice_in_an_image_is_not_used_and_named():
     left, right = see(STATION, 0.1, np.random.default_rng(2))
     left.append(Detection(lm8(10), left[1].corners + 40, 0.9, 9.0))
     estimate = locate_rig((left, right), RIG, MAP)
@@ -297,7 +297,7 @@ def test_the_covariance_of_the_base_is_that_of_draws():
     assert np.allclose(np.cov(np.array(draws).T), formula, atol=0.1 * np.trace(formula))
 
 
-def test_exactly_square_on():
+def test_exactly_head_on():
     """Landmarks seen head-on, where OpenCV's own solver for squares fails."""
     station = looking(np.array([0.1, 1.0, 1.5]), -np.pi / 2, 0.0)
     left, right = see(station, 0.0, np.random.default_rng(0), LANDMARKS[1:2])
@@ -308,12 +308,12 @@ def test_exactly_square_on():
 def test_landmarks_of_two_families_with_the_same_code_are_two_landmarks():
     """A moved lm12:5 beside an lm8:5: the moved one is reported, and the pose stays right."""
     moved, *others = (LandmarkId("lm12", 5), lm8(5), lm8(6), lm8(7))
-    hung = [
+    mounted = [
         MappedLandmark(i, 0.18, wall_pose([x, 0.0, 1.2], np.pi / 2))
         for i, x in zip((moved, *others), (-0.6, 0.0, 0.6, 1.2), strict=True)
     ]
-    left, right = see(STATION, 0.1, np.random.default_rng(0), hung)
-    before = replace(hung[0], T_map_landmark=wall_pose([-0.6, 0.0, 1.5], np.pi / 2))
-    estimate = locate_rig((left, right), RIG, LandmarkMap([before, *hung[1:]]))
+    left, right = see(STATION, 0.1, np.random.default_rng(0), mounted)
+    before = replace(mounted[0], T_map_landmark=wall_pose([-0.6, 0.0, 1.5], np.pi / 2))
+    estimate = locate_rig((left, right), RIG, LandmarkMap([before, *mounted[1:]]))
     assert (estimate.status, estimate.outliers, estimate.inliers) == ("ok", (moved,), tuple(others))
     assert np.linalg.norm(estimate.T_map_camera.t - STATION.t) < 0.01

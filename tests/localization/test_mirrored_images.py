@@ -80,9 +80,9 @@ def test_mirrored_recordings_are_refused_by_name(drive, way):
         lambda: track(recording, drive.rig, drive.landmarks),
         lambda: survey(recording, drive.rig, known=drive.landmarks),
     ):
-        with pytest.raises(InputError, match=rf"mirrored \({way}\)") as told:
+        with pytest.raises(InputError, match=rf"mirrored \({way}\)") as raised:
             work()
-        assert told.value.code == "mirrored_images"
+        assert raised.value.code == "mirrored_images"
 
 
 @pytest.mark.parametrize("way", AXES)

@@ -17,7 +17,7 @@ def true_poses(drive, rows):
     return PoseArray.from_poses("map", "left", poses)
 
 
-def test_without_odometry_a_moment_that_sees_nothing_lies_between_its_neighbors():
+def test_without_odometry_a_frame_that_sees_nothing_lies_between_its_neighbors():
     drive = make_drive(2, seconds=10)
     frames, start = drive.frames[:5], true_poses(drive, range(5))
     frames = [*frames[:2], replace(frames[2], seen=((), ())), *frames[3:]]
@@ -31,7 +31,7 @@ def test_without_odometry_a_moment_that_sees_nothing_lies_between_its_neighbors(
 
 
 @pytest.mark.parametrize(("seconds", "named"), [(1.4, True), (20.0, False)])
-def test_without_odometry_a_leap_over_a_time_without_views_is_named_where_no_robot_moves_so_far(seconds, named):
+def test_without_odometry_a_jump_over_a_time_without_views_is_named_where_no_robot_moves_so_far(seconds, named):
     drive = make_drive(2, seconds=40)
     away = [np.linalg.norm(drive.pose(k).t - drive.pose(60).t) for k in range(len(drive.frames))]
     far = int(np.argmax(away))
@@ -39,8 +39,8 @@ def test_without_odometry_a_leap_over_a_time_without_views_is_named_where_no_rob
     late = [replace(m, time_s=m.time_s - after[0].time_s + before[-1].time_s + seconds) for m in after]
     known = {m.id: Anchor(m, None) for m in drive.landmarks}
     result = survey_frames([*before, *late], drive.rig, dict.fromkeys(known, 0.18), known)
-    leaps = [round(to - since, 1) for since, to, _ in result.bundle.jumps]
-    assert leaps == ([seconds] if named else [])
+    jump_lengths = [round(to - since, 1) for since, to, _ in result.bundle.jumps]
+    assert jump_lengths == ([seconds] if named else [])
 
 
 def test_the_step_is_downhill_of_what_walls_and_heights_cost():

@@ -36,7 +36,7 @@ def recording(made, name, offset_s=0.0):
 
 
 def moved_by(landmarks, chosen, meters, degrees=0.0):
-    """The room with one landmark hung elsewhere along its wall."""
+    """The room with one landmark mounted elsewhere along its wall."""
     changed = []
     for m in landmarks:
         T = m.T_map_landmark

@@ -1,4 +1,4 @@
-"""The map from simulated drives: exact corners, noisy ones, and what goes wrong in rooms."""
+"""The map from simulated recordings: exact corners, noisy ones, and what goes wrong in rooms."""
 
 from dataclasses import replace
 from itertools import combinations, pairwise
@@ -65,7 +65,7 @@ def test_noise_gives_errors_as_the_covariance_says():
     assert 0.2 < np.median(squared) < 1.6
 
 
-def test_a_landmark_that_hangs_elsewhere_in_half_of_the_drive_is_named():
+def test_a_landmark_that_is_moved_during_the_recording_is_named():
     drive = make_drive(2, seconds=60)
     count: dict[int, int] = {}
     for frame in drive.frames:
@@ -74,15 +74,15 @@ def test_a_landmark_that_hangs_elsewhere_in_half_of_the_drive_is_named():
     anchor = next(o.id for frame in drive.frames for o in frame.seen[0])
     a, b = [code for code in sorted(count, key=lambda code: -count[code]) if code != anchor][:2]
     late = drive.frames[len(drive.frames) // 2 :]
-    exchanged = [*drive.frames[: len(drive.frames) // 2], *(exchange(frame, a, b) for frame in late)]
-    result = survey(drive, frames=exchanged)
-    named = {odd.id for odd in result.contradicted} | set(result.unplaced)
+    swapped = [*drive.frames[: len(drive.frames) // 2], *(swapped_codes(frame, a, b) for frame in late)]
+    result = survey(drive, frames=swapped)
+    named = {outlier.id for outlier in result.contradicted} | set(result.unplaced)
     assert named & {a, b}
     errors = dict(zip([m.id for m in result.bundle.landmarks], map_errors(drive, result)[:, 0], strict=True))
     assert max(error for code, error in errors.items() if code not in named) < 0.15
 
 
-def test_a_code_that_hangs_twice_is_named_and_does_not_bend_the_map():
+def test_a_code_that_is_mounted_twice_is_named_and_does_not_distort_the_map():
     drive = make_drive(2, seconds=60)
     first = drive.frames[: len(drive.frames) // 2]
     early = {o.id for frame in first for o in frame.seen[0]}
@@ -97,14 +97,14 @@ def test_a_code_that_hangs_twice_is_named_and_does_not_bend_the_map():
     ).id
     frames = [relabel(frame, b, a) for frame in drive.frames]
     result = survey(drive, frames=frames)
-    assert a in {odd.id for odd in result.contradicted} | set(result.unplaced)
+    assert a in {outlier.id for outlier in result.contradicted} | set(result.unplaced)
     errors = dict(zip([m.id for m in result.bundle.landmarks], map_errors(drive, result)[:, 0], strict=True))
     assert max(error for code, error in errors.items() if code != a) < 0.15
 
 
 def relabel(frame, old, new):
-    eyes = [tuple(replace(o, id=new) if o.id == old else o for o in seen) for seen in frame.seen]
-    return RigFrame(frame.time_s, tuple(eyes), frame.name)
+    cameras = [tuple(replace(o, id=new) if o.id == old else o for o in seen) for seen in frame.seen]
+    return RigFrame(frame.time_s, tuple(cameras), frame.name)
 
 
 @pytest.mark.slow
@@ -113,15 +113,15 @@ def test_an_anchor_that_was_moved_shows_as_a_jump_of_the_robot():
     anchor = next(o.id for frame in drive.frames for o in frame.seen[0])
     other = next(o.id for frame in drive.frames[150:] for o in frame.seen[0] if o.id != anchor)
     half = len(drive.frames) // 2
-    frames = [*drive.frames[:half], *(exchange(frame, anchor, other) for frame in drive.frames[half:])]
+    frames = [*drive.frames[:half], *(swapped_codes(frame, anchor, other) for frame in drive.frames[half:])]
     result = survey(drive, frames=frames)
     assert result.contradicted or result.bundle.jumps
 
 
-def exchange(frame, a, b):
+def swapped_codes(frame, a, b):
     swap = {a: b, b: a}
-    eyes = [tuple(replace(o, id=swap.get(o.id, o.id)) for o in seen) for seen in frame.seen]
-    return RigFrame(frame.time_s, tuple(eyes), frame.name)
+    cameras = [tuple(replace(o, id=swap.get(o.id, o.id)) for o in seen) for seen in frame.seen]
+    return RigFrame(frame.time_s, tuple(cameras), frame.name)
 
 
 def test_without_landmarks_for_a_while_the_wheels_carry_on():
@@ -185,7 +185,7 @@ def test_a_map_whose_floor_is_elsewhere_is_named_when_tracking_live():
     assert not track_images_live(drive.frames, drive.rig, drive.landmarks, drive.odometry, drive.gyro).remarks
 
 
-def test_an_anchor_that_is_not_in_the_drive_is_refused():
+def test_an_anchor_that_is_not_in_the_recording_is_refused():
     drive = make_drive(3, seconds=20)
     code = next(lm8(code) for code in range(256) if lm8(code) not in drive.landmarks)
     some = next(iter(drive.landmarks))
@@ -207,7 +207,7 @@ def test_wheels_need_to_know_where_the_camera_sits():
 
 
 @pytest.mark.slow
-def test_without_wheels_a_twin_that_bends_the_map_shows_as_a_leap():
+def test_without_wheels_a_second_pose_that_distorts_the_map_shows_as_a_jump():
     """Two parts of the room are mounted together by one landmark, and its second pose turns them by 13 deg."""
     drive = make_drive(7, seconds=120, errors=WheelErrors(slips=1))
     result = survey(drive, wheels=False, anchors=0)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from floors import RIG, hung_every, two_rooms
+from floors import RIG, mounted_every, two_rooms
 
 from lmkit.errors import InputError
 from lmkit.geometry.stereo_rig import StereoRig
@@ -25,13 +25,13 @@ GOAL = Goal(4.8, 1.2, 0.0)
 @pytest.fixture(scope="module")
 def world(tmp_path_factory):
     floor = two_rooms(tmp_path_factory.mktemp("floor"))
-    landmarks = hung_every(floor, 0.7)
+    landmarks = mounted_every(floor, 0.7)
     return floor, landmarks, predict_coverage(floor, list(landmarks), RIG, RADIUS_M)
 
 
 def go(world, seed, ground=None, landmarks=None, start=(1.0, 1.0, 0.3)):
-    floor, hung, coverage = world
-    robot = SimulatedRobot(ground or floor, hung, RIG, np.array(start), RADIUS_M, WHEELS, seed)
+    floor, mounted, coverage = world
+    robot = SimulatedRobot(ground or floor, mounted, RIG, np.array(start), RADIUS_M, WHEELS, seed)
     inside = []
 
     def note(pose):
@@ -39,7 +39,7 @@ def go(world, seed, ground=None, landmarks=None, start=(1.0, 1.0, 0.3)):
             off = pose.state[:2] - robot.seen_from[:2]
             inside.append(off @ np.linalg.solve(pose.covariance[:2, :2], off) < 5.991)
 
-    known = hung if landmarks is None else landmarks
+    known = mounted if landmarks is None else landmarks
     site = Site(floor, known, RIG, RADIUS_M, Demand(), coverage, corner_floor_px=0.0)
     journey = drive_to(robot, site, GOAL, on_pose=note)
     return journey, robot, inside
@@ -104,9 +104,9 @@ def test_without_landmarks_it_does_not_move_and_says_so(world):
 
 
 def test_a_filter_that_is_carried_off_finds_itself_again(world):
-    floor, hung, _ = world
-    robot = SimulatedRobot(floor, hung, RIG, np.array([1.2, 1.2, np.pi]), RADIUS_M, WheelErrors(delay_s=0.02), 1)
-    tracker = RigFilter(hung, RIG, corner_floor_px=0.0)
+    floor, mounted, _ = world
+    robot = SimulatedRobot(floor, mounted, RIG, np.array([1.2, 1.2, np.pi]), RADIUS_M, WheelErrors(delay_s=0.02), 1)
+    tracker = RigFilter(mounted, RIG, corner_floor_px=0.0)
     found = []
     for k in range(24):
         if k == 12:
@@ -122,11 +122,11 @@ def test_a_filter_that_is_carried_off_finds_itself_again(world):
 
 
 def test_a_landmark_that_was_moved_is_not_believed(world):
-    floor, hung, _ = world
-    robot = SimulatedRobot(floor, hung, RIG, np.array([1.6, 1.2, np.pi]), RADIUS_M, WheelErrors(delay_s=0.02), 1)
+    floor, mounted, _ = world
+    robot = SimulatedRobot(floor, mounted, RIG, np.array([1.6, 1.2, np.pi]), RADIUS_M, WheelErrors(delay_s=0.02), 1)
     left, _ = robot.look()
     moved = left[0].id
-    wrong = LandmarkMap([m if m.id != moved else type(m)(m.id, m.size_m, shifted(m.T_map_landmark)) for m in hung])
+    wrong = LandmarkMap([m if m.id != moved else type(m)(m.id, m.size_m, shifted(m.T_map_landmark)) for m in mounted])
     tracker = RigFilter(wrong, RIG, corner_floor_px=0.0)
     for _ in range(8):
         robot.drive(0.0, 0.0, 0.2)

@@ -1,4 +1,4 @@
-"""The view that would tell most of a weak landmark, and whether it then does."""
+"""The view that would tell most of an uncertain landmark, and whether it then does."""
 
 from dataclasses import replace
 
@@ -46,8 +46,8 @@ def test_the_view_that_is_proposed_does_what_it_promises():
         code = codes_seen(drive)[6]
         frames = with_few_far_views_of(drive, code)
         before = survey(drive, frames)
-        weak = before.bundle.landmarks.find(code)
-        view = next_view(weak, before.bundle, drive.rig)
+        uncertain = before.bundle.landmarks.find(code)
+        view = next_view(uncertain, before.bundle, drive.rig)
         assert view is not None
         assert view.then_m < 0.7 * view.place_m or view.then_rad < 0.7 * view.turn_rad
         # Taken as proposed, with what it says is in view.

@@ -8,7 +8,7 @@ from itertools import combinations, pairwise
 
 import numpy as np
 import pytest
-from floors import RIG, TWO_ROOMS, hung_every, on_wall, two_rooms
+from floors import RIG, TWO_ROOMS, mounted_every, on_wall, two_rooms
 from ids import lm8
 from scipy.stats import spearmanr
 
@@ -66,7 +66,7 @@ def simulated(floor, landmarks, state, seed, draws=10):
 
 def test_the_expected_error_is_that_of_simulated_corners(tmp_path):
     floor = two_rooms(tmp_path)
-    landmarks = hung_every(floor, 0.7)
+    landmarks = mounted_every(floor, 0.7)
     state = np.array([[1.6, 1.2, np.pi]])
     expected, _, in_view = expected_errors(find_sights(state, list(landmarks), RIG, floor), state, RIG)
     assert in_view[0] >= 2
@@ -78,7 +78,7 @@ def test_the_expected_error_is_that_of_simulated_corners(tmp_path):
 def test_what_is_promised_allows_for_a_missed_landmark(tmp_path):
     floor = two_rooms(tmp_path)
     states = np.array([[1.6, 1.2, np.pi], [4.6, 1.2, 0.0], [1.2, 3.0, 0.3]])
-    sights = find_sights(states, list(hung_every(floor, 0.7)), RIG, floor)
+    sights = find_sights(states, list(mounted_every(floor, 0.7)), RIG, floor)
     expected = expected_errors(sights, states, RIG)[0]
     promised = promised_errors(sights, states, RIG)
     # All of them read tells a little more than each read now and then; one of them missed, less.
@@ -90,7 +90,7 @@ def test_what_is_promised_allows_for_a_missed_landmark(tmp_path):
 def test_what_is_promised_is_kept_in_simulation(tmp_path):
     """Landmarks at the edge of being read count too: some draws miss one, some two."""
     floor = two_rooms(tmp_path)
-    landmarks = LandmarkMap([replace(m, size_m=0.1) for m in hung_every(floor, 0.8)])
+    landmarks = LandmarkMap([replace(m, size_m=0.1) for m in mounted_every(floor, 0.8)])
     rng = np.random.default_rng(5)
     places, _ = places_on(floor, RADIUS_M)
     states = np.column_stack([places[rng.integers(len(places), size=100)], rng.uniform(-np.pi, np.pi, 100)])
@@ -109,7 +109,7 @@ def test_what_is_promised_is_kept_in_simulation(tmp_path):
 
 def test_places_rank_as_simulated_ones_do(tmp_path):
     floor = two_rooms(tmp_path)
-    landmarks = hung_every(floor, 1.1)
+    landmarks = mounted_every(floor, 1.1)
     rng = np.random.default_rng(4)
     places, _ = places_on(floor, RADIUS_M)
     states = np.column_stack([places[rng.integers(len(places), size=50)], rng.uniform(-np.pi, np.pi, 50)])
@@ -129,32 +129,32 @@ def test_a_wall_between_hides_a_landmark(tmp_path):
     assert len(find_sights(state, [landmark], RIG, floor).poses) == 0
 
 
-def test_a_floor_without_landmarks_is_blind_and_one_weak_place(tmp_path):
+def test_a_floor_without_landmarks_is_blind_and_one_uncertain_place(tmp_path):
     floor = two_rooms(tmp_path)
     coverage = predict_coverage(floor, [], RIG, RADIUS_M)
     assert np.isinf(coverage.error_m).all()
-    weak = failing_places(coverage, EASY)
-    assert len(weak) == 1
-    assert weak[0].area_m2 > 10
-    assert "blind, 0 landmarks in view" in str(weak[0])
-    # Weak is what the demand asks for in vain: here a second landmark.
+    uncertain = failing_places(coverage, EASY)
+    assert len(uncertain) == 1
+    assert uncertain[0].area_m2 > 10
+    assert "blind, 0 landmarks in view" in str(uncertain[0])
+    # Uncertain is what the demand asks for in vain: here a second landmark.
     one = [on_wall(floor.walls[0], 1.0, 9)]
-    weak = failing_places(predict_coverage(floor, one, RIG, RADIUS_M), replace(EASY, in_view=2))
-    assert sum(place.area_m2 for place in weak) > 10
-    assert all(place.in_view < 2 for place in weak)
+    uncertain = failing_places(predict_coverage(floor, one, RIG, RADIUS_M), replace(EASY, in_view=2))
+    assert sum(place.area_m2 for place in uncertain) > 10
+    assert all(place.in_view < 2 for place in uncertain)
 
 
 def test_what_is_placed_holds_the_demand_and_no_wall_that_must_stay_bare(tmp_path):
     floor = two_rooms(tmp_path)
-    hung = [on_wall(floor.walls[0], 1.0, 9)]
+    mounted = [on_wall(floor.walls[0], 1.0, 9)]
     options = MountingOptions("lm8", not_on=("A",), swap_s=0.0)
-    placed = place_landmarks(floor, hung, RIG, RADIUS_M, EASY, options)
+    placed = place_landmarks(floor, mounted, RIG, RADIUS_M, EASY, options)
     assert {m.wall.name for m in placed.mounts}.isdisjoint({"A", "glass"})
     # Measured anew, on other places.
     again = predict_coverage(floor, list(placed.landmarks), RIG, RADIUS_M, 0.3)
     assert again.covered(EASY).mean() > EASY.share - 0.05
     assert placed.share >= EASY.share
-    assert placed.landmarks.find(lm8(9)) is hung[0]
+    assert placed.landmarks.find(lm8(9)) is mounted[0]
     # None of them is there for nothing, at the places that the search looked at.
     for mount in placed.mounts:
         others = [m for m in placed.landmarks if m is not mount.landmark]
@@ -169,29 +169,29 @@ def test_of_several_sizes_and_heights_none_is_larger_than_it_has_to_be(tmp_path)
     options = MountingOptions("lm8", sizes, heights, swap_s=0.0)
     placed = place_landmarks(floor, [], RIG, RADIUS_M, EASY, options)
     assert placed.share >= EASY.share
-    hung = [m.landmark for m in placed.mounts]
-    assert {m.size_m for m in hung} <= set(sizes)
-    assert len({m.size_m for m in hung}) > 1
-    assert {float(m.T_map_landmark.t[2]) for m in hung} <= set(heights)
+    mounted = [m.landmark for m in placed.mounts]
+    assert {m.size_m for m in mounted} <= set(sizes)
+    assert len({m.size_m for m in mounted}) > 1
+    assert {float(m.T_map_landmark.t[2]) for m in mounted} <= set(heights)
     # A smaller one in any place would not do, give or take the margin that the search keeps.
-    for m in hung:
+    for m in mounted:
         for smaller in (size for size in sizes if size < m.size_m):
-            others = [replace(one, size_m=smaller) if one is m else one for one in hung]
+            others = [replace(one, size_m=smaller) if one is m else one for one in mounted]
             assert predict_coverage(floor, others, RIG, RADIUS_M).covered(EASY).mean() < EASY.share + 0.04
     # Larger ones from which to choose need no more than one size alone.
     alone = place_landmarks(floor, [], RIG, RADIUS_M, EASY, MountingOptions("lm8", (0.12,), heights, swap_s=0.0))
-    assert len(hung) < len(alone.mounts)
-    for a, b in combinations(hung, 2):
+    assert len(mounted) < len(alone.mounts)
+    for a, b in combinations(mounted, 2):
         assert np.linalg.norm(a.T_map_landmark.t - b.T_map_landmark.t) > (a.size_m + b.size_m) / 2
 
 
-def test_large_landmarks_do_not_hang_over_each_other(tmp_path):
+def test_large_landmarks_do_not_overlap_each_other(tmp_path):
     placed = place_landmarks(two_rooms(tmp_path), [], RIG, RADIUS_M, EASY, MountingOptions("lm8", (0.7,), swap_s=0.0))
     for a, b in combinations((m.landmark for m in placed.mounts), 2):
         assert np.linalg.norm(a.T_map_landmark.t - b.T_map_landmark.t) > 0.7
 
 
-def test_what_hangs_for_nothing_is_taken_down_again(tmp_path):
+def test_landmarks_without_effect_are_removed_again(tmp_path):
     floor = two_rooms(tmp_path)
     search = Search(floor, [], possible_mounts(floor, RIG, MountingOptions("lm8")), RIG, RADIUS_M, EASY)
     search.fill(EASY.share, lambda count, share: None)
@@ -216,7 +216,7 @@ def test_what_no_landmarks_can_hold_is_refused_with_what_they_can(tmp_path):
         place_landmarks(two_rooms(tmp_path), [], RIG, RADIUS_M, EASY, MountingOptions("lm8", not_on=("Q",)))
 
 
-def test_confusable_codes_hang_far_apart():
+def test_confusable_codes_are_mounted_far_apart():
     confusable = confusable_codes(LM8)
     assert confusable[0, 1]
     assert not confusable[0, 3]
@@ -242,7 +242,7 @@ def ground(tmp_path_factory):
 
 
 def test_the_way_leads_through_the_door_and_keeps_its_distance(ground):
-    landmarks = hung_every(ground, 1.0)
+    landmarks = mounted_every(ground, 1.0)
     route = plan_route(ground, landmarks, RIG, RADIUS_M, Goal(1, 1), Goal(5, 1, 0.0), EASY)
     along = np.concatenate([a + np.linspace(0, 1, 50)[:, None] * (b - a) for a, b in pairwise(route.waypoints)])
     assert ground.clearance_at(along).min() >= RADIUS_M - 0.051
@@ -254,7 +254,7 @@ def test_the_way_leads_through_the_door_and_keeps_its_distance(ground):
 
 
 def test_a_way_past_landmarks_is_worth_a_detour(tmp_path):
-    """Two ways around a wall: the upper one is shorter, along the lower one are mounted landmarks."""
+    """Two methods around a wall: the upper one is shorter, along the lower one are mounted landmarks."""
     path = tmp_path / "ring.yaml"
     box = "  - {from: [0, 0], to: [8, 0]}\n  - {from: [8, 0], to: [8, 6]}\n  - {from: [8, 6], to: [0, 6]}\n"
     rest = "  - {from: [0, 6], to: [0, 0]}\n  - {from: [1.5, 3], to: [6.5, 3]}\n"
@@ -262,7 +262,7 @@ def test_a_way_past_landmarks_is_worth_a_detour(tmp_path):
     ring = read_floor(path)
     below = [w for w in ring.walls if w.name == "A" or (w.left[1] == 3 and np.sin(w.facing_rad) < 0)]
     assert len(below) == 2
-    landmarks = hung_every(replace(ring, walls=below), 0.6)
+    landmarks = mounted_every(replace(ring, walls=below), 0.6)
     ends = Goal(0.8, 3.3), Goal(7.2, 3.3)
     blind = plan_route(ring, LandmarkMap([]), RIG, RADIUS_M, *ends, EASY)
     seeing = plan_route(ring, landmarks, RIG, RADIUS_M, *ends, EASY)
@@ -314,7 +314,7 @@ def test_who_stands_at_the_goal_already_stays(ground):
     assert route.states[-1] == pytest.approx([1, 1, 0.5])
 
 
-def test_pictures_of_narrow_rooms_have_room_for_their_words(ground):
+def test_images_of_narrow_rooms_have_room_for_their_words(ground):
     path = np.array([[0.0, 0.0], [1.5, 0.0], [1.5, 9.0], [0.0, 9.0]])
     walls = [Wall("W", a, b) for a, b in zip(path, np.roll(path, -1, axis=0), strict=True)]
     narrow = FloorPlan(np.ones((180, 30), bool), 0.05, (0.0, 0.0), walls)
@@ -341,8 +341,8 @@ def test_labels_do_not_lie_over_each_other(tmp_path):
     for note in wall_notes(floor):
         assert floor.is_free(np.array(note.at))
     wall = floor.walls[0]
-    hung = LandmarkMap([on_wall(wall, 1.0, 7, 1.0), on_wall(wall, 1.0, 9, 1.6), on_wall(wall, 2.0, 11)])
-    drawn = draw_plan(hung, [], kind="svg", underlay=floor_underlay(floor)).decode()
+    mounted = LandmarkMap([on_wall(wall, 1.0, 7, 1.0), on_wall(wall, 1.0, 9, 1.6), on_wall(wall, 2.0, 11)])
+    drawn = draw_plan(mounted, [], kind="svg", underlay=floor_underlay(floor)).decode()
     assert ">7, 9<" in drawn
     assert ">11<" in drawn
     assert ">9<" not in drawn
@@ -364,7 +364,7 @@ def test_any_family_is_placed(tmp_path):
 
 def test_failing_places_are_hatched_in_the_coverage_drawing(tmp_path):
     floor = two_rooms(tmp_path)
-    coverage = predict_coverage(floor, list(hung_every(floor, 2.0)), RIG, RADIUS_M, 0.5)
+    coverage = predict_coverage(floor, list(mounted_every(floor, 2.0)), RIG, RADIUS_M, 0.5)
     for demand in (EASY, replace(EASY, error_m=1e-6)):
         met = coverage.covered(demand)
         layer = floor_underlay(floor, coverage.places, coverage.typical_error_m(demand.headings), ~met)

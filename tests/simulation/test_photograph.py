@@ -36,15 +36,15 @@ def gray(height=60, width=80, value=0.5):
 
 
 def point():
-    picture = gray(41, 41, 0.0)
+    photo = gray(41, 41, 0.0)
     middle = 20 * OVERSAMPLE + OVERSAMPLE // 2
-    picture[middle, middle] = OVERSAMPLE**2
-    return picture
+    photo[middle, middle] = OVERSAMPLE**2
+    return photo
 
 
-def moments(picture):
-    y, x = np.mgrid[: picture.shape[0], : picture.shape[1]]
-    w = picture[:, :, 0] / picture[:, :, 0].sum()
+def center_and_variance(photo):
+    y, x = np.mgrid[: photo.shape[0], : photo.shape[1]]
+    w = photo[:, :, 0] / photo[:, :, 0].sum()
     mx, my = (w * x).sum(), (w * y).sum()
     return mx, my, (w * (x - mx) ** 2).sum(), (w * (y - my) ** 2).sum()
 
@@ -58,7 +58,7 @@ def moments(picture):
     ],
 )
 def test_blur_spreads_a_point_as_it_should(lens, xx, yy):
-    mx, my, vx, vy = moments(focus(point(), lens))
+    mx, my, vx, vy = center_and_variance(focus(point(), lens))
     assert mx == pytest.approx(20, abs=1e-3)
     assert my == pytest.approx(20, abs=1e-3)
     # The point itself is a third of a pixel wide and falls into one pixel.
@@ -161,17 +161,17 @@ def test_inks_take_the_place_of_the_files_colors(name):
     )
 
 
-def test_bent_paper_is_where_its_bend_puts_it():
-    """A dot in the middle of paper that stands 5 cm out, seen from the side, moves by parallax."""
+def test_bowed_paper_is_where_its_bow_puts_it():
+    """A dot at the center of paper that stands 5 cm out, seen from the side, moves by parallax."""
     texture = np.full((101, 101, 3), 0.8, dtype=np.float32)
     texture[46:55, 46:55] = 0.0
     camera = make_rig((320, 240), 230.0).left
     aside = Pose("map", "camera", cv2.Rodrigues(np.array([0.0, -0.5, 0.0]))[0], np.array([0.4, 0.0, 0.25]))
     facing = np.diag([1.0, -1.0, -1.0])
-    for bend in (0.0, 0.05):
-        panel = Panel(Pose("map", "sheet", facing, np.array([0, 0, 1.0])), (0.3, 0.3), texture, bend)
-        picture = focus(render(Scene((panel,), studio([]).landmarks, (1, 1, 1)), camera, aside), Lens(0.0))[:, :, 0]
-        middle = np.array([0.0, 0.0, 1.0 - bend])
+    for bow in (0.0, 0.05):
+        panel = Panel(Pose("map", "sheet", facing, np.array([0, 0, 1.0])), (0.3, 0.3), texture, bow)
+        photo = focus(render(Scene((panel,), studio([]).landmarks, (1, 1, 1)), camera, aside), Lens(0.0))[:, :, 0]
+        middle = np.array([0.0, 0.0, 1.0 - bow])
         ((u, v),) = camera.project(aside.inverse().apply(middle[None]))
-        found = picture[round(v) - 3 : round(v) + 4, round(u) - 1 : round(u) + 2]
+        found = photo[round(v) - 3 : round(v) + 4, round(u) - 1 : round(u) + 2]
         assert found.max() < 0.1

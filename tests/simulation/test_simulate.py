@@ -19,16 +19,16 @@ from lmkit.simulation.render import render
 from lmkit.simulation.scene import make_rig, make_room
 
 
-def test_the_same_seed_gives_the_same_room_and_picture():
+def test_the_same_seed_gives_the_same_room_and_image():
     rig = make_rig((160, 120), 115.0)
-    pictures = []
+    images = []
     for _ in range(2):
         data = make_dataset(4, 2, 0, 6, family=LM8)
-        pictures.append(photograph(data.scene, rig.left, data.poses[0], ImagingChain(), np.random.default_rng(1)))
-    assert np.array_equal(*pictures)
+        images.append(photograph(data.scene, rig.left, data.poses[0], ImagingChain(), np.random.default_rng(1)))
+    assert np.array_equal(*images)
 
 
-def test_the_truth_stands_where_the_picture_is_red():
+def test_the_truth_stands_where_the_image_is_red():
     """The true corners against the image itself: red just inside each, no red just outside."""
     data = make_dataset(12, 4, 0, 12, family=LM8)
     checked = 0
@@ -73,7 +73,7 @@ def test_noise_grows_with_less_light():
     assert spreads[1] > 3 * spreads[0]
 
 
-def test_rooms_hang_any_family():
+def test_rooms_show_any_family():
     data = make_dataset(3, 2, 0, 6, SQUARE_FAMILIES["tag36h11"])
     assert {landmark.family for landmark in data.scene.landmarks} == {"tag36h11"}
     seen = [one for pair in truth(data)["pairs"] for one in pair["landmarks"]["left"]]

@@ -62,16 +62,16 @@ def of_frames(drive, own, rate):
 @pytest.mark.parametrize("word", FAULTS)
 def test_a_fault_is_refused_by_name(drive, word, make, live):
     recording = make(drive, *FAULTS[word](drive))
-    with pytest.raises(InputError) as told:
+    with pytest.raises(InputError) as raised:
         track(recording, drive.rig if recording.frames else None, drive.landmarks, live=live)
-    assert word in str(told.value)
+    assert word in str(raised.value)
 
 
 @pytest.mark.parametrize("word", ["millimeters", "degrees per second", "other way than the wheels", "clocks"])
 def test_survey_refuses_what_track_refuses(drive, word):
-    with pytest.raises(InputError) as told:
+    with pytest.raises(InputError) as raised:
         survey(of_frames(drive, *FAULTS[word](drive)), drive.rig)
-    assert word in str(told.value)
+    assert word in str(raised.value)
 
 
 def test_a_survey_without_known_landmarks_names_odometry_that_runs_backwards(drive):

@@ -51,7 +51,7 @@ def test_beyond_its_ends_odometry_says_nothing():
 
 
 @pytest.mark.slow
-def test_poses_and_pictures_follow_the_eyes_while_they_move():
+def test_poses_and_images_follow_the_cameras_while_they_move():
     squared, worst = [], []
     for seed in range(4):
         drive = make_drive(seed, seconds=30)
@@ -68,7 +68,7 @@ def test_poses_and_pictures_follow_the_eyes_while_they_move():
     assert 0.4 < np.mean(squared) < 1.6
 
 
-def test_odometry_carries_the_eyes_on_where_nothing_is_seen():
+def test_odometry_carries_the_cameras_on_where_nothing_is_seen():
     drive = make_drive(1, seconds=30)
     blind = slice(60, 100)
     filter_ = PoseFilter(drive.landmarks, drive.rig)
@@ -84,7 +84,7 @@ def test_odometry_carries_the_eyes_on_where_nothing_is_seen():
     assert sigmas[99] > 3 * sigmas[59]
 
 
-def test_eyes_that_were_carried_off_are_found_again():
+def test_cameras_that_were_carried_off_are_found_again():
     drive = make_drive(2, seconds=40)
     odometry = drive.visual_odometry(2)
     # From frame 80 on everything is 60 frames further, and odometry noticed nothing.
@@ -101,7 +101,7 @@ def test_eyes_that_were_carried_off_are_found_again():
 
 
 @pytest.mark.parametrize("exact", [True, False])
-def test_a_drive_is_smoothed_through_space(exact):
+def test_a_recording_is_smoothed_through_space(exact):
     drive = make_drive(3, seconds=30)
     odometry = drive.visual_odometry(3)
     unseen = [m if not 40 <= k < 70 else type(m)(m.time_s, ((), ()), m.name) for k, m in enumerate(drive.frames)]
@@ -126,7 +126,7 @@ def test_odometry_of_one_pose_is_refused():
         PoseMotion(Trajectory(np.zeros(1), np.zeros((1, 3)), np.array([[0.0, 0.0, 0.0, 1.0]])))
 
 
-def test_odometry_between_moments_loses_no_way():
+def test_odometry_between_times_loses_no_way():
     """Its rows lie half a period before the frames: what was traveled since the last row counts as well."""
     drive = make_drive(1, seconds=30)
     true = Trajectory(
@@ -148,7 +148,7 @@ def test_odometry_between_moments_loses_no_way():
     assert np.sqrt(np.trace(answer.covariance[:3, :3])) < 0.15
 
 
-def test_odometry_may_begin_after_the_eyes():
+def test_odometry_may_begin_after_the_cameras():
     drive = make_drive(1, seconds=30)
     odometry = drive.visual_odometry(1)
     filter_ = PoseFilter(drive.landmarks, drive.rig)
@@ -176,7 +176,7 @@ def test_one_long_step_strays_as_many_short_ones_do():
     assert sides[0] == pytest.approx(sides[1], rel=0.05)
 
 
-def test_eyes_that_see_nothing_and_have_no_odometry_are_lost():
+def test_cameras_that_see_nothing_and_have_no_odometry_are_lost():
     drive = make_drive(1, seconds=10)
     filter_ = PoseFilter(drive.landmarks, drive.rig)
     for frame in drive.frames[:20]:

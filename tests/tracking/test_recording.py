@@ -47,6 +47,6 @@ def test_a_tracked_drive_and_a_survey_are_recorded(tmp_path):
 
 def test_without_the_package_its_extra_is_named(monkeypatch):
     monkeypatch.setattr("lmkit.reports.rerun.find_spec", lambda name: None)
-    with pytest.raises(InputError) as told:
+    with pytest.raises(InputError) as raised:
         require_rerun()
-    assert "--extra viewer" in told.value.hint
+    assert "--extra viewer" in raised.value.hint

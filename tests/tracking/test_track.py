@@ -1,4 +1,4 @@
-"""Following simulated drives: poses, their covariances, and what is wrong with the wheels."""
+"""Following simulated recordings: poses, their covariances, and what is wrong with the wheels."""
 
 from dataclasses import replace
 
@@ -52,7 +52,7 @@ def test_readings_and_wheels_follow_the_robot(follow):
     assert max(nees) < (0.8 if follow is track_readings else 1.5)
 
 
-def test_corners_of_both_eyes_are_followed_live():
+def test_corners_of_both_cameras_are_followed_live():
     for seed in (0, 3):
         drive = make_drive(seed, errors=WheelErrors(slips=1))
         tracked = track_images_live(drive.frames, drive.rig, drive.landmarks, drive.odometry, drive.gyro)
@@ -104,8 +104,8 @@ def test_wrong_codes_do_not_pull_and_are_named():
         off, _ = planar_errors(drive, tracked)
         assert rmse(off) < 0.2
         named = dict(zip(tracked.times_s.tolist(), map(set, tracked.outliers), strict=True))
-        told = [bool(named[time] & bad) for time, bad in changed.items() if time in named]
-        assert np.mean(told) > 0.8
+        stated = [bool(named[time] & bad) for time, bad in changed.items() if time in named]
+        assert np.mean(stated) > 0.8
 
 
 def test_a_robot_carried_off_is_noticed_and_found_again():
@@ -126,7 +126,7 @@ def test_a_robot_carried_off_is_noticed_and_found_again():
             assert k + offset < half + 6, "more than a second of wrong poses called ok"
 
 
-def test_pictures_and_wheels_follow_the_robot_in_space():
+def test_images_and_wheels_follow_the_robot_in_space():
     drive = make_drive(6, seconds=40)
     tracked = track_images(drive.frames, drive.rig, drive.landmarks, MotionModel(drive.odometry, drive.gyro))
     assert len(tracked.poses) == len(drive.frames)
@@ -232,12 +232,12 @@ def test_what_the_map_leaves_open_enters_poses_and_covariance(follow):
 
 def innovation_ratio(tracked):
     """Mean square of what was not foreseen: 1 for a filter that knows how sure it is."""
-    squared, told = tracked.nis.sum(axis=0)
-    return squared / told
+    squared, stated = tracked.nis.sum(axis=0)
+    return squared / stated
 
 
 @pytest.mark.slow
-def test_innovations_are_as_large_as_expected_where_readings_scatter_as_told(monkeypatch):
+def test_innovations_are_as_large_as_expected_where_readings_scatter_as_stated(monkeypatch):
     # As simulated: independent of each other, and no worse than that.  Wheels are better than they are taken to be.
     independent = ReadingNoise(1e-3, 0.03, 0.01, 1e-4, related_s=0.0)
     monkeypatch.setattr(planar_filter, "DRIVE_NOISE", independent)

@@ -36,9 +36,9 @@ def sheet(code: int) -> np.ndarray:
     return cv2.resize(rgb, None, fx=0.5, fy=0.5, interpolation=cv2.INTER_AREA)
 
 
-def graded(picture: np.ndarray, stated: int = CODE, scanned: bool = True) -> PrintedLandmark:
+def graded(photo: np.ndarray, stated: int = CODE, scanned: bool = True) -> PrintedLandmark:
     rng = np.random.default_rng(1)
-    scan = cv2.GaussianBlur(picture, (0, 0), 0.6) * 250 + rng.normal(0, 1.5, picture.shape)
+    scan = cv2.GaussianBlur(photo, (0, 0), 0.6) * 250 + rng.normal(0, 1.5, photo.shape)
     image = np.clip(np.round(scan), 0, 255).astype(np.uint8)[:, :, ::-1].copy()
     (found,) = grade_sheet("scan", image, (DPI, DPI) if scanned else None, (Stated(stated, LM8, 180.0),))
     return found
@@ -56,21 +56,21 @@ def shrunk(sx: float, sy: float) -> np.ndarray:
 
 def paled(share: float, channel: int) -> np.ndarray:
     """Ink of a color (0 red, 2 blue) blended with white."""
-    picture = sheet(CODE)
-    ink = np.clip(picture[:, :, channel] - picture[:, :, 2 - channel], 0, 1)[:, :, None]
-    return picture + share * np.clip(2 * ink, 0, 1) * (1 - picture)
+    photo = sheet(CODE)
+    ink = np.clip(photo[:, :, channel] - photo[:, :, 2 - channel], 0, 1)[:, :, None]
+    return photo + share * np.clip(2 * ink, 0, 1) * (1 - photo)
 
 
 def blotched() -> np.ndarray:
-    picture = sheet(CODE).copy()
-    y, x = np.mgrid[: picture.shape[0], : picture.shape[1]] / MM
-    return picture + np.clip(1.3 - np.hypot(x - 60, y - 60) / 22, 0, 1)[:, :, None] * (1 - picture)
+    photo = sheet(CODE).copy()
+    y, x = np.mgrid[: photo.shape[0], : photo.shape[1]] / MM
+    return photo + np.clip(1.3 - np.hypot(x - 60, y - 60) / 22, 0, 1)[:, :, None] * (1 - photo)
 
 
 def cut() -> np.ndarray:
-    picture = sheet(CODE).copy()
-    picture[: round(14 * MM)] = 0.2
-    return picture
+    photo = sheet(CODE).copy()
+    photo[: round(14 * MM)] = 0.2
+    return photo
 
 
 def striped() -> np.ndarray:
@@ -106,7 +106,7 @@ def test_a_planted_defect_is_named(name):
     assert next(line.advice for line in found.lines if line.name == name)
 
 
-def test_the_wrong_landmark_and_a_mirrored_one_are_told_apart():
+def test_the_wrong_landmark_and_a_mirrored_one_are_distinguished():
     wrong = graded(sheet(CODE), stated=CODE + 1)
     assert wrong.problems == ("content: reads as code 37, but its label says 38",)
     mirrored = graded(np.ascontiguousarray(sheet(CODE)[:, ::-1]))
@@ -143,11 +143,11 @@ def test_a_photograph_takes_its_scale_from_the_sheets_edges(stretch, grade):
 
 def test_a_cameras_dots_per_inch_are_not_believed(lmkit, tmp_path):
     """Cameras write 72 dpi, or 300, and how they exposed; scanners do not."""
-    picture = Image.fromarray(np.clip(photograph(1.0) * 250, 0, 255).astype(np.uint8))
+    photo = Image.fromarray(np.clip(photograph(1.0) * 250, 0, 255).astype(np.uint8))
     exif = Image.Exif()
     exif.get_ifd(0x8769)[0x829A] = 0.01
-    picture.save(tmp_path / "phone.jpg", dpi=(300, 300), exif=exif, quality=95)
-    picture.save(tmp_path / "plain.jpg", dpi=(72, 72), quality=95)
+    photo.save(tmp_path / "phone.jpg", dpi=(300, 300), exif=exif, quality=95)
+    photo.save(tmp_path / "plain.jpg", dpi=(72, 72), quality=95)
     for name in ("phone.jpg", "plain.jpg"):
         (row,) = [json.loads(line) for line in lmkit("verify", name, "--json").out.splitlines()]
         assert row["side_mm"] is None
@@ -158,8 +158,8 @@ def test_a_cameras_dots_per_inch_are_not_believed(lmkit, tmp_path):
 
 
 def test_a_photograph_is_compared_with_a_manifest_elsewhere(lmkit, tmp_path):
-    picture = Image.fromarray(np.clip(photograph(1.0) * 250, 0, 255).astype(np.uint8))
-    picture.save(tmp_path / "photo.png")
+    photo = Image.fromarray(np.clip(photograph(1.0) * 250, 0, 255).astype(np.uint8))
+    photo.save(tmp_path / "photo.png")
     assert lmkit("generate", "--codes", f"{CODE}-{CODE + 2}", "-o", "set.pdf").code == 0
     assert lmkit("generate", "--codes", "1-3", "-o", "other.pdf").code == 0
     answer = lmkit("verify", "photo.png", "--json", "--manifest", "set.pdf.json")
@@ -234,26 +234,26 @@ def test_measured_sizes_go_into_the_map(lmkit, tmp_path):
 def test_a_bank_card_beside_the_landmark_gives_the_scale():
     """The sheet's edges are out of view; a light card lies on the print's white, under the landmark."""
     shrink = 0.975
-    picture = cv2.warpAffine(
+    photo = cv2.warpAffine(
         sheet(CODE),
         np.array([[shrink, 0, 0], [0, shrink, 0]]),
         sheet(CODE).shape[1::-1],
         borderValue=(1.0, 1.0, 1.0),
     )
     left, top = 30 * MM, 225 * MM
-    picture = picture.copy()
-    picture[round(top - 6 * MM) :, :] = 1.0
+    photo = photo.copy()
+    photo[round(top - 6 * MM) :, :] = 1.0
     # Every pixel takes the share of it that the card covers; OpenCV's polygons come out half a pixel too large.
     rows, columns = (
         np.clip(np.minimum(k + 1, start + length) - np.maximum(k, start), 0, 1)
         for k, start, length in (
-            (np.arange(picture.shape[0]), top, 53.98 * MM),
-            (np.arange(picture.shape[1]), left, 85.6 * MM),
+            (np.arange(photo.shape[0]), top, 53.98 * MM),
+            (np.arange(photo.shape[1]), left, 85.6 * MM),
         )
     )
     cover = (rows[:, None] * columns)[:, :, None]
-    picture = (picture + cover * (np.array([0.25, 0.4, 0.3]) - picture)).astype(np.float32)
-    found = graded(picture[: round(290 * MM), round(8 * MM) : -round(6 * MM)], scanned=False)
+    photo = (photo + cover * (np.array([0.25, 0.4, 0.3]) - photo)).astype(np.float32)
+    found = graded(photo[: round(290 * MM), round(8 * MM) : -round(6 * MM)], scanned=False)
     assert found.scale_from == "bank card"
     # Half a pixel of the card's 212 is a quarter of a percent.
     assert found.side_mm == pytest.approx((180 * shrink, 180 * shrink), rel=0.0035)

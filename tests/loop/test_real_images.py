@@ -32,7 +32,7 @@ S = 3  # oversampling of the painting
 @pytest.fixture(scope="module")
 def bouguet(data):
     root = data / "stereo" / "opencv_bouguet"
-    files = [sorted((root / eye).glob("*.jpg")) for eye in ("left", "right")]
+    files = [sorted((root / which).glob("*.jpg")) for which in ("left", "right")]
     pairs = find_board_pairs(list(zip(files[0], files[1], strict=True)), BOARD)
     return pairs, calibrate_stereo(pairs.views, BOARD, pairs.image_size, rejected=pairs.rejected)
 
@@ -58,9 +58,9 @@ def test_landmarks_on_the_board_are_found_and_locate_the_rig(bouguet):
         code = (37 * index + 11) % 256
         landmark = MappedLandmark(lm8(code), SIDE_M, Pose("map", "landmark", np.eye(3), np.zeros(3)))
         seen = []
-        for eye, path in enumerate(pairs.files[view.name]):
-            camera = (rig.left, rig.right)[eye]
-            T = T_left_landmark if eye == 0 else _relabel(rig.T_right_left) @ T_left_landmark
+        for which, path in enumerate(pairs.files[view.name]):
+            camera = (rig.left, rig.right)[which]
+            T = T_left_landmark if which == 0 else _relabel(rig.T_right_left) @ T_left_landmark
             corners = camera.project(T.apply(landmark.corners_map))
             side = np.linalg.norm(np.roll(corners, -1, axis=0) - corners, axis=1).mean()
             if side < MIN_SIDE_PX or not camera.contains(corners, 2).all():

@@ -91,7 +91,7 @@ def test_a_landmark_on_a_wall_faces_the_room_upright():
     assert np.allclose(pose.R[:, 0], [-1, 0, 0])
 
 
-def test_a_code_hangs_once():
+def test_a_code_is_mounted_once():
     twice = [MappedLandmark(lm8(7), 0.18, wall_pose([0, 0, 1], 0.0))] * 2
     with pytest.raises(InputError, match="twice"):
         LandmarkMap(twice)

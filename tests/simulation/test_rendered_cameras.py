@@ -21,18 +21,18 @@ def standing_before(landmark, distance_m):
 
 
 @pytest.mark.slow
-def test_pictures_show_what_hangs_there_now_and_then():
+def test_rendered_cameras_see_the_landmarks_of_the_scene():
     scene = make_room(3, LM8, count=6)
     ahead = np.array([[0.0, 0, 1], [-1, 0, 0], [0, -1, 0]])
     rig = replace(make_rig(), T_base_left=Pose("base", "left", ahead, np.zeros(3)))
     landmark = next(iter(scene.landmarks))
     T = standing_before(landmark, 1.2)
-    eyes = RenderedCameras(scene, rig, 1, every_s=0.6)
+    see = RenderedCameras(scene, rig, 1, every_s=0.6)
     exact = look(scene.landmarks, rig, T, None, np.random.default_rng(0))
-    for seen, true in zip(eyes(10.0, T), exact, strict=True):
+    for seen, true in zip(see(10.0, T), exact, strict=True):
         found = next(o for o in seen if o.code == landmark.code)
         corners = next(o for o in true if o.code == landmark.code).corners
         assert 0 < np.abs(found.corners - corners).max() < 0.5
     # Between two images there is nothing; after the pause there is.
-    assert eyes(10.2, T) == ((), ())
-    assert [o.code for o in eyes(10.6, T)[0]] == [o.code for o in exact[0]]
+    assert see(10.2, T) == ((), ())
+    assert [o.code for o in see(10.6, T)[0]] == [o.code for o in exact[0]]

@@ -1,6 +1,6 @@
 """The images of docs/printing.md: how far a landmark is read, the templates, and what goes wrong.
 
-    uv run --extra benchmark python benchmarks/printing_pictures.py
+    uv run --extra benchmark python benchmarks/printing_images.py
 
 The faults are planted and photographed by prints.py; everything in them is simulated.
 """
@@ -50,10 +50,10 @@ def chart() -> None:
     figure.savefig(OUT / "distance.png", dpi=110)
 
 
-def with_caption(picture: np.ndarray, words: str, size: tuple[int, int]) -> Image.Image:
+def with_caption(drawn: np.ndarray, words: str, size: tuple[int, int]) -> Image.Image:
     """An RGB image fitted into a box, with a line under it."""
     box = Image.new("RGB", (size[0], size[1] + 26), "white")
-    image = Image.fromarray(picture)
+    image = Image.fromarray(drawn)
     image.thumbnail((size[0] - 8, size[1] - 4), Image.Resampling.LANCZOS)
     box.paste(image, ((size[0] - image.width) // 2, (size[1] - image.height) // 2))
     ImageDraw.Draw(box).text((size[0] // 2, size[1] + 2), words, "black", ImageFont.load_default(13), anchor="ma")
@@ -98,13 +98,14 @@ def faults() -> None:
         photo = prints.photograph(printed, look, rng)
         (item, *_) = grade_sheet("", photo, None, (Stated(137, LM8, 180.0),))
         wanted = prints.DEFECTS[name][1]
-        told = min(
+        answer = min(
             (line for line in item.lines if line.name in wanted), key=lambda line: "FDCBA".index(line.grade or "A")
         )
         middle = item.observation.corners.mean(axis=0).astype(int)
         reach = int(0.8 * np.ptp(item.observation.corners[:, 0]))
         part = photo[max(middle[1] - reach, 0) : middle[1] + reach, max(middle[0] - reach, 0) : middle[0] + reach]
-        boxes.append(with_caption(part[:, :, ::-1].copy(), f"{told.name}: {told.value} -> {told.grade}", (300, 290)))
+        caption = f"{answer.name}: {answer.value} -> {answer.grade}"
+        boxes.append(with_caption(part[:, :, ::-1].copy(), caption, (300, 290)))
     mosaic(boxes, 4, OUT / "faults.png")
 
 

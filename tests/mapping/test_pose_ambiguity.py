@@ -36,8 +36,8 @@ def turned(drive, result):
 
 
 @pytest.mark.parametrize("seed", [3, pytest.param(7, marks=pytest.mark.slow)])
-def test_landmarks_seen_from_afar_do_not_hang_turned(seed):
-    """Without `twins.py` one landmark of each of these drives is found turned by 0.3 rad, and nothing says so."""
+def test_landmarks_seen_from_afar_are_not_rotated(seed):
+    """Without `mapping/pose_ambiguity.py` one landmark of each recording is rotated by 0.3 rad, without a warning."""
     drive = make_drive(seed, seconds=60, errors=WheelErrors(slips=1))
     result = survey(drive, [small_views(frame, 30) for frame in drive.frames])
     assert len(result.bundle.landmarks) > 8
@@ -70,7 +70,7 @@ def test_a_landmark_of_which_one_far_view_is_all_is_right_or_said_to_be_ambiguou
 
 
 @pytest.mark.parametrize("seed", [6, 30])
-def test_small_and_square_on_a_landmark_s_stated_turn_holds(seed):
+def test_small_and_head_on_a_landmark_s_stated_turn_holds(seed):
     """Its two poses are one flat valley; by the covariance where it settled one of these turns is 5 sigma off."""
     drive = make_drive(seed, seconds=40, hz=3, noise_px=None, errors=WheelErrors(slips=1))
     frames = [replace(m, seen=((), ())) if 50 <= k < 74 else m for k, m in enumerate(drive.frames)]

@@ -73,7 +73,7 @@ def test_a_survey_of_the_demo_s_files_finds_the_map(demo, tmp_path):
     assert error["position_m"]["rmse"] < 0.06
 
 
-def test_tracking_gives_a_line_a_moment(demo, tmp_path):
+def test_tracking_gives_a_line_per_frame(demo, tmp_path):
     done = run(
         "track", "--detections", demo / "detections.csv", "--rig", demo / "rig.yaml", "--map", demo / "true_map.yaml",
         "--odometry", demo / "odometry.csv", "--json", "--csv", tmp_path / "t.csv",
@@ -124,7 +124,7 @@ def test_tracking_goes_by_poses_of_visual_odometry_as_well(demo, tmp_path, how):
         (["track", "--map", "MAP", "--detections", "DET", "--rig", "RIG", "--hz", "5"], "cannot be combined"),
     ],
 )
-def test_wrong_use_is_told_in_one_line(demo, arguments, says):
+def test_wrong_use_is_explained_in_one_line(demo, arguments, says):
     files = {
         "RIG": demo / "rig.yaml",
         "DET": demo / "detections.csv",

@@ -104,13 +104,13 @@ def test_a_declared_wall_makes_the_map_flatter():
 
 
 @pytest.mark.slow
-def test_who_does_not_hang_as_declared_is_named_and_bends_nothing():
+def test_landmarks_off_their_wall_are_named_and_distort_nothing():
     drive = make_drive(0, seconds=40, noise_px=0.1)
     codes = along_a_wall(drive)
-    odd = codes[len(codes) // 2]
-    T = drive.landmarks.find(odd).T_map_landmark
+    other = codes[len(codes) // 2]
+    T = drive.landmarks.find(other).T_map_landmark
     out = Pose("map", "landmark", T.R, T.t + 0.1 * T.R[:, 2])
-    mapped = type(drive.landmarks)([replace(m, T_map_landmark=out) if m.id == odd else m for m in drive.landmarks])
+    mapped = type(drive.landmarks)([replace(m, T_map_landmark=out) if m.id == other else m for m in drive.landmarks])
     rng = np.random.default_rng(0)
     frames = [
         replace(m, seen=(left, right))
@@ -120,7 +120,7 @@ def test_who_does_not_hang_as_declared_is_named_and_bends_nothing():
     result = surveyed(
         replace(drive, landmarks=mapped), frames, [LandmarkConstraint("wall", tuple(codes), 0.003, np.deg2rad(0.5))]
     )
-    assert [code for code, _, _ in result.off_constraint] == [odd]
+    assert [code for code, _, _ in result.off_constraint] == [other]
     assert result.off_constraint[0][2] == pytest.approx(0.1, abs=0.04)
-    found = result.bundle.landmarks.find(odd).T_map_landmark.t
+    found = result.bundle.landmarks.find(other).T_map_landmark.t
     assert np.linalg.norm(found - out.t) < 0.03
