@@ -56,6 +56,10 @@ def as_image(image: ImageLike, needs_color: bool = True) -> ByteArray:
         return read_image(Path(image))
     if not isinstance(image, np.ndarray):
         raise InputError("bad_image", f"{_name(image)} is not an image", "give an array (H,W,3) in BGR, or a path")
+    if image.dtype == np.uint16 and image.ndim == 2:
+        from lmkit.io.images import gray_to_8_bit
+
+        image = gray_to_8_bit(image)
     if image.dtype != np.uint8:
         hint = "scale it to 0..255 and convert: image.astype(numpy.uint8)"
         raise InputError("bad_image", f"the image has type {image.dtype}, 8 bit is needed", hint)

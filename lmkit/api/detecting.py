@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -30,6 +31,7 @@ class Detector:
         camera: the calibrated camera that took the images; its distortion then replaces a guess.
         profile: ``"accurate"``, ``"balanced"``, ``"fast"`` or a :class:`DetectorConfig`.
         strictness: ``"strict"`` (fewer wrong codes), ``"default"`` or ``"eager"`` (more small landmarks).
+        inverted_tags: AprilTags and ArUco markers are read in white on black too.
 
     Examples:
         >>> import lmkit
@@ -45,15 +47,17 @@ class Detector:
         camera: CameraModel | None = None,
         profile: str | DetectorConfig = "balanced",
         strictness: str = "default",
+        inverted_tags: bool = False,
     ) -> None:
-        self.options = detect_options(families, camera, profile, strictness)
+        options = detect_options(families, camera, profile, strictness)
+        self.options = replace(options, inverted_tags=inverted_tags)
         self._silent = False
 
     def detect(self, image: ImageLike, near: Sequence[Detection] | FloatArray | None = None) -> Detections:
         """Detections of one image, largest first.
 
         Args:
-            image: (H,W,3) BGR, 8 bit, (H,W) gray, or the path of an image file.
+            image: (H,W,3) BGR, 8 bit, (H,W) gray, 8 or 16 bit, or the path of an image file.
             near: where landmarks are expected: detections of the last image, or (N,4,2) corners in pixels.  Only
                 windows around them are searched, whatever the image's size.
 

@@ -34,6 +34,9 @@ def run(
     eager: Annotated[
         bool, typer.Option("--eager", help="More small and blurred landmarks; more wrong codes.")
     ] = False,
+    inverted: Annotated[
+        bool, typer.Option("--inverted", help="Also AprilTags and ArUco markers in white on black.")
+    ] = False,
     jobs: options.Jobs = None,
     force: options.Force = False,
 ) -> None:
@@ -56,7 +59,7 @@ def run(
     if strict and eager:
         raise InputError("contradicting_options", "--strict and --eager exclude each other", "give one of them")
     rule = STRICTNESSES["strict" if strict else "eager" if eager else "default"]
-    choices = DetectOptions(families_named(family), FAST if fast else BALANCED, rule)
+    choices = DetectOptions(families_named(family), FAST if fast else BALANCED, rule, inverted_tags=inverted)
     check_outputs((csv,), None, force)
     count = found = colorless = 0
     failed: list[InputError] = []

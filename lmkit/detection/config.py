@@ -71,6 +71,7 @@ class DetectOptions:
             rasterized pages.
         camera: the camera that took the image, if it is calibrated: its own distortion then takes the
             place of a guessed distortion.
+        inverted_tags: square markers are read in white on black too.
     """
 
     families: tuple[MarkerFamily, ...] = (LM8,)
@@ -78,6 +79,7 @@ class DetectOptions:
     rule: AcceptanceRule = DEFAULT
     through_lens: bool = True
     camera: CameraModel | None = None
+    inverted_tags: bool = False
 
     @property
     def ring_families(self) -> tuple[LandmarkFamily, ...]:

@@ -35,12 +35,14 @@ class LinearImage:
         source: code values, and what they are divided by where shadows are taken out.
         noise: standard deviation of the image's noise in code values over 255.
         camera: the camera that took it, where its lens is known.
+        is_inverted: values are 1 minus the light, so that white on black is registered as black on white.
         fits: how landmarks are fitted in it, by family and settings; filled when they are first needed.
     """
 
     source: Source
     noise: float
     camera: CameraModel | None = None
+    is_inverted: bool = False
     fits: dict[Any, LandmarkFit] = field(default_factory=dict, init=False, repr=False, compare=False)
 
     @classmethod
@@ -51,6 +53,12 @@ class LinearImage:
         shift = None if camera is None else _lens_shift(_LensKey(camera))
         deviation = noise(image) / 255 if noise_of_part is None else noise_of_part
         return cls(Source.of(image, SRGB_TO_LINEAR, None, shift), deviation, camera)
+
+    @property
+    def inverted(self) -> LinearImage:
+        """The image with black and white swapped: light l becomes 1 - l, which blur and shading leave linear."""
+        source = Source.of(255 - self.source.image, 1 - self.source.linear[::-1], None, self.source.shift)
+        return LinearImage(source, self.noise, self.camera, not self.is_inverted)
 
     @property
     def white(self) -> Float32Array | None:
@@ -94,7 +102,8 @@ class LinearImage:
     def halved(self, times: int) -> LinearImage:
         """The image at half the size, so many times; its lens is left out."""
         level = min(times, len(self.pyramid.levels) - 1)
-        return LinearImage(Source.of(self.pyramid.levels[level], self.source.linear), self.noise / 2**level)
+        source = Source.of(self.pyramid.levels[level], self.source.linear)
+        return LinearImage(source, self.noise / 2**level, is_inverted=self.is_inverted)
 
     def straightened(self, at: FloatArray) -> FloatArray:
         """(N,2) pixels as a lens without distortion would have them; the same where the lens is not known."""

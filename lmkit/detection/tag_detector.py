@@ -32,18 +32,27 @@ def find_tags(image: ByteArray, options: DetectOptions, near: FloatArray | None)
     Args:
         near: (N,4,2) where they are expected, px; only windows around them are searched.
     """
+    polarities = (False, True) if options.inverted_tags else (False,)
+    return [found for is_inverted in polarities for found in _find(image, options, near, is_inverted)]
+
+
+def _find(image: ByteArray, options: DetectOptions, near: FloatArray | None, is_inverted: bool) -> list[TagCandidate]:
     gray, families = is_colorless(image), options.square_families
+
+    def seen(linear: LinearImage) -> LinearImage:
+        return linear.inverted if is_inverted else linear
+
     if near is None:
-        return tag_candidates_of(LinearImage.of(image, options.camera), families, options, gray)
+        return tag_candidates_of(seen(LinearImage.of(image, options.camera)), families, options, gray)
     found: list[TagCandidate] = []
     near = np.asarray(near, dtype=np.float64).reshape(-1, 4, 2)
     for quad in near[np.isfinite(near).all(axis=(1, 2))]:
         low, high = window_around(quad, image)
         if (high - low < LEAST_WINDOW_PX).any():
             continue
-        window = LinearImage.of(np.ascontiguousarray(image[low[1] : high[1], low[0] : high[0]]))
+        window = seen(LinearImage.of(np.ascontiguousarray(image[low[1] : high[1], low[0] : high[0]])))
         # The lens and its distortion belong to the whole image.
-        whole = LinearImage.of(image, options.camera, window.noise)
+        whole = seen(LinearImage.of(image, options.camera, window.noise))
         here = _read_quads(whole, clockwise(quad)[None], families, options, gray)
         if not any(candidate.rejected is None for candidate in here):
             here = _read_quads(whole, _quads_of(window, options) + low, families, options, gray)

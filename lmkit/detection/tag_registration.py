@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 from typing import NamedTuple
 
@@ -169,6 +169,8 @@ class TagFit(DrawingFit):
     def decode(self, least: Promise) -> bool:
         """Score every code, and draw the likeliest one from now on; False where it promises less."""
         found = decode_tag(self.family, self.view, self.state, self.samples.plain, self.channel_repeats)
+        if found is not None and self.image.is_inverted:
+            found = replace(found, white=1 - found.black, black=1 - found.white)
         if found is None or found.white < LEAST_CONTRAST * found.black or found.pattern < least.pattern:
             return False
         if found.margin < least.margin or found.cell_error > least.cell_error:

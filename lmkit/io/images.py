@@ -123,7 +123,7 @@ def _open_heif(name: str) -> None:
 
 def _to_rgb(loaded: Image.Image) -> ByteArray:
     if loaded.mode.startswith(("I;16", "I", "F")):
-        return np.repeat(_gray_to_8_bit(np.asarray(loaded))[:, :, None], 3, axis=2)
+        return np.repeat(gray_to_8_bit(np.asarray(loaded))[:, :, None], 3, axis=2)
     if loaded.mode in ("RGBA", "LA", "PA", "La", "RGBa") or "transparency" in loaded.info:
         layers = loaded.convert("RGBA")
         white = Image.new("RGBA", layers.size, (255, 255, 255, 255))
@@ -133,16 +133,16 @@ def _to_rgb(loaded: Image.Image) -> ByteArray:
 
 def _to_gray(loaded: Image.Image) -> tuple[FloatArray, BoolArray]:
     if loaded.mode.startswith(("I;16", "I", "F")):
-        gray = _gray_to_8_bit(np.asarray(loaded)) / 255.0
+        gray = gray_to_8_bit(np.asarray(loaded)) / 255.0
         return gray, np.ones(gray.shape, dtype=bool)
     layers = np.asarray(loaded.convert("RGBA"), dtype=np.uint8)
     return layers[:, :, :3].mean(axis=2) / 255.0, layers[:, :, 3] == 255
 
 
-def _gray_to_8_bit(values: AnyArray) -> ByteArray:
-    """16 bit and float grays: full scale 65535, or 1.0 for floats up to 1, or 255 for those above."""
+def gray_to_8_bit(values: AnyArray) -> ByteArray:
+    """Gray values of 10, 12, 14 or 16 bit, whichever hold the largest; or floats up to 1, or up to 255."""
     wide = values.astype(np.float64)
-    top = 65535.0
-    if values.dtype.kind == "f":
-        top = 1.0 if wide.max(initial=0) <= 1.0 else 255.0
+    most = wide.max(initial=0)
+    scales = (1.0, 255.0) if values.dtype.kind == "f" else (1023.0, 4095.0, 16383.0, 65535.0)
+    top = next((scale for scale in scales if most <= scale), scales[-1])
     return np.clip(np.round(wide * (255.0 / top)), 0, 255).astype(np.uint8)

@@ -96,6 +96,30 @@ def test_mixed_with_ring_landmarks() -> None:
     assert [str(d.id) for d in lmkit.detect(both, "lm8")] == ["lm8:137"]
 
 
+@pytest.mark.parametrize("family", ["tag36h11", "aruco4x4_50"])
+def test_white_on_black_is_read_when_asked_for(family: str) -> None:
+    # Swapped in linear light, as if printed so.
+    light = (photograph(family, 11) / 255.0) ** 2.2
+    swapped = np.round(255 * np.clip(0.75 - 0.7 * light, 0, 1) ** (1 / 2.2)).astype(np.uint8)
+    assert len(lmkit.detect(swapped, family)) == 0
+    detector = lmkit.Detector(family, inverted_tags=True)
+    (found,) = detector.detect(swapped)
+    assert found.id == lmkit.LandmarkId(family, 11)
+    assert np.abs(found.corners - CORNERS).max() < 0.15
+    (again,) = detector.detect(swapped, near=[found])
+    assert np.abs(again.corners - found.corners).max() < 0.02
+    assert [d.id for d in detector.detect(photograph(family, 11))] == [found.id]
+
+
+@pytest.mark.parametrize("bits", [10, 12, 16])
+def test_gray_of_more_bits_is_read(bits: int) -> None:
+    gray = cv2.cvtColor(photograph("tag36h11", 3), cv2.COLOR_BGR2GRAY)
+    deep = np.round(gray * ((2.0**bits - 1) / 255)).astype(np.uint16)
+    (found,) = lmkit.Detector("tag36h11").detect(deep)
+    assert found.code == 3
+    assert np.abs(found.corners - CORNERS).max() < 0.15
+
+
 def test_another_family_is_not_read() -> None:
     image = photograph("tag36h11", 5)
     assert len(lmkit.detect(image, "aruco6x6_50")) == 0
