@@ -95,6 +95,7 @@ def _routes() -> list[BaseRoute]:
         route("/api/jobs/{verb}", verbs.start, "POST"),
         route("/api/jobs/{id}", _job),
         route("/api/jobs/{id}/cancel", _cancel, "POST"),
+        route("/api/live/map", _live_map),
         WebSocketRoute("/api/live", _live),
         Mount("/static", StaticFiles(directory=STATIC)),
     ]
@@ -153,6 +154,14 @@ async def _cancel(request: Request) -> Response:
     job = jobs.find(request.path_params["id"])
     jobs.cancel(job)
     return answer(job.as_dict())
+
+
+async def _live_map(request: Request) -> Response:
+    """Landmarks of the newest run, or of the project before there was one."""
+    hub = state_of(request).live
+    if hub.landmarks is not None:
+        return answer({"landmarks": hub.landmarks})
+    return await maps.show(request)
 
 
 async def _live(socket: WebSocket) -> None:

@@ -23,6 +23,7 @@ LOG_LINES = 400
 LINE_BYTES = 16 * 1024 * 1024
 KEPT = 50
 WAITING = 10
+WISH_EVERY_S = 0.2
 GRACE_S = 3.0  # between asking a process to end and ending it
 
 
@@ -38,6 +39,7 @@ class Job:
         outputs: files it writes, relative to the project.
         save_json: file for its standard output, or None.
         on_line: is given every line of standard output instead of the log.
+        wish: the line that standard input is told whenever it changes, or None.
         state: ``waiting``, ``running``, ``done``, ``failed`` or ``cancelled``.
     """
 
@@ -49,6 +51,7 @@ class Job:
     outputs: tuple[str, ...] = ()
     save_json: Path | None = None
     on_line: Callable[[bytes], None] | None = None
+    wish: Callable[[], bytes] | None = None
     state: str = "waiting"
     started: float | None = None
     ended: float | None = None
@@ -94,6 +97,7 @@ class Jobs:
         outputs: Sequence[str] = (),
         save_json: Path | None = None,
         on_line: Callable[[bytes], None] | None = None,
+        wish: Callable[[], bytes] | None = None,
     ) -> Job:
         """Start a job, or let it wait for its turn.
 
@@ -111,6 +115,7 @@ class Jobs:
             tuple(outputs),
             save_json,
             on_line,
+            wish,
         )
         self._jobs[job.id] = job
         for old in [j for j in self._jobs.values() if j.ended is not None][: max(0, len(self._jobs) - KEPT)]:
@@ -170,19 +175,22 @@ class Jobs:
             *words,
             cwd=self._folder,
             env=environment,
-            stdin=asyncio.subprocess.DEVNULL,
+            stdin=asyncio.subprocess.DEVNULL if job.wish is None else asyncio.subprocess.PIPE,
             stdout=asyncio.subprocess.PIPE,
             stderr=asyncio.subprocess.PIPE,
             limit=LINE_BYTES,
             start_new_session=os.name == "posix",
         )
         assert process.stdout is not None and process.stderr is not None
+        telling = asyncio.create_task(_tell(job.wish, process.stdin))
         try:
             await asyncio.gather(self._results(job, process.stdout), self._messages(job, process.stderr))
             return await process.wait()
         except BaseException:
             await _end(process)
             raise
+        finally:
+            telling.cancel()
 
     async def _results(self, job: Job, stream: asyncio.StreamReader) -> None:
         kept: list[bytes] = []
@@ -206,6 +214,18 @@ class Jobs:
                 continue
             job.log.append(text[:2000])
             job.error = text.removeprefix("lmkit: ")[:2000]
+
+
+async def _tell(wish: Callable[[], bytes] | None, stream: asyncio.StreamWriter | None) -> None:
+    """Write the wish whenever it changes, until the process ends."""
+    said = b""
+    with contextlib.suppress(ConnectionError):
+        while wish is not None and stream is not None:
+            if wish() != said:
+                said = wish()
+                stream.write(said)
+                await stream.drain()
+            await asyncio.sleep(WISH_EVERY_S)
 
 
 async def _end(process: asyncio.subprocess.Process) -> None:

@@ -3,17 +3,23 @@
 from __future__ import annotations
 
 import asyncio
+import base64
 import json
 import struct
 from collections.abc import Mapping
+from dataclasses import replace
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
 
-from lmkit.live.state import LiveState
+from lmkit.arrays import ByteArray
+from lmkit.live.state import CameraView, LiveState
+from lmkit.model.observation import Detection
 
 WATCHERS = 8  # browsers at once
 SHOWN_PX = 480  # width of each camera's image
+IMAGE = b"\x1f"  # between the JSON and the image of a line
 
 
 def pack_message(state: Mapping[str, Any], jpeg: bytes = b"") -> bytes:
@@ -27,19 +33,49 @@ def pack_message(state: Mapping[str, Any], jpeg: bytes = b"") -> bytes:
     return struct.pack("<I", len(text)) + text + jpeg
 
 
+def pack_line(state: Mapping[str, Any], jpeg: bytes = b"") -> bytes:
+    """One line of a run's standard output: the JSON and, behind a separator, the JPEG in base64."""
+    text = json.dumps(state, allow_nan=False, separators=(",", ":")).encode()
+    return text + (IMAGE + base64.b64encode(jpeg) if jpeg else b"") + b"\n"
+
+
+def shown_state(state: LiveState) -> dict[str, Any]:
+    """The step as the page shows it: what every output gets, the band of the innovation, and the condition of all."""
+    return state.to_dict() | {
+        "nis_dof": state.nis_dof,
+        "band": innovation_band(state.nis_dof) if state.nis_dof else None,
+        "sources": [health.to_dict() for health in state.sources],
+        "outputs": [health.to_dict() for health in state.outputs],
+    }
+
+
+@lru_cache(maxsize=256)
+def innovation_band(dof: int) -> tuple[float, float]:
+    """Band that holds the innovation, squared and over how many numbers it is of, in 95 % of the steps."""
+    from scipy.special import chdtri
+
+    return float(chdtri(dof, 0.975) / dof), float(chdtri(dof, 0.025) / dof)
+
+
 class LiveHub:
     """Hands the newest state to every watcher; a slow one misses states, and memory stays bounded.
 
     `publish` may be called from any thread.  ``watched`` tells a producer whether images are wanted.
+
+    Attributes:
+        landmarks: map of the run, as the page draws it; None: the project's.
+        run: number of the run; a new one has another map.
     """
 
     def __init__(self) -> None:
         self._queues: dict[asyncio.Queue[bytes], asyncio.AbstractEventLoop] = {}
         self._last: bytes | None = None
+        self.landmarks: list[dict[str, Any]] | None = None
+        self.run = 0
 
     def __call__(self, state: LiveState) -> None:
         """Publish a step of the live loop; its images only while someone looks."""
-        self.publish(state.to_dict(), image_of(state) if self.watched else b"")
+        self.publish(shown_state(state), image_of(state) if self.watched else b"")
 
     @property
     def watched(self) -> bool:
@@ -48,18 +84,24 @@ class LiveHub:
 
     def publish(self, state: Mapping[str, Any], jpeg: bytes = b"") -> None:
         """Hand a state, and the image it was made from, to every watcher."""
-        self._last = message = pack_message(state, jpeg)
+        self._last = message = pack_message({**state, "run": self.run}, jpeg)
         for queue, loop in list(self._queues.items()):
             loop.call_soon_threadsafe(_put_newest, queue, message)
 
     def publish_line(self, line: bytes) -> None:
-        """Publish a step that a run wrote as one line of JSON; other lines are passed over."""
+        """Publish a step that a run wrote as a line, or take its map; other lines are passed over."""
+        text, _, image = line.partition(IMAGE)
         try:
-            state = json.loads(line)
+            state = json.loads(text)
+            jpeg = base64.b64decode(image, validate=False)
         except ValueError:
             return
-        if isinstance(state, dict) and "status" in state:
-            self.publish(state)
+        if not isinstance(state, dict):
+            return
+        if "landmarks" in state:
+            self.landmarks, self.run = state["landmarks"], self.run + 1
+        elif "status" in state:
+            self.publish(state, jpeg)
 
     def watch(self) -> asyncio.Queue[bytes] | None:
         """A queue of one message, the newest; None when too many watch."""
@@ -78,22 +120,36 @@ class LiveHub:
 
 def image_of(state: LiveState) -> bytes:
     """Images of all cameras side by side with the landmarks outlined, as JPEG; empty without an image."""
-    import cv2
+    from lmkit.visualization.overlay import encode_jpeg
 
-    from lmkit.visualization.overlay import draw_landmarks, encode_jpeg
-
-    shown = []
-    for view in state.views:
-        if view.image is None:
-            continue
-        drawn = draw_landmarks(view.image, view.detections, enlarge=1)
-        size = (SHOWN_PX, round(SHOWN_PX * drawn.shape[0] / drawn.shape[1]))
-        shown.append(cv2.resize(drawn, size, interpolation=cv2.INTER_AREA))
+    shown = [_drawn(view, state) for view in state.views if view.image is not None]
     if not shown:
         return b""
     height = max(image.shape[0] for image in shown)
     padded = [np.pad(image, ((0, height - image.shape[0]), (0, 0), (0, 0))) for image in shown]
-    return encode_jpeg(np.asarray(np.hstack(padded), dtype=np.uint8), 75)
+    return encode_jpeg(np.asarray(np.hstack(padded), dtype=np.uint8), 80)
+
+
+def _drawn(view: CameraView, state: LiveState) -> ByteArray:
+    """A camera's image, small: read landmarks green, contradicting ones red, expected and unread ones magenta."""
+    import cv2
+
+    from lmkit.visualization.overlay import GREEN, MAGENTA, RED, draw_landmarks
+
+    assert view.image is not None
+    factor = SHOWN_PX / view.image.shape[1]
+    size = (SHOWN_PX, round(factor * view.image.shape[0]))
+    small = np.asarray(cv2.resize(view.image, size, interpolation=cv2.INTER_AREA), dtype=np.uint8)
+    read = [replace(d, corners=(d.corners + 0.5) * factor - 0.5, covariance=None) for d in view.detections]
+    names = {d.id for d in read}
+    unread = [
+        Detection(name, (corners + 0.5) * factor - 0.5, 0.0, 0.0)
+        for name, corners in view.expected.items()
+        if name not in names and np.isfinite(corners).all()
+    ]
+    colors = [RED if d.id in state.outliers else GREEN for d in read] + [MAGENTA] * len(unread)
+    labels = [str(d.code) for d in read] + [f"{d.code}?" for d in unread]
+    return draw_landmarks(small, [*read, *unread], enlarge=1, labels=labels, outlines=colors)
 
 
 def _put_newest(queue: asyncio.Queue[bytes], message: bytes) -> None:

@@ -107,8 +107,13 @@ def facing_deg(R: FloatArray) -> float:
 
 def describe_map(path: str) -> list[dict[str, Any]]:
     """Landmarks of a map file as the page draws them."""
+    return describe_landmarks(lm.read_map(path))
+
+
+def describe_landmarks(landmarks: lm.LandmarkMap) -> list[dict[str, Any]]:
+    """Landmarks as the page draws them."""
     entries = []
-    for landmark in lm.read_map(path):
+    for landmark in landmarks:
         pose, C = landmark.T_map_landmark, landmark.covariance
         entries.append(
             {

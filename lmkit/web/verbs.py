@@ -34,6 +34,7 @@ class JobBody(Body):
     size: Short = "180mm"
     anchor: bool = True
     live: bool = False
+    record: bool = False
     until_mm: Annotated[float, Field(gt=0, le=1000)] = 5.0
     at_m: float = 2.0
 
@@ -63,7 +64,8 @@ async def start(request: Request) -> Response:
         state.project.path(name).parent.mkdir(parents=True, exist_ok=True)
     saved = None if plan.save_json is None else state.project.path(plan.save_json)
     on_line = state.live.publish_line if plan.is_live else None
-    job = state.jobs.start(verb, plan.title, plan.steps, plan.command, plan.outputs, saved, on_line)
+    wish = (lambda: b"1\n" if state.live.watched else b"0\n") if plan.is_live else None
+    job = state.jobs.start(verb, plan.title, plan.steps, plan.command, plan.outputs, saved, on_line, wish)
     return answer(job.as_dict())
 
 
@@ -148,23 +150,38 @@ def plan_guide(project: Project, body: JobBody) -> Plan:
 
 
 def plan_run(project: Project, body: JobBody) -> Plan:
-    """A live run whose steps the page shows: a recording, ``run.yaml``, or ``sim:``, a simulated robot."""
+    """A live run that the page shows: a recording, a recorded run, ``run.yaml``, or ``sim:``, a simulated robot."""
     if not can_run():
         raise InputError("no_run", "this lmkit has no command run", "track the recording instead")
-    if body.source == "sim:":
-        words = ["run", "sim:"]
-    elif body.source == "run.yaml":
-        words = ["run", "run.yaml"]
-    else:
-        found = _recording(project, body.source)
-        if not found["images"]:
-            raise InputError("no_images", f"{body.source} holds no images", "track its saved detections instead")
-        name = found["name"]
-        words = ["run", f"{name}/left", f"{name}/right", *_motion(found)]
-        words += ["--rig", _of(project, found, "rig"), "--map", _of(project, found, "map")]
-    words.append("--json")
+    settings = _run_settings(project, body.source)
+    if body.record:
+        settings["record"] = project.unused("runs", "run", ".mcap")
+    task = json.dumps(settings)
+    words = ["run", *([settings.pop("file")] if "file" in settings else settings.pop("sources"))]
+    words += [word for key, value in settings.items() for word in (f"--{key}", value)]
     title = "Simulated robot" if body.source == "sim:" else f"Run {body.source}"
-    return Plan(title, (_lmkit(words),), shlex.join(["lmkit", *words]), is_live=True)
+    outputs = (settings["record"],) if body.record else ()
+    step = ("-m", "lmkit.web.watched_run", task)
+    return Plan(title, (step,), shlex.join(["lmkit", *words]), outputs, is_live=True)
+
+
+def _run_settings(project: Project, source: str) -> dict[str, Any]:
+    """Keys of a run file, or ``file``."""
+    if source == "sim:":
+        return {"sources": ["sim:"]}
+    if source == "run.yaml":
+        return {"file": "run.yaml"}
+    if any(bag["name"] == source for bag in listing(project)["bags"]) and source.startswith("runs/"):
+        return {"sources": [f"replay:{source}"]}
+    found = _recording(project, source)
+    if not found["images"]:
+        raise InputError("no_images", f"{source} holds no images", "track its saved detections instead")
+    settings: dict[str, Any] = {"sources": [f"{source}/left", f"{source}/right"]}
+    settings |= {"rig": _of(project, found, "rig"), "map": _of(project, found, "map")}
+    if found["odometry"]:
+        settings["odometry"] = f"{source}/odometry.csv"
+        settings |= {"gyro": f"{source}/gyro.csv"} if found["gyro"] else {}
+    return settings
 
 
 def can_run() -> bool:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 import json
+import os
 import struct
 import time
 from pathlib import Path
@@ -15,14 +16,15 @@ from starlette.testclient import TestClient
 from starlette.websockets import WebSocketDisconnect
 
 import lmkit
-from lmkit.errors import InputError
+from lmkit.errors import InputError, NegativeAnswer
 from lmkit.geometry.pose import Pose
 from lmkit.model.landmark_id import LandmarkId
 from lmkit.model.landmark_map import LandmarkMap, MappedLandmark, wall_pose
 from lmkit.web.answers import MAX_JSON
 from lmkit.web.app import build_app, state_of_app
-from lmkit.web.live import LiveHub, image_of
+from lmkit.web.live import IMAGE, LiveHub, image_of, innovation_band
 from lmkit.web.project import open_project
+from lmkit.web.verbs import VERBS, JobBody
 from lmkit.web.workers import Workers
 
 HOSTILE = [
@@ -317,6 +319,79 @@ def test_a_step_of_the_live_loop_is_published_with_its_images():
     assert hub._last is not None and b'"number":4' in hub._last and not hub._last.endswith(jpeg)
     hub.publish_line(b'{"status": "lost", "number": 5}\n')
     assert b'"number":5' in hub._last
+
+
+def test_a_run_sends_its_map_and_then_its_steps():
+    from lmkit.web.watched_run import run
+
+    to_run, from_page = os.pipe()
+    stream = io.BytesIO()
+    with io.FileIO(to_run) as wishes, io.FileIO(from_page, "w"), pytest.raises(NegativeAnswer):
+        run({"sources": ["sim:?seconds=1&fps=2&size=160x120&cameras=1&speed=max"]}, wishes, stream)
+    first, *steps = stream.getvalue().splitlines()
+    hub = LiveHub()
+    for line in (first, *steps):
+        hub.publish_line(line)
+    assert hub.run == 1 and len(hub.landmarks) == 6
+    length = struct.unpack("<I", hub._last[:4])[0]
+    state = json.loads(hub._last[4 : 4 + length])
+    assert (
+        state["run"] == 1
+        and {h["name"] for h in state["outputs"]} == {"page"}
+        and "sim" in state["sources"][0]["name"]
+    )
+    assert steps and not any(IMAGE in step for step in steps)
+
+
+def test_images_go_out_only_while_someone_looks_and_not_too_often():
+    from lmkit.live.state import CameraView, LiveState
+    from lmkit.model.pose_status import PoseStatus
+    from lmkit.web.watched_run import PageOutput
+
+    view = CameraView("left", np.full((48, 64, 3), 90, np.uint8), 0.0)
+    step, stream = LiveState(0, 0.0, PoseStatus.LOST, None, None, (view,)), io.BytesIO()
+    page = PageOutput(stream)
+    for page.watched in (False, True, True):
+        page.send(step)
+    assert [IMAGE in line for line in stream.getvalue().splitlines()] == [False, True, False]
+    hub = LiveHub()
+    hub.publish_line(stream.getvalue().splitlines()[1])
+    assert Image.open(io.BytesIO(hub._last[4 + struct.unpack("<I", hub._last[:4])[0] :])).size == (480, 360)
+
+
+def test_a_run_from_the_page_names_its_command_and_its_recording(tmp_path):
+    project = open_project(tmp_path)
+    plan = VERBS["run"](project, JobBody(source="sim:", record=True))
+    assert plan.command == "lmkit run sim: --record runs/run.mcap" and plan.outputs == ("runs/run.mcap",)
+    (tmp_path / "run.yaml").write_text("sources: ['sim:']\n")
+    assert VERBS["run"](project, JobBody(source="run.yaml")).command == "lmkit run run.yaml"
+    (tmp_path / "runs").mkdir()
+    (tmp_path / "runs/run.mcap").touch()
+    assert VERBS["run"](project, JobBody(source="runs/run.mcap")).command == "lmkit run replay:runs/run.mcap"
+    with pytest.raises(InputError):
+        VERBS["run"](project, JobBody(source="camera:0"))
+
+
+def test_contradicting_landmarks_are_red_and_expected_ones_magenta():
+    from lmkit.live.state import CameraView, LiveState
+    from lmkit.model.observation import Detection
+    from lmkit.model.pose_status import PoseStatus
+
+    box = np.array([[100.0, 100], [300, 100], [300, 300], [100, 300]])
+    good, bad, unread = (LandmarkId("lm8", k) for k in (1, 2, 3))
+    read = (Detection(good, box, 1.0, 9.0), Detection(bad, box + np.array([400, 0]), 1.0, 9.0))
+    black = np.zeros((480, 960, 3), np.uint8)
+    view = CameraView("left", black, 0.0, read, {good: box, unread: box + np.array([0, 150])})
+    state = LiveState(0, 0.0, PoseStatus.OK, None, None, (view,), ids=(good,), outliers=(bad,))
+    drawn = np.asarray(Image.open(io.BytesIO(image_of(state))))
+    green, red, magenta = drawn[75, 50], drawn[75, 250], drawn[200, 50]
+    assert green[1] > 150 > green[0] and red[0] > 150 > red[1] and magenta[0] > 150 > magenta[1] and magenta[2] > 120
+
+
+def test_the_innovation_band_is_that_of_chi_squared():
+    draws = np.random.default_rng(1).chisquare(8, 20_000) / 8
+    low, high = innovation_band(8)
+    assert np.mean((draws > low) & (draws < high)) == pytest.approx(0.95, abs=0.01)
 
 
 def test_a_slow_watcher_misses_states_and_holds_one():

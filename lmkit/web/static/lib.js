@@ -80,14 +80,14 @@ export function jobView(job, { done, progress } = {}) {
   let timer;
   const bar = (p) => h("progress", p && p.total ? { value: p.done, max: p.total, "aria-label": p.step } : { "aria-label": "running" });
   function draw(j) {
-    const going = j.state === "running" || j.state === "waiting";
+    const live = j.verb === "run", going = j.state === "running" || j.state === "waiting";
     const open = box.querySelector("details")?.open;
     const focused = box.contains(document.activeElement) ? document.activeElement.dataset?.key : null;
     fill(box,
       h("div", { class: "row" }, h("h3", null, j.title), h("span", { class: `state ${j.state}` }, j.state),
         j.seconds !== null ? h("span", { class: "soft small" }, `${j.seconds.toFixed(0)} s`) : null,
-        going ? h("button", { class: "danger", "data-key": "cancel", type: "button", onclick: () => api(`jobs/${j.id}/cancel`, { method: "POST" }).then(draw).catch((e) => toast(e.message, "bad")) }, "Cancel") : null),
-      going ? h("div", null, h("p", { class: "small soft" }, j.progress ? `${j.progress.step}${j.progress.total ? `: ${j.progress.done} of ${j.progress.total}` : ""}` : j.state === "waiting" ? "waits for the job before" : "working"), bar(j.progress)) : null,
+        going ? h("button", { class: "danger", "data-key": "cancel", type: "button", onclick: () => api(`jobs/${j.id}/cancel`, { method: "POST" }).then(draw).catch((e) => toast(e.message, "bad")) }, live ? "Stop" : "Cancel") : null),
+      going && !live ? h("div", null, h("p", { class: "small soft" }, j.progress ? `${j.progress.step}${j.progress.total ? `: ${j.progress.done} of ${j.progress.total}` : ""}` : j.state === "waiting" ? "waits for the job before" : "working"), bar(j.progress)) : null,
       j.error ? note("bad", j.error) : null,
       j.state === "done" ? h("div", { class: "row" }, j.outputs.filter((o) => /\.(html|svg)$/.test(o)).map((o) => h("a", { class: "button", href: file(o), target: "_blank", rel: "noopener" }, o.endsWith(".html") ? "Open the report" : "Open the plan"))) : null,
       h("details", { open: open ?? false }, h("summary", { "data-key": "log" }, "Log and command line"), h("div", null, command(j.command), h("pre", { class: "log", tabindex: "0", "aria-label": "Log" }, (j.log ?? []).join("\n") || "nothing yet"))),

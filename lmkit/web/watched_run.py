@@ -1,0 +1,100 @@
+"""A live run as a job of the page: steps go to standard output, one a line, with images while someone looks.
+
+Runs as ``python -m lmkit.web.watched_run SETTINGS``: keys of a run file as JSON, or ``file`` and what it replaces.
+Standard input says ``1`` when someone begins to look and ``0`` when nobody does; its end stops the run.
+"""
+
+from __future__ import annotations
+
+import json
+import sys
+import threading
+import time
+from io import FileIO, RawIOBase
+from pathlib import Path
+from typing import Any, BinaryIO
+
+from lmkit.errors import LmkitError, NegativeAnswer
+from lmkit.live.open_run import open_run
+from lmkit.live.outputs.base import OutputRunner
+from lmkit.live.run_settings import RunSettings, read_run_file, settings_of
+from lmkit.live.service import run_until_stopped
+from lmkit.live.state import LiveState
+from lmkit.web.live import image_of, pack_line, shown_state
+from lmkit.web.maps import describe_landmarks
+
+LEAST_APART_S = 0.1  # between two images
+
+
+class PageOutput:
+    """Output of a live run to the page.
+
+    Args:
+        stream: lines go here.
+    """
+
+    def __init__(self, stream: BinaryIO) -> None:
+        self._stream = stream
+        self.watched = False
+        self._sent_s = float("-inf")
+
+    def send(self, state: LiveState) -> bool:
+        """See `lmkit.live.outputs.base.Output`."""
+        jpeg, now = b"", time.monotonic()
+        if self.watched and now - self._sent_s >= LEAST_APART_S:
+            jpeg, self._sent_s = image_of(state), now
+        self._stream.write(pack_line(shown_state(state), jpeg))
+        self._stream.flush()
+        return True
+
+    def close(self) -> None:
+        """See `lmkit.live.outputs.base.Output`."""
+
+
+def run(task: dict[str, Any], wishes: RawIOBase, stream: BinaryIO) -> None:
+    """Run until the sources end, a signal comes, or ``wishes`` ends.
+
+    Raises:
+        InputError: settings that do not fit together, or a file that cannot be read.
+        NegativeAnswer: no pose was published.
+    """
+    live = open_run(settings_from(task))
+    stream.write(pack_line({"landmarks": describe_landmarks(live.loop.landmarks)}))
+    page = PageOutput(stream)
+    live.outputs.append(OutputRunner("page", lambda: page, live.clock.now, keeps_all=not live.feed.is_live))
+
+    def listen() -> None:
+        for line in wishes:
+            page.watched = line.strip() == b"1"
+        live.stop()
+
+    threading.Thread(target=listen, daemon=True).start()
+    summary = run_until_stopped(live, settings_from(task))
+    if summary.steps and not summary.statuses.get("ok"):
+        raise NegativeAnswer("not_located", "no pose was published", "check that landmarks of the map are in view")
+
+
+def settings_from(task: dict[str, Any]) -> RunSettings:
+    """Settings of a task; ``file`` names a run file, and other keys replace what it says."""
+    given = dict(task)
+    name = given.pop("file", None)
+    if name is None:
+        return settings_of(given, Path())
+    filed = read_run_file(Path(name))
+    return RunSettings(settings_of({**filed.values.model_dump(), **given}, filed.folder).values, filed.folder)
+
+
+def main() -> int:
+    """Run one task, given as JSON."""
+    try:
+        # Unbuffered: a thread that waits in a buffered reader cannot be left behind at the end.
+        with FileIO(sys.stdin.fileno(), closefd=False) as wishes:
+            run(json.loads(sys.argv[1]), wishes, sys.stdout.buffer)
+    except LmkitError as error:
+        sys.stderr.write(f"lmkit: {error.message}; {error.hint}\n")
+        return error.exit_code
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
