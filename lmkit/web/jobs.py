@@ -39,7 +39,7 @@ class Job:
         outputs: files it writes, relative to the project.
         save_json: file for its standard output, or None.
         on_line: is given every line of standard output instead of the log.
-        wish: the line that standard input is told whenever it changes, or None.
+        wish: line for standard input, written whenever it changes; or None.
         state: ``waiting``, ``running``, ``done``, ``failed`` or ``cancelled``.
     """
 
