@@ -7,6 +7,7 @@ from typing import Annotated
 
 import typer
 
+from lmkit.cli.map_options import read_mounted_map
 from lmkit.cli.output import print_json, print_line, write_outputs
 from lmkit.errors import InputError
 
@@ -44,7 +45,6 @@ def calibrate_base(
     from lmkit.cli.parsing import parse_meters
     from lmkit.geometry.pose import Pose
     from lmkit.io.any_rig import read_any_rig
-    from lmkit.io.external_maps import read_any_map
     from lmkit.io.rig import rig_to_yaml
     from lmkit.mapping.base_mounting_results import mounting_dict, mounting_lines
     from lmkit.pipelines.recording_folder import read_recording_folder
@@ -52,7 +52,7 @@ def calibrate_base(
     if rig is None or landmark_map is None:
         raise InputError("no_rig_or_map", "--base needs a rig and a map", "give --rig rig.yaml --map map.yaml")
     height_m = None if height is None else parse_meters(height, "--height")
-    cameras, landmarks = read_any_rig(rig), read_any_map(landmark_map)
+    cameras, landmarks = read_any_rig(rig), read_mounted_map(landmark_map)
     # The place is to be found; to read wheel odometry any will do.
     anywhere = replace(cameras, T_base_left=Pose.identity("base", "left"))
     recording = read_recording_folder(folder, anywhere, landmarks.families or (family,))

@@ -9,6 +9,7 @@ import typer
 
 from lmkit.cli import options
 from lmkit.cli.fleet_recordings import Engine, Family, Hz, Retry, Shard, StoreUri, detect_options, show_outcomes
+from lmkit.cli.map_options import read_mounted_map
 from lmkit.cli.output import check_outputs, print_json, print_line, write_outputs
 from lmkit.errors import InputError
 
@@ -33,11 +34,10 @@ def survey(
     """Build the landmark map of every site from all of its recordings."""
     from lmkit.fleet.mapping import detected_by_site, survey_site, write_site
     from lmkit.fleet.store import Store
-    from lmkit.io.external_maps import read_any_map
     from lmkit.units import parse_length_mm
 
     place, size_m = Store(store), parse_length_mm(size, "--size") / 1000
-    anchors = None if known is None else read_any_map(known)
+    anchors = None if known is None else read_mounted_map(known)
     sites = detected_by_site(place, detect_options(family, hz))
     if not sites:
         raise InputError(

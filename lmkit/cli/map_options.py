@@ -20,6 +20,18 @@ MarkerSize = Annotated[
 ]
 
 
+def read_mounted_map(path: Path) -> LandmarkMap:
+    """The map for a command whose own --family and --size are those of landmarks to mount or to find.
+
+    Raises:
+        InputError: not readable, or family or size are missing: the hint says how to convert the file.
+    """
+    from lmkit.io.external_maps import read_any_map
+    from lmkit.io.marker_maps import MarkerDefaults
+
+    return read_any_map(path, MarkerDefaults(can_be_given=False))
+
+
 def read_map_file(path: Path, family: str | None, size: str | None) -> LandmarkMap:
     """The map of a file of lmkit or another program.
 

@@ -8,6 +8,7 @@ from typing import Annotated
 import typer
 
 from lmkit.cli import options
+from lmkit.cli.map_options import read_mounted_map
 from lmkit.cli.output import ProgressBars, check_outputs, print_json, print_line, warn, write_outputs
 from lmkit.errors import InputError
 
@@ -61,7 +62,6 @@ def run(
     """Place as few landmarks as possible. Writes map, prints, mounting list and drawings."""
     from lmkit.cli.parsing import parse_demand, parse_meters
     from lmkit.cli.plan_inputs import read_ground, read_mounted_rig
-    from lmkit.io.external_maps import read_any_map
     from lmkit.model.families import family_named
     from lmkit.model.landmark_map import LandmarkMap
     from lmkit.pipelines.prints import PAPERS
@@ -86,7 +86,7 @@ def run(
         swap_s=patience,
     )
     cameras = read_mounted_rig(rig, camera_height)
-    mounted = LandmarkMap([]) if landmark_map is None else read_any_map(landmark_map)
+    mounted = LandmarkMap([]) if landmark_map is None else read_mounted_map(landmark_map)
     ground = read_ground(floor, scale, islands, thin_lines, curves)
     with ProgressBars() as bars:
 

@@ -7,13 +7,16 @@ from typing import Annotated
 
 import typer
 
-from lmkit.cli import options
+from lmkit.cli import map_options, options
+from lmkit.cli.map_options import read_map_file
 from lmkit.cli.output import check_outputs, print_line, write_outputs
 from lmkit.errors import InputError
 
 
 def run(
     landmark_map: options.MapFile,
+    marker_family: map_options.MarkerFamily = None,
+    marker_size: map_options.MarkerSize = None,
     floor: Annotated[
         Path | None,
         typer.Option(
@@ -31,7 +34,6 @@ def run(
 ) -> None:
     """Write mounting sheets: each room with distances from corners that a tape measure reaches."""
     from lmkit.cli.plan_inputs import read_room
-    from lmkit.io.external_maps import read_any_map
     from lmkit.pipelines.prints import PAPERS
     from lmkit.reports.mounting_sheet import mounting_sheets
 
@@ -40,6 +42,6 @@ def run(
     if output.suffix.lower() != ".pdf":
         raise InputError("bad_output", f"{output} is not a PDF file", "name it with .pdf")
     check_outputs([output], None, force)
-    landmarks, ground = read_any_map(landmark_map), read_room(room, floor, scale)
+    landmarks, ground = read_map_file(landmark_map, marker_family, marker_size), read_room(room, floor, scale)
     write_outputs({output: mounting_sheets(landmarks, ground, landmark_map.name, paper)}, force)
     print_line(f"wrote {output}")

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from lmkit.cli import options
+from lmkit.cli import map_options, options
 from lmkit.cli.output import print_line
 from lmkit.errors import InputError, NegativeAnswer
 
@@ -28,6 +28,8 @@ def run(
     sources: Sources,
     rig: options.OptionalRigFile = None,
     landmark_map: options.OptionalMapFile = None,
+    marker_family: map_options.MarkerFamily = None,
+    marker_size: map_options.MarkerSize = None,
     odometry: Annotated[
         str | None,
         typer.Option(
@@ -80,6 +82,8 @@ def run(
     given = {
         "rig": rig,
         "map": landmark_map,
+        "family": marker_family,
+        "size": marker_size,
         "odometry": odometry,
         "odometry_kind": odometry_kind,
         "gyro": gyro,

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from lmkit.cli import options
+from lmkit.cli.map_options import read_mounted_map
 from lmkit.cli.output import check_outputs, image_kind, print_json, print_line, require_no, warn_all, write_outputs
 from lmkit.errors import InputError
 
@@ -77,7 +78,6 @@ def run(
     from lmkit.geometry.rig import mounted_cameras
     from lmkit.geometry.rig_plausibility import rig_warnings
     from lmkit.io.any_rig import read_any_rig
-    from lmkit.io.external_maps import read_any_map
     from lmkit.io.landmark_map import map_to_yaml
     from lmkit.io.recording_tables import detections_to_csv
     from lmkit.io.trajectory import poses_to_tum
@@ -99,7 +99,7 @@ def run(
     if rerun is not None:
         require_rerun()
     size_m, cameras = parse_length_mm(size, "--size") / 1000, read_any_rig(rig)
-    anchors = None if known is None else read_any_map(known)
+    anchors = None if known is None else read_mounted_map(known)
     if are_recordings(source.images, cameras):
         refused = {
             "--odometry": odometry, "--gyro": gyro, "--wheel-track": wheel_track, "--plan": plan, "--report": report,

@@ -43,10 +43,12 @@ class MarkerDefaults:
     Attributes:
         family: name, or None where it was not given.
         size_m: outer edge of the black border, or None.
+        can_be_given: the command has options for them; else its file must be converted first.
     """
 
     family: str | None = None
     size_m: float | None = None
+    can_be_given: bool = True
 
     def require(self, path: Path, what: str) -> tuple[str, float]:
         """Family and size.
@@ -58,7 +60,9 @@ class MarkerDefaults:
             raise InputError(
                 "no_family_or_size",
                 f"{path}: {what} says neither the markers' family nor their size",
-                "give both, such as --family aruco5x5_1000 --size 140mm",
+                "give both, such as --family aruco5x5_1000 --size 140mm"
+                if self.can_be_given
+                else f"convert it first: {_conversion(path, '--family aruco5x5_1000 --size 140mm')}",
             )
         return self.family, self.size_m
 
@@ -83,7 +87,7 @@ class MarkerDefaults:
                 "not_together", f"{path}: its markers are {stated}, not {self.family}", "leave --family out"
             )
         if stated is None and self.family is None:
-            _warn(f"{path} does not say the markers' family: {assumed} is assumed; give --family for another one")
+            _warn(f"{path} does not say the markers' family: {assumed} is assumed; {self._other(path, '--family')}")
         return stated or self.family or assumed
 
     def size_of(self, path: Path, stated: float | None, assumed: float | None = None) -> float:
@@ -100,8 +104,18 @@ class MarkerDefaults:
             )
         if stated is None and self.size_m is None and assumed is not None:
             millimeters = f"{assumed * 1000:g} mm"
-            _warn(f"{path} does not say the markers' size: {millimeters} is assumed; give --size for another one")
+            _warn(f"{path} does not say the markers' size: {millimeters} is assumed; {self._other(path, '--size')}")
         return stated or self.size_m or assumed or 0.0
+
+    def _other(self, path: Path, option: str) -> str:
+        """What to do where another value than the assumed one is right."""
+        if self.can_be_given:
+            return f"give {option} for another one"
+        return f"for another one convert it first: {_conversion(path, f'{option} ...')}"
+
+
+def _conversion(path: Path, options: str) -> str:
+    return f"lmkit convert {path} --to map {options} -o map.yaml"
 
 
 def _warn(sentence: str) -> None:

@@ -56,7 +56,9 @@ def _recorder(settings: RunSettings, rig: AnyRig, landmarks: LandmarkMap, motion
     require("mcap", "--record", "bags")
     require("rosbags", "--record", "bags")
     kept = {**values.model_dump(include=set(LOOP_KEYS)), "motion": motion}
-    attached = attached_files(settings.path(values.rig), settings.path(values.map), rig, landmarks)
+    # A file that lacks its markers' family or size could not be read again alone.
+    map_path = settings.path(values.map) if values.family is None and values.size is None else None
+    attached = attached_files(settings.path(values.rig), map_path, rig, landmarks)
     names = [camera.name for camera in mounted_cameras(rig)]
     return partial(Recorder, path, attached, kept, StepMessages(parse_ros("?odometry=yes"), landmarks), names)
 

@@ -13,6 +13,7 @@ from lmkit.geometry.rig import AnyRig, mounted_cameras
 from lmkit.io.any_rig import read_any_rig
 from lmkit.io.external_maps import read_any_map
 from lmkit.io.image_groups import require_image_of_each
+from lmkit.io.marker_maps import MarkerDefaults
 from lmkit.live.captures import Capture, open_capture
 from lmkit.live.clock import LoopClock
 from lmkit.live.frame_group import Feed
@@ -26,7 +27,9 @@ from lmkit.live.recorded_feed import POSE_SUFFIXES, StepFeed, file_groups, motio
 from lmkit.live.recording_file import RunRecording
 from lmkit.live.run_settings import LOOP_KEYS, RunSettings
 from lmkit.live.simulated_source import SimulatedCapture, SimulatedRun
+from lmkit.model.families import family_named
 from lmkit.model.landmark_map import LandmarkMap
+from lmkit.units import parse_length_mm
 
 
 def open_run(settings: RunSettings, dry: bool = False) -> LiveRun:
@@ -120,7 +123,9 @@ def _landmarks(settings: RunSettings) -> LandmarkMap:
     path = settings.path(settings.values.map)
     if path is None:
         raise InputError("no_map", "a run needs a map", "give --map map.yaml, or map: in the run file")
-    return read_any_map(path)
+    family, size = settings.values.family, settings.values.size
+    size_m = None if size is None else parse_length_mm(size, "--size") / 1000
+    return read_any_map(path, MarkerDefaults(None if family is None else family_named(family).name, size_m))
 
 
 def _motion_kind(settings: RunSettings) -> str:

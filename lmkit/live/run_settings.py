@@ -25,6 +25,8 @@ class RunFile(Document):
     sources: list[str] = Field(min_length=1, max_length=16)
     rig: str | None = None
     map: str | None = None
+    family: str | None = None  # of the map's markers, where its file says none
+    size: str | None = None
     odometry: str | None = None
     odometry_kind: Literal["wheels", "poses"] = "wheels"
     gyro: str | None = None
