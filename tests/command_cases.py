@@ -104,11 +104,13 @@ class Case:
         words: names of ``files`` stand for the files.
         files: read by it.
         weight: how often it is tried; slow ones seldom.
+        folder: of images that it reads beside.
     """
 
     words: str
     files: tuple[str, ...] = ()
     weight: float = 1.0
+    folder: str = ""
 
     @property
     def name(self) -> str:
@@ -166,7 +168,8 @@ CASES = (
     Case("board chessboard:9x6:20mm -o out/b.svg"),
     Case("generate --code 3 --template template.toml -o out/g.svg", ("template.toml",), 0.3),
     Case("calibrate --corners corners.json -o out/r.yaml --report out/r.html", ("corners.json",), 0.3),
-    Case("calibrate boards/left boards/right --check rig.yaml --board chessboard:9x6:25mm", ("rig.yaml",), 0.1),
+    Case("calibrate boards/left boards/right --check rig.yaml --board chessboard:9x6:25mm", ("rig.yaml",), 0.1,
+         "boards"),
     Case("unbag drive -o out/bag", ("drive/drive.db3", "drive/metadata.yaml")),
     Case("run run.yaml --check", ("run.yaml", "rig.yaml", "map.yaml")),
     Case("run left.png right.png --hz 5 --rig rig.yaml --map map.yaml --to stdout --seconds 1",

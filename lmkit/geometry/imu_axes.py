@@ -18,19 +18,35 @@ def upward_rates(rates_radps: FloatArray, accelerations: FloatArray) -> tuple[Fl
         rates_radps: (N,3) about the sensor's axes.
         accelerations: (N,3) in any unit; not finite or zero where nothing was measured, and then z is up.
     """
+    up, sentence = upward_axis(accelerations)
+    return about(up, rates_radps), sentence
+
+
+def upward_axis(accelerations: FloatArray) -> tuple[FloatArray, str | None]:
+    """(3,) upward unit vector in the sensor's axes, one of them where one is upright, and a sentence unless it is z.
+
+    Args:
+        accelerations: (N,3) as for `upward_rates`.
+    """
     up = _up(accelerations)
     if up is None or up[2] > ALONG:
-        return np.array(rates_radps[:, 2]), None
+        return np.array([0.0, 0.0, 1.0]), None
     axis = int(np.argmax(np.abs(up)))
     if abs(up[axis]) <= ALONG:
         tilt_deg = np.rad2deg(np.arccos(up[2]))
         text = f"by gravity the IMU's z axis is {tilt_deg:.0f} deg from the vertical: the rate is about the vertical"
-        return rates_radps @ up, text
+        return up, text
     sign = -1.0 if up[axis] < 0 else 1.0
     name = f"{'minus ' if sign < 0 else ''}{AXES[axis]}"
     known = {"minus y": " (axes of an optical frame)", "minus z": " (z down, as aircraft have it)"}.get(name, "")
     text = f"by gravity the IMU's {name} axis points up{known}: the rate is about that axis"
-    return sign * rates_radps[:, axis], text
+    return sign * np.eye(3)[axis], text
+
+
+def about(up: FloatArray, rates_radps: FloatArray) -> FloatArray:
+    """(...,) rates about an axis (3,); what is measured about others, and may be nothing, does not matter."""
+    used = np.flatnonzero(up)
+    return np.asarray(rates_radps[..., used] @ up[used])
 
 
 def _up(accelerations: FloatArray) -> FloatArray | None:

@@ -48,9 +48,11 @@ def write_file(path: Path, content: bytes | str, force: bool = False) -> None:
         os.umask(umask)
         Path(partial).chmod(0o666 & ~umask)
         Path(partial).replace(path)
-    except OSError as error:
+    except BaseException as error:  # Ctrl-C as well
         if partial is not None:
             Path(partial).unlink(missing_ok=True)
+        if not isinstance(error, OSError):
+            raise
         raise InputError("not_writable", f"cannot write {path}: {error.strerror or error}", _HINT) from None
 
 

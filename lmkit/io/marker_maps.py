@@ -108,7 +108,7 @@ class MarkerDefaults:
         return stated or self.size_m or assumed or 0.0
 
     def _other(self, path: Path, option: str) -> str:
-        """What to do where another value than the assumed one is right."""
+        """Advice for markers of which the assumed value is not true."""
         if self.can_be_given:
             return f"give {option} for another one"
         return f"for another one convert it first: {_conversion(path, f'{option} ...')}"

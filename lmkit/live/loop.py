@@ -16,8 +16,9 @@ from lmkit.geometry.rotations import quaternion_to_matrix
 from lmkit.live.budget import LatencyBudget
 from lmkit.live.estimators import Estimate, make_estimator
 from lmkit.live.frame_group import FrameGroup
+from lmkit.live.mirrored_images import MirroredImages
 from lmkit.live.motion import GYRO, MotionRow
-from lmkit.live.publication import Publication, PublicationRule
+from lmkit.live.publication import Decision, Publication, PublicationRule
 from lmkit.live.reader import Rate
 from lmkit.live.search import ExpectedLandmarks, Search
 from lmkit.live.stale_images import StaleImages
@@ -73,6 +74,7 @@ class LiveLoop:
         self._search = Search(rig, landmarks, self._expected)
         self._estimator = make_estimator(self.settings.motion, rig, landmarks)
         self._stale = StaleImages(rig, landmarks, self.settings.motion != "none")
+        self._mirror = MirroredImages(rig, landmarks)
         rule = self.settings.rule
         self._publication = Publication(replace(rule, confirm=min(rule.confirm, max(len(landmarks), 1))))
         self._budget = LatencyBudget(self.settings.budget_s or 1e9, self.settings.profile)
@@ -117,6 +119,9 @@ class LiveLoop:
             self._stale.start()
         views, missing = self._with_expected(views, estimate, stale)
         decision = self._publication.decide(group.time_s, estimate, missing, self._stale.doubt(group.time_s))
+        events += self._mirror.add(group.time_s, seen, decision.status)
+        if self._mirror.sentence:
+            decision = Decision(PoseStatus.INCONSISTENT, self._mirror.sentence)
         ok = decision.status == PoseStatus.OK
         if decision.status != self._status:
             text = f"{self._status} -> {decision.status}" + (f": {decision.reason}" if decision.reason else "")

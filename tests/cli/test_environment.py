@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import os
 import resource
 import shutil
@@ -13,6 +14,7 @@ from pathlib import Path
 
 import pytest
 from command_cases import write_inputs
+from command_line import Answer, run_command
 
 from lmkit.io.landmark_map import map_to_yaml
 from lmkit.simulation.recording import make_drive
@@ -32,6 +34,9 @@ WRITERS = {
     "simulate": "simulate --pairs 1 --boards 0 --landmarks 3 -o out",
 }
 SOON_S = 60.0  # on a busy machine
+WORKING_S = 0.5  # CPU time after which a command has begun its work
+ENDS = (signal.SIGTERM, signal.SIGINT, signal.SIGKILL)
+READ_ONLY = Path("/sys/kernel")  # by permissions a folder is read-only for everyone but root
 
 
 @pytest.fixture(scope="module")
@@ -56,7 +61,9 @@ def copied(inputs, tmp_path):
 
 
 def run(words, folder, **how):
-    return subprocess.run([*RUN, *words.split()], cwd=folder, capture_output=True, text=True, check=False, **how)
+    """Run a command in a process of its own, which takes seconds."""
+    done = subprocess.run([*RUN, *words.split()], cwd=folder, capture_output=True, text=True, check=False, **how)
+    return Answer(done.returncode, done.stdout, done.stderr)
 
 
 def names(folder):
@@ -64,18 +71,21 @@ def names(folder):
 
 
 def assert_one_line(done, code):
-    assert done.returncode == code, done.stderr
-    lines = [line for line in done.stderr.splitlines() if "warning" not in line and "may be lost" not in line]
-    assert lines[-1].startswith("lmkit: "), done.stderr
-    assert "Traceback" not in done.stderr and "internal error" not in done.stderr
+    assert done.code == code, done.err
+    lines = [line for line in done.err.splitlines() if "warning" not in line and "may be lost" not in line]
+    assert lines[-1].startswith("lmkit: "), done.err
+    assert "Traceback" not in done.err and "internal error" not in done.err
 
 
-def small_files():
-    resource.setrlimit(resource.RLIMIT_FSIZE, (2048, 2048))
-
-
-def no_space():
-    resource.setrlimit(resource.RLIMIT_FSIZE, (0, 0))
+@contextlib.contextmanager
+def largest_file(count):
+    """No file of this process grows beyond so many bytes."""
+    limits = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (count, limits[1]))
+    try:
+        yield
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, limits)
 
 
 def few_handles():
@@ -83,27 +93,44 @@ def few_handles():
 
 
 def sizes(folder, before):
-    """Bytes of each new file, names that begin with a dot left out: what is not finished has such a name."""
-    found = {str(p.relative_to(folder)): p.stat().st_size for p in folder.rglob("*") if p.is_file()}
-    return {name: size for name, size in found.items() if Path(name).parts[0] not in before and name[0] != "."}
+    """Bytes of each new file by its path."""
+    found = {path.relative_to(folder): path.stat().st_size for path in folder.rglob("*") if path.is_file()}
+    return {path: size for path, size in found.items() if path.parts[0] not in before}
 
 
-@pytest.mark.slow
-def test_a_bag_on_a_full_disk_leaves_nothing(folder):
+def test_a_bag_on_a_full_disk_leaves_nothing(folder, monkeypatch):
     pytest.importorskip("rosbags", reason="the extra bags is not installed")
+    monkeypatch.chdir(folder)
     before = names(folder)
-    done = run("convert poses.tum --to bag -o drive", folder, preexec_fn=small_files)
+    with largest_file(2048):
+        done = run_command("convert", "poses.tum", "--to", "bag", "-o", "drive")
     assert_one_line(done, 2)
-    assert "drive" in done.stderr
+    assert "drive" in done.err
     assert names(folder) == before
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("command", WRITERS)
-def test_a_full_disk_leaves_nothing(copied, command):
+def test_a_full_disk_leaves_nothing(copied, command, monkeypatch):
+    monkeypatch.chdir(copied)
     before = names(copied)
-    assert_one_line(run(WRITERS[command], copied, preexec_fn=no_space), 2)
+    with largest_file(0):
+        done = run_command(*WRITERS[command].split())
+    assert_one_line(done, 2)
     assert sizes(copied, before) == {}
+
+
+@pytest.mark.skipif(not READ_ONLY.is_dir(), reason="needs Linux")
+@pytest.mark.parametrize("command", WRITERS)
+def test_a_read_only_folder_is_refused_before_work_begins(inputs, command, monkeypatch):
+    """Whatever takes long is not reached."""
+    monkeypatch.chdir(inputs)
+    words = [str(READ_ONLY / word) if word.startswith("out") else word for word in WRITERS[command].split()]
+    begun = time.thread_time()
+    done = run_command(*words)
+    assert_one_line(done, 2)
+    assert f"{READ_ONLY}" in done.err
+    assert time.thread_time() - begun < SOON_S / 20
 
 
 @pytest.mark.slow
@@ -111,38 +138,61 @@ def test_a_full_disk_leaves_nothing(copied, command):
 def test_few_file_handles_are_enough_or_end_in_one_line(copied, command):
     before = names(copied)
     done = run(WRITERS[command], copied, preexec_fn=few_handles)
-    if done.returncode:
+    if done.code:
         assert_one_line(done, 2)
         assert names(copied) == before
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("command", ["board", "track", "simulate"])
-def test_signals_leave_all_or_nothing(copied, command):
+@pytest.mark.parametrize(
+    ("command", "number"),
+    [("board", signal.SIGKILL), ("track", signal.SIGTERM), *(("simulate", n) for n in ENDS)],
+)
+def test_signals_leave_all_or_nothing(copied, command, number, monkeypatch):
+    monkeypatch.chdir(copied)
     before = names(copied)
-    start = time.monotonic()
-    assert run(WRITERS[command], copied).returncode == 0
-    seconds, whole = time.monotonic() - start, sizes(copied, before)
-    for number, part in ((signal.SIGTERM, 0.7), (signal.SIGINT, 0.5), (signal.SIGKILL, 0.8)):
-        for name in names(copied) - before:
-            path = copied / name
-            shutil.rmtree(path) if path.is_dir() else path.unlink()
-        process = subprocess.Popen(
-            [*RUN, *WRITERS[command].split()], cwd=copied, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE,
-            text=True, start_new_session=True,
-        )  # fmt: skip
-        time.sleep(part * seconds)
-        process.send_signal(number)
-        _, stated = process.communicate(timeout=SOON_S)
-        # Before its first and after its last line Python leaves signals to the system.
-        assert process.returncode in (0, 130, -number, -signal.SIGINT), stated
-        assert "internal error" not in stated
-        # A folder of many files that is cut short holds whole ones only.
-        left = sizes(copied, before)
-        assert left.items() <= whole.items()
-        assert command == "simulate" or left in ({}, whole)
-        with pytest.raises(ProcessLookupError):
-            os.killpg(process.pid, 0)
+    words = WRITERS[command].split()
+    process = subprocess.Popen(
+        [*RUN, *words],
+        cwd=copied,
+        stdout=subprocess.DEVNULL,
+        stderr=subprocess.PIPE,
+        text=True,
+        start_new_session=True,
+    )
+    # A command of one file is met in its work, one of many while it writes.
+    end = time.monotonic() + SOON_S
+    while process.poll() is None and time.monotonic() < end:
+        if names(copied) - before or (command != "simulate" and cpu_s(process.pid) > WORKING_S):
+            break
+        time.sleep(0.005)
+    process.send_signal(number)
+    _, stated = process.communicate(timeout=SOON_S)
+    # Before its first and after its last line Python leaves signals to the system.
+    assert process.returncode in (0, 130, -number, -signal.SIGINT), stated
+    assert "internal error" not in stated
+    left = sizes(copied, before)
+    if number == signal.SIGKILL:  # what is not finished has another name, and nobody can remove it
+        left = {path: size for path, size in left.items() if path.name[0] != "."}
+    with pytest.raises(ProcessLookupError):
+        os.killpg(process.pid, 0)
+    for name in names(copied) - before:
+        path = copied / name
+        shutil.rmtree(path) if path.is_dir() else path.unlink()
+    assert run_command(*words).code == 0
+    whole = sizes(copied, before)
+    # A folder of many files that is cut short holds whole ones only.
+    assert left.items() <= whole.items()
+    assert command == "simulate" or left in ({}, whole)
+
+
+def cpu_s(pid):
+    """CPU time that a process has used; 0 where it has ended."""
+    try:
+        fields = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()
+    except OSError:
+        return 0.0
+    return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
 
 
 @pytest.mark.slow
@@ -166,7 +216,7 @@ def test_calibration_with_little_memory_is_refused(folder):
         preexec_fn=lambda: resource.setrlimit(resource.RLIMIT_AS, (limit, limit)),
     )  # fmt: skip
     assert_one_line(done, 2)
-    assert "1024 MiB of address space" in done.stderr
+    assert "1024 MiB of address space" in done.err
 
 
 @pytest.mark.slow

@@ -27,7 +27,8 @@ def inputs(tmp_path_factory) -> tuple[Path, dict[str, bytes]]:
 def runnable(inputs, monkeypatch):
     """Cases whose files are there, in their folder."""
     monkeypatch.chdir(inputs[0])
-    return [case for case in QUICK if all(name in inputs[1] for name in case.files)]
+    there = [case for case in QUICK if (inputs[0] / case.folder).is_dir()]
+    return [case for case in there if all(name in inputs[1] for name in case.files)]
 
 
 def few(name: str, data: bytes, count: int) -> bytes:

@@ -64,10 +64,10 @@ def test_other_commands_take_family_and_size(lmkit, files, words):
 
 
 def test_a_run_file_gives_family_and_size(lmkit, files):
-    told = "format: lmkit-run/1\nsources: ['sim:?seconds=1&speed=max&images=no']\nmap: map.txt\n"
-    (files / "run.yaml").write_text(told + "family: aruco4x4_50\nsize: 140mm\n")
+    stated = "format: lmkit-run/1\nsources: ['sim:?seconds=1&speed=max&images=no']\nmap: map.txt\n"
+    (files / "run.yaml").write_text(stated + "family: aruco4x4_50\nsize: 140mm\n")
     assert lmkit("run", "run.yaml").code == 1
-    (files / "run.yaml").write_text(told + "family: nothing\nsize: 140mm\n")
+    (files / "run.yaml").write_text(stated + "family: nothing\nsize: 140mm\n")
     assert "family 'nothing'" in lmkit("run", "run.yaml").err
 
 

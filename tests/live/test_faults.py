@@ -25,6 +25,7 @@ from lmkit.live.recorded_feed import StepFeed
 from lmkit.live.simulated_source import FIRST_S, SimulatedRun
 from lmkit.live.source_address import parse_source
 from lmkit.live.state import LiveState
+from lmkit.localization.mirror import mirrored_id
 from lmkit.model.landmark_map import LandmarkMap
 from lmkit.model.observation import Detection
 from lmkit.model.pose_status import PoseStatus
@@ -91,8 +92,11 @@ def carried_off(simulated: SimulatedRun, group: FrameGroup) -> FrameGroup:
 
 
 def mirrored(_: SimulatedRun, group: FrameGroup) -> FrameGroup:
-    flip = lambda d: replace(d, corners=np.column_stack([639 - d.corners[:, 0], d.corners[:, 1]])[[1, 0, 3, 2]])  # noqa: E731
-    return replace(group, seen=tuple([flip(d) for d in seen] for seen in group.seen))
+    def flip(d: Detection) -> Detection:
+        corners = np.column_stack([639 - d.corners[:, 0], d.corners[:, 1]])[[1, 0, 3, 2]]
+        return replace(d, id=mirrored_id(d.id), corners=corners)
+
+    return replace(group, seen=tuple([flip(d) for d in seen if mirrored_id(d.id)] for seen in group.seen))
 
 
 def swapped_cameras(_: SimulatedRun, group: FrameGroup) -> FrameGroup:
@@ -133,15 +137,15 @@ FAULTS = {
     spinning_wheels: "",
     late_odometry: "wheels_out_of_order",
     carried_off: "status_",
-    mirrored: "status_",
+    mirrored: "status_",  # by name where two landmarks are in view: below
     swapped_cameras: "status_",
     false_readings: "status_",
     blurred_corners: "",
 }
 
 
-def run_of(seed: int, change, landmarks=None) -> list[LiveState]:
-    simulated = SimulatedRun(parse_source(f"sim:?seconds=16&speed=max&images=no&seed={seed}&fps={FPS}"))
+def run_of(seed: int, change, landmarks=None, seconds=16) -> list[LiveState]:
+    simulated = SimulatedRun(parse_source(f"sim:?seconds={seconds}&speed=max&images=no&seed={seed}&fps={FPS}"))
     course = simulated.course
     loop = LiveLoop(
         course.rig, landmarks(course.landmarks) if landmarks else course.landmarks, LoopSettings("wheels")
@@ -169,6 +173,16 @@ def test_no_pose_is_published_that_is_wrong_by_half_a_meter(fault):
         assert any(code.startswith(FAULTS[fault]) for code in codes) or not FAULTS[fault]
         # Some time after the fault the robot is located again.
         assert any(s.status == PoseStatus.OK for s in states[UNTIL + 30 :])
+
+
+def test_mirrored_images_are_the_reason_of_the_status():
+    states = run_of(1, mirrored, seconds=UNTIL // FPS)
+    stated = [s for s in states[FROM:UNTIL] if "mirrored (left to right)" in s.reason]
+    assert {s.status for s in stated} == {PoseStatus.INCONSISTENT}
+    assert not any(s.T_map_base for s in stated)
+    named = [event.message for s in states for event in s.events if event.code == "images_mirrored"]
+    assert 1 <= len(named) <= 2
+    assert all(text.startswith("camera ") for text in named)
 
 
 @pytest.mark.slow

@@ -16,7 +16,7 @@ from lmkit.geometry.rotations import rotation_angle
 from lmkit.live.clock import LoopClock
 from lmkit.live.inputs.base import InputLost, InputRunner, Reading, pose_or_none
 from lmkit.live.inputs.json_lines import reading_of
-from lmkit.live.inputs.ros import gyro_reading, odometry_reading
+from lmkit.live.inputs.ros import ENOUGH, UprightGyro, odometry_reading
 from lmkit.live.motion import GYRO, POSE, WHEELS, MotionInbox
 from lmkit.live.open_inputs import open_inputs
 from lmkit.live.run_settings import RunFile
@@ -159,7 +159,40 @@ def test_ros_messages_become_readings():
     position, quaternion = dict(zip("xyz", NUMBERS, strict=False)), dict(zip("xyzw", NUMBERS[3:], strict=True))
     pose = {"position": position, "orientation": quaternion}
     assert odometry_reading({"header": stamp, "pose": {"pose": pose}}) == Reading(POSE, 5.5, NUMBERS)
-    assert gyro_reading({"header": stamp, "angular_velocity": {"x": 0, "y": 0, "z": 0.5}}).values == (0.5,)
+    # Without accelerations z is up.
+    assert UprightGyro().reading({"header": stamp, "angular_velocity": {"x": 0, "y": 0, "z": 0.5}}).values == (0.5,)
+
+
+def imu(up, rate, acceleration=9.8, **more):
+    """A message of an IMU whose axes see the vertical as ``up``."""
+    named = lambda v: dict(zip("xyz", v.tolist(), strict=True))  # noqa: E731
+    stamp = {"stamp": {"sec": 5, "nanosec": 0}}
+    return {
+        "header": stamp, "angular_velocity": named(rate * up), "linear_acceleration": named(acceleration * up), **more
+    }  # fmt: skip
+
+
+@pytest.mark.parametrize("up", [(0, -1, 0), (0, 0, -1), (1, 0, 0), (0, 0.1, 0.995), (0.6, 0, 0.8)])
+def test_the_axis_of_an_imu_that_points_up_follows_from_gravity(up):
+    gyro, up = UprightGyro(), np.array(up, dtype=float)
+    found = [gyro.reading(imu(up, 0.4)) for _ in range(ENOUGH + 5)]
+    assert found[-1].values == pytest.approx((0.4,), rel=0.01)
+    notices = [reading.notice for reading in found if reading.notice]
+    assert len(notices) == (0 if up[2] > 0.9 else 1)
+    assert all("by gravity the IMU's" in notice for notice in notices)
+
+
+def test_accelerations_that_were_not_measured_tell_nothing():
+    gyro, up = UprightGyro(), np.array([0.0, -1.0, 0.0])
+    zero = [gyro.reading(imu(up, 0.4, 0.0)) for _ in range(ENOUGH + 5)]
+    unknown = [gyro.reading(imu(up, 0.4, linear_acceleration_covariance=[-1.0, *[0.0] * 8])) for _ in range(ENOUGH)]
+    assert {reading.values for reading in (*zero, *unknown)} == {(0.0,)}
+
+
+def test_a_notice_of_a_sensor_becomes_an_event(runner):
+    runner, _ = runner
+    runner.take(Reading(GYRO, 1.0, (0.1,), "z points down"))
+    assert [(e.code, e.message) for e in runner.events()] == [("imu_axes", f"{runner.name}: z points down")]
 
 
 def test_a_rosbridge_server_gives_odometry():

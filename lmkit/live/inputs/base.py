@@ -34,11 +34,13 @@ class Reading:
             since the reading before), or ``gyro`` (rad/s about the robot's upward axis).
         time_s: stamp of the sender; None: it has none.
         values: numbers of that kind.
+        notice: one sentence about the sensor, which becomes an event; mostly empty.
     """
 
     kind: str
     time_s: float | None
     values: tuple[float, ...]
+    notice: str = ""
 
 
 class MotionInput(Protocol):
@@ -114,6 +116,8 @@ class InputRunner:
         self._count += 1
         self._rate.add(time.monotonic())
         arrival = self._now()
+        if reading.notice:
+            self._events.append(Event("imu_axes", f"{self.name}: {reading.notice}", arrival))
         stamp = arrival if reading.time_s is None else reading.time_s
         if not math.isfinite(stamp):
             self._inbox.add(MotionRow(reading.kind, math.nan))

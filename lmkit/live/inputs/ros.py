@@ -4,12 +4,17 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+import numpy as np
+
+from lmkit.geometry.imu_axes import about, upward_axis
 from lmkit.live.inputs.base import InputLost, Reading
 from lmkit.live.inputs.waiting import WaitingReadings
 from lmkit.live.motion import GYRO, POSE
 from lmkit.live.ros.address import RosAddress
 from lmkit.live.ros.messages import IMU, ODOMETRY, Values, time_of
 from lmkit.live.ros.transport import TransportLost, connect
+
+ENOUGH = 50  # accelerations, half a second of a usual IMU
 
 
 class RosInput:
@@ -25,7 +30,7 @@ class RosInput:
 
     def __init__(self, address: RosAddress, transport: str, is_gyro: bool) -> None:
         self._waiting = WaitingReadings()
-        self._read = gyro_reading if is_gyro else odometry_reading
+        self._read = UprightGyro().reading if is_gyro else odometry_reading
         try:
             self._transport = connect(address, transport)
             self._transport.subscribe(address.topic, IMU if is_gyro else ODOMETRY, self._heard)
@@ -55,9 +60,33 @@ def odometry_reading(values: Values) -> Reading:
     return Reading(POSE, time_of(values), (*place, *(_number(pose["orientation"][axis]) for axis in "xyzw")))
 
 
-def gyro_reading(values: Values) -> Reading:
-    """The reading in a sensor_msgs/Imu whose z axis is up."""
-    return Reading(GYRO, time_of(values), (_number(values["angular_velocity"]["z"]),))
+class UprightGyro:
+    """Rates about the vertical from messages of sensor_msgs/Imu, whose axes gravity tells (`geometry/imu_axes`).
+
+    Until enough accelerations have come, and where none come, z is up.
+    """
+
+    def __init__(self) -> None:
+        self._accelerations: list[list[float]] = []
+        self._up = np.array([0.0, 0.0, 1.0])
+
+    def reading(self, values: Values) -> Reading:
+        """The reading in one message; its notice says once which axis is up, if z is not."""
+        notice = self._learn_axis(values)
+        rates = np.array([_number(values["angular_velocity"][axis]) for axis in "xyz"])
+        return Reading(GYRO, time_of(values), (float(about(self._up, rates)),), notice)
+
+    def _learn_axis(self, values: Values) -> str:
+        """Take the acceleration; a sentence about the axes once they are known."""
+        covariance = values.get("linear_acceleration_covariance")
+        unmeasured = covariance is not None and len(covariance) > 0 and covariance[0] == -1
+        if len(self._accelerations) == ENOUGH or "linear_acceleration" not in values or unmeasured:
+            return ""
+        self._accelerations.append([_number(values["linear_acceleration"][axis]) for axis in "xyz"])
+        if len(self._accelerations) < ENOUGH:
+            return ""
+        self._up, sentence = upward_axis(np.array(self._accelerations))
+        return sentence or ""
 
 
 def _number(value: object) -> float:
