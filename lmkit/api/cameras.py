@@ -38,7 +38,7 @@ def calibrate(
         left: folder or glob of images; of one camera also a video.
         right: the right camera's images, paired by sorted name; None for one camera.
         board: such as ``"chessboard:9x6:25mm"`` (inner corners).
-        model: ``"pinhole"``, ``"rational"``, ``"fisheye"``, or ``"auto"``.
+        model: ``"pinhole"``, ``"rational"``, ``"fisheye"``, or ``"auto"``; ``"fisheye,pinhole"`` for unequal lenses.
         progress: called with the number of images or pairs done, and of how many.
 
     Raises:
@@ -62,7 +62,9 @@ def calibrate(
         found = find_board_images(os.fspath(left), spec, progress)
         return calibrate_camera(found.views, found.board, found.image_size, model, found.rejected)
     pairs = find_board_pairs(list_pairs(os.fspath(left), os.fspath(right)), spec, progress)
-    return calibrate_stereo(pairs.views, pairs.board, pairs.image_size, model, pairs.rejected)
+    return calibrate_stereo(
+        pairs.views, pairs.board, pairs.image_size, model, pairs.rejected, right_size=pairs.right_size
+    )
 
 
 def calibrate_base(

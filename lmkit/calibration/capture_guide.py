@@ -54,12 +54,20 @@ class CaptureGuide:
 
     Args:
         object_points: (N,3) of the board.
-        image_size: (width, height) of both cameras.
+        image_size: (width, height) of the left camera.
         moving: frames follow each other, so that a board in motion can be recognized; False for single images.
+        right_size: (width, height) of the right camera; None: that of the left one.
     """
 
-    def __init__(self, object_points: FloatArray, image_size: tuple[int, int], moving: bool = True) -> None:
+    def __init__(
+        self,
+        object_points: FloatArray,
+        image_size: tuple[int, int],
+        moving: bool = True,
+        right_size: tuple[int, int] | None = None,
+    ) -> None:
         self._object_points = object_points
+        self._sizes = image_size, right_size or image_size
         width, height = image_size
         # Until views tell better: a usual lens, whose focal length is about the width.
         K = np.array([[width, 0, (width - 1) / 2], [0, width, (height - 1) / 2], [0, 0, 1.0]])
@@ -78,7 +86,7 @@ class CaptureGuide:
         """Coverage of the views kept so far, with advice."""
         rotations = np.array([kept.R for kept in self._kept]).reshape(-1, 3, 3)
         translations = np.array([kept.t for kept in self._kept]).reshape(-1, 3)
-        return coverage_of(self.views, rotations, translations, self._camera, self._camera)
+        return coverage_of(self.views, rotations, translations, *self._sizes)
 
     def judge(self, view: PairView | None) -> Judgment:
         """Judge one pair of frames; None where a camera does not see the board."""
@@ -103,16 +111,16 @@ class CaptureGuide:
     def _motion(self, before: PairView, view: PairView) -> float:
         """Speed of the median corner in the faster camera, over the image's width."""
         steps = []
-        for ids_a, a, ids_b, b in (
-            (before.ids_left, before.left, view.ids_left, view.left),
-            (before.ids_right, before.right, view.ids_right, view.right),
+        for ids_a, a, ids_b, b, width in (
+            (before.ids_left, before.left, view.ids_left, view.left, self._sizes[0][0]),
+            (before.ids_right, before.right, view.ids_right, view.right, self._sizes[1][0]),
         ):
             if not len(ids_a) and not len(ids_b):
                 continue  # a rig of one camera
             _, in_a, in_b = np.intersect1d(ids_a, ids_b, return_indices=True)
             step = np.linalg.norm(a[in_a] - b[in_b], axis=1)
-            steps.append(float(np.median(step)) if len(step) else np.inf)
-        return max(steps) / self._camera.image_size[0]
+            steps.append(float(np.median(step)) / width if len(step) else np.inf)
+        return max(steps)
 
     def _sharp(self, view: PairView) -> bool:
         limits = [_noise(kept.view) for kept in self._kept]
@@ -132,12 +140,11 @@ class CaptureGuide:
         return True
 
     def _fills_a_cell(self, view: PairView) -> bool:
-        size = self._camera.image_size
         seen = [
             filled_cells(np.concatenate([getattr(kept.view, side) for kept in self._kept]), size)
-            for side in ("left", "right")
+            for side, size in zip(("left", "right"), self._sizes, strict=True)
         ]
-        new = [filled_cells(points, size) for points in (view.left, view.right)]
+        new = [filled_cells(points, size) for points, size in zip((view.left, view.right), self._sizes, strict=True)]
         return any(bool((here & ~before).any()) for here, before in zip(new, seen, strict=True))
 
     def _learn_camera(self) -> None:

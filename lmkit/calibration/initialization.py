@@ -63,6 +63,28 @@ class Consensus:
 
 
 RADTAN = "radtan"  # Kalibr's name of k1 k2 p1 p2; asked for by name, never chosen
+AUTO = "auto"
+MODELS = (AUTO, *LENS_MODELS, RADTAN)
+
+
+def models_by_camera(model: str, count: int) -> tuple[str, ...]:
+    """Lens models of ``count`` cameras from one name for all of them, or one for each, separated by commas.
+
+    Raises:
+        InputError: an unknown name, or another number of names.
+    """
+    names = tuple(model.split(","))
+    for name in names:
+        if name not in MODELS:
+            hint = f"choose {', '.join(MODELS)}; one for each camera is separated by commas"
+            raise InputError("bad_model", f"--model {name} is unknown", hint)
+    if len(names) not in (1, count):
+        raise InputError(
+            "bad_model",
+            f"--model {model} names {len(names)} lens models for {count} cameras",
+            "give one for all cameras, or one for each",
+        )
+    return names if len(names) == count else names * count
 
 
 def start_camera(

@@ -11,8 +11,16 @@ import numpy as np
 from lmkit.arrays import FloatArray
 from lmkit.calibration.bundle_adjustment import POSE, FitOptions, Solution, StereoProblem
 from lmkit.calibration.cross_validation import FOLDS, HeldOut, hold_out
-from lmkit.calibration.initialization import RADTAN, agreement_with, find_consensus, start_camera, start_solution
+from lmkit.calibration.initialization import (
+    AUTO,
+    agreement_with,
+    find_consensus,
+    models_by_camera,
+    start_camera,
+    start_solution,
+)
 from lmkit.calibration.intrinsics import KnownIntrinsics, intrinsics_vector
+from lmkit.calibration.mono import calibrate_camera
 from lmkit.calibration.outlier_pairs import Disagreement, explain_disagreements
 from lmkit.calibration.sanity_checks import (
     CalibrationWarning,
@@ -30,13 +38,12 @@ from lmkit.geometry.lens_models import LENS_MODELS
 from lmkit.geometry.pose import Pose
 from lmkit.geometry.stereo_rig import StereoRig
 from lmkit.model.board import BoardSpec
-from lmkit.model.observation import PairView
+from lmkit.model.observation import BoardObservation, PairView
 
 MIN_PAIRS = 3
 BAD_RMS_RATIO = 4.0
-AUTO = "auto"
-MODELS = (AUTO, *LENS_MODELS, RADTAN)
 CAMERAS_KEPT = FitOptions(intrinsics=False)
+Size = tuple[int, int]
 FITS = 3 + FOLDS  # of a model at most: consensus, first fit, final fit, and one without each fold
 
 
@@ -97,6 +104,7 @@ class StereoCalibration:
             "pairs_rejected": [{"pair": name, "reason": reason} for name, reason in self.rejected],
             "warnings": [{"code": w.code, "message": w.message, "pairs": list(w.pairs)} for w in self.warnings],
             "model": self.rig.left.model,
+            "model_right": self.rig.right.model,
             "models": self.models,
             "depth_errors": [
                 {"depth_m": e.depth_m, "calibration_m": e.calibration_m, "total_m": e.total_m}
@@ -113,22 +121,25 @@ class StereoCalibration:
 def calibrate_stereo(
     views: Sequence[PairView],
     board: BoardSpec,
-    image_size: tuple[int, int],
+    image_size: Size,
     model: str = AUTO,
     rejected: Sequence[tuple[str, str]] = (),
     declared: Declared | None = None,
     on_step: Callable[[int, int], None] = ignore_steps,
+    right_size: Size | None = None,
 ) -> StereoCalibration:
     """Calibrate a rig jointly from all pairs that agree with each other.
 
     Args:
         views: pairs in which both cameras see the board.
-        image_size: (width, height), the same for both cameras.
+        image_size: (width, height) of the left camera.
         model: ``pinhole``, ``rational``, ``fisheye`` or ``radtan``; ``auto`` takes one of the first three,
-            by pairs held out.
+            by pairs held out. Two names, separated by a comma, are of the left and of the right camera.
         rejected: pairs lost before, with reasons; they are passed on.
         declared: what is known beforehand, to check against; its cameras are kept, or are a prior with its sigmas.
         on_step: called with the number of fits done and their largest number.
+        right_size: (width, height) of the right camera; None: that of the left one. Cameras of unequal sizes
+            have unequal lenses: ``auto`` chooses the model of each by its own images held out.
 
     Raises:
         InputError: too few pairs, they do not agree on any rig, or the two cameras are no rigid pair.
@@ -136,14 +147,17 @@ def calibrate_stereo(
     require_views(len(views), rejected, MIN_PAIRS, "pairs")
     object_points = board.object_points
     known = declared.cameras if declared is not None else None
+    sizes = image_size, right_size or image_size
     if known is None:
-        fits = _fits(
-            views, object_points, image_size, tuple(LENS_MODELS) if model == AUTO else (model,), rejected, on_step
-        )
+        fits = _fits(views, object_points, sizes, _model_pairs(views, board, sizes, model), rejected, on_step)
     else:
-        _require_size(known, image_size)
+        _require_sizes(known, sizes)
         options = _known_lenses(known, declared.sigmas if declared is not None else None)
-        fits = {known[0].model: _fit(views, object_points, known, rejected, np.inf, options, on_step)}
+        fits = {
+            _name(known[0].model, known[1].model): _fit(
+                views, object_points, known, rejected, np.inf, options, on_step
+            )
+        }
     best = _best(fits)
     kept = [views[k] for k in best.rows]
     turned_away = [*rejected, *((d.pair, d.reason) for d in best.bad)]
@@ -156,7 +170,7 @@ def calibrate_stereo(
     alone = best.alone_px
     require_rigid(together, alone, None if best.held_out is None else best.held_out.mean_epipolar_px)
     rig, baseline_sigma = _rig_of(s)
-    coverage = coverage_of(kept, s.rotations, s.translations, s.left, s.right)
+    coverage = coverage_of(kept, s.rotations, s.translations, *sizes)
     half = float(np.ptp(object_points[:, :2], axis=0).max()) / 2
     warnings = check_calibration(
         rig,
@@ -199,15 +213,36 @@ def _known_lenses(
     return FitOptions(known=KnownIntrinsics(mean, np.concatenate(sigmas)))
 
 
-def _require_size(cameras: tuple[CameraModel, CameraModel], image_size: tuple[int, int]) -> None:
-    for name, camera in zip(("left", "right"), cameras, strict=True):
-        if tuple(camera.image_size) != tuple(image_size):
-            (width, height), (w, h) = image_size, camera.image_size
+def _require_sizes(cameras: tuple[CameraModel, CameraModel], sizes: tuple[Size, Size]) -> None:
+    for name, camera, size in zip(("left", "right"), cameras, sizes, strict=True):
+        if tuple(camera.image_size) != tuple(size):
+            (width, height), (w, h) = size, camera.image_size
             raise InputError(
                 "other_image_size",
                 f"the {name} camera of --intrinsics has images of {w} x {h}, these are {width} x {height}",
                 "give the intrinsics of this image size",
             )
+
+
+def _model_pairs(
+    views: Sequence[PairView], board: BoardSpec, sizes: tuple[Size, Size], model: str
+) -> list[tuple[str, str]]:
+    """Lens models (left, right) to try: one name for both where both cameras are of one kind."""
+    left, right = models_by_camera(model, 2)
+    if left == right and (left != AUTO or sizes[0] == sizes[1]):
+        return [(name, name) for name in (LENS_MODELS if left == AUTO else (left,))]
+    in_left = [(v.name, BoardObservation(v.ids_left, v.left, v.noise_left)) for v in views]
+    in_right = [(v.name, BoardObservation(v.ids_right, v.right, v.noise_right)) for v in views]
+    if left == AUTO:
+        left = calibrate_camera(in_left, board, sizes[0]).rig.left.model
+    if right == AUTO:
+        right = calibrate_camera(in_right, board, sizes[1]).rig.left.model
+    return [(left, right)]
+
+
+def _name(left: str, right: str) -> str:
+    """The lens models of both cameras in one word."""
+    return left if left == right else f"{left},{right}"
 
 
 @dataclass(frozen=True)
@@ -224,8 +259,8 @@ class _Fit:
 def _fits(
     views: Sequence[PairView],
     object_points: FloatArray,
-    image_size: tuple[int, int],
-    models: Sequence[str],
+    sizes: tuple[Size, Size],
+    models: Sequence[tuple[str, str]],
     rejected: Sequence[tuple[str, str]],
     on_step: Callable[[int, int], None],
 ) -> dict[str, _Fit]:
@@ -236,7 +271,7 @@ def _fits(
     """
     fits: dict[str, _Fit] = {}
     failed: InputError | None = None
-    for index, model in enumerate(models):
+    for index, (model_left, model_right) in enumerate(models):
 
         def on_fit(done: int, _: int, before: int = index) -> None:
             on_step(before * FITS + done, FITS * len(models))
@@ -245,9 +280,10 @@ def _fits(
             to_beat = min(
                 (fit.held_out.mean_reprojection_px for fit in fits.values() if fit.held_out), default=np.inf
             )
-            left = start_camera(object_points, [(v.ids_left, v.left) for v in views], image_size, model)
-            right = start_camera(object_points, [(v.ids_right, v.right) for v in views], image_size, model)
-            fits[model] = _fit(views, object_points, (left, right), rejected, to_beat, FitOptions(), on_fit)
+            left = start_camera(object_points, [(v.ids_left, v.left) for v in views], sizes[0], model_left)
+            right = start_camera(object_points, [(v.ids_right, v.right) for v in views], sizes[1], model_right)
+            fit = _fit(views, object_points, (left, right), rejected, to_beat, FitOptions(), on_fit)
+            fits[_name(model_left, model_right)] = fit
         except InputError as error:
             failed = failed or error
         except np.linalg.LinAlgError:
@@ -348,7 +384,7 @@ def calibration_lines(result: StereoCalibration) -> list[str]:
         f"held-out row error     {'unknown' if held is None else f'{held:.3f} px'}",
         f"reprojection error     {result.rms_px:.3f} px "
         f"(left {result.rms_left_px:.3f}, right {result.rms_right_px:.3f})",
-        f"camera model           {result.rig.left.model}",
+        f"camera model           {result.rig.models}",
         f"baseline               {result.rig.baseline_m * 1e3:.3f} ± {result.baseline_sigma_m * 1e3:.3f} mm",
         f"expected depth error   ± {depths}",
     ]

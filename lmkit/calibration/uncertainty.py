@@ -91,10 +91,9 @@ def depth_errors(s: Solution, depths_m: tuple[float, ...] = DEPTHS_M) -> tuple[D
 
 def _in_both_middles(s: Solution, depth: float) -> FloatArray:
     """(3,) the point at this depth of the left camera, half way between what the two cameras have at the center."""
-    width, height = s.left.image_size
-    middle = np.array([[(width - 1) / 2, (height - 1) / 2]])
-    left = np.append(s.left.unproject(middle)[0], 1.0) * depth
-    ray = s.R.T @ np.append(s.right.unproject(middle)[0], 1.0)
+    middles = [(np.array([camera.image_size]) - 1) / 2 for camera in (s.left, s.right)]
+    left = np.append(s.left.unproject(middles[0])[0], 1.0) * depth
+    ray = s.R.T @ np.append(s.right.unproject(middles[1])[0], 1.0)
     right_center = -s.R.T @ s.t
     right = right_center + ray * (depth - right_center[2]) / ray[2] if ray[2] > 0.1 else left
     return np.asarray((left + right) / 2)

@@ -8,9 +8,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from lmkit.arrays import BoolArray, FloatArray
-from lmkit.geometry.camera import CameraModel
 from lmkit.model.observation import PairView
 
+Size = tuple[int, int]
 CELLS = 5
 TILTED_DEG = 20.0
 LEAST_TILTED = 2  # views tilted each way
@@ -44,12 +44,12 @@ class ViewCoverage:
 
 
 def coverage_of(
-    views: Sequence[PairView], rotations: FloatArray, translations: FloatArray, left: CameraModel, right: CameraModel
+    views: Sequence[PairView], rotations: FloatArray, translations: FloatArray, left_size: Size, right_size: Size
 ) -> ViewCoverage:
-    """ViewCoverage of the pairs, with the board's poses (P,3,3), (P,3) in the left camera."""
+    """ViewCoverage of the pairs, with the board's poses (P,3,3), (P,3) in the left camera; sizes: (width, height)."""
     cells = tuple(
-        filled_cells(np.concatenate([np.zeros((0, 2)), *(getattr(view, side) for view in views)]), camera.image_size)
-        for side, camera in (("left", left), ("right", right))
+        filled_cells(np.concatenate([np.zeros((0, 2)), *(getattr(view, side) for view in views)]), size)
+        for side, size in (("left", left_size), ("right", right_size))
     )
     distances = np.linalg.norm(translations, axis=1)
     # The board's normal, turned so that it looks away from the camera.

@@ -37,7 +37,7 @@ def run(
         str,
         typer.Option(
             "--model",
-            help="Camera model: pinhole, rational, fisheye or radtan (Kalibr's); auto compares on held-out images.",
+            help="pinhole, rational, fisheye, radtan (Kalibr's) or auto (by held-out images); LEFT,RIGHT: two.",
         ),
     ] = "auto",
     baseline: Annotated[
@@ -83,7 +83,8 @@ def run(
     force: options.Force = False,
 ) -> None:
     """Calibrate cameras from images of a board."""
-    from lmkit.calibration.stereo import MODELS, calibrate_stereo, calibration_lines
+    from lmkit.calibration.initialization import models_by_camera
+    from lmkit.calibration.stereo import calibrate_stereo, calibration_lines
     from lmkit.cli.calibrate_pairs import both_sources, find_pairs, saved_corners
     from lmkit.cli.known_lenses import parse_declared
     from lmkit.cli.parsing import parse_board
@@ -93,11 +94,10 @@ def run(
     from lmkit.parallel import require_address_space
     from lmkit.reports.calibration import calibration_report, calibration_summary
 
-    if model not in MODELS:
-        raise InputError("bad_model", f"--model {model} is unknown", f"choose {', '.join(MODELS)}")
     if not capture and (side_by_side or save_pairs is not None):
         raise InputError("only_capture", "--side-by-side and --save-pairs need --capture", "add --capture")
     require_address_space("calibration")
+    models_by_camera(model, 1 if images and len(images) == 1 and not capture else max(2, len(images or [])))
     sources, declared = images or [], parse_declared(baseline, fov, intrinsics, intrinsics_sigma)
     left, right = (*sources, None, None)[:2]
     check_outputs((output, report, save_corners), None, force)
@@ -145,7 +145,9 @@ def run(
     written = write_outputs({save_corners: corners_to_json(seen)}, force)
     with ProgressBars() as bars:
         fitting = bars.counter("fitting lenses and rig")
-        result = calibrate_stereo(seen.views, seen.board, seen.image_size, model, seen.rejected, declared, fitting)
+        result = calibrate_stereo(
+            seen.views, seen.board, seen.image_size, model, seen.rejected, declared, fitting, seen.right_size
+        )
     written += write_outputs({output: rig_to_yaml(result.rig)}, force)
     if report is not None:
         shown = found.some_images([view.name for view in result.used], REPORT_IMAGES)

@@ -31,6 +31,7 @@ def check_images(rig: Path, left: str, right: str, spec: BoardSpec | None, famil
         else:
             found = find_board_pairs(files, spec, on_pair)
             old.left.require_size(f"an image such as {files[0][0]}", found.image_size)
+            old.right.require_size(f"an image such as {files[0][1]}", found.right_size)
             checked = check_rig(old, found.board.object_points, found.views)
     if as_json:
         print_json(check_dict(checked))

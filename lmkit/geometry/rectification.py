@@ -41,14 +41,29 @@ class Rectification:
 
 def rectification(rig: StereoRig) -> Rectification:
     """The rectification of a rig (Bouguet's): rows match, or columns where the cameras stand above each other."""
-    left, right = rig.left, rig.right
-    if left.lens.is_equidistant:
+    left, right, size = rig.left, rig.right, rectified_size(rig)
+    if left.lens.is_equidistant or right.lens.is_equidistant:
         return _fisheye_rectification(rig)
     t = rig.T_right_left.t.reshape(3, 1)
+    K_left, K_right = _resized(left, size), _resized(right, size)
     R1, R2, P1, P2, *_ = cv2.stereoRectify(
-        left.K, left.distortion, right.K, right.distortion, left.image_size, rig.T_right_left.R, t, alpha=-1
+        K_left, left.distortion, K_right, right.distortion, size, rig.T_right_left.R, t, alpha=-1
     )
     return Rectification(*(np.asarray(m, dtype=np.float64) for m in (R1, R2, P1, P2)))
+
+
+def rectified_size(rig: StereoRig) -> tuple[int, int]:
+    """(width, height) of rectified images: that of the camera with the shorter focal length, in pixels."""
+    return min((rig.left, rig.right), key=lambda camera: float(camera.K[1, 1])).image_size
+
+
+def _resized(camera: CameraModel, size: tuple[int, int]) -> FloatArray:
+    """(3,3) camera matrix of the camera's images resized to (width, height)."""
+    if camera.image_size == size:
+        return camera.K
+    sx, sy = (new / old for new, old in zip(size, camera.image_size, strict=True))
+    middle = np.array([[sx, 0, (sx - 1) / 2], [0, sy, (sy - 1) / 2], [0, 0, 1.0]])
+    return middle @ camera.K
 
 
 def _fisheye_rectification(rig: StereoRig) -> Rectification:
@@ -63,7 +78,7 @@ def _fisheye_rectification(rig: StereoRig) -> Rectification:
     sine = float(np.linalg.norm(turn) / np.linalg.norm(t))
     turn = turn * (np.arcsin(min(sine, 1.0)) / float(np.linalg.norm(turn)) if sine > 1e-12 else 0.0)
     level = rotation_exp(turn)
-    width, height = rig.left.image_size
+    width, height = rectified_size(rig)
     f = min(float(camera.K[k, k]) for camera in (rig.left, rig.right) for k in (0, 1))
     P_left = np.array([[f, 0, (width - 1) / 2, 0], [0, f, (height - 1) / 2, 0], [0, 0, 1.0, 0]])
     P_right = P_left.copy()
@@ -74,7 +89,8 @@ def _fisheye_rectification(rig: StereoRig) -> Rectification:
 def rectified_rig(rig: StereoRig) -> StereoRig:
     """The rig that takes rectified images: no distortion, parallel cameras; its own rectification changes nothing."""
     maps = rectification(rig)
-    left, right = (CameraModel(rig.left.image_size, P[:, :3], np.zeros(5)) for P in (maps.P_left, maps.P_right))
+    size = rectified_size(rig)
+    left, right = (CameraModel(size, P[:, :3], np.zeros(5)) for P in (maps.P_left, maps.P_right))
     T_right_left = Pose("right", "left", np.eye(3), maps.P_right[:, 3] / maps.P_left[0, 0])
     T_base_left = rig.T_base_left
     if T_base_left is not None:
@@ -87,12 +103,12 @@ def epipolar_errors(rig: StereoRig, left: FloatArray, right: FloatArray) -> Floa
 
     Columns instead of rows for cameras that stand above each other.  Of fisheye cameras, whose rectified
     images are stretched without bound toward their edges, the angle between the two points' epipolar
-    planes instead, in pixels of the images as taken.
+    planes instead, in pixels of the images as taken.  Of unequal cameras, pixels of the coarser one.
     """
     maps = rectification(rig)
     across = 1 - maps.along
     ray_left, ray_right = _rays(rig.left, left) @ maps.R_left.T, _rays(rig.right, right) @ maps.R_right.T
-    if rig.left.lens.is_equidistant:
+    if rig.left.lens.is_equidistant or rig.right.lens.is_equidistant:
         planes, reaches = zip(*(_about_baseline(ray, across) for ray in (ray_left, ray_right)), strict=True)
         return np.asarray((planes[0] - planes[1]) * np.sqrt(reaches[0] * reaches[1]) * maps.P_left[0, 0])
     flat_left, flat_right = ray_left @ maps.P_left[:, :3].T, ray_right @ maps.P_right[:, :3].T
@@ -108,12 +124,12 @@ def _about_baseline(rays: FloatArray, across: int) -> tuple[FloatArray, FloatArr
 def rectify_pair(rig: StereoRig, left: ByteArray, right: ByteArray) -> tuple[ByteArray, ByteArray]:
     """The two images resampled so that matching points share a row."""
     maps = rectification(rig)
-    images = []
+    images, size = [], rectified_size(rig)
     for camera, image, R, P in (
         (rig.left, left, maps.R_left, maps.P_left),
         (rig.right, right, maps.R_right, maps.P_right),
     ):
-        x, y = camera.lens.maps(camera.K, camera.distortion, R, P[:, :3], camera.image_size, cv2.CV_32FC1)
+        x, y = camera.lens.maps(camera.K, camera.distortion, R, P[:, :3], size, cv2.CV_32FC1)
         images.append(np.asarray(cv2.remap(image, x, y, cv2.INTER_LINEAR), dtype=np.uint8))
     return images[0], images[1]
 

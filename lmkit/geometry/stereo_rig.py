@@ -48,6 +48,11 @@ class StereoRig:
         return Pose(T_map_left.to_frame, "right", T_map_left.R @ T.R, T_map_left.R @ T.t + T_map_left.t)
 
     @property
+    def models(self) -> str:
+        """Lens model of both cameras, or of the left and of the right one, separated by a comma."""
+        return ",".join(dict.fromkeys((self.left.model, self.right.model)))
+
+    @property
     def baseline_m(self) -> float:
         """Distance between the two optical centers, meters."""
         return float(np.linalg.norm(self.T_right_left.t))

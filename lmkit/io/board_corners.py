@@ -43,6 +43,7 @@ class _CornersFile(Document):
     board: str
     measured_mm: tuple[float, float] | None = None
     image_size: tuple[Annotated[int, Field(gt=0)], Annotated[int, Field(gt=0)]]
+    right_image_size: tuple[Annotated[int, Field(gt=0)], Annotated[int, Field(gt=0)]] | None = None
     pairs: tuple[_Pair, ...]
     rejected: tuple[_Rejected, ...] = ()
 
@@ -55,6 +56,7 @@ class SavedCorners:
     image_size: tuple[int, int]
     views: tuple[PairView, ...]
     rejected: tuple[tuple[str, str], ...]
+    right_size: tuple[int, int] | None = None  # None: the left camera's
 
 
 def corners_to_json(saved: SavedCorners) -> str:
@@ -77,6 +79,8 @@ def corners_to_json(saved: SavedCorners) -> str:
     head = {"format": CORNERS, "board": str(saved.board), "image_size": list(saved.image_size)}
     if saved.board.stretch != (1.0, 1.0):
         head["measured_mm"] = [s * p for s, p in zip(saved.board.stretch, saved.board.pattern_mm, strict=True)]
+    if saved.right_size not in (None, saved.image_size):
+        head["right_image_size"] = list(saved.right_size or ())
     start = json.dumps(head)[:-1]
     rejected = json.dumps([{"pair": name, "reason": reason} for name, reason in saved.rejected])
     return f'{start}, "pairs": [\n' + ",\n".join(lines) + f'\n], "rejected": {rejected}}}\n'
@@ -98,7 +102,8 @@ def read_corners(path: Path) -> SavedCorners:
         board = board.measured(*data.measured_mm)
     count = len(board.object_points)
     views = tuple(_view(path, k, pair, count) for k, pair in enumerate(data.pairs))
-    return SavedCorners(board, data.image_size, views, tuple((r.pair, r.reason) for r in data.rejected))
+    rejected = tuple((r.pair, r.reason) for r in data.rejected)
+    return SavedCorners(board, data.image_size, views, rejected, data.right_image_size)
 
 
 def _view(path: Path, k: int, pair: _Pair, count: int) -> PairView:

@@ -31,8 +31,9 @@ class BoardPairs:
         views: those pairs.
         rejected: (pair, reason) of the others.
         files: (left, right) file of every pair by name.
-        image_size: (width, height).
+        image_size: (width, height) of the left images.
         board: as specified, or with the other ChArUco layout if that is what the images show.
+        right_size: (width, height) of the right images.
     """
 
     views: tuple[PairView, ...]
@@ -40,6 +41,7 @@ class BoardPairs:
     files: dict[str, tuple[Path, Path]]
     image_size: tuple[int, int]
     board: BoardSpec
+    right_size: tuple[int, int]
 
 
 def find_board_pairs(
@@ -54,35 +56,43 @@ def find_board_pairs(
         on_pair: called after every pair how many are done, of how many.
 
     Raises:
-        InputError: different sizes, an unreadable image, or another board than the one specified.
+        InputError: one camera's images differ in size, one is unreadable, or they show another board.
     """
     views: list[PairView] = []
     rejected: list[tuple[str, str]] = []
-    size: tuple[int, int] | None = None
+    sizes: tuple[tuple[int, int], tuple[int, int]] | None = None
     board = checked_board([read_image(left) for left, _ in files[:SPEC_CHECK_IMAGES]], board)
     both = [file for pair in files for file in pair]
     with closing(map_in_processes(partial(_look, board=board), both)) as looked:
         for done, (left_file, right_file) in enumerate(files, start=1):
             name = left_file.stem
             (size_left, seen_left), (size_right, seen_right) = next(looked), next(looked)
-            size = size or size_left
-            for file, here in ((left_file, size_left), (right_file, size_right)):
-                if here != size:
-                    raise InputError(
-                        "sizes_differ",
-                        f"{file} is {here[0]} x {here[1]} pixels, the images before it {size[0]} x {size[1]}",
-                        "all images of both cameras must have the same size: scale those of the larger camera, or "
-                        "calibrate each camera alone",
-                    )
+            sizes = sizes or (size_left, size_right)
+            require_same_size(str(left_file), size_left, sizes[0])
+            require_same_size(str(right_file), size_right, sizes[1])
             on_pair(done, len(files))
             view = pair_view(name, seen_left, seen_right, board)
             if isinstance(view, str):
                 rejected.append((name, view))
             else:
                 views.append(view)
-    assert size is not None
+    assert sizes is not None
     names = {left.stem: (left, right) for left, right in files}
-    return BoardPairs(tuple(views), tuple(rejected), names, size, board)
+    return BoardPairs(tuple(views), tuple(rejected), names, sizes[0], board, sizes[1])
+
+
+def require_same_size(name: str, here: tuple[int, int], size: tuple[int, int]) -> None:
+    """Refuse an image that has not the (width, height) of the images before it.
+
+    Raises:
+        InputError: the sizes differ.
+    """
+    if here != size:
+        raise InputError(
+            "sizes_differ",
+            f"{name} is {here[0]} x {here[1]} pixels, the images before it {size[0]} x {size[1]}",
+            "give images of one camera at one resolution",
+        )
 
 
 def checked_board(images: Sequence[ByteArray], board: BoardSpec) -> BoardSpec:

@@ -13,14 +13,13 @@ import numpy as np
 from lmkit.arrays import ByteArray
 from lmkit.calibration.capture_guide import CaptureGuide
 from lmkit.detection.boards import detect_board
-from lmkit.errors import InputError
 from lmkit.io.image_groups import are_files
 from lmkit.io.image_sources import frame_count, frames, list_images
 from lmkit.io.images import read_image
 from lmkit.model.board import BoardSpec
 from lmkit.model.observation import BoardObservation, PairView
 from lmkit.parallel import map_in_processes
-from lmkit.pipelines.board_views import SPEC_CHECK_IMAGES, checked_board
+from lmkit.pipelines.board_views import SPEC_CHECK_IMAGES, checked_board, require_same_size
 
 VIDEO_CHECK_FRAMES = 20  # of a video, looked at for another board than the one specified
 
@@ -61,7 +60,8 @@ def find_board_images(
     size: tuple[int, int] | None = None
     with closing(map_in_processes(partial(_look, board=board), files)) as looked:
         for done, (file, (here, seen)) in enumerate(zip(files, looked, strict=True), start=1):
-            size = _same_size(str(file), here, size)
+            size = size or here
+            require_same_size(str(file), here, size)
             on_image(done, len(files))
             if seen is None:
                 rejected.append((file.stem, "board not found"))
@@ -72,13 +72,16 @@ def find_board_images(
 
 
 def _in_video(source: str, board: BoardSpec, on_image: Callable[[int, int], None]) -> CameraViews:
-    total, size = frame_count([source]) or 0, None
+    total = frame_count([source]) or 0
+    size: tuple[int, int] | None = None
     guide: CaptureGuide | None = None
     checked: list[ByteArray] | None = []  # frames to tell the board by; None once that is done
     kept: list[tuple[str, BoardObservation]] = []
     for done, frame in enumerate(frames([source]), start=1):
         image = frame.pixels
-        size = _same_size(frame.name, (image.shape[1], image.shape[0]), size)
+        here = image.shape[1], image.shape[0]
+        size = size or here
+        require_same_size(frame.name, here, size)
         guide = guide or CaptureGuide(board.object_points, size)
         seen = detect_board(image, board)
         if checked is not None:
@@ -97,16 +100,6 @@ def _in_video(source: str, board: BoardSpec, on_image: Callable[[int, int], None
 def _alone(name: str, seen: BoardObservation) -> PairView:
     none = np.zeros(0, dtype=np.int64)
     return PairView(name, seen.ids, seen.image_points, none, np.zeros((0, 2)), seen.noise_px)
-
-
-def _same_size(name: str, here: tuple[int, int], size: tuple[int, int] | None) -> tuple[int, int]:
-    if size is not None and here != size:
-        raise InputError(
-            "sizes_differ",
-            f"{name} is {here[0]} x {here[1]} pixels, the images before it {size[0]} x {size[1]}",
-            "give images of one camera at one resolution",
-        )
-    return here
 
 
 def _look(file: Path, board: BoardSpec) -> tuple[tuple[int, int], BoardObservation | None]:

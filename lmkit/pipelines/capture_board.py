@@ -10,14 +10,13 @@ from lmkit.arrays import ByteArray
 from lmkit.calibration.capture_guide import CaptureGuide, Judgment
 from lmkit.calibration.view_coverage import ViewCoverage
 from lmkit.detection.boards import detect_board
-from lmkit.errors import InputError
 from lmkit.io.board_corners import SavedCorners
 from lmkit.io.image_groups import list_pairs
 from lmkit.io.image_sources import Frame
 from lmkit.io.images import read_image
 from lmkit.model.board import BoardSpec
 from lmkit.model.observation import BoardObservation
-from lmkit.pipelines.board_views import checked_board, find_board_pairs, pair_view
+from lmkit.pipelines.board_views import checked_board, find_board_pairs, pair_view, require_same_size
 
 LONG_IN_VAIN = 50  # frames without the board, before another one is thought of
 ImagePair = tuple[ByteArray, ByteArray]
@@ -75,24 +74,19 @@ def look_at_frames(
         until_complete: end when the views are complete; False for a caller that has a condition of its own.
 
     Raises:
-        InputError: an image that cannot be read, images of different sizes, or of another board.
+        InputError: an image that cannot be read, one camera's images of different sizes, or of another board.
     """
     looking = _SpecCheck(board)
     guide: CaptureGuide | None = None
     images: dict[str, ImagePair] = {}
-    size = (0, 0)
+    sizes = ((0, 0), (0, 0))
     for one, other in pairs:
         left, right = one.pixels, other.pixels
         if guide is None:
-            size = (left.shape[1], left.shape[0])
-            guide = CaptureGuide(board.object_points, size, moving)
-        for frame, image in ((one, left), (other, right)):
-            if (image.shape[1], image.shape[0]) != size:
-                raise InputError(
-                    "sizes_differ",
-                    f"{frame.name} is {image.shape[1]} x {image.shape[0]} pixels, the first {size[0]} x {size[1]}",
-                    "set both cameras to the same resolution",
-                )
+            sizes = ((left.shape[1], left.shape[0]), (right.shape[1], right.shape[0]))
+            guide = CaptureGuide(board.object_points, sizes[0], moving, sizes[1])
+        for frame, image, size in zip((one, other), (left, right), sizes, strict=True):
+            require_same_size(frame.name, (image.shape[1], image.shape[0]), size)
         name = f"{len(guide.views) + 1:03d}" if moving else Path(one.name).stem
         in_left = looking.detect(left)
         board = looking.board
@@ -103,7 +97,8 @@ def look_at_frames(
         if judgment.kept:
             images[name] = (left, right)
         coverage = guide.coverage
-        yield Looked(judgment, left, right, Found(SavedCorners(board, size, guide.views, ()), images), coverage)
+        corners = SavedCorners(board, sizes[0], guide.views, (), sizes[1])
+        yield Looked(judgment, left, right, Found(corners, images), coverage)
         if until_complete and not coverage.advice:
             return
     looking.end()
@@ -151,4 +146,5 @@ def find_in_files(
         InputError: no pairs, an unreadable image, or another board.
     """
     pairs = find_board_pairs(list_pairs(left, right), board, on_pair)
-    return Found(SavedCorners(pairs.board, pairs.image_size, pairs.views, pairs.rejected), pairs.files)
+    corners = SavedCorners(pairs.board, pairs.image_size, pairs.views, pairs.rejected, pairs.right_size)
+    return Found(corners, pairs.files)

@@ -6,6 +6,7 @@ from collections.abc import Callable, Sequence
 from functools import partial
 from pathlib import Path
 
+from lmkit.calibration.initialization import models_by_camera
 from lmkit.calibration.mono import calibrate_camera
 from lmkit.calibration.several_cameras import RigCalibration, calibrate_rig
 from lmkit.detection.boards import same_orientation
@@ -25,6 +26,7 @@ def calibrate_sources(
 
     Args:
         sources: one per camera; the board need not be in every image.
+        model: see `calibrate_camera`; one for each camera is separated by commas.
         on_image: called after every image how many are done, of how many.
 
     Raises:
@@ -33,11 +35,11 @@ def calibrate_sources(
     groups = list_groups(sources)
     seen: list[dict[str, BoardObservation]] = []
     cameras = []
-    for k, source in enumerate(sources):
+    for k, (source, lens) in enumerate(zip(sources, models_by_camera(model, len(sources)), strict=True)):
         done = k * len(groups)
         found = find_board_images(source, board, partial(_count_on, on_image, done, len(sources) * len(groups)))
         board = found.board
-        cameras.append(calibrate_camera(found.views, board, found.image_size, model, found.rejected))
+        cameras.append(calibrate_camera(found.views, board, found.image_size, lens, found.rejected))
         # A frame is named by its first image.
         frame = {files[k].stem: files[0].stem for files in groups}
         believed = set(cameras[-1].used)

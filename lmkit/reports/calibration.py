@@ -19,6 +19,7 @@ from lmkit.geometry.rectification import rectification, rectify_pair, with_lines
 from lmkit.model.board import BoardSpec
 from lmkit.reports import calibration_plots as plots
 from lmkit.visualization.html import figure, grid, headline, listed, page
+from lmkit.visualization.overlay import side_by_side
 
 GOOD_EPIPOLAR_PX = 0.2
 FAIR_EPIPOLAR_PX = 0.5
@@ -101,7 +102,7 @@ def _figures(result: StereoCalibration) -> str:
     ]  # fmt: skip
     if len(result.models) > 1:
         tried = ", ".join(f"{name} {error:.3f}" for name, error in result.models.items())
-        rows.append(("Camera model (reprojection error on pairs held out)", f"{result.rig.left.model} ({tried})"))
+        rows.append(("Camera model (reprojection error on pairs held out)", f"{result.rig.models} ({tried})"))
     body = "".join(f"<tr><td>{a}</td><td class='n'>{escape(b)}</td></tr>" for a, b in rows)
     return f"<h2>Figures</h2><table>{body}</table>"
 
@@ -121,10 +122,10 @@ def _depth(result: StereoCalibration) -> str:
 
 
 def _coverage(result: StereoCalibration) -> str:
-    c, size = result.coverage, result.rig.left.image_size
+    c, sizes = result.coverage, (result.rig.left.image_size, result.rig.right.image_size)
     figures = [
         (
-            plots.corner_cover(np.concatenate([getattr(v, side) for v in result.used]), c.cells[k], size, color),
+            plots.corner_cover(np.concatenate([getattr(v, side) for v in result.used]), c.cells[k], sizes[k], color),
             f"{side.capitalize()} camera: all corners; red: empty cells. {100 * c.filled(k):.0f} % filled.",
         )
         for k, (side, color) in enumerate((("left", plots.LEFT), ("right", plots.RIGHT)))
@@ -172,7 +173,7 @@ def _uncertainty(result: StereoCalibration) -> str:
 def _cameras(result: StereoCalibration) -> str:
     rig = result.rig
     assert rig.intrinsics_sigma is not None
-    names = ("fx", "fy", "cx", "cy", *rig.left.lens.coefficients)
+    names = [("fx", "fy", "cx", "cy", *camera.lens.coefficients) for camera in (rig.left, rig.right)]
     columns = [
         (intrinsics_vector(camera), sigma)
         for camera, sigma in zip((rig.left, rig.right), rig.intrinsics_sigma, strict=True)
@@ -182,10 +183,17 @@ def _cameras(result: StereoCalibration) -> str:
         digits = 2 if k < 4 else 5
         cells = "".join(
             f"<td class='n'>{values[k]:.{digits}f}</td><td class='n'>± {sigma[k]:.{digits}f}</td>"
+            if k < len(values)
+            else "<td></td><td></td>"
             for values, sigma in columns
         )
-        rows.append(f"<tr><td>{names[k]}</td>{cells}</tr>")
-    head = f"<tr><th>{rig.left.model}</th><th class='n'>left</th><th></th><th class='n'>right</th><th></th></tr>"
+        named = " / ".join(dict.fromkeys(known[k] for known in names if k < len(known)))
+        rows.append(f"<tr><td>{named}</td>{cells}</tr>")
+    sizes = ("{} x {}".format(*camera.image_size) for camera in (rig.left, rig.right))
+    sides = "".join(
+        f"<th class='n'>{side}</th><th>{size}</th>" for side, size in zip(("left", "right"), sizes, strict=True)
+    )
+    head = f"<tr><th>{escape(rig.models)}</th>{sides}</tr>"
     table = f"<h2>Cameras, pixels</h2><table>{head}{''.join(rows)}</table>"
     relation = np.zeros(6) if rig.covariance is None else np.sqrt(np.diag(rig.covariance))
     shift, rotation = rig.T_right_left.t * 1000, np.rad2deg(rig.T_right_left.rvec)
@@ -205,7 +213,7 @@ def _residual_plots(result: StereoCalibration) -> str:
     right = np.concatenate([pair[1] for pair in result.residuals])
     at_left = np.concatenate([view.left for view in result.used])
     at_right = np.concatenate([view.right for view in result.used])
-    size = result.rig.left.image_size
+    left_size, right_size = result.rig.left.image_size, result.rig.right.image_size
     enlarged = f"{plots.ENLARGED} times enlarged. Neighbors of equal direction: the lens model does not fit."
     figures = [
         (
@@ -216,9 +224,9 @@ def _residual_plots(result: StereoCalibration) -> str:
             plots.residual_histogram(left, right),
             "Histogram of both axes; dashed: normal curves of equal robust standard deviation.",
         ),
-        (plots.residual_arrows(at_left, left, size, plots.LEFT), f"Left camera, {enlarged}"),
+        (plots.residual_arrows(at_left, left, left_size, plots.LEFT), f"Left camera, {enlarged}"),
         (
-            plots.residual_arrows(at_right, right, size, plots.RIGHT),
+            plots.residual_arrows(at_right, right, right_size, plots.RIGHT),
             f"Right camera, {enlarged}",
         ),
     ]
@@ -275,7 +283,7 @@ def _detections(result: StereoCalibration, name: str, images: tuple[ByteArray, B
             center = (round(float(x) * 16), round(float(y) * 16))
             cv2.circle(canvas, center, round(radius * 16), tuple(int(c) for c in color), width, cv2.LINE_AA, 4)
         marked.append(canvas)
-    return figure(_img(np.hstack(marked), 560), escape(name))
+    return figure(_img(side_by_side(*marked), 560), escape(name))
 
 
 def _rectified(result: StereoCalibration, name: str, images: tuple[ByteArray, ByteArray]) -> str:

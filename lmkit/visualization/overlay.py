@@ -112,6 +112,20 @@ def draw_label(canvas: ByteArray, text: str, at: FloatArray, scale: float = 0.6)
     cv2.putText(canvas, text, (x, y), cv2.FONT_HERSHEY_SIMPLEX, scale, (255, 255, 255), thick, cv2.LINE_AA)
 
 
+def side_by_side(left: ByteArray, right: ByteArray) -> ByteArray:
+    """Two images in one; the higher one is reduced to the height of the other."""
+    height = min(left.shape[0], right.shape[0])
+    both = [
+        image
+        if image.shape[0] == height
+        else cv2.resize(
+            image, (round(image.shape[1] * height / image.shape[0]), height), interpolation=cv2.INTER_AREA
+        )
+        for image in (left, right)
+    ]
+    return np.asarray(np.hstack(both), dtype=np.uint8)
+
+
 def encode_jpeg(image: ByteArray, quality: int = 92) -> bytes:
     """The bytes of a JPEG file."""
     _, data = cv2.imencode(".jpg", image, [cv2.IMWRITE_JPEG_QUALITY, quality])

@@ -62,7 +62,7 @@ def guide(task: dict[str, Any], tell: Callable[[dict[str, Any]], None]) -> dict[
         if len(views) >= LEAST_PAIRS:
             try:
                 seen = looked.found.corners
-                result = calibrate_stereo(views, seen.board, seen.image_size, "pinhole")
+                result = calibrate_stereo(views, seen.board, seen.image_size, "pinhole", right_size=seen.right_size)
             except InputError as error:
                 state["words"] = error.message
             else:
@@ -87,9 +87,9 @@ def _thumb(looked: Looked) -> str:
     """Both images side by side, small, as a data address."""
     import cv2
 
-    from lmkit.visualization.overlay import encode_jpeg
+    from lmkit.visualization.overlay import encode_jpeg, side_by_side
 
-    both = np.hstack([looked.left, looked.right])
+    both = side_by_side(looked.left, looked.right)
     factor = 2 * THUMB_PX / both.shape[1]
     small = np.asarray(cv2.resize(both, None, fx=factor, fy=factor, interpolation=cv2.INTER_AREA), dtype=np.uint8)
     return f"data:image/jpeg;base64,{base64.b64encode(encode_jpeg(small, 70)).decode()}"

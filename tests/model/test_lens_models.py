@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from lmkit.calibration.initialization import MODELS
 from lmkit.calibration.intrinsics import intrinsics_prior, intrinsics_vector, with_intrinsics
-from lmkit.calibration.stereo import MODELS
 from lmkit.geometry.camera import CameraModel
 from lmkit.geometry.lens_models import LENS_MODELS
 from lmkit.geometry.pose import Pose
