@@ -6,6 +6,7 @@ is fitted, landmark by landmark.
 
 from __future__ import annotations
 
+import weakref
 from dataclasses import dataclass, field, replace
 from functools import cached_property, lru_cache
 from typing import Any
@@ -25,6 +26,7 @@ from lmkit.model.palette import SRGB_TO_LINEAR
 
 Box = tuple[int, int, int, int]  # x0, y0, x1, y1, px; the last two not included
 LEAST_LEVEL_PX = 24  # no level of the pyramid is smaller
+MOST_BLANKS = 2  # kept for reuse: clearing a box costs less than new pages of memory
 
 
 @dataclass(frozen=True)
@@ -74,14 +76,14 @@ class LinearImage:
     def shadow_normalized(self, box: Box, window: int) -> LinearImage:
         """The image with shadows taken out of a box, see :mod:`lmkit.detection.shadows`."""
         x0, y0, x1, y1 = self._within(box)
-        return self.renormalized(box, local_white(SRGB_TO_LINEAR[self.source.image[y0:y1, x0:x1]], window))
+        linear = np.asarray(cv2.LUT(self.source.image[y0:y1, x0:x1], SRGB_TO_LINEAR), dtype=np.float32)
+        return self.renormalized(box, local_white(linear, window))
 
     def renormalized(self, box: Box, light: Float32Array) -> LinearImage:
         """The image divided by this light of a box x0, y0, x1, y1, and by no other."""
-        x0, y0, x1, y1 = self._within(box)
         width, height = self.size
-        # Where it is 0 nothing is divided; pages that nothing is written to cost nothing.
-        white = np.zeros((height, width), dtype=np.float32)
+        x0, y0, x1, y1 = within = self._within(box)
+        white = _blank(height, width, within)  # where it is 0 nothing is divided
         white[y0:y1, x0:x1] = light
         return replace(self, source=self.source._replace(white=white))
 
@@ -138,6 +140,29 @@ class LinearImage:
     def half_width(self) -> float:
         """Half of the image's width, px."""
         return self.size[0] / 2
+
+
+_BLANKS: list[Float32Array] = []
+
+
+def _blank(height: int, width: int, box: Box) -> Float32Array:
+    """(H,W) zeros, to be written to within the box only; the memory is used again once the array is dropped."""
+    try:
+        held = _BLANKS.pop()
+    except IndexError:
+        held = None
+    if held is None or held.shape != (height, width):
+        held = np.zeros((height, width), dtype=np.float32)
+    lent = held[:]
+    weakref.finalize(lent, _give_back, held, box).atexit = False
+    return lent
+
+
+def _give_back(held: Float32Array, box: Box) -> None:
+    x0, y0, x1, y1 = box
+    held[y0:y1, x0:x1] = 0
+    if len(_BLANKS) < MOST_BLANKS:
+        _BLANKS.append(held)
 
 
 def undistort_radial(at: FloatArray, distortion: float, center: FloatArray, half_width: float) -> FloatArray:

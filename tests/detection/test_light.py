@@ -49,3 +49,17 @@ def test_only_squares_across_a_shadows_edge_are_looked_at_again():
         scores.append(screen_candidates(pyramid, corners[None], LM8, in_shadow=True).pattern[0])
     assert scores[0] > 0.5
     assert scores[1] == 0
+
+
+def test_light_written_to_one_image_is_not_in_the_next_though_its_memory_is_used_again():
+    image = LinearImage.of(np.random.default_rng(0).integers(0, 256, (60, 80, 3), dtype=np.uint8))
+    boxes = [(5, 5, 30, 20), (20, 10, 60, 50), (0, 0, 80, 60), (70, 50, 90, 70)]
+    alive = image.renormalized(boxes[0], np.full((15, 25), 2, np.float32))
+    for x0, y0, x1, y1 in boxes[1:]:
+        x1, y1 = min(x1, 80), min(y1, 60)
+        expected = np.zeros((60, 80), np.float32)
+        expected[y0:y1, x0:x1] = 3
+        lit = image.renormalized((x0, y0, x1, y1), np.full((y1 - y0, x1 - x0), 3, np.float32))
+        assert np.array_equal(lit.white, expected)
+        del lit
+    assert alive.white.sum() == 2 * 15 * 25
