@@ -1,6 +1,6 @@
 """Places of cameras on a simulated robot, found by `lmkit.calibrate_base`: errors, and intervals that hold.
 
-    uv run python benchmarks/base_mounting.py [--robots 12]
+    uv run python benchmarks/base_mounting.py [--robots 12] [--cameras 1,5]
 
 Every robot has one or five cameras that share no view, and drives 60 s of figures of eight, or of rounds in one
 direction, through a room with 24 landmarks; corners err by 0.15 px, wheels by 8 % and 10 %, with slips in every
@@ -60,12 +60,13 @@ def row(count: int, eights: bool, robots: int) -> str:
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--robots", type=int, default=12)
-    robots = parser.parse_args().robots
+    parser.add_argument("--cameras", default="1,5", help="numbers of cameras, one or more")
+    given = parser.parse_args()
     print("| cameras | path | robots | rms x / y / z | rms about x / y / z | within 95 %, each of the six |")
     print("|---|---|---|---|---|---|")
-    for count in (1, 5):
+    for count in map(int, given.cameras.split(",")):
         for eights in (True, False):
-            print(row(count, eights, robots), flush=True)
+            print(row(count, eights, given.robots), flush=True)
 
 
 if __name__ == "__main__":

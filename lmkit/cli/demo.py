@@ -9,7 +9,7 @@ import typer
 
 from lmkit.cli import options
 from lmkit.cli.output import ProgressBars, print_line
-from lmkit.errors import InputError, NegativeAnswer
+from lmkit.errors import InputError
 
 if TYPE_CHECKING:
     from lmkit.demos.calibrate_and_locate import DemoResult
@@ -26,6 +26,9 @@ def run(
     ] = False,
     navigate: Annotated[
         bool, typer.Option("--navigate", help="Instead: plan where to mount landmarks, then navigate by them.")
+    ] = False,
+    rig: Annotated[
+        bool, typer.Option("--rig", help="Instead: five cameras without overlap, placed by driving, then tracked.")
     ] = False,
     live: Annotated[
         bool, typer.Option("--run", help="Instead: the live loop for 20 seconds, against the truth.")
@@ -48,84 +51,34 @@ def run(
             raise InputError("out_of_range", f"{name} {value} is outside {low} to 64", f"give {low} to 64")
     if seed < 0:
         raise InputError("out_of_range", f"--seed {seed} is negative", "give 0 or more")
+    from lmkit.cli.demo_kinds import show_drive, show_live, show_navigate, show_rig
     from lmkit.demos.calibrate_and_locate import run_demo
     from lmkit.io.files import check_writable
 
     if output.is_dir() and any(output.iterdir()) and not force:
         raise InputError("file_exists", f"folder {output} is not empty", "add --force, or choose another with -o")
     check_writable(output / "errors.csv", force)
-    if drive + navigate + live > 1:
-        raise InputError("not_together", "--drive, --navigate and --run cannot be combined", "give one of them")
+    if drive + navigate + rig + live > 1:
+        raise InputError(
+            "not_together", "--drive, --navigate, --rig and --run cannot be combined", "give one of them"
+        )
     if images and not navigate:
         raise InputError("no_navigate", "--images needs --navigate", "add --navigate")
     if live:
-        _live(output, seconds, seed)
+        show_live(output, seconds, seed)
+        return
+    if rig:
+        show_rig(output, seed, landmarks)
         return
     if drive:
-        _drive(output, seed, landmarks)
+        show_drive(output, seed, landmarks)
         return
     if navigate:
-        _navigate(output, seed, images)
+        show_navigate(output, seed, images)
         return
     with ProgressBars() as bars:
         result = run_demo(output, seed, pairs, boards, landmarks, bars.update)
     _print(result, output)
-
-
-def _drive(folder: Path, seed: int, landmarks: int) -> None:
-    from lmkit.demos.survey_and_track import run_drive_demo
-
-    e = run_drive_demo(folder, seed, landmarks)
-    print_line("simulated corners, wheels and gyro; root mean square errors:")
-    print_line(f"survey   {e.landmarks} landmarks{'':17s}{e.map_mm:8.1f} mm  {e.map_deg:5.2f} deg")
-    print_line(f"track    stereo, after recording     {e.smooth_mm:8.1f} mm  {e.smooth_deg:5.2f} deg")
-    if e.live_mm is None:
-        print_line("track    ranges and bearings, live: not located, too few landmarks at once")
-    else:
-        print_line(f"track    ranges and bearings, live   {e.live_mm:8.1f} mm  {e.live_deg:5.2f} deg")
-    print_line(f"wheels and gyro alone end {e.wheels_mm:.0f} mm off")
-    print_line(f"see {folder / 'plan.png'}, {folder / 'map.yaml'}, {folder / 'trajectory.tum'}")
-
-
-def _live(folder: Path, seconds: float, seed: int) -> None:
-    from lmkit.demos.live_run import run_live_demo
-
-    if not 2 <= seconds <= 3600:
-        raise InputError("out_of_range", f"--seconds {seconds:g} is outside 2 to 3600", "give 2 to 3600")
-    r = run_live_demo(folder, seconds, seed)
-    if r is None:
-        raise NegativeAnswer("not_located", "no pose was published", "give more seconds, or another --seed")
-    print_line(
-        "simulated robot, two cameras of 640x480, six landmarks, wheels and gyro; images rendered beside the loop:"
-    )
-    print_line(f"poses         {r.poses} in {r.steps} steps, {r.rate_hz:.1f} a second")
-    print_line(f"latency       {r.latency_ms[0]:.0f} ms (50 %), {r.latency_ms[1]:.0f} ms (95 %)")
-    print_line(f"processor     {r.cpu_ms:.1f} ms a step, rendering included")
-    print_line(f"position      {r.error_mm[0]:.1f} mm (root mean square), {r.error_mm[1]:.1f} mm (largest)")
-    print_line(f"heading       {r.error_deg:.2f} deg (root mean square)")
-    print_line(
-        f"NEES / 3      {r.nees:.2f}; 1 if stated and true errors agree, less if errors are smaller than stated"
-    )
-    print_line(f"see {folder / 'plan.png'}")
-
-
-def _navigate(folder: Path, seed: int, from_images: bool) -> None:
-    from lmkit.demos.navigate import run_navigate_demo
-
-    with ProgressBars() as bars:
-        answer = run_navigate_demo(folder, seed, from_images, bars.update)
-    print_line(f"{answer.landmarks} landmarks placed; the requirement holds on {answer.share:.0%} of the floor")
-    print_line(f"simulated robot, {'images' if from_images else 'corners'}, wheels and gyro:")
-    for leg in answer.legs:
-        end = f"{leg.off_mm:5.1f} mm and {leg.off_deg:4.2f} deg from the goal" if leg.status == "arrived" else leg.why
-        print_line(f"{leg.name:18s} {leg.status:8s} {leg.way_m:5.1f} m, {leg.seconds:3.0f} s: {end}")
-    print_line(f"the true position was inside the 95 % ellipse {answer.inside:.0%} of the time")
-    print_line(
-        f"simulated images at {answer.images} places on the route: located {answer.located}, "
-        + ("" if answer.image_error_mm is None else f"median error {answer.image_error_mm:.1f} mm")
-    )
-    names = ("plan.png", "strip.jpg", "coverage.png", "landmarks.pdf", "map.yaml", "believed.tum")
-    print_line(f"see {', '.join(str(folder / name) for name in names)}")
 
 
 def _print(result: DemoResult, folder: Path) -> None:
