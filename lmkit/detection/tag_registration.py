@@ -67,7 +67,8 @@ class Clearness(NamedTuple):
     squares: float
 
 
-# Counted on the photographs to calibrate on (benchmarks/tag_false_positives.py), whatever the cells show.
+# Counted on every second photograph, as it is, dim, enlarged, enlarged and sharpened, and cropped, whatever the cells
+# show.  `benchmarks/tag_false_positives.py --calibrate` counts more kinds of the same photographs.
 CLEARNESSES = (
     Clearness(0.36, 0.25, 0.35),
     Clearness(0.33, 0.25, 0.28),
