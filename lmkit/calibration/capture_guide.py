@@ -88,6 +88,11 @@ class CaptureGuide:
         translations = np.array([kept.t for kept in self._kept]).reshape(-1, 3)
         return coverage_of(self.views, rotations, translations, *self._sizes)
 
+    def ghost(self, coverage: ViewCoverage) -> tuple[int, FloatArray] | None:
+        """Camera (0 left, 1 right) and outline (4,2), pixels, of the board where it is wanted next; None: nowhere."""
+        wanted = coverage.wanted
+        return None if wanted is None else (wanted.side, wanted.outline(self._object_points, self._camera))
+
     def judge(self, view: PairView | None) -> Judgment:
         """Judge one pair of frames; None where a camera does not see the board."""
         before, self._before = self._before, view

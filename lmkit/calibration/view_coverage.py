@@ -21,6 +21,45 @@ _ROWS = ("top", "upper middle", "middle", "lower middle", "bottom")
 _COLUMNS = ("left", "middle left", "middle", "middle right", "right")
 
 
+TILT_WANTED_DEG = 35.0
+TALLEST = 0.85  # of the image's height that a wanted view fills
+
+
+@dataclass(frozen=True)
+class WantedView:
+    """A view of the board to take next.
+
+    Attributes:
+        side: camera, 0 left, 1 right.
+        center: of the board, (x, y) as shares of the image's width and height.
+        fills: share of the image's width.
+        tilt_deg: about the image's upright and about its level axis, as `ViewCoverage.tilts_deg`.
+    """
+
+    side: int = 0
+    center: tuple[float, float] = (0.5, 0.5)
+    fills: float = 0.5
+    tilt_deg: tuple[float, float] = (0.0, 0.0)
+
+    def pose(self, object_points: FloatArray, camera: CameraModel) -> tuple[FloatArray, FloatArray]:
+        """Rotation (3,3) and translation (3,), m, of the board in a camera that sees it so."""
+        low, high = object_points.min(axis=0), object_points.max(axis=0)
+        (width, height), K = camera.image_size, camera.K
+        depth = max(K[0, 0] * (high - low)[0] / (self.fills * width), K[1, 1] * (high - low)[1] / (TALLEST * height))
+        (c, s), (d, e) = ((np.cos(a), np.sin(a)) for a in np.deg2rad(self.tilt_deg))
+        R = np.array([[c, 0, s], [0, 1, 0], [-s, 0, c]]) @ np.array([[1, 0, 0], [0, d, e], [0, -e, d]])
+        pixel = np.array([self.center[0] * width, self.center[1] * height, 1.0])
+        return R, depth * np.linalg.solve(K, pixel) - R @ ((low + high) / 2)
+
+    def outline(self, object_points: FloatArray, camera: CameraModel) -> FloatArray:
+        """(4,2) corners of the board's pattern in the image, pixels, without the lens's distortion."""
+        R, t = self.pose(object_points, camera)
+        (x0, y0), (x1, y1) = object_points.min(axis=0)[:2], object_points.max(axis=0)[:2]
+        corners = np.array([[x0, y0, 0], [x1, y0, 0], [x1, y1, 0], [x0, y1, 0]]) @ R.T + t
+        pixels = corners @ camera.K.T
+        return np.asarray(pixels[:, :2] / pixels[:, 2:])
+
+
 @dataclass(frozen=True)
 class ViewCoverage:
     """Coverage of the views so far.
@@ -31,12 +70,14 @@ class ViewCoverage:
         tilts_deg: (P,2) of every view: about the image's upright and about its level axis; positive
             where the board's right edge, or its lower edge, is nearer.
         advice: views to take next, the most wanted first.
+        wanted: the first of them; None where none is wanted.
     """
 
     cells: tuple[BoolArray, BoolArray]
     distances_m: FloatArray
     tilts_deg: FloatArray
     advice: tuple[str, ...]
+    wanted: WantedView | None = None
 
     def filled(self, side: int) -> float:
         """Share of the cells of one camera (0 left, 1 right) in which corners were seen."""
@@ -56,9 +97,8 @@ def coverage_of(
     normals = rotations[:, :, 2] * np.sign(rotations[:, 2, 2])[:, None]
     tilts = np.rad2deg(np.arctan2(normals[:, :2], normals[:, 2:]))
     both = (cells[0], cells[1])
-    return ViewCoverage(
-        both, distances, tilts, tuple(_advice(dict(zip(("left ", "right "), both, strict=True)), distances, tilts))
-    )
+    wanted = _wanted(dict(zip(("left ", "right "), both, strict=True)), distances, tilts)
+    return ViewCoverage(both, distances, tilts, tuple(words for words, _ in wanted), wanted[0][1] if wanted else None)
 
 
 def filled_cells(points: FloatArray, image_size: tuple[int, int]) -> BoolArray:
@@ -69,20 +109,25 @@ def filled_cells(points: FloatArray, image_size: tuple[int, int]) -> BoolArray:
     return cells
 
 
-def _advice(cells: Mapping[str, BoolArray], distances: FloatArray, tilts: FloatArray) -> list[str]:
-    advice = []
+def _wanted(cells: Mapping[str, BoolArray], distances: FloatArray, tilts: FloatArray) -> list[tuple[str, WantedView]]:
+    """Views to take next, in words and as places in the image."""
+    wanted = []
     for name, axis, toward in (("left", 0, -1), ("right", 0, 1), ("upper", 1, -1), ("lower", 1, 1)):
         count = int((toward * tilts[:, axis] > TILTED_DEG).sum())
         if count < LEAST_TILTED:
-            advice.append(f"the board tilted by 30 to 45 deg, its {name} edge nearer")
-    for camera, seen in cells.items():
+            tilt = toward * TILT_WANTED_DEG
+            view = WantedView(tilt_deg=(tilt, 0.0) if axis == 0 else (0.0, tilt))
+            wanted.append((f"the board tilted by 30 to 45 deg, its {name} edge nearer", view))
+    for side, (camera, seen) in enumerate(cells.items()):
         if seen.mean() < ENOUGH_CELLS:
-            advice.append(f"the board in the {_emptiest(seen)} of the {camera}image")
+            place, center = _emptiest(seen)
+            view = WantedView(side, center, 0.55 if place == "middle" else 0.4)
+            wanted.append((f"the board in the {place} of the {camera}image", view))
     if len(distances) and distances.max() < LEAST_NEARER * distances.min():
-        advice.append("the board nearer, so that it fills the image, and twice as far")
+        wanted.append(("the board nearer, so that it fills the image, and twice as far", WantedView(fills=0.85)))
     if len(distances) < LEAST_VIEWS:
-        advice.append(f"{LEAST_VIEWS - len(distances)} more views")
-    return advice
+        wanted.append((f"{LEAST_VIEWS - len(distances)} more views", WantedView(tilt_deg=(15.0, 15.0))))
+    return wanted
 
 
 def camera_coverage(
@@ -97,15 +142,19 @@ def camera_coverage(
     cells = filled_cells(np.concatenate([np.zeros((0, 2)), *points]), image_size)
     normals = rotations[:, :, 2] * np.sign(rotations[:, 2, 2])[:, None]
     tilts = np.rad2deg(np.arctan2(normals[:, :2], normals[:, 2:]))
-    return cells, tuple(_advice({"": cells}, np.linalg.norm(translations, axis=1), tilts))
+    wanted = _wanted({"": cells}, np.linalg.norm(translations, axis=1), tilts)
+    return cells, tuple(words for words, _ in wanted)
 
 
-def _emptiest(seen: BoolArray) -> str:
-    """The 2 x 2 cells, of the image's four corners and its middle, with the fewest seen."""
+def _emptiest(seen: BoolArray) -> tuple[str, tuple[float, float]]:
+    """The 2 x 2 cells, of the image's four corners and its middle, with the fewest seen; their name and center."""
+    near, far = 1 / CELLS, 1 - 1 / CELLS
     places = {
-        f"{_ROWS[r]} {_COLUMNS[c]} corner": seen[rows, columns].mean()
+        (f"{_ROWS[r]} {_COLUMNS[c]} corner", (near if c == 0 else far, near if r == 0 else far)): seen[
+            rows, columns
+        ].mean()
         for r, rows in ((0, slice(0, 2)), (4, slice(3, 5)))
         for c, columns in ((0, slice(0, 2)), (4, slice(3, 5)))
     }
-    places["middle"] = seen[1:4, 1:4].mean()
-    return min(places, key=lambda name: places[name])
+    places["middle", (0.5, 0.5)] = seen[1:4, 1:4].mean()
+    return min(places, key=lambda place: places[place])

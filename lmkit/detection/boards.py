@@ -71,7 +71,13 @@ def likelier_board(images: Sequence[ByteArray], board: BoardSpec) -> BoardSpec |
 
 
 def grid_size(gray: ByteArray) -> tuple[int, int] | None:
-    """Inner corners of the chessboard in an image, the smaller number first, or None.
+    """Inner corners of the chessboard in an image, the smaller number first, or None."""
+    grid = grid_corners(gray)
+    return None if grid is None else (min(grid.shape[:2]), max(grid.shape[:2]))
+
+
+def grid_corners(gray: ByteArray) -> FloatArray | None:
+    """(R,C,2) inner corners, pixels, of the chessboard in an image, whatever its size, or None.
 
     Lines of corners at which no four squares meet, as on a white rim, are not counted.
     """
@@ -87,7 +93,7 @@ def grid_size(gray: ByteArray) -> tuple[int, int] | None:
             grid = grid[1:]
         grid = np.rot90(grid)
     rows, columns = grid.shape[:2]
-    return (min(rows, columns), max(rows, columns)) if rows * columns > LEAST_LINES**2 else None
+    return (grid + 0.5) / scale - 0.5 if rows * columns > LEAST_LINES**2 else None
 
 
 def _likelier_charuco(grays: Sequence[ByteArray], board: BoardSpec) -> BoardSpec | None:

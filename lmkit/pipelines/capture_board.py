@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from lmkit.arrays import ByteArray
+from lmkit.arrays import ByteArray, FloatArray
 from lmkit.calibration.capture_guide import CaptureGuide, Judgment
 from lmkit.calibration.view_coverage import ViewCoverage
 from lmkit.detection.boards import detect_board
@@ -55,6 +55,7 @@ class Looked:
         left, right: the images.
         found: all that is kept so far.
         coverage: what that shows, and what is missing.
+        ghost: camera (0 left, 1 right) and outline (4,2), pixels, of the board where it is wanted next.
     """
 
     judgment: Judgment
@@ -62,6 +63,7 @@ class Looked:
     right: ByteArray
     found: Found
     coverage: ViewCoverage
+    ghost: tuple[int, FloatArray] | None = None
 
 
 def look_at_frames(
@@ -98,7 +100,7 @@ def look_at_frames(
             images[name] = (left, right)
         coverage = guide.coverage
         corners = SavedCorners(board, sizes[0], guide.views, (), sizes[1])
-        yield Looked(judgment, left, right, Found(corners, images), coverage)
+        yield Looked(judgment, left, right, Found(corners, images), coverage, guide.ghost(coverage))
         if until_complete and not coverage.advice:
             return
     looking.end()

@@ -16,7 +16,7 @@ from starlette.websockets import WebSocket, WebSocketDisconnect
 
 from lmkit.errors import InputError
 from lmkit.version import __version__
-from lmkit.web import cameras, maps, photos, prints, verbs
+from lmkit.web import cameras, maps, photos, prints, rigs, verbs
 from lmkit.web.answers import Handler, answer, guarded
 from lmkit.web.jobs import Jobs
 from lmkit.web.project import Project, listing
@@ -91,6 +91,9 @@ def _routes() -> list[BaseRoute]:
         route("/api/map", maps.show),
         route("/api/map", maps.edit, "PUT"),
         route("/api/map/undo", maps.undo, "POST"),
+        route("/api/rig", rigs.show),
+        route("/api/rig", rigs.replace, "PUT"),
+        route("/api/rig/undo", rigs.undo, "POST"),
         route("/api/jobs", _jobs),
         route("/api/jobs/{verb}", verbs.start, "POST"),
         route("/api/jobs/{id}", _job),

@@ -19,6 +19,7 @@ from starlette.responses import Response
 import lmkit as lm
 from lmkit.arrays import ByteArray
 from lmkit.errors import InputError, LmkitError
+from lmkit.pipelines.board_absence import DARK
 from lmkit.web.answers import Body, answer, read_body
 from lmkit.web.project import FILMS, Project, listing
 from lmkit.web.state import state_of
@@ -26,7 +27,7 @@ from lmkit.web.state import state_of
 CAMERA = re.compile(r"camera:[0-9]{1,2}")
 SETTLING = 8  # images of a camera until its exposure has settled
 SHOWN_PX = 640
-DARK, BURNT = 45.0, 0.05  # mean value; share of clipped pixels
+BURNT = 0.05  # share of clipped pixels
 GRAY = 3.0  # mean difference of the channels
 LEAST_SHARED = 2  # landmarks in both images, to tell left from right
 

@@ -16,13 +16,16 @@ from typing import Any
 import numpy as np
 
 import lmkit as lm
+from lmkit.detection.boards import detect_board
 from lmkit.errors import InputError, LmkitError
+from lmkit.pipelines.board_absence import explain_absence
 from lmkit.pipelines.capture_board import Looked, look_at_frames
 from lmkit.web.jobs import PROGRESS
 
 LEAST_PAIRS = 6  # before them a calibration says nothing
 THUMB_PX = 300
 LEAST_APART_S = 0.25  # of states without news
+EXPLAIN_EVERY_S = 2.0
 
 
 def guide(task: dict[str, Any], tell: Callable[[dict[str, Any]], None]) -> dict[str, Any]:
@@ -46,10 +49,13 @@ def guide(task: dict[str, Any], tell: Callable[[dict[str, Any]], None]) -> dict[
     pairs = ((frames[0], frames[1]) for frames in frame_groups(sources))
     state: dict[str, Any] = {"step": "looking", "kept": 0, "depth": [], "curve": [], "reached": False}
     state |= {"until_m": task["until_m"], "at_m": task["at_m"]}
-    sent_s = 0.0
+    sent_s, explained = 0.0, _Explained(board)
     for count, looked in enumerate(look_at_frames(pairs, board, are_moving(cameras[0]), until_complete=False), 1):
         state |= {"done": count, "total": None, "words": looked.judgment.words, "reason": looked.judgment.reason}
+        state["ghost"] = _ghost(looked)
         if not looked.judgment.kept:
+            if looked.judgment.reason == "no board":
+                state["words"] = explained.why(looked)
             if time.monotonic() - sent_s > LEAST_APART_S:
                 sent_s = time.monotonic()
                 tell(state | {"image": _thumb(looked)})
@@ -81,6 +87,31 @@ def guide(task: dict[str, Any], tell: Callable[[dict[str, Any]], None]) -> dict[
             "show the whole board to both cameras, sharp, at other places and tilts",
         )
     return state | {"step": "calibrating"}
+
+
+class _Explained:
+    """Why no board is found, looked into every few seconds."""
+
+    def __init__(self, board: lm.BoardSpec) -> None:
+        self._board, self._at_s, self._words = board, float("-inf"), ""
+
+    def why(self, looked: Looked) -> str:
+        """One sentence about the newest pair, or about one of a moment ago."""
+        if time.monotonic() - self._at_s > EXPLAIN_EVERY_S:
+            self._at_s = time.monotonic()
+            in_left = detect_board(looked.left, self._board) is not None
+            side, image = ("right", looked.right) if in_left else ("left", looked.left)
+            self._words = f"{side} camera: {explain_absence(image, self._board)}"
+        return self._words
+
+
+def _ghost(looked: Looked) -> list[list[float]] | None:
+    """Outline of the board where it is wanted next, as shares of both images side by side."""
+    if looked.ghost is None:
+        return None
+    side, outline = looked.ghost
+    height, width = looked.left.shape[:2]
+    return [[(side + x / width) / 2, y / height] for x, y in outline.tolist()]
 
 
 def _thumb(looked: Looked) -> str:

@@ -35,6 +35,8 @@ class JobBody(Body):
     anchor: bool = True
     live: bool = False
     record: bool = False
+    error: Short = "5cm"
+    camera_height: Short = ""
     until_mm: Annotated[float, Field(gt=0, le=1000)] = 5.0
     at_m: float = 2.0
 
@@ -149,6 +151,32 @@ def plan_guide(project: Project, body: JobBody) -> Plan:
     return Plan(title, steps, shlex.join(shown), (report,), None, ("rig.yaml",))
 
 
+def plan_coverage(project: Project, body: JobBody) -> Plan:
+    """The pose error to expect at every place of the floor."""
+    _require_map(project)
+    drawing = "reports/coverage.svg"
+    words = ["plan", "coverage", *_ground(project, body), "--map", "map.yaml", "-o", drawing, "--force"]
+    return Plan("Coverage of the floor", (_lmkit(words),), shlex.join(["lmkit", *words]), (drawing,))
+
+
+def plan_place(project: Project, body: JobBody) -> Plan:
+    """Where to mount further landmarks, with the list to take along."""
+    mounted = ["--map", "map.yaml"] if (project.root / "map.yaml").is_file() else []
+    folder = "reports/mounting"
+    words = ["plan", "place", *_ground(project, body), *mounted, "-o", folder, "--no-prints", "--force"]
+    outputs = tuple(f"{folder}/{name}" for name in ("mounting.pdf", "mounting.csv", "plan.png"))
+    return Plan("Where to hang the next ones", (_lmkit(words),), shlex.join(["lmkit", *words]), outputs)
+
+
+def plan_sheet(project: Project, body: JobBody) -> Plan:
+    """Mounting sheets of the map, as PDF."""
+    _require_map(project)
+    floor = _floor(project)
+    words = ["plan", "sheet", "--map", "map.yaml", *(["--floor", floor] if floor else [])]
+    words += ["-o", "reports/mounting-sheet.pdf", "--force"]
+    return Plan("Mounting sheet", (_lmkit(words),), shlex.join(["lmkit", *words]), ("reports/mounting-sheet.pdf",))
+
+
 def plan_run(project: Project, body: JobBody) -> Plan:
     """A live run that the page shows: a recording, a recorded run, ``run.yaml``, or ``sim:``, a simulated robot."""
     if not can_run():
@@ -195,6 +223,9 @@ VERBS = {
     "track": plan_track,
     "calibrate": plan_calibrate,
     "guide": plan_guide,
+    "coverage": plan_coverage,
+    "place": plan_place,
+    "sheet": plan_sheet,
     "run": plan_run,
 }
 
@@ -222,6 +253,41 @@ def _recording(project: Project, name: str) -> dict[str, Any]:
             return dict(found)
     hint = "put a folder with left and right images, or detections.csv, into drives/"
     raise InputError("no_recording", f"there is no recording {name[:80]!r}", hint)
+
+
+def _ground(project: Project, body: JobBody) -> list[str]:
+    """Options of the floor, the rig and the requirement."""
+    from lmkit.units import parse_length_mm
+
+    parse_length_mm(body.error, "error")
+    floor, rigs = _floor(project), ["rig.yaml", *_in_recordings(project, "rig.yaml")]
+    if floor is None:
+        raise InputError(
+            "no_floor", "the project has no floor.yaml", "describe the walls in floor.yaml (docs: lmkit-floor/1)"
+        )
+    rig = next((name for name in rigs if project.path(name).is_file()), None)
+    if rig is None:
+        raise InputError("no_rig", "the project has no rig.yaml", "calibrate first")
+    words = ["--floor", floor, "--rig", rig, "--error", body.error]
+    if body.camera_height:
+        parse_length_mm(body.camera_height, "camera_height")
+        words += ["--camera-height", body.camera_height]
+    return words
+
+
+def _floor(project: Project) -> str | None:
+    """The floor plan of the project, or of the first recording that has one."""
+    names = ["floor.yaml", *_in_recordings(project, "floor.yaml")]
+    return next((name for name in names if project.path(name).is_file()), None)
+
+
+def _in_recordings(project: Project, name: str) -> list[str]:
+    return [f"{found['name']}/{name}" for found in listing(project)["recordings"] if found["name"]]
+
+
+def _require_map(project: Project) -> None:
+    if not (project.root / "map.yaml").is_file():
+        raise InputError("no_map", "the project has no map.yaml", "survey a recording first")
 
 
 def _images(found: dict[str, Any]) -> list[str]:

@@ -20,7 +20,7 @@ from lmkit.errors import InputError, NegativeAnswer
 from lmkit.geometry.pose import Pose
 from lmkit.model.landmark_id import LandmarkId
 from lmkit.model.landmark_map import LandmarkMap, MappedLandmark, wall_pose
-from lmkit.web.answers import MAX_JSON
+from lmkit.web.answers import MAX_JSON, MAX_UPLOAD
 from lmkit.web.app import build_app, state_of_app
 from lmkit.web.live import IMAGE, LiveHub, image_of, innovation_band
 from lmkit.web.project import open_project
@@ -452,3 +452,55 @@ def test_a_look_through_the_cameras_names_what_is_wrong(tmp_path):
         assert "camera:63" in missing["views"][0]["error"]
         for hostile in ("camera:x", "../room", "/dev/zero", "rtsp://e.x", "room", ""):
             assert page.post("/api/cameras/look", json={"sources": [hostile]}).status_code == 400
+
+
+def test_the_rig_is_replaced_and_undone(tmp_path):
+    lmkit.write_example_files(tmp_path / "files", board_pairs=0, seconds=1)
+    first = (tmp_path / "files/rig.yaml").read_bytes()
+    other = first.replace(b"lmkit-rig/1", b"lmkit-rig/9")
+    with TestClient(
+        build_app(open_project(tmp_path / "room"), workers=Workers(0)), base_url="http://localhost"
+    ) as page:
+        assert page.get("/api/rig").json() == {"cameras": [], "undo": 0}
+        shown = page.put("/api/rig", content=first).json()
+        assert [c["name"] for c in shown["cameras"]] == ["left", "right"] and shown["undo"] == 0
+        text = (tmp_path / "room/rig.yaml").read_text()
+        for wrong in (b"", b"\xff\xfe", b"{", other, b"- 1\n" * 9, b"a: &a [*a]", b"[" * 20_000, b"cameras: []"):
+            reply = page.put("/api/rig", content=wrong)
+            assert reply.status_code == 400 and reply.json()["hint"] and str(tmp_path) not in reply.text
+            assert "/tmp" not in reply.text and (tmp_path / "room/rig.yaml").read_text() == text
+        assert page.put("/api/rig", content=b" " * (MAX_JSON + 1)).status_code == 413
+        assert page.put("/api/rig", content=first).json()["undo"] == 1
+        assert page.post("/api/rig/undo").json()["undo"] == 0 and page.post("/api/rig/undo").status_code == 400
+
+
+def test_an_upload_may_have_64_mib_and_no_byte_more(client, folder, monkeypatch):
+    from lmkit.web import photos
+
+    assert MAX_UPLOAD == 64 << 20
+    before = set(folder.rglob("*"))
+    assert client.put("/api/photos/large.png", content=bytes(MAX_UPLOAD + 1)).json()["code"] == "too_large"
+    monkeypatch.setattr(photos, "MAX_UPLOAD", 1000)
+    image = io.BytesIO()
+    Image.fromarray(np.zeros((8, 8, 3), np.uint8)).save(image, "PNG")
+    full = image.getvalue() + bytes(1000 - len(image.getvalue()))
+    assert client.put("/api/photos/full.png", content=full).is_success
+    assert client.put("/api/photos/over.png", content=full + b"0").status_code == 413
+    assert {p.name for p in set(folder.rglob("*")) - before} <= {"full.png", "photos"}
+
+
+def test_planning_jobs_name_their_commands_and_what_is_missing(mapped):
+    page, folder = mapped
+    project = open_project(folder)
+    for verb, code in (("coverage", "no_floor"), ("place", "no_floor")):
+        assert page.post(f"/api/jobs/{verb}", json={}).json()["code"] == code
+    assert VERBS["sheet"](project, JobBody()).command == (
+        "lmkit plan sheet --map map.yaml -o reports/mounting-sheet.pdf --force"
+    )
+    (folder / "floor.yaml").touch()
+    assert page.post("/api/jobs/coverage", json={}).json()["code"] == "no_rig"
+    (folder / "rig.yaml").touch()
+    plan = VERBS["place"](project, JobBody(error="3cm", camera_height="40cm"))
+    assert "--floor floor.yaml --rig rig.yaml --error 3cm --camera-height 40cm --map map.yaml" in plan.command
+    for body in ({"error": "--force"}, {"camera_height": "-o x"}, {"error": ""}):
+        assert page.post("/api/jobs/coverage", json=body).status_code == 400

@@ -74,6 +74,12 @@ export const grade = (letter, big) => h("span", { class: `grade ${letter ?? ""} 
 export const mm = (m) => (m >= 1 ? `${m.toFixed(2)} m` : m >= 0.1 ? `${(m * 100).toFixed(0)} cm` : `${(m * 1000).toFixed(1)} mm`);
 export const file = (name) => `/api/files/${name.split("/").map(encodeURIComponent).join("/")}`;
 
+const KINDS = { html: "Open the report", svg: "Open the plan", png: "Open the plan", pdf: "Open the PDF", csv: "Download the list" };
+function outputLink(name) {
+  const kind = name.split(".").at(-1);
+  return !(kind in KINDS) || !/^(prints|photos|reports)\//.test(name) ? null : h("a", { class: "button", href: file(name) + (kind === "csv" ? "?download" : ""), target: "_blank", rel: "noopener" }, KINDS[kind]);
+}
+
 // Jobs: one card that follows a job until it ends.
 export function jobView(job, { done, progress } = {}) {
   const box = h("div", { class: "job" });
@@ -89,7 +95,7 @@ export function jobView(job, { done, progress } = {}) {
         going ? h("button", { class: "danger", "data-key": "cancel", type: "button", onclick: () => api(`jobs/${j.id}/cancel`, { method: "POST" }).then(draw).catch((e) => toast(e.message, "bad")) }, live ? "Stop" : "Cancel") : null),
       going && !live ? h("div", null, h("p", { class: "small soft" }, j.progress ? `${j.progress.step}${j.progress.total ? `: ${j.progress.done} of ${j.progress.total}` : ""}` : j.state === "waiting" ? "waits for the job before" : "working"), bar(j.progress)) : null,
       j.error ? note("bad", j.error) : null,
-      j.state === "done" ? h("div", { class: "row" }, j.outputs.filter((o) => /\.(html|svg)$/.test(o)).map((o) => h("a", { class: "button", href: file(o), target: "_blank", rel: "noopener" }, o.endsWith(".html") ? "Open the report" : "Open the plan"))) : null,
+      j.state === "done" ? h("div", { class: "row" }, j.outputs.map(outputLink)) : null,
       h("details", { open: open ?? false }, h("summary", { "data-key": "log" }, "Log and command line"), h("div", null, command(j.command), h("pre", { class: "log", tabindex: "0", "aria-label": "Log" }, (j.log ?? []).join("\n") || "nothing yet"))),
     );
     if (focused) box.querySelector(`[data-key=${focused}]`)?.focus();

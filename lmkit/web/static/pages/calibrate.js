@@ -1,4 +1,4 @@
-import { api, choice, empty, field, h, heading, jobView, mm, note, s, toast, trouble } from "../lib.js";
+import { api, choice, empty, field, fill, h, heading, jobView, mm, note, s, toast, trouble } from "../lib.js";
 
 export async function show(stage) {
   const project = await api("project");
@@ -6,6 +6,7 @@ export async function show(stage) {
   stage.append(...heading("Calibrate", "Show the board at many places and tilts. It stops when the depth error is as small as you ask for, not at a count."));
   if (!sources.length) {
     stage.append(empty("No images of a board yet", "Print a board (lmkit board chessboard:9x6:25mm), photograph it with both cameras into pairs/left and pairs/right of the project, or put a side-by-side film into the project. Without cameras, write the example on the overview.", h("a", { class: "button primary", href: "#/" }, "To the overview")));
+    stage.append(await rigCard());
     return undefined;
   }
   const boards = sources.find(([name]) => /board/.test(name)) ?? sources[0];
@@ -13,24 +14,33 @@ export async function show(stage) {
   const board = h("input", { value: "chessboard:9x6:25mm", required: true, spellcheck: "false", autocomplete: "off" });
   const until = h("input", { value: "5", inputmode: "decimal" });
   const at = choice([["1", "1 m"], ["2", "2 m"], ["4", "4 m"], ["8", "8 m"]], "2");
+  const tone = h("input", { type: "checkbox", checked: true });
+  let sound = null, kept = 0, last = null;
   const live = h("div"), jobs = h("div");
   const start = (verb) => async (event) => {
     event.preventDefault();
     live.replaceChildren();
+    kept = 0;
+    last = null;
+    sound ??= window.AudioContext ? new AudioContext() : null; // browsers let a page sound after a click only
     try {
       const body = { source: source.value, board: board.value, until_mm: Number(until.value) || 5, at_m: Number(at.value) };
-      jobs.replaceChildren(h("section", { class: "card" }, jobView(await api(`jobs/${verb}`, { method: "POST", body }), { progress: (j) => verb === "guide" && draw(j), done: (j) => j.state === "done" && toast("rig.yaml is written") })));
+      jobs.replaceChildren(h("section", { class: "card" }, jobView(await api(`jobs/${verb}`, { method: "POST", body }), { progress: (j) => verb === "guide" && draw(j), done: (j) => (verb === "guide" && draw(j), j.state === "done" && toast("rig.yaml is written")) })));
     } catch (error) { jobs.replaceChildren(trouble(error)); }
   };
   function draw(job) {
-    const p = job.progress;
-    if (p.kept === undefined) return;
+    // The calibration after the guidance has a progress of its own.
+    if (job.progress?.kept !== undefined) last = job.progress;
+    const p = last;
+    if (p === null) return;
+    if (p.kept > kept && tone.checked) beep(sound, p.reached ? [660, 880, 1320] : [880]);
+    kept = p.kept;
     const here = p.depth.find((d) => d.at_m === p.at_m);
     live.replaceChildren(h("section", { class: "card", "aria-label": "Guidance" },
       p.reached ? note("good", `good to ${mm(here.error_m)} at ${p.at_m} m`, `${p.kept} pairs were enough`)
         : job.state === "done" ? note("warn", `the source ended at ${here ? mm(here.error_m) : "an unknown error"} for ${mm(p.until_m)} at ${p.at_m} m`, "add more pairs, nearer and tilted, and run it again")
-        : note("", p.words ?? "looking", p.advice?.length ? `next: ${p.advice[0]}` : ""),
-      p.image ? h("img", { class: "plan", src: p.image, alt: "Newest pair, left and right camera" }) : null,
+        : note("", p.reason === "kept" ? `pair ${p.kept} is taken` : p.words ?? "looking", p.advice?.length ? `next: ${p.advice[0]}` : ""),
+      p.image ? h("figure", null, h("div", { class: "photo" }, h("img", { src: p.image, alt: "Newest pair, left and right camera" }), p.ghost && !p.reached && job.state === "running" ? ghost(p.ghost) : null), p.ghost && !p.reached && job.state === "running" ? h("figcaption", null, "Dashed: hold the board here next.") : null) : null,
       h("dl", { class: "figures" }, fact(p.kept, "pairs kept"), p.depth.filter((d) => [1, 2, 4, 8].includes(d.at_m)).map((d) => fact(`± ${mm(d.error_m)}`, `expected at ${d.at_m} m`)), p.held_out_px ? fact(`${p.held_out_px.toFixed(3)} px`, "row error on pairs held out") : null),
       p.coverage ? h("div", { class: "cover" }, p.coverage.map((cells, k) => h("figure", null, s("svg", { viewBox: "0 0 5 3.6", role: "img", "aria-label": `Coverage of the ${k ? "right" : "left"} image: ${cells.flat().filter(Boolean).length} of 25 cells` }, cells.map((row, r) => row.map((yes, c) => s("rect", { class: yes ? "yes" : "no", x: c, y: r * 0.72, width: 1, height: 0.72 })))), h("figcaption", null, `${k ? "right" : "left"} image: where the board has been`)))) : null,
       p.curve.length > 1 ? curve(p) : null));
@@ -38,9 +48,41 @@ export async function show(stage) {
   const fact = (value, label) => h("div", null, h("dt", null, label), h("dd", null, value));
   stage.append(h("div", { class: "two" }, h("form", { class: "card stack", onsubmit: start("guide") }, field("Camera", source, "a folder with left/ and right/, or a film"), field("Board", board, "inner corners and side of a square; or charuco:…, landmarks:…"),
     h("div", { class: "pairfields" }, field("Good to, mm", until), field("at", at)),
+    h("label", { class: "check" }, tone, "A tone for every pair that is taken"),
     h("div", { class: "row" }, h("button", { class: "primary", type: "submit" }, "Calibrate with guidance"), h("button", { type: "button", onclick: start("calibrate") }, "Use all pairs"))), h("div", null, live, jobs)));
-  if (project.has.rig) stage.append(note("good", "rig.yaml is there", "a new calibration replaces it"));
-  return undefined;
+  stage.append(await rigCard());
+  return () => sound?.close();
+}
+
+// The rig of the project: its cameras, another file in its place, undo.
+async function rigCard() {
+  const card = h("section", { class: "card stack" }), problem = h("div");
+  const change = (path, request) => async () => {
+    problem.replaceChildren();
+    try { draw(await api(path, request())); toast("rig.yaml is changed"); } catch (error) { problem.replaceChildren(trouble(error)); }
+  };
+  const pick = h("input", { type: "file", accept: ".yaml,.yml,.json,.xml,.txt", onchange: () => pick.files.length && change("rig", () => ({ method: "PUT", body: pick.files[0] }))() });
+  function draw(rig) {
+    fill(card, h("h2", null, "rig.yaml"), rig.cameras.length ? h("dl", { class: "figures" }, rig.cameras.map((c) => h("div", null, h("dt", null, `${c.name}, ${c.size.join(" × ")}`), h("dd", null, `f ${c.focal_px.toFixed(0)} px`)))) : h("p", { class: "soft" }, "No rig yet: calibrate, or take a file that you have."),
+      field(rig.cameras.length ? "Replace it by a file" : "Take a file", pick, "of lmkit, Kalibr, ROS or OpenCV"), rig.undo ? h("div", { class: "row" }, h("button", { type: "button", onclick: change("rig/undo", () => ({ method: "POST" })) }, "Undo")) : null, problem);
+  }
+  try { draw(await api("rig")); } catch (error) { card.append(trouble(error)); }
+  return card;
+}
+
+const ghost = (outline) => s("svg", { viewBox: "0 0 1 1", preserveAspectRatio: "none", "aria-hidden": "true" }, s("polygon", { class: "ghost", points: outline.map((p) => p.join(",")).join(" ") }));
+
+function beep(sound, tones) {
+  if (!sound) return;
+  tones.forEach((hertz, k) => {
+    const source = sound.createOscillator(), loud = sound.createGain(), at = sound.currentTime + 0.13 * k;
+    source.frequency.value = hertz;
+    loud.gain.setValueAtTime(0.15, at);
+    loud.gain.exponentialRampToValueAtTime(0.001, at + 0.12);
+    source.connect(loud).connect(sound.destination);
+    source.start(at);
+    source.stop(at + 0.13);
+  });
 }
 
 function curve(p) {

@@ -1,4 +1,4 @@
-import { api, command, empty, field, h, heading, mm, note, toast, trouble } from "../lib.js";
+import { api, command, empty, field, file, h, heading, jobView, mm, note, toast, trouble } from "../lib.js";
 import { planOf } from "../plan.js";
 
 export async function show(stage) {
@@ -27,6 +27,16 @@ export async function show(stage) {
       h("p", { class: "small soft" }, l.sigma_m === null ? "Its uncertainty is not known: it was placed by hand." : `Known to ${mm(l.sigma_m)}. Moving it by hand drops this.`),
       h("div", { class: "row" }, h("button", { class: "danger", type: "button", onclick: () => edit({ remove: true }) }, "Remove"), h("button", { class: "plain", type: "button", onclick: () => choose(null) }, "Close")));
   }
+  const error = h("input", { value: "5cm", autocomplete: "off" }), height = h("input", { value: "", placeholder: "of the rig", autocomplete: "off" }), jobs = h("div"), drawn = h("div");
+  const start = (verb) => async () => {
+    drawn.replaceChildren();
+    const shown = (j) => j.state === "done" && drawn.replaceChildren(...j.outputs.filter((o) => /\.(svg|png)$/.test(o)).map((o) => h("img", { class: "plan onwhite", src: `${file(o)}?t=${Date.now()}`, alt: verb === "coverage" ? "Floor plan colored by the error to expect at every place" : "Floor plan with the landmarks that hang and those to hang next" })));
+    try { jobs.replaceChildren(jobView(await api(`jobs/${verb}`, { method: "POST", body: { error: error.value, camera_height: height.value } }), { done: shown })); }
+    catch (problem) { jobs.replaceChildren(trouble(problem)); }
+  };
+  const planning = h("section", { class: "card stack" }, h("h2", null, "Is it enough?"), h("p", { class: "small soft" }, "On the floor plan of the project (floor.yaml): the error to expect at every place, and where the next landmark helps most."),
+    h("div", { class: "pairfields" }, field("Error allowed", error, "such as 5cm"), field("Camera height", height, "only if rig.yaml does not say")),
+    h("div", { class: "row" }, h("button", { class: "primary", type: "button", onclick: start("coverage") }, "Show the coverage"), h("button", { type: "button", onclick: start("place") }, "Where to hang the next ones"), h("button", { type: "button", onclick: start("sheet") }, "Mounting sheet (PDF)")), jobs, drawn);
   function draw() {
     const undoButton = h("button", { type: "button", disabled: !map.undo, onclick: undo, title: "Ctrl+Z" }, "Undo");
     if (!map.landmarks.length) {
@@ -45,7 +55,7 @@ export async function show(stage) {
         h("thead", null, h("tr", null, ["Landmark", "Name", "x m", "y m", "z m", "faces", "known to"].map((t, k) => h("th", { scope: "col", class: k > 1 ? "n" : null }, t)))),
         h("tbody", null, map.landmarks.map((l) => h("tr", { "aria-selected": l.id === chosen ? "true" : null }, h("td", null, h("button", { class: `plain ${map.doubts[l.id] ? "danger" : ""}`, type: "button", onclick: () => choose(l.id), "aria-label": `Edit landmark ${l.id}` }, l.id)), h("td", null, l.name ?? ""),
           l.position.map((v) => h("td", { class: "n" }, v.toFixed(3))), h("td", { class: "n" }, `${Math.round(l.facing_deg + 360) % 360}°`), h("td", { class: "n" }, l.sigma_m === null ? "–" : mm(l.sigma_m)))))))),
-      h("section", { class: "card" }, command(map.command)));
+      planning, h("section", { class: "card" }, command(map.command)));
   }
   // A survey may end while the page is open.
   const poll = setInterval(async () => {
