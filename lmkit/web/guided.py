@@ -96,7 +96,7 @@ class _Explained:
         self._board, self._at_s, self._words = board, float("-inf"), ""
 
     def why(self, looked: Looked) -> str:
-        """One sentence about the newest pair, or about one of a moment ago."""
+        """One sentence about the newest pair, or about an earlier one."""
         if time.monotonic() - self._at_s > EXPLAIN_EVERY_S:
             self._at_s = time.monotonic()
             in_left = detect_board(looked.left, self._board) is not None

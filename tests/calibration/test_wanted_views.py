@@ -51,7 +51,7 @@ def test_the_guide_shows_no_ghost_where_no_view_is_wanted():
     assert side == 0 and outline.shape == (4, 2)
 
 
-def picture(columns=9, rows=6, square=40, margin=60, brightness=220):
+def chessboard(columns=9, rows=6, square=40, margin=60, brightness=220):
     """A chessboard of so many inner corners on white, (H,W,3)."""
     squares = np.add.outer(np.arange(rows + 1), np.arange(columns + 1)) % 2
     board = np.kron(squares, np.ones((square, square))) * (brightness - 20) + 20
@@ -62,11 +62,11 @@ def picture(columns=9, rows=6, square=40, margin=60, brightness=220):
 @pytest.mark.parametrize(
     ("image", "words"),
     [
-        (picture(brightness=30), "dark"),
+        (chessboard(brightness=30), "dark"),
         (np.full((480, 640, 3), 128, np.uint8), "no chessboard in view"),
-        (picture(10, 7), "a board of 10 x 7 inner corners, not 9 x 6"),
-        (np.ascontiguousarray(picture()[:, 200:]), "too near, or cut off"),
-        (picture(8, 5), "8 x 5 of 9 x 6 inner corners are in view: a hand"),
+        (chessboard(10, 7), "a board of 10 x 7 inner corners, not 9 x 6"),
+        (np.ascontiguousarray(chessboard()[:, 200:]), "too near, or cut off"),
+        (chessboard(8, 5), "8 x 5 of 9 x 6 inner corners are in view: a hand"),
     ],
     ids=["dark", "none", "size", "cut", "smaller"],
 )
