@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from lmkit.arrays import BoolArray, FloatArray
+from lmkit.geometry.camera import CameraModel
 from lmkit.model.observation import PairView
 
 Size = tuple[int, int]

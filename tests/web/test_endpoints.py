@@ -20,6 +20,7 @@ from lmkit.errors import InputError, NegativeAnswer
 from lmkit.geometry.pose import Pose
 from lmkit.model.landmark_id import LandmarkId
 from lmkit.model.landmark_map import LandmarkMap, MappedLandmark, wall_pose
+from lmkit.simulation.scene import make_rig
 from lmkit.web.answers import MAX_JSON, MAX_UPLOAD
 from lmkit.web.app import build_app, state_of_app
 from lmkit.web.live import IMAGE, LiveHub, image_of, innovation_band
@@ -455,8 +456,8 @@ def test_a_look_through_the_cameras_names_what_is_wrong(tmp_path):
 
 
 def test_the_rig_is_replaced_and_undone(tmp_path):
-    lmkit.write_example_files(tmp_path / "files", board_pairs=0, seconds=1)
-    first = (tmp_path / "files/rig.yaml").read_bytes()
+    lmkit.write_rig(make_rig(), tmp_path / "other.yaml")
+    first = (tmp_path / "other.yaml").read_bytes()
     other = first.replace(b"lmkit-rig/1", b"lmkit-rig/9")
     with TestClient(
         build_app(open_project(tmp_path / "room"), workers=Workers(0)), base_url="http://localhost"
