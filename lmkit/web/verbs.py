@@ -160,12 +160,12 @@ def plan_coverage(project: Project, body: JobBody) -> Plan:
 
 
 def plan_place(project: Project, body: JobBody) -> Plan:
-    """Where to mount further landmarks, with the list to take along."""
+    """Sites of further landmarks, with the list to take along."""
     mounted = ["--map", "map.yaml"] if (project.root / "map.yaml").is_file() else []
     folder = "reports/mounting"
     words = ["plan", "place", *_ground(project, body), *mounted, "-o", folder, "--no-prints", "--force"]
     outputs = tuple(f"{folder}/{name}" for name in ("mounting.pdf", "mounting.csv", "plan.png"))
-    return Plan("Where to hang the next ones", (_lmkit(words),), shlex.join(["lmkit", *words]), outputs)
+    return Plan("Sites of the next landmarks", (_lmkit(words),), shlex.join(["lmkit", *words]), outputs)
 
 
 def plan_sheet(project: Project, body: JobBody) -> Plan:

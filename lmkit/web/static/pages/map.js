@@ -30,13 +30,13 @@ export async function show(stage) {
   const error = h("input", { value: "5cm", autocomplete: "off" }), height = h("input", { value: "", placeholder: "of the rig", autocomplete: "off" }), jobs = h("div"), drawn = h("div");
   const start = (verb) => async () => {
     drawn.replaceChildren();
-    const shown = (j) => j.state === "done" && drawn.replaceChildren(...j.outputs.filter((o) => /\.(svg|png)$/.test(o)).map((o) => h("img", { class: "plan onwhite", src: `${file(o)}?t=${Date.now()}`, alt: verb === "coverage" ? "Floor plan colored by the error to expect at every place" : "Floor plan with the landmarks that hang and those to hang next" })));
+    const shown = (j) => j.state === "done" && drawn.replaceChildren(...j.outputs.filter((o) => /\.(svg|png)$/.test(o)).map((o) => h("img", { class: "plan onwhite", src: `${file(o)}?t=${Date.now()}`, alt: verb === "coverage" ? "Floor plan colored by the error to expect at every place" : "Floor plan with the landmarks that are mounted and those to mount next" })));
     try { jobs.replaceChildren(jobView(await api(`jobs/${verb}`, { method: "POST", body: { error: error.value, camera_height: height.value } }), { done: shown })); }
     catch (problem) { jobs.replaceChildren(trouble(problem)); }
   };
   const planning = h("section", { class: "card stack" }, h("h2", null, "Is it enough?"), h("p", { class: "small soft" }, "On the floor plan of the project (floor.yaml): the error to expect at every place, and where the next landmark helps most."),
     h("div", { class: "pairfields" }, field("Error allowed", error, "such as 5cm"), field("Camera height", height, "only if rig.yaml does not say")),
-    h("div", { class: "row" }, h("button", { class: "primary", type: "button", onclick: start("coverage") }, "Show the coverage"), h("button", { type: "button", onclick: start("place") }, "Where to hang the next ones"), h("button", { type: "button", onclick: start("sheet") }, "Mounting sheet (PDF)")), jobs, drawn);
+    h("div", { class: "row" }, h("button", { class: "primary", type: "button", onclick: start("coverage") }, "Show the coverage"), h("button", { type: "button", onclick: start("place") }, "Where to mount the next ones"), h("button", { type: "button", onclick: start("sheet") }, "Mounting sheet (PDF)")), jobs, drawn);
   function draw() {
     const undoButton = h("button", { type: "button", disabled: !map.undo, onclick: undo, title: "Ctrl+Z" }, "Undo");
     if (!map.landmarks.length) {
