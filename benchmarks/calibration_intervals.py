@@ -1,8 +1,13 @@
 """Stated intervals of a stereo calibration on uncertain data: how often do 95 % intervals hold the truth?
 
-    uv run python benchmarks/calibration_intervals.py [--n 60] [--seed 4000]
+    uv run python benchmarks/calibration_intervals.py [--n 60] [--seed 4000] [--lenses prior]
 
 Simulated corners of a 9 x 6 board in a known rig, fitted from the truth (so that only the intervals are judged).
+With ``--lenses`` both cameras' intrinsics are known beforehand, with errors: "exact" keeps them as they are although
+they are off, as ``--intrinsics`` does; "prior" fits them with the deviations that their errors were drawn from, as
+``--intrinsics-sigma 2px`` does; "stated" draws the errors of a good calibration of the same rig, which are
+correlated, and takes its standard deviations number by number, as ``--intrinsics-sigma stated`` does.
+
 Kinds: good views; "partial": half of the board's columns, as a hand or the image's edge leaves them; "one distance":
 all boards within 5 % of one distance and 12 deg of head-on; "correlated": the corners of one image share a smooth
 shift (a random quadratic field of 0.15 px beside independent 0.08 px); "uncertain": all three.  15 pairs each.
@@ -11,13 +16,15 @@ shift (a random quadratic field of 0.15 px beside independent 0.08 px); "uncerta
 from __future__ import annotations
 
 import argparse
+import functools
 from concurrent.futures import ProcessPoolExecutor
+from dataclasses import replace
 
 import cv2
 import numpy as np
 
 from lmkit.calibration.bundle_adjustment import POSE, FitOptions, Solution, StereoProblem
-from lmkit.calibration.intrinsics import intrinsics_vector
+from lmkit.calibration.intrinsics import KnownIntrinsics, intrinsics_vector, sigma_of_pixels, with_intrinsics
 from lmkit.geometry.rotations import rotation_log
 from lmkit.model.board import BoardSpec
 from lmkit.model.observation import PairView
@@ -27,6 +34,7 @@ BOARD = BoardSpec("chessboard", 9, 6, 25.0)
 PAIRS = 15
 KINDS = ("good", "partial", "one distance", "correlated", "uncertain")
 INDEPENDENT_PX, SMOOTH_PX = 0.08, 0.15
+KNOWN_PX = 2.0
 Z95 = 1.96
 NAMES = ("focal length", "principal point", "rotation", "baseline")
 
@@ -75,14 +83,42 @@ def views(kind: str, rng: np.random.Generator) -> tuple[list[PairView], np.ndarr
     return result, np.array(rotations), np.array(translations)
 
 
-def examine(job: tuple[str, int]) -> tuple[str, list[tuple[str, float, float]]]:
+@functools.cache
+def good_covariance() -> np.ndarray:
+    """(K,K) covariance of both cameras' intrinsics after a calibration from good views."""
+    rig = make_rig()
+    pairs, R, t = views("good", np.random.default_rng(77))
+    truth = Solution(rig.left, rig.right, rig.T_right_left.R, rig.T_right_left.t, np.zeros(2), R, t)
+    count = len(intrinsics_vector(rig.left)) + len(intrinsics_vector(rig.right))
+    return StereoProblem(BOARD.object_points, pairs).solve(truth, FitOptions()).covariance[:count, :count]
+
+
+def known_lenses(lenses: str, rng: np.random.Generator) -> KnownIntrinsics:
+    """Intrinsics of both cameras as they are known beforehand, errors and deviations."""
+    rig = make_rig()
+    true = np.concatenate([intrinsics_vector(rig.left), intrinsics_vector(rig.right)])
+    if lenses == "stated":
+        covariance = good_covariance()
+        return KnownIntrinsics(rng.multivariate_normal(true, covariance), np.sqrt(np.diag(covariance)))
+    sigma = np.concatenate([sigma_of_pixels(camera, KNOWN_PX) for camera in (rig.left, rig.right)])
+    return KnownIntrinsics(rng.normal(true, sigma), sigma)
+
+
+def examine(job: tuple[str, int, str]) -> tuple[str, list[tuple[str, float, float]]]:
     """(kind, [(which, error, stated standard deviation)])."""
-    kind, seed = job
+    kind, seed, lenses = job
     rng = np.random.default_rng([seed, KINDS.index(kind)])
     rig = make_rig()
     pairs, R, t = views(kind, rng)
     truth = Solution(rig.left, rig.right, rig.T_right_left.R, rig.T_right_left.t, np.zeros(2), R, t)
-    s = StereoProblem(BOARD.object_points, pairs).solve(truth, FitOptions())
+    options = FitOptions()
+    if lenses:
+        known = known_lenses(lenses, rng)
+        options = FitOptions(intrinsics=False) if lenses == "exact" else FitOptions(known=known)
+        count = len(intrinsics_vector(rig.left))
+        left, right = with_intrinsics(rig.left, known.mean[:count]), with_intrinsics(rig.right, known.mean[count:])
+        truth = replace(truth, left=left, right=right)
+    s = StereoProblem(BOARD.object_points, pairs).solve(truth, options)
     sigma = np.sqrt(np.diag(s.covariance))
     nl, nr = len(intrinsics_vector(s.left)), len(intrinsics_vector(s.right))
     answers = []
@@ -103,19 +139,21 @@ def main() -> None:
     parser.add_argument("--n", type=int, default=60)
     parser.add_argument("--seed", type=int, default=4000)
     parser.add_argument("--workers", type=int, default=2)
+    parser.add_argument("--lenses", choices=("exact", "prior", "stated"), default="")
     options = parser.parse_args()
-    jobs = [(kind, options.seed + k) for kind in KINDS for k in range(options.n)]
+    jobs = [(kind, options.seed + k, options.lenses) for kind in KINDS for k in range(options.n)]
     with ProcessPoolExecutor(options.workers) as pool:
         answers = list(pool.map(examine, jobs, chunksize=4))
-    print(f"| views | rigs | {' | '.join(NAMES)} | worst error in stated sigmas |")
-    print("|---|---|" + "---|" * (len(NAMES) + 1))
+    names = NAMES if options.lenses != "exact" else NAMES[2:]
+    print(f"| views | rigs | {' | '.join(names)} | worst error in stated sigmas |")
+    print("|---|---|" + "---|" * (len(names) + 1))
     for kind in KINDS:
         some = [entry for name, entries in answers if name == kind for entry in entries]
         answer = []
-        for which in NAMES:
+        for which in names:
             ratios = np.array([abs(error) / sigma for name, error, sigma in some if name == which])
             answer.append(f"{np.mean(ratios < Z95):.1%} (n = {len(ratios)})")
-        worst = max(abs(error) / sigma for _, error, sigma in some)
+        worst = max(abs(error) / sigma for which, error, sigma in some if which in names)
         print(f"| {kind} | {options.n} | {' | '.join(answer)} | {worst:.1f} |")
 
 

@@ -134,7 +134,7 @@ def check_calibration(
             "the cameras are not quite synchronous, or the board moved in one camera"
         )
         warnings.append(CalibrationWarning("loose", message))
-    warnings += _check_known(rig, declared)
+    warnings += check_known(rig, declared)
     warnings += _check_rotation(rig)
     warnings += _check_scale(rig, baseline_sigma_m, declared)
     for name, camera, sigma in zip(("left", "right"), (rig.left, rig.right), rig.intrinsics_sigma or (), strict=True):
@@ -190,8 +190,13 @@ def _check_scale(rig: StereoRig, baseline_sigma_m: float, declared: Declared) ->
     return []
 
 
-def _check_known(rig: StereoRig, declared: Declared) -> list[CalibrationWarning]:
-    """Known lenses that the images contradict."""
+def check_known(rig: StereoRig, declared: Declared) -> list[CalibrationWarning]:
+    """Warnings of known lenses that the images contradict.
+
+    Args:
+        rig: with fitted lenses.
+        declared: the known lenses; their deviations, or the fitted ones where the lenses were kept.
+    """
     if declared.cameras is None or declared.sigmas is None:
         return []
     warnings = []
@@ -209,10 +214,29 @@ def _check_known(rig: StereoRig, declared: Declared) -> list[CalibrationWarning]
     return warnings
 
 
-def _check_rotation(rig: StereoRig) -> list[CalibrationWarning]:
-    if rig.covariance is None:
+def check_rests_on_lenses(freed: StereoRig) -> list[CalibrationWarning]:
+    """Warning that a rotation is determined by lenses that were kept.
+
+    Args:
+        freed: rig of the same views, its lenses fitted.
+    """
+    sigma_deg = _rotation_sigma_deg(freed)
+    if sigma_deg <= UNSURE_ROTATION_DEG:
         return []
-    sigma_deg = float(np.rad2deg(np.sqrt(np.diag(rig.covariance)[3:].max())))
+    message = (
+        f"the views alone give the rotation between the cameras to {sigma_deg:.1f} deg only: the stated deviations "
+        "hold if the lenses of --intrinsics are exact; give --intrinsics-sigma to include their error"
+    )
+    return [CalibrationWarning("rests_on_lenses", message)]
+
+
+def _rotation_sigma_deg(rig: StereoRig) -> float:
+    """Largest standard deviation of the rotation about an axis, degrees; 0 where it is not known."""
+    return 0.0 if rig.covariance is None else float(np.rad2deg(np.sqrt(np.diag(rig.covariance)[3:].max())))
+
+
+def _check_rotation(rig: StereoRig) -> list[CalibrationWarning]:
+    sigma_deg = _rotation_sigma_deg(rig)
     if sigma_deg <= UNSURE_ROTATION_DEG:
         return []
     message = (

@@ -26,6 +26,8 @@ from lmkit.calibration.sanity_checks import (
     CalibrationWarning,
     Declared,
     check_calibration,
+    check_known,
+    check_rests_on_lenses,
     require_majority,
     require_rigid,
     require_views,
@@ -184,6 +186,8 @@ def calibrate_stereo(
         half,
         declared or Declared(),
     )
+    if declared is not None and known is not None and declared.sigmas is None:
+        warnings = [*_check_kept(declared, StereoProblem(object_points, kept), s), *warnings]
     left, right = (np.concatenate([pair[side] for pair in residuals]) for side in (0, 1))
     return StereoCalibration(
         rig=rig,
@@ -211,6 +215,12 @@ def _known_lenses(
         return CAMERAS_KEPT
     mean = np.concatenate([intrinsics_vector(camera) for camera in cameras])
     return FitOptions(known=KnownIntrinsics(mean, np.concatenate(sigmas)))
+
+
+def _check_kept(declared: Declared, problem: StereoProblem, s: Solution) -> list[CalibrationWarning]:
+    """Warnings of lenses that were kept, by a fit of the same images in which they are free."""
+    freed, _ = _rig_of(problem.solve(s, FitOptions()))
+    return [*check_known(freed, replace(declared, sigmas=freed.intrinsics_sigma)), *check_rests_on_lenses(freed)]
 
 
 def _require_sizes(cameras: tuple[CameraModel, CameraModel], sizes: tuple[Size, Size]) -> None:

@@ -26,6 +26,7 @@ _MESSAGE_KEYS = {
     "K": "camera_matrix", "D": "distortion_coefficients", "R": "rectification_matrix", "P": "projection_matrix",
     "k": "camera_matrix", "d": "distortion_coefficients", "r": "rectification_matrix", "p": "projection_matrix",
 }  # fmt: skip
+NOT_A_ROTATION = 0.02
 _ROWS = {"camera_matrix": 3, "distortion_coefficients": 1, "rectification_matrix": 3, "projection_matrix": 3}
 
 
@@ -87,7 +88,7 @@ def read_camera_infos(left: Path, right: Path) -> StereoRig:
     cameras = [_camera(path, info) for path, info in zip((left, right), infos, strict=True)]
     for path, info in zip((left, right), infos, strict=True):
         R = _array(info.rectification_matrix, (3, 3), "rectification_matrix", path)
-        if not np.linalg.det(R) > 0.9:
+        if not np.abs(R @ R.T - np.eye(3)).max() < NOT_A_ROTATION or np.linalg.det(R) < 0:
             raise InputError(
                 "no_stereo",
                 f"{path}: rectification_matrix is not a rotation: the driver was not given a stereo calibration",

@@ -11,7 +11,7 @@ from board_views import BOARD, views
 from lmkit.calibration import bundle_adjustment as problem
 from lmkit.calibration.bundle_adjustment import FitOptions, Solution, StereoProblem, _moved, _Prior
 from lmkit.calibration.initialization import RADTAN, start_camera
-from lmkit.calibration.intrinsics import KnownIntrinsics, intrinsics_vector, sigma_of_pixels
+from lmkit.calibration.intrinsics import KnownIntrinsics, intrinsics_vector, sigma_of_pixels, with_intrinsics
 from lmkit.calibration.sanity_checks import CalibrationWarning, Declared
 from lmkit.calibration.stereo import calibrate_stereo
 from lmkit.calibration.uncertainty import projection_uncertainty
@@ -168,6 +168,9 @@ def test_known_intrinsics_are_kept_and_the_rotation_is_surer():
     half = [PairView(v.name, v.ids_left[:30], v.left[:30], v.ids_right[:30], v.right[:30]) for v in views(8, 0.1)]
     free = calibrate_stereo(half, BOARD, rig.left.image_size, "pinhole")
     kept = calibrate_stereo(half, BOARD, rig.left.image_size, declared=Declared(cameras=(rig.left, rig.right)))
+    assert [w.code for w in free.warnings if w.code == "unsure_rotation"] == [
+        w.code.replace("rests_on_lenses", "unsure_rotation") for w in kept.warnings if w.code == "rests_on_lenses"
+    ]
     assert np.array_equal(kept.rig.left.K, rig.left.K)
     assert np.array_equal(kept.rig.right.distortion, rig.right.distortion)
 
@@ -203,6 +206,23 @@ def test_lenses_known_within_stated_deviations_are_fitted_too():
     assert at <= 2.0
     assert abs(intrinsics_vector(moved.left)[2] - mean[2]) < 3 * at < 3.0
     assert np.sqrt(narrow.covariance[2, 2]) <= 1e-4 * (1 + 1e-9)
+
+
+def test_lenses_that_the_images_contradict_are_named():
+    """One camera's principal point is 25 px off, known to 2 px or kept; the other camera is right."""
+    rig = make_rig()
+    values = intrinsics_vector(rig.left)
+    other = with_intrinsics(rig.left, values + 25.0 * (np.arange(len(values)) == 2))
+    sigmas = sigma_of_pixels(rig.left, 2.0), sigma_of_pixels(rig.right, 2.0)
+
+    def warned(left, sigmas):
+        declared = Declared(cameras=(left, rig.right), sigmas=sigmas)
+        found = calibrate_stereo(views(6, 0.05), BOARD, rig.left.image_size, declared=declared)
+        return [w.message for w in found.warnings if w.code == "intrinsics_contradicted"]
+
+    for how in (sigmas, None):
+        assert "the left camera" in warned(other, how)[0]
+    assert warned(rig.left, None) == []
 
 
 def test_radtan_starts_with_four_coefficients_and_is_written_for_kalibr_exactly():

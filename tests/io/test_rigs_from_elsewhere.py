@@ -65,13 +65,14 @@ def test_camera_info_as_ros_tools_write_it(tmp_path, change):
     assert_is_the_rig(read_any_rig(camera_infos(tmp_path, change)))
 
 
-def test_a_camera_info_without_stereo_calibration_is_refused(tmp_path):
-    def zero(info: dict) -> str:
-        info["rectification_matrix"]["data"] = [0.0] * 9
+@pytest.mark.parametrize("diagonal", [(0.0, 0.0, 0.0), (2.0, 1.0, 1.0), (-1.0, 1.0, 1.0)])
+def test_a_camera_info_without_stereo_calibration_is_refused(tmp_path, diagonal):
+    def spoiled(info: dict) -> str:
+        info["rectification_matrix"]["data"] = np.diag(diagonal).ravel().tolist()
         return yaml.safe_dump(info)
 
     with pytest.raises(InputError, match="not a rotation"):
-        read_any_rig(camera_infos(tmp_path, zero))
+        read_any_rig(camera_infos(tmp_path, spoiled))
 
 
 @pytest.mark.parametrize("suffix", [".xml", ".json"])
