@@ -8,11 +8,14 @@ from pathlib import Path
 import numpy as np
 
 from lmkit.geometry.pose import Pose
+from lmkit.geometry.rotations import rotation_exp
+from lmkit.geometry.stereo_rig import StereoRig
 from lmkit.io.recording_tables import detections_to_csv, gyro_to_csv, odometry_to_csv
 from lmkit.io.rig import rig_to_yaml
-from lmkit.model.landmark_map import LandmarkMap, MappedLandmark
+from lmkit.model.landmark_map import LandmarkMap, MappedLandmark, day_of
 from lmkit.model.recording import Gyro, Odometry, RigFrame
-from lmkit.simulation.recording import make_drive
+from lmkit.simulation.recording import T_BASE_LEFT, Drive, WheelErrors, make_drive
+from lmkit.simulation.scene import make_rig
 
 DAY_S = 86400.0
 MONDAY_S = 1_790_000_000.0  # seconds since 1970
@@ -27,34 +30,86 @@ class Site:
     moved: dict[str, MappedLandmark]
 
 
+@dataclass(frozen=True)
+class Planted:
+    """Faults of robots: number and first day of each; ``mended`` is the day from which a new rig file is right."""
+
+    bumped: tuple[int, int] = (-1, 0)
+    mended: int = 1000
+    clock: tuple[int, int] = (-1, 0)
+    bump_deg: float = 0.4
+    delay_s: float = 0.9
+
+
+def day_name(day: int) -> str:
+    """Date of a day of the simulated site."""
+    return day_of(MONDAY_S + DAY_S * day)
+
+
 def write_site(
-    folder: Path, halls: int, days: int, seconds: float = 40.0, count: int = 10, moved: bool = True
+    folder: Path,
+    halls: int,
+    days: int,
+    seconds: float = 40.0,
+    count: int = 10,
+    moved: int | bool = True,
+    robots: int = 2,
+    hz: float = 5.0,
+    planted: Planted = Planted(),
 ) -> Site:
-    """Write ``logs/HALL/ROBOT/DAY/`` with detections.csv, odometry.csv and gyro.csv, and ``rigs/ROBOT.yaml``."""
+    """Write ``logs/HALL/ROBOT/DATE/`` with detections.csv, odometry.csv and gyro.csv, and ``rigs/ROBOT/DATE.yaml``.
+
+    Args:
+        moved: halls in which a landmark is moved before the last day.
+    """
     maps, away_by_hall = {}, {}
+    straight = replace(make_rig(), T_base_left=T_BASE_LEFT)
+    bumped_rig = bumped(straight, planted.bump_deg)
+    for number in range(robots):
+        rigs = folder / "rigs" / f"robot{number}"
+        rigs.mkdir(parents=True)
+        (rigs / f"{day_name(0)}.yaml").write_text(rig_to_yaml(straight))
+        if number == planted.bumped[0] and planted.mended < days:
+            (rigs / f"{day_name(planted.mended)}.yaml").write_text(rig_to_yaml(bumped_rig))
     for hall in range(halls):
-        first = make_drive(100 + hall, seconds, count=count)
+        first = make_drive(100 + hall, seconds, hz, count=count)
         name = f"hall{hall}"
         maps[name] = first.landmarks
         other = most_seen(first.frames, first.landmarks)
         T = other.T_map_landmark
         away = replace(other, T_map_landmark=Pose("map", "landmark", T.R, T.t + SHIFT_M * T.R[:, 0]))
-        away_by_hall[name] = away
+        is_moved = hall < (halls if moved is True else int(moved))
+        if is_moved:
+            away_by_hall[name] = away
         later = LandmarkMap([away if m.id == other.id else m for m in first.landmarks])
         for day in range(days):
-            landmarks = later if moved and day == days - 1 > 0 else first.landmarks
-            drive = make_drive(1000 * hall + day, seconds, count=count, landmarks=landmarks)
-            start = MONDAY_S + DAY_S * day
-            robot = folder / "logs" / name / f"robot{(hall + day) % 2}" / f"day{day}"
-            robot.mkdir(parents=True)
-            frames = [RigFrame(f.time_s + start, f.seen, f.name) for f in drive.frames]
-            (robot / "detections.csv").write_text(detections_to_csv(frames))
-            o, g = drive.odometry, drive.gyro
-            (robot / "odometry.csv").write_text(odometry_to_csv(Odometry(o.times_s + start, o.forward_m, o.turn_rad)))
-            (robot / "gyro.csv").write_text(gyro_to_csv(Gyro(g.times_s + start, g.rate_radps)))
-            (folder / "rigs").mkdir(exist_ok=True)
-            (folder / "rigs" / f"{robot.parent.name}.yaml").write_text(rig_to_yaml(drive.rig))
-    return Site(maps, away_by_hall if moved else {})
+            number = (hall + day) % robots
+            is_bumped = number == planted.bumped[0] and day >= planted.bumped[1]
+            is_off = number == planted.clock[0] and day >= planted.clock[1]
+            drive = make_drive(
+                1000 * hall + day, seconds, hz, count=count,
+                errors=WheelErrors(delay_s=planted.delay_s) if is_off else None,
+                rig=bumped_rig if is_bumped else straight,
+                landmarks=later if is_moved and day == days - 1 > 0 else first.landmarks,
+            )  # fmt: skip
+            _write_recording(folder / "logs" / name / f"robot{number}" / day_name(day), drive, MONDAY_S + DAY_S * day)
+    return Site(maps, away_by_hall)
+
+
+def _write_recording(folder: Path, drive: Drive, start_s: float) -> None:
+    folder.mkdir(parents=True)
+    frames = [RigFrame(f.time_s + start_s, f.seen, f.name) for f in drive.frames]
+    (folder / "detections.csv").write_text(detections_to_csv(frames))
+    o, g = drive.odometry, drive.gyro
+    (folder / "odometry.csv").write_text(odometry_to_csv(Odometry(o.times_s + start_s, o.forward_m, o.turn_rad)))
+    (folder / "gyro.csv").write_text(gyro_to_csv(Gyro(g.times_s + start_s, g.rate_radps)))
+
+
+def bumped(rig: StereoRig, yaw_deg: float) -> StereoRig:
+    """The rig with its right camera yawed."""
+    T = rig.T_right_left
+    turn = rotation_exp(np.deg2rad([0.0, yaw_deg, 0.0]))
+    return replace(rig, T_right_left=Pose(T.to_frame, T.from_frame, turn @ T.R, T.t))
 
 
 def most_seen(frames: tuple[RigFrame, ...], landmarks: LandmarkMap) -> MappedLandmark:

@@ -10,7 +10,7 @@ import typer
 from lmkit.cli import options
 from lmkit.cli.fleet_recordings import Engine, Family, Hz, Retry, Shard, StoreUri, detect_options, show_outcomes
 from lmkit.cli.map_options import read_mounted_map
-from lmkit.cli.output import check_outputs, print_json, print_line, write_outputs
+from lmkit.cli.output import check_outputs, print_json, print_line, progress, write_outputs
 from lmkit.errors import InputError
 
 
@@ -26,19 +26,26 @@ def survey(
     known: Annotated[
         Path | None, typer.Option("--known", help="Map of landmarks with known poses; it defines the frame.")
     ] = None,
+    engine: Engine = "local",
     family: Family = "lm8",
     hz: Hz = None,
+    jobs: options.Jobs = None,
     as_json: options.Json = False,
     force: options.Force = False,
 ) -> None:
-    """Build the landmark map of every site from all of its recordings."""
+    """Check every rig by the landmarks, and build the map of every site from all of its recordings."""
+    from lmkit.fleet.detection import detected_recordings
+    from lmkit.fleet.jobs import run_stage
     from lmkit.fleet.mapping import detected_by_site, survey_site, write_site
+    from lmkit.fleet.rig_checks import STAGE as CHECK
+    from lmkit.fleet.rig_checks import bumped_recordings, check_options, check_recording, store_check_options
     from lmkit.fleet.store import Store
     from lmkit.units import parse_length_mm
 
     place, size_m = Store(store), parse_length_mm(size, "--size") / 1000
     anchors = None if known is None else read_mounted_map(known)
-    sites = detected_by_site(place, detect_options(family, hz))
+    detect = detect_options(family, hz)
+    sites = detected_by_site(place, detect)
     if not sites:
         raise InputError(
             "nothing_detected", "no recording was detected with these options", "run lmkit fleet detect with them"
@@ -47,21 +54,30 @@ def survey(
         site: output if len(sites) == 1 else output.with_stem(f"{output.stem}-{site or 'site'}") for site in sites
     }
     check_outputs(tuple(outputs.values()), None, force)
+    check = check_options(detect, size_m, {m.id: m.size_m for m in anchors or ()})
+    ready = detected_recordings(place, detect)
+    for _ in progress(
+        run_stage(place, CHECK, check_recording, check, engine, recordings=ready), None, "checking rigs"
+    ):
+        pass
+    store_check_options(place, check)
+    bumped = bumped_recordings(place, check)
     for site, detected in sites.items():
-        surveyed = survey_site(site, detected, size_m, anchors)
+        surveyed = survey_site(site, detected, size_m, anchors, (), bumped)
         write_outputs({outputs[site]: write_site(place, surveyed)}, force)
         summary = surveyed.to_dict()
         if as_json:
             print_json({"map": str(outputs[site]), **summary})
             continue
         for text in (
-            *summary["moved"],
+            *(moved["sentence"] for moved in summary["moved"]),
             *(f"{name}: {why}" for name, why in summary["left_out"].items()),
             *summary["warnings"],
         ):
             print_line(text)
-        joined = f"{summary['joined']} of {summary['recordings']} recordings"
-        print_line(f"{summary['landmarks']} landmarks from {joined} -> {outputs[site]}")
+        fitting = len(summary["recordings"])
+        joined = f"{fitting} of {fitting + len(summary['left_out'])} recordings"
+        print_line(f"{len(summary['landmarks'])} landmarks from {joined} -> {outputs[site]}")
 
 
 def track(
@@ -75,14 +91,14 @@ def track(
     as_json: options.Json = False,
 ) -> None:
     """Track every recording through the map of its site."""
-    from lmkit.fleet.detection import STAGE as DETECT
-    from lmkit.fleet.jobs import done_jobs, run_stage
+    from lmkit.fleet.detection import detected_recordings
+    from lmkit.fleet.jobs import run_stage
     from lmkit.fleet.store import Store
     from lmkit.fleet.tracking import STAGE, track_recording
 
     place = Store(store)
     chosen = _track_options(place, family, hz)
-    detected = [recording for recording, _, outcome in done_jobs(place, DETECT, chosen["detect"]) if outcome.ok]
+    detected = detected_recordings(place, chosen["detect"])
     outcomes = run_stage(place, STAGE, track_recording, chosen, engine, shard, retry, detected)
     show_outcomes(outcomes, "tracking", as_json)
 
@@ -92,17 +108,24 @@ def report(
     output: Annotated[Path, typer.Option("-o", "--output", help="HTML file to write.")],
     family: Family = "lm8",
     hz: Hz = None,
+    as_json: options.Json = False,
     force: options.Force = False,
 ) -> None:
-    """Write one HTML page about recordings, robots, landmarks and errors."""
+    """Write one HTML page about recordings, robots, landmarks and faults."""
     from lmkit.fleet.mapping import stored_sites
-    from lmkit.fleet.report import fleet_report
+    from lmkit.fleet.report import fleet_report, fleet_state
     from lmkit.fleet.store import Store
 
     check_outputs((output,), None, force)
     place = Store(store)
     tracked = _track_options(place, family, hz) if stored_sites(place) else None
-    write_outputs({output: fleet_report(place, detect_options(family, hz), tracked)}, force)
+    state = fleet_state(place, detect_options(family, hz), tracked)
+    write_outputs({output: fleet_report(place, state)}, force)
+    if as_json:
+        print_json({"report": str(output), "faults": [fault.to_dict() for fault in state.faults()]})
+        return
+    for fault in state.faults():
+        print_line(str(fault))
     print_line(str(output))
 
 

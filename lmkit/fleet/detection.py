@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import tempfile
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -10,8 +11,8 @@ from typing import Any
 import numpy as np
 
 from lmkit.errors import InputError
-from lmkit.fleet.jobs import StageJob
-from lmkit.fleet.recordings import BAG_FOLDER_HAS, BAGS
+from lmkit.fleet.jobs import StageJob, done_jobs
+from lmkit.fleet.recordings import BAG_FOLDER_HAS, BAGS, FleetRecording
 from lmkit.fleet.store import Store, open_uri
 from lmkit.geometry.rig import AnyRig, mounted_cameras
 from lmkit.io.any_rig import read_any_rig
@@ -122,6 +123,11 @@ def write_recording(store: Store, folder: str, recording: Recording, rig: AnyRig
             f"{folder}/gyro.parquet", {"times_s": gyro.times_s.tolist(), "rate_radps": gyro.rate_radps.tolist()}
         )
     store.write(f"{folder}/rig.yaml", rig_to_yaml(rig))
+
+
+def detected_recordings(store: Store, options: Mapping[str, Any]) -> list[FleetRecording]:
+    """Recordings that were detected with these options."""
+    return [recording for recording, _, outcome in done_jobs(store, STAGE, options) if outcome.ok]
 
 
 def read_detected(store: Store, name: str, key: str) -> Detected:

@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
-from datetime import UTC, datetime
+from dataclasses import dataclass, replace
 from typing import Any
 
 from lmkit.api.recordings import motion_of
@@ -13,11 +12,11 @@ from lmkit.fleet.detection import Detected, read_detected
 from lmkit.fleet.jobs import done_jobs
 from lmkit.fleet.store import Store
 from lmkit.io.landmark_map import map_to_yaml
-from lmkit.mapping.joint_survey import JointSurvey, MovedLandmark
+from lmkit.mapping.joint_survey import JointSurvey
 from lmkit.mapping.several_recordings import NamedRecording, survey_recordings
 from lmkit.mapping.survey import anchors_of, landmark_sizes
 from lmkit.mapping.wall_constraints import LandmarkConstraint
-from lmkit.model.landmark_map import CALENDAR_S, LandmarkMap
+from lmkit.model.landmark_map import LandmarkMap
 
 STAGE = "survey"
 
@@ -29,33 +28,14 @@ class SiteSurvey:
     Attributes:
         site: its name; empty where the fleet has one site.
         joint: map, moved landmarks, recordings that do not fit.
-        recordings: names of all that were surveyed, those left out among them.
     """
 
     site: str
     joint: JointSurvey
-    recordings: tuple[str, ...]
 
     def to_dict(self) -> dict[str, Any]:
-        """JSON of ``lmkit fleet survey``."""
-        return {
-            "site": self.site,
-            "recordings": len(self.recordings),
-            "joined": len(self.joint.names),
-            "landmarks": len(self.joint.landmarks),
-            "left_out": dict(self.joint.left_out),
-            "moved": [_moved(moved) for moved in self.joint.moved],
-            "warnings": list(self.joint.warnings),
-        }
-
-
-def _moved(moved: MovedLandmark) -> str:
-    """The sentence about a moved landmark, with days where the recordings' clocks count from 1970."""
-    last, first = moved.before.valid_to_s, moved.after.valid_from_s
-    if last is None or first is None or last < CALENDAR_S:
-        return str(moved)
-    days = [datetime.fromtimestamp(t, UTC).strftime("%Y-%m-%d") for t in (last, first)]
-    return f"{moved} (last seen there {days[0]}, seen elsewhere from {days[1]})"
+        """JSON of ``lmkit fleet survey`` (docs/formats.md): that of ``lmkit survey`` with several recordings."""
+        return {"site": self.site, **self.joint.to_dict()}
 
 
 def detected_by_site(store: Store, options: Mapping[str, Any]) -> dict[str, list[Detected]]:
@@ -74,21 +54,27 @@ def survey_site(
     size_m: float,
     known: LandmarkMap | None = None,
     constraints: Sequence[LandmarkConstraint] = (),
+    bumped: Mapping[str, str] | None = None,
 ) -> SiteSurvey:
     """Survey the recordings of one site into one map.
 
     Args:
         size_m: side of the landmarks, meters; landmarks in ``known`` have their own.
         known: landmarks with known poses, such as yesterday's map; it defines the map frame.
+        bumped: why a recording's rig is no longer true, by the recording's name; those are left out while there are
+            others.
 
     Raises:
         InputError: no recording can be surveyed.
     """
     anchors = {} if known is None else anchors_of(known)
-    frames = [frame for one in detected for frame in one.recording.frames]
-    named = [NamedRecording(d.name, d.recording.frames, d.rig, motion_of(d.recording)) for d in detected]
+    reasons = {d.name: bumped[d.name] for d in detected if bumped and d.name in bumped}
+    left_out = reasons if len(reasons) < len(detected) else {}
+    used = [d for d in detected if d.name not in left_out]
+    frames = [frame for one in used for frame in one.recording.frames]
+    named = [NamedRecording(d.name, d.recording.frames, d.rig, motion_of(d.recording)) for d in used]
     joint = survey_recordings(named, landmark_sizes(frames, size_m, anchors), anchors, constraints, True)
-    return SiteSurvey(site, joint, tuple(d.name for d in detected))
+    return SiteSurvey(site, replace(joint, left_out={**left_out, **joint.left_out}))
 
 
 def write_site(store: Store, surveyed: SiteSurvey) -> str:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import glob
 import hashlib
 import json
 import re
@@ -12,6 +13,7 @@ from typing import Any
 
 from lmkit.errors import InputError
 from lmkit.fleet.store import Store, open_uri
+from lmkit.model.landmark_map import day_of
 from lmkit.pipelines.recording_folder import DETECTIONS, VIDEOS
 from lmkit.version import __version__
 
@@ -20,7 +22,8 @@ BAGS = (".mcap", ".bag", ".db3")
 BAG_FOLDER_HAS = "metadata.yaml"  # of a ROS 2 bag
 IMAGES = (".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff", ".webp")
 PLACEHOLDER = re.compile(r"\{(\w+)\}")
-KNOWN = ("site", "robot", "recording")
+KNOWN = ("site", "robot", "recording", "date")
+DATE = re.compile(r"(?<!\d)(\d{4})-?(\d{2})-?(\d{2})(?!\d)")  # 2026-11-27 or 20261127
 
 
 @dataclass(frozen=True)
@@ -59,9 +62,10 @@ def find_recordings(pattern: str, rig: str = "") -> list[FleetRecording]:
     """Recordings whose paths fit a pattern.
 
     Args:
-        pattern: path or URI with ``*``, ``**`` and the names ``{site}``, ``{robot}``, ``{recording}``, each of which
-            stands for one part of the path: ``logs/{site}/{robot}/*.mcap``.
-        rig: path of the rig files, with the same names: ``rigs/{robot}.yaml``.
+        pattern: path or URI with ``*``, ``**`` and the names ``{site}``, ``{robot}``, ``{recording}``, ``{date}``,
+            each of which stands for one part of the path: ``logs/{site}/{robot}/*.mcap``.
+        rig: path of the rig files, with the same names: ``rigs/{robot}.yaml``; with ``{date}``, of several files the
+            last one that is not later than the recording: ``rigs/{robot}/{date}.yaml``.
 
     Raises:
         InputError: an unknown name, a rig's name that the pattern lacks, or nothing fits.
@@ -69,7 +73,9 @@ def find_recordings(pattern: str, rig: str = "") -> list[FleetRecording]:
     from pyarrow import fs
 
     names = PLACEHOLDER.findall(pattern)
-    unknown = [n for n in names if n not in KNOWN] + [n for n in PLACEHOLDER.findall(rig) if n not in names]
+    unknown = [n for n in names if n not in KNOWN] + [
+        n for n in PLACEHOLDER.findall(rig) if n not in (*names, "date")
+    ]
     if unknown:
         raise InputError(
             "bad_pattern",
@@ -91,7 +97,7 @@ def find_recordings(pattern: str, rig: str = "") -> list[FleetRecording]:
         if size is None:
             continue
         source = f"{scheme}{separator}{info.path}" if separator else info.path
-        mine = _filled(rig, matched.groupdict())
+        mine = _rig_file(rig, matched.groupdict(), modified)
         found.append(FleetRecording(source, parts["site"], parts["robot"], mine, size, modified))
     if not found:
         raise InputError(
@@ -100,6 +106,26 @@ def find_recordings(pattern: str, rig: str = "") -> list[FleetRecording]:
             f"a recording is a bag ({', '.join(BAGS)}) or a folder with detections.csv or images; quote the pattern",
         )
     return sorted(found, key=lambda r: r.source)
+
+
+def _rig_file(template: str, parts: Mapping[str, str], modified_s: float) -> str:
+    """The rig file of a recording; of several with dates the last one that is not later than it.
+
+    The recording's day is ``{date}`` of its path if that is a date, else the day of its latest change.
+    """
+    day = _date_in(parts.get("date", "")) or day_of(modified_s)
+    filled = _filled(template, {**parts, "date": day})
+    if "{date}" not in template:
+        return filled
+    dated = _filled(template, {**{name: glob.escape(part) for name, part in parts.items()}, "date": "*"})
+    files = [(date, file) for file in glob.glob(dated) if (date := _date_in(Path(file).name) or _date_in(file))]
+    return max(((date, file) for date, file in files if date <= day), default=("", filled))[1]
+
+
+def _date_in(text: str) -> str:
+    """The first date in a text, as 2026-11-27; empty: there is none."""
+    found = DATE.search(text)
+    return "-".join(found.groups()) if found else ""
 
 
 def _filled(template: str, parts: Mapping[str, str]) -> str:

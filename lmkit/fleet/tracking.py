@@ -42,6 +42,7 @@ def track_recording(job: StageJob) -> dict[str, Any]:
         "outliers": dict(outliers.most_common(10)),
         "remarks": list(tracked.remarks),
         "parameters": {name: float(value) for name, value in tracked.parameters.items()},
+        "parameter_sigmas": {name: float(value) for name, value in tracked.parameter_sigmas.items()},
     }
 
 

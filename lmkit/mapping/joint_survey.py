@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -14,7 +14,7 @@ from lmkit.mapping.survey_results import Survey, landmark_dict
 from lmkit.mapping.wall_constraints import LandmarkConstraint
 from lmkit.model.landmark_id import LandmarkId
 from lmkit.model.landmark_information import LandmarkInformation
-from lmkit.model.landmark_map import LandmarkMap, MappedLandmark
+from lmkit.model.landmark_map import CALENDAR_S, LandmarkMap, MappedLandmark, day_of
 
 OF_RECORDING = ("frames", "located", "dropped", "reprojection_error_px", "jumps", "odometry")
 
@@ -46,11 +46,32 @@ class MovedLandmark:
     def __str__(self) -> str:
         text = (
             f"{self.before.id} was moved by {self.meters:.2f} m and {np.rad2deg(self.radians):.0f} deg between "
-            f"{', '.join(self.seen_before)} and {', '.join(self.seen_after)}"
+            f"{_some(self.seen_before)} and {_some(self.seen_after)}"
         )
-        if self.before.valid_to_s is None:
+        last, first = self.before.valid_to_s, self.after.valid_from_s
+        if last is None:
             text += "; their clocks overlap, so that the map has its pose in the recording given last"
+        elif first is not None and last > CALENDAR_S:
+            text += f" (last seen there {day_of(last)}, seen elsewhere from {day_of(first)})"
         return text
+
+    def to_dict(self) -> dict[str, Any]:
+        """JSON of a moved landmark in ``lmkit survey`` and ``lmkit fleet survey``."""
+        return {
+            "id": str(self.before.id),
+            "metres": self.meters,
+            "radians": self.radians,
+            "before": list(self.seen_before),
+            "after": list(self.seen_after),
+            "valid_to_s": self.before.valid_to_s,
+            "valid_from_s": self.after.valid_from_s,
+            "sentence": str(self),
+        }
+
+
+def _some(names: Sequence[str]) -> str:
+    """Names in a sentence; of many, the first and the last."""
+    return ", ".join(names) if len(names) <= 4 else f"{names[0]} ... {names[-1]} ({len(names)} recordings)"
 
 
 @dataclass(frozen=True, eq=False)
@@ -90,16 +111,7 @@ class JointSurvey:
             ],
             "left_out": dict(self.left_out),
             "landmarks": [{**landmark_dict(m), "valid_from_s": m.valid_from_s} for m in self.landmarks],
-            "moved": [
-                {
-                    "id": str(one.before.id),
-                    "metres": one.meters,
-                    "radians": one.radians,
-                    "before": list(one.seen_before),
-                    "after": list(one.seen_after),
-                }
-                for one in self.moved
-            ],
+            "moved": [one.to_dict() for one in self.moved],
             "poorly_determined": [str(id_) for id_, _, _ in self.poorly_determined],
             "unplaced": [str(id_) for id_ in self.unplaced],
             "ambiguous": [str(id_) for id_ in self.ambiguous],

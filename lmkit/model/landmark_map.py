@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
+from datetime import UTC, datetime
 from functools import cached_property
 
 import numpy as np
@@ -16,6 +17,11 @@ from lmkit.model.landmark_id import LandmarkId
 
 NAMED = 4  # landmarks in an error message
 CALENDAR_S = 1e8  # clocks beyond count from 1970, clocks below from when they were started
+
+
+def day_of(time_s: float) -> str:
+    """Date in UTC of seconds since 1970, such as 2026-11-27."""
+    return datetime.fromtimestamp(time_s, UTC).strftime("%Y-%m-%d")
 
 
 @dataclass(frozen=True, eq=False)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 
 import pytest
-from fleet_site import map_error_m, write_site
+from fleet_site import day_name, map_error_m, write_site
 
 from lmkit.io.external_maps import read_any_map
 
@@ -19,21 +19,21 @@ def days(tmp_path_factory):
 
 def test_two_days_make_one_map(lmkit, days, tmp_path):
     folder, recordings, site = days
-    rig = next((folder / "rigs").iterdir())
+    rig = next(folder.glob("rigs/*/*.yaml"))
     answer = lmkit("survey", *recordings, "--rig", str(rig), "-o", "map.yaml", "--tum", "poses.tum", "--json")
     assert answer.code == 0, answer.err
     summary = json.loads(answer.out)
-    assert [r["name"] for r in summary["recordings"]] == ["day0", "day1"]
+    assert [r["name"] for r in summary["recordings"]] == [day_name(0), day_name(1)]
     assert summary["left_out"] == {} and summary["moved"] == []
     assert all(r["located"] > 0.9 * r["frames"] for r in summary["recordings"])
     found = read_any_map(tmp_path / "map.yaml")
     assert map_error_m(found, site.maps["hall0"]) < 0.03
-    assert (tmp_path / "poses-day0.tum").exists() and (tmp_path / "poses-day1.tum").exists()
+    assert all((tmp_path / f"poses-{day_name(day)}.tum").exists() for day in (0, 1))
 
 
 def test_options_of_single_recordings_are_refused(lmkit, days):
     folder, recordings, _ = days
-    rig = next((folder / "rigs").iterdir())
+    rig = next(folder.glob("rigs/*/*.yaml"))
     answer = lmkit("survey", *recordings, "--rig", str(rig), "-o", "m.yaml", "--report", "r.html")
     assert answer.code == 2
     assert "--report" in answer.err and "several recordings" in answer.err
@@ -42,7 +42,7 @@ def test_options_of_single_recordings_are_refused(lmkit, days):
 def test_a_folder_without_a_recording_is_named(lmkit, days, tmp_path):
     folder, recordings, _ = days
     (tmp_path / "empty").mkdir()
-    rig = next((folder / "rigs").iterdir())
+    rig = next(folder.glob("rigs/*/*.yaml"))
     answer = lmkit("survey", *recordings, "empty", "--rig", str(rig), "-o", "m.yaml")
     assert answer.code == 2
     assert "empty holds no recording" in answer.err and "left, right" in answer.err
