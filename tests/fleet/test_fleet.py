@@ -112,7 +112,7 @@ def test_planted_faults_are_found(lmkit, written, tmp_path):
     assert [f["day"] for f in faults["moved"]] == [day_name(2)] * 2
     page = (tmp_path / "fleet.html").read_text()
     assert str(site.moved["hall0"].id) in page
-    assert "damaged" in page and f"robot1 ({day_name(1)})" in page
+    assert "damaged" in page and f"hall0/robot1/{day_name(1)} ({day_name(1)})" in page
 
 
 def test_stored_detections_read_back_exactly(small, tmp_path):
