@@ -32,10 +32,10 @@ class Site:
 
 @dataclass(frozen=True)
 class Planted:
-    """Faults of robots: number and first day of each; ``mended`` is the day from which a new rig file is right."""
+    """Faults of robots: number and first day of each; ``recalibrated`` is the day of a new rig file."""
 
     bumped: tuple[int, int] = (-1, 0)
-    mended: int = 1000
+    recalibrated: int = 1000
     clock: tuple[int, int] = (-1, 0)
     bump_deg: float = 0.4
     delay_s: float = 0.9
@@ -69,8 +69,8 @@ def write_site(
         rigs = folder / "rigs" / f"robot{number}"
         rigs.mkdir(parents=True)
         (rigs / f"{day_name(0)}.yaml").write_text(rig_to_yaml(straight))
-        if number == planted.bumped[0] and planted.mended < days:
-            (rigs / f"{day_name(planted.mended)}.yaml").write_text(rig_to_yaml(bumped_rig))
+        if number == planted.bumped[0] and planted.recalibrated < days:
+            (rigs / f"{day_name(planted.recalibrated)}.yaml").write_text(rig_to_yaml(bumped_rig))
     for hall in range(halls):
         first = make_drive(100 + hall, seconds, hz, count=count)
         name = f"hall{hall}"

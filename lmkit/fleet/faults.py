@@ -109,9 +109,9 @@ def _fault(kind: str, sentence: str, run: Sequence[Row], when: When) -> Fault:
 
 def _bumped_rigs(checked: Rows, when: When) -> list[Fault]:
     """Rigs that landmarks contradict, by robot, from the first day on."""
-    told = [row for row in checked if any(c["state"] != UNKNOWN for c in row[2].facts.get("cameras", ()))]
+    judged = [row for row in checked if any(c["state"] != UNKNOWN for c in row[2].facts.get("cameras", ()))]
     faults = []
-    for good, run in _runs(told, when, lambda row: bool(moved_cameras(row[2].facts))):
+    for good, run in _runs(judged, when, lambda row: bool(moved_cameras(row[2].facts))):
         surest = min(run, key=lambda row: min(max(c["turn_sigma_deg"]) for c in moved_cameras(row[2].facts)))
         before = f", true until {good}" if good else ""
         sentence = f"{bumped_sentence(moved_cameras(surest[2].facts))} against its rig file{before}; recalibrate"
@@ -121,10 +121,10 @@ def _bumped_rigs(checked: Rows, when: When) -> list[Fault]:
 
 def _slow_clocks(tracked: Rows, when: When) -> list[Fault]:
     """Robots whose odometry's clock differs from the cameras' otherwise than in the fleet."""
-    told = [row for row in tracked if DELAY in row[2].facts.get("parameters", {})]
-    if len(told) < LEAST_CLOCKS:
+    judged = [row for row in tracked if DELAY in row[2].facts.get("parameters", {})]
+    if len(judged) < LEAST_CLOCKS:
         return []
-    usual = float(np.median([row[2].facts["parameters"][DELAY] for row in told]))
+    usual = float(np.median([row[2].facts["parameters"][DELAY] for row in judged]))
 
     def off_s(row: Row) -> float:
         return float(row[2].facts["parameters"][DELAY]) - usual
@@ -134,7 +134,7 @@ def _slow_clocks(tracked: Rows, when: When) -> list[Fault]:
         return abs(off_s(row)) > max(CLOCK_S, CLOCK_SIGMA * sigma)
 
     faults = []
-    for good, run in _runs(told, when, is_off):
+    for good, run in _runs(judged, when, is_off):
         off = float(np.median([off_s(row) for row in run]))
         before = f", right until {good}" if good else ""
         sentence = (

@@ -42,7 +42,7 @@ class FleetState:
     tracked: Rows
 
     def faults(self) -> list[Fault]:
-        """What a person should look at."""
+        """Everything that a person should look at."""
         return find_faults(self.sites, self.detected, self.checked, self.tracked)
 
 
@@ -100,8 +100,8 @@ def _robots(state: FleetState) -> str:
         frames, ok = sum(f["frames"] for f in ran), sum(f["ok"] for f in ran)
         share = f"{100 * ok / frames:.1f} %" if frames else "-"
         looked = [checks[r.source].facts for r, _ in mine if r.source in checks]
-        told = [f for f in looked if any(c["state"] != UNKNOWN for c in f["cameras"])]
-        true = f"{sum(not moved_cameras(f) for f in told)} of {len(told)}" if told else "-"
+        judged = [f for f in looked if any(c["state"] != UNKNOWN for c in f["cameras"])]
+        true = f"{sum(not moved_cameras(f) for f in judged)} of {len(judged)}" if judged else "-"
         delays = [f["parameters"][DELAY] for f in ran if DELAY in f["parameters"]]
         delay = f"{float(np.median(delays)):.2f}" if delays else "-"
         failed = sum(not o.ok for _, o in mine)

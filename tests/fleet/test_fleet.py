@@ -39,7 +39,7 @@ def small(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def written(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Site]:
     folder = tmp_path_factory.mktemp("site")
     # robot1's camera is bumped on the second day, and its rig calibrated anew on the third.
-    planted = Planted(bumped=(1, 1), mended=2, clock=(0, 1))
+    planted = Planted(bumped=(1, 1), recalibrated=2, clock=(0, 1))
     site = write_site(folder, halls=2, days=3, planted=planted)
     damaged = folder / "logs" / "hall0" / "robot1" / "damaged"
     damaged.mkdir()
