@@ -58,11 +58,21 @@ def test_cmyk_is_converted():
     assert image[5, 5, 0] < 60
 
 
-def test_exif_orientation_is_applied():
-    photo = plain("RGB", RED_RGB)
+@pytest.mark.parametrize(
+    ("orientation", "corner"),
+    [(1, (0, 0)), (2, (0, -1)), (3, (-1, -1)), (4, (-1, 0)), (5, (0, 0)), (6, (0, -1)), (7, (-1, -1)), (8, (-1, 0))],
+)
+def test_exif_orientation_is_applied(orientation, corner):
+    """The stored image is white at its first row and column; a viewer shows that corner where EXIF says."""
+    stored = np.zeros((16, 32, 3), dtype=np.uint8)
+    stored[:8, :8] = 255
+    photo = Image.fromarray(stored)
     exif = photo.getexif()
-    exif[0x0112] = 6  # turn by a quarter
-    assert decode_image(encoded(photo, "JPEG", exif=exif), "x").shape == (20, 10, 3)
+    exif[0x0112] = orientation
+    shown = decode_image(encoded(photo, "JPEG", exif=exif), "x")
+    assert shown.shape == ((32, 16, 3) if orientation > 4 else (16, 32, 3))
+    corners = {place: shown[place].mean() > 128 for place in ((0, 0), (0, -1), (-1, 0), (-1, -1))}
+    assert corners == {place: place == corner for place in corners}
 
 
 @pytest.mark.parametrize("kind", ["JPEG", "PNG"])
