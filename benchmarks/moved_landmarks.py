@@ -83,7 +83,7 @@ def main() -> None:
     for meters, degrees in CASES:
         rows = [trial(seed, meters, degrees) for seed in range(rooms)]
         errors = 1000 * np.array([error for _, _, error in rows])
-        what = f"{100 * meters:g} cm" if meters else f"{degrees:g} deg"
+        what = f"{100 * meters:g} cm" if meters else f"{degrees:g} deg" if degrees else "not at all"
         found = sum(found for found, _, _ in rows) if meters or degrees else "-"
         wrong = sum(others > 0 for _, others, _ in rows)
         print(

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING
 
 from lmkit.api.arguments import ImageLike, PathLike, as_map, as_meters, as_rig
@@ -14,6 +14,7 @@ from lmkit.model.recording import Odometry
 
 if TYPE_CHECKING:
     from lmkit.calibration.mono import CameraCalibration
+    from lmkit.calibration.several_cameras import RigCalibration
     from lmkit.calibration.stereo import StereoCalibration
     from lmkit.geometry.rig import AnyRig
     from lmkit.localization.absolute_pose import LocateOptions
@@ -25,17 +26,17 @@ if TYPE_CHECKING:
 
 
 def calibrate(
-    left: PathLike,
+    left: PathLike | Sequence[PathLike],
     right: PathLike | None = None,
     board: str | BoardSpec = "",
     *,
     model: str = "auto",
     progress: Callable[[int, int], None] = lambda done, total: None,
-) -> StereoCalibration | CameraCalibration:
-    """Calibrate one camera from images of a board, or a stereo camera from pairs of images.
+) -> StereoCalibration | CameraCalibration | RigCalibration:
+    """Calibrate one camera from images of a board, a stereo camera from pairs of images, or a rig of several cameras.
 
     Args:
-        left: folder or glob of images; of one camera also a video.
+        left: folder or glob of images; of one camera also a video; of three and more cameras a list of folders.
         right: the right camera's images, paired by sorted name; None for one camera.
         board: such as ``"chessboard:9x6:25mm"`` (inner corners).
         model: ``"pinhole"``, ``"rational"``, ``"fisheye"``, or ``"auto"``; ``"fisheye,pinhole"`` for unequal lenses.
@@ -56,8 +57,15 @@ def calibrate(
     from lmkit.model.board import BoardSpec
     from lmkit.pipelines.board_views import find_board_pairs
     from lmkit.pipelines.camera_views import find_board_images
+    from lmkit.pipelines.rig_views import calibrate_sources
 
     spec = BoardSpec.parse(board) if isinstance(board, str) else board
+    if not isinstance(left, (str, os.PathLike)):
+        sources = [os.fspath(source) for source in left]
+        if len(sources) < 3 or right is not None:
+            hint = "give one or two cameras as left and right, and three or more as one list"
+            raise InputError("wrong_camera_count", f"a list of {len(sources)} cameras' images is no rig", hint)
+        return calibrate_sources(sources, spec, model, progress)
     if right is None:
         found = find_board_images(os.fspath(left), spec, progress)
         return calibrate_camera(found.views, found.board, found.image_size, model, found.rejected)
