@@ -171,7 +171,7 @@ CASES = (
     Case("calibrate boards/left boards/right --check rig.yaml --board chessboard:9x6:25mm", ("rig.yaml",), 0.1,
          "boards"),
     Case("unbag drive -o out/bag", ("drive/drive.db3", "drive/metadata.yaml")),
-    Case("run run.yaml --check", ("run.yaml", "rig.yaml", "map.yaml")),
+    Case("run run.yaml --check", ("run.yaml", "rig.yaml", "map.yaml", "left.png", "right.png")),
     Case("run left.png right.png --hz 5 --rig rig.yaml --map map.yaml --to stdout --seconds 1",
          ("left.png", "rig.yaml", "map.yaml"), 0.05),
     Case("simulate --pairs 1 --boards 0 --landmarks 3 -o out/sim", (), 0.1),

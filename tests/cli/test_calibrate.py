@@ -109,6 +109,7 @@ def test_capture_keeps_new_sharp_still_views_of_films(lmkit, pairs, tmp_path):
     assert read_rig(tmp_path / "rig.yaml").baseline_m == pytest.approx(0.12, abs=0.001)
 
 
+@pytest.mark.slow
 def test_capture_reads_both_cameras_side_by_side(lmkit, pairs, tmp_path):
     (tmp_path / "both").mkdir()
     for a, b in zip(*(sorted(folder.iterdir()) for folder in pairs), strict=True):
@@ -143,6 +144,7 @@ def test_convert_and_rectify(lmkit, pairs, tmp_path):
     assert shown.shape == (480, 1280, 3)
 
 
+@pytest.mark.slow
 def test_rectified_rows_match(lmkit, data, pairs, tmp_path):
     from lmkit.detection.boards import detect_board
     from lmkit.model.board import BoardSpec
@@ -188,6 +190,7 @@ def test_rectify_names_a_video(lmkit, tmp_path):
     assert (answer.code, "videos are not rectified" in answer.err) == (2, True)
 
 
+@pytest.mark.slow
 def test_one_camera_is_calibrated_from_a_folder_and_from_a_video(lmkit, pairs, tmp_path):
     left, _ = pairs
     answer = lmkit("calibrate", left, "--board", SPEC, "--model", "pinhole", "-o", "rig.yaml", "--json")

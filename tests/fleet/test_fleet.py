@@ -53,6 +53,7 @@ def answers(lmkit, *arguments: str) -> list[dict]:
     return [json.loads(line) for line in answer.out.splitlines()]
 
 
+@pytest.mark.slow
 def test_from_scan_to_report(lmkit, small, tmp_path):
     pattern = f"{small}/logs/{{site}}/{{robot}}/{{date}}"
     stated = answers(lmkit, "scan", pattern, "--rig", f"{small}/rigs/{{robot}}/{{date}}.yaml", "--store", "store")
