@@ -231,7 +231,7 @@ class LiveLoop:
                 events.append(Event(f"{name}_lost", f"no {name} for {time_s - last_s:.1f} s", time_s))
             elif not silent and name in self._silent:
                 self._silent.discard(name)
-                events.append(Event(f"{name}_back", f"{name} comes again", time_s))
+                events.append(Event(f"{name}_back", f"{name} is back", time_s))
         return events
 
     def _odometry_frame(self, time_s: float, estimate: Estimate) -> Pose | None:

@@ -27,7 +27,7 @@ class MountingOptions:
         sizes_m: to choose from.
         heights_m: of their middles, to choose from; none: a little above the camera.
         not_on: names of walls that stay bare, beside those that the floor plan says.
-        swap_s: how long to look for two landmarks that one can do for.
+        swap_s: time to search for pairs of landmarks that one landmark can replace.
     """
 
     family: str

@@ -31,7 +31,7 @@ FLOOR_LOOKS, OFF_FLOOR_M = 5, 0.1
 def track_live(
     frames: ReadingFrames, odometry: Odometry, gyro: Gyro | None, landmarks: LandmarkMap
 ) -> TrackedTrajectory:
-    """Frame by frame, as while driving (`planar_filter.py`); frames before the first fix are left out."""
+    """Track frame by frame, with past frames only (`range_bearing_filter.py`); frames before the first fix are left out."""
     filter_ = PlanarFilter(landmarks)
     times = [time_s for time_s, _ in frames]
     answers = run_live(times, lambda k: filter_.observe(*frames[k]), filter_.wheels, odometry, gyro)

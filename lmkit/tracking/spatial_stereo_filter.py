@@ -49,7 +49,7 @@ class SpacePose:
         covariance: (6,6) x y z (m), rotation about x y z of the map (rad).
         outliers: landmarks that were rejected.
         restarted: True where the filter was put somewhere else: started, or carried off.
-        nis, nis_dof: as of `planar_filter.TrackedPose`.
+        nis, nis_dof: as of `range_bearing_filter.TrackedPose`.
     """
 
     time_s: float
