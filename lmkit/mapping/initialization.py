@@ -1,8 +1,9 @@
-"""Initialization of a survey: poses and landmarks found one from the other, nearest first.
+"""Initialization of a survey: poses and landmarks are found in turn, nearest first.
 
-From the landmarks known so far the rig is located wherever they are surely seen; from the located frames further
-landmarks are placed (`placing.py`), and all of it is settled a little.  Odometry, where there is some, carries the
-rig on from where it is known (`carry.py`), so that a landmark is judged from more than one side.
+The known landmarks locate the rig in every frame that shows them reliably.  The located frames place further
+landmarks (`landmark_initialization.py`), and a few steps of adjustment follow.  Odometry, where there is some,
+extends the located frames by dead reckoning (`odometry/dead_reckoning.py`), so that a landmark is judged from several
+sides.
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
 """Placement of landmarks for a required accuracy.
 
-Candidates stand along the walls (`mounts.py`); of those the fewest are sought that hold the demand (`search.py`), and
-what they hold is checked on places that the search did not look at.
+Candidates stand along the walls (`mounting_sites.py`).  The search takes the fewest that meet the demand
+(`placement_search.py`).  The result is checked on places that the search did not use.
 """
 
 from __future__ import annotations

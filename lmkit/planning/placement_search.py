@@ -1,6 +1,6 @@
 """Which of many landmarks to mount: greedy, with swap.
 
-1. What each candidate would tell every pose is worked out once (`sight.py`).
+1. The information that each candidate gives at every pose is computed once (`visibility.py`).
 2. Greedy: the candidate is added that brings places nearest to the demand, until enough of them are covered.  For a
    demand of counts alone this is submodular cover, and greedy needs at most 1 + ln(places) times the fewest landmarks
    (Wolsey 1982); with errors in it there is no such bound, so what the result holds is measured, on other places.

@@ -31,7 +31,7 @@ FLOOR_LOOKS, OFF_FLOOR_M = 5, 0.1
 def track_live(
     frames: ReadingFrames, odometry: Odometry, gyro: Gyro | None, landmarks: LandmarkMap
 ) -> TrackedTrajectory:
-    """Track frame by frame, with past frames only (`range_bearing_filter.py`); frames before the first fix are left out."""
+    """Track frame by frame (`range_bearing_filter.py`); frames before the first fix are left out."""
     filter_ = PlanarFilter(landmarks)
     times = [time_s for time_s, _ in frames]
     answers = run_live(times, lambda k: filter_.observe(*frames[k]), filter_.wheels, odometry, gyro)
@@ -41,7 +41,7 @@ def track_live(
 def track_images_live(
     frames: Sequence[RigFrame], rig: AnyRig, landmarks: LandmarkMap, odometry: Odometry, gyro: Gyro | None
 ) -> TrackedTrajectory:
-    """Frame by frame, from the corners that both cameras saw (`rig_filter.py`), on a level floor.
+    """Track frame by frame on a level floor, by the corners that all cameras saw (`planar_stereo_filter.py`).
 
     Raises:
         InputError: the rig has no T_base_left, or odometry of another time.
@@ -60,7 +60,7 @@ def track_images_live(
 def track_poses_live(
     frames: Sequence[RigFrame], rig: AnyRig, landmarks: LandmarkMap, odometry: Trajectory
 ) -> TrackedTrajectory:
-    """Frame by frame through space, by corners and odometry's poses (`pose_filter.py`).
+    """Track frame by frame through space, by corners and odometry's poses (`spatial_stereo_filter.py`).
 
     Frames before the first fix are left out.
 

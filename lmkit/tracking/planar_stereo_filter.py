@@ -1,9 +1,9 @@
 """Pose of a robot with a stereo camera on a level floor: an iterated extended Kalman filter on the corners.
 
-The state is that of `wheels.py`.  Every frame, all corners of all mapped landmarks in both cameras are weighed with
-what is known already (the update as Gauss-Newton: Bell and Cathey 1993), so that a single far landmark, whose two
-poses images alone cannot tell apart, still helps.  Height and level of the robot are known as of one on wheels.
-Landmarks that do not fit are left out; where none fits for a while, the robot is looked for anew.
+The state is that of `online_wheel_odometry.py`.  Each frame updates it by all corners of all mapped landmarks in both
+cameras (the update as Gauss-Newton: Bell and Cathey 1993), so that a single far landmark, whose two poses images
+alone cannot tell apart, still helps.  The robot is on wheels: its height is known, and it is level.  Landmarks that
+do not fit are left out; where none fits for a while, the robot is located anew.
 """
 
 from __future__ import annotations

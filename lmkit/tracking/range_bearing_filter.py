@@ -1,6 +1,6 @@
 """Pose of a robot on wheels: extended Kalman filters in the plane (Thrun et al. 2005, chapter 7).
 
-The state is that of `wheels.py`; memory is constant.
+The state is that of `online_wheel_odometry.py`; memory is constant.
 
 A reading is right or wrong, and after a while without landmarks nobody can tell at once.  So both are followed (a
 mixture of few filters, Alspach and Sorenson 1972), each with its probability, until later readings decide.

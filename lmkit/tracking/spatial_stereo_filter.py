@@ -2,7 +2,7 @@
 
 The state is the left camera's pose.  Poses of odometry (visual-inertial, another SLAM) carry it from frame
 to frame, and all corners of all mapped landmarks in both cameras are weighed with what is known already, as in
-`rig_filter.py`.  Memory is constant.
+`planar_stereo_filter.py`.  Memory is constant.
 """
 
 from __future__ import annotations

@@ -76,6 +76,17 @@ def test_code_cites_pages_that_exist():
             assert (ROOT / page).is_file(), f"{path.name} cites {page}"
 
 
+def test_code_cites_modules_that_exist():
+    there = {path.name for path in (*PACKAGE.rglob("*.*"), *ROOT.glob("*.py"), *ROOT.glob("benchmarks/*.py"))}
+    cited = {
+        (str(path.relative_to(ROOT)), name)
+        for path in MODULES
+        for name in re.findall(r"`(?:[\w/]+/)?(\w+\.(?:py|c|h))`", path.read_text(encoding="utf-8"))
+    }
+    assert cited
+    assert not {(path, name) for path, name in cited if name not in there}
+
+
 def test_templates_are_found():
     from lmkit.io.template import load_template, templates_folder
 
