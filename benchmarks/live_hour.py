@@ -35,6 +35,7 @@ def resident_mb() -> float:
 
 def read_all(port: int, stop: threading.Event) -> None:
     """A client that reads every step."""
+    from websockets.exceptions import ConnectionClosed
     from websockets.sync.client import connect
 
     with connect(f"ws://127.0.0.1:{port}") as peer:
@@ -43,7 +44,7 @@ def read_all(port: int, stop: threading.Event) -> None:
                 peer.recv(timeout=0.5)
             except TimeoutError:
                 continue
-            except Exception:
+            except ConnectionClosed:
                 return
 
 
