@@ -32,7 +32,7 @@ from lmkit.simulation.inks import INKJET, LASER, OFFSET, as_printed
 from lmkit.simulation.photograph import Development, Gloss, ImagingChain, Lens, Light, Sensor, expose
 from lmkit.simulation.render import render
 from lmkit.simulation.scene import Panel, Scene
-from lmkit.verification.prints import PrintedLandmark, Stated, grade_sheet, mirrored_word
+from lmkit.verification.prints import PrintedLandmark, Stated, grade_sheet
 
 DPI = 150.0
 PX_PER_MM = DPI / 25.4
@@ -227,7 +227,7 @@ def examine(job: tuple[str, int, bool]) -> tuple[str, bool, str, dict[str, str |
     defect, seed, scanned = job
     rng = np.random.default_rng([seed, 4242])
     code = int(rng.integers(256))
-    while defect == "mirrored" and mirrored_word(LM8, code) == code:
+    while defect == "mirrored" and LM8.mirrored_code(code) == code:
         code = int(rng.integers(256))
     sheet, look = Sheet(drawn(code), code), Viewing()
     if defect != "none":

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ast
 import importlib
 import re
 import subprocess
@@ -118,3 +119,32 @@ def test_docstrings_start_with_their_subject():
             r'^\s*"""(Of|The same|As|By|Those|What|Where) [^\n]*', path.read_text(encoding="utf-8"), re.MULTILINE
         )
         assert found is None, f"{path.relative_to(ROOT)}: {found and found.group()}"
+
+
+def names_of(path: Path) -> set[str]:
+    """Names that a module defines, assigns or imports."""
+    names: set[str] = set()
+    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+        if isinstance(node, ast.FunctionDef | ast.ClassDef):
+            names.add(node.name)
+        elif isinstance(node, ast.Name) and isinstance(node.ctx, ast.Store):
+            names.add(node.id)
+        elif isinstance(node, ast.ImportFrom | ast.Import):
+            names |= {(alias.asname or alias.name).split(".")[0] for alias in node.names}
+    return names
+
+
+def test_benchmarks_and_tools_import_names_that_exist():
+    """No test runs the benchmarks: without this one, a name that moved would be noticed only by their next user."""
+    modules = {
+        ".".join(p.relative_to(ROOT).with_suffix("").parts).removesuffix(".__init__"): p
+        for p in PACKAGE.rglob("*.py")
+    }
+    for path in (p for folder in ("benchmarks", "tools") for p in (ROOT / folder).rglob("*.py")):
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+            if not (isinstance(node, ast.ImportFrom) and (node.module or "").startswith("lmkit.")):
+                continue
+            assert node.module in modules, f"{path.name} imports {node.module}, which is not there"
+            submodules = {alias.name for alias in node.names if f"{node.module}.{alias.name}" in modules}
+            missing = {alias.name for alias in node.names} - submodules - names_of(modules[node.module])
+            assert not missing, f"{path.name}: {node.module} has no {sorted(missing)}"
