@@ -8,9 +8,10 @@ derivatives from OpenCV's own projection, weighted by a Cauchy loss.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cache
+from typing import Generic, TypeVar
 
 import numpy as np
 
@@ -20,15 +21,15 @@ from lmkit.errors import InputError
 from lmkit.geometry.camera import CameraModel
 from lmkit.geometry.rotations import rotation_exp
 from lmkit.model.observation import PairView
-from lmkit.optim.levenberg_marquardt import Damping, start_at, try_step
+from lmkit.optim.levenberg_marquardt import Damping, minimize_rescaled
 from lmkit.optim.robust_loss import cauchy_cost, cauchy_weight
 
+State = TypeVar("State")
 WARP = 2
 POSE = 6
 OWN_NOISE = 0.25  # share of a middling image's variance that is the scatter of its own corners
 MOST_NOISE = 10.0  # of an image's corners, over the median's
 DAMPING = Damping(start=1e-3, grow=10.0, first_grown=0.0)
-MOST_TRIED = 8  # steps with ever more damping, before it is called converged
 CONVERGED = 1e-7  # relative gain; of some thousand residuals, a thousandth of a standard deviation of anything
 LEAST_PAIRS = 8  # for the scatter between pairs to tell anything
 LOSS_WIDTH = 3.0  # standard deviations at which the Cauchy loss halves its weight
@@ -153,23 +154,19 @@ class StereoProblem:
         if not len(self.right.ids):
             count = len(intrinsics_vector(start.left))
             fitted[count : len(fitted) - WARP] = False
-        current, damping = start, DAMPING.start
-        scale = self._scale(current)
-        for _ in range(options.iterations):
-            # The robust scale is renewed after every step that was taken; costs compare only within one scale.
-            problem = _AtScale(self, scale, prior, fitted)
-            now = start_at(problem, current, damping)
-            before = now.cost
-            for _ in range(MOST_TRIED):
-                now = try_step(problem, now, DAMPING)
-                if now.gain is not None:
-                    break
-            if not now.gain:
-                break
-            current, damping = now.state, now.damping
-            scale = self._scale(current)
-            if now.gain / before < CONVERGED:
-                break
+        current, scale = minimize_rescaled(
+            lambda scale: AtScale(
+                lambda s: self._cost(s, scale, prior),
+                lambda s: self._normal_equations(s, scale, prior),
+                _moved,
+                fitted,
+            ),
+            self._scale,
+            start,
+            options.iterations,
+            CONVERGED,
+            DAMPING,
+        )
         return replace(current, covariance=self._covariance(current, scale, prior, fitted))
 
     def _residuals(self, s: Solution) -> tuple[FloatArray, FloatArray]:
@@ -276,41 +273,36 @@ class _Prior:
 
 
 @dataclass(frozen=True, eq=False)
-class _AtScale:
-    """The problem with its robust scale held."""
+class AtScale(Generic[State]):
+    """A problem of calibration with its robust scale held.
 
-    problem: StereoProblem
-    scale: float
-    prior: _Prior
+    Attributes:
+        cost: of a state.
+        equations: the normal equations at a state.
+        moved: the state after steps of what is shared and of the boards' poses.
+        fitted: (G,) which of the shared unknowns are solved for.
+    """
+
+    cost: Callable[[State], float]
+    equations: Callable[[State], Blocks]
+    moved: Callable[[State, FloatArray, FloatArray], State]
     fitted: BoolArray
 
-    def linearize(self, state: Solution) -> tuple[_Linearized, float]:
-        """Normal equations, computed when a step is asked for, and the cost."""
-        return _Linearized(self, state), self.problem._cost(state, self.scale, self.prior)
+    def linearize(self, state: State) -> tuple[Callable[[], Blocks], float]:
+        """The normal equations, computed when a step is first asked for, and the cost."""
+        return cache(lambda: self.equations(state)), self.cost(state)
 
-    def solve(self, equations: _Linearized, damping: float) -> tuple[FloatArray, FloatArray]:
+    def solve(self, equations: Callable[[], Blocks], damping: float) -> tuple[FloatArray, FloatArray]:
         """Steps of what is shared and of the boards' poses."""
-        return solve_step(equations.blocks, self.fitted, damping)
+        return solve_step(equations(), self.fitted, damping)
 
-    def retract(self, state: Solution, step: tuple[FloatArray, FloatArray]) -> Solution:
+    def retract(self, state: State, step: tuple[FloatArray, FloatArray]) -> State:
         """The state moved by a step.
 
         Raises:
             numpy.linalg.LinAlgError: it leaves what a camera can be.
         """
-        return _moved(state, *step)
-
-
-@dataclass(eq=False)
-class _Linearized:
-    """A state of the problem, whose normal equations are computed on first use."""
-
-    at: _AtScale
-    state: Solution
-
-    @cached_property
-    def blocks(self) -> Blocks:
-        return self.at.problem._normal_equations(self.state, self.at.scale, self.at.prior)
+        return self.moved(state, *step)
 
 
 @dataclass(frozen=True, eq=False)

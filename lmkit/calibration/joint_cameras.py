@@ -15,10 +15,11 @@ import numpy as np
 from lmkit.arrays import FloatArray
 from lmkit.calibration.bundle_adjustment import (
     CONVERGED,
+    DAMPING,
     LOSS_WIDTH,
-    MOST_TRIED,
     POSE,
     WARP,
+    AtScale,
     Blocks,
     CameraCorners,
     board_and_turned,
@@ -26,16 +27,15 @@ from lmkit.calibration.bundle_adjustment import (
     reduced_equations,
     robust_weight,
     scatter_between_pairs,
-    solve_step,
     widened,
 )
 from lmkit.calibration.intrinsics import intrinsics_prior, intrinsics_vector, with_intrinsics
 from lmkit.geometry.camera import CameraModel
 from lmkit.geometry.rotations import rotation_exp
+from lmkit.optim.levenberg_marquardt import minimize_rescaled
 from lmkit.optim.robust_loss import cauchy_cost
 
 ITERATIONS = 40
-FIRST_DAMPING, GROW = 1e-3, 10.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -82,25 +82,16 @@ class RigProblem:
         """Levenberg-Marquardt from ``start``; the result carries its covariance."""
         prior = np.concatenate([*(intrinsics_prior(m) for m in start.models), np.zeros(self._poses(start) + WARP)])
         fitted = np.ones(len(prior), dtype=bool)
-        current, damping = start, FIRST_DAMPING
-        scale = self._scale(current)
-        for _ in range(ITERATIONS):
-            blocks, cost = self._equations(current, scale, prior), self._cost(current, scale, prior)
-            gain = 0.0
-            for _ in range(MOST_TRIED):
-                try:
-                    there = self._moved(current, *solve_step(blocks, fitted, damping))
-                except np.linalg.LinAlgError:
-                    damping *= GROW
-                    continue
-                gain = cost - self._cost(there, scale, prior)
-                if gain > 0:
-                    current, damping = there, damping / GROW
-                    break
-                damping *= GROW
-            scale = self._scale(current)
-            if gain / cost < CONVERGED:
-                break
+        current, scale = minimize_rescaled(
+            lambda scale: AtScale(
+                lambda s: self._cost(s, scale, prior), lambda s: self._equations(s, scale, prior), _moved, fitted
+            ),
+            self._scale,
+            start,
+            ITERATIONS,
+            CONVERGED,
+            DAMPING,
+        )
         blocks = self._equations(current, scale, prior)
         reduced, _ = reduced_equations(blocks, fitted, 0.0)
         off = np.concatenate(self.residuals(current))
@@ -143,29 +134,30 @@ class RigProblem:
         blocks.prior_gradient[:] = -((prior * scale) ** 2) * _shared(s)
         return blocks
 
-    def _moved(self, s: RigSolution, shared: FloatArray, poses: FloatArray) -> RigSolution:
-        """The solution after a step.
 
-        Raises:
-            numpy.linalg.LinAlgError: no camera has such intrinsics.
-        """
-        models, at = [], 0
-        try:
-            for model in s.models:
-                vector = intrinsics_vector(model)
-                models.append(with_intrinsics(model, vector + shared[at : at + len(vector)]))
-                at += len(vector)
-        except ValueError as error:
-            raise np.linalg.LinAlgError(str(error)) from None
-        steps = np.concatenate([np.zeros((1, POSE)), shared[at:-WARP].reshape(-1, POSE)])
-        return RigSolution(
-            tuple(models),
-            np.array([rotation_exp(step[:3]) @ R for step, R in zip(steps, s.R, strict=True)]),
-            s.t + steps[:, 3:],
-            s.warp + shared[-WARP:],
-            np.array([rotation_exp(step[:3]) @ R for step, R in zip(poses, s.rotations, strict=True)]),
-            s.translations + poses[:, 3:],
-        )
+def _moved(s: RigSolution, shared: FloatArray, poses: FloatArray) -> RigSolution:
+    """The solution after a step.
+
+    Raises:
+        numpy.linalg.LinAlgError: no camera has such intrinsics.
+    """
+    models, at = [], 0
+    try:
+        for model in s.models:
+            vector = intrinsics_vector(model)
+            models.append(with_intrinsics(model, vector + shared[at : at + len(vector)]))
+            at += len(vector)
+    except ValueError as error:
+        raise np.linalg.LinAlgError(str(error)) from None
+    steps = np.concatenate([np.zeros((1, POSE)), shared[at:-WARP].reshape(-1, POSE)])
+    return RigSolution(
+        tuple(models),
+        np.array([rotation_exp(step[:3]) @ R for step, R in zip(steps, s.R, strict=True)]),
+        s.t + steps[:, 3:],
+        s.warp + shared[-WARP:],
+        np.array([rotation_exp(step[:3]) @ R for step, R in zip(poses, s.rotations, strict=True)]),
+        s.translations + poses[:, 3:],
+    )
 
 
 def _shared(s: RigSolution) -> FloatArray:

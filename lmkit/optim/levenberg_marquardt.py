@@ -6,6 +6,7 @@ states and steps are whatever suits it.  Weights of a robust loss are renewed wi
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Generic, Protocol, TypeVar
 
@@ -116,3 +117,46 @@ def minimize(
         if now.damping > rule.most or (now.gain is not None and now.gain < max(least_gain, least_share * now.cost)):
             break
     return now
+
+
+def minimize_rescaled(
+    problem_at: Callable[[float], LeastSquares[State, Equations, Step]],
+    scale_of: Callable[[State], float],
+    state: State,
+    steps: int,
+    least_share: float,
+    rule: Damping,
+    most_tried: int = 8,
+) -> tuple[State, float]:
+    """Minimize a robust cost whose scale is renewed after every step that was taken.
+
+    Costs compare only within one scale, so each step is a problem of its own.
+
+    Args:
+        problem_at: the problem with its scale held.
+        scale_of: the robust scale of a state's residuals.
+        state: the start.
+        steps: at most so many are taken.
+        least_share: a step that lowers the cost by less than this share of it is the last one.
+        rule: how the damping follows.
+        most_tried: with ever more damping, before the state is called converged.
+
+    Returns:
+        The state and its scale.
+    """
+    damping, scale = rule.start, scale_of(state)
+    for _ in range(steps):
+        problem = problem_at(scale)
+        now = start_at(problem, state, damping)
+        before = now.cost
+        for _ in range(most_tried):
+            now = try_step(problem, now, rule)
+            if now.gain is not None:
+                break
+        if not now.gain:
+            break
+        state, damping = now.state, now.damping
+        scale = scale_of(state)
+        if now.gain / before < least_share:
+            break
+    return state, scale
