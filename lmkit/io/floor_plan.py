@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import cv2
 import numpy as np
@@ -12,7 +13,7 @@ from pydantic import Field
 
 from lmkit.errors import InputError
 from lmkit.io.document_head import head_of
-from lmkit.io.documents import Document, read_document, read_text
+from lmkit.io.documents import Document, dump_yaml, read_document, read_text
 from lmkit.io.floor_grid import CELL_M, check_size, floor_of_grid, inside_of
 from lmkit.io.floor_islands import PLAIN_DRAWING, DrawingOptions, island_use, with_islands
 from lmkit.io.images import read_image
@@ -28,6 +29,7 @@ LOOKS_IN = 0.1  # share of a line's side that must be free for it to be a wall
 
 Meters = Annotated[float, Field(ge=-1e8, le=1e8)]  # coordinates of a country's grid reach 1e7
 Point = Annotated[list[Meters], Field(min_length=2, max_length=2)]
+Places = Mapping[str, tuple[float, float, float]]
 
 
 class _Wall(Document):
@@ -83,6 +85,48 @@ def read_floor(path: Path, scale_m: float | None = None, drawing: DrawingOptions
     return _from_image(path, scale_m, drawing)
 
 
+def read_drawn_lines(path: Path) -> tuple[list[Wall], Places]:
+    """Lines and places of a lmkit-floor/1 file, as they stand in it; a line without a name has an empty one.
+
+    Raises:
+        InputError: not readable, or of another format.
+    """
+    data = read_document(path, _FloorFile, "floor plan")
+    lines = [Wall(w.name or "", np.array(w.start), np.array(w.end), w.landmarks) for w in data.walls]
+    for index, line in enumerate(lines):
+        if line.length_m < SHORTEST_WALL_M:
+            raise InputError(
+                "short_wall", f"{path}: walls[{index}]: shorter than {SHORTEST_WALL_M} m", "write meters"
+            )
+    places = {
+        name: (place.position[0], place.position[1], float(np.deg2rad(place.heading_deg)))
+        for name, place in data.places.items()
+    }
+    return lines, places
+
+
+def floor_to_yaml(lines: Sequence[Wall], places: Places) -> str:
+    """The text of a lmkit-floor/1 file.
+
+    Args:
+        lines: in meters in the map; `Wall.usable` says whether landmarks may be mounted.
+        places: named poses (x, y, heading; meters and rad).
+    """
+    walls: list[dict[str, Any]] = []
+    for line in lines:
+        walls.append(
+            {"from": line.left.tolist(), "to": line.right.tolist(), **({"name": line.name} if line.name else {})}
+        )
+        walls[-1] |= {} if line.usable else {"landmarks": False}
+    data: dict[str, Any] = {"format": "lmkit-floor/1", "walls": walls}
+    if places:
+        data["places"] = {
+            name: {"position": [x, y], "heading_deg": float(np.rad2deg(heading))}
+            for name, (x, y, heading) in places.items()
+        }
+    return dump_yaml(data)
+
+
 def rectangular_room(width_m: float, depth_m: float) -> FloorPlan:
     """A room with its south-west corner at the origin of the map, and walls north, east, south and west.
 
@@ -105,21 +149,9 @@ def rectangular_room(width_m: float, depth_m: float) -> FloorPlan:
 
 
 def _read_ours(path: Path) -> FloorPlan:
-    data = read_document(path, _FloorFile, "floor plan")
-    lines = [
-        Wall(wall.name or wall_name(k), np.array(wall.start), np.array(wall.end), wall.landmarks)
-        for k, wall in enumerate(data.walls)
-    ]
-    for index, line in enumerate(lines):
-        if line.length_m < SHORTEST_WALL_M:
-            raise InputError(
-                "short_wall", f"{path}: walls[{index}]: shorter than {SHORTEST_WALL_M} m", "write meters"
-            )
-    places = {
-        name: (place.position[0], place.position[1], float(np.deg2rad(place.heading_deg)))
-        for name, place in data.places.items()
-    }
-    return replace(_from_lines(path, lines), places=places)
+    lines, places = read_drawn_lines(path)
+    named = [replace(line, name=line.name or wall_name(k)) for k, line in enumerate(lines)]
+    return replace(_from_lines(path, named), places=places)
 
 
 def _from_lines(path: Path, lines: list[Wall], drawing: DrawingOptions | None = None) -> FloorPlan:

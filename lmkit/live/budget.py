@@ -51,7 +51,8 @@ class LatencyBudget:
             return f"95 % latency is {1000 * p95:.0f} ms, over {1000 * self._budget_s:.0f} ms: {what}"
         if p95 < EASY * self._budget_s and self.level > 0 and self._steps > CALM_STEPS:
             self._change(-1)
-            return f"95 % latency is {1000 * p95:.0f} ms: back to {self.profile}, every {self.every}. image"
+            which = "every image" if self.every == 1 else "every other image"
+            return f"95 % latency is {1000 * p95:.0f} ms: back to profile {self.profile}, {which}"
         return None
 
     def _change(self, by: int) -> None:

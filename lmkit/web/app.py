@@ -16,7 +16,7 @@ from starlette.websockets import WebSocket, WebSocketDisconnect
 
 from lmkit.errors import InputError
 from lmkit.version import __version__
-from lmkit.web import cameras, maps, photos, prints, rigs, verbs
+from lmkit.web import cameras, floors, maps, photos, prints, rigs, verbs
 from lmkit.web.answers import Handler, answer, guarded
 from lmkit.web.jobs import Jobs
 from lmkit.web.project import Project, listing
@@ -37,7 +37,7 @@ def build_app(
         address: where a phone reaches the page, for the QR code; None where only this machine does.
         workers: for work of seconds; processes of their own if None.
     """
-    app = Starlette(routes=_routes(), lifespan=_lifespan)
+    app = Starlette(routes=routes(), lifespan=_lifespan)
     app.state.lmkit = State(project, workers or Workers(), Jobs(project.root), address=address)
     app.state.token = token
     return Guard(app, token)
@@ -71,7 +71,9 @@ async def _warm(state: State) -> None:
         await state.workers.run(warm_up)
 
 
-def _routes() -> list[BaseRoute]:
+def routes() -> list[BaseRoute]:
+    """Everything that can be asked."""
+
     def route(path: str, handler: Handler, method: str = "GET") -> Route:
         return Route(path, guarded(handler), methods=[method])
 
@@ -91,6 +93,9 @@ def _routes() -> list[BaseRoute]:
         route("/api/map", maps.show),
         route("/api/map", maps.edit, "PUT"),
         route("/api/map/undo", maps.undo, "POST"),
+        route("/api/floor", floors.show),
+        route("/api/floor", floors.edit, "PUT"),
+        route("/api/floor/{name}", floors.load, "PUT"),
         route("/api/rig", rigs.show),
         route("/api/rig", rigs.replace, "PUT"),
         route("/api/rig/undo", rigs.undo, "POST"),
@@ -160,11 +165,12 @@ async def _cancel(request: Request) -> Response:
 
 
 async def _live_map(request: Request) -> Response:
-    """Landmarks of the newest run, or of the project before there was one."""
-    hub = state_of(request).live
+    """Landmarks and walls of the newest run, or of the project before there was one."""
+    state = state_of(request)
+    hub = state.live
     if hub.landmarks is not None:
-        return answer({"landmarks": hub.landmarks})
-    return await maps.show(request)
+        return answer({"landmarks": hub.landmarks, "walls": hub.walls, "run": hub.run})
+    return answer(await maps.drawn(state) | {"run": hub.run})
 
 
 async def _live(socket: WebSocket) -> None:

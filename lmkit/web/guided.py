@@ -17,10 +17,11 @@ import numpy as np
 
 import lmkit as lm
 from lmkit.detection.boards import detect_board
-from lmkit.errors import InputError, LmkitError
+from lmkit.errors import InputError
 from lmkit.pipelines.board_absence import explain_absence
 from lmkit.pipelines.capture_board import Looked, look_at_frames
 from lmkit.web.jobs import PROGRESS
+from lmkit.web.tasks import run_task
 
 LEAST_PAIRS = 6  # before them a calibration says nothing
 THUMB_PX = 300
@@ -131,15 +132,5 @@ def _tell(state: dict[str, Any]) -> None:
     sys.stderr.flush()
 
 
-def main() -> int:
-    """Run one task, given as JSON."""
-    try:
-        _tell(guide(json.loads(sys.argv[1]), _tell))
-    except LmkitError as error:
-        sys.stderr.write(f"lmkit: {error.message}; {error.hint}\n")
-        return error.exit_code
-    return 0
-
-
 if __name__ == "__main__":
-    sys.exit(main())
+    sys.exit(run_task(lambda task: _tell(guide(task, _tell))))

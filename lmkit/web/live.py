@@ -64,6 +64,7 @@ class LiveHub:
 
     Attributes:
         landmarks: map of the run, as the page draws it; None: the project's.
+        walls: of its floor plan.
         run: number of the run; a new one has another map.
     """
 
@@ -71,6 +72,7 @@ class LiveHub:
         self._queues: dict[asyncio.Queue[bytes], asyncio.AbstractEventLoop] = {}
         self._last: bytes | None = None
         self.landmarks: list[dict[str, Any]] | None = None
+        self.walls: list[dict[str, Any]] = []
         self.run = 0
 
     def __call__(self, state: LiveState) -> None:
@@ -99,7 +101,7 @@ class LiveHub:
         if not isinstance(state, dict):
             return
         if "landmarks" in state:
-            self.landmarks, self.run = state["landmarks"], self.run + 1
+            self.landmarks, self.walls, self.run = state["landmarks"], state.get("walls", []), self.run + 1
         elif "status" in state:
             self.publish(state, jpeg)
 

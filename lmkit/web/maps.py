@@ -1,4 +1,4 @@
-"""Page 5, the map: landmarks with their uncertainty, what a survey doubts, edits with undo."""
+"""Page 5, the map: landmarks with their uncertainty, what a survey doubts, edits and pins with undo."""
 
 from __future__ import annotations
 
@@ -17,22 +17,30 @@ import lmkit as lm
 from lmkit.arrays import FloatArray
 from lmkit.errors import InputError
 from lmkit.web.answers import Body, answer, read_body
+from lmkit.web.floors import FLOOR, describe_floor
 from lmkit.web.project import Project
 from lmkit.web.state import State, state_of
-from lmkit.web.versions import count_versions, keep_version, restore_version
+from lmkit.web.versions import count_versions, keep_versions, restore_versions
 
-MAP = "map.yaml"
+MAP, PINS = "map.yaml", "pins.yaml"
+UNDONE = (MAP, PINS, FLOOR)  # what the page of the map changes
+PIN_SIGMA_DEG = 2.0
 Meters = Annotated[float, Field(ge=-10_000, le=10_000)]
 
 
 class Edit(Body):
-    """Change of one landmark; None leaves a value as it is."""
+    """Change of one landmark; None leaves a value as it is.
+
+    Attributes:
+        pin_mm: its place is measured to this and holds in surveys; 0 takes the pin off.
+    """
 
     id: Annotated[str, Field(max_length=40)]
     name: Annotated[str, Field(max_length=60)] | None = None
     position: tuple[Meters, Meters, Meters] | None = None
     facing_deg: Annotated[float, Field(ge=-360, le=360)] | None = None
     size_m: Annotated[float, Field(gt=0, le=10)] | None = None
+    pin_mm: Annotated[float, Field(ge=0, le=1000)] | None = None
     remove: bool = False
 
 
@@ -48,6 +56,12 @@ async def show(request: Request) -> Response:
     return answer(await _shown(state_of(request)))
 
 
+async def drawn(state: State) -> dict[str, Any]:
+    """Landmarks and walls of the project, as a plan draws them."""
+    shown = await _shown(state)
+    return {"landmarks": shown["landmarks"], "walls": shown["floor"]["walls"]}
+
+
 async def edit(request: Request) -> Response:
     """Change landmarks; the map before is kept for undo."""
     state, body = state_of(request), await read_body(request, EditBody)
@@ -56,32 +70,53 @@ async def edit(request: Request) -> Response:
         raise InputError("no_file", "the project has no map.yaml", "survey a recording first")
     if body.version != _version(path):
         raise InputError("changed", "map.yaml has changed meanwhile", "look at the new map, then edit again")
-    landmarks = await state.workers.run(edited, str(path), body)
-    keep_version(state.project, MAP)
+    landmarks, pins = await state.workers.run(edited, str(path), str(state.project.path(PINS)), body)
+    keep_versions(state.project, MAP, PINS)
     lm.write_map(landmarks, path, overwrite=True)
+    if pins is not None:
+        lm.write_map(pins, state.project.path(PINS), overwrite=True)
+    else:
+        state.project.path(PINS).unlink(missing_ok=True)
     return answer(await _shown(state))
 
 
 async def undo(request: Request) -> Response:
-    """Go back by one change."""
+    """Go back by one change of landmarks, pins or walls."""
     state = state_of(request)
-    restore_version(state.project, MAP)
+    restore_versions(state.project, *UNDONE)
     return answer(await _shown(state))
 
 
-def edited(path: str, body: EditBody) -> lm.LandmarkMap:
-    """The map of a file with these changes."""
+def edited(path: str, pins: str, body: EditBody) -> tuple[lm.LandmarkMap, lm.LandmarkMap | None]:
+    """The map and the pins of two files with these changes; None without a pin."""
     landmarks = {str(landmark.id): landmark for landmark in lm.read_map(path)}
+    held = {str(landmark.id): landmark for landmark in lm.read_map(pins)} if Path(pins).is_file() else {}
     for change in body.edits:
         if change.id not in landmarks:
             raise InputError("no_landmark", f"there is no landmark {change.id} in the map", "reload the page")
         if change.remove:
             del landmarks[change.id]
+            held.pop(change.id, None)
             continue
-        landmarks[change.id] = _changed(landmarks[change.id], change)
+        landmark = landmarks[change.id] = _changed(landmarks[change.id], change)
+        sigma_mm = change.pin_mm
+        if sigma_mm is None and change.id in held:
+            sigma_mm = _pin_mm(held[change.id])  # the pin goes where the landmark goes
+        if sigma_mm:
+            held[change.id] = replace(landmark, covariance=_pin_covariance(sigma_mm))
+        else:
+            held.pop(change.id, None)
     if not landmarks:
         raise InputError("empty_map", "a map needs one landmark at least", "keep one")
-    return lm.LandmarkMap(list(landmarks.values()))
+    return lm.LandmarkMap(list(landmarks.values())), lm.LandmarkMap(list(held.values())) if held else None
+
+
+def _pin_covariance(sigma_mm: float) -> FloatArray:
+    return np.diag([(sigma_mm / 1000) ** 2] * 3 + [np.radians(PIN_SIGMA_DEG) ** 2] * 3)
+
+
+def _pin_mm(pin: lm.MappedLandmark) -> float:
+    return 1000 * float(np.sqrt(pin.covariance[0, 0])) if pin.covariance is not None else 1.0
 
 
 def _changed(landmark: lm.MappedLandmark, change: Edit) -> lm.MappedLandmark:
@@ -122,25 +157,33 @@ def describe_landmarks(landmarks: lm.LandmarkMap) -> list[dict[str, Any]]:
                 "family": landmark.family,
                 "size_m": landmark.size_m,
                 "position": pose.t.tolist(),
+                "quaternion": pose.quaternion_xyzw.tolist(),
                 "facing_deg": facing_deg(pose.R),
                 "name": landmark.name,
-                "ellipse": None if C is None else [float(C[0, 0]), float(C[0, 1]), float(C[1, 1])],
+                "spread": None if C is None else C[:3, :3].tolist(),
                 "sigma_m": None if C is None else float(np.sqrt(np.trace(C[:3, :3]))),
             }
         )
     return entries
 
 
+def describe_pins(path: str) -> dict[str, float]:
+    """How well each pinned landmark was measured, mm."""
+    return {str(pin.id): _pin_mm(pin) for pin in lm.read_map(path)}
+
+
 async def _shown(state: State) -> dict[str, Any]:
     project = state.project
-    path = project.path(MAP)
+    path, pins = project.path(MAP), project.path(PINS)
+    shown: dict[str, Any] = {"landmarks": [], "pins": {}, "version": None, "doubts": {}, "warnings": []}
+    shown |= {"undo": count_versions(project, *UNDONE), "floor": await state.workers.run(describe_floor, project)}
     if not path.is_file():
-        return {"landmarks": [], "version": None, "undo": count_versions(project, MAP), "doubts": {}, "warnings": []}
+        return shown
     doubts, warnings = _doubts(project)
-    return {
+    return shown | {
         "landmarks": await state.workers.run(describe_map, str(path)),
+        "pins": await state.workers.run(describe_pins, str(pins)) if pins.is_file() else {},
         "version": _version(path),
-        "undo": count_versions(project, MAP),
         "doubts": doubts,
         "warnings": warnings,
         "command": f"lmkit map {MAP}",

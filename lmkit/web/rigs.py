@@ -14,7 +14,7 @@ from lmkit.errors import InputError
 from lmkit.web.answers import MAX_JSON, answer, read_bytes
 from lmkit.web.project import Project
 from lmkit.web.state import state_of
-from lmkit.web.versions import count_versions, keep_version, restore_version
+from lmkit.web.versions import count_versions, keep_versions, restore_versions
 
 RIG = "rig.yaml"
 
@@ -29,7 +29,7 @@ async def replace(request: Request) -> Response:
     """Replace the rig by the file in the body; the rig before is kept for undo."""
     state, data = state_of(request), await read_bytes(request, MAX_JSON)
     rig = await state.workers.run(rig_of, data)
-    keep_version(state.project, RIG)
+    keep_versions(state.project, RIG)
     lm.write_rig(rig, state.project.path(RIG), overwrite=True)
     return answer(await state.workers.run(describe_rig, state.project))
 
@@ -37,7 +37,7 @@ async def replace(request: Request) -> Response:
 async def undo(request: Request) -> Response:
     """Go back by one change."""
     state = state_of(request)
-    restore_version(state.project, RIG)
+    restore_versions(state.project, RIG)
     return answer(await state.workers.run(describe_rig, state.project))
 
 

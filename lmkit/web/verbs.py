@@ -18,7 +18,7 @@ from lmkit.errors import InputError
 from lmkit.web.answers import Body, answer, read_body
 from lmkit.web.project import FILMS, Project, listing
 from lmkit.web.state import state_of
-from lmkit.web.versions import keep_version
+from lmkit.web.versions import keep_versions
 
 EXAMPLE = "drives/example"
 DEPTHS = (1.0, 2.0, 4.0, 8.0)
@@ -33,6 +33,8 @@ class JobBody(Body):
     board: Short = ""
     size: Short = "180mm"
     anchor: bool = True
+    walls: Annotated[tuple[Short, ...], Field(max_length=50)] = ()
+    heights: Annotated[tuple[Short, ...], Field(max_length=50)] = ()
     live: bool = False
     record: bool = False
     error: Short = "5cm"
@@ -60,8 +62,8 @@ async def start(request: Request) -> Response:
     if verb not in VERBS:
         raise InputError("no_job", f"there is no job {verb[:20]!r}", f"known: {', '.join(VERBS)}")
     plan = VERBS[verb](state.project, body)
-    for name in plan.replaces:
-        keep_version(state.project, name)
+    if plan.replaces:
+        keep_versions(state.project, *plan.replaces)
     for name in plan.outputs:
         state.project.path(name).parent.mkdir(parents=True, exist_ok=True)
     saved = None if plan.save_json is None else state.project.path(plan.save_json)
@@ -86,9 +88,13 @@ def plan_survey(project: Project, body: JobBody) -> Plan:
     stem = _stem(body.source)
     words = ["survey", *_images(found), "--rig", _of(project, found, "rig")]
     anchor = "map.yaml" if (project.root / "map.yaml").is_file() else f"{body.source}/map.yaml"
-    if body.anchor and project.path(anchor).is_file():
+    if (project.root / "pins.yaml").is_file():
+        words += ["--known", "pins.yaml"]
+    elif body.anchor and project.path(anchor).is_file():
         words += ["--known", anchor, "--known-sigma", "20mm,2deg"]
     words += [*_motion(found), "--size", body.size]
+    words += [w for codes in body.walls if _codes(codes) for w in ("--wall", codes)]
+    words += [w for codes in body.heights if _codes(codes) for w in ("--same-height", codes)]
     html, plan, table = (f"reports/{stem}-survey.{kind}" for kind in ("html", "svg", "json"))
     words += ["-o", "map.yaml", "--report", html, "--plan", plan, "--json", "--force"]
     command = f"{shlex.join(['lmkit', *words])} > {shlex.quote(table)}"
@@ -239,6 +245,17 @@ def _calibration(source: str, board: str) -> tuple[list[str], str]:
     report = f"reports/{_stem(source)}-calibration.html"
     sides = [f"{source}/left", f"{source}/right"]
     return ["calibrate", *sides, "--board", board, "-o", "rig.yaml", "--report", report, "--force"], report
+
+
+def _codes(text: str) -> bool:
+    """Whether codes such as ``12,44`` are given.
+
+    Raises:
+        InputError: other text.
+    """
+    if text and not re.fullmatch(r"[0-9a-z:_]+(,[0-9a-z:_]+)+", text):
+        raise InputError("bad_value", f"{text!r} is not a list of codes", "write two codes at least, such as 12,44")
+    return bool(text)
 
 
 def _board(body: JobBody) -> None:

@@ -1,4 +1,4 @@
-"""Earlier versions of `map.yaml` and `rig.yaml`, for undo."""
+"""Earlier versions of `map.yaml`, `rig.yaml`, `floor.yaml` and `pins.yaml`, for undo."""
 
 from __future__ import annotations
 
@@ -12,36 +12,60 @@ FOLDER = ".lmkit-undo"
 KEPT = 50
 
 
-def keep_version(project: Project, name: str) -> None:
-    """Keep a copy of a file before it is replaced, if it exists."""
-    path = project.path(name)
-    if not path.is_file():
-        return
-    versions = _versions(project, name)
-    number = int(versions[-1].stem.rpartition("-")[2]) + 1 if versions else 1
-    write_file(project.root / FOLDER / f"{path.stem}-{number:05d}{path.suffix}", path.read_bytes())
-    for old in versions[: max(0, len(versions) + 1 - KEPT)]:
-        old.unlink()
+def keep_versions(project: Project, *names: str) -> None:
+    """Keep copies of files that are replaced together, under one number; an empty one: there was no file."""
+    folder = project.root / FOLDER
+    number = max((_number(path) for path in folder.glob("*-[0-9][0-9][0-9][0-9][0-9].*")), default=0) + 1
+    for name in names:
+        path = project.path(name)
+        write_file(folder / f"{path.stem}-{number:05d}{path.suffix}", _content(path))
+        for old in _versions(project, name)[:-KEPT]:
+            old.unlink()
 
 
-def count_versions(project: Project, name: str) -> int:
-    """How often `restore_version` can go back."""
-    return len(_versions(project, name))
+def count_versions(project: Project, *names: str) -> int:
+    """How often `restore_versions` can go back."""
+    return len({_number(path) for name in names for path in _changed(project, name)})
 
 
-def restore_version(project: Project, name: str) -> None:
-    """Go back to the version before.
+def restore_versions(project: Project, *names: str) -> None:
+    """Undo the newest change of any of these files; one that did not exist is removed again.
 
     Raises:
         InputError: there is none.
     """
-    versions = _versions(project, name)
-    if not versions:
-        raise InputError("nothing_to_undo", f"there is no earlier {name}", "it has not been changed here")
-    write_file(project.path(name), versions[-1].read_bytes(), force=True)
-    versions[-1].unlink()
+    changed = {name: _changed(project, name) for name in names}
+    newest = max((_number(versions[-1]) for versions in changed.values() if versions), default=None)
+    if newest is None:
+        raise InputError("nothing_to_undo", f"there is no earlier {names[0]}", "it has not been changed here")
+    for name, versions in changed.items():
+        if not versions or _number(versions[-1]) != newest:
+            continue
+        data = versions[-1].read_bytes()
+        if data:
+            write_file(project.path(name), data, force=True)
+        else:
+            project.path(name).unlink(missing_ok=True)
+        for version in _versions(project, name)[len(versions) - 1 :]:
+            version.unlink()
+
+
+def _changed(project: Project, name: str) -> list[Path]:
+    """Versions up to the newest that differs from the file: a job may have written nothing."""
+    versions, now = _versions(project, name), _content(project.path(name))
+    while versions and versions[-1].read_bytes() == now:
+        versions.pop()
+    return versions
+
+
+def _number(version: Path) -> int:
+    return int(version.stem.rpartition("-")[2])
+
+
+def _content(path: Path) -> bytes:
+    return path.read_bytes() if path.is_file() else b""
 
 
 def _versions(project: Project, name: str) -> list[Path]:
     path = Path(name)
-    return sorted((project.root / FOLDER).glob(f"{path.stem}-?????{path.suffix}"))
+    return sorted((project.root / FOLDER).glob(f"{path.stem}-[0-9][0-9][0-9][0-9][0-9]{path.suffix}"))

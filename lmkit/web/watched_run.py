@@ -6,7 +6,6 @@ Standard input says ``1`` when someone begins to look and ``0`` when nobody does
 
 from __future__ import annotations
 
-import json
 import sys
 import threading
 import time
@@ -14,14 +13,16 @@ from io import FileIO, RawIOBase
 from pathlib import Path
 from typing import Any, BinaryIO
 
-from lmkit.errors import LmkitError, NegativeAnswer
+from lmkit.errors import NegativeAnswer
 from lmkit.live.open_run import open_run
 from lmkit.live.outputs.base import OutputRunner
 from lmkit.live.run_settings import RunSettings, read_run_file, settings_of
 from lmkit.live.service import run_until_stopped
 from lmkit.live.state import LiveState
+from lmkit.web.floors import walls_beside
 from lmkit.web.live import image_of, pack_line, shown_state
 from lmkit.web.maps import describe_landmarks
+from lmkit.web.tasks import run_task
 
 LEAST_APART_S = 0.1  # between two images
 
@@ -58,8 +59,11 @@ def run(task: dict[str, Any], wishes: RawIOBase, stream: BinaryIO) -> None:
         InputError: settings that do not fit together, or a file that cannot be read.
         NegativeAnswer: no pose was published.
     """
-    live = open_run(settings_from(task))
-    stream.write(pack_line({"landmarks": describe_landmarks(live.loop.landmarks)}))
+    settings = settings_from(task)
+    live = open_run(settings)
+    file = settings.path(settings.values.map)
+    walls = [] if file is None else walls_beside(file)
+    stream.write(pack_line({"landmarks": describe_landmarks(live.loop.landmarks), "walls": walls}))
     page = PageOutput(stream)
     live.outputs.append(OutputRunner("page", lambda: page, live.clock.now, keeps_all=not live.feed.is_live))
 
@@ -69,7 +73,7 @@ def run(task: dict[str, Any], wishes: RawIOBase, stream: BinaryIO) -> None:
         live.stop()
 
     threading.Thread(target=listen, daemon=True).start()
-    summary = run_until_stopped(live, settings_from(task))
+    summary = run_until_stopped(live, settings)
     if summary.steps and not summary.statuses.get("ok"):
         raise NegativeAnswer("not_located", "no pose was published", "check that landmarks of the map are in view")
 
@@ -84,17 +88,12 @@ def settings_from(task: dict[str, Any]) -> RunSettings:
     return RunSettings(settings_of({**filed.values.model_dump(), **given}, filed.folder).values, filed.folder)
 
 
-def main() -> int:
-    """Run one task, given as JSON."""
-    try:
-        # Unbuffered: a thread that waits in a buffered reader cannot be left behind at the end.
-        with FileIO(sys.stdin.fileno(), closefd=False) as wishes:
-            run(json.loads(sys.argv[1]), wishes, sys.stdout.buffer)
-    except LmkitError as error:
-        sys.stderr.write(f"lmkit: {error.message}; {error.hint}\n")
-        return error.exit_code
-    return 0
+def watch(task: dict[str, Any]) -> None:
+    """Run with the wishes of standard input, and the steps to standard output."""
+    # Unbuffered: a thread that waits in a buffered reader cannot be left behind at the end.
+    with FileIO(sys.stdin.fileno(), closefd=False) as wishes:
+        run(task, wishes, sys.stdout.buffer)
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    sys.exit(run_task(watch))

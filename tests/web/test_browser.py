@@ -104,19 +104,24 @@ def test_the_overview_paints_within_a_second(open_page):
 
 @pytest.mark.parametrize("name", PAGES)
 def test_every_page_is_accessible_and_fits_its_window(furnished, open_page, name):
-    axe = pytest.importorskip(
-        "axe_playwright_python.sync_playwright", reason="axe-playwright-python is not installed"
-    )
     page = open_page(name)
     for scheme, (width, height) in itertools.product(("light", "dark"), ((1280, 800), (390, 844))):
         page.emulate_media(color_scheme=scheme)
         page.set_viewport_size({"width": width, "height": height})
         page.wait_for_timeout(250)  # transitions of colors end
-        # The policy of the page lets no script in but its own; the rules come through the driver's own world.
-        found = axe.Axe().run(page).response["violations"]
-        serious = [(v["id"], v["nodes"][0]["html"][:120]) for v in found if v["impact"] in ("serious", "critical")]
+        serious = _serious(page)
         assert not serious, f"{scheme}, {width} px wide: {json.dumps(serious, indent=1)}"
         assert page.evaluate("document.documentElement.scrollWidth - innerWidth") <= 0, f"{width} px wide"
+
+
+def _serious(page):
+    """Findings of axe that are serious or critical: the rule, and the first element."""
+    axe = pytest.importorskip(
+        "axe_playwright_python.sync_playwright", reason="axe-playwright-python is not installed"
+    )
+    # The policy of the page lets no script in but its own; the rules come through the driver's own world.
+    found = axe.Axe().run(page).response["violations"]
+    return [(v["id"], v["nodes"][0]["html"][:120]) for v in found if v["impact"] in ("serious", "critical")]
 
 
 def test_an_errand_from_print_to_map(furnished, open_page, project):
@@ -170,8 +175,11 @@ def test_a_minute_of_live_states_holds_memory(browser, tmp_path):
     try:
         port = server.stdout.readline().strip()
         page = browser.new_page()
+        problems: list[str] = []
+        page.on("pageerror", lambda e: problems.append(str(e)))
         page.goto(f"http://127.0.0.1:{port}/#/live")
         page.get_by_text("The last minute", exact=True).wait_for(timeout=30_000)
+        page.evaluate("window.still = document.querySelector('.plan .mark'); 0")
         sizes = []
         slider = page.locator("input[type=range]")
         for newest in range(99, 600, 100):
@@ -180,10 +188,22 @@ def test_a_minute_of_live_states_holds_memory(browser, tmp_path):
         server_mb, page_mb = zip(*sizes, strict=True)
         assert server_mb[-1] - server_mb[1] < 20, server_mb
         assert page_mb[-1] < 60, page_mb
+        # The map was drawn once; the robot, its trail and what it sees are what changed.
+        assert page.evaluate("still.isConnected && still.ownerDocument.querySelectorAll('.over .trail').length > 5")
+        assert page.locator(".plan .mark.seen").count() == 1
+        assert _serious(page) == []
+        assert not page.evaluate(LOADED)
+        page.get_by_role("button", name="3D").click()
+        page.get_by_role("img", name="3 landmarks in 3D").wait_for()
+        assert page.evaluate(LOADED)
         page.close()
+        assert not problems, problems
     finally:
         server.terminate()
         server.wait(20)
+
+
+LOADED = "performance.getEntriesByType('resource').some((r) => r.name.includes('three'))"
 
 
 def _resident_mb(pid: int) -> float:
@@ -198,12 +218,18 @@ import sys, threading, time
 from pathlib import Path
 import numpy as np, uvicorn
 from lmkit.visualization.overlay import encode_jpeg
+from lmkit.model.landmark_id import LandmarkId
+from lmkit.model.landmark_map import LandmarkMap, MappedLandmark, wall_pose
 from lmkit.web.app import build_app, state_of_app
+from lmkit.web.maps import describe_landmarks
 from lmkit.web.project import open_project
 from lmkit.web.server import listen
 from lmkit.web.workers import Workers
 
 def feed(hub):
+    places = [(2.0, 2.0, 1.2), (-2.0, 2.0, 1.2), (-2.0, -2.0, 1.2)]
+    hub.landmarks = describe_landmarks(LandmarkMap([
+        MappedLandmark(LandmarkId("lm8", k), 0.18, wall_pose(p, 0.0)) for k, p in enumerate(places)]))
     rng, k = np.random.default_rng(0), 0
     jpeg = encode_jpeg(rng.integers(0, 255, (240, 320, 3), dtype=np.uint8))
     while True:

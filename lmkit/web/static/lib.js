@@ -16,6 +16,13 @@ export const s = (tag, attributes, ...children) => build(document.createElementN
 
 export const fill = (element, ...children) => element.replaceChildren(...children.filter((c) => c !== null && c !== undefined && c !== false));
 
+// Draws a part of the page anew; the keyboard stays where it was.
+export function keepFocus(part, work) {
+  const parts = () => [...part.querySelectorAll("input, button, select, summary")], place = parts().indexOf(document.activeElement);
+  work();
+  if (place >= 0) parts()[place]?.focus({ preventScroll: true });
+}
+
 export class Problem extends Error {
   constructor(code, message, hint) { super(message); this.code = code; this.hint = hint; }
 }
@@ -94,7 +101,7 @@ export function jobView(job, { done, progress } = {}) {
         j.seconds !== null ? h("span", { class: "soft small" }, `${j.seconds.toFixed(0)} s`) : null,
         going ? h("button", { class: "danger", "data-key": "cancel", type: "button", onclick: () => api(`jobs/${j.id}/cancel`, { method: "POST" }).then(draw).catch((e) => toast(e.message, "bad")) }, live ? "Stop" : "Cancel") : null),
       going && !live ? h("div", null, h("p", { class: "small soft" }, j.progress ? `${j.progress.step}${j.progress.total ? `: ${j.progress.done} of ${j.progress.total}` : ""}` : j.state === "waiting" ? "waits for the job before" : "working"), bar(j.progress)) : null,
-      j.error ? note("bad", j.error) : null,
+      j.state === "failed" ? note("bad", j.error) : null,
       j.state === "done" ? h("div", { class: "row" }, j.outputs.map(outputLink)) : null,
       h("details", { open: open ?? false }, h("summary", { "data-key": "log" }, "Log and command line"), h("div", null, command(j.command), h("pre", { class: "log", tabindex: "0", "aria-label": "Log" }, (j.log ?? []).join("\n") || "nothing yet"))),
     );

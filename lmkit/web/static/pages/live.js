@@ -1,77 +1,91 @@
-import { api, empty, h, heading, jobView, mm, s, toast, trouble } from "../lib.js";
-import { planOf, ellipseOf } from "../plan.js";
+import { api, empty, fill, h, heading, jobView, mm, sentence, toast, trouble } from "../lib.js";
+import { flatOrDeep } from "../flat_or_deep.js";
+import { innovationChart } from "../live_chart.js";
+import { livePlan } from "../live_plan.js";
 
 const KEPT = 600; // states of the last minute
-const SHOWN = 200; // innovations in the chart
+const WORDS = {
+  ok: "Ok: the pose agrees with what is seen", ambiguous: "Ambiguous: another pose explains what is seen as well", imprecise: "Imprecise: poses half a meter away explain what is seen as well",
+  no_landmarks: "No landmarks: too few of the map are read", inconsistent: "Inconsistent: no pose explains what is read", swapped: "Swapped: left and right image are exchanged", lost: "Lost: the pose is not known",
+};
+const SLOWLY_MS = 250; // between two changes of what is read rather than followed
 
 export async function show(stage) {
-  let map = await api("live/map").catch(() => ({ landmarks: [] }));
-  const box = h("div");
-  const image = h("img", { class: "plan", alt: "Newest image of every camera, with the landmarks outlined", hidden: true });
+  const box = h("div"), planBox = h("div", { class: "layers" }), plan = livePlan(planBox), chart = innovationChart();
+  const image = h("canvas", { class: "plan", role: "img", "aria-label": "Newest image of every camera, with the landmarks outlined", hidden: true });
   const legend = h("p", { class: "small soft", hidden: true }, "Green: read and agrees with the pose. Red: read and contradicts it. Magenta with a question mark: expected, not read.");
-  const status = h("p", { role: "status" }), facts = h("dl", { class: "figures" }), plan = h("div"), scale = h("p", { class: "small soft" });
-  const chart = h("div"), health = h("div"), happened = h("ul", { class: "small" });
+  const status = h("p", { role: "status" }), facts = ["landmarks", "position", "poses", "latency"].map((label) => [h("dd"), label]), scale = h("p", { class: "small soft" });
+  const health = h("div"), happened = h("ul", { class: "small" });
   const scrub = h("input", { type: "range", min: 0, max: 0, value: 0, "aria-label": "Look back", oninput: () => { back = Number(scrub.value) < states.length - 1 ? Number(scrub.value) : null; draw(); } });
-  let states = [], back = null, url = null, waiting = false, shown = false, run = null, reach = [], gain = 1, events = [], told = "";
-  const fact = (value, label) => h("div", null, h("dt", null, label), h("dd", null, value));
+  let states = [], back = null, waiting = false, shown = false, run = null, events = [], slowly = 0, decoding = null, pictured = null;
+  const say = (element, text) => { if (element.textContent !== text) element.textContent = text; };
+  let map = { landmarks: [], walls: [] };
+  const views = flatOrDeep(planBox, { draw: (view) => { view.show(map); draw(); } });
+  const loadMap = async () => { map = await api("live/map").catch(() => map); plan.show(map); views.view?.show(map); };
+  await loadMap();
 
   function draw() {
     waiting = false;
     if (!states.length) return;
-    const k = back ?? states.length - 1, { state, jpeg } = states[k];
-    const words = `${state.status}${state.reason ? `: ${state.reason}` : ""}`;
-    if (words !== told) {
-      told = words;
+    const k = back ?? states.length - 1, { state, jpeg } = states[k], now = performance.now();
+    const words = sentence(`${WORDS[state.status] ?? state.status}${state.reason ? ` (${state.reason})` : ""}`);
+    if (status.textContent !== words) {
       status.className = `note ${state.status === "ok" ? "good" : state.status === "lost" ? "bad" : "warn"}`;
       status.textContent = words;
     }
-    const C = state.covariance, sigma = C ? Math.sqrt(C[0][0] + C[1][1]) : null;
-    facts.replaceChildren(fact((state.ids ?? []).length, "landmarks"), fact(sigma === null ? "–" : `± ${mm(sigma)}`, "position"), fact(`${(state.rate_hz ?? 0).toFixed(1)} Hz`, "poses"), fact(state.latency_ms == null ? "–" : `${state.latency_ms.toFixed(0)} ms`, "latency"));
-    drawPlan(k, state);
-    if (jpeg && jpeg !== image.jpeg) { const old = url; url = URL.createObjectURL(jpeg); image.jpeg = jpeg; image.onload = () => old && URL.revokeObjectURL(old); image.src = url; image.hidden = legend.hidden = false; }
-    chart.replaceChildren(innovations(states.slice(Math.max(0, k + 1 - SHOWN), k + 1)));
-    health.replaceChildren(table([...(state.sources ?? []).map((e) => ["in", e]), ...(state.outputs ?? []).map((e) => ["out", e])]));
+    const gain = plan.draw(states, k);
+    views.view?.robot(states, k, gain);
+    say(scale, state.position ? `The arrow is the robot. Its ellipse holds 95 %${gain > 1 ? `, drawn ${gain} times as large` : ""}.` : "The robot's place is not known at this time.");
+    picture(jpeg);
+    if (back === null && now - slowly < SLOWLY_MS) return;
+    slowly = now;
+    const C = state.covariance;
+    const values = [(state.ids ?? []).length, C ? `± ${mm(Math.sqrt(C[0][0] + C[1][1]))}` : "–", `${(state.rate_hz ?? 0).toFixed(1)} Hz`, state.latency_ms == null ? "–" : `${state.latency_ms.toFixed(0)} ms`];
+    facts.forEach(([dd], n) => say(dd, `${values[n]}`));
+    chart.draw(states, k);
+    report([...(state.sources ?? []).map((e) => ["in", e]), ...(state.outputs ?? []).map((e) => ["out", e])]);
     scrub.max = states.length - 1;
     if (back === null) scrub.value = states.length - 1;
   }
-  function drawPlan(k, state) {
-    const trail = states.slice(0, k + 1).map((e) => e.state.position).filter(Boolean);
-    // What was once in the plan stays in it, so that nothing jumps.
-    const all = [...reach, ...(state.position ? [state.position] : [])], span = (n) => [Math.min(...all.map((p) => p[n])), Math.max(...all.map((p) => p[n]))];
-    if (all.length) { const [x, y] = [span(0), span(1)]; reach = [[x[0], y[0]], [x[1], y[1]]]; }
-    const seen = new Set(state.ids ?? []), doubted = Object.fromEntries((state.outlier_ids ?? []).map((id) => [id, "contradicts the pose"]));
-    const { svg, unit } = planOf(map.landmarks, { extra: reach, doubts: doubted, seen, ellipses: false });
-    if (trail.length > 1) svg.append(s("polyline", { class: "trail", points: trail.map((p) => `${p[0]},${-p[1]}`).join(" ") }));
-    if (state.position) {
-      const [x, y] = state.position, C = state.covariance, widest = C ? 2.45 * Math.sqrt(Math.max(C[0][0], C[1][1])) : 0;
-      if (widest * gain > 9 * unit || widest * gain < 1.5 * unit) gain = widest > 0 ? Math.max(1, 2 ** Math.round(Math.log2(3.5 * unit / widest))) : 1;
-      if (C) svg.append(ellipseOf([C[0][0], C[0][1], C[1][1]], state.position, gain, "robotsure"));
-      const [i, j, n, w] = state.quaternion ?? [0, 0, 0, 1], yaw = Math.atan2(2 * (w * n + i * j), 1 - 2 * (j * j + n * n)) * 180 / Math.PI;
-      svg.append(s("path", { class: "robot", d: `M${2.6 * unit},0 L${-1.5 * unit},${1.5 * unit} L${-0.8 * unit},0 L${-1.5 * unit},${-1.5 * unit} Z`, transform: `translate(${x} ${-y}) rotate(${-yaw})` }));
+  // Decodes one image at a time; those that come meanwhile are passed over, but for the newest.
+  async function picture(jpeg) {
+    if (!jpeg || jpeg === pictured) return;
+    pictured = jpeg;
+    if (decoding) return;
+    while (decoding !== pictured) {
+      decoding = pictured;
+      const bitmap = await createImageBitmap(new Blob([decoding], { type: "image/jpeg" })).catch(() => null);
+      if (!bitmap) continue;
+      if (image.width !== bitmap.width || image.height !== bitmap.height) [image.width, image.height] = [bitmap.width, bitmap.height];
+      image.getContext("bitmaprenderer").transferFromImageBitmap(bitmap);
+      image.hidden = legend.hidden = false;
     }
-    plan.replaceChildren(svg);
-    scale.textContent = state.covariance ? `The arrow is the robot. Its ellipse holds 95 %${gain > 1 ? `, drawn ${gain} times as large` : ""}.` : "The robot's place is not known at this time.";
+    decoding = null;
   }
-  function reset() { states = []; back = null; reach = []; events = []; told = ""; image.hidden = legend.hidden = true; happened.replaceChildren(); }
+  const cells = [];
+  function report(entries) {
+    if (!entries.length || entries.length !== cells.length) { cells.length = 0; fill(health, table(entries, cells)); }
+    entries.forEach(([way, e], n) => [way, e.name, `${e.rate_hz.toFixed(1)} Hz`, `${e.count}`, `${e.lost}`, e.problem ?? ""].forEach((text, c) => say(cells[n][c], text)));
+  }
+  function reset() { states = []; back = null; events = []; pictured = null; image.hidden = legend.hidden = true; happened.replaceChildren(); plan.reset(); }
 
   const socket = new WebSocket(`${location.protocol === "https:" ? "wss" : "ws"}://${location.host}/api/live`);
   socket.binaryType = "arraybuffer";
   socket.onmessage = ({ data }) => {
     const length = new DataView(data).getUint32(0, true);
     const state = JSON.parse(new TextDecoder().decode(new Uint8Array(data, 4, length)));
-    const jpeg = data.byteLength > 4 + length ? new Blob([data.slice(4 + length)], { type: "image/jpeg" }) : states.at(-1)?.state.run === state.run ? states.at(-1)?.jpeg ?? null : null;
-    if (state.run !== run) { if (run !== null) reset(); run = state.run; api("live/map").then((m) => { map = m; }).catch(() => {}); }
-    if (!shown) {
-      shown = true;
-      box.replaceChildren(status, h("div", { class: "grid wide" }, h("section", { class: "card stack" }, image, legend, facts), h("section", { class: "card stack" }, plan, scale, h("label", null, "The last minute", scrub))),
-        h("div", { class: "grid wide" }, h("section", { class: "card stack" }, h("h2", null, "Innovation"), chart), h("section", { class: "card stack" }, h("h2", null, "Inputs and outputs"), h("div", { class: "scroll", tabindex: "0", role: "region", "aria-label": "Inputs and outputs" }, health), happened)));
-    }
+    if (state.run !== run) { if (run !== null) reset(); run = state.run; if (map.run !== run) loadMap(); }
+    const jpeg = data.byteLength > 4 + length ? data.slice(4 + length) : states.at(-1)?.jpeg ?? null;
+    if (!shown) { shown = true; fill(box, ...panels()); }
     states.push({ state, jpeg });
     for (const event of state.events ?? []) { events = [event, ...events].slice(0, 6); happened.replaceChildren(...events.map((e) => h("li", null, e.message))); }
     if (states.length > KEPT) { states.shift(); if (back !== null && back > 0) back -= 1; }
     if (!waiting) { waiting = true; requestAnimationFrame(draw); }
   };
   socket.onclose = (e) => { if (!e.wasClean || e.code === 1013) box.prepend(trouble({ message: e.code === 1013 ? "too many browsers look at this run" : "the connection to lmkit web ended", hint: e.code === 1013 ? "close one of them, then reload" : "is it still running in the terminal? Then reload the page" })); };
+  const panels = () => [status,
+    h("div", { class: "grid wide" }, h("section", { class: "card stack" }, image, legend, h("dl", { class: "figures" }, facts.map(([dd, label]) => h("div", null, h("dt", null, label), dd)))), h("section", { class: "card stack" }, views.element, scale, h("label", null, "The last minute", scrub))),
+    h("div", { class: "grid wide" }, h("section", { class: "card stack" }, h("h2", null, "Innovation"), chart.box), h("section", { class: "card stack" }, h("h2", null, "Inputs and outputs"), h("div", { class: "scroll", tabindex: "0", role: "region", "aria-label": "Inputs and outputs" }, health), happened))];
 
   const project = await api("project");
   const runs = h("div"), record = h("input", { type: "checkbox" });
@@ -90,30 +104,22 @@ export async function show(stage) {
     project.bags.filter((b) => b.name.startsWith("runs/")).slice(-4).map((b) => button(`Replay ${b.name}`, b.name)),
     button("Watch a simulated robot", "sim:"),
   ];
-  box.append(empty("Nothing runs live", `${project.can_run ? "Start a run, or replay a recording" : "Connect a run to this page"}: the robot appears on the plan with its trail, and you see why a pose is or is not sure.`));
+  if (!shown) box.append(empty("Nothing runs live", `${project.can_run ? "Start a run, or replay a recording" : "Connect a run to this page"}: the robot appears on the plan with its trail, and you see why a pose is or is not sure.`));
   stage.append(...heading("Live", "The pose while it happens, and the last minute to look back at."), h("section", { class: "card stack" }, h("h2", null, "Runs"), h("div", { class: "row" }, buttons),
     project.can_run ? h("label", { class: "check" }, record, "Record the next run to runs/, to replay it later") : null, runs), box);
   const ongoing = (await api("jobs")).jobs.find((j) => j.verb === "run" && (j.state === "running" || j.state === "waiting"));
   if (ongoing) runs.append(jobView(ongoing));
-  return () => { socket.onclose = null; socket.close(); if (url) URL.revokeObjectURL(url); };
+  return () => { socket.onclose = null; socket.close(); views.close(); };
 }
 
-function innovations(entries) {
-  const points = entries.map(({ state }, k) => [k, state.innovation, state.band]).filter(([, v]) => v !== null && v !== undefined);
-  if (!points.length) return h("p", { class: "small soft" }, "No landmark was compared with the prediction yet.");
-  const [w, hh, top] = [480, 150, 4], x = (k) => 34 + (w - 44) * k / Math.max(SHOWN - 1, 1), y = (v) => 8 + (hh - 30) * (1 - Math.min(v, top) / top);
-  const banded = points.filter(([, , b]) => b), inside = banded.filter(([, v, b]) => v >= b[0] && v <= b[1]).length, above = banded.filter(([, v, b]) => v > b[1]).length;
-  const edge = (n) => banded.map(([k, , b]) => `${x(k).toFixed(1)},${y(b[n]).toFixed(1)}`);
-  const share = banded.length ? `${Math.round(100 * inside / banded.length)} % in the band, ${Math.round(100 * above / banded.length)} % above` : "no band";
-  return h("figure", null, s("svg", { class: "curve", viewBox: `0 0 ${w} ${hh}`, role: "img", "aria-label": `Innovations of ${points.length} steps: ${share}` },
-    banded.length > 1 ? s("polygon", { class: "band", points: [...edge(1), ...edge(0).reverse()].join(" ") }) : null,
-    s("line", { class: "goal", x1: 34, x2: w - 10, y1: y(1), y2: y(1) }), [0, 1, 2, 4].map((v) => s("text", { x: 24, y: y(v) + 4, "text-anchor": "end" }, `${v}`)),
-    points.map(([k, v, b]) => s("circle", { class: b && v > b[1] ? "dot bad" : "dot", cx: x(k), cy: y(v), r: 2.2 }))),
-    h("figcaption", null, `Surprise of each step against its 95 % band: ${share}. Around 1 the stated uncertainty is right; below, it is cautious; above, something contradicts the map or the odometry.`));
-}
-
-function table(entries) {
+// The table of inputs and outputs; `cells` is given what changes, row by row.
+function table(entries, cells) {
   if (!entries.length) return h("p", { class: "small soft" }, "Not reported by this run.");
-  return h("table", null, h("thead", null, h("tr", null, ["", "Name", "Rate", "Count", "Lost"].map((t, k) => h("th", { scope: "col", class: k > 1 ? "n" : null }, t)))),
-    h("tbody", null, entries.map(([way, e]) => h("tr", null, h("td", { class: "soft" }, way), h("td", null, e.name, e.problem ? h("div", { class: "small bad" }, e.problem) : null), h("td", { class: "n" }, `${e.rate_hz.toFixed(1)} Hz`), h("td", { class: "n" }, e.count), h("td", { class: "n" }, e.lost)))));
+  return h("table", null, h("thead", null, h("tr", null, ["Way", "Name", "Rate", "Count", "Lost"].map((t, k) => h("th", { scope: "col", class: k > 1 ? "n" : null }, t)))),
+    h("tbody", null, entries.map(() => {
+      const [way, name, rate, count, lost, problem] = ["span", "span", "span", "span", "span", "div"].map((tag) => h(tag));
+      problem.className = "small bad";
+      cells.push([way, name, rate, count, lost, problem]);
+      return h("tr", null, h("td", { class: "soft" }, way), h("td", null, name, problem), [rate, count, lost].map((e) => h("td", { class: "n" }, e)));
+    })));
 }
