@@ -84,7 +84,9 @@ def run_arguments(arguments: Sequence[str]) -> Any:
     names = (command,) if command in COMMANDS else COMMANDS
     try:
         return build_app(names)(arguments, prog_name="lmkit", standalone_mode=False)
-    except typer.Abort:
+    except typer.Abort as abort:
+        if isinstance(abort.__context__, EOFError):  # typer takes every end of a file for the end of a dialog
+            raise abort.__context__ from None
         raise KeyboardInterrupt from None
 
 

@@ -79,13 +79,15 @@ def assert_one_line(done, code):
 
 @contextlib.contextmanager
 def largest_file(count):
-    """No file of this process grows beyond so many bytes."""
-    limits = resource.getrlimit(resource.RLIMIT_FSIZE)
+    """No file of this process grows beyond so many bytes; modules imported meanwhile are not cached, cut off."""
+    limits, cached = resource.getrlimit(resource.RLIMIT_FSIZE), sys.dont_write_bytecode
+    sys.dont_write_bytecode = True
     resource.setrlimit(resource.RLIMIT_FSIZE, (count, limits[1]))
     try:
         yield
     finally:
         resource.setrlimit(resource.RLIMIT_FSIZE, limits)
+        sys.dont_write_bytecode = cached
 
 
 def few_handles():

@@ -286,8 +286,14 @@ def test_simulate(lmkit, tmp_path, arguments):
     assert files(tmp_path) == set()
 
 
-def test_an_internal_error_is_called_one(lmkit, monkeypatch):
-    monkeypatch.setattr("lmkit.model.codewords.parse_codes", lambda *_: 1 / 0)
+@pytest.mark.parametrize("fault", [ZeroDivisionError, EOFError])
+def test_an_internal_error_is_called_one(lmkit, monkeypatch, fault):
+    """Also the error that typer takes for an end of the dialog."""
+
+    def fail(*_):
+        raise fault
+
+    monkeypatch.setattr("lmkit.model.codewords.parse_codes", fail)
     assert_refused(lmkit("generate", "--code", 1), "internal error (please report)", "--debug", code=70)
 
 
