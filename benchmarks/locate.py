@@ -12,8 +12,9 @@ import json
 import multiprocessing
 import sys
 from collections import Counter
+from collections.abc import Callable
 from concurrent.futures import ProcessPoolExecutor
-from functools import lru_cache, partial
+from functools import cache, lru_cache, partial
 from pathlib import Path
 
 import cv2
@@ -89,6 +90,12 @@ def locate(folder: Path, index: int) -> list[tuple[str, float, float, float, flo
     return answers
 
 
+@cache
+def april_tag_reader() -> Callable:
+    """One a process: its library can crash where readers are made and dropped again and again."""
+    return READERS["AprilTag 3"].make()
+
+
 def locate_apriltag(folder: Path, index: int) -> tuple[str, float, float]:
     """Status, position error (m) and heading error (deg) of AprilTag's corners in a robust PnP."""
     cv2.setNumThreads(1)
@@ -98,7 +105,7 @@ def locate_apriltag(folder: Path, index: int) -> tuple[str, float, float]:
     image = cv2.imread(str(folder / "images" / pair["images"][0]["image"]))
     seen = [
         (known, corners)
-        for code, corners in READERS["AprilTag 3"].make()(image)
+        for code, corners in april_tag_reader()(image)
         if (known := mapped.find(LandmarkId("lm8", code)))
     ]
     if not seen:
