@@ -87,7 +87,7 @@ def _scaled(cell: str, factor: float) -> str:
 def harm_document(text: str, rng: random.Random) -> str:
     """One or two values of a YAML or JSON document replaced, removed, repeated or scaled."""
     if "!!opencv-matrix" in text:
-        return _harm_number(text, rng)
+        return harm_number(text, rng)
     data = (
         json.loads(text) if text.startswith("{") else yaml.load(text, getattr(yaml, "CSafeLoader", yaml.SafeLoader))
     )
@@ -100,7 +100,7 @@ def harm_document(text: str, rng: random.Random) -> str:
     return json.dumps(data) if text.startswith("{") or rng.random() < 0.2 else yaml.safe_dump(data)
 
 
-def _harm_number(text: str, rng: random.Random) -> str:
+def harm_number(text: str, rng: random.Random) -> str:
     """One number of a text replaced."""
     found = rng.choice(list(re.finditer(r"-?\d[\d.e+-]*", text)))
     return text[: found.start()] + str(rng.choice(NUMBERS)) + text[found.end() :]

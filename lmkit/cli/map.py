@@ -30,9 +30,11 @@ def run(
         ),
     ] = None,
     floor: Annotated[
-        Path | None, typer.Option("--floor", help="Floor plan with named walls (lmkit-floor/1), or PNG, PGM, SVG.")
+        Path | None,
+        typer.Option("--floor", help="Floor plan with named walls (lmkit-floor/1), or DXF, PNG, PGM, SVG."),
     ] = None,
     scale: options.Scale = None,
+    layers: options.Layers = "",
     size: Annotated[
         str | None,
         typer.Option("--size", help="Size of landmarks for which the file gives none. Default for forms: 180mm."),
@@ -68,7 +70,7 @@ def run(
         print_line(f"wrote {source}")
         return
     check_outputs([output], plan, force)
-    ground = read_room(room, floor, scale)
+    ground = read_room(room, floor, scale, layers)
     landmarks = _read(source, ground, size, family, sigma)
     for text in check_map(landmarks, ground):
         warn(text)

@@ -48,10 +48,12 @@ CameraHeight = Annotated[
     ),
 ]
 FloorFile = Annotated[
-    Path, typer.Option("--floor", help="Floor plan: lmkit-floor/1 or ROS map YAML, or PNG, PGM or SVG with --scale.")
+    Path,
+    typer.Option("--floor", help="Floor plan: lmkit-floor/1 or ROS map YAML, DXF, or PNG, PGM or SVG with --scale."),
 ]
 Scale = Annotated[
-    float | None, typer.Option("--scale", help="Scale of the floor plan: meters per pixel, or per SVG unit.")
+    float | None,
+    typer.Option("--scale", help="Scale of the floor plan: meters per pixel, or per unit of SVG or DXF."),
 ]
 Islands = Annotated[
     str,
@@ -69,8 +71,13 @@ ThinLines = Annotated[
 Curves = Annotated[
     bool,
     typer.Option(
-        "--curves/--no-curves", help="Treat curves of SVG files as walls. --no-curves ignores them (door arcs)."
+        "--curves/--no-curves",
+        help="Treat curves of SVG and DXF files as walls. --no-curves ignores them (door arcs).",
     ),
+]
+Layers = Annotated[
+    str,
+    typer.Option("--layers", help="Layers of a DXF file that are walls, such as 'A-WALL*,A-GLAZ' or 'not:A-FURN'."),
 ]
 Radius = Annotated[str, typer.Option("--radius", help="Robot radius.")]
 

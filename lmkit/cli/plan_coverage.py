@@ -20,6 +20,7 @@ def run(
     islands: options.Islands = "obstacles",
     thin_lines: options.ThinLines = None,
     curves: options.Curves = True,
+    layers: options.Layers = "",
     camera_height: options.CameraHeight = None,
     marker_family: map_options.MarkerFamily = None,
     marker_size: map_options.MarkerSize = None,
@@ -44,7 +45,7 @@ def run(
     check_outputs((), plan, force)
     cameras = read_mounted_rig(rig, camera_height)
     landmarks = read_map_file(landmark_map, marker_family, marker_size)
-    ground = read_ground(floor, scale, islands, thin_lines, curves)
+    ground = read_ground(floor, scale, islands, thin_lines, curves, layers)
     answer = predict_coverage(ground, list(landmarks), cameras, radius_m)
     failing = failing_places(answer, demand)
     write_outputs({plan: draw_coverage(ground, landmarks, answer, demand, image_kind(plan))}, force)

@@ -33,7 +33,12 @@ def read_mounted_rig(path: Path, camera_height: str | None) -> AnyRig:
 
 
 def read_ground(
-    path: Path, scale: float | None, islands: str = "", thin_lines: str | None = None, curves: bool = True
+    path: Path,
+    scale: float | None,
+    islands: str = "",
+    thin_lines: str | None = None,
+    curves: bool = True,
+    layers: str = "",
 ) -> FloorPlan:
     """Read a floor plan; warn of islands, and of parts that no opening connects.
 
@@ -42,17 +47,19 @@ def read_ground(
     """
     from lmkit.cli.output import warn
     from lmkit.cli.parsing import parse_meters
+    from lmkit.io.dxf_lines import parse_layer_rules
     from lmkit.io.floor_islands import DrawingOptions, drawing_warnings, parse_island_rules
     from lmkit.io.floor_plan import read_floor
 
     thin_m = 0.0 if thin_lines is None else parse_meters(thin_lines, "--thin-lines")
-    floor = read_floor(path, scale, DrawingOptions(*parse_island_rules(islands), thin_m, curves))
+    drawing = DrawingOptions(*parse_island_rules(islands), thin_m, curves, parse_layer_rules(layers))
+    floor = read_floor(path, scale, drawing)
     for text in drawing_warnings(floor.islands, floor.free, floor.cell_m):
         warn(text)
     return floor
 
 
-def read_room(room: str | None, floor: Path | None, scale: float | None) -> FloorPlan | None:
+def read_room(room: str | None, floor: Path | None, scale: float | None, layers: str = "") -> FloorPlan | None:
     """Read the floor of --room or --floor; None without either.
 
     Raises:
@@ -66,4 +73,4 @@ def read_room(room: str | None, floor: Path | None, scale: float | None) -> Floo
     if room is not None:
         width_mm, depth_mm = parse_size_mm(room, "--room")
         return rectangular_room(width_mm / 1000, depth_mm / 1000)
-    return None if floor is None else read_ground(floor, scale)
+    return None if floor is None else read_ground(floor, scale, layers=layers)

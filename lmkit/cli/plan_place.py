@@ -26,6 +26,7 @@ def run(
     islands: options.Islands = "obstacles",
     thin_lines: options.ThinLines = None,
     curves: options.Curves = True,
+    layers: options.Layers = "",
     camera_height: options.CameraHeight = None,
     radius: options.Radius = "0.25m",
     error: options.PositionError = "5cm",
@@ -87,7 +88,7 @@ def run(
     )
     cameras = read_mounted_rig(rig, camera_height)
     mounted = LandmarkMap([]) if landmark_map is None else read_mounted_map(landmark_map)
-    ground = read_ground(floor, scale, islands, thin_lines, curves)
+    ground = read_ground(floor, scale, islands, thin_lines, curves, layers)
     with ProgressBars() as bars:
 
         def on_step(_: int, covered: float) -> None:

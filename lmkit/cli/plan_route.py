@@ -26,6 +26,7 @@ def run(
     islands: options.Islands = "obstacles",
     thin_lines: options.ThinLines = None,
     curves: options.Curves = True,
+    layers: options.Layers = "",
     camera_height: options.CameraHeight = None,
     marker_family: map_options.MarkerFamily = None,
     marker_size: map_options.MarkerSize = None,
@@ -60,7 +61,7 @@ def run(
     check_outputs((csv, tum), plan, force)
     cameras = read_mounted_rig(rig, camera_height)
     landmarks = read_map_file(landmark_map, marker_family, marker_size)
-    ground = read_ground(floor, scale, islands, thin_lines, curves)
+    ground = read_ground(floor, scale, islands, thin_lines, curves, layers)
     ends = [find_goal(text, ground, landmarks, radius_m) for text in (start, goal)]
     found = plan_route(ground, landmarks, cameras, radius_m, ends[0], ends[1], demand)
     write_outputs({csv: route_csv(found), tum: poses_to_tum(route_poses(found))}, force)

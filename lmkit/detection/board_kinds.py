@@ -32,7 +32,7 @@ def shown_instead(images: Sequence[ByteArray]) -> tuple[str, str] | None:
                 f"ArUco markers ({name})",
                 "give --board charuco:8x6:30mm:22mm:DICTIONARY (squares, square, marker)",
             )
-    if _median(_circles(gray) for gray in grays) >= MIN_CIRCLES:
+    if _median(max(_circles(gray), _circles(255 - gray)) for gray in grays) >= MIN_CIRCLES:
         return "a grid of circles", "which is not read: print lmkit board chessboard:9x6:30mm or a ChArUco board"
     return None
 

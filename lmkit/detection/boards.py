@@ -23,6 +23,9 @@ MIN_CHARUCO_CORNERS = 6
 MIN_LANDMARKS = 2
 SIZE_CHECK_PX = 1200  # the longer side of images in which the size of a chessboard is looked for
 LEAST_LINES = 3  # of inner corners
+LEAST_SADDLES = 0.8  # share of a chessboard's corners at which four squares meet
+SADDLE_CONTRAST = 0.3  # of opposite quadrants against neighbors, relative to the contrast of all four
+BETWEEN = 0.12  # a corner's brightness is so far from both its squares', relative to their contrast; a gap's is not
 MIN_MARKERS = 4  # in every image, for another dictionary to be named
 
 
@@ -79,7 +82,8 @@ def grid_size(gray: ByteArray) -> tuple[int, int] | None:
 def grid_corners(gray: ByteArray) -> FloatArray | None:
     """(R,C,2) inner corners, pixels, of the chessboard in an image, whatever its size, or None.
 
-    Lines of corners at which no four squares meet, as on a white rim, are not counted.
+    Lines of corners at which no four squares meet, as on a white rim, are not counted; neither is a grid of other
+    things, such as circles.
     """
     scale = min(1.0, SIZE_CHECK_PX / max(gray.shape))
     small = np.asarray(cv2.resize(gray, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA), dtype=np.uint8)
@@ -93,7 +97,8 @@ def grid_corners(gray: ByteArray) -> FloatArray | None:
             grid = grid[1:]
         grid = np.rot90(grid)
     rows, columns = grid.shape[:2]
-    return (grid + 0.5) / scale - 0.5 if rows * columns > LEAST_LINES**2 else None
+    is_board = rows * columns > LEAST_LINES**2 and _is_chessboard(small, grid)
+    return (grid + 0.5) / scale - 0.5 if is_board else None
 
 
 def _likelier_charuco(grays: Sequence[ByteArray], board: BoardSpec) -> BoardSpec | None:
@@ -142,24 +147,53 @@ def _resized(board: BoardSpec, size: tuple[int, int]) -> BoardSpec:
 def _are_saddles(gray: ByteArray, points: FloatArray, near: FloatArray, nearer: FloatArray) -> bool:
     """Do four squares meet at most of ``points``, as they do at the corners of the line before?"""
 
-    def saddle(at: FloatArray, step: FloatArray) -> FloatArray:
-        along = np.gradient(at, axis=0)
-        quadrants = [at + 0.3 * (u * along + v * step) for u, v in ((1, 1), (-1, 1), (-1, -1), (1, -1))]
-        maps = np.array(quadrants, dtype=np.float32)
-        a, b, c, d = cv2.remap(
-            gray, maps[:, :, 0], maps[:, :, 1], cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE
-        ).astype(np.float64)
-        # Opposite quadrants alike, neighbors unlike.
-        return np.asarray((a + c - b - d) / 2 - np.maximum(np.abs(a - c), np.abs(b - d)) * np.sign(a + c - b - d) / 2)
-
     height, width = gray.shape
     if ((points < 2) | (points > np.array([width, height]) - 3)).any():
         return False
-    known = saddle(near, near - nearer)
-    here = saddle(points, points - near)
+    known = _saddles(gray, near, np.gradient(near, axis=0), near - nearer)[0]
+    here = _saddles(gray, points, np.gradient(points, axis=0), points - near)[0]
     alternating = np.sign(here[1:]) == -np.sign(here[:-1])
     strong = np.abs(here) > 0.4 * np.median(np.abs(known))
     return bool(strong.mean() > 0.8 and alternating.mean() > 0.8)
+
+
+def _is_chessboard(gray: ByteArray, grid: FloatArray) -> bool:
+    """Do four squares meet at most corners of an (R,C,2) grid, dark and bright in turn?
+
+    Discs set diagonally alternate as squares do, but the gap between two of them is as bright as the paper.
+    """
+    flat = grid.reshape(-1, 2)
+    right, down = (np.gradient(grid, axis=axis).reshape(-1, 2) for axis in (1, 0))
+    saddle, darkest, brightest = _saddles(gray, flat, right, down)
+    contrast = brightest - darkest
+    x, y = np.ascontiguousarray(flat.T[:, :, None], dtype=np.float32)
+    center = np.ravel(cv2.remap(gray, x, y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE))
+    between = np.median((center - darkest) / np.maximum(contrast, 1.0))
+    turn = 1 - 2 * (np.indices(grid.shape[:2]).sum(axis=0).ravel() % 2)
+    strong = np.abs(saddle) > SADDLE_CONTRAST * contrast
+    share = max((strong & (saddle * turn > 0)).mean(), (strong & (saddle * turn < 0)).mean())
+    return bool(share > LEAST_SADDLES and BETWEEN < between < 1 - BETWEEN)
+
+
+def _saddles(
+    gray: ByteArray, at: FloatArray, u: FloatArray, v: FloatArray
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """How far opposite quadrants around each point are alike and neighbors unlike, with sign; darkest, brightest.
+
+    Args:
+        u, v: (N,2) sides of the squares at each point, pixels.
+
+    Returns:
+        (N,) of each.
+    """
+    maps = np.array([at + 0.3 * (a * u + b * v) for a, b in ((1, 1), (-1, 1), (-1, -1), (1, -1))], dtype=np.float32)
+    quadrants = cv2.remap(
+        gray, maps[:, :, 0], maps[:, :, 1], cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE
+    ).astype(np.float64)
+    a, b, c, d = quadrants
+    unlike = a + c - b - d
+    saddle = (unlike - np.maximum(np.abs(a - c), np.abs(b - d)) * np.sign(unlike)) / 2
+    return saddle, quadrants.min(axis=0), quadrants.max(axis=0)
 
 
 def same_orientation(left: BoardObservation, right: BoardObservation, board: BoardSpec) -> BoardObservation:
@@ -194,6 +228,7 @@ def _dark_first(gray: ByteArray, corners: FloatArray, size: tuple[int, int]) -> 
 def _find_chessboard(gray: ByteArray, size: tuple[int, int], thorough: bool = True) -> FloatArray | None:
     """(N,2) corners by the sector-based detector (Duda and Frese 2018), then by the classic one.
 
+    Both find grids of circles too, which are refused here.
     Shadow-normalized brightness finds more boards, but its corners are twice as noisy: it comes second.
     """
     looks = (
@@ -203,14 +238,20 @@ def _find_chessboard(gray: ByteArray, size: tuple[int, int], thorough: bool = Tr
     )
     for flags in looks if thorough else looks[1:2]:
         found, corners = cv2.findChessboardCornersSB(gray, size, flags=flags)
-        if found and corners is not None:
-            return np.asarray(corners, dtype=np.float64).reshape(-1, 2)
+        if not found:
+            continue
+        points = np.asarray(corners, dtype=np.float64).reshape(-1, 2)
+        if _is_chessboard(gray, points.reshape(size[1], size[0], 2)):
+            return points
     for scale in (1, 2) if thorough else ():
         larger = cv2.resize(gray, None, fx=scale, fy=scale, interpolation=cv2.INTER_LINEAR_EXACT)
         flags = cv2.CALIB_CB_ADAPTIVE_THRESH | cv2.CALIB_CB_NORMALIZE_IMAGE | cv2.CALIB_CB_FAST_CHECK
         found, corners = cv2.findChessboardCorners(larger, size, flags=flags)
-        if found and corners is not None:
-            return (np.asarray(corners, dtype=np.float64).reshape(-1, 2) + 0.5) / scale - 0.5
+        if not found:
+            continue
+        points = (np.asarray(corners, dtype=np.float64).reshape(-1, 2) + 0.5) / scale - 0.5
+        if _is_chessboard(gray, points.reshape(size[1], size[0], 2)):
+            return points
     return None
 
 

@@ -21,6 +21,7 @@ from lmkit.io.floor_islands import (
 from lmkit.model.floor_plan import FloorPlan, wall_name, walls_of
 
 CELL_M = 0.05
+SMALLEST_M = 0.5  # of a floor
 LARGEST_CELL_M = 0.25  # a robot has to find its way between cells
 MOST_CELLS = 16_000_000
 LEAST_ROTATION_RAD = 1e-6
@@ -55,6 +56,12 @@ def floor_of_grid(
             "coarse_plan",
             f"{path}: a pixel of {scale_m:g} m is too coarse",
             f"draw it with pixels of {LARGEST_CELL_M} m or less",
+        )
+    if scale_m * max(free.shape) < SMALLEST_M:
+        raise InputError(
+            "fine_plan",
+            f"{path}: {max(free.shape)} pixels of {scale_m:g} m are no floor",
+            "check its scale in meters",
         )
     if drawing.thin_m > 0:
         free = ~without_thin_lines(~free, drawing.thin_m, scale_m)

@@ -12,6 +12,7 @@ from scipy.ndimage import binary_fill_holes
 
 from lmkit.arrays import BoolArray, FloatArray, IntArray
 from lmkit.errors import InputError
+from lmkit.io.dxf_lines import ALL_LAYERS, LayerRules
 from lmkit.model.floor_plan import FloorPlan, Island, Wall
 
 SMALL_M = 2.5  # islands that are longer in x or y are walls by default
@@ -24,19 +25,21 @@ HINT = "give obstacles, ignore or walls, for all or by numbers of the plan: igno
 
 @dataclass(frozen=True)
 class DrawingOptions:
-    """How drawings (images and SVG) become floor plans.
+    """How drawings (images, SVG and DXF) become floor plans.
 
     Attributes:
         small: use of small islands: ``obstacle``, ``ignore`` or ``wall``.
         by_number: use of single islands.
         thin_m: lines that are thinner are left out of images; 0: none.
-        curves: False leaves curves out of SVG, such as door arcs.
+        curves: False leaves curves out of SVG and DXF, such as door arcs.
+        layers: of a DXF drawing.
     """
 
     small: str = "obstacle"
     by_number: Mapping[int, str] = field(default_factory=dict)
     thin_m: float = 0.0
     curves: bool = True
+    layers: LayerRules = ALL_LAYERS
 
     def use_of(self, number: int, is_small: bool) -> str:
         """Use of an island."""
@@ -153,7 +156,7 @@ def drawing_warnings(islands: Sequence[Island], free: BoolArray, cell_m: float) 
         sizes = ", ".join(f"{area:.0f}" for area in areas[:MOST_LISTED])
         lines.append(
             f"{len(areas)} parts of the floor ({sizes} m2) have no opening between them; where door arcs or lines "
-            "close doors, leave them out with --thin-lines 6cm (images) or --no-curves (SVG)"
+            "close doors, leave them out with --thin-lines 6cm (images) or --no-curves (SVG, DXF)"
         )
     return lines
 

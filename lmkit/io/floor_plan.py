@@ -1,4 +1,4 @@
-"""Floor plans: walls as lines (lmkit's own YAML, SVG), images with a scale, maps of ROS (docs/formats.md)."""
+"""Floor plans: walls as lines (lmkit's own YAML, SVG, DXF), images with a scale, maps of ROS (docs/formats.md)."""
 
 from __future__ import annotations
 
@@ -14,6 +14,7 @@ from pydantic import Field
 from lmkit.errors import InputError
 from lmkit.io.document_head import head_of
 from lmkit.io.documents import Document, dump_yaml, read_document, read_text
+from lmkit.io.dxf_lines import ALL_LAYERS, read_dxf_lines
 from lmkit.io.floor_grid import CELL_M, check_size, floor_of_grid, inside_of
 from lmkit.io.floor_islands import PLAIN_DRAWING, DrawingOptions, island_use, with_islands
 from lmkit.io.images import read_image
@@ -54,8 +55,9 @@ def read_floor(path: Path, scale_m: float | None = None, drawing: DrawingOptions
     """A floor plan from a file of any kind.
 
     Args:
-        scale_m: meters a pixel of an image, or a user unit of an SVG file; needed for those, and only those.
-        drawing: what becomes of islands, thin lines and curves of images and SVG files.
+        scale_m: meters a pixel of an image, or a user unit of an SVG file; needed for those. Of a DXF file, meters a
+            unit, in place of the file's own. Not for other files.
+        drawing: what becomes of islands, thin lines, curves and layers of images and drawings.
 
     Raises:
         InputError: not readable, no scale or one too many, nothing free in it.
@@ -64,7 +66,11 @@ def read_floor(path: Path, scale_m: float | None = None, drawing: DrawingOptions
     has_scale = suffix in (".yaml", ".yml", ".json")
     if has_scale and scale_m is not None:
         raise InputError("two_scales", f"{path} has its own scale", "leave --scale out")
-    if not has_scale and scale_m is None:
+    if suffix == ".dwg":
+        raise InputError("not_dxf", f"{path}: DWG is not read", "save the drawing as DXF")
+    if drawing.layers != ALL_LAYERS and suffix != ".dxf":
+        raise InputError("no_layers", f"{path}: --layers is for DXF drawings", "leave it out, or hide the layers")
+    if not has_scale and suffix != ".dxf" and scale_m is None:
         raise InputError(
             "no_scale",
             f"{path}: its scale is unknown",
@@ -74,6 +80,9 @@ def read_floor(path: Path, scale_m: float | None = None, drawing: DrawingOptions
         raise InputError(
             "bad_scale", f"--scale {scale_m:g} is not a valid pixel size", "give meters per pixel, such as 0.05"
         )
+    if suffix == ".dxf":
+        ends = read_dxf_lines(path, scale_m, drawing.curves, drawing.layers)
+        return _from_lines(path, [Wall(wall_name(k), a, b) for k, (a, b) in enumerate(ends)], drawing)
     if suffix == ".svg":
         assert scale_m is not None
         drawn = enumerate(read_svg_lines(path, drawing.curves))

@@ -23,6 +23,7 @@ from lmkit.errors import InputError, InputWarning
 from lmkit.geometry.pose import Pose
 from lmkit.geometry.rotations import orthonormal
 from lmkit.io.documents import load_document, load_json
+from lmkit.io.tables import to_number
 from lmkit.model.landmark_id import LandmarkId
 from lmkit.model.landmark_map import MappedLandmark
 
@@ -139,9 +140,12 @@ def read_fiducial_slam(path: Path, text: str, defaults: MarkerDefaults) -> list[
         words = line.split()
         if not words:
             continue
-        if _FIDUCIALS.match(line) is None:
-            raise InputError("bad_map", f"{path}: line {number} is not a marker", "give map.txt of fiducial_slam")
-        x, y, z, *angles = (float(word) for word in words[1:7])
+        try:
+            x, y, z, *angles = (to_number(word) for word in words[1:7] if _FIDUCIALS.match(line))
+        except ValueError:
+            raise InputError(
+                "bad_map", f"{path}: line {number} is not a marker", "give map.txt of fiducial_slam"
+            ) from None
         roll, pitch, yaw = (math.radians(angle) for angle in angles)
         R = _about(2, yaw) @ _about(1, pitch) @ _about(0, roll)
         T = Pose("map", "landmark", R, np.array([x, y, z]))

@@ -24,6 +24,7 @@ from lmkit.model.floor_plan import FloorPlan
 
 UNKNOWN_GRAY = 205.5 / 255
 Share = Annotated[float, Field(ge=0, le=1)]
+Coordinate = Annotated[float, Field(ge=-1e8, le=1e8)]  # m or rad; coordinates of a country's grid reach 1e7
 
 
 class _RosMap(BaseModel):
@@ -32,7 +33,7 @@ class _RosMap(BaseModel):
     model_config = ConfigDict(extra="ignore", allow_inf_nan=False)
     image: str
     resolution: Annotated[float, Field(gt=0)]
-    origin: Annotated[list[float], Field(min_length=2, max_length=3)] = [0.0, 0.0, 0.0]
+    origin: Annotated[list[Coordinate], Field(min_length=2, max_length=3)] = [0.0, 0.0, 0.0]
     negate: int = 0
     free_thresh: Share = 0.196
     occupied_thresh: Share = 0.65

@@ -2,18 +2,21 @@
 
 from __future__ import annotations
 
+import io
 import math
 import re
+import warnings
 from collections.abc import Iterable, Sequence
 from pathlib import Path
 
 import numpy as np
 
+from lmkit.arrays import FloatArray
 from lmkit.errors import InputError
 from lmkit.geometry.pose import Pose
 from lmkit.geometry.rotations import orthonormal
 from lmkit.io.documents import read_text
-from lmkit.io.tables import to_number, to_seconds
+from lmkit.io.tables import LARGEST, NANOSECONDS_FROM, to_number, to_seconds
 from lmkit.model.trajectory import Trajectory
 
 UNIT = 1e-2
@@ -40,9 +43,40 @@ def read_trajectory(path: Path) -> Trajectory:
     Raises:
         InputError: not readable, or a line is no pose; names the line.
     """
+    text = read_text(path, "trajectory")
+    table = _plain_table(text)
+    return _trajectory(_checked_rows(path, text) if table is None else table)
+
+
+def _plain_table(text: str) -> FloatArray | None:
+    """(N,8) rows of a TUM file at once; None where it is another file, or where a row is wrong."""
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", UserWarning)  # of an empty file
+            table = np.loadtxt(io.StringIO(text.replace(",", " ")), comments="#", ndmin=2)
+    except ValueError:
+        return None
+    head = re.match(r"(?:[^\S\n]*(?:#.*)?\n)*", text)  # a title may stand above the names of the columns
+    if any(map(_names_w_first, head[0].splitlines() if head else ())):
+        return None
+    if table.shape[1] != len(_TUM) or len(table) < 2:
+        return None
+    times, poses = table[:, 0], table[:, 1:]
+    if np.abs(times).max() >= NANOSECONDS_FROM or not np.abs(poses).max() <= LARGEST:
+        return None
+    units = np.abs(np.linalg.norm(poses[:, 3:], axis=1) - 1) <= UNIT
+    return table if units.all() and (np.diff(times) > 0).all() else None
+
+
+def _checked_rows(path: Path, text: str) -> list[list[float]]:
+    """Rows of a trajectory, line by line.
+
+    Raises:
+        InputError: names the line.
+    """
     rows: list[list[float]] = []
     order = _TUM
-    for number, line in enumerate(read_text(path, "trajectory").splitlines(), start=1):
+    for number, line in enumerate(text.splitlines(), start=1):
         if not rows and _names_w_first(line):
             order = _EUROC
         words = line.split("#", 1)[0].replace(",", " ").split()
@@ -69,7 +103,7 @@ def read_trajectory(path: Path) -> Trajectory:
         rows.append(row)
     if not rows:
         raise InputError("bad_trajectory", f"{path}: holds no poses", _HINT)
-    return _trajectory(rows)
+    return rows
 
 
 def read_two_trajectories(truth: Path, estimate: Path) -> tuple[Trajectory, Trajectory]:
@@ -92,8 +126,11 @@ def read_two_trajectories(truth: Path, estimate: Path) -> tuple[Trajectory, Traj
 
 def _kitti_rows(path: Path) -> list[str] | None:
     """Lines of a file of KITTI poses, or None."""
-    lines = [line for line in read_text(path, "trajectory").splitlines() if line.split("#", 1)[0].strip()]
-    return lines if lines and len(lines[0].split("#", 1)[0].split()) == KITTI_COUNT else None
+    text = read_text(path, "trajectory")
+    first = re.search(r"^[^\S\n]*[^#\s].*$", text, re.MULTILINE)
+    if first is None or len(first[0].split("#", 1)[0].split()) != KITTI_COUNT:
+        return None
+    return [line for line in text.splitlines() if line.split("#", 1)[0].strip()]
 
 
 def _of_kitti(path: Path, lines: Sequence[str]) -> Trajectory:
@@ -115,11 +152,11 @@ def _of_kitti(path: Path, lines: Sequence[str]) -> Trajectory:
 
 def _names_w_first(line: str) -> bool:
     """Whether a header says that the quaternion's w comes before its x (EuRoC and TUM-VI ground truth)."""
-    names = [re.sub(r"\[.*?\]", "", name).strip().lower() for name in line.lstrip("# ").split(",")]
+    names = re.split(r"\s*,\s*|\s+", re.sub(r"\[.*?\]|\(.*?\)", "", line).strip("#% ,").lower())
     ends = [name[-2:] for name in names[4:8]]
     return len(names) >= 8 and all(end.lstrip("_q") == sign for end, sign in zip(ends, "wxyz", strict=True))
 
 
-def _trajectory(rows: Sequence[Sequence[float]]) -> Trajectory:
-    table = np.array(rows)
+def _trajectory(rows: Sequence[Sequence[float]] | FloatArray) -> Trajectory:
+    table = np.asarray(rows)
     return Trajectory(table[:, 0], table[:, 1:4], table[:, 4:] / np.linalg.norm(table[:, 4:], axis=1, keepdims=True))

@@ -66,7 +66,8 @@ class PngCanvas:
         return float(self._draw.textlength(text, font)) / OVERSAMPLE
 
     def image(self, a: tuple[float, float], b: tuple[float, float], rgb: ByteArray) -> None:
-        size = (round((b[0] - a[0]) * OVERSAMPLE), round((b[1] - a[1]) * OVERSAMPLE))
+        # A floor far from what else the plan shows is smaller than a pixel.
+        size = (max(1, round((b[0] - a[0]) * OVERSAMPLE)), max(1, round((b[1] - a[1]) * OVERSAMPLE)))
         drawn = Image.fromarray(rgb).resize(size, Image.Resampling.NEAREST)
         self._image.paste(drawn, (round(a[0] * OVERSAMPLE), round(a[1] * OVERSAMPLE)))
 

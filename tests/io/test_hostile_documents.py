@@ -7,28 +7,13 @@ import random
 from pathlib import Path
 
 import pytest
-from harmed_files import harm_text
+from harmed_files import harm_document, harm_number, harm_table, harm_text
+from reader_seeds import reader_seeds
 
 from lmkit.errors import InputError
-from lmkit.geometry.stereo_rig import StereoRig
-from lmkit.io.any_rig import read_any_rig
-from lmkit.io.board_corners import read_corners
 from lmkit.io.documents import load_document, load_json, read_text
-from lmkit.io.external_maps import map_to_tagslam, map_to_wpilib, read_any_map
-from lmkit.io.floor_plan import read_floor
-from lmkit.io.kalibr import rig_to_camchain
-from lmkit.io.landmark_map import map_to_yaml
-from lmkit.io.manifest import read_manifest
-from lmkit.io.opencv_rig import rig_to_opencv_yaml
-from lmkit.io.readings import read_readings
-from lmkit.io.recording_tables import read_detections, read_gyro, read_odometry
-from lmkit.io.rig import rig_to_yaml
-from lmkit.io.ros_camera_info import read_camera_infos, rig_to_camera_infos
 from lmkit.io.svg_lines import read_svg_lines
 from lmkit.io.template import load_template
-from lmkit.io.trajectory import read_trajectory
-from lmkit.simulation.recording import make_drive
-from lmkit.simulation.scene import make_rig
 
 HERE = Path("document")
 
@@ -105,48 +90,6 @@ def test_what_is_no_regular_text_file_is_refused(tmp_path):
             read_text(path, "text")
 
 
-def _seeds(folder: Path) -> dict[str, tuple[str, object]]:
-    """A valid text for each reader, and the reader."""
-    rig: StereoRig = make_rig()
-    landmarks = make_drive(0, seconds=3).landmarks
-    left, right = rig_to_camera_infos(rig)
-    (folder / "right.yaml").write_text(right)
-    pose = "0.5 1 2 3 0 0 0 1\n0.7 1 2 3 0 0 0 1\n"
-    corners = "1,2,3,4,5,6,7,8"
-    floor = "format: lmkit-floor/1\nwalls:\n- {from: [0, 0], to: [4, 0]}\n- {from: [4, 0], to: [0, 3]}\n"
-    template = (Path(__file__).parents[2] / "templates" / "a4.toml").read_text()
-    drawing = (
-        '<svg xmlns="http://www.w3.org/2000/svg" width="400" height="300"><rect width="100%" height="100%"/>'
-        '<g transform="translate(1 2) rotate(90)"><line x1="0" y1="0" x2="9" y2="0"/><path d="M0 0h9v-3z"/>'
-        '<polygon points="0,0 4,0 4,3"/></g></svg>'
-    )
-    return {
-        "floor.svg": (drawing, read_svg_lines),
-        "rig.yaml": (rig_to_yaml(rig), read_any_rig),
-        "opencv.yaml": (rig_to_opencv_yaml(rig), read_any_rig),
-        "kalibr.yaml": (rig_to_camchain(rig)[0], read_any_rig),
-        "left.yaml": (left, lambda path: read_camera_infos(path, folder / "right.yaml")),
-        "map.yaml": (map_to_yaml(landmarks), read_any_map),
-        "tagslam.yaml": (map_to_tagslam(landmarks), read_any_map),
-        "field.json": (map_to_wpilib(landmarks, (8.0, 5.0)), read_any_map),
-        "floor.yaml": (floor, read_floor),
-        "template.toml": (template, lambda path: load_template(str(path))),
-        "corners.json": (
-            '{"format": "lmkit-corners/1", "board": "chessboard:9x6:25mm", "image_size": [640, 480], "pairs": []}',
-            read_corners,
-        ),
-        "manifest.json": ('{"format": "lmkit-prints/1", "lmkit": "0", "landmarks": []}', read_manifest),
-        "poses.tum": (pose, read_trajectory),
-        "odometry.csv": ("time_s,x_m,y_m,heading_rad\n0,1,2,3\n1,2,3,4\n", read_odometry),
-        "gyro.csv": ("time_s,rate_radps\n0,1\n1,2\n", read_gyro),
-        "detections.csv": (
-            f"time_s,camera,code,x0,y0,x1,y1,x2,y2,x3,y3\n0,left,3,{corners}\n",
-            lambda path: read_detections(path, ["lm8"]),
-        ),
-        "readings.csv": ("time_s,code,range_m,bearing_rad\n0,3,1.5,0.1\n", lambda p: read_readings(p, ["lm8"])),
-    }  # fmt: skip
-
-
 def fuzz(folder: Path, count: int, seed: int) -> dict[str, int]:
     """Harm texts ``count`` times and read them; whatever else than an answer or InputError is raised goes through.
 
@@ -154,13 +97,13 @@ def fuzz(folder: Path, count: int, seed: int) -> dict[str, int]:
         numbers of texts read and refused.
     """
     rng = random.Random(seed)
-    seeds = _seeds(folder)
+    seeds = reader_seeds(folder)
     counts = {"read": 0, "refused": 0}
     for _ in range(count):
         name = rng.choice(sorted(seeds))
         text, read = seeds[name]
         path = folder / name
-        path.write_bytes(harm_text(text, rng).encode("utf-8", "surrogatepass"))
+        path.write_bytes(_harmed(name, text, rng).encode("utf-8", "surrogatepass"))
         try:
             read(path)
             counts["read"] += 1
@@ -169,6 +112,23 @@ def fuzz(folder: Path, count: int, seed: int) -> dict[str, int]:
         except Exception as error:
             raise AssertionError(f"{name}: {path.read_bytes()[:3000]!r}") from error
     return counts
+
+
+def _harmed(name: str, text: str, rng: random.Random) -> str:
+    """Pieces of a text changed, or single values of what it describes."""
+    if rng.random() < 0.6:
+        return harm_text(text, rng)
+    if name.endswith((".csv", ".tum")):
+        return harm_table(text, rng)
+    is_document = name.endswith((".yaml", ".json", ".fmap"))
+    return harm_document(text, rng) if is_document else harm_number(text, rng)
+
+
+@pytest.mark.filterwarnings("ignore::lmkit.errors.InputWarning")
+def test_every_seed_is_read(tmp_path):
+    for name, (text, read) in reader_seeds(tmp_path).items():
+        (tmp_path / name).write_text(text)
+        read(tmp_path / name)
 
 
 @pytest.mark.filterwarnings("ignore::lmkit.errors.InputWarning")
@@ -202,7 +162,6 @@ def test_drawings_that_hold_no_walls_or_too_many_are_refused(tmp_path, body, cod
 
 
 def test_a_template_of_more_than_a_megabyte_is_refused(tmp_path):
-    from lmkit.io.template import load_template
 
     (tmp_path / "big.toml").write_text('format = "lmkit-template/1"\n' + "[[texts]]\n" * 120_000)
     with pytest.raises(InputError, match="larger than 1 MiB"):

@@ -33,6 +33,9 @@ def test_fiducial_slam(tmp_path):
     assert wall.R[:, 2] == pytest.approx([1, 0, 0])
     with pytest.raises(InputError, match="neither the markers' family nor their size"):
         read_any_map(path)
+    for wrong in ("-0..5 0 0 0 0 0", "0 0 0 1e308 0 0"):
+        with pytest.raises(InputError, match="line 2 is not a marker"):
+            read_any_map(written(tmp_path, f"11 0 0 0 0 0 0 0.001 10\n12 {wrong} 0.001 10\n"), ANSWER)
 
 
 def test_a_bundle_of_apriltag_ros(tmp_path):

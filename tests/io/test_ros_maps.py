@@ -88,6 +88,8 @@ def test_a_rotated_origin_rotates_floor_and_walls(tmp_path, angle):
         ({"mode": "raw", "negate": 1}, "map_mode"),
         ({"free_thresh": 0.7}, "bad_value"),
         ({"free_thresh": 25}, "bad_value"),
+        ({"resolution": 1e-10}, "fine_plan"),
+        ({"origin": [0, -1e308, 0]}, "bad_value"),
     ],
 )
 def test_what_map_servers_do_not_agree_on_is_refused(tmp_path, keys, code):
