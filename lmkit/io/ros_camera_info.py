@@ -18,6 +18,7 @@ from lmkit.geometry.rig import Rig
 from lmkit.geometry.rotations import orthonormal
 from lmkit.geometry.stereo_rig import StereoRig
 from lmkit.io.documents import dump_yaml, first_problem, load_document, read_text
+from lmkit.io.tables import LARGEST
 
 FILES = ("left.yaml", "right.yaml")
 _FROM_ROS = {lens.ros_name: name for name, lens in LENS_MODELS.items()} | {"fisheye": "fisheye"}
@@ -133,7 +134,13 @@ def _shift(path: Path, P: FloatArray) -> FloatArray:
         raise InputError(
             "no_stereo", f"{path}: projection_matrix is singular", "give the files that stereo calibration wrote"
         )
-    return np.asarray(np.linalg.solve(P[:, :3], P[:, 3]))
+    with np.errstate(over="ignore", invalid="ignore"):
+        shift = np.linalg.solve(P[:, :3], P[:, 3])
+    if not np.abs(shift).max() < LARGEST:
+        raise InputError(
+            "no_stereo", f"{path}: projection_matrix has no baseline in meters", "give what stereo calibration wrote"
+        )
+    return np.asarray(shift)
 
 
 def _read(path: Path) -> _CameraInfo:

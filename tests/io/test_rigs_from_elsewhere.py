@@ -75,6 +75,15 @@ def test_a_camera_info_without_stereo_calibration_is_refused(tmp_path, diagonal)
         read_any_rig(camera_infos(tmp_path, spoiled))
 
 
+def test_a_camera_info_with_a_baseline_beyond_all_measure_is_refused(tmp_path):
+    def spoiled(info: dict) -> str:
+        info["projection_matrix"]["data"][3] = 1e308
+        return yaml.safe_dump(info)
+
+    with pytest.raises(InputError, match="no baseline in meters"):
+        read_any_rig(camera_infos(tmp_path, spoiled))
+
+
 @pytest.mark.parametrize("suffix", [".xml", ".json"])
 def test_file_storage_in_xml_and_json(tmp_path, suffix):
     storage = cv2.FileStorage(suffix, cv2.FILE_STORAGE_WRITE | cv2.FILE_STORAGE_MEMORY)
