@@ -3,14 +3,18 @@
 from __future__ import annotations
 
 import os
+from collections.abc import Sequence
 from pathlib import Path
+from tempfile import TemporaryDirectory
 
+import cv2
 import numpy as np
 
 from lmkit.geometry.pose import Pose
 from lmkit.geometry.rig import as_stereo
 from lmkit.geometry.stereo_rig import StereoRig
 from lmkit.io.files import write_file
+from lmkit.io.images import decode_image
 from lmkit.io.landmark_map import map_to_yaml
 from lmkit.io.recording_tables import detections_to_csv, gyro_to_csv, odometry_to_csv
 from lmkit.io.rig import rig_to_yaml
@@ -23,6 +27,7 @@ from lmkit.visualization.overlay import encode_png
 
 BOARD = BoardSpec("chessboard", 9, 6, 25.0)
 ROOM_M = (8.0, 5.0)
+FILM_HZ, RESTING = 5.0, 2  # frames of the film, a second and at each place
 FLOOR = """format: lmkit-floor/1
 walls:
   - {{from: [0, 0], to: [{0}, 0]}}
@@ -43,13 +48,14 @@ def write_example_files(
 
     Args:
         folder: is made where it is missing.
-        board_pairs: stereo pairs of a calibration board (``chessboard:9x6:25mm``).
+        board_pairs: stereo pairs of a calibration board (``chessboard:9x6:25mm``), and a film of the same, in which
+            the board rests at each place and both cameras are side by side.
         seconds: length of the recording, at 5 frames a second.
         overwrite: replace existing files.
 
     Returns:
         The files: left.png, right.png, rig.yaml, map.yaml, floor.yaml, boards/left/*.png, boards/right/*.png,
-        detections.csv, odometry.csv, gyro.csv, truth.tum.
+        boards.avi, detections.csv, odometry.csv, gyro.csv, truth.tum.
 
     Raises:
         InputError: a file exists, or cannot be written.
@@ -74,17 +80,35 @@ def write_example_files(
         "gyro.csv": gyro_to_csv(recording.gyro),
         "truth.tum": poses_to_tum(truth),
     }
+    boards: list[tuple[bytes, bytes]] = []
     left, right = _photograph(room, rig, recording.pose(seen) @ _base_left(rig), rng)
     files |= {"left.png": left, "right.png": right}
     for k, pose in enumerate(board_poses(3, rig, BOARD, board_pairs) if board_pairs else []):
         scene = studio([board_panel(BOARD, Pose("map", "board", pose.R, pose.t))])
         left, right = _photograph(scene, rig, Pose.identity("map", "left"), rng)
+        boards.append((left, right))
         files |= {f"boards/left/{k:02d}.png": left, f"boards/right/{k:02d}.png": right}
+    if board_pairs:
+        files["boards.avi"] = _film(boards)
     written = []
     for name, data in files.items():
         write_file(Path(folder) / name, data, overwrite)
         written.append(Path(folder) / name)
     return written
+
+
+def _film(pairs: Sequence[tuple[bytes, bytes]]) -> bytes:
+    """AVI of pairs of PNG images, side by side, each for as long as the guided calibration waits for rest."""
+    frames = [np.hstack([decode_image(side, "example") for side in pair]) for pair in pairs]
+    height, width = frames[0].shape[:2]
+    with TemporaryDirectory() as folder:
+        path = Path(folder) / "film.avi"
+        writer = cv2.VideoWriter(str(path), cv2.VideoWriter.fourcc(*"MJPG"), FILM_HZ, (width, height))
+        for frame in frames:
+            for _ in range(RESTING):
+                writer.write(frame)
+        writer.release()
+        return path.read_bytes()
 
 
 def _readable(recording: Drive, k: int) -> tuple[int, float]:

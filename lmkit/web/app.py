@@ -16,7 +16,7 @@ from starlette.websockets import WebSocket, WebSocketDisconnect
 
 from lmkit.errors import InputError
 from lmkit.version import __version__
-from lmkit.web import cameras, floors, maps, photos, prints, rigs, verbs
+from lmkit.web import cameras, films, floors, maps, photos, prints, rigs, verbs
 from lmkit.web.answers import Handler, answer, guarded
 from lmkit.web.jobs import Jobs
 from lmkit.web.project import Project, listing
@@ -88,6 +88,7 @@ def routes() -> list[BaseRoute]:
         route("/api/photos/{name}", photos.upload, "PUT"),
         route("/api/photos/{name}/check", photos.check, "POST"),
         route("/api/photos/{name}/certificate", photos.certify, "POST"),
+        route("/api/films/{name}", films.upload, "PUT"),
         route("/api/cameras", cameras.sources),
         route("/api/cameras/look", cameras.look, "POST"),
         route("/api/map", maps.show),
@@ -103,6 +104,7 @@ def routes() -> list[BaseRoute]:
         route("/api/jobs/{verb}", verbs.start, "POST"),
         route("/api/jobs/{id}", _job),
         route("/api/jobs/{id}/cancel", _cancel, "POST"),
+        route("/api/jobs/{id}/finish", _finish, "POST"),
         route("/api/live/map", _live_map),
         WebSocketRoute("/api/live", _live),
         Mount("/static", StaticFiles(directory=STATIC)),
@@ -161,6 +163,13 @@ async def _cancel(request: Request) -> Response:
     jobs = state_of(request).jobs
     job = jobs.find(request.path_params["id"])
     jobs.cancel(job)
+    return answer(job.as_dict())
+
+
+async def _finish(request: Request) -> Response:
+    jobs = state_of(request).jobs
+    job = jobs.find(request.path_params["id"])
+    jobs.finish(job)
     return answer(job.as_dict())
 
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import base64
 import os
-import re
 import shlex
 from collections.abc import Iterator
 from pathlib import Path
@@ -23,8 +22,8 @@ from lmkit.pipelines.board_absence import DARK
 from lmkit.web.answers import Body, answer, read_body
 from lmkit.web.project import FILMS, Project, listing
 from lmkit.web.state import state_of
+from lmkit.web.verbs import CAMERA
 
-CAMERA = re.compile(r"camera:[0-9]{1,2}")
 SETTLING = 8  # images of a camera until its exposure has settled
 SHOWN_PX = 640
 BURNT = 0.05  # share of clipped pixels

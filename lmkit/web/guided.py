@@ -1,6 +1,7 @@
-"""Page 4, guided calibration: a film or a folder of pairs as the camera, until a stated depth error.
+"""Page 4, guided calibration: cameras, films or folders of pairs, until a stated depth error.
 
 Runs as a job, ``python -m lmkit.web.guided TASK``: states go to stderr as lines of progress, pairs to a folder.
+A line on standard input ends the guidance with the pairs kept so far.
 """
 
 from __future__ import annotations
@@ -8,78 +9,72 @@ from __future__ import annotations
 import base64
 import json
 import sys
+import threading
 import time
 from collections.abc import Callable
+from io import FileIO, RawIOBase
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 import lmkit as lm
+from lmkit.calibration.stereo import calibrate_stereo
 from lmkit.detection.boards import detect_board
 from lmkit.errors import InputError
+from lmkit.io.files import write_file
+from lmkit.io.image_groups import SPLIT, frame_groups
+from lmkit.io.image_sources import are_moving, frame_count
 from lmkit.pipelines.board_absence import explain_absence
 from lmkit.pipelines.capture_board import Looked, look_at_frames
+from lmkit.visualization.overlay import encode_png
 from lmkit.web.jobs import PROGRESS
 from lmkit.web.tasks import run_task
 
 LEAST_PAIRS = 6  # before them a calibration says nothing
+ENOUGH_PAIRS = 10  # before them the stated error is too small in some rigs, and none is held out
 THUMB_PX = 300
 LEAST_APART_S = 0.25  # of states without news
 EXPLAIN_EVERY_S = 2.0
 
 
-def guide(task: dict[str, Any], tell: Callable[[dict[str, Any]], None]) -> dict[str, Any]:
-    """Keep pairs until the depth error at the stated distance is reached, or the source ends; the last state.
+def guide(
+    task: dict[str, Any], tell: Callable[[dict[str, Any]], None], is_asked_to_end: Callable[[], bool] = lambda: False
+) -> dict[str, Any]:
+    """Keep pairs until what the calibration adds to the depth error at the stated distance is small enough.
+
+    It ends as well with the source, or when it is asked to.
 
     Args:
         task: ``cameras``, ``board``, ``folder``, ``at_m``, ``until_m``.
         tell: is given every state.
 
+    Returns:
+        The last state.
+
     Raises:
         InputError: a source that cannot be read, another board, or too few pairs.
     """
-    from lmkit.calibration.stereo import calibrate_stereo
-    from lmkit.io.files import write_file
-    from lmkit.io.image_groups import SPLIT, frame_groups
-    from lmkit.io.image_sources import are_moving
-    from lmkit.visualization.overlay import encode_png
-
     cameras, board = task["cameras"], lm.BoardSpec.parse(task["board"])
     sources = [f"{SPLIT}{cameras[0]}"] if len(cameras) == 1 else cameras
     pairs = ((frames[0], frames[1]) for frames in frame_groups(sources))
     state: dict[str, Any] = {"step": "looking", "kept": 0, "depth": [], "curve": [], "reached": False}
-    state |= {"until_m": task["until_m"], "at_m": task["at_m"]}
+    state |= {"until_m": task["until_m"], "at_m": task["at_m"], "total": frame_count(cameras[:1])}
     sent_s, explained = 0.0, _Explained(board)
     for count, looked in enumerate(look_at_frames(pairs, board, are_moving(cameras[0]), until_complete=False), 1):
-        state |= {"done": count, "total": None, "words": looked.judgment.words, "reason": looked.judgment.reason}
+        state |= {"done": count, "words": looked.judgment.words, "reason": looked.judgment.reason}
         state["ghost"] = _ghost(looked)
-        if not looked.judgment.kept:
+        if looked.judgment.kept:
+            _save(looked, Path(task["folder"]))
+            state |= _learned(looked, state)
+            tell(state | {"image": _thumb(looked)})
+        else:
             if looked.judgment.reason == "no board":
                 state["words"] = explained.why(looked)
             if time.monotonic() - sent_s > LEAST_APART_S:
                 sent_s = time.monotonic()
                 tell(state | {"image": _thumb(looked)})
-            continue
-        views = looked.found.corners.views
-        for side, image in (("left", looked.left), ("right", looked.right)):
-            write_file(Path(task["folder"]) / side / f"{views[-1].name}.png", encode_png(image))
-        state |= {"kept": len(views), "coverage": [cells.tolist() for cells in looked.coverage.cells]}
-        state["advice"] = list(looked.coverage.advice)[:4]
-        if len(views) >= LEAST_PAIRS:
-            try:
-                seen = looked.found.corners
-                result = calibrate_stereo(views, seen.board, seen.image_size, "pinhole", right_size=seen.right_size)
-            except InputError as error:
-                state["words"] = error.message
-            else:
-                state["depth"] = [{"at_m": e.depth_m, "error_m": e.total_m} for e in result.depth_errors]
-                state["held_out_px"] = result.held_out_epipolar_px
-                here = next((e.total_m for e in result.depth_errors if e.depth_m == task["at_m"]), None)
-                state["curve"] = [*state["curve"], [len(views), here]]
-                state["reached"] = here is not None and here <= task["until_m"]
-        tell(state | {"image": _thumb(looked)})
-        if state["reached"]:
+        if state["reached"] or is_asked_to_end():
             break
     if state["kept"] < LEAST_PAIRS:
         raise InputError(
@@ -88,6 +83,30 @@ def guide(task: dict[str, Any], tell: Callable[[dict[str, Any]], None]) -> dict[
             "show the whole board to both cameras, sharp, at other places and tilts",
         )
     return state | {"step": "calibrating"}
+
+
+def _save(looked: Looked, folder: Path) -> None:
+    name = looked.found.corners.views[-1].name
+    for side, image in (("left", looked.left), ("right", looked.right)):
+        write_file(folder / side / f"{name}.png", encode_png(image))
+
+
+def _learned(looked: Looked, state: dict[str, Any]) -> dict[str, Any]:
+    """What the kept pairs say by now, in place of what ``state`` says."""
+    seen = looked.found.corners
+    news: dict[str, Any] = {"kept": len(seen.views), "coverage": [cells.tolist() for cells in looked.coverage.cells]}
+    news["advice"] = list(looked.coverage.advice)[:4]
+    if len(seen.views) < LEAST_PAIRS:
+        return news
+    try:
+        result = calibrate_stereo(seen.views, seen.board, seen.image_size, "pinhole", right_size=seen.right_size)
+    except InputError as error:
+        return news | {"words": error.message}
+    depth = [{"at_m": e.depth_m, "error_m": e.calibration_m, "total_m": e.total_m} for e in result.depth_errors]
+    here = next((e["error_m"] for e in depth if e["at_m"] == state["at_m"]), None)
+    reached = here is not None and here <= state["until_m"] and len(seen.views) >= ENOUGH_PAIRS
+    news |= {"depth": depth, "held_out_px": result.held_out_epipolar_px, "reached": reached}
+    return news | {"curve": [*state["curve"], [len(seen.views), here]]}
 
 
 class _Explained:
@@ -132,5 +151,19 @@ def _tell(state: dict[str, Any]) -> None:
     sys.stderr.flush()
 
 
+def guide_until_asked(task: dict[str, Any]) -> None:
+    """Guide until the error is reached, the source ends, or a line comes on standard input."""
+    asked = threading.Event()
+
+    def listen(wishes: RawIOBase) -> None:
+        if wishes.readline():
+            asked.set()
+
+    # Unbuffered: a thread that waits in a buffered reader cannot be left behind at the end.
+    with FileIO(sys.stdin.fileno(), closefd=False) as wishes:
+        threading.Thread(target=listen, args=(wishes,), daemon=True).start()
+        _tell(guide(task, _tell, asked.is_set))
+
+
 if __name__ == "__main__":
-    sys.exit(run_task(lambda task: _tell(guide(task, _tell))))
+    sys.exit(run_task(guide_until_asked))

@@ -40,6 +40,8 @@ class Job:
         save_json: file for its standard output, or None.
         on_line: is given every line of standard output instead of the log.
         wish: line for standard input, written whenever it changes; or None.
+        can_finish: a line on standard input ends it early, with a result.
+        finishing: it was asked to.
         state: ``waiting``, ``running``, ``done``, ``failed`` or ``cancelled``.
     """
 
@@ -52,6 +54,8 @@ class Job:
     save_json: Path | None = None
     on_line: Callable[[bytes], None] | None = None
     wish: Callable[[], bytes] | None = None
+    can_finish: bool = False
+    finishing: bool = False
     state: str = "waiting"
     started: float | None = None
     ended: float | None = None
@@ -67,6 +71,7 @@ class Job:
         shown = {
             "id": self.id, "verb": self.verb, "title": self.title, "command": self.command, "state": self.state,
             "progress": self.progress, "error": self.error, "outputs": list(self.outputs),
+            "can_finish": self.can_finish and self.state == "running" and not self.finishing,
             "seconds": None if seconds is None else round(seconds, 1),
         }  # fmt: skip
         if with_log:
@@ -98,6 +103,7 @@ class Jobs:
         save_json: Path | None = None,
         on_line: Callable[[bytes], None] | None = None,
         wish: Callable[[], bytes] | None = None,
+        can_finish: bool = False,
     ) -> Job:
         """Start a job, or let it wait for its turn.
 
@@ -116,7 +122,10 @@ class Jobs:
             save_json,
             on_line,
             wish,
+            can_finish,
         )
+        if can_finish:
+            job.wish = lambda: b"finish\n" if job.finishing else b""
         self._jobs[job.id] = job
         for old in [j for j in self._jobs.values() if j.ended is not None][: max(0, len(self._jobs) - KEPT)]:
             del self._jobs[old.id]
@@ -142,6 +151,16 @@ class Jobs:
         if job.ended is None and job.task is not None:
             job.cancelled = True
             job.task.cancel()
+
+    def finish(self, job: Job) -> None:
+        """Let a running job end early, with the result that it has by then.
+
+        Raises:
+            InputError: it is not such a job, or does not run.
+        """
+        if not job.can_finish or job.state != "running":
+            raise InputError("not_finishing", f"job {job.id} cannot end early", "cancel it, or wait for its end")
+        job.finishing = True
 
     async def close(self) -> None:
         """End all jobs."""

@@ -114,7 +114,7 @@ def listing(project: Project) -> dict[str, Any]:
     return {
         "folder": project.root.name,
         "path": str(project.root),
-        "has": {key: (project.root / f"{key}.yaml").is_file() for key in ("rig", "map", "run", "floor")},
+        "has": {key: (project.root / f"{key}.yaml").is_file() for key in ("rig", "map", "run", "floor", "pins")},
         "prints": _files(project, "prints", (".pdf", ".svg", ".png")),
         "photos": _files(project, "photos", (*IMAGES, ".pdf")),
         "reports": _files(project, "reports", (".html", ".pdf", ".svg", ".png")),

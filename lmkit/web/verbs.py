@@ -20,6 +20,7 @@ from lmkit.web.project import FILMS, Project, listing
 from lmkit.web.state import state_of
 from lmkit.web.versions import keep_versions
 
+CAMERA = re.compile(r"camera:[0-9]{1,2}")
 EXAMPLE = "drives/example"
 DEPTHS = (1.0, 2.0, 4.0, 8.0)
 Name = Annotated[str, Field(max_length=300)]
@@ -30,6 +31,7 @@ class JobBody(Body):
     """Choices of all verbs; each takes its own."""
 
     source: Name = ""
+    second: Name = ""
     board: Short = ""
     size: Short = "180mm"
     anchor: bool = True
@@ -54,6 +56,7 @@ class Plan:
     save_json: str | None = None
     replaces: tuple[str, ...] = ()
     is_live: bool = False
+    can_finish: bool = False
 
 
 async def start(request: Request) -> Response:
@@ -69,7 +72,9 @@ async def start(request: Request) -> Response:
     saved = None if plan.save_json is None else state.project.path(plan.save_json)
     on_line = state.live.publish_line if plan.is_live else None
     wish = (lambda: b"1\n" if state.live.watched else b"0\n") if plan.is_live else None
-    job = state.jobs.start(verb, plan.title, plan.steps, plan.command, plan.outputs, saved, on_line, wish)
+    job = state.jobs.start(
+        verb, plan.title, plan.steps, plan.command, plan.outputs, saved, on_line, wish, plan.can_finish
+    )
     return answer(job.as_dict())
 
 
@@ -129,20 +134,12 @@ def plan_calibrate(project: Project, body: JobBody) -> Plan:
 
 
 def plan_guide(project: Project, body: JobBody) -> Plan:
-    """Guided calibration with a film or a folder of pairs as the camera, until a stated depth error."""
+    """Guided calibration with cameras, films or a folder of pairs, until a stated depth error."""
     _board(body)
     if body.at_m not in DEPTHS:
         raise InputError("bad_value", f"at_m: {body.at_m:g} m is not shown", "choose 1, 2, 4 or 8 m")
-    source = project.path(body.source)
-    is_film = source.is_file() and source.suffix.lower() in FILMS
-    if not is_film and not ((source / "left").is_dir() and (source / "right").is_dir()):
-        raise InputError(
-            "no_source",
-            f"{body.source[:80]!r} is not a video and has no folders left and right",
-            "put a side-by-side video, or folders left and right, into the project",
-        )
-    cameras = [body.source] if is_film else [f"{body.source}/left", f"{body.source}/right"]
-    folder = project.unused("pairs", _stem(body.source), "")
+    cameras = _board_cameras(project, body)
+    folder = project.unused("pairs", _stem(body.source.replace(":", "-")), "")
     words, report = _calibration(folder, body.board)
     task = json.dumps(
         {
@@ -151,10 +148,43 @@ def plan_guide(project: Project, body: JobBody) -> Plan:
         }
     )  # fmt: skip
     shown = ["lmkit", "calibrate", *cameras, "--board", body.board, "--capture"]
-    shown += [*(["--side-by-side"] if is_film else []), "--save-pairs", folder, *words[words.index("-o") :]]
+    shown += [*(["--side-by-side"] if len(cameras) == 1 else []), "--save-pairs", folder, *words[words.index("-o") :]]
     steps = (("-m", "lmkit.web.guided", task), _lmkit(words))
-    title = f"Calibrate with {body.source}"
-    return Plan(title, steps, shlex.join(shown), (report,), None, ("rig.yaml",))
+    title = f"Calibrate with {' and '.join(s for s in (body.source, body.second) if s)}"
+    return Plan(title, steps, shlex.join(shown), (report,), None, ("rig.yaml",), can_finish=True)
+
+
+def _board_cameras(project: Project, body: JobBody) -> list[str]:
+    """Sources of a guided calibration; one that shows both cameras side by side stands alone.
+
+    Raises:
+        InputError: not sources of the project, or of different kinds.
+    """
+    given = [body.source, *([body.second] if body.second else [])]
+    kinds = [_board_source(project, name) for name in given]
+    if kinds == ["folder"]:
+        return [f"{body.source}/left", f"{body.source}/right"]
+    if len(set(kinds)) > 1 or "folder" in kinds or body.source == body.second:
+        hint = "give two cameras, two films, or one source that shows both"
+        raise InputError("unpaired", f"{body.source[:80]} and {body.second[:80]} do not go together", hint)
+    return given
+
+
+def _board_source(project: Project, name: str) -> str:
+    """``camera``, ``film`` or ``folder``.
+
+    Raises:
+        InputError: none of them.
+    """
+    if CAMERA.fullmatch(name):
+        return "camera"
+    source = project.path(name)
+    if source.is_file() and source.suffix.lower() in FILMS:
+        return "film"
+    if (source / "left").is_dir() and (source / "right").is_dir():
+        return "folder"
+    hint = "give camera:0, a film, or a folder with left and right, in the project"
+    raise InputError("no_source", f"{name[:80]!r} is no camera, no film, and has no folders left and right", hint)
 
 
 def plan_coverage(project: Project, body: JobBody) -> Plan:

@@ -34,7 +34,7 @@ def project(tmp_path_factory):
 @pytest.fixture(scope="module")
 def furnished(project):
     """The project with board images and a recording."""
-    lmkit.write_example_files(project / "drives/example", board_pairs=7, seconds=8)
+    lmkit.write_example_files(project / "drives/example", board_pairs=12, seconds=8)
     return project
 
 
@@ -139,9 +139,9 @@ def test_an_errand_from_print_to_map(furnished, open_page, project):
 
     page.goto(page.url.split("#")[0] + "#/calibrate")
     page.locator("main[data-ready=calibrate]").wait_for()
-    page.get_by_label("Good to, mm").fill("60")
+    page.get_by_label("Left camera").select_option("drives/example/boards.avi")
     page.get_by_role("button", name="Calibrate with guidance").click()
-    page.get_by_text("Good to").first.wait_for(timeout=200_000)
+    page.get_by_text("10 pairs were enough for 5.0 mm").wait_for(timeout=200_000)
     _until((project / "rig.yaml").exists)
 
     page.goto(page.url.split("#")[0] + "#/recordings")

@@ -11,7 +11,16 @@ from lmkit.web.app import routes
 ENDPOINTS = [(method, route.path) for route in routes() if isinstance(route, Route) for method in route.methods]
 CHANGES = [(method, path) for method, path in ENDPOINTS if method in ("POST", "PUT")]
 # They take no body, or one that is no JSON and has tests of its own.
-WITHOUT_JSON = {"photos/{name}", "map/undo", "rig", "rig/undo", "floor/{name}", "jobs/{id}/cancel"}
+WITHOUT_JSON = {
+    "photos/{name}",
+    "map/undo",
+    "rig",
+    "rig/undo",
+    "floor/{name}",
+    "jobs/{id}/cancel",
+    "jobs/{id}/finish",
+    "films/{name}",
+}
 
 
 def _filled(path: str) -> str:

@@ -1,16 +1,35 @@
 import { api, choice, empty, field, fill, h, heading, jobView, mm, note, s, toast, trouble } from "../lib.js";
 
+const BOTH = "the same: it shows both";
+const options = (entries, value) => entries.map(([key, text]) => h("option", { value: key, selected: key === value }, text));
+
 export async function show(stage) {
-  const project = await api("project");
-  const sources = [...project.pairs.map((p) => [p.name, `${p.name} (${p.count} pairs)`]), ...project.films.map((f) => [f.name, `${f.name} (film, side by side)`])];
+  let [project, { cameras }] = await Promise.all([api("project"), api("cameras")]);
+  const list = () => [...cameras.map((c) => [c, c]), ...project.pairs.map((p) => [p.name, `${p.name} (${p.count} pairs)`]), ...project.films.map((f) => [f.name, `${f.name} (film)`])];
   stage.append(...heading("Calibrate", "Show the board at many places and tilts. It stops when the depth error is as small as you ask for, not at a count."));
+  const rig = rigCard();
+  let sources = list();
+  const problem = h("div"), film = h("input", { type: "file", accept: "video/*,.mp4,.avi,.mkv,.mov,.webm", onchange: () => film.files[0] && upload(film.files[0]) });
+  async function upload(chosen) {
+    fill(problem, h("p", null, "Uploading …"), h("progress", { "aria-label": "uploading" }));
+    try {
+      const { name } = await api(`films/${encodeURIComponent(chosen.name.replace(/[^A-Za-z0-9._-]+/g, "-") || "film.mp4")}`, { method: "PUT", body: chosen });
+      toast(`${name} is stored`);
+      if (!sources.length) { stage.replaceChildren(); await show(stage); return; }
+      project = await api("project");
+      sources = list();
+      for (const [k, select] of [source, second].entries()) { const now = select.value; fill(select, ...options(k ? [["", BOTH], ...sources] : sources, k ? now : name)); }
+      problem.replaceChildren();
+    } catch (error) { problem.replaceChildren(trouble(error)); }
+  }
   if (!sources.length) {
-    stage.append(empty("No images of a board yet", "Print a board (lmkit board chessboard:9x6:25mm), photograph it with both cameras into pairs/left and pairs/right of the project, or put a side-by-side film into the project. Without cameras, write the example on the overview.", h("a", { class: "button primary", href: "#/" }, "To the overview")));
-    stage.append(await rigCard());
+    stage.append(empty("No images of a board yet", "Print a board (lmkit board chessboard:9x6:25mm). Then plug the cameras in and reload, or film the board with both cameras side by side in one film, or put photographs into pairs/left and pairs/right of the project. Without cameras, write the example on the overview.", h("a", { class: "button primary", href: "#/" }, "To the overview")));
+    stage.append(h("section", { class: "card stack" }, field("Take a film", film, "MP4, AVI, MOV, MKV, WebM"), problem), rig.card);
+    await rig.again();
     return undefined;
   }
   const boards = sources.find(([name]) => /board/.test(name)) ?? sources[0];
-  const source = choice(sources, boards[0]);
+  const source = choice(sources, boards[0]), second = choice([["", BOTH], ...sources], "");
   const board = h("input", { value: "chessboard:9x6:25mm", required: true, spellcheck: "false", autocomplete: "off" });
   const until = h("input", { value: "5", inputmode: "decimal" });
   const at = choice([["1", "1 m"], ["2", "2 m"], ["4", "4 m"], ["8", "8 m"]], "2");
@@ -24,8 +43,9 @@ export async function show(stage) {
     last = null;
     sound ??= window.AudioContext ? new AudioContext() : null; // browsers let a page sound after a click only
     try {
-      const body = { source: source.value, board: board.value, until_mm: Number(until.value) || 5, at_m: Number(at.value) };
-      jobs.replaceChildren(h("section", { class: "card" }, jobView(await api(`jobs/${verb}`, { method: "POST", body }), { progress: (j) => verb === "guide" && draw(j), done: (j) => (verb === "guide" && draw(j), j.state === "done" && toast("rig.yaml is written")) })));
+      const body = { source: source.value, second: second.value, board: board.value, until_mm: Number(until.value) || 5, at_m: Number(at.value) };
+      jobs.replaceChildren(h("section", { class: "card" }, jobView(await api(`jobs/${verb}`, { method: "POST", body }), { progress: (j) => verb === "guide" && draw(j), done: (j) => (verb === "guide" && draw(j), j.state === "done" && toast("rig.yaml is written"), rig.again()) })));
+      jobs.scrollIntoView({ block: "nearest" });
     } catch (error) { jobs.replaceChildren(trouble(error)); }
   };
   function draw(job) {
@@ -36,26 +56,30 @@ export async function show(stage) {
     if (p.kept > kept && tone.checked) beep(sound, p.reached ? [660, 880, 1320] : [880]);
     kept = p.kept;
     const here = p.depth.find((d) => d.at_m === p.at_m);
+    const first = !live.firstChild;
     live.replaceChildren(h("section", { class: "card", "aria-label": "Guidance" },
-      p.reached ? note("good", `good to ${mm(here.error_m)} at ${p.at_m} m`, `${p.kept} pairs were enough`)
-        : job.state === "done" ? note("warn", `the source ended at ${here ? mm(here.error_m) : "an unknown error"} for ${mm(p.until_m)} at ${p.at_m} m`, "add more pairs, nearer and tilted, and run it again")
+      p.reached ? note("good", `good to ${mm(here.error_m)} at ${p.at_m} m`, `${p.kept} pairs were enough for ${mm(p.until_m)}`)
+        : job.state === "done" ? note("warn", `the source ended at ${here ? mm(here.error_m) : "an unknown error"} for ${mm(p.until_m)} at ${p.at_m} m`, p.advice?.length ? `next: ${p.advice[0]}; then run it again` : "add more pairs, nearer and tilted, and run it again")
         : note("", p.reason === "kept" ? `pair ${p.kept} is taken` : p.words ?? "looking", p.advice?.length ? `next: ${p.advice[0]}` : ""),
       p.image ? h("figure", null, h("div", { class: "photo" }, h("img", { src: p.image, alt: "Newest pair, left and right camera" }), p.ghost && !p.reached && job.state === "running" ? ghost(p.ghost) : null), p.ghost && !p.reached && job.state === "running" ? h("figcaption", null, "Dashed: hold the board here next.") : null) : null,
-      h("dl", { class: "figures" }, fact(p.kept, "pairs kept"), p.depth.filter((d) => [1, 2, 4, 8].includes(d.at_m)).map((d) => fact(`± ${mm(d.error_m)}`, `expected at ${d.at_m} m`)), p.held_out_px ? fact(`${p.held_out_px.toFixed(3)} px`, "row error on pairs held out") : null),
+      h("dl", { class: "figures" }, fact(p.kept, "pairs kept"), p.depth.map((d) => fact(`± ${mm(d.error_m)}`, `in depth at ${d.at_m} m`)), p.held_out_px ? fact(`${p.held_out_px.toFixed(3)} px`, "row error on pairs held out") : null),
+      here ? h("p", { class: "small soft" }, `These are the errors that the calibration causes. One corner, matched to 0.1 px, is uncertain by ± ${mm(Math.sqrt(Math.max(here.total_m ** 2 - here.error_m ** 2, 0)))} at ${p.at_m} m besides, however good the calibration: that shrinks with more landmarks in view, a longer baseline or a longer lens.`) : null,
       p.coverage ? h("div", { class: "cover" }, p.coverage.map((cells, k) => h("figure", null, s("svg", { viewBox: "0 0 5 3.6", role: "img", "aria-label": `Coverage of the ${k ? "right" : "left"} image: ${cells.flat().filter(Boolean).length} of 25 cells` }, cells.map((row, r) => row.map((yes, c) => s("rect", { class: yes ? "yes" : "no", x: c, y: r * 0.72, width: 1, height: 0.72 })))), h("figcaption", null, `${k ? "right" : "left"} image: where the board has been`)))) : null,
       p.curve.length > 1 ? curve(p) : null));
+    if (first && matchMedia("(max-width: 860px)").matches) live.scrollIntoView({ block: "start" }); // beside the form it is in view
   }
   const fact = (value, label) => h("div", null, h("dt", null, label), h("dd", null, value));
-  stage.append(h("div", { class: "two" }, h("form", { class: "card stack", onsubmit: start("guide") }, field("Camera", source, "a folder with left/ and right/, or a film"), field("Board", board, "inner corners and side of a square; or charuco:…, landmarks:…"),
-    h("div", { class: "pairfields" }, field("Good to, mm", until), field("at", at)),
+  stage.append(h("div", { class: "two" }, h("form", { class: "card stack", onsubmit: start("guide") }, field("Left camera", source, "or a folder with left/ and right/"), field("Right camera", second), field("Take a film", film, "MP4, AVI, MOV, MKV, WebM"), problem, field("Board", board, "inner corners and side of a square; or charuco:…, landmarks:…"),
+    h("div", { class: "pairfields" }, field("Good to, mm", until, "depth error by the calibration"), field("at", at)),
     h("label", { class: "check" }, tone, "A tone for every pair that is taken"),
     h("div", { class: "row" }, h("button", { class: "primary", type: "submit" }, "Calibrate with guidance"), h("button", { type: "button", onclick: start("calibrate") }, "Use all pairs"))), h("div", null, live, jobs)));
-  stage.append(await rigCard());
+  stage.append(rig.card);
+  await rig.again();
   return () => sound?.close();
 }
 
 // The rig of the project: its cameras, another file in its place, undo.
-async function rigCard() {
+function rigCard() {
   const card = h("section", { class: "card stack" }), problem = h("div");
   const change = (path, request) => async () => {
     problem.replaceChildren();
@@ -66,8 +90,8 @@ async function rigCard() {
     fill(card, h("h2", null, "rig.yaml"), rig.cameras.length ? h("dl", { class: "figures" }, rig.cameras.map((c) => h("div", null, h("dt", null, `${c.name}, ${c.size.join(" × ")}`), h("dd", null, `f ${c.focal_px.toFixed(0)} px`)))) : h("p", { class: "soft" }, "No rig yet: calibrate, or take a file that you have."),
       field(rig.cameras.length ? "Replace it by a file" : "Take a file", pick, "of lmkit, Kalibr, ROS or OpenCV"), rig.undo ? h("div", { class: "row" }, h("button", { type: "button", onclick: change("rig/undo", () => ({ method: "POST" })) }, "Undo")) : null, problem);
   }
-  try { draw(await api("rig")); } catch (error) { card.append(trouble(error)); }
-  return card;
+  const again = async () => { try { draw(await api("rig")); } catch (error) { card.replaceChildren(trouble(error)); } };
+  return { card, again };
 }
 
 const ghost = (outline) => s("svg", { viewBox: "0 0 1 1", preserveAspectRatio: "none", "aria-hidden": "true" }, s("polygon", { class: "ghost", points: outline.map((p) => p.join(",")).join(" ") }));
@@ -91,5 +115,5 @@ function curve(p) {
   const x = (n) => 46 + (w - 60) * (n - first) / (last - first), y = (e) => hh - 24 - (hh - 40) * e / top;
   return h("figure", null, s("svg", { class: "curve", viewBox: `0 0 ${w} ${hh}`, role: "img", "aria-label": `Expected depth error at ${p.at_m} m, from ${mm(points[0][1])} to ${mm(points.at(-1)[1])}` },
     s("line", { class: "axis", x1: 46, x2: w - 14, y1: y(0), y2: y(0) }), s("line", { class: "goal", x1: 46, x2: w - 14, y1: y(p.until_m), y2: y(p.until_m) }), s("text", { x: 0, y: y(p.until_m) + 4 }, mm(p.until_m)), s("text", { x: 0, y: 14 }, mm(top)),
-    s("path", { d: points.map(([n, e], k) => `${k ? "L" : "M"}${x(n).toFixed(1)},${y(e).toFixed(1)}`).join("") }), s("text", { x: x(first), y: hh - 6 }, `${first} pairs`), s("text", { x: w - 14, y: hh - 6, "text-anchor": "end" }, `${points.at(-1)[0]} pairs`)), h("figcaption", null, `Expected depth error at ${p.at_m} m`));
+    s("path", { d: points.map(([n, e], k) => `${k ? "L" : "M"}${x(n).toFixed(1)},${y(e).toFixed(1)}`).join("") }), s("text", { x: x(first), y: hh - 6 }, `${first} pairs`), s("text", { x: w - 14, y: hh - 6, "text-anchor": "end" }, `${points.at(-1)[0]} pairs`)), h("figcaption", null, `Depth error by the calibration at ${p.at_m} m; from 10 pairs on it may end`));
 }
