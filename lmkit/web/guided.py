@@ -92,7 +92,7 @@ def _save(looked: Looked, folder: Path) -> None:
 
 
 def _learned(looked: Looked, state: dict[str, Any]) -> dict[str, Any]:
-    """What the kept pairs say by now, in place of what ``state`` says."""
+    """News of the kept pairs, in place of what ``state`` holds."""
     seen = looked.found.corners
     news: dict[str, Any] = {"kept": len(seen.views), "coverage": [cells.tolist() for cells in looked.coverage.cells]}
     news["advice"] = list(looked.coverage.advice)[:4]

@@ -65,10 +65,10 @@ def test_the_film_is_read_until_its_end_or_until_it_is_asked_to_end(tmp_path, fi
     (tmp_path / "one.avi").write_bytes(film)
     task = {"cameras": [str(tmp_path / "one.avi")], "board": BOARD, "folder": str(tmp_path / "p"), "at_m": 2.0}
     for asked, frames in ((False, 3), (True, 1)):
-        told = []
+        states = []
         with pytest.raises(InputError, match="0 pairs"):
-            guide(task | {"until_m": 0.005}, told.append, lambda asked=asked: asked)
-        assert told[-1]["total"] == 3 and told[0]["done"] == 1 and told[-1]["done"] <= frames
+            guide(task | {"until_m": 0.005}, states.append, lambda asked=asked: asked)
+        assert states[-1]["total"] == 3 and states[0]["done"] == 1 and states[-1]["done"] <= frames
 
 
 def test_the_guidance_ends_by_what_the_calibration_adds_and_not_before_ten_pairs(monkeypatch):
