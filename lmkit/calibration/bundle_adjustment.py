@@ -70,6 +70,7 @@ class FitOptions:
         relation: T_right_left.
         warp: the board's bow.
         iterations: at most.
+        converged: the relative gain of the last step.
         known: a prior of the intrinsics, in place of the wide one for any lens.
     """
 
@@ -77,6 +78,7 @@ class FitOptions:
     relation: bool = True
     warp: bool = True
     iterations: int = 40
+    converged: float = CONVERGED
     known: KnownIntrinsics | None = None
 
 
@@ -120,6 +122,7 @@ class StereoProblem:
 
     def __init__(self, object_points: FloatArray, views: Sequence[PairView]) -> None:
         self.count = len(views)
+        self._last: tuple[Solution, tuple[FloatArray, FloatArray]] | None = None
         noise = np.array([[np.nan if n is None else n for n in (v.noise_left, v.noise_right)] for v in views])
         known = noise[np.isfinite(noise)]
         middle = float(np.median(known)) if len(known) else 1.0
@@ -164,15 +167,21 @@ class StereoProblem:
             self._scale,
             start,
             options.iterations,
-            CONVERGED,
+            options.converged,
             DAMPING,
         )
+        if not fitted.any():
+            return current
         return replace(current, covariance=self._covariance(current, scale, prior, fitted))
 
     def _residuals(self, s: Solution) -> tuple[FloatArray, FloatArray]:
-        in_left = _to_left(self.left, s)
-        in_right = _to_left(self.right, s) @ s.R.T + s.t
-        return self.left.pixels - s.left.project(in_left), self.right.pixels - s.right.project(in_right)
+        """Left (N,2) and right (M,2); kept, since every step asks for the cost and for the scale of its state."""
+        if self._last is None or self._last[0] is not s:
+            in_left = _to_left(self.left, s)
+            in_right = _to_left(self.right, s) @ s.R.T + s.t
+            off = self.left.pixels - s.left.project(in_left), self.right.pixels - s.right.project(in_right)
+            self._last = s, off
+        return self._last[1]
 
     def _whitened(self, s: Solution) -> tuple[FloatArray, FloatArray]:
         left, right = self._residuals(s)
@@ -193,26 +202,30 @@ class StereoProblem:
         blocks = Blocks.empty(size, self.count)
 
         # Left camera: a pose step turns and shifts the board in the left camera's frame.
-        camera = self.left
-        board, turned = board_and_turned(camera, s.warp, s.rotations)
+        camera, warp = self.left, np.arange(size - WARP, size)
+        turned = board_and_turned(camera, s.warp, s.rotations)[1]
         pixels, by_point, by_camera = s.left.project_with_jacobian(turned + s.translations[camera.pair])
-        shared = np.zeros((len(board), 2, size))
-        shared[:, :, :nl] = by_camera
-        shared[:, :, -WARP:] = (by_point @ s.rotations[camera.pair][:, :, 2:]) * camera.shapes[:, None]
-        blocks.add(camera, shared, derivatives_by_pose(by_point, turned), camera.pixels - pixels, scale)
+        shared = np.concatenate([by_camera, derivatives_by_warp(camera, by_point, s.rotations)], axis=2)
+        columns = np.concatenate([np.arange(nl), warp])
+        blocks.add(camera, columns, shared, derivatives_by_pose(by_point, turned), camera.pixels - pixels, scale)
 
         camera = self.right
         if not len(camera.ids):
             return self._with_prior(blocks, s, scale, prior)
-        board, turned = board_and_turned(camera, s.warp, s.rotations)
+        turned = board_and_turned(camera, s.warp, s.rotations)[1]
         in_right_turned = (turned + s.translations[camera.pair]) @ s.R.T
         pixels, by_point, by_camera = s.right.project_with_jacobian(in_right_turned + s.t)
         by_left_point = by_point @ s.R
-        shared = np.zeros((len(board), 2, size))
-        shared[:, :, nl : nl + nr] = by_camera
-        shared[:, :, nl + nr : nl + nr + POSE] = derivatives_by_pose(by_point, in_right_turned)
-        shared[:, :, -WARP:] = (by_left_point @ s.rotations[camera.pair][:, :, 2:]) * camera.shapes[:, None]
-        blocks.add(camera, shared, derivatives_by_pose(by_left_point, turned), camera.pixels - pixels, scale)
+        shared = np.concatenate(
+            [
+                by_camera,
+                derivatives_by_pose(by_point, in_right_turned),
+                derivatives_by_warp(camera, by_left_point, s.rotations),
+            ],
+            axis=2,
+        )
+        columns, by_pose = np.arange(nl, size), derivatives_by_pose(by_left_point, turned)
+        blocks.add(camera, columns, shared, by_pose, camera.pixels - pixels, scale)
 
         return self._with_prior(blocks, s, scale, prior)
 
@@ -323,22 +336,38 @@ class Blocks:
         return cls(*(np.zeros(shape) for shape in (*shapes, (size,), (size,))))
 
     def add(
-        self, camera: CameraCorners, shared: FloatArray, pose: FloatArray, residual: FloatArray, scale: float
+        self,
+        camera: CameraCorners,
+        columns: IntArray,
+        shared: FloatArray,
+        pose: FloatArray,
+        residual: FloatArray,
+        scale: float,
     ) -> None:
-        """Add what one camera says: derivatives (N,2,G) and (N,2,6), residuals (N,2), px."""
+        """Add what one camera says.
+
+        Args:
+            camera: its corners.
+            columns: (C,) the shared unknowns that its pixels depend on.
+            shared: (N,2,C) derivatives by these, px.
+            pose: (N,2,6) derivatives by the board's pose, px.
+            residual: (N,2) observed minus projected, px.
+            scale: the robust scale.
+        """
         weight = robust_weight(residual / camera.sigma, scale)[:, None] / camera.sigma**2
         both = np.concatenate([shared, pose], axis=2)
+        weighted = weight[:, :, None] * both
         starts = np.concatenate([[0], camera.ends[:-1]])
-        size = shared.shape[2]
+        own, width = len(columns), len(columns) + POSE
+        normal, gradient = np.zeros((len(starts), width, width)), np.zeros((len(starts), width))
         for p, (a, b) in enumerate(zip(starts, camera.ends, strict=True)):
-            J = both[a:b].reshape(-1, size + POSE)
-            WJ = (weight[a:b, :, None] * both[a:b]).reshape(-1, size + POSE)
-            normal, gradient = WJ.T @ J, WJ.T @ residual[a:b].ravel()
-            self.shared[p] += normal[:size, :size]
-            self.mixed[p] += normal[:size, size:]
-            self.poses[p] += normal[size:, size:]
-            self.shared_gradient[p] += gradient[:size]
-            self.pose_gradient[p] += gradient[size:]
+            WJ = weighted[a:b].reshape(-1, width)
+            normal[p], gradient[p] = WJ.T @ both[a:b].reshape(-1, width), WJ.T @ residual[a:b].ravel()
+        self.shared[:, columns[:, None], columns] += normal[:, :own, :own]
+        self.mixed[:, columns] += normal[:, :own, own:]
+        self.poses[:] += normal[:, own:, own:]
+        self.shared_gradient[:, columns] += gradient[:, :own]
+        self.pose_gradient[:] += gradient[:, own:]
 
 
 def _fitted(s: Solution, options: FitOptions) -> BoolArray:
@@ -457,7 +486,14 @@ def _to_left(camera: CameraCorners, s: Solution) -> FloatArray:
     return np.asarray(board_and_turned(camera, s.warp, s.rotations)[1] + s.translations[camera.pair])
 
 
+def derivatives_by_warp(camera: CameraCorners, by_point: FloatArray, rotations: FloatArray) -> FloatArray:
+    """(N,2,2) px per meter of bow, from (N,2,3) px per meter in the frame of the boards' poses."""
+    return np.asarray((by_point @ rotations[camera.pair][:, :, 2:]) * camera.shapes[:, None])
+
+
 def derivatives_by_pose(by_point: FloatArray, turned: FloatArray) -> FloatArray:
     """(N,2,6) derivative with a rotation vector applied on the left and with a shift."""
     # d(w x p)/dw = -skew(p), so that row v becomes p x v.
-    return np.concatenate([np.cross(turned[:, None, :], by_point), by_point], axis=2)
+    p, v = turned[:, None, :], by_point
+    turn = [p[..., k] * v[..., m] - p[..., m] * v[..., k] for k, m in ((1, 2), (2, 0), (0, 1))]
+    return np.concatenate([np.stack(turn, axis=2), by_point], axis=2)

@@ -7,7 +7,7 @@ kept back do (Stone 1974).
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -19,6 +19,7 @@ from lmkit.geometry.stereo_rig import StereoRig
 from lmkit.model.observation import PairView
 
 FOLDS = 5
+FOLD_CONVERGED = 1e-5  # relative gain of the last step: a fold starts from the fit of all pairs
 # A model with more freedom must do better by so many standard errors, and by this share.
 CLEAR_ERRORS = 1.0
 CLEAR_SHARE = 0.01
@@ -82,13 +83,12 @@ def hold_out(
     count = len(views)
     if count < FOLDS:
         return None
+    options = replace(options or FitOptions(), converged=FOLD_CONVERGED)
     fold = np.arange(count) % FOLDS
     errors = np.zeros((count, 4))
     for k in range(FOLDS):
         seen, unseen = np.flatnonzero(fold != k), np.flatnonzero(fold == k)
-        fitted = StereoProblem(object_points, [views[int(i)] for i in seen]).solve(
-            solution.with_poses(seen), options or FitOptions()
-        )
+        fitted = StereoProblem(object_points, [views[int(i)] for i in seen]).solve(solution.with_poses(seen), options)
         errors[unseen] = errors_on(
             object_points, [views[int(i)] for i in unseen], fitted, solution.with_poses(unseen)
         )

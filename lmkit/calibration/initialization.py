@@ -20,6 +20,7 @@ from lmkit.model.observation import PairView
 CONSENSUS_DEG = 1.0
 CONSENSUS_SIGMA = 6.0
 FITTED_DEG = 0.2  # the same once the cameras are known
+EQUIDISTANT_VIEWS = 15  # for the start of an equidistant camera, which OpenCV fits slowly
 
 
 @dataclass(frozen=True, eq=False)
@@ -108,9 +109,10 @@ def start_camera(
             flags = 0
             for name in ("CALIB_RECOMPUTE_EXTRINSIC", "CALIB_FIX_SKEW", "CALIB_USE_INTRINSIC_GUESS"):
                 flags |= _fisheye_flag(name)
+            some = np.unique(np.linspace(0, len(seen) - 1, EQUIDISTANT_VIEWS).round().astype(int))
             _, K, D, _, _ = cv2.fisheye.calibrate(
-                [o.reshape(1, -1, 3).astype(np.float64) for o in objects],
-                [i.reshape(1, -1, 2).astype(np.float64) for i in images],
+                [objects[k].reshape(1, -1, 3).astype(np.float64) for k in some],
+                [images[k].reshape(1, -1, 2).astype(np.float64) for k in some],
                 image_size,
                 K,
                 np.zeros((4, 1)),

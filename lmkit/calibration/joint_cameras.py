@@ -24,6 +24,7 @@ from lmkit.calibration.bundle_adjustment import (
     CameraCorners,
     board_and_turned,
     derivatives_by_pose,
+    derivatives_by_warp,
     reduced_equations,
     robust_weight,
     scatter_between_pairs,
@@ -123,13 +124,16 @@ class RigProblem:
             there = (turned + s.translations[seen.pair]) @ R.T
             pixels, by_point, by_camera = model.project_with_jacobian(there + t)
             by_left_point = by_point @ R
-            shared = np.zeros((len(turned), 2, size))
-            shared[:, :, starts[k] : starts[k + 1]] = by_camera
+            columns, shared = [np.arange(starts[k], starts[k + 1])], [by_camera]
             if k > 0:
-                own = first + POSE * k
-                shared[:, :, own : own + POSE] = derivatives_by_pose(by_point, there)
-            shared[:, :, -WARP:] = (by_left_point @ s.rotations[seen.pair][:, :, 2:]) * seen.shapes[:, None]
-            blocks.add(seen, shared, derivatives_by_pose(by_left_point, turned), seen.pixels - pixels, scale)
+                columns.append(first + POSE * k + np.arange(POSE))
+                shared.append(derivatives_by_pose(by_point, there))
+            columns.append(np.arange(size - WARP, size))
+            shared.append(derivatives_by_warp(seen, by_left_point, s.rotations))
+            by_pose = derivatives_by_pose(by_left_point, turned)
+            blocks.add(
+                seen, np.concatenate(columns), np.concatenate(shared, axis=2), by_pose, seen.pixels - pixels, scale
+            )
         blocks.prior[:] = (prior * scale) ** 2
         blocks.prior_gradient[:] = -((prior * scale) ** 2) * _shared(s)
         return blocks

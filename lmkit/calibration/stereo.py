@@ -44,6 +44,7 @@ from lmkit.model.observation import BoardObservation, PairView
 
 MIN_PAIRS = 3
 BAD_RMS_RATIO = 4.0
+FIRST_STEPS, HOPELESS_RATIO = 12, 5.0  # a model is given up when then its error is so many times the one to beat
 CAMERAS_KEPT = FitOptions(intrinsics=False)
 Size = tuple[int, int]
 FITS = 3 + FOLDS  # of a model at most: consensus, first fit, final fit, and one without each fold
@@ -322,7 +323,8 @@ def _fit(
 ) -> _Fit:
     """One model, fitted to the pairs that agree.
 
-    It is not tried on pairs held out where it does worse on those that it has seen than another on unseen ones.
+    It is not tried on pairs held out where it does worse on those that it has seen than another on unseen ones, and
+    not fitted to the end where it is far from that after the first steps.
     """
     left, right = cameras
     on_step(0, FITS)
@@ -331,7 +333,12 @@ def _fit(
     require_views(len(rows), rejected, MIN_PAIRS, "pairs")
     problem = StereoProblem(object_points, [views[int(k)] for k in rows])
     on_step(1, FITS)
-    solution = problem.solve(start_solution(consensus, rows, left, right), replace(options, warp=False))
+    solution = start_solution(consensus, rows, left, right)
+    if np.isfinite(to_beat_px):
+        solution = problem.solve(solution, replace(options, warp=False, iterations=FIRST_STEPS))
+        if problem.mean_error(solution) > HOPELESS_RATIO * to_beat_px:
+            return _Fit(rows.tolist(), [], np.nan, solution, None)
+    solution = problem.solve(solution, replace(options, warp=False))
     solution = problem.solve(solution, options)
     rms = problem.rms(solution)
     good = rms <= BAD_RMS_RATIO * np.median(rms)
@@ -344,9 +351,11 @@ def _fit(
         solution = problem.solve(solution.with_poses(np.flatnonzero(good)), options)
     kept = rows.tolist()
     bad = sorted(set(range(len(views))) - set(kept))
-    agreement = agreement_with(object_points, views, solution, kept)
-    fair = BAD_RMS_RATIO * float(np.median(problem.rms(solution)))
-    reasons = explain_disagreements(object_points, views, agreement, bad, residual_ratios, solution, fair)
+    reasons: list[Disagreement] = []
+    if bad:
+        agreement = agreement_with(object_points, views, solution, kept)
+        fair = BAD_RMS_RATIO * float(np.median(problem.rms(solution)))
+        reasons = explain_disagreements(object_points, views, agreement, bad, residual_ratios, solution, fair)
     hopeless = problem.mean_error(solution) > to_beat_px
     on_step(FITS - FOLDS, FITS)
     held_out = None
