@@ -83,11 +83,14 @@ def run_arguments(arguments: Sequence[str]) -> Any:
     command = next((a for a in arguments if not a.startswith("-")), None)
     names = (command,) if command in COMMANDS else COMMANDS
     try:
-        return build_app(names)(arguments, prog_name="lmkit", standalone_mode=False)
+        code = build_app(names)(arguments, prog_name="lmkit", standalone_mode=False)
     except typer.Abort as abort:
         if isinstance(abort.__context__, EOFError):  # typer takes every end of a file for the end of a dialog
             raise abort.__context__ from None
         raise KeyboardInterrupt from None
+    if code == EXIT_INTERRUPTED:  # typer makes this of an interruption, without a word
+        raise KeyboardInterrupt
+    return code
 
 
 def guarded(run: Callable[[], Any], debug: bool) -> int:

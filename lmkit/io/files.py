@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import os
 import tempfile
 from pathlib import Path
@@ -39,6 +40,7 @@ def write_file(path: Path, content: bytes | str, force: bool = False) -> None:
     check_writable(path, force)
     data = content.encode("utf-8") if isinstance(content, str) else content
     partial: str | None = None
+    made = [folder for folder in (path.parent, *path.parent.parents) if not folder.exists()]
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
         handle, partial = tempfile.mkstemp(prefix=f".{path.name}.", dir=path.parent)
@@ -51,6 +53,9 @@ def write_file(path: Path, content: bytes | str, force: bool = False) -> None:
     except BaseException as error:  # Ctrl-C as well
         if partial is not None:
             Path(partial).unlink(missing_ok=True)
+        with contextlib.suppress(OSError):  # another's file may be in one of them by now
+            for folder in made:
+                folder.rmdir()
         if not isinstance(error, OSError):
             raise
         raise InputError("not_writable", f"cannot write {path}: {error.strerror or error}", _HINT) from None
