@@ -2,7 +2,7 @@
 
 Policy: files over ``MAX_BYTES`` or ``MAX_PIXELS`` and files that end early are refused; 16 bit is
 scaled to 8; transparency lies on white; gray becomes three equal channels; CMYK is converted; the
-EXIF orientation is applied, so that pixels are where a viewer shows them.
+EXIF orientation is applied, so that pixels are where a viewer shows them; colors become sRGB.
 """
 
 from __future__ import annotations
@@ -11,6 +11,7 @@ import io
 import re
 import warnings
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from typing import TypeVar
 
@@ -19,6 +20,7 @@ from PIL import Image, ImageOps, UnidentifiedImageError
 
 from lmkit.arrays import AnyArray, BoolArray, ByteArray, FloatArray
 from lmkit.errors import EXTRA, InputError
+from lmkit.io.color_profiles import in_srgb
 
 MAX_BYTES = 256 * 1024 * 1024
 MAX_PIXELS = 100_000_000
@@ -72,7 +74,7 @@ def decode_image(data: bytes, name: str) -> ByteArray:
     Args:
         name: what to call it in errors.
     """
-    return np.ascontiguousarray(_loaded(data, name, _to_rgb)[:, :, ::-1])
+    return np.ascontiguousarray(_loaded(data, name, partial(_to_rgb, name=name))[:, :, ::-1])
 
 
 def _loaded(data: bytes, name: str, convert: Callable[[Image.Image], Pixels]) -> Pixels:
@@ -121,14 +123,17 @@ def _open_heif(name: str) -> None:
     register_heif_opener()
 
 
-def _to_rgb(loaded: Image.Image) -> ByteArray:
+def _to_rgb(loaded: Image.Image, name: str) -> ByteArray:
+    profile = loaded.info.get("icc_profile")
     if loaded.mode.startswith(("I;16", "I", "F")):
         return np.repeat(gray_to_8_bit(np.asarray(loaded))[:, :, None], 3, axis=2)
     if loaded.mode in ("RGBA", "LA", "PA", "La", "RGBa") or "transparency" in loaded.info:
         layers = loaded.convert("RGBA")
         white = Image.new("RGBA", layers.size, (255, 255, 255, 255))
-        loaded = Image.alpha_composite(white, layers)
-    return np.asarray(loaded.convert("RGB"), dtype=np.uint8)
+        loaded = Image.alpha_composite(white, layers).convert("RGB")
+    if loaded.mode == "P":
+        loaded = loaded.convert("RGB")
+    return np.asarray(in_srgb(loaded, profile, name).convert("RGB"), dtype=np.uint8)
 
 
 def _to_gray(loaded: Image.Image) -> tuple[FloatArray, BoolArray]:

@@ -37,7 +37,8 @@ ALL_WRITERS = {name: words for name, words in WRITERS.items() if name not in ("p
 SLOW = {
     "plan coverage": WRITERS["plan coverage"],
     "plan route": WRITERS["plan route"],
-    "plan place": "plan place --floor floor.yaml --rig rig.yaml --map map.yaml --error 1m --no-prints --patience 0 -o out",
+    "plan place": "plan place --floor floor.yaml --rig rig.yaml --map map.yaml --error 1m --no-prints --patience 0 "
+    "-o out",
 }
 NUMBERS = {"SIGTERM": signal.SIGTERM, "SIGINT": signal.SIGINT}
 

@@ -1,0 +1,62 @@
+"""Color profiles (ICC) in images: colors become sRGB, as a viewer shows them.
+
+Phones save Display P3, cameras at times Adobe RGB, printers' files CMYK; taken as sRGB, their colors are too dull.
+"""
+
+from __future__ import annotations
+
+import io
+import warnings
+from functools import lru_cache
+from typing import TYPE_CHECKING
+
+from PIL import Image
+
+from lmkit.errors import InputWarning
+
+if TYPE_CHECKING:
+    from PIL.ImageCms import ImageCmsTransform
+
+MAX_BYTES = 8 * 1024 * 1024
+_MODES = {"RGB ": "RGB", "CMYK": "CMYK"}  # color space of a profile: mode of its images
+
+
+def in_srgb(image: Image.Image, profile: object, name: str) -> Image.Image:
+    """An image in RGB or CMYK with its color profile applied; others, and those in sRGB, as they are.
+
+    Args:
+        profile: bytes of the ICC profile, or what stands in their place.
+        name: what to call the image in warnings.
+
+    Warns:
+        InputWarning: the profile is damaged, or cannot be applied.
+    """
+    if not isinstance(profile, bytes) or not profile or image.mode not in _MODES.values():
+        return image
+    try:
+        from PIL import ImageCms
+
+        transform = _to_srgb(profile, image.mode)
+        return image if transform is None else ImageCms.applyTransform(image, transform) or image
+    except (ImportError, OSError, ValueError, TypeError, ImageCms.PyCMSError):
+        sentence = f"{name}: its color profile cannot be read, and is not applied: colors are taken as sRGB"
+        warnings.warn(InputWarning(sentence), stacklevel=4)
+        return image
+
+
+@lru_cache(maxsize=8)
+def _to_srgb(profile: bytes, mode: str) -> ImageCmsTransform | None:
+    """What brings images of this mode to sRGB; None where they are in it, or the profile is of another mode.
+
+    Raises:
+        OSError, PyCMSError: the profile is damaged.
+    """
+    from PIL import ImageCms
+
+    if len(profile) > MAX_BYTES:
+        raise OSError("a profile too large")
+    opened = ImageCms.ImageCmsProfile(io.BytesIO(profile))
+    described = opened.profile.profile_description or ""
+    if _MODES.get(opened.profile.xcolor_space) != mode or "srgb" in described.lower():
+        return None
+    return ImageCms.buildTransform(opened, ImageCms.createProfile("sRGB"), mode, "RGB")
