@@ -83,14 +83,11 @@ def run_arguments(arguments: Sequence[str]) -> Any:
     command = next((a for a in arguments if not a.startswith("-")), None)
     names = (command,) if command in COMMANDS else COMMANDS
     try:
-        code = build_app(names)(arguments, prog_name="lmkit", standalone_mode=False)
+        return build_app(names)(arguments, prog_name="lmkit", standalone_mode=False)
     except typer.Abort as abort:
         if isinstance(abort.__context__, EOFError):  # typer takes every end of a file for the end of a dialog
             raise abort.__context__ from None
         raise KeyboardInterrupt from None
-    if code == EXIT_INTERRUPTED:  # typer makes this of an interruption, without a word
-        raise KeyboardInterrupt
-    return code
 
 
 def guarded(run: Callable[[], Any], debug: bool) -> int:
@@ -101,8 +98,9 @@ def guarded(run: Callable[[], Any], debug: bool) -> int:
             warnings.formatwarning = _one_line
             result = run()
         sys.stdout.flush()
-        # Without its own exit, typer hands back the code of typer.Exit.
-        return result if isinstance(result, int) else 0
+        # Without its own exit, typer hands back the code of typer.Exit, and of an interruption.
+        code = result if isinstance(result, int) else 0
+        return _report("interrupted", "", code, False) if code == EXIT_INTERRUPTED else code
     except LmkitError as error:
         return _report(error.message, error.hint, error.exit_code, debug)
     except KeyboardInterrupt:

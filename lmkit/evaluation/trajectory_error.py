@@ -124,7 +124,7 @@ def compare_trajectories(
         raise InputError(
             "no_common_times",
             f"no poses of the two trajectories lie within {max_apart_s:g} s of each other",
-            "check that both clocks agree, or allow more with --max-apart",
+            _clock_hint(truth.times_s, estimate.times_s),
         )
     missing = len(truth) - len(np.unique(in_truth))
     true, found = truth.rows(in_truth), estimate.rows(in_estimate)
@@ -148,6 +148,17 @@ def compare_trajectories(
         truth=true,
         estimate=found,
     )
+
+
+def _clock_hint(truth_s: FloatArray, estimate_s: FloatArray) -> str:
+    """Advice for times that do not meet: another unit, or clocks whose difference is the option to give."""
+    middles = [float(times[len(times) // 2]) for times in (truth_s, estimate_s)]
+    for factor, unit in ((1e3, "milliseconds"), (1e6, "microseconds")):
+        for name, (a, b) in (("estimate", middles), ("truth", middles[::-1])):
+            if min(a, b) > 0 and 0.9 < b / a / factor < 1.1:
+                return f"the times of the {name} look like {unit}: write seconds"
+    offset = float(truth_s[0] - estimate_s[0])
+    return f"check that both clocks agree (--time-offset {offset:.3f} makes them start together), or give --max-apart"
 
 
 def pose_errors(true: Trajectory, found: Trajectory) -> tuple[FloatArray, FloatArray]:

@@ -5,13 +5,14 @@ from __future__ import annotations
 import warnings
 from pathlib import Path
 
-from lmkit.errors import InputWarning
+from lmkit.errors import InputError, InputWarning
 from lmkit.geometry.rig import AnyRig
 from lmkit.geometry.rig_plausibility import require_plausible, rig_warnings
 from lmkit.io.document_head import head_of
 from lmkit.io.documents import is_folder, read_text
 from lmkit.io.rig import read_rig
 from lmkit.io.ros_camera_info import FILES
+from lmkit.io.single_cameras import is_single_camera, read_single_camera
 
 # Keys that only camera_info has, and keys that only files of OpenCV have.
 ROS_KEYS = frozenset({"distortion_model", "camera_model", "rectification_matrix", "projection_matrix"})
@@ -48,12 +49,41 @@ def _read(path: Path) -> AnyRig:
         from lmkit.io.kalibr import read_camchain
 
         return read_camchain(path)
+    if is_single_camera(head.keys):
+        return read_single_camera(path, text)
     if head.keys & ROS_KEYS and head.keys & {"camera_matrix", "K", "k"}:
         from lmkit.io.ros_camera_info import read_camera_info
 
         return read_camera_info(path)
+    if any(key.startswith(("Camera.", "Camera1.")) for key in head.keys):
+        raise _orb_slam(path)
     if text.lstrip().startswith(("%YAML", "<?xml", "<opencv_storage")) or head.keys & OPENCV_KEYS:
         from lmkit.io.opencv_rig import read_opencv_rig
 
         return read_opencv_rig(path)
+    if not head.format:
+        raise _unknown(path, text, head.keys)
     return read_rig(path)
+
+
+def _unknown(path: Path, text: str, keys: frozenset[str]) -> InputError:
+    """Error for a file that is no rig of a known kind, with what it looks like."""
+    kinds = "lmkit, OpenCV, ROS (camera_info), Kalibr or PhotonVision"
+    if "Camera-system parameters" in text[:2000]:
+        return InputError(
+            "not_a_rig", f"{path}: Kalibr's report", "give the camchain YAML that Kalibr writes beside it"
+        )
+    if text.lstrip().startswith("# oST version"):
+        return InputError(
+            "not_a_rig", f"{path}: camera_calibration's INI file", "give ost.yaml, which stands beside it"
+        )
+    if "target_type" in keys:
+        return InputError("not_a_rig", f"{path}: a calibration target of Kalibr, not a rig", f"give a rig of {kinds}")
+    what = f"its keys are {', '.join(sorted(keys)[:6])}" if keys else "it is neither YAML, JSON nor XML"
+    return InputError("not_a_rig", f"{path}: not a rig that is known: {what}", f"give a rig of {kinds}")
+
+
+def _orb_slam(path: Path) -> InputError:
+    return InputError(
+        "not_a_rig", f"{path}: settings of ORB-SLAM, which are not read", "give the calibration they came from"
+    )

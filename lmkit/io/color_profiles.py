@@ -46,7 +46,7 @@ def in_srgb(image: Image.Image, profile: object, name: str) -> Image.Image:
 
 @lru_cache(maxsize=8)
 def _to_srgb(profile: bytes, mode: str) -> ImageCmsTransform | None:
-    """What brings images of this mode to sRGB; None where they are in it, or the profile is of another mode.
+    """Transform of images of this mode to sRGB; None for images in sRGB, and for profiles of another mode.
 
     Raises:
         OSError, PyCMSError: the profile is damaged.

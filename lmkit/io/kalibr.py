@@ -20,7 +20,7 @@ from lmkit.io.documents import dump_yaml, first_problem, load_document, read_tex
 
 MOST_ERROR_PX = 1.0
 LEAST_DETERMINANT = 0.9  # of almost-rotations in files of few digits
-_MODELS = {"radtan": "pinhole", "equidistant": "fisheye"}
+_MODELS = {"radtan": "pinhole", "equidistant": "fisheye"}  # as written; TagSLAM has plumb_bob, radtan with k3
 Row4 = Annotated[list[float], Field(min_length=4, max_length=4)]
 
 
@@ -30,9 +30,9 @@ Matrix4 = Annotated[list[Row4], Field(min_length=4, max_length=4)]
 class _Camera(BaseModel):
     model_config = ConfigDict(extra="ignore", allow_inf_nan=False)
     camera_model: str
-    distortion_model: Literal["radtan", "equidistant", "none"]
+    distortion_model: Literal["radtan", "equidistant", "none", "plumb_bob"]
     intrinsics: Row4
-    distortion_coeffs: list[float] = Field(max_length=4)
+    distortion_coeffs: list[float] = Field(max_length=5)
     resolution: tuple[Annotated[int, Field(gt=0)], Annotated[int, Field(gt=0)]]
     T_cn_cnm1: Matrix4 | None = None
     T_cam_imu: Matrix4 | None = None

@@ -31,16 +31,25 @@ _NAMES = {
     "R": ("R",),
     "T": ("T", "t"),
     "model": ("model",),
-    "image_width": ("image_width", "width"),
-    "image_height": ("image_height", "height"),
+    "image_width": ("image_width", "width", "image_Width"),
+    "image_height": ("image_height", "height", "image_Height"),
 }
 # One camera alone, as OpenCV's calibration sample writes it.
 _MONO_NAMES = {
-    "K": ("camera_matrix", "cameraMatrix", "K", "M", "mtx"),
-    "D": ("distortion_coefficients", "distCoeffs", "D", "dist"),
+    "K": ("camera_matrix", "cameraMatrix", "K", "M", "mtx", "Camera_Matrix"),
+    "D": (
+        "distortion_coefficients",
+        "distCoeffs",
+        "D",
+        "dist",
+        "Distortion_Coefficients",
+        "dist_coeff",
+        "dist_coeffs",
+    ),
     **{key: _NAMES[key] for key in ("model", "image_width", "image_height")},
 }
 ALMOST = 1e-3
+_NO_OMNI = "calibrate again as fisheye: lmkit calibrate --model fisheye"
 _MODEL_OF_COUNT = {0: "pinhole", 4: "pinhole", 5: "pinhole", 8: "rational", 12: "rational", 14: "rational"}
 
 
@@ -93,13 +102,24 @@ def read_opencv_rig(path: Path) -> AnyRig:
     else:
         content = load_document(path, text.removeprefix("%YAML:1.0"), _Loader, finite=False)
     content = content if isinstance(content, dict) else {}
+    if "xi" in content:
+        raise InputError("bad_opencv", f"{path}: an omnidirectional camera (xi), which is not supported", _NO_OMNI)
+    if str(content.get("fisheye_model", "0")) not in ("0", ""):  # OpenCV's calibration sample says it so
+        content = {"model": "fisheye"} | content
     size = content.get("imageSize", content.get("image_size"))
     if isinstance(size, dict) and isinstance(size.get("data"), list):
         size = size["data"]
     if isinstance(size, list) and len(size) == 2:
         content = {"image_width": size[0], "image_height": size[1]} | content
+    content = {key: _as_matrix(value) for key, value in content.items()}
     named = {field: content[name] for field, names in _NAMES.items() for name in names if name in content}
     alone = {field: content[name] for field, names in _MONO_NAMES.items() for name in names if name in content}
+    is_alone = "K" in alone and not named.keys() & {"M1", "M2"}
+    missing = [key for key in (_MONO_NAMES if is_alone else _NAMES) if key not in (alone if is_alone else named)]
+    missing = [key for key in missing if key != "model"]
+    if missing:
+        several = "; stereo_calib writes R and T to another file: put all in one" if {"R", "T"} <= {*missing} else ""
+        raise InputError("bad_opencv", f"{path}: {', '.join(missing)}: missing{several}", hint)
     try:
         if "K" in alone and not named.keys() & {"M1", "M2"}:
             return Rig.of_one(_OpenCvCamera.model_validate(alone).camera())
@@ -114,6 +134,16 @@ def read_opencv_rig(path: Path) -> AnyRig:
         raise InputError("bad_opencv", f"{path}: {where}: {problem}", hint) from None
     except ValueError as error:
         raise InputError("bad_opencv", f"{path}: {error}", hint) from None
+
+
+def _as_matrix(value: Any) -> Any:
+    """Lists of numbers, as scripts write them with ``tolist``, as a matrix of cv2.FileStorage."""
+    if not isinstance(value, list):
+        return value
+    rows = value if value and all(isinstance(row, list) for row in value) else [value]
+    if len({len(row) for row in rows}) != 1:
+        return value
+    return {"rows": len(rows), "cols": len(rows[0]), "data": [number for row in rows for number in row]}
 
 
 class _Loader(PlainLoader):

@@ -38,6 +38,18 @@ class _Matrix(BaseModel):
     data: list[float]
 
 
+class _Part(BaseModel):
+    model_config = ConfigDict(extra="ignore")
+    x_offset: int = 0
+    y_offset: int = 0
+    width: int = 0
+    height: int = 0
+
+    def is_part_of(self, width: int, height: int) -> bool:
+        """Is it less than the whole image?  All zeros stand for all of it."""
+        return (self.x_offset, self.y_offset) != (0, 0) or (self.width, self.height) not in ((0, 0), (width, height))
+
+
 class _CameraInfo(BaseModel):
     # Drivers add keys of their own; what is not known is left alone.
     model_config = ConfigDict(extra="ignore", allow_inf_nan=False)
@@ -49,6 +61,9 @@ class _CameraInfo(BaseModel):
     distortion_coefficients: _Matrix
     rectification_matrix: _Matrix
     projection_matrix: _Matrix
+    binning_x: int = 0
+    binning_y: int = 0
+    roi: _Part = _Part()
 
 
 def rig_to_camera_infos(rig: StereoRig) -> tuple[str, str]:
@@ -147,10 +162,17 @@ def _read(path: Path) -> _CameraInfo:
     hint = "give camera_info YAML as ROS camera_calibration writes it"
     data = load_document(path, read_text(path, "camera_info file"), finite=False, several=True)
     try:
-        return _CameraInfo.model_validate(_as_calibrated(data))
+        info = _CameraInfo.model_validate(_as_calibrated(data))
     except ValidationError as error:
         where, problem = first_problem(error)
         raise InputError("bad_camera_info", f"{path}: {where}: {problem}", hint) from None
+    if max(info.binning_x, info.binning_y) > 1 or info.roi.is_part_of(info.image_width, info.image_height):
+        raise InputError(
+            "bad_camera_info",
+            f"{path}: its images are binned, or a part of the sensor (binning_x, roi), and K is that of the whole",
+            "record whole images, or scale and shift K and the size to those of the images",
+        )
+    return info
 
 
 def _as_calibrated(data: Any) -> Any:

@@ -43,9 +43,15 @@ def read_trajectory(path: Path) -> Trajectory:
     Raises:
         InputError: not readable, or a line is no pose; names the line.
     """
-    text = read_text(path, "trajectory")
+    text = _with_decimal_points(read_text(path, "trajectory"))
     table = _plain_table(text)
     return _trajectory(_checked_rows(path, text) if table is None else table)
+
+
+def _with_decimal_points(text: str) -> str:
+    """A table separated by semicolons, with decimal commas, as one separated by spaces."""
+    first = re.search(r"^[^#\n]*\d[^#\n]*$", text, re.MULTILINE)
+    return text.replace(",", ".").replace(";", " ") if first is not None and ";" in first[0] else text
 
 
 def _plain_table(text: str) -> FloatArray | None:
@@ -57,7 +63,7 @@ def _plain_table(text: str) -> FloatArray | None:
     except ValueError:
         return None
     head = re.match(r"(?:[^\S\n]*(?:#.*)?\n)*", text)  # a title may stand above the names of the columns
-    if any(map(_names_w_first, head[0].splitlines() if head else ())):
+    if any(_named_order(line) == _EUROC for line in (head[0].splitlines() if head else ())):
         return None
     if table.shape[1] != len(_TUM) or len(table) < 2:
         return None
@@ -75,10 +81,11 @@ def _checked_rows(path: Path, text: str) -> list[list[float]]:
         InputError: names the line.
     """
     rows: list[list[float]] = []
-    order = _TUM
+    order: tuple[int, ...] = _TUM
+    has_more = False
     for number, line in enumerate(text.splitlines(), start=1):
-        if not rows and _names_w_first(line):
-            order = _EUROC
+        if not rows and (named := _named_order(line)) is not None:
+            order, has_more = named, True
         words = line.split("#", 1)[0].replace(",", " ").split()
         if not rows and order is _TUM and len(words) == KITTI_COUNT:
             hint = "give times as TUM lines; lmkit evaluate compares two such files row by row"
@@ -89,7 +96,7 @@ def _checked_rows(path: Path, text: str) -> list[list[float]]:
             row = [to_seconds(words[0]), *(to_number(word) for word in words[1:])]
         except ValueError as error:
             raise InputError("bad_trajectory", f"{path}: line {number}: {error}", _HINT) from None
-        if len(row) < 8 or (len(row) > 8 and order is _TUM):
+        if len(row) < 8 or (len(row) > 8 and not has_more):
             raise InputError("bad_trajectory", f"{path}: line {number} holds {len(row)} numbers, not 8", _HINT)
         row = [row[k] for k in order]
         if abs(math.hypot(*row[4:]) - 1) > UNIT:
@@ -150,11 +157,16 @@ def _of_kitti(path: Path, lines: Sequence[str]) -> Trajectory:
     return _trajectory(rows)
 
 
-def _names_w_first(line: str) -> bool:
-    """Whether a header says that the quaternion's w comes before its x (EuRoC and TUM-VI ground truth)."""
-    names = re.split(r"\s*,\s*|\s+", re.sub(r"\[.*?\]|\(.*?\)", "", line).strip("#% ,").lower())
-    ends = [name[-2:] for name in names[4:8]]
-    return len(names) >= 8 and all(end.lstrip("_q") == sign for end, sign in zip(ends, "wxyz", strict=True))
+def _named_order(line: str) -> tuple[int, ...] | None:
+    """Order of the columns that a header names, w first (EuRoC, TUM-VI) or last; None if it names no quaternion.
+
+    Columns after these eight, such as covariances, are not read.
+    """
+    names = re.split(r"\s*[,;]\s*|\s+", re.sub(r"\[.*?\]|\(.*?\)", "", line).strip("#% ,;").lower())
+    ends = "".join(name[-1:] for name in names[4:8])
+    if len(names) < 8 or any(len(re.split(r"[_./]", name)[-1]) > 2 for name in names[4:8]):
+        return None
+    return {"wxyz": _EUROC, "xyzw": _TUM}.get(ends)
 
 
 def _trajectory(rows: Sequence[Sequence[float]] | FloatArray) -> Trajectory:

@@ -1,4 +1,4 @@
-"""A signal in the middle of a file that a command writes: one line, and neither a half file nor a part of one."""
+"""A signal during the writing of a file: one line, and neither a half file nor a part of one."""
 
 from __future__ import annotations
 
@@ -79,7 +79,7 @@ class _Cut:
 
 
 def interrupted(folder, words, number, monkeypatch):
-    """Answer of a command that is sent a signal in the middle of its first file, and the new files and folders."""
+    """Answer of a command that is sent a signal while it writes its first file, and what is new in the folder."""
     cut = []
 
     def opened(handle, mode):
@@ -99,7 +99,7 @@ def interrupted(folder, words, number, monkeypatch):
 
 
 @pytest.mark.parametrize("command", ALL_WRITERS)
-def test_a_signal_in_the_middle_of_a_file_leaves_nothing(inputs, command, monkeypatch):
+def test_a_signal_while_a_file_is_written_leaves_nothing(inputs, command, monkeypatch):
     number = NUMBERS["SIGINT" if command in ("board", "track", "convert") else "SIGTERM"]
     answer, left = interrupted(inputs, ALL_WRITERS[command], number, monkeypatch)
     assert (answer.code, answer.err.splitlines()[-1], left) == (130, "lmkit: interrupted", set())
@@ -107,13 +107,13 @@ def test_a_signal_in_the_middle_of_a_file_leaves_nothing(inputs, command, monkey
 
 @pytest.mark.slow
 @pytest.mark.parametrize("command", SLOW)
-def test_a_signal_in_the_middle_of_a_plan_leaves_nothing(inputs, command, monkeypatch):
+def test_a_signal_while_a_plan_is_written_leaves_nothing(inputs, command, monkeypatch):
     answer, left = interrupted(inputs, SLOW[command], signal.SIGTERM, monkeypatch)
     assert (answer.code, answer.err.splitlines()[-1], left) == (130, "lmkit: interrupted", set())
 
 
 @pytest.mark.parametrize("number", NUMBERS.values(), ids=NUMBERS)
-def test_a_signal_in_the_middle_of_a_bag_leaves_nothing(inputs, number, monkeypatch):
+def test_a_signal_while_a_bag_is_written_leaves_nothing(inputs, number, monkeypatch):
     from rosbags.rosbag2 import Writer
 
     written, handler = Writer.write, signal.signal(signal.SIGTERM, main._terminate)
@@ -134,8 +134,8 @@ def test_a_signal_in_the_middle_of_a_bag_leaves_nothing(inputs, number, monkeypa
 
 
 @pytest.mark.skipif(not hasattr(os, "fork"), reason="needs fork")
-def test_a_kill_in_the_middle_of_a_file_leaves_its_old_content(tmp_path, monkeypatch):
-    """What is not finished has another name, and nobody can remove it."""
+def test_a_kill_while_a_file_is_written_leaves_its_old_content(tmp_path, monkeypatch):
+    """A file that is not finished has another name, and nobody can remove it."""
     path = tmp_path / "out.yaml"
     path.write_text("old")
     child = os.fork()

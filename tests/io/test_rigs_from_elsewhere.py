@@ -198,3 +198,82 @@ def test_a_base_with_the_axes_of_an_optical_frame_is_named():
     assert "optical frame" in rig_warnings(replace(rig, T_base_left=base), "rig.yaml")[0]
     ahead = Pose("base", "left", np.array([[0.0, 0, 1], [-1, 0, 0], [0, -1, 0]]), np.zeros(3))
     assert rig_warnings(replace(rig, T_base_left=ahead), "rig.yaml") == ()
+
+
+K = [700.1, 0.0, 640.2, 0.0, 701.3, 360.4, 0.0, 0.0, 1.0]
+D = [0.05, -0.07, 1e-4, 2e-4, 0.01]
+ROWS = [K[0:3], K[3:6], K[6:9]]
+MATRIX = {"rows": 3, "cols": 3, "type": 6, "data": K}
+LONG = {"rows": 1, "cols": 8, "type": 6, "data": [*D, 0.0, 0.0, 0.0]}
+PHOTON = {"resolution": {"width": 1280.0, "height": 720.0}, "cameraIntrinsics": MATRIX}
+EUROC = {"sensor_type": "camera", "resolution": [1280, 720], "camera_model": "pinhole",
+         "intrinsics": [700.1, 701.3, 640.2, 360.4]}  # fmt: skip
+SIZE = {"image_width": 1280, "image_height": 720}
+
+
+@pytest.mark.parametrize(
+    ("content", "model"),
+    [
+        (PHOTON | {"distCoeffs": LONG, "lensmodel": "LENSMODEL_OPENCV"}, "rational"),
+        (PHOTON | {"cameraExtrinsics": {"rows": 1, "cols": 5, "type": 6, "data": D}}, "pinhole"),
+        ({"camera": "x", "camera_matrix": ROWS, "distortion_coefficients": D, "img_size": [1280, 720],
+          "distortion_model": "rectilinear"}, "pinhole"),
+        (EUROC | {"distortion_model": "radial-tangential", "distortion_coefficients": D[:4]}, "pinhole"),
+        (EUROC | {"distortion_model": "equidistant", "distortion_coefficients": D[:4]}, "fisheye"),
+        (SIZE | {"camera_matrix": ROWS, "dist_coeff": [D]}, "pinhole"),
+        ({"Camera_Matrix": MATRIX, "Distortion_Coefficients": {"rows": 5, "cols": 1, "data": D}, "image_Width": 1280,
+          "image_Height": 720}, "pinhole"),
+        (SIZE | {"camera_matrix": MATRIX, "fisheye_model": 1,
+                 "distortion_coefficients": {"rows": 4, "cols": 1, "data": D[:4]}}, "fisheye"),
+    ],
+    ids=["PhotonVision", "PhotonVision 2023", "calibdb", "EuRoC", "EuRoC fisheye", "lists", "OpenCV 2", "fisheye"],
+)  # fmt: skip
+def test_one_camera_of_other_tools(tmp_path, content, model):
+    head = "%YAML:1.0\n---\n" if "Camera_Matrix" in content else ""
+    camera = read_any_rig(file(tmp_path, head + yaml.safe_dump(content))).left
+    assert (camera.image_size, camera.model) == ((1280, 720), model)
+    assert pytest.approx(np.array(ROWS)) == camera.K
+    assert camera.distortion[:4] == pytest.approx(D[:4])
+
+
+@pytest.mark.parametrize(
+    ("text", "match"),
+    [
+        (yaml.safe_dump(PHOTON | {"distCoeffs": LONG, "lensmodel": "LENSMODEL_STEREOGRAPHIC"}), "lensmodel"),
+        (yaml.safe_dump(PHOTON), "distCoeffs"),
+        (
+            yaml.safe_dump(EUROC | {"distortion_model": "fov", "distortion_coefficients": [0.9]}),
+            "fov is not supported",
+        ),
+        (yaml.safe_dump(SIZE | {"camera_matrix": MATRIX, "xi": 1.2}), "omnidirectional"),
+        ("%YAML:1.0\nCamera.type: PinHole\nCamera1.fx: 458.6\n", "settings of ORB-SLAM"),
+        ("Calibration results\n====\nCamera-system parameters:\ncam0 (/cam0/image_raw):\n", "Kalibr's report"),
+        ("target_type: aprilgrid\ntagCols: 6\n", "a calibration target of Kalibr"),
+        ("# oST version 5.0 parameters\n\n\n[image]\n\nwidth\n640\n", "INI file"),
+        ("[LEFT_CAM_HD]\nfx=700\n", "neither YAML, JSON nor XML"),
+        ("a: 1\nb: 2\n", "its keys are a, b"),
+        (
+            "M1: {rows: 3, cols: 3, data: []}\nimage_width: 5\n",
+            "M2, D1, D2, R, T, image_height: missing; stereo_calib",
+        ),
+    ],
+)
+def test_files_that_are_no_rig_are_named(tmp_path, text, match):
+    with pytest.raises(InputError, match=match):
+        read_any_rig(file(tmp_path, text))
+
+
+@pytest.mark.parametrize("part", [{"binning_x": 2}, {"roi": {"x_offset": 100, "width": 200, "height": 100}}])
+def test_images_that_are_a_part_of_the_sensor_are_refused(tmp_path, part):
+    with pytest.raises(InputError, match="binned, or a part"):
+        read_any_rig(camera_infos(tmp_path, lambda info: yaml.safe_dump(info | part)))
+
+
+def test_cameras_of_tagslam_are_a_camchain(tmp_path):
+    chain = yaml.safe_load(rig_to_camchain(RIG)[0])
+    chain["cam0"]["distortion_model"], chain["cam0"]["distortion_coeffs"] = (
+        "plumb_bob",
+        [-0.2, 0.05, 1e-3, 1e-4, 0.01],
+    )
+    found = read_any_rig(file(tmp_path, yaml.safe_dump(chain)))
+    assert (found.left.model, len(found.left.distortion)) == ("pinhole", 5)

@@ -10,6 +10,7 @@ from lmkit.io.recording_tables import read_gyro, read_odometry
 from lmkit.io.trajectory import read_trajectory
 
 TUM = "1520530308.25 1 2 3 0.1 0.2 0.3 0.9273618495495703\n1520530308.5 2 2 3 0.1 0.2 0.3 0.9273618495495703\n"
+W_FIRST = TUM.replace("0.1 0.2 0.3 0.9273618495495703", "0.9273618495495703 0.1 0.2 0.3")
 EUROC = """#timestamp [ns], p_RS_R_x [m], p_RS_R_y [m], p_RS_R_z [m], q_RS_w [], q_RS_x [], q_RS_y [], q_RS_z [], v_x
 1520530308250000000,1,2,3,0.9273618495495703,0.1,0.2,0.3,7
 1520530308500000000,2,2,3,0.9273618495495703,0.1,0.2,0.3,7
@@ -31,6 +32,12 @@ def write(folder, text: str | bytes):
         "\ufeff" + TUM.replace("\n", " \r\n"),
         TUM.replace(" ", ","),
         "timestamp tx ty tz qx qy qz qw\n" + TUM,
+        # w first, by a header of spaces; columns after the pose, of OpenVINS and RTAB-Map; a spreadsheet's commas
+        "# made by hand\n# timestamp tx ty tz qw qx qy qz\n" + W_FIRST,
+        "timestamp,x,y,z,qw,qx,qy,qz\n" + W_FIRST.replace(" ", ","),
+        "# timestamp(s) tx ty tz qx qy qz qw Pr11 Pr12\n" + TUM.replace("\n", " 0.1 0.2\n"),
+        "#timestamp x y z qx qy qz qw id\n" + TUM.replace("\n", " 7\n"),
+        "time;x;y;z;qx;qy;qz;qw\n" + TUM.replace(" ", ";").replace(".", ","),
     ],
 )
 def test_a_trajectory_is_the_same_in_every_dress(tmp_path, text):

@@ -133,3 +133,11 @@ def test_the_report_shows_both_paths_and_the_time_of_the_largest_error(lmkit, tm
     assert "estimate: found.tum" in text
     assert "<td>1.70</td><td class='n'>300.0</td>" in text
     assert lmkit("evaluate", "truth.tum", "found.tum", "--report", "errors.html").code == 2
+
+
+@pytest.mark.parametrize(("factor", "word"), [(1e3, "milliseconds"), (1e6, "microseconds"), (1.0, "--time-offset")])
+def test_clocks_that_do_not_meet_are_named(factor, word):
+    times = 1.7e9 + np.arange(5.0)
+    at = np.zeros((5, 3)), np.tile([0.0, 0, 0, 1], (5, 1))
+    with pytest.raises(InputError, match=word):
+        compare_trajectories(Trajectory(times, *at), Trajectory(times * factor + 99.0, *at))
