@@ -79,6 +79,68 @@ CASES: dict[str, tuple[str, str, Callable[[], str]]] = {
             '<svg xmlns="http://www.w3.org/2000/svg">' + '<rect width="9" height="9"/>' * (BYTES // 28) + "</svg>"
         ),
     ),
+    "DXF lines": (
+        "floor.dxf",
+        "map map.yaml --floor floor.dxf --scale 0.01 --plan out.png",
+        lambda: (
+            rows(
+                "0\nSECTION\n2\nENTITIES",
+                lambda k: f"0\nLINE\n8\n0\n10\n{k % 999}\n20\n{k % 777}\n11\n{k % 555}\n21\n9",
+            )
+            + "0\nENDSEC\n0\nEOF\n"
+        ),
+    ),
+    "DXF no end": (
+        "floor.dxf",
+        "map map.yaml --floor floor.dxf --plan out.png",
+        lambda: "0\nSECTION\n" * (BYTES // 10),
+    ),
+    "KITTI": (
+        "big.txt",
+        "evaluate big.txt big.txt",
+        lambda: rows("", lambda k: f"1 0 0 {k / 10} 0 1 0 0 0 0 1 0"),
+    ),
+    "EuRoC": (
+        "big.csv",
+        "evaluate big.csv big.csv",
+        lambda: rows(
+            "#timestamp [ns],x,y,z,q_w,q_x,q_y,q_z", lambda k: f"{1520530308 * 10**9 + k * 10**7},{k},0,0,1,0,0,0"
+        ),
+    ),
+    "map.txt": (
+        "map.txt",
+        "map map.txt --family aruco5x5_1000 --size 0.1m",
+        lambda: rows("", lambda k: f"{k} 1 2 3 90 0 90 0.001 10 {k + 1}"),
+    ),
+    "fmap": (
+        "big.fmap",
+        "map big.fmap",
+        lambda: (
+            '{"fiducials": ['
+            + '{"family": "36h11", "id": 1, "size": 165.1, "transform": []},' * (BYTES // 66)
+            + "{}]}"
+        ),
+    ),
+    "scans": (
+        "scans.csv",
+        "locate --scans scans.csv --map map.yaml",
+        lambda: rows("time_s,angle_rad,range_m", lambda k: f"{k // 360},{k % 360 / 60},2.5"),
+    ),
+    "gyro": (
+        "gyro.csv",
+        f"track --detections detections.csv {MOVED} --gyro gyro.csv",
+        lambda: rows("time_s,rate_radps", lambda k: f"{k / 1000},0.01"),
+    ),
+    "ROS map": (
+        "ros.yaml",
+        "map map.yaml --floor ros.yaml --plan out.png",
+        lambda: "image: floor.png\nresolution: 0.1\nnote: " + "x" * BYTES,
+    ),
+    "OpenCV XML": (
+        "rig.yaml",
+        "convert rig.yaml --to ros -o out",
+        lambda: "<?xml version='1.0'?><opencv_storage>" + "<M1>1</M1>" * (BYTES // 10) + "</opencv_storage>",
+    ),
     "form": (
         "form.csv",
         "map form.csv --room 8x5m -o out.yaml",

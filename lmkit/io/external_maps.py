@@ -10,12 +10,13 @@ TagSLAM: rotation vectors; a tag's axes are ours.
 from __future__ import annotations
 
 import json
+import warnings
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from lmkit.errors import InputError
+from lmkit.errors import InputError, InputWarning
 from lmkit.geometry.pose import Pose
 from lmkit.io.document_head import head_of
 from lmkit.io.documents import dump_yaml, load_document, load_json, read_text
@@ -36,7 +37,8 @@ from lmkit.model.landmark_map import LandmarkMap, MappedLandmark
 from lmkit.model.square_marker import SQUARE_FAMILIES
 
 FIELD_TAG_M = 0.1651  # of every tag on a field, as its rules have it; the layout does not say
-LARGEST_TAG_M = 10.0
+SMALLEST_TAG_M, LARGEST_TAG_M = 0.003, 10.0
+HIGHEST_M, WIDEST_M = 20.0, 1000.0  # of maps in a building or on a field
 
 
 def read_any_map(path: Path, defaults: MarkerDefaults | None = None) -> LandmarkMap:
@@ -69,7 +71,18 @@ def read_any_map(path: Path, defaults: MarkerDefaults | None = None) -> Landmark
         return _map(path, read_fiducial_slam(path, text, defaults))
     if "tags" in head.keys or text.lstrip().startswith("{"):
         return _from_wpilib(path, text, defaults)
+    if not head.format:
+        raise _unknown(path, head.keys)
     return read_map(path)
+
+
+def _unknown(path: Path, keys: frozenset[str]) -> InputError:
+    """Error for a file that is no map of a known kind."""
+    if any("ros__parameters" in key or key.startswith("/**") for key in keys):
+        return InputError("not_a_map", f"{path}: parameters of a ROS 2 node, which hold no poses", "give a map")
+    what = f"its keys are {', '.join(sorted(keys)[:6])}" if keys else "it holds no keys"
+    kinds = "lmkit, WPILib, Limelight, TagSLAM, apriltag_ros, fiducial_slam or marker_mapper"
+    return InputError("not_a_map", f"{path}: not a map that is known: {what}", f"give a map of {kinds}")
 
 
 def map_to_wpilib(landmarks: LandmarkMap, size_m: tuple[float, float]) -> str:
@@ -159,9 +172,33 @@ def _tagslam_pose(frame: str, values: dict[str, dict[str, float]]) -> Pose:
     return Pose.from_rvec("map", frame, turn, place)
 
 
+def _require_meters(path: Path, mapped: list[MappedLandmark]) -> None:
+    """Refuse sizes that no tag has; warn of places that no building has.
+
+    Raises:
+        InputError: names the tag.
+    """
+    for marker in mapped:
+        if not SMALLEST_TAG_M <= marker.size_m <= LARGEST_TAG_M:
+            size = f"tag {marker.code} of {marker.size_m * 1000:.4g} mm"
+            raise InputError(
+                "bad_size",
+                f"{path}: {size}, which no tag is",
+                "check the unit of its size: meters, or millimeters in .fmap",
+            )
+    places = np.array([marker.T_map_landmark.t for marker in mapped])
+    height, width = float(np.abs(places[:, 2]).max()), float(np.ptp(places, axis=0).max())
+    if height > HIGHEST_M or width > WIDEST_M:
+        sentence = (
+            f"{path}: tags up to {height:.4g} m high and {width:.4g} m apart: are its lengths inches or millimeters?"
+        )
+        warnings.warn(InputWarning(sentence), stacklevel=4)
+
+
 def _map(path: Path, mapped: list[MappedLandmark]) -> LandmarkMap:
     if not mapped:
         raise InputError("no_tags", f"{path}: holds no tags with a pose", "give at least one")
+    _require_meters(path, mapped)
     for marker in mapped:
         family = ALL_FAMILIES.get(marker.family)
         if family is not None and not 0 <= marker.code < family.code_count:

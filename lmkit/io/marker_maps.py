@@ -189,6 +189,8 @@ def read_limelight(path: Path, text: str) -> list[MappedLandmark]:
             if found is None:
                 raise ValueError(f"family {tag['family']!r} is unknown")
             T = np.array(tag["transform"], dtype=np.float64).reshape(4, 4)
+            if np.abs(T[3] - [0, 0, 0, 1]).max() > NOT_A_ROTATION:
+                raise ValueError(f"the last row of tag {tag['id']}'s transform is not 0 0 0 1: is it by columns?")
             pose = Pose("map", "landmark", _rotation(T[:3, :3]) @ R_OURS_FIELD.T, T[:3, 3])
             id_ = LandmarkId(f"tag{found[1]}", int(tag["id"]))
             markers.append(MappedLandmark(id_, _size(tag["size"]) / 1000, pose))

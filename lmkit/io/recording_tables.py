@@ -19,10 +19,17 @@ from lmkit.model.recording import Gyro, Odometry, RigFrame
 # Other names that columns go by.
 ALIASES = {
     "t": "time_s", "time": "time_s", "timestamp": "time_s", "%time": "time_s", "#timestamp [ns]": "time_s",
+    "__time": "time_s", "Timestamp": "time_s",
     "v": "forward_mps", "w": "turn_radps", "wz": "rate_radps", "gyro_z": "rate_radps",
     "d_left_m": "left_m", "d_right_m": "right_m", "x": "x_m", "y": "y_m", "yaw": "heading_rad",
     "side": "camera", "tag_id": "code",
 }  # fmt: skip
+# Ends of the names that rostopic and PlotJuggler give to values of messages.
+_IN_MESSAGES = {
+    "twist.linear.x": "forward_mps",
+    "twist.angular.z": "turn_radps",
+    "angular_velocity.z": "rate_radps",
+}
 PAIR = ("left", "right")  # cameras of a stereo rig
 CORNERS = ("x0", "y0", "x1", "y1", "x2", "y2", "x3", "y3")
 CORNER_SIGMA_PX = 0.3  # of corners that do not say how good they are: of a usual detector of markers
@@ -163,13 +170,31 @@ def gyro_to_csv(gyro: Gyro) -> str:
 
 
 def _header(rows: Sequence[Sequence[str]]) -> list[str]:
-    return [ALIASES.get(cell.strip(), cell.strip()) for cell in rows[0]] if rows else []
+    return [_column(cell.strip()) for cell in rows[0]] if rows else []
+
+
+def _column(name: str) -> str:
+    """Our name of a column."""
+    dotted = "." + name.replace("/", ".")
+    return ALIASES.get(name) or next((ours for end, ours in _IN_MESSAGES.items() if dotted.endswith("." + end)), name)
+
+
+def _is_number(cell: str) -> bool:
+    try:
+        float(cell)
+    except ValueError:
+        return False
+    return True
 
 
 def _read_numbers(path: Path, what: str) -> dict[str, FloatArray]:
     """The columns by name; time_s is among them, and increases."""
     rows = read_rows(path, what)
     header = _header(rows)
+    if sum(_is_number(cell) for cell in header) > len(header) / 2:
+        raise InputError(
+            "bad_header", f"{path}: line 1 holds numbers", "write a header such as time_s,... above them"
+        )
     if len(set(header)) < len(header):
         raise InputError("bad_header", f"{path}: line 1 has a column twice", "keep one of them")
     if "time_s" not in header:

@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import json
 
+import cv2
 import numpy as np
 import pytest
 
-from lmkit.errors import InputError
+from lmkit.errors import InputError, InputWarning
 from lmkit.io.external_maps import map_to_wpilib, read_any_map
 from lmkit.io.marker_maps import MarkerDefaults
 from lmkit.model.landmark_id import LandmarkId
@@ -81,3 +82,57 @@ def test_family_and_size_that_are_stated_hold_for_a_field_layout(tmp_path):
     path = written(tmp_path, map_to_wpilib(landmarks, (8.0, 5.0)))
     found = read_any_map(path, MarkerDefaults("aruco5x5_1000", 0.1524))
     assert {(m.family, m.size_m) for m in found} == {("aruco5x5_1000", 0.1524)}
+
+
+@pytest.mark.parametrize(
+    ("change", "match"),
+    [
+        ({"size": 0.1651}, "tag 1 of 0.1651 mm, which no tag is"),
+        ({"transform": [1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0, 4, 5, 6, 1]}, "by columns"),
+        ({"family": "apriltag3_41h12_standard"}, "is unknown"),
+    ],
+)
+def test_field_maps_in_other_units_and_orders_are_refused(tmp_path, change, match):
+    tag = {"family": "36h11", "id": 1, "size": 165.1, "transform": np.eye(4).ravel().tolist()}
+    with pytest.raises(InputError, match=match):
+        read_any_map(written(tmp_path, json.dumps({"fiducials": [tag | change]})))
+
+
+@pytest.mark.parametrize("place", [{"x": 593.7, "y": 9.7, "z": 53.4}, {"x": 1.0, "y": 6808.0, "z": 1.5}])
+def test_a_layout_in_inches_or_millimeters_is_named(tmp_path, place):
+    quaternion = {"W": 1.0, "X": 0.0, "Y": 0.0, "Z": 0.0}
+    tags = [
+        {"ID": k, "pose": {"translation": at, "rotation": {"quaternion": quaternion}}}
+        for k, at in enumerate(({"x": 0.0, "y": 0.0, "z": 1.0}, place))
+    ]
+    with pytest.warns(InputWarning, match="inches or millimeters"):
+        read_any_map(written(tmp_path, json.dumps({"tags": tags, "family": "tag36h11", "size": 0.1651})))
+
+
+def test_what_is_no_map_is_named(tmp_path):
+    parameters = "/**:\n  ros__parameters:\n    family: 36h11\n    size: 0.173\n"
+    for text, match in ((parameters, "parameters of a ROS 2 node"), ("1 2 3\n", "no keys"), ("a: 1\n", "keys are a")):
+        with pytest.raises(InputError, match=match):
+            read_any_map(written(tmp_path, text))
+
+
+def test_a_map_of_marker_mapper_by_opencvs_own_writer(tmp_path):
+    storage = cv2.FileStorage(str(tmp_path / "map.yml"), cv2.FILE_STORAGE_WRITE)
+    storage.write("aruco_bc_dict", "ARUCO_MIP_36h12")
+    storage.write("aruco_bc_mInfoType", 1)
+    storage.startWriteStruct("aruco_bc_markers", cv2.FileNode_SEQ)
+    for k in range(2):
+        storage.startWriteStruct("", cv2.FileNode_MAP | cv2.FileNode_FLOW)
+        storage.write("id", k)
+        storage.startWriteStruct("corners", cv2.FileNode_SEQ | cv2.FileNode_FLOW)
+        for y, z in ((-0.1, 1.6), (0.1, 1.6), (0.1, 1.4), (-0.1, 1.4)):
+            storage.startWriteStruct("", cv2.FileNode_SEQ | cv2.FileNode_FLOW)
+            for value in (1.0 / 3, y + k, z):
+                storage.write("", value)
+            storage.endWriteStruct()
+        storage.endWriteStruct()
+        storage.endWriteStruct()
+    storage.endWriteStruct()
+    storage.release()
+    found = read_any_map(tmp_path / "map.yml")
+    assert [m.T_map_landmark.t.tolist() for m in found] == [pytest.approx([1 / 3, k, 1.5]) for k in range(2)]

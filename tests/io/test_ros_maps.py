@@ -96,3 +96,13 @@ def test_what_map_servers_do_not_agree_on_is_refused(tmp_path, keys, code):
     with pytest.raises(InputError) as refused:
         read_floor(write(tmp_path, SAVED, **keys))
     assert refused.value.code == code
+
+
+def test_a_pgm_as_map_saver_writes_it(tmp_path):
+    """With its comment, and thresholds as YAML of nav2 has them."""
+    head = b"P5\n# CREATOR: map_saver.cpp 0.050 m/pix\n%d %d\n255\n" % SAVED.shape[::-1]
+    (tmp_path / "map.pgm").write_bytes(head + SAVED.tobytes())
+    floor = read_floor(
+        write(tmp_path, SAVED, image="map.pgm", mode="trinary", occupied_thresh=0.65, free_thresh=0.25)
+    )
+    assert np.array_equal(floor.free[::-1], CELLS == FREE)

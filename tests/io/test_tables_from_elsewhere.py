@@ -97,3 +97,20 @@ def test_odometry_is_the_same_in_every_dress(tmp_path, text):
 def test_numbers_that_measure_nothing_are_refused(tmp_path, text):
     with pytest.raises(InputError):
         read_gyro(write(tmp_path, text))
+
+
+@pytest.mark.parametrize("head", ["__time,/odom/twist/twist/linear/x,/odom/twist/twist/angular/z",
+                                  "%time,field.twist.twist.linear.x,field.twist.twist.angular.z"])  # fmt: skip
+def test_velocities_of_messages_are_found_by_their_names(tmp_path, head):
+    found = read_odometry(write(tmp_path, f"{head}\n0.0,0.5,0.1\n0.5,0.5,0.1\n1.0,0.5,0.1\n"))
+    assert found.forward_m.sum() == pytest.approx(0.5)
+    rates = read_gyro(write(tmp_path, "__time,/imu/angular_velocity/z\n0.0,0.1\n0.5,0.2\n"))
+    assert rates.rate_radps.tolist() == [0.1, 0.2]
+
+
+def test_a_table_without_a_header_is_named(tmp_path):
+    """Rows of `ros2 topic echo --csv` begin with numbers."""
+    with pytest.raises(InputError, match="line 1 holds numbers"):
+        read_odometry(
+            write(tmp_path, "100,0,odom,base_link,0.1,0.0,0.0,0.0,0.0,1.0\n100,5,odom,base_link,0,0,0,0,0,1\n")
+        )
