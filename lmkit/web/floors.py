@@ -24,7 +24,7 @@ from lmkit.web.versions import keep_versions
 
 FLOOR = "floor.yaml"
 MOST_WALLS = 2000
-DRAWINGS = frozenset({".yaml", ".yml", ".svg", ".png", ".pgm", ".jpg", ".jpeg"})
+DRAWINGS = frozenset({".yaml", ".yml", ".svg", ".dxf", ".png", ".pgm", ".jpg", ".jpeg"})
 Meters = Annotated[float, Field(ge=-10_000, le=10_000)]
 
 
@@ -102,7 +102,9 @@ def floor_of_file(data: bytes, name: str, scale_m: float | None) -> str:
     """
     suffix = PurePosixPath(name).suffix.lower()
     if suffix not in DRAWINGS:
-        raise InputError("no_floor", f"{name[:80]}: not a floor plan by its name", "give YAML, SVG, PNG, JPEG or PGM")
+        raise InputError(
+            "no_floor", f"{name[:80]}: not a floor plan by its name", "give YAML, SVG, DXF, PNG, JPEG or PGM"
+        )
     with TemporaryDirectory() as folder:
         path = Path(folder) / f"floor{suffix}"
         path.write_bytes(data)

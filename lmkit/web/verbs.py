@@ -14,6 +14,7 @@ from pydantic import Field
 from starlette.requests import Request
 from starlette.responses import Response
 
+import lmkit as lm
 from lmkit.errors import InputError
 from lmkit.web.answers import Body, answer, read_body
 from lmkit.web.project import FILMS, Project, listing
@@ -316,7 +317,11 @@ def _ground(project: Project, body: JobBody) -> list[str]:
     if rig is None:
         raise InputError("no_rig", "the project has no rig.yaml", "calibrate first")
     words = ["--floor", floor, "--rig", rig, "--error", body.error]
-    if body.camera_height:
+    if not body.camera_height:
+        if lm.read_rig(project.path(rig)).T_base_left is None:
+            problem = f"{rig} does not say how high the camera is mounted"
+            raise InputError("no_height", problem, "fill in the camera height, such as 85cm")
+    else:
         parse_length_mm(body.camera_height, "camera_height")
         words += ["--camera-height", body.camera_height]
     return words

@@ -52,9 +52,10 @@ export const trouble = (error) => note("bad", error.message, error.hint);
 export const sentence = (text) => (text ? text[0].toUpperCase() + text.slice(1) + (/[.!?]$/.test(text) ? "" : ".") : "");
 
 export function toast(text, kind = "") {
-  const box = h("div", { class: `toast ${kind}` }, text);
-  document.getElementById("toasts").append(box);
-  setTimeout(() => box.remove(), 6000);
+  const box = h("div", { class: `toast ${kind}` }, text), all = document.getElementById("toasts");
+  if (all.children.length > 1) all.firstChild.remove();
+  all.append(box);
+  setTimeout(() => box.remove(), kind === "bad" ? 8000 : 4000);
 }
 
 export function command(text) {
@@ -100,7 +101,7 @@ export function jobView(job, { done, progress } = {}) {
       h("div", { class: "row" }, h("h3", null, j.title), h("span", { class: `state ${j.state}` }, j.state),
         j.seconds !== null ? h("span", { class: "soft small" }, `${j.seconds.toFixed(0)} s`) : null,
         going ? h("button", { class: "danger", "data-key": "cancel", type: "button", onclick: () => api(`jobs/${j.id}/cancel`, { method: "POST" }).then(draw).catch((e) => toast(e.message, "bad")) }, live ? "Stop" : "Cancel") : null,
-        j.can_finish && (j.progress?.kept ?? 0) >= 6 ? h("button", { "data-key": "finish", type: "button", onclick: () => api(`jobs/${j.id}/finish`, { method: "POST" }).then(draw).catch((e) => toast(e.message, "bad")) }, "Calibrate with these") : null),
+        j.can_finish ? h("button", { "data-key": "finish", type: "button", disabled: (j.progress?.kept ?? 0) < 6, title: "from six pairs on", onclick: () => api(`jobs/${j.id}/finish`, { method: "POST" }).then(draw).catch((e) => toast(e.message, "bad")) }, "Calibrate with these") : null),
       going && !live ? h("div", null, h("p", { class: "small soft" }, j.progress ? `${j.progress.step}${j.progress.total ? `: ${j.progress.done} of ${j.progress.total}` : ""}` : j.state === "waiting" ? "waits for the job before" : "working"), bar(j.progress)) : null,
       j.state === "failed" ? note("bad", j.error) : null,
       j.state === "done" ? h("div", { class: "row" }, j.outputs.map(outputLink)) : null,

@@ -6,7 +6,7 @@ const SNAP_M = 0.15, GRID_M = 0.05; // a click goes to the end of a wall nearby,
 export function wallsCard({ save, load, redraw }) {
   const box = h("section", { class: "card stack" }), scale = h("input", { inputmode: "decimal", placeholder: "0.05" });
   let walls = [], landmarks = [], chosen = null, drawing = null;
-  const pick = h("input", { type: "file", accept: ".yaml,.yml,.svg,.png,.pgm,.jpg,.jpeg", onchange: async () => { if (pick.files[0]) await load(pick.files[0], scale.value.trim().replace(",", ".")); pick.value = ""; } });
+  const pick = h("input", { type: "file", accept: ".yaml,.yml,.svg,.dxf,.png,.pgm,.jpg,.jpeg", onchange: async () => { if (pick.files[0]) await load(pick.files[0], scale.value.trim().replace(",", ".")); pick.value = ""; } });
   const point = (p) => p.map((v) => v.toFixed(2)).join(", ");
   const change = (k, part) => save(walls.map((w, n) => (n === k ? { ...w, ...part } : w)));
 
@@ -32,7 +32,7 @@ export function wallsCard({ save, load, redraw }) {
       drawing ? note("", "click where a wall begins, then at each of its corners", "ends snap to each other and to 5 cm") : null,
       walls.length ? h("ul", { class: "list" }, walls.map((w, k) => h("li", null, h("button", { class: "plain", type: "button", "aria-label": `Edit wall ${w.name || k + 1}`, onclick: () => { chosen = chosen === k ? null : k; draw(); } }, w.name || `Wall ${k + 1}`), h("span", { class: "soft small" }, `${point(w.start)} to ${point(w.end)}${w.landmarks ? "" : ", no landmarks"}`), chosen === k ? editor(k) : null))) : null,
       h("div", { class: "row" }, !walls.length && landmarks.length > 1 ? h("button", { class: "primary", type: "button", onclick: around }, "A room around the landmarks") : null, begin),
-      h("details", null, h("summary", null, "Take them from a floor plan"), h("div", { class: "pairfields" }, field("Meters per pixel", scale, "of an image; of an SVG: per unit"), field("File", pick, "floor.yaml, SVG, PNG, PGM"))));
+      h("details", null, h("summary", null, "Take them from a floor plan"), h("div", { class: "pairfields" }, field("Meters per pixel", scale, "of an image; of SVG and DXF: per unit"), field("File", pick, "floor.yaml, SVG, DXF, PNG, PGM"))));
   }
   // Clicks on a plan become walls while drawing is on.
   function listen(svg) {

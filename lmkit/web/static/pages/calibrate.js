@@ -1,5 +1,7 @@
 import { api, choice, empty, field, fill, h, heading, jobView, mm, note, s, toast, trouble } from "../lib.js";
 
+const NONE = Array.from({ length: 5 }, () => Array(5).fill(false));
+const NOTHING = { kept: 0, depth: [], curve: [], words: "starting" };
 const BOTH = "the same: it shows both";
 const options = (entries, value) => entries.map(([key, text]) => h("option", { value: key, selected: key === value }, text));
 
@@ -34,13 +36,14 @@ export async function show(stage) {
   const until = h("input", { value: "5", inputmode: "decimal" });
   const at = choice([["1", "1 m"], ["2", "2 m"], ["4", "4 m"], ["8", "8 m"]], "2");
   const tone = h("input", { type: "checkbox", checked: true });
-  let sound = null, kept = 0, last = null;
+  let sound = null, kept = 0, last = null, image = null;
   const live = h("div"), jobs = h("div");
   const start = (verb) => async (event) => {
     event.preventDefault();
     live.replaceChildren();
     kept = 0;
-    last = null;
+    last = image = null;
+    if (verb === "guide") draw({ state: "running", progress: NOTHING });
     sound ??= window.AudioContext ? new AudioContext() : null; // browsers let a page sound after a click only
     try {
       const body = { source: source.value, second: second.value, board: board.value, until_mm: Number(until.value) || 5, at_m: Number(at.value) };
@@ -53,18 +56,20 @@ export async function show(stage) {
     if (job.progress?.kept !== undefined) last = job.progress;
     const p = last;
     if (p === null) return;
+    image = p.image ?? image; // the last state comes without one
     if (p.kept > kept && tone.checked) beep(sound, p.reached ? [660, 880, 1320] : [880]);
     kept = p.kept;
-    const here = p.depth.find((d) => d.at_m === p.at_m);
+    const here = p.depth.find((d) => d.at_m === p.at_m), wanted = p.ghost && !p.reached && job.state === "running";
+    const error = (at) => { const d = p.depth.find((e) => e.at_m === at); return d ? `± ${mm(d.error_m)}` : "–"; };
     const first = !live.firstChild;
-    live.replaceChildren(h("section", { class: "card", "aria-label": "Guidance" },
+    live.replaceChildren(h("section", { class: "card guidance", "aria-label": "Guidance" },
       p.reached ? note("good", `good to ${mm(here.error_m)} at ${p.at_m} m`, `${p.kept} pairs were enough for ${mm(p.until_m)}`)
         : job.state === "done" ? note("warn", `the source ended at ${here ? mm(here.error_m) : "an unknown error"} for ${mm(p.until_m)} at ${p.at_m} m`, p.advice?.length ? `next: ${p.advice[0]}; then run it again` : "add more pairs, nearer and tilted, and run it again")
         : note("", p.reason === "kept" ? `pair ${p.kept} is taken` : p.words ?? "looking", p.advice?.length ? `next: ${p.advice[0]}` : ""),
-      p.image ? h("figure", null, h("div", { class: "photo" }, h("img", { src: p.image, alt: "Newest pair, left and right camera" }), p.ghost && !p.reached && job.state === "running" ? ghost(p.ghost) : null), p.ghost && !p.reached && job.state === "running" ? h("figcaption", null, "Dashed: hold the board here next.") : null) : null,
-      h("dl", { class: "figures" }, fact(p.kept, "pairs kept"), p.depth.map((d) => fact(`± ${mm(d.error_m)}`, `in depth at ${d.at_m} m`)), p.held_out_px ? fact(`${p.held_out_px.toFixed(3)} px`, "row error on pairs held out") : null),
-      here ? h("p", { class: "small soft" }, `These are the errors that the calibration causes. One corner, matched to 0.1 px, is uncertain by ± ${mm(Math.sqrt(Math.max(here.total_m ** 2 - here.error_m ** 2, 0)))} at ${p.at_m} m besides, however good the calibration: that shrinks with more landmarks in view, a longer baseline or a longer lens.`) : null,
-      p.coverage ? h("div", { class: "cover" }, p.coverage.map((cells, k) => h("figure", null, s("svg", { viewBox: "0 0 5 3.6", role: "img", "aria-label": `Coverage of the ${k ? "right" : "left"} image: ${cells.flat().filter(Boolean).length} of 25 cells` }, cells.map((row, r) => row.map((yes, c) => s("rect", { class: yes ? "yes" : "no", x: c, y: r * 0.72, width: 1, height: 0.72 })))), h("figcaption", null, `${k ? "right" : "left"} image: where the board has been`)))) : null,
+      h("figure", null, h("div", { class: "photo" }, image ? h("img", { src: image, alt: "Newest pair, left and right camera" }) : h("div", { class: "blank" }), wanted ? ghost(p.ghost) : null), h("figcaption", null, wanted ? "Dashed: hold the board here next." : "The newest pair, left and right camera.")),
+      h("dl", { class: "figures" }, fact(p.kept, "pairs kept"), [1, 2, 4, 8].map((at) => fact(error(at), `in depth at ${at} m`)), fact(p.held_out_px ? `${p.held_out_px.toFixed(3)} px` : "–", "row error, held out")),
+      h("p", { class: "small soft" }, !here ? "From six pairs on: the depth errors that the calibration causes." : `These are the errors that the calibration causes. One corner, matched to 0.1 px, is uncertain by ± ${mm(Math.sqrt(Math.max(here.total_m ** 2 - here.error_m ** 2, 0)))} at ${p.at_m} m besides, however good the calibration: that shrinks with more landmarks in view, a longer baseline or a longer lens.`),
+      h("div", { class: "cover" }, (p.coverage ?? [NONE, NONE]).map((cells, k) => h("figure", null, s("svg", { viewBox: "0 0 5 3.6", role: "img", "aria-label": `Coverage of the ${k ? "right" : "left"} image: ${cells.flat().filter(Boolean).length} of 25 cells` }, cells.map((row, r) => row.map((yes, c) => s("rect", { class: yes ? "yes" : "no", x: c, y: r * 0.72, width: 1, height: 0.72 })))), h("figcaption", null, `${k ? "right" : "left"} image: where the board has been`)))),
       p.curve.length > 1 ? curve(p) : null));
     if (first && matchMedia("(max-width: 860px)").matches) live.scrollIntoView({ block: "start" }); // beside the form it is in view
   }
@@ -72,7 +77,7 @@ export async function show(stage) {
   stage.append(h("div", { class: "two" }, h("form", { class: "card stack", onsubmit: start("guide") }, field("Left camera", source, "or a folder with left/ and right/"), field("Right camera", second), field("Take a film", film, "MP4, AVI, MOV, MKV, WebM"), problem, field("Board", board, "inner corners and side of a square; or charuco:…, landmarks:…"),
     h("div", { class: "pairfields" }, field("Good to, mm", until, "depth error by the calibration"), field("at", at)),
     h("label", { class: "check" }, tone, "A tone for every pair that is taken"),
-    h("div", { class: "row" }, h("button", { class: "primary", type: "submit" }, "Calibrate with guidance"), h("button", { type: "button", onclick: start("calibrate") }, "Use all pairs"))), h("div", null, live, jobs)));
+    h("div", { class: "row" }, h("button", { class: "primary", type: "submit" }, "Calibrate with guidance"), h("button", { type: "button", onclick: start("calibrate") }, "Use all pairs"))), h("div", null, jobs, live)));
   stage.append(rig.card);
   await rig.again();
   return () => sound?.close();

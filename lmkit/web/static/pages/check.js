@@ -52,7 +52,7 @@ export async function show(stage) {
     const worst = [...weak].sort((a, b) => (a[1].grade < b[1].grade ? 1 : -1))[0];
     const past = (answer.history[`${item.family}:${item.code}`] ?? []).slice(-12);
     return h("section", { class: "card" },
-      h("div", { class: "row" }, grade(item.grade, true), h("div", null, h("h2", null, `Landmark ${item.code}`), h("p", { class: "soft" }, [item.family, item.side_mm ? `${item.side_mm[0].toFixed(1)} × ${item.side_mm[1].toFixed(1)} mm, measured by the ${item.scale_from}` : "size not measured"].join(", ")))),
+      h("div", { class: "row whole" }, grade(item.grade, true), h("div", null, h("h2", null, `Landmark ${item.code}`), h("p", { class: "soft" }, [item.family, item.side_mm ? `${item.side_mm[0].toFixed(1)} × ${item.side_mm[1].toFixed(1)} mm, measured by the ${item.scale_from.replace(/^a(?=\d$)/, "A")}` : "size not measured"].join(", ")))),
       h("p", null, worst ? h("strong", null, `${worst[0][0].toUpperCase()}${worst[0].slice(1)}: ${worst[1].value}. ${worst[1].advice ?? ""}.`) : "Everything that could be measured is good. Mount it."),
       h("div", { class: "two" },
         image ? h("figure", { class: "photo" }, h("img", { src: image.image, alt: `Photograph with landmark ${item.code} outlined`, width: item.width, height: item.height }), overlay(item, weak)) : h("div"),

@@ -8,6 +8,7 @@ const WORDS = {
   ok: "Ok: the pose agrees with what is seen", ambiguous: "Ambiguous: another pose explains what is seen as well", imprecise: "Imprecise: poses half a meter away explain what is seen as well",
   no_landmarks: "No landmarks: too few of the map are read", inconsistent: "Inconsistent: no pose explains what is read", swapped: "Swapped: left and right image are exchanged", lost: "Lost: the pose is not known",
 };
+const STALE_MS = 4000; // without a state, a run has ended or waits
 const SLOWLY_MS = 250; // between two changes of what is read rather than followed
 
 export async function show(stage) {
@@ -17,7 +18,7 @@ export async function show(stage) {
   const status = h("p", { role: "status" }), facts = ["landmarks", "position", "poses", "latency"].map((label) => [h("dd"), label]), scale = h("p", { class: "small soft" });
   const health = h("div"), happened = h("ul", { class: "small" });
   const scrub = h("input", { type: "range", min: 0, max: 0, value: 0, "aria-label": "Look back", oninput: () => { back = Number(scrub.value) < states.length - 1 ? Number(scrub.value) : null; draw(); } });
-  let states = [], back = null, waiting = false, shown = false, run = null, events = [], slowly = 0, decoding = null, pictured = null;
+  let states = [], back = null, waiting = false, shown = false, run = null, events = [], slowly = 0, newest = 0, decoding = null, pictured = null;
   const say = (element, text) => { if (element.textContent !== text) element.textContent = text; };
   let map = { landmarks: [], walls: [] };
   const views = flatOrDeep(planBox, { draw: (view) => { view.show(map); draw(); } });
@@ -28,9 +29,10 @@ export async function show(stage) {
     waiting = false;
     if (!states.length) return;
     const k = back ?? states.length - 1, { state, jpeg } = states[k], now = performance.now();
-    const words = sentence(`${WORDS[state.status] ?? state.status}${state.reason ? ` (${state.reason})` : ""}`);
+    const stale = performance.now() - newest > STALE_MS && back === null;
+    const words = stale ? "Nothing new comes: the run has ended, or waits. This is its last state." : sentence(`${WORDS[state.status] ?? state.status}${state.reason ? ` (${state.reason})` : ""}`);
     if (status.textContent !== words) {
-      status.className = `note ${state.status === "ok" ? "good" : state.status === "lost" ? "bad" : "warn"}`;
+      status.className = `note ${stale ? "" : state.status === "ok" ? "good" : state.status === "lost" ? "bad" : "warn"}`;
       status.textContent = words;
     }
     const gain = plan.draw(states, k);
@@ -78,6 +80,7 @@ export async function show(stage) {
     const jpeg = data.byteLength > 4 + length ? data.slice(4 + length) : states.at(-1)?.jpeg ?? null;
     if (!shown) { shown = true; fill(box, ...panels()); }
     states.push({ state, jpeg });
+    newest = performance.now();
     for (const event of state.events ?? []) { events = [event, ...events].slice(0, 6); happened.replaceChildren(...events.map((e) => h("li", null, e.message))); }
     if (states.length > KEPT) { states.shift(); if (back !== null && back > 0) back -= 1; }
     if (!waiting) { waiting = true; requestAnimationFrame(draw); }
@@ -107,9 +110,12 @@ export async function show(stage) {
   if (!shown) box.append(empty("Nothing runs live", `${project.can_run ? "Start a run, or replay a recording" : "Connect a run to this page"}: the robot appears on the plan with its trail, and you see why a pose is or is not sure.`));
   stage.append(...heading("Live", "The pose while it happens, and the last minute to look back at."), h("section", { class: "card stack" }, h("h2", null, "Runs"), h("div", { class: "row" }, buttons),
     project.can_run ? h("label", { class: "check" }, record, "Record the next run to runs/, to replay it later") : null, runs), box);
+  const watch = setInterval(() => { if (performance.now() - newest > STALE_MS) draw(); }, 1000);
+  slowly = 0; // what was drawn before the page was shown had no colors
+  draw();
   const ongoing = (await api("jobs")).jobs.find((j) => j.verb === "run" && (j.state === "running" || j.state === "waiting"));
   if (ongoing) runs.append(jobView(ongoing));
-  return () => { socket.onclose = null; socket.close(); views.close(); };
+  return () => { socket.onclose = null; socket.close(); clearInterval(watch); views.close(); };
 }
 
 // The table of inputs and outputs; `cells` is given what changes, row by row.

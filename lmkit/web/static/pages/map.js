@@ -7,20 +7,29 @@ export async function show(stage) {
   let map = await api("map"), chosen = null, gain = 0;
   const box = h("div"), doubted = h("div"), side = h("div"), flat = h("div"), caption = h("span"), table = h("div"), said = h("div"), words = h("div");
   const views = flatOrDeep(flat, { choose, draw: (view) => view.show({ landmarks: map.landmarks, walls: map.floor.walls }, { doubts: map.doubts, chosen, gain }) });
-  const walls = wallsCard({ save: (all) => change("floor", { method: "PUT", body: { version: map.floor.version, walls: all } }, "Saved to floor.yaml"), load: (given, scale) => load(given, scale), redraw: () => draw() });
+  const walls = wallsCard({ save: (all) => change("floor", () => ({ method: "PUT", body: { version: map.floor.version, walls: all } }), "Saved to floor.yaml"), load: (given, scale) => load(given, scale), redraw: () => { draw(); if (walls.drawing) planCard.scrollIntoView({ block: "nearest" }); } });
   const undoButton = h("button", { type: "button", onclick: undo, title: "Ctrl+Z" }, "Undo");
   const key = (e) => { if ((e.ctrlKey || e.metaKey) && e.key === "z" && !/INPUT|SELECT/.test(e.target.tagName) && map.undo) { e.preventDefault(); undo(); } };
   addEventListener("keydown", key);
 
-  async function change(path, request, done) {
-    try { await api(path, request); toast(done); } catch (error) { toast(`${error.message}. ${error.hint}`, "bad"); }
-    map = await api("map").catch(() => map);
-    if (!map.landmarks.some((l) => l.id === chosen)) chosen = null;
-    draw();
+  // One change after the other, each to the version that the one before has left.
+  let queue = Promise.resolve();
+  function change(path, request, done) {
+    queue = queue.then(async () => {
+      let said = [done, ""];
+      try { await api(path, request()); } catch (error) { said = [`${error.message}. ${error.hint}`, "bad"]; }
+      map = await api("map").catch(() => map);
+      if (!map.landmarks.some((l) => l.id === chosen)) chosen = null;
+      draw();
+      toast(...said);
+    });
   }
-  const edit = (part) => change("map", { method: "PUT", body: { version: map.version, edits: [{ id: chosen, ...part }] } }, part.pin_mm === undefined ? "Saved to map.yaml" : "Saved to pins.yaml");
-  const load = (given, scale) => change(`floor/${encodeURIComponent(given.name.replace(/[^A-Za-z0-9._-]+/g, "-"))}${scale ? `?scale=${encodeURIComponent(scale)}` : ""}`, { method: "PUT", body: given }, "Saved to floor.yaml");
-  function undo() { change("map/undo", { method: "POST" }, "Undone"); }
+  function edit(part) {
+    const id = chosen;
+    change("map", () => ({ method: "PUT", body: { version: map.version, edits: [{ id, ...part }] } }), part.pin_mm === undefined ? "Saved to map.yaml" : "Saved to pins.yaml");
+  }
+  const load = (given, scale) => change(`floor/${encodeURIComponent(given.name.replace(/[^A-Za-z0-9._-]+/g, "-"))}${scale ? `?scale=${encodeURIComponent(scale)}` : ""}`, () => ({ method: "PUT", body: given }), "Saved to floor.yaml");
+  function undo() { change("map/undo", () => ({ method: "POST" }), "Undone"); }
   function choose(id) { if (walls.drawing) return; chosen = id; draw(); side.querySelector("h2")?.scrollIntoView({ block: "nearest" }); }
   const number = (value, digits, save, label) => field(label, h("input", { value: value.toFixed(digits), inputmode: "decimal", onchange: (e) => { const v = Number(e.target.value.replace(",", ".")); if (Number.isFinite(v)) save(v); else draw(); } }));
 
@@ -42,7 +51,7 @@ export async function show(stage) {
     catch (problem) { jobs.replaceChildren(trouble(problem)); }
   };
   const planning = h("section", { class: "card stack" }, h("h2", null, "Is it enough?"), h("p", { class: "small soft" }, "The error to expect at every place of the floor, and where the next landmark helps most."),
-    h("div", { class: "pairfields" }, field("Error allowed", error, "such as 5cm"), field("Camera height", height, "only if rig.yaml does not say")),
+    h("div", { class: "pairfields" }, field("Error allowed", error, "such as 5cm"), field("Camera height", height, "if rig.yaml does not say, as after a calibration")),
     h("div", { class: "row" }, h("button", { class: "primary", type: "button", onclick: start("coverage") }, "Show the coverage"), h("button", { type: "button", onclick: start("place") }, "Where to mount the next ones"), h("button", { type: "button", onclick: start("sheet") }, "Mounting sheet (PDF)")), jobs, drawn);
   const planCard = h("section", { class: "card" }, views.element, h("p", { class: "row small soft" }, caption, undoButton));
   const two = h("div", null, side, planCard), nothing = empty("No map yet", "Survey a recording: the map is built with its uncertainty, and landmarks that contradict each other are shown in red.", h("a", { class: "button primary", href: "#/recordings" }, "To the recordings"));

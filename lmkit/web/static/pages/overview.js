@@ -17,11 +17,11 @@ export async function show(stage) {
   const next = steps.findIndex(([done]) => !done);
   const start = h("button", { type: "button", onclick: async () => {
     start.disabled = true;
-    try { job.replaceChildren(jobView(await api("jobs/example", { method: "POST", body: {} }), { done: (j) => { start.disabled = false; if (j.state === "done") toast("The example is in drives/example: calibrate from its boards, survey its recording."); } })); }
+    try { job.replaceChildren(jobView(await api("jobs/example", { method: "POST", body: {} }), { done: (j) => { start.disabled = false; if (j.state === "done") job.prepend(h("div", { class: "note good" }, h("b", null, "The example is in drives/example."), h("div", { class: "row" }, h("a", { href: "#/calibrate" }, "Calibrate with its film of a board"), h("a", { href: "#/recordings" }, "Survey its recording")))); } })); }
     catch (error) { start.disabled = false; toast(error.message, "bad"); }
   } }, "Write the example");
   stage.append(...heading("From print to pose", "Five steps; each writes files into the project's folder, and says the command that does the same."),
     h("ol", { class: "card stack", role: "list" }, steps.map(([done, title, text, href, action], k) => step(k + 1, done, k === next, title, text, href, action))),
-    h("section", { class: "card" }, h("h2", null, "No cameras at hand?"), h("p", null, "A simulated room as files: calibration boards, a recording with odometry, a rig and a map. It goes into drives/example and takes about a minute."), start, job),
+    h("section", { class: "card" }, h("h2", null, "No cameras at hand?"), h("p", null, "A simulated room as files: calibration boards, a recording with odometry, a rig and a map. It goes into drives/example and takes some seconds."), start, job),
     p.address ? h("section", { class: "card" }, h("h2", null, "On the phone"), h("p", null, "Scan to open this page on the phone, and photograph prints with it."), h("img", { class: "qr", src: "/api/phone.png", alt: "QR code of this page's address" })) : "");
 }

@@ -1,4 +1,4 @@
-import { api, choice, empty, field, file, h, heading, jobView, toast, trouble } from "../lib.js";
+import { api, choice, empty, field, file, fill, h, heading, jobView, toast, trouble } from "../lib.js";
 
 export async function show(stage) {
   const [project, { jobs }] = await Promise.all([api("project"), api("jobs")]);
@@ -8,8 +8,13 @@ export async function show(stage) {
   const groups = (input) => input.value.split(";").map((part) => part.replace(/\s+/g, "")).filter(Boolean);
   const none = h("p", { class: "soft" }, "Nothing has run yet.");
   list.append(...(jobs.length ? jobs.map((j) => jobView(j)) : [none]));
+  const reports = h("div");
+  function listReports(now) {
+    const found = now.reports.filter((r) => r.name.endsWith(".html"));
+    fill(reports, found.length ? h("section", { class: "card" }, h("h2", null, "Reports"), h("ul", null, found.map((r) => h("li", null, h("a", { href: file(r.name), target: "_blank", rel: "noopener" }, r.name))))) : null);
+  }
   async function start(verb, source, extra) {
-    try { const job = await api(`jobs/${verb}`, { method: "POST", body: { source, ...extra } }); none.remove(); list.prepend(jobView(job, { done: (j) => j.state === "done" && toast(`${j.title}: done`) })); list.closest("section").scrollIntoView({ block: "nearest" }); }
+    try { const job = await api(`jobs/${verb}`, { method: "POST", body: { source, ...extra } }); none.remove(); list.prepend(jobView(job, { done: async (j) => { if (j.state === "done") toast(`${j.title}: done`); listReports(await api("project")); } })); list.closest("section").scrollIntoView({ block: "nearest" }); }
     catch (error) { list.prepend(trouble(error)); }
   }
   const what = (r) => [r.images ? "images of both cameras" : "saved detections", r.odometry ? "odometry" : null, r.gyro ? "gyro" : null].filter(Boolean).join(", ");
@@ -26,6 +31,6 @@ export async function show(stage) {
   }
   if (project.bags.length) stage.append(h("section", { class: "card" }, h("h2", null, "Bags"), h("p", null, "Unpack a bag once, then it is listed here:"), h("ul", null, project.bags.map((b) => h("li", null, h("code", null, `lmkit unbag ${b.name} -o drives/NAME`))))));
   stage.append(h("section", { class: "card" }, h("h2", null, "Jobs"), list));
-  const reports = project.reports.filter((r) => r.name.endsWith(".html"));
-  if (reports.length) stage.append(h("section", { class: "card" }, h("h2", null, "Reports"), h("ul", null, reports.map((r) => h("li", null, h("a", { href: file(r.name), target: "_blank", rel: "noopener" }, r.name))))));
+  stage.append(reports);
+  listReports(project);
 }
