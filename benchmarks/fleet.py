@@ -16,7 +16,7 @@ import time
 import numpy as np
 from scipy.spatial import cKDTree
 
-from lmkit.model.landmark_information import InformationSum, unknowns_of
+from lmkit.optim.information_sum import InformationSum, unknowns_of
 
 SIZE = 6  # unknowns of a landmark
 

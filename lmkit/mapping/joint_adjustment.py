@@ -16,8 +16,9 @@ import numpy as np
 from lmkit.arrays import FloatArray, IntArray
 from lmkit.geometry.rotations import rotation_exp
 from lmkit.model.landmark_id import LandmarkId
-from lmkit.model.landmark_information import InformationSum, LandmarkInformation
+from lmkit.model.landmark_information import LandmarkInformation
 from lmkit.optim.block_chain import ChainEquations, EliminatedChain
+from lmkit.optim.information_sum import InformationSum
 from lmkit.optim.levenberg_marquardt import Damping, minimize
 
 CONVERGED = 1e-2  # of the cost

@@ -23,7 +23,8 @@ from lmkit.arrays import BoolArray, FloatArray, IntArray
 from lmkit.mapping.bundle_adjustment import BundleProblem
 from lmkit.mapping.joint_adjustment import JointProblem, recording_information
 from lmkit.mapping.recording_group import Version
-from lmkit.model.landmark_information import LandmarkInformation, unknowns_of
+from lmkit.model.landmark_information import LandmarkInformation
+from lmkit.optim.information_sum import unknowns_of
 
 LEVEL = 0.01  # probability that any landmark of a survey is called moved though nobody touched it
 LEAST_SEEN = 3  # observations of a landmark by a recording that says it was moved

@@ -38,10 +38,10 @@ from lmkit.mapping.survey import (
 )
 from lmkit.mapping.wall_constraints import LandmarkConstraint
 from lmkit.model.landmark_id import LandmarkId
-from lmkit.model.landmark_information import unknowns_of
 from lmkit.model.landmark_map import CALENDAR_S, LandmarkMap, MappedLandmark
 from lmkit.model.recording import RigFrame
 from lmkit.odometry.motion_model import Motion
+from lmkit.optim.information_sum import unknowns_of
 from lmkit.parallel import map_sharing
 
 ROUNDS = 4  # of leaving out observations that do not fit

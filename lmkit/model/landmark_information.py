@@ -8,20 +8,13 @@ machine.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy import sparse
-from scipy.linalg import cho_factor, cho_solve
-from scipy.sparse.linalg import splu
 
-from lmkit.arrays import FloatArray, IntArray
+from lmkit.arrays import FloatArray
 from lmkit.geometry.rotations import rotation_log
 from lmkit.model.landmark_id import LandmarkId
-
-MOST_PENDING = 20_000_000  # entries that wait to be summed; bounds the memory however many recordings there are
-DENSE_BELOW = 3000  # unknowns: a dense factorization is the faster one up to about there
 
 
 @dataclass(frozen=True, eq=False)
@@ -68,86 +61,3 @@ class LandmarkInformation:
 
     def __repr__(self) -> str:
         return f"LandmarkInformation({len(self.ids)} landmarks)"
-
-
-class InformationSum:
-    """Normal equations of many recordings in the landmarks that they share.
-
-    Args:
-        count: number of landmarks.
-        size: unknowns of each.
-
-    Examples:
-        >>> import numpy as np
-        >>> total = InformationSum(count=2, size=2)
-        >>> total.add(np.array([0, 1]), np.eye(4), np.array([0.0, 0.0, 2.0, 2.0]))
-        >>> total.add(np.array([1]), np.eye(2), np.zeros(2))
-        >>> total.solve().reshape(2, 2).tolist()
-        [[0.0, 0.0], [1.0, 1.0]]
-    """
-
-    def __init__(self, count: int, size: int) -> None:
-        self.count, self.size = count, size
-        self.b = np.zeros(count * size)
-        self._dense = np.zeros((len(self.b), len(self.b))) if len(self.b) < DENSE_BELOW else None
-        self._blocks: list[tuple[IntArray, FloatArray]] = []
-        self._pending = 0
-        self._sum = sparse.csc_matrix((len(self.b), len(self.b)))
-
-    def add(self, rows: IntArray, H: FloatArray, b: FloatArray) -> None:
-        """Add one recording's information.
-
-        Args:
-            rows: (L,) which landmarks of the sum its landmarks are, each at most once.
-            H, b: (dL,dL), (dL,).
-        """
-        columns = unknowns_of(rows, self.size)
-        self.b[columns] += b
-        if self._dense is not None:
-            self._dense[columns[:, None], columns] += H
-        else:
-            self._blocks.append((columns, H))
-            self._pending += H.size
-            if self._pending > MOST_PENDING:
-                self._sum, self._blocks, self._pending = self.matrix(), [], 0
-
-    def matrix(self) -> sparse.csc_matrix | FloatArray:
-        """(dC,dC) summed information; sparse where it is large."""
-        if self._dense is not None:
-            return self._dense
-        if not self._blocks:
-            return self._sum
-        parts = []
-        for columns, H in self._blocks:
-            block = sparse.coo_matrix(H)
-            parts.append((block.data, columns[block.row], columns[block.col]))
-        data, row, column = (np.concatenate(part) for part in zip(*parts, strict=True))
-        return self._sum + sparse.coo_matrix((data, (row, column)), shape=self._sum.shape).tocsc()
-
-    def solve(self) -> FloatArray:
-        """(dC,) the step to the minimum.
-
-        Raises:
-            numpy.linalg.LinAlgError: something is not determined at all.
-        """
-        if self._dense is not None:
-            return np.asarray(cho_solve(cho_factor(self._dense, check_finite=False), self.b, check_finite=False))
-        try:
-            return np.asarray(splu(self.matrix()).solve(self.b))
-        except RuntimeError as error:
-            raise np.linalg.LinAlgError(str(error)) from None
-
-    def covariance(self) -> FloatArray:
-        """(dC,dC) joint covariance of all landmarks.
-
-        Raises:
-            numpy.linalg.LinAlgError: something is not determined at all.
-        """
-        H = self.matrix()
-        C = np.linalg.inv(H if isinstance(H, np.ndarray) else H.toarray())
-        return np.asarray((C + C.T) / 2)
-
-
-def unknowns_of(rows: IntArray | Sequence[int], size: int) -> IntArray:
-    """(dL,) places of landmarks' unknowns among all."""
-    return np.asarray((size * np.asarray(rows, dtype=np.int64)[:, None] + np.arange(size)).ravel())

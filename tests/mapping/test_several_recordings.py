@@ -14,10 +14,11 @@ from lmkit.mapping.bundle_adjustment import Anchor
 from lmkit.mapping.joint_adjustment import JointProblem, recording_information
 from lmkit.mapping.several_recordings import NamedRecording, survey_recordings
 from lmkit.mapping.survey import solve_recording
-from lmkit.model.landmark_information import InformationSum, LandmarkInformation
+from lmkit.model.landmark_information import LandmarkInformation
 from lmkit.model.landmark_map import LandmarkMap
 from lmkit.model.recording import Odometry
 from lmkit.odometry.wheel_odometry import MotionModel
+from lmkit.optim.information_sum import InformationSum
 from lmkit.simulation.recording import make_drive
 
 ROOM = make_drive(2, seconds=2).landmarks
