@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import json
 import random
 import shutil
 from collections.abc import Mapping
 from dataclasses import dataclass
+from itertools import pairwise
 from pathlib import Path
 
 import cv2
@@ -66,6 +68,14 @@ def write_inputs(folder: Path, images: bool = True) -> None:
         "map_wpilib.json": map_to_wpilib(drive.landmarks, (8.0, 5.0)),
         "run.yaml": f"format: lmkit-run/1\n{run}",
         "template.toml": (Path(__file__).parents[1] / "templates" / "a4.toml").read_text(),
+        "floor.dxf": _drawing(),
+        "camera.json": json.dumps(
+            {
+                "resolution": {"width": 1280.0, "height": 720.0},
+                "cameraIntrinsics": {"rows": 3, "cols": 3, "data": [700.0, 0, 640, 0, 700, 360, 0, 0, 1]},
+                "distCoeffs": {"rows": 1, "cols": 8, "data": [0.05, -0.07, 0, 0, 0.01, 0, 0, 0]},
+            }
+        ),
         "floor_ros.yaml": f"image: floor.png\nresolution: 0.1\norigin: [0, 0, 0]\n{thresholds}",
         "floor.svg": '<svg xmlns="http://www.w3.org/2000/svg" width="800" height="500"><rect x="1" y="1" width="790" '
         'height="490"/><g transform="translate(1 2)"><path d="M100 100h90v-30z"/></g></svg>',
@@ -75,6 +85,16 @@ def write_inputs(folder: Path, images: bool = True) -> None:
     cv2.imwrite(str(folder / "floor.png"), room)
     if images:
         _write_images(folder)
+
+
+def _drawing() -> str:
+    """A DXF drawing (R12): a room, an arc and a block."""
+    corners = [(0, 0), (800, 0), (800, 500), (0, 500), (0, 0)]
+    walls = "".join(f"0 LINE 8 WALL 10 {a[0]} 20 {a[1]} 11 {b[0]} 21 {b[1]} " for a, b in pairwise(corners))
+    block = "0 BLOCK 8 0 2 B 70 0 10 0 20 0 30 0 3 B 0 LINE 8 0 10 0 20 0 11 90 21 0 0 ENDBLK"
+    pairs = f"0 SECTION 2 BLOCKS {block} 0 ENDSEC 0 SECTION 2 ENTITIES {walls}"
+    pairs += "0 ARC 8 DOOR 10 100 20 100 40 90 50 0 51 90 0 INSERT 8 WALL 2 B 10 300 20 100 50 30 0 ENDSEC 0 EOF"
+    return "\n".join(pairs.split()) + "\n"
 
 
 def _write_images(folder: Path) -> None:
@@ -146,6 +166,7 @@ CASES = (
     Case("map map.yaml --floor floor.yaml --plan out/p.svg -o out/m.yaml", ("map.yaml", "floor.yaml")),
     Case("map map.yaml --floor floor_ros.yaml --plan out/p.png", ("floor_ros.yaml", "floor.png")),
     Case("map map.yaml --floor floor.svg --scale 0.01 --plan out/p.png", ("floor.svg",)),
+    Case("map map.yaml --floor floor.dxf --scale 0.01 --layers WALL --plan out/p.svg", ("floor.dxf",)),
     Case("map form.csv --room 8x5m --sigma 10mm,1deg -o out/m.yaml", ("form.csv",), 2),
     Case("plan coverage --floor floor.yaml --map map.yaml --rig rig.yaml --plan out/p.png",
          ("floor.yaml", "map.yaml", "rig.yaml"), 0.3),
@@ -155,6 +176,7 @@ CASES = (
     Case("convert rig.yaml --to kalibr -o out/k.yaml", ("rig.yaml",)),
     Case("convert rig.yaml --to ros -o out/ros", ("rig.yaml",)),
     Case("convert rig_opencv.yml --to lmkit -o out/r.yaml", ("rig_opencv.yml",)),
+    Case("convert camera.json --to lmkit -o out/r.yaml", ("camera.json",)),
     Case("convert rig_kalibr.yaml --to opencv -o out/r.yaml", ("rig_kalibr.yaml",)),
     Case("convert ros --to lmkit -o out/r.yaml", ("ros/left.yaml", "ros/right.yaml")),
     Case("convert map_tagslam.yaml --to map -o out/m.yaml", ("map_tagslam.yaml",)),

@@ -29,6 +29,7 @@ if TYPE_CHECKING:
     from ezdxf.entities.insert import Insert
 
 MAX_BYTES = 64 * 1024 * 1024
+HEADER_BYTES = 1024 * 1024  # at the start of a file, in which its unit stands
 MAX_LINES, MAX_PLACED, MAX_DEPTH = 200_000, 100_000, 20  # placed: entities of blocks
 OFF_CURVE_M = 0.005  # short lines of a curve stray by no more
 MAX_STEPS = 10_000  # of a curve: a share of its size that short lines may stray by in place of OFF_CURVE_M
@@ -159,10 +160,14 @@ def _unit_m(path: Path, document: Drawing, scale_m: float | None) -> float:
     from ezdxf import units
     from ezdxf.enums import InsertUnits
 
+    # ezdxf takes meters where a file says nothing.
+    with path.open("rb") as stream:
+        is_stated = b"$INSUNITS" in stream.read(HEADER_BYTES)
     try:
         own = 1 / units.conversion_factor(InsertUnits.Meters, InsertUnits(int(document.header["$INSUNITS"])))
     except (KeyError, IndexError, TypeError, ValueError):
         own = None
+    own = own if is_stated else None
     if own is None and scale_m is None:
         raise InputError("no_scale", f"{path}: its unit is unknown ($INSUNITS is missing or 0)", _UNIT_HINT)
     if own is None or scale_m is None:

@@ -78,6 +78,15 @@ def test_units_are_meters_of_the_map(tmp_path, unit, size):
     assert without_curves(tmp_path, drawing(unit, size)[0]) == pytest.approx(ROOMS, abs=1e-4)
 
 
+def test_a_file_without_a_header_has_no_unit(tmp_path):
+    pairs = "0 SECTION 2 ENTITIES 0 LINE 8 WALL 10 0 20 0 11 6000 21 4000 0 ENDSEC 0 EOF"
+    (tmp_path / "plan.dxf").write_text("\n".join(pairs.split()) + "\n")
+    with pytest.raises(InputError, match="unit is unknown"):
+        read_dxf_lines(tmp_path / "plan.dxf")
+    ((_, end),) = read_dxf_lines(tmp_path / "plan.dxf", 0.001)
+    assert end == pytest.approx([6, 4])
+
+
 def test_a_unit_that_is_missing_or_wrong_is_asked_for(tmp_path):
     document, _ = drawing(0)
     with pytest.raises(InputError, match=r"unit is unknown.*--scale"):
