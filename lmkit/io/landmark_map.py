@@ -25,7 +25,7 @@ UPRIGHT = (0.5, 0.5, 0.5, 0.5)  # of poles, which face nowhere: y of the landmar
 class _Landmark(Document):
     code: Annotated[int, Field(ge=0, strict=True)]
     family: str
-    size_m: Annotated[float, Field(gt=0)]
+    size_m: Annotated[float, Field(gt=0, le=100)]
     position: Row
     quaternion: Annotated[list[float], Field(min_length=4, max_length=4)] | None = None
     covariance: Matrix6 | None = None

@@ -102,3 +102,10 @@ def test_family_and_size_on_the_command_line_and_in_python(tmp_path):
     assert "assumed" not in done.err, done.err
     done = run_command("convert", str(source), "--to", "opencv", "-o", str(tmp_path / "rig.yml"), *options)
     assert (done.code, "for maps" in done.err) == (2, True)
+
+
+def test_a_landmark_larger_than_a_building_is_refused(tmp_path):
+    ours = yaml.safe_load(map_to_yaml(LANDMARKS))
+    ours["landmarks"][0]["size_m"] = 1.8e307
+    with pytest.raises(InputError, match=r"landmarks.*size_m"):
+        read_any_map(file(tmp_path, ours))
