@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import fnmatch
 import logging
+import re
 import stat
 import struct
 import warnings
@@ -29,6 +30,8 @@ if TYPE_CHECKING:
     from ezdxf.entities.insert import Insert
 
 MAX_BYTES = 64 * 1024 * 1024
+MAX_RECORDS = 120_000  # ezdxf takes 50 us for each
+_RECORD = re.compile(rb"^[ \t]*0[ \t]*\r?\n[ \t]*[A-Z]", re.MULTILINE)
 HEADER_BYTES = 1024 * 1024  # at the start of a file, in which its unit stands
 MAX_LINES, MAX_PLACED, MAX_DEPTH = 200_000, 100_000, 20  # placed: entities of blocks
 OFF_CURVE_M = 0.005  # short lines of a curve stray by no more
@@ -138,12 +141,18 @@ def _document(path: Path) -> Drawing:
             raise InputError("not_a_file", f"{path}: not a regular file", "give a floor plan as a file")
         if path.stat().st_size > MAX_BYTES:
             raise InputError("file_too_large", f"{path}: larger than {MAX_BYTES >> 20} MiB", "purge the drawing")
-        path.open("rb").close()
+        count = len(_RECORD.findall(path.read_bytes()))
     except (OSError, ValueError) as error:
         problem = getattr(error, "strerror", None) or error
         raise InputError(
             "file_unreadable", f"cannot read floor plan {path}: {problem}", "check the path and its permissions"
         ) from None
+    if count > MAX_RECORDS:
+        raise InputError(
+            "dxf_too_large",
+            f"{path}: {count} entities and other records, more than {MAX_RECORDS}",
+            "purge the drawing, or save the layers of the walls alone",
+        )
     logger = logging.getLogger("ezdxf")
     level, quiet = logger.level, logging.CRITICAL + 1
     logger.setLevel(quiet)

@@ -142,6 +142,9 @@ def _kitti_rows(path: Path) -> list[str] | None:
 
 def _of_kitti(path: Path, lines: Sequence[str]) -> Trajectory:
     """Trajectory whose times are the numbers of the rows."""
+    at_once = _plain_kitti(lines)
+    if at_once is not None:
+        return at_once
     rows = []
     for number, line in enumerate(lines):
         try:
@@ -155,6 +158,23 @@ def _of_kitti(path: Path, lines: Sequence[str]) -> Trajectory:
         pose = Pose("map", "base", orthonormal(T[:, :3]), T[:, 3])
         rows.append([float(number), *pose.t, *pose.quaternion_xyzw])
     return _trajectory(rows)
+
+
+def _plain_kitti(lines: Sequence[str]) -> Trajectory | None:
+    """All poses at once; None where a row is wrong."""
+    try:
+        T = np.loadtxt(lines, comments="#", ndmin=2).reshape(-1, 3, 4)
+    except ValueError:
+        return None
+    if not np.abs(T).max() <= LARGEST or len(T) != len(lines):
+        return None
+    R = T[:, :, :3]
+    if np.abs(R @ R.transpose(0, 2, 1) - np.eye(3)).max() > UNIT or np.linalg.det(R).min() < 0:
+        return None
+    from scipy.spatial.transform import Rotation  # takes a quarter of a second to load
+
+    U, _, Vt = np.linalg.svd(R)
+    return Trajectory(np.arange(len(T), dtype=np.float64), T[:, :, 3], Rotation.from_matrix(U @ Vt).as_quat())
 
 
 def _named_order(line: str) -> tuple[int, ...] | None:

@@ -187,6 +187,10 @@ def test_bombs_are_refused(tmp_path, monkeypatch):
         block = document.blocks.new(f"B{k}")
         for _ in range(10):
             block.add_blockref(f"B{k - 1}", (0, 0)) if k else block.add_line((0, 0), (1, 0))
+    monkeypatch.setattr(dxf_lines, "MAX_RECORDS", 100)
+    with pytest.raises(InputError, match="more than 100"):
+        lines(tmp_path, document)
+    monkeypatch.setattr(dxf_lines, "MAX_RECORDS", 100_000)
     many = {"row_count": 32000, "column_count": 32000, "row_spacing": 1, "column_spacing": 1}
     for name, how in (("B0", many), ("B7", {})):
         bomb = space.add_blockref(name, (0, 0), dxfattribs=how)
