@@ -21,6 +21,7 @@ import lmkit
 OUTPUT = Path(__file__).parent / "web.png"
 DESKTOP, PHONE = {"width": 1120, "height": 760}, {"width": 400, "height": 760}
 GAP = 24
+LIVE_MS = 15_000
 
 
 def main() -> None:
@@ -28,7 +29,8 @@ def main() -> None:
     with tempfile.TemporaryDirectory() as name:
         room = Path(name) / "my-room"
         lmkit.write_example_files(room / "drives/example", board_pairs=0)
-        shutil.copy(room / "drives/example/rig.yaml", room / "rig.yaml")
+        for name_ in ("rig.yaml", "floor.yaml"):
+            shutil.copy(room / "drives/example" / name_, room / name_)
         lmkit.print_landmarks(7).save(room / "landmark-7.pdf")
         words = [sys.executable, "-m", "lmkit", "web", str(room), "--port", "0"]
         server = subprocess.Popen(words, stdout=subprocess.PIPE, text=True)
@@ -53,7 +55,7 @@ def main() -> None:
 
 
 def take(address: str, room: Path) -> list[Image.Image]:
-    """Screenshots of prints, of the map after a survey, and of a checked print on a phone."""
+    """Screenshots of a live run, of the map in 3D after a survey, and of a checked print on a phone."""
     with sync_playwright() as tools:
         browser = tools.chromium.launch(executable_path=shutil.which("chromium"), args=["--no-sandbox"])
         page = browser.new_page(viewport=DESKTOP)
@@ -61,14 +63,11 @@ def take(address: str, room: Path) -> list[Image.Image]:
         visit(page, address, "recordings")
         page.get_by_role("button", name="Survey: build the map").click()
         page.get_by_role("link", name="Open the report").wait_for()
-        page.reload()
-        shots = []
-        visit(page, address, "prints")
-        page.get_by_label("Size").fill("90mm")
-        page.get_by_text("codes 8-11").wait_for()
-        page.wait_for_timeout(500)
-        shots.append(shot(page))
+        shots = [live(page, address)]
         visit(page, address, "map")
+        page.get_by_role("button", name="3D").click()
+        page.get_by_role("img", name="in 3D").wait_for()
+        page.wait_for_timeout(2000)
         shots.append(shot(page))
         page.set_viewport_size(PHONE)
         visit(page, address, "check")
@@ -80,10 +79,24 @@ def take(address: str, room: Path) -> list[Image.Image]:
     return shots
 
 
+def live(page: Page, address: str) -> Image.Image:
+    """Live while a simulated robot drives."""
+    visit(page, address, "live")
+    page.get_by_role("button", name="Watch a simulated robot").click()
+    page.get_by_text("The last minute", exact=True).wait_for()
+    page.get_by_text("Ok: the pose").wait_for()
+    page.wait_for_timeout(LIVE_MS)
+    page.evaluate("scrollTo(0, document.querySelector('.grid.wide').offsetTop - 72)")
+    taken = shot(page)
+    page.get_by_role("button", name="Stop").click()
+    return taken
+
+
 def visit(page: Page, address: str, name: str) -> None:
     """Open a page and wait until it is drawn."""
     page.goto(f"{address}#/{name}")
     page.wait_for_selector(f"main[data-ready={name}]")
+    page.evaluate("document.getElementById('folder').textContent = 'my-room'")
     page.wait_for_timeout(500)
 
 

@@ -1,22 +1,43 @@
-"""The rig of the project: shown, replaced by a file of any format that lmkit reads, and undone."""
+"""The rig of the project: shown, replaced by a file of any format that lmkit reads, placed on the robot, undone."""
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import Any
+from typing import Annotated, Any
 
+import numpy as np
+from pydantic import Field
 from starlette.requests import Request
 from starlette.responses import Response
 
 import lmkit as lm
 from lmkit.errors import InputError
-from lmkit.web.answers import MAX_JSON, answer, read_bytes
+from lmkit.geometry.stereo_rig import mounted_ahead
+from lmkit.web.answers import MAX_JSON, Body, answer, read_body, read_bytes
 from lmkit.web.project import Project
 from lmkit.web.state import state_of
 from lmkit.web.versions import count_versions, keep_versions, restore_versions
 
 RIG = "rig.yaml"
+Meters = Annotated[float, Field(ge=-20, le=20)]
+
+
+class MountBody(Body):
+    """Place of the left camera on the robot, whose base is on the floor.
+
+    Attributes:
+        height_m, forward_m, left_m: from the base, meters.
+        turned_deg: of its view to the robot's left.
+        raised_deg: of its view above the horizon.
+    """
+
+    height_m: Annotated[float, Field(gt=0, le=20)]
+    forward_m: Meters = 0.0
+    left_m: Meters = 0.0
+    turned_deg: Annotated[float, Field(ge=-180, le=180)] = 0.0
+    raised_deg: Annotated[float, Field(ge=-90, le=90)] = 0.0
 
 
 async def show(request: Request) -> Response:
@@ -25,7 +46,7 @@ async def show(request: Request) -> Response:
     return answer(await state.workers.run(describe_rig, state.project))
 
 
-async def replace(request: Request) -> Response:
+async def take(request: Request) -> Response:
     """Replace the rig by the file in the body; the rig before is kept for undo."""
     state, data = state_of(request), await read_bytes(request, MAX_JSON)
     rig = await state.workers.run(rig_of, data)
@@ -34,11 +55,42 @@ async def replace(request: Request) -> Response:
     return answer(await state.workers.run(describe_rig, state.project))
 
 
+async def mount(request: Request) -> Response:
+    """Say where the left camera is on the robot; the rig before is kept for undo."""
+    state, body = state_of(request), await read_body(request, MountBody)
+    path = state.project.path(RIG)
+    if not path.is_file():
+        raise InputError("no_rig", "the project has no rig.yaml", "calibrate first, or take a file")
+    rig = await state.workers.run(lm.read_rig, path)
+    keep_versions(state.project, RIG)
+    lm.write_rig(replace(rig, T_base_left=mounted(body)), path, overwrite=True)
+    return answer(await state.workers.run(describe_rig, state.project))
+
+
 async def undo(request: Request) -> Response:
     """Go back by one change."""
     state = state_of(request)
     restore_versions(state.project, RIG)
     return answer(await state.workers.run(describe_rig, state.project))
+
+
+def mounted(body: MountBody) -> lm.Pose:
+    """T_base_left; x ahead, y to the left, z up."""
+    (c, s), (d, e) = ((np.cos(a), np.sin(a)) for a in np.radians([body.turned_deg, body.raised_deg]))
+    ahead = mounted_ahead(body.height_m)
+    raised = np.array([[d, 0.0, -e], [0.0, 1.0, 0.0], [e, 0.0, d]])
+    R = np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]]) @ raised @ ahead.R
+    return lm.Pose("base", "left", R, np.array([body.forward_m, body.left_m, body.height_m]))
+
+
+def _mount_of(T_base_left: lm.Pose | None) -> dict[str, float] | None:
+    """Values of `MountBody` for a pose; None where it is not known."""
+    if T_base_left is None:
+        return None
+    (x, y, z), view = T_base_left.t, T_base_left.R[:, 2]
+    turned, raised = np.degrees([np.arctan2(view[1], view[0]), np.arcsin(np.clip(view[2], -1, 1))])
+    values = {"height_m": z, "forward_m": x, "left_m": y, "turned_deg": turned, "raised_deg": raised}
+    return {name: round(float(value), 6) for name, value in values.items()}
 
 
 def rig_of(data: bytes) -> Any:
@@ -64,9 +116,11 @@ def describe_rig(project: Project) -> dict[str, Any]:
     path = project.path(RIG)
     undo = count_versions(project, RIG)
     if not path.is_file():
-        return {"cameras": [], "undo": undo}
+        return {"cameras": [], "undo": undo, "mount": None}
+    rig = lm.read_rig(path)
     cameras = [
         {"name": c.name, "size": list(c.model.image_size), "focal_px": float(c.model.K[0, 0])}
-        for c in mounted_cameras(lm.read_rig(path))
+        for c in mounted_cameras(rig)
     ]
-    return {"cameras": cameras, "undo": undo, "command": f"lmkit convert NEW_RIG -o {RIG} --force"}
+    mount = _mount_of(rig.T_base_left)
+    return {"cameras": cameras, "undo": undo, "mount": mount, "command": f"lmkit convert NEW_RIG -o {RIG} --force"}

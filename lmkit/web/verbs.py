@@ -320,7 +320,11 @@ def _ground(project: Project, body: JobBody) -> list[str]:
     if not body.camera_height:
         if lm.read_rig(project.path(rig)).T_base_left is None:
             problem = f"{rig} does not say how high the camera is mounted"
-            raise InputError("no_height", problem, "fill in the camera height, such as 85cm")
+            raise InputError(
+                "no_height",
+                problem,
+                "fill in the camera height, such as 85cm, or say on the page Calibrate where it is mounted",
+            )
     else:
         parse_length_mm(body.camera_height, "camera_height")
         words += ["--camera-height", body.camera_height]

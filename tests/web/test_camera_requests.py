@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
+import numpy as np
 import pytest
 from PIL import Image
 
@@ -40,7 +43,7 @@ def test_the_rig_is_replaced_and_undone(serve, tmp_path):
     first = (tmp_path / "other.yaml").read_bytes()
     other = first.replace(b"lmkit-rig/1", b"lmkit-rig/9")
     with serve(tmp_path / "room") as page:
-        assert page.get("/api/rig").json() == {"cameras": [], "undo": 0}
+        assert page.get("/api/rig").json() == {"cameras": [], "undo": 0, "mount": None}
         shown = page.put("/api/rig", content=first).json()
         assert [c["name"] for c in shown["cameras"]] == ["left", "right"] and shown["undo"] == 1
         text = (tmp_path / "room/rig.yaml").read_text()
@@ -52,3 +55,19 @@ def test_the_rig_is_replaced_and_undone(serve, tmp_path):
         assert page.put("/api/rig", content=first).json()["undo"] == 1  # the same rig again is no change
         assert page.post("/api/rig/undo").json()["undo"] == 0 and not (tmp_path / "room/rig.yaml").exists()
         assert page.post("/api/rig/undo").status_code == 400
+
+
+def test_the_left_camera_is_placed_on_the_robot(tmp_path, serve):
+    place = {"height_m": 0.85, "forward_m": 0.1, "left_m": 0.06, "turned_deg": 30.0, "raised_deg": 10.0}
+    with serve(tmp_path) as page:
+        assert page.put("/api/rig/mount", json=place).json()["code"] == "no_rig"
+        lmkit.write_rig(replace(make_rig(), T_base_left=None), tmp_path / "rig.yaml")
+        assert page.get("/api/rig").json()["mount"] is None
+        assert page.put("/api/rig/mount", json=place).json()["mount"] == pytest.approx(place)
+        T = lmkit.read_rig(tmp_path / "rig.yaml").T_base_left
+        ahead, right = np.cos(np.radians(10)), np.array([0.5, -np.sqrt(0.75), 0.0])
+        assert T.R[:, 2] == pytest.approx([ahead * np.sqrt(0.75), ahead / 2, np.sin(np.radians(10))])
+        assert T.R[:, 0] == pytest.approx(right) and T.t.tolist() == [0.1, 0.06, 0.85]  # level, and not upside down
+        for wrong in ({"height_m": 0}, place | {"raised_deg": 100}, place | {"left_m": 1e9}):
+            assert page.put("/api/rig/mount", json=wrong).status_code == 400
+        assert page.post("/api/rig/undo").json()["mount"] is None

@@ -91,8 +91,17 @@ function rigCard() {
     try { draw(await api(path, request())); toast("rig.yaml is changed"); } catch (error) { problem.replaceChildren(trouble(error)); }
   };
   const pick = h("input", { type: "file", accept: ".yaml,.yml,.json,.xml,.txt", onchange: () => pick.files.length && change("rig", () => ({ method: "PUT", body: pick.files[0] }))() });
+  // Where the left camera is on the robot: odometry, heights and coverage need it.
+  function mounting(mount) {
+    const inputs = [["height_m", "Height, m"], ["forward_m", "Ahead of the base, m"], ["left_m", "To its left, m"], ["turned_deg", "Turned left, deg"], ["raised_deg", "Raised, deg"]].map(([key, label]) =>
+      [key, h("input", { value: mount ? +mount[key].toFixed(3) : key === "height_m" ? "" : "0", inputmode: "decimal", required: true }), label]);
+    const body = () => Object.fromEntries(inputs.map(([key, input]) => [key, Number(input.value.replace(",", "."))]));
+    return h("details", { open: !mount }, h("summary", null, mount ? "Where it is on the robot" : "Where is the left camera on the robot? Odometry and coverage need it"),
+      h("form", { class: "stack", onsubmit: (e) => { e.preventDefault(); change("rig/mount", () => ({ method: "PUT", body: body() }))(); } }, h("div", { class: "pairfields" }, inputs.map(([, input, label]) => field(label, input))), h("div", { class: "row" }, h("button", { type: "submit" }, "Save to rig.yaml"))));
+  }
   function draw(rig) {
     fill(card, h("h2", null, "rig.yaml"), rig.cameras.length ? h("dl", { class: "figures" }, rig.cameras.map((c) => h("div", null, h("dt", null, `${c.name}, ${c.size.join(" × ")}`), h("dd", null, `f ${c.focal_px.toFixed(0)} px`)))) : h("p", { class: "soft" }, "No rig yet: calibrate, or take a file that you have."),
+      rig.cameras.length ? mounting(rig.mount) : null,
       field(rig.cameras.length ? "Replace it by a file" : "Take a file", pick, "of lmkit, Kalibr, ROS or OpenCV"), rig.undo ? h("div", { class: "row" }, h("button", { type: "button", onclick: change("rig/undo", () => ({ method: "POST" })) }, "Undo")) : null, problem);
   }
   const again = async () => { try { draw(await api("rig")); } catch (error) { card.replaceChildren(trouble(error)); } };

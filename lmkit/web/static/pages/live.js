@@ -87,7 +87,7 @@ export async function show(stage) {
   };
   socket.onclose = (e) => { if (!e.wasClean || e.code === 1013) box.prepend(trouble({ message: e.code === 1013 ? "too many browsers look at this run" : "the connection to lmkit web ended", hint: e.code === 1013 ? "close one of them, then reload" : "is it still running in the terminal? Then reload the page" })); };
   const panels = () => [status,
-    h("div", { class: "grid wide" }, h("section", { class: "card stack" }, image, legend, h("dl", { class: "figures" }, facts.map(([dd, label]) => h("div", null, h("dt", null, label), dd)))), h("section", { class: "card stack" }, views.element, scale, h("label", null, "The last minute", scrub))),
+    h("div", { class: "grid wide" }, h("section", { class: "card stack" }, image, legend, h("dl", { class: "figures by2" }, facts.map(([dd, label]) => h("div", null, h("dt", null, label), dd)))), h("section", { class: "card stack" }, views.element, scale, h("label", null, "The last minute", scrub))),
     h("div", { class: "grid wide" }, h("section", { class: "card stack" }, h("h2", null, "Innovation"), chart.box), h("section", { class: "card stack" }, h("h2", null, "Inputs and outputs"), h("div", { class: "scroll", tabindex: "0", role: "region", "aria-label": "Inputs and outputs" }, health), happened))];
 
   const project = await api("project");
