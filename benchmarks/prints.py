@@ -1,6 +1,6 @@
 """Planted defects: does `lmkit verify` name each by the right line, and leave good prints in peace?
 
-    uv run --extra benchmark python benchmarks/prints.py [--n 10] [--seed 90000]
+    uv run --extra benchmark python benchmarks/prints.py [--n 10] [--seed 90000] [--family tag36h11]
 
 Simulated: A4 sheets drawn by pypdfium2, in the inks of four kinds of printer, scanned at 150 dpi or
 photographed from 0.7 to 0.85 m (f = 1800 px, 1600 x 1200) under lights of 2700 to 6500 K, a gradient, noise,
@@ -21,11 +21,11 @@ import numpy as np
 import pypdfium2
 
 from lmkit.generation.pdf import pages_to_pdf
-from lmkit.generation.sheet import compose_landmark_page
+from lmkit.generation.sheet import compose_landmark_page, usual_size_mm
 from lmkit.geometry.camera import CameraModel
 from lmkit.geometry.pose import Pose
 from lmkit.io.template import load_template
-from lmkit.model.landmark import LM8
+from lmkit.model.families import MarkerFamily, family_named
 from lmkit.model.landmark_map import LandmarkMap
 from lmkit.model.palette import linear_to_srgb, srgb_to_linear
 from lmkit.simulation.inks import INKJET, LASER, OFFSET, as_printed
@@ -37,17 +37,19 @@ from lmkit.verification.prints import PrintedLandmark, Stated, grade_sheet
 DPI = 150.0
 PX_PER_MM = DPI / 25.4
 PAPER_MM = (210.0, 297.0)
-CENTRE_MM = load_template("a4").centre_mm
+SHEET = load_template("a4")
+CENTRE_MM = SHEET.centre_mm
 FOCAL_PX, PHOTO_SIZE = 1800.0, (1600, 1200)
 PRINTERS = (OFFSET, INKJET, LASER)
 
 
 @dataclass(frozen=True)
 class Sheet:
-    """A print before it is looked at: reflectances (linear RGB), and the code that its label says."""
+    """A print before it is looked at: reflectances (linear RGB), the code that its label says, and the side."""
 
     texture: np.ndarray
     code: int
+    size_mm: float
 
 
 @dataclass(frozen=True)
@@ -114,7 +116,7 @@ def _streaks(sheet, look, rng):
 def _cut_margin(sheet, look, rng):
     """Cut 2 mm beside the border; what is behind is dark."""
     texture = sheet.texture.copy()
-    edge = round((CENTRE_MM[1] - 92) * PX_PER_MM)
+    edge = round((CENTRE_MM[1] - sheet.size_mm / 2 - 2) * PX_PER_MM)
     texture[:edge] = 0.08
     return replace(sheet, texture=texture), look
 
@@ -135,8 +137,18 @@ def _moire(sheet, look, rng):
     return replace(sheet, texture=np.clip(sheet.texture + (wave * inked(sheet.texture))[:, :, None], 0.01, 1)), look
 
 
+def _faded_black(sheet, look, rng):
+    return replace(
+        sheet, texture=sheet.texture + 0.5 * inked(sheet.texture)[:, :, None] * (0.85 - sheet.texture)
+    ), look
+
+
+def _inverted(sheet, look, rng):
+    return replace(sheet, texture=1 - sheet.texture), look
+
+
 def _wrong(sheet, look, rng):
-    return replace(sheet, code=(sheet.code + 1 + int(rng.integers(254))) % 256), look
+    return replace(sheet, code=(sheet.code + 1 + int(rng.integers(28))) % 256), look
 
 
 def _mirrored(sheet, look, rng):
@@ -158,11 +170,24 @@ DEFECTS: dict[str, tuple[Defect, tuple[str, ...], str]] = {
     "wrong for its label": (_wrong, ("content",), "F"),
     "mirrored": (_mirrored, ("content",), "F"),
 }
+# Of markers in black alone.
+TAG_DEFECTS = {
+    name: (defect, lines, severity)
+    for name, (defect, lines, severity) in DEFECTS.items()
+    if name not in ("faded blue", "magenta cast", "low ink")
+} | {
+    "faded black": (_faded_black, ("contrast of black",), "CDF"),
+    "white on black": (_inverted, ("content",), "F"),
+}
+
+
+def defects_of(family: str) -> dict[str, tuple[Defect, tuple[str, ...], str]]:
+    return DEFECTS if family.startswith("lm") else TAG_DEFECTS
 
 
 @lru_cache(maxsize=64)
-def drawn(code: int) -> np.ndarray:
-    page = compose_landmark_page(LM8, code, 180.0, load_template("a4"))
+def drawn(family: MarkerFamily, code: int) -> np.ndarray:
+    page = compose_landmark_page(family, code, usual_size_mm(family, SHEET), SHEET)
     rgb = np.asarray(
         pypdfium2.PdfDocument(pages_to_pdf([page], ""))[0].render(scale=2 * DPI / 72).to_pil().convert("RGB")
     )
@@ -222,20 +247,21 @@ def photograph(sheet: Sheet, look: Viewing, rng: np.random.Generator) -> np.ndar
     return expose(radiance, chain, rng)
 
 
-def examine(job: tuple[str, int, bool]) -> tuple[str, bool, str, dict[str, str | None]]:
+def examine(job: tuple[str, str, int, bool]) -> tuple[str, bool, str, dict[str, str | None]]:
     """(defect, scanned, overall grade, grades by line)."""
-    defect, seed, scanned = job
+    name, defect, seed, scanned = job
+    family = family_named(name)
     rng = np.random.default_rng([seed, 4242])
-    code = int(rng.integers(256))
-    while defect == "mirrored" and LM8.mirrored_code(code) == code:
-        code = int(rng.integers(256))
-    sheet, look = Sheet(drawn(code), code), Viewing()
+    code = int(rng.integers(min(family.code_count, 256)))
+    while defect == "mirrored" and family.mirrored_code(code) == code:
+        code = int(rng.integers(min(family.code_count, 256)))
+    sheet, look = Sheet(drawn(family, code), code, usual_size_mm(family, SHEET)), Viewing()
     if defect != "none":
-        sheet, look = DEFECTS[defect][0](sheet, look, rng)
+        sheet, look = defects_of(name)[defect][0](sheet, look, rng)
     printer = PRINTERS[int(rng.integers(len(PRINTERS)))]
     sheet = replace(sheet, texture=as_printed(sheet.texture.astype(np.float32), printer))
     image = scan(sheet, look, rng) if scanned else photograph(sheet, look, rng)
-    found = grade_sheet("", image, (DPI, DPI) if scanned else None, (Stated(sheet.code, LM8, 180.0),))
+    found = grade_sheet("", image, (DPI, DPI) if scanned else None, (Stated(sheet.code, family, sheet.size_mm),))
     if not found:
         return defect, scanned, "unread", {}
     item: PrintedLandmark = max(found, key=lambda p: np.ptp(p.observation.corners))
@@ -246,14 +272,15 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--n", type=int, default=10)
     parser.add_argument("--seed", type=int, default=90000)
+    parser.add_argument("--family", default="lm8")
     parser.add_argument("--only", nargs="*", default=None)
     options = parser.parse_args()
-    names = options.only or ["none", *DEFECTS]
+    names = options.only or ["none", *defects_of(options.family)]
     jobs = []
     for name in names:
         for k in range(options.n):
-            jobs.append((name, options.seed + k, True))
-            jobs.append((name, options.seed + k, False))
+            jobs.append((options.family, name, options.seed + k, True))
+            jobs.append((options.family, name, options.seed + k, False))
     with ProcessPoolExecutor() as pool:
         answers = list(pool.map(examine, jobs, chunksize=2))
     print(
@@ -270,7 +297,7 @@ def main() -> None:
             if name == "none":
                 right, expected = sum(grade in "AB" for _, _, grade, _ in some), ()
             else:
-                expected, severity = DEFECTS[name][1], DEFECTS[name][2]
+                expected, severity = defects_of(options.family)[name][1], defects_of(options.family)[name][2]
                 right = sum(any((lines.get(line) or "A") in severity for line in expected) for *_, lines in some)
             others = Counter(
                 line

@@ -257,13 +257,14 @@ def _coarse_corners(image: LinearImage, quad: FloatArray, family: SquareMarkerFa
     times = int(np.log2(max(mean_side(quad) / COARSE_SIDE_PX, 1.0)))
     if times < 1:
         return quad
-    scale = 2.0**times
-    fit = TagFit(image.halved(times), family, (quad + 0.5) / scale - 0.5, 2.0, gray)
+    small = image.halved(times)
+    scale = np.array(image.size) / np.array(small.size)  # odd rows are shared among the others
+    fit = TagFit(small, family, (quad + 0.5) / scale - 0.5, 2.0, gray)
     if not fit.sample(COARSE_PIXELS, near_edges=True) or not fit.decode(FOUND):
         return quad
     fit.draw_cells()
     fit.register(FROM_FAR)
-    return (fit.corners + 0.5) * scale - 0.5
+    return np.asarray((fit.corners + 0.5) * scale - 0.5)
 
 
 def _candidate(fit: TagFit, decoding: TagDecoding, rule: TagRule, fit_distortion: bool) -> TagCandidate:

@@ -132,6 +132,18 @@ class SquareMarkerFamily:
         self.require_code(code)
         return np.pad(1.0 - self.white[code], self.border_cells, constant_values=1.0)
 
+    def mirrored_code(self, code: int) -> int | None:
+        """The code that a marker reads as in a mirrored image; None where the family has no such code, as is usual.
+
+        Raises:
+            InputError: the family has no such code.
+        """
+        self.require_code(code)
+        mirrored = self.white[code][:, ::-1]
+        alike = [(self.white == np.rot90(mirrored, turns)).all(axis=(1, 2)) for turns in range(4)]
+        found = np.flatnonzero(np.any(alike, axis=0))
+        return int(found[0]) if len(found) else None
+
     def object_points(self, size_m: float) -> FloatArray:
         """(4,3) outer corners of the black border in the marker's frame, meters, for a side of ``size_m``."""
         return np.column_stack([self.corners_mm * (size_m / self.side_mm), np.zeros(4)])

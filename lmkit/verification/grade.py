@@ -1,8 +1,7 @@
 """Grades A to F, line by line, in the manner of ISO/IEC 15415: the worst line decides.
 
-Not that standard, and no claim of compliance: its symbols are black and white, its light is
-calibrated.  The limits were set on simulated good prints under many lights and on planted defects
-(benchmarks/prints.py), then checked on other seeds.
+Not that standard, and no claim of compliance: its light is calibrated.  The limits were set on simulated good
+prints under many lights and on planted defects (benchmarks/prints.py), then checked on other seeds.
 """
 
 from __future__ import annotations
@@ -10,10 +9,12 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from lmkit.detection.register_and_decode import Candidate
+from lmkit.detection.tag_registration import TagCandidate, TagRule
+from lmkit.verification.flat_print import FINE_SIDE_PX
 from lmkit.verification.measure import PrintMeasures
+from lmkit.verification.measure_tag import TagPrintMeasures
 
 GRADES = "ABCDF"
-FINE_SIDE_PX = 120.0  # below, fine lines of the print do not show in the image
 
 
 @dataclass(frozen=True)
@@ -67,6 +68,13 @@ RED_COLOR = _Scale("color of red", (12, 17, 24, 32), "check the printer's color 
 BLUE_COLOR = _Scale("color of blue", (12, 17, 24, 32), "check the printer's color settings and cartridges")
 EVENNESS = _Scale("evenness", (0.08, 0.14, 0.22, 0.35), "clean the print head; photograph without a screen's pattern")
 MARGIN = _Scale("white margin", (0.97, 0.93, 0.85, 0.7), "leave 10 mm of white (for 180 mm) around the red border")
+# Every pixel in use tells something of every cell, so that the margin grows with the pixels in use, not the size.
+TAG_DECODABILITY = _Scale(DECODABILITY.name, (2.0, 1.6, 1.3, 1.0), DECODABILITY.advice)
+CELLS = _Scale("modulation of cells", (0.6, 0.5, 0.4, 0.25), "clean the cells; look for shine or dirt on them")
+BLACK_CONTRAST = _Scale(
+    "contrast of black", (0.78, 0.68, 0.55, 0.35), "more ink: normal or best quality, fresh cartridge"
+)
+QUIET_ZONE = _Scale(MARGIN.name, MARGIN.limits, "leave one cell of white around the black border")
 GLARE = _Scale("glare", (0.004, 0.015, 0.04, 0.1), "matt paper, or light from aside")
 STRAIGHTNESS = _Scale(
     "border straightness", (0.002, 0.004, 0.008, 0.015), "mount it flat; lens distortion curves lines too"
@@ -91,7 +99,7 @@ def grade_print(
     stated_mm: float | None,
     content_problem: str | None,
 ) -> list[GradedLine]:
-    """All lines of one landmark.
+    """All lines of one ring landmark.
 
     Args:
         side_mm: measured width and height, or None where nothing gives the scale.
@@ -100,50 +108,93 @@ def grade_print(
             neither says anything.
     """
     m, decoding = measures, candidate.decoding
-    fine = m.side_px >= FINE_SIDE_PX
-    unseen = f"take the image from nearer: {m.side_px:.0f} px a side, {FINE_SIDE_PX:.0f} are needed"
-    if fine:
-        unseen = "too blurred to tell; " + SHARPNESS.advice
-
-    def optical(scale: _Scale, value: float | None, text: str) -> GradedLine:
-        return scale.line(value if fine else None, text, unseen)
-
-    content = GradedLine(CONTENT, f"code {decoding.code} of {candidate.family.name}", "A", "")
-    if candidate.rejected is not None:
-        content = GradedLine(CONTENT, "unknown", None, "the reader refuses it")
-    elif content_problem is not None:
-        content = GradedLine(CONTENT, content_problem, "F", "do not mount it; print again")
+    optical = _Optical(m.side_px)
     lines = [
-        content,
+        _content(candidate, content_problem),
         DECODABILITY.line(decoding.code_margin / NEEDED_CODE_MARGIN, "{:.1f} times what is needed"),
         ROTATION.line(decoding.turn_margin / NEEDED_TURN_MARGIN, "{:.1f} times what is needed"),
         MODULATION.line(m.modulation, "{:.2f}"),
-        optical(RED_CONTRAST, m.red_contrast, "{:.2f}"),
-        optical(BLUE_CONTRAST, m.blue_contrast, "{:.2f}"),
-        optical(RED_COLOR, m.red_distance, "dE00 {:.0f}"),
-        optical(BLUE_COLOR, m.blue_distance, "dE00 {:.0f}"),
-        optical(EVENNESS, m.unevenness, "{:.2f}"),
-        optical(MARGIN, m.margin_share, "{:.0%} white"),
-        optical(GLARE, m.glare_share, "{:.1%} of the inks"),
-        optical(STRAIGHTNESS, m.bow, "{:.2%} of the side"),
-        optical(SHARPNESS, m.blur, "blur {:.2%} of the side"),
+        optical.line(RED_CONTRAST, m.red_contrast, "{:.2f}"),
+        optical.line(BLUE_CONTRAST, m.blue_contrast, "{:.2f}"),
+        optical.line(RED_COLOR, m.red_distance, "dE00 {:.0f}"),
+        optical.line(BLUE_COLOR, m.blue_distance, "dE00 {:.0f}"),
+        optical.line(MARGIN, m.margin_share, "{:.0%} white"),
     ]
+    return lines + _of_any_print(optical, m) + _scale_lines(side_mm, skew_deg, stated_mm)
+
+
+def grade_tag(
+    candidate: TagCandidate,
+    measures: TagPrintMeasures,
+    side_mm: tuple[float, float] | None,
+    skew_deg: float | None,
+    stated_mm: float | None,
+    content_problem: str | None,
+) -> list[GradedLine]:
+    """All lines of one square marker; arguments as for :func:`grade_print`."""
+    m, optical = measures, _Optical(measures.side_px)
+    needed = TagRule.of(candidate.family).margin
+    lines = [
+        _content(candidate, content_problem),
+        TAG_DECODABILITY.line(candidate.decoding.margin / needed, "{:.1f} times what is needed"),
+        CELLS.line(m.modulation, "{:.2f}"),
+        optical.line(BLACK_CONTRAST, m.contrast, "{:.2f}"),
+        optical.line(QUIET_ZONE, m.margin_share, "{:.0%} white"),
+    ]
+    return lines + _of_any_print(optical, m) + _scale_lines(side_mm, skew_deg, stated_mm)
+
+
+@dataclass(frozen=True)
+class _Optical:
+    """Lines that only an image from near shows."""
+
+    side_px: float
+
+    def line(self, scale: _Scale, value: float | None, text: str) -> GradedLine:
+        if self.side_px >= FINE_SIDE_PX:
+            return scale.line(value, text, "too blurred to tell; " + SHARPNESS.advice)
+        unseen = f"take the image from nearer: {self.side_px:.0f} px a side, {FINE_SIDE_PX:.0f} are needed"
+        return scale.line(None, text, unseen)
+
+
+def _content(candidate: Candidate | TagCandidate, problem: str | None) -> GradedLine:
+    if candidate.rejected is not None:
+        return GradedLine(CONTENT, "unknown", None, "the reader refuses it")
+    if problem is not None:
+        return GradedLine(CONTENT, problem, "F", "do not mount it; print again")
+    return GradedLine(CONTENT, f"code {candidate.decoding.code} of {candidate.family.name}", "A", "")
+
+
+def _of_any_print(optical: _Optical, m: PrintMeasures | TagPrintMeasures) -> list[GradedLine]:
+    return [
+        optical.line(EVENNESS, m.unevenness, "{:.2f}"),
+        optical.line(GLARE, m.glare_share, "{:.1%} of the inks"),
+        optical.line(STRAIGHTNESS, m.bow, "{:.2%} of the side"),
+        optical.line(SHARPNESS, m.blur, "blur {:.2%} of the side"),
+    ]
+
+
+def _scale_lines(
+    side_mm: tuple[float, float] | None, skew_deg: float | None, stated_mm: float | None
+) -> list[GradedLine]:
     no_scale = NOT_MEASURED if stated_mm is not None else NOT_STATED
     off = aspect = None
     if side_mm is not None:
         aspect = abs(side_mm[0] / side_mm[1] - 1)
         off = None if stated_mm is None else max(abs(length / stated_mm - 1) for length in side_mm)
-    measured = "" if side_mm is None else f"{side_mm[0]:.2f} x {side_mm[1]:.2f} mm"
     if off is None and stated_mm is not None:
         # The commonest fault is "fit to page": nobody may rely on a size that was not measured.
-        lines.append(GradedLine(SCALE.name, f"not measured, {stated_mm:g} mm stated", UNMEASURED, NOT_MEASURED))
-    elif off is None:
-        lines.append(GradedLine(SCALE.name, "unknown", UNSTATED, no_scale))
+        scale = GradedLine(SCALE.name, f"not measured, {stated_mm:g} mm stated", UNMEASURED, NOT_MEASURED)
+    elif off is None or side_mm is None:
+        scale = GradedLine(SCALE.name, "unknown", UNSTATED, no_scale)
     else:
-        lines.append(SCALE.line(off, f"{measured} for {stated_mm or 0:g} mm", no_scale))
-    lines.append(ASPECT.line(aspect, "{:.2%} apart", "known once the scale is"))
-    lines.append(SKEW.line(skew_deg, "{:.2f} deg", NOT_SCANNED))
-    return lines
+        measured = f"{side_mm[0]:.2f} x {side_mm[1]:.2f} mm"
+        scale = SCALE.line(off, f"{measured} for {stated_mm or 0:g} mm", no_scale)
+    return [
+        scale,
+        ASPECT.line(aspect, "{:.2%} apart", "known once the scale is"),
+        SKEW.line(skew_deg, "{:.2f} deg", NOT_SCANNED),
+    ]
 
 
 def overall_grade(lines: list[GradedLine]) -> str:

@@ -8,43 +8,34 @@ import re
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-import cv2
 import numpy as np
 import pypdfium2
 from PIL import Image
 
 from lmkit.arrays import ByteArray, FloatArray
-from lmkit.detection.config import ACCURATE, DetectOptions
-from lmkit.detection.detector import best_of_each_place, candidates_of
-from lmkit.detection.register_and_decode import Candidate, read_landmark_at
-from lmkit.detection.screening import ScreeningThresholds
+from lmkit.detection.config import DetectOptions
+from lmkit.detection.register_and_decode import Candidate
 from lmkit.errors import InputError
 from lmkit.io.images import MAX_BYTES, decode_image
 from lmkit.io.manifest import MANIFEST, PrintManifest, parse_manifest, read_manifest_beside
 from lmkit.model.codewords import format_codes
 from lmkit.model.families import ALL_FAMILIES, MarkerFamily
-from lmkit.model.landmark import LandmarkFamily
 from lmkit.model.observation import Detection
 from lmkit.units import MM_PER_INCH
-from lmkit.verification.grade import FINE_SIDE_PX, GradedLine, grade_print, overall_grade
+from lmkit.verification.find_prints import FoundPrint, find_prints
+from lmkit.verification.flat_print import FINE_SIDE_PX
+from lmkit.verification.grade import GradedLine, grade_print, grade_tag, overall_grade
 from lmkit.verification.measure import measure_print
+from lmkit.verification.measure_tag import measure_tag
 from lmkit.verification.raster import raster_page
 from lmkit.verification.reference import find_reference
 
 PDF_DPI = 150.0
-LABEL = re.compile(r"(?P<family>lm\w*) v\d+, (?:code \d+, )?(?P<size>[0-9.]+) mm")
+LABEL = re.compile(r"lmkit (?P<family>\w+) v\d+, (?:code \d+, )?(?P<size>[0-9.]+) mm")
 CODE = re.compile(r"code (?P<code>\d+)")
 EXIF_IFD = 0x8769
 EXPOSURE_TAGS = {0x829A, 0x829D, 0x9202, 0x920A}  # exposure time, f-number, aperture, focal length
 LEAST_SCAN_DPI = 100.0
-SHRINKS = (2, 4, 8)
-LEAST_PX = 150  # of an image's shorter side
-OPENING_PX = 7
-# Poor prints are to be found too, and graded.
-LOOK_AT_ANY = replace(
-    ACCURATE, aligned=ScreeningThresholds(white_over_ground=1.2, red_over_blue=0.2, contrast=0.1, turn=0.02)
-)
-LIKELY = 0.3  # share of the pattern from which a refused square is still called a landmark
 
 
 @dataclass(frozen=True)
@@ -64,7 +55,7 @@ class PrintedLandmark:
     Attributes:
         source: file, and page for a PDF.
         observation: what it reads as, and where.
-        side_mm: (width, height) of the red border's outer edges, or None where nothing gives the scale.
+        side_mm: (width, height) of the border's outer edges, or None where nothing gives the scale.
         scale_from: what gave it.
         stated_code, stated_mm: what the page's label or manifest says, or None.
         lines: the grades, line by line.
@@ -149,60 +140,23 @@ def grade_sheet(
     padded, offset = _with_margin(image)
     options = options or DetectOptions()
     families = tuple(dict.fromkeys(s.family for s in stated if s.family is not None)) or options.families
-    if not any(isinstance(family, LandmarkFamily) for family in families):
-        raise InputError(
-            "not_graded",
-            f"{source}: grades judge red and blue, and prints of {families[0].name} are black",
-            f"read it back with lmkit detect --family {families[0].name}",
-        )
     # Whoever wrote the resolution into the file was a scanner or a rasterizer, not a camera with a lens.
-    options = replace(options, families=families, config=LOOK_AT_ANY, through_lens=dpi is None)
-    chosen = _find(padded, options)
-    found = (_graded(source, padded, offset, candidate, dpi, stated) for candidate in chosen)
-    in_order = sorted(found, key=lambda item: item.observation.code)
+    options = replace(options, families=families, through_lens=dpi is None)
+    found = (_graded(source, offset, one, dpi, stated) for one in find_prints(padded, options))
+    in_order = sorted(found, key=lambda item: (item.observation.family, item.observation.code))
     return [replace(item, image=image) for item in in_order]
-
-
-def _find(image: ByteArray, options: DetectOptions) -> list[Candidate]:
-    """The landmarks of an image; where none reads, what is most like one, also seen smaller.
-
-    Streaks and blur that break up the border at full size are small in a smaller image, and thin
-    bright lines are gone from one in which every spot takes the darkest around it and then the
-    brightest (an opening).
-    """
-    likely: list[Candidate] = []
-    for shrink in (1, *SHRINKS):
-        size = (image.shape[1] // shrink, image.shape[0] // shrink)
-        if min(size) < LEAST_PX:
-            break
-        small = np.asarray(cv2.resize(image, size, interpolation=cv2.INTER_AREA), dtype=np.uint8)
-        candidates = [_enlarged(a, shrink) for a in candidates_of(small, options)]
-        if good := best_of_each_place([a for a in candidates if a.rejected is None]):
-            return good
-        likely += candidates
-        if shrink > 1:
-            opened = cv2.morphologyEx(small, cv2.MORPH_OPEN, np.ones((OPENING_PX, OPENING_PX), np.uint8))
-            found = candidates_of(np.asarray(opened, dtype=np.uint8), options)
-            again = (read_landmark_at(image, _enlarged(a, shrink).corners, a.family) for a in found)
-            likely += [candidate for candidate in again if candidate is not None]
-    return best_of_each_place([a for a in likely if a.rejected != "cut" and a.decoding.pattern > LIKELY])[:1]
-
-
-def _enlarged(candidate: Candidate, shrink: int) -> Candidate:
-    corners = (candidate.corners + 0.5) * shrink - 0.5
-    return replace(candidate, corners=corners, covariance=candidate.covariance * shrink**2)
 
 
 def _graded(
     source: str,
-    image: ByteArray,
     offset: FloatArray,
-    candidate: Candidate,
+    found: FoundPrint,
     dpi: tuple[float, float] | None,
     of_sheet: tuple[Stated, ...],
 ) -> PrintedLandmark:
-    stated = _stated_for(candidate, of_sheet)
-    measures = measure_print(image, candidate)
+    candidate, image = found.candidate, found.image
+    stated = _stated_for(found, of_sheet)
+    side_px = candidate.side_px
     side_mm = skew = scale_from = None
     if dpi is not None:
         inches = candidate.corners / np.array(dpi)
@@ -213,38 +167,44 @@ def _graded(
         cosine = float(across @ down / (np.linalg.norm(across) * np.linalg.norm(down)))
         skew = abs(float(np.degrees(np.arcsin(cosine))))
         scale_from = "resolution of the file"
-    elif stated.size_mm is not None and measures.side_px >= FINE_SIDE_PX:
+    elif stated.size_mm is not None and side_px >= FINE_SIDE_PX:
         # A far landmark is a small thing in a room full of edges that could pass for its sheet's.
         papers = [stated.paper_mm] if stated.paper_mm is not None else []
         reference = find_reference(image, candidate.corners, stated.size_mm, papers)
         if reference is not None:
             side_mm = (stated.size_mm * reference.stretch[0], stated.size_mm * reference.stretch[1])
             scale_from = reference.name
-    problem = _content_problem(candidate, of_sheet) if candidate.rejected is None else None
-    lines = grade_print(candidate, measures, side_mm, skew, stated.size_mm, problem)
+    problem = _content_problem(found, of_sheet) if candidate.rejected is None else None
+    scale = (side_mm, skew, stated.size_mm, problem)
+    if isinstance(candidate, Candidate):
+        lines = grade_print(candidate, measure_print(image, candidate), *scale)
+    else:
+        lines = grade_tag(candidate, measure_tag(image, candidate), *scale)
     if candidate.rejected is not None:
         refused = GradedLine("reading", f"refused by the reader: {candidate.rejected}", "F", "see the lines below")
         lines.insert(0, refused)
-    seen = candidate.observation
-    moved = replace(seen, corners=seen.corners - offset)
+    moved = replace(candidate.observation, corners=found.corners - offset)
     return PrintedLandmark(source, moved, side_mm, scale_from, stated.code, stated.size_mm, tuple(lines), image)
 
 
-def _stated_for(candidate: Candidate, stated: tuple[Stated, ...]) -> Stated:
+def _stated_for(found: FoundPrint, stated: tuple[Stated, ...]) -> Stated:
     """Statement about this landmark: by its code, or the only one; else what all statements share."""
-    same = [one for one in stated if one.code in (None, candidate.decoding.code)]
+    same = [one for one in stated if one.code in (None, found.candidate.decoding.code)]
     if len(stated) == 1 or same:
         return (same or list(stated))[0]
     sizes = {one.size_mm for one in stated}
     return Stated(None, None, sizes.pop() if len(sizes) == 1 else None)
 
 
-def _content_problem(candidate: Candidate, stated: tuple[Stated, ...]) -> str | None:
-    code, family = candidate.decoding.code, candidate.family
+def _content_problem(found: FoundPrint, stated: tuple[Stated, ...]) -> str | None:
+    code, family = found.candidate.decoding.code, found.candidate.family
+    if found.is_mirrored or found.is_inverted:
+        ways = " and ".join(["mirrored"] * found.is_mirrored + ["white on black"] * found.is_inverted)
+        return f"code {code} of {family.name}, but {ways}"
     codes = [one.code for one in stated if one.code is not None]
     if len(codes) < len(stated) or not codes or code in codes:
         return None
-    mirrored = family.mirrored_code(code) if isinstance(family, LandmarkFamily) else None
+    mirrored = family.mirrored_code(code)
     if len(codes) > 1:
         problem = f"reads as code {code}, which is none of {format_codes(codes)}"
         return problem + (f"; {mirrored} mirrored reads so" if mirrored in codes else "")

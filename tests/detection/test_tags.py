@@ -16,7 +16,6 @@ from lmkit.generation.page import bare_landmark_page
 from lmkit.generation.png import page_to_image
 from lmkit.model.families import ALL_FAMILIES, families_named
 from lmkit.model.square_marker import SQUARE_FAMILIES
-from lmkit.verification.prints import grade_sheet
 
 CORNERS = np.array([[70.0, 60.0], [131.0, 66.0], [126.0, 128.0], [66.0, 119.0]])
 
@@ -169,11 +168,6 @@ def test_codes_differ_by_the_stated_distance(name: str) -> None:
         if quarter == 0:
             apart[np.arange(len(some)), some] = family.bits**2
         assert apart.min() >= family.distance
-
-
-def test_prints_are_not_graded_by_color() -> None:
-    with pytest.raises(InputError, match="prints of tag36h11 are black"):
-        grade_sheet("sheet.png", photograph("tag36h11", 5), None, (), DetectOptions(families_named("tag36h11")))
 
 
 def test_codes_outside_are_refused() -> None:
