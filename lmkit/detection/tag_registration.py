@@ -258,7 +258,7 @@ def _coarse_corners(image: LinearImage, quad: FloatArray, family: SquareMarkerFa
     if times < 1:
         return quad
     small = image.halved(times)
-    scale = np.array(image.size) / np.array(small.size)  # odd rows are shared among the others
+    scale = np.array(image.size) / np.array(small.size)  # a last row alone is shared among the others
     fit = TagFit(small, family, (quad + 0.5) / scale - 0.5, 2.0, gray)
     if not fit.sample(COARSE_PIXELS, near_edges=True) or not fit.decode(FOUND):
         return quad

@@ -199,8 +199,8 @@ def _stated_for(found: FoundPrint, stated: tuple[Stated, ...]) -> Stated:
 def _content_problem(found: FoundPrint, stated: tuple[Stated, ...]) -> str | None:
     code, family = found.candidate.decoding.code, found.candidate.family
     if found.is_mirrored or found.is_inverted:
-        ways = " and ".join(["mirrored"] * found.is_mirrored + ["white on black"] * found.is_inverted)
-        return f"code {code} of {family.name}, but {ways}"
+        faults = " and ".join(["mirrored"] * found.is_mirrored + ["white on black"] * found.is_inverted)
+        return f"code {code} of {family.name}, but {faults}"
     codes = [one.code for one in stated if one.code is not None]
     if len(codes) < len(stated) or not codes or code in codes:
         return None

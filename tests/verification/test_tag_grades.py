@@ -79,12 +79,12 @@ PLANTED = {
     "white margin": (cut, "CDF"),
     "evenness": (striped, "CDF"),
     "sharpness": (lambda: cv2.GaussianBlur(sheet(), (0, 0), 0.018 * SIZE_MM * MM), "CDF"),
-    "border straightness": (lambda: bent(0.04), "CDF"),
+    "border straightness": (lambda: curved(0.04), "CDF"),
 }
 
 
-def bent(share: float) -> np.ndarray:
-    """Every column shifted, those in the middle by a share of the side."""
+def curved(share: float) -> np.ndarray:
+    """Every column shifted, the central one by a share of the side."""
     height, width = sheet().shape[:2]
     y, x = np.mgrid[:height, :width].astype(np.float32)
     shift = share * SIZE_MM * MM * np.cos((x - width / 2) / (SIZE_MM * MM) * np.pi)
