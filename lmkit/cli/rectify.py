@@ -8,14 +8,17 @@ import typer
 
 from lmkit.cli import options
 from lmkit.cli.output import check_outputs, print_line, progress, warn, write_outputs
-from lmkit.errors import InputError
 
 
 def run(
-    left: Annotated[str, typer.Argument(help="Left image, folder or glob.")],
-    right: Annotated[str, typer.Argument(help="Right image, folder or glob; images are paired by file name.")],
+    left: Annotated[
+        str, typer.Argument(help="Left image, folder, glob or video; split:SOURCE has both side by side.")
+    ],
     rig: options.RigFile,
     output: options.OutputFolder,
+    right: Annotated[
+        str | None, typer.Argument(help="Right image, folder, glob or video; images are paired by file name.")
+    ] = None,
     lines: Annotated[
         bool, typer.Option("--lines", help="Write both images side by side with lines across, for a visual check.")
     ] = False,
@@ -26,9 +29,9 @@ def run(
     from lmkit.geometry.rectification import rectification
     from lmkit.geometry.rig import as_stereo
     from lmkit.io.any_rig import read_any_rig
-    from lmkit.io.image_groups import list_pairs
-    from lmkit.io.image_sources import are_moving
-    from lmkit.pipelines.rectify_images import rectified_calibration, rectified_names, rectify_files
+    from lmkit.io.image_groups import SPLIT, are_files, list_groups, require_image_of_each
+    from lmkit.io.image_sources import frame_count
+    from lmkit.pipelines.rectify_images import rectified_calibration, rectify_frames
 
     cameras = as_stereo(read_any_rig(rig), "rectify")
     for name, camera in (("left", cameras.left), ("right", cameras.right)):
@@ -37,16 +40,13 @@ def run(
                 f"the {name} camera's distortion model is not valid over {share:.0%} of the image "
                 "(it folds back there): calibrate again with the board in the image's corners, or by --model fisheye"
             )
-    for source in (left, right):
-        if are_moving(source):
-            hint = "write its frames as images first: ffmpeg -i left.mp4 left/%06d.png"
-            raise InputError("no_video", f"{source}: videos are not rectified", hint)
-    pairs = list_pairs(left, right)
+    sources = [left] if right is None else [left, right]
+    require_image_of_each(("left", "right"), sources)
     calibration = {} if lines else rectified_calibration(cameras, output)
     check_outputs(list(calibration), None, force)
-    count = len(rectified_names(pairs, output, lines))
+    count = len(list_groups(sources)) if are_files(sources) else frame_count([left.removeprefix(SPLIT)])
     written = [
-        path for paths in progress(rectify_files(pairs, cameras, output, lines, force), count, "rectifying")
+        path for paths in progress(rectify_frames(sources, cameras, output, lines, force), count, "rectifying")
         for path in paths
     ]  # fmt: skip
     maps = rectification(cameras)

@@ -179,10 +179,36 @@ def test_wrong_use_is_explained_in_one_line(lmkit, arguments, words):
     assert len(answer.err.strip().splitlines()) == 1
 
 
-def test_rectify_names_a_video(lmkit, tmp_path):
+def write_film(path, images):
+    height, width = images[0].shape[:2]
+    writer = cv2.VideoWriter(str(path), cv2.VideoWriter.fourcc(*"MJPG"), 10, (width, height))
+    for image in images:
+        writer.write(image)
+    writer.release()
+
+
+def test_rectify_reads_films_as_it_reads_images(lmkit, tmp_path):
+    """Two films, and one with both images side by side, give the frames that the images give."""
     (tmp_path / "rig.yaml").write_text(rig_to_yaml(make_rig()))
-    answer = lmkit("rectify", "left.mp4", "right.mp4", "--rig", "rig.yaml", "-o", "flat")
-    assert (answer.code, "videos are not rectified" in answer.err) == (2, True)
+    rows, columns = np.mgrid[:480, :640]
+    images = [
+        np.repeat((columns // 4 + shift + rows // 8).astype(np.uint8)[:, :, None], 3, axis=2) for shift in (0, 9)
+    ]
+    for side, image in zip(("left", "right"), images, strict=True):
+        cv2.imwrite(str(tmp_path / f"{side}.png"), image)
+        write_film(tmp_path / f"{side}.avi", [image] * 2)
+    write_film(tmp_path / "both.avi", [np.hstack(images)] * 2)
+    for sources in (["left.png", "right.png"], ["left.avi", "right.avi"], ["split:both.avi"]):
+        answer = lmkit("rectify", *sources, "--rig", "rig.yaml", "-o", f"of {sources[0]}")
+        assert answer.code == 0, answer.err
+    expected = cv2.imread(str(tmp_path / "of left.png" / "left_left.png")).astype(int)
+    for folder, name in (("of left.avi", "left_000001_left.png"), ("of split:both.avi", "both_000001_left.png")):
+        off = np.abs(cv2.imread(str(tmp_path / folder / name)).astype(int) - expected)
+        assert np.median(off) <= 2, name
+    again = lmkit("rectify", "left.avi", "right.avi", "--rig", "rig.yaml", "-o", "of left.avi")
+    assert (again.code, "--force" in again.err) == (2, True)
+    alone = lmkit("rectify", "left.avi", "--rig", "rig.yaml", "-o", "alone")
+    assert (alone.code, "1 source of images for a rig of 2" in alone.err) == (2, True)
 
 
 @pytest.mark.slow
