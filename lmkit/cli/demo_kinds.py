@@ -38,17 +38,21 @@ def show_live(folder: Path, seconds: float, seed: int) -> None:
     """Run the live loop."""
     from lmkit.demos.live_run import run_live_demo
 
-    if not 2 <= seconds <= 3600:
-        raise InputError("out_of_range", f"--seconds {seconds:g} is outside 2 to 3600", "give 2 to 3600")
+    if not 2 <= seconds <= 180:
+        raise InputError(
+            "out_of_range", f"--seconds {seconds:g} is outside 2 to 180", "give 2 to 180; longer: lmkit run sim:"
+        )
+    print_line(f"rendering {seconds:g} seconds of images ...")
     r = run_live_demo(folder, seconds, seed)
     if r is None:
         raise NegativeAnswer("not_located", "no pose was published", "give more seconds, or another --seed")
     print_line(
-        "simulated robot, two cameras of 640x480, six landmarks, wheels and gyro; images rendered beside the loop:"
+        "simulated robot, two cameras of 640x480, six landmarks, wheels and gyro; images rendered before:"
     )
-    print_line(f"poses         {r.poses} in {r.steps} steps, {r.rate_hz:.1f} a second")
+    print_line(f"steps         {r.steps}, {r.step_hz:.1f} a second")
+    print_line(f"poses         {r.poses}, {r.rate_hz:.1f} a second from the first, {r.after_s:.1f} s after the start")
     print_line(f"latency       {r.latency_ms[0]:.0f} ms (50 %), {r.latency_ms[1]:.0f} ms (95 %)")
-    print_line(f"processor     {r.cpu_ms:.1f} ms a step, rendering included")
+    print_line(f"processor     {r.cpu_ms:.1f} ms a step, decoding the images included")
     print_line(f"position      {r.error_mm[0]:.1f} mm (root mean square), {r.error_mm[1]:.1f} mm (largest)")
     print_line(f"heading       {r.error_deg:.2f} deg (root mean square)")
     print_line(

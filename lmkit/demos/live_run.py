@@ -29,9 +29,11 @@ class LiveDemo:
 
     Attributes:
         steps, poses: of the loop; published.
-        rate_hz: poses a second.
+        step_hz: steps a second.
+        rate_hz: poses a second, from the first to the last.
+        after_s: from the first step to the first pose.
         latency_ms: (50 %, 95 %) from the images to the end of the step.
-        cpu_ms: of the process per step, rendering the images included.
+        cpu_ms: of the process per step, decoding the images included.
         error_mm: (root mean square, largest) position error.
         error_deg: root mean square heading error.
         nees: mean of x, y and heading together, over three; 1 is honest.
@@ -40,7 +42,9 @@ class LiveDemo:
 
     steps: int
     poses: int
+    step_hz: float
     rate_hz: float
+    after_s: float
     latency_ms: tuple[float, float]
     cpu_ms: float
     error_mm: tuple[float, float]
@@ -50,10 +54,18 @@ class LiveDemo:
 
 
 def run_live_demo(
-    folder: Path, seconds: float, seed: int, shown: Callable[[LiveState], None] | None = None
+    folder: Path,
+    seconds: float,
+    seed: int,
+    shown: Callable[[LiveState], None] | None = None,
+    options: str = "size=640x480",
 ) -> LiveDemo | None:
-    """Run ``sim:`` live, and write ``plan.png``; None where no pose was published."""
-    source = f"sim:?seconds={seconds + 30:.0f}&seed={seed}"
+    """Run ``sim:`` live, images rendered before, and write ``plan.png``; None where no pose was published.
+
+    Args:
+        options: further ones of the source, such as ``size=1280x720&fps=20``.
+    """
+    source = f"sim:?seconds={seconds + 2:.0f}&seed={seed}&images=before&{options}"
     run = open_run(settings_of({"sources": [source]}, Path()))
     states: list[LiveState] = []
     end = time.monotonic() + seconds
@@ -78,7 +90,9 @@ def run_live_demo(
     return LiveDemo(
         summary.steps,
         len(poses),
-        len(poses) / summary.seconds,
+        _rate(states),
+        _rate(poses),
+        poses[0].time_s - states[0].time_s,
         (float(np.median(late)), float(np.percentile(late, 95))),
         1000 * cpu_s / max(summary.steps, 1),
         (1000 * float(np.sqrt(np.mean(errors**2))), 1000 * float(errors.max())),
@@ -86,6 +100,11 @@ def run_live_demo(
         float(np.mean(nees)) / 3,
         summary.statuses,
     )
+
+
+def _rate(states: list[LiveState]) -> float:
+    """States a second."""
+    return (len(states) - 1) / max(states[-1].time_s - states[0].time_s, 1e-3)
 
 
 def _plan(loop: LiveLoop, states: list[LiveState]) -> bytes:

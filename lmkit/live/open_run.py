@@ -104,7 +104,9 @@ def _simulated_run(settings: RunSettings, clock: LoopClock, dry: bool) -> LiveRu
     if not address.is_live:
         return LiveRun(loop, StepFeed(address.text, simulated.groups()), outputs, clock, settings.values.rate)
     inbox, first = MotionInbox(), list[float]()
-    # Textures are drawn before the clock of the course starts.
+    # Textures, or all images, are drawn before the clock of the course starts.
+    if simulated.before:
+        simulated.render()
     course.images(course.T_map_base(0.0))
     opener: Callable[[], Capture] = partial(SimulatedCapture, simulated, inbox, clock, first)
     feed = LiveFeed([(address.text, opener, simulated.cameras)], inbox, clock.now)

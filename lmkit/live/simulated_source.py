@@ -1,9 +1,16 @@
-"""``sim:``, a simulated robot as source: at the rate of a camera, or as fast as the loop takes it."""
+"""``sim:``, a simulated robot as source: at the rate of a camera, or as fast as the loop takes it.
+
+With ``images=before`` the images are rendered and kept as JPEG before the first; each is decoded at its time, as a
+camera's MJPEG is, so that rendering takes nothing from the loop.
+"""
 
 from __future__ import annotations
 
 import time
 from collections.abc import Iterator
+
+import cv2
+import numpy as np
 
 from lmkit.arrays import ByteArray
 from lmkit.errors import InputError
@@ -18,6 +25,8 @@ from lmkit.simulation.recording import WheelErrors
 from lmkit.simulation.robot_course import RobotCourse
 
 FIRST_S = 1.0  # before, the late wheels have nothing to say
+MOST_BEFORE = 6000  # frames rendered before; 0.6 GB of two cameras with 640x480
+JPEG = [cv2.IMWRITE_JPEG_QUALITY, 95, cv2.IMWRITE_JPEG_SAMPLING_FACTOR, cv2.IMWRITE_JPEG_SAMPLING_FACTOR_444]
 
 
 class SimulatedRun:
@@ -27,13 +36,15 @@ class SimulatedRun:
         course: the robot's.
         fps: images a second.
         with_images: rendered; else corners alone.
+        before: the images are rendered before the first, by `render`.
         shift_s: from the course's time to the time of the groups.
     """
 
     def __init__(self, address: SourceAddress) -> None:
         seconds = address.number("seconds", 3600.0)
         self.fps = address.number("fps", 30.0) or 30.0
-        self.with_images = address.options.get("images", "yes") != "no"
+        images = address.options.get("images", "yes")
+        self.with_images, self.before = images != "no", images == "before"
         size = parse_size(address.options.get("size", "640x480"), address.text)
         cameras = int(address.number("cameras", 2))
         count = int(address.number("landmarks", 6))
@@ -46,13 +57,34 @@ class SimulatedRun:
         errors = WheelErrors(slips=int(address.number("slips", 0)))
         seed = int(address.number("seed", 1))
         family = family_named(address.options.get("family", "lm8"))
+        if images not in ("yes", "no", "before"):
+            raise InputError("bad_source", f"{address.text}: images={images}", "write images=yes, no or before")
+        if self.before and seconds * self.fps > MOST_BEFORE:
+            raise InputError(
+                "bad_source",
+                f"{address.text}: {seconds * self.fps:.0f} images of a camera are too many to render before",
+                f"give seconds={MOST_BEFORE / self.fps:.0f} or less",
+            )
         self.course = RobotCourse(seed, seconds + FIRST_S, count, size, cameras, errors, family)
         self.shift_s = 0.0
+        self._frames: list[tuple[ByteArray, ...]] = []  # as JPEG
 
     @property
     def cameras(self) -> int:
         """Number of cameras."""
         return len(mounted_cameras(self.course.rig))
+
+    def render(self) -> None:
+        """Render all images of the course, for `images`."""
+        for k in range(int(self.course.seconds * self.fps) + 1):
+            images = self.course.images(self.course.T_map_base(k / self.fps))
+            self._frames.append(tuple(np.asarray(cv2.imencode(".jpg", i, JPEG)[1], np.uint8) for i in images))
+
+    def images(self, number: int) -> tuple[ByteArray, ...]:
+        """(H,W,3) BGR of every camera, of a frame counted from the course's start."""
+        if not self._frames:
+            return self.course.images(self.course.T_map_base(number / self.fps))
+        return tuple(np.asarray(cv2.imdecode(i, cv2.IMREAD_COLOR), np.uint8) for i in self._frames[number])
 
     def rows(self, after_s: float, until_s: float) -> list[MotionRow]:
         """Motion rows later than a time of the course, up to another."""
@@ -93,22 +125,29 @@ class SimulatedCapture:
     def read(self) -> tuple[float, tuple[ByteArray, ...]]:
         """See `Capture`."""
         run = self._run
-        period = 1 / run.fps
-        ahead = self._clock.now() - run.shift_s
-        time_s = (int(ahead / period) + 1) * period
-        if time_s > run.course.seconds:
-            raise SourceLost("the simulated course has ended")
-        images = run.course.images(run.course.T_map_base(time_s))
-        # Rendered too late: the image would be older than a camera's.
-        late = self._clock.now() - run.shift_s - time_s
-        if late > 0:
-            time_s += (int(late / period) + 1) * period
-            images = run.course.images(run.course.T_map_base(time_s))
-        time.sleep(max(0.0, run.shift_s + time_s - self._clock.now()))
+        number = self._next()
+        if run.before:
+            self._wait_for(number)
+        images = run.images(number)
+        if not run.before and self._next() > number:  # rendered too late: older than a camera's image
+            number = self._next()
+            images = run.images(number)
+        self._wait_for(number)
+        time_s = number / run.fps
         for row in run.rows(self._sent, time_s):
             self._inbox.add(row)
         self._sent = time_s
         return run.shift_s + time_s, images
+
+    def _next(self) -> int:
+        """Number of the first frame that is still to come."""
+        number = int((self._clock.now() - self._run.shift_s) * self._run.fps) + 1
+        if number > self._run.course.seconds * self._run.fps:
+            raise SourceLost("the simulated course has ended")
+        return number
+
+    def _wait_for(self, number: int) -> None:
+        time.sleep(max(0.0, self._run.shift_s + number / self._run.fps - self._clock.now()))
 
     def close(self) -> None:
         """See `Capture`."""
