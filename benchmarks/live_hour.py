@@ -2,10 +2,11 @@
 
     uv run python benchmarks/live_hour.py [--minutes 60] [--fps 30] [--images] [--live]
 
-A simulated robot drives round a room with six landmarks, and a WebSocket output with a reader takes the steps.  Frames
-come as fast as the loop takes them, or with ``--live`` at their times, through the threads of a camera.  Corners are
-simulated unless ``--images`` renders them (``--live`` always does, beside the loop).  Memory is the resident set of the
-process; milliseconds are processor time of the loop's thread a step, largest errors those of published poses.
+A simulated robot drives round a room with six landmarks, and a WebSocket output with a reader takes the steps.
+Frames come as fast as the loop takes them, or with ``--live`` at their times, through the thread of a camera.
+Corners are simulated unless ``--images`` renders them (``--live`` always does, beside the loop).  Memory is the
+resident set of the process; milliseconds are processor time of the loop's thread a step,
+largest errors those of published poses.
 """
 
 from __future__ import annotations
@@ -29,6 +30,7 @@ from lmkit.live.run_settings import settings_of
 from lmkit.live.state import LiveState
 
 PARTS = 10
+
 
 def resident_mb() -> float:
     """Resident set of this process."""
@@ -133,7 +135,9 @@ def main() -> None:
     threading.Thread(target=read_all, args=(server.port, stop), daemon=True).start()
     images = arguments.live or arguments.images
     print(f"{arguments.minutes:g} minutes at {arguments.fps:g} a second, {'images' if images else 'corners'}\n")
-    print("| minute | steps | a second | poses | memory MB | ms a step | latency 50 % | 95 % | error mm rms | largest |")
+    print(
+        "| minute | steps | a second | poses | memory MB | ms a step | latency 50 % | 95 % | error mm rms | largest |"
+    )
     print("|---|---|---|---|---|---|---|---|---|---|", flush=True)
     start = time.monotonic()
     watched(run, seconds)

@@ -51,6 +51,7 @@ def with_apriltag() -> Detect:
     import pupil_apriltags
 
     detector = pupil_apriltags.Detector(families="tag36h11", quad_decimate=1.0, nthreads=1)
+    detector.tag_families.clear()  # it would free them before the detector that still reads them
 
     def detect(image: np.ndarray) -> Found:
         found = detector.detect(cv2.cvtColor(image, cv2.COLOR_BGR2GRAY))

@@ -18,30 +18,19 @@ from typing import Any
 import cv2
 import numpy as np
 
-from lmkit.arrays import AnyArray
 from lmkit.errors import EXTRA, InputError, InputWarning
 from lmkit.geometry.imu_axes import upward_rates
 from lmkit.io.documents import dump_yaml
 from lmkit.io.ros_camera_info import FILES
+from lmkit.io.ros_images import COMPRESSED, IMAGE, pixels_of
 from lmkit.model.scan import LaserScan
 from lmkit.model.trajectory import Trajectory
 
 APART_S = 0.01  # images of one frame
 MOST_WAITING = 100
-IMAGES = ("sensor_msgs/msg/Image", "sensor_msgs/msg/CompressedImage")
+IMAGES = (IMAGE, COMPRESSED)
 LASER = "sensor_msgs/msg/LaserScan"
 INFO, ODOMETRY, IMU = "sensor_msgs/msg/CameraInfo", "nav_msgs/msg/Odometry", "sensor_msgs/msg/Imu"
-_TO_BGR = {
-    "rgb8": cv2.COLOR_RGB2BGR,
-    "rgba8": cv2.COLOR_RGBA2BGR,
-    "bgra8": cv2.COLOR_BGRA2BGR,
-    # OpenCV names the pattern by its second row.
-    "bayer_rggb8": cv2.COLOR_BayerBG2BGR,
-    "bayer_bggr8": cv2.COLOR_BayerRG2BGR,
-    "bayer_gbrg8": cv2.COLOR_BayerGR2BGR,
-    "bayer_grbg8": cv2.COLOR_BayerGB2BGR,
-}
-_CHANNELS = {"rgba8": 4, "bgra8": 4, "rgb8": 3, "bgr8": 3}
 
 
 @dataclass(frozen=True)
@@ -305,17 +294,8 @@ def _image(message: Any, kind: str, topic: str) -> tuple[bytes, str]:
     if kind == IMAGES[1]:
         suffix = ".png" if "png" in message.format.lower() else ".jpg"
         return bytes(message.data), suffix
-    encoding, channels = message.encoding, _CHANNELS.get(message.encoding, 1)
-    if channels == 1 and encoding not in ("mono8", "8UC1") and encoding not in _TO_BGR:
-        raise InputError(
-            "bad_encoding",
-            f"{topic}: images of encoding {encoding}",
-            "known: bgr8, rgb8, bgra8, rgba8, mono8, bayer",
-        )
-    rows = np.frombuffer(bytes(message.data), np.uint8).reshape(message.height, message.step)
-    pixels: AnyArray = rows[:, : message.width * channels].reshape(message.height, message.width, channels)
-    if encoding in _TO_BGR:
-        pixels = cv2.cvtColor(np.ascontiguousarray(pixels.squeeze()), _TO_BGR[encoding])
+    size = message.width, message.height
+    pixels = pixels_of(message.encoding, size, message.step, bytes(message.data), topic)
     return cv2.imencode(".png", pixels)[1].tobytes(), ".png"
 
 

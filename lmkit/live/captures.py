@@ -48,7 +48,15 @@ def open_capture(address: SourceAddress, clock: LoopClock) -> Capture:
     Raises:
         SourceLost: it cannot be opened.
     """
-    capture: Capture = PipeCapture(address, clock) if address.kind == "pipe" else VideoCapture(address, clock)
+    capture: Capture
+    if address.kind == "ros2":
+        from lmkit.live.ros_capture import RosCapture
+
+        capture = RosCapture(address, clock)
+    elif address.kind == "pipe":
+        capture = PipeCapture(address, clock)
+    else:
+        capture = VideoCapture(address, clock)
     return SplitCapture(capture) if address.split else capture
 
 

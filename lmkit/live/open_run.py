@@ -25,6 +25,8 @@ from lmkit.live.open_inputs import is_live_input, open_inputs
 from lmkit.live.open_outputs import open_outputs
 from lmkit.live.recorded_feed import POSE_SUFFIXES, StepFeed, file_groups, motion_rows
 from lmkit.live.recording_file import RunRecording
+from lmkit.live.ros.address import parse_ros
+from lmkit.live.ros.transport import choose
 from lmkit.live.run_settings import LOOP_KEYS, RunSettings
 from lmkit.live.simulated_source import SimulatedCapture, SimulatedRun
 from lmkit.model.families import family_named
@@ -54,6 +56,9 @@ def open_run(settings: RunSettings, dry: bool = False) -> LiveRun:
     loop = LiveLoop(rig, landmarks, settings.loop(motion), clock.now)
     feed: Feed
     if live:
+        for a in settings.sources:
+            if a.kind == "ros2":
+                choose(parse_ros(a.target))
         sources = [(a.text, partial(open_capture, a, clock), 2 if a.split else 1) for a in settings.sources]
         _require_cameras(rig, sum(count for *_, count in sources))
         inputs = open_inputs(settings.values, inbox, clock, motion)

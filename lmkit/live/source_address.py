@@ -9,16 +9,18 @@ from urllib.parse import parse_qsl
 
 from lmkit.errors import InputError
 from lmkit.io.image_sources import VIDEO_SUFFIXES
+from lmkit.live.ros.address import parse_ros
 
 STREAMS = ("rtsp", "rtsps", "http", "https", "udp", "tcp")
-LIVE_KINDS = ("camera", "pipe", "stream", "sim")
+LIVE_KINDS = ("camera", "pipe", "stream", "ros2", "sim")
 CAMERA_OPTIONS = ("size", "fps", "fourcc", "exposure", "latency")
 SIM_OPTIONS = (
     "size", "fps", "seed", "seconds", "landmarks", "speed", "images", "cameras", "latency", "slips", "family",
 )  # fmt: skip
 _SECONDS = re.compile(r"(\d+(?:\.\d+)?)\s*(ms|s)")
 _HINT = (
-    "such as camera:0, split:camera:0, pipe:COMMAND, rtsp://HOST/PATH, sim:, replay:FILE.mcap, a video or a folder"
+    "such as camera:0, split:camera:0, pipe:COMMAND, rtsp://HOST/PATH, ros2:/image_raw, sim:, replay:FILE.mcap, "
+    "a video or a folder"
 )
 
 
@@ -27,8 +29,8 @@ class SourceAddress:
     """An image source.
 
     Attributes:
-        kind: ``camera``, ``pipe``, ``stream``, ``sim``, ``replay``, ``film`` or ``folder``.
-        target: number, device, command, URL or path.
+        kind: ``camera``, ``pipe``, ``stream``, ``ros2``, ``sim``, ``replay``, ``film`` or ``folder``.
+        target: number, device, command, URL or path; of ROS 2 what `parse_ros` reads.
         options: after the question mark.
         split: the image shows the left and the right camera side by side.
         text: as it was given.
@@ -94,6 +96,10 @@ def parse_source(text: str) -> SourceAddress:
                 "bad_source", f"{text}: no command", "give for example 'pipe:rpicam-vid --codec mjpeg -o -'"
             )
         return SourceAddress("pipe", rest, text=text)
+    if scheme == "ros2" and colon:
+        if not parse_ros(":" + rest).topic:
+            raise InputError("bad_source", f"{text}: no topic", "write for example ros2:/left/image_raw/compressed")
+        return SourceAddress("ros2", ":" + rest, text=text)
     if scheme in ("camera", "sim") and colon:
         target, _, options = rest.partition("?")
         known = SIM_OPTIONS if scheme == "sim" else CAMERA_OPTIONS

@@ -28,7 +28,7 @@ class Cdr:
         return bytes(self._store.serialize_cdr(self._object(type_name, values), type_name, little_endian=True))
 
     def decode(self, type_name: str, data: bytes) -> Values:
-        """Values of a message."""
+        """Values of a message; bytes of images stay an array."""
         values: Values = _plain(self._store.deserialize_cdr(data, type_name))
         return values
 
@@ -73,4 +73,4 @@ def _plain(value: Any) -> Any:
         }
     if isinstance(value, list):
         return [_plain(item) for item in value]
-    return value.tolist() if isinstance(value, np.ndarray) else value
+    return value.tolist() if isinstance(value, np.ndarray) and value.dtype != np.uint8 else value

@@ -1,0 +1,153 @@
+"""Are the live filter's covariances honest?  NEES on simulated drives, lenses exact and lenses slightly wrong.
+
+    uv run python benchmarks/live_nees.py [--seeds 20] [--seconds 20] [--fps 10] [--images]
+
+Per row: NEES of x, y and heading over three (mean of the runs' means, and their 10 to 90 % range), the same of x and
+y over two, root mean square error.  1 is honest, less is cautious.  ``lens px``: the filter's lenses differ from the
+true ones by a smooth field of so many pixels root mean square, drawn anew per run, the same in every image of it: the
+error that calibration leaves, which no number of images takes away.  ``floor px`` and ``wheels``: the filter's corner
+floor, and its motion noise in shares of the default.  ``--images`` detects in rendered images instead of simulating
+corners.
+"""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass, replace
+
+import cv2
+import numpy as np
+
+from lmkit.arrays import FloatArray
+from lmkit.geometry.camera import CameraModel
+from lmkit.geometry.planar import wrap_heading
+from lmkit.geometry.rig import AnyRig
+from lmkit.geometry.stereo_rig import StereoRig
+from lmkit.live.loop import LiveLoop, LoopSettings
+from lmkit.live.motion import GYRO, WHEELS, MotionRow
+from lmkit.live.publication import PublicationRule
+from lmkit.live.simulated_source import SimulatedRun
+from lmkit.live.source_address import parse_source
+from lmkit.localization.correspondences import CORNER_FLOOR_PX
+from lmkit.model.observation import Detection
+from lmkit.model.pose_status import PoseStatus
+from lmkit.odometry.wheel_odometry import MotionNoise
+from lmkit.tracking.planar_stereo_filter import RigFilter
+
+SETTLED_S = 3.0
+FLOORS = (CORNER_FLOOR_PX, 0.03, 0.0)
+SHARES = (1.0, 0.3)
+LENSES = (0.0, 0.06)
+
+
+@dataclass(frozen=True, eq=False)
+class Frame:
+    """One time of a drive."""
+
+    time_s: float
+    rows: tuple[MotionRow, ...]
+    seen: Sequence[Sequence[Detection]]
+    truth: FloatArray  # x, y, heading
+
+
+def drive(seed: int, seconds: float, fps: float, from_images: bool) -> tuple[SimulatedRun, list[Frame]]:
+    """A run and what is seen in it."""
+    images = "" if from_images else "&images=no"
+    run = SimulatedRun(parse_source(f"sim:?seconds={seconds}&seed={seed}&fps={fps}&speed=max{images}"))
+    settings = LoopSettings("wheels", rule=PublicationRule(confirm=1))
+    loop = LiveLoop(run.course.rig, run.course.landmarks, settings) if from_images else None
+    frames = []
+    for group in run.groups():
+        seen = group.seen
+        if loop is not None:
+            state = loop.step(group)
+            assert state is not None
+            seen = tuple(view.detections for view in state.views)
+        assert seen is not None
+        frames.append(Frame(group.time_s, group.motion, seen, run.course.state(group.time_s)))
+    return run, frames
+
+
+def wrong_lens(camera: CameraModel, error_px: float, rng: np.random.Generator) -> CameraModel:
+    """A lens that differs by so much: focal lengths, center and two terms of distortion at random."""
+    width, height = camera.image_size
+    x, y = np.meshgrid(np.linspace(0, width - 1, 9), np.linspace(0, height - 1, 7))
+    rays = camera.unproject(np.column_stack([x.ravel(), y.ravel()]))
+    points = np.column_stack([rays, np.ones(len(rays))])
+    draw = rng.normal(size=6)
+
+    def changed(scale: float) -> CameraModel:
+        K = camera.K.copy()
+        K[[0, 1], [0, 1]] += scale * draw[0] + 0.2 * scale * draw[1]
+        K[[0, 1], [2, 2]] += scale * draw[2:4]
+        distortion = camera.distortion.copy()
+        distortion[:2] += scale * draw[4:6] * np.array([4.0, 8.0]) / camera.K[0, 0]
+        return replace(camera, K=K, distortion=distortion)
+
+    off = changed(1e-2).project(points) - camera.project(points)
+    return changed(1e-2 * error_px / float(np.sqrt(np.mean(off**2))))
+
+
+def with_wrong_lenses(rig: AnyRig, error_px: float, seed: int) -> AnyRig:
+    """The rig that the filter believes in."""
+    assert isinstance(rig, StereoRig)
+    rng = np.random.default_rng([seed, 31])
+    if not error_px:
+        return rig
+    return replace(rig, left=wrong_lens(rig.left, error_px, rng), right=wrong_lens(rig.right, error_px, rng))
+
+
+def nees(run: SimulatedRun, frames: list[Frame], rig: AnyRig, floor_px: float, noise: MotionNoise) -> FloatArray:
+    """(K,4) NEES / 3, NEES / 2 of x and y, squared error (m²) and trace of the stated covariance of x and y."""
+    tracker = RigFilter(run.course.landmarks, rig, noise, floor_px)
+    found = []
+    for frame in frames:
+        for row in frame.rows:
+            if row.kind == WHEELS:
+                tracker.wheels.add_odometry(row.time_s, *row.values)
+            elif row.kind == GYRO:
+                tracker.wheels.add_gyro(row.time_s, *row.values)
+        answer = tracker.observe(frame.time_s, frame.seen)
+        if answer.state is None or answer.covariance is None or answer.status != PoseStatus.OK:
+            continue
+        if frame.time_s < SETTLED_S or not any(frame.seen):
+            continue
+        d = answer.state - frame.truth
+        d[2] = float(wrap_heading(d[2]))
+        C = answer.covariance
+        xy = d[:2] @ np.linalg.solve(C[:2, :2], d[:2])
+        found.append([d @ np.linalg.solve(C, d) / 3, xy / 2, d[:2] @ d[:2], np.trace(C[:2, :2])])
+    return np.array(found).reshape(-1, 4)
+
+
+def main() -> None:
+    """Print the table."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--seeds", type=int, default=20)
+    parser.add_argument("--seconds", type=float, default=20.0)
+    parser.add_argument("--fps", type=float, default=10.0)
+    parser.add_argument("--images", action="store_true")
+    arguments = parser.parse_args()
+    cv2.setNumThreads(1)
+    drives = [drive(s, arguments.seconds, arguments.fps, arguments.images) for s in range(1, arguments.seeds + 1)]
+    print("| lens px | floor px | wheels | NEES/3 | 10 to 90 % | NEES/2 of x, y | error mm | stated mm |")
+    print("|---|---|---|---|---|---|---|---|")
+    for lens in LENSES:
+        rigs = [with_wrong_lenses(run.course.rig, lens, k) for k, (run, _) in enumerate(drives)]
+        for floor in FLOORS:
+            for share in SHARES:
+                noise = MotionNoise(**{name: share * value for name, value in asdict(MotionNoise()).items()})
+                rows = [nees(run, frames, rig, floor, noise) for (run, frames), rig in zip(drives, rigs, strict=True)]
+                means = np.array([r.mean(axis=0) for r in rows if len(r)])
+                low, high = np.percentile(means[:, 0], [10, 90])
+                error, stated = 1000 * np.sqrt(means[:, 2:].mean(axis=0))
+                print(
+                    f"| {lens:g} | {floor:g} | {share:g} | {means[:, 0].mean():.2f} | {low:.2f} to {high:.2f} "
+                    f"| {means[:, 1].mean():.2f} | {error:.1f} | {stated:.1f} |",
+                    flush=True,
+                )
+
+
+if __name__ == "__main__":
+    main()
