@@ -54,7 +54,7 @@ def read_all(port: int, stop: threading.Event) -> None:
 
 @dataclass
 class Part:
-    """What was seen of a tenth."""
+    """Figures of a tenth."""
 
     poses: int = 0
     times: list[float] = field(default_factory=list)

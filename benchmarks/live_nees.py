@@ -1,4 +1,4 @@
-"""Are the live filter's covariances honest?  NEES on simulated drives, lenses exact and lenses slightly wrong.
+"""Are the live filter's covariances honest?  NEES on simulated recordings, lenses exact and lenses slightly wrong.
 
     uv run python benchmarks/live_nees.py [--seeds 20] [--seconds 20] [--fps 10] [--images]
 
@@ -14,16 +14,14 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass
 
 import cv2
 import numpy as np
 
 from lmkit.arrays import FloatArray
-from lmkit.geometry.camera import CameraModel
 from lmkit.geometry.planar import wrap_heading
 from lmkit.geometry.rig import AnyRig
-from lmkit.geometry.stereo_rig import StereoRig
 from lmkit.live.loop import LiveLoop, LoopSettings
 from lmkit.live.motion import GYRO, WHEELS, MotionRow
 from lmkit.live.publication import PublicationRule
@@ -33,6 +31,7 @@ from lmkit.localization.correspondences import CORNER_FLOOR_PX
 from lmkit.model.observation import Detection
 from lmkit.model.pose_status import PoseStatus
 from lmkit.odometry.wheel_odometry import MotionNoise
+from lmkit.simulation.lens_errors import with_lens_errors
 from lmkit.tracking.planar_stereo_filter import RigFilter
 
 SETTLED_S = 3.0
@@ -43,7 +42,7 @@ LENSES = (0.0, 0.06)
 
 @dataclass(frozen=True, eq=False)
 class Frame:
-    """One time of a drive."""
+    """One time of a recording."""
 
     time_s: float
     rows: tuple[MotionRow, ...]
@@ -67,35 +66,6 @@ def drive(seed: int, seconds: float, fps: float, from_images: bool) -> tuple[Sim
         assert seen is not None
         frames.append(Frame(group.time_s, group.motion, seen, run.course.state(group.time_s)))
     return run, frames
-
-
-def wrong_lens(camera: CameraModel, error_px: float, rng: np.random.Generator) -> CameraModel:
-    """A lens that differs by so much: focal lengths, center and two terms of distortion at random."""
-    width, height = camera.image_size
-    x, y = np.meshgrid(np.linspace(0, width - 1, 9), np.linspace(0, height - 1, 7))
-    rays = camera.unproject(np.column_stack([x.ravel(), y.ravel()]))
-    points = np.column_stack([rays, np.ones(len(rays))])
-    draw = rng.normal(size=6)
-
-    def changed(scale: float) -> CameraModel:
-        K = camera.K.copy()
-        K[[0, 1], [0, 1]] += scale * draw[0] + 0.2 * scale * draw[1]
-        K[[0, 1], [2, 2]] += scale * draw[2:4]
-        distortion = camera.distortion.copy()
-        distortion[:2] += scale * draw[4:6] * np.array([4.0, 8.0]) / camera.K[0, 0]
-        return replace(camera, K=K, distortion=distortion)
-
-    off = changed(1e-2).project(points) - camera.project(points)
-    return changed(1e-2 * error_px / float(np.sqrt(np.mean(off**2))))
-
-
-def with_wrong_lenses(rig: AnyRig, error_px: float, seed: int) -> AnyRig:
-    """The rig that the filter believes in."""
-    assert isinstance(rig, StereoRig)
-    rng = np.random.default_rng([seed, 31])
-    if not error_px:
-        return rig
-    return replace(rig, left=wrong_lens(rig.left, error_px, rng), right=wrong_lens(rig.right, error_px, rng))
 
 
 def nees(run: SimulatedRun, frames: list[Frame], rig: AnyRig, floor_px: float, noise: MotionNoise) -> FloatArray:
@@ -134,7 +104,7 @@ def main() -> None:
     print("| lens px | floor px | wheels | NEES/3 | 10 to 90 % | NEES/2 of x, y | error mm | stated mm |")
     print("|---|---|---|---|---|---|---|---|")
     for lens in LENSES:
-        rigs = [with_wrong_lenses(run.course.rig, lens, k) for k, (run, _) in enumerate(drives)]
+        rigs = [with_lens_errors(run.course.rig, lens, k) for k, (run, _) in enumerate(drives)]
         for floor in FLOORS:
             for share in SHARES:
                 noise = MotionNoise(**{name: share * value for name, value in asdict(MotionNoise()).items()})

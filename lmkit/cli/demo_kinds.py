@@ -46,7 +46,10 @@ def show_live(folder: Path, seconds: float, seed: int) -> None:
     r = run_live_demo(folder, seconds, seed)
     if r is None:
         raise NegativeAnswer("not_located", "no pose was published", "give more seconds, or another --seed")
-    print_line("simulated robot, two cameras of 640x480, six landmarks, wheels and gyro; images rendered before:")
+    print_line(
+        "simulated robot, two cameras of 640x480, six landmarks, wheels and gyro; images rendered before,"
+        " lenses known to 0.06 px:"
+    )
     print_line(f"steps         {r.steps}, {r.step_hz:.1f} a second")
     print_line(f"poses         {r.poses}, {r.rate_hz:.1f} a second from the first, {r.after_s:.1f} s after the start")
     print_line(f"latency       {r.latency_ms[0]:.0f} ms (50 %), {r.latency_ms[1]:.0f} ms (95 %)")

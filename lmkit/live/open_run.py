@@ -102,7 +102,7 @@ def _simulated_run(settings: RunSettings, clock: LoopClock, dry: bool) -> LiveRu
         raise InputError("not_together", "sim: has its own odometry and gyro", "leave --odometry and --gyro out")
     simulated = SimulatedRun(address)
     course = simulated.course
-    rig = course.rig if settings.values.rig is None else _rig(settings)
+    rig = simulated.rig if settings.values.rig is None else _rig(settings)
     landmarks = course.landmarks if settings.values.map is None else _landmarks(settings)
     loop = LiveLoop(rig, landmarks, settings.loop("wheels"), clock.now)
     outputs = [] if dry else open_outputs(settings, rig, landmarks, clock, "wheels")

@@ -21,6 +21,7 @@ from lmkit.live.frame_group import FrameGroup
 from lmkit.live.motion import GYRO, WHEELS, MotionInbox, MotionRow
 from lmkit.live.source_address import SourceAddress, parse_size
 from lmkit.model.families import family_named
+from lmkit.simulation.lens_errors import with_lens_errors
 from lmkit.simulation.recording import WheelErrors
 from lmkit.simulation.robot_course import RobotCourse
 
@@ -34,6 +35,7 @@ class SimulatedRun:
 
     Attributes:
         course: the robot's.
+        rig: as the loop knows it; its lenses differ from the course's by what ``lens`` says.
         fps: images a second.
         with_images: rendered; else corners alone.
         before: the images are rendered before the first, by `render`.
@@ -66,6 +68,7 @@ class SimulatedRun:
                 f"give seconds={MOST_BEFORE / self.fps:.0f} or less",
             )
         self.course = RobotCourse(seed, seconds + FIRST_S, count, size, cameras, errors, family)
+        self.rig = with_lens_errors(self.course.rig, address.number("lens", 0.0), seed)
         self.shift_s = 0.0
         self._frames: list[tuple[ByteArray, ...]] = []  # as JPEG
 

@@ -15,7 +15,7 @@ STREAMS = ("rtsp", "rtsps", "http", "https", "udp", "tcp")
 LIVE_KINDS = ("camera", "pipe", "stream", "ros2", "sim")
 CAMERA_OPTIONS = ("size", "fps", "fourcc", "exposure", "latency")
 SIM_OPTIONS = (
-    "size", "fps", "seed", "seconds", "landmarks", "speed", "images", "cameras", "latency", "slips", "family",
+    "size", "fps", "seed", "seconds", "landmarks", "speed", "images", "cameras", "latency", "slips", "family", "lens",
 )  # fmt: skip
 _SECONDS = re.compile(r"(\d+(?:\.\d+)?)\s*(ms|s)")
 _HINT = (

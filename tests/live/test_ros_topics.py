@@ -53,7 +53,7 @@ def a_step(number: int) -> LiveState:
 
 
 def sent(topic: str, number: int) -> dict[str, Any]:
-    """What a step says on a topic."""
+    """Values of a step's message on a topic."""
     found = {m.topic: m.values for m in StepMessages(parse_ros(OPTIONS), LANDMARKS).of_step(a_step(number))}
     assert set(found) == set(TOPICS)
     return found[topic]
