@@ -128,7 +128,8 @@ def _from_wpilib(path: Path, text: str, defaults: MarkerDefaults) -> LandmarkMap
         size_m = defaults.size_of(path, None if stated[1] is None else float(stated[1]), FIELD_TAG_M)
         if family not in (*SQUARE_FAMILIES, FOREIGN_FAMILY) or not 0 < size_m < LARGEST_TAG_M:
             raise ValueError(f"family {family!r} or size {size_m:g} m is unknown")
-        for tag in layout["tags"]:
+        # WPILib for 2027 keeps the tags with the field's drawing, as "field-tags".
+        for tag in layout["field-tags"] if "field-tags" in layout else layout["tags"]:
             place, turn = tag["pose"]["translation"], tag["pose"]["rotation"]["quaternion"]
             pose = Pose.from_quaternion(
                 "map", "tag", [float(place[k]) for k in "xyz"], [float(turn[k]) for k in ("X", "Y", "Z", "W")]

@@ -132,7 +132,10 @@ def corners_of_border(image: ByteArray, corners: FloatArray, half_mm: float) -> 
     lines = []
     for normal in NORMALS:
         edge = _edge(image, H, half_mm, normal, FINE_EDGE_STEPS)
-        along, place = edge.along[edge.is_fair], edge.place[edge.is_fair]
+        # Beyond a narrow margin it may be dark again.
+        rising = np.maximum.accumulate(edge.step, axis=1)
+        place = _places(rising, edge.across)[edge.is_fair]
+        along = edge.along[edge.is_fair]
         for _ in range(3):
             slope, offset = np.polyfit(along, place, 1)
             off = np.abs(place - offset - slope * along)
@@ -177,10 +180,14 @@ def _edge(image: ByteArray, H: FloatArray, half: float, normal: tuple[float, flo
     dark, bright = np.percentile(seen, 5, axis=1), np.percentile(seen, 95, axis=1)
     fair = bright - dark > 0.4 * np.median(bright - dark)
     step = (seen - dark[:, None]) / np.maximum(bright - dark, 1e-6)[:, None]
-    # The edge lies where the area under the step says.
+    return _Edge(along, across, _places(step, across), step, fair)
+
+
+def _places(step: FloatArray, across: FloatArray) -> FloatArray:
+    """(N,) where the edges of (N,steps) profiles lie, as the areas under them say."""
     level = np.clip(step, 0, 1)
-    area = (level.sum(axis=1) - (level[:, 0] + level[:, -1]) / 2) / (steps - 1)
-    return _Edge(along, across, across[-1] - area * (across[-1] - across[0]), step, fair)
+    area = (level.sum(axis=1) - (level[:, 0] + level[:, -1]) / 2) / (len(across) - 1)
+    return np.asarray(across[-1] - area * (across[-1] - across[0]))
 
 
 def bow_and_blur(image: ByteArray, H: FloatArray, half: float) -> tuple[float, float]:

@@ -23,14 +23,16 @@ def test_maps_come_back(tmp_path):
             assert found.T_map_landmark.t == pytest.approx(m.T_map_landmark.t, abs=1e-9)
 
 
-def test_a_field_tag_without_rotation_looks_along_x(tmp_path):
+@pytest.mark.parametrize("key", ["tags", "field-tags"])
+def test_a_field_tag_without_rotation_looks_along_x(tmp_path, key):
     """WPILib: a tag's x points out of its face; ours is z."""
     pose = {
         "translation": {"x": 1.0, "y": 2.0, "z": 0.5},
         "rotation": {"quaternion": {"W": 1.0, "X": 0.0, "Y": 0.0, "Z": 0.0}},
     }
     path = tmp_path / "field.json"
-    path.write_text(json.dumps({"tags": [{"ID": 4, "pose": pose}], "field": {"length": 16.5, "width": 8.0}}))
+    size = {"length": 16.5, "width": 8.0}
+    path.write_text(json.dumps({key: [{"ID": 4, "pose": pose}], "field": size, "field-dimensions": size}))
     T = read_any_map(path).find(LandmarkId("tag36h11", 4)).T_map_landmark
     assert T.R[:, 2] == pytest.approx([1, 0, 0])
     assert T.R[:, 1] == pytest.approx([0, 0, 1])

@@ -127,6 +127,11 @@ def test_a_photograph_takes_its_scale_from_the_sheets_edges(stretch, grade):
     assert grade_of(found, "scale") == grade, found.lines
 
 
+def test_a_narrow_margin_before_something_dark_does_not_move_the_edges():
+    found = graded(cut())
+    assert found.side_mm == pytest.approx((SIZE_MM, SIZE_MM), rel=0.004)
+
+
 def test_a_print_of_no_stated_size_is_no_a():
     found = graded(photograph(1.0), scanned=False, states=False)
     assert (found.side_mm, found.grade) == (None, "B")
