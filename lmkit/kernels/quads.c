@@ -75,6 +75,21 @@ static void mark_dark(const int16_t *restrict field, int64_t n, int16_t step, ui
     }
 }
 
+/* Sums of so many neighbors in a row; the window that is used most needs one pass. */
+static inline void add_columns(const uint16_t *restrict sums, int64_t n, int64_t window, uint16_t *restrict wide)
+{
+    if (window == 5) {
+        for (int64_t x = 0; x < n; x++)
+            wide[x] = (uint16_t)(sums[x] + sums[x + 1] + sums[x + 2] + sums[x + 3] + sums[x + 4]);
+        return;
+    }
+    for (int64_t x = 0; x < n; x++)
+        wide[x] = sums[x];
+    for (int64_t k = 1; k < window; k++)
+        for (int64_t x = 0; x < n; x++)
+            wide[x] = (uint16_t)(wide[x] + sums[x + k]);
+}
+
 /* field = 64 (plane - (1 - darker) mean + 0.5), the mean over a window cut off at the image's edges, with a border of
  * one pixel that is not dark.  flags: DARK where the field is negative, BEGINS where it falls by `step` gray levels. */
 static void local_field(int64_t height, int64_t width, const uint8_t *plane, int64_t window, double darker, double least_step, uint16_t *restrict sums, int32_t *restrict prefix, int16_t *field, uint8_t *flags)
@@ -90,10 +105,14 @@ static void local_field(int64_t height, int64_t width, const uint8_t *plane, int
         for (int64_t x = 0; x < width; x++)
             sums[x] = (uint16_t)(sums[x] + plane[y * width + x]);
     for (int64_t y = 0; y < height; y++) {
-        if (y + half < height)
+        if (y + half < height && y - half - 1 >= 0) {
+            const uint8_t *restrict enters = plane + (y + half) * width, *restrict leaves = plane + (y - half - 1) * width;
+            for (int64_t x = 0; x < width; x++)
+                sums[x] = (uint16_t)(sums[x] + enters[x] - leaves[x]);
+        } else if (y + half < height) {
             for (int64_t x = 0; x < width; x++)
                 sums[x] = (uint16_t)(sums[x] + plane[(y + half) * width + x]);
-        if (y - half - 1 >= 0)
+        } else if (y - half - 1 >= 0)
             for (int64_t x = 0; x < width; x++)
                 sums[x] = (uint16_t)(sums[x] - plane[(y - half - 1) * width + x]);
         int64_t top = y - half > 0 ? y - half : 0, bottom = y + half < height - 1 ? y + half : height - 1;
@@ -115,13 +134,7 @@ static void local_field(int64_t height, int64_t width, const uint8_t *plane, int
             /* Short windows are added up column by column, which vectorizes; they fit into 16 bits. */
             uint16_t *restrict wide = (uint16_t *)prefix;
             const int64_t n = width - 2 * half;
-            for (int64_t x = 0; x < n; x++)
-                wide[x] = sums[x];
-            for (int64_t k = 1; k < window; k++) {
-                const uint16_t *restrict from = sums + k;
-                for (int64_t x = 0; x < n; x++)
-                    wide[x] = (uint16_t)(wide[x] + from[x]);
-            }
+            add_columns(sums, n, window, wide);
             for (int64_t x = 0; x < n; x++)
                 out[x + half] = (int16_t)(64 * row[x + half] + 32 - (int32_t)((float)wide[x] * inner));
             for (int64_t e = 0; e < 2 * half; e++) {
@@ -147,33 +160,55 @@ static void local_field(int64_t height, int64_t width, const uint8_t *plane, int
     }
 }
 
-/* Follows the edge of a dark region clockwise from the left side of a pixel: code = 4 x place + side (0 right, 1 down,
- * 2 left, 3 up).  Returns how many sides there are; those beyond `longest` are not written.  area: pixels within, since
- * every row has as many right sides as left ones. */
-static int64_t follow(uint8_t *flags, int64_t stride, int64_t start, int64_t longest, int32_t *codes, int64_t *area)
+/* Where an outline goes from a side (0 right, 1 down, 2 left, 3 up) of a pixel, by what is dark: bit 0 the pixel ahead,
+ * bit 1 the one beyond it.  Tables and no branches, since outlines of texture turn as no processor predicts. */
+typedef struct Turn {
+    const struct Turn *next; /* what the next side's four turns are */
+    int64_t move, ahead, beyond; /* to the next pixel, and from there */
+    int64_t sign, right;
+    int32_t side;
+    uint8_t visit;
+} Turn;
+
+static void fill_turns(int64_t stride, Turn (*turns)[4])
 {
     const int64_t step[4] = {1, stride, -1, -stride};
-    int64_t at = start, n = 0, within = 0;
-    int d = 2;
+    for (int d = 0; d < 4; d++)
+        for (int dark = 0; dark < 4; dark++) {
+            Turn *t = &turns[d][dark];
+            int m = (d + 1) & 3, side = dark & 2 ? (d + 3) & 3 : dark & 1 ? d : m;
+            t->next = turns[side];
+            t->move = dark & 2 ? step[m] + step[d] : dark & 1 ? step[m] : 0;
+            t->ahead = step[(side + 1) & 3];
+            t->beyond = t->ahead + step[side];
+            t->sign = d == 0 ? 1 : d == 2 ? -1 : 0;
+            t->right = d == 0;
+            t->side = d;
+            t->visit = d == 2 ? VISITED : 0;
+        }
+}
+
+/* Follows the edge of a dark region clockwise from the left side of a pixel: code = 4 x place + side.  Returns how many
+ * sides there are; those beyond `longest` are not written.  area: pixels within, since every row has as many right sides
+ * as left ones. */
+static int64_t follow(const Turn (*turns)[4], uint8_t *flags, int64_t start, int64_t longest, int32_t *codes, int64_t *area)
+{
+    const Turn *row = turns[2];
+    int64_t n = 0, within = 0, ahead = row[1].move, beyond = row[2].move;
+    uint8_t *at = flags + start;
     do {
+        const Turn *t = row + ((at[ahead] & DARK) | (at[beyond] & DARK) << 1);
+        int64_t place = at - flags;
         if (n < longest)
-            codes[n] = (int32_t)(4 * at + d);
+            codes[n] = (int32_t)(4 * place) + t->side;
         n++;
-        if (d == 2) {
-            flags[at] |= VISITED;
-            within -= at;
-        } else if (d == 0)
-            within += at + 1;
-        int m = (d + 1) & 3;
-        int64_t ahead = at + step[m], beyond = ahead + step[d];
-        if (flags[beyond] & DARK) {
-            at = beyond;
-            d = (d + 3) & 3;
-        } else if (flags[ahead] & DARK)
-            at = ahead;
-        else
-            d = m;
-    } while (at != start || d != 2);
+        *at |= t->visit;
+        within += t->sign * place + t->right;
+        at += t->move;
+        ahead = t->ahead;
+        beyond = t->beyond;
+        row = t->next;
+    } while (at != flags + start || row != turns[2]);
     *area = within;
     return n;
 }
@@ -204,6 +239,22 @@ static double cross(Point o, Point a, Point b)
     return ((double)a.x - o.x) * ((double)b.y - o.y) - ((double)a.y - o.y) * ((double)b.x - o.x);
 }
 
+/* A point and the way to the next. */
+typedef struct {
+    double x, y, dx, dy;
+} Way;
+
+static Way edge_of(Point from, Point to)
+{
+    Way e = {from.x, from.y, (double)to.x - from.x, (double)to.y - from.y};
+    return e;
+}
+
+static int is_right(const Way *e, Point p)
+{
+    return e->dx * (p.y - e->y) - e->dy * (p.x - e->x) > 0.0;
+}
+
 /* Convex hull of a simple polygon (Melkman 1987): indices of its corners, clockwise; deque holds 2 n + 4. */
 static int64_t convex_hull(const Point *p, int64_t n, int32_t *deque, int32_t **hull)
 {
@@ -221,15 +272,24 @@ static int64_t convex_hull(const Point *p, int64_t n, int32_t *deque, int32_t **
         deque[bottom + 2] = 0;
     }
     deque[bottom] = deque[top] = (int32_t)k;
+    Way first = edge_of(p[deque[bottom]], p[deque[bottom + 1]]), last = edge_of(p[deque[top - 1]], p[deque[top]]);
     for (int64_t i = k + 1; i < n; i++) {
-        if (cross(p[deque[bottom]], p[deque[bottom + 1]], p[i]) > 0.0 && cross(p[deque[top - 1]], p[deque[top]], p[i]) > 0.0)
+        /* Both at once: which of them fails is as random as the outline. */
+        if ((is_right(&first, p[i]) & is_right(&last, p[i])) != 0)
             continue;
-        while (top - bottom > 2 && cross(p[deque[bottom]], p[deque[bottom + 1]], p[i]) <= 0.0)
+        while (top - bottom > 2 && !is_right(&first, p[i])) {
             bottom++;
+            first = edge_of(p[deque[bottom]], p[deque[bottom + 1]]);
+        }
         deque[--bottom] = (int32_t)i;
-        while (top - bottom > 2 && cross(p[deque[top - 1]], p[deque[top]], p[i]) <= 0.0)
+        first = edge_of(p[i], p[deque[bottom + 1]]);
+        last = edge_of(p[deque[top - 1]], p[deque[top]]);
+        while (top - bottom > 2 && !is_right(&last, p[i])) {
             top--;
+            last = edge_of(p[deque[top - 1]], p[deque[top]]);
+        }
         deque[++top] = (int32_t)i;
+        last = edge_of(p[deque[top - 1]], p[i]);
     }
     *hull = deque + bottom;
     return top - bottom;
@@ -307,8 +367,14 @@ static void fit_line(const Point *p, int64_t n, int64_t from, int64_t to, double
         return;
     sx /= w, sy /= w;
     sxx = sxx / w - sx * sx, sxy = sxy / w - sx * sy, syy = syy / w - sy * sy;
-    double angle = 0.5 * atan2(2.0 * sxy, sxx - syy);
-    line[0] = a.x + sx, line[1] = a.y + sy, line[2] = cos(angle), line[3] = sin(angle);
+    /* Half the angle of (sxx - syy, 2 sxy); the larger of its cosine and sine first. */
+    double apart = sxx - syy, twice = 2.0 * sxy, radius = length_of(apart, twice);
+    if (radius < 1e-12)
+        return;
+    double larger = sqrt(0.5 * (1.0 + fabs(apart) / radius)), smaller = 0.5 * fabs(twice) / (radius * larger);
+    line[0] = a.x + sx, line[1] = a.y + sy;
+    line[2] = apart > 0.0 ? larger : smaller;
+    line[3] = twice < 0.0 ? -(apart > 0.0 ? smaller : larger) : apart > 0.0 ? smaller : larger;
 }
 
 static int intersect(const double *a, const double *b, float *out)
@@ -488,6 +554,8 @@ int lmkit_dark_quads(int64_t height, int64_t width, const uint8_t *plane, const 
     Point *contour = (Point *)points;
     int32_t *deque = (int32_t *)(points + 2 * rules.longest), *codes = deque;
     local_field(height, width, plane, window, rules.darker, step_to_begin(plane, height, width, &rules), sums, prefix, field, flags);
+    Turn turns[4][4];
+    fill_turns(stride, turns);
     int64_t found = 0;
     *count = 0;
     for (int64_t y = 0; y < height; y++)
@@ -507,7 +575,7 @@ int lmkit_dark_quads(int64_t height, int64_t width, const uint8_t *plane, const 
                 int64_t at = (y + 1) * stride + x + 1;
                 if ((flags[at] & (BEGINS | VISITED)) != BEGINS)
                     continue;
-                int64_t area, n = follow(flags, stride, at, rules.longest, codes, &area);
+                int64_t area, n = follow((const Turn(*)[4])turns, flags, at, rules.longest, codes, &area);
                 if (n > rules.longest || (double)n < 3.2 * rules.least_side)
                     continue;
                 /* No crossing lies further than half a pixel from its side. */
