@@ -135,11 +135,12 @@ def _cells_of(cells: ByteArray, halvings: int, shape: tuple[int, ...]) -> ByteAr
     if halvings == 0 and cells.shape == (down, across):
         return cells
     if halvings < 0:
-        cells = cells.repeat(2**-halvings, axis=0).repeat(2**-halvings, axis=1)
-    elif halvings > 0:
-        size = 2**halvings
-        cells = _as_large(cells, -(-cells.shape[0] // size) * size, -(-cells.shape[1] // size) * size)
-        cells = cells.reshape(cells.shape[0] // size, size, -1, size).max(axis=(1, 3))
+        height, width = (length << -halvings for length in cells.shape)
+        cells = np.asarray(cv2.resize(cells, (width, height), interpolation=cv2.INTER_NEAREST), dtype=np.uint8)
+    for _ in range(halvings):
+        cells = _as_large(cells, cells.shape[0] + cells.shape[0] % 2, cells.shape[1] + cells.shape[1] % 2)
+        cells = cells[::2] | cells[1::2]
+        cells = cells[:, ::2] | cells[:, 1::2]
     # Halving leaves out the last row and column of odd sizes.
     return np.ascontiguousarray(_as_large(cells, down, across))
 

@@ -26,6 +26,8 @@ RULES = DecodingRules(
 )
 PROMISING_TURN_MARGIN, PROMISING_PATTERN = 2.0, 0.02
 PROMISING_RED_OVER_BLUE, PROMISING_CONTRAST = 0.1, (1.1, 100.0)
+# Once the code stands at the first pixels; 1 in 500 of what is accepted in the end shows less.
+SETTLED_CODE_MARGIN, SETTLED_TURN_MARGIN = 1.5, 6.0
 CORRELATED_PIXELS = 3.0  # demosaicing and JPEG spread a pixel's error over so many
 PART_TOLERANCE = 0.08  # uneven print and light: a part may differ so much from white or blue
 
@@ -98,6 +100,11 @@ class Decoding:
             and self.red_over_blue > PROMISING_RED_OVER_BLUE
             and low < self.white_over_ground < high
         )
+
+    @property
+    def is_settled(self) -> bool:
+        """Worth its last steps, once its code stands: margins near which something is accepted in the end."""
+        return self.code_margin > SETTLED_CODE_MARGIN and self.turn_margin > SETTLED_TURN_MARGIN
 
     @property
     def white_over_ground(self) -> float:

@@ -131,9 +131,11 @@ def _likely_squares(
     pyramid: Pyramid, found: Screened, family: LandmarkFamily, config: DetectorConfig, in_shadow: bool = False
 ) -> FloatArray:
     """(N,4,2) the candidates that look like landmarks, their corners moved to where they fit."""
-    best = found.best_first(config.min_pattern, per_place=2)
+    found_share = config.shaded_pattern if in_shadow else config.min_pattern
+    aligned_share = config.shaded_aligned_pattern if in_shadow else config.min_aligned_pattern
+    best = found.best_first(found_share, per_place=2)
     aligned = screen_candidates(pyramid, best.quads, family, config.align_rounds, config.aligned, in_shadow)
-    return aligned.best_first(config.min_aligned_pattern, per_place=1).quads
+    return aligned.best_first(aligned_share, per_place=1).quads
 
 
 def _candidates_in_shadow(
@@ -159,11 +161,12 @@ def _shadow_normalized(image: LinearImage, quad: FloatArray) -> LinearImage:
 
 def _elsewhere(candidates: FloatArray, read: Sequence[FloatArray]) -> FloatArray:
     """(N,4,2) the candidates whose middle is in none of the squares that are read already."""
-    middles = candidates.mean(axis=1)
-    for corners in read:
-        apart = np.linalg.norm(middles - corners.mean(axis=0), axis=1) > 0.5 * mean_side(corners)
-        candidates, middles = candidates[apart], middles[apart]
-    return candidates
+    if not read or len(candidates) == 0:
+        return candidates
+    known = np.array(read)
+    sides = np.array([mean_side(corners) for corners in read])
+    apart = candidates.mean(axis=1)[:, None] - known.mean(axis=1)
+    return candidates[(np.hypot(apart[..., 0], apart[..., 1]) > 0.5 * sides).all(axis=1)]
 
 
 def _check_image(image: ByteArray, options: DetectOptions) -> None:

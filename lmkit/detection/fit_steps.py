@@ -30,6 +30,7 @@ from lmkit.kernels.landmark_fit import (
     Fitted,
     LandmarkFit,
     Promising,
+    Settled,
     Start,
 )
 from lmkit.kernels.registration import Priors, Steps
@@ -72,7 +73,7 @@ class FitSteps:
                 return False
             if fit.decode().is_same_code(before):
                 break
-        return fit.decoding.is_promising
+        return fit.decoding.is_promising and (fit.image.white is not None or fit.decoding.is_settled)
 
     def finish(self, fit: PatternRegistration) -> bool:
         """Register with all pixels, and decode by plain and by robust weights; False where it left the image."""
@@ -129,6 +130,7 @@ def _rules(family: LandmarkFamily, pixels: int) -> FitRules:
         priors,
         LIMITS,
         promising,
+        Settled(decoding.SETTLED_CODE_MARGIN, decoding.SETTLED_TURN_MARGIN),
         START,
         CornerErrors(MODEL_ERROR_PX, FEW_EDGES_PX, MOSAIC_PX),
     )

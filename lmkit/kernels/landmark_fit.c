@@ -37,6 +37,7 @@ typedef struct {
     double skew, reach, band, near_share, noise, floor;
     double decoding[6], priors[PRIORS], limits[6];
     double correlated, turn_margin, pattern, red_over_blue, least_contrast, most_contrast;
+    double settled_code, settled_turn;           /* margins once the code stands */
     double least_blur, blur_share, blurred_side; /* where a fit begins */
     double model_error, few_edges, mosaic;       /* of the corners, px */
 } Fit;
@@ -148,20 +149,31 @@ static void read_code(const Fit *f, const double *view, const double *state, con
         out[0] = -1.0;
 }
 
+/* Log likelihood ratio of what another reading and the likeliest one leave. */
+static double margin(const Fit *f, const double *decoded, double other, int64_t n)
+{
+    double left = decoded[2] > 1e-9 ? decoded[2] : 1e-9, ratio = other > left ? other / left : 1.0;
+    return 3.0 * (double)n / f->correlated / 2.0 * log(ratio);
+}
+
 /* Worth going on: far looser than what is accepted in the end. */
 static int is_promising(const Fit *f, const double *decoded, int64_t n)
 {
     if (decoded[0] < 0.0)
         return 0;
     const double *inks = decoded + 6;
-    double left = decoded[2] > 1e-9 ? decoded[2] : 1e-9, by_turn = decoded[4] > left ? decoded[4] : left;
-    double frame = decoded[5] > 1e-9 ? decoded[5] : 1e-9;
-    double evidence = 3.0 * (double)n / f->correlated / 2.0;
-    if (!(evidence * log(by_turn / left) > f->turn_margin && 1.0 - left / frame > f->pattern))
+    double left = decoded[2] > 1e-9 ? decoded[2] : 1e-9, frame = decoded[5] > 1e-9 ? decoded[5] : 1e-9;
+    if (!(margin(f, decoded, decoded[4], n) > f->turn_margin && 1.0 - left / frame > f->pattern))
         return 0;
     double white = inks[0] + inks[1] + inks[2], ground = inks[6] + inks[7] + inks[8];
     double contrast = white / (ground > 1e-6 ? ground : 1e-6);
     return red_over_blue(inks) > f->red_over_blue && f->least_contrast < contrast && contrast < f->most_contrast;
+}
+
+/* Worth the last steps; a shadow that is not yet sharp costs margins, so that nothing is said of it. */
+static int is_settled(const Fit *f, const double *decoded, int64_t n)
+{
+    return f->white || (margin(f, decoded, decoded[3], n) > f->settled_code && margin(f, decoded, decoded[4], n) > f->settled_turn);
 }
 
 static int fit_step(const Fit *f, const double *view, const Steps *steps, int64_t fit_distortion, const double *decoded, const Pixels *p, double *state, double *out)
@@ -256,7 +268,7 @@ int lmkit_fit_landmark(const Fit *f, const double *view, int64_t phases, int64_t
             if (plain[0] == turn && plain[1] == code)
                 break;
         }
-        if (!is_promising(f, plain, p.n))
+        if (!is_promising(f, plain, p.n) || !is_settled(f, plain, p.n))
             return 1;
     }
     if (phases & FINISH) {

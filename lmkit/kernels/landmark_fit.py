@@ -38,6 +38,13 @@ class Promising(NamedTuple):
     most_contrast: float
 
 
+class Settled(NamedTuple):
+    """Least margins of a decoding that stands: what has less is not worth the last steps, unless a shadow is taken out."""
+
+    code_margin: float
+    turn_margin: float
+
+
 class Start(NamedTuple):
     """Blur where a fit begins: at least so many px, or this share of the side, which counts up to so many px."""
 
@@ -81,6 +88,7 @@ class FitRules(NamedTuple):
     priors: Priors
     limits: Limits
     promising: Promising
+    settled: Settled
     start: Start
     errors: CornerErrors
     floor: float = 1e-8
@@ -126,6 +134,7 @@ class _Fit(ctypes.Structure):
         ("priors", ctypes.c_double * 5),
         ("limits", ctypes.c_double * 6),
         ("promising", ctypes.c_double * 6),
+        ("settled", ctypes.c_double * 2),
         ("start", ctypes.c_double * 3),
         ("errors", ctypes.c_double * 3),
     )
@@ -167,7 +176,8 @@ class LandmarkFit:
             *(VISITED, rules.least_pixels, rules.coarse_pixels, rules.pixels, rules.read_rounds),
             *(_Steps(steps.rounds, steps.most, steps.to_px) for steps in (rules.coarse, rules.fine)),
             *(skew, rules.reach, rules.band, rules.near_share, noise, rules.floor),
-            *map(_numbers, (rules.decoding, rules.priors, rules.limits, rules.promising, rules.start, rules.errors)),
+            *map(_numbers, (rules.decoding, rules.priors, rules.limits, rules.promising)),
+            *map(_numbers, (rules.settled, rules.start, rules.errors)),
         )
         most = max(rules.pixels, rules.coarse_pixels)
         self._capacity = capacity = most + most // 5 + 64

@@ -93,16 +93,21 @@ static void take_shadow_out(const Screen *s, float *samples)
         gray[i] = (samples[i] + samples[K + i] + samples[2 * K + i]) * (1.0f / 3.0f);
     for (int pass = 0; pass < 2; pass++) {
         const float sign = pass == 0 ? 1.0f : -1.0f;
-        for (int64_t i = 0; i < side; i++)
-            for (int64_t j = 0; j < side; j++) {
-                int64_t low = j > reach ? j - reach : 0, high = j + reach < side ? j + reach : side - 1;
-                float most = -1e30f;
-                for (int64_t k = low; k <= high; k++) {
-                    float v = sign * gray[i * side + k];
-                    most = v > most ? v : most;
-                }
-                across[i * side + j] = most;
-            }
+        for (int64_t i = 0; i < side; i++) {
+            /* Row and maximum with room at both ends, whose lengths are known when this is compiled. */
+            float padded[3 * MAX_SIDE], most[MAX_SIDE];
+            for (int64_t j = 0; j < 3 * MAX_SIDE; j++)
+                padded[j] = -1e30f;
+            for (int64_t j = 0; j < side; j++)
+                padded[MAX_SIDE + j] = sign * gray[i * side + j];
+            for (int64_t j = 0; j < MAX_SIDE; j++)
+                most[j] = -1e30f;
+            for (int64_t k = MAX_SIDE - reach; k <= MAX_SIDE + reach; k++)
+                for (int64_t j = 0; j < MAX_SIDE; j++)
+                    most[j] = padded[k + j] > most[j] ? padded[k + j] : most[j];
+            for (int64_t j = 0; j < side; j++)
+                across[i * side + j] = most[j];
+        }
         for (int64_t i = 0; i < side; i++) {
             int64_t low = i > reach ? i - reach : 0, high = i + reach < side ? i + reach : side - 1;
             float *row = gray + i * side;
