@@ -32,8 +32,8 @@ class DetectorConfig:
         align_rounds: steps of the alignment of one candidate.
         aligned: thresholds of an aligned candidate.
         min_aligned_pattern: share that the pattern must explain before a candidate is registered.
-        shaded_pattern, shaded_aligned_pattern: the same two shares where the light is taken out, which makes patterns of
-            edges of all kinds; those of landmarks are larger.
+        shaded_pattern, shaded_aligned_pattern: the same two shares where the light is taken out, which makes
+            patterns of edges of all kinds; those of landmarks are larger.
         pixels: pixels of one landmark that are registered; time grows with them, and corners become better.
         in_shadow: search again, with the light taken out, where a shadow may end on a landmark.
 

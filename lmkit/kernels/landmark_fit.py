@@ -39,7 +39,7 @@ class Promising(NamedTuple):
 
 
 class Settled(NamedTuple):
-    """Least margins of a decoding that stands: what has less is not worth the last steps, unless a shadow is taken out."""
+    """Least margins of a decoding that stands, for the last steps to be worth it; where no shadow is taken out."""
 
     code_margin: float
     turn_margin: float
