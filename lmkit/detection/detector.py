@@ -166,7 +166,8 @@ def _elsewhere(candidates: FloatArray, read: Sequence[FloatArray]) -> FloatArray
     known = np.array(read)
     sides = np.array([mean_side(corners) for corners in read])
     apart = candidates.mean(axis=1)[:, None] - known.mean(axis=1)
-    return candidates[(np.hypot(apart[..., 0], apart[..., 1]) > 0.5 * sides).all(axis=1)]
+    outside = (np.hypot(apart[..., 0], apart[..., 1]) > 0.5 * sides).all(axis=1)
+    return np.asarray(candidates[outside])
 
 
 def _check_image(image: ByteArray, options: DetectOptions) -> None:
