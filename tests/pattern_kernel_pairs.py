@@ -207,7 +207,7 @@ def _quads(rng: np.random.Generator) -> Iterator[tuple[Any, ...]]:
 
 def _screenings(rng: np.random.Generator) -> Iterator[tuple[Any, ...]]:
     first, moved = Thresholds(1.1, 1.1, 0.1, 0.05, 0.0), Thresholds(1.1, 1.2, 0.2, 0.1, 0.01)
-    rules = ScreenRules(40.0, 1.2, 1e-5, 0.02, 20.0, 1.2, 0.0, 0.02, 1.5, first, moved)
+    rules = ScreenRules(40.0, 1.2, 1e-5, 0.02, 20.0, 1.2, 0.0, 0.02, 1.5, 1.05, first, moved)
     for rings in (2, 1):
         image, corners = _landmark_image(rng, rings)
         shaded = image.copy()

@@ -40,7 +40,7 @@ typedef struct {
 /* levels (L,3): height, width, address of the code values.  tables: for every blur
  * columns and slopes (3,C,K); grams (S,C,C).  moves (2,8,K).  rules: half side (mm), side looked at in full detail (px),
  * blur (px), ridge, damping, furthest move (mm), gate's white over ground and red over blue, least pattern to be moved,
- * least ratio of lights for a shadow; then white over dark, white over ground, red over blue, contrast and turn, first of squares as found, then of those
+ * least ratio of lights for a shadow, gate's white over border; then white over dark, white over ground, red over blue, contrast and turn, first of squares as found, then of those
  * that were moved.  window: 0, or side (grid points) of the closing by which shadows are taken out. */
 LMKIT_EXPORT int lmkit_screen(int64_t count, double *quads, const int64_t *levels, int64_t level_count,
                               const float *linear, int64_t points, int64_t side, const float *grid, const float *moves,
@@ -131,7 +131,7 @@ static void take_shadow_out(const Screen *s, float *samples)
 static int passes_gate(const Screen *s, const Level *level, int64_t scale, const double *H)
 {
     float seen[3 * GATE];
-    double inks[9], white = 0.0, blue = 0.0;
+    double inks[9];
     sample_grid(s, level, scale, H, s->gate, GATE, GATE, seen, GATE);
     for (int ink = 0; ink < 3; ink++)
         for (int c = 0; c < 3; c++) {
@@ -140,11 +140,9 @@ static int passes_gate(const Screen *s, const Level *level, int64_t scale, const
                 sum += (double)seen[c * GATE + ink * (GATE / 3) + i];
             inks[3 * ink + c] = sum / (GATE / 3);
         }
-    for (int c = 0; c < 3; c++) {
-        white += inks[c];
-        blue += inks[6 + c];
-    }
-    if (!(white > s->rules[6] * blue && red_over_blue(inks) > s->rules[7]))
+    /* The ground is blue: green and red tell it from white. */
+    const double white = inks[0] + inks[1] + inks[2], red = inks[3] + inks[4] + inks[5];
+    if (!(white > s->rules[10] * red && inks[1] + inks[2] > s->rules[6] * (inks[7] + inks[8]) && red_over_blue(inks) > s->rules[7]))
         return -1;
     if (s->window == 0)
         return 1;
@@ -314,7 +312,7 @@ static int align(const Screen *s, const Look *l, const float *samples, const dou
 
 static double screen_one(const Screen *s, double *quad, int64_t rounds)
 {
-    const double *first = s->rules + 10, *moved = s->rules + 15;
+    const double *first = s->rules + 11, *moved = s->rules + 16;
     float samples[3 * MAX_GRID];
     memset(samples, 0, sizeof samples);
     if (!well_shaped(quad))

@@ -113,9 +113,10 @@ class ScreenRules(NamedTuple):
         ridge: of the inks, relative.
         damping: of a step, relative.
         furthest_mm: no corner moves further at once.
-        gate_white, gate_red: white over ground and red over blue at the points of the gate.
+        gate_white, gate_red: white over ground in green and red, and red over blue, at the points of the gate.
         least_pattern: squares whose pattern explains less are not moved.
         shadow_ratio: least ratio of the lights on a square for a shadow to end on it.
+        gate_border: white over border at the points of the gate.
         first, moved: thresholds of squares as found, and of those that were moved.
     """
 
@@ -128,6 +129,7 @@ class ScreenRules(NamedTuple):
     gate_red: float
     least_pattern: float
     shadow_ratio: float
+    gate_border: float
     first: Thresholds
     moved: Thresholds
 
@@ -326,7 +328,10 @@ def _local_white(gray: FloatArray, window: int) -> FloatArray:
 def _gate(seen: FloatArray, rules: ScreenRules, window: int) -> float:
     """1, or 0 where no shadow may end on the square, or -1 where it is no landmark."""
     inks = seen.reshape(3, -1, 3).mean(axis=1)
-    if not (inks[0].sum() > rules.gate_white * inks[2].sum() and red_over_blue_numpy(inks) > rules.gate_red):
+    # The ground is blue: green and red tell it from white.
+    over_border = inks[0].sum() > rules.gate_border * inks[1].sum()
+    over_ground = inks[0, 1:].sum() > rules.gate_white * inks[2, 1:].sum()
+    if not (over_border and over_ground and red_over_blue_numpy(inks) > rules.gate_red):
         return -1.0
     # A shadow that ends on the landmark ends on its margin.
     margin = seen[: len(seen) // 3].sum(axis=1)
