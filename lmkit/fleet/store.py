@@ -38,7 +38,8 @@ class Store:
     uri: str
 
     def __getstate__(self) -> dict[str, Any]:
-        return {"uri": self.uri}
+        # A worker has another working folder.
+        return {"uri": self.uri if "://" in self.uri else str(Path(self.uri).absolute())}
 
     @cached_property
     def _place(self) -> tuple[Any, str]:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import pickle
 import signal
 import subprocess
 import sys
@@ -141,6 +142,15 @@ def test_stored_detections_read_back_exactly(small, tmp_path):
         assert all(np.array_equal(x.corners, y.corners) for x, y in zip(a.detections, b.detections, strict=True))
     assert np.array_equal(first.odometry.turn_rad, back.recording.odometry.turn_rad)
     assert np.array_equal(first.gyro.rate_radps, back.recording.gyro.rate_radps)
+
+
+def test_workers_open_the_folder_that_the_client_means(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    sent = pickle.dumps(Store("store"))
+    (tmp_path / "elsewhere").mkdir()
+    monkeypatch.chdir(tmp_path / "elsewhere")
+    pickle.loads(sent).write("a.txt", "one")
+    assert (tmp_path / "store" / "a.txt").read_text() == "one"
 
 
 def test_another_option_or_file_is_another_result(small, tmp_path):
