@@ -6,7 +6,8 @@ Simulated corners of a 9 x 6 board in a known rig, fitted from the truth (so tha
 With ``--lenses`` both cameras' intrinsics are known beforehand, with errors: "exact" keeps them as they are although
 they are off, as ``--intrinsics`` does; "prior" fits them with the deviations that their errors were drawn from, as
 ``--intrinsics-sigma 2px`` does; "stated" draws the errors of a good calibration of the same rig, which are
-correlated, and takes its standard deviations number by number, as ``--intrinsics-sigma stated`` does.
+correlated, and takes its covariance of each camera, twice, as ``--intrinsics-sigma stated`` does with one file of
+two cameras; "sigmas" the same of a file without correlations.
 
 Kinds: good views; "partial": half of the board's columns, as a hand or the image's edge leaves them; "one distance":
 all boards within 5 % of one distance and 12 deg of head-on; "correlated": the corners of one image share a smooth
@@ -22,9 +23,17 @@ from dataclasses import replace
 
 import cv2
 import numpy as np
+from scipy.linalg import block_diag
 
 from lmkit.calibration.bundle_adjustment import POSE, FitOptions, Solution, StereoProblem
-from lmkit.calibration.intrinsics import KnownIntrinsics, intrinsics_vector, sigma_of_pixels, with_intrinsics
+from lmkit.calibration.intrinsics import (
+    KnownIntrinsics,
+    intrinsics_vector,
+    sigma_and_correlation,
+    sigma_of_pixels,
+    stated_covariance,
+    with_intrinsics,
+)
 from lmkit.geometry.rotations import rotation_log
 from lmkit.model.board import BoardSpec
 from lmkit.model.observation import PairView
@@ -97,11 +106,14 @@ def known_lenses(lenses: str, rng: np.random.Generator) -> KnownIntrinsics:
     """Intrinsics of both cameras as they are known beforehand, errors and deviations."""
     rig = make_rig()
     true = np.concatenate([intrinsics_vector(rig.left), intrinsics_vector(rig.right)])
-    if lenses == "stated":
+    if lenses in ("stated", "sigmas"):
         covariance = good_covariance()
-        return KnownIntrinsics(rng.multivariate_normal(true, covariance), np.sqrt(np.diag(covariance)))
+        count = len(intrinsics_vector(rig.left))
+        parts = [sigma_and_correlation(covariance[k, k]) for k in (slice(count), slice(count, None))]
+        known = [stated_covariance(sigma, both if lenses == "stated" else None, 2) for sigma, both in parts]
+        return KnownIntrinsics(rng.multivariate_normal(true, covariance), block_diag(*known))
     sigma = np.concatenate([sigma_of_pixels(camera, KNOWN_PX) for camera in (rig.left, rig.right)])
-    return KnownIntrinsics(rng.normal(true, sigma), sigma)
+    return KnownIntrinsics(rng.normal(true, sigma), np.diag(sigma**2))
 
 
 def examine(job: tuple[str, int, str]) -> tuple[str, list[tuple[str, float, float]]]:
@@ -139,7 +151,7 @@ def main() -> None:
     parser.add_argument("--n", type=int, default=60)
     parser.add_argument("--seed", type=int, default=4000)
     parser.add_argument("--workers", type=int, default=2)
-    parser.add_argument("--lenses", choices=("exact", "prior", "stated"), default="")
+    parser.add_argument("--lenses", choices=("exact", "prior", "stated", "sigmas"), default="")
     options = parser.parse_args()
     jobs = [(kind, options.seed + k, options.lenses) for kind in KINDS for k in range(options.n)]
     with ProcessPoolExecutor(options.workers) as pool:

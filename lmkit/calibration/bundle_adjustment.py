@@ -230,8 +230,8 @@ class StereoProblem:
         return self._with_prior(blocks, s, scale, prior)
 
     def _with_prior(self, blocks: Blocks, s: Solution, scale: float, prior: _Prior) -> Blocks:
-        blocks.prior[:] = (prior.weight * scale) ** 2
-        blocks.prior_gradient[:] = -prior.weight * scale**2 * prior.pull(s)
+        blocks.prior[:] = prior.root.T @ prior.root * scale**2
+        blocks.prior_gradient[:] = -prior.root.T @ prior.pull(s) * scale**2
         return blocks
 
     def _covariance(self, s: Solution, scale: float, prior: _Prior, fitted: BoolArray) -> FloatArray:
@@ -259,30 +259,33 @@ class StereoProblem:
 
 @dataclass(frozen=True, eq=False)
 class _Prior:
-    """Shared unknowns as known before anything was seen: (G,) values and 1 / standard deviation."""
+    """Shared unknowns as known before anything was seen: (G,) values, (G,G) root of the information, variances."""
 
     mean: FloatArray
-    weight: FloatArray
-    is_stated: bool = False
+    root: FloatArray
+    stated: FloatArray | None = None
 
     @classmethod
     def of(cls, s: Solution, known: KnownIntrinsics | None) -> _Prior:
         others = np.zeros(POSE + WARP)
         if known is not None:
-            return cls(np.concatenate([known.mean, others]), np.concatenate([1 / known.sigma, others]), True)
+            count = len(known.mean)
+            root = np.zeros((count + len(others), count + len(others)))
+            root[:count, :count] = known.root
+            variances = np.concatenate([np.diag(known.covariance), np.full(len(others), np.inf)])
+            return cls(np.concatenate([known.mean, others]), root, variances)
         weight = np.concatenate([intrinsics_prior(s.left), intrinsics_prior(s.right), others])
-        return cls(np.zeros(len(weight)), weight)
+        return cls(np.zeros(len(weight)), np.diag(weight))
 
     def pull(self, s: Solution) -> FloatArray:
         """(G,) distances from the values, in standard deviations."""
-        return self.weight * (_shared_vector(s) - self.mean)
+        return np.asarray(self.root @ (_shared_vector(s) - self.mean))
 
     def most_widened(self, fitted: BoolArray, covariance: FloatArray) -> FloatArray:
         """(F,) largest factors of the variances: nothing is known worse than was stated before."""
-        if not self.is_stated:
+        if self.stated is None:
             return np.full(int(fitted.sum()), np.inf)
-        before = 1 / np.maximum(self.weight[fitted], 1e-12) ** 2
-        return np.asarray(np.maximum(before / np.diag(covariance), 1.0))
+        return np.asarray(np.maximum(self.stated[fitted] / np.diag(covariance), 1.0))
 
 
 @dataclass(frozen=True, eq=False)
@@ -333,7 +336,7 @@ class Blocks:
     @classmethod
     def empty(cls, size: int, count: int) -> Blocks:
         shapes = ((count, size, size), (count, size, POSE), (count, POSE, POSE), (count, size), (count, POSE))
-        return cls(*(np.zeros(shape) for shape in (*shapes, (size,), (size,))))
+        return cls(*(np.zeros(shape) for shape in (*shapes, (size, size), (size,))))
 
     def add(
         self,
@@ -386,7 +389,7 @@ def reduced_equations(
     inverse = np.linalg.inv(poses)
     mixed = blocks.mixed[:, fitted]
     back = mixed @ inverse
-    shared = (blocks.shared.sum(axis=0) + np.diag(blocks.prior))[np.ix_(fitted, fitted)]
+    shared = (blocks.shared.sum(axis=0) + blocks.prior)[np.ix_(fitted, fitted)]
     shared = shared + np.diag(damping * np.diag(shared) + 1e-12 * (damping > 0))
     return shared - np.einsum("pgi,phi->gh", back, mixed), (inverse, back)
 

@@ -15,17 +15,25 @@ from lmkit.geometry.camera import CameraModel
 RADIAL_PRIOR = 0.3
 TANGENTIAL_PRIOR = 0.05
 LEAST_PX, LEAST_COEFFICIENT = 1e-3, 1e-6  # deviations below which no lens is known
+LEAST_EIGENVALUE = 1e-10  # of a correlation matrix
 
 
 @dataclass(frozen=True, eq=False)
 class KnownIntrinsics:
-    """Intrinsics known beforehand: (K,) values and standard deviations of the left, then the right camera.
+    """Intrinsics known beforehand: (K,) values and (K,K) covariance of the left, then the right camera.
 
-    Order as in :func:`intrinsics_vector`; the numbers are taken as independent.
+    Order as in :func:`intrinsics_vector`.
     """
 
     mean: FloatArray
-    sigma: FloatArray
+    covariance: FloatArray
+
+    @property
+    def root(self) -> FloatArray:
+        """(K,K) W with ``W.T @ W`` the inverse of the covariance."""
+        sigma, correlation = sigma_and_correlation(self.covariance)
+        values, vectors = np.linalg.eigh(correlation)
+        return np.asarray((vectors / np.sqrt(np.maximum(values, LEAST_EIGENVALUE))).T / sigma)
 
 
 def intrinsics_vector(camera: CameraModel) -> FloatArray:
@@ -65,6 +73,28 @@ def sigma_of_pixels(camera: CameraModel, pixels: float) -> FloatArray:
     return np.concatenate([np.full(4, pixels), pixels / (focal * reach * effect)])
 
 
-def stated_sigma(sigma: FloatArray) -> FloatArray:
-    """(4+D,) deviations of a file; what its calibration kept fixed is kept nearly so."""
-    return np.maximum(sigma, np.where(np.arange(len(sigma)) < 4, LEAST_PX, LEAST_COEFFICIENT))
+def sigma_and_correlation(covariance: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """(K,) standard deviations and (K,K) correlations; what has no deviation is correlated with nothing."""
+    sigma = np.sqrt(np.diag(covariance))
+    scale = np.where(sigma > 0, sigma, 1.0)
+    correlation = covariance / np.outer(scale, scale)
+    np.fill_diagonal(correlation, 1.0)
+    return sigma, correlation
+
+
+def stated_covariance(sigma: FloatArray, correlation: FloatArray | None, together: int = 1) -> FloatArray:
+    """(4+D,4+D) covariance of the intrinsics of a file; what its calibration kept fixed is kept nearly so.
+
+    Where the file has no correlations, the variances are multiplied by the count of the numbers that were fitted:
+    n times the diagonal is never less than a covariance of n numbers, whatever their correlations. For the same
+    reason the covariances of cameras that were fitted together are multiplied by their count.
+
+    Args:
+        together: count of cameras that were fitted together, and whose correlations with each other are not known.
+    """
+    fitted = sigma > 0
+    least = np.where(np.arange(len(sigma)) < 4, LEAST_PX, LEAST_COEFFICIENT)
+    held = np.maximum(sigma, least)
+    if correlation is None:
+        return np.diag(held**2 * np.where(fitted, together * fitted.sum(), 1))
+    return np.asarray(together * np.outer(held, held) * correlation)

@@ -134,7 +134,7 @@ class RigProblem:
             blocks.add(
                 seen, np.concatenate(columns), np.concatenate(shared, axis=2), by_pose, seen.pixels - pixels, scale
             )
-        blocks.prior[:] = (prior * scale) ** 2
+        blocks.prior[:] = np.diag((prior * scale) ** 2)
         blocks.prior_gradient[:] = -((prior * scale) ** 2) * _shared(s)
         return blocks
 

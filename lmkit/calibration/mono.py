@@ -15,7 +15,7 @@ from lmkit.arrays import BoolArray, FloatArray, IntArray
 from lmkit.calibration.bundle_adjustment import FitOptions, Solution, StereoProblem
 from lmkit.calibration.cross_validation import FOLDS, HeldOut
 from lmkit.calibration.initialization import board_poses, start_camera
-from lmkit.calibration.intrinsics import intrinsics_vector
+from lmkit.calibration.intrinsics import intrinsics_vector, sigma_and_correlation
 from lmkit.calibration.sanity_checks import STRONG_WARP, CalibrationWarning, Declared, check_camera, require_views
 from lmkit.calibration.view_coverage import ENOUGH_CELLS, LEAST_VIEWS, camera_coverage
 from lmkit.errors import InputError
@@ -131,8 +131,9 @@ def calibrate_camera(
     s = best.solution
     cells, advice = camera_coverage([view.left for view in kept], s.rotations, s.translations, image_size)
     assert s.covariance is not None
-    sigma = np.sqrt(np.diag(s.covariance))[: len(intrinsics_vector(s.left))]
-    mounted = MountedCamera("camera", s.left, Pose.identity("camera", "left"), None, sigma)
+    count = len(intrinsics_vector(s.left))
+    known = sigma_and_correlation(s.covariance[:count, :count])
+    mounted = MountedCamera("camera", s.left, Pose.identity("camera", "left"), None, *known)
     bow_share = float(np.abs(s.warp).max()) / (float(np.ptp(board.object_points[:, :2], axis=0).max()) / 2)
     warnings = _warnings(mounted, bad, len(views), bow_share, cells, len(kept), declared or Declared())
     return CameraCalibration(

@@ -31,6 +31,7 @@ UNSURE_FOCAL = 0.005
 UNSURE_ROTATION_DEG = 0.2  # as much as 3 px of disparity at a focal length of 900 px
 CONTRADICTED_SIGMAS = 4.0
 UNSURE_CENTRE = 0.005  # of the image's width
+RESTS_ON_LENSES = ("rests_on_lenses", "lenses_kept")  # whose error is in no deviation
 UNDETERMINED = ("unsure_rotation", "unsure_principal_point", "unsure_focal", "unsure_baseline")
 
 
@@ -57,13 +58,13 @@ class Declared:
         baseline_m: distance of the cameras.
         field_deg: horizontal field of view, of one camera.
         cameras: left and right camera with known intrinsics, which are kept as they are.
-        sigmas: of fx fy cx cy and the distortion of both cameras; then they are a prior, and fitted as well.
+        covariances: of fx fy cx cy and the distortion of each camera; then they are a prior, and fitted as well.
     """
 
     baseline_m: float | None = None
     field_deg: float | None = None
     cameras: tuple[CameraModel, CameraModel] | None = None
-    sigmas: tuple[FloatArray, FloatArray] | None = None
+    covariances: tuple[FloatArray, FloatArray] | None = None
 
 
 def require_rigid(together_px: float, alone_px: float, row_error_px: float | None) -> None:
@@ -197,12 +198,12 @@ def check_known(rig: StereoRig, declared: Declared) -> list[CalibrationWarning]:
         rig: with fitted lenses.
         declared: the known lenses; their deviations, or the fitted ones where the lenses were kept.
     """
-    if declared.cameras is None or declared.sigmas is None:
+    if declared.cameras is None or declared.covariances is None:
         return []
     warnings = []
-    sides = zip(("left", "right"), (rig.left, rig.right), declared.cameras, declared.sigmas, strict=True)
-    for name, found, known, sigma in sides:
-        off = np.abs(intrinsics_vector(found) - intrinsics_vector(known)) / sigma
+    sides = zip(("left", "right"), (rig.left, rig.right), declared.cameras, declared.covariances, strict=True)
+    for name, found, known, covariance in sides:
+        off = np.abs(intrinsics_vector(found) - intrinsics_vector(known)) / np.sqrt(np.diag(covariance))
         worst = int(np.argmax(off))
         if off[worst] > CONTRADICTED_SIGMAS:
             number = ("fx", "fy", "cx", "cy")[worst] if worst < 4 else f"distortion coefficient {worst - 3}"
@@ -215,14 +216,18 @@ def check_known(rig: StereoRig, declared: Declared) -> list[CalibrationWarning]:
 
 
 def check_rests_on_lenses(freed: StereoRig) -> list[CalibrationWarning]:
-    """Warning that a rotation is determined by lenses that were kept.
+    """Warning that the result is only as good as lenses that were kept.
 
     Args:
         freed: rig of the same views, its lenses fitted.
     """
     sigma_deg = _rotation_sigma_deg(freed)
     if sigma_deg <= UNSURE_ROTATION_DEG:
-        return []
+        message = (
+            "the stated deviations hold if the lenses of --intrinsics are exact, which nothing here shows; give "
+            "--intrinsics-sigma to include their error"
+        )
+        return [CalibrationWarning("lenses_kept", message)]
     message = (
         f"the views alone give the rotation between the cameras to {sigma_deg:.1f} deg only: the stated deviations "
         "hold if the lenses of --intrinsics are exact; give --intrinsics-sigma to include their error"

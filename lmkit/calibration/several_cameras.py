@@ -16,7 +16,7 @@ import numpy as np
 from lmkit.arrays import FloatArray
 from lmkit.calibration.bundle_adjustment import POSE, WARP, CameraCorners, FitOptions, StereoProblem
 from lmkit.calibration.initialization import board_poses, find_consensus, start_solution
-from lmkit.calibration.intrinsics import intrinsics_vector
+from lmkit.calibration.intrinsics import intrinsics_vector, sigma_and_correlation
 from lmkit.calibration.joint_cameras import RigProblem, RigSolution
 from lmkit.calibration.mono import CameraCalibration
 from lmkit.errors import InputError
@@ -142,7 +142,7 @@ def _adjusted(
 
 def _mounted(names: Sequence[str], s: RigSolution) -> tuple[MountedCamera, ...]:
     assert s.covariance is not None
-    sigmas, at = np.sqrt(np.diag(s.covariance)), 0
+    at = 0
     first = sum(len(intrinsics_vector(model)) for model in s.models) - POSE
     mounted = []
     for k, (name, model) in enumerate(zip(names, s.models, strict=True)):
@@ -150,7 +150,8 @@ def _mounted(names: Sequence[str], s: RigSolution) -> tuple[MountedCamera, ...]:
         order = first + POSE * k + np.array([3, 4, 5, 0, 1, 2])  # shift, then rotation
         T = Pose("camera", "left", orthonormal(s.R[k]) if k else np.eye(3), s.t[k])
         covariance = s.covariance[np.ix_(order, order)] if k else None
-        mounted.append(MountedCamera(name, model, T, covariance, sigmas[at : at + count]))
+        known = sigma_and_correlation(s.covariance[at : at + count, at : at + count])
+        mounted.append(MountedCamera(name, model, T, covariance, *known))
         at += count
     return tuple(mounted)
 

@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
+from scipy.linalg import block_diag
 
 from lmkit.arrays import FloatArray
 from lmkit.calibration.bundle_adjustment import POSE, FitOptions, Solution, StereoProblem
@@ -19,7 +20,7 @@ from lmkit.calibration.initialization import (
     start_camera,
     start_solution,
 )
-from lmkit.calibration.intrinsics import KnownIntrinsics, intrinsics_vector
+from lmkit.calibration.intrinsics import KnownIntrinsics, intrinsics_vector, sigma_and_correlation
 from lmkit.calibration.mono import calibrate_camera
 from lmkit.calibration.outlier_pairs import Disagreement, explain_disagreements
 from lmkit.calibration.sanity_checks import (
@@ -155,7 +156,7 @@ def calibrate_stereo(
         fits = _fits(views, object_points, sizes, _model_pairs(views, board, sizes, model), rejected, on_step)
     else:
         _require_sizes(known, sizes)
-        options = _known_lenses(known, declared.sigmas if declared is not None else None)
+        options = _known_lenses(known, declared.covariances if declared is not None else None)
         fits = {
             _name(known[0].model, known[1].model): _fit(
                 views, object_points, known, rejected, np.inf, options, on_step
@@ -187,7 +188,7 @@ def calibrate_stereo(
         half,
         declared or Declared(),
     )
-    if declared is not None and known is not None and declared.sigmas is None:
+    if declared is not None and known is not None and declared.covariances is None:
         warnings = [*_check_kept(declared, StereoProblem(object_points, kept), s), *warnings]
     left, right = (np.concatenate([pair[side] for pair in residuals]) for side in (0, 1))
     return StereoCalibration(
@@ -209,19 +210,21 @@ def calibrate_stereo(
 
 
 def _known_lenses(
-    cameras: tuple[CameraModel, CameraModel], sigmas: tuple[FloatArray, FloatArray] | None
+    cameras: tuple[CameraModel, CameraModel], covariances: tuple[FloatArray, FloatArray] | None
 ) -> FitOptions:
-    """Cameras kept as they are, or as a prior with standard deviations."""
-    if sigmas is None:
+    """Cameras kept as they are, or as a prior with covariances."""
+    if covariances is None:
         return CAMERAS_KEPT
     mean = np.concatenate([intrinsics_vector(camera) for camera in cameras])
-    return FitOptions(known=KnownIntrinsics(mean, np.concatenate(sigmas)))
+    return FitOptions(known=KnownIntrinsics(mean, block_diag(*covariances)))
 
 
 def _check_kept(declared: Declared, problem: StereoProblem, s: Solution) -> list[CalibrationWarning]:
     """Warnings of lenses that were kept, by a fit of the same images in which they are free."""
     freed, _ = _rig_of(problem.solve(s, FitOptions()))
-    return [*check_known(freed, replace(declared, sigmas=freed.intrinsics_sigma)), *check_rests_on_lenses(freed)]
+    assert freed.intrinsics_sigma is not None
+    left, right = (np.diag(sigma**2) for sigma in freed.intrinsics_sigma)
+    return [*check_known(freed, replace(declared, covariances=(left, right))), *check_rests_on_lenses(freed)]
 
 
 def _require_sizes(cameras: tuple[CameraModel, CameraModel], sizes: tuple[Size, Size]) -> None:
@@ -377,13 +380,14 @@ def _rig_of(s: Solution) -> tuple[StereoRig, float]:
     # Ours is rotation, shift; a rig's is shift, rotation.
     order = [3, 4, 5, 0, 1, 2]
     relation = relation[np.ix_(order, order)]
-    sigmas = np.sqrt(np.diag(s.covariance))
+    left, right = (sigma_and_correlation(s.covariance[k, k]) for k in (slice(nl), slice(nl, nl + nr)))
     rig = StereoRig(
         s.left,
         s.right,
         Pose("right", "left", s.R, s.t),
         covariance=relation,
-        intrinsics_sigma=(sigmas[:nl], sigmas[nl : nl + nr]),
+        intrinsics_sigma=(left[0], right[0]),
+        intrinsics_correlation=(left[1], right[1]),
     )
     direction = s.t / np.linalg.norm(s.t)
     return rig, float(np.sqrt(direction @ relation[:3, :3] @ direction))

@@ -6,6 +6,8 @@ import re
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+import numpy as np
+
 from lmkit.cli.parsing import parse_meters
 from lmkit.errors import InputError
 
@@ -35,12 +37,16 @@ def parse_declared(
     if not intrinsics:
         return Declared(baseline_m, fov)
     left, right = read_two_cameras(intrinsics)
-    sigmas = None if sigma is None else (_sigma(left, sigma), _sigma(right, sigma))
-    return Declared(baseline_m, fov, (left.model, right.model), sigmas)
+    if sigma is None:
+        return Declared(baseline_m, fov, (left.model, right.model))
+    # One file's cameras were fitted together, and it does not hold their correlations with each other.
+    together = 2 if len(intrinsics) == 1 else 1
+    covariances = _covariance(left, sigma, together), _covariance(right, sigma, together)
+    return Declared(baseline_m, fov, (left.model, right.model), covariances)
 
 
-def _sigma(camera: MountedCamera, text: str) -> FloatArray:
-    from lmkit.calibration.intrinsics import LEAST_PX, sigma_of_pixels, stated_sigma
+def _covariance(camera: MountedCamera, text: str, together: int) -> FloatArray:
+    from lmkit.calibration.intrinsics import LEAST_PX, sigma_of_pixels, stated_covariance
 
     if text == STATED:
         if camera.intrinsics_sigma is None:
@@ -49,10 +55,10 @@ def _sigma(camera: MountedCamera, text: str) -> FloatArray:
                 f"--intrinsics-sigma stated: the file of the {camera.name} camera states none",
                 "give pixels, such as --intrinsics-sigma 2px",
             )
-        return stated_sigma(camera.intrinsics_sigma)
+        return stated_covariance(camera.intrinsics_sigma, camera.intrinsics_correlation, together)
     match = re.fullmatch(r"([0-9]+(?:\.[0-9]*)?|\.[0-9]+) ?px", text)
     if match is None or not LEAST_PX <= float(match[1]) <= MOST_PX:
         raise InputError(
             "bad_sigma", f"--intrinsics-sigma {text} is not a deviation", "write 'stated', or such as 2px"
         )
-    return sigma_of_pixels(camera.model, float(match[1]))
+    return np.diag(sigma_of_pixels(camera.model, float(match[1])) ** 2)

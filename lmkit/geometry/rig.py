@@ -26,6 +26,7 @@ class MountedCamera:
         T_camera_left: from the rig's first camera into this one: ``x_camera = R @ x_left + t``.
         covariance: (6,6) of T_camera_left, if known: t (m), then a rotation vector applied on the left (rad).
         intrinsics_sigma: standard deviations of fx fy cx cy and the distortion, if known.
+        intrinsics_correlation: (4+D,4+D) correlations of the same numbers, if known.
 
     Raises:
         ValueError: T_camera_left joins other frames.
@@ -36,6 +37,7 @@ class MountedCamera:
     T_camera_left: Pose
     covariance: FloatArray | None = None
     intrinsics_sigma: FloatArray | None = None
+    intrinsics_correlation: FloatArray | None = None
 
     def __post_init__(self) -> None:
         if (self.T_camera_left.to_frame, self.T_camera_left.from_frame) != ("camera", "left"):
@@ -90,10 +92,11 @@ def mounted_cameras(rig: AnyRig) -> tuple[MountedCamera, ...]:
     if isinstance(rig, Rig):
         return rig.cameras
     right = rig.T_right_left
-    sigma = rig.intrinsics_sigma or (None, None)
+    sigma, correlation = rig.intrinsics_sigma or (None, None), rig.intrinsics_correlation or (None, None)
+    T = Pose("camera", "left", right.R, right.t)
     return (
-        MountedCamera("left", rig.left, Pose.identity("camera", "left"), None, sigma[0]),
-        MountedCamera("right", rig.right, Pose("camera", "left", right.R, right.t), rig.covariance, sigma[1]),
+        MountedCamera("left", rig.left, Pose.identity("camera", "left"), None, sigma[0], correlation[0]),
+        MountedCamera("right", rig.right, T, rig.covariance, sigma[1], correlation[1]),
     )
 
 
@@ -115,6 +118,7 @@ def as_stereo(rig: AnyRig, what: str) -> StereoRig:
         )
     left, right = rig.cameras
     sigmas = left.intrinsics_sigma, right.intrinsics_sigma
+    correlations = left.intrinsics_correlation, right.intrinsics_correlation
     return StereoRig(
         left.model,
         right.model,
@@ -122,6 +126,7 @@ def as_stereo(rig: AnyRig, what: str) -> StereoRig:
         rig.T_base_left,
         right.covariance,
         None if sigmas[0] is None or sigmas[1] is None else (sigmas[0], sigmas[1]),
+        None if correlations[0] is None or correlations[1] is None else (correlations[0], correlations[1]),
     )
 
 

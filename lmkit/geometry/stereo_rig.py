@@ -29,6 +29,7 @@ class StereoRig:
             left (rad).
         intrinsics_sigma: standard deviations of fx fy cx cy and the distortion of the left and of the right
             camera, if known.
+        intrinsics_correlation: (4+D,4+D) correlations of the same numbers, if known.
     """
 
     left: CameraModel
@@ -37,6 +38,7 @@ class StereoRig:
     T_base_left: Pose | None = None
     covariance: FloatArray | None = None
     intrinsics_sigma: tuple[FloatArray, FloatArray] | None = None
+    intrinsics_correlation: tuple[FloatArray, FloatArray] | None = None
 
     def __post_init__(self) -> None:
         if (self.T_right_left.to_frame, self.T_right_left.from_frame) != ("right", "left"):

@@ -8,6 +8,7 @@ from typing import Annotated, Any
 import numpy as np
 from pydantic import AfterValidator, Field
 
+from lmkit.arrays import FloatArray
 from lmkit.errors import InputError
 from lmkit.geometry.camera import CameraModel
 from lmkit.geometry.lens_models import LENS_MODELS
@@ -25,6 +26,20 @@ def _known_lens(name: str) -> str:
 
 
 LensName = Annotated[str, AfterValidator(_known_lens)]
+
+
+def _correlation(rows: list[list[float]]) -> list[list[float]]:
+    if any(len(row) != len(rows) for row in rows):
+        raise ValueError("a correlation matrix is square")
+    values = np.array(rows)
+    if not np.allclose(values, values.T, atol=1e-6) or not np.allclose(np.diag(values), 1, atol=1e-6):
+        raise ValueError("a correlation matrix is symmetric, with 1 on its diagonal")
+    if np.linalg.eigvalsh(values)[0] < -1e-6:
+        raise ValueError("no numbers have these correlations: the matrix has a negative eigenvalue")
+    return rows
+
+
+Correlation = Annotated[list[list[float]], Field(min_length=1), AfterValidator(_correlation)]
 Row = Annotated[list[float], Field(min_length=3, max_length=3)]
 Matrix3 = Annotated[list[Row], Field(min_length=3, max_length=3)]
 Row6 = Annotated[list[float], Field(min_length=6, max_length=6)]
@@ -47,6 +62,8 @@ class _Uncertainty(Document):
     T_right_left: Matrix6
     left_sigma: list[float] | None = None
     right_sigma: list[float] | None = None
+    left_correlation: Correlation | None = None
+    right_correlation: Correlation | None = None
 
 
 class _MountedCamera(_Camera):
@@ -55,6 +72,7 @@ class _MountedCamera(_Camera):
     T_base_camera: _Transform | None = None
     covariance: Matrix6 | None = None
     sigma: list[float] | None = None
+    correlation: Correlation | None = None
 
 
 class _RigFile(Document):
@@ -80,11 +98,17 @@ def read_rig(path: Path) -> AnyRig:
     if _lists_cameras(path):
         return _read_cameras(path)
     data = read_document(path, _RigFile, "rig file")
-    covariance = sigma = None
+    covariance = sigma = correlation = None
     if data.uncertainty is not None:
         covariance = np.array(data.uncertainty.T_right_left)
         if data.uncertainty.left_sigma is not None and data.uncertainty.right_sigma is not None:
             sigma = (np.array(data.uncertainty.left_sigma), np.array(data.uncertainty.right_sigma))
+            both = data.uncertainty.left_correlation, data.uncertainty.right_correlation
+            if both[0] is not None and both[1] is not None:
+                correlation = (
+                    _correlations(path, "uncertainty.left_correlation", both[0], len(sigma[0])),
+                    _correlations(path, "uncertainty.right_correlation", both[1], len(sigma[1])),
+                )
     base = data.T_base_left
     return StereoRig(
         left=_camera(path, "left", data.left),
@@ -93,6 +117,7 @@ def read_rig(path: Path) -> AnyRig:
         T_base_left=None if base is None else _pose(path, "T_base_left", "base", "left", base),
         covariance=covariance,
         intrinsics_sigma=sigma,
+        intrinsics_correlation=correlation,
     )
 
 
@@ -113,6 +138,11 @@ def rig_to_yaml(rig: AnyRig) -> str:
         if rig.intrinsics_sigma is not None:
             for key, sigma in zip(("left_sigma", "right_sigma"), rig.intrinsics_sigma, strict=True):
                 data["uncertainty"][key] = sigma.tolist()
+        if rig.intrinsics_correlation is not None:
+            for key, values in zip(
+                ("left_correlation", "right_correlation"), rig.intrinsics_correlation, strict=True
+            ):
+                data["uncertainty"][key] = values.tolist()
     return dump_yaml(data)
 
 
@@ -135,7 +165,10 @@ def _read_cameras(path: Path) -> Rig:
         T = Pose.identity("camera", "left") if k == 0 else _from_first(path, k, camera, T_base_left)
         covariance = None if camera.covariance is None else np.array(camera.covariance)
         sigma = None if camera.sigma is None else np.array(camera.sigma)
-        cameras.append(MountedCamera(camera.name, model, T, covariance, sigma))
+        correlation = None
+        if sigma is not None and camera.correlation is not None:
+            correlation = _correlations(path, f"cameras[{k}].correlation", camera.correlation, len(sigma))
+        cameras.append(MountedCamera(camera.name, model, T, covariance, sigma, correlation))
     try:
         return Rig(tuple(cameras), T_base_left)
     except ValueError as error:
@@ -172,8 +205,16 @@ def _cameras_to_yaml(rig: Rig) -> str:
             entry["covariance"] = camera.covariance.tolist()
         if camera.intrinsics_sigma is not None:
             entry["sigma"] = camera.intrinsics_sigma.tolist()
+        if camera.intrinsics_correlation is not None:
+            entry["correlation"] = camera.intrinsics_correlation.tolist()
         cameras.append(entry)
     return dump_yaml({"format": "lmkit-rig/1", "cameras": cameras})
+
+
+def _correlations(path: Path, key: str, rows: list[list[float]], count: int) -> FloatArray:
+    if len(rows) != count:
+        raise InputError("bad_value", f"{path}: {key}: {len(rows)} rows for {count} standard deviations", "remove it")
+    return np.array(rows)
 
 
 def _pose_dict(pose: Pose) -> dict[str, Any]:

@@ -392,5 +392,6 @@ def _mounted(rig: AnyRig, cameras: Sequence[CameraOnBase]) -> AnyRig:
         if T is not None:
             inverse = T.inverse()
             T_camera_left = Pose("camera", "left", inverse.R, inverse.t)
-        mounted.append(MountedCamera(camera.name, camera.model, T_camera_left, None, camera.intrinsics_sigma))
+        known = camera.intrinsics_sigma, camera.intrinsics_correlation
+        mounted.append(MountedCamera(camera.name, camera.model, T_camera_left, None, *known))
     return Rig(tuple(mounted), first)

@@ -11,7 +11,7 @@ import numpy as np
 
 from lmkit.arrays import ByteArray, FloatArray
 from lmkit.calibration.intrinsics import intrinsics_vector
-from lmkit.calibration.sanity_checks import UNDETERMINED
+from lmkit.calibration.sanity_checks import RESTS_ON_LENSES, UNDETERMINED
 from lmkit.calibration.stereo import StereoCalibration
 from lmkit.calibration.uncertainty import MATCHING_PX, NEAR_M, projection_uncertainty
 from lmkit.calibration.view_coverage import TILTED_DEG
@@ -72,19 +72,22 @@ def calibration_summary(result: StereoCalibration) -> tuple[str, str, str]:
     if loose:
         # A small error of the fit says nothing of what these views leave open.
         return "poor", "Not determined by these views.", f"{size}, but {loose[0]}."
+    contradicted = [w.message for w in result.warnings if w.code == "intrinsics_contradicted"]
+    if contradicted:
+        return "poor", "The images contradict the known lenses.", f"{size}, but {contradicted[0]}."
+    if error > FAIR_EPIPOLAR_PX:
+        reason = f"{size}. Depths are unreliable. See the warnings and the pairs with large errors."
+        return "poor", "Poor.", reason
+    kept = [warning.message for warning in result.warnings if warning.code in RESTS_ON_LENSES]
+    if kept:
+        return "fair", "Only as good as the lenses given.", f"{size}, but {kept[0]}."
     doubts = len(result.warnings)
     if error <= GOOD_EPIPOLAR_PX and not doubts:
         return "good", "Good.", f"{size}. No warnings."
     if error <= GOOD_EPIPOLAR_PX:
         count = "1 warning" if doubts == 1 else f"{doubts} warnings"
         return "fair", f"Good fit, {count}.", f"{size}. Fix the causes of the warnings and calibrate again."
-    if error <= FAIR_EPIPOLAR_PX:
-        return (
-            "fair",
-            "Usable.",
-            f"{size}. Sharp images of a flat board reach less than {GOOD_EPIPOLAR_PX} px.",
-        )
-    return "poor", "Poor.", f"{size}. Depths are unreliable. See the warnings and the pairs with large errors."
+    return "fair", "Usable.", f"{size}. Sharp images of a flat board reach less than {GOOD_EPIPOLAR_PX} px."
 
 
 def _figures(result: StereoCalibration) -> str:

@@ -29,7 +29,8 @@ PARALLEL = np.tan(np.deg2rad(1.0))
 WHITE = (0.55, 1.6)  # of the white beside the border, under an uneven light
 WHITE_SHARE = 0.8  # of a side's inner rim; rulers and texts stand there as well
 RIM_PX = (2.0, 2.75, 3.5)  # on both sides of an edge
-LEAST_STEP, OTHER_SHARE = 0.08, 0.6  # of white, from paper to what is behind; along this share of a side
+LEAST_STEP = 0.08  # of white, from paper to what is behind
+OTHER_SHARE = 0.75  # of a side, along which it is found; a ruler takes up to 0.7
 
 
 @dataclass(frozen=True)

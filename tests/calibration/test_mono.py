@@ -6,7 +6,12 @@ import numpy as np
 import pytest
 from board_views import BOARD, views
 
-from lmkit.calibration.intrinsics import intrinsics_vector
+from lmkit.calibration.intrinsics import (
+    KnownIntrinsics,
+    intrinsics_vector,
+    sigma_and_correlation,
+    stated_covariance,
+)
 from lmkit.calibration.mono import calibrate_camera
 from lmkit.errors import InputError
 from lmkit.model.observation import BoardObservation
@@ -44,3 +49,16 @@ def test_a_bad_image_is_named_and_left_out():
 def test_two_images_are_too_few():
     with pytest.raises(InputError, match="only 2 usable images"):
         calibrate_camera(seen(2, 0.1), BOARD, CAMERA.image_size)
+
+
+def test_a_file_without_correlations_claims_no_more_than_one_with_them():
+    """For any correlations, the widened diagonal is at least the covariance."""
+    rng = np.random.default_rng(5)
+    for _ in range(20):
+        root = rng.normal(size=(9, 9)) * 10.0 ** rng.uniform(-2, 2, (9, 1))
+        covariance = root @ root.T
+        sigma, correlation = sigma_and_correlation(covariance)
+        assert np.allclose(stated_covariance(sigma, correlation), covariance)
+        assert np.linalg.eigvalsh(stated_covariance(sigma, None) - covariance)[0] > -1e-9 * covariance.max()
+        W = KnownIntrinsics(sigma, covariance).root
+        assert np.allclose(W @ covariance @ W.T, np.eye(9), atol=1e-5)

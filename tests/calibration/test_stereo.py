@@ -148,7 +148,7 @@ def test_the_derivatives_are_those_of_finite_differences():
         np.array([p.t for p in pose]),
     )
     blocks = problem._normal_equations(
-        s, 1e9, _Prior(np.zeros(26), np.zeros(26))
+        s, 1e9, _Prior(np.zeros(26), np.zeros((26, 26)))
     )  # so wide a loss is plain least squares
     gradient = np.concatenate([blocks.shared_gradient.sum(axis=0), blocks.pose_gradient.ravel()])
     for k in range(len(gradient)):
@@ -196,7 +196,7 @@ def test_lenses_known_within_stated_deviations_are_fitted_too():
 
     def fitted(sigma_px, mean=mean):
         sigma = np.concatenate([sigma_of_pixels(camera, sigma_px) for camera in (rig.left, rig.right)])
-        return problem.solve(start, FitOptions(known=KnownIntrinsics(mean, sigma), warp=False))
+        return problem.solve(start, FitOptions(known=KnownIntrinsics(mean, np.diag(sigma**2)), warp=False))
 
     fixed, free = (problem.solve(start, FitOptions(intrinsics=i, warp=False)) for i in (False, True))
     narrow, wide, moved = fitted(1e-4), fitted(1e3), fitted(2.0, off)
@@ -213,14 +213,14 @@ def test_lenses_that_the_images_contradict_are_named():
     rig = make_rig()
     values = intrinsics_vector(rig.left)
     other = with_intrinsics(rig.left, values + 25.0 * (np.arange(len(values)) == 2))
-    sigmas = sigma_of_pixels(rig.left, 2.0), sigma_of_pixels(rig.right, 2.0)
+    covariances = np.diag(sigma_of_pixels(rig.left, 2.0) ** 2), np.diag(sigma_of_pixels(rig.right, 2.0) ** 2)
 
-    def warned(left, sigmas):
-        declared = Declared(cameras=(left, rig.right), sigmas=sigmas)
+    def warned(left, covariances):
+        declared = Declared(cameras=(left, rig.right), covariances=covariances)
         found = calibrate_stereo(views(6, 0.05), BOARD, rig.left.image_size, declared=declared)
         return [w.message for w in found.warnings if w.code == "intrinsics_contradicted"]
 
-    for how in (sigmas, None):
+    for how in (covariances, None):
         assert "the left camera" in warned(other, how)[0]
     assert warned(rig.left, None) == []
 

@@ -20,6 +20,7 @@ from lmkit.io.ros_camera_info import rig_to_camera_info
 from lmkit.simulation.scene import make_rig
 
 CAMERA = make_rig().left
+CORRELATION = 0.5 * np.eye(9) + 0.5
 
 
 def rig_of(count: int, base: Pose | None = None) -> Rig:
@@ -28,7 +29,7 @@ def rig_of(count: int, base: Pose | None = None) -> Rig:
     poses += [Pose.from_rvec("camera", "left", rng.normal(size=3), rng.normal(size=3)) for _ in range(count - 1)]
     names = ["front", "left side", "right side", "rear", "up"]
     cameras = [
-        MountedCamera(name, CAMERA, T, None if k == 0 else 1e-6 * np.eye(6), np.arange(9.0))
+        MountedCamera(name, CAMERA, T, None if k == 0 else 1e-6 * np.eye(6), np.arange(9.0), CORRELATION)
         for k, (name, T) in enumerate(zip(names, poses, strict=False))
     ]
     return Rig(tuple(cameras), base)
@@ -57,6 +58,7 @@ def test_a_rig_comes_back(count, base, tmp_path):
     assert [c.name for c in back.cameras] == [c.name for c in rig.cameras]
     assert (back.T_base_left is None) == (base is None)
     assert np.array_equal(back.cameras[-1].intrinsics_sigma, np.arange(9.0))
+    assert np.array_equal(back.cameras[-1].intrinsics_correlation, CORRELATION)
 
 
 def changed(rig, change):
@@ -84,6 +86,8 @@ def test_cameras_may_be_placed_on_the_base(tmp_path):
     ("change", "words"),
     [
         (lambda camera: camera.update(name="front"), "same name"),
+        (lambda camera: camera.update(correlation=[[1.0, 0.5], [0.5, 1.0]]), "2 rows for 9"),
+        (lambda camera: camera.update(correlation=[[1.0, 2.0], [2.0, 1.0]]), "negative eigenvalue"),
         (lambda camera: camera.update(T_second_camera=HERE), "T_second_camera"),
         (lambda camera: camera.update(T_base_camera=camera.pop("T_first_camera")), "cameras[0].T_base_camera"),
         (lambda camera: camera.update(T_base_camera=HERE), "exactly one"),
