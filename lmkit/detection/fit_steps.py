@@ -6,6 +6,7 @@ Compiled, each step is one call (:mod:`lmkit.kernels.landmark_fit`); the definit
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from functools import lru_cache
 
 from lmkit.detection import decoding
 from lmkit.detection.hypotheses import RIDGE
@@ -107,6 +108,7 @@ def compiled_fit(image: LinearImage, family: LandmarkFamily, pixels: int) -> Lan
     return known
 
 
+@lru_cache(maxsize=16)
 def _rules(family: LandmarkFamily, pixels: int) -> FitRules:
     promising = Promising(
         decoding.CORRELATED_PIXELS,

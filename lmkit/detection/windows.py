@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 
 from lmkit.arrays import ByteArray, FloatArray, IntArray
@@ -15,9 +17,11 @@ LEAST_WINDOW_PX = 24
 def window_around(quad: FloatArray, image: ByteArray) -> tuple[IntArray, IntArray]:
     """First pixel (x, y) and the one beyond the last of the window around a (4,2) square, within the image."""
     room = max(WINDOW_ROOM * mean_side(quad), LEAST_ROOM_PX)
-    low = np.maximum(np.floor(quad.min(axis=0) - room), 0).astype(int)
-    high = np.minimum(np.ceil(quad.max(axis=0) + room), [image.shape[1], image.shape[0]]).astype(int)
-    return low, high
+    low, high = [], []
+    for along, size in zip(quad.T.tolist(), (image.shape[1], image.shape[0]), strict=True):
+        low.append(int(min(max(math.floor(min(along) - room), 0), size)))
+        high.append(int(max(min(math.ceil(max(along) + room), size), 0)))
+    return np.array(low), np.array(high)
 
 
 def clockwise(quad: FloatArray) -> FloatArray:
