@@ -170,7 +170,7 @@ def _elsewhere(candidates: FloatArray, read: Sequence[FloatArray]) -> FloatArray
     known = [(corners.mean(axis=0).tolist(), 0.5 * mean_side(corners)) for corners in read]
     middles = candidates.mean(axis=1).tolist()
     outside = [all(math.dist(middle, at) > reach for at, reach in known) for middle in middles]
-    return candidates[np.array(outside)]
+    return np.asarray(candidates[np.array(outside)])
 
 
 def _check_image(image: ByteArray, options: DetectOptions) -> None:
