@@ -111,10 +111,9 @@ export async function show(stage) {
   stage.append(...heading("Live", "The pose while it happens, and the last minute to look back at."), h("section", { class: "card stack" }, h("h2", null, "Runs"), h("div", { class: "row" }, buttons),
     project.can_run ? h("label", { class: "check" }, record, "Record the next run to runs/, to replay it later") : null, runs), box);
   const watch = setInterval(() => { if (performance.now() - newest > STALE_MS) draw(); }, 1000);
-  slowly = 0; // what was drawn before the page was shown had no colors
-  draw();
   const ongoing = (await api("jobs")).jobs.find((j) => j.verb === "run" && (j.state === "running" || j.state === "waiting"));
   if (ongoing) runs.append(jobView(ongoing));
+  requestAnimationFrame(() => { slowly = 0; draw(); }); // before it was shown, the chart had no colors
   return () => { socket.onclose = null; socket.close(); clearInterval(watch); views.close(); };
 }
 
