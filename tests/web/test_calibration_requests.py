@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import asyncio
+import itertools
+
 import cv2
 import numpy as np
 import pytest
@@ -16,6 +19,7 @@ from lmkit.pipelines.capture_board import Found, Judgment, Looked
 from lmkit.simulation.scene import board_poses, make_rig
 from lmkit.web import guided
 from lmkit.web.guided import ENOUGH_PAIRS, _learned, guide
+from lmkit.web.jobs import Jobs
 from lmkit.web.project import open_project
 from lmkit.web.verbs import VERBS, JobBody
 
@@ -64,11 +68,12 @@ def test_cameras_films_and_folders_can_be_sources(tmp_path, film):
 def test_the_film_is_read_until_its_end_or_until_it_is_asked_to_end(tmp_path, film):
     (tmp_path / "one.avi").write_bytes(film)
     task = {"cameras": [str(tmp_path / "one.avi")], "board": BOARD, "folder": str(tmp_path / "p"), "at_m": 2.0}
-    for asked, frames in ((False, 3), (True, 1)):
+    for most in (9, 2):
+        looks = itertools.count(1)
         states = []
         with pytest.raises(InputError, match="0 pairs"):
-            guide(task | {"until_m": 0.005}, states.append, lambda asked=asked: asked)
-        assert states[-1]["total"] == 3 and states[0]["done"] == 1 and states[-1]["done"] <= frames
+            guide(task | {"until_m": 0.005}, states.append, lambda looks=looks, most=most: next(looks) >= most)
+        assert states[0]["total"] == 3 and states[0]["done"] == 1 and next(looks) - 1 == min(most, 3)
 
 
 def test_the_guidance_ends_by_what_the_calibration_adds_and_not_before_ten_pairs(monkeypatch):
@@ -123,5 +128,25 @@ def test_a_film_that_is_too_large_leaves_nothing(client, folder, film, monkeypat
     assert sorted((folder / "films").glob("*")) + sorted((folder / "films").glob(".*")) == before
 
 
-def test_only_a_running_guidance_ends_early(client):
+def test_only_a_running_guidance_ends_early(client, tmp_path):
     assert client.post("/api/jobs/99/finish").status_code == 404
+    words = "import sys; sys.exit(0 if sys.stdin.readline() == 'finish\\n' else 3)"
+
+    async def try_it():
+        jobs = Jobs(tmp_path)
+        other = jobs.start("survey", "other", [["-c", "pass"]], "other")
+        other.state = "running"
+        with pytest.raises(InputError, match="cannot end early"):
+            jobs.finish(other)
+        await other.task
+        one = jobs.start("guide", "one", [["-c", words]], "one", can_finish=True)
+        while one.state == "waiting":
+            await asyncio.sleep(0.01)
+        assert one.as_dict()["can_finish"]
+        jobs.finish(one)
+        await one.task
+        assert one.state == "done" and not one.as_dict()["can_finish"]
+        with pytest.raises(InputError):
+            jobs.finish(one)
+
+    asyncio.run(try_it())
