@@ -229,11 +229,14 @@ def _read(
 ) -> TagCandidate | None:
     quad = image.straightened(_coarse_corners(image, quad, family, gray))
     side = mean_side(quad)
+    is_large = side > COARSE_SIDE_PX
     fit_distortion = options.through_lens and options.camera is None and side > DISTORTION_SIDE_PX
     fit = TagFit(image, family, quad, max(0.8, 0.012 * min(side, COARSE_SIDE_PX)) ** 2, gray)
     if not fit.sample(COARSE_PIXELS, near_edges=False) or not fit.decode(FOUND):
         return None
     fit.draw_cells()
+    if is_large and not fit.sample(COARSE_PIXELS, near_edges=True):
+        return None
     fit.register(SOFT)
     for _ in range(READ_ROUNDS):
         before = fit.decoding
@@ -243,28 +246,35 @@ def _read(
             break
         if fit.decoding.cell_error > 0.3:
             fit.draw_cells()
+        if is_large and not fit.sample(COARSE_PIXELS, near_edges=True):
+            return None
         fit.register(COARSE)
     if not fit.sample(options.config.pixels, near_edges=True):
         return None
     fit.register(FINE._replace(fit_distortion=fit_distortion))
+    # Pixels near the border tell where a large marker is; those all over it tell what it says.
+    if is_large and not fit.sample(COARSE_PIXELS, near_edges=False):
+        return None
     if not fit.decode(MOVED):
         return None
     return _candidate(fit, fit.decoding, TagRule.of(family), fit_distortion)
 
 
 def _coarse_corners(image: LinearImage, quad: FloatArray, family: SquareMarkerFamily, gray: bool) -> FloatArray:
-    """Corners of a large quad, registered in a smaller image first; they are then good to a pixel or so."""
+    """Corners of a large quad, registered in smaller images first, from the smallest on."""
     times = int(np.log2(max(mean_side(quad) / COARSE_SIDE_PX, 1.0)))
-    if times < 1:
-        return quad
-    small = image.halved(times)
-    scale = np.array(image.size) / np.array(small.size)  # a last row alone is shared among the others
-    fit = TagFit(small, family, (quad + 0.5) / scale - 0.5, 2.0, gray)
-    if not fit.sample(COARSE_PIXELS, near_edges=True) or not fit.decode(FOUND):
-        return quad
-    fit.draw_cells()
-    fit.register(FROM_FAR)
-    return np.asarray((fit.corners + 0.5) * scale - 0.5)
+    for halvings in range(times, 0, -1):
+        small = image.halved(halvings)
+        scale = np.array(image.size) / np.array(small.size)  # a last row alone is shared among the others
+        fit = TagFit(small, family, (quad + 0.5) / scale - 0.5, 2.0, gray)
+        if not fit.sample(COARSE_PIXELS, near_edges=False) or not fit.decode(FOUND):
+            return quad
+        fit.draw_cells()
+        if not fit.sample(COARSE_PIXELS, near_edges=True):
+            return quad
+        fit.register(FROM_FAR)
+        quad = np.asarray((fit.corners + 0.5) * scale - 0.5)
+    return quad
 
 
 def _candidate(fit: TagFit, decoding: TagDecoding, rule: TagRule, fit_distortion: bool) -> TagCandidate:

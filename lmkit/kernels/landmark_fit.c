@@ -120,14 +120,23 @@ static int bounding_box(const Fit *f, const double *view, const double *state, i
     return box[2] - box[0] >= 6 && box[3] - box[1] >= 6;
 }
 
+/* The next step at which pixels are taken evenly; EVEN_STEPS in pixel_sampling.py. */
+static int64_t even_step(int64_t step)
+{
+    static const int64_t even[] = {1, 2, 3, 5, 8, 11, 12, 15, 18, 21, 23, 29, 34, 39, 50, 59, 76, 98, 127, 143, 161, 209, 227, 275, 322, 390, 490, 595};
+    for (size_t k = 0; k < sizeof even / sizeof *even; k++)
+        if (even[k] >= step)
+            return even[k];
+    return step;
+}
+
 /* Pixels where the pattern now lies; 0 where too little of it lies in the image. */
 static int take(const Fit *f, const double *view, const double *state, int64_t at_most, double near_share, Pixels *p)
 {
     int64_t box[5];
     if (!bounding_box(f, view, state, box))
         return 0;
-    int64_t step = (box[2] - box[0]) * (box[3] - box[1]) / (f->visited * at_most);
-    box[4] = step > 1 ? step : 1;
+    box[4] = even_step((box[2] - box[0]) * (box[3] - box[1]) / (f->visited * at_most));
     const double rules[6] = {f->reach, f->band / side_of(state), (double)at_most, near_share, f->noise, f->floor};
     const int64_t room = at_most + at_most / 5 + 64, c = room < p->capacity ? room : p->capacity;
     float *planes = p->at;

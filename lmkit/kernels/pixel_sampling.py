@@ -18,6 +18,12 @@ FloatArray = NDArray[np.floating[Any]]
 # 2^32 over the plastic number and its square: multiples of both fill the plane evenly (Roberts 2018).
 ALONG, DOWN = 3242174889, 2447445414
 VISITED = 20  # pixels looked at for each one that is wanted
+# Distances between two pixels of a row that are looked at, for which those taken of them fill a square of 10 x 10
+# cells evenly: with others, such as 13 or 24, they lie in stripes and leave whole cells of a marker out.
+EVEN_STEPS = (
+    1, 2, 3, 5, 8, 11, 12, 15, 18, 21, 23, 29, 34, 39, 50, 59, 76, 98, 127, 143, 161, 209, 227, 275, 322, 390,
+    490, 595,
+)  # fmt: skip
 
 
 class Source(NamedTuple):
@@ -176,7 +182,8 @@ def _evenly(x: NDArray[np.int64], y: NDArray[np.int64], share: float) -> NDArray
 def _step(box: tuple[int, int, int, int], at_most: int) -> int:
     """Pixels of a row between two that are looked at: large landmarks have more than anyone needs."""
     x0, y0, x1, y1 = box
-    return max((x1 - x0) * (y1 - y0) // (VISITED * max(at_most, 1)), 1)
+    step = (x1 - x0) * (y1 - y0) // (VISITED * max(at_most, 1))
+    return next((even for even in EVEN_STEPS if even >= step), step)
 
 
 @lru_cache(maxsize=1)

@@ -9,7 +9,8 @@ import pytest
 import lmkit
 from lmkit.detection.config import DetectOptions
 from lmkit.detection.detector import detect_landmarks
-from lmkit.detection.tag_registration import TagRule, read_tag_at
+from lmkit.detection.linear_image import LinearImage
+from lmkit.detection.tag_registration import TagFit, TagRule, read_tag_at
 from lmkit.errors import InputError
 from lmkit.generation.artwork import landmark_artwork
 from lmkit.generation.page import bare_landmark_page
@@ -189,3 +190,17 @@ def test_families_that_resemble_more_must_be_clearer() -> None:
     assert all(rule.false_rate < 1e-3 for rule in rules.values())
     many, few, most = (rules[name].clearness for name in ("aruco4x4_250", "aruco4x4_50", "tag36h11"))
     assert many.squares < few.squares < most.squares
+
+
+@pytest.mark.parametrize("side", [131, 180, 232, 315, 430, 655, 930])
+def test_pixels_of_a_large_marker_lie_in_every_cell(side: int) -> None:
+    """Rows are looked through in regular steps, some of which would leave out whole cells."""
+    width = 2 * (side // 2) + 260
+    image = LinearImage.of(np.full((width, width, 3), 128, np.uint8))
+    square = np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]])
+    for x, y in ((0.0, 0.0), (13.3, 60.2), (-91.0, 7.7)):
+        corners = width / 2 + np.array([x, y]) + square * side / 2
+        fit = TagFit(image, SQUARE_FAMILIES["tag36h11"], corners, 1.0, gray=True)
+        assert fit.sample(400, near_edges=False)
+        cells = np.floor((fit.samples.at.T + fit.view.origin - corners[0]) / (side / 8)).astype(int)
+        assert len({tuple(cell) for cell in cells if ((cell >= 0) & (cell < 8)).all()}) == 64
