@@ -26,7 +26,7 @@ from lmkit.mapping.observation_arrays import ObservationArrays
 from lmkit.mapping.planar_smoother import between_jacobians
 from lmkit.model.landmark_map import LandmarkMap
 from lmkit.model.recording import RigFrame
-from lmkit.odometry.wheel_odometry import NOMINAL, PRIOR_SIGMA, MotionModel
+from lmkit.odometry.wheel_odometry import NOMINAL, PARAMETERS, PRIOR_SIGMA, MotionModel
 from lmkit.optim.block_chain import ChainEquations
 from lmkit.optim.levenberg_marquardt import Damping, minimize
 from lmkit.optim.robust_loss import CAUCHY_SCALE, cauchy_cost, cauchy_weight
@@ -328,16 +328,32 @@ class _Problem:
             for k in range(len(self.seen))
         ]
 
+    def _noise_shift(self, shared: FloatArray) -> FloatArray:
+        """(S,) by how much noise of the reported way shifts what all frames share, to first order.
+
+        The reported way is also what ``forward_scale`` and ``slowing_s`` multiply, so its noise is in the errors and
+        in their derivatives (errors in variables): it looks like motion that tells the two apart.  All of the
+        weighted errors along the way are taken for such noise, slips included, so this is rather too large.
+        """
+        scale = self.state.parameters[PARAMETERS.index("forward_scale")]
+        slowing = self.state.parameters[PARAMETERS.index("slowing_s")]
+        rate = np.abs(np.diff(self.state.path[:, 2])) / np.diff(self.times)
+        gradient = np.zeros(self.shared)
+        gradient[PARAMETERS.index("forward_scale")] = len(rate) / scale
+        gradient[PARAMETERS.index("slowing_s")] = -np.sum(rate / np.maximum(1 - slowing * rate, 0.1))
+        return -shared @ gradient
+
     def answer(self, rig: AnyRig) -> BaseMounting:
-        """Places with covariances, enlarged where corners fit worse than they state."""
+        """Places with covariances, enlarged where corners fit worse than they state, and by the noise shift."""
         _, _, shared = self.linearize(self.state)[0].covariances()
+        shift = self._noise_shift(shared)
         chi2, used = np.concatenate(self._chi2()), np.concatenate(self.used)
         enlarge = max(1.0, float(np.mean(chi2[used])) / 8 if used.any() else 1.0)
         s = self.state
         cameras = []
         for k, name in enumerate(self.names):
             rows = slice(self.mounts + 6 * k, self.mounts + 6 * k + 6)
-            C = enlarge * (shared[rows, rows] + shared[rows, rows].T) / 2
+            C = enlarge * (shared[rows, rows] + shared[rows, rows].T) / 2 + np.outer(shift[rows], shift[rows])
             T = Pose("base", "left", orthonormal(s.mount_R[k]), s.mount_t[k])
             frames = len(np.unique(self.seen[k].at[self.used[k]]))
             cameras.append(CameraOnBase(name, T, C, frames, _unobserved(C, self.height_m is None)))

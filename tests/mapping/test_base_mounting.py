@@ -78,11 +78,12 @@ def test_a_stereo_pair_is_found_as_one_and_the_height_is_said_to_be_assumed() ->
 
 
 def test_rounds_in_one_direction_leave_the_place_along_y_open() -> None:
-    rig = looking_around(3, 1)
-    found = found_in(drive(3, rig, eights=False))
+    rig = looking_around(4, 1)
+    found = found_in(drive(4, rig, eights=False))
     sigma = np.sqrt(np.diag(found.cameras[0].covariance))
     assert sigma[1] > 0.01 and any("along y" in text for text in found.cameras[0].unobserved)
-    assert abs(errors_of(found, rig)[0, 1]) < 3 * sigma[1]
+    # Noise of the wheels shifts it by more than two of the standard deviations that leave this shift out.
+    assert abs(errors_of(found, rig)[0, 1]) < 1.96 * sigma[1]
 
 
 def test_a_robot_that_stands_still_is_refused() -> None:
