@@ -132,7 +132,7 @@ def _rules(family: LandmarkFamily, pixels: int) -> FitRules:
         priors,
         LIMITS,
         promising,
-        Settled(decoding.SETTLED_CODE_MARGIN, decoding.SETTLED_TURN_MARGIN),
+        Settled(decoding.SETTLED_CODE_MARGIN, decoding.SETTLED_TURN_MARGIN, decoding.SETTLED_CLEAR),
         START,
         CornerErrors(MODEL_ERROR_PX, FEW_EDGES_PX, MOSAIC_PX),
     )

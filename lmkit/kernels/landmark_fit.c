@@ -37,7 +37,7 @@ typedef struct {
     double skew, reach, band, near_share, noise, floor;
     double decoding[6], priors[PRIORS], limits[6];
     double correlated, turn_margin, pattern, red_over_blue, least_contrast, most_contrast;
-    double settled_code, settled_turn;           /* margins once the code stands */
+    double settled_code, settled_turn, settled_clear;           /* margins once the code stands */
     double least_blur, blur_share, blurred_side; /* where a fit begins */
     double model_error, few_edges, mosaic;       /* of the corners, px */
 } Fit;
@@ -182,7 +182,8 @@ static int is_promising(const Fit *f, const double *decoded, int64_t n)
 /* Worth the last steps; a shadow that is not yet sharp costs margins, so that nothing is said of it. */
 static int is_settled(const Fit *f, const double *decoded, int64_t n)
 {
-    return f->white || (margin(f, decoded, decoded[3], n) > f->settled_code && margin(f, decoded, decoded[4], n) > f->settled_turn);
+    double turn = margin(f, decoded, decoded[4], n);
+    return f->white || turn > f->settled_clear || (turn > f->settled_turn && margin(f, decoded, decoded[3], n) > f->settled_code);
 }
 
 static int fit_step(const Fit *f, const double *view, const Steps *steps, int64_t fit_distortion, const double *decoded, const Pixels *p, double *state, double *out)

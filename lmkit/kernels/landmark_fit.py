@@ -39,10 +39,14 @@ class Promising(NamedTuple):
 
 
 class Settled(NamedTuple):
-    """Least margins of a decoding that stands, for the last steps to be worth it; where no shadow is taken out."""
+    """Least margins of a decoding that stands, for the last steps to be worth it; where no shadow is taken out.
+
+    A turn margin over ``clear`` is enough by itself.
+    """
 
     code_margin: float
     turn_margin: float
+    clear: float
 
 
 class Start(NamedTuple):
@@ -134,7 +138,7 @@ class _Fit(ctypes.Structure):
         ("priors", ctypes.c_double * 5),
         ("limits", ctypes.c_double * 6),
         ("promising", ctypes.c_double * 6),
-        ("settled", ctypes.c_double * 2),
+        ("settled", ctypes.c_double * 3),
         ("start", ctypes.c_double * 3),
         ("errors", ctypes.c_double * 3),
     )

@@ -8,7 +8,9 @@ from starlette.routing import Route
 from lmkit.web.answers import MAX_JSON
 from lmkit.web.app import routes
 
-ENDPOINTS = [(method, route.path) for route in routes() if isinstance(route, Route) for method in route.methods]
+ENDPOINTS = [
+    (method, route.path) for route in routes() if isinstance(route, Route) for method in sorted(route.methods or ())
+]
 CHANGES = [(method, path) for method, path in ENDPOINTS if method in ("POST", "PUT")]
 # They take no body, or one that is no JSON and has tests of its own.
 WITHOUT_JSON = {
