@@ -117,7 +117,7 @@ def run_stage(
     """
     jobs = []
     for recording in share_of(stored_recordings(store) if recordings is None else recordings, shard):
-        job = StageJob(store, recording, stage, recording.key(stage, options), options)
+        job = StageJob(store, recording, stage, recording.key(stage, options), recording.own_options(options))
         before = read_outcome(store, stage, job.key)
         if before is None or (retry and not before.ok):
             jobs.append(job)

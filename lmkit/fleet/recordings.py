@@ -22,6 +22,7 @@ BAGS = (".mcap", ".bag", ".db3")
 BAG_FOLDER_HAS = "metadata.yaml"  # of a ROS 2 bag
 IMAGES = (".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff", ".webp")
 PLACEHOLDER = re.compile(r"\{(\w+)\}")
+LIMITS = ("max_bytes",)  # options that stop a job, and change no result
 KNOWN = ("site", "robot", "recording", "date")
 DATE = re.compile(r"(?<!\d)(\d{4})-?(\d{2})-?(\d{2})(?!\d)")  # 2026-11-27 or 20261127
 
@@ -50,11 +51,19 @@ class FleetRecording:
         """Name in messages and reports."""
         return "/".join(part for part in (self.site, self.robot, Path(self.source).name) if part)
 
+    def own_options(self, options: Mapping[str, Any]) -> dict[str, Any]:
+        """The options that concern this recording: of all ``maps`` that of its site."""
+        maps = options.get("maps")
+        if maps is None:
+            return dict(options)
+        return {**options, "maps": {site: text for site, text in maps.items() if site == self.site}}
+
     def key(self, stage: str, options: Mapping[str, Any]) -> str:
         """Name of a stage's results: what was computed with the same version and options is not computed again."""
         rig = Path(self.rig)
         content = rig.read_bytes() if self.rig and rig.is_file() else b""
-        identity = [__version__, stage, asdict(self), hashlib.sha256(content).hexdigest(), dict(options)]
+        own = {name: value for name, value in self.own_options(options).items() if name not in LIMITS}
+        identity = [__version__, stage, asdict(self), hashlib.sha256(content).hexdigest(), own]
         return hashlib.sha256(json.dumps(identity, sort_keys=True).encode()).hexdigest()[:20]
 
 
@@ -114,6 +123,8 @@ def _rig_file(template: str, parts: Mapping[str, str], modified_s: float) -> str
     The recording's day is ``{date}`` of its path if that is a date, else the day of its latest change.
     """
     day = _date_in(parts.get("date", "")) or day_of(modified_s)
+    # A worker has another working folder.
+    template = str(Path(template).absolute()) if template else ""
     filled = _filled(template, {**parts, "date": day})
     if "{date}" not in template:
         return filled

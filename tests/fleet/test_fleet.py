@@ -158,6 +158,23 @@ def test_another_option_or_file_is_another_result(small, tmp_path):
     found = find_recordings(f"{folder}/logs/*/{{robot}}/2*")
     keys = {r.key(STAGE, OPTIONS) for r in found} | {r.key(STAGE, {**OPTIONS, "hz": 5.0}) for r in found}
     assert len(keys) == 2 * len(found) == 4
+    assert {r.key(STAGE, {**OPTIONS, "max_bytes": 10**6}) for r in found} < keys
+
+
+def test_another_map_concerns_its_own_site_alone(small):
+    [recording] = find_recordings(f"{small}/logs/{{site}}/{{robot}}/{day_name(0)}")
+    keys = [
+        recording.key("track", {"maps": {"hall0": own, "hall1": other}, "detect": OPTIONS})
+        for own, other in (("a", "b"), ("a", "c"), ("d", "b"))
+    ]
+    assert keys[0] == keys[1] != keys[2]
+
+
+def test_rigs_are_found_from_any_working_folder(small, monkeypatch):
+    monkeypatch.chdir(small)
+    [recording] = find_recordings(f"logs/{{site}}/{{robot}}/{day_name(0)}", "rigs/{robot}/{date}.yaml")
+    assert recording.rig == f"{small}/rigs/robot0/{day_name(0)}.yaml"
+    assert find_recordings("logs/*/*/2*")[0].rig == ""
 
 
 @pytest.mark.parametrize(
