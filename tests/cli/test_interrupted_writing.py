@@ -58,6 +58,17 @@ def inputs(tmp_path_factory):
     return folder
 
 
+@pytest.fixture(autouse=True)
+def heard():
+    """Signals as a command on a terminal has them: what runs in a shell's background is deaf to SIGINT."""
+    handlers = {number: signal.getsignal(number) for number in NUMBERS.values()}
+    signal.signal(signal.SIGTERM, main._terminate)
+    signal.signal(signal.SIGINT, signal.default_int_handler)
+    yield
+    for number, handler in handlers.items():
+        signal.signal(number, handler)
+
+
 class _Cut:
     """A file in whose first bytes a signal comes."""
 
@@ -88,11 +99,10 @@ def interrupted(folder, words, number, monkeypatch):
 
     monkeypatch.chdir(folder)
     monkeypatch.setattr(files.os, "fdopen", opened)
-    before, handler = names(folder), signal.signal(signal.SIGTERM, main._terminate)
+    before = names(folder)
     try:
         answer = run_command(*words.split())
     finally:
-        signal.signal(signal.SIGTERM, handler)
         monkeypatch.undo()
     assert len(cut) == 1, answer.err
     return answer, names(folder) - before
@@ -116,7 +126,7 @@ def test_a_signal_while_a_plan_is_written_leaves_nothing(inputs, command, monkey
 def test_a_signal_while_a_bag_is_written_leaves_nothing(inputs, number, monkeypatch):
     from rosbags.rosbag2 import Writer
 
-    written, handler = Writer.write, signal.signal(signal.SIGTERM, main._terminate)
+    written = Writer.write
 
     def write(*arguments):
         written(*arguments)
@@ -125,10 +135,7 @@ def test_a_signal_while_a_bag_is_written_leaves_nothing(inputs, number, monkeypa
     monkeypatch.setattr(Writer, "write", write)
     monkeypatch.chdir(inputs)
     before = names(inputs)
-    try:
-        answer = run_command("convert", "truth.tum", "--to", "bag", "-o", "bag")
-    finally:
-        signal.signal(signal.SIGTERM, handler)
+    answer = run_command("convert", "truth.tum", "--to", "bag", "-o", "bag")
     assert (answer.code, answer.err.splitlines()[-1]) == (130, "lmkit: interrupted")
     assert names(inputs) == before
 
