@@ -9,6 +9,8 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from scipy.sparse import coo_matrix
+from scipy.sparse.csgraph import connected_components
 
 from lmkit.geometry.pose import Pose
 from lmkit.geometry.rig import AnyRig
@@ -17,6 +19,8 @@ from lmkit.mapping.wall_constraints import LandmarkConstraint
 from lmkit.model.landmark_id import LandmarkId, ids_text
 from lmkit.model.landmark_map import LandmarkMap, MappedLandmark
 from lmkit.odometry.motion_model import Motion, describe_odometry
+
+HINGED_FRAMES = 5  # fewer that share one landmark only with the rest are not named
 
 
 @dataclass(frozen=True)
@@ -134,6 +138,46 @@ def deviations(landmark: MappedLandmark) -> tuple[float, float]:
     return float(np.sqrt(abs(np.trace(C[:3, :3])))), float(np.sqrt(abs(np.linalg.eigvalsh(C[3:, 3:])[-1])))
 
 
+@dataclass(frozen=True)
+class Hinge:
+    """A landmark by which alone frames hang together with the others.
+
+    Attributes:
+        frames: so many, the fewer.
+        from_s, to_s: when those were.
+    """
+
+    id: LandmarkId
+    frames: int
+    from_s: float
+    to_s: float
+
+    def __str__(self) -> str:
+        return (
+            f"{self.frames} frames from {self.from_s:.2f} to {self.to_s:.2f} s are joined to the others by {self.id} "
+            "alone: if its code is mounted twice, the map is folded there; record odometry, or check that it is "
+            "mounted once"
+        )
+
+
+def hinges_of(bundle: Bundle) -> list[Hinge]:
+    """Landmarks without which a part of the frames shares no landmark with the rest."""
+    count = len(bundle.times_s)
+    hinges = []
+    for number, id_ in enumerate(bundle.ids):
+        kept = bundle.of != number
+        links = (np.ones(kept.sum()), (bundle.frames[kept], count + bundle.of[kept]))
+        graph = coo_matrix(links, shape=(count + len(bundle.ids),) * 2)
+        _, part = connected_components(graph, directed=False)
+        # Frames that saw nothing else are single ones, and no part of their own.
+        sizes = np.bincount(part[:count])
+        large = np.flatnonzero(sizes >= HINGED_FRAMES)
+        if len(large) > 1:
+            smaller = bundle.times_s[part[:count] == large[sizes[large].argmin()]]
+            hinges.append(Hinge(id_, len(smaller), float(smaller.min()), float(smaller.max())))
+    return hinges
+
+
 def survey_warnings(
     result: Survey, motion: Motion | None, constraints: Sequence[LandmarkConstraint], advice: Mapping[LandmarkId, str]
 ) -> list[str]:
@@ -147,6 +191,8 @@ def survey_warnings(
             f"between {from_s:.2f} and {to_s:.2f} s the rig jumps by {meters:.2f} m: it slid or was carried, or a "
             "landmark seen there was moved, or is placed by the wrong one of its two poses; look from another side"
         )
+    if motion is None:
+        texts += [str(hinge) for hinge in hinges_of(result.bundle)]
     for code in result.ambiguous:
         texts.append(f"{code} has an ambiguous pose: it was seen from one side and from afar; look from another side")
     for code, constraint, meters in result.off_constraint:
