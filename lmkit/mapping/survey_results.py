@@ -140,7 +140,7 @@ def deviations(landmark: MappedLandmark) -> tuple[float, float]:
 
 @dataclass(frozen=True)
 class Hinge:
-    """A landmark by which alone frames hang together with the others.
+    """A landmark by which alone frames are joined to the others.
 
     Attributes:
         frames: so many, the fewer.

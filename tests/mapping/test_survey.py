@@ -270,7 +270,7 @@ def test_what_the_first_pass_leaves_out_is_taken_up_and_the_map_stays_uncertain(
     assert exact == list(passes[0].anchors)
 
 
-def test_what_hangs_on_one_landmark_is_named():
+def test_what_one_landmark_joins_is_named():
     """Ten frames in each of two halls: joined by one landmark, which may be two with one code; by two, by none."""
 
     def bundle(shared):
