@@ -56,6 +56,7 @@ def test_a_wrong_square_is_noticed_by_the_declared_baseline(lmkit, corners):
     assert {"scale", "field_of_view"} <= {w["code"] for w in json.loads(wrong.out)["warnings"]}
 
 
+@pytest.mark.slow
 def test_images_calibrate_are_saved_and_repeat(lmkit, pairs):
     """Corners saved give the same rig again; a print measured 1 % larger gives a baseline 1 % longer."""
     left, right = pairs

@@ -174,6 +174,7 @@ def test_calibrate_names_the_board_that_is_there(lmkit, data, tmp_path):
     assert files(tmp_path) == set()
 
 
+@pytest.mark.slow
 def test_calibrate_refuses_images_of_different_sizes_from_one_camera(lmkit, tmp_path):
     for k in range(3):
         saved_image(tmp_path / "l" / f"{k}.png")
@@ -199,6 +200,7 @@ def test_calibrate_refuses_one_folder_for_both_cameras(lmkit, tmp_path):
     assert_refused(lmkit("calibrate", "l", "l", "--board", "chessboard:9x6:30mm"), "both l")
 
 
+@pytest.mark.slow
 def test_calibrate_says_when_no_board_is_found(lmkit, tmp_path):
     for k in range(3):
         saved_image(tmp_path / "l" / f"{k}.png")

@@ -167,6 +167,7 @@ def until_read(capture: Any) -> Any:
     raise AssertionError("no image")
 
 
+@pytest.mark.slow
 def test_a_robot_is_located_by_the_images_of_two_topics(tmp_path):
     """Over DDS, compressed, from a writer of another implementation to a published pose."""
     from lmkit.io.landmark_map import map_to_yaml

@@ -62,6 +62,7 @@ def accused(seed, shown, until=math.inf, frames=range(15, 105), motion="wheels")
     return named
 
 
+@pytest.mark.slow
 @settings(max_examples=5, deadline=None)
 @given(st.integers(1, 8), st.sampled_from(["left", "right", "both"]), st.integers(30, 80))
 def test_a_view_that_stands_still_while_the_wheels_move_is_named(seed, which, at):

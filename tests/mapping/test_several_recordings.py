@@ -195,15 +195,8 @@ def test_recordings_together_know_the_room_better_than_one_alone():
         assert np.median([np.linalg.norm(T.t[:2] - true[:2]) for T, true in zip(off, one.truth, strict=True)]) < 0.01
 
 
-@pytest.mark.parametrize(
-    ("meters", "degrees"),
-    [
-        (0.1, 0.0),
-        pytest.param(0.05, 0.0, marks=pytest.mark.slow),
-        pytest.param(0.5, 0.0, marks=pytest.mark.slow),
-        pytest.param(0.0, 20.0, marks=pytest.mark.slow),
-    ],
-)
+@pytest.mark.slow
+@pytest.mark.parametrize(("meters", "degrees"), [(0.1, 0.0), (0.05, 0.0), (0.5, 0.0), (0.0, 20.0)])
 def test_a_moved_landmark_becomes_two_with_dates(meters, degrees):
     chosen = often_seen(drive(12), 1)
     later = moved_by(ROOM, chosen, meters, degrees)
@@ -237,6 +230,7 @@ def test_without_dates_the_recording_given_last_tells_where_a_landmark_is():
     assert largest_error_m(result.landmarks, later) < 0.03
 
 
+@pytest.mark.slow
 def test_a_recording_of_another_room_is_named_and_left_out():
     """It has the same codes, but on other walls."""
     codes = [m.id for m in ROOM]

@@ -6,6 +6,7 @@ import json
 
 import cv2
 import numpy as np
+import pytest
 
 from lmkit.detection.config import DetectOptions
 from lmkit.detection.detector import detect_landmarks
@@ -28,6 +29,7 @@ def test_the_same_seed_gives_the_same_room_and_image():
     assert np.array_equal(*images)
 
 
+@pytest.mark.slow
 def test_the_truth_stands_where_the_image_is_red():
     """The true corners against the image itself: red just inside each, no red just outside."""
     data = make_dataset(12, 4, 0, 12, family=LM8)

@@ -34,6 +34,7 @@ def rmse(off):
     return float(np.sqrt((off[:, :2] ** 2).sum(axis=1).mean()))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("follow", [track_readings, track_live])
 def test_readings_and_wheels_follow_the_robot(follow):
     errors, headings, nees = [], [], []
