@@ -21,6 +21,7 @@ def files(tmp_path):
     return ("--floor", "floor.yaml", "--rig", "rig.yaml")
 
 
+@pytest.mark.slow
 def test_place_writes_map_prints_list_and_plan(lmkit, files, tmp_path):
     done = lmkit("plan", "place", *files, *EASY, "--patience", "0", "--paper", "letter", "-o", "out")
     assert done.code == 0, done.err

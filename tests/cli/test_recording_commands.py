@@ -47,6 +47,7 @@ def test_the_demo_writes_a_map_a_trajectory_and_a_plan(demo):
     assert json.loads(done.out)["position_m"]["rmse"] < 0.1
 
 
+@pytest.mark.slow
 def test_a_survey_of_the_demo_s_files_finds_the_map(demo, tmp_path):
     known = tmp_path / "known.yaml"
     text = (demo / "true_map.yaml").read_text()

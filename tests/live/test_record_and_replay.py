@@ -62,6 +62,7 @@ def test_corners_are_replayed_to_the_same_poses(tmp_path, files):
         states_of(sources=[f"replay:{tmp_path / 'other.mcap'}"])
 
 
+@pytest.mark.slow
 def test_images_are_replayed_to_the_same_poses_and_viewers_read_the_file(tmp_path, files):
     record = tmp_path / "drive.mcap"
     first = states_of(sources=["sim:?seconds=1&fps=5&speed=max&seed=1"], record=str(record), confirm=1, **files)

@@ -97,6 +97,7 @@ def test_as_many_images_as_cameras_are_asked_for():
         locate_rig([[], []], ring(3), AROUND)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("count", [pytest.param(1, marks=pytest.mark.slow), 3])
 def test_survey_and_track_with_one_camera_and_with_three(count):
     """Scale comes from the landmarks' size, and from the wheels."""

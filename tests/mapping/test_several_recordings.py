@@ -218,6 +218,7 @@ def test_a_moved_landmark_becomes_two_with_dates(meters, degrees):
     assert largest_error_m(result.landmarks.at(DAY_S), ROOM) < 0.03
 
 
+@pytest.mark.slow
 def test_without_dates_the_recording_given_last_tells_where_a_landmark_is():
     chosen = often_seen(drive(12), 1)
     later = moved_by(ROOM, chosen, 0.3)
@@ -260,6 +261,7 @@ def test_nothing_to_survey_is_an_error_that_names_a_recording():
         survey_recordings([empty], SIZES, {})
 
 
+@pytest.mark.slow
 def test_recordings_in_frames_of_their_own_are_laid_over_each_other():
     recordings = [recording(drive(seed), f"day{seed}") for seed in (11, 12)]
     result = survey_recordings(recordings, SIZES, {})

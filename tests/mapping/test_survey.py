@@ -67,6 +67,7 @@ def test_noise_gives_errors_as_the_covariance_says():
     assert 0.2 < np.median(squared) < 1.6
 
 
+@pytest.mark.slow
 def test_a_landmark_that_is_moved_during_the_recording_is_named():
     drive = make_drive(2, seconds=60)
     count: dict[int, int] = {}
@@ -147,6 +148,7 @@ def test_with_nothing_known_the_map_is_right_up_to_its_frame():
         assert np.linalg.norm(found[a] - found[b]) == pytest.approx(np.linalg.norm(true[0] - true[1]), abs=0.15)
 
 
+@pytest.mark.slow
 def test_with_nothing_known_and_wheels_the_floor_is_level_at_zero():
     drive = make_drive(3, seconds=30)
     # All landmarks are mounted with their heads 5 deg to the front, also the one that is taken to mount upright.

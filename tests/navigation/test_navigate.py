@@ -50,6 +50,7 @@ def off(robot):
     return np.hypot(robot.state[0] - GOAL.x_m, robot.state[1] - GOAL.y_m), abs(np.arctan2(np.sin(turn), np.cos(turn)))
 
 
+@pytest.mark.slow
 def test_it_arrives_and_knows_where_it_is(world):
     inside = []
     for seed in range(3):

@@ -53,6 +53,7 @@ def test_readings_and_wheels_follow_the_robot(follow):
     assert max(nees) < (0.8 if follow is track_readings else 1.5)
 
 
+@pytest.mark.slow
 def test_corners_of_both_cameras_are_followed_live():
     for seed in (0, 3):
         drive = make_drive(seed, errors=WheelErrors(slips=1))
