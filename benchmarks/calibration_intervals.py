@@ -25,7 +25,8 @@ import cv2
 import numpy as np
 from scipy.linalg import block_diag
 
-from lmkit.calibration.bundle_adjustment import POSE, FitOptions, Solution, StereoProblem
+from lmkit.calibration.board_equations import POSE
+from lmkit.calibration.bundle_adjustment import FitOptions, Solution, StereoProblem
 from lmkit.calibration.intrinsics import (
     KnownIntrinsics,
     intrinsics_vector,

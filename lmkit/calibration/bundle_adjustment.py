@@ -8,31 +8,39 @@ derivatives from OpenCV's own projection, weighted by a Cauchy loss.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import cache
-from typing import Generic, TypeVar
 
 import numpy as np
 
 from lmkit.arrays import BoolArray, FloatArray, IntArray
+from lmkit.calibration.board_equations import (
+    CONVERGED,
+    DAMPING,
+    LOSS_WIDTH,
+    POSE,
+    WARP,
+    AtScale,
+    Blocks,
+    CameraCorners,
+    board_and_turned,
+    derivatives_by_pose,
+    derivatives_by_warp,
+    reduced_equations,
+    robust_weight,
+    scatter_between_pairs,
+    widened,
+)
 from lmkit.calibration.intrinsics import KnownIntrinsics, intrinsics_prior, intrinsics_vector, with_intrinsics
 from lmkit.errors import InputError
 from lmkit.geometry.camera import CameraModel
 from lmkit.geometry.rotations import rotation_exp
 from lmkit.model.observation import PairView
-from lmkit.optim.levenberg_marquardt import Damping, minimize_rescaled
-from lmkit.optim.robust_loss import cauchy_cost, cauchy_weight
+from lmkit.optim.levenberg_marquardt import minimize_rescaled
+from lmkit.optim.robust_loss import cauchy_cost
 
-State = TypeVar("State")
-WARP = 2
-POSE = 6
 OWN_NOISE = 0.25  # share of a middling image's variance that is the scatter of its own corners
 MOST_NOISE = 10.0  # of an image's corners, over the median's
-DAMPING = Damping(start=1e-3, grow=10.0, first_grown=0.0)
-CONVERGED = 1e-7  # relative gain; of some thousand residuals, a thousandth of a standard deviation of anything
-LEAST_PAIRS = 8  # for the scatter between pairs to tell anything
-LOSS_WIDTH = 3.0  # standard deviations at which the Cauchy loss halves its weight
 
 
 @dataclass(frozen=True)
@@ -80,34 +88,6 @@ class FitOptions:
     iterations: int = 40
     converged: float = CONVERGED
     known: KnownIntrinsics | None = None
-
-
-def _warp_shapes(object_points: FloatArray) -> FloatArray:
-    """(N,2) how far a bow along each axis of the board lifts its points: parabolas, 1 at the center, 0 at the rim."""
-    middle = (object_points.max(axis=0) + object_points.min(axis=0)) / 2
-    half = np.maximum((object_points.max(axis=0) - object_points.min(axis=0)) / 2, 1e-9)
-    scaled = (object_points - middle)[:, :2] / half[:2]
-    return np.asarray(1 - scaled**2)
-
-
-class CameraCorners:
-    """Corners that one camera observed in all pairs, end to end."""
-
-    def __init__(
-        self, seen: Sequence[tuple[IntArray, FloatArray]], object_points: FloatArray, sigma: FloatArray
-    ) -> None:
-        self.ids = np.concatenate([ids for ids, _ in seen])
-        self.pixels = np.concatenate([pixels for _, pixels in seen])
-        counts = np.array([len(ids) for ids, _ in seen])
-        self.pair = np.repeat(np.arange(len(seen)), counts)
-        self.ends = np.cumsum(counts)
-        self.sigma = sigma[self.pair][:, None]
-        self.object_points = object_points[self.ids]
-        self.shapes = _warp_shapes(object_points)[self.ids]
-
-    def per_pair(self, values: FloatArray) -> list[FloatArray]:
-        """Rows of ``values`` split by pair."""
-        return np.split(values, self.ends[:-1])
 
 
 class StereoProblem:
@@ -288,159 +268,9 @@ class _Prior:
         return np.asarray(np.maximum(self.stated[fitted] / np.diag(covariance), 1.0))
 
 
-@dataclass(frozen=True, eq=False)
-class AtScale(Generic[State]):
-    """A problem of calibration with its robust scale held.
-
-    Attributes:
-        cost: of a state.
-        equations: the normal equations at a state.
-        moved: the state after steps of what is shared and of the boards' poses.
-        fitted: (G,) which of the shared unknowns are solved for.
-    """
-
-    cost: Callable[[State], float]
-    equations: Callable[[State], Blocks]
-    moved: Callable[[State, FloatArray, FloatArray], State]
-    fitted: BoolArray
-
-    def linearize(self, state: State) -> tuple[Callable[[], Blocks], float]:
-        """The normal equations, computed when a step is first asked for, and the cost."""
-        return cache(lambda: self.equations(state)), self.cost(state)
-
-    def solve(self, equations: Callable[[], Blocks], damping: float) -> tuple[FloatArray, FloatArray]:
-        """Steps of what is shared and of the boards' poses."""
-        return solve_step(equations(), self.fitted, damping)
-
-    def retract(self, state: State, step: tuple[FloatArray, FloatArray]) -> State:
-        """The state moved by a step.
-
-        Raises:
-            numpy.linalg.LinAlgError: it leaves what a camera can be.
-        """
-        return self.moved(state, *step)
-
-
-@dataclass(frozen=True, eq=False)
-class Blocks:
-    """Normal equations, pair by pair: shared (P,G,G), mixed (P,G,6), poses (P,6,6), and the gradients; the prior."""
-
-    shared: FloatArray
-    mixed: FloatArray
-    poses: FloatArray
-    shared_gradient: FloatArray
-    pose_gradient: FloatArray
-    prior: FloatArray
-    prior_gradient: FloatArray
-
-    @classmethod
-    def empty(cls, size: int, count: int) -> Blocks:
-        shapes = ((count, size, size), (count, size, POSE), (count, POSE, POSE), (count, size), (count, POSE))
-        return cls(*(np.zeros(shape) for shape in (*shapes, (size, size), (size,))))
-
-    def add(
-        self,
-        camera: CameraCorners,
-        columns: IntArray,
-        shared: FloatArray,
-        pose: FloatArray,
-        residual: FloatArray,
-        scale: float,
-    ) -> None:
-        """Add what one camera says.
-
-        Args:
-            camera: its corners.
-            columns: (C,) the shared unknowns that its pixels depend on.
-            shared: (N,2,C) derivatives by these, px.
-            pose: (N,2,6) derivatives by the board's pose, px.
-            residual: (N,2) observed minus projected, px.
-            scale: the robust scale.
-        """
-        weight = robust_weight(residual / camera.sigma, scale)[:, None] / camera.sigma**2
-        both = np.concatenate([shared, pose], axis=2)
-        weighted = weight[:, :, None] * both
-        starts = np.concatenate([[0], camera.ends[:-1]])
-        own, width = len(columns), len(columns) + POSE
-        normal, gradient = np.zeros((len(starts), width, width)), np.zeros((len(starts), width))
-        for p, (a, b) in enumerate(zip(starts, camera.ends, strict=True)):
-            WJ = weighted[a:b].reshape(-1, width)
-            normal[p], gradient[p] = WJ.T @ both[a:b].reshape(-1, width), WJ.T @ residual[a:b].ravel()
-        self.shared[:, columns[:, None], columns] += normal[:, :own, :own]
-        self.mixed[:, columns] += normal[:, :own, own:]
-        self.poses[:] += normal[:, own:, own:]
-        self.shared_gradient[:, columns] += gradient[:, :own]
-        self.pose_gradient[:] += gradient[:, own:]
-
-
 def _fitted(s: Solution, options: FitOptions) -> BoolArray:
     counts = [len(intrinsics_vector(s.left)) + len(intrinsics_vector(s.right)), POSE, WARP]
     return np.repeat([options.intrinsics, options.relation, options.warp], counts)
-
-
-def reduced_equations(
-    blocks: Blocks, fitted: BoolArray, damping: float
-) -> tuple[FloatArray, tuple[FloatArray, FloatArray]]:
-    """The normal matrix of the fitted shared unknowns with the poses eliminated, and what leads back to them."""
-    camera = np.arange(POSE)
-    poses = blocks.poses.copy()
-    poses[:, camera, camera] *= 1 + damping
-    poses[:, camera, camera] += 1e-12
-    inverse = np.linalg.inv(poses)
-    mixed = blocks.mixed[:, fitted]
-    back = mixed @ inverse
-    shared = (blocks.shared.sum(axis=0) + blocks.prior)[np.ix_(fitted, fitted)]
-    shared = shared + np.diag(damping * np.diag(shared) + 1e-12 * (damping > 0))
-    return shared - np.einsum("pgi,phi->gh", back, mixed), (inverse, back)
-
-
-def solve_step(blocks: Blocks, fitted: BoolArray, damping: float) -> tuple[FloatArray, FloatArray]:
-    """The damped step of the shared unknowns (G,) and of the poses (P,6)."""
-    reduced, (inverse, back) = reduced_equations(blocks, fitted, damping)
-    gradient = (blocks.shared_gradient.sum(axis=0) + blocks.prior_gradient)[fitted]
-    gradient = gradient - np.einsum("pgi,pi->g", back, blocks.pose_gradient)
-    shared = np.zeros(len(fitted))
-    if fitted.any():
-        try:
-            shared[fitted] = np.linalg.solve(reduced, gradient)
-        except np.linalg.LinAlgError:
-            shared[fitted] = np.linalg.lstsq(reduced, gradient, rcond=None)[0]
-    remaining = blocks.pose_gradient - np.einsum("pgi,g->pi", blocks.mixed, shared)
-    return shared, np.einsum("pij,pj->pi", inverse, remaining)
-
-
-def scatter_between_pairs(
-    blocks: Blocks, fitted: BoolArray, reduced: FloatArray, covariance: FloatArray
-) -> FloatArray:
-    """(F,) how many times larger each variance is when the pairs speak for themselves, at least 1.
-
-    The corners of one image err together (light, focus, what the lens model leaves over), so that they count for
-    less than as many independent ones.  The pairs are independent: what the solution does when each of them is left
-    out (the jackknife, as Bell and McCaffrey 2002 have it for clustered data), over what the corners alone promise.
-    A single number's ratio is noisy, so none counts for less than the median of all.
-    """
-    count = int(fitted.sum())
-    if blocks.poses.shape[0] < LEAST_PAIRS or not count:
-        return np.ones(count)
-    inverse = np.linalg.inv(blocks.poses + 1e-12 * np.eye(POSE))
-    back = blocks.mixed[:, fitted] @ inverse
-    own = blocks.shared[:, fitted][:, :, fitted] - back @ blocks.mixed[:, fitted].transpose(0, 2, 1)
-    pull = blocks.shared_gradient[:, fitted] - np.einsum("pgi,pi->pg", back, blocks.pose_gradient)
-    try:
-        moved = np.linalg.solve(reduced - own, pull[:, :, None])[:, :, 0]
-    except np.linalg.LinAlgError:
-        return np.ones(count)
-    pairs = len(moved)
-    # So few of them have the tails of Student's distribution: its variance, in place of the normal one's.
-    variance = (moved**2).sum(axis=0) * (pairs - 1) / pairs * (pairs - 1) / (pairs - 3)
-    ratios = variance / np.maximum(np.diag(covariance), 1e-300)
-    return np.asarray(np.maximum(ratios, max(1.0, float(np.median(ratios)))))
-
-
-def widened(covariance: FloatArray, factors: FloatArray) -> FloatArray:
-    """The covariance with its variances multiplied, its correlations kept."""
-    root = np.sqrt(factors)
-    return np.asarray(covariance * root[:, None] * root)
 
 
 def _moved(s: Solution, shared: FloatArray, poses: FloatArray) -> Solution:
@@ -473,30 +303,5 @@ def _shared_vector(s: Solution) -> FloatArray:
     return np.concatenate([intrinsics_vector(s.left), intrinsics_vector(s.right), np.zeros(POSE), s.warp])
 
 
-def robust_weight(whitened: FloatArray, scale: float) -> FloatArray:
-    """(N,) Cauchy weights of residuals (N,2), px, at a robust scale."""
-    return cauchy_weight(np.sum(whitened**2, axis=1), LOSS_WIDTH * scale)
-
-
-def board_and_turned(camera: CameraCorners, warp: FloatArray, rotations: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """(N,3) points of the bowed board, and the same turned by its pose."""
-    board = camera.object_points.copy()
-    board[:, 2] += camera.shapes @ warp
-    return board, np.einsum("nij,nj->ni", rotations[camera.pair], board)
-
-
 def _to_left(camera: CameraCorners, s: Solution) -> FloatArray:
     return np.asarray(board_and_turned(camera, s.warp, s.rotations)[1] + s.translations[camera.pair])
-
-
-def derivatives_by_warp(camera: CameraCorners, by_point: FloatArray, rotations: FloatArray) -> FloatArray:
-    """(N,2,2) px per meter of bow, from (N,2,3) px per meter in the frame of the boards' poses."""
-    return np.asarray((by_point @ rotations[camera.pair][:, :, 2:]) * camera.shapes[:, None])
-
-
-def derivatives_by_pose(by_point: FloatArray, turned: FloatArray) -> FloatArray:
-    """(N,2,6) derivative with a rotation vector applied on the left and with a shift."""
-    # d(w x p)/dw = -skew(p), so that row v becomes p x v.
-    p, v = turned[:, None, :], by_point
-    turn = [p[..., k] * v[..., m] - p[..., m] * v[..., k] for k, m in ((1, 2), (2, 0), (0, 1))]
-    return np.concatenate([np.stack(turn, axis=2), by_point], axis=2)

@@ -1,7 +1,7 @@
 """Joint adjustment of several cameras: all intrinsics, all poses of cameras, every board pose, board warp.
 
 The unknowns that all frames share are, in this order: the intrinsics of every camera, T_camera_left of every camera
-but the first (rotation, shift), two numbers of board warp.  Equations are those of `bundle_adjustment.py`, for any
+but the first (rotation, shift), two numbers of board warp.  Equations are those of `board_equations.py`, for any
 number of cameras of which each sees the board in some frames.
 """
 
@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from lmkit.arrays import FloatArray
-from lmkit.calibration.bundle_adjustment import (
+from lmkit.calibration.board_equations import (
     CONVERGED,
     DAMPING,
     LOSS_WIDTH,

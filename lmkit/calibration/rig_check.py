@@ -15,7 +15,8 @@ from typing import Any
 import numpy as np
 
 from lmkit.arrays import FloatArray
-from lmkit.calibration.bundle_adjustment import POSE, FitOptions, Solution, StereoProblem
+from lmkit.calibration.board_equations import POSE
+from lmkit.calibration.bundle_adjustment import FitOptions, Solution, StereoProblem
 from lmkit.calibration.cross_validation import HeldOut, hold_out
 from lmkit.calibration.initialization import board_poses
 from lmkit.calibration.intrinsics import intrinsics_vector

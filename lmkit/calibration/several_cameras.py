@@ -14,7 +14,8 @@ from typing import Any
 import numpy as np
 
 from lmkit.arrays import FloatArray
-from lmkit.calibration.bundle_adjustment import POSE, WARP, CameraCorners, FitOptions, StereoProblem
+from lmkit.calibration.board_equations import POSE, WARP, CameraCorners
+from lmkit.calibration.bundle_adjustment import FitOptions, StereoProblem
 from lmkit.calibration.initialization import board_poses, find_consensus, start_solution
 from lmkit.calibration.intrinsics import intrinsics_vector, sigma_and_correlation
 from lmkit.calibration.joint_cameras import RigProblem, RigSolution

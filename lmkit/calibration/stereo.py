@@ -10,7 +10,8 @@ import numpy as np
 from scipy.linalg import block_diag
 
 from lmkit.arrays import FloatArray
-from lmkit.calibration.bundle_adjustment import POSE, FitOptions, Solution, StereoProblem
+from lmkit.calibration.board_equations import POSE
+from lmkit.calibration.bundle_adjustment import FitOptions, Solution, StereoProblem
 from lmkit.calibration.cross_validation import FOLDS, HeldOut, hold_out
 from lmkit.calibration.initialization import (
     AUTO,

@@ -7,7 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from lmkit.arrays import FloatArray
-from lmkit.calibration.bundle_adjustment import POSE, Solution
+from lmkit.calibration.board_equations import POSE
+from lmkit.calibration.bundle_adjustment import Solution
 from lmkit.calibration.intrinsics import intrinsics_vector
 from lmkit.geometry.camera import CameraModel
 from lmkit.geometry.rotations import skew

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from board_views import BOARD, views
 
-from lmkit.calibration import bundle_adjustment as problem
+from lmkit.calibration import board_equations
 from lmkit.calibration.bundle_adjustment import FitOptions, Solution, StereoProblem, _moved, _Prior
 from lmkit.calibration.initialization import RADTAN, start_camera
 from lmkit.calibration.intrinsics import KnownIntrinsics, intrinsics_vector, sigma_of_pixels, with_intrinsics
@@ -92,7 +92,7 @@ def test_corners_that_err_together_widen_the_intervals(monkeypatch):
     def widened(seen):
         sigma = calibrate_stereo(seen, BOARD, (640, 480), "pinhole").baseline_sigma_m
         with monkeypatch.context() as patch:
-            patch.setattr(problem, "LEAST_PAIRS", 10**6)
+            patch.setattr(board_equations, "LEAST_PAIRS", 10**6)
             return sigma / calibrate_stereo(seen, BOARD, (640, 480), "pinhole").baseline_sigma_m
 
     assert widened(views(16, 0.1, 3)) < 1.15
