@@ -9,7 +9,7 @@ from pathlib import Path
 
 import lmkit.calibration.bundle_adjustment as problem
 from lmkit.calibration.stereo import calibrate_stereo
-from lmkit.io.image_sources import list_pairs
+from lmkit.io.image_groups import list_pairs
 from lmkit.model.board import BoardSpec
 from lmkit.pipelines.board_views import find_board_pairs
 

@@ -134,14 +134,17 @@ def names_of(path: Path) -> set[str]:
     return names
 
 
-def test_benchmarks_and_tools_import_names_that_exist():
-    """No test runs the benchmarks: without this one, a name that moved would be noticed only by their next user."""
+def test_scripts_import_names_that_exist():
+    """No test runs benchmarks, tools and decisions: a name that moved would be noticed only by their next user."""
     modules = {
         ".".join(p.relative_to(ROOT).with_suffix("").parts).removesuffix(".__init__"): p
         for p in PACKAGE.rglob("*.py")
     }
-    for path in (p for folder in ("benchmarks", "tools") for p in (ROOT / folder).rglob("*.py")):
+    for path in (p for folder in ("benchmarks", "tools", "docs") for p in (ROOT / folder).rglob("*.py")):
         for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+            if isinstance(node, ast.Import):
+                own = {alias.name for alias in node.names if alias.name.startswith("lmkit.")}
+                assert own <= modules.keys(), f"{path.name} imports {sorted(own - modules.keys())}"
             if not (isinstance(node, ast.ImportFrom) and (node.module or "").startswith("lmkit.")):
                 continue
             assert node.module in modules, f"{path.name} imports {node.module}, which is not there"
