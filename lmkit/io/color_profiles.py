@@ -33,9 +33,9 @@ def in_srgb(image: Image.Image, profile: object, name: str) -> Image.Image:
     """
     if not isinstance(profile, bytes) or not profile or image.mode not in _MODES.values():
         return image
-    try:
-        from PIL import ImageCms
+    from PIL import ImageCms
 
+    try:
         transform = _to_srgb(profile, image.mode)
         return image if transform is None else ImageCms.applyTransform(image, transform) or image
     except (ImportError, OSError, ValueError, TypeError, ImageCms.PyCMSError):

@@ -284,9 +284,8 @@ class _Drawing:
             return np.empty((0, 2, 2))
         path = make_path(entity)
         extent = max((max(abs(p.x), abs(p.y)) for p in path.control_vertices()), default=0.0)
-        if (
-            not extent * OFF_CURVE_M / self.off_curve < LARGEST
-        ):  # what is drawn so far away would be flattened without end
+        # What is drawn so far away would be flattened without end.
+        if not extent * OFF_CURVE_M / self.off_curve < LARGEST:
             raise OverflowError("coordinates that are not finite, or too large")
         if self.curves:
             size = float(np.ptp([(p.x, p.y) for p in path.control_vertices()] or [(0.0, 0.0)], axis=0).max())

@@ -6,6 +6,7 @@ Ring landmarks have a mirror law of their own; a mirrored square marker reads as
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import TypeVar
 
 import cv2
 import numpy as np
@@ -20,6 +21,7 @@ from lmkit.detection.tag_registration import TagCandidate, read_tag_at
 from lmkit.model.palette import SRGB_TO_LINEAR, linear_to_srgb
 from lmkit.verification.flat_print import FINE_SIDE_PX, corners_of_border
 
+Reading = TypeVar("Reading", Candidate, TagCandidate)
 SHRINKS = (2, 4, 8)
 LEAST_PX = 150  # of an image's shorter side
 OPENING_PX = 7
@@ -89,7 +91,7 @@ def find_prints(image: ByteArray, options: DetectOptions) -> list[FoundPrint]:
 def _candidates(small: ByteArray, shrink: int, options: DetectOptions) -> tuple[list[Candidate], list[TagCandidate]]:
     rings = candidates_of(small, options) if options.ring_families else []
     tags = find_tags(small, options, None) if options.square_families else []
-    return [_enlarged(a, shrink) for a in rings], [_enlarged_tag(a, shrink) for a in tags]
+    return [_enlarged(a, shrink) for a in rings], [_enlarged(a, shrink) for a in tags]
 
 
 def _otherwise(image: ByteArray, small: ByteArray, shrink: int, options: DetectOptions) -> list[FoundPrint]:
@@ -99,7 +101,7 @@ def _otherwise(image: ByteArray, small: ByteArray, shrink: int, options: DetectO
         tags = [a for a in find_tags(seen, options, None) if a.rejected is None]
         if tags:
             large = _seen(image, is_mirrored, is_inverted)
-            found = best_of_each_place([_enlarged_tag(a, shrink) for a in tags])
+            found = best_of_each_place([_enlarged(a, shrink) for a in tags])
             return [FoundPrint(_settled(large, candidate), large, is_mirrored, is_inverted) for candidate in found]
     return []
 
@@ -139,7 +141,7 @@ def _of_opened(
     for tag in tags:
         # The inside of a large marker is fitted in a smaller image, where the lines are thin.
         seen = read_tag_at(small, (tag.corners + 0.5) / shrink - 0.5, tag.family)
-        again.append(None if seen is None else _settled(image, _enlarged_tag(seen, shrink)))
+        again.append(None if seen is None else _settled(image, _enlarged(seen, shrink)))
     return [candidate for candidate in again if candidate is not None]
 
 
@@ -149,14 +151,7 @@ def _is_likely(candidate: Candidate | TagCandidate) -> bool:
     return isinstance(candidate, Candidate) or candidate.decoding.cell_error < LIKELY_CELLS
 
 
-def _enlarged(candidate: Candidate, shrink: int) -> Candidate:
-    return replace(candidate, corners=_corners_of(candidate, shrink), covariance=candidate.covariance * shrink**2)
-
-
-def _enlarged_tag(candidate: TagCandidate, shrink: int) -> TagCandidate:
-    return replace(candidate, corners=_corners_of(candidate, shrink), covariance=candidate.covariance * shrink**2)
-
-
-def _corners_of(candidate: Candidate | TagCandidate, shrink: int) -> FloatArray:
-    """(4,2) px of the image that was shrunk."""
-    return (candidate.corners + 0.5) * shrink - 0.5
+def _enlarged(candidate: Reading, shrink: int) -> Reading:
+    """The candidate in pixels of the image that was shrunk."""
+    corners = (candidate.corners + 0.5) * shrink - 0.5
+    return replace(candidate, corners=corners, covariance=candidate.covariance * shrink**2)
