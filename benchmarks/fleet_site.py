@@ -13,7 +13,6 @@ from __future__ import annotations
 
 import argparse
 import json
-import os
 import signal
 import subprocess
 import sys
@@ -25,13 +24,9 @@ from pathlib import Path
 
 import numpy as np
 
-ROOT = Path(__file__).resolve().parents[1]
-sys.path.insert(0, str(ROOT / "tests"))
-
-from fleet_site import Planted, Site, day_name, map_error_m, write_site  # noqa: E402
-
-from lmkit.io.external_maps import read_any_map  # noqa: E402
-from lmkit.model.landmark_map import LandmarkMap  # noqa: E402
+from lmkit.io.external_maps import read_any_map
+from lmkit.model.landmark_map import LandmarkMap
+from lmkit.simulation.site import Planted, Site, day_name, write_site
 
 HALLS, ROBOTS, LANDMARKS, MOVED = 3, 6, 40, 2
 PLANTED = Planted(bumped=(3, 4), clock=(2, 5))  # neither drives on the last day where a landmark was moved
@@ -147,9 +142,8 @@ def print_maps(site: Site, maps: dict[str, LandmarkMap]) -> None:
     print("|---|---|---|---|")
     for name, found in maps.items():
         moved = {site.moved[name].id} if name in site.moved else set()
-        still = LandmarkMap([m for m in found if m.id not in moved])
-        value, count = nees(still, site.maps[name], moved)
-        print(f"| {name} | {count + 1} | {1000 * map_error_m(still, site.maps[name]):.1f} | {value:.2f} |")
+        value, count = nees(found, site.maps[name], moved)
+        print(f"| {name} | {count + 1} | {1000 * site.map_error_m(name, found):.1f} | {value:.2f} |")
 
 
 def main() -> None:
@@ -159,7 +153,6 @@ def main() -> None:
     parser.add_argument("--seconds", type=float, default=60.0)
     parser.add_argument("--folder", type=Path)
     arguments = parser.parse_args()
-    os.environ.setdefault("PYTHONPATH", str(ROOT))
     if arguments.folder is not None:
         run(arguments.folder, arguments.days, arguments.seconds)
         return

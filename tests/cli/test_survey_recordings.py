@@ -5,9 +5,9 @@ from __future__ import annotations
 import json
 
 import pytest
-from fleet_site import day_name, map_error_m, write_site
 
 from lmkit.io.external_maps import read_any_map
+from lmkit.simulation.site import day_name, write_site
 
 
 @pytest.fixture(scope="module")
@@ -27,7 +27,7 @@ def test_two_days_make_one_map(lmkit, days, tmp_path):
     assert summary["left_out"] == {} and summary["moved"] == []
     assert all(r["located"] > 0.9 * r["frames"] for r in summary["recordings"])
     found = read_any_map(tmp_path / "map.yaml")
-    assert map_error_m(found, site.maps["hall0"]) < 0.03
+    assert site.map_error_m("hall0", found) < 0.03
     assert all((tmp_path / f"poses-{day_name(day)}.tum").exists() for day in (0, 1))
 
 

@@ -6,7 +6,6 @@ import os
 from dataclasses import replace
 
 import pytest
-from fleet_site import DAY_S, MONDAY_S, bumped, day_name
 
 pytest.importorskip("pyarrow")
 
@@ -16,6 +15,7 @@ from lmkit.fleet.recordings import FleetRecording, find_recordings
 from lmkit.fleet.rig_checks import VIEWS, pair_check
 from lmkit.simulation.recording import T_BASE_LEFT, make_drive
 from lmkit.simulation.scene import make_rig
+from lmkit.simulation.site import DAY_S, MONDAY_S, bumped, day_name
 
 GONE_BY_S = MONDAY_S + 100 * DAY_S
 TRUE = {"camera": "right", "state": "true", "turn_deg": [0.0, 0.0, 0.0], "turn_sigma_deg": [0.01] * 3}

@@ -1,4 +1,7 @@
-"""A simulated site as files: halls, robots, recordings of several days, with planted faults."""
+"""A site as files, for `lmkit fleet`: halls, robots, recordings of several days, with planted faults.
+
+Detections, odometry and gyro are simulated; there are no images.
+"""
 
 from __future__ import annotations
 
@@ -7,6 +10,7 @@ from pathlib import Path
 
 import numpy as np
 
+from lmkit.evaluation.trajectory_error import umeyama
 from lmkit.geometry.pose import Pose
 from lmkit.geometry.rotations import rotation_exp
 from lmkit.geometry.stereo_rig import StereoRig
@@ -24,10 +28,24 @@ SHIFT_M = 0.4
 
 @dataclass(frozen=True)
 class Site:
-    """The true maps by hall, and the landmark of each that is moved before the last day."""
+    """The truth of a site.
+
+    Attributes:
+        maps: of every hall, as it is before anything is moved.
+        moved: by hall, the landmark that is moved before the last day, as it is mounted then.
+    """
 
     maps: dict[str, LandmarkMap]
     moved: dict[str, MappedLandmark]
+
+    def map_error_m(self, hall: str, found: LandmarkMap) -> float:
+        """Root mean square of the places of a hall's landmarks that were not moved, after the best alignment."""
+        moved = self.moved.get(hall)
+        still = [m for m in found if moved is None or m.id != moved.id]
+        both = [(m.T_map_landmark.t, t.T_map_landmark.t) for m in still if (t := self.maps[hall].find(m.id))]
+        a, b = (np.array(points) for points in zip(*both, strict=True))
+        R, shift, _ = umeyama(a, b, with_scale=False)
+        return float(np.sqrt(((a @ R.T + shift - b) ** 2).sum(axis=1).mean()))
 
 
 @dataclass(frozen=True)
@@ -116,13 +134,3 @@ def most_seen(frames: tuple[RigFrame, ...], landmarks: LandmarkMap) -> MappedLan
     """The landmark with most detections."""
     counts = {m.id: sum(d.id == m.id for f in frames for d in f.detections) for m in landmarks}
     return next(m for m in landmarks if m.id == max(counts, key=lambda id_: counts[id_]))
-
-
-def map_error_m(found: LandmarkMap, true: LandmarkMap) -> float:
-    """Root mean square of the landmarks' places after the best rigid alignment, meters."""
-    both = [(m.T_map_landmark.t, t.T_map_landmark.t) for m in found if (t := true.find(m.id)) is not None]
-    a, b = (np.array(points) for points in zip(*both, strict=True))
-    U, _, Vt = np.linalg.svd((a - a.mean(0)).T @ (b - b.mean(0)))
-    R = Vt.T @ np.diag([1, 1, np.sign(np.linalg.det(Vt.T @ U.T))]) @ U.T
-    off = (a - a.mean(0)) @ R.T - (b - b.mean(0))
-    return float(np.sqrt((off**2).sum(axis=1).mean()))
