@@ -9,8 +9,9 @@ import numpy as np
 import pytest
 from board_views import BOARD, views
 
+from lmkit.calibration.sanity_checks import CalibrationWarning
 from lmkit.calibration.stereo import StereoCalibration, calibrate_stereo
-from lmkit.reports.calibration import calibration_report
+from lmkit.reports.calibration import calibration_report, calibration_summary
 
 GRAY = np.full((480, 640, 3), 128, np.uint8)
 SECTIONS = (
@@ -78,3 +79,20 @@ def test_good_data_are_called_good_and_bad_data_poor():
     assert "<b>Good.</b>" in calibration_report(good, BOARD, {})
     poor = calibrate_stereo(views(14, 1.2, 3), BOARD, (640, 480))
     assert "<b>Not determined by these views.</b>" in calibration_report(poor, BOARD, {})
+
+
+@pytest.mark.parametrize(
+    ("code", "error_px", "headline"),
+    [
+        ("lenses_kept", 0.1, ("fair", "Only as good as the lenses given.")),
+        ("rests_on_lenses", 0.1, ("fair", "Only as good as the lenses given.")),
+        ("lenses_kept", 5.0, ("poor", "Poor.")),
+        ("intrinsics_contradicted", 0.1, ("poor", "The images contradict the known lenses.")),
+    ],
+)
+def test_the_headline_says_what_known_lenses_leave_open(result, code, error_px, headline):
+    held = replace(result.held_out, epipolar_px=np.full_like(result.held_out.epipolar_px, error_px))
+    told = replace(result, held_out=held, warnings=(CalibrationWarning(code, "these lenses"),))
+    *found, reason = calibration_summary(told)
+    assert tuple(found) == headline
+    assert "these lenses" in reason or headline[1] == "Poor."

@@ -63,6 +63,18 @@ def striped() -> np.ndarray:
     return np.where(bare, 0.4 + 0.56 * sheet(), sheet())
 
 
+def faded() -> np.ndarray:
+    """One black cell inside the border, nearly gray."""
+    light, cell = sheet().copy(), SIZE_MM / 8 * MM
+    dark, cells = light[:, :, 1] < 0.3, family_named("tag36h11").darkness(CODE)
+    top, left = (int(np.flatnonzero(dark.sum(axis=axis) > 0.9 * SIZE_MM * MM)[0]) for axis in (1, 0))
+    row, column = next((r, c) for r in range(1, 7) for c in range(1, 7) if cells[r, c] > 0.5)
+    y, x = (round(first + number * cell) for first, number in ((top, row), (left, column)))
+    part = light[y : y + round(cell), x : x + round(cell)]
+    part += 0.5 * (0.96 - part)
+    return light
+
+
 def cut() -> np.ndarray:
     """Cut 3 mm above the border, before something dark."""
     light = sheet().copy()
@@ -74,6 +86,7 @@ def cut() -> np.ndarray:
 PLANTED = {
     "scale": (lambda: shrunk(0.97, 0.97), "DF"),
     "X to Y": (lambda: shrunk(1.0, 0.98), "DF"),
+    "modulation of cells": (faded, "CDF"),
     "contrast of black": (lambda: sheet() + 0.5 * (0.96 - sheet()), "CDF"),
     "glare": (blotched, "CDF"),
     "white margin": (cut, "CDF"),
