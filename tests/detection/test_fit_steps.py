@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from simulated import CAMERA, shoot
 
 from lmkit.detection.config import DetectOptions
+from lmkit.detection.decoding import Decoding
 from lmkit.detection.detector import candidates_of
 from lmkit.kernels import landmark_fit, load
 from lmkit.model.families import family_named
@@ -39,3 +41,12 @@ def test_the_compiled_fit_takes_the_steps_of_the_definition(monkeypatch, side, l
         np.testing.assert_allclose(ours.corners, theirs.corners, atol=1e-4)
         np.testing.assert_allclose(ours.covariance, theirs.covariance, rtol=1e-3, atol=1e-9)
         assert ours.log_odds == pytest.approx(theirs.log_odds, abs=1e-3)
+
+
+@pytest.mark.parametrize(
+    ("turn", "code", "goes_on"), [(100.0, 0.1, True), (10.0, 2.0, True), (10.0, 0.1, False), (3.0, 50.0, False)]
+)
+def test_a_landmark_that_is_clear_but_for_its_code_goes_on_to_all_pixels(turn, code, goes_on):
+    """Few of a large landmark's first pixels lie in its gaps: they may leave one of them open."""
+    seen = SimpleNamespace(turn_margin=turn, code_margin=code)
+    assert Decoding.is_settled.fget(seen) is goes_on
