@@ -92,7 +92,7 @@ def locate(folder: Path, index: int) -> list[tuple[str, float, float, float, flo
 
 @cache
 def april_tag_reader() -> Callable:
-    """One a process: its library can crash where readers are made and dropped again and again."""
+    """One a process."""
     return READERS["AprilTag 3"].make()
 
 
