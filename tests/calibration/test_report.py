@@ -92,7 +92,7 @@ def test_good_data_are_called_good_and_bad_data_poor():
 )
 def test_the_headline_says_what_known_lenses_leave_open(result, code, error_px, headline):
     held = replace(result.held_out, epipolar_px=np.full_like(result.held_out.epipolar_px, error_px))
-    told = replace(result, held_out=held, warnings=(CalibrationWarning(code, "these lenses"),))
-    *found, reason = calibration_summary(told)
+    warned = replace(result, held_out=held, warnings=(CalibrationWarning(code, "these lenses"),))
+    *found, reason = calibration_summary(warned)
     assert tuple(found) == headline
     assert "these lenses" in reason or headline[1] == "Poor."
