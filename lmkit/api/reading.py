@@ -130,9 +130,9 @@ def read_recording(
         >>> lmkit.read_recording(detections="detections.csv", odometry="odometry.csv", gyro="gyro.csv")
         Recording(... frames, ... s, wheel odometry, gyro)
     """
-    from lmkit.pipelines.detect_recording import read_recording
+    from lmkit.pipelines.detect_recording import open_recording
 
-    return read_recording(
+    return open_recording(
         [os.fspath(source) for source in images],
         rig=None if rig is None else as_rig(rig),
         detections=None if detections is None else as_path(detections),
@@ -142,7 +142,7 @@ def read_recording(
         wheel_track_m=None if wheel_track is None else as_meters(wheel_track, "wheel_track"),
         families=family_names(families, detected=bool(images)),
         hz=hz,
-    )
+    ).read()
 
 
 def write_rig(rig: AnyRig, path: PathLike, *, overwrite: bool = False) -> None:

@@ -36,7 +36,7 @@ def survey(
     """Check every rig by the landmarks, and build the map of every site from all of its recordings."""
     from lmkit.fleet.detection import detected_recordings
     from lmkit.fleet.jobs import run_stage
-    from lmkit.fleet.mapping import detected_by_site, survey_site, write_site
+    from lmkit.fleet.mapping import parts_by_site, survey_site, write_site
     from lmkit.fleet.rig_checks import STAGE as CHECK
     from lmkit.fleet.rig_checks import bumped_recordings, check_options, check_recording, store_check_options
     from lmkit.fleet.store import Store
@@ -45,7 +45,7 @@ def survey(
     place, size_m = Store(store), parse_length_mm(size, "--size") / 1000
     anchors = None if known is None else read_mounted_map(known)
     detect = detect_options(family, hz)
-    sites = detected_by_site(place, detect)
+    sites = parts_by_site(place, detect)
     if not sites:
         raise InputError(
             "nothing_detected", "no recording was detected with these options", "run lmkit fleet detect with them"
@@ -62,8 +62,8 @@ def survey(
         pass
     store_check_options(place, check)
     bumped = bumped_recordings(place, check)
-    for site, detected in sites.items():
-        surveyed = survey_site(site, detected, size_m, anchors, (), bumped)
+    for site, parts in sites.items():
+        surveyed = survey_site(place, site, parts, size_m, anchors, bumped, engine)
         write_outputs({outputs[site]: write_site(place, surveyed)}, force)
         summary = surveyed.to_dict()
         if as_json:

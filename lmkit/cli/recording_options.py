@@ -76,12 +76,12 @@ class RecordingOptions:
             InputError: a file cannot be read, or the rig lacks what the odometry needs.
         """
         from lmkit.model.families import family_named
-        from lmkit.pipelines.detect_recording import read_recording
+        from lmkit.pipelines.detect_recording import open_recording
         from lmkit.units import parse_length_mm
 
         track_m = None if self.wheel_track is None else parse_length_mm(self.wheel_track, "--wheel-track") / 1000
         with ProgressBars() as bars:
-            return read_recording(
+            opened = open_recording(
                 self.images,
                 rig,
                 self.detections,
@@ -91,5 +91,5 @@ class RecordingOptions:
                 track_m,
                 families if not self.images else [family_named(name.strip()).name for name in families],
                 self.hz,
-                bars.counter("detecting landmarks"),
             )
+            return opened.read(bars.counter("detecting landmarks"))

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from lmkit.fleet.jobs import Outcome
+from lmkit.fleet.parts import recording_of
 from lmkit.fleet.recordings import FleetRecording
 from lmkit.fleet.rig_checks import UNKNOWN, bumped_sentence, moved_cameras
 from lmkit.model.landmark_map import CALENDAR_S, day_of
@@ -170,7 +171,7 @@ def _of_sites(sites: Mapping[str, Mapping[str, Any]], rigs: Sequence[Fault]) -> 
             day = day_of(times[0]) if times[0] is not None and times[0] > CALENDAR_S else ""
             faults.append(Fault("moved", moved["sentence"], site, "", day))
         for name, reason in facts["left_out"].items():
-            if name not in bumped:
+            if recording_of(name) not in bumped:
                 faults.append(Fault("left_out", f"left out of the map: {reason}", site, "", "", "", (name,)))
         faults += [Fault("warning", text, site) for text in facts["warnings"]]
     return faults

@@ -7,15 +7,20 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 from lmkit.api.recordings import motion_of
+from lmkit.errors import InputError
 from lmkit.fleet.detection import STAGE as DETECT
-from lmkit.fleet.detection import Detected, read_detected
-from lmkit.fleet.jobs import done_jobs
+from lmkit.fleet.detection import parts_of, read_detected
+from lmkit.fleet.engines import run_jobs
+from lmkit.fleet.jobs import DIED, done_jobs
+from lmkit.fleet.parts import Part
 from lmkit.fleet.store import Store
 from lmkit.io.landmark_map import map_to_yaml
+from lmkit.mapping.bundle_adjustment import Anchor
 from lmkit.mapping.joint_survey import JointSurvey
-from lmkit.mapping.several_recordings import NamedRecording, survey_recordings
+from lmkit.mapping.recording_group import LoneSurvey
+from lmkit.mapping.several_recordings import NamedRecording, join_surveys, survey_alone
 from lmkit.mapping.survey import anchors_of, landmark_sizes
-from lmkit.mapping.wall_constraints import LandmarkConstraint
+from lmkit.model.landmark_id import LandmarkId
 from lmkit.model.landmark_map import LandmarkMap
 
 STAGE = "survey"
@@ -38,25 +43,53 @@ class SiteSurvey:
         return {"site": self.site, **self.joint.to_dict()}
 
 
-def detected_by_site(store: Store, options: Mapping[str, Any]) -> dict[str, list[Detected]]:
-    """Recordings that were detected with these options and saw a landmark, by site, from early to late."""
-    found: dict[str, list[tuple[float, Detected]]] = {}
+@dataclass(frozen=True)
+class PartSurvey:
+    """Work of one job: survey a part alone.
+
+    Attributes:
+        store: that has its detections.
+        size_m: side of the landmarks, meters; those that are known have their own.
+        anchors: landmarks with known poses.
+    """
+
+    store: Store
+    size_m: float
+    anchors: Mapping[LandmarkId, Anchor]
+
+    def __call__(self, part: Part) -> LoneSurvey | str:
+        """Survey of the part, or why there is none."""
+        try:
+            recording, rig = read_detected(self.store, part)
+        except InputError as error:
+            return str(error)
+        named = NamedRecording(part.name, recording.frames, rig, motion_of(recording))
+        return survey_alone(named, landmark_sizes(recording.frames, self.size_m, self.anchors), self.anchors)
+
+
+def parts_by_site(store: Store, options: Mapping[str, Any]) -> dict[str, list[Part]]:
+    """Parts of the recordings that were detected with these options and saw a landmark, from early to late."""
+    found: dict[str, list[tuple[float, list[Part]]]] = {}
     for recording, key, outcome in done_jobs(store, DETECT, options):
         if outcome.ok and outcome.facts["detections"]:
-            detected = read_detected(store, recording.name, key)
-            found.setdefault(recording.site, []).append((outcome.facts["from_s"], detected))
-    return {site: [d for _, d in sorted(some, key=lambda one: one[0])] for site, some in sorted(found.items())}
+            parts = parts_of(recording, key, outcome)
+            found.setdefault(recording.site, []).append((outcome.facts["from_s"], parts))
+    return {
+        site: [part for _, parts in sorted(some, key=lambda one: one[0]) for part in parts]
+        for site, some in sorted(found.items())
+    }
 
 
 def survey_site(
+    store: Store,
     site: str,
-    detected: Sequence[Detected],
+    parts: Sequence[Part],
     size_m: float,
     known: LandmarkMap | None = None,
-    constraints: Sequence[LandmarkConstraint] = (),
     bumped: Mapping[str, str] | None = None,
+    engine: str = "local",
 ) -> SiteSurvey:
-    """Survey the recordings of one site into one map.
+    """Survey the parts of one site into one map: each alone on the engine, then all together here.
 
     Args:
         size_m: side of the landmarks, meters; landmarks in ``known`` have their own.
@@ -65,15 +98,14 @@ def survey_site(
             others.
 
     Raises:
-        InputError: no recording can be surveyed.
+        InputError: no recording can be surveyed, or the engine cannot be had.
     """
     anchors = {} if known is None else anchors_of(known)
-    reasons = {d.name: bumped[d.name] for d in detected if bumped and d.name in bumped}
-    left_out = reasons if len(reasons) < len(detected) else {}
-    used = [d for d in detected if d.name not in left_out]
-    frames = [frame for one in used for frame in one.recording.frames]
-    named = [NamedRecording(d.name, d.recording.frames, d.rig, motion_of(d.recording)) for d in used]
-    joint = survey_recordings(named, landmark_sizes(frames, size_m, anchors), anchors, constraints, True)
+    reasons = {p.name: bumped[p.recording] for p in parts if bumped and p.recording in bumped}
+    left_out = reasons if len(reasons) < len(parts) else {}
+    used = [part for part in parts if part.name not in left_out]
+    answers = dict(run_jobs(PartSurvey(store, size_m, anchors), used, engine))
+    joint = join_surveys({part.name: answers[part] or DIED for part in used}, anchors)
     return SiteSurvey(site, replace(joint, left_out={**left_out, **joint.left_out}))
 
 

@@ -11,6 +11,8 @@ from dataclasses import asdict, dataclass, fields
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from lmkit.errors import InputError
 from lmkit.fleet.store import Store, open_uri
 from lmkit.model.landmark_map import day_of
@@ -18,6 +20,7 @@ from lmkit.pipelines.recording_folder import DETECTIONS, VIDEOS
 from lmkit.version import __version__
 
 TABLE = "recordings.parquet"
+LAYOUT = 2  # of what stages write; another one is another result
 BAGS = (".mcap", ".bag", ".db3")
 BAG_FOLDER_HAS = "metadata.yaml"  # of a ROS 2 bag
 IMAGES = (".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff", ".webp")
@@ -63,7 +66,7 @@ class FleetRecording:
         rig = Path(self.rig)
         content = rig.read_bytes() if self.rig and rig.is_file() else b""
         own = {name: value for name, value in self.own_options(options).items() if name not in LIMITS}
-        identity = [__version__, stage, asdict(self), hashlib.sha256(content).hexdigest(), own]
+        identity = [__version__, LAYOUT, stage, asdict(self), hashlib.sha256(content).hexdigest(), own]
         return hashlib.sha256(json.dumps(identity, sort_keys=True).encode()).hexdigest()[:20]
 
 
@@ -206,4 +209,5 @@ def stored_recordings(store: Store) -> list[FleetRecording]:
     if not store.exists(TABLE):
         raise InputError("no_scan", f"{store.uri} holds no recordings", "run lmkit fleet scan first")
     columns, _ = store.read_table(TABLE)
-    return [FleetRecording(**dict(zip(columns, row, strict=True))) for row in zip(*columns.values(), strict=True)]
+    lists = [values.tolist() if isinstance(values, np.ndarray) else values for values in columns.values()]
+    return [FleetRecording(**dict(zip(columns, row, strict=True))) for row in zip(*lists, strict=True)]

@@ -8,8 +8,7 @@ from typing import Any
 
 from lmkit.calibration.rig_check import LEAST_VIEWS, check_dict, check_rig
 from lmkit.errors import InputError
-from lmkit.fleet.detection import STAGE as DETECT
-from lmkit.fleet.detection import read_detected
+from lmkit.fleet.detection import parts_to_read, read_detected
 from lmkit.fleet.jobs import StageJob, done_jobs
 from lmkit.fleet.store import Store
 from lmkit.geometry.pose import Pose
@@ -59,13 +58,20 @@ def bumped_recordings(store: Store, options: Mapping[str, Any]) -> dict[str, str
 
 
 def check_recording(job: StageJob) -> dict[str, Any]:
-    """Work of one job: each camera of the rig against the first one, as `lmkit calibrate --check` does it."""
+    """Work of one job: each camera of the rig against the first one, as `lmkit calibrate --check` does it.
+
+    Of several parts the last one in which two cameras saw enough is checked.
+    """
     options = job.options
-    detected = read_detected(job.store, job.recording.name, job.recording.key(DETECT, options["detect"]))
-    frames = detected.recording.frames
-    sizes = landmark_sizes(frames, options["size_m"], {})
-    sizes |= {LandmarkId.parse(id_): size for id_, size in options["known_m"].items()}
-    return {"cameras": pair_check(detected.rig, frames, sizes, VIEWS)}
+    known_m = {LandmarkId.parse(id_): size for id_, size in options["known_m"].items()}
+    cameras: list[dict[str, Any]] = []
+    for part in reversed(parts_to_read(job)):
+        recording, rig = read_detected(job.store, part)
+        sizes = landmark_sizes(recording.frames, options["size_m"], {}) | known_m
+        cameras = pair_check(rig, recording.frames, sizes, VIEWS)
+        if any(camera["state"] != UNKNOWN for camera in cameras):
+            break
+    return {"cameras": cameras}
 
 
 def pair_check(

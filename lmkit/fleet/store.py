@@ -10,6 +10,9 @@ from pathlib import Path
 from typing import Any
 from uuid import uuid4
 
+import numpy as np
+from numpy.typing import NDArray
+
 from lmkit.errors import EXTRA, InputError
 
 ROWS_KEY = b"lmkit"  # key of the JSON in a table's metadata
@@ -100,8 +103,10 @@ class Store:
         except OSError as error:
             raise InputError("store_unwritable", f"{self.uri}: cannot write {name} ({error})", _HINT) from None
 
-    def read_table(self, name: str) -> tuple[dict[str, list[Any]], dict[str, Any]]:
+    def read_table(self, name: str) -> tuple[dict[str, Any], dict[str, Any]]:
         """Columns of a Parquet file, and the JSON object written with it.
+
+        Numbers come as arrays, (N,) or (N,K), everything else as lists.
 
         Raises:
             InputError: it cannot be read, or is no such file.
@@ -115,21 +120,39 @@ class Store:
         except (pa.ArrowException, OSError) as error:
             raise InputError("store_damaged", f"{self.uri}: {name} is damaged ({error})", "delete it") from None
         about = json.loads((table.schema.metadata or {}).get(ROWS_KEY, b"{}"))
-        return {column: table[column].to_pylist() for column in table.column_names}, about
+        return {name: _values(table[name].combine_chunks()) for name in table.column_names}, about
 
     def write_table(
-        self, name: str, columns: Mapping[str, Sequence[Any]], about: Mapping[str, Any] | None = None
+        self, name: str, columns: Mapping[str, Sequence[Any] | NDArray[Any]], about: Mapping[str, Any] | None = None
     ) -> None:
-        """Write columns as a Parquet file, with a JSON object in its metadata."""
+        """Write columns, lists or arrays (N,) or (N,K), as a Parquet file, with a JSON object in its metadata."""
         require_arrow()
         import pyarrow as pa
         from pyarrow import parquet
 
-        table = pa.table({key: list(values) for key, values in columns.items()})
+        table = pa.table({key: _column(values) for key, values in columns.items()})
         table = table.replace_schema_metadata({ROWS_KEY: json.dumps(dict(about or {})).encode()})
         buffer = pa.BufferOutputStream()
         parquet.write_table(table, buffer, compression="zstd")
         self.write(name, buffer.getvalue().to_pybytes())
+
+
+def _column(values: Sequence[Any] | NDArray[Any]) -> Any:
+    """Arrow's array; rows of K numbers are lists of that length."""
+    import pyarrow as pa
+
+    if isinstance(values, np.ndarray) and values.ndim == 2:
+        return pa.FixedSizeListArray.from_arrays(pa.array(values.ravel()), values.shape[1])
+    return pa.array(values)
+
+
+def _values(column: Any) -> NDArray[Any] | list[Any]:
+    """Values of an Arrow array."""
+    import pyarrow as pa
+
+    if pa.types.is_fixed_size_list(column.type):
+        return np.asarray(column.flatten()).reshape(len(column), -1)
+    return np.asarray(column) if pa.types.is_primitive(column.type) and not column.null_count else column.to_pylist()
 
 
 _HINT = "check the store's URI, the permissions and the space left"

@@ -4,46 +4,79 @@ from __future__ import annotations
 
 import tempfile
 from collections import Counter
+from collections.abc import Sequence
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from lmkit.api.recordings import track
 from lmkit.errors import InputError
-from lmkit.fleet.detection import STAGE as DETECT
-from lmkit.fleet.detection import read_detected
+from lmkit.fleet.detection import parts_to_read, read_detected
 from lmkit.fleet.jobs import StageJob
+from lmkit.fleet.parts import part_folder
 from lmkit.io.external_maps import read_any_map
 from lmkit.model.landmark_map import LandmarkMap
 from lmkit.model.tracked_trajectory import TrackedTrajectory
 
 STAGE = "track"
+LEAST_SIGMA = 1e-9  # of a parameter that is held
 
 
 def track_recording(job: StageJob) -> dict[str, Any]:
-    """Work of one job: the trajectory as a table, and a summary.
+    """Work of one job: the trajectory of every part as a table, and a summary.
 
     Options: ``maps`` has the text of every site's map; ``detect`` the options of detection.
     """
     maps = job.options["maps"]
     if job.recording.site not in maps:
         raise InputError("no_map", f"site '{job.recording.site}' has no map", "run lmkit fleet survey")
-    detected = read_detected(job.store, job.recording.name, job.recording.key(DETECT, job.options["detect"]))
     landmarks = map_of(maps[job.recording.site])
-    if detected.recording.frames:
-        landmarks = landmarks.at(detected.recording.frames[0].time_s)
-    tracked = track(detected.recording, detected.rig, landmarks)
-    job.store.write_table(f"{STAGE}/{job.key}.parquet", _columns(tracked))
-    counts = Counter(map(str, tracked.statuses))
-    outliers = Counter(str(id_) for some in tracked.outliers for id_ in some)
-    return {
-        "frames": len(tracked),
-        "ok": counts.get("ok", 0),
-        "statuses": dict(counts),
-        "outliers": dict(outliers.most_common(10)),
-        "remarks": list(tracked.remarks),
-        "parameters": {name: float(value) for name, value in tracked.parameters.items()},
-        "parameter_sigmas": {name: float(value) for name, value in tracked.parameter_sigmas.items()},
-    }
+    passed = _Passed()
+    for part in parts_to_read(job):
+        recording, rig = read_detected(job.store, part)
+        tracked = track(recording, rig, landmarks.at(recording.frames[0].time_s))
+        job.store.write_table(f"{part_folder(f'{STAGE}/{job.key}', part.number)}.parquet", _columns(tracked))
+        passed.add(tracked)
+    return passed.facts()
+
+
+@dataclass
+class _Passed:
+    """What the parts of a recording tell in all."""
+
+    statuses: Counter[str] = field(default_factory=Counter)
+    outliers: Counter[str] = field(default_factory=Counter)
+    remarks: list[str] = field(default_factory=list)
+    known: dict[str, list[tuple[float, float]]] = field(default_factory=dict)
+
+    def add(self, tracked: TrackedTrajectory) -> None:
+        self.statuses.update(map(str, tracked.statuses))
+        self.outliers.update(str(id_) for some in tracked.outliers for id_ in some)
+        self.remarks += [remark for remark in tracked.remarks if remark not in self.remarks]
+        for name, value in tracked.parameters.items():
+            self.known.setdefault(name, []).append((float(value), float(tracked.parameter_sigmas.get(name, 0.0))))
+
+    def facts(self) -> dict[str, Any]:
+        means = {name: _weighted_mean(*zip(*some, strict=True)) for name, some in self.known.items()}
+        return {
+            "frames": self.statuses.total(),
+            "ok": self.statuses["ok"],
+            "statuses": dict(self.statuses),
+            "outliers": dict(self.outliers.most_common(10)),
+            "remarks": self.remarks,
+            "parameters": {name: value for name, (value, _) in means.items()},
+            "parameter_sigmas": {name: sigma for name, (_, sigma) in means.items()},
+        }
+
+
+def _weighted_mean(values: Sequence[float], sigmas: Sequence[float]) -> tuple[float, float]:
+    """Mean of independent estimates, and its standard deviation; one of them as it is."""
+    if len(values) == 1:
+        return values[0], sigmas[0]
+    weights = 1 / np.maximum(sigmas, LEAST_SIGMA) ** 2
+    return float(np.average(values, weights=weights)), float(1 / np.sqrt(weights.sum()))
 
 
 def map_of(text: str) -> LandmarkMap:
@@ -54,9 +87,11 @@ def map_of(text: str) -> LandmarkMap:
         return read_any_map(path)
 
 
-def _columns(tracked: TrackedTrajectory) -> dict[str, list[Any]]:
-    rows = [tracked.to_dict(k) for k in range(len(tracked))]
-    return {name: [row[name] for row in rows] for name in ("time_s", "position", "quaternion")} | {
-        "status": [str(row["status"]) for row in rows],
-        "covariance": [[value for line in row["covariance"] for value in line] for row in rows],
+def _columns(tracked: TrackedTrajectory) -> dict[str, Any]:
+    return {
+        "time_s": tracked.times_s,
+        "position": tracked.positions,
+        "quaternion": np.array([pose.quaternion_xyzw for pose in tracked.poses]).reshape(-1, 4),
+        "status": [str(status) for status in tracked.statuses],
+        "covariance": np.asarray(tracked.covariances).reshape(-1, 36),
     }

@@ -96,8 +96,50 @@ def survey_recordings(
     known = _Beforehand(sizes_m, anchors, constraints)
     alone = map_sharing(_survey_alone, known, recordings)
     answers = list(alone if in_processes else (_survey_alone(known, recording) for recording in recordings))
-    lone = [answer for answer in answers if isinstance(answer, LoneSurvey)]
-    left_out = {r.name: a for r, a in zip(recordings, answers, strict=True) if isinstance(a, str)}
+    named = {r.name: answer for r, answer in zip(recordings, answers, strict=True)}
+    return join_surveys(named, anchors, constraints)
+
+
+def _survey_alone(known: _Beforehand, recording: NamedRecording) -> LoneSurvey | str:
+    return survey_alone(recording, known.sizes_m, known.anchors, known.constraints)
+
+
+def survey_alone(
+    recording: NamedRecording,
+    sizes_m: Mapping[LandmarkId, float],
+    anchors: Mapping[LandmarkId, Anchor],
+    constraints: Sequence[LandmarkConstraint] = (),
+) -> LoneSurvey | str:
+    """Survey one recording, to be joined with others; or why it cannot be surveyed.
+
+    Args:
+        sizes_m, anchors, constraints: as of `survey_frames`.
+    """
+    seen = {o.id for frame in recording.frames for o in frame.detections}
+    mine = {id_: anchor for id_, anchor in anchors.items() if id_ in seen}
+    try:
+        solved = solve_recording(recording.frames, recording.rig, sizes_m, mine, recording.motion, constraints)
+    except InputError as error:
+        return str(error)
+    return LoneSurvey(recording.name, recording.rig, solved, survey_of(solved, mine, constraints), bool(mine))
+
+
+def join_surveys(
+    answers: Mapping[str, LoneSurvey | str],
+    anchors: Mapping[LandmarkId, Anchor],
+    constraints: Sequence[LandmarkConstraint] = (),
+) -> JointSurvey:
+    """One map from recordings that were surveyed alone.
+
+    Args:
+        answers: of `survey_alone`, by the recording's name, in the order of the recordings.
+        anchors, constraints: as of `survey_frames`.
+
+    Raises:
+        InputError: no recording could be surveyed.
+    """
+    lone = [answer for answer in answers.values() if isinstance(answer, LoneSurvey)]
+    left_out = {name: answer for name, answer in answers.items() if isinstance(answer, str)}
     if not lone:
         name, reason = next(iter(left_out.items()))
         raise InputError(
@@ -106,7 +148,7 @@ def survey_recordings(
     while True:
         group = join_recordings(lone)
         left_out |= group.left_out
-        joint = _Joint(group, known)
+        joint = _Joint(group, anchors, constraints)
         joint.solve()
         contradicted = joint.contradicted_recordings()
         if not contradicted:
@@ -115,27 +157,20 @@ def survey_recordings(
         lone = [one for one in group.lone if one.name not in contradicted]
 
 
-def _survey_alone(known: _Beforehand, recording: NamedRecording) -> LoneSurvey | str:
-    seen = {o.id for frame in recording.frames for o in frame.detections}
-    mine = {id_: anchor for id_, anchor in known.anchors.items() if id_ in seen}
-    try:
-        solved = solve_recording(
-            recording.frames, recording.rig, known.sizes_m, mine, recording.motion, known.constraints
-        )
-    except InputError as error:
-        return str(error)
-    return LoneSurvey(recording.name, recording.rig, solved, survey_of(solved, mine, known.constraints), bool(mine))
-
-
 class _Joint:
     """The joint adjustment of a group, with landmarks split and merged as it tells."""
 
-    def __init__(self, group: RecordingGroup, known: _Beforehand) -> None:
-        self.group, self.known = group, known
+    def __init__(
+        self,
+        group: RecordingGroup,
+        known: Mapping[LandmarkId, Anchor],
+        constraints: Sequence[LandmarkConstraint],
+    ) -> None:
+        self.group, self.known, self.constraints = group, known, constraints
         self.problems = [one.solved.problem for one in group.lone]
         self.lone_used = [problem.used.copy() for problem in self.problems]
         self.lone_poses = [(problem.lm_R.copy(), problem.lm_p.copy()) for problem in self.problems]
-        self.anchors = dict(known.anchors) or dict(self.problems[0].anchors)
+        self.anchors = dict(known) or dict(self.problems[0].anchors)
         self.threshold = moved_threshold(sum(len(problem.mapped) for problem in self.problems))
         self.noise = 1.0
         self.merged_back: Counter[tuple[int, int]] = Counter()
@@ -220,8 +255,8 @@ class _Joint:
             T = Pose("map", "landmark", orthonormal(R[number]), p[number])
             mapped.append(MappedLandmark(id_, 1.0, T))
         nowhere = PoseArray("map", "left", np.zeros((0, 3, 3)), np.zeros((0, 3)))
-        rig, constraints = self.group.lone[0].rig, self.known.constraints
-        return BundleProblem((), rig, nowhere, LandmarkMap(mapped), self.anchors, constraints=constraints)
+        rig = self.group.lone[0].rig
+        return BundleProblem((), rig, nowhere, LandmarkMap(mapped), self.anchors, constraints=self.constraints)
 
     def _last_versions(self) -> dict[LandmarkId, int]:
         """Current version of each landmark."""
@@ -321,7 +356,7 @@ class _Joint:
         current, moved, order = self._mapped(C)
         unseen = [
             replace(anchor.landmark, covariance=anchor.covariance)
-            for id_, anchor in self.known.anchors.items()
+            for id_, anchor in self.known.items()
             if all(m.id != id_ for m in current)
         ]
         past = [m.before for m in moved if m.before.valid_to_s is not None]
@@ -338,7 +373,7 @@ class _Joint:
             poorly_determined_landmarks(LandmarkMap(current)),
             tuple(sorted({id_ for survey in surveys for id_ in survey.unplaced if id_ not in landmarks})),
             tuple(sorted({v.id for k, v in enumerate(self.group.versions) if k in spreads and k in order})),
-            landmarks_off_constraint(self.known.constraints, LandmarkMap(current)),
+            landmarks_off_constraint(self.constraints, LandmarkMap(current)),
         )
 
     def _mapped(self, C: FloatArray) -> tuple[list[MappedLandmark], list[MovedLandmark], list[int]]:

@@ -6,10 +6,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from lmkit.arrays import FloatArray, frozen
+from lmkit.arrays import FloatArray, IntArray, frozen
 from lmkit.model.landmark_id import LandmarkId
 from lmkit.model.observation import Detection, RangeBearing
 from lmkit.model.trajectory import Trajectory
+
+CLOCKS_APART_S = 5.0  # of odometry and cameras, at most
 
 
 @dataclass(frozen=True, eq=False)
@@ -137,6 +139,21 @@ class Recording:
         detected = {o.id for frame in self.frames for o in frame.detections}
         return detected | {reading.id for _, seen in self.readings for reading in seen}
 
+    def around(self, frames: tuple[RigFrame, ...]) -> Recording:
+        """Some frames in the order of time, with the rows of odometry and gyro from `CLOCKS_APART_S` before to after.
+
+        Fewer than two rows say nothing about motion; they are left out.
+        """
+        first, last = frames[0].time_s - CLOCKS_APART_S, frames[-1].time_s + CLOCKS_APART_S
+        odometry, gyro = self.odometry, self.gyro
+        if odometry is not None:
+            rows = _rows_around(odometry.times_s, first, last)
+            odometry = _chosen(odometry, rows) if len(rows) > 1 else None
+        if gyro is not None:
+            rows = _rows_around(gyro.times_s, first, last)
+            gyro = Gyro(gyro.times_s[rows], gyro.rate_radps[rows]) if odometry is not None and len(rows) > 1 else None
+        return Recording(frames, (), odometry, gyro)
+
     def __repr__(self) -> str:
         times = self.times_s
         what = "readings" if self.readings else "frames"
@@ -146,3 +163,15 @@ class Recording:
         if self.gyro is not None:
             parts.append("gyro")
         return f"Recording({', '.join(parts)})"
+
+
+def _rows_around(times_s: FloatArray, first_s: float, last_s: float) -> IntArray:
+    """Rows from the last one not after ``first_s`` to the first one not before ``last_s``."""
+    start = max(int(np.searchsorted(times_s, first_s, side="right")) - 1, 0)
+    return np.arange(start, min(int(np.searchsorted(times_s, last_s)) + 1, len(times_s)))
+
+
+def _chosen(odometry: Odometry | Trajectory, rows: IntArray) -> Odometry | Trajectory:
+    if isinstance(odometry, Trajectory):
+        return odometry.rows(rows)
+    return Odometry(odometry.times_s[rows], odometry.forward_m[rows], odometry.turn_rad[rows])

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 
@@ -79,7 +80,37 @@ def _detected(time_s: float, frames: Sequence[Frame], rig: AnyRig, families: tup
 POSES = (".tum", ".txt")  # suffixes of odometry in space
 
 
-def read_recording(
+@dataclass(frozen=True, eq=False)
+class OpenRecording:
+    """A recording whose frames are detected one after the other, as they are asked for.
+
+    Attributes:
+        frames: in the order of time; can be gone through once.
+        total: how many frames there are; 0 where that is not known.
+        rest: readings, odometry and gyro.
+    """
+
+    frames: Iterator[RigFrame]
+    total: int
+    rest: Recording
+
+    def read(self, on_frame: Callable[[int, int], None] = lambda done, total: None) -> Recording:
+        """The whole recording.
+
+        Args:
+            on_frame: called with the number of frames done, and of how many.
+
+        Raises:
+            InputError: a file cannot be read.
+        """
+        frames = []
+        for frame in self.frames:
+            frames.append(frame)
+            on_frame(len(frames), self.total)
+        return replace(self.rest, frames=tuple(frames))
+
+
+def open_recording(
     sources: Sequence[str] = (),
     rig: AnyRig | None = None,
     detections: Path | None = None,
@@ -89,13 +120,11 @@ def read_recording(
     wheel_track_m: float | None = None,
     families: Sequence[str] = (),
     hz: float | None = None,
-    on_frame: Callable[[int, int], None] = lambda done, total: None,
-) -> Recording:
+) -> OpenRecording:
     """A recording from its files: images, or saved detections, or readings; odometry and gyro.
 
     Args:
         families: names; of images those that lmkit detects, of saved detections and readings any.
-        on_frame: called with the number of frames done, and of how many.
 
     Raises:
         InputError: not exactly one of images, detections and readings is given; images without a rig; a gyro without
@@ -122,15 +151,13 @@ def read_recording(
     names = [name.strip() for name in families]
     if readings is not None:
         seen = tuple((time_s, tuple(some)) for time_s, some in sorted(read_readings(readings, names).items()))
-        return Recording(readings=seen, odometry=own, gyro=rate)
+        return OpenRecording(iter(()), 0, Recording(readings=seen, odometry=own, gyro=rate))
+    rest = Recording(odometry=own, gyro=rate)
     if detections is not None:
         cameras = PAIR if rig is None else [camera.name for camera in mounted_cameras(rig)]
-        return Recording(tuple(read_detections(detections, names, cameras)), odometry=own, gyro=rate)
+        frames = read_detections(detections, names, cameras)
+        return OpenRecording(iter(frames), len(frames), rest)
     if rig is None:
         raise InputError("no_rig", "images need a rig", "give rig")
-    total = frame_count(sources[:1]) or 0
-    frames = []
-    for frame in see_drive(sources, rig, [family_named(name) for name in names], hz):
-        frames.append(frame)
-        on_frame(len(frames), total)
-    return Recording(tuple(frames), odometry=own, gyro=rate)
+    detected = see_drive(sources, rig, [family_named(name) for name in names], hz)
+    return OpenRecording(detected, frame_count(sources[:1]) or 0, rest)

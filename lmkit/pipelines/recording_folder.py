@@ -13,7 +13,7 @@ from lmkit.errors import InputError
 from lmkit.geometry.rig import AnyRig, mounted_cameras
 from lmkit.model.landmark import LM8
 from lmkit.model.recording import Recording
-from lmkit.pipelines.detect_recording import POSES, read_recording
+from lmkit.pipelines.detect_recording import POSES, OpenRecording, open_recording
 
 DETECTIONS, GYRO = "detections.csv", "gyro.csv"
 VIDEOS = (".mp4", ".avi", ".mkv", ".mov", ".m4v", ".webm")
@@ -27,16 +27,19 @@ def is_recording_folder(path: Path, cameras: Sequence[str]) -> bool:
 
 
 def read_recording_folder(
-    path: Path,
-    rig: AnyRig,
-    families: Sequence[str] = (LM8.name,),
-    hz: float | None = None,
-    wheel_track_m: float | None = None,
+    path: Path, rig: AnyRig, families: Sequence[str] = (LM8.name,), hz: float | None = None
 ) -> Recording:
-    """The recording of a folder.
+    """The whole recording of a folder, as of `open_recording_folder`."""
+    return open_recording_folder(path, rig, families, hz).read()
+
+
+def open_recording_folder(
+    path: Path, rig: AnyRig, families: Sequence[str] = (LM8.name,), hz: float | None = None
+) -> OpenRecording:
+    """The recording of a folder, whose frames are read one after the other.
 
     Args:
-        families, hz, wheel_track_m: as of `read_recording`.
+        families, hz: as of `open_recording`.
 
     Raises:
         InputError: the folder holds no recording of this rig, or a file cannot be read.
@@ -52,16 +55,15 @@ def read_recording_folder(
     detections = path / DETECTIONS
     sources = [] if detections.is_file() else [str(_camera_source(path, name)) for name in names]
     odometry = next((p for p in (path / f"odometry{end}" for end in (".csv", *POSES)) if p.is_file()), None)
-    return read_recording(
+    return open_recording(
         sources,
         rig,
         detections if detections.is_file() else None,
         None,
         odometry,
         path / GYRO if (path / GYRO).is_file() else None,
-        wheel_track_m,
-        families,
-        hz,
+        families=families,
+        hz=hz,
     )
 
 

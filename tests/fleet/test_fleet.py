@@ -18,12 +18,16 @@ import pytest
 pytest.importorskip("pyarrow")
 
 from lmkit.errors import InputError
-from lmkit.fleet.detection import STAGE, detect_recording, read_detected
+from lmkit.fleet import parts
+from lmkit.fleet.detection import STAGE, detect_recording, parts_of, read_detected
 from lmkit.fleet.engines import run_jobs, share_of
 from lmkit.fleet.jobs import done_jobs, run_stage
+from lmkit.fleet.mapping import parts_by_site, survey_site
 from lmkit.fleet.recordings import add_recordings, find_recordings, stored_recordings
 from lmkit.fleet.store import Store
+from lmkit.fleet.tracking import track_recording
 from lmkit.io.external_maps import read_any_map
+from lmkit.io.landmark_map import map_to_yaml
 from lmkit.simulation.site import Planted, Site, day_name, write_site
 
 OPTIONS = {"families": ["lm8"], "hz": None}
@@ -116,7 +120,7 @@ def test_planted_faults_are_found(lmkit, written, tmp_path):
 
 def test_stored_detections_read_back_exactly(small, tmp_path):
     from lmkit.io.any_rig import read_any_rig
-    from lmkit.pipelines.detect_recording import read_recording
+    from lmkit.pipelines.detect_recording import open_recording
 
     folder = small
     store = Store(str(tmp_path / "store"))
@@ -126,19 +130,58 @@ def test_stored_detections_read_back_exactly(small, tmp_path):
     )
     list(run_stage(store, STAGE, detect_recording, OPTIONS))
     [(recording, key, outcome)] = done_jobs(store, STAGE, OPTIONS)
-    back = read_detected(store, recording.name, key)
+    [part] = parts_of(recording, key, outcome)
+    back, _ = read_detected(store, part)
     source = Path(recording.source)
-    first = read_recording(
+    first = open_recording(
         rig=read_any_rig(Path(recording.rig)), detections=source / "detections.csv",
         odometry=source / "odometry.csv", gyro=source / "gyro.csv",
-    )  # fmt: skip
-    assert outcome.facts["frames"] == len(first.frames) == len(back.recording.frames)
-    for a, b in zip(first.frames, back.recording.frames, strict=True):
+    ).read()  # fmt: skip
+    assert outcome.facts["frames"] == len(first.frames) == len(back.frames)
+    for a, b in zip(first.frames, back.frames, strict=True):
         assert a.time_s == b.time_s
         assert [d.id for d in a.detections] == [d.id for d in b.detections]
         assert all(np.array_equal(x.corners, y.corners) for x, y in zip(a.detections, b.detections, strict=True))
-    assert np.array_equal(first.odometry.turn_rad, back.recording.odometry.turn_rad)
-    assert np.array_equal(first.gyro.rate_radps, back.recording.gyro.rate_radps)
+    kept = np.isin(first.odometry.times_s, back.odometry.times_s)
+    assert np.array_equal(first.odometry.turn_rad[kept], back.odometry.turn_rad)
+    assert np.array_equal(first.gyro.rate_radps[np.isin(first.gyro.times_s, back.gyro.times_s)], back.gyro.rate_radps)
+    assert np.ptp(back.odometry.times_s) > np.ptp(first.times_s) - 0.1
+
+
+def test_a_long_recording_is_stored_and_located_in_parts(small, tmp_path, monkeypatch):
+    monkeypatch.setattr(parts, "FRAMES", 25)
+    folder = small
+    store = Store(str(tmp_path / "store"))
+    add_recordings(
+        store,
+        find_recordings(f"{folder}/logs/{{site}}/{{robot}}/{day_name(0)}", f"{folder}/rigs/{{robot}}/{{date}}.yaml"),
+    )
+    monkeypatch.setenv("LMKIT_JOBS", "1")
+    [detected] = run_stage(store, STAGE, detect_recording, OPTIONS)
+    assert detected.facts["parts"] == 3 and detected.facts["frames"] > 65
+    [(site, some)] = parts_by_site(store, OPTIONS).items()
+    assert [part.name for part in some] == [f"{detected.recording}, part {k} of 3" for k in (1, 2, 3)]
+    times = [read_detected(store, part)[0].times_s for part in some]
+    assert np.all(np.diff(np.concatenate(times)) > 0) and sum(map(len, times)) == detected.facts["frames"]
+    surveyed = survey_site(store, site, some, 0.18)
+    assert len(surveyed.joint.names) == 3 and not surveyed.joint.left_out
+    options = {"maps": {site: map_to_yaml(surveyed.joint.landmarks)}, "detect": OPTIONS}
+    [tracked] = run_stage(store, "track", track_recording, options)
+    assert tracked.facts["frames"] == detected.facts["frames"]
+    assert tracked.facts["ok"] > 0.9 * tracked.facts["frames"]
+
+
+def test_the_last_part_is_not_a_stub():
+    for count, lengths in (
+        (0, []),
+        (3, [3]),
+        (10, [10]),
+        (14, [14]),
+        (15, [10, 5]),
+        (24, [10, 14]),
+        (27, [10, 10, 7]),
+    ):
+        assert [len(part) for part in parts.split_frames(iter([None] * count), 10)] == lengths
 
 
 def test_workers_open_the_folder_that_the_client_means(tmp_path, monkeypatch):
