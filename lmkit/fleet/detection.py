@@ -39,7 +39,7 @@ def detect_recording(job: StageJob) -> dict[str, Any]:
 
 @dataclass
 class _Found:
-    """What a recording's parts hold in all."""
+    """Sums over the parts of a recording."""
 
     parts: int = 0
     frames: int = 0

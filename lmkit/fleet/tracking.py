@@ -44,7 +44,7 @@ def track_recording(job: StageJob) -> dict[str, Any]:
 
 @dataclass
 class _Passed:
-    """What the parts of a recording tell in all."""
+    """Sums over the parts of a recording."""
 
     statuses: Counter[str] = field(default_factory=Counter)
     outliers: Counter[str] = field(default_factory=Counter)
