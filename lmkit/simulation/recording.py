@@ -212,4 +212,5 @@ def _wheels(
     turned = turn / errors.turn_scale + errors.turn_noise_per_root_m * root * rng.normal(size=len(root))
     own = times[1:] - errors.delay_s
     rate = step[:, 2] / STEP_S + errors.gyro_bias + errors.gyro_noise * rng.normal(size=len(root))
-    return Odometry(own, reported, turned), Gyro(own, rate)
+    # The mean rate of a step is the rate at its middle.
+    return Odometry(own, reported, turned), Gyro(own - STEP_S / 2, rate)
