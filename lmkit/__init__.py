@@ -16,6 +16,7 @@ if _TYPE_CHECKING:
     from lmkit.api.arguments import ImageWarning as ImageWarning
     from lmkit.api.cameras import calibrate as calibrate
     from lmkit.api.cameras import calibrate_base as calibrate_base
+    from lmkit.api.cameras import calibrate_clocks as calibrate_clocks
     from lmkit.api.cameras import locate as locate
     from lmkit.api.detecting import Detector as Detector
     from lmkit.api.detecting import detect as detect
@@ -81,6 +82,7 @@ _HOMES = {
     "draw": "api.detecting",
     "calibrate": "api.cameras",
     "calibrate_base": "api.cameras",
+    "calibrate_clocks": "api.cameras",
     "locate": "api.cameras",
     "survey": "api.recordings",
     "survey_recordings": "api.recordings",

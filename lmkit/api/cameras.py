@@ -1,4 +1,4 @@
-"""`lmkit.calibrate`, `lmkit.calibrate_base` and `lmkit.locate`."""
+"""`lmkit.calibrate`, `lmkit.calibrate_base`, `lmkit.calibrate_clocks` and `lmkit.locate`."""
 
 from __future__ import annotations
 
@@ -19,6 +19,7 @@ if TYPE_CHECKING:
     from lmkit.geometry.rig import AnyRig
     from lmkit.localization.absolute_pose import LocateOptions
     from lmkit.mapping.base_mounting import BaseMounting
+    from lmkit.mapping.clock_offsets import ClockOffsets
     from lmkit.model.board import BoardSpec
     from lmkit.model.estimate import PoseEstimate
     from lmkit.model.landmark_map import LandmarkMap
@@ -113,6 +114,38 @@ def calibrate_base(
     height_m = None if height is None else as_meters(height, "height")
     motion = MotionModel(recording.odometry, recording.gyro)
     return find_base_mounting(recording.frames, as_rig(rig), as_map(landmarks), motion, height_m)
+
+
+def calibrate_clocks(recording: Recording, rig: AnyRig | PathLike, landmarks: LandmarkMap | PathLike) -> ClockOffsets:
+    """Find by how much later than its stamps every camera exposes, on the first camera's clock.
+
+    Args:
+        recording: frames of the cameras, and odometry; the robot drives and turns.
+        rig: the calibrated cameras, or their file; time offsets in it are not used.
+        landmarks: the landmark map, or its file.
+
+    Returns:
+        The rig with its time offsets, and the standard deviation of each.
+
+    Raises:
+        InputError: one camera, a camera that sees nothing of the map, or no odometry.
+
+    Examples:
+        >>> import lmkit
+        >>> recording = lmkit.read_recording(detections="detections.csv", odometry="odometry.csv", gyro="gyro.csv")
+        >>> found = lmkit.calibrate_clocks(recording, "rig.yaml", "map.yaml")
+        >>> found.names
+        ('right',)
+    """
+    from lmkit.api.recordings import motion_of
+    from lmkit.mapping.clock_offsets import find_clock_offsets
+
+    motion = motion_of(recording)
+    if not recording.frames:
+        raise InputError("no_frames", "the recording has no frames", "give images or detections")
+    if motion is None:
+        raise InputError("no_odometry", "clock offsets need odometry", "read the recording with odometry")
+    return find_clock_offsets(recording.frames, as_rig(rig), as_map(landmarks), motion)
 
 
 def locate(

@@ -1,4 +1,4 @@
-"""`lmkit calibrate --base`: the place of every camera on the robot."""
+"""`lmkit calibrate --base` and `--clocks`: places of cameras on the robot, and offsets of their clocks."""
 
 from __future__ import annotations
 
@@ -8,20 +8,44 @@ from typing import Annotated
 import typer
 
 from lmkit.cli.map_options import read_mounted_map
-from lmkit.cli.output import print_json, print_line, write_outputs
+from lmkit.cli.output import print_json, print_line, require_no, write_outputs
 from lmkit.errors import InputError
 
 Base = Annotated[
     Path | None,
     typer.Option("--base", help="Recording folder with odometry: computes the poses of the cameras on the robot."),
 ]
-RigToMount = Annotated[Path | None, typer.Option("--rig", help="With --base: rig file of the cameras.")]
+Clocks = Annotated[
+    Path | None,
+    typer.Option("--clocks", help="Recording folder with odometry: computes the time offsets of the cameras."),
+]
+RigToMount = Annotated[Path | None, typer.Option("--rig", help="With --base or --clocks: rig file of the cameras.")]
 Height = Annotated[
     str | None,
     typer.Option(
         "--height", help="With --base: height of the first camera above the origin of the base, such as 0.42m."
     ),
 ]
+
+
+def by_driving(
+    base: Path | None,
+    clocks: Path | None,
+    rig: Path | None,
+    landmark_map: Path | None,
+    height: str | None,
+    family: str,
+    output: Path | None,
+    as_json: bool,
+    force: bool,
+) -> None:
+    """What a recording in a mapped room tells of the cameras: their places, or the offsets of their clocks."""
+    if base is not None:
+        require_no("--base", {"--clocks": clocks})
+        calibrate_base(base, rig, landmark_map, height, family, output, as_json, force)
+    elif clocks is not None:
+        require_no("--clocks", {"--height": height})
+        calibrate_clocks(clocks, rig, landmark_map, family, output, as_json, force)
 
 
 def calibrate_base(
@@ -62,4 +86,35 @@ def calibrate_base(
         print_json(mounting_dict(found))
         return
     for line in (*mounting_lines(found), *(f"wrote {path}" for path in written)):
+        print_line(line)
+
+
+def calibrate_clocks(
+    folder: Path,
+    rig: Path | None,
+    landmark_map: Path | None,
+    family: str,
+    output: Path | None,
+    as_json: bool,
+    force: bool,
+) -> None:
+    """Find the time offsets of the cameras by a recording in a mapped room; write the rig and print.
+
+    Raises:
+        InputError: rig or map is missing, or a camera saw nothing of the map.
+    """
+    from lmkit.api.cameras import calibrate_clocks as find
+    from lmkit.io.any_rig import read_any_rig
+    from lmkit.io.rig import rig_to_yaml
+    from lmkit.pipelines.recording_folder import read_recording_folder
+
+    if rig is None or landmark_map is None:
+        raise InputError("no_rig_or_map", "--clocks needs a rig and a map", "give --rig rig.yaml --map map.yaml")
+    cameras, landmarks = read_any_rig(rig), read_mounted_map(landmark_map)
+    found = find(read_recording_folder(folder, cameras, landmarks.families or (family,)), cameras, landmarks)
+    written = write_outputs({output: rig_to_yaml(found.rig)}, force)
+    if as_json:
+        print_json(found.to_dict())
+        return
+    for line in (*found.lines(), *(f"wrote {path}" for path in written)):
         print_line(line)

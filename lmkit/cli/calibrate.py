@@ -75,6 +75,7 @@ def run(
         Path | None, typer.Option("--save-pairs", help="With --capture: folder for the pairs that are kept.")
     ] = None,
     base: base_options.Base = None,
+    clocks: base_options.Clocks = None,
     rig: base_options.RigToMount = None,
     landmark_map: options.OptionalMapFile = None,
     height: base_options.Height = None,
@@ -102,10 +103,10 @@ def run(
     left, right = (*sources, None, None)[:2]
     check_outputs((output, report, save_corners), None, force)
     for_base = {"--rig": rig, "--map": landmark_map, "--height": height}
-    if base is not None:
+    if base is not None or clocks is not None:
         for_board = {"images": images, "--board": board, "--report": report, "--check": check, "--corners": corners}
-        require_no("--base", {**for_board, "--capture": capture or None})
-        base_options.calibrate_base(base, rig, landmark_map, height, family, output, as_json, force)
+        require_no("--base" if clocks is None else "--clocks", {**for_board, "--capture": capture or None})
+        base_options.by_driving(base, clocks, rig, landmark_map, height, family, output, as_json, force)
         return
     require_no("calibration without --base", for_base)
     if check is not None:
@@ -116,8 +117,7 @@ def run(
             "--baseline": baseline, "--fov": fov, "--save-corners": save_corners, "--intrinsics": intrinsics or None,
         }  # fmt: skip
         require_no("--check", for_calibration)
-        # Without a board, landmarks are looked for; a measured size alone is refused.
-        spec = None if board is None and measured is None else parse_board(board, measured)
+        spec = None if board is None and measured is None else parse_board(board, measured)  # None: landmarks
         check_images(check, *both_sources(left, right), spec, family, as_json)
         return
     if corners is not None:

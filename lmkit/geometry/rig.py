@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 
 import numpy as np
@@ -27,6 +27,8 @@ class MountedCamera:
         covariance: (6,6) of T_camera_left, if known: t (m), then a rotation vector applied on the left (rad).
         intrinsics_sigma: standard deviations of fx fy cx cy and the distortion, if known.
         intrinsics_correlation: (4+D,4+D) correlations of the same numbers, if known.
+        time_offset_s: added to the stamps of this camera's images, it gives the time of exposure on the first
+            camera's clock.
 
     Raises:
         ValueError: T_camera_left joins other frames.
@@ -38,6 +40,7 @@ class MountedCamera:
     covariance: FloatArray | None = None
     intrinsics_sigma: FloatArray | None = None
     intrinsics_correlation: FloatArray | None = None
+    time_offset_s: float = 0.0
 
     def __post_init__(self) -> None:
         if (self.T_camera_left.to_frame, self.T_camera_left.from_frame) != ("camera", "left"):
@@ -53,7 +56,7 @@ class Rig:
         T_base_left: where the first camera sits on the robot's base, if known.
 
     Raises:
-        ValueError: no camera, two of one name, or a first camera that is not at the rig's origin.
+        ValueError: no camera, two of one name, or a first camera that is not at the rig's origin or on its clock.
     """
 
     cameras: tuple[MountedCamera, ...]
@@ -68,6 +71,8 @@ class Rig:
         first = self.cameras[0].T_camera_left
         if not (np.array_equal(first.R, np.eye(3)) and not first.t.any()):
             raise ValueError("T_camera_left of the first camera is not the identity")
+        if self.cameras[0].time_offset_s != 0.0:
+            raise ValueError("time_offset_s of the first camera is not zero: its clock is the rig's")
 
     @classmethod
     def of_one(cls, model: CameraModel, T_base_left: Pose | None = None, name: str = "camera") -> Rig:
@@ -96,7 +101,7 @@ def mounted_cameras(rig: AnyRig) -> tuple[MountedCamera, ...]:
     T = Pose("camera", "left", right.R, right.t)
     return (
         MountedCamera("left", rig.left, Pose.identity("camera", "left"), None, sigma[0], correlation[0]),
-        MountedCamera("right", rig.right, T, rig.covariance, sigma[1], correlation[1]),
+        MountedCamera("right", rig.right, T, rig.covariance, sigma[1], correlation[1], rig.right_time_offset_s),
     )
 
 
@@ -127,7 +132,16 @@ def as_stereo(rig: AnyRig, what: str) -> StereoRig:
         right.covariance,
         None if sigmas[0] is None or sigmas[1] is None else (sigmas[0], sigmas[1]),
         None if correlations[0] is None or correlations[1] is None else (correlations[0], correlations[1]),
+        right.time_offset_s,
     )
+
+
+def with_time_offsets(rig: AnyRig, offsets_s: Sequence[float]) -> AnyRig:
+    """The rig with the time offset of every camera but the first."""
+    if isinstance(rig, StereoRig):
+        return replace(rig, right_time_offset_s=float(offsets_s[0]))
+    others = [replace(c, time_offset_s=float(s)) for c, s in zip(rig.cameras[1:], offsets_s, strict=True)]
+    return replace(rig, cameras=(rig.cameras[0], *others))
 
 
 def T_map_cameras(rig: AnyRig, T_map_left: Pose) -> list[Pose]:

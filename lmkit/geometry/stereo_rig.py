@@ -30,6 +30,8 @@ class StereoRig:
         intrinsics_sigma: standard deviations of fx fy cx cy and the distortion of the left and of the right
             camera, if known.
         intrinsics_correlation: (4+D,4+D) correlations of the same numbers, if known.
+        right_time_offset_s: added to the stamps of the right camera's images, it gives the time of exposure on the
+            left camera's clock.
     """
 
     left: CameraModel
@@ -39,6 +41,7 @@ class StereoRig:
     covariance: FloatArray | None = None
     intrinsics_sigma: tuple[FloatArray, FloatArray] | None = None
     intrinsics_correlation: tuple[FloatArray, FloatArray] | None = None
+    right_time_offset_s: float = 0.0
 
     def __post_init__(self) -> None:
         if (self.T_right_left.to_frame, self.T_right_left.from_frame) != ("right", "left"):

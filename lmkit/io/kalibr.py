@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -13,7 +14,7 @@ from lmkit.errors import InputError
 from lmkit.geometry.camera import CameraModel
 from lmkit.geometry.lens_conversion import with_four_coefficients
 from lmkit.geometry.pose import Pose
-from lmkit.geometry.rig import AnyRig, MountedCamera, Rig, mounted_cameras
+from lmkit.geometry.rig import AnyRig, MountedCamera, Rig, mounted_cameras, with_time_offsets
 from lmkit.geometry.rotations import orthonormal
 from lmkit.geometry.stereo_rig import StereoRig
 from lmkit.io.documents import dump_yaml, first_problem, load_document, read_text
@@ -37,6 +38,7 @@ class _Camera(BaseModel):
     T_cn_cnm1: Matrix4 | None = None
     T_cam_imu: Matrix4 | None = None
     T_imu_cam: Matrix4 | None = None
+    timeshift_cam_imu: float | None = None
 
     @field_validator("camera_model")
     @classmethod
@@ -83,6 +85,8 @@ def rig_to_camchain(rig: AnyRig) -> tuple[str, str, float]:
             "cam_overlaps": [other for other in range(len(mounted)) if other != number],
             "rostopic": f"/{mounted[number].name}/image_raw",
         }
+        if any(camera.time_offset_s for camera in mounted):
+            cameras[f"cam{number}"]["timeshift_cam_imu"] = mounted[number].time_offset_s
         if number > 0:
             T = mounted[number].T_camera_left.matrix @ mounted[number - 1].T_camera_left.inverse().matrix
             cameras[f"cam{number}"] = {"T_cn_cnm1": T.tolist()} | cameras[f"cam{number}"]
@@ -122,14 +126,23 @@ def read_camchain(path: Path) -> AnyRig:
             poses.append(T)
         models = [_camera(camera) for camera in chain]
         if len(chain) == 2:
-            return StereoRig(models[0], models[1], Pose("right", "left", orthonormal(T[:3, :3]), T[:3, 3]))
+            T_right_left = Pose("right", "left", orthonormal(T[:3, :3]), T[:3, 3])
+            return with_time_offsets(StereoRig(models[0], models[1], T_right_left), _time_offsets(chain))
         mounted = [
             MountedCamera(name, model, Pose("camera", "left", orthonormal(T[:3, :3]) if k else np.eye(3), T[:3, 3]))
             for k, (name, model, T) in enumerate(zip(names, models, poses, strict=True))
         ]
-        return Rig(tuple(mounted))
+        return with_time_offsets(Rig(tuple(mounted)), _time_offsets(chain))
     except ValueError as error:
         raise InputError("bad_camchain", f"{path}: {error}", hint) from None
+
+
+def _time_offsets(chain: Sequence[_Camera]) -> list[float]:
+    """Of all cameras but the first; Kalibr's timeshift_cam_imu of a camera takes its stamps to the IMU's clock."""
+    shifts = [camera.timeshift_cam_imu for camera in chain]
+    if shifts[0] is None or None in shifts:
+        return [0.0] * (len(chain) - 1)
+    return [(shift or 0.0) - shifts[0] for shift in shifts[1:]]
 
 
 def _between(before: _Camera, camera: _Camera) -> FloatArray | None:

@@ -18,6 +18,8 @@ from lmkit.geometry.stereo_rig import StereoRig
 from lmkit.io.document_head import head_of
 from lmkit.io.documents import Document, dump_yaml, read_document, read_text
 
+MOST_OFFSET_S = 10.0  # between clocks of two cameras; a stamp of another clock altogether is refused
+
 
 def _known_lens(name: str) -> str:
     if name not in LENS_MODELS:
@@ -51,6 +53,7 @@ class _Camera(Document):
     model: LensName
     K: Matrix3
     distortion: list[float]
+    time_offset_s: Annotated[float, Field(ge=-MOST_OFFSET_S, le=MOST_OFFSET_S)] = 0.0
 
 
 class _Transform(Document):
@@ -110,6 +113,7 @@ def read_rig(path: Path) -> AnyRig:
                     _correlations(path, "uncertainty.right_correlation", both[1], len(sigma[1])),
                 )
     base = data.T_base_left
+    _require_own_clock(path, "left", data.left)
     return StereoRig(
         left=_camera(path, "left", data.left),
         right=_camera(path, "right", data.right),
@@ -118,6 +122,7 @@ def read_rig(path: Path) -> AnyRig:
         covariance=covariance,
         intrinsics_sigma=sigma,
         intrinsics_correlation=correlation,
+        right_time_offset_s=data.right.time_offset_s,
     )
 
 
@@ -128,7 +133,7 @@ def rig_to_yaml(rig: AnyRig) -> str:
     data: dict[str, Any] = {
         "format": "lmkit-rig/1",
         "left": _camera_dict(rig.left),
-        "right": _camera_dict(rig.right),
+        "right": {**_camera_dict(rig.right), **_time_offset(rig.right_time_offset_s)},
         "T_right_left": _pose_dict(rig.T_right_left),
     }
     if rig.T_base_left is not None:
@@ -157,6 +162,7 @@ def _read_cameras(path: Path) -> Rig:
         raise InputError(
             "bad_value", f"{path}: cameras[0].T_first_camera: the first camera is the origin", "remove the key"
         )
+    _require_own_clock(path, "cameras[0]", first)
     base = first.T_base_camera
     T_base_left = None if base is None else _pose(path, "cameras[0].T_base_camera", "base", "left", base)
     cameras = []
@@ -168,7 +174,8 @@ def _read_cameras(path: Path) -> Rig:
         correlation = None
         if sigma is not None and camera.correlation is not None:
             correlation = _correlations(path, f"cameras[{k}].correlation", camera.correlation, len(sigma))
-        cameras.append(MountedCamera(camera.name, model, T, covariance, sigma, correlation))
+        offset_s = camera.time_offset_s
+        cameras.append(MountedCamera(camera.name, model, T, covariance, sigma, correlation, offset_s))
     try:
         return Rig(tuple(cameras), T_base_left)
     except ValueError as error:
@@ -196,7 +203,8 @@ def _from_first(path: Path, k: int, camera: _MountedCamera, T_base_left: Pose | 
 def _cameras_to_yaml(rig: Rig) -> str:
     cameras = []
     for k, camera in enumerate(rig.cameras):
-        entry: dict[str, Any] = {"name": camera.name, **_camera_dict(camera.model)}
+        offset = _time_offset(camera.time_offset_s)
+        entry: dict[str, Any] = {"name": camera.name, **_camera_dict(camera.model), **offset}
         if k == 0 and rig.T_base_left is not None:
             entry["T_base_camera"] = _pose_dict(rig.T_base_left)
         elif k > 0:
@@ -209,6 +217,18 @@ def _cameras_to_yaml(rig: Rig) -> str:
             entry["correlation"] = camera.intrinsics_correlation.tolist()
         cameras.append(entry)
     return dump_yaml({"format": "lmkit-rig/1", "cameras": cameras})
+
+
+def _require_own_clock(path: Path, where: str, camera: _Camera) -> None:
+    if camera.time_offset_s != 0.0:
+        raise InputError(
+            "bad_value", f"{path}: {where}.time_offset_s: the first camera's clock is the rig's",
+            "remove the key, and take its value from those of the other cameras",
+        )  # fmt: skip
+
+
+def _time_offset(offset_s: float) -> dict[str, float]:
+    return {"time_offset_s": offset_s} if offset_s else {}
 
 
 def _correlations(path: Path, key: str, rows: list[list[float]], count: int) -> FloatArray:

@@ -11,6 +11,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from lmkit.arrays import BoolArray, FloatArray, IntArray
 from lmkit.geometry.pose import Pose
@@ -18,12 +19,15 @@ from lmkit.geometry.pose_array import PoseArray
 from lmkit.geometry.rig import AnyRig
 from lmkit.geometry.rotations import orthonormal, rotation_exp, rotation_log, skew
 from lmkit.kernels import landmark_bundle as kernel
+from lmkit.mapping.carried_cameras import are_synchronous, carry_frames
 from lmkit.mapping.observation_arrays import ObservationArrays
 from lmkit.mapping.wall_constraints import LandmarkConstraint, constraint_rows
 from lmkit.model.landmark_id import LandmarkId
 from lmkit.model.landmark_map import LandmarkMap, MappedLandmark
 from lmkit.model.recording import RigFrame
+from lmkit.model.trajectory import Trajectory
 from lmkit.odometry.motion_model import BoundedMotion, Motion
+from lmkit.odometry.pose_odometry import PoseMotion
 from lmkit.optim.block_chain import ChainEquations
 from lmkit.optim.levenberg_marquardt import Damping, minimize
 from lmkit.optim.robust_loss import CAUCHY_SCALE, cauchy_cost, cauchy_weight
@@ -95,6 +99,26 @@ class State:
     parameters: FloatArray
 
 
+@dataclass(frozen=True, eq=False)
+class MotionRows:
+    """Equations of the motions between neighbors in time, in standard deviations and robustly weighed.
+
+    Attributes:
+        before, after: (N-1,6,6) derivatives with the earlier and the later pose.
+        residuals: (N-1,6).
+        by_parameters: (N-1,6,P) derivatives with the odometry's errors.
+        root_weights: (N-1,) roots of the robust weights.
+        cost: of all.
+    """
+
+    before: FloatArray
+    after: FloatArray
+    residuals: FloatArray
+    by_parameters: FloatArray
+    root_weights: FloatArray
+    cost: float
+
+
 class BundleProblem:
     """Correspondences of a recording, and the unknowns as they stand.
 
@@ -126,6 +150,7 @@ class BundleProblem:
         self.R, self.p = start.R.copy(), start.t.copy()
         self.mapped = list(landmarks)
         self.anchors, self.constraints = dict(anchors), constraints
+        self._frames, self._rig = frames, rig
         self.seen = seen or ObservationArrays.collect(frames, rig, [m.id for m in self.mapped])
         self.lm_R = np.array([m.T_map_landmark.R for m in self.mapped])
         self.lm_p = np.array([m.T_map_landmark.t for m in self.mapped])
@@ -139,6 +164,25 @@ class BundleProblem:
         T = rig.T_base_left
         T_left_base = Pose.identity("left", "base") if T is None else T.inverse()
         self.base_R, self.base_t = T_left_base.R, T_left_base.t
+
+    def carry(self) -> bool:
+        """Carry cameras that expose at other times than their frames; False where there are none.
+
+        Odometry says how the rig moves in between; without odometry its poses do, as they stand.
+        """
+        if are_synchronous(self._frames, self._rig):
+            return False
+        motion, parameters = self.motion, self.parameters
+        rig = self._rig
+        if isinstance(motion, BoundedMotion):
+            if len(self.times) < 2:
+                return False
+            quaternions = Rotation.from_matrix(self.R).as_quat()
+            motion, rig = PoseMotion(Trajectory(self.times, self.p, quaternions)), replace(rig, T_base_left=None)
+            parameters = motion.nominal
+        carried = carry_frames(self._frames, rig, motion, parameters)
+        self.seen = ObservationArrays.collect(carried, self._rig, [m.id for m in self.mapped])
+        return True
 
     def optimize(self, steps: int, least_share: float = 0.0) -> float:
         """Levenberg and Marquardt from the unknowns as they stand; the cost where it stops.
@@ -350,13 +394,18 @@ class BundleProblem:
             cost += rows.cost
         return cost
 
-    def _add_motion(self, equations: ChainEquations) -> float:
+    def motion_rows(self) -> MotionRows:
+        """Equations of the motions as they stand."""
         before, after, r, K = self._motion_rows()
         squared = (r**2).sum(axis=1) / 6
         scale = SLIP_SIGMA if self.may_slip else NEVER
         root = np.sqrt(cauchy_weight(squared, scale))
         before, after, K = (values * root[:, None, None] for values in (before, after, K))
-        r = r * root[:, None]
+        return MotionRows(before, after, r * root[:, None], K, root, float(6 * cauchy_cost(squared, scale).sum()))
+
+    def _add_motion(self, equations: ChainEquations) -> float:
+        motions = self.motion_rows()
+        before, after, r, K = motions.before, motions.after, motions.residuals, motions.by_parameters
         equations.add_between(before, after, r)
         rows = np.arange(len(r))
         own = slice(0, self.own)
@@ -365,7 +414,7 @@ class BundleProblem:
         off = (self.motion.nominal - self.parameters) / self.motion.prior_sigma
         equations.corner[own, own] += np.diag(self.motion.prior_sigma**-2)
         equations.shared_gradient[own] += off / self.motion.prior_sigma
-        return float(6 * cauchy_cost(squared, scale).sum() + (off**2).sum())
+        return motions.cost + float((off**2).sum())
 
     def _rows_of(self, landmark: int) -> slice:
         return slice(self.own + 6 * landmark, self.own + 6 * landmark + 6)

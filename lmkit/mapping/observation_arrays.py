@@ -48,6 +48,10 @@ class ObservationArrays:
             seen = through_lens([o for o, _ in listed], camera.model, CORNER_FLOOR_PX)
             rows += [listed[k][1] for k in seen.kept]
             turned, moved = np.repeat(R[None], len(seen.kept), axis=0), np.tile(t, (len(seen.kept), 1))
+            for row, k in enumerate(seen.kept):
+                if carried := frames[listed[k][1][0]].carried:
+                    T = camera.T_camera_left @ carried[which].inverse()
+                    turned[row], moved[row] = T.R, T.t
             parts.append((seen.rays, seen.by_ray, seen.whitener, turned, moved))
         table = np.array(rows, dtype=np.int64).reshape(-1, 2)
         # Frame by frame: sums over them then stay in the processor's cache.

@@ -17,8 +17,11 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from lmkit.arrays import FloatArray
+from lmkit.geometry.pose import Pose
 from lmkit.geometry.rig import AnyRig
+from lmkit.geometry.rotations import orthonormal
 from lmkit.mapping.bundle_adjustment import Anchor, Bundle, BundleProblem
+from lmkit.mapping.carried_cameras import are_synchronous, split_by_exposure, synchronous
 from lmkit.mapping.initialization import Start, find_start
 from lmkit.mapping.pose_ambiguity import resolve_pose_ambiguities
 from lmkit.mapping.survey_results import ContradictedLandmark, Survey, deviations
@@ -90,12 +93,14 @@ def solve_recording(
     constraints: Sequence[LandmarkConstraint] = (),
 ) -> SolvedRecording:
     """Initialization, bundle adjustment, and the second poses; arguments and errors as of :func:`survey_frames`."""
-    start = find_start(frames, rig, sizes_m, anchors, motion)
+    if motion is not None and not are_synchronous(frames, rig):
+        frames, rig = split_by_exposure(frames, rig), synchronous(rig)
+    start = start_of(frames, rig, sizes_m, anchors, motion)
     problem = start.problem(frames, rig, motion, constraints)
     optimize_all(problem)
     if start.unplaced or None in start.poses:
         # By the map as it is now more may be located and placed than while it grew.
-        again = find_start(frames, rig, sizes_m, _start_anchors(start, problem), motion)
+        again = start_of(frames, rig, sizes_m, _start_anchors(start, problem), motion)
         if len(again.rows) > len(start.rows) or len(again.unplaced) < len(start.unplaced):
             # What is known beforehand is still that alone.
             start = replace(again, anchors=start.anchors)
@@ -108,6 +113,28 @@ def solve_recording(
     problem.optimize(STEPS)
     names = () if motion is None else tuple(motion.names)
     return SolvedRecording(start, problem, undecided, len(frames), names)
+
+
+def start_of(
+    frames: Sequence[RigFrame],
+    rig: AnyRig,
+    sizes_m: Mapping[LandmarkId, float],
+    anchors: Mapping[LandmarkId, Anchor],
+    motion: Motion | None = None,
+) -> Start:
+    """Initialization as of `find_start`; of cameras that do not expose together, each is located for itself first."""
+    if are_synchronous(frames, rig):
+        return find_start(frames, rig, sizes_m, anchors, motion)
+    split, alike = split_by_exposure(frames, rig), synchronous(rig)
+    start = find_start(split, alike, sizes_m, anchors, motion)
+    problem = start.problem(split, alike, motion)
+    optimize_all(problem)
+    found = {
+        time_s: Pose("map", "left", orthonormal(R), p)
+        for time_s, R, p in zip(problem.times.tolist(), problem.R, problem.p, strict=True)
+    }
+    placed = {**start.placed, **{m.id: m for m in problem.landmarks()}}
+    return replace(start, poses=[found.get(frame.time_s) for frame in frames], placed=placed)
 
 
 def survey_of(
@@ -173,11 +200,13 @@ def optimize_all(problem: BundleProblem) -> None:
     """Bundle adjustment to the end, observations that do not fit left out."""
     # Wheels rarely slip by much; were they allowed to at once, they would for a landmark that was moved.
     problem.may_slip = False
+    problem.carry()
     problem.optimize(STEPS)
     dropped = -1
     for round_ in range(ROUNDS):
         now = problem.drop_outliers(OUTLIER_SIGMA)
         problem.may_slip = True
+        problem.carry()
         problem.optimize(STEPS)
         if round_ < WEIGHINGS:
             problem.weigh_motion()

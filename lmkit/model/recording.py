@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from lmkit.arrays import FloatArray, IntArray, frozen
+from lmkit.geometry.pose import Pose
 from lmkit.model.landmark_id import LandmarkId
 from lmkit.model.observation import Detection, RangeBearing
 from lmkit.model.trajectory import Trajectory
@@ -90,11 +91,16 @@ class RigFrame:
         time_s: seconds.
         seen: landmarks read in the image of every camera, in the order of the rig's cameras.
         name: of the frame, as of its first image.
+        stamps_s: of every camera's image, by that camera's clock; empty: all ``time_s``.
+        carried: T_left_left of every camera, from the rig at its exposure to the rig at ``time_s``; empty: no motion
+            in between (`mapping/camera_clocks.py`).
     """
 
     time_s: float
     seen: tuple[tuple[Detection, ...], ...]
     name: str = ""
+    stamps_s: tuple[float, ...] = ()
+    carried: tuple[Pose, ...] = ()
 
     @property
     def detections(self) -> tuple[Detection, ...]:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections import Counter
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -78,6 +78,35 @@ class TrackedTrajectory:
             "innovation": self.nis[k][0] / self.nis[k][1] if self.nis[k][1] else None,
             "warnings": list(self.remarks),
         }
+
+    def at_times(self, times_s: FloatArray) -> TrackedTrajectory:
+        """The poses at some of its times; what was observed between counts at the nearest of them.
+
+        Where most of what is so joined was inconsistent, the pose is.
+        """
+        kept = np.flatnonzero(np.isin(self.times_s, times_s))
+        if len(kept) == 0:
+            raise ValueError("no pose at any of these times")
+        nearest = np.abs(self.times_s[:, None] - self.times_s[kept]).argmin(axis=1)
+        statuses, outliers, nis = [], [], []
+        for k, row in enumerate(kept.tolist()):
+            joined = np.flatnonzero(nearest == k).tolist()
+            told = [j for j in joined if self.outliers[j] or self.nis[j, 1] > 0]
+            off = sum(self.statuses[j] is PoseStatus.INCONSISTENT for j in told)
+            own = self.statuses[row]
+            agreeing = PoseStatus.INCONSISTENT if 2 * off > len(told) else PoseStatus.OK
+            statuses.append(agreeing if own in (PoseStatus.OK, PoseStatus.INCONSISTENT) else own)
+            outliers.append(tuple(id_ for j in joined for id_ in self.outliers[j]))
+            nis.append(self.nis[joined].sum(axis=0))
+        return replace(
+            self,
+            times_s=self.times_s[kept],
+            poses=[self.poses[k] for k in kept.tolist()],
+            covariances=self.covariances[kept],
+            statuses=statuses,
+            outliers=outliers,
+            nis=np.array(nis),
+        )
 
     def looking(self, k: int) -> Pose:
         """Pose of a camera that looks where the robot does, for drawing."""

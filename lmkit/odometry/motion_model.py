@@ -69,6 +69,11 @@ class Motion(Protocol):
     def steps(self, times_s: FloatArray, parameters: FloatArray) -> Steps:
         """Motions between consecutive times (K,), seconds of the landmarks' clock."""
 
+    def between(
+        self, before_s: FloatArray, after_s: FloatArray, parameters: FloatArray
+    ) -> tuple[FloatArray, FloatArray]:
+        """(K,3,3), (K,3) motions between two times each, in either order, in the frame at ``before_s``."""
+
 
 class BoundedMotion:
     """A `Motion` for a rig without odometry: it does not jump from one frame to the next."""
@@ -91,6 +96,12 @@ class BoundedMotion:
             np.repeat(np.column_stack([place, turn]), 3, axis=1),
             np.ones(count, dtype=bool),
         )
+
+    def between(
+        self, before_s: FloatArray, after_s: FloatArray, parameters: FloatArray
+    ) -> tuple[FloatArray, FloatArray]:
+        """No motion."""
+        return np.repeat(np.eye(3)[None], len(before_s), axis=0), np.zeros((len(before_s), 3))
 
 
 def require_common_times(own_s: FloatArray, times_s: FloatArray) -> None:

@@ -80,6 +80,14 @@ class PoseMotion:
             self._gaps(own) < LONGEST_STEP_S,
         )
 
+    def between(
+        self, before_s: FloatArray, after_s: FloatArray, parameters: FloatArray
+    ) -> tuple[FloatArray, FloatArray]:
+        """(K,3,3), (K,3) motions between two times each, in either order."""
+        scale, delay = parameters
+        R, t = self._between(np.column_stack([before_s, after_s]).ravel() - delay)
+        return R[::2], scale * t[::2]
+
     def sigmas(self, own_s: FloatArray) -> FloatArray:
         """(K-1,6) standard deviations of distances (m) and turns (rad) between times of the odometry's clock (K,)."""
         n, seconds, gap = self.noise, np.diff(own_s), self._gaps(own_s)

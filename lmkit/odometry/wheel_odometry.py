@@ -115,6 +115,14 @@ class MotionModel:
             increments.known,
         )
 
+    def between(
+        self, before_s: FloatArray, after_s: FloatArray, parameters: FloatArray
+    ) -> tuple[FloatArray, FloatArray]:
+        """(K,3,3), (K,3) motions between two times each, in either order."""
+        forward, left, turn = self._motions(np.column_stack([before_s, after_s]).ravel(), parameters[None])[0, ::2].T
+        zero = np.zeros_like(turn)
+        return rotation_exp(np.column_stack([zero, zero, turn])), np.column_stack([forward, left, zero])
+
     def increments(self, times_s: FloatArray, parameters: FloatArray) -> Increments:
         """Motions between consecutive times (K,), seconds of the landmarks' clock."""
         # The parameters as they are, and each moved a little.

@@ -23,6 +23,8 @@ from lmkit.model.recording import Odometry, Recording, RigFrame
 from lmkit.model.trajectory import Trajectory
 from lmkit.parallel import map_in_processes
 
+TOGETHER_S = 1e-3  # stamps nearer to each other are of one time, rounded
+
 
 def see_drive(
     sources: Sequence[str], rig: AnyRig, families: Sequence[MarkerFamily], hz: float | None
@@ -40,16 +42,25 @@ def see_drive(
         last: float | None = None
         for k, frames in enumerate(frame_groups(sources)):
             last = _next_time(k, frames[0].name, frames[0].time_s, hz, last)
-            yield _detected(last, frames, rig, tuple(families))
+            stamps = _stamps([frame.time_s for frame in frames], hz)
+            yield replace(_detected(last, frames, rig, tuple(families)), stamps_s=stamps)
         return
     times: list[float] = []
     groups = list_groups(sources)
     for k, files in enumerate(groups):
         times.append(_next_time(k, str(files[0]), time_of(files[0].name), hz, times[-1] if times else None))
     work = partial(_see, rig=rig, families=tuple(families))
-    yield from map_in_processes(
-        work, [(time, tuple(map(str, files))) for time, files in zip(times, groups, strict=True)]
-    )
+    jobs = [(time, tuple(map(str, files))) for time, files in zip(times, groups, strict=True)]
+    for frame, files in zip(map_in_processes(work, jobs), groups, strict=True):
+        yield replace(frame, stamps_s=_stamps([time_of(file.name) for file in files], hz))
+
+
+def _stamps(times_s: Sequence[float | None], hz: float | None) -> tuple[float, ...]:
+    """Times of the images of all cameras, where each has its own; else none."""
+    known = [time_s for time_s in times_s if time_s is not None]
+    if hz or len(known) < len(times_s) or max(known) - min(known) < TOGETHER_S:
+        return ()
+    return tuple(known)
 
 
 def _next_time(k: int, name: str, time_s: float | None, hz: float | None, last: float | None) -> float:

@@ -14,14 +14,14 @@ import numpy as np
 from lmkit.arrays import FloatArray
 from lmkit.geometry.planar import planar_pose, wrap_heading
 from lmkit.geometry.pose import Pose
-from lmkit.geometry.rig import AnyRig
+from lmkit.geometry.rig import AnyRig, mounted_cameras
 from lmkit.model.families import MarkerFamily
 from lmkit.model.landmark import LM8
 from lmkit.model.landmark_map import LandmarkMap
 from lmkit.model.observation import RangeBearing
 from lmkit.model.recording import Gyro, Odometry, RigFrame
 from lmkit.model.trajectory import Trajectory
-from lmkit.simulation.observations import look
+from lmkit.simulation.observations import Seen, look
 from lmkit.simulation.scene import make_rig, mount_landmarks
 
 STEP_S = 0.02
@@ -139,6 +139,8 @@ def make_drive(
         rig: the cameras, with T_base_left; None: a stereo pair that looks ahead.
         family: of the landmarks.
         eights: figures of eight in place of rounds: curves to both sides.
+
+    Cameras of the rig with a ``time_offset_s`` expose by that much later than their frame.
     """
     rng = np.random.default_rng([seed, 0])
     codes = [int(code) for code in rng.permutation(family.code_count)[:count]]
@@ -150,12 +152,29 @@ def make_drive(
     rows = np.arange(0, len(fine) - 1, round(1 / hz / STEP_S))
     # The first frames lie before the wheels' delay.
     rows = rows[fine[rows] > errors.delay_s]
-    frames = tuple(
-        RigFrame(float(fine[k]), look(landmarks, rig, planar_pose(truth[k]), noise_px, rng), f"{fine[k]:.2f}")
-        for k in rows
-    )
+    late_s = np.array([camera.time_offset_s for camera in mounted_cameras(rig)])
+    frames = []
+    for k in rows:
+        seen = _look(landmarks, rig, fine, truth, fine[k] + late_s, noise_px, rng)
+        frames.append(RigFrame(float(fine[k]), seen, f"{fine[k]:.2f}"))
     odometry, gyro = _wheels(rng, fine, truth, errors)
-    return Drive(landmarks, rig, fine[rows], truth[rows], frames, odometry, gyro)
+    return Drive(landmarks, rig, fine[rows], truth[rows], tuple(frames), odometry, gyro)
+
+
+def _look(
+    landmarks: LandmarkMap,
+    rig: AnyRig,
+    times_s: FloatArray,
+    truth: FloatArray,
+    then_s: FloatArray,
+    noise_px: float,
+    rng: np.random.Generator,
+) -> tuple[Seen, ...]:
+    """Detections of every camera, each at its own time (C,)."""
+    states = np.column_stack([np.interp(then_s, times_s, column) for column in truth.T])
+    if (then_s == then_s[0]).all():
+        return look(landmarks, rig, planar_pose(states[0]), noise_px, rng)
+    return tuple(look(landmarks, rig, planar_pose(state), noise_px, rng)[k] for k, state in enumerate(states))
 
 
 def _round_trip(

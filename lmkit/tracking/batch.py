@@ -12,10 +12,10 @@ from lmkit.geometry.rig import AnyRig, at_base
 from lmkit.localization.contradiction import find_cause
 from lmkit.localization.range_bearing_noise import ReadingNoise
 from lmkit.mapping.bundle_adjustment import Anchor
-from lmkit.mapping.initialization import find_start
+from lmkit.mapping.carried_cameras import are_synchronous, split_by_exposure, synchronous
 from lmkit.mapping.planar_smoother import smooth_planar
 from lmkit.mapping.range_bearing_survey import ReadingFrames
-from lmkit.mapping.survey import OUTLIER_SIGMA, contradicted_landmarks, optimize_all
+from lmkit.mapping.survey import OUTLIER_SIGMA, contradicted_landmarks, optimize_all, start_of
 from lmkit.model.landmark_id import LandmarkId
 from lmkit.model.landmark_map import LandmarkMap
 from lmkit.model.pose_status import PoseStatus
@@ -102,8 +102,17 @@ def track_images(
     Raises:
         InputError: no landmark of the map is in view, or odometry without T_base_left or of another time.
     """
+    if motion is None or are_synchronous(frames, rig):
+        return _track(frames, rig, landmarks, motion)
+    split = split_by_exposure(frames, rig)
+    return _track(split, synchronous(rig), landmarks, motion).at_times(np.array([frame.time_s for frame in frames]))
+
+
+def _track(
+    frames: Sequence[RigFrame], rig: AnyRig, landmarks: LandmarkMap, motion: Motion | None
+) -> TrackedTrajectory:
     known = {m.id: Anchor(m, m.covariance) for m in landmarks}
-    start = find_start(frames, rig, {}, known, motion)
+    start = start_of(frames, rig, {}, known, motion)
     # Exactly known, they are held and need no unknowns of their own.
     exact = all(m.covariance is None for m in landmarks)
     problem = start.problem(frames, rig, motion, landmarks_fixed=exact)

@@ -11,6 +11,7 @@ from lmkit.arrays import FloatArray
 from lmkit.geometry.planar import planar_pose
 from lmkit.geometry.rig import AnyRig, at_base
 from lmkit.localization.absolute_pose import locate_rig
+from lmkit.mapping.carried_cameras import are_synchronous, split_by_exposure, synchronous
 from lmkit.mapping.range_bearing_survey import ReadingFrames
 from lmkit.model.landmark_map import LandmarkMap
 from lmkit.model.pose_status import PoseStatus
@@ -46,6 +47,10 @@ def track_images_live(
     Raises:
         InputError: the rig has no T_base_left, or odometry of another time.
     """
+    if not are_synchronous(frames, rig):
+        own = np.array([frame.time_s for frame in frames])
+        split = split_by_exposure(frames, rig)
+        return track_images_live(split, synchronous(rig), landmarks, odometry, gyro).at_times(own)
     filter_ = RigFilter(landmarks, rig)
     times = [frame.time_s for frame in frames]
 
@@ -67,6 +72,9 @@ def track_poses_live(
     Raises:
         InputError: odometry of another time.
     """
+    if not are_synchronous(frames, rig):
+        own = np.array([frame.time_s for frame in frames])
+        return track_poses_live(split_by_exposure(frames, rig), synchronous(rig), landmarks, odometry).at_times(own)
     PoseMotion(odometry).require_overlap(np.array([frame.time_s for frame in frames]))
     filter_, given, answers = PoseFilter(landmarks, rig), 0, []
     for frame in frames:

@@ -25,6 +25,7 @@ FUNCTIONS = [
     "detect",
     "calibrate",
     "calibrate_base",
+    "calibrate_clocks",
     "locate",
     "survey",
     "survey_recordings",

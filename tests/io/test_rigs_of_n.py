@@ -9,7 +9,7 @@ import yaml
 
 from lmkit.errors import InputError, InputWarning
 from lmkit.geometry.pose import Pose
-from lmkit.geometry.rig import MountedCamera, Rig, as_stereo, mounted_cameras
+from lmkit.geometry.rig import MountedCamera, Rig, as_stereo, mounted_cameras, with_time_offsets
 from lmkit.geometry.stereo_rig import StereoRig, mounted_ahead
 from lmkit.io.any_rig import read_any_rig
 from lmkit.io.image_groups import frame_groups, list_groups
@@ -144,3 +144,25 @@ def test_images_are_grouped_by_name_and_split_in_halves(tmp_path):
     (tmp_path / "c" / "0.png").rename(tmp_path / "c" / "front.png")
     with pytest.raises(InputError, match="2, 2, 1 images"):
         list_groups(sources)
+
+
+def test_time_offsets_are_read_and_written(tmp_path):
+    rig = with_time_offsets(rig_of(3), [0.03, -0.02])
+    again = read_any_rig(written(tmp_path, rig_to_yaml(rig)))
+    assert [camera.time_offset_s for camera in mounted_cameras(again)] == [0.0, 0.03, -0.02]
+    pair = with_time_offsets(as_stereo(rig_of(2), "a test"), [0.004])
+    again = read_any_rig(written(tmp_path, rig_to_yaml(pair)))
+    assert [camera.time_offset_s for camera in mounted_cameras(again)] == [0.0, 0.004]
+    assert as_stereo(Rig(mounted_cameras(again)), "a test").right_time_offset_s == 0.004
+    text = rig_to_yaml(rig).replace("name: front", "name: front\n  time_offset_s: 0.1")
+    with pytest.raises(InputError, match=r"cameras\[0\].time_offset_s"):
+        read_any_rig(written(tmp_path, text))
+
+
+def test_kalibrs_time_shifts_are_offsets_to_the_first_camera(tmp_path):
+    chain = yaml.safe_load(rig_to_camchain(rig_of(3))[0])
+    for name, shift in zip(chain, (0.010, 0.012, 0.005), strict=True):
+        chain[name]["timeshift_cam_imu"] = shift
+    rig = read_any_rig(written(tmp_path, yaml.safe_dump(chain), "camchain.yaml"))
+    rig = read_any_rig(written(tmp_path, rig_to_camchain(rig)[0], "camchain.yaml"))
+    assert np.allclose([camera.time_offset_s for camera in mounted_cameras(rig)], [0.0, 0.002, -0.005])

@@ -1,0 +1,83 @@
+"""Cameras of a rig that do not expose at the same time, carried to the time of their frame.
+
+A camera that exposes a little later than its frame sees from where the rig is by then.  Two ways lead from there to
+the pose of the frame.  With odometry, every exposure is a frame of its own (`split_by_exposure`), and odometry, with
+its noise, ties them together.  Without, the rig is carried as its own poses move (`carry_frames`), without noise.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from lmkit.arrays import FloatArray
+from lmkit.geometry.pose import Pose
+from lmkit.geometry.rig import AnyRig, mounted_cameras, with_time_offsets
+from lmkit.geometry.rotations import orthonormal
+from lmkit.model.observation import Detection
+from lmkit.model.recording import RigFrame
+from lmkit.odometry.motion_model import Motion
+
+TOGETHER_S = 2e-4  # a rig does not move in so little time
+
+
+def exposures(frames: Sequence[RigFrame], rig: AnyRig) -> FloatArray:
+    """(N,C) times of exposure of every frame and camera on the first camera's clock, seconds."""
+    offsets = np.array([camera.time_offset_s for camera in mounted_cameras(rig)])
+    stamps = np.array([frame.stamps_s or (frame.time_s,) * len(offsets) for frame in frames])
+    return np.asarray(stamps.reshape(-1, len(offsets)) + offsets)
+
+
+def are_synchronous(frames: Sequence[RigFrame], rig: AnyRig) -> bool:
+    """Do all cameras expose at the time of their frame?"""
+    times = np.array([frame.time_s for frame in frames])
+    return not (np.abs(exposures(frames, rig) - times[:, None]) >= TOGETHER_S).any()
+
+
+def motion_to(
+    times_s: FloatArray, then_s: FloatArray, rig: AnyRig, motion: Motion, parameters: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """(N,3,3), (N,3) how the rig's first camera moves from times to others, in its frame at the former.
+
+    Args:
+        times_s, then_s: (N,), in either order.
+        parameters: errors of the odometry.
+    """
+    R, t = motion.between(times_s, then_s, parameters)
+    T = rig.T_base_left
+    if T is None:
+        return R, t
+    return T.R.T @ R @ T.R, (t + R @ T.t - T.t) @ T.R
+
+
+def carry_frames(frames: Sequence[RigFrame], rig: AnyRig, motion: Motion, parameters: FloatArray) -> list[RigFrame]:
+    """The frames, with how the rig moved until each camera's exposure."""
+    times, then = np.array([frame.time_s for frame in frames]), exposures(frames, rig)
+    by_camera = [motion_to(times, column, rig, motion, parameters) for column in then.T]
+    return [
+        replace(frame, carried=tuple(Pose("left", "left", orthonormal(R[k]), t[k]) for R, t in by_camera))
+        for k, frame in enumerate(frames)
+    ]
+
+
+def synchronous(rig: AnyRig) -> AnyRig:
+    """The rig, all of whose cameras expose at the time of their frame, as those of `split_by_exposure` do."""
+    return with_time_offsets(rig, [0.0] * (len(mounted_cameras(rig)) - 1))
+
+
+def split_by_exposure(frames: Sequence[RigFrame], rig: AnyRig) -> list[RigFrame]:
+    """Frames of the cameras that expose together, in the order of time.
+
+    Every frame keeps one at its own time, even if no camera exposes then.
+    """
+    parts: dict[float, tuple[list[tuple[Detection, ...]], str]] = {}
+    cameras = len(mounted_cameras(rig))
+    for frame, times in zip(frames, exposures(frames, rig).tolist(), strict=True):
+        parts.setdefault(frame.time_s, ([()] * cameras, frame.name))
+        for k, (time_s, seen) in enumerate(zip(times, frame.seen, strict=True)):
+            at = frame.time_s if abs(time_s - frame.time_s) < TOGETHER_S else time_s
+            if seen:
+                parts.setdefault(at, ([()] * cameras, frame.name))[0][k] += seen
+    return [RigFrame(time_s, tuple(seen), name) for time_s, (seen, name) in sorted(parts.items())]
