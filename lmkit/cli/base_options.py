@@ -39,7 +39,7 @@ def by_driving(
     as_json: bool,
     force: bool,
 ) -> None:
-    """What a recording in a mapped room tells of the cameras: their places, or the offsets of their clocks."""
+    """Places of the cameras, or the offsets of their clocks, from a recording in a mapped room."""
     if base is not None:
         require_no("--base", {"--clocks": clocks})
         calibrate_base(base, rig, landmark_map, height, family, output, as_json, force)

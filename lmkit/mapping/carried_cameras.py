@@ -1,6 +1,6 @@
 """Cameras of a rig that do not expose at the same time, carried to the time of their frame.
 
-A camera that exposes a little later than its frame sees from where the rig is by then.  Two ways lead from there to
+A camera that exposes a little later than its frame sees from where the rig is by then.  There are two methods to get
 the pose of the frame.  With odometry, every exposure is a frame of its own (`split_by_exposure`), and odometry, with
 its noise, ties them together.  Without, the rig is carried as its own poses move (`carry_frames`), without noise.
 """

@@ -164,7 +164,7 @@ class _Exposures:
         return cls(single, np.array(cameras), base_R @ R, base_p + (base_R @ t[..., None])[..., 0])._sorted()
 
     def moved(self, problem: BundleProblem, step: FloatArray) -> _Exposures:
-        """As a problem has solved them, with offsets moved by a step."""
+        """Exposures as a problem has solved them, with offsets moved by a step."""
         later = np.append(0.0, step)[self.cameras].tolist()
         frames = [replace(frame, time_s=frame.time_s + s) for frame, s in zip(self.frames, later, strict=True)]
         return _Exposures(frames, self.cameras, problem.R, problem.p)._sorted()

@@ -93,7 +93,7 @@ class RigFrame:
         name: of the frame, as of its first image.
         stamps_s: of every camera's image, by that camera's clock; empty: all ``time_s``.
         carried: T_left_left of every camera, from the rig at its exposure to the rig at ``time_s``; empty: no motion
-            in between (`mapping/camera_clocks.py`).
+            in between (`mapping/carried_cameras.py`).
     """
 
     time_s: float

@@ -91,10 +91,10 @@ class TrackedTrajectory:
         statuses, outliers, nis = [], [], []
         for k, row in enumerate(kept.tolist()):
             joined = np.flatnonzero(nearest == k).tolist()
-            told = [j for j in joined if self.outliers[j] or self.nis[j, 1] > 0]
-            off = sum(self.statuses[j] is PoseStatus.INCONSISTENT for j in told)
+            observed = [j for j in joined if self.outliers[j] or self.nis[j, 1] > 0]
+            off = sum(self.statuses[j] is PoseStatus.INCONSISTENT for j in observed)
             own = self.statuses[row]
-            agreeing = PoseStatus.INCONSISTENT if 2 * off > len(told) else PoseStatus.OK
+            agreeing = PoseStatus.INCONSISTENT if 2 * off > len(observed) else PoseStatus.OK
             statuses.append(agreeing if own in (PoseStatus.OK, PoseStatus.INCONSISTENT) else own)
             outliers.append(tuple(id_ for j in joined for id_ in self.outliers[j]))
             nis.append(self.nis[joined].sum(axis=0))
