@@ -138,7 +138,7 @@ def read_camchain(path: Path) -> AnyRig:
 
 
 def _time_offsets(chain: Sequence[_Camera]) -> list[float]:
-    """Offsets of all cameras but the first; Kalibr's timeshift_cam_imu of a camera takes its stamps to the IMU's clock."""
+    """Offsets of all cameras but the first; Kalibr's timeshift_cam_imu takes stamps to the IMU's clock."""
     shifts = [camera.timeshift_cam_imu for camera in chain]
     if shifts[0] is None or None in shifts:
         return [0.0] * (len(chain) - 1)
