@@ -7,7 +7,7 @@ cameras (`lmkit.simulation.cameras`), so that a fit to some kinds can be judged 
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
 
@@ -34,6 +34,9 @@ WHOLE_SHEET_SHARE = 0.7
 FACE_PX = 360
 BLACK = (20.0, 20.0, 20.0)
 LOOK_ALIKES, HIDDEN_SHARE, BOWED_SHARE, EMPTY_SHARE = 0.2, 0.2, 0.1, 0.15
+Obstacle = Callable[[Pose, np.random.Generator], Panel]
+# Linear RGB of what is taken for a part of a landmark: paper, and the ground in print.
+PAPER, GROUND = (0.80, 0.80, 0.78), (0.03, 0.08, 0.30)
 
 
 @dataclass(frozen=True)
@@ -59,6 +62,42 @@ class Shown:
         return float(np.linalg.norm(np.roll(self.corners, -1, axis=0) - self.corners, axis=1).mean())
 
 
+def bar_or_patch(T: Pose, rng: np.random.Generator) -> Panel:
+    """A bar or a patch that hides some of a sheet, a little in front of it."""
+    along = rng.uniform(-0.11, 0.11, 2)
+    wide = float(rng.uniform(0.01, 0.06))
+    size = (wide, 0.5) if rng.random() < 0.5 else (wide, float(rng.uniform(0.03, 0.1)))
+    color = np.full((2, 2, 3), rng.uniform(0.02, 0.8, 3), dtype=np.float32)
+    turn = cv2.Rodrigues(np.array([0.0, 0.0, rng.uniform(-np.pi, np.pi)]))[0]
+    offset = T.R @ np.array([*along, 0.004])
+    return Panel(Pose("map", "obstacle", T.R @ turn, T.t + offset), size, color)
+
+
+def wide_obstacle(T: Pose, rng: np.random.Generator) -> Panel:
+    """A pole across a sheet, a bar that reaches in from outside, or a patch; often in colors of the landmark.
+
+    Half of them are as bright as paper or as dark as the ground, which is what a gap or a ring is taken for.
+    """
+    turn = float(rng.uniform(-np.pi, np.pi))
+    way, wide = np.array([np.cos(turn), np.sin(turn)]), float(rng.uniform(0.008, 0.06))
+    across, aside = np.array([-way[1], way[0]]), float(rng.uniform(-0.09, 0.09))
+    how = rng.random()
+    if how < 0.4:
+        long, middle = 0.5, aside * across
+    elif how < 0.75:
+        long = 0.3
+        middle = (float(rng.uniform(-0.06, 0.08)) + long / 2) * way + aside * across
+    else:
+        long, middle = float(rng.uniform(0.03, 0.1)), rng.uniform(-0.1, 0.1, 2)
+    color = np.array((PAPER, GROUND)[int(rng.integers(2))]) * rng.uniform(0.6, 1.25)
+    if rng.random() < 0.5:
+        color = rng.uniform(0.02, 0.8) * rng.uniform(0.4, 1.0, 3)
+    turned = cv2.Rodrigues(np.array([0.0, 0.0, turn]))[0]
+    offset = T.R @ np.array([*middle, 0.004])
+    texture = np.tile(color.astype(np.float32), (2, 2, 1))
+    return Panel(Pose("map", "obstacle", T.R @ turned, T.t + offset), (long, wide), texture)
+
+
 def draw_scene(
     seed: Sequence[int],
     background: np.ndarray,
@@ -67,9 +106,13 @@ def draw_scene(
     family: str = "lm8",
     trouble: float = 0.3,
     look_alikes: float = LOOK_ALIKES,
+    hidden: float = HIDDEN_SHARE,
+    obstacle: Obstacle = bar_or_patch,
 ) -> tuple[np.ndarray, list[Shown]]:
     """One image, (480,640,3) BGR, 8 bit, and the landmarks in it."""
-    return draw_photograph(seed, background, kinds, sides_px, family, trouble, look_alikes)[:2]
+    return draw_photograph(
+        seed, background, kinds, sides_px, family, trouble, look_alikes, hidden=hidden, obstacle=obstacle
+    )[:2]
 
 
 def draw_photograph(
@@ -82,6 +125,8 @@ def draw_photograph(
     look_alikes: float = LOOK_ALIKES,
     cells: tuple[int, int] = (COLUMNS, ROWS),
     is_dim: bool = False,
+    hidden: float = HIDDEN_SHARE,
+    obstacle: Obstacle = bar_or_patch,
 ) -> tuple[np.ndarray, list[Shown], ImagingChain]:
     """One image, (480,640,3) BGR, 8 bit, the landmarks in it and how it was taken.
 
@@ -94,6 +139,8 @@ def draw_photograph(
         look_alikes: share of the sheets that show a look-alike.
         cells: columns and rows of sheets; more of them for smaller landmarks, since the time goes by pixels.
         is_dim: so little light that noise is plain to see, see :func:`dimmed`.
+        hidden: share of the landmarks before which an obstacle stands.
+        obstacle: which of the two kinds of obstacles.
     """
     rng = np.random.default_rng(seed)
     panels, shown, marker = [], [], family_named(family)
@@ -116,9 +163,9 @@ def draw_photograph(
         panels.append(Panel(T, paper, as_printed(texture, inks), bow))
         if not is_landmark:
             continue
-        is_hidden = rng.random() < HIDDEN_SHARE
+        is_hidden = rng.random() < hidden
         if is_hidden:
-            panels.append(_obstacle(T, rng))
+            panels.append(obstacle(T, rng))
         corners = camera().project(T.apply(marker.object_points(SIDE_M)))
         shown.append(Shown(code, corners, tilt, is_hidden, Pose("camera", "marker", T.R, T.t)))
     scene = Scene(tuple(panels), LandmarkMap([]), (1.0, 1.0, 1.0))
@@ -157,17 +204,6 @@ def _place(cell: int, cells: tuple[int, int], side_px: float, rng: np.random.Gen
     lean = cv2.Rodrigues(np.deg2rad(tilt) * np.array([np.cos(axis), np.sin(axis), 0.0]))[0]
     turn = cv2.Rodrigues(np.array([0.0, 0.0, roll]))[0]
     return Pose("map", "sheet", facing @ lean @ turn, sight), tilt
-
-
-def _obstacle(T: Pose, rng: np.random.Generator) -> Panel:
-    """A bar or a patch that hides some of a sheet, a little in front of it."""
-    along = rng.uniform(-0.11, 0.11, 2)
-    wide = float(rng.uniform(0.01, 0.06))
-    size = (wide, 0.5) if rng.random() < 0.5 else (wide, float(rng.uniform(0.03, 0.1)))
-    color = np.full((2, 2, 3), rng.uniform(0.02, 0.8, 3), dtype=np.float32)
-    turn = cv2.Rodrigues(np.array([0.0, 0.0, rng.uniform(-np.pi, np.pi)]))[0]
-    offset = T.R @ np.array([*along, 0.004])
-    return Panel(Pose("map", "obstacle", T.R @ turn, T.t + offset), size, color)
 
 
 @lru_cache(maxsize=1024)

@@ -1,0 +1,90 @@
+"""Images to fit acceptance, to set its limit and to report it on: three sets that share no seed and no photograph.
+
+Fitting and setting the limit use kinds of cameras that reporting does not.  Of the photographs in order of their
+names, the first 35 % are for fitting, the next 15 % for the limit and the other half for reporting.
+Images that are drawn once can be kept in a folder, one file each, so that an interruption loses nothing and other
+candidates can be found in them.
+"""
+
+from __future__ import annotations
+
+import pickle
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import cv2
+import numpy as np
+from camera_scenes import LOOK_ALIKES, Shown, bar_or_patch, draw_scene, wide_obstacle
+from planar import background, backgrounds
+
+from lmkit.simulation.cameras import HELD_OUT_KINDS, TRAINING_KINDS, CameraKind
+
+Drawn = tuple[np.ndarray, list[Shown]]
+MOSTLY_LOOK_ALIKES = 0.97
+
+
+@dataclass(frozen=True)
+class ImageSet:
+    """Simulated images, and the photographs that belong to them.
+
+    Attributes:
+        name: of the set, also of its files.
+        seed: of all its images.
+        kinds: of cameras.
+        photos: from and up to which share of the photographs.
+        hidden: share of the landmarks before which an obstacle stands.
+    """
+
+    name: str
+    seed: int
+    kinds: tuple[CameraKind, ...]
+    photos: tuple[float, float]
+    hidden: float
+
+    def photographs(self, folder: Path) -> list[Path]:
+        paths = backgrounds(folder)
+        first, end = (round(share * len(paths)) for share in self.photos)
+        return paths[first:end]
+
+    def scene(self, photos: Sequence[Path], look_alikes: float, keep: Path | None, index: int) -> Drawn:
+        """One image and the landmarks in it; of `photos`, the paths of the whole folder, those of this set."""
+        least = 9.0 if look_alikes < 0.5 else 13.0
+
+        def draw() -> Drawn:
+            # The obstacles of the other benchmarks, too: every second image.
+            obstacle = (bar_or_patch, wide_obstacle)[index % 2]
+            seed = (self.seed, round(100 * look_alikes), index)
+            wall = background(photos[index % len(photos)])
+            return draw_scene(
+                seed,
+                wall,
+                self.kinds,
+                (least, 60.0),
+                look_alikes=look_alikes,
+                hidden=self.hidden,
+                obstacle=obstacle,
+            )
+
+        name = f"{self.name}-{round(100 * look_alikes)}-{index:05d}"
+        return draw() if keep is None else kept(keep, name, draw)
+
+
+FIT = ImageSet("fit", 1101, TRAINING_KINDS, (0.0, 0.35), 0.4)
+LIMIT = ImageSet("limit", 2202, TRAINING_KINDS, (0.35, 0.5), 0.3)
+REPORT = ImageSet("report", 3303, HELD_OUT_KINDS, (0.5, 1.0), 0.2)
+USUAL = LOOK_ALIKES
+
+
+def kept(folder: Path, name: str, draw: Callable[[], Drawn]) -> Drawn:
+    """What a folder holds under a name, or what is drawn now and put there."""
+    image_file, truth_file = folder / f"{name}.png", folder / f"{name}.pickle"
+    if truth_file.exists():
+        return cv2.imread(str(image_file)), pickle.loads(truth_file.read_bytes())
+    folder.mkdir(parents=True, exist_ok=True)
+    image, shown = draw()
+    cv2.imwrite(str(image_file), image)
+    part = truth_file.with_suffix(".part")
+    part.write_bytes(pickle.dumps(shown))
+    part.replace(truth_file)
+    return image, shown
