@@ -77,7 +77,7 @@ USUAL = LOOK_ALIKES
 
 
 def kept(folder: Path, name: str, draw: Callable[[], Drawn]) -> Drawn:
-    """What a folder holds under a name, or what is drawn now and put there."""
+    """The image that a folder holds under a name; drawn now and kept there where it holds none."""
     image_file, truth_file = folder / f"{name}.png", folder / f"{name}.pickle"
     if truth_file.exists():
         return cv2.imread(str(image_file)), pickle.loads(truth_file.read_bytes())
