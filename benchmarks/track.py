@@ -20,6 +20,7 @@ from mrclam import table
 
 from lmkit.geometry.pose import Pose
 from lmkit.mapping.range_bearing_survey import survey_readings
+from lmkit.mapping.several_readings import survey_readings_together
 from lmkit.model.landmark_id import LandmarkId
 from lmkit.model.landmark_map import LandmarkMap, MappedLandmark
 from lmkit.model.observation import RangeBearing
@@ -92,6 +93,9 @@ def main(folder: Path) -> None:
     for robot, (places, off) in enumerate(surveyed, 1):
         print(f"| {robot} | {_surveyed_cells(places, off)}")
     print(f"| all | {_surveyed_cells(*(np.concatenate(parts) for parts in zip(*surveyed, strict=True)))}")
+    off, larger = joint_errors(folder)
+    cm = 100 * np.sqrt((off**2).sum(axis=1).mean())
+    print(f"one map from all five recordings: {cm:.1f} cm; the true map is larger by {100 * (larger - 1):.1f} %")
 
 
 def surveyed_errors(folder: Path, robot: int) -> tuple[np.ndarray, np.ndarray]:
@@ -100,13 +104,33 @@ def surveyed_errors(folder: Path, robot: int) -> tuple[np.ndarray, np.ndarray]:
     found, drive = survey_readings(frames, wheels, None, 0.18)
     true = np.array([landmarks.find(m.id).T_map_landmark.t[:2] for m in found])
     own = np.array([m.T_map_landmark.t[:2] for m in found])
-    U, _, Vt = np.linalg.svd((own - own.mean(axis=0)).T @ (true - true.mean(axis=0)))
-    R = (U @ np.diag([1.0, np.sign(np.linalg.det(U @ Vt))]) @ Vt).T
-    shift = true.mean(axis=0) - R @ own.mean(axis=0)
+    R, shift = fit(own, true)
     turn = np.eye(3)
     turn[:2, :2] = R
     poses = [Pose("map", "base", turn @ pose.R, turn @ pose.t + [*shift, 0.0]) for pose in drive.poses]
     return own @ R.T + shift - true, errors(replace(drive, poses=poses), truth)[0]
+
+
+def joint_errors(folder: Path) -> tuple[np.ndarray, float]:
+    """(L,2) errors (m) of one map from all five recordings, and by how much the true map is larger."""
+    loaded = {robot: load(folder, robot) for robot in range(1, 6)}
+    joint = survey_readings_together(
+        {str(k): (frames, wheels, None) for k, (frames, wheels, *_) in loaded.items()}, 0.18
+    )
+    landmarks = loaded[1][2]
+    true = np.array([landmarks.find(m.id).T_map_landmark.t[:2] for m in joint.landmarks])
+    own = np.array([m.T_map_landmark.t[:2] for m in joint.landmarks])
+    R, shift = fit(own, true)
+    laid = own @ R.T + shift
+    away = laid - laid.mean(axis=0)
+    return laid - true, float((away * (true - true.mean(axis=0))).sum() / (away**2).sum())
+
+
+def fit(own: np.ndarray, true: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Rotation (2,2) and shift (2,) that lay points onto the true ones best."""
+    U, _, Vt = np.linalg.svd((own - own.mean(axis=0)).T @ (true - true.mean(axis=0)))
+    R = (U @ np.diag([1.0, np.sign(np.linalg.det(U @ Vt))]) @ Vt).T
+    return R, true.mean(axis=0) - R @ own.mean(axis=0)
 
 
 def _surveyed_cells(places: np.ndarray, off: np.ndarray) -> str:

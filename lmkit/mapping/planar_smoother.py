@@ -95,7 +95,7 @@ def smooth_planar(
             first pose at (0, 0, 0).
     """
     noise = noise or DRIVE_NOISE
-    problem = _Problem(times_s, readings, motion, landmarks, noise)
+    problem = PlanarProblem(times_s, readings, motion, landmarks, noise)
     problem.take_up()
     return problem.answer()
 
@@ -103,7 +103,9 @@ def smooth_planar(
 _Unknowns = tuple[FloatArray, FloatArray, FloatArray]  # states, parameters, places of landmarks
 
 
-class _Problem:
+class PlanarProblem:
+    """One recording: readings, motion, and the unknowns as they stand; arguments as of :func:`smooth_planar`."""
+
     def __init__(
         self,
         times_s: FloatArray,
@@ -141,6 +143,8 @@ class _Problem:
         self.moves = landmarks is None or any(m.covariance is not None for m in mapped)
         self.parameters = np.array(NOMINAL)
         self.states: FloatArray = np.zeros((0, 3))
+        self.own = OWN
+        self.holds_origin = landmarks is None  # the first pose stays
 
     def take_up(self) -> None:
         """Piece by piece to the end."""
@@ -188,6 +192,48 @@ class _Problem:
         """Levenberg and Marquardt from the unknowns as they stand."""
         start = (self.states, self.parameters, self.places)
         self._restore(minimize(self, start, steps, CONVERGED, DAMPING, least_share=CONVERGED).state)
+
+    @property
+    def size(self) -> int:
+        """Unknowns of one landmark."""
+        return 2
+
+    @property
+    def landmark_ids(self) -> tuple[LandmarkId, ...]:
+        """Ids in the order of the unknowns."""
+        return tuple(self.ids)
+
+    def own_state(self) -> tuple[FloatArray, ...]:
+        """States and the odometry's errors as they stand."""
+        return self.states, self.parameters
+
+    def restore_own(self, state: tuple[FloatArray, ...]) -> None:
+        """Put states and the odometry's errors back."""
+        self.states, self.parameters = state
+
+    def own_moved(self, states: FloatArray, own: FloatArray) -> tuple[FloatArray, ...]:
+        """States and the odometry's errors moved by a step."""
+        return self.states + states, self.parameters + own
+
+    def landmark_poses(self) -> tuple[FloatArray, FloatArray]:
+        """(L,3,3), (L,3) of the landmarks, at height 0."""
+        count = len(self.places)
+        return np.repeat(np.eye(3)[None], count, axis=0), np.column_stack([self.places, np.zeros(count)])
+
+    def put_landmarks(self, R: FloatArray, p: FloatArray) -> None:
+        """Mount all landmarks elsewhere."""
+        self.places = p[:, :2].copy()
+
+    def equations(self) -> tuple[ChainEquations, float]:
+        """Normal equations and cost as all stands."""
+        return self._equations()[:2]
+
+    def lay(self, turn_rad: float, shift: FloatArray) -> None:
+        """Move states and landmarks by one rotation and shift, x -> R x + t."""
+        c, s = np.cos(turn_rad), np.sin(turn_rad)
+        R = np.array([[c, -s], [s, c]])
+        self.places = self.places @ R.T + shift
+        self.states = np.column_stack([self.states[:, :2] @ R.T + shift, self.states[:, 2] + turn_rad])
 
     def linearize(self, state: _Unknowns) -> tuple[ChainEquations, float]:
         """Normal equations and cost at a state."""
@@ -246,10 +292,10 @@ class _Problem:
             equations.add_shared(seen.frames, J, columns, -J[:, :, :2], residuals)
             unseen = np.isnan(self.places[:, 0]).repeat(2)
             equations.corner[OWN:, OWN:] += np.diag(np.where(unseen, 1.0, 1e-9))
-            if self._map is None:
-                # Where the map lies is not seen: the first pose stays.
+            if self.holds_origin:
+                # Where the map lies is not seen.
                 equations.diagonal[0] += 1e9 * np.eye(3)
-            else:
+            if self._map is not None:
                 self._add_map(equations)
         # Readings of a single landmark leave the recording free to rotate about it.
         equations.diagonal[0] += ANYWHERE * np.eye(3)

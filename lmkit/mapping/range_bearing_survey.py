@@ -9,8 +9,11 @@ from typing import Any
 
 import numpy as np
 
+from lmkit.arrays import FloatArray
 from lmkit.geometry.planar import planar_pose
+from lmkit.geometry.pose import Pose
 from lmkit.mapping.planar_smoother import smooth_planar
+from lmkit.model.landmark_id import LandmarkId
 from lmkit.model.landmark_map import LandmarkMap, MappedLandmark, wall_pose
 from lmkit.model.observation import RangeBearing
 from lmkit.model.pose_status import PoseStatus
@@ -36,8 +39,23 @@ def survey_readings(
     motion.require_overlap(times)
     track = smooth_planar(times, [seen for _, seen in frames], motion, None)
     middle = track.states[:, :2].mean(axis=0)
+    poses = [planar_pose(state) for state in track.states]
+    return (
+        planar_map(track.ids, track.places, track.place_covariances, middle, size_m),
+        planar_trajectory(times, poses, track.covariances),
+    )
+
+
+def planar_map(
+    ids: Sequence[LandmarkId], places: FloatArray, covariances: FloatArray, middle: FloatArray, size_m: float
+) -> LandmarkMap:
+    """Landmarks at places (L,2) with covariances (L,2,2); those without a place are left out.
+
+    Args:
+        middle: (2,) of the recording, which all of them face.
+    """
     mapped = []
-    for id_, place, C in zip(track.ids, track.places, track.place_covariances, strict=True):
+    for id_, place, C in zip(ids, places, covariances, strict=True):
         if not np.isfinite(place).all():
             continue
         toward = middle - place
@@ -45,14 +63,12 @@ def survey_readings(
         covariance[:2, :2] = C
         T = wall_pose([*place, 0.0], float(np.arctan2(toward[1], toward[0])))
         mapped.append(MappedLandmark(id_, size_m, T, covariance))
-    drive = TrackedTrajectory(
-        times,
-        [planar_pose(state) for state in track.states],
-        _six(track.covariances),
-        [PoseStatus.OK] * len(times),
-        [()] * len(times),
-    )
-    return LandmarkMap(mapped), drive
+    return LandmarkMap(mapped)
+
+
+def planar_trajectory(times_s: FloatArray, poses: Sequence[Pose], covariances: FloatArray) -> TrackedTrajectory:
+    """Trajectory of a survey in the plane, covariances (N,3,3)."""
+    return TrackedTrajectory(times_s, poses, _six(covariances), [PoseStatus.OK] * len(poses), [()] * len(poses))
 
 
 def planar_map_dict(landmarks: LandmarkMap, frames: int, output: Path) -> dict[str, Any]:

@@ -21,7 +21,10 @@ PARAMETERS = ("forward_scale", "turn_scale", "turn_per_s", "turn_per_m", "slowin
 NOMINAL = np.array([1.0, 1.0, 0.0, 0.0, 0.0, 0.1])
 # What they may be before anything is seen, as standard deviations.
 PRIOR_SIGMA = np.array([0.1, 0.1, 0.02, 0.1, 0.3, 0.15])
-STEPS = np.array([1e-4, 1e-4, 1e-5, 1e-5, 1e-4, 1e-3])
+STEPS = np.array([1e-4, 1e-4, 1e-5, 1e-5, 1e-4])  # but of the delay
+# To both sides, for the derivative with the delay: over less, noise from row to row looks like changes of speed that
+# tell the delay (errors in variables), and the delay is drawn to where it starts.
+DELAY_SPAN_S = 0.2
 # A robot on wheels keeps its height and its level between two frames, but for the floor.
 LIFT_M, LIFT_PER_ROOT_M = 0.002, 0.003
 LEAN_RAD, LEAN_PER_ROOT_M = 0.002, 0.004
@@ -125,12 +128,15 @@ class MotionModel:
 
     def increments(self, times_s: FloatArray, parameters: FloatArray) -> Increments:
         """Motions between consecutive times (K,), seconds of the landmarks' clock."""
-        # The parameters as they are, and each moved a little.
-        moved = np.tile(parameters, (1 + len(PARAMETERS), 1))
-        moved[1:] += np.diag(STEPS)
+        # The parameters as they are, each but the delay moved a little, and the delay moved to both sides.
+        count = len(PARAMETERS)
+        moved = np.tile(parameters, (count + 2, 1))
+        moved[1:count] += np.eye(count - 1, count) * STEPS[:, None]
+        moved[count:, -1] += DELAY_SPAN_S, -DELAY_SPAN_S
         all_motions = self._motions(times_s, moved)
         motions = all_motions[0]
-        by_parameters = ((all_motions[1:] - motions) / STEPS[:, None, None]).transpose(1, 2, 0)
+        by_parameters = (all_motions[1:-1] - motions).transpose(1, 2, 0) / np.append(STEPS, 1.0)
+        by_parameters[:, :, -1] = (all_motions[count] - all_motions[count + 1]) / (2 * DELAY_SPAN_S)
         own = times_s - parameters[5]
         seconds = np.diff(times_s)
         way, turned, gap = (
