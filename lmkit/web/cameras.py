@@ -24,6 +24,7 @@ from lmkit.web.project import FILMS, Project, listing
 from lmkit.web.state import state_of
 from lmkit.web.verbs import CAMERA
 
+DEVICES = Path("/dev")
 SETTLING = 8  # images of a camera until its exposure has settled
 SHOWN_PX = 640
 BURNT = 0.05  # share of clipped pixels
@@ -41,8 +42,9 @@ async def sources(request: Request) -> Response:
     """Cameras of this machine, and what of the project can stand for one."""
     project = state_of(request).project
     found = listing(project)
-    devices = sorted(p.name for p in Path("/dev").glob("video*")) if os.name == "posix" else []
-    cameras = [f"camera:{name.removeprefix('video')}" for name in devices if name.removeprefix("video").isdecimal()]
+    devices = DEVICES.glob("video*") if os.name == "posix" else []
+    numbers = sorted(int(p.name[5:]) for p in devices if p.name[5:].isdecimal())
+    cameras = [f"camera:{number}" for number in numbers]
     stand_ins = [entry["name"] for kind in ("pairs", "films") for entry in found[kind]]
     return answer({"cameras": cameras[:16], "stand_ins": stand_ins[:50]})
 

@@ -16,7 +16,7 @@ from starlette.responses import Response
 from lmkit.errors import InputError
 from lmkit.io.files import write_file
 from lmkit.io.floor_plan import SHORTEST_WALL_M, floor_to_yaml, read_drawn_lines, read_floor
-from lmkit.model.floor_plan import Wall
+from lmkit.model.floor_plan import FloorPlan, Wall
 from lmkit.web.answers import MAX_UPLOAD, Body, answer, read_body, read_bytes
 from lmkit.web.project import Project
 from lmkit.web.state import state_of
@@ -122,18 +122,36 @@ def floor_of_file(data: bytes, name: str, scale_m: float | None) -> str:
 
 
 def describe_floor(project: Project) -> dict[str, Any]:
-    """Walls of ``floor.yaml`` as the page draws them, and why no room can be planned in them."""
+    """Walls of ``floor.yaml`` as the page draws them, where they leave a gap, and why they cannot be read."""
     path = project.path(FLOOR)
-    facts: dict[str, Any] = {"version": _version(path), "problem": None, "hint": ""}
+    facts: dict[str, Any] = {"version": _version(path), "problem": None, "hint": "", "gap": None}
     if not path.is_file():
         return facts | {"walls": []}
     walls: list[dict[str, Any]] = []
     try:
         walls = describe_walls(path)
-        read_floor(path)
+        facts["gap"] = None if encloses_a_room(read_floor(path)) else gap_of(read_drawn_lines(path)[0])
     except InputError as error:
         facts |= {"problem": error.message.replace(f"{path}: ", "").replace(str(path), FLOOR), "hint": error.hint}
     return facts | {"walls": walls}
+
+
+def encloses_a_room(floor: FloorPlan) -> bool:
+    """Whether walls surround what is free: nothing on the rim of the grid is."""
+    return not any(rim.any() for rim in (floor.free[0], floor.free[-1], floor.free[:, 0], floor.free[:, -1]))
+
+
+def gap_of(walls: list[Wall]) -> list[float]:
+    """(x, y) of the wall's end that is farthest from all other walls: where a room that does not close is open."""
+    left, along = np.array([w.left for w in walls]), np.array([w.right - w.left for w in walls])
+    ends = np.stack([left, left + along], axis=1)
+    apart = np.zeros((len(walls), 2))
+    for k, n in np.ndindex(apart.shape):
+        share = np.clip(((ends[k, n] - left) * along).sum(axis=1) / (along**2).sum(axis=1), 0.0, 1.0)
+        distances = np.linalg.norm(left + share[:, None] * along - ends[k, n], axis=1)
+        distances[k] = np.inf
+        apart[k, n] = distances.min()
+    return [float(v) for v in ends[np.unravel_index(np.argmax(apart), apart.shape)]]
 
 
 def describe_walls(path: Path) -> list[dict[str, Any]]:

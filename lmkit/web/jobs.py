@@ -210,6 +210,8 @@ class Jobs:
             raise
         finally:
             telling.cancel()
+            if process.stdin is not None:
+                process.stdin.close()
 
     async def _results(self, job: Job, stream: asyncio.StreamReader) -> None:
         kept: list[bytes] = []

@@ -215,23 +215,26 @@ def plan_sheet(project: Project, body: JobBody) -> Plan:
 
 
 def plan_run(project: Project, body: JobBody) -> Plan:
-    """A live run that the page shows: a recording, a recorded run, ``run.yaml``, or ``sim:``, a simulated robot."""
+    """A live run for the page: cameras, a recording, a recorded run, ``run.yaml``, or ``sim:``, a simulated robot."""
     if not can_run():
         raise InputError("no_run", "this lmkit has no command run", "track the recording instead")
-    settings = _run_settings(project, body.source)
+    settings = _run_settings(project, body.source, body.second)
     if body.record:
         settings["record"] = project.unused("runs", "run", ".mcap")
     task = json.dumps(settings)
     words = ["run", *([settings.pop("file")] if "file" in settings else settings.pop("sources"))]
     words += [word for key, value in settings.items() for word in (f"--{key}", value)]
-    title = "Simulated robot" if body.source == "sim:" else f"Run {body.source}"
+    names = " and ".join(name for name in (body.source, body.second) if name)
+    title = "Simulated robot" if body.source == "sim:" else f"Run {names}"
     outputs = (settings["record"],) if body.record else ()
     step = ("-m", "lmkit.web.watched_run", task)
     return Plan(title, (step,), shlex.join(["lmkit", *words]), outputs, is_live=True)
 
 
-def _run_settings(project: Project, source: str) -> dict[str, Any]:
+def _run_settings(project: Project, source: str, second: str) -> dict[str, Any]:
     """Keys of a run file, or ``file``."""
+    if CAMERA.fullmatch(source):
+        return _camera_run(project, source, second)
     if source == "sim:":
         return {"sources": ["sim:"]}
     if source == "run.yaml":
@@ -247,6 +250,27 @@ def _run_settings(project: Project, source: str) -> dict[str, Any]:
         settings["odometry"] = f"{source}/odometry.csv"
         settings |= {"gyro": f"{source}/gyro.csv"} if found["gyro"] else {}
     return settings
+
+
+def _camera_run(project: Project, source: str, second: str) -> dict[str, Any]:
+    """Keys of a run from cameras; a camera alone shows left and right side by side where the rig has two.
+
+    Raises:
+        InputError: cameras that do not fit the rig, or no rig or map.
+    """
+    from lmkit.geometry.rig import mounted_cameras
+
+    if second and (not CAMERA.fullmatch(second) or second == source):
+        raise InputError("unpaired", f"{source} and {second[:80]!r} are no two cameras", "choose two different ones")
+    nothing = {"own_rig": False, "own_map": False}
+    settings = {key: _of(project, nothing, key) for key in ("rig", "map")}
+    count = len(mounted_cameras(lm.read_rig(project.path("rig.yaml"))))
+    if count > 2 or count < (2 if second else 1):
+        problem = f"rig.yaml has {count} camera{'s' * (count > 1)}"
+        raise InputError("unpaired", problem, "choose as many, or name all sources in run.yaml")
+    if second:
+        return {"sources": [source, second], **settings}
+    return {"sources": [source if count == 1 else f"split:{source}"], **settings}
 
 
 def can_run() -> bool:

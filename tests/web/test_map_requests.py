@@ -103,11 +103,15 @@ def test_walls_are_written_and_undone_in_the_order_of_the_edits(mapped):
     page, folder = mapped
     assert page.get("/api/floor").json()["walls"] == []
     shown = page.put("/api/floor", json={"version": "", "walls": _walls(ROOM[:2])}).json()
-    assert len(shown["walls"]) == 2
+    assert len(shown["walls"]) == 2 and shown["gap"]
     _edit(page, {"id": "lm8:6", "name": "dock"})
     walls = [*_walls(ROOM[:3]), _walls(ROOM)[3] | {"name": "glass", "landmarks": False}]
     shown = page.put("/api/floor", json={"version": shown["version"], "walls": walls}).json()
-    assert shown["problem"] is None and shown["walls"][3]["name"] == "glass" and not shown["walls"][3]["landmarks"]
+    assert (
+        shown["problem"] is shown["gap"] is None
+        and shown["walls"][3]["name"] == "glass"
+        and not shown["walls"][3]["landmarks"]
+    )
     assert read_floor(folder / "floor.yaml").is_free(np.array([2.0, 1.5]))
     assert len(page.get("/api/live/map").json()["walls"]) == 4
     assert len(page.post("/api/map/undo").json()["floor"]["walls"]) == 2
@@ -116,6 +120,16 @@ def test_walls_are_written_and_undone_in_the_order_of_the_edits(mapped):
     (folder / "floor.yaml").write_text("walls: 3\n")
     shown = page.get("/api/floor").json()
     assert shown["walls"] == [] and "lmkit-floor" in shown["problem"] and shown["hint"]
+
+
+def test_walls_that_do_not_close_say_where(mapped):
+    page, _ = mapped
+    short = [ROOM[3][0], (ROOM[3][0][0], ROOM[3][0][1] + 0.8 * (ROOM[3][1][1] - ROOM[3][0][1]))]
+    shown = page.put("/api/floor", json={"version": "", "walls": _walls([*ROOM[:3], short])}).json()
+    assert any(shown["gap"] == pytest.approx(end) for end in (short[1], ROOM[0][0]))  # both ends of the gap
+    inner = [(1.0, 1.0), (2.0, 1.0)]  # a wall in the middle of a room closes nothing, and opens nothing
+    shown = page.put("/api/floor", json={"version": shown["version"], "walls": _walls([*ROOM, inner])}).json()
+    assert shown["gap"] is None
 
 
 def test_places_of_a_floor_plan_survive_its_edits_and_other_plans_are_taken(mapped):

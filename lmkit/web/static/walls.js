@@ -5,7 +5,7 @@ const SNAP_M = 0.15, GRID_M = 0.05; // a click goes to the end of a wall nearby,
 
 export function wallsCard({ save, load, redraw }) {
   const box = h("section", { class: "card stack" }), scale = h("input", { inputmode: "decimal", placeholder: "0.05" });
-  let walls = [], landmarks = [], chosen = null, drawing = null;
+  let walls = [], gap = null, landmarks = [], chosen = null, drawing = null;
   const pick = h("input", { type: "file", accept: ".yaml,.yml,.svg,.dxf,.png,.pgm,.jpg,.jpeg", onchange: async () => { if (pick.files[0]) await load(pick.files[0], scale.value.trim().replace(",", ".")); pick.value = ""; } });
   const point = (p) => p.map((v) => v.toFixed(2)).join(", ");
   const change = (k, part) => save(walls.map((w, n) => (n === k ? { ...w, ...part } : w)));
@@ -29,6 +29,7 @@ export function wallsCard({ save, load, redraw }) {
   function drawAll() {
     const begin = h("button", { type: "button", "aria-pressed": drawing ? "true" : "false", onclick: () => { drawing = drawing ? null : { from: null, svg: null }; draw(); redraw(); } }, drawing ? "Done drawing" : "Draw walls on the plan");
     fill(box, h("h2", null, "Walls"), h("p", { class: "small soft" }, "floor.yaml: what blocks the view, and where landmarks can hang. Coverage and mounting sites need closed rooms."),
+      gap ? note("warn", `the walls do not close a room: one ends freely at ${point(gap)} m`, drawing ? "go on to the wall where it begins" : "draw what is missing, or move its end onto another wall") : null,
       drawing ? note("", "click where a wall begins, then at each of its corners", "ends snap to each other and to 5 cm") : null,
       walls.length ? h("ul", { class: "list" }, walls.map((w, k) => h("li", null, h("button", { class: "plain", type: "button", "aria-label": `Edit wall ${w.name || k + 1}`, onclick: () => { chosen = chosen === k ? null : k; draw(); } }, w.name || `Wall ${k + 1}`), h("span", { class: "soft small" }, `${point(w.start)} to ${point(w.end)}${w.landmarks ? "" : ", no landmarks"}`), chosen === k ? editor(k) : null))) : null,
       h("div", { class: "row" }, !walls.length && landmarks.length > 1 ? h("button", { class: "primary", type: "button", onclick: around }, "A room around the landmarks") : null, begin),
@@ -54,5 +55,5 @@ export function wallsCard({ save, load, redraw }) {
       if (from && Math.hypot(from[0] - to[0], from[1] - to[1]) >= 0.1) save([...walls, { start: from, end: to, name: "", landmarks: true }]);
     });
   }
-  return { box, listen, get drawing() { return Boolean(drawing); }, show(given, marks) { [walls, landmarks] = [given, marks]; if (chosen >= walls.length) chosen = null; draw(); } };
+  return { box, listen, get drawing() { return Boolean(drawing); }, show(floor, marks) { ({ walls, gap } = floor); landmarks = marks; if (chosen >= walls.length) chosen = null; draw(); } };
 }

@@ -1,4 +1,4 @@
-import { api, empty, fill, h, heading, jobView, mm, sentence, toast, trouble } from "../lib.js";
+import { api, choice, empty, field, fill, h, heading, jobView, mm, sentence, toast, trouble } from "../lib.js";
 import { flatOrDeep } from "../flat_or_deep.js";
 import { innovationChart } from "../live_chart.js";
 import { livePlan } from "../live_plan.js";
@@ -90,16 +90,19 @@ export async function show(stage) {
     h("div", { class: "grid wide" }, h("section", { class: "card stack" }, image, legend, h("dl", { class: "figures by2" }, facts.map(([dd, label]) => h("div", null, h("dt", null, label), dd)))), h("section", { class: "card stack" }, views.element, scale, h("label", null, "The last minute", scrub))),
     h("div", { class: "grid wide" }, h("section", { class: "card stack" }, h("h2", null, "Innovation"), chart.box), h("section", { class: "card stack" }, h("h2", null, "Inputs and outputs"), h("div", { class: "scroll", tabindex: "0", role: "region", "aria-label": "Inputs and outputs" }, health), happened))];
 
-  const project = await api("project");
+  const [project, { cameras }] = await Promise.all([api("project"), api("cameras")]);
   const runs = h("div"), record = h("input", { type: "checkbox" });
-  const start = (source) => async () => {
-    const body = { source, record: record.checked };
+  const start = (source, second = () => "") => async () => {
+    const body = { source: typeof source === "string" ? source : source(), second: second(), record: record.checked };
     try {
       reset();
       runs.replaceChildren(jobView(await api("jobs/run", { method: "POST", body }), { done: (j) => j.state !== "failed" && j.outputs.length && toast(`Recorded to ${j.outputs[0]}`) }));
       runs.querySelector("[data-key=cancel]")?.focus();
     } catch (error) { runs.replaceChildren(trouble(error)); }
   };
+  const left = choice(cameras.map((c) => [c, c]), cameras[0]), right = choice([["", "the same: it shows both"], ...cameras.map((c) => [c, c])], cameras[1] ?? "");
+  const byCameras = !cameras.length || !project.can_run ? null : h("div", { class: "stack" }, h("div", { class: "pairfields" }, field("Left camera", left), field("Right camera", right)),
+    h("div", { class: "row" }, h("button", { class: project.has.run ? "" : "primary", type: "button", onclick: start(() => left.value, () => right.value) }, "Start with the cameras")));
   const button = (text, source, kind) => h("button", { class: kind, type: "button", onclick: start(source) }, text);
   const buttons = !project.can_run ? [h("a", { class: "button primary", href: "#/recordings" }, "Track a recording")] : [
     project.has.run ? button("Start run.yaml", "run.yaml", "primary") : null,
@@ -108,7 +111,7 @@ export async function show(stage) {
     button("Watch a simulated robot", "sim:"),
   ];
   if (!shown) box.append(empty("Nothing runs live", `${project.can_run ? "Start a run, or replay a recording" : "Connect a run to this page"}: the robot appears on the plan with its trail, and you see why a pose is or is not sure.`));
-  stage.append(...heading("Live", "The pose while it happens, and the last minute to look back at."), h("section", { class: "card stack" }, h("h2", null, "Runs"), h("div", { class: "row" }, buttons),
+  stage.append(...heading("Live", "The pose while it happens, and the last minute to look back at."), h("section", { class: "card stack" }, h("h2", null, "Runs"), byCameras, h("div", { class: "row" }, buttons),
     project.can_run ? h("label", { class: "check" }, record, "Record the next run to runs/, to replay it later") : null, runs), box);
   const watch = setInterval(() => { if (performance.now() - newest > STALE_MS) draw(); }, 1000);
   const ongoing = (await api("jobs")).jobs.find((j) => j.verb === "run" && (j.state === "running" || j.state === "waiting"));

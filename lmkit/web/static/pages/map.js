@@ -80,7 +80,7 @@ export async function show(stage) {
     two.className = picked ? "two" : "";
     said.replaceChildren(map.warnings.length ? h("section", { class: "card" }, h("h2", null, "What the last survey says"), h("ul", null, map.warnings.map((w) => h("li", null, w)))) : "");
     keepFocus(table, () => table.replaceChildren(some ? rows() : ""));
-    walls.show(map.floor.walls, map.landmarks);
+    walls.show(map.floor, map.landmarks);
     words.replaceChildren(map.command ? h("section", { class: "card" }, command(map.command)) : "");
   }
   // A survey may end while the page is open.
