@@ -28,6 +28,8 @@ class ReadingNoise:
             seen in one frame's readings, and is added to the heading's deviation.
         outlier_sigma: a reading farther off than that is named an outlier.
         related_s: readings of one landmark within that time err alike, and count as one.
+        range_scale: of a factor that all ranges of a recording have in common, such as an error of the focal length
+            or of the landmarks' size; found with a recording, and unseen in one frame.
     """
 
     range_m: float = 0.02
@@ -37,6 +39,7 @@ class ReadingNoise:
     common_bearing_rad: float = math.radians(0.5)
     outlier_sigma: float = 4.0
     related_s: float = RELATED_S
+    range_scale: float = 0.02
 
     def sigmas(self, readings: Sequence[RangeBearing]) -> tuple[FloatArray, FloatArray]:
         """(N,), (N,) of ranges (m) and bearings (rad): as each reading states, or as usual for the sensor."""
@@ -54,4 +57,4 @@ class ReadingNoise:
 # A camera on a robot that moves while it looks; worse than what a standing one reaches.
 DRIVE_NOISE = ReadingNoise(0.14, 0.042, math.radians(0.56), math.radians(0.42))
 # Poles in a laser scan state their own deviations; what the map and a moving robot add is common to a short while.
-SCAN_NOISE = ReadingNoise(0.01, 0.002, math.radians(0.2), math.radians(0.05), related_s=0.5)
+SCAN_NOISE = ReadingNoise(0.01, 0.002, math.radians(0.2), math.radians(0.05), related_s=0.5, range_scale=0.001)

@@ -32,7 +32,8 @@ STEPS_A_PIECE, STEPS_AT_END = 4, 40
 CONVERGED = 1e-4
 ANYWHERE = 1e-3  # information of the first pose, 1/m^2 and 1/rad^2, where readings leave it open
 EXACT = 1e-12  # m^2: a landmark whose place is known exactly
-OWN = len(PARAMETERS)  # of the shared unknowns, before the landmarks
+ODOMETRY = len(PARAMETERS)
+OWN = ODOMETRY + 1  # of the shared unknowns, before the landmarks: the last is the scale of ranges
 
 
 @dataclass(frozen=True, eq=False)
@@ -44,6 +45,7 @@ class PlanarTrack:
         states: (N,3) x, y (m), heading (rad).
         covariances: (N,3,3).
         parameters, parameter_sigmas: (6,) as ``motion.PARAMETERS``, and standard deviations.
+        range_scale: ranges as read over true ones, and its standard deviation.
         ids, places, place_covariances: (L), (L,2), (L,2,2) of the landmarks.
         weights: (R,) of the readings, 1 for those believed, near 0 for outliers.
         squared, nis_dof: (R,) their squared errors in standard deviations, and how many numbers each is of.
@@ -55,6 +57,7 @@ class PlanarTrack:
     covariances: FloatArray
     parameters: FloatArray
     parameter_sigmas: FloatArray
+    range_scale: tuple[float, float]
     ids: tuple[LandmarkId, ...]
     places: FloatArray
     place_covariances: FloatArray
@@ -100,7 +103,8 @@ def smooth_planar(
     return problem.answer()
 
 
-_Unknowns = tuple[FloatArray, FloatArray, FloatArray]  # states, parameters, places of landmarks
+# States, parameters (7,) of the odometry and the ranges' scale (read over true), places of landmarks.
+_Unknowns = tuple[FloatArray, FloatArray, FloatArray]
 
 
 class PlanarProblem:
@@ -141,7 +145,7 @@ class PlanarProblem:
             self.known[k] = np.linalg.inv(C)
         self.mapped = self.places.copy()
         self.moves = landmarks is None or any(m.covariance is not None for m in mapped)
-        self.parameters = np.array(NOMINAL)
+        self.parameters = np.append(NOMINAL, 1.0)
         self.states: FloatArray = np.zeros((0, 3))
         self.own = OWN
         self.holds_origin = landmarks is None  # the first pose stays
@@ -163,7 +167,9 @@ class PlanarProblem:
             if found.status == PoseStatus.OK and found.pose is not None and found.pose.heading_rad is not None:
                 state = np.array([found.pose.x_m, found.pose.y_m, found.pose.heading_rad])
                 # Back along the motions to the first frame.
-                path = follow(np.zeros(3), self.motion.increments(self.times[: k + 1], self.parameters).motions)[-1]
+                path = follow(
+                    np.zeros(3), self.motion.increments(self.times[: k + 1], self.parameters[:ODOMETRY]).motions
+                )[-1]
                 heading = state[2] - path[2]
                 c, s = np.cos(heading), np.sin(heading)
                 back = [c * path[0] - s * path[1], s * path[0] + c * path[1], path[2]]
@@ -173,7 +179,7 @@ class PlanarProblem:
     def _extend(self, count: int) -> None:
         """More frames by motion, and the landmarks first seen there."""
         have = len(self.states)
-        motions = self.motion.increments(self.times[have - 1 : count], self.parameters).motions
+        motions = self.motion.increments(self.times[have - 1 : count], self.parameters[:ODOMETRY]).motions
         self.states = np.concatenate([self.states, follow(self.states[-1], motions)[1:]])
         seen = self.readings.first(count)
         full = np.isfinite(seen.values).all(axis=1)
@@ -267,13 +273,13 @@ class PlanarProblem:
         off = self.places[seen.landmarks] - at[:, :2]
         distance = np.hypot(off[:, 0], off[:, 1])
         direction = np.arctan2(off[:, 1], off[:, 0]) - at[:, 2]
-        ranges = (seen.values[:, 0] - distance) / seen.sigmas[:, 0]
+        ranges = (seen.values[:, 0] - self.parameters[-1] * distance) / seen.sigmas[:, 0]
         bearings = wrap_angle(seen.values[:, 1] - direction) / seen.sigmas[:, 1]
         return seen, np.nan_to_num(np.column_stack([ranges, bearings])), off
 
     def _motion_errors(self) -> tuple[FloatArray, FloatArray, FloatArray]:
         """(N-1,3) standardized, their deviations, and derivatives of the motions with the parameters."""
-        motions = self.motion.increments(self.times[: len(self.states)], self.parameters)
+        motions = self.motion.increments(self.times[: len(self.states)], self.parameters[:ODOMETRY])
         return (motions.motions - between(self.states)) / motions.sigmas, motions.sigmas, motions.by_parameters
 
     def _equations(self) -> tuple[ChainEquations, float, FloatArray]:
@@ -284,12 +290,17 @@ class PlanarProblem:
         weights = cauchy_weight(squared)
         root = np.sqrt(weights)[:, None]
         J = _reading_jacobian(off, seen.sigmas) * root[..., None]
+        J[:, 0] *= self.parameters[-1]
         J = np.where(np.isfinite(seen.values)[..., None] & np.isfinite(off[:, :1, None]), J, 0.0)
         residuals = errors * root
         equations.add_to_states(seen.frames, J, residuals)
+        by_scale = np.zeros((len(J), 2, 1))
+        by_scale[:, 0, 0] = np.nan_to_num(np.hypot(*off.T) / seen.sigmas[:, 0] * root[:, 0])
+        by_scale[~np.isfinite(seen.values[:, 0])] = 0.0
         if self.moves:
             columns = OWN + 2 * seen.landmarks[:, None] + np.arange(2)
-            equations.add_shared(seen.frames, J, columns, -J[:, :, :2], residuals)
+            columns = np.column_stack([np.full(len(J), ODOMETRY), columns])
+            equations.add_shared(seen.frames, J, columns, np.dstack([by_scale, -J[:, :, :2]]), residuals)
             unseen = np.isnan(self.places[:, 0]).repeat(2)
             equations.corner[OWN:, OWN:] += np.diag(np.where(unseen, 1.0, 1e-9))
             if self.holds_origin:
@@ -297,14 +308,18 @@ class PlanarProblem:
                 equations.diagonal[0] += 1e9 * np.eye(3)
             if self._map is not None:
                 self._add_map(equations)
+        else:
+            columns = np.full((len(J), 1), ODOMETRY)
+            equations.add_shared(seen.frames, J, columns, by_scale, residuals)
         # Readings of a single landmark leave the recording free to rotate about it.
         equations.diagonal[0] += ANYWHERE * np.eye(3)
         cost = cauchy_cost(squared).sum()
         if count > 1:
             cost += self._add_motion(equations)
-        off_prior = (NOMINAL - self.parameters) / PRIOR_SIGMA
-        equations.corner[:OWN, :OWN] += np.diag(PRIOR_SIGMA**-2)
-        equations.shared_gradient[:OWN] += off_prior / PRIOR_SIGMA
+        sigma = np.append(PRIOR_SIGMA, self.noise.range_scale)
+        off_prior = (np.append(NOMINAL, 1.0) - self.parameters) / sigma
+        equations.corner[:OWN, :OWN] += np.diag(sigma**-2)
+        equations.shared_gradient[:OWN] += off_prior / sigma
         return equations, float(cost + (off_prior**2).sum() + self._map_cost()), weights
 
     def _add_map(self, equations: ChainEquations) -> None:
@@ -327,10 +342,10 @@ class PlanarProblem:
         residuals = errors * root
         equations.add_between(before, after, residuals)
         rows = np.arange(len(residuals))
-        columns = np.tile(np.arange(OWN), (len(rows), 1))
+        columns = np.tile(np.arange(ODOMETRY), (len(rows), 1))
         equations.add_shared(rows, before, columns, K, residuals)
         # The later state's share of the border; the corner has it already.
-        equations.border[1:, :, :OWN] += after.transpose(0, 2, 1) @ K
+        equations.border[1:, :, :ODOMETRY] += after.transpose(0, 2, 1) @ K
         return float(cauchy_cost(squared, SLIP_SIGMA).sum())
 
     def answer(self) -> PlanarTrack:
@@ -344,8 +359,9 @@ class PlanarProblem:
             self.times,
             self.states,
             covariances,
-            self.parameters,
-            np.sqrt(np.maximum(np.diag(shared)[:OWN], 0.0)),
+            self.parameters[:ODOMETRY],
+            np.sqrt(np.maximum(np.diag(shared)[:ODOMETRY], 0.0)),
+            (float(self.parameters[-1]), float(np.sqrt(shared[ODOMETRY, ODOMETRY]))),
             tuple(self.ids),
             self.places,
             places,
