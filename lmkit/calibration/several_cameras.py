@@ -43,12 +43,20 @@ class RigCalibration:
         cameras: the calibration of every camera on its own.
         ties: (camera, camera, views used, views that disagree) of the pairs that start the joint adjustment.
         rms_px: reprojection error of every camera in the joint adjustment.
+        solution: of the joint adjustment, with its covariance.
+        frames: names, in the order of the solution's board poses.
+        corners: of every camera, their frames and pixels.
+        residuals: of every camera, (N,2) observed minus projected pixels.
     """
 
     rig: Rig
     cameras: tuple[CameraCalibration, ...]
     ties: tuple[tuple[str, str, int, tuple[str, ...]], ...]
     rms_px: tuple[float, ...]
+    solution: RigSolution
+    frames: tuple[str, ...]
+    corners: tuple[CameraCorners, ...]
+    residuals: tuple[FloatArray, ...]
 
     def to_dict(self) -> dict[str, Any]:
         """The result as JSON values; docs/formats.md lists the keys."""
@@ -85,9 +93,15 @@ def calibrate_rig(
         T, used, bad = _relation(cameras, pairs, a, b, board)
         known[child] = (T if parent == a else T.inverse()) @ known[parent]
         ties.append((names[parent], names[child], used, bad))
-    solution, rms_px = _adjusted([c.rig.left for c in cameras], [known[k] for k in range(len(cameras))], seen, board)
-    assert solution.covariance is not None
-    return RigCalibration(Rig(_mounted(names, solution)), tuple(cameras), tuple(ties), rms_px)
+    start, corners, frames = _start(
+        [c.rig.left for c in cameras], [known[k] for k in range(len(cameras))], seen, board
+    )
+    problem = RigProblem(corners, len(frames))
+    solution = problem.solve(start)
+    off = tuple(problem.residuals(solution))
+    rms_px = tuple(float(np.sqrt((values**2).sum(axis=1).mean())) for values in off)
+    rig = Rig(_mounted(names, solution))
+    return RigCalibration(rig, tuple(cameras), tuple(ties), rms_px, solution, frames, tuple(corners), off)
 
 
 def _pairs(seen: Sequence[Seen]) -> Pairs:
@@ -106,10 +120,10 @@ def _pairs(seen: Sequence[Seen]) -> Pairs:
     }
 
 
-def _adjusted(
+def _start(
     models: Sequence[CameraModel], poses: Sequence[Pose], seen: Sequence[Seen], board: BoardSpec
-) -> tuple[RigSolution, tuple[float, ...]]:
-    """The joint adjustment, from what single cameras and pairs say, and its error by camera, px."""
+) -> tuple[RigSolution, list[CameraCorners], tuple[str, ...]]:
+    """Start of the joint adjustment, from what single cameras and pairs say; corners, and names of frames."""
     frames: dict[str, tuple[FloatArray, FloatArray]] = {}
     for frame in sorted(set().union(*seen)):
         # The camera that sees most of the board says where it is.
@@ -135,10 +149,7 @@ def _adjusted(
         np.array([R for R, _ in frames.values()]),
         np.array([t for _, t in frames.values()]),
     )
-    problem = RigProblem(corners, len(frames))
-    solution = problem.solve(start)
-    off = problem.residuals(solution)
-    return solution, tuple(float(np.sqrt((values**2).sum(axis=1).mean())) for values in off)
+    return start, corners, tuple(frames)
 
 
 def _mounted(names: Sequence[str], s: RigSolution) -> tuple[MountedCamera, ...]:

@@ -128,11 +128,11 @@ def run(
         from lmkit.cli.calibrate_cameras import calibrate_cameras
 
         for_pairs = {
-            "--baseline": baseline, "--report": report, "--save-corners": save_corners,
+            "--baseline": baseline, "--save-corners": save_corners, "--report": None if len(sources) > 2 else report,
             "--intrinsics": intrinsics or None,
         }  # fmt: skip
         require_no(f"images of {len(sources)} camera(s)", for_pairs)
-        calibrate_cameras(sources, parse_board(board, measured), model, declared, output, as_json, force)
+        calibrate_cameras(sources, parse_board(board, measured), model, declared, output, report, as_json, force)
         return
     elif capture or (left is not None and are_moving(left)):
         from lmkit.cli.calibrate_capture import capture_pairs

@@ -21,15 +21,17 @@ def calibrate_cameras(
     model: str,
     declared: Declared,
     output: Path | None,
+    report: Path | None,
     as_json: bool,
     force: bool,
 ) -> None:
-    """Calibrate one camera, or three and more, and write the rig file."""
+    """Calibrate one camera, or three and more, and write the rig file and the report (of three and more)."""
     from lmkit.calibration.mono import calibrate_camera, camera_lines
     from lmkit.calibration.several_cameras import rig_lines
     from lmkit.io.rig import rig_to_yaml
     from lmkit.pipelines.camera_views import find_board_images
     from lmkit.pipelines.rig_views import calibrate_sources
+    from lmkit.reports.rig_calibration import rig_calibration_report
 
     result: CameraCalibration | RigCalibration
     with ProgressBars() as bars:
@@ -37,11 +39,12 @@ def calibrate_cameras(
         if len(sources) > 1:
             result = calibrate_sources(sources, spec, model, counter)
             lines = rig_lines(result)
+            made = None if report is None else rig_calibration_report(result, spec)
         else:
             found = find_board_images(sources[0], spec, counter)
             result = calibrate_camera(found.views, found.board, found.image_size, model, found.rejected, declared)
-            lines = camera_lines(result)
-    written = write_outputs({output: rig_to_yaml(result.rig)}, force)
+            lines, made = camera_lines(result), None
+    written = write_outputs({output: rig_to_yaml(result.rig), report: made or ""}, force)
     if as_json:
         print_json(result.to_dict())
         return

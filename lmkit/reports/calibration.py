@@ -252,7 +252,8 @@ def _space(result: StereoCalibration, board: BoardSpec) -> str:
     low, high = points.min(axis=0), points.max(axis=0)
     rim = np.array([[low[0], low[1], 0], [high[0], low[1], 0], [high[0], high[1], 0], [low[0], high[1], 0]])
     outlines = [rim @ R.T + t for R, t in zip(s.rotations, s.translations, strict=True)]
-    drawing = plots.scene(s.left, s.right, s.R, s.t, outlines, [view.name for view in result.used])
+    poses = [(np.eye(3), np.zeros(3)), (s.R, s.t)]
+    drawing = plots.scene([s.left, s.right], poses, outlines, [view.name for view in result.used])
     caption = "The cameras (left blue, right orange), what they see, and every pair's board; from behind and above."
     return f"<h2>Cameras and boards in space</h2>{figure(drawing, caption)}"
 

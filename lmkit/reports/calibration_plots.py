@@ -160,16 +160,26 @@ def tilt_plot(tilts_deg: FloatArray, tilted_deg: float) -> str:
 
 
 def scene(
-    left: CameraModel,
-    right: CameraModel,
-    R: FloatArray,
-    t: FloatArray,
+    models: Sequence[CameraModel],
+    poses: Sequence[tuple[FloatArray, FloatArray]],
     outlines: Sequence[FloatArray],
     names: Sequence[str],
+    colors: Sequence[str] = (LEFT, RIGHT),
 ) -> str:
-    """The two cameras and every board, (4,3) meters in the left camera, seen from above behind the cameras."""
-    depth = max(float(np.median([outline[:, 2].mean() for outline in outlines])) / 4, float(np.linalg.norm(t)) / 2)
-    cameras = [(_frustum(left, depth), LEFT), ((_frustum(right, depth) - t) @ R, RIGHT)]
+    """The cameras and every board, seen from above behind the first camera.
+
+    Args:
+        poses: R, t of every camera: x_camera = R x_first + t.
+        outlines: (4,3) meters in the first camera, of every board.
+        names: of the boards.
+        colors: of the cameras.
+    """
+    farthest = max(float(np.linalg.norm(t)) for _, t in poses)
+    away = float(np.median([np.linalg.norm(outline.mean(axis=0)) for outline in outlines]))
+    depth = max(away / 4, farthest / 2 if len(poses) == 2 else 0.0)
+    cameras = [
+        ((_frustum(model, depth) - t) @ R, color) for model, (R, t), color in zip(models, poses, colors, strict=False)
+    ]
     # From behind, above and a little to the right.
     view = rotation_exp(np.array([0.5, 0.0, 0.0])) @ rotation_exp(np.array([0.0, -0.6, 0.0]))
     flat = [(points @ view.T)[:, :2] for points in [*outlines, *(points for points, _ in cameras)]]

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from board_views import BOARD
@@ -12,6 +14,7 @@ from lmkit.errors import InputError
 from lmkit.geometry.pose import Pose
 from lmkit.geometry.rotations import rotation_log
 from lmkit.model.observation import BoardObservation
+from lmkit.reports.rig_calibration import rig_calibration_report, rig_calibration_summary
 from lmkit.simulation.scene import board_poses, make_rig
 
 STEREO = make_rig()
@@ -60,3 +63,17 @@ def test_a_camera_that_shares_nothing_is_named():
     seen[2] = {f"z{name}": corners for name, corners in seen[2].items()}
     with pytest.raises(InputError, match="cameras c share fewer than 3 views"):
         calibrated(seen)
+
+
+def test_the_report_names_every_camera_and_what_is_wrong():
+    seen = simulated(3)
+    result = calibrated(seen)
+    text = rig_calibration_report(result, BOARD)
+    for words in ("Lens of a", "Lens of b", "Lens of c", "a - b", "b - c", "Good fit, 1 warning."):
+        assert words in text
+    assert text.count("100 times enlarged") == 3
+    assert rig_calibration_summary(replace(result, rms_px=(0.5, *result.rms_px[1:])))[1] == (
+        "The cameras do not agree."
+    )
+    few = (replace(result.cameras[0], held_out_px=None), *result.cameras[1:])
+    assert rig_calibration_summary(replace(result, cameras=few))[0] == "poor"
