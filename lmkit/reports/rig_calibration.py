@@ -213,4 +213,4 @@ def _color(camera: int) -> str:
 
 def _wide(content: str) -> str:
     """A table that scrolls by itself where the page is narrow."""
-    return f"<div style='overflow-x:auto'>{content}</div>"
+    return f"<div style='overflow-x:auto;white-space:nowrap'>{content}</div>"

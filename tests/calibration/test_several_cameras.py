@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import lru_cache
 
 import numpy as np
 import pytest
@@ -41,11 +42,16 @@ def calibrated(seen):
     return calibrate_rig(["a", "b", "c"], cameras, seen, BOARD)
 
 
+@lru_cache
+def calibrated_in(order):
+    return calibrated(simulated(3, order))
+
+
 @pytest.mark.parametrize(
     "order", [(1, 0, 2), *(pytest.param(o, marks=pytest.mark.slow) for o in ((0, 1, 2), (2, 1, 0)))]
 )
 def test_cameras_that_share_no_view_are_tied_by_the_one_between(order):
-    result = calibrated(simulated(3, order))
+    result = calibrated_in(order)
     T = [Pose.identity("camera", "camera"), STEP, STEP @ STEP]
     for k, camera in enumerate(result.rig.cameras[1:], start=1):
         true = T[order[k]] @ T[order[0]].inverse()
@@ -66,10 +72,9 @@ def test_a_camera_that_shares_nothing_is_named():
 
 
 def test_the_report_names_every_camera_and_what_is_wrong():
-    seen = simulated(3)
-    result = calibrated(seen)
+    result = calibrated_in((1, 0, 2))
     text = rig_calibration_report(result, BOARD)
-    for words in ("Lens of a", "Lens of b", "Lens of c", "a - b", "b - c", "Good fit, 1 warning."):
+    for words in ("Lens of a", "Lens of b", "Lens of c", "a - b", "a - c", "Good fit, 1 warning."):
         assert words in text
     assert text.count("100 times enlarged") == 3
     assert rig_calibration_summary(replace(result, rms_px=(0.5, *result.rms_px[1:])))[1] == (
