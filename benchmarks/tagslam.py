@@ -1,9 +1,11 @@
 """A real stereo recording, surveyed: the TagSLAM example (225 s, 140 m, f = 604 px, baseline 20 cm).
 
     uv run python benchmarks/tagslam.py ../shared/data/tagslam [--every 5] [--sigma 0.05,2] [--no-odometry]
+        [--parts 3]
 
 Recorded detections of AprilTags, the hand measurements (`tagslam.yaml`) as known to ``--sigma``, and the
-visual-inertial odometry that TagSLAM had, too.  The reference is TagSLAM's own, no motion capture.
+visual-inertial odometry that TagSLAM had, too.  The reference is TagSLAM's own, no motion capture.  With ``--parts``
+the recording is cut into as many of equal time, which are surveyed as recordings of one place.
 """
 
 from __future__ import annotations
@@ -24,9 +26,11 @@ from lmkit.geometry.stereo_rig import StereoRig
 from lmkit.io.recording_tables import read_detections
 from lmkit.io.trajectory import read_trajectory
 from lmkit.mapping.bundle_adjustment import Anchor
+from lmkit.mapping.several_recordings import NamedRecording, survey_recordings
 from lmkit.mapping.survey import survey_frames
 from lmkit.model.landmark_id import LandmarkId
 from lmkit.model.landmark_map import MappedLandmark
+from lmkit.model.recording import RigFrame
 from lmkit.model.trajectory import Trajectory
 from lmkit.odometry.pose_odometry import PoseMotion
 
@@ -77,6 +81,7 @@ def main() -> None:
     parser.add_argument("--every", type=int, default=5)
     parser.add_argument("--no-odometry", action="store_true")
     parser.add_argument("--sigma", default="0.05,2", help="of the hand measurements: meters, degrees")
+    parser.add_argument("--parts", type=int, default=1)
     arguments = parser.parse_args()
     folder, (meters, degrees) = arguments.folder, map(float, arguments.sigma.split(","))
     unpacked = Path("/tmp/tag_detections.csv")
@@ -92,31 +97,55 @@ def main() -> None:
     poses = Path("/tmp/vio.tum")
     poses.write_bytes(gzip.decompress((folder / "vio.tum.gz").read_bytes()))
     motion = None if arguments.no_odometry else PoseMotion(read_trajectory(poses))
-    start = time.perf_counter()
-    result = survey_frames(frames, rig, sizes, anchors, motion)
-    took = time.perf_counter() - start
+    start = time.thread_time()
+    if arguments.parts > 1:
+        joint = survey_recordings(cut(frames, arguments.parts, rig, motion), sizes, anchors)
+        results, landmarks = list(joint.surveys), joint.landmarks
+        print(
+            "parts:",
+            joint.names,
+            "left out:",
+            dict(joint.left_out),
+            "moved:",
+            [str(m.before.id) for m in joint.moved],
+        )
+    else:
+        results = [survey_frames(frames, rig, sizes, anchors, motion)]
+        landmarks = results[0].bundle.landmarks
+    took = time.thread_time() - start
     refined = json.loads((folder / "tags_refined_from_reference_tf.json").read_text())
-    found = {m.code: m.T_map_landmark.t for m in result.bundle.landmarks}
+    found = {m.code: m.T_map_landmark.t for m in landmarks}
     codes = [code for _, code in sorted(seen) if f"tag_{code}" in refined and code in found and code in hand]
     off = np.array([np.linalg.norm(found[code] - refined[f"tag_{code}"][:3]) for code in codes])
     before = np.array([np.linalg.norm(hand[code].T_map_landmark.t - refined[f"tag_{code}"][:3]) for code in codes])
-    print(f"{len(frames)} frames, {len(result.rows)} located, {len(codes)} tags seen, {took:.1f} s")
+    print(
+        f"{len(frames)} frames, {sum(len(r.rows) for r in results)} located, {len(codes)} tags seen, {took:.1f} s CPU"
+    )
     for name, values in (("hand measured", before), ("surveyed", off)):
         print(
             f"tags, {name}: {100 * np.median(values):.1f} cm median, {100 * np.percentile(values, 90):.1f} cm at 90 %"
         )
     unpacked.with_suffix(".tum").write_bytes(gzip.decompress((folder / "tagslam_reference.tum.gz").read_bytes()))
-    poses = result.bundle.left_poses()
-    mine = Trajectory(
-        result.bundle.times_s, np.array([T.t for T in poses]), np.array([T.quaternion_xyzw for T in poses])
-    )
+    poses = [T for result in results for T in result.bundle.left_poses()]
+    times = np.concatenate([result.bundle.times_s for result in results])
+    mine = Trajectory(times, np.array([T.t for T in poses]), np.array([T.quaternion_xyzw for T in poses]))
     error = compare_trajectories(read_trajectory(unpacked.with_suffix(".tum")), mine, "rigid")
     print(
         f"trajectory: {100 * error.position_m.rmse:.1f} cm rmse, {100 * error.position_m.median:.1f} cm median, "
         f"{error.rotation_deg.median:.2f} deg median, {error.pairs} poses"
     )
-    print("odometry:", result.bundle.parameters.round(4), "jumps:", len(result.bundle.jumps))
-    print("contradicted:", result.contradicted, "unplaced:", result.unplaced)
+    for result in results:
+        print("odometry:", result.bundle.parameters.round(4), "jumps:", len(result.bundle.jumps))
+        print("contradicted:", result.contradicted, "unplaced:", result.unplaced)
+
+
+def cut(frames: list[RigFrame], parts: int, rig: StereoRig, motion: PoseMotion | None) -> list[NamedRecording]:
+    """Recordings of equal time."""
+    ends = np.linspace(frames[0].time_s, frames[-1].time_s + 1e-6, parts + 1)
+    return [
+        NamedRecording(str(k), tuple(f for f in frames if ends[k] <= f.time_s < ends[k + 1]), rig, motion)
+        for k in range(parts)
+    ]
 
 
 if __name__ == "__main__":

@@ -22,6 +22,7 @@ from lmkit.geometry.rotations import orthonormal, rotation_exp, rotation_log, sk
 from lmkit.geometry.stereo_rig import StereoRig
 from lmkit.kernels import landmark_bundle as kernel
 from lmkit.mapping.base_mounting_start import MountingStart, find_mounting_start
+from lmkit.mapping.carried_cameras import are_synchronous, split_by_exposure
 from lmkit.mapping.observation_arrays import ObservationArrays
 from lmkit.mapping.planar_smoother import between_jacobians
 from lmkit.model.landmark_map import LandmarkMap
@@ -99,7 +100,8 @@ def find_base_mounting(
 
     Args:
         frames: of the recording; detections of every camera.
-        rig: cameras, with intrinsics.  A stereo pair keeps its baseline; cameras of other rigs are found one by one.
+        rig: cameras, with intrinsics and time offsets.  A stereo pair keeps its baseline; cameras of other rigs are
+            found one by one.
         motion: wheel odometry.
         height_m: of the first camera above the base's origin; None: the base is taken to lie at z = 0 of the map, and
             the heights are said to be known no better than the floor's.
@@ -108,6 +110,8 @@ def find_base_mounting(
         InputError: a camera sees too little of the map, or odometry of another time.
     """
     motion.require_overlap(np.array([frame.time_s for frame in frames]))
+    if not are_synchronous(frames, rig):
+        frames = split_by_exposure(frames, rig)
     groups = _groups(rig)
     start = find_mounting_start(frames, groups, landmarks, motion)
     problem = _Problem(frames, groups, landmarks, motion, start, height_m)
@@ -181,6 +185,8 @@ class _Problem:
             self.state = minimize(self, self.state, STEPS, 1e-3, DAMPING).state
             self._weigh_motion()
             self.used = [np.sqrt(chi2 / 8) < OUTLIER_SIGMA for chi2 in self._chi2()]
+        # The optimum of the weights whose covariance is reported.
+        self.state = minimize(self, self.state, STEPS, 1e-3, DAMPING).state
 
     def linearize(self, state: _State) -> tuple[ChainEquations, float]:
         """Normal equations and cost at a state."""
@@ -409,5 +415,5 @@ def _mounted(rig: AnyRig, cameras: Sequence[CameraOnBase]) -> AnyRig:
             inverse = T.inverse()
             T_camera_left = Pose("camera", "left", inverse.R, inverse.t)
         known = camera.intrinsics_sigma, camera.intrinsics_correlation
-        mounted.append(MountedCamera(camera.name, camera.model, T_camera_left, None, *known))
+        mounted.append(MountedCamera(camera.name, camera.model, T_camera_left, None, *known, camera.time_offset_s))
     return Rig(tuple(mounted), first)
