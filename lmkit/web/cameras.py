@@ -20,6 +20,7 @@ from lmkit.arrays import ByteArray
 from lmkit.errors import InputError, LmkitError
 from lmkit.pipelines.board_absence import DARK
 from lmkit.web.answers import Body, answer, read_body
+from lmkit.web.camera_clocks import time_between
 from lmkit.web.project import FILMS, Project, listing
 from lmkit.web.state import state_of
 from lmkit.web.verbs import CAMERA
@@ -29,6 +30,7 @@ SETTLING = 8  # images of a camera until its exposure has settled
 SHOWN_PX = 640
 BURNT = 0.05  # share of clipped pixels
 GRAY = 3.0  # mean difference of the channels
+APART_S = 0.005  # more is named
 LEAST_SHARED = 2  # landmarks in both images, to tell left from right
 
 
@@ -73,10 +75,19 @@ def look_through(root: str, names: list[str]) -> dict[str, Any]:
         found = lm.detect(image)
         read.append(found)
         views.append({"name": label, **_described(image), "landmarks": [str(d.id) for d in found]})
-    problems = []
+    problems, apart_s = [], None
     if len(read) == 2 and _are_swapped(*read):
-        problems.append("the two cameras look swapped: landmarks stand further left in the first image")
-    return {"views": views, "problems": problems, "names": words}
+        swapped = "the two cameras look swapped: landmarks stand further left in the first image"
+        problems.append({"message": swapped, "hint": "give them in the other order, or exchange the cables"})
+    if len(read) == 2 and all(CAMERA.fullmatch(word) for word in words):
+        try:
+            apart_s = time_between(words)
+        except InputError as error:
+            problems.append({"message": error.message, "hint": error.hint})
+    if apart_s is not None and apart_s > APART_S:
+        late = f"the images of the two cameras are {1000 * apart_s:.0f} ms apart: a turning robot gets false depths"
+        problems.append({"message": late, "hint": "use cameras with a common trigger, or turn slowly"})
+    return {"views": views, "problems": problems, "names": words, "apart_s": apart_s}
 
 
 def _cameras_of(root: str, name: str) -> Iterator[tuple[str, str]]:

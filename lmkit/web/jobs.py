@@ -42,7 +42,7 @@ class Job:
         wish: line for standard input, written whenever it changes; or None.
         can_finish: a line on standard input ends it early, with a result.
         finishing: it was asked to.
-        state: ``waiting``, ``running``, ``done``, ``failed`` or ``cancelled``.
+        state: ``waiting``, ``running``, ``done``, ``failed`` or ``canceled``.
     """
 
     id: str
@@ -62,7 +62,7 @@ class Job:
     progress: dict[str, Any] | None = None
     log: deque[str] = field(default_factory=lambda: deque(maxlen=LOG_LINES))
     error: str | None = None
-    cancelled: bool = False
+    canceled: bool = False
     task: asyncio.Task[None] | None = None
 
     def as_dict(self, with_log: bool = False) -> dict[str, Any]:
@@ -147,9 +147,9 @@ class Jobs:
         return self._jobs[id_]
 
     def cancel(self, job: Job) -> None:
-        """End a job; files are written whole or not at all."""
-        if job.ended is None and job.task is not None:
-            job.cancelled = True
+        """End a job, once; files are written whole or not at all."""
+        if job.ended is None and job.task is not None and not job.canceled:
+            job.canceled = True
             job.task.cancel()
 
     def finish(self, job: Job) -> None:
@@ -181,7 +181,7 @@ class Jobs:
             # Warnings stand on stderr as well; the last line is the error only of a command that failed.
             job.error = None if code == 0 else job.error or f"ended with exit code {code}"
         except asyncio.CancelledError:
-            job.state = "cancelled"
+            job.state = "canceled"
         except Exception as error:
             job.state, job.error = "failed", str(error)
         finally:

@@ -335,7 +335,9 @@ def _ground(project: Project, body: JobBody) -> list[str]:
     floor, rigs = _floor(project), ["rig.yaml", *_in_recordings(project, "rig.yaml")]
     if floor is None:
         raise InputError(
-            "no_floor", "the project has no floor.yaml", "describe the walls in floor.yaml (docs: lmkit-floor/1)"
+            "no_floor",
+            "the project has no floor.yaml",
+            "draw the walls on the page Map, or take a floor plan there",
         )
     rig = next((name for name in rigs if project.path(name).is_file()), None)
     if rig is None:

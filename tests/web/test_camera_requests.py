@@ -30,7 +30,7 @@ def test_a_look_through_the_cameras_names_what_is_wrong(serve, tmp_path):
         )
         assert [v["faults"] for v in good["views"]] == [[], []] and not good["problems"]
         assert len(good["views"][0]["landmarks"]) > 1 and "drives/good/left" in good["command"]
-        assert "swapped" in swapped["problems"][0]
+        assert "swapped" in swapped["problems"][0]["message"]
         assert "gray" in gray["views"][0]["faults"][0]
         missing = page.post("/api/cameras/look", json={"sources": ["camera:63"]}).json()
         assert "camera:63" in missing["views"][0]["error"]

@@ -13,7 +13,9 @@ import numpy as np
 import pytest
 
 import lmkit
-from lmkit.web import cameras
+from lmkit.web import camera_clocks, cameras
+from lmkit.web.camera_clocks import time_between
+from lmkit.web.cameras import APART_S
 
 STUB = Path(__file__).parent / "film_cameras"
 BOARD = "chessboard:9x6:25mm"
@@ -52,7 +54,8 @@ def room(tmp_path, monkeypatch, serve):
 def test_cameras_calibrate_and_live_run_from_cameras_by_number(room):
     assert room.get("/api/cameras").json()["cameras"] == ["camera:0", "camera:2"]
     seen = room.post("/api/cameras/look", json={"sources": ["camera:0", "camera:2"]}).json()
-    assert not seen["problems"] and all(len(v["landmarks"]) > 1 and not v["faults"] for v in seen["views"])
+    assert all(len(v["landmarks"]) > 1 and not v["faults"] for v in seen["views"])
+    assert 0 <= seen["apart_s"] <= 0.05 and len(seen["problems"]) == (seen["apart_s"] > APART_S)
 
     body = {"source": "camera:0", "second": "camera:2", "board": BOARD}
     job = room.post("/api/jobs/guide", json=body).json()
@@ -82,6 +85,25 @@ def _progress_of(room, job, holds):
             return now["progress"]
         time.sleep(0.1)
     raise AssertionError("the job tells nothing")
+
+
+def test_the_time_between_two_cameras_is_that_of_their_nearest_images(monkeypatch):
+    class Regular:
+        """Ten images a second, the first one at ``start_s``."""
+
+        def __init__(self, start_s):
+            self._next_s = start_s
+
+        def read(self):
+            self._next_s += 0.1
+            return self._next_s, ()
+
+        def close(self):
+            pass
+
+    starts = {"camera:0": 5.0, "camera:2": 5.287}
+    monkeypatch.setattr(camera_clocks, "open_capture", lambda address, clock: Regular(starts[address.text]))
+    assert time_between(["camera:0", "camera:2"]) == pytest.approx(0.013)
 
 
 @pytest.mark.parametrize(

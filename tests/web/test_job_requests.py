@@ -39,13 +39,13 @@ def test_a_survey_of_a_wrong_size_is_not_started(serve, tmp_path, size):
         assert page.get("/api/jobs").json()["jobs"] == []
 
 
-def test_a_job_is_cancelled_and_another_follows(serve, tmp_path):
+def test_a_job_is_canceled_and_another_follows(serve, tmp_path):
     with serve(tmp_path) as page:
         first = page.post("/api/jobs/example", json={}).json()
         time.sleep(0.5)
         page.post(f"/api/jobs/{first['id']}/cancel")
         ended = _ended(page, first)
-        assert ended["state"] == "cancelled" and ended["seconds"] < 20
+        assert ended["state"] == "canceled" and ended["seconds"] < 20
         assert page.get("/api/jobs/99").status_code == 404
         assert page.post("/api/jobs/format-disk", json={}).status_code == 404
 

@@ -49,7 +49,8 @@ export function note(kind, text, hint) {
   return h("div", { class: `note ${kind}`, role: kind === "bad" ? "alert" : null }, hint ? h("b", null, sentence(text)) : sentence(text), hint ? sentence(hint) : null);
 }
 export const trouble = (error) => note("bad", error.message, error.hint);
-export const sentence = (text) => (text ? text[0].toUpperCase() + text.slice(1) + (/[.!?]$/.test(text) ? "" : ".") : "");
+// Names of files, options and cameras keep their first letter.
+export const sentence = (text) => (text ? (/^\S*[.:/_]\S/.test(text) || /^\S+: /.test(text) ? text[0] : text[0].toUpperCase()) + text.slice(1) + (/[.!?]$/.test(text) ? "" : ".") : "");
 
 export function toast(text, kind = "") {
   const box = h("div", { class: `toast ${kind}` }, text), all = document.getElementById("toasts");
@@ -79,6 +80,13 @@ export const heading = (title, lead) => [h("h1", null, title), h("p", { class: "
 export const empty = (title, text, ...actions) =>
   h("div", { class: "card empty" }, h("h2", null, title), h("p", null, text), h("div", { class: "row" }, actions));
 export const grade = (letter, big) => h("span", { class: `grade ${letter ?? ""} ${big ? "big" : ""}`, title: letter ? `grade ${letter}` : "not graded" }, letter ?? "–");
+// The number that someone wrote, with a comma or a point; null, and said, where it is none.
+export function numberOf(text) {
+  const value = Number(text.trim().replace(",", "."));
+  if (text.trim() && Number.isFinite(value)) return value;
+  toast(text.trim() ? `${text.trim()} is not a number` : "a number is missing", "bad");
+  return null;
+}
 export const mm = (m) => (m >= 1 ? `${m.toFixed(2)} m` : m >= 0.1 ? `${(m * 100).toFixed(0)} cm` : `${(m * 1000).toFixed(1)} mm`);
 export const file = (name) => `/api/files/${name.split("/").map(encodeURIComponent).join("/")}`;
 
@@ -98,7 +106,7 @@ export function jobView(job, { done, progress } = {}) {
     const open = box.querySelector("details")?.open;
     const focused = box.contains(document.activeElement) ? document.activeElement.dataset?.key : null;
     fill(box,
-      h("div", { class: "row" }, h("h3", null, j.title), h("span", { class: `state ${j.state}` }, j.state),
+      h("div", { class: "row" }, h("h3", null, j.title), h("span", { class: `state ${j.state}` }, live && j.state === "canceled" ? "stopped" : j.state),
         j.seconds !== null ? h("span", { class: "soft small" }, `${j.seconds.toFixed(0)} s`) : null,
         going ? h("button", { class: "danger", "data-key": "cancel", type: "button", onclick: () => api(`jobs/${j.id}/cancel`, { method: "POST" }).then(draw).catch((e) => toast(e.message, "bad")) }, live ? "Stop" : "Cancel") : null,
         j.can_finish ? h("button", { "data-key": "finish", type: "button", disabled: (j.progress?.kept ?? 0) < 6, title: "from six pairs on", onclick: () => api(`jobs/${j.id}/finish`, { method: "POST" }).then(draw).catch((e) => toast(e.message, "bad")) }, "Calibrate with these") : null),

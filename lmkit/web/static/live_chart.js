@@ -5,7 +5,7 @@ const SHOWN = 200, W = 480, H = 150, TOP = 4;
 const x = (k) => 34 + (W - 44) * k / (SHOWN - 1), y = (v) => 8 + (H - 30) * (1 - Math.min(v, TOP) / TOP);
 
 export function innovationChart() {
-  const canvas = h("canvas", { class: "curve", role: "img" }), words = h("figcaption", null), nothing = h("p", { class: "small soft" }, "No landmark was compared with the prediction yet.");
+  const canvas = h("canvas", { class: "curve", role: "img" }), words = h("figcaption", null), nothing = h("p", { class: "small soft" }, "Nothing is compared with a prediction so far. A run without odometry has none.");
   const figure = h("figure", null, canvas, words), box = h("div", null, nothing);
   function draw(states, k) {
     const entries = states.slice(Math.max(0, k + 1 - SHOWN), k + 1);

@@ -1,4 +1,4 @@
-import { api, choice, empty, field, fill, h, heading, jobView, mm, note, s, toast, trouble } from "../lib.js";
+import { api, choice, empty, field, fill, h, heading, jobView, mm, note, numberOf, s, toast, trouble } from "../lib.js";
 
 const NONE = Array.from({ length: 5 }, () => Array(5).fill(false));
 const NOTHING = { kept: 0, depth: [], curve: [], words: "starting" };
@@ -31,7 +31,9 @@ export async function show(stage) {
     return undefined;
   }
   const boards = sources.find(([name]) => /board/.test(name)) ?? sources[0];
-  const source = choice(sources, boards[0]), second = choice([["", BOTH], ...sources], "");
+  // Two cameras are a pair; everything else shows both, until someone says otherwise.
+  const other = (name) => (/^camera:/.test(name) ? cameras.find((c) => c !== name) ?? "" : "");
+  const source = choice(sources, boards[0], () => { if (/^camera:/.test(second.value) || /^camera:/.test(source.value)) second.value = other(source.value); }), second = choice([["", BOTH], ...sources], other(boards[0]));
   const board = h("input", { value: "chessboard:9x6:25mm", required: true, spellcheck: "false", autocomplete: "off" });
   const until = h("input", { value: "5", inputmode: "decimal" });
   const at = choice([["1", "1 m"], ["2", "2 m"], ["4", "4 m"], ["8", "8 m"]], "2");
@@ -40,13 +42,15 @@ export async function show(stage) {
   const live = h("div"), jobs = h("div");
   const start = (verb) => async (event) => {
     event.preventDefault();
+    const goal = numberOf(until.value);
+    if (goal === null) return;
     live.replaceChildren();
     kept = 0;
     last = image = null;
     if (verb === "guide") draw({ state: "running", progress: NOTHING });
     sound ??= window.AudioContext ? new AudioContext() : null; // browsers let a page sound after a click only
     try {
-      const body = { source: source.value, second: second.value, board: board.value, until_mm: Number(until.value) || 5, at_m: Number(at.value) };
+      const body = { source: source.value, second: second.value, board: board.value, until_mm: goal, at_m: Number(at.value) };
       jobs.replaceChildren(h("section", { class: "card" }, jobView(await api(`jobs/${verb}`, { method: "POST", body }), { progress: (j) => verb === "guide" && draw(j), done: (j) => (verb === "guide" && draw(j), j.state === "done" && toast("rig.yaml is written"), rig.again()) })));
       jobs.scrollIntoView({ block: "nearest" });
     } catch (error) { jobs.replaceChildren(trouble(error)); }
@@ -74,7 +78,7 @@ export async function show(stage) {
     if (first && matchMedia("(max-width: 860px)").matches) live.scrollIntoView({ block: "start" }); // beside the form it is in view
   }
   const fact = (value, label) => h("div", null, h("dt", null, label), h("dd", null, value));
-  stage.append(h("div", { class: "two" }, h("form", { class: "card stack", onsubmit: start("guide") }, field("Left camera", source, "or a folder with left/ and right/"), field("Right camera", second), field("Take a film", film, "MP4, AVI, MOV, MKV, WebM"), problem, field("Board", board, "inner corners and side of a square; or charuco:…, landmarks:…"),
+  stage.append(h("div", { class: "two" }, h("form", { class: "card stack", onsubmit: start("guide") }, field("Left camera", source, "or a folder with left/ and right/"), field("Right camera", second), field("Take a film", film, "MP4, AVI, MOV, MKV, WebM"), problem, field("Board", board, "inner corners and side of a square; or charuco:…, landmarks:… Print it with lmkit board"),
     h("div", { class: "pairfields" }, field("Good to, mm", until, "depth error by the calibration"), field("at", at)),
     h("label", { class: "check" }, tone, "A tone for every pair that is taken"),
     h("div", { class: "row" }, h("button", { class: "primary", type: "submit" }, "Calibrate with guidance"), h("button", { type: "button", onclick: start("calibrate") }, "Use all pairs"))), h("div", null, jobs, live)));

@@ -24,6 +24,8 @@ export async function show(stage) {
   const body = () => ({ ...want, size: want.print ? "" : want.size });
 
   async function send(chosen) {
+    photo = null;
+    again.hidden = true;
     results.replaceChildren(h("p", null, "Uploading …"));
     try {
       const name = chosen.name.replace(/[^A-Za-z0-9._-]+/g, "-") || "photo.jpg";

@@ -1,11 +1,11 @@
-import { api, command, empty, field, file, h, heading, jobView, keepFocus, mm, note, toast, trouble } from "../lib.js";
+import { api, command, empty, field, file, h, heading, jobView, keepFocus, mm, note, numberOf, toast, trouble } from "../lib.js";
 import { flatOrDeep } from "../flat_or_deep.js";
 import { planOf } from "../plan.js";
 import { wallsCard } from "../walls.js";
 
 export async function show(stage) {
   let map = await api("map"), chosen = null, gain = 0;
-  const box = h("div"), doubted = h("div"), side = h("div"), flat = h("div"), caption = h("span"), table = h("div"), said = h("div"), words = h("div");
+  const box = h("div"), doubted = h("div"), side = h("div"), flat = h("div"), caption = h("span", { class: "small soft" }), table = h("div"), said = h("div"), words = h("div");
   const views = flatOrDeep(flat, { choose, draw: (view) => view.show({ landmarks: map.landmarks, walls: map.floor.walls }, { doubts: map.doubts, chosen, gain }) });
   const walls = wallsCard({ save: (all) => change("floor", () => ({ method: "PUT", body: { version: map.floor.version, walls: all } }), "Saved to floor.yaml"), load: (given, scale) => load(given, scale), redraw: () => { draw(); if (walls.drawing) planCard.scrollIntoView({ block: "nearest" }); } });
   const undoButton = h("button", { type: "button", onclick: undo, title: "Ctrl+Z" }, "Undo");
@@ -31,7 +31,7 @@ export async function show(stage) {
   const load = (given, scale) => change(`floor/${encodeURIComponent(given.name.replace(/[^A-Za-z0-9._-]+/g, "-"))}${scale ? `?scale=${encodeURIComponent(scale)}` : ""}`, () => ({ method: "PUT", body: given }), "Saved to floor.yaml");
   function undo() { change("map/undo", () => ({ method: "POST" }), "Undone"); }
   function choose(id) { if (walls.drawing) return; chosen = id; draw(); side.querySelector("h2")?.scrollIntoView({ block: "nearest" }); }
-  const number = (value, digits, save, label) => field(label, h("input", { value: value.toFixed(digits), inputmode: "decimal", onchange: (e) => { const v = Number(e.target.value.replace(",", ".")); if (Number.isFinite(v)) save(v); else draw(); } }));
+  const number = (value, digits, save, label) => field(label, h("input", { value: value.toFixed(digits), inputmode: "decimal", onchange: (e) => { const v = numberOf(e.target.value); if (v === null) draw(); else save(v); } }));
 
   function editor(l) {
     const move = (axis) => (v) => edit({ position: l.position.map((p, k) => (k === axis ? v : p)) }), pin = map.pins[l.id];
@@ -53,7 +53,7 @@ export async function show(stage) {
   const planning = h("section", { class: "card stack" }, h("h2", null, "Is it enough?"), h("p", { class: "small soft" }, "The error to expect at every place of the floor, and where the next landmark helps most."),
     h("div", { class: "pairfields" }, field("Error allowed", error, "such as 5cm"), field("Camera height", height, "if rig.yaml does not say")),
     h("div", { class: "row" }, h("button", { class: "primary", type: "button", onclick: start("coverage") }, "Show the coverage"), h("button", { type: "button", onclick: start("place") }, "Where to mount the next ones"), h("button", { type: "button", onclick: start("sheet") }, "Mounting sheet (PDF)")), jobs, drawn);
-  const planCard = h("section", { class: "card" }, views.element, h("p", { class: "row small soft" }, caption, undoButton));
+  const planCard = h("section", { class: "card" }, views.element, walls.bar, h("div", { class: "row" }, caption, undoButton));
   const two = h("div", null, side, planCard), nothing = empty("No map yet", "Survey a recording: the map is built with its uncertainty, and landmarks that contradict each other are shown in red.", h("a", { class: "button primary", href: "#/recordings" }, "To the recordings"));
   box.append(doubted, nothing, two, said, table, walls.box, planning, words);
 
