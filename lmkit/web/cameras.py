@@ -78,7 +78,7 @@ def look_through(root: str, names: list[str]) -> dict[str, Any]:
     problems, apart_s = [], None
     if len(read) == 2 and _are_swapped(*read):
         swapped = "the two cameras look swapped: landmarks stand further left in the first image"
-        problems.append({"message": swapped, "hint": "give them in the other order, or exchange the cables"})
+        problems.append({"message": swapped, "hint": "give them in the other order, or change the cables"})
     if len(read) == 2 and all(CAMERA.fullmatch(word) for word in words):
         try:
             apart_s = time_between(words)
