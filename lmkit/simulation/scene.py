@@ -143,11 +143,11 @@ def mount_landmarks(
 
 
 def landmark_sheet(landmark: MappedLandmark) -> Panel:
-    """The landmark on white paper of A4's shape."""
+    """The landmark on white paper of A4's shape, to whole texels, the landmark exactly in its middle."""
     family = family_named(landmark.family)
-    scale = landmark.size_m / (family.side_mm / 1000)
-    width, height = 0.21 * scale, 0.297 * scale
-    return Panel(landmark.T_map_landmark, (width, height), _sheet_texture(family, landmark.code))
+    texture, face = _sheet_texture(family, landmark.code)
+    height, width = (length / face * landmark.size_m for length in texture.shape[:2])
+    return Panel(landmark.T_map_landmark, (width, height), texture)
 
 
 def board_panel(board: BoardSpec, T_map_board: Pose) -> Panel:
@@ -272,15 +272,14 @@ def _plaster(rng: np.random.Generator, tint: tuple[float, float, float]) -> Floa
 
 
 @lru_cache(maxsize=512)
-def _sheet_texture(family: MarkerFamily, code: int) -> Float32Array:
-    """The face in the upper part of a white sheet, as printed."""
+def _sheet_texture(family: MarkerFamily, code: int) -> tuple[Float32Array, int]:
+    """The face in the middle of a white sheet, as printed, and the face's side in texels."""
     face = _linear(bare_landmark_page(family, code, family.side_mm), SHEET_DPI)
-    width = round(face.shape[1] * 210 / family.side_mm)
-    height = round(face.shape[0] * 297 / family.side_mm)
-    sheet = np.full((height, width, 3), 0.9, dtype=np.float32)
-    top, left = (height - face.shape[0]) // 2, (width - face.shape[1]) // 2
-    sheet[top : top + face.shape[0], left : left + face.shape[1]] = face * 0.9
-    return sheet
+    side = len(face)
+    # As many texels on either side, or the face would stand half a texel (0.1 mm) beside the landmark's place.
+    beside, above = (round((length / family.side_mm - 1) * side / 2) for length in (210, 297))
+    paper = ((above, above), (beside, beside), (0, 0))
+    return np.pad(face * np.float32(0.9), paper, constant_values=np.float32(0.9)), side
 
 
 @lru_cache(maxsize=8)

@@ -13,11 +13,13 @@ from lmkit.detection.detector import detect_landmarks
 from lmkit.io.landmark_map import read_map
 from lmkit.io.rig import read_rig
 from lmkit.model.landmark import LM8
+from lmkit.model.landmark_id import LandmarkId
+from lmkit.model.landmark_map import MappedLandmark, wall_pose
 from lmkit.model.square_marker import SQUARE_FAMILIES
 from lmkit.simulation.dataset import description_files, make_dataset, truth
 from lmkit.simulation.photograph import ImagingChain, Lens, Sensor, focus, photograph
 from lmkit.simulation.render import render
-from lmkit.simulation.scene import make_rig, make_room
+from lmkit.simulation.scene import landmark_sheet, make_rig, make_room
 
 
 def test_the_same_seed_gives_the_same_room_and_image():
@@ -87,3 +89,13 @@ def test_rooms_show_any_family():
     assert found
     for one in found:
         assert np.abs(one.corners - true[one.code]).max() < 0.5
+
+
+def test_a_landmark_sheet_has_its_landmark_in_its_middle_to_the_texel():
+    wall = wall_pose([0.0, 0.0, 1.0], 0.0)
+    sheet = landmark_sheet(MappedLandmark(LandmarkId("lm8", 137), 0.18, wall))
+    rows, columns = (np.flatnonzero(np.ptp(sheet.texture, axis=(axis, 2)) > 0.1) for axis in (1, 0))
+    height, width = sheet.texture.shape[:2]
+    assert (rows[0], columns[0]) == (height - 1 - rows[-1], width - 1 - columns[-1])
+    assert sheet.size_m[1] * len(rows) / height == pytest.approx(0.18)
+    assert sheet.size_m == pytest.approx((0.21, 0.297), abs=3e-4)
