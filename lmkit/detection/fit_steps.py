@@ -20,6 +20,7 @@ from lmkit.detection.registration import (
     MODEL_ERROR_PX,
     MOSAIC_PX,
     SHADING_PRIOR,
+    STRETCH_PX,
     PatternRegistration,
 )
 from lmkit.kernels import landmark_fit
@@ -134,5 +135,5 @@ def _rules(family: LandmarkFamily, pixels: int) -> FitRules:
         promising,
         Settled(decoding.SETTLED_CODE_MARGIN, decoding.SETTLED_TURN_MARGIN, decoding.SETTLED_CLEAR),
         START,
-        CornerErrors(MODEL_ERROR_PX, FEW_EDGES_PX, MOSAIC_PX),
+        CornerErrors(MODEL_ERROR_PX, FEW_EDGES_PX, MOSAIC_PX, STRETCH_PX),
     )

@@ -34,6 +34,9 @@ MIN_SPREAD = 0.04  # px^2, for images sharper than any lens, such as rasterized 
 DISTORTION_PRIOR = 0.12  # standard deviation of the radial distortion, relative at half the image's width
 # What demosaicing, sharpening and JPEG do that no part of the model knows, per coordinate, whatever the landmark.
 MODEL_ERROR_PX = 0.035
+# Sharpening, noise reduction and tone move the edges of a landmark together: it comes out larger, wider or sheared,
+# by so many px over its eight coordinates.  From simulated cameras of four kinds (benchmarks/pose_intervals.py).
+STRETCH_PX = 0.1
 # The mosaic errs along edges, and few pixels of edge do not even that out: the variance that the residuals show is
 # too small by 1 + aligned (this / side)^2, where `aligned` says how far the sides follow rows and columns.  From
 # simulated images with sides of 14 to 70 px, turned by 0 to 45 deg (benchmarks/corners.py).  Without a mosaic, errors
@@ -135,7 +138,7 @@ class DrawingFit:
         covariance = J @ inverse[:12, :12] @ J.T
         few_edges = aligned_with_mosaic(corners) * (FEW_EDGES_PX / mean_side(corners)) ** 2
         covariance *= self._error * CORRELATED_PIXELS * self.channel_repeats * (1 + few_edges)
-        return corners, covariance + MODEL_ERROR_PX**2 * np.eye(8)
+        return corners, covariance + MODEL_ERROR_PX**2 * np.eye(8) + STRETCH_PX**2 * stretches_of(corners)
 
     def _seen_corners(self, fit_distortion: bool) -> tuple[FloatArray, FloatArray]:
         """(4,2) corners in the image, and (8,12) their slopes with the beginning of the state."""
@@ -167,6 +170,13 @@ class DrawingFit:
     @property
     def _priors(self) -> Priors:
         return Priors(RIDGE, DISTORTION_PRIOR, SHADING_PRIOR, MIXED_PIXEL_PRIOR, self.samples.prior_weight)
+
+
+def stretches_of(corners: FloatArray) -> FloatArray:
+    """(8,8) outer products of the unit moves of (4,2) corners that make them larger, wider and sheared."""
+    x, y = (corners - corners.mean(axis=0)).T
+    moves = np.array([np.column_stack(move).ravel() for move in ((x, y), (x, -y), (y, x))])
+    return np.asarray(moves.T @ moves / (x @ x + y @ y))
 
 
 def blur_of(state: FloatArray) -> float:

@@ -39,7 +39,7 @@ typedef struct {
     double correlated, turn_margin, pattern, red_over_blue, least_contrast, most_contrast;
     double settled_code, settled_turn, settled_clear;           /* margins once the code stands */
     double least_blur, blur_share, blurred_side; /* where a fit begins */
-    double model_error, few_edges, mosaic;       /* of the corners, px */
+    double model_error, few_edges, mosaic, stretch; /* of the corners, px */
 } Fit;
 
 /* Pixels in use, planes of n values, and room for the kernels. */
@@ -227,6 +227,30 @@ static void seen_corners(const Fit *f, const double *view, const double *state, 
     }
 }
 
+/* The error of drawing a landmark larger, wider or sheared, so many px over all corners. */
+static void add_stretches(const double *corners, double stretch, double *covariance)
+{
+    double x[4], y[4], mx = 0.0, my = 0.0, length = 0.0;
+    for (int k = 0; k < 4; k++) {
+        mx += 0.25 * corners[2 * k];
+        my += 0.25 * corners[2 * k + 1];
+    }
+    for (int k = 0; k < 4; k++) {
+        x[k] = corners[2 * k] - mx;
+        y[k] = corners[2 * k + 1] - my;
+        length += x[k] * x[k] + y[k] * y[k];
+    }
+    const double weight = stretch * stretch / length;
+    for (int i = 0; i < 4; i++)
+        for (int j = 0; j < 4; j++) {
+            double *at = covariance + 2 * CORNERS * i + 2 * j;
+            at[0] += weight * (2.0 * x[i] * x[j] + y[i] * y[j]);
+            at[1] += weight * y[i] * x[j];
+            at[CORNERS] += weight * x[i] * y[j];
+            at[CORNERS + 1] += weight * (2.0 * y[i] * y[j] + x[i] * x[j]);
+        }
+}
+
 /* Corners in the image and their (8,8) covariance; 0 where the normal matrix is singular. */
 static int place_corners(const Fit *f, const double *view, const double *state, const double *normal, double error, int64_t fit_distortion, double *corners, double *covariance)
 {
@@ -253,6 +277,7 @@ static int place_corners(const Fit *f, const double *view, const double *state, 
                 sum += half[i][k] * half[j][k];
             covariance[CORNERS * i + j] = scale * sum + (i == j ? f->model_error * f->model_error : 0.0);
         }
+    add_stretches(corners, f->stretch, covariance);
     return 1;
 }
 

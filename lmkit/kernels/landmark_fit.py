@@ -59,11 +59,12 @@ class Start(NamedTuple):
 
 class CornerErrors(NamedTuple):
     """Errors of corners that residuals do not show, px: what no model knows, side at which few edges count as much as
-    all else, period of the color mosaic."""
+    all else, period of the color mosaic, each of three stretches."""
 
     model: float
     few_edges: float
     mosaic: float
+    stretch: float
 
 
 class FitRules(NamedTuple):
@@ -140,7 +141,7 @@ class _Fit(ctypes.Structure):
         ("promising", ctypes.c_double * 6),
         ("settled", ctypes.c_double * 3),
         ("start", ctypes.c_double * 3),
-        ("errors", ctypes.c_double * 3),
+        ("errors", ctypes.c_double * 4),
     )
 
 

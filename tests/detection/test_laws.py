@@ -62,7 +62,7 @@ def test_upright_corners_err_as_they_say(side_px, bayer):
             stated.append(np.trace(found.covariance) / 8)
     assert len(squared) >= 7
     assert np.mean(squared) < 5
-    assert np.sqrt(np.mean(stated)) < (0.25 if side_px < 20 and bayer else 0.07)
+    assert np.sqrt(np.mean(stated)) < (0.25 if side_px < 20 and bayer else 0.09)
 
 
 @pytest.mark.slow

@@ -1,0 +1,117 @@
+"""Whether poses from images lie in the 95 % ellipsoids that `lmkit locate` states, by kinds of cameras.
+
+    uv run --extra benchmark python benchmarks/pose_intervals.py [--images 80] [--reported] [--stretch-px 0.1]
+
+Simulated stereo images of one to three landmarks, 0.8 to 4 m, up to 50 deg aside, by cameras of `TRAINING_KINDS`,
+each kind as often as the others, or, with `--reported`, by those of `HELD_OUT_KINDS`.  Lenses and map are exact; hard
+shadows, motion, defocus, dim or colored light and a veil trouble every camera with a chance of 30 % each.
+`--stretch-px` takes the place of `registration.STRETCH_PX`.
+"""
+
+from __future__ import annotations
+
+import argparse
+from dataclasses import dataclass
+from itertools import pairwise
+
+import cv2
+import numpy as np
+from accuracy import Situation
+from peers import wilson
+from scipy.stats import chi2
+
+from lmkit.arrays import FloatArray
+from lmkit.detection import fit_steps, registration
+from lmkit.detection.config import DetectOptions
+from lmkit.detection.detector import detect_landmarks
+from lmkit.geometry.pose import Pose
+from lmkit.geometry.rotations import rotation_exp, rotation_log
+from lmkit.localization.absolute_pose import locate_rig
+from lmkit.model.landmark_map import LandmarkMap
+from lmkit.simulation.cameras import HELD_OUT_KINDS, TRAINING_KINDS, CameraKind, draw_chain
+from lmkit.simulation.photograph import photograph
+from lmkit.simulation.scene import landmark_sheet, studio
+
+TROUBLE, ASIDE_DEG, DISTANCES_M = 0.3, 50.0, (0.8, 4.0)
+ERRORS_MM = (50, 90, 95)
+NEARNESS_M = (0.8, 1.5, 2.5, 4.0)
+
+
+@dataclass(frozen=True)
+class Located:
+    """Squared normalized errors of a pose, None each where none was found, and its error in mm.
+
+    Attributes:
+        kind: of the camera.
+        distance_m: to the landmarks.
+        nees: of place (3), turn (3) and both (6).
+        error_mm: of the place.
+    """
+
+    kind: str
+    distance_m: float
+    nees: tuple[float, float, float] | None
+    error_mm: float
+
+
+def locate(kind: CameraKind, seed: int) -> Located:
+    cv2.setNumThreads(1)
+    rng = np.random.default_rng([77, seed, *kind.name.encode()])
+    distance = float(np.exp(rng.uniform(*np.log(DISTANCES_M))))
+    s = Situation(int(rng.integers(1, 4)), distance, float(rng.uniform(-ASIDE_DEG, ASIDE_DEG)))
+    scene, rig, landmarks = studio([landmark_sheet(one) for one in s.landmarks]), s.rig, LandmarkMap(s.landmarks)
+    turn = rotation_exp(np.deg2rad(rng.uniform(-3, 3, 3)))
+    T = Pose("map", "camera", turn @ s.station.R, s.station.t + rng.uniform(-0.03, 0.03, 3))
+    chain = draw_chain(rng, [kind], TROUBLE, rig.left.image_size)
+    back = rig.T_right_left.inverse()
+    right = Pose("map", "camera", T.R @ back.R, T.t + T.R @ back.t)
+    photos = [photograph(scene, one, at, chain, rng) for one, at in ((rig.left, T), (rig.right, right))]
+    seen = [
+        detect_landmarks(photo, DetectOptions(camera=one))
+        for photo, one in zip(photos, (rig.left, rig.right), strict=True)
+    ]
+    found = locate_rig(seen, rig, landmarks)
+    if found.status != "ok":
+        return Located(kind.name, distance, None, np.nan)
+    off, turned = found.T_map_camera.t - T.t, rotation_log(found.T_map_camera.R @ T.R.T)
+    C, both = found.covariance, np.concatenate([off, turned])
+    parts = ((off, C[:3, :3]), (turned, C[3:, 3:]), (both, C))
+    place, rotation, all_six = (float(e @ np.linalg.solve(cov, e)) for e, cov in parts)
+    return Located(kind.name, distance, (place, rotation, all_six), 1000 * float(np.linalg.norm(off)))
+
+
+def row(name: str, here: list[Located]) -> str:
+    nees = np.array([one.nees for one in here if one.nees is not None]).reshape(-1, 3)
+    cells = [_inside(nees[:, k], dof) for k, dof in enumerate((3, 3, 6))]
+    middle = [f"{np.median(nees[:, k]) / chi2.ppf(0.5, dof):.2f}" for k, dof in enumerate((3, 3, 6))]
+    errors = np.percentile([one.error_mm for one in here if one.nees is not None], ERRORS_MM)
+    numbers = " / ".join(f"{error:.1f}" for error in errors)
+    return f"| {name} | {len(nees)} of {len(here)} | " + " | ".join([*cells, ", ".join(middle), numbers]) + " |"
+
+
+def _inside(nees: FloatArray, dof: int) -> str:
+    hits = int((nees < chi2.ppf(0.95, dof)).sum())
+    low, high = wilson(hits, len(nees))
+    return f"{100 * hits / len(nees):.0f} ({100 * low:.0f} to {100 * high:.0f})"
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser()
+    parser.add_argument("--images", type=int, default=80, help="pairs by each kind of camera")
+    parser.add_argument("--reported", action="store_true")
+    parser.add_argument("--stretch-px", type=float, default=registration.STRETCH_PX)
+    options = parser.parse_args()
+    fit_steps.STRETCH_PX = registration.STRETCH_PX = options.stretch_px
+    kinds = HELD_OUT_KINDS if options.reported else tuple(dict.fromkeys(TRAINING_KINDS))
+    found = [locate(kind, seed) for seed in range(options.images) for kind in kinds]
+    print("| | located | place in its ellipsoid, % | turn | both | middle over expected | error, mm |")
+    print("|---|---|---|---|---|---|---|")
+    for kind in kinds:
+        print(row(kind.name, [one for one in found if one.kind == kind.name]))
+    for low, high in pairwise(NEARNESS_M):
+        print(row(f"{low} to {high} m", [one for one in found if low <= one.distance_m < high]))
+    print(row("all", found))
+
+
+if __name__ == "__main__":
+    main()
