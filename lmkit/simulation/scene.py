@@ -143,7 +143,7 @@ def mount_landmarks(
 
 
 def landmark_sheet(landmark: MappedLandmark) -> Panel:
-    """The landmark on white paper of A4's shape, to whole texels, the landmark exactly in its middle."""
+    """The landmark on white paper of A4's shape, to whole texels, the landmark exactly centered."""
     family = family_named(landmark.family)
     texture, face = _sheet_texture(family, landmark.code)
     height, width = (length / face * landmark.size_m for length in texture.shape[:2])
@@ -273,7 +273,7 @@ def _plaster(rng: np.random.Generator, tint: tuple[float, float, float]) -> Floa
 
 @lru_cache(maxsize=512)
 def _sheet_texture(family: MarkerFamily, code: int) -> tuple[Float32Array, int]:
-    """The face in the middle of a white sheet, as printed, and the face's side in texels."""
+    """The face on a white sheet, centered, as printed, and the side of the face in texels."""
     face = _linear(bare_landmark_page(family, code, family.side_mm), SHEET_DPI)
     side = len(face)
     # As many texels on either side, or the face would stand half a texel (0.1 mm) beside the landmark's place.

@@ -91,7 +91,7 @@ def test_rooms_show_any_family():
         assert np.abs(one.corners - true[one.code]).max() < 0.5
 
 
-def test_a_landmark_sheet_has_its_landmark_in_its_middle_to_the_texel():
+def test_a_landmark_sheet_has_its_landmark_centered_to_the_texel():
     wall = wall_pose([0.0, 0.0, 1.0], 0.0)
     sheet = landmark_sheet(MappedLandmark(LandmarkId("lm8", 137), 0.18, wall))
     rows, columns = (np.flatnonzero(np.ptp(sheet.texture, axis=(axis, 2)) > 0.1) for axis in (1, 0))
