@@ -50,7 +50,7 @@ export function note(kind, text, hint) {
 }
 export const trouble = (error) => note("bad", error.message, error.hint);
 // Names of files, options and cameras keep their first letter.
-export const sentence = (text) => (text ? (/^\S*[.:/_]\S/.test(text) || /^\S+: /.test(text) ? text[0] : text[0].toUpperCase()) + text.slice(1) + (/[.!?]$/.test(text) ? "" : ".") : "");
+export const sentence = (text) => (text ? (/^(lmkit\b|camera:|-|\S*[._/]\S)/.test(text) ? text[0] : text[0].toUpperCase()) + text.slice(1) + (/[.!?]$/.test(text) ? "" : ".") : "");
 
 export function toast(text, kind = "") {
   const box = h("div", { class: `toast ${kind}` }, text), all = document.getElementById("toasts");
@@ -125,7 +125,12 @@ export function jobView(job, { done, progress } = {}) {
       draw(j);
       if (j.state === "running" || j.state === "waiting") timer = setTimeout(follow, 500);
       else done?.(j);
-    } catch (error) { box.replaceChildren(trouble(error)); }
+    } catch (error) {
+      // The program may come back, but not with this job.
+      if (error.code === "no_job") { box.replaceChildren(note("warn", `${job.title}: lmkit web was started anew, and the job ended with it`, "start it again")); return; }
+      box.replaceChildren(trouble(error));
+      if (error.code === "offline") timer = setTimeout(follow, 2000);
+    }
   }
   draw(job);
   timer = setTimeout(follow, 50);
