@@ -38,8 +38,8 @@ def calibrate_cameras(
         counter = bars.counter("finding the board")
         if len(sources) > 1:
             result = calibrate_sources(sources, spec, model, counter)
-            _, verdict, reason = rig_calibration_summary(result)
-            lines = [f"result: {verdict} {reason}", *rig_lines(result)]
+            _, summary, reason = rig_calibration_summary(result)
+            lines = [f"result: {summary} {reason}", *rig_lines(result)]
             made = None if report is None else rig_calibration_report(result, spec)
         else:
             found = find_board_images(sources[0], spec, counter)
