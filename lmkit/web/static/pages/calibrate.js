@@ -1,4 +1,4 @@
-import { api, choice, empty, field, fill, h, heading, jobView, mm, note, numberOf, s, toast, trouble } from "../lib.js";
+import { api, choice, command, empty, field, fill, h, heading, jobView, mm, note, numberOf, s, toast, trouble } from "../lib.js";
 
 const NONE = Array.from({ length: 5 }, () => Array(5).fill(false));
 const goes = (job) => job.state === "running" || job.state === "waiting";
@@ -117,7 +117,7 @@ function rigCard() {
   function draw(rig) {
     fill(card, h("h2", null, "rig.yaml"), rig.cameras.length ? h("dl", { class: "figures" }, rig.cameras.map((c) => h("div", null, h("dt", null, `${c.name}, ${c.size.join(" × ")}`), h("dd", null, `f ${c.focal_px.toFixed(0)} px`)))) : h("p", { class: "soft" }, "No rig yet: calibrate, or take a file that you have."),
       rig.cameras.length ? mounting(rig.mount) : null,
-      field(rig.cameras.length ? "Replace it by a file" : "Take a file", pick, "of lmkit, Kalibr, ROS or OpenCV"), rig.undo ? h("div", { class: "row" }, h("button", { type: "button", onclick: change("rig/undo", () => ({ method: "POST" })) }, "Undo")) : null, problem);
+      field(rig.cameras.length ? "Replace it by a file" : "Take a file", pick, "of lmkit, Kalibr, ROS or OpenCV"), rig.undo ? h("div", { class: "row" }, h("button", { type: "button", onclick: change("rig/undo", () => ({ method: "POST" })) }, "Undo")) : null, problem, rig.command ? command(rig.command) : null);
   }
   const again = async () => { try { draw(await api("rig")); } catch (error) { card.replaceChildren(trouble(error)); } };
   return { card, again };

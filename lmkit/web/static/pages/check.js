@@ -44,7 +44,7 @@ export async function show(stage) {
   }
   async function certify(event) {
     event.target.disabled = true;
-    try { const made = await api(`photos/${encodeURIComponent(photo)}/certificate`, { method: "POST", body: body() }); event.target.replaceWith(h("a", { class: "button primary", href: file(made.file), target: "_blank", rel: "noopener" }, "Open the certificate")); toast(`${made.file} is written`); }
+    try { const made = await api(`photos/${encodeURIComponent(photo)}/certificate`, { method: "POST", body: body() }); event.target.closest("section").append(command(made.command)); event.target.replaceWith(h("a", { class: "button primary", href: file(made.file), target: "_blank", rel: "noopener" }, "Open the certificate")); toast(`${made.file} is written`); }
     catch (error) { event.target.disabled = false; toast(error.message, "bad"); }
   }
   function card(item, answer) {
