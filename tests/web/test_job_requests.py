@@ -58,6 +58,9 @@ def test_a_bag_becomes_a_recording_of_its_own(tmp_path):
 def test_a_job_is_canceled_and_another_follows(serve, tmp_path):
     with serve(tmp_path) as page:
         first = page.post("/api/jobs/example", json={}).json()
+        second = page.post("/api/jobs/example", json={}).json()
+        assert first["waits_for"] is None and second["waits_for"] == "Write the example"
+        page.post(f"/api/jobs/{second['id']}/cancel")
         time.sleep(0.5)
         for _ in range(2):  # the second wish does not disturb the end of the processes
             page.post(f"/api/jobs/{first['id']}/cancel")

@@ -110,7 +110,7 @@ export function jobView(job, { done, progress } = {}) {
         j.seconds !== null ? h("span", { class: "soft small" }, `${j.seconds.toFixed(0)} s`) : null,
         going ? h("button", { class: "danger", "data-key": "cancel", type: "button", onclick: () => api(`jobs/${j.id}/cancel`, { method: "POST" }).then(draw).catch((e) => toast(e.message, "bad")) }, live ? "Stop" : "Cancel") : null,
         j.can_finish ? h("button", { "data-key": "finish", type: "button", disabled: (j.progress?.kept ?? 0) < 6, title: "from six pairs on", onclick: () => api(`jobs/${j.id}/finish`, { method: "POST" }).then(draw).catch((e) => toast(e.message, "bad")) }, "Calibrate with these") : null),
-      going && !live ? h("div", null, h("p", { class: "small soft" }, j.progress ? `${j.progress.step}${j.progress.total ? `: ${j.progress.done} of ${j.progress.total}` : ""}` : j.state === "waiting" ? "waits for the job before" : "working"), bar(j.progress)) : null,
+      going && (!live || j.waits_for) ? h("div", null, h("p", { class: "small soft" }, j.progress ? `${j.progress.step}${j.progress.total ? `: ${j.progress.done} of ${j.progress.total}` : ""}` : j.waits_for ? `waits for the end of: ${j.waits_for}` : j.state === "waiting" ? "begins" : "working"), bar(j.progress)) : null,
       j.state === "failed" ? note("bad", j.error) : null,
       j.state === "done" ? h("div", { class: "row" }, j.outputs.map(outputLink)) : null,
       h("details", { open: open ?? false }, h("summary", { "data-key": "log" }, "Log and command line"), h("div", null, command(j.command), h("pre", { class: "log", tabindex: "0", "aria-label": "Log" }, (j.log ?? []).join("\n") || "nothing yet"))),

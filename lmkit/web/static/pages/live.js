@@ -115,7 +115,7 @@ export async function show(stage) {
       runs.querySelector("[data-key=cancel]")?.focus();
     } catch (error) { runs.replaceChildren(trouble(error)); }
   };
-  const left = choice(cameras.map((c) => [c, c]), cameras[0]), right = choice([["", "the same: it shows both"], ...cameras.map((c) => [c, c])], cameras[1] ?? "");
+  const left = choice(cameras.map((c) => [c, c]), cameras[0]), right = choice([["", "none: one camera, or one that shows both"], ...cameras.map((c) => [c, c])], cameras[1] ?? "");
   const byCameras = !cameras.length || !project.can_run ? null : h("div", { class: "stack" }, h("div", { class: "pairfields" }, field("Left camera", left), field("Right camera", right)),
     h("div", { class: "row" }, h("button", { class: project.has.run ? "" : "primary", type: "button", onclick: start(() => left.value, () => right.value) }, "Start with the cameras")));
   const button = (text, source, kind) => h("button", { class: kind, type: "button", onclick: start(source) }, text);
