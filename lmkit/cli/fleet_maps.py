@@ -65,7 +65,7 @@ def survey(
     for site, parts in sites.items():
         surveyed = survey_site(place, site, parts, size_m, anchors, bumped, engine)
         write_outputs({outputs[site]: write_site(place, surveyed)}, force)
-        summary = surveyed.to_dict()
+        summary = surveyed.facts
         if as_json:
             print_json({"map": str(outputs[site]), **summary})
             continue

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import tempfile
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
@@ -16,9 +16,10 @@ from lmkit.fleet.recordings import BAG_FOLDER_HAS, BAGS, FleetRecording
 from lmkit.fleet.store import Store, open_uri
 from lmkit.geometry.rig import AnyRig
 from lmkit.io.any_rig import read_any_rig
-from lmkit.model.recording import Recording, RigFrame
+from lmkit.model.recording import Recording
+from lmkit.pipelines.detect_recording import OpenRecording
 from lmkit.pipelines.recording_checks import require_plausible_recording
-from lmkit.pipelines.recording_folder import open_recording_folder
+from lmkit.pipelines.recording_folder import has_readings, open_recording_folder
 
 STAGE = "detect"
 
@@ -28,13 +29,22 @@ def detect_recording(job: StageJob) -> dict[str, Any]:
     found = _Found()
     with tempfile.TemporaryDirectory(prefix="lmkit-") as scratch:
         folder = _fetched(job, Path(scratch))
-        rig = _rig_of(job, folder)
+        rig = None if has_readings(folder) else _rig_of(job, folder)
         opened = open_recording_folder(folder, rig, job.options["families"], job.options.get("hz"))
-        for frames in split_frames(opened.frames, parts.FRAMES):
-            require_plausible_recording(replace(opened.rest, frames=frames), rig)
-            found.add(frames)
-            write_part(job.store, part_folder(f"{STAGE}/{job.key}", found.parts), opened.rest.around(frames), rig)
+        for whole, part in _parts(opened):
+            require_plausible_recording(whole, rig)
+            found.add(part)
+            write_part(job.store, part_folder(f"{STAGE}/{job.key}", found.parts), part, rig)
     return {**found.facts(), "odometry": opened.rest.odometry is not None}
+
+
+def _parts(opened: OpenRecording) -> Iterator[tuple[Recording, Recording]]:
+    """Parts, to check with all of the odometry, and to store with the rows that span them; readings are one part."""
+    if opened.rest.readings:
+        yield opened.rest, opened.rest
+        return
+    for frames in split_frames(opened.frames, parts.FRAMES):
+        yield replace(opened.rest, frames=frames), opened.rest.around(frames)
 
 
 @dataclass
@@ -48,16 +58,14 @@ class _Found:
     from_s: float | None = None
     to_s: float | None = None
 
-    def add(self, frames: Sequence[RigFrame]) -> None:
-        seen = [str(d.id) for frame in frames for d in frame.detections]
-        self.parts, self.frames, self.detections = (
-            self.parts + 1,
-            self.frames + len(frames),
-            self.detections + len(seen),
-        )
-        self.landmarks.update(seen)
-        self.from_s = frames[0].time_s if self.from_s is None else self.from_s
-        self.to_s = frames[-1].time_s
+    def add(self, part: Recording) -> None:
+        times_s = part.times_s
+        self.parts += 1
+        self.frames += len(times_s)
+        self.detections += sum(len(f.detections) for f in part.frames) + sum(len(r) for _, r in part.readings)
+        self.landmarks.update(map(str, part.ids))
+        self.from_s = float(times_s[0]) if self.from_s is None else self.from_s
+        self.to_s = float(times_s[-1])
 
     def facts(self) -> dict[str, Any]:
         return {**vars(self), "landmarks": len(self.landmarks)}
@@ -124,8 +132,8 @@ def parts_to_read(job: StageJob) -> list[Part]:
     return parts_of(job.recording, key, outcome)
 
 
-def read_detected(store: Store, part: Part) -> tuple[Recording, AnyRig]:
-    """Detections of a part, and the rig that took it.
+def read_detected(store: Store, part: Part) -> tuple[Recording, AnyRig | None]:
+    """Detections of a part, and the rig that took it; none of ranges and bearings.
 
     Raises:
         InputError: a file is missing or damaged.

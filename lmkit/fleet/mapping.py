@@ -12,16 +12,18 @@ from lmkit.fleet.detection import STAGE as DETECT
 from lmkit.fleet.detection import parts_of, read_detected
 from lmkit.fleet.engines import run_jobs
 from lmkit.fleet.jobs import DIED, done_jobs
-from lmkit.fleet.parts import Part
+from lmkit.fleet.parts import READINGS, Part, part_folder
 from lmkit.fleet.store import Store
 from lmkit.io.landmark_map import map_to_yaml
 from lmkit.mapping.bundle_adjustment import Anchor
-from lmkit.mapping.joint_survey import JointSurvey
 from lmkit.mapping.recording_group import LoneSurvey
+from lmkit.mapping.several_readings import survey_readings_together
 from lmkit.mapping.several_recordings import NamedRecording, join_surveys, survey_alone
 from lmkit.mapping.survey import anchors_of, landmark_sizes
+from lmkit.mapping.survey_results import landmark_dict
 from lmkit.model.landmark_id import LandmarkId
 from lmkit.model.landmark_map import LandmarkMap
+from lmkit.model.recording import Odometry
 
 STAGE = "survey"
 
@@ -32,15 +34,13 @@ class SiteSurvey:
 
     Attributes:
         site: its name; empty where the fleet has one site.
-        joint: map, moved landmarks, recordings that do not fit.
+        landmarks: the map.
+        facts: JSON of ``lmkit fleet survey`` (docs/formats.md): that of ``lmkit survey`` with several recordings.
     """
 
     site: str
-    joint: JointSurvey
-
-    def to_dict(self) -> dict[str, Any]:
-        """JSON of ``lmkit fleet survey`` (docs/formats.md): that of ``lmkit survey`` with several recordings."""
-        return {"site": self.site, **self.joint.to_dict()}
+    landmarks: LandmarkMap
+    facts: Mapping[str, Any]
 
 
 @dataclass(frozen=True)
@@ -63,6 +63,8 @@ class PartSurvey:
             recording, rig = read_detected(self.store, part)
         except InputError as error:
             return str(error)
+        if rig is None:
+            return "it has ranges and bearings, and other recordings of the site have images"
         named = NamedRecording(part.name, recording.frames, rig, motion_of(recording))
         return survey_alone(named, landmark_sizes(recording.frames, self.size_m, self.anchors), self.anchors)
 
@@ -100,20 +102,54 @@ def survey_site(
     Raises:
         InputError: no recording can be surveyed, or the engine cannot be had.
     """
+    if all(store.exists(f"{part_folder(f'{DETECT}/{p.key}', p.number)}/{READINGS}") for p in parts):
+        return _survey_readings(store, site, parts, size_m, known)
     anchors = {} if known is None else anchors_of(known)
     reasons = {p.name: bumped[p.recording] for p in parts if bumped and p.recording in bumped}
     left_out = reasons if len(reasons) < len(parts) else {}
     used = [part for part in parts if part.name not in left_out]
     answers = dict(run_jobs(PartSurvey(store, size_m, anchors), used, engine))
     joint = join_surveys({part.name: answers[part] or DIED for part in used}, anchors)
-    return SiteSurvey(site, replace(joint, left_out={**left_out, **joint.left_out}))
+    joint = replace(joint, left_out={**left_out, **joint.left_out})
+    return SiteSurvey(site, joint.landmarks, {"site": site, **joint.to_dict()})
+
+
+def _survey_readings(
+    store: Store, site: str, parts: Sequence[Part], size_m: float, known: LandmarkMap | None
+) -> SiteSurvey:
+    """The map in the plane from recordings of ranges and bearings."""
+    if known is not None:
+        raise InputError(
+            "known_with_readings",
+            f"site '{site}' has ranges and bearings, whose map has a frame of its own",
+            "leave out --known; to use a known map, give it to lmkit track --readings",
+        )
+    recordings = {}
+    left_out = {}
+    for part in parts:
+        recording, _ = read_detected(store, part)
+        if isinstance(recording.odometry, Odometry):
+            recordings[part.name] = (recording.readings, recording.odometry, recording.gyro)
+        else:
+            left_out[part.name] = "ranges and bearings need wheel odometry: odometry.csv"
+    if not recordings:
+        raise InputError("nothing_surveyed", f"site '{site}': {next(iter(left_out.values()))}", "record odometry too")
+    found = survey_readings_together(recordings, size_m)
+    left_out |= dict.fromkeys(found.left_out, "it shares fewer than three landmarks with the others")
+    entries = [{**landmark_dict(m), "valid_from_s": None} for m in found.landmarks]
+    names = [{"name": name, "frames": len(drive), "located": len(drive)} for name, drive in found.drives.items()]
+    nothing: dict[str, list[str]] = {
+        name: [] for name in ("moved", "poorly_determined", "unplaced", "ambiguous", "warnings")
+    }
+    facts = {"site": site, "recordings": names, "left_out": left_out, "landmarks": entries, **nothing}
+    return SiteSurvey(site, found.landmarks, facts)
 
 
 def write_site(store: Store, surveyed: SiteSurvey) -> str:
     """Write the map and the facts of a site into the store; the map's text."""
-    text = map_to_yaml(surveyed.joint.landmarks)
+    text = map_to_yaml(surveyed.landmarks)
     store.write(f"{STAGE}/{surveyed.site or 'site'}.yaml", text)
-    store.write_table(f"{STAGE}/{surveyed.site or 'site'}.parquet", {"site": [surveyed.site]}, surveyed.to_dict())
+    store.write_table(f"{STAGE}/{surveyed.site or 'site'}.parquet", {"site": [surveyed.site]}, surveyed.facts)
     return text
 
 

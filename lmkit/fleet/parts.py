@@ -18,11 +18,12 @@ from lmkit.geometry.rig import AnyRig, mounted_cameras
 from lmkit.io.any_rig import read_any_rig
 from lmkit.io.rig import rig_to_yaml
 from lmkit.model.landmark_id import LandmarkId
-from lmkit.model.observation import Detection
+from lmkit.model.observation import Detection, RangeBearing
 from lmkit.model.recording import Gyro, Odometry, Recording, RigFrame
 from lmkit.model.trajectory import Trajectory
 
 PART_NAME = re.compile(r", part \d+ of \d+$")
+READINGS = "readings.parquet"
 FRAMES = 9000  # of a part: ten minutes at 15 frames a second
 
 
@@ -70,8 +71,35 @@ def part_folder(folder: str, number: int) -> str:
     return f"{folder}/{number:04d}"
 
 
-def write_part(store: Store, folder: str, recording: Recording, rig: AnyRig) -> None:
-    """Write detections, odometry, gyro and rig as files of one folder of the store."""
+def write_part(store: Store, folder: str, recording: Recording, rig: AnyRig | None) -> None:
+    """Write detections or readings, odometry, gyro and rig as files of one folder of the store."""
+    if rig is None:
+        _write_readings(store, folder, recording)
+    else:
+        _write_detections(store, folder, recording)
+        store.write(f"{folder}/rig.yaml", rig_to_yaml(rig))
+    odometry, gyro = recording.odometry, recording.gyro
+    if odometry is not None:
+        kind = ("forward_m", "turn_rad") if isinstance(odometry, Odometry) else ("positions", "quaternions")
+        store.write_table(
+            f"{folder}/odometry.parquet", {name: getattr(odometry, name) for name in ("times_s", *kind)}
+        )
+    if gyro is not None:
+        store.write_table(f"{folder}/gyro.parquet", {"times_s": gyro.times_s, "rate_radps": gyro.rate_radps})
+
+
+def _write_readings(store: Store, folder: str, recording: Recording) -> None:
+    rows = [(time_s, reading) for time_s, seen in recording.readings for reading in seen]
+    columns: dict[str, Any] = {
+        "time_s": np.array([time_s for time_s, _ in rows], dtype=np.float64),
+        "id": [str(r.id) for _, r in rows],
+        "range_m": np.array([r.range_m for _, r in rows], dtype=np.float64),  # None: NaN
+        "bearing_rad": np.array([r.bearing_rad for _, r in rows], dtype=np.float64),
+    }
+    store.write_table(f"{folder}/{READINGS}", columns)
+
+
+def _write_detections(store: Store, folder: str, recording: Recording) -> None:
     rows = [
         (k, camera, d)
         for k, frame in enumerate(recording.frames)
@@ -94,23 +122,33 @@ def write_part(store: Store, folder: str, recording: Recording, rig: AnyRig) -> 
     store.write_table(f"{folder}/detections.parquet", columns)
     names = [f.name for f in recording.frames]
     store.write_table(f"{folder}/frames.parquet", {"time_s": recording.times_s, "name": names})
-    odometry, gyro = recording.odometry, recording.gyro
-    if odometry is not None:
-        kind = ("forward_m", "turn_rad") if isinstance(odometry, Odometry) else ("positions", "quaternions")
-        store.write_table(
-            f"{folder}/odometry.parquet", {name: getattr(odometry, name) for name in ("times_s", *kind)}
-        )
-    if gyro is not None:
-        store.write_table(f"{folder}/gyro.parquet", {"times_s": gyro.times_s, "rate_radps": gyro.rate_radps})
-    store.write(f"{folder}/rig.yaml", rig_to_yaml(rig))
 
 
-def read_part(store: Store, folder: str) -> tuple[Recording, AnyRig]:
+def read_part(store: Store, folder: str) -> tuple[Recording, AnyRig | None]:
     """A part as `write_part` wrote it.
 
     Raises:
         InputError: a file is missing or damaged.
     """
+    odometry, gyro = _odometry(store, folder), _gyro(store, folder)
+    if store.exists(f"{folder}/{READINGS}"):
+        return Recording((), _readings(store, folder), odometry, gyro), None
+    frames, rig = _frames(store, folder)
+    return Recording(frames, (), odometry, gyro), rig
+
+
+def _readings(store: Store, folder: str) -> tuple[tuple[float, tuple[RangeBearing, ...]], ...]:
+    columns, _ = store.read_table(f"{folder}/{READINGS}")
+    seen: dict[float, list[RangeBearing]] = {}
+    for time_s, id_, *values in zip(*columns.values(), strict=True):
+        distance, bearing = (None if np.isnan(value) else float(value) for value in values)
+        seen.setdefault(float(time_s), []).append(
+            RangeBearing(LandmarkId.parse(id_), distance, bearing, float(time_s))
+        )
+    return tuple((time_s, tuple(some)) for time_s, some in seen.items())
+
+
+def _frames(store: Store, folder: str) -> tuple[tuple[RigFrame, ...], AnyRig]:
     with tempfile.TemporaryDirectory(prefix="lmkit-") as scratch:
         path = Path(scratch) / "rig.yaml"
         path.write_bytes(store.read(f"{folder}/rig.yaml"))
@@ -129,7 +167,7 @@ def read_part(store: Store, folder: str) -> tuple[Recording, AnyRig]:
         RigFrame(float(time_s), tuple(map(tuple, some)), label)
         for time_s, label, some in zip(frames["time_s"], frames["name"], seen, strict=True)
     )
-    return Recording(rig_frames, (), _odometry(store, folder), _gyro(store, folder)), rig
+    return rig_frames, rig
 
 
 def _odometry(store: Store, folder: str) -> Odometry | Trajectory | None:

@@ -16,7 +16,7 @@ import numpy as np
 from lmkit.errors import InputError
 from lmkit.fleet.store import Store, open_uri
 from lmkit.model.landmark_map import day_of
-from lmkit.pipelines.recording_folder import DETECTIONS, VIDEOS
+from lmkit.pipelines.recording_folder import DETECTIONS, READINGS, VIDEOS
 from lmkit.version import __version__
 
 TABLE = "recordings.parquet"
@@ -115,7 +115,8 @@ def find_recordings(pattern: str, rig: str = "") -> list[FleetRecording]:
         raise InputError(
             "no_recordings",
             f"no recording matches {pattern}",
-            f"a recording is a bag ({', '.join(BAGS)}) or a folder with detections.csv or images; quote the pattern",
+            f"quote the pattern; a recording is a bag ({', '.join(BAGS)}), or a folder with images, detections.csv "
+            "or readings.csv",
         )
     return sorted(found, key=lambda r: r.source)
 
@@ -176,7 +177,7 @@ def _extent(files: Any, info: Any) -> tuple[int | None, float]:
     inside = files.get_file_info(fs.FileSelector(info.path, recursive=True))
     names = {i.path[len(info.path) :].lstrip("/") for i in inside if i.type == fs.FileType.File}
     images = any(Path(n).suffix.lower() in (*IMAGES, *VIDEOS) for n in names if n.count("/") <= 1)
-    if not (names & {DETECTIONS, BAG_FOLDER_HAS} or images):
+    if not (names & {DETECTIONS, READINGS, BAG_FOLDER_HAS} or images):
         return None, 0.0
     held = [i for i in inside if i.type == fs.FileType.File]
     return sum(i.size for i in held), max(_seconds(i) for i in held)

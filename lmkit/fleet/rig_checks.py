@@ -22,6 +22,11 @@ from lmkit.pipelines.landmark_views import recorded_landmark_pairs
 STAGE = "check"
 OPTIONS = f"{STAGE}/options.json"
 VIEWS = 24  # of landmarks that two cameras see at once; the check takes time with their number
+BUMPED_SIGMA = 5.0  # of a turn or shift of a camera that has moved
+MOTIONS = (  # of a camera: words for the axes, key in `check_dict`, unit, digits
+    (("pitched", "yawed", "rolled"), "turn", "deg", 2),
+    (("shifted along x", "shifted along y", "shifted along z"), "shift", "mm", 1),
+)
 UNKNOWN = "unknown"  # state where too few landmarks are seen by two cameras
 
 
@@ -67,6 +72,8 @@ def check_recording(job: StageJob) -> dict[str, Any]:
     cameras: list[dict[str, Any]] = []
     for part in reversed(parts_to_read(job)):
         recording, rig = read_detected(job.store, part)
+        if rig is None:
+            break
         sizes = landmark_sizes(recording.frames, options["size_m"], {}) | known_m
         cameras = pair_check(rig, recording.frames, sizes, VIEWS)
         if any(camera["state"] != UNKNOWN for camera in cameras):
@@ -103,16 +110,25 @@ def _pair(first: MountedCamera, other: MountedCamera) -> StereoRig:
 
 
 def moved_cameras(facts: Mapping[str, Any]) -> list[dict[str, Any]]:
-    """Cameras of a checked recording that stand differently to the first one than the rig file says."""
-    return [camera for camera in facts.get("cameras", ()) if camera["state"] not in ("true", UNKNOWN)]
+    """Cameras of a checked recording that stand otherwise to the first one than the rig file says.
+
+    A fit that is better, but hardly differs from the rig file, is no camera that was bumped: rig files are not
+    perfect, and a recording is not left out of the map for that.
+    """
+    judged = [camera for camera in facts.get("cameras", ()) if camera["state"] not in ("true", UNKNOWN)]
+    return [camera for camera in judged if _surest_motion(camera)[0] > BUMPED_SIGMA]
 
 
 def bumped_sentence(cameras: list[dict[str, Any]]) -> str:
     """A clause about the cameras of `moved_cameras`."""
-    texts = []
-    for camera in cameras:
-        turn, sigma = camera["turn_deg"], camera["turn_sigma_deg"]
-        axis = max(range(3), key=lambda k: abs(turn[k]))
-        motion = ("pitched", "yawed", "rolled")[axis]
-        texts.append(f"camera {camera['camera']} has {motion} by {turn[axis]:+.2f} ± {sigma[axis]:.2f} deg")
-    return ", ".join(texts)
+    return ", ".join(f"camera {camera['camera']} has {_surest_motion(camera)[1]}" for camera in cameras)
+
+
+def _surest_motion(camera: dict[str, Any]) -> tuple[float, str]:
+    """The motion about or along one axis that stands out most: in standard deviations, and in words."""
+    found = [
+        (abs(value) / sigma, f"{word} by {value:+.{digits}f} ± {sigma:.{digits}f} {unit}")
+        for words, name, unit, digits in MOTIONS
+        for word, value, sigma in zip(words, camera[f"{name}_{unit}"], camera[f"{name}_sigma_{unit}"], strict=True)
+    ]
+    return max(found)

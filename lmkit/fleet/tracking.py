@@ -36,7 +36,7 @@ def track_recording(job: StageJob) -> dict[str, Any]:
     passed = _Passed()
     for part in parts_to_read(job):
         recording, rig = read_detected(job.store, part)
-        tracked = track(recording, rig, landmarks.at(recording.frames[0].time_s))
+        tracked = track(recording, rig, landmarks.at(float(recording.times_s[0])))
         job.store.write_table(f"{part_folder(f'{STAGE}/{job.key}', part.number)}.parquet", _columns(tracked))
         passed.add(tracked)
     return passed.facts()

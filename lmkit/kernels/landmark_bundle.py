@@ -174,6 +174,11 @@ def add_bundle_equations_numpy(
     return float(8 * cauchy**2 * np.log1p(squared).sum())
 
 
+def whitened_errors(bundle: Bundle) -> Array:
+    """(S,8) errors of the observed corners in standard deviations."""
+    return _whitened(bundle, _errors(bundle)[0])
+
+
 def _whitened(bundle: Bundle, errors: Array) -> Array:
     return np.asarray((bundle.whitener @ errors[:, :, None])[:, :, 0])
 

@@ -16,9 +16,11 @@ from scipy.spatial.transform import Rotation
 from lmkit.arrays import BoolArray, FloatArray, IntArray
 from lmkit.geometry.pose import Pose
 from lmkit.geometry.pose_array import PoseArray
-from lmkit.geometry.rig import AnyRig
+from lmkit.geometry.rig import AnyRig, mounted_cameras
 from lmkit.geometry.rotations import orthonormal, rotation_exp, rotation_log, skew
 from lmkit.kernels import landmark_bundle as kernel
+from lmkit.mapping.camera_relations import SIZE as RELATION
+from lmkit.mapping.camera_relations import CameraRelations, add_relation
 from lmkit.mapping.carried_cameras import are_synchronous, carry_frames
 from lmkit.mapping.observation_arrays import ObservationArrays
 from lmkit.mapping.wall_constraints import LandmarkConstraint, constraint_rows
@@ -97,6 +99,10 @@ class State:
     lm_R: FloatArray
     lm_p: FloatArray
     parameters: FloatArray
+    relations: CameraRelations
+
+
+OwnState = tuple[FloatArray, FloatArray, FloatArray, CameraRelations]
 
 
 @dataclass(frozen=True, eq=False)
@@ -157,13 +163,16 @@ class BundleProblem:
         self.arms = np.array([(m.corners_map - m.T_map_landmark.t) @ m.T_map_landmark.R for m in self.mapped])
         self.used = np.ones(len(self.seen), dtype=bool)
         self.parameters = np.array(self.motion.nominal)
-        self.own = len(self.parameters)  # of the shared unknowns, before the landmarks
+        self.relations = CameraRelations.of_rig(rig)
+        # Of the shared unknowns, before the landmarks.
+        self.own = len(self.parameters) + self.relations.unknowns
         self.motion_scale = np.ones(6)
         self.may_slip = True
         self.shared = self.own + (0 if landmarks_fixed else 6 * len(self.mapped))
         T = rig.T_base_left
         T_left_base = Pose.identity("left", "base") if T is None else T.inverse()
         self.base_R, self.base_t = T_left_base.R, T_left_base.t
+        self.rig_R = [camera.T_camera_left.R for camera in mounted_cameras(rig)]
 
     def carry(self) -> bool:
         """Carry cameras that expose at other times than their frames; False where there are none.
@@ -212,12 +221,12 @@ class BundleProblem:
 
     def state(self) -> State:
         """The unknowns as they stand."""
-        return State(self.R, self.p, self.lm_R, self.lm_p, self.parameters)
+        return State(self.R, self.p, self.lm_R, self.lm_p, self.parameters, self.relations)
 
     def restore(self, state: State) -> None:
         """Back to where they stood."""
         self.R, self.p, self.lm_R, self.lm_p = state.R, state.p, state.lm_R, state.lm_p
-        self.parameters = state.parameters
+        self.parameters, self.relations = state.parameters, state.relations
 
     @property
     def size(self) -> int:
@@ -229,17 +238,23 @@ class BundleProblem:
         """Ids in the order of the unknowns."""
         return tuple(m.id for m in self.mapped)
 
-    def own_state(self) -> tuple[FloatArray, ...]:
-        """Poses and the odometry's errors as they stand."""
-        return self.R, self.p, self.parameters
+    def own_state(self) -> OwnState:
+        """Poses, the odometry's errors and the cameras' relations as they stand."""
+        return self.R, self.p, self.parameters, self.relations
 
-    def restore_own(self, state: tuple[FloatArray, ...]) -> None:
-        """Put poses and the odometry's errors back."""
-        self.R, self.p, self.parameters = state
+    def restore_own(self, state: OwnState) -> None:
+        """Put that back."""
+        self.R, self.p, self.parameters, self.relations = state
 
-    def own_moved(self, states: FloatArray, own: FloatArray) -> tuple[FloatArray, ...]:
-        """Poses and the odometry's errors moved by a step."""
-        return rotation_exp(states[:, 3:]) @ self.R, self.p + states[:, :3], self.parameters + own
+    def own_moved(self, states: FloatArray, own: FloatArray) -> OwnState:
+        """Poses, the odometry's errors and the cameras' relations moved by a step."""
+        turned, moved = rotation_exp(states[:, 3:]) @ self.R, self.p + states[:, :3]
+        return turned, moved, self.parameters + own[: self._odometry], self.relations.moved(own[self._odometry :])
+
+    @property
+    def _odometry(self) -> int:
+        """Number of the odometry's parameters, which are the first of the shared unknowns."""
+        return len(self.parameters)
 
     def landmark_poses(self) -> tuple[FloatArray, FloatArray]:
         """(L,3,3), (L,3) T_map_landmark."""
@@ -328,9 +343,7 @@ class BundleProblem:
                 self.motion_scale[k] *= float(np.clip(scale, 0.3, 3.0))
 
     def _move(self, step: FloatArray, shared: FloatArray) -> None:
-        self.p = self.p + step[:, :3]
-        self.R = rotation_exp(step[:, 3:]) @ self.R
-        self.parameters = self.parameters + shared[: self.own]
+        self.restore_own(self.own_moved(step, shared[: self.own]))
         if not self.landmarks_fixed:
             moved = shared[self.own :].reshape(-1, 6)
             self.lm_p = self.lm_p + moved[:, :3]
@@ -340,15 +353,13 @@ class BundleProblem:
         return PoseArray("map", "left", self.R, self.p)
 
     def _correspondences(self) -> kernel.Bundle:
-        return self.seen.bundle(self._poses(), PoseArray("map", "landmark", self.lm_R, self.lm_p), self.arms)
+        return self.seen.bundle(
+            self._poses(), PoseArray("map", "landmark", self.lm_R, self.lm_p), self.arms, self.relations
+        )
 
     def _equations(self) -> tuple[ChainEquations, float]:
         equations = ChainEquations.zeros(len(self.times), 6, self.shared)
-        e = equations
-        sums = kernel.Sums(e.diagonal, e.gradient, e.border, e.corner, e.shared_gradient, self.own)
-        cost = kernel.add_bundle_equations(
-            self._correspondences(), self.used, CAUCHY_SCALE, sums, not self.landmarks_fixed
-        )
+        cost = self._add_observations(equations) + self.relations.add_prior(equations, self._odometry)
         if not self.landmarks_fixed:
             cost += self._add_anchors(equations) + self._add_constraints(equations)
         if len(self.times) > 1:
@@ -358,6 +369,28 @@ class BundleProblem:
             diagonal = np.arange(matrix.shape[1])
             matrix[:, diagonal, diagonal] += 1e-9
         return equations, cost
+
+    def _add_observations(self, equations: ChainEquations) -> float:
+        """Add the observations of every camera: on poses, landmarks and the cameras' relations; their cost."""
+        e, bundle, cost = equations, self._correspondences(), 0.0
+        last = len(self.relations.t) - 1
+        for camera in range(last, -1, -1):
+            used = self.used & (self.seen.camera == camera)
+            own = e  # sums of this camera alone: those of the last one while nothing else is in
+            if 0 < camera < last:
+                zeros = {name: np.zeros_like(getattr(e, name)) for name in ("diagonal", "gradient", "border")}
+                own = replace(e, **zeros)
+            sums = kernel.Sums(own.diagonal, own.gradient, own.border, own.corner, own.shared_gradient, self.own)
+            cost += kernel.add_bundle_equations(bundle, used, CAUCHY_SCALE, sums, not self.landmarks_fixed)
+            if camera > 0:
+                first = self._odometry + RELATION * (camera - 1)
+                R_camera_map = self.relations.turn[camera] @ self.rig_R[camera] @ self.R.transpose(0, 2, 1)
+                add_relation(e, own, R_camera_map, slice(first, first + RELATION), self.own)
+            if own is not e:
+                e.diagonal += own.diagonal
+                e.gradient += own.gradient
+                e.border += own.border
+        return cost
 
     def _add_anchors(self, equations: ChainEquations) -> float:
         cost = 0.0
@@ -408,8 +441,8 @@ class BundleProblem:
         before, after, r, K = motions.before, motions.after, motions.residuals, motions.by_parameters
         equations.add_between(before, after, r)
         rows = np.arange(len(r))
-        own = slice(0, self.own)
-        equations.add_shared(rows, before, np.tile(np.arange(self.own), (len(r), 1)), K, r)
+        own = slice(0, self._odometry)
+        equations.add_shared(rows, before, np.tile(np.arange(self._odometry), (len(r), 1)), K, r)
         equations.border[1:, :, own] += after.transpose(0, 2, 1) @ K
         off = (self.motion.nominal - self.parameters) / self.motion.prior_sigma
         equations.corner[own, own] += np.diag(self.motion.prior_sigma**-2)
@@ -449,6 +482,10 @@ class BundleProblem:
     def residuals(self) -> FloatArray:
         """(S,) root mean square of each observation's eight standardized coordinates."""
         return np.asarray(np.sqrt(kernel.bundle_chi2(self._correspondences())[0] / 8))
+
+    def whitened_errors(self) -> FloatArray:
+        """(S,8) standardized errors of each observation's coordinates."""
+        return kernel.whitened_errors(self._correspondences())
 
     def landmarks(self, covariance: FloatArray | None = None) -> LandmarkMap:
         """The map as it stands."""
@@ -492,7 +529,7 @@ class BundleProblem:
             self.landmarks(shared),
             shared[self.own :, self.own :],
             self.parameters,
-            np.sqrt(np.maximum(np.diag(shared)[: self.own], 0.0)),
+            np.sqrt(np.maximum(np.diag(shared)[: self._odometry], 0.0)),
             residuals,
             tuple(m.id for m in self.mapped),
             self.seen.of,

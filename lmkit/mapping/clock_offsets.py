@@ -237,7 +237,8 @@ def _step(problem: BundleProblem, cameras: IntArray, offsets: FloatArray) -> tup
     wide.border[:-1, :, columns] += rows.before.transpose(0, 2, 1) @ K
     wide.border[1:, :, columns] += rows.after.transpose(0, 2, 1) @ K
     across = np.einsum("nrp,nrk->pk", rows.by_parameters, K)
-    wide.corner[: problem.own, columns], wide.corner[columns, : problem.own] = across, across.T
+    odometry = slice(0, len(problem.parameters))
+    wide.corner[odometry, columns], wide.corner[columns, odometry] = across, across.T
     wide.corner[columns, columns] = np.einsum("nrj,nrk->jk", K, K) + PRIOR_S**-2 * np.eye(len(offsets))
     wide.shared_gradient[columns] = np.einsum("nrk,nr->k", K, rows.residuals) - offsets / PRIOR_S**2
     _, y = wide.solve()

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Protocol
+from typing import Any, Protocol
 
 import numpy as np
 
@@ -41,13 +41,13 @@ class RecordingProblem(Protocol):
     @property
     def landmark_ids(self) -> tuple[LandmarkId, ...]: ...
 
-    def own_state(self) -> tuple[FloatArray, ...]:
+    def own_state(self) -> Any:
         """Everything unknown but the landmarks, as it stands."""
 
-    def restore_own(self, state: tuple[FloatArray, ...]) -> None:
+    def restore_own(self, state: Any) -> None:
         """Put that back."""
 
-    def own_moved(self, states: FloatArray, own: FloatArray) -> tuple[FloatArray, ...]:
+    def own_moved(self, states: FloatArray, own: FloatArray) -> Any:
         """Everything but the landmarks moved by a step of the poses and of its own shared unknowns."""
 
     def landmark_poses(self) -> tuple[FloatArray, FloatArray]:
@@ -74,7 +74,7 @@ class JointState:
 
     R: FloatArray
     p: FloatArray
-    recordings: tuple[tuple[FloatArray, ...], ...]
+    recordings: tuple[Any, ...]
 
 
 class JointProblem:

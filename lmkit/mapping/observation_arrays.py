@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -13,6 +14,7 @@ from lmkit.geometry.rig import AnyRig, mounted_cameras
 from lmkit.kernels.landmark_bundle import Bundle
 from lmkit.localization.correspondences import CORNER_FLOOR_PX
 from lmkit.localization.reprojection import through_lens
+from lmkit.mapping.camera_relations import CameraRelations
 from lmkit.model.landmark_id import LandmarkId
 from lmkit.model.recording import RigFrame
 
@@ -25,6 +27,7 @@ class ObservationArrays:
         at, of: (S,) frames and landmarks.
         rays, by_ray, whitener: (S,4,2), (S,4,2,2), (S,8,8) as of `CameraCorrespondences`.
         camera_R, camera_t: (S,3,3), (S,3) from the rig's left camera into the camera.
+        camera: (S,) which camera of the rig it is.
     """
 
     at: IntArray
@@ -34,13 +37,14 @@ class ObservationArrays:
     whitener: FloatArray
     camera_R: FloatArray
     camera_t: FloatArray
+    camera: IntArray
 
     @classmethod
     def collect(cls, frames: Sequence[RigFrame], rig: AnyRig, ids: Sequence[LandmarkId]) -> ObservationArrays:
         """Observations of these landmarks as arrays; others are left out."""
         index = {id_: k for k, id_ in enumerate(ids)}
         rows: list[tuple[int, int]] = []
-        parts = []
+        parts: list[tuple[Any, ...]] = []
         for which, camera in enumerate(mounted_cameras(rig)):
             R, t = camera.T_camera_left.R, camera.T_camera_left.t
             observations = [frame.seen[which] for frame in frames]
@@ -52,7 +56,7 @@ class ObservationArrays:
                 if carried := frames[listed[k][1][0]].carried:
                     T = camera.T_camera_left @ carried[which].inverse()
                     turned[row], moved[row] = T.R, T.t
-            parts.append((seen.rays, seen.by_ray, seen.whitener, turned, moved))
+            parts.append((seen.rays, seen.by_ray, seen.whitener, turned, moved, np.full(len(seen.kept), which)))
         table = np.array(rows, dtype=np.int64).reshape(-1, 2)
         # Frame by frame: sums over them then stay in the processor's cache.
         order = np.argsort(table[:, 0], kind="stable")
@@ -63,22 +67,31 @@ class ObservationArrays:
         """Observations in some frames of some landmarks, both numbered anew in the order given."""
         at, of = (_renumbered(old, new) for old, new in ((self.at, frames), (self.of, landmarks)))
         kept = np.flatnonzero((at >= 0) & (of >= 0))
-        rest = (self.rays, self.by_ray, self.whitener, self.camera_R, self.camera_t)
+        rest: tuple[Any, ...] = (self.rays, self.by_ray, self.whitener, self.camera_R, self.camera_t, self.camera)
         return ObservationArrays(at[kept], of[kept], *(column[kept] for column in rest))
 
     def __len__(self) -> int:
         return len(self.at)
 
-    def bundle(self, poses: PoseArray, landmarks: PoseArray, arms: FloatArray) -> Bundle:
-        """The observations from (N) rig poses of (L) landmarks, with corners ``arms`` (L,4,3) in their own frames."""
+    def bundle(
+        self, poses: PoseArray, landmarks: PoseArray, arms: FloatArray, relations: CameraRelations | None = None
+    ) -> Bundle:
+        """The observations from (N) rig poses of (L) landmarks, with corners ``arms`` (L,4,3) in their own frames.
+
+        Args:
+            relations: the cameras as they are now; None: as in the rig file.
+        """
+        camera_R, camera_t = self.camera_R, self.camera_t
+        if relations is not None:
+            camera_R, camera_t = relations.of_observations(self.camera, camera_R, camera_t)
         return Bundle(
             self.at,
             self.of,
             self.rays,
             self.by_ray,
             self.whitener,
-            self.camera_R,
-            self.camera_t,
+            camera_R,
+            camera_t,
             poses.R,
             poses.t,
             landmarks.R,

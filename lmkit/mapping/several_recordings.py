@@ -153,6 +153,7 @@ def join_surveys(
         contradicted = joint.contradicted_recordings()
         if not contradicted:
             return joint.results(left_out)
+        joint.give_back()
         left_out |= contradicted
         lone = [one for one in group.lone if one.name not in contradicted]
 
@@ -174,8 +175,14 @@ class _Joint:
         self.threshold = moved_threshold(sum(len(problem.mapped) for problem in self.problems))
         self.noise = 1.0
         self.merged_back: Counter[tuple[int, int]] = Counter()
+        self.own_knowledge = [(problem.anchors, problem.constraints) for problem in self.problems]
         for problem in self.problems:
             problem.anchors, problem.constraints = {}, ()
+
+    def give_back(self) -> None:
+        """Let every recording know again what defines its own frame, so that it can be joined with others."""
+        for problem, (anchors, constraints) in zip(self.problems, self.own_knowledge, strict=True):
+            problem.anchors, problem.constraints = anchors, constraints
 
     def solve(self) -> None:
         """Adjust, split and merge until nothing changes."""

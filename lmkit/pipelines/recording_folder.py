@@ -1,7 +1,7 @@
 """Recording folder: one recording's files under fixed names, so that a folder is all that a command needs.
 
-``detections.csv``, or a folder or video per camera of the rig (``left/``, ``left.mp4``); and, where there are any,
-``odometry.csv`` (wheels) or ``odometry.tum`` (visual odometry), and ``gyro.csv``.
+``detections.csv``, or ``readings.csv``, or a folder or video per camera of the rig (``left/``, ``left.mp4``); and,
+where there are any, ``odometry.csv`` (wheels) or ``odometry.tum`` (visual odometry), and ``gyro.csv``.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from lmkit.model.landmark import LM8
 from lmkit.model.recording import Recording
 from lmkit.pipelines.detect_recording import POSES, OpenRecording, open_recording
 
-DETECTIONS, GYRO = "detections.csv", "gyro.csv"
+DETECTIONS, READINGS, GYRO = "detections.csv", "readings.csv", "gyro.csv"
 VIDEOS = (".mp4", ".avi", ".mkv", ".mov", ".m4v", ".webm")
 
 
@@ -33,17 +33,27 @@ def read_recording_folder(
     return open_recording_folder(path, rig, families, hz).read()
 
 
+def has_readings(path: Path) -> bool:
+    """The folder's recording is of ranges and bearings, and needs no rig."""
+    return (path / READINGS).is_file() and not (path / DETECTIONS).is_file()
+
+
 def open_recording_folder(
-    path: Path, rig: AnyRig, families: Sequence[str] = (LM8.name,), hz: float | None = None
+    path: Path, rig: AnyRig | None, families: Sequence[str] = (LM8.name,), hz: float | None = None
 ) -> OpenRecording:
     """The recording of a folder, whose frames are read one after the other.
 
     Args:
+        rig: that took it; None for ranges and bearings (`has_readings`).
         families, hz: as of `open_recording`.
 
     Raises:
         InputError: the folder holds no recording of this rig, or a file cannot be read.
     """
+    odometry = next((p for p in (path / f"odometry{end}" for end in (".csv", *POSES)) if p.is_file()), None)
+    gyro = path / GYRO if (path / GYRO).is_file() else None
+    if rig is None:
+        return open_recording(readings=path / READINGS, odometry=odometry, gyro=gyro, families=families)
     names = [camera.name for camera in mounted_cameras(rig)]
     if not is_recording_folder(path, names):
         missing = next((name for name in names if _camera_source(path, name) is None), names[0])
@@ -52,19 +62,9 @@ def open_recording_folder(
             f"{path} holds no recording: neither {DETECTIONS}, nor a folder or video of camera '{missing}'",
             f"name the camera's images {missing}/, or its video {missing}.mp4",
         )
-    detections = path / DETECTIONS
-    sources = [] if detections.is_file() else [str(_camera_source(path, name)) for name in names]
-    odometry = next((p for p in (path / f"odometry{end}" for end in (".csv", *POSES)) if p.is_file()), None)
-    return open_recording(
-        sources,
-        rig,
-        detections if detections.is_file() else None,
-        None,
-        odometry,
-        path / GYRO if (path / GYRO).is_file() else None,
-        families=families,
-        hz=hz,
-    )
+    detections = path / DETECTIONS if (path / DETECTIONS).is_file() else None
+    sources = [] if detections is not None else [str(_camera_source(path, name)) for name in names]
+    return open_recording(sources, rig, detections, None, odometry, gyro, families=families, hz=hz)
 
 
 def _camera_source(folder: Path, camera: str) -> Path | None:

@@ -10,6 +10,7 @@ from pathlib import Path
 
 import numpy as np
 
+from lmkit.arrays import FloatArray
 from lmkit.evaluation.trajectory_error import umeyama
 from lmkit.geometry.pose import Pose
 from lmkit.geometry.rotations import rotation_exp
@@ -74,23 +75,28 @@ def write_site(
     robots: int = 2,
     hz: float = 5.0,
     planted: Planted = Planted(),
+    rig_error_deg: float = 0.0,
+    seed: int = 0,
 ) -> Site:
     """Write ``logs/HALL/ROBOT/DATE/`` with detections.csv, odometry.csv and gyro.csv, and ``rigs/ROBOT/DATE.yaml``.
 
     Args:
         moved: halls in which a landmark is moved before the last day.
+        rig_error_deg: standard deviation of the turn of the right camera about each axis, in every rig file.
     """
+    rng = np.random.default_rng([seed, 0])
     maps, away_by_hall = {}, {}
     straight = replace(make_rig(), T_base_left=T_BASE_LEFT)
-    bumped_rig = bumped(straight, planted.bump_deg)
+    bumped_rig = turned(straight, np.array([0.0, planted.bump_deg, 0.0]))
     for number in range(robots):
         rigs = folder / "rigs" / f"robot{number}"
         rigs.mkdir(parents=True)
-        (rigs / f"{day_name(0)}.yaml").write_text(rig_to_yaml(straight))
+        stated = turned(straight, rng.normal(0.0, rig_error_deg, 3))
+        (rigs / f"{day_name(0)}.yaml").write_text(rig_to_yaml(stated))
         if number == planted.bumped[0] and planted.recalibrated < days:
             (rigs / f"{day_name(planted.recalibrated)}.yaml").write_text(rig_to_yaml(bumped_rig))
     for hall in range(halls):
-        first = make_drive(100 + hall, seconds, hz, count=count)
+        first = make_drive(100_000 * seed + 100 + hall, seconds, hz, count=count)
         name = f"hall{hall}"
         maps[name] = first.landmarks
         other = most_seen(first.frames, first.landmarks)
@@ -105,7 +111,7 @@ def write_site(
             is_bumped = number == planted.bumped[0] and day >= planted.bumped[1]
             is_off = number == planted.clock[0] and day >= planted.clock[1]
             drive = make_drive(
-                1000 * hall + day, seconds, hz, count=count,
+                100_000 * seed + 1000 * hall + day, seconds, hz, count=count,
                 errors=WheelErrors(delay_s=planted.delay_s) if is_off else None,
                 rig=bumped_rig if is_bumped else straight,
                 landmarks=later if is_moved and day == days - 1 > 0 else first.landmarks,
@@ -123,11 +129,10 @@ def _write_recording(folder: Path, drive: Drive, start_s: float) -> None:
     (folder / "gyro.csv").write_text(gyro_to_csv(Gyro(g.times_s + start_s, g.rate_radps)))
 
 
-def bumped(rig: StereoRig, yaw_deg: float) -> StereoRig:
-    """The rig with its right camera yawed."""
+def turned(rig: StereoRig, turn_deg: FloatArray) -> StereoRig:
+    """The rig with its right camera turned by a rotation vector (3,)."""
     T = rig.T_right_left
-    turn = rotation_exp(np.deg2rad([0.0, yaw_deg, 0.0]))
-    return replace(rig, T_right_left=Pose(T.to_frame, T.from_frame, turn @ T.R, T.t))
+    return replace(rig, T_right_left=Pose(T.to_frame, T.from_frame, rotation_exp(np.deg2rad(turn_deg)) @ T.R, T.t))
 
 
 def most_seen(frames: tuple[RigFrame, ...], landmarks: LandmarkMap) -> MappedLandmark:

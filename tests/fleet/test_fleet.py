@@ -28,6 +28,7 @@ from lmkit.fleet.store import Store
 from lmkit.fleet.tracking import track_recording
 from lmkit.io.external_maps import read_any_map
 from lmkit.io.landmark_map import map_to_yaml
+from lmkit.model.landmark_id import LandmarkId
 from lmkit.simulation.site import Planted, Site, day_name, write_site
 
 OPTIONS = {"families": ["lm8"], "hz": None}
@@ -164,8 +165,8 @@ def test_a_long_recording_is_stored_and_located_in_parts(small, tmp_path, monkey
     times = [read_detected(store, part)[0].times_s for part in some]
     assert np.all(np.diff(np.concatenate(times)) > 0) and sum(map(len, times)) == detected.facts["frames"]
     surveyed = survey_site(store, site, some, 0.18)
-    assert len(surveyed.joint.names) == 3 and not surveyed.joint.left_out
-    options = {"maps": {site: map_to_yaml(surveyed.joint.landmarks)}, "detect": OPTIONS}
+    assert len(surveyed.facts["recordings"]) == 3 and not surveyed.facts["left_out"]
+    options = {"maps": {site: map_to_yaml(surveyed.landmarks)}, "detect": OPTIONS}
     [tracked] = run_stage(store, "track", track_recording, options)
     assert tracked.facts["frames"] == detected.facts["frames"]
     assert tracked.facts["ok"] > 0.9 * tracked.facts["frames"]
@@ -296,3 +297,39 @@ def test_the_table_keeps_what_is_known(small, tmp_path):
     assert add_recordings(store, find_recordings(f"{folder}/logs/{{site}}/{{robot}}/{day_name(0)}")) == (1, 1)
     assert add_recordings(store, find_recordings(f"{folder}/logs/{{site}}/{{robot}}/2*")) == (1, 2)
     assert {r.site for r in stored_recordings(store)} == {"hall0"}
+
+
+def test_ranges_and_bearings_go_through_all_stages(tmp_path, monkeypatch):
+    """Two robots that read ranges and bearings in one hall, without a rig."""
+    rng = np.random.default_rng(1)
+    places = {code: np.array([x, y]) for code, (x, y) in enumerate([(4, 3), (4, -3), (-4, 3), (-4, -3), (0, 5)])}
+    for robot, radius in (("a", 1.5), ("b", 2.0)):
+        times = np.arange(0, 60, 0.1)
+        angle = 2 * np.pi * times / 30
+        x, y, heading = radius * np.sin(angle), radius * (1 - np.cos(angle)), angle
+        odometry = [f"{t:.2f},{radius * 2 * np.pi / 30:.6f},{2 * np.pi / 30:.6f}" for t in times]
+        readings = []
+        for k in range(0, len(times), 5):
+            for code, place in places.items():
+                away = place - [x[k], y[k]]
+                distance = np.hypot(*away) + rng.normal(0, 0.02)
+                bearing = np.arctan2(away[1], away[0]) - heading[k] + rng.normal(0, 0.005)
+                readings.append(f"{times[k]:.2f},{code},{distance:.4f},{(bearing + np.pi) % (2 * np.pi) - np.pi:.5f}")
+        folder = tmp_path / "logs" / "hall" / robot / "1"
+        folder.mkdir(parents=True)
+        (folder / "odometry.csv").write_text("\n".join(["time_s,forward_mps,turn_radps", *odometry]) + "\n")
+        (folder / "readings.csv").write_text("\n".join(["time_s,code,range_m,bearing_rad", *readings]) + "\n")
+    monkeypatch.setenv("LMKIT_JOBS", "1")
+    store = Store(str(tmp_path / "store"))
+    add_recordings(store, find_recordings(f"{tmp_path}/logs/{{site}}/{{robot}}/*"))
+    assert all(outcome.ok for outcome in run_stage(store, STAGE, detect_recording, OPTIONS))
+    [(site, some)] = parts_by_site(store, OPTIONS).items()
+    surveyed = survey_site(store, site, some, 0.18)
+    assert len(surveyed.facts["recordings"]) == 2 and not surveyed.facts["left_out"]
+    a = np.array([surveyed.landmarks.find(LandmarkId("lm8", code)).T_map_landmark.t[:2] for code in places])
+    b = np.array(list(places.values()))
+    apart = np.linalg.norm(a[:, None] - a, axis=2) - np.linalg.norm(b[:, None] - b, axis=2)
+    assert np.abs(apart).max() < 0.1
+    options = {"maps": {site: map_to_yaml(surveyed.landmarks)}, "detect": OPTIONS}
+    outcomes = list(run_stage(store, "track", track_recording, options))
+    assert all(outcome.ok and outcome.facts["ok"] == outcome.facts["frames"] > 100 for outcome in outcomes), outcomes

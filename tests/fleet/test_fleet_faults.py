@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 from dataclasses import replace
 
+import numpy as np
 import pytest
 
 pytest.importorskip("pyarrow")
@@ -15,11 +16,12 @@ from lmkit.fleet.recordings import FleetRecording, find_recordings
 from lmkit.fleet.rig_checks import VIEWS, pair_check
 from lmkit.simulation.recording import T_BASE_LEFT, make_drive
 from lmkit.simulation.scene import make_rig
-from lmkit.simulation.site import DAY_S, MONDAY_S, bumped, day_name
+from lmkit.simulation.site import DAY_S, MONDAY_S, day_name, turned
 
 GONE_BY_S = MONDAY_S + 100 * DAY_S
-TRUE = {"camera": "right", "state": "true", "turn_deg": [0.0, 0.0, 0.0], "turn_sigma_deg": [0.01] * 3}
-MOVED = {"camera": "right", "state": "moved", "turn_deg": [0.0, 0.4, 0.0], "turn_sigma_deg": [0.01] * 3}
+STILL = {"turn_sigma_deg": [0.01] * 3, "shift_mm": [0.0] * 3, "shift_sigma_mm": [0.5] * 3}
+TRUE = {"camera": "right", "state": "true", "turn_deg": [0.0, 0.0, 0.0], **STILL}
+MOVED = {"camera": "right", "state": "moved", "turn_deg": [0.0, 0.4, 0.0], **STILL}
 UNKNOWN = {"camera": "right", "state": "unknown", "sentence": ""}
 
 
@@ -54,6 +56,14 @@ def test_a_bumped_camera_is_named_from_its_first_day_to_its_last():
     )
     assert f"true until {day_name(0)}" in first.sentence
     assert (second.day, second.until) == (day_name(5), day_name(5))
+
+
+def test_a_rig_file_that_is_hardly_off_is_no_bumped_camera():
+    hardly = {**MOVED, "turn_deg": [0.0, 0.04, 0.0]}
+    shifted = {**MOVED, "turn_deg": [0.0, 0.04, 0.0], "shift_mm": [0.0, 0.0, -4.0]}
+    checked = rows("a", [{"cameras": [check]} for check in (hardly, shifted)])
+    [fault] = find_faults({}, detected("a", 2), checked, [])
+    assert fault.day == day_name(1) and "shifted along z by -4.0 ± 0.5 mm" in fault.sentence
 
 
 def test_a_clock_unlike_the_fleets_is_named():
@@ -96,7 +106,7 @@ def test_a_rig_file_by_date_holds_from_its_day_on(tmp_path):
 @pytest.mark.parametrize("yaw_deg", [0.0, 0.3])
 def test_landmarks_tell_whether_a_rig_file_is_true(yaw_deg):
     rig = replace(make_rig(), T_base_left=T_BASE_LEFT)
-    drive = make_drive(7, 12.0, count=10, rig=bumped(rig, yaw_deg))
+    drive = make_drive(7, 12.0, count=10, rig=turned(rig, np.array([0.0, yaw_deg, 0.0])))
     sizes = {m.id: m.size_m for m in drive.landmarks}
     [camera] = pair_check(rig, drive.frames, sizes, VIEWS // 2)
     assert camera["state"] == ("moved" if yaw_deg else "true")

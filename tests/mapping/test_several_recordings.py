@@ -10,6 +10,7 @@ from lmkit.errors import InputError
 from lmkit.geometry.pose import Pose
 from lmkit.geometry.rotations import rotation_angle
 from lmkit.io.landmark_information import information_from_bytes, information_to_bytes
+from lmkit.mapping import several_recordings
 from lmkit.mapping.bundle_adjustment import Anchor
 from lmkit.mapping.joint_adjustment import JointProblem, recording_information
 from lmkit.mapping.several_recordings import NamedRecording, survey_recordings
@@ -244,6 +245,19 @@ def test_a_recording_of_another_room_is_named_and_left_out():
     result = survey_recordings(recordings, SIZES, {})
     assert list(result.left_out) == ["another"]
     assert result.names == ("first", "second")
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("gone", ["first", "third"])
+def test_what_is_left_after_a_contradicted_recording_has_a_frame(monkeypatch, gone):
+    """The frame of the map is that of a recording, also where another one is left out after the adjustment."""
+    recordings = [recording(drive(11 + k, seconds=15), name) for k, name in enumerate(("first", "second", "third"))]
+    answers = iter([{gone: "stands elsewhere"}, {}])
+    monkeypatch.setattr(several_recordings._Joint, "contradicted_recordings", lambda joint: next(answers))
+    result = survey_recordings(recordings, SIZES, {})
+    assert gone not in result.names and len(result.names) == 2
+    deviations_m = [np.sqrt(np.linalg.eigvalsh(m.covariance)[-1]) for m in result.landmarks]
+    assert max(deviations_m) < 1.0
 
 
 def test_a_recording_that_shares_nothing_is_named():
