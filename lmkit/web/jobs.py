@@ -172,7 +172,7 @@ class Jobs:
     async def _run(self, job: Job) -> None:
         try:
             async with self._turn:
-                job.state, job.started = "running", time.time()
+                job.state, job.started, job.before = "running", time.time(), None
                 code = 0
                 for step in job.steps:
                     if code == 0:

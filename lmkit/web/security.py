@@ -8,11 +8,12 @@ from __future__ import annotations
 
 import hmac
 from collections.abc import Mapping
+from html import escape
 from http.cookies import CookieError, SimpleCookie
 from urllib.parse import parse_qs, urlsplit
 
 from starlette.datastructures import Headers, MutableHeaders
-from starlette.responses import JSONResponse, RedirectResponse, Response
+from starlette.responses import HTMLResponse, JSONResponse, RedirectResponse, Response
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 COOKIE = "lmkit_token"
@@ -28,11 +29,16 @@ FILE_POLICY = "default-src 'none'; style-src 'unsafe-inline'; img-src data:; san
 HEADERS = {
     "x-content-type-options": "nosniff",
     "referrer-policy": "no-referrer",
-    "cross-origin-opener-policy": "same-origin",
     "cross-origin-resource-policy": "same-origin",
     "x-frame-options": "DENY",
     "permissions-policy": "camera=(self), microphone=(), geolocation=()",
 }
+# Browsers heed it at trustworthy addresses only, and complain at others: at those of a network without encryption.
+LOCAL_HEADERS = {**HEADERS, "cross-origin-opener-policy": "same-origin"}
+REFUSAL = (
+    '<!doctype html><html lang="en"><meta charset="utf-8"><meta name="viewport" content="width=device-width">'
+    '<meta name="color-scheme" content="light dark"><title>lmkit</title><h1>lmkit</h1><p>{}.</p><p>{}.</p>'
+)
 
 
 class Guard:
@@ -64,7 +70,7 @@ class Guard:
         if problem is not None:
             await self._refuse(problem, scope, receive, send)
             return
-        await self._app(scope, receive, _with_policy(send) if scope["type"] == "http" else send)
+        await self._app(scope, receive, self._with_policy(send) if scope["type"] == "http" else send)
 
     def _problem(self, scope: Scope, headers: Headers) -> str | None:
         """Why a request is foreign, or None."""
@@ -95,18 +101,24 @@ class Guard:
             await send({"type": "websocket.close", "code": 1008})
             return
         hint = "open the address that lmkit web prints in the terminal"
-        answer = JSONResponse({"code": "refused", "message": problem, "hint": hint}, 403)
+        answer: Response = JSONResponse({"code": "refused", "message": problem, "hint": hint}, 403)
+        if "text/html" in Headers(scope=scope).get("accept", ""):  # someone opens the address
+            words = problem[:1].upper() + problem[1:], hint[:1].upper() + hint[1:]
+            answer = HTMLResponse(REFUSAL.format(*map(escape, words)), 403)
         await self._answer(answer, scope, receive, send)
 
     async def _answer(self, answer: Response, scope: Scope, receive: Receive, send: Send) -> None:
-        await answer(scope, receive, _with_policy(send))
+        await answer(scope, receive, self._with_policy(send))
+
+    def _with_policy(self, send: Send) -> Send:
+        return _with_headers(send, LOCAL_HEADERS if self._token is None else HEADERS)
 
 
-def _with_policy(send: Send) -> Send:
+def _with_headers(send: Send, added: Mapping[str, str]) -> Send:
     async def wrapped(message: Message) -> None:
         if message["type"] == "http.response.start":
             headers = MutableHeaders(scope=message)
-            for name, value in HEADERS.items():
+            for name, value in added.items():
                 headers.setdefault(name, value)
             headers.setdefault("content-security-policy", PAGE_POLICY)
             headers.setdefault("cache-control", "no-store")

@@ -44,6 +44,8 @@ def test_no_path_leads_out_of_the_project(client, folder, name):
 
 def test_foreign_sites_are_refused(client):
     assert client.get("/api/project", headers={"host": "evil.example"}).status_code == 403
+    opened = client.get("/", headers={"host": "<b>.example", "accept": "text/html"})
+    assert opened.status_code == 403 and "<h1>lmkit" in opened.text and "<b>" not in opened.text
     for headers in ({"origin": "http://evil.example"}, {"origin": "null"}, {"sec-fetch-site": "cross-site"}):
         assert client.post("/api/jobs/example", json={}, headers=headers).status_code == 403
     assert client.post(
