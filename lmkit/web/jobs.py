@@ -63,6 +63,7 @@ class Job:
     log: deque[str] = field(default_factory=lambda: deque(maxlen=LOG_LINES))
     error: str | None = None
     canceled: bool = False
+    before: Job | None = None  # whose end this one waits for
     task: asyncio.Task[None] | None = None
 
     def as_dict(self, with_log: bool = False) -> dict[str, Any]:
@@ -73,6 +74,7 @@ class Job:
             "progress": self.progress, "error": self.error, "outputs": list(self.outputs),
             "can_finish": self.can_finish and self.state == "running" and not self.finishing,
             "seconds": None if seconds is None else round(seconds, 1),
+            "waits_for": self.before.title if self.before is not None and self.before.ended is None else None,
         }  # fmt: skip
         if with_log:
             return shown | {"log": list(self.log)}
@@ -124,6 +126,7 @@ class Jobs:
             wish,
             can_finish,
         )
+        job.before = next((j for j in reversed(self._jobs.values()) if j.ended is None), None)
         if can_finish:
             job.wish = lambda: b"finish\n" if job.finishing else b""
         self._jobs[job.id] = job

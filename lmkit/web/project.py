@@ -102,7 +102,7 @@ def listing(project: Project) -> dict[str, Any]:
             found["pairs"].append({"name": name, "count": count})
         if tables or (name and len(sides) == 2 and "boards" not in name and not name.startswith("pairs")):
             others = {k: f"{k}.csv" in files for k in ("odometry", "gyro")}
-            own = {k: f"{k}.yaml" in files for k in ("rig", "map")}
+            own = {"rig": "rig.yaml" in files or "rig" in folders, "map": "map.yaml" in files}
             found["recordings"].append(
                 {"name": name, "detections": tables[0] if tables else None, "images": len(sides) == 2, **others}
                 | {f"own_{k}": v for k, v in own.items()}

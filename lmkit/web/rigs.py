@@ -123,4 +123,9 @@ def describe_rig(project: Project) -> dict[str, Any]:
         for c in mounted_cameras(rig)
     ]
     mount = _mount_of(rig.T_base_left)
-    return {"cameras": cameras, "undo": undo, "mount": mount, "command": f"lmkit convert NEW_RIG -o {RIG} --force"}
+    return {
+        "cameras": cameras,
+        "undo": undo,
+        "mount": mount,
+        "command": f"lmkit convert NEW_RIG --to lmkit -o {RIG} --force",
+    }

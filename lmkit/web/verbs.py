@@ -85,6 +85,17 @@ def plan_example(project: Project, body: JobBody) -> Plan:
     return Plan("Write the example", (("-c", code),), f"python -c {shlex.quote(code)}")
 
 
+def plan_unbag(project: Project, body: JobBody) -> Plan:
+    """A recording from a bag, in a folder of its own under ``drives/``."""
+    if not any(bag["name"] == body.source for bag in listing(project)["bags"]):
+        raise InputError(
+            "no_bag", f"there is no bag {body.source[:80]!r}", "put a .bag or .mcap file into the project"
+        )
+    stem = re.sub(r"[^A-Za-z0-9_-]+", "-", Path(body.source).stem).strip("-")[:60] or "bag"
+    words = ["unbag", body.source, "-o", project.unused("drives", stem, "")]
+    return Plan(f"Unpack {body.source}", (_lmkit(words),), shlex.join(["lmkit", *words]))
+
+
 def plan_survey(project: Project, body: JobBody) -> Plan:
     """The map from a recording."""
     from lmkit.units import parse_length_mm
@@ -280,6 +291,7 @@ def can_run() -> bool:
 
 VERBS = {
     "example": plan_example,
+    "unbag": plan_unbag,
     "survey": plan_survey,
     "track": plan_track,
     "calibrate": plan_calibrate,
@@ -390,7 +402,8 @@ def _motion(found: dict[str, Any]) -> list[str]:
 def _of(project: Project, found: dict[str, Any], what: str) -> str:
     """The project's rig or map, or else the recording's own."""
     if found[f"own_{what}"] and (what == "rig" or not (project.root / "map.yaml").is_file()):
-        return f"{found['name']}/{what}.yaml"
+        own = f"{found['name']}/{what}.yaml"
+        return own if project.path(own).is_file() else f"{found['name']}/{what}"  # a folder, as out of a bag
     if (project.root / f"{what}.yaml").is_file():
         return f"{what}.yaml"
     hint = "calibrate first" if what == "rig" else "survey a recording first, or write map.yaml"

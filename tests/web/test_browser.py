@@ -34,7 +34,7 @@ def project(tmp_path_factory):
 @pytest.fixture(scope="module")
 def furnished(project):
     """The project with board images and a recording."""
-    lmkit.write_example_files(project / "drives/example", board_pairs=12, seconds=8)
+    lmkit.write_example_files(project / "drives/example", board_pairs=10, seconds=8)  # as few as end a guidance
     return project
 
 
@@ -42,7 +42,8 @@ def furnished(project):
 def address(project):
     """A server over the project, as the command starts it."""
     words = [sys.executable, "-m", "lmkit", "web", str(project), "--port", "0"]
-    server = subprocess.Popen(words, stdout=subprocess.PIPE, text=True)
+    # One process for each job: two of them start longer than they work here.
+    server = subprocess.Popen(words, stdout=subprocess.PIPE, text=True, env={**os.environ, "LMKIT_JOBS": "1"})
     lines = [server.stdout.readline(), server.stdout.readline()]
     yield re.search(r"http://\S+/", lines[1]).group()
     server.terminate()
@@ -189,7 +190,7 @@ def test_a_minute_of_live_states_holds_memory(browser, tmp_path):
     script = tmp_path / "feed.py"
     script.write_text(FEED)
     words = [sys.executable, str(script), str(tmp_path / "room")]
-    server = subprocess.Popen(words, stdout=subprocess.PIPE, text=True)
+    server = subprocess.Popen([*words, "0"], stdout=subprocess.PIPE, text=True)
     try:
         port = server.stdout.readline().strip()
         page = browser.new_page()
@@ -214,6 +215,12 @@ def test_a_minute_of_live_states_holds_memory(browser, tmp_path):
         page.get_by_role("button", name="3D").click()
         page.get_by_role("img", name="3 landmarks in 3D").wait_for()
         assert page.evaluate(LOADED)
+        server.terminate()
+        server.wait(20)
+        ended = page.get_by_text("The connection to lmkit web ended")
+        ended.wait_for()
+        server = subprocess.Popen([*words, port], stdout=subprocess.PIPE, text=True)
+        ended.wait_for(state="detached")
         page.close()
         assert not problems, problems
     finally:
@@ -259,7 +266,7 @@ def feed(hub):
 
 app = build_app(open_project(Path(sys.argv[1])), workers=Workers(0))
 threading.Thread(target=feed, args=(state_of_app(app).live,), daemon=True).start()
-listener = listen("127.0.0.1", 0)
+listener = listen("127.0.0.1", int(sys.argv[2]))
 print(listener.getsockname()[1], flush=True)
 uvicorn.Server(uvicorn.Config(app, log_level="warning", ws="websockets-sansio")).run(sockets=[listener])
 """

@@ -39,9 +39,28 @@ def test_a_survey_of_a_wrong_size_is_not_started(serve, tmp_path, size):
         assert page.get("/api/jobs").json()["jobs"] == []
 
 
+def test_a_bag_becomes_a_recording_of_its_own(tmp_path):
+    project = open_project(tmp_path)
+    for side in ("left", "right"):
+        (tmp_path / "drives/monday" / side).mkdir(parents=True)
+        (tmp_path / f"drives/monday/{side}/1.png").touch()
+    (tmp_path / "drives/monday/rig").mkdir()
+    (tmp_path / "monday.mcap").touch()
+    unbag = VERBS["unbag"](project, JobBody(source="monday.mcap"))
+    assert unbag.command == "lmkit unbag monday.mcap -o drives/monday-2"
+    survey = VERBS["survey"](project, JobBody(source="drives/monday"))
+    assert "--rig drives/monday/rig --" in survey.command  # the folder that came out of the bag
+    for wrong in ("", "../monday.mcap", "tuesday.mcap", "drives"):
+        with pytest.raises(InputError, match="there is no bag"):
+            VERBS["unbag"](project, JobBody(source=wrong))
+
+
 def test_a_job_is_canceled_and_another_follows(serve, tmp_path):
     with serve(tmp_path) as page:
         first = page.post("/api/jobs/example", json={}).json()
+        second = page.post("/api/jobs/example", json={}).json()
+        assert first["waits_for"] is None and second["waits_for"] == "Write the example"
+        page.post(f"/api/jobs/{second['id']}/cancel")
         time.sleep(0.5)
         for _ in range(2):  # the second wish does not disturb the end of the processes
             page.post(f"/api/jobs/{first['id']}/cancel")

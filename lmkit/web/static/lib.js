@@ -50,7 +50,7 @@ export function note(kind, text, hint) {
 }
 export const trouble = (error) => note("bad", error.message, error.hint);
 // Names of files, options and cameras keep their first letter.
-export const sentence = (text) => (text ? (/^\S*[.:/_]\S/.test(text) || /^\S+: /.test(text) ? text[0] : text[0].toUpperCase()) + text.slice(1) + (/[.!?]$/.test(text) ? "" : ".") : "");
+export const sentence = (text) => (text ? (/^(lmkit\b|camera:|-|\S*[._/]\S)/.test(text) ? text[0] : text[0].toUpperCase()) + text.slice(1) + (/[.!?]$/.test(text) ? "" : ".") : "");
 
 export function toast(text, kind = "") {
   const box = h("div", { class: `toast ${kind}` }, text), all = document.getElementById("toasts");
@@ -110,7 +110,7 @@ export function jobView(job, { done, progress } = {}) {
         j.seconds !== null ? h("span", { class: "soft small" }, `${j.seconds.toFixed(0)} s`) : null,
         going ? h("button", { class: "danger", "data-key": "cancel", type: "button", onclick: () => api(`jobs/${j.id}/cancel`, { method: "POST" }).then(draw).catch((e) => toast(e.message, "bad")) }, live ? "Stop" : "Cancel") : null,
         j.can_finish ? h("button", { "data-key": "finish", type: "button", disabled: (j.progress?.kept ?? 0) < 6, title: "from six pairs on", onclick: () => api(`jobs/${j.id}/finish`, { method: "POST" }).then(draw).catch((e) => toast(e.message, "bad")) }, "Calibrate with these") : null),
-      going && !live ? h("div", null, h("p", { class: "small soft" }, j.progress ? `${j.progress.step}${j.progress.total ? `: ${j.progress.done} of ${j.progress.total}` : ""}` : j.state === "waiting" ? "waits for the job before" : "working"), bar(j.progress)) : null,
+      going && (!live || j.waits_for) ? h("div", null, h("p", { class: "small soft" }, j.progress ? `${j.progress.step}${j.progress.total ? `: ${j.progress.done} of ${j.progress.total}` : ""}` : j.waits_for ? `waits for the end of: ${j.waits_for}` : j.state === "waiting" ? "begins" : "working"), bar(j.progress)) : null,
       j.state === "failed" ? note("bad", j.error) : null,
       j.state === "done" ? h("div", { class: "row" }, j.outputs.map(outputLink)) : null,
       h("details", { open: open ?? false }, h("summary", { "data-key": "log" }, "Log and command line"), h("div", null, command(j.command), h("pre", { class: "log", tabindex: "0", "aria-label": "Log" }, (j.log ?? []).join("\n") || "nothing yet"))),
@@ -125,7 +125,12 @@ export function jobView(job, { done, progress } = {}) {
       draw(j);
       if (j.state === "running" || j.state === "waiting") timer = setTimeout(follow, 500);
       else done?.(j);
-    } catch (error) { box.replaceChildren(trouble(error)); }
+    } catch (error) {
+      // The program may come back, but not with this job.
+      if (error.code === "no_job") { box.replaceChildren(note("warn", `${job.title}: lmkit web was started anew, and the job ended with it`, "start it again")); return; }
+      box.replaceChildren(trouble(error));
+      if (error.code === "offline") timer = setTimeout(follow, 2000);
+    }
   }
   draw(job);
   timer = setTimeout(follow, 50);

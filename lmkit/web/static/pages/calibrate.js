@@ -1,12 +1,13 @@
-import { api, choice, empty, field, fill, h, heading, jobView, mm, note, numberOf, s, toast, trouble } from "../lib.js";
+import { api, choice, command, empty, field, fill, h, heading, jobView, mm, note, numberOf, s, toast, trouble } from "../lib.js";
 
 const NONE = Array.from({ length: 5 }, () => Array(5).fill(false));
+const goes = (job) => job.state === "running" || job.state === "waiting";
 const NOTHING = { kept: 0, depth: [], curve: [], words: "starting" };
 const BOTH = "the same: it shows both";
 const options = (entries, value) => entries.map(([key, text]) => h("option", { value: key, selected: key === value }, text));
 
 export async function show(stage) {
-  let [project, { cameras }] = await Promise.all([api("project"), api("cameras")]);
+  let [project, { cameras }, { jobs: all }] = await Promise.all([api("project"), api("cameras"), api("jobs")]);
   const list = () => [...cameras.map((c) => [c, c]), ...project.pairs.map((p) => [p.name, `${p.name} (${p.count} pairs)`]), ...project.films.map((f) => [f.name, `${f.name} (film)`])];
   stage.append(...heading("Calibrate", "Show the board at many places and tilts. It stops when the depth error is as small as you ask for, not at a count."));
   const rig = rigCard();
@@ -38,7 +39,7 @@ export async function show(stage) {
   const until = h("input", { value: "5", inputmode: "decimal" });
   const at = choice([["1", "1 m"], ["2", "2 m"], ["4", "4 m"], ["8", "8 m"]], "2");
   const tone = h("input", { type: "checkbox", checked: true });
-  let sound = null, kept = 0, last = null, image = null;
+  let sound = null, kept = 0, last = null, image = null, mine = all.find((j) => j.verb === "guide" && goes(j)) ?? null;
   const live = h("div"), jobs = h("div");
   const start = (verb) => async (event) => {
     event.preventDefault();
@@ -50,11 +51,20 @@ export async function show(stage) {
     if (verb === "guide") draw({ state: "running", progress: NOTHING });
     sound ??= window.AudioContext ? new AudioContext() : null; // browsers let a page sound after a click only
     try {
+      // The camera is needed again: what runs with it ends first.
+      if (mine) await api(`jobs/${mine.id}/cancel`, { method: "POST" }).catch(() => null);
+      mine = null;
       const body = { source: source.value, second: second.value, board: board.value, until_mm: goal, at_m: Number(at.value) };
-      jobs.replaceChildren(h("section", { class: "card" }, jobView(await api(`jobs/${verb}`, { method: "POST", body }), { progress: (j) => verb === "guide" && draw(j), done: (j) => (verb === "guide" && draw(j), j.state === "done" && toast("rig.yaml is written"), rig.again()) })));
+      follow(await api(`jobs/${verb}`, { method: "POST", body }));
       jobs.scrollIntoView({ block: "nearest" });
-    } catch (error) { jobs.replaceChildren(trouble(error)); }
+    } catch (error) { live.replaceChildren(); jobs.replaceChildren(trouble(error)); }
   };
+  function follow(job) {
+    const guided = job.verb === "guide";
+    if (guided) mine = job;
+    const ended = (j) => { if (guided) draw(j); if (mine?.id === j.id) mine = null; if (j.state === "done") toast("rig.yaml is written"); rig.again(); };
+    jobs.replaceChildren(h("section", { class: "card" }, jobView(job, { progress: (j) => guided && mine?.id === j.id && draw(j), done: ended })));
+  }
   function draw(job) {
     // The calibration after the guidance has a progress of its own.
     if (job.progress?.kept !== undefined) last = job.progress;
@@ -83,6 +93,7 @@ export async function show(stage) {
     h("label", { class: "check" }, tone, "A tone for every pair that is taken"),
     h("div", { class: "row" }, h("button", { class: "primary", type: "submit" }, "Calibrate with guidance"), h("button", { type: "button", onclick: start("calibrate") }, "Use all pairs"))), h("div", null, jobs, live)));
   stage.append(rig.card);
+  if (mine) follow(mine); // begun before the page was opened, or in another window
   await rig.again();
   return () => sound?.close();
 }
@@ -106,7 +117,7 @@ function rigCard() {
   function draw(rig) {
     fill(card, h("h2", null, "rig.yaml"), rig.cameras.length ? h("dl", { class: "figures" }, rig.cameras.map((c) => h("div", null, h("dt", null, `${c.name}, ${c.size.join(" × ")}`), h("dd", null, `f ${c.focal_px.toFixed(0)} px`)))) : h("p", { class: "soft" }, "No rig yet: calibrate, or take a file that you have."),
       rig.cameras.length ? mounting(rig.mount) : null,
-      field(rig.cameras.length ? "Replace it by a file" : "Take a file", pick, "of lmkit, Kalibr, ROS or OpenCV"), rig.undo ? h("div", { class: "row" }, h("button", { type: "button", onclick: change("rig/undo", () => ({ method: "POST" })) }, "Undo")) : null, problem);
+      field(rig.cameras.length ? "Replace it by a file" : "Take a file", pick, "of lmkit, Kalibr, ROS or OpenCV"), rig.undo ? h("div", { class: "row" }, h("button", { type: "button", onclick: change("rig/undo", () => ({ method: "POST" })) }, "Undo")) : null, problem, rig.command ? command(rig.command) : null);
   }
   const again = async () => { try { draw(await api("rig")); } catch (error) { card.replaceChildren(trouble(error)); } };
   return { card, again };

@@ -1,4 +1,4 @@
-import { api, choice, command, field, file, grade, h, heading, s, toast, trouble } from "../lib.js";
+import { api, choice, command, field, file, grade, h, heading, s, sentence, toast, trouble } from "../lib.js";
 
 // Where on the landmark each line is measured, in its own square (0 to 1): bands and disks.
 const WHERE = {
@@ -44,7 +44,7 @@ export async function show(stage) {
   }
   async function certify(event) {
     event.target.disabled = true;
-    try { const made = await api(`photos/${encodeURIComponent(photo)}/certificate`, { method: "POST", body: body() }); event.target.replaceWith(h("a", { class: "button primary", href: file(made.file), target: "_blank", rel: "noopener" }, "Open the certificate")); toast(`${made.file} is written`); }
+    try { const made = await api(`photos/${encodeURIComponent(photo)}/certificate`, { method: "POST", body: body() }); event.target.closest("section").append(command(made.command)); event.target.replaceWith(h("a", { class: "button primary", href: file(made.file), target: "_blank", rel: "noopener" }, "Open the certificate")); toast(`${made.file} is written`); }
     catch (error) { event.target.disabled = false; toast(error.message, "bad"); }
   }
   function card(item, answer) {
@@ -55,7 +55,7 @@ export async function show(stage) {
     const past = (answer.history[`${item.family}:${item.code}`] ?? []).slice(-12);
     return h("section", { class: "card" },
       h("div", { class: "row whole" }, grade(item.grade, true), h("div", null, h("h2", null, `Landmark ${item.code}`), h("p", { class: "soft" }, [item.family, item.side_mm ? `${item.side_mm[0].toFixed(1)} × ${item.side_mm[1].toFixed(1)} mm, measured by the ${item.scale_from.replace(/^a(?=\d$)/, "A")}` : "size not measured"].join(", ")))),
-      h("p", null, worst ? h("strong", null, `${worst[0][0].toUpperCase()}${worst[0].slice(1)}: ${worst[1].value}. ${worst[1].advice ?? ""}.`) : "Everything that could be measured is good. Mount it."),
+      h("p", null, worst ? h("strong", null, `${worst[0][0].toUpperCase()}${worst[0].slice(1)}: ${worst[1].value}. ${sentence(worst[1].advice ?? "")}`) : "Everything that could be measured is good. Mount it."),
       h("div", { class: "two" },
         image ? h("figure", { class: "photo" }, h("img", { src: image.image, alt: `Photograph with landmark ${item.code} outlined`, width: item.width, height: item.height }), overlay(item, weak)) : h("div"),
         h("div", { class: "scroll", tabindex: "0", role: "region", "aria-label": "Grades line by line" }, h("table", null, h("thead", null, h("tr", null, h("th", { scope: "col" }, "Grade"), h("th", { scope: "col" }, "Line"), h("th", { scope: "col" }, "Measured"))),

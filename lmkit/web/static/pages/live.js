@@ -9,6 +9,8 @@ const WORDS = {
   no_landmarks: "No landmarks: too few of the map are read", inconsistent: "Inconsistent: no pose explains what is read", swapped: "Swapped: left and right image are exchanged", lost: "Lost: the pose is not known",
 };
 const STALE_MS = 4000; // without a state, a run has ended or waits
+const goes = (job) => job.verb === "run" && (job.state === "running" || job.state === "waiting");
+const RETRY_MS = 2000;
 const SLOWLY_MS = 250; // between two changes of what is read rather than followed
 
 export async function show(stage) {
@@ -71,9 +73,20 @@ export async function show(stage) {
   }
   function reset() { states = []; back = null; events = []; pictured = null; image.hidden = legend.hidden = true; happened.replaceChildren(); plan.reset(); }
 
-  const socket = new WebSocket(`${location.protocol === "https:" ? "wss" : "ws"}://${location.host}/api/live`);
-  socket.binaryType = "arraybuffer";
-  socket.onmessage = ({ data }) => {
+  let socket, ended = null, retry;
+  function connect() {
+    socket = new WebSocket(`${location.protocol === "https:" ? "wss" : "ws"}://${location.host}/api/live`);
+    socket.binaryType = "arraybuffer";
+    socket.onmessage = take;
+    socket.onopen = () => { ended?.remove(); ended = null; };
+    socket.onclose = ({ code }) => {
+      const full = code === 1013;
+      ended ??= trouble(full ? { message: "too many browsers look at this run", hint: "close one of them, then reload" } : { message: "the connection to lmkit web ended", hint: "is it still running in the terminal? This page looks for it every two seconds" });
+      if (!ended.isConnected) box.prepend(ended);
+      if (!full) retry = setTimeout(connect, RETRY_MS);
+    };
+  }
+  function take({ data }) {
     const length = new DataView(data).getUint32(0, true);
     const state = JSON.parse(new TextDecoder().decode(new Uint8Array(data, 4, length)));
     if (state.run !== run) { if (run !== null) reset(); run = state.run; if (map.run !== run) loadMap(); }
@@ -84,8 +97,8 @@ export async function show(stage) {
     for (const event of state.events ?? []) { events = [event, ...events].slice(0, 6); happened.replaceChildren(...events.map((e) => h("li", null, e.message))); }
     if (states.length > KEPT) { states.shift(); if (back !== null && back > 0) back -= 1; }
     if (!waiting) { waiting = true; requestAnimationFrame(draw); }
-  };
-  socket.onclose = (e) => { if (!e.wasClean || e.code === 1013) box.prepend(trouble({ message: e.code === 1013 ? "too many browsers look at this run" : "the connection to lmkit web ended", hint: e.code === 1013 ? "close one of them, then reload" : "is it still running in the terminal? Then reload the page" })); };
+  }
+  connect();
   const panels = () => [status,
     h("div", { class: "grid wide" }, h("section", { class: "card stack" }, image, legend, h("dl", { class: "figures by2" }, facts.map(([dd, label]) => h("div", null, h("dt", null, label), dd)))), h("section", { class: "card stack" }, views.element, scale, h("label", null, "The last minute", scrub))),
     h("div", { class: "grid wide" }, h("section", { class: "card stack" }, h("h2", null, "Innovation"), chart.box), h("section", { class: "card stack" }, h("h2", null, "Inputs and outputs"), h("div", { class: "scroll", tabindex: "0", role: "region", "aria-label": "Inputs and outputs" }, health), happened))];
@@ -95,12 +108,14 @@ export async function show(stage) {
   const start = (source, second = () => "") => async () => {
     const body = { source: typeof source === "string" ? source : source(), second: second(), record: record.checked };
     try {
+      // A run from cameras has no end of its own.
+      for (const j of (await api("jobs")).jobs) if (goes(j)) await api(`jobs/${j.id}/cancel`, { method: "POST" }).catch(() => null);
       reset();
       runs.replaceChildren(jobView(await api("jobs/run", { method: "POST", body }), { done: (j) => j.state !== "failed" && j.outputs.length && toast(`Recorded to ${j.outputs[0]}`) }));
       runs.querySelector("[data-key=cancel]")?.focus();
     } catch (error) { runs.replaceChildren(trouble(error)); }
   };
-  const left = choice(cameras.map((c) => [c, c]), cameras[0]), right = choice([["", "the same: it shows both"], ...cameras.map((c) => [c, c])], cameras[1] ?? "");
+  const left = choice(cameras.map((c) => [c, c]), cameras[0]), right = choice([["", "none: one camera, or one that shows both"], ...cameras.map((c) => [c, c])], cameras[1] ?? "");
   const byCameras = !cameras.length || !project.can_run ? null : h("div", { class: "stack" }, h("div", { class: "pairfields" }, field("Left camera", left), field("Right camera", right)),
     h("div", { class: "row" }, h("button", { class: project.has.run ? "" : "primary", type: "button", onclick: start(() => left.value, () => right.value) }, "Start with the cameras")));
   const button = (text, source, kind) => h("button", { class: kind, type: "button", onclick: start(source) }, text);
@@ -114,10 +129,10 @@ export async function show(stage) {
   stage.append(...heading("Live", "The pose while it happens, and the last minute to look back at."), h("section", { class: "card stack" }, h("h2", null, "Runs"), byCameras, h("div", { class: "row" }, buttons),
     project.can_run ? h("label", { class: "check" }, record, "Record the next run to runs/, to replay it later") : null, runs), box);
   const watch = setInterval(() => { if (performance.now() - newest > STALE_MS) draw(); }, 1000);
-  const ongoing = (await api("jobs")).jobs.find((j) => j.verb === "run" && (j.state === "running" || j.state === "waiting"));
+  const ongoing = (await api("jobs")).jobs.find(goes);
   if (ongoing) runs.append(jobView(ongoing));
   requestAnimationFrame(() => { slowly = 0; draw(); }); // before it was shown, the chart had no colors
-  return () => { socket.onclose = null; socket.close(); clearInterval(watch); views.close(); };
+  return () => { clearTimeout(retry); socket.onclose = null; socket.close(); clearInterval(watch); views.close(); };
 }
 
 // The table of inputs and outputs; `cells` is given what changes, row by row.

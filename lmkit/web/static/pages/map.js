@@ -1,4 +1,4 @@
-import { api, command, empty, field, file, h, heading, jobView, keepFocus, mm, note, numberOf, toast, trouble } from "../lib.js";
+import { api, command, empty, field, file, h, heading, jobView, keepFocus, mm, note, numberOf, sentence, toast, trouble } from "../lib.js";
 import { flatOrDeep } from "../flat_or_deep.js";
 import { planOf } from "../plan.js";
 import { wallsCard } from "../walls.js";
@@ -17,7 +17,7 @@ export async function show(stage) {
   function change(path, request, done) {
     queue = queue.then(async () => {
       let said = [done, ""];
-      try { await api(path, request()); } catch (error) { said = [`${error.message}. ${error.hint}`, "bad"]; }
+      try { await api(path, request()); } catch (error) { said = [`${sentence(error.message)} ${sentence(error.hint)}`, "bad"]; }
       map = await api("map").catch(() => map);
       if (!map.landmarks.some((l) => l.id === chosen)) chosen = null;
       draw();

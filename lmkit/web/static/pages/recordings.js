@@ -14,7 +14,7 @@ export async function show(stage) {
     fill(reports, found.length ? h("section", { class: "card" }, h("h2", null, "Reports"), h("ul", null, found.map((r) => h("li", null, h("a", { href: file(r.name), target: "_blank", rel: "noopener" }, r.name))))) : null);
   }
   async function start(verb, source, extra) {
-    try { const job = await api(`jobs/${verb}`, { method: "POST", body: { source, ...extra } }); none.remove(); list.prepend(jobView(job, { done: async (j) => { if (j.state === "done") toast(`${j.title}: done`); listReports(await api("project")); } })); list.closest("section").scrollIntoView({ block: "nearest" }); }
+    try { const job = await api(`jobs/${verb}`, { method: "POST", body: { source, ...extra } }); none.remove(); list.prepend(jobView(job, { done: async (j) => { if (j.state === "done") toast(`${j.title}: done`); if (j.state === "done" && verb === "unbag") { stage.replaceChildren(); await show(stage); } else listReports(await api("project")); } })); list.closest("section").scrollIntoView({ block: "nearest" }); }
     catch (error) { list.prepend(trouble(error)); }
   }
   const what = (r) => [r.images ? "images of both cameras" : "saved detections", r.odometry ? "odometry" : null, r.gyro ? "gyro" : null].filter(Boolean).join(", ");
@@ -27,9 +27,10 @@ export async function show(stage) {
         h("div", { class: "row" }, h("button", { class: "primary", type: "button", onclick: () => start("survey", r.name, { size: size.value, walls: groups(walls), heights: groups(heights) }) }, "Survey: build the map"),
           h("button", { type: "button", onclick: () => start("track", r.name) }, "Track"), r.odometry ? h("button", { type: "button", onclick: () => start("track", r.name, { live: true }) }, "Track as if live") : null)))));
   } else {
-    stage.append(empty("No recording yet", "Put a folder with left/ and right/ images (and odometry.csv if you have it), or a detections.csv, into drives/ of the project. A bag becomes such a folder with lmkit unbag. Without cameras, write the example on the overview.", h("a", { class: "button primary", href: "#/" }, "To the overview")));
+    stage.append(empty("No recording yet", "Put a folder with left/ and right/ images (and odometry.csv if you have it), or a detections.csv, into drives/ of the project. A bag (.bag, .mcap) in the project can be unpacked here. Without cameras, write the example on the overview.", h("a", { class: "button primary", href: "#/" }, "To the overview")));
   }
-  if (project.bags.length) stage.append(h("section", { class: "card" }, h("h2", null, "Bags"), h("p", null, "Unpack a bag once, then it is listed here:"), h("ul", null, project.bags.map((b) => h("li", null, h("code", null, `lmkit unbag ${b.name} -o drives/NAME`))))));
+  const bags = project.bags.filter((b) => !b.name.startsWith("runs/")); // those are replayed on the page Live
+  if (bags.length) stage.append(h("section", { class: "card" }, h("h2", null, "Bags"), h("p", null, "Unpack a bag once, then it is listed among the recordings."), bags.map((b) => h("div", { class: "job" }, h("div", { class: "row" }, h("h3", null, b.name), h("button", { type: "button", onclick: () => start("unbag", b.name) }, "Unpack"))))));
   stage.append(h("section", { class: "card" }, h("h2", null, "Jobs"), list));
   stage.append(reports);
   listReports(project);
