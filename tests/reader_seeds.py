@@ -104,7 +104,15 @@ def _rig_seeds(folder: Path) -> dict[str, Seed]:
     for name, x in (("cam0", 0.0), ("cam1", 0.1)):
         chain[name].pop("T_cn_cnm1", None)
         chain[name]["T_imu_cam"] = [[1, 0, 0, x], [0, 1, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]]
+    lens = {"k2": -0.1, "k3": 0.01, "k4": 0.0, "k5": 0.0, "mu": 400.0, "mv": 400.0, "u0": 320.0, "v0": 240.0}
+    camodocal = {
+        "model_type": "KANNALA_BRANDT",
+        "image_width": 640,
+        "image_height": 480,
+        "projection_parameters": lens,
+    }
     seeds: dict[str, Seed] = {
+        "camodocal.yaml": (yaml.safe_dump(camodocal), read_any_rig),
         "echo.yaml": (echo, read_any_rig),
         "openvins.yaml": (yaml.safe_dump(chain), read_any_rig),
     }

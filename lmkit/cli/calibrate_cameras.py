@@ -31,14 +31,15 @@ def calibrate_cameras(
     from lmkit.io.rig import rig_to_yaml
     from lmkit.pipelines.camera_views import find_board_images
     from lmkit.pipelines.rig_views import calibrate_sources
-    from lmkit.reports.rig_calibration import rig_calibration_report
+    from lmkit.reports.rig_calibration import rig_calibration_report, rig_calibration_summary
 
     result: CameraCalibration | RigCalibration
     with ProgressBars() as bars:
         counter = bars.counter("finding the board")
         if len(sources) > 1:
             result = calibrate_sources(sources, spec, model, counter)
-            lines = rig_lines(result)
+            _, summary, reason = rig_calibration_summary(result)
+            lines = [f"result: {summary} {reason}", *rig_lines(result)]
             made = None if report is None else rig_calibration_report(result, spec)
         else:
             found = find_board_images(sources[0], spec, counter)

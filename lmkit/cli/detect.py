@@ -22,7 +22,8 @@ def run(
     as_json: options.Json = False,
     csv: Annotated[Path | None, typer.Option("--csv", help="CSV file of detections to write.")] = None,
     annotate: Annotated[
-        Path | None, typer.Option("--annotate", help="Folder for annotated images (.jpg) and videos (.mp4).")
+        Path | None,
+        typer.Option("--annotate", help="Folder for annotated images (.jpg) and videos; of one video also FILE.mp4."),
     ] = None,
     family: options.Family = "lm8",
     fast: Annotated[

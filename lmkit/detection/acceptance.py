@@ -33,22 +33,22 @@ class Term:
 
 
 TURN_PER_CODE = 0.6  # a quarter turn changes more of the drawing than a code: its margin is so much easier to reach
-BIAS = -4.15
+BIAS = -1.91
 TERMS: MappingProxyType[str, Term] = MappingProxyType(
     {
-        "margin": Term(0.35, 3.79, "code"),
-        "parts residual": Term(-1.64, -0.96, "pattern"),
-        "parts residual, large": Term(-0.68, -0.16, "pattern"),
-        "gap residual": Term(-2.89, 0.00, "hidden"),
-        "contradicting part": Term(-5.01, 0.00, "pattern"),
-        "uncertain parts": Term(-1.22, -2.77, "unsure"),
-        "too uncertain parts": Term(-1.81, 0.00, "unsure"),
-        "little red": Term(-0.20, 0.00, "color"),
-        "too red": Term(-2.90, 0.00, "color"),
-        "too much contrast": Term(-0.39, 0.00, "contrast"),
-        "plain code": Term(-1.00, 0.00, "pattern"),
-        "blur": Term(-1.43, -3.50, "blur"),
-        "shadow": Term(-0.95, 0.00, "pattern"),
+        "margin": Term(0.30, 3.32, "code"),
+        "parts residual": Term(-0.85, -0.83, "pattern"),
+        "parts residual, large": Term(-0.21, -0.09, "pattern"),
+        "gap residual": Term(-1.80, 0.00, "hidden"),
+        "contradicting part": Term(-4.53, 0.00, "pattern"),
+        "uncertain parts": Term(-0.96, -2.52, "unsure"),
+        "too uncertain parts": Term(-0.13, 0.00, "unsure"),
+        "little red": Term(-1.12, 0.00, "color"),
+        "too red": Term(-0.34, 0.00, "color"),
+        "too much contrast": Term(-0.12, 0.00, "contrast"),
+        "plain code": Term(-1.31, 0.00, "pattern"),
+        "blur": Term(-0.89, -3.46, "blur"),
+        "shadow": Term(-0.37, 0.00, "pattern"),
     }
 )
 
@@ -64,7 +64,7 @@ class AcceptanceRule:
     least_log_odds: float
 
 
-STRICT, DEFAULT, EAGER = AcceptanceRule(2.0), AcceptanceRule(0.5), AcceptanceRule(-1.0)
+STRICT, DEFAULT, EAGER = AcceptanceRule(2.5), AcceptanceRule(1.5), AcceptanceRule(0.5)
 STRICTNESSES = MappingProxyType({"strict": STRICT, "default": DEFAULT, "eager": EAGER})
 
 

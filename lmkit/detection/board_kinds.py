@@ -17,16 +17,18 @@ _LONGER_SIDE = 1200
 _DICTIONARIES = ("DICT_4X4_1000", "DICT_5X5_1000", "DICT_6X6_1000", "DICT_7X7_1000", "DICT_ARUCO_ORIGINAL")
 
 
-def shown_instead(images: Sequence[ByteArray]) -> tuple[str, str] | None:
+def shown_instead(images: Sequence[ByteArray], expected: str = "") -> tuple[str, str] | None:
     """Kind of board that most of the images show, and what to do; None where it is not known.
 
     Args:
         images: (H,W,3) BGR, 8 bit.
+        expected: dictionary of the board that was given; its markers are of that board, of which too little is seen.
     """
     grays = [_small(image) for image in images]
     if _median(_tags(gray) for gray in grays) >= MIN_MARKERS:
         return "an AprilGrid", "give --board aprilgrid:6x6:24mm:0.3 (tags, side, gap over side)"
-    for name in _DICTIONARIES:
+    cells = expected.rpartition("_")[0]
+    for name in (name for name in _DICTIONARIES if name.rpartition("_")[0] != cells):
         if _median(_markers(gray, name, 1) for gray in grays) >= MIN_MARKERS:
             return (
                 f"ArUco markers ({name})",

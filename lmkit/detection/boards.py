@@ -27,6 +27,7 @@ LEAST_SADDLES = 0.8  # share of a chessboard's corners at which four squares mee
 SADDLE_CONTRAST = 0.3  # of opposite quadrants against neighbors, relative to the contrast of all four
 BETWEEN = 0.12  # a corner's brightness is so far from both its squares', relative to their contrast; a gap's is not
 DRAWN_BLUR_PX, DRAWN_BLUR_SHARE = 1.0, 0.02  # standard deviation, at most so much of a square
+COUNTED = r"DICT_\dX\d_\d+"  # names of dictionaries that say how many markers they have
 MIN_MARKERS = 4  # in every image, for another dictionary to be named
 
 
@@ -124,15 +125,23 @@ def _likelier_charuco(grays: Sequence[ByteArray], board: BoardSpec) -> BoardSpec
     if first and corners_of(other := replace(board, first_code=first)):
         return other
     # Markers of another dictionary: the one of which most are seen; small ones first, they hide in large ones.
-    names = sorted((n for n in dir(cv2.aruco) if re.fullmatch(r"DICT_\dX\d_\d+", n)), key=_dictionary_size)
-    counts = {name: _markers_seen(grays, name) for name in names if name != board.dictionary}
+    names = sorted((n for n in dir(cv2.aruco) if re.fullmatch(COUNTED, n)), key=_dictionary_size)
+    counts = {name: _markers_seen(grays, name) for name in names if not _is_within(name, board.dictionary)}
     name = max(names, key=lambda n: counts.get(n, 0))
-    return replace(board, dictionary=name) if counts[name] >= MIN_MARKERS * len(grays) else None
+    return replace(board, dictionary=name) if counts.get(name, 0) >= MIN_MARKERS * len(grays) else None
 
 
 def _dictionary_size(name: str) -> tuple[str, int]:
     cells, count = name.rsplit("_", 1)
     return cells, int(count)
+
+
+def _is_within(name: str, dictionary: str) -> bool:
+    """Are all markers of one dictionary in another?  OpenCV's smaller ones are the beginnings of larger ones."""
+    if not re.fullmatch(COUNTED, dictionary):
+        return name == dictionary
+    (cells, count), (own_cells, own_count) = _dictionary_size(name), _dictionary_size(dictionary)
+    return cells == own_cells and count <= own_count
 
 
 def _markers_seen(grays: Sequence[ByteArray], name: str) -> int:

@@ -27,7 +27,7 @@ from lmkit.model.landmark import LandmarkFamily
 from lmkit.model.observation import Detection
 
 AnyCandidate = TypeVar("AnyCandidate", bound=Candidate | TagCandidate)
-SURE_LOG_ODDS = 1.5  # what is read less surely may lie in a shadow
+SURE_LOG_ODDS = 2.2  # what is read less surely may lie in a shadow
 
 
 def detect_landmarks(

@@ -25,7 +25,7 @@ from lmkit.model.observation import Detection
 
 SHARP = Steps(rounds=0, most=5, to_px=0.01)  # nothing hides a rasterized page
 FROM_FAR = Steps(rounds=0, most=10, to_px=0.05)
-HOPELESS = 4.0  # log odds under the rule's from which no shadow's edge lifts a reading
+HOPELESS = 2.5  # log odds under the rule's from which no shadow's edge lifts a reading
 SHADOW_ROOM_PX = 8  # around the pixels in use, since the fit still moves
 DISTORTION_SIDE_PX = 40.0  # smaller landmarks do not show the lens's distortion
 # For every quarter turn, the corners in the landmark's own order, and rows and columns of their covariance.

@@ -17,6 +17,14 @@ from lmkit.io.single_cameras import is_single_camera, read_single_camera
 # Keys that only camera_info has, and keys that only files of OpenCV have.
 ROS_KEYS = frozenset({"distortion_model", "camera_model", "rectification_matrix", "projection_matrix"})
 OPENCV_KEYS = frozenset({"M1", "K1", "cameraMatrix1", "cameraMatrixL", "camera_matrix_left", "camera_matrix"})
+# Keys of files that name cameras or are made from them, what such a file is, and what to give instead.
+_NO_RIGS = {
+    "relative_config_imucam": ("settings of OpenVINS", "give its kalibr_imucam_chain.yaml"),
+    "cam0_calib": ("settings of VINS", "give the file that cam0_calib names"),
+    "value0": ("Basalt's calibration, which is not read", "give the camchain YAML of Kalibr"),
+    "BoardSize_Width": ("settings of OpenCV's calibration sample", "give the file that it writes"),
+    "Settings": ("settings of OpenCV's calibration sample", "give the file that it writes"),
+}
 KINDS = ("lmkit", "opencv", "ros", "kalibr")
 
 
@@ -49,6 +57,9 @@ def _read(path: Path) -> AnyRig:
         from lmkit.io.kalibr import read_camchain
 
         return read_camchain(path)
+    for key, (what, instead) in _NO_RIGS.items():
+        if key in head.keys or (text.lstrip().startswith("<") and f"<{key}>" in text):
+            raise InputError("not_a_rig", f"{path}: {what}", instead)
     if is_single_camera(head.keys):
         return read_single_camera(path, text)
     if head.keys & ROS_KEYS and head.keys & {"camera_matrix", "K", "k"}:

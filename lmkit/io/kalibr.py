@@ -40,6 +40,14 @@ class _Camera(BaseModel):
     T_imu_cam: Matrix4 | None = None
     timeshift_cam_imu: float | None = None
 
+    @field_validator("T_cn_cnm1", "T_cam_imu", "T_imu_cam", mode="before")
+    @classmethod
+    def _as_rows(cls, value: Any) -> Any:
+        """Rows of a matrix that is written as 16 numbers (MSCKF-VIO) or as cv2.FileStorage does (VINS)."""
+        value = value.get("data") if isinstance(value, dict) else value
+        is_flat = isinstance(value, list) and len(value) == 16
+        return [value[k : k + 4] for k in range(0, 16, 4)] if is_flat else value
+
     @field_validator("camera_model")
     @classmethod
     def _is_pinhole(cls, name: str) -> str:
@@ -117,8 +125,11 @@ def read_camchain(path: Path) -> AnyRig:
         for k in range(1, len(chain)):
             between = _between(chain[k - 1], chain[k])
             if between is None:
+                is_tagslam = "rig_body" in content[names[k]]
                 raise InputError(
-                    "bad_camchain", f"{path}: {names[k]}.T_cn_cnm1: missing (and no T_cam_imu of both)", hint
+                    "bad_camchain",
+                    f"{path}: {names[k]}.T_cn_cnm1: missing (and no T_cam_imu of both)",
+                    "TagSLAM's camera_poses.yaml is not read: add T_cn_cnm1 or T_cam_imu" if is_tagslam else hint,
                 )
             if np.linalg.det(between[:3, :3]) < LEAST_DETERMINANT:
                 raise ValueError(f"{names[k]}: the rotation to {names[k - 1]} is not a rotation")

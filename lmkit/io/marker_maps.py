@@ -164,7 +164,8 @@ def read_apriltag_ros(path: Path, text: str, defaults: MarkerDefaults) -> list[M
         bundles = data.get("tag_bundles") or []
         if len(bundles) != 1:
             held = f"{len(bundles)} bundles, and not their poses in one frame" if bundles else "no tag with a pose"
-            raise InputError("bad_map", f"{path}: tags.yaml of apriltag_ros holds {held}", "keep one of tag_bundles")
+            hint = "keep one of tag_bundles" if bundles else "find the tags' poses first: lmkit survey"
+            raise InputError("bad_map", f"{path}: tags.yaml of apriltag_ros holds {held}", hint)
         markers = []
         family = defaults.family_of(path, None, APRILTAG)
         for tag in bundles[0]["layout"]:

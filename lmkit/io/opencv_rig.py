@@ -100,7 +100,7 @@ def read_opencv_rig(path: Path) -> AnyRig:
     if text.lstrip().startswith("<"):
         content = _from_xml(path, text)
     else:
-        content = load_document(path, text.removeprefix("%YAML:1.0"), _Loader, finite=False)
+        content = load_document(path, text.removeprefix("%YAML:1.0"), OpenCvLoader, finite=False)
     content = content if isinstance(content, dict) else {}
     if "xi" in content:
         raise InputError("bad_opencv", f"{path}: an omnidirectional camera (xi), which is not supported", _NO_OMNI)
@@ -114,6 +114,9 @@ def read_opencv_rig(path: Path) -> AnyRig:
     content = {key: _as_matrix(value) for key, value in content.items()}
     named = {field: content[name] for field, names in _NAMES.items() for name in names if name in content}
     alone = {field: content[name] for field, names in _MONO_NAMES.items() for name in names if name in content}
+    if not (named.keys() | alone.keys()) - {"model", "image_width", "image_height"}:
+        keys = ", ".join(sorted(map(str, content))[:6]) or "none"
+        raise InputError("not_a_rig", f"{path}: no camera matrix (M1, K, camera_matrix) among its keys: {keys}", hint)
     is_alone = "K" in alone and not named.keys() & {"M1", "M2"}
     missing = [key for key in (_MONO_NAMES if is_alone else _NAMES) if key not in (alone if is_alone else named)]
     missing = [key for key in missing if key != "model"]
@@ -146,7 +149,7 @@ def _as_matrix(value: Any) -> Any:
     return {"rows": len(rows), "cols": len(rows[0]), "data": [number for row in rows for number in row]}
 
 
-class _Loader(PlainLoader):
+class OpenCvLoader(PlainLoader):
     """Plain YAML, and OpenCV's tag for matrices."""
 
 
@@ -154,8 +157,8 @@ def _read_matrix(loader: yaml.SafeLoader, node: yaml.MappingNode) -> dict[Hashab
     return loader.construct_mapping(node, deep=True)
 
 
-_Loader.add_constructor("tag:yaml.org,2002:opencv-matrix", _read_matrix)
-_Loader.add_constructor("tag:yaml.org,2002:opencv-nd-matrix", _read_matrix)
+OpenCvLoader.add_constructor("tag:yaml.org,2002:opencv-matrix", _read_matrix)
+OpenCvLoader.add_constructor("tag:yaml.org,2002:opencv-nd-matrix", _read_matrix)
 
 
 def _from_xml(path: Path, text: str) -> dict[str, Any]:

@@ -1,4 +1,7 @@
-"""One camera as FRC tools and EuRoC write it: PhotonVision, calibdb and WPIcal (JSON), sensor.yaml of EuRoC."""
+"""One camera as FRC tools, EuRoC and VINS write it.
+
+PhotonVision, calibdb and WPIcal (JSON); sensor.yaml of EuRoC; camera files of camodocal, which VINS reads (YAML).
+"""
 
 from __future__ import annotations
 
@@ -13,17 +16,19 @@ from lmkit.errors import InputError
 from lmkit.geometry.camera import CameraModel
 from lmkit.geometry.rig import Rig
 from lmkit.io.documents import load_document
+from lmkit.io.opencv_rig import OpenCvLoader
 
 PHOTONVISION = frozenset({"cameraIntrinsics", "resolution"})
 CALIBDB = frozenset({"camera_matrix", "img_size"})
 EUROC = frozenset({"intrinsics", "resolution", "distortion_model"})
+CAMODOCAL = frozenset({"model_type", "image_width"})
 _EUROC_MODELS = {"radial-tangential": "pinhole", "radtan": "pinhole", "equidistant": "fisheye"}
 _MODEL_OF_COUNT = {0: "pinhole", 4: "pinhole", 5: "pinhole", 8: "rational", 12: "rational", 14: "rational"}
 
 
 def is_single_camera(keys: frozenset[str]) -> bool:
     """Whether a document with these keys is one of them."""
-    return any(kind <= keys for kind in (PHOTONVISION, CALIBDB, EUROC))
+    return any(kind <= keys for kind in (PHOTONVISION, CALIBDB, EUROC, CAMODOCAL))
 
 
 def read_single_camera(path: Path, text: str) -> Rig:
@@ -32,12 +37,14 @@ def read_single_camera(path: Path, text: str) -> Rig:
     Raises:
         InputError: a value is missing or of the wrong kind, or a lens model that is not supported.
     """
-    content = load_document(path, text)
+    content = load_document(path, text.removeprefix("%YAML:1.0"), OpenCvLoader)
     try:
         if content.keys() >= PHOTONVISION:
             camera = _photonvision(content)
         elif content.keys() >= CALIBDB:
             camera = _calibdb(content)
+        elif content.keys() >= CAMODOCAL:
+            camera = _camodocal(content)
         else:
             camera = _euroc(content)
     except (ValueError, KeyError, TypeError, AttributeError, OverflowError) as error:
@@ -71,6 +78,22 @@ def _euroc(content: Mapping[str, Any]) -> CameraModel:
     distortion = content.get("distortion_coefficients", content.get("distortion_coeffs"))
     K = [fx, 0, cx, 0, fy, cy, 0, 0, 1]
     return _camera(content["resolution"], K, distortion, _EUROC_MODELS[content["distortion_model"]])
+
+
+def _camodocal(content: Mapping[str, Any]) -> CameraModel:
+    """PINHOLE has OpenCV's k1 k2 p1 p2; KANNALA_BRANDT calls the coefficients of the fisheye model k2 to k5."""
+    size, model = (content["image_width"], content["image_height"]), content["model_type"]
+    values = content["projection_parameters"] if model in ("PINHOLE", "KANNALA_BRANDT") else {}
+    if model == "PINHOLE":
+        names, lens = ("fx", "fy", "cx", "cy"), "pinhole"
+        distortion = [content["distortion_parameters"][key] for key in ("k1", "k2", "p1", "p2")]
+    elif model == "KANNALA_BRANDT":
+        names, lens = ("mu", "mv", "u0", "v0"), "fisheye"
+        distortion = [values[key] for key in ("k2", "k3", "k4", "k5")]
+    else:
+        raise ValueError(f"model_type {str(model)[:40]!r} is not supported, only PINHOLE and KANNALA_BRANDT")
+    fx, fy, cx, cy = (float(values[key]) for key in names)
+    return _camera(size, [fx, 0, cx, 0, fy, cy, 0, 0, 1], distortion, lens)
 
 
 def _camera(size: Any, K: Any, distortion: Any, model: str | None = None) -> CameraModel:

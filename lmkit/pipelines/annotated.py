@@ -23,9 +23,9 @@ def require_folder_name(folder: Path) -> None:
     """Refuse a folder that is named as a file.
 
     Raises:
-        InputError: it has the suffix of an image or a video.
+        InputError: it has the suffix of an image, or of a video that is not written.
     """
-    if folder.suffix.lower() in SUFFIXES | VIDEO_SUFFIXES and not folder.is_dir():
+    if folder.suffix.lower() in (SUFFIXES | VIDEO_SUFFIXES) - {".mp4"} and not folder.is_dir():
         raise InputError(
             "not_a_folder",
             f"--annotate {folder} must name a folder, not a file",
@@ -39,13 +39,15 @@ class AnnotatedFolder:
     A video is moved into place when it is complete, and removed if an error ends it.
 
     Args:
-        folder: where to write.
+        folder: where to write; a name that ends in .mp4 is that of the file, for one video.
         force: overwrite existing files.
     """
 
     def __init__(self, folder: Path, force: bool) -> None:
         require_folder_name(folder)
-        self._folder, self._force = folder, force
+        is_file = folder.suffix.lower() == ".mp4" and not folder.is_dir()
+        self._file = folder if is_file else None
+        self._folder, self._force = folder.parent if is_file else folder, force
         self._written: list[Path] = []
         self._video: cv2.VideoWriter | None = None
         self._source = ""
@@ -71,6 +73,7 @@ class AnnotatedFolder:
             self._add_frame(source, image)
             return
         self._end_video(complete=True)
+        self._require_room_for(name)
         path = Path(name.replace("#", "-").replace(":", "-"))
         target = self._folder / f"{path.name if mark or not path.suffix else path.stem}.jpg"
         if target in self._written:
@@ -84,6 +87,16 @@ class AnnotatedFolder:
         write_file(target, encode_jpeg(image), self._force)
         self._written.append(target)
 
+    def _require_room_for(self, source: str) -> None:
+        """Refuse images, and more than one video, where the one file of a video is to be written."""
+        if self._file is None or (Path(source).suffix.lower() in VIDEO_SUFFIXES and not self._written):
+            return
+        raise InputError(
+            "not_a_folder",
+            f"--annotate {self._file} is one video, and {source} would be another file",
+            f"give a folder, such as --annotate {self._file.with_suffix('')}",
+        )
+
     def _add_frame(self, source: str, image: ByteArray) -> None:
         if source != self._source:
             self._end_video(complete=True)
@@ -92,9 +105,15 @@ class AnnotatedFolder:
         self._video.write(image)
 
     def _start_video(self, source: str, image: ByteArray) -> None:
-        self._target = self._folder / f"{Path(source).stem}.mp4"
+        self._require_room_for(source)
+        self._target = self._file or self._folder / f"{Path(source).stem}.mp4"
         if self._target in self._written:
             self._target = self._folder / f"{Path(source).name}.mp4"
+        if self._target.exists() and Path(source).exists() and self._target.samefile(source):
+            hint = "give another file or folder"
+            raise InputError(
+                "would_overwrite_source", f"--annotate {self._target} would replace the video itself", hint
+            )
         check_writable(self._target, self._force)
         self._folder.mkdir(parents=True, exist_ok=True)
         handle, partial = tempfile.mkstemp(prefix=".", suffix=".mp4", dir=self._folder)

@@ -103,7 +103,7 @@ def checked_board(images: Sequence[ByteArray], board: BoardSpec) -> BoardSpec:
     """
     other = likelier_board(images, board)
     if other is None:
-        shown = None if board.is_grid else shown_instead(images)
+        shown = None if board.is_grid else shown_instead(images, board.dictionary)
         if shown is not None and not any(detect_board(image, board) for image in images):
             raise InputError("wrong_board", f"the images show {shown[0]}, not {board}", shown[1])
         return board

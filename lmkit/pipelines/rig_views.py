@@ -43,7 +43,8 @@ def calibrate_sources(
         # A frame is named by its first image.
         frame = {files[k].stem: files[0].stem for files in groups}
         believed = set(cameras[-1].used)
-        seen.append({frame[name]: corners for name, corners in found.views if name in believed})
+        # Images without a partner serve their own camera alone.
+        seen.append({frame[name]: c for name, c in found.views if name in believed and name in frame})
     if board.kind == "chessboard":
         seen = _oriented(seen, board)
     return calibrate_rig(_names(sources), cameras, seen, board)

@@ -278,6 +278,20 @@ def test_an_annotated_video_appears_whole_or_not_at_all(tmp_path):
         folder.add("drive.avi#0", frame)
 
 
+def test_one_video_is_annotated_into_the_file_that_is_named(tmp_path):
+    from lmkit.errors import InputError
+    from lmkit.pipelines.annotated import AnnotatedFolder
+
+    frame = np.zeros((48, 64, 3), dtype=np.uint8)
+    with AnnotatedFolder(tmp_path / "found.mp4", False) as drawn:
+        drawn.add("drive.avi#0", frame)
+    assert files(tmp_path) == {"found.mp4"}
+    for more in ("other.avi#0", "a.png"):
+        with pytest.raises(InputError, match="another file"), AnnotatedFolder(tmp_path / "found.mp4", True) as drawn:
+            drawn.add("drive.avi#0", frame)
+            drawn.add(more, frame)
+
+
 def test_locate_needs_a_rig_and_a_map(lmkit):
     assert_refused(lmkit("locate", "a.png", "b.png"), "--rig")
 

@@ -152,3 +152,24 @@ def test_distortion_is_undone(distortion):
     center = np.array([319.5, 239.5])
     flat = undistort_radial(at, distortion, center, 320.0)
     assert np.allclose(distort_radial(flat, distortion, center, 320.0), at, atol=1e-4)
+
+
+def test_repeated_nested_and_overlapped_landmarks_are_each_read_as_what_they_are():
+    """A code twice, one on the ground of another, and one over the corner of another, which is then not read."""
+    image = np.full((300, 420, 3), 110, dtype=np.uint8)
+    for code, side, x, y in ((52, 60, 70, 60), (52, 60, 170, 60), (200, 160, 300, 130), (77, 32, 300, 170)):
+        put_print(image, code, side, x, y)
+    for code, x, y in ((137, 70, 180), (90, 130, 215)):
+        put_print(image, code, 76, x, y)
+    found = detect_landmarks(cv2.GaussianBlur(image, (0, 0), 0.7))
+    at = sorted((d.id.code, *np.round(d.center + 0.5).astype(int).tolist()) for d in found)
+    assert at == [(52, 70, 60), (52, 170, 60), (77, 300, 170), (90, 130, 215), (200, 300, 130)]
+
+
+def put_print(image, code, side_px, x, y):
+    """A bare landmark with white paper around it, its center at (x, y)."""
+    page = bare_landmark_page(LM8, code, 180.0)
+    face = np.asarray(page_to_image(page, side_px / 180 * 25.4))[:, :, ::-1]
+    half, paper = side_px // 2, round(side_px / 12)
+    image[y - half - paper : y + half + paper, x - half - paper : x + half + paper] = 255
+    image[y - half : y + half, x - half : x + half] = face

@@ -50,6 +50,18 @@ def test_the_size_of_another_board_is_named(given):
         checked_board([chessboard(9, 6)], BoardSpec.parse(f"chessboard:{given}:30mm"))
 
 
+def test_a_smaller_dictionary_within_the_given_one_is_not_named():
+    spec = "charuco:4x5:54mm:40mm:DICT_4X4_{}"
+    dictionary = cv2.aruco.getPredefinedDictionary(cv2.aruco.DICT_4X4_50)
+    markers = [np.pad(cv2.aruco.generateImageMarker(dictionary, k, 90), 30, constant_values=255) for k in range(6)]
+    image = photographed(np.vstack([np.hstack(markers[:3]), np.hstack(markers[3:])]))
+    # Markers alone, without a corner of the board.
+    assert checked_board([image], BoardSpec.parse(spec.format(1000))) == BoardSpec.parse(spec.format(1000))
+    assert likelier_board([image], BoardSpec.parse(spec.format(1000))) is None
+    other = likelier_board([image], BoardSpec.parse("charuco:4x5:54mm:40mm:DICT_5X5_100"))
+    assert other is not None and other.dictionary.startswith("DICT_4X4")
+
+
 def test_a_camera_that_is_upside_down_sees_the_same_corners():
     upright, turned = (
         detect_board(image, RIGHT) for image in (chessboard(9, 6), chessboard(9, 6)[::-1, ::-1].copy())

@@ -225,11 +225,18 @@ SIZE = {"image_width": 1280, "image_height": 720}
           "image_Height": 720}, "pinhole"),
         (SIZE | {"camera_matrix": MATRIX, "fisheye_model": 1,
                  "distortion_coefficients": {"rows": 4, "cols": 1, "data": D[:4]}}, "fisheye"),
+        (SIZE | {"model_type": "PINHOLE",
+                 "distortion_parameters": {"k1": D[0], "k2": D[1], "p1": D[2], "p2": D[3]},
+                 "projection_parameters": {"fx": 700.1, "fy": 701.3, "cx": 640.2, "cy": 360.4}}, "pinhole"),
+        (SIZE | {"model_type": "KANNALA_BRANDT", "projection_parameters": {
+            "k2": D[0], "k3": D[1], "k4": D[2], "k5": D[3], "mu": 700.1, "mv": 701.3, "u0": 640.2, "v0": 360.4}},
+         "fisheye"),
     ],
-    ids=["PhotonVision", "PhotonVision 2023", "calibdb", "EuRoC", "EuRoC fisheye", "lists", "OpenCV 2", "fisheye"],
+    ids=["PhotonVision", "PhotonVision 2023", "calibdb", "EuRoC", "EuRoC fisheye", "lists", "OpenCV 2", "fisheye",
+         "camodocal", "camodocal fisheye"],
 )  # fmt: skip
 def test_one_camera_of_other_tools(tmp_path, content, model):
-    head = "%YAML:1.0\n---\n" if "Camera_Matrix" in content else ""
+    head = "%YAML:1.0\n---\n" if content.keys() & {"Camera_Matrix", "model_type"} else ""
     camera = read_any_rig(file(tmp_path, head + yaml.safe_dump(content))).left
     assert (camera.image_size, camera.model) == ((1280, 720), model)
     assert pytest.approx(np.array(ROWS)) == camera.K
@@ -252,6 +259,19 @@ def test_one_camera_of_other_tools(tmp_path, content, model):
         ("# oST version 5.0 parameters\n\n\n[image]\n\nwidth\n640\n", "INI file"),
         ("[LEFT_CAM_HD]\nfx=700\n", "neither YAML, JSON nor XML"),
         ("a: 1\nb: 2\n", "its keys are a, b"),
+        ("%YAML:1.0\na: 1\nb: 2\n", "among its keys: a, b"),
+        ("%YAML:1.0\nimage_width: 640\nimage_height: 480\ncam0_calib: 'a.yaml'\n", "settings of VINS"),
+        ("%YAML:1.0\nrelative_config_imucam: 'a.yaml'\n", "settings of OpenVINS"),
+        ("<?xml version='1.0'?><opencv_storage><Settings><a>1</a></Settings></opencv_storage>", "calibration sample"),
+        ("%YAML:1.0\nmodel_type: MEI\nimage_width: 640\nimage_height: 480\n", "'MEI' is not supported"),
+        ('{"value0": {"T_imu_cam": []}}', "Basalt"),
+        (
+            "cam0: {0}\ncam1: {0}".format(
+                "{camera_model: pinhole, distortion_model: none, intrinsics: [9, 9, 5, 5], "
+                "distortion_coeffs: [], resolution: [10, 10], rig_body: rig}"
+            ),
+            "cam1.T_cn_cnm1: missing",
+        ),
         (
             "M1: {rows: 3, cols: 3, data: []}\nimage_width: 5\n",
             "M2, D1, D2, R, T, image_height: missing; stereo_calib",
@@ -261,6 +281,14 @@ def test_one_camera_of_other_tools(tmp_path, content, model):
 def test_files_that_are_no_rig_are_named(tmp_path, text, match):
     with pytest.raises(InputError, match=match):
         read_any_rig(file(tmp_path, text))
+
+
+@pytest.mark.parametrize("is_matrix", [False, True])
+def test_transforms_of_a_camchain_as_msckf_and_vins_write_them(tmp_path, is_matrix):
+    chain = yaml.safe_load(rig_to_camchain(RIG)[0])
+    numbers = np.ravel(chain["cam1"]["T_cn_cnm1"]).tolist()
+    chain["cam1"]["T_cn_cnm1"] = {"rows": 4, "cols": 4, "data": numbers} if is_matrix else numbers
+    assert_is_the_rig(read_any_rig(file(tmp_path, yaml.safe_dump(chain))))
 
 
 @pytest.mark.parametrize("part", [{"binning_x": 2}, {"roi": {"x_offset": 100, "width": 200, "height": 100}}])
