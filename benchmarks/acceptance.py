@@ -1,6 +1,7 @@
 """Shares of landmarks read and of wrong codes, and the reliability of the confidence, at every strictness.
 
     uv run --extra benchmark python benchmarks/acceptance.py ../shared/data/photos [--images 600] [--plots FOLDER]
+        [--family lm12 --hidden 0.6]
 
 Cameras, seeds and photographs (`acceptance_sets.py`) that served neither the weights nor the limits
 (`train_acceptance.py`); the photographs as they are and enlarged for false positives, and those that scikit-image
@@ -12,7 +13,7 @@ from __future__ import annotations
 import argparse
 from collections.abc import Sequence
 from concurrent.futures import ProcessPoolExecutor
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from itertools import pairwise
 from pathlib import Path
@@ -20,13 +21,15 @@ from pathlib import Path
 import cv2
 import numpy as np
 import skimage
-from acceptance_sets import REPORT, USUAL
+from acceptance_sets import REPORT, USUAL, ImageSet
 from peers import wilson
 from tag_false_positives import SHIPPED, versions
 from train_acceptance import OPTIONS, RIGHT_CORNERS
 
 from lmkit.detection.acceptance import STRICTNESSES
+from lmkit.detection.config import DetectOptions
 from lmkit.detection.detector import best_of_each_place, candidates_of
+from lmkit.model.families import families_named
 
 SIDES_PX = (9, 12, 15, 20, 25, 30, 100)
 CONFIDENCES = (0.0, 0.1, 0.3, 0.5, 0.7, 0.88, 0.95, 0.99, 1.0001)
@@ -45,8 +48,8 @@ class Result:
     landmarks: tuple[tuple[float, float], ...]
 
 
-def result_of(image: np.ndarray, shown: Sequence) -> Result:
-    places = best_of_each_place([c for c in candidates_of(image, OPTIONS) if c.rejected != "cut"])
+def result_of(image: np.ndarray, shown: Sequence, options: DetectOptions) -> Result:
+    places = best_of_each_place([c for c in candidates_of(image, options) if c.rejected != "cut"])
     answers, read = [], {}
     for place in places:
         middle = place.corners.mean(axis=0)
@@ -63,14 +66,16 @@ def result_of(image: np.ndarray, shown: Sequence) -> Result:
     return Result(tuple(answers), tuple(landmarks))
 
 
-def simulated(folder: Path, keep: Path | None, index: int) -> Result:
+def simulated(images: ImageSet, folder: Path, keep: Path | None, index: int) -> Result:
     cv2.setNumThreads(1)
-    return result_of(*REPORT.scene(REPORT.photographs(folder), USUAL, keep, index))
+    options = replace(OPTIONS, families=families_named(images.family))
+    return result_of(*images.scene(images.photographs(folder), USUAL, keep, index), options)
 
 
-def photographed(path: Path) -> list[Result]:
+def photographed(family: str, path: Path) -> list[Result]:
     cv2.setNumThreads(1)
-    return [result_of(seen, ()) for _, _, seen in versions([path])]
+    options = replace(OPTIONS, families=families_named(family))
+    return [result_of(seen, (), options) for _, _, seen in versions([path])]
 
 
 def rate(hits: int, n: int, per: float = 100.0) -> str:
@@ -137,15 +142,18 @@ def main() -> None:
     parser.add_argument("photos", type=Path)
     parser.add_argument("--images", type=int, default=600)
     parser.add_argument("--jobs", type=int, default=1)
-    parser.add_argument("--keep", type=Path, help="folder for the images; those in it are not drawn again")
+    parser.add_argument("--keep", type=Path, help="folder for the images, those of one family and share alone")
+    parser.add_argument("--family", default=REPORT.family)
+    parser.add_argument("--hidden", type=float, default=REPORT.hidden, help="share of the landmarks")
     parser.add_argument("--plots", type=Path)
     options = parser.parse_args()
     shipped = [path for name in SHIPPED if (path := Path(skimage.data_dir) / name).exists()]
     with ProcessPoolExecutor(options.jobs) as pool:
-        work = partial(simulated, options.photos, options.keep)
+        images = replace(REPORT, family=options.family, hidden=options.hidden)
+        work = partial(simulated, images, options.photos, options.keep)
         results = list(pool.map(work, range(options.images), chunksize=4))
         photographs = [*REPORT.photographs(options.photos), *shipped]
-        plain = [one for some in pool.map(photographed, photographs) for one in some]
+        plain = [one for some in pool.map(partial(photographed, options.family), photographs) for one in some]
     print_rates(results, plain)
     rows = print_reliability(results)
     if options.plots:

@@ -34,6 +34,7 @@ class ImageSet:
         kinds: of cameras.
         photos: from and up to which share of the photographs.
         hidden: share of the landmarks before which an obstacle stands.
+        family: of the landmarks.
     """
 
     name: str
@@ -41,6 +42,7 @@ class ImageSet:
     kinds: tuple[CameraKind, ...]
     photos: tuple[float, float]
     hidden: float
+    family: str = "lm8"
 
     def photographs(self, folder: Path) -> list[Path]:
         paths = backgrounds(folder)
@@ -61,6 +63,7 @@ class ImageSet:
                 wall,
                 self.kinds,
                 (least, 60.0),
+                self.family,
                 look_alikes=look_alikes,
                 hidden=self.hidden,
                 obstacle=obstacle,
