@@ -53,7 +53,7 @@ def run(
     if size is not None and manifest is not None:
         raise InputError("size_twice", "--size and --manifest both state the size", "give one of them")
     check_outputs((certificate,), None, force)
-    folder = None if annotate is None else AnnotatedFolder(annotate, force)
+    folder = None if annotate is None else AnnotatedFolder(annotate, force, videos=False)
     stated: tuple[Stated, ...] = ()
     if size is not None:
         stated = (Stated(None, None, parse_length_mm(size, "--size")),)

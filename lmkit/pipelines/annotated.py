@@ -19,13 +19,17 @@ from lmkit.visualization.overlay import encode_jpeg
 FPS = 15.0  # of videos that do not state their rate
 
 
-def require_folder_name(folder: Path) -> None:
+def require_folder_name(folder: Path, videos: bool) -> None:
     """Refuse a folder that is named as a file.
+
+    Args:
+        videos: the name may be that of the one video that is written.
 
     Raises:
         InputError: it has the suffix of an image, or of a video that is not written.
     """
-    if folder.suffix.lower() in (SUFFIXES | VIDEO_SUFFIXES) - {".mp4"} and not folder.is_dir():
+    written = {".mp4"} if videos else set()
+    if folder.suffix.lower() in (SUFFIXES | VIDEO_SUFFIXES) - written and not folder.is_dir():
         raise InputError(
             "not_a_folder",
             f"--annotate {folder} must name a folder, not a file",
@@ -41,10 +45,11 @@ class AnnotatedFolder:
     Args:
         folder: where to write; a name that ends in .mp4 is that of the file, for one video.
         force: overwrite existing files.
+        videos: sources may be videos.
     """
 
-    def __init__(self, folder: Path, force: bool) -> None:
-        require_folder_name(folder)
+    def __init__(self, folder: Path, force: bool, videos: bool = True) -> None:
+        require_folder_name(folder, videos)
         is_file = folder.suffix.lower() == ".mp4" and not folder.is_dir()
         self._file = folder if is_file else None
         self._folder, self._force = folder.parent if is_file else folder, force
