@@ -24,7 +24,7 @@ from lmkit.mapping.several_readings import survey_readings_together
 from lmkit.model.landmark_id import LandmarkId
 from lmkit.model.landmark_map import LandmarkMap, MappedLandmark
 from lmkit.model.observation import RangeBearing
-from lmkit.model.recording import Odometry
+from lmkit.model.recording import Odometry, Recording
 from lmkit.model.tracked_trajectory import TrackedTrajectory
 from lmkit.tracking.batch import track_readings
 from lmkit.tracking.online import track_live
@@ -114,9 +114,11 @@ def surveyed_errors(folder: Path, robot: int) -> tuple[np.ndarray, np.ndarray]:
 def joint_errors(folder: Path) -> tuple[np.ndarray, float]:
     """(L,2) errors (m) of one map from all five recordings, and by how much the true map is larger."""
     loaded = {robot: load(folder, robot) for robot in range(1, 6)}
-    joint = survey_readings_together(
-        {str(k): (frames, wheels, None) for k, (frames, wheels, *_) in loaded.items()}, 0.18
-    )
+    recordings = {
+        str(robot): Recording((), tuple((time_s, tuple(seen)) for time_s, seen in frames), wheels)
+        for robot, (frames, wheels, *_) in loaded.items()
+    }
+    joint = survey_readings_together(recordings, 0.18)
     landmarks = loaded[1][2]
     true = np.array([landmarks.find(m.id).T_map_landmark.t[:2] for m in joint.landmarks])
     own = np.array([m.T_map_landmark.t[:2] for m in joint.landmarks])

@@ -74,7 +74,7 @@ def run(
         return
     from lmkit.api.recordings import motion_of, survey
     from lmkit.cli.parsing import parse_constraints
-    from lmkit.cli.survey_recordings import are_recordings, survey_several
+    from lmkit.cli.survey_recordings import are_recordings, survey_readings, survey_several
     from lmkit.geometry.rig import mounted_cameras
     from lmkit.geometry.rig_plausibility import rig_warnings
     from lmkit.io.any_rig import read_any_rig
@@ -87,7 +87,8 @@ def run(
     from lmkit.units import parse_length_mm, parse_sigma
 
     if rig is None:
-        raise InputError("no_rig", "survey needs a rig", "give --rig rig.yaml")
+        survey_readings(source.images, size, family.split(","), {"map": output, "tum": tum}, force, as_json)
+        return
     source.check()
     check_outputs((output, tum, save_detections, report, rerun), plan, force)
     if known is None and known_sigma is not None:
@@ -117,14 +118,13 @@ def run(
     write_outputs({save_detections: detections_to_csv(recording.frames, names)}, force)
     result = survey(recording, cameras, size=size_m, known=anchors, known_sigma=sigma, constraints=constraints)
     warn_all(result.warnings, rig_warnings(cameras, "the rig"))
-    motion = motion_of(recording)
     write_outputs({output: map_to_yaml(result.landmarks)}, force)
     if tum is not None:
         write_outputs({tum: poses_to_tum(base_poses(result.bundle, cameras))}, force)
     if plan is not None:
         write_outputs({plan: draw_survey(result, image_kind(plan))}, force)
     if report is not None:
-        write_outputs({report: survey_report(result, motion, result.warnings)}, force)
+        write_outputs({report: survey_report(result, motion_of(recording), result.warnings)}, force)
     if rerun is not None:
         write_outputs({rerun: survey_recording(result, cameras, recording.frames)}, force)
     if as_json:

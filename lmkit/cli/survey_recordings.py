@@ -82,6 +82,52 @@ def survey_several(
     print_line(f"{len(result.landmarks)} landmarks from {len(result.names)} of {len(names)} recordings -> {output}")
 
 
+def survey_readings(
+    folders: Sequence[str],
+    size: str,
+    families: Sequence[str],
+    outputs: Mapping[str, Path | None],
+    force: bool,
+    as_json: bool,
+) -> None:
+    """Read folders of readings, survey them together in the plane, write and print.
+
+    Args:
+        outputs: as of :func:`survey_several`.
+
+    Raises:
+        InputError: the sources are no folders of readings; those need a rig.
+    """
+    from lmkit.io.landmark_map import map_to_yaml
+    from lmkit.io.trajectory import poses_to_tum
+    from lmkit.mapping.range_bearing_survey import planar_map_dict, planar_map_lines
+    from lmkit.mapping.several_readings import survey_readings_together
+    from lmkit.pipelines.recording_folder import has_readings, open_recording_folder
+    from lmkit.units import parse_length_mm
+
+    if not folders or not all(has_readings(Path(folder)) for folder in folders):
+        raise InputError("no_rig", "survey needs a rig", "give --rig rig.yaml, or folders that hold readings.csv")
+    names, output, tum = recording_names(folders), outputs["map"], outputs["tum"]
+    tums = {name: None if tum is None else tum.with_stem(f"{tum.stem}-{name.replace('/', '-')}") for name in names}
+    check_outputs((output, *tums.values()), None, force)
+    read = zip(names, folders, strict=True)
+    recordings = {name: open_recording_folder(Path(folder), None, families).read() for name, folder in read}
+    result = survey_readings_together(recordings, parse_length_mm(size, "--size") / 1000)
+    for name in result.left_out:
+        warn(f"{name} is left out: it shares too few landmarks with the other recordings, or they do not agree")
+    written = {output: map_to_yaml(result.landmarks)}
+    for name, drive in result.drives.items():
+        written[tums[name]] = poses_to_tum(zip(drive.times_s.tolist(), drive.poses, strict=True))
+    write_outputs(written, force)
+    count = sum(len(recording.readings) for name, recording in recordings.items() if name in result.drives)
+    assert output is not None
+    if as_json:
+        print_json({**planar_map_dict(result.landmarks, count, output), "left_out": list(result.left_out)})
+        return
+    for line in planar_map_lines(result.landmarks, count, output):
+        print_line(line)
+
+
 def recording_names(folders: Sequence[str]) -> list[str]:
     """Names of recordings: the last part of their paths, or the whole path where two would have the same name."""
     last = [Path(folder).name for folder in folders]

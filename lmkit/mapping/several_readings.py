@@ -12,14 +12,15 @@ from dataclasses import dataclass
 import numpy as np
 
 from lmkit.arrays import FloatArray
+from lmkit.errors import InputError
 from lmkit.geometry.planar import planar_pose
 from lmkit.localization.range_bearing_noise import DRIVE_NOISE
 from lmkit.mapping.joint_adjustment import JointProblem
 from lmkit.mapping.planar_smoother import PlanarProblem
-from lmkit.mapping.range_bearing_survey import ReadingFrames, planar_map, planar_trajectory
+from lmkit.mapping.range_bearing_survey import planar_map, planar_trajectory
 from lmkit.model.landmark_id import LandmarkId
 from lmkit.model.landmark_map import LandmarkMap
-from lmkit.model.recording import Gyro, Odometry
+from lmkit.model.recording import Odometry, Recording
 from lmkit.model.tracked_trajectory import TrackedTrajectory
 from lmkit.odometry.wheel_odometry import MotionModel
 
@@ -43,16 +44,19 @@ class ReadingsSurvey:
     left_out: tuple[str, ...]
 
 
-def survey_readings_together(
-    recordings: Mapping[str, tuple[ReadingFrames, Odometry, Gyro | None]], size_m: float
-) -> ReadingsSurvey:
+def survey_readings_together(recordings: Mapping[str, Recording], size_m: float) -> ReadingsSurvey:
     """Survey landmarks from several recordings of one place.
 
     Args:
-        recordings: readings, wheel odometry and gyro, by name.
+        recordings: by name, with readings and wheel odometry.
         size_m: of the landmarks, meters; ranges do not show it.
+
+    Raises:
+        InputError: no recordings, or one without readings or wheel odometry.
     """
-    problems = {name: _surveyed(*recording) for name, recording in recordings.items()}
+    if not recordings:
+        raise InputError("no_recordings", "no recordings are given", "give at least one, by its name")
+    problems = {name: _surveyed(name, recording) for name, recording in recordings.items()}
     joined = _joined(problems)
     ids = sorted({id_ for name in joined for id_ in problems[name].ids})
     number = {id_: k for k, id_ in enumerate(ids)}
@@ -74,9 +78,12 @@ def survey_readings_together(
     return ReadingsSurvey(planar_map(ids, joint.p[:, :2], blocks, middle, size_m), drives, left_out)
 
 
-def _surveyed(frames: ReadingFrames, odometry: Odometry, gyro: Gyro | None) -> PlanarProblem:
+def _surveyed(name: str, recording: Recording) -> PlanarProblem:
     """One recording, surveyed alone; landmarks never read with both range and bearing are left out."""
-    motion, times = MotionModel(odometry, gyro), np.array([time_s for time_s, _ in frames])
+    frames, odometry = recording.readings, recording.odometry
+    if not frames or not isinstance(odometry, Odometry):
+        raise InputError("no_readings", f"{name}: no readings, or no wheel odometry beside them", "give both")
+    motion, times = MotionModel(odometry, recording.gyro), recording.times_s
     motion.require_overlap(times)
     full = {r.id for _, seen in frames for r in seen if r.range_m is not None and r.bearing_rad is not None}
     problem = PlanarProblem(
