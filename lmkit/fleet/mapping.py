@@ -129,7 +129,7 @@ def _survey_readings(
     for part in parts:
         recording, _ = read_detected(store, part)
         if isinstance(recording.odometry, Odometry):
-            recordings[part.name] = (recording.readings, recording.odometry, recording.gyro)
+            recordings[part.name] = recording
         else:
             left_out[part.name] = "ranges and bearings need wheel odometry: odometry.csv"
     if not recordings:
