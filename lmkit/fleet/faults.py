@@ -181,7 +181,7 @@ def _of_tracks(tracked: Rows, when: When, explained: set[str]) -> list[Fault]:
     """Recordings that are poorly located, and what tracking remarks, where no other fault explains it."""
     faults = []
     for recording, _, outcome in tracked:
-        if not outcome.ok or recording.name in explained:
+        if not outcome.ok or recording.name in explained or recording.source not in when:
             continue
         facts = outcome.facts
         place = recording.site, recording.robot, when[recording.source][1], "", (recording.name,)

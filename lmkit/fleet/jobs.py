@@ -88,10 +88,12 @@ def write_outcome(job: StageJob, outcome: Outcome) -> None:
 
 def read_outcome(store: Store, stage: str, key: str) -> Outcome | None:
     """Outcome of a job; None: it was not run."""
-    if not store.exists(_row(stage, key)):
-        return None
+    return _read_row(store, stage, key) if store.exists(_row(stage, key)) else None
+
+
+def _read_row(store: Store, stage: str, key: str) -> Outcome:
     columns, about = store.read_table(_row(stage, key))
-    return Outcome(columns["recording"][0], columns["failure"][0], columns["seconds"][0], about["facts"])
+    return Outcome(columns["recording"][0], columns["failure"][0], float(columns["seconds"][0]), about["facts"])
 
 
 def read_outcomes(store: Store, stage: str, keys: Sequence[str]) -> dict[str, Outcome]:
@@ -102,8 +104,7 @@ def read_outcomes(store: Store, stage: str, keys: Sequence[str]) -> dict[str, Ou
     stored = set(store.names(stage))
     run = [key for key in keys if _row(stage, key).removeprefix(f"{stage}/") in stored]
     with ThreadPoolExecutor(READERS) as pool:
-        read = pool.map(partial(read_outcome, store, stage), run)
-        return {key: outcome for key, outcome in zip(run, read, strict=True) if outcome is not None}
+        return dict(zip(run, pool.map(partial(_read_row, store, stage), run), strict=True))
 
 
 def _row(stage: str, key: str) -> str:

@@ -70,13 +70,14 @@ def fleet_report(store: Store, state: FleetState) -> str:
             "good" if not faults else "fair",
             f"{len(faults)} thing{'s' * (len(faults) > 1)} to do" if faults else "Nothing to do",
             f"{state.recordings} recordings, {sum(o.ok for _, _, o in detected)} detected, "
-            f"{sum(o.ok for _, _, o in tracked)} tracked, {len(sites)} sites with a map.",
+            f"{sum(o.ok for _, _, o in tracked)} tracked, {len(sites)} site{'s' * (len(sites) != 1)} with a map.",
         ),
         html.listed("To do", [str(fault) for fault in faults]),
     ]
     figures = [_map_figure(store, site, facts) for site, facts in sites.items()]
     parts += ["<h2>Maps</h2>", html.grid(figures, "two")] if figures else []
-    parts += ["<h2>Robots</h2>", _robots(state), "<h2>Recordings</h2>", _recordings(detected, tracked)]
+    parts += ["<h2>Robots</h2>", _robots(state), "<h2>Days</h2>", _days(state)]
+    parts += ["<h2>Recordings</h2>", _recordings(detected, tracked)]
     return html.page("lmkit fleet", parts)
 
 
@@ -103,11 +104,25 @@ def _robots(state: FleetState) -> str:
         judged = [f for f in looked if any(c["state"] != UNKNOWN for c in f["cameras"])]
         true = f"{sum(not moved_cameras(f) for f in judged)} of {len(judged)}" if judged else "-"
         delays = [f["parameters"][DELAY] for f in ran if DELAY in f["parameters"]]
-        delay = f"{float(np.median(delays)):.2f}" if delays else "-"
+        delay = f"{float(np.median(delays)):z.2f}" if delays else "-"
         failed = sum(not o.ok for _, o in mine)
         rows.append((name or "-", str(len(mine)), str(failed), str(frames), share, true, delay))
     head = ("robot", "recordings", "failed", "frames tracked", "located", "rig true", "odometry delay s")
     return html.table(head, rows)
+
+
+def _days(state: FleetState) -> str:
+    """How much of each day's driving was located: landmarks that fade or are covered show here."""
+    tracks = {r.source: o.facts for r, _, o in state.tracked if o.ok}
+    days: dict[str, list[str]] = {}
+    for recording, _, outcome in state.detected:
+        days.setdefault(day_of(start_of(recording, outcome)), []).append(recording.source)
+    rows = []
+    for day, sources in sorted(days.items()):
+        ran = [tracks[source] for source in sources if source in tracks]
+        frames, ok = sum(f["frames"] for f in ran), sum(f["ok"] for f in ran)
+        rows.append((day, str(len(sources)), str(frames), f"{100 * ok / frames:.1f} %" if frames else "-"))
+    return html.table(("day", "recordings", "frames tracked", "located"), rows)
 
 
 def _recordings(detected: Rows, tracked: Rows) -> str:
