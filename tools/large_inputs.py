@@ -28,6 +28,10 @@ def rows(head: str, row: Callable[[int], str]) -> str:
 
 
 LANDMARK = "- {{code: {}, family: aruco_original, size_m: 0.1, position: [0, 0, 0], quaternion: [0, 0, 0, 1]}}"
+WPILIB = (
+    '{{"ID": {}, "pose": {{"translation": {{"x": 1, "y": 2, "z": 1}}, '
+    '"rotation": {{"quaternion": {{"W": 1, "X": 0, "Y": 0, "Z": 0}}}}}}}}'
+)
 CASES: dict[str, tuple[str, str, Callable[[], str]]] = {
     "trajectory": (
         "big.tum",
@@ -95,6 +99,25 @@ CASES: dict[str, tuple[str, str, Callable[[], str]]] = {
         "map map.yaml --floor floor.dxf --plan out.png",
         lambda: "0\nSECTION\n" * (BYTES // 10),
     ),
+    "DXF binary": (
+        "floor.dxf",
+        "map map.yaml --floor floor.dxf --scale 0.01 --plan out.png",
+        lambda: "AutoCAD Binary DXF\r\n\x1a\0" + "\0\0SECTION\0" * (BYTES // 10),
+    ),
+    "DXF in bounds": (
+        "floor.dxf",
+        "map map.yaml --floor floor.dxf --scale 0.01 --plan out.png",
+        lambda: (
+            "0\nSECTION\n2\nENTITIES\n"
+            + "".join(
+                f"0\nLINE\n8\n{'WALL' * 12}\n10\n{k % 999}\n20\n{k % 777}\n11\n{k % 555}\n21\n9\n"
+                for k in range(100_000)
+            )
+            + "0\nENDSEC\n0\nEOF\n"
+        ),
+    ),
+    "bag": ("big.bag", "unbag big.bag -o out", lambda: "#ROSBAG V2.0\n" + "x" * BYTES),
+    "MCAP": ("big.mcap", "unbag big.mcap -o out", lambda: "\x89MCAP0\r\n" + "x" * BYTES),
     "KITTI": (
         "big.txt",
         "evaluate big.txt big.txt",
@@ -106,6 +129,16 @@ CASES: dict[str, tuple[str, str, Callable[[], str]]] = {
         lambda: rows(
             "#timestamp [ns],x,y,z,q_w,q_x,q_y,q_z", lambda k: f"{1520530308 * 10**9 + k * 10**7},{k},0,0,1,0,0,0"
         ),
+    ),
+    "evo": (
+        "big.tum",
+        "evaluate big.tum truth.tum --align rigid --json",
+        lambda: rows("# timestamp tx ty tz qx qy qz qw", lambda k: f"{k / 10:.4f},{k % 99},0,0,0,0,0,2"),
+    ),
+    "WPILib": (
+        "big.json",
+        "map big.json",
+        lambda: '{"tags": [' + ",".join(map(WPILIB.format, range(BYTES // len(WPILIB)))) + '], "field": {}}',
     ),
     "map.txt": (
         "map.txt",
@@ -136,6 +169,11 @@ CASES: dict[str, tuple[str, str, Callable[[], str]]] = {
         "map map.yaml --floor ros.yaml --plan out.png",
         lambda: "image: floor.png\nresolution: 0.1\nnote: " + "x" * BYTES,
     ),
+    "ROS image": (
+        "floor.pgm",
+        "map map.yaml --floor floor_pgm.yaml --plan out.png",
+        lambda: "P5\n3000 3333\n255\n" + "\xfe\0" * (BYTES // 2),
+    ),
     "OpenCV XML": (
         "rig.yaml",
         "convert rig.yaml --to ros -o out",
@@ -161,6 +199,7 @@ def main() -> int:
     with tempfile.TemporaryDirectory() as root:
         folder = Path(root)
         write_inputs(folder, images=False)
+        (folder / "floor_pgm.yaml").write_text("image: floor.pgm\nresolution: 0.05\norigin: [0, 0, 0]\nnegate: 0\n")
         for title, (name, words, make) in CASES.items():
             if sys.argv[1:] and title not in sys.argv[1:]:
                 continue

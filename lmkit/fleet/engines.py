@@ -10,7 +10,7 @@ from contextlib import contextmanager
 from typing import Any, TypeVar
 
 from lmkit.errors import EXTRA, InputError
-from lmkit.parallel import job_limit
+from lmkit.parallel import end_with_parent, job_limit
 
 Job = TypeVar("Job")
 Answer = TypeVar("Answer")
@@ -95,7 +95,8 @@ def executor_for(engine: str, jobs: int) -> Iterator[Executor]:
     """
     if engine == "local":
         context = multiprocessing.get_context("spawn")
-        with ProcessPoolExecutor(max(1, min(job_limit(), jobs)), mp_context=context) as pool:
+        processes = max(1, min(job_limit(), jobs))
+        with ProcessPoolExecutor(processes, mp_context=context, initializer=end_with_parent) as pool:
             yield pool
         return
     if not engine.startswith(DASK):

@@ -31,6 +31,7 @@ from lmkit.model.landmark_map import MappedLandmark
 R_OURS_FIELD = np.array([[0.0, 1.0, 0.0], [0.0, 0.0, 1.0], [1.0, 0.0, 0.0]])
 APRILTAG = "tag36h11"
 FOREIGN_ARUCO = "aruco"  # of an unknown dictionary
+MOST_MARKERS = 20_000  # of a map.txt; no family has as many
 NOT_A_ROTATION = 0.02
 _FIDUCIALS = re.compile(r"^\s*\d+(?:\s+[-+]?[\d.]+(?:[eE][-+]?\d+)?){7}(?:\s+\d+)+\s*$")
 _LIMELIGHT = re.compile(r"(?:apriltag\d?_)?(\d+h\d+)(?:_classic)?$")
@@ -135,6 +136,8 @@ def read_fiducial_slam(path: Path, text: str, defaults: MarkerDefaults) -> list[
         InputError: a line is no marker, or family and size were not given.
     """
     family, size_m = defaults.require(path, "a map of fiducial_slam")
+    if text.count("\n") > MOST_MARKERS:
+        raise InputError("too_large", f"{path}: more than {MOST_MARKERS} markers", "give one map")
     markers = []
     for number, line in enumerate(text.splitlines(), start=1):
         words = line.split()
@@ -147,8 +150,7 @@ def read_fiducial_slam(path: Path, text: str, defaults: MarkerDefaults) -> list[
                 "bad_map", f"{path}: line {number} is not a marker", "give map.txt of fiducial_slam"
             ) from None
         roll, pitch, yaw = (math.radians(angle) for angle in angles)
-        R = _about(2, yaw) @ _about(1, pitch) @ _about(0, roll)
-        T = Pose("map", "landmark", R, np.array([x, y, z]))
+        T = Pose("map", "landmark", _from_roll_pitch_yaw(roll, pitch, yaw), np.array([x, y, z]))
         markers.append(MappedLandmark(LandmarkId(family, int(words[0])), size_m, T))
     return markers
 
@@ -236,8 +238,16 @@ class _named:  # noqa: N801  (used as a function)
             raise InputError(code, f"{path}: not {what} ({error})", hint) from None
 
 
-def _about(axis: int, angle: float) -> FloatArray:
-    return Pose.from_rvec("map", "map", angle * np.eye(3)[axis], np.zeros(3)).R
+def _from_roll_pitch_yaw(roll: float, pitch: float, yaw: float) -> FloatArray:
+    """(3,3) rotation about x, then y, then z of the fixed axes; radians."""
+    (cr, sr), (cp, sp), (cy, sy) = ((math.cos(angle), math.sin(angle)) for angle in (roll, pitch, yaw))
+    return np.array(
+        [
+            [cy * cp, cy * sp * sr - sy * cr, cy * sp * cr + sy * sr],
+            [sy * cp, sy * sp * sr + cy * cr, sy * sp * cr - cy * sr],
+            [-sp, cp * sr, cp * cr],
+        ]
+    )
 
 
 def _rotation(R: FloatArray) -> FloatArray:

@@ -80,6 +80,9 @@ def _start() -> None:
     """Quiet and single threaded, as the command line."""
     import signal
 
+    from lmkit.parallel import end_with_parent
+
+    end_with_parent()
     # The terminal's interrupt is for the server, which ends its processes.
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     for variable in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"):

@@ -4,7 +4,11 @@ from __future__ import annotations
 
 import multiprocessing
 import os
+import signal
+import subprocess
+import sys
 import time
+from pathlib import Path
 
 import pytest
 
@@ -75,3 +79,49 @@ def test_a_worker_that_ends_abruptly_is_named(monkeypatch):
     parallel.set_jobs(2)
     with pytest.raises(InputError, match="memory ran out"):
         list(parallel.map_in_processes(end_abruptly, range(6)))
+
+
+STARTER = """
+from lmkit import parallel
+from test_parallel import say_and_sleep
+if __name__ == "__main__":
+    parallel.WORTH_WORKERS_S = 0.0
+    parallel.set_jobs(2)
+    list(parallel.map_in_processes(say_and_sleep, range(6)))
+"""
+
+
+def say_and_sleep(job):
+    if multiprocessing.parent_process() is not None:
+        os.write(1, f"{os.getpid()}\n".encode())
+        time.sleep(60)
+
+
+@pytest.mark.slow
+def test_workers_end_when_their_parent_is_killed(tmp_path):
+    (tmp_path / "starter.py").write_text(STARTER)
+    here = str(Path(__file__).parent)
+    process = subprocess.Popen(
+        [sys.executable, tmp_path / "starter.py"], stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True,
+        env=os.environ | {"PYTHONPATH": here}, start_new_session=True,
+    )  # fmt: skip
+    assert process.stdout is not None
+    worker = int(process.stdout.readline())
+    process.kill()
+    process.wait()
+    for _ in range(200):
+        if not is_alive(worker):
+            break
+        time.sleep(0.05)
+    else:
+        os.killpg(process.pid, signal.SIGKILL)
+        pytest.fail("a worker lives on")
+
+
+def is_alive(pid: int) -> bool:
+    try:
+        os.kill(pid, 0)
+    except ProcessLookupError:
+        return False
+    status = Path(f"/proc/{pid}/status")
+    return "State:\tZ" not in status.read_text() if status.exists() else True

@@ -136,3 +136,9 @@ def test_a_map_of_marker_mapper_by_opencvs_own_writer(tmp_path):
     storage.release()
     found = read_any_map(tmp_path / "map.yml")
     assert [m.T_map_landmark.t.tolist() for m in found] == [pytest.approx([1 / 3, k, 1.5]) for k in range(2)]
+
+
+def test_a_fiducial_map_of_more_markers_than_a_family_has_is_refused_at_once(tmp_path):
+    (tmp_path / "map.txt").write_text("1 0 0 0 0 0 0 0.1 1\n" * 20_002)
+    with pytest.raises(InputError, match="more than 20000 markers"):
+        read_any_map(tmp_path / "map.txt", MarkerDefaults("aruco5x5_1000", 0.1))
