@@ -102,6 +102,7 @@ def survey_readings(
     from lmkit.io.trajectory import poses_to_tum
     from lmkit.mapping.range_bearing_survey import planar_map_dict, planar_map_lines
     from lmkit.mapping.several_readings import survey_readings_together
+    from lmkit.pipelines.recording_checks import require_plausible_recording
     from lmkit.pipelines.recording_folder import has_readings, open_recording_folder
     from lmkit.units import parse_length_mm
 
@@ -112,6 +113,8 @@ def survey_readings(
     check_outputs((output, *tums.values()), None, force)
     read = zip(names, folders, strict=True)
     recordings = {name: open_recording_folder(Path(folder), None, families).read() for name, folder in read}
+    for recording in recordings.values():
+        require_plausible_recording(recording)
     result = survey_readings_together(recordings, parse_length_mm(size, "--size") / 1000)
     for name in result.left_out:
         warn(f"{name} is left out: it shares too few landmarks with the other recordings, or they do not agree")

@@ -243,6 +243,19 @@ def test_tables_in_other_units_and_clocks_are_refused_by_track(folder, name, col
             motion_rows(folder / "odometry.csv", folder / "gyro.csv")
 
 
+def test_a_survey_of_several_recordings_of_readings_refuses_a_gyro_in_degrees(folder):
+    head, *rows = (folder / "gyro.csv").read_text().splitlines()
+    cells = [row.split(",") for row in rows]
+    in_degrees = "\n".join([head, *(f"{time},{57.2957795 * float(rate)!r}" for time, rate in cells)]) + "\n"
+    for day in ("one", "two"):
+        (folder / day).mkdir()
+        for name in ("readings.csv", "odometry.csv"):
+            (folder / day / name).write_text((folder / name).read_text())
+        (folder / day / "gyro.csv").write_text(in_degrees)
+    assert "degrees per second" in run("survey one two --family lm8 -o joint.yaml", 2).err
+    assert not (folder / "joint.yaml").exists()
+
+
 def lm8_map(folder: Path) -> str:
     """A map for the readings, whose codes count from 0."""
     from lmkit.io.landmark_map import read_map
