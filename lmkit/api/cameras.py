@@ -106,11 +106,13 @@ def calibrate_base(
     """
     from lmkit.mapping.base_mounting import find_base_mounting
     from lmkit.odometry.wheel_odometry import MotionModel
+    from lmkit.pipelines.recording_checks import require_plausible_recording
 
     if not recording.frames:
         raise InputError("no_frames", "the recording has no frames", "give images or detections")
     if not isinstance(recording.odometry, Odometry):
         raise InputError("no_odometry", "places on the robot need wheel odometry", "read the recording with odometry")
+    require_plausible_recording(recording)
     height_m = None if height is None else as_meters(height, "height")
     motion = MotionModel(recording.odometry, recording.gyro)
     return find_base_mounting(recording.frames, as_rig(rig), as_map(landmarks), motion, height_m)
@@ -139,12 +141,14 @@ def calibrate_clocks(recording: Recording, rig: AnyRig | PathLike, landmarks: La
     """
     from lmkit.api.recordings import motion_of
     from lmkit.mapping.clock_offsets import find_clock_offsets
+    from lmkit.pipelines.recording_checks import require_plausible_recording
 
     motion = motion_of(recording)
     if not recording.frames:
         raise InputError("no_frames", "the recording has no frames", "give images or detections")
     if motion is None:
         raise InputError("no_odometry", "clock offsets need odometry", "read the recording with odometry")
+    require_plausible_recording(recording)
     return find_clock_offsets(recording.frames, as_rig(rig), as_map(landmarks), motion)
 
 

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from command_line import run_command
 
+import lmkit
 from lmkit.errors import InputError
 from lmkit.geometry.pose import Pose
 from lmkit.geometry.rig import AnyRig, MountedCamera, Rig, mounted_cameras
@@ -18,7 +19,7 @@ from lmkit.io.landmark_map import map_to_yaml
 from lmkit.io.recording_tables import detections_to_csv
 from lmkit.io.rig import read_rig, rig_to_yaml
 from lmkit.mapping.base_mounting import BaseMounting, find_base_mounting
-from lmkit.model.recording import Odometry
+from lmkit.model.recording import Gyro, Odometry, Recording
 from lmkit.odometry.wheel_odometry import MotionModel
 from lmkit.simulation.recording import T_BASE_LEFT, Drive, WheelErrors, make_drive
 from lmkit.simulation.scene import make_rig
@@ -94,6 +95,15 @@ def test_a_robot_that_stands_still_is_refused() -> None:
     with pytest.raises(InputError) as error:
         find_base_mounting(made.frames, made.rig, made.landmarks, MotionModel(still))
     assert error.value.code == "stands_still"
+
+
+@pytest.mark.parametrize("calibrate", [lmkit.calibrate_base, lmkit.calibrate_clocks])
+def test_a_gyro_in_degrees_is_named(calibrate) -> None:
+    made = drive(2, looking_around(2, 2), seconds=10)
+    gyro = Gyro(made.gyro.times_s, np.rad2deg(made.gyro.rate_radps))
+    recording = Recording(made.frames, (), made.odometry, gyro)
+    with pytest.raises(InputError, match="degrees per second"):
+        calibrate(recording, made.rig, made.landmarks)
 
 
 def test_the_command_writes_a_rig_with_every_place(tmp_path: Path) -> None:
