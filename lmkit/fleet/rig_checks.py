@@ -23,9 +23,10 @@ STAGE = "check"
 OPTIONS = f"{STAGE}/options.json"
 VIEWS = 24  # of landmarks that two cameras see at once; the check takes time with their number
 BUMPED_SIGMA = 5.0  # of a turn or shift of a camera that has moved
-MOTIONS = (  # of a camera: words for the axes, key in `check_dict`, unit, digits
-    (("pitched", "yawed", "rolled"), "turn", "deg", 2),
-    (("shifted along x", "shifted along y", "shifted along z"), "shift", "mm", 1),
+# Of a camera: words for the axes, key in `check_dict`, unit, digits, and the largest error of a rig file.
+MOTIONS = (
+    (("pitched", "yawed", "rolled"), "turn", "deg", 2, 0.15),
+    (("shifted along x", "shifted along y", "shifted along z"), "shift", "mm", 1, 3.0),
 )
 UNKNOWN = "unknown"  # state where too few landmarks are seen by two cameras
 
@@ -112,11 +113,11 @@ def _pair(first: MountedCamera, other: MountedCamera) -> StereoRig:
 def moved_cameras(facts: Mapping[str, Any]) -> list[dict[str, Any]]:
     """Cameras of a checked recording that stand otherwise to the first one than the rig file says.
 
-    A fit that is better, but hardly differs from the rig file, is no camera that was bumped: rig files are not
-    perfect, and a recording is not left out of the map for that.
+    A fit that is better, but hardly differs from the rig file, is no camera that was bumped: rig files err, surveys
+    estimate by how much (`mapping/camera_relations.py`), and a recording is not left out of the map for that.
     """
     judged = [camera for camera in facts.get("cameras", ()) if camera["state"] not in ("true", UNKNOWN)]
-    return [camera for camera in judged if _surest_motion(camera)[0] > BUMPED_SIGMA]
+    return [camera for camera in judged if _surest_motion(camera)[0] > 1.0]
 
 
 def bumped_sentence(cameras: list[dict[str, Any]]) -> str:
@@ -125,10 +126,10 @@ def bumped_sentence(cameras: list[dict[str, Any]]) -> str:
 
 
 def _surest_motion(camera: dict[str, Any]) -> tuple[float, str]:
-    """The motion about or along one axis that stands out most: in standard deviations, and in words."""
+    """The motion about or along one axis that stands out most: by how much it is over the limits, and in words."""
     found = [
-        (abs(value) / sigma, f"{word} by {value:+.{digits}f} ± {sigma:.{digits}f} {unit}")
-        for words, name, unit, digits in MOTIONS
+        (abs(value) / max(BUMPED_SIGMA * sigma, least), f"{word} by {value:+.{digits}f} ± {sigma:.{digits}f} {unit}")
+        for words, name, unit, digits, least in MOTIONS
         for word, value, sigma in zip(words, camera[f"{name}_{unit}"], camera[f"{name}_sigma_{unit}"], strict=True)
     ]
     return max(found)
