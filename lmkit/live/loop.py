@@ -13,6 +13,7 @@ from lmkit.detection.windows import is_colorless
 from lmkit.geometry.pose import Pose
 from lmkit.geometry.rig import AnyRig, mounted_cameras
 from lmkit.geometry.rotations import quaternion_to_matrix
+from lmkit.live.blind_cameras import BlindCameras
 from lmkit.live.budget import LatencyBudget
 from lmkit.live.estimators import Estimate, make_estimator
 from lmkit.live.frame_group import FrameGroup
@@ -79,6 +80,7 @@ class LiveLoop:
         self._publication = Publication(replace(rule, confirm=min(rule.confirm, max(len(landmarks), 1))))
         self._budget = LatencyBudget(self.settings.budget_s or 1e9, self.settings.profile)
         self._names = [camera.name for camera in mounted_cameras(rig)]
+        self._blind = BlindCameras(self._names)
         self._needs_color = any(isinstance(family_named(n), LandmarkFamily) for n in landmarks.families)
         self._gray: set[int] = set()
         self._rate, self._number, self._groups = Rate(), 0, 0
@@ -118,6 +120,7 @@ class LiveLoop:
         if estimate.restarted:
             self._stale.start()
         views, missing = self._with_expected(views, estimate, stale)
+        events += self._blind.add(group.time_s, views, self._plainly_in_view(views, estimate))
         decision = self._publication.decide(group.time_s, estimate, missing, self._stale.doubt(group.time_s))
         events += self._mirror.add(group.time_s, seen, decision.status)
         if self._mirror.sentence:
@@ -192,9 +195,7 @@ class LiveLoop:
         """
         if estimate.T_map_base is None or (estimate.inliers and all(view.expected for view in views)):
             return views, ()
-        T_base_left = self.rig.T_base_left
-        T = estimate.T_map_base if T_base_left is None else estimate.T_map_base @ T_base_left
-        T_map_left = Pose("map", "left", T.R, T.t)
+        T_map_left = self._left_camera(estimate.T_map_base)
         drawn, missing = [], []
         for k, view in enumerate(views):
             expected, plain = self._expected.in_camera(k, T_map_left)
@@ -203,6 +204,18 @@ class LiveLoop:
                 read = {d.id for d in view.detections}
                 missing += [id_ for id_ in plain if id_ not in read]
         return tuple(drawn), tuple(dict.fromkeys(missing))
+
+    def _left_camera(self, T_map_base: Pose) -> Pose:
+        T_base_left = self.rig.T_base_left
+        T = T_map_base if T_base_left is None else T_map_base @ T_base_left
+        return Pose("map", "left", T.R, T.t)
+
+    def _plainly_in_view(self, views: tuple[CameraView, ...], estimate: Estimate) -> list[tuple[LandmarkId, ...]]:
+        """Landmarks plainly in view of each camera that reads nothing, while others confirm the pose."""
+        if estimate.T_map_base is None or len(estimate.inliers) <= len(estimate.outliers):
+            return [()] * len(views)
+        T_map_left = self._left_camera(estimate.T_map_base)
+        return [() if view.detections else self._expected.in_camera(k, T_map_left)[1] for k, view in enumerate(views)]
 
     def _color_events(self, group: FrameGroup, views: tuple[CameraView, ...]) -> list[Event]:
         """Names gray cameras, once, where landmarks are recognized by their color."""
