@@ -128,7 +128,7 @@ def older_view(simulated: SimulatedRun, group: FrameGroup) -> FrameGroup:
 FAULTS = {
     frozen_view: "camera_stale",
     older_view: "camera_stale",
-    blind_left: "camera_blind",
+    blind_left: "",  # too short to be named: test_blind_cameras
     dark: "status_lost",
     no_odometry: "odometry_lost",
     no_gyro: "gyro_lost",
