@@ -14,13 +14,14 @@ from pathlib import Path
 from typing import Any, BinaryIO
 
 from lmkit.errors import NegativeAnswer
+from lmkit.live.annotated_image import annotated_jpeg
 from lmkit.live.open_run import open_run
 from lmkit.live.outputs.base import OutputRunner
 from lmkit.live.run_settings import RunSettings, read_run_file, settings_of
 from lmkit.live.service import run_until_stopped
 from lmkit.live.state import LiveState
 from lmkit.web.floors import walls_beside
-from lmkit.web.live import image_of, pack_line, shown_state
+from lmkit.web.live import pack_line, shown_state
 from lmkit.web.maps import describe_landmarks
 from lmkit.web.tasks import run_task
 
@@ -43,7 +44,7 @@ class PageOutput:
         """See `lmkit.live.outputs.base.Output`."""
         jpeg, now = b"", time.monotonic()
         if self.watched and now - self._sent_s >= LEAST_APART_S:
-            jpeg, self._sent_s = image_of(state), now
+            jpeg, self._sent_s = annotated_jpeg(state), now
         self._stream.write(pack_line(shown_state(state), jpeg))
         self._stream.flush()
         return True

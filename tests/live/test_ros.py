@@ -6,7 +6,7 @@ import json
 import threading
 import time
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import cv2
 import numpy as np
@@ -19,7 +19,7 @@ from lmkit.geometry.pose import Pose
 from lmkit.live.outputs.base import OutputLost
 from lmkit.live.outputs.ros import RosOutput
 from lmkit.live.ros.address import parse_ros
-from lmkit.live.ros.messages import POSE, StepMessages
+from lmkit.live.ros.messages import IMAGE, POSE, StepMessages
 from lmkit.live.ros.transport import choose
 from lmkit.live.state import CameraView, Health, LiveState
 from lmkit.model.landmark_id import LandmarkId
@@ -72,6 +72,28 @@ def test_a_frame_has_one_parent_and_poses_go_out_only_when_sure():
         "/diagnostics",
     }
     assert {s["level"] for s in messages("", a_step(PoseStatus.LOST))["/diagnostics"]["status"]} == {0, 1}
+
+
+def test_images_go_out_as_often_as_asked_for_with_what_was_read_outlined():
+    pytest.importorskip("rosbags")
+    from lmkit.live.ros.cdr import Cdr
+
+    address = parse_ros("?images=5")
+    sender = StepMessages(address, LANDMARKS)
+    assert ("/lmkit/image/compressed", IMAGE) in sender.topics(["left"])
+    view = replace(a_step().views[0], image=np.full((480, 640, 3), 128, np.uint8))
+    sent = []
+    for k in range(30):
+        step = replace(a_step(), time_s=1700000000.0 + k / 30, views=(view,))
+        sent += [m for m in sender.of_step(step) if m.topic == "/lmkit/image/compressed"]
+    assert len(sent) == 5
+    cdr = Cdr()
+    back = cdr.decode(IMAGE, cdr.encode(IMAGE, sent[0].values))
+    image = cv2.imdecode(np.asarray(back["data"]), cv2.IMREAD_COLOR).astype(int)
+    assert back["format"] == "jpeg" and image.shape == (360, 480, 3)
+    green = image[..., 1] - image[..., [0, 2]].max(axis=2)
+    assert green[:40, :40].max() > 50 and green[100:].max() < 20
+    assert all(m.topic != "/lmkit/image/compressed" for m in StepMessages(parse_ros(""), LANDMARKS).of_step(step))
 
 
 def test_detections_are_as_apriltag_counts_corners():

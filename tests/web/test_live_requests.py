@@ -14,9 +14,10 @@ from PIL import Image
 from starlette.testclient import TestClient
 
 from lmkit.errors import NegativeAnswer
+from lmkit.live.annotated_image import annotated_jpeg
 from lmkit.model.landmark_id import LandmarkId
 from lmkit.web.app import build_app, state_of_app
-from lmkit.web.live import IMAGE, LiveHub, image_of, innovation_band
+from lmkit.web.live import IMAGE, LiveHub, innovation_band
 from lmkit.web.project import open_project
 from lmkit.web.workers import Workers
 
@@ -47,7 +48,7 @@ def test_a_step_of_the_live_loop_is_published_with_its_images():
     image = np.full((120, 160, 3), 90, np.uint8)
     views = (CameraView("left", image, 0.0), CameraView("right", image, 0.0), CameraView("rear", None, 0.0))
     step = LiveState(4, 1.5, PoseStatus.OK, None, None, views)
-    jpeg = image_of(step)
+    jpeg = annotated_jpeg(step)
     assert Image.open(io.BytesIO(jpeg)).size == (960, 360)
     hub = LiveHub()
     hub(step)
@@ -107,7 +108,7 @@ def test_contradicting_landmarks_are_red_and_expected_ones_magenta():
     black = np.zeros((480, 960, 3), np.uint8)
     view = CameraView("left", black, 0.0, read, {good: box, unread: box + np.array([0, 150])})
     state = LiveState(0, 0.0, PoseStatus.OK, None, None, (view,), ids=(good,), outliers=(bad,))
-    drawn = np.asarray(Image.open(io.BytesIO(image_of(state))))
+    drawn = np.asarray(Image.open(io.BytesIO(annotated_jpeg(state))))
     green, red, magenta = drawn[75, 50], drawn[75, 250], drawn[200, 50]
     assert green[1] > 150 > green[0] and red[0] > 150 > red[1] and magenta[0] > 150 > magenta[1] and magenta[2] > 120
 

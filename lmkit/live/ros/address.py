@@ -13,6 +13,7 @@ TRANSPORTS = ("auto", "rclpy", "dds", "zenoh", "rosbridge")
 TF = ("auto", "base", "no")
 ZENOH_ROUTER = "tcp/localhost:7447"
 ROSBRIDGE = "ws://localhost:9090"
+_RATE = re.compile(r"\d{1,3}(\.\d+)?")
 _NAME = re.compile(r"/?[A-Za-z_][\w/]*")
 
 
@@ -30,6 +31,7 @@ class RosAddress:
         tf: ``auto``: map->odom where odometry has poses; ``base``: map->base; ``no``.
         odometry: the pose goes out as nav_msgs/Odometry as well.
         dock: landmark of a dock.
+        images_hz: images with what was read in them, at most so many a second; 0: none.
         hashes: type hashes in Zenoh's keys (ROS 2 before Iron has none).
     """
 
@@ -45,6 +47,7 @@ class RosAddress:
     odometry: bool = False
     dock: LandmarkId | None = None
     hashes: bool = True
+    images_hz: float = 0.0
 
 
 def parse_ros(text: str) -> RosAddress:
@@ -69,12 +72,13 @@ def parse_ros(text: str) -> RosAddress:
         take(name, default)
         for name, default in (("namespace", "lmkit"), ("map", "map"), ("odom", "odom"), ("base", "base_link"))
     ]
-    url = take("url", "")
+    url, images = take("url", ""), take("images", "0")
     wrong = (
         transport not in TRANSPORTS
         or tf not in TF
         or not (domain.isdecimal() and int(domain) <= 232)
         or not {odometry, hashes} <= {"yes", "no"}
+        or not _RATE.fullmatch(images)
         or any(not _NAME.fullmatch(name) for name in names)
     )
     if given or wrong:
@@ -82,10 +86,10 @@ def parse_ros(text: str) -> RosAddress:
             "bad_ros",
             f"ros2{text}: unknown option or value",
             f"transport={'|'.join(TRANSPORTS)}, domain, url, namespace, map, odom, base, tf={'|'.join(TF)}, "
-            "odometry=yes, dock, hashes=no",
+            "odometry=yes, dock, images=5 (a second), hashes=no",
         )
     return RosAddress(
         "/" + topic.strip("/") if topic else "", transport, int(domain), url, names[0].strip("/"),
         names[1], names[2], names[3], tf, odometry == "yes", LandmarkId.parse(dock) if dock else None,
-        hashes == "yes",
+        hashes == "yes", float(images),
     )  # fmt: skip

@@ -12,6 +12,7 @@ import numpy as np
 from lmkit.arrays import FloatArray
 from lmkit.geometry.homography import homography_from_points
 from lmkit.geometry.pose import Pose
+from lmkit.live.annotated_image import annotated_jpeg
 from lmkit.live.ros.address import RosAddress
 from lmkit.live.state import CameraView, Health, LiveState
 from lmkit.model.landmark_map import LandmarkMap
@@ -38,6 +39,7 @@ DEFINITIONS = {
 APRILTAG_ORDER = [3, 2, 1, 0]
 APRILTAG_CORNERS = np.array([[-1.0, 1.0], [1.0, 1.0], [1.0, -1.0], [-1.0, -1.0]])
 DIAGNOSTICS_S = 1.0
+EARLY = 0.1  # share of the time between images by which one may come early: cameras' stamps are not even
 LEVELS = {True: 0, False: 1}  # OK, WARN
 UNKNOWN_VARIANCE = 1e9
 
@@ -65,7 +67,7 @@ class StepMessages:
     def __init__(self, address: RosAddress, landmarks: LandmarkMap) -> None:
         self._address = address
         self._dock_pose = next((m.T_map_landmark for m in landmarks if m.id == address.dock), None)
-        self._diagnosed_at = -math.inf
+        self._diagnosed_at = self._shown_at = -math.inf
 
     def topics(self, cameras: Sequence[str]) -> list[tuple[str, str]]:
         """Name and type of every topic that is published."""
@@ -74,6 +76,7 @@ class StepMessages:
         names += [(f"{prefix}/{camera}/detections", DETECTIONS) for camera in cameras]
         names += [("/tf", TRANSFORMS)] if a.tf != "no" else []
         names += [(f"{prefix}/odometry", ODOMETRY)] if a.odometry else []
+        names += [(f"{prefix}/image/compressed", IMAGE)] if a.images_hz else []
         return names + ([("/detected_dock_pose", DOCK)] if a.dock is not None else [])
 
     def of_step(self, state: LiveState) -> Iterator[RosMessage]:
@@ -92,9 +95,25 @@ class StepMessages:
                 yield RosMessage(f"{prefix}/odometry", ODOMETRY, values)
             yield from self._transform(state, state.T_map_base)
             yield from self._dock(state, state.T_map_base)
+        yield from self._image(state)
         if state.time_s - self._diagnosed_at >= DIAGNOSTICS_S or state.time_s < self._diagnosed_at:
             self._diagnosed_at = state.time_s
             yield RosMessage("/diagnostics", DIAGNOSTICS, diagnostics_values(state))
+
+    def _image(self, state: LiveState) -> Iterator[RosMessage]:
+        """All cameras side by side, with what was read outlined; drawn only as often as asked for."""
+        hz = self._address.images_hz
+        if not hz or 0 <= state.time_s - self._shown_at < (1 - EARLY) / hz:
+            return
+        jpeg = annotated_jpeg(state)
+        if jpeg:
+            self._shown_at = state.time_s
+            values = {
+                "header": header(state.time_s, ""),
+                "format": "jpeg",
+                "data": np.frombuffer(jpeg, dtype=np.uint8),
+            }
+            yield RosMessage(f"/{self._address.namespace}/image/compressed", IMAGE, values)
 
     def _transform(self, state: LiveState, T_map_base: Pose) -> Iterator[RosMessage]:
         """One transform: a frame has one parent only."""

@@ -3,8 +3,11 @@
 from __future__ import annotations
 
 import threading
+from array import array
 from importlib import import_module
 from typing import Any
+
+import numpy as np
 
 from lmkit.live.ros.address import RosAddress
 from lmkit.live.ros.messages import Values
@@ -65,7 +68,9 @@ class RclpyTransport:
 
 
 def as_bytes(values: Any) -> Any:
-    """The values with a diagnostic's level as bytes, which is what rclpy has for ``byte``."""
+    """The values as rclpy has them: a diagnostic's level as bytes, images as arrays of the standard library."""
+    if isinstance(values, np.ndarray):
+        return array("B", values.tobytes())
     if isinstance(values, dict):
         return {k: bytes([v]) if k == "level" else as_bytes(v) for k, v in values.items()}
     return [as_bytes(v) for v in values] if isinstance(values, list) else values

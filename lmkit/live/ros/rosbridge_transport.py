@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+import base64
 import json
 import threading
 from contextlib import ExitStack
 from typing import Any
+
+import numpy as np
 
 from lmkit.live.ros.address import ROSBRIDGE, RosAddress
 from lmkit.live.ros.messages import Values
@@ -54,7 +57,7 @@ class RosbridgeTransport:
 
     def publish(self, topic: str, type_name: str, values: Values) -> None:
         """See `Transport`."""
-        self._send(op="publish", topic=topic, msg=values)
+        self._send(op="publish", topic=topic, msg=_plain(values))
 
     def subscribe(self, topic: str, type_name: str, heard: Heard) -> None:
         """See `Transport`."""
@@ -69,3 +72,11 @@ class RosbridgeTransport:
     def close(self) -> None:
         """See `Transport`."""
         self._stack.close()
+
+
+def _plain(values: Values) -> Values:
+    """Bytes as rosbridge has them: in base64."""
+    return {
+        name: base64.b64encode(value.tobytes()).decode() if isinstance(value, np.ndarray) else value
+        for name, value in values.items()
+    }
