@@ -175,15 +175,17 @@ def write_map(landmarks: LandmarkMap, path: PathLike, *, overwrite: bool = False
         overwrite: replace an existing file.
 
     Raises:
-        InputError: the file exists, or cannot be written.
+        InputError: the file exists, or cannot be written; a family or code does not exist; a pose is in another frame
+            than ``map``.
 
     Examples:
         >>> import lmkit
         >>> lmkit.write_map(lmkit.read_map("map.yaml"), "copy_of_map.yaml")
     """
     from lmkit.io.files import write_file
-    from lmkit.io.landmark_map import map_to_yaml
+    from lmkit.io.landmark_map import map_to_yaml, require_readable
 
+    require_readable(landmarks)
     write_file(as_path(path), map_to_yaml(landmarks), overwrite)
 
 

@@ -132,7 +132,7 @@ def check_calibration(
     if together_px > LOOSE_RATIO * alone_px:
         message = (
             f"both cameras together fit {together_px / alone_px:.1f} times worse than each alone: the rig gives way, "
-            "the cameras are not quite synchronous, or the board moved in one camera"
+            "or the cameras do not expose together while the board moves (hold it still, or trigger them)"
         )
         warnings.append(CalibrationWarning("loose", message))
     warnings += check_known(rig, declared)

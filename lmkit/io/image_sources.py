@@ -147,11 +147,10 @@ def video_frames(source: str) -> Iterator[Frame]:
     finally:
         video.release()
     if count == 0:
-        yield Frame(
-            source,
-            None,
-            InputError("bad_video", f"{source}: no frame can be read", "give MP4, AVI, MOV, MKV, WebM or camera:0"),
-        )
+        hint = "give MP4, AVI, MOV, MKV or WebM"
+        if source.startswith(CAMERA):
+            hint = "check the number and the cable, and close other programs that use the camera"
+        yield Frame(source, None, InputError("bad_video", f"{source}: no frame can be read", hint))
 
 
 def camera_number(source: str) -> int:

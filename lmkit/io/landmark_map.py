@@ -50,13 +50,7 @@ def read_map(path: Path) -> LandmarkMap:
     landmarks = []
     for index, item in enumerate(data.landmarks):
         where = f"{path}: landmarks[{index}]"
-        family = None if item.family in (FOREIGN_FAMILY, POLE) else family_named(item.family)
-        if family is not None and item.code >= family.code_count:
-            raise InputError(
-                "code_range",
-                f"{where}.code: {item.code} is outside 0 to {family.code_count - 1}",
-                f"write a code of family {family.name}",
-            )
+        _require_code(item.family, item.code, f"{where}.code")
         quaternion = UPRIGHT if item.quaternion is None and item.family == POLE else item.quaternion
         if quaternion is None:
             raise InputError("missing_key", f"{where}.quaternion: missing", "write a unit quaternion x y z w")
@@ -81,6 +75,33 @@ def read_map(path: Path) -> LandmarkMap:
         return LandmarkMap(landmarks)
     except InputError as error:
         raise InputError(error.code, f"{path}: {error.message}", error.hint) from None
+
+
+def _require_code(family_name: str, code: int, where: str) -> None:
+    if family_name in (FOREIGN_FAMILY, POLE):
+        return
+    family = family_named(family_name)
+    if not 0 <= code < family.code_count:
+        raise InputError(
+            "code_range",
+            f"{where}: {code} is outside 0 to {family.code_count - 1}",
+            f"write a code of family {family.name}",
+        )
+
+
+def require_readable(landmarks: LandmarkMap) -> None:
+    """Refuse a map whose file would not be read, or would be read as another map.
+
+    Raises:
+        InputError: a family or code does not exist, or a pose is in another frame than ``map``.
+    """
+    for landmark in (*landmarks, *landmarks.past):
+        _require_code(landmark.family, landmark.code, f"code of {landmark.id}")
+        frame = landmark.T_map_landmark.to_frame
+        if frame != "map":
+            raise InputError(
+                "wrong_frame", f"{landmark.id}: its pose is in frame {frame!r}", "give its pose in 'map'"
+            )
 
 
 def map_to_yaml(landmarks: LandmarkMap) -> str:

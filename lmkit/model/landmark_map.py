@@ -15,6 +15,7 @@ from lmkit.geometry.pose import Pose
 from lmkit.model.landmark import square_corners
 from lmkit.model.landmark_id import LandmarkId
 
+LARGEST_M = 100.0  # of a side, as in map files
 NAMED = 4  # landmarks in an error message
 CALENDAR_S = 1e8  # clocks beyond count from 1970, clocks below from when they were started
 
@@ -36,6 +37,10 @@ class MappedLandmark:
         name: of the place it marks, for `lmkit plan route`.
         valid_from_s, valid_to_s: when it was first seen there after it was moved, and last seen there before, seconds
             of the recordings' clock; None: as far as anyone knows, always and still.
+
+    Raises:
+        TypeError: `id` is no LandmarkId, `T_map_landmark` no Pose, or `size_m` no number.
+        ValueError: `size_m` is not between 0 and 100.
     """
 
     id: LandmarkId
@@ -45,6 +50,17 @@ class MappedLandmark:
     name: str | None = None
     valid_from_s: float | None = None
     valid_to_s: float | None = None
+
+    def __post_init__(self) -> None:
+        if not isinstance(self.id, LandmarkId):
+            raise TypeError(f"id must be a LandmarkId, such as LandmarkId('lm8', 137), not {self.id!r}")
+        if not isinstance(self.T_map_landmark, Pose):
+            kind = type(self.T_map_landmark).__name__
+            raise TypeError(f"T_map_landmark of {self.id} must be a Pose, not {kind}; see Pose.from_matrix")
+        if not isinstance(self.size_m, (int, float, np.number)):
+            raise TypeError(f"size_m of {self.id} must be a number in meters, such as 0.18, not {self.size_m!r}")
+        if not 0 < self.size_m <= LARGEST_M:
+            raise ValueError(f"size_m of {self.id} is {self.size_m:g}; give meters, such as 0.18 for 180 mm")
 
     @property
     def code(self) -> int:

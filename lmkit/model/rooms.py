@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import cv2
 import numpy as np
@@ -63,25 +63,34 @@ def split_rooms(floor: FloorPlan) -> tuple[list[Room], IntArray]:
     """Rooms, and for each cell the number of its room, 0 where it is not free.
 
     Openings up to 1.4 m wide separate rooms; what is narrower than that all along, such as a corridor, is a room of
-    its own.
+    its own.  Furniture and text divide nothing.
     """
     cell = floor.cell_m
-    core = floor.clearance_m > HALF_DOOR_M
+    walled = _without_furniture(floor)
+    core = walled.clearance_m > HALF_DOOR_M
     cores, count = label(core)
     parts: IntArray = np.zeros(core.shape, dtype=np.int64)
     if count:
         # Each core reaches as far as the clearance that made it; openings between two are shared.
         far, (rows, columns) = distance_transform_edt(~core, return_indices=True)
-        wide = floor.free & (far * cell <= HALF_DOOR_M + 1.5 * cell)
+        wide = walled.free & (far * cell <= HALF_DOOR_M + 1.5 * cell)
         parts[wide] = cores[rows[wide], columns[wide]]
-    narrow, narrow_count = label(floor.free & (parts == 0))
+    narrow, narrow_count = label(walled.free & (parts == 0))
     areas = np.bincount(narrow.ravel(), minlength=narrow_count + 1) * cell**2
     for k in range(1, narrow_count + 1):
         if areas[k] >= LEAST_ROOM_M2 or not parts.any():
             count += 1
             parts[narrow == k] = count
-    parts = _grown(floor.free, parts)
+    parts = np.where(floor.free, _grown(walled.free, parts), 0)
     return _numbered(floor, parts)
+
+
+def _without_furniture(floor: FloorPlan) -> FloorPlan:
+    """The floor with its small islands, which block the robot, as free cells."""
+    if floor.island_cells is None:
+        return floor
+    small = [island.number for island in floor.islands if island.use == "obstacle"]
+    return replace(floor, free=floor.free | np.isin(floor.island_cells, small))
 
 
 def _grown(free: BoolArray, parts: IntArray) -> IntArray:

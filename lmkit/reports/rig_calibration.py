@@ -61,7 +61,8 @@ def rig_calibration_summary(result: RigCalibration) -> tuple[str, str, str]:
     if apart > 2.0:
         reason = (
             f"{size}, but {names[joint]} fits {apart:.1f} times worse beside the others than alone: did a camera "
-            "move between the images, or do images of one name not belong together?"
+            "move between the images, or were images of one name taken at different times? Hold the board still for "
+            "every image, or trigger the cameras."
         )
         return "poor", "The cameras do not agree.", reason
     if errors[worst] > FAIR_PX:

@@ -9,12 +9,15 @@ from hypothesis import given
 from hypothesis import strategies as st
 from ids import lm8
 
+import lmkit
 from lmkit.errors import InputError
 from lmkit.geometry.camera import CameraModel
 from lmkit.geometry.homography import homography_from_points, transform_points
+from lmkit.geometry.pose import Pose
 from lmkit.model.board import BoardSpec
 from lmkit.model.codewords import code_to_gaps, format_codes, gaps_to_code, parse_codes
 from lmkit.model.landmark import LM8
+from lmkit.model.landmark_id import LandmarkId
 from lmkit.model.landmark_map import LandmarkMap, MappedLandmark, wall_pose
 
 
@@ -118,3 +121,28 @@ def test_a_homography_takes_its_points_where_they_belong(seed):
     source = LM8.corners_mm
     target = source * 0.3 + rng.uniform(-12, 12, (4, 2)) + 200
     assert np.allclose(transform_points(homography_from_points(source, target), source), target, atol=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("size_m", "pose", "words"),
+    [
+        (180, wall_pose([1, 2, 3], 0.0), "0.18 for 180 mm"),
+        ("180mm", wall_pose([1, 2, 3], 0.0), "meters"),
+        (0.18, np.eye(4), "Pose.from_matrix"),
+    ],
+)
+def test_a_mapped_landmark_says_what_its_arguments_must_be(size_m, pose, words):
+    with pytest.raises((TypeError, ValueError), match=words):
+        MappedLandmark(lm8(1), size_m, pose)
+
+
+@pytest.mark.parametrize(
+    ("family", "code", "frame", "words"),
+    [("lm8", 999, "map", "0 to 255"), ("lm99", 1, "map", "lm99"), ("lm8", 1, "foo", "'foo'")],
+)
+def test_a_map_that_no_one_could_read_is_not_written(family, code, frame, words, tmp_path):
+    pose = Pose.identity(frame, "landmark")
+    landmarks = LandmarkMap([MappedLandmark(LandmarkId(family, code), 0.18, pose)])
+    with pytest.raises(InputError, match=words):
+        lmkit.write_map(landmarks, tmp_path / "map.yaml")
+    assert not list(tmp_path.iterdir())

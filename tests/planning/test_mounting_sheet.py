@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+import cv2
 import numpy as np
 import pypdfium2
 import pytest
@@ -67,6 +68,19 @@ def test_doors_separate_rooms_and_wide_passages_do_not(floor):
     assert ((numbers > 0) == floor.free).all()
     at = {name: int(numbers[floor.cells(np.array(p))]) for name, p in {"a": (1, 1), "b": (9, 1), "c": (5, 6)}.items()}
     assert at == {"a": 2, "b": 2, "c": 1}
+
+
+def test_furniture_divides_no_room(tmp_path):
+    """A table leaves passages of 1 m on both sides of it, as doors do."""
+    plan = np.full((600, 1000), 255, np.uint8)
+    cv2.rectangle(plan, (50, 100), (950, 500), 0, 10)
+    cv2.rectangle(plan, (450, 210), (570, 390), 0, 4)
+    cv2.imwrite(str(tmp_path / "flat.png"), plan)
+    floor = read_floor(tmp_path / "flat.png", 0.01)
+    assert [island.use for island in floor.islands] == ["obstacle"]
+    rooms, numbers = split_rooms(floor)
+    assert len(rooms) == 1
+    assert ((numbers > 0) == floor.free).all()
 
 
 def test_a_corridor_is_a_room():

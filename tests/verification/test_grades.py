@@ -21,6 +21,7 @@ from lmkit.io.template import load_template
 from lmkit.model.landmark import FAMILIES, LM8
 from lmkit.reports.certificate import certificate
 from lmkit.verification.prints import PrintedLandmark, Stated, grade_sheet
+from lmkit.verification.sheet_edges import is_sheet
 
 DPI = 100.0
 MM = DPI / 25.4
@@ -311,6 +312,19 @@ def test_a_sheet_on_a_cluttered_table_gives_the_scale(shrink):
     found = graded(table, scanned=False)
     assert found.scale_from == "a4"
     assert found.side_mm == pytest.approx((180 * shrink, 180 * shrink), rel=0.004)
+
+
+@pytest.mark.parametrize(("left_mm", "is_edge"), [(0.0, True), (6.6, False), (8.0, False)])
+def test_a_ruler_is_not_the_edge_of_the_sheet(left_mm, is_edge):
+    """Beside the ruler, whose line is 7.2 mm from the left edge and 180 of 297 mm long."""
+    table = np.full((round(320 * MM), round(230 * MM)), 0.2, np.float32)
+    page = sheet(CODE)[:, :, 1]
+    top, left = round(10 * MM), round(10 * MM)
+    table[top : top + page.shape[0], left : left + page.shape[1]] = page
+    to_px = np.array([[MM, 0, left + 109.9 * MM], [0, -MM, top + 105.9 * MM], [0, 0, 1]])
+    corners_mm = np.array([[left_mm, 0.0], [210.0, 0.0], [210.0, 297.0], [left_mm, 297.0]])
+    quad = np.array([left, top]) - 0.5 + corners_mm * MM
+    assert is_sheet(table, to_px, 90.0, quad) is is_edge
 
 
 def test_a_print_of_no_stated_size_is_no_a():
