@@ -34,6 +34,9 @@ def run(
         typer.Option("--floor", help="Floor plan with named walls (lmkit-floor/1), or DXF, PNG, PGM, SVG."),
     ] = None,
     scale: options.Scale = None,
+    islands: options.Islands = "obstacles",
+    thin_lines: options.ThinLines = None,
+    curves: options.Curves = True,
     layers: options.Layers = "",
     size: Annotated[
         str | None,
@@ -70,7 +73,7 @@ def run(
         print_line(f"wrote {source}")
         return
     check_outputs([output], plan, force)
-    ground = read_room(room, floor, scale, layers)
+    ground = read_room(room, floor, scale, islands, thin_lines, curves, layers)
     landmarks = _read(source, ground, size, family, sigma)
     for text in check_map(landmarks, ground):
         warn(text)

@@ -59,7 +59,15 @@ def read_ground(
     return floor
 
 
-def read_room(room: str | None, floor: Path | None, scale: float | None, layers: str = "") -> FloorPlan | None:
+def read_room(
+    room: str | None,
+    floor: Path | None,
+    scale: float | None,
+    islands: str = "",
+    thin_lines: str | None = None,
+    curves: bool = True,
+    layers: str = "",
+) -> FloorPlan | None:
     """Read the floor of --room or --floor; None without either.
 
     Raises:
@@ -73,4 +81,4 @@ def read_room(room: str | None, floor: Path | None, scale: float | None, layers:
     if room is not None:
         width_mm, depth_mm = parse_size_mm(room, "--room")
         return rectangular_room(width_mm / 1000, depth_mm / 1000)
-    return None if floor is None else read_ground(floor, scale, layers=layers)
+    return None if floor is None else read_ground(floor, scale, islands, thin_lines, curves, layers)

@@ -25,6 +25,9 @@ def run(
         ),
     ] = None,
     scale: options.Scale = None,
+    islands: options.Islands = "obstacles",
+    thin_lines: options.ThinLines = None,
+    curves: options.Curves = True,
     layers: options.Layers = "",
     room: Annotated[
         str | None, typer.Option("--room", help="Rectangular room, such as 6.00x4.00m, instead of a floor plan.")
@@ -43,6 +46,7 @@ def run(
     if output.suffix.lower() != ".pdf":
         raise InputError("bad_output", f"{output} is not a PDF file", "name it with .pdf")
     check_outputs([output], None, force)
-    landmarks, ground = read_map_file(landmark_map, marker_family, marker_size), read_room(room, floor, scale, layers)
+    landmarks = read_map_file(landmark_map, marker_family, marker_size)
+    ground = read_room(room, floor, scale, islands, thin_lines, curves, layers)
     write_outputs({output: mounting_sheets(landmarks, ground, landmark_map.name, paper)}, force)
     print_line(f"wrote {output}")

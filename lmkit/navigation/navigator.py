@@ -186,7 +186,7 @@ class _Navigator:
                     "lost", f"known to {100 * self.sigma_m():.0f} cm only, and looking around does not help"
                 )
             if outcome == "unsure":
-                return self.stop("unsure", f"at the goal, but known to {100 * SURE * self.sigma_m():.0f} cm only")
+                return self.stop("unsure", f"near the goal, but {self.doubts()}")
         return self.stop("late", f"not there after {MOST_SECONDS:.0f} s")
 
     def plan(self) -> Route:
@@ -281,6 +281,16 @@ class _Navigator:
             SURE * self.sigma_m() < 0.6 * self.tolerance.place_m
             and SURE_1D * self.sigma_rad() < 0.6 * self.tolerance.heading_rad
         )
+
+    def doubts(self) -> str:
+        """Where it may be beside the goal, and what is demanded, in words."""
+        off_m = float(np.hypot(self.goal.x_m - self.state[0], self.goal.y_m - self.state[1])) + SURE * self.sigma_m()
+        place = f"perhaps {100 * off_m:.1f} cm off ({100 * self.tolerance.place_m:g} cm allowed)"
+        if self.goal.heading_rad is None:
+            return place
+        turn = abs(wrap_heading(self.goal.heading_rad - self.state[2])) + SURE_1D * self.sigma_rad()
+        allowed = np.rad2deg(self.tolerance.heading_rad)
+        return f"{place} and {np.rad2deg(turn):.1f} deg turned ({allowed:.2g} deg allowed)"
 
     def look_around(self, wanted_m: float = 0.15 * UNSURE_M) -> bool:
         """Turn on the spot until the place is known that well; False where a full turn does not help at all."""

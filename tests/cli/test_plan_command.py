@@ -5,11 +5,14 @@ from __future__ import annotations
 import json
 
 import pytest
+import typer
 from floors import RIG, mounted_every, two_rooms
 
+from lmkit.cli.app import build_app
 from lmkit.io.landmark_map import map_to_yaml, read_map
 from lmkit.io.rig import rig_to_yaml
 
+DRAWING = {"scale", "islands", "thin_lines", "curves", "layers"}
 EASY = ("--in-view", "1", "--headings", "20", "--share", "70")
 
 
@@ -19,6 +22,15 @@ def files(tmp_path):
     (tmp_path / "rig.yaml").write_text(rig_to_yaml(RIG))
     (tmp_path / "map.yaml").write_text(map_to_yaml(mounted_every(floor, 1.0)))
     return ("--floor", "floor.yaml", "--rig", "rig.yaml")
+
+
+@pytest.mark.parametrize("names", ["plan place", "plan coverage", "plan route", "plan sheet", "map"])
+def test_every_command_reads_a_drawing_by_the_same_options(names):
+    """A warning of one of them advises options that all of them have to take."""
+    command = typer.main.get_command(build_app())
+    for name in names.split():
+        command = command.commands[name]
+    assert {option.name for option in command.params} >= DRAWING
 
 
 @pytest.mark.slow

@@ -50,6 +50,19 @@ def off(robot):
     return np.hypot(robot.state[0] - GOAL.x_m, robot.state[1] - GOAL.y_m), abs(np.arctan2(np.sin(turn), np.cos(turn)))
 
 
+def test_at_the_goal_with_a_loose_heading_it_says_so(world, monkeypatch):
+    """The place is known to millimeters, the heading not to what is demanded of it."""
+    monkeypatch.setattr("lmkit.navigation.navigator.MOST_GOES", 1)
+    floor, landmarks, coverage = world
+    start = np.array([GOAL.x_m, GOAL.y_m, 0.0])
+    robot = SimulatedRobot(floor, landmarks, RIG, start, RADIUS_M, WHEELS, 3)
+    site = Site(floor, landmarks, RIG, RADIUS_M, Demand(), coverage, corner_floor_px=0.0)
+    journey = drive_to(robot, site, GOAL, Tolerance(0.05, np.deg2rad(0.001)))
+    assert journey.status == "unsure"
+    assert "(5 cm allowed)" in journey.why
+    assert "deg turned (0.001 deg allowed)" in journey.why
+
+
 @pytest.mark.slow
 def test_it_arrives_and_knows_where_it_is(world):
     inside = []
