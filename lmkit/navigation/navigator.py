@@ -283,7 +283,7 @@ class _Navigator:
         )
 
     def doubts(self) -> str:
-        """Where it may be beside the goal, and what is demanded, in words."""
+        """Distance and turn from the goal that are possible (95 %), and those allowed, in words."""
         off_m = float(np.hypot(self.goal.x_m - self.state[0], self.goal.y_m - self.state[1])) + SURE * self.sigma_m()
         place = f"perhaps {100 * off_m:.1f} cm off ({100 * self.tolerance.place_m:g} cm allowed)"
         if self.goal.heading_rad is None:
