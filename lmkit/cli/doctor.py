@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import platform
+import re
+import sys
 from dataclasses import dataclass
 from typing import Annotated
 
@@ -39,6 +41,9 @@ def _cameras() -> None:
         raise NegativeAnswer("no_cameras", "no camera gives images", "plug one in, and close other programs")
 
 
+DISTRIBUTION = "lmkit-landmarks"
+
+
 OPENCV_OURS = "opencv-contrib-python-headless"
 
 
@@ -60,7 +65,7 @@ class Finding:
 def check_installation() -> list[Finding]:
     """All checks, none of which changes anything."""
     findings = [Finding(True, f"Python {platform.python_version()} on {platform.system()} {platform.machine()}")]
-    findings += [_opencv(), *(_package(name) for name in NEEDED), _templates(), _kernels()]
+    findings += [_opencv(), *(_package(name) for name in NEEDED), _templates(), _kernels(), _extras()]
     return findings
 
 
@@ -99,6 +104,32 @@ def _templates() -> Finding:
 
     names = sorted(path.stem for path in templates_folder().glob("*.toml"))
     return Finding(bool(names), f"templates: {', '.join(names) or 'none'}", "install lmkit again")
+
+
+def _extras() -> Finding:
+    from lmkit.errors import EXTRA
+
+    there = {
+        extra: all(_version(name) is not None for name in names) for extra, names in _packages_of_extras().items()
+    }
+    have = ", ".join(extra for extra, complete in there.items() if complete) or "none"
+    lack = ", ".join(extra for extra, complete in there.items() if not complete)
+    # Extras are for single commands: without them the installation is sound.
+    return Finding(True, f"extras: {have}" + (f"; not installed: {lack} ({EXTRA.format('NAME')})" if lack else ""))
+
+
+def _packages_of_extras() -> dict[str, list[str]]:
+    """Packages of every extra that users may want, on this platform."""
+    import importlib.metadata
+
+    packages: dict[str, list[str]] = {}
+    for line in importlib.metadata.requires(DISTRIBUTION) or []:
+        found = re.match(r"([\w.-]+)", line), re.search(r"extra == ['\"]([\w-]+)['\"]", line)
+        if found[0] is None or found[1] is None or found[0][1] == DISTRIBUTION or found[1][1] == "benchmark":
+            continue
+        if "sys_platform" not in line or sys.platform != "win32":
+            packages.setdefault(found[1][1], []).append(found[0][1])
+    return dict(sorted(packages.items()))
 
 
 def _kernels() -> Finding:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import json
 import os
+import re
 import subprocess
 import sys
 
@@ -79,6 +80,8 @@ def test_detect_prints_what_the_formats_page_says(lmkit, tmp_path, photographs):
 
 def test_doctor_finds_this_installation_sound(lmkit):
     answer = lmkit("doctor")
+    assert re.search(r"extras: .*\bbags\b", answer.out)
+    assert "benchmark" not in answer.out
     assert answer.code == 0, answer.out
     assert "OpenCV" in answer.out
 
