@@ -391,6 +391,10 @@ static void move(const double *state, const double *step, const double *limits, 
 {
     for (int i = 0; i < STATE; i++)
         out[i] = state[i] + step[i];
+    /* Where edges run along the axes, hardly anything is known of the point spread across them, and a long step there
+       spoils the whole. */
+    double largest = 0.5 * (state[8] + state[10]);
+    out[9] = state[9] + clamp(step[9], -largest, largest);
     clamp_spread(out + 8, limits[0], limits[1]);
     out[11] = clamp(out[11], -limits[2], limits[2]);
     out[12] = clamp(out[12], -limits[3], limits[3]);

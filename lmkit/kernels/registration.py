@@ -447,6 +447,10 @@ def _moves(view: View, state: FloatArray, points: FloatArray) -> FloatArray:
 
 def _moved(state: FloatArray, step: FloatArray, limits: Limits) -> FloatArray:
     moved = state + step
+    # Where edges run along the axes, hardly anything is known of the point spread across them, and a long step there
+    # spoils the whole.
+    largest = 0.5 * (state[8] + state[10])
+    moved[9] = state[9] + np.clip(step[9], -largest, largest)
     values, vectors = np.linalg.eigh(np.array([[moved[8], moved[9]], [moved[9], moved[10]]]))
     S = vectors @ np.diag(np.clip(values, limits.least_spread, limits.most_spread)) @ vectors.T
     moved[8:11] = S[0, 0], S[0, 1], S[1, 1]

@@ -10,7 +10,7 @@ import lmkit
 from lmkit.detection.config import DetectOptions
 from lmkit.detection.detector import detect_landmarks
 from lmkit.detection.linear_image import LinearImage
-from lmkit.detection.tag_registration import TagFit, TagRule, read_tag_at
+from lmkit.detection.tag_registration import FOUND, SHARP, TagFit, TagRule, read_tag_at
 from lmkit.errors import InputError
 from lmkit.generation.artwork import landmark_artwork
 from lmkit.generation.page import bare_landmark_page
@@ -204,3 +204,28 @@ def test_pixels_of_a_large_marker_lie_in_every_cell(side: int) -> None:
         assert fit.sample(400, near_edges=False)
         cells = np.floor((fit.samples.at.T + fit.view.origin - corners[0]) / (side / 8)).astype(int)
         assert len({tuple(cell) for cell in cells if ((cell >= 0) & (cell < 8)).all()}) == 64
+
+
+def test_a_fit_moves_though_hardly_anything_is_known_of_the_blur_across_the_edges() -> None:
+    """Edges along the axes do not show how blur along x goes with blur along y."""
+    side, finer = 400, 2
+    rng = np.random.default_rng(3)
+    marker = cv2.aruco.generateImageMarker(cv2.aruco.getPredefinedDictionary(cv2.aruco.DICT_APRILTAG_36h11), 5, 8)
+    page = np.kron(np.pad(marker, 2, constant_values=255), np.ones((20, 20), np.uint8))
+    drawn = np.array([[39.5, 39.5], [199.5, 39.5], [199.5, 199.5], [39.5, 199.5]], np.float32)
+    square = np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]]) * side / 2
+    for _ in range(6):
+        true = square * (1 + rng.uniform(-0.01, 0.01, (4, 1))) + 320 + rng.uniform(-3, 3, 2)
+        H = cv2.getPerspectiveTransform(drawn, ((true + 0.5) * finer - 0.5).astype(np.float32))
+        large = cv2.warpPerspective(page, H, (640 * finer, 640 * finer), borderValue=255).astype(np.float32) / 255
+        light = 0.05 + 0.75 * cv2.GaussianBlur(
+            cv2.resize(large, (640, 640), interpolation=cv2.INTER_AREA), (0, 0), 0.4
+        )
+        image = np.repeat((255 * light ** (1 / 2.2)).astype(np.uint8)[:, :, None], 3, axis=2)
+        fit = TagFit(
+            LinearImage.of(image), SQUARE_FAMILIES["tag36h11"], true + rng.uniform(-1.5, 1.5, (4, 2)), 1.44, True
+        )
+        assert fit.sample(400, near_edges=True) and fit.decode(FOUND)
+        fit.draw_cells()
+        fit.register(SHARP)
+        assert np.abs(fit.corners - true).max() < 0.3
