@@ -97,7 +97,7 @@ def test_unusual_places_are_named() -> None:
         at(2, 4.5, 4.0, 1.2, 90),
         at(3, 1.55, 4.0, 1.25, 270),
         at(4, 0.0, 3.0, 120, 0),
-        at(5, 3.0, 0, 1, 90, 180),
+        at(5, 3.0, 0, 1, 90, 3.0),
     ]
     text = "\n".join(check_map(LandmarkMap(good + wrong), ROOM))
     assert "2: faces a wall" in text
