@@ -67,7 +67,7 @@ def test_from_scan_to_report(lmkit, small, tmp_path):
     assert [row["failure"] for row in answers(lmkit, "detect", "--store", "store", "--jobs", "1")] == [None, None]
     # What is done is not done again.
     assert answers(lmkit, "detect", "--store", "store") == []
-    [row] = answers(lmkit, "survey", "--store", "store", "-o", "map.yaml")
+    [row] = answers(lmkit, "survey", "--store", "store", "-o", "map.yaml", "--jobs", "1")
     assert row["map"] == "map.yaml" and len(row["recordings"]) == 2
     assert len(read_any_map(tmp_path / "map.yaml")) == len(row["landmarks"]) > 5
     tracked = answers(lmkit, "track", "--store", "store", "--jobs", "1")
@@ -89,7 +89,9 @@ def test_planted_faults_are_found(lmkit, written, tmp_path):
     assert "detections.csv" in failure and "columns" in failure
     # What is done is not done again.
     assert answers(lmkit, "detect", "--store", "store") == []
-    surveyed = {row["site"]: row for row in answers(lmkit, "survey", "--store", "store", "-o", "map.yaml")}
+    surveyed = {
+        row["site"]: row for row in answers(lmkit, "survey", "--store", "store", "-o", "map.yaml", "--jobs", "1")
+    }
     assert set(surveyed) == {"hall0", "hall1"}
     for name, row in surveyed.items():
         # The recording of the bumped camera is left out of its hall's map.
@@ -99,7 +101,7 @@ def test_planted_faults_are_found(lmkit, written, tmp_path):
         last = day_name(0) if name == "hall0" else day_name(1)
         assert moved["sentence"].endswith(f"(last seen there {last}, seen elsewhere from {day_name(2)})")
         assert site.map_error_m(name, read_any_map(tmp_path / row["map"])) < 0.02
-    tracked = answers(lmkit, "track", "--store", "store")
+    tracked = answers(lmkit, "track", "--store", "store", "--jobs", "1")
     # The damaged one is not tracked.
     assert [row["failure"] for row in tracked] == [None] * 6
     [report] = answers(lmkit, "report", "--store", "store", "-o", "fleet.html")
@@ -243,6 +245,7 @@ def square(number: int) -> int:
 
 @pytest.mark.slow
 def test_a_job_that_kills_its_worker_takes_no_other_with_it(monkeypatch):
+    monkeypatch.setattr("lmkit.parallel._limit", None)  # an earlier command's --jobs
     monkeypatch.setenv("LMKIT_TEST_PARENT", str(os.getpid()))
     monkeypatch.setenv("LMKIT_JOBS", "2")
     assert dict(run_jobs(square, range(6))) == {0: 0, 1: 1, 2: 4, 3: None, 4: 16, 5: 25}
@@ -282,8 +285,8 @@ def test_a_cluster_gives_the_same_map_though_a_worker_dies(lmkit, written, tmp_p
         answers(lmkit, "scan", *scanned, "--store", store)
         if store == "there":
             processes[1].kill()
-        assert len(answers(lmkit, "detect", "--store", store, "--engine", engine)) == 7
-        rows = answers(lmkit, "survey", "--store", store, "-o", f"{store}.yaml")
+        assert len(answers(lmkit, "detect", "--store", store, "--engine", engine, "--jobs", "1")) == 7
+        rows = answers(lmkit, "survey", "--store", store, "-o", f"{store}.yaml", "--engine", engine, "--jobs", "1")
         maps.append([read_any_map(tmp_path / row["map"]) for row in rows])
     for a, b in zip(*maps, strict=True):
         assert [m.id for m in a] == [m.id for m in b]
