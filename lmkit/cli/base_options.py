@@ -3,13 +3,17 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from lmkit.cli.map_options import read_mounted_map
 from lmkit.cli.output import print_json, print_line, require_no, write_outputs
 from lmkit.errors import InputError
+
+if TYPE_CHECKING:
+    from lmkit.geometry.rig import AnyRig
+    from lmkit.model.landmark_map import LandmarkMap
 
 Base = Annotated[
     Path | None,
@@ -68,25 +72,16 @@ def calibrate_base(
     from lmkit.api.cameras import calibrate_base as find
     from lmkit.cli.parsing import parse_meters
     from lmkit.geometry.pose import Pose
-    from lmkit.io.any_rig import read_any_rig
-    from lmkit.io.rig import rig_to_yaml
     from lmkit.mapping.base_mounting_results import mounting_dict, mounting_lines
     from lmkit.pipelines.recording_folder import read_recording_folder
 
-    if rig is None or landmark_map is None:
-        raise InputError("no_rig_or_map", "--base needs a rig and a map", "give --rig rig.yaml --map map.yaml")
     height_m = None if height is None else parse_meters(height, "--height")
-    cameras, landmarks = read_any_rig(rig), read_mounted_map(landmark_map)
+    cameras, landmarks = _rig_and_map("--base", rig, landmark_map)
     # The place is to be found; to read wheel odometry any will do.
     anywhere = replace(cameras, T_base_left=Pose.identity("base", "left"))
     recording = read_recording_folder(folder, anywhere, landmarks.families or (family,))
     found = find(recording, cameras, landmarks, height=height_m)
-    written = write_outputs({output: rig_to_yaml(found.rig)}, force)
-    if as_json:
-        print_json(mounting_dict(found))
-        return
-    for line in (*mounting_lines(found), *(f"wrote {path}" for path in written)):
-        print_line(line)
+    _write(found.rig, output, force, mounting_dict(found) if as_json else mounting_lines(found))
 
 
 def calibrate_clocks(
@@ -104,17 +99,28 @@ def calibrate_clocks(
         InputError: rig or map is missing, or a camera saw nothing of the map.
     """
     from lmkit.api.cameras import calibrate_clocks as find
-    from lmkit.io.any_rig import read_any_rig
-    from lmkit.io.rig import rig_to_yaml
     from lmkit.pipelines.recording_folder import read_recording_folder
 
-    if rig is None or landmark_map is None:
-        raise InputError("no_rig_or_map", "--clocks needs a rig and a map", "give --rig rig.yaml --map map.yaml")
-    cameras, landmarks = read_any_rig(rig), read_mounted_map(landmark_map)
+    cameras, landmarks = _rig_and_map("--clocks", rig, landmark_map)
     found = find(read_recording_folder(folder, cameras, landmarks.families or (family,)), cameras, landmarks)
-    written = write_outputs({output: rig_to_yaml(found.rig)}, force)
-    if as_json:
-        print_json(found.to_dict())
+    _write(found.rig, output, force, found.to_dict() if as_json else found.lines())
+
+
+def _rig_and_map(option: str, rig: Path | None, landmark_map: Path | None) -> tuple[AnyRig, LandmarkMap]:
+    from lmkit.io.any_rig import read_any_rig
+
+    if rig is None or landmark_map is None:
+        raise InputError("no_rig_or_map", f"{option} needs a rig and a map", "give --rig rig.yaml --map map.yaml")
+    return read_any_rig(rig), read_mounted_map(landmark_map)
+
+
+def _write(rig: AnyRig, output: Path | None, force: bool, answer: dict[str, Any] | list[str]) -> None:
+    """Write the rig, and print the answer: JSON, or lines of text."""
+    from lmkit.io.rig import rig_to_yaml
+
+    written = write_outputs({output: rig_to_yaml(rig)}, force)
+    if isinstance(answer, dict):
+        print_json(answer)
         return
-    for line in (*found.lines(), *(f"wrote {path}" for path in written)):
+    for line in (*answer, *(f"wrote {path}" for path in written)):
         print_line(line)

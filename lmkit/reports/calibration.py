@@ -248,10 +248,8 @@ def _statistics(name: str, residuals: FloatArray) -> str:
 
 
 def _space(result: StereoCalibration, board: BoardSpec) -> str:
-    s, points = result.solution, board.object_points
-    low, high = points.min(axis=0), points.max(axis=0)
-    rim = np.array([[low[0], low[1], 0], [high[0], low[1], 0], [high[0], high[1], 0], [low[0], high[1], 0]])
-    outlines = [rim @ R.T + t for R, t in zip(s.rotations, s.translations, strict=True)]
+    s = result.solution
+    outlines = plots.board_outlines(board.object_points, s.rotations, s.translations)
     poses = [(np.eye(3), np.zeros(3)), (s.R, s.t)]
     drawing = plots.scene([s.left, s.right], poses, outlines, [view.name for view in result.used])
     caption = "The cameras (left blue, right orange), what they see, and every pair's board; from behind and above."

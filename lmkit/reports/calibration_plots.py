@@ -159,6 +159,17 @@ def tilt_plot(tilts_deg: FloatArray, tilted_deg: float) -> str:
     return svg((-100, -100, 200, 200), 260, "tilts of the board", frame + words + dots)
 
 
+def board_outlines(object_points: FloatArray, rotations: FloatArray, translations: FloatArray) -> list[FloatArray]:
+    """(4,3) corners of a board's outline, for `scene`, in each of its poses (K,3,3), (K,3).
+
+    Args:
+        object_points: (N,3) of the board.
+    """
+    low, high = object_points.min(axis=0), object_points.max(axis=0)
+    rim = np.array([[low[0], low[1], 0], [high[0], low[1], 0], [high[0], high[1], 0], [low[0], high[1], 0]])
+    return list(rim @ rotations.transpose(0, 2, 1) + translations[:, None])
+
+
 def scene(
     models: Sequence[CameraModel],
     poses: Sequence[tuple[FloatArray, FloatArray]],

@@ -175,10 +175,8 @@ def _intrinsics(mounted: MountedCamera) -> str:
 
 
 def _space(result: RigCalibration, board: BoardSpec) -> str:
-    s, points = result.solution, board.object_points
-    low, high = points.min(axis=0), points.max(axis=0)
-    rim = np.array([[low[0], low[1], 0], [high[0], low[1], 0], [high[0], high[1], 0], [low[0], high[1], 0]])
-    outlines = [rim @ R.T + t for R, t in zip(s.rotations, s.translations, strict=True)]
+    s = result.solution
+    outlines = plots.board_outlines(board.object_points, s.rotations, s.translations)
     colors = [_color(k) for k in range(len(s.models))]
     drawing = plots.scene(s.models, list(zip(s.R, s.t, strict=True)), outlines, result.frames, colors)
     names = ", ".join(
