@@ -150,9 +150,9 @@ def update_planar_numpy(
     def fit(used: Flags) -> tuple[Array, Array]:
         there, normal = state, before
         for _ in range(update.iterations):
-            R, p = _camera(there, R_base, t_base)
+            R, p = camera_at(there, R_base, t_base)
             N, g, _ = pose_equations_numpy(corners, NO_PRIOR, R[None], p[None], used[None])
-            J = _camera_by_state(there, t_base)
+            J = camera_by_state(there, t_base)
             normal = before + J.T @ N[0] @ J
             step = np.linalg.solve(normal, before @ (state - there) + J.T @ g[0])
             there = there + step
@@ -161,7 +161,7 @@ def update_planar_numpy(
         return there, normal
 
     used, (there, normal), chi2 = _believed(
-        corners, of, fit, lambda fitted: _camera(fitted[0], R_base, t_base), update.limit
+        corners, of, fit, lambda fitted: camera_at(fitted[0], R_base, t_base), update.limit
     )
     off = there - state
     return used, there, normal, float(chi2[used].sum() + off @ before @ off)
@@ -200,14 +200,14 @@ def _heading(state: Array) -> Array:
     return np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
 
 
-def _camera(state: Array, R_base: Array, t_base: Array) -> tuple[Array, Array]:
+def camera_at(state: Array, R_base: Array, t_base: Array) -> tuple[Array, Array]:
     """T_map_camera for a state."""
     lift, roll, pitch = state[-LEAN:]
     turn = turns(np.array([[roll, pitch, 0.0]]))[0] @ _heading(state)
     return turn @ R_base, np.array([state[0], state[1], lift]) + turn @ t_base
 
 
-def _camera_by_state(state: Array, t_base: Array) -> Array:
+def camera_by_state(state: Array, t_base: Array) -> Array:
     """(6,N) derivatives of the camera's pose with the state."""
     x, y, z = (_heading(state) @ t_base).tolist()
     J = np.zeros((6, len(state)))

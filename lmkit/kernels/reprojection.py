@@ -239,6 +239,27 @@ def refine_poses_numpy(
     return R, p
 
 
+def landmark_pulls(corners: Corners, R: Array, p: Array, used: Flags) -> dict[int, Array]:
+    """(6,6) pull of each uncertain landmark's error on a pose: H'W K, by the number of its group.
+
+    H and K are the derivatives of whitened corners with the pose R (3,3), p (3,) and with the landmark's error in its
+    standard deviations; W is the weight that the corners keep once that error is eliminated, (1 + K K')^-1, so that
+    H'W K = H'K (1 + K'K)^-1.
+
+    Args:
+        used: (S,) the observations that count.
+    """
+    _, _, H, K = _errors(corners, R[None], p[None])
+    if K is None:
+        return {}
+    groups, pulls = np.asarray(corners.group), {}
+    for number in np.unique(groups[used & (groups >= 0)]).tolist():
+        group = np.flatnonzero(used & (groups == number))
+        by_error, by_pose = K[0, group].reshape(-1, 6), H[0, group].reshape(-1, 6)
+        pulls[number] = np.linalg.solve(np.eye(6) + by_error.T @ by_error, by_error.T @ by_pose).T
+    return pulls
+
+
 def prior_residuals(prior: tuple[float, ...], R: Array, p: Array) -> Array:
     """(H,K) known minus actual, in standard deviations; ``prior`` as in :func:`pose_equations`."""
     heading, heading_sigma, height, height_sigma, *down, tilt_sigma = prior

@@ -15,7 +15,14 @@ from lmkit.geometry.pose_array import PoseArray
 from lmkit.geometry.rig import AnyRig, mounted_cameras
 from lmkit.kernels.pose_search import CONVERGED, MOST_DAMPING, Search, pose_covariance, search_poses
 from lmkit.kernels.pose_update import Update, update_planar, update_space
-from lmkit.kernels.reprojection import NO_PRIOR, Corners, corner_chi2, pose_equations, refine_poses
+from lmkit.kernels.reprojection import (
+    NO_PRIOR,
+    Corners,
+    corner_chi2,
+    landmark_pulls,
+    pose_equations,
+    refine_poses,
+)
 from lmkit.localization.pose_prior import PosePrior
 from lmkit.localization.reprojection import through_lenses
 from lmkit.model.landmark_id import LandmarkId
@@ -171,6 +178,12 @@ class Correspondences:
     ) -> tuple[BoolArray, FloatArray, FloatArray, float]:
         """A foretold state on a floor updated by `pose_update.update_planar`."""
         return update_planar(self._corners, self.of, before, T_base_left.R, T_base_left.t, state, update)
+
+    def pulls(self, R: FloatArray, p: FloatArray, used: BoolArray) -> dict[LandmarkId, FloatArray]:
+        """(6,6) pull of each uncertain landmark's error on the pose R, p, by `reprojection.landmark_pulls`."""
+        by_group = landmark_pulls(self._corners, R, p, used)
+        groups = np.asarray(self._corners.group).tolist()
+        return {self.landmarks[groups.index(number)].id: pull for number, pull in by_group.items()}
 
     def equations(
         self, poses: PoseArray, used: BoolArray, prior: PosePrior | None

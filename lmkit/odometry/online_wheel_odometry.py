@@ -49,6 +49,11 @@ class Wheels:
 
     def predict(self, x: FloatArray, P: FloatArray, before_s: float, time_s: float) -> tuple[FloatArray, FloatArray]:
         """The (9,) state and its (9,9) covariance a little later."""
+        later, F, Q = self.step(x, before_s, time_s)
+        return later, F @ P @ F.T + Q
+
+    def step(self, x: FloatArray, before_s: float, time_s: float) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """The (9,) state a little later, its (9,9) derivatives with the state ``x`` before, and the noise between."""
         increments = self._increments(before_s, time_s, x[3:])
         motion, by_parameters = increments.motions[0], increments.by_parameters[0]
         c, s = np.cos(x[2]), np.sin(x[2])
@@ -59,10 +64,10 @@ class Wheels:
         F[:3, 3:] = turn @ by_parameters
         later = x.copy()
         later[:3] = follow(x[:3], motion[None])[1]
-        P = F @ P @ F.T
-        P[:3, :3] += turn @ np.diag(increments.sigmas[0] ** 2) @ turn.T
-        P[_OWN, _OWN] += DRIFT**2 * (time_s - before_s)
-        return later, P
+        Q = np.zeros((STATES, STATES))
+        Q[:3, :3] = turn @ np.diag(increments.sigmas[0] ** 2) @ turn.T
+        Q[_OWN, _OWN] = DRIFT**2 * (time_s - before_s)
+        return later, F, Q
 
     def _increments(self, before_s: float, time_s: float, parameters: FloatArray) -> Increments:
         """The motion between two times; asked twice for the same, it is computed once."""

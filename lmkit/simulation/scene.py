@@ -6,7 +6,7 @@ Everything is drawn from a seed.  The map's z points up; walls stand on its x an
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
@@ -111,20 +111,21 @@ def floor_scene(seed: int, floor: FloorPlan, landmarks: LandmarkMap, height_m: f
     for wall in floor.walls:
         middle = [*(wall.left + wall.right) / 2, height_m / 2]
         tint = WALL_TINTS[int(rng.integers(len(WALL_TINTS)))]
-        panels.append(Panel(wall_pose(middle, wall.facing_rad), (wall.length_m, height_m), _plaster(rng, tint)))
+        # Paper stands a little off its wall: landmarks are where the map says, and walls stand back, a little longer
+        # so that no gap is left between two.
+        behind = _moved(wall_pose(middle, wall.facing_rad), -PAPER_M)
+        panels.append(Panel(behind, (wall.length_m + 2 * PAPER_M, height_m), _plaster(rng, tint)))
     sx, sy = floor.size_m
     center = np.array([floor.origin[0] + sx / 2, floor.origin[1] + sy / 2, 0.0])
     panels.append(Panel(Pose("map", "floor", np.eye(3), center), (sx, sy), _plaster(rng, FLOOR)))
     above = center + np.array([0.0, 0.0, height_m])
     panels.append(Panel(Pose("map", "ceiling", np.diag([1.0, -1, -1]), above), (sx, sy), _plaster(rng, CEILING)))
-    # Paper stands a little off its wall.
-    sheets = [landmark_sheet(landmark) for landmark in landmarks]
-    off = [replace(s, T_map_panel=_moved_out(s.T_map_panel)) for s in sheets]
-    return Scene((*panels, *off), landmarks, (sx, sy, height_m))
+    return Scene((*panels, *map(landmark_sheet, landmarks)), landmarks, (sx, sy, height_m))
 
 
-def _moved_out(T: Pose) -> Pose:
-    return Pose("map", T.from_frame, T.R, T.t + PAPER_M * T.R[:, 2])
+def _moved(T: Pose, out_m: float) -> Pose:
+    """A panel's pose moved toward those who face it."""
+    return Pose("map", T.from_frame, T.R, T.t + out_m * T.R[:, 2])
 
 
 def mount_landmarks(

@@ -3,7 +3,8 @@
 The state is that of `online_wheel_odometry.py`.  Each frame updates it by all corners of all mapped landmarks in both
 cameras (the update as Gauss-Newton: Bell and Cathey 1993), so that a single far landmark, whose two poses images
 alone cannot tell apart, still helps.  The robot is on wheels: its height is known, and it is level.  Landmarks that
-do not fit are left out; where none fits for a while, the robot is located anew.
+do not fit are left out; where none fits for a while, the robot is located anew.  The error of a landmark's place is
+the same in every frame, and the covariance says so (`lasting_errors.py`).
 """
 
 from __future__ import annotations
@@ -17,21 +18,25 @@ from lmkit.errors import InputError
 from lmkit.geometry.planar import planar_pose
 from lmkit.geometry.pose import Pose
 from lmkit.geometry.rig import AnyRig
-from lmkit.kernels.pose_update import LEAN, Update
+from lmkit.geometry.rotations import skew
+from lmkit.kernels.pose_update import LEAN, Update, camera_at, camera_by_state
 from lmkit.localization.absolute_pose import LocateOptions, locate_rig
 from lmkit.localization.correspondences import CORNER_FLOOR_PX, Correspondences
 from lmkit.localization.pose_prior import PosePrior
+from lmkit.model.estimate import PoseEstimate
 from lmkit.model.landmark_id import LandmarkId
 from lmkit.model.landmark_map import LandmarkMap
 from lmkit.model.observation import Detection
 from lmkit.model.pose_status import PoseStatus
 from lmkit.odometry.online_wheel_odometry import AHEAD_S, LONGEST_DELAY_S, STATES, Wheels
 from lmkit.odometry.wheel_odometry import NOMINAL, PARAMETERS, PRIOR_SIGMA, MotionNoise
+from lmkit.tracking.lasting_errors import LastingErrors, Pulls
 from lmkit.tracking.range_bearing_filter import NOWHERE_M, TrackedPose
 
 OUTLIER_SIGMA = 4.5
 # A last step of a squared length, in standard deviations; what does not fit; iterations.
 UPDATE = Update(converged=1e-3, limit=8 * OUTLIER_SIGMA**2, iterations=4)
+PLANAR = np.array([0, 1, 5])  # x, y and heading, of the six numbers of a pose
 DELAY = 3 + PARAMETERS.index("delay_s")
 DOUBTS = 4  # frames at which nothing fits, before the robot may have been carried off
 
@@ -62,6 +67,7 @@ class RigFilter:
         self._time: float | None = None
         self._x: FloatArray = np.zeros(STATES)
         self._P: FloatArray = np.zeros((STATES, STATES))
+        self._lasting = LastingErrors(STATES)
         self._doubts = 0
         self._prior = PosePrior(
             height_m=float(self._T.t[2]),
@@ -82,7 +88,7 @@ class RigFilter:
             return None
         x = self._x
         if time_s > self._time:
-            x, _ = self.wheels.predict(self._x, self._P, self._time, time_s)
+            x, _, _ = self.wheels.step(self._x, self._time, time_s)
         return planar_pose(x[:3]) @ self._T
 
     def observe(self, time_s: float, detections: Sequence[Sequence[Detection]]) -> TrackedPose:
@@ -91,7 +97,9 @@ class RigFilter:
             return self._start(time_s, detections)
         if time_s > self._time:
             self.wheels.forget(self._time)
-            self._x, self._P = self.wheels.predict(self._x, self._P, self._time, time_s)
+            self._x, F, Q = self.wheels.step(self._x, self._time, time_s)
+            self._P = F @ self._P @ F.T + Q
+            self._lasting.predict(F)
             self._time = time_s
         seen = Correspondences.of_rig(detections, self._rig, self._map, self._floor_px)
         outliers: tuple[LandmarkId, ...] = tuple(sorted(seen.twice))
@@ -124,8 +132,9 @@ class RigFilter:
         self._x = np.concatenate([[place[0], place[1], np.arctan2(base[1, 0], base[0, 0])], own[0]])
         self._P = np.zeros((STATES, STATES))
         self._P[3:, 3:] = own[1]
-        planar = np.array([0, 1, 5])
-        self._P[:3, :3] = C[planar[:, None], planar]
+        self._P[:3, :3] = C[PLANAR[:, None], PLANAR]
+        seen = Correspondences.of_rig(detections, self._rig, self._map, self._floor_px)
+        self._lasting.start(self._moves_of_fix(found, seen))
         self._time, self._doubts = time_s, 0
         return self._pose(time_s, found.outliers, True)
 
@@ -143,13 +152,31 @@ class RigFilter:
             # Beyond that no odometry is kept, and none is there yet.
             state[DELAY] = min(max(state[DELAY], -AHEAD_S), LONGEST_DELAY_S)
             # The inverse's own block is what is left once the lean is eliminated.
-            self._x, self._P = state[:STATES], np.linalg.inv(normal)[:STATES, :STATES]
+            inverse = np.linalg.inv(normal)[:STATES]
+            by_camera = inverse @ camera_by_state(state, self._T.t).T
+            pulls = seen.pulls(*camera_at(state, self._T.R, self._T.t), used)
+            moves = {id_: by_camera @ pull for id_, pull in pulls.items()}
+            self._lasting.update(inverse @ before[:, :STATES], moves)
+            self._x, self._P = state[:STATES], inverse[:, :STATES]
         return used, cost
+
+    def _moves_of_fix(self, found: PoseEstimate, seen: Correspondences) -> Pulls:
+        """(9,6) by how much each landmark's error moves a state that was located."""
+        assert found.T_map_camera is not None
+        assert found.covariance is not None
+        fit = np.array([landmark.id not in found.outliers for landmark in seen.landmarks])
+        at_base = np.eye(6)
+        at_base[:3, 3:] = skew(found.T_map_camera.R @ self._T.R.T @ self._T.t)
+        moves = {}
+        for id_, pull in seen.pulls(found.T_map_camera.R, found.T_map_camera.t, fit).items():
+            moves[id_] = np.zeros((STATES, 6))
+            moves[id_][:3] = (at_base @ found.covariance @ pull)[PLANAR]
+        return moves
 
     def _pose(
         self, time_s: float, outliers: tuple[LandmarkId, ...], restarted: bool, nis: float = 0.0, nis_dof: int = 0
     ) -> TrackedPose:
-        P = self._P[:3, :3]
+        P = (self._P + self._lasting.excess)[:3, :3]
         lost = np.sqrt(np.linalg.eigvalsh(P[:2, :2])[-1]) > NOWHERE_M or self._doubts >= DOUBTS
         status = PoseStatus.LOST if lost else PoseStatus.OK
-        return TrackedPose(time_s, status, self._x[:3].copy(), P.copy(), outliers, restarted, nis, nis_dof)
+        return TrackedPose(time_s, status, self._x[:3].copy(), P, outliers, restarted, nis, nis_dof)

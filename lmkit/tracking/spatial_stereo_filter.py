@@ -33,6 +33,7 @@ from lmkit.model.pose_status import PoseStatus
 from lmkit.model.trajectory import Trajectory
 from lmkit.odometry.online_wheel_odometry import AHEAD_S
 from lmkit.odometry.pose_odometry import PoseMotion, PoseNoise
+from lmkit.tracking.lasting_errors import LastingErrors, Pulls
 from lmkit.tracking.planar_stereo_filter import DOUBTS, UPDATE
 from lmkit.tracking.range_bearing_filter import NOWHERE_M
 
@@ -96,6 +97,7 @@ class PoseFilter:
         self._R: FloatArray = np.eye(3)
         self._p: FloatArray = np.zeros(3)
         self._P: FloatArray = np.zeros((6, 6))
+        self._lasting = LastingErrors(6)
         self._doubts = 0
         self._taken: tuple[FloatArray, FloatArray] | None = None  # odometry's pose of the last frame, as foretold
 
@@ -127,9 +129,11 @@ class PoseFilter:
     def _update(self, seen: Correspondences) -> tuple[BoolArray, float]:
         """(S,) the inliers of the update with the corners, and their innovation."""
         try:
-            used, R, p, normal, cost = seen.update_space(np.linalg.inv(self._P), self._R, self._p, UPDATE)
+            before = np.linalg.inv(self._P)
+            used, R, p, normal, cost = seen.update_space(before, self._R, self._p, UPDATE)
             if used.any():
                 self._R, self._p, self._P = orthonormal(R), p, np.linalg.inv(normal)
+                self._lasting.update(self._P @ before, self._moves(seen, used))
         except np.linalg.LinAlgError:
             # Corners or a covariance beyond all measure: nothing fits.
             return np.zeros(len(seen), dtype=bool), 0.0
@@ -140,8 +144,15 @@ class PoseFilter:
         if found.status != PoseStatus.OK or found.T_map_camera is None or found.covariance is None:
             return SpacePose(time_s, PoseStatus.LOST, None, None)
         self._R, self._p, self._P = found.T_map_camera.R, found.T_map_camera.t, found.covariance
+        seen = Correspondences.of_rig(detections, self._rig, self._map, self._floor_px)
+        fit = np.array([landmark.id not in found.outliers for landmark in seen.landmarks])
+        self._lasting.start(self._moves(seen, fit))
         self._time, self._doubts = time_s, 0
         return self._pose(time_s, found.outliers, True)
+
+    def _moves(self, seen: Correspondences, used: BoolArray) -> Pulls:
+        """(6,6) by how much each landmark's error moves the pose."""
+        return {id_: self._P @ pull for id_, pull in seen.pulls(self._R, self._p, used).items()}
 
     def foretell(self, time_s: float) -> Pose | None:
         """T_map_left at ``time_s`` by the odometry given so far; None before the first fix.  Changes nothing."""
@@ -162,6 +173,7 @@ class PoseFilter:
         F[:3, 3:] = -skew(step.way)
         G[:3, :3], G[:3, 3:], G[3:, 3:] = step.base, -later @ skew(arm), later
         self._P = F @ self._P @ F.T + G @ np.diag(step.sigmas**2) @ G.T
+        self._lasting.predict(F)
         self._R, self._p = orthonormal(later @ self._T.R), self._p + step.way
 
     def _step(self, before_s: float, time_s: float) -> _Step:
@@ -186,10 +198,11 @@ class PoseFilter:
     def _pose(
         self, time_s: float, outliers: tuple[LandmarkId, ...], restarted: bool, nis: float = 0.0, nis_dof: int = 0
     ) -> SpacePose:
-        lost = np.sqrt(np.linalg.eigvalsh(self._P[:3, :3])[-1]) > NOWHERE_M or self._doubts >= DOUBTS
+        P = self._P + self._lasting.excess
+        lost = np.sqrt(np.linalg.eigvalsh(P[:3, :3])[-1]) > NOWHERE_M or self._doubts >= DOUBTS
         pose = Pose("map", "left", self._R, self._p)
         status = PoseStatus.LOST if lost else PoseStatus.OK
-        return SpacePose(time_s, status, pose, self._P.copy(), outliers, restarted, nis, nis_dof)
+        return SpacePose(time_s, status, pose, P, outliers, restarted, nis, nis_dof)
 
 
 def ahead(poses: Trajectory, seconds: float) -> Trajectory:

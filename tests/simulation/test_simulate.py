@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from itertools import pairwise
 
 import cv2
 import numpy as np
@@ -10,16 +11,17 @@ import pytest
 
 from lmkit.detection.config import DetectOptions
 from lmkit.detection.detector import detect_landmarks
+from lmkit.io.floor_plan import read_floor
 from lmkit.io.landmark_map import read_map
 from lmkit.io.rig import read_rig
 from lmkit.model.landmark import LM8
 from lmkit.model.landmark_id import LandmarkId
-from lmkit.model.landmark_map import MappedLandmark, wall_pose
+from lmkit.model.landmark_map import LandmarkMap, MappedLandmark, wall_pose
 from lmkit.model.square_marker import SQUARE_FAMILIES
 from lmkit.simulation.dataset import description_files, make_dataset, truth
 from lmkit.simulation.photograph import ImagingChain, Lens, Sensor, focus, photograph
 from lmkit.simulation.render import render
-from lmkit.simulation.scene import landmark_sheet, make_rig, make_room
+from lmkit.simulation.scene import floor_scene, landmark_sheet, make_rig, make_room
 
 
 def test_the_same_seed_gives_the_same_room_and_image():
@@ -99,3 +101,16 @@ def test_a_landmark_sheet_has_its_landmark_centered_to_the_texel():
     assert (rows[0], columns[0]) == (height - 1 - rows[-1], width - 1 - columns[-1])
     assert sheet.size_m[1] * len(rows) / height == pytest.approx(0.18)
     assert sheet.size_m == pytest.approx((0.21, 0.297), abs=3e-4)
+
+
+def test_sheets_on_a_floor_plan_stand_where_the_map_says_and_before_their_walls(tmp_path):
+    corners = [[0, 0], [4, 0], [4, 3], [0, 3], [0, 0]]
+    walls = "".join(f"  - {{from: {a}, to: {b}}}\n" for a, b in pairwise(corners))
+    (tmp_path / "floor.yaml").write_text(f"format: lmkit-floor/1\nwalls:\n{walls}")
+    floor = read_floor(tmp_path / "floor.yaml")
+    landmarks = LandmarkMap([MappedLandmark(LandmarkId("lm8", 137), 0.18, wall_pose([2.0, 0.0, 1.0], np.pi / 2))])
+    *panels, sheet = floor_scene(1, floor, landmarks).panels
+    landmark = next(iter(landmarks)).T_map_landmark
+    assert sheet.T_map_panel.t == pytest.approx(landmark.t, abs=1e-12)
+    behind = [(landmark.t - wall.T_map_panel.t) @ wall.T_map_panel.R[:, 2] for wall in panels[: len(floor.walls)]]
+    assert min(behind) > 0.001

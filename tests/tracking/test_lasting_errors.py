@@ -1,0 +1,78 @@
+"""Covariances of filters hold what does not average out: a robot that stands sees the same errors again and again."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from lmkit.arrays import FloatArray
+from lmkit.geometry.planar import planar_pose, wrap_heading
+from lmkit.geometry.pose import Pose
+from lmkit.geometry.rotations import rotation_exp, rotation_log
+from lmkit.model.landmark_map import LandmarkMap
+from lmkit.navigation.navigator import WITH_GYRO
+from lmkit.odometry.pose_odometry import PoseNoise
+from lmkit.simulation.observations import look
+from lmkit.simulation.recording import Drive, make_drive
+from lmkit.tracking.planar_stereo_filter import RigFilter
+from lmkit.tracking.spatial_stereo_filter import PoseFilter
+
+PLACE_M, TURN_RAD = 0.005, 0.01
+RUNS, FRAMES = 14, 10
+
+
+def misplaced(landmarks: LandmarkMap, rng: np.random.Generator) -> LandmarkMap:
+    """A map that is off by as much as it says."""
+    C = np.diag([PLACE_M**2] * 3 + [TURN_RAD**2] * 3)
+    moved = []
+    for landmark in landmarks:
+        T = landmark.T_map_landmark
+        R, t = rotation_exp(TURN_RAD * rng.normal(size=3)) @ T.R, T.t + PLACE_M * rng.normal(size=3)
+        moved.append(replace(landmark, T_map_landmark=Pose("map", T.from_frame, R, t), covariance=C))
+    return LandmarkMap(moved)
+
+
+def on_floor(drive: Drive, landmarks: LandmarkMap, state: FloatArray, rng: np.random.Generator) -> float | None:
+    """Squared error over its three numbers, in standard deviations, once a robot has stood for a while."""
+    tracker = RigFilter(landmarks, drive.rig, WITH_GYRO, 0.0)
+    for k in range(FRAMES):
+        tracker.wheels.add_odometry(0.2 * k, 0.0, 0.0)
+        answer = tracker.observe(0.2 * k, look(drive.landmarks, drive.rig, planar_pose(state), 0.1, rng))
+    if answer.state is None or answer.covariance is None:
+        return None
+    off = answer.state - state
+    off[2] = wrap_heading(off[2])
+    return float(off @ np.linalg.solve(answer.covariance, off)) / 3
+
+
+def in_space(drive: Drive, landmarks: LandmarkMap, state: FloatArray, rng: np.random.Generator) -> float | None:
+    """Squared error over the six numbers of a pose in space, likewise."""
+    still = PoseNoise(**{name: 0.02 * value for name, value in PoseNoise().__dict__.items()})
+    tracker, pose = PoseFilter(landmarks, drive.rig, still, 0.0), planar_pose(state)
+    for k in range(FRAMES):
+        tracker.add_odometry(0.2 * k, Pose.identity("odometry", "base"))
+        answer = tracker.observe(0.2 * k, look(drive.landmarks, drive.rig, pose, 0.1, rng))
+    if answer.T_map_left is None or answer.covariance is None:
+        return None
+    assert drive.rig.T_base_left is not None
+    true = pose @ drive.rig.T_base_left
+    turned = rotation_log(answer.T_map_left.R @ true.R.T)
+    off = np.concatenate([answer.T_map_left.t - true.t, turned])
+    return float(off @ np.linalg.solve(answer.covariance, off)) / 6
+
+
+@pytest.mark.parametrize("stood", [on_floor, in_space])
+def test_a_map_that_is_off_as_it_says_stays_off_however_often_it_is_seen(stood: object) -> None:
+    """Without lasting errors the means are 5.6 and 11."""
+    assert callable(stood)
+    drive, found = make_drive(1, 10.0, 5.0, count=7), []
+    for seed in range(RUNS):
+        rng = np.random.default_rng([seed, 36])
+        state = drive.truth[rng.integers(len(drive.truth))]
+        found.append(stood(drive, misplaced(drive.landmarks, rng), state, rng))
+    known = [value for value in found if value is not None]
+    assert len(known) > RUNS / 2
+    # 99 % of honest means of a dozen draws of three numbers lie in this band.
+    assert 0.4 < np.mean(known) < 1.65
