@@ -7,7 +7,16 @@ import numpy as np
 from lmkit.io.ros_camera_info import rig_to_camera_infos
 
 
-def write_bag(folder, rig, pairs=3, encoding="rgb8", late=0.0, rate=(0.0, 0.0, 0.3), gravity=(0.0, 0.0, 0.0)):
+def write_bag(
+    folder,
+    rig,
+    pairs=3,
+    encoding="rgb8",
+    late=0.0,
+    rate=(0.0, 0.0, 0.3),
+    gravity=(0.0, 0.0, 0.0),
+    cameras=("left", "right"),
+):
     """Stereo images of one color each, camera_info, odometry along x, and a gyro."""
     import yaml
     from rosbags.rosbag2 import Writer
@@ -31,8 +40,8 @@ def write_bag(folder, rig, pairs=3, encoding="rgb8", late=0.0, rate=(0.0, 0.0, 0
         said = {}
         width, height = rig.left.image_size
         for k in range(pairs):
-            for side, text in zip(("left", "right"), rig_to_camera_infos(rig), strict=True):
-                time = 100.0 + k / 4 + (late if side == "right" else 0.002 * (side == "right"))
+            for side, text in zip(cameras, rig_to_camera_infos(rig), strict=True):
+                time = 100.0 + k / 4 + (late if side == cameras[1] else 0.002 * (side == cameras[1]))
                 color = np.full((height, width, 3), (10 + k, 100, 200), np.uint8)
                 image = make["sensor_msgs/msg/Image"](
                     header(time), height, width, encoding, 0, 3 * width, color.ravel()

@@ -34,14 +34,21 @@ def scan(
     rig: Annotated[
         str, typer.Option("--rig", help="Path pattern of the rig files, in quotes, such as 'rigs/{robot}.yaml'.")
     ] = "",
+    wheel_track: options.WheelTrack = None,
+    topic: Annotated[
+        list[str] | None,
+        typer.Option("--topic", help="Topic of the bags by role, such as left=/cam0/image_raw; may be repeated."),
+    ] = None,
     as_json: options.Json = False,
 ) -> None:
     """List the recordings of a fleet in its store."""
     from lmkit.fleet.recordings import add_recordings, find_recordings
     from lmkit.fleet.store import Store, require_arrow
+    from lmkit.units import parse_length_mm
 
     require_arrow()
-    found = find_recordings(pattern, rig)
+    track_m = 0.0 if wheel_track is None else parse_length_mm(wheel_track, "--wheel-track") / 1000
+    found = find_recordings(pattern, rig, track_m, " ".join(topic or []))
     changed, total = add_recordings(Store(store), found)
     if as_json:
         print_json({"found": len(found), "changed": changed, "recordings": total})

@@ -12,7 +12,7 @@ from lmkit.errors import InputError
 from lmkit.fleet import parts
 from lmkit.fleet.jobs import Outcome, StageJob, done_jobs, read_outcome
 from lmkit.fleet.parts import Part, part_folder, read_part, split_frames, write_part
-from lmkit.fleet.recordings import BAG_FOLDER_HAS, BAGS, FleetRecording
+from lmkit.fleet.recordings import BAG_FOLDER_HAS, BAGS, FleetRecording, parse_topics
 from lmkit.fleet.store import Store, open_uri
 from lmkit.geometry.rig import AnyRig
 from lmkit.io.any_rig import read_any_rig
@@ -22,6 +22,12 @@ from lmkit.pipelines.recording_checks import require_plausible_recording
 from lmkit.pipelines.recording_folder import has_readings, open_recording_folder
 
 STAGE = "detect"
+# What to do about errors of files, by code, in words of this command.
+SCAN_HINTS = {
+    "no_track": "give the distance between the wheels to lmkit fleet scan: --wheel-track 0.4m",
+    "no_images": "name them to lmkit fleet scan: --topic left=TOPIC --topic right=TOPIC",
+    "no_base": "give lmkit fleet scan a rig file with T_base_left: --rig",
+}
 
 
 def detect_recording(job: StageJob) -> dict[str, Any]:
@@ -30,12 +36,20 @@ def detect_recording(job: StageJob) -> dict[str, Any]:
     with tempfile.TemporaryDirectory(prefix="lmkit-") as scratch:
         folder = _fetched(job, Path(scratch))
         rig = None if has_readings(folder) else _rig_of(job, folder)
-        opened = open_recording_folder(folder, rig, job.options["families"], job.options.get("hz"))
+        opened = _opened(job, folder, rig)
         for whole, part in _parts(opened):
             require_plausible_recording(whole, rig)
             found.add(part)
             write_part(job.store, part_folder(f"{STAGE}/{job.key}", found.parts), part, rig)
     return {**found.facts(), "odometry": opened.rest.odometry is not None}
+
+
+def _opened(job: StageJob, folder: Path, rig: AnyRig | None) -> OpenRecording:
+    track_m = job.recording.wheel_track_m or None
+    try:
+        return open_recording_folder(folder, rig, job.options["families"], job.options.get("hz"), track_m)
+    except InputError as error:
+        raise InputError(error.code, error.message, SCAN_HINTS.get(error.code, error.hint)) from None
 
 
 def _parts(opened: OpenRecording) -> Iterator[tuple[Recording, Recording]]:
@@ -95,16 +109,28 @@ def _fetched(job: StageJob, scratch: Path) -> Path:
     from lmkit.io.files import write_file
 
     unpacked = scratch / "unpacked"
-    for file in unpack_bag(path, {}):
-        write_file(unpacked / file.name, file.content, True)
+    try:
+        for file in unpack_bag(path, parse_topics(job.recording.topics)):
+            write_file(unpacked / file.name, file.content, True)
+    except InputError as error:
+        raise InputError(error.code, error.message, SCAN_HINTS.get(error.code, error.hint)) from None
     return unpacked
 
 
 def _rig_of(job: StageJob, folder: Path) -> AnyRig:
-    rig = Path(job.recording.rig) if job.recording.rig else folder / "rig.yaml"
-    if not rig.is_file():
-        hint = "give --rig to lmkit fleet scan, or put rig.yaml into the recording's folder"
-        raise InputError("no_rig", f"{rig}, the rig of {job.recording.name}, does not exist", hint)
+    """The rig that was scanned, else the recording's own: its file, or camera_info of its bag."""
+    if job.recording.rig and not Path(job.recording.rig).is_file():
+        raise InputError(
+            "no_rig", f"{job.recording.rig}, the rig of {job.recording.name}, does not exist", "check --rig, scan again"
+        )
+    own = [Path(job.recording.rig)] if job.recording.rig else [folder / "rig.yaml", folder / "rig"]
+    rig = next((path for path in own if path.exists()), None)
+    if rig is None:
+        raise InputError(
+            "no_rig",
+            f"{job.recording.name} has no rig",
+            "give --rig to lmkit fleet scan, or put rig.yaml into the recording's folder",
+        )
     return read_any_rig(rig)
 
 

@@ -26,6 +26,7 @@ BAG_FOLDER_HAS = "metadata.yaml"  # of a ROS 2 bag
 IMAGES = (".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff", ".webp")
 PLACEHOLDER = re.compile(r"\{(\w+)\}")
 LIMITS = ("max_bytes",)  # options that stop a job, and change no result
+TOPIC_ROLES = ("left", "right", "left_info", "right_info", "odometry", "imu")
 KNOWN = ("site", "robot", "recording", "date")
 DATE = re.compile(r"(?<!\d)(\d{4})-?(\d{2})-?(\d{2})(?!\d)")  # 2026-11-27 or 20261127
 
@@ -40,6 +41,8 @@ class FleetRecording:
         robot: name of the robot.
         rig: path of the rig file; empty: ``rig.yaml`` in the recording's folder, or camera_info in the bag.
         bytes, modified_s: size and latest change of the source; another size or time is another recording.
+        wheel_track_m: distance between the wheels, meters; 0: not known.
+        topics: of a bag, as `parse_topics` reads them; empty: found by type and name.
     """
 
     source: str
@@ -48,6 +51,8 @@ class FleetRecording:
     rig: str
     bytes: int
     modified_s: float
+    wheel_track_m: float = 0.0
+    topics: str = ""
 
     @property
     def name(self) -> str:
@@ -70,7 +75,24 @@ class FleetRecording:
         return hashlib.sha256(json.dumps(identity, sort_keys=True).encode()).hexdigest()[:20]
 
 
-def find_recordings(pattern: str, rig: str = "") -> list[FleetRecording]:
+def parse_topics(text: str) -> dict[str, str | None]:
+    """Topics by role from ``left=/cam0/image right=/cam1/image``.
+
+    Raises:
+        InputError: not such a text.
+    """
+    topics: dict[str, str | None] = {}
+    for word in text.split():
+        role, separator, topic = word.partition("=")
+        if role not in TOPIC_ROLES or not (separator and topic):
+            raise InputError(
+                "bad_topic", f"--topic {word} names no topic", f"give ROLE=TOPIC, ROLE one of {', '.join(TOPIC_ROLES)}"
+            )
+        topics[role] = topic
+    return topics
+
+
+def find_recordings(pattern: str, rig: str = "", wheel_track_m: float = 0.0, topics: str = "") -> list[FleetRecording]:
     """Recordings whose paths fit a pattern.
 
     Args:
@@ -78,12 +100,14 @@ def find_recordings(pattern: str, rig: str = "") -> list[FleetRecording]:
             each of which stands for one part of the path: ``logs/{site}/{robot}/*.mcap``.
         rig: path of the rig files, with the same names: ``rigs/{robot}.yaml``; with ``{date}``, of several files the
             last one that is not later than the recording: ``rigs/{robot}/{date}.yaml``.
+        wheel_track_m, topics: of all of them, as of `FleetRecording`.
 
     Raises:
-        InputError: an unknown name, a rig's name that the pattern lacks, or nothing fits.
+        InputError: an unknown name, a rig's name that the pattern lacks, topics that are none, or nothing fits.
     """
     from pyarrow import fs
 
+    parse_topics(topics)
     names = PLACEHOLDER.findall(pattern)
     unknown = [n for n in names if n not in KNOWN] + [
         n for n in PLACEHOLDER.findall(rig) if n not in (*names, "date")
@@ -110,7 +134,9 @@ def find_recordings(pattern: str, rig: str = "") -> list[FleetRecording]:
             continue
         source = f"{scheme}{separator}{info.path}" if separator else info.path
         mine = _rig_file(rig, matched.groupdict(), modified)
-        found.append(FleetRecording(source, parts["site"], parts["robot"], mine, size, modified))
+        found.append(
+            FleetRecording(source, parts["site"], parts["robot"], mine, size, modified, wheel_track_m, topics)
+        )
     if not found:
         raise InputError(
             "no_recordings",

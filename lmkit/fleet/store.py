@@ -116,7 +116,8 @@ class Store:
         from pyarrow import parquet
 
         try:
-            table = parquet.read_table(pa.BufferReader(self.read(name)))
+            # Threads of pyarrow that still run when the interpreter ends abort it, now and then.
+            table = parquet.ParquetFile(pa.BufferReader(self.read(name))).read(use_threads=False)
         except (pa.ArrowException, OSError) as error:
             raise InputError("store_damaged", f"{self.uri}: {name} is damaged ({error})", "delete it") from None
         about = json.loads((table.schema.metadata or {}).get(ROWS_KEY, b"{}"))

@@ -155,15 +155,36 @@ def find_topics(types: dict[str, str], wanted: dict[str, str | None], bag: Path)
             found[role] = asked
             continue
         fitting = sorted((t for t, kind in types.items() if kind in kinds and word in t), key=lambda t: (len(t), t))
-        found[role] = fitting[0] if fitting else None
+        beside = _beside(found[word], types) if role.endswith("_info") else None
+        found[role] = beside or (fitting[0] if fitting else None)
     left, right = found["left"], found["right"]
     if left is None or right is None:
+        images = sorted(topic for topic, kind in types.items() if kind in IMAGES)
+        if len(images) < 2:
+            holds = f"one topic of images, {images[0]}" if images else "no images"
+            raise InputError(
+                "not_stereo",
+                f"{bag}: it holds {holds}, and those of two cameras are needed",
+                "record the images of both cameras",
+            )
         raise InputError(
             "no_images",
-            f"{bag}: no topics of left and right images among {', '.join(sorted(types))}",
+            f"{bag}: no topics of left and right images among {', '.join(images)}",
             "name them: --left TOPIC --right TOPIC",
         )
     return Topics(left, right, found["left_info"], found["right_info"], found["odometry"], found["imu"])
+
+
+def _beside(images: str | None, types: dict[str, str]) -> str | None:
+    """The camera_info that ROS drivers publish beside a topic of images; None: there is none."""
+    names = [] if images is None else [f"{parent}/camera_info" for parent in _parents(images)]
+    return next((name for name in names if types.get(name) == INFO), None)
+
+
+def _parents(topic: str) -> list[str]:
+    """The namespaces of a topic, the innermost first."""
+    words = topic.split("/")
+    return ["/".join(words[:count]) for count in range(len(words) - 1, 1, -1)]
 
 
 def poses_to_bag(folder: Path, trajectory: Trajectory, frame: str = "map") -> None:

@@ -39,13 +39,17 @@ def has_readings(path: Path) -> bool:
 
 
 def open_recording_folder(
-    path: Path, rig: AnyRig | None, families: Sequence[str] = (LM8.name,), hz: float | None = None
+    path: Path,
+    rig: AnyRig | None,
+    families: Sequence[str] = (LM8.name,),
+    hz: float | None = None,
+    wheel_track_m: float | None = None,
 ) -> OpenRecording:
     """The recording of a folder, whose frames are read one after the other.
 
     Args:
         rig: that took it; None for ranges and bearings (`has_readings`).
-        families, hz: as of `open_recording`.
+        families, hz, wheel_track_m: as of `open_recording`.
 
     Raises:
         InputError: the folder holds no recording of this rig, or a file cannot be read.
@@ -53,7 +57,9 @@ def open_recording_folder(
     odometry = next((p for p in (path / f"odometry{end}" for end in (".csv", *POSES)) if p.is_file()), None)
     gyro = path / GYRO if (path / GYRO).is_file() else None
     if rig is None:
-        return open_recording(readings=path / READINGS, odometry=odometry, gyro=gyro, families=families)
+        return open_recording(
+            readings=path / READINGS, odometry=odometry, gyro=gyro, wheel_track_m=wheel_track_m, families=families
+        )
     names = [camera.name for camera in mounted_cameras(rig)]
     if not is_recording_folder(path, names):
         missing = next((name for name in names if _camera_source(path, name) is None), names[0])
@@ -64,7 +70,7 @@ def open_recording_folder(
         )
     detections = path / DETECTIONS if (path / DETECTIONS).is_file() else None
     sources = [] if detections is not None else [str(_camera_source(path, name)) for name in names]
-    return open_recording(sources, rig, detections, None, odometry, gyro, families=families, hz=hz)
+    return open_recording(sources, rig, detections, None, odometry, gyro, wheel_track_m, families, hz)
 
 
 def _camera_source(folder: Path, camera: str) -> Path | None:

@@ -10,10 +10,12 @@ import subprocess
 import sys
 import time
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
+from bag_files import write_bag
 
 pytest.importorskip("pyarrow")
 
@@ -28,7 +30,10 @@ from lmkit.fleet.store import Store
 from lmkit.fleet.tracking import track_recording
 from lmkit.io.external_maps import read_any_map
 from lmkit.io.landmark_map import map_to_yaml
+from lmkit.io.rig import rig_to_yaml
 from lmkit.model.landmark_id import LandmarkId
+from lmkit.simulation.recording import T_BASE_LEFT
+from lmkit.simulation.scene import make_rig
 from lmkit.simulation.site import Planted, Site, day_name, write_site
 
 OPTIONS = {"families": ["lm8"], "hz": None}
@@ -300,6 +305,45 @@ def test_the_table_keeps_what_is_known(small, tmp_path):
     assert add_recordings(store, find_recordings(f"{folder}/logs/{{site}}/{{robot}}/{day_name(0)}")) == (1, 1)
     assert add_recordings(store, find_recordings(f"{folder}/logs/{{site}}/{{robot}}/2*")) == (1, 2)
     assert {r.site for r in stored_recordings(store)} == {"hall0"}
+
+
+def test_wheels_are_read_with_the_track_that_was_scanned(tmp_path, monkeypatch):
+    folder = tmp_path / "logs" / "a" / "1"
+    folder.mkdir(parents=True)
+    (folder / "readings.csv").write_text("time_s,code,range_m,bearing_rad\n1.0,3,2.0,0.1\n1.5,3,2.0,0.1\n")
+    (folder / "odometry.csv").write_text("time_s,left_m,right_m\n1.0,0.1,0.1\n1.5,0.1,0.3\n")
+    monkeypatch.setenv("LMKIT_JOBS", "1")
+    store = Store(str(tmp_path / "store"))
+    pattern = f"{tmp_path}/logs/{{robot}}/*"
+    add_recordings(store, find_recordings(pattern))
+    [failed] = run_stage(store, STAGE, detect_recording, OPTIONS)
+    assert "lmkit fleet scan: --wheel-track 0.4m" in failed.failure
+    assert add_recordings(store, find_recordings(pattern, wheel_track_m=0.4)) == (1, 1)
+    [detected] = run_stage(store, STAGE, detect_recording, OPTIONS)
+    [(_, key, _)] = done_jobs(store, STAGE, OPTIONS)
+    [part] = parts_of(stored_recordings(store)[0], key, detected)
+    odometry = read_detected(store, part)[0].odometry
+    assert odometry.turn_rad.tolist() == pytest.approx([0.0, 0.5]) and odometry.forward_m[1] == pytest.approx(0.2)
+
+
+def test_topics_that_are_scanned_are_those_of_the_bag(tmp_path, monkeypatch):
+    pytest.importorskip("rosbags")
+    rig = replace(make_rig(image_size=(64, 48)), T_base_left=T_BASE_LEFT)
+    write_bag(tmp_path / "logs" / "bag", rig, cameras=("port", "starboard"))
+    (tmp_path / "rig.yaml").write_text(rig_to_yaml(rig))
+    monkeypatch.setenv("LMKIT_JOBS", "1")
+    store = Store(str(tmp_path / "store"))
+    outcomes = {}
+    named = "left=/cam/port/image_raw right=/cam/starboard/image_raw"
+    for topics, rig_file in (("", ""), (named, ""), (named, str(tmp_path / "rig.yaml"))):
+        add_recordings(store, find_recordings(f"{tmp_path}/logs/*", rig_file, topics=topics))
+        [outcomes[bool(topics), bool(rig_file)]] = run_stage(store, STAGE, detect_recording, OPTIONS)
+    assert "lmkit fleet scan: --topic left=TOPIC" in outcomes[False, False].failure
+    # The rig of its camera_info does not know where it is mounted.
+    assert "T_base_left" in outcomes[True, False].failure and "--rig" in outcomes[True, False].failure
+    assert outcomes[True, True].ok and outcomes[True, True].facts["frames"] == 3
+    with pytest.raises(InputError, match="port=/x"):
+        find_recordings("logs/*", topics="port=/x")
 
 
 def test_ranges_and_bearings_go_through_all_stages(tmp_path, monkeypatch):

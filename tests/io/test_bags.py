@@ -58,8 +58,12 @@ def test_topics_are_found_by_type_and_name_or_asked_for(tmp_path):
     assert (found.left, found.right, found.odometry, found.imu) == ("/a/left/raw", "/a/right/raw", "/o", None)
     with pytest.raises(InputError, match="no topic /x"):
         find_topics(kinds, {"left": "/x"}, tmp_path)
-    with pytest.raises(InputError, match="left and right images"):
-        find_topics({"/o": "nav_msgs/msg/Odometry"}, {}, tmp_path)
+    with pytest.raises(InputError, match="left and right images among /b, /c"):
+        find_topics({"/b": kinds["/a/left/raw"], "/c": kinds["/a/left/raw"], "/o": kinds["/o"]}, {}, tmp_path)
+    with pytest.raises(InputError, match="it holds no images"):
+        find_topics({"/o": kinds["/o"]}, {}, tmp_path)
+    with pytest.raises(InputError, match="one topic of images, /a/left/raw"):
+        find_topics({"/a/left/raw": kinds["/a/left/raw"]}, {}, tmp_path)
 
 
 def test_poses_go_into_a_bag(tmp_path):
