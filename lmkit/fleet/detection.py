@@ -121,7 +121,9 @@ def _rig_of(job: StageJob, folder: Path) -> AnyRig:
     """The rig that was scanned, else the recording's own: its file, or camera_info of its bag."""
     if job.recording.rig and not Path(job.recording.rig).is_file():
         raise InputError(
-            "no_rig", f"{job.recording.rig}, the rig of {job.recording.name}, does not exist", "check --rig, scan again"
+            "no_rig",
+            f"{job.recording.rig}, the rig of {job.recording.name}, does not exist",
+            "check --rig, scan again",
         )
     own = [Path(job.recording.rig)] if job.recording.rig else [folder / "rig.yaml", folder / "rig"]
     rig = next((path for path in own if path.exists()), None)

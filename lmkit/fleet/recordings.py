@@ -86,13 +86,17 @@ def parse_topics(text: str) -> dict[str, str | None]:
         role, separator, topic = word.partition("=")
         if role not in TOPIC_ROLES or not (separator and topic):
             raise InputError(
-                "bad_topic", f"--topic {word} names no topic", f"give ROLE=TOPIC, ROLE one of {', '.join(TOPIC_ROLES)}"
+                "bad_topic",
+                f"--topic {word} names no topic",
+                f"give ROLE=TOPIC, ROLE one of {', '.join(TOPIC_ROLES)}",
             )
         topics[role] = topic
     return topics
 
 
-def find_recordings(pattern: str, rig: str = "", wheel_track_m: float = 0.0, topics: str = "") -> list[FleetRecording]:
+def find_recordings(
+    pattern: str, rig: str = "", wheel_track_m: float = 0.0, topics: str = ""
+) -> list[FleetRecording]:
     """Recordings whose paths fit a pattern.
 
     Args:
