@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from lmkit.fleet.fading import Reading, SiteReadings
 from lmkit.fleet.jobs import Outcome
 from lmkit.fleet.parts import recording_of
 from lmkit.fleet.recordings import FleetRecording
@@ -28,7 +29,8 @@ class Fault:
     """One fault.
 
     Attributes:
-        kind: ``failed``, ``rig``, ``clock``, ``moved``, ``left_out``, ``warning``, ``few_located`` or ``remark``.
+        kind: ``failed``, ``rig``, ``clock``, ``moved``, ``faded``, ``left_out``, ``warning``, ``few_located`` or
+            ``remark``.
         sentence: what is wrong, and what to do, without site, robot and day.
         day: first day on which it shows, such as 2026-11-27; empty: of no day.
         until: last such day.
@@ -56,12 +58,19 @@ class Fault:
         return {**texts, "recordings": list(self.recordings)}
 
 
-def find_faults(sites: Mapping[str, Mapping[str, Any]], detected: Rows, checked: Rows, tracked: Rows) -> list[Fault]:
+def find_faults(
+    sites: Mapping[str, Mapping[str, Any]],
+    detected: Rows,
+    checked: Rows,
+    tracked: Rows,
+    readings: Mapping[str, SiteReadings],
+) -> list[Fault]:
     """Every fault, the most urgent first.
 
     Args:
         sites: facts of each surveyed site.
         detected, checked, tracked: recordings, keys and outcomes of the stages.
+        readings: how well the landmarks of each site are read.
     """
     when = {r.source: (start_of(r, o), day_of(start_of(r, o))) for r, _, o in detected}
     clocks = [*_slow_clocks(tracked, when), *_clocks_ahead(detected, when)]
@@ -73,7 +82,8 @@ def find_faults(sites: Mapping[str, Mapping[str, Any]], detected: Rows, checked:
         for r, _, o in rows
         if not o.ok and r.source in when
     ]
-    return [*rigs, *clocks, *failures, *_of_sites(sites, rigs), *_of_tracks(tracked, when, explained)]
+    landmarks = [*_of_sites(sites, rigs), *_faded(readings)]
+    return [*rigs, *clocks, *failures, *landmarks, *_of_tracks(tracked, when, explained)]
 
 
 def start_of(recording: FleetRecording, outcome: Outcome) -> float:
@@ -175,6 +185,40 @@ def _of_sites(sites: Mapping[str, Mapping[str, Any]], rigs: Sequence[Fault]) -> 
                 faults.append(Fault("left_out", f"left out of the map: {reason}", site, "", "", "", (name,)))
         faults += [Fault("warning", text, site) for text in facts["warnings"]]
     return faults
+
+
+def _faded(sites: Mapping[str, SiteReadings]) -> list[Fault]:
+    """Landmarks that are read worse than before."""
+    faults = []
+    for site, seen in sites.items():
+        for reading in seen.readings:
+            falls = [step for step in reading.fallen if step is not None]
+            if falls:
+                first = min(step.first for step in falls)
+                sentence = _faded_sentence(reading, seen.days[first - 1])
+                names = seen.names[first:]
+                faults.append(Fault("faded", sentence, site, "", seen.days[first], seen.days[-1], names))
+    return faults
+
+
+def _faded_sentence(reading: Reading, good_day: str) -> str:
+    """One sentence: how a landmark fell off, and what to do about it."""
+    share, evidence = reading.fallen
+    texts = []
+    if evidence is not None:
+        left = np.exp(evidence.change)
+        texts.append(
+            f"the margin of its readings is {100 * left:.0f} ± {100 * left * evidence.sigma:.0f} % of what it was"
+        )
+    if share is not None:
+        texts.append(
+            f"it is read in {100 * max(share.before + share.change, 0.0):.0f} of 100 images that should show it, "
+            f"{100 * share.before:.0f} before"
+        )
+    hidden = "see whether something hides it, " if evidence is None else ""
+    anew = f"lmkit generate --family {reading.id.family} --code {reading.id.code}"
+    advice = f"{hidden}clean it, or print it anew in its size ({anew})"
+    return f"{reading.id} is read worse than until {good_day}: {', '.join(texts)}; {advice}"
 
 
 def _of_tracks(tracked: Rows, when: When, explained: set[str]) -> list[Fault]:

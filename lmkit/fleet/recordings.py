@@ -20,7 +20,7 @@ from lmkit.pipelines.recording_folder import DETECTIONS, READINGS, VIDEOS
 from lmkit.version import __version__
 
 TABLE = "recordings.parquet"
-LAYOUT = 2  # of what stages write; another one is another result
+LAYOUT = 3  # of what stages write; another one is another result
 BAGS = (".mcap", ".bag", ".db3")
 BAG_FOLDER_HAS = "metadata.yaml"  # of a ROS 2 bag
 IMAGES = (".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff", ".webp")

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import base64
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from html import escape
 from typing import Any
@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from lmkit.fleet.detection import STAGE as DETECT
+from lmkit.fleet.fading import Reading, SiteReadings, Step, readings_of
 from lmkit.fleet.faults import DELAY, Fault, Rows, find_faults, start_of
 from lmkit.fleet.jobs import done_jobs
 from lmkit.fleet.mapping import stored_map, stored_sites
@@ -20,9 +21,12 @@ from lmkit.fleet.rig_checks import UNKNOWN, moved_cameras, stored_check_options
 from lmkit.fleet.store import Store
 from lmkit.fleet.tracking import STAGE as TRACK
 from lmkit.fleet.tracking import map_of
+from lmkit.fleet.views import read_views
 from lmkit.model.landmark_map import day_of
 from lmkit.visualization import html
 from lmkit.visualization.plan_view import draw_plan
+
+MOST_LANDMARKS = 30  # rows
 
 
 @dataclass(frozen=True, eq=False)
@@ -33,6 +37,7 @@ class FleetState:
         recordings: how many there are, detected or not.
         sites: facts of each surveyed site.
         detected, checked, tracked: recordings, keys and outcomes of the stages.
+        readings: how well the landmarks of each site are read.
     """
 
     recordings: int
@@ -40,10 +45,11 @@ class FleetState:
     detected: Rows
     checked: Rows
     tracked: Rows
+    readings: Mapping[str, SiteReadings]
 
     def faults(self) -> list[Fault]:
         """Everything that a person should look at."""
-        return find_faults(self.sites, self.detected, self.checked, self.tracked)
+        return find_faults(self.sites, self.detected, self.checked, self.tracked, self.readings)
 
 
 def fleet_state(store: Store, detect: Mapping[str, Any], track: Mapping[str, Any] | None) -> FleetState:
@@ -53,13 +59,31 @@ def fleet_state(store: Store, detect: Mapping[str, Any], track: Mapping[str, Any
         detect, track: options of the stages; None: nothing was tracked.
     """
     check = stored_check_options(store)
+    detected = done_jobs(store, DETECT, detect)
+    tracked = [] if track is None else done_jobs(store, TRACK, track)
     return FleetState(
         len(stored_recordings(store)),
         stored_sites(store),
-        done_jobs(store, DETECT, detect),
+        detected,
         [] if check is None else done_jobs(store, CHECK, check),
-        [] if track is None else done_jobs(store, TRACK, track),
+        tracked,
+        _site_readings(store, detected, tracked),
     )
+
+
+def _site_readings(store: Store, detected: Rows, tracked: Rows) -> dict[str, SiteReadings]:
+    """How well the landmarks of each site are read in its tracked recordings."""
+    views = read_views(store, tracked)
+    start_s = {recording.source: start_of(recording, outcome) for recording, _, outcome in detected}
+    known = sorted(views.keys() & start_s.keys(), key=lambda source: start_s[source])
+    names = {recording.source: (recording.site, recording.name) for recording, _, _ in tracked}
+    found = {}
+    for site in sorted({names[source][0] for source in known}):
+        mine = [source for source in known if names[source][0] == site]
+        days = tuple(day_of(start_s[source]) for source in mine)
+        readings = readings_of([views[source] for source in mine])
+        found[site] = SiteReadings(tuple(names[source][1] for source in mine), days, tuple(readings))
+    return found
 
 
 def fleet_report(store: Store, state: FleetState) -> str:
@@ -72,11 +96,12 @@ def fleet_report(store: Store, state: FleetState) -> str:
             f"{state.recordings} recordings, {sum(o.ok for _, _, o in detected)} detected, "
             f"{sum(o.ok for _, _, o in tracked)} tracked, {len(sites)} site{'s' * (len(sites) != 1)} with a map.",
         ),
-        html.listed("To do", [str(fault) for fault in faults]),
+        html.listed("What to do this week", [str(fault) for fault in faults]),
     ]
     figures = [_map_figure(store, site, facts) for site, facts in sites.items()]
     parts += ["<h2>Maps</h2>", html.grid(figures, "two")] if figures else []
     parts += ["<h2>Robots</h2>", _robots(state), "<h2>Days</h2>", _days(state)]
+    parts += ["<h2>Landmarks</h2>", _landmarks(state.readings)] if state.readings else []
     parts += ["<h2>Recordings</h2>", _recordings(detected, tracked)]
     return html.page("lmkit fleet", parts)
 
@@ -123,6 +148,41 @@ def _days(state: FleetState) -> str:
         frames, ok = sum(f["frames"] for f in ran), sum(f["ok"] for f in ran)
         rows.append((day, str(len(sources)), str(frames), f"{100 * ok / frames:.1f} %" if frames else "-"))
     return html.table(("day", "recordings", "frames tracked", "located"), rows)
+
+
+def _landmarks(sites: Mapping[str, SiteReadings]) -> str:
+    """How well landmarks are read: those first whose readings fell most surely."""
+    rows = [(_sureness(r), site, r) for site, seen in sites.items() for r in seen.readings]
+    rows.sort(key=lambda row: row[0])
+    cells = [
+        (
+            " ".join((site, str(r.id))).strip(),
+            str(r.expected),
+            f"{100 * r.read / r.expected:.0f} %",
+            _change(r.share, lambda change: f"{100 * change:+.0f}"),
+            _change(r.evidence, lambda change: f"{100 * np.expm1(change):+.0f} %"),
+        )
+        for _, site, r in rows[:MOST_LANDMARKS]
+    ]
+    more = f"<p class='note'>The first {MOST_LANDMARKS} of {len(rows)}.</p>" if len(rows) > MOST_LANDMARKS else ""
+    note = (
+        "<p class='note'>Images that should show a landmark by the pose of the robot, and the share in which it was "
+        "read. The surest fall of either number over time, with its standard deviation: of the share in percentage "
+        "points, of the margin relative to like views before.</p>"
+    )
+    head = ("landmark", "should show", "read", "share fell by", "margin fell by")
+    return note + html.table(head, cells) + more
+
+
+def _sureness(reading: Reading) -> float:
+    return min((step.change / step.sigma for step in (reading.share, reading.evidence) if step), default=0.0)
+
+
+def _change(step: Step | None, words: Callable[[float], str]) -> str:
+    """A fall and its deviation; a dash where nothing fell."""
+    if step is None or step.change >= 0:
+        return "-"
+    return f"{words(step.change)} ± {words(step.sigma).removeprefix('+')}"
 
 
 def _recordings(detected: Rows, tracked: Rows) -> str:

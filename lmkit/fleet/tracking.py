@@ -16,6 +16,7 @@ from lmkit.errors import InputError
 from lmkit.fleet.detection import parts_to_read, read_detected
 from lmkit.fleet.jobs import StageJob
 from lmkit.fleet.parts import part_folder
+from lmkit.fleet.views import Views, write_views
 from lmkit.io.external_maps import read_any_map
 from lmkit.model.landmark_map import LandmarkMap
 from lmkit.model.tracked_trajectory import TrackedTrajectory
@@ -25,7 +26,7 @@ LEAST_SIGMA = 1e-9  # of a parameter that is held
 
 
 def track_recording(job: StageJob) -> dict[str, Any]:
-    """Work of one job: the trajectory of every part as a table, and a summary.
+    """Work of one job: the trajectory of every part as a table, how landmarks were read, and a summary.
 
     Options: ``maps`` has the text of every site's map; ``detect`` the options of detection.
     """
@@ -33,12 +34,16 @@ def track_recording(job: StageJob) -> dict[str, Any]:
     if job.recording.site not in maps:
         raise InputError("no_map", f"site '{job.recording.site}' has no map", "run lmkit fleet survey")
     landmarks = map_of(maps[job.recording.site])
-    passed = _Passed()
+    passed, views = _Passed(), Views()
     for part in parts_to_read(job):
         recording, rig = read_detected(job.store, part)
-        tracked = track(recording, rig, landmarks.at(float(recording.times_s[0])))
+        then = landmarks.at(float(recording.times_s[0]))
+        tracked = track(recording, rig, then)
+        if rig is not None:
+            views.add(recording.frames, rig, then, tracked)
         job.store.write_table(f"{part_folder(f'{STAGE}/{job.key}', part.number)}.parquet", _columns(tracked))
         passed.add(tracked)
+    write_views(job.store, job.key, views)
     return passed.facts()
 
 

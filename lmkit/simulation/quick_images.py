@@ -6,12 +6,16 @@ runs.  Only windows around sheets are computed in full.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from dataclasses import replace
+
 import cv2
 import numpy as np
 
 from lmkit.arrays import ByteArray, Float32Array, FloatArray
 from lmkit.geometry.camera import CameraModel
 from lmkit.geometry.pose import Pose
+from lmkit.model.landmark_id import LandmarkId
 from lmkit.model.palette import linear_to_srgb
 from lmkit.simulation.scene import CEILING, FLOOR, WALL_TINTS, Panel, Scene, landmark_sheet
 
@@ -30,11 +34,16 @@ class QuickCamera:
 
     Args:
         scene: of `scene.furnish_room`; its panels' textures are used, walls and floor by their mean color.
+        pale: landmarks whose ink has faded, and by which share of the way to white paper.
     """
 
-    def __init__(self, scene: Scene, camera: CameraModel, seed: int) -> None:
+    def __init__(
+        self, scene: Scene, camera: CameraModel, seed: int, pale: Mapping[LandmarkId, float] | None = None
+    ) -> None:
         self._camera, self._size_m = camera, np.array(scene.size_m)
-        self._sheets = [landmark_sheet(landmark) for landmark in scene.landmarks]
+        shares = [(pale or {}).get(landmark.id, 0.0) for landmark in scene.landmarks]
+        sheets = [landmark_sheet(landmark) for landmark in scene.landmarks]
+        self._sheets = [_paled(sheet, share) if share else sheet for sheet, share in zip(sheets, shares, strict=True)]
         self._details = [_details(sheet.texture) for sheet in self._sheets]
         width, height = camera.image_size
         steps = (np.arange(OVERSAMPLE) + 0.5) / OVERSAMPLE - 0.5
@@ -129,6 +138,12 @@ class QuickCamera:
         if (high - low < 2).any():
             return None
         return slice(int(low[1]), int(high[1])), slice(int(low[0]), int(high[0]))
+
+
+def _paled(sheet: Panel, share: float) -> Panel:
+    """A sheet whose ink is nearer to its paper by a share."""
+    paper = sheet.texture.max()
+    return replace(sheet, texture=sheet.texture + np.float32(share) * (paper - sheet.texture))
 
 
 def _meet(rays: Float32Array, T_camera_panel: Pose) -> tuple[Float32Array, Float32Array]:

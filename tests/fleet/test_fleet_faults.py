@@ -49,7 +49,7 @@ def tracked(robot: str, delays_s: list[float], sigma_s: float = 0.01) -> list:
 def test_a_bumped_camera_is_named_from_its_first_day_to_its_last():
     checks = [TRUE, UNKNOWN, MOVED, MOVED, TRUE, MOVED]
     checked = rows("a", [{"cameras": [check]} for check in checks]) + rows("b", [{"cameras": [TRUE]}] * 6)
-    first, second = find_faults({}, [*detected("a", 6), *detected("b", 6)], checked, [])
+    first, second = find_faults({}, [*detected("a", 6), *detected("b", 6)], checked, [], {})
     assert (first.kind, first.robot, first.day, first.until) == ("rig", "a", day_name(2), day_name(3))
     assert str(first).startswith(
         f"hall/a ({day_name(2)} to {day_name(3)}): camera right has yawed by +0.40 ± 0.01 deg"
@@ -62,22 +62,22 @@ def test_a_rig_file_that_is_hardly_off_is_no_bumped_camera():
     hardly = {**MOVED, "turn_deg": [0.0, 0.04, 0.0]}
     shifted = {**MOVED, "turn_deg": [0.0, 0.04, 0.0], "shift_mm": [0.0, 0.0, -4.0]}
     checked = rows("a", [{"cameras": [check]} for check in (hardly, shifted)])
-    [fault] = find_faults({}, detected("a", 2), checked, [])
+    [fault] = find_faults({}, detected("a", 2), checked, [], {})
     assert fault.day == day_name(1) and "shifted along z by -4.0 ± 0.5 mm" in fault.sentence
 
 
 def test_a_clock_unlike_the_fleets_is_named():
     usual = [*tracked("a", [0.24, 0.26, 0.25]), *tracked("b", [0.25, 0.22, 0.9])]
-    [fault] = find_faults({}, [*detected("a", 3), *detected("b", 3)], [], usual)
+    [fault] = find_faults({}, [*detected("a", 3), *detected("b", 3)], [], usual, {})
     assert (fault.kind, fault.robot, fault.day) == ("clock", "b", day_name(2))
     assert "0.65 s behind" in fault.sentence and f"right until {day_name(1)}" in fault.sentence
     # A delay that is not known is not off.
     vague = tracked("b", [0.25, 0.22, 0.9], sigma_s=0.2)
-    assert find_faults({}, [*detected("a", 3), *detected("b", 3)], [], [*usual[:3], *vague]) == []
+    assert find_faults({}, [*detected("a", 3), *detected("b", 3)], [], [*usual[:3], *vague], {}) == []
 
 
 def test_a_robot_whose_clock_is_ahead_of_its_files_is_named():
-    [fault] = find_faults({}, detected("a", 1, written_s=MONDAY_S - DAY_S), [], [])
+    [fault] = find_faults({}, detected("a", 1, written_s=MONDAY_S - DAY_S), [], [], {})
     assert fault.kind == "clock" and "24.0 h ahead" in fault.sentence
 
 
