@@ -16,7 +16,7 @@ Item = TypeVar("Item")
 IMAGE_KINDS = ("png", "svg")
 BOARD_HELP = (
     "Board: chessboard:9x6:30mm (inner corners), charuco:8x6:30mm:22mm:DICT_5X5_100[:legacy] (squares), "
-    "landmarks:4x3:60mm:48mm[:FIRST_CODE] or aprilgrid:6x6:24mm:0.3[:FAMILY] (Kalibr's)."
+    "landmarks:4x3:60mm:48mm[:FIRST_CODE] or aprilgrid:6x6:22mm:0.3[:FAMILY] (Kalibr's)."
 )
 
 

@@ -18,6 +18,9 @@ def run(
     boards: Annotated[int, typer.Option("--boards", help="Number of stereo pairs of a calibration board.")] = 0,
     landmarks: Annotated[int, typer.Option("--landmarks", help="Number of landmarks on the walls.")] = 12,
     family: options.OneFamily = "lm8",
+    board: Annotated[
+        str, typer.Option("--board", help="Calibration board, such as aprilgrid:6x6:22mm:0.3; see lmkit board.")
+    ] = "chessboard:9x6:25mm",
     jobs: options.Jobs = None,
     force: options.Force = False,
 ) -> None:
@@ -41,11 +44,12 @@ def run(
             f"give up to {kind.code_count}, or another --family",
         )
     from lmkit.io.files import check_writable, write_file
+    from lmkit.model.board import BoardSpec
     from lmkit.simulation.dataset import description_files, make_dataset, render_images
     from lmkit.visualization.overlay import encode_png
 
     check_writable(output / "truth.json", force)
-    data = make_dataset(seed, pairs, boards, landmarks, kind)
+    data = make_dataset(seed, pairs, boards, landmarks, kind, BoardSpec.parse(board))
     for name, image in progress(render_images(data), 2 * (pairs + boards), "rendering"):
         write_file(output / name, encode_png(image), force)
     for name, text in description_files(data).items():

@@ -92,6 +92,8 @@ def run(
 
         write_outputs({certificate: certificate_of(prints, date.today())}, force)
     if bad:
-        hint = "print again at 100 %, in color"
+        hint = "print again at 100 %" + (", in color" if choices.ring_families else "")
+        if not prints and manifest is None:
+            hint = f"{hint}; --family names another family than {family}"
         fail = "1 print fails" if len(bad) == 1 else f"{len(bad)} prints fail, the first"
         raise NegativeAnswer("print_fails", f"{fail}: {bad[0]}", hint)

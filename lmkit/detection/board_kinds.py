@@ -26,7 +26,7 @@ def shown_instead(images: Sequence[ByteArray], expected: str = "") -> tuple[str,
     """
     grays = [_small(image) for image in images]
     if _median(_tags(gray) for gray in grays) >= MIN_MARKERS:
-        return "an AprilGrid", "give --board aprilgrid:6x6:24mm:0.3 (tags, side, gap over side)"
+        return "an AprilGrid", "give --board aprilgrid:6x6:22mm:0.3 (tags, side, gap over side)"
     cells = expected.rpartition("_")[0]
     for name in (name for name in _DICTIONARIES if name.rpartition("_")[0] != cells):
         if _median(_markers(gray, name, 1) for gray in grays) >= MIN_MARKERS:

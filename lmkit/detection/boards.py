@@ -13,6 +13,7 @@ import numpy as np
 from lmkit.arrays import ByteArray, FloatArray, IntArray
 from lmkit.detection.april_grids import detect_april_grid
 from lmkit.detection.board_corners import refine_corners
+from lmkit.detection.charuco_markers import corners_by_markers
 from lmkit.detection.config import ACCURATE, DetectOptions
 from lmkit.detection.detector import detect_landmarks
 from lmkit.model.board import BoardSpec
@@ -43,7 +44,7 @@ def detect_board(image: ByteArray, board: BoardSpec) -> BoardObservation | None:
         return detect_april_grid(image, board)
     gray = np.asarray(cv2.cvtColor(image, cv2.COLOR_BGR2GRAY), dtype=np.uint8)
     if board.kind == "charuco":
-        return _detect_charuco(gray, board)
+        return _detect_charuco(image, gray, board)
     corners = _find_chessboard(gray, board.inner_corners)
     if corners is None:
         return None
@@ -285,11 +286,14 @@ def _refined(gray: ByteArray, ids: IntArray, corners: FloatArray, board: BoardSp
     return BoardObservation(ids, points, noise_px)
 
 
-def _detect_charuco(gray: ByteArray, board: BoardSpec) -> BoardObservation | None:
+def _detect_charuco(image: ByteArray, gray: ByteArray, board: BoardSpec) -> BoardObservation | None:
     found = _charuco_corners(gray, board)
-    if found is None:
+    numbers, points = (np.zeros(0, np.int64), np.zeros((0, 2))) if found is None else found
+    if len(numbers) < len(board.object_points):
+        own = corners_by_markers(image, board)
+        numbers, points = max((numbers, points), own, key=lambda corners: len(corners[0]))
+    if len(numbers) < MIN_CHARUCO_CORNERS:
         return None
-    numbers, points = found
     # Corners on one line give no pose.
     plane = board.object_points[numbers, :2]
     if np.linalg.matrix_rank(plane - plane.mean(axis=0), tol=1e-6) < 2:

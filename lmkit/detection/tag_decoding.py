@@ -1,8 +1,9 @@
 """Decoding of a registered square marker: every code in every quarter turn, scored by likelihood.
 
 Black, white and surroundings are free for every hypothesis and channel; the score is what the pixels leave
-unexplained.  The cells are fitted on their own too: in a square with some other content they are not those of any
-code.
+unexplained.  The margin is as white as the cells, which tells small markers' place, unless the pixels refute that:
+paper cut at the border, a ground in another light.  The cells are fitted on their own too: in a square with some
+other content they are not those of any code.
 """
 
 from __future__ import annotations
@@ -15,13 +16,14 @@ import numpy as np
 
 from lmkit.arrays import BoolArray, FloatArray
 from lmkit.detection.decoding import CORRELATED_PIXELS
-from lmkit.kernels.cell_codes import Words, cell_codes, packed, single_cells
-from lmkit.kernels.grid_moments import grid_moments
+from lmkit.kernels.cell_codes import CellCodes, Words, cell_codes, packed, single_cells
+from lmkit.kernels.grid_moments import OTHERS, grid_moments
 from lmkit.kernels.grid_pattern import GridDrawing
 from lmkit.kernels.registration import Samples, View
 from lmkit.model.square_marker import SquareMarkerFamily
 
 MODEL_SHARE = 0.02  # of the contrast, which no model of blur and print gets better
+REFUTED = 100.0  # log likelihood ratio of a margin with a light of its own: a tenth of the contrast in a clear image
 
 
 @dataclass(frozen=True)
@@ -36,6 +38,7 @@ class TagDecoding:
         inks: (2,3) white and black, linear-light BGR.
         cells: (bits,bits) each cell fitted on its own: 0 black, 1 white; in the square's frame.
         expected: (bits,bits) what the code says of them, in the square's frame.
+        has_own_ground: the light around is not the white of the cells.
     """
 
     code: int
@@ -47,6 +50,7 @@ class TagDecoding:
     inks: FloatArray
     cells: FloatArray
     expected: BoolArray
+    has_own_ground: bool
 
     @cached_property
     def cell_error(self) -> float:
@@ -81,12 +85,16 @@ def tag_tables_of(family: SquareMarkerFamily) -> TagTables:
     return TagTables(turned, words, drawing_of_cells(family, np.zeros((family.bits, family.bits))))
 
 
-def drawing_of_cells(family: SquareMarkerFamily, white: FloatArray) -> GridDrawing:
-    """The drawing of a marker with these (bits,bits) shares of white in the square's frame."""
+def drawing_of_cells(family: SquareMarkerFamily, white: FloatArray, has_own_ground: bool = False) -> GridDrawing:
+    """The drawing of a marker with these (bits,bits) shares of white in the square's frame.
+
+    The surroundings begin at the border where the ground has a light of its own.
+    """
     darkness = np.ones((family.cells, family.cells))
     inside = slice(family.border_cells, family.cells - family.border_cells)
     darkness[inside, inside] -= white
-    return GridDrawing.of(family.half_mm + family.margin_mm, family.half_mm, darkness)
+    paper = family.half_mm if has_own_ground else family.half_mm + family.margin_mm
+    return GridDrawing.of(paper, family.half_mm, darkness)
 
 
 def decode_tag(
@@ -94,14 +102,18 @@ def decode_tag(
 ) -> TagDecoding | None:
     """Score every code in every quarter turn at this state of a registration; None where nothing looks like one."""
     tables = tag_tables_of(family)
-    found = cell_codes(tables.words, grid_moments(tables.empty, family.border_cells, view, samples, state))
+    products = grid_moments(tables.empty, family.border_cells, view, samples, state)
+    tied, own = cell_codes(tables.words, products), cell_codes(tables.words, _with_own_ground(products))
+    evidence = samples.values.size / CORRELATED_PIXELS / 2 / channel_repeats
+    found, has_own_ground = tied, False
+    if own is not None:
+        least = max(own.left, 1e-9) + _floor(own)
+        has_own_ground = tied is None or evidence * math.log((tied.left + _floor(own)) / least) > REFUTED
+        found = own if has_own_ground else tied
     if found is None:
         return None
-    evidence = samples.values.size / CORRELATED_PIXELS / 2 / channel_repeats
     white, black = found.inks.mean(axis=1).tolist()
-    # No model explains print and blur to the last bit.
-    contrast = found.inks[0] - found.inks[1]
-    floor = MODEL_SHARE**2 * float(contrast @ contrast) / 3 * found.weight
+    floor = _floor(found)
     least = max(found.left, 1e-9) + floor
     quarter, code = divmod(found.row, family.code_count)
     return TagDecoding(
@@ -114,7 +126,24 @@ def decode_tag(
         inks=found.inks,
         cells=found.cells.reshape(family.bits, family.bits),
         expected=tables.white[found.row],
+        has_own_ground=has_own_ground,
     )
+
+
+def _floor(found: CellCodes) -> float:
+    """No model explains print and blur to the last bit: what the best leaves unexplained."""
+    contrast = found.inks[0] - found.inks[1]
+    return MODEL_SHARE**2 * float(contrast @ contrast) / 3 * found.weight
+
+
+def _with_own_ground(products: FloatArray) -> FloatArray:
+    """Products of cells, border, margin, surroundings and values with the margin counted among the surroundings."""
+    margin = len(products) - 3 - OTHERS + 1
+    joined = products.copy()
+    joined[margin + 1] += joined[margin]
+    joined[:, margin + 1] += joined[:, margin]
+    joined[margin] = joined[:, margin] = 0.0
+    return joined
 
 
 def border_error_of(
@@ -124,7 +153,8 @@ def border_error_of(
 
     Windows, tiles and letters often have an inside like a code's; hardly any has twenty dark cells around it.
     """
-    products = grid_moments(tag_tables_of(family).empty, 0, view, samples, state)
+    tied = grid_moments(tag_tables_of(family).empty, 0, view, samples, state)
+    products = _with_own_ground(tied) if decoding.has_own_ground else tied
     cells = single_cells(products, decoding.inks).reshape(family.cells, family.cells)
     in_border = np.ones(cells.shape, dtype=bool)
     inside = slice(family.border_cells, family.cells - family.border_cells)

@@ -177,7 +177,7 @@ class TagFit(DrawingFit):
         if found.margin < least.margin or found.cell_error > least.cell_error:
             return False
         self.decoding = found
-        self.drawing = drawing_of_cells(self.family, self.decoding.expected.astype(np.float64))
+        self._draw(self.decoding.expected.astype(np.float64))
         return True
 
     @property
@@ -187,7 +187,10 @@ class TagFit(DrawingFit):
 
     def draw_cells(self) -> None:
         """Draw every cell as bright as it looks: the place does not depend on a code that may be wrong."""
-        self.drawing = drawing_of_cells(self.family, np.clip(self.decoding.cells, 0.0, 1.0))
+        self._draw(np.clip(self.decoding.cells, 0.0, 1.0))
+
+    def _draw(self, white: FloatArray) -> None:
+        self.drawing = drawing_of_cells(self.family, white, self.decoding.has_own_ground)
 
 
 def register_and_decode_tag(

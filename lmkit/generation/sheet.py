@@ -15,7 +15,7 @@ from lmkit.generation.sheet_parts import Part
 from lmkit.io.template import PageTemplate, TextLine
 from lmkit.model.codewords import format_codes
 from lmkit.model.families import MarkerFamily
-from lmkit.model.landmark import LM8
+from lmkit.model.landmark import LM8, LandmarkFamily
 
 CONTENTS_COLUMNS = 8
 FITTING = ("landmark_too_large", "overlap", "outside")  # errors that a smaller landmark may not have
@@ -111,7 +111,8 @@ def _parts(faces: tuple[PrintedFace, ...], template: PageTemplate, wording: Word
     if template.check_square is not None:
         yield parts.check_square(template.check_square.at_mm)
     if template.patches is not None:
-        yield parts.patch_strip(template.patches.at_mm)
+        is_colored = any(isinstance(face.family, LandmarkFamily) for face in faces)
+        yield parts.patch_strip(template.patches.at_mm, is_colored)
     if template.arrow is not None:
         yield parts.up_arrow(template.arrow.at_mm)
     if template.holes is not None:

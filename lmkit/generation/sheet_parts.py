@@ -110,13 +110,15 @@ def check_square(at: Point) -> Part:
 
 
 @lru_cache(maxsize=64)
-def patch_strip(at: Point) -> Part:
-    """Nine patches: both inks of the landmark, black and grays, the printer's primaries."""
+def patch_strip(at: Point, is_colored: bool) -> Part:
+    """Nine patches: both inks of the ring landmark, black and grays, the printer's primaries."""
     x, y = at
     items: list[Item] = [
         rectangle("patch", color, x + k * (PATCH_MM + 1), y, PATCH_MM, PATCH_MM) for k, color in enumerate(PATCHES)
     ]
-    items.append(Text((x, y + PATCH_MM + 3), "Print in color: without red and blue the landmark is not read.", 2.4))
+    if is_colored:
+        words = "Print in color: without red and blue the landmark is not read."
+        items.append(Text((x, y + PATCH_MM + 3), words, 2.4))
     return Part("patch strip", tuple(items))
 
 
@@ -172,7 +174,8 @@ def dimension(face: PrintedFace) -> Part:
         items.append(rectangle("mark", GRAY, edge - (THIN_MM if side > 0 else 0), top, THIN_MM, 4))
         tip: list[Point] = [(edge, line), (edge - side * 3, line - 0.8), (edge - side * 3, line + 0.8)]
         items.append(FilledPath("mark", GRAY, polygon_commands(tip)))
-    words = f"{face.size_mm:g} mm: red edge to red edge"
+    color = face.family.border_color
+    words = f"{face.size_mm:g} mm: {color} edge to {color} edge"
     height = min(3.2, face.size_mm / 18)
     text = Text((x, line + 0.35 * height), words, height, "middle", GRAY)
     left, _, right, _ = box_of((text,))

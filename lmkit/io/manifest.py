@@ -22,7 +22,7 @@ class PrintedEntry(Document):
     Attributes:
         page: from 1.
         code, family, version: which landmark.
-        size_mm: over the red border's outer edges, as it should measure.
+        size_mm: over the border's outer edges, as it should measure.
         centre_mm: its middle, from the paper's top left corner; outside the paper for tiles.
         upside_down: turned by half.
         tile: the page holds only a part of it.

@@ -34,7 +34,7 @@ class FormDefaults:
 
     Attributes:
         family: landmark family.
-        size_m: outer edge to outer edge of the red border.
+        size_m: outer edge to outer edge of the border.
         sigma: standard deviations of a position (m, each axis) and an orientation (rad, each axis), if known.
     """
 

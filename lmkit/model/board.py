@@ -21,7 +21,7 @@ _HINT = (
     "write chessboard:9x6:30mm (inner corners and square), "
     "charuco:8x6:30mm:22mm:DICT_5X5_100 (squares, square, marker, dictionary; :legacy and the first id may follow), "
     "landmarks:4x3:60mm:48mm (landmarks, middle to middle, side; the first code may follow) or "
-    "aprilgrid:6x6:24mm:0.3 (tags, side, gap over side, as in Kalibr; a family may follow)"
+    "aprilgrid:6x6:22mm:0.3 (tags, side, gap over side, as in Kalibr; a family may follow)"
 )
 
 

@@ -31,7 +31,7 @@ class MappedLandmark:
 
     Attributes:
         id: family and code, as printed.
-        size_m: outer edge to outer edge of the red border, meters.
+        size_m: outer edge to outer edge of the border, meters.
         T_map_landmark: its pose.
         covariance: (6,6) of that pose in the map frame (x y z m, rotation x y z rad), if known.
         name: of the place it marks, for `lmkit plan route`.

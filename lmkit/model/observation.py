@@ -15,7 +15,7 @@ class Detection:
 
     Attributes:
         id: family and code, as read.
-        corners: (4,2) outer corners of the red border, pixels of the image as delivered; the
+        corners: (4,2) outer corners of the border, pixels of the image as delivered; the
             landmark's top left first, then clockwise as the landmark stands.
         confidence: probability that the code is right, 0..1.
         margin: log likelihood ratio of this code in this rotation against the runner-up.

@@ -137,7 +137,7 @@ class PrintLayout:
             raise InputError(
                 "bad_compensation",
                 f"--compensate {self.compensate}: more than {MOST_STRETCH:.0%} off the intended {size_mm:g} mm",
-                "print at 100 % without fitting to the page, and measure the red border's outer edges in mm",
+                "print at 100 % without fitting to the page, and measure the border's outer edges in mm",
             )
         return factors
 

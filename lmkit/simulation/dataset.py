@@ -31,6 +31,7 @@ class Dataset:
     Attributes:
         poses: T_map_camera of the left camera, one per stereo pair.
         boards: T_camera_board, one per calibration pair.
+        board: the calibration board.
     """
 
     seed: int
@@ -39,14 +40,21 @@ class Dataset:
     poses: tuple[Pose, ...]
     boards: tuple[Pose, ...]
     chain: ImagingChain
+    board: BoardSpec
 
 
-def make_dataset(seed: int, pairs: int, boards: int, landmarks: int, family: MarkerFamily) -> Dataset:
-    """A room with a recording through it, everything drawn from the seed."""
+def make_dataset(
+    seed: int, pairs: int, boards: int, landmarks: int, family: MarkerFamily, board: BoardSpec = BOARD
+) -> Dataset:
+    """A room with a recording through it, and pairs of a board; everything drawn from the seed.
+
+    Raises:
+        InputError: both cameras never see the whole board.
+    """
     rig = make_rig()
     scene = make_room(seed, family, landmarks)
-    placed = board_poses(seed, rig, BOARD, boards) if boards else []
-    return Dataset(seed, scene, rig, tuple(drive(seed, scene, pairs)), tuple(placed), ImagingChain())
+    placed = board_poses(seed, rig, board, boards) if boards else []
+    return Dataset(seed, scene, rig, tuple(drive(seed, scene, pairs)), tuple(placed), ImagingChain(), board)
 
 
 def render_images(data: Dataset) -> Iterator[tuple[str, ByteArray]]:
@@ -64,7 +72,7 @@ def _take(data: Dataset, job: tuple[str, int, str]) -> tuple[str, ByteArray]:
         scene, T_map_left = data.scene, data.poses[index]
     else:
         pose = data.boards[index]
-        scene = studio([board_panel(BOARD, Pose("map", "board", pose.R, pose.t))])
+        scene = studio([board_panel(data.board, Pose("map", "board", pose.R, pose.t))])
         T_map_left = Pose.identity("map", "camera")
     T_map_camera = T_map_left @ Pose("camera", "camera", T_camera_left.R, T_camera_left.t).inverse()
     return f"{what}/{side}/{index:04d}.png", photograph(scene, camera, T_map_camera, data.chain, rng)
@@ -103,7 +111,7 @@ def truth(data: Dataset) -> dict[str, Any]:
         "format": "lmkit-truth/1",
         "seed": data.seed,
         "pose": "T_map_camera of the left camera",
-        "board": str(BOARD),
+        "board": str(data.board),
         "pairs": pairs,
         "boards": boards,
     }

@@ -12,6 +12,7 @@ from functools import lru_cache
 import numpy as np
 
 from lmkit.arrays import Float32Array, FloatArray
+from lmkit.errors import InputError
 from lmkit.generation.artwork import FilledPath
 from lmkit.generation.board import compose_board_page
 from lmkit.generation.page import Page, bare_landmark_page
@@ -27,6 +28,7 @@ from lmkit.model.landmark_map import LandmarkMap, MappedLandmark, wall_pose
 from lmkit.model.palette import srgb_to_linear
 
 SHEET_DPI = 110.0
+BOARD_M, TRIES = (0.45, 0.95), 2000  # how far boards are; poses tried for each that is kept
 PAPER_M = 0.002
 WALL_TINTS = ((0.62, 0.60, 0.55), (0.55, 0.60, 0.62), (0.66, 0.62, 0.52), (0.58, 0.56, 0.58))
 FLOOR, CEILING = (0.22, 0.19, 0.16), (0.75, 0.75, 0.73)
@@ -193,13 +195,17 @@ def looking(position: FloatArray, heading_rad: float, pitch: float = 0.0) -> Pos
 
 
 def board_poses(seed: int, rig: StereoRig, board: BoardSpec, count: int) -> list[Pose]:
-    """T_camera_board in the left camera, spread over the image, tilted, all of it in both cameras."""
+    """T_camera_board in the left camera, spread over the image, tilted, all of it in both cameras.
+
+    Raises:
+        InputError: the board is too large for that, or nearly.
+    """
     rng = np.random.default_rng(seed)
     middle = board.object_points.mean(axis=0)
     poses: list[Pose] = []
-    while len(poses) < count:
+    for _ in range(TRIES * count):
         turn = np.array([*rng.uniform(-0.6, 0.6, 2), rng.uniform(-0.3, 0.3)])
-        depth = rng.uniform(0.45, 0.95)
+        depth = rng.uniform(*BOARD_M)
         offset = np.array([rng.uniform(-0.5, 0.5) * depth, rng.uniform(-0.4, 0.4) * depth, depth])
         rotation = Pose.from_rvec("camera", "board", turn, np.zeros(3)).R
         pose = Pose("camera", "board", rotation, offset - rotation @ middle)
@@ -211,7 +217,12 @@ def board_poses(seed: int, rig: StereoRig, board: BoardSpec, count: int) -> list
         ]
         if all(seen.all() for seen in both):
             poses.append(pose)
-    return poses
+        if len(poses) == count:
+            return poses
+    message = (
+        f"board {board} is too large: both cameras hardly ever see all of it from {BOARD_M[0]} to {BOARD_M[1]} m"
+    )
+    raise InputError("large_board", message, "take smaller squares or tags, or fewer of them")
 
 
 def studio(panels: Sequence[Panel]) -> Scene:

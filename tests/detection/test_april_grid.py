@@ -3,35 +3,14 @@
 import cv2
 import numpy as np
 import pytest
+from board_pages import corners_on_page, onto, seen_at
 
 from lmkit.detection.boards import detect_board
 from lmkit.errors import InputError
 from lmkit.generation.board import compose_board_page
-from lmkit.generation.page import Text
-from lmkit.generation.png import page_to_image
 from lmkit.model.board import BoardSpec
 
-DPI = 254  # ten pixels a millimeter: every edge of these boards lies between two pixels
 FIRST_OF_36H11 = 0xD5D628584  # the AprilTag project's code 0, row by row from the top left
-
-
-def seen_at(board, H, size, rng):
-    """A view of the board's page: (H,W,3) BGR, light blurred before it is encoded."""
-    page = np.asarray(page_to_image(compose_board_page(board), DPI))[:, :, ::-1]
-    linear = ((np.arange(256) / 255) ** 2.2).astype(np.float32)
-    light = cv2.warpPerspective(linear[page], H, size, flags=cv2.INTER_LINEAR, borderValue=(0.2, 0.2, 0.2))
-    light = np.clip(cv2.GaussianBlur(light, (0, 0), 0.8) + rng.normal(0, 0.004, light.shape), 0, 1)
-    return (255 * light ** (1 / 2.2)).round().astype(np.uint8)
-
-
-def corners_on_page(board):
-    """(N,2) px of the page at `DPI`."""
-    page = compose_board_page(board)
-    width, height = board.pattern_mm
-    marks = [item for item in page.items if not isinstance(item, Text)]
-    points = np.array([p for mark in marks for command in mark.commands for p in command[1:]])
-    first = (points.min(axis=0) + points.max(axis=0) - (width, height)) / 2
-    return (board.object_points[:, :2] * 1000 + first) / 25.4 * DPI - 0.5
 
 
 def test_the_layout_is_kalibr_s():
@@ -49,14 +28,10 @@ def test_the_layout_is_kalibr_s():
 
 def test_every_corner_is_found_though_squares_touch_the_tags():
     board = BoardSpec.parse("aprilgrid:4x3:40mm:0.3")
-    page = corners_on_page(board)
-    low, high = page.min(axis=0), page.max(axis=0)
-    ends = np.array([low, (high[0], low[1]), high, (low[0], high[1])], dtype=np.float32)
-    view = np.array([[70, 60], [330, 85], [310, 250], [60, 270]], dtype=np.float32)
-    H = cv2.getPerspectiveTransform(ends, view)
+    H = onto(board, [[70, 60], [330, 85], [310, 250], [60, 270]])
     seen = detect_board(seen_at(board, H, (400, 320), np.random.default_rng(1)), board)
     assert seen is not None and len(seen.ids) == 48
-    true = cv2.perspectiveTransform(page[None, seen.ids], H)[0]
+    true = cv2.perspectiveTransform(corners_on_page(board)[None, seen.ids], H)[0]
     off = np.linalg.norm(seen.image_points - true, axis=1)
     assert np.median(off) < 0.12 and off.max() < 0.5
 

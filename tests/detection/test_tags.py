@@ -22,9 +22,15 @@ CORNERS = np.array([[70.0, 60.0], [131.0, 66.0], [126.0, 128.0], [66.0, 119.0]])
 
 
 def photograph(
-    family: str, code: int, corners: np.ndarray = CORNERS, turns: int = 0, light: float = 1.0, noise: float = 1.5
+    family: str,
+    code: int,
+    corners: np.ndarray = CORNERS,
+    turns: int = 0,
+    light: float = 1.0,
+    noise: float = 1.5,
+    inside: float = 1.0,
 ) -> np.ndarray:
-    """(200,220,3) a marker on white paper before gray, blurred, in code values."""
+    """(200,220,3) a marker, its white ``inside`` times the paper's, before gray, blurred, in code values."""
     kind = ALL_FAMILIES[family]
     face = np.asarray(page_to_image(bare_landmark_page(kind, code, 180.0), 120))[:, :, ::-1]
     face = np.rot90(face, turns)
@@ -34,6 +40,7 @@ def photograph(
     source = np.array([[0, 0], [side, 0], [side, side], [0, side]], np.float32) + margin - 0.5
     H = cv2.getPerspectiveTransform(source, 4 * corners.astype(np.float32) + 1.5)
     linear = (np.asarray(sheet, np.float32) / 255) ** 2.2
+    linear[margin:-margin, margin:-margin] *= inside
     large = cv2.warpPerspective(
         linear, H, (880, 800), flags=cv2.INTER_AREA, borderMode=cv2.BORDER_CONSTANT, borderValue=(0.2, 0.2, 0.2)
     )
@@ -51,6 +58,14 @@ def test_reads_code_and_corners(family: str) -> None:
     assert np.abs(found[0].corners - CORNERS).max() < 0.15
     assert found[0].covariance is not None
     assert np.sqrt(np.diag(found[0].covariance)).max() < 0.3
+
+
+@pytest.mark.parametrize("inside", [0.1, 0.3, 0.7])
+@pytest.mark.parametrize("family", ["tag16h5", "tag36h11"])
+def test_light_around_need_not_be_the_white_of_the_cells(family: str, inside: float) -> None:
+    (found,) = lmkit.detect(photograph(family, 11, inside=inside), family)
+    assert found.code == 11
+    assert np.abs(found.corners - CORNERS).max() < 0.15
 
 
 def test_gray_images_do() -> None:

@@ -11,9 +11,11 @@ import pytest
 
 from lmkit.detection.config import DetectOptions
 from lmkit.detection.detector import detect_landmarks
+from lmkit.errors import InputError
 from lmkit.io.floor_plan import read_floor
 from lmkit.io.landmark_map import read_map
 from lmkit.io.rig import read_rig
+from lmkit.model.board import BoardSpec
 from lmkit.model.landmark import LM8
 from lmkit.model.landmark_id import LandmarkId
 from lmkit.model.landmark_map import LandmarkMap, MappedLandmark, wall_pose
@@ -22,6 +24,11 @@ from lmkit.simulation.dataset import description_files, make_dataset, truth
 from lmkit.simulation.photograph import ImagingChain, Lens, Sensor, focus, photograph
 from lmkit.simulation.render import render
 from lmkit.simulation.scene import floor_scene, landmark_sheet, make_rig, make_room
+
+
+def test_a_board_that_never_fits_is_refused():
+    with pytest.raises(InputError, match="is too large"):
+        make_dataset(1, 1, 1, 4, LM8, BoardSpec.parse("aprilgrid:6x6:222mm:0.3"))
 
 
 def test_the_same_seed_gives_the_same_room_and_image():

@@ -64,7 +64,7 @@ export async function show(stage) {
   }
   stage.append(...heading("Check a print", "Photograph a sheet from the front, a third of the image wide. Each line says what it measured."),
     h("section", { class: "card stack" }, drop,
-      h("div", { class: "pairfields" }, field("The print", which, prints.length ? "its manifest says codes and size" : "make one on the page Prints to compare with it"), field("Intended size", size, "outer side of the red border")), again),
+      h("div", { class: "pairfields" }, field("The print", which, prints.length ? "its manifest says codes and size" : "make one on the page Prints to compare with it"), field("Intended size", size, "outer side of the border")), again),
     results);
   const known = project.photos.slice(0, 8);
   if (known.length) stage.append(h("section", { class: "card" }, h("h2", null, "Photographed before"), h("div", { class: "row" }, known.map((p) => h("button", { type: "button", onclick: () => { photo = p.name.replace(/^photos\//, ""); check(); } }, p.name.replace(/^photos\//, ""))))));

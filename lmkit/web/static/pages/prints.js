@@ -36,7 +36,7 @@ export async function show(stage) {
       urls.forEach(URL.revokeObjectURL);
       urls = p.pages.map((page) => URL.createObjectURL(new Blob([page.svg], { type: "image/svg+xml" })));
       sheets.replaceChildren(
-        h("dl", { class: "figures" }, figure(p.landmarks, p.landmarks === 1 ? "landmark" : "landmarks"), figure(p.count, p.count === 1 ? "sheet" : "sheets"), figure(`${+p.size_mm.toFixed(1)} mm`, "outer side of the red border"),
+        h("dl", { class: "figures" }, figure(p.landmarks, p.landmarks === 1 ? "landmark" : "landmarks"), figure(p.count, p.count === 1 ? "sheet" : "sheets"), figure(`${+p.size_mm.toFixed(1)} mm`, "outer side of the border"),
           figure(`${p.reads_from_m.toFixed(1)} m`, p.focal_from === "rig" ? `read from up to, with your rig (${p.focal_px.toFixed(0)} px)` : "read from up to, with a usual camera (600 px)")),
         ...p.warnings.map((w) => note("warn", w)),
         h("ul", { class: `sheets ${p.pages.length === 1 ? "one" : ""}` }, p.pages.map((page, k) => h("li", null, h("figure", null, h("img", { src: urls[k], alt: `Sheet ${k + 1}: ${page.title}`, width: page.mm[0], height: page.mm[1] }), h("figcaption", null, page.title))))),
@@ -76,7 +76,7 @@ export async function show(stage) {
           field("Family", family, "lm8 unless you have a reason"),
           field("Line of text", text("text"), "for layouts with a place for it, such as a4-door"),
           field("Name of the map", text("map_name"), "for layouts that show it"),
-          h("fieldset", null, h("legend", null, "The last print measured, mm"), h("div", { class: "pairfields" }, width, height), h("span", { class: "hint" }, "Outer edges of the red border. The next print corrects the printer.")),
+          h("fieldset", null, h("legend", null, "The last print measured, mm"), h("div", { class: "pairfields" }, width, height), h("span", { class: "hint" }, "Outer edges of the border. The next print corrects the printer.")),
           h("label", { class: "check" }, h("input", { type: "checkbox", checked: want.mirror, onchange: (e) => { want.mirror = e.target.checked; change(); } }), "Mirrored, for the inside of glass"))),
         h("div", { class: "row" }, make), results),
       h("section", { class: "card", "aria-label": "Preview" }, sheets)),

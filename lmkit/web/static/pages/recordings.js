@@ -20,7 +20,7 @@ export async function show(stage) {
   const what = (r) => [r.images ? "images of both cameras" : "saved detections", r.odometry ? "odometry" : null, r.gyro ? "gyro" : null].filter(Boolean).join(", ");
   stage.append(...heading("Recordings", "Survey a recording to build the map; track one to get the robot's trajectory. Jobs run in processes of their own."));
   if (project.recordings.length) {
-    stage.append(h("section", { class: "card stack" }, h("div", { class: "pairfields" }, field("Landmark size", size, "outer side of the red border")),
+    stage.append(h("section", { class: "card stack" }, h("div", { class: "pairfields" }, field("Landmark size", size, "outer side of the border")),
       h("details", null, h("summary", null, "What is known of the walls"), h("div", { class: "pairfields" }, field("On one flat wall", walls, "codes; a semicolon begins the next wall"), field("At the same height", heights, "codes; a semicolon begins the next height"))),
       project.has.pins ? h("p", { class: "small soft" }, "The pinned landmarks (pins.yaml) hold the map in place.") : null,
       project.recordings.map((r) => h("div", { class: "job" }, h("h2", null, r.name || "(project folder)"), h("p", { class: "soft small" }, `${what(r)}${r.own_rig ? ", its own rig" : project.has.rig ? ", rig.yaml of the project" : ", no rig yet"}`),
