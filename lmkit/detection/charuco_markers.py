@@ -15,7 +15,7 @@ from lmkit.model.square_marker import SQUARE_FAMILIES, TURNED_BY_OPENCV
 
 LEAST_MARKERS = 3
 BESIDE = 0.75  # squares from a corner to the middles of the two markers beside it, 0.71, and some more
-NEARBY = 2.3  # squares: a lens bends what lies further away
+NEARBY = 2.3  # squares: a lens distorts what lies further away
 AGREEING = 0.3  # of a marker's side, between a marker and where the others say it is
 
 
