@@ -1,4 +1,4 @@
-/* Squares darker than their surroundings: local threshold, contours with sub-pixel crossings, convex hull, four lines.
+/* Squares darker than their surroundings: local threshold, contours with sub-pixel crossings, corners, four lines.
  * quads.py holds the definition of what comes out. */
 #include <math.h>
 #include <stddef.h>
@@ -15,6 +15,8 @@
 #define BANDS 24 /* rows from which an image's changes are known */
 #define STRETCHES 16 /* a polygon of more sides is no square with a hidden part */
 #define LONGEST 6
+#define EVEN 0.38 /* least distance of a corner from the diagonal beside it, of both together */
+#define FULL 0.72 /* least share of its hull that lies between the corners of a square */
 #define ROUND 0.003 /* least area over the squared number of pixel sides: 1/16 for a square */
 
 /* rules: least side (px), darker (share of the local mean), longest contour, side from which hidden parts are completed
@@ -25,9 +27,11 @@ typedef struct {
     int64_t longest;
 } QuadRules;
 
+/* An outline's points, in order, clockwise. */
 typedef struct {
-    float x, y;
-} Point;
+    const float *x, *y;
+    int64_t n;
+} Outline;
 
 static double length_of(double x, double y)
 {
@@ -214,7 +218,7 @@ static int64_t follow(const Turn (*turns)[4], uint8_t *flags, int64_t start, int
 }
 
 /* Where the field crosses zero on every side, and the area within. */
-static double crossings(const int16_t *field, int64_t stride, const int32_t *codes, int64_t n, Point *out)
+static double crossings(const int16_t *field, int64_t stride, const int32_t *codes, int64_t n, float *restrict out_x, float *restrict out_y)
 {
     const int32_t step[4] = {1, (int32_t)stride, -1, -(int32_t)stride};
     const float step_x[4] = {1, 0, -1, 0}, step_y[4] = {0, 1, 0, -1};
@@ -226,139 +230,114 @@ static double crossings(const int16_t *field, int64_t stride, const int32_t *cod
         y += (from >= (int32_t)stride) - (from < 0);
         int32_t x = at - y * (int32_t)stride;
         float inside = field[at], t = inside / (inside - (float)field[at + step[d]]);
-        out[i].x = (float)(x - 1) + t * step_x[d];
-        out[i].y = (float)(y - 1) + t * step_y[d];
+        out_x[i] = (float)(x - 1) + t * step_x[d];
+        out_y[i] = (float)(y - 1) + t * step_y[d];
         if (i > 0)
-            twice += (double)(out[i - 1].x * out[i].y - out[i - 1].y * out[i].x);
+            twice += (double)(out_x[i - 1] * out_y[i] - out_y[i - 1] * out_x[i]);
     }
-    return 0.5 * (twice + (double)(out[n - 1].x * out[0].y - out[n - 1].y * out[0].x));
+    return 0.5 * (twice + (double)(out_x[n - 1] * out_y[0] - out_y[n - 1] * out_x[0]));
 }
 
-static double cross(Point o, Point a, Point b)
+/* Farthest point from (x, y). */
+static int64_t farthest(const Outline *o, float x, float y)
 {
-    return ((double)a.x - o.x) * ((double)b.y - o.y) - ((double)a.y - o.y) * ((double)b.x - o.x);
+    float most = -1.0f;
+    _Pragma("omp simd reduction(max : most)") for (int64_t i = 0; i < o->n; i++)
+    {
+        float dx = o->x[i] - x, dy = o->y[i] - y, d = dx * dx + dy * dy;
+        most = d > most ? d : most;
+    }
+    int64_t at = 0;
+    for (; at + 1 < o->n; at++) {
+        float dx = o->x[at] - x, dy = o->y[at] - y;
+        if (dx * dx + dy * dy == most)
+            break;
+    }
+    return at;
 }
 
-/* A point and the way to the next. */
+/* Twice the area of the triangle of two points of an outline and a third; positive to the right of the way. */
 typedef struct {
-    double x, y, dx, dy;
+    float x, y, dx, dy;
 } Way;
 
-static Way edge_of(Point from, Point to)
+static Way way_of(const Outline *o, int64_t from, int64_t to)
 {
-    Way e = {from.x, from.y, (double)to.x - from.x, (double)to.y - from.y};
-    return e;
+    Way w = {o->x[from], o->y[from], o->x[to] - o->x[from], o->y[to] - o->y[from]};
+    return w;
 }
 
-static int is_right(const Way *e, Point p)
+static inline float beside(Way w, float x, float y)
 {
-    return e->dx * (p.y - e->y) - e->dy * (p.x - e->x) > 0.0;
+    return w.dx * (y - w.y) - w.dy * (x - w.x);
 }
 
-/* Convex hull of a simple polygon (Melkman 1987): indices of its corners, clockwise; deque holds 2 n + 4. */
-static int64_t convex_hull(const Point *p, int64_t n, int32_t *deque, int32_t **hull)
+/* Four corners, clockwise: farthest from the middle, farthest from that, and farthest on both sides of the line between;
+ * 0 where they are no square's.  area: of the outline's hull, taken for four parabolas on their sides. */
+static int four_corners(const Outline *o, int64_t *corner, double *area)
 {
-    int64_t k = 2;
-    while (k < n && cross(p[0], p[k - 1], p[k]) == 0.0)
-        k++;
-    if (k >= n)
+    float x0 = o->x[0], x1 = x0, y0 = o->y[0], y1 = y0;
+    _Pragma("omp simd reduction(min : x0, y0) reduction(max : x1, y1)") for (int64_t i = 0; i < o->n; i++)
+    {
+        x0 = o->x[i] < x0 ? o->x[i] : x0;
+        x1 = o->x[i] > x1 ? o->x[i] : x1;
+        y0 = o->y[i] < y0 ? o->y[i] : y0;
+        y1 = o->y[i] > y1 ? o->y[i] : y1;
+    }
+    corner[0] = farthest(o, 0.5f * (x0 + x1), 0.5f * (y0 + y1));
+    corner[2] = farthest(o, o->x[corner[0]], o->y[corner[0]]);
+    const Way across = way_of(o, corner[0], corner[2]);
+    float left = 0.0f, right = 0.0f;
+    _Pragma("omp simd reduction(min : left) reduction(max : right)") for (int64_t i = 0; i < o->n; i++)
+    {
+        float off = beside(across, o->x[i], o->y[i]);
+        left = off < left ? off : left;
+        right = off > right ? off : right;
+    }
+    const float whole = right - left;
+    *area = 0.0;
+    if (!(left < 0.0f && right > 0.0f))
         return 0;
-    int64_t bottom = n, top = n + 3;
-    if (cross(p[0], p[k - 1], p[k]) > 0.0) {
-        deque[bottom + 1] = 0;
-        deque[bottom + 2] = (int32_t)(k - 1);
-    } else {
-        deque[bottom + 1] = (int32_t)(k - 1);
-        deque[bottom + 2] = 0;
+    corner[1] = corner[3] = -1;
+    for (int64_t i = 0; corner[1] < 0 || corner[3] < 0; i++) {
+        float off = beside(across, o->x[i], o->y[i]);
+        if (off == left && corner[1] < 0)
+            corner[1] = i;
+        if (off == right && corner[3] < 0)
+            corner[3] = i;
     }
-    deque[bottom] = deque[top] = (int32_t)k;
-    Way first = edge_of(p[deque[bottom]], p[deque[bottom + 1]]), last = edge_of(p[deque[top - 1]], p[deque[top]]);
-    for (int64_t i = k + 1; i < n; i++) {
-        /* Both at once: which of them fails is as random as the outline. */
-        if ((is_right(&first, p[i]) & is_right(&last, p[i])) != 0)
-            continue;
-        while (top - bottom > 2 && !is_right(&first, p[i])) {
-            bottom++;
-            first = edge_of(p[deque[bottom]], p[deque[bottom + 1]]);
-        }
-        deque[--bottom] = (int32_t)i;
-        first = edge_of(p[i], p[deque[bottom + 1]]);
-        last = edge_of(p[deque[top - 1]], p[deque[top]]);
-        while (top - bottom > 2 && !is_right(&last, p[i])) {
-            top--;
-            last = edge_of(p[deque[top - 1]], p[deque[top]]);
-        }
-        deque[++top] = (int32_t)i;
-        last = edge_of(p[deque[top - 1]], p[i]);
+    const Way a = way_of(o, corner[0], corner[1]), b = way_of(o, corner[1], corner[2]);
+    const Way c = way_of(o, corner[2], corner[3]), d = way_of(o, corner[3], corner[0]);
+    float beyond_a = 0.0f, beyond_b = 0.0f, beyond_c = 0.0f, beyond_d = 0.0f;
+    _Pragma("omp simd reduction(min : beyond_a, beyond_b, beyond_c, beyond_d)") for (int64_t i = 0; i < o->n; i++)
+    {
+        float x = o->x[i], y = o->y[i];
+        float off_a = beside(a, x, y), off_b = beside(b, x, y), off_c = beside(c, x, y), off_d = beside(d, x, y);
+        beyond_a = off_a < beyond_a ? off_a : beyond_a;
+        beyond_b = off_b < beyond_b ? off_b : beyond_b;
+        beyond_c = off_c < beyond_c ? off_c : beyond_c;
+        beyond_d = off_d < beyond_d ? off_d : beyond_d;
     }
-    *hull = deque + bottom;
-    return top - bottom;
-}
-
-static double area_of(const Point *p, const int32_t *index, int64_t n)
-{
-    double twice = 0.0;
-    for (int64_t i = 0; i < n; i++) {
-        Point a = p[index ? index[i] : i], b = p[index ? index[(i + 1) % n] : (i + 1) % n];
-        twice += (double)a.x * b.y - (double)a.y * b.x;
-    }
-    return 0.5 * twice;
-}
-
-/* Four hull corners: two far apart, and the two farthest from the line between them; as places in the hull, in order. */
-static int four_corners(const Point *p, const int32_t *hull, int64_t m, int64_t *corner)
-{
-    double cx = 0.0, cy = 0.0;
-    for (int64_t i = 0; i < m; i++) {
-        cx += p[hull[i]].x;
-        cy += p[hull[i]].y;
-    }
-    Point from = {(float)(cx / (double)m), (float)(cy / (double)m)};
-    int64_t ends[2] = {0, 0};
-    for (int e = 0; e < 2; e++) {
-        double most = -1.0;
-        for (int64_t i = 0; i < m; i++) {
-            double dx = (double)p[hull[i]].x - from.x, dy = (double)p[hull[i]].y - from.y, d = dx * dx + dy * dy;
-            if (d > most) {
-                most = d;
-                ends[e] = i;
-            }
-        }
-        from = p[hull[ends[e]]];
-    }
-    int64_t low = ends[0] < ends[1] ? ends[0] : ends[1], high = ends[0] < ends[1] ? ends[1] : ends[0];
-    int64_t right = -1, left = -1;
-    double most_right = 0.0, most_left = 0.0;
-    for (int64_t i = 0; i < m; i++) {
-        double c = fabs(cross(p[hull[low]], p[hull[high]], p[hull[i]]));
-        if (i > low && i < high) {
-            if (c > most_right)
-                most_right = c, right = i;
-        } else if (c > most_left)
-            most_left = c, left = i;
-    }
-    if (right < 0 || left < 0)
-        return 0;
-    corner[0] = low, corner[1] = right, corner[2] = high, corner[3] = left;
-    return 1;
+    *area = 0.5 * (double)whole - 2.0 / 3.0 * (double)(beyond_a + beyond_b + beyond_c + beyond_d);
+    const float smaller = right < -left ? right : -left;
+    return smaller >= (float)EVEN * whole && 0.5 * (double)whole >= FULL * *area;
 }
 
 /* Line through the contour's points from one corner to the next, those near the ends and far off left out: a point of
  * it and its direction. */
-static void fit_line(const Point *p, int64_t n, int64_t from, int64_t to, double *line)
+static void fit_line(const Outline *o, int64_t from, int64_t to, double *line)
 {
-    Point a = p[from], b = p[to];
-    double dx = (double)b.x - a.x, dy = (double)b.y - a.y, length = length_of(dx, dy);
-    line[0] = a.x, line[1] = a.y, line[2] = dx, line[3] = dy;
+    const double ax = o->x[from], ay = o->y[from];
+    double dx = o->x[to] - ax, dy = o->y[to] - ay, length = length_of(dx, dy);
+    line[0] = ax, line[1] = ay, line[2] = dx, line[3] = dy;
     if (length < 1e-6)
         return;
     double ux = dx / length, uy = dy / length, tolerance = 0.06 * length > 1.0 ? 0.06 * length : 1.0;
     double sx = 0, sy = 0, sxx = 0, sxy = 0, syy = 0, w = 0;
-    int64_t steps = (to - from + n) % n;
+    int64_t steps = (to - from + o->n) % o->n;
     for (int64_t k = 0, at = from; k <= steps; k++) {
-        Point q = p[at];
-        at = at + 1 < n ? at + 1 : 0;
-        double x = (double)q.x - a.x, y = (double)q.y - a.y, along = x * ux + y * uy, off = y * ux - x * uy;
+        double x = o->x[at] - ax, y = o->y[at] - ay, along = x * ux + y * uy, off = y * ux - x * uy;
+        at = at + 1 < o->n ? at + 1 : 0;
         if (along < 0.1 * length || along > 0.9 * length || fabs(off) > tolerance)
             continue;
         sx += x, sy += y, sxx += x * x, sxy += x * y, syy += y * y, w += 1.0;
@@ -372,7 +351,7 @@ static void fit_line(const Point *p, int64_t n, int64_t from, int64_t to, double
     if (radius < 1e-12)
         return;
     double larger = sqrt(0.5 * (1.0 + fabs(apart) / radius)), smaller = 0.5 * fabs(twice) / (radius * larger);
-    line[0] = a.x + sx, line[1] = a.y + sy;
+    line[0] = ax + sx, line[1] = ay + sy;
     line[2] = apart > 0.0 ? larger : smaller;
     line[3] = twice < 0.0 ? -(apart > 0.0 ? smaller : larger) : apart > 0.0 ? smaller : larger;
 }
@@ -407,15 +386,12 @@ static int is_fair(const float *q, double least)
     return shortest > 0.15 * longest && shortest > least;
 }
 
-static int fit_quad(const Point *p, int64_t n, const int32_t *hull, int64_t m, double least, float *quad)
+/* A square whose sides run along the outline between its corners. */
+static int fit_quad(const Outline *o, const int64_t *corner, double least, float *quad)
 {
-    int64_t corner[4];
-    if (!four_corners(p, hull, m, corner))
-        return 0;
     double lines[4][4];
-    /* The hull runs clockwise as the contour does, so the points between two corners are those of a side. */
     for (int i = 0; i < 4; i++)
-        fit_line(p, n, hull[corner[i]], hull[corner[(i + 1) % 4]], lines[i]);
+        fit_line(o, corner[i], corner[(i + 1) % 4], lines[i]);
     float found[8];
     int first = 0;
     for (int i = 0; i < 4; i++) {
@@ -430,23 +406,18 @@ static int fit_quad(const Point *p, int64_t n, const int32_t *hull, int64_t m, d
 }
 
 /* Corners of a closed polygon that stays within `tolerance` of the contour (Douglas and Peucker 1973), in order. */
-static int64_t simplify(const Point *p, int64_t n, double tolerance, int64_t most, int64_t *out)
+static int64_t simplify(const Outline *o, double tolerance, int64_t most, int64_t *out)
 {
-    int64_t stack[2 * 64], depth = 0, far = 0, count = 0;
-    double best = -1.0;
-    for (int64_t i = 1; i < n; i++) {
-        double d = length_of((double)p[i].x - p[0].x, (double)p[i].y - p[0].y);
-        if (d > best)
-            best = d, far = i;
-    }
+    const int64_t n = o->n;
+    int64_t stack[2 * 64], depth = 0, far = farthest(o, o->x[0], o->y[0]), count = 0;
     stack[depth++] = far, stack[depth++] = n;
     stack[depth++] = 0, stack[depth++] = far;
     while (depth > 0) {
         int64_t to = stack[--depth], from = stack[--depth], split = -1;
-        Point a = p[from % n], b = p[to % n];
-        double length = length_of((double)b.x - a.x, (double)b.y - a.y), worst = tolerance * (length > 1e-9 ? length : 1.0);
+        const double ax = o->x[from % n], ay = o->y[from % n], dx = o->x[to % n] - ax, dy = o->y[to % n] - ay;
+        double length = length_of(dx, dy), worst = tolerance * (length > 1e-9 ? length : 1.0);
         for (int64_t i = from + 1; i < to; i++) {
-            double off = length > 1e-9 ? fabs(cross(a, b, p[i])) : length_of((double)p[i].x - a.x, (double)p[i].y - a.y);
+            double x = o->x[i] - ax, y = o->y[i] - ay, off = length > 1e-9 ? fabs(dx * y - dy * x) : length_of(x, y);
             if (off > worst)
                 worst = off, split = i;
         }
@@ -466,19 +437,20 @@ static int64_t simplify(const Point *p, int64_t n, double tolerance, int64_t mos
 
 /* Squares of the outline's longest straight stretches, for squares of which a part is hidden: what covers a corner or
  * sticks in over a side adds stretches of its own; the square's are among the longest. */
-static int64_t complete(const Point *p, int64_t n, const QuadRules *rules, float *quads, int64_t capacity)
+static int64_t complete(const Outline *o, const QuadRules *rules, float *quads, int64_t capacity)
 {
+    const int64_t n = o->n;
     double outline = 0.0;
     for (int64_t i = 0; i < n; i++)
-        outline += length_of((double)p[(i + 1) % n].x - p[i].x, (double)p[(i + 1) % n].y - p[i].y);
+        outline += length_of((double)o->x[(i + 1) % n] - o->x[i], (double)o->y[(i + 1) % n] - o->y[i]);
     int64_t corner[STRETCHES + 1];
-    int64_t sides = simplify(p, n, rules->straight * outline, STRETCHES, corner);
+    int64_t sides = simplify(o, rules->straight * outline, STRETCHES, corner);
     if (sides < 4 || sides > STRETCHES)
         return 0;
     double length[STRETCHES];
     for (int64_t i = 0; i < sides; i++) {
-        Point a = p[corner[i] % n], b = p[corner[(i + 1) % sides] % n];
-        length[i] = length_of((double)b.x - a.x, (double)b.y - a.y);
+        int64_t a = corner[i] % n, b = corner[(i + 1) % sides] % n;
+        length[i] = length_of((double)o->x[b] - o->x[a], (double)o->y[b] - o->y[a]);
     }
     int64_t longest[LONGEST], kept = 0;
     for (int64_t i = 0; i < sides; i++) {
@@ -505,7 +477,7 @@ static int64_t complete(const Point *p, int64_t n, const QuadRules *rules, float
             continue;
         double lines[4][4];
         for (int k = 0; k < 4; k++)
-            fit_line(p, n, corner[chosen[k]] % n, corner[(chosen[k] + 1) % sides] % n, lines[k]);
+            fit_line(o, corner[chosen[k]] % n, corner[(chosen[k] + 1) % sides] % n, lines[k]);
         float *q = quads + 8 * found;
         int good = 1;
         for (int k = 0; k < 4 && good; k++)
@@ -523,25 +495,31 @@ static int64_t complete(const Point *p, int64_t n, const QuadRules *rules, float
     return found;
 }
 
-/* Squares of one contour. */
-static int64_t contour_quads(const Point *p, int64_t n, int32_t *deque, const QuadRules *rules, float *quads, int64_t capacity)
+static double quad_area(const float *q)
 {
-    int32_t *hull;
-    int64_t m = convex_hull(p, n, deque, &hull), found = 0;
-    if (m < 4 || capacity < 1)
+    double twice = 0.0;
+    for (int i = 0; i < 8; i += 2)
+        twice += (double)q[i] * q[(i + 3) % 8] - (double)q[i + 1] * q[(i + 2) % 8];
+    return 0.5 * twice;
+}
+
+/* Squares of one contour. */
+static int64_t contour_quads(const Outline *o, const QuadRules *rules, float *quads, int64_t capacity)
+{
+    int64_t corner[4], found = 0;
+    double area;
+    const int is_square = four_corners(o, corner, &area);
+    if (area < 0.7 * rules->least_side * rules->least_side || capacity < 1)
         return 0;
-    double area = area_of(p, hull, m), side2 = rules->least_side * rules->least_side;
-    if (area < 0.7 * side2)
-        return 0;
-    if (fit_quad(p, n, hull, m, 0.5 * rules->least_side, quads)) {
-        double own = area_of((const Point *)quads, NULL, 4);
-        if (area >= 0.8 * own && area <= 1.25 * own)
+    if (is_square && fit_quad(o, corner, 0.5 * rules->least_side, quads)) {
+        double own = quad_area(quads);
+        if (area >= 0.7 * own && area <= 1.4 * own)
             found = 1;
         if (found && area > 0.95 * own && area < 1.05 * own)
             return 1;
     }
     if (area > rules->completed_side * rules->completed_side)
-        found += complete(p, n, rules, quads + 8 * found, capacity - found);
+        found += complete(o, rules, quads + 8 * found, capacity - found);
     return found;
 }
 
@@ -551,8 +529,8 @@ int lmkit_dark_quads(int64_t height, int64_t width, const uint8_t *plane, const 
 {
     const QuadRules rules = {numbers[0], numbers[1], numbers[3], numbers[4], numbers[5], numbers[6], numbers[7], (int64_t)numbers[2]};
     const int64_t across = (width + CELL - 1) / CELL, stride = width + 2;
-    Point *contour = (Point *)points;
-    int32_t *deque = (int32_t *)(points + 2 * rules.longest), *codes = deque;
+    float *const x_of = points, *const y_of = points + rules.longest;
+    int32_t *codes = (int32_t *)(points + 2 * rules.longest);
     local_field(height, width, plane, window, rules.darker, step_to_begin(plane, height, width, &rules), sums, prefix, field, flags);
     Turn turns[4][4];
     fill_turns(stride, turns);
@@ -582,11 +560,12 @@ int lmkit_dark_quads(int64_t height, int64_t width, const uint8_t *plane, const 
                 if ((double)area + 0.5 * (double)n <= ROUND * (double)n * (double)n)
                     continue;
                 /* Bright regions run the other way around; what winds encloses little for its length. */
-                if (crossings(field, stride, codes, n, contour) <= ROUND * (double)n * (double)n)
+                if (crossings(field, stride, codes, n, x_of, y_of) <= ROUND * (double)n * (double)n)
                     continue;
                 if (capacity - found < 16)
                     return 2;
-                found += contour_quads(contour, n, deque, &rules, quads + 8 * found, capacity - found);
+                const Outline outline = {x_of, y_of, n};
+                found += contour_quads(&outline, &rules, quads + 8 * found, capacity - found);
             }
         }
     *count = found;

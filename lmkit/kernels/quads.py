@@ -1,7 +1,7 @@
 """Squares darker than their surroundings, from a local threshold, and where in an image to look for them.
 
-The steps: local threshold, outlines of dark regions with sub-pixel crossings, convex hull, four corners, a line
-through every side; and squares of the longest straight stretches where a part may be hidden.
+The steps: local threshold, outlines of dark regions with sub-pixel crossings, four corners, a line through
+every side; and squares of the longest straight stretches where a part may be hidden.
 """
 
 from __future__ import annotations
@@ -94,7 +94,7 @@ def dark_quads(plane: ByteArray, where: ByteArray | None, window: int, rules: Qu
         _WORKSPACE.floats("flags", pixels // 4 + 1),
         _WORKSPACE.floats("sums", width // 2 + 1),
         _WORKSPACE.floats("prefix", width + 1),
-        _WORKSPACE.floats("points", 4 * rules.longest + 8),
+        _WORKSPACE.floats("points", 3 * rules.longest),
     )
     numbers, count = np.array(rules), np.zeros(1, np.int64)
     capacity = 1024

@@ -19,6 +19,8 @@ CELL = 4
 BANDS = 24  # rows from which an image's changes are known
 STRETCHES = 16  # a polygon of more sides is no square with a hidden part
 LONGEST = 6
+EVEN = 0.38  # least distance of a corner from the diagonal beside it, of both together
+FULL = 0.72  # least share of its hull that lies between the corners of a square
 ROUND = 0.003  # least area over the squared number of pixel sides: 1/16 for a square
 
 
@@ -127,24 +129,24 @@ def _follow(dark: NDArray[np.bool_], visited: set[tuple[int, int]], y: int, x: i
 
 
 def _crossings(field: Field, sides: NDArray[np.int64]) -> FloatArray:
-    """(N,2) x, y where the field crosses zero between a pixel and its neighbor."""
+    """(N,2) x, y where the field crosses zero between a pixel and its neighbor; single, as corners are chosen by it."""
     y, x, side = sides.T
     steps = np.array(_STEPS)[side]
-    inside = field[y, x].astype(np.float64)
-    t = inside / (inside - field[y + steps[:, 0], x + steps[:, 1]])
-    return np.column_stack([x - 1 + t * steps[:, 1], y - 1 + t * steps[:, 0]])
+    inside = field[y, x].astype(np.float32)
+    t = inside / (inside - field[y + steps[:, 0], x + steps[:, 1]].astype(np.float32))
+    return np.column_stack([x - 1, y - 1]).astype(np.float32) + t[:, None] * steps[:, ::-1].astype(np.float32)
 
 
 def _outline_quads(outline: FloatArray, rules: QuadRules) -> list[FloatArray]:
-    hull = _hull(outline)
-    area = _area(outline[hull])
-    if len(hull) < 4 or area < 0.7 * rules.least_side**2:
+    corners, area = _four_corners(outline)
+    if area < 0.7 * rules.least_side**2:
         return []
+    outline = outline.astype(np.float64)
     found = []
-    quad = _fit_quad(outline, hull, 0.5 * rules.least_side)
+    quad = _fit_quad(outline, corners, 0.5 * rules.least_side) if corners else None
     if quad is not None:
         ratio = area / _area(quad)
-        if 0.8 <= ratio <= 1.25:
+        if 0.7 <= ratio <= 1.4:
             found.append(quad)
             if 0.95 < ratio < 1.05:
                 return found
@@ -153,37 +155,37 @@ def _outline_quads(outline: FloatArray, rules: QuadRules) -> list[FloatArray]:
     return found
 
 
-def _hull(points: FloatArray) -> list[int]:
-    """Indices of the corners of the convex hull, clockwise as seen (Andrew 1979), beginning anywhere."""
-    order = np.lexsort((points[:, 1], points[:, 0])).tolist()
-    chains = []
-    for row in (order, order[::-1]):
-        chain: list[int] = []
-        for k in row:
-            while len(chain) > 1 and _cross(points[chain[-2]], points[chain[-1]], points[k]) <= 0:
-                chain.pop()
-            chain.append(k)
-        chains.append(chain[:-1])
-    hull = chains[0] + chains[1]
-    first = hull.index(min(hull))
-    return hull[first:] + hull[:first]
+def _four_corners(outline: FloatArray) -> tuple[list[int], float]:
+    """Corners, clockwise as seen: farthest from the middle, farthest from that, and farthest on both sides of the
+    line between; none where they are no square's.  And the area of the outline's hull, taken for four parabolas on
+    the sides."""
+    first = _farthest(outline, np.float32(0.5) * (outline.min(axis=0) + outline.max(axis=0)))
+    third = _farthest(outline, outline[first])
+    off = _beside(outline, first, third)
+    left, right = int(off.argmin()), int(off.argmax())
+    if not off[left] < 0 < off[right]:
+        return [], 0.0
+    corners = [first, left, third, right]
+    whole = off[right] - off[left]
+    sides = zip(corners, corners[1:] + corners[:1], strict=True)
+    beyond = sum((min(_beside(outline, a, b).min(), np.float32(0)) for a, b in sides), np.float32(0))
+    inner, area = 0.5 * float(whole), 0.5 * float(whole) - 2 / 3 * float(beyond)
+    even = min(off[right], -off[left]) >= np.float32(EVEN) * whole
+    return (corners if even and inner >= FULL * area else []), area
 
 
-def _fit_quad(outline: FloatArray, hull: list[int], least: float) -> FloatArray | None:
-    points = outline[hull]
-    ends = []
-    origin = points.mean(axis=0)
-    for _ in range(2):
-        ends.append(int(np.sum((points - origin) ** 2, axis=1).argmax()))
-        origin = points[ends[-1]]
-    low, high = sorted(ends)
-    far = np.abs([_cross(points[low], points[high], point) for point in points])
-    between = np.zeros(len(points), dtype=bool)
-    between[low + 1 : high] = True
-    right, left = (int(np.where(side, far, 0).argmax()) for side in (between, ~between))
-    if far[right] == 0 or far[left] == 0 or not between[right] or between[left]:
-        return None
-    corners = [hull[k] for k in (low, right, high, left)]
+def _farthest(outline: FloatArray, point: FloatArray) -> int:
+    off = outline - point
+    return int((off[:, 0] * off[:, 0] + off[:, 1] * off[:, 1]).argmax())
+
+
+def _beside(outline: FloatArray, a: int, b: int) -> FloatArray:
+    """(N,) how far points lie to the right of the way between two of them, times its length."""
+    way, off = outline[b] - outline[a], outline - outline[a]
+    return np.asarray(way[0] * off[:, 1] - way[1] * off[:, 0])
+
+
+def _fit_quad(outline: FloatArray, corners: list[int], least: float) -> FloatArray | None:
     lines = [_fit_line(outline, a, b) for a, b in zip(corners, corners[1:] + corners[:1], strict=True)]
     quad = _quad_of(lines, least)
     return None if quad is None else np.roll(quad, -int((quad @ [1.0, 0.6]).argmin()), axis=0)
@@ -249,7 +251,7 @@ def _completed(outline: FloatArray, rules: QuadRules) -> list[FloatArray]:
 def _simplified(outline: FloatArray, tolerance: float) -> list[int]:
     """Corners of a closed polygon close to the outline (Douglas and Peucker 1973), at most 17 of them."""
     count = len(outline)
-    far = 1 + int(np.linalg.norm(outline[1:] - outline[0], axis=1).argmax())
+    far = _farthest(outline.astype(np.float32), outline[0].astype(np.float32))
     stack = [(far, count), (0, far)]
     corners: list[int] = []
     while stack and len(corners) <= STRETCHES:
@@ -267,10 +269,6 @@ def _simplified(outline: FloatArray, tolerance: float) -> list[int]:
         else:
             corners.append(start)
     return corners
-
-
-def _cross(o: FloatArray, a: FloatArray, b: FloatArray) -> float:
-    return float((a[0] - o[0]) * (b[1] - o[1]) - (a[1] - o[1]) * (b[0] - o[0]))
 
 
 def _area(points: FloatArray) -> float:
