@@ -129,7 +129,7 @@ def _follow(dark: NDArray[np.bool_], visited: set[tuple[int, int]], y: int, x: i
 
 
 def _crossings(field: Field, sides: NDArray[np.int64]) -> FloatArray:
-    """(N,2) x, y where the field crosses zero between a pixel and its neighbor; single, as corners are chosen by it."""
+    """(N,2) x, y where the field crosses zero between a pixel and its neighbor, in single precision."""
     y, x, side = sides.T
     steps = np.array(_STEPS)[side]
     inside = field[y, x].astype(np.float32)
