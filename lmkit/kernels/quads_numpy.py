@@ -134,7 +134,8 @@ def _crossings(field: Field, sides: NDArray[np.int64]) -> FloatArray:
     steps = np.array(_STEPS)[side]
     inside = field[y, x].astype(np.float32)
     t = inside / (inside - field[y + steps[:, 0], x + steps[:, 1]].astype(np.float32))
-    return np.column_stack([x - 1, y - 1]).astype(np.float32) + t[:, None] * steps[:, ::-1].astype(np.float32)
+    outline = np.column_stack([x - 1, y - 1]).astype(np.float32)
+    return np.asarray(outline + t[:, None] * steps[:, ::-1].astype(np.float32))
 
 
 def _outline_quads(outline: FloatArray, rules: QuadRules) -> list[FloatArray]:
