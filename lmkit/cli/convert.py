@@ -93,6 +93,12 @@ def _map_text(landmarks: LandmarkMap, to: str) -> str:
 
     if to == "map":
         return map_to_yaml(landmarks)
+    families = landmarks.families
+    if len(families) > 1:
+        message = f"the map has landmarks of {', '.join(families)}; files of {to} name no family"
+        raise InputError("several_families", message, "leave the landmarks of one family in the map")
+    if not "".join(families).startswith("tag"):
+        warn(f"files of {to} name no family, and their readers expect AprilTags: say that these are {families[0]}")
     if to == "tagslam":
         return map_to_tagslam(landmarks)
     far = [max(0.0, *(float(m.T_map_landmark.t[axis]) for m in landmarks)) for axis in (0, 1)]

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import warnings
+from dataclasses import replace
 
 import pytest
 import yaml
@@ -15,6 +16,7 @@ from lmkit.io.external_maps import map_to_wpilib, read_any_map
 from lmkit.io.landmark_map import map_to_yaml
 from lmkit.io.marker_maps import MarkerDefaults
 from lmkit.model.landmark_id import LandmarkId
+from lmkit.model.landmark_map import LandmarkMap
 from lmkit.simulation.recording import make_drive
 
 LANDMARKS = make_drive(0, seconds=3).landmarks
@@ -109,3 +111,17 @@ def test_a_landmark_larger_than_a_building_is_refused(tmp_path):
     ours["landmarks"][0]["size_m"] = 1.8e307
     with pytest.raises(InputError, match=r"landmarks.*size_m"):
         read_any_map(file(tmp_path, ours))
+
+
+@pytest.mark.parametrize("kind", ["wpilib", "tagslam"])
+def test_files_that_name_no_family_take_one_and_say_so(tmp_path, monkeypatch, kind):
+    monkeypatch.chdir(tmp_path)
+    one = list(LANDMARKS)[:2]
+    other = replace(one[1], id=LandmarkId("tag36h11", one[0].code))
+    for name, some in (("one", one), ("two", [one[0], other])):
+        (tmp_path / f"{name}.yaml").write_text(map_to_yaml(LandmarkMap(some)))
+    answer = run_command("convert", "one.yaml", "--to", kind, "-o", "one.out")
+    assert answer.code == 0 and "say that these are lm8" in answer.err
+    answer = run_command("convert", "two.yaml", "--to", kind, "-o", "two.out")
+    assert answer.code == 2 and "lm8, tag36h11" in answer.err
+    assert not (tmp_path / "two.out").exists()
