@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import tempfile
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from pathlib import Path
 from typing import Any
 
 from lmkit.api.recordings import motion_of
@@ -108,10 +110,29 @@ def survey_site(
     reasons = {p.name: bumped[p.recording] for p in parts if bumped and p.recording in bumped}
     left_out = reasons if len(reasons) < len(parts) else {}
     used = [part for part in parts if part.name not in left_out]
-    answers = dict(run_jobs(PartSurvey(store, size_m, anchors), used, engine))
-    joint = join_surveys({part.name: answers[part] or DIED for part in used}, anchors)
+    with tempfile.TemporaryDirectory(prefix="lmkit-") as scratch:
+        answers: dict[Part, LoneSurvey | str] = {}
+        for part, answer in run_jobs(PartSurvey(store, size_m, anchors), used, engine):
+            answers[part] = DIED if answer is None else _stored(answer, Path(scratch) / f"{len(answers)}.npz")
+        joint = join_surveys({part.name: answers[part] for part in used}, anchors)
     joint = replace(joint, left_out={**left_out, **joint.left_out})
     return SiteSurvey(site, joint.landmarks, {"site": site, **joint.to_dict()})
+
+
+def _stored(answer: LoneSurvey | str, path: Path) -> LoneSurvey | str:
+    """The survey of a part, whose observations are in a file: a site has more of them than there is memory.
+
+    Raises:
+        InputError: they cannot be written.
+    """
+    try:
+        if isinstance(answer, LoneSurvey):
+            answer.solved.problem.store_observations(path)
+    except OSError as error:
+        raise InputError(
+            "not_writable", f"cannot write {path} ({error})", "set TMPDIR to a folder with space left"
+        ) from None
+    return answer
 
 
 def _survey_readings(

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from pathlib import Path
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -22,7 +23,7 @@ from lmkit.kernels import landmark_bundle as kernel
 from lmkit.mapping.camera_relations import SIZE as RELATION
 from lmkit.mapping.camera_relations import CameraRelations, add_relation
 from lmkit.mapping.carried_cameras import are_synchronous, carry_frames
-from lmkit.mapping.observation_arrays import ObservationArrays
+from lmkit.mapping.observation_arrays import ObservationArrays, StoredObservations
 from lmkit.mapping.wall_constraints import LandmarkConstraint, constraint_rows
 from lmkit.model.landmark_id import LandmarkId
 from lmkit.model.landmark_map import LandmarkMap, MappedLandmark
@@ -157,7 +158,9 @@ class BundleProblem:
         self.mapped = list(landmarks)
         self.anchors, self.constraints = dict(anchors), constraints
         self._frames, self._rig = frames, rig
-        self.seen = seen or ObservationArrays.collect(frames, rig, [m.id for m in self.mapped])
+        self.seen: ObservationArrays | StoredObservations = seen or ObservationArrays.collect(
+            frames, rig, [m.id for m in self.mapped]
+        )
         self.lm_R = np.array([m.T_map_landmark.R for m in self.mapped])
         self.lm_p = np.array([m.T_map_landmark.t for m in self.mapped])
         self.arms = np.array([(m.corners_map - m.T_map_landmark.t) @ m.T_map_landmark.R for m in self.mapped])
@@ -192,6 +195,15 @@ class BundleProblem:
         carried = carry_frames(self._frames, rig, motion, parameters)
         self.seen = ObservationArrays.collect(carried, self._rig, [m.id for m in self.mapped])
         return True
+
+    def forget_frames(self) -> None:
+        """Keep no frames: the observations are arrays, and cameras are carried for the last time."""
+        self._frames = ()
+
+    def store_observations(self, path: Path) -> None:
+        """Keep the observations in a file, from where they are read whenever they are needed."""
+        if isinstance(self.seen, ObservationArrays):
+            self.seen = StoredObservations.write(self.seen, path)
 
     def optimize(self, steps: int, least_share: float = 0.0) -> float:
         """Levenberg and Marquardt from the unknowns as they stand; the cost where it stops.

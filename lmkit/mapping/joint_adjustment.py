@@ -7,7 +7,7 @@ Marquardt on the one big problem, not an approximation of it.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any, Protocol
 
@@ -23,6 +23,7 @@ from lmkit.optim.levenberg_marquardt import Damping, minimize
 
 CONVERGED = 1e-2  # of the cost
 DAMPING = Damping(grow=50.0)
+MOST_KEPT = 128_000_000  # bytes of the borders of all recordings' equations, which are most of them
 
 
 class RecordingProblem(Protocol):
@@ -69,6 +70,19 @@ def recording_information(problem: RecordingProblem) -> LandmarkInformation:
 
 
 @dataclass(frozen=True, eq=False)
+class JointEquations:
+    """Normal equations of all recordings at a state.
+
+    Attributes:
+        state: where they are linearized.
+        kept: of each recording; empty: made anew whenever they are needed, one recording at a time.
+    """
+
+    state: JointState
+    kept: tuple[ChainEquations, ...]
+
+
+@dataclass(frozen=True, eq=False)
 class JointState:
     """Landmarks (C,3,3), (C,3), and what each recording has to itself."""
 
@@ -79,6 +93,9 @@ class JointState:
 
 class JointProblem:
     """Several recordings, and the landmarks that they share.
+
+    Equations of few recordings are kept for a step; of many, one recording's are made at a time, three times a step,
+    so that memory does not grow with their number.  Steps are the same.
 
     Args:
         problems: the recordings.
@@ -115,20 +132,31 @@ class JointProblem:
             problem.restore_own(own)
         self._put()
 
-    def linearize(self, state: JointState) -> tuple[list[ChainEquations], float]:
+    def linearize(self, state: JointState) -> tuple[JointEquations, float]:
         """Normal equations of all recordings, and the cost of all, at a state."""
         self.restore(state)
-        parts = [problem.equations() for problem in self.problems]
-        return [equations for equations, _ in parts], sum(cost for _, cost in parts)
+        kept: list[ChainEquations] = []
+        cost, held = 0.0, 0
+        for problem in self.problems:
+            equations, own_cost = problem.equations()
+            cost += own_cost
+            held += equations.border.nbytes
+            if held <= MOST_KEPT:
+                kept.append(equations)
+            else:
+                kept.clear()
+        return JointEquations(state, tuple(kept) if held <= MOST_KEPT else ()), cost
 
     def solve(
-        self, equations: list[ChainEquations], damping: float
+        self, equations: JointEquations, damping: float
     ) -> tuple[FloatArray, list[tuple[FloatArray, FloatArray]]]:
         """Steps of the landmarks (dC,), and of each recording's states and shared unknowns."""
-        left = self._eliminated(equations, damping)
-        step = self.sum_of(left).solve()
-        columns = self._columns()
-        return step, [part.solve(step[mine]) for part, mine in zip(left, columns, strict=True)]
+        self.restore(equations.state)
+        left = self._eliminated(equations.kept, damping)
+        parts = list(left) if equations.kept else None
+        step = self.sum_of(left if parts is None else parts).solve()
+        again = self._eliminated((), damping) if parts is None else iter(parts)
+        return step, [part.solve(step[mine]) for part, mine in zip(again, self._columns(), strict=True)]
 
     def retract(self, state: JointState, step: tuple[FloatArray, list[tuple[FloatArray, FloatArray]]]) -> JointState:
         """The state moved by a step."""
@@ -163,18 +191,20 @@ class JointProblem:
         Raises:
             numpy.linalg.LinAlgError: something is not determined at all.
         """
-        return self.sum_of(self._eliminated([problem.equations()[0] for problem in self.problems])).covariance()
+        return self.sum_of(self._eliminated()).covariance()
 
-    def sum_of(self, parts: Sequence[EliminatedChain]) -> InformationSum:
+    def sum_of(self, parts: Iterable[EliminatedChain]) -> InformationSum:
         """The recordings' information, summed."""
         total = InformationSum(len(self.p), self.size)
         for rows, part in zip(self.rows, parts, strict=True):
             total.add(rows, part.information, part.gradient)
         return total
 
-    def _eliminated(self, equations: Sequence[ChainEquations], damping: float = 0.0) -> list[EliminatedChain]:
-        pairs = zip(self.problems, equations, strict=True)
-        return [part.eliminate(problem.own, damping) for problem, part in pairs]
+    def _eliminated(self, kept: Sequence[ChainEquations] = (), damping: float = 0.0) -> Iterator[EliminatedChain]:
+        """Each recording's equations without its own unknowns, one after the other."""
+        for number, problem in enumerate(self.problems):
+            equations = kept[number] if kept else problem.equations()[0]
+            yield equations.eliminate(problem.own, damping)
 
     def _columns(self) -> list[IntArray]:
         return [(self.size * rows[:, None] + np.arange(self.size)).ravel() for rows in self.rows]

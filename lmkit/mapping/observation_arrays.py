@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -98,6 +99,38 @@ class ObservationArrays:
             landmarks.t,
             arms,
         )
+
+
+@dataclass(frozen=True, eq=False)
+class StoredObservations:
+    """Observations whose large arrays are in a file, and in memory only while a bundle is made of them.
+
+    Attributes:
+        at, of, camera: as of `ObservationArrays`.
+        path: the file.
+    """
+
+    at: IntArray
+    of: IntArray
+    camera: IntArray
+    path: Path
+
+    @classmethod
+    def write(cls, seen: ObservationArrays, path: Path) -> StoredObservations:
+        """Write all arrays into a file."""
+        np.savez(path, **{name: getattr(seen, name) for name in ObservationArrays.__dataclass_fields__})
+        return cls(seen.at, seen.of, seen.camera, path)
+
+    def __len__(self) -> int:
+        return len(self.at)
+
+    def bundle(
+        self, poses: PoseArray, landmarks: PoseArray, arms: FloatArray, relations: CameraRelations | None = None
+    ) -> Bundle:
+        """A bundle as of `ObservationArrays`."""
+        with np.load(self.path) as arrays:
+            seen = ObservationArrays(*(arrays[name] for name in ObservationArrays.__dataclass_fields__))
+        return seen.bundle(poses, landmarks, arms, relations)
 
 
 class RecordedObservations:

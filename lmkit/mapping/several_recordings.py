@@ -121,6 +121,7 @@ def survey_alone(
         solved = solve_recording(recording.frames, recording.rig, sizes_m, mine, recording.motion, constraints)
     except InputError as error:
         return str(error)
+    solved.problem.forget_frames()
     return LoneSurvey(recording.name, recording.rig, solved, survey_of(solved, mine, constraints), bool(mine))
 
 

@@ -10,9 +10,10 @@ from lmkit.errors import InputError
 from lmkit.geometry.pose import Pose
 from lmkit.geometry.rotations import rotation_angle
 from lmkit.io.landmark_information import information_from_bytes, information_to_bytes
-from lmkit.mapping import several_recordings
+from lmkit.mapping import joint_adjustment, several_recordings
 from lmkit.mapping.bundle_adjustment import Anchor
 from lmkit.mapping.joint_adjustment import JointProblem, recording_information
+from lmkit.mapping.observation_arrays import StoredObservations
 from lmkit.mapping.several_recordings import NamedRecording, survey_recordings
 from lmkit.mapping.survey import solve_recording
 from lmkit.model.landmark_information import LandmarkInformation
@@ -133,6 +134,22 @@ def test_the_step_by_sums_is_the_step_of_the_one_big_problem(joint, damping):
     # The one big system is worse conditioned in the poses than in the landmarks: the equations hold to 1e-9.
     whole = np.concatenate([states, landmarks])
     assert np.abs(H @ whole - g).max() < 1e-9 * np.abs(g).max()
+
+
+def test_steps_are_the_same_where_neither_equations_nor_observations_are_kept(joint, tmp_path, monkeypatch):
+    start = joint.state()
+    kept = joint.solve(joint.linearize(start)[0], 1e-3)
+    monkeypatch.setattr(joint_adjustment, "MOST_KEPT", 0)
+    for number, problem in enumerate(joint.problems):
+        stored = StoredObservations.write(problem.seen, tmp_path / f"{number}.npz")
+        monkeypatch.setattr(problem, "seen", stored)
+    equations, _ = joint.linearize(start)
+    assert equations.kept == ()
+    joint.restore(joint.retract(start, kept))  # a step that was tried, and refused
+    landmarks, own = joint.solve(equations, 1e-3)
+    assert np.array_equal(landmarks, kept[0])
+    for parts in zip(own, kept[1], strict=True):
+        assert all(np.array_equal(a, b) for a, b in zip(*parts, strict=True))
 
 
 def test_the_joint_covariance_is_that_of_the_one_big_problem(joint):
