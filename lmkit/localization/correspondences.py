@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -19,7 +19,7 @@ from lmkit.kernels.reprojection import (
     NO_PRIOR,
     Corners,
     corner_chi2,
-    landmark_pulls,
+    error_pulls,
     pose_equations,
     refine_poses,
 )
@@ -33,6 +33,7 @@ from lmkit.model.observation import Detection
 CORNER_FLOOR_PX = 0.06
 # T_camera_left of the left camera itself.
 NO_TURN, NO_SHIFT = np.eye(3), np.zeros(3)
+TINY = 1e-12  # px^2
 NEXT = [1, 2, 3, 0]  # corner that follows
 
 
@@ -44,6 +45,30 @@ class RigCamera:
     R: FloatArray  # from the left camera into this camera
     t: FloatArray
     rows: slice
+
+
+@dataclass(frozen=True, eq=False)
+class ErrorPulls:
+    """Pulls of errors on a pose, or how far they move a state (`kernels.reprojection.error_pulls`).
+
+    Attributes:
+        places: (N,6) by landmark, of the error of its place, in standard deviations.
+        views: (C) landmark and number of the camera of every observation used.
+        corners: (C,4,2) px, where it was seen.
+        lens_shares: (C,) share of its corners' variance that is the floor's: lens, calibration, paper.
+        own: (C,N,8) of its corners' errors, in standard deviations.
+    """
+
+    places: Mapping[LandmarkId, FloatArray]
+    views: tuple[tuple[LandmarkId, int], ...]
+    corners: FloatArray
+    lens_shares: FloatArray
+    own: FloatArray
+
+    def through(self, G: FloatArray) -> ErrorPulls:
+        """Pulls on ``G`` (M,N) times what these pull on."""
+        places = {id_: G @ pull for id_, pull in self.places.items()}
+        return replace(self, places=places, own=G @ self.own)
 
 
 class Correspondences:
@@ -68,6 +93,7 @@ class Correspondences:
         corner_floor_px: float,
     ) -> None:
         self.twice: set[LandmarkId] = set()
+        self._floor_px = corner_floor_px
         listed: list[tuple[Detection, MappedLandmark]] = []
         counts = []
         for observations, *_ in cameras:
@@ -179,11 +205,22 @@ class Correspondences:
         """A foretold state on a floor updated by `pose_update.update_planar`."""
         return update_planar(self._corners, self.of, before, T_base_left.R, T_base_left.t, state, update)
 
-    def pulls(self, R: FloatArray, p: FloatArray, used: BoolArray) -> dict[LandmarkId, FloatArray]:
-        """(6,6) pull of each uncertain landmark's error on the pose R, p, by `reprojection.landmark_pulls`."""
-        by_group = landmark_pulls(self._corners, R, p, used)
+    def pulls(self, R: FloatArray, p: FloatArray, used: BoolArray) -> ErrorPulls:
+        """How errors of landmarks and of corners pull on the pose R, p; of the observations used (S,)."""
+        by_group, own = error_pulls(self._corners, R, p, used)
         groups = np.asarray(self._corners.group).tolist()
-        return {self.landmarks[groups.index(number)].id: pull for number, pull in by_group.items()}
+        places = {self.landmarks[groups.index(number)].id: pull for number, pull in by_group.items()}
+        views = {
+            (self.landmarks[s].id, number): s
+            for number, camera in enumerate(self.cameras)
+            for s in range(camera.rows.start, camera.rows.stop)
+            if used[s]
+        }
+        rows = list(views.values())
+        covariances = [self.observations[s].covariance for s in rows]
+        stated = np.array([0.0 if C is None else np.trace(C) / 8 for C in covariances])
+        shares = self._floor_px**2 / (stated + self._floor_px**2 + TINY)
+        return ErrorPulls(places, tuple(views), self.observed[rows], shares, own[rows])
 
     def equations(
         self, poses: PoseArray, used: BoolArray, prior: PosePrior | None

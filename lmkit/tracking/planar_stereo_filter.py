@@ -30,7 +30,7 @@ from lmkit.model.observation import Detection
 from lmkit.model.pose_status import PoseStatus
 from lmkit.odometry.online_wheel_odometry import AHEAD_S, LONGEST_DELAY_S, STATES, Wheels
 from lmkit.odometry.wheel_odometry import NOMINAL, PARAMETERS, PRIOR_SIGMA, MotionNoise
-from lmkit.tracking.lasting_errors import LastingErrors, Pulls
+from lmkit.tracking.lasting_errors import LastingErrors
 from lmkit.tracking.range_bearing_filter import NOWHERE_M, TrackedPose
 
 OUTLIER_SIGMA = 4.5
@@ -134,7 +134,9 @@ class RigFilter:
         self._P[3:, 3:] = own[1]
         self._P[:3, :3] = C[PLANAR[:, None], PLANAR]
         seen = Correspondences.of_rig(detections, self._rig, self._map, self._floor_px)
-        self._lasting.start(self._moves_of_fix(found, seen))
+        fit = np.array([landmark.id not in found.outliers for landmark in seen.landmarks])
+        pulls = seen.pulls(found.T_map_camera.R, found.T_map_camera.t, fit)
+        self._lasting.start(pulls.through(self._state_by_pull(found)))
         self._time, self._doubts = time_s, 0
         return self._pose(time_s, found.outliers, True)
 
@@ -153,24 +155,20 @@ class RigFilter:
             state[DELAY] = min(max(state[DELAY], -AHEAD_S), LONGEST_DELAY_S)
             # The inverse's own block is what is left once the lean is eliminated.
             inverse = np.linalg.inv(normal)[:STATES]
-            by_camera = inverse @ camera_by_state(state, self._T.t).T
             pulls = seen.pulls(*camera_at(state, self._T.R, self._T.t), used)
-            moves = {id_: by_camera @ pull for id_, pull in pulls.items()}
-            self._lasting.update(inverse @ before[:, :STATES], moves)
+            on_state = pulls.through(inverse @ camera_by_state(state, self._T.t).T)
+            self._lasting.update(inverse @ before[:, :STATES], on_state)
             self._x, self._P = state[:STATES], inverse[:, :STATES]
         return used, cost
 
-    def _moves_of_fix(self, found: PoseEstimate, seen: Correspondences) -> Pulls:
-        """(9,6) by how much each landmark's error moves a state that was located."""
+    def _state_by_pull(self, found: PoseEstimate) -> FloatArray:
+        """(9,6) from pulls on a pose that was located to its errors, as those of the state."""
         assert found.T_map_camera is not None
         assert found.covariance is not None
-        fit = np.array([landmark.id not in found.outliers for landmark in seen.landmarks])
         at_base = np.eye(6)
         at_base[:3, 3:] = skew(found.T_map_camera.R @ self._T.R.T @ self._T.t)
-        moves = {}
-        for id_, pull in seen.pulls(found.T_map_camera.R, found.T_map_camera.t, fit).items():
-            moves[id_] = np.zeros((STATES, 6))
-            moves[id_][:3] = (at_base @ found.covariance @ pull)[PLANAR]
+        moves = np.zeros((STATES, 6))
+        moves[:3] = (at_base @ found.covariance)[PLANAR]
         return moves
 
     def _pose(

@@ -33,7 +33,7 @@ from lmkit.model.pose_status import PoseStatus
 from lmkit.model.trajectory import Trajectory
 from lmkit.odometry.online_wheel_odometry import AHEAD_S
 from lmkit.odometry.pose_odometry import PoseMotion, PoseNoise
-from lmkit.tracking.lasting_errors import LastingErrors, Pulls
+from lmkit.tracking.lasting_errors import LastingErrors
 from lmkit.tracking.planar_stereo_filter import DOUBTS, UPDATE
 from lmkit.tracking.range_bearing_filter import NOWHERE_M
 
@@ -133,7 +133,7 @@ class PoseFilter:
             used, R, p, normal, cost = seen.update_space(before, self._R, self._p, UPDATE)
             if used.any():
                 self._R, self._p, self._P = orthonormal(R), p, np.linalg.inv(normal)
-                self._lasting.update(self._P @ before, self._moves(seen, used))
+                self._lasting.update(self._P @ before, seen.pulls(self._R, p, used).through(self._P))
         except np.linalg.LinAlgError:
             # Corners or a covariance beyond all measure: nothing fits.
             return np.zeros(len(seen), dtype=bool), 0.0
@@ -146,13 +146,9 @@ class PoseFilter:
         self._R, self._p, self._P = found.T_map_camera.R, found.T_map_camera.t, found.covariance
         seen = Correspondences.of_rig(detections, self._rig, self._map, self._floor_px)
         fit = np.array([landmark.id not in found.outliers for landmark in seen.landmarks])
-        self._lasting.start(self._moves(seen, fit))
+        self._lasting.start(seen.pulls(self._R, self._p, fit).through(self._P))
         self._time, self._doubts = time_s, 0
         return self._pose(time_s, found.outliers, True)
-
-    def _moves(self, seen: Correspondences, used: BoolArray) -> Pulls:
-        """(6,6) by how much each landmark's error moves the pose."""
-        return {id_: self._P @ pull for id_, pull in seen.pulls(self._R, self._p, used).items()}
 
     def foretell(self, time_s: float) -> Pose | None:
         """T_map_left at ``time_s`` by the odometry given so far; None before the first fix.  Changes nothing."""

@@ -76,3 +76,25 @@ def test_a_map_that_is_off_as_it_says_stays_off_however_often_it_is_seen(stood: 
     assert len(known) > RUNS / 2
     # 99 % of honest means of a dozen draws of three numbers lie in this band.
     assert 0.4 < np.mean(known) < 1.65
+
+
+def test_one_image_seen_many_times_says_no_more_than_once_and_another_view_does() -> None:
+    """Without lasting errors the variance falls to a tenth in both."""
+    drive, rng = make_drive(1, 10.0, 5.0, count=7), np.random.default_rng(7)
+    tracker, space = RigFilter(drive.landmarks, drive.rig, WITH_GYRO), PoseFilter(drive.landmarks, drive.rig)
+    seen = look(drive.landmarks, drive.rig, drive.pose(8), 0.1, rng)
+    variances, variances_in_space = [], []
+    for k in range(FRAMES):
+        tracker.wheels.add_odometry(0.2 * k, 0.0, 0.0)
+        space.add_odometry(0.2 * k, Pose.identity("odometry", "base"))
+        answer, in_space = tracker.observe(0.2 * k, seen), space.observe(0.2 * k, seen)
+        assert answer.covariance is not None
+        assert in_space.covariance is not None
+        variances.append(np.trace(answer.covariance[:2, :2]))
+        variances_in_space.append(np.trace(in_space.covariance[:3, :3]))
+    assert min(variances[2:]) > 0.7 * variances[1]
+    assert min(variances_in_space) > 0.7 * variances_in_space[0]
+    moved = [[replace(o, corners=o.corners + np.array([0.0, 4.0])) for o in one] for one in seen]
+    with_news = tracker.observe(0.2 * FRAMES, moved).covariance
+    assert with_news is not None
+    assert np.trace(with_news[:2, :2]) < 0.95 * variances[-1]
