@@ -32,7 +32,7 @@ from lmkit.tracking.batch import track_images
 from lmkit.visualization.plan_view import FAINT, Found, Polyline, draw_plan
 
 NAMES = ("front", "left", "rear_left", "rear_right", "right")
-CALIBRATION_S, TRACK_S = 40.0, 20.0
+CALIBRATION_S, SPINS, TRACK_S = 30.0, 1, 20.0
 DRAWN, LOCATED_EVERY = 10, 5
 ROOM_M = (8.0, 5.0)
 
@@ -98,7 +98,10 @@ def run_rig_demo(folder: Path, seed: int, count: int) -> RigDemo:
     """
     rig = ring_of_cameras(np.random.default_rng([seed, 9]))
     assert rig.T_base_left is not None
-    first = make_drive(seed, CALIBRATION_S, count=count, rig=rig, eights=True, size_m=ROOM_M)
+    wheels = WheelErrors(track_m=0.3)
+    first = make_drive(
+        seed, CALIBRATION_S, count=count, rig=rig, eights=True, size_m=ROOM_M, errors=wheels, spins=SPINS
+    )
     # The places are to be found: what is given is the cameras' lenses and the height of the first.
     lenses = Rig(tuple(MountedCamera(c.name, c.model, Pose.identity("camera", "left")) for c in rig.cameras))
     height_m = float(rig.T_base_left.t[2])

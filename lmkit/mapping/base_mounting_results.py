@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import asdict
 from typing import Any
 
 import numpy as np
@@ -20,6 +21,7 @@ def mounting_dict(found: BaseMounting) -> dict[str, Any]:
                 "covariance": camera.covariance.tolist(),
                 "frames": camera.frames,
                 "unobserved": list(camera.unobserved),
+                "clock": None if camera.clock is None else asdict(camera.clock),
             }
             for camera in found.cameras
         ],
@@ -55,4 +57,10 @@ def _camera_lines(camera: CameraOnBase) -> list[str]:
         f"  +- {mm[0]:.1f} {mm[1]:.1f} {mm[2]:.1f} mm, {deg[0]:.2f} {deg[1]:.2f} {deg[2]:.2f} deg about x y z; "
         f"{camera.frames} frames",
     ]
+    clock = camera.clock
+    if clock is not None and clock.differs:
+        late = f"exposes {1000 * clock.offset_s:z.2f} ± {1000 * clock.sigma_s:.2f} ms after its stamps"
+        lines.append(f"  {late}, unlike the rig file says")
+    elif clock is not None:
+        lines.append(f"  clock as in the rig file, to ± {1000 * clock.sigma_s:.2f} ms")
     return [*lines, *(f"  not shown by this recording: {text}" for text in camera.unobserved)]

@@ -2,7 +2,8 @@
 
 Each camera's poses in the map, by the landmarks it sees, and the odometry between them give its place: the way it
 moved, in its own heading, is the robot's turned by the camera's yaw, and what the turning adds at the end of its arm
-(planar calibration of a camera against wheels; linear in the yaw's cosine and sine and in the arm).
+(planar calibration of a camera against wheels; linear in the yaw's cosine and sine and in the arm).  By how much a
+camera's clock lags behind the odometry's is seen by how both turn.
 """
 
 from __future__ import annotations
@@ -14,7 +15,7 @@ import numpy as np
 
 from lmkit.arrays import FloatArray, IntArray
 from lmkit.errors import InputError
-from lmkit.geometry.planar import follow, wrap_angle
+from lmkit.geometry.planar import between, follow, wrap_angle
 from lmkit.geometry.rig import AnyRig
 from lmkit.geometry.rotations import rotation_exp
 from lmkit.localization.absolute_pose import locate_rig
@@ -22,13 +23,17 @@ from lmkit.model.landmark_map import LandmarkMap
 from lmkit.model.pose_status import PoseStatus
 from lmkit.model.recording import RigFrame
 from lmkit.odometry.wheel_odometry import NOMINAL, MotionModel
-from lmkit.optim.robust_loss import cauchy_weight
+from lmkit.optim.robust_loss import cauchy_cost, cauchy_weight
 
 LEAST_LOCATED = 10
 LEAST_WAY_M, LEAST_TURN_RAD = 0.3, 0.3  # of the recording
 APART_S = (0.5, 1.0, 2.0, 4.0)  # between two poses of a pair
 PAIR_SIGMA_M = 0.05
 ROUNDS = 10
+LAGS_S = np.arange(-0.9, 1.1, 0.01)  # of a camera's clock behind the odometry's
+TURN_SIGMA_RAD = 0.02
+LEAST_SWING_RAD = 0.1  # standard deviation of turns, below which they do not tell the time
+FINE_S = 0.02
 
 
 @dataclass(frozen=True, eq=False)
@@ -38,11 +43,15 @@ class MountingStart:
     Attributes:
         path: (N,3) x, y (m), heading (rad) of the base.
         mount_R, mount_t: (C,3,3), (C,3) T_base_camera.
+        delay_s: of the robot behind its odometry, on the first camera's clock.
+        offsets_s: (C-1,) of the other clocks.
     """
 
     path: FloatArray
     mount_R: FloatArray
     mount_t: FloatArray
+    delay_s: float
+    offsets_s: FloatArray
 
 
 def find_mounting_start(
@@ -50,23 +59,21 @@ def find_mounting_start(
     groups: Sequence[tuple[str, AnyRig, list[int]]],
     landmarks: LandmarkMap,
     motion: MotionModel,
+    clocks: IntArray | None = None,
 ) -> MountingStart:
     """Rough places and path.
+
+    Args:
+        clocks: (N,) group whose clock stamps each frame, to be searched; None: all are on the first one's.
 
     Raises:
         InputError: a camera was located too rarely, or the robot did not move.
     """
-    times = np.array([frame.time_s for frame in frames])
-    motions = motion.increments(times, np.array(NOMINAL)).motions
-    way, turn = float(np.hypot(*motions[:, :2].T).sum()), float(np.abs(motions[:, 2]).sum())
-    if way < LEAST_WAY_M and turn < LEAST_TURN_RAD:
-        raise InputError(
-            "stands_still",
-            f"the odometry says that the robot moved {way:.2f} m and turned {np.rad2deg(turn):.0f} deg",
-            "drive curves, so that every camera sees landmarks of the map from different headings",
-        )  # fmt: skip
-    path = follow(np.zeros(3), motions)
+    stamps = np.array([frame.time_s for frame in frames])
+    driven = _DeadReckoning.over(stamps, motion)
+    driven.require_motion()
     mounts, guesses = [], []
+    lags: list[float] = []
     for name, rig, which in groups:
         rows, R, p = _located(frames, rig, which, landmarks)
         if len(rows) < LEAST_LOCATED:
@@ -76,16 +83,80 @@ def find_mounting_start(
                 f"drive so that it sees two or more landmarks at once in at least {LEAST_LOCATED} frames",
             )
         headings = _headings(R)
-        yaw, arm = _yaw_and_arm(times[rows], path[rows], headings, p)
+        if clocks is not None or not lags:
+            lags.append(driven.lag(stamps[rows], headings))
+        yaw, arm = _yaw_and_arm(stamps[rows], driven.path_at(stamps[rows] - lags[-1]), headings, p)
         base_headings = wrap_angle(headings - yaw)
         c, s = np.cos(base_headings), np.sin(base_headings)
         base_p = p[:, :2] - np.column_stack([c * arm[0] - s * arm[1], s * arm[0] + c * arm[1]])
         back = rotation_exp(np.column_stack([np.zeros((len(rows), 2)), -base_headings]))
         mounts.append((_mean_rotation(back @ R), np.array([*arm, float(np.median(p[:, 2]))])))
         guesses.append((rows, np.column_stack([base_p, base_headings])))
+    offsets = lags[0] - np.array(lags)
+    times = stamps if clocks is None else stamps + offsets[clocks]
     return MountingStart(
-        _path(len(frames), guesses, motions), np.array([R for R, _ in mounts]), np.array([t for _, t in mounts])
+        _path(times, guesses, driven.path_at(times - lags[0])),
+        np.array([R for R, _ in mounts]),
+        np.array([t for _, t in mounts]),
+        lags[0],
+        offsets[1:],
     )
+
+
+@dataclass(frozen=True, eq=False)
+class _DeadReckoning:
+    """The path that the odometry tells, as if without delay: times (K,), states (K,3)."""
+
+    times: FloatArray
+    path: FloatArray
+
+    @classmethod
+    def over(cls, times_s: FloatArray, motion: MotionModel) -> _DeadReckoning:
+        """Over all times, and as much more as clocks may differ."""
+        fine = np.arange(times_s.min() - LAGS_S[-1], times_s.max() - LAGS_S[0], FINE_S)
+        exact = np.array([*NOMINAL[:-1], 0.0])
+        return cls(fine, follow(np.zeros(3), motion.planar_between(fine[:-1], fine[1:], exact)))
+
+    def path_at(self, times_s: FloatArray) -> FloatArray:
+        """(N,3) states at times of the odometry's clock."""
+        return np.column_stack([np.interp(times_s, self.times, column) for column in self.path.T])
+
+    def require_motion(self) -> None:
+        """Raises:
+        InputError: the robot stands still.
+        """
+        motions = np.abs(np.diff(self.path, axis=0))
+        way, turn = float(np.hypot(*motions[:, :2].T).sum()), float(motions[:, 2].sum())
+        if way < LEAST_WAY_M and turn < LEAST_TURN_RAD:
+            raise InputError(
+                "stands_still",
+                f"the odometry says that the robot moved {way:.2f} m and turned {np.rad2deg(turn):.0f} deg",
+                "drive curves, so that every camera sees landmarks of the map from different headings",
+            )
+
+    def lag(self, stamps: FloatArray, headings: FloatArray) -> float:
+        """Seconds by which a camera's clock lags behind: its headings (K,) then turn as the odometry does."""
+        pairs = [_pairs(stamps, apart) for apart in APART_S]
+        i, j = (np.concatenate(rows) for rows in zip(*pairs, strict=True))
+        turned = headings[j] - headings[i]
+        if len(turned) < LEAST_LOCATED or turned.std() < LEAST_SWING_RAD:
+            return float(NOMINAL[-1])
+        costs = []
+        for lag in LAGS_S:
+            by_wheels = np.interp(stamps - lag, self.times, self.path[:, 2])
+            odometry = by_wheels[j] - by_wheels[i]
+            scale = (odometry @ turned) / max(odometry @ odometry, 1e-9)
+            costs.append(cauchy_cost(((turned - scale * odometry) / TURN_SIGMA_RAD) ** 2).sum())
+        return float(LAGS_S[int(np.argmin(costs))])
+
+
+def _pairs(times: FloatArray, apart_s: float) -> tuple[IntArray, IntArray]:
+    """Rows of times, and of those that come about so much later."""
+    after = np.searchsorted(times, times + apart_s)
+    i = np.flatnonzero(after < len(times))
+    j = after[i]
+    near = times[j] - times[i] < 2 * apart_s
+    return i[near], j[near]
 
 
 def _located(
@@ -117,11 +188,7 @@ def _yaw_and_arm(
     """Yaw of the camera's zero heading in the base, and the arm (2,) from base to camera in the base's frame."""
     rows, values = [], []
     for apart in APART_S:
-        after = np.searchsorted(times, times + apart)
-        i = np.flatnonzero(after < len(times))
-        j = after[i]
-        near = times[j] - times[i] < 2 * apart
-        i, j = i[near], j[near]
+        i, j = _pairs(times, apart)
         q = _turned(p[j, :2] - p[i, :2], -headings[i])
         d = _turned(path[j, :2] - path[i, :2], -path[i, 2])
         turn = headings[j] - headings[i]
@@ -154,13 +221,15 @@ def _mean_rotation(R: FloatArray) -> FloatArray:
     return np.asarray(U @ np.diag([1.0, 1.0, np.linalg.det(U @ Vt)]) @ Vt)
 
 
-def _path(count: int, guesses: Sequence[tuple[IntArray, FloatArray]], motions: FloatArray) -> FloatArray:
-    """(N,3) states by the cameras where they were located, else by odometry from the frame before."""
-    path = np.full((count, 3), np.nan)
+def _path(times: FloatArray, guesses: Sequence[tuple[IntArray, FloatArray]], driven: FloatArray) -> FloatArray:
+    """(N,3) states by the cameras where they were located, else by odometry (N,3) from the frame before."""
+    located = np.full((len(times), 3), np.nan)
     for rows, states in reversed(guesses):
-        path[rows] = states
+        located[rows] = states
+    order = np.argsort(times, kind="stable")
+    path, motions = located[order], between(driven[order])
     first = int(np.flatnonzero(np.isfinite(path[:, 0]))[0])
-    for k in range(first + 1, count):
+    for k in range(first + 1, len(path)):
         if np.isnan(path[k, 0]):
             path[k] = follow(path[k - 1], motions[k - 1 : k])[-1]
     for k in range(first - 1, -1, -1):
@@ -169,4 +238,6 @@ def _path(count: int, guesses: Sequence[tuple[IntArray, FloatArray]], motions: F
         c, s = np.cos(heading), np.sin(heading)
         path[k] = [path[k + 1, 0] - c * step[0] + s * step[1], path[k + 1, 1] - s * step[0] - c * step[1], heading]
     path[:, 2] = np.unwrap(path[:, 2])
-    return path
+    by_frame = np.empty_like(path)
+    by_frame[order] = path
+    return by_frame

@@ -14,6 +14,7 @@ from lmkit.geometry.pose import Pose
 UNLIKELY_SIGMA = 3.5  # of a parameter against its prior
 
 
+LEAST_DETERMINED, MOST_CORRECTED = 20.0, 3.0  # motions that poses tell of, to judge the noise by; factor at a time
 LONGEST_STEP_S = 0.5  # of time between rows: more is a gap, in which nothing is known
 
 
@@ -102,6 +103,33 @@ class BoundedMotion:
     ) -> tuple[FloatArray, FloatArray]:
         """No motion."""
         return np.repeat(np.eye(3)[None], len(before_s), axis=0), np.zeros((len(before_s), 3))
+
+
+def determined_by_poses(before: FloatArray, after: FloatArray, states: FloatArray, across: FloatArray) -> FloatArray:
+    """(K-1,D) how far poses tell of motions beside the odometry: 1 where they know all, 0 where only it does.
+
+    Args:
+        before, after: (K-1,D,D) derivatives of the motions, in standard deviations, with the earlier and later pose.
+        states, across: (K,D,D), (K-1,D,D) covariances of poses, and of each with the next.
+    """
+    left = (before @ states[:-1] + after @ across.transpose(0, 2, 1)) @ before.transpose(0, 2, 1)
+    left += (before @ across + after @ states[1:]) @ after.transpose(0, 2, 1)
+    return np.asarray(1 - np.einsum("nii->ni", left))
+
+
+def noise_correction(residuals: FloatArray, determined: FloatArray) -> FloatArray:
+    """(D,) factors by which motions stray more than is taken.
+
+    The likelihood of the noise, all else integrated out, is largest where the squared residuals add up to what the
+    poses tell of (MacKay 1992).
+
+    Args:
+        residuals: (K-1,D) of motions between neighbors in time, in standard deviations, robustly weighed.
+        determined: (K-1,D) of `determined_by_poses`.
+    """
+    count = determined.sum(axis=0)
+    factors = np.sqrt((residuals**2).sum(axis=0) / np.maximum(count, LEAST_DETERMINED))
+    return np.where(count >= LEAST_DETERMINED, np.clip(factors, 1 / MOST_CORRECTED, MOST_CORRECTED), 1.0)
 
 
 def require_common_times(own_s: FloatArray, times_s: FloatArray) -> None:

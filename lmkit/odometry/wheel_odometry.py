@@ -122,12 +122,16 @@ class MotionModel:
         self, before_s: FloatArray, after_s: FloatArray, parameters: FloatArray
     ) -> tuple[FloatArray, FloatArray]:
         """(K,3,3), (K,3) motions between two times each, in either order."""
-        forward, left, turn = self._motions(np.column_stack([before_s, after_s]).ravel(), parameters[None])[0, ::2].T
+        forward, left, turn = self.planar_between(before_s, after_s, parameters).T
         zero = np.zeros_like(turn)
         return rotation_exp(np.column_stack([zero, zero, turn])), np.column_stack([forward, left, zero])
 
+    def planar_between(self, before_s: FloatArray, after_s: FloatArray, parameters: FloatArray) -> FloatArray:
+        """(K,3) forward, left (m), turn (rad) between two times each, in either order."""
+        return self._motions(np.column_stack([before_s, after_s]).ravel(), parameters[None])[0, ::2]
+
     def increments(self, times_s: FloatArray, parameters: FloatArray) -> Increments:
-        """Motions between consecutive times (K,), seconds of the landmarks' clock."""
+        """Motions between times (K,) that follow each other, seconds of the landmarks' clock."""
         # The parameters as they are, each but the delay moved a little, and the delay moved to both sides.
         count = len(PARAMETERS)
         moved = np.tile(parameters, (count + 2, 1))
@@ -138,12 +142,10 @@ class MotionModel:
         by_parameters = (all_motions[1:-1] - motions).transpose(1, 2, 0) / np.append(STEPS, 1.0)
         by_parameters[:, :, -1] = (all_motions[count] - all_motions[count + 1]) / (2 * DELAY_SPAN_S)
         own = times_s - parameters[5]
-        seconds = np.diff(times_s)
-        way, turned, gap = (
-            np.diff(np.interp(own, self._times, total)) for total in (self._way, self._turned, self._gap)
-        )
-        outside = np.diff(np.clip(own, None, self._times[0])) + np.diff(np.clip(own, self._times[-1], None))
-        gap = gap + outside
+        outside = np.clip(own, None, self._times[0]) + np.clip(own, self._times[-1], None)
+        growing = [times_s, *(np.interp(own, self._times, total) for total in (self._way, self._turned, self._gap))]
+        seconds, way, turned, gap = (np.abs(np.diff(total)) for total in growing)
+        gap = gap + np.abs(np.diff(outside))
         n = self.noise
         place = n.place_per_root_s**2 * seconds + (n.unknown_mps * gap) ** 2
         variances = np.column_stack(

@@ -25,6 +25,7 @@ from lmkit.simulation.observations import Seen, look
 from lmkit.simulation.scene import make_rig, mount_landmarks
 
 STEP_S = 0.02
+SPIN_RADPS = 0.7  # of a robot that turns on the spot
 HEIGHT_M = 2.6
 # Where the left camera sits on the robot: forward, left, up, and looking ahead.
 T_BASE_LEFT = Pose(
@@ -40,6 +41,7 @@ class WheelErrors:
         forward_scale, turn_scale: true over reported.
         delay_s: the robot lags behind what its wheels report.
         noise_per_root_m, turn_noise_per_root_m: what strays at random, meters and rad per root of a meter.
+        track_m: between the wheels: turning, they travel half of it a radian.
         slips: times at which the robot turns or slides unnoticed, by up to 0.1 m and 0.1 rad.
         gyro_bias, gyro_noise: rad/s.
     """
@@ -49,6 +51,7 @@ class WheelErrors:
     delay_s: float = 0.25
     noise_per_root_m: float = 0.01
     turn_noise_per_root_m: float = 0.01
+    track_m: float = 0.0
     slips: int = 0
     gyro_bias: float = 0.005
     gyro_noise: float = 0.01
@@ -131,6 +134,7 @@ def make_drive(
     landmarks: LandmarkMap | None = None,
     family: MarkerFamily = LM8,
     eights: bool = False,
+    spins: int = 0,
 ) -> Drive:
     """A recording in rounds through a room with ``count`` landmarks on its walls.
 
@@ -139,13 +143,14 @@ def make_drive(
         rig: the cameras, with T_base_left; None: a stereo pair that looks ahead.
         family: of the landmarks.
         eights: figures of eight in place of rounds: curves to both sides.
+        spins: rotations on the spot to each side, after ``seconds`` of driving.
 
     Cameras of the rig with a ``time_offset_s`` expose by that much later than their frame.
     """
     rng = np.random.default_rng([seed, 0])
     codes = [int(code) for code in rng.permutation(family.code_count)[:count]]
     landmarks = landmarks or LandmarkMap(mount_landmarks(rng, family, codes, (*size_m, HEIGHT_M)))
-    fine, truth = (_figure_eight if eights else _round_trip)(rng, seconds, size_m)
+    fine, truth = _with_spins(*(_figure_eight if eights else _round_trip)(rng, seconds, size_m), spins)
     errors = errors or WheelErrors()
     truth = _slip(rng, fine, truth, errors.slips)
     rig = rig or replace(make_rig(), T_base_left=T_BASE_LEFT)
@@ -204,6 +209,14 @@ def _figure_eight(
     return times, np.column_stack([x, y, heading])
 
 
+def _with_spins(times: FloatArray, truth: FloatArray, spins: int) -> tuple[FloatArray, FloatArray]:
+    """Times and path, and so many rotations on the spot to each side at the end."""
+    there = np.arange(SPIN_RADPS * STEP_S, 2 * np.pi * spins, SPIN_RADPS * STEP_S)
+    turned = truth[-1] + np.concatenate([there, there[::-1]])[:, None] * np.array([0.0, 0.0, 1.0])
+    path = np.concatenate([truth, turned])
+    return STEP_S * np.arange(len(path)), path
+
+
 def _slip(rng: np.random.Generator, times: FloatArray, truth: FloatArray, slips: int) -> FloatArray:
     """The rest of the recording is moved at each slip."""
     moved = truth.copy()
@@ -226,7 +239,7 @@ def _wheels(
     # Slips are not in what the wheels count.
     slid = (np.abs(forward) > 0.02) | (np.abs(step[:, 2]) > 0.05)
     forward, turn = np.where(slid, 0.0, forward), np.where(slid, 0.0, step[:, 2])
-    root = np.sqrt(np.abs(forward))
+    root = np.sqrt(np.abs(forward) + errors.track_m / 2 * np.abs(turn))
     reported = forward / errors.forward_scale + errors.noise_per_root_m * root * rng.normal(size=len(root))
     turned = turn / errors.turn_scale + errors.turn_noise_per_root_m * root * rng.normal(size=len(root))
     own = times[1:] - errors.delay_s

@@ -13,7 +13,7 @@ from command_line import run_command
 import lmkit
 from lmkit.errors import InputError
 from lmkit.geometry.pose import Pose
-from lmkit.geometry.rig import AnyRig, MountedCamera, Rig, mounted_cameras
+from lmkit.geometry.rig import AnyRig, MountedCamera, Rig, mounted_cameras, with_time_offsets
 from lmkit.geometry.rotations import rotation_exp, rotation_log
 from lmkit.io.landmark_map import map_to_yaml
 from lmkit.io.recording_tables import detections_to_csv
@@ -87,6 +87,17 @@ def test_rounds_in_one_direction_leave_the_place_along_y_open() -> None:
     assert abs(errors_of(found, rig)[0, 1]) < 1.96 * sigma[1]
 
 
+def test_the_clock_of_a_camera_is_found_with_its_place() -> None:
+    rig, late_s = looking_around(6, 2), 0.15
+    found = found_in(replace(drive(6, with_time_offsets(rig, [late_s]), 14), rig=rig))
+    clock = found.cameras[1].clock
+    assert clock is not None and clock.differs
+    assert abs(clock.offset_s - late_s) < min(4 * clock.sigma_s, 2e-3)
+    assert found.rig.cameras[1].time_offset_s == clock.offset_s
+    # With the stamps taken for right, the second camera is off by 50 mm along x.
+    assert np.abs(errors_of(found, rig)[:, 0]).max() < 0.004
+
+
 def test_a_robot_that_stands_still_is_refused() -> None:
     made = drive(1, looking_around(0, 1), seconds=5)
     still = Odometry(
@@ -108,7 +119,7 @@ def test_a_gyro_in_degrees_is_named(calibrate) -> None:
 
 def test_the_command_writes_a_rig_with_every_place(tmp_path: Path) -> None:
     rig = looking_around(2, 2)
-    made = drive(2, rig, seconds=25)
+    made = drive(30, rig, seconds=18)
     names = [camera.name for camera in rig.cameras]
     (tmp_path / "drive").mkdir()
     (tmp_path / "drive/detections.csv").write_text(detections_to_csv(made.frames, names))
@@ -123,6 +134,7 @@ def test_the_command_writes_a_rig_with_every_place(tmp_path: Path) -> None:
     assert answer.code == 0, answer.err
     assert [camera["name"] for camera in json.loads(answer.out)["cameras"]] == names
     written = read_rig(tmp_path / "out.yaml")
+    assert [camera.time_offset_s for camera in written.cameras] == [0.0, 0.0]  # stamps are right
     assert written.T_base_left.t[:2] == pytest.approx(rig.T_base_left.t[:2], abs=0.03)
     assert run_command("calibrate", "--base", tmp_path / "drive").code == 2
 
