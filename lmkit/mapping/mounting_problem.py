@@ -23,7 +23,7 @@ from lmkit.mapping.observation_arrays import ObservationArrays
 from lmkit.mapping.planar_smoother import between_jacobians
 from lmkit.model.landmark_map import LandmarkMap
 from lmkit.model.recording import RigFrame
-from lmkit.odometry.motion_model import noise_correction, determined_by_poses
+from lmkit.odometry.motion_model import determined_by_poses, noise_correction
 from lmkit.odometry.wheel_odometry import NOMINAL, PARAMETERS, PRIOR_SIGMA, MotionModel
 from lmkit.optim.block_chain import ChainEquations
 from lmkit.optim.levenberg_marquardt import Damping, minimize
@@ -298,7 +298,7 @@ class MountingProblem:
         return [chi2 for chi2, _ in self.squared_errors()]
 
     def squared_errors(self) -> list[tuple[FloatArray, FloatArray]]:
-        """Of every group and observation: in standard deviations and in pixels, summed over eight coordinates."""
+        """Squared errors of each group's observations: in standard deviations and in pixels, summed over coordinates."""
         poses = (self._poses(self.state, k)[0] for k in range(len(self.seen)))
         return [kernel.bundle_chi2(self._bundle(self.state, k, T)) for k, T in enumerate(poses)]
 
