@@ -298,7 +298,7 @@ class MountingProblem:
         return [chi2 for chi2, _ in self.squared_errors()]
 
     def squared_errors(self) -> list[tuple[FloatArray, FloatArray]]:
-        """Squared errors of each group's observations: in standard deviations and in pixels, summed over coordinates."""
+        """Squared errors of each group's observations: in standard deviations and in pixels, of eight numbers."""
         poses = (self._poses(self.state, k)[0] for k in range(len(self.seen)))
         return [kernel.bundle_chi2(self._bundle(self.state, k, T)) for k, T in enumerate(poses)]
 
