@@ -2,7 +2,7 @@
 
     uv run --all-extras python benchmarks/fleet_fading.py [--sites 6] [--first 700]
 
-Simulated sites of one hall with 12 landmarks: eight days, one recording of 16 s a day, four robots in turn.  Images
+Simulated sites of one hall with 12 landmarks: eight days, one recording of 24 s a day, four robots in turn.  Images
 are simulated (`simulation/quick_images.py`) and detected; every recording has a light of its own, from 0.6 to 1.  In
 every site the landmark that is seen most often pales from the fifth day on: its ink comes nearer to its paper by a
 share.
@@ -41,12 +41,12 @@ from lmkit.simulation.recording import T_BASE_LEFT, Drive, make_drive
 from lmkit.simulation.scene import furnish_room, make_rig
 from lmkit.simulation.site import DAY_S, MONDAY_S, day_name, most_seen
 
-ROBOTS, DAYS, SECONDS, HZ, LANDMARKS = 4, 8, 16.0, 2.5, 12
+ROBOTS, DAYS, SECONDS, HZ, LANDMARKS = 4, 8, 24.0, 2.5, 12
 FROM_DAY = 4
 ROOM_M = (8.0, 5.0, 2.6)
 SIZE_M = 0.18
 DARKEST = 0.6
-PALE = (0.0, 0.15, 0.3, 0.5)
+PALE = (0.0, 0.3, 0.5, 0.65)
 OPTIONS = {"families": ["lm8"], "hz": None}
 
 
@@ -68,15 +68,15 @@ def write_recording(folder: Path, drive: Drive, cameras: list[QuickCamera], ligh
 def write_days(folder: Path, seed: int, days: range, share: float) -> str:
     """Recordings of some days; the landmark that pales by a share."""
     rig = replace(make_rig(), T_base_left=T_BASE_LEFT)
-    first = make_drive(100_000 * seed, SECONDS, HZ, count=LANDMARKS, rig=rig)
-    chosen = most_seen(first.frames, first.landmarks)
-    scene = furnish_room(np.random.default_rng([seed, 5]), first.landmarks, ROOM_M)
+    landmarks = make_drive(100_000 * seed, 1.0, HZ, count=LANDMARKS, rig=rig).landmarks
+    drives = [make_drive(100_000 * seed + day, SECONDS, HZ, rig=rig, landmarks=landmarks) for day in range(DAYS)]
+    chosen = most_seen(tuple(frame for drive in drives for frame in drive.frames), landmarks)
+    scene = furnish_room(np.random.default_rng([seed, 5]), landmarks, ROOM_M)
     lights = np.random.default_rng([seed, 6]).uniform(DARKEST, 1.0, DAYS)
     for day in days:
-        drive = make_drive(100_000 * seed + day, SECONDS, HZ, rig=rig, landmarks=first.landmarks)
         cameras = [QuickCamera(scene, c.model, 100 * seed + day, {chosen.id: share}) for c in mounted_cameras(rig)]
         into = folder / f"robot{day % ROBOTS}" / day_name(day)
-        write_recording(into, drive, cameras, float(lights[day]), MONDAY_S + DAY_S * day)
+        write_recording(into, drives[day], cameras, float(lights[day]), MONDAY_S + DAY_S * day)
     return str(chosen.id)
 
 

@@ -27,7 +27,7 @@ LEAST_EXPECTED, USUALLY_READ = (
     3,
     0.5,
 )  # share of a kind of view in its best recording; from elsewhere the landmark may be hidden
-ROUNDS = 4  # of levels and recordings' own effects
+ROUNDS = 10  # of levels and recordings' own effects
 LEAST_LANDMARKS = 3  # of a recording that has an effect of its own
 LEAST_SCATTER, MAD_SIGMA = 0.05, 1.4826  # of one landmark between recordings
 NOTHING = 1e-9
@@ -140,15 +140,37 @@ def _share_rows(recordings: Sequence[Mapping[Kind, Count]], ids: Sequence[str]) 
 
 
 def _evidence_rows(recordings: Sequence[Mapping[Kind, Count]], ids: Sequence[str]) -> _Rows:
-    return _rows(
-        [
-            (r, kind, count.evidence / count.weighed, count.weighed)
-            for r, counts in enumerate(recordings)
-            for kind, count in counts.items()
-            if count.weighed
-        ],
-        ids,
-    )
+    """Evidence by direction, of all sizes together: how it goes with the size is the same for all landmarks."""
+    seen = [
+        (recording, kind, count)
+        for recording, counts in enumerate(recordings)
+        for kind, count in counts.items()
+        if count.weighed
+    ]
+    curve = _size_curve(seen)
+    sums: dict[tuple[int, Kind], tuple[float, int]] = {}
+    for recording, (id_, size, direction), count in seen:
+        key = recording, (id_, 0, direction)
+        total, weighed = sums.get(key, (0.0, 0))
+        sums[key] = total + count.evidence - count.weighed * curve[size], weighed + count.weighed
+    return _rows([(r, kind, total / weighed, weighed) for (r, kind), (total, weighed) in sums.items()], ids)
+
+
+def _size_curve(seen: Sequence[tuple[int, Kind, Count]]) -> dict[int, float]:
+    """Evidence by kind of size, from views of one landmark in one recording, which share light and print."""
+    if not seen:
+        return {}
+    groups = {key: number for number, key in enumerate(sorted({(r, kind[0]) for r, kind, _ in seen}))}
+    sizes = sorted({kind[1] for _, kind, _ in seen})
+    group = np.array([groups[r, kind[0]] for r, kind, _ in seen], dtype=np.int64)
+    size = np.array([sizes.index(kind[1]) for _, kind, _ in seen], dtype=np.int64)
+    value = np.array([count.evidence / count.weighed for _, _, count in seen])
+    weight = np.array([min(count.weighed, ENOUGH) for _, _, count in seen], dtype=np.float64)
+    columns = [*np.eye(len(sizes))[:, size], value]
+    within = np.column_stack([column - _means(group, column, weight)[group] for column in columns])
+    within *= np.sqrt(weight)[:, None]
+    curve = np.linalg.lstsq(within[:, :-1], within[:, -1], rcond=None)[0]
+    return dict(zip(sizes, curve.tolist(), strict=True))
 
 
 def _rows(rows: Sequence[tuple[int, Kind, float, int]], ids: Sequence[str]) -> _Rows:

@@ -54,7 +54,7 @@ def faults(recordings: list[dict]) -> list:
     ("fall", "texts"),
     [
         ({"evidence": 0.5}, ["the margin of its readings is 6", "; clean it, or print it anew"]),
-        ({"share": 0.5}, ["images that should show it, 9", "see whether something hides it, clean it"]),
+        ({"share": 0.5}, ["images that should show it, 89 before", "see whether something hides it, clean it"]),
         ({"evidence": 0.5, "share": 0.5}, ["margin", "images that should show it"]),
     ],
 )
