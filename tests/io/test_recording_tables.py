@@ -79,3 +79,16 @@ def test_bad_detections_are_refused_by_line(tmp_path, row, says):
 def test_tags_of_others_keep_their_family(tmp_path):
     text = "time_s,camera,tag_id,x0,y0,x1,y1,x2,y2,x3,y3\n1,left,400,0,0,1,0,1,1,0,1\n"
     assert read_detections(written(tmp_path, text), ["lm8"])[0].seen[0][0].family == "tag36h11"
+
+
+def test_the_header_names_the_corners_of_other_orders(tmp_path):
+    ours = "time_s,camera,tag_id,x0,y0,x1,y1,x2,y2,x3,y3\n" + "".join(
+        f"{k},left,{k},10,10,50,12,49,52,9,50\n" for k in range(5)
+    )
+    apriltag = "time_s,camera,tag_id,{}\n" + "".join(f"{k},left,{k},9,50,49,52,50,12,10,10\n" for k in range(5))
+    named = apriltag.format("x3,y3,x2,y2,x1,y1,x0,y0")
+    both = [read_detections(written(tmp_path, text), ["lm8"]) for text in (ours, named)]
+    for a, b in zip(*both, strict=True):
+        assert np.array_equal(a.seen[0][0].corners, b.seen[0][0].corners)
+    with pytest.raises(InputError, match="another order"):
+        read_detections(written(tmp_path, apriltag.format("x0,y0,x1,y1,x2,y2,x3,y3")), ["lm8"])
