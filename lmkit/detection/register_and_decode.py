@@ -15,7 +15,6 @@ from lmkit.detection.fit_steps import COARSE_PIXELS, COARSE_SIDE_PX, START, FitS
 from lmkit.detection.linear_image import LinearImage
 from lmkit.detection.pixel_sampling import mean_side
 from lmkit.detection.registration import PatternRegistration, blur_of
-from lmkit.detection.shadows import ShadowEdge
 from lmkit.kernels import landmark_fit
 from lmkit.kernels.landmark_fit import Fitted
 from lmkit.kernels.registration import Steps, View
@@ -26,7 +25,6 @@ from lmkit.model.observation import Detection
 SHARP = Steps(rounds=0, most=5, to_px=0.01)  # nothing hides a rasterized page
 FROM_FAR = Steps(rounds=0, most=10, to_px=0.05)
 HOPELESS = 2.5  # log odds under the rule's from which no shadow's edge lifts a reading
-SHADOW_ROOM_PX = 8  # around the pixels in use, since the fit still moves
 DISTORTION_SIDE_PX = 40.0  # smaller landmarks do not show the lens's distortion
 # For every quarter turn, the corners in the landmark's own order, and rows and columns of their covariance.
 _ORDER = tuple((np.arange(4) + quarter) % 4 for quarter in range(4))
@@ -116,7 +114,7 @@ def register_and_decode(
     if image.white is not None:
         if _reading(fit, fit.decoding, fit.corners).log_odds < options.rule.least_log_odds - HOPELESS:
             return None
-        _sharpen_shadow(fit)
+        fit.sharpen_shadow(COARSE_PIXELS)
     if not steps.finish(fit):
         return None
     return _candidate(fit, _smaller_margins(fit.decoding, fit.robust_decoding), options.rule, fit_distortion)
@@ -202,17 +200,3 @@ def _in_own_order(
 
 def _reading(fit: PatternRegistration, decoding: Decoding, corners: FloatArray) -> ScoredReading:
     return ScoredReading(decoding, mean_side(corners), fit.blur_px, is_shaded=fit.image.white is not None)
-
-
-def _sharpen_shadow(fit: PatternRegistration) -> None:
-    """Take the shadow out by one straight edge, now that the drawing is known."""
-    if not fit.sample(COARSE_PIXELS, near_edges=False):
-        return
-    bright = np.maximum(fit.discount().mean(axis=0), 1e-3).astype(np.float64)
-    light = np.maximum(fit.samples.values.mean(axis=0), 1e-3) / bright * fit.samples.light
-    at = fit.image.distorted(fit.samples.at.T + fit.view.origin)
-    edge = ShadowEdge.fit(at, light, bright**2)
-    low, high = at.min(axis=0), at.max(axis=0)
-    x0, y0 = np.maximum(np.floor(low) - SHADOW_ROOM_PX, 0).astype(int).tolist()
-    x1, y1 = np.minimum(np.ceil(high) + 1 + SHADOW_ROOM_PX, fit.image.size).astype(int).tolist()
-    fit.image = fit.image.renormalized((x0, y0, x1, y1), edge.light((x0, y0, x1, y1)))

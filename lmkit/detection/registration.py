@@ -14,6 +14,7 @@ from lmkit.detection.decoding import CORRELATED_PIXELS, Decoding, decode_square,
 from lmkit.detection.hypotheses import RIDGE
 from lmkit.detection.linear_image import LinearImage, distort_radial
 from lmkit.detection.pixel_sampling import DISTORTION, PixelSamples, mean_side, sample_pixels
+from lmkit.detection.shadows import ShadowEdge
 from lmkit.kernels.grid_pattern import GridDrawing
 from lmkit.kernels.landmark_fit import Fitted
 from lmkit.kernels.pattern import Drawing
@@ -45,6 +46,7 @@ FEW_EDGES_PX = 30.0
 MOSAIC_PX = 2.0  # period of the colors: an edge that crosses several periods meets all of them
 MIXED_PIXEL_PRIOR = 0.1  # standard deviation of the mixed-pixel bias
 SHADING_PRIOR = 0.05  # standard deviation of the relative change of light over half the side
+SHADOW_ROOM_PX = 8  # around the pixels in use, since the fit still moves
 LIMITS = Limits(least_spread=MIN_SPREAD, most_spread=64.0, distortion=0.3, shading=0.6, bias=1.0)
 
 
@@ -111,6 +113,19 @@ class DrawingFit:
         )
         self.samples.variance, self.samples.prior_weight = weights.variance, weights.prior_weight
         return weights.drawn
+
+    def sharpen_shadow(self, at_most: int) -> None:
+        """Take the shadow out by one straight edge, now that the drawing is known, from so many pixels."""
+        if not self.sample(at_most, near_edges=False):
+            return
+        bright = np.maximum(self.discount().mean(axis=0), 1e-3).astype(np.float64)
+        light = np.maximum(self.samples.values.mean(axis=0), 1e-3) / bright * self.samples.light
+        at = self.image.distorted(self.samples.at.T + self.view.origin)
+        edge = ShadowEdge.fit(at, light, bright**2)
+        low, high = at.min(axis=0), at.max(axis=0)
+        x0, y0 = np.maximum(np.floor(low) - SHADOW_ROOM_PX, 0).astype(int).tolist()
+        x1, y1 = np.minimum(np.ceil(high) + 1 + SHADOW_ROOM_PX, self.image.size).astype(int).tolist()
+        self.image = self.image.renormalized((x0, y0, x1, y1), edge.light((x0, y0, x1, y1)))
 
     def register(self, steps: Steps) -> None:
         """Move to a smaller error, never to a larger one, discounting what does not fit."""

@@ -12,7 +12,7 @@ from lmkit.detection.config import COARSE, FINE, DetectOptions
 from lmkit.detection.linear_image import LinearImage
 from lmkit.detection.pixel_sampling import mean_side
 from lmkit.detection.tag_registration import TagCandidate, register_and_decode_tag
-from lmkit.detection.tag_screening import promising
+from lmkit.detection.tag_screening import promising, shadow_on
 from lmkit.detection.windows import LEAST_WINDOW_PX, clockwise, is_colorless, window_around
 from lmkit.model.square_marker import SquareMarkerFamily
 
@@ -24,6 +24,7 @@ DETAILED = Source("gray", 0, 11, 0.05)
 TAGS_WHERE = WhereToLook(ANYWHERE_IN_COLOR, LEAST_LUMA, True)
 NOISY = 3.0  # standard deviation of the code values
 SAME = 0.08  # of the side: two squares are one
+ROOM = 0.5  # of the side, around a square: the light there is known
 
 
 def find_tags(image: ByteArray, options: DetectOptions, near: FloatArray | None) -> list[TagCandidate]:
@@ -98,9 +99,32 @@ def _read_quads(
             continue
         chosen = [family for family, is_likely in zip(families, clear[:, row], strict=True) if is_likely]
         candidate = register_and_decode_tag(image, quad, chosen, options, gray)
+        shaded = _read_in_shadow(image, quad, chosen, options, gray) if options.config.in_shadow else None
+        if shaded is not None and (candidate is None or _is_clearer(shaded, candidate)):
+            candidate = shaded
         if candidate is not None:
             found.append(candidate)
     return found
+
+
+def _is_clearer(shaded: TagCandidate, plain: TagCandidate) -> bool:
+    """A shadow across a marker moves its corners by half a pixel, even where it reads with one light."""
+    return plain.rejected is not None or shaded.decoding.cell_error < plain.decoding.cell_error
+
+
+def _read_in_shadow(
+    image: LinearImage, quad: FloatArray, families: Sequence[SquareMarkerFamily], options: DetectOptions, gray: bool
+) -> TagCandidate | None:
+    """A marker that is read once the shadow across it is taken out; None where there is none, or nothing is read."""
+    edge = shadow_on(image.pyramid.levels, quad, families[0])
+    if edge is None:
+        return None
+    room = ROOM * mean_side(quad)
+    low, high = np.floor(quad.min(axis=0) - room).astype(int), np.ceil(quad.max(axis=0) + room).astype(int)
+    low, high = np.maximum(low, 0), np.minimum(high, image.size)
+    box = (*low.tolist(), *high.tolist())
+    found = register_and_decode_tag(image.renormalized(box, edge.light(box)), quad, families, options, gray)
+    return found if found is not None and found.rejected is None else None
 
 
 def _is_in(quad: FloatArray, read: TagCandidate) -> bool:

@@ -252,6 +252,8 @@ def _read(
         if is_large and not fit.sample(COARSE_PIXELS, near_edges=True):
             return None
         fit.register(COARSE)
+    if image.white is not None:
+        fit.sharpen_shadow(COARSE_PIXELS)
     if not fit.sample(options.config.pixels, near_edges=True):
         return None
     fit.register(FINE._replace(fit_distortion=fit_distortion))

@@ -11,11 +11,13 @@ import cv2
 import numpy as np
 
 from lmkit.arrays import BoolArray, ByteArray, FloatArray
+from lmkit.detection.shadows import ShadowEdge
 from lmkit.geometry.homography import homographies_from_points
 from lmkit.model.palette import SRGB_TO_LINEAR
 from lmkit.model.square_marker import SquareMarkerFamily
 
 ALONG = (-0.8, -0.4, 0.0, 0.4, 0.8)  # of half a side
+DENSELY = tuple(np.linspace(-1, 1, 41).tolist())
 FULL_DETAIL_SIDE_PX = 40.0  # one halving for every doubling of the side beyond this
 FLOOR = 0.005  # of full scale, added to dark values against their noise
 # Chosen on the kinds of cameras and the photographs of training (benchmarks/camera_scenes.py): every marker has a
@@ -23,6 +25,7 @@ FLOOR = 0.005  # of full scale, added to dark values against their noise
 LEAST_MEDIAN, PAIR, LEAST_SHARE = 0.3, 0.15, 0.85  # log ratios, and share of the pairs
 MOST_UNEVEN = 0.33  # root mean square of the border's points from their median, over white minus black
 LEAST_SIDE_PX, LEAST_SINE = 8.0, 0.05  # of the angles at corners
+LEAST_STEP = 1.3  # of the light at a shadow's edge; less moves corners by a tenth of a pixel at most
 LINEAR = SRGB_TO_LINEAR.astype(np.float32)
 AT_ONCE = 30_000  # rows that OpenCV's remap takes
 
@@ -36,13 +39,26 @@ def promising(levels: tuple[ByteArray, ...], quads: FloatArray, family: SquareMa
     clear = _well_shaped(quads) & (_sides(quads) > LEAST_SIDE_PX)
     if not clear.any():
         return clear
-    seen = _light(levels, quads[clear], family)
+    _, seen = _light(levels, quads[clear], family, ALONG)
     count = seen.shape[1] // 2
     margin, border = seen[:, :count], seen[:, count:]
     ratio = np.log((margin + FLOOR) / (border + FLOOR))
     shown = (np.median(ratio, axis=1) > LEAST_MEDIAN) & ((ratio > PAIR).mean(axis=1) >= LEAST_SHARE)
     clear[clear] = shown & (_unevenness(margin, border) < MOST_UNEVEN)
     return clear
+
+
+def shadow_on(levels: tuple[ByteArray, ...], quad: FloatArray, family: SquareMarkerFamily) -> ShadowEdge | None:
+    """The straight edge of a shadow across the white around a (4,2) square, px; None where that shows none."""
+    at, seen = _light(levels, quad[None], family, DENSELY)
+    count = seen.shape[1] // 2
+    white = np.maximum(seen[0, :count], FLOOR)
+    dark, bright = np.percentile(white, (10, 90)).tolist()
+    if bright < LEAST_STEP * dark:
+        return None
+    edge = ShadowEdge.fit(at[0, :count], white, np.ones(count))
+    dark, bright = sorted(edge.lights)
+    return edge if bright > LEAST_STEP * dark else None
 
 
 def _unevenness(margin: FloatArray, border: FloatArray) -> FloatArray:
@@ -69,19 +85,21 @@ def _well_shaped(quads: FloatArray) -> BoolArray:
     return np.asarray((turn > LEAST_SINE * length * np.linalg.norm(after, axis=2)).all(axis=1))
 
 
-def _pairs(family: SquareMarkerFamily) -> FloatArray:
-    """(40,2) mm: twenty points half a cell outside of the border's outer edge, then as many as far inside."""
+def _pairs(family: SquareMarkerFamily, along_side: tuple[float, ...]) -> FloatArray:
+    """(8 * along,2) mm: points half a cell outside of the border's outer edge, then as many as far inside."""
     points = []
     for reach in (family.half_mm + family.cell_mm / 2, family.half_mm - family.cell_mm / 2):
-        along = np.array(ALONG) * family.half_mm
+        along = np.array(along_side) * family.half_mm
         for side in (-reach, reach):
             points += [(side, a) for a in along] + [(a, side) for a in along]
     return np.array(points)
 
 
-def _light(levels: tuple[ByteArray, ...], quads: FloatArray, family: SquareMarkerFamily) -> FloatArray:
-    """(N,40) linear light at the points of the pairs, from an image in which the square is not large."""
-    points = _pairs(family)
+def _light(
+    levels: tuple[ByteArray, ...], quads: FloatArray, family: SquareMarkerFamily, along_side: tuple[float, ...]
+) -> tuple[FloatArray, FloatArray]:
+    """(N,K,2) px and (N,K) linear light at the points of the pairs, from an image in which the square is small."""
+    points = _pairs(family, along_side)
     H = homographies_from_points(family.corners_mm, quads)
     mapped = np.einsum("nij,kj->nki", H, np.column_stack([points, np.ones(len(points))]))
     at = mapped[:, :, :2] / mapped[:, :, 2:]
@@ -93,4 +111,4 @@ def _light(levels: tuple[ByteArray, ...], quads: FloatArray, family: SquareMarke
             where = ((at[rows] + 0.5) / 2.0**level - 0.5).astype(np.float32)
             x, y = np.ascontiguousarray(where[:, :, 0]), np.ascontiguousarray(where[:, :, 1])
             seen[rows] = cv2.remap(light, x, y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
-    return seen
+    return at, seen

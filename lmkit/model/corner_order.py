@@ -39,6 +39,6 @@ def require_clockwise(detections: Iterable[Detection], where: str = "detections"
             "corner_order",
             f"{where}: the corners of {int(backwards.sum())} of {len(corners)} detections are in another order: they "
             "run counter-clockwise in the image, as the AprilTag library writes them",
-            "write the corners from the top left one clockwise: AprilTag's order reversed (p[3], p[2], p[1], p[0]); in a "
-            "CSV file, name its columns x3,y3,x2,y2,x1,y1,x0,y0",
+            "write the corners from the top left one clockwise: AprilTag's order reversed (p[3], p[2], p[1], p[0]); "
+            "in a CSV file, name its columns x3,y3,x2,y2,x1,y1,x0,y0",
         )

@@ -29,8 +29,12 @@ def photograph(
     light: float = 1.0,
     noise: float = 1.5,
     inside: float = 1.0,
+    shade: float = 1.0,
 ) -> np.ndarray:
-    """(200,220,3) a marker, its white ``inside`` times the paper's, before gray, blurred, in code values."""
+    """(200,220,3) a marker, its white ``inside`` times the paper's, before gray, blurred, in code values.
+
+    Light beyond a line across the middle is ``shade`` times that before it.
+    """
     kind = ALL_FAMILIES[family]
     face = np.asarray(page_to_image(bare_landmark_page(kind, code, 180.0), 120))[:, :, ::-1]
     face = np.rot90(face, turns)
@@ -44,6 +48,8 @@ def photograph(
     large = cv2.warpPerspective(
         linear, H, (880, 800), flags=cv2.INTER_AREA, borderMode=cv2.BORDER_CONSTANT, borderValue=(0.2, 0.2, 0.2)
     )
+    y, x = np.mgrid[0:800, 0:880]
+    large[x + 0.4 * y > 4 * (corners.mean(axis=0) @ (1.0, 0.4))] *= shade
     small = cv2.resize(cv2.GaussianBlur(large, (0, 0), 3.0), (220, 200), interpolation=cv2.INTER_AREA)
     noisy = 255 * (light * small) ** (1 / 2.2) + np.random.default_rng(1).normal(0, noise, small.shape)
     return np.clip(np.round(noisy), 0, 255).astype(np.uint8)
@@ -64,6 +70,14 @@ def test_reads_code_and_corners(family: str) -> None:
 @pytest.mark.parametrize("family", ["tag16h5", "tag36h11"])
 def test_light_around_need_not_be_the_white_of_the_cells(family: str, inside: float) -> None:
     (found,) = lmkit.detect(photograph(family, 11, inside=inside), family)
+    assert found.code == 11
+    assert np.abs(found.corners - CORNERS).max() < 0.15
+
+
+@pytest.mark.parametrize("shade", [0.2, 0.4, 0.7])
+@pytest.mark.parametrize("family", ["aruco4x4_50", "tag36h11"])
+def test_a_shadow_may_end_on_a_marker(family: str, shade: float) -> None:
+    (found,) = lmkit.detect(photograph(family, 11, shade=shade), family)
     assert found.code == 11
     assert np.abs(found.corners - CORNERS).max() < 0.15
 
