@@ -30,7 +30,7 @@ FROM_FAR = Steps(rounds=0, most=10, to_px=0.05)
 COARSE_SIDE_PX = 100.0
 COARSE_PIXELS = 400
 DISTORTION_SIDE_PX = 40.0
-LEAST_CONTRAST = 1.6  # white over black of what is worth registering
+LEAST_CONTRAST = 1.25  # white over black of what is worth registering
 
 
 class Promise(NamedTuple):
@@ -99,7 +99,7 @@ class TagRule:
     clearness: Clearness
     false_rate: float
     margin: float = 20.0
-    white_over_black: float = 1.8
+    white_over_black: float = 1.3
 
     @classmethod
     def of(cls, family: SquareMarkerFamily) -> TagRule:

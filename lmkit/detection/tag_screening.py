@@ -26,6 +26,7 @@ LEAST_MEDIAN, PAIR, LEAST_SHARE = 0.3, 0.15, 0.85  # log ratios, and share of th
 MOST_UNEVEN = 0.33  # root mean square of the border's points from their median, over white minus black
 LEAST_SIDE_PX, LEAST_SINE = 8.0, 0.05  # of the angles at corners
 LEAST_STEP = 1.3  # of the light at a shadow's edge; less moves corners by a tenth of a pixel at most
+MOST_SCATTER = 0.15  # of the light on either side of a shadow's edge: median of the absolute log ratios
 LINEAR = SRGB_TO_LINEAR.astype(np.float32)
 AT_ONCE = 30_000  # rows that OpenCV's remap takes
 
@@ -58,7 +59,10 @@ def shadow_on(levels: tuple[ByteArray, ...], quad: FloatArray, family: SquareMar
         return None
     edge = ShadowEdge.fit(at[0, :count], white, np.ones(count))
     dark, bright = sorted(edge.lights)
-    return edge if bright > LEAST_STEP * dark else None
+    if bright < LEAST_STEP * dark:
+        return None
+    light = np.where(at[0, :count] @ edge.normal > edge.offset, edge.lights[1], edge.lights[0])
+    return edge if np.median(np.abs(np.log(white / light))) < MOST_SCATTER else None
 
 
 def _unevenness(margin: FloatArray, border: FloatArray) -> FloatArray:

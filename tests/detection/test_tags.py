@@ -30,10 +30,11 @@ def photograph(
     noise: float = 1.5,
     inside: float = 1.0,
     shade: float = 1.0,
+    haze: float = 0.0,
 ) -> np.ndarray:
     """(200,220,3) a marker, its white ``inside`` times the paper's, before gray, blurred, in code values.
 
-    Light beyond a line across the middle is ``shade`` times that before it.
+    Light beyond a line across the middle is ``shade`` times that before it; ``haze`` is added to all light.
     """
     kind = ALL_FAMILIES[family]
     face = np.asarray(page_to_image(bare_landmark_page(kind, code, 180.0), 120))[:, :, ::-1]
@@ -51,7 +52,7 @@ def photograph(
     y, x = np.mgrid[0:800, 0:880]
     large[x + 0.4 * y > 4 * (corners.mean(axis=0) @ (1.0, 0.4))] *= shade
     small = cv2.resize(cv2.GaussianBlur(large, (0, 0), 3.0), (220, 200), interpolation=cv2.INTER_AREA)
-    noisy = 255 * (light * small) ** (1 / 2.2) + np.random.default_rng(1).normal(0, noise, small.shape)
+    noisy = 255 * (light * small + haze) ** (1 / 2.2) + np.random.default_rng(1).normal(0, noise, small.shape)
     return np.clip(np.round(noisy), 0, 255).astype(np.uint8)
 
 
@@ -80,6 +81,13 @@ def test_a_shadow_may_end_on_a_marker(family: str, shade: float) -> None:
     (found,) = lmkit.detect(photograph(family, 11, shade=shade), family)
     assert found.code == 11
     assert np.abs(found.corners - CORNERS).max() < 0.15
+
+
+@pytest.mark.parametrize("family", ["aruco4x4_50", "tag36h11"])
+def test_haze_may_leave_little_contrast(family: str) -> None:
+    (found,) = lmkit.detect(photograph(family, 11, light=0.2, haze=0.35), family)
+    assert found.code == 11
+    assert np.abs(found.corners - CORNERS).max() < 0.4
 
 
 def test_gray_images_do() -> None:
