@@ -15,7 +15,7 @@ from pathlib import Path
 
 import cv2
 import numpy as np
-from camera_scenes import LOOK_ALIKES, Shown, bar_or_patch, draw_scene, wide_obstacle
+from camera_scenes import COLUMNS, LOOK_ALIKES, ROWS, Shown, bar_or_patch, draw_photograph, wide_obstacle
 from planar import background, backgrounds
 
 from lmkit.simulation.cameras import HELD_OUT_KINDS, TRAINING_KINDS, CameraKind
@@ -35,6 +35,8 @@ class ImageSet:
         photos: from and up to which share of the photographs.
         hidden: share of the landmarks before which an obstacle stands.
         family: of the landmarks.
+        most_px: the largest side; the smallest is 9 px, or 13 px among look-alikes.
+        cells: columns and rows of sheets.
     """
 
     name: str
@@ -43,6 +45,8 @@ class ImageSet:
     photos: tuple[float, float]
     hidden: float
     family: str = "lm8"
+    most_px: float = 60.0
+    cells: tuple[int, int] = (COLUMNS, ROWS)
 
     def photographs(self, folder: Path) -> list[Path]:
         paths = backgrounds(folder)
@@ -58,16 +62,17 @@ class ImageSet:
             obstacle = (bar_or_patch, wide_obstacle)[index % 2]
             seed = (self.seed, round(100 * look_alikes), index)
             wall = background(photos[index % len(photos)])
-            return draw_scene(
+            return draw_photograph(
                 seed,
                 wall,
                 self.kinds,
-                (least, 60.0),
+                (least, self.most_px),
                 self.family,
                 look_alikes=look_alikes,
+                cells=self.cells,
                 hidden=self.hidden,
                 obstacle=obstacle,
-            )
+            )[:2]
 
         name = f"{self.name}-{round(100 * look_alikes)}-{index:05d}"
         return draw() if keep is None else kept(keep, name, draw)
@@ -76,6 +81,8 @@ class ImageSet:
 FIT = ImageSet("fit", 1101, TRAINING_KINDS, (0.0, 0.35), 0.4)
 LIMIT = ImageSet("limit", 2202, TRAINING_KINDS, (0.35, 0.5), 0.3)
 REPORT = ImageSet("report", 3303, HELD_OUT_KINDS, (0.5, 1.0), 0.2)
+# Many landmarks in little time, to count what is rare.
+MANY = ImageSet("many", 4404, HELD_OUT_KINDS, (0.5, 1.0), 0.2, most_px=42.0, cells=(6, 4))
 USUAL = LOOK_ALIKES
 
 

@@ -47,7 +47,7 @@ class Shown:
         code: its code.
         corners: (4,2) px.
         tilt_deg: between its normal and the line of sight.
-        is_hidden: something lies over a part of it.
+        is_hidden: an obstacle lies over a part of it: its own, or one that reaches over from its neighbor's place.
         T_camera_marker: its pose.
     """
 
@@ -98,23 +98,6 @@ def wide_obstacle(T: Pose, rng: np.random.Generator) -> Panel:
     return Panel(Pose("map", "obstacle", T.R @ turned, T.t + offset), (long, wide), texture)
 
 
-def draw_scene(
-    seed: Sequence[int],
-    background: np.ndarray,
-    kinds: Sequence[CameraKind],
-    sides_px: tuple[float, float] = (9.0, 60.0),
-    family: str = "lm8",
-    trouble: float = 0.3,
-    look_alikes: float = LOOK_ALIKES,
-    hidden: float = HIDDEN_SHARE,
-    obstacle: Obstacle = bar_or_patch,
-) -> tuple[np.ndarray, list[Shown]]:
-    """One image, (480,640,3) BGR, 8 bit, and the landmarks in it."""
-    return draw_photograph(
-        seed, background, kinds, sides_px, family, trouble, look_alikes, hidden=hidden, obstacle=obstacle
-    )[:2]
-
-
 def draw_photograph(
     seed: Sequence[int],
     background: np.ndarray,
@@ -143,7 +126,7 @@ def draw_photograph(
         obstacle: which of the two kinds of obstacles.
     """
     rng = np.random.default_rng(seed)
-    panels, shown, marker = [], [], family_named(family)
+    panels, shown, obstacles, marker = [], [], [], family_named(family)
     for cell in range(cells[0] * cells[1]):
         if rng.random() < EMPTY_SHARE:
             continue
@@ -163,17 +146,28 @@ def draw_photograph(
         panels.append(Panel(T, paper, as_printed(texture, inks), bow))
         if not is_landmark:
             continue
-        is_hidden = rng.random() < hidden
-        if is_hidden:
-            panels.append(obstacle(T, rng))
+        if rng.random() < hidden:
+            obstacles.append(obstacle(T, rng))
+            panels.append(obstacles[-1])
         corners = camera().project(T.apply(marker.object_points(SIDE_M)))
-        shown.append(Shown(code, corners, tilt, is_hidden, Pose("camera", "marker", T.R, T.t)))
+        shown.append(Shown(code, corners, tilt, False, Pose("camera", "marker", T.R, T.t)))
+    shown = [replace(one, is_hidden=any(_hides(panel, one) for panel in obstacles)) for one in shown]
     scene = Scene(tuple(panels), LandmarkMap([]), (1.0, 1.0, 1.0))
     radiance = render(scene, camera(), Pose.identity("map", "camera"), background)
     chain = draw_chain(rng, kinds, trouble, SIZE)
     if is_dim:
         chain = dimmed(chain, rng)
     return expose(radiance, chain, rng), shown, chain
+
+
+def _hides(obstacle: Panel, shown: Shown) -> bool:
+    """Does an obstacle lie over a part of a landmark's face, nearer than the face?"""
+    half = np.array(obstacle.size_m) / 2
+    edge = obstacle.T_map_panel.apply(np.array([(-1, -1, 0), (1, -1, 0), (1, 1, 0), (-1, 1, 0)]) * [*half, 0.0])
+    if obstacle.T_map_panel.t[2] > shown.T_camera_marker.t[2] or (edge[:, 2] <= 0).any():
+        return False
+    quads = [np.asarray(quad, dtype=np.float32) for quad in (camera().project(edge), shown.corners)]
+    return bool(cv2.intersectConvexConvex(*quads)[0] > 0)
 
 
 def dimmed(chain: ImagingChain, rng: np.random.Generator) -> ImagingChain:

@@ -37,12 +37,13 @@ ANYTHING = AcceptanceRule(-1e9)
 OPTIONS = DetectOptions(config=BALANCED, rule=ANYTHING)
 LIMITS = (-1.0, -0.5, 0.0, 0.5, 1.0, 1.5, 2.0, 2.5, 3.0, 4.0)
 RIGHT_CORNERS = 0.3  # of the side: a code with corners further off is not right
-FOR = ("margin",)  # speaks for a landmark; all others can only speak against one
+FOR = ("margin", "evidence")  # speak for a landmark; all others can only speak against one
 PENALTY = 1.0
 KINDS = ((True, False), (True, True), (False, False), (False, True))  # is the code right, is the landmark hidden
 REASONS = {
     "margin": "code",
-    "gap residual": "hidden",
+    "evidence": "hidden",
+    "foreign": "hidden",
     "uncertain parts": "unsure",
     "too uncertain parts": "unsure",
     "little red": "color",

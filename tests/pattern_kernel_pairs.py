@@ -12,6 +12,7 @@ from lmkit.kernels.grid_moments import grid_moments, grid_moments_numpy
 from lmkit.kernels.grid_pattern import GridDrawing, jets_numpy
 from lmkit.kernels.hypotheses import DecodingRules, Words, decode, decode_numpy
 from lmkit.kernels.noise import noise, noise_numpy
+from lmkit.kernels.occlusion import OcclusionRules
 from lmkit.kernels.pattern import Drawing, coverage_columns_numpy
 from lmkit.kernels.pixel_sampling import Edges, SamplingRules, Source, sample, sample_numpy
 from lmkit.kernels.quads import QuadRules, dark_quads, where_to_look
@@ -46,12 +47,7 @@ def drawing_with(rings: int) -> Drawing:
 
 def words_with(rng: np.random.Generator, rings: int, count: int) -> Words:
     masks = np.stack([rng.permutation(1 << (4 * rings))[:count] for _ in range(4)])
-    angles = np.arange(4 * rings) * np.pi / 2
-    middle = 65.0 - 17 * np.repeat(np.arange(rings), 4)
-    sectors = np.column_stack(
-        [middle, np.full(4 * rings, 5.0), np.sin(angles), np.cos(angles), np.full(4 * rings, 0.5)]
-    )
-    return Words.of(masks, sectors)
+    return Words.of(masks, 4 * rings)
 
 
 VIEW = View(np.array([300.0, 200.0]), np.array([319.5, 239.5]), 320.0, 90.0)
@@ -102,7 +98,7 @@ def _weightings(rng: np.random.Generator) -> Iterator[tuple[Any, ...]]:
 
 
 def _decodings(rng: np.random.Generator) -> Iterator[tuple[Any, ...]]:
-    rules = DecodingRules(1e-5, 1e-4, 0.08, 40.0, 8, 20.0)
+    rules = DecodingRules(1e-5, 1e-4, OcclusionRules(0.08, 0.7, 6.0, 12.0, 6.0, 3, 10 / 9))
     for rings, count, codes, wild in [
         (2, 400, 256, False),
         (1, 129, 16, False),
@@ -245,7 +241,7 @@ def _tables(rng: np.random.Generator, rings: int) -> ScreenTables:
     on = np.linspace(-60, 60, 10)
     gate = np.concatenate([np.stack([on, np.full(10, half)]) for half in (95.0, 85.0, 75.0)], axis=1)
     words = words_with(rng, rings, 1 << (4 * rings))._replace(masks=np.tile(np.arange(1 << (4 * rings)), (4, 1)))
-    words = Words.of(words.masks, words.sectors)
+    words = Words.of(words.masks, words.gaps)
     return ScreenTables.of(90.0, grid, side, moves, gate, [4.0, 9.0], columns, words)
 
 

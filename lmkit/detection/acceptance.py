@@ -33,22 +33,26 @@ class Term:
 
 
 TURN_PER_CODE = 0.6  # a quarter turn changes more of the drawing than a code: its margin is so much easier to reach
-BIAS = -1.91
+FOREIGN = 3.0  # what the best of many rectangles explains where nothing stands
+# An object is plain to see from so much on; the code then needs this share of it as its own evidence.
+PLAIN_OBJECT, SHARE_OF_OBJECT = 10.0, 0.15
+BIAS = -1.79
 TERMS: MappingProxyType[str, Term] = MappingProxyType(
     {
-        "margin": Term(0.30, 3.32, "code"),
-        "parts residual": Term(-0.85, -0.83, "pattern"),
-        "parts residual, large": Term(-0.21, -0.09, "pattern"),
-        "gap residual": Term(-1.80, 0.00, "hidden"),
-        "contradicting part": Term(-4.53, 0.00, "pattern"),
-        "uncertain parts": Term(-0.96, -2.52, "unsure"),
-        "too uncertain parts": Term(-0.13, 0.00, "unsure"),
-        "little red": Term(-1.12, 0.00, "color"),
-        "too red": Term(-0.34, 0.00, "color"),
-        "too much contrast": Term(-0.12, 0.00, "contrast"),
-        "plain code": Term(-1.31, 0.00, "pattern"),
-        "blur": Term(-0.89, -3.46, "blur"),
-        "shadow": Term(-0.37, 0.00, "pattern"),
+        "margin": Term(0.07, 3.34, "code"),
+        "parts residual": Term(-0.68, -0.84, "pattern"),
+        "parts residual, large": Term(-0.44, -0.09, "pattern"),
+        "evidence": Term(1.16, 1.80, "hidden"),
+        "foreign": Term(-0.78, 0.00, "hidden"),
+        "contradicting part": Term(-5.70, 0.00, "pattern"),
+        "uncertain parts": Term(-0.68, -2.53, "unsure"),
+        "too uncertain parts": Term(-0.62, 0.00, "unsure"),
+        "little red": Term(-0.81, 0.00, "color"),
+        "too red": Term(-0.12, 0.00, "color"),
+        "too much contrast": Term(-0.11, 0.00, "contrast"),
+        "plain code": Term(-1.48, 0.00, "pattern"),
+        "blur": Term(-0.92, -3.46, "blur"),
+        "shadow": Term(-0.45, 0.00, "pattern"),
     }
 )
 
@@ -64,7 +68,7 @@ class AcceptanceRule:
     least_log_odds: float
 
 
-STRICT, DEFAULT, EAGER = AcceptanceRule(2.5), AcceptanceRule(1.5), AcceptanceRule(0.5)
+STRICT, DEFAULT, EAGER = AcceptanceRule(3.0), AcceptanceRule(1.7), AcceptanceRule(0.5)
 STRICTNESSES = MappingProxyType({"strict": STRICT, "default": DEFAULT, "eager": EAGER})
 
 
@@ -96,7 +100,8 @@ class ScoredReading:
             "margin": math.log1p(margin / 4),
             "parts residual": residual,
             "parts residual, large": residual * max(0.0, math.log(self.side_px / 20)),
-            "gap residual": max(0.0, math.log(max(d.gap_residual, 1.5) / 1.5)),
+            "evidence": math.log1p(max(d.evidence, 0.0) / 2),
+            "foreign": math.log1p(max(d.foreign - FOREIGN, 0.0)),
             "contradicting part": min(max(off - 0.3, 0.0), 1.0),
             "uncertain parts": math.log(min(sigma, 3.0)),
             "too uncertain parts": max(0.0, math.log(sigma / 0.2)),
@@ -108,16 +113,30 @@ class ScoredReading:
             "shadow": float(self.is_shaded),
         }
 
+    @property
+    def is_covered(self) -> bool:
+        """An object is plain to see, and little that does not fit it speaks for the code: it may hide a gap."""
+        d = self.decoding
+        return d.foreign > PLAIN_OBJECT and d.evidence < SHARE_OF_OBJECT * d.foreign
+
     @cached_property
     def log_odds(self) -> float:
-        """Score: log odds of being a landmark with the right code."""
+        """Score: log odds of being a landmark with the right code.
+
+        They are no more than those against the likeliest rival, and at most even where the code is covered.
+        """
         figures = self.figures
-        return BIAS + sum(term.weight * figures[name] for name, term in TERMS.items())
+        score = BIAS + sum(term.weight * figures[name] for name, term in TERMS.items())
+        return min(score, self.decoding.margin, 0.0 if self.is_covered else math.inf)
 
     def reason_to_reject(self, rule: AcceptanceRule) -> str | None:
         """The worst term in one word where the score is too low; None where it is high enough."""
         if self.log_odds >= rule.least_log_odds:
             return None
+        if self.decoding.margin < rule.least_log_odds:
+            return "code"
+        if self.is_covered:
+            return "hidden"
         figures = self.figures
         # The term that takes the most from the score of a usual landmark.
         worst = min(TERMS, key=lambda name: TERMS[name].weight * (figures[name] - TERMS[name].usual))

@@ -12,6 +12,7 @@ from lmkit.arrays import FloatArray
 from lmkit.detection.hypotheses import RIDGE, red_over_blue, words_of
 from lmkit.detection.pattern_model import INKS, drawing_of
 from lmkit.kernels.hypotheses import Decoded, DecodingRules, Words, decode
+from lmkit.kernels.occlusion import OcclusionRules
 from lmkit.kernels.pattern import Drawing
 from lmkit.kernels.registration import Samples, View
 from lmkit.model.landmark import LandmarkFamily
@@ -19,10 +20,15 @@ from lmkit.model.landmark import LandmarkFamily
 RULES = DecodingRules(
     ridge=RIDGE,
     parts_ridge=1e-4,
-    model_share=0.08,  # of the contrast, which no model of blur and print gets better
-    worst_residual=40.0,  # one bright pixel is no hand
-    gap_pixels=8,  # fewer around a gap say nothing
-    gap_reach_mm=20.0,
+    occlusion=OcclusionRules(
+        model_share=0.08,  # of the contrast, which no model of blur and print gets better
+        usual_quantile=0.7,
+        code_limit=6.0,  # two standard deviations: what fits worse is something else
+        foreign_limit=12.0,  # one bright pixel is no hand
+        foreign_pixel=6.0,
+        foreign_pixels=3,
+        foreign_reach=10 / 9,
+    ),
 )
 PROMISING_TURN_MARGIN, PROMISING_PATTERN = 2.0, 0.02
 PROMISING_RED_OVER_BLUE, PROMISING_CONTRAST = 0.1, (1.1, 100.0)
@@ -51,7 +57,8 @@ class Decoding:
             position, where 0 is the ground and 1 the white: each fitted on its own.
         parts_sigma: (2+G,) their standard deviations.
         expected_parts: (2+G,) what they are for this code: 1, or 0 for an open gap.
-        gap_residual: the largest mean squared residual around a gap position, over the usual one.
+        evidence: least log likelihood ratio against another code, where what fits neither well speaks for neither.
+        foreign: log likelihood ratio by which an object before it explains the pixels better than the landmark.
         plain: the code looks alike in every quarter turn.
     """
 
@@ -65,7 +72,8 @@ class Decoding:
     parts: FloatArray
     parts_sigma: FloatArray
     expected_parts: FloatArray
-    gap_residual: float
+    evidence: float
+    foreign: float
     plain: bool
 
     @property
@@ -169,7 +177,8 @@ def decoding_of(tables: FamilyTables, found: Decoded | None, pixels: int) -> Dec
         parts=found.parts,
         parts_sigma=found.parts_sigma * math.sqrt(CORRELATED_PIXELS),
         expected_parts=np.array([1.0, 1.0, *gaps_closed]),
-        gap_residual=found.gap_residual,
+        evidence=found.evidence / CORRELATED_PIXELS / 2,
+        foreign=found.foreign / CORRELATED_PIXELS / 2,
         plain=tables.plain[found.code],
     )
 
@@ -192,6 +201,7 @@ _NOTHING = Decoding(
     parts=np.full(2, 0.5),
     parts_sigma=np.ones(2),
     expected_parts=np.ones(2),
-    gap_residual=0.0,
+    evidence=0.0,
+    foreign=0.0,
     plain=True,
 )

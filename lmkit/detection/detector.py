@@ -14,6 +14,7 @@ from lmkit.arrays import ByteArray, FloatArray
 from lmkit.detection.candidates import find_candidates
 from lmkit.detection.config import DetectOptions, DetectorConfig
 from lmkit.detection.linear_image import LinearImage
+from lmkit.detection.overlaps import without_covered
 from lmkit.detection.pixel_sampling import mean_side
 from lmkit.detection.register_and_decode import Candidate, register_all, register_and_decode
 from lmkit.detection.screening import Screened, screen_candidates
@@ -49,7 +50,8 @@ def detect_landmarks(
         found += candidates_of(image, options) if near is None else candidates_near(image, near, options)
     if options.square_families:
         found += find_tags(image, options, near)
-    return [c.observation for c in best_of_each_place([c for c in found if c.rejected is None])]
+    places = best_of_each_place([c for c in found if c.rejected is None])
+    return [c.observation for c in without_covered(places)]
 
 
 def best_of_each_place(candidates: Sequence[AnyCandidate]) -> list[AnyCandidate]:

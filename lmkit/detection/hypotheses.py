@@ -39,15 +39,4 @@ def words_of(family: LandmarkFamily) -> Words:
         gaps = family.gaps(code)
         for quarter, columns in enumerate(turns):
             masks[quarter, code] = sum(1 << column for column, gap in zip(columns, gaps, strict=True) if gap)
-    sectors = [
-        (
-            (ring.inner_mm + ring.outer_mm) / 2,
-            (ring.outer_mm - ring.inner_mm) / 2,
-            math.sin(math.radians(center)),
-            math.cos(math.radians(center)),
-            math.radians(ring.gap_width_deg / 2),
-        )
-        for ring in family.rings
-        for center in ring.gap_centers_deg
-    ]
-    return Words.of(masks, np.array(sectors))
+    return Words.of(masks, family.gap_count)

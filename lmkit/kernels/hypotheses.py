@@ -15,12 +15,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lmkit.kernels.load import addresses, contiguous, function
+from lmkit.kernels.occlusion import (
+    OcclusionRules,
+    code_evidence_numpy,
+    foreign_rectangle_numpy,
+    usual_variance_numpy,
+)
 from lmkit.kernels.pattern import GAP, INKS, QUARTERS, RING, TRIANGLE, Drawing, coverage_columns_numpy
 from lmkit.kernels.registration import STATE, Samples, View, light_numpy, plane_numpy
 
 FloatArray = NDArray[np.floating[Any]]
 
-HEAD = 18
+HEAD, TAIL = 18, 20  # results before those of the occlusion, and before the parts
 
 
 class Words(NamedTuple):
@@ -28,24 +34,23 @@ class Words(NamedTuple):
 
     Attributes:
         masks: (4,K) open gaps of every code in every quarter turn, as bits.
-        sectors: (G,5) radius of the ring's middle and half its thickness (mm), unit vector to the gap's middle, half
-            its angle (rad).
+        gaps: number of gap positions.
     """
 
     masks: NDArray[np.int32]
-    sectors: NDArray[np.float32]
+    gaps: int
 
     @classmethod
-    def of(cls, masks: Any, sectors: Any) -> Words:
-        """Contiguous arrays.
+    def of(cls, masks: Any, gaps: int) -> Words:
+        """A contiguous array.
 
         Raises:
             ValueError: a shape differs, or a mask has bits beyond the gaps.
         """
-        masks, sectors = contiguous(masks, (QUARTERS, -1), np.int32), contiguous(sectors, (-1, 5), np.float32)
-        if masks.shape[1] == 0 or masks.min() < 0 or masks.max() >= 1 << len(sectors):
+        masks = contiguous(masks, (QUARTERS, -1), np.int32)
+        if masks.shape[1] == 0 or masks.min() < 0 or masks.max() >= 1 << gaps:
             raise ValueError("masks of gaps that are not there")
-        return cls(masks, sectors)
+        return cls(masks, gaps)
 
 
 class DecodingRules(NamedTuple):
@@ -54,18 +59,17 @@ class DecodingRules(NamedTuple):
     Attributes:
         ridge: of the inks, relative.
         parts_ridge: of the parts, relative.
-        model_share: share of the contrast that no model of blur and print explains.
-        worst_residual: a pixel's chi2 counts up to this.
-        gap_pixels: fewer pixels around a gap say nothing.
-        gap_reach_mm: how far around a gap the chi2 is looked at.
+        occlusion: of the search for what stands before a landmark.
     """
 
     ridge: float
     parts_ridge: float
-    model_share: float
-    worst_residual: float
-    gap_pixels: float
-    gap_reach_mm: float
+    occlusion: OcclusionRules
+
+    @property
+    def flat(self) -> tuple[float, ...]:
+        """All figures, as the kernels take them."""
+        return self.ridge, self.parts_ridge, *self.occlusion
 
 
 class Decoded(NamedTuple):
@@ -76,7 +80,9 @@ class Decoded(NamedTuple):
         left: weighted energy that it leaves unexplained; ``left_by_code``, ``left_by_turn``, ``left_by_frame``: what
             another code in the same turn leaves, any code in another turn, a framed square without rings.
         inks: (4,3) linear-light BGR of white, red, blue, surroundings.
-        gap_residual: the largest mean squared chi2 around a gap, over the usual one.
+        evidence: the least chi2 that speaks for the code against another one in the same turn, no pixel counting for
+            more than a limit.
+        foreign: the chi2 by which a rectangle, in one color or in any, explains the pixels better than the landmark.
         parts, parts_sigma: (2+G,) brightness of triangle, fixed stretches of the rings and every gap, each fitted on
             its own; 0 is the ground, 1 the white; and their standard deviations.
     """
@@ -88,7 +94,8 @@ class Decoded(NamedTuple):
     left_by_turn: float
     left_by_frame: float
     inks: FloatArray
-    gap_residual: float
+    evidence: float
+    foreign: float
     parts: FloatArray
     parts_sigma: FloatArray
 
@@ -101,18 +108,18 @@ def decode(
     if kernel is None:
         return decode_numpy(drawing, words, view, samples, state, rules)
     n, gaps = len(samples.variance), len(drawing.gaps)
-    columns = np.empty((n + 64) * drawing.column_count + 2 * n, np.float32)
-    subsets, out = np.empty(7 << gaps), np.empty(HEAD + 1 + 2 * (2 + gaps))
+    columns = np.empty((n + 64) * drawing.column_count + 3 * n, np.float32)
+    subsets, out = np.empty(7 << gaps), np.empty(TAIL + 2 * (2 + gaps))
     state = contiguous(state, (STATE,))
-    flat, seen, numbers = drawing.flat, view.flat, np.array(rules)
+    flat, seen, numbers = drawing.flat, view.flat, np.array(rules.flat)
     arrays = addresses(flat, seen, *samples, state, words.masks)
-    ends = addresses(numbers, words.sectors, columns, subsets, out)
+    ends = addresses(numbers, columns, subsets, out)
     status = kernel(n, *arrays, words.masks.shape[1], *ends)
     if status:
         return None
-    parts = out[HEAD + 1 :].reshape(2, -1)
+    parts = out[TAIL:].reshape(2, -1)
     inks = out[6:HEAD].reshape(INKS, 3)
-    return Decoded(int(out[0]), int(out[1]), out[2], out[3], out[4], out[5], inks, out[HEAD], parts[0], parts[1])
+    return Decoded(int(out[0]), int(out[1]), *out[2:6], inks, *out[HEAD:TAIL], parts[0], parts[1])
 
 
 def decode_numpy(
@@ -137,6 +144,10 @@ def decode_numpy(
     frame = explained_energy_numpy(np.eye(drawing.column_count)[None, :, :INKS], gram, seen, ridge)
     M = selections[turn * left.shape[1] + code]
     inks = np.linalg.solve(M.T @ gram @ M + ridge, M.T @ seen)
+    off, contrast, hiding = values - columns @ M @ inks, inks[0] - inks[2], rules.occlusion
+    usual = usual_variance_numpy(off, variance, contrast, hiding)
+    is_open = words.masks[turn, :, None] >> np.arange(words.gaps) & 1
+    differ = np.delete(is_open ^ is_open[code], code, axis=0)
     parts, sigmas = _parts(gram, seen, (values * root).T @ (values * root), len(values), turn, inks, rules)
     return Decoded(
         turn=turn,
@@ -146,7 +157,8 @@ def decode_numpy(
         left_by_turn=float(np.delete(left, turn, axis=0).min()),
         left_by_frame=energy - float(frame[0]),
         inks=inks,
-        gap_residual=_gap_residual(points, values - columns @ M @ inks, variance, inks, words, rules),
+        evidence=code_evidence_numpy(off, usual, columns[:, GAP:], contrast, is_open[code], differ, hiding),
+        foreign=foreign_rectangle_numpy(points, values, off, usual, view.half_mm, hiding),
         parts=parts,
         parts_sigma=sigmas,
     )
@@ -201,29 +213,7 @@ def _parts(
     return x[: 2 + gaps], np.sqrt(np.diag(inverse)[: 2 + gaps] * chi2)
 
 
-def _gap_residual(
-    points: FloatArray, off: FloatArray, variance: FloatArray, inks: FloatArray, words: Words, rules: DecodingRules
-) -> float:
-    """An object that hides a gap reaches over the ring's edges from outside, so the surroundings show it,
-    even where it is as dark as the ground or as bright as the ring.  Usual is the median of all
-    pixels, or the expected variance, or a share of the contrast, which no model of blur and print
-    gets better; whichever is largest."""
-    squared = np.mean(off**2, axis=1)
-    median = float(np.median(squared / variance))
-    usual = np.maximum(variance * max(median, 1.0), np.mean((rules.model_share * (inks[0] - inks[2])) ** 2))
-    chi2 = np.minimum(squared / usual, rules.worst_residual)
-    radius = np.maximum(np.hypot(points[:, 0], points[:, 1]), 1.0)
-    worst = 0.0
-    for middle, half_thickness, x, y, half_angle in words.sectors.astype(np.float64):
-        near = np.abs(radius - middle) < rules.gap_reach_mm + half_thickness
-        angle = np.minimum(half_angle + rules.gap_reach_mm / radius, np.pi)
-        around = near & (points @ np.array([x, y]) > radius * np.cos(angle))
-        if around.sum() >= rules.gap_pixels:
-            worst = max(worst, float(chi2[around].mean()))
-    return worst
-
-
 @lru_cache(maxsize=1)
 def _kernel() -> Any:
     p, n = ctypes.c_void_p, ctypes.c_int64
-    return function("lmkit_decode", n, *[p] * 7, n, *[p] * 5)
+    return function("lmkit_decode", n, *[p] * 7, n, *[p] * 4)

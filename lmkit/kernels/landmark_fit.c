@@ -29,13 +29,13 @@ typedef struct {
     const uint8_t *image;
     const float *linear, *white, *shift;
     const Lens *lens;
-    const float *drawing, *edges, *sectors;
+    const float *drawing, *edges;
     const int32_t *masks;
     int64_t squares, circles, codes, gaps;
     int64_t visited, least_pixels, coarse_pixels, pixels, read_rounds;
     Steps coarse, fine;
     double skew, reach, band, near_share, noise, floor;
-    double decoding[6], priors[PRIORS], limits[6];
+    double decoding[9], priors[PRIORS], limits[6];
     double correlated, turn_margin, pattern, red_over_blue, least_contrast, most_contrast;
     double settled_code, settled_turn, settled_clear;           /* margins once the code stands */
     double least_blur, blur_share, blurred_side; /* where a fit begins */
@@ -154,7 +154,7 @@ static int take(const Fit *f, const double *view, const double *state, int64_t a
 /* Decodes into out; its turn is -1 where the pixels do not determine the inks. */
 static void read_code(const Fit *f, const double *view, const double *state, const Pixels *p, const float *variance, int wanted, double *out)
 {
-    if (decode_pixels(p->n, f->drawing, view, p->at, p->values, variance, state, f->masks, f->codes, f->decoding, f->sectors, wanted, p->work, p->subsets, out))
+    if (decode_pixels(p->n, f->drawing, view, p->at, p->values, variance, state, f->masks, f->codes, f->decoding, wanted, p->work, p->subsets, out))
         out[0] = -1.0;
 }
 
@@ -285,7 +285,7 @@ int lmkit_fit_landmark(const Fit *f, const double *view, int64_t phases, int64_t
                        float *planes, float *work, uint8_t *kinds, double *subsets, double *state, double *out)
 {
     Pixels p = {planes, NULL, NULL, NULL, planes + 8 * capacity, work, kinds, subsets, 0, capacity};
-    const int64_t decoding = HEAD + 1 + 2 * (2 + f->gaps);
+    const int64_t decoding = HEAD + 2 + 2 * (2 + f->gaps);
     double *plain = out + 3 + STATE * STATE, *robust = plain + decoding, *corners = robust + decoding;
     /* While the code may still change, its parts are of no use. */
     const int at_first = phases & FINISH ? 0 : PARTS;

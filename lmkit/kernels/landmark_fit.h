@@ -13,17 +13,16 @@ LMKIT_EXPORT int lmkit_sample_pixels(int64_t height, int64_t width, const uint8_
 
 LMKIT_EXPORT int lmkit_decode(int64_t n, const float *drawing, const double *view, const float *at,
                               const float *values, const float *variance, const double *state,
-                              const int32_t *masks, int64_t codes, const double *rules, const float *sectors,
-                              float *columns, double *subsets, double *out);
+                              const int32_t *masks, int64_t codes, const double *rules, float *columns,
+                              double *subsets, double *out);
 
-/* A decoding may leave out the parts and what surrounds the gaps, or go on with the columns of the last one. */
+/* A decoding may leave out the parts and the occlusion, or go on with the columns of the last one. */
 #define PARTS 1
 #define SAME_COLUMNS 2
 
 int decode_pixels(int64_t n, const float *drawing, const double *view, const float *at, const float *values,
                   const float *variance, const double *state, const int32_t *masks, int64_t codes,
-                  const double *rules, const float *sectors, int wanted, float *columns, double *subsets,
-                  double *out);
+                  const double *rules, int wanted, float *columns, double *subsets, double *out);
 
 LMKIT_EXPORT int lmkit_register(int64_t n, const float *drawing, const double *view, const float *at,
                                 const float *values, const float *variance, const double *rules,

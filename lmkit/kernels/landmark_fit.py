@@ -13,7 +13,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from lmkit.kernels.hypotheses import HEAD, Decoded, DecodingRules, Words
+from lmkit.kernels.hypotheses import HEAD, TAIL, Decoded, DecodingRules, Words
 from lmkit.kernels.lens import Lens
 from lmkit.kernels.load import address, addresses, contiguous, function
 from lmkit.kernels.pattern import INKS, Drawing
@@ -129,13 +129,13 @@ class _Fit(ctypes.Structure):
     _fields_ = (
         *((name, ctypes.c_int64) for name in ("height", "width")),
         *((name, ctypes.c_void_p) for name in ("image", "linear", "white", "shift", "lens")),
-        *((name, ctypes.c_void_p) for name in ("drawing", "edges", "sectors", "masks")),
+        *((name, ctypes.c_void_p) for name in ("drawing", "edges", "masks")),
         *((name, ctypes.c_int64) for name in ("squares", "circles", "codes", "gaps")),
         *((name, ctypes.c_int64) for name in ("visited", "least_pixels", "coarse_pixels", "pixels", "read_rounds")),
         ("coarse", _Steps),
         ("fine", _Steps),
         *((name, ctypes.c_double) for name in ("skew", "reach", "band", "near_share", "noise", "floor")),
-        ("decoding", ctypes.c_double * 6),
+        ("decoding", ctypes.c_double * 9),
         ("priors", ctypes.c_double * 5),
         ("limits", ctypes.c_double * 6),
         ("promising", ctypes.c_double * 6),
@@ -168,7 +168,7 @@ class LandmarkFit:
         height, width = source.image.shape[:2]
         self._gaps = len(drawing.gaps)
         self._columns = drawing.column_count
-        arrays = (drawing.flat, known, words.sectors, words.masks)
+        arrays = (drawing.flat, known, words.masks)
         struct = None if lens is None else lens.struct
         self._kept = (source, struct, arrays)  # their addresses stay good as long as they are held
         self._task = _Fit(
@@ -181,16 +181,16 @@ class LandmarkFit:
             *(VISITED, rules.least_pixels, rules.coarse_pixels, rules.pixels, rules.read_rounds),
             *(_Steps(steps.rounds, steps.most, steps.to_px) for steps in (rules.coarse, rules.fine)),
             *(skew, rules.reach, rules.band, rules.near_share, noise, rules.floor),
-            *map(_numbers, (rules.decoding, rules.priors, rules.limits, rules.promising)),
+            *map(_numbers, (rules.decoding.flat, rules.priors, rules.limits, rules.promising)),
             *map(_numbers, (rules.settled, rules.start, rules.errors)),
         )
         most = max(rules.pixels, rules.coarse_pixels)
         self._capacity = capacity = most + most // 5 + 64
-        self._decoding = HEAD + 1 + 2 * (2 + self._gaps)
+        self._decoding = TAIL + 2 * (2 + self._gaps)
         self._width = NORMAL + STATE * STATE + 2 * self._decoding + 8 + 64
         self._room = (
             ("planes", 9 * capacity),
-            ("work", max(scratch_floats(capacity), (capacity + BLOCK) * self._columns + 2 * capacity)),
+            ("work", max(scratch_floats(capacity), (capacity + BLOCK) * self._columns + 3 * capacity)),
             ("kinds", VISITED * most // 2 + (height + 8) // 2),
             ("subsets", 2 * (7 << self._gaps)),
         )
@@ -258,10 +258,10 @@ def is_compiled() -> bool:
 def _decoded(out: FloatArray) -> Decoded | None:
     if out[0] < 0:
         return None
-    parts = out[HEAD + 1 :].reshape(2, -1)
+    parts = out[TAIL:].reshape(2, -1)
     turn, code, left, by_code, by_turn, by_frame = out[:6].tolist()
-    inks = out[6:HEAD].reshape(INKS, 3)
-    return Decoded(int(turn), int(code), left, by_code, by_turn, by_frame, inks, float(out[HEAD]), parts[0], parts[1])
+    inks, occlusion = out[6:HEAD].reshape(INKS, 3), out[HEAD:TAIL].tolist()
+    return Decoded(int(turn), int(code), left, by_code, by_turn, by_frame, inks, *occlusion, parts[0], parts[1])
 
 
 def _numbers(numbers: Sequence[float]) -> Any:

@@ -73,7 +73,7 @@ class ScreenTables(NamedTuple):
         Raises:
             ValueError: a shape differs.
         """
-        gaps = len(words.sectors)
+        gaps = words.gaps
         columns = contiguous(columns, (-1, 3, 9 + gaps, -1), np.float32)
         grid = contiguous(grid, (2, columns.shape[3]), np.float32)
         points = grid.shape[1]
@@ -165,7 +165,7 @@ def screen(
     quads = contiguous(quads, (-1, 4, 2)).copy()
     pattern = np.zeros(len(quads))
     levels = np.array([[*level.shape[:2], *addresses(level)] for level in pyramid.levels], dtype=np.int64)
-    gaps = len(tables.words.sectors)
+    gaps = tables.words.gaps
     numbers = np.array([tables.half, *rules[:-2], *rules.first, *rules.moved])
     subsets = _WORKSPACE.floats("subsets", 2 * (7 << gaps))
     kernel(

@@ -32,9 +32,9 @@ def test_every_figure_has_a_weight_and_every_weight_a_figure(reading):
     assert reading.figures.keys() == TERMS.keys()
 
 
-def test_only_the_margin_speaks_for_a_landmark():
+def test_only_margin_and_evidence_speak_for_a_landmark():
     for name, term in TERMS.items():
-        assert term.weight >= 0 if name == "margin" else term.weight <= 0
+        assert term.weight >= 0 if name in ("margin", "evidence") else term.weight <= 0
 
 
 @pytest.mark.parametrize(
@@ -42,12 +42,13 @@ def test_only_the_margin_speaks_for_a_landmark():
     [
         {"code_margin": 1.0},
         {"turn_margin": 1.0},
-        {"gap_residual": 12.0},
+        {"evidence": 0.0},
+        {"foreign": 40.0},
         {"parts_sigma": np.full(10, 0.5)},
         {"parts": np.full(10, 0.5)},
         {"plain": True},
     ],
-    ids=["code", "turn", "hidden", "unsure", "parts", "plain"],
+    ids=["code", "turn", "hidden gap", "object", "unsure", "parts", "plain"],
 )
 def test_what_looks_less_like_a_landmark_scores_less(reading, changes):
     assert changed(reading, **changes).log_odds < reading.log_odds - 0.5
@@ -59,15 +60,33 @@ def test_shadow_and_blur_cost(reading):
 
 
 def test_a_rejection_names_the_worst_term(reading):
-    never = AcceptanceRule(1e9)
-    assert changed(reading, gap_residual=40.0).reason_to_reject(never) == "hidden"
-    assert changed(reading, code_margin=0.0).reason_to_reject(never) == "code"
+    sure = AcceptanceRule(reading.log_odds - 0.5)
+    assert changed(reading, foreign=9.9).reason_to_reject(sure) == "hidden"
+    assert changed(reading, code_margin=0.0).reason_to_reject(sure) == "code"
     assert reading.reason_to_reject(DEFAULT) is None
+
+
+def test_no_reading_is_surer_than_its_code_against_the_next_one(reading):
+    """However well all else fits: where plain and robust weights read two codes, the margin is 0."""
+    for margin in (0.0, 1.0):
+        tie = changed(reading, code_margin=margin)
+        assert tie.log_odds <= margin
+        assert tie.reason_to_reject(DEFAULT) == "code"
+
+
+def test_an_object_that_is_plain_to_see_needs_evidence_that_it_hides_no_gap(reading):
+    """The margin of a patch that hides a gap is as large as that of a gap."""
+    seen = changed(reading, foreign=60.0, evidence=20.0)
+    assert seen.log_odds > 0
+    covered = changed(seen, evidence=5.0)
+    assert covered.log_odds <= 0
+    assert covered.reason_to_reject(EAGER) == "hidden"
+    assert changed(reading, foreign=6.0, evidence=0.5).log_odds > 0
 
 
 def test_whatever_a_square_shows_its_score_is_finite(reading):
     nothing = changed(
-        reading, inks=np.zeros((4, 3)), pattern=1.0, code_margin=-5.0, parts_sigma=np.zeros(10), gap_residual=0.0
+        reading, inks=np.zeros((4, 3)), pattern=1.0, code_margin=-5.0, parts_sigma=np.zeros(10), evidence=-9.0
     )
     assert np.isfinite(list(replace(nothing, blur_px=0.0).figures.values())).all()
     assert np.isfinite(nothing.log_odds)

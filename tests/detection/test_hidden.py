@@ -29,3 +29,20 @@ def test_the_square_is_completed_and_read(name, color):
         assert [d.code for d in found] in ([100 + seed], [])
         read += len(found)
     assert read >= 7, f"{read} of 8"
+
+
+def over_a_gap(code: int, color: tuple[int, int, int], seed: int) -> np.ndarray:
+    """A landmark of 40 px with a patch of its paper or its ground over the upper gap position of the outer ring."""
+    image, corners = shoot(code, 40.0, seed=seed)
+    low, size = corners.min(axis=0), np.ptp(corners, axis=0)
+    patch = np.round(low + np.array([[0.34, 0.03], [0.70, 0.06], [0.68, 0.21], [0.32, 0.19]]) * size)
+    return cv2.fillPoly(image, [patch.astype(np.int32)], color)
+
+
+@pytest.mark.parametrize(("open_gap", "color"), [(1, (225, 225, 225)), (0, (120, 110, 70)), (0, (30, 30, 30))])
+def test_a_patch_over_a_gap_makes_no_other_code(open_gap, color):
+    """Bright over an open gap it is taken for the ring, dark over the ring for a gap."""
+    for seed in range(6):
+        code = 21 + 17 * seed | open_gap << 7
+        code = code if open_gap else code & 127
+        assert {d.code for d in detect_landmarks(over_a_gap(code, color, seed))} <= {code}

@@ -1,0 +1,60 @@
+"""Landmarks over which another one lies: what the nearer sheet covers is known to say nothing.
+
+Of two sheets that overlap the nearer one is seen whole, and fits better.  What it shows within its own edges may
+resemble a gap or a ring of the other one.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import TypeVar
+
+import cv2
+import numpy as np
+
+from lmkit.arrays import FloatArray
+from lmkit.detection.register_and_decode import Candidate
+from lmkit.detection.tag_registration import TagCandidate
+from lmkit.model.landmark import LandmarkFamily
+
+AnyCandidate = TypeVar("AnyCandidate", bound=Candidate | TagCandidate)
+POINTS_ACROSS_GAP, COVERED_POINTS = 7, 5  # of one gap position; fewer leave enough of it to read
+
+
+def without_covered(candidates: Sequence[AnyCandidate]) -> list[AnyCandidate]:
+    """The candidates none of whose gap positions the sheet of a surer one covers for the most part."""
+    return [one for one in candidates if not any(_covers(other, one) for other in candidates)]
+
+
+def _covers(upper: Candidate | TagCandidate, lower: Candidate | TagCandidate) -> bool:
+    if not isinstance(lower, Candidate) or upper.log_odds <= lower.log_odds:
+        return False
+    apart = np.linalg.norm(upper.corners.mean(axis=0) - lower.corners.mean(axis=0))
+    if apart > upper.side_px + lower.side_px:
+        return False
+    reach = upper.family.half_mm + upper.family.margin_mm
+    sheet = _in_image(upper, np.array([(-reach, reach), (reach, reach), (reach, -reach), (-reach, -reach)]))
+    outline = sheet.astype(np.float32)
+    points = _in_image(lower, _gap_points(lower.family)).tolist()
+    under = [cv2.pointPolygonTest(outline, (x, y), False) >= 0 for x, y in points]
+    return bool(np.reshape(under, (-1, POINTS_ACROSS_GAP)).sum(axis=1).max() >= COVERED_POINTS)
+
+
+def _gap_points(family: LandmarkFamily) -> FloatArray:
+    """(N,2) mm, points along the middle of every gap position, gap after gap."""
+    turns = np.linspace(-0.5, 0.5, POINTS_ACROSS_GAP)
+    places = [
+        ((ring.inner_mm + ring.outer_mm) / 2, math.radians(center + ring.gap_width_deg * turn))
+        for ring in family.rings
+        for center in ring.gap_centers_deg
+        for turn in turns.tolist()
+    ]
+    return np.array([(radius * math.sin(angle), radius * math.cos(angle)) for radius, angle in places])
+
+
+def _in_image(candidate: Candidate | TagCandidate, points_mm: FloatArray) -> FloatArray:
+    """(N,2) px of points of the landmark's plane."""
+    face = candidate.family.object_points(candidate.family.side_mm)[:, :2]
+    H = cv2.getPerspectiveTransform(face.astype(np.float32), candidate.corners.astype(np.float32))
+    return np.asarray(cv2.perspectiveTransform(points_mm[None], H)[0], dtype=np.float64)

@@ -1,0 +1,106 @@
+"""Whether something stands before a decoded landmark, by the pixels that its code does not explain.
+
+A pixel shows the landmark or something else.  Its chi2 therefore counts up to a limit only, in what speaks for a code
+(a mixture of two explanations): a gap that something covers then speaks for nothing, whatever its color.
+Where an object stands, its one color, or any colors at a price, explain a region that the landmark does not: the
+rectangle that gains most is sought, as in a spatial scan statistic (Kulldorff 1997).  The kernel is a part of
+`lmkit_decode`.
+"""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+FloatArray = NDArray[np.floating[Any]]
+
+CELLS = 8
+
+
+class OcclusionRules(NamedTuple):
+    """Figures of the search.
+
+    Attributes:
+        model_share: share of the contrast that no model of blur and print explains.
+        usual_quantile: of the residuals over their expected variance; what is usual.
+        code_limit: a pixel's chi2 counts up to this for a code.
+        foreign_limit: a pixel's chi2 counts up to this for an object.
+        foreign_pixel: what a pixel of an object of many colors costs, chi2.
+        foreign_pixels: an object covers so many at least.
+        foreign_reach: half side of the grid of cells, relative to that of the landmark.
+    """
+
+    model_share: float
+    usual_quantile: float
+    code_limit: float
+    foreign_limit: float
+    foreign_pixel: float
+    foreign_pixels: float
+    foreign_reach: float
+
+
+def usual_variance_numpy(
+    off: FloatArray, variance: FloatArray, contrast: FloatArray, rules: OcclusionRules
+) -> FloatArray:
+    """(N,) usual variance of residuals (N,3): the expected one, times how much larger most of them are; and no less
+    than the share of the contrast (3,) that no model explains."""
+    common = float(np.quantile(np.mean(off**2, axis=1) / variance, rules.usual_quantile))
+    return np.maximum(variance * max(common, 1.0), np.mean((rules.model_share * contrast) ** 2))
+
+
+def code_evidence_numpy(
+    off: FloatArray,
+    usual: FloatArray,
+    coverage: FloatArray,
+    contrast: FloatArray,
+    is_open: FloatArray,
+    others: FloatArray,
+    rules: OcclusionRules,
+) -> float:
+    """The least chi2 that speaks for the code against another one.
+
+    Args:
+        off: (N,3) residuals of the code.
+        usual: (N,) their variance.
+        coverage: (N,G) of the gap positions.
+        contrast: (3,) white less ground.
+        is_open: (G,) 1 where the code has a gap, else 0.
+        others: (K,G) where other codes differ.
+    """
+    base = np.minimum(np.sum(off**2, axis=1) / usual, rules.code_limit)
+    evidence = np.zeros(len(is_open))
+    for gap, sign in enumerate(2 * is_open - 1):
+        other = off - sign * coverage[:, gap : gap + 1] * contrast
+        evidence[gap] = np.sum(np.minimum(np.sum(other**2, axis=1) / usual, rules.code_limit) - base)
+    return float(np.min(others @ evidence, initial=rules.code_limit * len(off)))
+
+
+def foreign_rectangle_numpy(
+    points: FloatArray, values: FloatArray, off: FloatArray, usual: FloatArray, half_mm: float, rules: OcclusionRules
+) -> float:
+    """The chi2 by which a rectangle, in one color or in any, explains the pixels better than the landmark does.
+
+    Args:
+        points: (N,2) mm.
+        values: (N,3) of the pixels.
+        off: (N,3) what the landmark leaves of them.
+        usual: (N,) variance of those.
+        half_mm: half side of the landmark.
+    """
+    cells = np.floor((points / (rules.foreign_reach * half_mm) + 1) * (CELLS / 2))
+    column, row = np.clip(cells, 0, CELLS - 1).astype(int).T
+    weight = 1 / usual
+    unexplained = np.minimum(np.sum(off**2, axis=1) * weight, rules.foreign_limit)
+    colors = weight[:, None] * values
+    sums = np.column_stack([np.ones(len(points)), weight, colors, unexplained, np.sum(colors * values, axis=1)])
+    above = np.zeros((CELLS + 1, CELLS + 1, sums.shape[1]))
+    np.add.at(above, (row + 1, column + 1), sums)
+    above = above.cumsum(axis=0).cumsum(axis=1)
+    first, end = np.triu_indices(CELLS + 1, 1)
+    strips = above[end] - above[first]
+    s = strips[:, end] - strips[:, first]
+    s = s[s[..., 0] >= rules.foreign_pixels]
+    own = s[:, 6] - np.sum(s[:, 2:5] ** 2, axis=1) / s[:, 1]
+    return float(np.max(s[:, 5] - np.minimum(own, rules.foreign_pixel * s[:, 0]), initial=0.0))
