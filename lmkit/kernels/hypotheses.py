@@ -118,8 +118,9 @@ def decode(
     if status:
         return None
     parts = out[TAIL:].reshape(2, -1)
-    inks = out[6:HEAD].reshape(INKS, 3)
-    return Decoded(int(out[0]), int(out[1]), *out[2:6], inks, *out[HEAD:TAIL], parts[0], parts[1])
+    inks, (evidence, foreign) = out[6:HEAD].reshape(INKS, 3), out[HEAD:TAIL]
+    turn, code = int(out[0]), int(out[1])
+    return Decoded(turn, code, out[2], out[3], out[4], out[5], inks, evidence, foreign, parts[0], parts[1])
 
 
 def decode_numpy(

@@ -260,8 +260,11 @@ def _decoded(out: FloatArray) -> Decoded | None:
         return None
     parts = out[TAIL:].reshape(2, -1)
     turn, code, left, by_code, by_turn, by_frame = out[:6].tolist()
-    inks, occlusion = out[6:HEAD].reshape(INKS, 3), out[HEAD:TAIL].tolist()
-    return Decoded(int(turn), int(code), left, by_code, by_turn, by_frame, inks, *occlusion, parts[0], parts[1])
+    inks = out[6:HEAD].reshape(INKS, 3)
+    evidence, foreign = out[HEAD:TAIL].tolist()
+    return Decoded(
+        int(turn), int(code), left, by_code, by_turn, by_frame, inks, evidence, foreign, parts[0], parts[1]
+    )
 
 
 def _numbers(numbers: Sequence[float]) -> Any:

@@ -47,7 +47,7 @@ def usual_variance_numpy(
     """(N,) usual variance of residuals (N,3): the expected one, times how much larger most of them are; and no less
     than the share of the contrast (3,) that no model explains."""
     common = float(np.quantile(np.mean(off**2, axis=1) / variance, rules.usual_quantile))
-    return np.maximum(variance * max(common, 1.0), np.mean((rules.model_share * contrast) ** 2))
+    return np.asarray(np.maximum(variance * max(common, 1.0), np.mean((rules.model_share * contrast) ** 2)))
 
 
 def code_evidence_numpy(
