@@ -67,7 +67,7 @@ def run(
     force: options.Force = False,
 ) -> None:
     """Locate the camera, or the robot, in the map."""
-    from lmkit.cli.locate_sources import require_frame, source_groups
+    from lmkit.cli.locate_sources import require_frame, source_groups, warn_of_clocks
     from lmkit.cli.parsing import parse_prior, require_rate
     from lmkit.io.any_rig import read_any_rig
     from lmkit.io.image_sources import frame_count
@@ -119,6 +119,7 @@ def run(
     frame = frame or ("camera" if cameras.T_base_left is None else "base")
     require_frame(frame, cameras, rig)
     groups = source_groups(images or [], mono, cameras)
+    warn_of_clocks(groups, cameras)
     failed = []
     answers = (answer for sources in groups for answer in locate_in_sources(sources, cameras, landmarks, choices))
     located = with_times(answers, hz)

@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from lmkit.cli.output import warn
 from lmkit.errors import InputError
 
 if TYPE_CHECKING:
@@ -33,3 +34,17 @@ def require_frame(frame: str, rig: AnyRig, path: Path) -> None:
     """
     if frame == "base" and rig.T_base_left is None:
         raise InputError("no_base", f"{path} has no T_base_left", "add it to the rig file, or give --frame camera")
+
+
+def warn_of_clocks(groups: list[list[str]], rig: AnyRig) -> None:
+    """Say that single images of cameras that do not expose together locate a rig that stands still only."""
+    from lmkit.geometry.rig import mounted_cameras
+    from lmkit.mapping.carried_cameras import TOGETHER_S
+
+    late = [c for c in mounted_cameras(rig) if abs(c.time_offset_s) >= TOGETHER_S]
+    if late and any(len(sources) > 1 for sources in groups):
+        offsets = ", ".join(f"{camera.name} {1000 * camera.time_offset_s:+.1f} ms" for camera in late)
+        warn(
+            f"the cameras do not expose together ({offsets}): poses hold where the rig stands still; "
+            "of a moving one, `lmkit track` takes every exposure at its time"
+        )

@@ -144,6 +144,21 @@ def with_time_offsets(rig: AnyRig, offsets_s: Sequence[float]) -> AnyRig:
     return replace(rig, cameras=(rig.cameras[0], *others))
 
 
+def cameras_carried(rig: AnyRig, carried: Sequence[Pose]) -> tuple[MountedCamera, ...]:
+    """The cameras, each standing where its exposure found it, as seen from the rig at the time of its frame.
+
+    Args:
+        carried: T_left_left of every camera, as of `RigFrame.carried`; empty: all expose at that time.
+    """
+    cameras = mounted_cameras(rig)
+    if not carried:
+        return cameras
+    return tuple(
+        replace(camera, T_camera_left=camera.T_camera_left @ moved.inverse())
+        for camera, moved in zip(cameras, carried, strict=True)
+    )
+
+
 def T_map_cameras(rig: AnyRig, T_map_left: Pose) -> list[Pose]:
     """Pose in the map of every camera, for the pose of the first one."""
     return [T_map_left @ camera.T_camera_left.inverse() for camera in mounted_cameras(rig)]

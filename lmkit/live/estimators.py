@@ -69,8 +69,11 @@ class Estimator(Protocol):
     def foretell(self, time_s: float) -> Pose | None:
         """T_map_left at a time, before its images are seen."""
 
-    def observe(self, time_s: float, seen: Seen) -> Estimate:
-        """Estimate at ``time_s``."""
+    def carried(self, time_s: float, then_s: Sequence[float]) -> tuple[Pose, ...] | None:
+        """T_left_left: how the rig moves from ``time_s`` to the exposure of each camera; None: not known."""
+
+    def observe(self, time_s: float, seen: Seen, carried: Sequence[Pose] = ()) -> Estimate:
+        """Estimate at ``time_s``, of cameras that are carried so far; empty: all expose at that time."""
 
 
 def make_estimator(kind: str, rig: AnyRig, landmarks: LandmarkMap) -> Estimator:
@@ -110,9 +113,13 @@ class WheelEstimator:
         """See `Estimator`."""
         return self._filter.foretell(time_s)
 
-    def observe(self, time_s: float, seen: Seen) -> Estimate:
+    def carried(self, time_s: float, then_s: Sequence[float]) -> tuple[Pose, ...] | None:
         """See `Estimator`."""
-        answer = self._filter.observe(time_s, seen)
+        return self._filter.carried(time_s, then_s)
+
+    def observe(self, time_s: float, seen: Seen, carried: Sequence[Pose] = ()) -> Estimate:
+        """See `Estimator`."""
+        answer = self._filter.observe(time_s, seen, carried)
         if answer.state is None or answer.covariance is None:
             return _not_found(seen, self._rig, self._landmarks)
         status = _contradicted(answer.status, len(answer.outliers), answer.nis_dof)
@@ -145,9 +152,13 @@ class PoseEstimator:
         """See `Estimator`."""
         return self._filter.foretell(time_s)
 
-    def observe(self, time_s: float, seen: Seen) -> Estimate:
+    def carried(self, time_s: float, then_s: Sequence[float]) -> tuple[Pose, ...] | None:
         """See `Estimator`."""
-        answer = self._filter.observe(time_s, seen)
+        return self._filter.carried(time_s, then_s)
+
+    def observe(self, time_s: float, seen: Seen, carried: Sequence[Pose] = ()) -> Estimate:
+        """See `Estimator`."""
+        answer = self._filter.observe(time_s, seen, carried)
         if answer.T_map_left is None or answer.covariance is None:
             return _not_found(seen, self._rig, self._landmarks)
         poses, covariances = at_base([answer.T_map_left], answer.covariance[None], self._rig)
@@ -185,9 +196,18 @@ class ImageEstimator:
         turn = rotation_exp(share * rotation_log(pose.R @ other.R.T))
         return Pose("map", pose.from_frame, turn @ pose.R, pose.t + share * (pose.t - other.t))
 
-    def observe(self, time_s: float, seen: Seen) -> Estimate:
+    def carried(self, time_s: float, then_s: Sequence[float]) -> tuple[Pose, ...] | None:
+        """See `Estimator`: the rig goes on as it moved between the last two steps."""
+        if len(self._last) < 2 or time_s - self._last[0][0] > MOST_STEADY_S:
+            return None
+        (before, a), (after, b) = self._last
+        shares = (np.array(then_s) - time_s) / (after - before)
+        turn, way = rotation_log(a.R.T @ b.R), a.R.T @ (b.t - a.t)
+        return tuple(Pose("left", "left", rotation_exp(share * turn), share * way) for share in shares.tolist())
+
+    def observe(self, time_s: float, seen: Seen, carried: Sequence[Pose] = ()) -> Estimate:
         """See `Estimator`."""
-        found = locate_rig(seen, self._rig, self._landmarks)
+        found = locate_rig(seen, self._rig, self._landmarks, carried=carried)
         if found.T_map_camera is None or found.covariance is None:
             return Estimate(found.status, outliers=found.outliers)
         poses, covariances = at_base([found.T_map_camera], found.covariance[None], self._rig)

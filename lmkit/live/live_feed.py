@@ -8,13 +8,13 @@ from collections.abc import Callable, Sequence
 
 from lmkit.arrays import ByteArray
 from lmkit.live.captures import Capture
+from lmkit.live.exposures import MOST_APART_S, TOGETHER_S
 from lmkit.live.frame_group import FrameGroup
 from lmkit.live.inputs.base import InputRunner
 from lmkit.live.motion import MotionInbox
 from lmkit.live.reader import Reader
 from lmkit.live.state import Event, Health
 
-TOGETHER_S = 0.02  # images of one frame
 PATIENCE_S = 0.05  # for the other cameras' images
 
 
@@ -80,7 +80,7 @@ class LiveFeed:
             taken = reader.take()
             events += reader.events()
             # An image of another time would be read from another place.
-            if taken is None or newest - taken[0] > TOGETHER_S or len(taken[1]) != count:
+            if taken is None or newest - taken[0] > MOST_APART_S or len(taken[1]) != count:
                 images += [None] * count
                 stamps += [newest] * count
                 continue

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -16,6 +16,7 @@ from lmkit.geometry.rotations import quaternion_to_matrix
 from lmkit.live.blind_cameras import BlindCameras
 from lmkit.live.budget import LatencyBudget
 from lmkit.live.estimators import Estimate, make_estimator
+from lmkit.live.exposures import Exposures
 from lmkit.live.frame_group import FrameGroup
 from lmkit.live.mirrored_images import MirroredImages
 from lmkit.live.motion import GYRO, MotionRow
@@ -74,6 +75,7 @@ class LiveLoop:
         self._expected = ExpectedLandmarks(rig, landmarks)
         self._search = Search(rig, landmarks, self._expected)
         self._estimator = make_estimator(self.settings.motion, rig, landmarks)
+        self._exposures = Exposures(rig)
         self._stale = StaleImages(rig, landmarks, self.settings.motion != "none")
         self._mirror = MirroredImages(rig, landmarks)
         rule = self.settings.rule
@@ -110,17 +112,20 @@ class LiveLoop:
             self._waiting = (*self._waiting, *group.motion)
             return None
         profile = group.profile or self._budget.profile
-        views = self._views(group, profile)
+        carried, apart = self._exposures.carried(group.time_s, group.stamps_s, self._estimator)
+        views = self._views(group, profile, carried)
         events += self._color_events(group, views)
         events += self._odometry_events(group.time_s)
         seen = [view.detections for view in views]
         stale, named = self._stale.withheld(group.time_s, seen, self._estimator.delay_s)
         events += named
-        estimate = self._estimator.observe(group.time_s, [() if k in stale else s for k, s in enumerate(seen)])
+        left_out = stale | apart
+        believed = [() if k in left_out else s for k, s in enumerate(seen)]
+        estimate = self._estimator.observe(group.time_s, believed, carried)
         if estimate.restarted:
             self._stale.start()
-        views, missing = self._with_expected(views, estimate, stale)
-        events += self._blind.add(group.time_s, views, self._plainly_in_view(views, estimate))
+        views, missing = self._with_expected(views, estimate, left_out, carried)
+        events += self._blind.add(group.time_s, views, self._plainly_in_view(views, estimate, carried))
         decision = self._publication.decide(group.time_s, estimate, missing, self._stale.doubt(group.time_s))
         events += self._mirror.add(group.time_s, seen, decision.status)
         if self._mirror.sentence:
@@ -168,7 +173,7 @@ class LiveLoop:
         if row.T_odometry_base is not None:
             self._odometry.append((row.time_s, row.T_odometry_base))
 
-    def _views(self, group: FrameGroup, profile: str) -> tuple[CameraView, ...]:
+    def _views(self, group: FrameGroup, profile: str, carried: Sequence[Pose]) -> tuple[CameraView, ...]:
         if group.seen is not None:
             return tuple(
                 CameraView(name, image, stamp, tuple(seen), search="whole")
@@ -184,10 +189,15 @@ class LiveLoop:
         elif group.time_s - self._whole_at >= WHOLE_EVERY_S / len(self._names):
             whole, self._whole_at = frozenset([self._turn % len(self._names)]), group.time_s
             self._turn += 1
-        return self._search.views(group.images, group.stamps_s, foretold, whole, profile)
+        poses = None if foretold is None else self._by_camera(foretold, carried)
+        return self._search.views(group.images, group.stamps_s, poses, whole, profile)
+
+    def _by_camera(self, T_map_left: Pose, carried: Sequence[Pose]) -> list[Pose]:
+        """T_map_left at the exposure of every camera."""
+        return [T_map_left @ moved for moved in carried] or [T_map_left] * len(self._names)
 
     def _with_expected(
-        self, views: tuple[CameraView, ...], estimate: Estimate, stale: frozenset[int]
+        self, views: tuple[CameraView, ...], estimate: Estimate, left_out: frozenset[int], carried: Sequence[Pose]
     ) -> tuple[tuple[CameraView, ...], tuple[LandmarkId, ...]]:
         """The views with the map's landmarks where the pose puts them; and what is plainly in view but not read.
 
@@ -195,12 +205,12 @@ class LiveLoop:
         """
         if estimate.T_map_base is None or (estimate.inliers and all(view.expected for view in views)):
             return views, ()
-        T_map_left = self._left_camera(estimate.T_map_base)
+        poses = self._by_camera(self._left_camera(estimate.T_map_base), carried)
         drawn, missing = [], []
         for k, view in enumerate(views):
-            expected, plain = self._expected.in_camera(k, T_map_left)
+            expected, plain = self._expected.in_camera(k, poses[k])
             drawn.append(replace(view, expected=expected))
-            if view.search != "none" and k not in stale:
+            if view.search != "none" and k not in left_out:
                 read = {d.id for d in view.detections}
                 missing += [id_ for id_ in plain if id_ not in read]
         return tuple(drawn), tuple(dict.fromkeys(missing))
@@ -210,12 +220,14 @@ class LiveLoop:
         T = T_map_base if T_base_left is None else T_map_base @ T_base_left
         return Pose("map", "left", T.R, T.t)
 
-    def _plainly_in_view(self, views: tuple[CameraView, ...], estimate: Estimate) -> list[tuple[LandmarkId, ...]]:
+    def _plainly_in_view(
+        self, views: tuple[CameraView, ...], estimate: Estimate, carried: Sequence[Pose]
+    ) -> list[tuple[LandmarkId, ...]]:
         """Landmarks plainly in view of each camera that reads nothing, while others confirm the pose."""
         if estimate.T_map_base is None or len(estimate.inliers) <= len(estimate.outliers):
             return [()] * len(views)
-        T_map_left = self._left_camera(estimate.T_map_base)
-        return [() if view.detections else self._expected.in_camera(k, T_map_left)[1] for k, view in enumerate(views)]
+        poses = self._by_camera(self._left_camera(estimate.T_map_base), carried)
+        return [() if view.detections else self._expected.in_camera(k, poses[k])[1] for k, view in enumerate(views)]
 
     def _color_events(self, group: FrameGroup, views: tuple[CameraView, ...]) -> list[Event]:
         """Names gray cameras, once, where landmarks are recognized by their color."""

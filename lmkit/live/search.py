@@ -90,14 +90,14 @@ class Search:
         self,
         images: Sequence[ByteArray | None],
         stamps_s: Sequence[float],
-        T_map_left: Pose | None,
+        poses: Sequence[Pose] | None,
         whole: frozenset[int],
         profile: str,
     ) -> tuple[CameraView, ...]:
         """Detections of every camera.
 
         Args:
-            T_map_left: foretold; None: everything is searched.
+            poses: T_map_left at the exposure of every camera, foretold; None: everything is searched.
             whole: cameras whose whole image is searched whatever is foretold.
         """
         views = []
@@ -106,11 +106,11 @@ class Search:
                 views.append(CameraView(camera.name, None, stamp))
                 continue
             options = self._options[profile][k]
-            if T_map_left is None or k in whole:
+            if poses is None or k in whole:
                 found = detect_landmarks(image, options)
                 views.append(CameraView(camera.name, image, stamp, tuple(found), search="whole"))
                 continue
-            expected, _ = self._expected.in_camera(k, T_map_left)
+            expected, _ = self._expected.in_camera(k, poses[k])
             near = _wholly_inside(list(expected.values()), camera.model.image_size)
             found = detect_landmarks(image, options, near) if len(near) else []
             views.append(CameraView(camera.name, image, stamp, tuple(found), expected, "near"))

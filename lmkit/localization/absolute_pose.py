@@ -22,7 +22,8 @@ import numpy as np
 from lmkit.arrays import BoolArray, FloatArray
 from lmkit.errors import InputError
 from lmkit.geometry.camera import CameraModel
-from lmkit.geometry.rig import AnyRig, mounted_cameras
+from lmkit.geometry.pose import Pose
+from lmkit.geometry.rig import AnyRig, cameras_carried, mounted_cameras
 from lmkit.kernels.pose_search import Search
 from lmkit.localization.correspondences import CORNER_FLOOR_PX, NO_SHIFT, NO_TURN, Correspondences
 from lmkit.localization.pose_prior import PosePrior
@@ -71,6 +72,7 @@ def locate_rig(
     rig: AnyRig,
     landmarks: LandmarkMap,
     options: LocateOptions | None = None,
+    carried: Sequence[Pose] = (),
 ) -> PoseEstimate:
     """Pose of the rig's first (left) camera in the map; `PoseEstimate.T_map_base` gives the pose of the robot.
 
@@ -79,6 +81,8 @@ def locate_rig(
 
     Args:
         seen: detections in the image of every camera, corners in pixels as delivered.
+        carried: T_left_left of every camera from the rig at its exposure, where they do not expose together; as of
+            `RigFrame`.
 
     Raises:
         InputError: not as many lists of detections as the rig has cameras.
@@ -93,7 +97,7 @@ def locate_rig(
     options = options or LocateOptions()
     cameras = [
         (detections, camera.model, camera.T_camera_left.R, camera.T_camera_left.t)
-        for detections, camera in zip(seen, mounted, strict=True)
+        for detections, camera in zip(seen, cameras_carried(rig, carried), strict=True)
     ]
     estimate, blind = _locate(cameras, landmarks, options)
     if estimate.status != PoseStatus.INCONSISTENT:

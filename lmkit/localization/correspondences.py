@@ -12,7 +12,7 @@ from lmkit.arrays import BoolArray, FloatArray, IntArray, covariance_root
 from lmkit.geometry.camera import CameraModel
 from lmkit.geometry.pose import Pose
 from lmkit.geometry.pose_array import PoseArray
-from lmkit.geometry.rig import AnyRig, mounted_cameras
+from lmkit.geometry.rig import AnyRig, cameras_carried
 from lmkit.kernels.pose_search import CONVERGED, MOST_DAMPING, Search, pose_covariance, search_poses
 from lmkit.kernels.pose_update import Update, update_planar, update_space
 from lmkit.kernels.reprojection import (
@@ -160,11 +160,12 @@ class Correspondences:
         rig: AnyRig,
         landmarks: LandmarkMap,
         corner_floor_px: float,
+        carried: Sequence[Pose] = (),
     ) -> Correspondences:
-        """Correspondences of all cameras of a rig, with the detections of each."""
+        """Correspondences of all cameras of a rig, with the detections of each; `carried` as of `RigFrame`."""
         cameras = [
             (detections, camera.model, camera.T_camera_left.R, camera.T_camera_left.t)
-            for detections, camera in zip(seen, mounted_cameras(rig), strict=True)
+            for detections, camera in zip(seen, cameras_carried(rig, carried), strict=True)
         ]
         return cls(cameras, landmarks, corner_floor_px)
 

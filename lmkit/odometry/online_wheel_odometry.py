@@ -76,19 +76,27 @@ class Wheels:
             self._known = (*asked, self._computed(before_s, time_s, parameters))
         return self._known[3]
 
+    def motions_from(
+        self, time_s: float, then_s: FloatArray, parameters: FloatArray
+    ) -> tuple[FloatArray, FloatArray]:
+        """(K,3,3), (K,3) how the base moves from one time to others, earlier or later ones."""
+        return self._model(time_s).between(np.full(len(then_s), time_s), then_s, parameters)
+
     def _computed(self, before_s: float, time_s: float, parameters: FloatArray) -> Increments:
-        times = np.array([before_s, time_s])
+        return self._model(before_s).increments(np.array([before_s, time_s]), parameters)
+
+    def _model(self, time_s: float) -> MotionModel:
+        """The rows so far; none of them: the robot stands still."""
         rows = np.array(self._rows).reshape(-1, 3)
         if len(rows) < 2:
-            outside = Odometry(np.array([before_s - 9e3, before_s - 8e3]), np.zeros(2), np.zeros(2))
-            return MotionModel(outside, None, self._noise).increments(times, parameters)
+            outside = Odometry(np.array([time_s - 9e3, time_s - 8e3]), np.zeros(2), np.zeros(2))
+            return MotionModel(outside, None, self._noise)
         # A robot that runs ahead of its odometry's clock goes on as it did.
         share = AHEAD_S / max(rows[-1, 0] - rows[-2, 0], 1e-3)
         rows = np.vstack([rows, [rows[-1, 0] + AHEAD_S, *(share * rows[-1, 1:])]])
         gyro = np.array(self._gyro).reshape(-1, 2)
-        model = MotionModel(
+        return MotionModel(
             Odometry(rows[:, 0], rows[:, 1], rows[:, 2]),
             Gyro(gyro[:, 0], gyro[:, 1]) if len(gyro) > 1 else None,
             self._noise,
         )
-        return model.increments(times, parameters)

@@ -35,11 +35,12 @@ class MotionNoise:
     """How far motion strays from odometry, as standard deviations that grow with the root of way, turn or time.
 
     Attributes:
-        along_per_root_m: along the way, meters per root of a meter.
+        along_per_root_m: along the way, meters per root of a meter that the wheels travel.
         across_per_root_m: across it.
         turn_per_root_m, turn_per_root_rad: of the heading, rad per root of a meter and of a radian.
         turn_per_root_s, place_per_root_s: what grows with time alone.
         unknown_mps, unknown_radps: how fast the robot may move where odometry has a gap.
+        wheels_per_rad: way that the wheels travel while the robot turns, meters per radian: half their distance.
     """
 
     along_per_root_m: float = 0.06
@@ -50,6 +51,7 @@ class MotionNoise:
     place_per_root_s: float = 0.006
     unknown_mps: float = 1.0
     unknown_radps: float = 1.5
+    wheels_per_rad: float = 0.15
 
 
 @dataclass(frozen=True, eq=False)
@@ -150,7 +152,7 @@ class MotionModel:
         place = n.place_per_root_s**2 * seconds + (n.unknown_mps * gap) ** 2
         variances = np.column_stack(
             [
-                n.along_per_root_m**2 * way + place,
+                n.along_per_root_m**2 * (way + n.wheels_per_rad * turned) + place,
                 n.across_per_root_m**2 * way + place,
                 n.turn_per_root_m**2 * way
                 + n.turn_per_root_rad**2 * turned

@@ -18,7 +18,7 @@ from lmkit.errors import InputError
 from lmkit.geometry.planar import planar_pose
 from lmkit.geometry.pose import Pose
 from lmkit.geometry.rig import AnyRig
-from lmkit.geometry.rotations import skew
+from lmkit.geometry.rotations import orthonormal, skew
 from lmkit.kernels.pose_update import LEAN, Update, camera_at, camera_by_state
 from lmkit.localization.absolute_pose import LocateOptions, locate_rig
 from lmkit.localization.correspondences import CORNER_FLOOR_PX, Correspondences
@@ -91,17 +91,30 @@ class RigFilter:
             x, _, _ = self.wheels.step(self._x, self._time, time_s)
         return planar_pose(x[:3]) @ self._T
 
-    def observe(self, time_s: float, detections: Sequence[Sequence[Detection]]) -> TrackedPose:
-        """Pose at ``time_s``; every list of detections may be empty."""
+    def carried(self, time_s: float, then_s: Sequence[float]) -> tuple[Pose, ...]:
+        """T_left_left: how the rig moves, by the odometry given so far, from ``time_s`` to each of other times."""
+        T = self._T
+        R, t = self.wheels.motions_from(time_s, np.array(then_s), self.parameters)
+        moved, way = T.R.T @ R @ T.R, (t + R @ T.t - T.t) @ T.R
+        return tuple(Pose("left", "left", orthonormal(a), b) for a, b in zip(moved, way, strict=True))
+
+    def observe(
+        self, time_s: float, detections: Sequence[Sequence[Detection]], carried: Sequence[Pose] = ()
+    ) -> TrackedPose:
+        """Pose at ``time_s``; every list of detections may be empty.
+
+        Args:
+            carried: of cameras that expose at other times, as of :meth:`carried`; empty: all expose at ``time_s``.
+        """
         if self._time is None:
-            return self._start(time_s, detections)
+            return self._start(time_s, detections, carried)
         if time_s > self._time:
             self.wheels.forget(self._time)
             self._x, F, Q = self.wheels.step(self._x, self._time, time_s)
             self._P = F @ self._P @ F.T + Q
             self._lasting.predict(F)
             self._time = time_s
-        seen = Correspondences.of_rig(detections, self._rig, self._map, self._floor_px)
+        seen = Correspondences.of_rig(detections, self._rig, self._map, self._floor_px, carried)
         outliers: tuple[LandmarkId, ...] = tuple(sorted(seen.twice))
         nis, nis_dof = 0.0, 0
         if len(seen):
@@ -114,14 +127,16 @@ class RigFilter:
             outliers = tuple(sorted({*outliers, *seen.ids_of(~used)}))
             self._doubts = 0 if used.any() else self._doubts + 1
             if self._doubts >= DOUBTS:
-                again = self._start(time_s, detections)
+                again = self._start(time_s, detections, carried)
                 if again.state is not None:
                     return again
         return self._pose(time_s, outliers, False, nis, nis_dof)
 
-    def _start(self, time_s: float, detections: Sequence[Sequence[Detection]]) -> TrackedPose:
+    def _start(
+        self, time_s: float, detections: Sequence[Sequence[Detection]], carried: Sequence[Pose]
+    ) -> TrackedPose:
         options = LocateOptions(prior=self._prior, corner_floor_px=self._floor_px)
-        found = locate_rig(detections, self._rig, self._map, options)
+        found = locate_rig(detections, self._rig, self._map, options, carried)
         C = found.covariance_at(self._T.inverse())
         if found.status != PoseStatus.OK or found.T_map_camera is None or C is None:
             return TrackedPose(time_s, PoseStatus.LOST, None, None)
@@ -133,7 +148,7 @@ class RigFilter:
         self._P = np.zeros((STATES, STATES))
         self._P[3:, 3:] = own[1]
         self._P[:3, :3] = C[PLANAR[:, None], PLANAR]
-        seen = Correspondences.of_rig(detections, self._rig, self._map, self._floor_px)
+        seen = Correspondences.of_rig(detections, self._rig, self._map, self._floor_px, carried)
         fit = np.array([landmark.id not in found.outliers for landmark in seen.landmarks])
         pulls = seen.pulls(found.T_map_camera.R, found.T_map_camera.t, fit)
         self._lasting.start(pulls.through(self._state_by_pull(found)))

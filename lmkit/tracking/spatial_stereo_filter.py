@@ -105,14 +105,27 @@ class PoseFilter:
         """Add a pose of odometry, in its own frame that drifts."""
         self._rows.append((time_s, T_odometry_base.t, T_odometry_base.quaternion_xyzw))
 
-    def observe(self, time_s: float, detections: Sequence[Sequence[Detection]]) -> SpacePose:
-        """Pose of the left camera at ``time_s``; every list of detections may be empty."""
+    def carried(self, time_s: float, then_s: Sequence[float]) -> tuple[Pose, ...]:
+        """T_left_left: how the rig moves, by the odometry given so far, from ``time_s`` to each of other times."""
+        motion, T = self._motion(time_s)[0], self._T
+        R, t = motion.between(np.full(len(then_s), time_s), np.array(then_s), motion.nominal)
+        moved, way = T.R.T @ R @ T.R, (t + R @ T.t - T.t) @ T.R
+        return tuple(Pose("left", "left", orthonormal(a), b) for a, b in zip(moved, way, strict=True))
+
+    def observe(
+        self, time_s: float, detections: Sequence[Sequence[Detection]], carried: Sequence[Pose] = ()
+    ) -> SpacePose:
+        """Pose of the left camera at ``time_s``; every list of detections may be empty.
+
+        Args:
+            carried: of cameras that expose at other times, as of :meth:`carried`; empty: all expose at ``time_s``.
+        """
         if self._time is None:
-            return self._start(time_s, detections)
+            return self._start(time_s, detections, carried)
         if time_s > self._time:
             self._predict(self._time, time_s)
             self._time = time_s
-        seen = Correspondences.of_rig(detections, self._rig, self._map, self._floor_px)
+        seen = Correspondences.of_rig(detections, self._rig, self._map, self._floor_px, carried)
         outliers, nis, nis_dof = set(seen.twice), 0.0, 0
         if len(seen):
             used, cost = self._update(seen)
@@ -121,7 +134,7 @@ class PoseFilter:
             if used.any():
                 nis, nis_dof = cost, 8 * int(used.sum())
             elif self._doubts >= DOUBTS:
-                again = self._start(time_s, detections)
+                again = self._start(time_s, detections, carried)
                 if again.T_map_left is not None:
                     return again
         return self._pose(time_s, tuple(sorted(outliers)), False, nis, nis_dof)
@@ -139,12 +152,13 @@ class PoseFilter:
             return np.zeros(len(seen), dtype=bool), 0.0
         return used, cost
 
-    def _start(self, time_s: float, detections: Sequence[Sequence[Detection]]) -> SpacePose:
-        found = locate_rig(detections, self._rig, self._map, LocateOptions(corner_floor_px=self._floor_px))
+    def _start(self, time_s: float, detections: Sequence[Sequence[Detection]], carried: Sequence[Pose]) -> SpacePose:
+        options = LocateOptions(corner_floor_px=self._floor_px)
+        found = locate_rig(detections, self._rig, self._map, options, carried)
         if found.status != PoseStatus.OK or found.T_map_camera is None or found.covariance is None:
             return SpacePose(time_s, PoseStatus.LOST, None, None)
         self._R, self._p, self._P = found.T_map_camera.R, found.T_map_camera.t, found.covariance
-        seen = Correspondences.of_rig(detections, self._rig, self._map, self._floor_px)
+        seen = Correspondences.of_rig(detections, self._rig, self._map, self._floor_px, carried)
         fit = np.array([landmark.id not in found.outliers for landmark in seen.landmarks])
         self._lasting.start(seen.pulls(self._R, self._p, fit).through(self._P))
         self._time, self._doubts = time_s, 0
@@ -172,14 +186,19 @@ class PoseFilter:
         self._lasting.predict(F)
         self._R, self._p = orthonormal(later @ self._T.R), self._p + step.way
 
-    def _step(self, before_s: float, time_s: float) -> _Step:
-        """Motion between two times, as odometry has it."""
+    def _motion(self, before_s: float) -> tuple[PoseMotion, bool]:
+        """Motion by the rows so far, and whether there are too few."""
         rows = list(self._rows)
         unknown = len(rows) < 2
         if unknown:  # nothing is known of how it moved
             rows = [(before_s - ago, np.zeros(3), np.array([0.0, 0.0, 0.0, 1.0])) for ago in (2.0, 1.0)]
         poses = ahead(Trajectory(*(np.array(column) for column in zip(*rows, strict=True))), AHEAD_S)
-        motion, times = PoseMotion(poses, self._noise), np.array([before_s, time_s])
+        return PoseMotion(poses, self._noise), unknown
+
+    def _step(self, before_s: float, time_s: float) -> _Step:
+        """Motion between two times, as odometry has it."""
+        motion, unknown = self._motion(before_s)
+        times = np.array([before_s, time_s])
         # From where it was taken to be then, so that what was foretold wrongly is made good.
         R, p = motion.at(times)
         if self._taken is not None:

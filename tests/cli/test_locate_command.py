@@ -10,6 +10,8 @@ import cv2
 import numpy as np
 import pytest
 
+from lmkit.cli.locate_sources import warn_of_clocks
+from lmkit.geometry.rig import with_time_offsets
 from lmkit.io.landmark_map import map_to_yaml
 from lmkit.io.rig import rig_to_yaml
 from lmkit.io.trajectory import read_trajectory
@@ -18,6 +20,7 @@ from lmkit.model.landmark import LM8
 from lmkit.pipelines.locate_images import Located
 from lmkit.pipelines.locate_results import LocateResults
 from lmkit.simulation.dataset import make_dataset, render_images
+from lmkit.simulation.scene import make_rig
 
 
 @pytest.fixture(scope="module")
@@ -60,6 +63,14 @@ def test_all_that_it_writes(lmkit, room, tmp_path):
     words = "".join(drawn.itertext())
     assert all(str(landmark.code) in words for landmark in data.scene.landmarks)
     assert len(list((tmp_path / "shown").iterdir())) == 2
+
+
+def test_cameras_that_do_not_expose_together_are_named(capsys):
+    rig = make_rig()
+    for offsets, sources, words in (([0.08], 2, ["right +80.0 ms", "lmkit track"]), ([0.08], 1, []), ([0.0], 2, [])):
+        warn_of_clocks([["image.png"] * sources], with_time_offsets(rig, offsets))
+        said = capsys.readouterr().err
+        assert all(word in said for word in words) and bool(said) == bool(words)
 
 
 def test_a_trajectory_has_no_doubtful_poses(room, tmp_path):

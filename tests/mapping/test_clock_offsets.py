@@ -6,6 +6,9 @@ import pytest
 from lmkit.demos.five_cameras import ring_of_cameras
 from lmkit.errors import InputError
 from lmkit.geometry.rig import Rig, with_time_offsets
+from lmkit.live.frame_group import FrameGroup
+from lmkit.live.loop import LiveLoop, LoopSettings
+from lmkit.live.motion import GYRO, WHEELS, MotionRow
 from lmkit.mapping.clock_offsets import find_clock_offsets
 from lmkit.odometry.wheel_odometry import MotionModel
 from lmkit.simulation.recording import make_drive
@@ -63,6 +66,33 @@ def test_a_filter_takes_every_exposure_at_its_time(rig, drive):
     tracked = track_images_live(drive.frames, timed, drive.landmarks, drive.odometry, drive.gyro)
     assert set(tracked.times_s) <= set(drive.times_s)
     assert np.sqrt(np.mean(errors_mm(tracked, drive)[10:] ** 2)) < 8
+
+
+def live_rows(drive, before_s, until_s):
+    """Rows of the wheels and the gyro in an interval."""
+    o, g = drive.odometry, drive.gyro
+    rows = [MotionRow(WHEELS, *row) for row in zip(o.times_s, zip(o.forward_m, o.turn_rad, strict=True), strict=True)]
+    rows += [MotionRow(GYRO, t, (rate,)) for t, rate in zip(g.times_s, g.rate_radps, strict=True)]
+    return tuple(sorted((r for r in rows if before_s < r.time_s <= until_s), key=lambda row: row.time_s))
+
+
+def live_errors_mm(rig, drive, motion):
+    """Errors of the poses of a live run."""
+    loop, before, errors = LiveLoop(rig, drive.landmarks, LoopSettings(motion=motion)), -1.0, []
+    for frame, truth in zip(drive.frames, drive.truth, strict=True):
+        rows = live_rows(drive, before, frame.time_s) if motion == WHEELS else ()
+        group = FrameGroup(frame.time_s, (None,) * 3, (frame.time_s,) * 3, rows, seen=frame.seen)
+        state, before = loop.step(group), frame.time_s
+        if state.T_map_base is not None:
+            errors.append(1000 * np.linalg.norm(state.T_map_base.t[:2] - truth[:2]))
+    return np.array(errors[5:])
+
+
+@pytest.mark.parametrize(("motion", "most_mm"), [(WHEELS, 8), ("none", 15)])
+def test_a_live_run_takes_every_exposure_at_its_time(rig, drive, motion, most_mm):
+    errors = live_errors_mm(with_time_offsets(rig, OFFSETS_S), drive, motion)
+    assert len(errors) > 0.6 * len(drive.frames)
+    assert np.sqrt(np.mean(errors**2)) < most_mm
 
 
 def test_one_camera_has_one_clock(rig, drive, motion):

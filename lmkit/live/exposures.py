@@ -1,0 +1,37 @@
+"""When the cameras of a rig expose, and how the rig has moved by then."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from lmkit.geometry.pose import Pose
+from lmkit.geometry.rig import AnyRig, mounted_cameras
+from lmkit.live.estimators import Estimator
+from lmkit.mapping.carried_cameras import TOGETHER_S as EXACT_S
+
+TOGETHER_S = 0.02  # stamps of arrival that differ by less are of one exposure: transport takes as much
+MOST_APART_S = 0.1  # older images are of another frame
+
+
+class Exposures:
+    """Times of exposure by the images' stamps and the offsets of the rig file."""
+
+    def __init__(self, rig: AnyRig) -> None:
+        self._offsets = [camera.time_offset_s for camera in mounted_cameras(rig)]
+
+    def carried(
+        self, time_s: float, stamps_s: Sequence[float], estimator: Estimator
+    ) -> tuple[tuple[Pose, ...], frozenset[int]]:
+        """Motion of the rig until each camera exposes, T_left_left; empty where all expose at ``time_s``.
+
+        And the cameras that must be left out, since nothing says how the rig moved.
+        """
+        late = [
+            (0.0 if abs(stamp - time_s) < TOGETHER_S else stamp - time_s) + offset
+            for stamp, offset in zip(stamps_s, self._offsets, strict=True)
+        ]
+        apart = frozenset(k for k, seconds in enumerate(late) if abs(seconds) >= EXACT_S)
+        if not apart:
+            return (), apart
+        moved = estimator.carried(time_s, [time_s + seconds for seconds in late])
+        return ((), apart) if moved is None else (moved, frozenset())
