@@ -1,11 +1,12 @@
 """Whether poses from images lie in the 95 % ellipsoids that `lmkit locate` states, by kinds of cameras.
 
-    uv run --extra benchmark python benchmarks/pose_intervals.py [--images 80] [--reported] [--stretch-px 0.1]
+    uv run --extra benchmark python benchmarks/pose_intervals.py
+        [--images 80] [--first 0] [--reported] [--growth 1.75]
 
 Simulated stereo images of one to three landmarks, 0.8 to 4 m, up to 50 deg aside, by cameras of `TRAINING_KINDS`,
 each kind as often as the others, or, with `--reported`, by those of `HELD_OUT_KINDS`.  Lenses and map are exact; hard
 shadows, motion, defocus, dim or colored light and a veil trouble every camera with a chance of 30 % each.
-`--stretch-px` takes the place of `registration.STRETCH_PX`.
+`--growth` takes the place of `registration.GROWTH`; `--first` is the first seed.
 """
 
 from __future__ import annotations
@@ -99,11 +100,12 @@ def main() -> None:
     parser = argparse.ArgumentParser()
     parser.add_argument("--images", type=int, default=80, help="pairs by each kind of camera")
     parser.add_argument("--reported", action="store_true")
-    parser.add_argument("--stretch-px", type=float, default=registration.STRETCH_PX)
+    parser.add_argument("--growth", type=float, default=registration.GROWTH)
+    parser.add_argument("--first", type=int, default=0, help="seed")
     options = parser.parse_args()
-    fit_steps.STRETCH_PX = registration.STRETCH_PX = options.stretch_px
+    fit_steps.GROWTH = registration.GROWTH = options.growth
     kinds = HELD_OUT_KINDS if options.reported else tuple(dict.fromkeys(TRAINING_KINDS))
-    found = [locate(kind, seed) for seed in range(options.images) for kind in kinds]
+    found = [locate(kind, seed) for seed in range(options.first, options.first + options.images) for kind in kinds]
     print("| | located | place in its ellipsoid, % | turn | both | middle over expected | error, mm |")
     print("|---|---|---|---|---|---|---|")
     for kind in kinds:

@@ -15,12 +15,15 @@ from lmkit.detection.pixel_sampling import EDGE_BAND_PX, LEAST_PIXELS, NEAR_SHAR
 from lmkit.detection.registration import (
     DISTORTION_PRIOR,
     FEW_EDGES_PX,
+    FULL_PX,
+    GROWTH,
+    LEAST_ERROR_PX,
     LIMITS,
     MIXED_PIXEL_PRIOR,
-    MODEL_ERROR_PX,
     MOSAIC_PX,
     SHADING_PRIOR,
-    STRETCH_PX,
+    STRETCH,
+    USUAL_SIDE_PX,
     PatternRegistration,
 )
 from lmkit.kernels import landmark_fit
@@ -135,5 +138,5 @@ def _rules(family: LandmarkFamily, pixels: int) -> FitRules:
         promising,
         Settled(decoding.SETTLED_CODE_MARGIN, decoding.SETTLED_TURN_MARGIN, decoding.SETTLED_CLEAR),
         START,
-        CornerErrors(MODEL_ERROR_PX, FEW_EDGES_PX, MOSAIC_PX, STRETCH_PX),
+        CornerErrors(LEAST_ERROR_PX, FEW_EDGES_PX, MOSAIC_PX, GROWTH, FULL_PX, USUAL_SIDE_PX, STRETCH),
     )

@@ -33,17 +33,20 @@ from lmkit.model.landmark import LandmarkFamily
 
 MIN_SPREAD = 0.04  # px^2, for images sharper than any lens, such as rasterized pages
 DISTORTION_PRIOR = 0.12  # standard deviation of the radial distortion, relative at half the image's width
-# What demosaicing, sharpening and JPEG do that no part of the model knows, per coordinate, whatever the landmark.
-MODEL_ERROR_PX = 0.035
-# Sharpening, noise reduction and tone move the edges of a landmark together: it comes out larger, wider or sheared,
-# by so many px over its eight coordinates.  From simulated cameras of four kinds (benchmarks/pose_intervals.py).
-STRETCH_PX = 0.1
 # The mosaic errs along edges, and few pixels of edge do not even that out: the variance that the residuals show is
 # too small by 1 + aligned (this / side)^2, where `aligned` says how far the sides follow rows and columns.  From
 # simulated images with sides of 14 to 70 px, turned by 0 to 45 deg (benchmarks/corners.py).  Without a mosaic, errors
 # and residuals both fall to a fifth.  Lenses and paper come on top (`CORNER_FLOOR_PX`).
 FEW_EDGES_PX = 30.0
 MOSAIC_PX = 2.0  # period of the colors: an edge that crosses several periods meets all of them
+# Residuals are noise, which averages out over many pixels, and what sharpening, noise reduction, tone and JPEG
+# do to its edges, which does not.  The larger the scatter sigma of corners that residuals let expect, and the larger
+# the landmark, the more of it is of that kind: the variance is
+# GROWTH min(sigma / FULL_PX, 1) (side / USUAL_SIDE_PX)^(1/4) times as large.  Edges move together, so that a landmark
+# comes out wider or higher, by STRETCH sigma over its eight coordinates.  Fitted by likelihood on simulated cameras
+# of four kinds (`TRAINING_KINDS`; decision 36), and enlarged by 1.2, so that 95 % of poses are inside.
+GROWTH, FULL_PX, USUAL_SIDE_PX, STRETCH = 1.75, 0.08, 40.0, 1.1
+LEAST_ERROR_PX = 0.005
 MIXED_PIXEL_PRIOR = 0.1  # standard deviation of the mixed-pixel bias
 SHADING_PRIOR = 0.05  # standard deviation of the relative change of light over half the side
 SHADOW_ROOM_PX = 8  # around the pixels in use, since the fit still moves
@@ -153,7 +156,7 @@ class DrawingFit:
         covariance = J @ inverse[:12, :12] @ J.T
         few_edges = aligned_with_mosaic(corners) * (FEW_EDGES_PX / mean_side(corners)) ** 2
         covariance *= self._error * CORRELATED_PIXELS * self.channel_repeats * (1 + few_edges)
-        return corners, covariance + MODEL_ERROR_PX**2 * np.eye(8) + STRETCH_PX**2 * stretches_of(corners)
+        return corners, with_processing(corners, covariance)
 
     def _seen_corners(self, fit_distortion: bool) -> tuple[FloatArray, FloatArray]:
         """(4,2) corners in the image, and (8,12) their slopes with the beginning of the state."""
@@ -187,11 +190,20 @@ class DrawingFit:
         return Priors(RIDGE, DISTORTION_PRIOR, SHADING_PRIOR, MIXED_PIXEL_PRIOR, self.samples.prior_weight)
 
 
+def with_processing(corners: FloatArray, scatter: FloatArray) -> FloatArray:
+    """(8,8) covariance of (4,2) corners from the one that residuals let expect: with the camera's processing."""
+    variance = float(np.trace(scatter)) / 8
+    full, larger = min(np.sqrt(variance) / FULL_PX, 1.0), np.sqrt(np.sqrt(mean_side(corners) / USUAL_SIDE_PX))
+    grown = scatter + STRETCH**2 * variance * stretches_of(corners)
+    return np.asarray(GROWTH * full * larger * grown + LEAST_ERROR_PX**2 * np.eye(8))
+
+
 def stretches_of(corners: FloatArray) -> FloatArray:
-    """(8,8) outer products of the unit moves of (4,2) corners that make them larger, wider and sheared."""
+    """(8,8) outer products of the moves that make (4,2) corners wider and higher; their trace is 2."""
     x, y = (corners - corners.mean(axis=0)).T
-    moves = np.array([np.column_stack(move).ravel() for move in ((x, y), (x, -y), (y, x))])
-    return np.asarray(moves.T @ moves / (x @ x + y @ y))
+    zero = np.zeros(4)
+    moves = np.array([np.column_stack(move).ravel() for move in ((x, zero), (zero, y))])
+    return np.asarray(2 * moves.T @ moves / (x @ x + y @ y))
 
 
 def blur_of(state: FloatArray) -> float:

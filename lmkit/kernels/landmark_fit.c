@@ -39,7 +39,7 @@ typedef struct {
     double correlated, turn_margin, pattern, red_over_blue, least_contrast, most_contrast;
     double settled_code, settled_turn, settled_clear;           /* margins once the code stands */
     double least_blur, blur_share, blurred_side; /* where a fit begins */
-    double model_error, few_edges, mosaic, stretch; /* of the corners, px */
+    double least_error, few_edges, mosaic, growth, full, usual_side, stretch; /* of the corners, px */
 } Fit;
 
 /* Pixels in use, planes of n values, and room for the kernels. */
@@ -227,27 +227,26 @@ static void seen_corners(const Fit *f, const double *view, const double *state, 
     }
 }
 
-/* The error of drawing a landmark larger, wider or sheared, so many px over all corners. */
-static void add_stretches(const double *corners, double stretch, double *covariance)
+/* From the covariance that residuals let expect to the one with the camera's processing, which makes landmarks wider
+ * and higher (registration.py: with_processing). */
+static void add_processing(const Fit *f, const double *corners, double side, double *covariance)
 {
-    double x[4], y[4], mx = 0.0, my = 0.0, length = 0.0;
-    for (int k = 0; k < 4; k++) {
-        mx += 0.25 * corners[2 * k];
-        my += 0.25 * corners[2 * k + 1];
+    double offset[CORNERS], middle[2] = {0.0, 0.0}, length = 0.0, variance = 0.0;
+    for (int i = 0; i < CORNERS; i++) {
+        middle[i % 2] += 0.25 * corners[i];
+        variance += covariance[CORNERS * i + i] / CORNERS;
     }
-    for (int k = 0; k < 4; k++) {
-        x[k] = corners[2 * k] - mx;
-        y[k] = corners[2 * k + 1] - my;
-        length += x[k] * x[k] + y[k] * y[k];
+    for (int i = 0; i < CORNERS; i++) {
+        offset[i] = corners[i] - middle[i % 2];
+        length += offset[i] * offset[i];
     }
-    const double weight = stretch * stretch / length;
-    for (int i = 0; i < 4; i++)
-        for (int j = 0; j < 4; j++) {
-            double *at = covariance + 2 * CORNERS * i + 2 * j;
-            at[0] += weight * (2.0 * x[i] * x[j] + y[i] * y[j]);
-            at[1] += weight * y[i] * x[j];
-            at[CORNERS] += weight * x[i] * y[j];
-            at[CORNERS + 1] += weight * (2.0 * y[i] * y[j] + x[i] * x[j]);
+    const double growth = f->growth * fmin(sqrt(variance) / f->full, 1.0) * sqrt(sqrt(side / f->usual_side));
+    const double weight = 2.0 * f->stretch * f->stretch * variance / length;
+    for (int i = 0; i < CORNERS; i++)
+        for (int j = 0; j < CORNERS; j++) {
+            const double stretch = (i - j) % 2 ? 0.0 : weight * offset[i] * offset[j];
+            double *at = covariance + CORNERS * i + j;
+            *at = growth * (*at + stretch) + (i == j ? f->least_error * f->least_error : 0.0);
         }
 }
 
@@ -269,15 +268,15 @@ static int place_corners(const Fit *f, const double *view, const double *state, 
         double far = (dx < dy ? dx : dy) / f->mosaic;
         aligned += 0.25 / (1.0 + far * far);
     }
-    const double few = f->few_edges / side_of(corners), scale = error * f->correlated * (1.0 + aligned * few * few);
+    const double side = side_of(corners), few = f->few_edges / side, scale = error * f->correlated * (1.0 + aligned * few * few);
     for (int i = 0; i < CORNERS; i++)
         for (int j = 0; j < CORNERS; j++) {
             double sum = 0.0;
             for (int k = 0; k < STATE; k++)
                 sum += half[i][k] * half[j][k];
-            covariance[CORNERS * i + j] = scale * sum + (i == j ? f->model_error * f->model_error : 0.0);
+            covariance[CORNERS * i + j] = scale * sum;
         }
-    add_stretches(corners, f->stretch, covariance);
+    add_processing(f, corners, side, covariance);
     return 1;
 }
 

@@ -58,12 +58,22 @@ class Start(NamedTuple):
 
 
 class CornerErrors(NamedTuple):
-    """Errors of corners that residuals do not show, px: what no model knows, side at which few edges count as much as
-    all else, period of the color mosaic, each of three stretches."""
+    """Errors of corners that residuals do not show, px.
 
-    model: float
+    Attributes:
+        least: of every coordinate, whatever residuals say.
+        few_edges: side at which few edges count as much as all else.
+        mosaic: period of the color mosaic.
+        growth, full, usual_side: factor of the variance, from a scatter on, for a side at which it is that.
+        stretch: of width and height, as a share of the scatter.
+    """
+
+    least: float
     few_edges: float
     mosaic: float
+    growth: float
+    full: float
+    usual_side: float
     stretch: float
 
 
@@ -141,7 +151,7 @@ class _Fit(ctypes.Structure):
         ("promising", ctypes.c_double * 6),
         ("settled", ctypes.c_double * 3),
         ("start", ctypes.c_double * 3),
-        ("errors", ctypes.c_double * 4),
+        ("errors", ctypes.c_double * 7),
     )
 
 
