@@ -4,14 +4,13 @@ from __future__ import annotations
 
 import io
 from collections.abc import Iterable
-from functools import lru_cache
 
 from reportlab import rl_config
 from reportlab.lib.colors import CMYKColorSep
 from reportlab.pdfgen.canvas import Canvas
 from reportlab.pdfgen.pathobject import PDFPathObject
 
-from lmkit.generation.artwork import Command, FilledPath
+from lmkit.generation.artwork import FilledPath
 from lmkit.generation.page import Box, Page, Text
 from lmkit.model.palette import BLACK, BLUE, RED, Rgb
 from lmkit.units import POINTS_PER_MM
@@ -21,6 +20,7 @@ rl_config.useA85 = 0  # pages as they are compressed: a fifth smaller than as te
 
 # The usual process recipes of the two inks; other colors are converted plainly.
 CMYK = {RED: (0.0, 1.0, 1.0, 0.0), BLUE: (1.0, 0.75, 0.0, 0.0), BLACK: (0.0, 0.0, 0.0, 1.0)}
+Item = FilledPath | Text
 CUT_CONTOUR = CMYKColorSep(0, 1, 0, 0, spotName="CutContour", density=1)
 
 
@@ -41,6 +41,7 @@ def pages_to_pdf(pages: Iterable[Page], title: str, keywords: str = "", cmyk: bo
     canvas.setSubject("Print at 100 %, without scaling")
     canvas.setKeywords(keywords)
     canvas.setViewerPreference("PrintScaling", "None")
+    drawn: dict[Item, list[str]] = {}
     for page in pages:
         width, height = (length * POINTS_PER_MM for length in page.size_mm)
         canvas.setPageSize((width, height))
@@ -53,16 +54,27 @@ def pages_to_pdf(pages: Iterable[Page], title: str, keywords: str = "", cmyk: bo
             canvas.saveState()
             _clip(canvas, page.window)
             for shape in page.windowed:
-                _draw_path(canvas, shape, cmyk)
+                _draw(canvas, shape, cmyk, drawn)
             canvas.restoreState()
         for item in page.items:
-            if isinstance(item, Text):
-                _draw_text(canvas, item, cmyk)
-            else:
-                _draw_path(canvas, item, cmyk)
+            _draw(canvas, item, cmyk, drawn)
         canvas.showPage()
     canvas.save()
     return buffer.getvalue()
+
+
+def _draw(canvas: Canvas, item: Item, cmyk: bool, drawn: dict[Item, list[str]]) -> None:
+    """Draw an item, or take over what it was drawn by before: sheets of a set share rulers, marks and most texts."""
+    known = drawn.get(item)
+    if known is not None:
+        canvas._code.extend(known)
+        return
+    first = len(canvas._code)
+    if isinstance(item, Text):
+        _draw_text(canvas, item, cmyk)
+    else:
+        _draw_path(canvas, item, cmyk)
+    drawn[item] = canvas._code[first:]
 
 
 def _clip(canvas: Canvas, window: Box) -> None:
@@ -83,24 +95,16 @@ def _set_fill(canvas: Canvas, color: Rgb, cmyk: bool) -> None:
 
 
 def _draw_path(canvas: Canvas, shape: FilledPath, cmyk: bool) -> None:
-    path = PDFPathObject(list(_operators(shape.commands)))
+    path = PDFPathObject([])
+    for name, *points in shape.commands:
+        flat = [coordinate for point in points for coordinate in point]
+        method = {"M": "moveTo", "L": "lineTo", "C": "curveTo", "Z": "close"}[name]
+        getattr(path, method)(*flat)
     if shape.role == "cut":
         canvas.setFillColor(CUT_CONTOUR)
     else:
         _set_fill(canvas, shape.color, cmyk)
     canvas.drawPath(path, stroke=0, fill=1, fillMode=0)
-
-
-@lru_cache(maxsize=4096)  # sheets of a set share their rulers and marks
-def _operators(commands: tuple[Command, ...]) -> tuple[str, ...]:
-    """Operators of a path in the page's content, as reportlab writes them."""
-    code: list[str] = []
-    path = PDFPathObject(code)
-    for name, *points in commands:
-        flat = [coordinate for point in points for coordinate in point]
-        method = {"M": "moveTo", "L": "lineTo", "C": "curveTo", "Z": "close"}[name]
-        getattr(path, method)(*flat)
-    return tuple(code)
 
 
 def _draw_text(canvas: Canvas, text: Text, cmyk: bool) -> None:

@@ -16,11 +16,11 @@ def raster_page(page: pypdfium2.PdfPage, dpi: float, finer: int = 2) -> tuple[By
     The renderer smooths edges in code values, which makes dark shapes grow by a fraction of a pixel;
     drawing ``finer`` times as fine and averaging light leaves half a fine pixel of that at most.
     """
-    rgb = np.asarray(page.render(scale=finer * dpi / 72).to_pil().convert("RGB"))
-    height, width = rgb.shape[0] // finer, rgb.shape[1] // finer
-    light = cv2.LUT(rgb[: finer * height, : finer * width], SRGB_TO_LINEAR)
+    drawn = page.render(scale=finer * dpi / 72).to_numpy()  # (H,W,3) BGR
+    height, width = drawn.shape[0] // finer, drawn.shape[1] // finer
+    light = cv2.LUT(drawn[: finer * height, : finer * width], SRGB_TO_LINEAR)
     mean = np.asarray(cv2.resize(light, (width, height), interpolation=cv2.INTER_AREA), dtype=np.float32)
     # The page is drawn into whole pixels, which stretches it by up to one.
     points = page.get_size()
-    exact = (rgb.shape[1] / finer / points[0] * 72, rgb.shape[0] / finer / points[1] * 72)
-    return np.ascontiguousarray(np.round(linear_to_srgb(mean) * 255).astype(np.uint8)[:, :, ::-1]), exact
+    exact = (drawn.shape[1] / finer / points[0] * 72, drawn.shape[0] / finer / points[1] * 72)
+    return np.round(linear_to_srgb(mean) * 255).astype(np.uint8), exact
