@@ -170,6 +170,7 @@ class BundleProblem:
         # Of the shared unknowns, before the landmarks.
         self.own = len(self.parameters) + self.relations.unknowns
         self.motion_scale = np.ones(6)
+        self.noise = 1.0  # factor of the observations' variances; set where covariances are stated
         self.may_slip = True
         self.shared = self.own + (0 if landmarks_fixed else 6 * len(self.mapped))
         T = rig.T_base_left
@@ -385,6 +386,8 @@ class BundleProblem:
     def _add_observations(self, equations: ChainEquations) -> float:
         """Add the observations of every camera: on poses, landmarks and the cameras' relations; their cost."""
         e, bundle, cost = equations, self._correspondences(), 0.0
+        if self.noise != 1.0:
+            bundle = replace(bundle, whitener=bundle.whitener / np.sqrt(self.noise))
         last = len(self.relations.t) - 1
         for camera in range(last, -1, -1):
             used = self.used & (self.seen.camera == camera)

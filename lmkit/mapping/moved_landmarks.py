@@ -28,8 +28,6 @@ from lmkit.optim.information_sum import unknowns_of
 
 LEVEL = 0.01  # probability that any landmark of a survey is called moved though nobody touched it
 LEAST_SEEN = 3  # observations of a landmark by a recording that says it was moved
-NEIGHBORS_S = 2.0  # between images that follow each other
-MOST_ALIKE = 0.95  # correlation
 STILL_M, STILL_RAD = 0.002, np.deg2rad(0.3)  # how still a landmark is that nobody moved
 
 
@@ -70,7 +68,7 @@ def split_tests(
     Args:
         joint: adjusted; its first problems are ``problems``.
         usable: (S,) of each recording: observations that it believes on its own.
-        noise: factor of all variances (:func:`noise_factor`).
+        noise: factor of all variances (`observation_noise.py`).
     """
     parts = joint.information()
     total = joint.sum_of_information(parts)
@@ -124,29 +122,3 @@ def _drop(part: LandmarkInformation, row: int, H: FloatArray, b: FloatArray, row
         return float(e @ np.linalg.solve(noise * np.linalg.inv(S) + still(), e))
     except np.linalg.LinAlgError:
         return 0.0
-
-
-def noise_factor(problems: Sequence[BundleProblem]) -> float:
-    """Factor by which observations err more than they state, in variance; 1 at least.
-
-    Errors of one landmark in consecutive images are alike on real cameras, since lenses, blur and light are.  N
-    observations whose neighbors correlate by rho count as N (1 - rho) / (1 + rho): a first-order autoregression.
-    """
-    squared, across, within = 0.0, 0.0, 0.0
-    count = 0
-    for problem in problems:
-        errors, seen = problem.whitened_errors(), problem.seen
-        order = np.lexsort((seen.at, seen.camera, seen.of))
-        order = order[problem.used[order]]
-        squared += float((errors[order] ** 2).sum())
-        count += errors[order].size
-        a, b = order[:-1], order[1:]
-        alike = (seen.of[a] == seen.of[b]) & (seen.camera[a] == seen.camera[b])
-        alike &= problem.times[seen.at[b]] - problem.times[seen.at[a]] < NEIGHBORS_S
-        a, b = a[alike], b[alike]
-        across += float((errors[a] * errors[b]).sum())
-        within += float((errors[a] ** 2 + errors[b] ** 2).sum()) / 2
-    if not count:
-        return 1.0
-    rho = min(max(across / within, 0.0), MOST_ALIKE) if within else 0.0
-    return max(1.0, squared / count * (1 + rho) / (1 - rho))

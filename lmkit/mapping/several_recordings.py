@@ -26,7 +26,8 @@ from lmkit.geometry.rotations import orthonormal, rotation_log
 from lmkit.mapping.bundle_adjustment import Anchor, BundleProblem
 from lmkit.mapping.joint_adjustment import JointProblem, recording_information
 from lmkit.mapping.joint_survey import JointSurvey, MovedLandmark
-from lmkit.mapping.moved_landmarks import moved_threshold, noise_factor, split_tests, still
+from lmkit.mapping.moved_landmarks import moved_threshold, split_tests, still
+from lmkit.mapping.observation_noise import noise_factor
 from lmkit.mapping.recording_group import LoneSurvey, RecordingGroup, Version, join_recordings
 from lmkit.mapping.survey import (
     OUTLIER_SIGMA,
@@ -349,7 +350,9 @@ class _Joint:
         return float(d @ np.linalg.solve(self.noise * both + still(), d))
 
     def results(self, left_out: Mapping[str, str]) -> JointSurvey:
-        """Map, recordings and what to check."""
+        """Map, recordings and what to check; covariances by what the observations err, which splitting knows."""
+        for problem in self.problems:
+            problem.noise = noise_factor([problem])
         C, spreads = self.joint.covariance(), self._spreads()
         surveys, information = [], []
         for one, rows in zip(self.group.lone, self.group.rows(), strict=True):

@@ -23,6 +23,7 @@ from lmkit.geometry.rotations import orthonormal
 from lmkit.mapping.bundle_adjustment import Anchor, Bundle, BundleProblem
 from lmkit.mapping.carried_cameras import are_synchronous, split_by_exposure, synchronous
 from lmkit.mapping.initialization import Start, find_start
+from lmkit.mapping.observation_noise import noise_factor
 from lmkit.mapping.pose_ambiguity import resolve_pose_ambiguities
 from lmkit.mapping.survey_results import ContradictedLandmark, Survey, deviations
 from lmkit.mapping.wall_constraints import LandmarkConstraint, strays
@@ -150,7 +151,9 @@ def survey_of(
         known: (6L,6L) information on the landmarks from elsewhere, such as other recordings.
     """
     start, problem = solved.start, solved.problem
+    problem.noise = noise_factor([problem])
     bundle = problem.answer(OUTLIER_SIGMA, solved.undecided, known)
+    problem.noise = 1.0
     mapped = {m.id for m in problem.mapped}
     # A landmark that is mounted where none of its observations has it was started wrong.
     fitting = bundle.of[bundle.residuals < OUTLIER_SIGMA].tolist()

@@ -7,7 +7,7 @@ import pytest
 
 from lmkit.geometry.pose_array import PoseArray
 from lmkit.mapping.bundle_adjustment import Anchor, BundleProblem
-from lmkit.mapping.moved_landmarks import noise_factor
+from lmkit.mapping.observation_noise import noise_factor
 from lmkit.mapping.survey import survey_frames
 from lmkit.simulation.recording import make_drive
 from lmkit.simulation.site import turned
@@ -59,10 +59,9 @@ def test_a_rig_file_that_is_hardly_off_hardly_moves_landmarks(drive):
     assert np.median(off) < 0.005
 
 
-@pytest.mark.parametrize(("correlation", "least", "most"), [(0.0, 1.0, 1.3), (0.9, 4.0, 40.0)])
-def test_errors_that_are_alike_in_consecutive_images_count_less(drive, correlation, least, most):
-    rng = np.random.default_rng(5)
-    errors: dict = {}
+def with_alike_errors(drive, correlation):
+    """The recording, with errors of corners that correlate so from one image to the next."""
+    rng, errors = np.random.default_rng(5), {}
 
     def error(key):
         new = rng.normal(0, 0.3, (4, 2))
@@ -76,5 +75,22 @@ def test_errors_that_are_alike_in_consecutive_images_count_less(drive, correlati
         ]
         return replace(frame, seen=tuple(seen))
 
-    problem = problem_of(replace(drive, frames=tuple(map(noisy, drive.frames))), drive.rig)
+    return replace(drive, frames=tuple(map(noisy, drive.frames)))
+
+
+@pytest.mark.parametrize(("correlation", "least", "most"), [(0.0, 1.0, 1.3), (0.9, 4.0, 40.0)])
+def test_errors_that_are_alike_in_consecutive_images_count_less(drive, correlation, least, most):
+    problem = problem_of(with_alike_errors(drive, correlation), drive.rig)
     assert least <= noise_factor([problem]) < most
+
+
+def test_a_map_states_what_errors_that_are_alike_cost(drive):
+    known = {m.id: Anchor(m, None) for m in list(drive.landmarks)[:1]}
+    sizes = {m.id: m.size_m for m in drive.landmarks}
+    independent, alike = (
+        survey_frames(with_alike_errors(drive, correlation).frames, drive.rig, sizes, known).landmarks
+        for correlation in (0.0, 0.9)
+    )
+    shares = [np.trace(m.covariance[:3, :3]) / np.trace(independent.find(m.id).covariance[:3, :3])
+              for m in alike if m.id not in known and independent.find(m.id) is not None]  # fmt: skip
+    assert np.median(shares) > 3
