@@ -65,6 +65,25 @@ def test_upright_corners_err_as_they_say(side_px, bayer):
     assert np.sqrt(np.mean(stated)) < (0.25 if side_px < 20 and bayer else 0.09)
 
 
+def test_corners_of_cameras_that_process_more_err_more_and_say_so():
+    """With one error for all cameras the stated errors differ by a seventh."""
+    nees, stated = [], []
+    for development in (Development(), Development(sharpen=1.5, denoise=0.4, jpeg_quality=85)):
+        squared, variances = [], []
+        for k in range(5):
+            chain = ImagingChain(Lens(0.7), sensor=Sensor(6000, 8, bayer=True), development=development)
+            image, corners = shoot(13 + 19 * k, 30.0 + 6 * k, 12.0 * k, 20.0, chain, seed=k)
+            (found,) = detect_landmarks(image)
+            off = (found.corners - corners).ravel()
+            squared.append(off @ np.linalg.solve(found.covariance, off) / 8)
+            variances.append(np.trace(found.covariance) / 8)
+        nees.append(np.mean(squared))
+        stated.append(np.sqrt(np.mean(variances)))
+    assert max(nees) < 1.7
+    assert min(nees) > 0.2
+    assert stated[1] > 1.3 * stated[0]
+
+
 @pytest.mark.slow
 @LAWS
 @given(st.integers(0, 255), st.floats(20, 100), st.integers(1, 3))
