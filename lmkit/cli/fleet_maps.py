@@ -8,7 +8,17 @@ from typing import Annotated, Any
 import typer
 
 from lmkit.cli import options
-from lmkit.cli.fleet_recordings import Engine, Family, Hz, Retry, Shard, StoreUri, detect_options, show_outcomes
+from lmkit.cli.fleet_recordings import (
+    Engine,
+    Family,
+    Hz,
+    Retry,
+    Shard,
+    StoreUri,
+    detect_options,
+    parse_day,
+    show_outcomes,
+)
 from lmkit.cli.map_options import read_mounted_map
 from lmkit.cli.output import check_outputs, print_json, print_line, progress, write_outputs
 from lmkit.errors import InputError
@@ -26,6 +36,9 @@ def survey(
     known: Annotated[
         Path | None, typer.Option("--known", help="Map of landmarks with known poses; it defines the frame.")
     ] = None,
+    since: Annotated[
+        str, typer.Option("--since", help="First day of the recordings to survey, such as 2026-11-27; with --known.")
+    ] = "",
     engine: Engine = "local",
     family: Family = "lm8",
     hz: Hz = None,
@@ -36,7 +49,7 @@ def survey(
     """Check every rig by the landmarks, and build the map of every site from all of its recordings."""
     from lmkit.fleet.detection import detected_recordings
     from lmkit.fleet.jobs import run_stage
-    from lmkit.fleet.mapping import parts_by_site, survey_site, write_site
+    from lmkit.fleet.mapping import parts_by_site, require_new_recordings, survey_site, write_site
     from lmkit.fleet.rig_checks import STAGE as CHECK
     from lmkit.fleet.rig_checks import bumped_recordings, check_options, check_recording, store_check_options
     from lmkit.fleet.store import Store
@@ -45,11 +58,16 @@ def survey(
     place, size_m = Store(store), parse_length_mm(size, "--size") / 1000
     anchors = None if known is None else read_mounted_map(known)
     detect = detect_options(family, hz)
-    sites = parts_by_site(place, detect)
+    sites = parts_by_site(place, detect, parse_day(since, "--since"))
     if not sites:
+        from_then = f" from {since} on" if since else ""
         raise InputError(
-            "nothing_detected", "no recording was detected with these options", "run lmkit fleet detect with them"
+            "nothing_detected",
+            f"no recording{from_then} was detected with these options",
+            "run lmkit fleet detect with them",
         )
+    if known is not None:
+        require_new_recordings(place, sites, known.read_bytes())
     outputs = {
         site: output if len(sites) == 1 else output.with_stem(f"{output.stem}-{site or 'site'}") for site in sites
     }

@@ -2,16 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from lmkit.cli import options
 from lmkit.cli.output import print_json, print_line, progress
+from lmkit.errors import InputError
 
 if TYPE_CHECKING:
-    from lmkit.fleet.jobs import Outcome
+    from lmkit.fleet.jobs import StageRun
 
 StoreUri = Annotated[
     str, typer.Option("--store", help="Folder or URI (s3://, gs://) for the results of all fleet commands.")
@@ -92,10 +92,24 @@ def detect_options(family: str, hz: float | None, max_bytes: int | None = None) 
     return chosen if max_bytes is None else {**chosen, "max_bytes": max_bytes}
 
 
-def show_outcomes(outcomes: Iterable[Outcome], step: str, as_json: bool) -> None:
+def parse_day(text: str, option: str) -> str:
+    """A day such as 2026-11-27, or none.
+
+    Raises:
+        InputError: not such a text.
+    """
+    from datetime import date
+
+    try:
+        return date.fromisoformat(text).isoformat() if text else ""
+    except ValueError:
+        raise InputError("bad_day", f"{option} '{text}' is not a day", "write it as 2026-11-27") from None
+
+
+def show_outcomes(run: StageRun, step: str, as_json: bool) -> None:
     """One line per failure and a summary, or one JSON object per job."""
     done = failed = 0
-    for outcome in progress(outcomes, None, step):
+    for outcome in progress(run, None, step):
         done, failed = done + outcome.ok, failed + (not outcome.ok)
         if as_json:
             summary = {"recording": outcome.recording, "failure": outcome.failure or None, "seconds": outcome.seconds}
@@ -103,4 +117,5 @@ def show_outcomes(outcomes: Iterable[Outcome], step: str, as_json: bool) -> None
         elif not outcome.ok:
             print_line(f"{outcome.recording}: {outcome.failure}")
     if not as_json:
-        print_line(f"{done} done, {failed} failed")
+        before = f"; {run.failed_before} failed before: --retry runs them again" if run.failed_before else ""
+        print_line(f"{done} done, {failed} failed{before}")

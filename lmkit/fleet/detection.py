@@ -93,7 +93,9 @@ def _fetched(job: StageJob, scratch: Path) -> Path:
     limit = job.options.get("max_bytes")
     if limit is not None and job.recording.bytes > limit:
         raise InputError(
-            "too_large", f"{source} has {job.recording.bytes} bytes, more than {limit}", "raise --max-bytes"
+            "too_large",
+            f"{source} has {job.recording.bytes} bytes, more than {limit}",
+            "raise --max-bytes, with --retry",
         )
     path = Path(source)
     if "://" in source:

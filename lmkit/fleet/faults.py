@@ -218,7 +218,7 @@ def _faded_sentence(reading: Reading, good_day: str) -> str:
     hidden = "see whether something hides it, " if evidence is None else ""
     anew = f"lmkit generate --family {reading.id.family} --code {reading.id.code}"
     advice = f"{hidden}clean it, or print it anew in its size ({anew})"
-    return f"{reading.id} is read worse than until {good_day}: {', '.join(texts)}; {advice}"
+    return f"{reading.id} is read worse than until {good_day}: {' and '.join(texts)}; {advice}"
 
 
 def _of_tracks(tracked: Rows, when: When, explained: set[str]) -> list[Fault]:

@@ -111,6 +111,31 @@ def _row(stage: str, key: str) -> str:
     return f"{stage}/{key}.row.parquet"
 
 
+@dataclass(frozen=True)
+class StageRun:
+    """A run of a stage, which is done while one goes through its outcomes.
+
+    Attributes:
+        jobs: still to do.
+        work: of each.
+        engine: that does it.
+        failed_before: how many failed in an earlier run, and are left alone.
+    """
+
+    jobs: tuple[StageJob, ...]
+    work: StageWork
+    engine: str
+    failed_before: int
+
+    def __iter__(self) -> Iterator[Outcome]:
+        """Outcomes, as the jobs end."""
+        for job, outcome in run_jobs(Guarded(self.work), self.jobs, self.engine):
+            if outcome is None:
+                outcome = Outcome(job.recording.name, DIED)
+                write_outcome(job, outcome)
+            yield outcome
+
+
 def run_stage(
     store: Store,
     stage: str,
@@ -120,8 +145,8 @@ def run_stage(
     shard: str | None = None,
     retry: bool = False,
     recordings: Sequence[FleetRecording] | None = None,
-) -> Iterator[Outcome]:
-    """Outcomes of the jobs that were still to do, as they end.
+) -> StageRun:
+    """A run of the jobs that are still to do.
 
     Args:
         options: everything beside the recording that the results depend on.
@@ -129,21 +154,19 @@ def run_stage(
         retry: run failed jobs again.
 
     Raises:
-        InputError: nothing was scanned, or the engine cannot be had.
+        InputError: nothing was scanned, or no such shard; while it runs, the engine cannot be had.
     """
     chosen = share_of(stored_recordings(store) if recordings is None else recordings, shard)
     keys = [recording.key(stage, options) for recording in chosen]
     before = read_outcomes(store, stage, keys)
+    failed = {key for key, outcome in before.items() if not outcome.ok}
+    done = before.keys() - (failed if retry else ())
     jobs = [
         StageJob(store, recording, stage, key, recording.own_options(options))
         for recording, key in zip(chosen, keys, strict=True)
-        if key not in before or (retry and not before[key].ok)
+        if key not in done
     ]
-    for job, outcome in run_jobs(Guarded(work), jobs, engine):
-        if outcome is None:
-            outcome = Outcome(job.recording.name, DIED)
-            write_outcome(job, outcome)
-        yield outcome
+    return StageRun(tuple(jobs), work, engine, 0 if retry else len(failed))
 
 
 def done_jobs(store: Store, stage: str, options: Mapping[str, Any]) -> list[tuple[FleetRecording, str, Outcome]]:

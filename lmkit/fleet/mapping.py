@@ -13,6 +13,7 @@ from lmkit.errors import InputError
 from lmkit.fleet.detection import STAGE as DETECT
 from lmkit.fleet.detection import parts_of, read_detected
 from lmkit.fleet.engines import run_jobs
+from lmkit.fleet.faults import start_of
 from lmkit.fleet.jobs import DIED, done_jobs
 from lmkit.fleet.parts import READINGS, Part, part_folder
 from lmkit.fleet.store import Store
@@ -24,7 +25,7 @@ from lmkit.mapping.several_recordings import NamedRecording, join_surveys, surve
 from lmkit.mapping.survey import anchors_of, landmark_sizes
 from lmkit.mapping.survey_results import landmark_dict
 from lmkit.model.landmark_id import LandmarkId
-from lmkit.model.landmark_map import LandmarkMap
+from lmkit.model.landmark_map import LandmarkMap, day_of
 from lmkit.model.recording import Odometry
 
 STAGE = "survey"
@@ -71,17 +72,44 @@ class PartSurvey:
         return survey_alone(named, landmark_sizes(recording.frames, self.size_m, self.anchors), self.anchors)
 
 
-def parts_by_site(store: Store, options: Mapping[str, Any]) -> dict[str, list[Part]]:
-    """Parts of the recordings that were detected with these options and saw a landmark, from early to late."""
+def parts_by_site(store: Store, options: Mapping[str, Any], since: str = "") -> dict[str, list[Part]]:
+    """Parts of the recordings that were detected with these options and saw a landmark, from early to late.
+
+    Args:
+        since: first day, such as 2026-11-27; empty: all.
+    """
     found: dict[str, list[tuple[float, list[Part]]]] = {}
     for recording, key, outcome in done_jobs(store, DETECT, options):
-        if outcome.ok and outcome.facts["detections"]:
+        if outcome.ok and outcome.facts["detections"] and day_of(start_of(recording, outcome)) >= since:
             parts = parts_of(recording, key, outcome)
             found.setdefault(recording.site, []).append((outcome.facts["from_s"], parts))
     return {
         site: [part for _, parts in sorted(some, key=lambda one: one[0]) for part in parts]
         for site, some in sorted(found.items())
     }
+
+
+def require_new_recordings(store: Store, sites: Mapping[str, Sequence[Part]], known: bytes) -> None:
+    """Refuse to extend a site's map by recordings that it was made from.
+
+    Args:
+        known: content of its file.
+
+    Raises:
+        InputError: they would count twice.
+    """
+    surveyed = stored_sites(store)
+    for site, parts in sites.items():
+        if site not in surveyed or stored_map(store, site).encode() != known:
+            continue
+        used = {recording["name"] for recording in surveyed[site]["recordings"]}
+        twice = [part.name for part in parts if part.name in used]
+        if twice:
+            raise InputError(
+                "counted_twice",
+                f"the known map was made from {len(twice)} of these recordings, which would count twice: {twice[0]}",
+                "give the first day of the new ones, such as --since 2026-11-27",
+            )
 
 
 def survey_site(

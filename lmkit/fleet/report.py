@@ -159,8 +159,8 @@ def _landmarks(sites: Mapping[str, SiteReadings]) -> str:
             " ".join((site, str(r.id))).strip(),
             str(r.expected),
             f"{100 * r.read / r.expected:.0f} %",
-            _change(r.share, lambda change: f"{100 * change:+.0f}"),
-            _change(r.evidence, lambda change: f"{100 * np.expm1(change):+.0f} %"),
+            _change(r.share, lambda change: 100 * change, ""),
+            _change(r.evidence, lambda change: 100 * float(np.expm1(change)), " %"),
         )
         for _, site, r in rows[:MOST_LANDMARKS]
     ]
@@ -170,7 +170,7 @@ def _landmarks(sites: Mapping[str, SiteReadings]) -> str:
         "read. The surest fall of either number over time, with its standard deviation: of the share in percentage "
         "points, of the margin relative to like views before.</p>"
     )
-    head = ("landmark", "should show", "read", "share fell by", "margin fell by")
+    head = ("landmark", "should show", "read", "share changed by", "margin changed by")
     return note + html.table(head, cells) + more
 
 
@@ -178,11 +178,11 @@ def _sureness(reading: Reading) -> float:
     return min((step.change / step.sigma for step in (reading.share, reading.evidence) if step), default=0.0)
 
 
-def _change(step: Step | None, words: Callable[[float], str]) -> str:
+def _change(step: Step | None, percent: Callable[[float], float], unit: str) -> str:
     """A fall and its deviation; a dash where nothing fell."""
     if step is None or step.change >= 0:
         return "-"
-    return f"{words(step.change)} ± {words(step.sigma).removeprefix('+')}"
+    return f"{percent(step.change):z.0f} ± {percent(step.sigma):.0f}{unit}"
 
 
 def _recordings(detected: Rows, tracked: Rows) -> str:

@@ -17,7 +17,8 @@ tr { border-bottom: 1px solid var(--line); } .n { text-align: right; font-varian
 figure { margin: .6rem 0; } figcaption { font-size: .9rem; opacity: .8; }
 img, svg { max-width: 100%; height: auto; display: block; }
 .grid { display: grid; grid-template-columns: repeat(auto-fill, minmax(18.5rem, 1fr)); gap: .2rem 1.4rem; }
-.grid.two { grid-template-columns: repeat(auto-fill, minmax(24rem, 1fr)); }
+.grid.two { grid-template-columns: repeat(auto-fill, minmax(min(24rem, 100%), 1fr)); }
+@media (max-width: 44rem) { table { display: block; overflow-x: auto; } }
 """
 
 

@@ -75,6 +75,10 @@ def test_from_scan_to_report(lmkit, small, tmp_path):
     [row] = answers(lmkit, "survey", "--store", "store", "-o", "map.yaml", "--jobs", "1")
     assert row["map"] == "map.yaml" and len(row["recordings"]) == 2
     assert len(read_any_map(tmp_path / "map.yaml")) == len(row["landmarks"]) > 5
+    again = ("fleet", "survey", "--store", "store", "-o", "new.yaml", "--known", "map.yaml", "--jobs", "1")
+    assert "from 2 of these recordings" in lmkit(*again).err
+    assert "no recording from 2030-01-01 on" in lmkit(*again, "--since", "2030-01-01").err
+    assert "--since 'today' is not a day" in lmkit(*again, "--since", "today").err
     tracked = answers(lmkit, "track", "--store", "store", "--jobs", "1")
     assert min(row["ok"] / row["frames"] for row in tracked) > 0.9
     [report] = answers(lmkit, "report", "--store", "store", "-o", "fleet.html")
@@ -318,6 +322,9 @@ def test_wheels_are_read_with_the_track_that_was_scanned(tmp_path, monkeypatch):
     add_recordings(store, find_recordings(pattern))
     [failed] = run_stage(store, STAGE, detect_recording, OPTIONS)
     assert "lmkit fleet scan: --wheel-track 0.4m" in failed.failure
+    again = run_stage(store, STAGE, detect_recording, OPTIONS)
+    assert (list(again), again.failed_before) == ([], 1)
+    assert len(run_stage(store, STAGE, detect_recording, OPTIONS, retry=True).jobs) == 1
     assert add_recordings(store, find_recordings(pattern, wheel_track_m=0.4)) == (1, 1)
     [detected] = run_stage(store, STAGE, detect_recording, OPTIONS)
     [(_, key, _)] = done_jobs(store, STAGE, OPTIONS)
