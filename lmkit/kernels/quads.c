@@ -299,13 +299,15 @@ static int four_corners(const Outline *o, int64_t *corner, double *area)
     if (!(left < 0.0f && right > 0.0f))
         return 0;
     corner[1] = corner[3] = -1;
-    for (int64_t i = 0; corner[1] < 0 || corner[3] < 0; i++) {
+    for (int64_t i = 0; i < o->n && (corner[1] < 0 || corner[3] < 0); i++) {
         float off = beside(across, o->x[i], o->y[i]);
         if (off == left && corner[1] < 0)
             corner[1] = i;
         if (off == right && corner[3] < 0)
             corner[3] = i;
     }
+    if (corner[1] < 0 || corner[3] < 0)
+        return 0;
     const Way a = way_of(o, corner[0], corner[1]), b = way_of(o, corner[1], corner[2]);
     const Way c = way_of(o, corner[2], corner[3]), d = way_of(o, corner[3], corner[0]);
     float beyond_a = 0.0f, beyond_b = 0.0f, beyond_c = 0.0f, beyond_d = 0.0f;
