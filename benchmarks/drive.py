@@ -22,7 +22,7 @@ from lmkit.mapping.bundle_adjustment import Anchor
 from lmkit.mapping.survey import survey_frames
 from lmkit.model.landmark import LM8
 from lmkit.model.landmark_id import LandmarkId
-from lmkit.model.landmark_map import LandmarkMap
+from lmkit.model.landmark_map import LandmarkMap, MappedLandmark
 from lmkit.odometry.wheel_odometry import MotionModel
 from lmkit.pipelines.detect_recording import see_drive
 from lmkit.tracking.batch import track_images
@@ -36,6 +36,13 @@ def rms(values: list[float]) -> float:
 def off(found: Pose, true: Pose) -> tuple[float, float]:
     """Centimeters and degrees."""
     return 100 * float(np.linalg.norm(found.t - true.t)), float(np.rad2deg(rotation_angle(found.R.T @ true.R)))
+
+
+def nees_of(found: MappedLandmark, true: MappedLandmark) -> float:
+    """Squared error of a landmark's place, in standard deviations."""
+    assert found.covariance is not None
+    error = found.T_map_landmark.t - true.T_map_landmark.t
+    return float(error @ np.linalg.solve(found.covariance[:3, :3], error))
 
 
 def main(folder: Path) -> None:
@@ -63,6 +70,7 @@ def main(folder: Path) -> None:
         f"  trajectory {rms([cm for cm, _ in trajectory]):.2f} cm, {rms([deg for _, deg in trajectory]):.2f} deg rmse"
     )
     print(f"  map        {rms([cm for cm, _ in places]):.2f} cm, {rms([deg for _, deg in places]):.2f} deg rmse")
+    print(f"  map        mean NEES {np.mean([nees_of(m, true) for m, true in known if m.id != anchor.id]):.1f} of 3")
     print(f"  contradicted {[c.id.code for c in survey.contradicted]}, unplaced {survey.unplaced}")
     drive = track_images(frames, rig, mounted, MotionModel(*wheels))
     times = [frame.time_s for frame in frames]
