@@ -14,12 +14,13 @@ from pathlib import Path
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from lmkit.arrays import BoolArray, FloatArray, IntArray
+from lmkit.arrays import BoolArray, FloatArray
 from lmkit.geometry.pose import Pose
 from lmkit.geometry.pose_array import PoseArray
 from lmkit.geometry.rig import AnyRig, mounted_cameras
 from lmkit.geometry.rotations import orthonormal, rotation_exp, rotation_log, skew
 from lmkit.kernels import landmark_bundle as kernel
+from lmkit.mapping.bundle_results import Bundle
 from lmkit.mapping.camera_relations import SIZE as RELATION
 from lmkit.mapping.camera_relations import CameraRelations, add_relation
 from lmkit.mapping.carried_cameras import are_synchronous, carry_frames
@@ -52,43 +53,6 @@ class Anchor:
 
     landmark: MappedLandmark
     covariance: FloatArray | None
-
-
-@dataclass(frozen=True, eq=False)
-class Bundle:
-    """A solved recording.
-
-    Attributes:
-        times_s: (N,).
-        poses: of the left camera in the map, with (N,6,6) covariances.
-        landmarks: with their covariances.
-        joint: (6L,6L) covariance of all landmarks, in their order: they err alike.
-        parameters: (P,) what is wrong with the odometry, as its `names`; none without.
-        parameter_sigmas: (P,) their standard deviations.
-        residuals: (S,) root mean square of each observation's eight standardized corner coordinates.
-        ids: (L) of the landmarks.
-        of, frames: (S,) of the observations: index into ``ids``, and frame.
-        rms_px: of the corners of observations that are believed.
-        jumps: (from_s, to_s, meters) between which the rig moved otherwise than the wheels say, or jumped.
-    """
-
-    times_s: FloatArray
-    poses: PoseArray
-    covariances: FloatArray
-    landmarks: LandmarkMap
-    joint: FloatArray
-    parameters: FloatArray
-    parameter_sigmas: FloatArray
-    residuals: FloatArray
-    ids: tuple[LandmarkId, ...]
-    of: IntArray
-    frames: IntArray
-    rms_px: float
-    jumps: tuple[tuple[float, float, float], ...]
-
-    def left_poses(self) -> list[Pose]:
-        """T_map_left of every frame."""
-        return [self.poses.pose(k) for k in range(len(self.poses))]
 
 
 @dataclass(frozen=True, eq=False)

@@ -17,7 +17,8 @@ from lmkit.arrays import BoolArray, FloatArray
 from lmkit.geometry.pose import Pose
 from lmkit.geometry.pose_array import PoseArray
 from lmkit.geometry.rig import AnyRig
-from lmkit.mapping.bundle_adjustment import Bundle, BundleProblem
+from lmkit.mapping.bundle_adjustment import BundleProblem
+from lmkit.mapping.bundle_results import Bundle
 from lmkit.mapping.survey_results import Survey, deviations
 from lmkit.model.detector_model import corner_sigma_px, half_read_px, recognized
 from lmkit.model.landmark_id import LandmarkId, ids_text

@@ -14,7 +14,7 @@ from scipy.sparse.csgraph import connected_components
 
 from lmkit.geometry.pose import Pose
 from lmkit.geometry.rig import AnyRig
-from lmkit.mapping.bundle_adjustment import Bundle
+from lmkit.mapping.bundle_results import Bundle
 from lmkit.mapping.wall_constraints import LandmarkConstraint
 from lmkit.model.landmark_id import LandmarkId, ids_text
 from lmkit.model.landmark_map import LandmarkMap, MappedLandmark
