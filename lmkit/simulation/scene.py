@@ -146,7 +146,7 @@ def mount_landmarks(
 
 
 def landmark_sheet(landmark: MappedLandmark) -> Panel:
-    """The landmark on white paper of A4's shape, to whole texels, the landmark exactly centered."""
+    """The landmark on white paper, exactly centered: A4's shape, or larger where its margin asks for that."""
     family = family_named(landmark.family)
     texture, face = _sheet_texture(family, landmark.code)
     height, width = (length / face * landmark.size_m for length in texture.shape[:2])
@@ -289,7 +289,8 @@ def _sheet_texture(family: MarkerFamily, code: int) -> tuple[Float32Array, int]:
     face = _linear(bare_landmark_page(family, code, family.side_mm), SHEET_DPI)
     side = len(face)
     # As many texels on either side, or the face would stand half a texel (0.1 mm) beside the landmark's place.
-    beside, above = (round((length / family.side_mm - 1) * side / 2) for length in (210, 297))
+    least_mm = family.side_mm + 2 * family.margin_mm
+    beside, above = (round((max(length, least_mm) / family.side_mm - 1) * side / 2) for length in (210, 297))
     paper = ((above, above), (beside, beside), (0, 0))
     return np.pad(face * np.float32(0.9), paper, constant_values=np.float32(0.9)), side
 

@@ -16,6 +16,7 @@ from lmkit.io.floor_plan import read_floor
 from lmkit.io.landmark_map import read_map
 from lmkit.io.rig import read_rig
 from lmkit.model.board import BoardSpec
+from lmkit.model.families import family_named
 from lmkit.model.landmark import LM8
 from lmkit.model.landmark_id import LandmarkId
 from lmkit.model.landmark_map import LandmarkMap, MappedLandmark, wall_pose
@@ -98,6 +99,13 @@ def test_rooms_show_any_family():
     assert found
     for one in found:
         assert np.abs(one.corners - true[one.code]).max() < 0.5
+
+
+@pytest.mark.parametrize("name", ["lm8", "tag36h11", "aruco4x4_50"])
+def test_a_landmark_sheet_has_the_white_margin_that_its_family_asks_for(name):
+    family, wall = family_named(name), wall_pose((1.0, 2.0, 1.5), 0.0)
+    sheet = landmark_sheet(MappedLandmark(LandmarkId(name, 7), 0.18, wall))
+    assert min(sheet.size_m) > 0.18 * (1 + 2 * family.margin_mm / family.side_mm) - 0.0005
 
 
 def test_a_landmark_sheet_has_its_landmark_centered_to_the_texel():
