@@ -12,7 +12,7 @@ from lmkit.detection.config import COARSE, FINE, DetectOptions
 from lmkit.detection.linear_image import LinearImage
 from lmkit.detection.pixel_sampling import mean_side
 from lmkit.detection.tag_registration import TagCandidate, register_and_decode_tag
-from lmkit.detection.tag_screening import promising, shadow_on
+from lmkit.detection.tag_screening import LEAST_STEP, look_at, shadow_on
 from lmkit.detection.windows import LEAST_WINDOW_PX, clockwise, is_colorless, window_around
 from lmkit.model.square_marker import SquareMarkerFamily
 
@@ -92,7 +92,9 @@ def _read_quads(
     gray: bool,
 ) -> list[TagCandidate]:
     found: list[TagCandidate] = []
-    clear = np.array([promising(image.pyramid.levels, quads, family) for family in families])
+    looks = [look_at(image.pyramid.levels, quads, family) for family in families]
+    clear = np.array([look.promising for look in looks])
+    may_be_shaded = np.max([look.step for look in looks], axis=0) >= LEAST_STEP
     some = np.flatnonzero(clear.any(axis=0))
     for row in some[distinct(quads[some])].tolist():
         quad = quads[row]
@@ -102,7 +104,7 @@ def _read_quads(
         candidate = register_and_decode_tag(image, quad, chosen, options, gray)
         # A shadow across a marker moves its corners by half a pixel, even where it reads with one light.
         unclear = 1.0 if candidate is None or candidate.rejected is not None else candidate.decoding.cell_error
-        if options.config.in_shadow and unclear > CLEAR:
+        if options.config.in_shadow and may_be_shaded[row] and unclear > CLEAR:
             shaded = _read_in_shadow(image, quad, chosen, options, gray)
             candidate = shaded if shaded is not None and shaded.decoding.cell_error < unclear else candidate
         if candidate is not None:

@@ -7,6 +7,8 @@ And the border must be about as dark everywhere.
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import cv2
 import numpy as np
 
@@ -31,22 +33,37 @@ LINEAR = SRGB_TO_LINEAR.astype(np.float32)
 AT_ONCE = 30_000  # rows that OpenCV's remap takes
 
 
-def promising(levels: tuple[ByteArray, ...], quads: FloatArray, family: SquareMarkerFamily) -> BoolArray:
-    """(N,) True of (N,4,2) px where white surrounds a dark border.
+class Looks(NamedTuple):
+    """What squares look like.
+
+    Attributes:
+        promising: (N,) white surrounds a dark border.
+        step: (N,) bright over dark light of that white, 0 where it is not promising.
+    """
+
+    promising: BoolArray
+    step: FloatArray
+
+
+def look_at(levels: tuple[ByteArray, ...], quads: FloatArray, family: SquareMarkerFamily) -> Looks:
+    """White outside of a dark border around (N,4,2) squares, px.
 
     Args:
         levels: (H,W,3) BGR, 8 bit: the image and its halvings.
     """
     clear = _well_shaped(quads) & (_sides(quads) > LEAST_SIDE_PX)
+    step = np.zeros(len(quads))
     if not clear.any():
-        return clear
+        return Looks(clear, step)
     _, seen = _light(levels, quads[clear], family, ALONG)
     count = seen.shape[1] // 2
     margin, border = seen[:, :count], seen[:, count:]
     ratio = np.log((margin + FLOOR) / (border + FLOOR))
     shown = (np.median(ratio, axis=1) > LEAST_MEDIAN) & ((ratio > PAIR).mean(axis=1) >= LEAST_SHARE)
+    dark, bright = np.percentile(margin + FLOOR, (10, 90), axis=1)
+    step[clear] = bright / dark
     clear[clear] = shown & (_unevenness(margin, border) < MOST_UNEVEN)
-    return clear
+    return Looks(clear, np.where(clear, step, 0.0))
 
 
 def shadow_on(levels: tuple[ByteArray, ...], quad: FloatArray, family: SquareMarkerFamily) -> ShadowEdge | None:
@@ -54,9 +71,6 @@ def shadow_on(levels: tuple[ByteArray, ...], quad: FloatArray, family: SquareMar
     at, seen = _light(levels, quad[None], family, DENSELY)
     count = seen.shape[1] // 2
     white = np.maximum(seen[0, :count], FLOOR)
-    dark, bright = np.percentile(white, (10, 90)).tolist()
-    if bright < LEAST_STEP * dark:
-        return None
     edge = ShadowEdge.fit(at[0, :count], white, np.ones(count))
     dark, bright = sorted(edge.lights)
     if bright < LEAST_STEP * dark:

@@ -3,7 +3,7 @@
 import cv2
 import numpy as np
 
-from lmkit.detection.tag_screening import promising
+from lmkit.detection.tag_screening import look_at
 from lmkit.model.square_marker import SQUARE_FAMILIES
 
 TAG = SQUARE_FAMILIES["tag36h11"]
@@ -18,26 +18,26 @@ def square(border: int, margin: int) -> np.ndarray:
 
 
 def test_white_around_a_dark_border_is_promising() -> None:
-    assert promising((square(30, 220),), QUAD[None], TAG).all()
-    assert promising((square(30, 220),), QUAD[None] / 4 + 100, TAG).tolist() == [False]
+    assert look_at((square(30, 220),), QUAD[None], TAG).promising.all()
+    assert look_at((square(30, 220),), QUAD[None] / 4 + 100, TAG).promising.tolist() == [False]
 
 
 def test_a_shadow_across_does_not_hide_a_marker() -> None:
     image = square(60, 220)
     image[:, :95] //= 3
-    assert promising((image,), QUAD[None], TAG).all()
+    assert look_at((image,), QUAD[None], TAG).promising.all()
 
 
 def test_bright_borders_and_misshapen_squares_are_not() -> None:
-    assert not promising((square(220, 30),), QUAD[None], TAG).any()
+    assert not look_at((square(220, 30),), QUAD[None], TAG).promising.any()
     folded = QUAD[[0, 2, 1, 3]]
     line = np.column_stack([np.arange(4.0) * 20 + 20, np.full(4, 50.0)])
-    assert not promising((square(30, 220),), np.stack([folded, line, QUAD[::-1]]), TAG).any()
-    assert promising((square(30, 220),), np.zeros((0, 4, 2)), TAG).shape == (0,)
+    assert not look_at((square(30, 220),), np.stack([folded, line, QUAD[::-1]]), TAG).promising.any()
+    assert look_at((square(30, 220),), np.zeros((0, 4, 2)), TAG).promising.shape == (0,)
 
 
 def test_a_border_that_is_not_dark_all_around_is_not_promising() -> None:
     image = square(30, 220)
     for x, y in ((66, 92), (117, 92), (92, 66)):
         cv2.circle(image, (x, y), 15, (200,) * 3, -1)
-    assert not promising((image,), QUAD[None], TAG).any()
+    assert not look_at((image,), QUAD[None], TAG).promising.any()
