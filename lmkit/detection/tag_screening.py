@@ -28,13 +28,14 @@ LEAST_MEDIAN, PAIR, LEAST_SHARE = 0.3, 0.15, 0.85  # log ratios, and share of th
 MOST_UNEVEN = 0.33  # root mean square of the border's points from their median, over white minus black
 LEAST_SIDE_PX, LEAST_SINE = 8.0, 0.05  # of the angles at corners
 LEAST_STEP = 1.3  # of the light at a shadow's edge; less moves corners by a tenth of a pixel at most
-MOST_SCATTER = 0.15  # of the light on either side of a shadow's edge: median of the absolute log ratios
+# Of the light on either side of a shadow's edge: median of the absolute log ratios, and that over the edge's own.
+MOST_SCATTER, SCATTER_OVER_STEP = 0.15, 0.2
 LINEAR = SRGB_TO_LINEAR.astype(np.float32)
 AT_ONCE = 30_000  # rows that OpenCV's remap takes
 
 
 class Looks(NamedTuple):
-    """What squares look like.
+    """The looks of squares.
 
     Attributes:
         promising: (N,) white surrounds a dark border.
@@ -76,7 +77,8 @@ def shadow_on(levels: tuple[ByteArray, ...], quad: FloatArray, family: SquareMar
     if bright < LEAST_STEP * dark:
         return None
     light = np.where(at[0, :count] @ edge.normal > edge.offset, edge.lights[1], edge.lights[0])
-    return edge if np.median(np.abs(np.log(white / light))) < MOST_SCATTER else None
+    scatter = np.median(np.abs(np.log(white / light)))
+    return edge if scatter < min(MOST_SCATTER, SCATTER_OVER_STEP * np.log(bright / dark)) else None
 
 
 def _unevenness(margin: FloatArray, border: FloatArray) -> FloatArray:
