@@ -4,13 +4,22 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+import cv2
 import numpy as np
 import pytest
 from simulated import shoot
 
-from lmkit.detection.acceptance import DEFAULT, EAGER, STRICT, TERMS, AcceptanceRule, ScoredReading
+from lmkit.detection.acceptance import (
+    DEFAULT,
+    EAGER,
+    STRICT,
+    STRICTNESSES,
+    TERMS,
+    AcceptanceRule,
+    ScoredReading,
+)
 from lmkit.detection.config import DetectOptions
-from lmkit.detection.detector import candidates_of, detect_landmarks
+from lmkit.detection.detector import best_of_each_place, candidates_of, detect_landmarks
 from lmkit.simulation.cameras import HELD_OUT_KINDS, draw_chain
 
 # (wrong code and false square, landmarks) that may be among so many images of cameras that nothing was trained on.
@@ -99,6 +108,39 @@ def test_the_stricter_the_fewer():
         images = [shoot(40 + k, 12.0 + k)[0] for k in range(6)]
         counts.append(sum(len(detect_landmarks(image, DetectOptions(rule=rule))) for image in images))
     assert counts == sorted(counts, reverse=True)
+
+
+BARS = 4  # over each landmark, one at a time
+
+
+@pytest.fixture(scope="module")
+def behind_bars() -> list[tuple[float, bool]]:
+    """(log odds, code right) of landmarks of 20 to 53 px with a bar as bright as paper or as dark as the ground."""
+    found = []
+    for seed in range(9):
+        rng = np.random.default_rng([17, seed])
+        code, side = int(rng.integers(256)), 20.0 + 3 * seed
+        image, corners = shoot(code, side, 30.0 * seed, seed=seed, chain=draw_chain(rng, HELD_OUT_KINDS))
+        middle = corners.mean(axis=0)
+        for bar in range(BARS):
+            end, way = middle + rng.uniform(-0.35, 0.35, 2) * side, rng.uniform(0, 2 * np.pi)
+            far = end + 60 * np.array([np.cos(way), np.sin(way)])
+            x, y = np.round(middle + (corners[0] - middle) * (1.04 if bar % 2 else 0.75)).astype(int)
+            color = image[y, x].tolist()
+            seen = cv2.line(image.copy(), end.astype(int).tolist(), far.astype(int).tolist(), color, round(side / 9))
+            places = best_of_each_place(candidates_of(seen, DetectOptions(rule=AcceptanceRule(-9.0))))
+            found += [(c.log_odds, c.decoding.code == code) for c in places]
+    return found
+
+
+@pytest.mark.parametrize(
+    ("name", "most_wrong", "least_right"), [("strict", 0, 5), ("default", 1, 8), ("eager", 1, 9)]
+)
+def test_wrong_codes_behind_bars(name, most_wrong, least_right, behind_bars):
+    """Bars of paper or ground imitate rings and gaps; docs/landmark.md states the rates of each strictness."""
+    read = [right for log_odds, right in behind_bars if log_odds >= STRICTNESSES[name].least_log_odds]
+    assert read.count(False) <= most_wrong
+    assert read.count(True) >= least_right
 
 
 def test_confidence_is_the_logistic_of_the_score(reading):
