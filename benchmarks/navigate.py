@@ -1,6 +1,6 @@
 """Drives to a goal, simulated: how often the robot arrives, how near, whether it knows where it is.
 
-    uv run python benchmarks/navigate.py [--runs 20] [--every-second] [--images]
+    uv run python benchmarks/navigate.py [--runs 20] [--first 0] [--every-second] [--images]
 
 In each of the plans in benchmarks/floors, landmarks as `lmkit plan place` places them; random starts (0.4 m clear of
 walls, any heading) and goals (where the placement holds its demand); wheels that report 8 % too much way and 10 % too
@@ -115,6 +115,7 @@ def row(name: str, runs: list[Run]) -> str:
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--runs", type=int, default=20)
+    parser.add_argument("--first", type=int, default=0, help="seed")
     parser.add_argument("--every-second", action="store_true")
     parser.add_argument("--images", action="store_true")
     parser.add_argument("floors", type=Path, nargs="*")
@@ -126,7 +127,8 @@ def main() -> None:
     for path in floors:
         with ProcessPoolExecutor() as pool:
             job = partial(drive, path=path, half=arguments.every_second, images=arguments.images)
-            runs = list(pool.map(job, range(arguments.runs), chunksize=(arguments.runs + 1) // 2))
+            seeds = range(arguments.first, arguments.first + arguments.runs)
+            runs = list(pool.map(job, seeds, chunksize=(arguments.runs + 1) // 2))
         print(row(path.stem, runs), flush=True)
         everything += runs
     print(row("all", everything))
