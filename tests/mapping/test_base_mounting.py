@@ -142,9 +142,9 @@ def test_the_command_writes_a_rig_with_every_place(tmp_path: Path) -> None:
 @pytest.mark.slow
 def test_places_of_five_cameras_without_overlap_and_their_intervals() -> None:
     rows, scaled = [], []
-    for seed in range(4):
+    for seed in range(2):
         rig = looking_around(seed, 5)
-        found = found_in(drive(seed, rig, seconds=60), float(rig.T_base_left.t[2]))
+        found = found_in(drive(seed, rig), float(rig.T_base_left.t[2]))
         errors = errors_of(found, rig)
         rows.append(errors)
         scaled += [e / np.sqrt(np.diag(c.covariance)) for e, c in zip(errors, found.cameras, strict=True)]
