@@ -107,9 +107,14 @@ def _candidates_among(
         clear += register_all(linear, likely, family, options)
     if not config.in_shadow:
         return clear
-    read = [candidate.corners - corner for candidate in clear if candidate.log_odds >= SURE_LOG_ODDS]
+    read = [candidate.corners - corner for candidate in clear if _is_sure(candidate)]
     shaded = _candidates_in_shadow(_elsewhere(quads[possible], read), linear, pyramid, corner, options)
     return clear + [_unless_contradicted(candidate, clear) for candidate in shaded]
+
+
+def _is_sure(candidate: Candidate) -> bool:
+    """No shadow need be looked for: the reading is sure, and nothing is seen in the square that may be one."""
+    return candidate.log_odds >= SURE_LOG_ODDS and not candidate.reading.shows_object
 
 
 def _registered(
