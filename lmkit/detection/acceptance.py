@@ -114,14 +114,10 @@ class ScoredReading:
         }
 
     @property
-    def shows_object(self) -> bool:
-        """Something else than a landmark is plain to see in the square: an object before it, or a shadow's edge."""
-        return self.decoding.foreign > PLAIN_OBJECT
-
-    @property
     def is_covered(self) -> bool:
         """An object is plain to see, and little that does not fit it speaks for the code: it may hide a gap."""
-        return self.shows_object and self.decoding.evidence < SHARE_OF_OBJECT * self.decoding.foreign
+        d = self.decoding
+        return d.foreign > PLAIN_OBJECT and d.evidence < SHARE_OF_OBJECT * d.foreign
 
     @cached_property
     def log_odds(self) -> float:

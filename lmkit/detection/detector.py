@@ -28,7 +28,7 @@ from lmkit.model.landmark import LandmarkFamily
 from lmkit.model.observation import Detection
 
 AnyCandidate = TypeVar("AnyCandidate", bound=Candidate | TagCandidate)
-SURE_LOG_ODDS = 2.2  # what is read less surely may lie in a shadow
+SURE_LOG_ODDS = 3.0  # the strict limit: what is read less surely may lie in a shadow
 
 
 def detect_landmarks(
@@ -107,14 +107,9 @@ def _candidates_among(
         clear += register_all(linear, likely, family, options)
     if not config.in_shadow:
         return clear
-    read = [candidate.corners - corner for candidate in clear if _is_sure(candidate)]
+    read = [candidate.corners - corner for candidate in clear if candidate.log_odds >= SURE_LOG_ODDS]
     shaded = _candidates_in_shadow(_elsewhere(quads[possible], read), linear, pyramid, corner, options)
     return clear + [_unless_contradicted(candidate, clear) for candidate in shaded]
-
-
-def _is_sure(candidate: Candidate) -> bool:
-    """No shadow need be looked for: the reading is sure, and nothing is seen in the square that may be one."""
-    return candidate.log_odds >= SURE_LOG_ODDS and not candidate.reading.shows_object
 
 
 def _registered(
