@@ -106,7 +106,7 @@ def compiled_fit(image: LinearImage, family: LandmarkFamily, pixels: int) -> Lan
         tables = decoding.tables_of(family)
         edges, rules = edges_of(family), _rules(family, pixels)
         known = LandmarkFit(
-            image.source, image.lens, image.skew, image.noise, tables.drawing, tables.words, edges, rules
+            image.source, image.lens, image.skew, image.pixel_error, tables.drawing, tables.words, edges, rules
         )
         image.fits[family, pixels] = known
     return known

@@ -26,6 +26,7 @@ from lmkit.model.palette import SRGB_TO_LINEAR
 
 Box = tuple[int, int, int, int]  # x0, y0, x1, y1, px; the last two not included
 LEAST_LEVEL_PX = 24  # no level of the pyramid is smaller
+LEAST_ERROR = 1 / 255  # twice as much reads a little more, and more wrong codes
 MOST_BLANKS = 2  # kept for reuse: clearing a box costs less than new pages of memory
 
 
@@ -55,6 +56,15 @@ class LinearImage:
         shift = None if camera is None else _lens_shift(_LensKey(camera))
         deviation = noise(image) / 255 if noise_of_part is None else noise_of_part
         return cls(Source.of(image, SRGB_TO_LINEAR, None, shift), deviation, camera)
+
+    @property
+    def pixel_error(self) -> float:
+        """Standard deviation that pixels are weighted by, over 255.
+
+        The noise, but not less than `LEAST_ERROR`: where a camera or a file smoothed the noise away, or an image was
+        enlarged, errors of demosaicing, sharpening and print remain, and edges would all look like outliers.
+        """
+        return max(self.noise, LEAST_ERROR)
 
     @property
     def inverted(self) -> LinearImage:

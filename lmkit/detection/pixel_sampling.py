@@ -72,7 +72,7 @@ def sample_pixels(
     if box is None:
         return None
     band = EDGE_BAND_PX * family.side_mm / mean_side(state[:8].reshape(4, 2))
-    rules = SamplingRules(reach, band, at_most, NEAR_SHARE if near_edges else 0.0, image.noise)
+    rules = SamplingRules(reach, band, at_most, NEAR_SHARE if near_edges else 0.0, image.pixel_error)
     taken = sample(image.source, view, state, box, edges_of(family), rules)
     if taken.at.shape[1] < LEAST_PIXELS:
         return None
