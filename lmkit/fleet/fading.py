@@ -23,10 +23,8 @@ FADED_SIGMA = 5.0
 LEAST_SHARE, LEAST_EVIDENCE = 0.2, float(np.log(1 / 0.8))  # falls by less are no reason to act
 LEAST_RECORDINGS = 2  # before a step, and from it on
 ENOUGH = 5  # views of one kind in one recording; more of them tell nothing new
-LEAST_EXPECTED, USUALLY_READ = (
-    3,
-    0.5,
-)  # share of a kind of view in its best recording; from elsewhere the landmark may be hidden
+# Images and share of them in the best recording, for a kind of view to count: from elsewhere something may hide it.
+LEAST_EXPECTED, USUALLY_READ = 3, 0.5
 ROUNDS = 10  # of levels and recordings' own effects
 LEAST_LANDMARKS = 3  # of a recording that has an effect of its own
 LEAST_SCATTER, MAD_SIGMA = 0.05, 1.4826  # of one landmark between recordings

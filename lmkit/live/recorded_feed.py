@@ -7,7 +7,6 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from pathlib import Path
 
 from lmkit.errors import InputError
-from lmkit.geometry.pose import Pose
 from lmkit.io.image_groups import frame_groups
 from lmkit.io.recording_tables import read_gyro, read_odometry
 from lmkit.io.trajectory import read_trajectory
@@ -121,8 +120,3 @@ def motion_rows(odometry: Path | None, gyro: Path | None) -> list[MotionRow]:
             for t, rate in zip(rates.times_s.tolist(), rates.rate_radps.tolist(), strict=True)
         ]
     return sorted(rows, key=lambda row: row.time_s)
-
-
-def as_pose(name: str, values: Sequence[float]) -> Pose:
-    """T_odometry_base of x y z qx qy qz qw."""
-    return Pose.from_quaternion(name, "base", values[:3], values[3:7])

@@ -52,6 +52,14 @@ def motion_to(
     return T.R.T @ R @ T.R, (t + R @ T.t - T.t) @ T.R
 
 
+def carried_from(
+    time_s: float, then_s: Sequence[float], rig: AnyRig, motion: Motion, parameters: FloatArray
+) -> tuple[Pose, ...]:
+    """T_left_left: how the rig moves from one time to each of others."""
+    R, t = motion_to(np.full(len(then_s), time_s), np.array(then_s), rig, motion, parameters)
+    return tuple(Pose("left", "left", orthonormal(turn), way) for turn, way in zip(R, t, strict=True))
+
+
 def carry_frames(frames: Sequence[RigFrame], rig: AnyRig, motion: Motion, parameters: FloatArray) -> list[RigFrame]:
     """The frames, with how the rig moved until each camera's exposure."""
     times, then = np.array([frame.time_s for frame in frames]), exposures(frames, rig)

@@ -73,20 +73,11 @@ class Wheels:
         """The motion between two times; asked twice for the same, it is computed once."""
         asked = (before_s, time_s, tuple(parameters.tolist()))
         if self._known is None or self._known[:3] != asked:
-            self._known = (*asked, self._computed(before_s, time_s, parameters))
+            self._known = (*asked, self.model(before_s).increments(np.array([before_s, time_s]), parameters))
         return self._known[3]
 
-    def motions_from(
-        self, time_s: float, then_s: FloatArray, parameters: FloatArray
-    ) -> tuple[FloatArray, FloatArray]:
-        """(K,3,3), (K,3) how the base moves from one time to others, earlier or later ones."""
-        return self._model(time_s).between(np.full(len(then_s), time_s), then_s, parameters)
-
-    def _computed(self, before_s: float, time_s: float, parameters: FloatArray) -> Increments:
-        return self._model(before_s).increments(np.array([before_s, time_s]), parameters)
-
-    def _model(self, time_s: float) -> MotionModel:
-        """The rows so far; none of them: the robot stands still."""
+    def model(self, time_s: float) -> MotionModel:
+        """Motion by the rows so far; without any, around ``time_s``, the robot stands still."""
         rows = np.array(self._rows).reshape(-1, 3)
         if len(rows) < 2:
             outside = Odometry(np.array([time_s - 9e3, time_s - 8e3]), np.zeros(2), np.zeros(2))

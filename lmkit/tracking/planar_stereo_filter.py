@@ -18,11 +18,12 @@ from lmkit.errors import InputError
 from lmkit.geometry.planar import planar_pose
 from lmkit.geometry.pose import Pose
 from lmkit.geometry.rig import AnyRig
-from lmkit.geometry.rotations import orthonormal, skew
+from lmkit.geometry.rotations import skew
 from lmkit.kernels.pose_update import LEAN, Update, camera_at, camera_by_state
 from lmkit.localization.absolute_pose import LocateOptions, locate_rig
 from lmkit.localization.correspondences import CORNER_FLOOR_PX, Correspondences
 from lmkit.localization.pose_prior import PosePrior
+from lmkit.mapping.carried_cameras import carried_from
 from lmkit.model.estimate import PoseEstimate
 from lmkit.model.landmark_id import LandmarkId
 from lmkit.model.landmark_map import LandmarkMap
@@ -93,10 +94,7 @@ class RigFilter:
 
     def carried(self, time_s: float, then_s: Sequence[float]) -> tuple[Pose, ...]:
         """T_left_left: how the rig moves, by the odometry given so far, from ``time_s`` to each of other times."""
-        T = self._T
-        R, t = self.wheels.motions_from(time_s, np.array(then_s), self.parameters)
-        moved, way = T.R.T @ R @ T.R, (t + R @ T.t - T.t) @ T.R
-        return tuple(Pose("left", "left", orthonormal(a), b) for a, b in zip(moved, way, strict=True))
+        return carried_from(time_s, then_s, self._rig, self.wheels.model(time_s), self.parameters)
 
     def observe(
         self, time_s: float, detections: Sequence[Sequence[Detection]], carried: Sequence[Pose] = ()

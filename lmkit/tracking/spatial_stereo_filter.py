@@ -26,6 +26,7 @@ from lmkit.geometry.rotations import (
 )
 from lmkit.localization.absolute_pose import LocateOptions, locate_rig
 from lmkit.localization.correspondences import CORNER_FLOOR_PX, Correspondences
+from lmkit.mapping.carried_cameras import carried_from
 from lmkit.model.landmark_id import LandmarkId
 from lmkit.model.landmark_map import LandmarkMap
 from lmkit.model.observation import Detection
@@ -107,10 +108,8 @@ class PoseFilter:
 
     def carried(self, time_s: float, then_s: Sequence[float]) -> tuple[Pose, ...]:
         """T_left_left: how the rig moves, by the odometry given so far, from ``time_s`` to each of other times."""
-        motion, T = self._motion(time_s)[0], self._T
-        R, t = motion.between(np.full(len(then_s), time_s), np.array(then_s), motion.nominal)
-        moved, way = T.R.T @ R @ T.R, (t + R @ T.t - T.t) @ T.R
-        return tuple(Pose("left", "left", orthonormal(a), b) for a, b in zip(moved, way, strict=True))
+        motion, _ = self._motion(time_s)
+        return carried_from(time_s, then_s, self._rig, motion, motion.nominal)
 
     def observe(
         self, time_s: float, detections: Sequence[Sequence[Detection]], carried: Sequence[Pose] = ()
