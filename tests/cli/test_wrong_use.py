@@ -150,7 +150,11 @@ def test_detect_says_no_when_there_is_nothing(lmkit, tmp_path):
 
 
 def test_verify_says_no_when_there_is_nothing(lmkit, tmp_path):
-    assert_refused(lmkit("verify", saved_image(tmp_path / "a.png")), "a.png", code=1)
+    image = saved_image(tmp_path / "a.png")
+    assert_refused(lmkit("verify", image), "a.png", "in color", "another family than lm8", code=1)
+    of_tags = lmkit("verify", image, "--family", "tag36h11")
+    assert_refused(of_tags, "another family than tag36h11", code=1)
+    assert "color" not in of_tags.err
 
 
 def test_verify_refuses_a_broken_pdf(lmkit, tmp_path):

@@ -1,7 +1,8 @@
-"""`detection.shadows`: the light around, and a shadow's edge found again."""
+"""The light of an image: shadows, their edges found again, and how much its pixels count."""
 
 from __future__ import annotations
 
+import cv2
 import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
@@ -63,3 +64,14 @@ def test_light_written_to_one_image_is_not_in_the_next_though_its_memory_is_used
         assert np.array_equal(lit.white, expected)
         del lit
     assert alive.white.sum() == 2 * 15 * 25
+
+
+def test_pixels_are_weighted_by_the_noise_and_by_one_code_value_at_least():
+    """Enlarged and smoothed images have next to none, and edges would all be outliers."""
+    grain = np.random.default_rng(1).normal(size=(120, 160, 3))
+    for noise in (0.0, 0.3, 4.0):
+        grainy = np.round(128 + noise * grain).astype(np.uint8)
+        image, enlarged = LinearImage.of(grainy), LinearImage.of(cv2.resize(grainy, None, fx=3, fy=3))
+        assert image.pixel_error == max(image.noise, 1 / 255)
+        assert enlarged.noise < 1 / 255 <= enlarged.pixel_error
+    assert image.pixel_error > 2 / 255
