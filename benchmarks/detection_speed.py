@@ -117,7 +117,7 @@ def plot(points: dict[str, tuple[float, float]], folder: Path) -> None:
     axis.axvline(1.0, color="0.6", linewidth=0.8)
     place = {"xycoords": axis.get_xaxis_transform(), "textcoords": "offset points", "ha": "right", "va": "top"}
     axis.annotate("ArUco's time", (1.0, 1.0), xytext=(-4, -4), color="0.4", **place)
-    axis.set_xlim(0.0, 1.15 * max(ratios))
+    axis.set_xlim(0.0, 1.25 * max(ratios))
     axis.margins(y=0.12)
     axis.set_xlabel("time / ArUco 4x4, 640x480, one thread")
     axis.set_ylabel("landmarks of 15 px and more read, %")
