@@ -159,16 +159,12 @@ def board_panel(board: BoardSpec, T_map_board: Pose) -> Panel:
     The printed page lies around it, as it comes from the printer.
     """
     page = compose_board_page(board)
-    columns, rows = board.squares
-    square = board.square_mm
     width, height = page.size_mm
     texture, first_corner = _board_texture(board)
     # From the first inner corner to the middle of the page, x right and y down in the board's frame.
     middle = np.array([width / 2 - first_corner[0], height / 2 - first_corner[1], 0.0]) / 1000
     flip = np.diag([1.0, -1.0, -1.0])
     T = T_map_board @ Pose(T_map_board.from_frame, "panel", flip, middle)
-    assert columns * square <= width
-    assert rows * square <= height
     return Panel(T, (width / 1000, height / 1000), texture)
 
 

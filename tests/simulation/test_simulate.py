@@ -12,6 +12,7 @@ import pytest
 from lmkit.detection.config import DetectOptions
 from lmkit.detection.detector import detect_landmarks
 from lmkit.errors import InputError
+from lmkit.geometry.pose import Pose
 from lmkit.io.floor_plan import read_floor
 from lmkit.io.landmark_map import read_map
 from lmkit.io.rig import read_rig
@@ -24,7 +25,14 @@ from lmkit.model.square_marker import SQUARE_FAMILIES
 from lmkit.simulation.dataset import description_files, make_dataset, truth
 from lmkit.simulation.photograph import ImagingChain, Lens, Sensor, focus, photograph
 from lmkit.simulation.render import render
-from lmkit.simulation.scene import floor_scene, landmark_sheet, make_rig, make_room
+from lmkit.simulation.scene import board_panel, floor_scene, landmark_sheet, make_rig, make_room
+
+
+@pytest.mark.parametrize("board", ["aprilgrid:6x6:99mm:0.3", "chessboard:9x6:90mm"])
+def test_a_board_larger_than_a_sheet_lies_on_its_own_page(board):
+    spec = BoardSpec.parse(board)
+    panel = board_panel(spec, Pose.identity("map", "board"))
+    assert np.all(1000 * np.array(panel.size_m) > spec.pattern_mm)
 
 
 def test_a_board_that_never_fits_is_refused():
