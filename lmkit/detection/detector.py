@@ -55,11 +55,11 @@ def detect_landmarks(
 
 
 def best_of_each_place(candidates: Sequence[AnyCandidate]) -> list[AnyCandidate]:
-    """The surest reading of every place, largest first."""
+    """The surest reading of every place, largest first; a landmark within another one has its own place."""
     kept: list[AnyCandidate] = []
     for candidate in sorted(candidates, key=lambda a: (-a.log_odds, a.family.name, a.decoding.code)):
-        middle = candidate.corners.mean(axis=0)
-        apart = [np.linalg.norm(middle - k.corners.mean(axis=0)) > 0.5 * k.side_px for k in kept]
+        middle, side = candidate.corners.mean(axis=0), candidate.side_px
+        apart = [np.linalg.norm(middle - k.corners.mean(axis=0)) > 0.5 * min(k.side_px, side) for k in kept]
         if all(apart):
             kept.append(candidate)
     return sorted(kept, key=lambda a: -a.side_px)

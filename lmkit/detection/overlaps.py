@@ -1,7 +1,7 @@
 """Landmarks over which another one lies: what the nearer sheet covers is known to say nothing.
 
-Of two sheets that overlap the nearer one is seen whole, and fits better.  What it shows within its own edges may
-resemble a gap or a ring of the other one.
+Of two sheets that overlap the nearer one is seen whole, and fits better; a landmark that is read within another one's
+face lies on it.  What the nearer one shows within its own edges may resemble a gap or a ring of the other one.
 """
 
 from __future__ import annotations
@@ -23,15 +23,18 @@ POINTS_ACROSS_GAP, COVERED_POINTS = 7, 5  # of one gap position; fewer leave eno
 
 
 def without_covered(candidates: Sequence[AnyCandidate]) -> list[AnyCandidate]:
-    """The candidates none of whose gap positions the sheet of a surer one covers for the most part."""
+    """The candidates none of whose gap positions a nearer sheet covers for the most part."""
     return [one for one in candidates if not any(_covers(other, one) for other in candidates)]
 
 
 def _covers(upper: Candidate | TagCandidate, lower: Candidate | TagCandidate) -> bool:
-    if not isinstance(lower, Candidate) or upper.log_odds <= lower.log_odds:
+    if not isinstance(lower, Candidate) or upper is lower:
         return False
-    apart = np.linalg.norm(upper.corners.mean(axis=0) - lower.corners.mean(axis=0))
-    if apart > upper.side_px + lower.side_px:
+    apart = float(np.linalg.norm(upper.corners.mean(axis=0) - lower.corners.mean(axis=0)))
+    larger = lower.side_px - upper.side_px
+    is_nested = apart < 0.5 * abs(larger)
+    is_nearer = larger > 0 if is_nested else upper.log_odds > lower.log_odds
+    if not is_nearer or apart > upper.side_px + lower.side_px:
         return False
     reach = upper.family.half_mm + upper.family.margin_mm
     sheet = _in_image(upper, np.array([(-reach, reach), (reach, reach), (reach, -reach), (-reach, -reach)]))
