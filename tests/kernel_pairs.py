@@ -17,14 +17,17 @@ from planning_kernel_pairs import PLANNING_CALLS
 
 from lmkit.kernels import load
 from lmkit.kernels.block_chain import (
+    Cuts,
     backward_chain,
     backward_chain_numpy,
     factor_chain,
     factor_chain_numpy,
     forward_chain,
     forward_chain_numpy,
-    subtract_at,
-    subtract_at_numpy,
+    put_blocks,
+    put_blocks_numpy,
+    subtract_piece,
+    subtract_piece_numpy,
     take_columns,
     take_columns_numpy,
     used_columns,
@@ -58,6 +61,7 @@ from lmkit.kernels.reprojection import (
     refine_poses_numpy,
 )
 from lmkit.kernels.square_pose import square_poses, square_poses_numpy
+from lmkit.optim.border_blocks import BlockPattern
 
 
 @dataclass(frozen=True)
@@ -266,10 +270,11 @@ def bundle_in_view(rng: np.random.Generator, poses: int, landmarks: int, observa
     """Rig poses near the origin and landmarks a few meters before them; with a large size in any order."""
     return Bundle(
         rng.integers(poses, size=observations), rng.integers(landmarks, size=observations),
+        rng.integers(3, size=observations),
         0.3 * rng.normal(size=(observations, 4, 2)), 400 * rng.normal(size=(observations, 4, 2, 2)),
         20 * (np.eye(8) + 0.1 * rng.normal(size=(observations, 8, 8))),
-        small_rotations(rng, observations, 0.01 * size),
-        0.05 * rng.normal(size=(observations, 3)), small_rotations(rng, poses, 0.1 * size),
+        small_rotations(rng, 3, 0.01 * size),
+        0.05 * rng.normal(size=(3, 3)), small_rotations(rng, poses, 0.1 * size),
         size * 0.1 * rng.normal(size=(poses, 3)), small_rotations(rng, landmarks, 0.3 * size),
         size * 0.3 * rng.normal(size=(landmarks, 3)) + np.array([0, 0, 4]),
         0.1 * rng.normal(size=(landmarks, 4, 3)),
@@ -285,30 +290,45 @@ def _bundle_calls(rng: np.random.Generator) -> Iterator[tuple[Any, ...]]:
 def _bundle_sums(add: Callable[..., float]) -> Callable[..., Any]:
     """Result of a function that adds in place, on zeros, as a tuple."""
 
-    def run(bundle: Bundle, used: np.ndarray, own: int, moving: bool) -> tuple[Any, ...]:
+    def run(bundle: Bundle, used: np.ndarray, cameras: int, moving: bool, noise: float) -> tuple[Any, ...]:
+        """With ``cameras`` unknown beside the first, after one other unknown."""
+        own, numbers = 1 + 6 * cameras, np.minimum(bundle.mount, cameras)
         N, m = len(bundle.p), own + (6 * len(bundle.p_landmark) if moving else 0)
-        arrays = np.zeros((N, 6, 6)), np.zeros((N, 6)), np.zeros((N, 6, m)), np.zeros((m, m)), np.zeros(m)
-        return (*arrays, add(bundle, used, 2.4, Sums(*arrays, own), moving))
+        pattern, place = BlockPattern.of_pairs(bundle.at, bundle.of, N, own, 6)
+        arrays = [
+            np.zeros(shape) for shape in ((N, 6, 6), (N, 6), (N, 6, own), (len(pattern.states), 6, 6), (m, m), m)
+        ]
+        sums = Sums(*arrays, own, place if moving else None, numbers if cameras else None, 1)
+        return (*arrays, add(bundle, used, 2.4, sums, noise))
 
     run.__name__ = "add_bundle_equations"
     return run
 
 
 def _subtracted(subtract: Callable[..., None]) -> Callable[..., Any]:
-    def run(matrix: np.ndarray, columns: np.ndarray, values: np.ndarray) -> np.ndarray:
-        after = matrix.copy()
-        subtract(after, columns, values)
-        return after
+    def run(product: np.ndarray, first: int, between: int, columns: np.ndarray, cuts: Cuts) -> tuple[np.ndarray, ...]:
+        after = Cuts(*(array.copy() for array in cuts.arrays))
+        subtract(product, first, between, columns, after)
+        return after.arrays
 
-    run.__name__ = "subtract_at"
+    run.__name__ = "subtract_piece"
     return run
 
 
 def _subtract_calls(rng: np.random.Generator) -> Iterator[tuple[Any, ...]]:
-    for wide, count in [(1, 1), (7, 3), (40, 40), (5, 0), (0, 0)]:
-        columns, larger = rng.permutation(wide)[:count], rng.normal(size=(count + 2, count + 2))
-        for values in (larger[2:, 2:], larger[:count, :count].T, larger[:count, :count].astype(np.float32)):
-            yield rng.normal(size=(wide, wide)), columns, values
+    for count, size, wide, first, between, touched in [
+        (1, 1, 1, 0, 1, 1), (3, 6, 7, 1, 2, 3), (2, 3, 40, 1, 1, 40), (0, 6, 5, 0, 0, 2), (2, 2, 0, 0, 2, 0),
+    ]:  # fmt: skip
+        shapes = (
+            (count, size, size),
+            (max(count - 1, 0), size, size),
+            (count, size),
+            (count, size, wide),
+            (wide, wide),
+        )
+        cuts = Cuts(*(rng.normal(size=shape) for shape in (*shapes, (wide,))))
+        all_ = size * between + touched + 1
+        yield rng.normal(size=(all_, all_)), first, between, rng.permutation(wide)[:touched], cuts
 
 
 def _chain_calls(rng: np.random.Generator) -> Iterator[tuple[Any, ...]]:
@@ -349,21 +369,28 @@ def _take_calls(rng: np.random.Generator) -> Iterator[tuple[Any, ...]]:
         yield matrix, columns, np.zeros((len(matrix), len(columns)))
 
 
+def _put_calls(rng: np.random.Generator) -> Iterator[tuple[Any, ...]]:
+    for blocks, size, wide in [(1, 1, 1), (9, 6, 6), (7, 3, 2), (0, 6, 6)]:
+        at = rng.permutation(20)[:blocks]
+        yield rng.normal(size=(blocks, size, wide)), at // 5, at % 5, np.zeros((4 * size, 5 * wide))
+
+
 def _bundle_sum_calls(rng: np.random.Generator) -> Iterator[tuple[Any, ...]]:
     for (bundle,) in _bundle_calls(rng):
         used = rng.uniform(size=len(bundle.at)) < 0.8
-        for own in (0, 2):
+        for cameras in (0, 1, 2):
             for moving in (False, True):
-                yield bundle, used, own, moving
+                yield bundle, used, cameras, moving, 1.0 + cameras
 
 
 PAIRS = [
-    Pair(_subtracted(subtract_at), _subtracted(subtract_at_numpy), _subtract_calls),
+    Pair(_subtracted(subtract_piece), _subtracted(subtract_piece_numpy), _subtract_calls),
     Pair(factor_chain, factor_chain_numpy, _chain_calls, 1e-11),
     Pair(_in_place(forward_chain), _in_place(forward_chain_numpy), _substitution_calls, 1e-11),
     Pair(_in_place(backward_chain), _in_place(backward_chain_numpy), _substitution_calls, 1e-11),
     Pair(used_columns, used_columns_numpy, _column_calls, 0),
     Pair(_in_place(take_columns), _in_place(take_columns_numpy), _take_calls, 0),
+    Pair(_in_place(put_blocks), _in_place(put_blocks_numpy), _put_calls, 0),
     Pair(bundle_chi2, bundle_chi2_numpy, _bundle_calls),
     Pair(_bundle_sums(add_bundle_equations), _bundle_sums(add_bundle_equations_numpy), _bundle_sum_calls),
     Pair(corners_through_lens, corners_through_lens_numpy, _lens_calls, 1e-11),

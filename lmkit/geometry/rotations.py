@@ -8,6 +8,8 @@ import numpy as np
 
 from lmkit.arrays import FloatArray
 
+ROUNDING, NEARLY = 1e-15, 1e-8  # off a rotation, of lengths and angles
+
 
 def is_rotation(R: FloatArray, tolerance: float = 1e-6) -> bool:
     """True where the rows of R (3,3) are orthonormal and right-handed, to the tolerance.
@@ -121,6 +123,11 @@ def matrix_to_quaternion(R: FloatArray) -> FloatArray:
 
 
 def orthonormal(R: FloatArray) -> FloatArray:
-    """The rotation nearest to an almost-rotation, so that long chains do not drift."""
+    """The rotation (3,3) nearest to an almost-rotation, so that long chains do not drift."""
+    if is_rotation(R, ROUNDING):
+        return R
+    if is_rotation(R, NEARLY):
+        # A step of Newton's for the polar factor: what is left of the error is its square.
+        return np.asarray(1.5 * R - 0.5 * R @ (R.T @ R))
     U, _, Vt = np.linalg.svd(R)
     return np.asarray(U @ Vt)

@@ -4,8 +4,9 @@
 
 #include "kernels.h"
 
-LMKIT_EXPORT int lmkit_subtract_at(int64_t wide, int64_t count, const int64_t *columns, int64_t stride,
-                                   const double *values, double *matrix);
+LMKIT_EXPORT int lmkit_subtract_piece(int64_t size, int64_t inner, int64_t wide, int64_t count, const int64_t *columns,
+                                      const double *product, double *diagonal, double *following, double *gradient,
+                                      double *border, double *corner, double *shared_gradient);
 LMKIT_EXPORT int lmkit_factor_chain(int64_t count, int64_t size, const double *diagonal, const double *following,
                                     double *factor);
 LMKIT_EXPORT int lmkit_forward_chain(int64_t count, int64_t size, const double *factor, int64_t wide, double *right);
@@ -13,13 +14,28 @@ LMKIT_EXPORT int lmkit_backward_chain(int64_t count, int64_t size, const double 
 LMKIT_EXPORT int lmkit_used_columns(int64_t rows, int64_t wide, const double *matrix, uint8_t *used);
 LMKIT_EXPORT int lmkit_take_columns(int64_t rows, int64_t wide, const double *matrix, int64_t count,
                                     const int64_t *columns, int64_t stride, double *taken);
+LMKIT_EXPORT int lmkit_put_blocks(int64_t count, int64_t size, int64_t wide, const double *values,
+                                  const int64_t *states, const int64_t *places, int64_t stride, double *into);
 
-int lmkit_subtract_at(int64_t wide, int64_t count, const int64_t *restrict columns, int64_t stride,
-                      const double *restrict values, double *restrict matrix) {
+int lmkit_subtract_piece(int64_t size, int64_t inner, int64_t wide, int64_t count, const int64_t *restrict columns,
+                         const double *restrict product, double *restrict diagonal, double *restrict following,
+                         double *restrict gradient, double *restrict border, double *restrict corner,
+                         double *restrict shared_gradient) {
+    const int64_t stride = inner + count + 1;
+    for (int64_t row = 0; row < inner; row++) {
+        const double *from = product + stride * row;
+        const int64_t first = row - row % size;
+        for (int64_t j = 0; j < size; j++) diagonal[size * row + j] -= from[first + j];
+        if (first + size < inner)
+            for (int64_t j = 0; j < size; j++) following[size * row + j] -= from[first + size + j];
+        for (int64_t j = 0; j < count; j++) border[wide * row + columns[j]] -= from[inner + j];
+        gradient[row] -= from[inner + count];
+    }
     for (int64_t i = 0; i < count; i++) {
-        double *row = matrix + wide * columns[i];
-        const double *from = values + stride * i;
+        double *row = corner + wide * columns[i];
+        const double *from = product + stride * (inner + i) + inner;
         for (int64_t j = 0; j < count; j++) row[columns[j]] -= from[j];
+        shared_gradient[columns[i]] -= from[count];
     }
     return 0;
 }
@@ -104,5 +120,17 @@ int lmkit_take_columns(int64_t rows, int64_t wide, const double *restrict matrix
                        const int64_t *restrict columns, int64_t stride, double *restrict taken) {
     for (int64_t i = 0; i < rows; i++)
         for (int64_t j = 0; j < count; j++) taken[stride * i + j] = matrix[wide * i + columns[j]];
+    return 0;
+}
+
+int lmkit_put_blocks(int64_t count, int64_t size, int64_t wide, const double *restrict values,
+                     const int64_t *restrict states, const int64_t *restrict places, int64_t stride,
+                     double *restrict into) {
+    for (int64_t b = 0; b < count; b++)
+        for (int64_t i = 0; i < size; i++) {
+            const double *from = values + wide * (size * b + i);
+            double *to = into + stride * (size * states[b] + i) + wide * places[b];
+            for (int64_t j = 0; j < wide; j++) to[j] = from[j];
+        }
     return 0;
 }

@@ -6,13 +6,14 @@ A factor of N blocks of d rows is stored by rows, (N d, 2 d): row i from the fir
 from __future__ import annotations
 
 import ctypes
+from dataclasses import dataclass
 from functools import lru_cache
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from lmkit.kernels.load import address, contiguous, function
+from lmkit.kernels.load import address, addresses, contiguous, function
 
 Array = NDArray[np.floating[Any]]
 
@@ -131,9 +132,10 @@ def take_columns(matrix: Array, columns: NDArray[np.int64], taken: Array) -> Non
         ValueError: a shape or kind differs, or a column is out of range.
     """
     rows, wide = matrix.shape
-    matrix, columns = contiguous(matrix, (rows, wide)), _columns(columns, wide)
-    if taken.shape != (rows, len(columns)) or taken.dtype != np.float64 or (taken.size and taken.strides[1] != 8):
+    matrix, columns = contiguous(matrix, (rows, wide)), _numbers(columns, wide)
+    if taken.shape != (rows, len(columns)):
         raise ValueError(f"an array of shape {taken.shape} for {len(columns)} columns of {matrix.shape}")
+    _require_rows(taken)
     kernels = _kernels()
     if kernels is None:
         return take_columns_numpy(matrix, columns, taken)
@@ -147,55 +149,138 @@ def take_columns_numpy(matrix: Array, columns: NDArray[np.int64], taken: Array) 
     taken[...] = matrix[:, columns]
 
 
-def subtract_at(matrix: Array, columns: NDArray[np.int64], values: Array) -> None:
-    """Subtract ``values`` (c,c) from those rows and columns of ``matrix`` (m,m), in place.
+def put_blocks(values: Array, states: NDArray[np.int64], places: NDArray[np.int64], into: Array) -> None:
+    """Copy blocks ``values`` (B,d,g) into ``into`` (n d,c), a block of a larger array's columns, in place.
 
     Args:
-        columns: (c,) each at most once.
-        values: a contiguous array, or a block of one.
+        states, places: (B,) the block goes to rows from d times the state, and columns from g times the place.
 
     Raises:
-        ValueError: a shape or kind differs, or a column is out of range.
+        ValueError: a shape or kind differs, or a number is out of range.
     """
-    wide = len(matrix)
-    columns = _columns(columns, wide)
-    count = len(columns)
-    _require(matrix, (wide, wide))
-    if values.shape != (count, count):
-        raise ValueError(f"values of shape {values.shape}, expected {(count, count)}")
+    count, size, wide = values.shape
+    values = contiguous(values, (count, size, wide))
+    rows, columns = into.shape
+    if rows % size or columns % wide:
+        raise ValueError(f"blocks of shape {values.shape[1:]} into an array of shape {into.shape}")
+    _require_rows(into)
+    states, places = _numbers(states, rows // size), _numbers(places, columns // wide)
+    if not len(states) == len(places) == count:
+        raise ValueError(f"{len(states)} states and {len(places)} places for {count} blocks")
     kernels = _kernels()
     if kernels is None:
-        return subtract_at_numpy(matrix, columns, values)
-    if values.dtype != np.float64 or values.strides[1] != 8 or values.strides[0] % 8 or values.strides[0] < 0:
-        values = np.ascontiguousarray(values, dtype=np.float64)
-    kernels[5](wide, count, address(columns), values.strides[0] // 8, values.ctypes.data, address(matrix))
+        return put_blocks_numpy(values, states, places, into)
+    kernels[6](
+        count, size, wide, address(values), address(states), address(places), into.strides[0] // 8, into.ctypes.data
+    )
     return None
 
 
-def subtract_at_numpy(matrix: Array, columns: NDArray[np.int64], values: Array) -> None:
-    """Definition of :func:`subtract_at`."""
-    matrix[np.ix_(columns, columns)] -= values
+def put_blocks_numpy(values: Array, states: NDArray[np.int64], places: NDArray[np.int64], into: Array) -> None:
+    """Definition of :func:`put_blocks`."""
+    size, wide = values.shape[1:]
+    rows, columns = size * states[:, None] + np.arange(size), wide * places[:, None] + np.arange(wide)
+    into[rows[:, :, None], columns[:, None]] = values
 
 
-def _columns(columns: NDArray[np.int64], wide: int) -> NDArray[np.int64]:
-    columns = contiguous(columns, (-1,), np.int64)
-    if len(columns) and not 0 <= columns.min() <= columns.max() < wide:
-        raise ValueError(f"columns outside 0..{wide - 1}")
-    return columns
+@dataclass(frozen=True, eq=False)
+class Cuts:
+    """Normal equations of the states between which pieces of a chain are eliminated, and of what is shared.
+
+    All are contiguous arrays of 64-bit floats: diagonal (K,d,d), following (K-1,d,d), gradient (K,d), border (K,d,m),
+    corner (m,m) and shared_gradient (m,).
+    """
+
+    diagonal: Array
+    following: Array
+    gradient: Array
+    border: Array
+    corner: Array
+    shared_gradient: Array
+
+    def __post_init__(self) -> None:
+        """Raises:
+        ValueError: a shape or kind differs.
+        """
+        (count, size), m = self.gradient.shape, len(self.shared_gradient)
+        shapes = ((count, size, size), (max(count - 1, 0), size, size), (count, size), (count, size, m), (m, m), (m,))
+        for array, shape in zip(self.arrays, shapes, strict=True):
+            _require(array, shape)
+
+    @property
+    def arrays(self) -> tuple[Array, ...]:
+        """In the order of the class."""
+        return self.diagonal, self.following, self.gradient, self.border, self.corner, self.shared_gradient
 
 
-def _require(matrix: Array, shape: tuple[int, int]) -> None:
+def subtract_piece(product: Array, first: int, between: int, columns: NDArray[np.int64], cuts: Cuts) -> None:
+    """Subtract from the cuts, in place, what an eliminated piece says of them.
+
+    Args:
+        product: (l d+c+1,l d+c+1) of the piece's border (l cuts, what is shared) and gradient with themselves.
+        first, between: number of the first cut that it touches, and how many: at most two.
+        columns: (c,) the shared unknowns, each at most once.
+
+    Raises:
+        ValueError: a shape or kind differs, or a number is out of range.
+    """
+    size, wide = cuts.gradient.shape[1], len(cuts.shared_gradient)
+    columns, inner = _numbers(columns, wide), size * between
+    _require(product, (inner + len(columns) + 1,) * 2)
+    if between > 2 or not 0 <= first <= len(cuts.gradient) - between:
+        raise ValueError(f"{between} cuts from {first} on, of {len(cuts.gradient)}")
+    kernels = _kernels()
+    if kernels is None:
+        return subtract_piece_numpy(product, first, between, columns, cuts)
+    diagonal, following, gradient, border, corner, shared_gradient = addresses(*cuts.arrays)
+    square = 8 * size * size * first
+    kernels[5](
+        size, inner, wide, len(columns), address(columns), address(product), diagonal + square, following + square,
+        gradient + 8 * size * first, border + 8 * size * wide * first, corner, shared_gradient,
+    )  # fmt: skip
+    return None
+
+
+def subtract_piece_numpy(product: Array, first: int, between: int, columns: NDArray[np.int64], cuts: Cuts) -> None:
+    """Definition of :func:`subtract_piece`."""
+    size = cuts.gradient.shape[1]
+    inner = size * between
+    for number in range(between):
+        rows = slice(size * number, size * (number + 1))
+        cuts.diagonal[first + number] -= product[rows, rows]
+        cuts.gradient[first + number] -= product[rows, -1]
+        cuts.border[first + number][:, columns] -= product[rows, inner:-1]
+    if between == 2:
+        cuts.following[first] -= product[:size, size:inner]
+    cuts.corner[np.ix_(columns, columns)] -= product[inner:-1, inner:-1]
+    cuts.shared_gradient[columns] -= product[inner:-1, -1]
+
+
+def _numbers(numbers: NDArray[np.int64], count: int) -> NDArray[np.int64]:
+    numbers = contiguous(numbers, (-1,), np.int64)
+    if len(numbers) and not 0 <= numbers.min() <= numbers.max() < count:
+        raise ValueError(f"numbers outside 0..{count - 1}")
+    return numbers
+
+
+def _require_rows(block: Array) -> None:
+    if block.dtype != np.float64 or (block.size and (block.strides[1] != 8 or block.strides[0] % 8)):
+        raise ValueError("rows that are not contiguous 64-bit floats")
+
+
+def _require(matrix: Array, shape: tuple[int, ...]) -> None:
     if matrix.shape != shape or matrix.dtype != np.float64 or not matrix.flags.c_contiguous:
         raise ValueError(f"a matrix of shape {matrix.shape}, expected contiguous 64-bit floats of shape {shape}")
 
 
 @lru_cache(maxsize=1)
-def _kernels() -> tuple[Any, Any, Any, Any, Any, Any] | None:
+def _kernels() -> tuple[Any, ...] | None:
     count, pointer = ctypes.c_int64, ctypes.c_void_p
     factor = function("lmkit_factor_chain", count, count, pointer, pointer, pointer)
     forward = function("lmkit_forward_chain", count, count, pointer, count, pointer)
     backward = function("lmkit_backward_chain", count, count, pointer, count, pointer)
     used = function("lmkit_used_columns", count, count, pointer, pointer)
     take = function("lmkit_take_columns", count, count, pointer, count, pointer, count, pointer)
-    subtract = function("lmkit_subtract_at", count, count, pointer, count, pointer, pointer)
-    return None if factor is None else (factor, forward, backward, used, take, subtract)
+    subtract = function("lmkit_subtract_piece", *[count] * 4, *[pointer] * 8)
+    put = function("lmkit_put_blocks", count, count, count, pointer, pointer, pointer, count, pointer)
+    return None if factor is None else (factor, forward, backward, used, take, subtract, put)

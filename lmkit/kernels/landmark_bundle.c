@@ -8,22 +8,28 @@
 /* Observations and where everything stands; the fields are those of `Bundle` in landmark_bundle.py. */
 typedef struct {
     int64_t count;
-    const int64_t *at, *of;
+    const int64_t *at, *of, *mount;
     const double *rays, *by_ray, *whitener, *R_camera, *t_camera;
     const double *R, *p, *R_landmark, *p_landmark, *arms;
     double nearest, nowhere;
 } Bundle;
 
-LMKIT_EXPORT int lmkit_bundle_chi2(const Bundle *bundle, double *chi2, double *pixels);
-LMKIT_EXPORT int lmkit_bundle_equations(const Bundle *bundle, const uint8_t *used, double cauchy, int64_t own,
-                                        int64_t shared, double *diagonal, double *gradient, double *border,
-                                        double *corner, double *shared_gradient, double *cost);
+/* Sums that are added to; the fields are those of `Sums` in landmark_bundle.py. */
+typedef struct {
+    int64_t shared, own, cameras;
+    const int64_t *place, *camera;
+    double *diagonal, *gradient, *border, *blocks, *corner, *shared_gradient;
+} Sums;
 
-/* Errors of rays of one observation, and derivatives with the rig and the landmark. */
-static void errors_of(const Bundle *b, int64_t s, int derivatives, double *block, double *moved) {
-    const int64_t pose = b->at[s], landmark = b->of[s];
+LMKIT_EXPORT int lmkit_bundle_chi2(const Bundle *bundle, double *chi2, double *pixels);
+LMKIT_EXPORT int lmkit_bundle_equations(const Bundle *bundle, const uint8_t *used, double cauchy, double noise,
+                                        const Sums *sums, double *cost);
+
+/* Errors of rays of one observation, derivatives with the rig, and R_camera_map (3,3). */
+static void errors_of(const Bundle *b, int64_t s, int derivatives, double *block, double *M) {
+    const int64_t pose = b->at[s], landmark = b->of[s], mount = b->mount[s];
     const double *L = b->R_landmark + 9 * landmark, *center = b->p_landmark + 3 * landmark;
-    double M[9], arms[12], points[12];
+    double arms[12], points[12];
     for (int c = 0; c < 4; c++) {
         const double *arm = b->arms + 12 * landmark + 3 * c;
         for (int i = 0; i < 3; i++) {
@@ -31,16 +37,16 @@ static void errors_of(const Bundle *b, int64_t s, int derivatives, double *block
             points[3 * c + i] = center[i] + arms[3 * c + i];
         }
     }
-    map_to_camera(b->R_camera + 9 * s, b->R + 9 * pose, M);
-    corner_errors(points, arms, M, b->t_camera + 3 * s, b->p + 3 * pose, b->rays + 8 * s, b->nearest, b->nowhere,
-                  derivatives, block, moved);
+    map_to_camera(b->R_camera + 9 * mount, b->R + 9 * pose, M);
+    corner_errors(points, arms, M, b->t_camera + 3 * mount, b->p + 3 * pose, b->rays + 8 * s, b->nearest, b->nowhere,
+                  derivatives, block, NULL);
 }
 
 int lmkit_bundle_chi2(const Bundle *b, double *chi2, double *pixels) {
     for (int64_t s = 0; s < b->count; s++) {
-        double block[64];
+        double block[64], M[9];
         const double *W = b->whitener + 64 * s;
-        errors_of(b, s, 0, block, NULL);
+        errors_of(b, s, 0, block, M);
         double squared = 0, off = 0;
         for (int i = 0; i < 8; i++) {
             double sum = 0;
@@ -59,43 +65,115 @@ int lmkit_bundle_chi2(const Bundle *b, double *chi2, double *pixels) {
     return 0;
 }
 
-int lmkit_bundle_equations(const Bundle *b, const uint8_t *used, double cauchy, int64_t own, int64_t shared,
-                           double *diagonal, double *gradient, double *border, double *corner,
-                           double *shared_gradient, double *cost) {
+/* X (6,columns) = blockdiag(-R, -R) A, rows of A and X `wide` numbers long: what turns with a camera, from the map. */
+static void into_camera(const double *R, const double *A, int wide, int columns, double *X) {
+    for (int half = 0; half < 6; half += 3)
+        for (int i = 0; i < 3; i++)
+            for (int j = 0; j < columns; j++)
+                X[wide * (half + i) + j] = -(R[3 * i] * A[wide * half + j] + R[3 * i + 1] * A[wide * (half + 1) + j] +
+                                             R[3 * i + 2] * A[wide * (half + 2) + j]);
+}
+
+/* What a camera's observations at one pose say of the camera itself.  A camera that has moved in the rig sees what it
+ * would see had the rig moved the other way, so A, the sum for the pose (derivatives and error), says it all. */
+static void add_relation(const Sums *sums, int64_t pose, int64_t camera, const double *R, const double *A) {
+    const int64_t m = sums->shared, column = sums->cameras + 6 * (camera - 1);
+    double C[64], by_camera[36], own[36];
+    into_camera(R, A, WIDE, WIDE, C); /* rows: camera; columns: pose and error */
+    for (int i = 0; i < 6; i++)
+        for (int j = 0; j < 6; j++) by_camera[6 * j + i] = C[WIDE * i + j];
+    into_camera(R, by_camera, 6, 6, own);
+    double *B = sums->border + 6 * sums->own * pose + column, *K = sums->corner + m * column + column;
+    for (int i = 0; i < 6; i++) {
+        for (int j = 0; j < 6; j++) {
+            B[sums->own * i + j] += by_camera[6 * i + j];
+            K[m * i + j] += own[6 * i + j];
+        }
+        sums->shared_gradient[column + i] += C[WIDE * i + 6];
+    }
+}
+
+/* X (3,WIDE) = A x d, column by column: what is left of a turn about the rig when the center, `d` from it, stays. */
+static void cross_rows(const double *d, const double *A, double *X) {
+    for (int j = 0; j < WIDE; j++) {
+        const double a = A[j], b = A[WIDE + j], c = A[2 * WIDE + j];
+        X[j] = b * d[2] - c * d[1];
+        X[WIDE + j] = c * d[0] - a * d[2];
+        X[2 * WIDE + j] = a * d[1] - b * d[0];
+    }
+}
+
+/* Rows of a landmark from those of the pose: it shifts the other way, and turns about its own center. */
+static void by_landmark(const double *d, const double *A, double *X) {
+    double turned[3 * WIDE];
+    cross_rows(d, A, turned);
+    for (int i = 0; i < 3 * WIDE; i++) {
+        X[i] = -A[i];
+        X[3 * WIDE + i] = -A[3 * WIDE + i] - turned[i];
+    }
+}
+
+/* What one observation says of its landmark: A is its sum for the pose (derivatives and error). */
+static void add_landmark(const Bundle *b, const Sums *sums, int64_t s, int64_t camera, const double *R, const double *A) {
+    const double *center = b->p_landmark + 3 * b->of[s], *p = b->p + 3 * b->at[s];
+    const double d[3] = {center[0] - p[0], center[1] - p[1], center[2] - p[2]};
+    const int64_t m = sums->shared, column = sums->own + 6 * b->of[s];
+    double K[64], across[64] = {0}, inner[64] = {0}, seen[64];
+    by_landmark(d, A, K); /* rows: landmark; columns: pose and error */
+    for (int i = 0; i < 6; i++)
+        for (int j = 0; j < 6; j++) across[WIDE * i + j] = K[WIDE * j + i];
+    by_landmark(d, across, inner);
+    double *B = sums->blocks + 36 * sums->place[s], *C = sums->corner + m * column + column;
+    for (int i = 0; i < 6; i++) {
+        for (int j = 0; j < 6; j++) {
+            B[6 * i + j] += across[WIDE * i + j];
+            C[m * i + j] += inner[WIDE * i + j];
+        }
+        sums->shared_gradient[column + i] += K[WIDE * i + 6];
+    }
+    if (!camera) return;
+    const int64_t row = sums->cameras + 6 * (camera - 1);
+    into_camera(R, across, WIDE, 6, seen);
+    double *upper = sums->corner + m * row + column, *lower = sums->corner + m * column + row;
+    for (int i = 0; i < 6; i++)
+        for (int j = 0; j < 6; j++) {
+            upper[m * i + j] += seen[WIDE * i + j];
+            lower[m * j + i] += seen[WIDE * i + j];
+        }
+}
+
+int lmkit_bundle_equations(const Bundle *b, const uint8_t *used, double cauchy, double noise, const Sums *sums,
+                           double *cost) {
     double total = 0;
-    for (int64_t s = 0; s < b->count; s++) {
-        if (!used[s]) continue;
-        double raw[64], raw_moved[64], block[64], moved[64], A[64] = {0};
-        errors_of(b, s, 1, raw, border ? raw_moved : NULL);
-        times8(b->whitener + 64 * s, raw, block);
-        double squared = 0;
-        for (int i = 0; i < 8; i++) squared += block[WIDE * i + 6] * block[WIDE * i + 6];
-        squared /= 8 * cauchy * cauchy;
-        total += log1p(squared);
-        const double weight = 1 / (1 + squared);
-        double weighted[64];
-        for (int i = 0; i < 64; i++) weighted[i] = weight * block[i];
-        add_transposed8(block, weighted, A);
-        double *D = diagonal + 36 * b->at[s], *g = gradient + 6 * b->at[s];
-        for (int i = 0; i < 6; i++) {
-            for (int j = 0; j < 6; j++) D[6 * i + j] += A[WIDE * i + j];
-            g[i] += A[WIDE * i + 6];
+    for (int64_t s = 0; s < b->count;) {
+        /* A mounted camera's observations at one pose, one after the other. */
+        const int64_t pose = b->at[s], mount = b->mount[s], camera = sums->camera ? sums->camera[s] : 0;
+        double whole[64] = {0}, M[9];
+        int any = 0;
+        for (; s < b->count && b->at[s] == pose && b->mount[s] == mount; s++) {
+            if (sums->camera && sums->camera[s] != camera) break;
+            if (!used[s]) continue;
+            double raw[64], block[64], weighted[64], A[64] = {0};
+            any = 1;
+            errors_of(b, s, 1, raw, M);
+            times8(b->whitener + 64 * s, raw, block);
+            double squared = 0;
+            for (int i = 0; i < 8; i++) squared += block[WIDE * i + 6] * block[WIDE * i + 6];
+            squared /= 8 * cauchy * cauchy * noise;
+            total += log1p(squared);
+            const double weight = 1 / ((1 + squared) * noise);
+            for (int i = 0; i < 64; i++) weighted[i] = weight * block[i];
+            add_transposed8(block, weighted, A);
+            for (int i = 0; i < 48; i++) whole[i] += A[i];
+            if (sums->place) add_landmark(b, sums, s, camera, M, A);
         }
-        if (!border) continue;
-        times8(b->whitener + 64 * s, raw_moved, moved);
-        double across[64] = {0}, inner[64] = {0};
-        add_transposed8(weighted, moved, across); /* rows: pose and error; columns: landmark */
-        for (int i = 0; i < 64; i++) weighted[i] = weight * moved[i];
-        add_transposed8(moved, weighted, inner);
-        const int64_t column = own + 6 * b->of[s];
-        double *B = border + 6 * shared * b->at[s] + column, *C = corner + shared * column + column;
+        if (!any) continue;
+        double *D = sums->diagonal + 36 * pose, *g = sums->gradient + 6 * pose;
         for (int i = 0; i < 6; i++) {
-            for (int j = 0; j < 6; j++) {
-                B[shared * i + j] += across[WIDE * i + j];
-                C[shared * i + j] += inner[WIDE * i + j];
-            }
-            shared_gradient[column + i] += across[WIDE * 6 + i];
+            for (int j = 0; j < 6; j++) D[6 * i + j] += whole[WIDE * i + j];
+            g[i] += whole[WIDE * i + 6];
         }
+        if (camera) add_relation(sums, pose, camera, M, whole);
     }
     *cost = 8 * cauchy * cauchy * total;
     return 0;

@@ -1,7 +1,8 @@
 """Normal equations of rig poses and landmark poses from all observations of a recording (bundle adjustment).
 
 Unknowns are those of a chain with a border (`optim/block_chain.py`): six numbers a rig pose, and, shared, six a
-landmark; each a shift and a turn about the map's axes.  Observations are weighed down by Cauchy's loss.
+landmark; each a shift and a turn about the map's axes.  Cameras of the rig may be unknown, too: six numbers each, a
+shift and a turn in its own frame.  Observations are weighed down by Cauchy's loss.
 """
 
 from __future__ import annotations
@@ -22,12 +23,22 @@ Array = NDArray[np.floating[Any]]
 _ARRAYS = ("rays", "by_ray", "whitener", "R_camera", "t_camera", "R", "p", "R_landmark", "p_landmark", "arms")
 
 
+_SUMS = ("diagonal", "gradient", "border", "blocks", "corner", "shared_gradient")
+
+
 class _BundleStruct(ctypes.Structure):
     _fields_ = (
         ("count", ctypes.c_int64),
-        *((name, ctypes.c_void_p) for name in ("at", "of", *_ARRAYS)),
+        *((name, ctypes.c_void_p) for name in ("at", "of", "mount", *_ARRAYS)),
         ("nearest", ctypes.c_double),
         ("nowhere", ctypes.c_double),
+    )
+
+
+class _SumsStruct(ctypes.Structure):
+    _fields_ = (
+        *((name, ctypes.c_int64) for name in ("shared", "own", "cameras")),
+        *((name, ctypes.c_void_p) for name in ("place", "camera", *_SUMS)),
     )
 
 
@@ -36,11 +47,11 @@ class Bundle:
     """S observations of L landmarks from N rig poses, and where all stand.
 
     Attributes:
-        at, of: (S,) rig poses and landmarks, by number.
+        at, of, mount: (S,) rig poses, landmarks and mounted cameras, by number.
         rays: (S,4,2) observed corners as x/z, y/z.
         by_ray: (S,4,2,2) derivatives of pixels with rays.
         whitener: (S,8,8) from errors of rays to standard deviations.
-        R_camera, t_camera: (S,3,3), (S,3): x_camera = R_camera x_rig + t_camera.
+        R_camera, t_camera: (K,3,3), (K,3) of mounted cameras: x_camera = R_camera x_rig + t_camera.
         R, p: (N,3,3), (N,3) T_map_rig.
         R_landmark, p_landmark: (L,3,3), (L,3) T_map_landmark.
         arms: (L,4,3) corners in the landmark's own frame.
@@ -48,6 +59,7 @@ class Bundle:
 
     at: NDArray[np.int64]
     of: NDArray[np.int64]
+    mount: NDArray[np.int64]
     rays: Array
     by_ray: Array
     whitener: Array
@@ -66,11 +78,11 @@ class Bundle:
         Raises:
             ValueError: a shape differs, or a number of a pose or landmark is out of range.
         """
-        S, N, L = len(self.at), len(self.p), len(self.p_landmark)
-        shapes: list[tuple[int, ...]] = [(S, 4, 2), (S, 4, 2, 2), (S, 8, 8), (S, 3, 3), (S, 3)]
+        S, N, L, K = len(self.at), len(self.p), len(self.p_landmark), len(self.t_camera)
+        shapes: list[tuple[int, ...]] = [(S, 4, 2), (S, 4, 2, 2), (S, 8, 8), (K, 3, 3), (K, 3)]
         shapes += [(N, 3, 3), (N, 3), (L, 3, 3), (L, 3), (L, 4, 3)]
         struct = _BundleStruct(S, nearest=NEAREST_M, nowhere=NOWHERE)
-        for name, count in (("at", N), ("of", L)):
+        for name, count in (("at", N), ("of", L), ("mount", K)):
             numbers = contiguous(getattr(self, name), (S,), np.int64)
             if S and not 0 <= numbers.min() <= numbers.max() < count:
                 raise ValueError(f"{name} has numbers outside 0..{count - 1}")
@@ -85,29 +97,49 @@ class Bundle:
 
 @dataclass(frozen=True, eq=False)
 class Sums:
-    """Sums that are added to: diagonal (N,6,6), gradient (N,6), border (N,6,m), corner (m,m), shared_gradient (m,).
+    """Sums that are added to, contiguous arrays of 64-bit floats.
 
-    All are contiguous arrays of 64-bit floats; landmark k has the shared unknowns from own + 6 k.
+    Attributes:
+        diagonal, gradient: (N,6,6), (N,6) of the rig poses.
+        border: (N,6,own) between rig poses and the shared unknowns before the landmarks.
+        blocks: (B,6,6) between rig poses and landmarks, those that there are.
+        corner, shared_gradient: (m,m), (m,) of the shared unknowns; landmark k has those from own + 6 k.
+        own: the first of the landmarks.
+        place: (S,) block of every observation; None: landmarks do not move.
+        camera: (S,) number of its camera; None: the cameras are where the rig has them.
+        cameras: the first shared unknown of camera 1; camera 0 has none.
     """
 
     diagonal: Array
     gradient: Array
     border: Array
+    blocks: Array
     corner: Array
     shared_gradient: Array
     own: int
+    place: NDArray[np.int64] | None = None
+    camera: NDArray[np.int64] | None = None
+    cameras: int = 0
 
-    def require(self, poses: int, landmarks: int, moving: bool) -> None:
+    def require(self, bundle: Bundle) -> None:
         """Raises:
-        ValueError: a shape or a kind differs.
+        ValueError: a shape or a kind differs, or a number is out of range.
         """
-        m = len(self.shared_gradient)
-        shapes = ((poses, 6, 6), (poses, 6), (poses, 6, m), (m, m), (m,))
-        arrays = (self.diagonal, self.gradient, self.border, self.corner, self.shared_gradient)
-        if [array.shape for array in arrays] != list(shapes) or (moving and m < self.own + 6 * landmarks):
+        S, N, m = len(bundle.at), len(bundle.p), len(self.shared_gradient)
+        shapes = ((N, 6, 6), (N, 6), (N, 6, self.own), (len(self.blocks), 6, 6), (m, m), (m,))
+        arrays = [getattr(self, name) for name in _SUMS]
+        moving = self.place is not None
+        if [array.shape for array in arrays] != list(shapes) or m < self.own + 6 * moving * len(bundle.p_landmark):
             raise ValueError(f"sums of shapes {[array.shape for array in arrays]}, expected {shapes}")
         if not all(array.flags.c_contiguous and array.dtype == np.float64 for array in arrays):
             raise ValueError("sums are not contiguous 64-bit floats")
+        for numbers, count in ((self.place, len(self.blocks)), (self.camera, 1 + (self.own - self.cameras) // 6)):
+            if numbers is None:
+                continue
+            if numbers.shape != (S,) or numbers.dtype != np.int64 or not numbers.flags.c_contiguous:
+                raise ValueError(f"numbers of shape {numbers.shape}, expected {(S,)}")
+            if S and not 0 <= numbers.min() <= numbers.max() < count:
+                raise ValueError(f"numbers outside 0..{count - 1}")
 
 
 def bundle_chi2(bundle: Bundle) -> tuple[Array, Array]:
@@ -127,50 +159,63 @@ def bundle_chi2_numpy(bundle: Bundle) -> tuple[Array, Array]:
     return (_whitened(bundle, errors) ** 2).sum(axis=1), (pixels**2).sum(axis=(1, 2))
 
 
-def add_bundle_equations(bundle: Bundle, used: NDArray[np.bool_], cauchy: float, sums: Sums, moving: bool) -> float:
+def add_bundle_equations(
+    bundle: Bundle, used: NDArray[np.bool_], cauchy: float, sums: Sums, noise: float = 1.0
+) -> float:
     """Add normal equations of the observations used (S,) to ``sums``, in place; their cost.
 
     Args:
         cauchy: standard deviations at which the loss halves its weight, of the root mean square of eight coordinates.
-        moving: landmarks are unknown, too.
+        noise: factor of the observations' variances.
 
     Raises:
         ValueError: a shape differs.
     """
     used = contiguous(used, (len(bundle.at),), np.bool_)
-    sums.require(len(bundle.p), len(bundle.p_landmark), moving)
+    sums.require(bundle)
     kernels = _kernels()
     if kernels is None:
-        return add_bundle_equations_numpy(bundle, used, cauchy, sums, moving)
+        return add_bundle_equations_numpy(bundle, used, cauchy, sums, noise)
     cost = ctypes.c_double()
-    border, corner = (sums.border, sums.corner) if moving else (None, None)
-    kernels[1](
-        bundle.struct, address(used), cauchy, sums.own, len(sums.shared_gradient),
-        *addresses(sums.diagonal, sums.gradient, border, corner, sums.shared_gradient), cost,
-    )  # fmt: skip
+    arrays = addresses(sums.place, sums.camera, *(getattr(sums, name) for name in _SUMS))
+    struct = _SumsStruct(len(sums.shared_gradient), sums.own, sums.cameras, *arrays)
+    kernels[1](bundle.struct, address(used), cauchy, noise, struct, cost)
     return cost.value
 
 
 def add_bundle_equations_numpy(
-    bundle: Bundle, used: NDArray[np.bool_], cauchy: float, sums: Sums, moving: bool
+    bundle: Bundle, used: NDArray[np.bool_], cauchy: float, sums: Sums, noise: float = 1.0
 ) -> float:
     """Definition of :func:`add_bundle_equations`."""
     errors, by_pose, by_landmark = _errors(bundle)
-    r = _whitened(bundle, errors)[used]
+    r = _whitened(bundle, errors)[used] / np.sqrt(noise)
     squared = (r**2).sum(axis=1) / (8 * cauchy**2)
     root = np.sqrt(1 / (1 + squared))[:, None]
-    at, columns = bundle.at[used], sums.own + 6 * bundle.of[used][:, None] + np.arange(6)
-    W = bundle.whitener[used] * root[:, :, None]
-    J, r = W @ by_pose[used], r * root
+    at = bundle.at[used]
+    W = bundle.whitener[used] * root[:, :, None] / np.sqrt(noise)
+    J, r = W @ by_pose[used], (r * root)[:, :, None]
     Jt = J.transpose(0, 2, 1)
     np.add.at(sums.diagonal, at, Jt @ J)
-    np.add.at(sums.gradient, at, (Jt @ r[:, :, None])[:, :, 0])
-    if moving:
-        K = W @ by_landmark[used]
+    np.add.at(sums.gradient, at, (Jt @ r)[:, :, 0])
+    shared: list[tuple[Array, NDArray[np.int64]]] = []
+    if sums.place is not None:
+        K, columns = W @ by_landmark[used], sums.own + 6 * bundle.of[used][:, None] + np.arange(6)
+        np.add.at(sums.blocks, sums.place[used], Jt @ K)
+        shared.append((K, columns))
+    if sums.camera is not None:
+        R = bundle.R_camera[bundle.mount[used]] @ bundle.R[at].transpose(0, 2, 1)
+        # A camera that has moved in the rig sees what it would see had the rig moved the other way.
+        back = -R.transpose(0, 2, 1) * (sums.camera[used] > 0)[:, None, None]
+        C = np.concatenate([J[..., :3] @ back, J[..., 3:] @ back], axis=2)
+        columns = sums.cameras + 6 * np.maximum(sums.camera[used] - 1, 0)[:, None] + np.arange(6)
+        if sums.own >= sums.cameras + 6:
+            np.add.at(sums.border, (at[:, None, None], np.arange(6)[:, None], columns[:, None]), Jt @ C)
+            shared.append((C, columns))
+    for K, rows in shared:
         Kt = K.transpose(0, 2, 1)
-        np.add.at(sums.border, (at[:, None, None], np.arange(6)[:, None], columns[:, None]), Jt @ K)
-        np.add.at(sums.corner, (columns[:, :, None], columns[:, None]), Kt @ K)
-        np.add.at(sums.shared_gradient, columns, (Kt @ r[:, :, None])[:, :, 0])
+        np.add.at(sums.shared_gradient, rows, (Kt @ r)[:, :, 0])
+        for other, columns in shared:
+            np.add.at(sums.corner, (rows[:, :, None], columns[:, None]), Kt @ other)
     return float(8 * cauchy**2 * np.log1p(squared).sum())
 
 
@@ -187,8 +232,8 @@ def _errors(bundle: Bundle) -> tuple[Array, Array, Array]:
     """Errors of rays (S,8), and derivatives of the expected rays (S,8,6) with the rig and with the landmark."""
     arms = bundle.arms[bundle.of] @ bundle.R_landmark[bundle.of].transpose(0, 2, 1)
     offset = bundle.p_landmark[bundle.of][:, None] + arms - bundle.p[bundle.at][:, None]
-    R_camera_map = bundle.R_camera @ bundle.R[bundle.at].transpose(0, 2, 1)
-    seen = offset @ R_camera_map.transpose(0, 2, 1) + bundle.t_camera[:, None]
+    R_camera_map = bundle.R_camera[bundle.mount] @ bundle.R[bundle.at].transpose(0, 2, 1)
+    seen = offset @ R_camera_map.transpose(0, 2, 1) + bundle.t_camera[bundle.mount][:, None]
     depth = np.maximum(seen[..., 2:], NEAREST_M)
     expected = seen[..., :2] / depth
     errors = (bundle.rays - expected).reshape(-1, 8)
@@ -202,10 +247,9 @@ def _errors(bundle: Bundle) -> tuple[Array, Array, Array]:
 
 @lru_cache(maxsize=1)
 def _kernels() -> tuple[Any, Any] | None:
-    bundle, pointer, count = ctypes.POINTER(_BundleStruct), ctypes.c_void_p, ctypes.c_int64
+    bundle, pointer, number = ctypes.POINTER(_BundleStruct), ctypes.c_void_p, ctypes.c_double
     chi2 = function("lmkit_bundle_chi2", bundle, pointer, pointer)
     equations = function(
-        "lmkit_bundle_equations", bundle, pointer, ctypes.c_double, count, count, *[pointer] * 5,
-        ctypes.POINTER(ctypes.c_double),
-    )  # fmt: skip
+        "lmkit_bundle_equations", bundle, pointer, number, number, ctypes.POINTER(_SumsStruct), ctypes.POINTER(number)
+    )
     return None if chi2 is None else (chi2, equations)

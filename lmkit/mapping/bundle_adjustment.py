@@ -10,19 +10,19 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from lmkit.arrays import BoolArray, FloatArray
+from lmkit.arrays import BoolArray, FloatArray, IntArray
 from lmkit.geometry.pose import Pose
 from lmkit.geometry.pose_array import PoseArray
-from lmkit.geometry.rig import AnyRig, mounted_cameras
+from lmkit.geometry.rig import AnyRig
 from lmkit.geometry.rotations import orthonormal, rotation_exp, rotation_log, skew
 from lmkit.kernels import landmark_bundle as kernel
 from lmkit.mapping.bundle_results import Bundle
-from lmkit.mapping.camera_relations import SIZE as RELATION
-from lmkit.mapping.camera_relations import CameraRelations, add_relation
+from lmkit.mapping.camera_relations import CameraRelations
 from lmkit.mapping.carried_cameras import are_synchronous, carry_frames
 from lmkit.mapping.observation_arrays import ObservationArrays, StoredObservations
 from lmkit.mapping.wall_constraints import LandmarkConstraint, constraint_rows
@@ -33,6 +33,7 @@ from lmkit.model.trajectory import Trajectory
 from lmkit.odometry.motion_model import BoundedMotion, Motion
 from lmkit.odometry.pose_odometry import PoseMotion
 from lmkit.optim.block_chain import ChainEquations
+from lmkit.optim.border_blocks import BlockPattern
 from lmkit.optim.levenberg_marquardt import Damping, minimize
 from lmkit.optim.robust_loss import CAUCHY_SCALE, cauchy_cost, cauchy_weight
 
@@ -134,13 +135,13 @@ class BundleProblem:
         # Of the shared unknowns, before the landmarks.
         self.own = len(self.parameters) + self.relations.unknowns
         self.motion_scale = np.ones(6)
-        self.noise = 1.0  # factor of the observations' variances; set where covariances are stated
         self.may_slip = True
         self.shared = self.own + (0 if landmarks_fixed else 6 * len(self.mapped))
         T = rig.T_base_left
         T_left_base = Pose.identity("left", "base") if T is None else T.inverse()
         self.base_R, self.base_t = T_left_base.R, T_left_base.t
-        self.rig_R = [camera.T_camera_left.R for camera in mounted_cameras(rig)]
+        self._blocks: tuple[BlockPattern, IntArray] | None = None
+        self._linearized: tuple[tuple[Any, ...], tuple[ChainEquations, float]] | None = None
 
     def carry(self) -> bool:
         """Carry cameras that expose at other times than their frames; False where there are none.
@@ -159,11 +160,16 @@ class BundleProblem:
             parameters = motion.nominal
         carried = carry_frames(self._frames, rig, motion, parameters)
         self.seen = ObservationArrays.collect(carried, self._rig, [m.id for m in self.mapped])
+        self._blocks = None
         return True
 
     def forget_frames(self) -> None:
         """Keep no frames: the observations are arrays, and cameras are carried for the last time."""
         self._frames = ()
+
+    def forget_equations(self) -> None:
+        """Keep no normal equations of the last state, which are made anew where they are needed."""
+        self._linearized = None
 
     def store_observations(self, path: Path) -> None:
         """Keep the observations in a file, from where they are read whenever they are needed."""
@@ -182,9 +188,13 @@ class BundleProblem:
         return end.cost
 
     def linearize(self, state: State) -> tuple[ChainEquations, float]:
-        """Normal equations and cost at a state."""
+        """Normal equations and cost at a state; not to be changed, since those of the last state are kept."""
         self.restore(state)
-        return self._equations()
+        at = (*self.own_state(), self.lm_R, self.lm_p, self.used, self.motion_scale, self.seen, self.may_slip)
+        if self._linearized is None or any(a is not b for a, b in zip(self._linearized[0], at, strict=True)):
+            self._linearized = None
+            self._linearized = at, self._equations()
+        return self._linearized[1]
 
     def solve(self, equations: ChainEquations, damping: float) -> tuple[FloatArray, FloatArray]:
         """Steps of the poses and of all that they share."""
@@ -241,13 +251,17 @@ class BundleProblem:
         """Mount all landmarks elsewhere."""
         self.lm_R, self.lm_p = R, p
 
-    def equations(self) -> tuple[ChainEquations, float]:
-        """Normal equations and cost of the unknowns as they stand."""
-        return self._equations()
+    def equations(self, noise: float = 1.0) -> tuple[ChainEquations, float]:
+        """Normal equations and cost of the unknowns as they stand.
+
+        Args:
+            noise: factor of the observations' variances.
+        """
+        return self._equations(noise)
 
     def cost(self) -> float:
         """Cost of the unknowns as they stand."""
-        return self._equations()[1]
+        return self.linearize(self.state())[1]
 
     def put(self, landmark: int, R: FloatArray, p: FloatArray) -> None:
         """Mount one landmark elsewhere."""
@@ -298,8 +312,10 @@ class BundleProblem:
 
     def drop_outliers(self, sigma: float) -> int:
         """Leave out observations that do not fit at all: even weighed down, many of them pull together."""
-        self.used = self.residuals() < sigma
-        return int((~self.used).sum())
+        used = self.residuals() < sigma
+        if (used != self.used).any():
+            self.used = used
+        return int((~used).sum())
 
     def weigh_motion(self) -> None:
         """How well the wheels count, from how they agree with what was seen (one step of expectation maximization).
@@ -308,16 +324,17 @@ class BundleProblem:
         """
         if len(self.times) < LEAST_TO_WEIGH:
             return
-        states, across, _ = self._equations()[0].covariances()
+        states, across, _ = self.linearize(self.state())[0].covariances()
         before, after, r, _ = self._motion_rows()
         own = (before @ states[:-1] + after @ across.transpose(0, 2, 1)) @ before.transpose(0, 2, 1)
         own += (before @ across + after @ states[1:]) @ after.transpose(0, 2, 1)
-        left = np.einsum("nii->ni", own)
+        left, scales = np.einsum("nii->ni", own), np.ones(6)
         for k in range(6):
             determined = left[:, k] < KNOWN_BELOW
             if determined.sum() >= LEAST_TO_WEIGH:
                 scale = np.sqrt(np.mean(np.minimum(r[determined, k] ** 2, SLIP_SIGMA**2) + left[determined, k]))
-                self.motion_scale[k] *= float(np.clip(scale, 0.3, 3.0))
+                scales[k] = np.clip(scale, 0.3, 3.0)
+        self.motion_scale = self.motion_scale * scales
 
     def _move(self, step: FloatArray, shared: FloatArray) -> None:
         self.restore_own(self.own_moved(step, shared[: self.own]))
@@ -334,9 +351,10 @@ class BundleProblem:
             self._poses(), PoseArray("map", "landmark", self.lm_R, self.lm_p), self.arms, self.relations
         )
 
-    def _equations(self) -> tuple[ChainEquations, float]:
-        equations = ChainEquations.zeros(len(self.times), 6, self.shared)
-        cost = self._add_observations(equations) + self.relations.add_prior(equations, self._odometry)
+    def _equations(self, noise: float = 1.0) -> tuple[ChainEquations, float]:
+        pattern, place = (None, None) if self.landmarks_fixed else self._pattern()
+        equations = ChainEquations.zeros(len(self.times), 6, self.shared, pattern)
+        cost = self._add_observations(equations, place, noise) + self.relations.add_prior(equations, self._odometry)
         if not self.landmarks_fixed:
             cost += self._add_anchors(equations) + self._add_constraints(equations)
         if len(self.times) > 1:
@@ -347,29 +365,18 @@ class BundleProblem:
             matrix[:, diagonal, diagonal] += 1e-9
         return equations, cost
 
-    def _add_observations(self, equations: ChainEquations) -> float:
+    def _pattern(self) -> tuple[BlockPattern, IntArray]:
+        """Which landmarks each pose sees, and the block of every observation."""
+        if self._blocks is None:
+            self._blocks = BlockPattern.of_pairs(self.seen.at, self.seen.of, len(self.times), self.own, 6)
+        return self._blocks
+
+    def _add_observations(self, e: ChainEquations, place: IntArray | None, noise: float) -> float:
         """Add the observations of every camera: on poses, landmarks and the cameras' relations; their cost."""
-        e, bundle, cost = equations, self._correspondences(), 0.0
-        if self.noise != 1.0:
-            bundle = replace(bundle, whitener=bundle.whitener / np.sqrt(self.noise))
-        last = len(self.relations.t) - 1
-        for camera in range(last, -1, -1):
-            used = self.used & (self.seen.camera == camera)
-            own = e  # sums of this camera alone: those of the last one while nothing else is in
-            if 0 < camera < last:
-                zeros = {name: np.zeros_like(getattr(e, name)) for name in ("diagonal", "gradient", "border")}
-                own = replace(e, **zeros)
-            sums = kernel.Sums(own.diagonal, own.gradient, own.border, own.corner, own.shared_gradient, self.own)
-            cost += kernel.add_bundle_equations(bundle, used, CAUCHY_SCALE, sums, not self.landmarks_fixed)
-            if camera > 0:
-                first = self._odometry + RELATION * (camera - 1)
-                R_camera_map = self.relations.turn[camera] @ self.rig_R[camera] @ self.R.transpose(0, 2, 1)
-                add_relation(e, own, R_camera_map, slice(first, first + RELATION), self.own)
-            if own is not e:
-                e.diagonal += own.diagonal
-                e.gradient += own.gradient
-                e.border += own.border
-        return cost
+        blocks = np.zeros((0, 6, 6)) if e.blocks is None else e.blocks.values
+        arrays = e.diagonal, e.gradient, e.border, blocks, e.corner, e.shared_gradient
+        sums = kernel.Sums(*arrays, self.own, place, self.seen.camera, self._odometry)
+        return kernel.add_bundle_equations(self._correspondences(), self.used, CAUCHY_SCALE, sums, noise)
 
     def _add_anchors(self, equations: ChainEquations) -> float:
         cost = 0.0
@@ -454,7 +461,7 @@ class BundleProblem:
     def landmark_information(self) -> FloatArray:
         """(6L,6L) what the observations alone tell of the landmarks, wherever the rig was."""
         e = self._equations()[0]
-        across = e.border[:, :, self.own :]
+        across = e.dense_border()[:, :, self.own :]
         determined = np.einsum("nia,nij,njb->ab", across, np.linalg.inv(e.diagonal), across)
         return np.asarray(e.corner[self.own :, self.own :] - determined)
 
@@ -483,6 +490,7 @@ class BundleProblem:
         believed_below: float,
         spread: Mapping[int, FloatArray] | None = None,
         known: FloatArray | None = None,
+        noise: float = 1.0,
     ) -> Bundle:
         """Everything, with covariances.
 
@@ -490,8 +498,9 @@ class BundleProblem:
             believed_below: of an observation's residual.
             spread: by row, (6,6) to be added to the covariance of landmarks.
             known: (6L,6L) information on the landmarks from elsewhere.
+            noise: factor of the observations' variances.
         """
-        equations, _ = self._equations()
+        equations, _ = self._equations(noise)
         if known is not None:
             equations.corner[self.own :, self.own :] += known
         states, _, shared = equations.covariances()

@@ -60,15 +60,15 @@ class CameraRelations:
             self.stated_t, self.information, rotation_exp(steps[:, 3:]) @ self.turn, self.t + steps[:, :3]
         )
 
-    def of_observations(self, camera: IntArray, R: FloatArray, t: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """(S,3,3), (S,3) from the rig into the cameras ``camera`` (S,), from R and t by the rig file."""
-        R, t = R.copy(), t.copy()
-        for k in range(1, len(self.t)):
-            rows, turn = np.flatnonzero(camera == k), self.turn[k]
-            # One product of flat matrices: many small ones take ten times as long.
-            R[rows] = (R[rows].transpose(0, 2, 1).reshape(-1, 3) @ turn.T).reshape(-1, 3, 3).transpose(0, 2, 1)
-            t[rows] = self.t[k] + (t[rows] - self.stated_t[k]) @ turn.T
-        return R, t
+    def of_mounted(self, camera: IntArray, R: FloatArray, t: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """(K,3,3), (K,3) from the rig into mounted cameras, from R and t by the rig file.
+
+        Args:
+            camera: (K,) which camera each is.
+        """
+        turn = self.turn[camera]
+        moved = self.t[camera] + (turn @ (t - self.stated_t[camera])[..., None])[..., 0]
+        return turn @ R, np.where(camera[:, None] > 0, moved, t)
 
     def add_prior(self, equations: ChainEquations, first: int) -> float:
         """Add what the rig file says to shared unknowns from ``first`` on; its cost."""
@@ -80,30 +80,3 @@ class CameraRelations:
             equations.shared_gradient[rows] += self.information[k] @ off
             cost += float(off @ self.information[k] @ off)
         return cost
-
-
-def add_relation(
-    equations: ChainEquations, seen: ChainEquations, R_camera_map: FloatArray, columns: slice, landmarks: int
-) -> None:
-    """Add what one camera's observations say of its relation.
-
-    A camera that has moved in the rig sees what it would see had the rig moved the other way; so the sums for the
-    rig's poses say all that there is to say about the camera.
-
-    Args:
-        equations: of all, to which is added.
-        seen: with the sums of this camera's observations alone: diagonal, gradient and border.
-        R_camera_map: (N,3,3) from the map into the camera, at every rig pose.
-        columns: of the shared unknowns: those of the camera.
-        landmarks: the first shared unknown of the landmarks.
-    """
-    M = np.zeros((len(R_camera_map), SIZE, SIZE))
-    M[:, :3, :3] = M[:, 3:, 3:] = -R_camera_map.transpose(0, 2, 1)
-    Mt = M.transpose(0, 2, 1)
-    by_pose = seen.diagonal @ M
-    equations.border[:, :, columns] += by_pose
-    equations.corner[columns, columns] += (Mt @ by_pose).sum(axis=0)
-    equations.shared_gradient[columns] += (Mt @ seen.gradient[..., None]).sum(axis=0)[:, 0]
-    across = (M.reshape(-1, SIZE).T @ seen.border.reshape(-1, seen.border.shape[2]))[:, landmarks:]
-    equations.corner[columns, landmarks:] += across
-    equations.corner[landmarks:, columns] += across.T

@@ -224,10 +224,10 @@ def _step(problem: BundleProblem, cameras: IntArray, offsets: FloatArray) -> tup
     A camera that exposes later by a little has its neighbors in time nearer behind and farther ahead.
     """
     e = problem.linearize(problem.state())[0]
-    count, size, shared = e.border.shape
+    (count, size), shared = e.gradient.shape, len(e.corner)
     wide = ChainEquations.zeros(count, size, shared + len(offsets))
     wide.diagonal, wide.following, wide.gradient = e.diagonal, e.following, e.gradient
-    wide.border[:, :, :shared], wide.corner[:shared, :shared] = e.border, e.corner
+    wide.border[:, :, :shared], wide.corner[:shared, :shared] = e.dense_border(), e.corner
     wide.shared_gradient[:shared] = e.shared_gradient
     rows = problem.motion_rows()
     sigmas = problem.motion.steps(problem.times, problem.parameters).sigmas * problem.motion_scale

@@ -52,12 +52,14 @@ class Start:
         placed: landmarks.
         anchors: those that were known beforehand, or the one that was chosen.
         unplaced: what could not be placed.
+        recorded: the recording's observations as arrays.
     """
 
     poses: Sequence[Pose | None]
     placed: Mapping[LandmarkId, MappedLandmark]
     anchors: Mapping[LandmarkId, Anchor]
     unplaced: tuple[LandmarkId, ...] = ()
+    recorded: RecordedObservations | None = None
 
     @property
     def rows(self) -> tuple[int, ...]:
@@ -71,13 +73,12 @@ class Start:
         motion: Motion | None,
         constraints: Sequence[LandmarkConstraint] = (),
         landmarks_fixed: bool = False,
-        recorded: RecordedObservations | None = None,
     ) -> BundleProblem:
         """Bundle adjustment of the frames that have a pose, and of the landmarks that those see."""
         posed = [(k, pose) for k, pose in enumerate(self.poses) if pose is not None]
         some = [frames[k] for k, _ in posed]
         seen = {o.id for frame in some for o in frame.detections}
-        mapped = [m for key, m in self.placed.items() if key in seen]
+        mapped, recorded = [m for key, m in self.placed.items() if key in seen], self.recorded
         return BundleProblem(
             some,
             rig,
@@ -87,7 +88,7 @@ class Start:
             motion,
             landmarks_fixed,
             constraints,
-            None if recorded is None else recorded.only(self.rows, [m.id for m in mapped]),
+            recorded.only(self.rows, [m.id for m in mapped]) if recorded and recorded.are_of(frames, rig) else None,
         )
 
 
@@ -135,7 +136,8 @@ def find_start(
             "no frame of the recording could be located",
             "check some of its images with lmkit locate",
         )
-    return Start(poses, search.placed, anchors, tuple(sorted(placing.wanted - set(search.placed))))
+    unplaced = tuple(sorted(placing.wanted - set(search.placed)))
+    return Start(poses, search.placed, anchors, unplaced, search.recorded)
 
 
 @dataclass(eq=False)
@@ -188,8 +190,8 @@ class _Search:
 
     def optimize(self) -> None:
         """A few steps of bundle adjustment, so that errors do not add up from round to round."""
-        start = Start(self.poses, self.placed, self.anchors)
-        problem = start.problem(self.frames, self.rig, self.motion, recorded=self.recorded)
+        start = Start(self.poses, self.placed, self.anchors, recorded=self.recorded)
+        problem = start.problem(self.frames, self.rig, self.motion)
         problem.optimize(SETTLING, SETTLED_SHARE)
         for k, R, p in zip(start.rows, problem.R, problem.p, strict=True):
             self.poses[k] = Pose("map", "left", orthonormal(R), p)

@@ -23,7 +23,7 @@ from lmkit.optim.levenberg_marquardt import Damping, minimize
 
 CONVERGED = 1e-2  # of the cost
 DAMPING = Damping(grow=50.0)
-MOST_KEPT = 128_000_000  # bytes of the borders of all recordings' equations, which are most of them
+MOST_KEPT = 128_000_000  # bytes of all recordings' equations
 
 
 class RecordingProblem(Protocol):
@@ -61,10 +61,16 @@ class RecordingProblem(Protocol):
         """Normal equations and cost as all stands."""
 
 
-def recording_information(problem: RecordingProblem) -> LandmarkInformation:
-    """Information of a recording on its landmarks, at its current state."""
-    equations, cost = problem.equations()
-    left = equations.eliminate(problem.own)
+def recording_information(
+    problem: RecordingProblem, equations: tuple[ChainEquations, float] | None = None
+) -> LandmarkInformation:
+    """Information of a recording on its landmarks, at its current state.
+
+    Args:
+        equations: its normal equations and cost; None: as it states them itself.
+    """
+    chain, cost = problem.equations() if equations is None else equations
+    left = chain.eliminate(problem.own)
     R, p = problem.landmark_poses()
     return LandmarkInformation(problem.landmark_ids, R.copy(), p.copy(), left.information, left.gradient, cost)
 
@@ -140,7 +146,7 @@ class JointProblem:
         for problem in self.problems:
             equations, own_cost = problem.equations()
             cost += own_cost
-            held += equations.border.nbytes
+            held += equations.nbytes
             if held <= MOST_KEPT:
                 kept.append(equations)
             else:

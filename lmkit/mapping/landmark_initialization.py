@@ -10,14 +10,15 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from lmkit.arrays import FloatArray
+from lmkit.arrays import FloatArray, IntArray
 from lmkit.errors import InputError
 from lmkit.geometry.pose import Pose
 from lmkit.geometry.pose_array import PoseArray
-from lmkit.geometry.rig import AnyRig
+from lmkit.geometry.rig import AnyRig, mounted_cameras
 from lmkit.geometry.rotations import rotation_angle
+from lmkit.kernels.landmark_bundle import Bundle, bundle_chi2
 from lmkit.localization.absolute_pose import locate_rig
-from lmkit.localization.correspondences import Correspondences
+from lmkit.localization.reprojection import through_lenses
 from lmkit.model.landmark_id import LandmarkId
 from lmkit.model.landmark_map import LandmarkMap, MappedLandmark
 from lmkit.model.observation import Detection
@@ -49,7 +50,6 @@ class Placing:
         self.wanted = {key for key in self.views if key in sizes_m}
         # Of a frame and a landmark: where the camera may be in the landmark's frame.
         self._seen_from: dict[tuple[int, LandmarkId], list[Pose]] = {}
-        self._looked: dict[tuple[int, LandmarkId, float], Correspondences] = {}
         self._maps: dict[LandmarkId, LandmarkMap] = {}  # of one landmark each, at the origin
 
     def best_seen(self) -> LandmarkId:
@@ -110,13 +110,9 @@ class Placing:
             self._seen_from[k, key] = [*likeliest, *(pose for pose, _ in estimate.alternatives)]
         return self._seen_from[k, key]
 
-    def _correspondences(self, k: int, key: LandmarkId, floor_px: float) -> Correspondences:
-        """Possible camera poses of one frame in the landmark's frame."""
-        if (k, key, floor_px) not in self._looked:
-            self._looked[k, key, floor_px] = Correspondences.of_rig(
-                _only(self._frames[k], key), self._rig, self._alone(key), floor_px
-            )
-        return self._looked[k, key, floor_px]
+    def _arms(self, key: LandmarkId) -> FloatArray:
+        """(4,3) corners in the landmark's own frame, meters."""
+        return next(iter(self._alone(key))).corners_map
 
     def _alone(self, key: LandmarkId) -> LandmarkMap:
         if key not in self._maps:
@@ -126,14 +122,57 @@ class Placing:
 
     def _chi2(self, candidates: Sequence[Pose], key: LandmarkId, at: At) -> FloatArray:
         """(C,V) chi2 of candidates and views, each at most the cap."""
-        # Seen from the landmark, a candidate puts each view's camera somewhere else.
-        T_landmark_map = PoseArray.from_poses("map", "landmark", candidates).inverse()
         chi2 = np.full((len(candidates), len(at)), CAP)
-        for column, (k, pose, floor_px) in enumerate(at):
-            seen = self._correspondences(k, key, floor_px)
-            if len(seen):
-                chi2[:, column] = np.minimum(CAP, seen.chi2(T_landmark_map @ pose).mean(axis=1))
+        for floor_px in {floor for _, _, floor in at}:
+            columns = np.array([column for column, (_, _, floor) in enumerate(at) if floor == floor_px])
+            of, squared = self._squared_errors(candidates, key, [at[c] for c in columns.tolist()], floor_px)
+            counts = np.bincount(of, minlength=len(columns))
+            sums = np.zeros((len(columns), len(candidates)))
+            np.add.at(sums, of, squared.T)
+            seen = counts > 0
+            chi2[:, columns[seen]] = np.minimum(CAP, (sums[seen] / counts[seen, None]).T)
         return chi2
+
+    def _squared_errors(
+        self, candidates: Sequence[Pose], key: LandmarkId, at: At, floor_px: float
+    ) -> tuple[IntArray, FloatArray]:
+        """(S,) view of every observation of the landmark, and (C,S) its chi2 with the landmark at each candidate."""
+        listed: list[Detection] = []
+        rows: list[tuple[int, int]] = []
+        cameras = mounted_cameras(self._rig)
+        for which in range(len(cameras)):
+            for column, (k, _, _) in enumerate(at):
+                same = [o for o in self._frames[k].seen[which] if o.id == key]
+                if len(same) == 1:  # of two in one image nobody knows which is the mapped one
+                    listed += same
+                    rows.append((column, which))
+        numbers = np.array(rows, dtype=np.int64).reshape(-1, 2)
+        counts = np.bincount(numbers[:, 1], minlength=len(cameras)).tolist()
+        looked = through_lenses(listed, [camera.model for camera in cameras], counts, floor_px)
+        view, mount = np.ascontiguousarray(numbers[looked.kept].T)
+        # Seen from the landmark, a candidate puts each view's camera somewhere else.
+        T = PoseArray.from_poses("map", "landmark", candidates).inverse()
+        rigs = PoseArray.from_poses("map", "left", [pose for _, pose, _ in at])
+        R = T.R[:, None] @ rigs.R
+        p = T.t[:, None] + (T.R[:, None] @ rigs.t[..., None])[..., 0]
+        count, each = len(candidates), len(view)
+        poses = (len(at) * np.arange(count)[:, None] + view).ravel()
+        bundle = Bundle(
+            poses,
+            np.zeros(count * each, dtype=np.int64),
+            np.tile(mount, count),
+            np.tile(looked.rays, (count, 1, 1)),
+            np.tile(looked.by_ray, (count, 1, 1, 1)),
+            np.tile(looked.whitener, (count, 1, 1)),
+            np.array([camera.T_camera_left.R for camera in cameras]),
+            np.array([camera.T_camera_left.t for camera in cameras]),
+            R.reshape(-1, 3, 3),
+            p.reshape(-1, 3),
+            np.eye(3)[None],
+            np.zeros((1, 3)),
+            self._arms(key)[None],
+        )
+        return view, bundle_chi2(bundle)[0].reshape(count, each)
 
 
 def _views(frames: Sequence[RigFrame]) -> dict[LandmarkId, list[tuple[float, int]]]:

@@ -26,6 +26,7 @@ from lmkit.model.recording import RigFrame
 from lmkit.odometry.motion_model import determined_by_poses, noise_correction
 from lmkit.odometry.wheel_odometry import NOMINAL, PARAMETERS, PRIOR_SIGMA, MotionModel
 from lmkit.optim.block_chain import ChainEquations
+from lmkit.optim.border_blocks import BlockPattern
 from lmkit.optim.levenberg_marquardt import Damping, minimize
 from lmkit.optim.robust_loss import CAUCHY_SCALE, cauchy_cost, cauchy_weight
 
@@ -205,13 +206,18 @@ class MountingProblem:
     def _add_camera(self, e: ChainEquations, state: MountingState, camera: int) -> float:
         poses, J, K = self._poses(state, camera)
         landmarks = 6 * len(self.mapped) if self.moves else 0
-        own = ChainEquations.zeros(len(self.stamps), 6, landmarks)
-        sums = kernel.Sums(own.diagonal, own.gradient, own.border, own.corner, own.shared_gradient, 0)
+        seen = self.seen[camera]
+        pattern, place = (
+            BlockPattern.of_pairs(seen.at, seen.of, len(self.stamps), 0, 6) if self.moves else (None, None)
+        )
+        own = ChainEquations.zeros(len(self.stamps), 6, landmarks, pattern)
+        blocks = np.zeros((0, 6, 6)) if own.blocks is None else own.blocks.values
+        arrays = own.diagonal, own.gradient, own.border, blocks, own.corner, own.shared_gradient
         cost = kernel.add_bundle_equations(
-            self._bundle(state, camera, poses), self.used[camera], CAUCHY_SCALE, sums, self.moves
+            self._bundle(state, camera, poses), self.used[camera], CAUCHY_SCALE, kernel.Sums(*arrays, 0, place)
         )
         columns = np.concatenate([OWN + np.arange(FLOOR), self.mounts + 6 * camera + np.arange(6)])
-        at = np.unique(self.seen[camera].at)
+        at = np.unique(seen.at)
         D, gradient, K = own.diagonal[at], own.gradient[at, :, None], K[at]
         Jt, Kt = J[at].transpose(0, 2, 1), K.transpose(0, 2, 1)
         DK = D @ K
@@ -221,7 +227,7 @@ class MountingProblem:
         e.corner[columns[:, None], columns] += (Kt @ DK).sum(axis=0)
         e.shared_gradient[columns] += (Kt @ gradient).sum(axis=0)[:, 0]
         if self.moves:
-            rows, border = slice(self.first_landmark, None), own.border[at]
+            rows, border = slice(self.first_landmark, None), own.dense_border()[at]
             e.border[at, :, rows] += Jt @ border
             across = (Kt @ border).sum(axis=0)
             e.corner[columns, rows] += across

@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -17,6 +16,7 @@ from lmkit.localization.correspondences import CORNER_FLOOR_PX
 from lmkit.localization.reprojection import through_lens
 from lmkit.mapping.camera_relations import CameraRelations
 from lmkit.model.landmark_id import LandmarkId
+from lmkit.model.observation import Detection
 from lmkit.model.recording import RigFrame
 
 
@@ -27,8 +27,10 @@ class ObservationArrays:
     Attributes:
         at, of: (S,) frames and landmarks.
         rays, by_ray, whitener: (S,4,2), (S,4,2,2), (S,8,8) as of `CameraCorrespondences`.
-        camera_R, camera_t: (S,3,3), (S,3) from the rig's left camera into the camera.
-        camera: (S,) which camera of the rig it is.
+        mount: (S,) which of the mounted cameras saw it.
+        mounted_R, mounted_t: (K,3,3), (K,3) from the rig's left camera into mounted cameras: those of the rig, and
+            where they do not expose together, each of them at every frame.
+        mounted_camera: (K,) which camera of the rig each of those is.
     """
 
     at: IntArray
@@ -36,43 +38,69 @@ class ObservationArrays:
     rays: FloatArray
     by_ray: FloatArray
     whitener: FloatArray
-    camera_R: FloatArray
-    camera_t: FloatArray
-    camera: IntArray
+    mount: IntArray
+    mounted_R: FloatArray
+    mounted_t: FloatArray
+    mounted_camera: IntArray
 
     @classmethod
     def collect(cls, frames: Sequence[RigFrame], rig: AnyRig, ids: Sequence[LandmarkId]) -> ObservationArrays:
         """Observations of these landmarks as arrays; others are left out."""
         index = {id_: k for k, id_ in enumerate(ids)}
-        rows: list[tuple[int, int]] = []
-        parts: list[tuple[Any, ...]] = []
-        for which, camera in enumerate(mounted_cameras(rig)):
-            R, t = camera.T_camera_left.R, camera.T_camera_left.t
-            observations = [frame.seen[which] for frame in frames]
-            listed = [(o, (k, index[o.id])) for k, some in enumerate(observations) for o in some if o.id in index]
+        cameras = mounted_cameras(rig)
+        mounted = [(camera.T_camera_left, which) for which, camera in enumerate(cameras)]
+        rows: list[tuple[int, int, int]] = []
+        parts: list[tuple[FloatArray, ...]] = []
+        for which, camera in enumerate(cameras):
+            mount = which
+            listed: list[tuple[Detection, tuple[int, int, int]]] = []
+            for at, frame in enumerate(frames):
+                if frame.carried:
+                    mount = len(mounted)
+                    mounted.append((camera.T_camera_left @ frame.carried[which].inverse(), which))
+                listed += [(o, (at, of, mount)) for o in frame.seen[which] if (of := index.get(o.id)) is not None]
             seen = through_lens([o for o, _ in listed], camera.model, CORNER_FLOOR_PX)
             rows += [listed[k][1] for k in seen.kept]
-            turned, moved = np.repeat(R[None], len(seen.kept), axis=0), np.tile(t, (len(seen.kept), 1))
-            for row, k in enumerate(seen.kept):
-                if carried := frames[listed[k][1][0]].carried:
-                    T = camera.T_camera_left @ carried[which].inverse()
-                    turned[row], moved[row] = T.R, T.t
-            parts.append((seen.rays, seen.by_ray, seen.whitener, turned, moved, np.full(len(seen.kept), which)))
-        table = np.array(rows, dtype=np.int64).reshape(-1, 2)
+            parts.append((seen.rays, seen.by_ray, seen.whitener))
+        table = np.array(rows, dtype=np.int64).reshape(-1, 3)
         # Frame by frame: sums over them then stay in the processor's cache.
         order = np.argsort(table[:, 0], kind="stable")
-        columns = (np.concatenate(column)[order] for column in zip(*parts, strict=True))
-        return cls(table[order, 0], table[order, 1], *columns)
+        rays, by_ray, whitener = (np.concatenate(column)[order] for column in zip(*parts, strict=True))
+        at, of, mount = np.ascontiguousarray(table[order].T)
+        poses = [T for T, _ in mounted]
+        return cls(
+            at,
+            of,
+            rays,
+            by_ray,
+            whitener,
+            mount,
+            np.array([T.R for T in poses]),
+            np.array([T.t for T in poses]),
+            np.array([which for _, which in mounted]),
+        )
 
     def only(self, frames: Sequence[int], landmarks: Sequence[int]) -> ObservationArrays:
         """Observations in some frames of some landmarks, both numbered anew in the order given."""
         at, of = (_renumbered(old, new) for old, new in ((self.at, frames), (self.of, landmarks)))
         kept = np.flatnonzero((at >= 0) & (of >= 0))
-        rest: tuple[Any, ...] = (self.rays, self.by_ray, self.whitener, self.camera_R, self.camera_t, self.camera)
-        return ObservationArrays(at[kept], of[kept], *(column[kept] for column in rest))
+        return replace(
+            self,
+            at=at[kept],
+            of=of[kept],
+            rays=self.rays[kept],
+            by_ray=self.by_ray[kept],
+            whitener=self.whitener[kept],
+            mount=self.mount[kept],
+        )
 
     def __len__(self) -> int:
         return len(self.at)
+
+    @property
+    def camera(self) -> IntArray:
+        """(S,) which camera of the rig saw it."""
+        return self.mounted_camera[self.mount]
 
     def bundle(
         self, poses: PoseArray, landmarks: PoseArray, arms: FloatArray, relations: CameraRelations | None = None
@@ -82,17 +110,18 @@ class ObservationArrays:
         Args:
             relations: the cameras as they are now; None: as in the rig file.
         """
-        camera_R, camera_t = self.camera_R, self.camera_t
+        R, t = self.mounted_R, self.mounted_t
         if relations is not None:
-            camera_R, camera_t = relations.of_observations(self.camera, camera_R, camera_t)
+            R, t = relations.of_mounted(self.mounted_camera, R, t)
         return Bundle(
             self.at,
             self.of,
+            self.mount,
             self.rays,
             self.by_ray,
             self.whitener,
-            camera_R,
-            camera_t,
+            R,
+            t,
             poses.R,
             poses.t,
             landmarks.R,
@@ -138,8 +167,12 @@ class RecordedObservations:
 
     def __init__(self, frames: Sequence[RigFrame], rig: AnyRig) -> None:
         ids = sorted({o.id for frame in frames for o in frame.detections})
-        self._number = {id_: k for k, id_ in enumerate(ids)}
+        self._of, self._number = (frames, rig), {id_: k for k, id_ in enumerate(ids)}
         self._all = ObservationArrays.collect(frames, rig, ids)
+
+    def are_of(self, frames: Sequence[RigFrame], rig: AnyRig) -> bool:
+        """Are they those of this recording?"""
+        return self._of[0] is frames and self._of[1] is rig
 
     def only(self, frames: Sequence[int], ids: Sequence[LandmarkId]) -> ObservationArrays:
         """Observations in these frames of these landmarks, which the recording has."""

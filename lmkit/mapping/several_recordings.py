@@ -232,7 +232,8 @@ class _Joint:
         versions = self.group.versions
         R, p = np.array([v.R for v in versions]), np.array([v.p for v in versions])
         rows = [*self.group.rows(), np.arange(len(versions))]
-        self.joint = JointProblem([*self.problems, self._knowledge(R, p)], rows, R, p)
+        self.knowledge = self._knowledge(R, p)
+        self.joint = JointProblem([*self.problems, self.knowledge], rows, R, p)
         for problem, used in zip(self.problems, self.lone_used, strict=True):
             problem.used = used.copy()
         dropped = -1
@@ -351,12 +352,12 @@ class _Joint:
 
     def results(self, left_out: Mapping[str, str]) -> JointSurvey:
         """Map, recordings and what to check; covariances by what the observations err, which splitting knows."""
-        for problem in self.problems:
-            problem.noise = noise_factor([problem])
-        C, spreads = self.joint.covariance(), self._spreads()
+        noise = [noise_factor([problem]) for problem in self.problems]
+        C, spreads = self._covariance(noise), self._spreads()
         surveys, information = [], []
-        for one, rows in zip(self.group.lone, self.group.rows(), strict=True):
-            own = recording_information(one.solved.problem)
+        for one, rows, factor in zip(self.group.lone, self.group.rows(), noise, strict=True):
+            problem = one.solved.problem
+            own = recording_information(problem, problem.equations(factor))
             known = _elsewhere(C, unknowns_of(rows, 6), own.H)
             undecided = {k: spreads[v] for k, v in enumerate(rows.tolist()) if v in spreads}
             surveys.append(survey_of(replace(one.solved, undecided=undecided), {}, (), known))
@@ -386,6 +387,12 @@ class _Joint:
             tuple(sorted({v.id for k, v in enumerate(self.group.versions) if k in spreads and k in order})),
             landmarks_off_constraint(self.constraints, LandmarkMap(current)),
         )
+
+    def _covariance(self, noise: Sequence[float]) -> FloatArray:
+        """Joint covariance of all versions, with a factor of the variances of each recording's observations."""
+        problems = zip([*self.problems, self.knowledge], [*noise, 1.0], strict=True)
+        parts = (problem.equations(factor)[0].eliminate(problem.own) for problem, factor in problems)
+        return self.joint.sum_of(parts).covariance()
 
     def _mapped(self, C: FloatArray) -> tuple[list[MappedLandmark], list[MovedLandmark], list[int]]:
         """Landmarks that are valid now, those that were moved, and the versions of the former."""

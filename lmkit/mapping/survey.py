@@ -113,8 +113,9 @@ def solve_recording(
     undecided = resolve_pose_ambiguities(problem)
     problem.drop_outliers(OUTLIER_SIGMA)
     problem.optimize(STEPS)
+    problem.forget_equations()
     names = () if motion is None else tuple(motion.names)
-    return SolvedRecording(start, problem, undecided, len(frames), names)
+    return SolvedRecording(replace(start, recorded=None), problem, undecided, len(frames), names)
 
 
 def start_of(
@@ -152,9 +153,7 @@ def survey_of(
         known: (6L,6L) information on the landmarks from elsewhere, such as other recordings.
     """
     start, problem = solved.start, solved.problem
-    problem.noise = noise_factor([problem])
-    bundle = problem.answer(OUTLIER_SIGMA, solved.undecided, known)
-    problem.noise = 1.0
+    bundle = problem.answer(OUTLIER_SIGMA, solved.undecided, known, noise_factor([problem]))
     mapped = {m.id for m in problem.mapped}
     # A landmark that is mounted where none of its observations has it was started wrong.
     fitting = bundle.of[bundle.residuals < OUTLIER_SIGMA].tolist()

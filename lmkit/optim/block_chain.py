@@ -18,16 +18,19 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.linalg import cho_factor, cho_solve
+from scipy.linalg.lapack import dpotrf, dpotri
 
 from lmkit.arrays import FloatArray, IntArray
 from lmkit.kernels.block_chain import (
+    Cuts,
     backward_chain,
     factor_chain,
     forward_chain,
-    subtract_at,
+    subtract_piece,
     take_columns,
     used_columns,
 )
+from lmkit.optim.border_blocks import BlockPattern, BorderBlocks
 
 PIECE = 15  # states between two cuts
 
@@ -39,10 +42,11 @@ class ChainEquations:
     Attributes:
         diagonal: (N,d,d) of every state.
         following: (N-1,d,d) between state k (rows) and k + 1 (columns).
-        border: (N,d,m) between states and what is shared.
+        border: (N,d,b) between states and the first b shared unknowns: all of them, where there are no blocks.
         corner: (m,m) of what is shared.
         gradient: (N,d) of the states.
         shared_gradient: (m,).
+        blocks: of the border, with the other shared unknowns.
     """
 
     diagonal: FloatArray
@@ -51,18 +55,30 @@ class ChainEquations:
     corner: FloatArray
     gradient: FloatArray
     shared_gradient: FloatArray
+    blocks: BorderBlocks | None = None
 
     @classmethod
-    def zeros(cls, count: int, size: int, shared: int) -> ChainEquations:
-        """Nothing known yet."""
+    def zeros(cls, count: int, size: int, shared: int, pattern: BlockPattern | None = None) -> ChainEquations:
+        """Nothing known yet; with a pattern, the border has blocks from its first unknown on."""
         return cls(
             np.zeros((count, size, size)),
             np.zeros((max(count - 1, 0), size, size)),
-            np.zeros((count, size, shared)),
+            np.zeros((count, size, shared if pattern is None else pattern.first)),
             np.zeros((shared, shared)),
             np.zeros((count, size)),
             np.zeros(shared),
+            None if pattern is None else BorderBlocks.zeros(pattern, size),
         )
+
+    @property
+    def nbytes(self) -> int:
+        """Memory of the numbers."""
+        arrays = [self.diagonal, self.following, self.border, self.corner]
+        return sum(array.nbytes for array in arrays) + (0 if self.blocks is None else self.blocks.values.nbytes)
+
+    def dense_border(self) -> FloatArray:
+        """(N,d,m) between states and all that is shared."""
+        return self._border_of(np.arange(len(self.diagonal)))
 
     def add_to_states(self, states: IntArray, J: FloatArray, r: FloatArray) -> None:
         """Residuals r (M,k) of single states, with derivatives J (M,k,d) of the predicted values."""
@@ -80,11 +96,12 @@ class ChainEquations:
         self.gradient[1:] += (after @ r[..., None])[..., 0]
 
     def add_shared(self, states: IntArray, J: FloatArray, columns: IntArray, K: FloatArray, r: FloatArray) -> None:
-        """Add the derivatives K (M,k,c) of residuals with the shared unknowns in ``columns`` (M,c)."""
+        """Add the derivatives K (M,k,c) of residuals with shared unknowns ``columns`` (M,c), which no block has."""
         Kt = K.transpose(0, 2, 1)
-        _, size, shared = self.border.shape
+        _, size, wide = self.border.shape
+        shared = len(self.corner)
         rows = size * states[:, None, None] + np.arange(size)[:, None]
-        _add_at(self.border, rows * shared + columns[:, None], J.transpose(0, 2, 1) @ K)
+        _add_at(self.border, rows * wide + columns[:, None], J.transpose(0, 2, 1) @ K)
         _add_at(self.corner, columns[:, :, None] * shared + columns[:, None], Kt @ K)
         _add_at(self.shared_gradient, columns, (Kt @ r[..., None])[..., 0])
 
@@ -136,27 +153,55 @@ class ChainEquations:
             matrix[:, k, k] *= 1 + damping
         return replace(self, diagonal=diagonal, corner=corner)
 
+    def _border_of(self, states: IntArray) -> FloatArray:
+        """(K,d,m) between some states and all that is shared."""
+        if self.blocks is None:
+            return np.asarray(self.border[states])
+        whole = self.blocks.rows(states, len(self.corner))
+        whole[:, :, : self.border.shape[2]] = self.border[states]
+        return whole
+
+    def columns_of(self, start: int, end: int) -> tuple[IntArray, int]:
+        """Shared unknowns (c,) that states ``start`` to ``end`` touch, and how many of those are not in blocks."""
+        _, size, wide = self.border.shape
+        if self.blocks is None:
+            columns = used_columns(self.border[start:end].reshape(size * (end - start), wide))
+            return columns, len(columns)
+        return self.blocks.pattern.columns_of(start, end)[0], wide
+
+    def put_border(self, start: int, end: int, columns: IntArray, into: FloatArray) -> None:
+        """Write the border of some states into the columns (n d,c) that they touch, which are zero.
+
+        Args:
+            columns: those that are not in blocks, which come first.
+        """
+        rows = self.border[start:end].reshape(len(into), self.border.shape[2])
+        take_columns(rows, columns, into[:, : len(columns)])
+        if self.blocks is not None:
+            self.blocks.put(start, end, into[:, len(columns) :])
+
     def _without_pieces(self) -> tuple[list[_Piece], ChainEquations]:
         """The pieces between the cuts, and the equations of the cuts alone once those are eliminated."""
-        count, size, _ = self.border.shape
+        count, size = self.gradient.shape
         at = slice(PIECE, None, PIECE + 1)
         cuts = ChainEquations(
             self.diagonal[at].copy(),
             np.zeros((max(len(self.diagonal[at]) - 1, 0), size, size)),
-            self.border[at].copy(),
+            self._border_of(np.arange(PIECE, count, PIECE + 1)),
             self.corner.copy(),
             self.gradient[at].copy(),
             self.shared_gradient.copy(),
         )
-        pieces, scratch = [], np.empty((2 * size + len(self.corner)) ** 2)
+        into = Cuts(cuts.diagonal, cuts.following, cuts.gradient, cuts.border, cuts.corner, cuts.shared_gradient)
+        pieces, scratch = [], np.empty((2 * size + len(self.corner) + 1) ** 2)
         for number, first in enumerate(range(0, count, PIECE + 1)):
             piece = _Piece.of(self, number, slice(first, min(first + PIECE, count)))
-            piece.take_from(cuts, scratch)
+            piece.take_from(into, scratch)
             pieces.append(piece)
         return pieces, cuts
 
     def _solve_whole(self) -> tuple[FloatArray, FloatArray]:
-        count, size, _ = self.border.shape
+        count, size = self.gradient.shape
         if count == 0:
             return self.gradient, _solved(self.corner, self.shared_gradient)
         factor, half = self._eliminated()
@@ -177,17 +222,17 @@ class ChainEquations:
         The states' own part by the forward and backward sweeps of a smoother (Rauch, Tung and Striebel 1965, in
         information form), and what the shared unknowns add.
         """
-        count, size, shared = self.border.shape
+        (count, size), shared = self.gradient.shape, len(self.corner)
         own, across = _blocks_of_inverse(self.diagonal, self.following)
         if shared == 0 or count == 0:
-            return own, across, self.border, np.linalg.inv(self.corner)
+            return own, across, self.border, _inverse(self.corner)
         factor, half = self._eliminated()
         half = half[:, :-1]
-        C = np.linalg.inv(self.corner - half.T @ half)
-        C = (C + C.T) / 2
-        W = _backward(factor, half).reshape(count, size, shared)
-        back = W.transpose(0, 2, 1)
-        return own + W @ C @ back, across + W[:-1] @ C @ back[1:], -W @ C, C
+        C = _inverse(self.corner - half.T @ half)
+        W = _backward(factor, half)
+        WC = (W @ C).reshape(count, size, shared)
+        back = W.reshape(count, size, shared).transpose(0, 2, 1)
+        return own + WC @ back, across + WC[:-1] @ back[1:], -WC, C
 
 
 class EliminatedChain:
@@ -233,64 +278,55 @@ class _Piece:
         cuts: numbers of the cuts before and after, those that there are.
         columns: (c,) shared unknowns that the piece has to do with.
         factor: (nd,2d) L, as `factor_chain` stores it.
-        half: (nd,ld+c) the inverse of L on E: l cuts, then the shared unknowns.
-        half_gradient: (nd,) the inverse of L on the gradient.
+        whole: (nd,ld+c+1) the inverse of L on E, and on the gradient.
     """
 
     states: slice
     cuts: IntArray
     columns: IntArray
     factor: FloatArray
-    half: FloatArray
-    half_gradient: FloatArray
+    whole: FloatArray
 
     @classmethod
     def of(cls, chain: ChainEquations, number: int, states: slice) -> _Piece:
         """The piece of that number."""
-        count, size, shared = chain.border.shape
+        count, size = chain.gradient.shape
         first, end = states.start, states.stop
-        border = chain.border[states].reshape(size * (end - first), shared)
-        columns = used_columns(border)
+        columns, own = chain.columns_of(first, end)
         cuts = [cut for cut in (number - 1, number) if cut >= 0 and cut * (PIECE + 1) + PIECE < count]
         # E, and the gradient as its last column.
         inner = size * len(cuts)
-        half = np.empty((len(border), inner + len(columns) + 1))
-        half[:, :inner] = 0.0
+        whole = np.zeros((size * (end - first), inner + len(columns) + 1))
         if number > 0:
-            half[:size, :size] = chain.following[first - 1].T
+            whole[:size, :size] = chain.following[first - 1].T
         if number in cuts:
-            half[-size:, inner - size : inner] = chain.following[end - 1]
-        take_columns(border, columns, half[:, inner:-1])
-        half[:, -1] = chain.gradient[states].ravel()
+            whole[-size:, inner - size : inner] = chain.following[end - 1]
+        chain.put_border(first, end, columns[:own], whole[:, inner:-1])
+        whole[:, -1] = chain.gradient[states].ravel()
         factor = factor_chain(chain.diagonal[states], chain.following[first : end - 1])
-        forward_chain(factor, half)
-        return cls(states, np.array(cuts, dtype=np.int64), columns, factor, half[:, :-1], half[:, -1])
+        forward_chain(factor, whole)
+        return cls(states, np.array(cuts, dtype=np.int64), columns, factor, whole)
 
-    def take_from(self, cuts: ChainEquations, scratch: FloatArray) -> None:
+    @property
+    def half(self) -> FloatArray:
+        """(nd,ld+c) the inverse of L on E: l cuts, then the shared unknowns."""
+        return self.whole[:, :-1]
+
+    def take_from(self, cuts: Cuts, scratch: FloatArray) -> None:
         """Eliminate the piece from the equations of the cuts.
 
         Args:
-            scratch: as many numbers as the square of all columns; fresh memory for every piece costs more than the
-                product that goes there.
+            scratch: as many numbers as the square of all columns and one more; fresh memory for every piece costs
+                more than the product that goes there.
         """
-        size, wide = cuts.diagonal.shape[1], self.half.shape[1]
-        inner = size * len(self.cuts)
-        S = np.matmul(self.half.T, self.half, out=scratch[: wide * wide].reshape(wide, wide))
-        g = self.half.T @ self.half_gradient
-        blocks = S[:inner, :inner].reshape(len(self.cuts), size, len(self.cuts), size)
-        for row, cut in enumerate(self.cuts):
-            cuts.diagonal[cut] -= blocks[row, :, row]
-            cuts.gradient[cut] -= g[size * row : size * (row + 1)]
-            cuts.border[cut][:, self.columns] -= S[size * row : size * (row + 1), inner:]
-        if len(self.cuts) == 2:
-            cuts.following[self.cuts[0]] -= blocks[0, :, 1]
-        subtract_at(cuts.corner, self.columns, S[inner:, inner:])
-        cuts.shared_gradient[self.columns] -= g[inner:]
+        wide = self.whole.shape[1]
+        S = np.matmul(self.whole.T, self.whole, out=scratch[: wide * wide].reshape(wide, wide))
+        subtract_piece(S, int(self.cuts[0]) if len(self.cuts) else 0, len(self.cuts), self.columns, cuts)
 
     def solve(self, at_cuts: FloatArray, shared: FloatArray) -> FloatArray:
         """(n,d) steps of its states from those of all cuts and of all that is shared."""
         z = np.concatenate([at_cuts[self.cuts].ravel(), shared[self.columns]])
-        return _backward(self.factor, self.half_gradient - self.half @ z).reshape(-1, at_cuts.shape[1])
+        return _backward(self.factor, self.whole[:, -1] - self.half @ z).reshape(-1, at_cuts.shape[1])
 
     def covariances(
         self,
@@ -333,6 +369,17 @@ def _solved(S: FloatArray, g: FloatArray) -> FloatArray:
     if not len(g):
         return g
     return np.asarray(cho_solve(cho_factor(S, overwrite_a=True, check_finite=False), g, check_finite=False))
+
+
+def _inverse(S: FloatArray) -> FloatArray:
+    """Inverse of a symmetric matrix; half the work where it is positive definite."""
+    factor, failed = dpotrf(S.T, lower=False)
+    if failed:
+        inverse = np.linalg.inv(S)
+        return np.asarray((inverse + inverse.T) / 2)
+    inverse, _ = dpotri(factor, lower=False, overwrite_c=True)
+    lower = np.tril(inverse.T)
+    return np.asarray(lower + np.tril(lower, -1).T)
 
 
 def _backward(factor: FloatArray, right: FloatArray) -> FloatArray:

@@ -1,9 +1,12 @@
 """The chain solver against dense matrices."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from lmkit.optim.block_chain import ChainEquations
+from lmkit.optim.border_blocks import BlockPattern, BorderBlocks
 
 
 def random_problem(count, size, shared, seed):
@@ -50,6 +53,28 @@ def test_steps_and_covariances_are_those_of_the_dense_matrix(count, size, shared
         assert own[k] == pytest.approx(blocks[k, :, k], abs=1e-10)
     for k in range(count - 1):
         assert across[k] == pytest.approx(blocks[k, :, k + 1], abs=1e-10)
+
+
+@pytest.mark.parametrize(("count", "groups"), [(1, 1), (9, 4), (16, 2), (50, 7)])
+def test_blocks_are_the_border_without_its_zeros(count, groups):
+    first, size = 2, 3
+    chain, _, _ = random_problem(count, 2, first + size * groups, seed=count)
+    rng = np.random.default_rng(count)
+    pattern, place = BlockPattern.of_pairs(
+        rng.integers(0, count, 4 * count), rng.integers(0, groups, 4 * count), count, first, size
+    )
+    assert (np.diff(pattern.states) >= 0).all()
+    assert place.max() == len(pattern.states) - 1
+    touched = np.zeros((count, groups, size), dtype=bool)
+    touched[pattern.states, pattern.groups] = True
+    dense = replace(chain, border=chain.border.copy(), corner=chain.corner + 50 * np.eye(len(chain.corner)))
+    dense.border[:, :, first:] *= touched.reshape(count, 1, -1)
+    values = dense.border[:, :, first:].reshape(count, 2, groups, size)[pattern.states, :, pattern.groups]
+    sparse = replace(dense, border=dense.border[:, :, :first], blocks=BorderBlocks(values, pattern))
+    assert (sparse.dense_border() == dense.border).all()
+    for a, b in [(sparse.solve(), dense.solve()), (sparse.covariances(), dense.covariances())]:
+        assert all(x == pytest.approx(y, abs=1e-11) for x, y in zip(a, b, strict=True))
+    assert sparse.eliminate(1).information == pytest.approx(dense.eliminate(1).information, abs=1e-9)
 
 
 @pytest.mark.parametrize("count", [1, 2, 15, 16, 17, 60])

@@ -98,7 +98,7 @@ def one_big_system(joint, damping):
     total = sum(own) + 6 * len(joint.p)
     H, g, at = np.zeros((total, total)), np.zeros(total), 0
     for e, problem, rows, mine in zip(parts, joint.problems, joint.rows, own, strict=True):
-        count = len(e.gradient)
+        count, border = len(e.gradient), e.dense_border()
         landmarks = sum(own) + (6 * rows[:, None] + np.arange(6)).ravel()
         shared = np.concatenate([at + e.gradient.size + np.arange(problem.own), landmarks])
         for k in range(count):
@@ -107,8 +107,8 @@ def one_big_system(joint, damping):
             if k + 1 < count:
                 H[np.ix_(s, s + 6)] += e.following[k]
                 H[np.ix_(s + 6, s)] += e.following[k].T
-            H[np.ix_(s, shared)] += e.border[k]
-            H[np.ix_(shared, s)] += e.border[k].T
+            H[np.ix_(s, shared)] += border[k]
+            H[np.ix_(shared, s)] += border[k].T
             g[s] += e.gradient[k]
         H[np.ix_(shared, shared)] += e.corner
         g[shared] += e.shared_gradient
