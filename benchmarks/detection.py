@@ -280,7 +280,7 @@ def print_profile(photos: list[Path]) -> None:
     total = stats.total_tt
     steps = (
         "find_candidates",
-        "screen_candidates",
+        "likely_squares",
         "register_and_decode",
         "noise",
         "pyramid",

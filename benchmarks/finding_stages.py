@@ -35,6 +35,7 @@ from lmkit.detection.register_and_decode import Candidate, register_and_decode
 from lmkit.detection.screening import screen_candidates
 from lmkit.detection.shadows import window_for
 from lmkit.geometry.homography import homographies_from_points
+from lmkit.kernels.screening import best_first_numpy
 from lmkit.model.landmark import LM8
 from lmkit.simulation.cameras import HELD_OUT_KINDS, TRAINING_KINDS
 from lmkit.simulation.photograph import ImagingChain
@@ -85,12 +86,12 @@ def stages_of(image: np.ndarray, truths: Sequence[Truth], options: DetectOptions
     passed: list[list[np.ndarray]] = [[quads], [], [], []]
     for in_shadow in (False, True)[: 1 + config.in_shadow]:
         found = screen_candidates(linear.pyramid, quads, LM8, in_shadow=in_shadow)
-        best = found.best_first(config.min_pattern, per_place=2)
+        best = best_first_numpy(found, config.min_pattern, per_place=2)
         moved = screen_candidates(
-            linear.pyramid, best.quads, LM8, config.align_rounds, config.aligned, in_shadow=in_shadow
+            linear.pyramid, best, LM8, config.align_rounds, config.aligned, in_shadow=in_shadow
         )
-        likely = moved.best_first(config.min_aligned_pattern, per_place=1)
-        for stage, some in zip(passed[1:], (quads[found.pattern >= 0], best.quads, likely.quads), strict=True):
+        likely = best_first_numpy(moved, config.min_aligned_pattern, per_place=1)
+        for stage, some in zip(passed[1:], (quads[found.pattern >= 0], best, likely), strict=True):
             stage.append(some)
     registered = [c for c in candidates_of(image, options) if c.rejected != "cut"]
     accepted = best_of_each_place([c for c in registered if c.rejected is None])

@@ -32,7 +32,17 @@ from lmkit.kernels.registration import (
     robust_weights,
     robust_weights_numpy,
 )
-from lmkit.kernels.screening import Pyramid, ScreenRules, ScreenTables, Thresholds, screen, screen_numpy
+from lmkit.kernels.screening import (
+    Pyramid,
+    ScreenRules,
+    ScreenTables,
+    Shares,
+    Thresholds,
+    likely,
+    likely_numpy,
+    screen,
+    screen_numpy,
+)
 
 
 def drawing_with(rings: int) -> Drawing:
@@ -221,6 +231,11 @@ def _screenings(rng: np.random.Generator) -> Iterator[tuple[Any, ...]]:
                 yield pyramid, tables, rules, quads, rounds, window
 
 
+def _likely_squares(rng: np.random.Generator) -> Iterator[tuple[Any, ...]]:
+    for pyramid, tables, rules, quads, rounds, window in _screenings(rng):
+        yield pyramid, tables, rules, quads, Shares(0.02, 0.05), rounds, window
+
+
 def _tables(rng: np.random.Generator, rings: int) -> ScreenTables:
     drawing, side = drawing_with(rings), 25
     steps = np.linspace(-96, 96, side)
@@ -258,4 +273,5 @@ PATTERN_CALLS = [
     (noise, noise_numpy, _noises, 1e-12),
     (dark_quads, dark_quads_numpy, _quads, 1e-5),
     (screen, screen_numpy, _screenings, 1e-4),
+    (likely, likely_numpy, _likely_squares, 1e-4),
 ]

@@ -12,18 +12,18 @@ import numpy as np
 
 from lmkit.arrays import ByteArray, FloatArray
 from lmkit.detection.candidates import find_candidates
-from lmkit.detection.config import DetectOptions, DetectorConfig
+from lmkit.detection.config import DetectOptions
 from lmkit.detection.linear_image import LinearImage
 from lmkit.detection.overlaps import without_covered
 from lmkit.detection.pixel_sampling import mean_side
 from lmkit.detection.register_and_decode import Candidate, register_all, register_and_decode
-from lmkit.detection.screening import Screened, screen_candidates
+from lmkit.detection.screening import LikelyRule, likely_squares
 from lmkit.detection.shadows import window_for
 from lmkit.detection.tag_detector import find_tags
 from lmkit.detection.tag_registration import TagCandidate
 from lmkit.detection.windows import LEAST_WINDOW_PX, clockwise, window_around
 from lmkit.errors import InputError
-from lmkit.kernels.screening import Pyramid
+from lmkit.kernels.screening import Pyramid, Shares
 from lmkit.model.landmark import LandmarkFamily
 from lmkit.model.observation import Detection
 
@@ -100,11 +100,11 @@ def _candidates_among(
     """Candidates among squares of a window of the image, whose pyramid it is and which begins at ``corner``."""
     config = options.config
     clear, possible = [], np.zeros(len(quads), dtype=bool)
+    rule = LikelyRule(Shares(config.min_pattern, config.min_aligned_pattern), config.align_rounds, config.aligned)
     for family in options.ring_families:
-        found = screen_candidates(pyramid, quads, family)
-        possible |= found.pattern >= 0
-        likely = _likely_squares(pyramid, found, family, config) + corner
-        clear += register_all(linear, likely, family, options)
+        likely = likely_squares(pyramid, quads, family, rule)
+        possible |= likely.pattern >= 0
+        clear += register_all(linear, likely.quads + corner, family, options)
     if not config.in_shadow:
         return clear
     read = [candidate.corners - corner for candidate in clear if candidate.log_odds >= SURE_LOG_ODDS]
@@ -130,17 +130,6 @@ def _unless_contradicted(shaded: Candidate, clear: list[Candidate]) -> Candidate
     return shaded
 
 
-def _likely_squares(
-    pyramid: Pyramid, found: Screened, family: LandmarkFamily, config: DetectorConfig, in_shadow: bool = False
-) -> FloatArray:
-    """(N,4,2) the candidates that look like landmarks, their corners moved to where they fit."""
-    found_share = config.shaded_pattern if in_shadow else config.min_pattern
-    aligned_share = config.shaded_aligned_pattern if in_shadow else config.min_aligned_pattern
-    best = found.best_first(found_share, per_place=2)
-    aligned = screen_candidates(pyramid, best.quads, family, config.align_rounds, config.aligned, in_shadow)
-    return aligned.best_first(aligned_share, per_place=1).quads
-
-
 def _candidates_in_shadow(
     quads: FloatArray, image: LinearImage, pyramid: Pyramid, corner: FloatArray, options: DetectOptions
 ) -> list[Candidate]:
@@ -148,9 +137,11 @@ def _candidates_in_shadow(
     shaded: list[Candidate] = []
     if len(quads) == 0:
         return shaded
+    config = options.config
+    shares = Shares(config.shaded_pattern, config.shaded_aligned_pattern)
+    rule = LikelyRule(shares, config.align_rounds, config.aligned, in_shadow=True)
     for family in options.ring_families:
-        found = screen_candidates(pyramid, quads, family, in_shadow=True)
-        likely = _likely_squares(pyramid, found, family, options.config, in_shadow=True) + corner
+        likely = likely_squares(pyramid, quads, family, rule).quads + corner
         squares = ((_shadow_normalized(image, quad), quad) for quad in likely)
         shaded += _registered(squares, family, options)
     return shaded

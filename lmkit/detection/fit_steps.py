@@ -32,6 +32,7 @@ from lmkit.kernels.landmark_fit import (
     READ,
     CornerErrors,
     FitRules,
+    FitTask,
     Fitted,
     LandmarkFit,
     Promising,
@@ -103,16 +104,17 @@ def compiled_fit(image: LinearImage, family: LandmarkFamily, pixels: int) -> Lan
     """The compiled steps for landmarks of a family in this image."""
     known = image.fits.get((family, pixels))
     if known is None:
-        tables = decoding.tables_of(family)
-        edges, rules = edges_of(family), _rules(family, pixels)
-        known = LandmarkFit(
-            image.source, image.lens, image.skew, image.pixel_error, tables.drawing, tables.words, edges, rules
-        )
+        known = LandmarkFit(_task(family, pixels), image.source, image.lens, image.skew, image.pixel_error)
         image.fits[family, pixels] = known
     return known
 
 
 @lru_cache(maxsize=16)
+def _task(family: LandmarkFamily, pixels: int) -> FitTask:
+    tables = decoding.tables_of(family)
+    return FitTask(tables.drawing, tables.words, edges_of(family), _rules(family, pixels))
+
+
 def _rules(family: LandmarkFamily, pixels: int) -> FitRules:
     promising = Promising(
         decoding.CORRELATED_PIXELS,

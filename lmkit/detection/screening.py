@@ -6,7 +6,6 @@ square must show, and which of several at the same place goes on.
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 from functools import lru_cache
 
@@ -18,7 +17,16 @@ from lmkit.detection.pattern_model import drawing_of
 from lmkit.detection.shadows import LEAST_RATIO
 from lmkit.geometry.homography import homographies_from_points
 from lmkit.kernels.pattern import coverage_columns_numpy
-from lmkit.kernels.screening import Pyramid, ScreenRules, ScreenTables, Thresholds, screen
+from lmkit.kernels.screening import (
+    Likely,
+    Pyramid,
+    Screened,
+    Screening,
+    ScreenRules,
+    ScreenTables,
+    Shares,
+    Thresholds,
+)
 from lmkit.model.landmark import LandmarkFamily
 
 GRID = 19
@@ -68,34 +76,31 @@ ALIGNED_THRESHOLDS = ScreeningThresholds(turn=0.02)
 
 
 @dataclass(frozen=True)
-class Screened:
-    """Candidates, and how much more a landmark explains of them than a plain framed square.
+class LikelyRule:
+    """Which squares go on to be registered.
 
     Attributes:
-        quads: (N,4,2) corners, px.
-        pattern: (N,) share of what a framed square leaves unexplained that rings and triangle explain.
+        shares: share of what a framed square leaves unexplained that rings and triangle must explain, of a square as
+            it was found and of one that was moved to where it fits.
+        rounds: steps of the moves.
+        aligned: thresholds of those that were moved.
+        in_shadow: take out the light, and leave out squares on which no shadow may end.
     """
 
-    quads: FloatArray
-    pattern: FloatArray
+    shares: Shares
+    rounds: int
+    aligned: ScreeningThresholds = ALIGNED_THRESHOLDS
+    in_shadow: bool = False
 
-    def best_first(self, at_least: float, per_place: int) -> Screened:
-        """Candidates above a share, in falling order, at most ``per_place`` of the same place and size."""
-        scores = self.pattern.tolist()
-        order = sorted((k for k, score in enumerate(scores) if score >= at_least), key=lambda k: -scores[k])
-        kept: list[tuple[float, float, float]] = []
-        chosen: list[int] = []
-        for k, corners in zip(order, self.quads[order].tolist(), strict=True):
-            (ax, ay), (bx, by), (cx, cy), (dx, dy) = corners
-            x, y = (ax + bx + cx + dx) / 4, (ay + by + cy + dy) / 4
-            side = math.sqrt(abs((cx - ax) * (dy - by) - (cy - ay) * (dx - bx)) / 2)
-            same = (
-                math.hypot(u - x, v - y) < 0.25 * side and 0.7 * side < other < 1.4 * side for u, v, other in kept
-            )
-            if sum(same) < per_place:
-                kept.append((x, y, side))
-                chosen.append(k)
-        return Screened(self.quads[chosen], self.pattern[chosen])
+
+def likely_squares(pyramid: Pyramid, quads: FloatArray, family: LandmarkFamily, rule: LikelyRule) -> Likely:
+    """Squares that look like landmarks of a family, moved to where they fit, and the pattern of all.
+
+    Args:
+        quads: (N,4,2) corners, px, clockwise; misshapen ones score -1.
+    """
+    window = SHADOW_WINDOW if rule.in_shadow else 0
+    return _screening(family, rule.aligned).likely(pyramid, quads, rule.shares, rule.rounds, window)
 
 
 def screen_candidates(
@@ -109,12 +114,15 @@ def screen_candidates(
     """Move the corners of all candidates ``rounds`` times toward a better fit, and score them.
 
     Args:
-        quads: (N,4,2) corners, px, clockwise; misshapen ones score 0.
+        quads: (N,4,2) corners, px, clockwise; misshapen ones score -1.
         aligned: what those that were moved must show.
         in_shadow: take out the light, and score 0 where no shadow may end on the square.
     """
-    if len(quads) == 0:
-        return Screened(quads, np.zeros(0))
+    return _screening(family, aligned).screen(pyramid, quads, rounds, SHADOW_WINDOW if in_shadow else 0)
+
+
+@lru_cache(maxsize=16)
+def _screening(family: LandmarkFamily, aligned: ScreeningThresholds) -> Screening:
     rules = ScreenRules(
         FULL_DETAIL_SIDE_PX,
         BLUR_PX,
@@ -129,7 +137,7 @@ def screen_candidates(
         FOUND_THRESHOLDS.numbers,
         aligned.numbers,
     )
-    return Screened(*screen(pyramid, screen_tables(family), rules, quads, rounds, SHADOW_WINDOW if in_shadow else 0))
+    return Screening(screen_tables(family), rules)
 
 
 @lru_cache(maxsize=8)

@@ -155,55 +155,54 @@ class _Fit(ctypes.Structure):
     )
 
 
-class LandmarkFit:
-    """Fits landmarks of one drawing in one image.
+class FitTask:
+    """How landmarks of one drawing are fitted, whatever the image; packed once.
 
     Attributes:
         rules: how.
     """
 
-    def __init__(
-        self,
-        source: Source,
-        lens: Lens | None,
-        skew: float,
-        noise: float,
-        drawing: Drawing,
-        words: Words,
-        edges: Edges,
-        rules: FitRules,
-    ) -> None:
+    def __init__(self, drawing: Drawing, words: Words, edges: Edges, rules: FitRules) -> None:
         self.rules = rules
         known = np.array([*edges.squares, *edges.circles], np.float32)
-        height, width = source.image.shape[:2]
-        self._gaps = len(drawing.gaps)
-        self._columns = drawing.column_count
-        arrays = (drawing.flat, known, words.masks)
-        struct = None if lens is None else lens.struct
-        self._kept = (source, struct, arrays)  # their addresses stay good as long as they are held
-        self._task = _Fit(
-            height,
-            width,
-            *addresses(*source),
-            None if struct is None else ctypes.addressof(struct),
-            *addresses(*arrays),
-            *(len(edges.squares), len(edges.circles), words.masks.shape[1], self._gaps),
+        gaps = len(drawing.gaps)
+        self._arrays = (drawing.flat, known, words.masks)  # their addresses stay good as long as they are held
+        self.packed = _Fit(
+            *[0] * 2,
+            *[None] * 5,
+            *addresses(*self._arrays),
+            *(len(edges.squares), len(edges.circles), words.masks.shape[1], gaps),
             *(VISITED, rules.least_pixels, rules.coarse_pixels, rules.pixels, rules.read_rounds),
             *(_Steps(steps.rounds, steps.most, steps.to_px) for steps in (rules.coarse, rules.fine)),
-            *(skew, rules.reach, rules.band, rules.near_share, noise, rules.floor),
+            *(0.0, rules.reach, rules.band, rules.near_share, 0.0, rules.floor),
             *map(_numbers, (rules.decoding.flat, rules.priors, rules.limits, rules.promising)),
             *map(_numbers, (rules.settled, rules.start, rules.errors)),
         )
-        most = max(rules.pixels, rules.coarse_pixels)
-        self._capacity = capacity = most + most // 5 + 64
-        self._decoding = TAIL + 2 * (2 + self._gaps)
-        self._width = NORMAL + STATE * STATE + 2 * self._decoding + 8 + 64
-        self._room = (
+        self.most = most = max(rules.pixels, rules.coarse_pixels)
+        self.capacity = capacity = most + most // 5 + 64
+        self.decoding = TAIL + 2 * (2 + gaps)
+        self.room = (
             ("planes", 9 * capacity),
-            ("work", max(scratch_floats(capacity), (capacity + BLOCK) * self._columns + 3 * capacity)),
-            ("kinds", VISITED * most // 2 + (height + 8) // 2),
-            ("subsets", 2 * (7 << self._gaps)),
+            ("work", max(scratch_floats(capacity), (capacity + BLOCK) * drawing.column_count + 3 * capacity)),
+            ("subsets", 2 * (7 << gaps)),
         )
+
+
+class LandmarkFit:
+    """Fits landmarks of one drawing in one image."""
+
+    def __init__(self, task: FitTask, source: Source, lens: Lens | None, skew: float, noise: float) -> None:
+        struct = None if lens is None else lens.struct
+        self._kept = (task, source, struct)
+        self._task = packed = _Fit.from_buffer_copy(task.packed)
+        packed.height, packed.width = source.image.shape[:2]
+        packed.image, packed.linear, packed.white, packed.shift = addresses(*source)
+        packed.lens = None if struct is None else ctypes.addressof(struct)
+        packed.skew, packed.noise = skew, noise
+        self._capacity, self._decoding = task.capacity, task.decoding
+        self._width = NORMAL + STATE * STATE + 2 * task.decoding + 8 + 64
+        planes, work, subsets = task.room
+        self._room = (planes, work, ("kinds", VISITED * task.most // 2 + (packed.height + 8) // 2), subsets)
 
     def run(
         self,
@@ -246,7 +245,8 @@ class LandmarkFit:
         rooms = [WORKSPACE.floats(*room) for room in self._room]
         task, first = ctypes.addressof(self._task), address(rows)
         kernel(task, address(view), len(quads), address(quads), distortion_side, self._capacity, *rooms, width, first)
-        return [self._fitted(row[1 : 1 + STATE], row[1 + STATE :]) for row in rows if row[0]]
+        fitted = zip(rows, rows[:, 0].tolist(), strict=True)
+        return [self._fitted(row[1 : 1 + STATE], row[1 + STATE :]) for row, is_fitted in fitted if is_fitted]
 
     def _fitted(self, state: FloatArray, out: FloatArray) -> Fitted:
         first = NORMAL + STATE * STATE

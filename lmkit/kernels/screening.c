@@ -26,10 +26,24 @@ typedef struct {
     const uint8_t *image;
 } Level;
 
+/* What stays the same for a family; the fields are those of `_Task` in screening.py.  moves (2,8,K); columns: for every
+ * blur, coverage and its slopes (3,C,K); grams (S,C,C).  rules: half side (mm), side looked at in full detail (px), blur
+ * (px), ridge, damping, furthest move (mm), gate's white over ground and red over blue, least pattern to be moved, least
+ * ratio of lights for a shadow, gate's white over border; then white over dark, white over ground, red over blue,
+ * contrast and turn, first of squares as found, then of those that were moved. */
 typedef struct {
+    const float *grid, *moves, *gate, *columns;
+    const double *blurs, *grams;
+    const int32_t *masks;
+    int64_t points, side, gaps, blur_count, codes;
+    double rules[21];
+} Task;
+
+/* The image: levels (L,3) are height, width and address of the code values; linear (256). */
+typedef struct {
+    Level levels[16];
+    Design designs[16];
     const float *linear, *grid, *moves, *gate;
-    const Level *levels;
-    const Design *designs;
     const double *rules, *blurs;
     const int32_t *masks;
     int64_t level_count, blur_count, points, side, window, codes;
@@ -37,17 +51,17 @@ typedef struct {
     double half, *subsets;
 } Screen;
 
-/* levels (L,3): height, width, address of the code values.  tables: for every blur
- * columns and slopes (3,C,K); grams (S,C,C).  moves (2,8,K).  rules: half side (mm), side looked at in full detail (px),
- * blur (px), ridge, damping, furthest move (mm), gate's white over ground and red over blue, least pattern to be moved,
- * least ratio of lights for a shadow, gate's white over border; then white over dark, white over ground, red over blue, contrast and turn, first of squares as found, then of those
- * that were moved.  window: 0, or side (grid points) of the closing by which shadows are taken out. */
-LMKIT_EXPORT int lmkit_screen(int64_t count, double *quads, const int64_t *levels, int64_t level_count,
-                              const float *linear, int64_t points, int64_t side, const float *grid, const float *moves,
-                              const float *gate, int64_t gaps, int64_t blur_count, const double *blurs,
-                              const float *tables, const double *grams, const int32_t *masks, int64_t codes,
-                              const double *rules, int64_t rounds, int64_t window, double *subsets,
+/* window: 0, or side (grid points) of the closing by which shadows are taken out. */
+LMKIT_EXPORT int lmkit_screen(const Task *task, const int64_t *levels, int64_t level_count, const float *linear,
+                              int64_t count, double *quads, int64_t rounds, int64_t window, double *subsets,
                               double *pattern);
+
+/* Of `count` squares those that look like landmarks, moved to where they fit, into likely (count,8).  shares: of the
+ * pattern before and after the moves.  room: 13 doubles for every square. */
+LMKIT_EXPORT int lmkit_likely_squares(const Task *task, const int64_t *levels, int64_t level_count,
+                                      const float *linear, int64_t count, double *quads, const double *shares,
+                                      int64_t rounds, int64_t window, double *subsets, double *room, double *pattern,
+                                      double *likely, int64_t *found);
 
 /* Colors of a level at points of the landmark's plane, bilinear, in linear light: out (3,n). */
 static void sample_grid(const Screen *s, const Level *level, int64_t scale, const double *H, const float *grid, int64_t stride, int64_t n, float *out, int64_t out_stride)
@@ -380,31 +394,90 @@ static int64_t find_twin(const double *quads, int64_t k)
     return -1;
 }
 
-int lmkit_screen(int64_t count, double *quads, const int64_t *levels, int64_t level_count, const float *linear,
-                 int64_t points, int64_t side, const float *grid, const float *moves, const float *gate, int64_t gaps,
-                 int64_t blur_count, const double *blurs, const float *tables, const double *grams,
-                 const int32_t *masks, int64_t codes, const double *rules, int64_t rounds, int64_t window, double *subsets,
-                 double *pattern)
+/* 0 where the task is not of the sizes that there is room for. */
+static int begin(const Task *t, const int64_t *levels, int64_t level_count, const float *linear, int64_t window, double *subsets, Screen *s)
 {
-    Level known[16];
-    Design designs[16];
-    const int64_t C = 9 + gaps;
-    if (level_count > 16 || blur_count > 16 || points > MAX_GRID || points % BLOCK || side < 3 || side > MAX_SIDE || side * side > points)
-        return 1;
+    const int64_t C = 9 + t->gaps;
+    if (level_count > 16 || t->blur_count > 16 || t->points > MAX_GRID || t->points % BLOCK || t->side < 3 || t->side > MAX_SIDE || t->side * t->side > t->points)
+        return 0;
     for (int64_t i = 0; i < level_count; i++) {
         const int64_t *l = levels + 3 * i;
         Level level = {l[0], l[1], (const uint8_t *)(intptr_t)l[2]};
-        known[i] = level;
+        s->levels[i] = level;
     }
-    for (int64_t i = 0; i < blur_count; i++) {
-        const float *t = tables + 3 * i * C * points;
-        Design design = {t, t + C * points, t + 2 * C * points, grams + i * C * C};
-        designs[i] = design;
+    for (int64_t i = 0; i < t->blur_count; i++) {
+        const float *columns = t->columns + 3 * i * C * t->points;
+        Design design = {columns, columns + C * t->points, columns + 2 * C * t->points, t->grams + i * C * C};
+        s->designs[i] = design;
     }
-    Screen s = {linear, grid, moves, gate, known, designs, rules, blurs, masks, level_count, blur_count, points, side, window, codes, (int)gaps, rules[0], subsets};
+    s->linear = linear, s->grid = t->grid, s->moves = t->moves, s->gate = t->gate;
+    s->rules = t->rules, s->blurs = t->blurs, s->masks = t->masks;
+    s->level_count = level_count, s->blur_count = t->blur_count, s->points = t->points, s->side = t->side;
+    s->window = window, s->codes = t->codes, s->gaps = (int)t->gaps;
+    s->half = t->rules[0], s->subsets = subsets;
+    return 1;
+}
+
+static void screen_all(const Screen *s, int64_t count, double *quads, int64_t rounds, double *pattern)
+{
     for (int64_t i = 0; i < count; i++) {
         int64_t twin = rounds == 0 ? find_twin(quads, i) : -1;
-        pattern[i] = twin >= 0 ? -1.0 : screen_one(&s, quads + 8 * i, rounds);
+        pattern[i] = twin >= 0 ? -1.0 : screen_one(s, quads + 8 * i, rounds);
     }
+}
+
+int lmkit_screen(const Task *task, const int64_t *levels, int64_t level_count, const float *linear, int64_t count,
+                 double *quads, int64_t rounds, int64_t window, double *subsets, double *pattern)
+{
+    Screen s;
+    if (!begin(task, levels, level_count, linear, window, subsets, &s))
+        return 1;
+    screen_all(&s, count, quads, rounds, pattern);
+    return 0;
+}
+
+/* Squares whose pattern is at least `share`, in falling order, at most `most` of one place and size; their quads into
+ * `kept`.  room: 4 doubles for every square. */
+static int64_t best_first(int64_t count, const double *quads, const double *pattern, double share, int64_t most, double *room, double *kept)
+{
+    double *order = room, *places = room + count;
+    int64_t some = 0, chosen = 0;
+    for (int64_t i = 0; i < count; i++) {
+        if (!(pattern[i] >= share))
+            continue;
+        int64_t at = some++;
+        for (; at > 0 && pattern[(int64_t)order[at - 1]] < pattern[i]; at--)
+            order[at] = order[at - 1];
+        order[at] = (double)i;
+    }
+    for (int64_t k = 0; k < some; k++) {
+        const double *q = quads + 8 * (int64_t)order[k];
+        const double x = (q[0] + q[2] + q[4] + q[6]) / 4.0, y = (q[1] + q[3] + q[5] + q[7]) / 4.0;
+        const double side = sqrt(fabs((q[4] - q[0]) * (q[7] - q[3]) - (q[5] - q[1]) * (q[6] - q[2])) / 2.0);
+        int64_t same = 0;
+        for (int64_t j = 0; j < chosen && same < most; j++) {
+            const double *p = places + 3 * j, dx = p[0] - x, dy = p[1] - y, ratio = p[2] / side;
+            same += sqrt(dx * dx + dy * dy) < 0.25 * side && ratio > 0.7 && ratio < 1.4;
+        }
+        if (same >= most)
+            continue;
+        places[3 * chosen] = x, places[3 * chosen + 1] = y, places[3 * chosen + 2] = side;
+        memcpy(kept + 8 * chosen++, q, 8 * sizeof *q);
+    }
+    return chosen;
+}
+
+int lmkit_likely_squares(const Task *task, const int64_t *levels, int64_t level_count, const float *linear,
+                         int64_t count, double *quads, const double *shares, int64_t rounds, int64_t window,
+                         double *subsets, double *room, double *pattern, double *likely, int64_t *found)
+{
+    Screen s;
+    if (!begin(task, levels, level_count, linear, window, subsets, &s))
+        return 1;
+    double *moved = room + 4 * count, *moved_pattern = room + 12 * count;
+    screen_all(&s, count, quads, 0, pattern);
+    const int64_t some = best_first(count, quads, pattern, shares[0], 2, room, moved);
+    screen_all(&s, some, moved, rounds, moved_pattern);
+    *found = best_first(some, moved, moved_pattern, shares[1], 1, room, likely);
     return 0;
 }

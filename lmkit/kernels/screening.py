@@ -7,14 +7,15 @@ its corners (Gauss-Newton with the drawing's own gradient, after Baker and Matth
 from __future__ import annotations
 
 import ctypes
-from functools import lru_cache
+from dataclasses import dataclass
+from functools import cached_property, lru_cache
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from lmkit.kernels.hypotheses import Words, explained_energy_numpy, selection_matrices
-from lmkit.kernels.load import addresses, contiguous, function
+from lmkit.kernels.load import address, addresses, contiguous, function
 from lmkit.kernels.pattern import INKS, QUARTERS
 from lmkit.kernels.registration import homography_numpy
 from lmkit.kernels.workspace import Workspace
@@ -27,7 +28,8 @@ SAME = 0.05  # of the side: two squares are one
 GATE = 30  # points of the gate: a third each on margin, border and ground
 
 
-class Pyramid(NamedTuple):
+@dataclass(frozen=True, eq=False)
+class Pyramid:
     """An image at full, half, quarter ... resolution; every level the mean of 2 x 2 code values of the one before.
 
     Attributes:
@@ -37,6 +39,11 @@ class Pyramid(NamedTuple):
 
     levels: tuple[NDArray[np.uint8], ...]
     linear: Float32Array
+
+    @cached_property
+    def table(self) -> NDArray[np.int64]:
+        """(L,3) height, width and address of every level, for kernels."""
+        return np.array([[*level.shape[:2], address(level)] for level in self.levels], dtype=np.int64)
 
 
 class ScreenTables(NamedTuple):
@@ -143,50 +150,110 @@ class Screened(NamedTuple):
     pattern: FloatArray
 
 
+class Shares(NamedTuple):
+    """Shares that the pattern must explain for a square to be moved, and for a moved one to be kept."""
+
+    found: float
+    moved: float
+
+
+class Likely(NamedTuple):
+    """(N,) pattern of all squares as they were found, and (M,4,2) those that look like landmarks, best first, moved to
+    where they fit."""
+
+    pattern: FloatArray
+    quads: FloatArray
+
+
+class _Task(ctypes.Structure):
+    _fields_ = (
+        *((name, ctypes.c_void_p) for name in ("grid", "moves", "gate", "columns", "blurs", "grams", "masks")),
+        *((name, ctypes.c_int64) for name in ("points", "side", "gaps", "blur_count", "codes")),
+        ("rules", ctypes.c_double * 21),
+    )
+
+
+class Screening:
+    """Screens squares for one family.
+
+    Attributes:
+        tables: data of the family.
+        rules: figures of the screening.
+    """
+
+    def __init__(self, tables: ScreenTables, rules: ScreenRules) -> None:
+        self.tables, self.rules = tables, rules
+        masks = tables.words.masks
+        numbers = (tables.half, *rules[:-2], *rules.first, *rules.moved)
+        self._task = _Task(
+            *addresses(tables.grid, tables.moves, tables.gate, tables.columns, tables.blurs, tables.grams, masks),
+            *(tables.grid.shape[1], tables.side, tables.words.gaps, len(tables.blurs), masks.shape[1]),
+            (ctypes.c_double * 21)(*numbers),
+        )
+
+    def screen(self, pyramid: Pyramid, quads: FloatArray, rounds: int, window: int = 0) -> Screened:
+        """Squares (N,4,2), clockwise, moved ``rounds`` times and scored.
+
+        With a ``window`` (points of the grid), values are divided by the white around them, and squares on which no
+        shadow ends score 0.
+        """
+        kernel = _kernel()
+        if kernel is None:
+            return screen_numpy(pyramid, self.tables, self.rules, quads, rounds, window)
+        quads = contiguous(quads, (-1, 4, 2)).copy()
+        pattern = np.empty(len(quads))
+        image = self._image(pyramid)
+        kernel(*image, len(quads), address(quads), rounds, window, self._subsets(), address(pattern))
+        return Screened(quads, pattern)
+
+    def likely(self, pyramid: Pyramid, quads: FloatArray, shares: Shares, rounds: int, window: int = 0) -> Likely:
+        """Squares (N,4,2) screened; the best of every place moved; the best of those, one of a place and size.
+
+        Args:
+            rounds: steps of the moves.
+            window: as in :meth:`screen`.
+        """
+        kernel = _likely_kernel()
+        quads = contiguous(quads, (-1, 4, 2))
+        if kernel is None:
+            return likely_numpy(pyramid, self.tables, self.rules, quads, shares, rounds, window)
+        count = len(quads)
+        pattern, likely, found = np.empty(count), np.empty((count, 4, 2)), np.zeros(1, np.int64)
+        room = _WORKSPACE.floats("room", 26 * count)
+        image, least = self._image(pyramid), np.array(shares)
+        given = (count, address(quads), address(least), rounds, window, self._subsets(), room)
+        kernel(*image, *given, *addresses(pattern, likely, found))
+        return Likely(pattern, likely[: int(found[0])])
+
+    def _image(self, pyramid: Pyramid) -> tuple[int, ...]:
+        levels = pyramid.table
+        return ctypes.addressof(self._task), address(levels), len(levels), address(pyramid.linear)
+
+    def _subsets(self) -> int:
+        return _WORKSPACE.floats("subsets", 2 * (7 << self.tables.words.gaps))
+
+
 _WORKSPACE = Workspace()
 
 
 def screen(
+    pyramid: Pyramid, tables: ScreenTables, rules: ScreenRules, quads: FloatArray, rounds: int, window: int = 0
+) -> Screened:
+    """See :meth:`Screening.screen`."""
+    return Screening(tables, rules).screen(pyramid, quads, rounds, window)
+
+
+def likely(
     pyramid: Pyramid,
     tables: ScreenTables,
     rules: ScreenRules,
     quads: FloatArray,
+    shares: Shares,
     rounds: int,
     window: int = 0,
-) -> Screened:
-    """Squares (N,4,2), clockwise, moved ``rounds`` times and scored.
-
-    With a ``window`` (points of the grid), values are divided by the white around them, and squares on which no
-    shadow ends score 0.
-    """
-    kernel = _kernel()
-    if kernel is None:
-        return screen_numpy(pyramid, tables, rules, quads, rounds, window)
-    quads = contiguous(quads, (-1, 4, 2)).copy()
-    pattern = np.zeros(len(quads))
-    levels = np.array([[*level.shape[:2], *addresses(level)] for level in pyramid.levels], dtype=np.int64)
-    gaps = tables.words.gaps
-    numbers = np.array([tables.half, *rules[:-2], *rules.first, *rules.moved])
-    subsets = _WORKSPACE.floats("subsets", 2 * (7 << gaps))
-    kernel(
-        len(quads),
-        *addresses(quads, levels),
-        len(levels),
-        *addresses(pyramid.linear),
-        tables.grid.shape[1],
-        tables.side,
-        *addresses(tables.grid, tables.moves, tables.gate),
-        gaps,
-        len(tables.blurs),
-        *addresses(tables.blurs, tables.columns, tables.grams, tables.words.masks),
-        tables.words.masks.shape[1],
-        *addresses(numbers),
-        rounds,
-        window,
-        subsets,
-        *addresses(pattern),
-    )
-    return Screened(quads, pattern)
+) -> Likely:
+    """See :meth:`Screening.likely`."""
+    return Screening(tables, rules).likely(pyramid, quads, shares, rounds, window)
 
 
 def screen_numpy(
@@ -204,6 +271,37 @@ def screen_numpy(
         is_duplicate = rounds == 0 and _has_duplicate(quads, k)
         pattern[k] = -1.0 if is_duplicate else _screen_one(pyramid, tables, rules, quad, rounds, window)
     return Screened(quads, pattern)
+
+
+def likely_numpy(
+    pyramid: Pyramid,
+    tables: ScreenTables,
+    rules: ScreenRules,
+    quads: FloatArray,
+    shares: Shares,
+    rounds: int,
+    window: int = 0,
+) -> Likely:
+    """Definition of :func:`likely`."""
+    found = screen_numpy(pyramid, tables, rules, quads, 0, window)
+    best = best_first_numpy(found, shares.found, 2)
+    moved = screen_numpy(pyramid, tables, rules, best, rounds, window)
+    return Likely(found.pattern, best_first_numpy(moved, shares.moved, 1))
+
+
+def best_first_numpy(squares: Screened, at_least: float, per_place: int) -> FloatArray:
+    """(M,4,2) squares above a share, in falling order, at most ``per_place`` of the same place and size."""
+    kept: list[tuple[FloatArray, float]] = []
+    chosen: list[int] = []
+    for k in np.argsort(-squares.pattern, kind="stable").tolist():
+        quad = squares.quads[k]
+        middle, diagonals = quad.mean(axis=0), quad[2:] - quad[:2]
+        side = float(np.sqrt(abs(diagonals[0, 0] * diagonals[1, 1] - diagonals[0, 1] * diagonals[1, 0]) / 2))
+        same = [np.linalg.norm(at - middle) < 0.25 * side and 0.7 * side < s < 1.4 * side for at, s in kept]
+        if squares.pattern[k] >= at_least and sum(same) < per_place:
+            kept.append((middle, side))
+            chosen.append(k)
+    return squares.quads[chosen]
 
 
 def _screen_one(
@@ -368,5 +466,10 @@ def _well_shaped(quad: FloatArray) -> bool:
 @lru_cache(maxsize=1)
 def _kernel() -> Any:
     p, n = ctypes.c_void_p, ctypes.c_int64
-    shapes = [n, p, p, n, p, n, n, p, p, p, n, n, p, p, p, p, n, p, n, n, p, p]
-    return function("lmkit_screen", *shapes)
+    return function("lmkit_screen", p, p, n, p, n, p, n, n, p, p)
+
+
+@lru_cache(maxsize=1)
+def _likely_kernel() -> Any:
+    p, n = ctypes.c_void_p, ctypes.c_int64
+    return function("lmkit_likely_squares", p, p, n, p, n, p, p, n, n, *[p] * 5)
