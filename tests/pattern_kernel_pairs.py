@@ -200,15 +200,19 @@ def _quads(rng: np.random.Generator) -> Iterator[tuple[Any, ...]]:
             plane[:, 22:30] = 190
         rules = QuadRules(4.0, 0.04, 8 * 280, 10.0, 0.012)
         where = rng.integers(0, 2, (30, 40)).astype(np.uint8)
+        smooth = plane.round().astype(np.uint8)
         for window in (7, 15, 255):
-            yield plane.round().astype(np.uint8), None, window, rules
-            yield plane.round().astype(np.uint8), where, window, rules
+            yield smooth, None, window, rules
+            yield smooth, where, window, rules
         from_steps = rules._replace(darker=0.01, step_per_change=3.0, least_step=2.0, most_step=12.0)
-        yield plane.round().astype(np.uint8), None, 5, from_steps
+        yield smooth, None, 5, from_steps
         yield (plane + rng.normal(0, 3, plane.shape)).clip(0, 255).astype(np.uint8), None, 5, from_steps
     yield np.zeros((1, 1), np.uint8), None, 7, rules
     yield np.full((3, 200), 9, np.uint8), None, 7, rules
     yield (np.indices((40, 40)).sum(axis=0) % 2 * 255).astype(np.uint8), None, 7, rules
+    # Cells of the image before it was halved, and of one that was halved once more; odd sizes.
+    for shape, halvings, level in (((61, 79), 1, 2), ((15, 19), -1, 0)):
+        yield smooth, rng.integers(0, 2, shape).astype(np.uint8), 7, rules, halvings, level
 
 
 def _screenings(rng: np.random.Generator) -> Iterator[tuple[Any, ...]]:

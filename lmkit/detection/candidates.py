@@ -15,7 +15,8 @@ import cv2
 import numpy as np
 
 from lmkit.arrays import ByteArray, FloatArray
-from lmkit.kernels.quads import CELL, QuadRules, dark_quads, where_to_look
+from lmkit.kernels.quads import QuadRules, dark_quads, where_to_look
+from lmkit.kernels.workspace import Workspace
 
 MIN_SIDE_PX = 8.0
 LEAST_SIDE_IN_LEVEL_PX = 4.0  # of a halved image
@@ -25,6 +26,8 @@ STEP_PER_CHANGE, STEP_LIMITS = 3.0, (2.0, 12.0)  # usual change between neighbor
 LONGEST = 8.0  # times height plus width: longer outlines are clutter
 OFFSET, OFFSET_PER_SIGMA = 6.0, 4.0  # added to code values before their logarithm, against noise
 GROUND_TO_FACE = 90 / 80  # what is dark in red is the ground; the face is so much larger
+
+_WORKSPACE = Workspace()
 
 
 @dataclass(frozen=True)
@@ -81,27 +84,27 @@ def find_candidates(
         level = min(source.halvings, len(levels) - 1)
         if min(levels[level].shape[:2]) < source.least_px:
             continue
-        plane = channel_of(levels[level], source.channel)
+        plane = _channel_of(levels[level], source.channel)
         least = max(MIN_SIDE_PX / 2**level, LEAST_SIDE_IN_LEVEL_PX)
         longest = int(LONGEST * sum(plane.shape))
         completed = COMPLETED_SIDE * least
         rules = QuadRules(least, source.darker, longest, completed, STRAIGHT, STEP_PER_CHANGE, *STEP_LIMITS)
-        quads = dark_quads(plane, _cells_of(cells, level - half, plane.shape), source.window, rules)
-        if source.channel == "red":
-            quads = np.concatenate([quads, grown(quads, GROUND_TO_FACE)])
-        # Pixel k of a halved image covers the span [k, k + 1) * 2 of the one before.
-        found.append((quads + 0.5) * 2**level - 0.5)
+        quads = dark_quads(plane, cells, source.window, rules, level - half, level)
+        found += [quads, grown(quads, GROUND_TO_FACE)] if source.channel == "red" else [quads]
     return np.concatenate(found) if found else np.zeros((0, 4, 2))
 
 
-def channel_of(image: ByteArray, channel: str) -> ByteArray:
-    """(H,W) gray, red or the darkest channel of (H,W,3) BGR."""
+def _channel_of(image: ByteArray, channel: str) -> ByteArray:
+    """(H,W) gray, red or the darkest channel of (H,W,3) BGR, in memory that the next call writes to."""
+    plane = _WORKSPACE.bytes("plane", image.shape[:2])
     if channel == "gray":
-        return np.asarray(cv2.cvtColor(image, cv2.COLOR_BGR2GRAY), dtype=np.uint8)
-    if channel == "red":
-        return np.asarray(cv2.extractChannel(image, 2), dtype=np.uint8)
-    blue, green, red = cv2.split(image)
-    return np.asarray(cv2.min(cv2.min(blue, green), red), dtype=np.uint8)
+        cv2.cvtColor(image, cv2.COLOR_BGR2GRAY, dst=plane)
+    else:
+        cv2.extractChannel(image, 2, dst=plane)
+    if channel == "darkest":
+        for other in (0, 1):
+            cv2.min(plane, cv2.extractChannel(image, other), dst=plane)
+    return plane
 
 
 def grown(quads: FloatArray, factor: float) -> FloatArray:
@@ -127,26 +130,3 @@ def grown(quads: FloatArray, factor: float) -> FloatArray:
         scale = 2 * q * factor / np.maximum((p + q) + (q - p) * factor, 1e-6)
         found[:, k] = middle + near * scale
     return found
-
-
-def _cells_of(cells: ByteArray, halvings: int, shape: tuple[int, ...]) -> ByteArray:
-    """Cells of one level of the pyramid as cells of an image of ``shape``, so many halvings away."""
-    down, across = (-(-length // CELL) for length in shape[:2])
-    if halvings == 0 and cells.shape == (down, across):
-        return cells
-    if halvings < 0:
-        height, width = (length << -halvings for length in cells.shape)
-        cells = np.asarray(cv2.resize(cells, (width, height), interpolation=cv2.INTER_NEAREST), dtype=np.uint8)
-    for _ in range(halvings):
-        cells = _as_large(cells, cells.shape[0] + cells.shape[0] % 2, cells.shape[1] + cells.shape[1] % 2)
-        cells = cells[::2] | cells[1::2]
-        cells = cells[:, ::2] | cells[:, 1::2]
-    # Halving leaves out the last row and column of odd sizes.
-    return np.ascontiguousarray(_as_large(cells, down, across))
-
-
-def _as_large(cells: ByteArray, down: int, across: int) -> ByteArray:
-    """Cells cut to a size, the last row and column repeated where they are too few."""
-    rows = np.minimum(np.arange(down), cells.shape[0] - 1)
-    columns = np.minimum(np.arange(across), cells.shape[1] - 1)
-    return cells if cells.shape == (down, across) else cells[rows[:, None], columns]

@@ -38,9 +38,13 @@ static double length_of(double x, double y)
     return sqrt(x * x + y * y);
 }
 
+/* where (where_height,where_width): cells of an image that is halved so many times less than the plane (more often where
+ * negative), or null.  level: of the plane; corners are those of the image before its halvings. */
 LMKIT_EXPORT int lmkit_dark_quads(int64_t height, int64_t width, const uint8_t *plane, const uint8_t *where,
+                                  int64_t where_height, int64_t where_width, int64_t halvings, int64_t level,
                                   int64_t window, const double *rules, int16_t *field, uint8_t *flags,
-                                  uint16_t *sums, int32_t *prefix, float *points, int64_t capacity, float *quads, int64_t *count);
+                                  uint16_t *sums, int32_t *prefix, float *points, int32_t *active, int64_t capacity,
+                                  float *quads, double *corners, int64_t *count);
 LMKIT_EXPORT int lmkit_where_to_look(int64_t height, int64_t width, const uint8_t *image, double offset,
                                      double least_ratio, double least_luma, int64_t dilate, float *rows,
                                      float *cells, uint8_t *where);
@@ -525,52 +529,101 @@ static int64_t contour_quads(const Outline *o, const QuadRules *rules, float *qu
     return found;
 }
 
-int lmkit_dark_quads(int64_t height, int64_t width, const uint8_t *plane, const uint8_t *where, int64_t window,
-                     const double *numbers, int16_t *field, uint8_t *flags, uint16_t *sums, int32_t *prefix, float *points,
-                     int64_t capacity, float *quads, int64_t *count)
+/* Cells of an image's row of cells in which anything is to be looked for; how many. */
+static int64_t active_cells(const uint8_t *where, int64_t down, int64_t across, int64_t halvings, int64_t row, int64_t cells, int32_t *restrict active)
+{
+    int64_t some = 0;
+    if (halvings <= 0) {
+        const int64_t i = row >> -halvings, last = across - 1;
+        const uint8_t *restrict line = where ? where + (i < down ? i : down - 1) * across : NULL;
+        for (int64_t j = 0; j < cells; j++) {
+            const int64_t k = j >> -halvings;
+            active[some] = (int32_t)j;
+            some += !line || line[k < last ? k : last] != 0;
+        }
+        return some;
+    }
+    const int64_t size = (int64_t)1 << halvings, last = (across - 1) >> halvings, last_row = (down - 1) >> halvings;
+    const int64_t top = (row < last_row ? row : last_row) << halvings, bottom = top + size < down ? top + size : down;
+    for (int64_t j = 0; j < cells; j++) {
+        const int64_t left = (j < last ? j : last) << halvings, right = left + size < across ? left + size : across;
+        int any = 0;
+        for (int64_t y = top; y < bottom; y++)
+            for (int64_t x = left; x < right; x++)
+                any |= where[y * across + x];
+        active[some] = (int32_t)j;
+        some += any != 0;
+    }
+    return some;
+}
+
+/* Room for outlines, and where they begin. */
+typedef struct {
+    const int16_t *field;
+    uint8_t *flags;
+    float *x, *y;
+    int32_t *codes;
+    int64_t stride, capacity, found;
+    float *quads;
+} Outlines;
+
+/* Squares of the outlines that begin at pixels x to end of row y; 0 where there is no more room. */
+static int begin_outlines(Outlines *o, const Turn (*turns)[4], const QuadRules *rules, int64_t y, int64_t x, int64_t end)
+{
+    uint8_t *const flags = o->flags;
+    for (int64_t at = (y + 1) * o->stride + x + 1; x < end; x++, at++) {
+        if ((flags[at] & (BEGINS | VISITED)) != BEGINS)
+            continue;
+        int64_t area, n = follow(turns, flags, at, rules->longest, o->codes, &area);
+        if (n > rules->longest || (double)n < 3.2 * rules->least_side)
+            continue;
+        /* No crossing lies further than half a pixel from its side. */
+        if ((double)area + 0.5 * (double)n <= ROUND * (double)n * (double)n)
+            continue;
+        /* Bright regions run the other way around; what winds encloses little for its length. */
+        if (crossings(o->field, o->stride, o->codes, n, o->x, o->y) <= ROUND * (double)n * (double)n)
+            continue;
+        if (o->capacity - o->found < 16)
+            return 0;
+        const Outline outline = {o->x, o->y, n};
+        o->found += contour_quads(&outline, rules, o->quads + 8 * o->found, o->capacity - o->found);
+    }
+    return 1;
+}
+
+int lmkit_dark_quads(int64_t height, int64_t width, const uint8_t *plane, const uint8_t *where, int64_t where_height,
+                     int64_t where_width, int64_t halvings, int64_t level, int64_t window, const double *numbers,
+                     int16_t *field, uint8_t *flags, uint16_t *sums, int32_t *prefix, float *points, int32_t *active,
+                     int64_t capacity, float *quads, double *corners, int64_t *count)
 {
     const QuadRules rules = {numbers[0], numbers[1], numbers[3], numbers[4], numbers[5], numbers[6], numbers[7], (int64_t)numbers[2]};
     const int64_t across = (width + CELL - 1) / CELL, stride = width + 2;
-    float *const x_of = points, *const y_of = points + rules.longest;
-    int32_t *codes = (int32_t *)(points + 2 * rules.longest);
+    Outlines o = {field, flags, points, points + rules.longest, (int32_t *)(points + 2 * rules.longest), stride, capacity, 0, quads};
     local_field(height, width, plane, window, rules.darker, step_to_begin(plane, height, width, &rules), sums, prefix, field, flags);
     Turn turns[4][4];
     fill_turns(stride, turns);
-    int64_t found = 0;
-    *count = 0;
-    for (int64_t y = 0; y < height; y++)
-        for (int64_t cell = 0; cell < across; cell++) {
-            if (where && !where[y / CELL * across + cell])
-                continue;
-            int64_t end = (cell + 1) * CELL < width ? (cell + 1) * CELL : width;
-            const uint8_t *first = flags + (y + 1) * stride + cell * CELL;
-            if (cell * CELL + CELL <= width) {
+    int64_t some = 0;
+    for (int64_t y = 0; y < height; y++) {
+        if (y % CELL == 0)
+            some = active_cells(where, where_height, where_width, where ? halvings : 0, y / CELL, across, active);
+        for (int64_t k = 0; k < some; k++) {
+            const int64_t x = (int64_t)active[k] * CELL, end = x + CELL < width ? x + CELL : width;
+            if (x + CELL <= width) {
                 /* All pixels of a cell at once. */
                 uint32_t here;
-                memcpy(&here, first + 1, sizeof here);
+                memcpy(&here, flags + (y + 1) * stride + x + 1, sizeof here);
                 if (!(here & (BEGINS * 0x01010101u)))
                     continue;
             }
-            for (int64_t x = cell * CELL; x < end; x++) {
-                int64_t at = (y + 1) * stride + x + 1;
-                if ((flags[at] & (BEGINS | VISITED)) != BEGINS)
-                    continue;
-                int64_t area, n = follow((const Turn(*)[4])turns, flags, at, rules.longest, codes, &area);
-                if (n > rules.longest || (double)n < 3.2 * rules.least_side)
-                    continue;
-                /* No crossing lies further than half a pixel from its side. */
-                if ((double)area + 0.5 * (double)n <= ROUND * (double)n * (double)n)
-                    continue;
-                /* Bright regions run the other way around; what winds encloses little for its length. */
-                if (crossings(field, stride, codes, n, x_of, y_of) <= ROUND * (double)n * (double)n)
-                    continue;
-                if (capacity - found < 16)
-                    return 2;
-                const Outline outline = {x_of, y_of, n};
-                found += contour_quads(&outline, &rules, quads + 8 * found, capacity - found);
-            }
+            if (!begin_outlines(&o, (const Turn(*)[4])turns, &rules, y, x, end))
+                return 2;
         }
-    *count = found;
+    }
+    /* Pixel k of a halved image covers the span [k, k + 1) * 2 of the one before. */
+    const double scale = (double)((int64_t)1 << level);
+    for (int64_t i = 0; i < 8 * o.found; i++)
+        corners[i] = ((double)quads[i] + 0.5) * scale - 0.5;
+    *count = o.found;
     return 0;
 }
 
@@ -592,7 +645,7 @@ static void largest_of_three(const float *restrict row, float *restrict out, int
 
 /* Cells of 4 x 4 pixels with enough contrast around them both in red over blue and in brightness.  The range of a
  * logarithm is the ratio of the largest and the smallest value: `rows` holds, for every column, the largest of both and
- * of their inverses; `cells` twice the same for every cell. */
+ * of their negatives; `cells` twice the same for every cell. */
 int lmkit_where_to_look(int64_t height, int64_t width, const uint8_t *image, double offset, double least_ratio,
                         double least_luma, int64_t dilate, float *rows, float *cells, uint8_t *where)
 {
@@ -602,17 +655,17 @@ int lmkit_where_to_look(int64_t height, int64_t width, const uint8_t *image, dou
     for (int64_t i = 0; i < down; i++) {
         float *restrict red = rows, *restrict blue = rows + width, *restrict bright = rows + 2 * width, *restrict dark = rows + 3 * width;
         for (int64_t x = 0; x < 4 * width; x++)
-            rows[x] = 0.0f;
+            rows[x] = -1e30f;
         int64_t y1 = (i + 1) * CELL < height ? (i + 1) * CELL : height;
         for (int64_t y = i * CELL; y < y1; y++) {
             const uint8_t *restrict p = image + 3 * y * width;
             for (int64_t x = 0; x < width; x++) {
                 float b = (float)p[3 * x], g = (float)p[3 * x + 1], r = (float)p[3 * x + 2];
-                float ratio = (r + o) / (b + o), inverse = (b + o) / (r + o), luma = 0.25f * (b + 2.0f * g + r) + o, shade = 1.0f / luma;
+                float ratio = (r + o) / (b + o), luma = 0.25f * (b + 2.0f * g + r) + o;
                 red[x] = ratio > red[x] ? ratio : red[x];
-                blue[x] = inverse > blue[x] ? inverse : blue[x];
+                blue[x] = -ratio > blue[x] ? -ratio : blue[x];
                 bright[x] = luma > bright[x] ? luma : bright[x];
-                dark[x] = shade > dark[x] ? shade : dark[x];
+                dark[x] = -luma > dark[x] ? -luma : dark[x];
             }
         }
         for (int k = 0; k < 4; k++) {
@@ -641,7 +694,7 @@ int lmkit_where_to_look(int64_t height, int64_t width, const uint8_t *image, dou
                 take_larger(near[k], same + across, across);
         }
         for (int64_t j = 0; j < across; j++)
-            where[i * across + j] = near[0][j] * near[1][j] > most_ratio && near[2][j] * near[3][j] > most_luma;
+            where[i * across + j] = near[0][j] > -near[1][j] * most_ratio && near[2][j] > -near[3][j] * most_luma;
     }
     if (!dilate)
         return 0;

@@ -13,7 +13,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from lmkit.kernels.load import addresses, contiguous, function
+from lmkit.kernels.load import address, addresses, contiguous, function
 from lmkit.kernels.quads_numpy import dark_quads_numpy, where_to_look_numpy
 from lmkit.kernels.workspace import Workspace
 
@@ -71,39 +71,45 @@ def where_to_look(image: ByteArray, offset: float, least_ratio: float, least_lum
     return where
 
 
-def dark_quads(plane: ByteArray, where: ByteArray | None, window: int, rules: QuadRules) -> FloatArray:
-    """(N,4,2) quadrilaterals around dark regions, clockwise, px of the plane; many are nothing.
+def dark_quads(
+    plane: ByteArray, where: ByteArray | None, window: int, rules: QuadRules, halvings: int = 0, level: int = 0
+) -> FloatArray:
+    """(N,4,2) quadrilaterals around dark regions, clockwise; many are nothing.
 
     Args:
         plane: (H,W) one channel.
         where: cells in which the outlines begin, from :func:`where_to_look`; None for all.
         window: side of the window for the local mean, odd, at most 255.
+        halvings: how often the plane's image is halved more than the one that ``where`` is of; -1: once less.
+        level: how often it is halved at all; corners are px of the image before that.
     """
     plane = contiguous(plane, (-1, -1), np.uint8)
     height, width = plane.shape
     if not (0 < window <= 255 and window % 2):
         raise ValueError(f"a window of {window} pixels")
     if where is not None:
-        where = contiguous(where, ((height + CELL - 1) // CELL, (width + CELL - 1) // CELL), np.uint8)
+        where = contiguous(where, (-1, -1), np.uint8)
     kernel = _quads_kernel()
     if kernel is None:
-        return dark_quads_numpy(plane, where, window, rules)
+        return dark_quads_numpy(plane, where, window, rules, halvings, level)
     pixels = (height + 2) * (width + 2)
+    numbers, count = np.array(rules, dtype=np.float64), np.zeros(1, np.int64)
+    image = (height, width, address(plane), *addresses(where), *((0, 0) if where is None else where.shape))
     scratch = (
         _WORKSPACE.floats("field", pixels // 2 + 1),
         _WORKSPACE.floats("flags", pixels // 4 + 1),
         _WORKSPACE.floats("sums", width // 2 + 1),
         _WORKSPACE.floats("prefix", width + 1),
         _WORKSPACE.floats("points", 3 * rules.longest),
+        _WORKSPACE.floats("active", width // CELL + 2),
     )
-    numbers, count = np.array(rules), np.zeros(1, np.int64)
-    capacity = 1024
+    capacity = 512
     while True:
-        quads = np.empty((capacity, 4, 2), np.float32)
-        arrays = (*addresses(plane, where), window, *addresses(numbers), *scratch)
-        status = kernel(height, width, *arrays, capacity, *addresses(quads, count))
+        quads, corners = _WORKSPACE.floats("quads", 8 * capacity), np.empty((capacity, 4, 2))
+        room = (capacity, quads, *addresses(corners, count))
+        status = kernel(*image, halvings, level, window, address(numbers), *scratch, *room)
         if status == 0:
-            return quads[: int(count[0])].astype(np.float64)
+            return corners[: int(count[0])]
         capacity *= 4
 
 
@@ -116,4 +122,4 @@ def _where_kernel() -> Any:
 @lru_cache(maxsize=1)
 def _quads_kernel() -> Any:
     p, n = ctypes.c_void_p, ctypes.c_int64
-    return function("lmkit_dark_quads", n, n, p, p, n, *[p] * 6, n, p, p)
+    return function("lmkit_dark_quads", n, n, p, p, *[n] * 5, *[p] * 7, n, p, p, p)

@@ -32,9 +32,10 @@ def where_to_look_numpy(
     o = np.float32(offset)
     luma = np.float32(0.25) * (blue + 2 * green + red) + o
     # The range of a logarithm is the ratio of the largest and the smallest value.
-    most = [_over_neighbors(_over_cells(v)) for v in ((red + o) / (blue + o), (blue + o) / (red + o), luma, 1 / luma)]
-    where = (most[0] * most[1] > np.float32(np.exp(least_ratio))) & (
-        most[2] * most[3] > np.float32(np.exp(least_luma))
+    ratio = (red + o) / (blue + o)
+    most = [_over_neighbors(_over_cells(v)) for v in (ratio, -ratio, luma, -luma)]
+    where = (most[0] > -most[1] * np.float32(np.exp(least_ratio))) & (
+        most[2] > -most[3] * np.float32(np.exp(least_luma))
     )
     return (_over_neighbors(where.astype(np.float64)) > 0 if dilate else where).astype(np.uint8)
 
@@ -53,11 +54,27 @@ def _over_neighbors(cells: FloatArray) -> FloatArray:
     return np.asarray(np.max(shifted, axis=0))
 
 
-def dark_quads_numpy(plane: ByteArray, where: ByteArray | None, window: int, rules: QuadRules) -> FloatArray:
+def cells_of(cells: ByteArray, halvings: int, down: int, across: int) -> ByteArray:
+    """(down,across) cells of an image that is halved so many times more; those of which one of the larger ones is."""
+    for _ in range(-halvings):
+        cells = np.repeat(np.repeat(cells, 2, axis=0), 2, axis=1)
+    for _ in range(halvings):
+        cells = np.pad(cells, [(0, length % 2) for length in cells.shape], mode="edge")
+        cells = cells[::2] | cells[1::2]
+        cells = cells[:, ::2] | cells[:, 1::2]
+    # Halving leaves out the last row and column of odd sizes.
+    rows, columns = (np.minimum(np.arange(n), have - 1) for n, have in zip((down, across), cells.shape, strict=True))
+    return cells[rows[:, None], columns]
+
+
+def dark_quads_numpy(
+    plane: ByteArray, where: ByteArray | None, window: int, rules: QuadRules, halvings: int = 0, level: int = 0
+) -> FloatArray:
     """Definition of `dark_quads`."""
     field = local_field(plane, window, rules.darker)
     looked = np.ones(plane.shape, dtype=bool)
     if where is not None:
+        where = cells_of(where, halvings, *(-(-length // CELL) for length in plane.shape))
         looked = np.repeat(np.repeat(where > 0, CELL, axis=0), CELL, axis=1)[: plane.shape[0], : plane.shape[1]]
     dark = field < 0
     # Pixels with a left side on an outline, in the order in which outlines are begun.
@@ -75,7 +92,8 @@ def dark_quads_numpy(plane: ByteArray, where: ByteArray | None, window: int, rul
         # Bright regions run the other way around; what winds encloses little for its length.
         if _area(outline) > ROUND * len(sides) ** 2:
             found += _outline_quads(outline, rules)
-    return np.array(found) if found else np.zeros((0, 4, 2))
+    # Pixel k of a halved image covers the span [k, k + 1) * 2 of the one before.
+    return (np.array(found) + 0.5) * 2**level - 0.5 if found else np.zeros((0, 4, 2))
 
 
 def _step_to_begin(plane: ByteArray, rules: QuadRules) -> float:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import threading
 
 import numpy as np
@@ -15,6 +16,12 @@ class Workspace(threading.local):
 
     def __init__(self) -> None:
         self._held: dict[str, tuple[NDArray[np.float32], int]] = {}
+
+    def bytes(self, name: str, shape: tuple[int, ...]) -> NDArray[np.uint8]:
+        """Array of this shape in memory that the next call with the name gives again."""
+        size = math.prod(shape)
+        self.floats(name, (size + 3) // 4)
+        return self._held[name][0].view(np.uint8)[:size].reshape(shape)
 
     def floats(self, name: str, count: int) -> int:
         """Address of at least so many floats, whose values are whatever the last call left."""
