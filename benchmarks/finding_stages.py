@@ -87,9 +87,7 @@ def stages_of(image: np.ndarray, truths: Sequence[Truth], options: DetectOptions
     for in_shadow in (False, True)[: 1 + config.in_shadow]:
         found = screen_candidates(linear.pyramid, quads, LM8, in_shadow=in_shadow)
         best = best_first_numpy(found, config.min_pattern, per_place=2)
-        moved = screen_candidates(
-            linear.pyramid, best, LM8, config.align_rounds, config.aligned, in_shadow=in_shadow
-        )
+        moved = screen_candidates(linear.pyramid, best, LM8, config.align_rounds, config.aligned, in_shadow=in_shadow)
         likely = best_first_numpy(moved, config.min_aligned_pattern, per_place=1)
         for stage, some in zip(passed[1:], (quads[found.pattern >= 0], best, likely), strict=True):
             stage.append(some)

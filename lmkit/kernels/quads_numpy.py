@@ -64,7 +64,7 @@ def cells_of(cells: ByteArray, halvings: int, down: int, across: int) -> ByteArr
         cells = cells[:, ::2] | cells[:, 1::2]
     # Halving leaves out the last row and column of odd sizes.
     rows, columns = (np.minimum(np.arange(n), have - 1) for n, have in zip((down, across), cells.shape, strict=True))
-    return cells[rows[:, None], columns]
+    return np.asarray(cells[rows[:, None], columns])
 
 
 def dark_quads_numpy(

@@ -204,24 +204,40 @@ typedef struct {
     const Design *design;
 } Look;
 
+/* sums[c] += column . samples of channel c, over K points. */
+static inline void add_products(lanes *sums, const float *column, const float *samples, int64_t K)
+{
+    for (int lane = 0; lane < LANES; lane += WIDTH) {
+        wide s0 = LOAD(sums[0] + lane), s1 = LOAD(sums[1] + lane), s2 = LOAD(sums[2] + lane);
+        for (int64_t k = lane; k < K; k += LANES) {
+            wide v = LOAD(column + k);
+            s0 += LOAD(samples + k) * v;
+            s1 += LOAD(samples + K + k) * v;
+            s2 += LOAD(samples + 2 * K + k) * v;
+        }
+        AT(sums[0] + lane) = s0, AT(sums[1] + lane) = s1, AT(sums[2] + lane) = s2;
+    }
+}
+
 /* Best hypothesis of samples (3,K); the pattern is 0 where a threshold (white over dark, ...) is not reached. */
 static int look(const Screen *s, const Design *design, const float *samples, const double *thresholds, Look *out)
 {
     const int C = 9 + s->gaps;
     const int64_t K = s->points;
     double seen[MAX_COLUMNS * 3], energy = 0.0;
-    for (int c = 0; c < 3; c++) {
-        lanes sums[MAX_COLUMNS + 1];
+    for (int k = 0; k < C; k++) {
+        lanes sums[3];
         memset(sums, 0, sizeof sums);
-        for (int64_t start = 0; start < K; start += BLOCK) {
-            const float *value = samples + c * K + start;
-            for (int k = 0; k < C; k++)
-                add_dot(sums + k, design->columns + k * K + start, value);
-            add_dot(sums + C, value, value);
-        }
-        for (int k = 0; k < C; k++)
-            seen[3 * k + c] = total(sums + k);
-        energy += total(sums + C);
+        add_products(sums, design->columns + k * K, samples, K);
+        for (int c = 0; c < 3; c++)
+            seen[3 * k + c] = total(sums + c);
+    }
+    for (int c = 0; c < 3; c++) {
+        lanes sum;
+        memset(&sum, 0, sizeof sum);
+        for (int64_t start = 0; start < K; start += BLOCK)
+            add_dot(&sum, samples + c * K + start, samples + c * K + start);
+        energy += total(&sum);
     }
     Best best;
     out->pattern = 0.0;

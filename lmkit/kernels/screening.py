@@ -158,8 +158,7 @@ class Shares(NamedTuple):
 
 
 class Likely(NamedTuple):
-    """(N,) pattern of all squares as they were found, and (M,4,2) those that look like landmarks, best first, moved to
-    where they fit."""
+    """(N,) pattern of all squares as they were found; (M,4,2) those that look like landmarks, moved, best first."""
 
     pattern: FloatArray
     quads: FloatArray
