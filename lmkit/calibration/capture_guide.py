@@ -6,6 +6,7 @@ there yet.  It ends when the views cover what a calibration needs.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -40,6 +41,9 @@ class Judgment:
     kept: bool
     reason: str
     words: str
+
+
+_MOVING = Judgment(False, "moving", "hold still")
 
 
 @dataclass(frozen=True)
@@ -93,13 +97,18 @@ class CaptureGuide:
         wanted = coverage.wanted
         return None if wanted is None else (wanted.side, wanted.outline(self._object_points, self._camera))
 
-    def judge(self, view: PairView | None) -> Judgment:
-        """Judge one pair of frames; None where a camera does not see the board."""
-        before, self._before = self._before, view
+    def judge(self, view: PairView | None, before: Callable[[], PairView | None] | None = None) -> Judgment:
+        """Judge one pair of frames; None where a camera does not see the board.
+
+        Args:
+            before: finds the board just before; it is called if the view is sharp and new. Without it, that was the
+                view of the last call.
+        """
+        last, self._before = self._before, view
         if view is None:
             return Judgment(False, "no board", "show the whole board to both cameras")
-        if self._moving and (before is None or self._motion(before, view) > STILL_SHARE):
-            return Judgment(False, "moving", "hold still")
+        if before is None and not self._is_still(last, view):
+            return _MOVING
         if not self._sharp(view):
             return Judgment(False, "blurred", "blurred: hold still, more light, or focus")
         poses = board_poses(self._camera, self._object_points[view.ids_left], view.left)
@@ -108,10 +117,15 @@ class CaptureGuide:
         R, t, _ = poses[0]
         if not self._is_new(view, R, t):
             return Judgment(False, "not new", "move the board on")
+        if before is not None and not self._is_still(before(), view):
+            return _MOVING
         self._kept.append(_Kept(view, R, t))
         if len(self._kept) >= OWN_CAMERA_FROM:
             self._learn_camera()
         return Judgment(True, "kept", f"kept {view.name}")
+
+    def _is_still(self, before: PairView | None, view: PairView) -> bool:
+        return not self._moving or (before is not None and self._motion(before, view) <= STILL_SHARE)
 
     def _motion(self, before: PairView, view: PairView) -> float:
         """Speed of the median corner in the faster camera, over the image's width."""

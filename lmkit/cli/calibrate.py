@@ -26,7 +26,7 @@ def run(
     images: Annotated[
         list[str] | None,
         typer.Argument(
-            help="Images: one folder or glob per camera; also a video for one camera, or camera:0 with --capture."
+            help="Images: one folder, glob or video per camera, split:VIDEO of two, or camera:0 with --capture."
         ),
     ] = None,
     board: Annotated[str | None, typer.Option("--board", help=BOARD_HELP)] = None,
@@ -86,7 +86,7 @@ def run(
     """Calibrate cameras from images of a board."""
     from lmkit.calibration.initialization import models_by_camera
     from lmkit.calibration.stereo import calibrate_stereo, calibration_lines
-    from lmkit.cli.calibrate_pairs import both_sources, find_pairs, saved_corners
+    from lmkit.cli.calibrate_pairs import both_sources, find_pairs, saved_corners, without_split
     from lmkit.cli.known_lenses import parse_declared
     from lmkit.cli.parsing import parse_board
     from lmkit.io.board_corners import corners_to_json
@@ -98,9 +98,10 @@ def run(
     if not capture and (side_by_side or save_pairs is not None):
         raise InputError("only_capture", "--side-by-side and --save-pairs need --capture", "add --capture")
     require_address_space("calibration")
-    models_by_camera(model, 1 if images and len(images) == 1 and not capture else max(2, len(images or [])))
-    sources, declared = images or [], parse_declared(baseline, fov, intrinsics, intrinsics_sigma)
-    left, right = (*sources, None, None)[:2]
+    sources, side_by_side = without_split(images or [], side_by_side)
+    as_pairs = capture or side_by_side
+    models_by_camera(model, 1 if len(sources) == 1 and not as_pairs else max(2, len(sources)))
+    declared, (left, right) = parse_declared(baseline, fov, intrinsics, intrinsics_sigma), (*sources, None, None)[:2]
     check_outputs((output, report, save_corners), None, force)
     for_base = {"--rig": rig, "--map": landmark_map, "--height": height}
     if base is not None or clocks is not None:
@@ -124,7 +125,7 @@ def run(
         found_elsewhere = {"images": images, "--board": board, "--measured": measured, "--capture": capture or None}
         require_no("--corners", found_elsewhere)
         found = saved_corners(corners)
-    elif len(sources) not in (0, 2) and not capture:
+    elif len(sources) not in (0, 2) and not as_pairs:
         from lmkit.cli.calibrate_cameras import calibrate_cameras
 
         for_pairs = {
@@ -134,15 +135,14 @@ def run(
         require_no(f"images of {len(sources)} camera(s)", for_pairs)
         calibrate_cameras(sources, parse_board(board, measured), model, declared, output, report, as_json, force)
         return
-    elif capture or (left is not None and are_moving(left)):
+    elif as_pairs or (left is not None and are_moving(left)):
         from lmkit.cli.calibrate_capture import capture_pairs
 
         found = capture_pairs(left, right, side_by_side, parse_board(board, measured), save_pairs, as_json)
     else:
         found = find_pairs(*both_sources(left, right), parse_board(board, measured))
     seen = found.corners
-    # Written first: the calibration itself may fail.
-    written = write_outputs({save_corners: corners_to_json(seen)}, force)
+    written = write_outputs({save_corners: corners_to_json(seen)}, force)  # first: the calibration may fail
     with ProgressBars() as bars:
         fitting = bars.counter("fitting lenses and rig")
         result = calibrate_stereo(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -24,6 +25,15 @@ def both_sources(left: str | None, right: str | None) -> tuple[str, str]:
     if left == right:
         raise InputError("same_images", f"LEFT and RIGHT are both {left}", "give the right camera's images as RIGHT")
     return left, right
+
+
+def without_split(sources: Sequence[str], side_by_side: bool) -> tuple[list[str], bool]:
+    """The sources, of one ``split:SOURCE`` the source itself; and whether each image shows two cameras."""
+    from lmkit.io.image_groups import SPLIT
+
+    if len(sources) == 1 and sources[0].startswith(SPLIT):
+        return [sources[0].removeprefix(SPLIT)], True
+    return list(sources), side_by_side
 
 
 def saved_corners(path: Path) -> Found:

@@ -18,8 +18,8 @@ from lmkit.io.image_sources import (
     file_frame,
     frames,
     list_images,
-    video_frames,
 )
+from lmkit.io.video_groups import video_groups
 
 SPLIT = "split:"
 
@@ -129,8 +129,7 @@ def frame_groups(sources: Sequence[str]) -> Iterator[tuple[Frame, ...]]:
         names = " and ".join(sources)
         raise InputError("unpaired", f"{names} are different kinds of source", "give sources of the same kind")
     elif all(videos):
-        # Of videos of different length, the end of the longer one has no partner.
-        yield from zip(*(video_frames(source) for source in sources), strict=False)
+        yield from video_groups(sources)
     else:
         for files in list_groups(sources):
             yield tuple(file_frame(file) for file in files)

@@ -84,7 +84,9 @@ def file_groups(sources: Sequence[str], hz: float | None, rows: Sequence[MotionR
         while given < len(rows) and rows[given].time_s <= time_s:
             given += 1
         images = tuple(frame.pixels for frame in frames)
-        yield FrameGroup(time_s, images, (time_s,) * len(images), tuple(rows[first:given]))
+        own = [frame.time_s for frame in frames if frame.time_s is not None]
+        stamps = tuple(own) if hz is None and len(own) == len(frames) else (time_s,) * len(frames)
+        yield FrameGroup(time_s, images, stamps, tuple(rows[first:given]))
 
 
 def motion_rows(odometry: Path | None, gyro: Path | None) -> list[MotionRow]:

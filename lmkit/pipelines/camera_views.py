@@ -1,8 +1,8 @@
-"""Images of a calibration board by one camera -> its corners; of a video the sharp, still and new frames."""
+"""Images of a calibration board -> its corners, camera by camera; of videos the sharp, still and new frames."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from contextlib import closing
 from dataclasses import dataclass
 from functools import partial
@@ -13,13 +13,14 @@ import numpy as np
 from lmkit.arrays import ByteArray
 from lmkit.calibration.capture_guide import CaptureGuide
 from lmkit.detection.boards import detect_board
-from lmkit.io.image_groups import are_files
-from lmkit.io.image_sources import frame_count, frames, list_images
+from lmkit.io.image_groups import are_files, frame_groups
+from lmkit.io.image_sources import frame_count, list_images
 from lmkit.io.images import read_image
 from lmkit.model.board import BoardSpec
 from lmkit.model.observation import BoardObservation, PairView
 from lmkit.parallel import map_in_processes
 from lmkit.pipelines.board_views import SPEC_CHECK_IMAGES, checked_board, require_same_size
+from lmkit.pipelines.still_moments import Moment, still_moments
 
 VIDEO_CHECK_FRAMES = 20  # of a video, looked at for another board than the one specified
 
@@ -53,7 +54,7 @@ def find_board_images(
         InputError: no images, images of different sizes, an unreadable image, or another board than specified.
     """
     if not are_files([source]):
-        return _in_video(source, board, on_image)
+        return find_board_videos([source], board, on_image)[0]
     files = list_images(source)
     board = checked_board([read_image(file) for file in files[:SPEC_CHECK_IMAGES]], board)
     views, rejected = [], []
@@ -71,30 +72,57 @@ def find_board_images(
     return CameraViews(tuple(views), tuple(rejected), size, board)
 
 
-def _in_video(source: str, board: BoardSpec, on_image: Callable[[int, int], None]) -> CameraViews:
-    total = frame_count([source]) or 0
-    size: tuple[int, int] | None = None
-    guide: CaptureGuide | None = None
+def find_board_videos(
+    sources: Sequence[str], board: BoardSpec, on_image: Callable[[int, int], None] = lambda done, total: None
+) -> list[CameraViews]:
+    """Find the board in videos of one or more cameras, at the sharp and still moments that show a new view.
+
+    A moment counts for all cameras that see the board sharp if its view is new to one of them; views of one moment
+    have one name.
+
+    Args:
+        on_image: called after every moment how many frames are done, of how many (0: unknown).
+
+    Raises:
+        InputError: frames of different sizes, an unreadable video, or another board than specified.
+    """
+    total = frame_count(sources[:1]) or 0
+    sizes: list[tuple[int, int]] = []
+    guides: list[CaptureGuide] = []
     checked: list[ByteArray] | None = []  # frames to tell the board by; None once that is done
-    kept: list[tuple[str, BoardObservation]] = []
-    for done, frame in enumerate(frames([source]), start=1):
-        image = frame.pixels
-        here = image.shape[1], image.shape[0]
-        size = size or here
-        require_same_size(frame.name, here, size)
-        guide = guide or CaptureGuide(board.object_points, size)
-        seen = detect_board(image, board)
+    kept: list[list[tuple[str, BoardObservation]]] = [[] for _ in sources]
+    for moment in still_moments(frame_groups(sources)):
+        images = [frame.pixels for frame in moment.frames]
+        here = [(image.shape[1], image.shape[0]) for image in images]
+        sizes = sizes or here
+        for frame, size, first in zip(moment.frames, here, sizes, strict=True):
+            require_same_size(frame.name, size, first)
+        seen = [detect_board(image, board) for image in images]
         if checked is not None:
-            checked.append(image)
-            if seen is not None or len(checked) == VIDEO_CHECK_FRAMES:
-                board, checked = checked_board(checked[-1:], board), None
-                seen = detect_board(image, board)
-        name = f"frame {done - 1}"
-        if guide.judge(None if seen is None else _alone(name, seen)).kept and seen is not None:
-            kept.append((name, seen))
-        on_image(done, total)
-    assert size is not None
-    return CameraViews(tuple(kept), (), size, board)
+            checked += images
+            if any(seen) or len(checked) >= VIDEO_CHECK_FRAMES:
+                board, checked = checked_board(checked[-len(images) :], board), None
+                seen = [detect_board(image, board) for image in images]
+        guides = guides or [CaptureGuide(board.object_points, size) for size in sizes]
+        name = f"frame {moment.number}"
+        judged = [
+            guide.judge(None if view is None else _alone(name, view), partial(_before, moment, k, board))
+            for k, (guide, view) in enumerate(zip(guides, seen, strict=True))
+        ]
+        if any(judgment.kept for judgment in judged):
+            for views, view, judgment in zip(kept, seen, judged, strict=True):
+                if view is not None and judgment.reason in ("kept", "not new"):
+                    views.append((name, view))
+        on_image(moment.number + 1, total)
+    return [CameraViews(tuple(views), (), size, board) for views, size in zip(kept, sizes, strict=True)]
+
+
+def _before(moment: Moment, camera: int, board: BoardSpec) -> PairView | None:
+    """The board just before a moment."""
+    if moment.before is None:
+        return None
+    seen = detect_board(moment.before[camera].pixels, board)
+    return None if seen is None else _alone("before", seen)
 
 
 def _alone(name: str, seen: BoardObservation) -> PairView:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 
 from lmkit.arrays import ByteArray, FloatArray
@@ -15,8 +16,9 @@ from lmkit.io.image_groups import list_pairs
 from lmkit.io.image_sources import Frame
 from lmkit.io.images import read_image
 from lmkit.model.board import BoardSpec
-from lmkit.model.observation import BoardObservation
+from lmkit.model.observation import BoardObservation, PairView
 from lmkit.pipelines.board_views import checked_board, find_board_pairs, pair_view, require_same_size
+from lmkit.pipelines.still_moments import Moment, still_moments
 
 LONG_IN_VAIN = 50  # frames without the board, before another one is thought of
 ImagePair = tuple[ByteArray, ByteArray]
@@ -56,6 +58,7 @@ class Looked:
         found: all that is kept so far.
         coverage: what that shows, and what is missing.
         ghost: camera (0 left, 1 right) and outline (4,2), pixels, of the board where it is wanted next.
+        done: number of frames that are done; of a video not all are looked at.
     """
 
     judgment: Judgment
@@ -64,12 +67,13 @@ class Looked:
     found: Found
     coverage: ViewCoverage
     ghost: tuple[int, FloatArray] | None = None
+    done: int = 0
 
 
 def look_at_frames(
     pairs: Iterable[tuple[Frame, Frame]], board: BoardSpec, moving: bool, until_complete: bool = True
 ) -> Iterator[Looked]:
-    """Judge pair after pair until the views are complete.
+    """Judge pair after pair until the views are complete; of videos the stillest of every fifth of a second.
 
     Args:
         moving: see :class:`lmkit.calibration.capture_guide.CaptureGuide`.
@@ -82,7 +86,9 @@ def look_at_frames(
     guide: CaptureGuide | None = None
     images: dict[str, ImagePair] = {}
     sizes = ((0, 0), (0, 0))
-    for one, other in pairs:
+    moments = still_moments(pairs) if moving else (Moment(k, pair) for k, pair in enumerate(pairs))
+    for moment in moments:
+        one, other = moment.frames
         left, right = one.pixels, other.pixels
         if guide is None:
             sizes = ((left.shape[1], left.shape[0]), (right.shape[1], right.shape[0]))
@@ -95,15 +101,23 @@ def look_at_frames(
         # A camera that sees no board saves the other the trouble.
         in_right = None if in_left is None else detect_board(right, board)
         view = pair_view(name, in_left, in_right, board)
-        judgment = guide.judge(None if isinstance(view, str) else view)
+        before = None if moment.before is None else partial(_view_before, moment.before, board)
+        judgment = guide.judge(None if isinstance(view, str) else view, before)
         if judgment.kept:
             images[name] = (left, right)
         coverage = guide.coverage
         corners = SavedCorners(board, sizes[0], guide.views, (), sizes[1])
-        yield Looked(judgment, left, right, Found(corners, images), coverage, guide.ghost(coverage))
+        found = Found(corners, images)
+        yield Looked(judgment, left, right, found, coverage, guide.ghost(coverage), moment.number + 1)
         if until_complete and not coverage.advice:
             return
     looking.end()
+
+
+def _view_before(frames: Sequence[Frame], board: BoardSpec) -> PairView | None:
+    left, right = (detect_board(frame.pixels, board) for frame in frames)
+    view = pair_view("before", left, right, board)
+    return None if isinstance(view, str) else view
 
 
 class _SpecCheck:

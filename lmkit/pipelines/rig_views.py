@@ -10,10 +10,10 @@ from lmkit.calibration.initialization import models_by_camera
 from lmkit.calibration.mono import calibrate_camera
 from lmkit.calibration.several_cameras import RigCalibration, calibrate_rig
 from lmkit.detection.boards import same_orientation
-from lmkit.io.image_groups import list_groups
+from lmkit.io.image_groups import are_files, list_groups
 from lmkit.model.board import BoardSpec
 from lmkit.model.observation import BoardObservation
-from lmkit.pipelines.camera_views import find_board_images
+from lmkit.pipelines.camera_views import CameraViews, find_board_images, find_board_videos
 
 
 def calibrate_sources(
@@ -22,7 +22,8 @@ def calibrate_sources(
     model: str = "auto",
     on_image: Callable[[int, int], None] = lambda done, total: None,
 ) -> RigCalibration:
-    """Calibrate a rig of three or more cameras from folders or globs, whose images belong together by name.
+    """Calibrate a rig of three or more cameras from folders or globs, whose images belong together by
+    name, or from videos.
 
     Args:
         sources: one per camera; the board need not be in every image.
@@ -32,22 +33,37 @@ def calibrate_sources(
     Raises:
         InputError: not as many images of every camera, too few views of a camera or of a pair of cameras.
     """
-    groups = list_groups(sources)
+    lenses = models_by_camera(model, len(sources))
+    if are_files(sources):
+        found, frames = _in_files(sources, board, on_image)
+    else:
+        found = find_board_videos(sources, board, on_image)
+        frames = [{name: name for name, _ in views.views} for views in found]
+    board = found[-1].board
     seen: list[dict[str, BoardObservation]] = []
     cameras = []
-    for k, (source, lens) in enumerate(zip(sources, models_by_camera(model, len(sources)), strict=True)):
-        done = k * len(groups)
-        found = find_board_images(source, board, partial(_count_on, on_image, done, len(sources) * len(groups)))
-        board = found.board
-        cameras.append(calibrate_camera(found.views, board, found.image_size, lens, found.rejected))
-        # A frame is named by its first image.
-        frame = {files[k].stem: files[0].stem for files in groups}
+    for views, lens, frame in zip(found, lenses, frames, strict=True):
+        cameras.append(calibrate_camera(views.views, board, views.image_size, lens, views.rejected))
         believed = set(cameras[-1].used)
         # Images without a partner serve their own camera alone.
-        seen.append({frame[name]: c for name, c in found.views if name in believed and name in frame})
+        seen.append({frame[name]: c for name, c in views.views if name in believed and name in frame})
     if board.kind == "chessboard":
         seen = _oriented(seen, board)
     return calibrate_rig(_names(sources), cameras, seen, board)
+
+
+def _in_files(
+    sources: Sequence[str], board: BoardSpec, on_image: Callable[[int, int], None]
+) -> tuple[list[CameraViews], list[dict[str, str]]]:
+    """The corners in the images of every camera, and of every image with partners the name of its frame."""
+    groups = list_groups(sources)
+    found: list[CameraViews] = []
+    for k, source in enumerate(sources):
+        counter = partial(_count_on, on_image, k * len(groups), len(sources) * len(groups))
+        found.append(find_board_images(source, board, counter))
+        board = found[-1].board
+    # A frame is named by its first image.
+    return found, [{files[k].stem: files[0].stem for files in groups} for k in range(len(sources))]
 
 
 def _oriented(seen: Sequence[dict[str, BoardObservation]], board: BoardSpec) -> list[dict[str, BoardObservation]]:

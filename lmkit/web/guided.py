@@ -61,8 +61,8 @@ def guide(
     state: dict[str, Any] = {"step": "looking", "kept": 0, "depth": [], "curve": [], "reached": False}
     state |= {"until_m": task["until_m"], "at_m": task["at_m"], "total": frame_count(cameras[:1])}
     sent_s, explained = 0.0, _Explained(board)
-    for count, looked in enumerate(look_at_frames(pairs, board, are_moving(cameras[0]), until_complete=False), 1):
-        state |= {"done": count, "words": looked.judgment.words, "reason": looked.judgment.reason}
+    for looked in look_at_frames(pairs, board, are_moving(cameras[0]), until_complete=False):
+        state |= {"done": looked.done, "words": looked.judgment.words, "reason": looked.judgment.reason}
         state["ghost"] = _ghost(looked)
         if looked.judgment.kept:
             _save(looked, Path(task["folder"]))
