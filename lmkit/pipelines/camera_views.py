@@ -20,7 +20,7 @@ from lmkit.model.board import BoardSpec
 from lmkit.model.observation import BoardObservation, PairView
 from lmkit.parallel import map_in_processes
 from lmkit.pipelines.board_views import SPEC_CHECK_IMAGES, checked_board, require_same_size
-from lmkit.pipelines.still_moments import Moment, still_moments
+from lmkit.pipelines.still_frames import StillFrames, still_frames
 
 VIDEO_CHECK_FRAMES = 20  # of a video, looked at for another board than the one specified
 
@@ -75,13 +75,13 @@ def find_board_images(
 def find_board_videos(
     sources: Sequence[str], board: BoardSpec, on_image: Callable[[int, int], None] = lambda done, total: None
 ) -> list[CameraViews]:
-    """Find the board in videos of one or more cameras, at the sharp and still moments that show a new view.
+    """Find the board in videos of one or more cameras, in the sharp and still frames that show a new view.
 
-    A moment counts for all cameras that see the board sharp if its view is new to one of them; views of one moment
-    have one name.
+    Frames count for all cameras that see the board sharp if the view is new to one of them; views of frames that
+    belong together have one name.
 
     Args:
-        on_image: called after every moment how many frames are done, of how many (0: unknown).
+        on_image: called now and then with how many frames are done, of how many (0: unknown).
 
     Raises:
         InputError: frames of different sizes, an unreadable video, or another board than specified.
@@ -91,11 +91,11 @@ def find_board_videos(
     guides: list[CaptureGuide] = []
     checked: list[ByteArray] | None = []  # frames to tell the board by; None once that is done
     kept: list[list[tuple[str, BoardObservation]]] = [[] for _ in sources]
-    for moment in still_moments(frame_groups(sources)):
-        images = [frame.pixels for frame in moment.frames]
+    for still in still_frames(frame_groups(sources)):
+        images = [frame.pixels for frame in still.frames]
         here = [(image.shape[1], image.shape[0]) for image in images]
         sizes = sizes or here
-        for frame, size, first in zip(moment.frames, here, sizes, strict=True):
+        for frame, size, first in zip(still.frames, here, sizes, strict=True):
             require_same_size(frame.name, size, first)
         seen = [detect_board(image, board) for image in images]
         if checked is not None:
@@ -104,24 +104,24 @@ def find_board_videos(
                 board, checked = checked_board(checked[-len(images) :], board), None
                 seen = [detect_board(image, board) for image in images]
         guides = guides or [CaptureGuide(board.object_points, size) for size in sizes]
-        name = f"frame {moment.number}"
+        name = f"frame {still.number}"
         judged = [
-            guide.judge(None if view is None else _alone(name, view), partial(_before, moment, k, board))
+            guide.judge(None if view is None else _alone(name, view), partial(_before, still, k, board))
             for k, (guide, view) in enumerate(zip(guides, seen, strict=True))
         ]
         if any(judgment.kept for judgment in judged):
             for views, view, judgment in zip(kept, seen, judged, strict=True):
                 if view is not None and judgment.reason in ("kept", "not new"):
                     views.append((name, view))
-        on_image(moment.number + 1, total)
+        on_image(still.number + 1, total)
     return [CameraViews(tuple(views), (), size, board) for views, size in zip(kept, sizes, strict=True)]
 
 
-def _before(moment: Moment, camera: int, board: BoardSpec) -> PairView | None:
-    """The board just before a moment."""
-    if moment.before is None:
+def _before(still: StillFrames, camera: int, board: BoardSpec) -> PairView | None:
+    """The board just before."""
+    if still.before is None:
         return None
-    seen = detect_board(moment.before[camera].pixels, board)
+    seen = detect_board(still.before[camera].pixels, board)
     return None if seen is None else _alone("before", seen)
 
 

@@ -18,7 +18,7 @@ from lmkit.io.images import read_image
 from lmkit.model.board import BoardSpec
 from lmkit.model.observation import BoardObservation, PairView
 from lmkit.pipelines.board_views import checked_board, find_board_pairs, pair_view, require_same_size
-from lmkit.pipelines.still_moments import Moment, still_moments
+from lmkit.pipelines.still_frames import StillFrames, still_frames
 
 LONG_IN_VAIN = 50  # frames without the board, before another one is thought of
 ImagePair = tuple[ByteArray, ByteArray]
@@ -86,9 +86,9 @@ def look_at_frames(
     guide: CaptureGuide | None = None
     images: dict[str, ImagePair] = {}
     sizes = ((0, 0), (0, 0))
-    moments = still_moments(pairs) if moving else (Moment(k, pair) for k, pair in enumerate(pairs))
-    for moment in moments:
-        one, other = moment.frames
+    looks = still_frames(pairs) if moving else (StillFrames(k, pair) for k, pair in enumerate(pairs))
+    for still in looks:
+        one, other = still.frames
         left, right = one.pixels, other.pixels
         if guide is None:
             sizes = ((left.shape[1], left.shape[0]), (right.shape[1], right.shape[0]))
@@ -101,14 +101,14 @@ def look_at_frames(
         # A camera that sees no board saves the other the trouble.
         in_right = None if in_left is None else detect_board(right, board)
         view = pair_view(name, in_left, in_right, board)
-        before = None if moment.before is None else partial(_view_before, moment.before, board)
+        before = None if still.before is None else partial(_view_before, still.before, board)
         judgment = guide.judge(None if isinstance(view, str) else view, before)
         if judgment.kept:
             images[name] = (left, right)
         coverage = guide.coverage
         corners = SavedCorners(board, sizes[0], guide.views, (), sizes[1])
         found = Found(corners, images)
-        yield Looked(judgment, left, right, found, coverage, guide.ghost(coverage), moment.number + 1)
+        yield Looked(judgment, left, right, found, coverage, guide.ghost(coverage), still.number + 1)
         if until_complete and not coverage.advice:
             return
     looking.end()

@@ -1,4 +1,4 @@
-"""Moments at which a video stands still: of its many frames the few that are worth a long look."""
+"""Frames at which a video stands still: the few of its many frames that are worth a long look."""
 
 from __future__ import annotations
 
@@ -16,8 +16,8 @@ SMALL_PX = 160  # width of the images whose change is measured
 
 
 @dataclass(frozen=True)
-class Moment:
-    """The frames of all cameras at one moment.
+class StillFrames:
+    """Frames of all cameras that belong together.
 
     Attributes:
         number: of the frame in its video, from 0.
@@ -30,20 +30,20 @@ class Moment:
     before: tuple[Frame, ...] | None = None
 
 
-def still_moments(groups: Iterable[tuple[Frame, ...]]) -> Iterator[Moment]:
+def still_frames(groups: Iterable[tuple[Frame, ...]]) -> Iterator[StillFrames]:
     """In every fifth of a second the frames that differ least from those before; without times, all frames.
 
     Raises:
         InputError: a frame cannot be read.
     """
-    best: tuple[float, Moment] | None = None
+    best: tuple[float, StillFrames] | None = None
     window: float | None = None
     before: tuple[Frame, ...] | None = None
     small_before: list[Float32Array] = []
     for number, frames in enumerate(groups):
         time_s = frames[0].time_s
         if time_s is None:
-            yield Moment(number, frames)
+            yield StillFrames(number, frames)
             continue
         small = [_small(frame) for frame in frames]
         change = _change(small_before, small)
@@ -52,7 +52,7 @@ def still_moments(groups: Iterable[tuple[Frame, ...]]) -> Iterator[Moment]:
                 yield best[1]
             best, window = None, time_s // LOOK_S
         if best is None or change < best[0]:
-            best = change, Moment(number, frames, before)
+            best = change, StillFrames(number, frames, before)
         before, small_before = frames, small
     if best is not None:
         yield best[1]
