@@ -34,6 +34,7 @@ from lmkit.detection.pixel_sampling import mean_side
 from lmkit.detection.register_and_decode import Candidate, register_and_decode
 from lmkit.detection.screening import screen_candidates
 from lmkit.detection.shadows import window_for
+from lmkit.detection.veil import without_veil
 from lmkit.geometry.homography import homographies_from_points
 from lmkit.kernels.screening import best_first_numpy
 from lmkit.model.landmark import LM8
@@ -82,12 +83,13 @@ def near(quads: np.ndarray, truth: Truth, turns: int = 4) -> np.ndarray:
 def stages_of(image: np.ndarray, truths: Sequence[Truth], options: DetectOptions) -> list[Outcome]:
     """How far every landmark of an image came."""
     config, linear = options.config, LinearImage.of(image, options.camera)
-    quads = find_candidates(linear.pyramid.levels, config.sources, config.where, linear.noise)
+    clear = without_veil(linear)
+    quads = find_candidates(clear.pyramid.levels, config.sources, config.where, clear.noise)
     passed: list[list[np.ndarray]] = [[quads], [], [], []]
     for in_shadow in (False, True)[: 1 + config.in_shadow]:
-        found = screen_candidates(linear.pyramid, quads, LM8, in_shadow=in_shadow)
+        found = screen_candidates(clear.pyramid, quads, LM8, in_shadow=in_shadow)
         best = best_first_numpy(found, config.min_pattern, per_place=2)
-        moved = screen_candidates(linear.pyramid, best, LM8, config.align_rounds, config.aligned, in_shadow=in_shadow)
+        moved = screen_candidates(clear.pyramid, best, LM8, config.align_rounds, config.aligned, in_shadow=in_shadow)
         likely = best_first_numpy(moved, config.min_aligned_pattern, per_place=1)
         for stage, some in zip(passed[1:], (quads[found.pattern >= 0], best, likely), strict=True):
             stage.append(some)

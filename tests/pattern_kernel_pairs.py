@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from typing import Any
 
+import cv2
 import numpy as np
 
 from lmkit.kernels.cell_codes import cell_codes, cell_codes_numpy
@@ -207,6 +208,12 @@ def _quads(rng: np.random.Generator) -> Iterator[tuple[Any, ...]]:
         from_steps = rules._replace(darker=0.01, step_per_change=3.0, least_step=2.0, most_step=12.0)
         yield smooth, None, 5, from_steps
         yield (plane + rng.normal(0, 3, plane.shape)).clip(0, 255).astype(np.uint8), None, 5, from_steps
+    # A sheet of which something dark covers a corner, and one that a shadow's edge cuts: their margins are strips.
+    for cut in (x + y < 66, 0.2 * x + y < 66):
+        u, v = np.abs(x - 80.3) + 0.04 * y, np.abs(y - 60.2) - 0.05 * x
+        plane = 60 + 130 * ((u < 40) & (v < 34)) - 120 * ((u < 33) & (v < 27))
+        plane = np.where(cut, 0.15 * plane + 10, plane)
+        yield cv2.GaussianBlur(plane, (0, 0), 1.1).round().astype(np.uint8), None, 5, from_steps
     yield np.zeros((1, 1), np.uint8), None, 7, rules
     yield np.full((3, 200), 9, np.uint8), None, 7, rules
     yield (np.indices((40, 40)).sum(axis=0) % 2 * 255).astype(np.uint8), None, 7, rules

@@ -21,6 +21,7 @@ from lmkit.detection.screening import LikelyRule, likely_squares
 from lmkit.detection.shadows import window_for
 from lmkit.detection.tag_detector import find_tags
 from lmkit.detection.tag_registration import TagCandidate
+from lmkit.detection.veil import without_veil
 from lmkit.detection.windows import LEAST_WINDOW_PX, clockwise, window_around
 from lmkit.errors import InputError
 from lmkit.kernels.screening import Pyramid, Shares
@@ -69,8 +70,9 @@ def candidates_of(image: ByteArray, options: DetectOptions) -> list[Candidate]:
     """Everything that was registered and decoded, with the reasons of what was rejected."""
     _check_image(image, options)
     linear = LinearImage.of(image, options.camera)
-    quads = find_candidates(linear.pyramid.levels, options.config.sources, options.config.where, linear.noise)
-    return _candidates_among(quads, linear, linear.pyramid, np.zeros(2), options)
+    clear = without_veil(linear)
+    quads = find_candidates(clear.pyramid.levels, options.config.sources, options.config.where, clear.noise)
+    return _candidates_among(quads, linear, clear.pyramid, np.zeros(2), options)
 
 
 def candidates_near(image: ByteArray, near: FloatArray, options: DetectOptions) -> list[Candidate]:
@@ -84,12 +86,12 @@ def candidates_near(image: ByteArray, near: FloatArray, options: DetectOptions) 
         window = LinearImage.of(np.ascontiguousarray(image[low[1] : high[1], low[0] : high[0]]))
         # The lens and its distortion belong to the whole image.
         whole = LinearImage.of(image, options.camera, window.noise)
-        expected = clockwise(quad)[None] - low
-        here = _candidates_among(expected, whole, window.pyramid, low.astype(np.float64), options)
+        expected, clear = clockwise(quad)[None] - low, without_veil(window)
+        here = _candidates_among(expected, whole, clear.pyramid, low.astype(np.float64), options)
         if not any(candidate.rejected is None for candidate in here):
-            levels, config = window.pyramid.levels, options.config
-            quads = find_candidates(levels, config.sources, config.where, window.noise)
-            here = _candidates_among(quads, whole, window.pyramid, low.astype(np.float64), options)
+            levels, config = clear.pyramid.levels, options.config
+            quads = find_candidates(levels, config.sources, config.where, clear.noise)
+            here = _candidates_among(quads, whole, clear.pyramid, low.astype(np.float64), options)
         found += here
     return found
 

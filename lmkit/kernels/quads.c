@@ -15,6 +15,11 @@
 #define BANDS 24 /* rows from which an image's changes are known */
 #define STRETCHES 16 /* a polygon of more sides is no square with a hidden part */
 #define LONGEST 6
+#define IN_TURN 10 /* longest stretches of a strip, of which four in turn are a square's sides */
+#define STRIP_LENGTH 7.0 /* least length of a strip's outline, of the side from which squares are completed */
+#define STRIP_BROAD 0.013 /* most area within a strip over its outline's squared length */
+#define STRIP_BENT 1.3 /* least and most length of its outline, of that of the box around it */
+#define STRIP_WINDS 2.05
 #define EVEN 0.38 /* least distance of a corner from the diagonal beside it, of both together */
 #define FULL 0.72 /* least share of its hull that lies between the corners of a square */
 #define ROUND 0.003 /* least area over the squared number of pixel sides: 1/16 for a square */
@@ -441,32 +446,66 @@ static int64_t simplify(const Outline *o, double tolerance, int64_t most, int64_
     return count;
 }
 
+/* Straight stretches of an outline: the longest, at most `most` of them, in order; ends[i] and the one after it bound
+ * stretch i.  Returns how many; 0 where the outline is no polygon of few sides. */
+static int64_t long_stretches(const Outline *o, double tolerance, int64_t most, int64_t *from, int64_t *to, double *length)
+{
+    int64_t corner[STRETCHES + 1], kept = 0;
+    const int64_t sides = simplify(o, tolerance, STRETCHES, corner);
+    double all[STRETCHES];
+    if (sides < 4 || sides > STRETCHES)
+        return 0;
+    for (int64_t i = 0; i < sides; i++) {
+        int64_t a = corner[i] % o->n, b = corner[(i + 1) % sides] % o->n;
+        all[i] = length_of((double)o->x[b] - o->x[a], (double)o->y[b] - o->y[a]);
+    }
+    for (int64_t i = 0; i < sides; i++) {
+        int64_t longer = 0;
+        for (int64_t j = 0; j < sides; j++)
+            longer += all[j] > all[i] || (all[j] == all[i] && j < i);
+        if (longer >= most)
+            continue;
+        from[kept] = corner[i] % o->n, to[kept] = corner[(i + 1) % sides] % o->n, length[kept] = all[i];
+        kept++;
+    }
+    return kept;
+}
+
+/* The square whose sides run along four stretches; 0 where that is none. */
+static int square_of(const Outline *o, const int64_t *from, const int64_t *to, const int64_t *chosen, double outline, double least, float *q)
+{
+    double lines[4][4];
+    for (int k = 0; k < 4; k++)
+        fit_line(o, from[chosen[k]], to[chosen[k]], lines[k]);
+    for (int k = 0; k < 4; k++)
+        if (!intersect(lines[(k + 3) % 4], lines[k], q + 2 * k))
+            return 0;
+    if (!is_fair(q, least))
+        return 0;
+    float x0 = q[0], x1 = q[0], y0 = q[1], y1 = q[1];
+    for (int k = 1; k < 4; k++) {
+        x0 = q[2 * k] < x0 ? q[2 * k] : x0, x1 = q[2 * k] > x1 ? q[2 * k] : x1;
+        y0 = q[2 * k + 1] < y0 ? q[2 * k + 1] : y0, y1 = q[2 * k + 1] > y1 ? q[2 * k + 1] : y1;
+    }
+    return (double)(x1 - x0) < outline && (double)(y1 - y0) < outline;
+}
+
+static double length_around(const Outline *o)
+{
+    double outline = 0.0;
+    for (int64_t i = 0; i < o->n; i++)
+        outline += length_of((double)o->x[(i + 1) % o->n] - o->x[i], (double)o->y[(i + 1) % o->n] - o->y[i]);
+    return outline;
+}
+
 /* Squares of the outline's longest straight stretches, for squares of which a part is hidden: what covers a corner or
  * sticks in over a side adds stretches of its own; the square's are among the longest. */
 static int64_t complete(const Outline *o, const QuadRules *rules, float *quads, int64_t capacity)
 {
-    const int64_t n = o->n;
-    double outline = 0.0;
-    for (int64_t i = 0; i < n; i++)
-        outline += length_of((double)o->x[(i + 1) % n] - o->x[i], (double)o->y[(i + 1) % n] - o->y[i]);
-    int64_t corner[STRETCHES + 1];
-    int64_t sides = simplify(o, rules->straight * outline, STRETCHES, corner);
-    if (sides < 4 || sides > STRETCHES)
-        return 0;
+    const double outline = length_around(o);
+    int64_t from[STRETCHES], to[STRETCHES], found = 0;
     double length[STRETCHES];
-    for (int64_t i = 0; i < sides; i++) {
-        int64_t a = corner[i] % n, b = corner[(i + 1) % sides] % n;
-        length[i] = length_of((double)o->x[b] - o->x[a], (double)o->y[b] - o->y[a]);
-    }
-    int64_t longest[LONGEST], kept = 0;
-    for (int64_t i = 0; i < sides; i++) {
-        int64_t longer = 0;
-        for (int64_t j = 0; j < sides; j++)
-            longer += length[j] > length[i] || (length[j] == length[i] && j < i);
-        if (longer < LONGEST)
-            longest[kept++] = i;
-    }
-    int64_t found = 0;
+    const int64_t kept = long_stretches(o, rules->straight * outline, LONGEST, from, to, length);
     for (int set = 0; set < 1 << kept; set++) {
         int64_t chosen[4];
         int c = 0;
@@ -474,31 +513,75 @@ static int64_t complete(const Outline *o, const QuadRules *rules, float *quads, 
         for (int k = 0; k < kept; k++)
             if (set >> k & 1) {
                 if (c < 4) {
-                    chosen[c] = longest[k];
-                    sum += length[longest[k]];
+                    chosen[c] = k;
+                    sum += length[k];
                 }
                 c++;
             }
-        if (c != 4 || sum < 0.45 * outline || found == capacity)
-            continue;
-        double lines[4][4];
-        for (int k = 0; k < 4; k++)
-            fit_line(o, corner[chosen[k]] % n, corner[(chosen[k] + 1) % sides] % n, lines[k]);
-        float *q = quads + 8 * found;
-        int good = 1;
-        for (int k = 0; k < 4 && good; k++)
-            good = intersect(lines[(k + 3) % 4], lines[k], q + 2 * k);
-        if (!good || !is_fair(q, rules->least_side))
-            continue;
-        float x0 = q[0], x1 = q[0], y0 = q[1], y1 = q[1];
-        for (int k = 1; k < 4; k++) {
-            x0 = q[2 * k] < x0 ? q[2 * k] : x0, x1 = q[2 * k] > x1 ? q[2 * k] : x1;
-            y0 = q[2 * k + 1] < y0 ? q[2 * k + 1] : y0, y1 = q[2 * k + 1] > y1 ? q[2 * k + 1] : y1;
-        }
-        if ((double)(x1 - x0) < outline && (double)(y1 - y0) < outline)
-            found++;
+        if (c == 4 && sum >= 0.45 * outline && found < capacity)
+            found += square_of(o, from, to, chosen, outline, rules->least_side, quads + 8 * found);
     }
     return found;
+}
+
+/* The square of which a side and pieces of both beside it are seen: as deep as it is wide. */
+static int square_from_three(const Outline *o, const int64_t *from, const int64_t *to, const int64_t *chosen, double least, float *q)
+{
+    double lines[3][4];
+    for (int k = 0; k < 3; k++)
+        fit_line(o, from[chosen[k]], to[chosen[k]], lines[k]);
+    if (!intersect(lines[0], lines[1], q + 2) || !intersect(lines[1], lines[2], q + 4))
+        return 0;
+    const double wide = length_of((double)q[4] - q[2], (double)q[5] - q[3]);
+    for (int k = 0; k < 2; k++) {
+        const double *line = lines[2 * k];
+        const float *near = q + 2 + 2 * k;
+        float *far = q + 6 * k;
+        int64_t outer = k ? to[chosen[2]] : from[chosen[0]];
+        double along = line[2] * ((double)o->x[outer] - near[0]) + line[3] * ((double)o->y[outer] - near[1]);
+        double scale = (along < 0.0 ? -wide : wide) / length_of(line[2], line[3]);
+        far[0] = (float)(near[0] + scale * line[2]);
+        far[1] = (float)(near[1] + scale * line[3]);
+    }
+    return is_fair(q, least);
+}
+
+/* Squares inside a bright strip, such as a margin whose square is joined to what is dark around it by something dark
+ * over a corner: of the strip's outline, four long stretches in turn are the square's sides.  A hard shadow cuts the
+ * margin in two: of three in turn, the one between is a whole side. */
+static int64_t complete_inside(const Outline *o, const QuadRules *rules, float *quads, int64_t capacity)
+{
+    const double outline = length_around(o);
+    int64_t from[STRETCHES], to[STRETCHES], found = 0;
+    double length[STRETCHES];
+    const int64_t kept = long_stretches(o, 0.5 * rules->straight * outline, IN_TURN, from, to, length);
+    for (int64_t first = 0; first < kept && kept > 4; first++) {
+        int64_t chosen[4];
+        double sum = 0.0;
+        for (int64_t k = 0; k < 4; k++) {
+            chosen[k] = (first + k) % kept;
+            sum += length[chosen[k]];
+        }
+        if (sum >= 0.25 * outline && found < capacity)
+            found += square_of(o, from, to, chosen, outline, rules->least_side, quads + 8 * found);
+        if (sum - length[chosen[3]] >= 0.25 * outline && found < capacity)
+            found += square_from_three(o, from, to, chosen, rules->least_side, quads + 8 * found);
+    }
+    return found;
+}
+
+/* Is an outline bent around something, and does not wind: its length against that of the upright box around every
+ * eighth of its pixels. */
+static int is_strip(const int32_t *codes, int64_t n, int32_t stride)
+{
+    int32_t x0 = INT32_MAX, x1 = 0, y0 = INT32_MAX, y1 = 0;
+    for (int64_t i = 0; i < n; i += 8) {
+        const int32_t at = codes[i] >> 2, y = at / stride, x = at - y * stride;
+        x0 = x < x0 ? x : x0, x1 = x > x1 ? x : x1;
+        y0 = y < y0 ? y : y0, y1 = y > y1 ? y : y1;
+    }
+    const double box = 2.0 * ((double)(x1 - x0) + (double)(y1 - y0));
+    return (double)n > STRIP_BENT * box && (double)n < STRIP_WINDS * box;
 }
 
 static double quad_area(const float *q)
@@ -577,16 +660,21 @@ static int begin_outlines(Outlines *o, const Turn (*turns)[4], const QuadRules *
         int64_t area, n = follow(turns, flags, at, rules->longest, o->codes, &area);
         if (n > rules->longest || (double)n < 3.2 * rules->least_side)
             continue;
-        /* No crossing lies further than half a pixel from its side. */
-        if ((double)area + 0.5 * (double)n <= ROUND * (double)n * (double)n)
-            continue;
-        /* Bright regions run the other way around; what winds encloses little for its length. */
-        if (crossings(o->field, o->stride, o->codes, n, o->x, o->y) <= ROUND * (double)n * (double)n)
-            continue;
-        if (o->capacity - o->found < 16)
+        if (o->capacity - o->found < 32)
             return 0;
         const Outline outline = {o->x, o->y, n};
-        o->found += contour_quads(&outline, rules, o->quads + 8 * o->found, o->capacity - o->found);
+        const double square = (double)n * (double)n;
+        float *const quads = o->quads + 8 * o->found;
+        const int64_t room = o->capacity - o->found;
+        /* No crossing lies further than half a pixel from its side.  Bright regions run the other way around; what winds
+         * encloses little for its length. */
+        if ((double)area + 0.5 * (double)n > ROUND * square) {
+            if (crossings(o->field, o->stride, o->codes, n, o->x, o->y) > ROUND * square)
+                o->found += contour_quads(&outline, rules, quads, room);
+        } else if ((double)n >= STRIP_LENGTH * rules->completed_side && -(double)area <= STRIP_BROAD * square && is_strip(o->codes, n, (int32_t)o->stride)) {
+            crossings(o->field, o->stride, o->codes, n, o->x, o->y);
+            o->found += complete_inside(&outline, rules, quads, room);
+        }
     }
     return 1;
 }

@@ -1,7 +1,8 @@
 """Squares darker than their surroundings, from a local threshold, and where in an image to look for them.
 
 The steps: local threshold, outlines of dark regions with sub-pixel crossings, four corners, a line through
-every side; and squares of the longest straight stretches where a part may be hidden.
+every side; and squares of the longest straight stretches where a part may be hidden, of the dark region's outline or
+of the bright strip's that its margin is.
 """
 
 from __future__ import annotations

@@ -19,6 +19,10 @@ CELL = 4
 BANDS = 24  # rows from which an image's changes are known
 STRETCHES = 16  # a polygon of more sides is no square with a hidden part
 LONGEST = 6
+IN_TURN = 10  # longest stretches of a strip, of which four in turn are a square's sides
+STRIP_LENGTH = 7.0  # least length of a strip's outline, of the side from which squares are completed
+STRIP_BROAD = 0.013  # most area within a strip over its outline's squared length
+STRIP_BENT, STRIP_WINDS = 1.3, 2.05  # its length, of that of the box around every eighth pixel
 EVEN = 0.38  # least distance of a corner from the diagonal beside it, of both together
 FULL = 0.72  # least share of its hull that lies between the corners of a square
 ROUND = 0.003  # least area over the squared number of pixel sides: 1/16 for a square
@@ -88,10 +92,16 @@ def dark_quads_numpy(
         sides = _follow(dark, visited, y + 1, x + 1)
         if len(sides) > rules.longest or len(sides) < 3.2 * rules.least_side:
             continue
-        outline = _crossings(field, np.array(sides))
+        outline, squared = _crossings(field, np.array(sides)), len(sides) ** 2
+        area = _pixels_within(np.array(sides))
         # Bright regions run the other way around; what winds encloses little for its length.
-        if _area(outline) > ROUND * len(sides) ** 2:
-            found += _outline_quads(outline, rules)
+        if area + 0.5 * len(sides) > ROUND * squared:
+            if _area(outline) > ROUND * squared:
+                found += _outline_quads(outline, rules)
+        elif len(sides) >= STRIP_LENGTH * rules.completed_side and -area <= STRIP_BROAD * squared:
+            box = 2 * int(np.ptp(np.array(sides)[::8, :2], axis=0).sum())
+            if STRIP_BENT * box < len(sides) < STRIP_WINDS * box:
+                found += _completed_inside(outline.astype(np.float64), rules)
     # Pixel k of a halved image covers the span [k, k + 1) * 2 of the one before.
     return (np.array(found) + 0.5) * 2**level - 0.5 if found else np.zeros((0, 4, 2))
 
@@ -144,6 +154,12 @@ def _follow(dark: NDArray[np.bool_], visited: set[tuple[int, int]], y: int, x: i
             side = along
         if (y, x) == start and side == 2:
             return sides
+
+
+def _pixels_within(sides: NDArray[np.int64]) -> int:
+    """Dark pixels within an outline; negative around bright ones."""
+    _, x, side = sides.T
+    return int(((x + 1) * (side == 0)).sum() - (x * (side == 2)).sum())
 
 
 def _crossings(field: Field, sides: NDArray[np.int64]) -> FloatArray:
@@ -231,40 +247,98 @@ def _fit_line(outline: FloatArray, start: int, end: int) -> FloatArray:
 
 def _quad_of(lines: list[FloatArray], least: float) -> FloatArray | None:
     """(4,2) where neighboring lines meet; None unless that is a fair square."""
-    quad = np.empty((4, 2))
-    for k in range(4):
-        a, b = lines[k - 1], lines[k]
-        det = a[2] * b[3] - a[3] * b[2]
-        if abs(det) < 0.05 * np.hypot(a[2], a[3]) * np.hypot(b[2], b[3]):
-            return None
-        t = ((b[0] - a[0]) * b[3] - (b[1] - a[1]) * b[2]) / det
-        quad[k] = a[:2] + t * a[2:]
+    corners = [_meeting(lines[k - 1], lines[k]) for k in range(4)]
+    quad = np.array([corner for corner in corners if corner is not None])
+    return quad if len(quad) == 4 and _is_fair(quad, least) else None
+
+
+def _meeting(a: FloatArray, b: FloatArray) -> FloatArray | None:
+    """(2,) where two lines meet; None for nearly parallel ones."""
+    det = a[2] * b[3] - a[3] * b[2]
+    if abs(det) < 0.05 * np.hypot(a[2], a[3]) * np.hypot(b[2], b[3]):
+        return None
+    t = ((b[0] - a[0]) * b[3] - (b[1] - a[1]) * b[2]) / det
+    return np.asarray(a[:2] + t * a[2:])
+
+
+def _is_fair(quad: FloatArray, least: float) -> bool:
+    """Convex, clockwise, no side under ``least`` or a seventh of the longest."""
     edges = np.roll(quad, -1, axis=0) - quad
     following = np.roll(edges, -1, axis=0)
     turn = edges[:, 0] * following[:, 1] - edges[:, 1] * following[:, 0]
     lengths = np.linalg.norm(edges, axis=1)
-    fair = (turn > 0.05 * lengths * np.roll(lengths, -1)).all() and lengths.min() > max(0.15 * lengths.max(), least)
-    return quad if fair else None
+    return bool(
+        (turn > 0.05 * lengths * np.roll(lengths, -1)).all() and lengths.min() > max(0.15 * lengths.max(), least)
+    )
 
 
 def _completed(outline: FloatArray, rules: QuadRules) -> list[FloatArray]:
     """Squares of the outline's longest straight stretches, for squares of which a part is hidden."""
-    total = float(np.linalg.norm(np.roll(outline, -1, axis=0) - outline, axis=1).sum())
-    corners = _simplified(outline, rules.straight * total)
-    if not 4 <= len(corners) <= STRETCHES:
+    total = _length_around(outline)
+    stretches, lengths = _long_stretches(outline, rules.straight * total, LONGEST)
+    found = []
+    for chosen in sorted(combinations(range(len(stretches)), 4), key=lambda places: sum(1 << k for k in places)):
+        if lengths[list(chosen)].sum() >= 0.45 * total:
+            found += _square_of(outline, [stretches[k] for k in chosen], total, rules.least_side)
+    return found
+
+
+def _completed_inside(outline: FloatArray, rules: QuadRules) -> list[FloatArray]:
+    """Squares inside a bright strip, such as a margin.
+
+    Something dark over a corner joins the square to what is dark around the margin, whose outline keeps the square's
+    sides: four long stretches in turn.  A hard shadow cuts the margin in two: of three, the one between is a whole
+    side.
+    """
+    total = _length_around(outline)
+    stretches, lengths = _long_stretches(outline, 0.5 * rules.straight * total, IN_TURN)
+    found: list[FloatArray] = []
+    if len(stretches) <= 4:
+        return found
+    for first in range(len(stretches)):
+        chosen = [(first + k) % len(stretches) for k in range(4)]
+        sides = [stretches[k] for k in chosen]
+        if lengths[chosen].sum() >= 0.25 * total:
+            found += _square_of(outline, sides, total, rules.least_side)
+        if lengths[chosen[:3]].sum() >= 0.25 * total:
+            found += _square_from_three(outline, sides[:3], rules.least_side)
+    return found
+
+
+def _square_of(outline: FloatArray, sides: list[tuple[int, int]], total: float, least: float) -> list[FloatArray]:
+    quad = _quad_of([_fit_line(outline, a, b) for a, b in sides], least)
+    return [quad] if quad is not None and np.ptp(quad, axis=0).max() < total else []
+
+
+def _square_from_three(outline: FloatArray, sides: list[tuple[int, int]], least: float) -> list[FloatArray]:
+    """The square of which a side and pieces of both beside it are seen: as deep as it is wide."""
+    lines = [_fit_line(outline, a, b) for a, b in sides]
+    near = [_meeting(lines[0], lines[1]), _meeting(lines[1], lines[2])]
+    if near[0] is None or near[1] is None:
         return []
+    wide = float(np.linalg.norm(near[1] - near[0]))
+    far = []
+    for line, corner, end in zip((lines[0], lines[2]), near, (sides[0][0], sides[2][1]), strict=True):
+        way = line[2:] / np.hypot(line[2], line[3])
+        far.append(corner + (-wide if way @ (outline[end] - corner) < 0 else wide) * way)
+    quad = np.array([far[0], near[0], near[1], far[1]])
+    return [quad] if _is_fair(quad, least) else []
+
+
+def _length_around(outline: FloatArray) -> float:
+    return float(np.linalg.norm(np.roll(outline, -1, axis=0) - outline, axis=1).sum())
+
+
+def _long_stretches(outline: FloatArray, tolerance: float, most: int) -> tuple[list[tuple[int, int]], FloatArray]:
+    """The longest straight stretches of an outline, in order, by their ends, and their lengths; none where it is no
+    polygon of few sides."""
+    corners = _simplified(outline, tolerance)
+    if not 4 <= len(corners) <= STRETCHES:
+        return [], np.zeros(0)
     following = corners[1:] + corners[:1]
     lengths = np.linalg.norm(outline[following] - outline[corners], axis=1)
-    longest = sorted(np.argsort(-lengths, kind="stable")[:LONGEST].tolist())
-    found = []
-    for chosen in sorted(combinations(range(len(longest)), 4), key=lambda places: sum(1 << k for k in places)):
-        sides = [longest[k] for k in chosen]
-        if lengths[sides].sum() < 0.45 * total:
-            continue
-        quad = _quad_of([_fit_line(outline, corners[k], following[k]) for k in sides], rules.least_side)
-        if quad is not None and np.ptp(quad, axis=0).max() < total:
-            found.append(quad)
-    return found
+    longest = sorted(np.argsort(-lengths, kind="stable")[:most].tolist())
+    return [(corners[k], following[k]) for k in longest], lengths[longest]
 
 
 def _simplified(outline: FloatArray, tolerance: float) -> list[int]:

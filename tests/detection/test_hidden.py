@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from itertools import product
+
 import cv2
 import numpy as np
 import pytest
@@ -29,6 +31,18 @@ def test_the_square_is_completed_and_read(name, color):
         assert [d.code for d in found] in ([100 + seed], [])
         read += len(found)
     assert read >= 7, f"{read} of 8"
+
+
+def test_a_corner_behind_something_that_joins_the_square_to_its_surroundings_is_completed():
+    """The square's outline runs on around the sheet; the white margin's, that of a strip, has the square's sides."""
+    read = 0
+    for seed, (side, gray) in product(range(6), ((36, 120), (50, 83))):
+        image, corners = shoot(60 + seed, side, 5.0 * seed, 15.0, seed=seed)
+        low, size = corners.min(axis=0), np.ptp(corners, axis=0)
+        cover = np.round(low + np.array([[0.55, -0.12], [1.5, -1.0], [2.0, 0.5], [1.12, 0.45]]) * size)
+        found = detect_landmarks(cv2.fillPoly(image, [cover.astype(np.int32)], (gray, gray, gray)))
+        read += [d.code for d in found] == [60 + seed]
+    assert read >= 8, f"{read} of 12"
 
 
 def over_a_gap(code: int, color: tuple[int, int, int], seed: int) -> np.ndarray:
