@@ -18,7 +18,7 @@
 #define IN_TURN 10 /* longest stretches of a strip, of which four in turn are a square's sides */
 #define STRIP_LENGTH 7.0 /* least length of a strip's outline, of the side from which squares are completed */
 #define STRIP_BROAD 0.013 /* most area within a strip over its outline's squared length */
-#define STRIP_BENT 1.3 /* least and most length of its outline, of that of the box around it */
+#define STRIP_TURNS 1.3 /* least and most length of its outline, of that of the box around it */
 #define STRIP_WINDS 2.05
 #define EVEN 0.38 /* least distance of a corner from the diagonal beside it, of both together */
 #define FULL 0.72 /* least share of its hull that lies between the corners of a square */
@@ -570,7 +570,7 @@ static int64_t complete_inside(const Outline *o, const QuadRules *rules, float *
     return found;
 }
 
-/* Is an outline bent around something, and does not wind: its length against that of the upright box around every
+/* Does an outline run around something without winding: its length against that of the upright box around every
  * eighth of its pixels. */
 static int is_strip(const int32_t *codes, int64_t n, int32_t stride)
 {
@@ -581,7 +581,7 @@ static int is_strip(const int32_t *codes, int64_t n, int32_t stride)
         y0 = y < y0 ? y : y0, y1 = y > y1 ? y : y1;
     }
     const double box = 2.0 * ((double)(x1 - x0) + (double)(y1 - y0));
-    return (double)n > STRIP_BENT * box && (double)n < STRIP_WINDS * box;
+    return (double)n > STRIP_TURNS * box && (double)n < STRIP_WINDS * box;
 }
 
 static double quad_area(const float *q)

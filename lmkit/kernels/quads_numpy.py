@@ -22,7 +22,7 @@ LONGEST = 6
 IN_TURN = 10  # longest stretches of a strip, of which four in turn are a square's sides
 STRIP_LENGTH = 7.0  # least length of a strip's outline, of the side from which squares are completed
 STRIP_BROAD = 0.013  # most area within a strip over its outline's squared length
-STRIP_BENT, STRIP_WINDS = 1.3, 2.05  # its length, of that of the box around every eighth pixel
+STRIP_TURNS, STRIP_WINDS = 1.3, 2.05  # its length, of that of the box around every eighth pixel
 EVEN = 0.38  # least distance of a corner from the diagonal beside it, of both together
 FULL = 0.72  # least share of its hull that lies between the corners of a square
 ROUND = 0.003  # least area over the squared number of pixel sides: 1/16 for a square
@@ -100,7 +100,7 @@ def dark_quads_numpy(
                 found += _outline_quads(outline, rules)
         elif len(sides) >= STRIP_LENGTH * rules.completed_side and -area <= STRIP_BROAD * squared:
             box = 2 * int(np.ptp(np.array(sides)[::8, :2], axis=0).sum())
-            if STRIP_BENT * box < len(sides) < STRIP_WINDS * box:
+            if STRIP_TURNS * box < len(sides) < STRIP_WINDS * box:
                 found += _completed_inside(outline.astype(np.float64), rules)
     # Pixel k of a halved image covers the span [k, k + 1) * 2 of the one before.
     return (np.array(found) + 0.5) * 2**level - 0.5 if found else np.zeros((0, 4, 2))

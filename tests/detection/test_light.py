@@ -26,7 +26,7 @@ def test_the_local_white_bridges_the_dark_and_keeps_a_step():
 
 
 def test_a_landmark_of_ten_code_values_of_contrast_is_found_in_a_veil():
-    """Of all code values, 128 is in the middle; noise has a deviation of 1.6."""
+    """Code values lie around 128; their noise has a deviation of 1.6."""
     white, black = ((133 / 255) ** 2.2, (123 / 255) ** 2.2)
     light = Light((white - black) / 0.86, veil=black)
     chain = ImagingChain(Lens(0.7), light, Sensor(6000.0, 6.0), Development(tone="gamma"))
