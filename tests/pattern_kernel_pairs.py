@@ -44,6 +44,7 @@ from lmkit.kernels.screening import (
     screen,
     screen_numpy,
 )
+from lmkit.kernels.shadow_edge import shadow_direction, shadow_direction_numpy
 
 
 def drawing_with(rings: int) -> Drawing:
@@ -186,6 +187,16 @@ def _noises(rng: np.random.Generator) -> Iterator[tuple[Any, ...]]:
         yield (rng.integers(80, 90, (*shape, 3), dtype=np.uint8),)
 
 
+def _shadows(rng: np.random.Generator) -> Iterator[tuple[Any, ...]]:
+    angles = np.arange(36) * np.pi / 36
+    normals = np.column_stack([np.cos(angles), np.sin(angles)])
+    for normal in normals[::7]:
+        at = rng.uniform(0, 50, (400, 2))
+        values = np.where(at @ normal > np.median(at @ normal), 0.0, -1.0) + rng.normal(0, 0.1, 400)
+        yield at, values, rng.uniform(0.1, 1.0, 400), normals
+    yield np.ones((5, 2)), np.ones(5), np.ones(5), normals
+
+
 def _quads(rng: np.random.Generator) -> Iterator[tuple[Any, ...]]:
     """Outlines that do not depend on the last bit: squares with a part hidden or not, in smooth light."""
     y, x = np.mgrid[:120, :160].astype(np.float64)
@@ -282,6 +293,7 @@ PATTERN_CALLS = [
     (sample, sample_numpy, _samplings, 1e-5),
     (where_to_look, where_to_look_numpy, _lookings, 1e-12),
     (noise, noise_numpy, _noises, 1e-12),
+    (shadow_direction, shadow_direction_numpy, _shadows, 0.0),
     (dark_quads, dark_quads_numpy, _quads, 1e-5),
     (screen, screen_numpy, _screenings, 1e-4),
     (likely, likely_numpy, _likely_squares, 1e-4),

@@ -9,12 +9,14 @@ itself says how bright every pixel would be, and one straight edge between two l
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import cv2
 import numpy as np
 
 from lmkit.arrays import Float32Array, FloatArray
+from lmkit.kernels.shadow_edge import shadow_direction
 
 # The window over the side of a landmark: wider than the ground between margin and rings, which is a
 # quarter of the side at the corners, and not so wide that it bridges the shade's own white.
@@ -22,6 +24,8 @@ WINDOW_OVER_SIDE = 0.42
 LEAST_RATIO = 1.5  # between the brightest and the darkest white of a square, for a shadow's edge on it
 DARKEST = 1e-3
 EDGE_DIRECTIONS = 36
+_ANGLES = np.arange(EDGE_DIRECTIONS) * (np.pi / EDGE_DIRECTIONS)
+_NORMALS = np.column_stack([np.cos(_ANGLES), np.sin(_ANGLES)])
 
 
 def window_for(side_px: float) -> int:
@@ -60,19 +64,18 @@ class ShadowEdge:
             light: (N,) what was seen over what the drawing alone would show, positive.
             weights: (N,).
         """
-        angles = np.arange(EDGE_DIRECTIONS) * (np.pi / EDGE_DIRECTIONS)
-        normals = np.array([np.cos(angles), np.sin(angles)])
-        along = (at @ normals).T
-        order = along.argsort(axis=1)
-        weight = weights[order].cumsum(axis=1)
-        total = (weights * np.log(light))[order].cumsum(axis=1)
-        before, behind = weight[:, :-1], weight[:, -1:] - weight[:, :-1]
+        values = np.log(light)
+        normal = _NORMALS[shadow_direction(at, values, weights, _NORMALS)]
+        along = at @ normal
+        order = along.argsort()
+        weight, total = weights[order].cumsum(), (weights * values)[order].cumsum()
+        before, behind = weight[:-1], weight[-1] - weight[:-1]
         # Between-class variance, up to what no split changes (Otsu 1979).
-        between = total[:, :-1] ** 2 / before + (total[:, -1:] - total[:, :-1]) ** 2 / behind
-        n, k = divmod(int(between.argmax()), between.shape[1])
-        means = total[n, k] / before[n, k], (total[n, -1] - total[n, k]) / behind[n, k]
-        middle = along[n, order[n, k : k + 2]].mean()
-        return cls(normals[:, n], float(middle), (float(np.exp(means[0])), float(np.exp(means[1]))))
+        between = total[:-1] ** 2 / before + (total[-1] - total[:-1]) ** 2 / behind
+        k = int(between.argmax())
+        means = total[k] / before[k], (total[-1] - total[k]) / behind[k]
+        middle = along[order[k : k + 2]].mean()
+        return cls(normal, float(middle), (math.exp(means[0]), math.exp(means[1])))
 
     def light(self, box: tuple[int, int, int, int]) -> Float32Array:
         """(y1 - y0, x1 - x0) light of an image's pixels in a box x0, y0, x1, y1; its edge is as soft as a pixel."""
