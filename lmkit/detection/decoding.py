@@ -134,19 +134,24 @@ class FamilyTables:
         drawing: edges of its drawing.
         words: open gaps of its codes.
         plain: for every code, whether the gaps of every ring are all open or all closed.
+        expected_parts: (4,codes,2+G) brightness of triangle, rings and gap positions for every turn and code.
     """
 
     family: LandmarkFamily
     drawing: Drawing
     words: Words
     plain: tuple[bool, ...]
+    expected_parts: FloatArray
 
 
 @lru_cache(maxsize=16)
 def tables_of(family: LandmarkFamily) -> FamilyTables:
     """Tables of a family."""
     plain = tuple(is_plain(family, code) for code in range(family.code_count))
-    return FamilyTables(family, drawing_of(family), words_of(family), plain)
+    words = words_of(family)
+    closed = 1.0 - (words.masks[:, :, None] >> np.arange(words.gaps) & 1)
+    expected = np.concatenate([np.ones((*words.masks.shape, 2)), closed], axis=2)
+    return FamilyTables(family, drawing_of(family), words, plain, expected)
 
 
 def decode_square(tables: FamilyTables, view: View, state: FloatArray, samples: Samples) -> Decoding:
@@ -163,8 +168,6 @@ def decoding_of(tables: FamilyTables, found: Decoded | None, pixels: int) -> Dec
     count = 3 * pixels
     evidence = count / CORRELATED_PIXELS / 2
     left = max(found.left, 1e-9)
-    mask = int(tables.words.masks[found.turn, found.code])
-    gaps_closed = [1.0 - (mask >> k & 1) for k in range(len(tables.drawing.gaps))]
     return Decoding(
         code=found.code,
         quarter=found.turn,
@@ -175,7 +178,7 @@ def decoding_of(tables: FamilyTables, found: Decoded | None, pixels: int) -> Dec
         inks=found.inks,
         parts=found.parts,
         parts_sigma=found.parts_sigma * math.sqrt(CORRELATED_PIXELS),
-        expected_parts=np.array([1.0, 1.0, *gaps_closed]),
+        expected_parts=tables.expected_parts[found.turn, found.code],
         evidence=found.evidence / CORRELATED_PIXELS / 2,
         foreign=found.foreign / CORRELATED_PIXELS / 2,
         plain=tables.plain[found.code],

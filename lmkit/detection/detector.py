@@ -15,7 +15,7 @@ from lmkit.detection.candidates import find_candidates
 from lmkit.detection.config import DetectOptions
 from lmkit.detection.linear_image import LinearImage
 from lmkit.detection.overlaps import without_covered
-from lmkit.detection.pixel_sampling import mean_side
+from lmkit.detection.pixel_sampling import mean_side, middle_of
 from lmkit.detection.register_and_decode import Candidate, register_all, register_and_decode
 from lmkit.detection.screening import LikelyRule, likely_squares
 from lmkit.detection.shadows import window_for
@@ -59,8 +59,8 @@ def best_of_each_place(candidates: Sequence[AnyCandidate]) -> list[AnyCandidate]
     """The surest reading of every place, largest first; a landmark within another one has its own place."""
     kept: list[AnyCandidate] = []
     for candidate in sorted(candidates, key=lambda a: (-a.log_odds, a.family.name, a.decoding.code)):
-        middle, side = candidate.corners.mean(axis=0), candidate.side_px
-        apart = [np.linalg.norm(middle - k.corners.mean(axis=0)) > 0.5 * min(k.side_px, side) for k in kept]
+        middle, side = middle_of(candidate.corners), candidate.side_px
+        apart = [math.dist(middle, middle_of(k.corners)) > 0.5 * min(k.side_px, side) for k in kept]
         if all(apart):
             kept.append(candidate)
     return sorted(kept, key=lambda a: -a.side_px)
@@ -124,7 +124,7 @@ def _registered(
 def _unless_contradicted(shaded: Candidate, clear: list[Candidate]) -> Candidate:
     """A reading that needs a shadow does not stand where one without it is surer of something else."""
     for other in clear:
-        apart = np.linalg.norm(shaded.corners.mean(axis=0) - other.corners.mean(axis=0))
+        apart = math.dist(middle_of(shaded.corners), middle_of(other.corners))
         same = (other.family, other.decoding.code) == (shaded.family, shaded.decoding.code)
         surer = other.log_odds > shaded.log_odds and not same
         if surer and apart < 0.5 * shaded.side_px:
@@ -152,18 +152,18 @@ def _candidates_in_shadow(
 def _shadow_normalized(image: LinearImage, quad: FloatArray) -> LinearImage:
     """The image with shadows taken out around a square."""
     window = window_for(mean_side(quad))
-    low = np.floor(quad.min(axis=0)).astype(int) - window
-    high = np.ceil(quad.max(axis=0)).astype(int) + window
-    return image.shadow_normalized((*low.tolist(), *high.tolist()), window)
+    xs, ys = quad.T.tolist()
+    low = (math.floor(min(along)) - window for along in (xs, ys))
+    high = (math.ceil(max(along)) + window for along in (xs, ys))
+    return image.shadow_normalized((*low, *high), window)
 
 
 def _elsewhere(candidates: FloatArray, read: Sequence[FloatArray]) -> FloatArray:
     """(N,4,2) the candidates whose middle is in none of the squares that are read already."""
     if not read or len(candidates) == 0:
         return candidates
-    # Few of either: plain numbers take a quarter of the time of arrays.
-    known = [(corners.mean(axis=0).tolist(), 0.5 * mean_side(corners)) for corners in read]
-    middles = candidates.mean(axis=1).tolist()
+    known = [(middle_of(corners), 0.5 * mean_side(corners)) for corners in read]
+    middles = (candidates.sum(axis=1) / 4).tolist()
     outside = [all(math.dist(middle, at) > reach for at, reach in known) for middle in middles]
     return np.asarray(candidates[np.array(outside)])
 

@@ -81,8 +81,14 @@ def sample_pixels(
 
 def mean_side(corners: FloatArray) -> float:
     """Mean length of the sides of (4,2) corners."""
-    points = corners.tolist()
-    return sum(math.dist(a, b) for a, b in zip(points, points[1:] + points[:1], strict=True)) / 4
+    a, b, c, d = corners.tolist()
+    return (math.dist(a, b) + math.dist(b, c) + math.dist(c, d) + math.dist(d, a)) / 4
+
+
+def middle_of(corners: FloatArray) -> tuple[float, float]:
+    """Mean of (4,2) corners; plain numbers take a quarter of the time of arrays."""
+    (ax, ay), (bx, by), (cx, cy), (dx, dy) = corners.tolist()
+    return (ax + bx + cx + dx) / 4, (ay + by + cy + dy) / 4
 
 
 def _bounding_box(

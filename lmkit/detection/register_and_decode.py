@@ -142,7 +142,7 @@ def _coarse_corners(
     image: LinearImage, quad: FloatArray, family: LandmarkFamily, options: DetectOptions
 ) -> FloatArray:
     """Corners of a large quad, registered in a smaller image first; they are then good to a pixel or so."""
-    times = int(np.log2(max(mean_side(quad) / COARSE_SIDE_PX, 1.0)))
+    times = int(math.log2(max(mean_side(quad) / COARSE_SIDE_PX, 1.0)))
     if times < 1:
         return quad
     scale = 2.0**times

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lmkit.kernels.load import addresses, contiguous, function
+from lmkit.kernels.workspace import Workspace
 
 ByteArray = NDArray[np.uint8]
 
@@ -17,6 +18,8 @@ BANDS = 24  # of three rows each
 MOST = 4096  # larger responses count as this
 # Median of a normal distribution's absolute value; norm of the filter; of the gray (B + 2 G + R) / 4.
 SCALE = 0.6745 * 6 * 4
+
+_WORKSPACE = Workspace()
 
 
 def noise(image: ByteArray) -> float:
@@ -26,8 +29,9 @@ def noise(image: ByteArray) -> float:
     if kernel is None or min(image.shape[:2]) < 3:
         return noise_numpy(image)
     width, rows = image.shape[1], _rows(image.shape[0])
-    column, histogram, median = np.empty(width, np.uint16), np.empty(MOST + 1, np.int32), np.zeros(1, np.int64)
-    kernel(width, *addresses(image), len(rows), *addresses(rows, column, histogram, median))
+    median = np.zeros(1, np.int64)
+    room = _WORKSPACE.floats("column", width // 2 + 1), _WORKSPACE.floats("histogram", MOST + 1)
+    kernel(width, *addresses(image), len(rows), *addresses(rows), *room, *addresses(median))
     return float(median[0]) / SCALE
 
 

@@ -64,6 +64,15 @@ class LandmarkFamily:
     border_mm: float = 10.0
     margin_mm: float = 10.0
 
+    def __hash__(self) -> int:
+        return self._hash
+
+    @cached_property
+    def _hash(self) -> int:
+        """Hash of the numbers, kept since tables are looked up by family; hashes of text differ between processes."""
+        numbers = (self.triangle_mm, self.distance, self.side_mm, self.border_mm, self.margin_mm)
+        return hash((self.version, self.rings, *numbers))
+
     @property
     def gap_count(self) -> int:
         """Number of gap positions, one bit of the code each."""
