@@ -33,6 +33,7 @@ from lmkit.kernels.block_chain import (
     used_columns,
     used_columns_numpy,
 )
+from lmkit.kernels.error_pulls import error_pulls, error_pulls_numpy
 from lmkit.kernels.landmark_bundle import (
     Bundle,
     Sums,
@@ -61,6 +62,7 @@ from lmkit.kernels.reprojection import (
     refine_poses_numpy,
 )
 from lmkit.kernels.square_pose import square_poses, square_poses_numpy
+from lmkit.kernels.wheel_motion import WheelRows, wheel_motions, wheel_motions_numpy
 from lmkit.optim.border_blocks import BlockPattern
 
 
@@ -194,6 +196,29 @@ def _covariance_calls(rng: np.random.Generator) -> Iterator[tuple[Any, ...]]:
             for prior in (NO_PRIOR, PRIOR):
                 corners, used = landmarks_in_view(rng, count, uncertain, 5e-4), np.ones(2 * count, dtype=bool)
                 yield corners, prior, small_rotations(rng, 1, 0.01)[0], 0.01 * rng.normal(size=3), used
+
+
+def _pull_calls(rng: np.random.Generator) -> Iterator[tuple[Any, ...]]:
+    for corners, _, R, p, used in _covariance_calls(rng):
+        yield corners, R, p, used
+        yield corners, R, p, np.arange(len(used)) % 2 == 0
+
+
+def _wheel_calls(rng: np.random.Generator) -> Iterator[tuple[Any, ...]]:
+    for count in (2, 3, 40):
+        times = np.cumsum(rng.uniform(0.01, 0.2, count))
+        rows = WheelRows(times, *(0.1 * rng.normal(size=(2, count))), *rng.uniform(0, 1, (2, count)))
+        # In the order of time, back and forth, on rows, and before and after all of them.
+        at = (
+            np.linspace(-1, times[-1] + 1, 7),
+            rng.uniform(0, times[-1], 6),
+            times[[0, -1, 1]],
+            times[:1],
+            times[:0],
+        )
+        for asked in at:
+            yield rows, asked, np.array([1.0, 1, 0, 0, 0, 0]) + 0.1 * rng.normal(size=(3, 6))
+            yield rows, asked, np.array([[1.0, 1, 0, 0, 0, 0]])
 
 
 UPDATE = Update(1e-3, 8 * 4.5**2, 4)
@@ -402,6 +427,8 @@ PAIRS = [
     Pair(update_space, update_space_numpy, _space_calls, 1e-8),
     Pair(update_planar, update_planar_numpy, _planar_calls, 1e-8),
     Pair(pose_covariance, pose_covariance_numpy, _covariance_calls, 1e-9),
+    Pair(error_pulls, error_pulls_numpy, _pull_calls, 1e-10),
+    Pair(wheel_motions, wheel_motions_numpy, _wheel_calls),
     *[Pair(*call) for call in (*PATTERN_CALLS, *PLANNING_CALLS)],
 ]
 

@@ -25,6 +25,9 @@ def is_rotation(R: FloatArray, tolerance: float = 1e-6) -> bool:
 
 def skew(v: FloatArray) -> FloatArray:
     """(...,3,3) matrices with ``skew(v) @ w == cross(v, w)``, of vectors (...,3)."""
+    if v.ndim == 1:
+        x, y, z = v.tolist()
+        return np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
     W = np.zeros((*v.shape, 3))
     W[..., 0, 1], W[..., 0, 2], W[..., 1, 2] = -v[..., 2], v[..., 1], -v[..., 0]
     return np.asarray(W - W.swapaxes(-1, -2))

@@ -7,6 +7,7 @@ another, until all that are left fit.
 from __future__ import annotations
 
 import ctypes
+import math
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from functools import lru_cache
@@ -196,14 +197,18 @@ def _off(R_to: Array, p_to: Array, R: Array, p: Array) -> Array:
 
 
 def _heading(state: Array) -> Array:
-    c, s = np.cos(state[2]), np.sin(state[2])
+    c, s = math.cos(state[2]), math.sin(state[2])
     return np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
 
 
 def camera_at(state: Array, R_base: Array, t_base: Array) -> tuple[Array, Array]:
     """T_map_camera for a state."""
-    lift, roll, pitch = state[-LEAN:]
-    turn = turns(np.array([[roll, pitch, 0.0]]))[0] @ _heading(state)
+    lift, x, y = state[-LEAN:].tolist()
+    angle = math.hypot(x, y)
+    a, b = (1.0, 0.5) if angle < 1e-8 else (math.sin(angle) / angle, (1 - math.cos(angle)) / angle**2)
+    lean = np.array([[1 - b * y * y, b * x * y, a * y], [b * x * y, 1 - b * x * x, -a * x], [-a * y, a * x, 0.0]])
+    lean[2, 2] = 1 - b * angle**2
+    turn = lean @ _heading(state)
     return turn @ R_base, np.array([state[0], state[1], lift]) + turn @ t_base
 
 

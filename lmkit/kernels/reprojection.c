@@ -1,31 +1,8 @@
 /* Whitened reprojection errors of landmark corners for many poses: chi2, normal equations, Levenberg-Marquardt.
  * reprojection.py holds the definition. */
-#include "pose_fit.h"
-
-#include <stddef.h>
+#include "observation.h"
 
 #define PI 3.14159265358979323846
-
-/* The whitened block of a observation, and that of its landmark's error where it is uncertain (else null). */
-static void observation(const Corners *seen, int64_t s, const double *R, const double *p, int derivatives, double *block,
-                     double *moved) {
-    double M[9], raw[64], raw_moved[64];
-    map_to_camera(seen->R_camera + 9 * s, R, M);
-    for (int i = 0; i < 64; i++) raw[i] = 0;
-    corner_errors(seen->points + 12 * s, moved ? seen->arms + 12 * s : NULL, M, seen->t_camera + 3 * s, p,
-                  seen->rays + 8 * s, seen->nearest, seen->nowhere, derivatives, raw, moved ? raw_moved : NULL);
-    times8(seen->whitener + 64 * s, raw, block);
-    if (!moved) return;
-    double whitened[64], root[64] = {0};
-    times8(seen->whitener + 64 * s, raw_moved, whitened);
-    for (int i = 0; i < 6; i++)
-        for (int j = 0; j < 6; j++) root[WIDE * i + j] = seen->roots[36 * s + 6 * i + j];
-    times8(whitened, root, moved);
-}
-
-static void identity(double *A) {
-    for (int i = 0; i < 64; i++) A[i] = i % 9 == 0;
-}
 
 int lmkit_corner_chi2(const Corners *seen, int64_t poses, const double *R, const double *p, double *chi2,
                          double *pixels) {

@@ -76,9 +76,12 @@ class Corners:
                 raise ValueError("roots need arms and groups")
         for name, shape in shapes.items():
             object.__setattr__(self, name, contiguous(getattr(self, name), (count, *shape)))
-        group = np.full(count, -1) if self.group is None else self.group
-        object.__setattr__(self, "group", contiguous(group, (count,), np.int64))
-        object.__setattr__(self, "order", np.argsort(group, kind="stable"))
+        if self.group is None:
+            object.__setattr__(self, "group", np.full(count, -1))
+            object.__setattr__(self, "order", np.arange(count))
+        else:
+            object.__setattr__(self, "group", contiguous(self.group, (count,), np.int64))
+            object.__setattr__(self, "order", np.argsort(self.group, kind="stable"))
         struct = _CornersStruct(count, nearest=NEAREST_M, nowhere=NOWHERE)
         for name in (*shapes, "group", "order"):
             setattr(struct, name, address(getattr(self, name)))
@@ -237,31 +240,6 @@ def refine_poses_numpy(
         damping = np.where(better, np.maximum(damping / 10, 1e-9), damping * 300)
         running &= ~small & (damping <= most_damping)
     return R, p
-
-
-def error_pulls(corners: Corners, R: Array, p: Array, used: Flags) -> tuple[dict[int, Array], Array]:
-    """Pulls of errors on a pose R (3,3), p (3,): H'W by what they do to the whitened corners, in standard deviations.
-
-    H and K are the derivatives of whitened corners with the pose and with the landmark's error; W is the weight that
-    corners keep once that error is eliminated, (1 + K K')^-1, so that H'W K = H'K (1 + K'K)^-1.
-
-    Args:
-        used: (S,) the observations that count.
-
-    Returns:
-        (6,6) of each uncertain landmark by the number of its group, and (S,6,8) of each observation's own eight
-        errors, zero where it is not used.
-    """
-    _, _, H, K = _errors(corners, R[None], p[None])
-    own = np.where(used[:, None, None], H[0].transpose(0, 2, 1), 0.0)
-    groups, pulls = np.asarray(corners.group), {}
-    for number in np.unique(groups[used & (groups >= 0)]).tolist() if K is not None else ():
-        assert K is not None
-        group = np.flatnonzero(used & (groups == number))
-        by_error, by_pose = K[0, group].reshape(-1, 6), H[0, group].reshape(-1, 6)
-        pulls[number] = np.linalg.solve(np.eye(6) + by_error.T @ by_error, by_error.T @ by_pose).T
-        own[group] -= pulls[number] @ K[0, group].transpose(0, 2, 1)
-    return pulls, own
 
 
 def prior_residuals(prior: tuple[float, ...], R: Array, p: Array) -> Array:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -13,13 +13,13 @@ from lmkit.geometry.camera import CameraModel
 from lmkit.geometry.pose import Pose
 from lmkit.geometry.pose_array import PoseArray
 from lmkit.geometry.rig import AnyRig, cameras_carried
+from lmkit.kernels.error_pulls import error_pulls
 from lmkit.kernels.pose_search import CONVERGED, MOST_DAMPING, Search, pose_covariance, search_poses
 from lmkit.kernels.pose_update import Update, update_planar, update_space
 from lmkit.kernels.reprojection import (
     NO_PRIOR,
     Corners,
     corner_chi2,
-    error_pulls,
     pose_equations,
     refine_poses,
 )
@@ -49,17 +49,19 @@ class RigCamera:
 
 @dataclass(frozen=True, eq=False)
 class ErrorPulls:
-    """Pulls of errors on a pose, or how far they move a state (`kernels.reprojection.error_pulls`).
+    """Pulls of errors on a pose, or how far they move a state (`kernels.error_pulls`).
 
     Attributes:
-        places: (N,6) by landmark, of the error of its place, in standard deviations.
+        ids: (L) uncertain landmarks.
+        places: (L,N,6) of the error of each one's place, in standard deviations.
         views: (C) landmark and number of the camera of every observation used.
         corners: (C,4,2) px, where it was seen.
         lens_shares: (C,) share of its corners' variance that is the floor's: lens, calibration, paper.
         own: (C,N,8) of its corners' errors, in standard deviations.
     """
 
-    places: Mapping[LandmarkId, FloatArray]
+    ids: tuple[LandmarkId, ...]
+    places: FloatArray
     views: tuple[tuple[LandmarkId, int], ...]
     corners: FloatArray
     lens_shares: FloatArray
@@ -67,8 +69,7 @@ class ErrorPulls:
 
     def through(self, G: FloatArray) -> ErrorPulls:
         """Pulls on ``G`` (M,N) times what these pull on."""
-        places = {id_: G @ pull for id_, pull in self.places.items()}
-        return replace(self, places=places, own=G @ self.own)
+        return replace(self, places=G @ self.places, own=G @ self.own)
 
 
 class Correspondences:
@@ -121,7 +122,7 @@ class Correspondences:
         number = {id_: k for k, id_ in enumerate(self.ids)}
         self.of = np.array([number[landmark.id] for landmark in self.landmarks])
         self.points = np.array([landmark.corners_map for landmark in self.landmarks])
-        self.observed, self.rays = looked.corners, looked.rays
+        self.observed, self.rays, self._stated_px2 = looked.corners, looked.rays, looked.variances
         steps = self.observed[:, NEXT] - self.observed
         self.side_px = np.sqrt((steps * steps).sum(axis=2)).sum(axis=1) / 4
         side = np.repeat(np.arange(len(counts)), counts)
@@ -208,20 +209,19 @@ class Correspondences:
 
     def pulls(self, R: FloatArray, p: FloatArray, used: BoolArray) -> ErrorPulls:
         """How errors of landmarks and of corners pull on the pose R, p; of the observations used (S,)."""
-        by_group, own = error_pulls(self._corners, R, p, used)
-        groups = np.asarray(self._corners.group).tolist()
-        places = {self.landmarks[groups.index(number)].id: pull for number, pull in by_group.items()}
+        places, own = error_pulls(self._corners, R, p, used)
+        believed = used.tolist()
         views = {
             (self.landmarks[s].id, number): s
             for number, camera in enumerate(self.cameras)
             for s in range(camera.rows.start, camera.rows.stop)
-            if used[s]
+            if believed[s]
         }
         rows = list(views.values())
-        covariances = [self.observations[s].covariance for s in rows]
-        stated = np.array([0.0 if C is None else np.trace(C) / 8 for C in covariances])
-        shares = self._floor_px**2 / (stated + self._floor_px**2 + TINY)
-        return ErrorPulls(places, tuple(views), self.observed[rows], shares, own[rows])
+        first = {self.landmarks[s].id: s for s in reversed(rows) if self.landmarks[s].covariance is not None}
+        shares = self._floor_px**2 / (self._stated_px2[rows] + self._floor_px**2 + TINY)
+        ids, uncertain = tuple(first), list(first.values())
+        return ErrorPulls(ids, places[uncertain], tuple(views), self.observed[rows], shares, own[rows])
 
     def equations(
         self, poses: PoseArray, used: BoolArray, prior: PosePrior | None

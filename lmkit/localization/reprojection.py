@@ -30,6 +30,7 @@ class CameraCorrespondences:
         rays: (S,4,2) corners as x/z and y/z, without distortion.
         by_ray: (S,4,2,2) how pixels change with them.
         whitener: (S,8,8) from errors of rays to standard deviations of the corners.
+        variances: (S,) of a corner's coordinate, px^2, as the observation states it: on average, without the floor.
     """
 
     kept: list[int]
@@ -37,6 +38,7 @@ class CameraCorrespondences:
     rays: FloatArray
     by_ray: FloatArray
     whitener: FloatArray
+    variances: FloatArray
 
 
 def through_lens(
@@ -57,10 +59,13 @@ def through_lenses(
     rays, by_ray, whitener, reached = corners_through_lenses(
         [lens_of(camera) for camera in cameras], counts, corners, covariance, corner_floor_px, REACHED_PX
     )
+    variances = np.zeros(len(corners)) if covariance is None else np.einsum("sii->s", covariance) / 8
     if reached.all():
-        return CameraCorrespondences(list(range(len(corners))), corners, rays, by_ray, whitener)
+        return CameraCorrespondences(list(range(len(corners))), corners, rays, by_ray, whitener, variances)
     kept = np.flatnonzero(reached)
-    return CameraCorrespondences(kept.tolist(), corners[kept], rays[kept], by_ray[kept], whitener[kept])
+    return CameraCorrespondences(
+        kept.tolist(), corners[kept], rays[kept], by_ray[kept], whitener[kept], variances[kept]
+    )
 
 
 @lru_cache(maxsize=16)

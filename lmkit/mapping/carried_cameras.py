@@ -45,7 +45,11 @@ def motion_to(
         times_s, then_s: (N,), in either order.
         parameters: errors of the odometry.
     """
-    R, t = motion.between(times_s, then_s, parameters)
+    return to_camera(*motion.between(times_s, then_s, parameters), rig)
+
+
+def to_camera(R: FloatArray, t: FloatArray, rig: AnyRig) -> tuple[FloatArray, FloatArray]:
+    """(N,3,3), (N,3) how the rig's first camera moves where the base moves by R and t."""
     T = rig.T_base_left
     if T is None:
         return R, t
@@ -56,8 +60,13 @@ def carried_from(
     time_s: float, then_s: Sequence[float], rig: AnyRig, motion: Motion, parameters: FloatArray
 ) -> tuple[Pose, ...]:
     """T_left_left: how the rig moves from one time to each of others."""
-    R, t = motion_to(np.full(len(then_s), time_s), np.array(then_s), rig, motion, parameters)
-    return tuple(Pose("left", "left", orthonormal(turn), way) for turn, way in zip(R, t, strict=True))
+    return carried_by(*motion.between(np.full(len(then_s), time_s), np.array(then_s), parameters), rig)
+
+
+def carried_by(R: FloatArray, t: FloatArray, rig: AnyRig) -> tuple[Pose, ...]:
+    """T_left_left where the base moves by R (N,3,3), t (N,3)."""
+    moves = zip(*to_camera(R, t, rig), strict=True)
+    return tuple(Pose("left", "left", orthonormal(turn), way) for turn, way in moves)
 
 
 def carry_frames(frames: Sequence[RigFrame], rig: AnyRig, motion: Motion, parameters: FloatArray) -> list[RigFrame]:

@@ -33,6 +33,22 @@ class PoseNoise:
     unknown_radps: float = 1.5
 
 
+def pose_sigmas(
+    noise: PoseNoise, seconds: FloatArray, way: FloatArray, turned: FloatArray, gap: FloatArray
+) -> FloatArray:
+    """(K,6) standard deviations of motions (m) and turns (rad).
+
+    Args:
+        seconds, way, turned, gap: (K,) that they take, how far they go, and for how long there are no poses.
+    """
+    n = noise
+    place = n.place_per_root_m**2 * way + n.place_per_root_s**2 * seconds + (n.unknown_mps * gap) ** 2
+    turn = n.turn_per_root_rad**2 * turned + n.turn_per_root_s**2 * seconds + (n.unknown_radps * gap) ** 2
+    # What it turns wrongly early on leads the rest of the way aside.
+    place = place + turn * way**2 / 3
+    return np.asarray(np.sqrt(np.repeat(np.stack([place, turn], axis=1), 3, axis=1)))
+
+
 class PoseMotion:
     """Poses of the robot's base in a frame that drifts: what visual-inertial odometry or another SLAM gives.
 
@@ -90,13 +106,8 @@ class PoseMotion:
 
     def sigmas(self, own_s: FloatArray) -> FloatArray:
         """(K-1,6) standard deviations of distances (m) and turns (rad) between times of the odometry's clock (K,)."""
-        n, seconds, gap = self.noise, np.diff(own_s), self._gaps(own_s)
         way, turned = (np.diff(np.interp(own_s, self._times, total)) for total in self._totals.T[:2])
-        place = n.place_per_root_m**2 * way + n.place_per_root_s**2 * seconds + (n.unknown_mps * gap) ** 2
-        turn = n.turn_per_root_rad**2 * turned + n.turn_per_root_s**2 * seconds + (n.unknown_radps * gap) ** 2
-        # What it turns wrongly early on leads the rest of the way aside.
-        place = place + turn * way**2 / 3
-        return np.asarray(np.sqrt(np.repeat(np.column_stack([place, turn]), 3, axis=1)))
+        return pose_sigmas(self.noise, np.diff(own_s), way, turned, self._gaps(own_s))
 
     def _gaps(self, own_s: FloatArray) -> FloatArray:
         """(K-1,) seconds without poses."""

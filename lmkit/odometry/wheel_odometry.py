@@ -14,6 +14,7 @@ import numpy as np
 
 from lmkit.arrays import BoolArray, FloatArray
 from lmkit.geometry.rotations import rotation_exp
+from lmkit.kernels.wheel_motion import WheelRows, wheel_motions
 from lmkit.model.recording import Gyro, Odometry
 from lmkit.odometry.motion_model import LONGEST_STEP_S, Steps, require_common_times
 
@@ -25,6 +26,11 @@ STEPS = np.array([1e-4, 1e-4, 1e-5, 1e-5, 1e-4])  # but of the delay
 # To both sides, for the derivative with the delay: over less, noise from row to row looks like changes of speed that
 # tell the delay (errors in variables), and the delay is drawn to where it starts.
 DELAY_SPAN_S = 0.2
+# The parameters as they are, each but the delay moved a little, and the delay moved to both sides.
+MOVED = np.zeros((len(PARAMETERS) + 2, len(PARAMETERS)))
+MOVED[1:-2, :-1] = np.diag(STEPS)
+MOVED[-2:, -1] = DELAY_SPAN_S, -DELAY_SPAN_S
+SPANS = np.append(STEPS, 1.0)
 # A robot on wheels keeps its height and its level between two frames, but for the floor.
 LIFT_M, LIFT_PER_ROOT_M = 0.002, 0.003
 LEAN_RAD, LEAN_PER_ROOT_M = 0.002, 0.004
@@ -87,12 +93,12 @@ class MotionModel:
         seconds = np.diff(self._times, prepend=self._times[:1])
         gap = seconds > LONGEST_STEP_S
         # A row after a gap tells what was traveled in it, but not when.
-        self._seconds, self._forward, self._turn = seconds, odometry.forward_m, turn
-        self._rate = np.abs(turn) / np.maximum(seconds, 1e-9)
-        self._rate[seconds <= 0] = 0.0
-        self._gap = np.cumsum(np.where(gap, seconds, 0.0))
-        self._way = np.cumsum(np.abs(odometry.forward_m))
-        self._turned = np.cumsum(np.abs(turn))
+        turned = np.abs(turn)
+        rate = np.where(seconds > 0, turned / np.maximum(seconds, 1e-9), 0.0)
+        self._rows = WheelRows(self._times, odometry.forward_m, turn, seconds, rate)
+        # (3,N) way, turn and time without odometry, up to each row.
+        growing = np.array([np.abs(odometry.forward_m), turned, np.where(gap, seconds, 0.0)])
+        self._totals = np.cumsum(growing, axis=1)
 
     def require_overlap(self, times_s: FloatArray) -> None:
         """Refuse odometry of another time.
@@ -130,24 +136,20 @@ class MotionModel:
 
     def planar_between(self, before_s: FloatArray, after_s: FloatArray, parameters: FloatArray) -> FloatArray:
         """(K,3) forward, left (m), turn (rad) between two times each, in either order."""
-        return self._motions(np.column_stack([before_s, after_s]).ravel(), parameters[None])[0, ::2]
+        return wheel_motions(self._rows, np.column_stack([before_s, after_s]).ravel(), parameters[None])[0, ::2]
 
     def increments(self, times_s: FloatArray, parameters: FloatArray) -> Increments:
         """Motions between times (K,) that follow each other, seconds of the landmarks' clock."""
-        # The parameters as they are, each but the delay moved a little, and the delay moved to both sides.
         count = len(PARAMETERS)
-        moved = np.tile(parameters, (count + 2, 1))
-        moved[1:count] += np.eye(count - 1, count) * STEPS[:, None]
-        moved[count:, -1] += DELAY_SPAN_S, -DELAY_SPAN_S
-        all_motions = self._motions(times_s, moved)
+        all_motions = wheel_motions(self._rows, times_s, parameters + MOVED)
         motions = all_motions[0]
-        by_parameters = (all_motions[1:-1] - motions).transpose(1, 2, 0) / np.append(STEPS, 1.0)
+        by_parameters = (all_motions[1:-1] - motions).transpose(1, 2, 0) / SPANS
         by_parameters[:, :, -1] = (all_motions[count] - all_motions[count + 1]) / (2 * DELAY_SPAN_S)
         own = times_s - parameters[5]
-        outside = np.clip(own, None, self._times[0]) + np.clip(own, self._times[-1], None)
-        growing = [times_s, *(np.interp(own, self._times, total) for total in (self._way, self._turned, self._gap))]
-        seconds, way, turned, gap = (np.abs(np.diff(total)) for total in growing)
-        gap = gap + np.abs(np.diff(outside))
+        outside = np.minimum(own, self._times[0]) + np.maximum(own, self._times[-1])
+        growing = [times_s, outside, *(np.interp(own, self._times, total) for total in self._totals)]
+        seconds, beyond, way, turned, gap = np.abs(np.diff(growing))
+        gap = gap + beyond
         n = self.noise
         place = n.place_per_root_s**2 * seconds + (n.unknown_mps * gap) ** 2
         variances = np.column_stack(
@@ -161,22 +163,3 @@ class MotionModel:
             ]
         )
         return Increments(motions, by_parameters, np.sqrt(variances), gap < LONGEST_STEP_S)
-
-    def _motions(self, times_s: FloatArray, parameters: FloatArray) -> FloatArray:
-        """(P,K-1,3) of (P,6) parameters."""
-        scale, turn_scale, per_s, per_m, slowing, delay = parameters.T[:, :, None]
-        forward = scale * self._forward * (1 - slowing * self._rate)
-        turn = turn_scale * self._turn + per_s * self._seconds + per_m * forward
-        heading = np.cumsum(turn, axis=1)
-        middle = heading - turn / 2
-        path = np.stack(
-            [np.cumsum(forward * np.cos(middle), axis=1), np.cumsum(forward * np.sin(middle), axis=1), heading]
-        )
-        own = np.clip(times_s - delay, self._times[0], self._times[-1])
-        after = np.searchsorted(self._times, own).clip(1, len(self._times) - 1)
-        share = (own - self._times[after - 1]) / (self._times[after] - self._times[after - 1])
-        sets = np.arange(len(parameters))[:, None]
-        x, y, at = path[:, sets, after - 1] * (1 - share) + path[:, sets, after] * share
-        dx, dy = np.diff(x, axis=1), np.diff(y, axis=1)
-        c, s = np.cos(at[:, :-1]), np.sin(at[:, :-1])
-        return np.stack([c * dx + s * dy, -s * dx + c * dy, np.diff(at, axis=1)], axis=2)

@@ -35,6 +35,8 @@ from lmkit.model.landmark_id import LandmarkId
 # view, by 0.5 within 1 px and by 0.1 beyond 3 px (simulated cameras of five kinds); those of the lens by 0.8 up to
 # 30 px, 0.7 up to 100 px and 0.6 up to 300 px (recording of TagSLAM).
 DETECTOR_PX, LENS_PX = 1.5, 400.0
+PER_PX = -1 / np.array([DETECTOR_PX, LENS_PX])
+SIX = 6  # errors of a landmark's place
 
 
 class LastingErrors:
@@ -50,7 +52,7 @@ class LastingErrors:
 
     def _forget(self) -> None:
         self.excess: FloatArray = np.zeros((self._states, self._states))
-        self._columns: dict[LandmarkId, slice] = {}
+        self._numbers: dict[LandmarkId, int] = {}
         self._places: FloatArray = np.zeros((self._states, 0))  # X of places, side by side
         self._rows: dict[tuple[LandmarkId, int], int] = {}  # of the last image that showed something
         self._seen_at: FloatArray = np.zeros((0, 4, 2))
@@ -83,26 +85,29 @@ class LastingErrors:
 
     def _update_places(self, A: FloatArray, pulls: ErrorPulls) -> None:
         self._places = A @ self._places
-        for id_, D in pulls.places.items():
-            columns = self._columns.get(id_)
-            if columns is None:
-                end = self._places.shape[1]
-                self._columns[id_] = slice(end, end + D.shape[1])
-                self._places = np.hstack([self._places, D])
-            else:
-                self._count(self._places[:, columns], D)
-                self._places[:, columns] += D
+        if not pulls.ids:
+            return
+        numbers = [self._numbers.setdefault(id_, len(self._numbers)) for id_ in pulls.ids]
+        missing = SIX * len(self._numbers) - self._places.shape[1]
+        if missing:
+            self._places = np.hstack([self._places, np.zeros((self._states, missing))])
+        columns = (SIX * np.array(numbers)[:, None] + np.arange(SIX)).ravel()
+        X, D = self._places[:, columns], _side_by_side(pulls.places)
+        self._count(X, D)
+        self._places[:, columns] = X + D
 
     def _update_corners(self, A: FloatArray, pulls: ErrorPulls) -> None:
         lens = np.sqrt(pulls.lens_shares)[:, None, None]
         new = np.concatenate([np.sqrt(1 - lens**2) * pulls.own, lens * pulls.own], axis=2)
         again = [k for k, view in enumerate(pulls.views) if view in self._rows]
-        before = [self._rows[pulls.views[k]] for k in again]
-        way = np.sqrt(((pulls.corners[again] - self._seen_at[before]) ** 2).sum(axis=2).mean(axis=1))
-        alike = np.repeat(np.exp(-way[:, None] / (DETECTOR_PX, LENS_PX)), 8, axis=1)
-        X = alike[:, None] * (A @ self._corners[before])
-        self._count(_side_by_side(X), _side_by_side(new[again]))
-        new[again] += X
+        if again:
+            before = [self._rows[pulls.views[k]] for k in again]
+            steps = pulls.corners[again] - self._seen_at[before]
+            way = np.sqrt((steps * steps).sum(axis=(1, 2)) / 4)
+            alike = np.exp(way[:, None] * PER_PX).repeat(8, axis=1)
+            X = alike[:, None] * (A @ self._corners[before])
+            self._count(_side_by_side(X), _side_by_side(new[again]))
+            new[again] += X
         self._rows = {view: k for k, view in enumerate(pulls.views)}
         self._seen_at, self._corners = pulls.corners, new
 

@@ -38,6 +38,7 @@ OUTLIER_SIGMA = 4.5
 # A last step of a squared length, in standard deviations; what does not fit; iterations.
 UPDATE = Update(converged=1e-3, limit=8 * OUTLIER_SIGMA**2, iterations=4)
 PLANAR = np.array([0, 1, 5])  # x, y and heading, of the six numbers of a pose
+LEANS = np.arange(STATES, STATES + LEAN)
 DELAY = 3 + PARAMETERS.index("delay_s")
 DOUBTS = 4  # frames at which nothing fits, before the robot may have been carried off
 
@@ -160,7 +161,7 @@ class RigFilter:
         """
         before = np.zeros((STATES + LEAN, STATES + LEAN))
         before[:STATES, :STATES] = np.linalg.inv(self._P)
-        before[range(STATES, STATES + LEAN), range(STATES, STATES + LEAN)] = self._level
+        before[LEANS, LEANS] = self._level
         start = np.concatenate([self._x, np.zeros(LEAN)])
         used, state, normal, cost = seen.update_planar(before, self._T, start, UPDATE)
         if used.any():

@@ -7,7 +7,6 @@ to frame, and all corners of all mapped landmarks in both cameras are weighed wi
 
 from __future__ import annotations
 
-from collections import deque
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -16,29 +15,19 @@ import numpy as np
 from lmkit.arrays import BoolArray, FloatArray
 from lmkit.geometry.pose import Pose
 from lmkit.geometry.rig import AnyRig
-from lmkit.geometry.rotations import (
-    matrix_to_quaternion,
-    orthonormal,
-    quaternion_to_matrix,
-    rotation_exp,
-    rotation_log,
-    skew,
-)
+from lmkit.geometry.rotations import orthonormal, skew
 from lmkit.localization.absolute_pose import LocateOptions, locate_rig
 from lmkit.localization.correspondences import CORNER_FLOOR_PX, Correspondences
-from lmkit.mapping.carried_cameras import carried_from
+from lmkit.mapping.carried_cameras import carried_by
 from lmkit.model.landmark_id import LandmarkId
 from lmkit.model.landmark_map import LandmarkMap
 from lmkit.model.observation import Detection
 from lmkit.model.pose_status import PoseStatus
-from lmkit.model.trajectory import Trajectory
-from lmkit.odometry.online_wheel_odometry import AHEAD_S
-from lmkit.odometry.pose_odometry import PoseMotion, PoseNoise
+from lmkit.odometry.online_pose_odometry import PoseRows
+from lmkit.odometry.pose_odometry import PoseNoise
 from lmkit.tracking.lasting_errors import LastingErrors
 from lmkit.tracking.planar_stereo_filter import DOUBTS, UPDATE
 from lmkit.tracking.range_bearing_filter import NOWHERE_M
-
-KEPT_S = 1.0  # odometry is kept for so long before the last frame
 
 
 @dataclass(frozen=True, eq=False)
@@ -91,9 +80,9 @@ class PoseFilter:
         noise: PoseNoise | None = None,
         corner_floor_px: float = CORNER_FLOOR_PX,
     ) -> None:
-        self._map, self._rig, self._noise, self._floor_px = landmarks, rig, noise, corner_floor_px
+        self._map, self._rig, self._floor_px = landmarks, rig, corner_floor_px
         self._T = rig.T_base_left or Pose.identity("base", "left")
-        self._rows: deque[tuple[float, FloatArray, FloatArray]] = deque()
+        self._rows = PoseRows(noise)
         self._time: float | None = None
         self._R: FloatArray = np.eye(3)
         self._p: FloatArray = np.zeros(3)
@@ -104,12 +93,14 @@ class PoseFilter:
 
     def add_odometry(self, time_s: float, T_odometry_base: Pose) -> None:
         """Add a pose of odometry, in its own frame that drifts."""
-        self._rows.append((time_s, T_odometry_base.t, T_odometry_base.quaternion_xyzw))
+        self._rows.add(time_s, T_odometry_base)
 
     def carried(self, time_s: float, then_s: Sequence[float]) -> tuple[Pose, ...]:
         """T_left_left: how the rig moves, by the odometry given so far, from ``time_s`` to each of other times."""
-        motion, _ = self._motion(time_s)
-        return carried_from(time_s, then_s, self._rig, motion, motion.nominal)
+        R, p = self._rows.at(time_s)
+        places = [self._rows.at(then) for then in then_s]
+        turns = np.array([R.T @ later for later, _ in places]).reshape(-1, 3, 3)
+        return carried_by(turns, np.array([(later - p) @ R for _, later in places]).reshape(-1, 3), self._rig)
 
     def observe(
         self, time_s: float, detections: Sequence[Sequence[Detection]], carried: Sequence[Pose] = ()
@@ -173,8 +164,7 @@ class PoseFilter:
         return Pose("map", "left", orthonormal(step.base @ step.turned @ self._T.R), self._p + step.way)
 
     def _predict(self, before_s: float, time_s: float) -> None:
-        while len(self._rows) > 2 and self._rows[1][0] < before_s - KEPT_S:
-            self._rows.popleft()
+        self._rows.forget(before_s)
         step = self._step(before_s, time_s)
         self._taken = step.taken
         arm, later = self._T.t, step.base @ step.turned
@@ -185,29 +175,17 @@ class PoseFilter:
         self._lasting.predict(F)
         self._R, self._p = orthonormal(later @ self._T.R), self._p + step.way
 
-    def _motion(self, before_s: float) -> tuple[PoseMotion, bool]:
-        """Motion by the rows so far, and whether there are too few."""
-        rows = list(self._rows)
-        unknown = len(rows) < 2
-        if unknown:  # nothing is known of how it moved
-            rows = [(before_s - ago, np.zeros(3), np.array([0.0, 0.0, 0.0, 1.0])) for ago in (2.0, 1.0)]
-        poses = ahead(Trajectory(*(np.array(column) for column in zip(*rows, strict=True))), AHEAD_S)
-        return PoseMotion(poses, self._noise), unknown
-
     def _step(self, before_s: float, time_s: float) -> _Step:
         """Motion between two times, as odometry has it."""
-        motion, unknown = self._motion(before_s)
-        times = np.array([before_s, time_s])
+        later = self._rows.at(time_s)
         # From where it was taken to be then, so that what was foretold wrongly is made good.
-        R, p = motion.at(times)
-        if self._taken is not None:
-            R[0], p[0] = self._taken
-        taken = None if unknown else (R[1], p[1])
-        turned, moved = R[0].T @ R[1], (p[1] - p[0]) @ R[0]
+        before = self._rows.at(before_s) if self._taken is None else self._taken
+        taken = None if self._rows.unknown else later
+        turned, moved = before[0].T @ later[0], (later[1] - before[1]) @ before[0]
         # Of the camera: T_left_base T_base_base' T_base_left.
         base, arm = self._R @ self._T.R.T, self._T.t
         way = base @ (moved + turned @ arm - arm)
-        return _Step(base, turned, way, motion.sigmas(times)[0], taken)
+        return _Step(base, turned, way, self._rows.sigmas(before_s, time_s), taken)
 
     def _pose(
         self, time_s: float, outliers: tuple[LandmarkId, ...], restarted: bool, nis: float = 0.0, nis_dof: int = 0
@@ -217,16 +195,3 @@ class PoseFilter:
         pose = Pose("map", "left", self._R, self._p)
         status = PoseStatus.LOST if lost else PoseStatus.OK
         return SpacePose(time_s, status, pose, P, outliers, restarted, nis, nis_dof)
-
-
-def ahead(poses: Trajectory, seconds: float) -> Trajectory:
-    """One row more: who moves goes on as he did."""
-    R, p = quaternion_to_matrix(poses.quaternions[-2:]), poses.positions[-2:]
-    share = seconds / float(poses.times_s[-1] - poses.times_s[-2])
-    turned = R[1] @ rotation_exp(share * rotation_log(R[0].T @ R[1]))
-    moved = R[1] @ (share * (R[0].T @ (p[1] - p[0])))
-    return Trajectory(
-        np.append(poses.times_s, poses.times_s[-1] + seconds),
-        np.vstack([poses.positions, p[1] + moved]),
-        np.vstack([poses.quaternions, matrix_to_quaternion(turned)]),
-    )

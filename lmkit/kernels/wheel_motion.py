@@ -1,0 +1,95 @@
+"""Planar motions between times from rows of wheel odometry, for several sets of its errors.
+
+A row drives along a chord at the heading in its middle; between rows the path is straight.
+"""
+
+from __future__ import annotations
+
+import ctypes
+from dataclasses import dataclass
+from functools import lru_cache
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lmkit.kernels.load import addresses, contiguous, function
+
+Array = NDArray[np.floating[Any]]
+
+
+@dataclass(frozen=True, eq=False)
+class WheelRows:
+    """N rows of odometry, as arrays (N,).
+
+    Attributes:
+        times: seconds, growing.
+        forward, turn: since the row before, meters and radians.
+        seconds: since the row before.
+        rate: of the turn, without sign, rad/s.
+    """
+
+    times: Array
+    forward: Array
+    turn: Array
+    seconds: Array
+    rate: Array
+
+    def __post_init__(self) -> None:
+        """Make the arrays contiguous.
+
+        Raises:
+            ValueError: a shape differs.
+        """
+        count = len(self.times)
+        for name in ("times", "forward", "turn", "seconds", "rate"):
+            object.__setattr__(self, name, contiguous(getattr(self, name), (count,)))
+
+
+def wheel_motions(rows: WheelRows, at: Array, parameters: Array) -> Array:
+    """(P,K-1,3) forward, left (m) and turn (rad) between consecutive times ``at`` (K,), in either order.
+
+    Args:
+        parameters: (P,6) sets of errors: scale of the way, scale of the turns, turn per second, turn per meter, share
+            of the way that is lost per rad/s, and delay in seconds.
+
+    Raises:
+        ValueError: a shape differs, or fewer than two rows.
+    """
+    if len(rows.times) < 2:
+        raise ValueError(f"{len(rows.times)} rows, expected two at least")
+    at, parameters = contiguous(at, (-1,)), contiguous(parameters, (-1, 6))
+    kernel = _kernel()
+    if kernel is None:
+        return wheel_motions_numpy(rows, at, parameters)
+    count, sets = len(at), len(parameters)
+    path, motions = np.empty((len(rows.times), 3)), np.empty((sets, max(count - 1, 0), 3))
+    columns = addresses(rows.times, rows.forward, rows.turn, rows.seconds, rows.rate)
+    kernel(len(rows.times), *columns, sets, *addresses(parameters), count, *addresses(at, path, motions))
+    return motions
+
+
+def wheel_motions_numpy(rows: WheelRows, at: Array, parameters: Array) -> Array:
+    """Definition of :func:`wheel_motions`."""
+    scale, turn_scale, per_s, per_m, slowing, delay = parameters.T[:, :, None]
+    forward = scale * rows.forward * (1 - slowing * rows.rate)
+    turn = turn_scale * rows.turn + per_s * rows.seconds + per_m * forward
+    heading = np.cumsum(turn, axis=1)
+    middle = heading - turn / 2
+    path = np.stack(
+        [np.cumsum(forward * np.cos(middle), axis=1), np.cumsum(forward * np.sin(middle), axis=1), heading]
+    )
+    own = np.clip(at - delay, rows.times[0], rows.times[-1])
+    after = np.searchsorted(rows.times, own).clip(1, len(rows.times) - 1)
+    share = (own - rows.times[after - 1]) / (rows.times[after] - rows.times[after - 1])
+    sets = np.arange(len(parameters))[:, None]
+    x, y, turned = path[:, sets, after - 1] * (1 - share) + path[:, sets, after] * share
+    dx, dy = np.diff(x, axis=1), np.diff(y, axis=1)
+    c, s = np.cos(turned[:, :-1]), np.sin(turned[:, :-1])
+    return np.stack([c * dx + s * dy, -s * dx + c * dy, np.diff(turned, axis=1)], axis=2)
+
+
+@lru_cache(maxsize=1)
+def _kernel() -> Any:
+    count, pointer = ctypes.c_int64, ctypes.c_void_p
+    return function("lmkit_wheel_motions", count, *[pointer] * 5, count, pointer, count, pointer, pointer, pointer)
