@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 import pytest
+from shared_folders import written_once
 
 from lmkit.demos.example_files import write_example_files
 
@@ -12,6 +13,4 @@ from lmkit.demos.example_files import write_example_files
 @pytest.fixture(scope="session")
 def files(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The folder; copy it where a test writes."""
-    folder = tmp_path_factory.mktemp("files")
-    write_example_files(folder)
-    return folder
+    return written_once(tmp_path_factory, "example_files", write_example_files)

@@ -119,6 +119,9 @@ def test_capture_reads_both_cameras_side_by_side(lmkit, pairs, tmp_path):
 @pytest.mark.parametrize("spec", ["chessboard:8x6:30mm", "chessboard:10x7:30mm"])
 def test_capture_notices_another_board(lmkit, pairs, spec):
     """A smaller one is found inside the true one without complaint, a larger one never."""
+    for folder in pairs:  # three pairs tell
+        for file in sorted(folder.iterdir())[3:]:
+            file.unlink()
     answer = lmkit("calibrate", *pairs, "--capture", "--board", spec)
     assert answer.code == 2
     assert "chessboard:9x6:30mm" in answer.err

@@ -5,6 +5,7 @@ from html.parser import HTMLParser
 
 import pytest
 from command_line import run_command
+from shared_folders import written_once
 
 
 class Page(HTMLParser):
@@ -30,9 +31,7 @@ class Page(HTMLParser):
 @pytest.fixture(scope="module")
 def demo(tmp_path_factory):
     """The files of a simulated recording."""
-    folder = tmp_path_factory.mktemp("drive")
-    run("demo", "--drive", "-o", folder)
-    return folder
+    return written_once(tmp_path_factory, "demo_drive", lambda folder: run("demo", "--drive", "-o", folder))
 
 
 def run(*arguments, code=0):
