@@ -221,7 +221,7 @@ def add_bundle_equations_numpy(
 
 def whitened_errors(bundle: Bundle) -> Array:
     """(S,8) errors of the observed corners in standard deviations."""
-    return _whitened(bundle, _errors(bundle)[0])
+    return _whitened(bundle, _ray_errors(bundle)[0])
 
 
 def _whitened(bundle: Bundle, errors: Array) -> Array:
@@ -230,6 +230,16 @@ def _whitened(bundle: Bundle, errors: Array) -> Array:
 
 def _errors(bundle: Bundle) -> tuple[Array, Array, Array]:
     """Errors of rays (S,8), and derivatives of the expected rays (S,8,6) with the rig and with the landmark."""
+    errors, expected, depth, offset, arms, R_camera_map = _ray_errors(bundle)
+    across, along = R_camera_map[:, None, :2], R_camera_map[:, None, 2:]
+    by_point = (across - expected[..., None] * along) / depth[..., None]  # (S,4,2,3)
+    by_pose = np.concatenate([-by_point, np.cross(by_point, offset[:, :, None])], axis=-1).reshape(-1, 8, 6)
+    by_landmark = np.concatenate([by_point, -np.cross(by_point, arms[:, :, None])], axis=-1).reshape(-1, 8, 6)
+    return errors, by_pose, by_landmark
+
+
+def _ray_errors(bundle: Bundle) -> tuple[Array, ...]:
+    """Errors of rays (S,8); rays expected, depths, corners from the rig and from the center, and R_camera_map."""
     arms = bundle.arms[bundle.of] @ bundle.R_landmark[bundle.of].transpose(0, 2, 1)
     offset = bundle.p_landmark[bundle.of][:, None] + arms - bundle.p[bundle.at][:, None]
     R_camera_map = bundle.R_camera[bundle.mount] @ bundle.R[bundle.at].transpose(0, 2, 1)
@@ -238,11 +248,7 @@ def _errors(bundle: Bundle) -> tuple[Array, Array, Array]:
     expected = seen[..., :2] / depth
     errors = (bundle.rays - expected).reshape(-1, 8)
     errors[(seen[..., 2] < NEAREST_M).any(axis=1)] = NOWHERE
-    across, along = R_camera_map[:, None, :2], R_camera_map[:, None, 2:]
-    by_point = (across - expected[..., None] * along) / depth[..., None]  # (S,4,2,3)
-    by_pose = np.concatenate([-by_point, np.cross(by_point, offset[:, :, None])], axis=-1).reshape(-1, 8, 6)
-    by_landmark = np.concatenate([by_point, -np.cross(by_point, arms[:, :, None])], axis=-1).reshape(-1, 8, 6)
-    return errors, by_pose, by_landmark
+    return errors, expected, depth, offset, arms, R_camera_map
 
 
 @lru_cache(maxsize=1)

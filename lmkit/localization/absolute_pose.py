@@ -116,6 +116,22 @@ def locate_rig(
     return estimate
 
 
+def possible_poses(seen: Sequence[Sequence[Detection]], rig: AnyRig, landmarks: LandmarkMap) -> list[Pose]:
+    """The pose of `locate_rig` and its alternatives, the likeliest first, without how sure they are."""
+    options = LocateOptions()
+    corners = Correspondences.of_rig(seen, rig, landmarks, options.corner_floor_px)
+    if not len(corners):
+        return []
+    search = _search(options.outlier_sigma, options.gate_share)
+    poses, chi2, cost = corners.search(search, None)
+    inliers: BoolArray = chi2[0] < search.limit if len(poses) else np.zeros(len(corners), dtype=bool)
+    if not inliers.all():
+        estimate = locate_rig(seen, rig, landmarks, options)
+        best = [] if estimate.T_map_camera is None else [estimate.T_map_camera]
+        return best + [pose for pose, _ in estimate.alternatives]
+    return [poses.pose(k) for k in (0, *_listed((cost - cost[0]).tolist()))]
+
+
 def locate_camera(
     observations: Sequence[Detection],
     camera: CameraModel,
@@ -162,14 +178,15 @@ def _locate(
         covariance=covariance,
         inliers=tuple(sorted(explained)),
         outliers=tuple(sorted((ids - explained) | seen.twice)),
-        alternatives=tuple(
-            (poses.pose(k), ratios[k])
-            for k in range(1, min(len(ratios), 1 + MOST_LISTED))
-            if ratios[k] < LISTED_BELOW
-        ),
+        alternatives=tuple((poses.pose(k), ratios[k]) for k in _listed(ratios)),
         reprojection_error_px=math.sqrt(2 * float(pixels @ pixels) / len(pixels)),
     )
     return estimate, frozenset()
+
+
+def _listed(ratios: Sequence[float]) -> list[int]:
+    """Numbers of the alternatives to list, of the log likelihood ratios of all poses."""
+    return [k for k in range(1, min(len(ratios), 1 + MOST_LISTED)) if ratios[k] < LISTED_BELOW]
 
 
 @lru_cache(maxsize=8)

@@ -426,6 +426,8 @@ class BundleProblem:
         motions = self.motion_rows()
         before, after, r, K = motions.before, motions.after, motions.residuals, motions.by_parameters
         equations.add_between(before, after, r)
+        if not self._odometry:
+            return motions.cost
         rows = np.arange(len(r))
         own = slice(0, self._odometry)
         equations.add_shared(rows, before, np.tile(np.arange(self._odometry), (len(r), 1)), K, r)

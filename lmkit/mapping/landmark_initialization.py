@@ -17,7 +17,7 @@ from lmkit.geometry.pose_array import PoseArray
 from lmkit.geometry.rig import AnyRig, mounted_cameras
 from lmkit.geometry.rotations import rotation_angle
 from lmkit.kernels.landmark_bundle import Bundle, bundle_chi2
-from lmkit.localization.absolute_pose import locate_rig
+from lmkit.localization.absolute_pose import possible_poses
 from lmkit.localization.reprojection import through_lenses
 from lmkit.model.landmark_id import LandmarkId
 from lmkit.model.landmark_map import LandmarkMap, MappedLandmark
@@ -105,9 +105,7 @@ class Placing:
     def _cameras(self, k: int, key: LandmarkId) -> list[Pose]:
         """T_camera_landmark as that view allows."""
         if (k, key) not in self._seen_from:
-            estimate = locate_rig(_only(self._frames[k], key), self._rig, self._alone(key))
-            likeliest = [] if estimate.T_map_camera is None else [estimate.T_map_camera]
-            self._seen_from[k, key] = [*likeliest, *(pose for pose, _ in estimate.alternatives)]
+            self._seen_from[k, key] = possible_poses(_only(self._frames[k], key), self._rig, self._alone(key))
         return self._seen_from[k, key]
 
     def _arms(self, key: LandmarkId) -> FloatArray:

@@ -32,7 +32,7 @@ from lmkit.kernels.block_chain import (
 )
 from lmkit.optim.border_blocks import BlockPattern, BorderBlocks
 
-PIECE = 15  # states between two cuts
+PIECE = 21  # states between two cuts
 
 
 @dataclass(eq=False)

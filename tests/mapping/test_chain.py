@@ -39,7 +39,7 @@ def random_problem(count, size, shared, seed):
 
 
 @pytest.mark.parametrize(
-    ("count", "size", "shared"), [(1, 3, 2), (2, 6, 4), (9, 3, 7), (15, 2, 3), (16, 3, 2), (17, 2, 5), (70, 2, 9)]
+    ("count", "size", "shared"), [(1, 3, 2), (2, 6, 4), (9, 3, 7), (21, 2, 3), (22, 3, 2), (23, 2, 5), (70, 2, 9)]
 )
 def test_steps_and_covariances_are_those_of_the_dense_matrix(count, size, shared):
     chain, H, g = random_problem(count, size, shared, seed=count)
@@ -55,7 +55,7 @@ def test_steps_and_covariances_are_those_of_the_dense_matrix(count, size, shared
         assert across[k] == pytest.approx(blocks[k, :, k + 1], abs=1e-10)
 
 
-@pytest.mark.parametrize(("count", "groups"), [(1, 1), (9, 4), (16, 2), (50, 7)])
+@pytest.mark.parametrize(("count", "groups"), [(1, 1), (9, 4), (22, 2), (50, 7)])
 def test_blocks_are_the_border_without_its_zeros(count, groups):
     first, size = 2, 3
     chain, _, _ = random_problem(count, 2, first + size * groups, seed=count)
@@ -77,7 +77,7 @@ def test_blocks_are_the_border_without_its_zeros(count, groups):
     assert sparse.eliminate(1).information == pytest.approx(dense.eliminate(1).information, abs=1e-9)
 
 
-@pytest.mark.parametrize("count", [1, 2, 15, 16, 17, 60])
+@pytest.mark.parametrize("count", [1, 2, 21, 22, 23, 60])
 def test_a_chain_without_shared_unknowns(count):
     rng = np.random.default_rng(count)
     chain = ChainEquations.zeros(count, 3, 0)
