@@ -39,7 +39,7 @@ from lmkit.optim.robust_loss import CAUCHY_SCALE, cauchy_cost, cauchy_weight
 
 CONVERGED = 1e-2  # of the cost: a last step of a tenth of a standard deviation
 DAMPING = Damping(grow=50.0)
-SLIP_SIGMA, NEVER = 10.0, 1e6  # scale of the loss of motions
+SLIP_SIGMA, NEVER = 10.0, 1e6  # scale of the loss of motions; of one that lets no wheel slip
 LEAST_JUMP_M = 0.1
 # Without wheels: no rig jumps from one frame to the next.
 LEAST_MPS, FASTER, JUMP_SIGMA = 1.0, 4.0, 4.0
@@ -135,7 +135,7 @@ class BundleProblem:
         # Of the shared unknowns, before the landmarks.
         self.own = len(self.parameters) + self.relations.unknowns
         self.motion_scale = np.ones(6)
-        self.may_slip = True
+        self.slip_sigma = SLIP_SIGMA  # scale of the loss of motions
         self.shared = self.own + (0 if landmarks_fixed else 6 * len(self.mapped))
         T = rig.T_base_left
         T_left_base = Pose.identity("left", "base") if T is None else T.inverse()
@@ -417,10 +417,11 @@ class BundleProblem:
         """Equations of the motions as they stand."""
         before, after, r, K = self._motion_rows()
         squared = (r**2).sum(axis=1) / 6
-        scale = SLIP_SIGMA if self.may_slip else NEVER
-        root = np.sqrt(cauchy_weight(squared, scale))
+        root = np.sqrt(cauchy_weight(squared, self.slip_sigma))
         before, after, K = (values * root[:, None, None] for values in (before, after, K))
-        return MotionRows(before, after, r * root[:, None], K, root, float(6 * cauchy_cost(squared, scale).sum()))
+        return MotionRows(
+            before, after, r * root[:, None], K, root, float(6 * cauchy_cost(squared, self.slip_sigma).sum())
+        )
 
     def _add_motion(self, equations: ChainEquations) -> float:
         motions = self.motion_rows()

@@ -27,13 +27,18 @@ from lmkit.mapping.observation_arrays import ObservationArrays
 from lmkit.mapping.survey import OUTLIER_SIGMA, STEPS, optimize_all, start_of
 from lmkit.model.landmark_map import LandmarkMap
 from lmkit.model.recording import RigFrame
-from lmkit.odometry.motion_model import Motion
+from lmkit.odometry.motion_model import Motion, determined_by_poses, noise_correction
 from lmkit.optim.block_chain import ChainEquations
 
 SEARCHED_S, SEARCH_STEP_S = 0.5, 0.01  # to both sides
 SEARCH_SCALE_PX = 5.0  # of the loss while searching
 PRIOR_S = 0.5
-ROUNDS, CONVERGED_S = 8, 1e-5
+ROUNDS, CONVERGED_S, CONVERGED_NOISE = 10, 1e-5, 0.05
+# Scale of the loss of motions once the path is found: that of surveys, 10, lets one slip pull as twelve standard
+# deviations, and clocks give way to it.
+SLIP_SIGMA = 3.0
+SLIPPED_SIGMA = 4.0  # root mean square over a motion's six numbers: what says nothing of the noise of others
+LEAST_SCALE = 0.05  # of the noise of motions: numbers that simulated wheels leave without noise
 DIFFERENCE_S = 1e-3
 APART_S = 1e-6  # exposures at one time
 KNOWN_S = 0.01  # an offset known worse than that is named
@@ -115,11 +120,13 @@ def find_clock_offsets(
             optimize_all(problem)
         else:
             problem.drop_outliers(OUTLIER_SIGMA)
+            problem.slip_sigma = SLIP_SIGMA
             problem.optimize(STEPS)
+        changed = _weigh_motion(problem)
         step, sigmas = _step(problem, solved.cameras, offsets)
         offsets = offsets + step
         solved = solved.moved(problem, step)
-        if np.abs(step).max() < CONVERGED_S:
+        if np.abs(step).max() < CONVERGED_S and changed < CONVERGED_NOISE:
             break
     fits = problem.residuals() <= OUTLIER_SIGMA
     counts = tuple(int(fits[solved.cameras[problem.seen.at] == k].sum()) for k in range(1, len(cameras)))
@@ -216,6 +223,21 @@ def _searched(
         squared = kernel.bundle_chi2(seen.bundle(poses, mounted, arms))[1] / 4
         costs.append(np.log1p(squared / SEARCH_SCALE_PX**2).sum())
     return float(offsets[int(np.argmin(costs))])
+
+
+def _weigh_motion(problem: BundleProblem) -> float:
+    """Judge how well the odometry counts by how it agrees with the cameras; by which share that changed at most.
+
+    Slips are left out: as the loss has them, one would count as much as hundreds of motions.
+    """
+    states, across, _ = problem.equations()[0].covariances()
+    rows = problem.motion_rows()
+    steady = (rows.residuals**2).mean(axis=1) < (SLIPPED_SIGMA * rows.root_weights) ** 2
+    determined = determined_by_poses(rows.before, rows.after, states, across)
+    before = problem.motion_scale
+    found = before * noise_correction(rows.residuals[steady], determined[steady])
+    problem.motion_scale = np.maximum(found, LEAST_SCALE)
+    return float(np.abs(problem.motion_scale / before - 1).max())
 
 
 def _step(problem: BundleProblem, cameras: IntArray, offsets: FloatArray) -> tuple[FloatArray, FloatArray]:

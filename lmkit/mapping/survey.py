@@ -20,7 +20,7 @@ from lmkit.arrays import FloatArray
 from lmkit.geometry.pose import Pose
 from lmkit.geometry.rig import AnyRig
 from lmkit.geometry.rotations import orthonormal
-from lmkit.mapping.bundle_adjustment import Anchor, BundleProblem
+from lmkit.mapping.bundle_adjustment import NEVER, SLIP_SIGMA, Anchor, BundleProblem
 from lmkit.mapping.bundle_results import Bundle
 from lmkit.mapping.carried_cameras import are_synchronous, split_by_exposure, synchronous
 from lmkit.mapping.initialization import Start, find_start
@@ -202,13 +202,13 @@ def _start_anchors(start: Start, problem: BundleProblem) -> dict[LandmarkId, Anc
 def optimize_all(problem: BundleProblem) -> None:
     """Bundle adjustment to the end, observations that do not fit left out."""
     # Wheels rarely slip by much; were they allowed to at once, they would for a landmark that was moved.
-    problem.may_slip = False
+    problem.slip_sigma = NEVER
     problem.carry()
     problem.optimize(STEPS)
     dropped = -1
     for round_ in range(ROUNDS):
         now = problem.drop_outliers(OUTLIER_SIGMA)
-        problem.may_slip = True
+        problem.slip_sigma = SLIP_SIGMA
         problem.carry()
         problem.optimize(STEPS)
         if round_ < WEIGHINGS:
