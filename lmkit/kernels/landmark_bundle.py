@@ -154,7 +154,7 @@ def bundle_chi2(bundle: Bundle) -> tuple[Array, Array]:
 
 def bundle_chi2_numpy(bundle: Bundle) -> tuple[Array, Array]:
     """Definition of :func:`bundle_chi2`."""
-    errors = _errors(bundle)[0]
+    errors = derivatives(bundle)[0]
     pixels = (bundle.by_ray @ errors.reshape(-1, 4, 2, 1))[..., 0]
     return (_whitened(bundle, errors) ** 2).sum(axis=1), (pixels**2).sum(axis=(1, 2))
 
@@ -187,7 +187,7 @@ def add_bundle_equations_numpy(
     bundle: Bundle, used: NDArray[np.bool_], cauchy: float, sums: Sums, noise: float = 1.0
 ) -> float:
     """Definition of :func:`add_bundle_equations`."""
-    errors, by_pose, by_landmark = _errors(bundle)
+    errors, by_pose, by_landmark = derivatives(bundle)
     r = _whitened(bundle, errors)[used] / np.sqrt(noise)
     squared = (r**2).sum(axis=1) / (8 * cauchy**2)
     root = np.sqrt(1 / (1 + squared))[:, None]
@@ -228,7 +228,7 @@ def _whitened(bundle: Bundle, errors: Array) -> Array:
     return np.asarray((bundle.whitener @ errors[:, :, None])[:, :, 0])
 
 
-def _errors(bundle: Bundle) -> tuple[Array, Array, Array]:
+def derivatives(bundle: Bundle) -> tuple[Array, Array, Array]:
     """Errors of rays (S,8), and derivatives of the expected rays (S,8,6) with the rig and with the landmark."""
     errors, expected, depth, offset, arms, R_camera_map = _ray_errors(bundle)
     across, along = R_camera_map[:, None, :2], R_camera_map[:, None, 2:]

@@ -24,6 +24,8 @@ from lmkit.kernels import landmark_bundle as kernel
 from lmkit.mapping.bundle_results import Bundle
 from lmkit.mapping.camera_relations import CameraRelations
 from lmkit.mapping.carried_cameras import are_synchronous, carry_frames
+from lmkit.mapping.face_swelling import SIZE as SWELLING
+from lmkit.mapping.face_swelling import add_swelling, hold_swelling, without_swelling
 from lmkit.mapping.observation_arrays import ObservationArrays, StoredObservations
 from lmkit.mapping.wall_constraints import LandmarkConstraint, constraint_rows
 from lmkit.model.landmark_id import LandmarkId
@@ -66,9 +68,10 @@ class State:
     lm_p: FloatArray
     parameters: FloatArray
     relations: CameraRelations
+    swelling: FloatArray
 
 
-OwnState = tuple[FloatArray, FloatArray, FloatArray, CameraRelations]
+OwnState = tuple[FloatArray, FloatArray, FloatArray, CameraRelations, FloatArray]
 
 
 @dataclass(frozen=True, eq=False)
@@ -132,8 +135,9 @@ class BundleProblem:
         self.used = np.ones(len(self.seen), dtype=bool)
         self.parameters = np.array(self.motion.nominal)
         self.relations = CameraRelations.of_rig(rig)
+        self.swelling = np.zeros(SWELLING)
         # Of the shared unknowns, before the landmarks.
-        self.own = len(self.parameters) + self.relations.unknowns
+        self.own = len(self.parameters) + self.relations.unknowns + SWELLING
         self.motion_scale = np.ones(6)
         self.slip_sigma = SLIP_SIGMA  # scale of the loss of motions
         self.shared = self.own + (0 if landmarks_fixed else 6 * len(self.mapped))
@@ -190,7 +194,7 @@ class BundleProblem:
     def linearize(self, state: State) -> tuple[ChainEquations, float]:
         """Normal equations and cost at a state; not to be changed, since those of the last state are kept."""
         self.restore(state)
-        at = (*self.own_state(), self.lm_R, self.lm_p, self.used, self.motion_scale, self.seen, self.may_slip)
+        at = (*self.own_state(), self.lm_R, self.lm_p, self.used, self.motion_scale, self.seen, self.slip_sigma)
         if self._linearized is None or any(a is not b for a, b in zip(self._linearized[0], at, strict=True)):
             self._linearized = None
             self._linearized = at, self._equations()
@@ -208,12 +212,12 @@ class BundleProblem:
 
     def state(self) -> State:
         """The unknowns as they stand."""
-        return State(self.R, self.p, self.lm_R, self.lm_p, self.parameters, self.relations)
+        return State(self.R, self.p, self.lm_R, self.lm_p, self.parameters, self.relations, self.swelling)
 
     def restore(self, state: State) -> None:
         """Back to where they stood."""
         self.R, self.p, self.lm_R, self.lm_p = state.R, state.p, state.lm_R, state.lm_p
-        self.parameters, self.relations = state.parameters, state.relations
+        self.parameters, self.relations, self.swelling = state.parameters, state.relations, state.swelling
 
     @property
     def size(self) -> int:
@@ -226,17 +230,18 @@ class BundleProblem:
         return tuple(m.id for m in self.mapped)
 
     def own_state(self) -> OwnState:
-        """Poses, the odometry's errors and the cameras' relations as they stand."""
-        return self.R, self.p, self.parameters, self.relations
+        """Poses, the odometry's errors, the cameras' relations and the faces' swelling as they stand."""
+        return self.R, self.p, self.parameters, self.relations, self.swelling
 
     def restore_own(self, state: OwnState) -> None:
         """Put that back."""
-        self.R, self.p, self.parameters, self.relations = state
+        self.R, self.p, self.parameters, self.relations, self.swelling = state
 
     def own_moved(self, states: FloatArray, own: FloatArray) -> OwnState:
-        """Poses, the odometry's errors and the cameras' relations moved by a step."""
+        """Everything but the landmarks moved by a step."""
         turned, moved = rotation_exp(states[:, 3:]) @ self.R, self.p + states[:, :3]
-        return turned, moved, self.parameters + own[: self._odometry], self.relations.moved(own[self._odometry :])
+        odometry, cameras, swelling = np.split(own, [self._odometry, self.own - SWELLING])
+        return turned, moved, self.parameters + odometry, self.relations.moved(cameras), self.swelling + swelling
 
     @property
     def _odometry(self) -> int:
@@ -251,13 +256,25 @@ class BundleProblem:
         """Mount all landmarks elsewhere."""
         self.lm_R, self.lm_p = R, p
 
-    def equations(self, noise: float = 1.0) -> tuple[ChainEquations, float]:
-        """Normal equations and cost of the unknowns as they stand.
+    def equations(self) -> tuple[ChainEquations, float]:
+        """Normal equations and cost of the unknowns as they stand, with the faces' swelling held."""
+        return self._equations()
+
+    def stated_equations(self, noise: float) -> tuple[ChainEquations, float]:
+        """Normal equations of all unknowns, whose inverse is the covariance to state, and cost.
 
         Args:
             noise: factor of the observations' variances.
         """
-        return self._equations(noise)
+        equations, cost = self._equations(noise)
+        weights = cauchy_weight(self.residuals() ** 2 / noise, CAUCHY_SCALE) * self.used / noise
+        columns = (self._odometry, self.own - SWELLING)
+        add_swelling(equations, self._correspondences(), weights, self.seen.camera, self.swelling, columns)
+        return equations, cost
+
+    def find_swelling(self) -> None:
+        """Move everything by a step with the faces' swelling free, from an optimum with that held."""
+        self._move(*self.stated_equations(1.0)[0].solve())
 
     def cost(self) -> float:
         """Cost of the unknowns as they stand."""
@@ -347,14 +364,14 @@ class BundleProblem:
         return PoseArray("map", "left", self.R, self.p)
 
     def _correspondences(self) -> kernel.Bundle:
-        return self.seen.bundle(
-            self._poses(), PoseArray("map", "landmark", self.lm_R, self.lm_p), self.arms, self.relations
-        )
+        landmarks = PoseArray("map", "landmark", self.lm_R, self.lm_p)
+        return without_swelling(self.seen.bundle(self._poses(), landmarks, self.arms, self.relations), self.swelling)
 
     def _equations(self, noise: float = 1.0) -> tuple[ChainEquations, float]:
         pattern, place = (None, None) if self.landmarks_fixed else self._pattern()
         equations = ChainEquations.zeros(len(self.times), 6, self.shared, pattern)
         cost = self._add_observations(equations, place, noise) + self.relations.add_prior(equations, self._odometry)
+        hold_swelling(equations, self.own - SWELLING)
         if not self.landmarks_fixed:
             cost += self._add_anchors(equations) + self._add_constraints(equations)
         if len(self.times) > 1:
@@ -503,7 +520,7 @@ class BundleProblem:
             known: (6L,6L) information on the landmarks from elsewhere.
             noise: factor of the observations' variances.
         """
-        equations, _ = self._equations(noise)
+        equations, _ = self.stated_equations(noise)
         if known is not None:
             equations.corner[self.own :, self.own :] += known
         states, _, shared = equations.covariances()

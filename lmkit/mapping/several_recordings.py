@@ -357,7 +357,7 @@ class _Joint:
         surveys, information = [], []
         for one, rows, factor in zip(self.group.lone, self.group.rows(), noise, strict=True):
             problem = one.solved.problem
-            own = recording_information(problem, problem.equations(factor))
+            own = recording_information(problem, problem.stated_equations(factor))
             known = _elsewhere(C, unknowns_of(rows, 6), own.H)
             undecided = {k: spreads[v] for k, v in enumerate(rows.tolist()) if v in spreads}
             surveys.append(survey_of(replace(one.solved, undecided=undecided), {}, (), known))
@@ -391,7 +391,7 @@ class _Joint:
     def _covariance(self, noise: Sequence[float]) -> FloatArray:
         """Joint covariance of all versions, with a factor of the variances of each recording's observations."""
         problems = zip([*self.problems, self.knowledge], [*noise, 1.0], strict=True)
-        parts = (problem.equations(factor)[0].eliminate(problem.own) for problem, factor in problems)
+        parts = (problem.stated_equations(factor)[0].eliminate(problem.own) for problem, factor in problems)
         return self.joint.sum_of(parts).covariance()
 
     def _mapped(self, C: FloatArray) -> tuple[list[MappedLandmark], list[MovedLandmark], list[int]]:

@@ -113,6 +113,8 @@ def solve_recording(
     undecided = resolve_pose_ambiguities(problem)
     problem.drop_outliers(OUTLIER_SIGMA)
     problem.optimize(STEPS)
+    problem.find_swelling()
+    problem.optimize(STEPS)
     problem.forget_equations()
     names = () if motion is None else tuple(motion.names)
     return SolvedRecording(replace(start, recorded=None), problem, undecided, len(frames), names)
