@@ -272,9 +272,14 @@ class BundleProblem:
         add_swelling(equations, self._correspondences(), weights, self.seen.camera, self.swelling, columns)
         return equations, cost
 
-    def find_swelling(self) -> None:
-        """Move everything by a step with the faces' swelling free, from an optimum with that held."""
-        self._move(*self.stated_equations(1.0)[0].solve())
+    def find_swelling(self, noise: float) -> None:
+        """Find the faces' swelling, everything else as it goes along; the optimum of that is left to be found.
+
+        Args:
+            noise: factor of the observations' variances.
+        """
+        shared = self.stated_equations(noise)[0].solve()[1]
+        self.swelling = self.swelling + shared[self.own - SWELLING : self.own]
 
     def cost(self) -> float:
         """Cost of the unknowns as they stand."""

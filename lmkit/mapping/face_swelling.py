@@ -23,14 +23,18 @@ SIGMA_PX = 0.06  # simulated cameras of five kinds: 0.01 to 0.09 px
 
 def outward(bundle: Bundle) -> FloatArray:
     """(S,8,2) how the rays of corners change if they stand 1 px farther out along the face's width and height."""
-    pixels = (bundle.by_ray @ bundle.rays[..., None])[..., 0]
-    across = pixels[:, 1] - pixels[:, 0] + pixels[:, 2] - pixels[:, 3]
-    down = pixels[:, 3] - pixels[:, 0] + pixels[:, 2] - pixels[:, 1]
-    across, down = (along / np.linalg.norm(along, axis=1, keepdims=True) for along in (across, down))
-    ways = np.stack(
-        [np.stack([-across, across, across, -across], axis=1), np.stack([-down, -down, down, down], axis=1)], axis=-1
-    )
-    return np.asarray(np.linalg.inv(bundle.by_ray) @ ways).reshape(-1, 8, SIZE)
+    a, b, c, d = (bundle.by_ray[..., i, j] for i in (0, 1) for j in (0, 1))
+    x, y = bundle.rays[..., 0], bundle.rays[..., 1]
+    pixels = np.stack([a * x + b * y, c * x + d * y], axis=-1)
+    determinant = a * d - b * c
+    ways = np.empty((len(x), 4, 2, SIZE))
+    # Corners start at the top left and run with the clock.
+    for k, signs in enumerate(((-1, 1, 1, -1), (-1, -1, 1, 1))):
+        way = np.tensordot(np.array(signs, dtype=float), pixels, axes=(0, 1))
+        u, v = (way / np.sqrt((way**2).sum(axis=1, keepdims=True))).T[:, :, None] * np.array(signs, dtype=float)
+        ways[..., 0, k] = (d * u - b * v) / determinant
+        ways[..., 1, k] = (a * v - c * u) / determinant
+    return ways.reshape(-1, 8, SIZE)
 
 
 def without_swelling(bundle: Bundle, swelling: FloatArray) -> Bundle:

@@ -113,7 +113,7 @@ def solve_recording(
     undecided = resolve_pose_ambiguities(problem)
     problem.drop_outliers(OUTLIER_SIGMA)
     problem.optimize(STEPS)
-    problem.find_swelling()
+    problem.find_swelling(noise_factor([problem]))
     problem.optimize(STEPS)
     problem.forget_equations()
     names = () if motion is None else tuple(motion.names)

@@ -70,7 +70,7 @@ def test_it_is_found_and_the_map_is_the_better_for_it_and_says_how_good(drive, f
     problem = problem_of(drive, frames)
     problem.optimize(20)
     before, too_sure = errors(problem, drive, problem.equations()[0])
-    problem.find_swelling()
+    problem.find_swelling(1.0)
     problem.optimize(20)
     assert problem.swelling == pytest.approx(SWELLING_PX, abs=0.03)
     after, honest = errors(problem, drive, problem.stated_equations(1.0)[0])
