@@ -6,12 +6,11 @@
 
 Every simulated recording is one round of a robot through a room with eight landmarks; the survey knows the landmark
 that was seen most.  ``--made``: ``corners`` (as the detector is measured to find them), ``quick`` images, or
-``cameras`` (with the mosaic, noise,
-sharpening and JPEG of kinds that served no fit).  ``--rig-off`` turns the right
+``cameras`` (with the mosaic, noise, sharpening and JPEG of kinds that served no fit).  ``--rig-off`` turns the right
 camera of the rig file about each axis, standard deviation in degrees.  ``--drive``: the rendered recording.
 
-Errors of the landmarks of one map have much in common: all hang on one landmark.  So the mean of their NEES varies
-far more than that of as many independent ones: ``honest`` is its range, 2.5 to 97.5 %, by the map's own joint
+Errors of the landmarks of one map have much in common: all stand against one landmark.  So the mean of their NEES
+varies far more than that of as many independent ones: ``honest`` is its range, 2.5 to 97.5 %, by the map's own joint
 covariance.  ``joint`` is the NEES of all places together over their number, which has no such common part.
 """
 
@@ -63,7 +62,7 @@ class Drive:
 
 @dataclass(frozen=True)
 class Errors:
-    """Of one map: mean NEES of places and of whole poses of landmarks, of the rig's poses, each over its dimension.
+    """Mean NEES of one map: of landmarks' places and whole poses and of the rig's poses, each over its dimension.
 
     Attributes:
         honest: 2.5 and 97.5 % of the first, were the map's joint covariance true.

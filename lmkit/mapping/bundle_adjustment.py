@@ -135,7 +135,7 @@ class BundleProblem:
         self.used = np.ones(len(self.seen), dtype=bool)
         self.parameters = np.array(self.motion.nominal)
         self.relations = CameraRelations.of_rig(rig)
-        self.swelling = np.zeros(SWELLING)
+        self.swelling: FloatArray = np.zeros(SWELLING)
         # Of the shared unknowns, before the landmarks.
         self.own = len(self.parameters) + self.relations.unknowns + SWELLING
         self.motion_scale = np.ones(6)

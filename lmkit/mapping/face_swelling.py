@@ -27,14 +27,14 @@ def outward(bundle: Bundle) -> FloatArray:
     x, y = bundle.rays[..., 0], bundle.rays[..., 1]
     pixels = np.stack([a * x + b * y, c * x + d * y], axis=-1)
     determinant = a * d - b * c
-    ways = np.empty((len(x), 4, 2, SIZE))
+    shifts = np.empty((len(x), 4, 2, SIZE))
     # Corners start at the top left and run with the clock.
     for k, signs in enumerate(((-1, 1, 1, -1), (-1, -1, 1, 1))):
         way = np.tensordot(np.array(signs, dtype=float), pixels, axes=(0, 1))
         u, v = (way / np.sqrt((way**2).sum(axis=1, keepdims=True))).T[:, :, None] * np.array(signs, dtype=float)
-        ways[..., 0, k] = (d * u - b * v) / determinant
-        ways[..., 1, k] = (a * v - c * u) / determinant
-    return ways.reshape(-1, 8, SIZE)
+        shifts[..., 0, k] = (d * u - b * v) / determinant
+        shifts[..., 1, k] = (a * v - c * u) / determinant
+    return shifts.reshape(-1, 8, SIZE)
 
 
 def without_swelling(bundle: Bundle, swelling: FloatArray) -> Bundle:
