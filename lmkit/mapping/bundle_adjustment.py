@@ -144,6 +144,7 @@ class BundleProblem:
         T = rig.T_base_left
         T_left_base = Pose.identity("left", "base") if T is None else T.inverse()
         self.base_R, self.base_t = T_left_base.R, T_left_base.t
+        self._put_back: tuple[Any, FloatArray, FloatArray] | None = None
         self._blocks: tuple[BlockPattern, IntArray] | None = None
         self._linearized: tuple[tuple[Any, ...], tuple[ChainEquations, float]] | None = None
 
@@ -173,7 +174,7 @@ class BundleProblem:
 
     def forget_equations(self) -> None:
         """Keep no normal equations of the last state, which are made anew where they are needed."""
-        self._linearized = None
+        self._linearized = self._put_back = None
 
     def store_observations(self, path: Path) -> None:
         """Keep the observations in a file, from where they are read whenever they are needed."""
@@ -241,7 +242,9 @@ class BundleProblem:
         """Everything but the landmarks moved by a step."""
         turned, moved = rotation_exp(states[:, 3:]) @ self.R, self.p + states[:, :3]
         odometry, cameras, swelling = np.split(own, [self._odometry, self.own - SWELLING])
-        return turned, moved, self.parameters + odometry, self.relations.moved(cameras), self.swelling + swelling
+        # Held, it stays the same array, so that the observations need not be put back anew.
+        swollen = self.swelling + swelling if swelling.any() else self.swelling
+        return turned, moved, self.parameters + odometry, self.relations.moved(cameras), swollen
 
     @property
     def _odometry(self) -> int:
@@ -370,7 +373,12 @@ class BundleProblem:
 
     def _correspondences(self) -> kernel.Bundle:
         landmarks = PoseArray("map", "landmark", self.lm_R, self.lm_p)
-        return without_swelling(self.seen.bundle(self._poses(), landmarks, self.arms, self.relations), self.swelling)
+        bundle = self.seen.bundle(self._poses(), landmarks, self.arms, self.relations)
+        if not self.swelling.any():
+            return bundle
+        if self._put_back is None or self._put_back[0] is not self.seen or self._put_back[1] is not self.swelling:
+            self._put_back = self.seen, self.swelling, without_swelling(bundle, self.swelling)
+        return replace(bundle, rays=self._put_back[2])
 
     def _equations(self, noise: float = 1.0) -> tuple[ChainEquations, float]:
         pattern, place = (None, None) if self.landmarks_fixed else self._pattern()

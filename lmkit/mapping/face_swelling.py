@@ -9,8 +9,6 @@ distances tell of both.
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 
 from lmkit.arrays import FloatArray, IntArray
@@ -37,11 +35,9 @@ def outward(bundle: Bundle) -> FloatArray:
     return shifts.reshape(-1, 8, SIZE)
 
 
-def without_swelling(bundle: Bundle, swelling: FloatArray) -> Bundle:
-    """The observations, their corners put back by a swelling (2,) in px."""
-    if not swelling.any():
-        return bundle
-    return replace(bundle, rays=bundle.rays - (outward(bundle) @ swelling).reshape(-1, 4, 2))
+def without_swelling(bundle: Bundle, swelling: FloatArray) -> FloatArray:
+    """(S,4,2) the observed rays, put back by a swelling (2,) in px."""
+    return np.asarray(bundle.rays - (outward(bundle) @ swelling).reshape(-1, 4, 2))
 
 
 def hold_swelling(e: ChainEquations, first: int) -> None:
