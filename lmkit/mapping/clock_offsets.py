@@ -39,7 +39,8 @@ ROUNDS, CONVERGED_S, CONVERGED_NOISE = 10, 1e-5, 0.05
 SLIP_SIGMA = 3.0
 SLIPPED_SIGMA = 4.0  # root mean square over a motion's six numbers: what says nothing of the noise of others
 LEAST_SCALE = 0.05  # of the noise of motions: numbers that simulated wheels leave without noise
-DIFFERENCE_S = 1e-3
+# To both sides, for derivatives with an offset: over less, noise from row to row looks like changes of speed.
+CLOCK_SPAN_S = 0.03
 APART_S = 1e-6  # exposures at one time
 KNOWN_S = 0.01  # an offset known worse than that is named
 
@@ -269,7 +270,10 @@ def _step(problem: BundleProblem, cameras: IntArray, offsets: FloatArray) -> tup
 
 def _by_offset(problem: BundleProblem, its: BoolArray) -> FloatArray:
     """(M-1,6) derivatives of the odometry's motions with one camera's offset."""
-    later = problem.times + DIFFERENCE_S * its
-    R, t = problem.motion.between(problem.times[:-1], problem.times[1:], problem.parameters)
-    R_later, t_later = problem.motion.between(later[:-1], later[1:], problem.parameters)
-    return np.hstack([t_later - t, rotation_log(R.transpose(0, 2, 1) @ R_later)]) / DIFFERENCE_S
+    span = CLOCK_SPAN_S * its
+    later, earlier = (
+        problem.motion.between(t[:-1], t[1:], problem.parameters)
+        for t in (problem.times + span, problem.times - span)
+    )
+    turned = rotation_log(earlier[0].transpose(0, 2, 1) @ later[0])
+    return np.hstack([later[1] - earlier[1], turned]) / (2 * CLOCK_SPAN_S)
