@@ -6,20 +6,20 @@ motions, a little later, lead to another place.  Rows are kept for as long as a 
 
 from __future__ import annotations
 
+import math
 from collections import deque
 
 import numpy as np
 
 from lmkit.arrays import FloatArray
-from lmkit.geometry.planar import follow
 from lmkit.model.recording import Gyro, Odometry
 from lmkit.odometry.wheel_odometry import PARAMETERS, Increments, MotionModel, MotionNoise
 
 STATES = 3 + len(PARAMETERS)
 LONGEST_DELAY_S = 1.5
 AHEAD_S = 0.3
-_OWN = range(3, STATES)
 DRIFT = np.array([1e-3, 1e-3, 1e-5, 1e-3, 1e-3, 3e-3])  # of the parameters, per root of a second
+DRIFTS = np.diag(np.append(np.zeros(3), DRIFT**2))
 
 
 class Wheels:
@@ -55,18 +55,17 @@ class Wheels:
     def step(self, x: FloatArray, before_s: float, time_s: float) -> tuple[FloatArray, FloatArray, FloatArray]:
         """The (9,) state a little later, its (9,9) derivatives with the state ``x`` before, and the noise between."""
         increments = self._increments(before_s, time_s, x[3:])
-        motion, by_parameters = increments.motions[0], increments.by_parameters[0]
-        c, s = np.cos(x[2]), np.sin(x[2])
+        forward, left, turned = increments.motions[0].tolist()
+        heading = float(x[2])
+        c, s = math.cos(heading), math.sin(heading)
         turn = np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
         F = np.eye(STATES)
-        F[0, 2] = -s * motion[0] - c * motion[1]
-        F[1, 2] = c * motion[0] - s * motion[1]
-        F[:3, 3:] = turn @ by_parameters
+        F[0, 2], F[1, 2] = -s * forward - c * left, c * forward - s * left
+        F[:3, 3:] = turn @ increments.by_parameters[0]
         later = x.copy()
-        later[:3] = follow(x[:3], motion[None])[1]
-        Q = np.zeros((STATES, STATES))
-        Q[:3, :3] = turn @ np.diag(increments.sigmas[0] ** 2) @ turn.T
-        Q[_OWN, _OWN] = DRIFT**2 * (time_s - before_s)
+        later[:3] += (c * forward - s * left, s * forward + c * left, turned)
+        Q = DRIFTS * (time_s - before_s)
+        Q[:3, :3] = (turn * increments.sigmas[0] ** 2) @ turn.T
         return later, F, Q
 
     def _increments(self, before_s: float, time_s: float, parameters: FloatArray) -> Increments:

@@ -152,7 +152,7 @@ class MotionModel:
         gap = gap + beyond
         n = self.noise
         place = n.place_per_root_s**2 * seconds + (n.unknown_mps * gap) ** 2
-        variances = np.column_stack(
+        variances = np.array(
             [
                 n.along_per_root_m**2 * (way + n.wheels_per_rad * turned) + place,
                 n.across_per_root_m**2 * way + place,
@@ -161,5 +161,5 @@ class MotionModel:
                 + n.turn_per_root_s**2 * seconds
                 + (n.unknown_radps * gap) ** 2,
             ]
-        )
+        ).T
         return Increments(motions, by_parameters, np.sqrt(variances), gap < LONGEST_STEP_S)
