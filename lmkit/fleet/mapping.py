@@ -144,7 +144,8 @@ def survey_site(
             answers[part] = DIED if answer is None else _stored(answer, Path(scratch) / f"{len(answers)}.npz")
         joint = join_surveys({part.name: answers[part] for part in used}, anchors)
     joint = replace(joint, left_out={**left_out, **joint.left_out})
-    return SiteSurvey(site, joint.landmarks, {"site": site, **joint.to_dict()})
+    landmarks = joint.landmarks if known is None else joint.landmarks.with_history_of(known)
+    return SiteSurvey(site, landmarks, {"site": site, **joint.to_dict()})
 
 
 def _stored(answer: LoneSurvey | str, path: Path) -> LoneSurvey | str:

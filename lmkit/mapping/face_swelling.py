@@ -32,7 +32,8 @@ def outward(bundle: Bundle) -> FloatArray:
         u, v = (way / np.sqrt((way**2).sum(axis=1, keepdims=True))).T[:, :, None] * np.array(signs, dtype=float)
         shifts[..., 0, k] = (d * u - b * v) / determinant
         shifts[..., 1, k] = (a * v - c * u) / determinant
-    return shifts.reshape(-1, 8, SIZE)
+    # A face without width or height has no outside.
+    return np.nan_to_num(shifts.reshape(-1, 8, SIZE), posinf=0.0, neginf=0.0)
 
 
 def without_swelling(bundle: Bundle, swelling: FloatArray) -> FloatArray:
@@ -65,7 +66,8 @@ def add_swelling(
     """
     cameras, first = columns
     errors, by_pose, by_landmark = derivatives(bundle)
-    G = bundle.whitener @ outward(bundle)
+    # Those that do not count may be beyond all measure.
+    G = np.where((weights > 0)[:, None, None], bundle.whitener @ outward(bundle), 0.0)
     weighed = G.transpose(0, 2, 1) * weights[:, None, None]
     by_ray = weighed @ bundle.whitener
     rows, landmarks = slice(first, first + SIZE), slice(first + SIZE, None)
