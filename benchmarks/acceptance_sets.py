@@ -80,9 +80,9 @@ class ImageSet:
 
 FIT = ImageSet("fit", 1101, TRAINING_KINDS, (0.0, 0.35), 0.4)
 LIMIT = ImageSet("limit", 2202, TRAINING_KINDS, (0.35, 0.5), 0.3)
-REPORT = ImageSet("report", 3303, HELD_OUT_KINDS, (0.5, 1.0), 0.2)
+REPORT = ImageSet("report", 6606, HELD_OUT_KINDS, (0.5, 1.0), 0.2)
 # Many landmarks in little time, to count what is rare.
-MANY = ImageSet("many", 4404, HELD_OUT_KINDS, (0.5, 1.0), 0.2, most_px=42.0, cells=(6, 4))
+MANY = ImageSet("many", 7707, HELD_OUT_KINDS, (0.5, 1.0), 0.2, most_px=42.0, cells=(6, 4))
 USUAL = LOOK_ALIKES
 
 

@@ -161,13 +161,23 @@ def draw_photograph(
 
 
 def _hides(obstacle: Panel, shown: Shown) -> bool:
-    """Does an obstacle lie over a part of a landmark's face, nearer than the face?"""
+    """Does an obstacle lie over a part of a landmark's face, nearer than the face there?"""
     half = np.array(obstacle.size_m) / 2
     edge = obstacle.T_map_panel.apply(np.array([(-1, -1, 0), (1, -1, 0), (1, 1, 0), (-1, 1, 0)]) * [*half, 0.0])
-    if obstacle.T_map_panel.t[2] > shown.T_camera_marker.t[2] or (edge[:, 2] <= 0).any():
+    if (edge[:, 2] <= 0).any():
         return False
     quads = [np.asarray(quad, dtype=np.float32) for quad in (camera().project(edge), shown.corners)]
-    return bool(cv2.intersectConvexConvex(*quads)[0] > 0)
+    area, overlap = cv2.intersectConvexConvex(*quads)
+    if area <= 0:
+        return False
+    rays = camera().unproject(overlap.reshape(-1, 2).astype(np.float64))
+    return bool((_distance(obstacle.T_map_panel, rays) < _distance(shown.T_camera_marker, rays)).any())
+
+
+def _distance(T: Pose, rays: np.ndarray) -> np.ndarray:
+    """(N,) along which (N,2) rays, z = 1, meet the plane of a pose."""
+    normal = T.R[:, 2]
+    return np.asarray(normal @ T.t / (np.column_stack([rays, np.ones(len(rays))]) @ normal))
 
 
 def dimmed(chain: ImagingChain, rng: np.random.Generator) -> ImagingChain:
