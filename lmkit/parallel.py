@@ -6,12 +6,15 @@ import itertools
 import multiprocessing
 import multiprocessing.connection
 import os
+import sys
 import threading
 import time
 from collections.abc import Callable, Generator, Iterable
 from concurrent.futures import ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
 from functools import partial
+from multiprocessing.context import SpawnContext, SpawnProcess
+from multiprocessing.process import BaseProcess
 from typing import Any, TypeVar
 
 from lmkit.errors import InputError
@@ -110,16 +113,41 @@ def _map(
     if limit <= 1 or cost_s * len(rest) < WORTH_WORKERS_S:
         yield from map(here, rest)
         return
-    context = multiprocessing.get_context("spawn")
-    with ProcessPoolExecutor(limit, mp_context=context, initializer=_start_worker, initargs=(shared,)) as pool:
+    with ProcessPoolExecutor(
+        limit, mp_context=WorkerContext(), initializer=_start_worker, initargs=(shared,)
+    ) as pool:
         try:
             yield from pool.map(in_worker, rest)
         except BrokenProcessPool:
             raise InputError(
                 "worker_ended",
                 "a worker process ended before its work was done, most likely because memory ran out",
-                "use fewer processes: --jobs 1",
+                f"use fewer processes: --jobs 1, or {VARIABLE}=1 in the environment",
             ) from None
+
+
+class _Worker(SpawnProcess):
+    """A spawned process that does not run the caller's script again.
+
+    Other spawned processes import ``__main__`` first, so that a script without ``if __name__ == "__main__"`` would
+    start anew in each of them.  All work is a function of lmkit, and needs no ``__main__``.
+    """
+
+    @staticmethod
+    def _Popen(process: BaseProcess) -> Any:
+        main = vars(sys.modules["__main__"])
+        hidden = {name: main[name] for name in ("__spec__", "__file__") if main.get(name) is not None}
+        main.update(dict.fromkeys(hidden))
+        try:
+            return SpawnProcess._Popen(process)
+        finally:
+            main.update(hidden)
+
+
+class WorkerContext(SpawnContext):
+    """How worker processes are started: spawned, and without the caller's script."""
+
+    Process = _Worker
 
 
 def _start_worker(shared: Any) -> None:

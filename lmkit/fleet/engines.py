@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import multiprocessing
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, Executor, Future, ProcessPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
@@ -10,7 +9,7 @@ from contextlib import contextmanager
 from typing import Any, TypeVar
 
 from lmkit.errors import EXTRA, InputError
-from lmkit.parallel import end_with_parent, job_limit
+from lmkit.parallel import WorkerContext, end_with_parent, job_limit
 
 Job = TypeVar("Job")
 Answer = TypeVar("Answer")
@@ -94,9 +93,8 @@ def executor_for(engine: str, jobs: int) -> Iterator[Executor]:
         InputError: an unknown engine, distributed is not installed, or no scheduler answers.
     """
     if engine == "local":
-        context = multiprocessing.get_context("spawn")
         processes = max(1, min(job_limit(), jobs))
-        with ProcessPoolExecutor(processes, mp_context=context, initializer=end_with_parent) as pool:
+        with ProcessPoolExecutor(processes, mp_context=WorkerContext(), initializer=end_with_parent) as pool:
             yield pool
         return
     if not engine.startswith(DASK):

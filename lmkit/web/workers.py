@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import asyncio
-import multiprocessing
 import os
 from collections.abc import Callable
 from concurrent.futures import ProcessPoolExecutor
@@ -11,6 +10,7 @@ from concurrent.futures.process import BrokenProcessPool
 from typing import ParamSpec, TypeVar
 
 from lmkit.errors import InputError
+from lmkit.parallel import WorkerContext
 
 P = ParamSpec("P")
 T = TypeVar("T")
@@ -63,8 +63,7 @@ class Workers:
 
     def _started(self) -> ProcessPoolExecutor:
         if self._pool is None:
-            context = multiprocessing.get_context("spawn")
-            self._pool = ProcessPoolExecutor(self._processes, mp_context=context, initializer=_start)
+            self._pool = ProcessPoolExecutor(self._processes, mp_context=WorkerContext(), initializer=_start)
         return self._pool
 
     def _drop(self, pool: ProcessPoolExecutor) -> None:

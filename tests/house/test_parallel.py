@@ -8,6 +8,8 @@ import signal
 import subprocess
 import sys
 import time
+from multiprocessing.context import SpawnProcess
+from multiprocessing.spawn import get_preparation_data
 from pathlib import Path
 
 import pytest
@@ -65,6 +67,16 @@ def test_a_bad_bound_is_refused(monkeypatch, text):
     monkeypatch.setenv(parallel.VARIABLE, text)
     with pytest.raises(InputError, match=text):
         parallel.job_limit()
+
+
+def test_workers_do_not_run_the_caller_s_script_again(monkeypatch):
+    """A script without ``if __name__ == "__main__"`` would start anew in each worker."""
+    monkeypatch.setattr(sys.modules["__main__"], "__file__", "script.py")
+    monkeypatch.setattr(SpawnProcess, "_Popen", lambda process: get_preparation_data("worker"))
+    told = parallel.WorkerContext.Process._Popen(None)
+    assert told["name"] == "worker"
+    assert not {"init_main_from_name", "init_main_from_path"} & set(told)
+    assert sys.modules["__main__"].__file__ == "script.py"
 
 
 def end_abruptly(job):
