@@ -88,8 +88,7 @@ def survey_recordings(
     Args:
         recordings: in any order; where their clocks overlap, from the earliest to the latest.
         sizes_m, anchors, constraints: as of `survey_frames`.
-        in_processes: survey single recordings in worker processes; a script that asks for them needs the guard
-            ``if __name__ == "__main__"``, since workers import it.
+        in_processes: survey single recordings in worker processes.
 
     Raises:
         InputError: no recording can be surveyed.

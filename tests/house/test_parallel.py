@@ -73,9 +73,9 @@ def test_workers_do_not_run_the_caller_s_script_again(monkeypatch):
     """A script without ``if __name__ == "__main__"`` would start anew in each worker."""
     monkeypatch.setattr(sys.modules["__main__"], "__file__", "script.py")
     monkeypatch.setattr(SpawnProcess, "_Popen", lambda process: get_preparation_data("worker"))
-    told = parallel.WorkerContext.Process._Popen(None)
-    assert told["name"] == "worker"
-    assert not {"init_main_from_name", "init_main_from_path"} & set(told)
+    prepared = parallel.WorkerContext.Process._Popen(None)
+    assert prepared["name"] == "worker"
+    assert not {"init_main_from_name", "init_main_from_path"} & set(prepared)
     assert sys.modules["__main__"].__file__ == "script.py"
 
 
