@@ -263,34 +263,6 @@ def print_times(photos: list[Path], names: list[str]) -> None:
         )
 
 
-def print_profile(photos: list[Path]) -> None:
-    """Cumulative share of lmkit's time by step, on twelve of the scenes."""
-    import cProfile
-    import pstats
-
-    images = [shoot("lm8", View(60.0, 30.0, BASE), background(p), k).image for k, p in enumerate(photos[:12])]
-    detect = readers()["lmkit"]
-    detect(images[0])
-    profile = cProfile.Profile()
-    profile.enable()
-    for image in images:
-        detect(image)
-    profile.disable()
-    stats = pstats.Stats(profile)
-    total = stats.total_tt
-    steps = (
-        "find_candidates",
-        "likely_squares",
-        "register_and_decode",
-        "noise",
-        "pyramid",
-    )
-    print("\nWhere lmkit's time goes (alignment is part of screening):\n")
-    for (_, _, name), (_, calls, _, cumulative, _) in stats.stats.items():
-        if name in steps:
-            print(f"- {name}: {100 * cumulative / total:.0f} % in {calls / len(images):.1f} calls an image")
-
-
 def plot(lines: list[dict], names: list[str], folder: Path) -> None:
     import matplotlib
 
@@ -347,7 +319,6 @@ def main() -> None:
     if set(options.ladders) == set(LADDERS):
         print_photographs(photos, options.readers)
         print_times(photos, options.readers)
-        print_profile(photos)
     if options.plots:
         plot(lines, options.readers, options.plots)
 
