@@ -71,7 +71,7 @@ def test_a_bad_bound_is_refused(monkeypatch, text):
 
 def test_workers_do_not_run_the_caller_s_script_again(monkeypatch):
     """A script without ``if __name__ == "__main__"`` would start anew in each worker."""
-    monkeypatch.setattr(sys.modules["__main__"], "__file__", "script.py")
+    monkeypatch.setattr(sys.modules["__main__"], "__file__", "script.py", raising=False)
     monkeypatch.setattr(SpawnProcess, "_Popen", lambda process: get_preparation_data("worker"))
     prepared = parallel.WorkerContext.Process._Popen(None)
     assert prepared["name"] == "worker"
