@@ -114,6 +114,63 @@ static inline void line_geometry(const float *line, const Points *restrict at, f
     }
 }
 
+/* Deviations from an edge beyond which it covers exactly 0 or 1, and all slopes are 0: `exp_negative` ends before. */
+#define SURE 6.9f
+
+/* Largest entries of the point spread in a block. */
+typedef struct {
+    float xx, xy, yy;
+} Most;
+
+static inline Most most_spread(const Points *restrict at)
+{
+    float xx = 0.0f, xy = 0.0f, yy = 0.0f;
+    _Pragma("omp simd reduction(max : xx, xy, yy)") for (int i = 0; i < BLOCK; i++) {
+        float across = at->sxx[i], both = fabsf(at->sxy[i]), along = at->syy[i];
+        xx = across > xx ? across : xx;
+        xy = both > xy ? both : xy;
+        yy = along > yy ? along : yy;
+    }
+    return (Most){xx, xy, yy};
+}
+
+/* -1 where an edge covers none of the block's points, 1 where it covers all of them, both exactly; else 0. */
+static inline int side_of_line(const float *line, const Points *restrict at, const Most *most)
+{
+    const float nx = line[0], ny = line[1], offset = line[2];
+    const float reach = SURE * sqrtf(nx * nx * most->xx + 2.0f * fabsf(nx * ny) * most->xy + ny * ny * most->yy);
+    int not_before = 0, not_behind = 0;
+    _Pragma("omp simd reduction(| : not_before, not_behind)") for (int i = 0; i < BLOCK; i++) {
+        float distance = nx * at->x[i] + ny * at->y[i] - offset;
+        not_before |= !(distance < -reach);
+        not_behind |= !(distance > reach);
+    }
+    return !not_before ? -1 : !not_behind ? 1 : 0;
+}
+
+/* A point beyond a line on the side that counts, by its sign: nothing is covered. */
+static inline int is_outside(const float *line, float sign, const Points *restrict at, const Most *most)
+{
+    const int side = side_of_line(line, at, most);
+    return sign > 0.0f ? side < 0 : side > 0;
+}
+
+/* Coverage right of a straight edge at -h, and its density; constants where all points are far from it. */
+static inline void axis_edge(const float *restrict at, float h, const float *restrict inverse_s, float reach, float *restrict v, float *restrict p)
+{
+    int not_before = 0, not_behind = 0;
+    _Pragma("omp simd reduction(| : not_before, not_behind)") for (int i = 0; i < BLOCK; i++) {
+        not_before |= !(at[i] + h < -reach);
+        not_behind |= !(at[i] + h > reach);
+    }
+    if (not_before && not_behind) {
+        EACH v[i] = normal_distribution((at[i] + h) * inverse_s[i], p + i);
+        return;
+    }
+    float sure = not_before ? 1.0f : 0.0f;
+    EACH v[i] = sure, p[i] = 0.0f;
+}
+
 /* What rings need of a block: direction, radius pushed outward by the blur along the circle, variances. */
 typedef struct {
     block nx, ny, radius, inverse_s, variance, pushed, outward;
@@ -140,26 +197,52 @@ static inline void polar_geometry(const Points *restrict at, Polar *restrict p)
     }
 }
 
-/* Coverage by paper, face and ground, all three products of two intervals. */
-static inline void square_values(const Drawing *d, const Points *restrict at, block *restrict out)
+/* No point of the block is on a ring or near it. */
+static inline int is_off_ring(const Polar *restrict polar, float inner, float outer)
 {
-    block ix, iy;
+    int on = 0;
+    _Pragma("omp simd reduction(| : on)") for (int i = 0; i < BLOCK; i++) {
+        float q = polar->inverse_s[i];
+        on |= !((polar->pushed[i] - inner) * q < -SURE) & !((polar->pushed[i] - outer) * q > SURE);
+    }
+    return !on;
+}
+
+/* Coverage by paper, face and ground, all three products of two intervals. */
+static inline void square_values(const Drawing *d, const Points *restrict at, const Most *most, block *restrict out)
+{
+    block ix, iy, left, right, low, high, p;
+    const float reach_x = SURE * sqrtf(most->xx), reach_y = SURE * sqrtf(most->yy);
     EACH {
         ix[i] = 1.0f / sqrtf(at->sxx[i]);
         iy[i] = 1.0f / sqrtf(at->syy[i]);
     }
     for (int k = 0; k < 3; k++) {
         float h = d->squares[k];
-        EACH {
-            float p;
-            float across = normal_distribution((at->x[i] + h) * ix[i], &p) - normal_distribution((at->x[i] - h) * ix[i], &p);
-            float along = normal_distribution((at->y[i] + h) * iy[i], &p) - normal_distribution((at->y[i] - h) * iy[i], &p);
-            out[k][i] = across * along;
-        }
+        axis_edge(at->x, h, ix, reach_x, left, p);
+        axis_edge(at->x, -h, ix, reach_x, right, p);
+        axis_edge(at->y, h, iy, reach_y, low, p);
+        axis_edge(at->y, -h, iy, reach_y, high, p);
+        EACH out[k][i] = (left[i] - right[i]) * (low[i] - high[i]);
     }
 }
 
 #include "grid.h"
+
+/* Nothing of a gap, or of the triangle, is on a point of the block or near it. */
+static inline int is_off_gap(const Drawing *d, const float *gap, const Points *restrict at, const Most *most)
+{
+    return is_outside(d->line + 3 * (int)gap[1], gap[2], at, most) || is_outside(d->line + 3 * (int)gap[3], gap[4], at, most);
+}
+
+static inline int is_off_triangle(const Drawing *d, int quarter, const Points *restrict at, const Most *most)
+{
+    const float *t = d->triangle + 6 * quarter;
+    for (int k = 0; k < 6; k += 2)
+        if (is_outside(d->line + 3 * (int)t[k], t[k + 1], at, most))
+            return 1;
+    return 0;
+}
 
 /* White, nothing, black and surroundings of a grid: inks[INKS * k] for k < count, of values and slopes. */
 static inline void grid_inks(const Drawing *d, const Points *restrict at, int count, block *restrict inks)
@@ -201,7 +284,9 @@ static inline void grid_inks(const Drawing *d, const Points *restrict at, int co
 static inline void coverage_columns(const Drawing *d, const Points *restrict at, block *restrict columns)
 {
     block squares[3], lines[MAX_LINES], rings[MAX_RINGS], distance, inverse_s;
-    square_values(d, at, squares);
+    int sides[MAX_LINES];
+    const Most most = most_spread(at);
+    square_values(d, at, &most, squares);
     EACH {
         columns[0][i] = squares[0][i] - squares[1][i];
         columns[1][i] = squares[1][i] - squares[2][i];
@@ -221,6 +306,12 @@ static inline void coverage_columns(const Drawing *d, const Points *restrict at,
         }
     }
     for (int l = 0; l < d->lines; l++) {
+        sides[l] = side_of_line(d->line + 3 * l, at, &most);
+        if (sides[l]) {
+            float sure = sides[l] > 0 ? 1.0f : 0.0f;
+            EACH lines[l][i] = sure;
+            continue;
+        }
         line_geometry(d->line + 3 * l, at, distance, inverse_s);
         edge_values(distance, inverse_s, lines[l]);
     }
@@ -234,6 +325,10 @@ static inline void coverage_columns(const Drawing *d, const Points *restrict at,
         const float *k = d->gap + 5 * g;
         const float *ring = rings[(int)k[0]], *a = lines[(int)k[1]], *b = lines[(int)k[3]];
         float a0 = 0.5f - 0.5f * k[2], b0 = 0.5f - 0.5f * k[4];
+        if ((float)sides[(int)k[1]] == -k[2] || (float)sides[(int)k[3]] == -k[4]) {
+            EACH columns[9 + g][i] = 0.0f;
+            continue;
+        }
         EACH columns[9 + g][i] = ring[i] * (a0 + k[2] * a[i]) * (b0 + k[4] * b[i]);
     }
 }
@@ -247,11 +342,14 @@ static inline void ink_values(const Drawing *d, const Points *restrict at, uint3
         grid_inks(d, at, 1, inks);
         return;
     }
-    square_values(d, at, squares);
+    const Most most = most_spread(at);
+    square_values(d, at, &most, squares);
     polar_geometry(at, &polar);
     const float *t = d->triangle + 6 * quarter;
-    EACH white[i] = 1.0f;
-    for (int k = 0; k < 3; k++) {
+    const int is_off = is_off_triangle(d, quarter, at, &most);
+    float begin = is_off ? 0.0f : 1.0f;
+    EACH white[i] = begin;
+    for (int k = 0; k < 3 && !is_off; k++) {
         line_geometry(d->line + 3 * (int)t[2 * k], at, distance, inverse_s);
         float sign = t[2 * k + 1];
         EACH {
@@ -261,6 +359,8 @@ static inline void ink_values(const Drawing *d, const Points *restrict at, uint3
     }
     for (int r = 0; r < d->rings; r++) {
         float inner = d->radii[2 * r], outer = d->radii[2 * r + 1];
+        if (is_off_ring(&polar, inner, outer))
+            continue;
         EACH {
             float p, q = polar.inverse_s[i];
             ring[i] = normal_distribution((polar.pushed[i] - inner) * q, &p) - normal_distribution((polar.pushed[i] - outer) * q, &p);
@@ -268,7 +368,7 @@ static inline void ink_values(const Drawing *d, const Points *restrict at, uint3
         }
         for (int g = 0; g < d->gaps; g++) {
             const float *k = d->gap + 5 * g;
-            if ((int)k[0] != r || !(open_gaps >> g & 1))
+            if ((int)k[0] != r || !(open_gaps >> g & 1) || is_off_gap(d, k, at, &most))
                 continue;
             block other, other_s;
             line_geometry(d->line + 3 * (int)k[1], at, distance, inverse_s);
@@ -326,37 +426,15 @@ static inline void ring_jets(const Points *restrict at, const Polar *restrict po
     }
 }
 
-/* Coverage by the four inks for one reading and its slopes: jets[JET][INKS][BLOCK]. */
-static inline void ink_jets(const Drawing *d, const Points *restrict at, uint32_t open_gaps, int quarter, block (*restrict jets)[INKS])
+/* The triangle's coverage and slopes. */
+static inline void triangle_jets(const Drawing *d, int quarter, const Points *restrict at, const Most *most, block *restrict white)
 {
-    block distance, inverse_s, white[JET], squares[3][JET], weight;
+    block distance, inverse_s, weight;
     Edge a, b, c;
-    Polar polar;
-    block ix, iy;
-    if (d->side) {
-        grid_inks(d, at, JET, jets[0]);
+    if (is_off_triangle(d, quarter, at, most)) {
+        for (int k = 0; k < JET; k++)
+            EACH white[k][i] = 0.0f;
         return;
-    }
-    EACH {
-        ix[i] = 1.0f / sqrtf(at->sxx[i]);
-        iy[i] = 1.0f / sqrtf(at->syy[i]);
-    }
-    for (int k = 0; k < 3; k++) {
-        float h = d->squares[k];
-        EACH {
-            float p0, p1, q = ix[i], d0 = at->x[i] + h, d1 = at->x[i] - h;
-            float across = normal_distribution(d0 * q, &p0) - normal_distribution(d1 * q, &p1);
-            float across_x = (p0 - p1) * q, across_xx = -0.5f * (p0 * d0 - p1 * d1) * q * q * q;
-            q = iy[i], d0 = at->y[i] + h, d1 = at->y[i] - h;
-            float along = normal_distribution(d0 * q, &p0) - normal_distribution(d1 * q, &p1);
-            float along_y = (p0 - p1) * q, along_yy = -0.5f * (p0 * d0 - p1 * d1) * q * q * q;
-            squares[k][0][i] = across * along;
-            squares[k][1][i] = across_x * along;
-            squares[k][2][i] = across * along_y;
-            squares[k][3][i] = across_xx * along;
-            squares[k][4][i] = 0.0f;
-            squares[k][5][i] = across * along_yy;
-        }
     }
     const float *t = d->triangle + 6 * quarter;
     const float *la = d->line + 3 * (int)t[0], *lb = d->line + 3 * (int)t[2], *lc = d->line + 3 * (int)t[4];
@@ -380,10 +458,51 @@ static inline void ink_jets(const Drawing *d, const Points *restrict at, uint32_
     add_line_slopes(lb, sb, &b, weight, white);
     EACH weight[i] = a.v[i] * b.v[i];
     add_line_slopes(lc, sc, &c, weight, white);
+}
 
+/* Coverage by the four inks for one reading and its slopes: jets[JET][INKS][BLOCK]. */
+static inline void ink_jets(const Drawing *d, const Points *restrict at, uint32_t open_gaps, int quarter, block (*restrict jets)[INKS])
+{
+    block distance, inverse_s, white[JET], squares[3][JET];
+    Edge a, b;
+    Polar polar;
+    block ix, iy, left, right, low, high, left_p, right_p, low_p, high_p;
+    if (d->side) {
+        grid_inks(d, at, JET, jets[0]);
+        return;
+    }
+    const Most most = most_spread(at);
+    const float reach_x = SURE * sqrtf(most.xx), reach_y = SURE * sqrtf(most.yy);
+    EACH {
+        ix[i] = 1.0f / sqrtf(at->sxx[i]);
+        iy[i] = 1.0f / sqrtf(at->syy[i]);
+    }
+    for (int k = 0; k < 3; k++) {
+        float h = d->squares[k];
+        axis_edge(at->x, h, ix, reach_x, left, left_p);
+        axis_edge(at->x, -h, ix, reach_x, right, right_p);
+        axis_edge(at->y, h, iy, reach_y, low, low_p);
+        axis_edge(at->y, -h, iy, reach_y, high, high_p);
+        EACH {
+            float q = ix[i], across = left[i] - right[i], across_x = (left_p[i] - right_p[i]) * q;
+            float across_xx = -0.5f * (left_p[i] * (at->x[i] + h) - right_p[i] * (at->x[i] - h)) * q * q * q;
+            q = iy[i];
+            float along = low[i] - high[i], along_y = (low_p[i] - high_p[i]) * q;
+            float along_yy = -0.5f * (low_p[i] * (at->y[i] + h) - high_p[i] * (at->y[i] - h)) * q * q * q;
+            squares[k][0][i] = across * along;
+            squares[k][1][i] = across_x * along;
+            squares[k][2][i] = across * along_y;
+            squares[k][3][i] = across_xx * along;
+            squares[k][4][i] = 0.0f;
+            squares[k][5][i] = across * along_yy;
+        }
+    }
+    triangle_jets(d, quarter, at, &most, white);
     polar_geometry(at, &polar);
     for (int r = 0; r < d->rings; r++) {
         block ring[JET], sector[JET];
+        if (is_off_ring(&polar, d->radii[2 * r], d->radii[2 * r + 1]))
+            continue;
         ring_jets(at, &polar, d->radii[2 * r], d->radii[2 * r + 1], ring);
         EACH {
             sector[0][i] = 1.0f;
@@ -391,10 +510,10 @@ static inline void ink_jets(const Drawing *d, const Points *restrict at, uint32_
         }
         for (int g = 0; g < d->gaps; g++) {
             const float *k = d->gap + 5 * g;
-            if ((int)k[0] != r || !(open_gaps >> g & 1))
+            if ((int)k[0] != r || !(open_gaps >> g & 1) || is_off_gap(d, k, at, &most))
                 continue;
-            la = d->line + 3 * (int)k[1], lb = d->line + 3 * (int)k[3];
-            sa = k[2], sb = k[4];
+            const float *la = d->line + 3 * (int)k[1], *lb = d->line + 3 * (int)k[3];
+            const float sa = k[2], sb = k[4];
             line_geometry(la, at, distance, inverse_s);
             edge_slopes(distance, inverse_s, &a);
             line_geometry(lb, at, distance, inverse_s);

@@ -10,6 +10,7 @@
 #include "select.h"
 
 #define ROWS (STATE + 1 + INKS) /* slopes, residual, design */
+#define DISTORTION 11 /* its place in the state */
 #define JETS (JET * INKS * BLOCK)
 
 /* What is fitted, and how strongly priors hold: ridge, distortion prior, shading prior, bleed prior, prior weight. */
@@ -209,9 +210,16 @@ static void draw_jets(const Problem *p, const double *state)
 /* How far distortion, shading and bleed are from what is likely, in squared standard deviations. */
 static double prior_of(const Problem *p, const double *state)
 {
-    const double distortion = state[11] / p->rules[1], bleed = state[14] / p->rules[3];
+    const double distortion = state[DISTORTION] / p->rules[1], bleed = state[14] / p->rules[3];
     const double across = state[12] / p->rules[2], along = state[13] / p->rules[2];
     return distortion * distortion + across * across + along * along + bleed * bleed;
+}
+
+/* Where slopes with a number of the state lie among the rows of a block: the distortion is last, so that it can be left
+ * out; the residual follows. */
+static int row_of(int i)
+{
+    return i < DISTORTION ? i : i == DISTORTION ? STATE - 1 : i - 1;
 }
 
 /* Error of a state whose jets are in scratch, and its slopes. */
@@ -224,6 +232,7 @@ static int assemble(const Problem *p, const double *state, double *normal, doubl
     white_inverses(inks, inverse_white);
     homography_slopes(p->view, state, dH, H);
     float bleed = (float)state[14], inverse_half = (float)(1.0 / p->view[5]);
+    const int used = p->fit_distortion ? STATE : STATE - 1; /* slopes; the residual is the row behind them */
     lanes sums[STATE + 1][STATE + 1], seen[3][INKS][STATE], gram[INKS * (INKS + 1) / 2];
     memset(sums, 0, sizeof sums);
     memset(seen, 0, sizeof seen);
@@ -273,7 +282,7 @@ static int assemble(const Problem *p, const double *state, double *normal, doubl
             EACH {
                 by_x[i] = drawn[1][i] * J.a[i] + drawn[2][i] * J.c[i];
                 by_y[i] = drawn[1][i] * J.b[i] + drawn[2][i] * J.d[i];
-                rows[STATE][i] = (value[i] - drawn[0][i]) * root[i];
+                rows[used][i] = (value[i] - drawn[0][i]) * root[i];
             }
             for (int k = 0; k < 8; k++)
                 EACH rows[k][i] = move_x[k][i] * by_x[i] + move_y[k][i] * by_y[i];
@@ -283,16 +292,17 @@ static int assemble(const Problem *p, const double *state, double *normal, doubl
                 rows[8][i] = -(xx * a * a + xy * a * cc + yy * cc * cc) * q;
                 rows[9][i] = -(xx * 2.0f * a * bb + xy * (a * d + bb * cc) + yy * 2.0f * cc * d) * q;
                 rows[10][i] = -(xx * bb * bb + xy * bb * d + yy * d * d) * q;
-                rows[11][i] = p->fit_distortion ? -(by_x[i] * J.radial_x[i] + by_y[i] * J.radial_y[i]) * q : 0.0f;
                 float lit = drawn[0][i] / light[i] * inverse_half * q;
-                rows[12][i] = -lit * points.x[i];
-                rows[13][i] = -lit * points.y[i];
-                rows[14][i] = -blend[i] * q;
+                rows[11][i] = -lit * points.x[i];
+                rows[12][i] = -lit * points.y[i];
+                rows[13][i] = -blend[i] * q;
             }
-            for (int k = 0; k <= STATE; k++)
+            if (p->fit_distortion)
+                EACH rows[STATE - 1][i] = -(by_x[i] * J.radial_x[i] + by_y[i] * J.radial_y[i]) * root[i];
+            for (int k = 0; k <= used; k++)
                 add_dots(sums[k], rows[k], (const block *)rows, k + 1);
             for (int k = 0; k < INKS; k++)
-                add_dots(seen[c][k], rows[STATE + 1 + k], (const block *)rows, STATE);
+                add_dots(seen[c][k], rows[STATE + 1 + k], (const block *)rows, used);
         }
     }
     /* Variable projection (Kaufman 1975): take out what the inks could explain. */
@@ -300,13 +310,15 @@ static int assemble(const Problem *p, const double *state, double *normal, doubl
     if (!ink_normal(p->rules[0], gram, &ink))
         return 0;
     for (int i = 0; i < STATE; i++)
-        for (int j = 0; j <= i; j++)
-            normal[i * STATE + j] = total(&sums[i][j]);
+        for (int j = 0; j <= i; j++) {
+            int a = row_of(i), b = row_of(j);
+            normal[i * STATE + j] = a < used && b < used ? total(&sums[a > b ? a : b][a > b ? b : a]) : 0.0;
+        }
     for (int c = 0; c < 3; c++) {
         double projected[STATE][INKS];
         for (int k = 0; k < STATE; k++) {
             for (int j = 0; j < INKS; j++)
-                projected[k][j] = total(&seen[c][j][k]);
+                projected[k][j] = total(&seen[c][j][row_of(k)]);
             solve_lower(ink.factor, INKS, projected[k]);
         }
         for (int i = 0; i < STATE; i++)
@@ -315,14 +327,14 @@ static int assemble(const Problem *p, const double *state, double *normal, doubl
                     normal[i * STATE + j] -= projected[i][k] * projected[j][k];
     }
     for (int j = 0; j < STATE; j++)
-        gradient[j] = total(&sums[STATE][j]);
+        gradient[j] = row_of(j) < used ? total(&sums[used][row_of(j)]) : 0.0;
     double weight = p->rules[4], distortion = 1.0 / (p->rules[1] * p->rules[1]);
     double shading = 1.0 / (p->rules[2] * p->rules[2]), spill = 1.0 / (p->rules[3] * p->rules[3]);
     if (p->fit_distortion) {
-        normal[11 * STATE + 11] += weight * distortion;
-        gradient[11] += weight * state[11] * distortion;
+        normal[DISTORTION * STATE + DISTORTION] += weight * distortion;
+        gradient[DISTORTION] += weight * state[DISTORTION] * distortion;
     } else
-        normal[11 * STATE + 11] = 1e12;
+        normal[DISTORTION * STATE + DISTORTION] = 1e12;
     for (int k = 12; k < 14; k++) {
         normal[k * STATE + k] += weight * shading;
         gradient[k] += weight * state[k] * shading;
@@ -334,7 +346,7 @@ static int assemble(const Problem *p, const double *state, double *normal, doubl
     for (int i = 0; i < STATE; i++)
         for (int j = 0; j < i; j++)
             normal[j * STATE + i] = normal[i * STATE + j];
-    *error = (total(&sums[STATE][STATE]) + weight * prior_of(p, state)) / (3.0 * (double)p->n);
+    *error = (total(&sums[used][used]) + weight * prior_of(p, state)) / (3.0 * (double)p->n);
     return isfinite(*error);
 }
 
