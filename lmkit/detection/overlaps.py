@@ -14,6 +14,7 @@ import cv2
 import numpy as np
 
 from lmkit.arrays import FloatArray
+from lmkit.detection.pixel_sampling import middle_of
 from lmkit.detection.register_and_decode import Candidate
 from lmkit.detection.tag_registration import TagCandidate
 from lmkit.model.landmark import LandmarkFamily
@@ -30,7 +31,7 @@ def without_covered(candidates: Sequence[AnyCandidate]) -> list[AnyCandidate]:
 def _covers(upper: Candidate | TagCandidate, lower: Candidate | TagCandidate) -> bool:
     if not isinstance(lower, Candidate) or upper is lower:
         return False
-    apart = float(np.linalg.norm(upper.corners.mean(axis=0) - lower.corners.mean(axis=0)))
+    apart = math.dist(middle_of(upper.corners), middle_of(lower.corners))
     larger = lower.side_px - upper.side_px
     is_nested = apart < 0.5 * abs(larger)
     is_nearer = larger > 0 if is_nested else upper.log_odds > lower.log_odds

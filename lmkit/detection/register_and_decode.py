@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
@@ -64,7 +65,7 @@ class Candidate:
         """Probability that a landmark is here and the code right, 0..1."""
         return 1 / (1 + math.exp(-min(max(self.log_odds, -30.0), 30.0)))
 
-    @property
+    @cached_property
     def side_px(self) -> float:
         """Mean length of its sides."""
         return mean_side(self.corners)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import lru_cache
+from functools import cached_property, lru_cache
 from typing import NamedTuple
 
 import numpy as np
@@ -137,7 +137,7 @@ class TagCandidate:
     border_error: float
     rejected: str | None
 
-    @property
+    @cached_property
     def side_px(self) -> float:
         """Mean length of its sides."""
         return mean_side(self.corners)

@@ -26,8 +26,9 @@ def window_around(quad: FloatArray, image: ByteArray) -> tuple[IntArray, IntArra
 
 def clockwise(quad: FloatArray) -> FloatArray:
     """The (4,2) quad in the order that runs clockwise as seen."""
-    x, y = quad.T
-    return quad if bool(np.sum(x * np.roll(y, -1) - y * np.roll(x, -1)) > 0) else quad[::-1]
+    (ax, ay), (bx, by), (cx, cy), (dx, dy) = quad.tolist()
+    # Twice the area, as the product of the diagonals.
+    return quad if (cx - ax) * (dy - by) > (cy - ay) * (dx - bx) else quad[::-1]
 
 
 def is_colorless(image: ByteArray) -> bool:
