@@ -1,7 +1,7 @@
 """Shares of landmarks read and of wrong codes, and the reliability of the confidence, at every strictness.
 
     uv run --extra benchmark python benchmarks/acceptance.py ../shared/data/photos [--images 600] [--plots FOLDER]
-        [--family lm12 --hidden 0.6] [--many]
+        [--family lm12 --hidden 0.6] [--many] [--limits 2.5 3.5 4]
 
 Cameras, seeds and photographs (`acceptance_sets.py`) that served neither the weights nor the limits
 (`train_acceptance.py`); the photographs as they are and enlarged for false positives, and those that scikit-image
@@ -83,9 +83,9 @@ def rate(hits: int, n: int, per: float = 100.0) -> str:
     return f"{per * hits / max(n, 1):.1f} of {n} ({per * low:.1f} to {per * high:.1f})"
 
 
-def print_rates(results: Sequence[Result], plain: Sequence[Result]) -> None:
-    print("| | " + " | ".join(STRICTNESSES) + " |\n|---|" + "---|" * len(STRICTNESSES))
-    levels = [rule.least_log_odds for rule in STRICTNESSES.values()]
+def print_rates(results: Sequence[Result], plain: Sequence[Result], limits: dict[str, float]) -> None:
+    print("| | " + " | ".join(limits) + " |\n|---|" + "---|" * len(limits))
+    levels = list(limits.values())
     landmarks = np.array([one for r in results for one in r.landmarks])
     for low, high in pairwise(SIDES_PX):
         here = landmarks[(landmarks[:, 0] >= low) & (landmarks[:, 0] < high), 1]
@@ -146,6 +146,9 @@ def main() -> None:
     parser.add_argument("--family", default=REPORT.family)
     parser.add_argument("--hidden", type=float, default=REPORT.hidden, help="share of the landmarks")
     parser.add_argument("--many", action="store_true", help="images of up to 24 sheets, to count what is rare")
+    parser.add_argument(
+        "--limits", type=float, nargs="*", default=[], help="least log odds, beside the three usual ones"
+    )
     parser.add_argument("--plots", type=Path)
     options = parser.parse_args()
     shipped = [path for name in SHIPPED if (path := Path(skimage.data_dir) / name).exists()]
@@ -155,7 +158,8 @@ def main() -> None:
         results = list(pool.map(work, range(options.images), chunksize=4))
         photographs = [*REPORT.photographs(options.photos), *shipped]
         plain = [one for some in pool.map(partial(photographed, options.family), photographs) for one in some]
-    print_rates(results, plain)
+    usual = {name: rule.least_log_odds for name, rule in STRICTNESSES.items()}
+    print_rates(results, plain, usual | {f"{limit:g}": limit for limit in options.limits})
     rows = print_reliability(results)
     if options.plots:
         plot(rows, options.plots)
