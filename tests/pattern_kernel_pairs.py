@@ -253,6 +253,12 @@ def _screenings(rng: np.random.Generator) -> Iterator[tuple[Any, ...]]:
                 yield pyramid, tables, rules, quads, rounds, window
 
 
+def screening_of_a_landmark(rng: np.random.Generator) -> tuple[Any, ...]:
+    """Pyramid, tables and rules of an image with one landmark, and a square a pixel or so off it."""
+    pyramid, tables, rules, quads, *_ = next(_screenings(rng))
+    return pyramid, tables, rules, quads[0]
+
+
 def _likely_squares(rng: np.random.Generator) -> Iterator[tuple[Any, ...]]:
     for pyramid, tables, rules, quads, rounds, window in _screenings(rng):
         yield pyramid, tables, rules, quads, Shares(0.02, 0.05), rounds, window

@@ -13,6 +13,7 @@
 #define MAX_SIDE 32
 #define STILL 0.006 /* of the side */
 #define SAME 0.05   /* of the side: two squares are one */
+#define SAME_SHARE (1.0 / 256.0) /* shares nearer than this are the same */
 
 /* Tables of one blur: columns (C,K), slopes with x (C,K) and y (C,K), all float; gram (C,C) double. */
 typedef struct {
@@ -462,7 +463,8 @@ static int64_t best_first(int64_t count, const double *quads, const double *patt
         if (!(pattern[i] >= share))
             continue;
         int64_t at = some++;
-        for (; at > 0 && pattern[(int64_t)order[at - 1]] < pattern[i]; at--)
+        const double step = floor(pattern[i] / SAME_SHARE);
+        for (; at > 0 && floor(pattern[(int64_t)order[at - 1]] / SAME_SHARE) < step; at--)
             order[at] = order[at - 1];
         order[at] = (double)i;
     }

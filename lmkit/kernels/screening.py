@@ -25,6 +25,9 @@ Float32Array = NDArray[np.float32]
 
 STILL = 0.006  # of the side
 SAME = 0.05  # of the side: two squares are one
+# Shares nearer than this are the same: squares of one landmark are moved to one place, and their shares then differ by
+# the rounding of sums.
+SAME_SHARE = 1 / 256
 GATE = 30  # points of the gate: a third each on margin, border and ground
 
 
@@ -289,10 +292,13 @@ def likely_numpy(
 
 
 def best_first_numpy(squares: Screened, at_least: float, per_place: int) -> FloatArray:
-    """(M,4,2) squares above a share, in falling order, at most ``per_place`` of the same place and size."""
+    """(M,4,2) squares above a share, in falling order, at most ``per_place`` of the same place and size.
+
+    Shares of one step of `SAME_SHARE` are the same, and the earlier square stands first.
+    """
     kept: list[tuple[FloatArray, float]] = []
     chosen: list[int] = []
-    for k in np.argsort(-squares.pattern, kind="stable").tolist():
+    for k in np.argsort(-np.floor(squares.pattern / SAME_SHARE), kind="stable").tolist():
         quad = squares.quads[k]
         middle, diagonals = quad.mean(axis=0), quad[2:] - quad[:2]
         side = float(np.sqrt(abs(diagonals[0, 0] * diagonals[1, 1] - diagonals[0, 1] * diagonals[1, 0]) / 2))
