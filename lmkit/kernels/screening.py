@@ -25,8 +25,8 @@ Float32Array = NDArray[np.float32]
 
 STILL = 0.006  # of the side
 SAME = 0.05  # of the side: two squares are one
-# Shares nearer than this are the same: squares of one landmark are moved to one place, and their shares then differ by
-# the rounding of sums.
+# Shares nearer than this are the same: squares of one landmark are moved to one place, and their shares then differ
+# by the rounding of sums.
 SAME_SHARE = 1 / 256
 GATE = 30  # points of the gate: a third each on margin, border and ground
 
