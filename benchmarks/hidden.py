@@ -1,6 +1,6 @@
 """Landmarks partly hidden: a pole across, a bar from one side, something over a corner.
 
-    uv run --extra benchmark python benchmarks/hidden.py [--n 120]
+    uv run --extra benchmark python benchmarks/hidden.py [--n 120] [--profile accurate]
 
 Simulated: sides of 30 to 90 px, tilts to 40 degrees, Bayer, filmic tone, JPEG 85.  What hides is dark, gray
 or bright.  "Gaps clear": nothing lies over a gap position, so that the code is there to be read.
@@ -11,12 +11,14 @@ from __future__ import annotations
 import argparse
 import multiprocessing
 from concurrent.futures import ProcessPoolExecutor
+from functools import partial
 
 import cv2
 import numpy as np
 from families import texture
 from peers import wilson
 
+from lmkit.detection.config import PROFILES, DetectOptions
 from lmkit.detection.detector import detect_landmarks
 from lmkit.detection.pattern_model import LandmarkPattern
 from lmkit.geometry.camera import CameraModel
@@ -74,7 +76,7 @@ def gaps_clear(cover_m: np.ndarray) -> bool:
     return not hidden.any() or bool(LandmarkPattern(LM8).coverage(points[hidden], spread).gaps.max() < 0.2)
 
 
-def trial(job: tuple[str, int]) -> tuple[str, bool, bool, bool]:
+def trial(options: DetectOptions, job: tuple[str, int]) -> tuple[str, bool, bool, bool]:
     """(kind, gaps clear, read, wrong)."""
     kind, seed = job
     cv2.setNumThreads(1)
@@ -86,7 +88,7 @@ def trial(job: tuple[str, int]) -> tuple[str, bool, bool, bool]:
     scene = Scene((Panel(T, (0.2, 0.2), texture("lm8", code)), cover), LandmarkMap([]), (1, 1, 1))
     wall = np.full((180, 240, 3), rng.uniform(0.1, 0.5), dtype=np.float32)
     image = expose(render(scene, CAMERA, Pose.identity("map", "camera"), wall), CHAIN, rng)
-    codes = [d.code for d in detect_landmarks(image)]
+    codes = [d.code for d in detect_landmarks(image, options)]
     return kind, gaps_clear(corners), code in codes, any(c != code for c in codes)
 
 
@@ -94,10 +96,12 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--n", type=int, default=120, help="scenes of each kind")
     parser.add_argument("--seed", type=int, default=5000)
+    parser.add_argument("--profile", choices=list(PROFILES), default="balanced")
     options = parser.parse_args()
     jobs = [(kind, options.seed + k) for kind in KINDS for k in range(options.n)]
+    work = partial(trial, DetectOptions(config=PROFILES[options.profile]))
     with ProcessPoolExecutor(mp_context=multiprocessing.get_context("spawn")) as pool:
-        answers = list(pool.map(trial, jobs, chunksize=8))
+        answers = list(pool.map(work, jobs, chunksize=8))
     print("| hidden by | gaps | n | read | wrong |")
     print("|---|---|---|---|---|")
     for kind in KINDS:
