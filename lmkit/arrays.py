@@ -19,9 +19,12 @@ def frozen(values: ArrayLike, shape: tuple[int, ...], what: str) -> FloatArray:
     """A read-only float64 copy of ``values``; -1 in ``shape`` means any length.
 
     Raises:
-        ValueError: the shape differs or a value is not finite.
+        ValueError: the shape differs, or a value is no number or not finite.
     """
-    array = np.array(values, dtype=np.float64)
+    try:
+        array = np.array(values, dtype=np.float64)
+    except (TypeError, ValueError):
+        raise ValueError(f"{what} is not an array of numbers of one shape") from None
     have = array.shape
     fits = have == shape or (len(have) == len(shape) and all(a in (-1, b) for a, b in zip(shape, have, strict=True)))
     if not fits:

@@ -6,16 +6,18 @@ import os
 from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING
 
-from lmkit.api.arguments import ImageLike, PathLike, as_map, as_meters, as_rig
+from lmkit.api.arguments import ImageLike, PathLike, as_map, as_meters, as_path, as_recording, as_rig, require_type
 from lmkit.api.detecting import Detector
 from lmkit.errors import InputError
 from lmkit.model.detections import Detections
+from lmkit.model.observation import Detection
 from lmkit.model.recording import Odometry
 
 if TYPE_CHECKING:
     from lmkit.calibration.mono import CameraCalibration
     from lmkit.calibration.several_cameras import RigCalibration
     from lmkit.calibration.stereo import StereoCalibration
+    from lmkit.geometry.camera import CameraModel
     from lmkit.geometry.rig import AnyRig
     from lmkit.localization.absolute_pose import LocateOptions
     from lmkit.mapping.base_mounting import BaseMounting
@@ -24,6 +26,8 @@ if TYPE_CHECKING:
     from lmkit.model.estimate import PoseEstimate
     from lmkit.model.landmark_map import LandmarkMap
     from lmkit.model.recording import Recording
+
+Seen = Detections | list[Detection] | tuple[Detection, ...]  # in the image of one camera
 
 
 def calibrate(
@@ -61,12 +65,19 @@ def calibrate(
     from lmkit.pipelines.rig_views import calibrate_sources
 
     spec = BoardSpec.parse(board) if isinstance(board, str) else board
+    require_type(spec, BoardSpec, "board", 'give text such as "chessboard:9x6:25mm"')
+    require_type(model, str, "model", 'give "pinhole", "rational", "fisheye" or "auto"')
+    if not callable(progress):
+        raise InputError("wrong_type", "progress is not a function", "give one of two numbers, or leave it out")
+    require_type(left, (str, os.PathLike, Sequence), "left", "give a folder or glob of images, or a list of folders")
     if not isinstance(left, (str, os.PathLike)):
-        sources = [os.fspath(source) for source in left]
+        sources = [os.fspath(as_path(source, "left")) for source in left]
         if len(sources) < 3 or right is not None:
             hint = "give one or two cameras as left and right, and three or more as one list"
             raise InputError("wrong_camera_count", f"a list of {len(sources)} cameras' images is no rig", hint)
         return calibrate_sources(sources, spec, model, progress)
+    if right is not None:
+        as_path(right, "right")
     if right is None:
         found = find_board_images(os.fspath(left), spec, progress)
         return calibrate_camera(found.views, found.board, found.image_size, model, found.rejected)
@@ -108,6 +119,8 @@ def calibrate_base(
     from lmkit.odometry.wheel_odometry import MotionModel
     from lmkit.pipelines.recording_checks import require_plausible_recording
 
+    cameras = as_rig(rig)
+    recording = as_recording(recording, cameras)
     if not recording.frames:
         raise InputError("no_frames", "the recording has no frames", "give images or detections")
     if not isinstance(recording.odometry, Odometry):
@@ -115,7 +128,7 @@ def calibrate_base(
     require_plausible_recording(recording)
     height_m = None if height is None else as_meters(height, "height")
     motion = MotionModel(recording.odometry, recording.gyro)
-    return find_base_mounting(recording.frames, as_rig(rig), as_map(landmarks), motion, height_m)
+    return find_base_mounting(recording.frames, cameras, as_map(landmarks), motion, height_m)
 
 
 def calibrate_clocks(recording: Recording, rig: AnyRig | PathLike, landmarks: LandmarkMap | PathLike) -> ClockOffsets:
@@ -143,17 +156,19 @@ def calibrate_clocks(recording: Recording, rig: AnyRig | PathLike, landmarks: La
     from lmkit.mapping.clock_offsets import find_clock_offsets
     from lmkit.pipelines.recording_checks import require_plausible_recording
 
+    cameras = as_rig(rig)
+    recording = as_recording(recording, cameras)
     motion = motion_of(recording)
     if not recording.frames:
         raise InputError("no_frames", "the recording has no frames", "give images or detections")
     if motion is None:
         raise InputError("no_odometry", "clock offsets need odometry", "read the recording with odometry")
     require_plausible_recording(recording)
-    return find_clock_offsets(recording.frames, as_rig(rig), as_map(landmarks), motion)
+    return find_clock_offsets(recording.frames, cameras, as_map(landmarks), motion)
 
 
 def locate(
-    *images: ImageLike | Detections,
+    *images: ImageLike | Seen,
     rig: AnyRig | PathLike,
     landmarks: LandmarkMap | PathLike,
     profile: str = "balanced",
@@ -180,11 +195,13 @@ def locate(
         True
     """
     from lmkit.geometry.rig import mounted_cameras
-    from lmkit.localization.absolute_pose import locate_camera, locate_rig
+    from lmkit.localization.absolute_pose import LocateOptions, locate_camera, locate_rig
     from lmkit.localization.base_pose import with_base
     from lmkit.localization.contradiction import with_cause
 
     cameras, mapped = as_rig(rig), as_map(landmarks)
+    if options is not None:
+        require_type(options, LocateOptions, "options", "give lmkit.localization.absolute_pose.LocateOptions(...)")
     models = [camera.model for camera in mounted_cameras(cameras)]
     if len(images) not in (1, len(models)):
         raise InputError(
@@ -192,13 +209,29 @@ def locate(
             f"{len(images)} images for a rig of {len(models)} cameras",
             "give one image per camera, in the order of the rig, or the first camera's alone",
         )
-    seen = []
-    for image, camera in zip(images, models, strict=False):
-        if not isinstance(image, Detections):
-            image = Detector(mapped.families, camera=camera, profile=profile).detect(image)
-        seen.append(image)
+    if not len(mapped):
+        raise InputError("empty_map", "the map has no landmarks", "survey the place, or give another map")
+    seen = [
+        _detections(image, number, camera, mapped, profile)
+        for number, (image, camera) in enumerate(zip(images, models, strict=False), start=1)
+    ]
     if len(seen) < len(models):
         estimate = locate_camera(seen[0], models[0], mapped, options)
     else:
         estimate = locate_rig(seen, cameras, mapped, options)
     return with_base(with_cause(estimate, seen, cameras, mapped), cameras)
+
+
+def _detections(
+    image: ImageLike | Seen, number: int, camera: CameraModel, landmarks: LandmarkMap, profile: str
+) -> Sequence[Detection]:
+    """Detections in the image of camera ``number`` of a rig, counted from 1."""
+    if isinstance(image, Detections):
+        if image.image_size is not None:
+            camera.require_size(f"the image of detections {number}", image.image_size)
+        return image
+    if not isinstance(image, list | tuple):
+        return Detector(landmarks.families, camera=camera, profile=profile).detect(image)
+    for one in image:
+        require_type(one, Detection, f"detections {number}", "give detections of lmkit.detect, an image, or its path")
+    return image

@@ -9,18 +9,31 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from lmkit.api.arguments import GRAY, Families, ImageLike, ImageWarning, as_families, as_image
+from lmkit.api.arguments import (
+    GRAY,
+    Families,
+    ImageLike,
+    ImageWarning,
+    PathLike,
+    as_families,
+    as_image,
+    as_map,
+    as_rig,
+    require_type,
+)
 from lmkit.arrays import ByteArray, FloatArray
 from lmkit.errors import InputError
+from lmkit.geometry.camera import CameraModel
 from lmkit.model.detections import Detections
 
 if TYPE_CHECKING:
     from lmkit.detection.config import DetectOptions, DetectorConfig
-    from lmkit.geometry.camera import CameraModel
     from lmkit.geometry.rig import AnyRig
     from lmkit.model.estimate import PoseEstimate
     from lmkit.model.landmark_map import LandmarkMap
     from lmkit.model.observation import Detection
+
+MOST_ENLARGED = 16
 
 
 class Detector:
@@ -49,6 +62,9 @@ class Detector:
         strictness: str = "default",
         inverted_tags: bool = False,
     ) -> None:
+        if camera is not None:
+            hint = "give a CameraModel, such as lmkit.read_rig(...).left"
+            require_type(camera, CameraModel, "camera", hint)
         options = detect_options(families, camera, profile, strictness)
         self.options = replace(options, inverted_tags=inverted_tags)
         self._silent = False
@@ -105,14 +121,18 @@ def detect(
 
 def _corners_of(near: Sequence[Detection] | FloatArray) -> FloatArray:
     """(N,4,2) corners."""
+    hint = "give a list of detections, or an array (N,4,2) of corners in pixels"
+    if not isinstance(near, np.ndarray | Sequence) or isinstance(near, str):
+        raise InputError("bad_prediction", f"near is of type {type(near).__name__}", hint)
     corners = near if isinstance(near, np.ndarray) else [getattr(one, "corners", one) for one in near]
-    found = np.asarray(corners, dtype=np.float64)
+    try:
+        found = np.asarray(corners, dtype=np.float64)
+    except (TypeError, ValueError):
+        raise InputError("bad_prediction", "near holds something else than detections", hint) from None
     if found.size and found.shape[1:] != (4, 2):
-        raise InputError(
-            "bad_prediction",
-            f"near has the shape {found.shape}",
-            "give detections, or an array (N,4,2) of corners in pixels",
-        )
+        raise InputError("bad_prediction", f"near has the shape {found.shape}", hint)
+    if not np.isfinite(found).all():
+        raise InputError("bad_prediction", "near holds corners that are not finite", "leave those landmarks out")
     return found.reshape(-1, 4, 2)
 
 
@@ -127,10 +147,12 @@ def detect_options(
     from lmkit.detection.acceptance import STRICTNESSES
     from lmkit.detection.config import PROFILES, DetectOptions, DetectorConfig
 
-    config = profile if isinstance(profile, DetectorConfig) else PROFILES.get(profile)
+    config = profile if isinstance(profile, DetectorConfig) else None
+    if isinstance(profile, str):
+        config = PROFILES.get(profile)
     if config is None:
         raise InputError("bad_profile", f"profile {profile!r} is unknown", f"choose {', '.join(PROFILES)}")
-    if strictness not in STRICTNESSES:
+    if not isinstance(strictness, str) or strictness not in STRICTNESSES:
         known = ", ".join(STRICTNESSES)
         raise InputError("bad_strictness", f"strictness {strictness!r} is unknown", f"choose {known}")
     return DetectOptions(as_families(families), config, STRICTNESSES[strictness], camera=camera)
@@ -141,8 +163,8 @@ def draw(
     detections: Sequence[Detection] = (),
     estimate: PoseEstimate | None = None,
     *,
-    rig: AnyRig | None = None,
-    landmarks: LandmarkMap | None = None,
+    rig: AnyRig | PathLike | None = None,
+    landmarks: LandmarkMap | PathLike | None = None,
     enlarge: int = 1,
 ) -> ByteArray:
     """Draw detections on an image, and what was estimated from them.
@@ -151,11 +173,16 @@ def draw(
         image: (H,W,3) BGR, 8 bit, or a path; it is not changed.
         detections: what was found in it.
         estimate: pose of the rig, written into the image.
-        rig, landmarks: with both, the map's landmarks are drawn where the estimate puts them in the left image.
-        enlarge: factor of the output's size, for small images.
+        rig, landmarks: with both, or their files, the map's landmarks are drawn where the estimate puts them in the
+            left image.
+        enlarge: factor of the output's size, a whole number, for small images.
 
     Returns:
         (H * enlarge, W * enlarge, 3) BGR.
+
+    Raises:
+        InputError: not such an image, an argument of another type, or a map that cannot be drawn: rig, landmarks and
+            estimate are not all given.
 
     Examples:
         >>> import lmkit
@@ -166,13 +193,33 @@ def draw(
     from lmkit.visualization.overlay import draw_label, draw_landmarks, draw_located
 
     pixels = as_image(image)
+    _require_drawable(detections, estimate, enlarge)
+    if (rig is not None or landmarks is not None) and (rig is None or landmarks is None or estimate is None):
+        given = (("estimate", estimate), ("rig", rig), ("landmarks", landmarks))
+        missing = " and ".join(name for name, value in given if value is None)
+        hint = "give estimate, rig and landmarks together, or leave rig and landmarks out"
+        raise InputError("not_together", f"the map cannot be drawn without {missing}", hint)
     if estimate is None:
         return draw_landmarks(pixels, detections, enlarge)
     if rig is None or landmarks is None:
         canvas = draw_landmarks(pixels, detections, enlarge)
         draw_label(canvas, str(estimate), np.array([8.0, 24.0]))
         return canvas
-    return draw_located(pixels, detections, rig.left, estimate, landmarks, enlarge)
+    return draw_located(pixels, detections, as_rig(rig).left, estimate, as_map(landmarks), enlarge)
+
+
+def _require_drawable(detections: Sequence[Detection], estimate: PoseEstimate | None, enlarge: int) -> None:
+    from lmkit.model.estimate import PoseEstimate
+    from lmkit.model.observation import Detection
+
+    require_type(detections, Sequence, "detections", "give the detections of lmkit.detect; the estimate comes third")
+    for one in detections:
+        require_type(one, Detection, "detections", "give a list of detections, as lmkit.detect returns it")
+    if estimate is not None:
+        require_type(estimate, PoseEstimate, "estimate", "give the result of lmkit.locate")
+    if not isinstance(enlarge, int | np.integer) or not 1 <= enlarge <= MOST_ENLARGED:
+        hint = f"give a whole number from 1 to {MOST_ENLARGED}"
+        raise InputError("out_of_range", f"enlarge {enlarge!r} is not a factor of the image's size", hint)
 
 
 def _warn_of_colors(image: ByteArray, options: DetectOptions) -> bool:

@@ -6,13 +6,25 @@ from collections.abc import Iterable
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
-from lmkit.api.arguments import PathLike, as_families, as_map, as_meters, as_path, as_rig
+from lmkit.api.arguments import (
+    PathLike,
+    as_codes,
+    as_demand,
+    as_families,
+    as_map,
+    as_meters,
+    as_path,
+    as_point,
+    as_rig,
+    require_type,
+)
 from lmkit.errors import InputError
 
 if TYPE_CHECKING:
     from lmkit.geometry.rig import AnyRig
     from lmkit.model.families import MarkerFamily
     from lmkit.model.floor_plan import FloorPlan
+    from lmkit.model.landmark_id import LandmarkId
     from lmkit.model.landmark_map import LandmarkMap
     from lmkit.pipelines.prints import Prints
     from lmkit.planning.coverage import Demand
@@ -22,7 +34,7 @@ if TYPE_CHECKING:
 
 
 def print_landmarks(
-    codes: int | Iterable[int],
+    codes: int | str | LandmarkId | Iterable[int | LandmarkId],
     *,
     family: str | MarkerFamily = "lm8",
     size: float | str | None = None,
@@ -32,7 +44,7 @@ def print_landmarks(
     """Lay landmarks out on paper, and prove that every one reads back from the page.
 
     Args:
-        codes: one code, or several.
+        codes: one code or id, several, or text such as ``"0-15,42"``.
         family: the landmark family, or its name.
         size: side of the landmarks, meters or text with a unit; the template's own size if None.
         paper: ``"a4"``, ``"letter"`` or ``"a3"``; None for the template's own, or A4.
@@ -50,11 +62,15 @@ def print_landmarks(
         >>> prints.save("landmarks.pdf")
         [PosixPath('landmarks.pdf')]
     """
-    from lmkit.pipelines.prints import make_prints
+    from lmkit.pipelines.prints import check_landmark_size, make_prints
 
-    wanted = [codes] if isinstance(codes, int) else list(codes)
+    of = as_families(family)[0]
+    if template is not None:
+        as_path(template, "template")
     size_mm = None if size is None else 1000 * as_meters(size, "size")
-    return make_prints(as_families(family)[0], wanted, size_mm=size_mm, paper=paper, template=template)
+    if size_mm is not None:
+        check_landmark_size(size_mm)
+    return make_prints(of, as_codes(codes, of), size_mm=size_mm, paper=paper, template=template)
 
 
 def place_landmarks(
@@ -96,8 +112,10 @@ def place_landmarks(
 
     ground, cameras = _floor(floor), _mounted(rig, camera_height)
     mounted = [] if existing is None else list(as_map(existing))
-    choices = options or MountingOptions(LM8.name)
-    return place_landmarks(ground, mounted, cameras, as_meters(radius, "radius"), demand or Demand(), choices)
+    choices = MountingOptions(LM8.name) if options is None else options
+    require_type(choices, MountingOptions, "options", 'give MountingOptions("lm8", sizes_m=(0.18,))')
+    needed = as_demand(demand, Demand())
+    return place_landmarks(ground, mounted, cameras, as_meters(radius, "radius"), needed, choices)
 
 
 def plan_route(
@@ -137,11 +155,11 @@ def plan_route(
 
     ground, mapped, meters = _floor(floor), as_map(landmarks), as_meters(radius, "radius")
     ends = [
-        find_goal(end, ground, mapped, meters) if isinstance(end, str) else Goal(float(end[0]), float(end[1]))
-        for end in (start, goal)
+        find_goal(end, ground, mapped, meters) if isinstance(end, str) else Goal(*as_point(end, name))
+        for name, end in (("start", start), ("goal", goal))
     ]
-    demand = demand or Demand(in_view=1, share=1.0)
-    return plan_route(ground, mapped, _mounted(rig, camera_height), meters, ends[0], ends[1], demand)
+    needed = as_demand(demand, Demand(in_view=1, share=1.0))
+    return plan_route(ground, mapped, _mounted(rig, camera_height), meters, ends[0], ends[1], needed)
 
 
 def _floor(floor: FloorPlan | PathLike) -> FloorPlan:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 from typing import TYPE_CHECKING
 
-from lmkit.api.arguments import Families, PathLike, as_meters, as_path, as_rig, family_names
+from lmkit.api.arguments import Families, PathLike, as_meters, as_path, as_rate, as_rig, family_names, require_type
 
 if TYPE_CHECKING:
     from lmkit.arrays import ByteArray
@@ -133,7 +133,7 @@ def read_recording(
     from lmkit.pipelines.detect_recording import open_recording
 
     return open_recording(
-        [os.fspath(source) for source in images],
+        [os.fspath(as_path(source, "images")) for source in images],
         rig=None if rig is None else as_rig(rig),
         detections=None if detections is None else as_path(detections),
         readings=None if readings is None else as_path(readings),
@@ -141,7 +141,7 @@ def read_recording(
         gyro=None if gyro is None else as_path(gyro),
         wheel_track_m=None if wheel_track is None else as_meters(wheel_track, "wheel_track"),
         families=family_names(families, detected=bool(images)),
-        hz=hz,
+        hz=as_rate(hz),
     ).read()
 
 
@@ -160,9 +160,12 @@ def write_rig(rig: AnyRig, path: PathLike, *, overwrite: bool = False) -> None:
         >>> import lmkit
         >>> lmkit.write_rig(lmkit.read_rig("rig.yaml"), "copy.yaml")
     """
+    from lmkit.geometry.rig import Rig
+    from lmkit.geometry.stereo_rig import StereoRig
     from lmkit.io.files import write_file
     from lmkit.io.rig import rig_to_yaml
 
+    require_type(rig, (Rig, StereoRig), "rig", "give a rig, such as lmkit.read_rig(...)")
     write_file(as_path(path), rig_to_yaml(rig), overwrite)
 
 
@@ -175,8 +178,7 @@ def write_map(landmarks: LandmarkMap, path: PathLike, *, overwrite: bool = False
         overwrite: replace an existing file.
 
     Raises:
-        InputError: the file exists, or cannot be written; a family or code does not exist; a pose is in another frame
-            than ``map``.
+        InputError: the file exists, or cannot be written; a family or code does not exist.
 
     Examples:
         >>> import lmkit
@@ -184,7 +186,9 @@ def write_map(landmarks: LandmarkMap, path: PathLike, *, overwrite: bool = False
     """
     from lmkit.io.files import write_file
     from lmkit.io.landmark_map import map_to_yaml, require_readable
+    from lmkit.model.landmark_map import LandmarkMap
 
+    require_type(landmarks, LandmarkMap, "landmarks", "give a map, such as that of lmkit.survey(...).landmarks")
     require_readable(landmarks)
     write_file(as_path(path), map_to_yaml(landmarks), overwrite)
 
@@ -207,10 +211,11 @@ def write_trajectory(trajectory: Trajectory | TrackedTrajectory, path: PathLike,
     """
     from lmkit.io.files import write_file
     from lmkit.io.trajectory import poses_to_tum
-    from lmkit.model.tracked_trajectory import tracked_csv
+    from lmkit.model.tracked_trajectory import TrackedTrajectory, tracked_csv
     from lmkit.model.trajectory import Trajectory
 
-    file = as_path(path)
+    file, hint = as_path(path), "give a trajectory, such as the result of lmkit.track"
+    require_type(trajectory, (Trajectory, TrackedTrajectory), "trajectory", hint)
     if isinstance(trajectory, Trajectory):
         poses = [(float(t), trajectory.pose(k, "map", "base")) for k, t in enumerate(trajectory.times_s)]
     elif file.suffix.lower() == ".csv":

@@ -6,7 +6,17 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
-from lmkit.api.arguments import PathLike, as_map, as_meters, as_path, as_rig
+from lmkit.api.arguments import (
+    PathLike,
+    as_map,
+    as_meters,
+    as_recording,
+    as_rig,
+    as_sigmas,
+    as_trajectory,
+    require_constraints,
+    require_type,
+)
 from lmkit.errors import InputError
 from lmkit.model.recording import Odometry, Recording
 from lmkit.model.trajectory import Trajectory
@@ -23,7 +33,7 @@ if TYPE_CHECKING:
 
 
 def survey(
-    recording: Recording,
+    recording: Recording | PathLike,
     rig: AnyRig | PathLike,
     *,
     size: float | str = "180mm",
@@ -34,7 +44,7 @@ def survey(
     """Build the landmark map from a recording.
 
     Args:
-        recording: frames of both cameras, with or without odometry.
+        recording: frames of both cameras, with or without odometry; or the CSV of its detections.
         rig: the calibrated rig, or its file.
         size: side of the landmarks, meters or text with a unit; landmarks in ``known`` have their own.
         known: landmarks with known poses, such as one anchor; it defines the map frame.
@@ -64,13 +74,16 @@ def survey(
     from lmkit.mapping.survey_results import base_poses, survey_warnings
     from lmkit.pipelines.recording_checks import odometry_doubt, require_plausible_recording
 
+    cameras, size_m, sigma = as_rig(rig), as_meters(size, "size"), as_sigmas(known_sigma, known)
+    recording = as_recording(recording, cameras)
     if not recording.frames:
         raise InputError("no_frames", "the recording has no frames", "give images or detections")
-    cameras, motion, size_m = as_rig(rig), motion_of(recording), as_meters(size, "size")
+    motion = motion_of(recording)
     require_plausible_recording(recording, cameras, None if known is None else as_map(known), size_m)
-    anchors = {} if known is None else anchors_of(as_map(known), known_sigma)
+    anchors = {} if known is None else anchors_of(as_map(known), sigma)
     frames = list(recording.frames)
     sizes = landmark_sizes(frames, size_m, anchors)
+    require_constraints(constraints)
     cause = None if known is None else find_cause(frames, cameras, as_map(known))
     try:
         result = survey_frames(frames, cameras, sizes, anchors, motion, constraints)
@@ -91,8 +104,8 @@ def survey(
 
 
 def survey_recordings(
-    recordings: Mapping[str, Recording],
-    rig: AnyRig | PathLike | Mapping[str, AnyRig],
+    recordings: Mapping[str, Recording | PathLike],
+    rig: AnyRig | PathLike | Mapping[str, AnyRig | PathLike],
     *,
     size: float | str = "180mm",
     known: LandmarkMap | PathLike | None = None,
@@ -130,29 +143,45 @@ def survey_recordings(
     from lmkit.mapping.survey import anchors_of, landmark_sizes
     from lmkit.pipelines.recording_checks import require_plausible_recording
 
+    require_type(recordings, Mapping, "recordings", 'give them by name, such as {"monday": monday}')
     if not recordings:
         raise InputError("no_recordings", "no recordings are given", "give at least one, by its name")
-    anchors, size_m = {} if known is None else anchors_of(as_map(known), known_sigma), as_meters(size, "size")
-    rigs = rig if isinstance(rig, Mapping) else dict.fromkeys(recordings, as_rig(rig))
-    for name, recording in recordings.items():
+    size_m, sigma = as_meters(size, "size"), as_sigmas(known_sigma, known)
+    anchors = {} if known is None else anchors_of(as_map(known), sigma)
+    rigs = _rig_of_each(rig, list(recordings))
+    opened = {name: as_recording(recording, rigs[name]) for name, recording in recordings.items()}
+    for name, recording in opened.items():
         require_plausible_recording(recording, rigs[name], None if known is None else as_map(known), size_m)
-    frames = [frame for recording in recordings.values() for frame in recording.frames]
+    frames = [frame for recording in opened.values() for frame in recording.frames]
     named = [
-        NamedRecording(name, recording.frames, rigs[name], motion_of(recording))
-        for name, recording in recordings.items()
+        NamedRecording(name, recording.frames, rigs[name], motion_of(recording)) for name, recording in opened.items()
     ]
     sizes = landmark_sizes(frames, size_m, anchors)
+    require_constraints(constraints)
     result = survey_together(named, sizes, anchors, constraints)
     return replace(result, warnings=joint_warnings(result))
 
 
+def _rig_of_each(rig: AnyRig | PathLike | Mapping[str, AnyRig | PathLike], names: Sequence[str]) -> dict[str, AnyRig]:
+    if not isinstance(rig, Mapping):
+        return dict.fromkeys(names, as_rig(rig))
+    if missing := [name for name in names if name not in rig]:
+        hint = "give a rig for each name, or one rig for all"
+        raise InputError("no_rig", f"recording {missing[0]!r} has no rig", hint)
+    return {name: as_rig(rig[name]) for name in names}
+
+
 def track(
-    recording: Recording, rig: AnyRig | PathLike | None, landmarks: LandmarkMap | PathLike, *, live: bool = False
+    recording: Recording | PathLike,
+    rig: AnyRig | PathLike | None,
+    landmarks: LandmarkMap | PathLike,
+    *,
+    live: bool = False,
 ) -> TrackedTrajectory:
     """Track the robot through a known map.
 
     Args:
-        recording: frames, or range and bearing readings with wheel odometry.
+        recording: frames, or range and bearing readings with wheel odometry; or the CSV of its detections.
         rig: the calibrated rig, or its file; None for readings.
         landmarks: the landmark map, or its file.
         live: causal filtering: each pose uses only data up to its time; it needs odometry.
@@ -171,14 +200,15 @@ def track(
     from lmkit.localization.contradiction import find_cause
     from lmkit.pipelines.recording_checks import require_plausible_recording
 
-    mapped = as_map(landmarks)
-    require_plausible_recording(recording, None if rig is None else as_rig(rig), mapped)
+    mapped, known_rig = as_map(landmarks), None if rig is None else as_rig(rig)
+    recording = as_recording(recording, known_rig)
+    require_plausible_recording(recording, known_rig, mapped)
     mapped.require_any(recording.ids)
     if recording.readings:
         return _track_readings(recording, mapped, live)
-    if rig is None:
+    if known_rig is None:
         raise InputError("no_rig", "frames need a rig", "give the rig, or its file")
-    cameras, frames = as_rig(rig), list(recording.frames)
+    cameras, frames = known_rig, list(recording.frames)
     try:
         tracked = _track_frames(recording, cameras, mapped, live)
     except InputError as error:
@@ -221,17 +251,21 @@ def _track_frames(recording: Recording, rig: AnyRig, landmarks: LandmarkMap, liv
 
 
 def evaluate(
-    truth: Trajectory | PathLike, estimate: Trajectory | PathLike, *, align: str = "none", max_apart_s: float = 0.01
+    truth: Trajectory | PathLike,
+    estimate: Trajectory | TrackedTrajectory | PathLike,
+    *,
+    align: str = "none",
+    max_apart_s: float = 0.01,
 ) -> TrajectoryError:
     """Compare an estimated trajectory with the true one, as evo does.
 
     Args:
-        truth, estimate: trajectories, or TUM files.
+        truth, estimate: trajectories, or their files; of the result of `track`, the poses with status ``ok``.
         align: ``"none"``, ``"rigid"`` or ``"scale"`` (Umeyama 1991).
         max_apart_s: largest difference of times that belong together.
 
     Raises:
-        InputError: no common times.
+        InputError: no common times, or an unknown alignment.
 
     Examples:
         >>> import lmkit
@@ -239,10 +273,9 @@ def evaluate(
         0.0
     """
     from lmkit.evaluation.trajectory_error import compare_trajectories
-    from lmkit.io.trajectory import read_trajectory
 
-    both = [t if isinstance(t, Trajectory) else read_trajectory(as_path(t)) for t in (truth, estimate)]
-    return compare_trajectories(both[0], both[1], align, max_apart_s=max_apart_s)
+    true, found = as_trajectory(truth, "truth"), as_trajectory(estimate, "estimate")
+    return compare_trajectories(true, found, align, max_apart_s=max_apart_s)
 
 
 def motion_of(recording: Recording) -> Motion | None:

@@ -78,11 +78,11 @@ def models_by_camera(model: str, count: int) -> tuple[str, ...]:
     for name in names:
         if name not in MODELS:
             hint = f"choose {', '.join(MODELS)}; one for each camera is separated by commas"
-            raise InputError("bad_model", f"--model {name} is unknown", hint)
+            raise InputError("bad_model", f"model {name} is unknown", hint)
     if len(names) not in (1, count):
         raise InputError(
             "bad_model",
-            f"--model {model} names {len(names)} lens models for {count} cameras",
+            f"model {model} names {len(names)} lens models for {count} cameras",
             "give one for all cameras, or one for each",
         )
     return names if len(names) == count else names * count

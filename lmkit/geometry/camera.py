@@ -37,7 +37,7 @@ class CameraModel:
     model: str = "pinhole"
 
     def __post_init__(self) -> None:
-        if self.model not in LENS_MODELS:
+        if not isinstance(self.model, str) or self.model not in LENS_MODELS:
             raise ValueError(f"unknown camera model {self.model!r}; known: {', '.join(LENS_MODELS)}")
         distortion = frozen(np.ravel(self.distortion), (-1,), "distortion")
         counts = self.lens.counts
@@ -49,9 +49,7 @@ class CameraModel:
         K = frozen(self.K, (3, 3), "K")
         if K[0, 0] <= 0 or K[1, 1] <= 0 or not np.array_equal(K[2], [0, 0, 1]) or K[1, 0] != 0:
             raise ValueError("K is not a camera matrix [[fx, s, cx], [0, fy, cy], [0, 0, 1]] with fx, fy > 0")
-        if min(self.image_size) < 1:
-            raise ValueError(f"image_size {self.image_size} is not positive")
-        object.__setattr__(self, "image_size", (int(self.image_size[0]), int(self.image_size[1])))
+        object.__setattr__(self, "image_size", _whole_size(self.image_size))
         object.__setattr__(self, "K", K)
         object.__setattr__(self, "distortion", distortion)
 
@@ -122,6 +120,21 @@ class CameraModel:
         w, h = self.image_size
         inside = (pixels > border_px - 0.5) & (pixels < np.array([w, h]) - 0.5 - border_px)
         return np.asarray(inside.all(axis=-1))
+
+
+def _whole_size(size: tuple[int, int]) -> tuple[int, int]:
+    """Width and height in whole pixels.
+
+    Raises:
+        ValueError: not two whole numbers above 0.
+    """
+    try:
+        width, height = (int(side) for side in size)
+    except (TypeError, ValueError, OverflowError):
+        width, height = 0, 0
+    if min(width, height) < 1 or (width, height) != tuple(size):
+        raise ValueError(f"image_size {size!r} is not (width, height) in whole pixels, such as (640, 480)")
+    return width, height
 
 
 def _cubic_weights(at: FloatArray, step: float) -> tuple[FloatArray, FloatArray]:

@@ -103,15 +103,30 @@ class Pose:
         return Pose(self.from_frame, self.to_frame, self.R.T, -self.R.T @ self.t)
 
     def apply(self, points: FloatArray) -> FloatArray:
-        """(..., 3) points of from_frame, in to_frame; meters."""
-        return np.asarray(points @ self.R.T + self.t)
+        """(..., 3) points of from_frame, in to_frame; meters.
+
+        Raises:
+            ValueError: points of another shape.
+        """
+        try:
+            return np.asarray(points @ self.R.T + self.t)
+        except (TypeError, ValueError):
+            raise ValueError(
+                f"T_{self.to_frame}_{self.from_frame} takes points of shape (..., 3), not {np.shape(points)}"
+            ) from None
 
     def __matmul__(self, other: Pose) -> Pose:
         """Chain T_a_b @ T_b_c = T_a_c.
 
         Raises:
+            TypeError: the right one is no Pose.
             ValueError: the inner frames differ.
         """
+        if not isinstance(other, Pose):
+            raise TypeError(
+                f"T_{self.to_frame}_{self.from_frame} chains with a Pose, not with {type(other).__name__}: "
+                "move points with Pose.apply, make a Pose of a matrix with Pose.from_matrix"
+            )
         if self.from_frame != other.to_frame:
             raise ValueError(
                 f"T_{self.to_frame}_{self.from_frame} @ T_{other.to_frame}_{other.from_frame} does not chain: "
@@ -124,3 +139,17 @@ class Pose:
         t = ", ".join(f"{v:.4f}" for v in self.t)
         q = ", ".join(f"{v:.4f}" for v in self.quaternion_xyzw)
         return f"Pose(T_{self.to_frame}_{self.from_frame}, t=[{t}], q_xyzw=[{q}])"
+
+
+def require_frames(pose: Pose, to_frame: str, from_frame: str) -> None:
+    """Refuse a pose between other frames.
+
+    Raises:
+        TypeError: it is no Pose.
+        ValueError: it joins other frames.
+    """
+    name = f"T_{to_frame}_{from_frame}"
+    if not isinstance(pose, Pose):
+        raise TypeError(f"{name} must be a Pose, not {type(pose).__name__}; see Pose.from_matrix")
+    if (pose.to_frame, pose.from_frame) != (to_frame, from_frame):
+        raise ValueError(f"{name} joins the wrong frames: {pose!r}")

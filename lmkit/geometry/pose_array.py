@@ -23,6 +23,9 @@ class PoseArray:
         R: (N,3,3) rotations.
         t: (N,3) positions of from_frame's origin in to_frame, meters.
 
+    Raises:
+        ValueError: R or t has another shape.
+
     Examples:
         >>> import lmkit
         >>> poses = lmkit.PoseArray.from_poses("map", "base", [lmkit.Pose.identity("map", "base")] * 3)
@@ -34,6 +37,11 @@ class PoseArray:
     from_frame: str
     R: FloatArray
     t: FloatArray
+
+    def __post_init__(self) -> None:
+        R, t = np.shape(self.R), np.shape(self.t)
+        if len(t) != 2 or t[1] != 3 or (t[0], 3, 3) != R:
+            raise ValueError(f"T_{self.to_frame}_{self.from_frame}: R has shape {R} and t {t}, not (N,3,3) and (N,3)")
 
     @classmethod
     def from_poses(cls, to_frame: str, from_frame: str, poses: Iterable[Pose]) -> PoseArray:

@@ -11,7 +11,7 @@ import numpy as np
 from lmkit.arrays import FloatArray
 from lmkit.errors import InputError
 from lmkit.geometry.camera import CameraModel
-from lmkit.geometry.pose import Pose
+from lmkit.geometry.pose import Pose, require_frames
 from lmkit.geometry.pose_array import moved_covariance
 from lmkit.geometry.stereo_rig import StereoRig
 
@@ -31,6 +31,7 @@ class MountedCamera:
             camera's clock.
 
     Raises:
+        TypeError: the model is no CameraModel, or T_camera_left no Pose.
         ValueError: T_camera_left joins other frames.
     """
 
@@ -43,8 +44,9 @@ class MountedCamera:
     time_offset_s: float = 0.0
 
     def __post_init__(self) -> None:
-        if (self.T_camera_left.to_frame, self.T_camera_left.from_frame) != ("camera", "left"):
-            raise ValueError(f"T_camera_left joins the wrong frames: {self.T_camera_left!r}")
+        if not isinstance(self.model, CameraModel):
+            raise TypeError(f"model of camera {self.name!r} must be a CameraModel, not {type(self.model).__name__}")
+        require_frames(self.T_camera_left, "camera", "left")
 
 
 @dataclass(frozen=True, eq=False)
@@ -56,6 +58,7 @@ class Rig:
         T_base_left: where the first camera sits on the robot's base, if known.
 
     Raises:
+        TypeError: something else than MountedCameras, or T_base_left is no Pose.
         ValueError: no camera, two of one name, or a first camera that is not at the rig's origin or on its clock.
     """
 
@@ -63,8 +66,14 @@ class Rig:
     T_base_left: Pose | None = None
 
     def __post_init__(self) -> None:
+        cameras = self.cameras if isinstance(self.cameras, list | tuple) else [self.cameras]
+        if other := [camera for camera in cameras if not isinstance(camera, MountedCamera)]:
+            kind = type(other[0]).__name__
+            raise TypeError(f"cameras of a Rig must be MountedCameras, not {kind}; of one camera take Rig.of_one")
         if not self.cameras:
             raise ValueError("a rig needs at least one camera")
+        if self.T_base_left is not None:
+            require_frames(self.T_base_left, "base", "left")
         names = [camera.name for camera in self.cameras]
         if len(set(names)) < len(names):
             raise ValueError(f"two cameras have the same name: {', '.join(names)}")

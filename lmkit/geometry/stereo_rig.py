@@ -8,7 +8,7 @@ import numpy as np
 
 from lmkit.arrays import FloatArray
 from lmkit.geometry.camera import CameraModel
-from lmkit.geometry.pose import Pose
+from lmkit.geometry.pose import Pose, require_frames
 
 
 def mounted_ahead(height_m: float) -> Pose:
@@ -32,6 +32,10 @@ class StereoRig:
         intrinsics_correlation: (4+D,4+D) correlations of the same numbers, if known.
         right_time_offset_s: added to the stamps of the right camera's images, it gives the time of exposure on the
             left camera's clock.
+
+    Raises:
+        TypeError: a camera is no CameraModel, or a pose no Pose.
+        ValueError: a pose joins other frames.
     """
 
     left: CameraModel
@@ -44,8 +48,12 @@ class StereoRig:
     right_time_offset_s: float = 0.0
 
     def __post_init__(self) -> None:
-        if (self.T_right_left.to_frame, self.T_right_left.from_frame) != ("right", "left"):
-            raise ValueError(f"T_right_left joins the wrong frames: {self.T_right_left!r}")
+        for name in ("left", "right"):
+            if not isinstance(camera := getattr(self, name), CameraModel):
+                raise TypeError(f"{name} of a StereoRig must be a CameraModel, not {type(camera).__name__}")
+        require_frames(self.T_right_left, "right", "left")
+        if self.T_base_left is not None:
+            require_frames(self.T_base_left, "base", "left")
 
     def T_map_right(self, T_map_left: Pose) -> Pose:
         """Pose of the right camera for a pose of the left one."""

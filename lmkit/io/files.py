@@ -9,6 +9,8 @@ from pathlib import Path
 
 from lmkit.errors import InputError
 
+OVERWRITE = "give another name, or overwrite it (--force, in Python overwrite=True)"
+
 
 def check_writable(path: Path, force: bool) -> None:
     """Refuse early what :func:`write_file` would refuse at the end of a long run.
@@ -23,7 +25,7 @@ def check_writable(path: Path, force: bool) -> None:
     if is_folder:
         raise InputError("is_folder", f"{path} is a folder, not a file", "give a file name")
     if exists and not force:
-        raise InputError("file_exists", f"{path} exists already", "add --force to overwrite it")
+        raise InputError("file_exists", f"{path} exists already", OVERWRITE)
     folder = path.parent
     while not folder.exists():
         folder = folder.parent

@@ -93,15 +93,10 @@ def require_readable(landmarks: LandmarkMap) -> None:
     """Refuse a map whose file would not be read, or would be read as another map.
 
     Raises:
-        InputError: a family or code does not exist, or a pose is in another frame than ``map``.
+        InputError: a family or code does not exist.
     """
     for landmark in (*landmarks, *landmarks.past):
         _require_code(landmark.family, landmark.code, f"code of {landmark.id}")
-        frame = landmark.T_map_landmark.to_frame
-        if frame != "map":
-            raise InputError(
-                "wrong_frame", f"{landmark.id}: its pose is in frame {frame!r}", "give its pose in 'map'"
-            )
 
 
 def map_to_yaml(landmarks: LandmarkMap) -> str:

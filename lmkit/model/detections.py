@@ -30,8 +30,15 @@ class Detections(Sequence[Detection]):
     """
 
     def __init__(self, items: Sequence[Detection], image_size: tuple[int, int] | None = None) -> None:
-        """Hold ``items``; ``image_size`` is (width, height) of the image they were found in."""
+        """Hold ``items``; ``image_size`` is (width, height) of the image they were found in.
+
+        Raises:
+            TypeError: something else than detections.
+        """
         self._items = tuple(items)
+        for item in self._items:
+            if not isinstance(item, Detection):
+                raise TypeError(f"Detections holds values of type Detection, not {type(item).__name__}")
         self.image_size = image_size
 
     def __len__(self) -> int:

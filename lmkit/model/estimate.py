@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from lmkit.arrays import FloatArray
+from lmkit.errors import InputError
 from lmkit.geometry.pose import Pose
 from lmkit.geometry.pose_array import moved_covariance
 from lmkit.model.landmark_id import LandmarkId
@@ -70,7 +71,12 @@ class PoseEstimate:
 
         Args:
             frame: ``base`` or ``camera``: whose pose is given.
+
+        Raises:
+            InputError: another frame.
         """
+        if frame not in ("base", "camera"):
+            raise InputError("bad_frame", f"frame {frame!r} is unknown", "choose base or camera")
         at_base = frame == "base"
         pose = self.T_map_base if at_base else self.T_map_camera
         covariance = self.covariance_base if at_base else self.covariance

@@ -2,16 +2,26 @@
 
 from __future__ import annotations
 
+import operator
 from collections.abc import Sequence
 from typing import NamedTuple
 
 from lmkit.errors import InputError
 
 
-class LandmarkId(NamedTuple):
+class _FamilyAndCode(NamedTuple):
+    family: str
+    code: int
+
+
+class LandmarkId(_FamilyAndCode):
     """A landmark's family and code, written ``lm8:137``.
 
     Codes of different families are different landmarks.  Ids sort by family, then by code.
+
+    Raises:
+        TypeError: the family is no text, or the code no whole number.
+        ValueError: the code is negative.
 
     Examples:
         >>> import lmkit
@@ -21,8 +31,22 @@ class LandmarkId(NamedTuple):
         LandmarkId('lm12', 5)
     """
 
-    family: str
-    code: int
+    __slots__ = ()
+
+    def __new__(cls, family: str, code: int) -> LandmarkId:
+        """Take any whole number as the code, also numpy's."""
+        if not isinstance(family, str):
+            raise TypeError(
+                f"the family of a landmark id must be text, such as LandmarkId('lm8', 137), not {family!r}"
+            )
+        try:
+            number = operator.index(code)
+        except TypeError:
+            hint = "such as LandmarkId('lm8', 137); read text with LandmarkId.parse('lm8:137')"
+            raise TypeError(f"the code of a landmark id must be a whole number, not {code!r}, {hint}") from None
+        if number < 0:
+            raise ValueError(f"the code of a landmark id must be 0 or more, not {number}")
+        return super().__new__(cls, family, number)
 
     def __str__(self) -> str:
         return f"{self.family}:{self.code}"

@@ -9,13 +9,14 @@ from functools import cached_property
 
 import numpy as np
 
-from lmkit.arrays import FloatArray
+from lmkit.arrays import FloatArray, frozen
 from lmkit.errors import InputError
 from lmkit.geometry.pose import Pose
 from lmkit.model.landmark import square_corners
 from lmkit.model.landmark_id import LandmarkId
 
 LARGEST_M = 100.0  # of a side, as in map files
+ASYMMETRY = 1e-6  # of a covariance, by rounding, as a share of its largest entry
 NAMED = 4  # landmarks in an error message
 CALENDAR_S = 1e8  # clocks beyond count from 1970, clocks below from when they were started
 
@@ -40,7 +41,8 @@ class MappedLandmark:
 
     Raises:
         TypeError: `id` is no LandmarkId, `T_map_landmark` no Pose, or `size_m` no number.
-        ValueError: `size_m` is not between 0 and 100.
+        ValueError: `size_m` is not between 0 and 100, `T_map_landmark` joins other frames, or `covariance` is not a
+            symmetric (6,6) array with variances of 0 or more.
     """
 
     id: LandmarkId
@@ -61,6 +63,13 @@ class MappedLandmark:
             raise TypeError(f"size_m of {self.id} must be a number in meters, such as 0.18, not {self.size_m!r}")
         if not 0 < self.size_m <= LARGEST_M:
             raise ValueError(f"size_m of {self.id} is {self.size_m:g}; give meters, such as 0.18 for 180 mm")
+        if self.T_map_landmark.from_frame != "landmark" or self.T_map_landmark.to_frame != "map":
+            raise ValueError(f"T_map_landmark of {self.id} joins the wrong frames: {self.T_map_landmark!r}")
+        if self.covariance is not None:
+            C = frozen(self.covariance, (6, 6), f"covariance of {self.id}")
+            if np.abs(C - C.T).max() > ASYMMETRY * np.abs(C).max() or C.diagonal().min() < 0:
+                raise ValueError(f"covariance of {self.id} is not symmetric, or has a negative variance")
+            object.__setattr__(self, "covariance", C)
 
     @property
     def code(self) -> int:
@@ -87,10 +96,14 @@ class LandmarkMap:
         past: landmarks as they were mounted before they were moved or taken away.
 
     Raises:
-        InputError: two landmarks that are valid now have the same id.
+        InputError: two landmarks that are valid now have the same id, or something is no MappedLandmark.
     """
 
-    def __init__(self, landmarks: Sequence[MappedLandmark]) -> None:
+    def __init__(self, landmarks: Iterable[MappedLandmark]) -> None:
+        landmarks = tuple(landmarks) if isinstance(landmarks, Iterable) else (landmarks,)
+        if other := next((m for m in landmarks if not isinstance(m, MappedLandmark)), None):
+            hint = "give MappedLandmark(LandmarkId('lm8', 137), 0.18, pose)"
+            raise InputError("not_a_landmark", f"{other!r} is not a MappedLandmark", hint)
         self._by_id: dict[LandmarkId, MappedLandmark] = {}
         self.past = tuple(landmark for landmark in landmarks if landmark.valid_to_s is not None)
         for index, landmark in enumerate(landmarks):
@@ -110,12 +123,24 @@ class LandmarkMap:
     def __iter__(self) -> Iterator[MappedLandmark]:
         return iter(self._by_id.values())
 
-    def __contains__(self, id_: object) -> bool:
-        return id_ in self._by_id
+    def __contains__(self, id_: LandmarkId | str) -> bool:
+        return self.find(id_) is not None
 
-    def find(self, id_: LandmarkId) -> MappedLandmark | None:
-        """The landmark with this id, or None."""
-        return self._by_id.get(id_)
+    def find(self, id_: LandmarkId | str) -> MappedLandmark | None:
+        """The landmark with this id, or None.
+
+        Args:
+            id_: the id, or its text, such as ``lm8:137``.
+
+        Raises:
+            InputError: another type, or no id; a bare code where the map has several families.
+        """
+        if isinstance(id_, tuple):
+            return self._by_id.get(id_)
+        if isinstance(id_, str):
+            return self._by_id.get(LandmarkId.parse(id_, self.families))
+        hint = "give LandmarkId('lm8', 137), or text such as 'lm8:137'"
+        raise InputError("bad_id", f"{id_!r} is not a landmark id", hint)
 
     def with_history_of(self, earlier: LandmarkMap) -> LandmarkMap:
         """The map with what an earlier one of the same place knows of days before: it was surveyed from that."""

@@ -20,6 +20,10 @@ class Detection:
         confidence: probability that the code is right, 0..1.
         margin: log likelihood ratio of this code in this rotation against the runner-up.
         covariance: (8,8) of the corners x0 y0 x1 y1 ..., pixels squared, if estimated.
+
+    Raises:
+        TypeError: the id is no LandmarkId.
+        ValueError: an array has another shape, or values that are not finite.
     """
 
     id: LandmarkId
@@ -29,6 +33,8 @@ class Detection:
     covariance: FloatArray | None = None
 
     def __post_init__(self) -> None:
+        if not isinstance(self.id, LandmarkId):
+            raise TypeError(f"id of a Detection must be a LandmarkId, as LandmarkId('lm8', 137), not {self.id!r}")
         object.__setattr__(self, "corners", frozen(self.corners, (4, 2), "corners"))
         if self.covariance is not None:
             object.__setattr__(self, "covariance", frozen(self.covariance, (8, 8), "covariance"))

@@ -119,6 +119,7 @@ class Recording:
         gyro: yaw rate, beside wheel odometry.
 
     Raises:
+        TypeError: frames that are no RigFrames, or odometry or gyro of another type.
         ValueError: both frames and readings, or a gyro without wheel odometry.
     """
 
@@ -128,6 +129,12 @@ class Recording:
     gyro: Gyro | None = None
 
     def __post_init__(self) -> None:
+        if not isinstance(self.frames, list | tuple) or not all(isinstance(f, RigFrame) for f in self.frames[:1]):
+            raise TypeError("frames of a recording must be a tuple of RigFrames; see lmkit.read_recording")
+        for name, kinds in (("odometry", (Odometry, Trajectory)), ("gyro", (Gyro,))):
+            if (value := getattr(self, name)) is not None and not isinstance(value, kinds):
+                known = " or ".join(kind.__name__ for kind in kinds)
+                raise TypeError(f"{name} of a recording must be {known}, not {type(value).__name__}")
         if self.frames and self.readings:
             raise ValueError("a recording has frames or readings, not both")
         if self.gyro is not None and not isinstance(self.odometry, Odometry):

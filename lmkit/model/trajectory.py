@@ -4,9 +4,13 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+import numpy as np
+
 from lmkit.arrays import FloatArray, IntArray, frozen
 from lmkit.geometry.pose import Pose
 from lmkit.geometry.rotations import quaternion_to_matrix
+
+UNIT_WITHIN = 1e-2  # of the length of a quaternion, as in `Pose.from_quaternion`
 
 
 @dataclass(frozen=True, eq=False)
@@ -17,6 +21,9 @@ class Trajectory:
         times_s: (N,) seconds, increasing.
         positions: (N,3) meters.
         quaternions: (N,4) x y z w of unit length.
+
+    Raises:
+        ValueError: another shape, values that are not finite, times that fall, or quaternions not of unit length.
     """
 
     times_s: FloatArray
@@ -24,10 +31,15 @@ class Trajectory:
     quaternions: FloatArray
 
     def __post_init__(self) -> None:
+        object.__setattr__(self, "times_s", frozen(self.times_s, (-1,), "times_s"))
         count = len(self.times_s)
-        object.__setattr__(self, "times_s", frozen(self.times_s, (count,), "times_s"))
         object.__setattr__(self, "positions", frozen(self.positions, (count, 3), "positions"))
         object.__setattr__(self, "quaternions", frozen(self.quaternions, (count, 4), "quaternions"))
+        if (falls := np.flatnonzero(np.diff(self.times_s) < 0)).size:
+            raise ValueError(f"times_s of a trajectory fall after row {falls[0]}: sort the rows by time")
+        lengths = np.linalg.norm(self.quaternions, axis=1)
+        if (off := np.flatnonzero(np.abs(lengths - 1) > UNIT_WITHIN)).size:
+            raise ValueError(f"the quaternion of row {off[0]} has length {lengths[off[0]]:.3g}, not 1")
 
     def __len__(self) -> int:
         return len(self.times_s)

@@ -71,13 +71,13 @@ class PrintLayout:
         """
         if self.template is None:
             if self._paper not in PAPERS:
-                hint = f"choose {', '.join(PAPERS)}, or give --template"
-                raise InputError("bad_paper", f"--paper {self.paper} is unknown", hint)
+                hint = f"choose {', '.join(PAPERS)}, or give a template"
+                raise InputError("bad_paper", f"paper {self.paper!r} is unknown", hint)
             return load_template(self._paper)
         sheet = load_template(self.template)
         if self.paper not in (None, sheet.paper):
             width, height = sheet.page_mm
-            hint = "leave --paper out, or choose another template (lmkit generate --list-templates)"
+            hint = "leave the paper out, or choose another template (lmkit generate --list-templates)"
             raise InputError(
                 "template_paper",
                 f"template {sheet.name} has its own paper of {width:g} x {height:g} mm, not {self.paper}",
@@ -200,8 +200,12 @@ class Prints:
             dpi: of PNG files.
 
         Raises:
-            InputError: another suffix, or a file exists or cannot be written.
+            InputError: no path, another suffix, a resolution out of range, or a file exists or cannot be written.
         """
+        if not isinstance(path, str | os.PathLike):
+            raise InputError("not_a_path", f"{path!r} is not a path", 'give a file name, such as "landmarks.pdf"')
+        if not isinstance(dpi, int | float) or not dpi > 0:
+            raise InputError("bad_dpi", f"dpi {dpi!r} is out of range", "give dots per inch, such as 300")
         target = Path(path)
         if target.suffix.lower() not in SUFFIXES:
             raise InputError(
@@ -323,7 +327,7 @@ def check_landmark_size(size_mm: float) -> str | None:
     if size_mm < LEAST_SIZE_MM:
         raise InputError(
             "too_small",
-            f"--size {size_mm:g} mm is below {LEAST_SIZE_MM:g} mm, which no printer draws cleanly",
+            f"a size of {size_mm:g} mm is below {LEAST_SIZE_MM:g} mm, which no printer draws cleanly",
             f"choose {LEAST_SIZE_MM:g} mm or more; 180mm is usual",
         )
     if size_mm >= READABLE_MM:

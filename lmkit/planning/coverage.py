@@ -29,6 +29,15 @@ FINEST_M, COARSEST_M = 0.25, 2.0
 LEAST_FAILING_M2 = 0.5
 MOST_NAMED = 8  # failing places that a summary lists
 
+# Largest value of each number of a demand, and how to give it.
+DEMAND_RANGES = (
+    ("error_m", BLIND_M, "give meters, such as 0.05"),
+    ("heading_rad", math.pi, "give radians, such as math.radians(2)"),
+    ("headings", 1.0, "give a share, such as 0.25 for 25 %"),
+    ("share", 1.0, "give a share, such as 0.9 for 90 %"),
+)
+MOST_IN_VIEW = 20
+
 
 @dataclass(frozen=True)
 class Demand:
@@ -40,6 +49,9 @@ class Demand:
         in_view: landmarks that must be in view at once.
         headings: share of the directions in which this must hold, for a place to count.
         share: of all places at which it must hold.
+
+    Raises:
+        InputError: a number out of range; names it.
     """
 
     error_m: float = 0.05
@@ -47,6 +59,15 @@ class Demand:
     in_view: int = 2
     headings: float = 0.25
     share: float = 0.9
+
+    def __post_init__(self) -> None:
+        for name, most, hint in DEMAND_RANGES:
+            value = getattr(self, name)
+            if not (isinstance(value, (int, float, np.number)) and 0 < value <= most):
+                raise InputError("out_of_range", f"{name} of the demand is {value!r}, outside 0 to {most:.3g}", hint)
+        if not (isinstance(self.in_view, (int, np.integer)) and 0 <= self.in_view <= MOST_IN_VIEW):
+            what = f"in_view of the demand is {self.in_view!r}, not a number of landmarks up to {MOST_IN_VIEW}"
+            raise InputError("out_of_range", what, "2 is usual")
 
     def __str__(self) -> str:
         landmarks = "1 landmark" if self.in_view == 1 else f"{self.in_view} landmarks"
@@ -137,7 +158,7 @@ def places_on(floor: FloorPlan, radius_m: float, step_m: float | None = None) ->
             "no_room",
             f"a robot of radius {radius_m:g} m fits nowhere: "
             f"the largest radius that fits is {floor.clearance_m.max():.2f} m",
-            "check --scale and --radius",
+            "check the plan's scale and the radius",
         )
     if step_m is None:
         area = free.sum() * floor.cell_m**2

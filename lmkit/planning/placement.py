@@ -87,7 +87,11 @@ def place_landmarks(
     taken = crowded([mount.landmark for mount in mounts], existing)
     mounts = [mount for mount, there in zip(mounts, taken, strict=True) if not there.any()]
     if not mounts:
-        raise InputError("no_wall", "no wall that a landmark fits on", "check --scale, --not-on and --size")
+        raise InputError(
+            "no_wall",
+            "no wall that a landmark fits on",
+            "check the plan's scale, the walls left out and the landmarks' size",
+        )
     search = Search(floor, existing, mounts, rig, radius_m, demand)
     search.require_possible()
     target = min(demand.share + MARGIN, 1.0)

@@ -177,7 +177,7 @@ class _Grid:
         """The cell of a place."""
         at = np.array([spot.x_m, spot.y_m])
         if self.tree is None:
-            raise InputError("no_room", f"a robot of radius {self.radius_m:g} m fits nowhere", "check --radius")
+            raise InputError("no_room", f"a robot of radius {self.radius_m:g} m fits nowhere", "check the radius")
         nearest = self.tree.query(at)[1]
         if self.floor.clearance_at(at) < self.radius_m - self.floor.cell_m:
             x, y = self.middles[nearest]
@@ -199,7 +199,7 @@ class _Grid:
         raise NegativeAnswer(
             "unreachable",
             f"no route for a robot of radius {self.radius_m:g} m leads to ({goal.x_m:g}, {goal.y_m:g}) m",
-            f"the nearest place that can be reached is {x:.2f},{y:.2f}, {off.min():.2f} m away; see --radius",
+            f"the nearest place that can be reached is {x:.2f},{y:.2f}, {off.min():.2f} m away; check the radius",
         )
 
     def costs(self, coverage: PoseCoverage, demand: Demand) -> FloatArray:

@@ -91,7 +91,7 @@ def test_charuco_ids_may_begin_elsewhere():
     image = photographed(charuco_board(board).generateImage((315, 262), marginSize=15))
     seen = detect_board(image, board)
     assert seen is not None and len(seen.ids) == 20
-    with pytest.raises(InputError, match=r"give --board charuco:6x5:30mm:22mm:DICT_5X5_100:30 "):
+    with pytest.raises(InputError, match=r"give the board charuco:6x5:30mm:22mm:DICT_5X5_100:30 "):
         try:
             checked_board([image], BoardSpec.parse("charuco:6x5:30mm:22mm:DICT_5X5_100"))
         except InputError as error:

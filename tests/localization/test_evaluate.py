@@ -135,7 +135,7 @@ def test_the_report_shows_both_paths_and_the_time_of_the_largest_error(lmkit, tm
     assert lmkit("evaluate", "truth.tum", "found.tum", "--report", "errors.html").code == 2
 
 
-@pytest.mark.parametrize(("factor", "word"), [(1e3, "milliseconds"), (1e6, "microseconds"), (1.0, "--time-offset")])
+@pytest.mark.parametrize(("factor", "word"), [(1e3, "milliseconds"), (1e6, "microseconds"), (1.0, "start together")])
 def test_clocks_that_do_not_meet_are_named(factor, word):
     times = 1.7e9 + np.arange(5.0)
     at = np.zeros((5, 3)), np.tile([0.0, 0, 0, 1], (5, 1))
