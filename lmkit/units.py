@@ -17,6 +17,11 @@ LIKE_UNIT = 0.12  # logarithm of a ratio to that of a unit
 _LENGTH = re.compile(r"\s*([0-9]+(?:\.[0-9]*)?|\.[0-9]+)\s*([a-z]*)\s*", re.IGNORECASE)
 
 
+def counted(count: int, noun: str) -> str:
+    """A number of things in words: ``1 warning``, ``2 warnings``."""
+    return f"{count} {noun}{'' if count == 1 else 's'}"
+
+
 def parse_length_mm(text: str, what: str = "length") -> float:
     """Read a positive length such as ``180mm``, ``18 cm``, ``7.09in``; returns millimeters.
 

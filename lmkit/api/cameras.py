@@ -53,6 +53,8 @@ def calibrate(
     Examples:
         >>> import lmkit
         >>> result = lmkit.calibrate("boards/left", "boards/right", "chessboard:9x6:25mm")
+        >>> result
+        StereoCalibration(pinhole, ... pairs, ... px, held out ... px, baseline ... ± ... mm, ...)
         >>> 0.05 < result.rig.baseline_m < 0.5
         True
     """
@@ -112,7 +114,9 @@ def calibrate_base(
         >>> import lmkit
         >>> recording = lmkit.read_recording(detections="detections.csv", odometry="odometry.csv", gyro="gyro.csv")
         >>> found = lmkit.calibrate_base(recording, "rig.yaml", "map.yaml")
-        >>> found.cameras[0].name
+        >>> found
+        BaseMounting(left at x ... y ... z ... m, ... px, ... outliers)
+        >>> found.to_dict()["cameras"][0]["name"]
         'left'
     """
     from lmkit.mapping.base_mounting import find_base_mounting
@@ -149,8 +153,8 @@ def calibrate_clocks(recording: Recording, rig: AnyRig | PathLike, landmarks: La
         >>> import lmkit
         >>> recording = lmkit.read_recording(detections="detections.csv", odometry="odometry.csv", gyro="gyro.csv")
         >>> found = lmkit.calibrate_clocks(recording, "rig.yaml", "map.yaml")
-        >>> found.names
-        ('right',)
+        >>> found
+        ClockOffsets(right ... ± ... ms, ... px)
     """
     from lmkit.api.recordings import motion_of
     from lmkit.mapping.clock_offsets import find_clock_offsets

@@ -61,8 +61,8 @@ def survey(
         >>> import lmkit
         >>> recording = lmkit.read_recording(detections="detections.csv", odometry="odometry.csv", gyro="gyro.csv")
         >>> survey = lmkit.survey(recording, "rig.yaml")
-        >>> len(survey.landmarks) > 5
-        True
+        >>> survey
+        Survey(... landmarks, ... of ... frames, ... px, ...)
     """
     import numpy as np
 
@@ -134,8 +134,8 @@ def survey_recordings(
         >>> halves = [lmkit.Recording(frames, (), recording.odometry, recording.gyro)
         ...           for frames in (recording.frames[:75], recording.frames[75:])]
         >>> joint = lmkit.survey_recordings(dict(zip(["monday", "tuesday"], halves)), "rig.yaml")
-        >>> joint.names
-        ('monday', 'tuesday')
+        >>> joint
+        JointSurvey(... landmarks, 2 recordings, 0 left out, ...)
     """
     from lmkit.mapping.joint_survey import joint_warnings
     from lmkit.mapping.several_recordings import NamedRecording

@@ -24,6 +24,7 @@ from lmkit.geometry.pose import Pose
 from lmkit.geometry.rig import MountedCamera, Rig
 from lmkit.model.board import BoardSpec
 from lmkit.model.observation import BoardObservation, PairView
+from lmkit.units import counted
 
 MIN_VIEWS = 3
 BAD_RMS_RATIO = 4.0
@@ -55,6 +56,13 @@ class CameraCalibration:
     warnings: tuple[CalibrationWarning, ...]
     coverage: BoolArray
     advice: tuple[str, ...]
+
+    def __repr__(self) -> str:
+        unseen = "" if self.held_out_px is None else f", held out {self.held_out_px:.3f} px"
+        return (
+            f"CameraCalibration({self.rig.left.model}, {len(self.used)} images, {self.rms_px:.3f} px{unseen}, "
+            f"{counted(len(self.warnings), 'warning')})"
+        )
 
     def to_dict(self) -> dict[str, Any]:
         """The result as JSON values; docs/formats.md lists the keys."""

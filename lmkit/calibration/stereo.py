@@ -43,6 +43,7 @@ from lmkit.geometry.pose import Pose
 from lmkit.geometry.stereo_rig import StereoRig
 from lmkit.model.board import BoardSpec
 from lmkit.model.observation import BoardObservation, PairView
+from lmkit.units import counted
 
 MIN_PAIRS = 3
 BAD_RMS_RATIO = 4.0
@@ -94,6 +95,14 @@ class StereoCalibration:
     def held_out_epipolar_px(self) -> float | None:
         """Mean difference in rows after rectification of pairs held out, or None."""
         return None if self.held_out is None else self.held_out.mean_epipolar_px
+
+    def __repr__(self) -> str:
+        unseen = "" if self.held_out is None else f", held out {self.held_out.mean_reprojection_px:.3f} px"
+        baseline, sigma = 1000 * self.rig.baseline_m, 1000 * self.baseline_sigma_m
+        return (
+            f"StereoCalibration({self.rig.models}, {len(self.used)} pairs, {self.rms_px:.3f} px{unseen}, "
+            f"baseline {baseline:.2f} ± {sigma:.2f} mm, {counted(len(self.warnings), 'warning')})"
+        )
 
     def to_dict(self) -> dict[str, Any]:
         """The result as JSON values; docs/formats.md lists the keys."""

@@ -72,7 +72,7 @@ def calibrate_base(
     from lmkit.api.cameras import calibrate_base as find
     from lmkit.cli.parsing import parse_meters
     from lmkit.geometry.pose import Pose
-    from lmkit.mapping.base_mounting_results import mounting_dict, mounting_lines
+    from lmkit.mapping.base_mounting_results import mounting_lines
     from lmkit.pipelines.recording_folder import read_recording_folder
 
     height_m = None if height is None else parse_meters(height, "--height")
@@ -81,7 +81,7 @@ def calibrate_base(
     anywhere = replace(cameras, T_base_left=Pose.identity("base", "left"))
     recording = read_recording_folder(folder, anywhere, landmarks.families or (family,))
     found = find(recording, cameras, landmarks, height=height_m)
-    _write(found.rig, output, force, mounting_dict(found) if as_json else mounting_lines(found))
+    _write(found.rig, output, force, found.to_dict() if as_json else mounting_lines(found))
 
 
 def calibrate_clocks(

@@ -87,6 +87,10 @@ class TrajectoryError:
         )
         return [(name, spread, unit) for name, spread, unit in rows if spread is not None]
 
+    def __repr__(self) -> str:
+        position_mm, rotation_deg = 1000 * self.position_m.rmse, self.rotation_deg.rmse
+        return f"TrajectoryError({self.pairs} pairs, RMS {position_mm:.1f} mm and {rotation_deg:.2f} deg)"
+
     def to_dict(self) -> dict[str, Any]:
         """The result as JSON values; docs/formats.md lists the keys."""
 

@@ -53,6 +53,13 @@ class CameraModel:
         object.__setattr__(self, "K", K)
         object.__setattr__(self, "distortion", distortion)
 
+    def __repr__(self) -> str:
+        (width, height), K = self.image_size, self.K
+        return (
+            f"CameraModel({self.model}, {width} x {height}, f {K[0, 0]:.1f} {K[1, 1]:.1f} px, "
+            f"center {K[0, 2]:.1f} {K[1, 2]:.1f} px)"
+        )
+
     @property
     def lens(self) -> LensModel:
         """The lens model, with its formulas."""

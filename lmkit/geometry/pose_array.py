@@ -60,6 +60,9 @@ class PoseArray:
     def __len__(self) -> int:
         return len(self.t)
 
+    def __repr__(self) -> str:
+        return f"PoseArray({len(self)} x T_{self.to_frame}_{self.from_frame})"
+
     def only(self, rows: IntArray) -> PoseArray:
         """The poses at some rows."""
         return PoseArray(self.to_frame, self.from_frame, self.R[rows], self.t[rows])

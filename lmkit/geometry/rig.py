@@ -48,6 +48,10 @@ class MountedCamera:
             raise TypeError(f"model of camera {self.name!r} must be a CameraModel, not {type(self.model).__name__}")
         require_frames(self.T_camera_left, "camera", "left")
 
+    def __repr__(self) -> str:
+        x, y, z = -self.T_camera_left.R.T @ self.T_camera_left.t
+        return f"MountedCamera({self.name}, {self.model.model}, at x {x:z.3f} y {y:z.3f} z {z:z.3f} m)"
+
 
 @dataclass(frozen=True, eq=False)
 class Rig:

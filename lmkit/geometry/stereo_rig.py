@@ -60,6 +60,11 @@ class StereoRig:
         T = self.T_right_left.inverse()
         return Pose(T_map_left.to_frame, "right", T_map_left.R @ T.R, T_map_left.R @ T.t + T_map_left.t)
 
+    def __repr__(self) -> str:
+        width, height = self.left.image_size
+        place = "" if self.T_base_left is None else ", on a base"
+        return f"StereoRig({self.models}, {width} x {height}, baseline {1000 * self.baseline_m:.2f} mm{place})"
+
     @property
     def models(self) -> str:
         """Lens model of both cameras, or of the left and of the right one, separated by a comma."""

@@ -9,7 +9,8 @@ in which the robot drives, its origin the point that turns without moving.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
+from typing import Any
 
 import numpy as np
 
@@ -23,7 +24,7 @@ from lmkit.mapping.carried_cameras import are_synchronous, exposures, split_by_e
 from lmkit.mapping.mounting_problem import Group, MountingProblem
 from lmkit.model.landmark_map import LandmarkMap
 from lmkit.model.recording import RigFrame
-from lmkit.odometry.wheel_odometry import MotionModel
+from lmkit.odometry.wheel_odometry import PARAMETERS, MotionModel
 
 KNOWN_M, KNOWN_RAD = 0.01, np.deg2rad(1.0)  # a place known worse than that is named
 CLOCK_SIGMA = 3.0  # standard deviations by which a clock must differ from the rig file to be another
@@ -85,6 +86,31 @@ class BaseMounting:
     rms_px: float
     outliers: int
     states: FloatArray
+
+    def to_dict(self) -> dict[str, Any]:
+        """JSON of ``lmkit calibrate --base`` (docs/formats.md)."""
+        return {
+            "cameras": [
+                {
+                    "name": camera.name,
+                    "T_base_camera": {"R": camera.T_base_camera.R.tolist(), "t": camera.T_base_camera.t.tolist()},
+                    "covariance": camera.covariance.tolist(),
+                    "frames": camera.frames,
+                    "unobserved": list(camera.unobserved),
+                    "clock": None if camera.clock is None else asdict(camera.clock),
+                }
+                for camera in self.cameras
+            ],
+            "floor": {"tilt_rad": self.floor[:2].tolist(), "height_m": float(self.floor[2])},
+            "odometry": dict(zip(PARAMETERS, self.parameters.tolist(), strict=True)),
+            "rms_px": self.rms_px,
+            "outliers": self.outliers,
+        }
+
+    def __repr__(self) -> str:
+        places = [(camera.name, *camera.T_base_camera.t) for camera in self.cameras]
+        cameras = ", ".join(f"{name} at x {x:z.3f} y {y:z.3f} z {z:z.3f} m" for name, x, y, z in places)
+        return f"BaseMounting({cameras}, {self.rms_px:.2f} px, {self.outliers} outliers)"
 
 
 def find_base_mounting(

@@ -1,35 +1,11 @@
-"""Places of cameras on a robot, as JSON and in words."""
+"""Places of cameras on a robot, in words."""
 
 from __future__ import annotations
-
-from dataclasses import asdict
-from typing import Any
 
 import numpy as np
 
 from lmkit.mapping.base_mounting import BaseMounting, CameraOnBase
 from lmkit.odometry.wheel_odometry import PARAMETERS
-
-
-def mounting_dict(found: BaseMounting) -> dict[str, Any]:
-    """JSON of ``lmkit calibrate --base`` (docs/formats.md)."""
-    return {
-        "cameras": [
-            {
-                "name": camera.name,
-                "T_base_camera": {"R": camera.T_base_camera.R.tolist(), "t": camera.T_base_camera.t.tolist()},
-                "covariance": camera.covariance.tolist(),
-                "frames": camera.frames,
-                "unobserved": list(camera.unobserved),
-                "clock": None if camera.clock is None else asdict(camera.clock),
-            }
-            for camera in found.cameras
-        ],
-        "floor": {"tilt_rad": found.floor[:2].tolist(), "height_m": float(found.floor[2])},
-        "odometry": dict(zip(PARAMETERS, found.parameters.tolist(), strict=True)),
-        "rms_px": found.rms_px,
-        "outliers": found.outliers,
-    }
 
 
 def mounting_lines(found: BaseMounting) -> list[str]:

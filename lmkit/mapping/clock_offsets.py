@@ -64,6 +64,11 @@ class ClockOffsets:
     observations: tuple[int, ...]
     rms_px: float
 
+    def __repr__(self) -> str:
+        rows = zip(self.names, 1000 * self.offsets_s, 1000 * self.sigmas_s, strict=True)
+        cameras = ", ".join(f"{name} {offset:+z.2f} ± {sigma:.2f} ms" for name, offset, sigma in rows)
+        return f"ClockOffsets({cameras}, {self.rms_px:.2f} px)"
+
     def to_dict(self) -> dict[str, Any]:
         """JSON of ``lmkit calibrate --clocks`` (docs/formats.md)."""
         rows = zip(self.names, self.offsets_s.tolist(), self.sigmas_s.tolist(), self.observations, strict=True)

@@ -15,6 +15,7 @@ from lmkit.mapping.wall_constraints import LandmarkConstraint
 from lmkit.model.landmark_id import LandmarkId
 from lmkit.model.landmark_information import LandmarkInformation
 from lmkit.model.landmark_map import CALENDAR_S, LandmarkMap, MappedLandmark, day_of
+from lmkit.units import counted
 
 OF_RECORDING = ("frames", "located", "dropped", "reprojection_error_px", "jumps", "odometry")
 
@@ -101,6 +102,12 @@ class JointSurvey:
     ambiguous: tuple[LandmarkId, ...] = ()
     off_constraint: tuple[tuple[LandmarkId, LandmarkConstraint, float], ...] = ()
     warnings: tuple[str, ...] = ()
+
+    def __repr__(self) -> str:
+        return (
+            f"JointSurvey({len(self.landmarks)} landmarks, {counted(len(self.names), 'recording')}, "
+            f"{len(self.left_out)} left out, {counted(len(self.warnings), 'warning')})"
+        )
 
     def to_dict(self) -> dict[str, Any]:
         """JSON of ``lmkit survey`` with several recordings (docs/formats.md), without the file written."""

@@ -19,6 +19,7 @@ from lmkit.mapping.wall_constraints import LandmarkConstraint
 from lmkit.model.landmark_id import LandmarkId, ids_text
 from lmkit.model.landmark_map import LandmarkMap, MappedLandmark
 from lmkit.odometry.motion_model import Motion, describe_odometry
+from lmkit.units import counted
 
 HINGED_FRAMES = 5  # fewer that share one landmark only with the rest are not named
 
@@ -79,6 +80,12 @@ class Survey:
     frames: int = 0
     odometry: Mapping[str, float] = field(default_factory=dict)
     odometry_sigmas: Mapping[str, float] = field(default_factory=dict)
+
+    def __repr__(self) -> str:
+        return (
+            f"Survey({len(self.bundle.landmarks)} landmarks, {len(self.rows)} of {self.frames} frames, "
+            f"{self.bundle.rms_px:.2f} px, {counted(len(self.warnings), 'warning')})"
+        )
 
     def to_dict(self) -> dict[str, Any]:
         """JSON of ``lmkit survey`` (docs/formats.md), without the file that the command wrote."""

@@ -71,6 +71,10 @@ class MappedLandmark:
                 raise ValueError(f"covariance of {self.id} is not symmetric, or has a negative variance")
             object.__setattr__(self, "covariance", C)
 
+    def __repr__(self) -> str:
+        x, y, z = self.T_map_landmark.t
+        return f"MappedLandmark({self.id}, {1000 * self.size_m:g} mm, x {x:z.3f} y {y:z.3f} z {z:z.3f} m)"
+
     @property
     def code(self) -> int:
         """The code, without the family."""

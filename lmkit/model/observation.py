@@ -54,6 +54,10 @@ class Detection:
         """(2,) the landmark's middle in the image: where the diagonals of its corners cross."""
         return crossing(self.corners[0], self.corners[2], self.corners[1], self.corners[3])
 
+    def __repr__(self) -> str:
+        x, y = self.center
+        return f"Detection({self.id}, center {x:.1f} {y:.1f} px, confidence {self.confidence:.4f})"
+
     def to_dict(self) -> dict[str, object]:
         """One entry of ``detections`` in `lmkit detect --json`."""
         return {

@@ -44,6 +44,10 @@ class Trajectory:
     def __len__(self) -> int:
         return len(self.times_s)
 
+    def __repr__(self) -> str:
+        seconds = float(np.ptp(self.times_s)) if len(self) else 0.0
+        return f"Trajectory({len(self)} poses, {seconds:.1f} s)"
+
     @property
     def rotations(self) -> FloatArray:
         """(N,3,3)."""

@@ -22,6 +22,7 @@ from lmkit.planning.coverage import Demand, PoseCoverage, all_states, predict_co
 from lmkit.planning.mounting_sites import Mount, MountingOptions, crowded, possible_mounts
 from lmkit.planning.placement_search import Search
 from lmkit.planning.visibility import find_sights
+from lmkit.units import counted
 
 MARGIN = 0.005  # of the share, for places between those that were looked at
 REMEDIES = 5
@@ -46,6 +47,12 @@ class Placement:
     coverage: PoseCoverage
     share: float
     error_m: float
+
+    def __repr__(self) -> str:
+        return (
+            f"Placement({counted(len(self.mounts), 'new landmark')}, {self.share:.0%} of the places, "
+            f"error {1000 * self.error_m:.0f} mm)"
+        )
 
     def to_dict(self) -> dict[str, Any]:
         """The result as JSON values; docs/formats.md lists the keys."""

@@ -67,6 +67,12 @@ class Route:
         """Length of the route, meters."""
         return float(np.linalg.norm(np.diff(self.waypoints, axis=0), axis=1).sum())
 
+    def __repr__(self) -> str:
+        return (
+            f"Route({self.length_m:.2f} m, {len(self.waypoints)} waypoints, "
+            f"error up to {1000 * float(self.error_m.max()):.0f} mm)"
+        )
+
     def to_dict(self) -> dict[str, Any]:
         """The result as JSON values; docs/formats.md lists the keys."""
         worst = int(self.error_m.argmax())
