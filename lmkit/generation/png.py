@@ -26,7 +26,7 @@ def page_to_image(page: Page, dpi: float) -> Image.Image:
         raise InputError(
             "image_too_large",
             f"{dpi:g} dpi would make an image of {width} x {height} pixels",
-            "choose fewer dpi, or write a PDF or SVG, which are exact at any size",
+            "choose fewer dots per inch (--dpi), or write a PDF or SVG, which are exact at any size",
         )
     document = pypdfium2.PdfDocument(pages_to_pdf([page], page.title))
     try:

@@ -77,7 +77,7 @@ class PrintLayout:
         sheet = load_template(self.template)
         if self.paper not in (None, sheet.paper):
             width, height = sheet.page_mm
-            hint = "leave the paper out, or choose another template (lmkit generate --list-templates)"
+            hint = "leave the paper (--paper) out, or choose another template (lmkit generate --list-templates)"
             raise InputError(
                 "template_paper",
                 f"template {sheet.name} has its own paper of {width:g} x {height:g} mm, not {self.paper}",

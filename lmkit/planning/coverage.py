@@ -158,7 +158,7 @@ def places_on(floor: FloorPlan, radius_m: float, step_m: float | None = None) ->
             "no_room",
             f"a robot of radius {radius_m:g} m fits nowhere: "
             f"the largest radius that fits is {floor.clearance_m.max():.2f} m",
-            "check the plan's scale and the radius",
+            "check the plan's scale (--scale) and the radius (--radius)",
         )
     if step_m is None:
         area = free.sum() * floor.cell_m**2

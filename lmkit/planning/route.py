@@ -183,7 +183,8 @@ class _Grid:
         """The cell of a place."""
         at = np.array([spot.x_m, spot.y_m])
         if self.tree is None:
-            raise InputError("no_room", f"a robot of radius {self.radius_m:g} m fits nowhere", "check the radius")
+            hint = "check the radius (--radius)"
+            raise InputError("no_room", f"a robot of radius {self.radius_m:g} m fits nowhere", hint)
         nearest = self.tree.query(at)[1]
         if self.floor.clearance_at(at) < self.radius_m - self.floor.cell_m:
             x, y = self.middles[nearest]
