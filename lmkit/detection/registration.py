@@ -47,7 +47,9 @@ MOSAIC_PX = 2.0  # period of the colors: an edge that crosses several periods me
 # of four kinds (`TRAINING_KINDS`; decision 36), and enlarged by 1.2, so that 95 % of poses are inside.
 GROWTH, FULL_PX, USUAL_SIDE_PX, STRETCH = 1.75, 0.08, 40.0, 1.1
 LEAST_ERROR_PX = 0.005
-MIXED_PIXEL_PRIOR = 0.1  # standard deviation of the mixed-pixel bias
+# Standard deviation of the mixed-pixel bias.  A wider one follows what cameras do to colors, and edges with it
+# (decision 39).
+MIXED_PIXEL_PRIOR = 0.02
 SHADING_PRIOR = 0.05  # standard deviation of the relative change of light over half the side
 SHADOW_ROOM_PX = 8  # around the pixels in use, since the fit still moves
 LIMITS = Limits(least_spread=MIN_SPREAD, most_spread=64.0, distortion=0.3, shading=0.6, bias=1.0)
@@ -63,6 +65,7 @@ class DrawingFit:
         drawing: what is fitted.
         hypothesis: which of its parts are drawn.
         channel_repeats: how often the three channels count the same light: 3 in gray images.
+        mixed_pixel_prior: standard deviation of the mixed-pixel bias.
     """
 
     samples: PixelSamples
@@ -80,6 +83,7 @@ class DrawingFit:
         self.drawing: Drawing | GridDrawing = drawing
         self.hypothesis = Hypothesis(0, 0)
         self.channel_repeats = 1
+        self.mixed_pixel_prior = MIXED_PIXEL_PRIOR
         self.view = View(np.round(corners.mean(axis=0)), image.center, image.half_width, family.half_mm)
         self.state: FloatArray = np.zeros(STATE)
         self.state[:8] = corners.ravel()
@@ -187,7 +191,7 @@ class DrawingFit:
 
     @property
     def _priors(self) -> Priors:
-        return Priors(RIDGE, DISTORTION_PRIOR, SHADING_PRIOR, MIXED_PIXEL_PRIOR, self.samples.prior_weight)
+        return Priors(RIDGE, DISTORTION_PRIOR, SHADING_PRIOR, self.mixed_pixel_prior, self.samples.prior_weight)
 
 
 def with_processing(corners: FloatArray, scatter: FloatArray) -> FloatArray:

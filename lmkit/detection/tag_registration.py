@@ -30,6 +30,7 @@ FROM_FAR = Steps(rounds=0, most=10, to_px=0.05)
 COARSE_SIDE_PX = 100.0
 COARSE_PIXELS = 400
 DISTORTION_SIDE_PX = 40.0
+MIXED_PIXEL_PRIOR = 0.1  # black and white have no color to be smoothed; what rejects open borders counts on it
 LEAST_CONTRAST = 1.25  # white over black of what is worth registering
 
 
@@ -166,6 +167,7 @@ class TagFit(DrawingFit):
         self.family = family
         super().__init__(image, family, tag_tables_of(family).empty, corners, spread_px2)
         self.channel_repeats = 3 if gray else 1
+        self.mixed_pixel_prior = MIXED_PIXEL_PRIOR
 
     def decode(self, least: Promise) -> bool:
         """Score every code, and draw the likeliest one from now on; False where it promises less."""
