@@ -18,13 +18,14 @@ from lmkit.simulation.render import render
 from lmkit.simulation.scene import Panel, Scene
 
 SIZE = (240, 180)
+FACE_DPI = 480 * 25.4 / 180
 CAMERA = CameraModel(SIZE, np.array([[300.0, 0, 119.5], [0, 300.0, 89.5], [0, 0, 1]]), np.zeros(5))
 
 
 def sheet(code: int, family: LandmarkFamily) -> np.ndarray:
-    face = np.asarray(page_to_image(bare_landmark_page(family, code, 180.0), 72), dtype=float) / 255
-    edge = round(face.shape[0] / 12)
-    paper = cv2.copyMakeBorder(face, edge, edge, edge, edge, cv2.BORDER_CONSTANT, value=(1, 1, 1))
+    """Linear light of a face of 480 x 480 pixels (180 mm) with 40 pixels (15 mm) of paper around it."""
+    face = np.asarray(page_to_image(bare_landmark_page(family, code, 180.0), FACE_DPI), dtype=float) / 255
+    paper = cv2.copyMakeBorder(face, 40, 40, 40, 40, cv2.BORDER_CONSTANT, value=(1, 1, 1))
     return as_printed(srgb_to_linear(paper).astype(np.float32), LASER)
 
 
