@@ -77,13 +77,13 @@ def models_by_camera(model: str, count: int) -> tuple[str, ...]:
     names = tuple(model.split(","))
     for name in names:
         if name not in MODELS:
-            hint = f"choose {', '.join(MODELS)}; one for each camera is separated by commas"
+            hint = f"choose {', '.join(MODELS)} (--model); one for each camera is separated by commas"
             raise InputError("bad_model", f"model {name} is unknown", hint)
     if len(names) not in (1, count):
         raise InputError(
             "bad_model",
             f"model {model} names {len(names)} lens models for {count} cameras",
-            "give one for all cameras, or one for each",
+            "give one for all cameras (--model pinhole), or one for each (--model pinhole,fisheye)",
         )
     return names if len(names) == count else names * count
 

@@ -290,7 +290,7 @@ def check_camera(
     if (beyond := beyond_model(camera)) > BEYOND_MODEL:
         message = (
             f"{which}'s distortion model is not valid over {100 * beyond:.0f} % of the image (it folds back there): "
-            "show the board in the corners, or try the model fisheye"
+            "show the board in the corners, or try another lens model (--model fisheye)"
         )
         warnings.append(CalibrationWarning("lens_ends", message))
     if abs(cx - (width - 1) / 2) > CENTRE_SHARE * width or abs(cy - (height - 1) / 2) > CENTRE_SHARE * height:

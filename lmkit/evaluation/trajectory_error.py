@@ -19,7 +19,7 @@ from lmkit.geometry.planar import wrap_angle
 from lmkit.model.trajectory import Trajectory
 
 ALIGNMENTS = ("none", "rigid", "scale")
-AT_LEAST_0 = "give seconds, 0 or more"
+AT_LEAST_0 = "give max_apart_s (--max-apart) in seconds, 0 or more"
 LEAST_ACTUAL_M = 0.05  # the percentage error of a shorter distance says nothing
 
 
@@ -125,9 +125,9 @@ def compare_trajectories(
         InputError: an unknown alignment, a number out of range, no poses that belong together, or too few to align.
     """
     if align not in ALIGNMENTS:
-        raise InputError("bad_align", f"align {align!r} is unknown", f"choose {', '.join(ALIGNMENTS)}")
+        raise InputError("bad_align", f"align {align!r} is unknown", f"choose {', '.join(ALIGNMENTS)} (--align)")
     if delta < 1:
-        raise InputError("bad_option", f"delta {delta} is out of range", "give 1 or more")
+        raise InputError("bad_option", f"delta {delta} is out of range", "give 1 or more (--delta)")
     if not max_apart_s >= 0:
         raise InputError("bad_option", f"the largest time difference {max_apart_s:g} s is out of range", AT_LEAST_0)
     in_truth, in_estimate = associate(truth.times_s, estimate.times_s, max_apart_s)
@@ -169,7 +169,10 @@ def _clock_hint(truth_s: FloatArray, estimate_s: FloatArray) -> str:
             if min(a, b) > 0 and 0.9 < b / a / factor < 1.1:
                 return f"the times of the {name} look like {unit}: write seconds"
     offset = float(truth_s[0] - estimate_s[0])
-    return f"check that both clocks agree: shifted by {offset:.3f} s they start together; or allow larger differences"
+    return (
+        f"check that both clocks agree: shifted by {offset:.3f} s (--time-offset {offset:.3f}) they start together; "
+        "or allow larger differences (max_apart_s, --max-apart)"
+    )
 
 
 def pose_errors(true: Trajectory, found: Trajectory) -> tuple[FloatArray, FloatArray]:
@@ -204,7 +207,9 @@ def umeyama(source: FloatArray, target: FloatArray, with_scale: bool) -> tuple[F
     U, d, Vt = np.linalg.svd(b.T @ a / len(source))
     if len(source) < 3 or d[1] < 1e-12 * max(d[0], 1e-300):
         raise InputError(
-            "no_alignment", "the poses do not fix an alignment: too few, or all on a line", "choose align none"
+            "no_alignment",
+            "the poses do not fix an alignment: too few, or all on a line",
+            "choose align none (--align none)",
         )
     sign = np.diag([1.0, 1.0, float(np.sign(np.linalg.det(U) * np.linalg.det(Vt)))])
     R = U @ sign @ Vt

@@ -78,7 +78,7 @@ def _composed(faces: tuple[PrintedFace, ...], template: PageTemplate, wording: W
         largest = largest_fitting_mm(faces[0].family, template) if error.code in FITTING else 0
         if not 0 < largest < faces[0].size_mm:
             raise
-        hint = f"the largest that fits there is {largest} mm; leave the template out to have sheets made for the size"
+        hint = f"the largest that fits there is {largest} mm; without --template sheets are made for the size"
         raise InputError(error.code, error.message, hint) from None
 
 
@@ -199,14 +199,14 @@ def _check_faces(faces: tuple[PrintedFace, ...], template: PageTemplate) -> None
         raise InputError(
             "landmark_too_large",
             f"a landmark of {faces[0].size_mm:g} mm with its white margin does not fit on template {template.name}",
-            "choose a smaller size, or leave the template out to have it tiled over several sheets",
+            "choose a smaller size (--size), or leave the template (--template) out to tile it over several sheets",
         )
     for one, other in combinations(faces, 2):
         if overlap(one.margin_box, other.margin_box):
             raise InputError(
                 "overlap",
                 f"template {template.name}: landmarks of {one.size_mm:g} mm overlap each other's white margin",
-                "choose a smaller size, or larger steps in the template",
+                "choose a smaller size (--size), or larger steps in the template",
             )
 
 
@@ -227,7 +227,7 @@ def _check_parts(around: list[Part], faces: tuple[PrintedFace, ...], template: P
             raise InputError(
                 "overlap",
                 f"template {template.name}: the {part.name} overlaps a landmark's white margin",
-                "move it outward, or choose a smaller size",
+                "move it outward, or choose a smaller size (--size)",
             )
     for one, other in combinations([part for part in around if part.alone], 2):
         if overlap(one.box, other.box):

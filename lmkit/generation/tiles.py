@@ -69,7 +69,7 @@ def compose_tiles(family: MarkerFamily, code: int, size_mm: float, paper: str) -
         raise InputError(
             "landmark_too_large",
             f"{size_mm:g} mm would take {tiling.columns * tiling.rows} sheets of {paper}",
-            f"at most {MAX_SHEETS}; choose larger paper, or have it printed in one piece (with a template)",
+            f"at most {MAX_SHEETS}; choose larger paper (--paper), or have it printed in one piece (--template)",
         )
     names = _sheet_names(face, tiling)
     return [_plan(face, tiling, paper, names), *(_sheet(face, tiling, *at, name) for at, name in names.items())]

@@ -65,7 +65,7 @@ def read_odometry(path: Path, track_m: float | None = None) -> Odometry:
             raise InputError(
                 "no_track",
                 f"{path} holds distances of wheels",
-                "give the distance between the wheels (wheel track), such as 0.4m",
+                'give the distance between the wheels, such as wheel_track="0.4m" (--wheel-track 0.4m)',
             )
         return Odometry.from_wheels(times, values[0], values[1], track_m)
     return Odometry.from_velocities(times, *values)

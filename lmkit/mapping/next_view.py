@@ -38,7 +38,7 @@ LEAST_READ = 0.5  # probability
 MOST_ADVISED = 6
 ALIKE = (
     "no view of it alone fixes that, its part of the map errs as a whole; drive on from there until landmarks that "
-    "are better known come into view again, or measure one there and give it as known"
+    "are better known come into view again, or measure one there and give it as known (--known)"
 )
 WORTH = 0.7  # of a deviation is left, or the view is not worth the way
 

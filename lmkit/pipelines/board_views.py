@@ -113,7 +113,7 @@ def checked_board(images: Sequence[ByteArray], board: BoardSpec) -> BoardSpec:
     raise InputError(
         "wrong_board",
         f"the images show {other}, not {board}",
-        f"give the board {other} (columns x rows count {counted})",
+        f"give the board {other} (--board); columns x rows count {counted}",
     )
 
 

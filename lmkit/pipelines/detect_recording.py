@@ -67,7 +67,9 @@ def _next_time(k: int, name: str, time_s: float | None, hz: float | None, last: 
     time = k / hz if hz else time_s
     if time is None:
         raise InputError(
-            "no_times", f"{name} has no time in its name", "give the number of frames per second, such as hz 5"
+            "no_times",
+            f"{name} has no time in its name",
+            "give the number of frames per second, such as hz=5 (--hz 5)",
         )
     if last is not None and time <= last:
         raise InputError("time_not_increasing", f"{name}: time does not increase", "name images in their order")

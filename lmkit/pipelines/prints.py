@@ -71,7 +71,7 @@ class PrintLayout:
         """
         if self.template is None:
             if self._paper not in PAPERS:
-                hint = f"choose {', '.join(PAPERS)}, or give a template"
+                hint = f"choose {', '.join(PAPERS)} (--paper), or give a template (--template)"
                 raise InputError("bad_paper", f"paper {self.paper!r} is unknown", hint)
             return load_template(self._paper)
         sheet = load_template(self.template)
@@ -328,7 +328,7 @@ def check_landmark_size(size_mm: float) -> str | None:
         raise InputError(
             "too_small",
             f"a size of {size_mm:g} mm is below {LEAST_SIZE_MM:g} mm, which no printer draws cleanly",
-            f"choose {LEAST_SIZE_MM:g} mm or more; 180mm is usual",
+            f"choose {LEAST_SIZE_MM:g} mm or more (--size); 180mm is usual",
         )
     if size_mm >= READABLE_MM:
         return None

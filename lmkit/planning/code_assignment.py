@@ -34,7 +34,7 @@ def assign_codes(
         raise InputError(
             "too_few_codes",
             f"{len(used) + len(places)} landmarks, but {family_name} has {family.code_count} codes",
-            "relax the requirement, or use larger landmarks",
+            "relax the requirement, or use larger landmarks (--size)",
         )
     confusable = confusable_codes(family)
     chosen: list[int] = []

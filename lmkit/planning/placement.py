@@ -97,7 +97,7 @@ def place_landmarks(
         raise InputError(
             "no_wall",
             "no wall that a landmark fits on",
-            "check the plan's scale, the walls left out and the landmarks' size",
+            "check the plan's scale (--scale), the walls left out (--not-on) and the landmarks' size (--size)",
         )
     search = Search(floor, existing, mounts, rig, radius_m, demand)
     search.require_possible()

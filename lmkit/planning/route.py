@@ -206,7 +206,8 @@ class _Grid:
         raise NegativeAnswer(
             "unreachable",
             f"no route for a robot of radius {self.radius_m:g} m leads to ({goal.x_m:g}, {goal.y_m:g}) m",
-            f"the nearest place that can be reached is {x:.2f},{y:.2f}, {off.min():.2f} m away; check the radius",
+            f"the nearest place that can be reached is {x:.2f},{y:.2f}, {off.min():.2f} m away; "
+            "check the radius (--radius)",
         )
 
     def costs(self, coverage: PoseCoverage, demand: Demand) -> FloatArray:

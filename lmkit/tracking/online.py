@@ -186,5 +186,5 @@ def _floor_doubt(frames: Sequence[RigFrame], rig: AnyRig, landmarks: LandmarkMap
         return ()
     return (
         f"the robot stands at z = {np.median(heights):.2f} m of the map, and tracking live by wheels takes the floor "
-        "to be z = 0; shift the map's heights, or track without live",
+        "to be z = 0; shift the map's heights, or track without live (--live)",
     )
