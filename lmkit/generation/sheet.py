@@ -78,7 +78,7 @@ def _composed(faces: tuple[PrintedFace, ...], template: PageTemplate, wording: W
         largest = largest_fitting_mm(faces[0].family, template) if error.code in FITTING else 0
         if not 0 < largest < faces[0].size_mm:
             raise
-        hint = f"the largest that fits there is {largest} mm; without --template sheets are made for the size"
+        hint = f"the largest that fits there is {largest} mm; without a template (--template) sheets are made to fit"
         raise InputError(error.code, error.message, hint) from None
 
 
