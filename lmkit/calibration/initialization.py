@@ -20,6 +20,7 @@ from lmkit.model.observation import PairView
 CONSENSUS_DEG = 1.0
 CONSENSUS_SIGMA = 6.0
 FITTED_DEG = 0.2  # the same once the cameras are known
+GOOD_START = 0.002  # error of an equidistant camera's start, of the image's width, that needs no other
 EQUIDISTANT_VIEWS = 15  # for the start of an equidistant camera, which OpenCV fits slowly
 
 
@@ -101,24 +102,10 @@ def start_camera(
     """
     objects = [object_points[ids].astype(np.float32) for ids, _ in seen]
     images = [points.astype(np.float32) for _, points in seen]
-    width, height = image_size
     try:
         if model != RADTAN and LENS_MODELS[model].is_equidistant:
-            f = width / 4
-            K = np.array([[f, 0, (width - 1) / 2], [0, f, (height - 1) / 2], [0, 0, 1.0]])
-            flags = 0
-            for name in ("CALIB_RECOMPUTE_EXTRINSIC", "CALIB_FIX_SKEW", "CALIB_USE_INTRINSIC_GUESS"):
-                flags |= _fisheye_flag(name)
             some = np.unique(np.linspace(0, len(seen) - 1, EQUIDISTANT_VIEWS).round().astype(int))
-            _, K, D, _, _ = cv2.fisheye.calibrate(
-                [objects[k].reshape(1, -1, 3).astype(np.float64) for k in some],
-                [images[k].reshape(1, -1, 2).astype(np.float64) for k in some],
-                image_size,
-                K,
-                np.zeros((4, 1)),
-                flags=flags,
-            )
-            return CameraModel(image_size, _plain(K), np.asarray(D, dtype=np.float64).ravel(), model)
+            return _start_equidistant([objects[k] for k in some], [images[k] for k in some], image_size, model)
         _, K, D, _, _ = cv2.calibrateCamera(objects, images, image_size, None, None, flags=cv2.CALIB_FIX_K3)
         distortion = np.asarray(D, dtype=np.float64).ravel()[:5]
         if model == RADTAN:
@@ -127,6 +114,84 @@ def start_camera(
         return CameraModel(image_size, _plain(K), padded, model)
     except (cv2.error, ValueError):
         raise _no_start(model) from None
+
+
+def _start_equidistant(
+    objects: Sequence[FloatArray], images: Sequence[FloatArray], image_size: tuple[int, int], model: str
+) -> CameraModel:
+    """The equidistant camera that explains most of the corners, from several starts.
+
+    OpenCV's fit ends in an error or in a wrong camera where it starts far from the focal length. A narrow lens is
+    near to the pinhole camera of the same corners, which is the last start and stands in for the fit if that fails.
+
+    Raises:
+        InputError: no such camera explains the corners.
+    """
+    width, height = image_size
+    best: tuple[float, CameraModel] | None = None
+    for start in ("wide", "half circle", "narrow", "pinhole"):
+        try:
+            if start in ("wide", "half circle"):
+                f = width / 4 if start == "wide" else max(image_size) / np.pi
+                found = _fit_equidistant(
+                    objects, images, CameraModel(image_size, _centered(f, width, height), np.zeros(4), model)
+                )
+            else:
+                _, K, D, _, _ = cv2.calibrateCamera(objects, images, image_size, None, None, flags=cv2.CALIB_FIX_K3)
+                near = _equidistant_near(
+                    CameraModel(image_size, _plain(K), np.asarray(D, dtype=np.float64).ravel()[:5], PINHOLE.name),
+                    model,
+                )
+                found = near if start == "pinhole" else _fit_equidistant(objects, images, near)
+        except (cv2.error, ValueError, np.linalg.LinAlgError):
+            continue
+        error = _median_error(found, objects, images)
+        if np.isfinite(error) and (best is None or error < best[0]):
+            best = error, found
+        if best is not None and best[0] <= GOOD_START * width:
+            break
+    if best is None:
+        raise _no_start(model)
+    return best[1]
+
+
+def _fit_equidistant(objects: Sequence[FloatArray], images: Sequence[FloatArray], start: CameraModel) -> CameraModel:
+    flags = 0
+    for name in ("CALIB_RECOMPUTE_EXTRINSIC", "CALIB_FIX_SKEW", "CALIB_USE_INTRINSIC_GUESS"):
+        flags |= _fisheye_flag(name)
+    _, K, D, _, _ = cv2.fisheye.calibrate(
+        [points.reshape(1, -1, 3).astype(np.float64) for points in objects],
+        [points.reshape(1, -1, 2).astype(np.float64) for points in images],
+        start.image_size,
+        start.K.copy(),
+        start.distortion.reshape(4, 1).copy(),
+        flags=flags,
+    )
+    return CameraModel(start.image_size, _plain(K), np.asarray(D, dtype=np.float64).ravel(), start.model)
+
+
+def _equidistant_near(camera: CameraModel, model: str) -> CameraModel:
+    """The equidistant camera of the same focal lengths and center that bends rays like a pinhole camera.
+
+    The angle's polynomial t (1 + k1 t^2 + k2 t^4), which is the distorted tangent over the lens's own range.
+    """
+    width, height = camera.image_size
+    edge = camera.unproject(np.array([[0.0, (height - 1) / 2], [(width - 1) / 2, 0.0], [0.0, 0.0]]))
+    reach = float(np.nanmax(np.arctan(np.linalg.norm(edge, axis=1))))
+    angle = np.linspace(reach / 20, reach, 20)
+    k1, k2, _, _, k3 = np.pad(camera.distortion, (0, 5))[:5]
+    r = np.tan(angle)
+    bent = r * (1 + k1 * r**2 + k2 * r**4 + k3 * r**6)
+    share, *_ = np.linalg.lstsq(np.column_stack([angle**3, angle**5]), bent - angle, rcond=None)
+    return CameraModel(camera.image_size, camera.K, np.array([*share, 0.0, 0.0]), model)
+
+
+def _median_error(camera: CameraModel, objects: Sequence[FloatArray], images: Sequence[FloatArray]) -> float:
+    """How well the camera explains the middle image, px; infinite where it has no pose of the board."""
+    poses = [
+        board_poses(camera, o.astype(np.float64), i.astype(np.float64)) for o, i in zip(objects, images, strict=True)
+    ]
+    return float(np.median([found[0][2] if found else np.inf for found in poses]))
 
 
 def _no_start(model: str) -> InputError:
@@ -243,6 +308,10 @@ def _fisheye_flag(name: str) -> int:
     """OpenCV 5 keeps these flags in cv2, OpenCV 4 in cv2.fisheye; their numbers differ."""
     home = cv2.fisheye if hasattr(cv2.fisheye, name) else cv2
     return int(getattr(home, name))
+
+
+def _centered(f: float, width: int, height: int) -> FloatArray:
+    return np.array([[f, 0, (width - 1) / 2], [0, f, (height - 1) / 2], [0, 0, 1.0]])
 
 
 def _plain(K: np.ndarray) -> FloatArray:

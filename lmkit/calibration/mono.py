@@ -16,7 +16,14 @@ from lmkit.calibration.bundle_adjustment import FitOptions, Solution, StereoProb
 from lmkit.calibration.cross_validation import FOLDS, HeldOut
 from lmkit.calibration.initialization import board_poses, start_camera
 from lmkit.calibration.intrinsics import intrinsics_vector, sigma_and_correlation
-from lmkit.calibration.sanity_checks import STRONG_WARP, CalibrationWarning, Declared, check_camera, require_views
+from lmkit.calibration.sanity_checks import (
+    STRONG_WARP,
+    CalibrationWarning,
+    Declared,
+    check_camera,
+    require_explained,
+    require_views,
+)
 from lmkit.calibration.view_coverage import ENOUGH_CELLS, LEAST_VIEWS, camera_coverage
 from lmkit.errors import InputError
 from lmkit.geometry.lens_models import LENS_MODELS
@@ -180,6 +187,7 @@ def _fit(views: Sequence[PairView], object_points: FloatArray, image_size: tuple
     problem = StereoProblem(object_points, [views[k] for k in rows])
     solution = problem.solve(problem.solve(start, FitOptions(warp=False)), FitOptions())
     rms = problem.rms(solution)
+    require_explained(float(np.median(rms)), image_size, model)
     good = rms <= BAD_RMS_RATIO * np.median(rms)
     ratios = {k: float(r / np.median(rms)) for k, r, ok in zip(rows, rms, good, strict=True) if not ok}
     if ratios:

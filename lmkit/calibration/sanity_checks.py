@@ -23,6 +23,7 @@ LOOSE_RATIO = 2.0
 WRONG_BASELINE = 0.02
 WRONG_FIELD = 0.05
 UNEQUAL_FOCALS = 0.03
+ABSURD_SHARE = 0.01  # of the image's width; a pinhole camera for the corners of a fisheye lens errs by less
 CENTRE_SHARE = 0.15
 STRONG_WARP = 0.01  # bow over the board's half size
 UNSURE_BASELINE = 0.005
@@ -86,6 +87,24 @@ def require_rigid(together_px: float, alone_px: float, row_error_px: float | Non
             f"each camera alone explains its images to {alone_px:.2f} px, both together only to {together_px:.2f} px"
             f"{rows}: images of a pair are not taken at the same time, or the cameras move relative to each other",
             "synchronize the cameras, or hold the board still for every pair; fasten the rig; check the file pairs",
+        )
+
+
+def require_explained(rms_px: float, image_size: tuple[int, int], model: str) -> None:
+    """Refuse a camera that does not explain its own images.
+
+    Args:
+        rms_px: reprojection error of the fit.
+        model: its lens model.
+
+    Raises:
+        InputError: the error is absurd.
+    """
+    if not rms_px <= ABSURD_SHARE * image_size[0]:
+        raise InputError(
+            "no_fit",
+            f"the best {model} camera misses the corners by {rms_px:.0f} px",
+            "take another --model (auto finds one), check the board specification, and take views with more tilt",
         )
 
 

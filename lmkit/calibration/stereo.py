@@ -30,6 +30,7 @@ from lmkit.calibration.sanity_checks import (
     check_calibration,
     check_known,
     check_rests_on_lenses,
+    require_explained,
     require_majority,
     require_rigid,
     require_views,
@@ -182,6 +183,7 @@ def calibrate_stereo(
     residuals = StereoProblem(object_points, kept).residuals(s)
     together = float(np.median([_rms(np.concatenate(pair)) for pair in residuals]))
     alone = best.alone_px
+    require_explained(alone, sizes[0], s.left.model)
     require_rigid(together, alone, None if best.held_out is None else best.held_out.mean_epipolar_px)
     rig, baseline_sigma = _rig_of(s)
     coverage = coverage_of(kept, s.rotations, s.translations, *sizes)

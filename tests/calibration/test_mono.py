@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from board_views import BOARD, views
@@ -14,6 +16,8 @@ from lmkit.calibration.intrinsics import (
 )
 from lmkit.calibration.mono import calibrate_camera
 from lmkit.errors import InputError
+from lmkit.geometry.camera import CameraModel
+from lmkit.geometry.rotations import rotation_exp
 from lmkit.model.observation import BoardObservation
 from lmkit.simulation.scene import make_rig
 
@@ -44,6 +48,30 @@ def test_a_bad_image_is_named_and_left_out():
     assert [image for image, _ in result.rejected] == [name]
     assert "images_disagree" in [w.code for w in result.warnings]
     assert name not in result.to_dict()["images_used"]
+
+
+@pytest.mark.parametrize("focal", [250.0, 1600.0])
+def test_an_equidistant_camera_is_found_for_any_focal_length(focal):
+    K = np.array([[focal, 0, 325.0], [0, focal, 236.0], [0, 0, 1.0]])
+    lens = CameraModel((640, 480), K, np.array([-0.1, 0.02, 0.0, 0.0, 0.0]))
+    rng, images = np.random.default_rng(1), []
+    points = BOARD.object_points - BOARD.object_points.mean(axis=0)
+    while len(images) < 14:
+        R, z = rotation_exp(rng.normal(0, 0.35, 3)), focal * np.ptp(points[:, 0]) / 640 * rng.uniform(1.6, 2.4)
+        pixels = lens.project(points @ R.T + z * np.array([*rng.uniform(-0.2, 0.2, 2) * 640 / focal, 1.0]))
+        if lens.contains(pixels).all():
+            noisy = pixels + rng.normal(0, 0.1, pixels.shape)
+            images.append((f"{len(images)}", BoardObservation(np.arange(len(points)), noisy)))
+    result = calibrate_camera(images, BOARD, lens.image_size, "fisheye")
+    assert result.rejected == ()
+    assert result.held_out_px == pytest.approx(0.125, abs=0.03)
+    assert result.rig.left.K[0, 0] == pytest.approx(focal, rel=0.02)
+
+
+def test_a_camera_that_misses_its_own_corners_is_refused():
+    scrambled = [(name, replace(o, ids=np.roll(o.ids, 7 * k))) for k, (name, o) in enumerate(seen(8, 0.1))]
+    with pytest.raises(InputError, match="misses the corners"):
+        calibrate_camera(scrambled, BOARD, CAMERA.image_size, "pinhole")
 
 
 def test_two_images_are_too_few():
