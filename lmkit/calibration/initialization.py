@@ -171,7 +171,7 @@ def _fit_equidistant(objects: Sequence[FloatArray], images: Sequence[FloatArray]
 
 
 def _equidistant_near(camera: CameraModel, model: str) -> CameraModel:
-    """The equidistant camera of the same focal lengths and center that bends rays like a pinhole camera.
+    """An equidistant camera that sees nearly what a pinhole camera does; focal lengths and center are the same.
 
     The angle's polynomial t (1 + k1 t^2 + k2 t^4), which is the distorted tangent over the lens's own range.
     """
@@ -181,8 +181,8 @@ def _equidistant_near(camera: CameraModel, model: str) -> CameraModel:
     angle = np.linspace(reach / 20, reach, 20)
     k1, k2, _, _, k3 = np.pad(camera.distortion, (0, 5))[:5]
     r = np.tan(angle)
-    bent = r * (1 + k1 * r**2 + k2 * r**4 + k3 * r**6)
-    share, *_ = np.linalg.lstsq(np.column_stack([angle**3, angle**5]), bent - angle, rcond=None)
+    radius = r * (1 + k1 * r**2 + k2 * r**4 + k3 * r**6)
+    share, *_ = np.linalg.lstsq(np.column_stack([angle**3, angle**5]), radius - angle, rcond=None)
     return CameraModel(camera.image_size, camera.K, np.array([*share, 0.0, 0.0]), model)
 
 

@@ -9,7 +9,7 @@ than a user would notice, the old rig is no longer true.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -22,6 +22,7 @@ from lmkit.calibration.initialization import board_poses
 from lmkit.calibration.intrinsics import intrinsics_vector
 from lmkit.errors import InputError
 from lmkit.geometry.camera import CameraModel
+from lmkit.geometry.pose import Pose
 from lmkit.geometry.rotations import rotation_log
 from lmkit.geometry.stereo_rig import StereoRig
 from lmkit.model.observation import PairView
@@ -97,19 +98,16 @@ def check_rig(rig: StereoRig, object_points: FloatArray, views: Sequence[PairVie
             "give more image pairs; for images of a board, add --board",
         )
     kept = [view for view, _ in known]
-    old = Solution(
-        rig.left,
-        rig.right,
-        rig.T_right_left.R,
-        rig.T_right_left.t,
-        np.zeros(2),
-        np.array([R for _, (R, _) in known]),
-        np.array([t for _, (_, t) in known]),
-    )
+    old = _solution(rig, [pose for _, pose in known])
     as_is = FitOptions(intrinsics=False, relation=False, warp=lenses)
     turned = FitOptions(intrinsics=False, warp=lenses)
     # Pairs taken at different times fit no rig at all; they must not speak for a moved one.
     moved = StereoProblem(object_points, kept).solve(old, turned)
+    # Where two poses of a board suit one camera, the old relation may have confirmed the wrong one.
+    found = replace(rig, T_right_left=Pose("right", "left", moved.R, moved.t))
+    chosen = [_start(found, object_points, view) or pose for view, pose in known]
+    old = _solution(rig, chosen)
+    moved = StereoProblem(object_points, kept).solve(_solution(found, chosen), turned)
     rms = StereoProblem(object_points, kept).rms(moved)
     good = np.flatnonzero(rms <= BAD_RATIO * np.median(rms))
     contradicted = [kept[int(k)].name for k in np.flatnonzero(rms > BAD_RATIO * np.median(rms))]
@@ -152,6 +150,19 @@ def check_rig(rig: StereoRig, object_points: FloatArray, views: Sequence[PairVie
         focal_change=change,
         used=tuple(view.name for view in kept),
         contradicted=tuple(contradicted),
+    )
+
+
+def _solution(rig: StereoRig, poses: Sequence[tuple[FloatArray, FloatArray]]) -> Solution:
+    """The rig with the board's poses (R, t of T_left_board), to start from."""
+    return Solution(
+        rig.left,
+        rig.right,
+        rig.T_right_left.R,
+        rig.T_right_left.t,
+        np.zeros(2),
+        np.array([R for R, _ in poses]),
+        np.array([t for _, t in poses]),
     )
 
 

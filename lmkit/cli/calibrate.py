@@ -119,7 +119,8 @@ def run(
         }  # fmt: skip
         require_no("--check", for_calibration)
         spec = None if board is None and measured is None else parse_board(board, measured)  # None: landmarks
-        check_images(check, *both_sources(left, right), spec, family, as_json)
+        both = (sources[0], None) if side_by_side else both_sources(left, right)
+        check_images(check, *both, spec, family, as_json)
         return
     if corners is not None:
         found_elsewhere = {"images": images, "--board": board, "--measured": measured, "--capture": capture or None}

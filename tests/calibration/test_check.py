@@ -91,3 +91,12 @@ def test_a_pair_of_different_times_does_not_speak_for_a_moved_rig():
 def test_three_views_are_too_few():
     with pytest.raises(InputError, match="at least 5"):
         check_rig(make_rig(), BOARD.object_points, views(3, 0.1))
+
+
+@pytest.mark.parametrize("degrees", [1.0, 4.0])
+def test_no_view_is_blamed_for_a_bump(degrees):
+    """Small far boards have two poses in one camera; the old relation confirms the wrong one."""
+    seen = views(20, 0.3, 4, bumped((0.0, degrees, 0.0)))
+    checked = check_rig(make_rig(), BOARD.object_points, seen)
+    assert checked.contradicted == ()
+    assert checked.turn_deg[1] == pytest.approx(degrees, abs=0.05)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import shutil
+from dataclasses import replace
 from pathlib import Path
 
 import cv2
@@ -12,6 +13,10 @@ import pytest
 from board_views import BOARD, views
 
 from lmkit.io.board_corners import SavedCorners, corners_to_json
+from lmkit.geometry.camera import CameraModel
+from lmkit.geometry.pose import Pose
+from lmkit.geometry.rotations import rotation_exp
+from lmkit.geometry.stereo_rig import StereoRig
 from lmkit.io.rig import read_rig, rig_to_yaml
 from lmkit.simulation.scene import make_rig
 
@@ -34,6 +39,19 @@ def pairs(data, tmp_path) -> tuple[Path, Path]:
         for k in (2, 3, 4, 5, 7, 8):
             shutil.copy(data / f"boards/chessboard/images/p{k:02d}_{side}.jpg", folder / f"{k:02d}.jpg")
     return folders
+
+
+def standing(*folders: Path, scale: float = 1.0, stays: int = 3) -> Path:
+    """A video in which every image stands still for some frames; of several folders, side by side."""
+    film = folders[0].parent / ("".join(folder.name for folder in folders) + ".avi")
+    size = round(640 * scale) * len(folders), round(480 * scale)
+    writer = cv2.VideoWriter(str(film), cv2.VideoWriter.fourcc(*"MJPG"), 10, size)
+    for files in zip(*(sorted(folder.iterdir()) for folder in folders), strict=True):
+        image = cv2.resize(np.hstack([cv2.imread(str(file)) for file in files]), size, interpolation=cv2.INTER_AREA)
+        for _ in range(stays):
+            writer.write(image)
+    writer.release()
+    return film
 
 
 def test_corners_saved_before_calibrate_without_images(lmkit, corners, tmp_path):
@@ -84,17 +102,42 @@ def test_check_says_true_of_its_own_rig_and_moved_of_another(lmkit, pairs, tmp_p
     assert "no longer valid" in bad.err
 
 
+def test_check_of_videos_asks_for_a_board(lmkit, tmp_path):
+    (tmp_path / "rig.yaml").write_text(rig_to_yaml(make_rig()))
+    answer = lmkit("calibrate", "--check", "rig.yaml", "left.mp4", "right.mp4")
+    assert answer.code == 2
+    assert "--check of videos and side-by-side images needs a board" in answer.err
+
+
+@pytest.mark.slow
+def test_check_of_videos_says_true_of_their_own_rig_and_moved_of_another(lmkit, data, pairs, tmp_path):
+    """Two videos agree with the true rig; the same images side by side do not agree with a right camera turned."""
+    rendered = json.loads((data / "boards/chessboard/truth.json").read_text())["rig"]
+    halved = np.array([[0.5, 0, -0.25], [0, 0.5, -0.25], [0, 0, 1.0]])  # pixel centers at integers
+    left, right = (
+        CameraModel((320, 240), halved @ rendered[side]["K"], np.array([*rendered[side]["dist"], 0.0]))
+        for side in ("left", "right")
+    )
+    truth = StereoRig(left, right, Pose("right", "left", np.array(rendered["R"]), np.array(rendered["t"])))
+    turned = Pose("right", "left", rotation_exp(np.array([0, 0.01, 0])) @ truth.T_right_left.R, truth.T_right_left.t)
+    (tmp_path / "true.yaml").write_text(rig_to_yaml(truth))
+    (tmp_path / "turned.yaml").write_text(rig_to_yaml(replace(truth, T_right_left=turned)))
+    films = [standing(folder, scale=0.5, stays=2) for folder in pairs]
+    both = f"split:{standing(*pairs, scale=0.5, stays=2)}"
+    good = lmkit("calibrate", "--check", "true.yaml", *films, "--board", SPEC)
+    assert good.code == 0, good.err
+    assert "still true" in good.out
+    bad = lmkit("calibrate", "--check", "turned.yaml", both, "--board", SPEC, "--json")
+    assert bad.code == 1
+    row = json.loads(bad.out)
+    assert row["state"] == "moved"
+    assert row["turn_deg"][1] == pytest.approx(-np.rad2deg(0.01), abs=0.05)
+
+
 @pytest.mark.slow
 def test_capture_keeps_new_sharp_still_views_of_films(lmkit, pairs, tmp_path):
     """Every image stands still for three frames of the video, then the next one is there at once."""
-    films = []
-    for folder in pairs:
-        films.append(tmp_path / f"{folder.name}.avi")
-        writer = cv2.VideoWriter(str(films[-1]), cv2.VideoWriter.fourcc(*"MJPG"), 10, (640, 480))
-        for file in sorted(folder.iterdir()):
-            for _ in range(3):
-                writer.write(cv2.imread(str(file)))
-        writer.release()
+    films = [standing(folder, scale=0.5) for folder in pairs]
     answer = lmkit("calibrate", *films, "--capture", "--board", SPEC, "--save-pairs", "kept", "-o", "rig.yaml")
     assert answer.code == 0, answer.err
     kept = sorted(p.name for p in (tmp_path / "kept" / "left").iterdir())
