@@ -12,11 +12,11 @@ import numpy as np
 import pytest
 from board_views import BOARD, views
 
-from lmkit.io.board_corners import SavedCorners, corners_to_json
 from lmkit.geometry.camera import CameraModel
 from lmkit.geometry.pose import Pose
 from lmkit.geometry.rotations import rotation_exp
 from lmkit.geometry.stereo_rig import StereoRig
+from lmkit.io.board_corners import SavedCorners, corners_to_json
 from lmkit.io.rig import read_rig, rig_to_yaml
 from lmkit.simulation.scene import make_rig
 
