@@ -103,13 +103,12 @@ def run(
     models_by_camera(model, 1 if len(sources) == 1 and not as_pairs else max(2, len(sources)))
     declared, (left, right) = parse_declared(baseline, fov, intrinsics, intrinsics_sigma), (*sources, None, None)[:2]
     check_outputs((output, report, save_corners), None, force)
-    for_base = {"--rig": rig, "--map": landmark_map, "--height": height}
     if base is not None or clocks is not None:
         for_board = {"images": images, "--board": board, "--report": report, "--check": check, "--corners": corners}
         require_no("--base" if clocks is None else "--clocks", {**for_board, "--capture": capture or None})
         base_options.by_driving(base, clocks, rig, landmark_map, height, family, output, as_json, force)
         return
-    require_no("calibration without --base", for_base)
+    require_no("calibration without --base", {"--rig": rig, "--map": landmark_map, "--height": height})
     if check is not None:
         from lmkit.cli.calibrate_check import check_images
 
@@ -119,8 +118,8 @@ def run(
         }  # fmt: skip
         require_no("--check", for_calibration)
         spec = None if board is None and measured is None else parse_board(board, measured)  # None: landmarks
-        both = (sources[0], None) if side_by_side else both_sources(left, right)
-        check_images(check, *both, spec, family, as_json)
+        one, other = (sources[0], None) if side_by_side else both_sources(left, right)
+        check_images(check, one, other, spec, family, as_json)
         return
     if corners is not None:
         found_elsewhere = {"images": images, "--board": board, "--measured": measured, "--capture": capture or None}
