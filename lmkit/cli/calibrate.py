@@ -129,8 +129,7 @@ def run(
         from lmkit.cli.calibrate_cameras import calibrate_cameras
 
         for_pairs = {
-            "--baseline": baseline, "--save-corners": save_corners, "--report": None if len(sources) > 2 else report,
-            "--intrinsics": intrinsics or None,
+            "--baseline": baseline, "--save-corners": save_corners, "--intrinsics": intrinsics or None,
         }  # fmt: skip
         require_no(f"images of {len(sources)} camera(s)", for_pairs)
         calibrate_cameras(sources, parse_board(board, measured), model, declared, output, report, as_json, force)

@@ -67,7 +67,7 @@ def run(
     force: options.Force = False,
 ) -> None:
     """Locate the camera, or the robot, in the map."""
-    from lmkit.cli.locate_sources import require_frame, source_groups, warn_of_clocks
+    from lmkit.cli.locate_sources import require_frame, require_sources, source_groups, warn_of_clocks
     from lmkit.cli.parsing import parse_prior, require_rate
     from lmkit.io.any_rig import read_any_rig
     from lmkit.io.image_sources import frame_count
@@ -103,13 +103,9 @@ def run(
         return
     require_no("images", for_readings | {"--range-sigma": range_sigma})
     require_no("images", for_scans)
+    require_sources(images or [], mono)
     if rig is None or landmark_map is None:
         raise InputError("no_rig_or_map", "locate needs a rig and a map", "give --rig rig.yaml --map map.yaml")
-    if mono is not None and images:
-        problem = f"--mono takes one value, and {' '.join(images)} follows"
-        raise InputError("extra_files", problem, "quote a glob, such as --mono 'images/*.jpg', or give a folder")
-    if mono is None and not images:
-        raise InputError("no_images", "locate needs images", "give one per camera, or --mono IMAGE")
     if frame not in (None, "camera", "base"):
         raise InputError("bad_frame", f"--frame {frame} is unknown", "choose camera or base")
     choices = LocateOptions(prior=parse_prior(heading, planar))

@@ -12,6 +12,22 @@ if TYPE_CHECKING:
     from lmkit.geometry.rig import AnyRig
 
 
+def require_sources(images: list[str], mono: str | None) -> None:
+    """Refuse no images, and more than the one source that --mono takes.
+
+    Raises:
+        InputError: not the images that were meant.
+    """
+    if mono is not None and mono.startswith("-"):
+        found = images[0] if images else "IMAGE"
+        raise InputError("no_images", f"--mono takes a value, and {mono} follows", f"give --mono {found}")
+    if mono is not None and images:
+        problem = f"--mono takes one value, and {' '.join(images)} follows"
+        raise InputError("extra_files", problem, "quote a glob, such as --mono 'images/*.jpg', or give a folder")
+    if mono is None and not images:
+        raise InputError("no_images", "locate needs images", "give one per camera, or --mono IMAGE")
+
+
 def source_groups(images: list[str], mono: str | None, rig: AnyRig) -> list[list[str]]:
     """Sources that belong together: one per camera; with a rig of one camera every source stands for itself."""
     from lmkit.geometry.rig import mounted_cameras

@@ -1,13 +1,15 @@
-"""Images of a board by several cameras -> a calibrated rig: every camera's corners, and the views that two share."""
+"""Images of a board -> a calibrated rig of one or more cameras: the corners of each, and the views that two share."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 
 from lmkit.calibration.initialization import models_by_camera
 from lmkit.calibration.mono import calibrate_camera
+from lmkit.calibration.sanity_checks import Declared
 from lmkit.calibration.several_cameras import RigCalibration, calibrate_rig
 from lmkit.detection.boards import same_orientation
 from lmkit.io.image_groups import are_files, list_groups
@@ -50,6 +52,31 @@ def calibrate_sources(
     if board.kind == "chessboard":
         seen = _oriented(seen, board)
     return calibrate_rig(_names(sources), cameras, seen, board)
+
+
+def calibrate_source(
+    source: str,
+    board: BoardSpec,
+    model: str = "auto",
+    declared: Declared | None = None,
+    on_image: Callable[[int, int], None] = lambda done, total: None,
+) -> RigCalibration:
+    """Calibrate one camera from a folder, glob or video.
+
+    Args:
+        declared: see `calibrate_camera`.
+        on_image: called after every image how many are done, of how many.
+
+    Returns:
+        The rig of this camera, in the form that the report of several cameras takes.
+
+    Raises:
+        InputError: too few images, or no camera explains them.
+    """
+    found = find_board_images(source, board, on_image)
+    camera = calibrate_camera(found.views, found.board, found.image_size, model, found.rejected, declared)
+    seen = {name: corners for name, corners in found.views if name in set(camera.used)}
+    return replace(calibrate_rig(["camera"], [camera], [seen], found.board), rig=camera.rig)
 
 
 def _in_files(

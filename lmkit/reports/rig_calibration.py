@@ -1,4 +1,4 @@
-"""The calibration report of three and more cameras: one self-contained HTML file."""
+"""The calibration report of one camera, or of three and more: one self-contained HTML file."""
 
 from __future__ import annotations
 
@@ -13,6 +13,7 @@ from lmkit.calibration.uncertainty import NEAR_M, projection_uncertainty
 from lmkit.geometry.rig import MountedCamera
 from lmkit.model.board import BoardSpec
 from lmkit.reports import calibration_plots as plots
+from lmkit.units import counted
 from lmkit.visualization.html import figure, grid, headline, listed, page, table
 
 COLORS = (plots.LEFT, plots.RIGHT, "#3a9d5d", "#a45ad0", "#c2417c", "#7a7a2a", "#2a9d9d", "#9d5a2a")
@@ -21,19 +22,19 @@ _INTRINSICS = ("fx", "fy", "cx", "cy")
 
 
 def rig_calibration_report(result: RigCalibration, board: BoardSpec) -> str:
-    """HTML report of a calibration of three and more cameras."""
+    """HTML report of a calibration of one camera, or of three and more."""
+    several = len(result.rig.cameras) > 1
     warnings = [
-        f"{mounted.name}: {warning.message}"
+        f"{mounted.name}: {warning.message}" if several else warning.message
         for mounted, camera in zip(result.rig.cameras, result.cameras, strict=True)
         for warning in camera.warnings
     ]
     parts = [
-        f"<p>{escape(str(board))}, {len(result.rig.cameras)} cameras, {len(result.frames)} frames</p>",
+        f"<p>{escape(str(board))}, {counted(len(result.rig.cameras), 'camera')}, {len(result.frames)} frames</p>",
         headline(*rig_calibration_summary(result)),
         listed("Warnings", warnings),
         _cameras(result),
-        _places(result),
-        _ties(result),
+        *((_places(result), _ties(result)) if several else ()),
         _coverage(result),
         _residuals(result),
         _uncertainty(result),
@@ -41,7 +42,7 @@ def rig_calibration_report(result: RigCalibration, board: BoardSpec) -> str:
         _space(result, board),
         _frames(result),
     ]
-    return page("Calibration of several cameras", parts)
+    return page("Calibration of several cameras" if several else "Calibration of one camera", parts)
 
 
 def rig_calibration_summary(result: RigCalibration) -> tuple[str, str, str]:
@@ -51,10 +52,12 @@ def rig_calibration_summary(result: RigCalibration) -> tuple[str, str, str]:
     few = [name for name, error in zip(names, held, strict=True) if error is None]
     if few:
         reason = f"The held-out error of {', '.join(few)} needs five or more images. Take more images."
+        reason = reason if len(names) > 1 else "The held-out error needs five or more images. Take more images."
         return "poor", "Too few images to judge the calibration.", reason
     errors = [error for error in held if error is not None]
     worst = int(np.argmax(errors))
-    size = f"Held-out reprojection error: {errors[worst]:.3f} px (mean of the worst camera, {names[worst]})"
+    whose = f"mean of the worst camera, {names[worst]}" if len(names) > 1 else "mean"
+    size = f"Held-out reprojection error: {errors[worst]:.3f} px ({whose})"
     count = sum(len(camera.warnings) for camera in result.cameras)
     joint = int(np.argmax(np.array(result.rms_px) / [camera.rms_px for camera in result.cameras]))
     apart = result.rms_px[joint] / result.cameras[joint].rms_px
@@ -70,24 +73,28 @@ def rig_calibration_summary(result: RigCalibration) -> tuple[str, str, str]:
     if errors[worst] > GOOD_PX:
         return "fair", "Usable.", f"{size}. Sharp images of a flat board reach less than {GOOD_PX} px."
     if count:
-        warned = "1 warning" if count == 1 else f"{count} warnings"
-        return "fair", f"Good fit, {warned}.", f"{size}. Fix the causes of the warnings and calibrate again."
+        return (
+            "fair",
+            f"Good fit, {counted(count, 'warning')}.",
+            f"{size}. Fix the causes of the warnings and calibrate again.",
+        )
     return "good", "Good.", f"{size}. No warnings."
 
 
 def _cameras(result: RigCalibration) -> str:
-    rows = []
+    rows, several = [], len(result.cameras) > 1
     for mounted, camera, rms_px in zip(result.rig.cameras, result.cameras, result.rms_px, strict=True):
         held = "unknown" if camera.held_out_px is None else f"{camera.held_out_px:.3f}"
         size = "{} x {}".format(*mounted.model.image_size)
         cells = [mounted.name, mounted.model.model, size, str(len(camera.used)), str(len(camera.rejected)), held]
-        rows.append([*cells, f"{camera.rms_px:.3f}", f"{rms_px:.3f}", f"{100 * camera.coverage.mean():.0f} %"])
-    head = ["camera", "lens", "size", "used", "rejected", "held-out px", "alone px", "joint px", "covered"]
-    note = (
-        "Held-out: mean reprojection error on images that the fit had not seen. Alone and joint: reprojection error "
-        "of the camera's own fit, and beside the others."
-    )
-    return f"<h2>Cameras</h2>{_wide(table(head, rows))}<p class='note'>{note}</p>"
+        joint = [f"{rms_px:.3f}"] if several else []
+        rows.append([*cells, f"{camera.rms_px:.3f}", *joint, f"{100 * camera.coverage.mean():.0f} %"])
+    fits = ["alone px", "joint px"] if several else ["reprojection px"]
+    head = ["camera", "lens", "size", "used", "rejected", "held-out px", *fits, "covered"]
+    note = "Held-out: mean reprojection error on images that the fit had not seen."
+    if several:
+        note += " Alone and joint: reprojection error of the camera's own fit, and beside the others."
+    return f"<h2>{'Cameras' if several else 'Camera'}</h2>{_wide(table(head, rows))}<p class='note'>{note}</p>"
 
 
 def _places(result: RigCalibration) -> str:
@@ -183,8 +190,9 @@ def _space(result: RigCalibration, board: BoardSpec) -> str:
         f"<span style='color:{color}'>{escape(mounted.name)}</span>"
         for color, mounted in zip(colors, result.rig.cameras, strict=True)
     )
-    caption = f"The cameras ({names}), what they see, and the board of every frame; from behind the first and above."
-    return f"<h2>Cameras and boards in space</h2>{figure(drawing, caption)}"
+    who, they, first = ("cameras", "they see", "the first") if len(s.models) > 1 else ("camera", "it sees", "it")
+    caption = f"The {who} ({names}), what {they}, and the board of every frame; from behind {first} and above."
+    return f"<h2>{who.capitalize()} and boards in space</h2>{figure(drawing, caption)}"
 
 
 def _frames(result: RigCalibration) -> str:

@@ -82,3 +82,15 @@ def test_the_report_names_every_camera_and_what_is_wrong():
     )
     few = (replace(result.cameras[0], held_out_px=None), *result.cameras[1:])
     assert rig_calibration_summary(replace(result, cameras=few))[0] == "poor"
+
+
+def test_one_camera_has_a_report_without_words_about_others():
+    order = 1, 0, 2
+    result = calibrate_rig(["a"], calibrated_in(order).cameras[:1], simulated(3, order)[:1], BOARD)
+    text = rig_calibration_report(result, BOARD)
+    assert "Calibration of one camera" in text
+    assert "1 camera, " in text
+    assert result.ties == ()
+    assert result.rms_px[0] == pytest.approx(result.cameras[0].rms_px, rel=0.02)
+    for words in ("joint", "others", "worst camera", "Places of the cameras", "a: the"):
+        assert words not in text

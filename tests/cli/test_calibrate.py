@@ -261,8 +261,10 @@ def test_rectify_reads_films_as_it_reads_images(lmkit, tmp_path):
 @pytest.mark.slow
 def test_one_camera_is_calibrated_from_a_folder_and_from_a_video(lmkit, pairs, tmp_path):
     left, _ = pairs
-    answer = lmkit("calibrate", left, "--board", SPEC, "--model", "pinhole", "-o", "rig.yaml", "--json")
+    options = ["--board", SPEC, "--model", "pinhole"]
+    answer = lmkit("calibrate", left, *options, "-o", "rig.yaml", "--report", "r.html", "--json")
     assert answer.code == 0
+    assert "Calibration of one camera" in (tmp_path / "r.html").read_text()
     row = json.loads(answer.out)
     assert len(row["images_used"]) == 6
     rig = read_rig(tmp_path / "rig.yaml")

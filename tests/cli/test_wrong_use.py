@@ -253,6 +253,11 @@ def test_locate_refuses_files_after_mono(lmkit, rig, landmark_map):
         assert_refused(answer, more[-1])
 
 
+def test_locate_names_the_value_that_mono_lacks(lmkit, rig, landmark_map):
+    answer = lmkit("locate", "a.png", "--mono", "--rig", rig, "--map", landmark_map)
+    assert_refused(answer, "give --mono a.png")
+
+
 def test_an_annotated_copy_never_replaces_the_image_itself(tmp_path):
     from lmkit.errors import InputError
     from lmkit.pipelines.annotated import AnnotatedFolder
