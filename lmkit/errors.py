@@ -6,8 +6,15 @@ Wrong input is an :class:`InputError` (exit code 2); a run that worked with a ne
 
 from __future__ import annotations
 
+import errno
+
 # Hint where a package of an optional extra is missing.
 EXTRA = "in the checkout: uv sync --extra {0}, or pip install '.[{0}]'"
+
+
+# A full disk, a quota, too many open files; and paths that the system refuses.
+_LIMITS = {errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EMFILE, errno.ENFILE, errno.EROFS, errno.EIO}
+_PATHS = {errno.ENAMETOOLONG, errno.EACCES, errno.EPERM, errno.ELOOP, errno.ENOTDIR, errno.ENXIO}
 
 
 class LmkitError(Exception):
@@ -53,3 +60,10 @@ class NegativeAnswer(LmkitError):
     """The run itself worked, but what was asked for is not there."""
 
     exit_code = 1
+
+
+def system_hint(error: OSError) -> str:
+    """How to fix an error that the system's limits or a path caused; empty for an internal one."""
+    if error.errno in _LIMITS:
+        return "free space, or raise the limit of the system"
+    return "check the path and its permissions" if error.errno in _PATHS and error.filename is not None else ""

@@ -9,7 +9,7 @@ import typer
 
 from lmkit.cli import map_options, options
 from lmkit.cli.map_options import read_map_file
-from lmkit.cli.output import print_line, warn
+from lmkit.cli.output import print_line, warn, warn_all
 from lmkit.errors import InputError
 
 if TYPE_CHECKING:
@@ -43,7 +43,7 @@ def run(
     """Convert rigs, maps and trajectories. Formats: OpenCV, ROS, Kalibr; WPILib, TagSLAM; ROS bag."""
     from lmkit.geometry.rig import Rig, as_stereo
     from lmkit.io.any_rig import KINDS, read_any_rig
-    from lmkit.io.files import check_writable, write_file
+    from lmkit.io.files import check_writable, write_file, write_files
     from lmkit.io.kalibr import rig_to_camchain
     from lmkit.io.opencv_rig import camera_to_opencv_yaml, rig_to_opencv_yaml
     from lmkit.io.rig import rig_to_yaml
@@ -67,6 +67,7 @@ def run(
         raise InputError("bad_kind", f"--to {to} is unknown", f"choose {', '.join((*KINDS, *MAP_KINDS, 'bag'))}")
     read = read_any_rig(source)
     texts: dict[Path, str]
+    remarks: list[str] = []
     if isinstance(read, Rig) and len(read.cameras) == 1 and to in ("ros", "opencv"):
         texts = {output: rig_to_camera_info(read) if to == "ros" else camera_to_opencv_yaml(read.left)}
     elif to == "ros":
@@ -74,16 +75,17 @@ def run(
     elif to == "kalibr":
         text, lens, error_px = rig_to_camchain(read)
         if error_px > 0:
-            warn(f"Kalibr has no such lens model; the nearest one, {lens}, differs by up to {error_px:.3f} px")
+            remarks.append(
+                f"Kalibr has no such lens model; the nearest one, {lens}, differs by up to {error_px:.3f} px"
+            )
         texts = {output: text}
     else:
         texts = {output: rig_to_opencv_yaml(as_stereo(read, to)) if to == "opencv" else rig_to_yaml(read)}
     if read.T_base_left is not None and to != "lmkit":
-        warn(f"{to} files cannot hold T_base_left; it is omitted")
+        remarks.append(f"{to} files cannot hold T_base_left; it is omitted")
+    write_files(texts, force)
+    warn_all(remarks)
     for path in texts:
-        check_writable(path, force)
-    for path, text in texts.items():
-        write_file(path, text, force)
         print_line(f"wrote {path}")
 
 

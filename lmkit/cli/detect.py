@@ -89,7 +89,8 @@ def run(
             if drawn is not None:
                 image = read_image(Path(answer.name)) if answer.image is None else answer.image
                 drawn.add(answer.name, draw_landmarks(image, answer.landmarks, enlarge=1))
-    write_outputs({csv: "\n".join(rows) + "\n"}, force)
+    if len(failed) < count:
+        write_outputs({csv: "\n".join(rows) + "\n"}, force)
     if failed:
         more = f" (and {len(failed) - 1} more)" if len(failed) > 1 else ""
         raise InputError(failed[0].code, failed[0].message + more, failed[0].hint)

@@ -132,8 +132,9 @@ def run(
                 warn(str(frame_result.error))
     if tum is not None and not results.timed:
         warn("the images have no times: frame numbers stand for seconds in the trajectory; give --hz")
-    for path in write_outputs(results.files(tum, csv, plan), force):
-        warn(f"wrote {path}")
+    if len(failed) < len(results.answers):
+        for path in write_outputs(results.files(tum, csv, plan), force):
+            warn(f"wrote {path}")
     if failed:
         more = f" (and {len(failed) - 1} more)" if len(failed) > 1 else ""
         raise InputError(failed[0].code, failed[0].message + more, failed[0].hint)

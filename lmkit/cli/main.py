@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import contextlib
-import errno
 import os
 import signal
 import sys
@@ -19,18 +18,15 @@ os.environ.setdefault("OPENCV_LOG_LEVEL", "SILENT")
 os.environ.setdefault("OPENCV_FFMPEG_LOGLEVEL", "-8")
 
 from lmkit.cli.commands import COMMANDS, list_of_commands
-from lmkit.errors import InputWarning, LmkitError
+from lmkit.errors import InputWarning, LmkitError, system_hint
 from lmkit.version import __version__
 
 if TYPE_CHECKING:
     import typer
 
 EXIT_WRONG_USE, EXIT_FAULT, EXIT_INTERRUPTED = 2, 70, 130
-# A full disk, a quota, too many open files: not errors of lmkit.
-SYSTEM_LIMITS = {errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EMFILE, errno.ENFILE, errno.EROFS, errno.EIO}
 _MEMORY_HINT = "give smaller inputs, or fewer processes (--jobs)"
 OPENCV_NO_MEMORY = -4
-_SYSTEM_HINT = "free space, or raise the limit of the system"
 
 
 def __getattr__(name: str) -> typer.Typer:
@@ -120,11 +116,11 @@ def guarded(run: Callable[[], Any], debug: bool) -> int:
     except Exception as error:
         if type(error).__module__.startswith("cv2") and getattr(error, "code", 0) == OPENCV_NO_MEMORY:
             return _report("out of memory", _MEMORY_HINT, EXIT_WRONG_USE, debug)
-        if isinstance(error, OSError) and error.errno in SYSTEM_LIMITS:
+        if isinstance(error, OSError) and (hint := system_hint(error)):
             if error.filename is None:
                 _forget_output()
             where = error.filename or "standard output or a file"
-            return _report(f"cannot write or open {where}: {error.strerror}", _SYSTEM_HINT, EXIT_WRONG_USE, debug)
+            return _report(f"cannot write or open {where}: {error.strerror}", hint, EXIT_WRONG_USE, debug)
         usage = getattr(error, "format_message", None)
         if usage is not None:
             command = getattr(getattr(error, "ctx", None), "command_path", "lmkit")

@@ -119,13 +119,19 @@ def check_outputs(paths: Sequence[Path | None], plan: Path | None, force: bool) 
         plan: an image to write, PNG or SVG.
 
     Raises:
-        InputError: a file exists, its folder cannot be written to, or the image has another suffix.
+        InputError: a file exists, its folder cannot be written to, two files have one name, or the image has another
+            suffix.
     """
     from lmkit.io.files import check_writable
 
+    seen: set[Path] = set()
     for path in (*paths, plan):
-        if path is not None:
-            check_writable(path, force)
+        if path is None:
+            continue
+        check_writable(path, force)
+        if path.absolute() in seen:
+            raise InputError("same_output", f"two outputs are named {path}", "give each a name of its own")
+        seen.add(path.absolute())
     if plan is not None and image_kind(plan) not in IMAGE_KINDS:
         raise InputError("bad_suffix", f"cannot write {plan}: unknown file type", "use a name ending in .png or .svg")
 
@@ -136,10 +142,9 @@ def image_kind(path: Path) -> str:
 
 
 def write_outputs(contents: Mapping[Path | None, bytes | str], force: bool) -> list[Path]:
-    """Write the files that were asked for (None means not asked for); the paths written."""
-    from lmkit.io.files import write_file
+    """Write the files that were asked for (None means not asked for), all or none; the paths written."""
+    from lmkit.io.files import write_files
 
-    written = [path for path in contents if path is not None]
-    for path in written:
-        write_file(path, contents[path], force)
-    return written
+    wanted = {path: content for path, content in contents.items() if path is not None}
+    write_files(wanted, force)
+    return list(wanted)

@@ -48,6 +48,10 @@ def _read(path: Path) -> AnyRig:
     if is_folder(path):
         from lmkit.io.ros_camera_info import read_camera_infos
 
+        for name in FILES:
+            if not (path / name).exists():
+                hint = f"give the rig file itself, or a folder with {' and '.join(FILES)} of ROS (camera_info)"
+                raise InputError("is_folder", f"{path} is a folder without {name}", hint)
         return read_camera_infos(path / FILES[0], path / FILES[1])
     text = read_text(path, "rig file")
     head = head_of(text)

@@ -79,22 +79,44 @@ class _UniqueKeyLoader(PlainLoader):
         return super().construct_mapping(node, deep)
 
 
+def require_regular(path: Path, what: str) -> None:
+    """Refuse a folder, a device or a pipe in the place of a file.
+
+    Raises:
+        InputError: no such file, or not a regular one.
+    """
+    try:
+        mode = path.stat().st_mode
+    except (OSError, ValueError) as error:
+        raise unreadable(path, what, error) from None
+    if stat.S_ISDIR(mode):
+        raise InputError("is_folder", f"{path} is a folder, not a {what}", "give the file itself")
+    if not stat.S_ISREG(mode):
+        raise InputError(
+            "not_a_file", f"{path} is a device or pipe, not a {what}", "save it as a file, and give that"
+        )
+
+
+def unreadable(path: Path, what: str, error: OSError | ValueError) -> InputError:
+    """The error for a file that the system does not read."""
+    problem = getattr(error, "strerror", None) or error
+    return InputError(
+        "file_unreadable", f"cannot read {what} {path}: {problem}", "check the path and its permissions"
+    )
+
+
 def read_text(path: Path, what: str, most: int = MAX_BYTES) -> str:
     """Text of a regular file of ``most`` bytes: UTF-8, or UTF-16 with a byte order mark; line ends become ``\\n``.
 
     Raises:
         InputError: no such file, not a regular one, not readable, too large, or not text.
     """
+    require_regular(path, what)
     try:
-        if not stat.S_ISREG(path.stat().st_mode):
-            raise InputError("not_a_file", f"{path}: not a regular file", f"give a {what} as a file")
         with path.open("rb") as stream:
             data = stream.read(most + 1)
-    except (OSError, ValueError) as error:
-        problem = getattr(error, "strerror", None) or error
-        raise InputError(
-            "file_unreadable", f"cannot read {what} {path}: {problem}", "check the path and its permissions"
-        ) from None
+    except OSError as error:
+        raise unreadable(path, what, error) from None
     if len(data) > most:
         raise InputError("file_too_large", f"{path}: larger than {most >> 20} MiB, no {what}", f"give a {what}")
     encoding = next((name for mark, name in _BOMS if data.startswith(mark)), "utf-8")
@@ -265,7 +287,8 @@ def first_problem(error: ValidationError) -> tuple[str, str]:
     where = ""
     for part in detail["loc"]:
         where += f"[{part}]" if isinstance(part, int) else f".{part}" if where else str(part)
-    messages = {"extra_forbidden": "unknown key", "missing": "missing"}
+    no_keys = "holds no keys"
+    messages = {"extra_forbidden": "unknown key", "missing": "missing", "model_type": no_keys, "dict_type": no_keys}
     if not detail["input"] and detail["type"] == "too_short":
         messages["too_short"] = "holds nothing"
     problem = messages.get(detail["type"], detail["msg"].removeprefix("Value error, "))

@@ -9,7 +9,6 @@ from __future__ import annotations
 import fnmatch
 import logging
 import re
-import stat
 import struct
 import warnings
 from collections import Counter
@@ -22,6 +21,7 @@ import numpy as np
 
 from lmkit.arrays import FloatArray
 from lmkit.errors import EXTRA, InputError, InputWarning
+from lmkit.io.documents import require_regular, unreadable
 from lmkit.io.tables import LARGEST
 
 if TYPE_CHECKING:
@@ -136,17 +136,13 @@ def _document(path: Path) -> Drawing:
         from ezdxf.lldxf.const import DXFError
     except ImportError:
         raise InputError("extra_missing", f"{path}: DXF needs the package ezdxf", EXTRA.format("dxf")) from None
+    require_regular(path, "floor plan")
     try:
-        if not stat.S_ISREG(path.stat().st_mode):
-            raise InputError("not_a_file", f"{path}: not a regular file", "give a floor plan as a file")
         if path.stat().st_size > MAX_BYTES:
             raise InputError("file_too_large", f"{path}: larger than {MAX_BYTES >> 20} MiB", "purge the drawing")
         count = len(_RECORD.findall(path.read_bytes()))
-    except (OSError, ValueError) as error:
-        problem = getattr(error, "strerror", None) or error
-        raise InputError(
-            "file_unreadable", f"cannot read floor plan {path}: {problem}", "check the path and its permissions"
-        ) from None
+    except OSError as error:
+        raise unreadable(path, "floor plan", error) from None
     if count > MAX_RECORDS:
         raise InputError(
             "dxf_too_large",

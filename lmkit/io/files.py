@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import os
 import tempfile
+from collections.abc import Mapping
 from pathlib import Path
 
 from lmkit.errors import InputError
@@ -24,43 +25,63 @@ def check_writable(path: Path, force: bool) -> None:
         raise InputError("not_writable", f"cannot write {path}: {error.strerror or error}", _HINT) from None
     if is_folder:
         raise InputError("is_folder", f"{path} is a folder, not a file", "give a file name")
+    if path == Path("-"):
+        raise InputError("is_stream", "- is no file: standard output takes no files", "give a file name")
+    if exists and not path.is_file():
+        raise InputError("is_device", f"{path} is a device or pipe, not a file", "give a file name")
     if exists and not force:
         raise InputError("file_exists", f"{path} exists already", OVERWRITE)
     folder = path.parent
     while not folder.exists():
         folder = folder.parent
-    if not folder.is_dir() or not os.access(folder, os.W_OK | os.X_OK):
+    if not folder.is_dir():
+        raise InputError("not_writable", f"cannot write {path}: {folder} is not a folder", _HINT)
+    if not os.access(folder, os.W_OK | os.X_OK):
         raise InputError("not_writable", f"cannot write {path}: no permission to write into {folder}", _HINT)
 
 
 def write_file(path: Path, content: bytes | str, force: bool = False) -> None:
-    """Write a file whole or not at all: under another name first, then moved into place.
+    """Write a file whole or not at all; see :func:`write_files`."""
+    write_files({path: content}, force)
+
+
+def write_files(contents: Mapping[Path, bytes | str], force: bool = False) -> None:
+    """Write files whole, and all of them or none: under other names first, then moved into place.
 
     Raises:
-        InputError: the file exists and ``force`` is off, or the folder cannot be written to.
+        InputError: a file exists and ``force`` is off, or a folder cannot be written to.
     """
-    check_writable(path, force)
-    data = content.encode("utf-8") if isinstance(content, str) else content
-    partial: str | None = None
-    made = [folder for folder in (path.parent, *path.parent.parents) if not folder.exists()]
+    for path in contents:
+        check_writable(path, force)
+    missing = {f for path in contents for f in (path.parent, *path.parent.parents) if not f.exists()}
+    partials: dict[Path, Path] = {}
+    path = Path()
     try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        handle, partial = tempfile.mkstemp(prefix=f".{path.name}.", dir=path.parent)
-        with os.fdopen(handle, "wb") as stream:
-            stream.write(data)
-        umask = os.umask(0)
-        os.umask(umask)
-        Path(partial).chmod(0o666 & ~umask)
-        Path(partial).replace(path)
+        for path, content in contents.items():
+            path.parent.mkdir(parents=True, exist_ok=True)
+            _write_partial(path, content.encode("utf-8") if isinstance(content, str) else content, partials)
+        for path, partial in partials.items():
+            partial.replace(path)
     except BaseException as error:  # Ctrl-C as well
-        if partial is not None:
-            Path(partial).unlink(missing_ok=True)
+        for partial in partials.values():
+            partial.unlink(missing_ok=True)
         with contextlib.suppress(OSError):  # another's file may be in one of them by now
-            for folder in made:
+            for folder in sorted(missing, key=lambda folder: -len(folder.parts)):
                 folder.rmdir()
         if not isinstance(error, OSError):
             raise
         raise InputError("not_writable", f"cannot write {path}: {error.strerror or error}", _HINT) from None
+
+
+def _write_partial(path: Path, data: bytes, partials: dict[Path, Path]) -> None:
+    """Write the data beside ``path``, under a name that is noted in ``partials`` before anything can fail."""
+    handle, name = tempfile.mkstemp(prefix=f".{path.name[:40]}.", dir=path.parent)
+    partials[path] = Path(name)
+    with os.fdopen(handle, "wb") as stream:
+        stream.write(data)
+    umask = os.umask(0)
+    os.umask(umask)
+    partials[path].chmod(0o666 & ~umask)
 
 
 _HINT = "choose a folder you may write to, with space left"

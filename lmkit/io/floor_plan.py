@@ -13,7 +13,7 @@ from pydantic import Field
 
 from lmkit.errors import InputError
 from lmkit.io.document_head import head_of
-from lmkit.io.documents import Document, dump_yaml, read_document, read_text
+from lmkit.io.documents import Document, dump_yaml, read_document, read_text, require_regular
 from lmkit.io.dxf_lines import ALL_LAYERS, read_dxf_lines
 from lmkit.io.floor_grid import CELL_M, check_size, floor_of_grid, inside_of
 from lmkit.io.floor_islands import PLAIN_DRAWING, DrawingOptions, island_use, with_islands
@@ -62,6 +62,7 @@ def read_floor(path: Path, scale_m: float | None = None, drawing: DrawingOptions
     Raises:
         InputError: not readable, no scale or one too many, nothing free in it.
     """
+    require_regular(path, "floor plan")
     suffix = path.suffix.lower()
     has_scale = suffix in (".yaml", ".yml", ".json")
     if has_scale and scale_m is not None:

@@ -134,6 +134,7 @@ def test_a_rig_without_base_asks_for_the_camera_s_height(lmkit, files, tmp_path)
     assert lmkit("plan", "coverage", *files, "--map", "map.yaml", "--camera-height", "0.85m").code == 0
 
 
-def test_an_image_needs_a_scale(lmkit, files):
+def test_an_image_needs_a_scale(lmkit, files, tmp_path):
+    (tmp_path / "f.png").write_bytes(b"")
     done = lmkit("plan", "coverage", "--floor", "f.png", "--rig", "rig.yaml", "--map", "map.yaml")
     assert (done.code, "--scale" in done.err) == (2, True)

@@ -355,6 +355,49 @@ def test_nothing_is_written_where_one_print_does_not_read(lmkit, tmp_path, monke
     assert files(tmp_path) == set()
 
 
+LONG = "x" * 300
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (["map", "."], [". is a folder, not a map file"]),
+        (["map", "map.yaml", "--floor", ".", "--plan", "p.svg"], [". is a folder, not a floor plan"]),
+        (["map", "map.yaml", "--floor", "plan.png", "--plan", "p.svg"], ["plan.png", "No such file"]),
+        (["evaluate", os.devnull, "map.yaml"], [os.devnull, "device", "not a trajectory"]),
+        (["map", "map.yaml", "-o", "-"], ["standard output", "give a file name"]),
+        (["generate", "--code", "1", "--bare", "-o", f"{os.devnull}", "--force"], [os.devnull]),
+        (["map", "map.yaml", "-o", os.devnull, "--force"], [os.devnull, "device"]),
+        (["map", "map.yaml", "-o", "map.yaml/x.yaml"], ["map.yaml is not a folder"]),
+        (["locate", "--rig", "r", "--map", "m", "a", "--tum", "x.txt", "--csv", "x.txt"], ["two outputs", "x.txt"]),
+        (["convert", ".", "--to", "opencv", "-o", "x.yml"], ["folder without left.yaml", "give the rig file"]),
+        (["detect", LONG], [LONG, "too long"]),
+        (["generate", "--code", "1", "--template", LONG], [LONG, "too long"]),
+    ],
+)
+def test_a_path_that_cannot_be_what_is_wanted(lmkit, tmp_path, landmark_map, arguments, words):
+    assert_refused(lmkit(*arguments), *words)
+    assert files(tmp_path) == {"map.yaml"}
+
+
+def test_no_table_of_images_that_cannot_be_read(lmkit, tmp_path):
+    (tmp_path / "a.png").write_bytes(b"")
+    assert_refused(lmkit("detect", "a.png", "--csv", "d.csv"), "a.png", "empty")
+    assert files(tmp_path) == {"a.png"}
+
+
+def test_files_are_written_all_or_none(tmp_path):
+    from lmkit.errors import InputError
+    from lmkit.io.files import write_files
+
+    with pytest.raises(InputError, match="/proc/x"):
+        write_files({tmp_path / "new" / "a.txt": "a", Path("/proc/x"): "b"})
+    assert files(tmp_path) == set()
+    longest = tmp_path / ("a" * 251 + ".txt")
+    write_files({longest: "a"})
+    assert longest.read_text() == "a"
+
+
 @pytest.mark.parametrize("command", [("map",), ("plan", "coverage")])
 def test_a_usage_error_names_the_help_of_its_command(lmkit, command):
     assert_refused(lmkit(*command), f"see lmkit {' '.join(command)} --help")
