@@ -11,7 +11,8 @@ import typer
 Images = Annotated[
     list[str] | None,
     typer.Argument(
-        help="Images of each camera of the rig: folder, glob or video (split:VIDEO of both side by side)."
+        help="Images of each camera of the rig: folder, glob or video (split:VIDEO of both side by side); or a "
+        "folder that holds a recording."
     ),
 ]
 DetectionsFile = Annotated[

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -30,6 +30,22 @@ class RecordingOptions:
     wheel_track: str | None
     hz: float | None
 
+    def in_folder(self, rig: AnyRig) -> RecordingOptions:
+        """The files of a recording folder, where that is the only source.
+
+        Raises:
+            InputError: options name files that the folder holds.
+        """
+        from lmkit.geometry.rig import mounted_cameras
+        from lmkit.pipelines.recording_folder import image_files, is_recording_folder, motion_files
+
+        names = [camera.name for camera in mounted_cameras(rig)]
+        if len(self.images) != 1 or not is_recording_folder(folder := Path(self.images[0]), names):
+            return self
+        require_no(f"recording folder {folder}", {"--odometry": self.odometry, "--gyro": self.gyro})
+        (images, detections), (odometry, gyro) = image_files(folder, names), motion_files(folder)
+        return replace(self, images=images, detections=detections, odometry=odometry, gyro=gyro)
+
     def check(self) -> None:
         """Refuse options that do not make a recording.
 
@@ -44,7 +60,9 @@ class RecordingOptions:
             require_no("--detections", {"images": self.images or None, "--hz": self.hz})
         elif not self.images:
             raise InputError(
-                "no_images", "no recording given", "give one folder of images per camera, or --detections FILE"
+                "no_images",
+                "no recording given",
+                "give one folder of images per camera, a recording folder, or --detections FILE",
             )
         require_rate(self.hz)
         self._check_odometry()

@@ -89,6 +89,8 @@ def run(
     if rig is None:
         survey_readings(source.images, size, family.split(","), {"map": output, "tum": tum}, force, as_json)
         return
+    size_m, cameras = parse_length_mm(size, "--size") / 1000, read_any_rig(rig)
+    source = source.in_folder(cameras)
     source.check()
     check_outputs((output, tum, save_detections, report, rerun), plan, force)
     if known is None and known_sigma is not None:
@@ -99,7 +101,6 @@ def run(
     sigma = None if known_sigma is None else parse_sigma(known_sigma, "--known-sigma", hint)
     if rerun is not None:
         require_rerun()
-    size_m, cameras = parse_length_mm(size, "--size") / 1000, read_any_rig(rig)
     anchors = None if known is None else read_mounted_map(known)
     if are_recordings(source.images, cameras):
         refused = {
@@ -118,9 +119,8 @@ def run(
     write_outputs({save_detections: detections_to_csv(recording.frames, names)}, force)
     result = survey(recording, cameras, size=size_m, known=anchors, known_sigma=sigma, constraints=constraints)
     warn_all(result.warnings, rig_warnings(cameras, "the rig"))
-    write_outputs({output: map_to_yaml(result.landmarks)}, force)
-    if tum is not None:
-        write_outputs({tum: poses_to_tum(base_poses(result.bundle, cameras))}, force)
+    poses = base_poses(result.bundle, cameras)
+    write_outputs({output: map_to_yaml(result.landmarks), tum: poses_to_tum(poses)}, force)
     if plan is not None:
         write_outputs({plan: draw_survey(result, image_kind(plan))}, force)
     if report is not None:

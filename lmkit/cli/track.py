@@ -58,6 +58,7 @@ def run(
         "--scan-topic": scan_topic, "--scanner": scanner, "--near": near, "--bright": bright,
         "--range-sigma": range_sigma,
     }  # fmt: skip
+    cameras = None
     source = RecordingOptions(images or [], detections, readings, odometry, gyro, wheel_track, hz)
     if scans is not None:
         others = {"images": images or None, "--detections": detections, "--readings": readings}
@@ -68,14 +69,16 @@ def run(
             require_no("--readings", {"--rig": rig})
         elif rig is None:
             raise InputError("no_rig", "images and detections need a rig", "give --rig rig.yaml")
+        else:
+            cameras = read_any_rig(rig)
+            source = source.in_folder(cameras)
         source.check()
-    if live and odometry is None:
+    if live and source.odometry is None:
         raise InputError("no_odometry", "--live needs odometry", "add --odometry FILE, or use lmkit locate")
     check_outputs((tum, csv, report, rerun), plan, force)
     if rerun is not None:
         require_rerun()
     landmarks = read_map_file(landmark_map, marker_family, marker_size)
-    cameras = None if rig is None else read_any_rig(rig)
     recording = None if scans is not None else source.read(cameras, landmarks.families)
     if recording is not None:
         drive = track(recording, cameras, landmarks, live=live)

@@ -54,8 +54,7 @@ def open_recording_folder(
     Raises:
         InputError: the folder holds no recording of this rig, or a file cannot be read.
     """
-    odometry = next((p for p in (path / f"odometry{end}" for end in (".csv", *POSES)) if p.is_file()), None)
-    gyro = path / GYRO if (path / GYRO).is_file() else None
+    odometry, gyro = motion_files(path)
     if rig is None:
         return open_recording(
             readings=path / READINGS, odometry=odometry, gyro=gyro, wheel_track_m=wheel_track_m, families=families
@@ -68,9 +67,21 @@ def open_recording_folder(
             f"{path} holds no recording: neither {DETECTIONS}, nor a folder or video of camera '{missing}'",
             f"name the camera's images {missing}/, or its video {missing}.mp4",
         )
-    detections = path / DETECTIONS if (path / DETECTIONS).is_file() else None
-    sources = [] if detections is not None else [str(_camera_source(path, name)) for name in names]
+    sources, detections = image_files(path, names)
     return open_recording(sources, rig, detections, None, odometry, gyro, wheel_track_m, families, hz)
+
+
+def image_files(path: Path, cameras: Sequence[str]) -> tuple[list[str], Path | None]:
+    """A folder or video per camera of a recording folder, or none of them and the file of detections."""
+    if (path / DETECTIONS).is_file():
+        return [], path / DETECTIONS
+    return [str(_camera_source(path, name)) for name in cameras], None
+
+
+def motion_files(path: Path) -> tuple[Path | None, Path | None]:
+    """The files of odometry and gyro of a recording folder."""
+    odometry = next((p for p in (path / f"odometry{end}" for end in (".csv", *POSES)) if p.is_file()), None)
+    return odometry, path / GYRO if (path / GYRO).is_file() else None
 
 
 def _camera_source(folder: Path, camera: str) -> Path | None:

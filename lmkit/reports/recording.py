@@ -58,7 +58,7 @@ def survey_report(survey: Survey, motion: Motion | None, warnings: Sequence[str]
         headline(*_survey_headline(survey)),
         listed("Warnings", warnings),
         "<h2>Map and trajectory</h2>",
-        figure(plan, "Landmarks and the left camera from above; 95 % ellipses."),
+        figure(plan, "Landmarks and the first camera from above; 95 % ellipses."),
         "<h2>Landmarks</h2>",
         _landmarks(survey, believed),
         "<h2>Residuals</h2>",

@@ -73,11 +73,9 @@ def test_a_survey_of_the_demo_s_files_finds_the_map(demo, tmp_path):
     assert error["position_m"]["rmse"] < 0.06
 
 
-def test_tracking_gives_a_line_per_frame(demo, tmp_path):
-    done = run(
-        "track", "--detections", demo / "detections.csv", "--rig", demo / "rig.yaml", "--map", demo / "true_map.yaml",
-        "--odometry", demo / "odometry.csv", "--json", "--csv", tmp_path / "t.csv",
-    )  # fmt: skip
+def test_tracking_a_recording_folder_gives_a_line_per_frame(demo, tmp_path):
+    files = ["--rig", demo / "rig.yaml", "--map", demo / "true_map.yaml"]
+    done = run("track", demo, *files, "--live", "--json", "--csv", tmp_path / "t.csv")  # --live needs odometry
     lines = [json.loads(line) for line in done.out.splitlines()]
     assert {line["status"] for line in lines} == {"ok"}
     assert len((tmp_path / "t.csv").read_text().splitlines()) == len(lines) + 1
@@ -122,10 +120,13 @@ def test_tracking_goes_by_poses_of_visual_odometry_as_well(demo, tmp_path, how):
         (["survey", "--rig", "RIG", "--detections", "DET", "--plan", "p.gif"], "unknown file type"),
         (["track", "--map", "MAP", "--detections", "DET", "--rig", "RIG", "--plan", "p.gif"], "unknown file type"),
         (["track", "--map", "MAP", "--detections", "DET", "--rig", "RIG", "--hz", "5"], "cannot be combined"),
+        (["track", "DEMO", "--map", "MAP", "--rig", "RIG", "--gyro", "g.csv"], "and --gyro cannot be combined"),
+        (["survey", "DEMO", "--rig", "RIG", "--odometry", "o.csv"], "and --odometry cannot be combined"),
     ],
 )
 def test_wrong_use_is_explained_in_one_line(demo, arguments, says):
     files = {
+        "DEMO": demo,
         "RIG": demo / "rig.yaml",
         "DET": demo / "detections.csv",
         "MAP": demo / "true_map.yaml",
