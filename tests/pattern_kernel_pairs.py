@@ -155,8 +155,9 @@ def _samplings(rng: np.random.Generator) -> Iterator[tuple[Any, ...]]:
         (100, 0.8, Source.of(image, linear, None, shift)),
         (20, 0.0, Source.of(image, linear, white, shift)),
     ]:
-        yield source, VIEW, state, box, edges, SamplingRules(97.0, 9.0, at_most, near, 0.01)
+        yield source, VIEW, state, box, edges, SamplingRules(97.0, 9.0, at_most, near, 0.01, paper=100.0)
     yield source, VIEW, state, (0, 0, 500, 400), edges, SamplingRules(97.0, 9.0, 300, 0.8, 0.01)
+    yield source, VIEW, state, (0, 0, 500, 400), edges, SamplingRules(97.0, 9.0, 300, 0.8, 0.01, paper=95.0)
     yield source, VIEW, state, (10, 10, 30, 30), edges, SamplingRules(97.0, 9.0, 300, 0.8, 0.01)
     yield source, VIEW, state, (10, 10, 10, 10), edges, SamplingRules(97.0, 9.0, 300, 0.8, 0.01)
 

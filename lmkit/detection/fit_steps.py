@@ -11,7 +11,7 @@ from functools import lru_cache
 from lmkit.detection import decoding
 from lmkit.detection.hypotheses import RIDGE
 from lmkit.detection.linear_image import LinearImage
-from lmkit.detection.pixel_sampling import EDGE_BAND_PX, LEAST_PIXELS, NEAR_SHARE, edges_of, reach_of
+from lmkit.detection.pixel_sampling import EDGE_BAND_PX, LEAST_PIXELS, NEAR_SHARE, edges_of, paper_of, reach_of
 from lmkit.detection.registration import (
     DISTORTION_PRIOR,
     FEW_EDGES_PX,
@@ -126,6 +126,7 @@ def _rules(family: LandmarkFamily, pixels: int) -> FitRules:
     priors = Priors(RIDGE, DISTORTION_PRIOR, SHADING_PRIOR, MIXED_PIXEL_PRIOR, 10.0)
     return FitRules(
         reach_of(family),
+        paper_of(family),
         EDGE_BAND_PX * family.side_mm,
         NEAR_SHARE,
         LEAST_PIXELS,

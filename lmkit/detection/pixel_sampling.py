@@ -72,7 +72,8 @@ def sample_pixels(
     if box is None:
         return None
     band = EDGE_BAND_PX * family.side_mm / mean_side(state[:8].reshape(4, 2))
-    rules = SamplingRules(reach, band, at_most, NEAR_SHARE if near_edges else 0.0, image.pixel_error)
+    near_share, paper = NEAR_SHARE if near_edges else 0.0, paper_of(family)
+    rules = SamplingRules(reach, band, at_most, near_share, image.pixel_error, paper=paper)
     taken = sample(image.source, view, state, box, edges_of(family), rules)
     if taken.at.shape[1] < LEAST_PIXELS:
         return None
@@ -118,6 +119,11 @@ def _bounding_box(
 def reach_of(family: MarkerFamily) -> float:
     """Half side of the square that pixels are taken from, mm."""
     return family.half_mm + 0.7 * family.margin_mm
+
+
+def paper_of(family: MarkerFamily) -> float:
+    """Half side of the square that is surely paper, mm; square markers take their white as it is (decision 47)."""
+    return math.inf if isinstance(family, SquareMarkerFamily) else family.half_mm + family.margin_mm
 
 
 @lru_cache(maxsize=16)

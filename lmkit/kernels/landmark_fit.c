@@ -34,7 +34,7 @@ typedef struct {
     int64_t squares, circles, codes, gaps;
     int64_t visited, least_pixels, coarse_pixels, pixels, read_rounds;
     Steps coarse, fine;
-    double skew, reach, band, near_share, noise, floor;
+    double skew, reach, band, near_share, noise, floor, paper;
     double decoding[9], priors[PRIORS], limits[6];
     double correlated, turn_margin, pattern, red_over_blue, least_contrast, most_contrast;
     double settled_code, settled_turn, settled_clear;           /* margins once the code stands */
@@ -137,7 +137,7 @@ static int take(const Fit *f, const double *view, const double *state, int64_t a
     if (!bounding_box(f, view, state, box))
         return 0;
     box[4] = even_step((box[2] - box[0]) * (box[3] - box[1]) / (f->visited * at_most));
-    const double rules[6] = {f->reach, f->band / side_of(state), (double)at_most, near_share, f->noise, f->floor};
+    const double rules[7] = {f->reach, f->band / side_of(state), (double)at_most, near_share, f->noise, f->floor, f->paper};
     const int64_t room = at_most + at_most / 5 + 64, c = room < p->capacity ? room : p->capacity;
     float *planes = p->at;
     if (lmkit_sample_pixels(f->height, f->width, f->image, f->linear, f->white, f->shift, view, state, box, f->edges, f->squares, f->circles, rules, p->kinds, c, planes, planes + 2 * c, planes + 5 * c, planes + 6 * c, planes + 7 * c, &p->n))

@@ -81,7 +81,7 @@ class FitRules(NamedTuple):
     """How a landmark is fitted.
 
     Attributes:
-        reach: half side of the square that pixels are taken from, mm.
+        reach, paper: half sides of the square that pixels are taken from and of what is surely paper, mm.
         band: distance from an edge within which a pixel is near it, px, times the side of the face, mm.
         near_share: share of pixels near edges in the end; at first they are thinned evenly.
         least_pixels: fewer are not read.
@@ -91,6 +91,7 @@ class FitRules(NamedTuple):
     """
 
     reach: float
+    paper: float
     band: float
     near_share: float
     least_pixels: int
@@ -144,7 +145,7 @@ class _Fit(ctypes.Structure):
         *((name, ctypes.c_int64) for name in ("visited", "least_pixels", "coarse_pixels", "pixels", "read_rounds")),
         ("coarse", _Steps),
         ("fine", _Steps),
-        *((name, ctypes.c_double) for name in ("skew", "reach", "band", "near_share", "noise", "floor")),
+        *((name, ctypes.c_double) for name in ("skew", "reach", "band", "near_share", "noise", "floor", "paper")),
         ("decoding", ctypes.c_double * 9),
         ("priors", ctypes.c_double * 5),
         ("limits", ctypes.c_double * 6),
@@ -174,7 +175,7 @@ class FitTask:
             *(len(edges.squares), len(edges.circles), words.masks.shape[1], gaps),
             *(VISITED, rules.least_pixels, rules.coarse_pixels, rules.pixels, rules.read_rounds),
             *(_Steps(steps.rounds, steps.most, steps.to_px) for steps in (rules.coarse, rules.fine)),
-            *(0.0, rules.reach, rules.band, rules.near_share, 0.0, rules.floor),
+            *(0.0, rules.reach, rules.band, rules.near_share, 0.0, rules.floor, rules.paper),
             *map(_numbers, (rules.decoding.flat, rules.priors, rules.limits, rules.promising)),
             *map(_numbers, (rules.settled, rules.start, rules.errors)),
         )

@@ -12,7 +12,8 @@
 #define DOWN 2447445414u
 
 /* box: x0, y0, x1, y1, step.  rules: reach (mm), band (mm), pixels at most, share near edges (0: no preference), noise
- * (code value over 255), floor of the variance.  white and shift may be null.  out_at, values: planes of `capacity`. */
+ * (code value over 255), floor of the variance, half side of the paper (mm).  white and shift may be null.  out_at,
+ * values: planes of `capacity`. */
 
 /* x^p for 0 < x <= 1 and p > 0, to 1e-6. */
 static inline float power(float x, float p)
@@ -36,16 +37,18 @@ static inline int64_t first_column(int64_t y, int64_t x0, int64_t step)
     return x0 + off;
 }
 
-/* Pixels of a row: 0 outside, 1 inside, 2 near an edge of the drawing. */
-static void classify(const Plane *plane, const float *restrict x, const float *restrict y, const float *edges, int64_t squares, int64_t circles, float reach, float band, float *restrict kind)
+/* Pixels of a row: 0 outside, 1 inside, 2 near an edge of the drawing.  Around the face those are outside that a
+ * standard deviation of the point spread carries beyond the paper: they show what is behind it. */
+static void classify(const Plane *plane, const float *restrict x, const float *restrict y, const float *edges, int64_t squares, int64_t circles, float face, float reach, float paper, float band, float *restrict kind)
 {
     Points at;
     Jacobian J;
-    block light, square, radius, near;
+    block light, square, spread_to, radius, near;
     map_block(plane, x, y, &at, &J, light);
     EACH {
-        float ax = fabsf(at.x[i]), ay = fabsf(at.y[i]);
+        float ax = fabsf(at.x[i]), ay = fabsf(at.y[i]), far_x = ax + sqrtf(at.sxx[i]), far_y = ay + sqrtf(at.syy[i]);
         square[i] = ax > ay ? ax : ay;
+        spread_to[i] = far_x > far_y ? far_x : far_y;
         radius[i] = sqrtf(at.x[i] * at.x[i] + at.y[i] * at.y[i]);
         near[i] = 1e9f;
     }
@@ -60,7 +63,8 @@ static void classify(const Plane *plane, const float *restrict x, const float *r
             near[i] = d < near[i] ? d : near[i];
         }
     EACH {
-        float inside = square[i] < reach ? 1.0f : 0.0f, close = near[i] < band ? 1.0f : 0.0f;
+        float around = spread_to[i] < paper ? reach : face;
+        float inside = square[i] < around ? 1.0f : 0.0f, close = near[i] < band ? 1.0f : 0.0f;
         kind[i] = inside * (1.0f + close);
     }
 }
@@ -73,7 +77,7 @@ int lmkit_sample_pixels(int64_t height, int64_t width, const uint8_t *image, con
 {
     Plane plane = plane_of(view, state);
     const int64_t x0 = box[0], y0 = box[1], x1 = box[2], y1 = box[3], step = box[4];
-    const float reach = (float)rules[0], band = (float)rules[1], origin_x = (float)view[0], origin_y = (float)view[1];
+    const float face = (float)view[5], reach = (float)rules[0], paper = (float)rules[6], band = (float)rules[1], origin_x = (float)view[0], origin_y = (float)view[1];
     int64_t found[3] = {0, 0, 0}, visited = 0;
     *count = 0;
     if (x0 < 0 || y0 < 0 || x1 > width || y1 > height || step < 1)
@@ -92,7 +96,7 @@ int lmkit_sample_pixels(int64_t height, int64_t width, const uint8_t *image, con
                     px[i] += shift[2 * (y * width + start + i * step)];
                     py[i] += shift[2 * (y * width + start + i * step) + 1];
                 }
-            classify(&plane, px, py, edges, squares, circles, reach, band, kind);
+            classify(&plane, px, py, edges, squares, circles, face, reach, paper, band, kind);
             for (int i = 0; i < n; i++) {
                 int k = (int)kind[i];
                 kinds[visited++] = (uint8_t)k;

@@ -75,6 +75,8 @@ class SamplingRules(NamedTuple):
         near_share: share of them near edges; 0 thins evenly.
         noise: standard deviation of the code values over 255.
         floor: least variance.
+        paper: half side of the square that is surely paper, mm; around the face, pixels are not taken that a standard
+            deviation of the point spread carries beyond.
     """
 
     reach: float
@@ -83,6 +85,7 @@ class SamplingRules(NamedTuple):
     near_share: float
     noise: float
     floor: float = 1e-8
+    paper: float = 1e6
 
 
 class Taken(NamedTuple):
@@ -139,10 +142,11 @@ def sample_numpy(
     at = np.column_stack([x, y]) - view.origin
     if source.shift is not None:
         at = at + source.shift[y, x]
-    plane = plane_numpy(view, state, at)[0] if len(at) else np.zeros((0, 2))
+    plane, spread = plane_numpy(view, state, at)[:2] if len(at) else (np.zeros((0, 2)), np.zeros((0, 3)))
     square, radius = np.abs(plane).max(axis=1), np.hypot(plane[:, 0], plane[:, 1])
     gaps = [np.abs(square - half) for half in edges.squares] + [np.abs(radius - r) for r in edges.circles]
-    inside = square < rules.reach
+    spread_to = (np.abs(plane) + np.sqrt(spread[:, [0, 2]])).max(axis=1)
+    inside = square < np.where(spread_to < rules.paper, rules.reach, view.half_mm)
     kind = np.where(inside, 1 + (np.min(gaps, axis=0) < rules.band), 0)
     total = int(inside.sum())
     chosen = np.zeros(len(at), dtype=bool)

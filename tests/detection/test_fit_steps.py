@@ -12,7 +12,10 @@ from simulated import CAMERA, shoot
 from lmkit.detection.config import DetectOptions
 from lmkit.detection.decoding import Decoding
 from lmkit.detection.detector import candidates_of
+from lmkit.detection.linear_image import LinearImage
+from lmkit.detection.pixel_sampling import sample_pixels
 from lmkit.kernels import landmark_fit, load
+from lmkit.kernels.registration import STATE, View
 from lmkit.model.families import family_named
 
 needs_library = pytest.mark.skipif(load.library() is None, reason=load.describe())
@@ -41,6 +44,17 @@ def test_the_compiled_fit_takes_the_steps_of_the_definition(monkeypatch, side, l
         np.testing.assert_allclose(ours.corners, theirs.corners, atol=1e-4)
         np.testing.assert_allclose(ours.covariance, theirs.covariance, rtol=1e-3, atol=1e-9)
         assert ours.log_odds == pytest.approx(theirs.log_odds, abs=1e-3)
+
+
+@pytest.mark.parametrize(("spread_px2", "is_margin_seen"), [(0.01, True), (1.0, False)])
+def test_pixels_that_show_what_is_behind_the_paper_are_not_taken(spread_px2, is_margin_seen):
+    """A margin of 1.1 px ends within the point spread of its pixels; the wall would pull at the edges."""
+    image, family = LinearImage.of(np.full((60, 60, 3), 200, np.uint8)), family_named("lm8")
+    corners = np.array([[20.5, 20.5], [40.5, 20.5], [40.5, 40.5], [20.5, 40.5]])
+    state = np.zeros(STATE)
+    state[:8], state[8], state[10] = corners.ravel(), spread_px2, spread_px2
+    at = sample_pixels(image, View(np.zeros(2), image.center, image.half_width, family.half_mm), state, family).at
+    assert np.abs(at - 30.5).max() == (10.5 if is_margin_seen else 9.5)
 
 
 @pytest.mark.parametrize(
