@@ -1,12 +1,13 @@
 """Whether poses from images lie in the 95 % ellipsoids that `lmkit locate` states, by kinds of cameras.
 
     uv run --extra benchmark python benchmarks/pose_intervals.py
-        [--images 80] [--first 0] [--reported] [--growth 1.75]
+        [--images 80] [--first 0] [--reported] [--roll 0] [--growth 1.75]
 
 Simulated stereo images of one to three landmarks, 0.8 to 4 m, up to 50 deg aside, by cameras of `TRAINING_KINDS`,
 each kind as often as the others, or, with `--reported`, by those of `HELD_OUT_KINDS`.  Lenses and map are exact; hard
 shadows, motion, defocus, dim or colored light and a veil trouble every camera with a chance of 30 % each.
-`--growth` takes the place of `registration.GROWTH`; `--first` is the first seed.
+`--growth` takes the place of `registration.GROWTH`; `--first` is the first seed; `--roll` is the most that cameras
+are rolled to either side.
 """
 
 from __future__ import annotations
@@ -28,7 +29,9 @@ from lmkit.detection.detector import detect_landmarks
 from lmkit.geometry.pose import Pose
 from lmkit.geometry.rotations import rotation_exp, rotation_log
 from lmkit.localization.absolute_pose import locate_rig
+from lmkit.model.landmark_id import LandmarkId
 from lmkit.model.landmark_map import LandmarkMap
+from lmkit.model.observation import Detection
 from lmkit.simulation.cameras import HELD_OUT_KINDS, TRAINING_KINDS, CameraKind, draw_chain
 from lmkit.simulation.photograph import photograph
 from lmkit.simulation.scene import landmark_sheet, studio
@@ -55,30 +58,70 @@ class Located:
     error_mm: float
 
 
-def locate(kind: CameraKind, seed: int) -> Located:
+@dataclass(frozen=True, eq=False)
+class Seen:
+    """What both cameras of a rig detect from one place.
+
+    Attributes:
+        kind: of the cameras.
+        situation: the landmarks and the rig.
+        T_map_left: true pose of the left camera.
+        detections: of the left and of the right camera.
+    """
+
+    kind: str
+    situation: Situation
+    T_map_left: Pose
+    detections: tuple[list[Detection], list[Detection]]
+
+    @property
+    def true_corners(self) -> tuple[dict[LandmarkId, FloatArray], ...]:
+        """(4,2) px of every landmark, for both cameras."""
+        rig, T = self.situation.rig, self.T_map_left.inverse()
+        step = Pose("camera", "camera", rig.T_right_left.R, rig.T_right_left.t)
+        cameras = ((rig.left, T), (rig.right, step @ T))
+        return tuple(
+            {m.id: camera.project(at.apply(m.corners_map)) for m in self.situation.landmarks}
+            for camera, at in cameras
+        )
+
+    @property
+    def located(self) -> Located:
+        """How far the pose from these detections is off."""
+        s, T = self.situation, self.T_map_left
+        found = locate_rig(self.detections, s.rig, LandmarkMap(s.landmarks))
+        if found.status != "ok":
+            return Located(self.kind, s.distance_m, None, np.nan)
+        off, turned = found.T_map_camera.t - T.t, rotation_log(found.T_map_camera.R @ T.R.T)
+        C, both = found.covariance, np.concatenate([off, turned])
+        parts = ((off, C[:3, :3]), (turned, C[3:, 3:]), (both, C))
+        place, rotation, all_six = (float(e @ np.linalg.solve(cov, e)) for e, cov in parts)
+        return Located(self.kind, s.distance_m, (place, rotation, all_six), 1000 * float(np.linalg.norm(off)))
+
+
+def look(kind: CameraKind, seed: int, roll_deg: float = 0.0) -> Seen:
+    """Draw a place and cameras of a kind, rolled by so much, take both images and detect the landmarks in them."""
     cv2.setNumThreads(1)
     rng = np.random.default_rng([77, seed, *kind.name.encode()])
     distance = float(np.exp(rng.uniform(*np.log(DISTANCES_M))))
     s = Situation(int(rng.integers(1, 4)), distance, float(rng.uniform(-ASIDE_DEG, ASIDE_DEG)))
-    scene, rig, landmarks = studio([landmark_sheet(one) for one in s.landmarks]), s.rig, LandmarkMap(s.landmarks)
-    turn = rotation_exp(np.deg2rad(rng.uniform(-3, 3, 3)))
-    T = Pose("map", "camera", turn @ s.station.R, s.station.t + rng.uniform(-0.03, 0.03, 3))
+    scene, rig = studio([landmark_sheet(one) for one in s.landmarks]), s.rig
+    turn, rolled = rotation_exp(np.deg2rad(rng.uniform(-3, 3, 3))), rotation_exp(np.deg2rad([0.0, 0.0, roll_deg]))
+    T = Pose("map", "camera", turn @ s.station.R @ rolled, s.station.t + rng.uniform(-0.03, 0.03, 3))
     chain = draw_chain(rng, [kind], TROUBLE, rig.left.image_size)
     back = rig.T_right_left.inverse()
     right = Pose("map", "camera", T.R @ back.R, T.t + T.R @ back.t)
     photos = [photograph(scene, one, at, chain, rng) for one, at in ((rig.left, T), (rig.right, right))]
-    seen = [
+    left_seen, right_seen = (
         detect_landmarks(photo, DetectOptions(camera=one))
         for photo, one in zip(photos, (rig.left, rig.right), strict=True)
-    ]
-    found = locate_rig(seen, rig, landmarks)
-    if found.status != "ok":
-        return Located(kind.name, distance, None, np.nan)
-    off, turned = found.T_map_camera.t - T.t, rotation_log(found.T_map_camera.R @ T.R.T)
-    C, both = found.covariance, np.concatenate([off, turned])
-    parts = ((off, C[:3, :3]), (turned, C[3:, 3:]), (both, C))
-    place, rotation, all_six = (float(e @ np.linalg.solve(cov, e)) for e, cov in parts)
-    return Located(kind.name, distance, (place, rotation, all_six), 1000 * float(np.linalg.norm(off)))
+    )
+    return Seen(kind.name, s, T, (left_seen, right_seen))
+
+
+def roll_of(seed: int, most_deg: float) -> float:
+    """Drawn for a seed, deg, uniformly to either side."""
+    return float(np.random.default_rng([78, seed]).uniform(-most_deg, most_deg))
 
 
 def row(name: str, here: list[Located]) -> str:
@@ -102,10 +145,12 @@ def main() -> None:
     parser.add_argument("--reported", action="store_true")
     parser.add_argument("--growth", type=float, default=registration.GROWTH)
     parser.add_argument("--first", type=int, default=0, help="seed")
+    parser.add_argument("--roll", type=float, default=0.0, help="deg")
     options = parser.parse_args()
     fit_steps.GROWTH = registration.GROWTH = options.growth
     kinds = HELD_OUT_KINDS if options.reported else tuple(dict.fromkeys(TRAINING_KINDS))
-    found = [locate(kind, seed) for seed in range(options.first, options.first + options.images) for kind in kinds]
+    seeds = range(options.first, options.first + options.images)
+    found = [look(kind, seed, roll_of(seed, options.roll)).located for seed in seeds for kind in kinds]
     print("| | located | place in its ellipsoid, % | turn | both | middle over expected | error, mm |")
     print("|---|---|---|---|---|---|---|")
     for kind in kinds:
