@@ -38,7 +38,7 @@ TURNS_DEG = (0, 5, 15, 45)
 
 @dataclass(frozen=True)
 class Constants:
-    """Of `registration.with_processing`."""
+    """Constants of `registration.with_processing`."""
 
     growth: float
     full_px: float
@@ -88,7 +88,7 @@ def rolled(seed: int) -> float:
 
 
 def scattered(seen: Seen) -> Seen:
-    """The same with the scatter of residuals in place of the covariance."""
+    """Detections with the scatter of residuals in place of the covariance."""
 
     def plain(side: float) -> float:
         return float(np.sqrt(np.sqrt(side / registration.USUAL_SIDE_PX)))
@@ -101,7 +101,7 @@ def scattered(seen: Seen) -> Seen:
 
 
 def with_covariance(seen: Seen) -> Seen:
-    """The same with the covariance that the constants in use make of the scatter."""
+    """Detections with the covariance that the constants in use make of the scatter."""
     left, right = (
         [replace(d, covariance=registration.with_processing(d.corners, d.covariance)) for d in found]
         for found in seen.detections
@@ -127,7 +127,7 @@ def squares_of(rows: Sequence[Corners]) -> tuple[FloatArray, FloatArray]:
 
 
 def log_likelihood(rows: Sequence[Corners], constants: Constants) -> float:
-    """Of all errors, under a t distribution of 8 dimensions whose covariance is the stated one."""
+    """Log likelihood of all errors under a t distribution of 8 dimensions whose covariance is the stated one."""
     with constants.in_use():
         nees, log_det = squares_of(rows)
     tail = -(FREEDOM + 8) / 2 * np.log1p(nees / (FREEDOM - 2))

@@ -60,7 +60,7 @@ class Located:
 
 @dataclass(frozen=True, eq=False)
 class Seen:
-    """What both cameras of a rig detect from one place.
+    """Detections of both cameras of a rig from one place.
 
     Attributes:
         kind: of the cameras.
