@@ -88,7 +88,7 @@ def run(
                 rows += detected_rows(answer)
             if drawn is not None:
                 image = read_image(Path(answer.name)) if answer.image is None else answer.image
-                drawn.add(answer.name, draw_landmarks(image, answer.landmarks, enlarge=1))
+                drawn.add(answer.name, draw_landmarks(image, answer.landmarks, enlarge=1), answer.time_s)
     if len(failed) < count:
         write_outputs({csv: "\n".join(rows) + "\n"}, force)
     if failed:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import tempfile
+from itertools import pairwise
 from pathlib import Path
 from types import TracebackType
 
@@ -17,6 +18,9 @@ from lmkit.io.images import SUFFIXES
 from lmkit.visualization.overlay import encode_jpeg
 
 FPS = 15.0  # of videos that do not state their rate
+FASTEST_FPS = 120.0
+VARIES = 1.25  # longest interval over that of the stated rate
+RATE_FRAMES = 100  # of a video, whose times tell its highest rate
 
 
 def require_folder_name(folder: Path, videos: bool) -> None:
@@ -40,7 +44,8 @@ def require_folder_name(folder: Path, videos: bool) -> None:
 class AnnotatedFolder:
     """Writes ``NAME.jpg`` for images, and ``NAME.mp4`` for the frames of a video; a context manager.
 
-    A video is moved into place when it is complete, and removed if an error ends it.
+    A video is moved into place when it is complete, and removed if an error ends it. It has one rate: where the times
+    of the source's frames vary, a frame is repeated until the next one's time.
 
     Args:
         folder: where to write; a name that ends in .mp4 is that of the file, for one video.
@@ -55,6 +60,8 @@ class AnnotatedFolder:
         self._folder, self._force = folder.parent if is_file else folder, force
         self._written: list[Path] = []
         self._video: cv2.VideoWriter | None = None
+        self._shown: ByteArray | None = None  # the last frame, which lasts until the time of the next one
+        self._rate, self._first_s, self._count = FPS, 0.0, 0
         self._source = ""
         self._partial = self._target = Path()
 
@@ -64,18 +71,19 @@ class AnnotatedFolder:
     def __exit__(self, kind: type[BaseException] | None, _: object, __: TracebackType | None) -> None:
         self._end_video(complete=kind is None)
 
-    def add(self, name: str, image: ByteArray) -> None:
+    def add(self, name: str, image: ByteArray, time_s: float | None = None) -> None:
         """Write one annotated image.
 
         Args:
             name: path of the image, or ``VIDEO#N`` for frame N of a video.
+            time_s: time of the frame in its video.
 
         Raises:
             InputError: the file exists or cannot be written.
         """
         source, mark, number = name.rpartition("#")
         if mark and Path(source).suffix.lower() in VIDEO_SUFFIXES and number.isdecimal():
-            self._add_frame(source, image)
+            self._add_frame(source, image, time_s)
             return
         self._end_video(complete=True)
         self._require_room_for(name)
@@ -102,12 +110,22 @@ class AnnotatedFolder:
             f"give a folder, such as --annotate {self._file.with_suffix('')}",
         )
 
-    def _add_frame(self, source: str, image: ByteArray) -> None:
+    def _add_frame(self, source: str, image: ByteArray, time_s: float | None) -> None:
         if source != self._source:
             self._end_video(complete=True)
             self._start_video(source, image)
+            self._first_s = time_s or 0.0
+        elif self._shown is not None:
+            due = self._count + 1 if time_s is None else round((time_s - self._first_s) * self._rate)
+            self._show(max(1, due - self._count))
+        self._shown = image
+
+    def _show(self, times: int) -> None:
         assert self._video is not None
-        self._video.write(image)
+        assert self._shown is not None
+        for _ in range(times):
+            self._video.write(self._shown)
+        self._count += times
 
     def _start_video(self, source: str, image: ByteArray) -> None:
         self._require_room_for(source)
@@ -124,12 +142,10 @@ class AnnotatedFolder:
         handle, partial = tempfile.mkstemp(prefix=".", suffix=".mp4", dir=self._folder)
         os.close(handle)
         self._source, self._partial = source, Path(partial)
-        capture = cv2.VideoCapture(source)
-        rate = capture.get(cv2.CAP_PROP_FPS)
-        capture.release()
+        self._rate, self._count = _highest_rate(source), 0
         height, width = image.shape[:2]
         code = cv2.VideoWriter.fourcc(*"mp4v")
-        self._video = cv2.VideoWriter(partial, code, rate if rate > 0 else FPS, (width, height))
+        self._video = cv2.VideoWriter(partial, code, self._rate, (width, height))
         if not self._video.isOpened():
             self._end_video(complete=False)
             hint = "annotate single frames, or install the full OpenCV package"
@@ -138,8 +154,10 @@ class AnnotatedFolder:
     def _end_video(self, complete: bool) -> None:
         if self._video is None:
             return
+        if complete and self._shown is not None:
+            self._show(1)
         self._video.release()
-        self._video, self._source = None, ""
+        self._video, self._shown, self._source = None, None, ""
         if not complete:
             self._partial.unlink(missing_ok=True)
             return
@@ -148,3 +166,18 @@ class AnnotatedFolder:
         self._partial.chmod(0o666 & ~umask)
         self._partial.replace(self._target)
         self._written.append(self._target)
+
+
+def _highest_rate(source: str) -> float:
+    """Frames a second of a video; where the times of its frames vary, as if all were as close as the closest two."""
+    capture = cv2.VideoCapture(source)
+    stated = capture.get(cv2.CAP_PROP_FPS)
+    stated = stated if stated > 0 else FPS
+    times: list[float] = []
+    while len(times) < RATE_FRAMES and capture.grab():
+        times.append(capture.get(cv2.CAP_PROP_POS_MSEC) / 1000)
+    capture.release()
+    apart = [b - a for a, b in pairwise(times) if b - a >= 1 / FASTEST_FPS]
+    if not apart or max(apart) * stated < VARIES:
+        return stated
+    return max(stated, 1 / min(apart))

@@ -57,7 +57,7 @@ class LocateResults:
             image = read_image(Path(located.left)) if located.image is None else located.image
             seen = located.seen[0]
             drawn = draw_located(image, seen, self.rig.left, located.estimate, self.landmarks, enlarge=1)
-            self._annotated.add(located.left, drawn)
+            self._annotated.add(located.left, drawn, located.time_s)
         self.answers.append(replace(located, image=None, seen=()))
 
     @property

@@ -301,6 +301,41 @@ def test_one_video_is_annotated_into_the_file_that_is_named(tmp_path):
             drawn.add(more, frame)
 
 
+@pytest.mark.parametrize(("times_s", "rate", "shown"), [
+    ((0.0, 0.1, 0.2, 0.3), 10.0, 4),
+    ((0.0, 0.2, 0.4, 0.6), 10.0, 7),  # the source lost every other frame
+    ((0.5, 0.54, 0.74, 0.78), 25.0, 8),
+])  # fmt: skip
+def test_frames_of_an_annotated_video_keep_their_times(tmp_path, monkeypatch, times_s, rate, shown):
+    from lmkit.pipelines import annotated
+
+    class Source:
+        """Video of 10 frames a second, as far as it says."""
+
+        def __init__(self, _: str) -> None:
+            self.at = -1
+
+        def grab(self) -> bool:
+            self.at += 1
+            return self.at < len(times_s)
+
+        def get(self, what: int) -> float:
+            return 10.0 if what == cv2.CAP_PROP_FPS else 1000 * times_s[self.at]
+
+        def release(self) -> None:
+            pass
+
+    frame = np.zeros((48, 64, 3), dtype=np.uint8)
+    with monkeypatch.context() as patched:
+        patched.setattr(annotated.cv2, "VideoCapture", Source)
+        with annotated.AnnotatedFolder(tmp_path / "found.mp4", False) as drawn:
+            for k, time_s in enumerate(times_s):
+                drawn.add(f"phone.mp4#{k}", frame, time_s)
+    written = cv2.VideoCapture(str(tmp_path / "found.mp4"))
+    assert written.get(cv2.CAP_PROP_FPS) == pytest.approx(rate)
+    assert written.get(cv2.CAP_PROP_FRAME_COUNT) == shown
+
+
 def test_locate_needs_a_rig_and_a_map(lmkit):
     assert_refused(lmkit("locate", "a.png", "b.png"), "--rig")
 
