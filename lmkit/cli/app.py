@@ -7,6 +7,7 @@ from collections.abc import Iterable
 
 import typer
 
+from lmkit.cli.checked_options import CheckedOptions
 from lmkit.cli.commands import COMMANDS, DEBUG_HELP, HELP, VERSION_HELP
 from lmkit.version import __version__
 
@@ -28,7 +29,7 @@ def build_app(names: Iterable[str] = COMMANDS) -> typer.Typer:
         if group:
             app.add_typer(group, name=name)
         else:
-            app.command(name)(module.run)
+            app.command(name, cls=CheckedOptions)(module.run)
     return app
 
 

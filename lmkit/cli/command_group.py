@@ -6,6 +6,8 @@ from collections.abc import Callable, Mapping
 
 import typer
 
+from lmkit.cli.checked_options import CheckedOptions
+
 
 def command_group(summary: str, commands: Mapping[str, Callable[..., None]]) -> typer.Typer:
     """A typer app with these commands.
@@ -17,7 +19,7 @@ def command_group(summary: str, commands: Mapping[str, Callable[..., None]]) -> 
     group = typer.Typer(help=summary)
     group.callback(invoke_without_command=True, help=summary)(_print_help)
     for name, function in commands.items():
-        group.command(name)(function)
+        group.command(name, cls=CheckedOptions)(function)
     return group
 
 

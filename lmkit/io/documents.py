@@ -79,6 +79,11 @@ class _UniqueKeyLoader(PlainLoader):
         return super().construct_mapping(node, deep)
 
 
+def with_article(what: str) -> str:
+    """``a map file``, ``an odometry file``."""
+    return f"{'an' if what[0].lower() in 'aeio' else 'a'} {what}"
+
+
 def require_regular(path: Path, what: str) -> None:
     """Refuse a folder, a device or a pipe in the place of a file.
 
@@ -90,10 +95,10 @@ def require_regular(path: Path, what: str) -> None:
     except (OSError, ValueError) as error:
         raise unreadable(path, what, error) from None
     if stat.S_ISDIR(mode):
-        raise InputError("is_folder", f"{path} is a folder, not a {what}", "give the file itself")
+        raise InputError("is_folder", f"{path} is a folder, not {with_article(what)}", "give the file itself")
     if not stat.S_ISREG(mode):
         raise InputError(
-            "not_a_file", f"{path} is a device or pipe, not a {what}", "save it as a file, and give that"
+            "not_a_file", f"{path} is a device or pipe, not {with_article(what)}", "save it as a file, and give that"
         )
 
 
@@ -118,14 +123,16 @@ def read_text(path: Path, what: str, most: int = MAX_BYTES) -> str:
     except OSError as error:
         raise unreadable(path, what, error) from None
     if len(data) > most:
-        raise InputError("file_too_large", f"{path}: larger than {most >> 20} MiB, no {what}", f"give a {what}")
+        raise InputError(
+            "file_too_large", f"{path}: larger than {most >> 20} MiB, no {what}", f"give {with_article(what)}"
+        )
     encoding = next((name for mark, name in _BOMS if data.startswith(mark)), "utf-8")
     try:
         text = data.decode(encoding)
     except UnicodeDecodeError:
-        raise InputError("not_text", f"{path}: not a text file (UTF-8)", f"give a {what}") from None
+        raise InputError("not_text", f"{path}: not a text file (UTF-8)", f"give {with_article(what)}") from None
     if "\0" in text:
-        raise InputError("not_text", f"{path}: not a text file (holds zero bytes)", f"give a {what}")
+        raise InputError("not_text", f"{path}: not a text file (holds zero bytes)", f"give {with_article(what)}")
     return text.replace("\r\n", "\n").replace("\r", "\n")
 
 

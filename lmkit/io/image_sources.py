@@ -56,6 +56,10 @@ def list_images(where: str) -> list[Path]:
         InputError: there is none.
     """
     path = Path(where)
+    if not where:
+        raise InputError(
+            "no_such_file", "the name of an image is empty", "give a file, folder or glob; . is this folder"
+        )
     if path.is_dir():
         found = in_order([p for p in path.iterdir() if p.suffix.lower() in SUFFIXES and not p.name.startswith(".")])
         if not found:

@@ -11,7 +11,7 @@ import math
 from pathlib import Path
 
 from lmkit.errors import InputError
-from lmkit.io.documents import read_text
+from lmkit.io.documents import read_text, with_article
 
 LARGEST = 1e9  # of a length in m, an angle in rad or a pixel; whatever is larger is no measurement
 LARGEST_TIME = 1e19
@@ -30,7 +30,7 @@ def read_rows(path: Path, what: str) -> list[list[str]]:
     try:
         rows = [[cell.strip() for cell in row] for row in csv.reader(io.StringIO(text), delimiter=separator)]
     except csv.Error as error:
-        raise InputError("bad_table", f"{path}: not a table ({error})", f"give a {what} as CSV") from None
+        raise InputError("bad_table", f"{path}: not a table ({error})", f"give {with_article(what)} as CSV") from None
     if separator == ";":
         rows = rows[:1] + [[_with_decimal_point(cell) for cell in row] for row in rows[1:]]
     return rows

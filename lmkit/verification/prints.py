@@ -36,6 +36,7 @@ CODE = re.compile(r"code (?P<code>\d+)")
 EXIF_IFD = 0x8769
 EXPOSURE_TAGS = {0x829A, 0x829D, 0x9202, 0x920A}  # exposure time, f-number, aperture, focal length
 LEAST_SCAN_DPI = 100.0
+SIZES_ALIKE_MM = 0.5
 
 
 @dataclass(frozen=True)
@@ -95,14 +96,28 @@ def verify_print(
         stated: what may be on it, for a scan or photograph that says nothing itself: any of these.
 
     Raises:
-        InputError: the file or its manifest cannot be read, the file is not the one of the manifest, or
-            it holds only sheets of tiled landmarks.
+        InputError: the file or its manifest cannot be read, the file is not the one of the manifest, it holds only
+            sheets of tiled landmarks, or it says another size than is stated.
     """
+    sheets = _sheets(path)
+    for source, _, _, of_sheet in sheets:
+        _require_one_size(source, of_sheet, stated)
     return [
         found
-        for source, image, dpi, of_sheet in _sheets(path)
+        for source, image, dpi, of_sheet in sheets
         for found in grade_sheet(source, image, dpi, of_sheet or stated, options)
     ]
+
+
+def _require_one_size(source: str, of_sheet: tuple[Stated, ...], stated: tuple[Stated, ...]) -> None:
+    own, given = ({one.size_mm for one in some if one.size_mm is not None} for some in (of_sheet, stated))
+    if own and given and not any(abs(a - b) < SIZES_ALIKE_MM for a in own for b in given):
+        raise InputError(
+            "size_contradicted",
+            f"{source} is of {', '.join(f'{a:g}' for a in sorted(own))} mm by its own label, and "
+            f"{', '.join(f'{b:g}' for b in sorted(given))} mm are given",
+            "leave the size (--size) out, or give the file that was meant",
+        )
 
 
 def stated_by_manifest(manifest: PrintManifest, page: int | None = None) -> tuple[Stated, ...]:

@@ -1,0 +1,61 @@
+"""A command that refuses what the parser would take silently: an option given twice, an output named as another kind.
+
+A file named as another kind of file is seldom meant, and may be the image itself that the command reads.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from pathlib import Path
+from typing import Any
+
+from typer.core import TyperCommand
+
+from lmkit.errors import InputError
+
+_YAML, _CSV, _HTML, _PDF = (".yaml", ".yml", ".json"), (".csv", ".txt"), (".html", ".htm"), (".pdf",)
+# Suffixes of the files that an option writes; with the command's name where the option has several meanings.
+OUTPUTS = {
+    "--csv": _CSV,
+    "--tum": (".tum", ".txt", ".csv"),
+    "--report": _HTML,
+    "--certificate": _PDF,
+    "--rerun": (".rrd",),
+    "--record": (".mcap",),
+    "--save-corners": (".json",),
+    "--save-detections": _CSV,
+    "calibrate --output": _YAML,
+    "survey --output": _YAML,
+    "map --output": _YAML,
+    "convert --output": (*_YAML, ".xml", ".bag", ".mcap"),
+    "report --output": _HTML,
+}
+_IMAGES = (".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff", ".webp", ".svg")
+KNOWN = {*_IMAGES, ".mp4", ".avi", ".mov", ".mkv", *(suffix for kinds in OUTPUTS.values() for suffix in kinds)}
+
+
+class CheckedOptions(TyperCommand):
+    """A command each of whose options is given once, but for flags and repeatable ones."""
+
+    def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
+        """Parse as typer does.
+
+        Raises:
+            InputError: an option stands twice, or an output file has the suffix of another kind of file.
+        """
+        given = Counter(self.make_parser(ctx).parse_args(list(args))[2])
+        for option, count in given.items():
+            takes_one = getattr(option, "is_flag", None) is False and not getattr(option, "multiple", False)
+            if count > 1 and takes_one:
+                raise InputError("given_twice", f"{option.opts[0]} is given twice", "give it once")
+        rest = super().parse_args(ctx, args)
+        for option in self.params:
+            _check_suffix(str(ctx.info_name), max(option.opts, key=len), ctx.params.get(option.name or ""))
+        return rest
+
+
+def _check_suffix(command: str, option: str, value: object) -> None:
+    allowed = OUTPUTS.get(option, OUTPUTS.get(f"{command} {option}"))
+    if isinstance(value, Path) and allowed is not None and value.suffix.lower() in KNOWN - set(allowed):
+        hint = f"use a name ending in {', '.join(allowed)}"
+        raise InputError("bad_suffix", f"{option} {value} is named as another kind of file", hint)
