@@ -100,7 +100,7 @@ def survey(
     if cause is not None:
         texts.insert(0, f"the known landmarks contradict what was seen: {cause}")
     texts = [*rig_warnings(cameras, "the rig"), *texts]
-    return replace(result, warnings=tuple(texts))
+    return replace(result, landmarks=_with_history(result.landmarks, known), warnings=tuple(texts))
 
 
 def survey_recordings(
@@ -159,7 +159,12 @@ def survey_recordings(
     sizes = landmark_sizes(frames, size_m, anchors)
     require_constraints(constraints)
     result = survey_together(named, sizes, anchors, constraints)
-    return replace(result, warnings=joint_warnings(result))
+    return replace(result, landmarks=_with_history(result.landmarks, known), warnings=joint_warnings(result))
+
+
+def _with_history(found: LandmarkMap, known: LandmarkMap | PathLike | None) -> LandmarkMap:
+    """The surveyed map, with where the known map's landmarks stood on earlier days."""
+    return found if known is None else found.with_history_of(as_map(known))
 
 
 def _rig_of_each(rig: AnyRig | PathLike | Mapping[str, AnyRig | PathLike], names: Sequence[str]) -> dict[str, AnyRig]:

@@ -49,7 +49,7 @@ def survey(
     """Check every rig by the landmarks, and build the map of every site from all of its recordings."""
     from lmkit.fleet.detection import detected_recordings
     from lmkit.fleet.jobs import run_stage
-    from lmkit.fleet.mapping import parts_by_site, require_new_recordings, survey_site, write_site
+    from lmkit.fleet.mapping import extended_surveys, parts_by_site, share_joined, survey_site, write_site
     from lmkit.fleet.rig_checks import STAGE as CHECK
     from lmkit.fleet.rig_checks import bumped_recordings, check_options, check_recording, store_check_options
     from lmkit.fleet.store import Store
@@ -66,8 +66,7 @@ def survey(
             f"no recording{from_then} was detected with these options",
             "run lmkit fleet detect with them",
         )
-    if known is not None:
-        require_new_recordings(place, sites, known.read_bytes())
+    extended = {} if known is None else extended_surveys(place, sites, known.read_bytes())
     outputs = {
         site: output if len(sites) == 1 else output.with_stem(f"{output.stem}-{site or 'site'}") for site in sites
     }
@@ -82,6 +81,7 @@ def survey(
     bumped = bumped_recordings(place, check)
     for site, parts in sites.items():
         surveyed = survey_site(place, site, parts, size_m, anchors, bumped, engine)
+        surveyed = surveyed.extending(extended[site]) if site in extended else surveyed
         write_outputs({outputs[site]: write_site(place, surveyed)}, force)
         summary = surveyed.facts
         if as_json:
@@ -93,9 +93,7 @@ def survey(
             *summary["warnings"],
         ):
             print_line(text)
-        fitting = len(summary["recordings"])
-        joined = f"{fitting} of {fitting + len(summary['left_out'])} recordings"
-        print_line(f"{len(summary['landmarks'])} landmarks from {joined} -> {outputs[site]}")
+        print_line(f"{len(summary['landmarks'])} landmarks from {share_joined(summary)} -> {outputs[site]}")
 
 
 def track(

@@ -45,6 +45,11 @@ class SiteSurvey:
     landmarks: LandmarkMap
     facts: Mapping[str, Any]
 
+    def extending(self, earlier: Mapping[str, Any]) -> SiteSurvey:
+        """With what the survey whose map this one began with knows of its recordings: facts of `extended_surveys`."""
+        moved = [*earlier["moved"], *self.facts["moved"]]
+        return replace(self, facts={**self.facts, "moved": moved, "extends": made_from(earlier)})
+
 
 @dataclass(frozen=True)
 class PartSurvey:
@@ -89,27 +94,40 @@ def parts_by_site(store: Store, options: Mapping[str, Any], since: str = "") -> 
     }
 
 
-def require_new_recordings(store: Store, sites: Mapping[str, Sequence[Part]], known: bytes) -> None:
-    """Refuse to extend a site's map by recordings that it was made from.
+def extended_surveys(store: Store, sites: Mapping[str, Sequence[Part]], known: bytes) -> dict[str, dict[str, Any]]:
+    """Facts of the stored surveys that a known map is the result of, by site.
 
     Args:
+        sites: parts of the recordings that are to extend it.
         known: content of its file.
 
     Raises:
-        InputError: they would count twice.
+        InputError: it was made from some of those, which would count twice.
     """
     surveyed = stored_sites(store)
-    for site, parts in sites.items():
-        if site not in surveyed or stored_map(store, site).encode() != known:
-            continue
-        used = {recording["name"] for recording in surveyed[site]["recordings"]}
-        twice = [part.name for part in parts if part.name in used]
+    stored = {site: surveyed[site] for site in sites if site in surveyed}
+    extended = {site: facts for site, facts in stored.items() if stored_map(store, site).encode() == known}
+    for site, facts in extended.items():
+        used = set(made_from(facts))
+        twice = [part.name for part in sites[site] if part.name in used]
         if twice:
             raise InputError(
                 "counted_twice",
                 f"the known map was made from {len(twice)} of these recordings, which would count twice: {twice[0]}",
                 "give the first day of the new ones, such as --since 2026-11-27",
             )
+    return extended
+
+
+def made_from(facts: Mapping[str, Any]) -> list[str]:
+    """Names of the recordings that a site's map was made from, those of the map that it extends first."""
+    return [*facts.get("extends", []), *(recording["name"] for recording in facts["recordings"])]
+
+
+def share_joined(facts: Mapping[str, Any]) -> str:
+    """How many recordings a site's map was made from, such as ``8 of 9 recordings``."""
+    count = len(made_from(facts))
+    return f"{count} of {count + len(facts['left_out'])} recordings"
 
 
 def survey_site(

@@ -14,7 +14,7 @@ from lmkit.fleet.detection import STAGE as DETECT
 from lmkit.fleet.fading import Reading, SiteReadings, Step, readings_of
 from lmkit.fleet.faults import DELAY, Fault, Rows, find_faults, start_of
 from lmkit.fleet.jobs import done_jobs
-from lmkit.fleet.mapping import stored_map, stored_sites
+from lmkit.fleet.mapping import share_joined, stored_map, stored_sites
 from lmkit.fleet.recordings import stored_recordings
 from lmkit.fleet.rig_checks import STAGE as CHECK
 from lmkit.fleet.rig_checks import UNKNOWN, moved_cameras, stored_check_options
@@ -111,9 +111,7 @@ def _map_figure(store: Store, site: str, facts: Mapping[str, Any]) -> tuple[str,
     landmarks = map_of(stored_map(store, site))
     drawing = base64.b64encode(draw_plan(landmarks, (), title=site, kind="svg")).decode()
     image = f"<img alt='map of {escape(site or 'the site')}' src='data:image/svg+xml;base64,{drawing}'>"
-    fitting = len(facts["recordings"])
-    joined = f"{fitting} of {fitting + len(facts['left_out'])} recordings"
-    return image, f"{len(facts['landmarks'])} landmarks from {joined}, {len(facts['moved'])} moved"
+    return image, f"{len(facts['landmarks'])} landmarks from {share_joined(facts)}, {len(facts['moved'])} moved"
 
 
 def _robots(state: FleetState) -> str:

@@ -148,13 +148,15 @@ class LandmarkMap:
 
     def with_history_of(self, earlier: LandmarkMap) -> LandmarkMap:
         """The map with what an earlier one of the same place knows of days before: it was surveyed from that."""
-        now = []
-        for m in self:
+
+        def dated(m: MappedLandmark) -> MappedLandmark:
             before = earlier.find(m.id)
             since = None if before is None else before.valid_from_s
-            # One that was moved anew has a later day already.
-            now.append(replace(m, valid_from_s=since) if m.valid_from_s is None else m)
-        return LandmarkMap([*now, *earlier.past, *self.past])
+            # What was moved anew stands since a later day already.
+            known = since is not None and m.valid_from_s is None and since <= _last_valid(m)
+            return replace(m, valid_from_s=since) if known else m
+
+        return LandmarkMap([*map(dated, self), *earlier.past, *map(dated, self.past)])
 
     def at(self, time_s: float) -> LandmarkMap:
         """The map as it was at a time: every landmark where it was mounted then.

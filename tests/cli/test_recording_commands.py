@@ -51,7 +51,9 @@ def test_a_survey_of_the_demo_s_files_finds_the_map(demo, tmp_path):
     known = tmp_path / "known.yaml"
     text = (demo / "true_map.yaml").read_text()
     head, *entries = text.split("- code:")
-    known.write_text(head + "- code:" + "- code:".join(entries[:3]))
+    # The last of them stood elsewhere before.
+    past = f"{entries[2].rstrip()}\n  valid_to: 1.0\n"
+    known.write_text(head + "- code:" + "- code:".join([*entries[:3], past]))
     seen = {line.split(",")[3] for line in (demo / "detections.csv").read_text().splitlines()[1:]}
     one, never = min(seen), next(code for code in map(str, range(256)) if code not in seen)
     done = run(
@@ -65,6 +67,7 @@ def test_a_survey_of_the_demo_s_files_finds_the_map(demo, tmp_path):
     answer = json.loads(done.out)
     assert {str(entry["code"]) for entry in answer["landmarks"]} >= seen
     assert answer["odometry"]["forward_scale"] == pytest.approx(0.92, abs=0.01)
+    assert (tmp_path / "map.yaml").read_text().count("valid_to: 1.0") == 1
     assert (tmp_path / "plan.svg").read_text().startswith("<svg")
     page = Page((tmp_path / "s.html").read_text())
     assert [row[0] for row in page.rows if row[0].startswith("lm8:")] == [f"lm8:{c}" for c in sorted(seen, key=int)]

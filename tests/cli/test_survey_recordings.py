@@ -3,11 +3,15 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 
+import numpy as np
 import pytest
 
 from lmkit.io.external_maps import read_any_map
-from lmkit.simulation.site import day_name, write_site
+from lmkit.io.landmark_map import map_to_yaml
+from lmkit.model.landmark_map import LandmarkMap
+from lmkit.simulation.site import DAY_S, MONDAY_S, day_name, write_site
 
 
 @pytest.fixture(scope="module")
@@ -20,7 +24,12 @@ def days(tmp_path_factory):
 def test_two_days_make_one_map(lmkit, days, tmp_path):
     folder, recordings, site = days
     rig = next(folder.glob("rigs/*/*.yaml"))
-    answer = lmkit("survey", *recordings, "--rig", str(rig), "-o", "map.yaml", "--tum", "poses.tum", "--json")
+    # One landmark is known, and stood elsewhere until a year ago.
+    one = replace(next(iter(site.maps["hall0"])), covariance=np.eye(6), valid_from_s=MONDAY_S - 365 * DAY_S)
+    before = replace(one, valid_from_s=None, valid_to_s=MONDAY_S - 366 * DAY_S)
+    (tmp_path / "known.yaml").write_text(map_to_yaml(LandmarkMap([one, before])))
+    given = ("--rig", str(rig), "--known", "known.yaml")
+    answer = lmkit("survey", *recordings, *given, "-o", "map.yaml", "--tum", "poses.tum", "--json")
     assert answer.code == 0, answer.err
     summary = json.loads(answer.out)
     assert [r["name"] for r in summary["recordings"]] == [day_name(0), day_name(1)]
@@ -28,6 +37,8 @@ def test_two_days_make_one_map(lmkit, days, tmp_path):
     assert all(r["located"] > 0.9 * r["frames"] for r in summary["recordings"])
     found = read_any_map(tmp_path / "map.yaml")
     assert site.map_error_m("hall0", found) < 0.03
+    assert found.find(one.id).valid_from_s == one.valid_from_s
+    assert [(m.id, m.valid_to_s) for m in found.past] == [(one.id, before.valid_to_s)]
     assert all((tmp_path / f"poses-{day_name(day)}.tum").exists() for day in (0, 1))
 
 

@@ -23,3 +23,12 @@ def test_a_map_keeps_the_moves_of_the_one_it_was_surveyed_from():
     ]
     assert [(m.id.code, m.valid_to_s) for m in kept.past] == [(1, 10.0), (2, 30.0)]
     assert kept.at(5.0).find(LandmarkId("lm8", 1)).T_map_landmark.t[0] == 1.0
+
+
+def test_a_landmark_that_was_moved_twice_keeps_all_three_places():
+    earlier = LandmarkMap([mounted(1, 2.0, 20.0), mounted(1, 1.0, None, 10.0)])
+    again = LandmarkMap([mounted(1, 3.0, 40.0), mounted(1, 2.0, None, 30.0)])
+    kept = again.with_history_of(earlier)
+    assert [(m.valid_from_s, m.valid_to_s) for m in kept.past] == [(None, 10.0), (20.0, 30.0)]
+    places = [kept.at(time_s).find("lm8:1").T_map_landmark.t[0] for time_s in (5.0, 25.0, 50.0)]
+    assert places == [1.0, 2.0, 3.0]
