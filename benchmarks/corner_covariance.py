@@ -62,7 +62,7 @@ class Constants:
 
 NAMES = ("GROWTH", "FULL_PX", "STRETCH", "LEAST_ERROR_PX")
 TODAY = Constants(*(getattr(registration, name) for name in NAMES))
-NEUTRAL = Constants(1.0, 1e-9, 0.0, 0.0)  # the scatter, but for the factor of the side
+NEUTRAL = Constants(1.0, 1e-9, 0.0, 0.0)  # the scatter itself
 
 
 @dataclass(frozen=True, eq=False)
@@ -85,19 +85,6 @@ class Corners:
 def rolled(seed: int) -> float:
     """Every third camera is rolled by up to 45 deg; those of robots are mostly upright."""
     return roll_of(seed, 45.0 if seed % 3 == 0 else 0.0)
-
-
-def scattered(seen: Seen) -> Seen:
-    """Detections with the scatter of residuals in place of the covariance."""
-
-    def plain(side: float) -> float:
-        return float(np.sqrt(np.sqrt(side / registration.USUAL_SIDE_PX)))
-
-    left, right = (
-        [replace(d, covariance=d.covariance / plain(mean_side(d.corners))) for d in found]
-        for found in seen.detections
-    )
-    return replace(seen, detections=(left, right))
 
 
 def with_covariance(seen: Seen) -> Seen:
@@ -180,7 +167,7 @@ def main() -> None:
     else:
         seeds = range(options.first, options.first + options.images)
         with NEUTRAL.in_use():
-            seen = [scattered(look(kind, seed, rolled(seed))) for seed in seeds for kind in kinds]
+            seen = [look(kind, seed, rolled(seed)) for seed in seeds for kind in kinds]
     if options.keep:
         options.keep.write_bytes(pickle.dumps(seen))
     rows = [r for one in seen for r in corners_of(one)]

@@ -23,7 +23,6 @@ from lmkit.detection.registration import (
     MOSAIC_PX,
     SHADING_PRIOR,
     STRETCH,
-    USUAL_SIDE_PX,
     PatternRegistration,
 )
 from lmkit.kernels import landmark_fit
@@ -141,5 +140,5 @@ def _rules(family: LandmarkFamily, pixels: int) -> FitRules:
         promising,
         Settled(decoding.SETTLED_CODE_MARGIN, decoding.SETTLED_TURN_MARGIN, decoding.SETTLED_CLEAR),
         START,
-        CornerErrors(LEAST_ERROR_PX, FEW_EDGES_PX, MOSAIC_PX, GROWTH, FULL_PX, USUAL_SIDE_PX, STRETCH),
+        CornerErrors(LEAST_ERROR_PX, FEW_EDGES_PX, MOSAIC_PX, GROWTH, FULL_PX, STRETCH),
     )

@@ -40,13 +40,13 @@ DISTORTION_PRIOR = 0.12  # standard deviation of the radial distortion, relative
 FEW_EDGES_PX = 30.0
 MOSAIC_PX = 2.0  # period of the colors: an edge that crosses several periods meets all of them
 # Residuals are noise, which averages out over many pixels, and what sharpening, noise reduction, tone and JPEG
-# do to its edges, which does not.  The larger the scatter sigma of corners that residuals let expect, and the larger
-# the landmark, the more of it is of that kind: the variance is
-# GROWTH min(sigma / FULL_PX, 1) (side / USUAL_SIDE_PX)^(1/4) times as large.  Edges move together, so that a landmark
-# comes out wider or higher, by STRETCH sigma over its eight coordinates.  Fitted by likelihood on simulated cameras
-# of four kinds (`TRAINING_KINDS`; decision 36), and enlarged by 1.2, so that 95 % of poses are inside.
-GROWTH, FULL_PX, USUAL_SIDE_PX, STRETCH = 1.75, 0.08, 40.0, 1.1
-LEAST_ERROR_PX = 0.005
+# do to its edges, which does not.  The larger the scatter sigma of corners that residuals let expect, the more of it
+# is of that kind: the variance is GROWTH min(sigma / FULL_PX, 1) times as large.  Edges move together, so that a
+# landmark comes out wider or higher, by STRETCH sigma over its eight coordinates.  Fitted by likelihood on simulated
+# cameras of four kinds (`benchmarks/corner_covariance.py`; decision 36), and enlarged by 1.5: then 95 % of the poses
+# by a kind that is left out of the fit are inside.
+GROWTH, FULL_PX, STRETCH = 1.85, 0.064, 0.84
+LEAST_ERROR_PX = 0.0036
 # Standard deviation of the mixed-pixel bias.  A wider one follows what cameras do to colors, and edges with it
 # (decision 39).
 MIXED_PIXEL_PRIOR = 0.02
@@ -197,9 +197,9 @@ class DrawingFit:
 def with_processing(corners: FloatArray, scatter: FloatArray) -> FloatArray:
     """(8,8) covariance of (4,2) corners from the one that residuals let expect: with the camera's processing."""
     variance = float(np.trace(scatter)) / 8
-    full, larger = min(np.sqrt(variance) / FULL_PX, 1.0), np.sqrt(np.sqrt(mean_side(corners) / USUAL_SIDE_PX))
+    full = min(np.sqrt(variance) / FULL_PX, 1.0)
     grown = scatter + STRETCH**2 * variance * stretches_of(corners)
-    return np.asarray(GROWTH * full * larger * grown + LEAST_ERROR_PX**2 * np.eye(8))
+    return np.asarray(GROWTH * full * grown + LEAST_ERROR_PX**2 * np.eye(8))
 
 
 def stretches_of(corners: FloatArray) -> FloatArray:

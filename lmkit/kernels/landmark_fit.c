@@ -39,7 +39,7 @@ typedef struct {
     double correlated, turn_margin, pattern, red_over_blue, least_contrast, most_contrast;
     double settled_code, settled_turn, settled_clear;           /* margins once the code stands */
     double least_blur, blur_share, blurred_side; /* where a fit begins */
-    double least_error, few_edges, mosaic, growth, full, usual_side, stretch; /* of the corners, px */
+    double least_error, few_edges, mosaic, growth, full, stretch; /* of the corners, px */
 } Fit;
 
 /* Pixels in use, planes of n values, and room for the kernels. */
@@ -229,7 +229,7 @@ static void seen_corners(const Fit *f, const double *view, const double *state, 
 
 /* From the covariance that residuals let expect to the one with the camera's processing, which makes landmarks wider
  * and higher (registration.py: with_processing). */
-static void add_processing(const Fit *f, const double *corners, double side, double *covariance)
+static void add_processing(const Fit *f, const double *corners, double *covariance)
 {
     double offset[CORNERS], middle[2] = {0.0, 0.0}, length = 0.0, variance = 0.0;
     for (int i = 0; i < CORNERS; i++) {
@@ -240,7 +240,7 @@ static void add_processing(const Fit *f, const double *corners, double side, dou
         offset[i] = corners[i] - middle[i % 2];
         length += offset[i] * offset[i];
     }
-    const double growth = f->growth * fmin(sqrt(variance) / f->full, 1.0) * sqrt(sqrt(side / f->usual_side));
+    const double growth = f->growth * fmin(sqrt(variance) / f->full, 1.0);
     const double weight = 2.0 * f->stretch * f->stretch * variance / length;
     for (int i = 0; i < CORNERS; i++)
         for (int j = 0; j < CORNERS; j++) {
@@ -268,7 +268,7 @@ static int place_corners(const Fit *f, const double *view, const double *state, 
         double far = (dx < dy ? dx : dy) / f->mosaic;
         aligned += 0.25 / (1.0 + far * far);
     }
-    const double side = side_of(corners), few = f->few_edges / side, scale = error * f->correlated * (1.0 + aligned * few * few);
+    const double few = f->few_edges / side_of(corners), scale = error * f->correlated * (1.0 + aligned * few * few);
     for (int i = 0; i < CORNERS; i++)
         for (int j = 0; j < CORNERS; j++) {
             double sum = 0.0;
@@ -276,7 +276,7 @@ static int place_corners(const Fit *f, const double *view, const double *state, 
                 sum += half[i][k] * half[j][k];
             covariance[CORNERS * i + j] = scale * sum;
         }
-    add_processing(f, corners, side, covariance);
+    add_processing(f, corners, covariance);
     return 1;
 }
 

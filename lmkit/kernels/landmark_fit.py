@@ -64,7 +64,7 @@ class CornerErrors(NamedTuple):
         least: of every coordinate, whatever residuals say.
         few_edges: side at which few edges count as much as all else.
         mosaic: period of the color mosaic.
-        growth, full, usual_side: factor of the variance, from a scatter on, for a side at which it is that.
+        growth, full: factor of the variance, and the scatter from which on it is that; below, it is in proportion.
         stretch: of width and height, as a share of the scatter.
     """
 
@@ -73,7 +73,6 @@ class CornerErrors(NamedTuple):
     mosaic: float
     growth: float
     full: float
-    usual_side: float
     stretch: float
 
 
@@ -152,7 +151,7 @@ class _Fit(ctypes.Structure):
         ("promising", ctypes.c_double * 6),
         ("settled", ctypes.c_double * 3),
         ("start", ctypes.c_double * 3),
-        ("errors", ctypes.c_double * 7),
+        ("errors", ctypes.c_double * 6),
     )
 
 
