@@ -72,8 +72,8 @@ class Estimator(Protocol):
     def carried(self, time_s: float, then_s: Sequence[float]) -> tuple[Pose, ...] | None:
         """T_left_left: how the rig moves from ``time_s`` to the exposure of each camera; None: not known."""
 
-    def observe(self, time_s: float, seen: Seen, carried: Sequence[Pose] = ()) -> Estimate:
-        """Estimate at ``time_s``, of cameras that are carried so far; empty: all expose at that time."""
+    def observe(self, time_s: float, seen: Seen, then_s: Sequence[float] = ()) -> Estimate:
+        """Estimate at ``time_s``, of cameras that exposed then; empty: all did at that time."""
 
 
 def make_estimator(kind: str, rig: AnyRig, landmarks: LandmarkMap) -> Estimator:
@@ -117,9 +117,9 @@ class WheelEstimator:
         """See `Estimator`."""
         return self._filter.carried(time_s, then_s)
 
-    def observe(self, time_s: float, seen: Seen, carried: Sequence[Pose] = ()) -> Estimate:
+    def observe(self, time_s: float, seen: Seen, then_s: Sequence[float] = ()) -> Estimate:
         """See `Estimator`."""
-        answer = self._filter.observe(time_s, seen, carried)
+        answer = self._filter.observe(time_s, seen, then_s)
         if answer.state is None or answer.covariance is None:
             return _not_found(seen, self._rig, self._landmarks)
         status = _contradicted(answer.status, len(answer.outliers), answer.nis_dof)
@@ -156,9 +156,9 @@ class PoseEstimator:
         """See `Estimator`."""
         return self._filter.carried(time_s, then_s)
 
-    def observe(self, time_s: float, seen: Seen, carried: Sequence[Pose] = ()) -> Estimate:
+    def observe(self, time_s: float, seen: Seen, then_s: Sequence[float] = ()) -> Estimate:
         """See `Estimator`."""
-        answer = self._filter.observe(time_s, seen, carried)
+        answer = self._filter.observe(time_s, seen, then_s)
         if answer.T_map_left is None or answer.covariance is None:
             return _not_found(seen, self._rig, self._landmarks)
         poses, covariances = at_base([answer.T_map_left], answer.covariance[None], self._rig)
@@ -205,9 +205,10 @@ class ImageEstimator:
         turn, way = rotation_log(a.R.T @ b.R), a.R.T @ (b.t - a.t)
         return tuple(Pose("left", "left", rotation_exp(share * turn), share * way) for share in shares.tolist())
 
-    def observe(self, time_s: float, seen: Seen, carried: Sequence[Pose] = ()) -> Estimate:
+    def observe(self, time_s: float, seen: Seen, then_s: Sequence[float] = ()) -> Estimate:
         """See `Estimator`."""
-        found = locate_rig(seen, self._rig, self._landmarks, carried=carried)
+        carried = self.carried(time_s, then_s) if then_s else ()
+        found = locate_rig(seen, self._rig, self._landmarks, carried=carried or ())
         if found.T_map_camera is None or found.covariance is None:
             return Estimate(found.status, outliers=found.outliers)
         poses, covariances = at_base([found.T_map_camera], found.covariance[None], self._rig)

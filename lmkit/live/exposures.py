@@ -19,19 +19,21 @@ class Exposures:
     def __init__(self, rig: AnyRig) -> None:
         self._offsets = [camera.time_offset_s for camera in mounted_cameras(rig)]
 
+    def times(self, time_s: float, stamps_s: Sequence[float]) -> tuple[float, ...]:
+        """When each camera exposed; empty where all did at ``time_s``."""
+        late = [
+            (0.0 if abs(stamp - time_s) < TOGETHER_S else stamp - time_s) + offset
+            for stamp, offset in zip(stamps_s, self._offsets, strict=True)
+        ]
+        return tuple(time_s + seconds for seconds in late) if max(map(abs, late), default=0.0) >= EXACT_S else ()
+
     def carried(
-        self, time_s: float, stamps_s: Sequence[float], estimator: Estimator
+        self, time_s: float, then_s: Sequence[float], estimator: Estimator
     ) -> tuple[tuple[Pose, ...], frozenset[int]]:
         """Motion of the rig until each camera exposes, T_left_left; empty where all expose at ``time_s``.
 
         And the cameras that must be left out, since nothing says how the rig moved.
         """
-        late = [
-            (0.0 if abs(stamp - time_s) < TOGETHER_S else stamp - time_s) + offset
-            for stamp, offset in zip(stamps_s, self._offsets, strict=True)
-        ]
-        apart = frozenset(k for k, seconds in enumerate(late) if abs(seconds) >= EXACT_S)
-        if not apart:
-            return (), apart
-        moved = estimator.carried(time_s, [time_s + seconds for seconds in late])
+        apart = frozenset(k for k, then in enumerate(then_s) if abs(then - time_s) >= EXACT_S)
+        moved = estimator.carried(time_s, then_s) if apart else ()
         return ((), apart) if moved is None else (moved, frozenset())

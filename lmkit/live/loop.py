@@ -112,7 +112,8 @@ class LiveLoop:
             self._waiting = (*self._waiting, *group.motion)
             return None
         profile = group.profile or self._budget.profile
-        carried, apart = self._exposures.carried(group.time_s, group.stamps_s, self._estimator)
+        then_s = self._exposures.times(group.time_s, group.stamps_s)
+        carried, apart = self._exposures.carried(group.time_s, then_s, self._estimator)
         views = self._views(group, profile, carried)
         events += self._color_events(group, views)
         events += self._odometry_events(group.time_s)
@@ -121,7 +122,7 @@ class LiveLoop:
         events += named
         left_out = stale | apart
         believed = [() if k in left_out else s for k, s in enumerate(seen)]
-        estimate = self._estimator.observe(group.time_s, believed, carried)
+        estimate = self._estimator.observe(group.time_s, believed, then_s)
         if estimate.restarted:
             self._stale.start()
         views, missing = self._with_expected(views, estimate, left_out, carried)

@@ -31,6 +31,7 @@ from lmkit.model.observation import Detection
 from lmkit.model.pose_status import PoseStatus
 from lmkit.odometry.online_wheel_odometry import AHEAD_S, LONGEST_DELAY_S, STATES, Wheels
 from lmkit.odometry.wheel_odometry import NOMINAL, PARAMETERS, PRIOR_SIGMA, MotionNoise
+from lmkit.tracking.exposure_queue import ExposureQueue
 from lmkit.tracking.lasting_errors import LastingErrors
 from lmkit.tracking.range_bearing_filter import NOWHERE_M, TrackedPose
 
@@ -70,6 +71,7 @@ class RigFilter:
         self._x: FloatArray = np.zeros(STATES)
         self._P: FloatArray = np.zeros((STATES, STATES))
         self._lasting = LastingErrors(STATES)
+        self._exposures = ExposureQueue()
         self._doubts = 0
         self._prior = PosePrior(
             height_m=float(self._T.t[2]),
@@ -98,42 +100,61 @@ class RigFilter:
         return carried_from(time_s, then_s, self._rig, self.wheels.model(time_s), self.parameters)
 
     def observe(
-        self, time_s: float, detections: Sequence[Sequence[Detection]], carried: Sequence[Pose] = ()
+        self, time_s: float, detections: Sequence[Sequence[Detection]], then_s: Sequence[float] = ()
     ) -> TrackedPose:
         """Pose at ``time_s``; every list of detections may be empty.
 
         Args:
-            carried: of cameras that expose at other times, as of :meth:`carried`; empty: all expose at ``time_s``.
+            then_s: when each camera exposed; empty: all at ``time_s``.  What exposed later counts at the next frame.
         """
         if self._time is None:
-            return self._start(time_s, detections, carried)
+            return self._start(time_s, detections, then_s)
+        outliers: set[LandmarkId] = set()
+        nis, nis_dof, fits = 0.0, 0, []
+        for at, part in self._exposures.due(time_s, detections, then_s):
+            seen = self._seen(at, part)
+            outliers |= seen.twice
+            if not len(seen):
+                continue
+            try:
+                used, cost = self._update(seen)
+            except np.linalg.LinAlgError:
+                # Corners or a covariance beyond all measure: nothing fits.
+                used, cost = np.zeros(len(seen), dtype=bool), 0.0
+            nis, nis_dof = nis + cost, nis_dof + 8 * int(used.sum())
+            outliers |= seen.ids_of(~used)
+            fits.append(used.any())
+        self._step(time_s)
+        if fits:
+            self._doubts = 0 if any(fits) else self._doubts + 1
+            if self._doubts >= DOUBTS:
+                again = self._start(time_s, detections, then_s)
+                if again.state is not None:
+                    return again
+        return self._pose(time_s, tuple(sorted(outliers)), False, nis, nis_dof)
+
+    def _step(self, time_s: float) -> None:
+        """Go on to a time by odometry; one that has passed changes nothing."""
+        assert self._time is not None
         if time_s > self._time:
             self.wheels.forget(self._time)
             self._x, F, Q = self.wheels.step(self._x, self._time, time_s)
             self._P = F @ self._P @ F.T + Q
             self._lasting.predict(F)
             self._time = time_s
-        seen = Correspondences.of_rig(detections, self._rig, self._map, self._floor_px, carried)
-        outliers: tuple[LandmarkId, ...] = tuple(sorted(seen.twice))
-        nis, nis_dof = 0.0, 0
-        if len(seen):
-            try:
-                used, nis = self._update(seen)
-            except np.linalg.LinAlgError:
-                # Corners or a covariance beyond all measure: nothing fits.
-                used = np.zeros(len(seen), dtype=bool)
-            nis_dof = 8 * int(used.sum())
-            outliers = tuple(sorted({*outliers, *seen.ids_of(~used)}))
-            self._doubts = 0 if used.any() else self._doubts + 1
-            if self._doubts >= DOUBTS:
-                again = self._start(time_s, detections, carried)
-                if again.state is not None:
-                    return again
-        return self._pose(time_s, outliers, False, nis, nis_dof)
+
+    def _seen(self, at: float, detections: Sequence[Sequence[Detection]]) -> Correspondences:
+        """Correspondences of cameras that exposed together, after a step to that time."""
+        assert self._time is not None
+        self._step(at)
+        # Of an exposure before the last frame, which comes too late.
+        carried = self.carried(self._time, [at] * len(detections)) if at < self._time else ()
+        return Correspondences.of_rig(detections, self._rig, self._map, self._floor_px, carried)
 
     def _start(
-        self, time_s: float, detections: Sequence[Sequence[Detection]], carried: Sequence[Pose]
+        self, time_s: float, detections: Sequence[Sequence[Detection]], then_s: Sequence[float]
     ) -> TrackedPose:
+        carried = self.carried(time_s, then_s) if then_s else ()
         options = LocateOptions(prior=self._prior, corner_floor_px=self._floor_px)
         found = locate_rig(detections, self._rig, self._map, options, carried)
         C = found.covariance_at(self._T.inverse())
@@ -152,6 +173,7 @@ class RigFilter:
         pulls = seen.pulls(found.T_map_camera.R, found.T_map_camera.t, fit)
         self._lasting.start(pulls.through(self._state_by_pull(found)))
         self._time, self._doubts = time_s, 0
+        self._exposures.clear()
         return self._pose(time_s, found.outliers, True)
 
     def _update(self, seen: Correspondences) -> tuple[BoolArray, float]:

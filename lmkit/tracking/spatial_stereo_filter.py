@@ -25,6 +25,7 @@ from lmkit.model.observation import Detection
 from lmkit.model.pose_status import PoseStatus
 from lmkit.odometry.online_pose_odometry import PoseRows
 from lmkit.odometry.pose_odometry import PoseNoise
+from lmkit.tracking.exposure_queue import ExposureQueue
 from lmkit.tracking.lasting_errors import LastingErrors
 from lmkit.tracking.planar_stereo_filter import DOUBTS, UPDATE
 from lmkit.tracking.range_bearing_filter import NOWHERE_M
@@ -88,6 +89,7 @@ class PoseFilter:
         self._p: FloatArray = np.zeros(3)
         self._P: FloatArray = np.zeros((6, 6))
         self._lasting = LastingErrors(6)
+        self._exposures = ExposureQueue()
         self._doubts = 0
         self._taken: tuple[FloatArray, FloatArray] | None = None  # odometry's pose of the last frame, as foretold
 
@@ -103,31 +105,43 @@ class PoseFilter:
         return carried_by(turns, np.array([(later - p) @ R for _, later in places]).reshape(-1, 3), self._rig)
 
     def observe(
-        self, time_s: float, detections: Sequence[Sequence[Detection]], carried: Sequence[Pose] = ()
+        self, time_s: float, detections: Sequence[Sequence[Detection]], then_s: Sequence[float] = ()
     ) -> SpacePose:
         """Pose of the left camera at ``time_s``; every list of detections may be empty.
 
         Args:
-            carried: of cameras that expose at other times, as of :meth:`carried`; empty: all expose at ``time_s``.
+            then_s: when each camera exposed; empty: all at ``time_s``.  What exposed later counts at the next frame.
         """
         if self._time is None:
-            return self._start(time_s, detections, carried)
-        if time_s > self._time:
-            self._predict(self._time, time_s)
-            self._time = time_s
-        seen = Correspondences.of_rig(detections, self._rig, self._map, self._floor_px, carried)
-        outliers, nis, nis_dof = set(seen.twice), 0.0, 0
-        if len(seen):
+            return self._start(time_s, detections, then_s)
+        outliers: set[LandmarkId] = set()
+        nis, nis_dof, fits = 0.0, 0, []
+        for at, part in self._exposures.due(time_s, detections, then_s):
+            seen = self._seen(at, part)
+            outliers |= seen.twice
+            if not len(seen):
+                continue
             used, cost = self._update(seen)
             outliers |= seen.ids_of(~used)
-            self._doubts = 0 if used.any() else self._doubts + 1
+            fits.append(used.any())
             if used.any():
-                nis, nis_dof = cost, 8 * int(used.sum())
-            elif self._doubts >= DOUBTS:
-                again = self._start(time_s, detections, carried)
+                nis, nis_dof = nis + cost, nis_dof + 8 * int(used.sum())
+        self._predict(time_s)
+        if fits:
+            self._doubts = 0 if any(fits) else self._doubts + 1
+            if self._doubts >= DOUBTS:
+                again = self._start(time_s, detections, then_s)
                 if again.T_map_left is not None:
                     return again
         return self._pose(time_s, tuple(sorted(outliers)), False, nis, nis_dof)
+
+    def _seen(self, at: float, detections: Sequence[Sequence[Detection]]) -> Correspondences:
+        """Correspondences of cameras that exposed together, after a step to that time."""
+        assert self._time is not None
+        self._predict(at)
+        # Of an exposure before the last frame, which comes too late.
+        carried = self.carried(self._time, [at] * len(detections)) if at < self._time else ()
+        return Correspondences.of_rig(detections, self._rig, self._map, self._floor_px, carried)
 
     def _update(self, seen: Correspondences) -> tuple[BoolArray, float]:
         """(S,) the inliers of the update with the corners, and their innovation."""
@@ -142,7 +156,8 @@ class PoseFilter:
             return np.zeros(len(seen), dtype=bool), 0.0
         return used, cost
 
-    def _start(self, time_s: float, detections: Sequence[Sequence[Detection]], carried: Sequence[Pose]) -> SpacePose:
+    def _start(self, time_s: float, detections: Sequence[Sequence[Detection]], then_s: Sequence[float]) -> SpacePose:
+        carried = self.carried(time_s, then_s) if then_s else ()
         options = LocateOptions(corner_floor_px=self._floor_px)
         found = locate_rig(detections, self._rig, self._map, options, carried)
         if found.status != PoseStatus.OK or found.T_map_camera is None or found.covariance is None:
@@ -152,6 +167,7 @@ class PoseFilter:
         fit = np.array([landmark.id not in found.outliers for landmark in seen.landmarks])
         self._lasting.start(seen.pulls(self._R, self._p, fit).through(self._P))
         self._time, self._doubts = time_s, 0
+        self._exposures.clear()
         return self._pose(time_s, found.outliers, True)
 
     def foretell(self, time_s: float) -> Pose | None:
@@ -163,9 +179,14 @@ class PoseFilter:
         step = self._step(self._time, time_s)
         return Pose("map", "left", orthonormal(step.base @ step.turned @ self._T.R), self._p + step.way)
 
-    def _predict(self, before_s: float, time_s: float) -> None:
-        self._rows.forget(before_s)
-        step = self._step(before_s, time_s)
+    def _predict(self, time_s: float) -> None:
+        """Go on to a time by odometry; one that has passed changes nothing."""
+        assert self._time is not None
+        if time_s <= self._time:
+            return
+        self._rows.forget(self._time)
+        step = self._step(self._time, time_s)
+        self._time = time_s
         self._taken = step.taken
         arm, later = self._T.t, step.base @ step.turned
         F, G = np.eye(6), np.zeros((6, 6))
