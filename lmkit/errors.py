@@ -62,8 +62,13 @@ class NegativeAnswer(LmkitError):
     exit_code = 1
 
 
-def system_hint(error: OSError) -> str:
-    """How to fix an error that the system's limits or a path caused; empty for an internal one."""
+def system_problem(error: OSError) -> tuple[str, str] | None:
+    """An error that the system's limits or a path caused, and how to fix it; None for an internal one."""
+    problem = f"cannot write or open {error.filename or 'standard output or a file'}: {error.strerror}"
     if error.errno in _LIMITS:
-        return "free space, or raise the limit of the system"
-    return "check the path and its permissions" if error.errno in _PATHS and error.filename is not None else ""
+        return problem, "free space, or raise the limit of the system"
+    hint = "check the path and its permissions"
+    if error.errno in _PATHS and error.filename is not None:
+        return problem, hint
+    # As pyarrow does, the text itself may name the path.
+    return (str(error.strerror), hint) if error.errno in _PATHS and "'" in str(error.strerror) else None

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Callable, Sequence
+from functools import partial
 from typing import TYPE_CHECKING
 
 from lmkit.api.arguments import ImageLike, PathLike, as_map, as_meters, as_path, as_recording, as_rig, require_type
@@ -201,6 +202,7 @@ def locate(
     from lmkit.geometry.rig import mounted_cameras
     from lmkit.localization.absolute_pose import LocateOptions, locate_camera, locate_rig
     from lmkit.localization.base_pose import with_base
+    from lmkit.localization.contradicted_prior import without_contradicted_prior
     from lmkit.localization.contradiction import with_cause
 
     cameras, mapped = as_rig(rig), as_map(landmarks)
@@ -220,9 +222,10 @@ def locate(
         for number, (image, camera) in enumerate(zip(images, models, strict=False), start=1)
     ]
     if len(seen) < len(models):
-        estimate = locate_camera(seen[0], models[0], mapped, options)
+        locate_seen = partial(locate_camera, seen[0], models[0], mapped)
     else:
-        estimate = locate_rig(seen, cameras, mapped, options)
+        locate_seen = partial(locate_rig, seen, cameras, mapped)
+    estimate = without_contradicted_prior(options or LocateOptions(), locate_seen)
     return with_base(with_cause(estimate, seen, cameras, mapped), cameras)
 
 

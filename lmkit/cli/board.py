@@ -9,6 +9,7 @@ import typer
 
 from lmkit.cli import options
 from lmkit.cli.output import BOARD_HELP, print_line, warn, write_outputs
+from lmkit.cli.parsing import require_dpi
 from lmkit.errors import InputError
 
 
@@ -34,6 +35,7 @@ def run(
         raise InputError("bad_suffix", f"cannot write {output}: unknown file type", hint)
     if paper not in PAPERS:
         raise InputError("bad_paper", f"--paper {paper} is unknown", f"choose {', '.join(PAPERS)}")
+    require_dpi(dpi)
     board = BoardSpec.parse(spec)
     page = compose_board_page(board, paper)
     write_outputs({output: encode_page(page, output, dpi)}, force)

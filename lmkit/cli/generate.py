@@ -9,6 +9,7 @@ import typer
 
 from lmkit.cli import options
 from lmkit.cli.output import print_line, warn
+from lmkit.cli.parsing import require_dpi
 from lmkit.errors import InputError
 
 
@@ -84,8 +85,7 @@ def run(
     size_mm = None if size is None else parse_length_mm(size, "--size")
     if size_mm is not None and (warning := check_landmark_size(size_mm)):
         warn(warning)
-    if not 1 <= dpi <= 4800:
-        raise InputError("bad_dpi", f"--dpi {dpi:g} is outside 1 to 4800", "300 suits most printers")
+    require_dpi(dpi)
     if output is None:
         stem = f"landmark-{wanted[0]}" if len(wanted) == 1 else f"landmarks-{format_codes(wanted)}"
         output = Path(f"{stem}.png" if bare else f"{stem}.pdf")

@@ -132,6 +132,8 @@ def run(
                 warn(str(frame_result.error))
     if tum is not None and not results.timed:
         warn("the images have no times: frame numbers stand for seconds in the trajectory; give --hz")
+    if results.contradicted_prior is not None:
+        warn(results.contradicted_prior)
     if len(failed) < len(results.answers):
         for path in write_outputs(results.files(tum, csv, plan), force):
             warn(f"wrote {path}")

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -37,7 +36,7 @@ def locate_readings(
     from lmkit.localization.readings_contradiction import find_readings_cause
     from lmkit.model.pose_status import PoseStatus
 
-    if not math.isfinite(time_offset):
+    if not abs(time_offset) < 1e12:
         raise InputError("bad_offset", f"--time-offset {time_offset:g} is not a time", "give seconds, such as 0.2")
     noise = parse_noise(range_sigma, bearing_sigma)
     frames = read_readings(path, landmarks.families)

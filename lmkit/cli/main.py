@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import io
 import os
 import signal
 import sys
@@ -18,7 +19,7 @@ os.environ.setdefault("OPENCV_LOG_LEVEL", "SILENT")
 os.environ.setdefault("OPENCV_FFMPEG_LOGLEVEL", "-8")
 
 from lmkit.cli.commands import COMMANDS, list_of_commands
-from lmkit.errors import InputWarning, LmkitError, system_hint
+from lmkit.errors import InputWarning, LmkitError, system_problem
 from lmkit.version import __version__
 
 if TYPE_CHECKING:
@@ -64,6 +65,8 @@ def open_standard_streams() -> None:
     for name in ("stdout", "stderr"):
         if getattr(sys, name) is None:
             setattr(sys, name, open(os.devnull, "w"))  # noqa: SIM115, PTH123
+    if isinstance(sys.stdout, io.TextIOWrapper):  # names of files need not be text; JSON escapes them alike
+        sys.stdout.reconfigure(errors="backslashreplace")
 
 
 def run_arguments(arguments: Sequence[str]) -> Any:
@@ -116,11 +119,10 @@ def guarded(run: Callable[[], Any], debug: bool) -> int:
     except Exception as error:
         if type(error).__module__.startswith("cv2") and getattr(error, "code", 0) == OPENCV_NO_MEMORY:
             return _report("out of memory", _MEMORY_HINT, EXIT_WRONG_USE, debug)
-        if isinstance(error, OSError) and (hint := system_hint(error)):
+        if isinstance(error, OSError) and (problem := system_problem(error)):
             if error.filename is None:
                 _forget_output()
-            where = error.filename or "standard output or a file"
-            return _report(f"cannot write or open {where}: {error.strerror}", hint, EXIT_WRONG_USE, debug)
+            return _report(*problem, EXIT_WRONG_USE, debug)
         usage = getattr(error, "format_message", None)
         if usage is not None:
             command = getattr(getattr(error, "ctx", None), "command_path", "lmkit")

@@ -58,8 +58,8 @@ def parse_prior(heading: str | None, planar: str | None) -> PosePrior | None:
     prior = PosePrior()
     if heading is not None:
         match = _HEADING.fullmatch(heading)
-        if match is None or (match[2] and float(match[2]) <= 0):
-            hint = "give degrees, such as 90 or 90+-3"
+        if match is None or abs(float(match[1])) > 360 or (match[2] and float(match[2]) <= 0):
+            hint = "give degrees from -360 to 360, such as 90 or 90+-3"
             raise InputError("bad_heading", f"--heading {heading!r} is not a valid heading", hint)
         sigma = prior.heading_sigma if match[2] is None else math.radians(float(match[2]))
         prior = replace(prior, heading_rad=math.radians(float(match[1])), heading_sigma=sigma)
@@ -145,3 +145,13 @@ def require_rate(hz: float | None) -> None:
     """
     if hz is not None and not 0 < hz < 1e4:
         raise InputError("bad_rate", f"--hz {hz:g} is out of range", "give frames per second, such as 5")
+
+
+def require_dpi(dpi: float) -> None:
+    """Refuse resolutions that no print has.
+
+    Raises:
+        InputError: outside 1 to 4800.
+    """
+    if not 1 <= dpi <= 4800:
+        raise InputError("bad_dpi", f"--dpi {dpi:g} is outside 1 to 4800", "300 suits most printers")

@@ -43,15 +43,16 @@ def run(
             f"--landmarks {landmarks}, but {family} has {kind.code_count} codes",
             f"give up to {kind.code_count}, or another --family",
         )
-    from lmkit.io.files import check_writable, write_file
+    from lmkit.io.files import check_writable, write_file, write_files
     from lmkit.model.board import BoardSpec
     from lmkit.simulation.dataset import description_files, make_dataset, render_images
     from lmkit.visualization.overlay import encode_png
 
-    check_writable(output / "truth.json", force)
     data = make_dataset(seed, pairs, boards, landmarks, kind, BoardSpec.parse(board))
+    texts = {output / name: text for name, text in description_files(data).items()}
+    for path in texts:
+        check_writable(path, force)
     for name, image in progress(render_images(data), 2 * (pairs + boards), "rendering"):
         write_file(output / name, encode_png(image), force)
-    for name, text in description_files(data).items():
-        write_file(output / name, text, force)
+    write_files(texts, force)
     print_line(f"{output}: {pairs} pairs, {boards} board pairs, {landmarks} landmarks")

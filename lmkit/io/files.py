@@ -59,7 +59,7 @@ def write_files(contents: Mapping[Path, bytes | str], force: bool = False) -> No
     try:
         for path, content in contents.items():
             path.parent.mkdir(parents=True, exist_ok=True)
-            _write_partial(path, content.encode("utf-8") if isinstance(content, str) else content, partials)
+            _write_partial(path, _encoded(content), partials)
         for path, partial in partials.items():
             partial.replace(path)
     except BaseException as error:  # Ctrl-C as well
@@ -71,6 +71,11 @@ def write_files(contents: Mapping[Path, bytes | str], force: bool = False) -> No
         if not isinstance(error, OSError):
             raise
         raise InputError("not_writable", f"cannot write {path}: {error.strerror or error}", _HINT) from None
+
+
+def _encoded(content: bytes | str) -> bytes:
+    """UTF-8; what is no text in a file's name is escaped, as in JSON."""
+    return content.encode("utf-8", "backslashreplace") if isinstance(content, str) else content
 
 
 def _write_partial(path: Path, data: bytes, partials: dict[Path, Path]) -> None:

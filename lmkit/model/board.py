@@ -16,6 +16,7 @@ from lmkit.units import parse_length_mm
 KINDS = ("chessboard", "charuco", "landmarks", "aprilgrid")
 KALIBR_BORDER = 2  # black cells around the tags of an AprilGrid; single tags have one
 MOST_STRETCH = 0.1
+SQUARES_MM = (0.5, 2000.0)  # outside, the unit is wrong
 LEAST_GAP = 1 / 9  # of a landmark's side: the white that two neighbors need between them
 _HINT = (
     "write chessboard:9x6:30mm (inner corners and square), "
@@ -67,6 +68,9 @@ class BoardSpec:
             raise InputError("bad_board", f"{parts[0]!r} in board {text!r} is not COLUMNSxROWS", _HINT)
         size = (int(columns), int(rows))
         square_mm = parse_length_mm(parts[1], f"square of board {text!r}")
+        if not SQUARES_MM[0] <= square_mm <= SQUARES_MM[1]:
+            message = f"square {parts[1]} of board {text!r} is outside {SQUARES_MM[0]:g} to {SQUARES_MM[1]:g} mm"
+            raise InputError("bad_board", message, "check the unit; 30mm is usual")
         if kind == "chessboard":
             return cls(kind, *size, square_mm)
         if kind == "aprilgrid":

@@ -17,6 +17,7 @@ from lmkit.io.image_sources import VIDEO_SUFFIXES
 from lmkit.io.images import SUFFIXES
 from lmkit.visualization.overlay import encode_jpeg
 
+OTHERS = frozenset({".csv", ".json", ".yaml", ".yml", ".html", ".pdf", ".svg", ".tum"})  # of the other outputs
 FPS = 15.0  # of videos that do not state their rate
 FASTEST_FPS = 120.0
 VARIES = 1.25  # longest interval over that of the stated rate
@@ -30,10 +31,10 @@ def require_folder_name(folder: Path, videos: bool) -> None:
         videos: the name may be that of the one video that is written.
 
     Raises:
-        InputError: it has the suffix of an image, or of a video that is not written.
+        InputError: it has the suffix of another output, of an image, or of a video that is not written.
     """
     written = {".mp4"} if videos else set()
-    if folder.suffix.lower() in (SUFFIXES | VIDEO_SUFFIXES) - written and not folder.is_dir():
+    if folder.suffix.lower() in (SUFFIXES | VIDEO_SUFFIXES | OTHERS) - written and not folder.is_dir():
         raise InputError(
             "not_a_folder",
             f"--annotate {folder} must name a folder, not a file",

@@ -19,6 +19,7 @@ from lmkit.io.image_sources import Frame
 from lmkit.io.images import read_image
 from lmkit.localization.absolute_pose import LocateOptions, locate_camera, locate_rig
 from lmkit.localization.base_pose import with_base
+from lmkit.localization.contradicted_prior import without_contradicted_prior
 from lmkit.localization.contradiction import with_cause
 from lmkit.model.estimate import PoseEstimate
 from lmkit.model.families import family_named
@@ -103,10 +104,10 @@ def _locate_frames(frames: Sequence[Frame], rig: AnyRig, landmarks: LandmarkMap,
     except InputError as error:
         return Located(names, None, error=error)
     if len(seen) < len(models):
-        estimate = locate_camera(seen[0], models[0], landmarks, options)
+        locate = partial(locate_camera, seen[0], models[0], landmarks)
     else:
-        estimate = locate_rig(seen, rig, landmarks, options)
-    estimate = with_cause(estimate, seen, rig, landmarks)
+        locate = partial(locate_rig, seen, rig, landmarks)
+    estimate = with_cause(without_contradicted_prior(options, locate), seen, rig, landmarks)
     return Located(names, estimate, tuple(seen), frames[0].image, time_s=frames[0].time_s)
 
 

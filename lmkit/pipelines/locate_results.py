@@ -13,6 +13,7 @@ from lmkit.geometry.pose import Pose
 from lmkit.geometry.rig import AnyRig
 from lmkit.io.images import read_image
 from lmkit.io.trajectory import poses_to_tum
+from lmkit.localization.contradicted_prior import OPENING
 from lmkit.model.landmark_map import LandmarkMap
 from lmkit.model.pose_status import PoseStatus
 from lmkit.pipelines.annotated import AnnotatedFolder
@@ -76,6 +77,15 @@ class LocateResults:
         return any(a.estimate is not None and a.estimate.status == PoseStatus.SWAPPED for a in self.answers)
 
     @property
+    def contradicted_prior(self) -> str | None:
+        """Warning of the first frame that contradicts the prior on the pose."""
+        for answer in self.answers:
+            for text in () if answer.estimate is None else answer.estimate.warnings:
+                if text.startswith(OPENING):
+                    return f"{Path(answer.left).name}: {text}"
+        return None
+
+    @property
     def advice(self) -> str:
         """Advice where there is no pose at all: undo the cause that most frames name."""
         if self.swapped:
@@ -112,7 +122,12 @@ class LocateResults:
     def plan(self, kind: str) -> bytes:
         """The map with poses and their ellipses from above, as ``png`` or ``svg``."""
         found = [
-            Found(Path(answer.left).stem, estimate.T_map_camera, covariance[:2, :2], estimate.status == PoseStatus.OK)
+            Found(
+                _label(answer.left),
+                estimate.T_map_camera,
+                covariance[:2, :2],
+                estimate.status == PoseStatus.OK,
+            )
             for answer in self.answers
             if (estimate := answer.estimate) is not None
             and estimate.T_map_camera is not None
@@ -131,3 +146,8 @@ class LocateResults:
         if plan is not None:
             contents[plan] = self.plan(plan.suffix.lower().lstrip("."))
         return contents
+
+
+def _label(path: str) -> str:
+    """A file's name without folder and suffix; what is no text in it is escaped, as in JSON."""
+    return Path(path).stem.encode("utf-8", "backslashreplace").decode()

@@ -102,11 +102,15 @@ def find_goal(text: str, floor: FloorPlan, landmarks: LandmarkMap, radius_m: flo
     A landmark is a signpost: the robot stands before it and looks at it.
 
     Raises:
-        InputError: nothing of that name.
+        InputError: nothing of that name, or several landmarks.
     """
     if text in floor.places:
         return Goal(*floor.places[text])
-    sign = next((m for m in landmarks if m.name == text), None)
+    named = [m for m in landmarks if m.name == text]
+    if len(named) > 1:
+        several = f"the map has {len(named)} landmarks of the name {text!r}"
+        raise InputError("ambiguous_place", several, f"give the landmark's id, such as {named[0].id}")
+    sign = next(iter(named), None)
     if sign is None and (text.isdigit() or text.rpartition(":")[0] in landmarks.families):
         sign = landmarks.find(LandmarkId.parse(text, landmarks.families))
     if sign is not None:

@@ -151,7 +151,9 @@ def test_priors_are_taken(lmkit, room):
     assert right.code == 0, right.err
     wrong = lmkit("locate", *pair, *given(room)[2:], "--json", "--heading", f"{heading + 40:.2f}+-0.01")
     one, other = json.loads(right.out), json.loads(wrong.out)
-    assert other["position"] is None or np.linalg.norm(np.subtract(one["position"], other["position"])) > 0.05
+    assert np.linalg.norm(np.subtract(one["position"], other["position"])) < 0.05
+    assert right.err == ""
+    assert "the prior contradicts the images and is left out: heading" in wrong.err
 
 
 @pytest.mark.parametrize(

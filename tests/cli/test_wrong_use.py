@@ -413,6 +413,10 @@ LONG = "x" * 300
         (["generate", "--code", "3", "--measured", "179", "--map", "map.yaml", "-o", "x.pdf"], ["x.pdf", ".yaml"]),
         (["generate", "--code", "3", "--measured", "17.9", "--map", "map.yaml"], ["17.9 mm", "180 mm", "lm8:3"]),
         (["map", "--room", "4x3m", "--room", "5x3m", "map.yaml"], ["--room", "twice"]),
+        (["board", "chessboard:9x6:20mm", "-o", "b.png", "--dpi", "nan"], ["--dpi nan"]),
+        (["board", "chessboard:9x6:25m", "-o", "b.pdf"], ["25m", "0.5 to 2000 mm"]),
+        (["detect", "map.yaml", "--annotate", "d.csv"], ["--annotate d.csv", "folder"]),
+        (["locate", "a", "b", "--rig", "r", "--map", "m", "--heading", "500"], ["--heading '500'"]),
         (["detect", LONG], [LONG, "too long"]),
         (["generate", "--code", "1", "--template", LONG], [LONG, "too long"]),
     ],
@@ -438,6 +442,19 @@ def test_files_are_written_all_or_none(tmp_path):
     longest = tmp_path / ("a" * 251 + ".txt")
     write_files({longest: "a"})
     assert longest.read_text() == "a"
+
+
+def test_a_simulated_room_overwrites_no_rig(lmkit, tmp_path, rig):
+    """Its images were written before the rig was found to exist."""
+    assert_refused(lmkit("simulate", "-o", ".", "--pairs", "1"), "rig.yaml exists already")
+    assert files(tmp_path) == {"rig.yaml"}
+
+
+def test_a_file_name_that_is_no_text(tmp_path):
+    from lmkit.io.files import write_file
+
+    write_file(tmp_path / "d.csv", os.fsdecode(b"l\xe9.png,1"))
+    assert (tmp_path / "d.csv").read_text() == "l\\udce9.png,1"
 
 
 @pytest.mark.parametrize("command", [("map",), ("plan", "coverage")])

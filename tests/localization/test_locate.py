@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 import pytest
@@ -12,6 +13,7 @@ from scipy.stats import chi2
 from lmkit.geometry.pose import Pose
 from lmkit.geometry.rotations import rotation_angle, rotation_log
 from lmkit.localization.absolute_pose import LocateOptions, locate_camera, locate_rig
+from lmkit.localization.contradicted_prior import without_contradicted_prior
 from lmkit.localization.pose_prior import PosePrior
 from lmkit.model.landmark_id import LandmarkId
 from lmkit.model.landmark_map import LandmarkMap, MappedLandmark, wall_pose
@@ -317,3 +319,23 @@ def test_landmarks_of_two_families_with_the_same_code_are_two_landmarks():
     estimate = locate_rig((left, right), RIG, LandmarkMap([before, *mounted[1:]]))
     assert (estimate.status, estimate.outliers, estimate.inliers) == ("ok", (moved,), tuple(others))
     assert np.linalg.norm(estimate.T_map_camera.t - STATION.t) < 0.01
+
+
+@pytest.mark.parametrize(
+    ("prior", "words"),
+    [
+        (PosePrior(heading_rad=0.3), "heading -90.0, not 17.2 deg"),
+        (PosePrior(height_m=0.4, down=(0.0, 1.0, 0.0)), "not 0.400 m;"),
+        (PosePrior(height_m=1.2, down=(0.0, 1.0, 0.3)), "the floor leans by 16."),
+    ],
+)
+def test_a_prior_that_the_images_contradict_is_named_and_left_out(prior, words):
+    """It pulled the pose by 13 cm, and 2 of 5 landmarks became outliers."""
+    seen = see(looking(np.array([0.3, 2.5, 1.2]), -np.pi / 2, 0.0), 0.1, np.random.default_rng(6), LANDMARKS)
+    free = locate_rig(seen, RIG, MAP)
+    found = without_contradicted_prior(LocateOptions(prior=prior), partial(locate_rig, seen, RIG, MAP))
+    assert words in found.warnings[0]
+    assert (found.status, found.outliers) == ("ok", ())
+    assert found.T_map_camera.t == pytest.approx(free.T_map_camera.t)
+    right = LocateOptions(prior=PosePrior(height_m=1.2, down=(0.0, 1.0, 0.0)))
+    assert without_contradicted_prior(right, partial(locate_rig, seen, RIG, MAP)).warnings == ()
