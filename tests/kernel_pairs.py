@@ -34,6 +34,13 @@ from lmkit.kernels.block_chain import (
     used_columns_numpy,
 )
 from lmkit.kernels.error_pulls import error_pulls, error_pulls_numpy
+from lmkit.kernels.face_swelling import (
+    SIZE,
+    add_swelling_equations,
+    add_swelling_equations_numpy,
+    outward,
+    outward_numpy,
+)
 from lmkit.kernels.landmark_bundle import (
     Bundle,
     Sums,
@@ -312,22 +319,46 @@ def _bundle_calls(rng: np.random.Generator) -> Iterator[tuple[Any, ...]]:
             yield (bundle_in_view(rng, *shape, size),)
 
 
+def _sums(bundle: Bundle, cameras: int, moving: bool) -> tuple[list[np.ndarray], Sums]:
+    """Zeros to be added to, with ``cameras`` unknown beside the first, between one other unknown and the swelling."""
+    own, numbers = 1 + 6 * cameras + SIZE, np.minimum(bundle.mount, cameras)
+    N, m = len(bundle.p), own + (6 * len(bundle.p_landmark) if moving else 0)
+    pattern, place = BlockPattern.of_pairs(bundle.at, bundle.of, N, own, 6)
+    arrays = [np.zeros(shape) for shape in ((N, 6, 6), (N, 6), (N, 6, own), (len(pattern.states), 6, 6), (m, m), m)]
+    return arrays, Sums(*arrays, own, place if moving else None, numbers if cameras else None, 1)
+
+
 def _bundle_sums(add: Callable[..., float]) -> Callable[..., Any]:
     """Result of a function that adds in place, on zeros, as a tuple."""
 
     def run(bundle: Bundle, used: np.ndarray, cameras: int, moving: bool, noise: float) -> tuple[Any, ...]:
-        """With ``cameras`` unknown beside the first, after one other unknown."""
-        own, numbers = 1 + 6 * cameras, np.minimum(bundle.mount, cameras)
-        N, m = len(bundle.p), own + (6 * len(bundle.p_landmark) if moving else 0)
-        pattern, place = BlockPattern.of_pairs(bundle.at, bundle.of, N, own, 6)
-        arrays = [
-            np.zeros(shape) for shape in ((N, 6, 6), (N, 6), (N, 6, own), (len(pattern.states), 6, 6), (m, m), m)
-        ]
-        sums = Sums(*arrays, own, place if moving else None, numbers if cameras else None, 1)
+        arrays, sums = _sums(bundle, cameras, moving)
         return (*arrays, add(bundle, used, 2.4, sums, noise))
 
     run.__name__ = "add_bundle_equations"
     return run
+
+
+def _swelling_sums(add: Callable[..., None]) -> Callable[..., Any]:
+    """The same of one that adds what is said of the swelling."""
+
+    def run(bundle: Bundle, used: np.ndarray, cameras: int, moving: bool, noise: float) -> tuple[Any, ...]:
+        arrays, sums = _sums(bundle, cameras, moving)
+        add(bundle, used * np.linspace(0.5, noise, len(used)), sums)
+        return tuple(arrays)
+
+    run.__name__ = "add_swelling_equations"
+    return run
+
+
+def _outward_calls(rng: np.random.Generator) -> Iterator[tuple[Any, ...]]:
+    yield from _bundle_calls(rng)
+    bundle = bundle_in_view(rng, 5, 3, 20, 1.0)
+    # Faces without width, without height, at one point, to the last bit; a lens that maps all to a line.
+    rays, by_ray = np.round(64 * bundle.rays) / 64, bundle.by_ray.copy()
+    rays[0, 1:3], rays[1, 2:], rays[2] = rays[0, [0, 3]], rays[1, [1, 0]], 0.0
+    by_ray[:3], by_ray[3] = 400 * np.eye(2), 1.0
+    yield (replace(bundle, rays=rays, by_ray=by_ray),)
 
 
 def _subtracted(subtract: Callable[..., None]) -> Callable[..., Any]:
@@ -418,6 +449,8 @@ PAIRS = [
     Pair(_in_place(put_blocks), _in_place(put_blocks_numpy), _put_calls, 0),
     Pair(bundle_chi2, bundle_chi2_numpy, _bundle_calls),
     Pair(_bundle_sums(add_bundle_equations), _bundle_sums(add_bundle_equations_numpy), _bundle_sum_calls),
+    Pair(outward, outward_numpy, _outward_calls),
+    Pair(_swelling_sums(add_swelling_equations), _swelling_sums(add_swelling_equations_numpy), _bundle_sum_calls),
     Pair(corners_through_lens, corners_through_lens_numpy, _lens_calls, 1e-11),
     Pair(square_poses, square_poses_numpy, _square_calls, 1e-10),
     Pair(corner_chi2, corner_chi2_numpy, _chi2_calls),

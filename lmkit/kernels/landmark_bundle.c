@@ -3,44 +3,11 @@
 #include <stddef.h>
 
 #include "kernels.h"
-#include "reprojection.h"
-
-/* Observations and where everything stands; the fields are those of `Bundle` in landmark_bundle.py. */
-typedef struct {
-    int64_t count;
-    const int64_t *at, *of, *mount;
-    const double *rays, *by_ray, *whitener, *R_camera, *t_camera;
-    const double *R, *p, *R_landmark, *p_landmark, *arms;
-    double nearest, nowhere;
-} Bundle;
-
-/* Sums that are added to; the fields are those of `Sums` in landmark_bundle.py. */
-typedef struct {
-    int64_t shared, own, cameras;
-    const int64_t *place, *camera;
-    double *diagonal, *gradient, *border, *blocks, *corner, *shared_gradient;
-} Sums;
+#include "landmark_bundle.h"
 
 LMKIT_EXPORT int lmkit_bundle_chi2(const Bundle *bundle, double *chi2, double *pixels);
 LMKIT_EXPORT int lmkit_bundle_equations(const Bundle *bundle, const uint8_t *used, double cauchy, double noise,
                                         const Sums *sums, double *cost);
-
-/* Errors of rays of one observation, derivatives with the rig, and R_camera_map (3,3). */
-static void errors_of(const Bundle *b, int64_t s, int derivatives, double *block, double *M) {
-    const int64_t pose = b->at[s], landmark = b->of[s], mount = b->mount[s];
-    const double *L = b->R_landmark + 9 * landmark, *center = b->p_landmark + 3 * landmark;
-    double arms[12], points[12];
-    for (int c = 0; c < 4; c++) {
-        const double *arm = b->arms + 12 * landmark + 3 * c;
-        for (int i = 0; i < 3; i++) {
-            arms[3 * c + i] = L[3 * i] * arm[0] + L[3 * i + 1] * arm[1] + L[3 * i + 2] * arm[2];
-            points[3 * c + i] = center[i] + arms[3 * c + i];
-        }
-    }
-    map_to_camera(b->R_camera + 9 * mount, b->R + 9 * pose, M);
-    corner_errors(points, arms, M, b->t_camera + 3 * mount, b->p + 3 * pose, b->rays + 8 * s, b->nearest, b->nowhere,
-                  derivatives, block, NULL);
-}
 
 int lmkit_bundle_chi2(const Bundle *b, double *chi2, double *pixels) {
     for (int64_t s = 0; s < b->count; s++) {
@@ -65,15 +32,6 @@ int lmkit_bundle_chi2(const Bundle *b, double *chi2, double *pixels) {
     return 0;
 }
 
-/* X (6,columns) = blockdiag(-R, -R) A, rows of A and X `wide` numbers long: what turns with a camera, from the map. */
-static void into_camera(const double *R, const double *A, int wide, int columns, double *X) {
-    for (int half = 0; half < 6; half += 3)
-        for (int i = 0; i < 3; i++)
-            for (int j = 0; j < columns; j++)
-                X[wide * (half + i) + j] = -(R[3 * i] * A[wide * half + j] + R[3 * i + 1] * A[wide * (half + 1) + j] +
-                                             R[3 * i + 2] * A[wide * (half + 2) + j]);
-}
-
 /* What a camera's observations at one pose say of the camera itself.  A camera that has moved in the rig sees what it
  * would see had the rig moved the other way, so A, the sum for the pose (derivatives and error), says it all. */
 static void add_relation(const Sums *sums, int64_t pose, int64_t camera, const double *R, const double *A) {
@@ -90,26 +48,6 @@ static void add_relation(const Sums *sums, int64_t pose, int64_t camera, const d
             K[m * i + j] += own[6 * i + j];
         }
         sums->shared_gradient[column + i] += C[WIDE * i + 6];
-    }
-}
-
-/* X (3,WIDE) = A x d, column by column: what is left of a turn about the rig when the center, `d` from it, stays. */
-static void cross_rows(const double *d, const double *A, double *X) {
-    for (int j = 0; j < WIDE; j++) {
-        const double a = A[j], b = A[WIDE + j], c = A[2 * WIDE + j];
-        X[j] = b * d[2] - c * d[1];
-        X[WIDE + j] = c * d[0] - a * d[2];
-        X[2 * WIDE + j] = a * d[1] - b * d[0];
-    }
-}
-
-/* Rows of a landmark from those of the pose: it shifts the other way, and turns about its own center. */
-static void by_landmark(const double *d, const double *A, double *X) {
-    double turned[3 * WIDE];
-    cross_rows(d, A, turned);
-    for (int i = 0; i < 3 * WIDE; i++) {
-        X[i] = -A[i];
-        X[3 * WIDE + i] = -A[3 * WIDE + i] - turned[i];
     }
 }
 

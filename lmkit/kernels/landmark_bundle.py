@@ -26,7 +26,9 @@ _ARRAYS = ("rays", "by_ray", "whitener", "R_camera", "t_camera", "R", "p", "R_la
 _SUMS = ("diagonal", "gradient", "border", "blocks", "corner", "shared_gradient")
 
 
-class _BundleStruct(ctypes.Structure):
+class BundleStruct(ctypes.Structure):
+    """`Bundle` of landmark_bundle.h."""
+
     _fields_ = (
         ("count", ctypes.c_int64),
         *((name, ctypes.c_void_p) for name in ("at", "of", "mount", *_ARRAYS)),
@@ -35,7 +37,9 @@ class _BundleStruct(ctypes.Structure):
     )
 
 
-class _SumsStruct(ctypes.Structure):
+class SumsStruct(ctypes.Structure):
+    """`Sums` of landmark_bundle.h."""
+
     _fields_ = (
         *((name, ctypes.c_int64) for name in ("shared", "own", "cameras")),
         *((name, ctypes.c_void_p) for name in ("place", "camera", *_SUMS)),
@@ -70,7 +74,7 @@ class Bundle:
     R_landmark: Array
     p_landmark: Array
     arms: Array
-    struct: _BundleStruct = field(init=False, repr=False)
+    struct: BundleStruct = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
         """Make the arrays contiguous.
@@ -81,7 +85,7 @@ class Bundle:
         S, N, L, K = len(self.at), len(self.p), len(self.p_landmark), len(self.t_camera)
         shapes: list[tuple[int, ...]] = [(S, 4, 2), (S, 4, 2, 2), (S, 8, 8), (K, 3, 3), (K, 3)]
         shapes += [(N, 3, 3), (N, 3), (L, 3, 3), (L, 3), (L, 4, 3)]
-        struct = _BundleStruct(S, nearest=NEAREST_M, nowhere=NOWHERE)
+        struct = BundleStruct(S, nearest=NEAREST_M, nowhere=NOWHERE)
         for name, count in (("at", N), ("of", L), ("mount", K)):
             numbers = contiguous(getattr(self, name), (S,), np.int64)
             if S and not 0 <= numbers.min() <= numbers.max() < count:
@@ -120,6 +124,11 @@ class Sums:
     place: NDArray[np.int64] | None = None
     camera: NDArray[np.int64] | None = None
     cameras: int = 0
+
+    def struct(self) -> SumsStruct:
+        """Where the arrays are; hold them while the kernel runs."""
+        arrays = addresses(self.place, self.camera, *(getattr(self, name) for name in _SUMS))
+        return SumsStruct(len(self.shared_gradient), self.own, self.cameras, *arrays)
 
     def require(self, bundle: Bundle) -> None:
         """Raises:
@@ -177,9 +186,7 @@ def add_bundle_equations(
     if kernels is None:
         return add_bundle_equations_numpy(bundle, used, cauchy, sums, noise)
     cost = ctypes.c_double()
-    arrays = addresses(sums.place, sums.camera, *(getattr(sums, name) for name in _SUMS))
-    struct = _SumsStruct(len(sums.shared_gradient), sums.own, sums.cameras, *arrays)
-    kernels[1](bundle.struct, address(used), cauchy, noise, struct, cost)
+    kernels[1](bundle.struct, address(used), cauchy, noise, sums.struct(), cost)
     return cost.value
 
 
@@ -253,9 +260,9 @@ def _ray_errors(bundle: Bundle) -> tuple[Array, ...]:
 
 @lru_cache(maxsize=1)
 def _kernels() -> tuple[Any, Any] | None:
-    bundle, pointer, number = ctypes.POINTER(_BundleStruct), ctypes.c_void_p, ctypes.c_double
+    bundle, pointer, number = ctypes.POINTER(BundleStruct), ctypes.c_void_p, ctypes.c_double
     chi2 = function("lmkit_bundle_chi2", bundle, pointer, pointer)
     equations = function(
-        "lmkit_bundle_equations", bundle, pointer, number, number, ctypes.POINTER(_SumsStruct), ctypes.POINTER(number)
+        "lmkit_bundle_equations", bundle, pointer, number, number, ctypes.POINTER(SumsStruct), ctypes.POINTER(number)
     )
     return None if chi2 is None else (chi2, equations)

@@ -21,10 +21,10 @@ from lmkit.geometry.pose_array import PoseArray
 from lmkit.geometry.rig import AnyRig
 from lmkit.geometry.rotations import orthonormal, rotation_exp, rotation_log, skew
 from lmkit.kernels import landmark_bundle as kernel
+from lmkit.kernels.face_swelling import SIZE as SWELLING
 from lmkit.mapping.bundle_results import Bundle
 from lmkit.mapping.camera_relations import CameraRelations
 from lmkit.mapping.carried_cameras import are_synchronous, carry_frames
-from lmkit.mapping.face_swelling import SIZE as SWELLING
 from lmkit.mapping.face_swelling import add_swelling, hold_swelling, without_swelling
 from lmkit.mapping.observation_arrays import ObservationArrays, StoredObservations
 from lmkit.mapping.wall_constraints import LandmarkConstraint, constraint_rows
@@ -271,8 +271,7 @@ class BundleProblem:
         """
         equations, cost = self._equations(noise)
         weights = cauchy_weight(self.residuals() ** 2 / noise, CAUCHY_SCALE) * self.used / noise
-        columns = (self._odometry, self.own - SWELLING)
-        add_swelling(equations, self._correspondences(), weights, self.seen.camera, self.swelling, columns)
+        add_swelling(self._correspondences(), weights, self.swelling, self._sums(equations))
         return equations, cost
 
     def find_swelling(self, noise: float) -> None:
@@ -381,9 +380,11 @@ class BundleProblem:
         return replace(bundle, rays=self._put_back[2])
 
     def _equations(self, noise: float = 1.0) -> tuple[ChainEquations, float]:
-        pattern, place = (None, None) if self.landmarks_fixed else self._pattern()
+        pattern = None if self.landmarks_fixed else self._pattern()[0]
         equations = ChainEquations.zeros(len(self.times), 6, self.shared, pattern)
-        cost = self._add_observations(equations, place, noise) + self.relations.add_prior(equations, self._odometry)
+        sums = self._sums(equations)
+        cost = kernel.add_bundle_equations(self._correspondences(), self.used, CAUCHY_SCALE, sums, noise)
+        cost += self.relations.add_prior(equations, self._odometry)
         hold_swelling(equations, self.own - SWELLING)
         if not self.landmarks_fixed:
             cost += self._add_anchors(equations) + self._add_constraints(equations)
@@ -401,12 +402,12 @@ class BundleProblem:
             self._blocks = BlockPattern.of_pairs(self.seen.at, self.seen.of, len(self.times), self.own, 6)
         return self._blocks
 
-    def _add_observations(self, e: ChainEquations, place: IntArray | None, noise: float) -> float:
-        """Add the observations of every camera: on poses, landmarks and the cameras' relations; their cost."""
+    def _sums(self, e: ChainEquations) -> kernel.Sums:
+        """The arrays of equations, to which observations are added: on poses, landmarks and cameras."""
+        place = None if self.landmarks_fixed else self._pattern()[1]
         blocks = np.zeros((0, 6, 6)) if e.blocks is None else e.blocks.values
         arrays = e.diagonal, e.gradient, e.border, blocks, e.corner, e.shared_gradient
-        sums = kernel.Sums(*arrays, self.own, place, self.seen.camera, self._odometry)
-        return kernel.add_bundle_equations(self._correspondences(), self.used, CAUCHY_SCALE, sums, noise)
+        return kernel.Sums(*arrays, self.own, place, self.seen.camera, self._odometry)
 
     def _add_anchors(self, equations: ChainEquations) -> float:
         cost = 0.0

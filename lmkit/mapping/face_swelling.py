@@ -11,29 +11,12 @@ from __future__ import annotations
 
 import numpy as np
 
-from lmkit.arrays import FloatArray, IntArray
-from lmkit.kernels.landmark_bundle import Bundle, derivatives
+from lmkit.arrays import FloatArray
+from lmkit.kernels.face_swelling import SIZE, add_swelling_equations, outward
+from lmkit.kernels.landmark_bundle import Bundle, Sums
 from lmkit.optim.block_chain import ChainEquations
 
-SIZE = 2  # unknowns: px along the width and along the height
 SIGMA_PX = 0.06  # simulated cameras of five kinds: 0.01 to 0.09 px
-
-
-def outward(bundle: Bundle) -> FloatArray:
-    """(S,8,2) how the rays of corners change if they stand 1 px farther out along the face's width and height."""
-    a, b, c, d = (bundle.by_ray[..., i, j] for i in (0, 1) for j in (0, 1))
-    x, y = bundle.rays[..., 0], bundle.rays[..., 1]
-    pixels = np.stack([a * x + b * y, c * x + d * y], axis=-1)
-    determinant = a * d - b * c
-    shifts = np.empty((len(x), 4, 2, SIZE))
-    # Corners start at the top left and run with the clock.
-    for k, signs in enumerate(((-1, 1, 1, -1), (-1, -1, 1, 1))):
-        way = np.tensordot(np.array(signs, dtype=float), pixels, axes=(0, 1))
-        u, v = (way / np.sqrt((way**2).sum(axis=1, keepdims=True))).T[:, :, None] * np.array(signs, dtype=float)
-        shifts[..., 0, k] = (d * u - b * v) / determinant
-        shifts[..., 1, k] = (a * v - c * u) / determinant
-    # A face without width or height has no outside.
-    return np.nan_to_num(shifts.reshape(-1, 8, SIZE), posinf=0.0, neginf=0.0)
 
 
 def without_swelling(bundle: Bundle, swelling: FloatArray) -> FloatArray:
@@ -47,42 +30,14 @@ def hold_swelling(e: ChainEquations, first: int) -> None:
     e.corner[rows, rows] += SIGMA_PX**-2
 
 
-def add_swelling(
-    e: ChainEquations,
-    bundle: Bundle,
-    weights: FloatArray,
-    camera: IntArray,
-    swelling: FloatArray,
-    columns: tuple[int, int],
-) -> None:
+def add_swelling(bundle: Bundle, weights: FloatArray, swelling: FloatArray, sums: Sums) -> None:
     """Add what observations say of the swelling, to equations that hold it.
 
     Args:
         bundle: without the swelling, as it stands.
         weights: (S,) of the observations.
-        camera: (S,) which camera of the rig saw each.
         swelling: (2,) px.
-        columns: of the shared unknowns, the first of the cameras' relations and of the swelling; landmarks follow it.
+        sums: the equations; the swelling is the last of the shared unknowns before the landmarks.
     """
-    cameras, first = columns
-    errors, by_pose, by_landmark = derivatives(bundle)
-    # Those that do not count may be beyond all measure.
-    G = np.where((weights > 0)[:, None, None], bundle.whitener @ outward(bundle), 0.0)
-    weighed = G.transpose(0, 2, 1) * weights[:, None, None]
-    by_ray = weighed @ bundle.whitener
-    rows, landmarks = slice(first, first + SIZE), slice(first + SIZE, None)
-    pulls = (by_ray @ by_pose).transpose(0, 2, 1)
-    np.add.at(e.border[:, :, rows], bundle.at, pulls)
-    others = np.zeros((len(e.corner), SIZE))
-    if len(others) > landmarks.start:
-        on_landmarks = others[landmarks].reshape(-1, 6, SIZE)
-        np.add.at(on_landmarks, bundle.of, (by_ray @ by_landmark).transpose(0, 2, 1))
-    # A camera that has moved in the rig sees what it would see had the rig moved the other way.
-    turned = (bundle.R_camera[bundle.mount] @ bundle.R[bundle.at].transpose(0, 2, 1))[:, None]
-    on_cameras = -(turned @ pulls.reshape(-1, 2, 3, SIZE)).reshape(-1, 6, SIZE)
-    for number in range((first - cameras) // 6):
-        others[cameras + 6 * number :][:6] = on_cameras[camera == number + 1].sum(axis=0)
-    e.corner[:, rows] += others
-    e.corner[rows] += others.T
-    e.corner[rows, rows] += (weighed @ G).sum(axis=0)
-    e.shared_gradient[rows] += (by_ray @ errors[..., None]).sum(axis=0)[:, 0] - swelling / SIGMA_PX**2
+    add_swelling_equations(bundle, weights, sums)
+    sums.shared_gradient[sums.own - SIZE : sums.own] -= swelling / SIGMA_PX**2
