@@ -340,7 +340,7 @@ def _bundle_sums(add: Callable[..., float]) -> Callable[..., Any]:
 
 
 def _swelling_sums(add: Callable[..., None]) -> Callable[..., Any]:
-    """The same of one that adds what is said of the swelling."""
+    """Result of a function that adds the part of the swelling."""
 
     def run(bundle: Bundle, used: np.ndarray, cameras: int, moving: bool, noise: float) -> tuple[Any, ...]:
         arrays, sums = _sums(bundle, cameras, moving)

@@ -1,4 +1,4 @@
-/* What observations say of how much too large faces seem, along their width and along their height.
+/* How much too large faces seem, along their width and along their height: the part of observations in the equations.
  * face_swelling.py holds the definition. */
 #include <stddef.h>
 

@@ -1,4 +1,4 @@
-"""What observations say of how much too large faces seem, along their width and along their height.
+"""How much too large faces seem, along their width and along their height: the part of observations in the equations.
 
 Two numbers of a recording, px, shared unknowns after the cameras' and before the landmarks'
 (`mapping/face_swelling.py`): corners stand so far outside their places, in all images alike.

@@ -126,7 +126,7 @@ class Sums:
     cameras: int = 0
 
     def struct(self) -> SumsStruct:
-        """Where the arrays are; hold them while the kernel runs."""
+        """Addresses of the arrays; hold them while the kernel runs."""
         arrays = addresses(self.place, self.camera, *(getattr(self, name) for name in _SUMS))
         return SumsStruct(len(self.shared_gradient), self.own, self.cameras, *arrays)
 
