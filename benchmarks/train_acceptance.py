@@ -1,13 +1,15 @@
 """Fit the weights of acceptance, print the table of `lmkit/detection/acceptance.py`, and the cost of each limit.
 
     uv run --extra benchmark python benchmarks/train_acceptance.py ../shared/data/photos [--images 900] [--keep DIR]
+        [--shift-only]
 
 `acceptance_sets.py` holds the images.  The weights are fitted on simulated cameras, on images of look-alikes, on
 words that are no code of their family, and on photographs as they are and in other colors.  Every square that was
 registered is one example: right (a landmark, its code right) or not.  The weights are those of a logistic regression
 whose signs are held to what the terms mean.  On a second set, of other seeds and photographs, the score is stretched
 and shifted so that it is the log odds of what is the best in its place, and the cost of every limit is counted.
-`benchmarks/acceptance.py` reports on a third set, of other cameras as well.
+`benchmarks/acceptance.py` reports on a third set, of other cameras as well.  `--shift-only` keeps the weights and
+finds the bias on the second set.
 """
 
 from __future__ import annotations
@@ -27,7 +29,7 @@ from scipy.optimize import minimize
 from scipy.special import expit
 
 from lmkit.arrays import FloatArray
-from lmkit.detection.acceptance import AcceptanceRule, ScoredReading
+from lmkit.detection.acceptance import BIAS, TERMS, AcceptanceRule, ScoredReading
 from lmkit.detection.config import BALANCED, DetectOptions
 from lmkit.detection.detector import best_of_each_place, candidates_of
 from lmkit.detection.register_and_decode import Candidate
@@ -163,6 +165,13 @@ def calibrate(examples: Sequence[Example], bias: float, weights: dict[str, float
     return shift + stretch * bias, {name: stretch * weight for name, weight in weights.items()}
 
 
+def shifted(examples: Sequence[Example]) -> float:
+    """Bias of today's weights with which the score is calibrated on examples."""
+    score = scores_of(examples, BIAS, {name: term.weight for name, term in TERMS.items()})
+    right = np.array([e.is_right for e in examples], dtype=np.float64)
+    return BIAS + float(minimize(lambda b: np.sum(np.logaddexp(0, score + b) - right * (score + b)), [0.0]).x[0])
+
+
 def print_table(examples: Sequence[Example], bias: float, weights: dict[str, float]) -> None:
     right = [e.reading.figures for e in examples if e.is_right]
     print(f"BIAS = {bias:.2f}\nTERMS = MappingProxyType(\n    {{")
@@ -196,17 +205,21 @@ def main() -> None:
     parser.add_argument("--images", type=int, default=900, help="scenes to fit; of the other kinds fewer")
     parser.add_argument("--jobs", type=int, default=1)
     parser.add_argument("--keep", type=Path, help="folder for the images; those in it are not drawn again")
+    parser.add_argument("--shift-only", action="store_true")
     options = parser.parse_args()
     folder, keep, n = options.photos, options.keep, options.images
     with ProcessPoolExecutor(options.jobs) as pool:
+        scenes = pool.map(partial(simulated, LIMIT, folder, keep, USUAL), range(7 * n // 9), chunksize=8)
+        apart = [e for some in scenes for e in some if e.is_best]
+        if options.shift_only:
+            print(f"BIAS = {shifted(apart):.2f}")
+            return
         fitted = (
             pool.map(partial(words_and_no_words, folder, keep, USUAL), range(n), chunksize=8),
             pool.map(partial(words_and_no_words, folder, keep, MOSTLY_LOOK_ALIKES), range(n // 3), chunksize=8),
             pool.map(photographed, FIT.photographs(folder), chunksize=8),
         )
         examples = [e for job in fitted for some in job for e in some]
-        scenes = pool.map(partial(simulated, LIMIT, folder, keep, USUAL), range(7 * n // 9), chunksize=8)
-        apart = [e for some in scenes for e in some if e.is_best]
         plain = [e for some in pool.map(photographed, LIMIT.photographs(folder), chunksize=8) for e in some]
     right, wrong = sum(e.is_right for e in examples), sum(e.is_landmark and not e.is_right for e in examples)
     print(f"# {right} right, {wrong} wrong, {len(examples) - right - wrong} false")
