@@ -30,6 +30,14 @@ OUTPUTS = {
     "convert --output": (*_YAML, ".xml", ".bag", ".mcap"),
     "report --output": _HTML,
 }
+# What is read and written again as the same kind of file, with --force.
+IN_PLACE = (
+    {"--known", "--output"},
+    {"--map", "--output"},
+    {"--intrinsics", "--output"},
+    {"--corners", "--save-corners"},
+    {"--detections", "--save-detections"},
+)
 _IMAGES = (".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff", ".webp", ".svg")
 KNOWN = {*_IMAGES, ".mp4", ".avi", ".mov", ".mkv", *(suffix for kinds in OUTPUTS.values() for suffix in kinds)}
 
@@ -41,7 +49,8 @@ class CheckedOptions(TyperCommand):
         """Parse as typer does.
 
         Raises:
-            InputError: an option stands twice, or an output file has the suffix of another kind of file.
+            InputError: an option stands twice, an output has the suffix of another kind of file, or is a file of
+                another kind that the command reads.
         """
         given = Counter(self.make_parser(ctx).parse_args(list(args))[2])
         for option, count in given.items():
@@ -49,9 +58,28 @@ class CheckedOptions(TyperCommand):
             if count > 1 and takes_one:
                 raise InputError("given_twice", f"{option.opts[0]} is given twice", "give it once")
         rest = super().parse_args(ctx, args)
+        command = str(ctx.info_name)
+        paths: dict[Path, str] = {}
         for option in self.params:
-            _check_suffix(str(ctx.info_name), max(option.opts, key=len), ctx.params.get(option.name or ""))
+            name, value = max(option.opts, key=len), ctx.params.get(option.name or "")
+            _check_suffix(command, name, value)
+            if not name.startswith("--"):  # lmkit map and convert may write the file that they read
+                continue
+            for path in value if isinstance(value, list) else [value]:
+                if not isinstance(path, Path):
+                    continue
+                other = paths.setdefault(path.absolute(), name)
+                if other == name or {other, name} in IN_PLACE:
+                    continue
+                if _is_output(command, name) or _is_output(command, other):
+                    raise InputError(
+                        "same_file", f"{other} and {name} both name {path}", "give the output another name"
+                    )
         return rest
+
+
+def _is_output(command: str, option: str) -> bool:
+    return option in (*OUTPUTS, "--plan", "--output", "--annotate") or f"{command} {option}" in OUTPUTS
 
 
 def _check_suffix(command: str, option: str, value: object) -> None:

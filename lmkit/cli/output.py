@@ -119,19 +119,13 @@ def check_outputs(paths: Sequence[Path | None], plan: Path | None, force: bool) 
         plan: an image to write, PNG or SVG.
 
     Raises:
-        InputError: a file exists, its folder cannot be written to, two files have one name, or the image has another
-            suffix.
+        InputError: a file exists, its folder cannot be written to, or the image has another suffix.
     """
     from lmkit.io.files import check_writable
 
-    seen: set[Path] = set()
     for path in (*paths, plan):
-        if path is None:
-            continue
-        check_writable(path, force)
-        if path.absolute() in seen:
-            raise InputError("same_output", f"two outputs are named {path}", "give each a name of its own")
-        seen.add(path.absolute())
+        if path is not None:
+            check_writable(path, force)
     if plan is not None and image_kind(plan) not in IMAGE_KINDS:
         raise InputError("bad_suffix", f"cannot write {plan}: unknown file type", "use a name ending in .png or .svg")
 

@@ -76,9 +76,11 @@ def run(
     check: Annotated[bool, typer.Option("--check", help="Check the settings and exit.")] = False,
 ) -> None:
     """Publish the pose of a robot while it drives. Reads cameras, gives poses with covariance; ends with Ctrl-C."""
-    from lmkit.live.open_run import open_run
+    from lmkit.live.open_run import check_files, open_run
     from lmkit.live.source_address import parse_seconds
 
+    if seconds is not None and not 0 < seconds < 1e9:
+        raise InputError("bad_option", f"--seconds {seconds:g} is out of range", "give seconds above 0")
     given = {
         "rig": rig,
         "map": landmark_map,
@@ -99,7 +101,7 @@ def run(
     }
     settings = _settings(sources, {name: value for name, value in given.items() if value is not None})
     if check:
-        _ = settings.sources
+        check_files(settings)
         print_line("the settings are valid")
         return
     live = open_run(settings)

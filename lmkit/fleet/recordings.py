@@ -127,7 +127,12 @@ def find_recordings(
     files, root = open_uri(f"{scheme}{separator}{fixed}" if fixed else ".")
     expression = re.compile(_expression(path[len(fixed) :].lstrip("/")))
     found = []
-    for info in files.get_file_info(fs.FileSelector(root, recursive=True, allow_not_found=True)):
+    try:
+        listed = files.get_file_info(fs.FileSelector(root, recursive=True, allow_not_found=True))
+    except UnicodeDecodeError as error:
+        name = error.object.decode("utf-8", "backslashreplace")
+        raise InputError("bad_name", f"{name}: a name that is no text (UTF-8)", "rename the file or folder") from None
+    for info in listed:
         place = info.path[len(root) :].lstrip("/")
         matched = expression.fullmatch(place)
         if matched is None or any(part.startswith(".") for part in place.split("/")):

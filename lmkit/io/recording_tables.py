@@ -104,10 +104,15 @@ def read_detections(path: Path, families: Sequence[str], cameras: Sequence[str] 
         )
     known = ("tag36h11",) if "tag_id" in [cell.strip() for cell in rows[0]] else tuple(families)
     frames: dict[float, dict[str, list[Detection]]] = {}
+    lines: dict[tuple[str, ...], int] = {}
     for number, row in enumerate(rows[1:], start=2):
         if not row:
             continue
         try:
+            if len(row) != len(header):
+                raise ValueError(f"{len(row)} values for {len(header)} columns")
+            if lines.setdefault(tuple(row), number) != number:
+                raise ValueError(f"it repeats line {lines[tuple(row)]}")
             cells = dict(zip(header, row, strict=True))
             side, code = cells["camera"].strip(), cells["code"].strip()
             if side not in cameras:

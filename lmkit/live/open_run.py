@@ -78,6 +78,18 @@ def open_run(settings: RunSettings, dry: bool = False) -> LiveRun:
     return LiveRun(loop, feed, outputs, clock, settings.values.rate)
 
 
+def check_files(settings: RunSettings) -> None:
+    """Refuse a rig and a map that a run could not begin with; no camera is opened.
+
+    Raises:
+        InputError: a file cannot be read, or the rig has another number of cameras.
+    """
+    if settings.sources[0].kind in ("sim", "replay"):
+        return
+    rig, _ = _rig(settings), _landmarks(settings)
+    _require_cameras(rig, sum(2 if address.split else 1 for address in settings.sources))
+
+
 def _replayed_run(settings: RunSettings, clock: LoopClock, dry: bool) -> LiveRun:
     """The run of a recording: its settings, rig and map, unless a rig or a map is given."""
     address = settings.sources[0]

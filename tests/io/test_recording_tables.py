@@ -64,7 +64,8 @@ def test_a_gyro_file_needs_rates(tmp_path):
     ("row", "says"),
     [
         ("1.0,middle,7,0,0,1,0,1,1,0,1", "not in the rig: left, right"),
-        ("1.0,left,7,0,0,1,0,1,1,0", "line 2"),
+        ("1.0,left,7,0,0,1,0,1,1,0", "line 2.*10 values for 11 columns"),
+        ("1.0,left,7,0,0,1,0,1,1,0,1\n1.0,left,7,0,0,1,0,1,1,0,1", "line 3.*repeats line 2"),
         ("1.0,left,x,0,0,1,0,1,1,0,1", "line 2"),
         ("inf,left,7,0,0,1,0,1,1,0,1", "line 2"),
         ("1.0,left,7,nan,0,1,0,1,1,0,1", "line 2"),
