@@ -4,7 +4,8 @@
    (`recording_group.py`).
 2. Joint adjustment of all by summed information (`joint_adjustment.py`).
 3. A landmark that two poses explain better than one, by more than chance (`moved_landmarks.py`), was moved between
-   recordings: it becomes two.  Two that stand in one place, as far as the joint covariance tells, are one.
+   recordings, or since the known map: it becomes two.  Two that stand in one place, as far as the joint covariance
+   tells, are one.
 4. A recording in which most shared landmarks stand elsewhere does not fit: it is left out, and all is done again.
 """
 
@@ -26,7 +27,7 @@ from lmkit.geometry.rotations import orthonormal, rotation_log
 from lmkit.mapping.bundle_adjustment import Anchor, BundleProblem
 from lmkit.mapping.joint_adjustment import JointProblem, recording_information
 from lmkit.mapping.joint_survey import JointSurvey, MovedLandmark
-from lmkit.mapping.moved_landmarks import moved_threshold, split_tests, still
+from lmkit.mapping.moved_landmarks import anchor_chi2, moved_threshold, split_tests, still
 from lmkit.mapping.observation_noise import noise_factor
 from lmkit.mapping.recording_group import LoneSurvey, RecordingGroup, Version, join_recordings
 from lmkit.mapping.survey import (
@@ -38,7 +39,7 @@ from lmkit.mapping.survey import (
     survey_of,
 )
 from lmkit.mapping.wall_constraints import LandmarkConstraint
-from lmkit.model.landmark_id import LandmarkId
+from lmkit.model.landmark_id import LandmarkId, ids_text
 from lmkit.model.landmark_map import CALENDAR_S, LandmarkMap, MappedLandmark
 from lmkit.model.recording import RigFrame
 from lmkit.odometry.motion_model import Motion
@@ -47,6 +48,8 @@ from lmkit.parallel import map_sharing
 
 ROUNDS = 4  # of leaving out observations that do not fit
 MOST_MERGES = 2  # times that a recording's view of a landmark is merged again; then it stays
+KNOWN_MAP = "the known map"
+NAMED = 4  # landmarks in an error message
 CHANGES = 12  # rounds of splitting and merging landmarks, one at a time
 
 
@@ -137,7 +140,7 @@ def join_surveys(
         anchors, constraints: as of `survey_frames`.
 
     Raises:
-        InputError: no recording could be surveyed.
+        InputError: no recording could be surveyed, or none saw a known landmark.
     """
     lone = [answer for answer in answers.values() if isinstance(answer, LoneSurvey)]
     left_out = {name: answer for name, answer in answers.items() if isinstance(answer, str)}
@@ -145,6 +148,12 @@ def join_surveys(
         name, reason = next(iter(left_out.items()))
         raise InputError(
             "nothing_surveyed", f"no recording can be surveyed; {name}: {reason}", "check each one alone"
+        )
+    if anchors and not any(one.anchored for one in lone):
+        raise InputError(
+            "nothing_known",
+            f"no recording that can be surveyed saw a known landmark ({ids_text(sorted(anchors)[:NAMED])})",
+            "give the map of this place, or leave out --known (known=)",
         )
     while True:
         group = join_recordings(lone)
@@ -175,6 +184,7 @@ class _Joint:
         self.anchors = dict(known) or dict(self.problems[0].anchors)
         self.threshold = moved_threshold(sum(len(problem.mapped) for problem in self.problems))
         self.noise = 1.0
+        self.released: set[LandmarkId] = set()  # known landmarks that were moved since
         self.merged_back: Counter[tuple[int, int]] = Counter()
         self.own_knowledge = [(problem.anchors, problem.constraints) for problem in self.problems]
         for problem in self.problems:
@@ -190,7 +200,7 @@ class _Joint:
         self._choose_starts()
         self._adjust()
         for _ in range(CHANGES):
-            if not (self._split() | self._merge()):
+            if not (self._release() or self._split() | self._merge()):
                 break
             self._adjust()
 
@@ -296,6 +306,25 @@ class _Joint:
             at = problem.seen.at[(problem.seen.of == row) & problem.used]
             times += problem.times[at].tolist()
         return (min(times), max(times)) if times else (0.0, 0.0)
+
+    def _release(self) -> bool:
+        """The known landmark that stands farthest elsewhere, if by more than chance: it was moved since."""
+        now = {v.id: k for k, v in enumerate(self.group.versions) if self.knowledge.landmark_ids[k] == v.id}
+        tested = [id_ for id_, anchor in self.anchors.items() if id_ in now and anchor.covariance is not None]
+        if not self.known or len(set(self.anchors) & set(now)) < 2 or not tested:
+            return False
+        C, noise = self.joint.covariance(), noise_factor(self.problems)
+        chi2 = {}
+        for id_ in tested:
+            number, rows = now[id_], unknowns_of([now[id_]], 6)
+            version = self.group.versions[number]
+            chi2[id_] = anchor_chi2(self.anchors[id_], version.R, version.p, C[np.ix_(rows, rows)], noise)
+        worst = max(tested, key=lambda id_: chi2[id_])
+        if chi2[worst] <= moved_threshold(len(tested)):
+            return False
+        self.anchors = {id_: anchor for id_, anchor in self.anchors.items() if id_ != worst}
+        self.released.add(worst)
+        return True
 
     def _split(self) -> bool:
         """The landmark that two poses explain best of all, if by more than chance (`moved_landmarks.py`).
@@ -409,11 +438,21 @@ class _Joint:
                 valid_from = since if dated and k > 0 else None
                 valid_to = until if dated and k < len(same) - 1 else None
                 chain.append(replace(self._landmark(number, C), valid_from_s=valid_from, valid_to_s=valid_to))
+            if same and self.group.versions[same[0]].id in self.released:
+                moved.append(self._moved_since(same[0], chain))
             for (a, before), (b, after) in pairwise(zip(same, chain, strict=True)):
                 moved.append(MovedLandmark(before, after, self._names(a), self._names(b)))
             current.append(chain[-1])
             order.append(same[-1])
         return current, moved, order
+
+    def _moved_since(self, number: int, chain: list[MappedLandmark]) -> MovedLandmark:
+        """From the known map to the first of a landmark's places, which gets its date."""
+        version = self.group.versions[number]
+        anchor, since = self.known[version.id], self.span(version)[0]
+        chain[0] = replace(chain[0], valid_from_s=since)
+        before = replace(anchor.landmark, covariance=anchor.covariance, valid_from_s=None, valid_to_s=since)
+        return MovedLandmark(before, chain[0], (KNOWN_MAP,), self._names(number))
 
     def _supported(self, version: Version) -> bool:
         """Does any observation have it there, or is it known beforehand?"""
