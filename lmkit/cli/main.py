@@ -17,6 +17,8 @@ for _variable in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"):
 # What goes wrong is reported in lmkit's own words; OpenCV and its FFmpeg would print theirs on stderr as well.
 os.environ.setdefault("OPENCV_LOG_LEVEL", "SILENT")
 os.environ.setdefault("OPENCV_FFMPEG_LOGLEVEL", "-8")
+# Plugins of pydantic are looked for in all packages installed; lmkit needs none.
+os.environ.setdefault("PYDANTIC_DISABLE_PLUGINS", "__all__")
 
 from lmkit.cli.commands import COMMANDS, list_of_commands
 from lmkit.errors import InputWarning, LmkitError, system_problem

@@ -36,7 +36,8 @@ _BOMS = ((b"\xef\xbb\xbf", "utf-8-sig"), (b"\xff\xfe", "utf-16"), (b"\xfe\xff", 
 class Document(BaseModel):
     """Base of every file layout: unknown keys and values that are not finite are refused."""
 
-    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
+    # Most layouts that are imported are not needed: each is prepared when a file of it is read.
+    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False, defer_build=True)
 
 
 DocumentT = TypeVar("DocumentT", bound=Document)

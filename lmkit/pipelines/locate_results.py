@@ -19,7 +19,6 @@ from lmkit.model.pose_status import PoseStatus
 from lmkit.pipelines.annotated import AnnotatedFolder
 from lmkit.pipelines.locate_images import LOCATED_COLUMNS, Located, located_dict, located_row
 from lmkit.visualization.overlay import draw_located
-from lmkit.visualization.plan_view import Found, draw_plan
 
 
 @dataclass
@@ -121,6 +120,8 @@ class LocateResults:
 
     def plan(self, kind: str) -> bytes:
         """The map with poses and their ellipses from above, as ``png`` or ``svg``."""
+        from lmkit.visualization.plan_view import Found, draw_plan
+
         found = [
             Found(
                 _label(answer.left),
