@@ -19,15 +19,26 @@ from lmkit.arrays import BoolArray, FloatArray, IntArray
 from lmkit.geometry.pose import Pose
 from lmkit.geometry.pose_array import PoseArray
 from lmkit.geometry.rig import AnyRig
-from lmkit.geometry.rotations import orthonormal, rotation_exp, rotation_log, skew
+from lmkit.geometry.rotations import orthonormal, rotation_exp, rotation_log
 from lmkit.kernels import landmark_bundle as kernel
 from lmkit.kernels.face_swelling import SIZE as SWELLING
 from lmkit.mapping.bundle_results import Bundle
 from lmkit.mapping.camera_relations import CameraRelations
 from lmkit.mapping.carried_cameras import are_synchronous, carry_frames
 from lmkit.mapping.face_swelling import add_swelling, hold_swelling, without_swelling
+from lmkit.mapping.motion_rows import (
+    LEAST_TO_WEIGH,
+    SLIP_SIGMA,
+    MotionRows,
+    StandardMotions,
+    add_motions,
+    noise_factors,
+    standard_motions,
+    weighed,
+)
 from lmkit.mapping.observation_arrays import ObservationArrays, StoredObservations
-from lmkit.mapping.wall_constraints import LandmarkConstraint, constraint_rows
+from lmkit.mapping.rig_jumps import jumps_by_odometry, jumps_by_speed
+from lmkit.mapping.wall_constraints import LandmarkConstraint, add_constraint
 from lmkit.model.landmark_id import LandmarkId
 from lmkit.model.landmark_map import LandmarkMap, MappedLandmark
 from lmkit.model.recording import RigFrame
@@ -41,13 +52,7 @@ from lmkit.optim.robust_loss import CAUCHY_SCALE, cauchy_cost, cauchy_weight
 
 CONVERGED = 1e-2  # of the cost: a last step of a tenth of a standard deviation
 DAMPING = Damping(grow=50.0)
-SLIP_SIGMA, NEVER = 10.0, 1e6  # scale of the loss of motions; of one that lets no wheel slip
-LEAST_JUMP_M = 0.1
-# Without wheels: no rig jumps from one frame to the next.
-LEAST_MPS, FASTER, JUMP_SIGMA = 1.0, 4.0, 4.0
 EXACT = 1e-12  # m^2, rad^2: what is known exactly
-LEAST_TO_WEIGH = 20  # motions
-KNOWN_BELOW = 0.3  # share of a motion's variance that is left once the cameras have spoken
 
 
 @dataclass(frozen=True, eq=False)
@@ -72,26 +77,6 @@ class State:
 
 
 OwnState = tuple[FloatArray, FloatArray, FloatArray, CameraRelations, FloatArray]
-
-
-@dataclass(frozen=True, eq=False)
-class MotionRows:
-    """Equations of the motions between neighbors in time, in standard deviations and robustly weighed.
-
-    Attributes:
-        before, after: (N-1,6,6) derivatives with the earlier and the later pose.
-        residuals: (N-1,6).
-        by_parameters: (N-1,6,P) derivatives with the odometry's errors.
-        root_weights: (N-1,) roots of the robust weights.
-        cost: of all.
-    """
-
-    before: FloatArray
-    after: FloatArray
-    residuals: FloatArray
-    by_parameters: FloatArray
-    root_weights: FloatArray
-    cost: float
 
 
 class BundleProblem:
@@ -342,23 +327,11 @@ class BundleProblem:
         return int((~used).sum())
 
     def weigh_motion(self) -> None:
-        """How well the wheels count, from how they agree with what was seen (one step of expectation maximization).
-
-        Where the cameras say little, motion agrees with itself; only frames at which they say more are asked.
-        """
+        """How well the wheels count, from how they agree with what was seen."""
         if len(self.times) < LEAST_TO_WEIGH:
             return
         states, across, _ = self.linearize(self.state())[0].covariances()
-        before, after, r, _ = self._motion_rows()
-        own = (before @ states[:-1] + after @ across.transpose(0, 2, 1)) @ before.transpose(0, 2, 1)
-        own += (before @ across + after @ states[1:]) @ after.transpose(0, 2, 1)
-        left, scales = np.einsum("nii->ni", own), np.ones(6)
-        for k in range(6):
-            determined = left[:, k] < KNOWN_BELOW
-            if determined.sum() >= LEAST_TO_WEIGH:
-                scale = np.sqrt(np.mean(np.minimum(r[determined, k] ** 2, SLIP_SIGMA**2) + left[determined, k]))
-                scales[k] = np.clip(scale, 0.3, 3.0)
-        self.motion_scale = self.motion_scale * scales
+        self.motion_scale = self.motion_scale * noise_factors(self._motions(), states, across)
 
     def _move(self, step: FloatArray, shared: FloatArray) -> None:
         self.restore_own(self.own_moved(step, shared[: self.own]))
@@ -387,9 +360,12 @@ class BundleProblem:
         cost += self.relations.add_prior(equations, self._odometry)
         hold_swelling(equations, self.own - SWELLING)
         if not self.landmarks_fixed:
-            cost += self._add_anchors(equations) + self._add_constraints(equations)
+            cost += self._add_anchors(equations)
+            for constraint in self.constraints:
+                members = self.members(constraint)
+                cost += add_constraint(equations, constraint, members, self.lm_R, self.lm_p, self.own)
         if len(self.times) > 1:
-            cost += self._add_motion(equations)
+            cost += add_motions(equations, self.motion_rows(), self.motion, self.parameters)
         # Never singular: a pose that nothing sees, a landmark that no pose sees.
         for matrix in (equations.diagonal, equations.corner[None]):
             diagonal = np.arange(matrix.shape[1])
@@ -429,68 +405,16 @@ class BundleProblem:
         """Rows of those landmarks of a tie that the recording has."""
         return [k for k, landmark in enumerate(self.mapped) if landmark.id in constraint.ids]
 
-    def _add_constraints(self, equations: ChainEquations) -> float:
-        cost = 0.0
-        for constraint in self.constraints:
-            members = self.members(constraint)
-            if len(members) < 2:
-                continue
-            rows = constraint_rows(constraint, members, self.lm_R, self.lm_p)
-            root = np.sqrt(rows.weights)
-            J, r = rows.derivatives * root[:, None], rows.residuals * root
-            columns = (self.own + 6 * rows.pairs[:, :, None] + np.arange(6)).reshape(-1, 12)
-            np.add.at(equations.corner, (columns[:, :, None], columns[:, None]), J[:, :, None] * J[:, None])
-            np.add.at(equations.shared_gradient, columns, J * r[:, None])
-            cost += rows.cost
-        return cost
-
     def motion_rows(self) -> MotionRows:
         """Equations of the motions as they stand."""
-        before, after, r, K = self._motion_rows()
-        squared = (r**2).sum(axis=1) / 6
-        root = np.sqrt(cauchy_weight(squared, self.slip_sigma))
-        before, after, K = (values * root[:, None, None] for values in (before, after, K))
-        return MotionRows(
-            before, after, r * root[:, None], K, root, float(6 * cauchy_cost(squared, self.slip_sigma).sum())
-        )
+        return weighed(self._motions(), self.slip_sigma)
 
-    def _add_motion(self, equations: ChainEquations) -> float:
-        motions = self.motion_rows()
-        before, after, r, K = motions.before, motions.after, motions.residuals, motions.by_parameters
-        equations.add_between(before, after, r)
-        if not self._odometry:
-            return motions.cost
-        rows = np.arange(len(r))
-        own = slice(0, self._odometry)
-        equations.add_shared(rows, before, np.tile(np.arange(self._odometry), (len(r), 1)), K, r)
-        equations.border[1:, :, own] += after.transpose(0, 2, 1) @ K
-        off = (self.motion.nominal - self.parameters) / self.motion.prior_sigma
-        equations.corner[own, own] += np.diag(self.motion.prior_sigma**-2)
-        equations.shared_gradient[own] += off / self.motion.prior_sigma
-        return motions.cost + float((off**2).sum())
+    def _motions(self) -> StandardMotions:
+        steps = self.motion.steps(self.times, self.parameters)
+        return standard_motions(steps, self.motion_scale, self.base_poses(), self.R @ self.base_t)
 
     def _rows_of(self, landmark: int) -> slice:
         return slice(self.own + 6 * landmark, self.own + 6 * landmark + 6)
-
-    def _motion_rows(self) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
-        """(N-1,6,6) derivatives of motions with the earlier and the later pose, (N-1,6) residuals, and (N-1,6,P)."""
-        steps = self.motion.steps(self.times, self.parameters)
-        R_b, p_b = self.base_poses()
-        back = R_b[:-1].transpose(0, 2, 1)
-        v = p_b[1:] - p_b[:-1]
-        turned = rotation_log(steps.R.transpose(0, 2, 1) @ back @ R_b[1:])
-        r = np.column_stack([steps.t - (back @ v[..., None])[..., 0], -turned])
-        arm = self.R @ self.base_t
-        sigmas = steps.sigmas * self.motion_scale
-        # d(p_b) = shift - [arm] turn, and R' v changes by R' [v] with the turn of the earlier pose.
-        before, after = np.zeros((len(v), 6, 6)), np.zeros((len(v), 6, 6))
-        before[:, :3, :3], after[:, :3, :3] = -back, back
-        before[:, :3, 3:] = back @ (skew(arm[:-1]) + skew(v))
-        after[:, :3, 3:] = -back @ skew(arm[1:])
-        forward = R_b[1:].transpose(0, 2, 1)
-        before[:, 3:, 3:], after[:, 3:, 3:] = -forward, forward
-        scale = 1 / sigmas[..., None]
-        return before * scale, after * scale, r / sigmas, -steps.by_parameters * scale
 
     def landmark_information(self) -> FloatArray:
         """(6L,6L) what the observations alone tell of the landmarks, wherever the rig was."""
@@ -565,17 +489,7 @@ class BundleProblem:
         if len(self.times) < 2:
             return ()
         if isinstance(self.motion, BoundedMotion):
-            seconds = np.diff(self.times)
-            moved = np.linalg.norm(np.diff(self.p, axis=0), axis=1)
-            fastest = max(LEAST_MPS, FASTER * float(np.median(moved / seconds)))
-            off = moved - fastest * seconds
-            # A pose that is hardly known jumps for that alone.
-            variance = np.einsum("nii->n", covariances[:, :3, :3])
-            sure = off > JUMP_SIGMA * np.sqrt(np.abs(variance[1:] + variance[:-1]))
-            jumps = np.flatnonzero((off > LEAST_JUMP_M) & sure)
+            jumps, off = jumps_by_speed(self.times, self.p, covariances)
         else:
-            r = self._motion_rows()[2]
-            sigmas = self.motion.steps(self.times, self.parameters).sigmas * self.motion_scale
-            off = np.linalg.norm((r * sigmas)[:, :3], axis=1)
-            jumps = np.flatnonzero((np.sqrt((r**2).mean(axis=1)) > SLIP_SIGMA) & (off > LEAST_JUMP_M))
+            jumps, off = jumps_by_odometry(self._motions())
         return tuple((float(self.times[k]), float(self.times[k + 1]), float(off[k])) for k in jumps)

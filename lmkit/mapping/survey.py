@@ -20,10 +20,11 @@ from lmkit.arrays import FloatArray
 from lmkit.geometry.pose import Pose
 from lmkit.geometry.rig import AnyRig
 from lmkit.geometry.rotations import orthonormal
-from lmkit.mapping.bundle_adjustment import NEVER, SLIP_SIGMA, Anchor, BundleProblem
+from lmkit.mapping.bundle_adjustment import Anchor, BundleProblem
 from lmkit.mapping.bundle_results import Bundle
 from lmkit.mapping.carried_cameras import are_synchronous, split_by_exposure, synchronous
 from lmkit.mapping.initialization import Start, find_start
+from lmkit.mapping.motion_rows import NEVER, SLIP_SIGMA
 from lmkit.mapping.observation_noise import noise_factor
 from lmkit.mapping.pose_ambiguity import resolve_pose_ambiguities
 from lmkit.mapping.survey_results import ContradictedLandmark, Survey, deviations

@@ -14,6 +14,7 @@ import numpy as np
 
 from lmkit.arrays import FloatArray, IntArray
 from lmkit.model.landmark_id import LandmarkId, ids_text
+from lmkit.optim.block_chain import ChainEquations
 from lmkit.optim.robust_loss import cauchy_cost, cauchy_weight
 
 LOSS_SCALE = 3.0  # of a landmark's own deviation, scale of the loss of motions
@@ -59,6 +60,31 @@ class ConstraintRows:
     @property
     def _loss_scale(self) -> float:
         return float(LOSS_SCALE / np.sqrt(len(np.unique(self.pairs))))
+
+
+def add_constraint(
+    equations: ChainEquations,
+    constraint: LandmarkConstraint,
+    members: Sequence[int],
+    R: FloatArray,
+    p: FloatArray,
+    first: int,
+) -> float:
+    """Add a constraint to equations whose shared unknowns from ``first`` on are the landmarks'; its cost.
+
+    Args:
+        members: those landmarks, by number, that it concerns.
+        R, p: (L,3,3), (L,3) T_map_landmark of all.
+    """
+    if len(members) < 2:
+        return 0.0
+    rows = constraint_rows(constraint, members, R, p)
+    root = np.sqrt(rows.weights)
+    J, r = rows.derivatives * root[:, None], rows.residuals * root
+    columns = (first + 6 * rows.pairs[:, :, None] + np.arange(6)).reshape(-1, 12)
+    np.add.at(equations.corner, (columns[:, :, None], columns[:, None]), J[:, :, None] * J[:, None])
+    np.add.at(equations.shared_gradient, columns, J * r[:, None])
+    return rows.cost
 
 
 def constraint_rows(

@@ -1,0 +1,140 @@
+"""Equations of the motions of a rig between neighbors in time, for bundle adjustment.
+
+Odometry says how the rig moves from one frame to the next (`odometry/motion_model.py`); each motion is six equations
+on both poses and on the odometry's own errors, weighed down where it does not fit, as where a wheel slips.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from lmkit.arrays import FloatArray
+from lmkit.geometry.rotations import rotation_log, skew
+from lmkit.odometry.motion_model import Motion, Steps
+from lmkit.optim.block_chain import ChainEquations
+from lmkit.optim.robust_loss import cauchy_cost, cauchy_weight
+
+SLIP_SIGMA, NEVER = 10.0, 1e6  # scale of the loss of motions; of one that lets no wheel slip
+LEAST_TO_WEIGH = 20  # motions
+KNOWN_BELOW = 0.3  # share of a motion's variance that is left once the cameras have spoken
+
+
+@dataclass(frozen=True, eq=False)
+class StandardMotions:
+    """Motions between neighbors in time in standard deviations, all of the same weight.
+
+    Attributes:
+        before, after: (N-1,6,6) derivatives with the earlier and the later pose.
+        residuals: (N-1,6).
+        by_parameters: (N-1,6,P) derivatives with the odometry's errors.
+        sigmas: (N-1,6) m and rad.
+    """
+
+    before: FloatArray
+    after: FloatArray
+    residuals: FloatArray
+    by_parameters: FloatArray
+    sigmas: FloatArray
+
+
+@dataclass(frozen=True, eq=False)
+class MotionRows:
+    """Equations of the motions between neighbors in time, in standard deviations and robustly weighed.
+
+    Attributes:
+        before, after: (N-1,6,6) derivatives with the earlier and the later pose.
+        residuals: (N-1,6).
+        by_parameters: (N-1,6,P) derivatives with the odometry's errors.
+        root_weights: (N-1,) roots of the robust weights.
+        cost: of all.
+    """
+
+    before: FloatArray
+    after: FloatArray
+    residuals: FloatArray
+    by_parameters: FloatArray
+    root_weights: FloatArray
+    cost: float
+
+
+def standard_motions(
+    steps: Steps, scale: FloatArray, base: tuple[FloatArray, FloatArray], arm: FloatArray
+) -> StandardMotions:
+    """Motions of a robot beside what its odometry says of them.
+
+    Args:
+        steps: what the odometry says.
+        scale: (6,) factors of its standard deviations.
+        base: (N,3,3), (N,3) T_map_base of the robot.
+        arm: (N,3) from the rig to the base, about the map's axes; poses turn about the rig.
+    """
+    R_b, p_b = base
+    back = R_b[:-1].transpose(0, 2, 1)
+    v = p_b[1:] - p_b[:-1]
+    turned = rotation_log(steps.R.transpose(0, 2, 1) @ back @ R_b[1:])
+    r = np.column_stack([steps.t - (back @ v[..., None])[..., 0], -turned])
+    sigmas = steps.sigmas * scale
+    # d(p_b) = shift - [arm] turn, and R' v changes by R' [v] with the turn of the earlier pose.
+    before, after = np.zeros((len(v), 6, 6)), np.zeros((len(v), 6, 6))
+    before[:, :3, :3], after[:, :3, :3] = -back, back
+    before[:, :3, 3:] = back @ (skew(arm[:-1]) + skew(v))
+    after[:, :3, 3:] = -back @ skew(arm[1:])
+    forward = R_b[1:].transpose(0, 2, 1)
+    before[:, 3:, 3:], after[:, 3:, 3:] = -forward, forward
+    by_sigma = 1 / sigmas[..., None]
+    return StandardMotions(before * by_sigma, after * by_sigma, r / sigmas, -steps.by_parameters * by_sigma, sigmas)
+
+
+def weighed(motions: StandardMotions, slip_sigma: float) -> MotionRows:
+    """Motions weighed down where they do not fit, by a loss of this scale in standard deviations."""
+    squared = (motions.residuals**2).sum(axis=1) / 6
+    root = np.sqrt(cauchy_weight(squared, slip_sigma))
+    before, after, K = (
+        values * root[:, None, None] for values in (motions.before, motions.after, motions.by_parameters)
+    )
+    cost = float(6 * cauchy_cost(squared, slip_sigma).sum())
+    return MotionRows(before, after, motions.residuals * root[:, None], K, root, cost)
+
+
+def add_motions(equations: ChainEquations, motions: MotionRows, motion: Motion, parameters: FloatArray) -> float:
+    """Add motions to equations whose first shared unknowns are the odometry's errors; their cost.
+
+    Args:
+        motion: what is known of those errors beforehand.
+        parameters: (P,) as they stand.
+    """
+    before, after, r, K = motions.before, motions.after, motions.residuals, motions.by_parameters
+    equations.add_between(before, after, r)
+    count = len(parameters)
+    if not count:
+        return motions.cost
+    own = slice(0, count)
+    equations.add_shared(np.arange(len(r)), before, np.tile(np.arange(count), (len(r), 1)), K, r)
+    equations.border[1:, :, own] += after.transpose(0, 2, 1) @ K
+    off = (motion.nominal - parameters) / motion.prior_sigma
+    equations.corner[own, own] += np.diag(motion.prior_sigma**-2)
+    equations.shared_gradient[own] += off / motion.prior_sigma
+    return motions.cost + float((off**2).sum())
+
+
+def noise_factors(motions: StandardMotions, states: FloatArray, across: FloatArray) -> FloatArray:
+    """(6,) factors of the standard deviations, from how motions agree with what was seen.
+
+    One step of expectation maximization.  Where the cameras say little, motion agrees with itself; only motions of
+    which they say more are asked.
+
+    Args:
+        states, across: (N,6,6), (N-1,6,6) covariances of poses and of neighbors.
+    """
+    before, after, r = motions.before, motions.after, motions.residuals
+    own = (before @ states[:-1] + after @ across.transpose(0, 2, 1)) @ before.transpose(0, 2, 1)
+    own += (before @ across + after @ states[1:]) @ after.transpose(0, 2, 1)
+    left, scales = np.einsum("nii->ni", own), np.ones(6)
+    for k in range(6):
+        determined = left[:, k] < KNOWN_BELOW
+        if determined.sum() >= LEAST_TO_WEIGH:
+            scale = np.sqrt(np.mean(np.minimum(r[determined, k] ** 2, SLIP_SIGMA**2) + left[determined, k]))
+            scales[k] = np.clip(scale, 0.3, 3.0)
+    return scales
