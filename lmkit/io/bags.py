@@ -214,12 +214,12 @@ def poses_to_bag(folder: Path, trajectory: Trajectory, frame: str = "map") -> No
             ),
         )
         poses.append((nanoseconds, message))
-    # Written under another name first, so that no half bag stays behind.
+    # Written in another folder first, so that no half bag stays behind; the bag's files bear its own name.
     partial = folder.with_name(f".{folder.name}.partial")
     try:
         shutil.rmtree(partial, ignore_errors=True)
-        folder.parent.mkdir(parents=True, exist_ok=True)
-        with Writer(partial, version=8) as writer:
+        partial.mkdir(parents=True)
+        with Writer(partial / folder.name, version=8) as writer:
             first: Any = poses[0][1]
             whole = types[path](first.header, [message for _, message in poses])
             on_path = writer.add_connection("/lmkit/path", path, typestore=store)
@@ -227,7 +227,7 @@ def poses_to_bag(folder: Path, trajectory: Trajectory, frame: str = "map") -> No
             on_pose = writer.add_connection("/lmkit/pose", stamped, typestore=store)
             for nanoseconds, message in poses:
                 writer.write(on_pose, nanoseconds, store.serialize_cdr(message, stamped))
-        partial.rename(folder)
+        (partial / folder.name).rename(folder)
     except (OSError, sqlite3.Error) as error:
         raise InputError(
             "not_writable", f"cannot write {folder}: {error}", "choose a folder with space left"
