@@ -85,7 +85,10 @@ def read_trajectory(path: PathLike) -> Trajectory:
     """Read a trajectory in TUM's format: ``time x y z qx qy qz qw`` a line, seconds and meters.
 
     Args:
-        path: text file.
+        path: text file; the CSV of EuRoC and TUM-VI (nanoseconds, quaternion w first by its header) is read, too.
+
+    Raises:
+        InputError: not readable, a line that is no pose, or times that do not increase; names the line.
 
     Examples:
         >>> import lmkit
