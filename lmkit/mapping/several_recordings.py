@@ -32,6 +32,7 @@ from lmkit.mapping.observation_noise import noise_factor
 from lmkit.mapping.recording_group import LoneSurvey, RecordingGroup, Version, join_recordings
 from lmkit.mapping.survey import (
     OUTLIER_SIGMA,
+    POOR_M,
     STEPS,
     landmarks_off_constraint,
     poorly_determined_landmarks,
@@ -310,7 +311,7 @@ class _Joint:
     def _release(self) -> bool:
         """The known landmark that stands farthest elsewhere, if by more than chance: it was moved since."""
         now = {v.id: k for k, v in enumerate(self.group.versions) if self.knowledge.landmark_ids[k] == v.id}
-        tested = [id_ for id_, anchor in self.anchors.items() if id_ in now and anchor.covariance is not None]
+        tested = [id_ for id_, anchor in self.anchors.items() if id_ in now and _is_surveyed(anchor)]
         if not self.known or len(set(self.anchors) & set(now)) < 2 or not tested:
             return False
         C, noise = self.joint.covariance(), noise_factor(self.problems)
@@ -478,6 +479,11 @@ class _Joint:
             if mine and len(known) == len(mine):
                 spreads[number] = min(known, key=np.trace)
         return spreads
+
+
+def _is_surveyed(anchor: Anchor) -> bool:
+    """A place that a survey knows: by hand it may be measured worse than it is stated, and nobody moved it."""
+    return anchor.covariance is not None and bool(np.trace(anchor.covariance[:3, :3]) < POOR_M**2)
 
 
 def _elsewhere(C: FloatArray, rows: IntArray, own: FloatArray) -> FloatArray:
