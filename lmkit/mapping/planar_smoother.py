@@ -130,10 +130,13 @@ class PlanarProblem:
             if r.id in index
         ]
         table = np.array(rows, dtype=np.float64).reshape(-1, 4)
-        ranges, bearings = noise.sigmas([r for frame in readings for r in frame if r.id in index])
+        used = [r for frame in readings for r in frame if r.id in index]
+        ranges, bearings = noise.sigmas(used)
         sigmas = np.column_stack([ranges, np.hypot(bearings, noise.common_bearing_rad)])
         at = times_s[table[:, 0].astype(np.int64)]
-        sigmas *= np.sqrt(_related(at, table[:, 1], noise.related_s))[:, None]
+        self._alike = np.sqrt(_related(at, table[:, 1], noise.related_s))
+        self._stated = np.array([r.range_sigma_m is not None for r in used], dtype=bool)
+        sigmas *= self._alike[:, None]
         self.readings = _Readings(table[:, 0].astype(np.int64), table[:, 1].astype(np.int64), table[:, 2:], sigmas)
         self.places = np.full((len(ids), 2), np.nan)
         # (L,2,2) what is known of them beforehand.
@@ -158,6 +161,17 @@ class PlanarProblem:
             self._extend(min(count, len(self.states) + PIECE))
             self._solve(STEPS_A_PIECE)
         self._solve(STEPS_AT_END)
+        if self._map is None:
+            self._expect_ranges()
+            self._solve(STEPS_AT_END)
+
+    def _expect_ranges(self) -> None:
+        """Take deviations of ranges at the expected ranges: else those read too short would count more."""
+        seen, _, off = self._errors()
+        expected = self.parameters[-1] * np.hypot(*off.T)
+        sigmas = self.noise.range_sigma(expected) * self._alike
+        seen.sigmas[:, 0] = np.where(self._stated | ~np.isfinite(expected), seen.sigmas[:, 0], sigmas)
+        self.readings = seen
 
     def _start(self) -> FloatArray:
         if self._map is None:
@@ -280,7 +294,9 @@ class PlanarProblem:
     def _motion_errors(self) -> tuple[FloatArray, FloatArray, FloatArray]:
         """(N-1,3) standardized, their deviations, and derivatives of the motions with the parameters."""
         motions = self.motion.increments(self.times[: len(self.states)], self.parameters[:ODOMETRY])
-        return (motions.motions - between(self.states)) / motions.sigmas, motions.sigmas, motions.by_parameters
+        # Noise in meters that the wheels count: else a smaller map, in which everything strays less, is likelier.
+        sigmas = motions.sigmas * [self.parameters[0], self.parameters[0], 1.0]
+        return (motions.motions - between(self.states)) / sigmas, sigmas, motions.by_parameters
 
     def _equations(self) -> tuple[ChainEquations, float, FloatArray]:
         count, shared = len(self.states), OWN + 2 * len(self.ids) * self.moves
@@ -340,6 +356,7 @@ class PlanarProblem:
         scale = (root / sigmas)[..., None]
         before, after, K = before * scale, after * scale, -by_parameters * scale
         residuals = errors * root
+        K[:, :2, 0] += residuals[:, :2] / self.parameters[0]
         equations.add_between(before, after, residuals)
         rows = np.arange(len(residuals))
         columns = np.tile(np.arange(ODOMETRY), (len(rows), 1))
