@@ -12,6 +12,7 @@
 #define DARK 1 /* flags of a pixel */
 #define VISITED 2
 #define BEGINS 4 /* dark, its left neighbor is not, and the step between them is large */
+#define AROUND 16 /* four bits for what is dark around the upper left corner: upper left and right, lower left and right */
 #define BANDS 24 /* rows from which an image's changes are known */
 #define STRETCHES 16 /* a polygon of more sides is no square with a hidden part */
 #define LONGEST 6
@@ -77,14 +78,16 @@ static double step_to_begin(const uint8_t *plane, int64_t height, int64_t width,
     return step < rules->most_step ? step : rules->most_step;
 }
 
-/* Flags of a row of n pixels; step: of the field. */
-static void mark_dark(const int16_t *restrict field, int64_t n, int16_t step, uint8_t *restrict flags)
+/* Flags of a row of n pixels, those of the row above it given; step: of the field. */
+static void mark_dark(const int16_t *restrict field, int64_t n, int16_t step, const uint8_t *restrict above, uint8_t *restrict flags)
 {
     flags[0] = field[0] < 0 ? DARK : 0;
     for (int64_t x = 1; x < n; x++) {
         int16_t here = field[x], left = field[x - 1];
-        uint8_t dark = here < 0 ? DARK : 0, begins = (here < 0) & (left >= 0) & (left >= step + here) ? BEGINS : 0;
-        flags[x] = dark | begins;
+        uint8_t dark = here < 0 ? DARK | AROUND << 3 : 0, beside = left < 0 ? AROUND << 2 : 0;
+        uint8_t begins = (here < 0) & (left >= 0) & (left >= step + here) ? BEGINS : 0;
+        uint8_t over = (uint8_t)((above[x - 1] & DARK) * AROUND | (above[x] & DARK) * (AROUND << 1));
+        flags[x] = dark | beside | begins | over;
     }
 }
 
@@ -111,8 +114,7 @@ static void local_field(int64_t height, int64_t width, const uint8_t *plane, int
     const int16_t step = (int16_t)(64.0 * least_step);
     for (int64_t x = 0; x < stride; x++)
         field[x] = field[(height + 1) * stride + x] = 1;
-    mark_dark(field, stride, step, flags);
-    mark_dark(field + (height + 1) * stride, stride, step, flags + (height + 1) * stride);
+    memset(flags, 0, (size_t)stride);
     memset(sums, 0, (size_t)width * sizeof *sums);
     for (int64_t y = 0; y < half && y < height; y++)
         for (int64_t x = 0; x < width; x++)
@@ -157,7 +159,7 @@ static void local_field(int64_t height, int64_t width, const uint8_t *plane, int
                     total += sums[k];
                 out[x] = (int16_t)(64 * row[x] + 32 - (int32_t)((float)total * (scale / (float)(right - left + 1))));
             }
-            mark_dark(out - 1, stride, step, flags + (y + 1) * stride);
+            mark_dark(out - 1, stride, step, flags + y * stride, flags + (y + 1) * stride);
             continue;
         }
         for (int64_t x = half; x < width - half; x++)
@@ -169,59 +171,58 @@ static void local_field(int64_t height, int64_t width, const uint8_t *plane, int
             float part = scale / (float)(right - left + 1);
             out[x] = (int16_t)(64 * row[x] + 32 - (int32_t)((float)(prefix[right + 1] - prefix[left]) * part));
         }
-        mark_dark(out - 1, stride, step, flags + (y + 1) * stride);
+        mark_dark(out - 1, stride, step, flags + y * stride, flags + (y + 1) * stride);
     }
+    mark_dark(field + (height + 1) * stride, stride, step, flags + height * stride, flags + (height + 1) * stride);
 }
 
-/* Where an outline goes from a side (0 right, 1 down, 2 left, 3 up) of a pixel, by what is dark: bit 0 the pixel ahead,
- * bit 1 the one beyond it.  Tables and no branches, since outlines of texture turn as no processor predicts. */
-typedef struct Turn {
-    const struct Turn *next; /* what the next side's four turns are */
-    int64_t move, ahead, beyond; /* to the next pixel, and from there */
-    int64_t sign, right;
-    int32_t side;
-    uint8_t visit;
-} Turn;
+/* Outlines run clockwise along sides of pixels (0 right, 1 down, 2 left, 3 up) from corner to corner.  What is dark
+ * around a corner (0 to 15) and the side that ends there (times 16) say which side is next: where it ends, and that side
+ * times 16.  Tables and no branches, since outlines of texture turn as no processor predicts; one byte and one table on
+ * the way from a corner to the next. */
+typedef struct {
+    int64_t move[64], next[64];
+    int64_t sign[64], right[64]; /* of the side itself: what it adds to the area */
+    int32_t code[64];            /* what its code is beyond 4 times the place of the corner where it ends */
+    uint8_t visit[64];
+} Turns;
 
-static void fill_turns(int64_t stride, Turn (*turns)[4])
+static void fill_turns(int64_t stride, Turns *t)
 {
-    const int64_t step[4] = {1, stride, -1, -stride};
-    for (int d = 0; d < 4; d++)
-        for (int dark = 0; dark < 4; dark++) {
-            Turn *t = &turns[d][dark];
-            int m = (d + 1) & 3, side = dark & 2 ? (d + 3) & 3 : dark & 1 ? d : m;
-            t->next = turns[side];
-            t->move = dark & 2 ? step[m] + step[d] : dark & 1 ? step[m] : 0;
-            t->ahead = step[(side + 1) & 3];
-            t->beyond = t->ahead + step[side];
-            t->sign = d == 0 ? 1 : d == 2 ? -1 : 0;
-            t->right = d == 0;
-            t->side = d;
-            t->visit = d == 2 ? VISITED : 0;
+    /* Seen from the side's pixel, which pixel around the corner lies ahead, and which beyond that one. */
+    const int ahead[4] = {2, 0, 1, 3}, beyond[4] = {3, 2, 0, 1};
+    const int64_t travel[4] = {stride, -1, -stride, 1}, corner[4] = {stride + 1, stride, 0, 1};
+    for (int d = 0; d < 4; d++) {
+        for (int dark = 0; dark < 16; dark++) {
+            const int side = dark >> beyond[d] & 1 ? (d + 3) & 3 : dark >> ahead[d] & 1 ? d : (d + 1) & 3;
+            t->move[16 * d + dark] = travel[side];
+            t->next[16 * d + dark] = 16 * side;
         }
+        t->sign[16 * d] = d == 0 ? 1 : d == 2 ? -1 : 0;
+        t->right[16 * d] = d == 0 ? -stride : 0;
+        t->code[16 * d] = d - 4 * (int32_t)corner[d];
+        t->visit[16 * d] = d == 2 ? VISITED : 0;
+    }
 }
 
 /* Follows the edge of a dark region clockwise from the left side of a pixel: code = 4 x place + side.  Returns how many
  * sides there are; those beyond `longest` are not written.  area: pixels within, since every row has as many right sides
  * as left ones. */
-static int64_t follow(const Turn (*turns)[4], uint8_t *flags, int64_t start, int64_t longest, int32_t *codes, int64_t *area)
+static int64_t follow(const Turns *restrict turns, uint8_t *flags, int64_t start, int64_t longest, int32_t *restrict codes, int64_t *area)
 {
-    const Turn *row = turns[2];
-    int64_t n = 0, within = 0, ahead = row[1].move, beyond = row[2].move;
-    uint8_t *at = flags + start;
+    int64_t n = 0, within = 0, at = start, side = 2 * 16;
     do {
-        const Turn *t = row + ((at[ahead] & DARK) | (at[beyond] & DARK) << 1);
-        int64_t place = at - flags;
+        const uint8_t here = flags[at];
         if (n < longest)
-            codes[n] = (int32_t)(4 * place) + t->side;
+            codes[n] = (int32_t)(4 * at) + turns->code[side];
         n++;
-        *at |= t->visit;
-        within += t->sign * place + t->right;
-        at += t->move;
-        ahead = t->ahead;
-        beyond = t->beyond;
-        row = t->next;
-    } while (at != flags + start || row != turns[2]);
+        /* A left side ends at the corner of its own pixel. */
+        flags[at] = here | turns->visit[side];
+        within += turns->sign[side] * at + turns->right[side];
+        const int64_t turn = side | here >> 4;
+        at += turns->move[turn];
+        side = turns->next[turn];
+    } while (at != start || side != 2 * 16);
     *area = within;
     return n;
 }
@@ -229,21 +230,21 @@ static int64_t follow(const Turn (*turns)[4], uint8_t *flags, int64_t start, int
 /* Where the field crosses zero on every side, and the area within. */
 static double crossings(const int16_t *field, int64_t stride, const int32_t *codes, int64_t n, float *restrict out_x, float *restrict out_y)
 {
-    const int32_t step[4] = {1, (int32_t)stride, -1, -(int32_t)stride};
+    const int32_t row = (int32_t)stride, step[4] = {1, row, -1, -row};
     const float step_x[4] = {1, 0, -1, 0}, step_y[4] = {0, 1, 0, -1};
     double twice = 0.0;
-    int32_t y = (codes[0] >> 2) / (int32_t)stride;
+    int32_t before = codes[0] >> 2, y = before / row;
     for (int64_t i = 0; i < n; i++) {
-        int32_t at = codes[i] >> 2, d = codes[i] & 3, from = at - y * (int32_t)stride;
+        int32_t at = codes[i] >> 2, d = codes[i] & 3, moved = at - before;
         /* Neighboring sides are at most one row apart. */
-        y += (from >= (int32_t)stride) - (from < 0);
-        int32_t x = at - y * (int32_t)stride;
+        y += (moved > 1) - (moved < -1);
+        before = at;
         float inside = field[at], t = inside / (inside - (float)field[at + step[d]]);
-        out_x[i] = (float)(x - 1) + t * step_x[d];
+        out_x[i] = (float)(at - y * row - 1) + t * step_x[d];
         out_y[i] = (float)(y - 1) + t * step_y[d];
-        if (i > 0)
-            twice += (double)(out_x[i - 1] * out_y[i] - out_y[i - 1] * out_x[i]);
     }
+    _Pragma("omp simd reduction(+ : twice)") for (int64_t i = 1; i < n; i++)
+        twice += (double)(out_x[i - 1] * out_y[i] - out_y[i - 1] * out_x[i]);
     return 0.5 * (twice + (double)(out_x[n - 1] * out_y[0] - out_y[n - 1] * out_x[0]));
 }
 
@@ -651,7 +652,7 @@ typedef struct {
 } Outlines;
 
 /* Squares of the outlines that begin at pixels x to end of row y; 0 where there is no more room. */
-static int begin_outlines(Outlines *o, const Turn (*turns)[4], const QuadRules *rules, int64_t y, int64_t x, int64_t end)
+static int begin_outlines(Outlines *o, const Turns *turns, const QuadRules *rules, int64_t y, int64_t x, int64_t end)
 {
     uint8_t *const flags = o->flags;
     for (int64_t at = (y + 1) * o->stride + x + 1; x < end; x++, at++) {
@@ -688,8 +689,8 @@ int lmkit_dark_quads(int64_t height, int64_t width, const uint8_t *plane, const 
     const int64_t across = (width + CELL - 1) / CELL, stride = width + 2;
     Outlines o = {field, flags, points, points + rules.longest, (int32_t *)(points + 2 * rules.longest), stride, capacity, 0, quads};
     local_field(height, width, plane, window, rules.darker, step_to_begin(plane, height, width, &rules), sums, prefix, field, flags);
-    Turn turns[4][4];
-    fill_turns(stride, turns);
+    Turns turns;
+    fill_turns(stride, &turns);
     int64_t some = 0;
     for (int64_t y = 0; y < height; y++) {
         if (y % CELL == 0)
@@ -703,7 +704,7 @@ int lmkit_dark_quads(int64_t height, int64_t width, const uint8_t *plane, const 
                 if (!(here & (BEGINS * 0x01010101u)))
                     continue;
             }
-            if (!begin_outlines(&o, (const Turn(*)[4])turns, &rules, y, x, end))
+            if (!begin_outlines(&o, &turns, &rules, y, x, end))
                 return 2;
         }
     }
