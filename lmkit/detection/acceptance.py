@@ -36,7 +36,7 @@ TURN_PER_CODE = 0.6  # a quarter turn changes more of the drawing than a code: i
 FOREIGN = 3.0  # what the best of many rectangles explains where nothing stands
 # An object is plain to see from so much on; the code then needs this share of it as its own evidence.
 PLAIN_OBJECT, SHARE_OF_OBJECT = 10.0, 0.15
-BIAS = -2.02
+BIAS = -2.06
 TERMS: MappingProxyType[str, Term] = MappingProxyType(
     {
         "margin": Term(0.07, 3.34, "code"),

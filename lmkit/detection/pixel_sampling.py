@@ -42,6 +42,10 @@ class PixelSamples:
     variance: Float32Array
     prior_weight: float = 10.0
 
+    def weigh_channels(self, weights: tuple[float, float, float]) -> None:
+        """Multiply the values of blue, green and red by these."""
+        self.values = np.array(weights, dtype=np.float32)[:, None] * self.values
+
     @property
     def plain(self) -> Samples:
         """Weighted by the image's noise alone."""

@@ -40,6 +40,7 @@ typedef struct {
     double settled_code, settled_turn, settled_clear;           /* margins once the code stands */
     double least_blur, blur_share, blurred_side; /* where a fit begins */
     double least_error, few_edges, mosaic, growth, full, stretch; /* of the corners, px */
+    double channel_weights[3];
 } Fit;
 
 /* Pixels in use, planes of n values, and room for the kernels. */
@@ -192,6 +193,16 @@ static int fit_step(const Fit *f, const double *view, const Steps *steps, int64_
     return !lmkit_register(p->n, f->drawing, view, p->at, p->values, p->variance, f->priors, f->limits, open, turn, fit_distortion, steps->rounds, steps->most, steps->to_px, p->work, state, p->robust, out + 2, out + 3, out + 1);
 }
 
+static void weigh_channels(const Fit *f, Pixels *p)
+{
+    for (int c = 0; c < 3; c++) {
+        const float weight = (float)f->channel_weights[c];
+        float *values = p->values + c * p->n;
+        for (int64_t i = 0; i < p->n; i++)
+            values[i] *= weight;
+    }
+}
+
 /* Corners as the image shows them, and their (8,12) slopes with the beginning of the state. */
 static void seen_corners(const Fit *f, const double *view, const double *state, int64_t fit_distortion, double *corners, double (*J)[12])
 {
@@ -306,7 +317,10 @@ int lmkit_fit_landmark(const Fit *f, const double *view, int64_t phases, int64_t
             return 1;
     }
     if (phases & FINISH) {
-        if (!take(f, view, state, f->pixels, f->near_share, &p) || !fit_step(f, view, &f->fine, fit_distortion, plain, &p, state, out))
+        if (!take(f, view, state, f->pixels, f->near_share, &p))
+            return 1;
+        weigh_channels(f, &p);
+        if (!fit_step(f, view, &f->fine, fit_distortion, plain, &p, state, out))
             return 1;
         read_code(f, view, state, &p, p.variance, PARTS, plain);
         /* Only its margins count. */

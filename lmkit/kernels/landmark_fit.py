@@ -87,6 +87,7 @@ class FitRules(NamedTuple):
         coarse_pixels, pixels: at first, and in the end.
         read_rounds: how often the code may change.
         coarse, fine: registration at first, and in the end.
+        channel_weights: of blue, green and red in the end: values are times these.
     """
 
     reach: float
@@ -106,6 +107,7 @@ class FitRules(NamedTuple):
     settled: Settled
     start: Start
     errors: CornerErrors
+    channel_weights: tuple[float, float, float]
     floor: float = 1e-8
 
 
@@ -152,6 +154,7 @@ class _Fit(ctypes.Structure):
         ("settled", ctypes.c_double * 3),
         ("start", ctypes.c_double * 3),
         ("errors", ctypes.c_double * 6),
+        ("channel_weights", ctypes.c_double * 3),
     )
 
 
@@ -176,7 +179,7 @@ class FitTask:
             *(_Steps(steps.rounds, steps.most, steps.to_px) for steps in (rules.coarse, rules.fine)),
             *(0.0, rules.reach, rules.band, rules.near_share, 0.0, rules.floor, rules.paper),
             *map(_numbers, (rules.decoding.flat, rules.priors, rules.limits, rules.promising)),
-            *map(_numbers, (rules.settled, rules.start, rules.errors)),
+            *map(_numbers, (rules.settled, rules.start, rules.errors, rules.channel_weights)),
         )
         self.most = most = max(rules.pixels, rules.coarse_pixels)
         self.capacity = capacity = most + most // 5 + 64
