@@ -20,6 +20,7 @@ from lmkit.model.landmark import LM8
 from lmkit.pipelines.locate_images import Located
 from lmkit.pipelines.locate_results import LocateResults
 from lmkit.simulation.dataset import make_dataset, render_images
+from lmkit.simulation.recording import make_drive
 from lmkit.simulation.scene import make_rig
 
 
@@ -67,10 +68,25 @@ def test_all_that_it_writes(lmkit, room, tmp_path):
 
 def test_cameras_that_do_not_expose_together_are_named(capsys):
     rig = make_rig()
-    for offsets, sources, words in (([0.08], 2, ["right +80.0 ms", "lmkit track"]), ([0.08], 1, []), ([0.0], 2, [])):
-        warn_of_clocks([["image.png"] * sources], with_time_offsets(rig, offsets))
+    for offset_s, sources, words in (
+        (0.08, 2, ["right +80.0 ms", "lmkit track"]),
+        (-0.08, 2, ["right -80.0 ms"]),
+        (0.08, 1, []),
+        (0.0, 2, []),
+    ):
+        warn_of_clocks([["image.png"] * sources], with_time_offsets(rig, [offset_s]))
         said = capsys.readouterr().err
         assert all(word in said for word in words) and bool(said) == bool(words)
+
+
+def test_locate_names_cameras_that_do_not_expose_together(lmkit, tmp_path):
+    rig = make_rig()
+    (tmp_path / "rig.yaml").write_text(rig_to_yaml(with_time_offsets(rig, [0.08])))
+    (tmp_path / "map.yaml").write_text(map_to_yaml(make_drive(0, 1.0).landmarks))
+    cv2.imwrite(str(tmp_path / "dark.png"), np.zeros(rig.left.image_size[::-1], np.uint8))
+    given_ = ("--rig", "rig.yaml", "--map", "map.yaml")
+    assert "do not expose together (right +80.0 ms)" in lmkit("locate", "dark.png", "dark.png", *given_).err
+    assert "expose" not in lmkit("locate", "dark.png", "--mono", *given_).err
 
 
 def test_a_trajectory_has_no_doubtful_poses(room, tmp_path):
