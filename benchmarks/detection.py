@@ -5,7 +5,7 @@
 Simulated as `planar.py` tells: point spread 0.7 px, gamma, 2500 electrons at full scale, 6 electrons
 read noise, one marker of 18 cm in front of a real photograph; every reader sees its own marker in
 the same pose with the same background, light and seed.  The sides and blurs at 50 % and 95 % are read off
-a monotone fit; intervals are 95 %, from 200 bootstrap samples, or Wilson's for rates.
+a monotone fit; intervals are 95 %, from 1000 bootstrap samples of scenes, or Wilson's for rates.
 """
 
 from __future__ import annotations
@@ -174,12 +174,16 @@ def crossing(rungs: np.ndarray, hits: np.ndarray, n: np.ndarray, level: float) -
 
 
 def crossing_with_interval(lines: list[dict], level: float) -> str:
-    rungs = np.array(sorted({line["rung"] for line in lines}), dtype=float)
-    reads = [np.array([line["read"] for line in lines if line["rung"] == rung]) for rung in rungs]
-    n = np.array([len(r) for r in reads])
-    value = crossing(rungs, np.array([r.sum() for r in reads]), n, level)
+    """The crossing with its interval: scenes are drawn anew, each with all of its rungs (one place and code)."""
+    rungs, seeds = sorted({line["rung"] for line in lines}), sorted({line["seed"] for line in lines})
+    read = {(line["seed"], line["rung"]): line["read"] for line in lines}
+    reads = np.array([[read[seed, rung] for rung in rungs] for seed in seeds])
+    sides, n = np.array(rungs, dtype=float), np.full(len(rungs), len(seeds))
+    value = crossing(sides, reads.sum(axis=0), n, level)
     rng = np.random.default_rng(0)
-    draws = [crossing(rungs, rng.binomial(n, [r.mean() for r in reads]), n, level) for _ in range(200)]
+    draws = [
+        crossing(sides, reads[rng.integers(len(seeds), size=len(seeds))].sum(axis=0), n, level) for _ in range(1000)
+    ]
     if np.isnan(value):
         return "not reached"
     low, high = np.nanpercentile(draws, [2.5, 97.5])
