@@ -77,8 +77,22 @@ def test_a_camera_that_was_moved_is_named_and_left_out():
     estimate = locate_rig(seen, wrong, AROUND)
     assert estimate.status == "ok"
     assert estimate.outlier_cameras == ("cam2",)
+    assert seen[2]
+    assert {d.id for d in seen[2]} <= set(estimate.outliers)
     T_map_base, _ = seen_by(rig)
     assert np.linalg.norm(estimate.T_map_camera.t - (T_map_base @ rig.T_base_left).t) < 0.02
+
+
+def test_of_two_cameras_that_disagree_neither_is_believed():
+    rig = ring(2)
+    _, seen = seen_by(rig)
+    moved = replace(
+        rig.cameras[1], T_camera_left=Pose.from_rvec("camera", "camera", np.array([0.0, 0.2, 0.0]), np.zeros(3))
+        @ rig.cameras[1].T_camera_left,
+    )  # fmt: skip
+    estimate = locate_rig(seen, replace(rig, cameras=(rig.cameras[0], moved)), AROUND)
+    assert estimate.status == "inconsistent"
+    assert estimate.outlier_cameras == ()
 
 
 def test_a_stereo_pair_gives_the_same_as_a_rig_of_two():
