@@ -80,6 +80,7 @@ class FitOptions:
         iterations: at most.
         converged: the relative gain of the last step.
         known: a prior of the intrinsics, in place of the wide one for any lens.
+        covariance: whether the result carries one, if anything shared is fitted.
     """
 
     intrinsics: bool = True
@@ -88,6 +89,7 @@ class FitOptions:
     iterations: int = 40
     converged: float = CONVERGED
     known: KnownIntrinsics | None = None
+    covariance: bool = True
 
 
 class StereoProblem:
@@ -150,7 +152,7 @@ class StereoProblem:
             options.converged,
             DAMPING,
         )
-        if not fitted.any():
+        if not (options.covariance and fitted.any()):
             return current
         return replace(current, covariance=self._covariance(current, scale, prior, fitted))
 

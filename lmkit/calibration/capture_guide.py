@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from lmkit.arrays import FloatArray
-from lmkit.calibration.initialization import board_poses, start_camera
+from lmkit.calibration.initialization import CameraStarts, board_poses
 from lmkit.calibration.view_coverage import ViewCoverage, coverage_of, filled_cells
 from lmkit.errors import InputError
 from lmkit.geometry.camera import CameraModel
@@ -170,7 +170,7 @@ class CaptureGuide:
         """The left camera from the views so far, and the boards' poses with it."""
         seen = [(kept.view.ids_left, kept.view.left) for kept in self._kept]
         try:
-            self._camera = start_camera(self._object_points, seen, self._camera.image_size, "pinhole")
+            self._camera = CameraStarts(self._object_points, seen, self._camera.image_size).camera("pinhole")
         except InputError:
             return
         learnt = []

@@ -83,7 +83,7 @@ def hold_out(
     count = len(views)
     if count < FOLDS:
         return None
-    options = replace(options or FitOptions(), converged=FOLD_CONVERGED)
+    options = replace(options or FitOptions(), converged=FOLD_CONVERGED, covariance=False)
     fold = np.arange(count) % FOLDS
     errors = np.zeros((count, 4))
     for k in range(FOLDS):

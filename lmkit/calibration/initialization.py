@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import cv2
 import numpy as np
@@ -21,7 +22,10 @@ CONSENSUS_DEG = 1.0
 CONSENSUS_SIGMA = 6.0
 FITTED_DEG = 0.2  # the same once the cameras are known
 GOOD_START = 0.002  # error of an equidistant camera's start, of the image's width, that needs no other
+NEARLY_PINHOLE = 1.5  # the same over the pinhole camera's, of an equidistant camera near to it that is not fitted
 EQUIDISTANT_VIEWS = 15  # for the start of an equidistant camera, which OpenCV fits slowly
+# OpenCV's fisheye fit stops at steps of this share of the parameters; its own 1e-16 takes 2 to 8 times as long.
+STARTED = (cv2.TERM_CRITERIA_EPS + cv2.TERM_CRITERIA_COUNT, 100, 1e-6)
 
 
 @dataclass(frozen=True, eq=False)
@@ -89,70 +93,91 @@ def models_by_camera(model: str, count: int) -> tuple[str, ...]:
     return names if len(names) == count else names * count
 
 
-def start_camera(
-    object_points: FloatArray, seen: Sequence[tuple[IntArray, FloatArray]], image_size: tuple[int, int], model: str
-) -> CameraModel:
-    """One camera on its own, by OpenCV.
+class CameraStarts:
+    """Cameras of any lens model that explain the corners of one camera on its own, by OpenCV.
 
     Args:
-        model: a lens model, or `RADTAN`: ``pinhole`` with the four coefficients k1 k2 p1 p2 alone.
-
-    Raises:
-        InputError: no such camera explains the corners.
+        object_points: (N,3) corners of the board, meters.
+        seen: of every image the corners' numbers and (M,2) pixels.
+        image_size: (width, height).
     """
-    objects = [object_points[ids].astype(np.float32) for ids, _ in seen]
-    images = [points.astype(np.float32) for _, points in seen]
-    try:
-        if model != RADTAN and LENS_MODELS[model].is_equidistant:
-            some = np.unique(np.linspace(0, len(seen) - 1, EQUIDISTANT_VIEWS).round().astype(int))
-            return _start_equidistant([objects[k] for k in some], [images[k] for k in some], image_size, model)
-        _, K, D, _, _ = cv2.calibrateCamera(objects, images, image_size, None, None, flags=cv2.CALIB_FIX_K3)
-        distortion = np.asarray(D, dtype=np.float64).ravel()[:5]
-        if model == RADTAN:
-            return CameraModel(image_size, _plain(K), distortion[:4], PINHOLE.name)
-        padded = np.pad(distortion, (0, LENS_MODELS[model].fitted - len(distortion)))
-        return CameraModel(image_size, _plain(K), padded, model)
-    except (cv2.error, ValueError):
-        raise _no_start(model) from None
 
+    def __init__(
+        self, object_points: FloatArray, seen: Sequence[tuple[IntArray, FloatArray]], image_size: tuple[int, int]
+    ) -> None:
+        self._objects = [object_points[ids].astype(np.float32) for ids, _ in seen]
+        self._images = [points.astype(np.float32) for _, points in seen]
+        self._size = image_size
 
-def _start_equidistant(
-    objects: Sequence[FloatArray], images: Sequence[FloatArray], image_size: tuple[int, int], model: str
-) -> CameraModel:
-    """The equidistant camera that explains most of the corners, from several starts.
+    def camera(self, model: str) -> CameraModel:
+        """The camera of a lens model, or of `RADTAN`: ``pinhole`` with the four coefficients k1 k2 p1 p2 alone.
 
-    OpenCV's fit ends in an error or in a wrong camera where it starts far from the focal length. A narrow lens is
-    near to the pinhole camera of the same corners, which is the last start and stands in for the fit if that fails.
-
-    Raises:
-        InputError: no such camera explains the corners.
-    """
-    width, height = image_size
-    best: tuple[float, CameraModel] | None = None
-    for start in ("wide", "half circle", "narrow", "pinhole"):
+        Raises:
+            InputError: no such camera explains the corners.
+        """
         try:
-            if start in ("wide", "half circle"):
-                f = width / 4 if start == "wide" else max(image_size) / np.pi
-                found = _fit_equidistant(
-                    objects, images, CameraModel(image_size, _centered(f, width, height), np.zeros(4), model)
-                )
-            else:
-                _, K, D, _, _ = cv2.calibrateCamera(objects, images, image_size, None, None, flags=cv2.CALIB_FIX_K3)
-                near = _equidistant_near(
-                    CameraModel(image_size, _plain(K), np.asarray(D, dtype=np.float64).ravel()[:5], PINHOLE.name),
-                    model,
-                )
-                found = near if start == "pinhole" else _fit_equidistant(objects, images, near)
+            if model != RADTAN and LENS_MODELS[model].is_equidistant:
+                return self._equidistant(model)
+            pinhole = self._pinhole
+            if model == RADTAN:
+                return CameraModel(self._size, pinhole.K, pinhole.distortion[:4], PINHOLE.name)
+            padded = np.pad(pinhole.distortion, (0, LENS_MODELS[model].fitted - len(pinhole.distortion)))
+            return CameraModel(self._size, pinhole.K, padded, model)
+        except (cv2.error, ValueError):
+            raise _no_start(model) from None
+
+    @cached_property
+    def _pinhole(self) -> CameraModel:
+        """With k1 k2 p1 p2 and a k3 of 0; the other models start from it."""
+        threads = cv2.getNumThreads()
+        cv2.setNumThreads(1)  # several threads add up in any order: other last bits in every run, and no time gained
+        try:
+            _, K, D, _, _ = cv2.calibrateCamera(
+                self._objects, self._images, self._size, None, None, flags=cv2.CALIB_FIX_K3
+            )
+        finally:
+            cv2.setNumThreads(threads)
+        return CameraModel(self._size, _plain(K), np.asarray(D, dtype=np.float64).ravel()[:5], PINHOLE.name)
+
+    def _equidistant(self, model: str) -> CameraModel:
+        """The equidistant camera that explains most of the corners, from several starts.
+
+        A narrow lens is near to the pinhole camera of the same corners; where that camera's equidistant neighbor
+        explains them as well, nothing is fitted. OpenCV's fit ends in an error or in a wrong camera where it starts
+        far from the focal length; the neighbor is its last start, and stands in for it if that fails, too.
+
+        Raises:
+            InputError: no such camera explains the corners.
+        """
+        width, height = self._size
+        some = np.unique(np.linspace(0, len(self._images) - 1, EQUIDISTANT_VIEWS).round().astype(int))
+        objects, images = [self._objects[k] for k in some], [self._images[k] for k in some]
+        starts: list[tuple[CameraModel, bool]] = [
+            (CameraModel(self._size, _centered(f, width, height), np.zeros(4), model), True)
+            for f in (width / 4, max(width, height) / np.pi)
+        ]
+        best: tuple[float, CameraModel] | None = None
+        try:
+            near = _equidistant_near(self._pinhole, model)
+            error = _median_error(near, objects, images)
+            if error <= min(GOOD_START * width, NEARLY_PINHOLE * _median_error(self._pinhole, objects, images)):
+                return near
+            starts += [(near, True), (near, False)]
         except (cv2.error, ValueError, np.linalg.LinAlgError):
-            continue
-        error = _median_error(found, objects, images)
-        if np.isfinite(error) and (best is None or error < best[0]):
-            best = error, found
-        if best is not None and best[0] <= GOOD_START * width:
-            break
-    if best is None:
-        raise _no_start(model)
-    return best[1]
+            pass  # no pinhole camera is near: the lens is wide
+        for start, is_fitted in starts:
+            try:
+                found = _fit_equidistant(objects, images, start) if is_fitted else start
+            except (cv2.error, ValueError):
+                continue
+            error = _median_error(found, objects, images)
+            if np.isfinite(error) and (best is None or error < best[0]):
+                best = error, found
+            if best is not None and best[0] <= GOOD_START * width:
+                break
+        if best is None:
+            raise _no_start(model)
+        return best[1]
 
 
 def _fit_equidistant(objects: Sequence[FloatArray], images: Sequence[FloatArray], start: CameraModel) -> CameraModel:
@@ -166,6 +191,7 @@ def _fit_equidistant(objects: Sequence[FloatArray], images: Sequence[FloatArray]
         start.K.copy(),
         start.distortion.reshape(4, 1).copy(),
         flags=flags,
+        criteria=STARTED,
     )
     return CameraModel(start.image_size, _plain(K), np.asarray(D, dtype=np.float64).ravel(), start.model)
 

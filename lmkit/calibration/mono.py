@@ -14,7 +14,7 @@ import numpy as np
 from lmkit.arrays import BoolArray, FloatArray, IntArray
 from lmkit.calibration.bundle_adjustment import FitOptions, Solution, StereoProblem
 from lmkit.calibration.cross_validation import FOLDS, HeldOut
-from lmkit.calibration.initialization import board_poses, start_camera
+from lmkit.calibration.initialization import CameraStarts, board_poses
 from lmkit.calibration.intrinsics import intrinsics_vector, sigma_and_correlation
 from lmkit.calibration.sanity_checks import (
     STRONG_WARP,
@@ -26,6 +26,7 @@ from lmkit.calibration.sanity_checks import (
 )
 from lmkit.calibration.view_coverage import ENOUGH_CELLS, LEAST_VIEWS, camera_coverage
 from lmkit.errors import InputError
+from lmkit.geometry.camera import CameraModel
 from lmkit.geometry.lens_models import LENS_MODELS
 from lmkit.geometry.pose import Pose
 from lmkit.geometry.rig import MountedCamera, Rig
@@ -120,9 +121,10 @@ def calibrate_camera(
     alone = [_alone(name, seen) for name, seen in views]
     fits: dict[str, _Fit] = {}
     failed: InputError | None = None
+    starts = CameraStarts(board.object_points, [(v.ids_left, v.left) for v in alone], image_size)
     for name in LENS_MODELS if model == "auto" else (model,):
         try:
-            fits[name] = _fit(alone, board.object_points, image_size, name)
+            fits[name] = _fit(alone, board.object_points, starts.camera(name))
         except InputError as error:
             failed = failed or error
         except np.linalg.LinAlgError:
@@ -170,8 +172,7 @@ def _alone(name: str, seen: BoardObservation) -> PairView:
     return PairView(name, seen.ids, seen.image_points, none, np.zeros((0, 2)), seen.noise_px)
 
 
-def _fit(views: Sequence[PairView], object_points: FloatArray, image_size: tuple[int, int], model: str) -> _Fit:
-    camera = start_camera(object_points, [(v.ids_left, v.left) for v in views], image_size, model)
+def _fit(views: Sequence[PairView], object_points: FloatArray, camera: CameraModel) -> _Fit:
     started = [board_poses(camera, object_points[v.ids_left], v.left)[:1] for v in views]
     rows = [k for k, poses in enumerate(started) if poses]
     require_views(len(rows), (), MIN_VIEWS, "images")
@@ -185,9 +186,9 @@ def _fit(views: Sequence[PairView], object_points: FloatArray, image_size: tuple
         np.array([started[k][0][1] for k in rows]),
     )
     problem = StereoProblem(object_points, [views[k] for k in rows])
-    solution = problem.solve(problem.solve(start, FitOptions(warp=False)), FitOptions())
+    solution = problem.solve(problem.solve(start, FitOptions(warp=False, covariance=False)), FitOptions())
     rms = problem.rms(solution)
-    require_explained(float(np.median(rms)), image_size, model)
+    require_explained(float(np.median(rms)), camera.image_size, camera.model)
     good = rms <= BAD_RMS_RATIO * np.median(rms)
     ratios = {k: float(r / np.median(rms)) for k, r, ok in zip(rows, rms, good, strict=True) if not ok}
     if ratios:
@@ -210,7 +211,7 @@ def _hold_out(
     for k in range(FOLDS):
         seen, unseen = np.flatnonzero(fold != k), np.flatnonzero(fold == k)
         fitted = StereoProblem(object_points, [views[int(i)] for i in seen]).solve(
-            solution.with_poses(seen), FitOptions()
+            solution.with_poses(seen), FitOptions(covariance=False)
         )
         problem = StereoProblem(object_points, [views[int(i)] for i in unseen])
         there = solution.with_poses(unseen)

@@ -15,10 +15,10 @@ from lmkit.calibration.bundle_adjustment import FitOptions, Solution, StereoProb
 from lmkit.calibration.cross_validation import FOLDS, HeldOut, hold_out
 from lmkit.calibration.initialization import (
     AUTO,
+    CameraStarts,
     agreement_with,
     find_consensus,
     models_by_camera,
-    start_camera,
     start_solution,
 )
 from lmkit.calibration.intrinsics import KnownIntrinsics, intrinsics_vector, sigma_and_correlation
@@ -297,6 +297,8 @@ def _fits(
     """
     fits: dict[str, _Fit] = {}
     failed: InputError | None = None
+    in_left = CameraStarts(object_points, [(v.ids_left, v.left) for v in views], sizes[0])
+    in_right = CameraStarts(object_points, [(v.ids_right, v.right) for v in views], sizes[1])
     for index, (model_left, model_right) in enumerate(models):
 
         def on_fit(done: int, _: int, before: int = index) -> None:
@@ -306,9 +308,8 @@ def _fits(
             to_beat = min(
                 (fit.held_out.mean_reprojection_px for fit in fits.values() if fit.held_out), default=np.inf
             )
-            left = start_camera(object_points, [(v.ids_left, v.left) for v in views], sizes[0], model_left)
-            right = start_camera(object_points, [(v.ids_right, v.right) for v in views], sizes[1], model_right)
-            fit = _fit(views, object_points, (left, right), rejected, to_beat, FitOptions(), on_fit)
+            cameras = in_left.camera(model_left), in_right.camera(model_right)
+            fit = _fit(views, object_points, cameras, rejected, to_beat, FitOptions(), on_fit)
             fits[_name(model_left, model_right)] = fit
         except InputError as error:
             failed = failed or error
@@ -348,13 +349,12 @@ def _fit(
     require_views(len(rows), rejected, MIN_PAIRS, "pairs")
     problem = StereoProblem(object_points, [views[int(k)] for k in rows])
     on_step(1, FITS)
-    solution = start_solution(consensus, rows, left, right)
+    solution, flat = start_solution(consensus, rows, left, right), replace(options, warp=False, covariance=False)
     if np.isfinite(to_beat_px):
-        solution = problem.solve(solution, replace(options, warp=False, iterations=FIRST_STEPS))
+        solution = problem.solve(solution, replace(flat, iterations=FIRST_STEPS))
         if problem.mean_error(solution) > HOPELESS_RATIO * to_beat_px:
             return _Fit(rows.tolist(), [], np.nan, solution, None)
-    solution = problem.solve(solution, replace(options, warp=False))
-    solution = problem.solve(solution, options)
+    solution = problem.solve(problem.solve(solution, flat), options)
     rms = problem.rms(solution)
     good = rms <= BAD_RMS_RATIO * np.median(rms)
     residual_ratios = {

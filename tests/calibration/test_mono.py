@@ -4,10 +4,12 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+import cv2
 import numpy as np
 import pytest
 from board_views import BOARD, views
 
+from lmkit.calibration.initialization import CameraStarts
 from lmkit.calibration.intrinsics import (
     KnownIntrinsics,
     intrinsics_vector,
@@ -66,6 +68,18 @@ def test_an_equidistant_camera_is_found_for_any_focal_length(focal):
     assert result.rejected == ()
     assert result.held_out_px == pytest.approx(0.125, abs=0.03)
     assert result.rig.left.K[0, 0] == pytest.approx(focal, rel=0.02)
+
+
+def test_an_equidistant_start_of_a_narrow_lens_needs_no_fisheye_fit(monkeypatch):
+    def refused(*arguments, **options):
+        raise AssertionError("the pinhole camera's neighbor explains the corners")
+
+    monkeypatch.setattr(cv2.fisheye, "calibrate", refused)
+    corners = [(o.ids, o.image_points) for _, o in seen(14, 0.1)]
+    start = CameraStarts(BOARD.object_points, corners, CAMERA.image_size).camera("fisheye")
+    pixels = np.concatenate([points for _, points in corners])
+    rays = np.column_stack([CAMERA.unproject(pixels), np.ones(len(pixels))])
+    assert np.linalg.norm(start.project(rays) - pixels, axis=1).max() < 3.0
 
 
 def test_a_camera_that_misses_its_own_corners_is_refused():

@@ -10,7 +10,7 @@ from board_views import BOARD, views
 
 from lmkit.calibration import board_equations
 from lmkit.calibration.bundle_adjustment import FitOptions, Solution, StereoProblem, _moved, _Prior
-from lmkit.calibration.initialization import RADTAN, start_camera
+from lmkit.calibration.initialization import RADTAN, CameraStarts
 from lmkit.calibration.intrinsics import KnownIntrinsics, intrinsics_vector, sigma_of_pixels, with_intrinsics
 from lmkit.calibration.sanity_checks import CalibrationWarning, Declared
 from lmkit.calibration.stereo import calibrate_stereo
@@ -229,7 +229,7 @@ def test_radtan_starts_with_four_coefficients_and_is_written_for_kalibr_exactly(
     K = np.array([[420.0, 0, 322.0], [0, 421.0, 241.0], [0, 0, 1]])
     truth = CameraModel((640, 480), K, np.array([-0.2, 0.05, 0.001, -0.002]))
     seen = [(v.ids_left, v.left) for v in views(6, 0.0, rig=StereoRig(truth, truth, make_rig().T_right_left))]
-    camera = start_camera(BOARD.object_points, seen, (640, 480), RADTAN)
+    camera = CameraStarts(BOARD.object_points, seen, (640, 480)).camera(RADTAN)
     assert (camera.model, camera.distortion.shape) == ("pinhole", (4,))
     assert np.allclose(camera.distortion, truth.distortion, atol=2e-4)
     _, lens, error_px = rig_to_camchain(StereoRig(camera, camera, make_rig().T_right_left))
