@@ -9,7 +9,7 @@ import pytest
 
 from lmkit.errors import InputError
 from lmkit.geometry.pose import Pose
-from lmkit.geometry.rig import MountedCamera, Rig, mounted_cameras
+from lmkit.geometry.rig import MountedCamera, Rig, T_map_cameras, mounted_cameras
 from lmkit.geometry.stereo_rig import mounted_ahead
 from lmkit.localization.absolute_pose import locate_rig
 from lmkit.mapping.survey import anchors_of, landmark_sizes, survey_frames
@@ -59,6 +59,15 @@ def test_one_pose_from_all_cameras(count):
     estimate = locate_rig(seen, rig, AROUND)
     assert estimate.status == "ok"
     assert np.linalg.norm(estimate.T_map_camera.t - (T_map_base @ rig.T_base_left).t) < 0.02
+
+
+def test_every_camera_has_its_place_in_the_map():
+    rig = ring(4)
+    T_map_base = Pose("map", "base", np.eye(3), np.zeros(3))
+    for k, T in enumerate(T_map_cameras(rig, T_map_base @ rig.T_base_left)):
+        ahead = np.array([np.cos(np.pi / 2 * k), np.sin(np.pi / 2 * k), 0.0])
+        assert np.allclose(T.R[:, 2], ahead, atol=1e-9)
+        assert np.allclose(T.t - rig.T_base_left.t, 0.2 * (ahead - [1.0, 0.0, 0.0]), atol=1e-9)
 
 
 def test_more_cameras_know_the_place_better():
