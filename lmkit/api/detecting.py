@@ -190,7 +190,7 @@ def draw(
         >>> lmkit.draw(image, lmkit.detect(image)).shape == image.shape
         True
     """
-    from lmkit.visualization.overlay import draw_label, draw_landmarks, draw_located
+    from lmkit.visualization.overlay import draw_estimate, draw_landmarks, draw_located
 
     pixels = as_image(image)
     _require_drawable(detections, estimate, enlarge)
@@ -203,7 +203,7 @@ def draw(
         return draw_landmarks(pixels, detections, enlarge)
     if rig is None or landmarks is None:
         canvas = draw_landmarks(pixels, detections, enlarge)
-        draw_label(canvas, str(estimate), np.array([8.0, 24.0]))
+        draw_estimate(canvas, estimate)
         return canvas
     return draw_located(pixels, detections, as_rig(rig).left, estimate, as_map(landmarks), enlarge)
 

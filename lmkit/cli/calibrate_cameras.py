@@ -37,13 +37,13 @@ def calibrate_cameras(
         else:
             result = calibrate_source(sources[0], spec, model, declared, counter)
     alone = result.cameras[0] if len(sources) == 1 else None
-    _, summary, reason = rig_calibration_summary(result)
+    _, summary, _ = rig_calibration_summary(result)
     made = "" if report is None else rig_calibration_report(result, spec)
     written = write_outputs({output: rig_to_yaml(result.rig), report: made}, force)
     if as_json:
         print_json((alone or result).to_dict())
         return
-    print_line(f"result: {summary} {reason}")
+    print_line(f"result                 {summary}")
     for line in camera_lines(alone) if alone else rig_lines(result):
         print_line(line)
     for path in written:

@@ -11,8 +11,11 @@ import typer
 from lmkit.cli import options
 from lmkit.cli.output import check_outputs, print_json, print_line, progress, warn, write_outputs
 from lmkit.errors import InputError, NegativeAnswer
+from lmkit.units import counted
 
 COLORS_HINT = "landmarks are recognized by red against blue; use a color camera, or AprilTags (--family tag36h11)"
+NOTHING_HINT = "check light, focus and distance: 15 px per side or more"
+MARKERS_HINT = f"{NOTHING_HINT}; AprilTags and ArUco markers need --family, such as tag36h11"
 
 
 def run(
@@ -95,5 +98,5 @@ def run(
         more = f" (and {len(failed) - 1} more)" if len(failed) > 1 else ""
         raise InputError(failed[0].code, failed[0].message + more, failed[0].hint)
     if found == 0:
-        hint = COLORS_HINT if colorless == count else "check light, focus and distance: 15 px per side or more"
-        raise NegativeAnswer("nothing_found", f"no landmark in {count} images", hint)
+        hint = COLORS_HINT if colorless == count else NOTHING_HINT if choices.square_families else MARKERS_HINT
+        raise NegativeAnswer("nothing_found", f"no landmark of {family} in {counted(count, 'image')}", hint)

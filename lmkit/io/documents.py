@@ -30,6 +30,7 @@ MAX_VALUES = 1_000_000  # of a document, keys included
 MAX_DEPTH = 40
 MAX_INTEGER = 2**63
 _NO_TIMES = ("tag:yaml.org,2002:timestamp", "tag:yaml.org,2002:int", "tag:yaml.org,2002:float")
+_GZIP = b"\x1f\x8b"
 _BOMS = ((b"\xef\xbb\xbf", "utf-8-sig"), (b"\xff\xfe", "utf-16"), (b"\xfe\xff", "utf-16"))
 
 
@@ -131,7 +132,8 @@ def read_text(path: Path, what: str, most: int = MAX_BYTES) -> str:
     try:
         text = data.decode(encoding)
     except UnicodeDecodeError:
-        raise InputError("not_text", f"{path}: not a text file (UTF-8)", f"give {with_article(what)}") from None
+        hint = "unpack it first (gunzip)" if data.startswith(_GZIP) else f"give {with_article(what)}"
+        raise InputError("not_text", f"{path}: not a text file (UTF-8)", hint) from None
     if "\0" in text:
         raise InputError("not_text", f"{path}: not a text file (holds zero bytes)", f"give {with_article(what)}")
     return text.replace("\r\n", "\n").replace("\r", "\n")

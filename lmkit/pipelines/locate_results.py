@@ -13,6 +13,7 @@ from lmkit.geometry.pose import Pose
 from lmkit.geometry.rig import AnyRig
 from lmkit.io.images import read_image
 from lmkit.io.trajectory import poses_to_tum
+from lmkit.localization.base_pose import with_base
 from lmkit.localization.contradicted_prior import OPENING
 from lmkit.model.landmark_map import LandmarkMap
 from lmkit.model.pose_status import PoseStatus
@@ -56,7 +57,8 @@ class LocateResults:
         if self._annotated is not None and located.estimate is not None:
             image = read_image(Path(located.left)) if located.image is None else located.image
             seen = located.seen[0]
-            drawn = draw_located(image, seen, self.rig.left, located.estimate, self.landmarks, enlarge=1)
+            shown = with_base(located.estimate, self.rig) if self.frame == "base" else located.estimate
+            drawn = draw_located(image, seen, self.rig.left, shown, self.landmarks, enlarge=1)
             self._annotated.add(located.left, drawn, located.time_s)
         self.answers.append(replace(located, image=None, seen=()))
 

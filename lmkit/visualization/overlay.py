@@ -70,7 +70,7 @@ def draw_located(
     """A copy, ``enlarge`` times larger: what was read, and where the pose puts the map's landmarks, with axes."""
     canvas = draw_landmarks(image, seen, enlarge)
     if estimate.T_map_camera is None:
-        draw_label(canvas, estimate.status, np.array([8.0, 24.0]))
+        draw_estimate(canvas, estimate)
         return canvas
     T_camera_map = estimate.T_map_camera.inverse()
     read, shown = {o.id for o in seen}, {"green: detected"} if seen else set[str]()
@@ -95,10 +95,18 @@ def draw_located(
         _polyline(canvas, outline, RED if is_outlier else MAGENTA, closed=True)
         tips = landmark.size_m / 2 * np.array([[0, 0, 0], [1.0, 0, 0], [0, 1.0, 0], [0, 0, 1.0]])
         draw_axes(canvas, camera, T_camera_map.apply(landmark.T_map_landmark.apply(tips)), enlarge)
-    x, y, z = estimate.T_map_camera.t
-    draw_label(canvas, f"{estimate.status}: x {x:.3f} y {y:.3f} z {z:.3f} m", np.array([8.0, 24.0]))
+    draw_estimate(canvas, estimate)
     draw_label(canvas, "; ".join(sorted(shown)), np.array([8.0, canvas.shape[0] - 8.0]))
     return canvas
+
+
+def draw_estimate(canvas: ByteArray, estimate: PoseEstimate) -> None:
+    """Write status and position, of the robot's base if the rig knows it, at the top left."""
+    text = str(estimate.status)
+    if estimate.T_map_base is not None:
+        x, y, z = estimate.T_map_base.t
+        text += f": x {x:.3f} y {y:.3f} z {z:.3f} m"
+    draw_label(canvas, text, np.array([8.0, 24.0]))
 
 
 def draw_label(canvas: ByteArray, text: str, at: FloatArray, scale: float = 0.6) -> None:
