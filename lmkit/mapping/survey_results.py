@@ -15,6 +15,7 @@ from scipy.sparse.csgraph import connected_components
 from lmkit.geometry.pose import Pose
 from lmkit.geometry.rig import AnyRig
 from lmkit.mapping.bundle_results import Bundle
+from lmkit.mapping.map_doubts import exactness_doubts, overlap_doubts
 from lmkit.mapping.wall_constraints import LandmarkConstraint
 from lmkit.model.landmark_id import LandmarkId, ids_text
 from lmkit.model.landmark_map import LandmarkMap, MappedLandmark
@@ -189,7 +190,10 @@ def survey_warnings(
     result: Survey, motion: Motion | None, constraints: Sequence[LandmarkConstraint], advice: Mapping[LandmarkId, str]
 ) -> list[str]:
     """Warnings about what a user should check, one sentence each."""
-    texts = [str(contradicted) for contradicted in result.contradicted]
+    mapped_landmarks = result.bundle.landmarks
+    texts = exactness_doubts(mapped_landmarks, [c.id for c in result.contradicted])
+    texts += [str(contradicted) for contradicted in result.contradicted]
+    texts += overlap_doubts(mapped_landmarks)
     doubt = None if motion is None else describe_odometry(motion, result.bundle.parameters)
     if doubt is not None:
         texts.append(doubt)
@@ -204,7 +208,7 @@ def survey_warnings(
         texts.append(f"{code} has an ambiguous pose: it was seen from one side and from afar; look from another side")
     for code, constraint, meters in result.off_constraint:
         texts.append(f"{code} is {1000 * meters:.0f} mm off the {constraint} of its constraint; check it in the room")
-    mapped = {m.id for m in result.bundle.landmarks}
+    mapped = {m.id for m in mapped_landmarks}
     for constraint in constraints:
         missing = [id_ for id_ in constraint.ids if id_ not in mapped]
         if missing:
