@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Sequence
+from collections.abc import Collection, Iterable
 from itertools import combinations
 
 import numpy as np
@@ -14,7 +14,7 @@ OVERLAP = 0.5  # of the mean size: no two whole prints on one side of a wall are
 DOUBTED = 3  # exact landmarks that the images contradict: fewer may have been moved
 
 
-def overlap_doubts(landmarks: Sequence[MappedLandmark]) -> list[str]:
+def overlap_doubts(landmarks: Iterable[MappedLandmark]) -> list[str]:
     """A sentence for each pair of landmarks that face the same way and cannot both be where the map has them."""
     texts = []
     for a, b in combinations(sorted(landmarks, key=lambda m: m.id), 2):
@@ -28,7 +28,7 @@ def overlap_doubts(landmarks: Sequence[MappedLandmark]) -> list[str]:
     return texts
 
 
-def exactness_doubts(landmarks: Sequence[MappedLandmark], contradicted: Collection[LandmarkId]) -> list[str]:
+def exactness_doubts(landmarks: Iterable[MappedLandmark], contradicted: Collection[LandmarkId]) -> list[str]:
     """A sentence where the images contradict several landmarks that count as exact: measured badly, rather."""
     exact = [m.id for m in landmarks if m.covariance is None or not m.covariance.any()]
     wrong = set(exact) & set(contradicted)
