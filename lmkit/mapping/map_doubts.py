@@ -23,7 +23,7 @@ def overlap_doubts(landmarks: Iterable[MappedLandmark]) -> list[str]:
         if a.id != b.id and alike and apart < OVERLAP * (a.size_m + b.size_m) / 2:
             texts.append(
                 f"{a.id} and {b.id} overlap, {1000 * apart:.0f} mm from center to center: one of them was misread, "
-                "or hung there before the other; check in the room, and delete the wrong one from the map"
+                "or was mounted there before the other; check in the room, and delete the wrong one from the map"
             )
     return texts
 
