@@ -10,9 +10,9 @@ export async function show(stage) {
   const project = await api("project");
   const results = h("div", { "aria-live": "polite" });
   const want = { size: "180mm", print: "", family: "lm8" };
-  let photo = null;
+  let photo = null, typed = false;
   const prints = project.prints.filter((p) => p.name.endsWith(".pdf"));
-  const size = h("input", { value: want.size, oninput: (e) => { want.size = e.target.value; } });
+  const size = h("input", { value: want.size, oninput: (e) => { want.size = e.target.value; typed = true; } });
   const which = choice([["", "none: the size below"], ...prints.map((p) => [p.name, p.name])], "", (e) => { want.print = e.target.value; size.disabled = Boolean(want.print); });
   const input = h("input", { type: "file", accept: "image/*,.pdf", capture: "environment", onchange: () => input.files[0] && send(input.files[0]), "aria-label": "Photograph, scan or PDF" });
   const drop = h("div", { class: "drop",
@@ -21,7 +21,8 @@ export async function show(stage) {
     h("p", null, h("strong", null, "Drop a photograph here, or choose one")), input,
     h("p", { class: "hint" }, "Put a bank card flat beside the landmark, or keep the whole sheet in view: then the size is measured too."));
   const again = h("button", { type: "button", hidden: true, onclick: check }, "Check again");
-  const body = () => ({ ...want, size: want.print ? "" : want.size });
+  // A PDF says its own size; one that is typed is compared with it.
+  const body = () => ({ ...want, size: want.print || (!typed && /\.pdf$/i.test(photo)) ? "" : want.size });
 
   async function send(chosen) {
     photo = null;
