@@ -69,6 +69,7 @@ class DrawingFit:
     """
 
     samples: PixelSamples
+    mixed_pixel_prior = MIXED_PIXEL_PRIOR
 
     def __init__(
         self,
@@ -83,7 +84,6 @@ class DrawingFit:
         self.drawing: Drawing | GridDrawing = drawing
         self.hypothesis = Hypothesis(0, 0)
         self.channel_repeats = 1
-        self.mixed_pixel_prior = MIXED_PIXEL_PRIOR
         self.view = View(np.round(corners.mean(axis=0)), image.center, image.half_width, family.half_mm)
         self.state: FloatArray = np.zeros(STATE)
         self.state[:8] = corners.ravel()

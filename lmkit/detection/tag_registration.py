@@ -160,6 +160,7 @@ class TagFit(DrawingFit):
     """The fit of one square marker."""
 
     decoding: TagDecoding
+    mixed_pixel_prior = MIXED_PIXEL_PRIOR
 
     def __init__(
         self, image: LinearImage, family: SquareMarkerFamily, corners: FloatArray, spread_px2: float, gray: bool
@@ -167,7 +168,6 @@ class TagFit(DrawingFit):
         self.family = family
         super().__init__(image, family, tag_tables_of(family).empty, corners, spread_px2)
         self.channel_repeats = 3 if gray else 1
-        self.mixed_pixel_prior = MIXED_PIXEL_PRIOR
 
     def decode(self, least: Promise) -> bool:
         """Score every code, and draw the likeliest one from now on; False where it promises less."""
