@@ -35,7 +35,8 @@ def without_contradicted_prior(
     free = locate(replace(options, prior=None))
     if free.T_map_camera is None or not (misses := list(_misses(prior, free.T_map_camera))):
         return estimate
-    return replace(free, warnings=(*free.warnings, f"{OPENING}: {', '.join(misses)}; check the prior (--heading, --planar)"))
+    warning = f"{OPENING}: {', '.join(misses)}; check the prior (--heading, --planar)"
+    return replace(free, warnings=(*free.warnings, warning))
 
 
 def _misses(prior: PosePrior, T_map_camera: Pose) -> Iterator[str]:

@@ -32,6 +32,7 @@ from lmkit.model.pose_status import PoseStatus
 from lmkit.odometry.online_wheel_odometry import AHEAD_S, LONGEST_DELAY_S, STATES, Wheels
 from lmkit.odometry.wheel_odometry import NOMINAL, PARAMETERS, PRIOR_SIGMA, MotionNoise
 from lmkit.tracking.exposure_queue import ExposureQueue
+from lmkit.tracking.exposure_updates import ExposureUpdates
 from lmkit.tracking.lasting_errors import LastingErrors
 from lmkit.tracking.range_bearing_filter import NOWHERE_M, TrackedPose
 
@@ -109,29 +110,15 @@ class RigFilter:
         """
         if self._time is None:
             return self._start(time_s, detections, then_s)
-        outliers: set[LandmarkId] = set()
-        nis, nis_dof, fits = 0.0, 0, []
-        for at, part in self._exposures.due(time_s, detections, then_s):
-            seen = self._seen(at, part)
-            outliers |= seen.twice
-            if not len(seen):
-                continue
-            try:
-                used, cost = self._update(seen)
-            except np.linalg.LinAlgError:
-                # Corners or a covariance beyond all measure: nothing fits.
-                used, cost = np.zeros(len(seen), dtype=bool), 0.0
-            nis, nis_dof = nis + cost, nis_dof + 8 * int(used.sum())
-            outliers |= seen.ids_of(~used)
-            fits.append(used.any())
+        done = ExposureUpdates(self._exposures.due(time_s, detections, then_s), self._seen, self._update)
         self._step(time_s)
-        if fits:
-            self._doubts = 0 if any(fits) else self._doubts + 1
+        if done.fits:
+            self._doubts = 0 if any(done.fits) else self._doubts + 1
             if self._doubts >= DOUBTS:
                 again = self._start(time_s, detections, then_s)
                 if again.state is not None:
                     return again
-        return self._pose(time_s, tuple(sorted(outliers)), False, nis, nis_dof)
+        return self._pose(time_s, tuple(sorted(done.outliers)), False, done.nis, done.nis_dof)
 
     def _step(self, time_s: float) -> None:
         """Go on to a time by odometry; one that has passed changes nothing."""

@@ -26,6 +26,7 @@ from lmkit.model.pose_status import PoseStatus
 from lmkit.odometry.online_pose_odometry import PoseRows
 from lmkit.odometry.pose_odometry import PoseNoise
 from lmkit.tracking.exposure_queue import ExposureQueue
+from lmkit.tracking.exposure_updates import ExposureUpdates
 from lmkit.tracking.lasting_errors import LastingErrors
 from lmkit.tracking.planar_stereo_filter import DOUBTS, UPDATE
 from lmkit.tracking.range_bearing_filter import NOWHERE_M
@@ -114,26 +115,15 @@ class PoseFilter:
         """
         if self._time is None:
             return self._start(time_s, detections, then_s)
-        outliers: set[LandmarkId] = set()
-        nis, nis_dof, fits = 0.0, 0, []
-        for at, part in self._exposures.due(time_s, detections, then_s):
-            seen = self._seen(at, part)
-            outliers |= seen.twice
-            if not len(seen):
-                continue
-            used, cost = self._update(seen)
-            outliers |= seen.ids_of(~used)
-            fits.append(used.any())
-            if used.any():
-                nis, nis_dof = nis + cost, nis_dof + 8 * int(used.sum())
+        done = ExposureUpdates(self._exposures.due(time_s, detections, then_s), self._seen, self._update)
         self._predict(time_s)
-        if fits:
-            self._doubts = 0 if any(fits) else self._doubts + 1
+        if done.fits:
+            self._doubts = 0 if any(done.fits) else self._doubts + 1
             if self._doubts >= DOUBTS:
                 again = self._start(time_s, detections, then_s)
                 if again.T_map_left is not None:
                     return again
-        return self._pose(time_s, tuple(sorted(outliers)), False, nis, nis_dof)
+        return self._pose(time_s, tuple(sorted(done.outliers)), False, done.nis, done.nis_dof)
 
     def _seen(self, at: float, detections: Sequence[Sequence[Detection]]) -> Correspondences:
         """Correspondences of cameras that exposed together, after a step to that time."""
@@ -145,15 +135,11 @@ class PoseFilter:
 
     def _update(self, seen: Correspondences) -> tuple[BoolArray, float]:
         """(S,) the inliers of the update with the corners, and their innovation."""
-        try:
-            before = np.linalg.inv(self._P)
-            used, R, p, normal, cost = seen.update_space(before, self._R, self._p, UPDATE)
-            if used.any():
-                self._R, self._p, self._P = orthonormal(R), p, np.linalg.inv(normal)
-                self._lasting.update(self._P @ before, seen.pulls(self._R, p, used).through(self._P))
-        except np.linalg.LinAlgError:
-            # Corners or a covariance beyond all measure: nothing fits.
-            return np.zeros(len(seen), dtype=bool), 0.0
+        before = np.linalg.inv(self._P)
+        used, R, p, normal, cost = seen.update_space(before, self._R, self._p, UPDATE)
+        if used.any():
+            self._R, self._p, self._P = orthonormal(R), p, np.linalg.inv(normal)
+            self._lasting.update(self._P @ before, seen.pulls(self._R, p, used).through(self._P))
         return used, cost
 
     def _start(self, time_s: float, detections: Sequence[Sequence[Detection]], then_s: Sequence[float]) -> SpacePose:
