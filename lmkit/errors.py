@@ -62,6 +62,15 @@ class NegativeAnswer(LmkitError):
     exit_code = 1
 
 
+def problem_and_remedy(message: str, hint: str) -> str:
+    """Both in one line; what asks a question is followed by a new sentence."""
+    if message.endswith("?"):
+        separator, hint = " ", f"{hint[:1].upper()}{hint[1:]}"
+    else:
+        separator = "; "
+    return " ".join((f"{message}{separator}{hint}" if hint else message).split())
+
+
 def system_problem(error: OSError) -> tuple[str, str] | None:
     """An error that the system's limits or a path caused, and how to fix it; None for an internal one."""
     problem = f"cannot write or open {error.filename or 'standard output or a file'}: {error.strerror}"

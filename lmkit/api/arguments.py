@@ -200,7 +200,7 @@ def as_point(point: Sequence[float], what: str) -> tuple[float, float]:
     Raises:
         InputError: not two finite numbers.
     """
-    is_pair = isinstance(point, Sequence | np.ndarray) and len(point) == 2
+    is_pair = isinstance(point, Sequence | np.ndarray) and np.shape(point) == (2,)
     if not is_pair or not all(isinstance(value, NUMBER) and math.isfinite(value) for value in point):
         hint = 'give (x, y) in meters, or text such as "2.5,1,90" or the name of a place'
         raise InputError("bad_place", f"{what}: {point!r} is not a place", hint)

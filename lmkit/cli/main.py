@@ -21,7 +21,7 @@ os.environ.setdefault("OPENCV_FFMPEG_LOGLEVEL", "-8")
 os.environ.setdefault("PYDANTIC_DISABLE_PLUGINS", "__all__")
 
 from lmkit.cli.commands import COMMANDS, list_of_commands
-from lmkit.errors import InputWarning, LmkitError, system_problem
+from lmkit.errors import InputWarning, LmkitError, problem_and_remedy, system_problem
 from lmkit.version import __version__
 
 if TYPE_CHECKING:
@@ -155,6 +155,5 @@ def _report(message: str, hint: str, code: int, debug: bool) -> int:
         import traceback
 
         traceback.print_exc()
-    line = " ".join(f"{message}; {hint}".split()) if hint else message
-    sys.stderr.write(f"lmkit: {line}\n")
+    sys.stderr.write(f"lmkit: {problem_and_remedy(message, hint)}\n")
     return code

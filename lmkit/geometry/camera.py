@@ -70,8 +70,11 @@ class CameraModel:
 
         The same function as ``cv2.projectPoints`` at the identity pose; points behind the camera
         give values without meaning.
+
+        Raises:
+            ValueError: the points have another shape.
         """
-        xyz = np.asarray(points, dtype=np.float64).reshape(-1, 1, 3)
+        xyz = _rows(points, 3, "points")
         if len(xyz) == 0:
             return np.zeros((0, 2))
         return np.asarray(self.lens.project(xyz, self.K, self.distortion), dtype=np.float64).reshape(-1, 2)
@@ -80,13 +83,20 @@ class CameraModel:
         """Pixels (N,2), their derivatives with the point (N,2,3), and with the intrinsics (N,2,4+D).
 
         Points are (N,3) in the camera frame; the intrinsics are fx fy cx cy, then the distortion.
+
+        Raises:
+            ValueError: the points have another shape.
         """
-        xyz = np.ascontiguousarray(points, dtype=np.float64).reshape(-1, 1, 3)
+        xyz = _rows(points, 3, "points")
         return self.lens.differentiate(xyz, self.K, self.distortion)
 
     def unproject(self, pixels: FloatArray) -> FloatArray:
-        """(N,2) pixels -> (N,2) normalized coordinates x/z, y/z of the rays, without distortion."""
-        uv = np.asarray(pixels, dtype=np.float64).reshape(-1, 1, 2)
+        """(N,2) pixels -> (N,2) normalized coordinates x/z, y/z of the rays, without distortion.
+
+        Raises:
+            ValueError: the pixels have another shape.
+        """
+        uv = _rows(pixels, 2, "pixels")
         if len(uv) == 0:
             return np.zeros((0, 2))
         return np.asarray(self.lens.unproject(uv, self.K, self.distortion), dtype=np.float64).reshape(-1, 2)
@@ -127,6 +137,18 @@ class CameraModel:
         w, h = self.image_size
         inside = (pixels > border_px - 0.5) & (pixels < np.array([w, h]) - 0.5 - border_px)
         return np.asarray(inside.all(axis=-1))
+
+
+def _rows(values: FloatArray, width: int, what: str) -> FloatArray:
+    """(N,1,width) float64, as the lens models take them.
+
+    Raises:
+        ValueError: not numbers in rows of that width.
+    """
+    try:
+        return np.ascontiguousarray(values, dtype=np.float64).reshape(-1, 1, width)
+    except (TypeError, ValueError):
+        raise ValueError(f"{what} must have shape (N,{width}), not {np.shape(values)}") from None
 
 
 def _whole_size(size: tuple[int, int]) -> tuple[int, int]:

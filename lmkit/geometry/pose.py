@@ -75,11 +75,13 @@ class Pose:
         """From a position in meters and a quaternion x y z w, normalized here.
 
         Raises:
-            ValueError: the quaternion is further than 1e-2 from unit length.
+            ValueError: the quaternion is further than 1e-2 from unit length, or does not have four numbers.
         """
         q = np.asarray(quaternion_xyzw, dtype=np.float64)
         norm = float(np.linalg.norm(q))
-        if q.shape != (4,) or not abs(norm - 1) <= 1e-2:
+        if q.shape != (4,):
+            raise ValueError(f"quaternion has shape {q.shape}, expected (4,): x y z w, after the position")
+        if not abs(norm - 1) <= 1e-2:
             raise ValueError(f"quaternion {list(quaternion_xyzw)} has length {norm:.4g}, expected 1")
         return cls(to_frame, from_frame, quaternion_to_matrix(q / norm), np.asarray(position, dtype=np.float64))
 

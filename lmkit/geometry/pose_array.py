@@ -39,7 +39,9 @@ class PoseArray:
     t: FloatArray
 
     def __post_init__(self) -> None:
-        R, t = np.shape(self.R), np.shape(self.t)
+        object.__setattr__(self, "R", np.asarray(self.R))
+        object.__setattr__(self, "t", np.asarray(self.t))
+        R, t = self.R.shape, self.t.shape
         if len(t) != 2 or t[1] != 3 or (t[0], 3, 3) != R:
             raise ValueError(f"T_{self.to_frame}_{self.from_frame}: R has shape {R} and t {t}, not (N,3,3) and (N,3)")
 
@@ -77,8 +79,15 @@ class PoseArray:
         return PoseArray(self.from_frame, self.to_frame, back, -(back @ self.t[..., None])[..., 0])
 
     def apply(self, points: FloatArray) -> FloatArray:
-        """(N,K,3) points of from_frame, given as (K,3) or (N,K,3), in to_frame; meters."""
-        return np.asarray(points @ self.R.swapaxes(-1, -2) + self.t[:, None])
+        """(N,K,3) points of from_frame, given as (K,3) or (N,K,3), in to_frame; meters.
+
+        Raises:
+            ValueError: points of another shape.
+        """
+        try:
+            return np.asarray(points @ self.R.swapaxes(-1, -2) + self.t[:, None])
+        except (TypeError, ValueError):
+            raise ValueError(f"{self!r} takes points of shape (K,3) or (N,K,3), not {np.shape(points)}") from None
 
     def __matmul__(self, other: Pose | PoseArray) -> PoseArray:
         """Chain T_a_b @ T_b_c = T_a_c, row by row, or each row with one pose.

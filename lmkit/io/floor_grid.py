@@ -7,6 +7,7 @@ from pathlib import Path
 
 import cv2
 import numpy as np
+from scipy.ndimage import distance_transform_edt
 
 from lmkit.arrays import BoolArray, FloatArray
 from lmkit.errors import InputError
@@ -22,6 +23,8 @@ from lmkit.model.floor_plan import FloorPlan, wall_name, walls_of
 
 CELL_M = 0.05
 SMALLEST_M = 0.5  # of a floor
+DOOR_M = 1.3  # an outer door that stands open is narrower
+HIDDEN_RATIO = 2.0  # so many times the floor must grow before open doors count as shut
 LARGEST_CELL_M = 0.25  # a robot has to find its way between cells
 MOST_CELLS = 16_000_000
 LEAST_ROTATION_RAD = 1e-6
@@ -71,8 +74,11 @@ def floor_of_grid(
         free = np.asarray(_blocks(free, times).all(axis=(1, 3)))
         solid = None if solid is None else np.asarray(_blocks(solid, times).any(axis=(1, 3)))
     check_size(path, *free.shape)
-    free = inside_of(path, free)
     cell_m = scale_m * times
+    inside = inside_of(path, free, cell_m)
+    # An outer door that was shut is no wall.
+    solid = ~free if solid is None else solid
+    free = inside
     if abs(rotation_rad) < LEAST_ROTATION_RAD:
         return _with_walls(with_islands(FloorPlan(free, cell_m, origin), drawing), solid)
     plain = _with_walls(with_islands(FloorPlan(free, cell_m, (0.0, 0.0)), drawing), solid)
@@ -103,19 +109,42 @@ def check_size(path: Path, rows: int, columns: int) -> None:
         )
 
 
-def inside_of(path: Path, free: BoolArray) -> BoolArray:
+def inside_of(path: Path, free: BoolArray, cell_m: float) -> BoolArray:
     """Free cells that are not connected with the rim of the grid, or all of them where none are left then.
+
+    An outer door that stands open would make the rooms behind it outside, and leave what is closed, such as the
+    inside of a drawn table.  So where openings up to `DOOR_M` hide most of the floor, they count as shut.
 
     Raises:
         InputError: no cell is free.
     """
     padded = np.pad(free, 1, constant_values=True).astype(np.uint8)
     _, parts = cv2.connectedComponents(padded, connectivity=4)
-    inside = (free & (parts[1:-1, 1:-1] != parts[0, 0])) if padded[0, 0] else free
+    inside = free & (parts[1:-1, 1:-1] != parts[0, 0])
+    behind_doors = _inside_with_doors_shut(free, cell_m)
+    if behind_doors.sum() > HIDDEN_RATIO * inside.sum():
+        inside = behind_doors
     answer = inside if inside.any() else free
     if not answer.any():
         raise InputError("nothing_free", f"{path}: no free floor", "white is free, dark is not; check --scale")
     return np.asarray(answer)
+
+
+def _inside_with_doors_shut(free: BoolArray, cell_m: float) -> BoolArray:
+    """Free cells that a disc as wide as a door does not reach from the rim, but for niches too narrow for it."""
+    radius = DOOR_M / 2 / cell_m
+    around = int(np.ceil(radius)) + 2
+    padded = np.pad(free, around, constant_values=True)
+    clear = distance_transform_edt(padded) > radius
+    # The disc starts outside of everything.
+    clear[[0, -1]], clear[:, [0, -1]] = True, True
+    _, parts = cv2.connectedComponents(clear.astype(np.uint8), connectivity=4)
+    reached = distance_transform_edt(parts != parts[0, 0]) <= radius
+    left = padded & ~reached
+    _, rooms = cv2.connectedComponents(left.astype(np.uint8), connectivity=4)
+    wide = np.zeros(int(rooms.max()) + 1, dtype=bool)
+    wide[rooms[left & clear]] = True
+    return np.asarray(wide[rooms])[around:-around, around:-around]
 
 
 def _blocks(cells: BoolArray, times: int) -> BoolArray:

@@ -66,6 +66,8 @@ def _bytes(path: Path) -> bytes:
             f"cannot read image {path}: {error.strerror}",
             "check the path and its permissions",
         ) from None
+    except ValueError as error:  # a null character in the path
+        raise InputError("file_unreadable", f"cannot read image {str(path)!r}: {error}", "check the path") from None
 
 
 def decode_image(data: bytes, name: str) -> ByteArray:
@@ -89,11 +91,9 @@ def _loaded(data: bytes, name: str, convert: Callable[[Image.Image], Pixels]) ->
             warnings.simplefilter("ignore", Image.DecompressionBombWarning)
             loaded: Image.Image = Image.open(io.BytesIO(data))
     except (UnidentifiedImageError, Image.DecompressionBombError, OSError, ValueError, SyntaxError):
-        raise InputError(
-            "not_an_image",
-            f"{name}: not an image that can be read",
-            "give PNG, JPEG, TIFF, BMP, WebP or PNM",
-        ) from None
+        kinds = "give PNG, JPEG, TIFF, BMP, WebP or PNM"
+        hint = f"lmkit verify reads prints in PDF; otherwise {kinds}" if data.startswith(b"%PDF") else kinds
+        raise InputError("not_an_image", f"{name}: not an image that can be read", hint) from None
     width, height = loaded.size
     if width * height > MAX_PIXELS:
         raise InputError(

@@ -52,7 +52,7 @@ class _Camera(BaseModel):
     @classmethod
     def _is_pinhole(cls, name: str) -> str:
         if name != "pinhole":
-            raise ValueError(f"{name!r} is not supported, only pinhole; calibrate again with pinhole-equi")
+            raise ValueError(f"{name!r} is not supported, only pinhole")
         return name
 
     def T_camera_imu(self) -> FloatArray | None:
@@ -119,7 +119,9 @@ def read_camchain(path: Path) -> AnyRig:
             chain.append(_Camera.model_validate(content[name]))
         except ValidationError as error:
             where, problem = first_problem(error)
-            raise InputError("bad_camchain", f"{path}: {name}.{where}: {problem}", hint) from None
+            # A model that is not supported is as Kalibr writes it.
+            remedy = "calibrate again with pinhole-equi or pinhole-radtan" if where == "camera_model" else hint
+            raise InputError("bad_camchain", f"{path}: {name}.{where}: {problem}", remedy) from None
     try:
         T, poses = np.eye(4), [np.eye(4)]
         for k in range(1, len(chain)):

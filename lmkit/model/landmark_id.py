@@ -64,6 +64,8 @@ class LandmarkId(_FamilyAndCode):
         Raises:
             InputError: not an id, or a bare code with several families in play.
         """
+        if not isinstance(text, str):
+            raise InputError("bad_id", f"{text!r} is not a landmark id", "write FAMILY:CODE, such as lm8:137")
         family, colon, code = text.strip().rpartition(":")
         if not code.isdecimal() or len(code) > 9 or bool(colon) != bool(family):
             raise InputError("bad_id", f"{text!r} is not a landmark id", "write FAMILY:CODE, such as lm8:137")

@@ -23,7 +23,7 @@ class Detection:
 
     Raises:
         TypeError: the id is no LandmarkId.
-        ValueError: an array has another shape, or values that are not finite.
+        ValueError: an array has another shape, or values that are not finite; the confidence is no probability.
     """
 
     id: LandmarkId
@@ -36,6 +36,8 @@ class Detection:
         if not isinstance(self.id, LandmarkId):
             raise TypeError(f"id of a Detection must be a LandmarkId, as LandmarkId('lm8', 137), not {self.id!r}")
         object.__setattr__(self, "corners", frozen(self.corners, (4, 2), "corners"))
+        if not 0 <= self.confidence <= 1:
+            raise ValueError(f"confidence of {self.id} is {self.confidence!r}, outside 0 to 1")
         if self.covariance is not None:
             object.__setattr__(self, "covariance", frozen(self.covariance, (8, 8), "covariance"))
 

@@ -136,8 +136,8 @@ class Search:
             "impossible_demand",
             f"even with a landmark at every possible place, the requirement holds on {self.possible:.0%} of the "
             f"floor, {self.demand.share:.0%} are required",
-            f"possible: {np.floor(100 * self.possible):.0f} %{or_else}; larger landmarks (--size), fewer directions "
-            "(headings, --headings) or one landmark in view (in_view=1, --in-view 1) ask less",
+            f"at most --share {np.floor(100 * self.possible):.0f} is possible{or_else}; larger landmarks (--size), "
+            "fewer directions (headings, --headings) or one landmark in view (in_view=1, --in-view 1) ask less",
         )
 
     def fill(self, target: float, on_step: Callable[[int, float], None]) -> None:

@@ -23,6 +23,7 @@ from lmkit.visualization.overlay import side_by_side
 
 GOOD_EPIPOLAR_PX = 0.2
 FAIR_EPIPOLAR_PX = 0.5
+FAR_RATIO, MOST_NAMED = 12.0, 5  # over the median residual the loss leaves about 4 % of a corner's weight
 
 _STATISTICS = ("corners", "mean x", "mean y", "std x", "std y", "median", "95 %", "largest")
 
@@ -129,13 +130,17 @@ def _coverage(result: StereoCalibration) -> str:
     figures = [
         (
             plots.corner_cover(np.concatenate([getattr(v, side) for v in result.used]), c.cells[k], sizes[k], color),
-            f"{side.capitalize()} camera: all corners; red: empty cells. {100 * c.filled(k):.0f} % filled.",
+            f"{side.capitalize()} camera: all corners; red: empty cells. {100 * c.filled(k):.0f}\u00a0% filled.",
         )
         for k, (side, color) in enumerate((("left", plots.LEFT), ("right", plots.RIGHT)))
     ]
     near, far = c.distances_m.min(), c.distances_m.max()
     figures.append(
-        (plots.tilt_plot(c.tilts_deg, TILTED_DEG), f"Tilt of every view. Distances {near:.2f} to {far:.2f} m.")
+        (
+            plots.tilt_plot(c.tilts_deg, TILTED_DEG),
+            f"Tilt of every view; dashed: less than {TILTED_DEG:g} deg, which tells little of the focal length. "
+            f"Distances {near:.2f} to {far:.2f} m.",
+        )
     )
     if c.advice:
         advice = (
@@ -237,13 +242,35 @@ def _residual_plots(result: StereoCalibration) -> str:
     head = "<tr><th>camera</th>" + "".join(
         f"<th class='n'>{name}</th>" for name in _STATISTICS
     ) + "</tr>"  # fmt: skip
-    return f"<h2>Residuals</h2><table>{head}{rows}</table>{grid(figures, 'two')}"
+    return f"<h2>Residuals</h2><table>{head}{rows}</table>{_far_corners(result)}{grid(figures, 'two')}"
+
+
+def _far_corners(result: StereoCalibration) -> str:
+    """Corners that hardly count in the fit because they lie far from it, the farthest first; nothing if none do."""
+    far = []
+    for view, residuals in zip(result.used, result.residuals, strict=True):
+        for side, at, off in zip(("left", "right"), (view.left, view.right), residuals, strict=True):
+            far += [
+                (float(size), f"{view.name}, {side} camera, at {x:.0f}, {y:.0f}")
+                for size, (x, y) in zip(np.linalg.norm(off, axis=1), at, strict=True)
+            ]
+    limit = FAR_RATIO * float(np.median([size for size, _ in far]))
+    far = sorted(((size, where) for size, where in far if size > limit), reverse=True)
+    if not far:
+        return ""
+    named = "; ".join(f"{escape(where)}: {size:.2f} px" for size, where in far[:MOST_NAMED])
+    more = f"; and {len(far) - MOST_NAMED} more" if len(far) > MOST_NAMED else ""
+    return (
+        f"<p class='note'>Corners more than {limit:.2f} px ({FAR_RATIO:g} times the median) from the fit, where the "
+        f"robust loss gives them nearly no weight: {named}{more}.</p>"
+    )
 
 
 def _statistics(name: str, residuals: FloatArray) -> str:
     off = np.linalg.norm(residuals, axis=1)
     figures = [*residuals.mean(axis=0), *residuals.std(axis=0), np.median(off), np.percentile(off, 95), off.max()]
-    cells = "".join(f"<td class='n'>{value:.3f}</td>" for value in figures)
+    # Adding zero leaves no "-0.000".
+    cells = "".join(f"<td class='n'>{round(float(value), 3) + 0.0:.3f}</td>" for value in figures)
     return f"<tr><td>{name}, px</td><td class='n'>{len(residuals)}</td>{cells}</tr>"
 
 

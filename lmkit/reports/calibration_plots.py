@@ -31,15 +31,14 @@ def residual_scatter(left: FloatArray, right: FloatArray) -> str:
             dots.append(f"<circle cx='{x:.1f}' cy='{y:.1f}' r='.9' fill='{color}' fill-opacity='.55'/>")
     half = float(np.median(np.linalg.norm(np.concatenate([left, right]), axis=1)))
     radius = half / reach * 95
-    ring = f"<circle r='{radius:.1f}' fill='none' stroke='{GRAY}' stroke-width='.8'/>"
+    ring = f"<circle r='{radius:.1f}' fill='none' stroke='currentColor' stroke-width='.8'/>"
     words = (
-        svg_text(94, -3, f"x {reach:.2f} px", 7, "end")
-        + svg_text(3, -90, f"y -{reach:.2f} px", 7)
-        + svg_text(3, 95, f"y {reach:.2f} px", 7)
-        + svg_text(-94, 95, f"circle: {half:.2f} px", 7)
+        svg_text(-95, 107, f"-{reach:.2f}", 7)
+        + svg_text(95, 107, f"{reach:.2f} px", 7, "end")
+        + svg_text(0, 107, f"circle: {half:.2f} px", 7, "middle")
     )
-    axes = f"<path d='M-95 0H95M0-95V95' stroke='{GRAY}' stroke-width='.4'/>"
-    return svg((-100, -100, 200, 200), 320, "residuals", axes + "".join(dots) + ring + words)
+    axes = f"<path d='M-98-98H98V98H-98ZM-98 0H98M0-98V98' fill='none' stroke='{GRAY}' stroke-width='.4'/>"
+    return svg((-100, -100, 200, 212), 320, "residuals", axes + "".join(dots) + ring + words)
 
 
 def residual_arrows(at: FloatArray, residuals: FloatArray, size: tuple[int, int], color: str) -> str:
@@ -149,14 +148,14 @@ def tilt_plot(tilts_deg: FloatArray, tilted_deg: float) -> str:
         f"<rect x='{-inner:.1f}' y='{-inner:.1f}' width='{2 * inner:.1f}' height='{2 * inner:.1f}' fill='none' "
         f"stroke='{GRAY}' stroke-dasharray='3 3' stroke-width='.7'/>"
     )
+    # Beside the plot, where no view can lie under them.
     words = (
-        svg_text(94, -3, "right edge nearer", 7, "end")
-        + svg_text(-94, -3, "left", 7)
-        + svg_text(3, -91, "upper edge nearer", 7)
-        + svg_text(3, 95, "lower", 7)
-        + svg_text(inner - 2, inner - 3, f"{tilted_deg:g} deg", 6, "end")
+        svg_text(0, -99, "upper edge nearer", 7, "middle")
+        + svg_text(0, 105, "lower edge nearer", 7, "middle")
+        + svg_text(-98, 105, "\u2190 left edge", 7)
+        + svg_text(98, 105, "right edge \u2192", 7, "end")
     )
-    return svg((-100, -100, 200, 200), 260, "tilts of the board", frame + words + dots)
+    return svg((-100, -108, 200, 218), 260, "tilts of the board", frame + dots + words)
 
 
 def board_outlines(object_points: FloatArray, rotations: FloatArray, translations: FloatArray) -> list[FloatArray]:

@@ -9,15 +9,18 @@ from scipy.ndimage import distance_transform_edt, label
 from scipy.spatial import cKDTree
 
 from lmkit.arrays import BoolArray, ByteArray, FloatArray
-from lmkit.model.floor_plan import FloorPlan
+from lmkit.geometry.planar import wrap_heading
+from lmkit.model.floor_plan import FloorPlan, Wall
 from lmkit.visualization.canvas import Rgb
 from lmkit.visualization.plan_view import Note, Underlay
 
 FREE, WALL, BLIND, OUTSIDE = (255, 255, 255), (70, 74, 80), (222, 222, 226), (244, 244, 242)
 WALL_SHOWN_M = 0.15
-HATCH, HATCH_CELLS = (60, 20, 80), 5  # color of the lines, and distance between them
+HATCH, HATCH_PX, HATCH_LINE_PX = (60, 20, 80), 24, 3  # color of the lines, distance between them, and their width
+FINE_PX = 2000  # longer side up to which an underlay is enlarged, so that its hatching is drawn as lines
 OBSTACLE, IGNORED = (150, 118, 84), (236, 226, 214)  # islands of drawings
 LEAST_ROOM_M2 = 1.0
+SHORT_M, CURVE_RAD = 0.25, 0.6  # pieces of a curve are shorter, and turn by less from one to the next
 NOTED_AT, NOTED_OFF_M = (0.5, 0.4, 0.6, 0.3, 0.7), 0.45  # the name of a wall: along it, and off it
 # From well known to badly known, none of them the red of landmarks.
 COLORS: tuple[Rgb, ...] = (
@@ -39,6 +42,7 @@ def floor_underlay(
 ) -> Underlay:
     """The walls; for (N,2) places, where given, the (N,) errors to be expected, hatched where (N,) fails is true."""
     rgb = np.where(floor.free[:, :, None], np.array(FREE), np.array(WALL)).astype(np.uint8)
+    hatched = np.zeros(floor.free.shape, dtype=bool)
     legend: tuple[tuple[Rgb, str], ...] = ()
     if places is not None and error_m is not None:
         rows, columns = np.nonzero(floor.free)
@@ -54,16 +58,26 @@ def floor_underlay(
         words = [f"{100 * low:g} to {100 * high:g} cm" for low, high in pairwise(LEVELS_M)]
         names = [f"under {100 * LEVELS_M[0]:g} cm", *words, f"over {100 * LEVELS_M[-1]:g} cm", "blind"]
         legend = tuple(zip((*COLORS, BLIND), names, strict=True))
-        if fails is not None and fails.any():
-            hatched = near & fails[nearest] & ((rows + columns) % HATCH_CELLS == 0)
-            rgb[rows[hatched], columns[hatched]] = HATCH
-            legend = (*legend, (HATCH, "hatched: requirement not met"))
+        if fails is not None:
+            failing = near & fails[nearest]
+            hatched[rows[failing], columns[failing]] = True
+            legend = (*legend, (HATCH, "hatched: requirement not met")) if failing.any() else legend
     legend = (*legend, *_draw_islands(rgb, floor))
     low = floor.origin
     high = (low[0] + floor.size_m[0], low[1] + floor.size_m[1])
     # Far from free space there is nothing to show.
     rgb[distance_transform_edt(~floor.free) * floor.cell_m > WALL_SHOWN_M] = OUTSIDE
-    return Underlay(np.ascontiguousarray(rgb[::-1]), low, high, legend, np.ascontiguousarray(floor.free[::-1]))
+    drawn = _with_hatching(rgb[::-1], hatched[::-1]) if hatched.any() else np.ascontiguousarray(rgb[::-1])
+    return Underlay(drawn, low, high, legend, np.ascontiguousarray(floor.free[::-1]))
+
+
+def _with_hatching(rgb: ByteArray, hatched: BoolArray) -> ByteArray:
+    """The (h,w,3) image, enlarged, with lines across the (h,w) cells to hatch."""
+    factor = max(1, FINE_PX // max(hatched.shape))
+    fine, where = (values.repeat(factor, axis=0).repeat(factor, axis=1) for values in (rgb, hatched))
+    diagonal = np.arange(where.shape[0])[:, None] - np.arange(where.shape[1])
+    fine[where & (diagonal % HATCH_PX < HATCH_LINE_PX)] = HATCH
+    return np.ascontiguousarray(fine)
 
 
 def _draw_islands(rgb: ByteArray, floor: FloorPlan) -> list[tuple[Rgb, str]]:
@@ -88,11 +102,13 @@ def island_notes(floor: FloorPlan) -> list[Note]:
 
 
 def wall_notes(floor: FloorPlan) -> list[Note]:
-    """The name of every wall of a room, beside it where nothing else stands."""
+    """The name of every wall of a room, beside it where nothing else stands; short pieces of curves have none."""
     rooms, _ = label(floor.free)
     areas = np.bincount(rooms.ravel()) * floor.cell_m**2
     notes = []
     for wall in floor.walls:
+        if _is_piece_of_curve(wall, floor):
+            continue
         out = np.array([np.cos(wall.facing_rad), np.sin(wall.facing_rad)])
         before = (wall.left + wall.right) / 2 + 2 * floor.cell_m * out
         # The inside of a pillar is no room.
@@ -103,3 +119,17 @@ def wall_notes(floor: FloorPlan) -> list[Note]:
         at = places[np.argmax(floor.clearance_at(places).round(1))]
         notes.append(Note(wall.name, (float(at[0]), float(at[1]))))
     return notes
+
+
+def _is_piece_of_curve(wall: Wall, floor: FloorPlan) -> bool:
+    """Whether a short wall goes on, at one of its ends, in another direction that differs little from its own."""
+    if wall.length_m > SHORT_M:
+        return False
+    for other in floor.walls:
+        rotation = abs(wrap_heading(other.facing_rad - wall.facing_rad))
+        if not 0 < rotation < CURVE_RAD:
+            continue
+        gaps = [np.linalg.norm(wall.left - other.right), np.linalg.norm(wall.right - other.left)]
+        if min(gaps) < floor.cell_m:
+            return True
+    return False

@@ -19,6 +19,7 @@ LARGEST_PX = 1500.0
 MARGIN_PX = 90
 LEAST_WIDTH_PX = 960  # for title and legend beside narrow rooms
 AROUND_M = 0.6  # free space around what is drawn, where the room is not known
+ON_RIM_M = 0.05  # landmarks on the outermost wall of a floor stand beside its last cell
 SEEN_PX = 6.0  # ellipses are enlarged until the median is as large
 LARGEST_SEEN_PX = 120.0
 GAINS = (1.0, 10.0, 100.0)
@@ -112,17 +113,12 @@ def draw_plan(
         truth: true poses of the camera.
         size_m: (x, y) extent of the room, whose corner is the map's origin; None: what is drawn, and some space.
         kind: ``png`` or ``svg``.
-        underlay: the floor, which then gives the extent.
+        underlay: the floor; what is drawn outside of it enlarges the extent.
         polylines, notes: lines and words on top.
     """
-    if underlay is not None:
-        low, high = underlay.low, underlay.high
-    else:
-        low, high = (
-            _extent(landmarks, [f.pose for f in found] + list(truth), polylines)
-            if size_m is None
-            else ((0.0, 0.0), size_m)
-        )
+    low, high = (0.0, 0.0), size_m or (0.0, 0.0)
+    if size_m is None:
+        low, high = _extent(landmarks, [f.pose for f in found] + list(truth), polylines, underlay)
     scale = min(MOST_PIXELS_PER_M, LARGEST_PX / max(high[0] - low[0], high[1] - low[1]))
     width, height = (round((high[axis] - low[axis]) * scale) + 2 * MARGIN_PX for axis in (0, 1))
     width = max(width, LEAST_WIDTH_PX)
@@ -226,11 +222,19 @@ def _codes(some: Sequence[MappedLandmark], landmarks: LandmarkMap) -> str:
 
 
 def _extent(
-    landmarks: LandmarkMap, poses: Sequence[Pose], polylines: Sequence[Polyline]
+    landmarks: LandmarkMap, poses: Sequence[Pose], polylines: Sequence[Polyline], underlay: Underlay | None
 ) -> tuple[tuple[float, float], tuple[float, float]]:
+    """Lowest and highest x, y of the floor and of what lies outside of it, with some space there; meters."""
     places = [landmark.T_map_landmark.t[:2] for landmark in landmarks] + [pose.t[:2] for pose in poses]
-    points = np.array([*places, *(point[:2] for line in polylines for point in line.points)])
-    low, high = points.min(axis=0) - AROUND_M, points.max(axis=0) + AROUND_M
+    points = np.array([*places, *(point[:2] for line in polylines for point in line.points)]).reshape(-1, 2)
+    if underlay is not None:
+        floor = np.array([underlay.low, underlay.high])
+        outside = (points < floor[0] - ON_RIM_M) | (points > floor[1] + ON_RIM_M)
+        points = points[outside.any(axis=1)]
+        ends = np.array([*(points - AROUND_M), *(points + AROUND_M), *floor])
+    else:
+        ends = np.array([*(points - AROUND_M), *(points + AROUND_M)])
+    low, high = ends.min(axis=0), ends.max(axis=0)
     return (float(low[0]), float(low[1])), (float(high[0]), float(high[1]))
 
 
@@ -266,13 +270,18 @@ class _Plan:
     def room(self, walls: bool, underlay: Underlay | None) -> None:
         a, b = self.at(np.array([self.low[0], self.high[1]])), self.at(np.array([self.high[0], self.low[1]]))
         self.canvas.box(a, b, ROOM)
+        self._grid(None)
         if underlay is not None:
-            self.canvas.image(a, b, underlay.rgb)
+            (left, below), (right, above) = underlay.low, underlay.high
+            self.canvas.image(self.at(np.array([left, above])), self.at(np.array([right, below])), underlay.rgb)
+            self._grid(underlay)
+        rim = [a, (b[0], a[1]), b, (a[0], b[1]), a, (b[0], a[1])]
+        self.canvas.line(rim, WALL if walls else GRID, 5 if walls else 1)
+
+    def _grid(self, underlay: Underlay | None) -> None:
         for axis in (0, 1):
             for meter in range(int(np.ceil(self.low[axis] + 1e-9)), int(np.ceil(self.high[axis]))):
                 self._grid_line(axis, meter, underlay)
-        rim = [a, (b[0], a[1]), b, (a[0], b[1]), a, (b[0], a[1])]
-        self.canvas.line(rim, WALL if walls else GRID, 5 if walls else 1)
 
     def _grid_line(self, axis: int, meter: int, underlay: Underlay | None) -> None:
         """A line of the grid, left out where the underlay says so."""
@@ -282,12 +291,14 @@ class _Plan:
             self.canvas.line([self.at(end) for end in ends], GRID, 1)
             return
         gridded = underlay.gridded[::-1]
-        cell = (self.high[0] - self.low[0]) / gridded.shape[1]
-        across = min(int((meter - self.low[axis]) / cell), gridded.shape[1 - axis] - 1)
+        cell = (underlay.high[0] - underlay.low[0]) / gridded.shape[1]
+        if not underlay.low[axis] <= meter <= underlay.high[axis]:
+            return
+        across = min(int((meter - underlay.low[axis]) / cell), gridded.shape[1 - axis] - 1)
         shown = gridded[:, across] if axis == 0 else gridded[across]
         edges = np.flatnonzero(np.diff(np.concatenate([[0], shown.astype(np.int8), [0]])))
         for start, stop in zip(edges[::2], edges[1::2], strict=True):
-            ends[:, 1 - axis] = self.low[1 - axis] + np.array([start, stop]) * cell
+            ends[:, 1 - axis] = underlay.low[1 - axis] + np.array([start, stop]) * cell
             self.canvas.line([self.at(end) for end in ends], GRID, 1)
 
     def landmark(self, landmark: MappedLandmark) -> None:

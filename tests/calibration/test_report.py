@@ -57,6 +57,16 @@ def test_it_stands_alone_and_says_the_headline_first(result):
     assert parser.open == []
 
 
+def test_corners_that_hardly_count_are_named(result):
+    assert "robust loss" not in calibration_report(result, BOARD, {})
+    residuals = [(left, right.copy()) for left, right in result.residuals]
+    residuals[2][1][7] = 3.0, 4.0
+    html = calibration_report(replace(result, residuals=tuple(residuals)), BOARD, {})
+    x, y = result.used[2].right[7]
+    assert f"{result.used[2].name}, right camera, at {x:.0f}, {y:.0f}: 5.00 px." in html
+    assert "-0.000" not in html.split("Residuals</h2>")[1].split("</table>")[0]
+
+
 def test_names_are_no_markup(result):
     used = (replace(result.used[0], name="<script>x</script>"), *result.used[1:])
     html = calibration_report(replace(result, used=used), BOARD, {})

@@ -10,7 +10,7 @@ from floors import TWO_ROOMS, two_rooms
 from lmkit.errors import InputError
 from lmkit.io.floor_islands import DrawingOptions, drawing_warnings, parse_island_rules
 from lmkit.io.floor_plan import read_floor
-from lmkit.visualization.floor_layer import OBSTACLE, floor_underlay, island_notes
+from lmkit.visualization.floor_layer import OBSTACLE, floor_underlay, island_notes, wall_notes
 
 SVG = (
     '<svg xmlns="http://www.w3.org/2000/svg"><g transform="translate(7,9) scale(2)">'
@@ -177,6 +177,22 @@ def test_curves_of_svg_are_left_out_where_asked_for(tmp_path):
     assert len(whole.walls) > len(straight.walls)
     assert len(whole.islands) == 1 and not straight.islands
     assert not whole.is_free(np.array([2 * 0.8 - 0.4, 0.2 * (20 - 8)])) and straight.is_free(np.array([1.2, 2.4]))
+
+
+def test_an_open_outer_door_counts_as_shut(tmp_path):
+    """The table is closed, but no room; and not every piece of the door's arc has a name in drawings."""
+    path = tmp_path / "floor.svg"
+    lines = "M0 30 V80 H120 V0 H0 V12 M0 30 A18 18 0 0 1 18 12"
+    table = "M60 40 h10 v6 h-10 z"
+    path.write_text(
+        f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="-9 -9 140 99"><path d="{lines} {table}"/></svg>'
+    )
+    floor = read_floor(path, 0.05)
+    assert [island.use for island in floor.islands] == ["obstacle"]
+    assert floor.free.sum() * floor.cell_m**2 == pytest.approx(6.0 * 4.0, rel=0.07)
+    names = {note.text for note in wall_notes(floor)}
+    long = {wall.name for wall in floor.walls if wall.length_m > 0.3}
+    assert long == names and len(floor.walls) > len(names) + 10
 
 
 @pytest.mark.parametrize("text", ["walls:x", "drop", "ignore:1-"])

@@ -346,6 +346,10 @@ def test_labels_do_not_lie_over_each_other(tmp_path):
     assert ">7, 9<" in drawn
     assert ">11<" in drawn
     assert ">9<" not in drawn
+    outside = replace(mounted.find("lm8:7"), T_map_landmark=wall_pose([9.0, 1.0, 1.0], 0.0))
+    wider = draw_plan(LandmarkMap([outside]), [], kind="svg", underlay=floor_underlay(floor)).decode()
+    width, (at,) = (re.findall(p, wider) for p in (r'<svg[^>]* width="(\d+)"', r'<text x="([\d.]+)"[^>]*>7<'))
+    assert float(at) < float(width[0]) - 60, "what lies outside of the floor enlarges the plan"
     tag = replace(on_wall(wall, 2.0, 7), id=LandmarkId("tag36h11", 7))
     mixed = draw_plan(LandmarkMap([on_wall(wall, 1.0, 7), tag]), [], kind="svg").decode()
     assert ">lm8:7<" in mixed
