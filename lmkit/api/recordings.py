@@ -40,6 +40,7 @@ def survey(
     known: LandmarkMap | PathLike | None = None,
     known_sigma: tuple[float, float] | None = None,
     constraints: Sequence[LandmarkConstraint] = (),
+    keep_doubtful: bool = False,
 ) -> Survey:
     """Build the landmark map from a recording.
 
@@ -50,6 +51,7 @@ def survey(
         known: landmarks with known poses, such as one anchor; it defines the map frame.
         known_sigma: standard deviation of their positions (m) and rotations (rad); None: as the map states.
         constraints: walls and heights that landmarks share.
+        keep_doubtful: keep landmarks in the map that too few frames support; else they are named, and left out.
 
     Returns:
         The map with covariances, the poses, and ``warnings`` in words.
@@ -86,7 +88,7 @@ def survey(
     require_constraints(constraints)
     cause = None if known is None else find_cause(frames, cameras, as_map(known))
     try:
-        result = survey_frames(frames, cameras, sizes, anchors, motion, constraints)
+        result = survey_frames(frames, cameras, sizes, anchors, motion, constraints, keep_doubtful)
     except InputError as error:
         if cause is None or error.code != "nothing_located":
             raise
@@ -111,6 +113,7 @@ def survey_recordings(
     known: LandmarkMap | PathLike | None = None,
     known_sigma: tuple[float, float] | None = None,
     constraints: Sequence[LandmarkConstraint] = (),
+    keep_doubtful: bool = False,
 ) -> JointSurvey:
     """Build one landmark map from several recordings of one place.
 
@@ -120,7 +123,7 @@ def survey_recordings(
     Args:
         recordings: by name, from the earliest to the latest.
         rig: the calibrated rig, or its file; or a rig for each name.
-        size, known, known_sigma, constraints: as of :func:`survey`.
+        size, known, known_sigma, constraints, keep_doubtful: as of :func:`survey`.
 
     Returns:
         The map with covariances, the survey of each recording, ``left_out``, ``moved``, and ``warnings`` in words.
@@ -158,7 +161,7 @@ def survey_recordings(
     ]
     sizes = landmark_sizes(frames, size_m, anchors)
     require_constraints(constraints)
-    result = survey_together(named, sizes, anchors, constraints)
+    result = survey_together(named, sizes, anchors, constraints, keep_doubtful=keep_doubtful)
     return replace(result, landmarks=_with_history(result.landmarks, known), warnings=joint_warnings(result))
 
 

@@ -1,4 +1,4 @@
-"""Family and size of markers in maps of other programs, for every command with --map."""
+"""Options about maps: family and size of markers in those of other programs, and maps that are known beforehand."""
 
 from __future__ import annotations
 
@@ -17,6 +17,16 @@ MarkerFamily = Annotated[
 MarkerSize = Annotated[
     str | None,
     typer.Option("--size", help="Size of the map's markers, such as 152.4mm, if the map file does not give one."),
+]
+KnownMap = Annotated[Path | None, typer.Option("--known", help="Map of landmarks with known poses (at least one).")]
+KnownSigma = Annotated[
+    str | None,
+    typer.Option(
+        "--known-sigma", help="Standard deviation of known poses, such as 50mm,3deg. Default: as in the file."
+    ),
+]
+KeepDoubtful = Annotated[
+    bool, typer.Option("--keep-doubtful", help="Keep landmarks that one frame alone shows, and other rare readings.")
 ]
 
 

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from lmkit.cli import options
+from lmkit.cli import map_options, options
 from lmkit.cli.map_options import read_mounted_map
 from lmkit.cli.output import check_outputs, image_kind, print_json, print_line, require_no, warn_all, write_outputs
 from lmkit.errors import InputError
@@ -23,15 +23,9 @@ def run(
     detections: options.DetectionsFile = None,
     readings: options.ReadingsFile = None,
     size: options.Size = "180mm",
-    known: Annotated[
-        Path | None, typer.Option("--known", help="Map of landmarks with known poses (at least one).")
-    ] = None,
-    known_sigma: Annotated[
-        str | None,
-        typer.Option(
-            "--known-sigma", help="Standard deviation of known poses, such as 50mm,3deg. Default: as in the file."
-        ),
-    ] = None,
+    known: map_options.KnownMap = None,
+    known_sigma: map_options.KnownSigma = None,
+    keep_doubtful: map_options.KeepDoubtful = False,
     wall: Annotated[
         list[str] | None, typer.Option("--wall", help="Codes on one flat wall, such as 12,44,137; repeatable.")
     ] = None,
@@ -66,7 +60,7 @@ def run(
         for_images = {
             "--rig": rig, "--known": known, "--known-sigma": known_sigma, "--wall": wall or None,
             "--same-height": same_height or None, "--wall-sigma": wall_sigma, "--plan": plan, "--report": report,
-            "--rerun": rerun, "--save-detections": save_detections,
+            "--rerun": rerun, "--save-detections": save_detections, "--keep-doubtful": keep_doubtful or None,
         }  # fmt: skip
         require_no("--readings", for_images)
         source.check()
@@ -110,14 +104,18 @@ def run(
         require_no("several recordings", refused)
         outputs = {"map": output, "tum": tum}
         survey_several(
-            source.images, cameras, size_m, anchors, sigma, constraints, families, hz, outputs, force, as_json
-        )
+            source.images, cameras, size_m, anchors, sigma, constraints, keep_doubtful, families, hz, outputs,
+            force, as_json,
+        )  # fmt: skip
         return
     recording = source.read(cameras, families)
     names = [camera.name for camera in mounted_cameras(cameras)]
     # Written first: detection takes longest, and the survey itself may fail.
     write_outputs({save_detections: detections_to_csv(recording.frames, names)}, force)
-    result = survey(recording, cameras, size=size_m, known=anchors, known_sigma=sigma, constraints=constraints)
+    result = survey(
+        recording, cameras, size=size_m, known=anchors, known_sigma=sigma, constraints=constraints,
+        keep_doubtful=keep_doubtful,
+    )  # fmt: skip
     warn_all(result.warnings, rig_warnings(cameras, "the rig"))
     poses = base_poses(result.bundle, cameras)
     write_outputs({output: map_to_yaml(result.landmarks), tum: poses_to_tum(poses)}, force)

@@ -42,6 +42,7 @@ def survey_several(
     known: LandmarkMap | None,
     known_sigma: tuple[float, float] | None,
     constraints: Sequence[LandmarkConstraint],
+    keep_doubtful: bool,
     families: Sequence[str],
     hz: float | None,
     outputs: Mapping[str, Path | None],
@@ -67,7 +68,13 @@ def survey_several(
     read = progress(zip(names, folders, strict=True), len(names), "reading recordings")
     recordings = {name: read_recording_folder(Path(folder), rig, families, hz) for name, folder in read}
     result = survey_recordings(
-        recordings, rig, size=size_m, known=known, known_sigma=known_sigma, constraints=constraints
+        recordings,
+        rig,
+        size=size_m,
+        known=known,
+        known_sigma=known_sigma,
+        constraints=constraints,
+        keep_doubtful=keep_doubtful,
     )
     for text in result.warnings:
         warn(text)

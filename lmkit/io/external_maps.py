@@ -16,6 +16,7 @@ from typing import Any
 
 import numpy as np
 
+from lmkit.arrays import FloatArray
 from lmkit.errors import InputError, InputWarning
 from lmkit.geometry.pose import Pose
 from lmkit.io.document_head import head_of
@@ -34,6 +35,7 @@ from lmkit.io.marker_maps import (
 from lmkit.model.families import ALL_FAMILIES
 from lmkit.model.landmark_id import LandmarkId
 from lmkit.model.landmark_map import LandmarkMap, MappedLandmark
+from lmkit.model.landmark_overlap import overlaps
 from lmkit.model.square_marker import SQUARE_FAMILIES
 
 FIELD_TAG_M = 0.1651  # of every tag on a field, as its rules have it; the layout does not say
@@ -57,7 +59,7 @@ def read_any_map(path: Path, defaults: MarkerDefaults | None = None) -> Landmark
     head = head_of(text)
     if head.format.startswith("lmkit-"):
         defaults.require_none(path)
-        return read_map(path)
+        return _doubted(path, read_map(path))
     if "bodies" in head.keys:
         return _from_tagslam(path, text, defaults)
     if "fiducials" in head.keys:
@@ -73,7 +75,7 @@ def read_any_map(path: Path, defaults: MarkerDefaults | None = None) -> Landmark
         return _from_wpilib(path, text, defaults)
     if not head.format:
         raise _unknown(path, head.keys)
-    return read_map(path)
+    return _doubted(path, read_map(path))
 
 
 def _unknown(path: Path, keys: frozenset[str]) -> InputError:
@@ -111,7 +113,9 @@ def map_to_tagslam(landmarks: LandmarkMap) -> str:
             "rotation": dict(zip("xyz", T.rvec.tolist(), strict=True)),
         }
         if m.covariance is not None:
-            sigma = np.sqrt(np.diag(m.covariance)).tolist()
+            # GTSAM, and with it TagSLAM, counts the noise of a pose along the axes of what it places.
+            turn = np.kron(np.eye(2), T.R)
+            sigma = np.sqrt(np.diag(turn.T @ m.covariance @ turn)).tolist()
             pose["position_noise"] = dict(zip("xyz", sigma[:3], strict=True))
             pose["rotation_noise"] = dict(zip("xyz", sigma[3:], strict=True))
         tags.append({"id": m.code, "size": m.size_m, "pose": pose})
@@ -160,7 +164,8 @@ def _from_tagslam(path: Path, text: str, defaults: MarkerDefaults) -> LandmarkMa
                     T = _tagslam_pose("landmark", tag["pose"])
                     if T_map_body is not None:
                         T = Pose("map", "landmark", T_map_body.R @ T.R, T_map_body.R @ T.t + T_map_body.t)
-                    mapped.append(MappedLandmark(LandmarkId(family, int(tag["id"])), size_m, T))
+                    C = _tagslam_covariance(tag["pose"], T)
+                    mapped.append(MappedLandmark(LandmarkId(family, int(tag["id"])), size_m, T, C))
     except (ValueError, KeyError, TypeError, AttributeError, OverflowError) as error:
         raise InputError(
             "bad_tagslam", f"{path}: not a TagSLAM file with tags ({error})", "give tags with id, size and pose"
@@ -173,8 +178,24 @@ def _tagslam_pose(frame: str, values: dict[str, dict[str, float]]) -> Pose:
     return Pose.from_rvec("map", frame, turn, place)
 
 
+def _tagslam_covariance(values: dict[str, dict[str, float]], T_map_tag: Pose) -> FloatArray | None:
+    """(6,6) in the map frame from standard deviations (m, rad) along the tag's axes; None where there are none.
+
+    Raises:
+        ValueError: one of the two noises is missing, negative or not finite.
+    """
+    names = ("position_noise", "rotation_noise")
+    if not any(name in values for name in names):
+        return None
+    sigma = np.array([float(values[name][k]) for name in names for k in "xyz"])
+    if not (np.isfinite(sigma).all() and (sigma >= 0).all()):
+        raise ValueError(f"noise of {sigma.tolist()} is negative or not finite")
+    turn = np.kron(np.eye(2), T_map_tag.R)
+    return np.asarray(turn @ np.diag(sigma**2) @ turn.T)
+
+
 def _require_meters(path: Path, mapped: list[MappedLandmark]) -> None:
-    """Refuse sizes that no tag has; warn of places that no building has.
+    """Refuse sizes that no tag has.
 
     Raises:
         InputError: names the tag.
@@ -187,13 +208,28 @@ def _require_meters(path: Path, mapped: list[MappedLandmark]) -> None:
                 f"{path}: {size}, which no tag is",
                 "check the unit of its size: meters, or millimeters in .fmap",
             )
+
+
+def _doubted(path: Path, landmarks: LandmarkMap) -> LandmarkMap:
+    """The map, with a warning of places that no building has, and of landmarks that cannot both be there."""
+    mapped = list(landmarks)
+    if not mapped:
+        return landmarks
     places = np.array([marker.T_map_landmark.t for marker in mapped])
     height, width = float(np.abs(places[:, 2]).max()), float(np.ptp(places, axis=0).max())
     if height > HIGHEST_M or width > WIDEST_M:
         sentence = (
-            f"{path}: tags up to {height:.4g} m high and {width:.4g} m apart: are its lengths inches or millimeters?"
+            f"{path}: landmarks up to {height:.4g} m high and {width:.4g} m apart: are its lengths inches or "
+            "millimeters? Give meters"
         )
         warnings.warn(InputWarning(sentence), stacklevel=4)
+    for a, b, apart in overlaps(mapped):
+        sentence = (
+            f"{path}: {a.id} and {b.id} overlap, {1000 * apart:.0f} mm from center to center: correct the place or "
+            "the code of one of them"
+        )
+        warnings.warn(InputWarning(sentence), stacklevel=4)
+    return landmarks
 
 
 def _map(path: Path, mapped: list[MappedLandmark]) -> LandmarkMap:
@@ -209,6 +245,6 @@ def _map(path: Path, mapped: list[MappedLandmark]) -> LandmarkMap:
                 "check the family (--family)",
             )
     try:
-        return LandmarkMap(mapped)
+        return _doubted(path, LandmarkMap(mapped))
     except InputError as error:
         raise InputError(error.code, f"{path}: {error.message}", error.hint) from None

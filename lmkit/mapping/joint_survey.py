@@ -2,77 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
-import numpy as np
-
 from lmkit.arrays import FloatArray
-from lmkit.geometry.rotations import rotation_log
-from lmkit.mapping.survey_results import Survey, landmark_dict
+from lmkit.mapping.landmark_support import KeptOut
+from lmkit.mapping.moved_landmark import MovedLandmark
+from lmkit.mapping.survey_results import Survey, disputed_text, landmark_dict
 from lmkit.mapping.wall_constraints import LandmarkConstraint
 from lmkit.model.landmark_id import LandmarkId
 from lmkit.model.landmark_information import LandmarkInformation
-from lmkit.model.landmark_map import CALENDAR_S, LandmarkMap, MappedLandmark, day_of
+from lmkit.model.landmark_map import LandmarkMap
 from lmkit.units import counted
 
 OF_RECORDING = ("frames", "located", "dropped", "reprojection_error_px", "jumps", "odometry")
-
-
-@dataclass(frozen=True, eq=False)
-class MovedLandmark:
-    """A landmark that was moved between recordings.
-
-    Attributes:
-        before, after: as it was mounted; `valid_to_s` and `valid_from_s` where the recordings' clocks tell.
-        seen_before, seen_after: names of recordings.
-    """
-
-    before: MappedLandmark
-    after: MappedLandmark
-    seen_before: tuple[str, ...]
-    seen_after: tuple[str, ...]
-
-    @property
-    def meters(self) -> float:
-        """How far its middle was moved."""
-        return float(np.linalg.norm(self.after.T_map_landmark.t - self.before.T_map_landmark.t))
-
-    @property
-    def radians(self) -> float:
-        """How far it was turned."""
-        return float(np.linalg.norm(rotation_log(self.after.T_map_landmark.R @ self.before.T_map_landmark.R.T)))
-
-    def __str__(self) -> str:
-        text = (
-            f"{self.before.id} was moved by {self.meters:.2f} m and {np.rad2deg(self.radians):.0f} deg between "
-            f"{_some(self.seen_before)} and {_some(self.seen_after)}"
-        )
-        last, first = self.before.valid_to_s, self.after.valid_from_s
-        if last is None:
-            text += "; their clocks overlap, so that the map has its pose in the recording given last"
-        elif first is not None and last > CALENDAR_S:
-            text += f" (last seen there {day_of(last)}, seen elsewhere from {day_of(first)})"
-        return text
-
-    def to_dict(self) -> dict[str, Any]:
-        """JSON of a moved landmark in ``lmkit survey`` and ``lmkit fleet survey``."""
-        return {
-            "id": str(self.before.id),
-            "metres": self.meters,
-            "radians": self.radians,
-            "before": list(self.seen_before),
-            "after": list(self.seen_after),
-            "valid_to_s": self.before.valid_to_s,
-            "valid_from_s": self.after.valid_from_s,
-            "sentence": str(self),
-        }
-
-
-def _some(names: Sequence[str]) -> str:
-    """Names in a sentence; of many, the first and the last."""
-    return ", ".join(names) if len(names) <= 4 else f"{names[0]} ... {names[-1]} ({len(names)} recordings)"
 
 
 @dataclass(frozen=True, eq=False)
@@ -88,6 +32,7 @@ class JointSurvey:
         information: what each recording that fits tells of its landmarks.
         poorly_determined, unplaced, ambiguous, off_constraint: as of a `Survey`, by all recordings.
         warnings: what a user should check, in words.
+        kept_out: codes that were read, and are not believed to be landmarks, by all recordings.
     """
 
     landmarks: LandmarkMap
@@ -102,6 +47,7 @@ class JointSurvey:
     ambiguous: tuple[LandmarkId, ...] = ()
     off_constraint: tuple[tuple[LandmarkId, LandmarkConstraint, float], ...] = ()
     warnings: tuple[str, ...] = ()
+    kept_out: tuple[KeptOut, ...] = ()
 
     def __repr__(self) -> str:
         return (
@@ -123,12 +69,19 @@ class JointSurvey:
             "unplaced": [str(id_) for id_ in self.unplaced],
             "ambiguous": [str(id_) for id_ in self.ambiguous],
             "warnings": list(self.warnings),
+            "kept_out": [one.to_dict() for one in self.kept_out],
         }
 
 
 def joint_warnings(result: JointSurvey) -> tuple[str, ...]:
     """Warnings about what a user should check, one sentence each."""
     texts = [str(moved) for moved in result.moved]
+    texts += [str(one) for one in result.kept_out]
+    texts += [
+        f"recording '{name}': {disputed_text(survey.disputed)}"
+        for name, survey in zip(result.names, result.surveys, strict=True)
+        if survey.disputed
+    ]
     texts += [f"recording '{name}' is left out: {reason}" for name, reason in result.left_out.items()]
     texts += [
         f"recording '{name}': {contradicted}"

@@ -10,7 +10,7 @@ import numpy as np
 from lmkit.arrays import FloatArray, IntArray
 from lmkit.geometry.rig import AnyRig
 from lmkit.mapping.map_joining import LoneMap, Placement, place_map
-from lmkit.mapping.survey import SolvedRecording
+from lmkit.mapping.solved_recording import SolvedRecording
 from lmkit.mapping.survey_results import Survey
 from lmkit.model.landmark_id import LandmarkId
 
@@ -28,6 +28,8 @@ class LoneSurvey:
         solved: its bundle adjustment.
         survey: the results of that.
         anchored: it saw landmarks that were known beforehand, so that it lies in the map's frame already.
+        released: known landmarks that it saw elsewhere.
+        disputed: known landmarks that contradict each other in it, as of a `KnownSurvey`.
     """
 
     name: str
@@ -35,6 +37,8 @@ class LoneSurvey:
     solved: SolvedRecording
     survey: Survey
     anchored: bool
+    released: frozenset[LandmarkId] = frozenset()
+    disputed: tuple[LandmarkId, ...] = ()
 
     def lone_map(self) -> tuple[LoneMap, IntArray]:
         """Its landmarks that are believed, and their rows in the bundle adjustment."""

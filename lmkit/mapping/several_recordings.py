@@ -26,17 +26,19 @@ from lmkit.geometry.rig import AnyRig
 from lmkit.geometry.rotations import orthonormal, rotation_log
 from lmkit.mapping.bundle_adjustment import Anchor, BundleProblem
 from lmkit.mapping.joint_adjustment import JointProblem, recording_information
-from lmkit.mapping.joint_survey import JointSurvey, MovedLandmark
-from lmkit.mapping.moved_landmarks import anchor_chi2, moved_threshold, split_tests, still
+from lmkit.mapping.joint_survey import JointSurvey
+from lmkit.mapping.known_landmarks import KnownView, find_moved, moved_threshold, stands, still
+from lmkit.mapping.landmark_support import KeptOut, doubtful_landmarks
+from lmkit.mapping.moved_landmark import MovedLandmark
+from lmkit.mapping.moved_landmarks import split_tests
 from lmkit.mapping.observation_noise import noise_factor
 from lmkit.mapping.recording_group import LoneSurvey, RecordingGroup, Version, join_recordings
 from lmkit.mapping.survey import (
     OUTLIER_SIGMA,
-    POOR_M,
     STEPS,
     landmarks_off_constraint,
     poorly_determined_landmarks,
-    solve_recording,
+    solve_known_recording,
     survey_of,
 )
 from lmkit.mapping.wall_constraints import LandmarkConstraint
@@ -49,7 +51,6 @@ from lmkit.parallel import map_sharing
 
 ROUNDS = 4  # of leaving out observations that do not fit
 MOST_MERGES = 2  # times that a recording's view of a landmark is merged again; then it stays
-KNOWN_MAP = "the known map"
 NAMED = 4  # landmarks in an error message
 CHANGES = 12  # rounds of splitting and merging landmarks, one at a time
 
@@ -86,6 +87,7 @@ def survey_recordings(
     anchors: Mapping[LandmarkId, Anchor],
     constraints: Sequence[LandmarkConstraint] = (),
     in_processes: bool = False,
+    keep_doubtful: bool = False,
 ) -> JointSurvey:
     """Survey several recordings of one place into one map.
 
@@ -93,6 +95,7 @@ def survey_recordings(
         recordings: in any order; where their clocks overlap, from the earliest to the latest.
         sizes_m, anchors, constraints: as of `survey_frames`.
         in_processes: survey single recordings in worker processes.
+        keep_doubtful: as of `survey_frames`, by all recordings together.
 
     Raises:
         InputError: no recording can be surveyed.
@@ -101,7 +104,7 @@ def survey_recordings(
     alone = map_sharing(_survey_alone, known, recordings)
     answers = list(alone if in_processes else (_survey_alone(known, recording) for recording in recordings))
     named = {r.name: answer for r, answer in zip(recordings, answers, strict=True)}
-    return join_surveys(named, anchors, constraints)
+    return join_surveys(named, anchors, constraints, keep_doubtful)
 
 
 def _survey_alone(known: _Beforehand, recording: NamedRecording) -> LoneSurvey | str:
@@ -122,23 +125,25 @@ def survey_alone(
     seen = {o.id for frame in recording.frames for o in frame.detections}
     mine = {id_: anchor for id_, anchor in anchors.items() if id_ in seen}
     try:
-        solved = solve_recording(recording.frames, recording.rig, sizes_m, mine, recording.motion, constraints)
+        known = solve_known_recording(recording.frames, recording.rig, sizes_m, mine, recording.motion, constraints)
     except InputError as error:
         return str(error)
-    solved.problem.forget_frames()
-    return LoneSurvey(recording.name, recording.rig, solved, survey_of(solved, mine, constraints), bool(mine))
+    known.solved.problem.forget_frames()
+    survey = replace(survey_of(known.solved, known.anchors, constraints), disputed=known.disputed)
+    return LoneSurvey(recording.name, recording.rig, known.solved, survey, bool(mine), known.released)
 
 
 def join_surveys(
     answers: Mapping[str, LoneSurvey | str],
     anchors: Mapping[LandmarkId, Anchor],
     constraints: Sequence[LandmarkConstraint] = (),
+    keep_doubtful: bool = False,
 ) -> JointSurvey:
     """One map from recordings that were surveyed alone.
 
     Args:
         answers: of `survey_alone`, by the recording's name, in the order of the recordings.
-        anchors, constraints: as of `survey_frames`.
+        anchors, constraints, keep_doubtful: as of `survey_frames`.
 
     Raises:
         InputError: no recording could be surveyed, or none saw a known landmark.
@@ -163,7 +168,7 @@ def join_surveys(
         joint.solve()
         contradicted = joint.contradicted_recordings()
         if not contradicted:
-            return joint.results(left_out)
+            return joint.results(left_out, keep_doubtful)
         joint.give_back()
         left_out |= contradicted
         lone = [one for one in group.lone if one.name not in contradicted]
@@ -185,7 +190,9 @@ class _Joint:
         self.anchors = dict(known) or dict(self.problems[0].anchors)
         self.threshold = moved_threshold(sum(len(problem.mapped) for problem in self.problems))
         self.noise = 1.0
-        self.released: set[LandmarkId] = set()  # known landmarks that were moved since
+        self.released = self._released_by_all()  # known landmarks that were moved since
+        self.held: set[LandmarkId] = set()  # are not released again
+        self.anchors = {id_: anchor for id_, anchor in self.anchors.items() if id_ not in self.released}
         self.merged_back: Counter[tuple[int, int]] = Counter()
         self.own_knowledge = [(problem.anchors, problem.constraints) for problem in self.problems]
         for problem in self.problems:
@@ -201,7 +208,7 @@ class _Joint:
         self._choose_starts()
         self._adjust()
         for _ in range(CHANGES):
-            if not (self._release() or self._split() | self._merge()):
+            if not (self._release() or self._split() | self._merge() or self._take_back()):
                 break
             self._adjust()
 
@@ -310,22 +317,42 @@ class _Joint:
 
     def _release(self) -> bool:
         """The known landmark that stands farthest elsewhere, if by more than chance: it was moved since."""
-        now = {v.id: k for k, v in enumerate(self.group.versions) if self.knowledge.landmark_ids[k] == v.id}
-        tested = [id_ for id_, anchor in self.anchors.items() if id_ in now and _is_surveyed(anchor)]
-        if not self.known or len(set(self.anchors) & set(now)) < 2 or not tested:
+        if not self.known:
+            return False
+        views = {
+            v.id: KnownView(k, v.members)
+            for k, v in enumerate(self.group.versions)
+            if self.knowledge.landmark_ids[k] == v.id and v.id in self.anchors and v.id not in self.held
+        }
+        test = find_moved(self.joint, self.problems, views, self.anchors, noise_factor(self.problems))
+        if test is None or test.disputed:
+            return False
+        self.anchors = {id_: anchor for id_, anchor in self.anchors.items() if id_ != test.worst}
+        self.released.add(test.worst)
+        return True
+
+    def _released_by_all(self) -> set[LandmarkId]:
+        """Known landmarks that every recording which saw them has elsewhere."""
+        saw = [(one.released, set(one.solved.problem.landmark_ids)) for one in self.group.lone]
+        some = {id_ for released, _ in saw for id_ in released}
+        return {id_ for id_ in some if all(id_ in released for released, seen in saw if id_ in seen)}
+
+    def _take_back(self) -> bool:
+        """Known landmarks that were released while another one pulled them, and stand where they are known to be."""
+        if not self.released:
             return False
         C, noise = self.joint.covariance(), noise_factor(self.problems)
-        chi2 = {}
-        for id_ in tested:
-            number, rows = now[id_], unknowns_of([now[id_]], 6)
-            version = self.group.versions[number]
-            chi2[id_] = anchor_chi2(self.anchors[id_], version.R, version.p, C[np.ix_(rows, rows)], noise)
-        worst = max(tested, key=lambda id_: chi2[id_])
-        if chi2[worst] <= moved_threshold(len(tested)):
-            return False
-        self.anchors = {id_: anchor for id_, anchor in self.anchors.items() if id_ != worst}
-        self.released.add(worst)
-        return True
+        back = set()
+        for number, version in enumerate(self.group.versions):
+            rows = unknowns_of([number], 6)
+            if version.id in self.released and stands(
+                self.known[version.id], version.R, version.p, noise * C[np.ix_(rows, rows)], len(self.known)
+            ):
+                back.add(version.id)
+        self.released -= back
+        self.held |= back
+        self.anchors |= {id_: self.known[id_] for id_ in back}
+        return bool(back)
 
     def _split(self) -> bool:
         """The landmark that two poses explain best of all, if by more than chance (`moved_landmarks.py`).
@@ -379,7 +406,7 @@ class _Joint:
         both = C[np.ix_(ra, ra)] + C[np.ix_(rb, rb)] - C[np.ix_(ra, rb)] - C[np.ix_(rb, ra)]
         return float(d @ np.linalg.solve(self.noise * both + still(), d))
 
-    def results(self, left_out: Mapping[str, str]) -> JointSurvey:
+    def results(self, left_out: Mapping[str, str], keep_doubtful: bool = False) -> JointSurvey:
         """Map, recordings and what to check; covariances by what the observations err, which splitting knows."""
         noise = [noise_factor([problem]) for problem in self.problems]
         C, spreads = self._covariance(noise), self._spreads()
@@ -395,6 +422,11 @@ class _Joint:
             rows = unknowns_of([number], 6)
             C[np.ix_(rows, rows)] += spread
         current, moved, order = self._mapped(C)
+        kept_out = () if keep_doubtful else self._doubtful(current, order)
+        out = {one.id for one in kept_out}
+        order = [number for m, number in zip(current, order, strict=True) if m.id not in out]
+        current = [m for m in current if m.id not in out]
+        moved = [one for one in moved if one.after.id not in out]
         unseen = [
             replace(anchor.landmark, covariance=anchor.covariance)
             for id_, anchor in self.known.items()
@@ -412,10 +444,22 @@ class _Joint:
             tuple(moved),
             tuple(information),
             poorly_determined_landmarks(LandmarkMap(current)),
-            tuple(sorted({id_ for survey in surveys for id_ in survey.unplaced if id_ not in landmarks})),
+            tuple(sorted({id_ for survey in surveys for id_ in survey.unplaced if id_ not in landmarks} - out)),
             tuple(sorted({v.id for k, v in enumerate(self.group.versions) if k in spreads and k in order})),
             landmarks_off_constraint(self.constraints, LandmarkMap(current)),
+            kept_out=kept_out,
         )
+
+    def _doubtful(self, current: Sequence[MappedLandmark], order: Sequence[int]) -> tuple[KeptOut, ...]:
+        """Landmarks that too few frames of all recordings support."""
+        frames = {}
+        for m, number in zip(current, order, strict=True):
+            members = self.group.versions[number].members
+            pairs = [(self.problems[recording], row) for recording, row in members]
+            frames[m.id] = sum(
+                len(np.unique(problem.seen.at[(problem.seen.of == row) & problem.used])) for problem, row in pairs
+            )
+        return doubtful_landmarks(current, frames, {*self.known, *self.anchors})
 
     def _covariance(self, noise: Sequence[float]) -> FloatArray:
         """Joint covariance of all versions, with a factor of the variances of each recording's observations."""
@@ -450,10 +494,10 @@ class _Joint:
     def _moved_since(self, number: int, chain: list[MappedLandmark]) -> MovedLandmark:
         """From the known map to the first of a landmark's places, which gets its date."""
         version = self.group.versions[number]
-        anchor, since = self.known[version.id], self.span(version)[0]
-        chain[0] = replace(chain[0], valid_from_s=since)
-        before = replace(anchor.landmark, covariance=anchor.covariance, valid_from_s=None, valid_to_s=since)
-        return MovedLandmark(before, chain[0], (KNOWN_MAP,), self._names(number))
+        since_s = self.span(version)[0]
+        moved = MovedLandmark.since_known(self.known[version.id], chain[0], since_s, self._names(number))
+        chain[0] = moved.after
+        return moved
 
     def _supported(self, version: Version) -> bool:
         """Does any observation have it there, or is it known beforehand?"""
@@ -479,11 +523,6 @@ class _Joint:
             if mine and len(known) == len(mine):
                 spreads[number] = min(known, key=np.trace)
         return spreads
-
-
-def _is_surveyed(anchor: Anchor) -> bool:
-    """A place that a survey knows: by hand it may be measured worse than it is stated, and nobody moved it."""
-    return anchor.covariance is not None and bool(np.trace(anchor.covariance[:3, :3]) < POOR_M**2)
 
 
 def _elsewhere(C: FloatArray, rows: IntArray, own: FloatArray) -> FloatArray:

@@ -4,14 +4,15 @@
 2. Bundle adjustment (`bundle_adjustment.py`): outliers are left out, and odometry is weighted by how well it agrees
    with the observations; frames and landmarks left over are tried once more with the resulting map.
 3. The second pose of every landmark is tried (`pose_ambiguity.py`).
-4. Warnings: landmarks that part of the recording contradicts, that have an ambiguous pose, that are off their
+4. A known landmark that was moved since is found where the recording has it (`known_survey.py`).
+5. Warnings: landmarks that part of the recording contradicts, that have an ambiguous pose, that are off their
    constraints (`wall_constraints.py`), or that are poorly determined.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import replace
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -24,9 +25,13 @@ from lmkit.mapping.bundle_adjustment import Anchor, BundleProblem
 from lmkit.mapping.bundle_results import Bundle
 from lmkit.mapping.carried_cameras import are_synchronous, split_by_exposure, synchronous
 from lmkit.mapping.initialization import Start, find_start
+from lmkit.mapping.known_survey import KnownSurvey, solve_by_known
+from lmkit.mapping.landmark_support import doubtful_landmarks
 from lmkit.mapping.motion_rows import NEVER, SLIP_SIGMA
+from lmkit.mapping.moved_landmark import THIS_RECORDING, MovedLandmark
 from lmkit.mapping.observation_noise import noise_factor
 from lmkit.mapping.pose_ambiguity import resolve_pose_ambiguities
+from lmkit.mapping.solved_recording import SolvedRecording
 from lmkit.mapping.survey_results import ContradictedLandmark, Survey, deviations
 from lmkit.mapping.wall_constraints import LandmarkConstraint, strays
 from lmkit.model.landmark_id import LandmarkId
@@ -49,6 +54,7 @@ def survey_frames(
     anchors: Mapping[LandmarkId, Anchor],
     motion: Motion | None = None,
     constraints: Sequence[LandmarkConstraint] = (),
+    keep_doubtful: bool = False,
 ) -> Survey:
     """Survey the landmarks and the poses of the rig.
 
@@ -60,31 +66,77 @@ def survey_frames(
             origin, and the floor is z = 0.
         motion: odometry; of wheels it needs the rig's T_base_left.
         constraints: walls and heights that landmarks share.
+        keep_doubtful: keep landmarks in the map that too few frames support (`landmark_support.py`).
 
     Raises:
         InputError: nothing to start from, or odometry without T_base_left or of another time.
     """
-    solved = solve_recording(frames, rig, sizes_m, anchors, motion, constraints)
-    return survey_of(solved, anchors, constraints)
+    known = solve_known_recording(frames, rig, sizes_m, anchors, motion, constraints)
+    result = survey_of(known.solved, known.anchors, constraints)
+    if not keep_doubtful:
+        result = _without_doubtful(result, {*known.solved.start.anchors, *anchors})
+    moved = moved_since_known(result, anchors, known.released)
+    current = {one.after.id: one.after for one in moved}
+    landmarks = LandmarkMap([*(current.get(m.id, m) for m in result.landmarks), *(one.before for one in moved)])
+    return replace(result, landmarks=landmarks, moved=moved, disputed=known.disputed)
 
 
-@dataclass(frozen=True, eq=False)
-class SolvedRecording:
-    """A recording after bundle adjustment.
+def solve_known_recording(
+    frames: Sequence[RigFrame],
+    rig: AnyRig,
+    sizes_m: Mapping[LandmarkId, float],
+    anchors: Mapping[LandmarkId, Anchor],
+    motion: Motion | None = None,
+    constraints: Sequence[LandmarkConstraint] = (),
+) -> KnownSurvey:
+    """`solve_recording` without known landmarks that were moved since; arguments and errors as of `survey_frames`."""
+    return solve_by_known(
+        lambda known: solve_recording(frames, rig, sizes_m, known, motion, constraints), dict(anchors)
+    )
 
-    Attributes:
-        start: frames and landmarks that take part.
-        problem: the observations, and the unknowns at their optimum.
-        undecided: by row, (6,6) to be added to the covariance of landmarks whose pose is ambiguous.
-        frames: how many were given.
-        odometry: names of the odometry's errors that are solved for.
+
+def _without_doubtful(result: Survey, known: Collection[LandmarkId]) -> Survey:
+    """The survey without landmarks that too few frames support."""
+    bundle = result.bundle
+    kept_out = doubtful_landmarks(bundle.landmarks, frames_that_fit(bundle), known)
+    out = {one.id for one in kept_out}
+    return replace(
+        result,
+        bundle=_only(bundle, {m.id for m in bundle.landmarks} - out),
+        landmarks=LandmarkMap(m for m in result.landmarks if m.id not in out),
+        contradicted=tuple(one for one in result.contradicted if one.id not in out),
+        poorly_determined=tuple(one for one in result.poorly_determined if one[0] not in out),
+        ambiguous=tuple(id_ for id_ in result.ambiguous if id_ not in out),
+        off_constraint=tuple(one for one in result.off_constraint if one[0] not in out),
+        kept_out=kept_out,
+    )
+
+
+def frames_that_fit(bundle: Bundle) -> dict[LandmarkId, int]:
+    """In how many frames an observation fits each landmark."""
+    fits = bundle.residuals < OUTLIER_SIGMA
+    pairs = np.unique(np.column_stack([bundle.of, bundle.frames])[fits], axis=0)
+    counts = np.bincount(pairs[:, 0], minlength=len(bundle.ids)).tolist()
+    return dict(zip(bundle.ids, counts, strict=True))
+
+
+def moved_since_known(
+    result: Survey, anchors: Mapping[LandmarkId, Anchor], released: Collection[LandmarkId]
+) -> tuple[MovedLandmark, ...]:
+    """From where known landmarks stood to where the recording has them.
+
+    Args:
+        anchors: as they were known.
+        released: ids of those that were moved.
     """
-
-    start: Start
-    problem: BundleProblem
-    undecided: Mapping[int, FloatArray]
-    frames: int
-    odometry: tuple[str, ...] = ()
+    moved, bundle = [], result.bundle
+    for id_ in sorted(released):
+        after = bundle.landmarks.find(id_)
+        if after is not None:
+            seen = (bundle.of == bundle.ids.index(id_)) & (bundle.residuals < OUTLIER_SIGMA)
+            since_s = float(bundle.times_s[bundle.frames[seen]].min())
+            moved.append(MovedLandmark.since_known(anchors[id_], after, since_s, (THIS_RECORDING,)))
+    return tuple(moved)
 
 
 def solve_recording(

@@ -15,7 +15,9 @@ from scipy.sparse.csgraph import connected_components
 from lmkit.geometry.pose import Pose
 from lmkit.geometry.rig import AnyRig
 from lmkit.mapping.bundle_results import Bundle
+from lmkit.mapping.landmark_support import KeptOut
 from lmkit.mapping.map_doubts import exactness_doubts, overlap_doubts
+from lmkit.mapping.moved_landmark import MovedLandmark
 from lmkit.mapping.wall_constraints import LandmarkConstraint
 from lmkit.model.landmark_id import LandmarkId, ids_text
 from lmkit.model.landmark_map import LandmarkMap, MappedLandmark
@@ -66,6 +68,9 @@ class Survey:
         frames: how many frames were given.
         odometry, odometry_sigmas: errors of the odometry and gyro that were solved for, by name, and their
             standard deviations.
+        moved: known landmarks that were moved since; `landmarks.past` has them as they were.
+        disputed: known landmarks that contradict each other, where too few are in view to tell which was moved.
+        kept_out: codes that were read, and are not believed to be landmarks.
     """
 
     bundle: Bundle
@@ -81,6 +86,9 @@ class Survey:
     frames: int = 0
     odometry: Mapping[str, float] = field(default_factory=dict)
     odometry_sigmas: Mapping[str, float] = field(default_factory=dict)
+    moved: tuple[MovedLandmark, ...] = ()
+    disputed: tuple[LandmarkId, ...] = ()
+    kept_out: tuple[KeptOut, ...] = ()
 
     def __repr__(self) -> str:
         return (
@@ -110,6 +118,9 @@ class Survey:
             ],
             "odometry": dict(self.odometry),
             "odometry_sigma": dict(self.odometry_sigmas),
+            "moved": [one.to_dict() for one in self.moved],
+            "disputed": [str(id_) for id_ in self.disputed],
+            "kept_out": [one.to_dict() for one in self.kept_out],
         }
 
 
@@ -186,12 +197,24 @@ def hinges_of(bundle: Bundle) -> list[Hinge]:
     return hinges
 
 
+def disputed_text(ids: Sequence[LandmarkId]) -> str:
+    """Known landmarks that contradict each other, as a sentence."""
+    return (
+        f"the known places of {ids_text(ids)} contradict what was seen, and too few others are in view to say which "
+        "of them were moved: drive past more known landmarks, or check that the map is of this place"
+    )
+
+
 def survey_warnings(
     result: Survey, motion: Motion | None, constraints: Sequence[LandmarkConstraint], advice: Mapping[LandmarkId, str]
 ) -> list[str]:
     """Warnings about what a user should check, one sentence each."""
     mapped_landmarks = result.bundle.landmarks
-    texts = exactness_doubts(mapped_landmarks, [c.id for c in result.contradicted])
+    texts = [str(moved) for moved in result.moved]
+    if result.disputed:
+        texts.append(disputed_text(result.disputed))
+    texts += [str(one) for one in result.kept_out]
+    texts += exactness_doubts(mapped_landmarks, [c.id for c in result.contradicted])
     texts += [str(contradicted) for contradicted in result.contradicted]
     texts += overlap_doubts(mapped_landmarks)
     doubt = None if motion is None else describe_odometry(motion, result.bundle.parameters)

@@ -24,6 +24,9 @@ LIKE, LAGGED, UNLIKE, OPPOSITE = 0.8, 0.87, 0.4, -0.6  # correlations
 OFF_SCALE = 2.0
 STILL = 1e-4  # odometry that moves by less than this share of the way stands still
 SLOWEST_STEP_S = 1.5  # between rows of a sensor whose stamps are seconds
+# Images of a moving robot follow each other within seconds; those that are further apart are in another unit.
+SELDOM_S, RARE_S, LEAST_SELDOM = 5.0, 30.0, 4
+LATEST_S = 1e11  # year 5138
 CLOCKS = {1e3: "milliseconds", 1e6: "microseconds", 1e9: "nanoseconds"}
 LONGEST_LAG_S, LAG_STEP_S, LEAST_LAG_S = 60.0, 0.1, 0.5
 UNITS = {1000.0: "millimeters", 100.0: "centimeters", 39.37: "inches", 3.281: "feet", 0.001: "kilometers"}
@@ -61,6 +64,30 @@ def require_plausible_odometry(odometry: Odometry | Trajectory) -> None:
         )
     if (rate := _usual_rate(times, turn)) > FASTEST_RADPS:
         raise _refused("implausible_odometry", f"odometry turns at {rate:.3g} rad/s: are its angles in degrees?")
+
+
+def require_seconds(times_s: FloatArray) -> None:
+    """Refuse times of images that are no seconds: since 1970 they are too many, or images are minutes apart.
+
+    Args:
+        times_s: (N,) in any order.
+
+    Raises:
+        InputError: ``implausible_times``, with the unit that is likely meant.
+    """
+    apart = np.diff(np.unique(times_s))
+    if len(apart) == 0:
+        return
+    usual = float(np.median(apart))
+    late = float(np.abs(times_s).max()) > LATEST_S
+    unit = next((name for factor, name in CLOCKS.items() if usual / factor < SELDOM_S), "")
+    if late or (len(apart) >= LEAST_SELDOM and usual > RARE_S and unit):
+        raise _refused(
+            "implausible_times",
+            f"the images are usually {usual:.4g} s apart, from {times_s.min():.10g} to {times_s.max():.10g} s: "
+            f"are their times in {unit or 'milliseconds'}?",
+            "give time_s in seconds",
+        )
 
 
 def require_plausible_gyro(gyro: Gyro, odometry: Odometry) -> None:

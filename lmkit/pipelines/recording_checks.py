@@ -23,6 +23,7 @@ from lmkit.odometry.plausibility import (
     require_one_clock,
     require_plausible_gyro,
     require_plausible_odometry,
+    require_seconds,
 )
 
 MOST_LOCATED = 80
@@ -44,6 +45,7 @@ def require_plausible_recording(
     Raises:
         InputError: says the unit, the sign, the order or the clock that is likely wrong.
     """
+    require_seconds(recording.times_s)
     require_clockwise(o for frame in recording.frames for o in frame.detections)
     _require_plausible_readings(recording)
     if rig is not None:

@@ -6,13 +6,15 @@ import json
 import warnings
 from dataclasses import replace
 
+import numpy as np
 import pytest
 import yaml
 from command_line import run_command
 
 import lmkit
 from lmkit.errors import InputError, InputWarning
-from lmkit.io.external_maps import map_to_wpilib, read_any_map
+from lmkit.geometry.pose import Pose
+from lmkit.io.external_maps import map_to_tagslam, map_to_wpilib, read_any_map
 from lmkit.io.landmark_map import map_to_yaml
 from lmkit.io.marker_maps import MarkerDefaults
 from lmkit.model.landmark_id import LandmarkId
@@ -125,3 +127,44 @@ def test_files_that_name_no_family_take_one_and_say_so(tmp_path, monkeypatch, ki
     answer = run_command("convert", "two.yaml", "--to", kind, "-o", "two.out")
     assert answer.code == 2 and "lm8, tag36h11" in answer.err
     assert not (tmp_path / "two.out").exists()
+
+
+NOISE = {"position_noise": {"x": 0.01, "y": 0.02, "z": 0.03}, "rotation_noise": {"x": 0.1, "y": 0.2, "z": 0.3}}
+
+
+def tagslam_tag(**pose):
+    place = {"position": {"x": 1.0, "y": 0.0, "z": 1.0}, "rotation": {"x": 0.0, "y": 0.0, "z": np.pi / 2}}
+    tag = {"id": 3, "size": 0.16, "pose": place | pose}
+    return {"bodies": [{"wall": {"is_static": True, "type": "simple", "tags": [tag]}}]}
+
+
+def test_noise_of_a_tagslam_tag_lies_along_its_own_axes(tmp_path):
+    [tag] = read_any_map(file(tmp_path, tagslam_tag(**NOISE)), MarkerDefaults("tag36h11"))
+    assert np.sqrt(np.diag(tag.covariance)) == pytest.approx([0.02, 0.01, 0.03, 0.2, 0.1, 0.3])
+    (tmp_path / "again.yaml").write_text(map_to_tagslam(LandmarkMap([tag])))
+    [again] = read_any_map(tmp_path / "again.yaml", MarkerDefaults("tag36h11"))
+    assert again.covariance == pytest.approx(tag.covariance, abs=1e-12)
+
+
+@pytest.mark.parametrize(
+    "noise", [{"position_noise": NOISE["position_noise"]}, NOISE | {"rotation_noise": {"x": -1, "y": 0, "z": 0}}]
+)
+def test_noise_of_a_tagslam_tag_that_is_incomplete_or_negative_is_refused(tmp_path, noise):
+    with pytest.raises(InputError, match="noise"):
+        read_any_map(file(tmp_path, tagslam_tag(**noise)), MarkerDefaults("tag36h11"))
+
+
+def test_a_map_in_millimeters_is_named_whichever_command_reads_it(tmp_path):
+    far = LandmarkMap(
+        replace(m, T_map_landmark=Pose("map", "landmark", m.T_map_landmark.R, 1000 * m.T_map_landmark.t))
+        for m in LANDMARKS
+    )
+    with pytest.warns(InputWarning, match="inches or millimeters"):
+        read_any_map(file(tmp_path, yaml.safe_load(map_to_yaml(far))))
+
+
+def test_two_landmarks_in_one_place_are_named(tmp_path):
+    first, second, *rest = LANDMARKS
+    doubled = LandmarkMap([first, replace(second, T_map_landmark=first.T_map_landmark), *rest])
+    with pytest.warns(InputWarning, match="overlap, 0 mm"):
+        read_any_map(file(tmp_path, yaml.safe_load(map_to_yaml(doubled))))

@@ -9,6 +9,7 @@ from lmkit.api.recordings import survey, track
 from lmkit.errors import InputError
 from lmkit.io.readings import read_readings
 from lmkit.model.recording import Gyro, Odometry, Recording
+from lmkit.odometry.plausibility import require_seconds
 from lmkit.simulation.recording import make_drive
 
 
@@ -93,3 +94,19 @@ def test_readings_in_other_units_are_refused(tmp_path, row, word):
     path.write_text("time_s,code,range_m,bearing_rad\n" + row + "\n")
     with pytest.raises(InputError, match=word):
         read_readings(path, ["lm8"])
+
+
+@pytest.mark.parametrize(("factor", "unit"), [(1e3, "milliseconds"), (1e6, "microseconds")])
+def test_times_of_images_in_other_units_are_refused(factor, unit):
+    with pytest.raises(InputError, match=f"are their times in {unit}"):
+        require_seconds(np.arange(20) / 5 * factor)
+
+
+@pytest.mark.parametrize("times_s", [np.arange(20) / 5, np.arange(3) * 600.0, 1.7e9 + np.arange(20) / 5, np.zeros(0)])
+def test_seconds_pass_and_so_do_a_few_still_images(times_s):
+    require_seconds(times_s)
+
+
+def test_times_far_beyond_the_calendar_are_no_seconds():
+    with pytest.raises(InputError, match="milliseconds"):
+        require_seconds(1.7e12 + 200.0 * np.arange(3))

@@ -1,0 +1,89 @@
+"""A recording surveyed by a known map of which landmarks may have been moved since."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from lmkit.mapping.bundle_adjustment import Anchor
+from lmkit.mapping.joint_adjustment import JointProblem
+from lmkit.mapping.known_landmarks import KnownTest, KnownView, find_moved, stands
+from lmkit.mapping.observation_noise import noise_factor
+from lmkit.mapping.solved_recording import SolvedRecording
+from lmkit.model.landmark_id import LandmarkId
+
+MOST_RELEASED = 12  # landmarks, one at a time
+HARDLY_KNOWN = np.diag([1.0] * 3 + [0.25] * 3)  # m^2, rad^2
+
+
+@dataclass(frozen=True, eq=False)
+class KnownSurvey:
+    """A recording solved by those known landmarks that stand where they are known to be.
+
+    Attributes:
+        solved: the recording.
+        anchors: what was known beforehand and holds.
+        released: known landmarks that were moved since.
+        disputed: known landmarks that contradict each other, where too few are in view to tell which was moved.
+    """
+
+    solved: SolvedRecording
+    anchors: Mapping[LandmarkId, Anchor]
+    released: frozenset[LandmarkId] = frozenset()
+    disputed: tuple[LandmarkId, ...] = ()
+
+
+def solve_by_known(
+    solve: Callable[[Mapping[LandmarkId, Anchor]], SolvedRecording], known: Mapping[LandmarkId, Anchor]
+) -> KnownSurvey:
+    """Solve a recording, and again without each known landmark that was moved since, the clearest one first.
+
+    One that was moved pulls the recording, and with it landmarks that nobody moved: those that turn out to stand
+    where they are known to be are known again.
+
+    Args:
+        solve: solves the recording by the anchors given; errors are its own.
+    """
+    released: set[LandmarkId] = set()
+    held: set[LandmarkId] = set()  # are not released again
+    hardly: dict[LandmarkId, Anchor] = {}  # cannot be placed but from where they are known to be
+    in_view = len(known)
+    solved = solve(known)
+    for _ in range(MOST_RELEASED):
+        anchors = {id_: anchor for id_, anchor in known.items() if id_ not in released}
+        test = _test(solved, {id_: anchor for id_, anchor in anchors.items() if id_ not in held})
+        if test is None:
+            back = {id_ for id_ in released if _stands(solved, known[id_], in_view)}
+            if not back:
+                return KnownSurvey(solved, anchors, frozenset(released))
+            released -= back
+            held |= back
+        elif test.disputed or 2 * len(released) > in_view:
+            disputed = released | {test.worst} | set(test.disputed)
+            return KnownSurvey(solve(known) if released else solved, known, frozenset(), tuple(sorted(disputed)))
+        else:
+            in_view = test.in_view if not released else in_view
+            released.add(test.worst)
+        anchors = {id_: anchor for id_, anchor in known.items() if id_ not in released}
+        solved = solve({**anchors, **{id_: anchor for id_, anchor in hardly.items() if id_ in released}})
+        if lost := released - set(solved.problem.landmark_ids):
+            hardly |= {id_: Anchor(known[id_].landmark, HARDLY_KNOWN) for id_ in lost}
+            solved = solve({**anchors, **{id_: anchor for id_, anchor in hardly.items() if id_ in released}})
+    return KnownSurvey(solved, anchors, frozenset(released))
+
+
+def _test(solved: SolvedRecording, anchors: Mapping[LandmarkId, Anchor]) -> KnownTest | None:
+    problem = solved.problem
+    joint = JointProblem([problem], [np.arange(len(problem.mapped))], problem.lm_R, problem.lm_p)
+    views = {id_: KnownView(k, [(0, k)]) for k, id_ in enumerate(problem.landmark_ids) if id_ in anchors}
+    return find_moved(joint, [problem], views, anchors, noise_factor([problem]))
+
+
+def _stands(solved: SolvedRecording, anchor: Anchor, tests: int) -> bool:
+    problem = solved.problem
+    k = problem.landmark_ids.index(anchor.landmark.id)
+    rows = slice(problem.own + 6 * k, problem.own + 6 * k + 6)
+    C = problem.stated_equations(noise_factor([problem]))[0].covariances()[2][rows, rows]
+    return stands(anchor, problem.lm_R[k], problem.lm_p[k], C, tests)

@@ -1,0 +1,132 @@
+"""Known landmarks that were moved since, in the survey of one recording; readings that are no landmarks."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from lmkit.geometry.pose import Pose
+from lmkit.mapping.bundle_adjustment import Anchor
+from lmkit.mapping.known_landmarks import is_surveyed
+from lmkit.mapping.landmark_support import doubtful_landmarks
+from lmkit.mapping.survey import anchors_of, survey_frames
+from lmkit.model.landmark_id import LandmarkId
+from lmkit.model.landmark_map import LandmarkMap, MappedLandmark
+from lmkit.odometry.wheel_odometry import MotionModel
+from lmkit.simulation.recording import make_drive
+
+SIGMA = (0.005, 0.005)  # m, rad: of the known map
+SEED, SECONDS = 11, 12
+ROOM = make_drive(2, seconds=2).landmarks
+SIZES = {m.id: m.size_m for m in ROOM}
+
+
+def drive(landmarks=ROOM):
+    return make_drive(SEED, seconds=SECONDS, hz=2.5, landmarks=landmarks)
+
+
+def survey(made, known, frames=None, **options):
+    motion = MotionModel(made.odometry, made.gyro)
+    return survey_frames(frames or made.frames, made.rig, SIZES | options.pop("sizes", {}), known, motion, **options)
+
+
+@pytest.fixture(scope="module")
+def seen():
+    """Ids, the one that is seen most first."""
+    ids = [id_ for frame in drive().frames for id_ in {o.id for o in frame.detections}]
+    return sorted(set(ids), key=lambda id_: (-ids.count(id_), id_))
+
+
+def with_one_moved(chosen, meters):
+    """The room with one landmark along its wall."""
+    changed = []
+    for m in ROOM:
+        T = m.T_map_landmark
+        t = T.t + meters * T.R[:, 0] if m.id == chosen else T.t
+        changed.append(replace(m, T_map_landmark=Pose("map", "landmark", T.R, t)))
+    return LandmarkMap(changed)
+
+
+@pytest.mark.parametrize("meters", [0.06, 1.5])
+def test_a_single_recording_finds_a_landmark_that_was_moved_since_the_known_map(seen, meters):
+    """One moved by 6 cm pulls the map; of one moved by 1.5 m everything seen is an outlier."""
+    later = with_one_moved(seen[1], meters)
+    result = survey(drive(later), anchors_of(ROOM, SIGMA))
+    [moved] = result.moved
+    assert moved.before.id == seen[1]
+    assert moved.meters == pytest.approx(meters, abs=0.02)
+    assert (moved.seen_before, moved.seen_after) == (("the known map",), ("this recording",))
+    errors = [np.linalg.norm(m.T_map_landmark.t - later.find(m.id).T_map_landmark.t) for m in result.landmarks]
+    assert max(errors) < 0.02
+    assert [m.id for m in result.landmarks.past] == [seen[1]]
+    assert result.to_dict()["moved"][0]["id"] == str(seen[1])
+
+
+def test_nothing_is_named_where_nobody_moved_anything():
+    rng = np.random.default_rng(3)
+    off = [replace(m, T_map_landmark=replace_t(m.T_map_landmark, rng.normal(0, SIGMA[0], 3))) for m in ROOM]
+    result = survey(drive(), anchors_of(LandmarkMap(off), SIGMA))
+    assert not result.moved
+    assert not result.disputed
+
+
+def replace_t(T, shift):
+    return Pose("map", "landmark", T.R, T.t + shift)
+
+
+def test_of_two_known_landmarks_nobody_knows_which_was_moved(seen):
+    """Both are seen by the same frames, and both are named."""
+    later = with_one_moved(seen[1], 0.5)
+    known = {id_: anchor for id_, anchor in anchors_of(ROOM, SIGMA).items() if id_ in seen[:2]}
+    result = survey(drive(later), known)
+    assert not result.moved
+    assert result.disputed == tuple(sorted(seen[:2]))
+
+
+def test_places_that_nobody_qualified_are_not_tested():
+    m = next(iter(ROOM))
+    assert is_surveyed(Anchor(m, np.eye(6) * 1e-4))
+    assert not any(is_surveyed(Anchor(m, C)) for C in (None, np.zeros((6, 6)), np.eye(6) * 0.01))
+
+
+def mapped(code, x_m, size_m=0.18):
+    return MappedLandmark(LandmarkId("lm8", code), size_m, Pose("map", "landmark", np.eye(3), np.array([x_m, 0, 0])))
+
+
+@pytest.mark.parametrize(
+    ("frames", "known", "out"),
+    [
+        ({1: 30, 2: 1}, (), [2]),
+        ({1: 30, 2: 2}, (), []),
+        ({1: 30, 2: 1}, (2,), []),
+        ({1: 30, 3: 3}, (), [3]),
+        ({1: 30, 3: 4}, (), []),
+        ({1: 30, 3: 3}, (3,), []),
+    ],
+    ids=["one frame", "two frames", "known", "rare in a place", "not so rare", "rare and known"],
+)
+def test_too_few_frames_are_no_landmark(frames, known, out):
+    places = {1: 0.0, 2: 1.0, 3: 0.03}  # the third stands in the place of the first
+    ids = {code: LandmarkId("lm8", code) for code in places}
+    found = doubtful_landmarks(
+        [mapped(code, places[code]) for code in frames],
+        {ids[code]: count for code, count in frames.items()},
+        {ids[code] for code in known},
+    )
+    assert [one.id.code for one in found] == out
+    assert all("--keep-doubtful" in str(one) for one in found)
+
+
+@pytest.mark.parametrize("keep", [False, True])
+def test_one_misreading_of_one_frame_is_kept_out_of_the_map_and_named(seen, keep):
+    made, wrong = drive(), LandmarkId("lm8", next(c for c in range(256) if LandmarkId("lm8", c) not in SIZES))
+    row = max(range(len(made.frames)), key=lambda k: sum(o.id == seen[0] for o in made.frames[k].detections))
+    misread = tuple(
+        tuple(replace(o, id=wrong) if o.id == seen[0] else o for o in camera) for camera in made.frames[row].seen
+    )
+    frames = [replace(f, seen=misread) if k == row else f for k, f in enumerate(made.frames)]
+    anchor = {seen[1]: Anchor(ROOM.find(seen[1]), None)}
+    result = survey(made, anchor, frames, sizes={wrong: 0.18}, keep_doubtful=keep)
+    assert (result.landmarks.find(wrong) is not None) == keep
+    assert [one.id for one in result.kept_out] == ([] if keep else [wrong])
+    assert wrong not in {m.id for m in result.bundle.landmarks} or keep
