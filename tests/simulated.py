@@ -29,12 +29,14 @@ def sheet(code: int, family: LandmarkFamily) -> np.ndarray:
     return as_printed(srgb_to_linear(paper).astype(np.float32), LASER)
 
 
-def shoot(code, side_px, turn_deg=0.0, tilt_deg=0.0, chain=None, seed=0, camera=CAMERA, family=LM8):
-    """An image of one landmark on a gray wall, and its true corners."""
+def shoot(
+    code, side_px, turn_deg=0.0, tilt_deg=0.0, chain=None, seed=0, camera=CAMERA, family=LM8, at_m=(0.01, -0.02)
+):
+    """An image of one landmark on a gray wall, beside the camera's axis, and its true corners."""
     distance = camera.K[0, 0] * 0.18 / side_px
     roll = cv2.Rodrigues(np.array([0.0, 0.0, np.deg2rad(turn_deg)]))[0]
     tilt = cv2.Rodrigues(np.array([0.0, np.deg2rad(tilt_deg), 0.0]))[0]
-    T = Pose("map", "sheet", tilt @ roll @ np.diag([1.0, -1.0, -1.0]), np.array([0.01, -0.02, distance]))
+    T = Pose("map", "sheet", tilt @ roll @ np.diag([1.0, -1.0, -1.0]), np.array([*at_m, distance]))
     panel = Panel(T, (0.21, 0.21), sheet(code, family))
     wall = np.full((camera.image_size[1], camera.image_size[0], 3), 0.35, dtype=np.float32)
     scene = Scene((panel,), LandmarkMap([]), (1, 1, 1))

@@ -175,27 +175,6 @@ def _give_back(held: Float32Array, box: Box) -> None:
         _BLANKS.append(held)
 
 
-def undistort_radial(at: FloatArray, distortion: float, center: FloatArray, half_width: float) -> FloatArray:
-    """Pixels freed of a radial distortion: ``c + (x - c) (1 + distortion r^2)``, r = 1 at half the width."""
-    offset = at - center
-    r2 = np.sum(offset**2, axis=-1, keepdims=True) / half_width**2
-    return np.asarray(center + offset * (1 + distortion * r2))
-
-
-def distort_radial(at: FloatArray, distortion: float, center: FloatArray, half_width: float) -> FloatArray:
-    """The inverse of :func:`undistort_radial`, where it has one (r up to where a barrel distortion folds over)."""
-    if distortion == 0.0:
-        return at
-    offset = at - center
-    target = np.linalg.norm(offset, axis=-1, keepdims=True) / half_width
-    fold = 1 / np.sqrt(3 * -distortion) if distortion < 0 else np.inf
-    r = np.minimum(target, fold)
-    for _ in range(8):
-        slope = np.maximum(1 + 3 * distortion * r**2, 0.05)
-        r = np.clip(r - (r + distortion * r**3 - target) / slope, 0, fold)
-    return np.asarray(center + offset * (r / np.maximum(target, 1e-12)))
-
-
 def _straightened(camera: CameraModel, at: FloatArray) -> FloatArray:
     return np.asarray(camera.unproject(at) @ camera.K[:2, :2].T + camera.K[:2, 2])
 

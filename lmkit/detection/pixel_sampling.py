@@ -9,9 +9,9 @@ from functools import lru_cache
 import numpy as np
 
 from lmkit.arrays import Float32Array, FloatArray
-from lmkit.detection.linear_image import LinearImage, distort_radial
+from lmkit.detection.linear_image import LinearImage
 from lmkit.kernels.pixel_sampling import Edges, SamplingRules, sample
-from lmkit.kernels.registration import Samples, View, homography_numpy
+from lmkit.kernels.registration import Samples, View, distorted_numpy, homography_numpy
 from lmkit.model.families import MarkerFamily
 from lmkit.model.square_marker import SquareMarkerFamily
 
@@ -72,7 +72,7 @@ def sample_pixels(
     None when too little of the landmark lies inside the image.
     """
     reach = reach_of(family)
-    box = _bounding_box(image, state, reach / family.half_mm, view.half_mm)
+    box = _bounding_box(image, view, state, reach / family.half_mm)
     if box is None:
         return None
     band = EDGE_BAND_PX * family.side_mm / mean_side(state[:8].reshape(4, 2))
@@ -97,11 +97,11 @@ def middle_of(corners: FloatArray) -> tuple[float, float]:
 
 
 def _bounding_box(
-    image: LinearImage, state: FloatArray, scale: float, half_mm: float
+    image: LinearImage, view: View, state: FloatArray, scale: float
 ) -> tuple[int, int, int, int] | None:
     """x0, y0, x1, y1 of the landmark, ``scale`` times its face, within the image."""
-    (a, b, c), (d, e, f), (g, h, i) = homography_numpy(state[:8].reshape(4, 2), half_mm).tolist()
-    far = half_mm * scale
+    (a, b, c), (d, e, f), (g, h, i) = homography_numpy(state[:8].reshape(4, 2), view.half_mm).tolist()
+    far = view.half_mm * scale
     width, height = image.size
     outline = []
     for x, y in ((-far, far), (far, far), (far, -far), (-far, -far)):
@@ -112,7 +112,7 @@ def _bounding_box(
     if not all(abs(v) < 10 * max(height, width) for point in outline for v in point):
         return None
     if image.camera is not None or state[DISTORTION] != 0.0:
-        flat = distort_radial(np.array(outline), float(state[DISTORTION]), image.center, image.half_width)
+        flat = distorted_numpy(view, float(state[DISTORTION]), np.array(outline))
         outline = image.distorted(flat).tolist()
     xs, ys = zip(*outline, strict=True)
     x0, y0 = max(math.floor(min(xs)), 0), max(math.floor(min(ys)), 0)

@@ -26,7 +26,7 @@ from lmkit.model.observation import Detection
 SHARP = Steps(rounds=0, most=5, to_px=0.01)  # nothing hides a rasterized page
 FROM_FAR = Steps(rounds=0, most=10, to_px=0.05)
 HOPELESS = 2.5  # log odds under the rule's from which no shadow's edge lifts a reading
-DISTORTION_SIDE_PX = 40.0  # smaller landmarks do not show the lens's distortion
+DISTORTION_SIDE_PX = 25.0  # smaller landmarks do not show the lens's distortion
 # For every quarter turn, the corners in the landmark's own order, and rows and columns of their covariance.
 _ORDER = tuple((np.arange(4) + quarter) % 4 for quarter in range(4))
 _ROWS = tuple(np.ix_(rows, rows) for rows in ((2 * order[:, None] + np.arange(2)).ravel() for order in _ORDER))

@@ -12,7 +12,7 @@ import numpy as np
 from lmkit.arrays import FloatArray
 from lmkit.detection.decoding import CORRELATED_PIXELS, Decoding, decode_square, decoding_of, tables_of
 from lmkit.detection.hypotheses import RIDGE
-from lmkit.detection.linear_image import LinearImage, distort_radial
+from lmkit.detection.linear_image import LinearImage
 from lmkit.detection.pixel_sampling import DISTORTION, PixelSamples, mean_side, sample_pixels
 from lmkit.detection.shadows import ShadowEdge
 from lmkit.kernels.grid_pattern import GridDrawing
@@ -25,6 +25,8 @@ from lmkit.kernels.registration import (
     Priors,
     Steps,
     View,
+    displaced_numpy,
+    distorted_numpy,
     register,
     robust_weights,
 )
@@ -174,19 +176,13 @@ class DrawingFit:
             seen = self.image.distorted((self.corners + steps).reshape(-1, 2)).reshape(-1, 8)
             J[:, :8] = (seen[1:] - seen[0]).T / delta
             return seen[0].reshape(4, 2), J
-        corners = distort_radial(self.corners, distortion, self.image.center, self.image.half_width)
-        offsets = (corners - self.image.center) / self.image.half_width
-        for k, (x, y) in enumerate(offsets.tolist()):
-            # d flat / d seen = along 1 + 2 distortion o o', whose inverse is (1 - outward o o') / along.
-            r2 = x * x + y * y
-            along = 1 + distortion * r2
-            outward = 2 * distortion / (along + 2 * distortion * r2)
-            rows = ((1 - outward * x * x) / along, -outward * x * y / along, (1 - outward * y * y) / along)
-            J[2 * k, 2 * k], J[2 * k, 2 * k + 1] = rows[0], rows[1]
-            J[2 * k + 1, 2 * k], J[2 * k + 1, 2 * k + 1] = rows[1], rows[2]
-            far = r2 * self.image.half_width
-            J[2 * k, DISTORTION] = -(rows[0] * x + rows[1] * y) * far
-            J[2 * k + 1, DISTORTION] = -(rows[1] * x + rows[2] * y) * far
+        corners = distorted_numpy(self.view, distortion, self.corners)
+        _, by_distortion, by_seen = displaced_numpy(self.view, distortion, corners - self.view.origin)
+        by_flat = np.linalg.inv(np.eye(2) + by_seen)  # d seen / d flat
+        for k in range(4):
+            rows = slice(2 * k, 2 * k + 2)
+            J[rows, rows] = by_flat[k]
+            J[rows, DISTORTION] = -by_flat[k] @ by_distortion[k]
         return corners, J
 
     @property

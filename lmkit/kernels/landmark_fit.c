@@ -16,6 +16,7 @@
 #define READ 1   /* phases */
 #define FINISH 2
 #define CORNERS 8
+#define DISTORT_STEPS 6
 
 /* Steps of a registration. */
 typedef struct {
@@ -73,19 +74,21 @@ static double side_of(const double *c)
     return sum / 4.0;
 }
 
-/* A pixel without distortion as the guessed lens shows it: the inverse of c + (x - c) (1 + distortion r^2). */
+/* A pixel without distortion as the guessed lens shows it: the inverse of x + displacement. */
 static void distort(const double *view, double distortion, double *at)
 {
-    double x = at[0] - view[2], y = at[1] - view[3], target = hypot(x, y) / view[4];
-    double fold = distortion < 0.0 ? 1.0 / sqrt(-3.0 * distortion) : INFINITY, r = target < fold ? target : fold;
-    for (int k = 0; k < 8; k++) {
-        double slope = 1.0 + 3.0 * distortion * r * r;
-        r -= (r + distortion * r * r * r - target) / (slope > 0.05 ? slope : 0.05);
-        r = r < 0.0 ? 0.0 : r > fold ? fold : r;
+    const double flat[2] = {at[0] - view[0], at[1] - view[1]};
+    double x[2] = {flat[0], flat[1]};
+    for (int k = 0; k < DISTORT_STEPS; k++) {
+        double out[2], unused[2], J[4];
+        displaced(view, distortion, x, out, unused, J);
+        const double det = (1.0 + J[0]) * (1.0 + J[3]) - J[1] * J[2], over = 1.0 / (det > 0.05 ? det : 0.05);
+        const double off_x = x[0] + out[0] - flat[0], off_y = x[1] + out[1] - flat[1];
+        x[0] -= ((1.0 + J[3]) * off_x - J[1] * off_y) * over;
+        x[1] -= ((1.0 + J[0]) * off_y - J[2] * off_x) * over;
     }
-    double scale = r / (target > 1e-12 ? target : 1e-12);
-    at[0] = view[2] + x * scale;
-    at[1] = view[3] + y * scale;
+    at[0] = x[0] + view[0];
+    at[1] = x[1] + view[1];
 }
 
 /* First and last pixels of the landmark and its margin, within the image; 0 where it is not there. */
@@ -227,14 +230,15 @@ static void seen_corners(const Fit *f, const double *view, const double *state, 
             continue;
         if (distortion != 0.0)
             distort(view, distortion, at);
-        /* d flat / d seen = along 1 + 2 distortion o o', whose inverse is (1 - outward o o') / along. */
-        const double x = (at[0] - view[2]) / view[4], y = (at[1] - view[3]) / view[4], r2 = x * x + y * y;
-        const double along = 1.0 + distortion * r2, outward = 2.0 * distortion / (along + 2.0 * distortion * r2);
-        J[i][i] = (1.0 - outward * x * x) / along;
-        J[i][i + 1] = J[i + 1][i] = -outward * x * y / along;
-        J[i + 1][i + 1] = (1.0 - outward * y * y) / along;
+        /* d flat / d seen = 1 + the displacement's slopes. */
+        const double x[2] = {at[0] - view[0], at[1] - view[1]};
+        double out[2], by_distortion[2], S[4];
+        displaced(view, distortion, x, out, by_distortion, S);
+        const double det = (1.0 + S[0]) * (1.0 + S[3]) - S[1] * S[2];
+        J[i][i] = (1.0 + S[3]) / det, J[i][i + 1] = -S[1] / det;
+        J[i + 1][i] = -S[2] / det, J[i + 1][i + 1] = (1.0 + S[0]) / det;
         for (int r = 0; r < 2; r++)
-            J[i + r][11] = -(J[i + r][i] * x + J[i + r][i + 1] * y) * r2 * view[4];
+            J[i + r][11] = -(J[i + r][i] * by_distortion[0] + J[i + r][i + 1] * by_distortion[1]);
     }
 }
 

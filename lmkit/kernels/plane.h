@@ -15,7 +15,7 @@
 #define VIEW 7
 
 typedef struct {
-    float inverse[9], bend, to_center_x, to_center_y, inverse_half_width2, xx, xy, yy, shade_x, shade_y;
+    float inverse[9], bend, to_center_x, to_center_y, inverse_half_width2, r2, xx, xy, yy, shade_x, shade_y;
 } Plane;
 
 /* Row-major homography from the landmark's plane to four corners given as x0 y0 x1 y1 ... (Heckbert 1989). */
@@ -62,6 +62,7 @@ static inline Plane plane_of(const double *view, const double *state)
     p.to_center_x = (float)(view[0] - view[2]);
     p.to_center_y = (float)(view[1] - view[3]);
     p.inverse_half_width2 = (float)(1.0 / (view[4] * view[4]));
+    p.r2 = (p.to_center_x * p.to_center_x + p.to_center_y * p.to_center_y) * p.inverse_half_width2;
     p.xx = (float)(state[8] + view[6]);
     p.xy = (float)state[9];
     p.yy = (float)(state[10] + view[6]);
@@ -75,14 +76,39 @@ typedef struct {
     block a, b, c, d, flat_x, flat_y, radial_x, radial_y;
 } Jacobian;
 
+/* Displacement of a pixel at x from the view's origin by a distortion, its slope with the distortion and its slopes with x
+ * (00 01 10 11); registration.py: displaced_numpy. */
+static inline void displaced(const double *view, double distortion, const double *x, double *out, double *by_distortion, double *by_x)
+{
+    const double scale = 1.0 / (view[4] * view[4]), c[2] = {view[0] - view[2], view[1] - view[3]};
+    const double r2 = (c[0] * c[0] + c[1] * c[1]) * scale, near = (x[0] * x[0] + x[1] * x[1]) * scale;
+    const double grown = near + 2.0 * (x[0] * c[0] + x[1] * c[1]) * scale;
+    const double more_near = distortion * (grown * grown + 2.0 * r2 * near);
+    const double more = distortion * (grown * grown + 2.0 * r2 * grown);
+    for (int i = 0; i < 2; i++) {
+        out[i] = distortion * (c[i] * (near + more_near) + x[i] * (grown + more));
+        by_distortion[i] = c[i] * (near + 2.0 * more_near) + x[i] * (grown + 2.0 * more);
+        for (int j = 0; j < 2; j++) {
+            const double d_near = 2.0 * scale * x[j], d_grown = 2.0 * scale * (c[j] + x[j]);
+            const double by_near = d_near + 2.0 * distortion * (grown * d_grown + r2 * d_near);
+            const double by_grown = d_grown + 2.0 * distortion * (grown + r2) * d_grown;
+            by_x[2 * i + j] = distortion * (c[i] * by_near + x[i] * by_grown + (i == j ? grown + more : 0.0));
+        }
+    }
+}
+
 static inline void map_block(const Plane *p, const float *restrict x, const float *restrict y, Points *restrict out, Jacobian *restrict J, float *restrict light)
 {
     const float *m = p->inverse;
     EACH {
-        float ox = x[i] + p->to_center_x, oy = y[i] + p->to_center_y;
-        float r2 = (ox * ox + oy * oy) * p->inverse_half_width2;
-        float rx = ox * r2, ry = oy * r2;
-        float fx = x[i] + p->bend * rx, fy = y[i] + p->bend * ry;
+        float near = (x[i] * x[i] + y[i] * y[i]) * p->inverse_half_width2;
+        float grown = near + 2.0f * (x[i] * p->to_center_x + y[i] * p->to_center_y) * p->inverse_half_width2;
+        float more_near = p->bend * (grown * grown + 2.0f * p->r2 * near);
+        float more = p->bend * (grown * grown + 2.0f * p->r2 * grown);
+        float rx = p->to_center_x * (near + 2.0f * more_near) + x[i] * (grown + 2.0f * more);
+        float ry = p->to_center_y * (near + 2.0f * more_near) + y[i] * (grown + 2.0f * more);
+        float fx = x[i] + p->bend * (p->to_center_x * (near + more_near) + x[i] * (grown + more));
+        float fy = y[i] + p->bend * (p->to_center_y * (near + more_near) + y[i] * (grown + more));
         float w = 1.0f / (m[6] * fx + m[7] * fy + m[8]);
         float u = (m[0] * fx + m[1] * fy + m[2]) * w, v = (m[3] * fx + m[4] * fy + m[5]) * w;
         float a = (m[0] - u * m[6]) * w, b = (m[1] - u * m[7]) * w;

@@ -22,6 +22,7 @@ Float32Array = NDArray[np.float32]
 
 STATE = 15
 BLOCK = 64
+DISTORT_STEPS = 6  # of Newton
 
 
 class _View(NamedTuple):
@@ -376,13 +377,52 @@ def plane_numpy(
     """(N,2) positions in the landmark's plane, (N,3) point spread there, (N,2,2) d plane / d pixel, (N,2)
     distortion's direction, for (N,2) pixels relative to the view's origin."""
     inverse = np.linalg.inv(homography_numpy(state[:8].reshape(4, 2) - view.origin, view.half_mm))
-    offset = at + (view.origin - view.center)
-    radial = offset * (np.sum(offset**2, axis=1, keepdims=True) / view.half_width**2)
-    h = (at + state[11] * radial) @ inverse[:, :2].T + inverse[:, 2]
+    displacement, radial, _ = displaced_numpy(view, state[11], at)
+    h = (at + displacement) @ inverse[:, :2].T + inverse[:, 2]
     points = h[:, :2] / h[:, 2:]
     A = (inverse[None, :2, :2] - points[:, :, None] * inverse[None, 2:, :2]) / h[:, 2, None, None]
     spread = _in_plane(A, state[8] + view.pixel_variance, state[9], state[10] + view.pixel_variance)
     return points, spread, A, radial
+
+
+def displaced_numpy(view: View, distortion: float, at: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """(N,2) displacement of (N,2) pixels, relative to the view's origin, from the image to one without distortion.
+
+    The lens is ``o (k r^2 + k^2 r^4)`` about the image's center, o from there and r = 1 at half the width, the
+    beginning of the division model ``o / (1 - k r^2)`` (Fitzgibbon 2001).  Its affine part at the origin is left out:
+    it would move the corners by many pixels when k moves, so that a few steps of a fit could not follow.
+
+    Returns:
+        The displacement, its (N,2) slope with the distortion and its (N,2,2) slopes with the pixels.
+    """
+    center, scale = view.origin - view.center, 1 / view.half_width**2
+    r2 = center @ center * scale
+    near = np.sum(at**2, axis=1, keepdims=True) * scale
+    grown = near + 2 * scale * (at @ center)[:, None]
+    more_near, more = distortion * (grown**2 + 2 * r2 * near), distortion * (grown**2 + 2 * r2 * grown)
+    displacement = distortion * (center * (near + more_near) + at * (grown + more))
+    by_distortion = center * (near + 2 * more_near) + at * (grown + 2 * more)
+    d_near, d_grown = 2 * scale * at, 2 * scale * (center + at)
+    by_near = d_near + 2 * distortion * (grown * d_grown + r2 * d_near)
+    by_grown = d_grown + 2 * distortion * (grown + r2) * d_grown
+    by_at = center[:, None] * by_near[:, None, :] + at[:, :, None] * by_grown[:, None, :]
+    return displacement, by_distortion, distortion * (by_at + (grown + more)[:, :, None] * np.eye(2))
+
+
+def distorted_numpy(view: View, distortion: float, flat: FloatArray) -> FloatArray:
+    """(N,2) pixels of the image from those without distortion: the inverse of ``x + displacement``."""
+    if distortion == 0.0:
+        return flat
+    start = flat - view.origin
+    at = start
+    for _ in range(DISTORT_STEPS):
+        displacement, _, by_at = displaced_numpy(view, distortion, at)
+        J = np.eye(2) + by_at
+        det = np.maximum(J[:, 0, 0] * J[:, 1, 1] - J[:, 0, 1] * J[:, 1, 0], 0.05)
+        x, y = (at + displacement - start).T
+        step = (J[:, 1, 1] * x - J[:, 0, 1] * y, J[:, 0, 0] * y - J[:, 1, 0] * x)
+        at = at - np.stack(step / det, axis=1)
+    return np.asarray(at + view.origin)
 
 
 def light_numpy(view: View, state: FloatArray, points: FloatArray) -> FloatArray:

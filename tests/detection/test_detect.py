@@ -9,10 +9,10 @@ from scenes import paste_landmark
 
 from lmkit.detection.detector import detect_landmarks
 from lmkit.detection.hypotheses import words_of
-from lmkit.detection.linear_image import distort_radial, undistort_radial
 from lmkit.detection.pattern_model import LandmarkPattern
 from lmkit.generation.page import bare_landmark_page
 from lmkit.generation.png import page_to_image
+from lmkit.kernels.registration import View, displaced_numpy, distorted_numpy
 from lmkit.model.codewords import code_to_gaps
 from lmkit.model.landmark import LM8
 
@@ -148,10 +148,28 @@ def test_turning_a_landmark_permutes_its_gaps():
 
 @pytest.mark.parametrize("distortion", [-0.2, -0.05, 0.0, 0.1, 0.3])
 def test_distortion_is_undone(distortion):
-    at = np.random.default_rng(3).uniform([0, 0], [640, 480], (50, 2))
-    center = np.array([319.5, 239.5])
-    flat = undistort_radial(at, distortion, center, 320.0)
-    assert np.allclose(distort_radial(flat, distortion, center, 320.0), at, atol=1e-4)
+    at = np.random.default_rng(3).uniform([440, 40], [560, 160], (50, 2))
+    view = View(np.array([500.0, 100.0]), np.array([319.5, 239.5]), 320.0, 90.0)
+    flat = at + displaced_numpy(view, distortion, at - view.origin)[0]
+    assert np.allclose(distorted_numpy(view, distortion, flat), at, atol=1e-6)
+
+
+def test_displacement_is_that_of_the_lens_up_to_an_affine_map():
+    view, k = View(np.array([500.0, 100.0]), np.array([319.5, 239.5]), 320.0, 90.0), 0.1
+    at = np.random.default_rng(3).uniform(-60, 60, (50, 2))
+    offset = at + view.origin - view.center
+    r2 = np.sum(offset**2, axis=1, keepdims=True) / view.half_width**2
+    displacement, by_distortion, by_at = displaced_numpy(view, k, at)
+    affine = np.column_stack([at, np.ones(50)])
+    left = offset * (k * r2 + k**2 * r2**2) - displacement
+    assert np.abs(left - affine @ np.linalg.lstsq(affine, left, rcond=None)[0]).max() < 1e-9
+    assert np.abs(displaced_numpy(view, k, np.zeros((1, 2)))[2]).max() == 0.0
+    step = 1e-6
+    more = displaced_numpy(view, k + step, at)[0] - displaced_numpy(view, k - step, at)[0]
+    assert np.allclose(more / (2 * step), by_distortion, atol=1e-6)
+    for axis, move in enumerate(np.eye(2) * 1e-4):
+        more = displaced_numpy(view, k, at + move)[0] - displaced_numpy(view, k, at - move)[0]
+        assert np.allclose(more / 2e-4, by_at[:, :, axis], atol=1e-7)
 
 
 def test_repeated_nested_and_overlapped_landmarks_are_each_read_as_what_they_are():

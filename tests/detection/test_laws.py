@@ -149,6 +149,18 @@ def test_a_known_lens_straightens_the_edges():
     assert not wrong or worst(wrong[0], corners) > 3 * worst(found, corners)
 
 
+@pytest.mark.parametrize("side_px", [35.0, 50.0])
+def test_a_lens_that_nobody_knows_is_found_in_a_few_steps(side_px):
+    """Steps of a fit end before it is found if an unknown distortion moves the corners, too."""
+    K = np.array([[140.0, 0, 119.5], [0, 140.0, 89.5], [0, 0, 1]])
+    camera = CameraModel(SIZE, K, np.array([-0.22, 0.06, 0.0, 0.0, 0.0]))
+    far = 140 * 0.18 / side_px
+    for x, y in ((0.45, 0.2), (-0.45, 0.25), (0.4, -0.25)):
+        image, corners = shoot(77, side_px, 10.0, 20.0, camera=camera, at_m=(x * far, y * far))
+        (found,) = detect_landmarks(image)
+        assert worst(found, corners) < 0.08
+
+
 @pytest.mark.parametrize(
     "image",
     [
