@@ -6,7 +6,7 @@ is fitted, landmark by landmark.
 
 from __future__ import annotations
 
-import weakref
+import math
 from dataclasses import dataclass, field, replace
 from functools import cached_property, lru_cache
 from typing import Any
@@ -22,12 +22,15 @@ from lmkit.kernels.lens import Lens
 from lmkit.kernels.noise import noise
 from lmkit.kernels.pixel_sampling import Source
 from lmkit.kernels.screening import Pyramid
+from lmkit.kernels.workspace import Loans
 from lmkit.model.palette import SRGB_TO_LINEAR
 
 Box = tuple[int, int, int, int]  # x0, y0, x1, y1, px; the last two not included
 LEAST_LEVEL_PX = 24  # no level of the pyramid is smaller
 LEAST_ERROR = 1 / 255  # twice as much reads a little more, and more wrong codes
-MOST_BLANKS = 2  # kept for reuse: clearing a box costs less than new pages of memory
+LARGEST_WINDOW_PX = 31  # larger windows around pixels are taken in a halved image
+# Clearing a box costs less than new pages of memory, and so do levels that are written anew.
+_BLANKS, _LEVELS = Loans(2), Loans(8)
 
 
 @dataclass(frozen=True)
@@ -86,14 +89,29 @@ class LinearImage:
     def shadow_normalized(self, box: Box, window: int) -> LinearImage:
         """The image with shadows taken out of a box, see :mod:`lmkit.detection.shadows`."""
         x0, y0, x1, y1 = self._within(box)
-        linear = np.asarray(cv2.LUT(self.source.image[y0:y1, x0:x1], SRGB_TO_LINEAR), dtype=np.float32)
-        return self.renormalized(box, local_white(linear, window))
+        times = min(max(0, math.ceil(math.log2(window / LARGEST_WINDOW_PX))), len(self.pyramid.levels) - 1)
+        if times == 0:
+            linear = np.asarray(cv2.LUT(self.source.image[y0:y1, x0:x1], SRGB_TO_LINEAR), dtype=np.float32)
+            return self.renormalized(box, local_white(linear, window))
+        halved, scale = self.pyramid.levels[times], 2**times
+        height, width = halved.shape[:2]
+        left, top = x0 // scale, y0 // scale
+        right, bottom = min(-(-x1 // scale), width), min(-(-y1 // scale), height)
+        linear = np.asarray(cv2.LUT(halved[top:bottom, left:right], SRGB_TO_LINEAR), dtype=np.float32)
+        white = local_white(linear, 2 * round(window / scale / 2) + 1)
+        # Pixel k of the halved image covers the span [k, k + 1) * scale.
+        move = np.array([[scale, 0, scale * (left + 0.5) - 0.5 - x0], [0, scale, scale * (top + 0.5) - 0.5 - y0]])
+        size = (x1 - x0, y1 - y0)
+        return self.renormalized(
+            box, cv2.warpAffine(white, move, size, flags=cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
+        )
 
     def renormalized(self, box: Box, light: Float32Array) -> LinearImage:
         """The image divided by this light of a box x0, y0, x1, y1, and by no other."""
         width, height = self.size
-        x0, y0, x1, y1 = within = self._within(box)
-        white = _blank(height, width, within)  # where it is 0 nothing is divided
+        x0, y0, x1, y1 = self._within(box)
+        # Where it is 0 nothing is divided.
+        white = _BLANKS.lend((height, width), np.float32, (slice(y0, y1), slice(x0, x1)))
         white[y0:y1, x0:x1] = light
         return replace(self, source=self.source._replace(white=white))
 
@@ -106,9 +124,11 @@ class LinearImage:
         """The image and its halvings, averaged in code values."""
         levels = [self.source.image]
         while min(levels[-1].shape[:2]) > 2 * LEAST_LEVEL_PX and len(levels) < 8:
-            size = (levels[-1].shape[1] // 2, levels[-1].shape[0] // 2)
-            halved = cv2.resize(levels[-1], size, interpolation=cv2.INTER_AREA)
-            levels.append(np.asarray(halved, dtype=np.uint8))
+            down, across = levels[-1].shape[0] // 2, levels[-1].shape[1] // 2
+            # An odd row or column has no partner; with it, shares of pixels would be averaged, ten times as slowly.
+            even = levels[-1][: 2 * down, : 2 * across]
+            halved = _LEVELS.lend((down, across, 3), np.uint8)
+            levels.append(cv2.resize(even, (across, down), dst=halved, interpolation=cv2.INTER_AREA))
         return Pyramid(tuple(levels), self.source.linear)
 
     def halved(self, times: int) -> LinearImage:
@@ -150,29 +170,6 @@ class LinearImage:
     def half_width(self) -> float:
         """Half of the image's width, px."""
         return self.size[0] / 2
-
-
-_BLANKS: list[Float32Array] = []
-
-
-def _blank(height: int, width: int, box: Box) -> Float32Array:
-    """(H,W) zeros, to be written to within the box only; the memory is used again once the array is dropped."""
-    try:
-        held = _BLANKS.pop()
-    except IndexError:
-        held = None
-    if held is None or held.shape != (height, width):
-        held = np.zeros((height, width), dtype=np.float32)
-    lent = held[:]
-    weakref.finalize(lent, _give_back, held, box).atexit = False
-    return lent
-
-
-def _give_back(held: Float32Array, box: Box) -> None:
-    x0, y0, x1, y1 = box
-    held[y0:y1, x0:x1] = 0
-    if len(_BLANKS) < MOST_BLANKS:
-        _BLANKS.append(held)
 
 
 def _straightened(camera: CameraModel, at: FloatArray) -> FloatArray:

@@ -4,11 +4,15 @@ from __future__ import annotations
 
 import math
 import threading
+import weakref
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from lmkit.kernels.load import address
+
+SHAPES = 16  # images of more sizes than these are not in use at once
 
 
 class Workspace(threading.local):
@@ -31,3 +35,40 @@ class Workspace(threading.local):
             held = array, address(array)
             self._held[name] = held
         return held[1]
+
+
+class Loans:
+    """Arrays whose memory is lent again once they are dropped, at most ``most`` of one shape.
+
+    A slice of an array does not hold it: keep the array itself as long as its values are needed.
+    """
+
+    def __init__(self, most: int) -> None:
+        self._most = most
+        self._free: dict[Any, list[NDArray[Any]]] = {}
+
+    def lend(
+        self, shape: tuple[int, ...], dtype: Any, written: tuple[slice, ...] | None = None
+    ) -> NDArray[Any]:
+        """Array of this shape and type, with whatever values its last user left.
+
+        Args:
+            written: the part that is written to; it is cleared in the end, and the array is 0 elsewhere.
+        """
+        key = (shape, dtype, written is None)
+        try:
+            held = self._free[key].pop()
+        except LookupError:
+            held = np.zeros(shape, dtype)
+        lent = held[:]
+        weakref.finalize(lent, self._take_back, key, held, written).atexit = False
+        return lent
+
+    def _take_back(self, key: Any, held: NDArray[Any], written: tuple[slice, ...] | None) -> None:
+        if written is not None:
+            held[written] = 0
+        if key not in self._free and len(self._free) >= SHAPES:
+            self._free.clear()
+        free = self._free.setdefault(key, [])
+        if len(free) < self._most:
+            free.append(held)
