@@ -16,7 +16,7 @@ from lmkit.kernels.noise import noise, noise_numpy
 from lmkit.kernels.occlusion import OcclusionRules
 from lmkit.kernels.pattern import Drawing, coverage_columns_numpy
 from lmkit.kernels.pixel_sampling import Edges, SamplingRules, Source, sample, sample_numpy
-from lmkit.kernels.quads import QuadRules, dark_quads, where_to_look
+from lmkit.kernels.quads import Contrast, QuadRules, dark_quads, where_to_look
 from lmkit.kernels.quads_numpy import dark_quads_numpy, where_to_look_numpy
 from lmkit.kernels.registration import (
     Hypothesis,
@@ -179,7 +179,7 @@ def _lookings(rng: np.random.Generator) -> Iterator[tuple[Any, ...]]:
     for shape in [(96, 128), (61, 77), (8, 8), (1, 3)]:
         image = rng.integers(0, 256, (*shape, 3), dtype=np.uint8) // 4 + 80
         for dilate in (False, True):
-            yield image, 14.0, 0.4, 0.3, dilate
+            yield image, 14.0, Contrast(0.55, 0.4, 0.6, 0.45), dilate
 
 
 def _noises(rng: np.random.Generator) -> Iterator[tuple[Any, ...]]:

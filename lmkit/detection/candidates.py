@@ -15,7 +15,7 @@ import cv2
 import numpy as np
 
 from lmkit.arrays import ByteArray, FloatArray
-from lmkit.kernels.quads import QuadRules, dark_quads, where_to_look
+from lmkit.kernels.quads import Contrast, QuadRules, dark_quads, where_to_look
 from lmkit.kernels.workspace import Workspace
 
 MIN_SIDE_PX = 8.0
@@ -57,11 +57,19 @@ class WhereToLook:
     Attributes:
         ratio, luma: least range of the logarithms of red over blue and of brightness around a cell of 8 px.
         dilated: also the cells beside those.
+        fine_ratio, fine_luma: both in the image as it is, whose outlines take the most time; no less than the others.
     """
 
     ratio: float = 0.15
     luma: float = 0.2
     dilated: bool = False
+    fine_ratio: float = 0.0
+    fine_luma: float = 0.0
+
+    @property
+    def contrast(self) -> Contrast:
+        """What the kernel takes."""
+        return Contrast(self.ratio, self.luma, max(self.ratio, self.fine_ratio), max(self.luma, self.fine_luma))
 
 
 def find_candidates(
@@ -78,7 +86,8 @@ def find_candidates(
     """
     half = min(1, len(levels) - 1)
     offset = OFFSET + OFFSET_PER_SIGMA * 255 * noise / 2**half
-    cells = where_to_look(levels[half], offset, where.ratio, where.luma, where.dilated)
+    cells = where_to_look(levels[half], offset, where.contrast, where.dilated)
+    fine = np.where(cells > 1, cells, 0)
     found = []
     for source in sources:
         level = min(source.halvings, len(levels) - 1)
@@ -89,7 +98,7 @@ def find_candidates(
         longest = int(LONGEST * sum(plane.shape))
         completed = COMPLETED_SIDE * least
         rules = QuadRules(least, source.darker, longest, completed, STRAIGHT, STEP_PER_CHANGE, *STEP_LIMITS)
-        quads = dark_quads(plane, cells, source.window, rules, level - half, level)
+        quads = dark_quads(plane, fine if source.halvings == 0 else cells, source.window, rules, level - half, level)
         found += [quads, grown(quads, GROUND_TO_FACE)] if source.channel == "red" else [quads]
     return np.concatenate(found) if found else np.zeros((0, 4, 2))
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 from lmkit.detection.acceptance import DEFAULT, AcceptanceRule
 from lmkit.detection.candidates import Source, WhereToLook
@@ -18,6 +18,9 @@ RED = Source("red", 1, 5, 0.01)
 DARKEST = Source("darkest", 1, 5, 0.01)
 FINE = Source("gray", 0, 5, 0.01)
 WIDE = Source("gray", 0, 15, 0.10)
+# The full image is searched where there is more contrast: a sixth of its time, and 1 of 254 landmarks on simulated
+# images that is seen by nothing else.
+WHERE = WhereToLook(ratio=0.15, luma=0.2, fine_ratio=0.2, fine_luma=0.3)
 
 
 @dataclass(frozen=True)
@@ -46,7 +49,7 @@ class DetectorConfig:
     """
 
     sources: tuple[Source, ...] = (GRAY, COARSE, FINE)
-    where: WhereToLook = field(default_factory=WhereToLook)
+    where: WhereToLook = WHERE
     min_pattern: float = 0.04
     align_rounds: int = 5
     aligned: ScreeningThresholds = ALIGNED_THRESHOLDS

@@ -52,8 +52,8 @@ LMKIT_EXPORT int lmkit_dark_quads(int64_t height, int64_t width, const uint8_t *
                                   uint16_t *sums, int32_t *prefix, float *points, int32_t *active, int64_t capacity,
                                   float *quads, double *corners, int64_t *count);
 LMKIT_EXPORT int lmkit_where_to_look(int64_t height, int64_t width, const uint8_t *image, double offset,
-                                     double least_ratio, double least_luma, int64_t dilate, float *rows,
-                                     float *cells, uint8_t *where);
+                                     const double *least, int64_t dilate, float *rows, float *cells,
+                                     uint8_t *where);
 
 /* Median change between horizontal neighbors, in gray levels. */
 static int usual_change(const uint8_t *plane, int64_t height, int64_t width)
@@ -732,14 +732,16 @@ static void largest_of_three(const float *restrict row, float *restrict out, int
     take_larger(out + 1, row, n - 1);
 }
 
-/* Cells of 4 x 4 pixels with enough contrast around them both in red over blue and in brightness.  The range of a
+/* Cells of 4 x 4 pixels with enough contrast around them both in red over blue and in brightness: 1 from the first two
+ * ranges of `least` on, 2 from the other two on.  The range of a
  * logarithm is the ratio of the largest and the smallest value: `rows` holds, for every column, the largest of both and
  * of their negatives; `cells` twice the same for every cell. */
-int lmkit_where_to_look(int64_t height, int64_t width, const uint8_t *image, double offset, double least_ratio,
-                        double least_luma, int64_t dilate, float *rows, float *cells, uint8_t *where)
+int lmkit_where_to_look(int64_t height, int64_t width, const uint8_t *image, double offset, const double *least,
+                        int64_t dilate, float *rows, float *cells, uint8_t *where)
 {
     const int64_t down = (height + CELL - 1) / CELL, across = (width + CELL - 1) / CELL, count = down * across;
-    const float o = (float)offset, most_ratio = (float)exp(least_ratio), most_luma = (float)exp(least_luma);
+    const float o = (float)offset, ratio = (float)exp(least[0]), luma = (float)exp(least[1]);
+    const float more_ratio = (float)exp(least[2]), more_luma = (float)exp(least[3]);
     float *wide = cells + 4 * count;
     for (int64_t i = 0; i < down; i++) {
         float *restrict red = rows, *restrict blue = rows + width, *restrict bright = rows + 2 * width, *restrict dark = rows + 3 * width;
@@ -750,11 +752,11 @@ int lmkit_where_to_look(int64_t height, int64_t width, const uint8_t *image, dou
             const uint8_t *restrict p = image + 3 * y * width;
             for (int64_t x = 0; x < width; x++) {
                 float b = (float)p[3 * x], g = (float)p[3 * x + 1], r = (float)p[3 * x + 2];
-                float ratio = (r + o) / (b + o), luma = 0.25f * (b + 2.0f * g + r) + o;
-                red[x] = ratio > red[x] ? ratio : red[x];
-                blue[x] = -ratio > blue[x] ? -ratio : blue[x];
-                bright[x] = luma > bright[x] ? luma : bright[x];
-                dark[x] = -luma > dark[x] ? -luma : dark[x];
+                float color = (r + o) / (b + o), light = 0.25f * (b + 2.0f * g + r) + o;
+                red[x] = color > red[x] ? color : red[x];
+                blue[x] = -color > blue[x] ? -color : blue[x];
+                bright[x] = light > bright[x] ? light : bright[x];
+                dark[x] = -light > dark[x] ? -light : dark[x];
             }
         }
         for (int k = 0; k < 4; k++) {
@@ -782,8 +784,12 @@ int lmkit_where_to_look(int64_t height, int64_t width, const uint8_t *image, dou
             if (i + 1 < down)
                 take_larger(near[k], same + across, across);
         }
-        for (int64_t j = 0; j < across; j++)
-            where[i * across + j] = near[0][j] > -near[1][j] * most_ratio && near[2][j] > -near[3][j] * most_luma;
+        for (int64_t j = 0; j < across; j++) {
+            const float least_red = -near[1][j], least_light = -near[3][j];
+            int much = near[0][j] > least_red * ratio && near[2][j] > least_light * luma;
+            int more = near[0][j] > least_red * more_ratio && near[2][j] > least_light * more_luma;
+            where[i * across + j] = (uint8_t)(much + (much && more));
+        }
     }
     if (!dilate)
         return 0;
@@ -794,7 +800,12 @@ int lmkit_where_to_look(int64_t height, int64_t width, const uint8_t *image, dou
     for (int64_t i = 0; i < down; i++)
         for (int64_t j = 0; j < across; j++) {
             const float *same = wide + i * across + j;
-            where[i * across + j] = same[0] > 0.0f || (i > 0 && same[-across] > 0.0f) || (i + 1 < down && same[across] > 0.0f);
+            float most = same[0];
+            if (i > 0 && same[-across] > most)
+                most = same[-across];
+            if (i + 1 < down && same[across] > most)
+                most = same[across];
+            where[i * across + j] = (uint8_t)most;
         }
     return 0;
 }

@@ -51,24 +51,33 @@ class QuadRules(NamedTuple):
 _WORKSPACE = Workspace()
 
 
-def where_to_look(image: ByteArray, offset: float, least_ratio: float, least_luma: float, dilate: bool) -> ByteArray:
-    """(h,w) 1 for cells of 4 x 4 pixels with enough contrast around them, both in red over blue and in brightness.
+class Contrast(NamedTuple):
+    """Least range, over 3 x 3 cells, of log red over blue and of log brightness; then both where more is asked."""
+
+    ratio: float
+    luma: float
+    more_ratio: float
+    more_luma: float
+
+
+def where_to_look(image: ByteArray, offset: float, least: Contrast, dilate: bool) -> ByteArray:
+    """(h,w) 1 for cells of 4 x 4 pixels with contrast around them, both in color and in brightness, 2 with more.
 
     Args:
         image: (H,W,3) BGR.
         offset: added to code values before their logarithm, against noise.
-        least_ratio, least_luma: least range, over 3 x 3 cells, of log red over blue and of log brightness.
         dilate: also the cells beside.
     """
     image = contiguous(image, (-1, -1, 3), np.uint8)
     kernel = _where_kernel()
     if kernel is None:
-        return where_to_look_numpy(image, offset, least_ratio, least_luma, dilate)
+        return where_to_look_numpy(image, offset, least, dilate)
     height, width = image.shape[:2]
     shape = ((height + CELL - 1) // CELL, (width + CELL - 1) // CELL)
     where = np.empty(shape, np.uint8)
     rows, cells = _WORKSPACE.floats("rows", 4 * width), _WORKSPACE.floats("cells", 8 * shape[0] * shape[1])
-    kernel(height, width, *addresses(image), offset, least_ratio, least_luma, dilate, rows, cells, *addresses(where))
+    numbers = np.array(least)
+    kernel(height, width, address(image), offset, address(numbers), dilate, rows, cells, address(where))
     return where
 
 
@@ -117,7 +126,7 @@ def dark_quads(
 @lru_cache(maxsize=1)
 def _where_kernel() -> Any:
     p, n, d = ctypes.c_void_p, ctypes.c_int64, ctypes.c_double
-    return function("lmkit_where_to_look", n, n, p, d, d, d, n, p, p, p)
+    return function("lmkit_where_to_look", n, n, p, d, p, n, p, p, p)
 
 
 @lru_cache(maxsize=1)

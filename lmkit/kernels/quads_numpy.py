@@ -29,7 +29,7 @@ ROUND = 0.003  # least area over the squared number of pixel sides: 1/16 for a s
 
 
 def where_to_look_numpy(
-    image: ByteArray, offset: float, least_ratio: float, least_luma: float, dilate: bool
+    image: ByteArray, offset: float, least: tuple[float, float, float, float], dilate: bool
 ) -> ByteArray:
     """Definition of `where_to_look`."""
     blue, green, red = (image[:, :, k].astype(np.float32) for k in range(3))
@@ -38,10 +38,12 @@ def where_to_look_numpy(
     # The range of a logarithm is the ratio of the largest and the smallest value.
     ratio = (red + o) / (blue + o)
     most = [_over_neighbors(_over_cells(v)) for v in (ratio, -ratio, luma, -luma)]
-    where = (most[0] > -most[1] * np.float32(np.exp(least_ratio))) & (
-        most[2] > -most[3] * np.float32(np.exp(least_luma))
+    in_color, in_light, more_color, more_light = (
+        most[k] > -most[k + 1] * np.float32(np.exp(limit)) for k, limit in zip((0, 2, 0, 2), least, strict=True)
     )
-    return (_over_neighbors(where.astype(np.float64)) > 0 if dilate else where).astype(np.uint8)
+    much = in_color & in_light
+    where = much.astype(np.float64) + (much & more_color & more_light)
+    return (_over_neighbors(where) if dilate else where).astype(np.uint8)
 
 
 def _over_cells(values: FloatArray) -> FloatArray:
