@@ -6,7 +6,6 @@ is fitted, landmark by landmark.
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass, field, replace
 from functools import cached_property, lru_cache
 from typing import Any
@@ -15,7 +14,7 @@ import cv2
 import numpy as np
 
 from lmkit.arrays import ByteArray, Float32Array, FloatArray
-from lmkit.detection.shadows import local_white
+from lmkit.detection.shadows import white_within
 from lmkit.geometry.camera import CameraModel
 from lmkit.kernels.landmark_fit import LandmarkFit
 from lmkit.kernels.lens import Lens
@@ -28,7 +27,6 @@ from lmkit.model.palette import SRGB_TO_LINEAR
 Box = tuple[int, int, int, int]  # x0, y0, x1, y1, px; the last two not included
 LEAST_LEVEL_PX = 24  # no level of the pyramid is smaller
 LEAST_ERROR = 1 / 255  # twice as much reads a little more, and more wrong codes
-LARGEST_WINDOW_PX = 31  # larger windows around pixels are taken in a halved image
 # Clearing a box costs less than new pages of memory, and so do levels that are written anew.
 _BLANKS, _LEVELS = Loans(2), Loans(8)
 
@@ -88,23 +86,7 @@ class LinearImage:
 
     def shadow_normalized(self, box: Box, window: int) -> LinearImage:
         """The image with shadows taken out of a box, see :mod:`lmkit.detection.shadows`."""
-        x0, y0, x1, y1 = self._within(box)
-        times = min(max(0, math.ceil(math.log2(window / LARGEST_WINDOW_PX))), len(self.pyramid.levels) - 1)
-        if times == 0:
-            linear = np.asarray(cv2.LUT(self.source.image[y0:y1, x0:x1], SRGB_TO_LINEAR), dtype=np.float32)
-            return self.renormalized(box, local_white(linear, window))
-        halved, scale = self.pyramid.levels[times], 2**times
-        height, width = halved.shape[:2]
-        left, top = x0 // scale, y0 // scale
-        right, bottom = min(-(-x1 // scale), width), min(-(-y1 // scale), height)
-        linear = np.asarray(cv2.LUT(halved[top:bottom, left:right], SRGB_TO_LINEAR), dtype=np.float32)
-        white = local_white(linear, 2 * round(window / scale / 2) + 1)
-        # Pixel k of the halved image covers the span [k, k + 1) * scale.
-        move = np.array([[scale, 0, scale * (left + 0.5) - 0.5 - x0], [0, scale, scale * (top + 0.5) - 0.5 - y0]])
-        size = (x1 - x0, y1 - y0)
-        return self.renormalized(
-            box, cv2.warpAffine(white, move, size, flags=cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
-        )
+        return self.renormalized(box, white_within(self.pyramid.levels, self._within(box), window))
 
     def renormalized(self, box: Box, light: Float32Array) -> LinearImage:
         """The image divided by this light of a box x0, y0, x1, y1, and by no other."""
@@ -128,7 +110,8 @@ class LinearImage:
             # An odd row or column has no partner; with it, shares of pixels would be averaged, ten times as slowly.
             even = levels[-1][: 2 * down, : 2 * across]
             halved = _LEVELS.lend((down, across, 3), np.uint8)
-            levels.append(cv2.resize(even, (across, down), dst=halved, interpolation=cv2.INTER_AREA))
+            cv2.resize(even, (across, down), dst=halved, interpolation=cv2.INTER_AREA)
+            levels.append(halved)
         return Pyramid(tuple(levels), self.source.linear)
 
     def halved(self, times: int) -> LinearImage:

@@ -10,18 +10,21 @@ itself says how bright every pixel would be, and one straight edge between two l
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import cv2
 import numpy as np
 
-from lmkit.arrays import Float32Array, FloatArray
+from lmkit.arrays import ByteArray, Float32Array, FloatArray
 from lmkit.kernels.shadow_edge import shadow_direction
+from lmkit.model.palette import SRGB_TO_LINEAR
 
 # The window over the side of a landmark: wider than the ground between margin and rings, which is a
 # quarter of the side at the corners, and not so wide that it bridges the shade's own white.
 WINDOW_OVER_SIDE = 0.42
 LEAST_RATIO = 1.5  # between the brightest and the darkest white of a square, for a shadow's edge on it
+LARGEST_WINDOW_PX = 31  # larger ones take as much time as all else
 DARKEST = 1e-3
 EDGE_DIRECTIONS = 36
 _ANGLES = np.arange(EDGE_DIRECTIONS) * (np.pi / EDGE_DIRECTIONS)
@@ -31,6 +34,29 @@ _NORMALS = np.column_stack([np.cos(_ANGLES), np.sin(_ANGLES)])
 def window_for(side_px: float) -> int:
     """Side of the closing's window, odd, px, for landmarks of this side."""
     return max(2 * round(WINDOW_OVER_SIDE * side_px / 2) + 1, 5)
+
+
+def white_within(levels: Sequence[ByteArray], box: tuple[int, int, int, int], window: int) -> Float32Array:
+    """(y1 - y0, x1 - x0) brightness of the white around pixels of a box x0, y0, x1, y1 of an image.
+
+    Args:
+        levels: (H,W,3) BGR, 8 bit: the image and its halvings, in which large windows are taken.
+        window: its side, odd, px.
+    """
+    x0, y0, x1, y1 = box
+    times = min(max(0, math.ceil(math.log2(window / LARGEST_WINDOW_PX))), len(levels) - 1)
+    level, scale = levels[times], 2**times
+    left, top = x0 // scale, y0 // scale
+    right, bottom = min(-(-x1 // scale), level.shape[1]), min(-(-y1 // scale), level.shape[0])
+    linear = np.asarray(cv2.LUT(level[top:bottom, left:right], SRGB_TO_LINEAR), dtype=np.float32)
+    if times == 0:
+        return local_white(linear, window)
+    white = local_white(linear, 2 * round(window / scale / 2) + 1)
+    # Pixel k of a halved image covers the span [k, k + 1) * scale of the image.
+    first = scale * (np.array([left, top]) + 0.5) - 0.5 - (x0, y0)
+    move = np.column_stack([scale * np.eye(2), first])
+    enlarged = cv2.warpAffine(white, move, (x1 - x0, y1 - y0), borderMode=cv2.BORDER_REPLICATE)
+    return np.asarray(enlarged, dtype=np.float32)
 
 
 def local_white(linear: Float32Array, window: int) -> Float32Array:

@@ -47,9 +47,7 @@ class Loans:
         self._most = most
         self._free: dict[Any, list[NDArray[Any]]] = {}
 
-    def lend(
-        self, shape: tuple[int, ...], dtype: Any, written: tuple[slice, ...] | None = None
-    ) -> NDArray[Any]:
+    def lend(self, shape: tuple[int, ...], dtype: Any, written: tuple[slice, ...] | None = None) -> NDArray[Any]:
         """Array of this shape and type, with whatever values its last user left.
 
         Args:

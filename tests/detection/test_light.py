@@ -11,7 +11,8 @@ from simulated import shoot
 from lmkit.detection.detector import detect_landmarks
 from lmkit.detection.linear_image import LinearImage
 from lmkit.detection.screening import screen_candidates
-from lmkit.detection.shadows import ShadowEdge, local_white, window_for
+from lmkit.detection.shadows import LARGEST_WINDOW_PX, ShadowEdge, local_white, white_within, window_for
+from lmkit.kernels.workspace import Loans
 from lmkit.model.landmark import LM8
 from lmkit.simulation.photograph import Development, ImagingChain, Lens, Light, Sensor, Shadow
 
@@ -23,6 +24,42 @@ def test_the_local_white_bridges_the_dark_and_keeps_a_step():
     white = local_white(photo, window_for(40))
     assert np.allclose(white[24, [20, 40]], 0.8, atol=0.01)
     assert np.allclose(white[24, [50, 70]], 0.2, atol=0.01)
+
+
+def test_a_large_window_finds_the_same_white_in_a_halved_image():
+    photo = np.full((300, 420, 3), 230, np.uint8)
+    photo[90:160, 70:350] = 30
+    photo[:, 200:] //= 2
+    levels = LinearImage.of(photo).pyramid.levels
+    box, window = (21, 13, 401, 290), 2 * LARGEST_WINDOW_PX + 41
+    white = white_within(levels, box, window)
+    whole = white_within(levels[:1], box, window)
+    assert white.shape == whole.shape == (277, 380)
+    # A halved image shows the step between the lights within its pixels of four.
+    step = np.abs(np.arange(21, 401) - 199.5) < 10
+    assert np.allclose(white[:, ~step], whole[:, ~step], rtol=0.01)
+    bright, dark = whole[0, 0], whole[0, -1]
+    before = [(row[0, step] - dark).sum() / (bright - dark) for row in (white, whole)]
+    assert abs(before[0] - before[1]) < 0.7
+
+
+def test_halvings_leave_out_an_odd_row_and_column():
+    image = np.random.default_rng(0).integers(0, 256, (121, 131, 3), dtype=np.uint8)
+    halved = LinearImage.of(image).pyramid.levels[1]
+    means = image[:120, :130].reshape(60, 2, 65, 2, 3).mean(axis=(1, 3))
+    assert np.array_equal(halved, np.floor(means + 0.5))
+
+
+def test_memory_is_lent_again_and_cleared():
+    loans = Loans(1)
+    first = loans.lend((40, 50), np.float32, (slice(3, 9), slice(5, 7)))
+    first[3:9, 5:7] = 2.0
+    place, other = first.ctypes.data, loans.lend((40, 50), np.float32, (slice(0, 1), slice(0, 1)))
+    assert other.ctypes.data != place
+    del first
+    again = loans.lend((40, 50), np.float32, (slice(0, 1), slice(0, 1)))
+    assert again.ctypes.data == place
+    assert not again.any()
 
 
 def test_a_landmark_of_ten_code_values_of_contrast_is_found_in_a_veil():
