@@ -68,7 +68,7 @@ class WhereToLook:
 
     @property
     def contrast(self) -> Contrast:
-        """What the kernel takes."""
+        """Least contrast as the kernel takes it."""
         return Contrast(self.ratio, self.luma, max(self.ratio, self.fine_ratio), max(self.luma, self.fine_luma))
 
 

@@ -107,7 +107,7 @@ class LinearImage:
         levels = [self.source.image]
         while min(levels[-1].shape[:2]) > 2 * LEAST_LEVEL_PX and len(levels) < 8:
             down, across = levels[-1].shape[0] // 2, levels[-1].shape[1] // 2
-            # An odd row or column has no partner; with it, shares of pixels would be averaged, ten times as slowly.
+            # A last row or column without a partner is left out: shares of pixels take ten times as long.
             even = levels[-1][: 2 * down, : 2 * across]
             halved = _LEVELS.lend((down, across, 3), np.uint8)
             cv2.resize(even, (across, down), dst=halved, interpolation=cv2.INTER_AREA)

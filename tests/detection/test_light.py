@@ -43,7 +43,7 @@ def test_a_large_window_finds_the_same_white_in_a_halved_image():
     assert abs(before[0] - before[1]) < 0.7
 
 
-def test_halvings_leave_out_an_odd_row_and_column():
+def test_halvings_leave_out_a_last_row_and_column_without_partner():
     image = np.random.default_rng(0).integers(0, 256, (121, 131, 3), dtype=np.uint8)
     halved = LinearImage.of(image).pyramid.levels[1]
     means = image[:120, :130].reshape(60, 2, 65, 2, 3).mean(axis=(1, 3))
