@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
+import contextlib
 import itertools
 import multiprocessing
 import multiprocessing.connection
 import os
+import signal
 import sys
 import threading
 import time
-from collections.abc import Callable, Generator, Iterable
+from collections.abc import Callable, Generator, Iterable, Iterator
 from concurrent.futures import ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
 from functools import partial
@@ -139,7 +141,8 @@ class _Worker(SpawnProcess):
         hidden = {name: main[name] for name in ("__spec__", "__file__") if main.get(name) is not None}
         main.update(dict.fromkeys(hidden))
         try:
-            return SpawnProcess._Popen(process)
+            with _interrupts_held():
+                return SpawnProcess._Popen(process)
         finally:
             main.update(hidden)
 
@@ -148,6 +151,28 @@ class WorkerContext(SpawnContext):
     """How worker processes are started: spawned, and without the caller's script."""
 
     Process = _Worker
+
+
+@contextlib.contextmanager
+def _interrupts_held() -> Iterator[None]:
+    """Hold SIGINT back; a process started meanwhile gets it after `end_with_parent`, not amid its imports."""
+    if not hasattr(signal, "pthread_sigmask"):  # Windows
+        yield
+        return
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
+
+
+def _release_interrupts() -> None:
+    """Let a worker that has begun be interrupted; one that was meanwhile ends, as the one that started it does."""
+    if hasattr(signal, "pthread_sigmask"):
+        try:
+            signal.pthread_sigmask(signal.SIG_UNBLOCK, {signal.SIGINT})
+        except KeyboardInterrupt:
+            os._exit(1)
 
 
 def _start_worker(shared: Any) -> None:
@@ -161,6 +186,7 @@ def _start_worker(shared: Any) -> None:
 
 def end_with_parent() -> None:
     """Let this worker end when the process that started it is gone; a killed one cannot tell its workers to stop."""
+    _release_interrupts()
     parent = multiprocessing.parent_process()
     if parent is not None:
         threading.Thread(target=_wait_and_end, args=(parent.sentinel,), daemon=True).start()

@@ -109,11 +109,14 @@ def check_size(path: Path, rows: int, columns: int) -> None:
         )
 
 
-def inside_of(path: Path, free: BoolArray, cell_m: float) -> BoolArray:
+def inside_of(path: Path, free: BoolArray, cell_m: float, shut_doors: bool = True) -> BoolArray:
     """Free cells that are not connected with the rim of the grid, or all of them where none are left then.
 
     An outer door that stands open would make the rooms behind it outside, and leave what is closed, such as the
     inside of a drawn table.  So where openings up to `DOOR_M` hide most of the floor, they count as shut.
+
+    Args:
+        shut_doors: False for walls that were written by hand, where an opening is a mistake to name.
 
     Raises:
         InputError: no cell is free.
@@ -121,9 +124,10 @@ def inside_of(path: Path, free: BoolArray, cell_m: float) -> BoolArray:
     padded = np.pad(free, 1, constant_values=True).astype(np.uint8)
     _, parts = cv2.connectedComponents(padded, connectivity=4)
     inside = free & (parts[1:-1, 1:-1] != parts[0, 0])
-    behind_doors = _inside_with_doors_shut(free, cell_m)
-    if behind_doors.sum() > HIDDEN_RATIO * inside.sum():
-        inside = behind_doors
+    if shut_doors:
+        behind_doors = _inside_with_doors_shut(free, cell_m)
+        if behind_doors.sum() > HIDDEN_RATIO * inside.sum():
+            inside = behind_doors
     answer = inside if inside.any() else free
     if not answer.any():
         raise InputError("nothing_free", f"{path}: no free floor", "white is free, dark is not; check --scale")

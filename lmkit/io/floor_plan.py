@@ -179,7 +179,8 @@ def _from_lines(path: Path, lines: list[Wall], drawing: DrawingOptions | None = 
     for line in lines:
         start, end = (np.round((p - low) / CELL_M * 16 - 8).astype(int).tolist() for p in (line.left, line.right))
         cv2.line(drawn, start, end, 255, 1, cv2.LINE_8, 4)
-    floor = FloorPlan(inside_of(path, drawn == 0, CELL_M), CELL_M, (float(low[0]), float(low[1])))
+    inside = inside_of(path, drawn == 0, CELL_M, shut_doors=drawing is not None)
+    floor = FloorPlan(inside, CELL_M, (float(low[0]), float(low[1])))
     if drawing is not None:
         floor = with_islands(floor, drawing)
         lines = [line for line in lines if island_use(floor, (line.left + line.right) / 2) == "wall"]

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import warnings
+from collections.abc import Callable, Sequence
 from functools import partial
 from pathlib import Path
 
-from lmkit.errors import InputError
+from lmkit.errors import InputError, InputWarning
 from lmkit.geometry.rig import AnyRig, mounted_cameras
 from lmkit.live.clock import LoopClock
 from lmkit.live.mavlink_link import parse_mavlink
@@ -24,6 +25,7 @@ from lmkit.live.ros.transport import choose
 from lmkit.live.run_settings import LOOP_KEYS, RunSettings
 from lmkit.model.landmark_map import LandmarkMap
 
+ROBOT_KINDS = ("mavlink", "nt", "ros2")  # their messages are about a body with x ahead and z up
 KINDS = "stdout, ws, mavlink:CONNECTION, nt:HOST, ros2"
 
 
@@ -38,12 +40,25 @@ def open_outputs(
     Raises:
         InputError: an unknown output, or one whose extra is not installed.
     """
+    if sentence := camera_poses_warning(settings.values.to, rig):
+        warnings.warn(InputWarning(sentence), stacklevel=2)
     runners = [OutputRunner(text, opener(text, rig, landmarks), clock.now) for text in settings.values.to]
     if settings.values.record is not None:
         live = settings.sources[0].is_live
         record = _recorder(settings, rig, landmarks, motion)
         runners.append(OutputRunner(f"record {settings.values.record}", record, clock.now, keeps_all=not live))
     return runners
+
+
+def camera_poses_warning(outputs: Sequence[str], rig: AnyRig) -> str | None:
+    """A sentence where outputs whose receivers expect a robot's pose would get the first camera's; None where not."""
+    robots = [text for text in outputs if text.split(":")[0].split("?")[0] in ROBOT_KINDS]
+    if not robots or rig.T_base_left is not None:
+        return None
+    return (
+        f"the rig does not say where the cameras are on the robot: {', '.join(robots)} gets the first camera's pose "
+        "(x right, y down, z ahead) as the robot's; add T_base_left or T_base_camera to the rig file"
+    )
 
 
 def _recorder(settings: RunSettings, rig: AnyRig, landmarks: LandmarkMap, motion: str) -> Callable[[], Output]:

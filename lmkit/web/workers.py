@@ -81,9 +81,9 @@ def _start() -> None:
 
     from lmkit.parallel import end_with_parent
 
-    end_with_parent()
     # The terminal's interrupt is for the server, which ends its processes.
     signal.signal(signal.SIGINT, signal.SIG_IGN)
+    end_with_parent()
     for variable in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"):
         os.environ.setdefault(variable, "1")
     os.environ.setdefault("OPENCV_LOG_LEVEL", "SILENT")

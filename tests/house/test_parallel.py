@@ -137,3 +137,19 @@ def is_alive(pid: int) -> bool:
         return False
     status = Path(f"/proc/{pid}/status")
     return "State:\tZ" not in status.read_text() if status.exists() else True
+
+
+@pytest.mark.skipif(not hasattr(signal, "pthread_sigmask"), reason="Windows has no signal masks")
+def test_workers_start_with_interrupts_held(monkeypatch):
+    """One that came amid a worker's imports left a traceback; the worker lets them in when it has begun."""
+
+    def blocked() -> bool:
+        return signal.SIGINT in signal.pthread_sigmask(signal.SIG_BLOCK, ())
+
+    seen = []
+    monkeypatch.setattr(SpawnProcess, "_Popen", staticmethod(lambda process: seen.append(blocked())))
+    parallel.WorkerContext().Process(target=answer)._Popen(None)
+    assert seen == [True] and not blocked()
+    signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    parallel.end_with_parent()
+    assert not blocked()

@@ -23,6 +23,7 @@ from lmkit.live.frame_group import FrameGroup
 from lmkit.live.live_run import LiveRun
 from lmkit.live.loop import LiveLoop, LoopSettings
 from lmkit.live.motion import WHEELS, MotionInbox, MotionRow
+from lmkit.live.open_outputs import camera_poses_warning
 from lmkit.live.open_run import open_run
 from lmkit.live.outputs.base import OutputLost, OutputRunner
 from lmkit.live.reader import Reader
@@ -90,6 +91,15 @@ def test_rendered_images_give_poses_and_windows_are_searched():
 
 
 @pytest.mark.slow
+def test_outputs_about_a_robots_body_need_the_cameras_place_on_it():
+    rig = SimulatedRun(parse_source("sim:?seconds=1")).rig
+    outputs = ["stdout", "mavlink:udpout:127.0.0.1:14550", "ros2?transport=dds"]
+    assert camera_poses_warning(outputs, rig) is None
+    alone = replace(rig, T_base_left=None)
+    assert "mavlink:udpout:127.0.0.1:14550, ros2?transport=dds gets" in str(camera_poses_warning(outputs, alone))
+    assert camera_poses_warning(["stdout", "ws:9000"], alone) is None
+
+
 def test_a_robot_that_is_carried_off_publishes_nothing_wrong():
     def carried(groups: Iterator[FrameGroup]) -> Iterator[FrameGroup]:
         simulated = SimulatedRun(parse_source(CORNERS))
