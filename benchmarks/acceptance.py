@@ -1,7 +1,7 @@
 """Shares of landmarks read and of wrong codes, and the reliability of the confidence, at every strictness.
 
     uv run --extra benchmark python benchmarks/acceptance.py ../shared/data/photos [--images 600] [--plots FOLDER]
-        [--family lm12 --hidden 0.6] [--many] [--limits 2.5 3.5 4]
+        [--family lm12 --hidden 0.6] [--many | --moving] [--limits 2.5 3.5 4]
 
 Cameras, seeds and photographs (`acceptance_sets.py`) that served neither the weights nor the limits
 (`train_acceptance.py`); the photographs as they are and enlarged for false positives, and those that scikit-image
@@ -21,7 +21,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 import skimage
-from acceptance_sets import MANY, REPORT, USUAL, ImageSet
+from acceptance_sets import MANY, MOVING, REPORT, USUAL, ImageSet
 from peers import wilson
 from tag_false_positives import SHIPPED, versions
 from train_acceptance import OPTIONS, RIGHT_CORNERS
@@ -146,6 +146,7 @@ def main() -> None:
     parser.add_argument("--family", default=REPORT.family)
     parser.add_argument("--hidden", type=float, default=REPORT.hidden, help="share of the landmarks")
     parser.add_argument("--many", action="store_true", help="images of up to 24 sheets, to count what is rare")
+    parser.add_argument("--moving", action="store_true", help="images of up to 20 sheets that all move")
     parser.add_argument(
         "--limits", type=float, nargs="*", default=[], help="least log odds, beside the three usual ones"
     )
@@ -153,7 +154,11 @@ def main() -> None:
     options = parser.parse_args()
     shipped = [path for name in SHIPPED if (path := Path(skimage.data_dir) / name).exists()]
     with ProcessPoolExecutor(options.jobs) as pool:
-        images = replace(MANY if options.many else REPORT, family=options.family, hidden=options.hidden)
+        images = replace(
+            MANY if options.many else MOVING if options.moving else REPORT,
+            family=options.family,
+            hidden=options.hidden,
+        )
         work = partial(simulated, images, options.photos, options.keep)
         results = list(pool.map(work, range(options.images), chunksize=4))
         photographs = [*REPORT.photographs(options.photos), *shipped]

@@ -37,6 +37,7 @@ class ImageSet:
         family: of the landmarks.
         most_px: the largest side; the smallest is 9 px, or 13 px among look-alikes.
         cells: columns and rows of sheets.
+        motion_px: least and largest way of every image during its exposure; see `camera_scenes.draw_photograph`.
     """
 
     name: str
@@ -47,6 +48,7 @@ class ImageSet:
     family: str = "lm8"
     most_px: float = 60.0
     cells: tuple[int, int] = (COLUMNS, ROWS)
+    motion_px: tuple[float, float] | None = None
 
     def photographs(self, folder: Path) -> list[Path]:
         paths = backgrounds(folder)
@@ -72,6 +74,7 @@ class ImageSet:
                 cells=self.cells,
                 hidden=self.hidden,
                 obstacle=obstacle,
+                motion_px=self.motion_px,
             )[:2]
 
         name = f"{self.name}-{round(100 * look_alikes)}-{index:05d}"
@@ -80,9 +83,11 @@ class ImageSet:
 
 FIT = ImageSet("fit", 1101, TRAINING_KINDS, (0.0, 0.35), 0.4)
 LIMIT = ImageSet("limit", 2202, TRAINING_KINDS, (0.35, 0.5), 0.3)
-REPORT = ImageSet("report", 6606, HELD_OUT_KINDS, (0.5, 1.0), 0.2)
+REPORT = ImageSet("report", 48117, HELD_OUT_KINDS, (0.5, 1.0), 0.2)
 # Many landmarks in little time, to count what is rare.
-MANY = ImageSet("many", 7707, HELD_OUT_KINDS, (0.5, 1.0), 0.2, most_px=42.0, cells=(6, 4))
+MANY = ImageSet("many", 48229, HELD_OUT_KINDS, (0.5, 1.0), 0.2, most_px=42.0, cells=(6, 4))
+# Every image moves during its exposure, in any direction, by 1 to 20 px: up to the side of landmarks and beyond.
+MOVING = ImageSet("moving", 48337, HELD_OUT_KINDS, (0.5, 1.0), 0.2, cells=(5, 4), motion_px=(1.0, 20.0))
 USUAL = LOOK_ALIKES
 
 

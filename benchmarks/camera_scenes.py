@@ -110,6 +110,7 @@ def draw_photograph(
     is_dim: bool = False,
     hidden: float = HIDDEN_SHARE,
     obstacle: Obstacle = bar_or_patch,
+    motion_px: tuple[float, float] | None = None,
 ) -> tuple[np.ndarray, list[Shown], ImagingChain]:
     """One image, (480,640,3) BGR, 8 bit, the landmarks in it and how it was taken.
 
@@ -124,6 +125,8 @@ def draw_photograph(
         is_dim: so little light that noise is plain to see, see :func:`dimmed`.
         hidden: share of the landmarks before which an obstacle stands.
         obstacle: which of the two kinds of obstacles.
+        motion_px: least and largest way of the image during the exposure, drawn by the logarithm, in any direction;
+            without it, motion is one of the troubles, and short.
     """
     rng = np.random.default_rng(seed)
     panels, shown, obstacles, marker = [], [], [], family_named(family)
@@ -155,6 +158,10 @@ def draw_photograph(
     scene = Scene(tuple(panels), LandmarkMap([]), (1.0, 1.0, 1.0))
     radiance = render(scene, camera(), Pose.identity("map", "camera"), background)
     chain = draw_chain(rng, kinds, trouble, SIZE)
+    if motion_px is not None:
+        long, towards = float(np.exp(rng.uniform(*np.log(motion_px)))), float(rng.uniform(0, 2 * np.pi))
+        way = (long * float(np.cos(towards)), long * float(np.sin(towards)))
+        chain = replace(chain, lens=replace(chain.lens, motion_px=way))
     if is_dim:
         chain = dimmed(chain, rng)
     return expose(radiance, chain, rng), shown, chain

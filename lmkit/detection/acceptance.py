@@ -36,7 +36,10 @@ TURN_PER_CODE = 0.6  # a quarter turn changes more of the drawing than a code: i
 FOREIGN = 3.0  # what the best of many rectangles explains where nothing stands
 # An object is plain to see from so much on; the code then needs this share of it as its own evidence.
 PLAIN_OBJECT, SHARE_OF_OBJECT = 10.0, 0.15
-BIAS = -2.06
+# A reading with log odds and a margin below these is compared with its rivals, which are fitted too (`rivals`).  It
+# is then no surer than this share of its margin over them.
+DOUBTFUL, CLEAR_MARGIN, SHARE_OF_RIVAL_MARGIN = 3.8, 80.0, 0.25
+BIAS = -1.76
 TERMS: MappingProxyType[str, Term] = MappingProxyType(
     {
         "margin": Term(0.07, 3.34, "code"),
@@ -81,12 +84,14 @@ class ScoredReading:
         side_px: mean side.
         blur_px: standard deviation of the point spread, geometric mean of its axes.
         is_shaded: read with a shadow taken out.
+        rival_margin: log likelihood ratio against other codes that are fitted too; infinite where none was.
     """
 
     decoding: Decoding
     side_px: float
     blur_px: float
     is_shaded: bool
+    rival_margin: float = math.inf
 
     @cached_property
     def figures(self) -> dict[str, float]:
@@ -127,13 +132,22 @@ class ScoredReading:
         """
         figures = self.figures
         score = BIAS + sum(term.weight * figures[name] for name, term in TERMS.items())
-        return min(score, self.decoding.margin, 0.0 if self.is_covered else math.inf)
+        return min(score, self._margin, 0.0 if self.is_covered else math.inf)
+
+    @property
+    def is_doubtful(self) -> bool:
+        """Another code may fit as well, once it is fitted too."""
+        return self.log_odds < DOUBTFUL and self.decoding.margin < CLEAR_MARGIN
+
+    @property
+    def _margin(self) -> float:
+        return min(self.decoding.margin, SHARE_OF_RIVAL_MARGIN * self.rival_margin)
 
     def reason_to_reject(self, rule: AcceptanceRule) -> str | None:
         """The worst term in one word where the score is too low; None where it is high enough."""
         if self.log_odds >= rule.least_log_odds:
             return None
-        if self.decoding.margin < rule.least_log_odds:
+        if self._margin < rule.least_log_odds:
             return "code"
         if self.is_covered:
             return "hidden"

@@ -9,13 +9,14 @@ from functools import cached_property
 import numpy as np
 
 from lmkit.arrays import ByteArray, FloatArray
-from lmkit.detection.acceptance import DEFAULT, AcceptanceRule, ScoredReading
+from lmkit.detection.acceptance import AcceptanceRule, ScoredReading
 from lmkit.detection.config import DetectOptions
 from lmkit.detection.decoding import Decoding, decoding_of, tables_of
 from lmkit.detection.fit_steps import COARSE_PIXELS, COARSE_SIDE_PX, START, FitSteps, compiled_fit
 from lmkit.detection.linear_image import LinearImage
 from lmkit.detection.pixel_sampling import mean_side
 from lmkit.detection.registration import PatternRegistration, blur_of
+from lmkit.detection.rivals import rival_margin
 from lmkit.kernels import landmark_fit
 from lmkit.kernels.landmark_fit import Fitted
 from lmkit.kernels.registration import Steps, View
@@ -97,7 +98,7 @@ def register_all(
     view = View(np.zeros(2), image.center, image.half_width, family.half_mm).flat
     fit = compiled_fit(image, family, options.config.pixels)
     fitted = fit.run_all(view, quads, DISTORTION_SIDE_PX if fits_distortion else math.inf)
-    return [_candidate_of(image, one, family, options.rule) for one in fitted]
+    return [_candidate_of(image, one, family, options) for one in fitted]
 
 
 def register_and_decode(
@@ -118,7 +119,7 @@ def register_and_decode(
         fit.sharpen_shadow(COARSE_PIXELS)
     if not steps.finish(fit):
         return None
-    return _candidate(fit, _smaller_margins(fit.decoding, fit.robust_decoding), options.rule, fit_distortion)
+    return _candidate(fit, _smaller_margins(fit.decoding, fit.robust_decoding), options, fit_distortion)
 
 
 def read_landmark_at(image: ByteArray, corners: FloatArray, family: LandmarkFamily) -> Candidate | None:
@@ -136,7 +137,7 @@ def read_landmark_at(image: ByteArray, corners: FloatArray, family: LandmarkFami
         return None
     fit.decode()
     fit.register(SHARP)
-    return _candidate(fit, fit.decode(), DEFAULT, fit_distortion=False)
+    return _candidate(fit, fit.decode(), DetectOptions(), fit_distortion=False)
 
 
 def _coarse_corners(
@@ -169,18 +170,30 @@ def _smaller_margins(plain: Decoding, robust: Decoding) -> Decoding:
     )
 
 
-def _candidate(fit: PatternRegistration, decoding: Decoding, rule: AcceptanceRule, fit_distortion: bool) -> Candidate:
+def _candidate(
+    fit: PatternRegistration, decoding: Decoding, options: DetectOptions, fit_distortion: bool
+) -> Candidate:
     corners, covariance = fit.image_corners(fit_distortion)
-    reading = _reading(fit, decoding, corners)
-    return _in_own_order(fit.image, fit.family, corners, covariance, reading, rule)
+    reading = _against_rivals(_reading(fit, decoding, corners), fit.image, fit.family, fit.state, options)
+    return _in_own_order(fit.image, fit.family, corners, covariance, reading, options.rule)
 
 
-def _candidate_of(image: LinearImage, found: Fitted, family: LandmarkFamily, rule: AcceptanceRule) -> Candidate:
+def _candidate_of(image: LinearImage, found: Fitted, family: LandmarkFamily, options: DetectOptions) -> Candidate:
     tables = tables_of(family)
     plain, robust = (decoding_of(tables, decoded, found.pixels) for decoded in (found.plain, found.robust))
     decoding, side = _smaller_margins(plain, robust), mean_side(found.corners)
     reading = ScoredReading(decoding, side, blur_of(found.state), is_shaded=False)
-    return _in_own_order(image, family, found.corners, found.covariance, reading, rule)
+    reading = _against_rivals(reading, image, family, found.state, options)
+    return _in_own_order(image, family, found.corners, found.covariance, reading, options.rule)
+
+
+def _against_rivals(
+    reading: ScoredReading, image: LinearImage, family: LandmarkFamily, state: FloatArray, options: DetectOptions
+) -> ScoredReading:
+    """A doubtful reading that would be accepted, with its margin over other codes that are fitted too."""
+    if reading.log_odds < options.rule.least_log_odds or not reading.is_doubtful:
+        return reading
+    return replace(reading, rival_margin=rival_margin(image, family, state, reading.decoding, options.config.pixels))
 
 
 def _in_own_order(

@@ -151,6 +151,11 @@ class DrawingFit:
         self.state, self._normal, self._error = found.state, found.normal, found.error
         self.samples.variance, self.samples.prior_weight = found.variance, found.prior_weight
 
+    @property
+    def last_error(self) -> float:
+        """Mean squared residual of the last :meth:`register`, priors included, over its expected variance."""
+        return self._error
+
     def image_corners(self, fit_distortion: bool) -> tuple[FloatArray, FloatArray]:
         """(4,2) corners in the image as delivered, distortion and all, and their (8,8) covariance.
 

@@ -66,6 +66,16 @@ LMKIT_EXPORT int lmkit_fit_landmarks(const Fit *fit, const double *view, int64_t
                                      double distortion_side, int64_t capacity, float *planes, float *work,
                                      uint8_t *kinds, double *subsets, int64_t width, double *rows);
 
+/* From a state (15) on: how well the reading of a turn and a code fits, and how well the likeliest other codes do, each
+ * registered in `most` steps; none is where its margin before is over `hopeless` and over `by_error` times the reading's
+ * error.  masks is a copy of the
+ * family's, which is used up; results: room for a weight, an error and a normal matrix.  out: pixels, the reading's
+ * error and the least of the others', -1 where none was registered.  Returns 1 where nothing is there. */
+LMKIT_EXPORT int lmkit_fit_rivals(const Fit *fit, const double *view, int64_t turn, int64_t code, int64_t rivals,
+                                  int64_t most, double to_px, double hopeless, double by_error, int64_t capacity,
+                                  float *planes, float *work, uint8_t *kinds, double *subsets, int32_t *masks, double *state,
+                                  double *results, double *out);
+
 static double side_of(const double *c)
 {
     double sum = 0.0;
@@ -354,6 +364,51 @@ int lmkit_fit_landmarks(const Fit *f, const double *view, int64_t count, const d
         blur = blur > f->least_blur ? blur : f->least_blur;
         state[8] = state[10] = blur * blur;
         row[0] = !lmkit_fit_landmark(f, here, READ | FINISH, side > distortion_side, capacity, planes, work, kinds, subsets, state, state + STATE);
+    }
+    return 0;
+}
+
+static void leave_out(int32_t *masks, int64_t codes, int64_t code)
+{
+    for (int64_t k = 0, to = 0; k < TURNS * codes; k++)
+        if (k % codes != code)
+            masks[to++] = masks[k];
+}
+
+int lmkit_fit_rivals(const Fit *f, const double *view, int64_t turn, int64_t code, int64_t rivals, int64_t most,
+                     double to_px, double hopeless, double by_error, int64_t capacity, float *planes, float *work,
+                     uint8_t *kinds, double *subsets, int32_t *masks, double *state, double *results, double *out)
+{
+    Pixels p = {planes, NULL, NULL, NULL, planes + 8 * capacity, work, kinds, subsets, 0, capacity};
+    if (!take(f, view, state, f->coarse_pixels, f->near_share, &p))
+        return 1;
+    weigh_channels(f, &p);
+    double *weight = results, *error = results + 1, *normal = results + 2, moved[STATE], decoded[HEAD];
+    int64_t codes = f->codes, open = masks[turn * codes + code];
+    out[0] = (double)p.n;
+    out[1] = 1.0;
+    out[2] = -1.0;
+    read_code(f, view, state, &p, p.variance, 0, decoded);
+    const double far = fmax(hopeless, by_error * decoded[2] / (3.0 * (double)p.n));
+    if (decoded[0] == (double)turn && decoded[1] == (double)code && fmin(margin(f, decoded, decoded[3], p.n), margin(f, decoded, decoded[4], p.n)) > far)
+        return 0;
+    if (lmkit_register(p.n, f->drawing, view, p.at, p.values, p.variance, f->priors, f->limits, open, turn, 0, 0, most, to_px, p.work, state, p.robust, weight, normal, error))
+        return 1;
+    const double per_log = 3.0 * (double)p.n / f->correlated / 2.0, own = *error > 1e-9 ? *error : 1e-9;
+    out[1] = own;
+    for (int64_t k = 0; k < rivals && codes > 1; k++) {
+        leave_out(masks, codes--, code);
+        if (decode_pixels(p.n, f->drawing, view, p.at, p.values, p.variance, state, masks, codes, f->decoding, 0, p.work, p.subsets, decoded))
+            break;
+        turn = (int64_t)decoded[0], code = (int64_t)decoded[1];
+        if (per_log * log(decoded[2] / (3.0 * (double)p.n * own)) > far)
+            break;
+        memcpy(moved, state, sizeof moved);
+        if (lmkit_register(p.n, f->drawing, view, p.at, p.values, p.variance, f->priors, f->limits, masks[turn * codes + code], turn, 0, 0, most, to_px, p.work, moved, p.robust, weight, normal, error))
+            break;
+        out[2] = out[2] < 0.0 || *error < out[2] ? *error : out[2];
+        if (out[2] < own)
+            break;
     }
     return 0;
 }

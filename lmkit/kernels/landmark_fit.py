@@ -76,6 +76,30 @@ class CornerErrors(NamedTuple):
     stretch: float
 
 
+class RivalRules(NamedTuple):
+    """How rivals of a reading are fitted.
+
+    Attributes:
+        rivals: so many.
+        most, to_px: steps of a fit, and the move at which it ends.
+        hopeless, by_error: rivals with a margin over this and over so many times the reading's error are left out.
+    """
+
+    rivals: int
+    most: int
+    to_px: float
+    hopeless: float
+    by_error: float
+
+
+class Rivals(NamedTuple):
+    """Errors per value of a reading and of its best rival, over so many pixels; None where no rival came close."""
+
+    pixels: int
+    error: float
+    rivals_error: float | None
+
+
 class FitRules(NamedTuple):
     """How a landmark is fitted.
 
@@ -163,10 +187,11 @@ class FitTask:
 
     Attributes:
         rules: how.
+        masks: open gaps of all codes.
     """
 
     def __init__(self, drawing: Drawing, words: Words, edges: Edges, rules: FitRules) -> None:
-        self.rules = rules
+        self.rules, self.masks = rules, words.masks
         known = np.array([*edges.squares, *edges.circles], np.float32)
         gaps = len(drawing.gaps)
         self._arrays = (drawing.flat, known, words.masks)  # their addresses stay good as long as they are held
@@ -251,6 +276,18 @@ class LandmarkFit:
         fitted = zip(rows, rows[:, 0].tolist(), strict=True)
         return [self._fitted(row[1 : 1 + STATE], row[1 + STATE :]) for row, is_fitted in fitted if is_fitted]
 
+    def run_rivals(self, view: View, state: FloatArray, turn: int, code: int, rules: RivalRules) -> Rivals | None:
+        """The reading of a turn and a code, and its rivals, from a (15,) state on; None where too little is there."""
+        kernel = _rivals_kernel()
+        assert kernel is not None
+        masks, moved = self._kept[0].masks.copy(), np.array(state, dtype=np.float64)
+        results, out = np.empty(2 + STATE * STATE), np.empty(3)
+        rooms = [WORKSPACE.floats(*room) for room in self._room]
+        task = ctypes.addressof(self._task)
+        ends = addresses(masks, moved, results, out)
+        status = kernel(task, address(view.flat), turn, code, *rules, self._capacity, *rooms, *ends)
+        return None if status else Rivals(int(out[0]), float(out[1]), float(out[2]) if out[2] >= 0 else None)
+
     def _fitted(self, state: FloatArray, out: FloatArray) -> Fitted:
         first = NORMAL + STATE * STATE
         second, end = first + self._decoding, first + 2 * self._decoding
@@ -294,3 +331,9 @@ def _kernel() -> Any:
 def _all_kernel() -> Any:
     p, n, d = ctypes.c_void_p, ctypes.c_int64, ctypes.c_double
     return function("lmkit_fit_landmarks", p, p, n, p, d, n, *[p] * 4, n, p)
+
+
+@lru_cache(maxsize=1)
+def _rivals_kernel() -> Any:
+    p, n, d = ctypes.c_void_p, ctypes.c_int64, ctypes.c_double
+    return function("lmkit_fit_rivals", p, p, n, n, n, n, d, d, d, n, *[p] * 8)

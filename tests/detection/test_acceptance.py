@@ -83,6 +83,15 @@ def test_no_reading_is_surer_than_its_code_against_the_next_one(reading):
         assert tie.reason_to_reject(DEFAULT) == "code"
 
 
+def test_no_reading_is_surer_than_its_code_against_rivals_that_are_fitted_too(reading):
+    sure = replace(reading, rival_margin=80.0)
+    assert sure.log_odds == reading.log_odds
+    doubtful = replace(reading, rival_margin=2.0)
+    assert doubtful.log_odds < DEFAULT.least_log_odds
+    assert doubtful.reason_to_reject(DEFAULT) == "code"
+    assert replace(reading, rival_margin=-9.0).log_odds < 0
+
+
 def test_an_object_that_is_plain_to_see_needs_evidence_that_it_hides_no_gap(reading):
     """The margin of a patch that hides a gap is as large as that of a gap."""
     seen = changed(reading, foreign=60.0, evidence=20.0)

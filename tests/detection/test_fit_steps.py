@@ -9,14 +9,17 @@ import numpy as np
 import pytest
 from simulated import CAMERA, shoot
 
+from lmkit.detection import register_and_decode
 from lmkit.detection.config import DetectOptions
 from lmkit.detection.decoding import Decoding
 from lmkit.detection.detector import candidates_of
 from lmkit.detection.linear_image import LinearImage
 from lmkit.detection.pixel_sampling import sample_pixels
+from lmkit.detection.rivals import rival_margin
 from lmkit.kernels import landmark_fit, load
 from lmkit.kernels.registration import STATE, View
 from lmkit.model.families import family_named
+from lmkit.simulation.photograph import ImagingChain, Lens
 
 needs_library = pytest.mark.skipif(load.library() is None, reason=load.describe())
 
@@ -44,6 +47,30 @@ def test_the_compiled_fit_takes_the_steps_of_the_definition(monkeypatch, side, l
         np.testing.assert_allclose(ours.corners, theirs.corners, atol=1e-4)
         np.testing.assert_allclose(ours.covariance, theirs.covariance, rtol=1e-3, atol=1e-9)
         assert ours.log_odds == pytest.approx(theirs.log_odds, abs=1e-3)
+
+
+@needs_library
+def test_a_doubtful_code_is_compared_with_rivals_that_are_fitted_too(monkeypatch):
+    """Motion over a third of the side.  The true code wins, and any other loses against it."""
+    margins = []
+
+    def every_way(image, family, state, decoding, pixels):
+        for reading in (decoding, replace(decoding, code=220)):
+            margins.append(rival_margin(image, family, state, reading, pixels))
+            with monkeypatch.context() as patch:
+                patch.setattr(landmark_fit, "is_compiled", lambda: False)
+                margins.append(rival_margin(image, family, state, reading, pixels))
+        return margins[0]
+
+    monkeypatch.setattr(register_and_decode, "rival_margin", every_way)
+    moving = ImagingChain(Lens(0.6, motion_px=(0.0, 13.5)))
+    (found,) = candidates_of(shoot(185, 40.0, turn_deg=-16.0, seed=5, chain=moving)[0], DetectOptions())[:1]
+    assert found.decoding.code == 185
+    right, right_defined, wrong, wrong_defined = margins
+    assert right == found.reading.rival_margin
+    assert right == pytest.approx(right_defined, abs=1e-3)
+    assert wrong == pytest.approx(wrong_defined, abs=1e-3)
+    assert wrong < 0 < right < 60
 
 
 @pytest.mark.parametrize(("spread_px2", "is_margin_seen"), [(0.01, True), (1.0, False)])
