@@ -28,9 +28,10 @@ from lmkit.geometry.camera import CameraModel
 from lmkit.geometry.pose import Pose
 from lmkit.geometry.rotations import rotation_log
 from lmkit.geometry.stereo_rig import StereoRig
-from lmkit.localization.absolute_pose import LocateOptions, locate_rig
+from lmkit.localization.absolute_pose import LocateOptions
 from lmkit.model.landmark_id import LandmarkId
 from lmkit.model.landmark_map import LandmarkMap, MappedLandmark
+from lmkit.pipelines.look_again import FrameImage, locate_frame
 
 FLOORS_PX = (0.0, 0.05, LocateOptions().corner_floor_px, 0.15)
 LEVELS = (0.5, 0.9, 0.95, 0.99)
@@ -70,14 +71,16 @@ def locate(folder: Path, index: int) -> list[tuple[str, float, float, float, flo
     cv2.setNumThreads(1)
     truth = read_truth(folder)
     pair, rig = truth["pairs"][index], true_rig(truth)
-    seen = [
-        detect_landmarks(cv2.imread(str(folder / "images" / photo["image"])), DetectOptions(camera=side))
+    images = [
+        FrameImage(cv2.imread(str(folder / "images" / photo["image"])), DetectOptions(camera=side))
         for photo, side in zip(pair["images"], (rig.left, rig.right), strict=True)
     ]
+    seen = [detect_landmarks(image.pixels, image.options) for image in images]
     T = true_pose(pair)
     answers = []
     for floor_px in FLOORS_PX:
-        estimate = locate_rig(seen, rig, true_map(truth, pair["room"]), LocateOptions(corner_floor_px=floor_px))
+        options = LocateOptions(corner_floor_px=floor_px)
+        estimate, _ = locate_frame(images, seen, rig, true_map(truth, pair["room"]), options)
         if estimate.status != "ok":
             answers.append((estimate.status, np.nan, np.nan, np.nan, np.nan))
             continue

@@ -4,10 +4,19 @@ from __future__ import annotations
 
 import os
 from collections.abc import Callable, Sequence
-from functools import partial
 from typing import TYPE_CHECKING
 
-from lmkit.api.arguments import ImageLike, PathLike, as_map, as_meters, as_path, as_recording, as_rig, require_type
+from lmkit.api.arguments import (
+    ImageLike,
+    PathLike,
+    as_image,
+    as_map,
+    as_meters,
+    as_path,
+    as_recording,
+    as_rig,
+    require_type,
+)
 from lmkit.api.detecting import Detector
 from lmkit.errors import InputError
 from lmkit.model.detections import Detections
@@ -27,6 +36,7 @@ if TYPE_CHECKING:
     from lmkit.model.estimate import PoseEstimate
     from lmkit.model.landmark_map import LandmarkMap
     from lmkit.model.recording import Recording
+    from lmkit.pipelines.look_again import FrameImage
 
 Seen = Detections | list[Detection] | tuple[Detection, ...]  # in the image of one camera
 
@@ -200,10 +210,9 @@ def locate(
         True
     """
     from lmkit.geometry.rig import mounted_cameras
-    from lmkit.localization.absolute_pose import LocateOptions, locate_camera, locate_rig
+    from lmkit.localization.absolute_pose import LocateOptions
     from lmkit.localization.base_pose import with_base
-    from lmkit.localization.contradicted_prior import without_contradicted_prior
-    from lmkit.localization.contradiction import with_cause
+    from lmkit.pipelines.look_again import locate_frame
 
     cameras, mapped = as_rig(rig), as_map(landmarks)
     if options is not None:
@@ -217,26 +226,32 @@ def locate(
         )
     if not len(mapped):
         raise InputError("empty_map", "the map has no landmarks", "survey the place, or give another map")
-    seen = [
-        _detections(image, number, camera, mapped, profile)
-        for number, (image, camera) in enumerate(zip(images, models, strict=False), start=1)
-    ]
-    if len(seen) < len(models):
-        locate_seen = partial(locate_camera, seen[0], models[0], mapped)
-    else:
-        locate_seen = partial(locate_rig, seen, cameras, mapped)
-    estimate = without_contradicted_prior(options or LocateOptions(), locate_seen)
-    return with_base(with_cause(estimate, seen, cameras, mapped), cameras)
+    seen, pixels = [], []
+    for number, (image, camera) in enumerate(zip(images, models, strict=False), start=1):
+        found, shown = _detections(image, number, camera, mapped, profile)
+        seen.append(found)
+        pixels.append(shown)
+    estimate, _ = locate_frame(pixels, seen, cameras, mapped, options or LocateOptions())
+    return with_base(estimate, cameras)
 
 
 def _detections(
     image: ImageLike | Seen, number: int, camera: CameraModel, landmarks: LandmarkMap, profile: str
-) -> Sequence[Detection]:
-    """Detections in the image of camera ``number`` of a rig, counted from 1."""
+) -> tuple[Sequence[Detection], FrameImage | None]:
+    """Detections in the image of camera ``number`` of a rig, counted from 1, and the image, if it is given."""
+    from lmkit.pipelines.look_again import FrameImage
+
     if isinstance(image, Detections):
         if image.image_size is not None:
             camera.require_size(f"the image of detections {number}", image.image_size)
-        return image
+        return image, None
+    if not isinstance(image, list | tuple):
+        detector = Detector(landmarks.families, camera=camera, profile=profile)
+        shown = FrameImage(as_image(image, needs_color=bool(detector.options.ring_families)), detector.options)
+        return detector.detect(shown.pixels), shown
+    for one in image:
+        require_type(one, Detection, f"detections {number}", "give detections of lmkit.detect, an image, or its path")
+    return image, None
     if not isinstance(image, list | tuple):
         return Detector(landmarks.families, camera=camera, profile=profile).detect(image)
     for one in image:

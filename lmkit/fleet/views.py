@@ -19,7 +19,7 @@ from lmkit.fleet.recordings import FleetRecording
 from lmkit.fleet.store import Store
 from lmkit.geometry.pose import Pose
 from lmkit.geometry.rig import AnyRig, mounted_cameras
-from lmkit.live.search import Expected, ExpectedLandmarks
+from lmkit.localization.expected_landmarks import Expected, ExpectedLandmarks
 from lmkit.model.landmark_id import LandmarkId
 from lmkit.model.landmark_map import LandmarkMap
 from lmkit.model.observation import Detection

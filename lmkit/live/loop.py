@@ -22,9 +22,10 @@ from lmkit.live.mirrored_images import MirroredImages
 from lmkit.live.motion import GYRO, MotionRow
 from lmkit.live.publication import Decision, Publication, PublicationRule
 from lmkit.live.reader import Rate
-from lmkit.live.search import ExpectedLandmarks, Search
+from lmkit.live.search import Search
 from lmkit.live.stale_images import StaleImages
 from lmkit.live.state import CameraView, Event, LiveState
+from lmkit.localization.expected_landmarks import ExpectedLandmarks
 from lmkit.model.families import family_named
 from lmkit.model.landmark import LandmarkFamily
 from lmkit.model.landmark_id import LandmarkId

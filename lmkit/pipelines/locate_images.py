@@ -17,10 +17,8 @@ from lmkit.io.image_groups import are_files, frame_groups, image_count, list_gro
 from lmkit.io.image_names import time_of
 from lmkit.io.image_sources import Frame
 from lmkit.io.images import read_image
-from lmkit.localization.absolute_pose import LocateOptions, locate_camera, locate_rig
+from lmkit.localization.absolute_pose import LocateOptions
 from lmkit.localization.base_pose import with_base
-from lmkit.localization.contradicted_prior import without_contradicted_prior
-from lmkit.localization.contradiction import with_cause
 from lmkit.model.estimate import PoseEstimate
 from lmkit.model.families import family_named
 from lmkit.model.landmark_id import ids_text
@@ -28,6 +26,7 @@ from lmkit.model.landmark_map import LandmarkMap
 from lmkit.model.observation import Detection
 from lmkit.parallel import map_in_processes
 from lmkit.pipelines.detect_images import quoted_cell
+from lmkit.pipelines.look_again import FrameImage, locate_frame
 
 
 @dataclass(frozen=True, eq=False)
@@ -96,19 +95,16 @@ def _locate_frames(frames: Sequence[Frame], rig: AnyRig, landmarks: LandmarkMap,
     names = tuple(frame.name for frame in frames)
     families = tuple(dict.fromkeys(family_named(landmark.family) for landmark in landmarks))
     models = [camera.model for camera in mounted_cameras(rig)]
-    seen = []
+    images, found = [], []
     try:
         for frame, model in zip(frames, models, strict=False):
             model.require_size(frame.name, (frame.pixels.shape[1], frame.pixels.shape[0]))
-            seen.append(tuple(detect_landmarks(frame.pixels, DetectOptions(families, camera=model))))
+            images.append(FrameImage(frame.pixels, DetectOptions(families, camera=model)))
+            found.append(tuple(detect_landmarks(frame.pixels, images[-1].options)))
     except InputError as error:
         return Located(names, None, error=error)
-    if len(seen) < len(models):
-        locate = partial(locate_camera, seen[0], models[0], landmarks)
-    else:
-        locate = partial(locate_rig, seen, rig, landmarks)
-    estimate = with_cause(without_contradicted_prior(options, locate), seen, rig, landmarks)
-    return Located(names, estimate, tuple(seen), frames[0].image, time_s=frames[0].time_s)
+    estimate, seen = locate_frame(images, found, rig, landmarks, options)
+    return Located(names, estimate, tuple(map(tuple, seen)), frames[0].image, time_s=frames[0].time_s)
 
 
 def located_dict(located: Located, rig: AnyRig, frame: str) -> dict[str, Any]:
