@@ -2,15 +2,14 @@
 
     uv run --extra benchmark python benchmarks/map_intervals.py
         [--seeds 20] [--first 1] [--seconds 32] [--hz 2.5] [--made quick] [--cameras 2] [--rig-off 0]
-        [--keep FOLDER] [--as-they-seem]
+        [--keep FOLDER]
     uv run --extra benchmark python benchmarks/map_intervals.py --drive ../shared/data/drive
 
 Every simulated recording is one round of a robot through a room with eight landmarks; the survey knows the landmark
 that was seen most.  ``--made``: ``corners`` (as the detector is measured to find them), ``quick`` images, or
 ``cameras`` (with the mosaic, noise, sharpening and JPEG of kinds that served no fit).  ``--rig-off`` turns the right
 camera of the rig file about each axis, standard deviation in degrees.  ``--drive``: the rendered recording.
-``--keep``: recordings are read from that folder, and written to it where it lacks them.  ``--as-they-seem``: faces
-are taken to be as large as they seem (decision 43).
+``--keep``: recordings are read from that folder, and written to it where it lacks them.
 
 Errors of the landmarks of one map have much in common: all stand against one landmark.  So the mean of their NEES
 varies far more than that of as many independent ones: ``honest`` is its range, 2.5 to 97.5 %, by the map's own joint
@@ -39,7 +38,6 @@ from lmkit.detection.detector import detect_landmarks
 from lmkit.geometry.pose import Pose
 from lmkit.geometry.rig import AnyRig, T_map_cameras, mounted_cameras
 from lmkit.geometry.rotations import rotation_log
-from lmkit.mapping import bundle_adjustment
 from lmkit.mapping.bundle_adjustment import Anchor
 from lmkit.mapping.survey import solve_recording, survey_of
 from lmkit.mapping.survey_results import Survey
@@ -263,12 +261,6 @@ def kept(folder: Path | None, seed: int, given: argparse.Namespace) -> Drive:
     return drive
 
 
-def take_faces_as_they_seem() -> None:
-    """Without the two unknowns, neither found nor stated."""
-    bundle_adjustment.add_swelling = lambda *_: None
-    bundle_adjustment.BundleProblem.find_swelling = lambda *_: None  # type: ignore[method-assign]
-
-
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--seeds", type=int, default=20)
@@ -280,11 +272,8 @@ def main() -> None:
     parser.add_argument("--rig-off", type=float, default=0.0)
     parser.add_argument("--drive", type=Path)
     parser.add_argument("--keep", type=Path)
-    parser.add_argument("--as-they-seem", action="store_true")
     given = parser.parse_args()
     cv2.setNumThreads(1)
-    if given.as_they_seem:
-        take_faces_as_they_seem()
     columns = "NEES/3 (honest) | NEES/6 | poses, NEES/6 | joint (tail) | inside, % | rms mm | swelling px"
     print(f"| recording | landmarks | {columns} |")
     print("|---|---|---|---|---|---|---|---|---|")

@@ -36,7 +36,7 @@ class Instant:
 
     @property
     def codes(self) -> int:
-        return len({r.code for r in self.readings})
+        return len({r.id for r in self.readings})
 
 
 def table(folder: Path, name: str) -> np.ndarray:

@@ -38,7 +38,7 @@ ROUNDS, CONVERGED_S, CONVERGED_NOISE = 10, 1e-5, 0.05
 # deviations, and clocks give way to it.
 SLIP_SIGMA = 3.0
 SLIPPED_SIGMA = 4.0  # root mean square over a motion's six numbers: what says nothing of the noise of others
-LEAST_SCALE = 0.05  # of the noise of motions: numbers that simulated wheels leave without noise
+LEAST_SCALE = 0.015  # of the noise of motions: numbers that simulated wheels leave without noise
 # To both sides, for derivatives with an offset: over less, noise from row to row looks like changes of speed.
 CLOCK_SPAN_S = 0.03
 APART_S = 1e-6  # exposures at one time
