@@ -184,5 +184,8 @@ def _lens_shift(key: _LensKey) -> Float32Array:
     width, height = key.camera.image_size
     x, y = np.arange(float(width)), np.arange(float(height))
     K = key.camera.K
-    straight = key.camera.unproject_grid(x, y) @ K[:2, :2].T + K[:2, 2]
-    return np.asarray(straight - np.stack(np.meshgrid(x, y), axis=-1), dtype=np.float32)
+    rays = key.camera.unproject_grid(x, y)
+    shift = np.empty(rays.shape, dtype=np.float32)
+    for axis, own in enumerate((x, y[:, None])):
+        shift[:, :, axis] = rays[:, :, 0] * K[axis, 0] + rays[:, :, 1] * K[axis, 1] + K[axis, 2] - own
+    return shift

@@ -146,16 +146,15 @@ def screen_tables(family: LandmarkFamily) -> ScreenTables:
     points = _grid(family)
     used = len(points)
     drawing, delta = drawing_of(family), 0.05
+    steps = delta * np.array([[0.0, 0.0], [1.0, 0.0], [-1.0, 0.0], [0.0, 1.0], [0.0, -1.0]])
+    moved = np.tile((points + steps[:, None]).reshape(-1, 2), (len(BLURS_MM), 1))
+    spread = np.array([[blur**2, 0.0, blur**2] for blur in BLURS_MM]).repeat(len(steps) * used, axis=0)
+    covered = coverage_columns_numpy(drawing, moved, spread).reshape(-1, len(BLURS_MM), len(steps), used)
     columns = np.zeros((len(BLURS_MM), 3, drawing.column_count, POINTS))
-    for k, blur in enumerate(BLURS_MM):
-        spread = np.tile([blur**2, 0.0, blur**2], (used, 1))
-
-        def cover(step: FloatArray, spread: FloatArray = spread) -> FloatArray:
-            return coverage_columns_numpy(drawing, points + step, spread)
-
-        columns[k, 0, :, :used] = cover(np.zeros(2))
-        for axis, step in enumerate(delta * np.eye(2)):
-            columns[k, 1 + axis, :, :used] = (cover(step) - cover(-step)) / (2 * delta)
+    columns[:, 0, :, :used] = covered[:, :, 0].swapaxes(0, 1)
+    for axis in (0, 1):
+        slopes = (covered[:, :, 1 + 2 * axis] - covered[:, :, 2 + 2 * axis]) / (2 * delta)
+        columns[:, 1 + axis, :, :used] = slopes.swapaxes(0, 1)
     # How a point of the plane moves with each corner coordinate.
     corners = family.corners_mm
     changed = homographies_from_points(corners, corners + delta * np.eye(8).reshape(8, 4, 2))

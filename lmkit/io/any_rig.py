@@ -11,7 +11,6 @@ from lmkit.geometry.rig_plausibility import require_plausible, rig_warnings
 from lmkit.io.document_head import head_of
 from lmkit.io.documents import is_folder, read_text
 from lmkit.io.rig import read_rig
-from lmkit.io.ros_camera_info import FILES
 from lmkit.io.single_cameras import is_single_camera, read_single_camera
 
 # Keys that only camera_info has, and keys that only files of OpenCV have.
@@ -46,7 +45,7 @@ def read_any_rig(path: Path) -> AnyRig:
 
 def _read(path: Path) -> AnyRig:
     if is_folder(path):
-        from lmkit.io.ros_camera_info import read_camera_infos
+        from lmkit.io.ros_camera_info import FILES, read_camera_infos
 
         for name in FILES:
             if not (path / name).exists():

@@ -180,7 +180,7 @@ def _from_xml(path: Path, text: str) -> dict[str, Any]:
 
 
 class _Matrix(BaseModel):
-    model_config = ConfigDict(extra="ignore", allow_inf_nan=False)
+    model_config = ConfigDict(extra="ignore", allow_inf_nan=False, defer_build=True)
     rows: Annotated[int, Field(gt=0)]
     cols: Annotated[int, Field(gt=0)]
     data: list[float]
@@ -193,7 +193,7 @@ class _Matrix(BaseModel):
 
 class _Sized(BaseModel):
     # Whoever wrote the file may have added more.
-    model_config = ConfigDict(extra="ignore")
+    model_config = ConfigDict(extra="ignore", defer_build=True)
     model: str = ""
     image_width: Annotated[int, Field(gt=0)]
     image_height: Annotated[int, Field(gt=0)]

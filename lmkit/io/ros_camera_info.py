@@ -32,14 +32,14 @@ _ROWS = {"camera_matrix": 3, "distortion_coefficients": 1, "rectification_matrix
 
 
 class _Matrix(BaseModel):
-    model_config = ConfigDict(extra="forbid", allow_inf_nan=False)
+    model_config = ConfigDict(extra="forbid", allow_inf_nan=False, defer_build=True)
     rows: int
     cols: int
     data: list[float]
 
 
 class _Part(BaseModel):
-    model_config = ConfigDict(extra="ignore")
+    model_config = ConfigDict(extra="ignore", defer_build=True)
     x_offset: int = 0
     y_offset: int = 0
     width: int = 0
@@ -52,7 +52,7 @@ class _Part(BaseModel):
 
 class _CameraInfo(BaseModel):
     # Drivers add keys of their own; what is not known is left alone.
-    model_config = ConfigDict(extra="ignore", allow_inf_nan=False)
+    model_config = ConfigDict(extra="ignore", allow_inf_nan=False, defer_build=True)
     image_width: Annotated[int, Field(gt=0)]
     image_height: Annotated[int, Field(gt=0)]
     camera_name: str = ""

@@ -16,7 +16,6 @@ from lmkit.errors import InputError
 from lmkit.geometry.camera import CameraModel
 from lmkit.geometry.rig import Rig
 from lmkit.io.documents import load_document
-from lmkit.io.opencv_rig import OpenCvLoader
 
 PHOTONVISION = frozenset({"cameraIntrinsics", "resolution"})
 CALIBDB = frozenset({"camera_matrix", "img_size"})
@@ -37,6 +36,8 @@ def read_single_camera(path: Path, text: str) -> Rig:
     Raises:
         InputError: a value is missing or of the wrong kind, or a lens model that is not supported.
     """
+    from lmkit.io.opencv_rig import OpenCvLoader
+
     content = load_document(path, text.removeprefix("%YAML:1.0"), OpenCvLoader)
     try:
         if content.keys() >= PHOTONVISION:

@@ -51,7 +51,7 @@ def loaded() -> Loaded:
     if wanted == "numpy":
         return Loaded(None, "numpy", f"{SWITCH}=numpy")
     if wanted:
-        found = _open(_path(wanted), wanted)
+        found = _open(_path(wanted, digest()), wanted)
         if found.library is None:
             raise ImportError(f"{SWITCH}={wanted}: {found.reason}")
         return found
@@ -113,15 +113,17 @@ def describe() -> str:
     return f"numpy only: {found.reason}"
 
 
-def _path(variant: str) -> Path:
+def _path(variant: str, content: str) -> Path:
     given = Path(variant)
-    return given if given.suffix else HERE / library_name(variant, this_system(), digest())
+    return given if given.suffix else HERE / library_name(variant, this_system(), content)
 
 
 def _best() -> Loaded:
-    present = [(variant, path) for variant in VARIANTS if (path := _path(variant)).is_file()]
-    reason = ""
-    for variant, path in present:
+    content, reason = digest(), ""
+    for variant in VARIANTS:
+        path = _path(variant, content)
+        if not path.is_file():
+            continue
         found = _open(path, variant)
         if found.library is not None:
             return found
