@@ -77,16 +77,12 @@ class Wheels:
 
     def model(self, time_s: float) -> MotionModel:
         """Motion by the rows so far; without any, around ``time_s``, the robot stands still."""
-        rows = np.array(self._rows).reshape(-1, 3)
-        if len(rows) < 2:
+        if len(self._rows) < 2:
             outside = Odometry(np.array([time_s - 9e3, time_s - 8e3]), np.zeros(2), np.zeros(2))
             return MotionModel(outside, None, self._noise)
         # A robot that runs ahead of its odometry's clock goes on as it did.
-        share = AHEAD_S / max(rows[-1, 0] - rows[-2, 0], 1e-3)
-        rows = np.vstack([rows, [rows[-1, 0] + AHEAD_S, *(share * rows[-1, 1:])]])
-        gyro = np.array(self._gyro).reshape(-1, 2)
-        return MotionModel(
-            Odometry(rows[:, 0], rows[:, 1], rows[:, 2]),
-            Gyro(gyro[:, 0], gyro[:, 1]) if len(gyro) > 1 else None,
-            self._noise,
-        )
+        last, forward, turn = self._rows[-1]
+        share = AHEAD_S / max(last - self._rows[-2][0], 1e-3)
+        times, forwards, turns = np.array([*self._rows, (last + AHEAD_S, share * forward, share * turn)]).T
+        gyro = Gyro(*np.array(self._gyro).T) if len(self._gyro) > 1 else None
+        return MotionModel(Odometry(times, forwards, turns), gyro, self._noise)

@@ -90,7 +90,8 @@ class MotionModel:
             turned = gyro.turned(odometry.times_s)
             inside = (odometry.times_s >= gyro.times_s[0]) & (odometry.times_s <= gyro.times_s[-1])
             turn = np.where(inside, np.diff(turned, prepend=turned[:1]), turn)
-        seconds = np.diff(self._times, prepend=self._times[:1])
+        seconds = np.zeros(len(turn))
+        seconds[1:] = self._times[1:] - self._times[:-1]
         gap = seconds > LONGEST_STEP_S
         # A row after a gap tells what was traveled in it, but not when.
         turned = np.abs(turn)
@@ -147,8 +148,8 @@ class MotionModel:
         by_parameters[:, :, -1] = (all_motions[count] - all_motions[count + 1]) / (2 * DELAY_SPAN_S)
         own = times_s - parameters[5]
         outside = np.minimum(own, self._times[0]) + np.maximum(own, self._times[-1])
-        growing = [times_s, outside, *(np.interp(own, self._times, total) for total in self._totals)]
-        seconds, beyond, way, turned, gap = np.abs(np.diff(growing))
+        growing = np.array([times_s, outside, *(np.interp(own, self._times, total) for total in self._totals)])
+        seconds, beyond, way, turned, gap = np.abs(growing[:, 1:] - growing[:, :-1])
         gap = gap + beyond
         n = self.noise
         place = n.place_per_root_s**2 * seconds + (n.unknown_mps * gap) ** 2

@@ -9,6 +9,7 @@ the same in every frame, and the covariance says so (`lasting_errors.py`).
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 
 import numpy as np
@@ -198,6 +199,9 @@ class RigFilter:
         self, time_s: float, outliers: tuple[LandmarkId, ...], restarted: bool, nis: float = 0.0, nis_dof: int = 0
     ) -> TrackedPose:
         P = (self._P + self._lasting.excess)[:3, :3]
-        lost = np.sqrt(np.linalg.eigvalsh(P[:2, :2])[-1]) > NOWHERE_M or self._doubts >= DOUBTS
+        xx, xy, yy = P[0, 0].item(), P[0, 1].item(), P[1, 1].item()
+        # The larger eigenvalue of the place's covariance.
+        largest = (xx + yy) / 2 + math.hypot((xx - yy) / 2, xy)
+        lost = largest > NOWHERE_M**2 or self._doubts >= DOUBTS
         status = PoseStatus.LOST if lost else PoseStatus.OK
         return TrackedPose(time_s, status, self._x[:3].copy(), P, outliers, restarted, nis, nis_dof)
