@@ -30,6 +30,7 @@ if TYPE_CHECKING:
 
 EXIT_WRONG_USE, EXIT_FAULT, EXIT_INTERRUPTED = 2, 70, 130
 _MEMORY_HINT = "give smaller inputs, or fewer processes (--jobs)"
+_FAULT_HINT = "run again with --debug for the traceback"
 OPENCV_NO_MEMORY = -4
 # The thousands of objects that imports make are no garbage: looking for it took some 5 % of a short process.
 GARBAGE_AFTER = 20_000
@@ -149,9 +150,6 @@ _FORMAT = warnings.formatwarning
 
 def _one_line(message: Warning | str, category: type[Warning], *place: Any, **more: Any) -> str:
     return f"lmkit: {message}\n" if issubclass(category, InputWarning) else _FORMAT(message, category, *place, **more)
-
-
-_FAULT_HINT = "run again with --debug for the traceback"
 
 
 def _report(message: str, hint: str, code: int, debug: bool) -> int:
