@@ -32,8 +32,7 @@ EXIT_WRONG_USE, EXIT_FAULT, EXIT_INTERRUPTED = 2, 70, 130
 _MEMORY_HINT = "give smaller inputs, or fewer processes (--jobs)"
 _FAULT_HINT = "run again with --debug for the traceback"
 OPENCV_NO_MEMORY = -4
-# The thousands of objects that imports make are no garbage: looking for it took some 5 % of a short process.
-GARBAGE_AFTER = 20_000
+GARBAGE_AFTER = 20_000  # new containers; imports leave no garbage, and the search took 5 % of a short process
 
 
 def __getattr__(name: str) -> typer.Typer:
