@@ -42,7 +42,7 @@ from lmkit.kernels.registration import Priors, Steps
 from lmkit.model.landmark import LandmarkFamily
 
 READ_ROUNDS = 3
-COARSE = Steps(rounds=1, most=3, to_px=0.1)
+COARSE = Steps(rounds=1, most=3, to_px=0.1, negligible=10.0)
 FINE = Steps(rounds=2, most=3, to_px=0.02)
 # The blur starts generous, so that a wrong corner still feels its edge.
 COARSE_SIDE_PX = 100.0

@@ -21,7 +21,7 @@
 /* Steps of a registration. */
 typedef struct {
     int64_t rounds, most;
-    double to_px;
+    double to_px, negligible;
 } Steps;
 
 /* What stays the same for all landmarks of an image; the fields are those of `_Fit` in landmark_fit.py. */
@@ -36,7 +36,7 @@ typedef struct {
     int64_t visited, least_pixels, coarse_pixels, pixels, read_rounds;
     Steps coarse, fine;
     double skew, reach, band, near_share, noise, floor, paper;
-    double decoding[9], priors[PRIORS], limits[6];
+    double decoding[9], priors[PRIORS], limits[5];
     double correlated, turn_margin, pattern, red_over_blue, least_contrast, most_contrast;
     double settled_code, settled_turn, settled_clear;           /* margins once the code stands */
     double least_blur, blur_share, blurred_side; /* where a fit begins */
@@ -203,7 +203,10 @@ static int is_settled(const Fit *f, const double *decoded, int64_t n)
 static int fit_step(const Fit *f, const double *view, const Steps *steps, int64_t fit_distortion, const double *decoded, const Pixels *p, double *state, double *out)
 {
     int64_t turn = (int64_t)decoded[0], code = (int64_t)decoded[1], open = f->masks[turn * f->codes + code];
-    return !lmkit_register(p->n, f->drawing, view, p->at, p->values, p->variance, f->priors, f->limits, open, turn, fit_distortion, steps->rounds, steps->most, steps->to_px, p->work, state, p->robust, out + 2, out + 3, out + 1);
+    double limits[6];
+    memcpy(limits, f->limits, sizeof f->limits);
+    limits[5] = steps->negligible;
+    return !lmkit_register(p->n, f->drawing, view, p->at, p->values, p->variance, f->priors, limits, open, turn, fit_distortion, steps->rounds, steps->most, steps->to_px, p->work, state, p->robust, out + 2, out + 3, out + 1);
 }
 
 static void weigh_channels(const Fit *f, Pixels *p)

@@ -158,7 +158,12 @@ class Fitted(NamedTuple):
 
 
 class _Steps(ctypes.Structure):
-    _fields_ = (("rounds", ctypes.c_int64), ("most", ctypes.c_int64), ("to_px", ctypes.c_double))
+    _fields_ = (
+        ("rounds", ctypes.c_int64),
+        ("most", ctypes.c_int64),
+        ("to_px", ctypes.c_double),
+        ("negligible", ctypes.c_double),
+    )
 
 
 class _Fit(ctypes.Structure):
@@ -173,7 +178,7 @@ class _Fit(ctypes.Structure):
         *((name, ctypes.c_double) for name in ("skew", "reach", "band", "near_share", "noise", "floor", "paper")),
         ("decoding", ctypes.c_double * 9),
         ("priors", ctypes.c_double * 5),
-        ("limits", ctypes.c_double * 6),
+        ("limits", ctypes.c_double * 5),
         ("promising", ctypes.c_double * 6),
         ("settled", ctypes.c_double * 3),
         ("start", ctypes.c_double * 3),
@@ -201,7 +206,10 @@ class FitTask:
             *addresses(*self._arrays),
             *(len(edges.squares), len(edges.circles), words.masks.shape[1], gaps),
             *(VISITED, rules.least_pixels, rules.coarse_pixels, rules.pixels, rules.read_rounds),
-            *(_Steps(steps.rounds, steps.most, steps.to_px) for steps in (rules.coarse, rules.fine)),
+            *(
+                _Steps(steps.rounds, steps.most, steps.to_px, steps.negligible)
+                for steps in (rules.coarse, rules.fine)
+            ),
             *(0.0, rules.reach, rules.band, rules.near_share, 0.0, rules.floor, rules.paper),
             *map(_numbers, (rules.decoding.flat, rules.priors, rules.limits, rules.promising)),
             *map(_numbers, (rules.settled, rules.start, rules.errors, rules.channel_weights)),

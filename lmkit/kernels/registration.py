@@ -97,15 +97,13 @@ class Priors(NamedTuple):
 
 
 class Limits(NamedTuple):
-    """Eigenvalues of the point spread (px^2), the largest distortion, shading and bias, and the fall of chi2 that is
-    negligible: a step that promises less is the last one, and is taken without another look."""
+    """Eigenvalues of the point spread (px^2), and the largest distortion, shading and bias."""
 
     least_spread: float
     most_spread: float
     distortion: float
     shading: float
     bias: float
-    negligible: float = 1.0
 
 
 class Linearization(NamedTuple):
@@ -124,12 +122,14 @@ class Steps(NamedTuple):
         most: steps in a round.
         to_px: a round ends once no corner moves more.
         fit_distortion: also fit the radial distortion.
+        negligible: fall of chi2; a step that promises less is the last one, and is taken without another look.
     """
 
     rounds: int
     most: int
     to_px: float
     fit_distortion: bool = False
+    negligible: float = 1.0
 
 
 class Registered(NamedTuple):
@@ -194,7 +194,7 @@ def register(
         return register_numpy(drawing, view, samples, priors, limits, state, hypothesis, steps)
     state, n = contiguous(state, (STATE,)).copy(), len(samples.variance)
     variance, ends = np.empty(n, np.float32), np.array([0.0, np.inf])
-    flat, seen, rules, bounds = drawing.flat, view.flat, np.array(priors), np.array(limits)
+    flat, seen, rules, bounds = drawing.flat, view.flat, np.array(priors), np.array((*limits, steps.negligible))
     arrays = addresses(flat, seen, *samples, rules, bounds)
     scratch, normal = _scratch(n), np.empty((STATE, STATE))
     outs = addresses(scratch, state, variance, ends, normal, ends[1:])
@@ -322,7 +322,7 @@ def _gauss_newton(
             step *= min(1.0, 0.25 * _mean_side(state) / max(np.abs(step[:8]).max(), 1e-9))
             trial = _moved(state, step, limits)
             if _is_sane(trial):
-                if times == 0 and -here.gradient @ step < limits.negligible * here.error:
+                if times == 0 and -here.gradient @ step < steps.negligible * here.error:
                     return trial, here.normal, here.error
                 there = linearize_numpy(drawing, view, samples, priors, trial, hypothesis, steps.fit_distortion)
                 if there.error < here.error:
