@@ -71,7 +71,7 @@ def from_the_truth(
 ) -> float:
     """Position error, m."""
     fixed, share, bearing_deg = noise
-    P = np.array([places[r.code] for r in instant.readings])
+    P = np.array([places[r.id.code] for r in instant.readings])
     ranges = np.array([r.range_m for r in instant.readings])
     bearings = np.array([r.bearing_rad for r in instant.readings])
 
