@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 import os
-import warnings
 from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -71,11 +70,8 @@ def require_type(value: object, kind: type | tuple[type, ...], what: str, hint: 
         raise InputError("wrong_type", f"{what}: {_name(value)} is given", hint)
 
 
-def as_image(image: ImageLike, needs_color: bool = True) -> ByteArray:
+def as_image(image: ImageLike) -> ByteArray:
     """(H,W,3) BGR pixels of an array, or of the image file of that name; a gray array gets three channels.
-
-    Args:
-        needs_color: warn of a gray array.
 
     Raises:
         InputError: another type or shape; says what to convert.
@@ -97,8 +93,6 @@ def as_image(image: ImageLike, needs_color: bool = True) -> ByteArray:
         hint = "scale it to 0..255 and convert: image.astype(numpy.uint8)"
         raise InputError("bad_image", f"the image has type {image.dtype}, 8 bit is needed", hint)
     if image.ndim == 2:
-        if needs_color:
-            warnings.warn(ImageWarning(GRAY), stacklevel=4)
         return np.repeat(image[:, :, None], 3, axis=2)
     if image.ndim != 3 or image.shape[2] != 3:
         hint = "give (height, width, 3) in BGR; of four channels take image[:, :, :3]"

@@ -82,7 +82,7 @@ class Detector:
         """
         from lmkit.detection.detector import detect_landmarks
 
-        pixels = as_image(image, needs_color=bool(self.options.ring_families))
+        pixels = as_image(image)
         corners = None if near is None else _corners_of(near)
         found = detect_landmarks(pixels, self.options, corners)
         if not found and near is None and not self._silent:

@@ -52,14 +52,12 @@ class Consensus:
         relations: of every pair.
         agrees: (P,) whether it is within the limit of the rest.
         R, t: the middle relation of those that agree.
-        limit_deg: the limit.
     """
 
     relations: tuple[Relation, ...]
     agrees: BoolArray
     R: FloatArray
     t: FloatArray
-    limit_deg: float
 
     def off(self, k: int) -> tuple[float, float]:
         """Degrees and meters of pair k from the middle."""
@@ -249,7 +247,7 @@ def find_consensus(
     agreeing = [r for r, ok in zip(relations, agrees, strict=True) if ok]
     for _ in range(5):
         middle = rotation_exp(np.median([rotation_log(r.R @ middle.T) for r in agreeing], axis=0)) @ middle
-    return Consensus(relations, agrees, middle, np.median([r.t for r in agreeing], axis=0), limit)
+    return Consensus(relations, agrees, middle, np.median([r.t for r in agreeing], axis=0))
 
 
 def agreement_with(
@@ -260,7 +258,7 @@ def agreement_with(
     relations = tuple(min(options, key=lambda c: rotation_angle(c.R @ s.R.T)) for options in choices)
     off = np.rad2deg([rotation_angle(r.R @ s.R.T) for r in relations])
     limit = max(FITTED_DEG, CONSENSUS_SIGMA * float(np.median(off[list(used)])) / 0.6745)
-    return Consensus(relations, off <= limit, s.R, s.t, limit)
+    return Consensus(relations, off <= limit, s.R, s.t)
 
 
 def start_solution(consensus: Consensus, rows: IntArray, left: CameraModel, right: CameraModel) -> Solution:

@@ -40,7 +40,6 @@ class LiveFeed:
         self._counts = [count for *_, count in sources]
         self._inbox, self._now, self._inputs = inbox, now, tuple(inputs)
         self._last = float("-inf")
-        self._dead: Event | None = None
         self._readers = [Reader(name, open_, now, self._news) for name, open_, _ in sources]
 
     def next(self, timeout_s: float) -> FrameGroup | None:

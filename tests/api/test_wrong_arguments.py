@@ -194,3 +194,11 @@ def test_what_users_give_is_taken(given: Any) -> None:
     assert lmkit.evaluate(tracked, tracked).position_m.rmse == 0
     pages = lmkit.print_landmarks("3-4").pdf
     assert pages == lmkit.print_landmarks([np.int64(3), lmkit.LandmarkId("lm8", 4)]).pdf
+
+
+def test_a_gray_array_is_warned_of_once(given: Any) -> None:
+    gray = np.full((64, 64), 90, np.uint8)
+    with pytest.warns(lmkit.ImageWarning) as seen:
+        lmkit.detect(gray)
+        lmkit.draw(gray)
+    assert len(seen) == 1

@@ -24,7 +24,7 @@ export function planOf(landmarks, { walls = [], doubts = {}, pins = {}, chosen =
     const tx = -Math.sin(a) * half, ty = -Math.cos(a) * half, nx = Math.cos(a) * 1.8 * unit, ny = -Math.sin(a) * 1.8 * unit;
     return [l.id, s("g", { class: `mark ${doubts[l.id] ? "bad" : ""} ${l.id === chosen ? "chosen" : ""}`, onclick: choose ? () => choose(l.id) : null },
       gain && l.spread ? ellipseOf(l.spread, l.position, gain) : null, s("line", { class: "face", x1: x - tx, y1: y - ty, x2: x + tx, y2: y + ty }), s("line", { class: "looks", x1: x, y1: y, x2: x + nx, y2: y + ny }),
-      s("text", { x: x + 2.1 * nx, y: y + 1.8 * ny + 0.8 * unit, "font-size": 2.2 * unit, "text-anchor": "middle" }, `${l.code}`), pins[l.id] === undefined ? null : s("circle", { class: "pin", cx: x, cy: y, r: 0.7 * unit }))];
+      s("text", { x: x + (1.7 + 0.35 * `${l.code}`.length) * nx, y: y + 1.8 * ny + 0.8 * unit, "font-size": 2.2 * unit, "text-anchor": "middle" }, `${l.code}`), pins[l.id] === undefined ? null : s("circle", { class: "pin", cx: x, cy: y, r: 0.7 * unit }))];
   }));
   const drawn = walls.map((w) => s("line", { class: `wall ${w.landmarks === false ? "without" : ""}`, x1: w.start[0], y1: -w.start[1], x2: w.end[0], y2: -w.end[1] }));
   const svg = s("svg", { class: "plan", viewBox: `${left} ${top} ${w} ${hh}`, role: "img", "aria-label": `Plan with ${landmarks.length} landmarks` }, lines, drawn, [...marks.values()]);

@@ -8,7 +8,7 @@ const options = (entries, value) => entries.map(([key, text]) => h("option", { v
 
 export async function show(stage) {
   let [project, { cameras }, { jobs: all }] = await Promise.all([api("project"), api("cameras"), api("jobs")]);
-  const list = () => [...cameras.map((c) => [c, c]), ...project.pairs.map((p) => [p.name, `${p.name} (${p.count} pairs)`]), ...project.films.map((f) => [f.name, `${f.name} (film)`])];
+  const list = () => [...cameras.map((c) => [c, c]), ...project.pairs.map((p) => [p.name, `${p.name} (${p.count} pairs)`]), ...project.films.map((f) => [f.name, `${f.name} (video)`])];
   stage.append(...heading("Calibrate", "Show the board at many places and tilts. It stops when the depth error is as small as you ask for, not at a count."));
   const rig = rigCard();
   let sources = list();
@@ -26,8 +26,8 @@ export async function show(stage) {
     } catch (error) { problem.replaceChildren(trouble(error)); }
   }
   if (!sources.length) {
-    stage.append(empty("No images of a board yet", "Print a board (lmkit board chessboard:9x6:25mm). Then plug the cameras in and reload, or film the board with both cameras side by side in one film, or put photographs into pairs/left and pairs/right of the project. Without cameras, write the example on the overview.", h("a", { class: "button primary", href: "#/" }, "To the overview")));
-    stage.append(h("section", { class: "card stack" }, field("Take a film", film, "MP4, AVI, MOV, MKV, WebM"), problem), rig.card);
+    stage.append(empty("No images of a board yet", "Print a board (lmkit board chessboard:9x6:25mm). Then plug the cameras in and reload, or record the board with both cameras side by side in one video, or put photographs into pairs/left and pairs/right of the project. Without cameras, write the example on the overview.", h("a", { class: "button primary", href: "#/" }, "To the overview")));
+    stage.append(h("section", { class: "card stack" }, field("Add a video", film, "MP4, AVI, MOV, MKV, WebM"), problem), rig.card);
     await rig.again();
     return undefined;
   }
@@ -88,7 +88,7 @@ export async function show(stage) {
     if (first && matchMedia("(max-width: 860px)").matches) live.scrollIntoView({ block: "start" }); // beside the form it is in view
   }
   const fact = (value, label) => h("div", null, h("dt", null, label), h("dd", null, value));
-  stage.append(h("div", { class: "two" }, h("form", { class: "card stack", onsubmit: start("guide") }, field("Left camera", source, "or a folder with left/ and right/"), field("Right camera", second), field("Take a film", film, "MP4, AVI, MOV, MKV, WebM"), problem, field("Board", board, "inner corners and side of a square; or charuco:…, landmarks:… Print it with lmkit board"),
+  stage.append(h("div", { class: "two" }, h("form", { class: "card stack", onsubmit: start("guide") }, field("Left camera", source, "or a folder with left/ and right/"), field("Right camera", second), field("Add a video", film, "MP4, AVI, MOV, MKV, WebM"), problem, field("Board", board, "inner corners and side of a square; or charuco:…, landmarks:… Print it with lmkit board"),
     h("div", { class: "pairfields" }, field("Good to, mm", until, "depth error by the calibration"), field("at", at)),
     h("label", { class: "check" }, tone, "A tone for every pair that is taken"),
     h("div", { class: "row" }, h("button", { class: "primary", type: "submit" }, "Calibrate with guidance"), h("button", { type: "button", onclick: start("calibrate") }, "Use all pairs"))), h("div", null, jobs, live)));

@@ -6,7 +6,7 @@ export async function show(stage) {
   stage.append(...heading("Cameras", "One look through every camera, side by side: exposure, color, sharpness, and whether left and right are swapped."));
   const results = h("div", { "aria-live": "polite" });
   if (!all.length) {
-    stage.append(empty("No camera found", "Plug a color camera in and reload; folders of pairs and films in the project can stand for one. Without cameras, write the example on the overview.", h("a", { class: "button primary", href: "#/" }, "To the overview")));
+    stage.append(empty("No camera found", "Plug a color camera in and reload; folders of pairs and videos in the project can stand for one. Without cameras, write the example on the overview.", h("a", { class: "button primary", href: "#/" }, "To the overview")));
   } else {
     const none = [["", "none"]], options = all.map((name) => [name, name]);
     const first = choice(options, all[0]), second = choice([...none, ...options], cameras[1] ?? "");

@@ -53,7 +53,7 @@ export async function show(stage) {
   const planning = h("section", { class: "card stack" }, h("h2", null, "Is it enough?"), h("p", { class: "small soft" }, "The error to expect at every place of the floor, and where the next landmark helps most."),
     h("div", { class: "pairfields" }, field("Error allowed", error, "such as 5cm"), field("Camera height", height, "if rig.yaml does not say")),
     h("div", { class: "row" }, h("button", { class: "primary", type: "button", onclick: start("coverage") }, "Show the coverage"), h("button", { type: "button", onclick: start("place") }, "Where to mount the next ones"), h("button", { type: "button", onclick: start("sheet") }, "Mounting sheet (PDF)")), jobs, drawn);
-  const planCard = h("section", { class: "card" }, views.element, walls.bar, h("div", { class: "row" }, caption, undoButton));
+  const planCard = h("section", { class: "card" }, views.element, walls.bar, h("div", { class: "row under" }, caption, undoButton));
   const two = h("div", null, side, planCard), nothing = empty("No map yet", "Survey a recording: the map is built with its uncertainty, and landmarks that contradict each other are shown in red.", h("a", { class: "button primary", href: "#/recordings" }, "To the recordings"));
   box.append(doubted, nothing, two, said, table, walls.box, planning, words);
 

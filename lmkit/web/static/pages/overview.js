@@ -12,14 +12,14 @@ export async function show(stage) {
   const steps = [
     [p.prints.length > 0, "Print landmarks", p.prints.length ? some(p.prints, "file in prints/", "files in prints/") : "Choose codes and a size; the file is read back before you get it.", "#/prints", "Prints"],
     [p.photos.length > 0, "Check a print", p.photos.length ? some(p.photos, "photograph checked", "photographs checked") : "Photograph one sheet. Scale, colors and sharpness are graded.", "#/check", "Check a print"],
-    [p.has.rig, "Calibrate the cameras", p.has.rig ? "rig.yaml is there" : "From photographs or a film of a board.", "#/calibrate", "Calibrate"],
+    [p.has.rig, "Calibrate the cameras", p.has.rig ? "rig.yaml is there" : "From photographs or a video of a board.", "#/calibrate", "Calibrate"],
     [p.has.map, "Build the map", p.has.map ? "map.yaml is there" : "Survey a recording: the map comes with its uncertainty.", "#/recordings", "Recordings"],
     [p.reports.length > 0, "Track the robot", p.reports.length ? some(p.reports, "report in reports/", "reports in reports/") : "A trajectory through the map, with a report.", "#/recordings", "Recordings"],
   ];
   const next = steps.findIndex(([done]) => !done);
   const start = h("button", { type: "button", onclick: async () => {
     start.disabled = true;
-    try { job.replaceChildren(jobView(await api("jobs/example", { method: "POST", body: {} }), { done: (j) => { start.disabled = false; if (j.state === "done") job.prepend(h("div", { class: "note good" }, h("b", null, "The example is in drives/example."), h("div", { class: "row" }, h("a", { href: "#/calibrate" }, "Calibrate with its film of a board"), h("a", { href: "#/recordings" }, "Survey its recording")))); } })); }
+    try { job.replaceChildren(jobView(await api("jobs/example", { method: "POST", body: {} }), { done: (j) => { start.disabled = false; if (j.state === "done") job.prepend(h("div", { class: "note good" }, h("b", null, "The example is in drives/example."), h("div", { class: "row" }, h("a", { href: "#/calibrate" }, "Calibrate with its video of a board"), h("a", { href: "#/recordings" }, "Survey its recording")))); } })); }
     catch (error) { start.disabled = false; toast(error.message, "bad"); }
   } }, "Write the example");
   stage.append(...heading("From print to pose", "Five steps; each writes files into the project's folder, and says the command that does the same."),
