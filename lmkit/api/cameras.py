@@ -247,7 +247,7 @@ def _detections(
         return image, None
     if not isinstance(image, list | tuple):
         detector = Detector(landmarks.families, camera=camera, profile=profile)
-        shown = FrameImage(as_image(image, needs_color=bool(detector.options.ring_families)), detector.options)
+        shown = FrameImage(as_image(image), detector.options)
         return detector.detect(shown.pixels), shown
     for one in image:
         require_type(one, Detection, f"detections {number}", "give detections of lmkit.detect, an image, or its path")
