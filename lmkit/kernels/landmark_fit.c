@@ -386,6 +386,9 @@ int lmkit_fit_rivals(const Fit *f, const double *view, int64_t turn, int64_t cod
     if (!take(f, view, state, f->coarse_pixels, f->near_share, &p))
         return 1;
     weigh_channels(f, &p);
+    double limits[6];
+    memcpy(limits, f->limits, sizeof f->limits);
+    limits[5] = f->fine.negligible;
     double *weight = results, *error = results + 1, *normal = results + 2, moved[STATE], decoded[HEAD];
     int64_t codes = f->codes, open = masks[turn * codes + code];
     out[0] = (double)p.n;
@@ -395,7 +398,7 @@ int lmkit_fit_rivals(const Fit *f, const double *view, int64_t turn, int64_t cod
     const double far = fmax(hopeless, by_error * decoded[2] / (3.0 * (double)p.n));
     if (decoded[0] == (double)turn && decoded[1] == (double)code && fmin(margin(f, decoded, decoded[3], p.n), margin(f, decoded, decoded[4], p.n)) > far)
         return 0;
-    if (lmkit_register(p.n, f->drawing, view, p.at, p.values, p.variance, f->priors, f->limits, open, turn, 0, 0, most, to_px, p.work, state, p.robust, weight, normal, error))
+    if (lmkit_register(p.n, f->drawing, view, p.at, p.values, p.variance, f->priors, limits, open, turn, 0, 0, most, to_px, p.work, state, p.robust, weight, normal, error))
         return 1;
     const double per_log = 3.0 * (double)p.n / f->correlated / 2.0, own = *error > 1e-9 ? *error : 1e-9;
     out[1] = own;
@@ -407,7 +410,7 @@ int lmkit_fit_rivals(const Fit *f, const double *view, int64_t turn, int64_t cod
         if (per_log * log(decoded[2] / (3.0 * (double)p.n * own)) > far)
             break;
         memcpy(moved, state, sizeof moved);
-        if (lmkit_register(p.n, f->drawing, view, p.at, p.values, p.variance, f->priors, f->limits, masks[turn * codes + code], turn, 0, 0, most, to_px, p.work, moved, p.robust, weight, normal, error))
+        if (lmkit_register(p.n, f->drawing, view, p.at, p.values, p.variance, f->priors, limits, masks[turn * codes + code], turn, 0, 0, most, to_px, p.work, moved, p.robust, weight, normal, error))
             break;
         out[2] = out[2] < 0.0 || *error < out[2] ? *error : out[2];
         if (out[2] < own)
