@@ -30,7 +30,7 @@ from lmkit.model.observation import Detection
 
 AnyCandidate = TypeVar("AnyCandidate", bound=Candidate | TagCandidate)
 # The strict limit: what is read less surely may lie in a shadow.  Small landmarks are seldom read more surely; of 37
-# on simulated images that were tried as shadows, none was read as another code there.
+# on simulated images that were tried as shadows, none was accepted as another code there.
 SURE_LOG_ODDS, SMALL_PX = 3.0, 30.0
 
 

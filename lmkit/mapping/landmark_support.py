@@ -32,8 +32,8 @@ class KeptOut:
 
     def __str__(self) -> str:
         return (
-            f"{self.id} is kept out of the map: {self.reason}; if it is mounted there, drive past it again, or keep "
-            "such landmarks by --keep-doubtful (keep_doubtful=True)"
+            f"{self.id} is kept out of the map: {self.reason}; if it is mounted there, drive past it again "
+            "(`lmkit survey --keep-doubtful` keeps such landmarks)"
         )
 
     def to_dict(self) -> dict[str, str]:

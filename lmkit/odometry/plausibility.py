@@ -6,10 +6,12 @@ a name is refused; small errors of scale and delay are left to the solvers, whic
 
 from __future__ import annotations
 
+import warnings
+
 import numpy as np
 
 from lmkit.arrays import FloatArray
-from lmkit.errors import InputError
+from lmkit.errors import InputError, InputWarning
 from lmkit.geometry.planar import between, follow
 from lmkit.model.recording import Gyro, Odometry
 from lmkit.model.trajectory import Trajectory
@@ -24,7 +26,7 @@ LIKE, LAGGED, UNLIKE, OPPOSITE = 0.8, 0.87, 0.4, -0.6  # correlations
 OFF_SCALE = 2.0
 STILL = 1e-4  # odometry that moves by less than this share of the way stands still
 SLOWEST_STEP_S = 1.5  # between rows of a sensor whose stamps are seconds
-# Images of a moving robot follow each other within seconds; those that are further apart are in another unit.
+# Images of a moving robot follow each other within seconds; those that are further apart may be in another unit.
 SELDOM_S, RARE_S, LEAST_SELDOM = 5.0, 30.0, 4
 LATEST_S = 1e11  # year 5138
 CLOCKS = {1e3: "milliseconds", 1e6: "microseconds", 1e9: "nanoseconds"}
@@ -67,7 +69,9 @@ def require_plausible_odometry(odometry: Odometry | Trajectory) -> None:
 
 
 def require_seconds(times_s: FloatArray) -> None:
-    """Refuse times of images that are no seconds: since 1970 they are too many, or images are minutes apart.
+    """Refuse times of images that are no seconds since 1970; warn of images that are as far apart as no robot's.
+
+    Stills that are taken a minute apart are possible, so that these are only warned of.
 
     Args:
         times_s: (N,) in any order.
@@ -79,15 +83,15 @@ def require_seconds(times_s: FloatArray) -> None:
     if len(apart) == 0:
         return
     usual = float(np.median(apart))
-    late = float(np.abs(times_s).max()) > LATEST_S
     unit = next((name for factor, name in CLOCKS.items() if usual / factor < SELDOM_S), "")
-    if late or (len(apart) >= LEAST_SELDOM and usual > RARE_S and unit):
-        raise _refused(
-            "implausible_times",
-            f"the images are usually {usual:.4g} s apart, from {times_s.min():.10g} to {times_s.max():.10g} s: "
-            f"are their times in {unit or 'milliseconds'}?",
-            "give time_s in seconds",
-        )
+    doubt = (
+        f"the images are usually {usual:.4g} s apart, from {times_s.min():.10g} to {times_s.max():.10g} s: "
+        f"are their times in {unit or 'milliseconds'}?"
+    )
+    if float(np.abs(times_s).max()) > LATEST_S:
+        raise _refused("implausible_times", doubt, "give time_s in seconds")
+    if len(apart) >= LEAST_SELDOM and usual > RARE_S and unit:
+        warnings.warn(InputWarning(doubt), stacklevel=3)
 
 
 def require_plausible_gyro(gyro: Gyro, odometry: Odometry) -> None:
