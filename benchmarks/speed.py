@@ -10,6 +10,7 @@ kernels came, on the same kind of machine; `LMKIT_KERNELS=numpy` shows what the 
 
 from __future__ import annotations
 
+import argparse
 import os
 
 for _variable in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"):
@@ -223,4 +224,9 @@ def main(names: list[str]) -> None:
 
 
 if __name__ == "__main__":
-    main(sys.argv[1:])
+    parser = argparse.ArgumentParser(description="Times of whole tasks on one thread.")
+    parser.add_argument("rows", nargs="*", metavar="ROW", help=f"all, or some of: {', '.join(ROWS)}")
+    rows = parser.parse_args().rows
+    if unknown := [name for name in rows if name not in ROWS]:
+        parser.error(f"no row {unknown[0]!r}; the rows are {', '.join(ROWS)}")
+    main(rows)

@@ -107,7 +107,7 @@ def compiled_fit(image: LinearImage, family: LandmarkFamily, pixels: int) -> Lan
     """The compiled steps for landmarks of a family in this image."""
     known = image.fits.get((family, pixels))
     if known is None:
-        known = LandmarkFit(_task(family, pixels), image.source, image.lens, image.skew, image.pixel_error)
+        known = LandmarkFit(_task(family, pixels), image.straight_source, image.lens, image.skew, image.pixel_error)
         image.fits[family, pixels] = known
     return known
 

@@ -36,7 +36,7 @@ class LinearImage:
     """Data of an image for registration.
 
     Attributes:
-        source: code values, and what they are divided by where shadows are taken out.
+        source: code values, and what they are divided by where shadows are taken out; its lens is left in.
         noise: standard deviation of the image's noise in code values over 255.
         camera: the camera that took it, where its lens is known.
         is_inverted: values are 1 minus the light, so that white on black is registered as black on white.
@@ -54,9 +54,19 @@ class LinearImage:
         cls, image: ByteArray, camera: CameraModel | None = None, noise_of_part: float | None = None
     ) -> LinearImage:
         """From (H,W,3) BGR, 8 bit; the noise is estimated where that of a part is not known."""
-        shift = None if camera is None else _lens_shift(_LensKey(camera))
         deviation = noise(image) / 255 if noise_of_part is None else noise_of_part
-        return cls(Source.of(image, SRGB_TO_LINEAR, None, shift), deviation, camera)
+        return cls(Source.of(image, SRGB_TO_LINEAR), deviation, camera)
+
+    @property
+    def straight_source(self) -> Source:
+        """The source with its lens undone; the shift of all pixels takes 20 ms, and images without squares need none.
+
+        Raises:
+            ValueError: the camera's images have another size.
+        """
+        if self.camera is None:
+            return self.source
+        return Source.of(*self.source[:3], _lens_shift(_LensKey(self.camera)))
 
     @property
     def pixel_error(self) -> float:
@@ -70,7 +80,7 @@ class LinearImage:
     @property
     def inverted(self) -> LinearImage:
         """The image with black and white swapped: light l becomes 1 - l, which blur and shading leave linear."""
-        source = Source.of(255 - self.source.image, 1 - self.source.linear[::-1], None, self.source.shift)
+        source = Source.of(255 - self.source.image, 1 - self.source.linear[::-1])
         return LinearImage(source, self.noise, self.camera, not self.is_inverted)
 
     @property

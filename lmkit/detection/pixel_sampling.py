@@ -78,7 +78,7 @@ def sample_pixels(
     band = EDGE_BAND_PX * family.side_mm / mean_side(state[:8].reshape(4, 2))
     near_share, paper = NEAR_SHARE if near_edges else 0.0, paper_of(family)
     rules = SamplingRules(reach, band, at_most, near_share, image.pixel_error, paper=paper)
-    taken = sample(image.source, view, state, box, edges_of(family), rules)
+    taken = sample(image.straight_source, view, state, box, edges_of(family), rules)
     if taken.at.shape[1] < LEAST_PIXELS:
         return None
     return PixelSamples(*taken, variance=taken.variance)

@@ -6,9 +6,11 @@ import cv2
 import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
-from simulated import shoot
+from simulated import CAMERA, shoot
 
-from lmkit.detection.detector import detect_landmarks
+from lmkit.detection import linear_image
+from lmkit.detection.config import DetectOptions
+from lmkit.detection.detector import candidates_of, detect_landmarks
 from lmkit.detection.linear_image import LinearImage
 from lmkit.detection.screening import screen_candidates
 from lmkit.detection.shadows import LARGEST_WINDOW_PX, ShadowEdge, local_white, white_within, window_for
@@ -122,3 +124,17 @@ def test_pixels_are_weighted_by_the_noise_and_by_one_code_value_at_least():
         assert image.pixel_error == max(image.noise, 1 / 255)
         assert enlarged.noise < 1 / 255 <= enlarged.pixel_error
     assert image.pixel_error > 2 / 255
+
+
+def test_the_shift_of_all_pixels_is_left_out_where_no_square_is_registered(monkeypatch):
+    asked = []
+
+    def none_yet(key):
+        asked.append(key)
+        return np.zeros((key.camera.image_size[1], key.camera.image_size[0], 2), np.float32)
+
+    monkeypatch.setattr(linear_image, "_lens_shift", none_yet)
+    options = DetectOptions((LM8,), camera=CAMERA)
+    image = shoot(77, 60, seed=1)[0]
+    assert candidates_of(np.full_like(image, 128), options) == [] and not asked
+    assert candidates_of(image, options) and asked
