@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from lmkit.kernels.load import address, contiguous, function
+from lmkit.kernels.load import address, addresses, contiguous, function
 
 Array = NDArray[np.floating[Any]]
 Flags = NDArray[np.bool_]
@@ -82,10 +82,10 @@ class Corners:
         else:
             object.__setattr__(self, "group", contiguous(self.group, (count,), np.int64))
             object.__setattr__(self, "order", np.argsort(self.group, kind="stable"))
-        struct = _CornersStruct(count, nearest=NEAREST_M, nowhere=NOWHERE)
-        for name in (*shapes, "group", "order"):
-            setattr(struct, name, address(getattr(self, name)))
-        object.__setattr__(self, "struct", struct)
+        arms = None if self.roots is None else self.arms
+        first = addresses(self.points, arms, self.R_camera, self.t_camera, self.rays, self.by_ray, self.whitener)
+        last = addresses(self.roots, self.group, self.order)
+        object.__setattr__(self, "struct", _CornersStruct(count, *first, *last, NEAREST_M, NOWHERE))
 
     def __len__(self) -> int:
         return len(self.points)

@@ -80,7 +80,6 @@ class Correspondences:
         observations: (S) what was seen.
         ids: the landmarks seen.
         of: (S,) index into ``ids`` of every observation.
-        side_px: (S,) mean side in the image.
         rays: (S,4,2) the corners as x/z and y/z, without distortion.
         camera_R, camera_t: (S,3,3), (S,3) from the left camera into the camera that saw it.
         cameras: the cameras.
@@ -123,11 +122,8 @@ class Correspondences:
         self.of = np.array([number[landmark.id] for landmark in self.landmarks])
         self.points = np.array([landmark.corners_map for landmark in self.landmarks])
         self.observed, self.rays, self._stated_px2 = looked.corners, looked.rays, looked.variances
-        steps = self.observed[:, NEXT] - self.observed
-        self.side_px = np.sqrt((steps * steps).sum(axis=2)).sum(axis=1) / 4
-        side = np.repeat(np.arange(len(counts)), counts)
-        self.camera_R = np.array([R for _, _, R, _ in cameras])[side]
-        self.camera_t = np.array([t for _, _, _, t in cameras])[side]
+        self.camera_R = np.repeat([R for _, _, R, _ in cameras], counts, axis=0)
+        self.camera_t = np.repeat([t for _, _, _, t in cameras], counts, axis=0)
         uncertain = any(landmark.covariance is not None for landmark in self.landmarks)
         errors = self._landmark_errors() if uncertain else (None, None, None)
         self._corners = Corners(
@@ -172,6 +168,12 @@ class Correspondences:
 
     def __len__(self) -> int:
         return len(self.landmarks)
+
+    @property
+    def side_px(self) -> FloatArray:
+        """(S,) mean side in the image; a search needs it, an update does not."""
+        steps = self.observed[:, NEXT] - self.observed
+        return np.asarray(np.sqrt((steps * steps).sum(axis=2)).sum(axis=1) / 4)
 
     def ids_of(self, rows: BoolArray) -> set[LandmarkId]:
         """The landmarks of some observations, given as a mask (S,)."""

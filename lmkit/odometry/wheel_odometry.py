@@ -9,6 +9,7 @@ robot lags behind what its sensors report.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -34,6 +35,7 @@ SPANS = np.append(STEPS, 1.0)
 # A robot on wheels keeps its height and its level between two frames, but for the floor.
 LIFT_M, LIFT_PER_ROOT_M = 0.002, 0.003
 LEAN_RAD, LEAN_PER_ROOT_M = 0.002, 0.004
+_Amount = Any  # a number, or (K,) of them
 
 
 @dataclass(frozen=True)
@@ -149,18 +151,22 @@ class MotionModel:
         own = times_s - parameters[5]
         outside = np.minimum(own, self._times[0]) + np.maximum(own, self._times[-1])
         growing = np.array([times_s, outside, *(np.interp(own, self._times, total) for total in self._totals)])
-        seconds, beyond, way, turned, gap = np.abs(growing[:, 1:] - growing[:, :-1])
+        grown = np.abs(growing[:, 1:] - growing[:, :-1])
+        # A filter asks for one step at a time, for which numbers are faster than arrays.
+        seconds, beyond, way, turned, gap = grown[:, 0].tolist() if grown.shape[1] == 1 else grown
         gap = gap + beyond
+        variances = np.array(self._variances(seconds, way, turned, gap)).reshape(3, -1).T
+        return Increments(motions, by_parameters, np.sqrt(variances), np.atleast_1d(gap < LONGEST_STEP_S))
+
+    def _variances(self, seconds: _Amount, way: _Amount, turned: _Amount, gap: _Amount) -> list[_Amount]:
+        """Variances of forward, left and turn; ``gap`` of the ``seconds`` are without odometry."""
         n = self.noise
         place = n.place_per_root_s**2 * seconds + (n.unknown_mps * gap) ** 2
-        variances = np.array(
-            [
-                n.along_per_root_m**2 * (way + n.wheels_per_rad * turned) + place,
-                n.across_per_root_m**2 * way + place,
-                n.turn_per_root_m**2 * way
-                + n.turn_per_root_rad**2 * turned
-                + n.turn_per_root_s**2 * seconds
-                + (n.unknown_radps * gap) ** 2,
-            ]
-        ).T
-        return Increments(motions, by_parameters, np.sqrt(variances), gap < LONGEST_STEP_S)
+        return [
+            n.along_per_root_m**2 * (way + n.wheels_per_rad * turned) + place,
+            n.across_per_root_m**2 * way + place,
+            n.turn_per_root_m**2 * way
+            + n.turn_per_root_rad**2 * turned
+            + n.turn_per_root_s**2 * seconds
+            + (n.unknown_radps * gap) ** 2,
+        ]
