@@ -20,11 +20,13 @@ def small_views(frame, largest_px):
     return replace(frame, seen=tuple(tuple(filter(small, some)) for some in frame.seen))
 
 
-def survey(drive, frames):
+def survey(drive, frames, keep_doubtful=False):
     seen = list(dict.fromkeys(o.id for frame in frames for o in frame.seen[0]))
     known = {seen[0]: Anchor(drive.landmarks.find(seen[0]), None)}
     sizes = {m.id: m.size_m for m in drive.landmarks}
-    return survey_frames(frames, drive.rig, sizes, known, MotionModel(drive.odometry, drive.gyro))
+    return survey_frames(
+        frames, drive.rig, sizes, known, MotionModel(drive.odometry, drive.gyro), keep_doubtful=keep_doubtful
+    )
 
 
 def turned(drive, result):
@@ -60,7 +62,7 @@ def test_a_landmark_of_which_one_far_view_is_all_is_right_or_said_to_be_ambiguou
             return seen if k == at else tuple(o for o in seen if o.id != code)
 
         frames = [replace(m, seen=tuple(once(some, k) for some in m.seen)) for k, m in enumerate(drive.frames)]
-        result = survey(drive, frames)
+        result = survey(drive, frames, keep_doubtful=True)
         off = turned(drive, result).get(code, 0.0)
         sigma = result.bundle.landmarks.find(code)
         wide = 0.0 if sigma is None else 4 * np.sqrt(np.linalg.eigvalsh(sigma.covariance[3:, 3:])[-1])
