@@ -186,7 +186,7 @@ def _until(holds) -> None:
 
 
 def test_live_states_hold_memory(browser, tmp_path):
-    """States of forty seconds with their images, four times as fast: neither page nor server grows without bound."""
+    """States of forty seconds with their images, ten times as fast: neither page nor server grows without bound."""
     script = tmp_path / "feed.py"
     script.write_text(FEED)
     words = [sys.executable, str(script), str(tmp_path / "room")]
@@ -262,7 +262,7 @@ def feed(hub):
         hub.publish({"status": "ok", "number": k, "position": [np.cos(a), np.sin(a), 0.0], "ids": ["lm8:1"],
                      "rate_hz": 10.0, "latency_ms": 30.0, "covariance": (1e-6 * np.eye(6)).tolist()}, jpeg)
         k += 1
-        time.sleep(0.025)
+        time.sleep(0.01)
 
 app = build_app(open_project(Path(sys.argv[1])), workers=Workers(0))
 threading.Thread(target=feed, args=(state_of_app(app).live,), daemon=True).start()
