@@ -69,7 +69,14 @@ from lmkit.kernels.reprojection import (
     refine_poses_numpy,
 )
 from lmkit.kernels.square_pose import square_poses, square_poses_numpy
-from lmkit.kernels.wheel_motion import WheelRows, wheel_motions, wheel_motions_numpy
+from lmkit.kernels.wheel_motion import (
+    Moves,
+    WheelRows,
+    wheel_motions,
+    wheel_motions_numpy,
+    wheel_steps,
+    wheel_steps_numpy,
+)
 from lmkit.optim.border_blocks import BlockPattern
 
 
@@ -226,6 +233,14 @@ def _wheel_calls(rng: np.random.Generator) -> Iterator[tuple[Any, ...]]:
         for asked in at:
             yield rows, asked, np.array([1.0, 1, 0, 0, 0, 0]) + 0.1 * rng.normal(size=(3, 6))
             yield rows, asked, np.array([[1.0, 1, 0, 0, 0, 0]])
+
+
+def _wheel_step_calls(rng: np.random.Generator) -> Iterator[tuple[Any, ...]]:
+    """Wheels with gaps between rows."""
+    for rows, at, parameters in _wheel_calls(rng):
+        seconds = np.diff(rows.times, prepend=rows.times[:1])
+        own = WheelRows(rows.times, rows.forward, rows.turn, seconds, rows.rate)
+        yield own, at, parameters[0], Moves((1e-4, 1e-4, 1e-5, 1e-5, 1e-4), 0.2, 0.12)
 
 
 UPDATE = Update(1e-3, 8 * 4.5**2, 4)
@@ -462,6 +477,7 @@ PAIRS = [
     Pair(pose_covariance, pose_covariance_numpy, _covariance_calls, 1e-9),
     Pair(error_pulls, error_pulls_numpy, _pull_calls, 1e-10),
     Pair(wheel_motions, wheel_motions_numpy, _wheel_calls),
+    Pair(wheel_steps, wheel_steps_numpy, _wheel_step_calls, 1e-8),
     *[Pair(*call) for call in (*PATTERN_CALLS, *PLANNING_CALLS)],
 ]
 

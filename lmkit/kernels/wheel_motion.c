@@ -9,6 +9,13 @@ LMKIT_EXPORT int lmkit_wheel_motions(int64_t rows, const double *times, const do
                                      const double *parameters, int64_t count, const double *at, double *path,
                                      double *motions);
 
+LMKIT_EXPORT int lmkit_wheel_steps(int64_t rows, const double *times, const double *forward, const double *turn,
+                                   const double *seconds, const double *rate, const double *parameters,
+                                   const double *moves, int64_t count, const double *at, double *path,
+                                   double *all, double *motions, double *by_parameters, double *grown);
+
+enum { PARAMETERS = 6, DELAY = 5, SETS = 8 };
+
 /* Where the robot is along its path, by a time within it. */
 static void place(int64_t rows, const double *times, const double *path, double time, double *out) {
     const double own = time < times[0] ? times[0] : time > times[rows - 1] ? times[rows - 1] : time;
@@ -56,6 +63,68 @@ int lmkit_wheel_motions(int64_t rows, const double *restrict times, const double
             }
             for (int i = 0; i < 3; i++) before[i] = now[i];
         }
+    }
+    return 0;
+}
+
+/* Three totals by a time, which stand still before the first row and after the last one. */
+static void totals_by(int64_t rows, const double *times, const double *totals, double own, double *out) {
+    int64_t low = 0, high = rows; /* the first row that is later */
+    while (low < high) {
+        const int64_t middle = (low + high) / 2;
+        if (times[middle] <= own)
+            low = middle + 1;
+        else
+            high = middle;
+    }
+    const int64_t row = low < 1 ? 0 : low - 1;
+    for (int i = 0; i < 3; i++) {
+        const double *total = totals + 3 * row + i;
+        const int is_between = low > 0 && low < rows;
+        out[i] = is_between ? (total[3] - *total) / (times[row + 1] - times[row]) * (own - times[row]) + *total : *total;
+    }
+}
+
+/* moves: how far each parameter is moved, the delay to both sides, and the longest time between rows that is no gap.
+ * all (8,count-1,3) and path (rows,3) are scratch. */
+int lmkit_wheel_steps(int64_t rows, const double *restrict times, const double *restrict forward,
+                      const double *restrict turn, const double *restrict seconds, const double *restrict rate,
+                      const double *restrict parameters, const double *restrict moves, int64_t count,
+                      const double *restrict at, double *restrict path, double *restrict all,
+                      double *restrict motions, double *restrict by_parameters, double *restrict grown) {
+    double sets[SETS * PARAMETERS];
+    for (int i = 0; i < SETS * PARAMETERS; i++) sets[i] = parameters[i % PARAMETERS];
+    for (int i = 0; i < PARAMETERS; i++) sets[PARAMETERS * (i + 1) + i] += moves[i];
+    sets[PARAMETERS * (SETS - 1) + DELAY] -= moves[DELAY];
+    lmkit_wheel_motions(rows, times, forward, turn, seconds, rate, SETS, sets, count, at, path, all);
+    const int64_t numbers = 3 * (count - 1);
+    for (int64_t k = 0; k < numbers; k++) {
+        motions[k] = all[k];
+        for (int i = 0; i < DELAY; i++)
+            by_parameters[PARAMETERS * k + i] = (all[numbers * (i + 1) + k] - all[k]) / moves[i];
+        by_parameters[PARAMETERS * k + DELAY] =
+            (all[numbers * PARAMETERS + k] - all[numbers * (PARAMETERS + 1) + k]) / (2 * moves[DELAY]);
+    }
+    double way = 0, turned = 0, gap = 0;
+    for (int64_t row = 0; row < rows; row++) {
+        path[3 * row] = way += fabs(forward[row]);
+        path[3 * row + 1] = turned += fabs(turn[row]);
+        path[3 * row + 2] = gap += seconds[row] > moves[PARAMETERS] ? seconds[row] : 0.0;
+    }
+    double before[3], now[3], beyond = 0;
+    for (int64_t k = 0; k < count; k++) {
+        const double own = at[k] - parameters[DELAY];
+        const double outside = fmin(own, times[0]) + fmax(own, times[rows - 1]);
+        totals_by(rows, times, path, own, now);
+        if (k > 0) {
+            double *out = grown + 4 * (k - 1);
+            out[0] = fabs(at[k] - at[k - 1]);
+            out[1] = fabs(now[0] - before[0]);
+            out[2] = fabs(now[1] - before[1]);
+            out[3] = fabs(now[2] - before[2]) + fabs(outside - beyond);
+        }
+        for (int i = 0; i < 3; i++) before[i] = now[i];
+        beyond = outside;
     }
     return 0;
 }

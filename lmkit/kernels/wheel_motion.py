@@ -8,12 +8,12 @@ from __future__ import annotations
 import ctypes
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from lmkit.kernels.load import addresses, contiguous, function
+from lmkit.kernels.load import address, addresses, contiguous, function
 
 Array = NDArray[np.floating[Any]]
 
@@ -89,7 +89,83 @@ def wheel_motions_numpy(rows: WheelRows, at: Array, parameters: Array) -> Array:
     return np.stack([c * dx + s * dy, -s * dx + c * dy, np.diff(turned, axis=1)], axis=2)
 
 
+class Moves(NamedTuple):
+    """Moves of parameters for derivatives, and what a gap is.
+
+    Attributes:
+        steps: of each parameter but the delay.
+        delay_span_s: of the delay, to both sides.
+        longest_step_s: time between rows beyond which nothing is known between them.
+    """
+
+    steps: tuple[float, float, float, float, float]
+    delay_span_s: float
+    longest_step_s: float
+
+
+class WheelSteps(NamedTuple):
+    """Motions between K times.
+
+    Attributes:
+        motions: (K-1,3) forward, left (m), turn (rad).
+        by_parameters: (K-1,3,6) derivatives.
+        grown: (K-1,4) seconds, way (m) and turn (rad) by the rows, and of the seconds those without odometry.
+    """
+
+    motions: Array
+    by_parameters: Array
+    grown: Array
+
+
+def wheel_steps(rows: WheelRows, at: Array, parameters: Array, moves: Moves) -> WheelSteps:
+    """Motions between consecutive times ``at`` (K,), with errors (6,) as of :func:`wheel_motions`.
+
+    Raises:
+        ValueError: a shape differs, or fewer than two rows.
+    """
+    at, parameters = contiguous(at, (-1,)), contiguous(parameters, (6,))
+    size, between = len(rows.times), max(len(at) - 1, 0)
+    if size < 2:
+        raise ValueError(f"{size} rows, expected two at least")
+    kernel = _steps_kernel()
+    if kernel is None:
+        return wheel_steps_numpy(rows, at, parameters, moves)
+    found = WheelSteps(np.empty((between, 3)), np.empty((between, 3, 6)), np.empty((between, 4)))
+    numbers = (ctypes.c_double * 7)(*moves.steps, moves.delay_span_s, moves.longest_step_s)
+    scratch = np.empty(3 * size + 24 * between)
+    columns = addresses(rows.times, rows.forward, rows.turn, rows.seconds, rows.rate, parameters)
+    path = address(scratch)
+    kernel(size, *columns, numbers, len(at), address(at), path, path + 24 * size, *addresses(*found))
+    return found
+
+
+def wheel_steps_numpy(rows: WheelRows, at: Array, parameters: Array, moves: Moves) -> WheelSteps:
+    """Definition of :func:`wheel_steps`."""
+    count = len(moves.steps) + 1
+    moved = np.zeros((count + 2, count))
+    moved[1:-2, :-1] = np.diag(moves.steps)
+    moved[-2:, -1] = moves.delay_span_s, -moves.delay_span_s
+    motions = wheel_motions_numpy(rows, at, parameters + moved)
+    by_parameters = (motions[1:-1] - motions[0]).transpose(1, 2, 0) / np.append(moves.steps, 1.0)
+    by_parameters[:, :, -1] = (motions[count] - motions[count + 1]) / (2 * moves.delay_span_s)
+    own = at - parameters[-1]
+    outside = np.minimum(own, rows.times[0]) + np.maximum(own, rows.times[-1])
+    # A row after a gap tells what was traveled in it, but not when.
+    gaps = np.where(rows.seconds > moves.longest_step_s, rows.seconds, 0.0)
+    totals = np.cumsum([np.abs(rows.forward), np.abs(rows.turn), gaps], axis=1)
+    growing = np.array([at, *(np.interp(own, rows.times, total) for total in totals), outside])
+    grown = np.abs(np.diff(growing, axis=1))
+    grown[3] += grown[4]
+    return WheelSteps(motions[0], by_parameters, grown[:4].T)
+
+
 @lru_cache(maxsize=1)
 def _kernel() -> Any:
     count, pointer = ctypes.c_int64, ctypes.c_void_p
     return function("lmkit_wheel_motions", count, *[pointer] * 5, count, pointer, count, pointer, pointer, pointer)
+
+
+@lru_cache(maxsize=1)
+def _steps_kernel() -> Any:
+    count, pointer = ctypes.c_int64, ctypes.c_void_p
+    return function("lmkit_wheel_steps", count, *[pointer] * 7, count, *[pointer] * 6)

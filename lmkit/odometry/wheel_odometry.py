@@ -15,7 +15,7 @@ import numpy as np
 
 from lmkit.arrays import BoolArray, FloatArray
 from lmkit.geometry.rotations import rotation_exp
-from lmkit.kernels.wheel_motion import WheelRows, wheel_motions
+from lmkit.kernels.wheel_motion import Moves, WheelRows, wheel_motions, wheel_steps
 from lmkit.model.recording import Gyro, Odometry
 from lmkit.odometry.motion_model import LONGEST_STEP_S, Steps, require_common_times
 
@@ -23,15 +23,11 @@ PARAMETERS = ("forward_scale", "turn_scale", "turn_per_s", "turn_per_m", "slowin
 NOMINAL = np.array([1.0, 1.0, 0.0, 0.0, 0.0, 0.1])
 # What they may be before anything is seen, as standard deviations.
 PRIOR_SIGMA = np.array([0.1, 0.1, 0.02, 0.1, 0.3, 0.15])
-STEPS = np.array([1e-4, 1e-4, 1e-5, 1e-5, 1e-4])  # but of the delay
+STEPS = (1e-4, 1e-4, 1e-5, 1e-5, 1e-4)  # but of the delay
 # To both sides, for the derivative with the delay: over less, noise from row to row looks like changes of speed that
 # tell the delay (errors in variables), and the delay is drawn to where it starts.
 DELAY_SPAN_S = 0.2
-# The parameters as they are, each but the delay moved a little, and the delay moved to both sides.
-MOVED = np.zeros((len(PARAMETERS) + 2, len(PARAMETERS)))
-MOVED[1:-2, :-1] = np.diag(STEPS)
-MOVED[-2:, -1] = DELAY_SPAN_S, -DELAY_SPAN_S
-SPANS = np.append(STEPS, 1.0)
+MOVES = Moves(STEPS, DELAY_SPAN_S, LONGEST_STEP_S)
 # A robot on wheels keeps its height and its level between two frames, but for the floor.
 LIFT_M, LIFT_PER_ROOT_M = 0.002, 0.003
 LEAN_RAD, LEAN_PER_ROOT_M = 0.002, 0.004
@@ -94,14 +90,8 @@ class MotionModel:
             turn = np.where(inside, np.diff(turned, prepend=turned[:1]), turn)
         seconds = np.zeros(len(turn))
         seconds[1:] = self._times[1:] - self._times[:-1]
-        gap = seconds > LONGEST_STEP_S
-        # A row after a gap tells what was traveled in it, but not when.
-        turned = np.abs(turn)
-        rate = np.where(seconds > 0, turned / np.maximum(seconds, 1e-9), 0.0)
+        rate = np.where(seconds > 0, np.abs(turn) / np.maximum(seconds, 1e-9), 0.0)
         self._rows = WheelRows(self._times, odometry.forward_m, turn, seconds, rate)
-        # (3,N) way, turn and time without odometry, up to each row.
-        growing = np.array([np.abs(odometry.forward_m), turned, np.where(gap, seconds, 0.0)])
-        self._totals = np.cumsum(growing, axis=1)
 
     def require_overlap(self, times_s: FloatArray) -> None:
         """Refuse odometry of another time.
@@ -143,18 +133,9 @@ class MotionModel:
 
     def increments(self, times_s: FloatArray, parameters: FloatArray) -> Increments:
         """Motions between times (K,) that follow each other, seconds of the landmarks' clock."""
-        count = len(PARAMETERS)
-        all_motions = wheel_motions(self._rows, times_s, parameters + MOVED)
-        motions = all_motions[0]
-        by_parameters = (all_motions[1:-1] - motions).transpose(1, 2, 0) / SPANS
-        by_parameters[:, :, -1] = (all_motions[count] - all_motions[count + 1]) / (2 * DELAY_SPAN_S)
-        own = times_s - parameters[5]
-        outside = np.minimum(own, self._times[0]) + np.maximum(own, self._times[-1])
-        growing = np.array([times_s, outside, *(np.interp(own, self._times, total) for total in self._totals)])
-        grown = np.abs(growing[:, 1:] - growing[:, :-1])
+        motions, by_parameters, grown = wheel_steps(self._rows, times_s, parameters, MOVES)
         # A filter asks for one step at a time, for which numbers are faster than arrays.
-        seconds, beyond, way, turned, gap = grown[:, 0].tolist() if grown.shape[1] == 1 else grown
-        gap = gap + beyond
+        seconds, way, turned, gap = grown[0].tolist() if len(grown) == 1 else grown.T
         variances = np.array(self._variances(seconds, way, turned, gap)).reshape(3, -1).T
         return Increments(motions, by_parameters, np.sqrt(variances), np.atleast_1d(gap < LONGEST_STEP_S))
 
