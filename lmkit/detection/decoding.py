@@ -163,18 +163,37 @@ def decode_square(tables: FamilyTables, view: View, state: FloatArray, samples: 
 
 def decoding_of(tables: FamilyTables, found: Decoded | None, pixels: int) -> Decoding:
     """Decoding with its margins, from what a kernel decoded from so many pixels."""
-    if found is None:
+    return _NOTHING if found is None else _decoding(tables, found, pixels, _margins(found, pixels))
+
+
+def cautious_decoding_of(
+    tables: FamilyTables, plain: Decoded | None, robust: Decoded | None, pixels: int
+) -> Decoding:
+    """Decoding by plain weights with the smaller of plain and robust margins; none where the two codes differ."""
+    if plain is None:
         return _NOTHING
-    count = 3 * pixels
-    evidence = count / CORRELATED_PIXELS / 2
+    margins = (0.0, 0.0)
+    if robust is not None and (robust.code, robust.turn) == (plain.code, plain.turn):
+        (code, turn), (robust_code, robust_turn) = _margins(plain, pixels), _margins(robust, pixels)
+        margins = min(code, robust_code), min(turn, robust_turn)
+    return _decoding(tables, plain, pixels, margins)
+
+
+def _margins(found: Decoded, pixels: int) -> tuple[float, float]:
+    evidence, left = 3 * pixels / CORRELATED_PIXELS / 2, max(found.left, 1e-9)
+    by_code, by_turn = max(found.left_by_code, left), max(found.left_by_turn, left)
+    return evidence * math.log(by_code / left), evidence * math.log(by_turn / left)
+
+
+def _decoding(tables: FamilyTables, found: Decoded, pixels: int, margins: tuple[float, float]) -> Decoding:
     left = max(found.left, 1e-9)
     return Decoding(
         code=found.code,
         quarter=found.turn,
-        code_margin=evidence * math.log(max(found.left_by_code, left) / left),
-        turn_margin=evidence * math.log(max(found.left_by_turn, left) / left),
+        code_margin=margins[0],
+        turn_margin=margins[1],
         pattern=1 - left / max(found.left_by_frame, 1e-9),
-        error=left / count,
+        error=left / (3 * pixels),
         inks=found.inks,
         parts=found.parts,
         parts_sigma=found.parts_sigma * math.sqrt(CORRELATED_PIXELS),

@@ -11,7 +11,7 @@ import numpy as np
 from lmkit.arrays import ByteArray, FloatArray
 from lmkit.detection.acceptance import AcceptanceRule, ScoredReading
 from lmkit.detection.config import DetectOptions
-from lmkit.detection.decoding import Decoding, decoding_of, tables_of
+from lmkit.detection.decoding import Decoding, cautious_decoding_of, tables_of
 from lmkit.detection.fit_steps import COARSE_PIXELS, COARSE_SIDE_PX, START, FitSteps, compiled_fit
 from lmkit.detection.linear_image import LinearImage
 from lmkit.detection.pixel_sampling import mean_side
@@ -179,10 +179,8 @@ def _candidate(
 
 
 def _candidate_of(image: LinearImage, found: Fitted, family: LandmarkFamily, options: DetectOptions) -> Candidate:
-    tables = tables_of(family)
-    plain, robust = (decoding_of(tables, decoded, found.pixels) for decoded in (found.plain, found.robust))
-    decoding, side = _smaller_margins(plain, robust), mean_side(found.corners)
-    reading = ScoredReading(decoding, side, blur_of(found.state), is_shaded=False)
+    decoding = cautious_decoding_of(tables_of(family), found.plain, found.robust, found.pixels)
+    reading = ScoredReading(decoding, mean_side(found.corners), blur_of(found.state), is_shaded=False)
     reading = _against_rivals(reading, image, family, found.state, options)
     return _in_own_order(image, family, found.corners, found.covariance, reading, options.rule)
 
