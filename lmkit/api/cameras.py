@@ -252,8 +252,3 @@ def _detections(
     for one in image:
         require_type(one, Detection, f"detections {number}", "give detections of lmkit.detect, an image, or its path")
     return image, None
-    if not isinstance(image, list | tuple):
-        return Detector(landmarks.families, camera=camera, profile=profile).detect(image)
-    for one in image:
-        require_type(one, Detection, f"detections {number}", "give detections of lmkit.detect, an image, or its path")
-    return image
