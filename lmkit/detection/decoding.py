@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 
 import numpy as np
@@ -169,14 +169,26 @@ def decoding_of(tables: FamilyTables, found: Decoded | None, pixels: int) -> Dec
 def cautious_decoding_of(
     tables: FamilyTables, plain: Decoded | None, robust: Decoded | None, pixels: int
 ) -> Decoding:
-    """Decoding by plain weights with the smaller of plain and robust margins; none where the two codes differ."""
+    """:func:`cautious` of what a kernel decoded by plain and by robust weights, built once."""
     if plain is None:
         return _NOTHING
-    margins = (0.0, 0.0)
-    if robust is not None and (robust.code, robust.turn) == (plain.code, plain.turn):
-        (code, turn), (robust_code, robust_turn) = _margins(plain, pixels), _margins(robust, pixels)
-        margins = min(code, robust_code), min(turn, robust_turn)
-    return _decoding(tables, plain, pixels, margins)
+    is_same = robust is not None and (robust.code, robust.turn) == (plain.code, plain.turn)
+    robust_margins = _margins(robust, pixels) if robust is not None and is_same else None
+    return _decoding(tables, plain, pixels, _smaller(_margins(plain, pixels), robust_margins))
+
+
+def cautious(plain: Decoding, robust: Decoding) -> Decoding:
+    """The decoding by plain weights with the smaller of plain and robust margins; none where the two codes differ.
+
+    A bit that only what hides the landmark speaks for loses its margin under the discount.
+    """
+    robust_margins = (robust.code_margin, robust.turn_margin) if robust.is_same_code(plain) else None
+    code, turn = _smaller((plain.code_margin, plain.turn_margin), robust_margins)
+    return replace(plain, code_margin=code, turn_margin=turn)
+
+
+def _smaller(plain: tuple[float, float], robust: tuple[float, float] | None) -> tuple[float, float]:
+    return (0.0, 0.0) if robust is None else (min(plain[0], robust[0]), min(plain[1], robust[1]))
 
 
 def _margins(found: Decoded, pixels: int) -> tuple[float, float]:

@@ -11,7 +11,7 @@ import numpy as np
 from lmkit.arrays import ByteArray, FloatArray
 from lmkit.detection.acceptance import AcceptanceRule, ScoredReading
 from lmkit.detection.config import DetectOptions
-from lmkit.detection.decoding import Decoding, cautious_decoding_of, tables_of
+from lmkit.detection.decoding import Decoding, cautious, cautious_decoding_of, tables_of
 from lmkit.detection.fit_steps import COARSE_PIXELS, COARSE_SIDE_PX, START, FitSteps, compiled_fit
 from lmkit.detection.linear_image import LinearImage
 from lmkit.detection.pixel_sampling import mean_side
@@ -119,7 +119,7 @@ def register_and_decode(
         fit.sharpen_shadow(COARSE_PIXELS)
     if not steps.finish(fit):
         return None
-    return _candidate(fit, _smaller_margins(fit.decoding, fit.robust_decoding), options, fit_distortion)
+    return _candidate(fit, cautious(fit.decoding, fit.robust_decoding), options, fit_distortion)
 
 
 def read_landmark_at(image: ByteArray, corners: FloatArray, family: LandmarkFamily) -> Candidate | None:
@@ -154,20 +154,6 @@ def _coarse_corners(
         return quad
     fit.register(FROM_FAR)
     return (fit.corners + 0.5) * scale - 0.5
-
-
-def _smaller_margins(plain: Decoding, robust: Decoding) -> Decoding:
-    """The decoding with the smaller of plain and robust margins.
-
-    A bit that only what hides the landmark speaks for loses its margin under the discount.
-    """
-    if not robust.is_same_code(plain):
-        return replace(plain, code_margin=0.0, turn_margin=0.0)
-    return replace(
-        plain,
-        code_margin=min(plain.code_margin, robust.code_margin),
-        turn_margin=min(plain.turn_margin, robust.turn_margin),
-    )
 
 
 def _candidate(

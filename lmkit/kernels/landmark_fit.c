@@ -17,6 +17,7 @@
 #define FINISH 2
 #define CORNERS 8
 #define DISTORT_STEPS 6
+#define LIMITS 6 /* of a registration; the last is the steps' own */
 
 /* Steps of a registration. */
 typedef struct {
@@ -36,7 +37,7 @@ typedef struct {
     int64_t visited, least_pixels, coarse_pixels, pixels, read_rounds;
     Steps coarse, fine;
     double skew, reach, band, near_share, noise, floor, paper;
-    double decoding[9], priors[PRIORS], limits[5];
+    double decoding[9], priors[PRIORS], limits[LIMITS - 1];
     double correlated, turn_margin, pattern, red_over_blue, least_contrast, most_contrast;
     double settled_code, settled_turn, settled_clear;           /* margins once the code stands */
     double least_blur, blur_share, blurred_side; /* where a fit begins */
@@ -66,11 +67,11 @@ LMKIT_EXPORT int lmkit_fit_landmarks(const Fit *fit, const double *view, int64_t
                                      double distortion_side, int64_t capacity, float *planes, float *work,
                                      uint8_t *kinds, double *subsets, int64_t width, double *rows);
 
-/* From a state (15) on: how well the reading of a turn and a code fits, and how well the likeliest other codes do, each
- * registered in `most` steps; none is where its margin before is over `hopeless` and over `by_error` times the reading's
- * error.  masks is a copy of the
- * family's, which is used up; results: room for a weight, an error and a normal matrix.  out: pixels, the reading's
- * error and the least of the others', -1 where none was registered.  Returns 1 where nothing is there. */
+/* From a state (15) on: how well the reading of a turn and a code fits, and how well its `rivals` likeliest other codes
+ * do, each registered in `most` steps.  A rival is left out where its margin before that is over `hopeless` and over
+ * `by_error` times the reading's error.  masks: a copy of the family's, which is used up.  results: room for a weight,
+ * an error and a normal matrix.  out: pixels, the reading's error and the least of the rivals', -1 where none was
+ * registered.  Returns 1 where nothing is there.  Definition: detection/rivals.py, rivals_of. */
 LMKIT_EXPORT int lmkit_fit_rivals(const Fit *fit, const double *view, int64_t turn, int64_t code, int64_t rivals,
                                   int64_t most, double to_px, double hopeless, double by_error, int64_t capacity,
                                   float *planes, float *work, uint8_t *kinds, double *subsets, int32_t *masks, double *state,
@@ -200,12 +201,17 @@ static int is_settled(const Fit *f, const double *decoded, int64_t n)
     return f->white || turn > f->settled_clear || (turn > f->settled_turn && margin(f, decoded, decoded[3], n) > f->settled_code);
 }
 
+static void limits_of(const Fit *f, const Steps *steps, double *limits)
+{
+    memcpy(limits, f->limits, sizeof f->limits);
+    limits[LIMITS - 1] = steps->negligible;
+}
+
 static int fit_step(const Fit *f, const double *view, const Steps *steps, int64_t fit_distortion, const double *decoded, const Pixels *p, double *state, double *out)
 {
     int64_t turn = (int64_t)decoded[0], code = (int64_t)decoded[1], open = f->masks[turn * f->codes + code];
-    double limits[6];
-    memcpy(limits, f->limits, sizeof f->limits);
-    limits[5] = steps->negligible;
+    double limits[LIMITS];
+    limits_of(f, steps, limits);
     return !lmkit_register(p->n, f->drawing, view, p->at, p->values, p->variance, f->priors, limits, open, turn, fit_distortion, steps->rounds, steps->most, steps->to_px, p->work, state, p->robust, out + 2, out + 3, out + 1);
 }
 
@@ -386,9 +392,8 @@ int lmkit_fit_rivals(const Fit *f, const double *view, int64_t turn, int64_t cod
     if (!take(f, view, state, f->coarse_pixels, f->near_share, &p))
         return 1;
     weigh_channels(f, &p);
-    double limits[6];
-    memcpy(limits, f->limits, sizeof f->limits);
-    limits[5] = f->fine.negligible;
+    double limits[LIMITS];
+    limits_of(f, &f->fine, limits);
     double *weight = results, *error = results + 1, *normal = results + 2, moved[STATE], decoded[HEAD];
     int64_t codes = f->codes, open = masks[turn * codes + code];
     out[0] = (double)p.n;

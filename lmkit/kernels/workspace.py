@@ -37,11 +37,15 @@ class Workspace(threading.local):
         return held[1]
 
 
-class Loans:
-    """Arrays whose memory is lent again once they are dropped, at most ``most`` of one shape.
+class _Loan:
+    """What all arrays on lent memory hold: numpy gives slices the owner of their array as base."""
 
-    A slice of an array does not hold it: keep the array itself as long as its values are needed.
-    """
+    def __init__(self, held: NDArray[Any]) -> None:
+        self.__array_interface__ = held.__array_interface__
+
+
+class Loans:
+    """Arrays whose memory is lent again once they and their slices are dropped, at most ``most`` of one shape."""
 
     def __init__(self, most: int) -> None:
         self._most = most
@@ -58,9 +62,9 @@ class Loans:
             held = self._free[key].pop()
         except LookupError:
             held = np.zeros(shape, dtype)
-        lent = held[:]
-        weakref.finalize(lent, self._take_back, key, held, written).atexit = False
-        return lent
+        loan = _Loan(held)
+        weakref.finalize(loan, self._take_back, key, held, written).atexit = False
+        return np.asarray(loan)
 
     def _take_back(self, key: Any, held: NDArray[Any], written: tuple[slice, ...] | None) -> None:
         if written is not None:

@@ -64,6 +64,12 @@ def test_memory_is_lent_again_and_cleared():
     assert not again.any()
 
 
+def test_a_slice_of_lent_memory_keeps_it():
+    loans = Loans(1)
+    part = loans.lend((40, 50), np.float32)[3:9].T
+    assert not np.shares_memory(loans.lend((40, 50), np.float32), part)
+
+
 def test_a_landmark_of_ten_code_values_of_contrast_is_found_in_a_veil():
     """Code values lie around 128; their noise has a deviation of 1.6."""
     white, black = ((133 / 255) ** 2.2, (123 / 255) ** 2.2)
