@@ -33,6 +33,7 @@ class JointSurvey:
         poorly_determined, unplaced, ambiguous, off_constraint: as of a `Survey`, by all recordings.
         warnings: what a user should check, in words.
         kept_out: codes that were read, and are not believed to be landmarks, by all recordings.
+        disputed: as of a `Survey`, by all recordings.
     """
 
     landmarks: LandmarkMap
@@ -48,6 +49,7 @@ class JointSurvey:
     off_constraint: tuple[tuple[LandmarkId, LandmarkConstraint, float], ...] = ()
     warnings: tuple[str, ...] = ()
     kept_out: tuple[KeptOut, ...] = ()
+    disputed: tuple[LandmarkId, ...] = ()
 
     def __repr__(self) -> str:
         return (
@@ -69,6 +71,7 @@ class JointSurvey:
             "unplaced": [str(id_) for id_ in self.unplaced],
             "ambiguous": [str(id_) for id_ in self.ambiguous],
             "warnings": list(self.warnings),
+            "disputed": [str(id_) for id_ in self.disputed],
             "kept_out": [one.to_dict() for one in self.kept_out],
         }
 
@@ -77,11 +80,8 @@ def joint_warnings(result: JointSurvey) -> tuple[str, ...]:
     """Warnings about what a user should check, one sentence each."""
     texts = [str(moved) for moved in result.moved]
     texts += [str(one) for one in result.kept_out]
-    texts += [
-        f"recording '{name}': {disputed_text(survey.disputed)}"
-        for name, survey in zip(result.names, result.surveys, strict=True)
-        if survey.disputed
-    ]
+    if result.disputed:
+        texts.append(disputed_text(result.disputed))
     texts += [f"recording '{name}' is left out: {reason}" for name, reason in result.left_out.items()]
     texts += [
         f"recording '{name}': {contradicted}"

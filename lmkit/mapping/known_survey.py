@@ -48,16 +48,19 @@ def solve_by_known(
     """
     released: set[LandmarkId] = set()
     held: set[LandmarkId] = set()  # are not released again
-    hardly: dict[LandmarkId, Anchor] = {}  # cannot be placed but from where they are known to be
-    in_view = len(known)
-    solved = solve(known)
+    hardly: dict[LandmarkId, Anchor] = {}  # released, and cannot be placed but from where they are known to be
+
+    def solve_without_released() -> SolvedRecording:
+        believed = {id_: anchor for id_, anchor in known.items() if id_ not in released}
+        return solve(believed | {id_: anchor for id_, anchor in hardly.items() if id_ in released})
+
+    in_view, solved = len(known), solve(known)
     for _ in range(MOST_RELEASED):
-        anchors = {id_: anchor for id_, anchor in known.items() if id_ not in released}
-        test = _test(solved, {id_: anchor for id_, anchor in anchors.items() if id_ not in held})
+        test = _test(solved, {id_: anchor for id_, anchor in known.items() if id_ not in released | held})
         if test is None:
             back = {id_ for id_ in released if _stands(solved, known[id_], in_view)}
             if not back:
-                return KnownSurvey(solved, anchors, frozenset(released))
+                break
             released -= back
             held |= back
         elif test.disputed or 2 * len(released) > in_view:
@@ -66,11 +69,11 @@ def solve_by_known(
         else:
             in_view = test.in_view if not released else in_view
             released.add(test.worst)
-        anchors = {id_: anchor for id_, anchor in known.items() if id_ not in released}
-        solved = solve({**anchors, **{id_: anchor for id_, anchor in hardly.items() if id_ in released}})
+        solved = solve_without_released()
         if lost := released - set(solved.problem.landmark_ids):
             hardly |= {id_: Anchor(known[id_].landmark, HARDLY_KNOWN) for id_ in lost}
-            solved = solve({**anchors, **{id_: anchor for id_, anchor in hardly.items() if id_ in released}})
+            solved = solve_without_released()
+    anchors = {id_: anchor for id_, anchor in known.items() if id_ not in released}
     return KnownSurvey(solved, anchors, frozenset(released))
 
 

@@ -29,7 +29,6 @@ class LoneSurvey:
         survey: the results of that.
         anchored: it saw landmarks that were known beforehand, so that it lies in the map's frame already.
         released: known landmarks that it saw elsewhere.
-        disputed: known landmarks that contradict each other in it, as of a `KnownSurvey`.
     """
 
     name: str
@@ -38,7 +37,6 @@ class LoneSurvey:
     survey: Survey
     anchored: bool
     released: frozenset[LandmarkId] = frozenset()
-    disputed: tuple[LandmarkId, ...] = ()
 
     def lone_map(self) -> tuple[LoneMap, IntArray]:
         """Its landmarks that are believed, and their rows in the bundle adjustment."""

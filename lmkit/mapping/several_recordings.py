@@ -14,6 +14,7 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from itertools import pairwise
 
 import numpy as np
@@ -28,6 +29,7 @@ from lmkit.mapping.bundle_adjustment import Anchor, BundleProblem
 from lmkit.mapping.joint_adjustment import JointProblem, recording_information
 from lmkit.mapping.joint_survey import JointSurvey
 from lmkit.mapping.known_landmarks import KnownView, find_moved, moved_threshold, stands, still
+from lmkit.mapping.known_survey import solve_by_known
 from lmkit.mapping.landmark_support import KeptOut, doubtful_landmarks
 from lmkit.mapping.moved_landmark import MovedLandmark
 from lmkit.mapping.moved_landmarks import split_tests
@@ -38,7 +40,7 @@ from lmkit.mapping.survey import (
     STEPS,
     landmarks_off_constraint,
     poorly_determined_landmarks,
-    solve_known_recording,
+    solve_recording,
     survey_of,
 )
 from lmkit.mapping.wall_constraints import LandmarkConstraint
@@ -124,13 +126,15 @@ def survey_alone(
     """
     seen = {o.id for frame in recording.frames for o in frame.detections}
     mine = {id_: anchor for id_, anchor in anchors.items() if id_ in seen}
+    frames, rig, motion = recording.frames, recording.rig, recording.motion
+    solve = partial(solve_recording, frames, rig, sizes_m, motion=motion, constraints=constraints)
     try:
-        known = solve_known_recording(recording.frames, recording.rig, sizes_m, mine, recording.motion, constraints)
+        known = solve_by_known(solve, mine)
     except InputError as error:
         return str(error)
     known.solved.problem.forget_frames()
-    survey = replace(survey_of(known.solved, known.anchors, constraints), disputed=known.disputed)
-    return LoneSurvey(recording.name, recording.rig, known.solved, survey, bool(mine), known.released)
+    survey = survey_of(known.solved, known.anchors, constraints)
+    return LoneSurvey(recording.name, rig, known.solved, survey, bool(mine), known.released)
 
 
 def join_surveys(
@@ -192,6 +196,7 @@ class _Joint:
         self.noise = 1.0
         self.released = self._released_by_all()  # known landmarks that were moved since
         self.held: set[LandmarkId] = set()  # are not released again
+        self.disputed: tuple[LandmarkId, ...] = ()  # known landmarks that contradict each other
         self.anchors = {id_: anchor for id_, anchor in self.anchors.items() if id_ not in self.released}
         self.merged_back: Counter[tuple[int, int]] = Counter()
         self.own_knowledge = [(problem.anchors, problem.constraints) for problem in self.problems]
@@ -325,6 +330,7 @@ class _Joint:
             if self.knowledge.landmark_ids[k] == v.id and v.id in self.anchors and v.id not in self.held
         }
         test = find_moved(self.joint, self.problems, views, self.anchors, noise_factor(self.problems))
+        self.disputed = () if test is None else test.disputed
         if test is None or test.disputed:
             return False
         self.anchors = {id_: anchor for id_, anchor in self.anchors.items() if id_ != test.worst}
@@ -357,12 +363,19 @@ class _Joint:
     def _split(self) -> bool:
         """The landmark that two poses explain best of all, if by more than chance (`moved_landmarks.py`).
 
-        One at a time: a moved landmark pulls its recording, and with it landmarks that nobody moved.
+        One at a time: a moved landmark pulls its recording, and with it landmarks that nobody moved.  Known places
+        that contradict each other do so too, so that nothing is said of how those landmarks were moved.
         """
         self.noise = noise_factor(self.problems)
         tests = split_tests(self.joint, self.problems, self.group.versions, self.lone_used, self.noise)
         self.threshold = moved_threshold(len(tests))
-        over = [t for t in tests if t.chi2 > self.threshold and self.merged_back[t.member] < MOST_MERGES]
+        over = [
+            t
+            for t in tests
+            if t.chi2 > self.threshold
+            and self.merged_back[t.member] < MOST_MERGES
+            and self.group.versions[t.version].id not in self.disputed
+        ]
         if not over:
             return False
         version = self.group.versions[max(over, key=lambda t: t.chi2).version]
@@ -448,6 +461,7 @@ class _Joint:
             tuple(sorted({v.id for k, v in enumerate(self.group.versions) if k in spreads and k in order})),
             landmarks_off_constraint(self.constraints, LandmarkMap(current)),
             kept_out=kept_out,
+            disputed=self.disputed,
         )
 
     def _doubtful(self, current: Sequence[MappedLandmark], order: Sequence[int]) -> tuple[KeptOut, ...]:

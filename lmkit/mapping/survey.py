@@ -13,6 +13,7 @@ from __future__ import annotations
 
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -25,7 +26,7 @@ from lmkit.mapping.bundle_adjustment import Anchor, BundleProblem
 from lmkit.mapping.bundle_results import Bundle
 from lmkit.mapping.carried_cameras import are_synchronous, split_by_exposure, synchronous
 from lmkit.mapping.initialization import Start, find_start
-from lmkit.mapping.known_survey import KnownSurvey, solve_by_known
+from lmkit.mapping.known_survey import solve_by_known
 from lmkit.mapping.landmark_support import doubtful_landmarks
 from lmkit.mapping.motion_rows import NEVER, SLIP_SIGMA
 from lmkit.mapping.moved_landmark import THIS_RECORDING, MovedLandmark
@@ -71,7 +72,8 @@ def survey_frames(
     Raises:
         InputError: nothing to start from, or odometry without T_base_left or of another time.
     """
-    known = solve_known_recording(frames, rig, sizes_m, anchors, motion, constraints)
+    solve = partial(solve_recording, frames, rig, sizes_m, motion=motion, constraints=constraints)
+    known = solve_by_known(solve, anchors)
     result = survey_of(known.solved, known.anchors, constraints)
     if not keep_doubtful:
         result = _without_doubtful(result, {*known.solved.start.anchors, *anchors})
@@ -79,20 +81,6 @@ def survey_frames(
     current = {one.after.id: one.after for one in moved}
     landmarks = LandmarkMap([*(current.get(m.id, m) for m in result.landmarks), *(one.before for one in moved)])
     return replace(result, landmarks=landmarks, moved=moved, disputed=known.disputed)
-
-
-def solve_known_recording(
-    frames: Sequence[RigFrame],
-    rig: AnyRig,
-    sizes_m: Mapping[LandmarkId, float],
-    anchors: Mapping[LandmarkId, Anchor],
-    motion: Motion | None = None,
-    constraints: Sequence[LandmarkConstraint] = (),
-) -> KnownSurvey:
-    """`solve_recording` without known landmarks that were moved since; arguments and errors as of `survey_frames`."""
-    return solve_by_known(
-        lambda known: solve_recording(frames, rig, sizes_m, known, motion, constraints), dict(anchors)
-    )
 
 
 def _without_doubtful(result: Survey, known: Collection[LandmarkId]) -> Survey:

@@ -7,8 +7,10 @@ import pytest
 
 from lmkit.geometry.pose import Pose
 from lmkit.mapping.bundle_adjustment import Anchor
+from lmkit.mapping.joint_survey import joint_warnings
 from lmkit.mapping.known_landmarks import is_surveyed
 from lmkit.mapping.landmark_support import doubtful_landmarks
+from lmkit.mapping.several_recordings import NamedRecording, survey_recordings
 from lmkit.mapping.survey import anchors_of, survey_frames
 from lmkit.model.landmark_id import LandmarkId
 from lmkit.model.landmark_map import LandmarkMap, MappedLandmark
@@ -81,6 +83,32 @@ def test_of_two_known_landmarks_nobody_knows_which_was_moved(seen):
     result = survey(drive(later), known)
     assert not result.moved
     assert result.disputed == tuple(sorted(seen[:2]))
+
+
+def test_known_landmarks_that_contradict_each_other_in_all_recordings_are_named(seen):
+    later = with_one_moved(seen[1], 0.5)
+    known = {id_: anchor for id_, anchor in anchors_of(ROOM, SIGMA).items() if id_ in seen[:2]}
+    made = drive(later)
+    recordings = [
+        NamedRecording(name, tuple(made.frames), made.rig, MotionModel(made.odometry, made.gyro)) for name in "ab"
+    ]
+    result = survey_recordings(recordings, SIZES, known)
+    assert not result.moved
+    assert result.disputed == tuple(sorted(seen[:2]))
+    assert result.to_dict()["disputed"] == [str(id_) for id_ in result.disputed]
+    assert any("contradict what was seen" in text for text in joint_warnings(result))
+
+
+def test_where_most_known_landmarks_stand_elsewhere_the_map_is_doubted(seen):
+    """None of them is called moved: the map may be of another place."""
+    rng = np.random.default_rng(5)
+    elsewhere = [
+        replace(m, T_map_landmark=replace_t(m.T_map_landmark, rng.uniform(0.3, 0.6, 3) * rng.choice([-1, 1], 3)))
+        for m in ROOM
+    ]
+    result = survey(drive(), {i: a for i, a in anchors_of(LandmarkMap(elsewhere), SIGMA).items() if i in seen[:6]})
+    assert not result.moved
+    assert len(result.disputed) > 3
 
 
 def test_places_that_nobody_qualified_are_not_tested():
