@@ -16,6 +16,7 @@ from lmkit.kernels.noise import noise, noise_numpy
 from lmkit.kernels.occlusion import OcclusionRules
 from lmkit.kernels.pattern import Drawing, coverage_columns_numpy
 from lmkit.kernels.pixel_sampling import Edges, SamplingRules, Source, sample, sample_numpy
+from lmkit.kernels.plane import View, plane_numpy
 from lmkit.kernels.quads import Contrast, QuadRules, dark_quads, where_to_look
 from lmkit.kernels.quads_numpy import dark_quads_numpy, where_to_look_numpy
 from lmkit.kernels.registration import (
@@ -24,10 +25,8 @@ from lmkit.kernels.registration import (
     Priors,
     Samples,
     Steps,
-    View,
     linearize,
     linearize_numpy,
-    plane_numpy,
     register,
     register_numpy,
     robust_weights,

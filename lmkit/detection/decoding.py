@@ -14,7 +14,8 @@ from lmkit.detection.pattern_model import INKS, drawing_of
 from lmkit.kernels.hypotheses import Decoded, DecodingRules, Words, decode
 from lmkit.kernels.occlusion import OcclusionRules
 from lmkit.kernels.pattern import Drawing
-from lmkit.kernels.registration import Samples, View
+from lmkit.kernels.plane import View
+from lmkit.kernels.registration import Samples
 from lmkit.model.landmark import LandmarkFamily
 
 RULES = DecodingRules(

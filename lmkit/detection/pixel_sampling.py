@@ -11,7 +11,8 @@ import numpy as np
 from lmkit.arrays import Float32Array, FloatArray
 from lmkit.detection.linear_image import LinearImage
 from lmkit.kernels.pixel_sampling import Edges, SamplingRules, sample
-from lmkit.kernels.registration import Samples, View, distorted_numpy, homography_numpy
+from lmkit.kernels.plane import View, distorted_numpy, homography_numpy
+from lmkit.kernels.registration import Samples
 from lmkit.model.families import MarkerFamily
 from lmkit.model.square_marker import SquareMarkerFamily
 

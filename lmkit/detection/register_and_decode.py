@@ -19,7 +19,8 @@ from lmkit.detection.registration import PatternRegistration, blur_of
 from lmkit.detection.rivals import rival_margin
 from lmkit.kernels import landmark_fit
 from lmkit.kernels.landmark_fit import Fitted
-from lmkit.kernels.registration import Steps, View
+from lmkit.kernels.plane import View
+from lmkit.kernels.registration import Steps
 from lmkit.model.landmark import LandmarkFamily
 from lmkit.model.landmark_id import LandmarkId
 from lmkit.model.observation import Detection

@@ -18,18 +18,8 @@ from lmkit.detection.shadows import ShadowEdge
 from lmkit.kernels.grid_pattern import GridDrawing
 from lmkit.kernels.landmark_fit import Fitted
 from lmkit.kernels.pattern import Drawing
-from lmkit.kernels.registration import (
-    STATE,
-    Hypothesis,
-    Limits,
-    Priors,
-    Steps,
-    View,
-    displaced_numpy,
-    distorted_numpy,
-    register,
-    robust_weights,
-)
+from lmkit.kernels.plane import STATE, View, displaced_numpy, distorted_numpy
+from lmkit.kernels.registration import Hypothesis, Limits, Priors, Steps, register, robust_weights
 from lmkit.model.families import MarkerFamily
 from lmkit.model.landmark import LandmarkFamily
 

@@ -19,7 +19,8 @@ from lmkit.detection.decoding import CORRELATED_PIXELS
 from lmkit.kernels.cell_codes import CellCodes, Words, cell_codes, packed, single_cells
 from lmkit.kernels.grid_moments import OTHERS, grid_moments
 from lmkit.kernels.grid_pattern import GridDrawing
-from lmkit.kernels.registration import Samples, View
+from lmkit.kernels.plane import View
+from lmkit.kernels.registration import Samples
 from lmkit.model.square_marker import SquareMarkerFamily
 
 MODEL_SHARE = 0.02  # of the contrast, which no model of blur and print gets better

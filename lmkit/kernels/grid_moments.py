@@ -11,7 +11,8 @@ from numpy.typing import NDArray
 
 from lmkit.kernels.grid_pattern import GridDrawing, cell_coverage_numpy
 from lmkit.kernels.load import addresses, contiguous, function
-from lmkit.kernels.registration import STATE, Samples, View, light_numpy, plane_numpy
+from lmkit.kernels.plane import STATE, View, light_numpy, plane_numpy
+from lmkit.kernels.registration import Samples
 
 FloatArray = NDArray[np.floating[Any]]
 

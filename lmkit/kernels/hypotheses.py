@@ -22,7 +22,8 @@ from lmkit.kernels.occlusion import (
     usual_variance_numpy,
 )
 from lmkit.kernels.pattern import GAP, INKS, QUARTERS, RING, TRIANGLE, Drawing, coverage_columns_numpy
-from lmkit.kernels.registration import STATE, Samples, View, light_numpy, plane_numpy
+from lmkit.kernels.plane import STATE, View, light_numpy, plane_numpy
+from lmkit.kernels.registration import Samples
 
 FloatArray = NDArray[np.floating[Any]]
 

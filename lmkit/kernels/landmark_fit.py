@@ -18,7 +18,8 @@ from lmkit.kernels.lens import Lens
 from lmkit.kernels.load import address, addresses, contiguous, function
 from lmkit.kernels.pattern import INKS, Drawing
 from lmkit.kernels.pixel_sampling import VISITED, Edges, Source
-from lmkit.kernels.registration import BLOCK, STATE, Limits, Priors, Steps, View, scratch_floats
+from lmkit.kernels.plane import STATE, View
+from lmkit.kernels.registration import BLOCK, Limits, Priors, Steps, scratch_floats
 from lmkit.kernels.workspace import Workspace
 
 FloatArray = NDArray[np.floating[Any]]

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lmkit.kernels.load import address, addresses, contiguous, function
-from lmkit.kernels.registration import STATE, View, plane_numpy
+from lmkit.kernels.plane import STATE, View, plane_numpy
 
 Float32Array = NDArray[np.float32]
 FloatArray = NDArray[np.floating[Any]]

@@ -77,7 +77,7 @@ typedef struct {
 } Jacobian;
 
 /* Displacement of a pixel at x from the view's origin by a distortion, its slope with the distortion and its slopes with x
- * (00 01 10 11); registration.py: displaced_numpy. */
+ * (00 01 10 11); plane.py: displaced_numpy. */
 static inline void displaced(const double *view, double distortion, const double *x, double *out, double *by_distortion, double *by_x)
 {
     const double scale = 1.0 / (view[4] * view[4]), c[2] = {view[0] - view[2], view[1] - view[3]};

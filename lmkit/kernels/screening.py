@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from lmkit.kernels.hypotheses import Words, explained_energy_numpy, selection_matrices
 from lmkit.kernels.load import address, addresses, contiguous, function
 from lmkit.kernels.pattern import INKS, QUARTERS
-from lmkit.kernels.registration import homography_numpy
+from lmkit.kernels.plane import homography_numpy
 from lmkit.kernels.workspace import Workspace
 
 FloatArray = NDArray[np.floating[Any]]

@@ -38,7 +38,7 @@ class Workspace(threading.local):
 
 
 class _Loan:
-    """What all arrays on lent memory hold: numpy gives slices the owner of their array as base."""
+    """Base of all arrays on lent memory: numpy gives slices of an array the base of that array."""
 
     def __init__(self, held: NDArray[Any]) -> None:
         self.__array_interface__ = held.__array_interface__

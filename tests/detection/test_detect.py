@@ -12,7 +12,7 @@ from lmkit.detection.hypotheses import words_of
 from lmkit.detection.pattern_model import LandmarkPattern
 from lmkit.generation.page import bare_landmark_page
 from lmkit.generation.png import page_to_image
-from lmkit.kernels.registration import View, displaced_numpy, distorted_numpy
+from lmkit.kernels.plane import View, displaced_numpy, distorted_numpy
 from lmkit.model.codewords import code_to_gaps
 from lmkit.model.landmark import LM8
 

@@ -17,7 +17,7 @@ from lmkit.detection.linear_image import LinearImage
 from lmkit.detection.pixel_sampling import sample_pixels
 from lmkit.detection.rivals import rival_margin
 from lmkit.kernels import landmark_fit, load
-from lmkit.kernels.registration import STATE, View
+from lmkit.kernels.plane import STATE, View
 from lmkit.model.families import family_named
 from lmkit.simulation.photograph import ImagingChain, Lens
 
