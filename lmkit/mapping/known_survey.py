@@ -9,7 +9,7 @@ import numpy as np
 
 from lmkit.mapping.bundle_adjustment import Anchor
 from lmkit.mapping.joint_adjustment import JointProblem
-from lmkit.mapping.known_landmarks import KnownTest, KnownView, find_moved, stands
+from lmkit.mapping.moved_known_landmarks import KnownTest, KnownView, find_moved, stands
 from lmkit.mapping.observation_noise import noise_factor
 from lmkit.mapping.solved_recording import SolvedRecording
 from lmkit.model.landmark_id import LandmarkId

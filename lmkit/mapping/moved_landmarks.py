@@ -8,7 +8,7 @@ Splitting it adds six unknowns ``e``, the second pose relative to the first, and
 H_v, H_vv and b_v being what that recording says of the landmark, H and b all that all recordings say, every pose and
 every error of the odometry eliminated.  Where nobody moved it, the drop is chi-squared with six degrees of freedom;
 all recordings' views of all landmarks are tested, so that the level is divided by their number (Bonferroni).
-A landmark of the known map that was moved since is found in the same way (`known_landmarks.py`).
+A landmark of the known map that was moved since is found in the same way (`moved_known_landmarks.py`).
 Observations that the adjustment left out for the landmark's own sake take part in its test.
 """
 
@@ -22,7 +22,7 @@ import numpy as np
 from lmkit.arrays import BoolArray, FloatArray, IntArray
 from lmkit.mapping.bundle_adjustment import BundleProblem
 from lmkit.mapping.joint_adjustment import JointProblem
-from lmkit.mapping.known_landmarks import LEAST_SEEN, still, with_left_out
+from lmkit.mapping.moved_known_landmarks import LEAST_SEEN, still, with_left_out
 from lmkit.mapping.recording_group import Version
 from lmkit.model.landmark_information import LandmarkInformation
 from lmkit.optim.information_sum import unknowns_of

@@ -2,59 +2,34 @@
 
 1. Each recording is surveyed alone (`survey.py`), and laid over the others by shared landmarks
    (`recording_group.py`).
-2. Joint adjustment of all by summed information (`joint_adjustment.py`).
-3. A landmark that two poses explain better than one, by more than chance (`moved_landmarks.py`), was moved between
-   recordings, or since the known map: it becomes two.  Two that stand in one place, as far as the joint covariance
-   tells, are one.
-4. A recording in which most shared landmarks stand elsewhere does not fit: it is left out, and all is done again.
+2. Joint adjustment of all, with landmarks that were moved split in two (`joint_solver.py`).
+3. A recording in which most shared landmarks stand elsewhere does not fit: it is left out, and all is done again.
 """
 
 from __future__ import annotations
 
-from collections import Counter
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import partial
-from itertools import pairwise
 
-import numpy as np
-
-from lmkit.arrays import FloatArray, IntArray
 from lmkit.errors import InputError
-from lmkit.geometry.pose import Pose
-from lmkit.geometry.pose_array import PoseArray
 from lmkit.geometry.rig import AnyRig
-from lmkit.geometry.rotations import orthonormal, rotation_log
-from lmkit.mapping.bundle_adjustment import Anchor, BundleProblem
-from lmkit.mapping.joint_adjustment import JointProblem, recording_information
+from lmkit.mapping.bundle_adjustment import Anchor
+from lmkit.mapping.joint_solver import JointSolver
 from lmkit.mapping.joint_survey import JointSurvey
-from lmkit.mapping.known_landmarks import KnownView, find_moved, moved_threshold, stands, still
 from lmkit.mapping.known_survey import solve_by_known
-from lmkit.mapping.landmark_support import KeptOut, doubtful_landmarks
-from lmkit.mapping.moved_landmark import MovedLandmark
-from lmkit.mapping.moved_landmarks import split_tests
-from lmkit.mapping.observation_noise import noise_factor
-from lmkit.mapping.recording_group import LoneSurvey, RecordingGroup, Version, join_recordings
+from lmkit.mapping.recording_group import LoneSurvey, join_recordings
 from lmkit.mapping.survey import (
-    OUTLIER_SIGMA,
-    STEPS,
-    landmarks_off_constraint,
-    poorly_determined_landmarks,
     solve_recording,
     survey_of,
 )
 from lmkit.mapping.wall_constraints import LandmarkConstraint
 from lmkit.model.landmark_id import LandmarkId, ids_text
-from lmkit.model.landmark_map import CALENDAR_S, LandmarkMap, MappedLandmark
 from lmkit.model.recording import RigFrame
 from lmkit.odometry.motion_model import Motion
-from lmkit.optim.information_sum import unknowns_of
 from lmkit.parallel import map_sharing
 
-ROUNDS = 4  # of leaving out observations that do not fit
-MOST_MERGES = 2  # times that a recording's view of a landmark is merged again; then it stays
 NAMED = 4  # landmarks in an error message
-CHANGES = 12  # rounds of splitting and merging landmarks, one at a time
 
 
 @dataclass(frozen=True, eq=False)
@@ -168,7 +143,7 @@ def join_surveys(
     while True:
         group = join_recordings(lone)
         left_out |= group.left_out
-        joint = _Joint(group, anchors, constraints)
+        joint = JointSolver(group, anchors, constraints)
         joint.solve()
         contradicted = joint.contradicted_recordings()
         if not contradicted:
@@ -176,372 +151,3 @@ def join_surveys(
         joint.give_back()
         left_out |= contradicted
         lone = [one for one in group.lone if one.name not in contradicted]
-
-
-class _Joint:
-    """The joint adjustment of a group, with landmarks split and merged as it tells."""
-
-    def __init__(
-        self,
-        group: RecordingGroup,
-        known: Mapping[LandmarkId, Anchor],
-        constraints: Sequence[LandmarkConstraint],
-    ) -> None:
-        self.group, self.known, self.constraints = group, known, constraints
-        self.problems = [one.solved.problem for one in group.lone]
-        self.lone_used = [problem.used.copy() for problem in self.problems]
-        self.lone_poses = [(problem.lm_R.copy(), problem.lm_p.copy()) for problem in self.problems]
-        self.anchors = dict(known) or dict(self.problems[0].anchors)
-        self.threshold = moved_threshold(sum(len(problem.mapped) for problem in self.problems))
-        self.noise = 1.0
-        self.released = self._released_by_all()  # known landmarks that were moved since
-        self.held: set[LandmarkId] = set()  # are not released again
-        self.disputed: tuple[LandmarkId, ...] = ()  # known landmarks that contradict each other
-        self.anchors = {id_: anchor for id_, anchor in self.anchors.items() if id_ not in self.released}
-        self.merged_back: Counter[tuple[int, int]] = Counter()
-        self.own_knowledge = [(problem.anchors, problem.constraints) for problem in self.problems]
-        for problem in self.problems:
-            problem.anchors, problem.constraints = {}, ()
-
-    def give_back(self) -> None:
-        """Let every recording know again what defines its own frame, so that it can be joined with others."""
-        for problem, (anchors, constraints) in zip(self.problems, self.own_knowledge, strict=True):
-            problem.anchors, problem.constraints = anchors, constraints
-
-    def solve(self) -> None:
-        """Adjust, split and merge until nothing changes."""
-        self._choose_starts()
-        self._adjust()
-        for _ in range(CHANGES):
-            if not (self._release() or self._split() | self._merge() or self._take_back()):
-                break
-            self._adjust()
-
-    def contradicted_recordings(self) -> dict[str, str]:
-        """Names of recordings in which most shared landmarks stand elsewhere, and a clause for each."""
-        contradicted = {}
-        for recording, one in enumerate(self.group.lone):
-            mine = [v for v in self.group.versions if recording in v.recordings]
-            others = {v.id for v in self.group.versions if set(v.recordings) - {recording}}
-            shared = [v for v in mine if v.id in others]
-            alone = sum(v.recordings == [recording] for v in shared)
-            if not one.anchored and len(self.problems) > 2 and 2 * alone > len(shared):
-                contradicted[one.name] = (
-                    f"{alone} of its {len(shared)} shared landmarks stand elsewhere than in the others"
-                )
-        return contradicted
-
-    def _choose_starts(self) -> None:
-        """Choose, for landmarks that recordings see turned, the direction that explains all of them best."""
-        for number in self.group.turned:
-            version = self.group.versions[number]
-            candidates = [(self.lone_poses[r][0][row], self.lone_poses[r][1][row]) for r, row in version.members]
-            costs = [self._cost(version, R, p) for R, p in candidates]
-            version.R, version.p = candidates[int(np.argmin(costs))]
-
-    def _cost(self, version: Version, R: FloatArray, p: FloatArray) -> float:
-        cost = 0.0
-        for recording, row in version.members:
-            problem = self.problems[recording]
-            before = problem.state()
-            problem.put(row, R, p)
-            cost += float(problem.landmark_costs()[row])
-            problem.restore(before)
-        return cost
-
-    def _adjust(self) -> None:
-        """Adjust jointly, observations that do not fit left out."""
-        versions = self.group.versions
-        R, p = np.array([v.R for v in versions]), np.array([v.p for v in versions])
-        rows = [*self.group.rows(), np.arange(len(versions))]
-        self.knowledge = self._knowledge(R, p)
-        self.joint = JointProblem([*self.problems, self.knowledge], rows, R, p)
-        for problem, used in zip(self.problems, self.lone_used, strict=True):
-            problem.used = used.copy()
-        dropped = -1
-        for _ in range(ROUNDS):
-            self.joint.optimize(STEPS)
-            now = sum(problem.drop_outliers(OUTLIER_SIGMA) for problem in self.problems)
-            if now == dropped:
-                break
-            dropped = now
-        for version, R_now, p_now in zip(versions, self.joint.R, self.joint.p, strict=True):
-            version.R, version.p = R_now, p_now
-
-    def _knowledge(self, R: FloatArray, p: FloatArray) -> BundleProblem:
-        """Prior knowledge, as a recording without frames that has all landmarks.
-
-        Of several versions of a landmark the known one is the nearest, and the one on a declared wall the last.
-        """
-        last = self._last_versions()
-        mapped = []
-        for number, version in enumerate(self.group.versions):
-            anchor = self.anchors.get(version.id)
-            if anchor is None:
-                named = last[version.id] == number
-            else:
-                t = anchor.landmark.T_map_landmark.t
-                same = [v for v in self.group.versions if v.id == version.id]
-                named = min(same, key=lambda v: float(np.linalg.norm(v.p - t))) is version
-            id_ = version.id if named else LandmarkId("", number)
-            T = Pose("map", "landmark", orthonormal(R[number]), p[number])
-            mapped.append(MappedLandmark(id_, 1.0, T))
-        nowhere = PoseArray("map", "left", np.zeros((0, 3, 3)), np.zeros((0, 3)))
-        rig = self.group.lone[0].rig
-        return BundleProblem((), rig, nowhere, LandmarkMap(mapped), self.anchors, constraints=self.constraints)
-
-    def _last_versions(self) -> dict[LandmarkId, int]:
-        """Current version of each landmark."""
-        last: dict[LandmarkId, int] = {}
-        for number, version in enumerate(self.group.versions):
-            best = last.get(version.id)
-            if best is None or self._when(version) > self._when(self.group.versions[best]):
-                last[version.id] = number
-        return last
-
-    def _when(self, version: Version) -> tuple[float, int]:
-        """Order in time: by clock where that tells, else by the order of the recordings."""
-        return (self.span(version)[1] if self.dated([version]) else 0.0), version.recordings[-1]
-
-    def dated(self, versions: Sequence[Version]) -> bool:
-        """Do clocks tell which of these came first?"""
-        spans = sorted((problem.times[0], problem.times[-1]) for problem in self.problems)
-        if all(before[1] <= after[0] for before, after in pairwise(spans)):
-            return True
-        seen = sorted(self.span(version) for version in versions)
-        return spans[0][0] > CALENDAR_S and all(before[1] <= after[0] for before, after in pairwise(seen))
-
-    def span(self, version: Version) -> tuple[float, float]:
-        """First and last time at which observations have it there."""
-        times = []
-        for recording, row in version.members:
-            problem = self.problems[recording]
-            at = problem.seen.at[(problem.seen.of == row) & problem.used]
-            times += problem.times[at].tolist()
-        return (min(times), max(times)) if times else (0.0, 0.0)
-
-    def _release(self) -> bool:
-        """The known landmark that stands farthest elsewhere, if by more than chance: it was moved since."""
-        if not self.known:
-            return False
-        views = {
-            v.id: KnownView(k, v.members)
-            for k, v in enumerate(self.group.versions)
-            if self.knowledge.landmark_ids[k] == v.id and v.id in self.anchors and v.id not in self.held
-        }
-        test = find_moved(self.joint, self.problems, views, self.anchors, noise_factor(self.problems))
-        self.disputed = () if test is None else test.disputed
-        if test is None or test.disputed:
-            return False
-        self.anchors = {id_: anchor for id_, anchor in self.anchors.items() if id_ != test.worst}
-        self.released.add(test.worst)
-        return True
-
-    def _released_by_all(self) -> set[LandmarkId]:
-        """Known landmarks that every recording which saw them has elsewhere."""
-        saw = [(one.released, set(one.solved.problem.landmark_ids)) for one in self.group.lone]
-        some = {id_ for released, _ in saw for id_ in released}
-        return {id_ for id_ in some if all(id_ in released for released, seen in saw if id_ in seen)}
-
-    def _take_back(self) -> bool:
-        """Known landmarks that were released while another one pulled them, and stand where they are known to be."""
-        if not self.released:
-            return False
-        C, noise = self.joint.covariance(), noise_factor(self.problems)
-        back = set()
-        for number, version in enumerate(self.group.versions):
-            rows = unknowns_of([number], 6)
-            if version.id in self.released and stands(
-                self.known[version.id], version.R, version.p, noise * C[np.ix_(rows, rows)], len(self.known)
-            ):
-                back.add(version.id)
-        self.released -= back
-        self.held |= back
-        self.anchors |= {id_: self.known[id_] for id_ in back}
-        return bool(back)
-
-    def _split(self) -> bool:
-        """The landmark that two poses explain best of all, if by more than chance (`moved_landmarks.py`).
-
-        One at a time: a moved landmark pulls its recording, and with it landmarks that nobody moved.  Known places
-        that contradict each other do so too, so that nothing is said of how those landmarks were moved.
-        """
-        self.noise = noise_factor(self.problems)
-        tests = split_tests(self.joint, self.problems, self.group.versions, self.lone_used, self.noise)
-        self.threshold = moved_threshold(len(tests))
-        over = [
-            t
-            for t in tests
-            if t.chi2 > self.threshold
-            and self.merged_back[t.member] < MOST_MERGES
-            and self.group.versions[t.version].id not in self.disputed
-        ]
-        if not over:
-            return False
-        version = self.group.versions[max(over, key=lambda t: t.chi2).version]
-        off = [t.member for t in over if t.member in version.members]
-        if len(off) == len(version.members):
-            off = off[1:]
-        for recording, row in off:
-            version.members.remove((recording, row))
-            R, p = (poses[row] for poses in self.lone_poses[recording])
-            self.group.versions.append(Version(version.id, [(recording, row)], R, p))
-        return True
-
-    def _merge(self) -> bool:
-        """Versions of a landmark that stand in one place, as far as the joint covariance tells, are one."""
-        numbers: dict[LandmarkId, list[int]] = {}
-        for number, version in enumerate(self.group.versions[: len(self.joint.p)]):
-            numbers.setdefault(version.id, []).append(number)
-        several = [same for same in numbers.values() if len(same) > 1]
-        if not several:
-            return False
-        C = self.joint.covariance()
-        gone: set[int] = set()
-        for same in several:
-            for i, a in enumerate(same):
-                for b in same[i + 1 :]:
-                    if a in gone or b in gone or self._apart_chi2(a, b, C) > self.threshold:
-                        continue
-                    self.merged_back.update(self.group.versions[b].members)
-                    self.group.versions[a].members += self.group.versions[b].members
-                    gone.add(b)
-        self.group.versions = [v for k, v in enumerate(self.group.versions) if k not in gone]
-        return bool(gone)
-
-    def _apart_chi2(self, a: int, b: int, C: FloatArray) -> float:
-        """Squared distance of two versions in standard deviations."""
-        va, vb = self.group.versions[a], self.group.versions[b]
-        if set(va.recordings) & set(vb.recordings):
-            return np.inf
-        d = np.concatenate([va.p - vb.p, rotation_log(va.R @ vb.R.T)])
-        ra, rb = unknowns_of([a], 6), unknowns_of([b], 6)
-        both = C[np.ix_(ra, ra)] + C[np.ix_(rb, rb)] - C[np.ix_(ra, rb)] - C[np.ix_(rb, ra)]
-        return float(d @ np.linalg.solve(self.noise * both + still(), d))
-
-    def results(self, left_out: Mapping[str, str], keep_doubtful: bool = False) -> JointSurvey:
-        """Map, recordings and what to check; covariances by what the observations err, which splitting knows."""
-        noise = [noise_factor([problem]) for problem in self.problems]
-        C, spreads = self._covariance(noise), self._spreads()
-        surveys, information = [], []
-        for one, rows, factor in zip(self.group.lone, self.group.rows(), noise, strict=True):
-            problem = one.solved.problem
-            own = recording_information(problem, problem.stated_equations(factor))
-            known = _elsewhere(C, unknowns_of(rows, 6), own.H)
-            undecided = {k: spreads[v] for k, v in enumerate(rows.tolist()) if v in spreads}
-            surveys.append(survey_of(replace(one.solved, undecided=undecided), {}, (), known))
-            information.append(own)
-        for number, spread in spreads.items():
-            rows = unknowns_of([number], 6)
-            C[np.ix_(rows, rows)] += spread
-        current, moved, order = self._mapped(C)
-        kept_out = () if keep_doubtful else self._doubtful(current, order)
-        out = {one.id for one in kept_out}
-        order = [number for m, number in zip(current, order, strict=True) if m.id not in out]
-        current = [m for m in current if m.id not in out]
-        moved = [one for one in moved if one.after.id not in out]
-        unseen = [
-            replace(anchor.landmark, covariance=anchor.covariance)
-            for id_, anchor in self.known.items()
-            if all(m.id != id_ for m in current)
-        ]
-        past = [m.before for m in moved if m.before.valid_to_s is not None]
-        landmarks = LandmarkMap([*current, *unseen, *past])
-        columns = unknowns_of(order, 6)
-        return JointSurvey(
-            landmarks,
-            C[np.ix_(columns, columns)],
-            tuple(one.name for one in self.group.lone),
-            tuple(surveys),
-            dict(left_out),
-            tuple(moved),
-            tuple(information),
-            poorly_determined_landmarks(LandmarkMap(current)),
-            tuple(sorted({id_ for survey in surveys for id_ in survey.unplaced if id_ not in landmarks} - out)),
-            tuple(sorted({v.id for k, v in enumerate(self.group.versions) if k in spreads and k in order})),
-            landmarks_off_constraint(self.constraints, LandmarkMap(current)),
-            kept_out=kept_out,
-            disputed=self.disputed,
-        )
-
-    def _doubtful(self, current: Sequence[MappedLandmark], order: Sequence[int]) -> tuple[KeptOut, ...]:
-        """Landmarks that too few frames of all recordings support."""
-        frames = {}
-        for m, number in zip(current, order, strict=True):
-            members = self.group.versions[number].members
-            pairs = [(self.problems[recording], row) for recording, row in members]
-            frames[m.id] = sum(
-                len(np.unique(problem.seen.at[(problem.seen.of == row) & problem.used])) for problem, row in pairs
-            )
-        return doubtful_landmarks(current, frames, {*self.known, *self.anchors})
-
-    def _covariance(self, noise: Sequence[float]) -> FloatArray:
-        """Joint covariance of all versions, with a factor of the variances of each recording's observations."""
-        problems = zip([*self.problems, self.knowledge], [*noise, 1.0], strict=True)
-        parts = (problem.stated_equations(factor)[0].eliminate(problem.own) for problem, factor in problems)
-        return self.joint.sum_of(parts).covariance()
-
-    def _mapped(self, C: FloatArray) -> tuple[list[MappedLandmark], list[MovedLandmark], list[int]]:
-        """Landmarks that are valid now, those that were moved, and the versions of the former."""
-        numbers: dict[LandmarkId, list[int]] = {}
-        for number, version in enumerate(self.group.versions):
-            if self._supported(version):
-                numbers.setdefault(version.id, []).append(number)
-        current, moved, order = [], [], []
-        for _, same in sorted(numbers.items()):
-            same.sort(key=lambda number: self._when(self.group.versions[number]))
-            dated = self.dated([self.group.versions[number] for number in same])
-            chain = []
-            for k, number in enumerate(same):
-                since, until = self.span(self.group.versions[number])
-                valid_from = since if dated and k > 0 else None
-                valid_to = until if dated and k < len(same) - 1 else None
-                chain.append(replace(self._landmark(number, C), valid_from_s=valid_from, valid_to_s=valid_to))
-            if same and self.group.versions[same[0]].id in self.released:
-                moved.append(self._moved_since(same[0], chain))
-            for (a, before), (b, after) in pairwise(zip(same, chain, strict=True)):
-                moved.append(MovedLandmark(before, after, self._names(a), self._names(b)))
-            current.append(chain[-1])
-            order.append(same[-1])
-        return current, moved, order
-
-    def _moved_since(self, number: int, chain: list[MappedLandmark]) -> MovedLandmark:
-        """From the known map to the first of a landmark's places, which gets its date."""
-        version = self.group.versions[number]
-        since_s = self.span(version)[0]
-        moved = MovedLandmark.since_known(self.known[version.id], chain[0], since_s, self._names(number))
-        chain[0] = moved.after
-        return moved
-
-    def _supported(self, version: Version) -> bool:
-        """Does any observation have it there, or is it known beforehand?"""
-        pairs = [(self.problems[recording], row) for recording, row in version.members]
-        seen = any(((problem.seen.of == row) & problem.used).any() for problem, row in pairs)
-        return seen or version.id in self.anchors
-
-    def _landmark(self, number: int, C: FloatArray) -> MappedLandmark:
-        version, rows = self.group.versions[number], unknowns_of([number], 6)
-        recording, row = version.members[0]
-        T = Pose("map", "landmark", orthonormal(version.R), version.p)
-        return replace(self.problems[recording].mapped[row], T_map_landmark=T, covariance=C[np.ix_(rows, rows)])
-
-    def _names(self, number: int) -> tuple[str, ...]:
-        return tuple(self.group.lone[recording].name for recording in self.group.versions[number].recordings)
-
-    def _spreads(self) -> dict[int, FloatArray]:
-        """(6,6) by version: landmarks whose pose is ambiguous in every recording that saw them."""
-        spreads = {}
-        for number, version in enumerate(self.group.versions):
-            mine = [self.group.lone[r].solved.undecided.get(row) for r, row in version.members]
-            known = [spread for spread in mine if spread is not None]
-            if mine and len(known) == len(mine):
-                spreads[number] = min(known, key=np.trace)
-        return spreads
-
-
-def _elsewhere(C: FloatArray, rows: IntArray, own: FloatArray) -> FloatArray:
-    """Information on some unknowns beside one's own, from the joint covariance of all."""
-    mine = C[np.ix_(rows, rows)]
-    # Landmarks that are known exactly stand beside others that are hardly known.
-    scale = 1 / np.sqrt(np.diag(mine))
-    return np.asarray(np.linalg.inv(mine * scale[:, None] * scale) * scale[:, None] * scale - own)

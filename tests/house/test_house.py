@@ -7,6 +7,7 @@ import importlib
 import re
 import subprocess
 import sys
+from itertools import pairwise
 from pathlib import Path
 
 import pytest
@@ -119,6 +120,15 @@ def test_docstrings_start_with_their_subject():
             r'^\s*"""(Of|The same|As|By|Those|What|Where) [^\n]*', path.read_text(encoding="utf-8"), re.MULTILINE
         )
         assert found is None, f"{path.relative_to(ROOT)}: {found and found.group()}"
+
+
+def test_no_statement_stands_below_one_that_leaves_its_block():
+    leaving = ast.Return | ast.Raise | ast.Continue | ast.Break
+    for path in MODULES:
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+            for block in (getattr(node, name, None) for name in ("body", "orelse", "finalbody")):
+                below = [b for a, b in pairwise(block) if isinstance(a, leaving)] if isinstance(block, list) else []
+                assert not below, f"{path.relative_to(ROOT)}:{below[0].lineno} is never reached"
 
 
 def names_of(path: Path) -> set[str]:

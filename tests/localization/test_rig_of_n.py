@@ -75,15 +75,17 @@ def test_more_cameras_know_the_place_better():
     assert sigmas[1] < 0.5 * sigmas[0]
 
 
+def with_one_turned(rig, k):
+    """The rig with camera k turned by 0.2 rad."""
+    turn = Pose.from_rvec("camera", "camera", np.array([0.0, 0.2, 0.0]), np.zeros(3))
+    moved = replace(rig.cameras[k], T_camera_left=turn @ rig.cameras[k].T_camera_left)
+    return replace(rig, cameras=(*rig.cameras[:k], moved, *rig.cameras[k + 1 :]))
+
+
 def test_a_camera_that_was_moved_is_named_and_left_out():
     rig = ring(5)
     _, seen = seen_by(rig)
-    moved = replace(
-        rig.cameras[2], T_camera_left=Pose.from_rvec("camera", "camera", np.array([0.0, 0.2, 0.0]), np.zeros(3))
-        @ rig.cameras[2].T_camera_left,
-    )  # fmt: skip
-    wrong = replace(rig, cameras=(*rig.cameras[:2], moved, *rig.cameras[3:]))
-    estimate = locate_rig(seen, wrong, AROUND)
+    estimate = locate_rig(seen, with_one_turned(rig, 2), AROUND)
     assert estimate.status == "ok"
     assert estimate.outlier_cameras == ("cam2",)
     assert seen[2]
@@ -95,11 +97,7 @@ def test_a_camera_that_was_moved_is_named_and_left_out():
 def test_of_two_cameras_that_disagree_neither_is_believed():
     rig = ring(2)
     _, seen = seen_by(rig)
-    moved = replace(
-        rig.cameras[1], T_camera_left=Pose.from_rvec("camera", "camera", np.array([0.0, 0.2, 0.0]), np.zeros(3))
-        @ rig.cameras[1].T_camera_left,
-    )  # fmt: skip
-    estimate = locate_rig(seen, replace(rig, cameras=(rig.cameras[0], moved)), AROUND)
+    estimate = locate_rig(seen, with_one_turned(rig, 1), AROUND)
     assert estimate.status == "inconsistent"
     assert estimate.outlier_cameras == ()
 

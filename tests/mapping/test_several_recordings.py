@@ -9,9 +9,10 @@ from scipy.spatial.transform import Rotation
 from lmkit.errors import InputError
 from lmkit.geometry.pose import Pose
 from lmkit.geometry.rotations import rotation_angle
-from lmkit.mapping import joint_adjustment, several_recordings
+from lmkit.mapping import joint_adjustment
 from lmkit.mapping.bundle_adjustment import Anchor
 from lmkit.mapping.joint_adjustment import JointProblem, recording_information
+from lmkit.mapping.joint_solver import JointSolver
 from lmkit.mapping.observation_arrays import StoredObservations
 from lmkit.mapping.recording_group import LoneSurvey
 from lmkit.mapping.several_recordings import NamedRecording, join_surveys, survey_recordings
@@ -278,7 +279,7 @@ def test_what_is_left_after_a_contradicted_recording_has_a_frame(monkeypatch, go
     """The frame of the map is that of a recording, also where another one is left out after the adjustment."""
     recordings = [recording(drive(11 + k, seconds=15), name) for k, name in enumerate(("first", "second", "third"))]
     answers = iter([{gone: "stands elsewhere"}, {}])
-    monkeypatch.setattr(several_recordings._Joint, "contradicted_recordings", lambda joint: next(answers))
+    monkeypatch.setattr(JointSolver, "contradicted_recordings", lambda joint: next(answers))
     result = survey_recordings(recordings, SIZES, {})
     assert gone not in result.names and len(result.names) == 2
     deviations_m = [np.sqrt(np.linalg.eigvalsh(m.covariance)[-1]) for m in result.landmarks]

@@ -8,8 +8,8 @@ import pytest
 from lmkit.geometry.pose import Pose
 from lmkit.mapping.bundle_adjustment import Anchor
 from lmkit.mapping.joint_survey import joint_warnings
-from lmkit.mapping.known_landmarks import is_surveyed
 from lmkit.mapping.landmark_support import doubtful_landmarks
+from lmkit.mapping.moved_known_landmarks import is_surveyed
 from lmkit.mapping.several_recordings import NamedRecording, survey_recordings
 from lmkit.mapping.survey import anchors_of, survey_frames
 from lmkit.model.landmark_id import LandmarkId
