@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -14,7 +14,7 @@ from lmkit.mapping.observation_noise import noise_factor
 from lmkit.mapping.solved_recording import SolvedRecording
 from lmkit.model.landmark_id import LandmarkId
 
-MOST_RELEASED = 12  # landmarks, one at a time
+MOST_RELEASED = 12  # landmarks, one at a time; where more stand elsewhere the map itself is doubted
 HARDLY_KNOWN = np.diag([1.0] * 3 + [0.25] * 3)  # m^2, rad^2
 
 
@@ -54,20 +54,19 @@ def solve_by_known(
         believed = {id_: anchor for id_, anchor in known.items() if id_ not in released}
         return solve(believed | {id_: anchor for id_, anchor in hardly.items() if id_ in released})
 
-    in_view, solved = len(known), solve(known)
-    for _ in range(MOST_RELEASED):
+    solved = solve(known)
+    while True:
         test = _test(solved, {id_: anchor for id_, anchor in known.items() if id_ not in released | held})
         if test is None:
-            back = {id_ for id_ in released if _stands(solved, known[id_], in_view)}
+            back = {id_ for id_ in released if _stands(solved, known[id_], known)}
             if not back:
                 break
             released -= back
             held |= back
-        elif test.disputed or 2 * len(released) > in_view:
+        elif test.disputed or len(released) == MOST_RELEASED:
             disputed = released | {test.worst} | set(test.disputed)
             return KnownSurvey(solve(known) if released else solved, known, frozenset(), tuple(sorted(disputed)))
         else:
-            in_view = test.in_view if not released else in_view
             released.add(test.worst)
         solved = solve_without_released()
         if lost := released - set(solved.problem.landmark_ids):
@@ -84,9 +83,9 @@ def _test(solved: SolvedRecording, anchors: Mapping[LandmarkId, Anchor]) -> Know
     return find_moved(joint, [problem], views, anchors, noise_factor([problem]))
 
 
-def _stands(solved: SolvedRecording, anchor: Anchor, tests: int) -> bool:
+def _stands(solved: SolvedRecording, anchor: Anchor, known: Collection[LandmarkId]) -> bool:
     problem = solved.problem
     k = problem.landmark_ids.index(anchor.landmark.id)
     rows = slice(problem.own + 6 * k, problem.own + 6 * k + 6)
     C = problem.stated_equations(noise_factor([problem]))[0].covariances()[2][rows, rows]
-    return stands(anchor, problem.lm_R[k], problem.lm_p[k], C, tests)
+    return stands(anchor, problem.lm_R[k], problem.lm_p[k], C, len(set(known) & set(problem.landmark_ids)))

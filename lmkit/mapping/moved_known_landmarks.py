@@ -50,12 +50,10 @@ class KnownTest:
 
     Attributes:
         worst: its id.
-        in_view: how many known landmarks are in view.
         disputed: known landmarks that contradict each other, where too few are in view to tell which was moved.
     """
 
     worst: LandmarkId
-    in_view: int
     disputed: tuple[LandmarkId, ...] = ()
 
 
@@ -102,7 +100,7 @@ def find_moved(
     worst = max(tested, key=lambda id_: chi2[id_])
     if chi2[worst] <= moved_threshold(len(tested)):
         return None
-    return KnownTest(worst, len(in_view), () if len(in_view) >= LEAST_KNOWN else tuple(sorted(in_view)))
+    return KnownTest(worst, () if len(in_view) >= LEAST_KNOWN else tuple(sorted(in_view)))
 
 
 def is_surveyed(anchor: Anchor) -> bool:

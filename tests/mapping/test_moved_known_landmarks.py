@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from lmkit.geometry.pose import Pose
+from lmkit.mapping import known_survey
 from lmkit.mapping.bundle_adjustment import Anchor
 from lmkit.mapping.joint_survey import joint_warnings
 from lmkit.mapping.landmark_support import doubtful_landmarks
@@ -23,8 +24,8 @@ ROOM = make_drive(2, seconds=2).landmarks
 SIZES = {m.id: m.size_m for m in ROOM}
 
 
-def drive(landmarks=ROOM):
-    return make_drive(SEED, seconds=SECONDS, hz=2.5, landmarks=landmarks)
+def drive(landmarks=ROOM, seed=SEED):
+    return make_drive(seed, seconds=SECONDS, hz=2.5, landmarks=landmarks)
 
 
 def survey(made, known, frames=None, **options):
@@ -32,11 +33,15 @@ def survey(made, known, frames=None, **options):
     return survey_frames(frames or made.frames, made.rig, SIZES | options.pop("sizes", {}), known, motion, **options)
 
 
+def most_seen(made):
+    """Ids, the one that is seen most first."""
+    ids = [id_ for frame in made.frames for id_ in {o.id for o in frame.detections}]
+    return sorted(set(ids), key=lambda id_: (-ids.count(id_), id_))
+
+
 @pytest.fixture(scope="module")
 def seen():
-    """Ids, the one that is seen most first."""
-    ids = [id_ for frame in drive().frames for id_ in {o.id for o in frame.detections}]
-    return sorted(set(ids), key=lambda id_: (-ids.count(id_), id_))
+    return most_seen(drive())
 
 
 def with_one_moved(chosen, meters):
@@ -62,6 +67,15 @@ def test_a_single_recording_finds_a_landmark_that_was_moved_since_the_known_map(
     assert max(errors) < 0.02
     assert [m.id for m in result.landmarks.past] == [seen[1]]
     assert result.to_dict()["moved"][0]["id"] == str(seen[1])
+
+
+@pytest.mark.parametrize(("seed", "rank"), [(18, 0), (30, 1)], ids=["pulls another one", "placed by nothing else"])
+def test_a_landmark_that_was_moved_far_is_named_alone(seed, rank):
+    """One is released with another that it had pulled; the other one cannot be placed without its known place."""
+    chosen = most_seen(drive(seed=seed))[rank]
+    result = survey(drive(with_one_moved(chosen, 1.0), seed), anchors_of(ROOM, SIGMA))
+    assert [one.before.id for one in result.moved] == [chosen]
+    assert result.moved[0].meters == pytest.approx(1.0, abs=0.05)
 
 
 def test_nothing_is_named_where_nobody_moved_anything():
@@ -99,16 +113,16 @@ def test_known_landmarks_that_contradict_each_other_in_all_recordings_are_named(
     assert any("contradict what was seen" in text for text in joint_warnings(result))
 
 
-def test_where_most_known_landmarks_stand_elsewhere_the_map_is_doubted(seen):
+def test_where_many_known_landmarks_stand_elsewhere_the_map_is_doubted(monkeypatch, seen):
     """None of them is called moved: the map may be of another place."""
+    monkeypatch.setattr(known_survey, "MOST_RELEASED", 2)
     rng = np.random.default_rng(5)
-    elsewhere = [
-        replace(m, T_map_landmark=replace_t(m.T_map_landmark, rng.uniform(0.3, 0.6, 3) * rng.choice([-1, 1], 3)))
-        for m in ROOM
-    ]
-    result = survey(drive(), {i: a for i, a in anchors_of(LandmarkMap(elsewhere), SIGMA).items() if i in seen[:6]})
+    off = {id_: rng.uniform(0.3, 0.6, 3) * rng.choice([-1, 1], 3) for id_ in seen[:4]}
+    wrong = [replace(m, T_map_landmark=replace_t(m.T_map_landmark, off.get(m.id, np.zeros(3)))) for m in ROOM]
+    result = survey(drive(), anchors_of(LandmarkMap(wrong), SIGMA))
     assert not result.moved
-    assert len(result.disputed) > 3
+    assert len(result.disputed) == 3
+    assert set(result.disputed) <= set(off)
 
 
 def test_places_that_nobody_qualified_are_not_tested():
