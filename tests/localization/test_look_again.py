@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from simulated import CAMERA, SIZE, sheet
 
+from lmkit.detection.acceptance import EAGER
 from lmkit.detection.config import DetectOptions
 from lmkit.detection.detector import detect_landmarks
 from lmkit.geometry.pose import Pose
@@ -70,6 +71,20 @@ def test_only_the_expected_code_at_the_expected_place_stands(monkeypatch, frame,
     estimate, (seen,) = located(monkeypatch, frame, codes)
     assert [d.id.code for d in seen] == [137]
     assert len(estimate.inliers) == 1
+
+
+def test_what_is_expected_needs_less_evidence(monkeypatch, frame):
+    """With the limit of `--eager`: a reading that would not stand by itself stands where the pose expects it."""
+    limits = []
+
+    def detect(pixels, options, near):
+        limits.append(options.rule)
+        return detect_landmarks(pixels, options, near)
+
+    monkeypatch.setattr(look_again, "detect_landmarks", detect)
+    located(monkeypatch, frame, PLACES)
+    assert limits == [EAGER]
+    assert EAGER.least_log_odds < frame[0].options.rule.least_log_odds
 
 
 def test_detections_without_an_image_are_taken_as_they_are(monkeypatch, frame):
