@@ -15,7 +15,7 @@ ENERGY = st.floats(0.1, 50.0)
 
 @st.composite
 def decoded(draw) -> Decoded:
-    """What a kernel might decode; another code leaves as much or more."""
+    """A result of a kernel; another code leaves more, or by robust weights a little less."""
     left = draw(ENERGY)
     more = [left * draw(st.floats(0.9, 3.0)) for _ in range(3)]
     turn, code = draw(st.integers(0, 1)), draw(st.integers(0, 1))
