@@ -9,7 +9,6 @@ robot lags behind what its sensors report.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
@@ -31,7 +30,7 @@ MOVES = Moves(STEPS, DELAY_SPAN_S, LONGEST_STEP_S)
 # A robot on wheels keeps its height and its level between two frames, but for the floor.
 LIFT_M, LIFT_PER_ROOT_M = 0.002, 0.003
 LEAN_RAD, LEAN_PER_ROOT_M = 0.002, 0.004
-_Amount = Any  # a number, or (K,) of them
+_Amount = float | FloatArray  # a number, or (K,) of them
 
 
 @dataclass(frozen=True)
