@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from dataclasses import replace
 from pathlib import Path
 
@@ -10,7 +11,7 @@ import numpy as np
 from scipy.ndimage import distance_transform_edt
 
 from lmkit.arrays import BoolArray, FloatArray
-from lmkit.errors import InputError
+from lmkit.errors import InputError, InputWarning
 from lmkit.io.floor_islands import (
     PLAIN_DRAWING,
     DrawingOptions,
@@ -128,6 +129,8 @@ def inside_of(path: Path, free: BoolArray, cell_m: float, shut_doors: bool = Tru
         behind_doors = _inside_with_doors_shut(free, cell_m)
         if behind_doors.sum() > HIDDEN_RATIO * inside.sum():
             inside = behind_doors
+            sentence = f"{path}: an outer door stands open; openings of the outer wall up to {DOOR_M} m count as shut"
+            warnings.warn(InputWarning(sentence), stacklevel=4)
     answer = inside if inside.any() else free
     if not answer.any():
         raise InputError("nothing_free", f"{path}: no free floor", "white is free, dark is not; check --scale")
@@ -135,20 +138,27 @@ def inside_of(path: Path, free: BoolArray, cell_m: float, shut_doors: bool = Tru
 
 
 def _inside_with_doors_shut(free: BoolArray, cell_m: float) -> BoolArray:
-    """Free cells that a disc as wide as a door does not reach from the rim, but for niches too narrow for it."""
+    """Free cells that a disc as wide as a door does not reach from the rim, but for niches too narrow for it.
+
+    The disc reaches a little into a door; the line between inside and outside is where the opening is narrowest.
+    """
+    from skimage.segmentation import watershed
+
     radius = DOOR_M / 2 / cell_m
     around = int(np.ceil(radius)) + 2
     padded = np.pad(free, around, constant_values=True)
-    clear = distance_transform_edt(padded) > radius
+    clearance = distance_transform_edt(padded)
+    clear = clearance > radius
     # The disc starts outside of everything.
     clear[[0, -1]], clear[:, [0, -1]] = True, True
     _, parts = cv2.connectedComponents(clear.astype(np.uint8), connectivity=4)
-    reached = distance_transform_edt(parts != parts[0, 0]) <= radius
-    left = padded & ~reached
+    is_outside = parts == parts[0, 0]
+    left = padded & (distance_transform_edt(~is_outside) > radius)
     _, rooms = cv2.connectedComponents(left.astype(np.uint8), connectivity=4)
     wide = np.zeros(int(rooms.max()) + 1, dtype=bool)
     wide[rooms[left & clear]] = True
-    return np.asarray(wide[rooms])[around:-around, around:-around]
+    markers = np.where(is_outside, 1, np.where(left & wide[rooms], 2, 0))
+    return np.asarray(watershed(-clearance, markers, mask=padded) == 2)[around:-around, around:-around]
 
 
 def _blocks(cells: BoolArray, times: int) -> BoolArray:

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from floors import TWO_ROOMS, two_rooms
 
-from lmkit.errors import InputError
+from lmkit.errors import InputError, InputWarning
 from lmkit.io.floor_islands import DrawingOptions, drawing_warnings, parse_island_rules
 from lmkit.io.floor_plan import read_floor
 from lmkit.visualization.floor_layer import OBSTACLE, floor_underlay, island_notes, wall_notes
@@ -187,7 +187,8 @@ def test_an_open_outer_door_counts_as_shut(tmp_path):
     path.write_text(
         f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="-9 -9 140 99"><path d="{lines} {table}"/></svg>'
     )
-    floor = read_floor(path, 0.05)
+    with pytest.warns(InputWarning, match="an outer door stands open"):
+        floor = read_floor(path, 0.05)
     assert [island.use for island in floor.islands] == ["obstacle"]
     assert floor.free.sum() * floor.cell_m**2 == pytest.approx(6.0 * 4.0, rel=0.07)
     names = {note.text for note in wall_notes(floor)}
