@@ -40,8 +40,7 @@ def open_outputs(
     Raises:
         InputError: an unknown output, or one whose extra is not installed.
     """
-    if sentence := camera_poses_warning(settings.values.to, rig):
-        warnings.warn(InputWarning(sentence), stacklevel=2)
+    warn_of_camera_poses(settings.values.to, rig)
     runners = [OutputRunner(text, opener(text, rig, landmarks), clock.now) for text in settings.values.to]
     if settings.values.record is not None:
         live = settings.sources[0].is_live
@@ -50,15 +49,15 @@ def open_outputs(
     return runners
 
 
-def camera_poses_warning(outputs: Sequence[str], rig: AnyRig) -> str | None:
-    """A sentence where outputs whose receivers expect a robot's pose would get the first camera's; None where not."""
+def warn_of_camera_poses(outputs: Sequence[str], rig: AnyRig) -> None:
+    """Warn where outputs whose receivers expect a robot's pose would get the first camera's."""
     robots = [text for text in outputs if text.split(":")[0].split("?")[0] in ROBOT_KINDS]
-    if not robots or rig.T_base_left is not None:
-        return None
-    return (
-        f"the rig does not say where the cameras are on the robot: {', '.join(robots)} gets the first camera's pose "
-        "(x right, y down, z ahead) as the robot's; add T_base_left or T_base_camera to the rig file"
-    )
+    if robots and rig.T_base_left is None:
+        sentence = (
+            f"the rig does not say where the cameras are on the robot: {', '.join(robots)} gets the first camera's "
+            "pose (x right, y down, z ahead) as the robot's; add T_base_left or T_base_camera to the rig file"
+        )
+        warnings.warn(InputWarning(sentence), stacklevel=3)
 
 
 def _recorder(settings: RunSettings, rig: AnyRig, landmarks: LandmarkMap, motion: str) -> Callable[[], Output]:

@@ -22,7 +22,7 @@ from lmkit.live.live_run import LiveRun
 from lmkit.live.loop import LiveLoop
 from lmkit.live.motion import MotionInbox
 from lmkit.live.open_inputs import is_live_input, open_inputs
-from lmkit.live.open_outputs import open_outputs
+from lmkit.live.open_outputs import open_outputs, warn_of_camera_poses
 from lmkit.live.recorded_feed import POSE_SUFFIXES, StepFeed, file_groups, motion_rows
 from lmkit.live.recording_file import RunRecording
 from lmkit.live.ros.address import parse_ros
@@ -79,7 +79,7 @@ def open_run(settings: RunSettings, dry: bool = False) -> LiveRun:
 
 
 def check_files(settings: RunSettings) -> None:
-    """Refuse a rig and a map that a run could not begin with; no camera is opened.
+    """Refuse a rig and a map that a run could not begin with, and warn as it would; no camera is opened.
 
     Raises:
         InputError: a file cannot be read, or the rig has another number of cameras.
@@ -88,6 +88,7 @@ def check_files(settings: RunSettings) -> None:
         return
     rig, _ = _rig(settings), _landmarks(settings)
     _require_cameras(rig, sum(2 if address.split else 1 for address in settings.sources))
+    warn_of_camera_poses(settings.values.to, rig)
 
 
 def _replayed_run(settings: RunSettings, clock: LoopClock, dry: bool) -> LiveRun:

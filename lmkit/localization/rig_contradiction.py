@@ -28,6 +28,8 @@ MOST_FRAMES = 60
 OFF = 0.01  # of the image's diagonal: a prediction that misses by more
 CONTRADICTS, AGREES = 0.5, 0.8  # shares of predictions that fit
 OFF_SCALE = 0.15  # logarithm of a ratio
+# Sizes are doubted from this share on, where so many views tell it to so many standard deviations.
+DOUBTED_SIZE, LEAST_VIEWS, SURE_SIGMA = 0.03, 12, 5.0
 
 
 @dataclass(frozen=True)
@@ -69,8 +71,7 @@ def find_rig_cause(frames: Sequence[RigFrame], rig: AnyRig, sizes: Mapping[Landm
     if len(mounted_cameras(rig)) != 2:
         return None
     stereo = as_stereo(rig, "the rig")
-    some = frames[:: 1 + len(frames) // MOST_FRAMES]
-    seen = _seen([(frame.seen[0], frame.seen[1]) for frame in some if len(frame.seen) > 1], sizes)
+    seen = _seen_by_both(frames, sizes)
     if len(seen.sizes) < LEAST_PAIRS:
         return None
     share = _share(seen, stereo)
@@ -79,6 +80,52 @@ def find_rig_cause(frames: Sequence[RigFrame], rig: AnyRig, sizes: Mapping[Landm
             if _share(other, with_rig) > AGREES:
                 return cause
     return _shifted(frames, stereo, sizes, share)
+
+
+def size_doubt(frames: Sequence[RigFrame], rig: AnyRig, sizes: Mapping[LandmarkId, float]) -> str | None:
+    """A sentence where landmarks are of another size by the cameras' baseline than is stated; else None.
+
+    A size that is off by some percent scales the map without any residual that tells it.
+
+    Args:
+        frames, sizes: as of :func:`find_rig_cause`.
+    """
+    if len(mounted_cameras(rig)) != 2:
+        return None
+    stereo = as_stereo(rig, "the rig")
+    seen = _seen(
+        [(f.seen[0], f.seen[1]) for f in frames[:: 1 + len(frames) // MOST_FRAMES] if len(f.seen) > 1], sizes
+    )
+    if len(seen.sizes) < LEAST_VIEWS:
+        return None
+    by_size, by_baseline = _places(seen.left, seen.sizes, stereo.left), _triangulated(seen, stereo)
+    ratios = (by_baseline / by_size)[:, 2]
+    ratios = ratios[np.isfinite(ratios) & (ratios > 0)]
+    if len(ratios) < LEAST_VIEWS:
+        return None
+    middle = float(np.median(ratios))
+    sigma = 1.25 * 1.4826 * float(np.median(np.abs(ratios - middle))) / np.sqrt(len(ratios))
+    if abs(middle - 1) < max(DOUBTED_SIZE, SURE_SIGMA * sigma):
+        return None
+    stated = float(np.median(seen.sizes))
+    return (
+        f"by the cameras' baseline landmarks measure {1000 * middle * stated:.0f} mm, {1000 * stated:.0f} mm are "
+        "stated: check their size (--size, or the map's), or the rig's baseline"
+    )
+
+
+def _triangulated(seen: _Seen, rig: StereoRig) -> FloatArray:
+    """(N,3) centers in the left camera's frame, where the rays of both cameras pass nearest to each other."""
+    ends = []
+    for corners, camera in ((seen.left, rig.left), (seen.right, rig.right)):
+        flat = camera.unproject(corners.mean(axis=1))
+        ends.append(np.column_stack([flat, np.ones(len(flat))]))
+    T = rig.T_right_left.inverse()
+    a, b, t = ends[0], ends[1] @ T.R.T, T.t
+    aa, bb, ab = (np.sum(p * q, axis=1) for p, q in ((a, a), (b, b), (a, b)))
+    with np.errstate(all="ignore"):
+        along = (bb * (a @ t) - ab * (b @ t)) / (aa * bb - ab**2)
+    return np.asarray(a * along[:, None])
 
 
 def _shifted(
@@ -98,6 +145,11 @@ def _shifted(
                 "of the same time",
             )
     return None
+
+
+def _seen_by_both(frames: Sequence[RigFrame], sizes: Mapping[LandmarkId, float]) -> _Seen:
+    some = frames[:: 1 + len(frames) // MOST_FRAMES]
+    return _seen([(frame.seen[0], frame.seen[1]) for frame in some if len(frame.seen) > 1], sizes)
 
 
 def _seen(

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import warnings
+
 import numpy as np
 
 from lmkit.arrays import FloatArray
-from lmkit.errors import InputError
+from lmkit.errors import InputError, InputWarning
 from lmkit.geometry.planar import planar_state
 from lmkit.geometry.rig import AnyRig
 from lmkit.geometry.rig_plausibility import require_plausible
@@ -13,7 +15,7 @@ from lmkit.io.readings import FARTHEST_M, LARGEST_RAD
 from lmkit.localization.absolute_pose import locate_rig
 from lmkit.localization.mirror import find_mirror
 from lmkit.localization.range_bearing import locate_planar
-from lmkit.localization.rig_contradiction import find_rig_cause
+from lmkit.localization.rig_contradiction import find_rig_cause, size_doubt
 from lmkit.model.corner_order import require_clockwise
 from lmkit.model.landmark_map import LandmarkMap
 from lmkit.model.pose_status import PoseStatus
@@ -58,6 +60,8 @@ def require_plausible_recording(
         if (cause := find_rig_cause(recording.frames, rig, sizes)) is not None:
             what, _, hint = str(cause).partition(": ")
             raise InputError(cause.code, f"the two cameras contradict each other: {what}", hint)
+        if (doubt := size_doubt(recording.frames, rig, sizes)) is not None:
+            warnings.warn(InputWarning(doubt), stacklevel=3)
     odometry = recording.odometry
     if odometry is None:
         return

@@ -8,6 +8,7 @@ import threading
 import time
 import urllib.error
 import urllib.request
+import warnings
 from collections.abc import Callable, Iterator
 from dataclasses import replace
 
@@ -15,7 +16,7 @@ import cv2
 import numpy as np
 import pytest
 
-from lmkit.errors import InputError
+from lmkit.errors import InputError, InputWarning
 from lmkit.geometry.planar import planar_pose
 from lmkit.live.captures import PipeCapture, SourceLost, take_jpeg
 from lmkit.live.clock import LoopClock, StampGuard
@@ -23,7 +24,7 @@ from lmkit.live.frame_group import FrameGroup
 from lmkit.live.live_run import LiveRun
 from lmkit.live.loop import LiveLoop, LoopSettings
 from lmkit.live.motion import WHEELS, MotionInbox, MotionRow
-from lmkit.live.open_outputs import camera_poses_warning
+from lmkit.live.open_outputs import warn_of_camera_poses
 from lmkit.live.open_run import open_run
 from lmkit.live.outputs.base import OutputLost, OutputRunner
 from lmkit.live.reader import Reader
@@ -94,10 +95,13 @@ def test_rendered_images_give_poses_and_windows_are_searched():
 def test_outputs_about_a_robots_body_need_the_cameras_place_on_it():
     rig = SimulatedRun(parse_source("sim:?seconds=1")).rig
     outputs = ["stdout", "mavlink:udpout:127.0.0.1:14550", "ros2?transport=dds"]
-    assert camera_poses_warning(outputs, rig) is None
     alone = replace(rig, T_base_left=None)
-    assert "mavlink:udpout:127.0.0.1:14550, ros2?transport=dds gets" in str(camera_poses_warning(outputs, alone))
-    assert camera_poses_warning(["stdout", "ws:9000"], alone) is None
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        warn_of_camera_poses(outputs, rig)
+        warn_of_camera_poses(["stdout", "ws:9000"], alone)
+    with pytest.warns(InputWarning, match=r"mavlink:udpout:127.0.0.1:14550, ros2\?transport=dds gets"):
+        warn_of_camera_poses(outputs, alone)
 
 
 def test_a_robot_that_is_carried_off_publishes_nothing_wrong():

@@ -8,6 +8,7 @@ import pytest
 from lmkit.api.recordings import survey, track
 from lmkit.errors import InputError, InputWarning
 from lmkit.io.readings import read_readings
+from lmkit.localization.rig_contradiction import size_doubt
 from lmkit.model.recording import Gyro, Odometry, Recording
 from lmkit.odometry.plausibility import require_seconds
 from lmkit.simulation.recording import make_drive
@@ -110,3 +111,12 @@ def test_seconds_pass_and_so_do_a_few_still_images(times_s):
 def test_times_far_beyond_the_calendar_are_no_seconds():
     with pytest.raises(InputError, match="milliseconds"):
         require_seconds(1.7e12 + 200.0 * np.arange(3))
+
+
+@pytest.mark.parametrize(
+    ("factor", "measured"), [(1.0, None), (1.02, None), (1.055, "180 mm, 190"), (0.83, "180 mm, 149")]
+)
+def test_a_size_that_the_baseline_contradicts_is_named(drive, factor, measured):
+    """No residual of a survey tells it: map and motion are scaled."""
+    doubt = size_doubt(drive.frames, drive.rig, {m.id: factor * m.size_m for m in drive.landmarks})
+    assert doubt is None if measured is None else f"landmarks measure {measured} mm are stated" in doubt
