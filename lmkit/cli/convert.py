@@ -90,7 +90,7 @@ def run(
 
 
 def _map_text(landmarks: LandmarkMap, to: str) -> str:
-    from lmkit.io.external_maps import map_to_tagslam, map_to_wpilib
+    from lmkit.io.external_maps import has_correlations, map_to_tagslam, map_to_wpilib
     from lmkit.io.landmark_map import map_to_yaml
 
     if to == "map":
@@ -102,6 +102,8 @@ def _map_text(landmarks: LandmarkMap, to: str) -> str:
     if not "".join(families).startswith("tag"):
         warn(f"files of {to} name no family, and their readers expect AprilTags: say that these are {families[0]}")
     if to == "tagslam":
+        if has_correlations(landmarks):
+            warn("TagSLAM reads standard deviations along each tag's own axes; correlations between them are omitted")
         return map_to_tagslam(landmarks)
     far = [max(0.0, *(float(m.T_map_landmark.t[axis]) for m in landmarks)) for axis in (0, 1)]
     warn("a field layout holds neither sizes nor covariances; they are omitted")

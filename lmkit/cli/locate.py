@@ -140,5 +140,7 @@ def run(
     if failed:
         more = f" (and {len(failed) - 1} more)" if len(failed) > 1 else ""
         raise InputError(failed[0].code, failed[0].message + more, failed[0].hint)
+    if results.located and results.contradicted_map is not None:
+        warn(results.contradicted_map)
     if results.located == 0:
         raise NegativeAnswer("not_located", f"no pose from {len(results.answers)} frames", results.advice)

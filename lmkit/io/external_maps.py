@@ -10,18 +10,18 @@ TagSLAM: rotation vectors; a tag's axes are ours.
 from __future__ import annotations
 
 import json
-import warnings
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from lmkit.arrays import FloatArray
-from lmkit.errors import InputError, InputWarning
+from lmkit.errors import InputError
 from lmkit.geometry.pose import Pose
 from lmkit.io.document_head import head_of
 from lmkit.io.documents import dump_yaml, load_document, load_json, read_text
 from lmkit.io.landmark_map import FOREIGN_FAMILY, read_map
+from lmkit.io.map_plausibility import with_doubts
 from lmkit.io.marker_maps import (
     APRILTAG,
     R_OURS_FIELD,
@@ -35,12 +35,11 @@ from lmkit.io.marker_maps import (
 from lmkit.model.families import ALL_FAMILIES
 from lmkit.model.landmark_id import LandmarkId
 from lmkit.model.landmark_map import LandmarkMap, MappedLandmark
-from lmkit.model.landmark_overlap import overlaps
 from lmkit.model.square_marker import SQUARE_FAMILIES
 
 FIELD_TAG_M = 0.1651  # of every tag on a field, as its rules have it; the layout does not say
 SMALLEST_TAG_M, LARGEST_TAG_M = 0.003, 10.0
-HIGHEST_M, WIDEST_M = 20.0, 1000.0  # of maps in a building or on a field
+LEAST_CORRELATION = 0.01  # that is worth a warning where it is lost
 
 
 def read_any_map(path: Path, defaults: MarkerDefaults | None = None) -> LandmarkMap:
@@ -59,7 +58,7 @@ def read_any_map(path: Path, defaults: MarkerDefaults | None = None) -> Landmark
     head = head_of(text)
     if head.format.startswith("lmkit-"):
         defaults.require_none(path)
-        return _doubted(path, read_map(path))
+        return with_doubts(path, read_map(path))
     if "bodies" in head.keys:
         return _from_tagslam(path, text, defaults)
     if "fiducials" in head.keys:
@@ -75,7 +74,7 @@ def read_any_map(path: Path, defaults: MarkerDefaults | None = None) -> Landmark
         return _from_wpilib(path, text, defaults)
     if not head.format:
         raise _unknown(path, head.keys)
-    return _doubted(path, read_map(path))
+    return with_doubts(path, read_map(path))
 
 
 def _unknown(path: Path, keys: frozenset[str]) -> InputError:
@@ -113,13 +112,29 @@ def map_to_tagslam(landmarks: LandmarkMap) -> str:
             "rotation": dict(zip("xyz", T.rvec.tolist(), strict=True)),
         }
         if m.covariance is not None:
-            # GTSAM, and with it TagSLAM, counts the noise of a pose along the axes of what it places.
-            turn = np.kron(np.eye(2), T.R)
-            sigma = np.sqrt(np.diag(turn.T @ m.covariance @ turn)).tolist()
+            sigma = np.sqrt(np.diag(_along_own_axes(m))).tolist()
             pose["position_noise"] = dict(zip("xyz", sigma[:3], strict=True))
             pose["rotation_noise"] = dict(zip("xyz", sigma[3:], strict=True))
         tags.append({"id": m.code, "size": m.size_m, "pose": pose})
     return dump_yaml({"bodies": [{"map": {"is_static": True, "type": "simple", "tags": tags}}]})
+
+
+def has_correlations(landmarks: LandmarkMap) -> bool:
+    """Do covariances say more than standard deviations along each landmark's own axes, all that TagSLAM reads?"""
+    for m in landmarks:
+        if m.covariance is not None:
+            C = _along_own_axes(m)
+            scale = np.sqrt(np.outer(np.diag(C), np.diag(C)))
+            if (np.abs(C - np.diag(np.diag(C))) > LEAST_CORRELATION * scale).any():
+                return True
+    return False
+
+
+def _along_own_axes(m: MappedLandmark) -> FloatArray:
+    """(6,6) covariance along the landmark's axes: GTSAM, and with it TagSLAM, counts the noise of a pose so."""
+    assert m.covariance is not None
+    turn = np.kron(np.eye(2), m.T_map_landmark.R)
+    return np.asarray(turn.T @ m.covariance @ turn)
 
 
 def _from_wpilib(path: Path, text: str, defaults: MarkerDefaults) -> LandmarkMap:
@@ -210,28 +225,6 @@ def _require_meters(path: Path, mapped: list[MappedLandmark]) -> None:
             )
 
 
-def _doubted(path: Path, landmarks: LandmarkMap) -> LandmarkMap:
-    """The map, with a warning of places that no building has, and of landmarks that cannot both be there."""
-    mapped = list(landmarks)
-    if not mapped:
-        return landmarks
-    places = np.array([marker.T_map_landmark.t for marker in mapped])
-    height, width = float(np.abs(places[:, 2]).max()), float(np.ptp(places, axis=0).max())
-    if height > HIGHEST_M or width > WIDEST_M:
-        sentence = (
-            f"{path}: landmarks up to {height:.4g} m high and {width:.4g} m apart: are its lengths inches or "
-            "millimeters? Give meters"
-        )
-        warnings.warn(InputWarning(sentence), stacklevel=4)
-    for a, b, apart in overlaps(mapped):
-        sentence = (
-            f"{path}: {a.id} and {b.id} overlap, {1000 * apart:.0f} mm from center to center: correct the place or "
-            "the code of one of them"
-        )
-        warnings.warn(InputWarning(sentence), stacklevel=4)
-    return landmarks
-
-
 def _map(path: Path, mapped: list[MappedLandmark]) -> LandmarkMap:
     if not mapped:
         raise InputError("no_tags", f"{path}: holds no tags with a pose", "give at least one")
@@ -245,6 +238,6 @@ def _map(path: Path, mapped: list[MappedLandmark]) -> LandmarkMap:
                 "check the family (--family)",
             )
     try:
-        return _doubted(path, LandmarkMap(mapped))
+        return with_doubts(path, LandmarkMap(mapped))
     except InputError as error:
         raise InputError(error.code, f"{path}: {error.message}", error.hint) from None

@@ -192,7 +192,12 @@ class LiveLoop:
             whole, self._whole_at = frozenset([self._turn % len(self._names)]), group.time_s
             self._turn += 1
         poses = None if foretold is None else self._by_camera(foretold, carried)
-        return self._search.views(group.images, group.stamps_s, poses, whole, profile)
+        views = self._search.views(group.images, group.stamps_s, poses, whole, profile)
+        # Where nothing is expected, odometry goes on alone for a while; without it there is nothing else to go by.
+        foretells = self.settings.motion == "none" or any(view.expected for view in views)
+        if foretold is None or not foretells or any(view.detections for view in views):
+            return views
+        return self._search.again(views, profile)
 
     def _by_camera(self, T_map_left: Pose, carried: Sequence[Pose]) -> list[Pose]:
         """T_map_left at the exposure of every camera."""

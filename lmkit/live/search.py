@@ -1,8 +1,12 @@
-"""Search for landmarks in live images: whole images until located, then windows where the filter foretells them."""
+"""Search for landmarks in live images: whole images until located, then windows where the filter foretells them.
+
+Where the windows of all cameras show nothing, the rig is elsewhere, or something hides them: whole images tell.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -65,3 +69,12 @@ class Search:
             found = detect_landmarks(image, options, np.array(near)) if near else []
             views.append(CameraView(camera.name, image, stamp, tuple(found), expected, "near"))
         return tuple(views)
+
+    def again(self, views: Sequence[CameraView], profile: str) -> tuple[CameraView, ...]:
+        """The views with whole images searched where windows alone were, and nothing was found."""
+        return tuple(
+            replace(view, detections=tuple(detect_landmarks(view.image, options)), expected={}, search="whole")
+            if view.search == "near" and view.image is not None and not view.detections
+            else view
+            for view, options in zip(views, self._options[profile], strict=True)
+        )

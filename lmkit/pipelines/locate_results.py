@@ -11,6 +11,7 @@ from types import TracebackType
 
 from lmkit.geometry.pose import Pose
 from lmkit.geometry.rig import AnyRig
+from lmkit.geometry.rig_plausibility import rig_warnings
 from lmkit.io.images import read_image
 from lmkit.io.trajectory import poses_to_tum
 from lmkit.localization.base_pose import with_base
@@ -19,6 +20,7 @@ from lmkit.model.landmark_map import LandmarkMap
 from lmkit.model.pose_status import PoseStatus
 from lmkit.pipelines.annotated import AnnotatedFolder
 from lmkit.pipelines.locate_images import LOCATED_COLUMNS, Located, located_dict, located_row
+from lmkit.units import counted
 from lmkit.visualization.overlay import draw_located
 
 
@@ -85,6 +87,23 @@ class LocateResults:
                 if text.startswith(OPENING):
                     return f"{Path(answer.left).name}: {text}"
         return None
+
+    @property
+    def contradicted_map(self) -> str | None:
+        """Warning where half of the frames that could agree with the map, or more, contradict it."""
+        telling = [e for a in self.answers if (e := a.estimate) is not None and len(e.inliers) + len(e.outliers) > 1]
+        of_rig = rig_warnings(self.rig, "the rig")
+        causes = [
+            [text for text in e.warnings if text not in of_rig]
+            for e in telling
+            if e.status == PoseStatus.INCONSISTENT
+        ]
+        named = Counter(texts[0] for texts in causes if texts)
+        if not named or 2 * len(causes) < len(telling):
+            return None
+        cause = named.most_common(1)[0][0]
+        frames = f"{len(causes)} of {counted(len(telling), 'frame')}"
+        return f"{frames} that saw two landmarks or more contradict the map: {cause}"
 
     @property
     def advice(self) -> str:

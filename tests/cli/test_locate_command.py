@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import json
+from dataclasses import replace
 from xml.etree import ElementTree
 
 import cv2
@@ -97,6 +98,27 @@ def test_a_trajectory_has_no_doubtful_poses(room, tmp_path):
         results.add(Located((f"{number}.png",), PoseEstimate(status, pose, 1e-4 * np.eye(6))))
     (tmp_path / "t.txt").write_text(results.tum())
     assert read_trajectory(tmp_path / "t.txt").times_s.tolist() == [0, 3]
+
+
+def test_a_map_of_another_place_is_named_though_some_frames_are_located(lmkit, room, tmp_path, monkeypatch):
+    """Frames that see one landmark alone cannot contradict a map, and are located."""
+    _, data = room
+    ids = [m.id for m in data.scene.landmarks]
+    cause = "the landmarks seen are in the map, but stand elsewhere"
+    sure = PoseEstimate("ok", data.poses[0], 1e-4 * np.eye(6), inliers=(ids[0],))
+    off = PoseEstimate("inconsistent", outliers=(ids[0], ids[1]), warnings=(cause,))
+    agree = replace(sure, inliers=(ids[0], ids[1]))
+
+    def said(*estimates):
+        found = (Located((f"{k}.png",), e) for k, e in enumerate(estimates))
+        monkeypatch.setattr("lmkit.pipelines.locate_images.locate_in_sources", lambda *_: found)
+        answer = lmkit("locate", *given(room))
+        assert answer.code == 0, answer.err
+        return answer.err
+
+    assert f"2 of 2 frames that saw two landmarks or more contradict the map: {cause}" in said(sure, off, off)
+    assert "contradict" not in said(off, agree, agree)
+    assert "contradict" not in said(sure, agree)
 
 
 def test_nothing_is_overwritten(lmkit, room, tmp_path):

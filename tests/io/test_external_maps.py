@@ -1,13 +1,15 @@
 """Maps of WPILib and TagSLAM."""
 
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from lmkit.errors import InputError
-from lmkit.io.external_maps import map_to_tagslam, map_to_wpilib, read_any_map
+from lmkit.io.external_maps import has_correlations, map_to_tagslam, map_to_wpilib, read_any_map
 from lmkit.model.landmark_id import LandmarkId
+from lmkit.model.landmark_map import LandmarkMap
 from lmkit.simulation.recording import make_drive
 
 
@@ -21,6 +23,18 @@ def test_maps_come_back(tmp_path):
             found = back.find(LandmarkId("tag36h11", m.code))
             assert pytest.approx(m.T_map_landmark.R, abs=1e-9) == found.T_map_landmark.R
             assert found.T_map_landmark.t == pytest.approx(m.T_map_landmark.t, abs=1e-9)
+
+
+def test_correlations_that_a_tagslam_file_loses_are_seen():
+    """Standard deviations along the landmark's own axes come through; a covariance of another shape does not."""
+    first, *_ = make_drive(0, seconds=3).landmarks
+    turn = np.kron(np.eye(2), first.T_map_landmark.R)
+    own = np.diag([1e-6, 4e-6, 9e-6, 1e-6, 1e-6, 1e-5])
+    correlated = own.copy()
+    correlated[0, 4] = correlated[4, 0] = 5e-7
+    maps = [LandmarkMap([replace(first, covariance=turn @ C @ turn.T)]) for C in (own, correlated)]
+    assert [has_correlations(landmarks) for landmarks in maps] == [False, True]
+    assert not has_correlations(LandmarkMap([first]))
 
 
 @pytest.mark.parametrize("key", ["tags", "field-tags"])

@@ -154,13 +154,24 @@ def test_noise_of_a_tagslam_tag_that_is_incomplete_or_negative_is_refused(tmp_pa
         read_any_map(file(tmp_path, tagslam_tag(**noise)), MarkerDefaults("tag36h11"))
 
 
-def test_a_map_in_millimeters_is_named_whichever_command_reads_it(tmp_path):
-    far = LandmarkMap(
-        replace(m, T_map_landmark=Pose("map", "landmark", m.T_map_landmark.R, 1000 * m.T_map_landmark.t))
+def scaled(factor, height=1.0):
+    """The map with other lengths, and heights times ``height``."""
+    scale = factor * np.array([1.0, 1.0, height])
+    return LandmarkMap(
+        replace(m, T_map_landmark=Pose("map", "landmark", m.T_map_landmark.R, scale * m.T_map_landmark.t))
         for m in LANDMARKS
     )
-    with pytest.warns(InputWarning, match="inches or millimeters"):
-        read_any_map(file(tmp_path, yaml.safe_load(map_to_yaml(far))))
+
+
+def test_a_map_in_millimeters_is_refused_and_what_may_be_meant_is_named(tmp_path):
+    path = file(tmp_path, yaml.safe_load(map_to_yaml(scaled(1000))))
+    with pytest.raises(InputError, match="are its lengths millimeters") as refused:
+        read_any_map(path)
+    assert refused.value.code == "implausible_map" and "1000" in refused.value.hint
+    # Inches, and a wide yard on the ground.
+    for maybe in (scaled(39.37), scaled(1000, height=0.001)):
+        with pytest.warns(InputWarning, match="inches or millimeters"):
+            read_any_map(file(tmp_path, yaml.safe_load(map_to_yaml(maybe))))
 
 
 def test_two_landmarks_in_one_place_are_named(tmp_path):

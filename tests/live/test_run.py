@@ -27,6 +27,7 @@ from lmkit.live.motion import WHEELS, MotionInbox, MotionRow
 from lmkit.live.open_outputs import warn_of_camera_poses
 from lmkit.live.open_run import open_run
 from lmkit.live.outputs.base import OutputLost, OutputRunner
+from lmkit.live.publication import PublicationRule
 from lmkit.live.reader import Reader
 from lmkit.live.recorded_feed import StepFeed
 from lmkit.live.run_settings import RunFile, RunSettings, read_run_file
@@ -89,6 +90,29 @@ def test_rendered_images_give_poses_and_windows_are_searched():
     assert len(published(states)) > 15
     assert max(off_m(s) for s in published(states)) < 0.05
     assert {view.search for s in states for view in s.views} == {"whole", "near"}
+
+
+def test_whole_images_are_searched_at_once_where_windows_show_nothing(monkeypatch):
+    """Without odometry: the robot is elsewhere than foretold, and what is in view is still read."""
+    course = SimulatedRun(parse_source(CORNERS)).course
+    image = np.zeros((*course.rig.left.image_size[::-1], 3), np.uint8)
+    places = [course.T_map_base(t) for t in (1.0, 1.1, 6.0)]
+    seen = {}
+    monkeypatch.setattr(
+        "lmkit.live.search.detect_landmarks",
+        lambda picture, _, near=None: seen[id(picture)] if near is None or (len(near) and not jumped) else [],
+    )
+    loop = LiveLoop(course.rig, course.landmarks, LoopSettings("none", rule=PublicationRule(confirm=1)))
+    states, jumped = [], False
+    for k, T in enumerate(places):
+        jumped = k == 2
+        images = tuple(image.copy() for _ in range(2))
+        seen = {id(i): found for i, found in zip(images, course.corners(T), strict=True)}
+        states.append(loop.step(FrameGroup(0.1 * k, images, (0.1 * k,) * 2)))
+    assert all(states[2].views[k].detections for k in range(2))
+    assert states[1].status == PoseStatus.OK
+    assert states[2].status == PoseStatus.INCONSISTENT
+    assert [{view.search for view in state.views} for state in states] == [{"whole"}, {"near"}, {"whole"}]
 
 
 @pytest.mark.slow

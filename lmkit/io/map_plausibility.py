@@ -1,0 +1,63 @@
+"""Plausibility of a map that was read: units of its places, and landmarks that cannot both be there."""
+
+from __future__ import annotations
+
+import warnings
+from pathlib import Path
+
+import numpy as np
+from scipy.spatial import cKDTree
+
+from lmkit.arrays import FloatArray
+from lmkit.errors import InputError, InputWarning
+from lmkit.model.landmark_map import LandmarkMap
+from lmkit.model.landmark_overlap import overlaps
+
+HIGHEST_M, WIDEST_M = 20.0, 1000.0  # of maps in a building or on a field
+# A landmark of 15 px is this many times its side away by a lens of 15,000 px: beyond, no image shows two.
+FARTHEST_SIZES = 1000.0
+HARDLY_HIGH_M = 100.0  # floors are near z = 0
+
+
+def with_doubts(path: Path, landmarks: LandmarkMap) -> LandmarkMap:
+    """The map, with a warning of places that no building has, and of landmarks that cannot both be there.
+
+    Raises:
+        InputError: ``implausible_map``, landmarks far above the floor, and none in sight of another one.
+
+    Warns:
+        InputWarning: great heights or distances, or landmarks that overlap.
+    """
+    mapped = list(landmarks)
+    if not mapped:
+        return landmarks
+    places = np.array([marker.T_map_landmark.t for marker in mapped])
+    height, width = float(np.abs(places[:, 2]).max()), float(np.ptp(places, axis=0).max())
+    if height > HIGHEST_M or width > WIDEST_M:
+        _require_in_sight(path, places, np.array([marker.size_m for marker in mapped]), height)
+        sentence = (
+            f"{path}: landmarks up to {height:.4g} m high and {width:.4g} m apart: are its lengths inches or "
+            "millimeters? Give meters"
+        )
+        warnings.warn(InputWarning(sentence), stacklevel=4)
+    for a, b, apart in overlaps(mapped):
+        sentence = (
+            f"{path}: {a.id} and {b.id} overlap, {1000 * apart:.0f} mm from center to center: correct the place or "
+            "the code of one of them"
+        )
+        warnings.warn(InputWarning(sentence), stacklevel=4)
+    return landmarks
+
+
+def _require_in_sight(path: Path, places: FloatArray, sizes_m: FloatArray, height_m: float) -> None:
+    """Refuse a map whose landmarks are all farther from the next one than can be seen, some far above the floor."""
+    if len(places) < 2 or height_m < HARDLY_HIGH_M:
+        return
+    nearest = cKDTree(places).query(places, k=2)[0][:, 1]
+    if (nearest > FARTHEST_SIZES * sizes_m).all():
+        raise InputError(
+            "implausible_map",
+            f"{path}: landmarks are up to {height_m:.4g} m high and at least {nearest.min():.4g} m from each other, "
+            f"with sides of {1000 * sizes_m.max():.4g} mm at most: are its lengths millimeters?",
+            "write positions in meters: divide those in millimeters by 1000",
+        )
