@@ -100,7 +100,7 @@ def test_whole_images_are_searched_at_once_where_windows_show_nothing(monkeypatc
     seen = {}
     monkeypatch.setattr(
         "lmkit.live.search.detect_landmarks",
-        lambda picture, _, near=None: seen[id(picture)] if near is None or (len(near) and not jumped) else [],
+        lambda image, _, near=None: seen[id(image)] if near is None or (len(near) and not jumped) else [],
     )
     loop = LiveLoop(course.rig, course.landmarks, LoopSettings("none", rule=PublicationRule(confirm=1)))
     states, jumped = [], False
