@@ -24,7 +24,7 @@ from lmkit.fleet.tracking import map_of
 from lmkit.fleet.views import read_views
 from lmkit.model.landmark_map import day_of
 from lmkit.visualization import html
-from lmkit.visualization.plan_view import draw_plan
+from lmkit.visualization.plan_view import PHONE_SIZE, draw_plan
 
 MOST_LANDMARKS = 30  # rows
 
@@ -109,7 +109,7 @@ def fleet_report(store: Store, state: FleetState) -> str:
 def _map_figure(store: Store, site: str, facts: Mapping[str, Any]) -> tuple[str, str]:
     """Drawing of a site's map, and its caption."""
     landmarks = map_of(stored_map(store, site))
-    drawing = base64.b64encode(draw_plan(landmarks, (), title=site, kind="svg")).decode()
+    drawing = base64.b64encode(draw_plan(landmarks, (), title=site, kind="svg", size=PHONE_SIZE)).decode()
     image = f"<img alt='map of {escape(site or 'the site')}' src='data:image/svg+xml;base64,{drawing}'>"
     return image, f"{len(facts['landmarks'])} landmarks from {share_joined(facts)}, {len(facts['moved'])} moved"
 

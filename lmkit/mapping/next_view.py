@@ -36,9 +36,9 @@ PIECE_M = 0.5  # of wall to each side of a landmark, through which nothing is se
 LEAST_BESIDE = 2
 LEAST_READ = 0.5  # probability
 MOST_ADVISED = 6
-ALIKE = (
-    "no view of it alone fixes that, its part of the map errs as a whole; drive on from there until landmarks that "
-    "are better known come into view again, or measure one there and give it as known (--known)"
+NO_SINGLE_VIEW = (
+    "one more view does not help, because the landmarks around share the error; drive on from there until better "
+    "known landmarks come into view again, or measure one there and give it as known (--known)"
 )
 WORTH = 0.7  # of a deviation is left, or the view is not worth the way
 
@@ -111,7 +111,7 @@ def advise(survey: Survey, rig: AnyRig) -> dict[LandmarkId, str]:
     for id_, _, _ in sorted(survey.poorly_determined, key=lambda one: -(one[1] + one[2]))[:MOST_ADVISED]:
         landmark = survey.bundle.landmarks.find(id_)
         assert landmark is not None
-        advice[id_] = str(next_view(landmark, survey.bundle, rig) or ALIKE)
+        advice[id_] = str(next_view(landmark, survey.bundle, rig) or NO_SINGLE_VIEW)
     return advice
 
 

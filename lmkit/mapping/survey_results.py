@@ -242,10 +242,16 @@ def survey_warnings(
         texts.append(
             f"{code} is not placed: its observations are too few, or do not agree; drive past it again, and nearer"
         )
+    return texts + _poorly_known(result, advice)
+
+
+def _poorly_known(result: Survey, advice: Mapping[LandmarkId, str]) -> list[str]:
+    """Landmarks with large deviations; those with the same advice in one sentence."""
+    by_advice: dict[str, list[str]] = {}
     for code, place, turn in result.poorly_determined:
         known = f"{code} is known to {1000 * place:.0f} mm and {math.degrees(turn):.1f} deg only"
-        texts.append(f"{known}: {advice[code]}" if code in advice else known)
-    return texts
+        by_advice.setdefault(advice.get(code, ""), []).append(known)
+    return [f"{', '.join(known)}: {text}" if text else ", ".join(known) for text, known in by_advice.items()]
 
 
 def survey_lines(result: Survey, frames: int, output: Path) -> list[str]:

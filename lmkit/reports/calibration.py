@@ -18,14 +18,12 @@ from lmkit.calibration.view_coverage import TILTED_DEG
 from lmkit.geometry.rectification import rectification, rectify_pair, with_lines_across
 from lmkit.model.board import BoardSpec
 from lmkit.reports import calibration_plots as plots
-from lmkit.visualization.html import figure, grid, headline, listed, page
+from lmkit.visualization.html import columns_table, figure, grid, headline, listed, page, table
 from lmkit.visualization.overlay import side_by_side
 
 GOOD_EPIPOLAR_PX = 0.2
 FAIR_EPIPOLAR_PX = 0.5
 FAR_RATIO, MOST_NAMED = 12.0, 5  # over the median residual the loss leaves about 4 % of a corner's weight
-
-_STATISTICS = ("corners", "mean x", "mean y", "std x", "std y", "median", "95 %", "largest")
 
 
 def calibration_report(
@@ -37,7 +35,7 @@ def calibration_report(
         images: left and right image by pair name, of the pairs to show.
     """
     parts = [
-        f"<p>{escape(str(board))}, {len(result.used)} pairs used, {len(result.rejected)} left out</p>",
+        f"<p>{escape(str(board))}, {len(result.used)} pairs used, {len(result.rejected)} rejected</p>",
         headline(*calibration_summary(result)),
         listed("Warnings", [w.message for w in result.warnings]),
         _figures(result),
@@ -94,35 +92,33 @@ def calibration_summary(result: StereoCalibration) -> tuple[str, str, str]:
 def _figures(result: StereoCalibration) -> str:
     held = result.held_out
     rows = [
-        (
-            "Held-out epipolar error (five folds), mean",
-            "unknown" if held is None else f"{held.mean_epipolar_px:.3f} px",
-        ),
+        ("Held-out epipolar error, mean", "unknown" if held is None else f"{held.mean_epipolar_px:.3f} px"),
         ("Held-out reprojection error, mean", "unknown" if held is None else f"{held.mean_reprojection_px:.3f} px"),
-        ("Reprojection error of the fit, root mean square: both / left / right",
-         f"{result.rms_px:.3f} / {result.rms_left_px:.3f} / {result.rms_right_px:.3f} px"),
+        ("Reprojection error (RMS), both cameras", f"{result.rms_px:.3f} px"),
+        ("Reprojection error (RMS), left", f"{result.rms_left_px:.3f} px"),
+        ("Reprojection error (RMS), right", f"{result.rms_right_px:.3f} px"),
         ("Baseline", f"{result.rig.baseline_m * 1000:.3f} ± {result.baseline_sigma_m * 1000:.3f} mm"),
-        ("Bow of the board, along x / y", " / ".join(f"{w * 1000:.2f}" for w in result.solution.warp) + " mm"),
-    ]  # fmt: skip
+        ("Bow of the board along x / y", " / ".join(f"{w * 1000:.2f}" for w in result.solution.warp) + " mm"),
+        ("Camera model", result.rig.models),
+    ]
     if len(result.models) > 1:
-        tried = ", ".join(f"{name} {error:.3f}" for name, error in result.models.items())
-        rows.append(("Camera model (reprojection error on pairs held out)", f"{result.rig.models} ({tried})"))
-    body = "".join(f"<tr><td>{a}</td><td class='n'>{escape(b)}</td></tr>" for a, b in rows)
-    return f"<h2>Figures</h2><table>{body}</table>"
+        rows += [(f"Held-out error of the {name} model", f"{error:.3f} px") for name, error in result.models.items()]
+    note = "Held out: measured on image pairs that the fit did not use (five folds). ± is one standard deviation."
+    return f"<h2>Key numbers</h2>{table((), rows)}<p class='note'>{note}</p>"
 
 
 def _depth(result: StereoCalibration) -> str:
-    rows = "".join(
-        f"<tr><td class='n'>{e.depth_m:g} m</td><td class='n'>± {e.calibration_m * 1000:.1f} mm</td>"
-        f"<td class='n'>± {e.total_m * 1000:.1f} mm</td></tr>"
+    rows = [
+        (f"{e.depth_m:g} m", f"± {e.calibration_m * 1000:.1f} mm", f"± {e.total_m * 1000:.1f} mm")
         for e in result.depth_errors
-    )
+    ]
     note = (
-        f"Standard deviations for a point straight ahead: from this calibration alone, and with corners matched to "
-        f"{MATCHING_PX:g} px in each camera. A wrong square size is not in them: it scales every depth alike."
+        "Standard deviation for a point straight ahead: from the calibration alone, and together with matching "
+        f"errors of {MATCHING_PX:g} px in each camera. A wrong square size is not included: it scales "
+        "all depths alike."
     )
-    head = "<tr><th class='n'>depth</th><th class='n'>calibration</th><th class='n'>in all</th></tr>"
-    return f"<h2>Depth error to expect</h2><table>{head}{rows}</table><p class='note'>{note}</p>"
+    head = ("depth", "calibration alone", "with matching")
+    return f"<h2>Expected depth error</h2>{table(head, rows)}<p class='note'>{note}</p>"
 
 
 def _coverage(result: StereoCalibration) -> str:
@@ -130,7 +126,8 @@ def _coverage(result: StereoCalibration) -> str:
     figures = [
         (
             plots.corner_cover(np.concatenate([getattr(v, side) for v in result.used]), c.cells[k], sizes[k], color),
-            f"{side.capitalize()} camera: all corners; red: empty cells. {100 * c.filled(k):.0f}\u00a0% filled.",
+            f"{side.capitalize()} camera: corners of all pairs. Red: no corner there. "
+            f"{100 * c.filled(k):.0f}\u00a0% of the image covered.",
         )
         for k, (side, color) in enumerate((("left", plots.LEFT), ("right", plots.RIGHT)))
     ]
@@ -138,8 +135,8 @@ def _coverage(result: StereoCalibration) -> str:
     figures.append(
         (
             plots.tilt_plot(c.tilts_deg, TILTED_DEG),
-            f"Tilt of every view; dashed: less than {TILTED_DEG:g} deg, which tells little of the focal length. "
-            f"Distances {near:.2f} to {far:.2f} m.",
+            f"Tilt of the board in every view. Inside the dashed square it is tilted by less than "
+            f"{TILTED_DEG:g} deg: such views hardly determine the focal length. Distances {near:.2f} to {far:.2f} m.",
         )
     )
     if c.advice:
@@ -147,7 +144,7 @@ def _coverage(result: StereoCalibration) -> str:
             "<p><b>Take these views next:</b></p><ul>" + "".join(f"<li>{escape(a)}</li>" for a in c.advice) + "</ul>"
         )
     else:
-        advice = "<p class='note'>The views cover the image, the tilts and the distances sufficiently.</p>"
+        advice = "<p class='note'>The views cover enough of the image, and enough tilts and distances.</p>"
     return f"<h2>Coverage</h2>{advice}{grid(figures)}"
 
 
@@ -169,13 +166,8 @@ def _uncertainty(result: StereoCalibration) -> str:
         )
         for side, depth, camera, values in maps
     ]
-    note = (
-        "Standard deviation of a projected point, px, from the covariance of the intrinsics. "
-        "Show the board where the value is large. Gray: the lens model is not valid there."
-    )
-    return (
-        f"<h2>Projection uncertainty</h2><p class='note'>{note}</p>{plots.color_bar(largest)}{grid(figures, 'two')}"
-    )
+    note, bar = plots.UNCERTAINTY, plots.color_bar(largest)
+    return f"<h2>Projection uncertainty</h2>{note}{bar}{grid(figures, 'two')}"
 
 
 def _cameras(result: StereoCalibration) -> str:
@@ -186,34 +178,26 @@ def _cameras(result: StereoCalibration) -> str:
         (intrinsics_vector(camera), sigma)
         for camera, sigma in zip((rig.left, rig.right), rig.intrinsics_sigma, strict=True)
     ]
-    rows = []
+    rows = [("image size", *("{} x {}".format(*camera.image_size) for camera in (rig.left, rig.right)))]
     for k in range(max(len(values) for values, _ in columns)):
         digits = 2 if k < 4 else 5
-        cells = "".join(
-            f"<td class='n'>{values[k]:.{digits}f}</td><td class='n'>± {sigma[k]:.{digits}f}</td>"
-            if k < len(values)
-            else "<td></td><td></td>"
-            for values, sigma in columns
-        )
-        named = " / ".join(dict.fromkeys(known[k] for known in names if k < len(known)))
-        rows.append(f"<tr><td>{named}</td>{cells}</tr>")
-    sizes = ("{} x {}".format(*camera.image_size) for camera in (rig.left, rig.right))
-    sides = "".join(
-        f"<th class='n'>{side}</th><th>{size}</th>" for side, size in zip(("left", "right"), sizes, strict=True)
-    )
-    head = f"<tr><th>{escape(rig.models)}</th>{sides}</tr>"
-    table = f"<h2>Cameras, pixels</h2><table>{head}{''.join(rows)}</table>"
+        cells = [
+            f"{values[k]:.{digits}f} ± {sigma[k]:.{digits}f}" if k < len(values) else "" for values, sigma in columns
+        ]
+        rows.append((" / ".join(dict.fromkeys(known[k] for known in names if k < len(known))), *cells))
     relation = np.zeros(6) if rig.covariance is None else np.sqrt(np.diag(rig.covariance))
     shift, rotation = rig.T_right_left.t * 1000, np.rad2deg(rig.T_right_left.rvec)
-    lines = [
-        (f"shift {axis}", f"{value:.3f}", f"± {sigma:.3f} mm")
+    pose = [
+        (f"translation {axis}", f"{value:.3f} ± {sigma:.3f} mm")
         for axis, value, sigma in zip("xyz", shift, relation[:3] * 1000, strict=True)
     ] + [
-        (f"rotation about {axis}", f"{value:.4f}", f"± {sigma:.4f} deg")
+        (f"rotation about {axis}", f"{value:.4f} ± {sigma:.4f} deg")
         for axis, value, sigma in zip("xyz", rotation, np.rad2deg(relation[3:]), strict=True)
     ]
-    body = "".join(f"<tr><td>{a}</td><td class='n'>{b}</td><td class='n'>{c}</td></tr>" for a, b, c in lines)
-    return f"{table}<h2>Left camera in the right camera's frame (T_right_left)</h2><table>{body}</table>"
+    return (
+        f"<h2>Cameras</h2>{table((rig.models, 'left, px', 'right, px'), rows)}"
+        f"<h2>Pose of the left camera in the right camera's frame (T_right_left)</h2>{table((), pose)}"
+    )
 
 
 def _residual_plots(result: StereoCalibration) -> str:
@@ -222,27 +206,21 @@ def _residual_plots(result: StereoCalibration) -> str:
     at_left = np.concatenate([view.left for view in result.used])
     at_right = np.concatenate([view.right for view in result.used])
     left_size, right_size = result.rig.left.image_size, result.rig.right.image_size
-    enlarged = f"{plots.ENLARGED} times enlarged. Neighbors of equal direction: the lens model does not fit."
     figures = [
         (
             plots.residual_scatter(left, right),
-            "All residuals: left blue, right orange; half lie in the circle.",
+            "All residuals, x and y. Left blue, right orange; half of them lie in the circle.",
         ),
         (
             plots.residual_histogram(left, right),
-            "Histogram of both axes; dashed: normal curves of equal robust standard deviation.",
+            "Histogram of x and y. Dashed: normal distribution with the same robust standard deviation.",
         ),
-        (plots.residual_arrows(at_left, left, left_size, plots.LEFT), f"Left camera, {enlarged}"),
-        (
-            plots.residual_arrows(at_right, right, right_size, plots.RIGHT),
-            f"Right camera, {enlarged}",
-        ),
+        (plots.residual_arrows(at_left, left, left_size, plots.LEFT), f"Left camera. {plots.ARROWS}"),
+        (plots.residual_arrows(at_right, right, right_size, plots.RIGHT), f"Right camera. {plots.ARROWS}"),
     ]
-    rows = "".join(_statistics(name, values) for name, values in (("left", left), ("right", right)))
-    head = "<tr><th>camera</th>" + "".join(
-        f"<th class='n'>{name}</th>" for name in _STATISTICS
-    ) + "</tr>"  # fmt: skip
-    return f"<h2>Residuals</h2><table>{head}{rows}</table>{_far_corners(result)}{grid(figures, 'two')}"
+    columns = [_statistics(name, values) for name, values in (("left", left), ("right", right))]
+    numbers = columns_table(plots.STATISTICS, columns)
+    return f"<h2>Residuals</h2>{plots.RESIDUAL}{numbers}{_far_corners(result)}{grid(figures, 'two')}"
 
 
 def _far_corners(result: StereoCalibration) -> str:
@@ -261,17 +239,15 @@ def _far_corners(result: StereoCalibration) -> str:
     named = "; ".join(f"{escape(where)}: {size:.2f} px" for size, where in far[:MOST_NAMED])
     more = f"; and {len(far) - MOST_NAMED} more" if len(far) > MOST_NAMED else ""
     return (
-        f"<p class='note'>Corners more than {limit:.2f} px ({FAR_RATIO:g} times the median) from the fit, where the "
-        f"robust loss gives them nearly no weight: {named}{more}.</p>"
+        f"<p class='note'>Outliers, more than {limit:.2f} px ({FAR_RATIO:g} times the median) from where the fit "
+        f"expects them. The robust loss gives them almost no weight. {named}{more}.</p>"
     )
 
 
-def _statistics(name: str, residuals: FloatArray) -> str:
+def _statistics(name: str, residuals: FloatArray) -> list[str]:
     off = np.linalg.norm(residuals, axis=1)
     figures = [*residuals.mean(axis=0), *residuals.std(axis=0), np.median(off), np.percentile(off, 95), off.max()]
-    # Adding zero leaves no "-0.000".
-    cells = "".join(f"<td class='n'>{round(float(value), 3) + 0.0:.3f}</td>" for value in figures)
-    return f"<tr><td>{name}, px</td><td class='n'>{len(residuals)}</td>{cells}</tr>"
+    return [name, str(len(residuals)), *(f"{value:z.3f}" for value in figures)]
 
 
 def _space(result: StereoCalibration, board: BoardSpec) -> str:
@@ -279,24 +255,21 @@ def _space(result: StereoCalibration, board: BoardSpec) -> str:
     outlines = plots.board_outlines(board.object_points, s.rotations, s.translations)
     poses = [(np.eye(3), np.zeros(3)), (s.R, s.t)]
     drawing = plots.scene([s.left, s.right], poses, outlines, [view.name for view in result.used])
-    caption = "The cameras (left blue, right orange), what they see, and every pair's board; from behind and above."
+    caption = (
+        "The cameras (left blue, right orange) with their fields of view, and the board of every pair, seen from "
+        "behind and above."
+    )
     return f"<h2>Cameras and boards in space</h2>{figure(drawing, caption)}"
 
 
 def _pair_table(result: StereoCalibration) -> str:
     rows = []
-    for view, (left, right) in zip(result.used, result.residuals, strict=True):
-        rms = [np.sqrt(np.mean(np.sum(r**2, axis=1))) for r in (left, right)]
-        rows.append(
-            f"<tr><td>{escape(view.name)}</td><td class='n'>{len(view.left)}</td>"
-            f"<td class='n'>{rms[0]:.3f}</td><td class='n'>{rms[1]:.3f}</td><td>used</td></tr>"
-        )
-    rows += [
-        f"<tr><td>{escape(name)}</td><td></td><td></td><td></td><td>rejected: {escape(why)}</td></tr>"
-        for name, why in result.rejected
-    ]
-    head = "<tr><th>pair</th><th>corners</th><th>left px</th><th>right px</th><th></th></tr>"
-    return f"<h2>Pairs</h2><table>{head}{''.join(rows)}</table>"
+    for view, residuals in zip(result.used, result.residuals, strict=True):
+        rms = (f"{np.sqrt(np.mean(np.sum(r**2, axis=1))):.3f}" for r in residuals)
+        rows.append((view.name, str(len(view.left)), *rms))
+    rejected = listed("Rejected pairs", [f"{name}: {why}" for name, why in result.rejected])
+    note = "<p class='note'>Reprojection error of each pair, RMS.</p>"
+    return f"<h2>Pairs</h2>{note}{table(('pair', 'corners', 'left, px', 'right, px'), rows)}{rejected}"
 
 
 def _detections(result: StereoCalibration, name: str, images: tuple[ByteArray, ByteArray]) -> str:

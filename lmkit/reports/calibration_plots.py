@@ -15,6 +15,19 @@ from lmkit.visualization.html import GRAY, svg, svg_text
 
 LEFT, RIGHT = "#2f6fde", "#e8833a"
 ENLARGED = 100  # residual arrows
+ARROWS = (
+    f"Residuals, drawn {ENLARGED} times longer. If neighboring arrows point the same way, the lens model does not "
+    "fit there: try another one (--model)."
+)
+UNCERTAINTY = (
+    "<p class='note'>By how many pixels a projected point may be off (standard deviation), because the intrinsics "
+    "are uncertain. Show the board where the value is large. Gray: the lens model is not valid there.</p>"
+)
+STATISTICS = (
+    "px", "corners", "mean x", "mean y", "standard deviation x", "standard deviation y", "median length",
+    "95 % are shorter than", "longest",
+)  # fmt: skip
+RESIDUAL = "<p class='note'>Residual: where a corner was detected, minus where the calibrated model expects it.</p>"
 # Light to dark; readable in print and by the color-blind (a viridis of seven stops).
 _RAMP = np.array(
     [[253, 231, 37], [144, 215, 67], [53, 183, 121], [33, 145, 140], [49, 104, 142], [68, 57, 131], [68, 1, 84]]
@@ -33,9 +46,9 @@ def residual_scatter(left: FloatArray, right: FloatArray) -> str:
     radius = half / reach * 95
     ring = f"<circle r='{radius:.1f}' fill='none' stroke='currentColor' stroke-width='.8'/>"
     words = (
-        svg_text(-95, 107, f"-{reach:.2f}", 7)
-        + svg_text(95, 107, f"{reach:.2f} px", 7, "end")
-        + svg_text(0, 107, f"circle: {half:.2f} px", 7, "middle")
+        svg_text(-95, 107, f"-{reach:.2f}", 8)
+        + svg_text(95, 107, f"{reach:.2f} px", 8, "end")
+        + svg_text(0, 107, f"circle: {half:.2f} px", 8, "middle")
     )
     axes = f"<path d='M-98-98H98V98H-98ZM-98 0H98M0-98V98' fill='none' stroke='{GRAY}' stroke-width='.4'/>"
     return svg((-100, -100, 200, 212), 320, "residuals", axes + "".join(dots) + ring + words)
@@ -75,9 +88,9 @@ def residual_histogram(left: FloatArray, right: FloatArray) -> str:
         parts.append(f"<path d='M{curve}' fill='none' stroke='{color}' stroke-width='.6' stroke-dasharray='2 2'/>")
     axis = f"<path d='M-95 0H95M0 0v-92' stroke='{GRAY}' stroke-width='.4'/>"
     labels = (
-        svg_text(-95, 8, f"-{reach:.2f}", 7)
-        + svg_text(95, 8, f"{reach:.2f} px", 7, "end")
-        + svg_text(0, 8, "0", 7, "middle")
+        svg_text(-95, 9, f"-{reach:.2f}", 8)
+        + svg_text(95, 9, f"{reach:.2f} px", 8, "end")
+        + svg_text(0, 9, "0", 8, "middle")
     )
     return svg((-100, -98, 200, 112), 320, "histogram of residuals", axis + labels + "".join(parts))
 
@@ -100,7 +113,7 @@ def heat_map(values: FloatArray, size: tuple[int, int], largest: float) -> str:
                 ink = "#000" if share < 0.55 else "#fff"
                 figures.append(
                     f"<text x='{x + width / columns / 2:.1f}' y='{y + height / rows * 0.75:.1f}' fill='{ink}' "
-                    f"font-size='{width / 36:.0f}' text-anchor='middle'>{values[r, c]:.2f}</text>"
+                    f"font-size='{width / 28:.0f}' text-anchor='middle'>{values[r, c]:.2f}</text>"
                 )
     return _image(size, "projection uncertainty", "".join(cells + figures))
 
@@ -150,12 +163,12 @@ def tilt_plot(tilts_deg: FloatArray, tilted_deg: float) -> str:
     )
     # Beside the plot, where no view can lie under them.
     words = (
-        svg_text(0, -99, "upper edge nearer", 7, "middle")
-        + svg_text(0, 105, "lower edge nearer", 7, "middle")
-        + svg_text(-98, 105, "\u2190 left edge", 7)
-        + svg_text(98, 105, "right edge \u2192", 7, "end")
+        svg_text(0, -100, "upper edge nearer", 8.5, "middle")
+        + svg_text(0, 107, "lower edge nearer", 8.5, "middle")
+        + svg_text(-98, 107, "\u2190 left edge", 8.5)
+        + svg_text(98, 107, "right edge \u2192", 8.5, "end")
     )
-    return svg((-100, -108, 200, 218), 260, "tilts of the board", frame + dots + words)
+    return svg((-100, -110, 200, 220), 300, "tilts of the board", frame + dots + words)
 
 
 def board_outlines(object_points: FloatArray, rotations: FloatArray, translations: FloatArray) -> list[FloatArray]:

@@ -16,18 +16,19 @@ from lmkit.model.pose_status import PoseStatus
 from lmkit.model.tracked_trajectory import TrackedTrajectory
 from lmkit.odometry.motion_model import Motion
 from lmkit.reports.time_plots import LEFT_OUT, OTHER, SEEN, Series, over_time
-from lmkit.visualization.html import figure, grid, headline, listed, page, table
-from lmkit.visualization.plan_view import Found, draw_plan
+from lmkit.visualization.html import figure, grid, headline, listed, page, sized, table
+from lmkit.visualization.plan_view import FILE_SIZE, PAGE_SIZE, PHONE_SIZE, Found, PlanSize, draw_plan
 
 MOST_DRAWN = 60  # poses of a plan
+DRAWN_ON_PAGE, DRAWN_ON_PHONE = 40, 16  # poses of a plan in a report
 MEANINGS = {
-    "forward_scale": "true over measured distance",
-    "turn_scale": "true over measured rotation",
-    "turn_per_s": "rotation that is not measured, rad/s",
-    "turn_per_m": "rotation that is not measured, rad/m",
-    "slowing_s": "share of the distance lost per rad/s of rotation, s",
-    "delay_s": "delay of the images behind the odometry, s",
-    "scale": "true over measured distance",
+    "forward_scale": "distance scale (true / measured)",
+    "turn_scale": "rotation scale (true / measured)",
+    "turn_per_s": "yaw drift, rad/s",
+    "turn_per_m": "yaw drift, rad/m",
+    "slowing_s": "distance lost while turning, share per rad/s",
+    "delay_s": "delay of the images after the odometry, s",
+    "scale": "distance scale (true / measured)",
 }
 INSIDE = 0.95
 TOO_MANY_OUTSIDE = 0.15  # of frames beyond the band: the covariance claims too much
@@ -42,23 +43,22 @@ def survey_report(survey: Survey, motion: Motion | None, warnings: Sequence[str]
     bundle = survey.bundle
     believed = bundle.residuals < OUTLIER_SIGMA
     times = bundle.times_s[bundle.frames]
-    plan = draw_trajectory(
+    plan = _trajectory(
         bundle.landmarks,
         bundle.times_s,
         bundle.left_poses(),
         bundle.covariances,
         [True] * len(bundle.times_s),
-        "svg",
-    ).decode()
+    )
     position_mm = 1000 * np.sqrt(np.einsum("nii->n", bundle.covariances[:, :3, :3]))
     rotation_deg = np.rad2deg(np.sqrt(np.linalg.eigvalsh(bundle.covariances[:, 3:, 3:])[:, -1]))
     parts = [
         f"<p>{len(bundle.landmarks)} landmarks, {len(bundle.times_s)} frames, {len(bundle.of)} observations, "
-        f"{survey.dropped} left out, {bundle.rms_px:.2f} px</p>",
+        f"{survey.dropped} rejected; reprojection error {bundle.rms_px:.2f} px (RMS)</p>",
         headline(*_survey_headline(survey)),
         listed("Warnings", warnings),
         "<h2>Map and trajectory</h2>",
-        figure(plan, "Landmarks and the first camera from above; 95 % ellipses."),
+        figure(plan, "Landmarks and poses of the left camera from above, with 95 % ellipses."),
         "<h2>Landmarks</h2>",
         _landmarks(survey, believed),
         "<h2>Residuals</h2>",
@@ -70,23 +70,21 @@ def survey_report(survey: Survey, motion: Motion | None, warnings: Sequence[str]
                             Series(times[believed], bundle.residuals[believed], SEEN),
                             Series(times[~believed], bundle.residuals[~believed], LEFT_OUT),
                         ],
-                        "residual of an observation, standard deviations",
+                        "residual, standard deviations",
                         log=True,
                     ),
-                    "Every observation; red: left out. Correct covariances give a mean of 1.",
+                    "Residual of every observation. Red: rejected. The mean is 1 if the covariances are right.",
                 ),
                 (
-                    over_time(
-                        [Series(bundle.times_s, position_mm, SEEN, False)], "standard deviation of the position, mm"
-                    ),
+                    over_time([Series(bundle.times_s, position_mm, SEEN, False)], "position, mm"),
                     "Standard deviation of the left camera's position.",
                 ),
                 (
                     over_time(
                         [Series(bundle.times_s, rotation_deg, OTHER, False)],
-                        "standard deviation of the rotation, deg",
+                        "rotation, deg",
                     ),
-                    "Largest standard deviation of the left camera's rotation.",
+                    "Standard deviation of the left camera's rotation, about its least certain axis.",
                 ),
             ],
             "two",
@@ -100,8 +98,8 @@ def survey_report(survey: Survey, motion: Motion | None, warnings: Sequence[str]
 def track_report(tracked: TrackedTrajectory, landmarks: LandmarkMap) -> str:
     """HTML report of a robot tracked through a map."""
     sure = [status == PoseStatus.OK for status in tracked.statuses]
-    plan = draw_tracked(tracked, landmarks, "svg").decode()
     C = tracked.covariances
+    plan = _trajectory(landmarks, tracked.times_s, _looking(tracked), C, sure)
     position_mm = 1000 * np.sqrt(np.einsum("nii->n", C[:, :3, :3]))
     heading_deg = np.rad2deg(np.sqrt(np.maximum(C[:, 5, 5], 0.0)))
     parts = [
@@ -109,24 +107,22 @@ def track_report(tracked: TrackedTrajectory, landmarks: LandmarkMap) -> str:
         headline(*_track_headline(tracked)),
         listed("Warnings", tracked.remarks),
         "<h2>Trajectory</h2>",
-        figure(plan, "The robot from above; 95 % ellipses. Gray: no reliable pose."),
+        figure(plan, "Poses of the robot from above, with 95 % ellipses. Gray: no reliable pose."),
         "<h2>Innovations</h2>",
         _innovations(tracked),
         "<h2>Uncertainty of the pose</h2>",
         grid(
             [
                 (
-                    over_time(
-                        [Series(tracked.times_s, position_mm, SEEN, False)], "standard deviation of the position, mm"
-                    ),
-                    "",
+                    over_time([Series(tracked.times_s, position_mm, SEEN, False)], "position, mm"),
+                    "Standard deviation of the position.",
                 ),
                 (
                     over_time(
                         [Series(tracked.times_s, heading_deg, OTHER, False)],
-                        "standard deviation of the heading, deg",
+                        "heading, deg",
                     ),
-                    "",
+                    "Standard deviation of the heading.",
                 ),
             ],
             "two",
@@ -143,18 +139,37 @@ def draw_trajectory(
     covariances: FloatArray,
     sure: Sequence[bool],
     kind: str,
+    size: PlanSize = FILE_SIZE,
+    most: int = MOST_DRAWN,
 ) -> bytes:
     """The map and some of the poses from above, as ``png`` or ``svg``.
 
     Args:
         looking: (N) poses of a camera that looks where the robot does.
         covariances: (N,6,6) of them.
+        size: of the drawing.
+        most: poses to draw.
     """
     found = [
         Found(f"{times_s[k]:.1f} s", looking[k], covariances[k][:2, :2], sure[k])
-        for k in range(0, len(times_s), 1 + len(times_s) // MOST_DRAWN)
+        for k in range(0, len(times_s), 1 + len(times_s) // most)
     ]
-    return draw_plan(landmarks, found, kind=kind)
+    return draw_plan(landmarks, found, kind=kind, size=size)
+
+
+def _trajectory(
+    landmarks: LandmarkMap,
+    times_s: FloatArray,
+    looking: Sequence[Pose],
+    covariances: FloatArray,
+    sure: Sequence[bool],
+) -> str:
+    """The drawing of `draw_trajectory` for a page, and for a phone."""
+    pages = (
+        draw_trajectory(landmarks, times_s, looking, covariances, sure, "svg", size, most).decode()
+        for size, most in ((PAGE_SIZE, DRAWN_ON_PAGE), (PHONE_SIZE, DRAWN_ON_PHONE))
+    )
+    return sized(*pages)
 
 
 def draw_survey(survey: Survey, kind: str) -> bytes:
@@ -166,9 +181,12 @@ def draw_survey(survey: Survey, kind: str) -> bytes:
 
 def draw_tracked(tracked: TrackedTrajectory, landmarks: LandmarkMap, kind: str) -> bytes:
     """The map and some of the robot's poses from above, as ``png`` or ``svg``."""
-    looking = [tracked.looking(k) for k in range(len(tracked))]
     sure = [status == PoseStatus.OK for status in tracked.statuses]
-    return draw_trajectory(landmarks, tracked.times_s, looking, tracked.covariances, sure, kind)
+    return draw_trajectory(landmarks, tracked.times_s, _looking(tracked), tracked.covariances, sure, kind)
+
+
+def _looking(tracked: TrackedTrajectory) -> list[Pose]:
+    return [tracked.looking(k) for k in range(len(tracked))]
 
 
 def _survey_headline(survey: Survey) -> tuple[str, str, str]:
@@ -226,11 +244,15 @@ def _landmarks(survey: Survey, believed: BoolArray) -> str:
         x, y, z = np.round(m.T_map_landmark.t, 3) + 0.0
         residual = f"{np.median(bundle.residuals[mine]):.2f}" if mine.any() else ""
         rows.append(
-            (str(m.id), f"{x:.3f}", f"{y:.3f}", f"{z:.3f}", f"± {1000 * position_m:.1f}",
-             f"± {np.rad2deg(rotation_rad):.2f}", str(mine.sum()), str((mine & ~believed).sum()), residual)
+            (str(m.id), f"{x:.3f}", f"{y:.3f}", f"{z:.3f}", f"{1000 * position_m:.1f}",
+             f"{np.rad2deg(rotation_rad):.2f}", str(mine.sum()), str((mine & ~believed).sum()), residual)
         )  # fmt: skip
-    head = ("landmark", "x, m", "y, m", "z, m", "mm", "deg", "observations", "left out", "residual, median")
-    return table(head, rows)
+    head = ("landmark", "x, m", "y, m", "z, m", "±\u00a0mm", "±\u00a0deg", "seen", "rejected", "residual")
+    note = (
+        "<p class='note'>± is one standard deviation, of the axis that is known least. Residual: the median, in "
+        "standard deviations.</p>"
+    )
+    return note + table(head, rows)
 
 
 def _innovations(tracked: TrackedTrajectory) -> str:
@@ -244,13 +266,14 @@ def _innovations(tracked: TrackedTrajectory) -> str:
     outside, counted = _outside(tracked)
     plot = over_time(
         [Series(times[~above], ratio[~above], SEEN), Series(times[above], ratio[above], LEFT_OUT)],
-        "normalized innovation squared over its degrees of freedom",
+        "NIS / degrees of freedom",
         log=True,
     )
     return figure(
         plot,
-        f"Mean {squared.sum() / dof.sum():.2f} (1 expected). Red: above the {100 * INSIDE:.0f} % bound, "
-        f"{outside} of {counted} frames.",
+        "Normalized innovation squared (NIS): how far the observations lie from the prediction, against their "
+        f"covariance. Mean {squared.sum() / dof.sum():.2f}; 1 is expected, less means cautious covariances. "
+        f"Red: above the {100 * INSIDE:.0f} % bound, {outside} of {counted} frames.",
     )
 
 
@@ -268,8 +291,8 @@ def _odometry(parameters: Mapping[str, float], sigmas: Mapping[str, float]) -> s
         (
             MEANINGS.get(name, name.replace("_", " ")),
             f"{round(value, 4) + 0.0:.4f}",
-            f"± {sigmas[name]:.4f}" if name in sigmas else "",
+            f"{sigmas[name]:.4f}" if name in sigmas else "",
         )
         for name, value in parameters.items()
     ]
-    return "<h2>Errors of the odometry</h2>" + table(("", "estimate", "standard deviation"), rows)
+    return "<h2>Odometry errors</h2>" + table(("", "estimate", "±"), rows)

@@ -14,7 +14,7 @@ from lmkit.geometry.rig import MountedCamera
 from lmkit.model.board import BoardSpec
 from lmkit.reports import calibration_plots as plots
 from lmkit.units import counted
-from lmkit.visualization.html import figure, grid, headline, listed, page, table
+from lmkit.visualization.html import columns_table, figure, grid, headline, listed, page, table
 
 COLORS = (plots.LEFT, plots.RIGHT, "#3a9d5d", "#a45ad0", "#c2417c", "#7a7a2a", "#2a9d9d", "#9d5a2a")
 GOOD_PX, FAIR_PX = 0.2, 0.5
@@ -89,12 +89,13 @@ def _cameras(result: RigCalibration) -> str:
         cells = [mounted.name, mounted.model.model, size, str(len(camera.used)), str(len(camera.rejected)), held]
         joint = [f"{rms_px:.3f}"] if several else []
         rows.append([*cells, f"{camera.rms_px:.3f}", *joint, f"{100 * camera.coverage.mean():.0f} %"])
-    fits = ["alone px", "joint px"] if several else ["reprojection px"]
-    head = ["camera", "lens", "size", "used", "rejected", "held-out px", *fits, "covered"]
-    note = "Held-out: mean reprojection error on images that the fit had not seen."
+    fits = ["error alone, px", "error together, px"] if several else ["error of the fit, px"]
+    head = ["camera", "lens model", "image size", "images used", "rejected", "held-out error, px", *fits, "covered"]
+    note = "Held-out error: mean reprojection error on images that the fit did not use."
     if several:
-        note += " Alone and joint: reprojection error of the camera's own fit, and beside the others."
-    return f"<h2>{'Cameras' if several else 'Camera'}</h2>{_wide(table(head, rows))}<p class='note'>{note}</p>"
+        note += " Alone: RMS of the camera fitted by itself. Together: RMS with all cameras in one rig."
+    title = "Cameras" if several else "Camera"
+    return f"<h2>{title}</h2>{columns_table(head, rows)}<p class='note'>{note}</p>"
 
 
 def _places(result: RigCalibration) -> str:
@@ -105,30 +106,32 @@ def _places(result: RigCalibration) -> str:
         mm, deg = 1000 * float(np.linalg.norm(sigma[:3])), float(np.rad2deg(np.linalg.norm(sigma[3:])))
         angle = float(np.rad2deg(np.linalg.norm(T.rvec)))
         place = [f"{1000 * v:z.1f}" for v in T.t]
-        rows.append([mounted.name, *place, f"± {mm:.2f} mm", f"{angle:.2f}", f"± {deg:.3f} deg"])
+        rows.append([mounted.name, *place, f"{mm:.2f}", f"{angle:.2f}", f"{deg:.3f}"])
     first = escape(result.rig.cameras[0].name)
-    note = f"In the frame of {first}: x right, y down, z ahead; standard deviations of all three axes together."
-    head = ["camera", "x mm", "y mm", "z mm", "", "rotation deg", ""]
-    return f"<h2>Places of the cameras</h2>{_wide(table(head, rows))}<p class='note'>{note}</p>"
+    note = f"In the frame of {first}: x right, y down, z forward. ±: standard deviation of all three axes together."
+    head = ["camera", "x, mm", "y, mm", "z, mm", "±\u00a0mm", "rotation, deg", "±\u00a0deg"]
+    return f"<h2>Camera positions</h2>{table(head, rows)}<p class='note'>{note}</p>"
 
 
 def _ties(result: RigCalibration) -> str:
     rows = [[f"{a} - {b}", str(count), ", ".join(bad) or "none"] for a, b, count, bad in result.ties]
-    return f"<h2>Pairs that join the cameras</h2>{_wide(table(['pair', 'common views', 'rejected'], rows))}"
+    return f"<h2>Pairs that link the cameras</h2>{table(['pair', 'common views', 'rejected'], rows)}"
 
 
 def _coverage(result: RigCalibration) -> str:
     figures = [
         (
             plots.corner_cover(seen.pixels, camera.coverage, mounted.model.image_size, _color(k)),
-            f"{escape(mounted.name)}: all corners; red: empty cells. {100 * camera.coverage.mean():.0f} % filled.",
+            f"{_of(mounted, result)}All corners. Red: no corner there. "
+            f"{100 * camera.coverage.mean():.0f}\u00a0% of the image covered.",
         )
         for k, (mounted, camera, seen) in enumerate(
             zip(result.rig.cameras, result.cameras, result.corners, strict=True)
         )
     ]
+    several = len(result.cameras) > 1
     advice = [
-        f"<li>{escape(mounted.name)}: {escape(text)}</li>"
+        f"<li>{escape(f'{mounted.name}: {text}' if several else text)}</li>"
         for mounted, camera in zip(result.rig.cameras, result.cameras, strict=True)
         for text in camera.advice
     ]
@@ -143,10 +146,8 @@ def _residuals(result: RigCalibration) -> str:
         numbers = [*off.mean(axis=0), *off.std(axis=0), np.median(size), np.percentile(size, 95), size.max()]
         rows.append([mounted.name, str(len(off)), *(f"{value:z.3f}" for value in numbers)])
         drawing = plots.residual_arrows(seen.pixels, off, mounted.model.image_size, _color(k))
-        figures.append((drawing, f"{escape(mounted.name)}, {plots.ENLARGED} times enlarged."))
-    head = ["camera, px", "corners", "mean x", "mean y", "std x", "std y", "median", "95 %", "largest"]
-    note = "Neighbors of equal direction: the lens model does not fit."
-    return f"<h2>Residuals</h2>{_wide(table(head, rows))}<p class='note'>{note}</p>{grid(figures)}"
+        figures.append((drawing, f"{_of(mounted, result)}{plots.ARROWS}"))
+    return f"<h2>Residuals</h2>{plots.RESIDUAL}{columns_table(plots.STATISTICS, rows)}{grid(figures)}"
 
 
 def _uncertainty(result: RigCalibration) -> str:
@@ -161,13 +162,13 @@ def _uncertainty(result: RigCalibration) -> str:
     figures = [
         (
             plots.heat_map(values, mounted.model.image_size, largest),
-            f"{escape(mounted.name)}, at {NEAR_M:g} m: {np.nanmin(values):.3f} to {np.nanmax(values):.3f} px.",
+            f"{_of(mounted, result)}At {NEAR_M:g} m: {np.nanmin(values):.3f} to {np.nanmax(values):.3f} px.",
         )
         for mounted, values in maps
     ]
-    note = "Standard deviation of a projected point, px. Show the board where the value is large."
+    note = plots.UNCERTAINTY
     bar = plots.color_bar(largest)
-    return f"<h2>Projection uncertainty</h2><p class='note'>{note}</p>{bar}{grid(figures)}"
+    return f"<h2>Projection uncertainty</h2>{note}{bar}{grid(figures)}"
 
 
 def _intrinsics(mounted: MountedCamera) -> str:
@@ -190,8 +191,9 @@ def _space(result: RigCalibration, board: BoardSpec) -> str:
         f"<span style='color:{color}'>{escape(mounted.name)}</span>"
         for color, mounted in zip(colors, result.rig.cameras, strict=True)
     )
-    who, they, first = ("cameras", "they see", "the first") if len(s.models) > 1 else ("camera", "it sees", "it")
-    caption = f"The {who} ({names}), what {they}, and the board of every frame; from behind {first} and above."
+    several = len(s.models) > 1
+    who, views = ("cameras", "their fields of view") if several else ("camera", "its field of view")
+    caption = f"The {who} ({names}) with {views}, and the board of every frame, seen from behind and above."
     return f"<h2>{who.capitalize()} and boards in space</h2>{figure(drawing, caption)}"
 
 
@@ -201,13 +203,18 @@ def _frames(result: RigCalibration) -> str:
         for seen, off in zip(result.corners, result.residuals, strict=True)
     ]
     rows = [[name, *cells] for name, *cells in zip(result.frames, *by_camera, strict=True)]
-    head = ["frame, px", *(mounted.name for mounted in result.rig.cameras)]
+    head = ["frame, RMS px", *(mounted.name for mounted in result.rig.cameras)]
     lost = [
         f"{mounted.name}: {name} ({reason})"
         for mounted, camera in zip(result.rig.cameras, result.cameras, strict=True)
         for name, reason in camera.rejected
     ]
-    return f"<h2>Frames</h2>{_wide(table(head, rows))}{listed('Rejected images', lost)}"
+    return f"<h2>Frames</h2>{table(head, rows)}{listed('Rejected images', lost)}"
+
+
+def _of(mounted: MountedCamera, result: RigCalibration) -> str:
+    """Start of a caption: whose figure it is, where there are several cameras."""
+    return f"{escape(mounted.name)}. " if len(result.rig.cameras) > 1 else ""
 
 
 def _rms(off: FloatArray) -> str:
@@ -216,8 +223,3 @@ def _rms(off: FloatArray) -> str:
 
 def _color(camera: int) -> str:
     return COLORS[camera % len(COLORS)]
-
-
-def _wide(content: str) -> str:
-    """A table that scrolls by itself where the page is narrow."""
-    return f"<div style='overflow-x:auto;white-space:nowrap'>{content}</div>"

@@ -12,7 +12,7 @@ from lmkit.visualization.html import GRAY, svg, svg_text
 
 MOST_DOTS = 3000
 SEEN, LEFT_OUT, OTHER = "#2f6fde", "#cf222e", "#e8833a"
-WIDTH, HEIGHT, ASIDE, BELOW = 640.0, 200.0, 52.0, 24.0
+WIDTH, HEIGHT, ASIDE, BELOW = 330.0, 150.0, 46.0, 24.0  # narrow, so that the letters are readable on a phone
 
 
 @dataclass(frozen=True, eq=False)
@@ -49,13 +49,13 @@ def over_time(series: Sequence[Series], label: str, log: bool = False) -> str:
     for tick in ticks:
         level = float(up(np.array(tick)))
         parts.append(f"<path d='M0 {level:.1f}H{WIDTH:g}' stroke='{GRAY}' stroke-opacity='.35'/>")
-        parts.append(svg_text(-6, level + 4, f"{tick:g}", 12, "end"))
+        parts.append(svg_text(-6, level + 4, _tick(tick), 12, "end"))
     for one in series:
         x, y = along(one.times_s), up(one.values)
         if one.dots:
             step = 1 + len(x) // MOST_DOTS
             parts += [
-                f"<circle cx='{a:.1f}' cy='{b:.1f}' r='2' fill='{one.color}' fill-opacity='.6'/>"
+                f"<circle cx='{a:.1f}' cy='{b:.1f}' r='1.6' fill='{one.color}' fill-opacity='.6'/>"
                 for a, b in zip(x[::step], y[::step], strict=True)
             ]
         else:
@@ -65,7 +65,12 @@ def over_time(series: Sequence[Series], label: str, log: bool = False) -> str:
     parts.append(svg_text(0, HEIGHT + 18, f"{first:.1f} s", 12))
     parts.append(svg_text(WIDTH, HEIGHT + 18, f"{last:.1f} s", 12, "end"))
     box = (-ASIDE, -BELOW, WIDTH + ASIDE + 12, HEIGHT + 2 * BELOW)
-    return svg(box, 640, label, "".join(parts))
+    return svg(box, 500, label, "".join(parts))
+
+
+def _tick(value: float) -> str:
+    """A short number: 1e5, not 100000."""
+    return f"{value:g}" if value < 1e4 else f"{value:.0e}".replace("e+0", "e")
 
 
 def _round_up(value: float) -> float:

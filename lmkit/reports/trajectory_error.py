@@ -7,8 +7,8 @@ import numpy as np
 from lmkit.evaluation.trajectory_error import TrajectoryError, pose_errors
 from lmkit.model.landmark_map import LandmarkMap
 from lmkit.reports.time_plots import OTHER, SEEN, Series, over_time
-from lmkit.visualization.html import figure, grid, headline, page, table
-from lmkit.visualization.plan_view import GREEN, ORANGE, Polyline, draw_plan
+from lmkit.visualization.html import figure, grid, headline, page, sized, table
+from lmkit.visualization.plan_view import GREEN, ORANGE, PAGE_SIZE, PHONE_SIZE, Polyline, draw_plan
 
 WORST = 5  # poses listed
 
@@ -25,7 +25,10 @@ def evaluation_report(error: TrajectoryError, names: tuple[str, str]) -> str:
         Polyline(error.truth.positions[:, :2], GREEN, f"truth: {names[0]}", 4),
         Polyline(error.estimate.positions[:, :2], ORANGE, f"estimate: {names[1]}", 2),
     ]
-    plan = draw_plan(LandmarkMap([]), [], kind="svg", polylines=lines).decode()
+    nothing = LandmarkMap([])
+    plan = sized(
+        *(draw_plan(nothing, [], kind="svg", polylines=lines, size=size).decode() for size in (PAGE_SIZE, PHONE_SIZE))
+    )
     missing = f"{error.missing} true poses have no estimate." if error.missing else "Every true pose has an estimate."
     worst = [(f"{times[k]:.2f}", f"{mm[k]:.1f}", f"{deg[k]:.2f}") for k in np.argsort(-off_m, kind="stable")[:WORST]]
     return page(
@@ -33,11 +36,11 @@ def evaluation_report(error: TrajectoryError, names: tuple[str, str]) -> str:
         [
             headline(
                 "fair" if error.missing else "good",
-                f"{1000 * error.position_m.rmse:.1f} mm, {error.rotation_deg.rmse:.2f} deg (root mean square).",
+                f"{1000 * error.position_m.rmse:.1f} mm, {error.rotation_deg.rmse:.2f} deg (RMS).",
                 f"{error.pairs} poses compared. {missing}",
             ),
             "<h2>Trajectories</h2>",
-            figure(plan, "Both trajectories from above, as they were compared."),
+            figure(plan, "Both trajectories from above, after the alignment that was asked for."),
             "<h2>Errors over time</h2>",
             grid(
                 [
@@ -62,4 +65,4 @@ def _statistics(error: TrajectoryError) -> str:
         )
         for name, spread, unit in error.rows()
     ]
-    return table(("", "root mean square", "mean", "median", "95 %", "largest"), rows)
+    return table(("", "RMS", "mean", "median", "95 %", "largest"), rows)

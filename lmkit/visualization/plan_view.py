@@ -15,9 +15,6 @@ from lmkit.visualization.canvas import Canvas, PngCanvas, Rgb, SvgCanvas
 from lmkit.visualization.labels import LabelPlacer, line_parts_inside, text_width
 
 MOST_PIXELS_PER_M = 150.0
-LARGEST_PX = 1500.0
-MARGIN_PX = 90
-LEAST_WIDTH_PX = 960  # for title and legend beside narrow rooms
 AROUND_M = 0.6  # free space around what is drawn, where the room is not known
 ON_RIM_M = 0.05  # landmarks on the outermost wall of a floor stand beside its last cell
 SEEN_PX = 6.0  # ellipses are enlarged until the median is as large
@@ -35,6 +32,24 @@ UPRIGHT = 0.3  # length in the plan of the normal of a landmark on a wall; short
 ROOM, WALL, INK = (255, 255, 255), (70, 74, 80), (40, 42, 46)
 RED, BLUE, GREEN, ORANGE = (237, 28, 36), (0, 84, 166), (34, 139, 72), (226, 120, 20)
 GRID, FAINT = (232, 234, 236), (140, 144, 150)
+
+
+@dataclass(frozen=True)
+class PlanSize:
+    """How large a plan is drawn; letters and symbols are of one size in all of them.
+
+    Attributes:
+        largest_px: of the longer side of the room.
+        margin_px: around the room.
+        least_width_px: of the drawing, for title and legend beside narrow rooms.
+    """
+
+    largest_px: float
+    margin_px: int
+    least_width_px: int
+
+
+FILE_SIZE, PAGE_SIZE, PHONE_SIZE = PlanSize(1500.0, 90, 960), PlanSize(900.0, 60, 720), PlanSize(400.0, 45, 440)
 
 
 @dataclass(frozen=True, eq=False)
@@ -106,6 +121,7 @@ def draw_plan(
     underlay: Underlay | None = None,
     polylines: Sequence[Polyline] = (),
     notes: Sequence[Note] = (),
+    size: PlanSize = FILE_SIZE,
 ) -> bytes:
     """The bytes of a PNG or SVG file.
 
@@ -115,21 +131,22 @@ def draw_plan(
         kind: ``png`` or ``svg``.
         underlay: the floor; what is drawn outside of it enlarges the extent.
         polylines, notes: lines and words on top.
+        size: of the drawing.
     """
     low, high = (0.0, 0.0), size_m or (0.0, 0.0)
     if size_m is None:
         low, high = _extent(landmarks, [f.pose for f in found] + list(truth), polylines, underlay)
-    scale = min(MOST_PIXELS_PER_M, LARGEST_PX / max(high[0] - low[0], high[1] - low[1]))
-    width, height = (round((high[axis] - low[axis]) * scale) + 2 * MARGIN_PX for axis in (0, 1))
-    width = max(width, LEAST_WIDTH_PX)
+    scale = min(MOST_PIXELS_PER_M, size.largest_px / max(high[0] - low[0], high[1] - low[1]))
+    width, height = (round((high[axis] - low[axis]) * scale) + 2 * size.margin_px for axis in (0, 1))
+    width = max(width, size.least_width_px)
     known = [f.covariance for f in found if f.covariance is not None and f.sure]
     known += [landmark.covariance[:2, :2] for landmark in landmarks if landmark.covariance is not None]
     gain = _gain(known, scale)
     colors = [*(underlay.legend if underlay else ()), *((line.color, line.legend) for line in polylines)]
-    rows = _legend_rows([*colors, *_legend(landmarks, found, truth, gain)], width)
-    size = (width, height - MARGIN_PX + LEGEND_PX + LEGEND_ROW_PX * (len(rows) - 1) + UNDER_PX)
-    canvas: Canvas = SvgCanvas(size) if kind == "svg" else PngCanvas(size)
-    plan = _Plan(canvas, low, high, scale)
+    rows = _legend_rows([*colors, *_legend(landmarks, found, truth, gain)], width, size.margin_px)
+    drawn = (width, height - size.margin_px + LEGEND_PX + LEGEND_ROW_PX * (len(rows) - 1) + UNDER_PX)
+    canvas: Canvas = SvgCanvas(drawn) if kind == "svg" else PngCanvas(drawn)
+    plan = _Plan(canvas, low, high, scale, size.margin_px)
     plan.room(size_m is not None, underlay)
     for line in polylines:
         plan.line([plan.at(point) for point in line.points], line.color, line.width)
@@ -182,15 +199,15 @@ def _legend(
     return [*legend, (ink, f"landmark and its {'id' if len(families) > 1 else 'code'}{sizes}{of_family}")]
 
 
-def _legend_rows(legend: Sequence[tuple[Rgb, str]], width: int) -> list[list[tuple[float, Rgb, str]]]:
+def _legend_rows(legend: Sequence[tuple[Rgb, str]], width: int, margin_px: int) -> list[list[tuple[float, Rgb, str]]]:
     """Rows of the legend: where each entry starts, pixels from the left, its color and its words."""
     rows: list[list[tuple[float, Rgb, str]]] = [[]]
-    x = float(MARGIN_PX)
+    x = float(margin_px)
     for color, text in legend:
         needed = 34 + text_width(text, CODE_PX)
-        if rows[-1] and x + needed > width - MARGIN_PX / 2:
+        if rows[-1] and x + needed > width - margin_px / 2:
             rows.append([])
-            x = float(MARGIN_PX)
+            x = float(margin_px)
         rows[-1].append((x, color, text))
         x += needed + 22
     return rows
@@ -253,13 +270,15 @@ def _gain(covariances: Sequence[FloatArray], scale: float) -> float:
 class _Plan:
     """Meters on paper: x to the right, y up."""
 
-    def __init__(self, canvas: Canvas, low: tuple[float, float], high: tuple[float, float], scale: float) -> None:
-        self.canvas, self.low, self.high, self.scale = canvas, low, high, scale
-        self.bottom = MARGIN_PX + round((high[1] - low[1]) * scale)
+    def __init__(
+        self, canvas: Canvas, low: tuple[float, float], high: tuple[float, float], scale: float, margin_px: int
+    ) -> None:
+        self.canvas, self.low, self.high, self.scale, self.margin_px = canvas, low, high, scale, margin_px
+        self.bottom = margin_px + round((high[1] - low[1]) * scale)
         self.labels = LabelPlacer()
 
     def at(self, xy: FloatArray) -> tuple[float, float]:
-        x = MARGIN_PX + (float(xy[0]) - self.low[0]) * self.scale
+        x = self.margin_px + (float(xy[0]) - self.low[0]) * self.scale
         return x, self.bottom - (float(xy[1]) - self.low[1]) * self.scale
 
     def line(self, points: Sequence[tuple[float, float]], color: Rgb, width: float) -> None:
@@ -366,12 +385,12 @@ class _Plan:
 
     def words(self, title: str, rows: Sequence[Sequence[tuple[float, Rgb, str]]]) -> None:
         """Title above the plan, legend below it."""
-        room = self.canvas.size[0] - 1.5 * MARGIN_PX
+        room = self.canvas.size[0] - 1.5 * self.margin_px
         size = min(TITLE_PX, TITLE_PX * room / max(text_width(title, TITLE_PX), 1.0))
-        self.canvas.text((MARGIN_PX, MARGIN_PX * 0.28), title, size, INK, "start")
+        self.canvas.text((self.margin_px, self.margin_px * 0.28), title, size, INK, "start")
         for row, entries in enumerate(rows):
             y = float(self.bottom + LEGEND_PX + LEGEND_ROW_PX * row)
             for x, color, text in entries:
                 self.canvas.line([(x, y), (x + 26, y)], color, 5)
                 self.canvas.text((x + 34, y), text, CODE_PX, INK, "start")
-        self.canvas.text((self.canvas.size[0] - MARGIN_PX, MARGIN_PX * 0.7), "grid 1 m", 14, FAINT, "end")
+        self.canvas.text((self.canvas.size[0] - self.margin_px, self.margin_px * 0.7), "grid 1 m", 14, FAINT, "end")

@@ -15,7 +15,7 @@ from lmkit.reports.calibration import calibration_report, calibration_summary
 
 GRAY = np.full((480, 640, 3), 128, np.uint8)
 SECTIONS = (
-    "Figures", "Depth error to expect", "Coverage", "Residuals", "Projection uncertainty", "Cameras, pixels",
+    "Key numbers", "Expected depth error", "Coverage", "Residuals", "Projection uncertainty", "Cameras",
     "Cameras and boards in space", "Pairs", "A rectified pair", "Corners as detected",
 )  # fmt: skip
 

@@ -76,7 +76,7 @@ def test_the_report_names_every_camera_and_what_is_wrong():
     text = rig_calibration_report(result, BOARD)
     for words in ("Lens of a", "Lens of b", "Lens of c", "a - b", "a - c", "Good fit, 1 warning."):
         assert words in text
-    assert text.count("100 times enlarged") == 3
+    assert text.count("100 times longer") == 3
     assert rig_calibration_summary(replace(result, rms_px=(0.5, *result.rms_px[1:])))[1] == (
         "The cameras do not agree."
     )

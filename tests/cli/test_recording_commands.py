@@ -71,7 +71,7 @@ def test_a_survey_of_the_demo_s_files_finds_the_map(demo, tmp_path):
     assert (tmp_path / "plan.svg").read_text().startswith("<svg")
     page = Page((tmp_path / "s.html").read_text())
     assert [row[0] for row in page.rows if row[0].startswith("lm8:")] == [f"lm8:{c}" for c in sorted(seen, key=int)]
-    assert page.drawings == 4
+    assert page.drawings == 5
     error = json.loads(run("evaluate", demo / "truth.tum", tmp_path / "s.tum", "--json").out)
     assert error["position_m"]["rmse"] < 0.06
 
@@ -93,7 +93,7 @@ def test_tracking_goes_by_poses_of_visual_odometry_as_well(demo, tmp_path, how):
     )  # fmt: skip
     ratios = [line["innovation"] for line in map(json.loads, done.out.splitlines()) if line["innovation"]]
     assert 0.3 < sum(ratios) / len(ratios) < 1.5
-    assert Page((tmp_path / "t.html").read_text()).drawings == 4
+    assert Page((tmp_path / "t.html").read_text()).drawings == 5
     assert len(done.out.splitlines()) > 100
     error = json.loads(run("evaluate", demo / "truth.tum", tmp_path / "t.tum", "--json").out)
     assert error["position_m"]["rmse"] < 0.02
