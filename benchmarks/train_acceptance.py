@@ -9,7 +9,7 @@ registered is one example: right (a landmark, its code right) or not.  The weigh
 whose signs are held to what the terms mean.  On a second set, of other seeds and photographs, the score is stretched
 and shifted so that it is the log odds of what is the best in its place, and the cost of every limit is counted.
 `benchmarks/acceptance.py` reports on a third set, of other cameras as well.  `--shift-only` keeps the weights and
-finds the bias on the second set.
+finds the bias on the second set, with a 95 % interval over images.
 """
 
 from __future__ import annotations
@@ -41,6 +41,7 @@ LIMITS = (-1.0, -0.5, 0.0, 0.5, 1.0, 1.5, 2.0, 2.5, 3.0, 4.0)
 RIGHT_CORNERS = 0.3  # of the side: a code with corners further off is not right
 FOR = ("margin", "evidence")  # speak for a landmark; all others can only speak against one
 PENALTY = 1.0
+REPEATS = 200  # of the bootstrap
 KINDS = ((True, False), (True, True), (False, False), (False, True))  # is the code right, is the landmark hidden
 REASONS = {
     "margin": "code",
@@ -165,11 +166,20 @@ def calibrate(examples: Sequence[Example], bias: float, weights: dict[str, float
     return shift + stretch * bias, {name: stretch * weight for name, weight in weights.items()}
 
 
-def shifted(examples: Sequence[Example]) -> float:
-    """Bias of today's weights with which the score is calibrated on examples."""
-    score = scores_of(examples, BIAS, {name: term.weight for name, term in TERMS.items()})
-    right = np.array([e.is_right for e in examples], dtype=np.float64)
-    return BIAS + float(minimize(lambda b: np.sum(np.logaddexp(0, score + b) - right * (score + b)), [0.0]).x[0])
+def shifted(images: Sequence[Sequence[Example]]) -> tuple[float, float, float]:
+    """Bias of today's weights with which the score is calibrated on images, and its 95 % interval over them."""
+    weights = {name: term.weight for name, term in TERMS.items()}
+    rows = [np.column_stack([scores_of(some, 0.0, weights), [e.is_right for e in some]]) for some in images if some]
+    rng = np.random.default_rng(0)
+    drawn = [_bias_of([rows[k] for k in rng.integers(len(rows), size=len(rows))]) for _ in range(REPEATS)]
+    low, high = np.quantile(drawn, (0.025, 0.975)).tolist()
+    return _bias_of(rows), low, high
+
+
+def _bias_of(images: Sequence[FloatArray]) -> float:
+    """The bias that makes (N,2) scores without one, each with 1 where the code is right, log odds."""
+    score, right = np.concatenate(images).T
+    return float(minimize(lambda b: np.sum(np.logaddexp(0, score + b) - right * (score + b)), [BIAS]).x[0])
 
 
 def print_table(examples: Sequence[Example], bias: float, weights: dict[str, float]) -> None:
@@ -210,10 +220,11 @@ def main() -> None:
     folder, keep, n = options.photos, options.keep, options.images
     with ProcessPoolExecutor(options.jobs) as pool:
         scenes = pool.map(partial(simulated, LIMIT, folder, keep, USUAL), range(7 * n // 9), chunksize=8)
-        apart = [e for some in scenes for e in some if e.is_best]
+        places = [[e for e in some if e.is_best] for some in scenes]
         if options.shift_only:
-            print(f"BIAS = {shifted(apart):.2f}")
+            print("BIAS = {:.2f}  # 95 % between {:.2f} and {:.2f}".format(*shifted(places)))
             return
+        apart = [e for some in places for e in some]
         fitted = (
             pool.map(partial(words_and_no_words, folder, keep, USUAL), range(n), chunksize=8),
             pool.map(partial(words_and_no_words, folder, keep, MOSTLY_LOOK_ALIKES), range(n // 3), chunksize=8),
