@@ -22,6 +22,13 @@ def counted(count: int, noun: str) -> str:
     return f"{count} {noun}{'' if count == 1 else 's'}"
 
 
+def length_text(meters: float) -> str:
+    """A length to two digits in the unit that shows it: ``3.4 mm``, ``4.2 cm``, ``1.30 m``."""
+    if meters < 0.00995:
+        return f"{1000 * meters:.1f} mm"
+    return f"{100 * meters:.2g} cm" if meters < 0.995 else f"{meters:.2f} m"
+
+
 def parse_length_mm(text: str, what: str = "length") -> float:
     """Read a positive length such as ``180mm``, ``18 cm``, ``7.09in``; returns millimeters.
 

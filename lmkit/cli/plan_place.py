@@ -100,7 +100,7 @@ def run(
     if as_json:
         print_json(placement.to_dict())
     else:
-        for line in placement_lines(placement, demand, output / "mounting.csv"):
+        for line in placement_lines(placement, ground, demand, output / "mounting.csv"):
             print_line(line)
         print_line(f"wrote {', '.join(map(str, written))}")
     if placement.share < demand.share:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import sys
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -14,7 +15,7 @@ from lmkit.cli.output import check_outputs, print_json, print_line, progress, wr
 from lmkit.errors import InputError, NegativeAnswer
 
 if TYPE_CHECKING:
-    from lmkit.verification.prints import PrintedLandmark
+    from lmkit.verification.prints import PrintedLandmark, VerifiedSheet
 
 
 MOST_IN_FULL = 4  # landmarks of a file that are listed with every line
@@ -45,7 +46,7 @@ def run(
     from lmkit.pipelines.annotated import AnnotatedFolder
     from lmkit.units import parse_length_mm
     from lmkit.verification.grade import GRADES
-    from lmkit.verification.prints import Stated, stated_by_manifest, verify_print
+    from lmkit.verification.prints import Stated, stated_by_manifest, verify_sheets
     from lmkit.verification.results import annotated_prints, print_dict, print_lines
 
     if least not in tuple("ABCD"):
@@ -63,16 +64,12 @@ def run(
     color = sys.stdout.isatty() and not os.environ.get("NO_COLOR")
     bad: list[str] = []
     prints: list[PrintedLandmark] = []
-    for path, found in progress(
-        ((path, verify_print(path, choices, stated)) for path in files), len(files), "reading"
+    for path, sheets in progress(
+        ((path, verify_sheets(path, choices, stated)) for path in files), len(files), "reading"
     ):
+        found = [item for sheet in sheets for item in sheet.found]
         prints += found
-        if not found:
-            bad.append(str(path))
-            if as_json:
-                print_json({"source": str(path), "code": None, "problems": ["no landmark can be read"], "ok": False})
-            else:
-                print_line(f"{path}: no landmark can be read")
+        bad += _print_unread(path, sheets, as_json)
         for item in found:
             passes = GRADES.index(item.grade) <= GRADES.index(least)
             if not passes:
@@ -82,6 +79,10 @@ def run(
                 continue
             for line in print_lines(item, in_full=len(found) <= MOST_IN_FULL or not passes, color=color):
                 print_line(line)
+        if len(sheets) == 1 and len(found) > 1 and not as_json:
+            worst = max(item.grade for item in found)
+            hint = "if one is missing here, take an image of it alone, from nearer"
+            print_line(f"{path}: {len(found)} landmarks graded, worst grade {worst}; {hint}")
         if folder is not None:
             for name, image in annotated_prints(found):
                 folder.add(name, image)
@@ -97,3 +98,17 @@ def run(
             hint = f"{hint}; --family names another family than {family}"
         fail = "1 print fails" if len(bad) == 1 else f"{len(bad)} prints fail, the first"
         raise NegativeAnswer("print_fails", f"{fail}: {bad[0]}", hint)
+
+
+def _print_unread(path: Path, sheets: Sequence[VerifiedSheet], as_json: bool) -> list[str]:
+    """Print what should be on the sheets of a file and cannot be read; the sheets' names."""
+    unread: list[tuple[str, int | None]] = [(sheet.source, code) for sheet in sheets for code in sheet.missing]
+    if not unread and not any(sheet.found for sheet in sheets):
+        unread = [(str(path), None)]
+    for source, code in unread:
+        problem = "no landmark can be read" if code is None else f"code {code} cannot be read"
+        if as_json:
+            print_json({"source": source, "code": code, "problems": [problem], "ok": False})
+        else:
+            print_line(f"{source}: {problem}")
+    return [source for source, _ in unread]

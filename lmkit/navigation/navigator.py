@@ -28,6 +28,7 @@ from lmkit.planning.coverage import Demand, PoseCoverage
 from lmkit.planning.route import Goal, Route, plan_route
 from lmkit.tracking.planar_stereo_filter import RigFilter
 from lmkit.tracking.range_bearing_filter import TrackedPose
+from lmkit.units import length_text
 
 PERIOD_S = 0.2
 FASTEST_MPS, FASTEST_RADPS = 0.35, 0.7
@@ -183,7 +184,7 @@ class _Navigator:
                 return self.stop("arrived", "")
             if outcome == "lost":
                 return self.stop(
-                    "lost", f"known to {100 * self.sigma_m():.0f} cm only, and looking around does not help"
+                    "lost", f"known to {length_text(self.sigma_m())} only, and looking around does not help"
                 )
             if outcome == "unsure":
                 return self.stop("unsure", f"near the goal, but {self.doubts()}")
@@ -285,7 +286,7 @@ class _Navigator:
     def doubts(self) -> str:
         """Distance and turn from the goal that are possible (95 %), and those allowed, in words."""
         off_m = float(np.hypot(self.goal.x_m - self.state[0], self.goal.y_m - self.state[1])) + SURE * self.sigma_m()
-        place = f"perhaps {100 * off_m:.1f} cm off ({100 * self.tolerance.place_m:g} cm allowed)"
+        place = f"perhaps {length_text(off_m)} off ({length_text(self.tolerance.place_m)} allowed)"
         if self.goal.heading_rad is None:
             return place
         turn = abs(wrap_heading(self.goal.heading_rad - self.state[2])) + SURE_1D * self.sigma_rad()

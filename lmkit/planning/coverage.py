@@ -18,6 +18,7 @@ from lmkit.localization.absolute_pose import LocateOptions
 from lmkit.model.floor_plan import FloorPlan
 from lmkit.model.landmark_map import MappedLandmark
 from lmkit.planning.visibility import Sights, find_sights, planar_covariances, planar_errors
+from lmkit.units import counted, length_text
 
 BLIND_M = 10.0  # an error as large is none worth a word
 # An error from which `locate` calls its answer ambiguous.
@@ -70,9 +71,9 @@ class Demand:
             raise InputError("out_of_range", what, "2 is usual")
 
     def __str__(self) -> str:
-        landmarks = "1 landmark" if self.in_view == 1 else f"{self.in_view} landmarks"
+        landmarks = counted(self.in_view, "landmark")
         return (
-            f"{100 * self.error_m:g} cm and {math.degrees(self.heading_rad):g} deg with {landmarks} "
+            f"{length_text(self.error_m)} and {math.degrees(self.heading_rad):g} deg with {landmarks} "
             f"in view for {self.headings:.0%} of the headings"
         )
 
@@ -137,10 +138,17 @@ class FailingPlace:
     error_m: float
 
     def __str__(self) -> str:
-        known = f"error {100 * self.error_m:.0f} cm" if self.error_m < BLIND_M else "blind"
+        known = f"position error {length_text(self.error_m)}" if self.error_m < BLIND_M else "pose unknown"
         x, y = self.middle
-        seen = "1 landmark" if self.in_view == 1 else f"{self.in_view} landmarks"
-        return f"{self.area_m2:.1f} m2 around ({x:.1f}, {y:.1f}) m: {known}, {seen} in view"
+        return (
+            f"{self.area_m2:.1f} m2 around ({x:.1f}, {y:.1f}) m: {counted(self.in_view, 'landmark')} in view, {known}"
+        )
+
+    def reason(self, demand: Demand) -> str:
+        """The part of the requirement that does not hold."""
+        if self.in_view < demand.in_view:
+            return f"{counted(demand.in_view, 'landmark')} required"
+        return f"{length_text(demand.error_m)} required" if self.error_m > demand.error_m else "heading too uncertain"
 
 
 def places_on(floor: FloorPlan, radius_m: float, step_m: float | None = None) -> tuple[FloatArray, float]:
@@ -283,7 +291,7 @@ def coverage_lines(coverage: PoseCoverage, demand: Demand, failing: Sequence[Fai
     """A summary, and the largest failing places, as lines of text."""
     share = float(coverage.covered(demand).mean())
     lines = [f"{share:.0%} of {len(coverage.places)} places meet the requirement: {demand}"]
-    lines += [f"failing: {place}" for place in failing[:MOST_NAMED]]
+    lines += [f"failing: {place} ({place.reason(demand)})" for place in failing[:MOST_NAMED]]
     if len(failing) > MOST_NAMED:
-        lines.append(f"and {len(failing) - MOST_NAMED} smaller ones")
+        lines.append(f"failing: {counted(len(failing) - MOST_NAMED, 'smaller region')} more")
     return lines

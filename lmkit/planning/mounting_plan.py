@@ -9,9 +9,13 @@ from lmkit.generation.manifest import manifest_of
 from lmkit.generation.page import Page
 from lmkit.generation.pdf import pages_to_pdf
 from lmkit.model.families import family_named
+from lmkit.model.floor_plan import FloorPlan
+from lmkit.model.rooms import tape_ends
 from lmkit.pipelines.prints import DEFAULT_PAPER, PrintLayout
 from lmkit.planning.coverage import Demand
+from lmkit.planning.mounting_sites import Mount
 from lmkit.planning.placement import Placement
+from lmkit.units import counted, length_text
 from lmkit.verification.proof import prove_pages
 
 MOST_NAMED = 8  # landmarks that a summary lists
@@ -41,20 +45,29 @@ def mounting_csv(placement: Placement) -> str:
     return "".join(rows)
 
 
-def placement_lines(placement: Placement, demand: Demand, listed_in: Path) -> list[str]:
+def placement_lines(placement: Placement, floor: FloorPlan, demand: Demand, listed_in: Path) -> list[str]:
     """A summary, and the first landmarks, as lines of text.
 
     Args:
         listed_in: the file that lists all of them.
+
+    Distances are those of the mounting sheets: along the wall, from the corners that a tape measure reaches.
     """
     count = len(placement.mounts)
     more = " more" if len(placement.landmarks) > count else ""
     lines = [
-        f"{count}{more} landmarks: {demand}",
+        f"{counted(count, 'more landmark' if more else 'landmark')}: {demand}",
         f"met at {placement.share:.1%} of {len(placement.coverage.places)} places; position error there "
-        f"{1000 * placement.error_m:.0f} mm",
+        f"{length_text(placement.error_m)}",
     ]
-    lines += [f"  {mount.landmark.code:3d}: {mount}" for mount in placement.mounts[:MOST_NAMED]]
+    lines += [f"  {mount.landmark.code:3d}: {_where(mount, floor)}" for mount in placement.mounts[:MOST_NAMED]]
     if count > MOST_NAMED:
         lines.append(f"  and {count - MOST_NAMED} more in {listed_in}")
     return lines
+
+
+def _where(mount: Mount, floor: FloorPlan) -> str:
+    """Wall, distances from its corners, height and size of a landmark."""
+    left, right = tape_ends(floor, mount.wall, mount.along_m)
+    height_m, size_mm = mount.landmark.T_map_landmark.t[2], 1000 * mount.landmark.size_m
+    return f"wall {mount.wall.name}, left {left}, right {right}, height {height_m:.3f} m, size {size_mm:.0f} mm"

@@ -46,8 +46,10 @@ class Mount:
     along_m: float
 
     def __str__(self) -> str:
-        height, size_mm = self.landmark.T_map_landmark.t[2], 1000 * self.landmark.size_m
-        return f"wall {self.wall.name}, {self.along_m:.2f} m from its left end, {height:.2f} m high, {size_mm:.0f} mm"
+        height_m, size_mm = self.landmark.T_map_landmark.t[2], 1000 * self.landmark.size_m
+        return (
+            f"wall {self.wall.name}, {self.along_m:.3f} m from its left end, {height_m:.3f} m high, {size_mm:.0f} mm"
+        )
 
 
 def crowded(landmarks: Sequence[MappedLandmark], others: Sequence[MappedLandmark]) -> BoolArray:

@@ -137,7 +137,7 @@ class Search:
             f"even with a landmark at every possible place, the requirement holds on {self.possible:.0%} of the "
             f"floor, {self.demand.share:.0%} are required",
             f"at most --share {np.floor(100 * self.possible):.0f} is possible{or_else}; larger landmarks (--size), "
-            "fewer directions (headings, --headings) or one landmark in view (in_view=1, --in-view 1) ask less",
+            "fewer headings (headings, --headings) or one landmark in view (in_view=1, --in-view 1) make it easier",
         )
 
     def fill(self, target: float, on_step: Callable[[int, float], None]) -> None:

@@ -32,6 +32,7 @@ from lmkit.model.landmark_map import LandmarkMap, MappedLandmark
 from lmkit.odometry.wheel_odometry import MotionNoise
 from lmkit.planning.coverage import Demand, PoseCoverage, predict_coverage
 from lmkit.planning.visibility import find_sights, planar_covariances, planar_errors
+from lmkit.units import counted, length_text
 
 CELL_M = 0.1
 BLIND_FACTOR = 3.0  # a blind meter counts as much more
@@ -342,9 +343,9 @@ def _before(sign: MappedLandmark, floor: FloorPlan, radius_m: float) -> Goal:
 def route_lines(route: Route) -> list[str]:
     """A summary and the waypoints, as lines of text."""
     return [
-        f"{route.length_m:.2f} m in {len(route.waypoints) - 1} straight parts",
+        f"{route.length_m:.2f} m in {counted(len(route.waypoints) - 1, 'straight part')}",
         *(f"  {x:.2f},{y:.2f}" for x, y in route.waypoints),
-        f"expected error at the goal {100 * route.error_m[-1]:.1f} cm",
+        f"expected error at the goal: {length_text(route.error_m[-1])}",
     ]
 
 
@@ -354,7 +355,7 @@ def route_warning(route: Route, demand: Demand) -> str | None:
     if route.error_m[worst] <= demand.error_m:
         return None
     x, y = route.states[worst, :2]
-    return f"near ({x:.1f}, {y:.1f}) m the error grows to {100 * route.error_m[worst]:.0f} cm: add a landmark there"
+    return f"near ({x:.1f}, {y:.1f}) m the error grows to {length_text(route.error_m[worst])}: add a landmark there"
 
 
 def route_csv(route: Route) -> str:

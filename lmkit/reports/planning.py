@@ -10,6 +10,7 @@ from lmkit.planning.mounting_plan import mounting_csv, sheets_to_print
 from lmkit.planning.placement import Placement
 from lmkit.planning.route import Route
 from lmkit.reports.mounting_sheet import mounting_sheets
+from lmkit.units import length_text
 from lmkit.visualization.floor_layer import floor_underlay, island_notes, wall_notes
 from lmkit.visualization.plan_view import BLUE, Note, Polyline, draw_plan
 
@@ -24,7 +25,8 @@ def draw_coverage(
     """The error to expect at every place, as colors; the bytes of a PNG or SVG file."""
     met = coverage.covered(demand)
     title = (
-        f"Expected position error in the best {demand.headings:.0%} of headings; requirement met at {met.mean():.0%}"
+        f"Expected position error in the best {demand.headings:.0%} of headings; "
+        f"requirement met on {met.mean():.0%} of the floor"
     )
     underlay = floor_underlay(floor, coverage.places, coverage.typical_error_m(demand.headings), ~met)
     return draw_plan(landmarks, [], title=title, kind=kind, underlay=underlay, notes=island_notes(floor))
@@ -32,7 +34,7 @@ def draw_coverage(
 
 def draw_placement(floor: FloorPlan, placement: Placement) -> bytes:
     """Plan of the landmarks to mount, with the names of the walls; PNG."""
-    title = f"{len(placement.mounts)} landmarks to mount; walls by letter, distances in mounting.csv"
+    title = f"{len(placement.mounts)} landmarks to mount; letters name the walls; distances in mounting.pdf"
     return draw_plan(
         placement.landmarks,
         [],
@@ -63,7 +65,7 @@ def draw_route(floor: FloorPlan, landmarks: LandmarkMap, route: Route, kind: str
         Note(word, (float(x), float(y) - BESIDE_M))
         for word, (x, y) in zip("AB", route.waypoints[[0, -1]], strict=True)
     ]
-    title = f"{route.length_m:.2f} m; expected error at most {100 * route.error_m.max():.0f} cm"
+    title = f"{route.length_m:.2f} m; expected error at most {length_text(float(route.error_m.max()))}"
     path = Polyline(route.waypoints, BLUE, "route")
     return draw_plan(
         landmarks, [], title=title, kind=kind, underlay=floor_underlay(floor), polylines=[path], notes=ends

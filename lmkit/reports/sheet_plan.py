@@ -10,7 +10,7 @@ import numpy as np
 from lmkit.arrays import FloatArray
 from lmkit.generation.artwork import FilledPath, polygon_commands
 from lmkit.generation.page import Box, Item, Text
-from lmkit.model.floor_plan import FloorPlan, Wall
+from lmkit.model.floor_plan import FloorPlan, Island, Wall
 from lmkit.model.landmark_map import MappedLandmark
 from lmkit.model.palette import BLACK, BLUE, RED, Rgb
 from lmkit.model.rooms import Room, split_rooms
@@ -23,6 +23,7 @@ UNITS_PER_MM = 5.0  # of the placer of labels, whose distances are meant for pix
 WALL_MM, MARK_MM, LEAST_MARK_MM = 0.7, 1.3, 3.0
 CODE_MM, NAME_MM = 2.8, 3.2
 AROUND_M, BEYOND_M = 0.2, 0.15
+OBJECTS = "; (1), (2), ...: objects of the floor plan"
 
 
 def plan_items(
@@ -39,7 +40,7 @@ def plan_items(
         box: where on the page, mm.
         titles: words at places of the map, meters.
     """
-    walls = _walls_of(floor, room)
+    walls, islands = _walls_of(floor, room), _islands_of(floor, room)
     corners = [landmark.T_map_landmark.t[:2] for landmark in landmarks] + [
         end for w in walls for end in (w.left, w.right)
     ]
@@ -50,6 +51,8 @@ def plan_items(
     scale = next((s for s in SCALES if (1000 * (high - low) / s <= room_mm).all()), SCALES[-1])
     per_m = 1000 / scale
     drawing = _Drawing(low, high, per_m, box)
+    for island in islands:
+        drawing.object(island)
     for wall in walls:
         drawing.line(wall.left, wall.right, WALL_MM, BLACK)
     for landmark in landmarks:
@@ -57,12 +60,25 @@ def plan_items(
     several = len({landmark.family for landmark in landmarks}) > 1
     for landmark in landmarks:
         drawing.code(landmark, str(landmark.id) if several else str(landmark.code))
+    for island in islands:
+        drawing.word(f"({island.number})", NAME_MM, [drawing.at((island.low + island.high) / 2)], RULE)
     for text, place in titles:
         drawing.word(text, 9.0, [drawing.at(place)], RULE)
-    for wall in walls if not titles else ():
+    for wall in walls:
         drawing.wall_name(wall)
     bottom = drawing.bottom + 5
-    return [*drawing.items, *_scale_bar(box[0], bottom, per_m, scale)], bottom + 1
+    return [*drawing.items, *_scale_bar(box[0], bottom, per_m, scale, bool(islands))], bottom + 1
+
+
+def _islands_of(floor: FloorPlan | None, room: Room | None) -> list[Island]:
+    """Drawn objects of the floor plan, such as tables, with their middle in the room."""
+    if floor is None:
+        return []
+    islands = [island for island in floor.islands if island.use == "obstacle"]
+    if room is None:
+        return islands
+    middles = [(island.low + island.high) / 2 for island in islands]
+    return [i for i, at in zip(islands, middles, strict=True) if ((room.low <= at) & (at <= room.high)).all()]
 
 
 def _walls_of(floor: FloorPlan | None, room: Room | None) -> list[Wall]:
@@ -118,6 +134,12 @@ class _Drawing:
         self.items.append(FilledPath("art", color, polygon_commands(points)))
         self.labels.keep_line([(UNITS_PER_MM * p[0], UNITS_PER_MM * p[1]) for p in (a.tolist(), b.tolist())])
 
+    def object(self, island: Island) -> None:
+        """The extent of a drawn object."""
+        (left, bottom), (right, top) = self.at(island.low), self.at(island.high)
+        corners = [(left, top), (right, top), (right, bottom), (left, bottom)]
+        self.items.append(FilledPath("art", PALE, polygon_commands(corners)))
+
     def mark(self, landmark: MappedLandmark) -> None:
         """A bar on the landmark's own side of its wall."""
         T = landmark.T_map_landmark
@@ -164,14 +186,14 @@ class _Drawing:
         self.items.append(Text(at, printable, height, "middle", color, bold=color == BLACK))
 
 
-def _scale_bar(x: float, y: float, per_m: float, scale: int) -> list[Item]:
+def _scale_bar(x: float, y: float, per_m: float, scale: int, objects: bool) -> list[Item]:
     length = next(m for m in (0.5, 1.0, 2.0, 5.0, 10.0, 20.0, 50.0, 100.0) if m * per_m >= 8 or m == 100.0)
     ends = [(x, y - 0.3), (x + length * per_m, y - 0.3), (x + length * per_m, y + 0.3), (x, y + 0.3)]
     return [
         FilledPath("art", BLACK, polygon_commands(ends)),
         Text(
             (x + length * per_m + 2, y + 0.9),
-            f"{length:g} m; scale 1 : {scale}; x to the right, y up",
+            f"{length:g} m; scale 1 : {scale}; x to the right, y up{OBJECTS if objects else ''}",
             2.4,
             color=RULE,
         ),

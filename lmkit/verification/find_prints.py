@@ -5,6 +5,7 @@ Ring landmarks have a mirror law of their own; a mirrored square marker reads as
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import TypeVar
 
@@ -60,7 +61,7 @@ class FoundPrint:
 
 
 def find_prints(image: ByteArray, options: DetectOptions) -> list[FoundPrint]:
-    """The landmarks of an image; where none reads, what is most like one, also seen smaller.
+    """All landmarks that read in an image, also seen smaller; where none does, what is most like one.
 
     Streaks and blur that break up the border at full size are small in a smaller image.
 
@@ -69,6 +70,7 @@ def find_prints(image: ByteArray, options: DetectOptions) -> list[FoundPrint]:
         options: families, and whether a lens took it.
     """
     options = replace(options, config=LOOK_AT_ANY)
+    good: list[Candidate | TagCandidate] = []
     likely: list[Candidate | TagCandidate] = []
     for shrink in (1, *SHRINKS):
         size = (image.shape[1] // shrink, image.shape[0] // shrink)
@@ -77,15 +79,22 @@ def find_prints(image: ByteArray, options: DetectOptions) -> list[FoundPrint]:
         small = np.asarray(cv2.resize(image, size, interpolation=cv2.INTER_AREA), dtype=np.uint8)
         rings, tags = _candidates(small, shrink, options)
         found: list[Candidate | TagCandidate] = [*rings, *tags]
-        good = best_of_each_place([a for a in found if a.rejected is None])
+        good += best_of_each_place([a for a in found if a.rejected is None and _is_elsewhere(a, good)])
         if good:
-            return [FoundPrint(_settled(image, candidate), image) for candidate in good]
+            continue
         if options.square_families and (other := _otherwise(image, small, shrink, options)):
             return other
         likely += [a for a in found if _is_likely(a)]
         if shrink > 1:
             likely += [a for a in _of_opened(image, small, shrink, options) if _is_likely(a)]
+    if good:
+        return [FoundPrint(_settled(image, candidate), image) for candidate in good]
     return [FoundPrint(candidate, image) for candidate in best_of_each_place(likely)[:1]]
+
+
+def _is_elsewhere(candidate: Candidate | TagCandidate, found: Sequence[Candidate | TagCandidate]) -> bool:
+    """Whether none of those found stands where the candidate does."""
+    return len(best_of_each_place([*found, candidate])) > len(found)
 
 
 def _candidates(small: ByteArray, shrink: int, options: DetectOptions) -> tuple[list[Candidate], list[TagCandidate]]:

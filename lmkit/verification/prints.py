@@ -87,10 +87,32 @@ class PrintedLandmark:
 Sheet = tuple[str, ByteArray, tuple[float, float] | None, tuple[Stated, ...]]
 
 
+@dataclass(frozen=True)
+class VerifiedSheet:
+    """An image, or a page of a PDF, that has been read.
+
+    Attributes:
+        source: file, and page for a PDF.
+        found: its landmarks, graded, in the order of their codes.
+        missing: codes that its own label or manifest states and that were not found.
+    """
+
+    source: str
+    found: tuple[PrintedLandmark, ...]
+    missing: tuple[int, ...]
+
+
 def verify_print(
     path: Path, options: DetectOptions | None = None, stated: tuple[Stated, ...] = ()
 ) -> list[PrintedLandmark]:
-    """Read and grade all landmarks of a PDF or image, beside what is stated of it.
+    """Read and grade all landmarks of a PDF or image; see `verify_sheets`."""
+    return [item for sheet in verify_sheets(path, options, stated) for item in sheet.found]
+
+
+def verify_sheets(
+    path: Path, options: DetectOptions | None = None, stated: tuple[Stated, ...] = ()
+) -> list[VerifiedSheet]:
+    """Read and grade all landmarks of a PDF or image, beside what is stated of it; one result for each page.
 
     Args:
         stated: what may be on it, for a scan or photograph that says nothing itself: any of these.
@@ -102,11 +124,23 @@ def verify_print(
     sheets = _sheets(path)
     for source, _, _, of_sheet in sheets:
         _require_one_size(source, of_sheet, stated)
-    return [
-        found
-        for source, image, dpi, of_sheet in sheets
-        for found in grade_sheet(source, image, dpi, of_sheet or stated, options)
-    ]
+    return [_verified(*sheet, stated, options) for sheet in sheets]
+
+
+def _verified(
+    source: str,
+    image: ByteArray,
+    dpi: tuple[float, float] | None,
+    of_sheet: tuple[Stated, ...],
+    stated: tuple[Stated, ...],
+    options: DetectOptions | None,
+) -> VerifiedSheet:
+    found = grade_sheet(source, image, dpi, of_sheet or stated, options)
+    codes = [one.code for one in of_sheet if one.code is not None]
+    # A wrong code is graded as such; it stands for one of those that are missing.
+    wrong = sum(item.observation.code not in codes for item in found)
+    missing = [code for code in codes if code not in {item.observation.code for item in found}]
+    return VerifiedSheet(source, tuple(found), tuple(missing[wrong:]))
 
 
 def _require_one_size(source: str, of_sheet: tuple[Stated, ...], stated: tuple[Stated, ...]) -> None:

@@ -136,7 +136,7 @@ def test_a_floor_without_landmarks_is_blind_and_one_uncertain_place(tmp_path):
     uncertain = failing_places(coverage, EASY)
     assert len(uncertain) == 1
     assert uncertain[0].area_m2 > 10
-    assert "blind, 0 landmarks in view" in str(uncertain[0])
+    assert "0 landmarks in view, pose unknown" in str(uncertain[0])
     # Uncertain is what the demand asks for in vain: here a second landmark.
     one = [on_wall(floor.walls[0], 1.0, 9)]
     uncertain = failing_places(predict_coverage(floor, one, RIG, RADIUS_M), replace(EASY, in_view=2))

@@ -20,7 +20,7 @@ from lmkit.generation.sheet import compose_landmark_page
 from lmkit.io.template import load_template
 from lmkit.model.landmark import FAMILIES, LM8
 from lmkit.reports.certificate import certificate
-from lmkit.verification.prints import PrintedLandmark, Stated, grade_sheet
+from lmkit.verification.prints import PrintedLandmark, Stated, grade_sheet, verify_sheets
 from lmkit.verification.sheet_edges import is_sheet
 
 DPI = 100.0
@@ -334,3 +334,28 @@ def test_a_print_of_no_stated_size_is_no_a():
     (found,) = grade_sheet("photo", image, None, ())
     assert found.side_mm is None
     assert found.grade == "B"
+
+
+@pytest.mark.parametrize(("stated", "missing"), [((CODE, 40), (40,)), ((38, 40), (40,)), ((CODE,), ())])
+def test_codes_that_a_page_should_show_are_missed_where_they_do_not_read(tmp_path, stated, missing):
+    path = tmp_path / "page.png"
+    rgb = np.round(255 * sheet(CODE)).astype(np.uint8)
+    Image.fromarray(rgb).save(path, dpi=(DPI, DPI))
+    entry = {"page": 1, "family": "lm8", "version": 1, "size_mm": 180.0, "centre_mm": [105.0, 110.0]}
+    manifest = {
+        "format": "lmkit-prints/1", "lmkit": "0.1.0", "template": "a4", "paper_mm": [[210.0, 297.0]],
+        "landmarks": [{**entry, "code": code} for code in stated],
+    }  # fmt: skip
+    (tmp_path / "page.png.json").write_text(json.dumps(manifest))
+    (read,) = verify_sheets(path)
+    assert [item.observation.code for item in read.found] == [CODE]
+    assert read.missing == missing
+
+
+def test_a_landmark_that_reads_only_in_a_smaller_image_is_graded_beside_one_that_reads_at_full_size():
+    good = sheet(CODE)[: round(220 * MM)]
+    streaked = good.copy()
+    streaked[::3] = streaked[1::3] = 1.0
+    rgb = np.round(255 * np.hstack([good, streaked])).astype(np.uint8)
+    found = grade_sheet("photo", rgb[:, :, ::-1].copy(), None, ())
+    assert [item.observation.code for item in found] == [CODE, CODE]
