@@ -33,7 +33,6 @@ from lmkit.kernels.block_chain import (
     used_columns,
     used_columns_numpy,
 )
-from lmkit.kernels.error_pulls import error_pulls, error_pulls_numpy
 from lmkit.kernels.face_swelling import (
     SIZE,
     add_swelling_equations,
@@ -49,6 +48,7 @@ from lmkit.kernels.landmark_bundle import (
     bundle_chi2,
     bundle_chi2_numpy,
 )
+from lmkit.kernels.lasting_errors import Image, Shared, lasting_errors, lasting_errors_numpy
 from lmkit.kernels.lens import Lens, corners_through_lens, corners_through_lens_numpy
 from lmkit.kernels.pose_search import (
     Search,
@@ -212,10 +212,31 @@ def _covariance_calls(rng: np.random.Generator) -> Iterator[tuple[Any, ...]]:
                 yield corners, prior, small_rotations(rng, 1, 0.01)[0], 0.01 * rng.normal(size=3), used
 
 
-def _pull_calls(rng: np.random.Generator) -> Iterator[tuple[Any, ...]]:
-    for corners, _, R, p, used in _covariance_calls(rng):
-        yield corners, R, p, used
-        yield corners, R, p, np.arange(len(used)) % 2 == 0
+def _lasting_calls(rng: np.random.Generator) -> Iterator[tuple[Any, ...]]:
+    """Landmarks that were seen before and others, places that are new, observations left out."""
+    for corners, _, R, p, all_used in _covariance_calls(rng):
+        S = len(corners)
+        for N, used in ((6, all_used), (9, np.arange(S) % 2 == 0)):
+            places = np.where(np.asarray(corners.group) >= 0, np.tile(np.arange(S // 2) + 1, 2), -1)
+            seen = rng.uniform(0, 400, (S, 4, 2))
+            image = Image(places, np.arange(S)[::-1] - 1, seen, rng.uniform(0, 1, S), S // 2 + 2)
+            last = seen[::-1] + 2 * rng.normal(size=(S, 4, 2))
+            X = rng.normal(size=(2, N, 6)), rng.normal(size=(S, N, 16))
+            left, by_pull = 0.5 * rng.normal(size=(N, N)), 1e-3 * rng.normal(size=(N, 6))
+            before = Shared(np.cov(rng.normal(size=(N, 2 * N))), X[0], last, X[1])
+            yield corners, R, p, used, left, by_pull, image, (-0.7, -0.01), before
+        start = Shared(np.zeros((6, 6)), np.zeros((0, 6, 6)), np.zeros((0, 4, 2)), np.zeros((0, 6, 16)))
+        none = Image(np.full(S, -1), np.full(S, -1), seen, np.ones(S), 0)
+        yield corners, R, p, all_used, np.eye(6), np.eye(6), none, (-0.7, -0.01), start
+
+
+def _account(update: Callable[..., Shared]) -> Callable[..., Any]:
+    def run(*arguments: Any) -> tuple[np.ndarray, ...]:
+        after = update(*arguments)
+        return after.excess, after.places, after.pixels, after.corners
+
+    run.__name__ = "lasting_errors"
+    return run
 
 
 def _wheel_calls(rng: np.random.Generator) -> Iterator[tuple[Any, ...]]:
@@ -259,17 +280,18 @@ def _update_calls(rng: np.random.Generator) -> Iterator[tuple[Any, ...]]:
 
 def _space_calls(rng: np.random.Generator) -> Iterator[tuple[Any, ...]]:
     for corners, of in _update_calls(rng):
-        known = np.diag(rng.uniform(100, 1000, 6))
-        yield corners, of, known, small_rotations(rng, 1, 0.02)[0], 0.02 * rng.normal(size=3), UPDATE
+        before = np.diag(1 / rng.uniform(100, 1000, 6))
+        yield corners, of, before, small_rotations(rng, 1, 0.02)[0], 0.02 * rng.normal(size=3), UPDATE
 
 
 def _planar_calls(rng: np.random.Generator) -> Iterator[tuple[Any, ...]]:
     for corners, of in _update_calls(rng):
-        for size in (6, 12):
-            before = np.diag([300.0, 300, 1000, *rng.uniform(10, 50, size - 6), 1e5, 1e5, 1e5])
+        for size in (3, 9):
+            A = np.eye(size) + 0.2 * rng.normal(size=(size, size))
+            before = A @ np.diag(1 / np.array([300.0, 300, 1000, *rng.uniform(10, 50, size - 3)])) @ A.T
             into = replace(corners, points=corners.points @ BASE.T)
-            state = np.concatenate([0.02 * rng.normal(size=3), rng.normal(size=size - 6), np.zeros(3)])
-            yield into, of, before, BASE, np.zeros(3), state, UPDATE
+            state = np.concatenate([0.02 * rng.normal(size=3), rng.normal(size=size - 3)])
+            yield into, of, before, np.full(3, 1e5), BASE, np.zeros(3), state, UPDATE
 
 
 LENS_K = np.array([[460.0, 0, 322], [0, 458, 239], [0, 0, 1]])
@@ -475,7 +497,7 @@ PAIRS = [
     Pair(update_space, update_space_numpy, _space_calls, 1e-8),
     Pair(update_planar, update_planar_numpy, _planar_calls, 1e-8),
     Pair(pose_covariance, pose_covariance_numpy, _covariance_calls, 1e-9),
-    Pair(error_pulls, error_pulls_numpy, _pull_calls, 1e-10),
+    Pair(_account(lasting_errors), _account(lasting_errors_numpy), _lasting_calls, 1e-10),
     Pair(wheel_motions, wheel_motions_numpy, _wheel_calls),
     Pair(wheel_steps, wheel_steps_numpy, _wheel_step_calls, 1e-8),
     *[Pair(*call) for call in (*PATTERN_CALLS, *PLANNING_CALLS)],

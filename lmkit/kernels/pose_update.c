@@ -4,7 +4,8 @@
 
 #include "pose_fit.h"
 
-#define MOST 12
+#define MOST 12 /* unknowns on a floor */
+#define LEAN 3  /* of them, at the end: lift, roll, pitch */
 
 /* Settings; the fields are those of `Update` in pose_update.py. */
 typedef struct {
@@ -12,12 +13,14 @@ typedef struct {
     int64_t iterations;
 } Update;
 
-LMKIT_EXPORT int lmkit_update_space(const Corners *seen, const Update *update, const int64_t *of, const double *known,
-                                    uint8_t *used, double *R, double *p, double *normal, double *cost,
-                                    double *misfits, double *pixels);
+LMKIT_EXPORT int lmkit_update_space(const Corners *seen, const Update *update, const int64_t *of, const double *before,
+                                    uint8_t *used, double *R, double *p, double *covariance, double *left,
+                                    double *cost, double *misfits, double *pixels);
 LMKIT_EXPORT int lmkit_update_planar(const Corners *seen, const Update *update, const int64_t *of, int64_t size,
-                                     const double *before, const double *R_base, const double *t_base, uint8_t *used,
-                                     double *state, double *normal, double *cost, double *misfits, double *pixels);
+                                     const double *before, const double *lean, const double *R_base,
+                                     const double *t_base, uint8_t *used, double *state, double *R, double *p,
+                                     double *covariance, double *left, double *by_pull, double *cost,
+                                     double *misfits, double *pixels);
 
 /* The state before and during the update. */
 typedef struct {
@@ -42,7 +45,7 @@ static void rotation_vector(const double *R, double *w) {
 
 /* The camera's pose for the state, on a floor. */
 static void place_camera(Fit *fit) {
-    const double *x = fit->state, *t = fit->t_base, *lean = x + fit->size - 3;
+    const double *x = fit->state, *t = fit->t_base, *lean = x + fit->size - LEAN;
     const double c = cos(x[2]), s = sin(x[2]), w[3] = {lean[1], lean[2], 0};
     const double level[9] = {c, -s, 0, s, c, 0, 0, 0, 1};
     double turn[9];
@@ -72,7 +75,7 @@ static void camera_by_state(const Fit *fit, double *J) {
     /* It leans about the floor, not about the camera. */
     const double lean[6][3] = {{0, 0, z}, {0, -z, 0}, {1, y, -x}, {0, 1, 0}, {0, 0, 1}, {0, 0, 0}};
     for (int i = 0; i < 6; i++)
-        for (int j = 0; j < 3; j++) J[MOST * i + n - 3 + j] = lean[i][j];
+        for (int j = 0; j < LEAN; j++) J[MOST * i + n - LEAN + j] = lean[i][j];
 }
 
 /* From the state to what was foretold. */
@@ -120,6 +123,31 @@ static int solve(const double *A, int64_t n, double *b) {
         for (int64_t k = i + 1; k < n; k++) b[i] -= L[MOST * k + i] * b[k];
         b[i] /= L[MOST * i + i];
     }
+    return 1;
+}
+
+/* Inverse (n,n) of a symmetric positive definite matrix in rows of `stride`; 0 where it is not. */
+static int inverse(const double *A, int64_t stride, int64_t n, double *out) {
+    double L[MOST * MOST], M[MOST * MOST]; /* the factor and its inverse */
+    for (int64_t i = 0; i < n; i++) {
+        for (int64_t j = 0; j <= i; j++) {
+            double sum = A[stride * i + j];
+            for (int64_t k = 0; k < j; k++) sum -= L[MOST * i + k] * L[MOST * j + k];
+            if (i == j && !(sum > 0)) return 0;
+            L[MOST * i + j] = i == j ? sqrt(sum) : sum / L[MOST * j + j];
+        }
+        for (int64_t j = 0; j <= i; j++) {
+            double sum = i == j;
+            for (int64_t k = j; k < i; k++) sum -= L[MOST * i + k] * M[MOST * k + j];
+            M[MOST * i + j] = sum / L[MOST * i + i];
+        }
+    }
+    for (int64_t i = 0; i < n; i++)
+        for (int64_t j = 0; j <= i; j++) {
+            double sum = 0;
+            for (int64_t k = i; k < n; k++) sum += M[MOST * k + i] * M[MOST * k + j];
+            out[n * i + j] = out[n * j + i] = sum;
+        }
     return 1;
 }
 
@@ -190,35 +218,67 @@ static int fit_believed(Fit *fit, const int64_t *of, uint8_t *used, double *misf
     }
 }
 
-int lmkit_update_space(const Corners *seen, const Update *update, const int64_t *of, const double *known,
-                       uint8_t *used, double *R, double *p, double *normal, double *cost, double *misfits,
-                       double *pixels) {
+/* What the update leaves: covariance and share of the error before (wide,wide), of the states that go on. */
+static int remains(const Fit *fit, int64_t wide, double *covariance, double *left, double *inverted) {
+    const int64_t n = fit->size;
+    if (!inverse(fit->normal, MOST, n, inverted)) return 0;
+    for (int64_t i = 0; i < wide; i++)
+        for (int64_t j = 0; j < wide; j++) {
+            double sum = 0;
+            for (int64_t k = 0; k < n; k++) sum += inverted[n * i + k] * fit->known[n * k + j];
+            left[wide * i + j] = sum;
+            covariance[wide * i + j] = inverted[n * i + j];
+        }
+    return 1;
+}
+
+int lmkit_update_space(const Corners *seen, const Update *update, const int64_t *of, const double *before,
+                       uint8_t *used, double *R, double *p, double *covariance, double *left, double *cost,
+                       double *misfits, double *pixels) {
+    double known[36], inverted[36];
     Fit fit = {.seen = seen, .update = update, .known = known, .size = 6};
     memcpy(fit.R_start, R, sizeof fit.R_start);
     memcpy(fit.p_start, p, sizeof fit.p_start);
     memcpy(fit.R, R, sizeof fit.R);
     memcpy(fit.p, p, sizeof fit.p);
+    if (!inverse(before, 6, 6, known)) return 1;
     if (!fit_believed(&fit, of, used, misfits, pixels)) return 1;
     memcpy(R, fit.R, sizeof fit.R);
     memcpy(p, fit.p, sizeof fit.p);
-    for (int i = 0; i < 6; i++)
-        for (int j = 0; j < 6; j++) normal[6 * i + j] = fit.normal[MOST * i + j];
     *cost = fit.cost;
-    return 0;
+    return !remains(&fit, 6, covariance, left, inverted);
 }
 
 int lmkit_update_planar(const Corners *seen, const Update *update, const int64_t *of, int64_t size,
-                        const double *before, const double *R_base, const double *t_base, uint8_t *used,
-                        double *state, double *normal, double *cost, double *misfits, double *pixels) {
-    Fit fit = {.seen = seen, .update = update, .known = before, .R_base = R_base, .t_base = t_base, .size = size};
-    if (size < 6 || size > MOST) return 2;
-    for (int64_t i = 0; i < size; i++) fit.start[i] = fit.state[i] = state[i];
+                        const double *before, const double *lean, const double *R_base, const double *t_base,
+                        uint8_t *used, double *state, double *R, double *p, double *covariance, double *left,
+                        double *by_pull, double *cost, double *misfits, double *pixels) {
+    const int64_t n = size + LEAN;
+    double known[MOST * MOST] = {0}, inverted[MOST * MOST], J[6 * MOST];
+    Fit fit = {.seen = seen, .update = update, .known = known, .R_base = R_base, .t_base = t_base, .size = n};
+    if (size < 3 || n > MOST) return 2;
+    if (!inverse(before, size, size, inverted)) return 1;
+    for (int64_t i = 0; i < size; i++) {
+        fit.start[i] = fit.state[i] = state[i];
+        for (int64_t j = 0; j < size; j++) known[n * i + j] = inverted[size * i + j];
+    }
+    for (int64_t i = 0; i < LEAN; i++) {
+        fit.start[size + i] = fit.state[size + i] = 0;
+        known[(n + 1) * (size + i)] = lean[i];
+    }
     place_camera(&fit);
     if (!fit_believed(&fit, of, used, misfits, pixels)) return 1;
-    for (int64_t i = 0; i < size; i++) {
-        state[i] = fit.state[i];
-        for (int64_t j = 0; j < size; j++) normal[size * i + j] = fit.normal[MOST * i + j];
-    }
+    memcpy(state, fit.state, sizeof(double) * (size_t)size);
+    memcpy(R, fit.R, sizeof fit.R);
+    memcpy(p, fit.p, sizeof fit.p);
     *cost = fit.cost;
+    if (!remains(&fit, size, covariance, left, inverted)) return 1;
+    camera_by_state(&fit, J);
+    for (int64_t i = 0; i < size; i++)
+        for (int j = 0; j < 6; j++) {
+            double sum = 0;
+            for (int64_t k = 0; k < n; k++) sum += inverted[n * i + k] * J[MOST * j + k];
+            by_pull[6 * i + j] = sum;
+        }
     return 0;
 }

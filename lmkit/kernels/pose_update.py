@@ -11,7 +11,7 @@ import math
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from functools import lru_cache
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -30,9 +30,8 @@ Array = NDArray[np.floating[Any]]
 Ints = NDArray[np.int64]
 Flags = NDArray[np.bool_]
 
-Fitted = tuple[Flags, Array, Array, Array, float]
-LEAN = 3  # unknowns at the end of a planar state: lift, roll, pitch
-MOST = 12  # unknowns of a planar state
+LEAN = 3  # unknowns of a robot on a floor beside its state: lift, roll, pitch
+MOST = 12  # unknowns with them
 
 
 class _UpdateStruct(ctypes.Structure):
@@ -58,36 +57,57 @@ class Update:
         object.__setattr__(self, "struct", _UpdateStruct(self.converged, self.limit, self.iterations))
 
 
-def update_space(corners: Corners, of: Ints, known: Array, R: Array, p: Array, update: Update) -> Fitted:
-    """Update of the pose T_map_rig.
+class Updated(NamedTuple):
+    """N states after an update.
+
+    Attributes:
+        used: (S,) the observations that fit, both cameras' of a landmark together.
+        state: (N,) on a floor; empty in space.
+        R, p: (3,3), (3,) the pose T_map_rig.
+        covariance: (N,N) of the states.
+        left: (N,N) share of the error before that is left.
+        by_pull: (N,6) derivatives of the states with pulls on the pose.
+        cost: chi2 of corners and prediction together.
+    """
+
+    used: Flags
+    state: Array
+    R: Array
+    p: Array
+    covariance: Array
+    left: Array
+    by_pull: Array
+    cost: float
+
+
+def update_space(corners: Corners, of: Ints, before: Array, R: Array, p: Array, update: Update) -> Updated:
+    """Update of the pose T_map_rig; its six states are a shift, and a turn about the map's axes.
 
     Args:
         of: (S,) which landmark each observation is of.
-        known: (6,6) information of the pose R (3,3), p (3,) foretold: shift, and turn about the map's axes.
-
-    Returns:
-        The observations used (S,), R, p, the normal matrix (6,6), and the chi2 of corners and prediction together.
+        before: (6,6) covariance of the pose R (3,3), p (3,) foretold.
 
     Raises:
         ValueError: a shape differs.
-        numpy.linalg.LinAlgError: something is not determined at all.
+        numpy.linalg.LinAlgError: something is not determined at all, or ``before`` is no covariance.
     """
     S = len(corners)
-    of, known = contiguous(of, (S,), np.int64), contiguous(known, (6, 6))
+    of, before = contiguous(of, (S,), np.int64), contiguous(before, (6, 6))
     R, p = contiguous(R, (3, 3)).copy(), contiguous(p, (3,)).copy()
     kernels = _kernels()
     if kernels is None:
-        return update_space_numpy(corners, of, known, R, p, update)
-    used, normal, numbers, cost = np.ones(S, dtype=np.bool_), np.empty((6, 6)), np.empty((2, S)), ctypes.c_double()
-    if kernels[0](
-        corners.struct, update.struct, *addresses(of, known, used, R, p, normal), cost, *addresses(*numbers)
-    ):
+        return update_space_numpy(corners, of, before, R, p, update)
+    used, covariance, left, numbers = np.ones(S, np.bool_), np.empty((6, 6)), np.empty((6, 6)), np.empty((2, S))
+    cost = ctypes.c_double()
+    at = addresses(of, before, used, R, p, covariance, left, *numbers)
+    if kernels[0](corners.struct, update.struct, *at[:7], cost, *at[7:]):
         raise np.linalg.LinAlgError("the pose is not determined")
-    return used, R, p, normal, cost.value
+    return Updated(used, np.empty(0), R, p, covariance, left, covariance, cost.value)
 
 
-def update_space_numpy(corners: Corners, of: Ints, known: Array, R: Array, p: Array, update: Update) -> Fitted:
+def update_space_numpy(corners: Corners, of: Ints, before: Array, R: Array, p: Array, update: Update) -> Updated:
     """Definition of :func:`update_space`."""
+    known = _information(before)
 
     def fit(used: Flags) -> tuple[Array, Array, Array, Array]:
         there, at, normal = R, p, known
@@ -101,71 +121,102 @@ def update_space_numpy(corners: Corners, of: Ints, known: Array, R: Array, p: Ar
         return there, at, normal, _off(R, p, there, at)
 
     used, (there, at, normal, off), chi2 = _believed(corners, of, fit, lambda fitted: fitted[:2], update.limit)
-    return used, there, at, normal, float(chi2[used].sum() + off @ known @ off)
+    covariance = np.linalg.inv(normal)
+    cost = float(chi2[used].sum() + off @ known @ off)
+    return Updated(used, np.empty(0), there, at, covariance, covariance @ known, covariance, cost)
 
 
 def update_planar(
-    corners: Corners, of: Ints, before: Array, R_base: Array, t_base: Array, state: Array, update: Update
-) -> tuple[Flags, Array, Array, float]:
-    """Update of the state of a robot on a level floor: x, y, heading, what else it may be, lift, roll, pitch.
+    corners: Corners,
+    of: Ints,
+    before: Array,
+    lean: Array,
+    R_base: Array,
+    t_base: Array,
+    state: Array,
+    update: Update,
+) -> Updated:
+    """Update of the state of a robot on a level floor: x, y, heading, and what else it may be.
+
+    How it lifts, rolls and pitches at that time is fitted beside the state.
 
     Args:
         of: (S,) which landmark each observation is of.
-        before: (N,N) information of the state foretold (N,), N at most 12.
+        before: (N,N) covariance of the state foretold (N,), N at most 9.
+        lean: (3,) information of lift, roll and pitch, which are zero as far as is known.
         R_base, t_base: (3,3), (3,) of the camera on the base.
-
-    Returns:
-        The observations used (S,), the state, its normal matrix (N,N), and the chi2 of corners and prediction.
 
     Raises:
         ValueError: a shape differs.
-        numpy.linalg.LinAlgError: something is not determined at all.
+        numpy.linalg.LinAlgError: something is not determined at all, or ``before`` is no covariance.
     """
     S, size = len(corners), len(state)
-    if not 6 <= size <= MOST:
-        raise ValueError(f"a state of {size} numbers, expected 6 to {MOST}")
-    of, before = contiguous(of, (S,), np.int64), contiguous(before, (size, size))
+    if not 3 <= size <= MOST - LEAN:
+        raise ValueError(f"a state of {size} numbers, expected 3 to {MOST - LEAN}")
+    of, before, lean = contiguous(of, (S,), np.int64), contiguous(before, (size, size)), contiguous(lean, (LEAN,))
     R_base, t_base, state = contiguous(R_base, (3, 3)), contiguous(t_base, (3,)), contiguous(state, (size,)).copy()
     kernels = _kernels()
     if kernels is None:
-        return update_planar_numpy(corners, of, before, R_base, t_base, state, update)
-    used, normal, numbers, cost = (
-        np.ones(S, dtype=np.bool_),
-        np.empty_like(before),
-        np.empty((2, S)),
-        ctypes.c_double(),
-    )
-    if kernels[1](
-        corners.struct, update.struct, *addresses(of), size, *addresses(before, R_base, t_base, used, state, normal),
-        cost, *addresses(*numbers),
-    ):  # fmt: skip
+        return update_planar_numpy(corners, of, before, lean, R_base, t_base, state, update)
+    used, R, p, cost = np.ones(S, np.bool_), np.empty((3, 3)), np.empty(3), ctypes.c_double()
+    numbers = np.empty((2, S))
+    covariance, left, by_pull = np.empty((size, size)), np.empty((size, size)), np.empty((size, 6))
+    inputs, outputs = (of, before, lean, R_base, t_base), (used, state, R, p, covariance, left, by_pull)
+    at = addresses(*inputs, *outputs, *numbers)
+    if kernels[1](corners.struct, update.struct, at[0], size, *at[1:12], cost, *at[12:]):
         raise np.linalg.LinAlgError("the state is not determined")
-    return used, state, normal, cost.value
+    return Updated(used, state, R, p, covariance, left, by_pull, cost.value)
 
 
 def update_planar_numpy(
-    corners: Corners, of: Ints, before: Array, R_base: Array, t_base: Array, state: Array, update: Update
-) -> tuple[Flags, Array, Array, float]:
+    corners: Corners,
+    of: Ints,
+    before: Array,
+    lean: Array,
+    R_base: Array,
+    t_base: Array,
+    state: Array,
+    update: Update,
+) -> Updated:
     """Definition of :func:`update_planar`."""
+    size = len(state)
+    start = np.append(state, np.zeros(LEAN))
+    known = np.diag(np.append(np.zeros(size), lean))
+    known[:size, :size] = _information(before)
 
     def fit(used: Flags) -> tuple[Array, Array]:
-        there, normal = state, before
+        there, normal = start, known
         for _ in range(update.iterations):
-            R, p = camera_at(there, R_base, t_base)
+            R, p = _camera_at(there, R_base, t_base)
             N, g, _ = pose_equations_numpy(corners, NO_PRIOR, R[None], p[None], used[None])
-            J = camera_by_state(there, t_base)
-            normal = before + J.T @ N[0] @ J
-            step = np.linalg.solve(normal, before @ (state - there) + J.T @ g[0])
+            J = _camera_by_state(there, t_base)
+            normal = known + J.T @ N[0] @ J
+            step = np.linalg.solve(normal, known @ (start - there) + J.T @ g[0])
             there = there + step
             if step @ normal @ step < update.converged:
                 break
         return there, normal
 
     used, (there, normal), chi2 = _believed(
-        corners, of, fit, lambda fitted: camera_at(fitted[0], R_base, t_base), update.limit
+        corners, of, fit, lambda fitted: _camera_at(fitted[0], R_base, t_base), update.limit
     )
-    off = there - state
-    return used, there, normal, float(chi2[used].sum() + off @ before @ off)
+    off = there - start
+    R, p = _camera_at(there, R_base, t_base)
+    # The inverse's own block is what is left once the lean is eliminated.
+    inverse = np.linalg.inv(normal)[:size]
+    by_pull = inverse @ _camera_by_state(there, t_base).T
+    cost = float(chi2[used].sum() + off @ known @ off)
+    return Updated(used, there[:size], R, p, inverse[:, :size], inverse @ known[:, :size], by_pull, cost)
+
+
+def _information(covariance: Array) -> Array:
+    """The inverse of a covariance.
+
+    Raises:
+        numpy.linalg.LinAlgError: it is not positive definite.
+    """
+    np.linalg.cholesky(covariance)
+    return np.linalg.inv(covariance)
 
 
 def _believed(
@@ -201,7 +252,7 @@ def _heading(state: Array) -> Array:
     return np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
 
 
-def camera_at(state: Array, R_base: Array, t_base: Array) -> tuple[Array, Array]:
+def _camera_at(state: Array, R_base: Array, t_base: Array) -> tuple[Array, Array]:
     """T_map_camera for a state."""
     lift, x, y = state[-LEAN:].tolist()
     angle = math.hypot(x, y)
@@ -212,7 +263,7 @@ def camera_at(state: Array, R_base: Array, t_base: Array) -> tuple[Array, Array]
     return turn @ R_base, np.array([state[0], state[1], lift]) + turn @ t_base
 
 
-def camera_by_state(state: Array, t_base: Array) -> Array:
+def _camera_by_state(state: Array, t_base: Array) -> Array:
     """(6,N) derivatives of the camera's pose with the state."""
     x, y, z = (_heading(state) @ t_base).tolist()
     J = np.zeros((6, len(state)))
@@ -228,8 +279,8 @@ def camera_by_state(state: Array, t_base: Array) -> Array:
 def _kernels() -> tuple[Any, Any] | None:
     corners, update, pointer = ctypes.POINTER(_CornersStruct), ctypes.POINTER(_UpdateStruct), ctypes.c_void_p
     number = ctypes.POINTER(ctypes.c_double)
-    space = function("lmkit_update_space", corners, update, *[pointer] * 6, number, pointer, pointer)
+    space = function("lmkit_update_space", corners, update, *[pointer] * 7, number, pointer, pointer)
     planar = function(
-        "lmkit_update_planar", corners, update, pointer, ctypes.c_int64, *[pointer] * 6, number, pointer, pointer
+        "lmkit_update_planar", corners, update, pointer, ctypes.c_int64, *[pointer] * 11, number, pointer, pointer
     )
     return None if space is None else (space, planar)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -13,9 +13,8 @@ from lmkit.geometry.camera import CameraModel
 from lmkit.geometry.pose import Pose
 from lmkit.geometry.pose_array import PoseArray
 from lmkit.geometry.rig import AnyRig, cameras_carried
-from lmkit.kernels.error_pulls import error_pulls
 from lmkit.kernels.pose_search import CONVERGED, MOST_DAMPING, Search, pose_covariance, search_poses
-from lmkit.kernels.pose_update import Update, update_planar, update_space
+from lmkit.kernels.pose_update import Update, Updated, update_planar, update_space
 from lmkit.kernels.reprojection import (
     NO_PRIOR,
     Corners,
@@ -47,31 +46,6 @@ class RigCamera:
     rows: slice
 
 
-@dataclass(frozen=True, eq=False)
-class ErrorPulls:
-    """Pulls of errors on a pose, or how far they move a state (`kernels.error_pulls`).
-
-    Attributes:
-        ids: (L) uncertain landmarks.
-        places: (L,N,6) of the error of each one's place, in standard deviations.
-        views: (C) landmark and number of the camera of every observation used.
-        corners: (C,4,2) px, where it was seen.
-        lens_shares: (C,) share of its corners' variance that is the floor's: lens, calibration, paper.
-        own: (C,N,8) of its corners' errors, in standard deviations.
-    """
-
-    ids: tuple[LandmarkId, ...]
-    places: FloatArray
-    views: tuple[tuple[LandmarkId, int], ...]
-    corners: FloatArray
-    lens_shares: FloatArray
-    own: FloatArray
-
-    def through(self, G: FloatArray) -> ErrorPulls:
-        """Pulls on ``G`` (M,N) times what these pull on."""
-        return replace(self, places=G @ self.places, own=G @ self.own)
-
-
 class Correspondences:
     """All observations of mapped landmarks, camera by camera.
 
@@ -81,6 +55,7 @@ class Correspondences:
         ids: the landmarks seen.
         of: (S,) index into ``ids`` of every observation.
         rays: (S,4,2) the corners as x/z and y/z, without distortion.
+        corners: the same, for the kernels.
         camera_R, camera_t: (S,3,3), (S,3) from the left camera into the camera that saw it.
         cameras: the cameras.
         twice: mapped landmarks that are in one image more than once: which one is the mapped one is unknown.
@@ -126,7 +101,7 @@ class Correspondences:
         self.camera_t = np.repeat([t for _, _, _, t in cameras], counts, axis=0)
         uncertain = any(landmark.covariance is not None for landmark in self.landmarks)
         errors = self._landmark_errors() if uncertain else (None, None, None)
-        self._corners = Corners(
+        self.corners = Corners(
             self.points, self.rays, looked.by_ray, looked.whitener, self.camera_R, self.camera_t, *errors
         )
 
@@ -181,60 +156,54 @@ class Correspondences:
 
     def chi2(self, poses: PoseArray) -> FloatArray:
         """(H,S) squared error of each observation on its own, in standard deviations, over its eight coordinates."""
-        return corner_chi2(self._corners, poses.R, poses.t)[0]
+        return corner_chi2(self.corners, poses.R, poses.t)[0]
 
     def chi2_and_pixels(self, poses: PoseArray) -> tuple[FloatArray, FloatArray]:
         """The chi2 (H,S), and root mean squares (H,S) of pixel coordinates; huge behind the camera."""
-        chi2, pixels = corner_chi2(self._corners, poses.R, poses.t)
+        chi2, pixels = corner_chi2(self.corners, poses.R, poses.t)
         return chi2, np.sqrt(pixels / 8)
 
     def search(self, search: Search, prior: PosePrior | None) -> tuple[PoseArray, FloatArray, FloatArray]:
         """Different poses, the likeliest first, the chi2 (K,S) of all observations, and costs (K,)."""
-        R, t, chi2, cost = search_poses(self._corners, self.of, self.side_px, _numbers(prior), search)
+        R, t, chi2, cost = search_poses(self.corners, self.of, self.side_px, _numbers(prior), search)
         return PoseArray("map", "left", R, t), chi2, cost
 
     def covariance(self, poses: PoseArray, used: BoolArray, prior: PosePrior | None) -> FloatArray:
         """(6,6) covariance of the first pose, from the observations used (S,)."""
-        return pose_covariance(self._corners, _numbers(prior), poses.R[0], poses.t[0], used)
+        return pose_covariance(self.corners, _numbers(prior), poses.R[0], poses.t[0], used)
 
-    def update_space(
-        self, known: FloatArray, R: FloatArray, p: FloatArray, update: Update
-    ) -> tuple[BoolArray, FloatArray, FloatArray, FloatArray, float]:
-        """A foretold pose, of information ``known`` (6,6), updated by `pose_update.update_space`."""
-        return update_space(self._corners, self.of, known, R, p, update)
+    def update_space(self, before: FloatArray, R: FloatArray, p: FloatArray, update: Update) -> Updated:
+        """A foretold pose, of covariance ``before`` (6,6), updated by `pose_update.update_space`."""
+        return update_space(self.corners, self.of, before, R, p, update)
 
     def update_planar(
-        self, before: FloatArray, T_base_left: Pose, state: FloatArray, update: Update
-    ) -> tuple[BoolArray, FloatArray, FloatArray, float]:
+        self, before: FloatArray, lean: FloatArray, T_base_left: Pose, state: FloatArray, update: Update
+    ) -> Updated:
         """A foretold state on a floor updated by `pose_update.update_planar`."""
-        return update_planar(self._corners, self.of, before, T_base_left.R, T_base_left.t, state, update)
+        return update_planar(self.corners, self.of, before, lean, T_base_left.R, T_base_left.t, state, update)
 
-    def pulls(self, R: FloatArray, p: FloatArray, used: BoolArray) -> ErrorPulls:
-        """How errors of landmarks and of corners pull on the pose R, p; of the observations used (S,)."""
-        places, own = error_pulls(self._corners, R, p, used)
-        believed = used.tolist()
-        views = {
-            (self.landmarks[s].id, number): s
-            for number, camera in enumerate(self.cameras)
-            for s in range(camera.rows.start, camera.rows.stop)
-            if believed[s]
-        }
-        rows = list(views.values())
-        first = {self.landmarks[s].id: s for s in reversed(rows) if self.landmarks[s].covariance is not None}
-        shares = self._floor_px**2 / (self._stated_px2[rows] + self._floor_px**2 + TINY)
-        ids, uncertain = tuple(first), list(first.values())
-        return ErrorPulls(ids, places[uncertain], tuple(views), self.observed[rows], shares, own[rows])
+    @property
+    def views(self) -> list[tuple[LandmarkId, int]]:
+        """(S) landmark and number of the camera of every observation."""
+        ids = [landmark.id for landmark in self.landmarks]
+        return [(id_, number) for number, camera in enumerate(self.cameras) for id_ in ids[camera.rows]]
+
+    @property
+    def lens_shares(self) -> FloatArray:
+        """(S,) share of the corners' variance that is the floor's: lens, calibration, paper."""
+        floor = self._floor_px**2
+        return floor / (self._stated_px2 + floor + TINY)
 
     def equations(
         self, poses: PoseArray, used: BoolArray, prior: PosePrior | None
     ) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Normal matrices (H,6,6), gradients (H,6) and chi2 (H,) of the observations used (H,S)."""
-        return pose_equations(self._corners, _numbers(prior), poses.R, poses.t, used)
+        return pose_equations(self.corners, _numbers(prior), poses.R, poses.t, used)
 
     def refine(self, poses: PoseArray, used: BoolArray, prior: PosePrior | None, iterations: int) -> PoseArray:
         """Levenberg-Marquardt on the whitened corners of the observations used (H,S), every pose on its own."""
         R, t = poses.R, poses.t
-        R, t = refine_poses(self._corners, _numbers(prior), R, t, used, iterations, CONVERGED, MOST_DAMPING)
+        R, t = refine_poses(self.corners, _numbers(prior), R, t, used, iterations, CONVERGED, MOST_DAMPING)
         return PoseArray(poses.to_frame, poses.from_frame, R, t)
 
 

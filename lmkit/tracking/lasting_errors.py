@@ -27,96 +27,76 @@ from __future__ import annotations
 
 import numpy as np
 
-from lmkit.arrays import FloatArray
-from lmkit.localization.correspondences import ErrorPulls
+from lmkit.arrays import BoolArray, FloatArray
+from lmkit.kernels.lasting_errors import Image, Shared, lasting_errors
+from lmkit.kernels.pose_update import Updated
+from lmkit.localization.correspondences import Correspondences
 from lmkit.model.landmark_id import LandmarkId
 
 # Way of the corners in the image over which errors become others.  The detector's correlate by 0.8 to 1 in the same
 # view, by 0.5 within 1 px and by 0.1 beyond 3 px (simulated cameras of five kinds); those of the lens by 0.8 up to
 # 30 px, 0.7 up to 100 px and 0.6 up to 300 px (recording of TagSLAM).
 DETECTOR_PX, LENS_PX = 1.5, 400.0
-PER_PX = -1 / np.array([DETECTOR_PX, LENS_PX])
-SIX = 6  # errors of a landmark's place
+PER_PX = (-1 / DETECTOR_PX, -1 / LENS_PX)
 
 
 class LastingErrors:
-    """Account of the errors that images share.
-
-    Attributes:
-        excess: (N,N) to be added to the covariance of the filter's N states.
-    """
+    """Account of the errors that images share."""
 
     def __init__(self, states: int) -> None:
         self._states = states
         self._forget()
 
     def _forget(self) -> None:
-        self.excess: FloatArray = np.zeros((self._states, self._states))
+        N = self._states
+        self._shared = Shared(np.zeros((N, N)), np.zeros((0, N, 6)), np.zeros((0, 4, 2)), np.zeros((0, N, 16)))
+        self._moved: FloatArray | None = None  # (N,N) derivatives of the states with those of the last image
         self._numbers: dict[LandmarkId, int] = {}
-        self._places: FloatArray = np.zeros((self._states, 0))  # X of places, side by side
         self._rows: dict[tuple[LandmarkId, int], int] = {}  # of the last image that showed something
-        self._seen_at: FloatArray = np.zeros((0, 4, 2))
-        self._corners: FloatArray = np.zeros((0, self._states, 16))  # X of the detector's and the lens's errors
 
-    def start(self, pulls: ErrorPulls) -> None:
-        """Forget all: the filter begins with one image.
+    @property
+    def excess(self) -> FloatArray:
+        """(N,N) to be added to the covariance of the filter's N states."""
+        E, F = self._shared.excess, self._moved
+        return E if F is None else F @ E @ F.T
+
+    def start(
+        self, seen: Correspondences, R: FloatArray, p: FloatArray, used: BoolArray, by_pull: FloatArray
+    ) -> None:
+        """Forget all: the filter begins with one image, at the pose R (3,3), p (3,).
 
         Args:
-            pulls: of that image, on the state: D.
+            used: (S,) the observations that fit.
+            by_pull: (N,6) derivatives of the states with pulls on the pose.
         """
         self._forget()
-        self.update(np.zeros_like(self.excess), pulls)
+        self._add(seen, R, p, used, np.zeros((self._states, self._states)), by_pull)
 
     def predict(self, F: FloatArray) -> None:
         """The state moves on: (N,N) its derivatives with the state before."""
-        self.excess = F @ self.excess @ F.T
-        self._places, self._corners = F @ self._places, F @ self._corners
+        self._moved = F if self._moved is None else F @ self._moved
 
-    def update(self, A: FloatArray, pulls: ErrorPulls) -> None:
-        """An image came.
+    def update(self, seen: Correspondences, done: Updated) -> None:
+        """An image came, and the filter was updated."""
+        left = done.left if self._moved is None else done.left @ self._moved
+        self._add(seen, done.R, done.p, done.used, left, done.by_pull)
 
-        Args:
-            A: (N,N) share of the error before that is left.
-            pulls: of that image, on the state: D.
-        """
-        self.excess = A @ self.excess @ A.T
-        self._update_places(A, pulls)
-        self._update_corners(A, pulls)
-
-    def _update_places(self, A: FloatArray, pulls: ErrorPulls) -> None:
-        self._places = A @ self._places
-        if not pulls.ids:
-            return
-        numbers = [self._numbers.setdefault(id_, len(self._numbers)) for id_ in pulls.ids]
-        missing = SIX * len(self._numbers) - self._places.shape[1]
-        if missing:
-            self._places = np.hstack([self._places, np.zeros((self._states, missing))])
-        columns = (SIX * np.array(numbers)[:, None] + np.arange(SIX)).ravel()
-        X, D = self._places[:, columns], _side_by_side(pulls.places)
-        self._count(X, D)
-        self._places[:, columns] = X + D
-
-    def _update_corners(self, A: FloatArray, pulls: ErrorPulls) -> None:
-        lens = np.sqrt(pulls.lens_shares)[:, None, None]
-        new = np.concatenate([np.sqrt(1 - lens**2) * pulls.own, lens * pulls.own], axis=2)
-        again = [k for k, view in enumerate(pulls.views) if view in self._rows]
-        if again:
-            before = [self._rows[pulls.views[k]] for k in again]
-            steps = pulls.corners[again] - self._seen_at[before]
-            way = np.sqrt((steps * steps).sum(axis=(1, 2)) / 4)
-            alike = np.exp(way[:, None] * PER_PX).repeat(8, axis=1)
-            X = alike[:, None] * (A @ self._corners[before])
-            self._count(_side_by_side(X), _side_by_side(new[again]))
-            new[again] += X
-        self._rows = {view: k for k, view in enumerate(pulls.views)}
-        self._seen_at, self._corners = pulls.corners, new
-
-    def _count(self, X: FloatArray, D: FloatArray) -> None:
-        """Add what errors have in common with the state before, ``X`` (N,K), and move it by, ``D`` (N,K)."""
-        shared = X @ D.T
-        self.excess = self.excess + shared + shared.T
-
-
-def _side_by_side(blocks: FloatArray) -> FloatArray:
-    """(N, C K) of (C,N,K)."""
-    return blocks.transpose(1, 0, 2).reshape(blocks.shape[1], -1)
+    def _add(
+        self,
+        seen: Correspondences,
+        R: FloatArray,
+        p: FloatArray,
+        used: BoolArray,
+        left: FloatArray,
+        by_pull: FloatArray,
+    ) -> None:
+        views, counts, known = seen.views, used.tolist(), self._numbers
+        numbers = [
+            known.setdefault(landmark.id, len(known)) if counted and landmark.covariance is not None else -1
+            for landmark, counted in zip(seen.landmarks, counts, strict=True)
+        ]
+        rows = np.array([self._rows.get(view, -1) for view in views])
+        image = Image(np.array(numbers), rows, seen.observed, seen.lens_shares, len(known))
+        self._shared = lasting_errors(seen.corners, R, p, used, left, by_pull, image, PER_PX, self._shared)
+        self._rows = {view: k for k, (view, counted) in enumerate(zip(views, counts, strict=True)) if counted}
+        self._moved = None

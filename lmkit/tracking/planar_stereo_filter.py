@@ -20,7 +20,7 @@ from lmkit.geometry.planar import planar_pose
 from lmkit.geometry.pose import Pose
 from lmkit.geometry.rig import AnyRig
 from lmkit.geometry.rotations import skew
-from lmkit.kernels.pose_update import LEAN, Update, camera_at, camera_by_state
+from lmkit.kernels.pose_update import Update
 from lmkit.localization.absolute_pose import LocateOptions, locate_rig
 from lmkit.localization.correspondences import CORNER_FLOOR_PX, Correspondences
 from lmkit.localization.pose_prior import PosePrior
@@ -41,7 +41,6 @@ OUTLIER_SIGMA = 4.5
 # A last step of a squared length, in standard deviations; what does not fit; iterations.
 UPDATE = Update(converged=1e-3, limit=8 * OUTLIER_SIGMA**2, iterations=4)
 PLANAR = np.array([0, 1, 5])  # x, y and heading, of the six numbers of a pose
-LEANS = np.arange(STATES, STATES + LEAN)
 DELAY = 3 + PARAMETERS.index("delay_s")
 DOUBTS = 4  # frames at which nothing fits, before the robot may have been carried off
 
@@ -158,8 +157,7 @@ class RigFilter:
         self._P[:3, :3] = C[PLANAR[:, None], PLANAR]
         seen = Correspondences.of_rig(detections, self._rig, self._map, self._floor_px, carried)
         fit = np.array([landmark.id not in found.outliers for landmark in seen.landmarks])
-        pulls = seen.pulls(found.T_map_camera.R, found.T_map_camera.t, fit)
-        self._lasting.start(pulls.through(self._state_by_pull(found)))
+        self._lasting.start(seen, found.T_map_camera.R, found.T_map_camera.t, fit, self._state_by_pull(found))
         self._time, self._doubts = time_s, 0
         self._exposures.clear()
         return self._pose(time_s, found.outliers, True)
@@ -169,21 +167,13 @@ class RigFilter:
 
         How the robot lifts, rolls and pitches at that time is fitted beside the state; it is level of itself.
         """
-        before = np.zeros((STATES + LEAN, STATES + LEAN))
-        before[:STATES, :STATES] = np.linalg.inv(self._P)
-        before[LEANS, LEANS] = self._level
-        start = np.concatenate([self._x, np.zeros(LEAN)])
-        used, state, normal, cost = seen.update_planar(before, self._T, start, UPDATE)
-        if used.any():
+        done = seen.update_planar(self._P, self._level, self._T, self._x, UPDATE)
+        if done.used.any():
+            self._lasting.update(seen, done)
+            self._x, self._P = done.state, done.covariance
             # Beyond that no odometry is kept, and none is there yet.
-            state[DELAY] = min(max(state[DELAY], -AHEAD_S), LONGEST_DELAY_S)
-            # The inverse's own block is what is left once the lean is eliminated.
-            inverse = np.linalg.inv(normal)[:STATES]
-            pulls = seen.pulls(*camera_at(state, self._T.R, self._T.t), used)
-            on_state = pulls.through(inverse @ camera_by_state(state, self._T.t).T)
-            self._lasting.update(inverse @ before[:, :STATES], on_state)
-            self._x, self._P = state[:STATES], inverse[:, :STATES]
-        return used, cost
+            self._x[DELAY] = min(max(self._x[DELAY], -AHEAD_S), LONGEST_DELAY_S)
+        return done.used, done.cost
 
     def _state_by_pull(self, found: PoseEstimate) -> FloatArray:
         """(9,6) from pulls on a pose that was located to its errors, as those of the state."""

@@ -135,12 +135,11 @@ class PoseFilter:
 
     def _update(self, seen: Correspondences) -> tuple[BoolArray, float]:
         """(S,) the inliers of the update with the corners, and their innovation."""
-        before = np.linalg.inv(self._P)
-        used, R, p, normal, cost = seen.update_space(before, self._R, self._p, UPDATE)
-        if used.any():
-            self._R, self._p, self._P = orthonormal(R), p, np.linalg.inv(normal)
-            self._lasting.update(self._P @ before, seen.pulls(self._R, p, used).through(self._P))
-        return used, cost
+        done = seen.update_space(self._P, self._R, self._p, UPDATE)
+        if done.used.any():
+            self._lasting.update(seen, done)
+            self._R, self._p, self._P = orthonormal(done.R), done.p, done.covariance
+        return done.used, done.cost
 
     def _start(self, time_s: float, detections: Sequence[Sequence[Detection]], then_s: Sequence[float]) -> SpacePose:
         carried = self.carried(time_s, then_s) if then_s else ()
@@ -151,7 +150,7 @@ class PoseFilter:
         self._R, self._p, self._P = found.T_map_camera.R, found.T_map_camera.t, found.covariance
         seen = Correspondences.of_rig(detections, self._rig, self._map, self._floor_px, carried)
         fit = np.array([landmark.id not in found.outliers for landmark in seen.landmarks])
-        self._lasting.start(seen.pulls(self._R, self._p, fit).through(self._P))
+        self._lasting.start(seen, self._R, self._p, fit, self._P)
         self._time, self._doubts = time_s, 0
         self._exposures.clear()
         return self._pose(time_s, found.outliers, True)
