@@ -35,8 +35,9 @@ from lmkit.kernels.block_chain import (
 )
 from lmkit.kernels.face_swelling import (
     SIZE,
-    add_swelling_equations,
-    add_swelling_equations_numpy,
+    FaceSums,
+    add_face_equations,
+    add_face_equations_numpy,
     outward,
     outward_numpy,
 )
@@ -376,15 +377,17 @@ def _bundle_sums(add: Callable[..., float]) -> Callable[..., Any]:
     return run
 
 
-def _swelling_sums(add: Callable[..., None]) -> Callable[..., Any]:
-    """Result of a function that adds the part of the swelling."""
+def _face_sums(add: Callable[..., None]) -> Callable[..., Any]:
+    """Result of a function that adds the part of the faces."""
 
     def run(bundle: Bundle, used: np.ndarray, cameras: int, moving: bool, noise: float) -> tuple[Any, ...]:
-        arrays, sums = _sums(bundle, cameras, moving)
-        add(bundle, used * np.linspace(0.5, noise, len(used)), sums)
-        return tuple(arrays)
+        pattern, place = BlockPattern.of_pairs(bundle.at, bundle.of, len(bundle.p), 0, 6)
+        numbers = np.minimum(bundle.mount, cameras)
+        faces = FaceSums.zeros(place, numbers, len(pattern.states), len(bundle.p_landmark), cameras)
+        add(bundle, used * np.linspace(0.5, noise, len(used)), faces)
+        return faces.border, faces.landmarks, faces.cameras, faces.corner, faces.gradient
 
-    run.__name__ = "add_swelling_equations"
+    run.__name__ = "add_face_equations"
     return run
 
 
@@ -487,7 +490,7 @@ PAIRS = [
     Pair(bundle_chi2, bundle_chi2_numpy, _bundle_calls),
     Pair(_bundle_sums(add_bundle_equations), _bundle_sums(add_bundle_equations_numpy), _bundle_sum_calls),
     Pair(outward, outward_numpy, _outward_calls),
-    Pair(_swelling_sums(add_swelling_equations), _swelling_sums(add_swelling_equations_numpy), _bundle_sum_calls),
+    Pair(_face_sums(add_face_equations), _face_sums(add_face_equations_numpy), _bundle_sum_calls),
     Pair(corners_through_lens, corners_through_lens_numpy, _lens_calls, 1e-11),
     Pair(square_poses, square_poses_numpy, _square_calls, 1e-10),
     Pair(corner_chi2, corner_chi2_numpy, _chi2_calls),

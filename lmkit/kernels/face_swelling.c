@@ -1,4 +1,4 @@
-/* How much too large faces seem, along their width and along their height: the part of observations in the equations.
+/* How much too large each face seems, along its width and along its height: the part of observations in the equations.
  * face_swelling.py holds the definition. */
 #include <stddef.h>
 
@@ -7,8 +7,15 @@
 
 #define SWELLING 2
 
+/* Sums that are added to; the fields are those of `FaceSums` in face_swelling.py. */
+typedef struct {
+    int64_t unknown;
+    const int64_t *place, *camera;
+    double *border, *landmarks, *cameras, *corner, *gradient;
+} Faces;
+
 LMKIT_EXPORT int lmkit_outward(const Bundle *bundle, double *shifts);
-LMKIT_EXPORT int lmkit_swelling_equations(const Bundle *bundle, const double *weights, const Sums *sums);
+LMKIT_EXPORT int lmkit_face_equations(const Bundle *bundle, const double *weights, const Faces *faces);
 
 /* Ways along which corners stand too far out: they start at the top left and run with the clock. */
 static const double SIGNS[SWELLING][4] = {{-1, 1, 1, -1}, {-1, -1, 1, 1}};
@@ -38,21 +45,17 @@ int lmkit_outward(const Bundle *b, double *shifts) {
     return 0;
 }
 
-/* The first columns of A (6,WIDE) are added to a symmetric matrix: to `column` and the next, from `row` on. */
-static void add_both(double *corner, int64_t m, int64_t row, int64_t column, const double *A) {
-    for (int i = 0; i < 6; i++)
-        for (int k = 0; k < SWELLING; k++) {
-            corner[m * (row + i) + column + k] += A[WIDE * i + k];
-            corner[m * (column + k) + row + i] += A[WIDE * i + k];
-        }
+/* The first columns of A, `rows` rows of WIDE numbers, are added to X (rows,SWELLING). */
+static void add_columns(const double *A, int rows, double *X) {
+    for (int i = 0; i < rows; i++)
+        for (int k = 0; k < SWELLING; k++) X[SWELLING * i + k] += A[WIDE * i + k];
 }
 
-int lmkit_swelling_equations(const Bundle *b, const double *weights, const Sums *sums) {
-    const int64_t m = sums->shared, first = sums->own - SWELLING;
+int lmkit_face_equations(const Bundle *b, const double *weights, const Faces *faces) {
     for (int64_t s = 0; s < b->count; s++) {
         /* Those that do not count may be beyond all measure. */
         if (!(weights[s] > 0)) continue;
-        const int64_t pose = b->at[s], landmark = b->of[s], camera = sums->camera ? sums->camera[s] : 0;
+        const int64_t pose = b->at[s], landmark = b->of[s], camera = faces->camera ? faces->camera[s] : 0;
         double raw[64], block[64], M[9], shifts[64] = {0}, G[64], whole[64] = {0}, pulls[64] = {0}, X[64] = {0};
         errors_of(b, s, 1, raw, M);
         times8(b->whitener + 64 * s, raw, block);
@@ -64,22 +67,16 @@ int lmkit_swelling_equations(const Bundle *b, const double *weights, const Sums 
         }
         add_transposed8(block, G, pulls); /* rows: pose and error; columns: the swelling */
         add_transposed8(shifts, G, whole);
-        double *B = sums->border + 6 * sums->own * pose + first;
-        for (int i = 0; i < 6; i++)
-            for (int k = 0; k < SWELLING; k++) B[sums->own * i + k] += pulls[WIDE * i + k];
-        for (int k = 0; k < SWELLING; k++) {
-            for (int j = 0; j < SWELLING; j++) sums->corner[m * (first + k) + first + j] += whole[WIDE * k + j];
-            sums->shared_gradient[first + k] += pulls[WIDE * 6 + k];
-        }
-        if (sums->place) {
-            const double *center = b->p_landmark + 3 * landmark, *p = b->p + 3 * pose;
-            const double d[3] = {center[0] - p[0], center[1] - p[1], center[2] - p[2]};
-            by_landmark(d, pulls, X);
-            add_both(sums->corner, m, sums->own + 6 * landmark, first, X);
-        }
+        add_columns(pulls, 6, faces->border + 6 * SWELLING * faces->place[s]);
+        add_columns(pulls + 6 * WIDE, 1, faces->gradient + SWELLING * landmark);
+        add_columns(whole, SWELLING, faces->corner + SWELLING * SWELLING * landmark);
+        const double *center = b->p_landmark + 3 * landmark, *p = b->p + 3 * pose;
+        const double d[3] = {center[0] - p[0], center[1] - p[1], center[2] - p[2]};
+        by_landmark(d, pulls, X);
+        add_columns(X, 6, faces->landmarks + 6 * SWELLING * landmark);
         if (camera) {
             into_camera(M, pulls, WIDE, SWELLING, X);
-            add_both(sums->corner, m, sums->cameras + 6 * (camera - 1), first, X);
+            add_columns(X, 6, faces->cameras + 6 * SWELLING * (faces->unknown * landmark + camera - 1));
         }
     }
     return 0;

@@ -1,21 +1,88 @@
-"""How much too large faces seem, along their width and along their height: the part of observations in the equations.
+"""How much too large each face seems, along its width and its height: the part of observations in the equations.
 
-Two numbers of a recording, px, shared unknowns after the cameras' and before the landmarks'
-(`mapping/face_swelling.py`): corners stand so far outside their places, in all images alike.
+Two numbers of each landmark, px (`mapping/face_swelling.py`): its corners stand so far outside their places, in all
+images of a recording alike.
 """
 
 from __future__ import annotations
 
 import ctypes
+from dataclasses import dataclass
 from functools import lru_cache
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
-from lmkit.kernels.landmark_bundle import Array, Bundle, BundleStruct, Sums, SumsStruct, derivatives
-from lmkit.kernels.load import address, contiguous, function
+from lmkit.kernels.landmark_bundle import Array, Bundle, BundleStruct, derivatives
+from lmkit.kernels.load import address, addresses, contiguous, function
 
 SIZE = 2  # unknowns: px along the width and along the height
+
+_SUMS = ("border", "landmarks", "cameras", "corner", "gradient")
+
+
+class FaceStruct(ctypes.Structure):
+    """`Faces` of face_swelling.c."""
+
+    _fields_ = (
+        ("unknown", ctypes.c_int64),
+        *((name, ctypes.c_void_p) for name in ("place", "camera", *_SUMS)),
+    )
+
+
+@dataclass(frozen=True, eq=False)
+class FaceSums:
+    """Normal equations of faces, sums that are added to: contiguous arrays of 64-bit floats.
+
+    Attributes:
+        place: (S,) block of every observation: of its rig pose and landmark.
+        camera: (S,) number of its camera; None: the cameras are where the rig has them.
+        border: (B,6,2) between rig poses and faces.
+        landmarks: (L,6,2) between a landmark's pose and its face.
+        cameras: (L,C,6,2) between faces and the C unknown cameras, which are those from number 1 on.
+        corner, gradient: (L,2,2), (L,2) of the faces.
+    """
+
+    place: NDArray[np.int64]
+    camera: NDArray[np.int64] | None
+    border: Array
+    landmarks: Array
+    cameras: Array
+    corner: Array
+    gradient: Array
+
+    @classmethod
+    def zeros(
+        cls, place: NDArray[np.int64], camera: NDArray[np.int64] | None, blocks: int, landmarks: int, unknown: int
+    ) -> FaceSums:
+        """Nothing known yet, of so many blocks, landmarks and unknown cameras."""
+        shapes = ((blocks, 6), (landmarks, 6), (landmarks, unknown, 6), (landmarks, SIZE), (landmarks,))
+        return cls(place, camera if unknown else None, *(np.zeros((*shape, SIZE)) for shape in shapes))
+
+    def struct(self) -> FaceStruct:
+        """Addresses of the arrays; hold them while the kernel runs."""
+        arrays = addresses(self.place, self.camera, *(getattr(self, name) for name in _SUMS))
+        return FaceStruct(self.cameras.shape[1], *arrays)
+
+    def require(self, bundle: Bundle) -> None:
+        """Raises:
+        ValueError: a shape or a kind differs, or a number is out of range.
+        """
+        S, L, C = len(bundle.at), len(bundle.p_landmark), self.cameras.shape[1]
+        shapes = ((len(self.border), 6, SIZE), (L, 6, SIZE), (L, C, 6, SIZE), (L, SIZE, SIZE), (L, SIZE))
+        arrays = [getattr(self, name) for name in _SUMS]
+        if [array.shape for array in arrays] != list(shapes):
+            raise ValueError(f"sums of shapes {[array.shape for array in arrays]}, expected {shapes}")
+        if not all(array.flags.c_contiguous and array.dtype == np.float64 for array in arrays):
+            raise ValueError("sums are not contiguous 64-bit floats")
+        for numbers, count in ((self.place, len(self.border)), (self.camera, 1 + C)):
+            if numbers is None:
+                continue
+            if numbers.shape != (S,) or numbers.dtype != np.int64 or not numbers.flags.c_contiguous:
+                raise ValueError(f"numbers of shape {numbers.shape}, expected {(S,)}")
+            if S and not 0 <= numbers.min() <= numbers.max() < count:
+                raise ValueError(f"numbers outside 0..{count - 1}")
 
 
 def outward(bundle: Bundle) -> Array:
@@ -45,57 +112,47 @@ def outward_numpy(bundle: Bundle) -> Array:
     return np.nan_to_num(shifts.reshape(-1, 8, SIZE), posinf=0.0, neginf=0.0)
 
 
-def add_swelling_equations(bundle: Bundle, weights: Array, sums: Sums) -> None:
-    """Add what observations say of the swelling to ``sums``, whose last unknowns before the landmarks it is.
+def add_face_equations(bundle: Bundle, weights: Array, faces: FaceSums) -> None:
+    """Add what observations say of the faces to ``faces``, in place.
 
     Args:
         weights: (S,) of the observations; those of weight zero do not count.
-        sums: of the unknowns without the swelling; they are added to in place.
 
     Raises:
         ValueError: a shape differs.
     """
     weights = contiguous(weights, (len(bundle.at),))
-    sums.require(bundle)
-    if sums.own < SIZE:
-        raise ValueError(f"{sums.own} shared unknowns, expected {SIZE} of the swelling among them")
+    faces.require(bundle)
     kernels = _kernels()
     if kernels is None:
-        add_swelling_equations_numpy(bundle, weights, sums)
+        add_face_equations_numpy(bundle, weights, faces)
     else:
-        kernels[1](bundle.struct, address(weights), sums.struct())
+        kernels[1](bundle.struct, address(weights), faces.struct())
 
 
-def add_swelling_equations_numpy(bundle: Bundle, weights: Array, sums: Sums) -> None:
-    """Definition of :func:`add_swelling_equations`."""
-    first = sums.own - SIZE
+def add_face_equations_numpy(bundle: Bundle, weights: Array, faces: FaceSums) -> None:
+    """Definition of :func:`add_face_equations`."""
     errors, by_pose, by_landmark = derivatives(bundle)
     # Those that do not count may be beyond all measure.
     G = np.where((weights > 0)[:, None, None], bundle.whitener @ outward_numpy(bundle), 0.0)
     weighed = G.transpose(0, 2, 1) * weights[:, None, None]
     by_ray = weighed @ bundle.whitener
-    rows = slice(first, sums.own)
     pulls = (by_ray @ by_pose).transpose(0, 2, 1)
-    np.add.at(sums.border[:, :, rows], bundle.at, pulls)
-    others = np.zeros((len(sums.corner), SIZE))
-    if sums.place is not None:
-        on_landmarks = others[sums.own :].reshape(-1, 6, SIZE)
-        np.add.at(on_landmarks, bundle.of, (by_ray @ by_landmark).transpose(0, 2, 1))
-    if sums.camera is not None:
+    np.add.at(faces.border, faces.place, pulls)
+    np.add.at(faces.landmarks, bundle.of, (by_ray @ by_landmark).transpose(0, 2, 1))
+    np.add.at(faces.corner, bundle.of, weighed @ G)
+    np.add.at(faces.gradient, bundle.of, (by_ray @ errors[..., None])[..., 0])
+    if faces.camera is not None:
         # A camera that has moved in the rig sees what it would see had the rig moved the other way.
         turned = (bundle.R_camera[bundle.mount] @ bundle.R[bundle.at].transpose(0, 2, 1))[:, None]
         on_cameras = -(turned @ pulls.reshape(-1, 2, 3, SIZE)).reshape(-1, 6, SIZE)
-        for number in range((first - sums.cameras) // 6):
-            others[sums.cameras + 6 * number :][:6] += on_cameras[sums.camera == number + 1].sum(axis=0)
-    sums.corner[:, rows] += others
-    sums.corner[rows] += others.T
-    sums.corner[rows, rows] += (weighed @ G).sum(axis=0)
-    sums.shared_gradient[rows] += (by_ray @ errors[..., None]).sum(axis=0)[:, 0]
+        moved = faces.camera > 0
+        np.add.at(faces.cameras, (bundle.of[moved], faces.camera[moved] - 1), on_cameras[moved])
 
 
 @lru_cache(maxsize=1)
 def _kernels() -> tuple[Any, Any] | None:
     bundle, pointer = ctypes.POINTER(BundleStruct), ctypes.c_void_p
     shifts = function("lmkit_outward", bundle, pointer)
-    equations = function("lmkit_swelling_equations", bundle, pointer, ctypes.POINTER(SumsStruct))
+    equations = function("lmkit_face_equations", bundle, pointer, ctypes.POINTER(FaceStruct))
     return None if shifts is None else (shifts, equations)

@@ -22,10 +22,11 @@ from lmkit.geometry.rig import AnyRig
 from lmkit.geometry.rotations import orthonormal, rotation_exp, rotation_log
 from lmkit.kernels import landmark_bundle as kernel
 from lmkit.kernels.face_swelling import SIZE as SWELLING
+from lmkit.kernels.face_swelling import FaceSums
 from lmkit.mapping.bundle_results import Bundle
 from lmkit.mapping.camera_relations import CameraRelations
 from lmkit.mapping.carried_cameras import are_synchronous, carry_frames
-from lmkit.mapping.face_swelling import add_swelling, hold_swelling, without_swelling
+from lmkit.mapping.face_swelling import hold_swelling, with_swelling, without_swelling
 from lmkit.mapping.motion_rows import (
     LEAST_TO_WEIGH,
     SLIP_SIGMA,
@@ -38,6 +39,7 @@ from lmkit.mapping.motion_rows import (
 )
 from lmkit.mapping.observation_arrays import ObservationArrays, StoredObservations
 from lmkit.mapping.rig_jumps import jumps_by_odometry, jumps_by_speed
+from lmkit.mapping.stated_equations import StatedEquations
 from lmkit.mapping.wall_constraints import LandmarkConstraint, add_constraint
 from lmkit.model.landmark_id import LandmarkId
 from lmkit.model.landmark_map import LandmarkMap, MappedLandmark
@@ -121,6 +123,7 @@ class BundleProblem:
         self.parameters = np.array(self.motion.nominal)
         self.relations = CameraRelations.of_rig(rig)
         self.swelling: FloatArray = np.zeros(SWELLING)
+        self.faces: FloatArray = np.zeros((len(self.mapped), SWELLING))  # swelling of each landmark beside that
         # Of the shared unknowns, before the landmarks.
         self.own = len(self.parameters) + self.relations.unknowns + SWELLING
         self.motion_scale = np.ones(6)
@@ -129,7 +132,7 @@ class BundleProblem:
         T = rig.T_base_left
         T_left_base = Pose.identity("left", "base") if T is None else T.inverse()
         self.base_R, self.base_t = T_left_base.R, T_left_base.t
-        self._put_back: tuple[Any, FloatArray, FloatArray] | None = None
+        self._put_back: tuple[tuple[Any, ...], FloatArray] | None = None
         self._blocks: tuple[BlockPattern, IntArray] | None = None
         self._linearized: tuple[tuple[Any, ...], tuple[ChainEquations, float]] | None = None
 
@@ -180,7 +183,8 @@ class BundleProblem:
     def linearize(self, state: State) -> tuple[ChainEquations, float]:
         """Normal equations and cost at a state; not to be changed, since those of the last state are kept."""
         self.restore(state)
-        at = (*self.own_state(), self.lm_R, self.lm_p, self.used, self.motion_scale, self.seen, self.slip_sigma)
+        by = self.faces, self.used, self.motion_scale, self.seen, self.slip_sigma
+        at = (*self.own_state(), self.lm_R, self.lm_p, *by)
         if self._linearized is None or any(a is not b for a, b in zip(self._linearized[0], at, strict=True)):
             self._linearized = None
             self._linearized = at, self._equations()
@@ -248,16 +252,19 @@ class BundleProblem:
         """Normal equations and cost of the unknowns as they stand, with the faces' swelling held."""
         return self._equations()
 
-    def stated_equations(self, noise: float) -> tuple[ChainEquations, float]:
+    def stated_equations(self, noise: float) -> tuple[StatedEquations, float]:
         """Normal equations of all unknowns, whose inverse is the covariance to state, and cost.
 
         Args:
             noise: factor of the observations' variances.
         """
-        equations, cost = self._equations(noise)
+        held, cost = self._equations(noise)
         weights = cauchy_weight(self.residuals() ** 2 / noise, CAUCHY_SCALE) * self.used / noise
-        add_swelling(self._correspondences(), weights, self.swelling, self._sums(equations))
-        return equations, cost
+        pattern, place = self._pattern()
+        cameras = self.relations.unknowns // 6
+        sums = FaceSums.zeros(place, self.seen.camera, len(pattern.states), len(self.mapped), cameras)
+        bundle, now = self._correspondences(), (self.swelling, self.faces)
+        return with_swelling(held, bundle, weights, sums, pattern, self.own, *now), cost
 
     def find_swelling(self, noise: float) -> None:
         """Find the faces' swelling, everything else as it goes along; the optimum of that is left to be found.
@@ -265,8 +272,8 @@ class BundleProblem:
         Args:
             noise: factor of the observations' variances.
         """
-        shared = self.stated_equations(noise)[0].solve()[1]
-        self.swelling = self.swelling + shared[self.own - SWELLING : self.own]
+        shared, faces = self.stated_equations(noise)[0].solve()
+        self.swelling, self.faces = self.swelling + shared[self.own - SWELLING : self.own], self.faces + faces
 
     def cost(self) -> float:
         """Cost of the unknowns as they stand."""
@@ -346,11 +353,12 @@ class BundleProblem:
     def _correspondences(self) -> kernel.Bundle:
         landmarks = PoseArray("map", "landmark", self.lm_R, self.lm_p)
         bundle = self.seen.bundle(self._poses(), landmarks, self.arms, self.relations)
-        if not self.swelling.any():
+        if not (self.swelling.any() or self.faces.any()):
             return bundle
-        if self._put_back is None or self._put_back[0] is not self.seen or self._put_back[1] is not self.swelling:
-            self._put_back = self.seen, self.swelling, without_swelling(bundle, self.swelling)
-        return replace(bundle, rays=self._put_back[2])
+        by = self.seen, self.swelling, self.faces
+        if self._put_back is None or any(a is not b for a, b in zip(self._put_back[0], by, strict=True)):
+            self._put_back = by, without_swelling(bundle, self.swelling, self.faces)
+        return replace(bundle, rays=self._put_back[1])
 
     def _equations(self, noise: float = 1.0) -> tuple[ChainEquations, float]:
         pattern = None if self.landmarks_fixed else self._pattern()[0]
@@ -460,8 +468,8 @@ class BundleProblem:
         """
         equations, _ = self.stated_equations(noise)
         if known is not None:
-            equations.corner[self.own :, self.own :] += known
-        states, _, shared = equations.covariances()
+            equations.add_known(known)
+        states, shared = equations.covariances()
         for k, more in (spread or {}).items():
             shared[self._rows_of(k), self._rows_of(k)] += more
         residuals = self.residuals()

@@ -1,10 +1,11 @@
-"""How much larger or smaller a camera shows landmarks than they are: two numbers that a recording finds for itself.
+"""How much larger or smaller a camera shows landmarks than they are: numbers that a recording finds for itself.
 
 Exposure, sharpening, tone curves and prints of the wrong size move the edges of all faces alike, by 0.03 to 0.1 px to
 the inside or the outside.  That does not average out over images: a face of 25 px that seems 0.1 px smaller seems
 0.4 % farther away, in all images of all landmarks.  Corners stand outside their places by one way along the width of
-the face and by another along its height, in all images alike.  The baseline, the odometry and the faces' different
-distances tell of both.
+the face and by another along its height, in all images alike: two numbers of the recording.  Single landmarks stray
+from them by less, for their light, their distance and their print: two numbers of each landmark.  The baseline, the
+odometry and the faces' different distances tell of all.
 """
 
 from __future__ import annotations
@@ -12,16 +13,20 @@ from __future__ import annotations
 import numpy as np
 
 from lmkit.arrays import FloatArray
-from lmkit.kernels.face_swelling import SIZE, add_swelling_equations, outward
-from lmkit.kernels.landmark_bundle import Bundle, Sums
+from lmkit.kernels.face_swelling import SIZE, FaceSums, add_face_equations, outward
+from lmkit.kernels.landmark_bundle import Bundle
+from lmkit.mapping.stated_equations import StatedEquations
 from lmkit.optim.block_chain import ChainEquations
+from lmkit.optim.border_blocks import BlockPattern
 
 SIGMA_PX = 0.06  # simulated cameras of five kinds: 0.01 to 0.09 px
+FACE_SIGMA_PX = 0.02  # of one landmark, around those of all
 
 
-def without_swelling(bundle: Bundle, swelling: FloatArray) -> FloatArray:
-    """(S,4,2) the observed rays, put back by a swelling (2,) in px."""
-    return np.asarray(bundle.rays - (outward(bundle) @ swelling).reshape(-1, 4, 2))
+def without_swelling(bundle: Bundle, swelling: FloatArray, faces: FloatArray) -> FloatArray:
+    """(S,4,2) the observed rays, put back by a swelling (2,) of all, and (L,2) of each landmark, px."""
+    shifts = (outward(bundle) @ (swelling + faces[bundle.of])[:, :, None])[:, :, 0]
+    return np.asarray(bundle.rays - shifts.reshape(-1, 4, 2))
 
 
 def hold_swelling(e: ChainEquations, first: int) -> None:
@@ -30,14 +35,27 @@ def hold_swelling(e: ChainEquations, first: int) -> None:
     e.corner[rows, rows] += SIGMA_PX**-2
 
 
-def add_swelling(bundle: Bundle, weights: FloatArray, swelling: FloatArray, sums: Sums) -> None:
-    """Add what observations say of the swelling, to equations that hold it.
+def with_swelling(
+    held: ChainEquations,
+    bundle: Bundle,
+    weights: FloatArray,
+    sums: FaceSums,
+    pattern: BlockPattern,
+    own: int,
+    swelling: FloatArray,
+    faces: FloatArray,
+) -> StatedEquations:
+    """Equations of everything, from those that hold the swelling.
 
     Args:
         bundle: without the swelling, as it stands.
         weights: (S,) of the observations.
-        swelling: (2,) px.
-        sums: the equations; the swelling is the last of the shared unknowns before the landmarks.
+        sums: zeros, of the blocks of ``pattern``.
+        own: shared unknowns before the landmarks, the last of which are the swelling of all.
+        swelling, faces: (2,), (L,2) px as they stand.
     """
-    add_swelling_equations(bundle, weights, sums)
-    sums.shared_gradient[sums.own - SIZE : sums.own] -= swelling / SIGMA_PX**2
+    add_face_equations(bundle, weights, sums)
+    stated = StatedEquations.of(held, sums, pattern, own)
+    stated.know_faces(faces, FACE_SIGMA_PX)
+    stated.chain.shared_gradient[own - SIZE : own] -= swelling / SIGMA_PX**2
+    return stated

@@ -15,6 +15,7 @@ import numpy as np
 
 from lmkit.arrays import FloatArray, IntArray
 from lmkit.geometry.rotations import rotation_exp
+from lmkit.mapping.stated_equations import LandmarkEquations, StatedEquations
 from lmkit.model.landmark_id import LandmarkId
 from lmkit.model.landmark_information import LandmarkInformation
 from lmkit.optim.block_chain import ChainEquations, EliminatedChain
@@ -62,7 +63,7 @@ class RecordingProblem(Protocol):
 
 
 def recording_information(
-    problem: RecordingProblem, equations: tuple[ChainEquations, float] | None = None
+    problem: RecordingProblem, equations: tuple[ChainEquations | StatedEquations, float] | None = None
 ) -> LandmarkInformation:
     """Information of a recording on its landmarks, at its current state.
 
@@ -199,7 +200,7 @@ class JointProblem:
         """
         return self.sum_of(self._eliminated()).covariance()
 
-    def sum_of(self, parts: Iterable[EliminatedChain]) -> InformationSum:
+    def sum_of(self, parts: Iterable[EliminatedChain | LandmarkEquations]) -> InformationSum:
         """The recordings' information, summed."""
         total = InformationSum(len(self.p), self.size)
         for rows, part in zip(self.rows, parts, strict=True):

@@ -87,5 +87,5 @@ def _stands(solved: SolvedRecording, anchor: Anchor, known: Collection[LandmarkI
     problem = solved.problem
     k = problem.landmark_ids.index(anchor.landmark.id)
     rows = slice(problem.own + 6 * k, problem.own + 6 * k + 6)
-    C = problem.stated_equations(noise_factor([problem]))[0].covariances()[2][rows, rows]
+    C = problem.stated_equations(noise_factor([problem]))[0].covariances()[1][rows, rows]
     return stands(anchor, problem.lm_R[k], problem.lm_p[k], C, len(set(known) & set(problem.landmark_ids)))
