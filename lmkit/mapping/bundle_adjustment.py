@@ -26,7 +26,7 @@ from lmkit.kernels.face_swelling import FaceSums
 from lmkit.mapping.bundle_results import Bundle
 from lmkit.mapping.camera_relations import CameraRelations
 from lmkit.mapping.carried_cameras import are_synchronous, carry_frames
-from lmkit.mapping.face_swelling import hold_swelling, with_swelling, without_swelling
+from lmkit.mapping.face_swelling import face_sides, hold_swelling, with_swelling, without_swelling
 from lmkit.mapping.motion_rows import (
     LEAST_TO_WEIGH,
     SLIP_SIGMA,
@@ -263,16 +263,19 @@ class BundleProblem:
         pattern, place = self._pattern()
         cameras = self.relations.unknowns // 6
         sums = FaceSums.zeros(place, self.seen.camera, len(pattern.states), len(self.mapped), cameras)
-        bundle, now = self._correspondences(), (self.swelling, self.faces)
+        bundle = self._correspondences()
+        now = self.swelling, self.faces, face_sides(bundle)
         return with_swelling(held, bundle, weights, sums, pattern, self.own, *now), cost
 
-    def find_swelling(self, noise: float) -> None:
+    def find_swelling(self, noise: float, landmarks: FloatArray | None = None) -> None:
         """Find the faces' swelling, everything else as it goes along; the optimum of that is left to be found.
 
         Args:
             noise: factor of the observations' variances.
+            landmarks: (6L,) step of their poses, if other recordings tell of those as well.
         """
-        shared, faces = self.stated_equations(noise)[0].solve()
+        stated = self.stated_equations(noise)[0]
+        shared, faces = stated.solve() if landmarks is None else stated.solve_around(landmarks, self.own)
         self.swelling, self.faces = self.swelling + shared[self.own - SWELLING : self.own], self.faces + faces
 
     def cost(self) -> float:

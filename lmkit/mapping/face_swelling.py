@@ -20,13 +20,29 @@ from lmkit.optim.block_chain import ChainEquations
 from lmkit.optim.border_blocks import BlockPattern
 
 SIGMA_PX = 0.06  # simulated cameras of five kinds: 0.01 to 0.09 px
-FACE_SIGMA_PX = 0.02  # of one landmark, around those of all
+# Of one landmark around those of all, where its side is so long; it falls with the square of the side.
+FACE_SIGMA_PX, FACE_SIDE_PX = 0.018, 30.0
+LEAST_SIDE_PX = 15.0  # smaller faces count as this large
 
 
 def without_swelling(bundle: Bundle, swelling: FloatArray, faces: FloatArray) -> FloatArray:
     """(S,4,2) the observed rays, put back by a swelling (2,) of all, and (L,2) of each landmark, px."""
     shifts = (outward(bundle) @ (swelling + faces[bundle.of])[:, :, None])[:, :, 0]
     return np.asarray(bundle.rays - shifts.reshape(-1, 4, 2))
+
+
+def face_sides(bundle: Bundle) -> FloatArray:
+    """(L,) mean side of each landmark in its observations, px; 0 of those without any."""
+    pixels = (bundle.by_ray @ bundle.rays[..., None])[..., 0]
+    sides = np.linalg.norm(pixels - np.roll(pixels, 1, axis=1), axis=2).mean(axis=1)
+    count = len(bundle.p_landmark)
+    seen = np.bincount(bundle.of, minlength=count)
+    return np.asarray(np.bincount(bundle.of, sides, count) / np.maximum(seen, 1))
+
+
+def face_sigmas(sides: FloatArray) -> FloatArray:
+    """(L,) standard deviation of the swelling of single faces with so long sides, px."""
+    return np.asarray(FACE_SIGMA_PX * (FACE_SIDE_PX / np.maximum(sides, LEAST_SIDE_PX)) ** 2)
 
 
 def hold_swelling(e: ChainEquations, first: int) -> None:
@@ -44,6 +60,7 @@ def with_swelling(
     own: int,
     swelling: FloatArray,
     faces: FloatArray,
+    sides: FloatArray,
 ) -> StatedEquations:
     """Equations of everything, from those that hold the swelling.
 
@@ -53,9 +70,10 @@ def with_swelling(
         sums: zeros, of the blocks of ``pattern``.
         own: shared unknowns before the landmarks, the last of which are the swelling of all.
         swelling, faces: (2,), (L,2) px as they stand.
+        sides: (L,) px of the landmarks.
     """
     add_face_equations(bundle, weights, sums)
     stated = StatedEquations.of(held, sums, pattern, own)
-    stated.know_faces(faces, FACE_SIGMA_PX)
+    stated.know_faces(faces, face_sigmas(sides))
     stated.chain.shared_gradient[own - SIZE : own] -= swelling / SIGMA_PX**2
     return stated

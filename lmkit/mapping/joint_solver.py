@@ -37,7 +37,7 @@ from lmkit.mapping.survey import (
 from lmkit.mapping.wall_constraints import LandmarkConstraint
 from lmkit.model.landmark_id import LandmarkId
 from lmkit.model.landmark_map import CALENDAR_S, LandmarkMap, MappedLandmark
-from lmkit.optim.information_sum import unknowns_of
+from lmkit.optim.information_sum import InformationSum, unknowns_of
 
 ROUNDS = 4  # of leaving out observations that do not fit
 MOST_MERGES = 2  # times that a recording's view of a landmark is merged again; then it stays
@@ -82,6 +82,8 @@ class JointSolver:
             if not (self._release() or self._split() | self._merge() or self._take_back()):
                 break
             self._adjust()
+        self._find_swelling()
+        self._adjust()
 
     def contradicted_recordings(self) -> dict[str, str]:
         """Names of recordings in which most shared landmarks stand elsewhere, and a clause for each."""
@@ -343,9 +345,20 @@ class JointSolver:
 
     def _covariance(self, noise: Sequence[float]) -> FloatArray:
         """Joint covariance of all versions, with a factor of the variances of each recording's observations."""
+        return self._stated(noise).covariance()
+
+    def _stated(self, noise: Sequence[float]) -> InformationSum:
+        """Equations of all versions, in which the swelling of faces is free."""
         problems = zip([*self.problems, self.knowledge], [*noise, 1.0], strict=True)
         parts = (problem.stated_equations(factor)[0].eliminate(problem.own) for problem, factor in problems)
-        return self.joint.sum_of(parts).covariance()
+        return self.joint.sum_of(parts)
+
+    def _find_swelling(self) -> None:
+        """Find the swelling of faces in every recording, by the landmarks as all recordings have them."""
+        noise = [noise_factor([problem]) for problem in self.problems]
+        step = self._stated(noise).solve()
+        for problem, rows, factor in zip(self.problems, self.group.rows(), noise, strict=True):
+            problem.find_swelling(factor, step[unknowns_of(rows, 6)])
 
     def _mapped(self, C: FloatArray) -> tuple[list[MappedLandmark], list[MovedLandmark], list[int]]:
         """Landmarks that are valid now, those that were moved, and the versions of the former."""

@@ -78,10 +78,11 @@ class StatedEquations:
         chain = replace(held, border=border, corner=corner, shared_gradient=gradient, blocks=blocks)
         return cls(chain, places, faces)
 
-    def know_faces(self, swelling: FloatArray, sigma_px: float) -> None:
-        """Add what is known of faces that stand at a swelling (L,2), px: 0, with this standard deviation."""
-        self.chain.corner[self.faces, self.faces] += sigma_px**-2
-        self.chain.shared_gradient[self.faces] -= swelling / sigma_px**2
+    def know_faces(self, swelling: FloatArray, sigmas_px: FloatArray) -> None:
+        """Add what is known of faces that stand at a swelling (L,2), px: 0, with standard deviations (L,)."""
+        information = sigmas_px[:, None] ** -2
+        self.chain.corner[self.faces, self.faces] += information
+        self.chain.shared_gradient[self.faces] -= swelling * information
 
     def add_known(self, known: FloatArray) -> None:
         """Add information (6L,6L) on the landmarks' poses."""
@@ -91,6 +92,17 @@ class StatedEquations:
     def solve(self) -> tuple[FloatArray, FloatArray]:
         """Steps of the shared unknowns without the faces, and (L,2) of those."""
         shared = self.chain.solve()[1]
+        return shared[self.places], shared[self.faces]
+
+    def solve_around(self, landmarks: FloatArray, own: int) -> tuple[FloatArray, FloatArray]:
+        """Steps as of `solve`, where landmarks step as is given (6L,); the first ``own`` unknowns are not theirs."""
+        left = self.chain.eliminate(own)
+        kept, gone = self.places[own:] - own, self.faces.ravel() - own
+        H, g = left.information, left.gradient
+        steps = np.zeros(len(g))
+        steps[kept] = landmarks
+        steps[gone] = np.linalg.solve(H[gone[:, None], gone], g[gone] - H[gone[:, None], kept] @ landmarks)
+        shared = left.solve(steps)[1]
         return shared[self.places], shared[self.faces]
 
     def covariances(self) -> tuple[FloatArray, FloatArray]:
